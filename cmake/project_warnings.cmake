@@ -1,6 +1,0 @@
-# Warnings for our own targets: target_enable_warnings(<target> ...)
-function(target_enable_warnings)
-  foreach(target ${ARGN})
-    target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow)
-  endforeach()
-endfunction()
