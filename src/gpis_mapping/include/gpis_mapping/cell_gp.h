@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_CELL_GP_H
+#define GPIS_MAPPING_CELL_GP_H
+
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "gpis_mapping/gpis_config.h"
+#include "gpis_mapping/matern_kernel.h"
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping {
+
+/// A training point of the map: a small piece of surface.
+struct SurfacePoint {
+  Eigen::Vector3d position_map;
+  Eigen::Vector3f normal_map;      // unit, towards free space
+  float variance_m2{0.0f};         // of the position along the normal
+  float normal_variance{0.0f};     // of each tangential component of the normal
+  float last_seen_s{0.0f};         // since the map's epoch
+  std::uint16_t num_looks{1};
+  std::uint16_t num_misses{0};     // consecutive looks through it that were ambiguous
+};
+
+/// The GP of one cell (eq 3): observations f(p_i) = 0 with noise, prior mean from the local normals
+///   m(x) = sum_i w_i(x) n_i . (x - p_i) / sum_i w_i(x),   w_i = q_i (1 - |x - p_i|^2 / h^2)^3 inside h,
+/// and Matern 3/2 covariance: f(x) = m(x) - k*^T (K + K_x)^-1 m(X). The mean carries what derivative observations of
+/// the surface normal would (n rows instead of 4 n) and is linear across a plane, so that f does not sink back to a
+/// constant a few centimetres inside an object. Immutable once built.
+class CellGp {
+ public:
+  struct Mean {
+    float value;               // f [m], positive outside
+    Eigen::Vector3f gradient;  // df/dx
+    bool valid;                // false: no training point within the blend radius
+  };
+
+  /// Trains on `points`, the first `num_own` of which lie inside the cell. Throws std::runtime_error if the covariance
+  /// is not positive definite (non-finite input).
+  CellGp(const LatticeKey& key, const GpisConfig& config, const std::vector<const SurfacePoint*>& points,
+         std::size_t num_own);
+
+  const LatticeKey& key() const { return key_; }
+  std::size_t size() const { return static_cast<std::size_t>(alpha_.size()); }
+  std::size_t numOwn() const { return num_own_; }
+
+  /// Posterior mean at one point.
+  Mean mean(const Eigen::Vector3d& x_map) const;
+
+  /// Posterior variance [m^2] at N points and, when `gradient` is not null, its derivative [m]
+  /// (sec. 7: -2 (grad k*)^T (K + K_x)^-1 k*). Shapes N and 3 x N.
+  void variance(const Points3d& x_map, Eigen::VectorXf* variance, Points3f* gradient) const;
+
+  Eigen::Vector3d position(std::size_t i) const { return origin_ + Eigen::Vector3f(px_[i], py_[i], pz_[i]).cast<double>(); }
+  Eigen::Vector3f normal(std::size_t i) const { return {nx_[i], ny_[i], nz_[i]}; }
+  float noiseVariance(std::size_t i) const { return noise_[i]; }
+
+  std::size_t memoryBytes() const;
+
+ private:
+  Mean priorMean(const Eigen::Array<float, Eigen::Dynamic, 1>& dx, const Eigen::Array<float, Eigen::Dynamic, 1>& dy,
+                 const Eigen::Array<float, Eigen::Dynamic, 1>& dz,
+                 const Eigen::Array<float, Eigen::Dynamic, 1>& squared) const;
+
+  LatticeKey key_;
+  MaternKernel<float> kernel_;
+  float blend_radius_;
+  Eigen::Vector3d origin_;  // the cell's centre: positions below are relative to it, so that floats suffice anywhere
+  std::size_t num_own_;
+  Eigen::ArrayXf px_, py_, pz_, nx_, ny_, nz_, quality_, noise_;
+  Eigen::VectorXf alpha_;     // (K + K_x)^-1 (0 - m(X))
+  Eigen::MatrixXf cholesky_;  // lower factor of K + K_x
+};
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_CELL_GP_H

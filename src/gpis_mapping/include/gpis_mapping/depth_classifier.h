@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_DEPTH_CLASSIFIER_H
+#define GPIS_MAPPING_DEPTH_CLASSIFIER_H
+
+#include <cstdint>
+#include <vector>
+
+#include "gpis_mapping/gpis_config.h"
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping {
+
+enum class PixelKind : std::uint8_t {
+  kSurface,        // a depth was measured
+  kWall,           // nothing within reach: the virtual wall stands there
+  kAmbiguous,      // a hole that may be wall; what it sees through waits for a second look
+  kNoInformation,  // shadow, too close, masked
+};
+
+/// What every pixel of a depth image says, row major.
+struct ClassifiedFrame {
+  int width{0};
+  int height{0};
+  std::vector<float> inverse_depth;     // 1/z [1/m]; 0 where nothing was measured
+  std::vector<float> inverse_range;     // 1/|x| [1/m], complete: wall pixels at the wall, no-information pixels filled
+  std::vector<PixelKind> kind;
+  std::vector<std::uint8_t> blocked;    // within one kernel length of a no-information pixel
+  std::size_t num_surface{0};
+
+  std::size_t index(int u, int v) const { return static_cast<std::size_t>(v) * width + u; }
+};
+
+/// Decides pixel by pixel what a depth image says (method: virtual wall, shadows, no information).
+class DepthClassifier {
+ public:
+  /// `camera` and `config` must be valid. Precomputes the length of every pixel's ray.
+  DepthClassifier(const CameraModel& camera, const GpisConfig& config);
+
+  /// Image size must equal the camera's; throws std::invalid_argument otherwise.
+  ClassifiedFrame classify(const DepthImage& image, int num_threads) const;
+
+  /// Length of (theta, 1) for a pixel: range = depth * rayLength.
+  float rayLength(int u, int v) const { return ray_length_[static_cast<std::size_t>(v) * camera_.width + u]; }
+
+ private:
+  void classifyRow(const DepthImage& image, int v, ClassifiedFrame* frame) const;
+  void classifyHole(const float* depth, int begin, int end, PixelKind* kind) const;
+
+  CameraModel camera_;
+  GpisConfig config_;
+  std::vector<float> ray_length_;
+};
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_DEPTH_CLASSIFIER_H

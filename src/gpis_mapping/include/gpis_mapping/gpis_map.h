@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_GPIS_MAP_H
+#define GPIS_MAPPING_GPIS_MAP_H
+
+#include <memory>
+#include <mutex>
+#include <unordered_map>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "gpis_mapping/cell_gp.h"
+#include "gpis_mapping/depth_classifier.h"
+#include "gpis_mapping/frame_map.h"
+#include "gpis_mapping/gpis_config.h"
+#include "gpis_mapping/map_snapshot.h"
+#include "gpis_mapping/observed_layer.h"
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping {
+
+/// What one update did, and how long each stage took [ms].
+struct UpdateStatistics {
+  double total_ms{0};
+  double classify_ms{0};   // pixels to inverse range; walls, shadows, no information
+  double regress_ms{0};    // 2.5D^-1 map
+  double fuse_ms{0};       // delete, fuse, ignore
+  double insert_ms{0};
+  double train_ms{0};
+  double observe_ms{0};    // free space
+  double publish_ms{0};    // snapshot
+  std::size_t points_in{0};   // measured pixels
+  std::size_t inserted{0};
+  std::size_t fused{0};
+  std::size_t deleted{0};
+  std::size_t occluded{0};
+  std::size_t map_points{0};
+  std::size_t cells_retrained{0};
+  std::vector<Eigen::Vector3d> removed_points_map;  // where points were deleted
+};
+
+/// Everything that is kept of a map: what save writes and load restores. GPs are trained anew from it.
+struct MapContents {
+  GpisConfig config;
+  double epoch_s{0.0};
+  std::uint64_t num_updates{0};
+  std::vector<SurfacePoint> points;
+  ObservedLayer observed{0.05};
+};
+
+/// The dynamic Gaussian-process implicit surface (Algorithm 1).
+/// One thread updates; snapshots are taken and queried from any thread meanwhile.
+class GpisMap {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  explicit GpisMap(const GpisConfig& config);
+  /// Restores a saved map; trains all its cells.
+  explicit GpisMap(MapContents contents);
+  ~GpisMap();
+
+  /// Takes in one depth image seen from `T_map_camera` (optical frame to map) at `stamp_s` [s].
+  /// Throws std::invalid_argument, and leaves the map as it was, if the image does not fit the camera, the camera is
+  /// impossible, or pose or stamp are not finite or the pose is no rigid motion.
+  UpdateStatistics update(const DepthImage& image, const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
+                          double stamp_s);
+
+  /// The map after the last update. Never null.
+  std::shared_ptr<const MapSnapshot> snapshot() const;
+
+  /// A copy of what save needs. Call from the updating thread.
+  MapContents contents() const;
+
+  const GpisConfig& config() const { return config_; }
+
+ private:
+  struct Cell;
+  struct Frame;
+
+  using CellMap = std::unordered_map<LatticeKey, Cell, LatticeKeyHash>;
+
+  void prepareCamera(const CameraModel& camera);
+  void fuseAndDelete(const Frame& frame, UpdateStatistics* statistics);
+  void insertNew(const Frame& frame, UpdateStatistics* statistics);
+  void train(UpdateStatistics* statistics);
+  void publish();
+  bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map) const;
+  void markTouched(const LatticeKey& key, std::uint32_t neighbour_mask);
+  std::uint32_t neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const;
+
+  GpisConfig config_;
+  CellMap cells_;
+  ObservedLayer observed_;
+  double epoch_s_{0.0};
+  std::uint64_t num_updates_{0};
+
+  CameraModel camera_;
+  std::unique_ptr<DepthClassifier> classifier_;
+  std::shared_ptr<const FrameRegressor> regressor_;
+
+  mutable std::mutex snapshot_mutex_;  // guards snapshot_
+  std::shared_ptr<const MapSnapshot> snapshot_;
+};
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_GPIS_MAP_H

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_MESH_EXTRACTOR_H
+#define GPIS_MAPPING_MESH_EXTRACTOR_H
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <unordered_map>
+#include <vector>
+
+#include "gpis_mapping/map_snapshot.h"
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping {
+
+/// Triangles in the map frame. Normals point to free space; variance is that of the field at the vertex.
+struct TriangleMesh {
+  std::vector<Eigen::Vector3d> vertices_map;
+  std::vector<Eigen::Vector3f> normals_map;
+  std::vector<float> variance_m2;
+  std::vector<std::array<std::uint32_t, 3>> triangles;  // counter-clockwise seen from free space
+};
+
+/// Marching cubes on f in voxels that training points support; open borders where nothing was seen. Keeps the pieces
+/// of every cell and extracts again only those whose field changed since the last call. Not thread-safe.
+class MeshExtractor {
+ public:
+  explicit MeshExtractor(const GpisConfig& config);
+  ~MeshExtractor();
+
+  /// Brings the pieces up to date with `snapshot`. Returns how many were extracted again.
+  std::size_t update(const MapSnapshot& snapshot);
+
+  /// All pieces as one mesh; vertices on the pieces' borders are shared.
+  TriangleMesh mesh() const;
+
+ private:
+  struct Piece;
+  using Pieces = std::unordered_map<LatticeKey, Piece, LatticeKeyHash>;
+
+  void extract(const MapSnapshot& snapshot, const LatticeKey& key, Piece* piece) const;
+
+  GpisConfig config_;
+  Pieces pieces_;
+};
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_MESH_EXTRACTOR_H

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_OBSERVED_LAYER_H
+#define GPIS_MAPPING_OBSERVED_LAYER_H
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <unordered_map>
+#include <unordered_set>
+#include <vector>
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include "gpis_mapping/depth_classifier.h"
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping {
+
+/// Coarse record of where space was seen free, and when. A copy made by share() shares its blocks until one side writes,
+/// so that a snapshot costs little.
+class ObservedLayer {
+ public:
+  static constexpr int kChunkBlocks = 16;  // blocks along a chunk's side
+  static constexpr float kNever = std::numeric_limits<float>::lowest();
+  using Chunk = std::array<float, kChunkBlocks * kChunkBlocks * kChunkBlocks>;  // last seen free [s since epoch]
+  using Chunks = std::unordered_map<LatticeKey, std::shared_ptr<Chunk>, LatticeKeyHash>;
+
+  explicit ObservedLayer(double block_size_m) : block_size_m_(block_size_m) {}
+
+  /// A read-only copy for a snapshot; from here on this layer copies a chunk before it writes to it.
+  ObservedLayer share();
+
+  /// Marks every block that the frame sees through entirely: its far side is nearer than every measurement in its
+  /// footprint, and no pixel there is without information. Blocks beyond `max_range_m` are left alone.
+  void observe(const ClassifiedFrame& frame, const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
+               double max_range_m, float stamp_s, int num_threads);
+
+  /// Forgets that the block of `p_map` was seen free: something stands there now.
+  void occupy(const Eigen::Vector3d& p_map);
+
+  /// When the block of `p_map` was last seen free [s since the map's epoch], kNever if it was not.
+  float lastFree(const Eigen::Vector3d& p_map) const;
+  bool isFree(const Eigen::Vector3d& p_map) const { return lastFree(p_map) != kNever; }
+
+  double blockSize() const { return block_size_m_; }
+  const Chunks& chunks() const { return chunks_; }
+  void setChunk(const LatticeKey& key, const Chunk& chunk) { chunks_[key] = std::make_shared<Chunk>(chunk); }
+
+ private:
+  static int indexIn(int x, int y, int z) { return (z * kChunkBlocks + y) * kChunkBlocks + x; }
+  /// Chunk of the block that holds `p_map`, and the block's index in it.
+  LatticeKey locate(const Eigen::Vector3d& p_map, int* index) const;
+  Chunk& writable(const LatticeKey& key);
+
+  double block_size_m_;
+  Chunks chunks_;
+  // Chunks made since the last share(). Asking the pointer's use count instead would race with a reader letting go.
+  std::unordered_set<LatticeKey, LatticeKeyHash> private_chunks_;
+};
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_OBSERVED_LAYER_H

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_PARTITION_OF_UNITY_H
+#define GPIS_MAPPING_PARTITION_OF_UNITY_H
+
+#include <Eigen/Core>
+
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping {
+
+/// Share of one lattice cell in the value at a point, with its derivative.
+struct BlendWeight {
+  LatticeKey key;
+  double weight;             // all weights of a point sum to 1
+  Eigen::Vector3d gradient;  // d weight / dx [1/m]; all gradients of a point sum to 0
+};
+
+/// Smooth (C2) partition of unity over a lattice of cubes: inside a cube its own weight is 1, across a band of
+/// half width `margin_m` round each face the neighbours' weights rise. Writes up to 8 entries, returns how many.
+int blendWeights(const Eigen::Vector3d& x_map, double cell_size_m, double margin_m, BlendWeight result[8]);
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_PARTITION_OF_UNITY_H
