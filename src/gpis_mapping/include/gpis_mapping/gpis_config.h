@@ -81,7 +81,7 @@ struct GpisConfig {
 
   struct Mesh {
     int voxels_per_cell{7};      // marching cubes edge = cells.size_m / this
-    double support_spacings{1.5};    // a voxel is meshed when a point is this many spacings near its centre
+    double support_spacings{1.25};   // a voxel is meshed when a point is this many spacings near its centre
   } mesh;
 
   struct Query {

@@ -17,6 +17,7 @@ constexpr double kMinCosine = 0.15;
 constexpr double kMaxObliqueCosine = 0.5;
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
 constexpr int kCandidateStridePx = 3;
+constexpr double kFateSpacings = 2.5;  // neighbourhood in which the fate of doubtful points is decided
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
 constexpr float kSameSideCosine = 0.5f;      // normals closer than 60 degrees belong to one surface
 constexpr float kLateralPx = 0.3f;           // standard deviation of where in its pixel a depth was measured
@@ -217,7 +218,8 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     std::array<std::uint16_t, 27> num_changes{};  // per neighbour: points in its training set that changed
     std::size_t fused{0};
     std::size_t occluded{0};
-    std::vector<Eigen::Vector3d> removed;
+    std::vector<SurfacePoint> removed;
+    std::vector<std::size_t> doubtful;  // indices of entries
     std::vector<Cell::Entry> moved_out;
   };
   std::vector<Job> jobs;
@@ -229,10 +231,10 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     if (c.z() < -cell_radius) continue;
     if (std::abs(c.x()) - slope_u * c.z() > cell_radius * std::hypot(1.0, slope_u)) continue;
     if (std::abs(c.y()) - slope_v * c.z() > cell_radius * std::hypot(1.0, slope_v)) continue;
-    jobs.push_back({key, &cell, 0, {}, 0, 0, {}, {}});
+    jobs.push_back({key, &cell, 0, {}, 0, 0, {}, {}, {}});
   }
 
-  enum class Outcome { kNothing, kOccluded, kFused, kDeleted };
+  enum class Outcome { kNothing, kDoubtful, kOccluded, kFused, kDeleted };
   const double floor_variance = std::pow(config_.surface.min_noise_std_m, 2);
   const double pose_variance = std::pow(config_.sensor.pose_std_m, 2);
   const double g = config_.dynamic.tolerance_sigmas;
@@ -273,6 +275,8 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
       if (frame.classified->kind[pixel] == PixelKind::kAmbiguous && ++point.num_misses < 2) return Outcome::kNothing;
       return Outcome::kDeleted;
     }
+    // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours.
+    if (inverse_range - frame.classified->inverse_range[pixel] >= tolerance) return Outcome::kDoubtful;
     if (delta <= -tolerance && seen.smooth) return Outcome::kOccluded;
     if (cosine < kMinCosine || frame.classified->kind[pixel] != PixelKind::kSurface) return Outcome::kNothing;
 
@@ -307,7 +311,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
       normal_variance = plane.normal_var;
     }
     const float agreement = measured_normal.dot(n);
-    if (agreement < 0.2f) return Outcome::kNothing;  // another face seen through the tolerance of this one
+    if (agreement < 0.2f) return Outcome::kDoubtful;  // another face, seen through the tolerance of this one
     const double offset = n.cast<double>().dot(measured - p);
     const double sine2 = std::max(0.0, 1.0 - cosine * cosine);
     const double lateral_std = kLateralPx * range / camera_.fx;
@@ -341,9 +345,11 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
         const Outcome outcome = confront(&entry);
         bool keep = true;
         if (outcome == Outcome::kDeleted) {
-          job.removed.push_back(entry.point.position_map);
+          job.removed.push_back(entry.point);
           job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
           keep = false;
+        } else if (outcome == Outcome::kDoubtful) {
+          job.doubtful.push_back(kept);
         } else if (outcome == Outcome::kOccluded) {
           ++job.occluded;
         } else if (outcome == Outcome::kFused) {
@@ -388,15 +394,61 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     }
     statistics->fused += job.fused;
     statistics->occluded += job.occluded;
-    statistics->deleted += job.removed.size();
-    statistics->removed_points_map.insert(statistics->removed_points_map.end(), job.removed.begin(),
-                                          job.removed.end());
     for (const Cell::Entry& entry : job.moved_out) {
       const LatticeKey key = LatticeKey::of(entry.point.position_map, size);
       cells_[key].entries.push_back(entry);
       markTouched(key, neighbourMask(key, entry.point.position_map));
     }
   }
+
+  // Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
+  // can: it goes when more of it was removed than confirmed by this frame.
+  std::unordered_map<LatticeKey, std::vector<SurfacePoint>, LatticeKeyHash> removed;
+  for (const Job& job : jobs) {
+    if (!job.removed.empty()) removed[job.key] = job.removed;
+  }
+  const double reach = kFateSpacings * config_.surface.spacing_m;
+  for (const Job& job : jobs) {
+    if (removed.empty()) break;
+    std::vector<std::size_t> gone;
+    for (const std::size_t index : job.doubtful) {
+      const SurfacePoint& point = job.cell->entries[index].point;
+      const auto sameFace = [&](const SurfacePoint& other) {
+        return (other.position_map - point.position_map).squaredNorm() < reach * reach &&
+               other.normal_map.dot(point.normal_map) > kSameSideCosine;
+      };
+      std::size_t num_removed = 0;
+      std::size_t num_confirmed = 0;
+      for (int dx = -1; dx <= 1; ++dx) {
+        for (int dy = -1; dy <= 1; ++dy) {
+          for (int dz = -1; dz <= 1; ++dz) {
+            const LatticeKey key = job.key.offset(dx, dy, dz);
+            const auto gone_here = removed.find(key);
+            if (gone_here != removed.end()) {
+              num_removed += static_cast<std::size_t>(
+                  std::count_if(gone_here->second.begin(), gone_here->second.end(), sameFace));
+            }
+            const auto cell = cells_.find(key);
+            if (cell == cells_.end()) continue;
+            for (const Cell::Entry& entry : cell->second.entries) {
+              num_confirmed += entry.point.last_seen_s == frame.stamp_s && sameFace(entry.point);
+            }
+          }
+        }
+      }
+      if (num_removed > num_confirmed) gone.push_back(index);
+    }
+    for (auto index = gone.rbegin(); index != gone.rend(); ++index) {
+      std::vector<Cell::Entry>& entries = job.cell->entries;
+      statistics->removed_points_map.push_back(entries[*index].point.position_map);
+      markTouched(job.key, neighbourMask(job.key, entries[*index].point.position_map));
+      entries.erase(entries.begin() + static_cast<std::ptrdiff_t>(*index));
+    }
+  }
+  for (const Job& job : jobs) {
+    for (const SurfacePoint& point : job.removed) statistics->removed_points_map.push_back(point.position_map);
+  }
+  statistics->deleted = statistics->removed_points_map.size();
 }
 
 bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double spacings) const {
