@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Counts test cases, each once, in catkin's result files and prints `N passed, M failed` as its last line.
 
-gtest-*.xml and rosunit-*.xml hold the cases. rostest-*.xml repeats them from outside (did the node start, did it
-end in time): it counts only where it reports a failure that no case explains.
+gtest-*.xml and rosunit-*.xml hold the cases. rostest-*.xml looks at them from outside (did the node start, did it end
+in time): it counts only where that failed. MISSING-*.xml stands for a program that crashed before it could report.
 """
 
 import argparse
@@ -37,24 +37,14 @@ def main():
     arguments = parser.parse_args()
 
     counts = {"passed": 0, "failed": 0, "skipped": 0}
-    wrappers = []
-    packages_with_failures = set()
     for path in sorted(arguments.results.rglob("*.xml")):
-        package = path.parent.relative_to(arguments.results)
         is_wrapper = path.name.startswith("rostest-")
         for name, outcome in read_cases(path):
-            if is_wrapper:
-                if outcome == "failed":
-                    wrappers.append((package, path, name))
+            if is_wrapper and outcome != "failed":
                 continue
             counts[outcome] += 1
             if outcome == "failed":
-                packages_with_failures.add(package)
-                print(f"FAILED {package}: {name}")
-    for package, path, name in wrappers:
-        if package not in packages_with_failures:
-            counts["failed"] += 1
-            print(f"FAILED {package}: {name} ({path.name})")
+                print(f"FAILED {name} ({path.relative_to(arguments.results)})")
 
     if arguments.ctest_exit_code != 0 and counts["failed"] == 0:
         counts["failed"] += 1

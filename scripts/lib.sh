@@ -25,7 +25,7 @@ usage_from() { awk 'NR <= 2 { next } /^#/ { sub(/^# ?/, ""); print; next } { exi
 # Every ten seconds: the last line of a log, so that a long step can be told from a hung one.
 report_progress() {
   local log=$1 line last=
-  while sleep 10 </dev/null >/dev/null 2>&1; do
+  while sleep 10 >/dev/null 2>&1; do
     kill -0 "$$" 2>/dev/null || exit 0
     line=$(tail -n 1 "$log" 2>/dev/null | tr '\r' '\n' | tail -n 1 | cut -c 1-110)
     if [ -n "$line" ] && [ "$line" != "$last" ]; then printf '    %s\n' "$line"; last=$line; fi
@@ -108,6 +108,7 @@ install_packages() {
 build_workspace() {
   local dir=${build_dir:-build} devel=$root/devel generator options
   [ "$dir" = build ] || devel=$root/$dir/devel
+  # shellcheck disable=SC1091
   if [ -f /opt/ros/noetic/setup.bash ]; then set +u; . /opt/ros/noetic/setup.bash; set -u; fi
   if [ -f "$dir/CMakeCache.txt" ]; then
     generator=$(sed -n 's/^CMAKE_GENERATOR:INTERNAL=//p' "$dir/CMakeCache.txt")
