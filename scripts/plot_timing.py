@@ -56,7 +56,8 @@ def stages_of(timing):
 def plot(timing, out, title):
     frames = timing["frame"]
     step = np.median(np.diff(frames)) if len(frames) > 1 else 1.0
-    figure, (upper, lower) = plt.subplots(2, 1, figsize=(11.0, 6.8), sharex=True, height_ratios=[3, 2], constrained_layout=True)
+    figure, (upper, lower) = plt.subplots(2, 1, figsize=(11.0, 6.8), sharex=True, constrained_layout=True,
+                                           gridspec_kw={"height_ratios": [3, 2]})
     colours = ["#3b6a8f", "#6ea6ab", "#8fbf7f", "#dccb6e", "#e0914f", "#b9474b", "#8c6bb1", "#5e5e5e"]
 
     base = np.zeros_like(frames)
@@ -92,7 +93,7 @@ def plot(timing, out, title):
     lower.set_zorder(changes.get_zorder() + 1)
     lower.patch.set_visible(False)
     first, second = lower.get_legend_handles_labels(), changes.get_legend_handles_labels()
-    lower.legend(first[0] + second[0], first[1] + second[1], fontsize=10, frameon=False, loc="center left", bbox_to_anchor=(1.09, 0.5))
+    lower.legend(first[0] + second[0], first[1] + second[1], fontsize=10, frameon=False, loc="center left", bbox_to_anchor=(1.13, 0.5))
     for axes in (upper, lower, changes):
         axes.spines["top"].set_visible(False)
         axes.tick_params(labelsize=11)

@@ -164,8 +164,9 @@ class Camera:
 
 
 def fit_camera(points, azimuth, elevation, distance, size, margin=1.06):
-    """Camera that shows all points (but for the outermost 0.2 %); distance None: as near as that allows."""
-    low, high = np.percentile(points, [0.1, 99.9], axis=0)
+    """Camera that shows all points (of many: but for the outermost 0.2 %); distance None: as near as that allows."""
+    outliers = 0.1 if len(points) > 1000 else 0.0
+    low, high = np.percentile(points, [outliers, 100.0 - outliers], axis=0)
     inside = points[np.all((points >= low) & (points <= high), axis=1)]
     if len(inside) > 200_000:
         inside = inside[:: len(inside) // 200_000 + 1]
@@ -369,7 +370,7 @@ def render(meshes, titles, out, reference, view, coloring, colour_range, panel, 
     camera = fit_camera(points, *view, (panel[0] * supersampling, panel[1] * supersampling))
     if panel_may_shrink:
         pixels, _ = camera.project(points)
-        low_px, high_px = np.percentile(pixels[:, 1], [0.05, 99.95])
+        low_px, high_px = np.percentile(pixels[:, 1], [0.05, 99.95] if len(points) > 1000 else [0.0, 100.0])
         panel = (panel[0], int(np.clip(1.08 * (high_px - low_px) / supersampling, 0.3 * panel[1], panel[1])))
         camera.shift = camera.shift - [0.0, 0.5 * (camera.height - panel[1] * supersampling)]
         camera.height = panel[1] * supersampling
