@@ -25,9 +25,10 @@ usage_from() { awk 'NR <= 2 { next } /^#/ { sub(/^# ?/, ""); print; next } { exi
 # Every ten seconds: the last line of a log, so that a long step can be told from a hung one.
 report_progress() {
   local log=$1 line last=
+  set +e  # showing progress must never end anything
   while sleep 10 >/dev/null 2>&1; do
     kill -0 "$$" 2>/dev/null || exit 0
-    line=$(tail -n 1 "$log" 2>/dev/null | tr '\r' '\n' | tail -n 1 | cut -c 1-110)
+    line=$(tail -c 2000 "$log" 2>/dev/null | tail -n 1 | tr '\r' '\n' | tail -n 1 | cut -c 1-110)
     if [ -n "$line" ] && [ "$line" != "$last" ]; then printf '    %s\n' "$line"; last=$line; fi
   done
 }
