@@ -12,7 +12,6 @@ export PATH="/usr/bin:$PATH"
 export ROS_HOSTNAME=localhost
 # Logs and test results of ROS stay out of the home folder.
 export ROS_HOME="$root/build/ros_home"
-export CLICOLOR_FORCE=0
 jobs=${JOBS:-$(nproc)}
 log_dir=$root/build/log
 

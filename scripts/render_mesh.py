@@ -143,7 +143,8 @@ class Camera:
         back = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
         right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         self.width, self.height = size
-        self.position = target + distance * back
+        self.target = np.asarray(target, dtype=float)
+        self.position = self.target + distance * back
         self.rows = np.stack([right, np.cross(right, back), -back])  # x right, y down, z forward
         self.focal = 0.5 * self.height / np.tan(0.5 * FIELD_OF_VIEW_RAD)
         self.shift = np.array([0.5 * self.width, 0.5 * self.height])
@@ -163,14 +164,17 @@ class Camera:
         return pixels, depth
 
 
-def fit_camera(points, azimuth, elevation, distance, size, margin=1.06):
-    """Camera that shows all points (of many: but for the outermost 0.2 %); distance None: as near as that allows."""
+def fit_camera(points, azimuth, elevation, distance, target, size, margin=1.06):
+    """Camera that shows all points (of many: but for the outermost 0.2 %); distance [m] None: as near as that allows.
+
+    target: the point [m] in the middle of the picture, if a distance is given; None: the middle of the points.
+    """
     outliers = 0.1 if len(points) > 1000 else 0.0
     low, high = np.percentile(points, [outliers, 100.0 - outliers], axis=0)
     inside = points[np.all((points >= low) & (points <= high), axis=1)]
     if len(inside) > 200_000:
         inside = inside[:: len(inside) // 200_000 + 1]
-    target = 0.5 * (low + high)
+    target = 0.5 * (low + high) if target is None else np.asarray(target, dtype=float)
     if distance is not None:
         return Camera(target, azimuth, elevation, distance, size)
     distance = 1.2 * np.linalg.norm(high - low) / np.tan(0.5 * FIELD_OF_VIEW_RAD) + 1e-6
@@ -353,13 +357,13 @@ def nice_length(size_m):
     return float(max(step * decade for step in (1, 2, 5) if step * decade <= wanted * 1.001))
 
 
-def render(meshes, titles, out, reference, view, coloring, colour_range, panel, panel_may_shrink):
+def render(meshes, titles, out, reference, view, target, coloring, colour_range, panel, panel_may_shrink):
     value, label, colormap = COLOURINGS[coloring]
     used = np.unique(reference.triangles)
     points = reference.points[used]
     size_m = float(np.linalg.norm(np.subtract(*np.percentile(points, [99, 1], axis=0))))
     if colour_range is None:
-        low, high = np.percentile(value(reference)[used], [1.0, 99.0])
+        low, high = np.percentile(value(reference)[used], [0.5, 99.8])
         if coloring == "variance":
             low = 0.0
         if high - low < 1e-6:
@@ -367,13 +371,14 @@ def render(meshes, titles, out, reference, view, coloring, colour_range, panel, 
         colour_range = (low, high)
     scale = matplotlib.colors.Normalize(*colour_range, clip=True)
     supersampling = 2
-    camera = fit_camera(points, *view, (panel[0] * supersampling, panel[1] * supersampling))
+    camera = fit_camera(points, *view, target, (panel[0] * supersampling, panel[1] * supersampling))
     if panel_may_shrink:
         pixels, _ = camera.project(points)
         low_px, high_px = np.percentile(pixels[:, 1], [0.05, 99.95] if len(points) > 1000 else [0.0, 100.0])
         panel = (panel[0], int(np.clip(1.08 * (high_px - low_px) / supersampling, 0.3 * panel[1], panel[1])))
         camera.shift = camera.shift - [0.0, 0.5 * (camera.height - panel[1] * supersampling)]
         camera.height = panel[1] * supersampling
+    size_m = min(size_m, 1.2 * camera.project(camera.target[None, :])[1][0] * camera.width / camera.focal)
     colour_of = {"value": value, "map": lambda values: colormap(scale(values))[:, :3]}
 
     dpi = 100.0
@@ -395,8 +400,8 @@ def render(meshes, titles, out, reference, view, coloring, colour_range, panel, 
     bar.tick_params(labelsize=11, length=3, color="#555555", labelcolor="#333333")
     bar.set_xlabel(label, fontsize=12, color="#333333", labelpad=2)
     # The length holds at the distance of the middle of the scene.
-    length = nice_length(size_m)
-    middle = camera.project(np.median(points, axis=0)[None, :])[1][0]
+    middle = camera.project(camera.target[None, :])[1][0]
+    length = nice_length(min(size_m, middle * camera.width / camera.focal))
     length_px = length * camera.focal / middle / supersampling
     right = width - gap - 20
     axes = figure.add_axes([(right - length_px) / width, 50 / height, length_px / width, 6 / height], facecolor="#333333")
@@ -417,6 +422,8 @@ def main():
     parser.add_argument("--title", nargs="+", default=[], help="one per mesh")
     parser.add_argument("--view", nargs="+", type=float, default=[-60.0, 35.0], metavar="NUMBER",
                         help="azimuth [deg, 0 looks from +x], elevation [deg] and optionally distance [m]; default -60 35, distance as fits")
+    parser.add_argument("--target", nargs=3, type=float, metavar=("X", "Y", "Z"),
+                        help="point in the middle of the picture [m]; needs a distance in --view; default the middle of the mesh")
     parser.add_argument("--color", choices=sorted(COLOURINGS), default="height", help="by height or by the surface's uncertainty")
     parser.add_argument("--range", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the colour scale [m, or mm for variance]")
     parser.add_argument("--like", type=pathlib.Path, metavar="MESH.ply", help="take framing and colour scale from this mesh (default: the first)")
@@ -426,6 +433,10 @@ def main():
         parser.error(f"{len(arguments.title)} titles for {len(arguments.meshes)} meshes")
     if len(arguments.view) not in (2, 3):
         parser.error("--view takes azimuth, elevation and optionally a distance")
+    if arguments.target and len(arguments.view) != 3:
+        parser.error("--target needs a distance: --view AZIMUTH ELEVATION DISTANCE")
+    if len(arguments.view) == 3 and arguments.view[2] <= 0.0:
+        parser.error("--view: the distance must be positive")
     if arguments.size and min(arguments.size) < 64:
         parser.error("--size: at least 64 pixels")
     if arguments.range and arguments.range[0] >= arguments.range[1]:
@@ -436,7 +447,7 @@ def main():
         meshes = [read_ply(path) for path in arguments.meshes]
         reference = read_ply(arguments.like) if arguments.like else meshes[0]
         titles = arguments.title or [""] * len(meshes)
-        render(meshes, titles, arguments.out, reference, view, arguments.color, arguments.range, panel,
+        render(meshes, titles, arguments.out, reference, view, arguments.target, arguments.color, arguments.range, panel,
                panel_may_shrink=arguments.size is None and view[2] is None)
     except MeshError as error:
         print(f"render_mesh: {error}", file=sys.stderr)
