@@ -101,7 +101,7 @@ std::string cameraInfoYaml(const CameraModel& camera) {
 
 std::string groundTruthYaml(const Scene& scene, int num_frames, bool apply_sensor) {
   YAML::Emitter out;
-  out.SetDoublePrecision(17);
+  out.SetDoublePrecision(15);
   out << YAML::BeginMap;
   out << YAML::Key << "num_frames" << YAML::Value << num_frames;
   out << YAML::Key << "fps" << YAML::Value << scene.fps;
