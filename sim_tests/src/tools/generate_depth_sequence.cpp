@@ -88,12 +88,13 @@ int main(int argc, char** argv) {
     scene.seed = static_cast<std::uint64_t>(arguments["seed"].as<std::int64_t>());
   }
   if (arguments.count("frames") != 0) {
-    options.num_frames = arguments["frames"].as<int>();
-    if (options.num_frames < 1 || options.num_frames > scene.numFrames()) {
-      std::cerr << "generate_depth_sequence: --frames = " << options.num_frames << ", must be in [1, " << scene.numFrames()
+    const int num_frames = arguments["frames"].as<int>();
+    if (num_frames < 1 || num_frames > scene.numFrames()) {
+      std::cerr << "generate_depth_sequence: --frames = " << num_frames << ", must be in [1, " << scene.numFrames()
                 << "] for this scene\n";
       return kBadUsage;
     }
+    scene.T_scene_camera.resize(static_cast<std::size_t>(num_frames));  // later changes are then no part of the sequence
   }
   options.apply_sensor = arguments.count("noise-free") == 0;
   options.write_raw = arguments.count("raw") != 0;
