@@ -5,7 +5,6 @@
 #include <cmath>
 #include <fstream>
 #include <limits>
-#include <map>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -435,8 +434,12 @@ Scene parseScene(const std::string& text, const std::string& name) {
     readTrajectory(root.section("trajectory"), scene);
     scene.sensor = readSensor(root.section("sensor"));
     int next_id = 0;
+    std::set<int> ids;
     for (Section& section : root.sections("boxes")) {
       scene.boxes.push_back(readBox(section));
+      if (!ids.insert(scene.boxes.back().id).second) {
+        section.report("id", std::to_string(scene.boxes.back().id), "unique");
+      }
       next_id = std::max(next_id, scene.boxes.back().id + 1);
     }
     if (root.has("pile")) {
