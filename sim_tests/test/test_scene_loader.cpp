@@ -134,6 +134,8 @@ INSTANTIATE_TEST_SUITE_P(
         BadCase{"remove: [4]", "remove: 4", "changes\\[0\\]/remove = 4, must be a list"},
         BadCase{", remove: [4]", "", "changes\\[0\\] = without effect"},
         BadCase{"frame: 3", "frame: -3", "changes\\[0\\]/frame = -3"},
+        BadCase{"frame: 3", "frame: 8", "changes\\[0\\]/frame = 8, must be an integer in \\[0, 7\\]"},
+        BadCase{"seed: 3", "pile: {remove_topmost: 1, remove_at_frame: 8}", "pile/remove_at_frame = 8"},
         BadCase{"frame: 3, remove: [4]", "frame: 0, remove: [4]", "box 4/appears_at_frame"},
         BadCase{"min_range_m: 0.2", "min_range_m: -0.2", "sensor/min_range_m = -0.2 m"},
         BadCase{"max_range_m: 3.0", "max_range_m: 0.1", "sensor/max_range_m = 0.1, must be > min_range_m"},

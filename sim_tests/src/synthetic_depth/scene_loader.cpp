@@ -355,7 +355,12 @@ Box readBox(Section& section) {
   return box;
 }
 
-std::vector<Box> readPile(Section section, int first_id) {
+/// A change after the last frame would be no change at all: most likely the trajectory is shorter than meant.
+Range frameOf(const Scene& scene) {
+  return scene.numFrames() > 0 ? closed(0, scene.numFrames() - 1) : kFrame;  // no frames: reported elsewhere
+}
+
+std::vector<Box> readPile(Section section, int first_id, const Range& frame_range) {
   PileConfig pile;
   pile.first_id = first_id;
   pile.seed = section.seed("seed", pile.seed);
@@ -368,7 +373,7 @@ std::vector<Box> readPile(Section section, int first_id) {
   if (pile.remove_topmost > 0) {
     section.require("remove_at_frame", "an integer when remove_topmost > 0");
   }
-  pile.remove_at_frame = section.integer("remove_at_frame", pile.remove_at_frame, closed(1, 1e6));
+  pile.remove_at_frame = section.integer("remove_at_frame", pile.remove_at_frame, frame_range);
   section.finish();
   return makePile(pile);
 }
@@ -376,7 +381,7 @@ std::vector<Box> readPile(Section section, int first_id) {
 void readChanges(Section& root, Scene& scene) {
   for (Section& change : root.sections("changes")) {
     change.require("frame", "an integer");
-    const int frame = change.integer("frame", 0, kFrame);
+    const int frame = change.integer("frame", 0, frameOf(scene));
     if (!change.has("remove") && !change.has("appear")) {
       change.report("", "without effect", "one with remove or appear");
     }
@@ -444,7 +449,7 @@ Scene parseScene(const std::string& text, const std::string& name) {
     }
     if (root.has("pile")) {
       try {
-        const std::vector<Box> pile = readPile(root.section("pile"), next_id);
+        const std::vector<Box> pile = readPile(root.section("pile"), next_id, frameOf(scene));
         scene.boxes.insert(scene.boxes.end(), pile.begin(), pile.end());
       } catch (const std::invalid_argument& error) {
         problems.emplace_back(error.what());
