@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <exception>
+
+#include <ros/ros.h>
+
+#include "synthetic_depth_publisher.h"
+
+int main(int argc, char** argv) {
+  ros::init(argc, argv, "synthetic_depth");
+  try {
+    const sim_tests_ros::SyntheticDepthPublisher publisher(ros::NodeHandle(),
+                                                           sim_tests_ros::loadPublisherParams(ros::NodeHandle("~")));
+    ros::spin();
+  } catch (const std::exception& error) {
+    ROS_FATAL("%s", error.what());
+    return 1;
+  }
+  return 0;
+}

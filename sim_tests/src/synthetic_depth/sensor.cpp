@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "synthetic_depth/sensor.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "synthetic_depth/depth_renderer.h"
+#include "synthetic_depth/seeded_random.h"
+
+namespace synthetic_depth {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+/// All draws of one pixel, always taken in this order so that effects do not disturb each other.
+struct PixelDraws {
+  double jitter_u, jitter_v, axial, axial_spare, edge_chance, edge_weight, dropout_chance;
+
+  explicit PixelDraws(SeededRandom random) {
+    random.normalPair(jitter_u, jitter_v);
+    random.normalPair(axial, axial_spare);
+    edge_chance = random.uniform();
+    edge_weight = random.uniform();
+    dropout_chance = random.uniform();
+  }
+};
+
+/// The one of the four neighbours whose depth differs most from `z`; `z` itself where no jump exceeds the threshold.
+/// The border to "no return" is no edge: there is nothing to mix with.
+double depthAcrossEdge(const cv::Mat& depth_m, int u, int v, double z, double threshold_m) {
+  constexpr std::array<std::array<int, 2>, 4> kNeighbours{{{1, 0}, {-1, 0}, {0, 1}, {0, -1}}};
+  double across = z;
+  double largest_jump = threshold_m;
+  for (const auto& [du, dv] : kNeighbours) {
+    if (u + du < 0 || u + du >= depth_m.cols || v + dv < 0 || v + dv >= depth_m.rows) {
+      continue;
+    }
+    const double other = depth_m.at<float>(v + dv, u + du);
+    if (std::isfinite(other) && std::abs(other - z) > largest_jump) {
+      largest_jump = std::abs(other - z);
+      across = other;
+    }
+  }
+  return across;
+}
+
+}  // namespace
+
+double axialSigma(const SensorModel& sensor, double z_m) {
+  return std::max(0.0, sensor.axial_noise_a_m + sensor.axial_noise_b * z_m + sensor.axial_noise_c_per_m * z_m * z_m);
+}
+
+cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m) {
+  const CameraModel& camera = scene.camera;
+  const SensorModel& sensor = scene.sensor;
+  if (exact_depth_m.type() != CV_32FC1 || exact_depth_m.cols != camera.width_px || exact_depth_m.rows != camera.height_px) {
+    throw std::invalid_argument("applySensor: depth image is " + std::to_string(exact_depth_m.cols) + " x " +
+                                std::to_string(exact_depth_m.rows) + " of OpenCV type " +
+                                std::to_string(exact_depth_m.type()) + ", must be " + std::to_string(camera.width_px) +
+                                " x " + std::to_string(camera.height_px) + " px of CV_32FC1 (5)");
+  }
+  if (frame < 0 || frame >= scene.numFrames()) {
+    throw std::out_of_range("applySensor: frame = " + std::to_string(frame) + ", must be in [0, " +
+                            std::to_string(scene.numFrames()) + ")");
+  }
+  const Eigen::Isometry3d& T_scene_camera = scene.T_scene_camera[static_cast<std::size_t>(frame)];
+  const Eigen::Isometry3d T_scene_second = T_scene_camera * Eigen::Translation3d(sensor.baseline_m, 0.0, 0.0);
+  const ViewCaster first_view(scene, frame, T_scene_camera);
+  const ViewCaster second_view(scene, frame, T_scene_second);
+
+  cv::Mat measured_m(exact_depth_m.size(), CV_32FC1);
+  for (int v = 0; v < measured_m.rows; ++v) {
+    for (int u = 0; u < measured_m.cols; ++u) {
+      const auto pixel = static_cast<std::uint64_t>(v) * static_cast<std::uint64_t>(measured_m.cols) +
+                         static_cast<std::uint64_t>(u);
+      const PixelDraws draws(SeededRandom(scene.seed, static_cast<std::uint64_t>(frame), pixel));
+
+      double ray_u = u;
+      double ray_v = v;
+      double z = exact_depth_m.at<float>(v, u);
+      if (sensor.lateral_jitter_px > 0.0) {
+        ray_u += sensor.lateral_jitter_px * draws.jitter_u;
+        ray_v += sensor.lateral_jitter_px * draws.jitter_v;
+        z = first_view.cast(ray_u, ray_v).z_m;
+      }
+
+      if (std::isfinite(z)) {
+        bool is_shadowed = false;
+        if (sensor.has_shadows) {
+          const Eigen::Vector3d p_second((ray_u - camera.cx_px) / camera.fx_px * z - sensor.baseline_m,
+                                         (ray_v - camera.cy_px) / camera.fy_px * z, z);
+          constexpr double kFloatSteps = 4.0;  // exact_depth_m is rounded to float
+          is_shadowed = !second_view.isVisible(p_second, 1e-6 + kFloatSteps * z * std::numeric_limits<float>::epsilon());
+        }
+        if (draws.edge_chance < sensor.edge_mixing_fraction) {
+          z += draws.edge_weight * (depthAcrossEdge(exact_depth_m, u, v, z, sensor.edge_threshold_m) - z);
+        }
+        z += axialSigma(sensor, z) * draws.axial;
+        if (sensor.disparity_step_px > 0.0 && z > 0.0) {
+          const double fx_baseline = camera.fx_px * sensor.baseline_m;
+          const double disparity_px = std::round(fx_baseline / z / sensor.disparity_step_px) * sensor.disparity_step_px;
+          z = disparity_px > 0.0 ? fx_baseline / disparity_px : kInfinity;
+        }
+        if (z < sensor.min_range_m || z <= 0.0) {
+          z = -kInfinity;
+        } else if (z > sensor.max_range_m) {
+          z = kInfinity;
+        }
+        if (is_shadowed || draws.dropout_chance < sensor.dropout_probability) {
+          z = kNaN;
+        }
+      }
+      measured_m.at<float>(v, u) = static_cast<float>(z);
+    }
+  }
+  return measured_m;
+}
+
+cv::Mat measureDepth(const Scene& scene, int frame) { return applySensor(scene, frame, renderDepth(scene, frame)); }
+
+cv::Mat encodeDepth16(const cv::Mat& depth_m, double units_per_metre) {
+  if (depth_m.type() != CV_32FC1 || !(units_per_metre > 0.0)) {
+    throw std::invalid_argument("encodeDepth16: needs a CV_32FC1 image and units_per_metre > 0");
+  }
+  cv::Mat units(depth_m.size(), CV_16UC1);
+  for (int v = 0; v < depth_m.rows; ++v) {
+    for (int u = 0; u < depth_m.cols; ++u) {
+      const double value = std::round(depth_m.at<float>(v, u) * units_per_metre);
+      const bool fits = value >= 0.0 && value <= std::numeric_limits<std::uint16_t>::max();  // false for NaN
+      units.at<std::uint16_t>(v, u) = fits ? static_cast<std::uint16_t>(value) : std::uint16_t{0};
+    }
+  }
+  return units;
+}
+
+cv::Mat decodeDepth16(const cv::Mat& depth_units, double units_per_metre) {
+  if (depth_units.type() != CV_16UC1 || !(units_per_metre > 0.0)) {
+    throw std::invalid_argument("decodeDepth16: needs a CV_16UC1 image and units_per_metre > 0");
+  }
+  cv::Mat depth_m(depth_units.size(), CV_32FC1);
+  for (int v = 0; v < depth_units.rows; ++v) {
+    for (int u = 0; u < depth_units.cols; ++u) {
+      const std::uint16_t units = depth_units.at<std::uint16_t>(v, u);
+      depth_m.at<float>(v, u) = static_cast<float>(units == 0 ? kNaN : units / units_per_metre);
+    }
+  }
+  return depth_m;
+}
+
+}  // namespace synthetic_depth
