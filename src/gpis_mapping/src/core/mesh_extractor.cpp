@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping/mesh_extractor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <unordered_set>
+
+#include <vtkCellArray.h>
+#include <vtkFloatArray.h>
+#include <vtkFlyingEdges3D.h>
+#include <vtkIdList.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+
+#include "gpis_mapping/parallel_for.h"
+
+namespace gpis_mapping {
+namespace {
+
+/// Lattice coordinates of a vertex [voxels]; pieces compute the vertices on their common border from the same numbers
+/// in the same way, so equality is exact.
+struct VertexKey {
+  float x, y, z;
+  bool operator==(const VertexKey& other) const { return x == other.x && y == other.y && z == other.z; }
+};
+
+struct VertexKeyHash {
+  std::size_t operator()(const VertexKey& key) const {
+    std::int32_t bits[3];
+    std::memcpy(bits, &key, sizeof(bits));
+    return LatticeKeyHash()({bits[0], bits[1], bits[2]});
+  }
+};
+
+}  // namespace
+
+struct MeshExtractor::Piece {
+  std::shared_ptr<const CellGp> gp;  // the state it was extracted from; null for a cell without one
+  std::vector<VertexKey> lattice;    // relative to the cell's first voxel [voxels]
+  std::vector<Eigen::Vector3d> vertices_map;
+  std::vector<Eigen::Vector3f> normals_map;
+  std::vector<float> variance_m2;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+};
+
+MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config) { requireValid(config_); }
+
+MeshExtractor::~MeshExtractor() = default;
+
+std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
+  // f near a cell's border depends on its neighbours: a change reaches the 26 pieces around it.
+  std::unordered_set<LatticeKey, LatticeKeyHash> stale;
+  const auto touch = [&stale](const LatticeKey& key) {
+    for (int dx = -1; dx <= 1; ++dx) {
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dz = -1; dz <= 1; ++dz) stale.insert(key.offset(dx, dy, dz));
+      }
+    }
+  };
+  for (const auto& [key, cell] : snapshot.cells()) {
+    const auto piece = pieces_.find(key);
+    if (piece == pieces_.end() || piece->second.gp != cell) touch(key);
+  }
+  for (const auto& [key, piece] : pieces_) {
+    if (piece.gp && snapshot.cells().count(key) == 0) touch(key);
+  }
+  std::vector<std::pair<LatticeKey, Piece*>> jobs;
+  for (const LatticeKey& key : stale) {
+    const auto cell = snapshot.cells().find(key);
+    if (cell == snapshot.cells().end()) {
+      pieces_.erase(key);
+      continue;
+    }
+    Piece& piece = pieces_[key];
+    piece = Piece{};
+    piece.gp = cell->second;
+    jobs.emplace_back(key, &piece);
+  }
+  parallelFor(jobs.size(), resolveThreadCount(config_.threads), 8, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) extract(snapshot, jobs[i].first, jobs[i].second);
+  });
+  return jobs.size();
+}
+
+void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, Piece* piece) const {
+  const int voxels = config_.mesh.voxels_per_cell;
+  const int corners = voxels + 1;
+  const double edge = config_.cells.size_m / voxels;
+  const Eigen::Vector3d origin = key.corner(config_.cells.size_m);
+  const CellGp& gp = *piece->gp;
+
+  // Voxels that a training point (of this cell or its margin) supports.
+  const auto voxelIndex = [voxels](int x, int y, int z) { return (z * voxels + y) * voxels + x; };
+  std::vector<std::uint8_t> supported(static_cast<std::size_t>(voxels) * voxels * voxels, 0);
+  const double reach = config_.mesh.support_spacings * config_.surface.spacing_m / edge;  // [voxels]
+  bool any = false;
+  for (std::size_t i = 0; i < gp.size(); ++i) {
+    const Eigen::Vector3d p = (gp.position(i) - origin) / edge - Eigen::Vector3d::Constant(0.5);
+    int low[3], high[3];
+    for (int axis = 0; axis < 3; ++axis) {
+      low[axis] = std::max(0, static_cast<int>(std::ceil(p[axis] - reach)));
+      high[axis] = std::min(voxels - 1, static_cast<int>(std::floor(p[axis] + reach)));
+    }
+    for (int z = low[2]; z <= high[2]; ++z) {
+      for (int y = low[1]; y <= high[1]; ++y) {
+        for (int x = low[0]; x <= high[0]; ++x) {
+          if ((Eigen::Vector3d(x, y, z) - p).squaredNorm() > reach * reach) continue;
+          supported[voxelIndex(x, y, z)] = 1;
+          any = true;
+        }
+      }
+    }
+  }
+  if (!any) return;
+
+  vtkNew<vtkImageData> image;
+  image->SetDimensions(corners, corners, corners);
+  image->AllocateScalars(VTK_FLOAT, 1);
+  float* values = static_cast<float*>(image->GetScalarPointer());
+  bool above = false;
+  bool below = false;
+  std::vector<std::uint8_t> valid(static_cast<std::size_t>(corners) * corners * corners, 0);
+  for (int z = 0; z < corners; ++z) {
+    for (int y = 0; y < corners; ++y) {
+      for (int x = 0; x < corners; ++x) {
+        const std::size_t index = (static_cast<std::size_t>(z) * corners + y) * corners + x;
+        values[index] = 1.0f;  // unsupported corners: their voxels are dropped below
+        bool needed = false;
+        for (int corner = 0; corner < 8 && !needed; ++corner) {
+          const int vx = x - (corner & 1), vy = y - (corner >> 1 & 1), vz = z - (corner >> 2);
+          needed = vx >= 0 && vy >= 0 && vz >= 0 && vx < voxels && vy < voxels && vz < voxels &&
+                   supported[voxelIndex(vx, vy, vz)];
+        }
+        if (!needed) continue;
+        // Corners in global lattice coordinates, so that neighbouring pieces evaluate f at the very same point.
+        const Eigen::Vector3d p(edge * (static_cast<double>(key.x) * voxels + x),
+                                edge * (static_cast<double>(key.y) * voxels + y),
+                                edge * (static_cast<double>(key.z) * voxels + z));
+        const FieldSample f = snapshot.field(p);
+        if (!f.valid) continue;
+        valid[index] = 1;
+        // An exact zero makes degenerate triangles.
+        const float value = static_cast<float>(f.value);
+        values[index] = std::abs(value) < 1e-7f ? 1e-7f : value;
+        above = above || value > 0.0f;
+        below = below || value <= 0.0f;
+      }
+    }
+  }
+  if (!above || !below) return;
+
+  vtkNew<vtkFlyingEdges3D> contour;
+  contour->SetInputData(image);
+  contour->SetValue(0, 0.0);
+  contour->ComputeNormalsOff();
+  contour->ComputeScalarsOff();
+  contour->Update();
+  vtkPolyData* surface = contour->GetOutput();
+
+  std::vector<std::uint32_t> kept(static_cast<std::size_t>(surface->GetNumberOfPoints()), UINT32_MAX);
+  vtkNew<vtkIdList> ids;
+  vtkCellArray* polygons = surface->GetPolys();
+  polygons->InitTraversal();
+  while (polygons->GetNextCell(ids)) {
+    double corner[3][3];
+    double center[3] = {0.0, 0.0, 0.0};
+    for (int i = 0; i < 3; ++i) {
+      surface->GetPoint(ids->GetId(i), corner[i]);
+      for (int axis = 0; axis < 3; ++axis) center[axis] += corner[i][axis] / 3.0;
+    }
+    const auto voxelOf = [voxels](double c) { return std::max(0, std::min(voxels - 1, static_cast<int>(c))); };
+    const int vx = voxelOf(center[0]), vy = voxelOf(center[1]), vz = voxelOf(center[2]);
+    if (!supported[voxelIndex(vx, vy, vz)]) continue;
+    bool complete = true;
+    for (int i = 0; i < 8; ++i) {
+      const std::size_t index =
+          (static_cast<std::size_t>(vz + (i >> 2)) * corners + vy + (i >> 1 & 1)) * corners + vx + (i & 1);
+      complete = complete && valid[index];
+    }
+    if (!complete) continue;
+    std::array<std::uint32_t, 3> triangle;
+    for (int i = 0; i < 3; ++i) {
+      std::uint32_t& vertex = kept[static_cast<std::size_t>(ids->GetId(i))];
+      if (vertex == UINT32_MAX) {
+        vertex = static_cast<std::uint32_t>(piece->lattice.size());
+        piece->lattice.push_back(
+            {static_cast<float>(corner[i][0]), static_cast<float>(corner[i][1]), static_cast<float>(corner[i][2])});
+      }
+      triangle[static_cast<std::size_t>(i)] = vertex;
+    }
+    piece->triangles.push_back(triangle);
+  }
+  if (piece->triangles.empty()) return;
+
+  Points3d points(3, static_cast<Eigen::Index>(piece->lattice.size()));
+  for (std::size_t i = 0; i < piece->lattice.size(); ++i) {
+    const VertexKey& v = piece->lattice[i];
+    const Eigen::Vector3d p(edge * (static_cast<double>(key.x) * voxels + v.x),
+                            edge * (static_cast<double>(key.y) * voxels + v.y),
+                            edge * (static_cast<double>(key.z) * voxels + v.z));
+    piece->vertices_map.push_back(p);
+    points.col(static_cast<Eigen::Index>(i)) = p;
+    const FieldSample f = snapshot.field(p);
+    const Eigen::Vector3d normal = f.valid ? Eigen::Vector3d(f.gradient.normalized()) : Eigen::Vector3d::UnitZ();
+    piece->normals_map.push_back(normal.cast<float>());
+  }
+  Eigen::VectorXf variance;
+  gp.variance(points, &variance, nullptr);
+  piece->variance_m2.assign(variance.data(), variance.data() + variance.size());
+  // VTK orders triangles so that their normal points to larger values where it does at all; make sure of it.
+  for (std::array<std::uint32_t, 3>& t : piece->triangles) {
+    const Eigen::Vector3d n = (piece->vertices_map[t[1]] - piece->vertices_map[t[0]])
+                                  .cross(piece->vertices_map[t[2]] - piece->vertices_map[t[0]]);
+    const Eigen::Vector3f outward = piece->normals_map[t[0]] + piece->normals_map[t[1]] + piece->normals_map[t[2]];
+    if (n.dot(outward.cast<double>()) < 0.0) std::swap(t[1], t[2]);
+  }
+}
+
+TriangleMesh MeshExtractor::mesh() const {
+  std::vector<LatticeKey> keys;
+  for (const auto& [key, piece] : pieces_) {
+    if (!piece.triangles.empty()) keys.push_back(key);
+  }
+  std::sort(keys.begin(), keys.end());  // the same map gives the same file
+  TriangleMesh mesh;
+  const int voxels = config_.mesh.voxels_per_cell;
+  // Vertices on a border belong to up to four pieces; those inside to one.
+  struct BorderKey {
+    LatticeKey cell;
+    VertexKey offset;
+    bool operator==(const BorderKey& other) const { return cell == other.cell && offset == other.offset; }
+  };
+  struct BorderHash {
+    std::size_t operator()(const BorderKey& k) const {
+      return LatticeKeyHash()(k.cell) * 31 + VertexKeyHash()(k.offset);
+    }
+  };
+  std::unordered_map<BorderKey, std::uint32_t, BorderHash> border;
+  for (const LatticeKey& key : keys) {
+    const Piece& piece = pieces_.at(key);
+    std::vector<std::uint32_t> index(piece.lattice.size());
+    for (std::size_t i = 0; i < piece.lattice.size(); ++i) {
+      VertexKey v = piece.lattice[i];
+      LatticeKey cell = key;
+      bool on_border = v.x == 0.0f || v.y == 0.0f || v.z == 0.0f;
+      // A vertex on the upper face is the next piece's lower face.
+      const float last = static_cast<float>(voxels);
+      if (v.x == last) { v.x = 0.0f; ++cell.x; on_border = true; }
+      if (v.y == last) { v.y = 0.0f; ++cell.y; on_border = true; }
+      if (v.z == last) { v.z = 0.0f; ++cell.z; on_border = true; }
+      if (on_border) {
+        const auto [entry, is_new] =
+            border.emplace(BorderKey{cell, v}, static_cast<std::uint32_t>(mesh.vertices_map.size()));
+        index[i] = entry->second;
+        if (!is_new) continue;
+      } else {
+        index[i] = static_cast<std::uint32_t>(mesh.vertices_map.size());
+      }
+      mesh.vertices_map.push_back(piece.vertices_map[i]);
+      mesh.normals_map.push_back(piece.normals_map[i]);
+      mesh.variance_m2.push_back(piece.variance_m2[i]);
+    }
+    for (const std::array<std::uint32_t, 3>& t : piece.triangles) {
+      mesh.triangles.push_back({index[t[0]], index[t[1]], index[t[2]]});
+    }
+  }
+  return mesh;
+}
+
+}  // namespace gpis_mapping
