@@ -37,13 +37,15 @@ class CellGp {
     bool valid;                // false: no training point within the blend radius
   };
 
-  /// Trains on `points`, the first `num_own` of which lie inside the cell. Throws std::runtime_error if the covariance
-  /// is not positive definite (non-finite input).
+  /// `points`: first the `num_own` points of the cell, then the rest of the `num_training` that train the GP, then
+  /// those that only shape the prior mean. Throws std::runtime_error if the covariance is not positive definite
+  /// (non-finite input).
   CellGp(const LatticeKey& key, const GpisConfig& config, const std::vector<const SurfacePoint*>& points,
-         std::size_t num_own);
+         std::size_t num_own, std::size_t num_training);
 
   const LatticeKey& key() const { return key_; }
-  std::size_t size() const { return static_cast<std::size_t>(alpha_.size()); }
+  std::size_t size() const { return static_cast<std::size_t>(px_.size()); }
+  std::size_t numTraining() const { return static_cast<std::size_t>(alpha_.size()); }
   std::size_t numOwn() const { return num_own_; }
 
   /// Posterior mean at one point.
@@ -60,9 +62,7 @@ class CellGp {
   std::size_t memoryBytes() const;
 
  private:
-  Mean priorMean(const Eigen::Array<float, Eigen::Dynamic, 1>& dx, const Eigen::Array<float, Eigen::Dynamic, 1>& dy,
-                 const Eigen::Array<float, Eigen::Dynamic, 1>& dz,
-                 const Eigen::Array<float, Eigen::Dynamic, 1>& squared) const;
+  Mean priorMean(const Eigen::Vector3f& x) const;
 
   LatticeKey key_;
   MaternKernel<float> kernel_;

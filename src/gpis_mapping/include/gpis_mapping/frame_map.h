@@ -71,6 +71,9 @@ class FrameMap {
   /// At pixel coordinates (u, v) inside [0, width - 1] x [0, height - 1].
   Inference infer(double u, double v) const;
 
+  /// infer(u, v).smooth alone, at no cost.
+  bool isSmooth(double u, double v) const;
+
   /// Normal in the camera frame, towards the camera, of the tile's trend at (u, v); good where the tile is smooth.
   Eigen::Vector3f trendNormal(double u, double v) const;
 

@@ -59,7 +59,7 @@ struct GpisConfig {
 
   struct Cells {
     double size_m{0.10};
-    double training_margin_m{0.06};  // points this far outside still train the cell
+    double training_margin_m{0.03};  // points this far outside still train the cell
     double blend_margin_m{0.015};    // half width of the overlap in which neighbouring cells are blended
   } cells;
 
@@ -69,9 +69,10 @@ struct GpisConfig {
     double min_tolerance_m{0.012};   // floor of the tolerance across the surface: calibration and pose errors
   } dynamic;
 
-  struct Retraining {            // a cell is trained again when one of its points ...
-    double moved_sigmas{0.5};    // ... moved by more than this many of its standard deviations
-    double noise_ratio{0.8};     // ... or has its standard deviation below this share of the trained one
+  struct Retraining {            // a cell is trained at once when a point came or went; else when enough have changed
+    double moved_sigmas{0.5};    // a point has changed when it moved by more than this many standard deviations ...
+    double noise_ratio{0.8};     // ... or its standard deviation fell below this share of what it was
+    double changed_share{0.1};   // share of a cell's training points that must have changed
   } retraining;
 
   struct Observed {
@@ -97,6 +98,10 @@ struct GpisConfig {
   int threads{0};                // 0: all cores
 
   double signalStd() const;      // surface.signal_std_m with its default resolved [m]
+
+  /// How far outside a cell a point still changes its field [m]: the prior mean reaches blend_radius_m from anywhere
+  /// the cell is asked at.
+  double influenceMargin() const;
 
   /// Every problem as "key = value unit, must be in [lo, hi] unit"; empty when the configuration can be used.
   std::vector<std::string> validate() const;

@@ -78,12 +78,17 @@ class GpisMap {
 
   using CellMap = std::unordered_map<LatticeKey, Cell, LatticeKeyHash>;
 
+  /// How far a point may drift out of its cell before it changes hands [m]; without it points on a border would have
+  /// their cells trained again in every update.
+  double strayTolerance() const { return 0.25 * config_.surface.spacing_m; }
+
   void prepareCamera(const CameraModel& camera);
   void fuseAndDelete(const Frame& frame, UpdateStatistics* statistics);
   void insertNew(const Frame& frame, UpdateStatistics* statistics);
   void train(UpdateStatistics* statistics);
   void publish();
-  bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map) const;
+  /// Is there a point of the same face within `spacings` times the spacing, or of any face within half of that?
+  bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double spacings) const;
   void markTouched(const LatticeKey& key, std::uint32_t neighbour_mask);
   std::uint32_t neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const;
 

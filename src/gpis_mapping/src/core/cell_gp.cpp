@@ -18,7 +18,7 @@ constexpr float kNormalVarianceScale = 0.01f;
 }  // namespace
 
 CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vector<const SurfacePoint*>& points,
-               std::size_t num_own)
+               std::size_t num_own, std::size_t num_training)
     : key_(key),
       kernel_(static_cast<float>(config.surface.length_scale_m), static_cast<float>(config.signalStd())),
       blend_radius_(static_cast<float>(config.surface.blend_radius_m)),
@@ -38,65 +38,76 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
     quality_[i] = kNormalVarianceScale / (kNormalVarianceScale + point.normal_variance);
     noise_[i] = point.variance_m2;
   }
-  cholesky_.resize(n, n);
-  alpha_.resize(n);
+  const Eigen::Index rows = static_cast<Eigen::Index>(num_training);
+  cholesky_.resize(rows, rows);
+  alpha_.resize(rows);
   const float a = kernel_.decay();
   const float signal = kernel_.variance();
-  ArrayX dx, dy, dz, squared, scaled;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    dx = px_[i] - px_;
-    dy = py_[i] - py_;
-    dz = pz_[i] - pz_;
-    squared = dx.square() + dy.square() + dz.square();
-    const Eigen::Index below = n - i;
-    scaled = a * squared.tail(below).sqrt();
+  ArrayX scaled;
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    const Eigen::Index below = rows - i;
+    scaled = a * ((px_[i] - px_.segment(i, below)).square() + (py_[i] - py_.segment(i, below)).square() +
+                  (pz_[i] - pz_.segment(i, below)).square())
+                     .sqrt();
     cholesky_.col(i).tail(below) = (signal * (1.0f + scaled) * (-scaled).exp()).matrix();
     cholesky_(i, i) += noise_[i];
-    alpha_[i] = -priorMean(dx, dy, dz, squared).value;
+    alpha_[i] = -priorMean({px_[i], py_[i], pz_[i]}).value;
   }
-  if (n > 0) {
+  if (rows > 0) {
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXf>, Eigen::Lower> llt(cholesky_);  // in place
     if (llt.info() != Eigen::Success || !alpha_.allFinite()) {
       throw std::runtime_error("cell (" + std::to_string(key.x) + ", " + std::to_string(key.y) + ", " +
-                               std::to_string(key.z) + "): covariance of " + std::to_string(n) +
+                               std::to_string(key.z) + "): covariance of " + std::to_string(rows) +
                                " points is not positive definite");
     }
     llt.solveInPlace(alpha_);
   }
 }
 
-CellGp::Mean CellGp::priorMean(const ArrayX& dx, const ArrayX& dy, const ArrayX& dz, const ArrayX& squared) const {
+CellGp::Mean CellGp::priorMean(const Eigen::Vector3f& x) const {
   const float inverse_radius2 = 1.0f / (blend_radius_ * blend_radius_);
-  thread_local ArrayX base, weight, slope, along;
-  base = (1.0f - inverse_radius2 * squared).max(0.0f);
-  slope = quality_ * base.square();
-  weight = slope * base;
-  const float sum = weight.sum();
+  thread_local ArrayX base;
+  base = 1.0f - inverse_radius2 * ((x.x() - px_).square() + (x.y() - py_).square() + (x.z() - pz_).square());
+  // Only a few points are within the radius: the sums run over those.
+  float sum = 0.0f;
+  float weighted = 0.0f;
+  Eigen::Vector3f weighted_normal = Eigen::Vector3f::Zero();
+  Eigen::Vector3f slope_along = Eigen::Vector3f::Zero();  // sum of dw/dx along, without its factor -6 / h^2
+  Eigen::Vector3f slope = Eigen::Vector3f::Zero();        // sum of dw/dx, likewise
+  for (Eigen::Index i = 0; i < base.size(); ++i) {
+    if (base[i] <= 0.0f) continue;
+    const Eigen::Vector3f r(x.x() - px_[i], x.y() - py_[i], x.z() - pz_[i]);
+    const Eigen::Vector3f n(nx_[i], ny_[i], nz_[i]);
+    const float square = quality_[i] * base[i] * base[i];
+    const float weight = square * base[i];
+    const float along = n.dot(r);
+    sum += weight;
+    weighted += weight * along;
+    weighted_normal += weight * n;
+    slope_along += square * along * r;
+    slope += square * r;
+  }
   if (!(sum > 1e-12f)) return {0.0f, Eigen::Vector3f::Zero(), false};
-  along = nx_ * dx + ny_ * dy + nz_ * dz;
-  const float value = (weight * along).sum() / sum;
+  const float value = weighted / sum;
   // Quotient rule; dw/dx = -(6 / h^2) (1 - d^2/h^2)^2 (x - p).
-  slope *= -6.0f * inverse_radius2 * (along - value);
-  const Eigen::Vector3f gradient((weight * nx_ + slope * dx).sum(), (weight * ny_ + slope * dy).sum(),
-                                 (weight * nz_ + slope * dz).sum());
-  return {value, gradient / sum, true};
+  return {value, (weighted_normal - 6.0f * inverse_radius2 * (slope_along - value * slope)) / sum, true};
 }
 
 CellGp::Mean CellGp::mean(const Eigen::Vector3d& x_map) const {
   const Eigen::Vector3f x = (x_map - origin_).cast<float>();
-  thread_local ArrayX dx, dy, dz, squared, scaled, decay;
-  dx = x.x() - px_;
-  dy = x.y() - py_;
-  dz = x.z() - pz_;
-  squared = dx.square() + dy.square() + dz.square();
-  Mean result = priorMean(dx, dy, dz, squared);
+  Mean result = priorMean(x);
   if (!result.valid) return result;
+  const Eigen::Index rows = alpha_.size();
   const float a = kernel_.decay();
-  scaled = a * squared.sqrt();
+  thread_local ArrayX scaled, decay;
+  scaled = a * ((x.x() - px_.head(rows)).square() + (x.y() - py_.head(rows)).square() +
+                (x.z() - pz_.head(rows)).square())
+                   .sqrt();
   decay = alpha_.array() * (-scaled).exp();
   result.value += kernel_.variance() * (decay * (1.0f + scaled)).sum();
   result.gradient -= kernel_.variance() * a * a *
-                     Eigen::Vector3f((decay * dx).sum(), (decay * dy).sum(), (decay * dz).sum());
+                     Eigen::Vector3f((decay * (x.x() - px_.head(rows))).sum(), (decay * (x.y() - py_.head(rows))).sum(),
+                                     (decay * (x.z() - pz_.head(rows))).sum());
   return result;
 }
 
@@ -111,7 +122,7 @@ void CellGp::variance(const Points3d& x_map, Eigen::VectorXf* variance, Points3f
   ArrayX scaled(n);
   for (Eigen::Index c = 0; c < count; ++c) {
     const Eigen::Vector3f x = (x_map.col(c) - origin_).cast<float>();
-    scaled = a * ((x.x() - px_).square() + (x.y() - py_).square() + (x.z() - pz_).square()).sqrt();
+    scaled = a * ((x.x() - px_.head(n)).square() + (x.y() - py_.head(n)).square() + (x.z() - pz_.head(n)).square()).sqrt();
     const ArrayX e = (-scaled).exp();
     cross.col(c) = (signal * (1.0f + scaled) * e).matrix();
     if (gradient != nullptr) decay.col(c) = e.matrix();
@@ -126,13 +137,13 @@ void CellGp::variance(const Points3d& x_map, Eigen::VectorXf* variance, Points3f
     const Eigen::Vector3f x = (x_map.col(c) - origin_).cast<float>();
     const ArrayX weight = cross.col(c).array() * decay.col(c).array();
     gradient->col(c) = 2.0f * signal * a * a *
-                       Eigen::Vector3f((weight * (x.x() - px_)).sum(), (weight * (x.y() - py_)).sum(),
-                                       (weight * (x.z() - pz_)).sum());
+                       Eigen::Vector3f((weight * (x.x() - px_.head(n))).sum(), (weight * (x.y() - py_.head(n))).sum(),
+                                       (weight * (x.z() - pz_.head(n))).sum());
   }
 }
 
 std::size_t CellGp::memoryBytes() const {
-  return sizeof(*this) + sizeof(float) * static_cast<std::size_t>(9 * alpha_.size() + cholesky_.size());
+  return sizeof(*this) + sizeof(float) * static_cast<std::size_t>(8 * px_.size() + alpha_.size() + cholesky_.size());
 }
 
 }  // namespace gpis_mapping

@@ -211,6 +211,12 @@ FrameMap::Inference FrameMap::infer(double u, double v) const {
   return {trend + residual, scale_[tile] * std::sqrt(r.variance(pu, pv)), smooth_[tile] != 0};
 }
 
+bool FrameMap::isSmooth(double u, double v) const {
+  int start_u = 0;
+  int start_v = 0;
+  return smooth_[tileIndex(u, v, &start_u, &start_v)] != 0;
+}
+
 Eigen::Vector3f FrameMap::trendNormal(double u, double v) const {
   int start_u = 0;
   int start_v = 0;

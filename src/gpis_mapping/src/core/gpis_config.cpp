@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping/gpis_config.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -66,6 +67,7 @@ void visitConfig(Config& c, Visitor&& visit) {
   visit("dynamic", "min_tolerance_m", c.dynamic.min_tolerance_m, 0.0, 0.2, "m");
   visit("retraining", "moved_sigmas", c.retraining.moved_sigmas, 0.0, 10.0, "sigma");
   visit("retraining", "noise_ratio", c.retraining.noise_ratio, 0.0, 1.0, "");
+  visit("retraining", "changed_share", c.retraining.changed_share, 0.0, 1.0, "");
   visit("observed", "block_size_m", c.observed.block_size_m, 0.01, 0.5, "m");
   visit("mesh", "voxels_per_cell", c.mesh.voxels_per_cell, 2, 32, "");
   visit("mesh", "support_spacings", c.mesh.support_spacings, 0.5, 4.0, "spacings");
@@ -246,6 +248,10 @@ double GpisConfig::signalStd() const {
   return surface.signal_std_m > 0.0 ? surface.signal_std_m : surface.length_scale_m / std::sqrt(3.0);
 }
 
+double GpisConfig::influenceMargin() const {
+  return std::max(cells.training_margin_m, cells.blend_margin_m + surface.blend_radius_m);
+}
+
 std::vector<std::string> GpisConfig::validate() const {
   RangeChecker checker;
   visitConfig(*this, checker);
@@ -263,9 +269,9 @@ std::vector<std::string> GpisConfig::validate() const {
     break;
   }
   require(cells.blend_margin_m < 0.5 * cells.size_m, "cells/blend_margin_m must be below half of cells/size_m");
-  require(cells.blend_margin_m + surface.blend_radius_m <= cells.training_margin_m + 1e-9,
-          "cells/training_margin_m must be at least cells/blend_margin_m + surface/blend_radius_m, or neighbouring "
-          "cells disagree where they are blended");
+  require(influenceMargin() <= cells.size_m,
+          "cells/size_m must be at least cells/blend_margin_m + surface/blend_radius_m and cells/training_margin_m: a "
+          "point reaches the neighbouring cells only");
   require(surface.blend_radius_m >= 1.5 * surface.spacing_m,
           "surface/blend_radius_m must be at least 1.5 surface/spacing_m, or the prior mean has gaps");
   require((region.min_m.array() < region.max_m.array()).all(), "region/min_m must be below region/max_m on each axis");

@@ -2,6 +2,7 @@
 #include "gpis_mapping/gpis_map.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <stdexcept>
@@ -13,6 +14,7 @@ namespace {
 
 // A surface seen at less than this cosine of incidence tells nothing about its position across itself (81 degrees).
 constexpr double kMinCosine = 0.15;
+constexpr double kMaxObliqueCosine = 0.5;
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
 constexpr int kCandidateStridePx = 3;
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
@@ -50,16 +52,17 @@ void requireRigid(const Eigen::Isometry3d& pose, double stamp_s) {
 
 /// A cell as the updating thread sees it.
 struct GpisMap::Cell {
-  /// A training point and what its cell's GP knows of it.
+  /// A training point, and where it stood when the cells around were last told of a change.
   struct Entry {
     SurfacePoint point;
-    Eigen::Vector3d trained_position;
-    float trained_std{0.0f};  // 0: not trained yet
+    Eigen::Vector3d reported_position;
+    float reported_std;
   };
 
   std::vector<Entry> entries;
   std::shared_ptr<const CellGp> gp;
-  bool dirty{false};
+  bool dirty{false};        // a point came or went: train in this update
+  float num_changes{0.0f};  // points that moved or firmed up since the last training
 };
 
 /// One image and everything derived from it.
@@ -84,7 +87,7 @@ GpisMap::GpisMap(MapContents contents)
   requireValid(config_);
   for (const SurfacePoint& point : contents.points) {
     const LatticeKey key = LatticeKey::of(point.position_map, config_.cells.size_m);
-    cells_[key].entries.push_back({point, point.position_map, 0.0f});
+    cells_[key].entries.push_back({point, point.position_map, std::sqrt(point.variance_m2)});
   }
   std::vector<std::pair<LatticeKey, std::uint32_t>> touched;
   for (const auto& [key, cell] : cells_) {
@@ -173,7 +176,7 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
 
 std::uint32_t GpisMap::neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const {
   const double size = config_.cells.size_m;
-  const double margin = config_.cells.training_margin_m;
+  const double margin = config_.influenceMargin();
   const Eigen::Vector3d local = p_map - key.corner(size);
   // Per axis: does the point lie in the training region of the cell below, of its own, of the one above?
   bool reaches[3][3];
@@ -206,10 +209,12 @@ void GpisMap::markTouched(const LatticeKey& key, std::uint32_t neighbour_mask) {
 void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
   const double size = config_.cells.size_m;
   const double cell_radius = 0.5 * std::sqrt(3.0) * size;
+  const double stray = strayTolerance();
   struct Job {
     LatticeKey key;
     Cell* cell;
-    std::uint32_t neighbour_mask{0};
+    std::uint32_t neighbour_mask{0};               // cells whose training set lost a point
+    std::array<std::uint16_t, 27> num_changes{};  // per neighbour: points in its training set that changed
     std::size_t fused{0};
     std::size_t occluded{0};
     std::vector<Eigen::Vector3d> removed;
@@ -224,7 +229,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     if (c.z() < -cell_radius) continue;
     if (std::abs(c.x()) - slope_u * c.z() > cell_radius * std::hypot(1.0, slope_u)) continue;
     if (std::abs(c.y()) - slope_v * c.z() > cell_radius * std::hypot(1.0, slope_v)) continue;
-    jobs.push_back({key, &cell, 0, 0, 0, {}, {}});
+    jobs.push_back({key, &cell, 0, {}, 0, 0, {}, {}});
   }
 
   enum class Outcome { kNothing, kOccluded, kFused, kDeleted };
@@ -250,7 +255,8 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     const double range = p.norm();
     const Eigen::Vector3f n = R_camera_map * point.normal_map;
     const double cosine = -n.cast<double>().dot(p) / range;
-    const double across = std::max(0.2, std::abs(cosine));  // range change per change across the surface, bounded
+    // Range change per change across the surface. Bounded: what a grazing look sees past by a few centimetres is gone.
+    const double across = std::max(kMaxObliqueCosine, std::abs(cosine));
     const FrameMap::Inference seen = frame.map->infer(u, v);
     const double inverse_range = 1.0 / range;
     const double own_sigma = std::sqrt(point.variance_m2 + pose_variance) / across * inverse_range * inverse_range;
@@ -259,7 +265,9 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
         std::max(g * sigma, config_.dynamic.min_tolerance_m / across * inverse_range * inverse_range);
     // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
     const double delta = inverse_range - seen.inverse_range;
-    const double past = inverse_range - std::max<double>(seen.inverse_range, frame.map->nearestAround(pixel_u, pixel_v));
+    const double past =
+        seen.smooth ? delta
+                    : std::min<double>(delta, inverse_range - frame.map->nearestAround(pixel_u, pixel_v));
     if (past >= tolerance) {
       if (!config_.dynamic.enabled) return Outcome::kNothing;
       if (frame.classified->kind[pixel] == PixelKind::kAmbiguous && ++point.num_misses < 2) return Outcome::kNothing;
@@ -341,14 +349,19 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
         } else if (outcome == Outcome::kFused) {
           ++job.fused;
           const double std_now = std::sqrt(entry.point.variance_m2);
-          const double moved = (entry.point.position_map - entry.trained_position).norm();
-          const bool outside = LatticeKey::of(entry.point.position_map, size) != job.key;
-          if (outside || moved > config_.retraining.moved_sigmas * std_now ||
-              std_now < config_.retraining.noise_ratio * entry.trained_std) {
-            // The old place is in the mask too when the point has crossed a border.
-            job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
+          const double moved = (entry.point.position_map - entry.reported_position).norm();
+          const Eigen::Vector3d corner = job.key.corner(size);
+          const Eigen::AlignedBox3d home(corner, corner + Eigen::Vector3d::Constant(size));
+          const bool outside = home.squaredExteriorDistance(entry.point.position_map) > stray * stray;
+          if (moved > config_.retraining.moved_sigmas * std_now ||
+              std_now < config_.retraining.noise_ratio * entry.reported_std) {
+            const std::uint32_t mask = neighbourMask(job.key, entry.point.position_map);
+            for (std::size_t bit = 0; bit < job.num_changes.size(); ++bit) job.num_changes[bit] += mask >> bit & 1u;
+            entry.reported_position = entry.point.position_map;
+            entry.reported_std = static_cast<float>(std_now);
           }
           if (outside) {
+            job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
             job.moved_out.push_back(entry);
             keep = false;
           }
@@ -363,6 +376,16 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
   });
   for (Job& job : jobs) {
     markTouched(job.key, job.neighbour_mask);
+    for (int dx = -1; dx <= 1; ++dx) {
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dz = -1; dz <= 1; ++dz) {
+          const std::uint16_t changes = job.num_changes[static_cast<std::size_t>(neighbourBit(dx, dy, dz))];
+          if (changes == 0) continue;
+          const auto cell = cells_.find(job.key.offset(dx, dy, dz));
+          if (cell != cells_.end()) cell->second.num_changes += changes;
+        }
+      }
+    }
     statistics->fused += job.fused;
     statistics->occluded += job.occluded;
     statistics->deleted += job.removed.size();
@@ -376,10 +399,10 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
   }
 }
 
-bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map) const {
+bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double spacings) const {
   const double size = config_.cells.size_m;
-  const double spacing = config_.surface.spacing_m;
-  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(spacing);
+  const double spacing = spacings * config_.surface.spacing_m;
+  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(spacing + strayTolerance());
   const LatticeKey low = LatticeKey::of(p_map - reach, size);
   const LatticeKey high = LatticeKey::of(p_map + reach, size);
   for (LatticeKey key = low; key.x <= high.x; ++key.x) {
@@ -420,6 +443,13 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
         if (image.kind[pixel] != PixelKind::kSurface || image.blocked[pixel]) continue;
         const Eigen::Vector3d ray((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy, 1.0);
         const double length = ray.norm();
+        if (image.inverse_depth[pixel] * max_range * length < 0.95) continue;
+        // Cheap test first: most pixels show what the map has already. The raw depth is good enough for it.
+        const bool is_smooth = frame.map->isSmooth(u, v);
+        if (is_smooth && hasNeighbour(frame.T_map_camera * (ray / image.inverse_depth[pixel]),
+                                      R_map_camera * frame.map->trendNormal(u, v), 0.8)) {
+          continue;
+        }
         const FrameMap::Inference seen = frame.map->infer(u, v);
         Eigen::Vector3d p;
         Eigen::Vector3f n;
@@ -429,8 +459,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
           if (seen.inverse_range * max_range < 1.0) continue;
           p = ray / (length * seen.inverse_range);
           n = frame.map->trendNormal(u, v);
-          // Cheap test first: most pixels show what the map has already.
-          if (hasNeighbour(frame.T_map_camera * p, R_map_camera * n)) continue;
+          if (hasNeighbour(frame.T_map_camera * p, R_map_camera * n, 1.0)) continue;
           along_ray_std = seen.sigma / (seen.inverse_range * seen.inverse_range);
           const double sigma_w = config_.sensor.noise.sigma(p.z()) / (p.z() * p.z());
           normal_variance =
@@ -441,7 +470,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
           if (!fitLocalPlane(image, camera_, config_.sensor.noise, u, v, config_.surface.spacing_m, &plane)) continue;
           p = plane.point_camera;
           n = plane.normal_camera;
-          if (hasNeighbour(frame.T_map_camera * p, R_map_camera * n)) continue;
+          if (hasNeighbour(frame.T_map_camera * p, R_map_camera * n, 1.0)) continue;
           along_ray_std = plane.depth_std_m * length;
           normal_variance = plane.normal_var;
         }
@@ -468,9 +497,9 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
   const double block = config_.observed.block_size_m;
   for (const std::vector<SurfacePoint>& row : candidates) {
     for (const SurfacePoint& point : row) {
-      if (hasNeighbour(point.position_map, point.normal_map)) continue;
+      if (hasNeighbour(point.position_map, point.normal_map, 1.0)) continue;
       const LatticeKey key = LatticeKey::of(point.position_map, size);
-      cells_[key].entries.push_back({point, point.position_map, 0.0f});
+      cells_[key].entries.push_back({point, point.position_map, std::sqrt(point.variance_m2)});
       markTouched(key, neighbourMask(key, point.position_map));
       ++statistics->inserted;
       // What was free before is not free behind a new surface.
@@ -483,7 +512,8 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
 
 void GpisMap::train(UpdateStatistics* statistics) {
   const double size = config_.cells.size_m;
-  const double margin = config_.cells.training_margin_m;
+  const double margin = config_.influenceMargin();
+  const double training_margin = config_.cells.training_margin_m;
   // A cell without points of its own still serves queries next to its neighbour's surface.
   const double needed = std::min(margin, 2.0 * config_.surface.spacing_m);
   struct Job {
@@ -493,13 +523,17 @@ void GpisMap::train(UpdateStatistics* statistics) {
   };
   std::vector<Job> jobs;
   for (auto& [key, cell] : cells_) {
-    if (cell.dirty) jobs.push_back({key, &cell});
+    const bool changed_enough =
+        cell.gp && cell.num_changes > config_.retraining.changed_share * static_cast<double>(cell.gp->size());
+    if (cell.dirty || changed_enough) jobs.push_back({key, &cell});
   }
   parallelFor(jobs.size(), resolveThreadCount(config_.threads), 4, [&](std::size_t begin, std::size_t end) {
     std::vector<const SurfacePoint*> points;
+    std::vector<const SurfacePoint*> mean_only;
     for (std::size_t i = begin; i < end; ++i) {
       Job& job = jobs[i];
       points.clear();
+      mean_only.clear();
       for (const Cell::Entry& entry : job.cell->entries) points.push_back(&entry.point);
       const std::size_t num_own = points.size();
       const Eigen::Vector3d corner = job.key.corner(size);
@@ -513,15 +547,23 @@ void GpisMap::train(UpdateStatistics* statistics) {
             if (found == cells_.end()) continue;
             for (const Cell::Entry& entry : found->second.entries) {
               const double outside = box.exteriorDistance(entry.point.position_map);
-              if (outside < margin) points.push_back(&entry.point);
+              if (outside < training_margin) {
+                points.push_back(&entry.point);
+              } else if (outside < margin) {
+                mean_only.push_back(&entry.point);
+              }
               is_needed = is_needed || outside < needed;
             }
           }
         }
       }
       job.empty = !is_needed;
-      job.cell->gp = is_needed ? std::make_shared<CellGp>(job.key, config_, points, num_own) : nullptr;
+      const std::size_t num_training = points.size();
+      points.insert(points.end(), mean_only.begin(), mean_only.end());
+      job.cell->gp =
+          is_needed ? std::make_shared<CellGp>(job.key, config_, points, num_own, num_training) : nullptr;
       job.cell->dirty = false;
+      job.cell->num_changes = 0.0f;
     }
   });
   for (const Job& job : jobs) {
@@ -530,10 +572,6 @@ void GpisMap::train(UpdateStatistics* statistics) {
       continue;
     }
     ++statistics->cells_retrained;
-    for (Cell::Entry& entry : job.cell->entries) {
-      entry.trained_position = entry.point.position_map;
-      entry.trained_std = std::sqrt(entry.point.variance_m2);
-    }
   }
 }
 

@@ -97,9 +97,13 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
   const auto voxelIndex = [voxels](int x, int y, int z) { return (z * voxels + y) * voxels + x; };
   std::vector<std::uint8_t> supported(static_cast<std::size_t>(voxels) * voxels * voxels, 0);
   const double reach = config_.mesh.support_spacings * config_.surface.spacing_m / edge;  // [voxels]
+  // Off the point's tangent plane by more than this (a voxel's diagonal and what a surface bends within the reach)
+  // the voxel cannot hold this point's surface: most of the work is saved, and no second sheet can be meshed there.
+  const double thickness = 0.9 + 0.25 * reach;  // [voxels]
   bool any = false;
   for (std::size_t i = 0; i < gp.size(); ++i) {
     const Eigen::Vector3d p = (gp.position(i) - origin) / edge - Eigen::Vector3d::Constant(0.5);
+    const Eigen::Vector3d n = gp.normal(i).cast<double>();
     int low[3], high[3];
     for (int axis = 0; axis < 3; ++axis) {
       low[axis] = std::max(0, static_cast<int>(std::ceil(p[axis] - reach)));
@@ -108,7 +112,8 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
     for (int z = low[2]; z <= high[2]; ++z) {
       for (int y = low[1]; y <= high[1]; ++y) {
         for (int x = low[0]; x <= high[0]; ++x) {
-          if ((Eigen::Vector3d(x, y, z) - p).squaredNorm() > reach * reach) continue;
+          const Eigen::Vector3d offset = Eigen::Vector3d(x, y, z) - p;
+          if (offset.squaredNorm() > reach * reach || std::abs(offset.dot(n)) > thickness) continue;
           supported[voxelIndex(x, y, z)] = 1;
           any = true;
         }
