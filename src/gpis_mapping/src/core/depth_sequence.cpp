@@ -27,6 +27,7 @@ constexpr double kSevenScenesRate_hz = 30.0;  // the recordings carry no stamps
 // Between poses 0.1 s apart a body accelerating at 1 m/s^2 strays a dt^2 / 8 = 1.3 mm from the straight line.
 constexpr double kMaxPoseGap_s = 0.1;
 constexpr double kMaxPoseDistance_s = 0.02;
+constexpr double kStampRounding_s = 1e-6;      // stamps of 1.5e9 s are 2e-7 s apart
 constexpr double kQuaternionTolerance = 0.01;  // four printed decimals leave 1e-4
 constexpr double kRotationTolerance = 0.01;    // largest entry of R^T R - I
 
@@ -173,7 +174,9 @@ std::optional<Eigen::Isometry3d> poseAt(const std::vector<StampedPose>& poses, d
   const double to_next = next ? next->stamp_s - stamp_s : std::numeric_limits<double>::infinity();
   const double to_last = last ? stamp_s - last->stamp_s : std::numeric_limits<double>::infinity();
   const double nearest = std::min(to_next, to_last);
-  if (nearest > kMaxPoseDistance_s && !(to_next + to_last <= kMaxPoseGap_s)) {
+  const bool is_near = nearest <= kMaxPoseDistance_s + kStampRounding_s;
+  const bool is_bracketed = to_next + to_last <= kMaxPoseGap_s + kStampRounding_s;
+  if (!is_near && !is_bracketed) {
     *reason = {"no pose near enough in time", "nearest pose is " + format(nearest) + " s from " + format(stamp_s) +
                                                   " s, must be within " + format(kMaxPoseDistance_s) +
                                                   " s or between two at most " + format(kMaxPoseGap_s) + " s apart"};

@@ -2,8 +2,8 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cerrno>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
@@ -61,17 +61,17 @@ struct Options {
 std::optional<Options> parseCommandLine(int argc, char** argv) {
   Options options;
   po::options_description visible("Options");
-  visible.add_options()                                                                                       //
-      ("help,h", "show this text")                                                                            //
-      ("out", po::value(&options.out), "folder for mesh.ply, map.gpis, timing.csv; made if missing")          //
-      ("config", po::value(&options.config), "map configuration (YAML); default: built-in values")            //
-      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")                         //
-      ("end", po::value(&options.end), "last frame, included (default: the last one)")                        //
-      ("stride", po::value(&options.stride), "take every N-th frame (default 1)")                             //
-      ("mesh-every", po::value(&options.mesh_every), "also write mesh_FRAME.ply after every N frames")        //
-      ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr")                                //
-      ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")      //
-      ("info-topic", po::value(&options.bag.info_topic), "bag: camera info (default: beside the images)")     //
+  visible.add_options()                                                                                    //
+      ("help,h", "show this text")                                                                         //
+      ("out", po::value(&options.out), "folder for mesh.ply, map.gpis, timing.csv; made if missing")       //
+      ("config", po::value(&options.config), "map configuration (YAML); default: built-in values")         //
+      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")                      //
+      ("end", po::value(&options.end), "last frame, included (default: the last one)")                     //
+      ("stride", po::value(&options.stride), "take every N-th frame (default 1)")                          //
+      ("mesh-every", po::value(&options.mesh_every), "also write mesh_FRAME.ply after every N frames")     //
+      ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr")                             //
+      ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")   //
+      ("info-topic", po::value(&options.bag.info_topic), "bag: camera info (default: beside the images)")  //
       ("map-frame", po::value(&options.bag.map_frame)->default_value(options.bag.map_frame), "bag: fixed frame");
   po::options_description all;
   all.add(visible).add_options()("input", po::value(&options.input));
@@ -93,8 +93,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   if (options.out.empty()) throw UsageError("--out DIR is missing");
   const auto require = [](const char* name, long long value, long long least) {
     if (value >= least) return;
-    throw UsageError(std::string(name) + " = " + std::to_string(value) + ", must be at least " +
-                     std::to_string(least));
+    throw UsageError(std::string(name) + " = " + std::to_string(value) + ", must be at least " + std::to_string(least));
   };
   require("--start", options.start, 0);
   if (values.count("end") > 0) require("--end", options.end, options.start);
@@ -214,7 +213,8 @@ int mapSequence(int argc, char** argv) {
   const Options& options = *parsed;
   const GpisConfig config = options.config.empty() ? GpisConfig{} : loadGpisConfig(options.config);
   const std::unique_ptr<DepthSequence> sequence = openInput(options);
-  for (const std::string& note : sequence->notes()) say(nullptr, "note: " + note);
+  for (const std::string& note : sequence->notes())
+    say(nullptr, "note: " + note);
   if (sequence->size() == 0) throw DepthSequenceError(options.input + ": holds no depth image");
   const auto start = static_cast<std::size_t>(options.start);
   const std::size_t last_frame = sequence->size() - 1;
@@ -289,7 +289,8 @@ int mapSequence(int argc, char** argv) {
   writePly(mesh, mesh_path);
 
   double sum_ms = 0.0;
-  for (const double ms : update_ms) sum_ms += ms;
+  for (const double ms : update_ms)
+    sum_ms += ms;
   const nlohmann::json summary = {
       {"frames", update_ms.size()},
       {"skipped", skipped.total()},
@@ -320,4 +321,6 @@ int mapSequence(int argc, char** argv) {
 }  // namespace
 }  // namespace gpis_mapping
 
-int main(int argc, char** argv) { return gpis_mapping::runTool("map_sequence", argc, argv, gpis_mapping::mapSequence); }
+int main(int argc, char** argv) {
+  return gpis_mapping::runTool("map_sequence", argc, argv, gpis_mapping::mapSequence);
+}

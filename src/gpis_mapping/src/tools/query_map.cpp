@@ -43,10 +43,10 @@ struct Options {
 std::optional<Options> parseCommandLine(int argc, char** argv) {
   Options options;
   po::options_description visible("Options");
-  visible.add_options()                                                                             //
-      ("help,h", "show this text")                                                                  //
-      ("points", po::value(&options.points), "points to ask for: CSV with columns x, y, z [m]")     //
-      ("out", po::value(&options.out), "answers: CSV")                                              //
+  visible.add_options()                                                                          //
+      ("help,h", "show this text")                                                               //
+      ("points", po::value(&options.points), "points to ask for: CSV with columns x, y, z [m]")  //
+      ("out", po::value(&options.out), "answers: CSV")                                           //
       ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr");
   po::options_description all;
   all.add(visible).add_options()("map", po::value(&options.map));
@@ -93,8 +93,10 @@ void split(const std::string& line, std::vector<Field>* fields) {
     const char* comma = std::find(at, line_end, ',');
     Field field{at, comma};
     const auto isBlank = [](char c) { return c == ' ' || c == '\t' || c == '\r'; };
-    while (field.begin < field.end && isBlank(*field.begin)) ++field.begin;
-    while (field.begin < field.end && isBlank(*(field.end - 1))) --field.end;
+    while (field.begin < field.end && isBlank(*field.begin))
+      ++field.begin;
+    while (field.begin < field.end && isBlank(*(field.end - 1)))
+      --field.end;
     if (field.size() >= 2 && *field.begin == '"' && *(field.end - 1) == '"') {
       ++field.begin;
       --field.end;
@@ -166,7 +168,8 @@ class PointReader {
         throw FileError(where() + "header has " + std::to_string(count) + " columns named " + names[axis] +
                         ", must have one each of x, y, z");
       }
-      columns_[axis] = static_cast<std::size_t>(std::find_if(fields_.begin(), fields_.end(), is_axis) - fields_.begin());
+      columns_[axis] =
+          static_cast<std::size_t>(std::find_if(fields_.begin(), fields_.end(), is_axis) - fields_.begin());
     }
   }
 
@@ -198,7 +201,8 @@ void appendNumber(double value, std::string* text) {
 std::string answerRow(const std::array<std::string, 3>& written, const QueryResult& result, Eigen::Index i) {
   std::string row;
   row.reserve(160);
-  for (const std::string& coordinate : written) row += coordinate + ',';
+  for (const std::string& coordinate : written)
+    row += coordinate + ',';
   const double numbers[] = {result.distance[i],    result.variance[i],    result.gradient(0, i),
                             result.gradient(1, i), result.gradient(2, i), result.occupancy[i]};
   for (const double number : numbers) {
@@ -228,9 +232,11 @@ int queryMap(int argc, char** argv) {
     const QueryResult result = snapshot->query(points_map);
     rows.resize(written.size());
     parallelFor(rows.size(), resolveThreadCount(map.config().threads), 1000, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) rows[i] = answerRow(written[i], result, static_cast<Eigen::Index>(i));
+      for (std::size_t i = begin; i < end; ++i)
+        rows[i] = answerRow(written[i], result, static_cast<Eigen::Index>(i));
     });
-    for (const std::string& row : rows) out.write(row);
+    for (const std::string& row : rows)
+      out.write(row);
     num_points += rows.size();
     if (!options->is_quiet && rows.size() == kBlockPoints) {
       std::fprintf(stderr, "query_map: %zu points\n", num_points);
@@ -243,4 +249,6 @@ int queryMap(int argc, char** argv) {
 }  // namespace
 }  // namespace gpis_mapping
 
-int main(int argc, char** argv) { return gpis_mapping::runTool("query_map", argc, argv, gpis_mapping::queryMap); }
+int main(int argc, char** argv) {
+  return gpis_mapping::runTool("query_map", argc, argv, gpis_mapping::queryMap);
+}

@@ -20,7 +20,8 @@ std::string onOneLine(const std::string& text) {
       line += text[i];
       continue;
     }
-    while (i + 1 < text.size() && (text[i + 1] == ' ' || text[i + 1] == '\n' || text[i + 1] == '\r')) ++i;
+    while (i + 1 < text.size() && (text[i + 1] == ' ' || text[i + 1] == '\n' || text[i + 1] == '\r'))
+      ++i;
     if (i + 1 < text.size()) line += !line.empty() && line.back() == ':' ? " " : "; ";
   }
   return line;
@@ -81,8 +82,8 @@ void ProgressBar::update(std::size_t done) {
   const double left_s = rate > 0.0 ? static_cast<double>(total_ - done) / rate : 0.0;
   constexpr int kWidth = 30;
   const int filled = static_cast<int>(kWidth * done / total_);
-  const std::string bar = std::string(static_cast<std::size_t>(filled), '#') +
-                          std::string(static_cast<std::size_t>(kWidth - filled), '.');
+  const std::string bar =
+      std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(kWidth - filled), '.');
   std::fprintf(stderr, "%s[%s] %zu/%zu  %3.0f %%  %.1f/s  ETA %.0f s%s", is_terminal_ ? "\r" : "", bar.c_str(), done,
                total_, 100.0 * static_cast<double>(done) / static_cast<double>(total_), rate, left_s,
                is_terminal_ ? "   " : "\n");

@@ -26,7 +26,8 @@ std::set<std::string> keysOf(const std::string& yaml_text) {
     const auto section = entry.first.as<std::string>();
     if (!entry.second.IsMap()) keys.insert(section);
     if (!entry.second.IsMap()) continue;
-    for (const auto& item : entry.second) keys.insert(section + "/" + item.first.as<std::string>());
+    for (const auto& item : entry.second)
+      keys.insert(section + "/" + item.first.as<std::string>());
   }
   return keys;
 }
@@ -35,7 +36,9 @@ std::string refusalOf(const std::string& yaml_text) {
   return messageOf<std::invalid_argument>([&] { parseGpisConfig(yaml_text, "here.yaml"); });
 }
 
-TEST(GpisConfig, DefaultsAreValid) { EXPECT_THAT(GpisConfig{}.validate(), testing::IsEmpty()); }
+TEST(GpisConfig, DefaultsAreValid) {
+  EXPECT_THAT(GpisConfig{}.validate(), testing::IsEmpty());
+}
 
 TEST(GpisConfig, ShippedFileHasEveryKeyWithItsDefault) {
   const std::string path = kConfigDir + "/gpis_mapping.yaml";
@@ -62,7 +65,9 @@ TEST(GpisConfig, BenchmarkFileChangesRangeAndRegionOnly) {
   EXPECT_EQ(toYaml(bench), toYaml(expected));
 }
 
-TEST(GpisConfig, EmptyTextGivesTheDefaults) { EXPECT_EQ(toYaml(parseGpisConfig("", "")), toYaml(GpisConfig{})); }
+TEST(GpisConfig, EmptyTextGivesTheDefaults) {
+  EXPECT_EQ(toYaml(parseGpisConfig("", "")), toYaml(GpisConfig{}));
+}
 
 TEST(GpisConfig, YamlRoundTripKeepsEveryValue) {
   GpisConfig config;

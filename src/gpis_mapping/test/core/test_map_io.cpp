@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping/map_io.h"
 
-#include <sys/resource.h>
-#include <sys/stat.h>
 #include <unistd.h>
 #include <zlib.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <csignal>
 #include <cstring>
@@ -74,7 +74,9 @@ void poke(std::string* bytes, std::size_t at, T value) {
 }
 
 /// Where the payload of the section begins.
-std::size_t payloadOf(const std::string& bytes, const std::string& tag) { return bytes.find(tag) + 12; }
+std::size_t payloadOf(const std::string& bytes, const std::string& tag) {
+  return bytes.find(tag) + 12;
+}
 
 class MapFile : public testing::Test {
  protected:
@@ -120,7 +122,8 @@ TEST_F(MapFile, RoundTripKeepsEveryBit) {
   }
   EXPECT_EQ(loaded.observed.blockSize(), saved.observed.blockSize());
   ASSERT_EQ(loaded.observed.chunks().size(), saved.observed.chunks().size());
-  for (const auto& [key, chunk] : saved.observed.chunks()) EXPECT_EQ(*loaded.observed.chunks().at(key), *chunk);
+  for (const auto& [key, chunk] : saved.observed.chunks())
+    EXPECT_EQ(*loaded.observed.chunks().at(key), *chunk);
 }
 
 TEST_F(MapFile, SameMapGivesSameBytes) {
@@ -301,9 +304,11 @@ TEST(AtomicFile, NothingAppearsWithoutCommit) {
 TEST(AtomicFile, CommitPutsAllBytesInPlace) {
   const TemporaryFolder folder;
   std::string text;
-  for (int i = 0; i < 400000; ++i) text += std::to_string(i) + ' ';
+  for (int i = 0; i < 400000; ++i)
+    text += std::to_string(i) + ' ';
   AtomicFile file(folder.file("a"));
-  for (std::size_t at = 0; at < text.size(); at += 700001) file.write(text.substr(at, 700001));
+  for (std::size_t at = 0; at < text.size(); at += 700001)
+    file.write(text.substr(at, 700001));
   file.commit();
   EXPECT_EQ(readText(folder.file("a")), text);
   EXPECT_EQ(file.bytesWritten(), text.size());

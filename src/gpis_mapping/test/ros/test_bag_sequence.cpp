@@ -32,10 +32,14 @@ constexpr std::uint32_t kWidth = 20;
 constexpr std::uint32_t kHeight = 16;
 constexpr std::uint32_t kPadding = 6;  // bytes after each row
 
-ros::Time at(double seconds) { return ros::Time(100.0 + seconds); }
+ros::Time at(double seconds) {
+  return ros::Time(100.0 + seconds);
+}
 
 /// Pixel (u, v) holds depthAt(u, v) [mm]; rows are padded.
-std::uint16_t depthAt(std::uint32_t u, std::uint32_t v) { return static_cast<std::uint16_t>(1000 + 10 * v + u); }
+std::uint16_t depthAt(std::uint32_t u, std::uint32_t v) {
+  return static_cast<std::uint16_t>(1000 + 10 * v + u);
+}
 
 template <typename T>
 sensor_msgs::Image makeImage(double seconds, const std::string& encoding, T scale, bool is_big_endian) {
@@ -272,7 +276,8 @@ TEST_F(Bag, RectifiedImagesTakeTheProjectionMatrix) {
 TEST_F(Bag, RefusesBrokenFiles) {
   writeCameraInfo();
   writeTransforms();
-  for (int i = 0; i < 5; ++i) write(kDepthTopic, 0.1 * i, image16(0.1 * i));
+  for (int i = 0; i < 5; ++i)
+    write(kDepthTopic, 0.1 * i, image16(0.1 * i));
   bag_.close();
   EXPECT_TRUE(looksLikeBag(path_));
   const std::string whole = readText(path_);
@@ -283,8 +288,7 @@ TEST_F(Bag, RefusesBrokenFiles) {
   writeText(path_, "# depth\n");
   EXPECT_FALSE(looksLikeBag(path_));
   EXPECT_FALSE(looksLikeBag(folder_.file("none.bag")));
-  EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(folder_.file("none.bag")); }),
-              HasSubstr("none.bag"));
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(folder_.file("none.bag")); }), HasSubstr("none.bag"));
 }
 
 }  // namespace
