@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_ATOMIC_FILE_H
+#define GPIS_MAPPING_ATOMIC_FILE_H
+
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace gpis_mapping {
+
+/// A file that could not be written. what() names the path and the reason.
+class FileError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// A file that appears complete or not at all: bytes go to a temporary file in the same directory, commit() flushes it
+/// to disk and renames it. Destruction without commit() removes the temporary file and leaves what was at `path`.
+class AtomicFile {
+ public:
+  /// Throws FileError if the temporary file cannot be made, or if `path` names something else than a regular file.
+  explicit AtomicFile(const std::string& path);
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+
+  /// Appends bytes. Throws FileError (disk full, quota).
+  void write(const void* data, std::size_t num_bytes);
+  void write(const std::string& text) { write(text.data(), text.size()); }
+
+  /// Flush, fsync, rename, fsync of the directory. Throws FileError; then the old file is still there.
+  void commit();
+
+  std::uint64_t bytesWritten() const { return bytes_written_; }
+
+ private:
+  void flush();
+  [[noreturn]] void fail(const std::string& what, int error_number);
+
+  std::string path_;
+  std::string directory_;
+  std::string temporary_path_;
+  int descriptor_{-1};
+  std::uint64_t bytes_written_{0};
+  std::vector<char> buffer_;
+};
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_ATOMIC_FILE_H

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_DEPTH_SEQUENCE_H
+#define GPIS_MAPPING_DEPTH_SEQUENCE_H
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping {
+
+/// A recording that cannot be used. what() names the file, the line where there is one, and the reason.
+class DepthSequenceError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// One depth image with the pose it was taken from.
+struct DepthFrame {
+  DepthImage image;
+  Eigen::Isometry3d T_map_camera{Eigen::Isometry3d::Identity()};  // optical frame to map
+  double stamp_s{0.0};
+  std::string name;  // for messages: file or topic and stamp
+};
+
+/// Why a frame was left out.
+struct SkipReason {
+  std::string kind;    // the same for all frames with the same trouble, fit for counting
+  std::string detail;  // what was seen and what is allowed
+};
+
+/// A recording of depth images with poses, frames numbered from 0 in recorded order.
+class DepthSequence {
+ public:
+  virtual ~DepthSequence() = default;
+
+  virtual std::size_t size() const = 0;
+
+  /// The same for all frames.
+  virtual const CameraModel& camera() const = 0;
+
+  /// Frame `i`, or nothing and the reason when it has no pose. Throws DepthSequenceError if the image is missing or not
+  /// what it must be, std::out_of_range for i >= size().
+  virtual std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) = 0;
+
+  /// What the user should know about the recording although it can be used. One sentence each.
+  const std::vector<std::string>& notes() const { return notes_; }
+
+ protected:
+  std::vector<std::string> notes_;
+};
+
+/// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional depth_units_per_metre, default
+/// 5000) or a 7-Scenes folder (frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt).
+/// TUM poses are interpolated (linear, slerp) to the image's stamp when the poses around it are at most 0.1 s apart or
+/// one is within 0.02 s; before the first and after the last pose only the latter counts.
+/// Throws DepthSequenceError for everything else and for any malformed line.
+std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path);
+
+}  // namespace gpis_mapping
+
+#endif  // GPIS_MAPPING_DEPTH_SEQUENCE_H

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_ROS_BAG_SEQUENCE_H
+#define GPIS_MAPPING_ROS_BAG_SEQUENCE_H
+
+#include <memory>
+#include <string>
+
+#include "gpis_mapping/depth_sequence.h"
+
+namespace gpis_mapping_ros {
+
+/// Which parts of a bag to read.
+struct BagOptions {
+  std::string depth_topic;       // empty: the only sensor_msgs/Image topic with a depth encoding
+  std::string info_topic;        // empty: camera_info beside the depth topic
+  std::string map_frame{"map"};  // the fixed frame of the map
+};
+
+/// Opens a ROS bag (compressed or not) with depth images (16UC1 in mm or 32FC1 in m), sensor_msgs/CameraInfo, and the
+/// camera's pose in /tf and /tf_static. Needs no roscore. Frames without a transform at their stamp are skipped.
+/// Throws gpis_mapping::DepthSequenceError; the message lists the topics, encodings or frames there are.
+std::unique_ptr<gpis_mapping::DepthSequence> openBagSequence(const std::string& path, const BagOptions& options = {});
+
+/// Whether `path` is a file that begins like a ROS bag.
+bool looksLikeBag(const std::string& path);
+
+}  // namespace gpis_mapping_ros
+
+#endif  // GPIS_MAPPING_ROS_BAG_SEQUENCE_H

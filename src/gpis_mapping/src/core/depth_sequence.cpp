@@ -1,0 +1,385 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping/depth_sequence.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include <Eigen/SVD>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <yaml-cpp/yaml.h>
+
+namespace gpis_mapping {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kTumUnitsPerMetre = 5000.0;
+constexpr double kSevenScenesUnitsPerMetre = 1000.0;
+constexpr double kSevenScenesRate_hz = 30.0;  // the recordings carry no stamps
+// Between poses 0.1 s apart a body accelerating at 1 m/s^2 strays a dt^2 / 8 = 1.3 mm from the straight line.
+constexpr double kMaxPoseGap_s = 0.1;
+constexpr double kMaxPoseDistance_s = 0.02;
+constexpr double kStampRounding_s = 1e-6;      // stamps of 1.5e9 s are 2e-7 s apart
+constexpr double kQuaternionTolerance = 0.01;  // four printed decimals leave 1e-4
+constexpr double kRotationTolerance = 0.01;    // largest entry of R^T R - I
+
+std::string at(const std::string& path, std::size_t line) {
+  return path + ":" + std::to_string(line) + ": ";
+}
+
+std::string format(double value) {
+  std::ostringstream text;
+  text.precision(10);
+  text << value;
+  return text.str();
+}
+
+struct TextLine {
+  std::size_t number;
+  std::vector<std::string> words;
+};
+
+/// Lines that are neither blank nor comments (#), split at blanks.
+std::vector<TextLine> readLines(const std::string& path) {
+  std::ifstream in(path);
+  if (!in) throw DepthSequenceError(path + ": cannot be read");
+  std::vector<TextLine> lines;
+  std::string text;
+  for (std::size_t number = 1; std::getline(in, text); ++number) {
+    std::istringstream words(text);
+    TextLine line{number, {}};
+    for (std::string word; words >> word;)
+      line.words.push_back(word);
+    if (!line.words.empty() && line.words[0][0] != '#') lines.push_back(std::move(line));
+  }
+  if (in.bad()) throw DepthSequenceError(path + ": cannot be read to its end");
+  return lines;
+}
+
+/// A finite number; anything else is refused with file and line.
+double parseNumber(const std::string& word, const std::string& path, std::size_t line) {
+  char* end = nullptr;
+  const double value = std::strtod(word.c_str(), &end);
+  if (end == word.c_str() || *end != '\0' || !std::isfinite(value)) {
+    throw DepthSequenceError(at(path, line) + "'" + word + "' is not a finite number");
+  }
+  return value;
+}
+
+void requireWords(const TextLine& line, std::size_t count, const std::string& path, const std::string& layout) {
+  if (line.words.size() == count) return;
+  throw DepthSequenceError(at(path, line.number) + "has " + std::to_string(line.words.size()) + " entries, must have " +
+                           std::to_string(count) + ": " + layout);
+}
+
+void requireCamera(const CameraModel& camera, const std::string& path) {
+  const std::vector<std::string> problems = camera.validate();
+  if (!problems.empty()) throw DepthSequenceError(path + ": " + problems.front());
+}
+
+/// `rows` x `cols` finite numbers, one row per line.
+Eigen::MatrixXd readMatrix(const std::string& path, Eigen::Index rows, Eigen::Index cols) {
+  const std::vector<TextLine> lines = readLines(path);
+  if (static_cast<Eigen::Index>(lines.size()) != rows) {
+    throw DepthSequenceError(path + ": has " + std::to_string(lines.size()) + " rows, must have " +
+                             std::to_string(rows));
+  }
+  Eigen::MatrixXd matrix(rows, cols);
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    const TextLine& line = lines[static_cast<std::size_t>(i)];
+    requireWords(line, static_cast<std::size_t>(cols), path, "a row of the matrix");
+    for (Eigen::Index j = 0; j < cols; ++j) {
+      matrix(i, j) = parseNumber(line.words[static_cast<std::size_t>(j)], path, line.number);
+    }
+  }
+  return matrix;
+}
+
+cv::Mat readRawImage(const std::string& path) {
+  if (!fs::is_regular_file(path)) throw DepthSequenceError(path + ": image is missing");
+  cv::Mat raw;
+  try {
+    raw = cv::imread(path, cv::IMREAD_UNCHANGED);
+  } catch (const cv::Exception& error) {
+    throw DepthSequenceError(path + ": image cannot be decoded: " + error.err);
+  }
+  if (raw.empty()) throw DepthSequenceError(path + ": image cannot be decoded");
+  if (raw.type() != CV_16UC1) {
+    throw DepthSequenceError(path + ": image has " + std::to_string(raw.channels()) + " channel(s) of " +
+                             std::to_string(8 * raw.elemSize1()) + " bits, must be one of 16 bits without sign");
+  }
+  return raw;
+}
+
+DepthImage readDepthImage(const std::string& path, const CameraModel& camera, double units_per_metre) {
+  cv::Mat raw = readRawImage(path);
+  if (raw.cols != camera.width || raw.rows != camera.height) {
+    throw DepthSequenceError(path + ": image is " + std::to_string(raw.cols) + " x " + std::to_string(raw.rows) +
+                             " px, must be " + std::to_string(camera.width) + " x " + std::to_string(camera.height) +
+                             " px as the camera");
+  }
+  if (!raw.isContinuous()) raw = raw.clone();
+  return depthImageFromU16(raw.ptr<std::uint16_t>(), raw.cols, raw.rows, units_per_metre);
+}
+
+// ---------------------------------------------------------------------------------------------------- TUM RGB-D
+
+struct StampedPose {
+  double stamp_s;
+  Eigen::Vector3d t_map;
+  Eigen::Quaterniond q_map_camera;
+};
+
+std::vector<StampedPose> readTrajectory(const std::string& path) {
+  std::vector<StampedPose> poses;
+  for (const TextLine& line : readLines(path)) {
+    requireWords(line, 8, path, "timestamp tx ty tz qx qy qz qw");
+    std::array<double, 8> n;
+    for (std::size_t i = 0; i < n.size(); ++i)
+      n[i] = parseNumber(line.words[i], path, line.number);
+    Eigen::Quaterniond q(n[7], n[4], n[5], n[6]);
+    if (std::abs(q.norm() - 1.0) > kQuaternionTolerance) {
+      throw DepthSequenceError(at(path, line.number) + "quaternion has norm " + format(q.norm()) +
+                               ", must be 1 within " + format(kQuaternionTolerance));
+    }
+    poses.push_back({n[0], {n[1], n[2], n[3]}, q.normalized()});
+  }
+  if (poses.empty()) throw DepthSequenceError(path + ": holds no pose");
+  std::stable_sort(poses.begin(), poses.end(),
+                   [](const StampedPose& a, const StampedPose& b) { return a.stamp_s < b.stamp_s; });
+  return poses;
+}
+
+Eigen::Isometry3d isometry(const Eigen::Vector3d& t, const Eigen::Quaterniond& q) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = q.toRotationMatrix();
+  T.translation() = t;
+  return T;
+}
+
+/// The pose at `stamp_s`, or nothing when the trajectory says too little about that moment.
+std::optional<Eigen::Isometry3d> poseAt(const std::vector<StampedPose>& poses, double stamp_s, SkipReason* reason) {
+  const auto after = std::lower_bound(poses.begin(), poses.end(), stamp_s,
+                                      [](const StampedPose& pose, double stamp) { return pose.stamp_s < stamp; });
+  const StampedPose* next = after == poses.end() ? nullptr : &*after;
+  const StampedPose* last = after == poses.begin() ? nullptr : &*(after - 1);
+  const double to_next = next ? next->stamp_s - stamp_s : std::numeric_limits<double>::infinity();
+  const double to_last = last ? stamp_s - last->stamp_s : std::numeric_limits<double>::infinity();
+  const double nearest = std::min(to_next, to_last);
+  const bool is_near = nearest <= kMaxPoseDistance_s + kStampRounding_s;
+  const bool is_bracketed = to_next + to_last <= kMaxPoseGap_s + kStampRounding_s;
+  if (!is_near && !is_bracketed) {
+    *reason = {"no pose near enough in time", "nearest pose is " + format(nearest) + " s from " + format(stamp_s) +
+                                                  " s, must be within " + format(kMaxPoseDistance_s) +
+                                                  " s or between two at most " + format(kMaxPoseGap_s) + " s apart"};
+    return std::nullopt;
+  }
+  if (!last || to_next == 0.0) return isometry(next->t_map, next->q_map_camera);
+  if (!next) return isometry(last->t_map, last->q_map_camera);
+  const double share = to_last / (to_last + to_next);
+  return isometry(last->t_map + share * (next->t_map - last->t_map),
+                  last->q_map_camera.slerp(share, next->q_map_camera));
+}
+
+class TumSequence : public DepthSequence {
+ public:
+  explicit TumSequence(const fs::path& folder) {
+    readCameraInfo((folder / "camera_info.yaml").string());
+    const std::string list = (folder / "depth.txt").string();
+    for (const TextLine& line : readLines(list)) {
+      requireWords(line, 2, list, "timestamp file");
+      const Entry entry{parseNumber(line.words[0], list, line.number), (folder / line.words[1]).string()};
+      if (!fs::is_regular_file(entry.path)) {
+        throw DepthSequenceError(at(list, line.number) + "image " + entry.path + " is missing");
+      }
+      entries_.push_back(entry);
+    }
+    if (entries_.empty()) throw DepthSequenceError(list + ": lists no image");
+    poses_ = readTrajectory((folder / "groundtruth.txt").string());
+  }
+
+  std::size_t size() const override { return entries_.size(); }
+  const CameraModel& camera() const override { return camera_; }
+
+  std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
+    const Entry& entry = entries_.at(i);
+    const std::optional<Eigen::Isometry3d> T_map_camera = poseAt(poses_, entry.stamp_s, reason);
+    if (!T_map_camera) return std::nullopt;
+    return DepthFrame{readDepthImage(entry.path, camera_, units_per_metre_), *T_map_camera, entry.stamp_s, entry.path};
+  }
+
+ private:
+  struct Entry {
+    double stamp_s;
+    std::string path;
+  };
+
+  void readCameraInfo(const std::string& path) {
+    if (!fs::exists(path)) {
+      throw DepthSequenceError(path +
+                               ": is missing; it must hold image_width, image_height and camera_matrix as written by "
+                               "camera_info_manager, and may hold depth_units_per_metre");
+    }
+    try {
+      const YAML::Node root = YAML::LoadFile(path);
+      camera_.width = required(root, "image_width").as<int>();
+      camera_.height = required(root, "image_height").as<int>();
+      const auto K = required(required(root, "camera_matrix"), "data").as<std::vector<double>>();
+      if (K.size() != 9) {
+        throw DepthSequenceError(path + ": camera_matrix/data has " + std::to_string(K.size()) +
+                                 " numbers, must have 9");
+      }
+      camera_.fx = K[0];
+      camera_.cx = K[2];
+      camera_.fy = K[4];
+      camera_.cy = K[5];
+      const YAML::Node distortion = root["distortion_coefficients"];
+      if (distortion && distortion.IsMap() && distortion["data"]) {
+        for (const double d : distortion["data"].as<std::vector<double>>()) {
+          if (d == 0.0) continue;
+          notes_.push_back(path + ": distortion_coefficients are not zero; depth images are taken as rectified");
+          break;
+        }
+      }
+      const YAML::Node units = root["depth_units_per_metre"];
+      if (units) units_per_metre_ = units.as<double>();
+    } catch (const YAML::Exception& error) {
+      throw DepthSequenceError(path + ": " + error.what());
+    } catch (const std::invalid_argument& error) {
+      throw DepthSequenceError(path + ": " + error.what());
+    }
+    if (!(std::isfinite(units_per_metre_) && units_per_metre_ > 0.0)) {
+      throw DepthSequenceError(path + ": depth_units_per_metre = " + format(units_per_metre_) + ", must be > 0");
+    }
+    requireCamera(camera_, path);
+  }
+
+  static YAML::Node required(const YAML::Node& parent, const std::string& key) {
+    const YAML::Node node = parent.IsMap() ? parent[key] : YAML::Node(YAML::NodeType::Undefined);
+    if (!node) throw std::invalid_argument("key " + key + " is missing");
+    return node;
+  }
+
+  CameraModel camera_;
+  double units_per_metre_{kTumUnitsPerMetre};
+  std::vector<Entry> entries_;
+  std::vector<StampedPose> poses_;
+};
+
+// ---------------------------------------------------------------------------------------------------- 7-Scenes
+
+/// The rigid motion in a 4 x 4 matrix; its rotation is made orthonormal when only rounding keeps it from being so.
+Eigen::Isometry3d readPoseMatrix(const std::string& path) {
+  const Eigen::Matrix4d matrix = readMatrix(path, 4, 4);
+  if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > 1e-6) {
+    throw DepthSequenceError(path + ": last row must be 0 0 0 1");
+  }
+  const Eigen::Matrix3d R = matrix.topLeftCorner<3, 3>();
+  const double error = (R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (error > kRotationTolerance || R.determinant() < 0.0) {
+    throw DepthSequenceError(path + ": upper left 3 x 3 is no rotation: |R'R - I| = " + format(error) +
+                             ", must be <= " + format(kRotationTolerance) + ", determinant " + format(R.determinant()) +
+                             ", must be 1");
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = svd.matrixU() * svd.matrixV().transpose();
+  T.translation() = matrix.topRightCorner<3, 1>();
+  return T;
+}
+
+const std::regex& sevenScenesName() {
+  static const std::regex kName("frame-([0-9]{1,9})\\.depth\\.png");
+  return kName;
+}
+
+class SevenScenesSequence : public DepthSequence {
+ public:
+  explicit SevenScenesSequence(const fs::path& folder) {
+    std::set<std::pair<long, std::string>> found;
+    for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
+      const std::string name = file.path().filename().string();
+      std::smatch match;
+      if (std::regex_match(name, match, sevenScenesName())) found.emplace(std::stol(match[1]), name);
+    }
+    const std::string suffix = ".depth.png";
+    for (const auto& [number, name] : found) {
+      const std::string stem = (folder / name.substr(0, name.size() - suffix.size())).string();
+      entries_.push_back({static_cast<double>(number) / kSevenScenesRate_hz, stem + suffix, stem + ".pose.txt"});
+    }
+    if (entries_.empty()) throw DepthSequenceError(folder.string() + ": holds no frame-NNNNNN.depth.png");
+    readIntrinsics((folder / "camera-intrinsics.txt").string());
+  }
+
+  std::size_t size() const override { return entries_.size(); }
+  const CameraModel& camera() const override { return camera_; }
+
+  std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
+    const Entry& entry = entries_.at(i);
+    if (!fs::exists(entry.pose_path)) {
+      *reason = {"no pose file", entry.pose_path + ": is missing"};
+      return std::nullopt;
+    }
+    const Eigen::Isometry3d T_map_camera = readPoseMatrix(entry.pose_path);
+    return DepthFrame{readDepthImage(entry.image_path, camera_, kSevenScenesUnitsPerMetre), T_map_camera, entry.stamp_s,
+                      entry.image_path};
+  }
+
+ private:
+  struct Entry {
+    double stamp_s;
+    std::string image_path;
+    std::string pose_path;
+  };
+
+  void readIntrinsics(const std::string& path) {
+    if (!fs::exists(path)) {
+      throw DepthSequenceError(path + ": is missing; it must hold the 3 x 3 camera matrix of the depth images");
+    }
+    const Eigen::Matrix3d K = readMatrix(path, 3, 3);
+    if (K(0, 1) != 0.0 || K(1, 0) != 0.0 || K.row(2) != Eigen::RowVector3d(0, 0, 1)) {
+      throw DepthSequenceError(path + ": must be fx 0 cx / 0 fy cy / 0 0 1");
+    }
+    const cv::Mat first = readRawImage(entries_.front().image_path);  // the intrinsics carry no image size
+    camera_ = CameraModel{first.cols, first.rows, K(0, 0), K(1, 1), K(0, 2), K(1, 2)};
+    requireCamera(camera_, path);
+  }
+
+  CameraModel camera_;
+  std::vector<Entry> entries_;
+};
+
+bool holdsSevenScenes(const fs::path& folder) {
+  if (fs::exists(folder / "camera-intrinsics.txt")) return true;
+  for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
+    if (std::regex_match(file.path().filename().string(), sevenScenesName())) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path) {
+  try {
+    if (!fs::exists(path)) throw DepthSequenceError(path + ": no such file or folder");
+    if (!fs::is_directory(path)) throw DepthSequenceError(path + ": is not a folder");
+    if (fs::exists(fs::path(path) / "depth.txt")) return std::make_unique<TumSequence>(path);
+    if (holdsSevenScenes(path)) return std::make_unique<SevenScenesSequence>(path);
+  } catch (const fs::filesystem_error& error) {
+    throw DepthSequenceError(path + ": " + error.code().message());
+  }
+  throw DepthSequenceError(path +
+                           ": is no recording; a TUM RGB-D folder holds depth.txt, groundtruth.txt and "
+                           "camera_info.yaml, a 7-Scenes folder frame-*.depth.png, frame-*.pose.txt and "
+                           "camera-intrinsics.txt");
+}
+
+}  // namespace gpis_mapping

@@ -1,0 +1,341 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/bag_sequence.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <set>
+
+#include <boost/shared_ptr.hpp>
+#include <rosbag/bag.h>
+#include <rosbag/query.h>
+#include <rosbag/view.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <tf2/buffer_core.h>
+#include <tf2/exceptions.h>
+#include <tf2_msgs/TFMessage.h>
+
+namespace gpis_mapping_ros {
+namespace {
+
+using gpis_mapping::CameraModel;
+using gpis_mapping::DepthFrame;
+using gpis_mapping::DepthImage;
+using gpis_mapping::DepthSequence;
+using gpis_mapping::DepthSequenceError;
+using gpis_mapping::SkipReason;
+
+constexpr char kImageType[] = "sensor_msgs/Image";
+constexpr char kInfoType[] = "sensor_msgs/CameraInfo";
+constexpr char kTfType[] = "tf2_msgs/TFMessage";
+constexpr char kOldTfType[] = "tf/tfMessage";  // the same layout under its name of 2012
+constexpr char kAllowedEncodings[] = "16UC1 (mm), 32FC1 (m)";
+constexpr double kUnitsPerMetre16 = 1000.0;  // REP 118
+
+bool isDepthEncoding(const std::string& encoding) {
+  return encoding == "16UC1" || encoding == "32FC1";
+}
+
+std::string withoutSlash(const std::string& frame) {
+  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
+}
+
+template <typename Container>
+std::string join(const Container& items) {
+  std::string text;
+  for (const std::string& item : items)
+    text += (text.empty() ? "" : ", ") + item;
+  return text.empty() ? "none" : text;
+}
+
+bool isLittleEndianMachine() {
+  const std::uint16_t probe = 1;
+  unsigned char first = 0;
+  std::memcpy(&first, &probe, 1);
+  return first == 1;
+}
+
+/// Pixel bytes in the machine's order.
+template <typename T>
+T pixelAt(const std::uint8_t* data, bool swap) {
+  unsigned char bytes[sizeof(T)];
+  std::memcpy(bytes, data, sizeof(T));
+  if (swap) std::reverse(bytes, bytes + sizeof(T));
+  T value;
+  std::memcpy(&value, bytes, sizeof(T));
+  return value;
+}
+
+class BagSequence : public DepthSequence {
+ public:
+  BagSequence(const std::string& path, const BagOptions& options) : path_(path) {
+    bag_.open(path, rosbag::bagmode::Read);
+    readTopics();
+    chooseDepthTopic(options.depth_topic);
+    readCameraInfo(options.info_topic);
+    readTransforms();
+    chooseMapFrame(options.map_frame);
+    rosbag::View view(bag_, rosbag::TopicQuery(depth_topic_));
+    for (const rosbag::MessageInstance& message : view)
+      images_.push_back(message);
+  }
+
+  std::size_t size() const override { return images_.size(); }
+  const CameraModel& camera() const override { return camera_; }
+
+  std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
+    try {
+      return readFrame(i, reason);
+    } catch (const rosbag::BagException& error) {
+      throw DepthSequenceError(frameName(i) + ": cannot be read: " + error.what());
+    } catch (const ros::Exception& error) {  // a message shorter than its fields say
+      throw DepthSequenceError(frameName(i) + ": cannot be decoded: " + error.what());
+    }
+  }
+
+ private:
+  std::string frameName(std::size_t i) const { return path_ + ": " + depth_topic_ + " image " + std::to_string(i); }
+
+  void readTopics() {
+    rosbag::View view(bag_);
+    for (const rosbag::ConnectionInfo* connection : view.getConnections()) {
+      types_[connection->topic] = connection->datatype;
+    }
+    const ros::Time begin = view.getBeginTime();
+    const ros::Time end = view.getEndTime();
+    // Everything stays in the buffer; the margin covers stamps older than their time of recording.
+    cache_s_ = view.size() == 0 ? 1.0 : (end - begin).toSec() + 60.0;
+  }
+
+  std::vector<std::string> topicsOf(const std::string& type) const {
+    std::vector<std::string> topics;
+    for (const auto& entry : types_) {
+      if (entry.second == type) topics.push_back(entry.first);
+    }
+    return topics;
+  }
+
+  std::string firstEncoding(const std::string& topic) const {
+    rosbag::View view(bag_, rosbag::TopicQuery(topic));
+    for (const rosbag::MessageInstance& message : view) {
+      const sensor_msgs::ImageConstPtr image = message.instantiate<sensor_msgs::Image>();
+      if (image) return image->encoding;
+    }
+    return "no message";
+  }
+
+  void chooseDepthTopic(const std::string& wanted) {
+    std::vector<std::string> described;
+    std::vector<std::string> candidates;
+    for (const std::string& topic : topicsOf(kImageType)) {
+      const std::string encoding = firstEncoding(topic);
+      described.push_back(topic + " (" + encoding + ")");
+      if (isDepthEncoding(encoding)) candidates.push_back(topic);
+    }
+    if (!wanted.empty()) {
+      const auto found = types_.find(wanted);
+      if (found == types_.end() || found->second != kImageType) {
+        throw DepthSequenceError(path_ + ": no image topic " + wanted + "; image topics: " + join(described));
+      }
+      depth_topic_ = wanted;
+      return;
+    }
+    if (candidates.empty()) {
+      throw DepthSequenceError(path_ + ": no depth image topic; allowed encodings: " + kAllowedEncodings +
+                               "; image topics: " + join(described));
+    }
+    if (candidates.size() > 1) {
+      throw DepthSequenceError(path_ + ": several depth image topics, choose one: " + join(candidates));
+    }
+    depth_topic_ = candidates.front();
+  }
+
+  void readCameraInfo(const std::string& wanted) {
+    const std::string name_space = depth_topic_.substr(0, depth_topic_.rfind('/') + 1);
+    const std::string topic = wanted.empty() ? name_space + "camera_info" : wanted;
+    const auto found = types_.find(topic);
+    if (found == types_.end() || found->second != kInfoType) {
+      throw DepthSequenceError(path_ + ": no camera info topic " + topic +
+                               "; camera info topics: " + join(topicsOf(kInfoType)));
+    }
+    rosbag::View view(bag_, rosbag::TopicQuery(topic));
+    sensor_msgs::CameraInfoConstPtr first;
+    for (const rosbag::MessageInstance& message : view) {
+      const sensor_msgs::CameraInfoConstPtr info = message.instantiate<sensor_msgs::CameraInfo>();
+      if (!info) continue;
+      if (!first) {
+        first = info;
+      } else if (info->K != first->K || info->P != first->P || info->width != first->width ||
+                 info->height != first->height) {
+        throw DepthSequenceError(path_ + ": " + topic + " changes during the recording, must stay the same");
+      }
+    }
+    if (!first) throw DepthSequenceError(path_ + ": " + topic + " holds no message");
+    takeCamera(*first, topic);
+  }
+
+  void takeCamera(const sensor_msgs::CameraInfo& info, const std::string& topic) {
+    const bool is_distorted = std::any_of(info.D.begin(), info.D.end(), [](double d) { return d != 0.0; });
+    const bool is_rectified = depth_topic_.substr(depth_topic_.rfind('/') + 1).find("rect") != std::string::npos;
+    const int width = static_cast<int>(info.width);
+    const int height = static_cast<int>(info.height);
+    if (is_rectified && info.P[0] > 0.0) {  // REP 104: P describes the rectified image, K the raw one
+      camera_ = CameraModel{width, height, info.P[0], info.P[5], info.P[2], info.P[6]};
+    } else {
+      camera_ = CameraModel{width, height, info.K[0], info.K[4], info.K[2], info.K[5]};
+      if (is_distorted) notes_.push_back(topic + ": distortion D is not zero; depth images are taken as rectified");
+    }
+    const std::vector<std::string> problems = camera_.validate();
+    if (!problems.empty()) throw DepthSequenceError(path_ + ": " + topic + ": " + problems.front());
+  }
+
+  void readTransforms() {
+    buffer_ = std::make_unique<tf2::BufferCore>(ros::Duration(cache_s_));
+    rosbag::View view(bag_, [](const rosbag::ConnectionInfo* connection) {
+      return connection->datatype == kTfType || connection->datatype == kOldTfType;
+    });
+    for (const rosbag::MessageInstance& message : view) {
+      tf2_msgs::TFMessage transforms;
+      if (message.getDataType() == kTfType) {
+        const tf2_msgs::TFMessageConstPtr received = message.instantiate<tf2_msgs::TFMessage>();
+        if (!received) continue;
+        transforms = *received;
+      } else {
+        std::vector<std::uint8_t> bytes(message.size());
+        ros::serialization::OStream out(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
+        message.write(out);
+        ros::serialization::IStream in(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
+        ros::serialization::deserialize(in, transforms);
+      }
+      const std::string& topic = message.getTopic();
+      const std::string suffix = "tf_static";
+      const bool is_static =
+          topic.size() >= suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
+      for (geometry_msgs::TransformStamped& transform : transforms.transforms) {
+        transform.header.frame_id = withoutSlash(transform.header.frame_id);
+        transform.child_frame_id = withoutSlash(transform.child_frame_id);
+        if (buffer_->setTransform(transform, path_, is_static)) {
+          frames_.insert(transform.header.frame_id);
+          frames_.insert(transform.child_frame_id);
+        }
+      }
+    }
+    if (frames_.empty()) throw DepthSequenceError(path_ + ": holds no usable transform on /tf or /tf_static");
+  }
+
+  void chooseMapFrame(const std::string& wanted) {
+    map_frame_ = withoutSlash(wanted);
+    if (frames_.count(map_frame_) > 0) return;
+    throw DepthSequenceError(path_ + ": no frame '" + map_frame_ + "'; frames: " + join(frames_));
+  }
+
+  std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
+    const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
+    if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+    const std::string camera_frame = withoutSlash(message->header.frame_id);
+    geometry_msgs::TransformStamped transform;
+    try {
+      transform = buffer_->lookupTransform(map_frame_, camera_frame, message->header.stamp);
+    } catch (const tf2::TransformException& error) {
+      *reason = {"no transform from '" + camera_frame + "' to '" + map_frame_ + "' at the image's stamp", error.what()};
+      return std::nullopt;
+    }
+    DepthFrame frame;
+    frame.T_map_camera = toIsometry(transform.transform, i);
+    frame.image = toDepthImage(*message, i);
+    frame.stamp_s = message->header.stamp.toSec();
+    frame.name = frameName(i);
+    return frame;
+  }
+
+  Eigen::Isometry3d toIsometry(const geometry_msgs::Transform& transform, std::size_t i) const {
+    const auto& t = transform.translation;
+    const auto& r = transform.rotation;
+    const Eigen::Quaterniond q(r.w, r.x, r.y, r.z);
+    const Eigen::Vector3d translation(t.x, t.y, t.z);
+    if (!translation.allFinite() || !(std::abs(q.norm() - 1.0) < 0.01)) {
+      throw DepthSequenceError(frameName(i) + ": its transform is not finite or no rotation");
+    }
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.linear() = q.normalized().toRotationMatrix();
+    T.translation() = translation;
+    return T;
+  }
+
+  DepthImage toDepthImage(const sensor_msgs::Image& message, std::size_t i) const {
+    if (!isDepthEncoding(message.encoding)) {
+      throw DepthSequenceError(frameName(i) + ": encoding is " + message.encoding + ", must be one of " +
+                               kAllowedEncodings);
+    }
+    if (message.width != static_cast<std::uint32_t>(camera_.width) ||
+        message.height != static_cast<std::uint32_t>(camera_.height)) {
+      throw DepthSequenceError(frameName(i) + ": is " + std::to_string(message.width) + " x " +
+                               std::to_string(message.height) + " px, must be " + std::to_string(camera_.width) +
+                               " x " + std::to_string(camera_.height) + " px as the camera info says");
+    }
+    const std::size_t width = message.width;
+    const std::size_t height = message.height;
+    const bool is_float = message.encoding == "32FC1";
+    const std::size_t row_bytes = width * (is_float ? sizeof(float) : sizeof(std::uint16_t));
+    if (message.step < row_bytes || message.data.size() < message.step * (height - 1) + row_bytes) {
+      throw DepthSequenceError(frameName(i) + ": step " + std::to_string(message.step) + " and " +
+                               std::to_string(message.data.size()) + " bytes are too few for its size");
+    }
+    const bool swap = (message.is_bigendian != 0) == isLittleEndianMachine();
+    if (is_float) {
+      DepthImage image{camera_.width, camera_.height, std::vector<float>(width * height)};
+      for (std::size_t v = 0; v < height; ++v) {
+        const std::uint8_t* row = message.data.data() + v * message.step;
+        for (std::size_t u = 0; u < width; ++u) {
+          image.depth_m[v * width + u] = pixelAt<float>(row + u * sizeof(float), swap);
+        }
+      }
+      return image;
+    }
+    std::vector<std::uint16_t> raw(width * height);
+    for (std::size_t v = 0; v < height; ++v) {
+      const std::uint8_t* row = message.data.data() + v * message.step;
+      for (std::size_t u = 0; u < width; ++u) {
+        raw[v * width + u] = pixelAt<std::uint16_t>(row + u * sizeof(std::uint16_t), swap);
+      }
+    }
+    return gpis_mapping::depthImageFromU16(raw.data(), camera_.width, camera_.height, kUnitsPerMetre16);
+  }
+
+  std::string path_;
+  rosbag::Bag bag_;
+  std::map<std::string, std::string> types_;  // topic to message type
+  std::string depth_topic_;
+  std::string map_frame_;
+  CameraModel camera_;
+  double cache_s_{0.0};
+  std::unique_ptr<tf2::BufferCore> buffer_;
+  std::set<std::string> frames_;
+  std::vector<rosbag::MessageInstance> images_;
+};
+
+}  // namespace
+
+std::unique_ptr<DepthSequence> openBagSequence(const std::string& path, const BagOptions& options) {
+  try {
+    return std::make_unique<BagSequence>(path, options);
+  } catch (const rosbag::BagUnindexedException&) {
+    throw DepthSequenceError(path + ": has no index (recording was cut off); run `rosbag reindex` on it");
+  } catch (const rosbag::BagException& error) {
+    throw DepthSequenceError(path + ": cannot be read as a ROS bag: " + error.what());
+  } catch (const ros::Exception& error) {
+    throw DepthSequenceError(path + ": holds a message that cannot be decoded: " + error.what());
+  }
+}
+
+bool looksLikeBag(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  char head[7] = {};
+  in.read(head, sizeof(head));
+  return in.gcount() == sizeof(head) && std::memcmp(head, "#ROSBAG", sizeof(head)) == 0;
+}
+
+}  // namespace gpis_mapping_ros

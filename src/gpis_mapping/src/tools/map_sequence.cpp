@@ -1,0 +1,326 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <boost/program_options.hpp>
+#include <nlohmann/json.hpp>
+
+#include "gpis_mapping/atomic_file.h"
+#include "gpis_mapping/depth_sequence.h"
+#include "gpis_mapping/gpis_map.h"
+#include "gpis_mapping/map_io.h"
+#include "gpis_mapping/mesh_extractor.h"
+#include "gpis_mapping/ply.h"
+#include "gpis_mapping_ros/bag_sequence.h"
+#include "tool_support.h"
+
+namespace gpis_mapping {
+namespace {
+
+namespace fs = std::filesystem;
+namespace po = boost::program_options;
+using Clock = std::chrono::steady_clock;
+
+volatile std::sig_atomic_t interrupted = 0;
+
+void onInterrupt(int signal_number) {
+  interrupted = 1;
+  std::signal(signal_number, SIG_DFL);  // a second one ends the program at once
+}
+
+double millisecondsSince(Clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
+}
+
+struct Options {
+  std::string input;
+  std::string out;
+  std::string config;
+  long long start{0};
+  long long end{-1};  // -1: the last frame
+  long long stride{1};
+  long long mesh_every{0};  // 0: only at the end
+  bool is_quiet{false};
+  gpis_mapping_ros::BagOptions bag;
+};
+
+/// Nothing when only help was asked for.
+std::optional<Options> parseCommandLine(int argc, char** argv) {
+  Options options;
+  po::options_description visible("Options");
+  visible.add_options()                                                                                    //
+      ("help,h", "show this text")                                                                         //
+      ("out", po::value(&options.out), "folder for mesh.ply, map.gpis, timing.csv; made if missing")       //
+      ("config", po::value(&options.config), "map configuration (YAML); default: built-in values")         //
+      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")                      //
+      ("end", po::value(&options.end), "last frame, included (default: the last one)")                     //
+      ("stride", po::value(&options.stride), "take every N-th frame (default 1)")                          //
+      ("mesh-every", po::value(&options.mesh_every), "also write mesh_FRAME.ply after every N frames")     //
+      ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr")                             //
+      ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")   //
+      ("info-topic", po::value(&options.bag.info_topic), "bag: camera info (default: beside the images)")  //
+      ("map-frame", po::value(&options.bag.map_frame)->default_value(options.bag.map_frame), "bag: fixed frame");
+  po::options_description all;
+  all.add(visible).add_options()("input", po::value(&options.input));
+  po::positional_options_description positional;
+  positional.add("input", 1);
+  po::variables_map values;
+  po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), values);
+  if (values.count("help") > 0) {
+    std::cout << "Usage: map_sequence INPUT --out DIR [options]\n"
+                 "Builds a map from recorded depth images. INPUT is a TUM RGB-D folder, a 7-Scenes folder or a ROS\n"
+                 "bag. Frames are counted from 0 in recorded order; --start and --end are both included. The last\n"
+                 "line of the output is a summary as one JSON object.\n"
+                 "Exit code: 0 done, 1 failure, 2 wrong usage.\n\n"
+              << visible;
+    return std::nullopt;
+  }
+  po::notify(values);
+  if (options.input.empty()) throw UsageError("INPUT is missing");
+  if (options.out.empty()) throw UsageError("--out DIR is missing");
+  const auto require = [](const char* name, long long value, long long least) {
+    if (value >= least) return;
+    throw UsageError(std::string(name) + " = " + std::to_string(value) + ", must be at least " + std::to_string(least));
+  };
+  require("--start", options.start, 0);
+  if (values.count("end") > 0) require("--end", options.end, options.start);
+  require("--stride", options.stride, 1);
+  if (values.count("mesh-every") > 0) require("--mesh-every", options.mesh_every, 1);
+  return options;
+}
+
+/// Writes one row per frame and flushes it, so that an interrupted run keeps what was measured.
+class TimingTable {
+ public:
+  explicit TimingTable(const std::string& path) : path_(path), file_(std::fopen(path.c_str(), "w")) {
+    if (file_ == nullptr) throw FileError(path + ": cannot be written: " + std::strerror(errno));
+    std::fputs(
+        "frame,total_ms,classify_ms,regress_ms,fuse_ms,insert_ms,train_ms,observe_ms,publish_ms,points_in,inserted,"
+        "fused,deleted,map_points,cells_retrained\n",
+        file_);
+    flush();
+  }
+  ~TimingTable() { std::fclose(file_); }
+  TimingTable(const TimingTable&) = delete;
+  TimingTable& operator=(const TimingTable&) = delete;
+
+  void add(std::size_t frame, const UpdateStatistics& s) {
+    std::fprintf(file_, "%zu,%.3f,%.3f,%.3f,%.3f,%.3f,%.3f,%.3f,%.3f,%zu,%zu,%zu,%zu,%zu,%zu\n", frame, s.total_ms,
+                 s.classify_ms, s.regress_ms, s.fuse_ms, s.insert_ms, s.train_ms, s.observe_ms, s.publish_ms,
+                 s.points_in, s.inserted, s.fused, s.deleted, s.map_points, s.cells_retrained);
+    flush();
+  }
+
+ private:
+  void flush() {
+    if (std::fflush(file_) != 0) throw FileError(path_ + ": cannot be written: " + std::strerror(errno));
+  }
+
+  std::string path_;
+  std::FILE* file_;
+};
+
+/// Frames left out, counted by kind of trouble.
+class SkipCounter {
+ public:
+  void add(std::size_t frame, const SkipReason& reason) {
+    auto [entry, is_new] = kinds_.try_emplace(reason.kind);
+    if (is_new) entry->second = {0, frame, reason.detail};
+    ++entry->second.count;
+    ++total_;
+  }
+  std::size_t total() const { return total_; }
+  std::string text() const {
+    std::string text;
+    for (const auto& [kind, group] : kinds_) {
+      text += (text.empty() ? "" : "; ") + std::to_string(group.count) + " x " + kind + " (frame " +
+              std::to_string(group.first_frame) + ": " + group.first_detail + ")";
+    }
+    return text;
+  }
+  nlohmann::json json() const {
+    nlohmann::json list = nlohmann::json::array();
+    for (const auto& [kind, group] : kinds_) {
+      list.push_back({{"reason", kind},
+                      {"count", group.count},
+                      {"first_frame", group.first_frame},
+                      {"first_detail", onOneLine(group.first_detail)}});
+    }
+    return list;
+  }
+
+ private:
+  struct Group {
+    std::size_t count;
+    std::size_t first_frame;
+    std::string first_detail;
+  };
+
+  std::map<std::string, Group> kinds_;
+  std::size_t total_{0};
+};
+
+void say(ProgressBar* progress, const std::string& text) {
+  if (progress != nullptr) progress->finish();
+  std::fprintf(stderr, "map_sequence: %s\n", onOneLine(text).c_str());
+}
+
+std::unique_ptr<DepthSequence> openInput(const Options& options) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(options.input, ignored)) return openDepthSequence(options.input);
+  if (!gpis_mapping_ros::looksLikeBag(options.input)) {
+    throw DepthSequenceError(options.input +
+                             ": is neither a ROS bag (#ROSBAG V2.0) nor a folder in TUM RGB-D or 7-Scenes layout");
+  }
+  return gpis_mapping_ros::openBagSequence(options.input, options.bag);
+}
+
+void makeFolder(const std::string& path) {
+  std::error_code error;
+  fs::create_directories(path, error);
+  if (error) throw FileError(path + ": folder cannot be made: " + error.message());
+  if (!fs::is_directory(path)) throw FileError(path + ": is not a folder");
+}
+
+double peakMemoryMb() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) * 1024.0 / 1e6;  // ru_maxrss is in KiB
+}
+
+std::string meshName(std::size_t frame) {
+  char name[40];
+  std::snprintf(name, sizeof(name), "mesh_%06zu.ply", frame);
+  return name;
+}
+
+int mapSequence(int argc, char** argv) {
+  const std::optional<Options> parsed = parseCommandLine(argc, argv);
+  if (!parsed) return kExitOk;
+  const Options& options = *parsed;
+  const GpisConfig config = options.config.empty() ? GpisConfig{} : loadGpisConfig(options.config);
+  const std::unique_ptr<DepthSequence> sequence = openInput(options);
+  for (const std::string& note : sequence->notes())
+    say(nullptr, "note: " + note);
+  if (sequence->size() == 0) throw DepthSequenceError(options.input + ": holds no depth image");
+  const auto start = static_cast<std::size_t>(options.start);
+  const std::size_t last_frame = sequence->size() - 1;
+  if (start > last_frame) {
+    throw UsageError("--start = " + std::to_string(start) + ", must be in [0, " + std::to_string(last_frame) + "]");
+  }
+  std::size_t end = options.end < 0 ? last_frame : static_cast<std::size_t>(options.end);
+  if (end > last_frame) {
+    say(nullptr, "note: --end = " + std::to_string(end) + " is past the last frame, " + std::to_string(last_frame));
+    end = last_frame;
+  }
+  const auto stride = static_cast<std::size_t>(options.stride);
+
+  makeFolder(options.out);
+  const fs::path out(options.out);
+  const std::string timing_path = (out / "timing.csv").string();
+  const std::string mesh_path = (out / "mesh.ply").string();
+  const std::string map_path = (out / "map.gpis").string();
+  TimingTable timing(timing_path);
+  GpisMap map(config);
+  MeshExtractor extractor(config);
+  SkipCounter skipped;
+  std::vector<double> update_ms;
+  std::string failure;
+  std::signal(SIGINT, onInterrupt);
+  std::signal(SIGTERM, onInterrupt);
+  ProgressBar progress((end - start) / stride + 1, options.is_quiet);
+  std::size_t done = 0;
+  for (std::size_t i = start; i <= end && interrupted == 0; i += stride) {
+    try {
+      SkipReason reason;
+      const std::optional<DepthFrame> frame = sequence->frame(i, &reason);
+      if (frame) {
+        const UpdateStatistics statistics =
+            map.update(frame->image, sequence->camera(), frame->T_map_camera, frame->stamp_s);
+        timing.add(i, statistics);
+        update_ms.push_back(statistics.total_ms);
+        if (options.mesh_every > 0 && update_ms.size() % static_cast<std::size_t>(options.mesh_every) == 0) {
+          extractor.update(*map.snapshot());
+          writePly(extractor.mesh(), (out / meshName(i)).string());
+        }
+      } else {
+        skipped.add(i, reason);
+      }
+    } catch (const std::exception& error) {
+      failure = "frame " + std::to_string(i) + ": " + error.what();
+      break;
+    }
+    progress.update(++done);
+  }
+  progress.finish();
+  if (interrupted != 0) {
+    say(nullptr, "interrupted after " + std::to_string(done) + " frames; saving what there is");
+  }
+  if (update_ms.empty()) {
+    if (!failure.empty()) throw std::runtime_error(failure);
+    if (interrupted != 0) throw std::runtime_error("interrupted before the first frame; nothing was saved");
+    throw DepthSequenceError(options.input + ": no frame could be used: " + skipped.text());
+  }
+  if (skipped.total() > 0) say(nullptr, "note: skipped " + skipped.text());
+
+  const auto snapshot = map.snapshot();
+  const double map_memory_mb = static_cast<double>(snapshot->memoryBytes()) / 1e6;
+  const double update_peak_mb = peakMemoryMb();
+  Clock::time_point begin = Clock::now();
+  extractor.update(*snapshot);
+  const TriangleMesh mesh = extractor.mesh();
+  const double mesh_ms = millisecondsSince(begin);
+  begin = Clock::now();
+  saveMap(map.contents(), map_path);
+  const double save_ms = millisecondsSince(begin);
+  writePly(mesh, mesh_path);
+
+  double sum_ms = 0.0;
+  for (const double ms : update_ms)
+    sum_ms += ms;
+  const nlohmann::json summary = {
+      {"frames", update_ms.size()},
+      {"skipped", skipped.total()},
+      {"skip_reasons", skipped.json()},
+      {"interrupted", interrupted != 0},
+      {"median_ms", quantile(update_ms, 0.5)},
+      {"mean_ms", sum_ms / static_cast<double>(update_ms.size())},
+      {"p95_ms", quantile(update_ms, 0.95)},
+      {"max_ms", *std::max_element(update_ms.begin(), update_ms.end())},
+      {"first_frame_ms", update_ms.front()},
+      {"map_points", snapshot->numPoints()},
+      {"cells", snapshot->cells().size()},
+      {"map_memory_mb", map_memory_mb},
+      {"peak_rss_mb", peakMemoryMb()},
+      {"peak_rss_update_mb", update_peak_mb},
+      {"mesh_vertices", mesh.vertices_map.size()},
+      {"mesh_triangles", mesh.triangles.size()},
+      {"mesh_ms", mesh_ms},
+      {"save_ms", save_ms},
+      {"outputs", {{"mesh", mesh_path}, {"map", map_path}, {"timing", timing_path}}},
+  };
+  std::cout << summary.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
+  if (failure.empty()) return kExitOk;
+  say(nullptr, failure + " (stopped there; what came before is saved)");
+  return kExitFailure;
+}
+
+}  // namespace
+}  // namespace gpis_mapping
+
+int main(int argc, char** argv) {
+  return gpis_mapping::runTool("map_sequence", argc, argv, gpis_mapping::mapSequence);
+}

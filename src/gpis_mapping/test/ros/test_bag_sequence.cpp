@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/bag_sequence.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include <geometry_msgs/TransformStamped.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rosbag/bag.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include "../support/temporary_folder.h"
+
+namespace gpis_mapping_ros {
+namespace {
+
+using gpis_mapping::CameraModel;
+using gpis_mapping::DepthSequenceError;
+using gpis_mapping::SkipReason;
+using test_support::messageOf;
+using test_support::readText;
+using test_support::TemporaryFolder;
+using test_support::writeText;
+using testing::AllOf;
+using testing::HasSubstr;
+
+constexpr std::uint32_t kWidth = 20;
+constexpr std::uint32_t kHeight = 16;
+constexpr std::uint32_t kPadding = 6;  // bytes after each row
+
+ros::Time at(double seconds) {
+  return ros::Time(100.0 + seconds);
+}
+
+/// Pixel (u, v) holds depthAt(u, v) [mm]; rows are padded.
+std::uint16_t depthAt(std::uint32_t u, std::uint32_t v) {
+  return static_cast<std::uint16_t>(1000 + 10 * v + u);
+}
+
+template <typename T>
+sensor_msgs::Image makeImage(double seconds, const std::string& encoding, T scale, bool is_big_endian) {
+  sensor_msgs::Image image;
+  image.header.stamp = at(seconds);
+  image.header.frame_id = "camera_depth_optical_frame";
+  image.width = kWidth;
+  image.height = kHeight;
+  image.encoding = encoding;
+  image.is_bigendian = is_big_endian;
+  image.step = kWidth * sizeof(T) + kPadding;
+  image.data.assign(image.step * kHeight, 0xAB);
+  for (std::uint32_t v = 0; v < kHeight; ++v) {
+    for (std::uint32_t u = 0; u < kWidth; ++u) {
+      const T value = static_cast<T>(depthAt(u, v) * scale);
+      unsigned char bytes[sizeof(T)];
+      std::memcpy(bytes, &value, sizeof(T));
+      if (is_big_endian) std::reverse(bytes, bytes + sizeof(T));  // the tests' machine is little-endian
+      std::memcpy(&image.data[v * image.step + u * sizeof(T)], bytes, sizeof(T));
+    }
+  }
+  return image;
+}
+
+sensor_msgs::Image image16(double seconds, bool is_big_endian = false) {
+  return makeImage<std::uint16_t>(seconds, "16UC1", 1, is_big_endian);
+}
+sensor_msgs::Image image32(double seconds, bool is_big_endian = false) {
+  return makeImage<float>(seconds, "32FC1", 0.001f, is_big_endian);
+}
+
+geometry_msgs::TransformStamped transform(double seconds, const std::string& parent, const std::string& child, double x,
+                                          double yaw = 0.0) {
+  geometry_msgs::TransformStamped message;
+  message.header.stamp = at(seconds);
+  message.header.frame_id = parent;
+  message.child_frame_id = child;
+  message.transform.translation.x = x;
+  message.transform.rotation.z = std::sin(yaw / 2.0);
+  message.transform.rotation.w = std::cos(yaw / 2.0);
+  return message;
+}
+
+class Bag : public testing::Test {
+ protected:
+  Bag() : path_(folder_.file("a.bag")) { bag_.open(path_, rosbag::bagmode::Write); }
+
+  template <typename T>
+  void write(const std::string& topic, double seconds, const T& message) {
+    bag_.write(topic, at(seconds), message);
+  }
+  void writeTf(const std::string& topic, const geometry_msgs::TransformStamped& message) {
+    tf2_msgs::TFMessage transforms;
+    transforms.transforms.push_back(message);
+    bag_.write(topic, message.header.stamp, transforms);
+  }
+  void writeCameraInfo(const std::string& topic = "/camera/depth/camera_info") {
+    sensor_msgs::CameraInfo info;
+    info.header.stamp = at(0.0);
+    info.width = kWidth;
+    info.height = kHeight;
+    info.K = {{30, 0, 9.5, 0, 31, 7.5, 0, 0, 1}};
+    info.P = {{28, 0, 9, 0, 0, 29, 7, 0, 0, 0, 1, 0}};
+    info.D.assign(5, 0.0);
+    write(topic, 0.0, info);
+  }
+  /// map -> odom (moving and turning) -> base_link (static) -> camera (static, named with a leading slash).
+  void writeTransforms() {
+    writeTf("/tf_static", transform(0.0, "odom", "base_link", 0.5));
+    writeTf("/tf_static", transform(0.0, "base_link", "/camera_depth_optical_frame", 0.25));
+    writeTf("/tf", transform(0.0, "map", "odom", 1.0));
+    writeTf("/tf", transform(1.0, "map", "odom", 2.0, M_PI / 2.0));
+  }
+  std::unique_ptr<gpis_mapping::DepthSequence> open(const BagOptions& options = {}) {
+    bag_.close();
+    return openBagSequence(path_, options);
+  }
+  std::string refusal(const BagOptions& options = {}) {
+    return messageOf<DepthSequenceError>([&] { open(options); });
+  }
+
+  TemporaryFolder folder_;
+  std::string path_;
+  rosbag::Bag bag_;
+};
+
+const char kDepthTopic[] = "/camera/depth/image_raw";
+
+TEST_F(Bag, ReadsBothEncodingsInBothByteOrders) {
+  bag_.setCompression(rosbag::compression::BZ2);
+  writeCameraInfo();
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  write(kDepthTopic, 0.2, image32(0.2));
+  write(kDepthTopic, 0.3, image16(0.3, true));
+  write(kDepthTopic, 0.4, image32(0.4, true));
+  const auto sequence = open();
+  ASSERT_EQ(sequence->size(), 4u);
+  EXPECT_EQ(sequence->camera(), (CameraModel{kWidth, kHeight, 30, 31, 9.5, 7.5}));
+  SkipReason reason;
+  for (const std::size_t i : {3u, 0u, 2u, 1u}) {  // in any order
+    const auto frame = sequence->frame(i, &reason);
+    ASSERT_TRUE(frame) << i;
+    EXPECT_NEAR(frame->stamp_s, 100.1 + 0.1 * static_cast<double>(i), 1e-6);
+    for (std::uint32_t v = 0; v < kHeight; ++v) {
+      for (std::uint32_t u = 0; u < kWidth; ++u) {
+        ASSERT_FLOAT_EQ(frame->image.at(static_cast<int>(u), static_cast<int>(v)), 0.001f * depthAt(u, v)) << i;
+      }
+    }
+  }
+}
+
+TEST_F(Bag, ChainsTransformsAtTheImageStamp) {
+  writeCameraInfo();
+  writeTransforms();
+  write(kDepthTopic, 0.9, image16(0.5));  // arrives late; its stamp counts
+  SkipReason reason;
+  const auto frame = open()->frame(0, &reason);
+  ASSERT_TRUE(frame);
+  // Half way: odom at x = 1.5, turned by 45 deg; the camera is 0.75 m ahead along the turned axis.
+  const double reach = 0.75 * std::sqrt(0.5);
+  EXPECT_NEAR((frame->T_map_camera.translation() - Eigen::Vector3d(1.5 + reach, reach, 0)).norm(), 0.0, 1e-9);
+  EXPECT_NEAR(Eigen::AngleAxisd(frame->T_map_camera.linear()).angle(), M_PI / 4.0, 1e-9);
+}
+
+TEST_F(Bag, SkipsImagesWithoutTransform) {
+  writeCameraInfo();
+  writeTransforms();
+  write(kDepthTopic, 0.5, image16(0.5));
+  write(kDepthTopic, 1.5, image16(1.5));  // after the last transform
+  sensor_msgs::Image stranger = image16(0.7);
+  stranger.header.frame_id = "another_camera";
+  write(kDepthTopic, 1.6, stranger);
+  const auto sequence = open();
+  ASSERT_EQ(sequence->size(), 3u);
+  SkipReason reason;
+  EXPECT_TRUE(sequence->frame(0, &reason));
+  EXPECT_FALSE(sequence->frame(1, &reason));
+  EXPECT_THAT(reason.kind, AllOf(HasSubstr("'camera_depth_optical_frame'"), HasSubstr("'map'")));
+  EXPECT_THAT(reason.detail, HasSubstr("extrapolation"));
+  EXPECT_FALSE(sequence->frame(2, &reason));
+  EXPECT_THAT(reason.kind, HasSubstr("another_camera"));
+}
+
+TEST_F(Bag, RefusesOtherEncodingsAndNamesTheAllowedOnes) {
+  writeCameraInfo();
+  writeTransforms();
+  sensor_msgs::Image colour = image16(0.1);
+  colour.encoding = "rgb8";
+  write(kDepthTopic, 0.1, colour);
+  const std::string message = refusal();
+  EXPECT_THAT(message, AllOf(HasSubstr("16UC1"), HasSubstr("32FC1"), HasSubstr("/camera/depth/image_raw (rgb8)")));
+  BagOptions options;
+  options.depth_topic = kDepthTopic;
+  const auto sequence = openBagSequence(path_, options);
+  SkipReason reason;
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(0, &reason); }),
+              AllOf(HasSubstr("encoding is rgb8"), HasSubstr("16UC1 (mm), 32FC1 (m)")));
+}
+
+TEST_F(Bag, AsksWhenSeveralTopicsWouldDo) {
+  writeCameraInfo();
+  writeCameraInfo("/other/camera_info");
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  write("/other/image", 0.1, image32(0.1));
+  write("/other/image", 0.2, image32(0.2));
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("choose one"), HasSubstr(kDepthTopic), HasSubstr("/other/image")));
+  BagOptions options;
+  options.depth_topic = "/other/image";
+  EXPECT_EQ(openBagSequence(path_, options)->size(), 2u);
+  options.depth_topic = "/none";
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(path_, options); }),
+              AllOf(HasSubstr("no image topic /none"), HasSubstr("/other/image (32FC1)")));
+  options = BagOptions{};
+  options.depth_topic = kDepthTopic;
+  options.info_topic = "/none";
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(path_, options); }),
+              AllOf(HasSubstr("no camera info topic /none"), HasSubstr("/other/camera_info")));
+}
+
+TEST_F(Bag, ListsFramesWhenTheMapFrameIsMissing) {
+  writeCameraInfo();
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  BagOptions options;
+  options.map_frame = "world";
+  EXPECT_THAT(refusal(options),
+              AllOf(HasSubstr("no frame 'world'"), HasSubstr("base_link, camera_depth_optical_frame, map, odom")));
+  options.map_frame = "odom";
+  SkipReason reason;
+  const auto frame = openBagSequence(path_, options)->frame(0, &reason);
+  ASSERT_TRUE(frame);
+  EXPECT_NEAR(frame->T_map_camera.translation().x(), 0.75, 1e-12);
+}
+
+TEST_F(Bag, RefusesABagWithoutCameraInfoOrTransforms) {
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  EXPECT_THAT(refusal(), HasSubstr("no camera info topic /camera/depth/camera_info"));
+  bag_.open(path_, rosbag::bagmode::Write);
+  writeCameraInfo();
+  write(kDepthTopic, 0.1, image16(0.1));
+  EXPECT_THAT(refusal(), HasSubstr("no usable transform"));
+}
+
+TEST_F(Bag, RefusesImagesThatContradictThemselves) {
+  writeCameraInfo();
+  writeTransforms();
+  sensor_msgs::Image shorter = image16(0.1);
+  shorter.data.resize(shorter.data.size() / 2);
+  write(kDepthTopic, 0.1, shorter);
+  sensor_msgs::Image narrow = image16(0.2);
+  narrow.step = 4;
+  write(kDepthTopic, 0.2, narrow);
+  sensor_msgs::Image small = image16(0.3);
+  small.height = kHeight - 1;
+  write(kDepthTopic, 0.3, small);
+  const auto sequence = open();
+  SkipReason reason;
+  for (const std::size_t i : {0u, 1u}) {
+    EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(i, &reason); }), HasSubstr("bytes are too few"));
+  }
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(2, &reason); }), HasSubstr("is 20 x 15 px"));
+}
+
+TEST_F(Bag, RectifiedImagesTakeTheProjectionMatrix) {
+  writeCameraInfo();
+  writeTransforms();
+  write("/camera/depth/image_rect", 0.1, image16(0.1));
+  EXPECT_EQ(open()->camera(), (CameraModel{kWidth, kHeight, 28, 29, 9, 7}));
+}
+
+TEST_F(Bag, RefusesBrokenFiles) {
+  writeCameraInfo();
+  writeTransforms();
+  for (int i = 0; i < 5; ++i)
+    write(kDepthTopic, 0.1 * i, image16(0.1 * i));
+  bag_.close();
+  EXPECT_TRUE(looksLikeBag(path_));
+  const std::string whole = readText(path_);
+  for (const std::size_t length : {std::size_t{0}, std::size_t{10}, std::size_t{4096}, whole.size() / 2}) {
+    writeText(path_, whole.substr(0, length));
+    EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(path_); }), HasSubstr(path_)) << length;
+  }
+  writeText(path_, "# depth\n");
+  EXPECT_FALSE(looksLikeBag(path_));
+  EXPECT_FALSE(looksLikeBag(folder_.file("none.bag")));
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(folder_.file("none.bag")); }), HasSubstr("none.bag"));
+}
+
+}  // namespace
+}  // namespace gpis_mapping_ros
