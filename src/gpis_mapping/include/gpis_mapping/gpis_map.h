@@ -87,8 +87,12 @@ class GpisMap {
   void insertNew(const Frame& frame, UpdateStatistics* statistics);
   void train(UpdateStatistics* statistics);
   void publish();
-  /// Is there a point of the same face within `spacings` times the spacing, or of any face within half of that?
-  bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double spacings) const;
+  /// Standard deviation [m] of a depth at z_m after smoothing, with what smoothing cannot remove.
+  double correlatedStd(double smoothed_std_m, double z_m) const;
+  /// Is there a point of the same face within `spacings` times the spacing (along the normal: within the noise of both,
+  /// if that is more), or of any face within half of that?
+  bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
+                    double spacings) const;
   void markTouched(const LatticeKey& key, std::uint32_t neighbour_mask);
   std::uint32_t neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const;
 

@@ -20,6 +20,7 @@ constexpr int kCandidateStridePx = 3;
 constexpr double kFateSpacings = 2.5;  // neighbourhood in which the fate of doubtful points is decided
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
 constexpr float kSameSideCosine = 0.5f;      // normals closer than 60 degrees belong to one surface
+constexpr double kMaxNoiseReach_m = 0.06;    // no noise makes one surface of two that are farther apart
 constexpr float kLateralPx = 0.3f;           // standard deviation of where in its pixel a depth was measured
 
 class Stopwatch {
@@ -35,6 +36,10 @@ class Stopwatch {
  private:
   std::chrono::steady_clock::time_point last_{std::chrono::steady_clock::now()};
 };
+
+// Share of a depth error's variance that neighbouring pixels have in common (disparity windows, quantisation): the
+// frame's GP smooths the rest away, not this.
+constexpr double kCorrelatedVariance = 0.15;
 
 constexpr int neighbourBit(int dx, int dy, int dz) { return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1); }
 
@@ -262,7 +267,9 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     const FrameMap::Inference seen = frame.map->infer(u, v);
     const double inverse_range = 1.0 / range;
     const double own_sigma = std::sqrt(point.variance_m2 + pose_variance) / across * inverse_range * inverse_range;
-    const double sigma = std::hypot(seen.sigma, own_sigma);
+    const double correlated_sigma = correlatedStd(0.0, p.z()) * inverse_range * inverse_range;
+    const double sigma =
+        std::sqrt(seen.sigma * seen.sigma + correlated_sigma * correlated_sigma + own_sigma * own_sigma);
     const double tolerance =
         std::max(g * sigma, config_.dynamic.min_tolerance_m / across * inverse_range * inverse_range);
     // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
@@ -289,7 +296,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
       if (std::abs(delta) >= tolerance || seen.inverse_range <= 0.0) return Outcome::kNothing;
       measured = p * (inverse_range > 0.0 ? 1.0 / (seen.inverse_range * range) : 1.0);  // x_s, eq 6
       measured_normal = frame.map->trendNormal(u, v);
-      along_ray_std = seen.sigma / (seen.inverse_range * seen.inverse_range);
+      along_ray_std = correlatedStd(seen.sigma / (seen.inverse_range * seen.inverse_range), p.z());
       const double sigma_w = config_.sensor.noise.sigma(p.z()) / (p.z() * p.z());
       const double window = frame.map->regressor().window();
       normal_variance = std::pow(sigma_w * camera_.fx * p.z(), 2) * 12.0 / std::pow(window, 4);
@@ -307,7 +314,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
       if (std::abs(denominator) < 0.05 * range) return Outcome::kNothing;
       measured = p * (measured_normal.cast<double>().dot(plane.point_camera) / denominator);
       if (std::abs(measured.norm() - range) * inverse_range * inverse_range >= tolerance) return Outcome::kNothing;
-      along_ray_std = plane.depth_std_m * range / p.z();
+      along_ray_std = correlatedStd(plane.depth_std_m * range / p.z(), p.z());
       normal_variance = plane.normal_var;
     }
     const float agreement = measured_normal.dot(n);
@@ -451,10 +458,20 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
   statistics->deleted = statistics->removed_points_map.size();
 }
 
-bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double spacings) const {
+double GpisMap::correlatedStd(double smoothed_std_m, double z_m) const {
+  const double sigma = config_.sensor.noise.sigma(z_m);
+  return std::sqrt(smoothed_std_m * smoothed_std_m + kCorrelatedVariance * sigma * sigma);
+}
+
+bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
+                           double spacings) const {
   const double size = config_.cells.size_m;
   const double spacing = spacings * config_.surface.spacing_m;
-  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(spacing + strayTolerance());
+  const double g2 = std::pow(config_.dynamic.tolerance_sigmas, 2);
+  // Far away the noise exceeds the spacing: two points of one face that differ by noise alone are one point, or a
+  // wall would be stored twice.
+  const double own_reach = std::min(kMaxNoiseReach_m, std::max(spacing, std::sqrt(2.0 * g2 * variance_m2)));
+  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(own_reach + strayTolerance());
   const LatticeKey low = LatticeKey::of(p_map - reach, size);
   const LatticeKey high = LatticeKey::of(p_map + reach, size);
   for (LatticeKey key = low; key.x <= high.x; ++key.x) {
@@ -463,10 +480,16 @@ bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& 
         const auto found = cells_.find(key);
         if (found == cells_.end()) continue;
         for (const Cell::Entry& entry : found->second.entries) {
-          const double distance2 = (entry.point.position_map - p_map).squaredNorm();
-          if (distance2 > spacing * spacing) continue;
+          const Eigen::Vector3d offset = p_map - entry.point.position_map;
+          const double distance2 = offset.squaredNorm();
+          if (distance2 > own_reach * own_reach) continue;
+          if (distance2 < 0.25 * spacing * spacing) return true;
           // Two faces that meet at an edge both need points near it.
-          if (distance2 < 0.25 * spacing * spacing || entry.point.normal_map.dot(normal_map) > kSameSideCosine) {
+          if (entry.point.normal_map.dot(normal_map) <= kSameSideCosine) continue;
+          if (distance2 < spacing * spacing) return true;
+          const double along = offset.dot(entry.point.normal_map.cast<double>());
+          if (distance2 - along * along < spacing * spacing &&
+              along * along < g2 * (variance_m2 + entry.point.variance_m2)) {
             return true;
           }
         }
@@ -497,9 +520,10 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
         const double length = ray.norm();
         if (image.inverse_depth[pixel] * max_range * length < 0.95) continue;
         // Cheap test first: most pixels show what the map has already. The raw depth is good enough for it.
-        const bool is_smooth = frame.map->isSmooth(u, v);
-        if (is_smooth && hasNeighbour(frame.T_map_camera * (ray / image.inverse_depth[pixel]),
-                                      R_map_camera * frame.map->trendNormal(u, v), 0.8)) {
+        const double raw_variance = std::pow(config_.sensor.noise.sigma(1.0 / image.inverse_depth[pixel]), 2);
+        if (frame.map->isSmooth(u, v) &&
+            hasNeighbour(frame.T_map_camera * (ray / image.inverse_depth[pixel]),
+                         R_map_camera * frame.map->trendNormal(u, v), kCorrelatedVariance * raw_variance, 0.8)) {
           continue;
         }
         const FrameMap::Inference seen = frame.map->infer(u, v);
@@ -511,8 +535,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
           if (seen.inverse_range * max_range < 1.0) continue;
           p = ray / (length * seen.inverse_range);
           n = frame.map->trendNormal(u, v);
-          if (hasNeighbour(frame.T_map_camera * p, R_map_camera * n, 1.0)) continue;
-          along_ray_std = seen.sigma / (seen.inverse_range * seen.inverse_range);
+          along_ray_std = correlatedStd(seen.sigma / (seen.inverse_range * seen.inverse_range), p.z());
           const double sigma_w = config_.sensor.noise.sigma(p.z()) / (p.z() * p.z());
           normal_variance =
               std::pow(sigma_w * camera_.fx * p.z(), 2) * 12.0 / std::pow(frame.map->regressor().window(), 4);
@@ -522,8 +545,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
           if (!fitLocalPlane(image, camera_, config_.sensor.noise, u, v, config_.surface.spacing_m, &plane)) continue;
           p = plane.point_camera;
           n = plane.normal_camera;
-          if (hasNeighbour(frame.T_map_camera * p, R_map_camera * n, 1.0)) continue;
-          along_ray_std = plane.depth_std_m * length;
+          along_ray_std = correlatedStd(plane.depth_std_m * length, p.z());
           normal_variance = plane.normal_var;
         }
         const double cosine = -n.cast<double>().dot(p) / p.norm();
@@ -539,6 +561,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
                                 pose_variance));
         point.normal_variance = static_cast<float>(std::max(kMinNormalVariance, normal_variance));
         point.last_seen_s = frame.stamp_s;
+        if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2, 1.0)) continue;
         candidates[row].push_back(point);
       }
     }
@@ -549,7 +572,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
   const double block = config_.observed.block_size_m;
   for (const std::vector<SurfacePoint>& row : candidates) {
     for (const SurfacePoint& point : row) {
-      if (hasNeighbour(point.position_map, point.normal_map, 1.0)) continue;
+      if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2, 1.0)) continue;
       const LatticeKey key = LatticeKey::of(point.position_map, size);
       cells_[key].entries.push_back({point, point.position_map, std::sqrt(point.variance_m2)});
       markTouched(key, neighbourMask(key, point.position_map));
