@@ -13,9 +13,9 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "ros/synthetic_depth_publisher.h"
 #include "synthetic_depth/scene_loader.h"
 #include "synthetic_depth/sensor.h"
+#include "synthetic_depth_publisher.h"
 
 namespace sim_tests_ros {
 namespace {
