@@ -25,11 +25,12 @@ class GenerateDepthSequence : public testing::Test {
   GenerateDepthSequence()
       : directory_(boost::filesystem::temp_directory_path() / boost::filesystem::unique_path("generate_%%%%%%%%")) {
     boost::filesystem::create_directory(directory_);
-    std::ofstream(path("scene.yaml")) << "camera: {width_px: 40, height_px: 30, fx_px: 35}\n"
-                                         "boxes: [{id: 3, xyz_m: [0, 0, 0.1], half_extents_m: [0.1, 0.1, 0.1]}]\n"
-                                         "changes: [{frame: 2, remove: [3]}]\n"
-                                         "sensor: {axial_noise_a_m: 0.01}\n"
-                                         "trajectory: {type: static, eye_m: [1, 0, 1], target_m: [0, 0, 0], frames: 4}\n";
+    std::ofstream(path("scene.yaml"))
+        << "camera: {width_px: 40, height_px: 30, fx_px: 35}\n"
+           "boxes: [{id: 3, xyz_m: [0, 0, 0.1], half_extents_m: [0.1, 0.1, 0.1]}]\n"
+           "changes: [{frame: 2, remove: [3]}]\n"
+           "sensor: {axial_noise_a_m: 0.01}\n"
+           "trajectory: {type: static, eye_m: [1, 0, 1], target_m: [0, 0, 0], frames: 4}\n";
   }
   ~GenerateDepthSequence() override { boost::filesystem::remove_all(directory_); }
 
