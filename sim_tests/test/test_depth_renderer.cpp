@@ -61,7 +61,8 @@ SlowHit castSlowly(const Scene& scene, int frame, double u, double v) {
         {{0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5}}};
     for (const auto& face : kFaces) {
       for (const std::size_t second : {std::size_t{1}, std::size_t{2}}) {
-        const double t = hitTriangle(origin, direction, corners[face[0]], corners[face[second]], corners[face[second + 1]]);
+        const double t =
+            hitTriangle(origin, direction, corners[face[0]], corners[face[second]], corners[face[second + 1]]);
         if (t < hit.z) {
           hit = {t, box.id};
         }
@@ -100,7 +101,7 @@ TEST(DepthRenderer, AgreesWithBruteForceTrianglesOnRandomScenes) {
 
 TEST(DepthRenderer, SeesBoxesThatReachBehindTheImagePlane) {
   Scene scene = makeScene({0.0, 0.0, 0.5}, {1.0, 0.0, 0.5});
-  scene.boxes.push_back(makeBox(0, {0.0, 0.4, 0.5}, {2.0, 0.1, 2.0}));  // a wall beside and behind the camera
+  scene.boxes.push_back(makeBox(0, {0.0, 0.4, 0.5}, {2.0, 0.1, 2.0}));   // a wall beside and behind the camera
   scene.boxes.push_back(makeBox(1, {-1.0, 0.0, 0.5}, {0.1, 0.1, 0.1}));  // wholly behind
   cv::Mat ids;
   const cv::Mat depth = renderDepth(scene, 0, &ids);

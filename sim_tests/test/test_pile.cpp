@@ -26,7 +26,9 @@ bool contains(const Box& box, const Eigen::Vector3d& p) {
   return ((box.T_scene_box.inverse(Eigen::Isometry) * p).cwiseAbs().array() <= box.half_extents_m.array()).all();
 }
 
-double topOf(const Box& box) { return box.T_scene_box.translation().z() + box.half_extents_m.z(); }
+double topOf(const Box& box) {
+  return box.T_scene_box.translation().z() + box.half_extents_m.z();
+}
 
 /// Grid over a box, in the scene frame, drawn in by `inset` on each side.
 std::vector<Eigen::Vector3d> grid(const Box& box, int n, double inset) {
@@ -74,7 +76,8 @@ TEST(Pile, EveryBrickRestsOnGroundOrBricksOverHalfItsBaseAndBothSidesOfItsCentre
       for (int i = 0; i < kN; ++i) {
         for (int j = 0; j < kN; ++j) {
           const Eigen::Vector3d q(box.half_extents_m.x() * (2.0 * (i + 0.5) / kN - 1.0),
-                                  box.half_extents_m.y() * (2.0 * (j + 0.5) / kN - 1.0), -box.half_extents_m.z() - 1e-6);
+                                  box.half_extents_m.y() * (2.0 * (j + 0.5) / kN - 1.0),
+                                  -box.half_extents_m.z() - 1e-6);
           const Eigen::Vector3d p = box.T_scene_box * q;
           if (std::any_of(boxes.begin(), boxes.end(), [&](const Box& below) { return contains(below, p); })) {
             ++num_supported;

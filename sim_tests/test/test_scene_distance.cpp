@@ -92,7 +92,8 @@ class BruteForceSurface {
 
   bool isAir(const Face& face, const Eigen::Vector2d& uv) const {
     // Drawn in by 1 um: on the very edge of two touching boxes, "in front" is ambiguous.
-    const Eigen::Vector2d drawn_in(uv.x() * (1.0 - 1e-6 / face.half_u.norm()), uv.y() * (1.0 - 1e-6 / face.half_v.norm()));
+    const Eigen::Vector2d drawn_in(uv.x() * (1.0 - 1e-6 / face.half_u.norm()),
+                                   uv.y() * (1.0 - 1e-6 / face.half_v.norm()));
     return uv.cwiseAbs().maxCoeff() <= 1.0 && !isSolid(scene_, face.at(drawn_in) + 1e-6 * face.normal);
   }
 
@@ -122,8 +123,8 @@ class BruteForceSurface {
 };
 
 /// The search can only end too far away: by rounding, and by where it stops short in an acute corner of a surface patch.
-void expectAgreesWithSearch(const Scene& scene, std::uint64_t seed, const Eigen::Vector3d& low, const Eigen::Vector3d& high,
-                            int num_points, int least_num_inside) {
+void expectAgreesWithSearch(const Scene& scene, std::uint64_t seed, const Eigen::Vector3d& low,
+                            const Eigen::Vector3d& high, int num_points, int least_num_inside) {
   const BruteForceSurface surface(scene);
   const SceneDistance distance(scene, 0);
   SeededRandom random(seed);
@@ -144,9 +145,10 @@ void expectAgreesWithSearch(const Scene& scene, std::uint64_t seed, const Eigen:
 Scene makeStack() {
   // Two equal bricks side by side without a gap, two more turned by 90 degrees flush on top, one upright against them.
   Scene scene = makeScene({1.5, 0.4, 1.0}, {0.0, 0.0, 0.15});
-  scene.boxes = {makeBox(0, {0.0, -0.075, 0.05}, {0.15, 0.075, 0.05}), makeBox(1, {0.0, 0.075, 0.05}, {0.15, 0.075, 0.05}),
-                 makeBox(2, {-0.075, 0.0, 0.15}, {0.075, 0.15, 0.05}), makeBox(3, {0.075, 0.0, 0.15}, {0.075, 0.15, 0.05}),
-                 makeBox(4, {0.20, 0.0, 0.15}, {0.05, 0.075, 0.15})};
+  scene.boxes = {
+      makeBox(0, {0.0, -0.075, 0.05}, {0.15, 0.075, 0.05}), makeBox(1, {0.0, 0.075, 0.05}, {0.15, 0.075, 0.05}),
+      makeBox(2, {-0.075, 0.0, 0.15}, {0.075, 0.15, 0.05}), makeBox(3, {0.075, 0.0, 0.15}, {0.075, 0.15, 0.05}),
+      makeBox(4, {0.20, 0.0, 0.15}, {0.05, 0.075, 0.15})};
   return scene;
 }
 
@@ -217,7 +219,8 @@ TEST(SceneDistance, NeverChangesFasterThanThePointMoves) {
     for (int i = 0; i < 4000; ++i) {
       const Eigen::Vector3d p = randomPoint(random, {-0.7, -0.7, -0.2}, {0.7, 0.7, 0.9});
       const double scale = std::pow(10.0, random.uniform(-5.0, -0.5));
-      const Eigen::Vector3d q = p + randomPoint(random, Eigen::Vector3d::Constant(-scale), Eigen::Vector3d::Constant(scale));
+      const Eigen::Vector3d q =
+          p + randomPoint(random, Eigen::Vector3d::Constant(-scale), Eigen::Vector3d::Constant(scale));
       ASSERT_LE(std::abs(distance.signedDistanceScene(p) - distance.signedDistanceScene(q)), (p - q).norm() + 3e-6)
           << p.transpose() << " and " << q.transpose();
     }
@@ -236,7 +239,8 @@ TEST(SceneDistance, HasUnitGradientWhereItIsSmooth) {
     Eigen::Vector3d gradient;
     for (int axis = 0; axis < 3; ++axis) {
       const Eigen::Vector3d step = kStep * Eigen::Vector3d::Unit(axis);
-      gradient[axis] = (distance.signedDistanceScene(p + step) - distance.signedDistanceScene(p - step)) / (2.0 * kStep);
+      gradient[axis] =
+          (distance.signedDistanceScene(p + step) - distance.signedDistanceScene(p - step)) / (2.0 * kStep);
     }
     num_unit += std::abs(gradient.norm() - 1.0) < 1e-3 ? 1 : 0;
   }

@@ -72,7 +72,8 @@ TEST(SceneLoader, PutsTheSceneOffGridAndTiltedByDefault) {
 
 TEST(SceneLoader, LooksGiveOneFrameEachTowardsTheirTargets) {
   const Scene scene = parseScene(
-      "trajectory: {type: looks, looks: [{eye_m: [1, 0, 1], target_m: [0, 0, 0]}, {eye_m: [0, 0, 2], target_m: [0, 0, 0]}]}",
+      "trajectory: {type: looks, looks: [{eye_m: [1, 0, 1], target_m: [0, 0, 0]}, {eye_m: [0, 0, 2], target_m: [0, 0, "
+      "0]}]}",
       "test.yaml");
   ASSERT_EQ(scene.numFrames(), 2);
   for (const Eigen::Isometry3d& T_scene_camera : scene.T_scene_camera) {
@@ -89,7 +90,9 @@ struct BadCase {
   std::string expected;  // regular expression found in the message
 };
 
-std::ostream& operator<<(std::ostream& out, const BadCase& bad) { return out << '"' << bad.to << '"'; }
+std::ostream& operator<<(std::ostream& out, const BadCase& bad) {
+  return out << '"' << bad.to << '"';
+}
 
 class RefusedScene : public testing::TestWithParam<BadCase> {};
 
@@ -109,7 +112,8 @@ INSTANTIATE_TEST_SUITE_P(
         BadCase{"xyz_m: [0.1, 0.2, 0.3]", "xyz_m: [0.1, 0.2]", "T_map_scene/xyz_m = \\[0.1, 0.2\\], must be 3 numbers"},
         BadCase{"rpy_rad: [0.01,", "rpy_rad: [90,", "T_map_scene/rpy_rad = .*6.2832\\] rad"},
         BadCase{"rpy_rad: [0.01,", "yaw_rad: 1, rpy_rad: [0.01,", "T_map_scene = several orientations"},
-        BadCase{"camera: {width_px: 320", "camera: {width_px: 0", "camera/width_px = 0 px, must be an integer in \\[1, 10000\\] px"},
+        BadCase{"camera: {width_px: 320", "camera: {width_px: 0",
+                "camera/width_px = 0 px, must be an integer in \\[1, 10000\\] px"},
         BadCase{"camera: {width_px: 320", "camera: {width_px: 320.5", "camera/width_px = 320.5"},
         BadCase{"fx_px: 260.0", "fx_px: -260.0", "camera/fx_px = -260.0 px, must be in \\(0, 100000\\] px"},
         BadCase{"fx_px: 260.0", "fx_px: .nan", "camera/fx_px"}, BadCase{"fx_px: 260.0", "fx_px: .inf", "camera/fx_px"},
@@ -121,11 +125,13 @@ INSTANTIATE_TEST_SUITE_P(
         BadCase{"type: orbit, ", "", "trajectory/type = \\(missing\\)"},
         BadCase{"type: orbit", "type: static", "trajectory/eye_m = \\(missing\\)(.|\n)*trajectory/radius_m is unknown"},
         BadCase{"radius_m: 1.5", "radius_m: 0", "trajectory/radius_m = 0 m"},
-        BadCase{"frames: 8", "frames: 0", "trajectory/frames = 0"}, BadCase{"fps: 5", "fps: 0", "trajectory/fps = 0 Hz"},
+        BadCase{"frames: 8", "frames: 0", "trajectory/frames = 0"},
+        BadCase{"fps: 5", "fps: 0", "trajectory/fps = 0 Hz"},
         BadCase{"turns: 1", "turns: round", "trajectory/turns = round"},
         BadCase{"height_m: 1.0", "height_m: -0.1", "camera at frame 0 = .* outside every box and above the ground"},
         BadCase{"start_time_s: 10", "start_time_s: -1", "trajectory/start_time_s = -1 s"},
-        BadCase{"id: 4", "id: -4", "boxes\\[0\\]/id = -4"}, BadCase{"id: 4", "id: 6", "boxes\\[1\\]/id = 6, must be unique"},
+        BadCase{"id: 4", "id: -4", "boxes\\[0\\]/id = -4"},
+        BadCase{"id: 4", "id: 6", "boxes\\[1\\]/id = 6, must be unique"},
         BadCase{"id: 4, ", "", "boxes\\[0\\]/id = \\(missing\\)"},
         BadCase{"half_extents_m: [0.1, 0.2, 0.1]", "half_extents_m: [0.1, 0.0, 0.1]", "boxes\\[0\\]/half_extents_m"},
         BadCase{"half_extents_m: [0.1, 0.2, 0.1]", "size_m: [0.1, 0.2, 0.1]", "boxes\\[0\\]/size_m is unknown"},
@@ -141,7 +147,8 @@ INSTANTIATE_TEST_SUITE_P(
         BadCase{"max_range_m: 3.0", "max_range_m: 0.1", "sensor/max_range_m = 0.1, must be > min_range_m"},
         BadCase{"baseline_m: 0.05, ", "", "sensor/baseline_m = 0, must be > 0 m when has_shadows"},
         BadCase{"has_shadows: true", "has_shadows: yes please", "sensor/has_shadows = yes please"},
-        BadCase{"has_shadows: true", "dropout_probability: 1.5", "sensor/dropout_probability = 1.5, must be in \\[0, 1\\]"},
+        BadCase{"has_shadows: true", "dropout_probability: 1.5",
+                "sensor/dropout_probability = 1.5, must be in \\[0, 1\\]"},
         BadCase{"has_shadows: true", "edge_mixing_fraction: -1", "sensor/edge_mixing_fraction = -1"},
         BadCase{"has_shadows: true", "edge_threshold_m: 0", "sensor/edge_threshold_m = 0 m"},
         BadCase{"has_shadows: true", "lateral_jitter_px: -1", "sensor/lateral_jitter_px = -1 px"},

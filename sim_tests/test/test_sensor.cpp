@@ -25,7 +25,9 @@ bool isSame(const cv::Mat& a, const cv::Mat& b) {
   return a.size() == b.size() && std::equal(a.begin<int>(), a.end<int>(), b.begin<int>());
 }
 
-Scene lookDown(double height_m, int num_frames = 1) { return makeScene({0.0, 0.0, height_m}, {0.0, 0.0, 0.0}, num_frames); }
+Scene lookDown(double height_m, int num_frames = 1) {
+  return makeScene({0.0, 0.0, height_m}, {0.0, 0.0, 0.0}, num_frames);
+}
 
 struct Statistics {
   double mean{0.0};
@@ -169,9 +171,9 @@ TEST(Sensor, ShadowIsExactlyWhatTheSecondViewpointCannotSee) {
       for (double t = 0.0; t < 1.0 - 1e-3 && !is_blocked; t += 5e-4) {
         const Eigen::Vector3d q = second_eye + t * (p - second_eye);
         for (const Box& box : scene.boxes) {
-          is_blocked = is_blocked || ((box.T_scene_box.inverse(Eigen::Isometry) * q).cwiseAbs().array() <
-                                      box.half_extents_m.array())
-                                         .all();
+          is_blocked =
+              is_blocked ||
+              ((box.T_scene_box.inverse(Eigen::Isometry) * q).cwiseAbs().array() < box.half_extents_m.array()).all();
         }
       }
       const bool is_shadowed = std::isnan(depth.at<float>(v, u));
@@ -290,7 +292,8 @@ TEST(DepthEncoding, RoundsToUnitsAndMakesInvalidZero) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const cv::Mat depth = (cv::Mat_<float>(1, 7) << 1.0F, 0.00011F, nan, kInfinity, -kInfinity, -1.0F, 13.2F);
   const cv::Mat units = encodeDepth16(depth, 5000.0);
-  const cv::Mat expected = (cv::Mat_<std::uint16_t>(1, 7) << 5000, 1, 0, 0, 0, 0, 0);  // 13.2 m is more than 16 bits hold
+  const cv::Mat expected =
+      (cv::Mat_<std::uint16_t>(1, 7) << 5000, 1, 0, 0, 0, 0, 0);  // 13.2 m is more than 16 bits hold
   EXPECT_EQ(cv::countNonZero(units != expected), 0);
   const cv::Mat decoded = decodeDepth16(units, 5000.0);
   EXPECT_FLOAT_EQ(decoded.at<float>(0, 0), 1.0F);

@@ -20,7 +20,8 @@ namespace {
 
 class TumSequence : public testing::Test {
  protected:
-  TumSequence() : directory_(boost::filesystem::temp_directory_path() / boost::filesystem::unique_path("tum_%%%%%%%%")) {
+  TumSequence()
+      : directory_(boost::filesystem::temp_directory_path() / boost::filesystem::unique_path("tum_%%%%%%%%")) {
     scene_ = test::makeRandomScene(7, 6, true);
     scene_.boxes[2].vanishes_at_frame = 1;
     scene_.sensor.min_range_m = 0.3;

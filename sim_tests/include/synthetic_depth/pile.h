@@ -14,11 +14,11 @@ struct PileConfig {
   std::uint64_t seed{1};
   Eigen::Vector3d brick_size_m{0.3, 0.15, 0.1};  ///< full length, width, height
   Eigen::Vector2d center_m{0.0, 0.0};
-  double extent_m{1.6};                          ///< diameter of the circle that holds every brick
-  double height_m{0.5};                          ///< no brick top is higher; lower towards the rim (dome)
-  int max_bricks{30};                            ///< upper limit; the envelope may stop the pile earlier
-  int remove_topmost{0};                         ///< so many of the highest bricks vanish ...
-  int remove_at_frame{kNever};                   ///< ... at this frame
+  double extent_m{1.6};         ///< diameter of the circle that holds every brick
+  double height_m{0.5};         ///< no brick top is higher; lower towards the rim (dome)
+  int max_bricks{30};           ///< upper limit; the envelope may stop the pile earlier
+  int remove_topmost{0};        ///< so many of the highest bricks vanish ...
+  int remove_at_frame{kNever};  ///< ... at this frame
   int first_id{0};
 
   std::vector<std::string> validate() const;

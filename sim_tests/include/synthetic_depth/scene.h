@@ -40,18 +40,18 @@ struct CameraModel {
 
 /// What turns exact depth into a measurement. Every effect is off at its default.
 struct SensorModel {
-  double min_range_m{0.0};                                        ///< nearer than this is -Inf
-  double max_range_m{std::numeric_limits<double>::infinity()};    ///< farther than this is +Inf
-  double axial_noise_a_m{0.0};                                    ///< sigma_z = max(0, a + b z + c z^2), in metres
+  double min_range_m{0.0};                                      ///< nearer than this is -Inf
+  double max_range_m{std::numeric_limits<double>::infinity()};  ///< farther than this is +Inf
+  double axial_noise_a_m{0.0};                                  ///< sigma_z = max(0, a + b z + c z^2), in metres
   double axial_noise_b{0.0};
   double axial_noise_c_per_m{0.0};
-  double baseline_m{0.0};                                         ///< second viewpoint at +baseline on the camera's x axis
-  bool has_shadows{false};                                        ///< points the second viewpoint cannot see are NaN
-  double disparity_step_px{0.0};                                  ///< fx * baseline / z is rounded to this step; 0 = off
-  double edge_mixing_fraction{0.0};                               ///< share of depth-edge pixels that become flying pixels
-  double edge_threshold_m{0.05};                                  ///< jump between neighbours that makes a depth edge
-  double dropout_probability{0.0};                                ///< pixels lost at random become NaN
-  double lateral_jitter_px{0.0};                                  ///< sigma of the ray's shift in u and in v
+  double baseline_m{0.0};            ///< second viewpoint at +baseline on the camera's x axis
+  bool has_shadows{false};           ///< points the second viewpoint cannot see are NaN
+  double disparity_step_px{0.0};     ///< fx * baseline / z is rounded to this step; 0 = off
+  double edge_mixing_fraction{0.0};  ///< share of depth-edge pixels that become flying pixels
+  double edge_threshold_m{0.05};     ///< jump between neighbours that makes a depth edge
+  double dropout_probability{0.0};   ///< pixels lost at random become NaN
+  double lateral_jitter_px{0.0};     ///< sigma of the ray's shift in u and in v
 
   /// The same ranges with every other effect off.
   SensorModel withoutNoise() const;
@@ -91,15 +91,15 @@ std::vector<Eigen::Isometry3d> orbitPoses(const OrbitConfig& config);
 /// The scene frame has z up and its ground at z = 0; everything a mapper gets is in the map frame.
 struct Scene {
   std::vector<Box> boxes;
-  bool has_ground{true};                                  ///< solid half space z <= 0 of the scene frame
+  bool has_ground{true};  ///< solid half space z <= 0 of the scene frame
   Eigen::Isometry3d T_map_scene{defaultMapScenePose()};
   CameraModel camera;
-  std::vector<Eigen::Isometry3d> T_scene_camera;          ///< optical frame, one per frame
+  std::vector<Eigen::Isometry3d> T_scene_camera;  ///< optical frame, one per frame
   double fps{10.0};
-  double start_time_s{1000.0};                            ///< stamp of frame 0
+  double start_time_s{1000.0};  ///< stamp of frame 0
   SensorModel sensor;
-  std::uint64_t seed{1};                                  ///< of the sensor noise
-  Region roi;                                             ///< where ground samples are made; see defaultRegion()
+  std::uint64_t seed{1};  ///< of the sensor noise
+  Region roi;             ///< where ground samples are made; see defaultRegion()
 
   int numFrames() const { return static_cast<int>(T_scene_camera.size()); }
 

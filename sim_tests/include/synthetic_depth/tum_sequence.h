@@ -16,9 +16,9 @@ namespace synthetic_depth {
 constexpr double kTumUnitsPerMetre = 5000.0;
 
 struct SequenceOptions {
-  int num_frames{-1};        ///< only the first so many; -1 = all
-  bool apply_sensor{true};   ///< false: exact depth within the sensor's range limits
-  bool write_raw{false};     ///< also frames.f32 and poses.f64, see writeTumSequence()
+  int num_frames{-1};       ///< only the first so many; -1 = all
+  bool apply_sensor{true};  ///< false: exact depth within the sensor's range limits
+  bool write_raw{false};    ///< also frames.f32 and poses.f64, see writeTumSequence()
   /// Called after each frame with (frames done, frames in total); may be empty.
   std::function<void(int, int)> on_progress;
 };

@@ -43,8 +43,7 @@ class ParamReader {
     }
   }
   void read(const std::string& key, double& value, const std::string& rule) {
-    if (XmlRpc::XmlRpcValue* found =
-            take(key, {XmlRpc::XmlRpcValue::TypeDouble, XmlRpc::XmlRpcValue::TypeInt}, rule)) {
+    if (XmlRpc::XmlRpcValue* found = take(key, {XmlRpc::XmlRpcValue::TypeDouble, XmlRpc::XmlRpcValue::TypeInt}, rule)) {
       value = found->getType() == XmlRpc::XmlRpcValue::TypeInt ? static_cast<int>(*found) : static_cast<double>(*found);
     }
   }
@@ -116,7 +115,8 @@ PublisherParams loadPublisherParams(const ros::NodeHandle& private_nh) {
   PublisherParams params;
   XmlRpc::XmlRpcValue values;
   try {
-    if (!private_nh.getParam(private_nh.getNamespace(), values) || values.getType() != XmlRpc::XmlRpcValue::TypeStruct) {
+    if (!private_nh.getParam(private_nh.getNamespace(), values) ||
+        values.getType() != XmlRpc::XmlRpcValue::TypeStruct) {
       values = XmlRpc::XmlRpcValue();
       values.begin();  // makes it an empty map
     }
@@ -134,10 +134,11 @@ PublisherParams loadPublisherParams(const ros::NodeHandle& private_nh) {
     reader.check(!params.scene_file.empty(), "scene_file", "\"\"", "the path of a scene file");
     reader.check(!params.map_frame.empty() && params.map_frame.front() != '/', "map_frame", params.map_frame,
                  "a frame name without leading slash");
-    reader.check(!params.camera_frame.empty() && params.camera_frame.front() != '/' &&
-                     params.camera_frame != params.map_frame,
-                 "camera_frame", params.camera_frame, "a frame name without leading slash, other than map_frame");
-    reader.check(params.encoding == "32FC1" || params.encoding == "16UC1", "encoding", params.encoding, "32FC1 or 16UC1");
+    reader.check(
+        !params.camera_frame.empty() && params.camera_frame.front() != '/' && params.camera_frame != params.map_frame,
+        "camera_frame", params.camera_frame, "a frame name without leading slash, other than map_frame");
+    reader.check(params.encoding == "32FC1" || params.encoding == "16UC1", "encoding", params.encoding,
+                 "32FC1 or 16UC1");
     reader.check(params.rate_hz >= 0.0 && params.rate_hz <= 1000.0, "rate_hz", params.rate_hz, "in [0, 1000] Hz");
     reader.check(params.seed >= -1, "seed", params.seed, "-1 or more");
     reader.finish();
@@ -167,12 +168,13 @@ SyntheticDepthPublisher::SyntheticDepthPublisher(const ros::NodeHandle& nh, cons
   if (params_.publish_clock) {
     clock_publisher_ = nh_.advertise<rosgraph_msgs::Clock>("/clock", kQueueSize);
   }
-  ROS_INFO("%s: %d frames, %zu boxes, %s at %.3g Hz, %s -> %s, loop %s, sensor %s, clock %s", params_.scene_file.c_str(),
-           scene_.numFrames(), scene_.boxes.size(), params_.encoding.c_str(), params_.rate_hz, params_.map_frame.c_str(),
-           params_.camera_frame.c_str(), params_.loop ? "on" : "off", params_.apply_sensor ? "on" : "off",
-           params_.publish_clock ? "on" : "off");
+  ROS_INFO("%s: %d frames, %zu boxes, %s at %.3g Hz, %s -> %s, loop %s, sensor %s, clock %s",
+           params_.scene_file.c_str(), scene_.numFrames(), scene_.boxes.size(), params_.encoding.c_str(),
+           params_.rate_hz, params_.map_frame.c_str(), params_.camera_frame.c_str(), params_.loop ? "on" : "off",
+           params_.apply_sensor ? "on" : "off", params_.publish_clock ? "on" : "off");
   // Wall time, as this node may be the one that makes ROS time.
-  timer_ = nh_.createWallTimer(ros::WallDuration(1.0 / params_.rate_hz), [this](const ros::WallTimerEvent&) { publishNext(); });
+  timer_ = nh_.createWallTimer(ros::WallDuration(1.0 / params_.rate_hz),
+                               [this](const ros::WallTimerEvent&) { publishNext(); });
 }
 
 void SyntheticDepthPublisher::publishNext() {

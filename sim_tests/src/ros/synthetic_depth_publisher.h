@@ -15,16 +15,16 @@
 namespace sim_tests_ros {
 
 struct PublisherParams {
-  std::string scene_file;                                    ///< required
+  std::string scene_file;  ///< required
   std::string map_frame{"map"};
   std::string camera_frame{"camera_depth_optical_frame"};
-  std::string encoding{"32FC1"};                             ///< 32FC1 [m] or 16UC1 [mm, 0 = invalid] (REP-118)
-  double rate_hz{0.0};                                       ///< frames per second of wall time; 0 = the scene's fps
-  bool loop{true};                                           ///< start again after the last frame
-  bool apply_sensor{true};                                   ///< false: exact depth within the range limits
-  bool publish_clock{false};                                 ///< publish /clock and stamp with the scene's own time
-  bool wait_for_subscriber{false};                           ///< hold frame 0 back until image and info both have a subscriber
-  int seed{-1};                                              ///< of the sensor noise; -1 = the scene's
+  std::string encoding{"32FC1"};    ///< 32FC1 [m] or 16UC1 [mm, 0 = invalid] (REP-118)
+  double rate_hz{0.0};              ///< frames per second of wall time; 0 = the scene's fps
+  bool loop{true};                  ///< start again after the last frame
+  bool apply_sensor{true};          ///< false: exact depth within the range limits
+  bool publish_clock{false};        ///< publish /clock and stamp with the scene's own time
+  bool wait_for_subscriber{false};  ///< hold frame 0 back until image and info both have a subscriber
+  int seed{-1};                     ///< of the sensor noise; -1 = the scene's
 };
 
 /// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and bad value.

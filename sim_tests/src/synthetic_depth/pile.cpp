@@ -20,7 +20,9 @@ constexpr int kTriesPerBrick = 400;
 
 using Polygon = std::vector<Eigen::Vector2d>;
 
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 struct Brick {
   Eigen::Vector2d center;
@@ -156,8 +158,7 @@ std::vector<Box> makePile(const PileConfig& config) {
       }
     }
     const double share_of_radius = radius / center_radius;
-    const double envelope =
-        std::max(brick_height, config.height_m * (1.0 - share_of_radius * share_of_radius));
+    const double envelope = std::max(brick_height, config.height_m * (1.0 - share_of_radius * share_of_radius));
     if (resting_height + brick_height > envelope + kSameHeight_m) {
       continue;
     }
@@ -178,8 +179,9 @@ std::vector<Box> makePile(const PileConfig& config) {
     bricks.push_back({center, yaw, resting_height + brick_height, base});
   }
   if (static_cast<int>(bricks.size()) < config.remove_topmost) {
-    throw std::invalid_argument("pile/remove_topmost = " + std::to_string(config.remove_topmost) + ", must be at most the " +
-                                std::to_string(bricks.size()) + " bricks that fit the envelope");
+    throw std::invalid_argument("pile/remove_topmost = " + std::to_string(config.remove_topmost) +
+                                ", must be at most the " + std::to_string(bricks.size()) +
+                                " bricks that fit the envelope");
   }
 
   std::vector<Box> boxes;
@@ -187,8 +189,8 @@ std::vector<Box> makePile(const PileConfig& config) {
     Box box;
     box.id = config.first_id + static_cast<int>(boxes.size());
     box.half_extents_m = 0.5 * config.brick_size_m;
-    box.T_scene_box = poseFromXyzRpy({brick.center.x(), brick.center.y(), brick.top - 0.5 * brick_height},
-                                     {0.0, 0.0, brick.yaw});
+    box.T_scene_box =
+        poseFromXyzRpy({brick.center.x(), brick.center.y(), brick.top - 0.5 * brick_height}, {0.0, 0.0, brick.yaw});
     boxes.push_back(box);
   }
   // What a brick carries is always higher than the brick, so the highest carry nothing but each other.
@@ -196,9 +198,8 @@ std::vector<Box> makePile(const PileConfig& config) {
   for (std::size_t i = 0; i < order.size(); ++i) {
     order[i] = i;
   }
-  std::stable_sort(order.begin(), order.end(), [&bricks](std::size_t a, std::size_t b) {
-    return bricks[a].top > bricks[b].top + kSameHeight_m;
-  });
+  std::stable_sort(order.begin(), order.end(),
+                   [&bricks](std::size_t a, std::size_t b) { return bricks[a].top > bricks[b].top + kSameHeight_m; });
   for (int i = 0; i < config.remove_topmost; ++i) {
     boxes[order[static_cast<std::size_t>(i)]].vanishes_at_frame = config.remove_at_frame;
   }

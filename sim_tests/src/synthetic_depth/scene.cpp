@@ -91,7 +91,8 @@ std::vector<Eigen::Isometry3d> orbitPoses(const OrbitConfig& config) {
 
 Eigen::Isometry3d Scene::cameraInMap(int frame) const {
   if (frame < 0 || frame >= numFrames()) {
-    throw std::out_of_range("frame = " + std::to_string(frame) + ", must be in [0, " + std::to_string(numFrames()) + ")");
+    throw std::out_of_range("frame = " + std::to_string(frame) + ", must be in [0, " + std::to_string(numFrames()) +
+                            ")");
   }
   return T_map_scene * T_scene_camera[static_cast<std::size_t>(frame)];
 }
@@ -147,7 +148,8 @@ Region Scene::defaultRegion() const {
 
 std::vector<std::string> Scene::validate() const {
   Problems problems;
-  problems.check(camera.width_px > 0 && camera.width_px <= 10000, "camera/width_px", camera.width_px, "in [1, 10000] px");
+  problems.check(camera.width_px > 0 && camera.width_px <= 10000, "camera/width_px", camera.width_px,
+                 "in [1, 10000] px");
   problems.check(camera.height_px > 0 && camera.height_px <= 10000, "camera/height_px", camera.height_px,
                  "in [1, 10000] px");
   problems.check(camera.fx_px > 0.0, "camera/fx_px", camera.fx_px, "> 0 px");
@@ -169,11 +171,11 @@ std::vector<std::string> Scene::validate() const {
   problems.check(sensor.min_range_m >= 0.0, "sensor/min_range_m", sensor.min_range_m, ">= 0 m");
   problems.check(sensor.max_range_m > sensor.min_range_m, "sensor/max_range_m", sensor.max_range_m,
                  "> min_range_m (" + std::to_string(sensor.min_range_m) + ") m");
-  problems.check(sensor.baseline_m > 0.0 || !(sensor.has_shadows || sensor.disparity_step_px > 0.0), "sensor/baseline_m",
-                 sensor.baseline_m, "> 0 m when has_shadows or disparity_step_px is set");
+  problems.check(sensor.baseline_m > 0.0 || !(sensor.has_shadows || sensor.disparity_step_px > 0.0),
+                 "sensor/baseline_m", sensor.baseline_m, "> 0 m when has_shadows or disparity_step_px is set");
   problems.check(sensor.edge_threshold_m > 0.0, "sensor/edge_threshold_m", sensor.edge_threshold_m, "> 0 m");
-  problems.check(sensor.edge_mixing_fraction >= 0.0 && sensor.edge_mixing_fraction <= 1.0, "sensor/edge_mixing_fraction",
-                 sensor.edge_mixing_fraction, "in [0, 1]");
+  problems.check(sensor.edge_mixing_fraction >= 0.0 && sensor.edge_mixing_fraction <= 1.0,
+                 "sensor/edge_mixing_fraction", sensor.edge_mixing_fraction, "in [0, 1]");
   problems.check(sensor.dropout_probability >= 0.0 && sensor.dropout_probability <= 1.0, "sensor/dropout_probability",
                  sensor.dropout_probability, "in [0, 1]");
   problems.check(sensor.lateral_jitter_px >= 0.0, "sensor/lateral_jitter_px", sensor.lateral_jitter_px, ">= 0 px");
@@ -187,7 +189,8 @@ std::vector<std::string> Scene::validate() const {
     bool is_inside = has_ground && eye.z() <= 0.0;
     for (const Box& box : boxes) {
       const Eigen::Vector3d eye_in_box = box.T_scene_box.inverse(Eigen::Isometry) * eye;
-      is_inside = is_inside || (box.isPresent(frame) && (eye_in_box.cwiseAbs().array() <= box.half_extents_m.array()).all());
+      is_inside =
+          is_inside || (box.isPresent(frame) && (eye_in_box.cwiseAbs().array() <= box.half_extents_m.array()).all());
     }
     if (is_inside) {
       problems.check(false, "trajectory: camera at frame " + std::to_string(frame), toText(eye) + " m",

@@ -304,8 +304,7 @@ double SceneDistance::minimumOverSolids(const Eigen::Vector3d& p_scene) const {
     if (reach >= 0.0 && offset.squaredNorm() >= reach * reach) {
       continue;  // even the box's bounding sphere is farther
     }
-    const Eigen::Vector3d excess =
-        (box.T_scene_box.linear().transpose() * offset).cwiseAbs() - box.half_extents_m;
+    const Eigen::Vector3d excess = (box.T_scene_box.linear().transpose() * offset).cwiseAbs() - box.half_extents_m;
     distance = std::min(distance, excess.cwiseMax(0.0).norm() + std::min(excess.maxCoeff(), 0.0));
   }
   return distance;
@@ -374,18 +373,18 @@ SurfaceSamples exposedSurfaceSamples(const Scene& scene, int frame, double spaci
   const SceneDistance distance(scene, frame);
   for (const ExposedFace& face : distance.exposedFaces()) {
     const bool is_ground = face.id == kGroundId;
-    const Eigen::Vector2d low = is_ground ? Eigen::Vector2d(scene.roi.min_m.head<2>())
-                                          : Eigen::Vector2d(-face.half_u_m, -face.half_v_m);
+    const Eigen::Vector2d low =
+        is_ground ? Eigen::Vector2d(scene.roi.min_m.head<2>()) : Eigen::Vector2d(-face.half_u_m, -face.half_v_m);
     const Eigen::Vector2d high =
         is_ground ? Eigen::Vector2d(scene.roi.max_m.head<2>()) : Eigen::Vector2d(face.half_u_m, face.half_v_m);
     const int num_u = std::max(1, static_cast<int>(std::ceil((high - low).x() / spacing_m - 1e-9)));
     const int num_v = std::max(1, static_cast<int>(std::ceil((high - low).y() / spacing_m - 1e-9)));
     for (int i = 0; i < num_u; ++i) {
       for (int j = 0; j < num_v; ++j) {
-        const Eigen::Vector2d uv = low + (high - low).cwiseProduct(Eigen::Vector2d((i + 0.5) / num_u, (j + 0.5) / num_v));
+        const Eigen::Vector2d uv =
+            low + (high - low).cwiseProduct(Eigen::Vector2d((i + 0.5) / num_u, (j + 0.5) / num_v));
         if (face.isExposed(uv)) {
-          points.emplace_back(scene.T_map_scene *
-                              (face.origin_scene + uv.x() * face.axis_u + uv.y() * face.axis_v));
+          points.emplace_back(scene.T_map_scene * (face.origin_scene + uv.x() * face.axis_u + uv.y() * face.axis_v));
           normals.emplace_back(scene.T_map_scene.linear() * face.normal);
           samples.ids.push_back(face.id);
         }

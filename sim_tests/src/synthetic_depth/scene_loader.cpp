@@ -33,8 +33,12 @@ struct Range {
   }
 };
 
-Range closed(double low, double high, const std::string& unit = "") { return {low, high, false, unit}; }
-Range above(double low, double high, const std::string& unit = "") { return {low, high, true, unit}; }
+Range closed(double low, double high, const std::string& unit = "") {
+  return {low, high, false, unit};
+}
+Range above(double low, double high, const std::string& unit = "") {
+  return {low, high, true, unit};
+}
 
 // Anything larger is a slip of units rather than a scene to be scanned by a depth camera.
 const Range kPosition = closed(-1000.0, 1000.0, "m");
@@ -84,7 +88,8 @@ class Section {
       return fallback;
     }
     std::uint64_t value = fallback;
-    if (!node.IsScalar() || node.Scalar().find('-') != std::string::npos || !YAML::convert<std::uint64_t>::decode(node, value)) {
+    if (!node.IsScalar() || node.Scalar().find('-') != std::string::npos ||
+        !YAML::convert<std::uint64_t>::decode(node, value)) {
       report(key, dump(node), "an integer in [0, 18446744073709551615]");
     }
     return value;
@@ -331,7 +336,8 @@ SensorModel readSensor(Section section) {
   sensor.max_range_m = section.number("max_range_m", sensor.max_range_m, kLength);
   sensor.axial_noise_a_m = section.number("axial_noise_a_m", sensor.axial_noise_a_m, closed(-1.0, 1.0, "m"));
   sensor.axial_noise_b = section.number("axial_noise_b", sensor.axial_noise_b, closed(-1.0, 1.0));
-  sensor.axial_noise_c_per_m = section.number("axial_noise_c_per_m", sensor.axial_noise_c_per_m, closed(-1.0, 1.0, "1/m"));
+  sensor.axial_noise_c_per_m =
+      section.number("axial_noise_c_per_m", sensor.axial_noise_c_per_m, closed(-1.0, 1.0, "1/m"));
   sensor.baseline_m = section.number("baseline_m", sensor.baseline_m, closed(0.0, 10.0, "m"));
   sensor.has_shadows = section.flag("has_shadows", sensor.has_shadows);
   sensor.disparity_step_px = section.number("disparity_step_px", sensor.disparity_step_px, closed(0.0, 10.0, "px"));

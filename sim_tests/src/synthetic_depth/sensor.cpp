@@ -57,7 +57,8 @@ double axialSigma(const SensorModel& sensor, double z_m) {
 cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m) {
   const CameraModel& camera = scene.camera;
   const SensorModel& sensor = scene.sensor;
-  if (exact_depth_m.type() != CV_32FC1 || exact_depth_m.cols != camera.width_px || exact_depth_m.rows != camera.height_px) {
+  if (exact_depth_m.type() != CV_32FC1 || exact_depth_m.cols != camera.width_px ||
+      exact_depth_m.rows != camera.height_px) {
     throw std::invalid_argument("applySensor: depth image is " + std::to_string(exact_depth_m.cols) + " x " +
                                 std::to_string(exact_depth_m.rows) + " of OpenCV type " +
                                 std::to_string(exact_depth_m.type()) + ", must be " + std::to_string(camera.width_px) +
@@ -75,8 +76,8 @@ cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m)
   cv::Mat measured_m(exact_depth_m.size(), CV_32FC1);
   for (int v = 0; v < measured_m.rows; ++v) {
     for (int u = 0; u < measured_m.cols; ++u) {
-      const auto pixel = static_cast<std::uint64_t>(v) * static_cast<std::uint64_t>(measured_m.cols) +
-                         static_cast<std::uint64_t>(u);
+      const auto pixel =
+          static_cast<std::uint64_t>(v) * static_cast<std::uint64_t>(measured_m.cols) + static_cast<std::uint64_t>(u);
       const PixelDraws draws(SeededRandom(scene.seed, static_cast<std::uint64_t>(frame), pixel));
 
       double ray_u = u;
@@ -94,7 +95,8 @@ cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m)
           const Eigen::Vector3d p_second((ray_u - camera.cx_px) / camera.fx_px * z - sensor.baseline_m,
                                          (ray_v - camera.cy_px) / camera.fy_px * z, z);
           constexpr double kFloatSteps = 4.0;  // exact_depth_m is rounded to float
-          is_shadowed = !second_view.isVisible(p_second, 1e-6 + kFloatSteps * z * std::numeric_limits<float>::epsilon());
+          is_shadowed =
+              !second_view.isVisible(p_second, 1e-6 + kFloatSteps * z * std::numeric_limits<float>::epsilon());
         }
         if (draws.edge_chance < sensor.edge_mixing_fraction) {
           z += draws.edge_weight * (depthAcrossEdge(exact_depth_m, u, v, z, sensor.edge_threshold_m) - z);
@@ -120,7 +122,9 @@ cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m)
   return measured_m;
 }
 
-cv::Mat measureDepth(const Scene& scene, int frame) { return applySensor(scene, frame, renderDepth(scene, frame)); }
+cv::Mat measureDepth(const Scene& scene, int frame) {
+  return applySensor(scene, frame, renderDepth(scene, frame));
+}
 
 cv::Mat encodeDepth16(const cv::Mat& depth_m, double units_per_metre) {
   if (depth_m.type() != CV_32FC1 || !(units_per_metre > 0.0)) {

@@ -44,7 +44,9 @@ std::string frameName(int frame) {
   return name;
 }
 
-void writeStamp(std::ostream& out, double stamp_s) { out << std::fixed << std::setprecision(6) << stamp_s; }
+void writeStamp(std::ostream& out, double stamp_s) {
+  out << std::fixed << std::setprecision(6) << stamp_s;
+}
 
 Eigen::Quaterniond quaternionOf(const Eigen::Isometry3d& pose) {
   Eigen::Quaterniond q(pose.linear());
@@ -107,7 +109,8 @@ std::string groundTruthYaml(const Scene& scene, int num_frames, bool apply_senso
   out << YAML::Key << "fps" << YAML::Value << scene.fps;
   out << YAML::Key << "start_time_s" << YAML::Value << scene.start_time_s;
   out << YAML::Key << "seed" << YAML::Value << scene.seed;
-  out << YAML::Key << "has_ground" << YAML::Value << scene.has_ground << YAML::Comment("solid z <= 0 of the scene frame");
+  out << YAML::Key << "has_ground" << YAML::Value << scene.has_ground
+      << YAML::Comment("solid z <= 0 of the scene frame");
   out << YAML::Key << "T_map_scene" << YAML::Value << YAML::BeginMap;
   emitPose(out, scene.T_map_scene);
   out << YAML::EndMap;

@@ -25,8 +25,8 @@ class ProgressBar {
     constexpr int kWidth = 40;
     if (is_terminal_) {
       const auto filled = static_cast<std::size_t>(kWidth * done / total);
-      std::cerr << "\r[" << std::string(filled, '#') << std::string(kWidth - filled, '.') << "] " << done << "/" << total
-                << (done == total ? "\n" : "") << std::flush;
+      std::cerr << "\r[" << std::string(filled, '#') << std::string(kWidth - filled, '.') << "] " << done << "/"
+                << total << (done == total ? "\n" : "") << std::flush;
     } else if (10 * done / total != 10 * (done - 1) / total) {
       std::cerr << done << "/" << total << " frames\n";
     }
@@ -94,7 +94,8 @@ int main(int argc, char** argv) {
                 << "] for this scene\n";
       return kBadUsage;
     }
-    scene.T_scene_camera.resize(static_cast<std::size_t>(num_frames));  // later changes are then no part of the sequence
+    scene.T_scene_camera.resize(
+        static_cast<std::size_t>(num_frames));  // later changes are then no part of the sequence
   }
   options.apply_sensor = arguments.count("noise-free") == 0;
   options.write_raw = arguments.count("raw") != 0;
@@ -103,8 +104,7 @@ int main(int argc, char** argv) {
 
   const std::string directory = arguments["out"].as<std::string>();
   try {
-    const synthetic_depth::SequenceStatistics statistics =
-        synthetic_depth::writeTumSequence(scene, directory, options);
+    const synthetic_depth::SequenceStatistics statistics = synthetic_depth::writeTumSequence(scene, directory, options);
     const int removal_frame = scene.firstRemovalFrame();
     const nlohmann::json summary = {
         {"out", directory},

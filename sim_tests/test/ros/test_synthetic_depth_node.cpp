@@ -13,9 +13,9 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "ros/synthetic_depth_publisher.h"
 #include "synthetic_depth/scene_loader.h"
 #include "synthetic_depth/sensor.h"
+#include "synthetic_depth_publisher.h"
 
 namespace sim_tests_ros {
 namespace {
@@ -41,13 +41,14 @@ class Recorder {
  public:
   Recorder(const std::string& name_space, const std::string& camera_frame) {
     ros::NodeHandle nh(name_space);
-    tf_ = nh.subscribe<tf2_msgs::TFMessage>("/tf", 100, [this, camera_frame](const tf2_msgs::TFMessageConstPtr& message) {
-      for (const geometry_msgs::TransformStamped& transform : message->transforms) {
-        if (transform.child_frame_id == camera_frame) {
-          transforms[transform.header.stamp] = transform;
-        }
-      }
-    });
+    tf_ =
+        nh.subscribe<tf2_msgs::TFMessage>("/tf", 100, [this, camera_frame](const tf2_msgs::TFMessageConstPtr& message) {
+          for (const geometry_msgs::TransformStamped& transform : message->transforms) {
+            if (transform.child_frame_id == camera_frame) {
+              transforms[transform.header.stamp] = transform;
+            }
+          }
+        });
     clock_ = nh.subscribe<rosgraph_msgs::Clock>(
         "/clock", 100, [this](const rosgraph_msgs::ClockConstPtr& message) { clocks.insert(message->clock); });
     info_ = nh.subscribe<sensor_msgs::CameraInfo>(
@@ -56,7 +57,8 @@ class Recorder {
     // The node starts once image and info have a subscriber: everything else must be connected by then.
     EXPECT_TRUE(waitUntil([this] { return tf_.getNumPublishers() >= 2 && clock_.getNumPublishers() >= 1; }));
     image_ = nh.subscribe<sensor_msgs::Image>(
-        "depth/image_rect", 100, [this](const sensor_msgs::ImageConstPtr& message) { images[message->header.stamp] = message; });
+        "depth/image_rect", 100,
+        [this](const sensor_msgs::ImageConstPtr& message) { images[message->header.stamp] = message; });
   }
 
   /// Stamps for which image, info and transform are all there.
@@ -81,8 +83,9 @@ class Recorder {
 
 Eigen::Isometry3d toPose(const geometry_msgs::Transform& transform) {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  pose.linear() = Eigen::Quaterniond(transform.rotation.w, transform.rotation.x, transform.rotation.y, transform.rotation.z)
-                      .toRotationMatrix();
+  pose.linear() =
+      Eigen::Quaterniond(transform.rotation.w, transform.rotation.x, transform.rotation.y, transform.rotation.z)
+          .toRotationMatrix();
   pose.translation() << transform.translation.x, transform.translation.y, transform.translation.z;
   return pose;
 }
@@ -100,7 +103,8 @@ int frameOfPose(const synthetic_depth::Scene& scene, const Eigen::Isometry3d& T_
 TEST(SyntheticDepthNode, PublishesImageInfoAndTransformWithTheSameStamp) {
   const synthetic_depth::Scene scene = testScene();
   Recorder recorder("metric", "metric_optical_frame");
-  ASSERT_TRUE(waitUntil([&] { return recorder.completeStamps().size() >= 6; })) << "more frames than the scene has: it loops";
+  ASSERT_TRUE(waitUntil([&] { return recorder.completeStamps().size() >= 6; }))
+      << "more frames than the scene has: it loops";
   std::set<int> frames;
   for (const ros::Time& stamp : recorder.completeStamps()) {
     const sensor_msgs::Image& image = *recorder.images[stamp];
