@@ -267,8 +267,9 @@ TEST_F(Tools, QueryMapAnswersAboutAWall) {
   EXPECT_NEAR(std::stod(before[3]), 0.01, 0.002);
   EXPECT_NEAR(std::stod(behind[3]), -0.01, 0.002);
   EXPECT_NEAR(std::stod(before[7]), -1.0, 0.05);
-  EXPECT_LT(std::stod(before[8]), 0.1);
-  EXPECT_GT(std::stod(behind[8]), 0.9);
+  // The field's standard deviation 1 cm off such a coarsely sampled wall (12.5 mm a pixel) is about 1 cm.
+  EXPECT_LT(std::stod(before[8]), 0.3);
+  EXPECT_GT(std::stod(behind[8]), 0.7);
   EXPECT_EQ(before[9], "free");
   EXPECT_EQ(behind[9], "occupied");
   EXPECT_EQ(far[9], "free");
