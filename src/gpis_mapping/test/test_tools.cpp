@@ -3,6 +3,7 @@
 #include <unistd.h>
 #include <sys/wait.h>
 
+#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <cstdlib>
@@ -233,12 +234,18 @@ TEST_F(Tools, InterruptSavesWhatThereIs) {
   const auto num_rows = [this] {
     return fs::exists(file("out/timing.csv")) ? splitLines(readText(file("out/timing.csv"))).size() : 0;
   };
-  for (int i = 0; i < 3000 && num_rows() < 3; ++i)
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  ASSERT_GE(num_rows(), 3u) << "no rows while running";
+  bool is_whole = true;
+  for (int i = 0; i < 10000 && num_rows() < 60; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(3));
+    const std::string text = fs::exists(file("out/timing.csv")) ? readText(file("out/timing.csv")) : "";
+    is_whole = is_whole && (text.empty() || text.back() == '\n');
+  }
+  const std::size_t rows_before = num_rows();
   ::kill(child, SIGINT);
   int status = 0;
   ::waitpid(child, &status, 0);
+  EXPECT_TRUE(is_whole) << "a row reached the file in parts";
+  EXPECT_GE(rows_before, 60u) << "no rows while running";
   ASSERT_TRUE(WIFEXITED(status));
   EXPECT_EQ(WEXITSTATUS(status), 0);
   EXPECT_THAT(readText(file("stderr")), HasSubstr("interrupted after"));
@@ -267,8 +274,9 @@ TEST_F(Tools, QueryMapAnswersAboutAWall) {
   EXPECT_NEAR(std::stod(before[3]), 0.01, 0.002);
   EXPECT_NEAR(std::stod(behind[3]), -0.01, 0.002);
   EXPECT_NEAR(std::stod(before[7]), -1.0, 0.05);
-  EXPECT_LT(std::stod(before[8]), 0.1);
-  EXPECT_GT(std::stod(behind[8]), 0.9);
+  // The field's standard deviation 1 cm off such a coarsely sampled wall (12.5 mm a pixel) is about 1 cm.
+  EXPECT_LT(std::stod(before[8]), 0.3);
+  EXPECT_GT(std::stod(behind[8]), 0.7);
   EXPECT_EQ(before[9], "free");
   EXPECT_EQ(behind[9], "occupied");
   EXPECT_EQ(far[9], "free");

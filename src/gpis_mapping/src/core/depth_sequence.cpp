@@ -7,7 +7,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <regex>
 #include <set>
 #include <sstream>
 
@@ -296,9 +295,18 @@ Eigen::Isometry3d readPoseMatrix(const std::string& path) {
   return T;
 }
 
-const std::regex& sevenScenesName() {
-  static const std::regex kName("frame-([0-9]{1,9})\\.depth\\.png");
-  return kName;
+constexpr char kDepthPrefix[] = "frame-";
+constexpr char kDepthSuffix[] = ".depth.png";
+
+/// The number in frame-NNNNNN.depth.png, or nothing for another name.
+std::optional<long> frameNumber(const std::string& name) {
+  const std::size_t prefix = sizeof(kDepthPrefix) - 1;
+  const std::size_t suffix = sizeof(kDepthSuffix) - 1;
+  if (name.size() <= prefix + suffix || name.compare(0, prefix, kDepthPrefix) != 0) return std::nullopt;
+  if (name.compare(name.size() - suffix, suffix, kDepthSuffix) != 0) return std::nullopt;
+  const std::string digits = name.substr(prefix, name.size() - prefix - suffix);
+  if (digits.size() > 9 || digits.find_first_not_of("0123456789") != std::string::npos) return std::nullopt;
+  return std::stol(digits);
 }
 
 class SevenScenesSequence : public DepthSequence {
@@ -307,10 +315,10 @@ class SevenScenesSequence : public DepthSequence {
     std::set<std::pair<long, std::string>> found;
     for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
       const std::string name = file.path().filename().string();
-      std::smatch match;
-      if (std::regex_match(name, match, sevenScenesName())) found.emplace(std::stol(match[1]), name);
+      const std::optional<long> number = frameNumber(name);
+      if (number) found.emplace(*number, name);
     }
-    const std::string suffix = ".depth.png";
+    const std::string suffix = kDepthSuffix;
     for (const auto& [number, name] : found) {
       const std::string stem = (folder / name.substr(0, name.size() - suffix.size())).string();
       entries_.push_back({static_cast<double>(number) / kSevenScenesRate_hz, stem + suffix, stem + ".pose.txt"});
@@ -360,7 +368,7 @@ class SevenScenesSequence : public DepthSequence {
 bool holdsSevenScenes(const fs::path& folder) {
   if (fs::exists(folder / "camera-intrinsics.txt")) return true;
   for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
-    if (std::regex_match(file.path().filename().string(), sevenScenesName())) return true;
+    if (frameNumber(file.path().filename().string())) return true;
   }
   return false;
 }

@@ -29,11 +29,13 @@ using gpis_mapping::DepthSequenceError;
 using gpis_mapping::SkipReason;
 
 constexpr char kImageType[] = "sensor_msgs/Image";
+constexpr char kCompressedType[] = "sensor_msgs/CompressedImage";
 constexpr char kInfoType[] = "sensor_msgs/CameraInfo";
 constexpr char kTfType[] = "tf2_msgs/TFMessage";
 constexpr char kOldTfType[] = "tf/tfMessage";  // the same layout under its name of 2012
 constexpr char kAllowedEncodings[] = "16UC1 (mm), 32FC1 (m)";
 constexpr double kUnitsPerMetre16 = 1000.0;  // REP 118
+constexpr double kForever_s = 1e9;  // how long the buffer keeps a transform; stamps plus this stay below 2^32 s
 
 bool isDepthEncoding(const std::string& encoding) {
   return encoding == "16UC1" || encoding == "32FC1";
@@ -104,10 +106,6 @@ class BagSequence : public DepthSequence {
     for (const rosbag::ConnectionInfo* connection : view.getConnections()) {
       types_[connection->topic] = connection->datatype;
     }
-    const ros::Time begin = view.getBeginTime();
-    const ros::Time end = view.getEndTime();
-    // Everything stays in the buffer; the margin covers stamps older than their time of recording.
-    cache_s_ = view.size() == 0 ? 1.0 : (end - begin).toSec() + 60.0;
   }
 
   std::vector<std::string> topicsOf(const std::string& type) const {
@@ -135,6 +133,8 @@ class BagSequence : public DepthSequence {
       described.push_back(topic + " (" + encoding + ")");
       if (isDepthEncoding(encoding)) candidates.push_back(topic);
     }
+    for (const std::string& topic : topicsOf(kCompressedType))
+      described.push_back(topic + " (compressed, not read)");
     if (!wanted.empty()) {
       const auto found = types_.find(wanted);
       if (found == types_.end() || found->second != kImageType) {
@@ -193,7 +193,7 @@ class BagSequence : public DepthSequence {
   }
 
   void readTransforms() {
-    buffer_ = std::make_unique<tf2::BufferCore>(ros::Duration(cache_s_));
+    buffer_ = std::make_unique<tf2::BufferCore>(ros::Duration(kForever_s));
     rosbag::View view(bag_, [](const rosbag::ConnectionInfo* connection) {
       return connection->datatype == kTfType || connection->datatype == kOldTfType;
     });
@@ -311,7 +311,6 @@ class BagSequence : public DepthSequence {
   std::string depth_topic_;
   std::string map_frame_;
   CameraModel camera_;
-  double cache_s_{0.0};
   std::unique_ptr<tf2::BufferCore> buffer_;
   std::set<std::string> frames_;
   std::vector<rosbag::MessageInstance> images_;

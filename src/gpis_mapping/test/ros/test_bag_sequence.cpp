@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
@@ -190,7 +191,9 @@ TEST_F(Bag, RefusesOtherEncodingsAndNamesTheAllowedOnes) {
   sensor_msgs::Image colour = image16(0.1);
   colour.encoding = "rgb8";
   write(kDepthTopic, 0.1, colour);
+  write("/camera/depth/image/compressedDepth", 0.1, sensor_msgs::CompressedImage());
   const std::string message = refusal();
+  EXPECT_THAT(message, HasSubstr("/camera/depth/image/compressedDepth (compressed, not read)"));
   EXPECT_THAT(message, AllOf(HasSubstr("16UC1"), HasSubstr("32FC1"), HasSubstr("/camera/depth/image_raw (rgb8)")));
   BagOptions options;
   options.depth_topic = kDepthTopic;
