@@ -21,7 +21,7 @@ struct SurfacePoint {
   float normal_variance{0.0f};     // of each tangential component of the normal
   float last_seen_s{0.0f};         // since the map's epoch
   std::uint16_t num_looks{1};
-  std::uint16_t num_misses{0};     // consecutive looks through it that were ambiguous
+  std::uint16_t num_misses{0};     // looks since the last confirmation that spoke against it without deciding
 };
 
 /// The GP of one cell (eq 3): observations f(p_i) = 0 with noise, prior mean from the local normals

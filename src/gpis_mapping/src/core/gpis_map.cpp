@@ -17,6 +17,7 @@ constexpr double kMinCosine = 0.15;
 constexpr double kMaxObliqueCosine = 0.5;
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
 constexpr int kCandidateStridePx = 3;
+constexpr int kMaxMisses = 4;  // consecutive looks that see past a point within the reach of a depth edge
 constexpr double kFateSpacings = 2.5;  // neighbourhood in which the fate of doubtful points is decided
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
 constexpr float kSameSideCosine = 0.5f;      // normals closer than 60 degrees belong to one surface
@@ -282,8 +283,12 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
       if (frame.classified->kind[pixel] == PixelKind::kAmbiguous && ++point.num_misses < 2) return Outcome::kNothing;
       return Outcome::kDeleted;
     }
-    // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours.
-    if (inverse_range - frame.classified->inverse_range[pixel] >= tolerance) return Outcome::kDoubtful;
+    // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours, and goes when
+    // look after look finds it there without ever confirming it.
+    if (inverse_range - frame.classified->inverse_range[pixel] >= tolerance) {
+      if (config_.dynamic.enabled && ++point.num_misses >= kMaxMisses) return Outcome::kDeleted;
+      return Outcome::kDoubtful;
+    }
     if (delta <= -tolerance && seen.smooth) return Outcome::kOccluded;
     if (cosine < kMinCosine || frame.classified->kind[pixel] != PixelKind::kSurface) return Outcome::kNothing;
 
