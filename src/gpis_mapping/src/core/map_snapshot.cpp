@@ -22,7 +22,8 @@ double smoothStep(double t) {
   return t * t * (3.0 - 2.0 * t);
 }
 
-double normalCdf(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
+/// Beyond eight standard deviations the answer is 0 or 1; what erfc says there is rounding of rounding.
+double normalCdf(double x) { return x < -8.0 ? 0.0 : 0.5 * std::erfc(-x / std::sqrt(2.0)); }
 
 }  // namespace
 
