@@ -47,10 +47,13 @@ Scene planeScene(double noise_std_m) {
   return scene;
 }
 
+constexpr double kEdgeX = 0.053;  // m
+constexpr double kEdgeZ = 0.061;  // m
+
 Scene edgeScene(double noise_std_m) {
   Scene scene{"edge", {}, {}};
   const Eigen::Vector3d low(-0.25, -0.25, -0.25);
-  const Eigen::Vector3d high(0.053, 0.30, 0.061);  // the edge runs along y through the cell
+  const Eigen::Vector3d high(kEdgeX, 0.30, kEdgeZ);  // the edge runs along y through the cell
   for (const SurfacePoint& point : gpis_mapping_test::sampleBox(low, high, 0.02, true, noise_std_m)) {
     if ((point.position_map - Eigen::Vector3d::Constant(0.05)).cwiseAbs().maxCoeff() < 0.16) scene.points.push_back(point);
   }
@@ -445,8 +448,9 @@ double rootAlong(const Function& f, const Eigen::Vector3d& x, const Eigen::Vecto
 
 // The equivalent promised by the class comment: n value rows about a mean from the normals stand for 4 n rows of values
 // and gradients. Documented differences: (1) beyond the band the full GPIS relaxes to its constant mean, outside and
-// inside, so that its sign is wrong a few centimetres below a surface, while the tangent planes keep theirs; (2) across
-// a convex edge both round it, by less than a millimetre at this spacing.
+// inside, so that its sign is wrong a few centimetres below a surface, while the tangent planes keep theirs; (2) both
+// round a convex edge (by 4 to 6 mm at its crest with points every 2 cm), the cell by up to 2.5 mm more, because its prior
+// mean blends the planes of both faces where the full GPIS weighs their gradients.
 TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
   const GpisConfig config;
   for (const Scene& scene : scenes(0.001)) {
@@ -458,6 +462,7 @@ TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
     const auto f_gpis = [&](const Eigen::Vector3d& y) { return gpis.mean(y); };
     std::mt19937 rng(11);
     int roots = 0;
+    double squares = 0.0;
     for (int i = 0; i < 400; ++i) {
       Eigen::Vector3d x = randomVector(&rng, 0.0, 0.1);
       const Eigen::Vector3d n = centralDifference(scene.distance, x, 1e-6);
@@ -467,10 +472,14 @@ TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
       const double root_gpis = rootAlong(f_gpis, x, n, 0.01);
       ASSERT_TRUE(std::isfinite(root_cell)) << x.transpose();
       ASSERT_TRUE(std::isfinite(root_gpis)) << x.transpose();
-      EXPECT_NEAR(root_cell, root_gpis, 0.001) << x.transpose();
+      // 1 mm is the noise of a point. Within the blend radius of the crest the planes of both faces are blended.
+      const bool at_crest = scene.name == "edge" && std::hypot(x.x() - kEdgeX, x.z() - kEdgeZ) < config.surface.blend_radius_m;
+      EXPECT_NEAR(root_cell, root_gpis, at_crest ? 0.003 : 0.001) << x.transpose();
+      squares += std::pow(root_cell - root_gpis, 2);
       ++roots;
     }
     EXPECT_GT(roots, 100);
+    EXPECT_LT(std::sqrt(squares / roots), 0.001);
     int signs = 0;
     for (int i = 0; i < 400; ++i) {
       const Eigen::Vector3d x = randomVector(&rng, 0.0, 0.1);
