@@ -73,6 +73,18 @@ struct NearestPyramid {
 
 }  // namespace
 
+ObservedLayer::ObservedLayer(const ObservedLayer& other)
+    : block_size_m_(other.block_size_m_), chunks_(other.chunks_), private_chunks_(other.private_chunks_) {
+  for (const LatticeKey& key : private_chunks_) {
+    std::shared_ptr<Chunk>& chunk = chunks_.at(key);
+    chunk = std::make_shared<Chunk>(*chunk);
+  }
+}
+
+ObservedLayer& ObservedLayer::operator=(const ObservedLayer& other) {
+  return *this = ObservedLayer(other);  // by move
+}
+
 ObservedLayer ObservedLayer::share() {
   private_chunks_.clear();
   ObservedLayer copy(block_size_m_);
