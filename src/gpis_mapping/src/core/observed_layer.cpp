@@ -152,7 +152,7 @@ void ObservedLayer::observe(const ClassifiedFrame& frame, const CameraModel& cam
             const double inverse_z = 1.0 / p.z();
             const double u = camera.fx * p.x() * inverse_z + camera.cx;
             const double v = camera.fy * p.y() * inverse_z + camera.cy;
-            const double radius_px = radius * camera.fx * inverse_z;
+            const double radius_px = radius * std::max(camera.fx, camera.fy) * inverse_z;
             if (u < radius_px || v < radius_px || u > camera.width - 1 - radius_px ||
                 v > camera.height - 1 - radius_px) {
               continue;
