@@ -468,8 +468,8 @@ TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
       const Eigen::Vector3d n = centralDifference(scene.distance, x, 1e-6);
       x -= scene.distance(x) * n;  // on the surface, between the training points
       if ((x - Eigen::Vector3d::Constant(0.05)).cwiseAbs().maxCoeff() > 0.05) continue;
-      const double root_cell = rootAlong(f_cell, x, n, 0.01);
-      const double root_gpis = rootAlong(f_gpis, x, n, 0.01);
+      const double root_cell = rootAlong(f_cell, x, n, 0.015);
+      const double root_gpis = rootAlong(f_gpis, x, n, 0.015);
       ASSERT_TRUE(std::isfinite(root_cell)) << x.transpose();
       ASSERT_TRUE(std::isfinite(root_gpis)) << x.transpose();
       // 1 mm is the noise of a point. Within the blend radius of the crest the planes of both faces are blended.
@@ -485,6 +485,8 @@ TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
       const Eigen::Vector3d x = randomVector(&rng, 0.0, 0.1);
       const double d = scene.distance(x);
       if (std::abs(d) > config.surface.spacing_m || std::abs(d) < 0.001) continue;
+      // What the rounded crest cuts off is outside for the map.
+      if (scene.name == "edge" && std::hypot(x.x() - kEdgeX, x.z() - kEdgeZ) < config.surface.spacing_m) continue;
       EXPECT_EQ(f_cell(x) > 0.0, f_gpis(x) > 0.0) << x.transpose() << ", " << d << " m from the surface";
       EXPECT_EQ(f_cell(x) > 0.0, d > 0.0) << x.transpose() << ", " << d << " m from the surface";
       ++signs;
