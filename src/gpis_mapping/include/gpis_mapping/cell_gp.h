@@ -38,8 +38,8 @@ class CellGp {
   };
 
   /// `points`: first the `num_own` points of the cell, then the rest of the `num_training` that train the GP, then
-  /// those that only shape the prior mean. Throws std::runtime_error if the covariance is not positive definite
-  /// (non-finite input).
+  /// those that only shape the prior mean. Throws std::runtime_error naming the cell if a point is not finite or
+  /// the covariance is not positive definite.
   CellGp(const LatticeKey& key, const GpisConfig& config, const std::vector<const SurfacePoint*>& points,
          std::size_t num_own, std::size_t num_training);
 

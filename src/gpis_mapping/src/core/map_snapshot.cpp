@@ -311,7 +311,7 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
       if (options.variance_gradient) result.variance_gradient.col(i).setConstant(kNaN);
       continue;
     }
-    if (!std::isnan(result.distance[i])) {
+    if (options.variance && !std::isnan(result.distance[i])) {
       result.occupancy[i] = normalCdf(-result.distance[i] / std::sqrt(std::max(1e-12, result.variance[i])));
     }
   }

@@ -73,6 +73,18 @@ struct NearestPyramid {
 
 }  // namespace
 
+ObservedLayer::ObservedLayer(const ObservedLayer& other)
+    : block_size_m_(other.block_size_m_), chunks_(other.chunks_), private_chunks_(other.private_chunks_) {
+  for (const LatticeKey& key : private_chunks_) {
+    std::shared_ptr<Chunk>& chunk = chunks_.at(key);
+    chunk = std::make_shared<Chunk>(*chunk);
+  }
+}
+
+ObservedLayer& ObservedLayer::operator=(const ObservedLayer& other) {
+  return *this = ObservedLayer(other);  // by move
+}
+
 ObservedLayer ObservedLayer::share() {
   private_chunks_.clear();
   ObservedLayer copy(block_size_m_);
@@ -140,7 +152,7 @@ void ObservedLayer::observe(const ClassifiedFrame& frame, const CameraModel& cam
             const double inverse_z = 1.0 / p.z();
             const double u = camera.fx * p.x() * inverse_z + camera.cx;
             const double v = camera.fy * p.y() * inverse_z + camera.cy;
-            const double radius_px = radius * camera.fx * inverse_z;
+            const double radius_px = radius * std::max(camera.fx, camera.fy) * inverse_z;
             if (u < radius_px || v < radius_px || u > camera.width - 1 - radius_px ||
                 v > camera.height - 1 - radius_px) {
               continue;
