@@ -278,7 +278,12 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours.
     if (inverse_range - frame.classified->inverse_range[pixel] >= tolerance) return Outcome::kDoubtful;
     if (delta <= -tolerance && seen.smooth) return Outcome::kOccluded;
-    if (cosine < kMinCosine || frame.classified->kind[pixel] != PixelKind::kSurface) return Outcome::kNothing;
+    if (frame.classified->kind[pixel] != PixelKind::kSurface) return Outcome::kNothing;
+    if (cosine < kMinCosine) {
+      // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot
+      // of an object that is gone: the rest of the face knows.
+      return cosine < -kMinCosine && std::abs(delta) < tolerance ? Outcome::kDoubtful : Outcome::kNothing;
+    }
 
     // Same surface: measure its offset along the stored normal.
     Eigen::Vector3d measured = p;
