@@ -68,7 +68,7 @@ TEST(DynamicMapInvalidPixels, MaskedRegionDeletesAndInsertsNothing) {
   cv::Mat depth_m = measureDepth(scene, 5);
   for (int v = 0; v < depth_m.rows; ++v) {
     for (int u = 0; u < depth_m.cols; ++u) {
-      if (std::abs((v - 120) + 0.2 * (u - 160)) < 15.0) depth_m.at<float>(v, u) = kNaN;
+      if (std::abs((v - 120) + 0.2 * (u - 160)) < 12.0) depth_m.at<float>(v, u) = kNaN;
     }
   }
   const DepthImage image = toDepthImage(depth_m);
@@ -78,8 +78,9 @@ TEST(DynamicMapInvalidPixels, MaskedRegionDeletesAndInsertsNothing) {
   EXPECT_GT(expectUntouched(map, before, after, scene, 5, image, isNaN), 100u);
   expectNothingNew(map, before, after, scene, 5, image, isNaN);
   // The rest of the image does its work: the removed box's other parts go, the new one's appear.
-  EXPECT_GT(statistics.deleted, 50u);
-  EXPECT_GT(statistics.inserted, 50u);
+  // A box has 150 points on the three sides in view (0.12 m^2 less what is hidden); a fifth is well above noise.
+  EXPECT_GT(statistics.deleted, 30u);
+  EXPECT_GT(statistics.inserted, 30u);
   // And the space behind the mask is not called free.
   EXPECT_EQ(ask(*map.snapshot(), masked_center).state, SpaceState::kOccupied);
 }
@@ -118,11 +119,11 @@ TEST(DynamicMapInvalidPixels, BaselineShadowDeletesAndInsertsNothing) {
     const DepthImage image = is_16_bit ? toDepthImage16(depth_m) : toDepthImage(depth_m);
     feed(&map, scene, 2, image);
     const std::vector<SurfacePoint> after = pointsOf(map);
-    // 262.5 * 0.08 * (1/0.6 - 1/1.2) = 17.5 px wide and 87 px tall at 1.2 m: 8 x 40 cm, 80 points at one per 4 cm^2;
-    // less for the part of it under the box's own image. A hundred with the kernel's length around it.
+    // 262.5 * 0.08 * (1/0.6 - 1/1.2) = 17.5 px wide and 87 px tall, at 1.2 m 8 x 40 cm of ground: 56 points when
+    // discs of 2 cm are packed at random (1740 per m^2); half of them will do.
     const std::size_t num_shadowed =
         expectUntouched(map, before, after, scene, 2, image, is_16_bit ? isZero : isNaN);
-    EXPECT_GT(num_shadowed, 60u) << "16 bit: " << is_16_bit;
+    EXPECT_GT(num_shadowed, 28u) << "16 bit: " << is_16_bit;
     expectNothingNew(map, before, after, scene, 2, image, is_16_bit ? isZero : isNaN);
   }
 }
