@@ -132,7 +132,8 @@ MovableResult mapMovable(const Eigen::Isometry3d& T_map_scene) {
 }
 
 TEST(DynamicMapStability, RotatingAndShiftingSceneAndPosesChangesNothingButTheFrame) {
-  const MovableResult reference = mapMovable(Eigen::Isometry3d::Identity());
+  // Not the identity: with the ground in a plane of the voxel lattice the mesh is right by luck.
+  const MovableResult reference = mapMovable(defaultMapScenePose());
   SeededRandom random(31);
   std::vector<Eigen::Isometry3d> frames;
   for (const double offset_m : {0.0, 0.5, 40.0, 3000.0}) {  // 0: the map's origin lies in the scene
@@ -153,8 +154,10 @@ TEST(DynamicMapStability, RotatingAndShiftingSceneAndPosesChangesNothingButTheFr
     // Cells train on other subsets of the same points: a tenth of the 3 mm noise on average. At edges, where f is
     // rounded over a spacing of 2 cm, some millimetres for a few.
     const Errors difference(moved.distances - reference.distances);
-    EXPECT_LT(difference.rms(), 0.001) << where;
+    EXPECT_LT(difference.quantile(0.9), 0.001) << where;
     EXPECT_LT(difference.quantile(0.99), 0.004) << where;
+    // Under a face that is not mapped two others may contest the sign.
+    EXPECT_LT(difference.shareAbove(0.01), 0.005) << where;
     EXPECT_LE(difference.numNan(), 2u) << where;
     const Errors difference_after(moved.distances_after - reference.distances_after);
     EXPECT_LT(difference_after.quantile(0.9), 0.002) << where;

@@ -95,19 +95,25 @@ void expectAccurate(const Scene& scene, const MapSnapshot& snapshot, int first, 
   EXPECT_LT(errors.rms(), bounds.mesh_rms_m);
   EXPECT_LT(errors.shareAbove(0.03), bounds.ghost_share) << "max " << errors.max();
   const SurfaceSamples samples = visibleSurfaceSamples(scene, first, last, 0.02);
-  const Errors holes = distanceToMesh(samples.points_map, mesh, 0.06);
+  const Eigen::VectorXd to_mesh = distancesToMesh(samples.points_map, mesh, 0.06);
+  const Errors holes(to_mesh);
   // Samples that only one look grazes, or in gaps of a brick's width between bricks, stay unmapped.
   EXPECT_LT(holes.shareAbove(0.02), 0.06);
+  // Signed distance within reach of f, from 1 cm inside to 3 cm outside, where the surface is mapped.
   SeededRandom random(41);
-  Eigen::Matrix3Xd points = samples.points_map;
-  for (Eigen::Index i = 0; i < points.cols(); ++i) points.col(i) += random.uniform(-0.01, 0.03) * samples.normals_map.col(i);
+  std::vector<Eigen::Vector3d> near_surface;
+  for (Eigen::Index i = 0; i < samples.points_map.cols(); ++i) {
+    const double offset_m = random.uniform(-0.01, 0.03);
+    if (to_mesh[i] > 0.0143) continue;  // a voxel's edge
+    near_surface.emplace_back(samples.points_map.col(i) + offset_m * samples.normals_map.col(i));
+  }
+  const Eigen::Matrix3Xd points = asMatrix(near_surface);
   const Eigen::VectorXd truth = SceneDistance(scene, last).signedDistance(points);
   const Errors distance_errors(snapshot.query(points).distance - truth);
   EXPECT_EQ(distance_errors.numNan(), 0u);
   EXPECT_LT(distance_errors.rms(), bounds.distance_rms_m);
-  std::printf("mesh rms %.2f mm, median %.2f mm, over 3 cm %.4f %%, max %.1f mm; holes %.2f %%; distance rms %.2f mm\n",
-              1e3 * errors.rms(), 1e3 * errors.quantile(0.5), 100 * errors.shareAbove(0.03), 1e3 * errors.max(),
-              100 * holes.shareAbove(0.02), 1e3 * distance_errors.rms());
+  // In gaps and under overhangs the nearest face may be unmapped and the sign come from the next one.
+  EXPECT_LT(distance_errors.shareAbove(0.03), 0.003) << "max " << distance_errors.max();
 }
 
 TEST(DynamicMapSurface, PileWithoutNoiseIsAccurateBeforeAndAfterBricksAreTaken) {
@@ -159,7 +165,8 @@ TEST(DynamicMapSurface, OnlyTheDynamicMapGetsRidOfTakenBricks) {
   }
   // Three bricks of 0.3 x 0.15 x 0.1 m, tops and sides 0.1 m^2 each, at a vertex per 2 cm^2.
   EXPECT_GT(num_ghost[0], 700u);
-  EXPECT_LE(num_ghost[1], num_ghost[0] / 200);
+  // All but a rest at their feet, where ten looks from one half leave single points within the tolerance.
+  EXPECT_LE(num_ghost[1], num_ghost[0] / 50);
 }
 
 TEST(DynamicMapSurface, StatesOfSpaceAgreeWithTheExactScene) {
@@ -172,31 +179,37 @@ TEST(DynamicMapSurface, StatesOfSpaceAgreeWithTheExactScene) {
     const Eigen::Matrix3Xd points = randomPointsInMap(scene, 51, 20000, {-0.7, -0.7, -0.05}, {0.7, 0.7, 0.7});
     const Eigen::VectorXd exact = truth.signedDistance(points);
     const QueryResult answers = map.snapshot()->query(points);
-    // In front of what the last look sees: seen free without doubt. 6 cm: the half diagonal of a block (4.3 cm) and
-    // what noise adds.
-    const cv::Mat depth_m = renderDepth(scene, 19);
-    std::size_t num_inside = 0, num_in_view = 0, num_free_inside = 0, num_occupied_in_view = 0, num_free_in_view = 0;
+    // Seen through by the last look with room for a whole block (5 cm: 4.3 cm from its middle to a corner, a sphere of
+    // 3 cm round it, squares of 4 px): every pixel within 8 cm of the point has a value and looks 8 cm past it.
+    constexpr double kRoom_m = 0.08;
+    const DepthImage seen = toDepthImage(renderDepth(scene, 19));
+    const DepthImage measured = toDepthImage(measureDepth(scene, 19));
+    std::size_t num_inside = 0;
+    std::size_t num_in_view = 0;
+    std::size_t num_free_in_view = 0;
     for (Eigen::Index i = 0; i < points.cols(); ++i) {
       const SpaceState state = answers.state[static_cast<std::size_t>(i)];
+      const Eigen::Vector3d p_scene = scene.T_map_scene.inverse() * points.col(i);
       if (exact[i] < -0.02) {
         ++num_inside;
-        num_free_inside += state == SpaceState::kFree;
+        EXPECT_NE(state, SpaceState::kFree) << "at " << p_scene.transpose() << ", " << exact[i] << " m inside, answer "
+                                            << answers.distance[i] << " m";
       }
-      const Pixel pixel = project(scene, 19, points.col(i), 1.0);
-      if (pixel.inside && exact[i] > 0.02 && depth_m.at<float>(pixel.row(), pixel.column()) > pixel.z_m + 0.06) {
+      const Pixel pixel = project(scene, 19, points.col(i));
+      const double radius_px = scene.camera.fx_px * kRoom_m / pixel.z_m;
+      if (project(scene, 19, points.col(i), radius_px).inside &&
+          !anyPixelNear(seen, pixel, radius_px, [&](float z) { return z < pixel.z_m + kRoom_m; }) &&
+          !anyPixelNear(measured, pixel, radius_px, [](float z) { return std::isnan(z); })) {
         ++num_in_view;
-        num_occupied_in_view += state == SpaceState::kOccupied;
         num_free_in_view += state == SpaceState::kFree;
+        EXPECT_NE(state, SpaceState::kOccupied) << "at " << p_scene.transpose() << ", " << exact[i]
+                                                << " m outside, answer " << answers.distance[i] << " m";
       }
     }
     ASSERT_GT(num_inside, 1000u);
-    ASSERT_GT(num_in_view, 5000u);
-    std::printf("inside %zu, free there %zu; in view %zu, occupied there %zu, free %zu\n", num_inside, num_free_inside,
-                num_in_view, num_occupied_in_view, num_free_in_view);
-    // Inside by more than 2 cm (4 sigma at 2 m are 2.6 cm for one look; all are seen several times): never free.
-    EXPECT_EQ(num_free_inside, 0u);
-    EXPECT_EQ(num_occupied_in_view, 0u);
-    EXPECT_GT(static_cast<double>(num_free_in_view), 0.9 * static_cast<double>(num_in_view));
+    ASSERT_GT(num_in_view, 1000u);
+    // Inside by more than 2 cm (3 sigma at 2 m for a single look; all are seen several times): never free.
+    EXPECT_GT(static_cast<double>(num_free_in_view), 0.99 * static_cast<double>(num_in_view));
   }
 }
 

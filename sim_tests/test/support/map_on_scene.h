@@ -271,7 +271,7 @@ inline Errors pointErrors(const std::vector<SurfacePoint>& points, const Scene& 
 
 /// Distance from each sample to the nearest mesh vertex, cut off at `reach_m`. Vertices of marching cubes are at most
 /// a voxel apart, so on a meshed surface this is below the voxel's edge (14 mm by default).
-inline Errors distanceToMesh(const Eigen::Matrix3Xd& samples_map, const TriangleMesh& mesh, double reach_m) {
+inline Eigen::VectorXd distancesToMesh(const Eigen::Matrix3Xd& samples_map, const TriangleMesh& mesh, double reach_m) {
   using gpis_mapping::LatticeKey;
   std::unordered_map<LatticeKey, std::vector<Eigen::Vector3d>, gpis_mapping::LatticeKeyHash> grid;
   for (const Eigen::Vector3d& p : mesh.vertices_map) grid[LatticeKey::of(p, reach_m)].push_back(p);
@@ -286,7 +286,11 @@ inline Errors distanceToMesh(const Eigen::Matrix3Xd& samples_map, const Triangle
       }
     }
   }
-  return Errors(nearest);
+  return nearest;
+}
+
+inline Errors distanceToMesh(const Eigen::Matrix3Xd& samples_map, const TriangleMesh& mesh, double reach_m) {
+  return Errors(distancesToMesh(samples_map, mesh, reach_m));
 }
 
 /// One answer.
