@@ -49,7 +49,11 @@ TEST(DynamicMapBadInput, IsRefusedAndLeavesTheMapAsItWas) {
       {"width and height swapped", [](DepthImage* i, Camera*, auto*, double*) { std::swap(i->width, i->height); }},
       {"a value missing", [](DepthImage* i, Camera*, auto*, double*) { i->depth_m.pop_back(); }},
       {"no values", [](DepthImage* i, Camera*, auto*, double*) { i->depth_m.clear(); }},
-      {"camera of another size", [](DepthImage*, Camera* c, auto*, double*) { c->width = 640; c->height = 480; }},
+      {"camera of another size",
+       [](DepthImage*, Camera* c, auto*, double*) {
+         c->width = 640;
+         c->height = 480;
+       }},
       {"camera without width", [](DepthImage*, Camera* c, auto*, double*) { c->width = 0; }},
       {"negative height", [](DepthImage*, Camera* c, auto*, double*) { c->height = -240; }},
       {"zero focal length", [](DepthImage*, Camera* c, auto*, double*) { c->fx = 0.0; }},
@@ -57,7 +61,8 @@ TEST(DynamicMapBadInput, IsRefusedAndLeavesTheMapAsItWas) {
       {"NaN focal length", [nan](DepthImage*, Camera* c, auto*, double*) { c->fx = nan; }},
       {"infinite principal point", [infinity](DepthImage*, Camera* c, auto*, double*) { c->cx = infinity; }},
       {"NaN position", [nan](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->translation().y() = nan; }},
-      {"infinite position", [infinity](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->translation().x() = infinity; }},
+      {"infinite position",
+       [infinity](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->translation().x() = infinity; }},
       {"NaN rotation", [nan](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->matrix()(1, 2) = nan; }},
       {"scaled rotation", [](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->linear() *= 1.01; }},
       {"mirror", [](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->linear().col(0) *= -1.0; }},
@@ -168,11 +173,11 @@ TEST(DynamicMapBadInput, UnseenSpaceHasNoDistanceAndIsUnknown) {
   feedFrames(&map, scene, 0, 2);
   const double reach_m = map.config().query.unknown_reach_m;
   std::vector<Eigen::Vector3d> places;
-  for (const Eigen::Vector3d& p : {Eigen::Vector3d(8.0, 0.0, 1.0),      // behind the cameras
-                                   Eigen::Vector3d(0.0, 0.0, -1.0),     // under the ground
-                                   Eigen::Vector3d(0.0, 0.0, -reach_m - 0.05),
-                                   Eigen::Vector3d(1.1, 0.0, 3.0),      // above them
-                                   Eigen::Vector3d(-50.0, 20.0, 5.0)}) {
+  for (const Eigen::Vector3d& p :
+       {Eigen::Vector3d(8.0, 0.0, 1.0),                                              // behind the cameras
+        Eigen::Vector3d(0.0, 0.0, -1.0),                                             // under the ground
+        Eigen::Vector3d(0.0, 0.0, -reach_m - 0.05), Eigen::Vector3d(1.1, 0.0, 3.0),  // above them
+        Eigen::Vector3d(-50.0, 20.0, 5.0)}) {
     places.push_back(scene.T_map_scene * p);
   }
   places.emplace_back(std::numeric_limits<double>::quiet_NaN(), 0.0, 0.0);

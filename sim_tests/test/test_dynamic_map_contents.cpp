@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Saved and restored maps; snapshots read by several threads while the map goes on.
+#include <array>
 #include <atomic>
-#include <future>
-#include <mutex>
 #include <thread>
 
 #include <gtest/gtest.h>

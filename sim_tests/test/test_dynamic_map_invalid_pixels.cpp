@@ -43,14 +43,18 @@ void expectNothingNew(const GpisMap& map, const std::vector<SurfacePoint>& befor
   }
 }
 
-bool isNaN(float z) { return std::isnan(z); }
-bool isZero(float z) { return z == 0.0f; }
+bool isNaN(float z) {
+  return std::isnan(z);
+}
+bool isZero(float z) {
+  return z == 0.0f;
+}
 
 /// A box on the ground for five looks; from frame 5 on it is gone and another stands beside it.
 Scene changingScene() {
-  Scene scene = makeLooks({{1.1, 0.4, 0.8}, {1.1, 0.3, 0.8}, {1.1, -0.4, 0.8}, {1.1, 0.0, 0.9}, {1.1, 0.0, 0.8},
-                           {1.1, 0.0, 0.8}},
-                          {0.0, 0.0, 0.1});
+  Scene scene =
+      makeLooks({{1.1, 0.4, 0.8}, {1.1, 0.3, 0.8}, {1.1, -0.4, 0.8}, {1.1, 0.0, 0.9}, {1.1, 0.0, 0.8}, {1.1, 0.0, 0.8}},
+                {0.0, 0.0, 0.1});
   scene.boxes = {makeBox(0, {0.0, 0.0, 0.1}, {0.1, 0.1, 0.1}, {0.0, 0.0, 0.3}),
                  makeBox(1, {0.0, 0.3, 0.1}, {0.1, 0.1, 0.1}, {0.0, 0.0, 0.3})};
   scene.boxes[0].vanishes_at_frame = 5;
@@ -121,8 +125,7 @@ TEST(DynamicMapInvalidPixels, BaselineShadowDeletesAndInsertsNothing) {
     const std::vector<SurfacePoint> after = pointsOf(map);
     // 262.5 * 0.08 * (1/0.6 - 1/1.2) = 17.5 px wide and 87 px tall, at 1.2 m 8 x 40 cm of ground: 56 points when
     // discs of 2 cm are packed at random (1740 per m^2); half of them will do.
-    const std::size_t num_shadowed =
-        expectUntouched(map, before, after, scene, 2, image, is_16_bit ? isZero : isNaN);
+    const std::size_t num_shadowed = expectUntouched(map, before, after, scene, 2, image, is_16_bit ? isZero : isNaN);
     EXPECT_GT(num_shadowed, 28u) << "16 bit: " << is_16_bit;
     expectNothingNew(map, before, after, scene, 2, image, is_16_bit ? isZero : isNaN);
   }
@@ -142,8 +145,9 @@ TEST(DynamicMapInvalidPixels, TooNearDeletesNothing) {
     depth_m.rowRange(120, 240).setTo(too_near);
     const DepthImage image = toDepthImage(depth_m);
     feed(&map, scene, 5, image);
-    EXPECT_GT(expectUntouched(map, before, pointsOf(map), scene, 5, image,
-                              [too_near](float z) { return z == too_near; }), 300u);
+    EXPECT_GT(
+        expectUntouched(map, before, pointsOf(map), scene, 5, image, [too_near](float z) { return z == too_near; }),
+        300u);
   }
 }
 

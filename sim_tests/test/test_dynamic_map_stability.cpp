@@ -13,7 +13,8 @@ Scene twentyLooks() {
   Scene scene = loadSmallScene("static_box_twenty_looks");
   SeededRandom random(11);
   for (Eigen::Isometry3d& pose : scene.T_scene_camera) {
-    const Eigen::Vector3d shift = randomPoint(random, Eigen::Vector3d::Constant(-0.03), Eigen::Vector3d::Constant(0.03));
+    const Eigen::Vector3d shift =
+        randomPoint(random, Eigen::Vector3d::Constant(-0.03), Eigen::Vector3d::Constant(0.03));
     const Eigen::Vector3d turn = randomPoint(random, Eigen::Vector3d::Constant(-0.03), Eigen::Vector3d::Constant(0.03));
     pose = pose * poseFromXyzRpy(shift, turn);
   }
@@ -121,7 +122,8 @@ MovableResult mapMovable(const Eigen::Isometry3d& T_map_scene) {
   }();
   SeededRandom random(21);
   Eigen::Matrix3Xd points = samples.points_map;
-  for (Eigen::Index i = 0; i < points.cols(); ++i) points.col(i) += random.uniform(-0.01, 0.03) * samples.normals_map.col(i);
+  for (Eigen::Index i = 0; i < points.cols(); ++i)
+    points.col(i) += random.uniform(-0.01, 0.03) * samples.normals_map.col(i);
   MovableResult result;
   result.mesh_errors = meshErrors(meshOf(*map.snapshot()), scene, 0);
   result.distances = map.snapshot()->query(points).distance;
@@ -148,13 +150,17 @@ TEST(DynamicMapStability, RotatingAndShiftingSceneAndPosesChangesNothingButTheFr
     EXPECT_NEAR(moved.mesh_errors.rms(), reference.mesh_errors.rms(), 0.0003) << where;
     EXPECT_NEAR(moved.mesh_errors.quantile(0.5), reference.mesh_errors.quantile(0.5), 0.0002) << where;
     EXPECT_NEAR(static_cast<double>(moved.num_points), static_cast<double>(reference.num_points),
-                0.01 * static_cast<double>(reference.num_points)) << where;
+                0.01 * static_cast<double>(reference.num_points))
+        << where;
     EXPECT_NEAR(static_cast<double>(moved.deleted), static_cast<double>(reference.deleted),
-                0.05 * static_cast<double>(reference.deleted)) << where;
-    // Cells train on other subsets of the same points: a tenth of the 3 mm noise on average. At edges, where f is
-    // rounded over a spacing of 2 cm, some millimetres for a few.
+                0.05 * static_cast<double>(reference.deleted))
+        << where;
+    // Cells train on other subsets of the same points, which moves f by a fiftieth of the 3 mm noise or so. Single
+    // precision anywhere but relative to a cell shows here: 9 km have steps of 1 mm. At edges, where f is rounded over
+    // a spacing of 2 cm, it is some millimetres for a few.
     const Errors difference(moved.distances - reference.distances);
-    EXPECT_LT(difference.quantile(0.9), 0.001) << where;
+    EXPECT_LT(difference.quantile(0.5), 0.00008) << where;
+    EXPECT_LT(difference.quantile(0.9), 0.0003) << where;
     EXPECT_LT(difference.quantile(0.99), 0.004) << where;
     // Under a face that is not mapped two others may contest the sign.
     EXPECT_LT(difference.shareAbove(0.01), 0.005) << where;

@@ -85,8 +85,8 @@ Scene pileScene(bool has_noise) {
 
 struct PileBounds {
   double mesh_rms_m;
-  double ghost_share;      // of mesh vertices more than 3 cm from the truth
-  double distance_rms_m;   // of the signed distance within 3 cm of seen surfaces
+  double ghost_share;     // of mesh vertices more than 3 cm from the truth
+  double distance_rms_m;  // of the signed distance within 3 cm of seen surfaces
 };
 
 void expectAccurate(const Scene& scene, const MapSnapshot& snapshot, int first, int last, const PileBounds& bounds) {
@@ -192,8 +192,8 @@ TEST(DynamicMapSurface, StatesOfSpaceAgreeWithTheExactScene) {
       const Eigen::Vector3d p_scene = scene.T_map_scene.inverse() * points.col(i);
       if (exact[i] < -0.02) {
         ++num_inside;
-        EXPECT_NE(state, SpaceState::kFree) << "at " << p_scene.transpose() << ", " << exact[i] << " m inside, answer "
-                                            << answers.distance[i] << " m";
+        EXPECT_NE(state, SpaceState::kFree)
+            << "at " << p_scene.transpose() << ", " << exact[i] << " m inside, answer " << answers.distance[i] << " m";
       }
       const Pixel pixel = project(scene, 19, points.col(i));
       const double radius_px = scene.camera.fx_px * kRoom_m / pixel.z_m;
@@ -202,8 +202,8 @@ TEST(DynamicMapSurface, StatesOfSpaceAgreeWithTheExactScene) {
           !anyPixelNear(measured, pixel, radius_px, [](float z) { return std::isnan(z); })) {
         ++num_in_view;
         num_free_in_view += state == SpaceState::kFree;
-        EXPECT_NE(state, SpaceState::kOccupied) << "at " << p_scene.transpose() << ", " << exact[i]
-                                                << " m outside, answer " << answers.distance[i] << " m";
+        EXPECT_NE(state, SpaceState::kOccupied)
+            << "at " << p_scene.transpose() << ", " << exact[i] << " m outside, answer " << answers.distance[i] << " m";
       }
     }
     ASSERT_GT(num_inside, 1000u);

@@ -11,7 +11,6 @@
 #include <vector>
 
 #include <Eigen/Geometry>
-#include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 
 #include "gpis_mapping/gpis_map.h"
@@ -41,7 +40,9 @@ constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 /// 320 x 240 px with the field of view of the 640 x 480 camera: a quarter of the time, half the resolution.
-inline CameraModel smallCamera() { return {320, 240, 262.5, 262.5, 159.5, 119.5}; }
+inline CameraModel smallCamera() {
+  return {320, 240, 262.5, 262.5, 159.5, 119.5};
+}
 
 /// A shipped scene seen with smallCamera().
 inline Scene loadSmallScene(const std::string& name) {
@@ -322,8 +323,8 @@ bool areBitwiseEqual(const Eigen::MatrixBase<A>& a, const Eigen::MatrixBase<B>& 
 inline bool areBitwiseEqual(const QueryResult& a, const QueryResult& b) {
   return areBitwiseEqual(a.distance, b.distance) && areBitwiseEqual(a.gradient, b.gradient) &&
          areBitwiseEqual(a.variance, b.variance) && areBitwiseEqual(a.occupancy, b.occupancy) &&
-         areBitwiseEqual(a.euclidean_distance, b.euclidean_distance) &&
-         areBitwiseEqual(a.surface_std, b.surface_std) && a.state == b.state;
+         areBitwiseEqual(a.euclidean_distance, b.euclidean_distance) && areBitwiseEqual(a.surface_std, b.surface_std) &&
+         a.state == b.state;
 }
 
 /// Random points in a box of the scene frame, given in the map frame.
