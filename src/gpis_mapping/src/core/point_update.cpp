@@ -118,7 +118,12 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
     return PointOutcome::kDoubtful;
   }
   if (delta <= -tolerance && seen.smooth) return PointOutcome::kOccluded;
-  if (cosine < kMinCosine || pixels_->kind[pixel] != PixelKind::kSurface) return PointOutcome::kNothing;
+  if (pixels_->kind[pixel] != PixelKind::kSurface) return PointOutcome::kNothing;
+  if (cosine < kMinCosine) {
+    // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of
+    // an object that is gone: the rest of the face knows.
+    return cosine < -kMinCosine && std::abs(delta) < tolerance ? PointOutcome::kDoubtful : PointOutcome::kNothing;
+  }
   const std::optional<SurfaceMeasurement> measurement = measure(u, v);
   if (!measurement || std::abs(1.0 / measurement->point_camera.norm() - inverse_range) >= tolerance) {
     return PointOutcome::kNothing;
