@@ -149,13 +149,25 @@ TEST(ObservedLayer, PixelsWithoutInformationAndAmbiguousHolesAreNoEvidence) {
   const Eigen::Vector3d p(0.02, 0.02, 1.02);  // seen near the image centre
   for (const PixelKind kind : {PixelKind::kSurface, PixelKind::kWall, PixelKind::kAmbiguous, PixelKind::kNoInformation}) {
     const auto frame = makeFrame(camera, [](int, int) { return 2.0; });
-    // One pixel in the block's footprint (7 px wide there).
-    frame->kind[frame->index(83, 62)] = kind;
+    // A patch in the block's footprint (7 px wide there): however it lies on the 4 x 4 pixel grid, four of its pixels
+    // share a square, more than count as speckle.
+    for (int v = 61; v <= 63; ++v) {
+      for (int u = 82; u <= 84; ++u) frame->kind[frame->index(u, v)] = kind;
+    }
     ObservedLayer layer(kBlock);
     layer.observe(*frame, camera, identity, kMaxRange, 1.0f, 1);
     EXPECT_EQ(layer.isFree(p), kind == PixelKind::kSurface || kind == PixelKind::kWall) << static_cast<int>(kind);
-    EXPECT_TRUE(layer.isFree({-0.32, 0.02, 1.02}));  // far from that pixel
+    EXPECT_TRUE(layer.isFree({-0.32, 0.02, 1.02}));  // far from that patch
   }
+}
+
+TEST(ObservedLayer, ADropoutOrTwoAmongSixteenPixelsIsSpeckle) {
+  const CameraModel camera{160, 120, 140.0, 140.0, 79.5, 59.5};
+  const auto frame = makeFrame(camera, [](int, int) { return 2.0; });
+  for (const int u : {81, 83}) frame->kind[frame->index(u, 62)] = PixelKind::kNoInformation;
+  ObservedLayer layer(kBlock);
+  layer.observe(*frame, camera, Eigen::Isometry3d::Identity(), kMaxRange, 1.0f, 1);
+  EXPECT_TRUE(layer.isFree({0.02, 0.02, 1.02}));
 }
 
 TEST(ObservedLayer, WallIsSeenThroughUpToTheMaximumRange) {
