@@ -55,7 +55,8 @@ Scene edgeScene(double noise_std_m) {
   const Eigen::Vector3d low(-0.25, -0.25, -0.25);
   const Eigen::Vector3d high(kEdgeX, 0.30, kEdgeZ);  // the edge runs along y through the cell
   for (const SurfacePoint& point : gpis_mapping_test::sampleBox(low, high, 0.02, true, noise_std_m)) {
-    if ((point.position_map - Eigen::Vector3d::Constant(0.05)).cwiseAbs().maxCoeff() < 0.16) scene.points.push_back(point);
+    if ((point.position_map - Eigen::Vector3d::Constant(0.05)).cwiseAbs().maxCoeff() < 0.16)
+      scene.points.push_back(point);
   }
   scene.distance = [=](const Eigen::Vector3d& x) { return gpis_mapping_test::boxDistance(low, high, x); };
   return scene;
@@ -473,7 +474,8 @@ TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
       ASSERT_TRUE(std::isfinite(root_cell)) << x.transpose();
       ASSERT_TRUE(std::isfinite(root_gpis)) << x.transpose();
       // 1 mm is the noise of a point. Within the blend radius of the crest the planes of both faces are blended.
-      const bool at_crest = scene.name == "edge" && std::hypot(x.x() - kEdgeX, x.z() - kEdgeZ) < config.surface.blend_radius_m;
+      const bool at_crest =
+          scene.name == "edge" && std::hypot(x.x() - kEdgeX, x.z() - kEdgeZ) < config.surface.blend_radius_m;
       EXPECT_NEAR(root_cell, root_gpis, at_crest ? 0.003 : 0.001) << x.transpose();
       squares += std::pow(root_cell - root_gpis, 2);
       ++roots;

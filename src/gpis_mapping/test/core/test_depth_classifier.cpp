@@ -22,7 +22,9 @@ constexpr float kInf = std::numeric_limits<float>::infinity();
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 /// One row of interest, repeated: shadows are thrown along image rows.
-CameraModel wideCamera() { return {320, 16, 525.0, 525.0, 159.5, 7.5}; }
+CameraModel wideCamera() {
+  return {320, 16, 525.0, 525.0, 159.5, 7.5};
+}
 
 DepthImage flatImage(const CameraModel& camera, float depth) {
   return {camera.width, camera.height,
@@ -33,8 +35,8 @@ DepthImage flatImage(const CameraModel& camera, float depth) {
 void setColumns(DepthImage* image, int begin, int end, float depth) {
   for (int v = 0; v < image->height; ++v) {
     for (int u = begin; u < end; ++u) {
-      image->depth_m[static_cast<std::size_t>(v) * static_cast<std::size_t>(image->width) + static_cast<std::size_t>(u)] =
-          depth;
+      image->depth_m[static_cast<std::size_t>(v) * static_cast<std::size_t>(image->width) +
+                     static_cast<std::size_t>(u)] = depth;
     }
   }
 }
@@ -67,7 +69,7 @@ TEST(DepthClassifier, FollowsRep117) {
   EXPECT_EQ(kindOf(kNaN), PixelKind::kNoInformation);
   EXPECT_EQ(kindOf(-1.0f), PixelKind::kNoInformation);
   EXPECT_EQ(kindOf(1e-40f), PixelKind::kNoInformation);  // nearer than anything can be
-  EXPECT_EQ(kindOf(50.0f), PixelKind::kSurface);  // beyond max_range: sees past things, inserts nothing
+  EXPECT_EQ(kindOf(50.0f), PixelKind::kSurface);         // beyond max_range: sees past things, inserts nothing
 }
 
 TEST(DepthClassifier, ExplainsValuesOfSurfaceAndWallPixels) {
@@ -184,10 +186,11 @@ TEST(DepthClassifier, HoleAtTheImageBorder) {
 
 TEST(DepthClassifier, HoleBesideOtherSpecialValues) {
   const GpisConfig config;
-  EXPECT_EQ(holeKind(config, 150, kInf, kInf), PixelKind::kWall);   // nothing on either side
+  EXPECT_EQ(holeKind(config, 150, kInf, kInf), PixelKind::kWall);  // nothing on either side
   EXPECT_EQ(holeKind(config, 150, kNaN, kNaN), PixelKind::kWall);
-  EXPECT_EQ(holeKind(config, 10, 1.0f, kInf), PixelKind::kNoInformation);  // a shadow on the wall behind
-  EXPECT_EQ(holeKind(config, 150, -kInf, 1.0f), PixelKind::kNoInformation);  // its border is too near
+  EXPECT_EQ(holeKind(config, 2, kInf, kInf), PixelKind::kWall);                   // however narrow
+  EXPECT_EQ(holeKind(config, 10, 1.0f, kInf), PixelKind::kNoInformation);         // a shadow on the wall behind
+  EXPECT_EQ(holeKind(config, 150, -kInf, 1.0f), PixelKind::kNoInformation);       // its border is too near
   EXPECT_EQ(kindAt(config, flatImage(wideCamera(), 0.0f), 5), PixelKind::kWall);  // an image of holes only
 }
 
@@ -283,9 +286,26 @@ TEST(DepthImageFromU16, ScalesAndTakes65535AsHole) {
 
 TEST(DepthClassifier, InverseRangeIsCompleteForAnyInput) {
   const CameraModel camera{40, 24, 60.0, 55.0, 18.0, 13.0};  // wide: long rays
-  const std::vector<float> specials = {0.0f,  -0.0f, kInf,  -kInf,  kNaN,   -kNaN, -1.0f, 1e-45f, 1e-38f, 1e38f,
-                                       3.4e38f, std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest(),
-                                       0.1f,  0.3f,  1.5f,  1.51f, 3.9f,   100.0f, 65.535f};
+  const std::vector<float> specials = {0.0f,
+                                       -0.0f,
+                                       kInf,
+                                       -kInf,
+                                       kNaN,
+                                       -kNaN,
+                                       -1.0f,
+                                       1e-45f,
+                                       1e-38f,
+                                       1e38f,
+                                       3.4e38f,
+                                       std::numeric_limits<float>::max(),
+                                       std::numeric_limits<float>::lowest(),
+                                       0.1f,
+                                       0.3f,
+                                       1.5f,
+                                       1.51f,
+                                       3.9f,
+                                       100.0f,
+                                       65.535f};
   std::mt19937 rng(2);
   std::uniform_int_distribution<std::size_t> pick(0, specials.size() - 1);
   std::uniform_int_distribution<int> length(1, 30);
@@ -298,8 +318,9 @@ TEST(DepthClassifier, InverseRangeIsCompleteForAnyInput) {
       DepthImage image = flatImage(camera, 1.0f);
       // Runs of one value: holes of all widths beside all kinds of borders. Whole images of one value at first.
       for (std::size_t i = 0; i < image.depth_m.size();) {
-        const float value = static_cast<std::size_t>(trial) < specials.size() ? specials[static_cast<std::size_t>(trial)]
-                                                                              : specials[pick(rng)];
+        const float value = static_cast<std::size_t>(trial) < specials.size()
+                                ? specials[static_cast<std::size_t>(trial)]
+                                : specials[pick(rng)];
         for (int run = length(rng); run > 0 && i < image.depth_m.size(); --run) image.depth_m[i++] = value;
       }
       const ClassifiedFrame frame = classifier.classify(image, 1);

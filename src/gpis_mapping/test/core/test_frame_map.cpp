@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <random>
 #include <utility>
@@ -73,8 +74,8 @@ int windowStart(int p, int tile, int window, int size) {
 }
 
 /// The dense GP of the tile that serves pixel (pu, pv).
-DenseFrameTile denseTile(const FrameRegressor& regressor, const ClassifiedFrame& frame, const GpisConfig& config, int pu,
-                         int pv) {
+DenseFrameTile denseTile(const FrameRegressor& regressor, const ClassifiedFrame& frame, const GpisConfig& config,
+                         int pu, int pv) {
   const int window = regressor.window();
   const int start_u = windowStart(pu, config.frame_map.tile_px, window, frame.width);
   const int start_v = windowStart(pv, config.frame_map.tile_px, window, frame.height);
@@ -95,8 +96,8 @@ TEST(FrameMap, MatchesDenseGpPerTile) {
     int width, height, tile_px, overlap_px;
   };
   std::mt19937 rng(1);
-  for (const Case& c : {Case{48, 32, 8, 2}, Case{53, 38, 8, 2}, Case{17, 16, 8, 2}, Case{31, 22, 5, 3}, Case{33, 19, 8, 0},
-                        Case{20, 16, 16, 6}}) {
+  for (const Case& c : {Case{48, 32, 8, 2}, Case{53, 38, 8, 2}, Case{17, 16, 8, 2}, Case{31, 22, 5, 3},
+                        Case{33, 19, 8, 0}, Case{20, 16, 16, 6}}) {
     SCOPED_TRACE(testing::Message() << c.width << " x " << c.height << ", tile " << c.tile_px << " + " << c.overlap_px);
     GpisConfig config;
     config.frame_map.tile_px = c.tile_px;
@@ -158,9 +159,10 @@ TEST(FrameRegressor, VarianceTableIsExactOnItsGrid) {
   const CameraModel camera = smallCamera();
   const FrameRegressor regressor(camera, config.frame_map, noiseStd(config));
   const int window = regressor.window();
-  const DenseFrameTile dense(camera, 1.0 / config.frame_map.kernel_length_rad,
-                             std::pow(config.frame_map.prior_std_per_m, 2), std::pow(noiseStd(config), 2), window, 0, 0,
-                             std::vector<double>(static_cast<std::size_t>(window) * static_cast<std::size_t>(window), 0.5));
+  const DenseFrameTile dense(
+      camera, 1.0 / config.frame_map.kernel_length_rad, std::pow(config.frame_map.prior_std_per_m, 2),
+      std::pow(noiseStd(config), 2), window, 0, 0,
+      std::vector<double>(static_cast<std::size_t>(window) * static_cast<std::size_t>(window), 0.5));
   std::mt19937 rng(3);
   std::uniform_int_distribution<int> quarter(0, 4 * (window - 1));
   const double prior = std::pow(config.frame_map.prior_std_per_m, 2);
@@ -254,9 +256,8 @@ TEST(FrameMap, PlaneIsSmoothAndStepEdgeIsNot) {
   std::normal_distribution<double> normal;
   const Eigen::Vector3d n = Eigen::Vector3d(0.4, 0.2, -1.0).normalized();
   const auto noisy = [&](double z) { return z + config.sensor.noise.sigma(z) * normal(rng); };
-  const auto plane_frame = makeFrame(camera, [&](int u, int v) {
-    return noisy(planeDepth(pixelRay(camera, u, v), n, n.z() * 1.5));
-  });
+  const auto plane_frame =
+      makeFrame(camera, [&](int u, int v) { return noisy(planeDepth(pixelRay(camera, u, v), n, n.z() * 1.5)); });
   const FrameMap plane(regressor, plane_frame, config.sensor.noise, 1);
   int smooth = 0;
   for (int v = 4; v < 48; v += 8) {
@@ -276,6 +277,24 @@ TEST(FrameMap, PlaneIsSmoothAndStepEdgeIsNot) {
       EXPECT_EQ(step.infer(u, v).smooth, step.isSmooth(u, v));
     }
   }
+}
+
+TEST(FrameMap, RippleOrOutlierAboveTheNoiseIsNotSmooth) {
+  const GpisConfig config;
+  const CameraModel camera = smallCamera(64, 48);
+  const auto regressor = makeRegressor(camera, config);
+  const double z = 1.5;
+  const auto smoothAt = [&](const std::function<double(int, int)>& sigmas) {
+    const auto frame = makeFrame(camera, [&](int u, int v) { return z + config.sensor.noise.sigma(z) * sigmas(u, v); });
+    return FrameMap(regressor, frame, config.sensor.noise, 1).isSmooth(28, 20);
+  };
+  EXPECT_TRUE(smoothAt([](int, int) { return 0.0; }));
+  // Bounds: rms 1.35 sigma, largest 4.5 sigma. A ripple of amplitude A has rms A / sqrt 2 and no large sample.
+  EXPECT_TRUE(smoothAt([](int u, int) { return 1.5 * std::sin(1.3 * u); }));
+  EXPECT_FALSE(smoothAt([](int u, int) { return 2.5 * std::sin(1.3 * u); }));
+  // One pixel of 144: its rms is a twelfth.
+  EXPECT_TRUE(smoothAt([](int u, int v) { return u == 28 && v == 20 ? 4.0 : 0.0; }));
+  EXPECT_FALSE(smoothAt([](int u, int v) { return u == 28 && v == 20 ? 6.0 : 0.0; }));
 }
 
 TEST(FrameMap, TrendNormalMatchesPlanesUpToGrazing) {
@@ -408,6 +427,28 @@ TEST(FitLocalPlane, StaysOnItsOwnSideOfAStepEdge) {
       // Five standard deviations of the fit; the step is twenty and more.
       EXPECT_NEAR(plane.point_camera.z(), u < edge ? 1.2 : 1.2 + step, 5.0 * plane.depth_std_m) << "u = " << u;
       EXPECT_LT(plane.depth_std_m, 0.01);
+    }
+  }
+}
+
+TEST(FitLocalPlane, RefusesTextureRougherThanTheNoise) {
+  const GpisConfig config;
+  const CameraModel camera = smallCamera(64, 48);
+  std::mt19937 rng(11);
+  std::normal_distribution<double> normal;
+  // Seeds are refused from an rms of 2.5 sigma of their 25 pixels on: 4 sigma is ten of its standard deviations above.
+  for (const double roughness : {1.0, 4.0}) {
+    const auto frame =
+        makeFrame(camera, [&](int, int) { return 1.2 + roughness * config.sensor.noise.sigma(1.2) * normal(rng); });
+    int fitted = 0;
+    for (int u = 12; u < 52; ++u) {
+      LocalPlane plane;
+      fitted += fitLocalPlane(*frame, camera, config.sensor.noise, u, 20, 0.02, &plane) ? 1 : 0;
+    }
+    if (roughness > 1.0) {
+      EXPECT_LE(fitted, 2);  // of 40
+    } else {
+      EXPECT_EQ(fitted, 40);
     }
   }
 }

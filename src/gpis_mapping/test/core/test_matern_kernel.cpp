@@ -99,8 +99,8 @@ TEST(MaternKernel, CrossHessianMatchesCentralDifferenceOfTheGradient) {
     EXPECT_TRUE(isNear(kernel().crossHessian(r), numeric, 1e-6 * scale)) << "at " << r.transpose();
   }
   // At zero distance: the prior covariance of the gradient, a^2 s^2 I.
-  EXPECT_TRUE(isNear(kernel().crossHessian(Eigen::Vector3d::Zero()), 3.0 * kSignal * kSignal / (kLength * kLength) *
-                                                                         Eigen::Matrix3d::Identity(), 1e-14));
+  EXPECT_TRUE(isNear(kernel().crossHessian(Eigen::Vector3d::Zero()),
+                     3.0 * kSignal * kSignal / (kLength * kLength) * Eigen::Matrix3d::Identity(), 1e-14));
 }
 
 TEST(MaternKernel, JointCovarianceOfValuesAndGradientsIsPositiveSemidefinite) {

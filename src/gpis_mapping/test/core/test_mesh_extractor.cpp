@@ -209,7 +209,8 @@ TEST(MeshExtractor, VertexVarianceIsThatOfTheField) {
   const auto map = mapOf(sampleSphere({0.013, -0.021, 0.007}, 0.15, 0.02));
   const TriangleMesh mesh = meshOf(*map);
   Points3d points(3, static_cast<Eigen::Index>(mesh.vertices_map.size()));
-  for (std::size_t i = 0; i < mesh.vertices_map.size(); ++i) points.col(static_cast<Eigen::Index>(i)) = mesh.vertices_map[i];
+  for (std::size_t i = 0; i < mesh.vertices_map.size(); ++i)
+    points.col(static_cast<Eigen::Index>(i)) = mesh.vertices_map[i];
   const QueryResult field = map->query(points);
   const double prior = std::pow(map->config().signalStd(), 2);
   for (std::size_t i = 0; i < mesh.vertices_map.size(); ++i) {
@@ -233,7 +234,8 @@ TEST(MeshExtractor, DoesNotDependOnTheNumberOfThreads) {
 }
 
 /// Cells of `points`; those whose points are all among the unchanged ones are taken over from `old`.
-MapSnapshot::Cells update(const GpisConfig& config, const MapSnapshot::Cells& old, const std::vector<SurfacePoint>& points) {
+MapSnapshot::Cells update(const GpisConfig& config, const MapSnapshot::Cells& old,
+                          const std::vector<SurfacePoint>& points) {
   MapSnapshot::Cells cells = buildCells(config, points);
   for (auto& [key, cell] : cells) {
     const auto before = old.find(key);
@@ -280,9 +282,7 @@ TEST(MeshExtractor, IncrementalUpdateEqualsExtractionFromScratch) {
   check("points moved", true);
   EXPECT_TRUE(triangleSet(extractor.mesh()) != before);
 
-  const auto in_hole = [](const SurfacePoint& p) {
-    return p.position_map.x() < -0.18 && p.position_map.y() < -0.18;
-  };
+  const auto in_hole = [](const SurfacePoint& p) { return p.position_map.x() < -0.18 && p.position_map.y() < -0.18; };
   std::vector<SurfacePoint> removed;
   std::copy_if(points.begin(), points.end(), std::back_inserter(removed), in_hole);
   points.erase(std::remove_if(points.begin(), points.end(), in_hole), points.end());
@@ -324,7 +324,8 @@ TEST(MeshExtractor, EmptyAndDegenerateMapsGiveNoTriangles) {
   EXPECT_EQ(extractor.update(*snapshotOf(config, {})), 0u);
   EXPECT_TRUE(extractor.mesh().triangles.empty());
   // A single point is a small patch of its tangent plane, well formed.
-  const auto lone = snapshotOf(config, buildCells(config, {gpis_mapping_test::surfacePoint({0.0, 0.0, 0.0}, {0.1, 0.2, 1.0})}));
+  const auto lone =
+      snapshotOf(config, buildCells(config, {gpis_mapping_test::surfacePoint({0.0, 0.0, 0.0}, {0.1, 0.2, 1.0})}));
   const TriangleMesh patch = meshOf(*lone);
   expectWellFormed(patch);
   EXPECT_GT(patch.triangles.size(), 2u);

@@ -18,7 +18,7 @@ using gpis_mapping_test::centralDifference;
 using gpis_mapping_test::isNear;
 using gpis_mapping_test::randomVector;
 
-constexpr double kSize = 0.1;     // m
+constexpr double kSize = 0.1;      // m
 constexpr double kMargin = 0.015;  // m
 
 std::map<LatticeKey, double> weightsAt(const Eigen::Vector3d& x) {
@@ -47,7 +47,7 @@ TEST(PartitionOfUnity, WeightsSumToOneAndGradientsToZero) {
       gradient += entries[j].gradient;
       keys.insert(entries[j].key);
     }
-    EXPECT_NEAR(sum, 1.0, 1e-14);  // eight roundings
+    EXPECT_NEAR(sum, 1.0, 1e-14);                                   // eight roundings
     EXPECT_TRUE(isNear(gradient, Eigen::Vector3d::Zero(), 1e-12));  // of terms up to 1 / kMargin
     EXPECT_EQ(keys.size(), static_cast<std::size_t>(count)) << "a cell is listed twice";
   }

@@ -159,8 +159,8 @@ inline MapSnapshot::Cells buildCells(const GpisConfig& config, const std::vector
       is_needed = is_needed || box.exteriorDistance(point->position_map) < needed;
     }
     if (!is_needed) continue;
-    cells.emplace(key, std::make_shared<const CellGp>(key, config, selection.points, selection.num_own,
-                                                      selection.num_training));
+    cells.emplace(
+        key, std::make_shared<const CellGp>(key, config, selection.points, selection.num_own, selection.num_training));
   }
   return cells;
 }

@@ -32,7 +32,8 @@ struct DenseKernel {
     for (int i = 0; i < 3; ++i) {
       k(i + 1, 0) = -e * r[i];
       k(0, i + 1) = e * r[i];
-      for (int j = 0; j < 3; ++j) k(i + 1, j + 1) = e * ((i == j ? 1.0 : 0.0) - (d > 0.0 ? a() * r[i] * r[j] / d : 0.0));
+      for (int j = 0; j < 3; ++j)
+        k(i + 1, j + 1) = e * ((i == j ? 1.0 : 0.0) - (d > 0.0 ? a() * r[i] * r[j] / d : 0.0));
     }
     return k;
   }
@@ -95,7 +96,8 @@ class DenseCellGp {
   }
   Eigen::VectorXd cross(const Eigen::Vector3d& x) const {
     Eigen::VectorXd k(static_cast<Eigen::Index>(rows_));
-    for (std::size_t i = 0; i < rows_; ++i) k[static_cast<Eigen::Index>(i)] = kernel_.value(x - points_[i]->position_map);
+    for (std::size_t i = 0; i < rows_; ++i)
+      k[static_cast<Eigen::Index>(i)] = kernel_.value(x - points_[i]->position_map);
     return k;
   }
 
@@ -133,7 +135,8 @@ class DenseGpis {
   double mean(const Eigen::Vector3d& x) const {
     double sum = prior_mean_;
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      sum += kernel_.joint(x - points_[i]->position_map).row(0).dot(alpha_.segment<4>(4 * static_cast<Eigen::Index>(i)));
+      sum +=
+          kernel_.joint(x - points_[i]->position_map).row(0).dot(alpha_.segment<4>(4 * static_cast<Eigen::Index>(i)));
     }
     return sum;
   }

@@ -14,7 +14,8 @@ testing::AssertionResult isNear(const Eigen::MatrixBase<A>& actual, const Eigen:
   const Eigen::MatrixXd a = actual.template cast<double>();
   const Eigen::MatrixXd b = expected.template cast<double>();
   if (a.rows() != b.rows() || a.cols() != b.cols()) {
-    return testing::AssertionFailure() << a.rows() << " x " << a.cols() << ", expected " << b.rows() << " x " << b.cols();
+    return testing::AssertionFailure() << a.rows() << " x " << a.cols() << ", expected " << b.rows() << " x "
+                                       << b.cols();
   }
   const double worst = a.size() == 0 ? 0.0 : (a - b).cwiseAbs().maxCoeff();
   if ((a - b).allFinite() && worst <= tolerance) return testing::AssertionSuccess();
