@@ -5,6 +5,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 #include <optional>
 #include <stdexcept>
 
@@ -18,6 +19,7 @@ constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle t
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
 constexpr int kCandidateStridePx = 3;
 constexpr double kFateSpacings = 2.5;      // neighbourhood in which the fate of doubtful points is decided
+constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
 constexpr double kMaxNoiseReach_m = 0.06;  // no noise makes one surface of two that are farther apart
 
 class Stopwatch {
@@ -296,13 +298,19 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
 }
 
 void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics) {
-  std::unordered_map<LatticeKey, std::vector<SurfacePoint>, LatticeKeyHash> removed;
+  for (auto cell = recently_removed_.begin(); cell != recently_removed_.end();) {
+    std::vector<RemovedPoint>& points = cell->second;
+    points.erase(std::remove_if(points.begin(), points.end(),
+                                [this](const RemovedPoint& p) { return num_updates_ - p.update >= kFateUpdates; }),
+                 points.end());
+    cell = points.empty() ? recently_removed_.erase(cell) : std::next(cell);
+  }
   for (const CellUpdate& job : jobs) {
-    if (!job.removed.empty()) removed[job.key] = job.removed;
+    for (const SurfacePoint& point : job.removed) recently_removed_[job.key].push_back({num_updates_, point});
   }
   const double reach = kFateSpacings * config_.surface.spacing_m;
   for (const CellUpdate& job : jobs) {
-    if (removed.empty()) break;
+    if (recently_removed_.empty()) break;
     std::vector<std::size_t> gone;
     for (const std::size_t index : job.doubtful) {
       const SurfacePoint& point = job.cell->entries[index].point;
@@ -316,10 +324,9 @@ void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& 
         for (int dy = -1; dy <= 1; ++dy) {
           for (int dz = -1; dz <= 1; ++dz) {
             const LatticeKey key = job.key.offset(dx, dy, dz);
-            const auto gone_here = removed.find(key);
-            if (gone_here != removed.end()) {
-              num_removed += static_cast<std::size_t>(
-                  std::count_if(gone_here->second.begin(), gone_here->second.end(), sameFace));
+            const auto removed = recently_removed_.find(key);
+            if (removed != recently_removed_.end()) {
+              for (const RemovedPoint& gone_point : removed->second) num_removed += sameFace(gone_point.point);
             }
             const auto cell = cells_.find(key);
             if (cell == cells_.end()) continue;
