@@ -24,14 +24,14 @@ class Frame;
 /// What one update did, and how long each stage took [ms].
 struct UpdateStatistics {
   double total_ms{0};
-  double classify_ms{0};   // pixels to inverse range; walls, shadows, no information
-  double regress_ms{0};    // 2.5D^-1 map
-  double fuse_ms{0};       // delete, fuse, ignore
+  double classify_ms{0};  // pixels to inverse range; walls, shadows, no information
+  double regress_ms{0};   // 2.5D^-1 map
+  double fuse_ms{0};      // delete, fuse, ignore
   double insert_ms{0};
   double train_ms{0};
-  double observe_ms{0};    // free space
-  double publish_ms{0};    // snapshot
-  std::size_t points_in{0};   // measured pixels
+  double observe_ms{0};      // free space
+  double publish_ms{0};      // snapshot
+  std::size_t points_in{0};  // measured pixels
   std::size_t inserted{0};
   std::size_t fused{0};
   std::size_t deleted{0};

@@ -18,9 +18,9 @@ namespace {
 constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle than 86 degrees is not inserted
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
 constexpr int kCandidateStridePx = 3;
-constexpr double kFateSpacings = 2.5;      // neighbourhood in which the fate of doubtful points is decided
+constexpr double kFateSpacings = 2.5;       // neighbourhood in which the fate of doubtful points is decided
 constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
-constexpr double kMaxNoiseReach_m = 0.06;  // no noise makes one surface of two that are farther apart
+constexpr double kMaxNoiseReach_m = 0.06;   // no noise makes one surface of two that are farther apart
 
 class Stopwatch {
  public:
@@ -36,7 +36,9 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_{std::chrono::steady_clock::now()};
 };
 
-constexpr int neighbourBit(int dx, int dy, int dz) { return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1); }
+constexpr int neighbourBit(int dx, int dy, int dz) {
+  return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1);
+}
 
 void requireRigid(const Eigen::Isometry3d& pose, double stamp_s) {
   const Eigen::Matrix3d r = pose.linear();
@@ -136,8 +138,7 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
   if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
   // Inverse range noise at the middle of the working range; FrameMap scales it tile by tile.
   const double z = 0.5 * (config_.sensor.min_range_m + config_.sensor.max_range_m);
-  regressor_ =
-      std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
+  regressor_ = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
   classifier_ = std::make_unique<DepthClassifier>(camera, config_);
   camera_ = camera;
 }
@@ -490,8 +491,7 @@ void GpisMap::train(UpdateStatistics* statistics) {
       job.empty = !is_needed;
       const std::size_t num_training = points.size();
       points.insert(points.end(), mean_only.begin(), mean_only.end());
-      job.cell->gp =
-          is_needed ? std::make_shared<CellGp>(job.key, config_, points, num_own, num_training) : nullptr;
+      job.cell->gp = is_needed ? std::make_shared<CellGp>(job.key, config_, points, num_own, num_training) : nullptr;
       job.cell->dirty = false;
       job.cell->num_changes = 0.0f;
     }
