@@ -206,14 +206,17 @@ TEST_F(Tools, FailuresAreCode1AndOneLine) {
   }
 }
 
-TEST_F(Tools, ABrokenFrameKeepsWhatCameBefore) {
-  writeText(file("wall/frame-000002.depth.png"), "no image");
+TEST_F(Tools, BrokenFramesAreSkippedAndCounted) {
+  writeText(file("wall/frame-000001.depth.png"), "no image");
+  writeText(file("wall/frame-000002.pose.txt"), "nan 0 0 0\n0 nan 0 0\n0 0 nan 0\n0 0 0 1\n");  // tracking lost
   const Result result = mapWall();
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_THAT(result.errors, testing::Contains(AllOf(HasSubstr("frame 2"), HasSubstr("frame-000002.depth.png"))));
-  EXPECT_THAT(timedFrames(), ElementsAre(0, 1));
-  EXPECT_EQ(nlohmann::json::parse(result.out.back()).at("frames"), 2);
-  EXPECT_EQ(loadMap(file("out/map.gpis")).num_updates, 2u);
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_THAT(result.errors, testing::Contains(HasSubstr("frame-000001.depth.png")));
+  const nlohmann::json summary = nlohmann::json::parse(result.out.back());
+  EXPECT_EQ(summary.at("skipped"), 3);  // and the one that never had a pose
+  EXPECT_EQ(summary.at("frames"), kNumFrames - 3);
+  EXPECT_THAT(timedFrames(), ElementsAre(0, 3, 5));
+  EXPECT_EQ(loadMap(file("out/map.gpis")).num_updates, 3u);
 }
 
 TEST_F(Tools, InterruptSavesWhatThereIs) {

@@ -155,7 +155,17 @@ struct YamlReader {
     }
   }
 
+  /// yaml-cpp takes the first of two equal keys without a word.
+  void reportRepeated(const YAML::Node& map, const std::string& section) {
+    std::set<std::string> seen;
+    for (const auto& entry : map) {
+      const std::string key = entry.first.as<std::string>();
+      if (!seen.insert(key).second) problems.push_back("key " + fullKey(section, key) + " is given twice");
+    }
+  }
+
   void reportUnknown() {
+    reportRepeated(root, "");
     for (const auto& entry : root) {
       const std::string name = entry.first.as<std::string>();
       if (known[""].count(name) > 0) continue;
@@ -165,6 +175,7 @@ struct YamlReader {
       } else if (!entry.second.IsMap()) {
         problems.push_back(name + " must be a section with keys");
       } else {
+        reportRepeated(entry.second, name);
         for (const auto& item : entry.second) {
           const std::string key = item.first.as<std::string>();
           if (section->second.count(key) == 0) problems.push_back("unknown key " + fullKey(name, key));
@@ -318,6 +329,11 @@ GpisConfig loadGpisConfig(const std::string& yaml_path) {
   if (!file) throw std::invalid_argument(yaml_path + ": cannot be read");
   std::stringstream text;
   text << file.rdbuf();
+  // A folder opens like a file and only fails to be read.
+  if (file.bad() || (text.fail() && file.peek() != std::ifstream::traits_type::eof())) {
+    throw std::invalid_argument(yaml_path + ": cannot be read; is it a file?");
+  }
+  if (text.str().empty()) throw std::invalid_argument(yaml_path + ": is empty");
   return parseGpisConfig(text.str(), yaml_path);
 }
 

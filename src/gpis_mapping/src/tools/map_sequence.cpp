@@ -258,6 +258,10 @@ int mapSequence(int argc, char** argv) {
       } else {
         skipped.add(i, reason);
       }
+    } catch (const DepthSequenceError& error) {
+      skipped.add(i, {"frame cannot be used", error.what()});  // one bad file does not end a recording
+    } catch (const std::invalid_argument& error) {
+      skipped.add(i, {"frame refused by the map", error.what()});
     } catch (const std::exception& error) {
       failure = "frame " + std::to_string(i) + ": " + error.what();
       break;

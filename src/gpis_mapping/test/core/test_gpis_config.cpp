@@ -172,6 +172,16 @@ TEST(GpisConfig, UnknownPresetNamesTheKnownOnes) {
   EXPECT_THAT(message, HasSubstr("azure_kinect, generic, kinect_v1"));
 }
 
+TEST(GpisConfig, AFolderIsNoConfiguration) {
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { loadGpisConfig(kConfigDir); }), HasSubstr(kConfigDir));
+}
+
+TEST(GpisConfig, AKeyGivenTwiceIsRefused) {
+  EXPECT_THAT(refusalOf("sensor:\n  max_range_m: 3.0\n  max_range_m: 2.0\n"),
+              HasSubstr("key sensor/max_range_m is given twice"));
+  EXPECT_THAT(refusalOf("threads: 1\nthreads: 2\n"), HasSubstr("key threads is given twice"));
+}
+
 TEST(GpisConfig, MissingFileIsNamed) {
   EXPECT_THAT(messageOf<std::invalid_argument>([] { loadGpisConfig("/no/such.yaml"); }), HasSubstr("/no/such.yaml"));
   EXPECT_THAT(refusalOf("threads: 1"), Not(HasSubstr("here")));
