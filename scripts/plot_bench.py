@@ -66,7 +66,7 @@ def bare(axes):
 
 def plot(result, out):
     maps = result["maps"]
-    figure, (bars, curve) = plt.subplots(1, 2, figsize=(13.0, 5.2), constrained_layout=True, gridspec_kw={"width_ratios": [2, 3]})
+    figure, (bars, curve) = plt.subplots(1, 2, figsize=(13.0, 5.2), constrained_layout=True, gridspec_kw={"width_ratios": [5, 6]})
 
     shown = [key for key in ("gpis", "gpis_1_thread", "octomap_2cm_region", "octomap_2cm") if key in maps]
     labels = {"gpis": f"gpis_mapping\n{maps['gpis']['threads']} threads", "gpis_1_thread": "gpis_mapping\n1 thread",
