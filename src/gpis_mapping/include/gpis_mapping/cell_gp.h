@@ -21,7 +21,7 @@ struct SurfacePoint {
   float normal_variance{0.0f};     // of each tangential component of the normal
   float last_seen_s{0.0f};         // since the map's epoch
   std::uint16_t num_looks{1};
-  std::uint16_t num_misses{0};     // consecutive looks through it that were ambiguous
+  std::uint16_t num_misses{0};     // looks since the last confirmation that spoke against it without deciding
 };
 
 /// The GP of one cell (eq 3): observations f(p_i) = 0 with noise, prior mean from the local normals
@@ -38,8 +38,8 @@ class CellGp {
   };
 
   /// `points`: first the `num_own` points of the cell, then the rest of the `num_training` that train the GP, then
-  /// those that only shape the prior mean. Throws std::runtime_error if the covariance is not positive definite
-  /// (non-finite input).
+  /// those that only shape the prior mean. Throws std::runtime_error naming the cell if a point is not finite or
+  /// the covariance is not positive definite.
   CellGp(const LatticeKey& key, const GpisConfig& config, const std::vector<const SurfacePoint*>& points,
          std::size_t num_own, std::size_t num_training);
 

@@ -38,7 +38,7 @@ struct GpisConfig {
     double baseline_m{0.075};   // emitter/second camera to depth camera, along image x; 0: none (time of flight)
     HolePolicy hole_policy{HolePolicy::kAuto};
     DepthNoiseModel noise;
-    double pose_std_m{0.002};   // error of the camera position given by tf
+    double pose_std_m{0.004};   // error of the camera position given by tf
   } sensor;
 
   struct FrameMap {              // 2.5D^-1 map, eqs 5 and 6

@@ -19,6 +19,8 @@
 
 namespace gpis_mapping {
 
+class Frame;
+
 /// What one update did, and how long each stage took [ms].
 struct UpdateStatistics {
   double total_ms{0};
@@ -74,7 +76,7 @@ class GpisMap {
 
  private:
   struct Cell;
-  struct Frame;
+  struct CellUpdate;
 
   using CellMap = std::unordered_map<LatticeKey, Cell, LatticeKeyHash>;
 
@@ -84,11 +86,12 @@ class GpisMap {
 
   void prepareCamera(const CameraModel& camera);
   void fuseAndDelete(const Frame& frame, UpdateStatistics* statistics);
+  /// Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
+  /// can: a point goes when more of its face was removed than confirmed by this frame.
+  void decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics);
   void insertNew(const Frame& frame, UpdateStatistics* statistics);
   void train(UpdateStatistics* statistics);
   void publish();
-  /// Standard deviation [m] of a depth at z_m after smoothing, with what smoothing cannot remove.
-  double correlatedStd(double smoothed_std_m, double z_m) const;
   /// Is there a point of the same face within `spacings` times the spacing (along the normal: within the noise of both,
   /// if that is more), or of any face within half of that?
   bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,

@@ -28,6 +28,11 @@ class ObservedLayer {
   using Chunks = std::unordered_map<LatticeKey, std::shared_ptr<Chunk>, LatticeKeyHash>;
 
   explicit ObservedLayer(double block_size_m) : block_size_m_(block_size_m) {}
+  /// A plain copy takes the chunks that the other side may still write to along; share() avoids that.
+  ObservedLayer(const ObservedLayer& other);
+  ObservedLayer& operator=(const ObservedLayer& other);
+  ObservedLayer(ObservedLayer&&) = default;
+  ObservedLayer& operator=(ObservedLayer&&) = default;
 
   /// A read-only copy for a snapshot; from here on this layer copies a chunk before it writes to it.
   ObservedLayer share();

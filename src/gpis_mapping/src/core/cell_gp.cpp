@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <string>
 
 #include <Eigen/Cholesky>
 
@@ -38,6 +39,14 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
     quality_[i] = kNormalVarianceScale / (kNormalVarianceScale + point.normal_variance);
     noise_[i] = point.variance_m2;
   }
+  const auto fail = [&key](const std::string& what) {
+    throw std::runtime_error("cell (" + std::to_string(key.x) + ", " + std::to_string(key.y) + ", " +
+                             std::to_string(key.z) + "): " + what);
+  };
+  // The factorisation passes NaN on without complaint.
+  for (const ArrayX* array : {&px_, &py_, &pz_, &nx_, &ny_, &nz_, &quality_, &noise_}) {
+    if (!array->allFinite()) fail("a training point is not finite");
+  }
   const Eigen::Index rows = static_cast<Eigen::Index>(num_training);
   cholesky_.resize(rows, rows);
   alpha_.resize(rows);
@@ -55,11 +64,7 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
   }
   if (rows > 0) {
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXf>, Eigen::Lower> llt(cholesky_);  // in place
-    if (llt.info() != Eigen::Success || !alpha_.allFinite()) {
-      throw std::runtime_error("cell (" + std::to_string(key.x) + ", " + std::to_string(key.y) + ", " +
-                               std::to_string(key.z) + "): covariance of " + std::to_string(rows) +
-                               " points is not positive definite");
-    }
+    if (llt.info() != Eigen::Success) fail("covariance of " + std::to_string(rows) + " points is not positive definite");
     llt.solveInPlace(alpha_);
   }
 }

@@ -5,23 +5,20 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 
 #include "gpis_mapping/parallel_for.h"
+#include "gpis_mapping/point_update.h"
 
 namespace gpis_mapping {
 namespace {
 
-// A surface seen at less than this cosine of incidence tells nothing about its position across itself (81 degrees).
-constexpr double kMinCosine = 0.15;
-constexpr double kMaxObliqueCosine = 0.5;
+constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle than 86 degrees is not inserted
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
 constexpr int kCandidateStridePx = 3;
-constexpr double kFateSpacings = 2.5;  // neighbourhood in which the fate of doubtful points is decided
-constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
-constexpr float kSameSideCosine = 0.5f;      // normals closer than 60 degrees belong to one surface
-constexpr double kMaxNoiseReach_m = 0.06;    // no noise makes one surface of two that are farther apart
-constexpr float kLateralPx = 0.3f;           // standard deviation of where in its pixel a depth was measured
+constexpr double kFateSpacings = 2.5;      // neighbourhood in which the fate of doubtful points is decided
+constexpr double kMaxNoiseReach_m = 0.06;  // no noise makes one surface of two that are farther apart
 
 class Stopwatch {
  public:
@@ -36,10 +33,6 @@ class Stopwatch {
  private:
   std::chrono::steady_clock::time_point last_{std::chrono::steady_clock::now()};
 };
-
-// Share of a depth error's variance that neighbouring pixels have in common (disparity windows, quantisation): the
-// frame's GP smooths the rest away, not this.
-constexpr double kCorrelatedVariance = 0.15;
 
 constexpr int neighbourBit(int dx, int dy, int dz) { return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1); }
 
@@ -71,13 +64,17 @@ struct GpisMap::Cell {
   float num_changes{0.0f};  // points that moved or firmed up since the last training
 };
 
-/// One image and everything derived from it.
-struct GpisMap::Frame {
-  std::shared_ptr<const ClassifiedFrame> classified;
-  std::unique_ptr<const FrameMap> map;
-  Eigen::Isometry3d T_map_camera;
-  Eigen::Isometry3d T_camera_map;
-  float stamp_s;
+/// What a frame does to one cell.
+struct GpisMap::CellUpdate {
+  LatticeKey key;
+  Cell* cell;
+  std::uint32_t neighbour_mask{0};              // cells whose training set lost a point
+  std::array<std::uint16_t, 27> num_changes{};  // per neighbour: points in its training set that changed
+  std::size_t fused{0};
+  std::size_t occluded{0};
+  std::vector<SurfacePoint> removed;
+  std::vector<std::size_t> doubtful;  // indices of entries
+  std::vector<Cell::Entry> moved_out;
 };
 
 GpisMap::GpisMap(const GpisConfig& config) : config_(config), observed_(config.observed.block_size_m) {
@@ -156,17 +153,12 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   statistics.classify_ms = stage.lap();
 
   if (num_updates_ == 0) epoch_s_ = stamp_s;
-  Frame frame;
-  frame.classified = classified;
-  frame.T_map_camera = T_map_camera;
-  frame.T_camera_map = T_map_camera.inverse();
-  frame.stamp_s = static_cast<float>(stamp_s - epoch_s_);
-  frame.map = std::make_unique<FrameMap>(regressor_, classified, config_.sensor.noise, threads);
+  const Frame frame(config_, classified, regressor_, T_map_camera, static_cast<float>(stamp_s - epoch_s_), threads);
   statistics.regress_ms = stage.lap();
 
   fuseAndDelete(frame, &statistics);
   statistics.fuse_ms = stage.lap();
-  observed_.observe(*classified, camera_, T_map_camera, config_.sensor.max_range_m, frame.stamp_s, threads);
+  observed_.observe(*classified, camera_, T_map_camera, config_.sensor.max_range_m, frame.stamp(), threads);
   statistics.observe_ms = stage.lap();
   insertNew(frame, &statistics);
   statistics.insert_ms = stage.lap();
@@ -216,150 +208,38 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
   const double size = config_.cells.size_m;
   const double cell_radius = 0.5 * std::sqrt(3.0) * size;
   const double stray = strayTolerance();
-  struct Job {
-    LatticeKey key;
-    Cell* cell;
-    std::uint32_t neighbour_mask{0};               // cells whose training set lost a point
-    std::array<std::uint16_t, 27> num_changes{};  // per neighbour: points in its training set that changed
-    std::size_t fused{0};
-    std::size_t occluded{0};
-    std::vector<SurfacePoint> removed;
-    std::vector<std::size_t> doubtful;  // indices of entries
-    std::vector<Cell::Entry> moved_out;
-  };
-  std::vector<Job> jobs;
+  std::vector<CellUpdate> jobs;
   const double slope_u = std::max(camera_.cx, camera_.width - camera_.cx) / camera_.fx;
   const double slope_v = std::max(camera_.cy, camera_.height - camera_.cy) / camera_.fy;
   for (auto& [key, cell] : cells_) {
     if (cell.entries.empty()) continue;
-    const Eigen::Vector3d c = frame.T_camera_map * key.center(size);
+    const Eigen::Vector3d c = frame.T_camera_map() * key.center(size);
     if (c.z() < -cell_radius) continue;
     if (std::abs(c.x()) - slope_u * c.z() > cell_radius * std::hypot(1.0, slope_u)) continue;
     if (std::abs(c.y()) - slope_v * c.z() > cell_radius * std::hypot(1.0, slope_v)) continue;
-    jobs.push_back({key, &cell, 0, {}, 0, 0, {}, {}, {}});
+    jobs.emplace_back();
+    jobs.back().key = key;
+    jobs.back().cell = &cell;
   }
-
-  enum class Outcome { kNothing, kDoubtful, kOccluded, kFused, kDeleted };
-  const double floor_variance = std::pow(config_.surface.min_noise_std_m, 2);
-  const double pose_variance = std::pow(config_.sensor.pose_std_m, 2);
-  const double g = config_.dynamic.tolerance_sigmas;
-  const Eigen::Matrix3f R_map_camera = frame.T_map_camera.linear().cast<float>();
-  const Eigen::Matrix3f R_camera_map = R_map_camera.transpose();
-
-  // One point against the frame: Algorithm 1.
-  const auto confront = [&](Cell::Entry* entry) {
-    SurfacePoint& point = entry->point;
-    const Eigen::Vector3d p = frame.T_camera_map * point.position_map;
-    if (p.z() < 0.05) return Outcome::kNothing;
-    const double u = camera_.fx * p.x() / p.z() + camera_.cx;
-    const double v = camera_.fy * p.y() / p.z() + camera_.cy;
-    if (u < 0.0 || v < 0.0 || u > camera_.width - 1.0 || v > camera_.height - 1.0) return Outcome::kNothing;
-    const int pixel_u = static_cast<int>(u + 0.5);
-    const int pixel_v = static_cast<int>(v + 0.5);
-    const std::size_t pixel = frame.classified->index(pixel_u, pixel_v);
-    if (frame.classified->blocked[pixel]) return Outcome::kNothing;
-
-    const double range = p.norm();
-    const Eigen::Vector3f n = R_camera_map * point.normal_map;
-    const double cosine = -n.cast<double>().dot(p) / range;
-    // Range change per change across the surface. Bounded: what a grazing look sees past by a few centimetres is gone.
-    const double across = std::max(kMaxObliqueCosine, std::abs(cosine));
-    const FrameMap::Inference seen = frame.map->infer(u, v);
-    const double inverse_range = 1.0 / range;
-    const double own_sigma = std::sqrt(point.variance_m2 + pose_variance) / across * inverse_range * inverse_range;
-    const double correlated_sigma = correlatedStd(0.0, p.z()) * inverse_range * inverse_range;
-    const double sigma =
-        std::sqrt(seen.sigma * seen.sigma + correlated_sigma * correlated_sigma + own_sigma * own_sigma);
-    const double tolerance =
-        std::max(g * sigma, config_.dynamic.min_tolerance_m / across * inverse_range * inverse_range);
-    // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
-    const double delta = inverse_range - seen.inverse_range;
-    const double past =
-        seen.smooth ? delta
-                    : std::min<double>(delta, inverse_range - frame.map->nearestAround(pixel_u, pixel_v));
-    if (past >= tolerance) {
-      if (!config_.dynamic.enabled) return Outcome::kNothing;
-      if (frame.classified->kind[pixel] == PixelKind::kAmbiguous && ++point.num_misses < 2) return Outcome::kNothing;
-      return Outcome::kDeleted;
-    }
-    // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours.
-    if (inverse_range - frame.classified->inverse_range[pixel] >= tolerance) return Outcome::kDoubtful;
-    if (delta <= -tolerance && seen.smooth) return Outcome::kOccluded;
-    if (cosine < kMinCosine || frame.classified->kind[pixel] != PixelKind::kSurface) return Outcome::kNothing;
-
-    // Same surface: measure its offset along the stored normal.
-    Eigen::Vector3d measured = p;
-    Eigen::Vector3f measured_normal = n;
-    double along_ray_std = 0.0;
-    double normal_variance = 0.0;
-    if (seen.smooth) {
-      if (std::abs(delta) >= tolerance || seen.inverse_range <= 0.0) return Outcome::kNothing;
-      measured = p * (inverse_range > 0.0 ? 1.0 / (seen.inverse_range * range) : 1.0);  // x_s, eq 6
-      measured_normal = frame.map->trendNormal(u, v);
-      along_ray_std = correlatedStd(seen.sigma / (seen.inverse_range * seen.inverse_range), p.z());
-      const double sigma_w = config_.sensor.noise.sigma(p.z()) / (p.z() * p.z());
-      const double window = frame.map->regressor().window();
-      normal_variance = std::pow(sigma_w * camera_.fx * p.z(), 2) * 12.0 / std::pow(window, 4);
-    } else {
-      LocalPlane plane;
-      if (!fitLocalPlane(*frame.classified, camera_, config_.sensor.noise, pixel_u, pixel_v, config_.surface.spacing_m,
-                         &plane)) {
-        return Outcome::kNothing;
-      }
-      const double plane_range = plane.point_camera.norm();
-      if (std::abs(1.0 / plane_range - inverse_range) >= tolerance) return Outcome::kNothing;
-      measured_normal = plane.normal_camera;
-      // The point's ray meets the fitted plane.
-      const double denominator = measured_normal.cast<double>().dot(p);
-      if (std::abs(denominator) < 0.05 * range) return Outcome::kNothing;
-      measured = p * (measured_normal.cast<double>().dot(plane.point_camera) / denominator);
-      if (std::abs(measured.norm() - range) * inverse_range * inverse_range >= tolerance) return Outcome::kNothing;
-      along_ray_std = correlatedStd(plane.depth_std_m * range / p.z(), p.z());
-      normal_variance = plane.normal_var;
-    }
-    const float agreement = measured_normal.dot(n);
-    if (agreement < 0.2f) return Outcome::kDoubtful;  // another face, seen through the tolerance of this one
-    const double offset = n.cast<double>().dot(measured - p);
-    const double sine2 = std::max(0.0, 1.0 - cosine * cosine);
-    const double lateral_std = kLateralPx * range / camera_.fx;
-    const double measurement_variance =
-        std::pow(along_ray_std * cosine, 2) + lateral_std * lateral_std * sine2 + pose_variance;
-    const double gain = point.variance_m2 / (point.variance_m2 + measurement_variance);
-    point.position_map += gain * offset * point.normal_map.cast<double>();
-    point.variance_m2 = static_cast<float>(std::max(floor_variance, point.variance_m2 * (1.0 - gain)));
-    normal_variance = std::max(normal_variance, kMinNormalVariance);
-    if (agreement > kSameSideCosine) {
-      const double w_old = 1.0 / point.normal_variance;
-      const double w_new = 1.0 / normal_variance;
-      const Eigen::Vector3f fused = static_cast<float>(w_old) * point.normal_map +
-                                    static_cast<float>(w_new) * (R_map_camera * measured_normal);
-      point.normal_map = fused.normalized();
-      point.normal_variance = static_cast<float>(std::max(kMinNormalVariance, 1.0 / (w_old + w_new)));
-    }
-    point.last_seen_s = frame.stamp_s;
-    point.num_misses = 0;
-    if (point.num_looks < std::numeric_limits<std::uint16_t>::max()) ++point.num_looks;
-    return Outcome::kFused;
-  };
 
   parallelFor(jobs.size(), resolveThreadCount(config_.threads), 8, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      Job& job = jobs[i];
+      CellUpdate& job = jobs[i];
       std::vector<Cell::Entry>& entries = job.cell->entries;
       std::size_t kept = 0;
       for (std::size_t e = 0; e < entries.size(); ++e) {
         Cell::Entry& entry = entries[e];
-        const Outcome outcome = confront(&entry);
+        const PointOutcome outcome = frame.apply(&entry.point);
         bool keep = true;
-        if (outcome == Outcome::kDeleted) {
+        if (outcome == PointOutcome::kDeleted) {
           job.removed.push_back(entry.point);
           job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
           keep = false;
-        } else if (outcome == Outcome::kDoubtful) {
+        } else if (outcome == PointOutcome::kDoubtful) {
           job.doubtful.push_back(kept);
-        } else if (outcome == Outcome::kOccluded) {
+        } else if (outcome == PointOutcome::kOccluded) {
           ++job.occluded;
-        } else if (outcome == Outcome::kFused) {
+        } else if (outcome == PointOutcome::kFused) {
           ++job.fused;
           const double std_now = std::sqrt(entry.point.variance_m2);
           const double moved = (entry.point.position_map - entry.reported_position).norm();
@@ -387,7 +267,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
       entries.resize(kept);
     }
   });
-  for (Job& job : jobs) {
+  for (CellUpdate& job : jobs) {
     markTouched(job.key, job.neighbour_mask);
     for (int dx = -1; dx <= 1; ++dx) {
       for (int dy = -1; dy <= 1; ++dy) {
@@ -408,21 +288,27 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     }
   }
 
-  // Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
-  // can: it goes when more of it was removed than confirmed by this frame.
+  decideDoubtful(frame, jobs, statistics);
+  for (const CellUpdate& job : jobs) {
+    for (const SurfacePoint& point : job.removed) statistics->removed_points_map.push_back(point.position_map);
+  }
+  statistics->deleted = statistics->removed_points_map.size();
+}
+
+void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics) {
   std::unordered_map<LatticeKey, std::vector<SurfacePoint>, LatticeKeyHash> removed;
-  for (const Job& job : jobs) {
+  for (const CellUpdate& job : jobs) {
     if (!job.removed.empty()) removed[job.key] = job.removed;
   }
   const double reach = kFateSpacings * config_.surface.spacing_m;
-  for (const Job& job : jobs) {
+  for (const CellUpdate& job : jobs) {
     if (removed.empty()) break;
     std::vector<std::size_t> gone;
     for (const std::size_t index : job.doubtful) {
       const SurfacePoint& point = job.cell->entries[index].point;
       const auto sameFace = [&](const SurfacePoint& other) {
         return (other.position_map - point.position_map).squaredNorm() < reach * reach &&
-               other.normal_map.dot(point.normal_map) > kSameSideCosine;
+               other.normal_map.dot(point.normal_map) > kSameFaceCosine;
       };
       std::size_t num_removed = 0;
       std::size_t num_confirmed = 0;
@@ -438,7 +324,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
             const auto cell = cells_.find(key);
             if (cell == cells_.end()) continue;
             for (const Cell::Entry& entry : cell->second.entries) {
-              num_confirmed += entry.point.last_seen_s == frame.stamp_s && sameFace(entry.point);
+              num_confirmed += entry.point.last_seen_s == frame.stamp() && sameFace(entry.point);
             }
           }
         }
@@ -452,15 +338,6 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
       entries.erase(entries.begin() + static_cast<std::ptrdiff_t>(*index));
     }
   }
-  for (const Job& job : jobs) {
-    for (const SurfacePoint& point : job.removed) statistics->removed_points_map.push_back(point.position_map);
-  }
-  statistics->deleted = statistics->removed_points_map.size();
-}
-
-double GpisMap::correlatedStd(double smoothed_std_m, double z_m) const {
-  const double sigma = config_.sensor.noise.sigma(z_m);
-  return std::sqrt(smoothed_std_m * smoothed_std_m + kCorrelatedVariance * sigma * sigma);
 }
 
 bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
@@ -485,7 +362,7 @@ bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& 
           if (distance2 > own_reach * own_reach) continue;
           if (distance2 < 0.25 * spacing * spacing) return true;
           // Two faces that meet at an edge both need points near it.
-          if (entry.point.normal_map.dot(normal_map) <= kSameSideCosine) continue;
+          if (entry.point.normal_map.dot(normal_map) <= kSameFaceCosine) continue;
           if (distance2 < spacing * spacing) return true;
           const double along = offset.dot(entry.point.normal_map.cast<double>());
           if (distance2 - along * along < spacing * spacing &&
@@ -500,15 +377,13 @@ bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& 
 }
 
 void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
-  const ClassifiedFrame& image = *frame.classified;
+  const ClassifiedFrame& image = frame.pixels();
   const int stride = kCandidateStridePx;
-  const int rows = (image.height + stride - 1) / stride;
   const double max_range = config_.sensor.max_range_m;
-  const double pose_variance = std::pow(config_.sensor.pose_std_m, 2);
   const double floor_variance = std::pow(config_.surface.min_noise_std_m, 2);
   const Eigen::AlignedBox3d region(config_.region.min_m, config_.region.max_m);
-  const Eigen::Matrix3f R_map_camera = frame.T_map_camera.linear().cast<float>();
-  std::vector<std::vector<SurfacePoint>> candidates(static_cast<std::size_t>(rows));
+  const Eigen::Matrix3f R_map_camera = frame.T_map_camera().linear().cast<float>();
+  std::vector<std::vector<SurfacePoint>> candidates(static_cast<std::size_t>((image.height + stride - 1) / stride));
 
   parallelFor(candidates.size(), resolveThreadCount(config_.threads), 4, [&](std::size_t begin, std::size_t end) {
     for (std::size_t row = begin; row < end; ++row) {
@@ -517,50 +392,23 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
         const std::size_t pixel = image.index(u, v);
         if (image.kind[pixel] != PixelKind::kSurface || image.blocked[pixel]) continue;
         const Eigen::Vector3d ray((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy, 1.0);
-        const double length = ray.norm();
-        if (image.inverse_depth[pixel] * max_range * length < 0.95) continue;
+        const Eigen::Vector3d raw = ray / image.inverse_depth[pixel];
+        if (raw.norm() > 1.05 * max_range) continue;
         // Cheap test first: most pixels show what the map has already. The raw depth is good enough for it.
-        const double raw_variance = std::pow(config_.sensor.noise.sigma(1.0 / image.inverse_depth[pixel]), 2);
-        if (frame.map->isSmooth(u, v) &&
-            hasNeighbour(frame.T_map_camera * (ray / image.inverse_depth[pixel]),
-                         R_map_camera * frame.map->trendNormal(u, v), kCorrelatedVariance * raw_variance, 0.8)) {
+        if (frame.map().isSmooth(u, v) &&
+            hasNeighbour(frame.T_map_camera() * raw, R_map_camera * frame.map().trendNormal(u, v),
+                         frame.correlatedVariance(raw.z()), 0.8)) {
           continue;
         }
-        const FrameMap::Inference seen = frame.map->infer(u, v);
-        Eigen::Vector3d p;
-        Eigen::Vector3f n;
-        double along_ray_std;
-        double normal_variance;
-        if (seen.smooth) {
-          if (seen.inverse_range * max_range < 1.0) continue;
-          p = ray / (length * seen.inverse_range);
-          n = frame.map->trendNormal(u, v);
-          along_ray_std = correlatedStd(seen.sigma / (seen.inverse_range * seen.inverse_range), p.z());
-          const double sigma_w = config_.sensor.noise.sigma(p.z()) / (p.z() * p.z());
-          normal_variance =
-              std::pow(sigma_w * camera_.fx * p.z(), 2) * 12.0 / std::pow(frame.map->regressor().window(), 4);
-        } else {
-          if (image.inverse_range[pixel] * max_range < 1.0) continue;
-          LocalPlane plane;
-          if (!fitLocalPlane(image, camera_, config_.sensor.noise, u, v, config_.surface.spacing_m, &plane)) continue;
-          p = plane.point_camera;
-          n = plane.normal_camera;
-          along_ray_std = correlatedStd(plane.depth_std_m * length, p.z());
-          normal_variance = plane.normal_var;
-        }
-        const double cosine = -n.cast<double>().dot(p) / p.norm();
-        if (cosine < 0.5 * kMinCosine) continue;
-        const Eigen::Vector3d p_map = frame.T_map_camera * p;
-        if (!region.contains(p_map)) continue;
-        const double lateral_std = kLateralPx * p.norm() / camera_.fx;
+        const std::optional<SurfaceMeasurement> seen = frame.measure(u, v);
+        if (!seen || seen->cosine < kMinInsertCosine || seen->point_camera.norm() > max_range) continue;
         SurfacePoint point;
-        point.position_map = p_map;
-        point.normal_map = R_map_camera * n;
-        point.variance_m2 = static_cast<float>(std::max(
-            floor_variance, std::pow(along_ray_std * cosine, 2) + lateral_std * lateral_std * (1.0 - cosine * cosine) +
-                                pose_variance));
-        point.normal_variance = static_cast<float>(std::max(kMinNormalVariance, normal_variance));
-        point.last_seen_s = frame.stamp_s;
+        point.position_map = frame.T_map_camera() * seen->point_camera;
+        if (!region.contains(point.position_map)) continue;
+        point.normal_map = R_map_camera * seen->normal_camera;
+        point.variance_m2 = static_cast<float>(std::max(floor_variance, seen->variance_m2));
+        point.normal_variance = static_cast<float>(seen->normal_variance);
+        point.last_seen_s = frame.stamp();
         if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2, 1.0)) continue;
         candidates[row].push_back(point);
       }

@@ -22,7 +22,8 @@ double smoothStep(double t) {
   return t * t * (3.0 - 2.0 * t);
 }
 
-double normalCdf(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
+/// Beyond eight standard deviations the answer is 0 or 1; what erfc says there is rounding of rounding.
+double normalCdf(double x) { return x < -8.0 ? 0.0 : 0.5 * std::erfc(-x / std::sqrt(2.0)); }
 
 }  // namespace
 
@@ -33,6 +34,7 @@ class MapSnapshot::NearestIndex {
     bool found{false};
     double distance{0.0};       // signed [m]
     double nearest{0.0};        // to the nearest training point [m]
+    double aside{0.0};          // of the nearest training point's normal line [m]
     Eigen::Vector3d gradient;   // of the signed distance
     double surface_std{0.0};    // [m]
   };
@@ -75,6 +77,7 @@ class MapSnapshot::NearestIndex {
       along[i] = disc.normal.cast<double>().dot(x - disc.position);
       vote += std::exp(-(squared[i] - squared[0]) / sign_scale2_) * along[i];
     }
+    result.aside = std::sqrt(std::max(0.0, squared[0] - along[0] * along[0]));
     const double sign = vote < 0.0 ? -1.0 : 1.0;
     double best = std::numeric_limits<double>::max();
     for (std::size_t i = 0; i < count; ++i) {
@@ -274,8 +277,9 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
       }
       double distance = reading.distance;
       Eigen::Vector3d gradient = reading.gradient;
-      // Seen free beats the vote of surfaces far away: such a block holds no object.
-      if (distance < -observed_.blockSize() && observed_.isFree(x)) {
+      // Seen free beats the vote of surfaces far away: such a block holds no object. Its corners may: they are a
+      // quarter of a block outside the sphere that was seen through; as much again for noise.
+      if (distance < -0.5 * observed_.blockSize() && observed_.isFree(x)) {
         distance = -distance;
         gradient = -gradient;
       }
@@ -292,6 +296,10 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
         }
       }
       state = this->state(x, distance);
+      // The ray that saw the nearest surface did not go through here if that lies aside.
+      if (state == SpaceState::kFree && reading.aside > 1.5 * config_.surface.spacing_m && !observed_.isFree(x)) {
+        state = SpaceState::kUnknown;
+      }
       result.euclidean_distance[i] = std::abs(distance);
       result.euclidean_gradient.col(i) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
       if (state == SpaceState::kUnknown && reading.nearest > config_.query.unknown_reach_m) continue;
@@ -310,7 +318,7 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
       if (options.variance_gradient) result.variance_gradient.col(i).setConstant(kNaN);
       continue;
     }
-    if (!std::isnan(result.distance[i])) {
+    if (options.variance && !std::isnan(result.distance[i])) {
       result.occupancy[i] = normalCdf(-result.distance[i] / std::sqrt(std::max(1e-12, result.variance[i])));
     }
   }

@@ -151,8 +151,8 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
         // An exact zero makes degenerate triangles.
         const float value = static_cast<float>(f.value);
         values[index] = std::abs(value) < 1e-7f ? 1e-7f : value;
-        above = above || value > 0.0f;
-        below = below || value <= 0.0f;
+        above = above || values[index] > 0.0f;
+        below = below || values[index] <= 0.0f;
       }
     }
   }

@@ -10,6 +10,8 @@ namespace {
 
 constexpr float kNoInformation = std::numeric_limits<float>::infinity();
 constexpr int kBaseLevel = 2;  // the finest level kept: 4 x 4 pixels
+// Dropouts among those 16 pixels that are speckle: their neighbours see past the block as well as they would.
+constexpr int kMaxDropouts = 2;
 
 /// Nearest surface (largest inverse range) over squares of 2^level pixels; infinite where a pixel has no information.
 struct NearestPyramid {
@@ -24,15 +26,22 @@ struct NearestPyramid {
     const int block = 1 << kBaseLevel;
     Level base{(frame.width + block - 1) / block, (frame.height + block - 1) / block, {}};
     base.nearest.assign(static_cast<std::size_t>(base.width) * base.height, 0.0f);
+    std::vector<std::uint8_t> unknown(base.nearest.size(), 0);
     for (int v = 0; v < frame.height; ++v) {
-      float* out = &base.nearest[static_cast<std::size_t>(v >> kBaseLevel) * base.width];
+      const std::size_t row = static_cast<std::size_t>(v >> kBaseLevel) * base.width;
       for (int u = 0; u < frame.width; ++u) {
         const std::size_t i = frame.index(u, v);
+        const std::size_t cell = row + (u >> kBaseLevel);
         // An ambiguous hole is not evidence of free space until it has been looked at again.
-        const bool known = frame.kind[i] == PixelKind::kSurface || frame.kind[i] == PixelKind::kWall;
-        float& cell = out[u >> kBaseLevel];
-        cell = std::max(cell, known ? frame.inverse_range[i] : kNoInformation);
+        if (frame.kind[i] == PixelKind::kSurface || frame.kind[i] == PixelKind::kWall) {
+          base.nearest[cell] = std::max(base.nearest[cell], frame.inverse_range[i]);
+        } else {
+          ++unknown[cell];
+        }
       }
+    }
+    for (std::size_t cell = 0; cell < unknown.size(); ++cell) {
+      if (unknown[cell] > kMaxDropouts) base.nearest[cell] = kNoInformation;
     }
     levels.push_back(std::move(base));
     while (levels.back().width > 1 && levels.back().height > 1) {
@@ -72,6 +81,18 @@ struct NearestPyramid {
 };
 
 }  // namespace
+
+ObservedLayer::ObservedLayer(const ObservedLayer& other)
+    : block_size_m_(other.block_size_m_), chunks_(other.chunks_), private_chunks_(other.private_chunks_) {
+  for (const LatticeKey& key : private_chunks_) {
+    std::shared_ptr<Chunk>& chunk = chunks_.at(key);
+    chunk = std::make_shared<Chunk>(*chunk);
+  }
+}
+
+ObservedLayer& ObservedLayer::operator=(const ObservedLayer& other) {
+  return *this = ObservedLayer(other);  // by move
+}
 
 ObservedLayer ObservedLayer::share() {
   private_chunks_.clear();
@@ -140,7 +161,7 @@ void ObservedLayer::observe(const ClassifiedFrame& frame, const CameraModel& cam
             const double inverse_z = 1.0 / p.z();
             const double u = camera.fx * p.x() * inverse_z + camera.cx;
             const double v = camera.fy * p.y() * inverse_z + camera.cy;
-            const double radius_px = radius * camera.fx * inverse_z;
+            const double radius_px = radius * std::max(camera.fx, camera.fy) * inverse_z;
             if (u < radius_px || v < radius_px || u > camera.width - 1 - radius_px ||
                 v > camera.height - 1 - radius_px) {
               continue;

@@ -54,6 +54,24 @@ TEST(GpisConfig, ShippedFileExplainsEveryKey) {
   }
 }
 
+TEST(GpisConfig, ReadmeTableHasEveryKeyWithItsDefault) {
+  const std::string readme = readText(kConfigDir + "/../README.md");
+  int rows = 0;
+  for (const std::string& line : splitLines(readText(kConfigDir + "/gpis_mapping.yaml"))) {
+    const std::size_t colon = line.find(": ");
+    const std::size_t comment = line.find(" #");
+    if (colon == std::string::npos || line.find('#') < colon) continue;
+    const std::string key = line.substr(line.find_first_not_of(' '), colon - line.find_first_not_of(' '));
+    std::string value = line.substr(colon + 2, comment - colon - 2);
+    value.erase(value.find_last_not_of(' ') + 1);
+    if (value.empty()) continue;
+    const bool in_section = key.size() + 2 == colon && line[0] == ' ';
+    EXPECT_THAT(readme, HasSubstr((in_section ? "/" : "`") + key + "` | " + value + " |"));
+    ++rows;
+  }
+  EXPECT_GT(rows, 30);
+}
+
 TEST(GpisConfig, BenchmarkFileChangesRangeAndRegionOnly) {
   const GpisConfig bench = loadGpisConfig(kConfigDir + "/bench.yaml");
   GpisConfig expected;
