@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Feeds one rendered sequence to GpisMap and to OctoMap, frame by frame in turn and in one process, and reports for both
 // the time per frame, the memory and how good the map is.
-#include <sys/resource.h>
 #include <unistd.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <chrono>
@@ -19,10 +19,10 @@
 #include <unordered_map>
 #include <vector>
 
-#include <octomap/OcTree.h>
-#include <octomap/octomap.h>
 #include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
+#include <octomap/OcTree.h>
+#include <octomap/octomap.h>
 
 #include "gpis_mapping/gpis_config.h"
 #include "gpis_mapping/gpis_map.h"
@@ -80,7 +80,9 @@ double quantile(std::vector<double> values, double q) {
   return values[low] + (at - static_cast<double>(low)) * (values[high] - values[low]);
 }
 
-double median(const std::vector<double>& values) { return quantile(values, 0.5); }
+double median(const std::vector<double>& values) {
+  return quantile(values, 0.5);
+}
 
 /// One quantity per frame, measured in each repetition.
 class FrameSeries {
@@ -193,8 +195,8 @@ ClaimedSurface surfaceOf(const gpis_mapping::TriangleMesh& mesh) {
     const Eigen::Vector3d& b = mesh.vertices_map[triangle[1]];
     const Eigen::Vector3d& c = mesh.vertices_map[triangle[2]];
     const Eigen::Vector3d center = (a + b + c) / 3.0;
-    for (const Eigen::Vector3d& p : {center, Eigen::Vector3d((a + b) / 2.0), Eigen::Vector3d((b + c) / 2.0),
-                                     Eigen::Vector3d((c + a) / 2.0)}) {
+    for (const Eigen::Vector3d& p :
+         {center, Eigen::Vector3d((a + b) / 2.0), Eigen::Vector3d((b + c) / 2.0), Eigen::Vector3d((c + a) / 2.0)}) {
       surface.cover.push_back(p);
     }
     surface.samples.push_back(center);
@@ -290,8 +292,8 @@ class GroundTruth {
     for (Eigen::Index found = 0; found < count;) {
       const auto pick = static_cast<std::size_t>(random.uniform() * static_cast<double>(visible_before_.size()));
       Eigen::Vector3d direction(random.normal(), random.normal(), random.normal());
-      const Eigen::Vector3d p =
-          visible_before_[std::min(pick, visible_before_.size() - 1)] + direction.normalized() * random.uniform(low_m, high_m);
+      const Eigen::Vector3d p = visible_before_[std::min(pick, visible_before_.size() - 1)] +
+                                direction.normalized() * random.uniform(low_m, high_m);
       const double d = distance.signedDistanceScene(T_scene_map * p);
       if (d <= low_m || d > high_m || !inRoi(p)) continue;
       bool is_free = false;
@@ -400,7 +402,8 @@ class Contender {
 
 class GpisContender : public Contender {
  public:
-  GpisContender(const std::string& key, const std::string& title, const gpis_mapping::GpisConfig& config, bool with_mesh)
+  GpisContender(const std::string& key, const std::string& title, const gpis_mapping::GpisConfig& config,
+                bool with_mesh)
       : Contender(key, title), config_(config), with_mesh_(with_mesh) {}
 
   void restart() override {
@@ -433,7 +436,8 @@ class GpisContender : public Contender {
       training += static_cast<double>(cell->numTraining());
       largest = std::max(largest, static_cast<double>(cell->numTraining()));
     }
-    result["training_points_per_cell"] = training / std::max<double>(1.0, static_cast<double>(snapshot->cells().size()));
+    result["training_points_per_cell"] =
+        training / std::max<double>(1.0, static_cast<double>(snapshot->cells().size()));
     result["largest_cell"] = largest;
     result["threads"] = gpis_mapping::resolveThreadCount(config_.threads);
     result["cells_retrained"] = cells_retrained_.summary(true);
@@ -620,13 +624,15 @@ void printReport(const json& report) {
     }
     if (map.contains("mesh_incremental_ms")) printRow("  (mesh, changed cells)", map["mesh_incremental_ms"]);
   }
-  std::printf("\n                                 map MB  RSS MB  rmse mm  complete 1cm  2cm    after removal: 2cm  ghosts\n");
+  std::printf(
+      "\n                                 map MB  RSS MB  rmse mm  complete 1cm  2cm    after removal: 2cm  ghosts\n");
   for (const auto& [key, map] : maps.items()) {
     std::printf("  %-28s %8.1f %7.0f", map["title"].get<std::string>().c_str(), map["map_mb"].get<double>(),
                 map["rss_growth_mb"].get<double>());
     if (map.contains("before_removal")) {
       const json& q = map["before_removal"];
-      std::printf(" %8.1f %13.3f %.3f", q["rmse_mm"].get<double>(), q["complete_1cm"].get<double>(), q["complete_2cm"].get<double>());
+      std::printf(" %8.1f %13.3f %.3f", q["rmse_mm"].get<double>(), q["complete_1cm"].get<double>(),
+                  q["complete_2cm"].get<double>());
     }
     if (map.contains("after_removal")) {
       const json& q = map["after_removal"];
@@ -637,8 +643,10 @@ void printReport(const json& report) {
   std::printf("\nour time over that of OctoMap 2 cm: %.2f; processor time: %.2f\n",
               report["ratios"]["gpis_to_octomap_2cm"].get<double>(),
               report["ratios"]["processor_gpis_to_octomap_2cm"].get<double>());
-  std::printf("whole mesh, from nothing: %.0f ms, %zu triangles\n", report["mesh"]["full_ms"].get<double>(), report["mesh"]["triangles"].get<std::size_t>());
-  std::printf("\nqueries per s; the first one builds an index: %.1f ms\n", report["queries"]["first_query_ms"].get<double>());
+  std::printf("whole mesh, from nothing: %.0f ms, %zu triangles\n", report["mesh"]["full_ms"].get<double>(),
+              report["mesh"]["triangles"].get<std::size_t>());
+  std::printf("\nqueries per s; the first one builds an index: %.1f ms\n",
+              report["queries"]["first_query_ms"].get<double>());
   for (const auto& [name, band] : report["queries"]["bands"].items()) {
     std::printf("  %s: mean error %.1f mm, %.3f answered\n", name.c_str(), band["mean_abs_error_mm"].get<double>(),
                 band["answered_share"].get<double>());
@@ -678,10 +686,12 @@ int run(int argc, char** argv) {
     std::cout << "Usage: bench_map_vs_octomap [options]\n" << options;
     return 0;
   }
-  if (repeat < 1 || num_frames < 0 || num_queries < 1) throw po::error("--repeat, --frames and --queries must be positive");
+  if (repeat < 1 || num_frames < 0 || num_queries < 1)
+    throw po::error("--repeat, --frames and --queries must be positive");
 
   Scene scene = synthetic_depth::loadScene(scene_path);
-  if (num_frames > 0 && num_frames < scene.numFrames()) scene.T_scene_camera.resize(static_cast<std::size_t>(num_frames));
+  if (num_frames > 0 && num_frames < scene.numFrames())
+    scene.T_scene_camera.resize(static_cast<std::size_t>(num_frames));
   const gpis_mapping::GpisConfig config = gpis_mapping::loadGpisConfig(config_path);
   json report = {{"benchmark", "bench_map_vs_octomap"}, {"machine", machine()}, {"repeat", repeat}};
   std::fprintf(stderr, "rendering %d frames of %zu boxes ...\n", scene.numFrames(), scene.boxes.size());
@@ -704,7 +714,8 @@ int run(int argc, char** argv) {
 
   std::vector<std::unique_ptr<Contender>> contenders;
   const int threads = gpis_mapping::resolveThreadCount(config.threads);
-  contenders.push_back(std::make_unique<GpisContender>("gpis", "gpis_mapping, " + std::to_string(threads) + " threads", config, true));
+  contenders.push_back(
+      std::make_unique<GpisContender>("gpis", "gpis_mapping, " + std::to_string(threads) + " threads", config, true));
   auto& ours = static_cast<GpisContender&>(*contenders.back());
   contenders.push_back(std::make_unique<OctomapContender>("octomap_2cm", "OctoMap 2 cm", OctomapContender::Options{}));
   auto& octomap_2cm = static_cast<OctomapContender&>(*contenders.back());
@@ -714,7 +725,8 @@ int run(int argc, char** argv) {
     contenders.push_back(std::make_unique<GpisContender>("gpis_1_thread", "gpis_mapping, 1 thread", single, false));
     OctomapContender::Options same_region;
     same_region.region = &config.region;
-    contenders.push_back(std::make_unique<OctomapContender>("octomap_2cm_region", "OctoMap 2 cm, our region", same_region));
+    contenders.push_back(
+        std::make_unique<OctomapContender>("octomap_2cm_region", "OctoMap 2 cm, our region", same_region));
   }
   if (arguments.count("octomap-1cm") != 0) {
     OctomapContender::Options fine;
@@ -724,7 +736,8 @@ int run(int argc, char** argv) {
   if (arguments.count("octomap-every-ray") != 0) {
     OctomapContender::Options every_ray;
     every_ray.every_ray = true;
-    contenders.push_back(std::make_unique<OctomapContender>("octomap_2cm_every_ray", "OctoMap 2 cm, every ray", every_ray));
+    contenders.push_back(
+        std::make_unique<OctomapContender>("octomap_2cm_every_ray", "OctoMap 2 cm, every ray", every_ray));
   }
 
   std::shared_ptr<const gpis_mapping::MapSnapshot> before;  // what the exact distances belong to
@@ -759,7 +772,8 @@ int run(int argc, char** argv) {
     mesh = mesher.mesh();
     mesh_ms.push_back(watch.ms());
   }
-  report["mesh"] = {{"full_ms", median(mesh_ms)}, {"triangles", mesh.triangles.size()}, {"vertices", mesh.vertices_map.size()}};
+  report["mesh"] = {
+      {"full_ms", median(mesh_ms)}, {"triangles", mesh.triangles.size()}, {"vertices", mesh.vertices_map.size()}};
 
   std::vector<Band> bands(2);
   bands[0].name = "0 to 5 cm";

@@ -163,9 +163,13 @@ void cellGpVariance(benchmark::State& state, bool with_gradient) {
   }
   state.SetItemsProcessed(state.iterations() * points.cols());
 }
-void BM_CellGpVariance(benchmark::State& state) { cellGpVariance(state, false); }
+void BM_CellGpVariance(benchmark::State& state) {
+  cellGpVariance(state, false);
+}
 BENCHMARK(BM_CellGpVariance)->Arg(50)->Arg(100)->Arg(150)->Unit(benchmark::kMicrosecond);
-void BM_CellGpVarianceGradient(benchmark::State& state) { cellGpVariance(state, true); }
+void BM_CellGpVarianceGradient(benchmark::State& state) {
+  cellGpVariance(state, true);
+}
 BENCHMARK(BM_CellGpVarianceGradient)->Arg(50)->Arg(100)->Arg(150)->Unit(benchmark::kMicrosecond);
 
 std::shared_ptr<const FrameRegressor> makeRegressor() {
@@ -277,7 +281,8 @@ void BM_MeshOfCellBlock(benchmark::State& state) {
   const LatticeKey center = LatticeKey::of({1.0, 0.35, 0.0}, whole.config().cells.size_m);
   MapSnapshot::Cells cells;
   for (const auto& [key, cell] : whole.cells()) {
-    const bool is_near = std::abs(key.x - center.x) <= 1 && std::abs(key.y - center.y) <= 1 && std::abs(key.z - center.z) <= 1;
+    const bool is_near =
+        std::abs(key.x - center.x) <= 1 && std::abs(key.y - center.y) <= 1 && std::abs(key.z - center.z) <= 1;
     if (is_near) cells.emplace(key, cell);
   }
   const MapSnapshot block(whole.config(), cells, ObservedLayer(0.05), 0.0, 1);
