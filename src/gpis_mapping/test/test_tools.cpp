@@ -121,8 +121,7 @@ TEST_F(Tools, MapSequenceWritesMapMeshTimingAndSummary) {
   ASSERT_EQ(timing.size(), static_cast<std::size_t>(kNumFrames));
   EXPECT_EQ(timing.front(), kTimingHeader);
   EXPECT_THAT(timedFrames(), ElementsAre(0, 1, 2, 3, 5));
-  for (const std::string& line : timing)
-    EXPECT_EQ(fieldsOf(line).size(), 15u) << line;
+  for (const std::string& line : timing) EXPECT_EQ(fieldsOf(line).size(), 15u) << line;
   EXPECT_EQ(fieldsOf(timing.back())[13], std::to_string(summary.at("map_points").get<std::size_t>()));
 }
 
@@ -293,8 +292,7 @@ TEST_F(Tools, QueryMapTakesColumnsInAnyOrderAndPointsWithoutCoordinates) {
   ASSERT_EQ(lines.size(), 5u);
   EXPECT_THAT(lines[1], testing::StartsWith("0.013,0.02,0.99,"));
   EXPECT_EQ(fieldsOf(lines[1])[9], "free");
-  for (const std::size_t i : {2u, 3u, 4u})
-    EXPECT_EQ(lines[i], "0,0,,,,,,,,unknown,");
+  for (const std::size_t i : {2u, 3u, 4u}) EXPECT_EQ(lines[i], "0,0,,,,,,,,unknown,");
 }
 
 TEST_F(Tools, QueryMapRefusesMalformedPointsWithTheLine) {
@@ -322,8 +320,7 @@ TEST_F(Tools, QueryMapGoesThroughManyBlocks) {
   ASSERT_EQ(mapWall().exit_code, 0);
   std::string points = "x,y,z\n";
   constexpr int kNumPoints = 100007;  // more than one block
-  for (int i = 0; i < kNumPoints; ++i)
-    points += std::to_string(i) + ",50,50\n";
+  for (int i = 0; i < kNumPoints; ++i) points += std::to_string(i) + ",50,50\n";
   ASSERT_EQ(query(points).exit_code, 0);
   const std::vector<std::string> lines = answers();
   ASSERT_EQ(lines.size(), kNumPoints + 1u);

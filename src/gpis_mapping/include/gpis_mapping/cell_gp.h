@@ -16,12 +16,12 @@ namespace gpis_mapping {
 /// A training point of the map: a small piece of surface.
 struct SurfacePoint {
   Eigen::Vector3d position_map;
-  Eigen::Vector3f normal_map;      // unit, towards free space
-  float variance_m2{0.0f};         // of the position along the normal
-  float normal_variance{0.0f};     // of each tangential component of the normal
-  float last_seen_s{0.0f};         // since the map's epoch
+  Eigen::Vector3f normal_map;   // unit, towards free space
+  float variance_m2{0.0f};      // of the position along the normal
+  float normal_variance{0.0f};  // of each tangential component of the normal
+  float last_seen_s{0.0f};      // since the map's epoch
   std::uint16_t num_looks{1};
-  std::uint16_t num_misses{0};     // looks since the last confirmation that spoke against it without deciding
+  std::uint16_t num_misses{0};  // looks since the last confirmation that spoke against it without deciding
 };
 
 /// The GP of one cell (eq 3): observations f(p_i) = 0 with noise, prior mean from the local normals
@@ -55,7 +55,9 @@ class CellGp {
   /// (sec. 7: -2 (grad k*)^T (K + K_x)^-1 k*). Shapes N and 3 x N.
   void variance(const Points3d& x_map, Eigen::VectorXf* variance, Points3f* gradient) const;
 
-  Eigen::Vector3d position(std::size_t i) const { return origin_ + Eigen::Vector3f(px_[i], py_[i], pz_[i]).cast<double>(); }
+  Eigen::Vector3d position(std::size_t i) const {
+    return origin_ + Eigen::Vector3f(px_[i], py_[i], pz_[i]).cast<double>();
+  }
   Eigen::Vector3f normal(std::size_t i) const { return {nx_[i], ny_[i], nz_[i]}; }
   float noiseVariance(std::size_t i) const { return noise_[i]; }
 

@@ -21,10 +21,10 @@ enum class PixelKind : std::uint8_t {
 struct ClassifiedFrame {
   int width{0};
   int height{0};
-  std::vector<float> inverse_depth;     // 1/z [1/m]; 0 where nothing was measured
-  std::vector<float> inverse_range;     // 1/|x| [1/m], complete: wall pixels at the wall, no-information pixels filled
+  std::vector<float> inverse_depth;  // 1/z [1/m]; 0 where nothing was measured
+  std::vector<float> inverse_range;  // 1/|x| [1/m], complete: wall pixels at the wall, no-information pixels filled
   std::vector<PixelKind> kind;
-  std::vector<std::uint8_t> blocked;    // within one kernel length of a no-information pixel
+  std::vector<std::uint8_t> blocked;  // within one kernel length of a no-information pixel
   std::size_t num_surface{0};
 
   std::size_t index(int u, int v) const { return static_cast<std::size_t>(v) * width + u; }

@@ -90,9 +90,9 @@ class FrameMap {
   std::shared_ptr<const ClassifiedFrame> frame_;
   int tiles_u_{0};
   int tiles_v_{0};
-  Eigen::MatrixXf alpha_;       // window^2 x tiles: (K + s_n^2 I)^-1 (y - trend)
-  Eigen::Matrix3Xf trend_;      // 3 x tiles
-  std::vector<float> scale_;    // noise of the tile over the regressor's
+  Eigen::MatrixXf alpha_;     // window^2 x tiles: (K + s_n^2 I)^-1 (y - trend)
+  Eigen::Matrix3Xf trend_;    // 3 x tiles
+  std::vector<float> scale_;  // noise of the tile over the regressor's
   std::vector<std::uint8_t> smooth_;
   std::vector<float> nearest_;
 };

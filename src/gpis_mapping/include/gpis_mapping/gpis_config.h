@@ -33,28 +33,28 @@ enum class HolePolicy {
 /// All settings of the map, with the only copy of the defaults. SI units.
 struct GpisConfig {
   struct Sensor {
-    double min_range_m{0.25};   // nearer measurements are no information
-    double max_range_m{4.0};    // farther measurements insert nothing; they still delete what they see past
-    double baseline_m{0.075};   // emitter/second camera to depth camera, along image x; 0: none (time of flight)
+    double min_range_m{0.25};  // nearer measurements are no information
+    double max_range_m{4.0};   // farther measurements insert nothing; they still delete what they see past
+    double baseline_m{0.075};  // emitter/second camera to depth camera, along image x; 0: none (time of flight)
     HolePolicy hole_policy{HolePolicy::kAuto};
     DepthNoiseModel noise;
-    double pose_std_m{0.004};   // error of the camera position given by tf
+    double pose_std_m{0.004};  // error of the camera position given by tf
   } sensor;
 
-  struct FrameMap {              // 2.5D^-1 map, eqs 5 and 6
+  struct FrameMap {  // 2.5D^-1 map, eqs 5 and 6
     int tile_px{8};
-    int overlap_px{2};           // each tile's GP also sees this border of its neighbours
-    double kernel_length_rad{0.006};   // 1/alpha of the Ornstein-Uhlenbeck kernel, in bearing units
-    double prior_std_per_m{0.004};     // standard deviation of inverse range about the tile's linear trend [1/m]
-    double wall_range_m{100.0};        // the virtual wall
+    int overlap_px{2};                // each tile's GP also sees this border of its neighbours
+    double kernel_length_rad{0.006};  // 1/alpha of the Ornstein-Uhlenbeck kernel, in bearing units
+    double prior_std_per_m{0.004};    // standard deviation of inverse range about the tile's linear trend [1/m]
+    double wall_range_m{100.0};       // the virtual wall
   } frame_map;
 
-  struct Surface {               // eqs 3 and 4
-    double spacing_m{0.02};      // least distance of two training points
+  struct Surface {           // eqs 3 and 4
+    double spacing_m{0.02};  // least distance of two training points
     double length_scale_m{0.05};
-    double signal_std_m{0.0};    // sigma_f; 0: length_scale / sqrt(3), a unit prior variance of the gradient
-    double blend_radius_m{0.045};    // reach of a point's tangent plane in the prior mean
-    double min_noise_std_m{0.001};   // fusing many looks never makes a point better than this
+    double signal_std_m{0.0};       // sigma_f; 0: length_scale / sqrt(3), a unit prior variance of the gradient
+    double blend_radius_m{0.045};   // reach of a point's tangent plane in the prior mean
+    double min_noise_std_m{0.001};  // fusing many looks never makes a point better than this
   } surface;
 
   struct Cells {
@@ -63,16 +63,16 @@ struct GpisConfig {
     double blend_margin_m{0.015};    // half width of the overlap in which neighbouring cells are blended
   } cells;
 
-  struct Dynamic {               // Algorithm 1
-    bool enabled{true};          // false: nothing is ever deleted (Lee et al. 2019)
-    double tolerance_sigmas{3.0};    // g
-    double min_tolerance_m{0.012};   // floor of the tolerance across the surface: calibration and pose errors
+  struct Dynamic {                  // Algorithm 1
+    bool enabled{true};             // false: nothing is ever deleted (Lee et al. 2019)
+    double tolerance_sigmas{3.0};   // g
+    double min_tolerance_m{0.012};  // floor of the tolerance across the surface: calibration and pose errors
   } dynamic;
 
-  struct Retraining {            // a cell is trained at once when a point came or went; else when enough have changed
-    double moved_sigmas{0.5};    // a point has changed when it moved by more than this many standard deviations ...
-    double noise_ratio{0.8};     // ... or its standard deviation fell below this share of what it was
-    double changed_share{0.1};   // share of a cell's training points that must have changed
+  struct Retraining {           // a cell is trained at once when a point came or went; else when enough have changed
+    double moved_sigmas{0.5};   // a point has changed when it moved by more than this many standard deviations ...
+    double noise_ratio{0.8};    // ... or its standard deviation fell below this share of what it was
+    double changed_share{0.1};  // share of a cell's training points that must have changed
   } retraining;
 
   struct Observed {
@@ -80,24 +80,24 @@ struct GpisConfig {
   } observed;
 
   struct Mesh {
-    int voxels_per_cell{7};      // marching cubes edge = cells.size_m / this
-    double support_spacings{1.25};   // a voxel is meshed when a point is this many spacings near its centre
+    int voxels_per_cell{7};         // marching cubes edge = cells.size_m / this
+    double support_spacings{1.25};  // a voxel is meshed when a point is this many spacings near its centre
   } mesh;
 
   struct Query {
-    double unknown_reach_m{0.30};    // how far into unseen space a distance is answered
-    double max_distance_m{10.0};     // reach of the Euclidean distance
-    double occupied_depth_m{0.15};   // how deep behind a seen surface space is called occupied
+    double unknown_reach_m{0.30};   // how far into unseen space a distance is answered
+    double max_distance_m{10.0};    // reach of the Euclidean distance
+    double occupied_depth_m{0.15};  // how deep behind a seen surface space is called occupied
   } query;
 
-  struct Region {                // only points inside are kept, map frame
+  struct Region {  // only points inside are kept, map frame
     Eigen::Vector3d min_m{-1e4, -1e4, -1e4};
     Eigen::Vector3d max_m{1e4, 1e4, 1e4};
   } region;
 
-  int threads{0};                // 0: all cores
+  int threads{0};  // 0: all cores
 
-  double signalStd() const;      // surface.signal_std_m with its default resolved [m]
+  double signalStd() const;  // surface.signal_std_m with its default resolved [m]
 
   /// How far outside a cell a point still changes its field [m]: the prior mean reaches blend_radius_m from anywhere
   /// the cell is asked at.

@@ -24,14 +24,14 @@ class Frame;
 /// What one update did, and how long each stage took [ms].
 struct UpdateStatistics {
   double total_ms{0};
-  double classify_ms{0};   // pixels to inverse range; walls, shadows, no information
-  double regress_ms{0};    // 2.5D^-1 map
-  double fuse_ms{0};       // delete, fuse, ignore
+  double classify_ms{0};  // pixels to inverse range; walls, shadows, no information
+  double regress_ms{0};   // 2.5D^-1 map
+  double fuse_ms{0};      // delete, fuse, ignore
   double insert_ms{0};
   double train_ms{0};
-  double observe_ms{0};    // free space
-  double publish_ms{0};    // snapshot
-  std::size_t points_in{0};   // measured pixels
+  double observe_ms{0};      // free space
+  double publish_ms{0};      // snapshot
+  std::size_t points_in{0};  // measured pixels
   std::size_t inserted{0};
   std::size_t fused{0};
   std::size_t deleted{0};
@@ -78,6 +78,11 @@ class GpisMap {
   struct Cell;
   struct CellUpdate;
 
+  struct RemovedPoint {
+    std::uint64_t update;  // in which it was removed
+    SurfacePoint point;
+  };
+
   using CellMap = std::unordered_map<LatticeKey, Cell, LatticeKeyHash>;
 
   /// How far a point may drift out of its cell before it changes hands [m]; without it points on a border would have
@@ -87,7 +92,7 @@ class GpisMap {
   void prepareCamera(const CameraModel& camera);
   void fuseAndDelete(const Frame& frame, UpdateStatistics* statistics);
   /// Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
-  /// can: a point goes when more of its face was removed than confirmed by this frame.
+  /// can: a point goes when more of its face was removed lately than is confirmed by this frame.
   void decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics);
   void insertNew(const Frame& frame, UpdateStatistics* statistics);
   void train(UpdateStatistics* statistics);
@@ -104,6 +109,7 @@ class GpisMap {
   ObservedLayer observed_;
   double epoch_s_{0.0};
   std::uint64_t num_updates_{0};
+  std::unordered_map<LatticeKey, std::vector<RemovedPoint>, LatticeKeyHash> recently_removed_;
 
   CameraModel camera_;
   std::unique_ptr<DepthClassifier> classifier_;

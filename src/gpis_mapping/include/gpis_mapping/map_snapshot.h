@@ -19,22 +19,22 @@ namespace gpis_mapping {
 
 /// Answers at N points. A number is NaN where the map has no answer.
 struct QueryResult {
-  Eigen::VectorXd distance;           // signed [m]: f in its band, nearest surface with the sign of its side beyond
-  Points3d gradient;                  // d distance / dx
-  Eigen::VectorXd variance;           // of the field f [m^2]: up to the prior's away from data
-  Points3d variance_gradient;         // d variance / dx [m]; empty unless asked for
-  Eigen::VectorXd occupancy;          // P(f < 0)
-  Eigen::VectorXd euclidean_distance; // unsigned, to the nearest mapped surface [m]
-  Points3d euclidean_gradient;        // away from that surface
-  Eigen::VectorXd surface_std;        // position uncertainty of the nearest surface along its normal [m]
+  Eigen::VectorXd distance;            // signed [m]: f in its band, nearest surface with the sign of its side beyond
+  Points3d gradient;                   // d distance / dx
+  Eigen::VectorXd variance;            // of the field f [m^2]: up to the prior's away from data
+  Points3d variance_gradient;          // d variance / dx [m]; empty unless asked for
+  Eigen::VectorXd occupancy;           // P(f < 0)
+  Eigen::VectorXd euclidean_distance;  // unsigned, to the nearest mapped surface [m]
+  Points3d euclidean_gradient;         // away from that surface
+  Eigen::VectorXd surface_std;         // position uncertainty of the nearest surface along its normal [m]
   std::vector<SpaceState> state;
 };
 
 /// What to compute beside distance, gradient, Euclidean distance and state, which are always there.
 struct QueryOptions {
-  bool variance{true};           // variance, occupancy
+  bool variance{true};  // variance, occupancy
   bool variance_gradient{false};
-  int threads{0};                // 0: all cores
+  int threads{0};  // 0: all cores
 };
 
 /// The field f alone (eq 3 with blended cells), as marching cubes and planners differentiate it.
@@ -66,7 +66,7 @@ class MapSnapshot {
   const GpisConfig& config() const { return config_; }
   const Cells& cells() const { return cells_; }
   const ObservedLayer& observed() const { return observed_; }
-  double epoch() const { return epoch_s_; }               // stamp of the first update [s]
+  double epoch() const { return epoch_s_; }  // stamp of the first update [s]
   std::uint64_t numUpdates() const { return num_updates_; }
   std::size_t numPoints() const;
   std::size_t memoryBytes() const;

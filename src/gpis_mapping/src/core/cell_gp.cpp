@@ -64,7 +64,8 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
   }
   if (rows > 0) {
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXf>, Eigen::Lower> llt(cholesky_);  // in place
-    if (llt.info() != Eigen::Success) fail("covariance of " + std::to_string(rows) + " points is not positive definite");
+    if (llt.info() != Eigen::Success)
+      fail("covariance of " + std::to_string(rows) + " points is not positive definite");
     llt.solveInPlace(alpha_);
   }
 }
@@ -105,9 +106,9 @@ CellGp::Mean CellGp::mean(const Eigen::Vector3d& x_map) const {
   const Eigen::Index rows = alpha_.size();
   const float a = kernel_.decay();
   thread_local ArrayX scaled, decay;
-  scaled = a * ((x.x() - px_.head(rows)).square() + (x.y() - py_.head(rows)).square() +
-                (x.z() - pz_.head(rows)).square())
-                   .sqrt();
+  scaled =
+      a * ((x.x() - px_.head(rows)).square() + (x.y() - py_.head(rows)).square() + (x.z() - pz_.head(rows)).square())
+              .sqrt();
   decay = alpha_.array() * (-scaled).exp();
   result.value += kernel_.variance() * (decay * (1.0f + scaled)).sum();
   result.gradient -= kernel_.variance() * a * a *
@@ -127,7 +128,8 @@ void CellGp::variance(const Points3d& x_map, Eigen::VectorXf* variance, Points3f
   ArrayX scaled(n);
   for (Eigen::Index c = 0; c < count; ++c) {
     const Eigen::Vector3f x = (x_map.col(c) - origin_).cast<float>();
-    scaled = a * ((x.x() - px_.head(n)).square() + (x.y() - py_.head(n)).square() + (x.z() - pz_.head(n)).square()).sqrt();
+    scaled =
+        a * ((x.x() - px_.head(n)).square() + (x.y() - py_.head(n)).square() + (x.z() - pz_.head(n)).square()).sqrt();
     const ArrayX e = (-scaled).exp();
     cross.col(c) = (signal * (1.0f + scaled) * e).matrix();
     if (gradient != nullptr) decay.col(c) = e.matrix();

@@ -55,8 +55,7 @@ std::vector<TextLine> readLines(const std::string& path) {
   for (std::size_t number = 1; std::getline(in, text); ++number) {
     std::istringstream words(text);
     TextLine line{number, {}};
-    for (std::string word; words >> word;)
-      line.words.push_back(word);
+    for (std::string word; words >> word;) line.words.push_back(word);
     if (!line.words.empty() && line.words[0][0] != '#') lines.push_back(std::move(line));
   }
   if (in.bad()) throw DepthSequenceError(path + ": cannot be read to its end");
@@ -142,8 +141,7 @@ std::vector<StampedPose> readTrajectory(const std::string& path) {
   for (const TextLine& line : readLines(path)) {
     requireWords(line, 8, path, "timestamp tx ty tz qx qy qz qw");
     std::array<double, 8> n;
-    for (std::size_t i = 0; i < n.size(); ++i)
-      n[i] = parseNumber(line.words[i], path, line.number);
+    for (std::size_t i = 0; i < n.size(); ++i) n[i] = parseNumber(line.words[i], path, line.number);
     Eigen::Quaterniond q(n[7], n[4], n[5], n[6]);
     if (std::abs(q.norm() - 1.0) > kQuaternionTolerance) {
       throw DepthSequenceError(at(path, line.number) + "quaternion has norm " + format(q.norm()) +

@@ -237,11 +237,11 @@ Eigen::Vector3f FrameMap::trendNormal(double u, double v) const {
 
 bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, const DepthNoiseModel& noise, int u, int v,
                    double radius_m, LocalPlane* plane) {
-  constexpr int kSeedRadius = 2;      // the seed: 5 x 5 pixels
-  constexpr int kPatchSteps = 3;      // the patch: 7 x 7 samples
-  constexpr double kSeedRms = 2.5;    // [sigma] a seed that straddles an edge is no seed
-  constexpr double kInlier = 3.0;     // [sigma]
-  constexpr double kMinShare = 0.4;   // a pixel right beside a straight edge sees its surface in half the patch
+  constexpr int kSeedRadius = 2;     // the seed: 5 x 5 pixels
+  constexpr int kPatchSteps = 3;     // the patch: 7 x 7 samples
+  constexpr double kSeedRms = 2.5;   // [sigma] a seed that straddles an edge is no seed
+  constexpr double kInlier = 3.0;    // [sigma]
+  constexpr double kMinShare = 0.4;  // a pixel right beside a straight edge sees its surface in half the patch
   const std::size_t center = frame.index(u, v);
   if (frame.kind[center] != PixelKind::kSurface) return false;
   if (u < kSeedRadius || v < kSeedRadius || u >= frame.width - kSeedRadius || v >= frame.height - kSeedRadius) {

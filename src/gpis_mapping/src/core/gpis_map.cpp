@@ -5,6 +5,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 #include <optional>
 #include <stdexcept>
 
@@ -17,8 +18,9 @@ namespace {
 constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle than 86 degrees is not inserted
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
 constexpr int kCandidateStridePx = 3;
-constexpr double kFateSpacings = 2.5;      // neighbourhood in which the fate of doubtful points is decided
-constexpr double kMaxNoiseReach_m = 0.06;  // no noise makes one surface of two that are farther apart
+constexpr double kFateSpacings = 2.5;       // neighbourhood in which the fate of doubtful points is decided
+constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
+constexpr double kMaxNoiseReach_m = 0.06;   // no noise makes one surface of two that are farther apart
 
 class Stopwatch {
  public:
@@ -34,7 +36,9 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_{std::chrono::steady_clock::now()};
 };
 
-constexpr int neighbourBit(int dx, int dy, int dz) { return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1); }
+constexpr int neighbourBit(int dx, int dy, int dz) {
+  return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1);
+}
 
 void requireRigid(const Eigen::Isometry3d& pose, double stamp_s) {
   const Eigen::Matrix3d r = pose.linear();
@@ -134,8 +138,7 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
   if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
   // Inverse range noise at the middle of the working range; FrameMap scales it tile by tile.
   const double z = 0.5 * (config_.sensor.min_range_m + config_.sensor.max_range_m);
-  regressor_ =
-      std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
+  regressor_ = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
   classifier_ = std::make_unique<DepthClassifier>(camera, config_);
   camera_ = camera;
 }
@@ -296,13 +299,19 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
 }
 
 void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics) {
-  std::unordered_map<LatticeKey, std::vector<SurfacePoint>, LatticeKeyHash> removed;
+  for (auto cell = recently_removed_.begin(); cell != recently_removed_.end();) {
+    std::vector<RemovedPoint>& points = cell->second;
+    points.erase(std::remove_if(points.begin(), points.end(),
+                                [this](const RemovedPoint& p) { return num_updates_ - p.update >= kFateUpdates; }),
+                 points.end());
+    cell = points.empty() ? recently_removed_.erase(cell) : std::next(cell);
+  }
   for (const CellUpdate& job : jobs) {
-    if (!job.removed.empty()) removed[job.key] = job.removed;
+    for (const SurfacePoint& point : job.removed) recently_removed_[job.key].push_back({num_updates_, point});
   }
   const double reach = kFateSpacings * config_.surface.spacing_m;
   for (const CellUpdate& job : jobs) {
-    if (removed.empty()) break;
+    if (recently_removed_.empty()) break;
     std::vector<std::size_t> gone;
     for (const std::size_t index : job.doubtful) {
       const SurfacePoint& point = job.cell->entries[index].point;
@@ -316,10 +325,9 @@ void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& 
         for (int dy = -1; dy <= 1; ++dy) {
           for (int dz = -1; dz <= 1; ++dz) {
             const LatticeKey key = job.key.offset(dx, dy, dz);
-            const auto gone_here = removed.find(key);
-            if (gone_here != removed.end()) {
-              num_removed += static_cast<std::size_t>(
-                  std::count_if(gone_here->second.begin(), gone_here->second.end(), sameFace));
+            const auto removed = recently_removed_.find(key);
+            if (removed != recently_removed_.end()) {
+              for (const RemovedPoint& gone_point : removed->second) num_removed += sameFace(gone_point.point);
             }
             const auto cell = cells_.find(key);
             if (cell == cells_.end()) continue;
@@ -483,8 +491,7 @@ void GpisMap::train(UpdateStatistics* statistics) {
       job.empty = !is_needed;
       const std::size_t num_training = points.size();
       points.insert(points.end(), mean_only.begin(), mean_only.end());
-      job.cell->gp =
-          is_needed ? std::make_shared<CellGp>(job.key, config_, points, num_own, num_training) : nullptr;
+      job.cell->gp = is_needed ? std::make_shared<CellGp>(job.key, config_, points, num_own, num_training) : nullptr;
       job.cell->dirty = false;
       job.cell->num_changes = 0.0f;
     }

@@ -138,10 +138,8 @@ void putPoints(const MapContents& contents, Writer* out) {
   for (std::size_t i = 0; i < contents.points.size(); ++i) {
     const SurfacePoint& point = contents.points[i];
     requireUsable(point, i, contents.config.cells.size_m);
-    for (int axis = 0; axis < 3; ++axis)
-      out->put<double>(point.position_map[axis]);
-    for (int axis = 0; axis < 3; ++axis)
-      out->put<float>(point.normal_map[axis]);
+    for (int axis = 0; axis < 3; ++axis) out->put<double>(point.position_map[axis]);
+    for (int axis = 0; axis < 3; ++axis) out->put<float>(point.normal_map[axis]);
     out->put<float>(point.variance_m2);
     out->put<float>(point.normal_variance);
     out->put<float>(point.last_seen_s);
@@ -214,10 +212,8 @@ std::vector<SurfacePoint> getPoints(Reader* in, double cell_size_m) {
   std::vector<SurfacePoint> points(recordCount(in, kPointBytes, "points"));
   for (std::size_t i = 0; i < points.size(); ++i) {
     SurfacePoint& point = points[i];
-    for (int axis = 0; axis < 3; ++axis)
-      point.position_map[axis] = in->get<double>();
-    for (int axis = 0; axis < 3; ++axis)
-      point.normal_map[axis] = in->get<float>();
+    for (int axis = 0; axis < 3; ++axis) point.position_map[axis] = in->get<double>();
+    for (int axis = 0; axis < 3; ++axis) point.normal_map[axis] = in->get<float>();
     point.variance_m2 = in->get<float>();
     point.normal_variance = in->get<float>();
     point.last_seen_s = in->get<float>();

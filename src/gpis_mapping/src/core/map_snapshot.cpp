@@ -23,7 +23,9 @@ double smoothStep(double t) {
 }
 
 /// Beyond eight standard deviations the answer is 0 or 1; what erfc says there is rounding of rounding.
-double normalCdf(double x) { return x < -8.0 ? 0.0 : 0.5 * std::erfc(-x / std::sqrt(2.0)); }
+double normalCdf(double x) {
+  return x < -8.0 ? 0.0 : 0.5 * std::erfc(-x / std::sqrt(2.0));
+}
 
 }  // namespace
 
@@ -32,11 +34,11 @@ class MapSnapshot::NearestIndex {
  public:
   struct Reading {
     bool found{false};
-    double distance{0.0};       // signed [m]
-    double nearest{0.0};        // to the nearest training point [m]
-    double aside{0.0};          // of the nearest training point's normal line [m]
-    Eigen::Vector3d gradient;   // of the signed distance
-    double surface_std{0.0};    // [m]
+    double distance{0.0};      // signed [m]
+    double nearest{0.0};       // to the nearest training point [m]
+    double aside{0.0};         // of the nearest training point's normal line [m]
+    Eigen::Vector3d gradient;  // of the signed distance
+    double surface_std{0.0};   // [m]
   };
 
   explicit NearestIndex(const MapSnapshot& map)
@@ -117,8 +119,8 @@ class MapSnapshot::NearestIndex {
     Eigen::Vector3f normal;
     float variance;
   };
-  using Tree =
-      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, NearestIndex>, NearestIndex, 3, std::size_t>;
+  using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, NearestIndex>, NearestIndex, 3,
+                                                   std::size_t>;
 
   double disc_radius_;
   double sign_scale2_;
@@ -199,15 +201,13 @@ void MapSnapshot::blendedVariance(const Points3d& points_map, const QueryOptions
   for (Eigen::Index i = 0; i < points_map.cols(); ++i) {
     if (!points_map.col(i).allFinite()) continue;
     BlendWeight weights[8];
-    const int count =
-        blendWeights(points_map.col(i), config_.cells.size_m, config_.cells.blend_margin_m, weights);
+    const int count = blendWeights(points_map.col(i), config_.cells.size_m, config_.cells.blend_margin_m, weights);
     for (int j = 0; j < count; ++j) {
       shares.push_back({weights[j].key, i, weights[j].weight, weights[j].gradient, 0.0f, Eigen::Vector3f::Zero()});
     }
   }
-  std::sort(shares.begin(), shares.end(), [](const Share& a, const Share& b) {
-    return a.key != b.key ? a.key < b.key : a.point < b.point;
-  });
+  std::sort(shares.begin(), shares.end(),
+            [](const Share& a, const Share& b) { return a.key != b.key ? a.key < b.key : a.point < b.point; });
   constexpr std::size_t kMaxGroup = 256;
   std::vector<std::size_t> groups;
   for (std::size_t i = 0; i < shares.size(); ++i) {
@@ -264,55 +264,57 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
   // f is exact near its points and no distance far from them: hand over to the discs between these two.
   const double band_begin = config_.surface.spacing_m;
   const double band_end = 0.9 * config_.surface.blend_radius_m;
-  parallelFor(static_cast<std::size_t>(count), resolveThreadCount(options.threads), kQueryChunk,
-              [&](std::size_t begin, std::size_t end) {
-    for (Eigen::Index i = static_cast<Eigen::Index>(begin); i < static_cast<Eigen::Index>(end); ++i) {
-      const Eigen::Vector3d x = points_map.col(i);
-      if (!x.allFinite()) continue;
-      SpaceState& state = result.state[static_cast<std::size_t>(i)];
-      NearestIndex::Reading reading = nearest.read(x);
-      if (!reading.found || reading.nearest > config_.query.max_distance_m) {
-        state = observed_.isFree(x) ? SpaceState::kFree : SpaceState::kUnknown;
-        continue;
-      }
-      double distance = reading.distance;
-      Eigen::Vector3d gradient = reading.gradient;
-      // Seen free beats the vote of surfaces far away: such a block holds no object. Its corners may: they are a
-      // quarter of a block outside the sphere that was seen through; as much again for noise.
-      if (distance < -0.5 * observed_.blockSize() && observed_.isFree(x)) {
-        distance = -distance;
-        gradient = -gradient;
-      }
-      if (reading.nearest < config_.surface.blend_radius_m) {
-        const FieldSample f = field(x);
-        if (f.valid) {
-          const double t = (std::abs(distance) - band_begin) / (band_end - band_begin);
-          const double share = smoothStep(t);
-          // d share / dx, through |distance|
-          const double inside = t > 0.0 && t < 1.0 ? 6.0 * t * (1.0 - t) / (band_end - band_begin) : 0.0;
-          const Eigen::Vector3d share_gradient = inside * (distance < 0.0 ? -1.0 : 1.0) * gradient;
-          gradient = (1.0 - share) * f.gradient + share * gradient + (distance - f.value) * share_gradient;
-          distance = (1.0 - share) * f.value + share * distance;
+  parallelFor(
+      static_cast<std::size_t>(count), resolveThreadCount(options.threads), kQueryChunk,
+      [&](std::size_t begin, std::size_t end) {
+        for (Eigen::Index i = static_cast<Eigen::Index>(begin); i < static_cast<Eigen::Index>(end); ++i) {
+          const Eigen::Vector3d x = points_map.col(i);
+          if (!x.allFinite()) continue;
+          SpaceState& state = result.state[static_cast<std::size_t>(i)];
+          NearestIndex::Reading reading = nearest.read(x);
+          if (!reading.found || reading.nearest > config_.query.max_distance_m) {
+            state = observed_.isFree(x) ? SpaceState::kFree : SpaceState::kUnknown;
+            continue;
+          }
+          double distance = reading.distance;
+          Eigen::Vector3d gradient = reading.gradient;
+          // Seen free beats the vote of surfaces far away: such a block holds no object. Its corners may: they are a
+          // quarter of a block outside the sphere that was seen through; as much again for noise.
+          if (distance < -0.5 * observed_.blockSize() && observed_.isFree(x)) {
+            distance = -distance;
+            gradient = -gradient;
+          }
+          if (reading.nearest < config_.surface.blend_radius_m) {
+            const FieldSample f = field(x);
+            if (f.valid) {
+              const double t = (std::abs(distance) - band_begin) / (band_end - band_begin);
+              const double share = smoothStep(t);
+              // d share / dx, through |distance|
+              const double inside = t > 0.0 && t < 1.0 ? 6.0 * t * (1.0 - t) / (band_end - band_begin) : 0.0;
+              const Eigen::Vector3d share_gradient = inside * (distance < 0.0 ? -1.0 : 1.0) * gradient;
+              gradient = (1.0 - share) * f.gradient + share * gradient + (distance - f.value) * share_gradient;
+              distance = (1.0 - share) * f.value + share * distance;
+            }
+          }
+          state = this->state(x, distance);
+          // The ray that saw the nearest surface did not go through here if that lies aside.
+          if (state == SpaceState::kFree && reading.aside > 1.5 * config_.surface.spacing_m && !observed_.isFree(x)) {
+            state = SpaceState::kUnknown;
+          }
+          result.euclidean_distance[i] = std::abs(distance);
+          result.euclidean_gradient.col(i) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
+          if (state == SpaceState::kUnknown && reading.nearest > config_.query.unknown_reach_m) continue;
+          result.distance[i] = distance;
+          result.gradient.col(i) = gradient;
+          result.surface_std[i] = reading.surface_std;
         }
-      }
-      state = this->state(x, distance);
-      // The ray that saw the nearest surface did not go through here if that lies aside.
-      if (state == SpaceState::kFree && reading.aside > 1.5 * config_.surface.spacing_m && !observed_.isFree(x)) {
-        state = SpaceState::kUnknown;
-      }
-      result.euclidean_distance[i] = std::abs(distance);
-      result.euclidean_gradient.col(i) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
-      if (state == SpaceState::kUnknown && reading.nearest > config_.query.unknown_reach_m) continue;
-      result.distance[i] = distance;
-      result.gradient.col(i) = gradient;
-      result.surface_std[i] = reading.surface_std;
-    }
-  });
+      });
   if (!options.variance && !options.variance_gradient) return result;
   blendedVariance(points_map, options, &result);
   for (Eigen::Index i = 0; i < count; ++i) {
-    const bool no_answer = !points_map.col(i).allFinite() || nearest.size() == 0 ||
-                           (std::isnan(result.distance[i]) && result.state[static_cast<std::size_t>(i)] == SpaceState::kUnknown);
+    const bool no_answer =
+        !points_map.col(i).allFinite() || nearest.size() == 0 ||
+        (std::isnan(result.distance[i]) && result.state[static_cast<std::size_t>(i)] == SpaceState::kUnknown);
     if (no_answer) {
       result.variance[i] = kNaN;
       if (options.variance_gradient) result.variance_gradient.col(i).setConstant(kNaN);

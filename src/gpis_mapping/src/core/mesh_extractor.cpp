@@ -47,7 +47,9 @@ struct MeshExtractor::Piece {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config) { requireValid(config_); }
+MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config) {
+  requireValid(config_);
+}
 
 MeshExtractor::~MeshExtractor() = default;
 
@@ -254,9 +256,21 @@ TriangleMesh MeshExtractor::mesh() const {
       bool on_border = v.x == 0.0f || v.y == 0.0f || v.z == 0.0f;
       // A vertex on the upper face is the next piece's lower face.
       const float last = static_cast<float>(voxels);
-      if (v.x == last) { v.x = 0.0f; ++cell.x; on_border = true; }
-      if (v.y == last) { v.y = 0.0f; ++cell.y; on_border = true; }
-      if (v.z == last) { v.z = 0.0f; ++cell.z; on_border = true; }
+      if (v.x == last) {
+        v.x = 0.0f;
+        ++cell.x;
+        on_border = true;
+      }
+      if (v.y == last) {
+        v.y = 0.0f;
+        ++cell.y;
+        on_border = true;
+      }
+      if (v.z == last) {
+        v.z = 0.0f;
+        ++cell.z;
+        on_border = true;
+      }
       if (on_border) {
         const auto [entry, is_new] =
             border.emplace(BorderKey{cell, v}, static_cast<std::uint32_t>(mesh.vertices_map.size()));

@@ -115,8 +115,7 @@ ObservedLayer::Chunk& ObservedLayer::writable(const LatticeKey& key) {
 }
 
 void ObservedLayer::observe(const ClassifiedFrame& frame, const CameraModel& camera,
-                            const Eigen::Isometry3d& T_map_camera, double max_range_m, float stamp_s,
-                            int num_threads) {
+                            const Eigen::Isometry3d& T_map_camera, double max_range_m, float stamp_s, int num_threads) {
   const NearestPyramid pyramid(frame);
   const double chunk_size = block_size_m_ * kChunkBlocks;
   const Eigen::Isometry3d T_camera_map = T_map_camera.inverse();

@@ -37,10 +37,8 @@ std::string header(const TriangleMesh& mesh, bool use_double) {
   const std::string type = use_double ? "double" : "float";
   std::string text = "ply\nformat binary_little_endian 1.0\ncomment gpis_mapping surface, metres, map frame\n";
   text += "element vertex " + std::to_string(mesh.vertices_map.size()) + "\n";
-  for (const char* axis : {"x", "y", "z"})
-    text += "property " + type + " " + axis + "\n";
-  for (const char* name : {"nx", "ny", "nz", "variance"})
-    text += std::string("property float ") + name + "\n";
+  for (const char* axis : {"x", "y", "z"}) text += "property " + type + " " + axis + "\n";
+  for (const char* name : {"nx", "ny", "nz", "variance"}) text += std::string("property float ") + name + "\n";
   text += "element face " + std::to_string(mesh.triangles.size()) + "\n";
   text += "property list uchar int vertex_indices\nend_header\n";
   return text;

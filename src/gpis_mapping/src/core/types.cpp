@@ -43,9 +43,12 @@ DepthImage depthImageFromU16(const std::uint16_t* raw, int width, int height, do
 
 const char* toString(SpaceState state) {
   switch (state) {
-    case SpaceState::kFree: return "free";
-    case SpaceState::kOccupied: return "occupied";
-    case SpaceState::kUnknown: break;
+    case SpaceState::kFree:
+      return "free";
+    case SpaceState::kOccupied:
+      return "occupied";
+    case SpaceState::kUnknown:
+      break;
   }
   return "unknown";
 }

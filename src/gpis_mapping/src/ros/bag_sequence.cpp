@@ -48,8 +48,7 @@ std::string withoutSlash(const std::string& frame) {
 template <typename Container>
 std::string join(const Container& items) {
   std::string text;
-  for (const std::string& item : items)
-    text += (text.empty() ? "" : ", ") + item;
+  for (const std::string& item : items) text += (text.empty() ? "" : ", ") + item;
   return text.empty() ? "none" : text;
 }
 
@@ -81,8 +80,7 @@ class BagSequence : public DepthSequence {
     readTransforms();
     chooseMapFrame(options.map_frame);
     rosbag::View view(bag_, rosbag::TopicQuery(depth_topic_));
-    for (const rosbag::MessageInstance& message : view)
-      images_.push_back(message);
+    for (const rosbag::MessageInstance& message : view) images_.push_back(message);
   }
 
   std::size_t size() const override { return images_.size(); }
@@ -133,8 +131,7 @@ class BagSequence : public DepthSequence {
       described.push_back(topic + " (" + encoding + ")");
       if (isDepthEncoding(encoding)) candidates.push_back(topic);
     }
-    for (const std::string& topic : topicsOf(kCompressedType))
-      described.push_back(topic + " (compressed, not read)");
+    for (const std::string& topic : topicsOf(kCompressedType)) described.push_back(topic + " (compressed, not read)");
     if (!wanted.empty()) {
       const auto found = types_.find(wanted);
       if (found == types_.end() || found->second != kImageType) {

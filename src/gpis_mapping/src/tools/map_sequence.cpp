@@ -213,8 +213,7 @@ int mapSequence(int argc, char** argv) {
   const Options& options = *parsed;
   const GpisConfig config = options.config.empty() ? GpisConfig{} : loadGpisConfig(options.config);
   const std::unique_ptr<DepthSequence> sequence = openInput(options);
-  for (const std::string& note : sequence->notes())
-    say(nullptr, "note: " + note);
+  for (const std::string& note : sequence->notes()) say(nullptr, "note: " + note);
   if (sequence->size() == 0) throw DepthSequenceError(options.input + ": holds no depth image");
   const auto start = static_cast<std::size_t>(options.start);
   const std::size_t last_frame = sequence->size() - 1;
@@ -289,8 +288,7 @@ int mapSequence(int argc, char** argv) {
   writePly(mesh, mesh_path);
 
   double sum_ms = 0.0;
-  for (const double ms : update_ms)
-    sum_ms += ms;
+  for (const double ms : update_ms) sum_ms += ms;
   const nlohmann::json summary = {
       {"frames", update_ms.size()},
       {"skipped", skipped.total()},

@@ -93,10 +93,8 @@ void split(const std::string& line, std::vector<Field>* fields) {
     const char* comma = std::find(at, line_end, ',');
     Field field{at, comma};
     const auto isBlank = [](char c) { return c == ' ' || c == '\t' || c == '\r'; };
-    while (field.begin < field.end && isBlank(*field.begin))
-      ++field.begin;
-    while (field.begin < field.end && isBlank(*(field.end - 1)))
-      --field.end;
+    while (field.begin < field.end && isBlank(*field.begin)) ++field.begin;
+    while (field.begin < field.end && isBlank(*(field.end - 1))) --field.end;
     if (field.size() >= 2 && *field.begin == '"' && *(field.end - 1) == '"') {
       ++field.begin;
       --field.end;
@@ -201,8 +199,7 @@ void appendNumber(double value, std::string* text) {
 std::string answerRow(const std::array<std::string, 3>& written, const QueryResult& result, Eigen::Index i) {
   std::string row;
   row.reserve(160);
-  for (const std::string& coordinate : written)
-    row += coordinate + ',';
+  for (const std::string& coordinate : written) row += coordinate + ',';
   const double numbers[] = {result.distance[i],    result.variance[i],    result.gradient(0, i),
                             result.gradient(1, i), result.gradient(2, i), result.occupancy[i]};
   for (const double number : numbers) {
@@ -232,11 +229,9 @@ int queryMap(int argc, char** argv) {
     const QueryResult result = snapshot->query(points_map);
     rows.resize(written.size());
     parallelFor(rows.size(), resolveThreadCount(map.config().threads), 1000, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i)
-        rows[i] = answerRow(written[i], result, static_cast<Eigen::Index>(i));
+      for (std::size_t i = begin; i < end; ++i) rows[i] = answerRow(written[i], result, static_cast<Eigen::Index>(i));
     });
-    for (const std::string& row : rows)
-      out.write(row);
+    for (const std::string& row : rows) out.write(row);
     num_points += rows.size();
     if (!options->is_quiet && rows.size() == kBlockPoints) {
       std::fprintf(stderr, "query_map: %zu points\n", num_points);

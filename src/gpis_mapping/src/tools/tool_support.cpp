@@ -20,8 +20,7 @@ std::string onOneLine(const std::string& text) {
       line += text[i];
       continue;
     }
-    while (i + 1 < text.size() && (text[i + 1] == ' ' || text[i + 1] == '\n' || text[i + 1] == '\r'))
-      ++i;
+    while (i + 1 < text.size() && (text[i + 1] == ' ' || text[i + 1] == '\n' || text[i + 1] == '\r')) ++i;
     if (i + 1 < text.size()) line += !line.empty() && line.back() == ':' ? " " : "; ";
   }
   return line;

@@ -36,8 +36,7 @@ std::string refusalOf(const std::string& path) {
   return messageOf<DepthSequenceError>([&] {
     const auto sequence = openDepthSequence(path);
     SkipReason reason;
-    for (std::size_t i = 0; i < sequence->size(); ++i)
-      sequence->frame(i, &reason);
+    for (std::size_t i = 0; i < sequence->size(); ++i) sequence->frame(i, &reason);
   });
 }
 

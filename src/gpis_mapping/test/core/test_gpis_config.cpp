@@ -26,8 +26,7 @@ std::set<std::string> keysOf(const std::string& yaml_text) {
     const auto section = entry.first.as<std::string>();
     if (!entry.second.IsMap()) keys.insert(section);
     if (!entry.second.IsMap()) continue;
-    for (const auto& item : entry.second)
-      keys.insert(section + "/" + item.first.as<std::string>());
+    for (const auto& item : entry.second) keys.insert(section + "/" + item.first.as<std::string>());
   }
   return keys;
 }

@@ -123,8 +123,7 @@ TEST_F(MapFile, RoundTripKeepsEveryBit) {
   }
   EXPECT_EQ(loaded.observed.blockSize(), saved.observed.blockSize());
   ASSERT_EQ(loaded.observed.chunks().size(), saved.observed.chunks().size());
-  for (const auto& [key, chunk] : saved.observed.chunks())
-    EXPECT_EQ(*loaded.observed.chunks().at(key), *chunk);
+  for (const auto& [key, chunk] : saved.observed.chunks()) EXPECT_EQ(*loaded.observed.chunks().at(key), *chunk);
 }
 
 TEST_F(MapFile, SameMapGivesSameBytes) {
@@ -317,11 +316,9 @@ TEST(AtomicFile, NothingAppearsWithoutCommit) {
 TEST(AtomicFile, CommitPutsAllBytesInPlace) {
   const TemporaryFolder folder;
   std::string text;
-  for (int i = 0; i < 400000; ++i)
-    text += std::to_string(i) + ' ';
+  for (int i = 0; i < 400000; ++i) text += std::to_string(i) + ' ';
   AtomicFile file(folder.file("a"));
-  for (std::size_t at = 0; at < text.size(); at += 700001)
-    file.write(text.substr(at, 700001));
+  for (std::size_t at = 0; at < text.size(); at += 700001) file.write(text.substr(at, 700001));
   file.commit();
   EXPECT_EQ(readText(folder.file("a")), text);
   EXPECT_EQ(file.bytesWritten(), text.size());

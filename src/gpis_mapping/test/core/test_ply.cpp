@@ -44,14 +44,12 @@ void expectBody(const std::string& bytes, const TriangleMesh& mesh) {
     for (int axis = 0; axis < 3; ++axis) {
       EXPECT_EQ(take<Scalar>(bytes, &at), static_cast<Scalar>(mesh.vertices_map[i][axis]));
     }
-    for (int axis = 0; axis < 3; ++axis)
-      EXPECT_EQ(take<float>(bytes, &at), mesh.normals_map[i][axis]);
+    for (int axis = 0; axis < 3; ++axis) EXPECT_EQ(take<float>(bytes, &at), mesh.normals_map[i][axis]);
     EXPECT_EQ(take<float>(bytes, &at), mesh.variance_m2[i]);
   }
   for (const auto& triangle : mesh.triangles) {
     EXPECT_EQ(take<std::uint8_t>(bytes, &at), 3);
-    for (const std::uint32_t index : triangle)
-      EXPECT_EQ(take<std::int32_t>(bytes, &at), static_cast<int>(index));
+    for (const std::uint32_t index : triangle) EXPECT_EQ(take<std::int32_t>(bytes, &at), static_cast<int>(index));
   }
   EXPECT_EQ(at, bytes.size());
 }

@@ -279,8 +279,7 @@ TEST_F(Bag, RectifiedImagesTakeTheProjectionMatrix) {
 TEST_F(Bag, RefusesBrokenFiles) {
   writeCameraInfo();
   writeTransforms();
-  for (int i = 0; i < 5; ++i)
-    write(kDepthTopic, 0.1 * i, image16(0.1 * i));
+  for (int i = 0; i < 5; ++i) write(kDepthTopic, 0.1 * i, image16(0.1 * i));
   bag_.close();
   EXPECT_TRUE(looksLikeBag(path_));
   const std::string whole = readText(path_);

@@ -31,8 +31,7 @@ class TemporaryFolder {
   std::string file(const std::string& name) const { return (path_ / name).string(); }
   std::size_t numEntries() const {
     std::size_t count = 0;
-    for (const auto& entry : std::filesystem::directory_iterator(path_))
-      count += entry.exists() ? 1 : 0;
+    for (const auto& entry : std::filesystem::directory_iterator(path_)) count += entry.exists() ? 1 : 0;
     return count;
   }
 
@@ -57,8 +56,7 @@ inline std::string readText(const std::string& path) {
 inline std::vector<std::string> splitLines(const std::string& text) {
   std::istringstream in(text);
   std::vector<std::string> lines;
-  for (std::string line; std::getline(in, line);)
-    lines.push_back(line);
+  for (std::string line; std::getline(in, line);) lines.push_back(line);
   return lines;
 }
 
