@@ -85,7 +85,7 @@ struct GpisConfig {
   } mesh;
 
   struct Query {
-    double unknown_reach_m{0.30};   // how far into unseen space a distance is answered
+    double unknown_reach_m{0.30};   // how far in front of a surface, in unseen space, a distance is answered
     double max_distance_m{10.0};    // reach of the Euclidean distance
     double occupied_depth_m{0.15};  // how deep behind a seen surface space is called occupied
   } query;

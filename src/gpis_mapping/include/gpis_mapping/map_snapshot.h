@@ -23,7 +23,7 @@ struct QueryResult {
   Points3d gradient;                   // d distance / dx
   Eigen::VectorXd variance;            // of the field f [m^2]: up to the prior's away from data
   Points3d variance_gradient;          // d variance / dx [m]; empty unless asked for
-  Eigen::VectorXd occupancy;           // P(f < 0)
+  Eigen::VectorXd occupancy;           // P(f < 0); none in unknown space
   Eigen::VectorXd euclidean_distance;  // unsigned, to the nearest mapped surface [m]
   Points3d euclidean_gradient;         // away from that surface
   Eigen::VectorXd surface_std;         // position uncertainty of the nearest surface along its normal [m]

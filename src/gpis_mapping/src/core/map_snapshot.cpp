@@ -303,7 +303,10 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
           }
           result.euclidean_distance[i] = std::abs(distance);
           result.euclidean_gradient.col(i) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
-          if (state == SpaceState::kUnknown && reading.nearest > config_.query.unknown_reach_m) continue;
+          // Deep behind a seen surface nobody knows how thick the object is.
+      const bool has_answer =
+          state != SpaceState::kUnknown || (distance >= 0.0 && reading.nearest <= config_.query.unknown_reach_m);
+      if (!has_answer) continue;
           result.distance[i] = distance;
           result.gradient.col(i) = gradient;
           result.surface_std[i] = reading.surface_std;
@@ -320,7 +323,7 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
       if (options.variance_gradient) result.variance_gradient.col(i).setConstant(kNaN);
       continue;
     }
-    if (options.variance && !std::isnan(result.distance[i])) {
+    if (options.variance && result.state[static_cast<std::size_t>(i)] != SpaceState::kUnknown) {
       result.occupancy[i] = normalCdf(-result.distance[i] / std::sqrt(std::max(1e-12, result.variance[i])));
     }
   }

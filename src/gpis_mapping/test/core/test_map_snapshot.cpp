@@ -458,6 +458,14 @@ TEST(MapSnapshot, SignedDistanceEndsInUnseenSpace) {
   EXPECT_TRUE(std::isnan(beyond.variance[0]));
   EXPECT_TRUE(std::isnan(beyond.occupancy[0]));
   EXPECT_NEAR(beyond.euclidean_distance[0], reach + 0.02, 1e-5);  // this one does not depend on what was seen
+  // Behind the surface: occupied as deep as stated, deeper nobody knows.
+  const QueryResult inside = queryOne(*map, {0.11, 0.11, -config.query.occupied_depth_m + 0.01});
+  EXPECT_EQ(inside.state[0], SpaceState::kOccupied);
+  EXPECT_NEAR(inside.distance[0], -config.query.occupied_depth_m + 0.01, 1e-3);
+  EXPECT_GT(inside.occupancy[0], 0.99);
+  const QueryResult deep = queryOne(*map, {0.11, 0.11, -config.query.occupied_depth_m - 0.03});
+  EXPECT_EQ(deep.state[0], SpaceState::kUnknown);
+  EXPECT_TRUE(std::isnan(deep.distance[0]) && std::isnan(deep.occupancy[0]) && std::isnan(deep.variance[0]));
   const QueryResult seen = queryOne(*map, {0.01, 0.01, 0.9});
   EXPECT_NEAR(seen.distance[0], 0.9, 1e-5);
   // Away from data the field has the prior's variance.
