@@ -249,7 +249,7 @@ TEST_F(Tools, InterruptSavesWhatThereIs) {
   EXPECT_TRUE(is_whole) << "a row reached the file in parts";
   EXPECT_GE(rows_before, 60u) << "no rows while running";
   ASSERT_TRUE(WIFEXITED(status));
-  EXPECT_EQ(WEXITSTATUS(status), 0);
+  EXPECT_EQ(WEXITSTATUS(status), 130);
   EXPECT_THAT(readText(file("stderr")), HasSubstr("interrupted after"));
   const nlohmann::json summary = nlohmann::json::parse(splitLines(readText(file("stdout"))).back());
   EXPECT_EQ(summary.at("interrupted"), true);

@@ -60,7 +60,7 @@ struct GpisConfig {
   struct Cells {
     double size_m{0.10};
     double training_margin_m{0.03};  // points this far outside still train the cell
-    double blend_margin_m{0.015};    // half width of the overlap in which neighbouring cells are blended
+    double blend_margin_m{0.014};    // half width of the overlap in which neighbouring cells are blended
   } cells;
 
   struct Dynamic {                  // Algorithm 1

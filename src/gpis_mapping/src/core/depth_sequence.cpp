@@ -136,10 +136,16 @@ struct StampedPose {
   Eigen::Quaterniond q_map_camera;
 };
 
+bool isNan(const std::string& word) {
+  return word == "nan" || word == "NaN" || word == "-nan" || word == "NAN";
+}
+
 std::vector<StampedPose> readTrajectory(const std::string& path) {
   std::vector<StampedPose> poses;
   for (const TextLine& line : readLines(path)) {
     requireWords(line, 8, path, "timestamp tx ty tz qx qy qz qw");
+    // Recorders write NaN where tracking was lost: the images near it have no pose and are skipped one by one.
+    if (std::any_of(line.words.begin() + 1, line.words.end(), isNan)) continue;
     std::array<double, 8> n;
     for (std::size_t i = 0; i < n.size(); ++i) n[i] = parseNumber(line.words[i], path, line.number);
     Eigen::Quaterniond q(n[7], n[4], n[5], n[6]);
@@ -193,11 +199,7 @@ class TumSequence : public DepthSequence {
     const std::string list = (folder / "depth.txt").string();
     for (const TextLine& line : readLines(list)) {
       requireWords(line, 2, list, "timestamp file");
-      const Entry entry{parseNumber(line.words[0], list, line.number), (folder / line.words[1]).string()};
-      if (!fs::is_regular_file(entry.path)) {
-        throw DepthSequenceError(at(list, line.number) + "image " + entry.path + " is missing");
-      }
-      entries_.push_back(entry);
+      entries_.push_back({parseNumber(line.words[0], list, line.number), (folder / line.words[1]).string()});
     }
     if (entries_.empty()) throw DepthSequenceError(list + ": lists no image");
     poses_ = readTrajectory((folder / "groundtruth.txt").string());

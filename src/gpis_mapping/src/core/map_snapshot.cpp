@@ -304,9 +304,9 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
           result.euclidean_distance[i] = std::abs(distance);
           result.euclidean_gradient.col(i) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
           // Deep behind a seen surface nobody knows how thick the object is.
-      const bool has_answer =
-          state != SpaceState::kUnknown || (distance >= 0.0 && reading.nearest <= config_.query.unknown_reach_m);
-      if (!has_answer) continue;
+          const bool has_answer =
+              state != SpaceState::kUnknown || (distance >= 0.0 && reading.nearest <= config_.query.unknown_reach_m);
+          if (!has_answer) continue;
           result.distance[i] = distance;
           result.gradient.col(i) = gradient;
           result.surface_std[i] = reading.surface_std;

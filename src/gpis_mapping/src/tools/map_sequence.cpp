@@ -84,7 +84,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
                  "Builds a map from recorded depth images. INPUT is a TUM RGB-D folder, a 7-Scenes folder or a ROS\n"
                  "bag. Frames are counted from 0 in recorded order; --start and --end are both included. The last\n"
                  "line of the output is a summary as one JSON object.\n"
-                 "Exit code: 0 done, 1 failure, 2 wrong usage.\n\n"
+                 "Exit code: 0 done, 1 failure, 2 wrong usage, 130 interrupted (what there was is saved).\n\n"
               << visible;
     return std::nullopt;
   }
@@ -315,7 +315,7 @@ int mapSequence(int argc, char** argv) {
       {"outputs", {{"mesh", mesh_path}, {"map", map_path}, {"timing", timing_path}}},
   };
   std::cout << summary.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
-  if (failure.empty()) return kExitOk;
+  if (failure.empty()) return interrupted == 0 ? kExitOk : kExitInterrupted;
   say(nullptr, failure + " (stopped there; what came before is saved)");
   return kExitFailure;
 }

@@ -14,6 +14,7 @@ namespace gpis_mapping {
 constexpr int kExitOk = 0;
 constexpr int kExitFailure = 1;
 constexpr int kExitUsage = 2;
+constexpr int kExitInterrupted = 130;  // 128 + SIGINT, as shells report it
 
 /// A command line that asks for something impossible.
 class UsageError : public std::runtime_error {

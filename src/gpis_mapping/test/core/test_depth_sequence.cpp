@@ -151,7 +151,11 @@ TEST_F(TumFolder, RefusesMissingFiles) {
   EXPECT_THAT(refusalOf(folder_.path()), HasSubstr("camera_info.yaml: is missing"));
   writeText(file("camera_info.yaml"), info);
   fs::remove(file("depth/1.png"));
-  EXPECT_THAT(refusalOf(folder_.path()), testing::AllOf(HasSubstr("depth.txt:4: "), HasSubstr("depth/1.png")));
+  // One lost image does not make the recording useless: only its own frame is refused.
+  const auto sequence = openDepthSequence(folder_.path());
+  SkipReason reason;
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(1, &reason); }), HasSubstr("depth/1.png"));
+  EXPECT_TRUE(sequence->frame(0, &reason));
   writeImage(file("depth/1.png"), 1);
   fs::remove(file("groundtruth.txt"));
   EXPECT_THAT(refusalOf(folder_.path()), HasSubstr("groundtruth.txt: cannot be read"));
@@ -169,8 +173,9 @@ TEST_F(TumFolder, RefusesMalformedLists) {
 TEST_F(TumFolder, RefusesMalformedTrajectories) {
   const std::vector<std::pair<std::string, std::string>> cases = {
       {"10 1 2 3 0 0 0 1\n10.1 1 2 3 0 0 1\n", "groundtruth.txt:2: has 7 entries, must have 8"},
-      {"10 1 2 nan 0 0 0 1\n", "groundtruth.txt:1: 'nan' is not a finite number"},
-      {"# c\n10 1 2 3 0 0 0 nan\n", "groundtruth.txt:2: 'nan' is not a finite number"},
+      {"10 1 2 inf 0 0 0 1\n", "groundtruth.txt:1: 'inf' is not a finite number"},
+      {"nan 1 2 3 0 0 0 1\n", "groundtruth.txt:1: 'nan' is not a finite number"},
+      {"# c\n10 1 2 3 0 0 0 nan\n", "holds no pose"},  // tracking lost all the time
       {"10 1 2 3 0 0 0 1.2\n", "groundtruth.txt:1: quaternion has norm 1.2"},
       {"10 1 2 3 0 0 0 0\n", "groundtruth.txt:1: quaternion has norm 0"},
       {"10 1 2 3x 0 0 0 1\n", "'3x' is not a finite number"},
