@@ -2,6 +2,7 @@
 #ifndef GPIS_MAPPING_TYPES_H
 #define GPIS_MAPPING_TYPES_H
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -60,9 +61,13 @@ struct LatticeKey {
   }
   LatticeKey offset(int dx, int dy, int dz) const { return {x + dx, y + dy, z + dz}; }
 
+  /// Cube that holds `p`. Coordinates beyond 2^30 cubes, and NaN, end at the lattice's border.
   static LatticeKey of(const Eigen::Vector3d& p, double size) {
-    return {static_cast<std::int32_t>(std::floor(p.x() / size)), static_cast<std::int32_t>(std::floor(p.y() / size)),
-            static_cast<std::int32_t>(std::floor(p.z() / size))};
+    const auto index = [size](double c) {
+      constexpr double kLimit = 1 << 30;
+      return static_cast<std::int32_t>(std::floor(std::min(kLimit, std::max(-kLimit, c / size))));
+    };
+    return {index(p.x()), index(p.y()), index(p.z())};
   }
   Eigen::Vector3d corner(double size) const { return Eigen::Vector3d(x, y, z) * size; }
   Eigen::Vector3d center(double size) const { return (Eigen::Vector3d(x, y, z).array() + 0.5).matrix() * size; }
