@@ -68,10 +68,15 @@ TEST(ParallelFor, SkipsRemainingChunksAfterAnException) {
 TEST(ParallelFor, UsesAsManyThreadsAsAsked) {
   std::mutex mutex;  // guards ids
   std::set<std::thread::id> ids;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(20);
   parallelFor(64, 3, 1, [&](std::size_t, std::size_t) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));  // long enough for every thread to get a share
-    const std::lock_guard<std::mutex> lock(mutex);
-    ids.insert(std::this_thread::get_id());
+    const auto seen = [&] {
+      const std::lock_guard<std::mutex> lock(mutex);
+      ids.insert(std::this_thread::get_id());
+      return ids.size();
+    };
+    // Nobody takes a second chunk before all three threads have one.
+    while (seen() < 3 && std::chrono::steady_clock::now() < deadline) std::this_thread::yield();
   });
   EXPECT_EQ(ids.size(), 3u);
   ids.clear();
