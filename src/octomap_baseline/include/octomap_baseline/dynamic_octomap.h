@@ -29,7 +29,7 @@ struct OctomapUpdateStatistics {
   std::size_t missed_voxels{0};  // passed through and not hit
   std::size_t inserted{0};       // voxels that became occupied
   std::size_t freed{0};          // voxels that were occupied and are free now
-  std::size_t kept{0};           // occupied voxels that rays passed through but pixels around them end in
+  std::size_t occupied{0};       // voxels in the map
   std::size_t nodes{0};          // of the octree, inner ones included
 };
 
@@ -57,22 +57,27 @@ class DynamicOctomap {
   std::size_t clearBox(const Eigen::Vector3d& min_map, const Eigen::Vector3d& max_map);
 
   const OctomapConfig& config() const { return config_; }
+  std::size_t numOccupied() const { return num_occupied_; }
   /// Stamp of the last update [s]; 0 before the first.
   double stamp() const { return stamp_s_; }
   std::uint64_t numUpdates() const { return num_updates_; }
 
  private:
   struct View;
-  enum class Verdict { kFree, kWeaken, kKeep };
 
   void prepareCamera(const gpis_mapping::CameraModel& camera);
-  bool inRegion(const octomap::OcTreeKey& key) const;
+  bool inRegion(const octomap::OcTreeKey& key) const {
+    for (unsigned axis = 0; axis < 3; ++axis) {
+      if (key[axis] < region_min_[axis] || key[axis] > region_max_[axis]) return false;
+    }
+    return true;
+  }
   void collectEnds(const View& view, VoxelSet* hits, VoxelSet* ends);
   void castRays(const View& view, const VoxelSet& ends, VoxelSet* misses, OctomapUpdateStatistics* statistics);
   void applyMisses(const View& view, const VoxelSet& misses, const VoxelSet& hits, OctomapUpdateStatistics* statistics);
   void applyHits(const VoxelSet& hits, OctomapUpdateStatistics* statistics);
-  /// What the pixels say that see the voxel's surroundings.
-  Verdict judge(const View& view, const octomap::OcTreeKey& key) const;
+  /// Whether the pixels around an occupied voxel leave no doubt that it is empty.
+  bool isSeenThrough(const View& view, const octomap::OcTreeKey& key) const;
 
   OctomapConfig config_;
   gpis_mapping::GpisConfig classifier_config_;
@@ -82,6 +87,7 @@ class DynamicOctomap {
   octomap::OcTreeKey region_max_;
   double stamp_s_{0.0};
   std::uint64_t num_updates_{0};
+  std::size_t num_occupied_{0};  // voxels
 
   gpis_mapping::CameraModel camera_;
   std::unique_ptr<gpis_mapping::DepthClassifier> classifier_;

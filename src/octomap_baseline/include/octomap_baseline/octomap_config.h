@@ -14,7 +14,7 @@ namespace octomap_baseline {
 /// How an occupied voxel that rays of one image pass through becomes free.
 enum class ForgetPolicy {
   kOdds,         // each image lowers the log odds once, as in OctoMap; free when they fall below the threshold
-  kSeenThrough,  // free at once when the pixels around it see past it; what they see inside stays; else as kOdds
+  kSeenThrough,  // free at once when all pixels around it that see anything see past it; else as kOdds
 };
 
 /// All settings of the map, with the only copy of the defaults. SI units.

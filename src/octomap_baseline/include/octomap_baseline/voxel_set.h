@@ -21,7 +21,14 @@ class VoxelSet {
 
   VoxelSet();
 
-  void insert(const octomap::OcTreeKey& key);
+  void insert(const octomap::OcTreeKey& key) {
+    const std::uint64_t id = blockId(key);
+    if (id != last_id_) {
+      last_slot_ = findOrAdd(id);
+      last_id_ = id;
+    }
+    slots_[last_slot_].bits |= std::uint64_t{1} << voxelBit(key);
+  }
   bool contains(const octomap::OcTreeKey& key) const { return (bitsOf(blockId(key)) >> voxelBit(key) & 1) != 0; }
   void merge(const VoxelSet& other);
   void clear();
@@ -33,8 +40,11 @@ class VoxelSet {
   /// All blocks in the octree's order (Morton), so that neighbours are visited one after the other.
   std::vector<Block> sortedBlocks() const;
 
-  /// Morton code of the key without its two lowest bits.
-  static std::uint64_t blockId(const octomap::OcTreeKey& key);
+  /// The key without its two lowest bits.
+  static std::uint64_t blockId(const octomap::OcTreeKey& key) {
+    return static_cast<std::uint64_t>(key[0] >> 2) | static_cast<std::uint64_t>(key[1] >> 2) << 14 |
+           static_cast<std::uint64_t>(key[2] >> 2) << 28;
+  }
   /// Morton code of the two lowest bits: the eight voxels of one parent node are eight consecutive bits.
   static unsigned voxelBit(const octomap::OcTreeKey& key) {
     return spreadTwo(key[0]) | spreadTwo(key[1]) << 1 | spreadTwo(key[2]) << 2;

@@ -108,6 +108,7 @@ void DynamicOctomap::clear() {
   tree_ = makeTree(config_);
   stamp_s_ = 0.0;
   num_updates_ = 0;
+  num_occupied_ = 0;
 }
 
 void DynamicOctomap::prepareCamera(const gpis_mapping::CameraModel& camera) {
@@ -116,13 +117,6 @@ void DynamicOctomap::prepareCamera(const gpis_mapping::CameraModel& camera) {
   if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
   classifier_ = std::make_unique<gpis_mapping::DepthClassifier>(camera, classifier_config_);
   camera_ = camera;
-}
-
-bool DynamicOctomap::inRegion(const OcTreeKey& key) const {
-  for (unsigned axis = 0; axis < 3; ++axis) {
-    if (key[axis] < region_min_[axis] || key[axis] > region_max_[axis]) return false;
-  }
-  return true;
 }
 
 OctomapUpdateStatistics DynamicOctomap::update(const gpis_mapping::DepthImage& image,
@@ -147,6 +141,9 @@ OctomapUpdateStatistics DynamicOctomap::update(const gpis_mapping::DepthImage& i
   applyHits(hits, &statistics);
   stamp_s_ = stamp_s;
   ++num_updates_;
+  num_occupied_ += statistics.inserted;
+  num_occupied_ -= statistics.freed;
+  statistics.occupied = num_occupied_;
   statistics.nodes = tree_->size();
   statistics.update_ms = timer.lapMs();
   statistics.total_ms = statistics.classify_ms + statistics.cast_ms + statistics.update_ms;
@@ -255,20 +252,16 @@ void DynamicOctomap::applyMisses(const View& view, const VoxelSet& misses, const
   }
   if (!config_.dynamic.enabled) return;
 
-  std::vector<Verdict> verdicts(occupied.size(), Verdict::kWeaken);
+  std::vector<std::uint8_t> is_empty(occupied.size(), 0);
   if (config_.dynamic.policy == ForgetPolicy::kSeenThrough) {
     gpis_mapping::parallelFor(occupied.size(), threads_, 256, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) verdicts[i] = judge(view, occupied[i]);
+      for (std::size_t i = begin; i < end; ++i) is_empty[i] = isSeenThrough(view, occupied[i]);
     });
   }
   for (std::size_t i = 0; i < occupied.size(); ++i) {
-    if (verdicts[i] == Verdict::kKeep) {
-      ++statistics->kept;
-      continue;
-    }
-    // Freed is as good as seen free once: a hit or two, and it is occupied again.
+    // Freed is as good as seen free once: one hit, and it is occupied again.
     const octomap::OcTreeNode* leaf =
-        verdicts[i] == Verdict::kFree ? tree_->setNodeValue(occupied[i], miss) : tree_->updateNode(occupied[i], miss);
+        is_empty[i] ? tree_->setNodeValue(occupied[i], miss) : tree_->updateNode(occupied[i], miss);
     statistics->freed += !tree_->isNodeOccupied(leaf);
   }
 }
@@ -288,12 +281,12 @@ void DynamicOctomap::applyHits(const VoxelSet& hits, OctomapUpdateStatistics* st
   }
 }
 
-DynamicOctomap::Verdict DynamicOctomap::judge(const View& view, const OcTreeKey& key) const {
+bool DynamicOctomap::isSeenThrough(const View& view, const OcTreeKey& key) const {
   const octomap::point3d center = tree_->keyToCoord(key);
   const Eigen::Vector3d p_camera = view.T_camera_map * Eigen::Vector3d(center.x(), center.y(), center.z());
   const double half_diagonal = 0.5 * std::sqrt(3.0) * config_.resolution_m;
   const double z = p_camera.z();
-  if (z <= half_diagonal) return Verdict::kWeaken;
+  if (z <= half_diagonal) return false;
   const double sigma = config_.sensor.noise.sigma(z);
   const double tolerance = std::max(config_.dynamic.min_tolerance_m,
                                     config_.dynamic.tolerance_sigmas * std::hypot(sigma, config_.sensor.pose_std_m));
@@ -305,7 +298,7 @@ DynamicOctomap::Verdict DynamicOctomap::judge(const View& view, const OcTreeKey&
   const double v = camera_.fy * p_camera.y() / z + camera_.cy;
   const double last_u = camera_.width - 1;
   const double last_v = camera_.height - 1;
-  if (!(u > -0.5 && v > -0.5 && u < last_u + 0.5 && v < last_v + 0.5)) return Verdict::kWeaken;
+  if (!(u > -0.5 && v > -0.5 && u < last_u + 0.5 && v < last_v + 0.5)) return false;
   // Every pixel that a surface anywhere in the voxel can be seen by; at least the four around its centre.
   const double radius_u = std::max(1.0, camera_.fx * half_diagonal / z);
   const double radius_v = std::max(1.0, camera_.fy * half_diagonal / z);
@@ -329,13 +322,11 @@ DynamicOctomap::Verdict DynamicOctomap::judge(const View& view, const OcTreeKey&
         ++past;
         middle_past = middle_past || i == middle;
       } else if (inverse_range < near) {
-        return Verdict::kKeep;
+        return false;  // ends in the voxel, or as good as
       }
     }
   }
-  const bool is_free =
-      middle_past && static_cast<double>(past) >= config_.dynamic.least_share * static_cast<double>(all);
-  return is_free ? Verdict::kFree : Verdict::kWeaken;
+  return middle_past && static_cast<double>(past) >= config_.dynamic.least_share * static_cast<double>(all);
 }
 
 std::size_t DynamicOctomap::clearBox(const Eigen::Vector3d& min_map, const Eigen::Vector3d& max_map) {
@@ -380,6 +371,7 @@ std::size_t DynamicOctomap::clearBox(const Eigen::Vector3d& min_map, const Eigen
     }
   }
   for (const OcTreeKey& key : known) tree_->setNodeValue(key, tree_->getClampingThresMinLog());
+  num_occupied_ -= freed;
   return freed;
 }
 

@@ -19,15 +19,6 @@ std::uint64_t spread(std::uint64_t x) {
   return x;
 }
 
-unsigned compact(std::uint64_t x) {
-  x &= 0x0000249249249249ULL;
-  x = (x | x >> 2) & 0x00000C30C30C30C3ULL;
-  x = (x | x >> 4) & 0x000000F00F00F00FULL;
-  x = (x | x >> 8) & 0x00000000FF0000FFULL;
-  x = (x | x >> 16) & 0xFFFF;
-  return static_cast<unsigned>(x);
-}
-
 unsigned popcount(std::uint64_t bits) {
   return static_cast<unsigned>(__builtin_popcountll(bits));
 }
@@ -36,14 +27,10 @@ unsigned popcount(std::uint64_t bits) {
 
 VoxelSet::VoxelSet() : slots_(kFirstSize, Block{kEmpty, 0}) {}
 
-std::uint64_t VoxelSet::blockId(const octomap::OcTreeKey& key) {
-  return spread(key[0] >> 2) | spread(key[1] >> 2) << 1 | spread(key[2] >> 2) << 2;
-}
-
 octomap::OcTreeKey VoxelSet::keyOf(std::uint64_t id, unsigned bit) {
   const auto coordinate = [&](unsigned axis) {
     const unsigned low = (bit >> axis & 1) | (bit >> (axis + 3) & 1) << 1;
-    return static_cast<octomap::key_type>(compact(id >> axis) << 2 | low);
+    return static_cast<octomap::key_type>((id >> (14 * axis) & 0x3FFF) << 2 | low);
   };
   return {coordinate(0), coordinate(1), coordinate(2)};
 }
@@ -76,15 +63,6 @@ void VoxelSet::grow() {
   }
 }
 
-void VoxelSet::insert(const octomap::OcTreeKey& key) {
-  const std::uint64_t id = blockId(key);
-  if (id != last_id_) {
-    last_slot_ = findOrAdd(id);
-    last_id_ = id;
-  }
-  slots_[last_slot_].bits |= std::uint64_t{1} << voxelBit(key);
-}
-
 void VoxelSet::merge(const VoxelSet& other) {
   for (const Block& block : other.slots_) {
     if (block.id != kEmpty) slots_[findOrAdd(block.id)].bits |= block.bits;
@@ -112,12 +90,18 @@ std::size_t VoxelSet::count() const {
 }
 
 std::vector<VoxelSet::Block> VoxelSet::sortedBlocks() const {
-  std::vector<Block> blocks;
-  blocks.reserve(num_blocks_);
+  std::vector<std::pair<std::uint64_t, Block>> by_code;
+  by_code.reserve(num_blocks_);
   for (const Block& block : slots_) {
-    if (block.id != kEmpty) blocks.push_back(block);
+    if (block.id == kEmpty) continue;
+    const std::uint64_t code =
+        spread(block.id & 0x3FFF) | spread(block.id >> 14 & 0x3FFF) << 1 | spread(block.id >> 28) << 2;
+    by_code.emplace_back(code, block);
   }
-  std::sort(blocks.begin(), blocks.end(), [](const Block& a, const Block& b) { return a.id < b.id; });
+  std::sort(by_code.begin(), by_code.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<Block> blocks;
+  blocks.reserve(by_code.size());
+  for (const auto& entry : by_code) blocks.push_back(entry.second);
   return blocks;
 }
 
