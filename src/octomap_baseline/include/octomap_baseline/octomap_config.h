@@ -25,7 +25,7 @@ struct OctomapConfig {
 
   struct Occupancy {  // OctoMap's sensor model; its own defaults are 0.7, 0.4, 0.1192, 0.971, 0.5
     double prob_hit{0.7};
-    double prob_miss{0.4};
+    double prob_miss{0.3};
     double clamp_min{0.12};
     double clamp_max{0.97};
     double threshold{0.5};  // occupied from here on

@@ -252,6 +252,8 @@ void DynamicOctomap::applyMisses(const View& view, const VoxelSet& misses, const
   }
   if (!config_.dynamic.enabled) return;
 
+  // So little below the threshold that one hit makes it occupied again.
+  const float freed = tree_->getOccupancyThresLog() + 0.5f * miss;
   std::vector<std::uint8_t> is_empty(occupied.size(), 0);
   if (config_.dynamic.policy == ForgetPolicy::kSeenThrough) {
     gpis_mapping::parallelFor(occupied.size(), threads_, 256, [&](std::size_t begin, std::size_t end) {
@@ -259,9 +261,8 @@ void DynamicOctomap::applyMisses(const View& view, const VoxelSet& misses, const
     });
   }
   for (std::size_t i = 0; i < occupied.size(); ++i) {
-    // Freed is as good as seen free once: one hit, and it is occupied again.
     const octomap::OcTreeNode* leaf =
-        is_empty[i] ? tree_->setNodeValue(occupied[i], miss) : tree_->updateNode(occupied[i], miss);
+        is_empty[i] ? tree_->setNodeValue(occupied[i], freed) : tree_->updateNode(occupied[i], miss);
     statistics->freed += !tree_->isNodeOccupied(leaf);
   }
 }
