@@ -29,7 +29,7 @@ std_msgs::ColorRGBA colorOf(double share);
 interactive_mapping_msgs::SurfaceMesh toSurfaceMesh(const gpis_mapping::TriangleMesh& mesh,
                                                     const std_msgs::Header& header, std::uint64_t update);
 
-/// One triangle list, coloured per vertex.
+/// One triangle list, coloured per vertex, darker where the surface is not level.
 visualization_msgs::Marker toMarker(const gpis_mapping::TriangleMesh& mesh, const std_msgs::Header& header,
                                     MeshColor color, double color_max_std_m);
 

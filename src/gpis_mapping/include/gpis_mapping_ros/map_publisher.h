@@ -14,6 +14,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <geometry_msgs/Pose.h>
 #include <interactive_markers/interactive_marker_server.h>
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
@@ -86,6 +87,7 @@ class MapPublisher {
   std::uint64_t extractor_generation_{0};
   bool has_handle_{false};
   double handle_height_m_{0.0};
+  geometry_msgs::Pose handle_pose_;  // as inserted
 
   interactive_markers::InteractiveMarkerServer slice_handle_;
   std::thread worker_;

@@ -227,16 +227,31 @@ void MapPublisher::publish(const MapState& state) {
 void MapPublisher::placeSliceHandle(const MapState& state, double height_m) {
   if (state.snapshot->cells().empty()) return;
   if (has_handle_ && handle_height_m_ == height_m) return;
+  if (has_handle_) {  // not inserted anew: that would tear it out of the hand that drags it
+    geometry_msgs::Pose pose = handle_pose_;
+    pose.position.z = height_m;
+    slice_handle_.setPose(kSliceHandle, pose);
+    slice_handle_.applyChanges();
+    handle_height_m_ = height_m;
+    return;
+  }
+  // In the middle of what the first image showed: where one looks.
   const double cell_size = state.snapshot->config().cells.size_m;
-  Eigen::Vector2d corner = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  for (const auto& entry : state.snapshot->cells()) corner = corner.cwiseMin(entry.first.corner(cell_size).head<2>());
+  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high = -low;
+  for (const auto& entry : state.snapshot->cells()) {
+    const Eigen::Vector2d corner = entry.first.corner(cell_size).head<2>();
+    low = low.cwiseMin(corner);
+    high = high.cwiseMax(corner + Eigen::Vector2d::Constant(cell_size));
+  }
+  const Eigen::Vector2d middle = 0.5 * (low + high);
   visualization_msgs::InteractiveMarker handle;
   handle.header.frame_id = map_frame_;  // stamp 0: always drawn at its newest
   handle.name = kSliceHandle;
   handle.description = "slice";
-  handle.scale = 0.4f;
-  handle.pose.position.x = corner.x();
-  handle.pose.position.y = corner.y();
+  handle.scale = 0.3f;
+  handle.pose.position.x = middle.x();
+  handle.pose.position.y = middle.y();
   handle.pose.position.z = height_m;
   handle.pose.orientation.w = 1.0;
   visualization_msgs::InteractiveMarkerControl up;
@@ -258,6 +273,7 @@ void MapPublisher::placeSliceHandle(const MapState& state, double height_m) {
     if (callback) callback(dragged_m);
   });
   slice_handle_.applyChanges();
+  handle_pose_ = handle.pose;
   has_handle_ = true;
   handle_height_m_ = height_m;
 }

@@ -58,7 +58,9 @@ TEST(MapMessages, SurfaceMeshCarriesEverything) {
 }
 
 TEST(MapMessages, MarkerHasOneColourPerCornerOnTheAskedScale) {
-  const auto marker = toMarker(triangle(), header(), MeshColor::kUncertainty, 0.01);
+  TriangleMesh mesh = triangle();
+  mesh.normals_map.assign(4, Eigen::Vector3f::UnitZ());  // level: the scale's own colours
+  const auto marker = toMarker(mesh, header(), MeshColor::kUncertainty, 0.01);
   EXPECT_EQ(marker.action, visualization_msgs::Marker::ADD);
   ASSERT_EQ(marker.points.size(), 6u);
   ASSERT_EQ(marker.colors.size(), 6u);
@@ -66,9 +68,21 @@ TEST(MapMessages, MarkerHasOneColourPerCornerOnTheAskedScale) {
   EXPECT_EQ(marker.colors[1].g, colorOf(1.0).g) << "sigma 0.01 m is the far end";
   EXPECT_NEAR(marker.colors[2].g, colorOf(0.5).g, 1e-6);
   EXPECT_EQ(marker.colors[4].g, colorOf(1.0).g) << "beyond the far end";
-  const auto by_height = toMarker(triangle(), header(), MeshColor::kHeight, 0.01);
+  const auto by_height = toMarker(mesh, header(), MeshColor::kHeight, 0.01);
   EXPECT_EQ(by_height.colors[2].b, colorOf(1.0).b);
   EXPECT_EQ(by_height.colors[4].b, colorOf(0.5).b);
+}
+
+TEST(MapMessages, MarkerTellsTheSidesOfABoxFromItsTopAndFromEachOther) {
+  TriangleMesh mesh = triangle();
+  mesh.variance_m2.assign(4, 1e-4f);
+  mesh.normals_map = {Eigen::Vector3f::UnitZ(), Eigen::Vector3f::UnitX(), Eigen::Vector3f::UnitY(),
+                      Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN())};
+  mesh.triangles = {{0, 1, 2}, {3, 1, 2}};
+  const auto colors = toMarker(mesh, header(), MeshColor::kUncertainty, 0.01).colors;
+  EXPECT_GT(colors[0].g, 1.1f * colors[1].g) << "a tenth is seen at once";
+  EXPECT_GT(colors[1].g, 1.1f * colors[2].g);
+  EXPECT_EQ(colors[3].g, colors[0].g) << "without a normal: the scale's own colour";
 }
 
 TEST(MapMessages, MarkerOfNothingDeletes) {
