@@ -34,7 +34,7 @@ struct MapState {
 };
 
 /// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
-/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~ground`, `~slice`. Whoever subscribes gets the current state
+/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~ground`, `~slice`, `~slice_marker`. Whoever subscribes gets the current state
 /// at once. All methods may be called from any thread.
 class MapPublisher {
  public:
@@ -80,7 +80,7 @@ class MapPublisher {
   std::deque<std::pair<ros::Time, std::vector<Eigen::Vector3d>>> removed_;  // with the time they were removed
   std::function<void(double)> on_slice_dragged_;
   std::string last_error_;
-  Output mesh_, marker_, points_, removed_points_, ground_, slice_cloud_;
+  Output mesh_, marker_, points_, removed_points_, ground_, slice_cloud_, slice_marker_;
 
   // Of the worker alone.
   std::unique_ptr<gpis_mapping::MeshExtractor> extractor_;
