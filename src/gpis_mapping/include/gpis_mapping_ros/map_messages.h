@@ -59,7 +59,7 @@ sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::H
 
 /// A square per cell: blue outside, white on the surface, red inside; full at kSliceColorRange_m.
 visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Header& header);
-constexpr double kSliceColorRange_m = 0.15;
+constexpr double kSliceColorRange_m = 0.25;
 
 interactive_mapping_msgs::MapUpdate toMapUpdate(const gpis_mapping::UpdateStatistics& statistics,
                                                 const std_msgs::Header& header, std::uint64_t update, double wait_ms);
