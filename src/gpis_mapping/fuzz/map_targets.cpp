@@ -107,16 +107,15 @@ class ImageTarget : public Target {
     config.sensor.noise = {random->pick({0.0005, 0.05}), 0.0, random->pick({0.0, 0.0017, 0.1})};
     config.dynamic.enabled = random->chance(0.9);
     config.dynamic.min_tolerance_m = random->pick({0.0, 0.012, 0.2});
+    if (random->chance(0.1)) {  // the shipped sizes
+      config.surface = {};
+      config.cells = {};
+    }
     config.surface.min_noise_std_m = random->pick({1e-4, 0.001, 0.05});
     config.surface.signal_std_m = random->pick({0.0, 0.0, 0.001, 1.0});
-    if (random->chance(0.3)) {
-      config.surface.spacing_m = 0.05;
-      config.surface.blend_radius_m = 0.1;
-      config.cells.size_m = 0.15;
-    }
     config.region.min_m.setConstant(-1e7);
     config.region.max_m.setConstant(1e7);
-    config.frame_map.tile_px = random->pick({4, 4, 4, 8});
+    config.frame_map.tile_px = random->pick({4, 4, 4, 4, 4, 4, 4, 8});
     return config;
   }
 

@@ -52,6 +52,14 @@ GpisConfig smallConfig() {
   // The frame regressor costs window^6: 6 px instead of 12.
   config.frame_map.tile_px = 4;
   config.frame_map.overlap_px = 1;
+  // Few points in few cells.
+  config.surface.spacing_m = 0.05;
+  config.surface.blend_radius_m = 0.1;
+  config.surface.length_scale_m = 0.125;
+  config.cells.size_m = 0.25;
+  config.cells.training_margin_m = 0.075;
+  config.cells.blend_margin_m = 0.035;
+  config.mesh.voxels_per_cell = 5;
   config.observed.block_size_m = 0.1;
   return config;
 }
@@ -120,12 +128,15 @@ std::uint64_t checksumOf(const MapContents& contents) {
 void requireSound(const MapContents& contents) {
   require(std::isfinite(contents.epoch_s), "the epoch is not finite");
   for (const SurfacePoint& p : contents.points) {
-    require(p.position_map.allFinite(), "a point's position is not finite");
-    require(p.normal_map.allFinite() && std::abs(p.normal_map.norm() - 1.0f) < 1e-3f,
-            "a point's normal is no unit vector" + at(p.position_map));
-    require(std::isfinite(p.variance_m2) && p.variance_m2 >= 0.0f, "a point's variance" + at(p.position_map));
-    require(std::isfinite(p.normal_variance) && p.normal_variance >= 0.0f, "a normal variance" + at(p.position_map));
-    require(std::isfinite(p.last_seen_s), "a point's time of last look is not finite" + at(p.position_map));
+    const auto check = [&p](bool good, const char* what) {
+      if (!good) throw Violation(what + at(p.position_map));
+    };
+    check(p.position_map.allFinite(), "a point's position is not finite");
+    check(p.normal_map.allFinite() && std::abs(p.normal_map.norm() - 1.0f) < 1e-3f,
+          "a point's normal is no unit vector");
+    check(std::isfinite(p.variance_m2) && p.variance_m2 >= 0.0f, "a point's variance");
+    check(std::isfinite(p.normal_variance) && p.normal_variance >= 0.0f, "a normal variance");
+    check(std::isfinite(p.last_seen_s), "a point's time of last look is not finite");
   }
 }
 
@@ -141,37 +152,39 @@ void requireSoundAnswers(const MapSnapshot& snapshot, const Points3d& points_map
   const auto isAnswer = [](double value) { return !std::isnan(value); };
   for (Eigen::Index i = 0; i < count; ++i) {
     const Eigen::Vector3d p = points_map.col(i);
+    const auto check = [&p](bool good, const char* what) {
+      if (!good) throw Violation(what + at(p));
+    };
     const SpaceState state = r.state[static_cast<std::size_t>(i)];
     if (!p.allFinite()) {
-      require(state == SpaceState::kUnknown, "a point that is not finite is not unknown" + at(p));
-      require(!isAnswer(r.distance[i]) && !isAnswer(r.euclidean_distance[i]) && !isAnswer(r.variance[i]) &&
-                  !isAnswer(r.occupancy[i]) && !isAnswer(r.surface_std[i]),
-              "a point that is not finite got an answer" + at(p));
+      check(state == SpaceState::kUnknown, "a point that is not finite is not unknown");
+      check(!isAnswer(r.distance[i]) && !isAnswer(r.euclidean_distance[i]) && !isAnswer(r.variance[i]) &&
+                !isAnswer(r.occupancy[i]) && !isAnswer(r.surface_std[i]),
+            "a point that is not finite got an answer");
       continue;
     }
     for (const double value :
          {r.distance[i], r.euclidean_distance[i], r.variance[i], r.occupancy[i], r.surface_std[i]}) {
-      require(!std::isinf(value), "an answer is infinite" + at(p));
+      check(!std::isinf(value), "an answer is infinite");
     }
     if (isAnswer(r.distance[i])) {
-      require(r.gradient.col(i).allFinite(), "a distance without gradient" + at(p));
-      require(isAnswer(r.euclidean_distance[i]), "a distance without Euclidean distance" + at(p));
-      require(std::abs(r.distance[i]) == r.euclidean_distance[i], "distance and Euclidean distance differ" + at(p));
-      require(isAnswer(r.surface_std[i]) && r.surface_std[i] >= 0.0, "a distance without surface_std" + at(p));
-      if (options.variance) require(isAnswer(r.variance[i]), "a distance without variance" + at(p));
-      require((r.distance[i] < 0.0) == (state == SpaceState::kOccupied),
-              "the distance's sign contradicts the state" + at(p));
+      check(r.gradient.col(i).allFinite(), "a distance without gradient");
+      check(isAnswer(r.euclidean_distance[i]), "a distance without Euclidean distance");
+      check(std::abs(r.distance[i]) == r.euclidean_distance[i], "distance and Euclidean distance differ");
+      check(isAnswer(r.surface_std[i]) && r.surface_std[i] >= 0.0, "a distance without surface_std");
+      if (options.variance) check(isAnswer(r.variance[i]), "a distance without variance");
+      check((r.distance[i] < 0.0) == (state == SpaceState::kOccupied), "the distance's sign contradicts the state");
     }
     if (isAnswer(r.euclidean_distance[i])) {
-      require(r.euclidean_distance[i] >= 0.0, "a Euclidean distance is negative" + at(p));
-      require(r.euclidean_gradient.col(i).allFinite(), "a Euclidean distance without gradient" + at(p));
+      check(r.euclidean_distance[i] >= 0.0, "a Euclidean distance is negative");
+      check(r.euclidean_gradient.col(i).allFinite(), "a Euclidean distance without gradient");
     }
     // Blending keeps between the cells' variances, each at most the prior's; float rounding is 1e-7 of it.
     if (isAnswer(r.variance[i])) {
-      require(r.variance[i] >= 0.0 && r.variance[i] <= 1.0001 * prior, "a variance beyond the prior's" + at(p));
+      check(r.variance[i] >= 0.0 && r.variance[i] <= 1.0001 * prior, "a variance beyond the prior's");
     }
     if (isAnswer(r.occupancy[i])) {
-      require(r.occupancy[i] >= 0.0 && r.occupancy[i] <= 1.0, "an occupancy outside [0, 1]" + at(p));
+      check(r.occupancy[i] >= 0.0 && r.occupancy[i] <= 1.0, "an occupancy outside [0, 1]");
     }
   }
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <iterator>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 
 #include "gpis_mapping/parallel_for.h"
@@ -45,6 +46,11 @@ void requireRigid(const Eigen::Isometry3d& pose, double stamp_s) {
   if (!pose.matrix().allFinite() || !std::isfinite(stamp_s)) {
     throw std::invalid_argument("camera pose or stamp is not finite");
   }
+  if (std::abs(stamp_s) > kMaxStamp_s) {
+    std::ostringstream text;
+    text << "stamp = " << stamp_s << " s, must be in [" << -kMaxStamp_s << ", " << kMaxStamp_s << "] s";
+    throw std::invalid_argument(text.str());
+  }
   if (!(r.transpose() * r).isApprox(Eigen::Matrix3d::Identity(), 1e-4) || r.determinant() < 0.0) {
     throw std::invalid_argument("camera pose is no rigid motion: R^T R deviates from the identity by " +
                                 std::to_string((r.transpose() * r - Eigen::Matrix3d::Identity()).norm()));
@@ -79,7 +85,41 @@ struct GpisMap::CellUpdate {
   std::vector<SurfacePoint> removed;
   std::vector<std::size_t> doubtful;  // indices of entries
   std::vector<Cell::Entry> moved_out;
+
+  /// Takes out points that came nearer than `least_m` to a better known one of the same face. Points move along their
+  /// normals, and those of an edge lean over; without this they gather on spots that look free to the next insertion.
+  /// Returns where the points were.
+  std::vector<Eigen::Vector3d> thinOut(double least_m);
 };
+
+std::vector<Eigen::Vector3d> GpisMap::CellUpdate::thinOut(double least_m) {
+  std::vector<Cell::Entry>& entries = cell->entries;
+  std::vector<bool> is_crowded(entries.size(), false);
+  std::vector<Eigen::Vector3d> places;
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    for (std::size_t j = i + 1; j < entries.size() && !is_crowded[i]; ++j) {
+      const SurfacePoint& a = entries[i].point;
+      const SurfacePoint& b = entries[j].point;
+      if (is_crowded[j] || (a.position_map - b.position_map).squaredNorm() >= least_m * least_m) continue;
+      if (a.normal_map.dot(b.normal_map) <= kSameFaceCosine) continue;
+      const bool keep_a = a.num_looks != b.num_looks ? a.num_looks > b.num_looks : a.variance_m2 <= b.variance_m2;
+      is_crowded[keep_a ? j : i] = true;
+      places.push_back(keep_a ? b.position_map : a.position_map);
+    }
+  }
+  if (places.empty()) return places;
+  std::size_t kept = 0;
+  std::vector<std::size_t> new_index(entries.size());
+  for (std::size_t e = 0; e < entries.size(); ++e) {
+    new_index[e] = kept;
+    if (!is_crowded[e]) entries[kept++] = Cell::Entry(entries[e]);
+  }
+  entries.resize(kept);
+  doubtful.erase(std::remove_if(doubtful.begin(), doubtful.end(), [&](std::size_t e) { return is_crowded[e]; }),
+                 doubtful.end());
+  for (std::size_t& e : doubtful) e = new_index[e];
+  return places;
+}
 
 GpisMap::GpisMap(const GpisConfig& config) : config_(config), observed_(config.observed.block_size_m) {
   requireValid(config_);
@@ -134,18 +174,20 @@ MapContents GpisMap::contents() const {
 
 void GpisMap::prepareCamera(const CameraModel& camera) {
   if (classifier_ && camera == camera_) return;
-  const std::vector<std::string> problems = camera.validate();
-  if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
   // Inverse range noise at the middle of the working range; FrameMap scales it tile by tile.
   const double z = 0.5 * (config_.sensor.min_range_m + config_.sensor.max_range_m);
-  regressor_ = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
+  auto regressor = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
   classifier_ = std::make_unique<DepthClassifier>(camera, config_);
+  regressor_ = std::move(regressor);
   camera_ = camera;
 }
 
 UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& camera,
                                  const Eigen::Isometry3d& T_map_camera, double stamp_s) {
   requireRigid(T_map_camera, stamp_s);
+  const std::vector<std::string> problems = camera.validate();
+  if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
+  requireFits(image, camera);  // before tables of the camera's size are made
   const int threads = resolveThreadCount(config_.threads);
   UpdateStatistics statistics;
   Stopwatch total;
@@ -268,6 +310,11 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
         }
       }
       entries.resize(kept);
+      if (job.fused == 0) continue;  // nothing moved
+      // Half the spacing is also what insertion keeps from any point.
+      for (const Eigen::Vector3d& place : job.thinOut(0.5 * config_.surface.spacing_m)) {
+        job.neighbour_mask |= neighbourMask(job.key, place);
+      }
     }
   });
   for (CellUpdate& job : jobs) {
