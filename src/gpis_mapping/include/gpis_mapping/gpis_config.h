@@ -30,6 +30,12 @@ enum class HolePolicy {
   kNoInformation,  // every hole is "not measured"
 };
 
+/// "auto", "wall", "no_information".
+const char* toString(HolePolicy policy);
+
+/// Throws std::invalid_argument naming the known ones.
+HolePolicy holePolicyFromString(const std::string& name);
+
 /// All settings of the map, with the only copy of the defaults. SI units.
 struct GpisConfig {
   struct Sensor {

@@ -66,6 +66,15 @@ class GpisMap {
   UpdateStatistics update(const DepthImage& image, const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
                           double stamp_s);
 
+  /// Forgets what lies inside the box: points, and that space was seen free there. `T_map_box` is the pose of its centre,
+  /// `size_m` its edge lengths. Returns the points removed [m, map frame]. Throws std::invalid_argument, and leaves the map
+  /// as it was, unless the pose is rigid and all edges are finite and positive. Call from the updating thread.
+  std::vector<Eigen::Vector3d> clearBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m);
+
+  /// Changes what may change while the map lives, from the next update on; what is mapped stays. Throws
+  /// std::invalid_argument listing every impossible value and changes nothing then. Call from the updating thread.
+  void retune(const GpisConfig::Sensor& sensor, const GpisConfig::Dynamic& dynamic);
+
   /// The map after the last update. Never null.
   std::shared_ptr<const MapSnapshot> snapshot() const;
 

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <unordered_map>
@@ -45,6 +46,9 @@ class ObservedLayer {
 
   /// Forgets that the block of `p_map` was seen free: something stands there now.
   void occupy(const Eigen::Vector3d& p_map);
+
+  /// Forgets that blocks were seen free whose centre `isInside` [map frame].
+  void forgetIf(const std::function<bool(const Eigen::Vector3d&)>& isInside);
 
   /// When the block of `p_map` was last seen free [s since the map's epoch], kNever if it was not.
   float lastFree(const Eigen::Vector3d& p_map) const;

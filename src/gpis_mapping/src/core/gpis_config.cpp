@@ -225,11 +225,7 @@ struct YamlWriter {
     write(section, key, value, unit);
   }
   void operator()(const char* section, const char* key, bool value) { write(section, key, value ? "true" : "false"); }
-  void operator()(const char* section, const char* key, HolePolicy value) {
-    for (const auto& entry : holePolicies()) {
-      if (entry.second == value) write(section, key, entry.first);
-    }
-  }
+  void operator()(const char* section, const char* key, HolePolicy value) { write(section, key, toString(value)); }
   void operator()(const char* section, const char* key, const Eigen::Vector3d& value) {
     std::ostringstream list;
     list.precision(17);
@@ -245,6 +241,19 @@ std::string join(const std::string& head, const std::vector<std::string>& proble
 }
 
 }  // namespace
+
+const char* toString(HolePolicy policy) {
+  for (const auto& entry : holePolicies()) {
+    if (entry.second == policy) return entry.first.c_str();
+  }
+  return "?";
+}
+
+HolePolicy holePolicyFromString(const std::string& name) {
+  const auto found = holePolicies().find(name);
+  if (found != holePolicies().end()) return found->second;
+  throw std::invalid_argument("hole policy '" + name + "' is unknown, must be one of " + joinKeys(holePolicies()));
+}
 
 DepthNoiseModel DepthNoiseModel::preset(const std::string& name) {
   const auto found = noisePresets().find(name);

@@ -41,18 +41,11 @@ constexpr int neighbourBit(int dx, int dy, int dz) {
   return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1);
 }
 
-void requireRigid(const Eigen::Isometry3d& pose, double stamp_s) {
+void requireRigid(const Eigen::Isometry3d& pose, const char* what) {
   const Eigen::Matrix3d r = pose.linear();
-  if (!pose.matrix().allFinite() || !std::isfinite(stamp_s)) {
-    throw std::invalid_argument("camera pose or stamp is not finite");
-  }
-  if (std::abs(stamp_s) > kMaxStamp_s) {
-    std::ostringstream text;
-    text << "stamp = " << stamp_s << " s, must be in [" << -kMaxStamp_s << ", " << kMaxStamp_s << "] s";
-    throw std::invalid_argument(text.str());
-  }
+  if (!pose.matrix().allFinite()) throw std::invalid_argument(std::string(what) + " is not finite");
   if (!(r.transpose() * r).isApprox(Eigen::Matrix3d::Identity(), 1e-4) || r.determinant() < 0.0) {
-    throw std::invalid_argument("camera pose is no rigid motion: R^T R deviates from the identity by " +
+    throw std::invalid_argument(std::string(what) + " is no rigid motion: R^T R deviates from the identity by " +
                                 std::to_string((r.transpose() * r - Eigen::Matrix3d::Identity()).norm()));
   }
 }
@@ -184,7 +177,12 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
 
 UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& camera,
                                  const Eigen::Isometry3d& T_map_camera, double stamp_s) {
-  requireRigid(T_map_camera, stamp_s);
+  requireRigid(T_map_camera, "camera pose");
+  if (!(std::abs(stamp_s) <= kMaxStamp_s)) {  // true for NaN
+    std::ostringstream text;
+    text << "stamp = " << stamp_s << " s, must be in [" << -kMaxStamp_s << ", " << kMaxStamp_s << "] s";
+    throw std::invalid_argument(text.str());
+  }
   const std::vector<std::string> problems = camera.validate();
   if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
   requireFits(image, camera);  // before tables of the camera's size are made
@@ -215,6 +213,51 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   for (const auto& [key, cell] : cells_) statistics.map_points += cell.entries.size();
   statistics.total_ms = total.lap();
   return statistics;
+}
+
+std::vector<Eigen::Vector3d> GpisMap::clearBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m) {
+  requireRigid(T_map_box, "pose of the box");
+  if (!size_m.allFinite() || !(size_m.minCoeff() > 0.0)) {
+    std::ostringstream text;
+    text << "size of the box = " << size_m.transpose() << " m, must be finite and > 0 m along each axis";
+    throw std::invalid_argument(text.str());
+  }
+  const Eigen::Isometry3d T_box_map = T_map_box.inverse();
+  const auto isInside = [&](const Eigen::Vector3d& p_map) {
+    return ((T_box_map * p_map).cwiseAbs().array() <= 0.5 * size_m.array()).all();
+  };
+  std::vector<Eigen::Vector3d> removed;
+  std::vector<std::pair<LatticeKey, std::uint32_t>> touched;
+  for (auto& [key, cell] : cells_) {
+    std::uint32_t mask = 0;
+    std::vector<Cell::Entry> kept;
+    for (const Cell::Entry& entry : cell.entries) {
+      if (!isInside(entry.point.position_map)) {
+        kept.push_back(entry);
+        continue;
+      }
+      mask |= neighbourMask(key, entry.point.position_map);
+      removed.push_back(entry.point.position_map);
+    }
+    if (mask == 0) continue;
+    cell.entries = std::move(kept);
+    touched.emplace_back(key, mask);
+  }
+  for (const auto& [key, mask] : touched) markTouched(key, mask);
+  observed_.forgetIf(isInside);
+  UpdateStatistics statistics;
+  train(&statistics);
+  publish();
+  return removed;
+}
+
+void GpisMap::retune(const GpisConfig::Sensor& sensor, const GpisConfig::Dynamic& dynamic) {
+  GpisConfig config = config_;
+  config.sensor = sensor;
+  config.dynamic = dynamic;
+  requireValid(config);
+  config_ = config;
+  classifier_.reset();  // made anew for the next image
 }
 
 std::uint32_t GpisMap::neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const {

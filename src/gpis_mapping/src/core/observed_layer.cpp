@@ -198,6 +198,26 @@ void ObservedLayer::occupy(const Eigen::Vector3d& p_map) {
   if (found != chunks_.end() && (*found->second)[index] != kNever) writable(key)[index] = kNever;
 }
 
+void ObservedLayer::forgetIf(const std::function<bool(const Eigen::Vector3d&)>& isInside) {
+  const double chunk_size = kChunkBlocks * block_size_m_;
+  std::vector<LatticeKey> keys;  // writable() changes chunks_
+  keys.reserve(chunks_.size());
+  for (const auto& entry : chunks_) keys.push_back(entry.first);
+  for (const LatticeKey& key : keys) {
+    const Eigen::Vector3d corner = key.corner(chunk_size);
+    for (int z = 0; z < kChunkBlocks; ++z) {
+      for (int y = 0; y < kChunkBlocks; ++y) {
+        for (int x = 0; x < kChunkBlocks; ++x) {
+          const auto index = static_cast<std::size_t>(indexIn(x, y, z));
+          if ((*chunks_.at(key))[index] == kNever) continue;
+          const Eigen::Vector3d center = corner + (Eigen::Array3d(x, y, z) + 0.5).matrix() * block_size_m_;
+          if (isInside(center)) writable(key)[index] = kNever;
+        }
+      }
+    }
+  }
+}
+
 float ObservedLayer::lastFree(const Eigen::Vector3d& p_map) const {
   int index = 0;
   const auto found = chunks_.find(locate(p_map, &index));

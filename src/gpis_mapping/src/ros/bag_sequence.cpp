@@ -2,7 +2,6 @@
 #include "gpis_mapping_ros/bag_sequence.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <map>
@@ -17,6 +16,8 @@
 #include <tf2/buffer_core.h>
 #include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
+
+#include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {
 namespace {
@@ -37,37 +38,11 @@ constexpr char kAllowedEncodings[] = "16UC1 (mm), 32FC1 (m)";
 constexpr double kUnitsPerMetre16 = 1000.0;  // REP 118
 constexpr double kForever_s = 1e9;  // how long the buffer keeps a transform; stamps plus this stay below 2^32 s
 
-bool isDepthEncoding(const std::string& encoding) {
-  return encoding == "16UC1" || encoding == "32FC1";
-}
-
-std::string withoutSlash(const std::string& frame) {
-  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
-}
-
 template <typename Container>
 std::string join(const Container& items) {
   std::string text;
   for (const std::string& item : items) text += (text.empty() ? "" : ", ") + item;
   return text.empty() ? "none" : text;
-}
-
-bool isLittleEndianMachine() {
-  const std::uint16_t probe = 1;
-  unsigned char first = 0;
-  std::memcpy(&first, &probe, 1);
-  return first == 1;
-}
-
-/// Pixel bytes in the machine's order.
-template <typename T>
-T pixelAt(const std::uint8_t* data, bool swap) {
-  unsigned char bytes[sizeof(T)];
-  std::memcpy(bytes, data, sizeof(T));
-  if (swap) std::reverse(bytes, bytes + sizeof(T));
-  T value;
-  std::memcpy(&value, bytes, sizeof(T));
-  return value;
 }
 
 class BagSequence : public DepthSequence {
@@ -175,18 +150,15 @@ class BagSequence : public DepthSequence {
   }
 
   void takeCamera(const sensor_msgs::CameraInfo& info, const std::string& topic) {
+    Refusal refusal;
+    const bool is_rectified = isRectifiedTopic(depth_topic_);
+    const std::optional<CameraModel> camera = toCameraModel(info, is_rectified, &refusal);
+    if (!camera) throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
+    camera_ = *camera;
     const bool is_distorted = std::any_of(info.D.begin(), info.D.end(), [](double d) { return d != 0.0; });
-    const bool is_rectified = depth_topic_.substr(depth_topic_.rfind('/') + 1).find("rect") != std::string::npos;
-    const int width = static_cast<int>(info.width);
-    const int height = static_cast<int>(info.height);
-    if (is_rectified && info.P[0] > 0.0) {  // REP 104: P describes the rectified image, K the raw one
-      camera_ = CameraModel{width, height, info.P[0], info.P[5], info.P[2], info.P[6]};
-    } else {
-      camera_ = CameraModel{width, height, info.K[0], info.K[4], info.K[2], info.K[5]};
-      if (is_distorted) notes_.push_back(topic + ": distortion D is not zero; depth images are taken as rectified");
+    if (is_distorted && !(is_rectified && info.P[0] > 0.0)) {
+      notes_.push_back(topic + ": distortion D is not zero; depth images are taken as rectified");
     }
-    const std::vector<std::string> problems = camera_.validate();
-    if (!problems.empty()) throw DepthSequenceError(path_ + ": " + topic + ": " + problems.front());
   }
 
   void readTransforms() {
@@ -241,65 +213,26 @@ class BagSequence : public DepthSequence {
       return std::nullopt;
     }
     DepthFrame frame;
-    frame.T_map_camera = toIsometry(transform.transform, i);
-    frame.image = toDepthImage(*message, i);
+    Refusal refusal;
+    const std::optional<Eigen::Isometry3d> T_map_camera = toIsometry(transform.transform, &refusal);
+    if (!T_map_camera) throw DepthSequenceError(frameName(i) + ": its " + refusal.message);
+    frame.T_map_camera = *T_map_camera;
+    frame.image = readImage(*message, i);
     frame.stamp_s = message->header.stamp.toSec();
     frame.name = frameName(i);
     return frame;
   }
 
-  Eigen::Isometry3d toIsometry(const geometry_msgs::Transform& transform, std::size_t i) const {
-    const auto& t = transform.translation;
-    const auto& r = transform.rotation;
-    const Eigen::Quaterniond q(r.w, r.x, r.y, r.z);
-    const Eigen::Vector3d translation(t.x, t.y, t.z);
-    if (!translation.allFinite() || !(std::abs(q.norm() - 1.0) < 0.01)) {
-      throw DepthSequenceError(frameName(i) + ": its transform is not finite or no rotation");
+  DepthImage readImage(const sensor_msgs::Image& message, std::size_t i) const {
+    Refusal refusal;
+    std::optional<DepthImage> image = toDepthImage(message, kUnitsPerMetre16, &refusal);
+    if (!image) throw DepthSequenceError(frameName(i) + ": " + refusal.message);
+    if (image->width != camera_.width || image->height != camera_.height) {
+      throw DepthSequenceError(frameName(i) + ": is " + std::to_string(image->width) + " x " +
+                               std::to_string(image->height) + " px, must be " + std::to_string(camera_.width) + " x " +
+                               std::to_string(camera_.height) + " px as the camera info says");
     }
-    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-    T.linear() = q.normalized().toRotationMatrix();
-    T.translation() = translation;
-    return T;
-  }
-
-  DepthImage toDepthImage(const sensor_msgs::Image& message, std::size_t i) const {
-    if (!isDepthEncoding(message.encoding)) {
-      throw DepthSequenceError(frameName(i) + ": encoding is " + message.encoding + ", must be one of " +
-                               kAllowedEncodings);
-    }
-    if (message.width != static_cast<std::uint32_t>(camera_.width) ||
-        message.height != static_cast<std::uint32_t>(camera_.height)) {
-      throw DepthSequenceError(frameName(i) + ": is " + std::to_string(message.width) + " x " +
-                               std::to_string(message.height) + " px, must be " + std::to_string(camera_.width) +
-                               " x " + std::to_string(camera_.height) + " px as the camera info says");
-    }
-    const std::size_t width = message.width;
-    const std::size_t height = message.height;
-    const bool is_float = message.encoding == "32FC1";
-    const std::size_t row_bytes = width * (is_float ? sizeof(float) : sizeof(std::uint16_t));
-    if (message.step < row_bytes || message.data.size() < message.step * (height - 1) + row_bytes) {
-      throw DepthSequenceError(frameName(i) + ": step " + std::to_string(message.step) + " and " +
-                               std::to_string(message.data.size()) + " bytes are too few for its size");
-    }
-    const bool swap = (message.is_bigendian != 0) == isLittleEndianMachine();
-    if (is_float) {
-      DepthImage image{camera_.width, camera_.height, std::vector<float>(width * height)};
-      for (std::size_t v = 0; v < height; ++v) {
-        const std::uint8_t* row = message.data.data() + v * message.step;
-        for (std::size_t u = 0; u < width; ++u) {
-          image.depth_m[v * width + u] = pixelAt<float>(row + u * sizeof(float), swap);
-        }
-      }
-      return image;
-    }
-    std::vector<std::uint16_t> raw(width * height);
-    for (std::size_t v = 0; v < height; ++v) {
-      const std::uint8_t* row = message.data.data() + v * message.step;
-      for (std::size_t u = 0; u < width; ++u) {
-        raw[v * width + u] = pixelAt<std::uint16_t>(row + u * sizeof(std::uint16_t), swap);
-      }
-    }
-    return gpis_mapping::depthImageFromU16(raw.data(), camera_.width, camera_.height, kUnitsPerMetre16);
+    return std::move(*image);
   }
 
   std::string path_;

@@ -200,7 +200,7 @@ TEST_F(Bag, RefusesOtherEncodingsAndNamesTheAllowedOnes) {
   const auto sequence = openBagSequence(path_, options);
   SkipReason reason;
   EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(0, &reason); }),
-              AllOf(HasSubstr("encoding is rgb8"), HasSubstr("16UC1 (mm), 32FC1 (m)")));
+              AllOf(HasSubstr("encoding is 'rgb8'"), HasSubstr("16UC1 (mm), 32FC1 (m)")));
 }
 
 TEST_F(Bag, AsksWhenSeveralTopicsWouldDo) {

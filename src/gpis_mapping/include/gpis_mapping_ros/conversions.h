@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_ROS_CONVERSIONS_H
+#define GPIS_MAPPING_ROS_CONVERSIONS_H
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include <Eigen/Geometry>
+#include <geometry_msgs/Transform.h>
+#include <interactive_mapping_msgs/MapUpdate.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+
+#include "gpis_mapping/types.h"
+
+namespace gpis_mapping_ros {
+
+/// What became of a depth image; the constants of interactive_mapping_msgs/MapUpdate.
+enum class FrameStatus : std::uint8_t {
+  kAccepted = interactive_mapping_msgs::MapUpdate::ACCEPTED,
+  kWrongEncoding = interactive_mapping_msgs::MapUpdate::WRONG_ENCODING,
+  kMalformedImage = interactive_mapping_msgs::MapUpdate::MALFORMED_IMAGE,
+  kSizeMismatch = interactive_mapping_msgs::MapUpdate::SIZE_MISMATCH,
+  kBadCameraInfo = interactive_mapping_msgs::MapUpdate::BAD_CAMERA_INFO,
+  kNoCameraInfo = interactive_mapping_msgs::MapUpdate::NO_CAMERA_INFO,
+  kNothingMeasured = interactive_mapping_msgs::MapUpdate::NOTHING_MEASURED,
+  kNoTransform = interactive_mapping_msgs::MapUpdate::NO_TRANSFORM,
+  kBadTransform = interactive_mapping_msgs::MapUpdate::BAD_TRANSFORM,
+  kPoseJump = interactive_mapping_msgs::MapUpdate::POSE_JUMP,
+  kTimeRanBack = interactive_mapping_msgs::MapUpdate::TIME_RAN_BACK,
+  kStampInFuture = interactive_mapping_msgs::MapUpdate::STAMP_IN_FUTURE,
+  kRefusedByMap = interactive_mapping_msgs::MapUpdate::REFUSED_BY_MAP,
+};
+constexpr std::size_t kNumFrameStatus = interactive_mapping_msgs::MapUpdate::NUM_STATUS;
+
+/// "wrong encoding", "pose jump" ...: the same words for all images with the same trouble.
+const char* toString(FrameStatus status);
+
+/// Why an image was left out: what was seen, and what is allowed.
+struct Refusal {
+  FrameStatus status{FrameStatus::kAccepted};
+  std::string message;
+};
+
+/// Frame names of tf2 have no leading slash; those of old bags do.
+std::string withoutSlash(const std::string& frame);
+
+/// REP-104: the projection matrix P belongs to topics with rectified images (".../image_rect"), K to raw ones.
+bool isRectifiedTopic(const std::string& topic);
+
+bool isDepthEncoding(const std::string& encoding);
+
+/// Converts 16UC1 (`units_per_metre` for 1 m, 0: a hole) and 32FC1 (metres, REP-117) of either byte order. Nothing, and
+/// the reason, when encoding, step, size and data do not fit together. Never throws but for lack of memory, which it
+/// asks for only after the message has proved to hold that many pixels.
+std::optional<gpis_mapping::DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre,
+                                                     Refusal* refusal);
+
+/// Pinhole model of the image that `info` accompanies. Nothing, and the reason, when it cannot be one.
+std::optional<gpis_mapping::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
+                                                       Refusal* refusal);
+
+/// Nothing, and the reason, when not finite or no rotation.
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal);
+
+/// Whether any pixel says something: a depth, or "nothing within reach" (+Inf). Zeros, NaN, -Inf and depths below zero
+/// say nothing: an image of these alone comes from a covered lens as well as from an empty scene.
+bool holdsMeasurement(const gpis_mapping::DepthImage& image);
+
+}  // namespace gpis_mapping_ros
+
+#endif  // GPIS_MAPPING_ROS_CONVERSIONS_H

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_ROS_GPIS_MAPPING_ROS_H
+#define GPIS_MAPPING_ROS_GPIS_MAPPING_ROS_H
+
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <dynamic_reconfigure/server.h>
+#include <interactive_mapping_msgs/ClearBox.h>
+#include <interactive_mapping_msgs/LoadMap.h>
+#include <interactive_mapping_msgs/QueryMap.h>
+#include <interactive_mapping_msgs/SaveMap.h>
+#include <ros/node_handle.h>
+#include <ros/service_server.h>
+#include <ros/wall_timer.h>
+#include <std_srvs/Trigger.h>
+
+#include "gpis_mapping/GpisMappingConfig.h"
+#include "gpis_mapping/gpis_map.h"
+#include "gpis_mapping_ros/depth_input.h"
+#include "gpis_mapping_ros/gpis_mapping_params.h"
+#include "gpis_mapping_ros/map_publisher.h"
+
+namespace gpis_mapping_ros {
+
+/// The map as a ROS node: depth images in; mesh, points, ground, slice, statistics, services and diagnostics out. The
+/// README lists them. Callbacks may run concurrently: give it node handles whose queue has several threads, so that a
+/// query does not wait for a save. Updates run on DepthInput's thread, displays on MapPublisher's.
+class GpisMappingRos {
+ public:
+  /// Throws std::invalid_argument listing every impossible parameter.
+  GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh);
+  /// Saves a last time, when there is an autosave file and something has changed.
+  ~GpisMappingRos();
+  GpisMappingRos(const GpisMappingRos&) = delete;
+  GpisMappingRos& operator=(const GpisMappingRos&) = delete;
+
+ private:
+  using MapUpdate = interactive_mapping_msgs::MapUpdate;
+  using TuneConfig = gpis_mapping::GpisMappingConfig;
+
+  struct FrameTimes {
+    ros::WallTime done;
+    bool is_accepted;
+    double update_ms;
+    double latency_s;  // from the image's stamp to the end of its update, ROS time
+  };
+
+  Refusal consume(const DepthInputFrame& frame);
+  void refuse(const ros::Time& stamp, const Refusal& refusal);
+  void noteFrame(bool is_accepted, double update_ms, double latency_s);
+
+  bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
+               interactive_mapping_msgs::QueryMap::Response& response);
+  bool onSave(interactive_mapping_msgs::SaveMap::Request& request,
+              interactive_mapping_msgs::SaveMap::Response& response);
+  bool onLoad(interactive_mapping_msgs::LoadMap::Request& request,
+              interactive_mapping_msgs::LoadMap::Response& response);
+  bool onClear(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
+  bool onClearBox(interactive_mapping_msgs::ClearBox::Request& request,
+                  interactive_mapping_msgs::ClearBox::Response& response);
+
+  void onTune(const TuneConfig& config);
+  void onSliceDragged(double height_m);
+  void onAutosave();
+
+  MapState state() const;
+  /// Publishes the map's present snapshot as the state. Call with map_mutex_ held.
+  void takeState(const ros::Time& stamp, bool is_new_map, const std::vector<Eigen::Vector3d>& removed);
+  /// Writes the map to `path`; returns its number of points. Throws gpis_mapping::MapFileError.
+  std::size_t save(const std::string& path);
+  /// Replaces the map by the file's. Returns what the caller should know, or nothing. Throws MapFileError and
+  /// std::invalid_argument; the map is as it was then.
+  std::string load(const std::string& path, std::size_t* num_points);
+  void restore();
+
+  void diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseStorage(diagnostic_updater::DiagnosticStatusWrapper& status);
+
+  const GpisMappingParams params_;
+
+  mutable std::mutex map_mutex_;  // guards map_ and tuned_: held while an image is taken in
+  std::unique_ptr<gpis_mapping::GpisMap> map_;
+  gpis_mapping::GpisConfig tuned_;  // the map's configuration as tuned
+
+  mutable std::mutex state_mutex_;  // guards state_
+  MapState state_;
+
+  std::mutex file_mutex_;  // one save or load at a time
+
+  mutable std::mutex report_mutex_;  // guards what follows, up to the blank line
+  std::deque<FrameTimes> recent_;
+  std::uint64_t saved_revision_{0};
+  ros::WallTime saved_at_;
+  std::string save_error_;
+
+  ros::Publisher update_publisher_;
+  MapPublisher publisher_;
+  boost::recursive_mutex tune_mutex_;  // dynamic_reconfigure's own
+  std::unique_ptr<dynamic_reconfigure::Server<TuneConfig>> tune_server_;
+  TuneConfig tune_;  // as last set; guarded by tune_mutex_
+  ros::ServiceServer query_server_, save_server_, load_server_, clear_server_, clear_box_server_;
+  diagnostic_updater::Updater diagnostics_;
+  ros::WallTimer diagnostics_timer_, autosave_timer_;
+  std::unique_ptr<DepthInput> input_;  // last: its thread uses the rest
+};
+
+}  // namespace gpis_mapping_ros
+
+#endif  // GPIS_MAPPING_ROS_GPIS_MAPPING_ROS_H

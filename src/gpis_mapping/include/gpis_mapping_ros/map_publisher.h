@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef GPIS_MAPPING_ROS_MAP_PUBLISHER_H
+#define GPIS_MAPPING_ROS_MAP_PUBLISHER_H
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <Eigen/Core>
+#include <interactive_markers/interactive_marker_server.h>
+#include <ros/node_handle.h>
+#include <ros/publisher.h>
+
+#include "gpis_mapping/map_snapshot.h"
+#include "gpis_mapping/mesh_extractor.h"
+#include "gpis_mapping_ros/gpis_mapping_params.h"
+
+namespace gpis_mapping_ros {
+
+/// The map after an update, as all readers see it.
+struct MapState {
+  std::shared_ptr<const gpis_mapping::MapSnapshot> snapshot;
+  ros::Time stamp;              // of the last image in it
+  std::uint64_t generation{0};  // rises when the map is replaced: cleared, loaded
+  std::uint64_t revision{0};    // rises with every change
+};
+
+/// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
+/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~ground`, `~slice`. Whoever subscribes gets the current state
+/// at once. All methods may be called from any thread.
+class MapPublisher {
+ public:
+  MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params);
+  ~MapPublisher();
+  MapPublisher(const MapPublisher&) = delete;
+  MapPublisher& operator=(const MapPublisher&) = delete;
+
+  /// `removed_points_map`: what the update deleted.
+  void setState(const MapState& state, const std::vector<Eigen::Vector3d>& removed_points_map);
+  void setOutput(const GpisMappingParams::Output& output);
+  void setSliceHeight(double height_m);
+  /// Called, from a callback thread, when somebody drags the slice in rviz.
+  void onSliceDragged(std::function<void(double height_m)> callback);
+
+  /// Why the last try to publish failed; empty when it did not.
+  std::string lastError() const;
+
+ private:
+  using SteadyTime = std::chrono::steady_clock::time_point;
+
+  struct Output {
+    ros::Publisher publisher;
+    bool is_stale{true};  // its subscribers have not seen the state yet
+  };
+
+  void work();
+  void publish(const MapState& state);
+  bool wants(Output* output);
+  bool removedHaveExpired(const ros::Time& now);
+  void placeSliceHandle(const MapState& state, double height_m);
+
+  std::string map_frame_;
+  gpis_mapping::GroundOptions ground_options_;
+
+  mutable std::mutex mutex_;  // guards what follows, up to the blank line
+  std::condition_variable changed_;
+  bool is_stopping_{false};
+  bool has_news_{false};
+  MapState state_;
+  GpisMappingParams::Output output_;
+  GpisMappingParams::Slice slice_;
+  std::deque<std::pair<ros::Time, std::vector<Eigen::Vector3d>>> removed_;  // with the time they were removed
+  std::function<void(double)> on_slice_dragged_;
+  std::string last_error_;
+  Output mesh_, marker_, points_, removed_points_, ground_, slice_cloud_;
+
+  // Of the worker alone.
+  std::unique_ptr<gpis_mapping::MeshExtractor> extractor_;
+  std::uint64_t extractor_generation_{0};
+  bool has_handle_{false};
+  double handle_height_m_{0.0};
+
+  interactive_markers::InteractiveMarkerServer slice_handle_;
+  std::thread worker_;
+};
+
+}  // namespace gpis_mapping_ros
+
+#endif  // GPIS_MAPPING_ROS_MAP_PUBLISHER_H

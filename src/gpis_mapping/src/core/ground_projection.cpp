@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping/ground_projection.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include <pcl/ModelCoefficients.h>
+#include <pcl/point_cloud.h>
+#include <pcl/point_types.h>
+#include <pcl/segmentation/sac_segmentation.h>
+
+#include "gpis_mapping/cell_gp.h"
+
+namespace gpis_mapping {
+namespace {
+
+constexpr std::size_t kMinGroundPoints = 50;
+constexpr int kMaxPlanes = 4;           // floor, and what else is large and level: pallets, tables
+constexpr double kLargeShare = 0.25;    // of the largest plane's points
+constexpr int kMaxSide = 4000;          // cells
+constexpr int kRansacIterations = 300;  // finds a plane of a quarter of the points with probability 1 - 1e-2
+
+}  // namespace
+
+std::vector<std::string> GroundOptions::validate() const {
+  std::vector<std::string> problems;
+  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
+    if (value >= lo && value <= hi) return;  // false for NaN
+    char text[160];
+    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
+    problems.push_back(text);
+  };
+  check("cell_size_m", cell_size_m, 0.01, 1.0, "m");
+  check("max_tilt_rad", max_tilt_rad, 0.01, 0.8, "rad");
+  check("plane_tolerance_m", plane_tolerance_m, 0.002, 0.2, "m");
+  check("min_obstacle_height_m", min_obstacle_height_m, 0.01, 1.0, "m");
+  check("max_obstacle_height_m", max_obstacle_height_m, 0.05, 10.0, "m");
+  if (!(min_obstacle_height_m < max_obstacle_height_m)) {
+    problems.emplace_back("min_obstacle_height_m must be below max_obstacle_height_m");
+  }
+  return problems;
+}
+
+std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const GroundOptions& options) {
+  // In the order of their keys: the hash map's order depends on its history, the ground must not.
+  std::vector<const CellGp*> cells;
+  for (const auto& entry : snapshot.cells()) cells.push_back(entry.second.get());
+  std::sort(cells.begin(), cells.end(), [](const CellGp* a, const CellGp* b) { return a->key() < b->key(); });
+  const float min_cosine = static_cast<float>(std::cos(1.5 * options.max_tilt_rad));  // normals are noisier than planes
+  std::vector<Eigen::Vector3d> points;
+  for (const CellGp* cell : cells) {
+    for (std::size_t i = 0; i < cell->numOwn(); ++i) {
+      if (cell->normal(i).z() > min_cosine) points.push_back(cell->position(i));
+    }
+  }
+  if (points.size() < kMinGroundPoints) return std::nullopt;
+  // PCL computes in float: relative to the first point.
+  const Eigen::Vector3d origin = points.front();
+  auto cloud = pcl::make_shared<pcl::PointCloud<pcl::PointXYZ>>();
+  for (const Eigen::Vector3d& p : points) {
+    const Eigen::Vector3f local = (p - origin).cast<float>();
+    cloud->push_back({local.x(), local.y(), local.z()});
+  }
+  std::optional<GroundPlane> ground;
+  std::size_t largest = 0;
+  for (int n = 0; n < kMaxPlanes && cloud->size() >= kMinGroundPoints; ++n) {
+    pcl::SACSegmentation<pcl::PointXYZ> segmentation;  // seeds its random numbers with a constant
+    segmentation.setModelType(pcl::SACMODEL_PERPENDICULAR_PLANE);
+    segmentation.setMethodType(pcl::SAC_RANSAC);
+    segmentation.setAxis(Eigen::Vector3f::UnitZ());
+    segmentation.setEpsAngle(options.max_tilt_rad);
+    segmentation.setDistanceThreshold(options.plane_tolerance_m);
+    segmentation.setMaxIterations(kRansacIterations);
+    segmentation.setInputCloud(cloud);
+    pcl::PointIndices inliers;
+    pcl::ModelCoefficients coefficients;
+    segmentation.segment(inliers, coefficients);
+    if (inliers.indices.size() < kMinGroundPoints ||
+        static_cast<double>(inliers.indices.size()) < kLargeShare * static_cast<double>(largest)) {
+      break;
+    }
+    largest = std::max(largest, inliers.indices.size());
+    Eigen::Vector3d normal(coefficients.values[0], coefficients.values[1], coefficients.values[2]);
+    double offset = -static_cast<double>(coefficients.values[3]);
+    const double sign = (normal.z() < 0.0 ? -1.0 : 1.0) / normal.norm();
+    normal *= sign;
+    offset = offset * sign + normal.dot(origin);
+    const GroundPlane plane{normal, offset, inliers.indices.size()};
+    std::vector<bool> is_inlier(cloud->size(), false);
+    Eigen::Vector3d center = Eigen::Vector3d::Zero();
+    auto rest = pcl::make_shared<pcl::PointCloud<pcl::PointXYZ>>();
+    for (const int i : inliers.indices) {
+      is_inlier[static_cast<std::size_t>(i)] = true;
+      center += (*cloud)[static_cast<std::size_t>(i)].getVector3fMap().cast<double>();
+    }
+    center = center / static_cast<double>(inliers.indices.size()) + origin;
+    for (std::size_t i = 0; i < cloud->size(); ++i) {
+      if (!is_inlier[i]) rest->push_back((*cloud)[i]);
+    }
+    // Lower where it is, not where it would be if it went on for ever.
+    if (!ground || ground->heightOf(center) < 0.0) ground = plane;
+    cloud = rest;
+  }
+  return ground;
+}
+
+std::optional<GroundGrid> projectToGround(const MapSnapshot& snapshot, const GroundOptions& options) {
+  const std::optional<GroundPlane> plane = estimateGround(snapshot, options);
+  if (!plane) return std::nullopt;
+  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high = -low;
+  for (const auto& entry : snapshot.cells()) {
+    for (std::size_t i = 0; i < entry.second->numOwn(); ++i) {
+      const Eigen::Vector2d p = entry.second->position(i).head<2>();
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+  }
+  const double cell = options.cell_size_m;
+  const Eigen::Vector2d first = (low / cell).array().floor();
+  const Eigen::Vector2d count = (high / cell).array().floor().matrix() - first + Eigen::Vector2d::Ones();
+  if (!(count.maxCoeff() <= kMaxSide)) return std::nullopt;
+  GroundGrid grid;
+  grid.plane = *plane;
+  grid.cell_size_m = cell;
+  grid.origin_x_m = first.x() * cell;
+  grid.origin_y_m = first.y() * cell;
+  grid.width = static_cast<int>(count.x());
+  grid.height = static_cast<int>(count.y());
+  const auto num_cells = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
+  grid.state.assign(num_cells, SpaceState::kUnknown);
+  grid.max_height_m.assign(num_cells, std::numeric_limits<float>::quiet_NaN());
+  enum Seen : std::uint8_t { kGround = 1, kObstacle = 2, kBelow = 4 };
+  std::vector<std::uint8_t> seen(num_cells, 0);
+  for (const auto& entry : snapshot.cells()) {
+    for (std::size_t i = 0; i < entry.second->numOwn(); ++i) {
+      const Eigen::Vector3d p = entry.second->position(i);
+      const double height = plane->heightOf(p);
+      if (height > options.max_obstacle_height_m) continue;
+      const int column = std::min(grid.width - 1, static_cast<int>(std::floor(p.x() / cell) - first.x()));
+      const int row = std::min(grid.height - 1, static_cast<int>(std::floor(p.y() / cell) - first.y()));
+      const std::size_t at = grid.index(column, row);
+      seen[at] |= height > options.min_obstacle_height_m    ? kObstacle
+                  : height < -options.min_obstacle_height_m ? kBelow
+                                                            : kGround;
+      grid.max_height_m[at] = std::fmax(grid.max_height_m[at], static_cast<float>(height));  // the other if one is NaN
+    }
+  }
+  const double just_above = snapshot.config().observed.block_size_m;
+  for (int row = 0; row < grid.height; ++row) {
+    for (int column = 0; column < grid.width; ++column) {
+      const std::size_t at = grid.index(column, row);
+      const double x = grid.origin_x_m + (column + 0.5) * cell;
+      const double y = grid.origin_y_m + (row + 0.5) * cell;
+      if (seen[at] & kObstacle) {
+        grid.state[at] = SpaceState::kOccupied;
+      } else if (seen[at] & kGround) {
+        grid.state[at] = SpaceState::kFree;
+      } else if (seen[at] & kBelow) {
+        grid.state[at] = SpaceState::kOccupied;  // a step down is as bad as one up
+      } else if (snapshot.observed().isFree({x, y, plane->zAt(x, y) + just_above})) {
+        grid.state[at] = SpaceState::kFree;
+      }
+    }
+  }
+  return grid;
+}
+
+}  // namespace gpis_mapping

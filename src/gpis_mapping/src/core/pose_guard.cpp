@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping/pose_guard.h"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace gpis_mapping {
+namespace {
+
+double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
+  return Eigen::Quaterniond(a.linear()).angularDistance(Eigen::Quaterniond(b.linear()));
+}
+
+}  // namespace
+
+std::vector<std::string> PoseLimits::validate() const {
+  std::vector<std::string> problems;
+  const auto check = [&problems](const char* key, double value, double hi, const char* unit) {
+    if (value >= 0.0 && value <= hi) return;  // false for NaN
+    char text[160];
+    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [0, %g] %s", key, value, unit, hi, unit);
+    problems.push_back(text);
+  };
+  check("max_step_m", max_step_m, 1e3, "m");
+  check("max_step_rad", max_step_rad, 4.0, "rad");
+  check("max_speed_mps", max_speed_mps, 1e3, "m/s");
+  check("max_turn_radps", max_turn_radps, 1e3, "rad/s");
+  check("settle_frames", settle_frames, 1000, "frames");
+  return problems;
+}
+
+bool PoseGuard::agree(const Pose& from, const Pose& to) const {
+  const double dt = std::max(0.0, to.stamp_s - from.stamp_s);
+  const double moved = (to.T_map_camera.translation() - from.T_map_camera.translation()).norm();
+  return moved <= limits_.max_step_m + limits_.max_speed_mps * dt &&
+         angleBetween(from.T_map_camera, to.T_map_camera) <= limits_.max_step_rad + limits_.max_turn_radps * dt;
+}
+
+PoseGuard::Verdict PoseGuard::check(const Eigen::Isometry3d& T_map_camera, double stamp_s) {
+  const Pose pose{T_map_camera, stamp_s};
+  if (!believed_ || agree(*believed_, pose)) {
+    believed_ = pose;
+    candidate_.reset();
+    num_agreeing_ = 0;
+    return Verdict::kBelieved;
+  }
+  num_agreeing_ = candidate_ && agree(*candidate_, pose) ? num_agreeing_ + 1 : 1;
+  candidate_ = pose;
+
+  const double dt = stamp_s - believed_->stamp_s;
+  const double moved = (T_map_camera.translation() - believed_->T_map_camera.translation()).norm();
+  char text[240];
+  std::snprintf(text, sizeof(text),
+                "camera moved by %.3f m and %.3f rad in %.3f s, must be at most %.3f m and %.3f rad (pose_limits)",
+                moved, angleBetween(believed_->T_map_camera, T_map_camera), dt,
+                limits_.max_step_m + limits_.max_speed_mps * dt, limits_.max_step_rad + limits_.max_turn_radps * dt);
+  message_ = text;
+  if (limits_.settle_frames == 0 || num_agreeing_ < limits_.settle_frames) return Verdict::kJump;
+  believed_ = pose;
+  candidate_.reset();
+  num_agreeing_ = 0;
+  return Verdict::kSettled;
+}
+
+void PoseGuard::reset() {
+  believed_.reset();
+  candidate_.reset();
+  num_agreeing_ = 0;
+}
+
+}  // namespace gpis_mapping

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/conversions.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+namespace gpis_mapping_ros {
+namespace {
+
+using gpis_mapping::CameraModel;
+using gpis_mapping::DepthImage;
+
+constexpr char kAllowedEncodings[] = "16UC1 (mm), 32FC1 (m)";
+constexpr std::size_t kMaxShownName = 40;
+
+bool isLittleEndianMachine() {
+  const std::uint16_t probe = 1;
+  unsigned char first = 0;
+  std::memcpy(&first, &probe, 1);
+  return first == 1;
+}
+
+/// Pixel bytes in the machine's order.
+template <typename T>
+T pixelAt(const std::uint8_t* data, bool swap) {
+  unsigned char bytes[sizeof(T)];
+  std::memcpy(bytes, data, sizeof(T));
+  if (swap) std::reverse(bytes, bytes + sizeof(T));
+  T value;
+  std::memcpy(&value, bytes, sizeof(T));
+  return value;
+}
+
+/// Messages name foreign strings; those may be long, or hold anything.
+std::string shown(const std::string& name) {
+  std::string text = name.substr(0, kMaxShownName);
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c > 0x7e; }, '?');
+  return "'" + text + (name.size() > kMaxShownName ? "..." : "") + "'";
+}
+
+std::string sizeText(std::uint64_t width, std::uint64_t height) {
+  return std::to_string(width) + " x " + std::to_string(height) + " px";
+}
+
+}  // namespace
+
+const char* toString(FrameStatus status) {
+  switch (status) {
+    case FrameStatus::kAccepted:
+      return "accepted";
+    case FrameStatus::kWrongEncoding:
+      return "wrong encoding";
+    case FrameStatus::kMalformedImage:
+      return "malformed image";
+    case FrameStatus::kSizeMismatch:
+      return "size differs from camera info";
+    case FrameStatus::kBadCameraInfo:
+      return "bad camera info";
+    case FrameStatus::kNoCameraInfo:
+      return "no camera info";
+    case FrameStatus::kNothingMeasured:
+      return "nothing measured";
+    case FrameStatus::kNoTransform:
+      return "no transform";
+    case FrameStatus::kBadTransform:
+      return "bad transform";
+    case FrameStatus::kPoseJump:
+      return "pose jump";
+    case FrameStatus::kTimeRanBack:
+      return "time ran back";
+    case FrameStatus::kStampInFuture:
+      return "stamp in the future";
+    case FrameStatus::kRefusedByMap:
+      return "refused by the map";
+  }
+  return "?";
+}
+
+std::string withoutSlash(const std::string& frame) {
+  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
+}
+
+bool isRectifiedTopic(const std::string& topic) {
+  const std::size_t slash = topic.rfind('/');  // npos + 1 is 0: the whole name
+  return topic.find("rect", slash + 1) != std::string::npos;
+}
+
+bool isDepthEncoding(const std::string& encoding) {
+  return encoding == "16UC1" || encoding == "32FC1";
+}
+
+std::optional<DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre, Refusal* refusal) {
+  if (!isDepthEncoding(message.encoding)) {
+    *refusal = {FrameStatus::kWrongEncoding,
+                "encoding is " + shown(message.encoding) + ", must be one of " + kAllowedEncodings};
+    return std::nullopt;
+  }
+  const std::size_t width = message.width;
+  const std::size_t height = message.height;
+  constexpr std::size_t kMaxSide = std::numeric_limits<int>::max();
+  if (width == 0 || height == 0 || width > kMaxSide || height > kMaxSide) {
+    *refusal = {FrameStatus::kMalformedImage, "size is " + sizeText(width, height) + ", must be at least 1 x 1 px"};
+    return std::nullopt;
+  }
+  const bool is_float = message.encoding == "32FC1";
+  const std::size_t row_bytes = width * (is_float ? sizeof(float) : sizeof(std::uint16_t));
+  const std::size_t step = message.step;
+  if (step < row_bytes || message.data.size() < row_bytes || (message.data.size() - row_bytes) / step < height - 1) {
+    *refusal = {FrameStatus::kMalformedImage, "step " + std::to_string(step) + " and " +
+                                                  std::to_string(message.data.size()) + " bytes are too few for " +
+                                                  sizeText(width, height) + " of " + message.encoding};
+    return std::nullopt;
+  }
+  const bool swap = (message.is_bigendian != 0) == isLittleEndianMachine();
+  if (is_float) {
+    DepthImage image{static_cast<int>(width), static_cast<int>(height), std::vector<float>(width * height)};
+    for (std::size_t v = 0; v < height; ++v) {
+      const std::uint8_t* row = message.data.data() + v * step;
+      for (std::size_t u = 0; u < width; ++u) {
+        image.depth_m[v * width + u] = pixelAt<float>(row + u * sizeof(float), swap);
+      }
+    }
+    return image;
+  }
+  std::vector<std::uint16_t> raw(width * height);
+  for (std::size_t v = 0; v < height; ++v) {
+    const std::uint8_t* row = message.data.data() + v * step;
+    for (std::size_t u = 0; u < width; ++u) {
+      raw[v * width + u] = pixelAt<std::uint16_t>(row + u * sizeof(std::uint16_t), swap);
+    }
+  }
+  return gpis_mapping::depthImageFromU16(raw.data(), static_cast<int>(width), static_cast<int>(height),
+                                         units_per_metre);
+}
+
+std::optional<CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified, Refusal* refusal) {
+  constexpr std::uint32_t kMaxSide = std::numeric_limits<int>::max();
+  if (info.width > kMaxSide || info.height > kMaxSide) {
+    *refusal = {FrameStatus::kBadCameraInfo, "camera info: size is " + sizeText(info.width, info.height)};
+    return std::nullopt;
+  }
+  const int width = static_cast<int>(info.width);
+  const int height = static_cast<int>(info.height);
+  const CameraModel camera = is_rectified && info.P[0] > 0.0
+                                 ? CameraModel{width, height, info.P[0], info.P[5], info.P[2], info.P[6]}
+                                 : CameraModel{width, height, info.K[0], info.K[4], info.K[2], info.K[5]};
+  const std::vector<std::string> problems = camera.validate();
+  if (problems.empty()) return camera;
+  *refusal = {FrameStatus::kBadCameraInfo, "camera info: " + problems.front()};
+  return std::nullopt;
+}
+
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal) {
+  const auto& t = transform.translation;
+  const auto& r = transform.rotation;
+  const Eigen::Quaterniond q(r.w, r.x, r.y, r.z);
+  const Eigen::Vector3d translation(t.x, t.y, t.z);
+  if (!translation.allFinite() || !(std::abs(q.norm() - 1.0) < 0.01)) {  // false for NaN
+    *refusal = {FrameStatus::kBadTransform,
+                "transform is not finite or no rotation: |q| = " + std::to_string(q.norm()) + ", must be 1"};
+    return std::nullopt;
+  }
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = q.normalized().toRotationMatrix();
+  T.translation() = translation;
+  return T;
+}
+
+bool holdsMeasurement(const DepthImage& image) {
+  return std::any_of(image.depth_m.begin(), image.depth_m.end(), [](float z) { return z > 0.0f; });
+}
+
+}  // namespace gpis_mapping_ros

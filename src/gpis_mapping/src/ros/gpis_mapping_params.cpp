@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/gpis_mapping_params.h"
+
+#include <cstdio>
+#include <filesystem>
+#include <stdexcept>
+#include <utility>
+
+#include "gpis_mapping_ros/param_reader.h"
+
+namespace gpis_mapping_ros {
+
+const char* toString(MeshColor color) {
+  return color == MeshColor::kHeight ? "height" : "uncertainty";
+}
+
+std::vector<std::string> GpisMappingParams::validate() const {
+  std::vector<std::string> problems;
+  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
+    if (value >= lo && value <= hi) return;  // false for NaN
+    char text[160];
+    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
+    problems.push_back(text);
+  };
+  const auto append = [&problems](const char* section, const std::vector<std::string>& more) {
+    for (const std::string& problem : more) problems.push_back(std::string(section) + "/" + problem);
+  };
+  append("input", input.validate());
+  append("map", map.validate());
+  check("output/rate_hz", output.rate_hz, 0.05, 30.0, "Hz");
+  check("output/removed_display_s", output.removed_display_s, 0.0, 3600.0, "s");
+  check("output/color_max_std_m", output.color_max_std_m, 1e-4, 1.0, "m");
+  check("slice/height_m", slice.height_m, -100.0, 100.0, "m");
+  check("slice/cell_size_m", slice.cell_size_m, 0.005, 1.0, "m");
+  check("slice/margin_m", slice.margin_m, 0.0, 10.0, "m");
+  append("ground", ground.validate());
+  check("storage/autosave_period_s", storage.autosave_period_s, 0.1, 86400.0, "s");
+  if (!storage.autosave_file.empty()) {
+    try {
+      requireUsablePath(storage.autosave_file);
+    } catch (const std::invalid_argument& error) {
+      problems.push_back(std::string("storage/autosave_file = ") + error.what());
+    }
+  }
+  return problems;
+}
+
+GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {
+  GpisMappingParams params;
+  ParamReader reader(private_nh);
+  DepthInputParams& input = params.input;
+  reader.read("input/map_frame", &input.map_frame);
+  reader.read("input/camera_frame", &input.camera_frame);
+  reader.read("input/image_transport", &input.image_transport);
+  reader.read("input/depth_units_per_metre", &input.depth_units_per_metre);
+  reader.read("input/tf_timeout_s", &input.tf_timeout_s);
+  reader.read("input/max_future_s", &input.max_future_s);
+  reader.read("input/pose_limits/max_step_m", &input.pose_limits.max_step_m);
+  reader.read("input/pose_limits/max_step_rad", &input.pose_limits.max_step_rad);
+  reader.read("input/pose_limits/max_speed_mps", &input.pose_limits.max_speed_mps);
+  reader.read("input/pose_limits/max_turn_radps", &input.pose_limits.max_turn_radps);
+  reader.read("input/pose_limits/settle_frames", &input.pose_limits.settle_frames);
+  reader.read("output/rate_hz", &params.output.rate_hz);
+  reader.read("output/removed_display_s", &params.output.removed_display_s);
+  reader.read("output/color_max_std_m", &params.output.color_max_std_m);
+  std::string color = toString(params.output.mesh_color);
+  reader.read("output/mesh_color", &color);
+  if (color == toString(MeshColor::kHeight)) {
+    params.output.mesh_color = MeshColor::kHeight;
+  } else if (color != toString(MeshColor::kUncertainty)) {
+    reader.report("output", {"mesh_color = '" + color + "', must be uncertainty or height"});
+  }
+  reader.read("slice/height_m", &params.slice.height_m);
+  reader.read("slice/cell_size_m", &params.slice.cell_size_m);
+  reader.read("slice/margin_m", &params.slice.margin_m);
+  reader.read("ground/cell_size_m", &params.ground.cell_size_m);
+  reader.read("ground/max_tilt_rad", &params.ground.max_tilt_rad);
+  reader.read("ground/plane_tolerance_m", &params.ground.plane_tolerance_m);
+  reader.read("ground/min_obstacle_height_m", &params.ground.min_obstacle_height_m);
+  reader.read("ground/max_obstacle_height_m", &params.ground.max_obstacle_height_m);
+  reader.read("storage/autosave_file", &params.storage.autosave_file);
+  reader.read("storage/autosave_period_s", &params.storage.autosave_period_s);
+  reader.read("storage/restore_on_start", &params.storage.restore_on_start);
+  reader.ignore("tune");               // dynamic_reconfigure
+  reader.ignore("image_transport");    // read by image_transport
+  reader.ignore("diagnostic_period");  // read by diagnostic_updater
+  reader.ignore("diagnostic_updater");
+  const std::string map_yaml = reader.yamlOf("map");
+  try {
+    if (!map_yaml.empty()) params.map = gpis_mapping::parseGpisConfig(map_yaml, "map");
+  } catch (const std::invalid_argument& error) {
+    reader.report("", {error.what()});
+  }
+  reader.report("", params.validate());
+  reader.finish();
+  return params;
+}
+
+void requireUsablePath(const std::string& path) {
+  namespace fs = std::filesystem;
+  const fs::path file(path);
+  std::error_code ignored;
+  if (!file.is_absolute()) throw std::invalid_argument("'" + path + "', must be an absolute path");
+  if (!file.has_filename() || fs::is_directory(file, ignored)) {
+    throw std::invalid_argument("'" + path + "', must name a file, not a folder");
+  }
+  if (!fs::is_directory(file.parent_path(), ignored)) {
+    throw std::invalid_argument("'" + path + "', must be in a folder that exists; " + file.parent_path().string() +
+                                " does not");
+  }
+}
+
+}  // namespace gpis_mapping_ros

@@ -1,0 +1,561 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/gpis_mapping_ros.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+
+#include <ros/console.h>
+#include <tf2/exceptions.h>
+
+#include "gpis_mapping/map_io.h"
+#include "gpis_mapping_ros/map_messages.h"
+
+namespace gpis_mapping_ros {
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+using gpis_mapping::GpisConfig;
+using gpis_mapping::GpisMap;
+using gpis_mapping::MapContents;
+
+constexpr char kLog[] = "gpis_mapping";
+constexpr double kWindow_s = 5.0;   // over which diagnostics count
+constexpr double kSilence_s = 2.0;  // without an image: a warning
+constexpr double kDiagnosticsTick_s = 0.25;
+constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
+
+std::string formatted(const char* format, double value) {
+  char text[64];
+  std::snprintf(text, sizeof(text), format, value);
+  return text;
+}
+
+/// The map's settings that belong to a file's points, beside those that belong to this node's camera and use.
+GpisConfig mergedConfig(const GpisConfig& of_node, const GpisConfig& of_file) {
+  GpisConfig config = of_node;
+  config.surface = of_file.surface;
+  config.cells = of_file.cells;
+  config.observed = of_file.observed;
+  return config;
+}
+
+/// A name beside `path` that no file has.
+std::string nameAside(const std::string& path) {
+  for (int i = 0; i < 1000; ++i) {
+    const std::string name = path + ".unreadable" + (i == 0 ? "" : "." + std::to_string(i));
+    if (!std::filesystem::exists(name)) return name;
+  }
+  return path + ".unreadable";
+}
+
+}  // namespace
+
+GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
+    : params_(loadGpisMappingParams(private_nh)),
+      map_(std::make_unique<GpisMap>(params_.map)),
+      tuned_(params_.map),
+      publisher_(private_nh, params_),
+      diagnostics_(nh, private_nh, private_nh.getNamespace()) {
+  ROS_INFO_STREAM_NAMED(kLog, "map configuration:\n" << gpis_mapping::toYaml(params_.map));
+  {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    takeState(ros::Time(), true, {});
+    const std::lock_guard<std::mutex> report_lock(report_mutex_);
+    saved_revision_ = state_.revision;  // an empty map is not worth a file
+  }
+  if (!params_.storage.autosave_file.empty() && params_.storage.restore_on_start) restore();
+
+  ros::NodeHandle pnh(private_nh);
+  update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
+  // A reader beside the parameters: dynamic_reconfigure takes its starting values from the server.
+  const ros::NodeHandle tune_nh(private_nh, "tune");
+  TuneConfig tune;
+  tune.min_range_m = params_.map.sensor.min_range_m;
+  tune.max_range_m = params_.map.sensor.max_range_m;
+  tune.hole_policy = gpis_mapping::toString(params_.map.sensor.hole_policy);
+  tune.pose_std_m = params_.map.sensor.pose_std_m;
+  tune.dynamic = params_.map.dynamic.enabled;
+  tune.tolerance_sigmas = params_.map.dynamic.tolerance_sigmas;
+  tune.min_tolerance_m = params_.map.dynamic.min_tolerance_m;
+  tune.max_step_m = params_.input.pose_limits.max_step_m;
+  tune.max_step_rad = params_.input.pose_limits.max_step_rad;
+  tune.settle_frames = params_.input.pose_limits.settle_frames;
+  tune.rate_hz = params_.output.rate_hz;
+  tune.removed_display_s = params_.output.removed_display_s;
+  tune.mesh_color = toString(params_.output.mesh_color);
+  tune.color_max_std_m = params_.output.color_max_std_m;
+  tune.slice_height_m = params_.slice.height_m;
+  tune.__toServer__(tune_nh);
+  tune_server_ = std::make_unique<dynamic_reconfigure::Server<TuneConfig>>(tune_mutex_, tune_nh);
+  publisher_.onSliceDragged([this](double height_m) { onSliceDragged(height_m); });
+
+  input_ = std::make_unique<DepthInput>(
+      nh, private_nh, params_.input, [this](const DepthInputFrame& frame) { return consume(frame); },
+      [this](const ros::Time& stamp, const Refusal& refusal) { refuse(stamp, refusal); });
+  tune_server_->setCallback([this](TuneConfig& config, std::uint32_t) { onTune(config); });
+
+  query_server_ = pnh.advertiseService("query", &GpisMappingRos::onQuery, this);
+  save_server_ = pnh.advertiseService("save_map", &GpisMappingRos::onSave, this);
+  load_server_ = pnh.advertiseService("load_map", &GpisMappingRos::onLoad, this);
+  clear_server_ = pnh.advertiseService("clear_map", &GpisMappingRos::onClear, this);
+  clear_box_server_ = pnh.advertiseService("clear_box", &GpisMappingRos::onClearBox, this);
+
+  diagnostics_.setHardwareID("none");
+  diagnostics_.add("input", this, &GpisMappingRos::diagnoseInput);
+  diagnostics_.add("transforms", this, &GpisMappingRos::diagnoseTransforms);
+  diagnostics_.add("map", this, &GpisMappingRos::diagnoseMap);
+  diagnostics_.add("storage", this, &GpisMappingRos::diagnoseStorage);
+  // The updater itself keeps the period; by the wall clock, so that a stopped simulation can be diagnosed.
+  diagnostics_timer_ = pnh.createWallTimer(ros::WallDuration(kDiagnosticsTick_s),
+                                           [this](const ros::WallTimerEvent&) { diagnostics_.update(); });
+  if (!params_.storage.autosave_file.empty()) {
+    autosave_timer_ = pnh.createWallTimer(ros::WallDuration(params_.storage.autosave_period_s),
+                                          [this](const ros::WallTimerEvent&) { onAutosave(); });
+  }
+  ROS_INFO_NAMED(kLog, "mapping %s with %s in frame '%s'", input_->imageTopic().c_str(), input_->infoTopic().c_str(),
+                 params_.input.map_frame.c_str());
+}
+
+GpisMappingRos::~GpisMappingRos() {
+  // Each of these waits for its callback in progress; then nobody uses the input any more.
+  autosave_timer_.stop();
+  diagnostics_timer_.stop();
+  for (ros::ServiceServer* server :
+       {&query_server_, &save_server_, &load_server_, &clear_server_, &clear_box_server_}) {
+    server->shutdown();
+  }
+  publisher_.onSliceDragged(nullptr);
+  tune_server_.reset();
+  input_.reset();
+  if (!params_.storage.autosave_file.empty()) onAutosave();
+}
+
+Refusal GpisMappingRos::consume(const DepthInputFrame& frame) {
+  MapUpdate message;
+  {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    gpis_mapping::UpdateStatistics statistics;
+    try {
+      statistics = map_->update(frame.image, frame.camera, frame.T_map_camera, frame.stamp.toSec());
+    } catch (const std::exception& error) {
+      // What the update had done before it failed is part of the map; readers see a consistent snapshot either way.
+      return {FrameStatus::kRefusedByMap, error.what()};
+    }
+    takeState(frame.stamp, false, statistics.removed_points_map);
+    std_msgs::Header header;
+    header.stamp = frame.stamp;
+    header.frame_id = params_.input.map_frame;
+    message = toMapUpdate(statistics, header, map_->snapshot()->numUpdates(), frame.wait_ms);
+  }
+  noteFrame(true, message.total_ms, (ros::Time::now() - frame.stamp).toSec());
+  ROS_DEBUG_NAMED(kLog, "update %lu: %.1f ms, %u points, +%u -%u", static_cast<unsigned long>(message.update),
+                  message.total_ms, message.map_points, message.inserted, message.deleted);
+  // Last: whoever waits for it finds the map's answers up to date.
+  update_publisher_.publish(message);
+  return {};
+}
+
+void GpisMappingRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
+  ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
+                                 "image left out, " << toString(refusal.status) << ": " << refusal.message);
+  noteFrame(false, 0.0, 0.0);
+  MapUpdate message;
+  message.header.stamp = stamp;
+  message.header.frame_id = params_.input.map_frame;
+  message.status = static_cast<std::uint8_t>(refusal.status);
+  message.message = refusal.message;
+  const MapState now = state();
+  message.update = now.snapshot->numUpdates();
+  message.map_points = static_cast<std::uint32_t>(now.snapshot->numPoints());
+  update_publisher_.publish(message);
+}
+
+void GpisMappingRos::noteFrame(bool is_accepted, double update_ms, double latency_s) {
+  const ros::WallTime now = ros::WallTime::now();
+  const std::lock_guard<std::mutex> lock(report_mutex_);
+  recent_.push_back({now, is_accepted, update_ms, latency_s});
+  while (!recent_.empty() && (now - recent_.front().done).toSec() > kWindow_s) recent_.pop_front();
+}
+
+MapState GpisMappingRos::state() const {
+  const std::lock_guard<std::mutex> lock(state_mutex_);
+  return state_;
+}
+
+void GpisMappingRos::takeState(const ros::Time& stamp, bool is_new_map, const std::vector<Eigen::Vector3d>& removed) {
+  MapState next;
+  {
+    const std::lock_guard<std::mutex> lock(state_mutex_);
+    state_.snapshot = map_->snapshot();
+    state_.stamp = stamp;
+    if (is_new_map) ++state_.generation;
+    ++state_.revision;
+    next = state_;
+  }
+  publisher_.setState(next, removed);
+}
+
+bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& request,
+                             interactive_mapping_msgs::QueryMap::Response& response) {
+  try {
+    const MapState now = state();
+    Eigen::Isometry3d T_map_query = Eigen::Isometry3d::Identity();
+    response.header.frame_id = params_.input.map_frame;
+    const std::string frame = withoutSlash(request.frame_id);
+    if (!frame.empty() && frame != params_.input.map_frame) {
+      Refusal refusal;
+      const auto T = toIsometry(
+          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, ros::Time(0)).transform, &refusal);
+      if (!T) {
+        response.message = "frame_id '" + frame + "': " + refusal.message;
+        return true;
+      }
+      T_map_query = *T;
+      response.header.frame_id = frame;
+    }
+    response.header.stamp = now.stamp;
+    response.update = now.snapshot->numUpdates();
+    const gpis_mapping::Points3d points = T_map_query * toPoints(request.points);
+    for (Eigen::Index i = 0; i < points.cols(); ++i) response.num_invalid += points.col(i).allFinite() ? 0u : 1u;
+    gpis_mapping::QueryOptions options;
+    options.variance = request.with_variance != 0;
+    fillAnswer(now.snapshot->query(points, options), T_map_query.linear().transpose(), options.variance, &response);
+    response.success = true;
+    if (now.snapshot->cells().empty()) {
+      response.message = "the map is empty";
+    } else if (response.num_invalid > 0) {
+      response.message = std::to_string(response.num_invalid) + " of " + std::to_string(points.cols()) +
+                         " points are not finite and got no answer";
+    }
+  } catch (const std::exception& error) {  // tf, or out of memory
+    response = interactive_mapping_msgs::QueryMap::Response();
+    response.message = error.what();
+  }
+  return true;
+}
+
+std::size_t GpisMappingRos::save(const std::string& path) {
+  MapContents contents;
+  std::uint64_t revision = 0;
+  {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    contents = map_->contents();
+    revision = state().revision;
+  }
+  gpis_mapping::saveMap(contents, path);
+  if (path == params_.storage.autosave_file) {
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    saved_revision_ = revision;
+    saved_at_ = ros::WallTime::now();
+    save_error_.clear();
+  }
+  return contents.points.size();
+}
+
+std::string GpisMappingRos::load(const std::string& path, std::size_t* num_points) {
+  MapContents contents = gpis_mapping::loadMap(path);
+  const GpisConfig of_file = contents.config;
+  GpisConfig of_node;
+  {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    of_node = tuned_;
+  }
+  contents.config = mergedConfig(of_node, of_file);
+  *num_points = contents.points.size();
+  float newest_s = 0.0f;
+  for (const gpis_mapping::SurfacePoint& point : contents.points) newest_s = std::max(newest_s, point.last_seen_s);
+  const double stamp_s = contents.epoch_s + static_cast<double>(newest_s);
+  const ros::Time stamp =
+      stamp_s > 0.0 && stamp_s < std::numeric_limits<std::uint32_t>::max() ? ros::Time(stamp_s) : ros::Time();
+  const bool differs = gpis_mapping::toYaml(contents.config) != gpis_mapping::toYaml(of_node);
+  auto map = std::make_unique<GpisMap>(std::move(contents));  // trains; readers and updates go on meanwhile
+  {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    map_ = std::move(map);
+    tuned_ = map_->config();
+    takeState(stamp, true, {});
+  }
+  if (input_) input_->resetPoseGuard();
+  return differs ? "the sections surface, cells and observed of the file differ from the node's parameters and are used"
+                 : "";
+}
+
+void GpisMappingRos::restore() {
+  const std::string& path = params_.storage.autosave_file;
+  if (!std::filesystem::exists(path)) {
+    ROS_INFO_NAMED(kLog, "no map to restore: %s does not exist yet", path.c_str());
+    return;
+  }
+  try {
+    std::size_t num_points = 0;
+    const std::string note = load(path, &num_points);
+    const MapState now = state();
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    saved_revision_ = now.revision;
+    ROS_INFO_NAMED(kLog, "restored %zu points from %s. %s", num_points, path.c_str(), note.c_str());
+  } catch (const std::exception& error) {
+    // The next autosave would overwrite what somebody may still want to rescue.
+    const std::string aside = nameAside(path);
+    std::error_code failure;
+    std::filesystem::rename(path, aside, failure);
+    ROS_ERROR_NAMED(kLog, "map not restored, starting empty: %s. The file %s %s", error.what(),
+                    failure ? "could not be moved to" : "is now", aside.c_str());
+  }
+}
+
+bool GpisMappingRos::onSave(interactive_mapping_msgs::SaveMap::Request& request,
+                            interactive_mapping_msgs::SaveMap::Response& response) {
+  response.path = request.path.empty() ? params_.storage.autosave_file : request.path;
+  try {
+    if (response.path.empty()) throw std::invalid_argument("path is empty and storage/autosave_file is not set");
+    requireUsablePath(response.path);
+    const std::lock_guard<std::mutex> lock(file_mutex_);
+    response.num_points = save(response.path);
+    response.success = true;
+    ROS_INFO_NAMED(kLog, "saved %lu points to %s", static_cast<unsigned long>(response.num_points),
+                   response.path.c_str());
+  } catch (const std::exception& error) {
+    response.message = error.what();
+    ROS_ERROR_NAMED(kLog, "map not saved: %s", error.what());
+  }
+  return true;
+}
+
+bool GpisMappingRos::onLoad(interactive_mapping_msgs::LoadMap::Request& request,
+                            interactive_mapping_msgs::LoadMap::Response& response) {
+  response.path = request.path.empty() ? params_.storage.autosave_file : request.path;
+  try {
+    if (response.path.empty()) throw std::invalid_argument("path is empty and storage/autosave_file is not set");
+    requireUsablePath(response.path);
+    const std::lock_guard<std::mutex> lock(file_mutex_);
+    std::size_t num_points = 0;
+    response.message = load(response.path, &num_points);
+    response.num_points = num_points;
+    response.success = true;
+    ROS_INFO_NAMED(kLog, "loaded %zu points from %s. %s", num_points, response.path.c_str(), response.message.c_str());
+  } catch (const std::exception& error) {
+    response.message = std::string(error.what()) + "; the map is as it was";
+    ROS_ERROR_NAMED(kLog, "map not loaded: %s", error.what());
+  }
+  return true;
+}
+
+bool GpisMappingRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
+  try {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    const std::size_t num_points = map_->snapshot()->numPoints();
+    GpisConfig config = params_.map;  // a loaded file's cells and spacing go with its map
+    config.sensor = tuned_.sensor;
+    config.dynamic = tuned_.dynamic;
+    map_ = std::make_unique<GpisMap>(config);
+    tuned_ = config;
+    takeState(state().stamp, true, {});
+    response.success = true;
+    response.message = "forgot " + std::to_string(num_points) + " points";
+  } catch (const std::exception& error) {
+    response.message = error.what();
+  }
+  input_->resetPoseGuard();
+  return true;
+}
+
+bool GpisMappingRos::onClearBox(interactive_mapping_msgs::ClearBox::Request& request,
+                                interactive_mapping_msgs::ClearBox::Response& response) {
+  try {
+    const std::string frame = withoutSlash(request.pose.header.frame_id);
+    if (frame.empty()) throw std::invalid_argument("pose.header.frame_id is empty, must name a frame");
+    geometry_msgs::Transform in_frame;
+    in_frame.translation.x = request.pose.pose.position.x;
+    in_frame.translation.y = request.pose.pose.position.y;
+    in_frame.translation.z = request.pose.pose.position.z;
+    in_frame.rotation = request.pose.pose.orientation;
+    Refusal refusal;
+    const auto T_frame_box = toIsometry(in_frame, &refusal);
+    if (!T_frame_box) throw std::invalid_argument("pose of the box: " + refusal.message);
+    Eigen::Isometry3d T_map_frame = Eigen::Isometry3d::Identity();
+    if (frame != params_.input.map_frame) {
+      const auto T = toIsometry(
+          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, request.pose.header.stamp).transform,
+          &refusal);
+      if (!T) throw std::invalid_argument("frame_id '" + frame + "': " + refusal.message);
+      T_map_frame = *T;
+    }
+    const Eigen::Vector3d size(request.size.x, request.size.y, request.size.z);
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    const std::vector<Eigen::Vector3d> removed = map_->clearBox(T_map_frame * *T_frame_box, size);
+    takeState(state().stamp, false, removed);
+    response.num_removed = removed.size();
+    response.success = true;
+  } catch (const std::exception& error) {  // tf too
+    response.message = error.what();
+  }
+  return true;
+}
+
+void GpisMappingRos::onTune(const TuneConfig& config) {
+  tune_ = config;  // dynamic_reconfigure holds tune_mutex_ here
+  try {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    GpisConfig next = tuned_;
+    next.sensor.min_range_m = config.min_range_m;
+    next.sensor.max_range_m = config.max_range_m;
+    next.sensor.hole_policy = gpis_mapping::holePolicyFromString(config.hole_policy);
+    next.sensor.pose_std_m = config.pose_std_m;
+    next.dynamic.enabled = config.dynamic;
+    next.dynamic.tolerance_sigmas = config.tolerance_sigmas;
+    next.dynamic.min_tolerance_m = config.min_tolerance_m;
+    if (gpis_mapping::toYaml(next) != gpis_mapping::toYaml(tuned_)) {
+      map_->retune(next.sensor, next.dynamic);
+      tuned_ = next;
+      ROS_INFO_NAMED(kLog, "map retuned");
+    }
+  } catch (const std::exception& error) {
+    ROS_ERROR_NAMED(kLog, "tuning refused, the map goes on as it was: %s", error.what());
+  }
+  gpis_mapping::PoseLimits limits = params_.input.pose_limits;
+  limits.max_step_m = config.max_step_m;
+  limits.max_step_rad = config.max_step_rad;
+  limits.settle_frames = config.settle_frames;
+  input_->setPoseLimits(limits);
+  GpisMappingParams::Output output = params_.output;
+  output.rate_hz = config.rate_hz;
+  output.removed_display_s = config.removed_display_s;
+  output.mesh_color = config.mesh_color == toString(MeshColor::kHeight) ? MeshColor::kHeight : MeshColor::kUncertainty;
+  output.color_max_std_m = config.color_max_std_m;
+  publisher_.setOutput(output);
+  publisher_.setSliceHeight(config.slice_height_m);
+}
+
+void GpisMappingRos::onSliceDragged(double height_m) {
+  const boost::recursive_mutex::scoped_lock lock(tune_mutex_);
+  tune_.slice_height_m = height_m;
+  tune_server_->updateConfig(tune_);
+}
+
+void GpisMappingRos::onAutosave() {
+  const std::lock_guard<std::mutex> file_lock(file_mutex_);
+  const MapState now = state();
+  {
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    if (now.revision == saved_revision_) return;
+  }
+  try {
+    save(params_.storage.autosave_file);
+    ROS_DEBUG_NAMED(kLog, "autosaved to %s", params_.storage.autosave_file.c_str());
+  } catch (const std::exception& error) {
+    ROS_ERROR_THROTTLE_NAMED(kWarnPeriod_s, kLog, "autosave failed: %s", error.what());
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    save_error_ = error.what();
+  }
+}
+
+void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const DepthInputCounters counters = input_->counters();
+  const ros::WallTime now = ros::WallTime::now();
+  std::size_t accepted = 0;
+  std::size_t refused = 0;
+  double silence_s = kWindow_s;
+  {
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    for (const FrameTimes& frame : recent_) {
+      if ((now - frame.done).toSec() > kWindow_s) continue;
+      ++(frame.is_accepted ? accepted : refused);
+      silence_s = std::min(silence_s, (now - frame.done).toSec());
+    }
+  }
+  if (counters.received == 0) {
+    status.summary(DiagnosticStatus::WARN, "no image received on " + input_->imageTopic());
+  } else if (silence_s > kSilence_s) {
+    status.summary(DiagnosticStatus::WARN, "no image in the last " + formatted("%.0f s", kSilence_s));
+  } else if (accepted == 0) {
+    status.summary(DiagnosticStatus::ERROR, "every image is left out; " + counters.last_refusal);
+  } else if (refused * 10 > accepted + refused) {
+    status.summary(DiagnosticStatus::WARN, std::to_string(refused) + " of " + std::to_string(accepted + refused) +
+                                               " images left out lately; " + counters.last_refusal);
+  } else if (!counters.warning.empty()) {
+    status.summary(DiagnosticStatus::WARN, counters.warning);
+  } else {
+    status.summary(DiagnosticStatus::OK, "images are taken in");
+  }
+  status.add("image topic", input_->imageTopic());
+  status.add("camera info topic", input_->infoTopic());
+  status.add("rate [Hz]", formatted("%.2f", static_cast<double>(accepted) / kWindow_s));
+  status.add("received", counters.received);
+  status.add("replaced by a newer one", counters.replaced);
+  for (std::size_t i = 0; i < counters.by_status.size(); ++i) {
+    const std::string name = toString(static_cast<FrameStatus>(i));
+    status.add(i == 0 ? name : "left out: " + name, counters.by_status[i]);
+  }
+  if (!counters.last_refusal.empty()) status.add("last left out", counters.last_refusal);
+}
+
+void GpisMappingRos::diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const DepthInputCounters counters = input_->counters();
+  const auto jumps = counters.by_status[static_cast<std::size_t>(FrameStatus::kPoseJump)];
+  if (counters.has_tf_age && counters.last_tf_age_s > params_.input.tf_timeout_s) {
+    status.summary(DiagnosticStatus::WARN,
+                   "newest transform is " + formatted("%.3f s", counters.last_tf_age_s) + " older than the image");
+  } else if (counters.settled_jumps > 0) {
+    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " + std::to_string(counters.settled_jumps) +
+                                               " times: what was mapped before may stand beside what is mapped now");
+  } else {
+    status.summary(DiagnosticStatus::OK, "");
+  }
+  status.add("map frame", params_.input.map_frame);
+  status.add("age at the last image [s]",
+             counters.has_tf_age ? formatted("%.3f", counters.last_tf_age_s) : "static or none");
+  status.add("images left out for a jump", jumps);
+  status.add("jumps that stayed", counters.settled_jumps);
+  status.add("time ran back", counters.by_status[static_cast<std::size_t>(FrameStatus::kTimeRanBack)]);
+}
+
+void GpisMappingRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const MapState now = state();
+  double update_ms = 0.0;
+  double max_ms = 0.0;
+  double latency_s = 0.0;
+  std::size_t count = 0;
+  {
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    for (const FrameTimes& frame : recent_) {
+      if (!frame.is_accepted) continue;
+      ++count;
+      update_ms += frame.update_ms;
+      latency_s += frame.latency_s;
+      max_ms = std::max(max_ms, frame.update_ms);
+    }
+  }
+  const std::string display_error = publisher_.lastError();
+  if (display_error.empty()) {
+    status.summary(DiagnosticStatus::OK, "");
+  } else {
+    status.summary(DiagnosticStatus::ERROR, "cannot publish: " + display_error);
+  }
+  status.add("images in the map", now.snapshot->numUpdates());
+  status.add("points", now.snapshot->numPoints());
+  status.add("memory [MB]", formatted("%.1f", static_cast<double>(now.snapshot->memoryBytes()) / 1e6));
+  if (count > 0) {
+    status.add("update, mean [ms]", formatted("%.1f", update_ms / static_cast<double>(count)));
+    status.add("update, longest [ms]", formatted("%.1f", max_ms));
+    status.add("latency from the image's stamp [s]", formatted("%.3f", latency_s / static_cast<double>(count)));
+  }
+}
+
+void GpisMappingRos::diagnoseStorage(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const std::lock_guard<std::mutex> lock(report_mutex_);
+  if (!save_error_.empty()) {
+    status.summary(DiagnosticStatus::ERROR, "autosave failed: " + save_error_);
+  } else {
+    status.summary(DiagnosticStatus::OK, params_.storage.autosave_file.empty() ? "no autosave" : "");
+  }
+  status.add("autosave file", params_.storage.autosave_file);
+  if (!saved_at_.isZero())
+    status.add("last saved [s ago]", formatted("%.0f", (ros::WallTime::now() - saved_at_).toSec()));
+}
+
+}  // namespace gpis_mapping_ros

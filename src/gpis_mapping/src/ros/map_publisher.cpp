@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/map_publisher.h"
+
+#include <cmath>
+#include <limits>
+
+#include <interactive_mapping_msgs/SurfaceMesh.h>
+#include <nav_msgs/OccupancyGrid.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <visualization_msgs/InteractiveMarker.h>
+#include <visualization_msgs/Marker.h>
+
+#include "gpis_mapping/ground_projection.h"
+#include "gpis_mapping_ros/map_messages.h"
+
+namespace gpis_mapping_ros {
+namespace {
+
+constexpr std::size_t kMaxSliceCells = 20000;      // about 0.1 s of queries
+constexpr std::size_t kMaxRemovedPoints = 200000;  // shown at once
+constexpr char kSliceHandle[] = "slice";
+
+std::chrono::steady_clock::duration toSteady(double duration_s) {
+  return std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(duration_s));
+}
+
+}  // namespace
+
+MapPublisher::MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params)
+    : map_frame_(params.input.map_frame),
+      ground_options_(params.ground),
+      output_(params.output),
+      slice_(params.slice),
+      slice_handle_(private_nh.resolveName("slice_handle"), "", true) {
+  ros::NodeHandle nh(private_nh);
+  const auto advertise = [this, &nh](Output* output, auto type, const char* topic) {
+    using Message = decltype(type);
+    const ros::SubscriberStatusCallback connected = [this, output](const ros::SingleSubscriberPublisher&) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      output->is_stale = true;
+      has_news_ = true;
+      changed_.notify_all();
+    };
+    ros::Publisher publisher = nh.advertise<Message>(topic, 1, connected);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    output->publisher = publisher;
+  };
+  advertise(&mesh_, interactive_mapping_msgs::SurfaceMesh(), "mesh");
+  advertise(&marker_, visualization_msgs::Marker(), "mesh_marker");
+  advertise(&points_, sensor_msgs::PointCloud2(), "points");
+  advertise(&removed_points_, sensor_msgs::PointCloud2(), "removed_points");
+  advertise(&ground_, nav_msgs::OccupancyGrid(), "ground");
+  advertise(&slice_cloud_, sensor_msgs::PointCloud2(), "slice");
+  worker_ = std::thread(&MapPublisher::work, this);
+}
+
+MapPublisher::~MapPublisher() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    is_stopping_ = true;
+  }
+  changed_.notify_all();
+  worker_.join();
+  for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_}) {
+    output->publisher.shutdown();  // no callback of theirs may find this object gone
+  }
+}
+
+void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vector3d>& removed_points_map) {
+  const ros::Time now = ros::Time::now();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (state.generation != state_.generation) removed_.clear();
+    state_ = state;
+    if (!removed_points_map.empty()) removed_.emplace_back(now, removed_points_map);
+    std::size_t total = 0;
+    for (const auto& entry : removed_) total += entry.second.size();
+    while (total > kMaxRemovedPoints && removed_.size() > 1) {
+      total -= removed_.front().second.size();
+      removed_.pop_front();
+    }
+    for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_}) {
+      output->is_stale = true;
+    }
+    has_news_ = true;
+  }
+  changed_.notify_all();
+}
+
+void MapPublisher::setOutput(const GpisMappingParams::Output& output) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    output_ = output;
+    marker_.is_stale = true;
+    removed_points_.is_stale = true;
+    has_news_ = true;
+  }
+  changed_.notify_all();
+}
+
+void MapPublisher::setSliceHeight(double height_m) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (slice_.height_m == height_m) return;
+    slice_.height_m = height_m;
+    slice_cloud_.is_stale = true;
+    has_news_ = true;
+  }
+  changed_.notify_all();
+}
+
+void MapPublisher::onSliceDragged(std::function<void(double height_m)> callback) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  on_slice_dragged_ = std::move(callback);
+}
+
+std::string MapPublisher::lastError() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return last_error_;
+}
+
+void MapPublisher::work() {
+  SteadyTime next = std::chrono::steady_clock::now();
+  while (true) {
+    MapState state;
+    {
+      std::unique_lock<std::mutex> lock(mutex_);
+      // Removed points fade although nothing else happens.
+      const auto isDue = [this] { return is_stopping_ || has_news_; };
+      if (removed_.empty()) {
+        changed_.wait(lock, isDue);
+      } else {
+        changed_.wait_for(lock, toSteady(1.0 / output_.rate_hz), isDue);
+      }
+      if (is_stopping_) return;
+      changed_.wait_until(lock, next, [this] { return is_stopping_; });
+      if (is_stopping_) return;
+      has_news_ = false;
+      state = state_;
+      next = std::chrono::steady_clock::now() + toSteady(1.0 / output_.rate_hz);
+    }
+    if (!state.snapshot) continue;
+    std::string error;
+    try {
+      publish(state);
+    } catch (const std::exception& e) {  // out of memory, say: the map itself is not touched
+      error = e.what();
+    }
+    const std::lock_guard<std::mutex> lock(mutex_);
+    last_error_ = error;
+  }
+}
+
+bool MapPublisher::wants(Output* output) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!output->is_stale || output->publisher.getNumSubscribers() == 0) return false;
+  output->is_stale = false;
+  return true;
+}
+
+bool MapPublisher::removedHaveExpired(const ros::Time& now) {
+  bool has_changed = false;
+  while (!removed_.empty()) {
+    const double age = (now - removed_.front().first).toSec();
+    if (age >= 0.0 && age <= output_.removed_display_s) break;  // negative: time ran back
+    removed_.pop_front();
+    has_changed = true;
+  }
+  return has_changed;
+}
+
+void MapPublisher::publish(const MapState& state) {
+  std_msgs::Header header;
+  header.frame_id = map_frame_;
+  header.stamp = state.stamp;
+  GpisMappingParams::Output output;
+  GpisMappingParams::Slice slice;
+  std::vector<Eigen::Vector3d> removed;
+  {
+    const ros::Time now = ros::Time::now();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (removedHaveExpired(now)) removed_points_.is_stale = true;
+    output = output_;
+    slice = slice_;
+    for (const auto& entry : removed_) removed.insert(removed.end(), entry.second.begin(), entry.second.end());
+  }
+  const bool wants_mesh = wants(&mesh_);
+  const bool wants_marker = wants(&marker_);
+  if (wants_mesh || wants_marker) {
+    if (!extractor_ || extractor_generation_ != state.generation) {
+      extractor_ = std::make_unique<gpis_mapping::MeshExtractor>(state.snapshot->config());
+      extractor_generation_ = state.generation;
+    }
+    extractor_->update(*state.snapshot);
+    const gpis_mapping::TriangleMesh mesh = extractor_->mesh();
+    if (wants_mesh) {
+      mesh_.publisher.publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(
+          toSurfaceMesh(mesh, header, state.snapshot->numUpdates())));
+    }
+    if (wants_marker) {
+      marker_.publisher.publish(boost::make_shared<const visualization_msgs::Marker>(
+          toMarker(mesh, header, output.mesh_color, output.color_max_std_m)));
+    }
+  }
+  if (wants(&points_)) {
+    points_.publisher.publish(
+        boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(*state.snapshot, header)));
+  }
+  if (wants(&removed_points_)) {
+    removed_points_.publisher.publish(
+        boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(removed, header)));
+  }
+  if (wants(&ground_)) {
+    const auto grid = gpis_mapping::projectToGround(*state.snapshot, ground_options_);
+    nav_msgs::OccupancyGrid message;
+    message.header = header;
+    if (grid) message = toOccupancyGrid(*grid, header);
+    ground_.publisher.publish(boost::make_shared<const nav_msgs::OccupancyGrid>(message));
+  }
+  if (wants(&slice_cloud_)) {
+    slice_cloud_.publisher.publish(
+        boost::make_shared<const sensor_msgs::PointCloud2>(toSlice(*state.snapshot, header, slice, kMaxSliceCells)));
+  }
+  placeSliceHandle(state, slice.height_m);
+}
+
+void MapPublisher::placeSliceHandle(const MapState& state, double height_m) {
+  if (state.snapshot->cells().empty()) return;
+  if (has_handle_ && handle_height_m_ == height_m) return;
+  const double cell_size = state.snapshot->config().cells.size_m;
+  Eigen::Vector2d corner = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  for (const auto& entry : state.snapshot->cells()) corner = corner.cwiseMin(entry.first.corner(cell_size).head<2>());
+  visualization_msgs::InteractiveMarker handle;
+  handle.header.frame_id = map_frame_;  // stamp 0: always drawn at its newest
+  handle.name = kSliceHandle;
+  handle.description = "slice";
+  handle.scale = 0.4f;
+  handle.pose.position.x = corner.x();
+  handle.pose.position.y = corner.y();
+  handle.pose.position.z = height_m;
+  handle.pose.orientation.w = 1.0;
+  visualization_msgs::InteractiveMarkerControl up;
+  up.name = "height";
+  up.interaction_mode = visualization_msgs::InteractiveMarkerControl::MOVE_AXIS;
+  // Its x axis turned to z.
+  up.orientation.w = up.orientation.y = std::sqrt(0.5);
+  handle.controls.push_back(up);
+  slice_handle_.insert(handle, [this](const visualization_msgs::InteractiveMarkerFeedbackConstPtr& feedback) {
+    if (feedback->event_type != visualization_msgs::InteractiveMarkerFeedback::POSE_UPDATE) return;
+    const double dragged_m = feedback->pose.position.z;
+    if (!std::isfinite(dragged_m)) return;
+    std::function<void(double)> callback;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      callback = on_slice_dragged_;
+    }
+    setSliceHeight(dragged_m);
+    if (callback) callback(dragged_m);
+  });
+  slice_handle_.applyChanges();
+  has_handle_ = true;
+  handle_height_m_ = height_m;
+}
+
+}  // namespace gpis_mapping_ros
