@@ -74,8 +74,8 @@ struct TargetInfo {
   std::function<std::unique_ptr<Target>(Random*)> make;
 };
 
-/// All targets of the core.
-std::vector<TargetInfo> coreTargets();
+/// All targets: maps, texts, messages.
+std::vector<TargetInfo> allTargets();
 
 struct Report {
   std::uint64_t inputs{0};

@@ -103,7 +103,7 @@ int main(int argc, char** argv) {
     std::cout << description;
     return 0;
   }
-  std::vector<TargetInfo> targets = gpis_mapping_fuzz::coreTargets();
+  std::vector<TargetInfo> targets = gpis_mapping_fuzz::allTargets();
   if (values.count("list") > 0) {
     for (const TargetInfo& target : targets) std::cout << target.name << ' ' << target.inputs << '\n';
     return 0;

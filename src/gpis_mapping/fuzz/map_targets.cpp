@@ -64,7 +64,7 @@ void requireSoundMesh(const MapSnapshot& snapshot, MeshExtractor* extractor) {
 class ImageTarget : public Target {
  public:
   explicit ImageTarget(Random* random) : map_(someConfig(random)), extractor_(map_.config()) {
-    const auto [width, height] = random->pick<std::pair<int, int>>({{32, 24}, {32, 24}, {48, 36}, {17, 19}, {64, 16}});
+    const auto [width, height] = random->pick<std::pair<int, int>>({{24, 18}, {24, 18}, {32, 24}, {17, 19}, {64, 16}});
     camera_ = smallCamera(width, height);
     const double away = random->pick({0.0, 0.0, 0.0, 3e3, 1e6});
     middle_ = Eigen::Vector3d(away, -away, 0.3 * away);
@@ -88,7 +88,8 @@ class ImageTarget : public Target {
     require(must_refuse || may_refuse || outcome == Outcome::kAccepted, "refused what is in order");
     if (outcome == Outcome::kRefused) return outcome;
     if (random->chance(0.5)) requireSoundAnswers(*map_.snapshot(), random);
-    if (random->chance(0.1)) requireSoundMesh(*map_.snapshot(), &extractor_);
+    if (random->chance(0.02)) clear(random);
+    if (random->chance(0.03)) requireSoundMesh(*map_.snapshot(), &extractor_);
     if (random->chance(0.05)) {
       static const ScratchFolder folder;
       saveMap(map_.contents(), folder.file("map.gpis"));
@@ -168,6 +169,24 @@ class ImageTarget : public Target {
         std::rotate(depth.begin(), depth.begin() + static_cast<std::ptrdiff_t>(shift), depth.end());
       }
     }
+  }
+
+  /// A box of any size and pose.
+  void clear(Random* random) {
+    Eigen::Isometry3d T_map_box = Eigen::Isometry3d::Identity();
+    T_map_box.translation() = middle_ + Eigen::Vector3d(random->uniform(-1, 1), random->uniform(-1, 1), 0.0);
+    Eigen::Vector3d size(random->uniform(0.0, 0.5), random->uniform(0.0, 0.5), random->uniform(0.0, 0.5));
+    if (random->chance(0.3)) size[random->between(0, 2)] = random->oddDouble();
+    if (random->chance(0.3)) T_map_box.matrix()(random->between(0, 2), random->between(0, 3)) = random->oddDouble();
+    const std::uint64_t checksum = checksumOf(map_.contents());
+    const std::size_t before = map_.contents().points.size();
+    try {
+      const std::size_t removed = map_.clearBox(T_map_box, size).size();
+      require(map_.contents().points.size() + removed == before, "more or fewer points went than were reported");
+    } catch (const std::invalid_argument&) {
+      require(checksumOf(map_.contents()) == checksum, "a refused box changed the map");
+    }
+    requireSound(map_.contents());
   }
 
   /// Image, values and camera no longer agree.
@@ -502,10 +521,10 @@ class QueryTarget : public Target {
 
 std::vector<TargetInfo> mapTargets() {
   return {
-      {"images", 120000, 50, [](Random* random) { return std::make_unique<ImageTarget>(random); }},
-      {"cameras", 80000, 50, [](Random*) { return std::make_unique<CameraTarget>(); }},
-      {"map_files", 150000, 1000, [](Random*) { return std::make_unique<MapFileTarget>(); }},
-      {"queries", 350000, 1000, [](Random*) { return std::make_unique<QueryTarget>(); }},
+      {"images", 40000, 50, [](Random* random) { return std::make_unique<ImageTarget>(random); }},
+      {"cameras", 30000, 50, [](Random*) { return std::make_unique<CameraTarget>(); }},
+      {"map_files", 60000, 1000, [](Random*) { return std::make_unique<MapFileTarget>(); }},
+      {"queries", 250000, 1000, [](Random*) { return std::make_unique<QueryTarget>(); }},
   };
 }
 

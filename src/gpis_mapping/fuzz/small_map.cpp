@@ -48,7 +48,7 @@ CameraModel smallCamera(int width, int height) {
 GpisConfig smallConfig() {
   GpisConfig config;
   config.threads = 1;
-  config.sensor.max_range_m = 3.0;
+  config.sensor.max_range_m = 2.5;
   // The frame regressor costs window^6: 6 px instead of 12.
   config.frame_map.tile_px = 4;
   config.frame_map.overlap_px = 1;
@@ -60,7 +60,7 @@ GpisConfig smallConfig() {
   config.cells.training_margin_m = 0.075;
   config.cells.blend_margin_m = 0.035;
   config.mesh.voxels_per_cell = 5;
-  config.observed.block_size_m = 0.1;
+  config.observed.block_size_m = 0.2;
   return config;
 }
 

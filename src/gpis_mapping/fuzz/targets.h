@@ -11,6 +11,7 @@ namespace gpis_mapping_fuzz {
 
 std::vector<TargetInfo> mapTargets();
 std::vector<TargetInfo> textTargets();
+std::vector<TargetInfo> messageTargets();
 
 /// What YAML readers stumble over, and numbers at and beyond the borders of the settings.
 const std::vector<std::string>& yamlDictionary();

@@ -217,15 +217,9 @@ const std::vector<std::string>& yamlDictionary() {
 
 std::vector<TargetInfo> textTargets() {
   return {
-      {"configurations", 200000, 1000, [](Random*) { return std::make_unique<ConfigTarget>(); }},
-      {"recordings", 100000, 1000, [](Random*) { return std::make_unique<RecordingTarget>(); }},
+      {"configurations", 120000, 1000, [](Random*) { return std::make_unique<ConfigTarget>(); }},
+      {"recordings", 50000, 1000, [](Random*) { return std::make_unique<RecordingTarget>(); }},
   };
-}
-
-std::vector<TargetInfo> coreTargets() {
-  std::vector<TargetInfo> targets = mapTargets();
-  for (TargetInfo& target : textTargets()) targets.push_back(std::move(target));
-  return targets;
 }
 
 }  // namespace gpis_mapping_fuzz

@@ -21,7 +21,10 @@ constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle t
 constexpr int kCandidateStridePx = 3;
 constexpr double kFateSpacings = 2.5;       // neighbourhood in which the fate of doubtful points is decided
 constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
-constexpr double kMaxNoiseReach_m = 0.06;   // no noise makes one surface of two that are farther apart
+// Points of one face nearer than this are too many: a little less than insertion keeps, so that none comes and goes.
+constexpr double kLeastSpacings = 0.9;
+constexpr std::uint64_t kThinningPeriod = 8;  // each cell is looked through every so many updates; crowding takes hours
+constexpr double kMaxNoiseReach_m = 0.06;     // no noise makes one surface of two that are farther apart
 
 class Stopwatch {
  public:
@@ -78,41 +81,7 @@ struct GpisMap::CellUpdate {
   std::vector<SurfacePoint> removed;
   std::vector<std::size_t> doubtful;  // indices of entries
   std::vector<Cell::Entry> moved_out;
-
-  /// Takes out points that came nearer than `least_m` to a better known one of the same face. Points move along their
-  /// normals, and those of an edge lean over; without this they gather on spots that look free to the next insertion.
-  /// Returns where the points were.
-  std::vector<Eigen::Vector3d> thinOut(double least_m);
 };
-
-std::vector<Eigen::Vector3d> GpisMap::CellUpdate::thinOut(double least_m) {
-  std::vector<Cell::Entry>& entries = cell->entries;
-  std::vector<bool> is_crowded(entries.size(), false);
-  std::vector<Eigen::Vector3d> places;
-  for (std::size_t i = 0; i < entries.size(); ++i) {
-    for (std::size_t j = i + 1; j < entries.size() && !is_crowded[i]; ++j) {
-      const SurfacePoint& a = entries[i].point;
-      const SurfacePoint& b = entries[j].point;
-      if (is_crowded[j] || (a.position_map - b.position_map).squaredNorm() >= least_m * least_m) continue;
-      if (a.normal_map.dot(b.normal_map) <= kSameFaceCosine) continue;
-      const bool keep_a = a.num_looks != b.num_looks ? a.num_looks > b.num_looks : a.variance_m2 <= b.variance_m2;
-      is_crowded[keep_a ? j : i] = true;
-      places.push_back(keep_a ? b.position_map : a.position_map);
-    }
-  }
-  if (places.empty()) return places;
-  std::size_t kept = 0;
-  std::vector<std::size_t> new_index(entries.size());
-  for (std::size_t e = 0; e < entries.size(); ++e) {
-    new_index[e] = kept;
-    if (!is_crowded[e]) entries[kept++] = Cell::Entry(entries[e]);
-  }
-  entries.resize(kept);
-  doubtful.erase(std::remove_if(doubtful.begin(), doubtful.end(), [&](std::size_t e) { return is_crowded[e]; }),
-                 doubtful.end());
-  for (std::size_t& e : doubtful) e = new_index[e];
-  return places;
-}
 
 GpisMap::GpisMap(const GpisConfig& config) : config_(config), observed_(config.observed.block_size_m) {
   requireValid(config_);
@@ -353,11 +322,6 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
         }
       }
       entries.resize(kept);
-      if (job.fused == 0) continue;  // nothing moved
-      // Half the spacing is also what insertion keeps from any point.
-      for (const Eigen::Vector3d& place : job.thinOut(0.5 * config_.surface.spacing_m)) {
-        job.neighbour_mask |= neighbourMask(job.key, place);
-      }
     }
   });
   for (CellUpdate& job : jobs) {
@@ -382,6 +346,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
   }
 
   decideDoubtful(frame, jobs, statistics);
+  thinOut(jobs);
   for (const CellUpdate& job : jobs) {
     for (const SurfacePoint& point : job.removed) statistics->removed_points_map.push_back(point.position_map);
   }
@@ -436,6 +401,57 @@ void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& 
       entries.erase(entries.begin() + static_cast<std::ptrdiff_t>(*index));
     }
   }
+}
+
+void GpisMap::thinOut(const std::vector<CellUpdate>& jobs) {
+  const double least = kLeastSpacings * config_.surface.spacing_m;
+  std::vector<LatticeKey> keys;
+  for (const CellUpdate& job : jobs) {
+    if (job.fused > 0 && (num_updates_ + LatticeKeyHash()(job.key)) % kThinningPeriod == 0) keys.push_back(job.key);
+  }
+  std::sort(keys.begin(), keys.end());  // the hash map's order depends on its history
+  struct Neighbour {
+    LatticeKey key;
+    std::vector<Cell::Entry>* entries;
+  };
+  std::vector<std::pair<LatticeKey, Eigen::Vector3d>> gone;
+  const auto take = [&gone](const Neighbour& cell, std::size_t index) {
+    gone.emplace_back(cell.key, (*cell.entries)[index].point.position_map);
+    cell.entries->erase(cell.entries->begin() + static_cast<std::ptrdiff_t>(index));
+  };
+  std::vector<Neighbour> around;
+  for (const LatticeKey& key : keys) {
+    around.clear();
+    for (int d = 0; d < 27; ++d) {
+      const auto found = cells_.find(key.offset(d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1));
+      if (found != cells_.end()) around.push_back({found->first, &found->second.entries});
+    }
+    const Neighbour own{key, &cells_.at(key).entries};
+    for (std::size_t i = 0; i < own.entries->size();) {
+      const SurfacePoint point = (*own.entries)[i].point;
+      bool is_crowded = false;
+      for (const Neighbour& cell : around) {
+        for (std::size_t j = cell.entries == own.entries ? i + 1 : 0; j < cell.entries->size() && !is_crowded;) {
+          const SurfacePoint& other = (*cell.entries)[j].point;
+          if ((point.position_map - other.position_map).squaredNorm() >= least * least ||
+              point.normal_map.dot(other.normal_map) <= kSameFaceCosine) {
+            ++j;
+          } else if (point.num_looks != other.num_looks ? point.num_looks > other.num_looks
+                                                        : point.variance_m2 <= other.variance_m2) {
+            take(cell, j);
+          } else {
+            is_crowded = true;
+          }
+        }
+      }
+      if (is_crowded) {
+        take(own, i);
+      } else {
+        ++i;
+      }
+    }
+  }
+  for (const auto& [key, place] : gone) markTouched(key, neighbourMask(key, place));
 }
 
 bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
