@@ -5,6 +5,7 @@
 #include <cmath>
 #include <functional>
 #include <sstream>
+#include <stdexcept>
 
 namespace soak {
 namespace {
@@ -105,6 +106,24 @@ std::string toCsv(const std::vector<Reading>& readings) {
         << r.deleted << ',' << r.ms_per_frame << '\n';
   }
   return out.str();
+}
+
+std::vector<Reading> fromCsv(const std::string& text) {
+  std::istringstream in(text);
+  std::string line;
+  std::getline(in, line);
+  std::vector<Reading> readings;
+  for (std::size_t number = 2; std::getline(in, line); ++number) {
+    std::istringstream fields(line);
+    Reading r;
+    char c = 0;
+    fields >> r.frame >> c >> r.resident_mb >> c >> r.heap_used_mb >> c >> r.heap_free_mb >> c >> r.points >> c >>
+        r.cells >> c >> r.chunks >> c >> r.mesh_pieces >> c >> r.triangles >> c >> r.inserted >> c >> r.deleted >> c >>
+        r.ms_per_frame;
+    if (!fields) throw std::invalid_argument("line " + std::to_string(number) + " is no reading: " + line);
+    readings.push_back(r);
+  }
+  return readings;
 }
 
 }  // namespace soak

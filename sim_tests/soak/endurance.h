@@ -48,4 +48,7 @@ Verdict judge(const std::vector<Reading>& readings);
 /// The readings as CSV with a header line.
 std::string toCsv(const std::vector<Reading>& readings);
 
+/// The reverse; throws std::invalid_argument naming the line that is none.
+std::vector<Reading> fromCsv(const std::string& text);
+
 }  // namespace soak

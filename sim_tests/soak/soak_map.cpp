@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -49,6 +50,7 @@ struct Options {
   std::uint64_t seed{1};
   int threads{1};
   std::string out{"."};
+  std::string judge;
 };
 
 double residentMb() {
@@ -142,6 +144,29 @@ void saveAndLoad(const GpisMap& map, const std::string& path, std::uint64_t fram
   require(restored.snapshot()->numUpdates() == saved.num_updates, "the loaded map has another age", frame);
 }
 
+int report(const std::vector<soak::Reading>& readings) {
+  const soak::Verdict verdict = soak::judge(readings);
+  for (const soak::Growth& growth : verdict.growths) {
+    std::cout << growth.name << ": " << growth.first << " -> " << growth.last << ", slope "
+              << 100.0 * growth.slope_share << " % (at most " << 100.0 * growth.allowed_share << " %)\n";
+  }
+  for (const std::string& problem : verdict.problems) std::cout << "FAILED: " << problem << '\n';
+  if (!readings.empty()) {
+    const soak::Reading& last = readings.back();
+    std::cout << last.frame << " frames, " << last.inserted << " points inserted, " << last.deleted
+              << " deleted: " << (verdict.passed() ? "flat" : "NOT flat") << std::endl;
+  }
+  return verdict.passed() ? 0 : 1;
+}
+
+int judgeFile(const std::string& path) {
+  std::ifstream in(path);
+  std::stringstream text;
+  text << in.rdbuf();
+  if (!in) throw std::runtime_error(path + ": cannot be read");
+  return report(soak::fromCsv(text.str()));
+}
+
 int run(const Options& options) {
   std::filesystem::create_directories(options.out);
   const std::string map_path = options.out + "/soak_map.gpis";
@@ -227,15 +252,7 @@ int run(const Options& options) {
   require(csv.good(), csv_path + " could not be written", options.frames);
   std::filesystem::remove(map_path);
 
-  const soak::Verdict verdict = soak::judge(readings);
-  for (const soak::Growth& growth : verdict.growths) {
-    std::cout << growth.name << ": " << growth.first << " -> " << growth.last << ", slope "
-              << 100.0 * growth.slope_share << " % (at most " << 100.0 * growth.allowed_share << " %)\n";
-  }
-  for (const std::string& problem : verdict.problems) std::cout << "FAILED: " << problem << '\n';
-  std::cout << options.frames << " frames, " << inserted << " points inserted, " << deleted
-            << " deleted: " << (verdict.passed() ? "flat" : "NOT flat") << std::endl;
-  return verdict.passed() ? 0 : 1;
+  return report(readings);
 }
 
 }  // namespace
@@ -255,6 +272,7 @@ int main(int argc, char** argv) {
       "frames between saving and loading; 0: never");
   add("seed", po::value(&options.seed)->default_value(options.seed), "of scene and noise");
   add("threads", po::value(&options.threads)->default_value(options.threads), "of the map");
+  add("judge", po::value(&options.judge), "judge this loop.csv of an interrupted run, and do nothing else");
   add("out", po::value(&options.out)->default_value(options.out), "folder for loop.csv");
   try {
     po::variables_map values;
@@ -272,7 +290,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    return run(options);
+    return options.judge.empty() ? run(options) : judgeFile(options.judge);
   } catch (const std::exception& error) {
     std::cerr << "soak_map: " << error.what() << '\n';
     return 1;

@@ -64,6 +64,12 @@ TEST(Endurance, SingleSpikesDoNotMatter) {
   EXPECT_EQ(problemsOf(readings), "");
 }
 
+TEST(Endurance, ReadingsSurviveTheirFile) {
+  const std::string csv = toCsv(healthyRun());
+  EXPECT_EQ(toCsv(fromCsv(csv)), csv);
+  EXPECT_THROW(fromCsv("header\n1,2,3\n"), std::invalid_argument);
+}
+
 TEST(Endurance, AMapThatStandsStillIsNoProof) {
   std::vector<Reading> readings = healthyRun();
   for (Reading& r : readings) r.inserted = r.deleted = 5;
