@@ -521,10 +521,10 @@ class QueryTarget : public Target {
 
 std::vector<TargetInfo> mapTargets() {
   return {
-      {"images", 40000, 50, [](Random* random) { return std::make_unique<ImageTarget>(random); }},
-      {"cameras", 30000, 50, [](Random*) { return std::make_unique<CameraTarget>(); }},
-      {"map_files", 60000, 1000, [](Random*) { return std::make_unique<MapFileTarget>(); }},
-      {"queries", 250000, 1000, [](Random*) { return std::make_unique<QueryTarget>(); }},
+      {"images", 30000, 50, [](Random* random) { return std::make_unique<ImageTarget>(random); }},
+      {"cameras", 20000, 50, [](Random*) { return std::make_unique<CameraTarget>(); }},
+      {"map_files", 40000, 1000, [](Random*) { return std::make_unique<MapFileTarget>(); }},
+      {"queries", 300000, 1000, [](Random*) { return std::make_unique<QueryTarget>(); }},
   };
 }
 

@@ -245,7 +245,7 @@ std::vector<TargetInfo> messageTargets() {
   return {
       {"image_messages", 200000, 1000, [](Random*) { return std::make_unique<ImageMessageTarget>(); }},
       {"camera_info_messages", 150000, 1000, [](Random*) { return std::make_unique<CameraInfoTarget>(); }},
-      {"query_messages", 100000, 1000, [](Random*) { return std::make_unique<QueryMessageTarget>(); }},
+      {"query_messages", 90000, 1000, [](Random*) { return std::make_unique<QueryMessageTarget>(); }},
   };
 }
 
