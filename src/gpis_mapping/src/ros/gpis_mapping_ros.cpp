@@ -26,7 +26,6 @@ using gpis_mapping::MapContents;
 constexpr char kLog[] = "gpis_mapping";
 constexpr double kWindow_s = 5.0;   // over which diagnostics count
 constexpr double kSilence_s = 2.0;  // without an image: a warning
-constexpr double kDiagnosticsTick_s = 0.25;
 constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
 
 std::string formatted(const char* format, double value) {
@@ -110,9 +109,9 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   diagnostics_.add("transforms", this, &GpisMappingRos::diagnoseTransforms);
   diagnostics_.add("map", this, &GpisMappingRos::diagnoseMap);
   diagnostics_.add("storage", this, &GpisMappingRos::diagnoseStorage);
-  // The updater itself keeps the period; by the wall clock, so that a stopped simulation can be diagnosed.
-  diagnostics_timer_ = pnh.createWallTimer(ros::WallDuration(kDiagnosticsTick_s),
-                                           [this](const ros::WallTimerEvent&) { diagnostics_.update(); });
+  // By the wall clock, which the updater's own timing is not: a stopped simulation must be diagnosed as well.
+  diagnostics_timer_ = pnh.createWallTimer(ros::WallDuration(diagnostics_.getPeriod()),
+                                           [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
   if (!params_.storage.autosave_file.empty()) {
     autosave_timer_ = pnh.createWallTimer(ros::WallDuration(params_.storage.autosave_period_s),
                                           [this](const ros::WallTimerEvent&) { onAutosave(); });

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/conversions.h"
+
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+
+#include <gmock/gmock.h>
+
+namespace gpis_mapping_ros {
+namespace {
+
+using testing::HasSubstr;
+
+template <typename T>
+sensor_msgs::Image image(const std::string& encoding, std::uint32_t width, std::uint32_t height,
+                         const std::vector<T>& pixels, std::uint32_t padding = 0, bool big_endian = false) {
+  sensor_msgs::Image message;
+  message.encoding = encoding;
+  message.width = width;
+  message.height = height;
+  message.step = width * static_cast<std::uint32_t>(sizeof(T)) + padding;
+  message.is_bigendian = big_endian;
+  for (std::uint32_t v = 0; v < height; ++v) {
+    for (std::uint32_t u = 0; u < width; ++u) {
+      unsigned char bytes[sizeof(T)];
+      std::memcpy(bytes, &pixels[v * width + u], sizeof(T));
+      if (big_endian) std::reverse(bytes, bytes + sizeof(T));  // the tests' machine is little-endian
+      message.data.insert(message.data.end(), bytes, bytes + sizeof(T));
+    }
+    message.data.insert(message.data.end(), padding, 0xAB);
+  }
+  return message;
+}
+
+TEST(ToDepthImage, ReadsMillimetresAndMetresOfEitherByteOrderWithPaddedRows) {
+  const std::vector<std::uint16_t> raw = {0, 1500, 65535, 250, 1, 4000};
+  const std::vector<float> metres = {1.5f, -1.0f, std::numeric_limits<float>::infinity(), 0.0f, 2.5f, 3.25f};
+  for (const std::uint32_t padding : {0u, 3u}) {
+    for (const bool big_endian : {false, true}) {
+      Refusal refusal;
+      const auto from_raw = toDepthImage(image("16UC1", 3, 2, raw, padding, big_endian), 1000.0, &refusal);
+      ASSERT_TRUE(from_raw) << refusal.message;
+      EXPECT_EQ(from_raw->width, 3);
+      EXPECT_EQ(from_raw->height, 2);
+      EXPECT_FLOAT_EQ(from_raw->at(1, 0), 1.5f);
+      EXPECT_FLOAT_EQ(from_raw->at(0, 1), 0.25f);
+      EXPECT_EQ(from_raw->at(0, 0), 0.0f);
+      const auto from_float = toDepthImage(image("32FC1", 3, 2, metres, padding, big_endian), 1000.0, &refusal);
+      ASSERT_TRUE(from_float) << refusal.message;
+      EXPECT_EQ(from_float->depth_m, metres);
+    }
+  }
+  Refusal refusal;
+  EXPECT_FLOAT_EQ(toDepthImage(image("16UC1", 3, 2, raw), 5000.0, &refusal)->at(1, 0), 0.3f);
+}
+
+TEST(ToDepthImage, RefusesWhatDoesNotFitTogether) {
+  const sensor_msgs::Image good = image("32FC1", 3, 2, std::vector<float>(6, 1.0f));
+  struct Case {
+    std::function<void(sensor_msgs::Image&)> spoil;
+    FrameStatus status;
+    std::string says;
+  };
+  const std::vector<Case> cases = {
+      {[](auto& m) { m.encoding = "rgb8"; }, FrameStatus::kWrongEncoding, "encoding is 'rgb8', must be one of 16UC1"},
+      {[](auto& m) { m.encoding = ""; }, FrameStatus::kWrongEncoding, "encoding is ''"},
+      {[](auto& m) { m.encoding = std::string(5000, '\n'); }, FrameStatus::kWrongEncoding, "????...'"},
+      {[](auto& m) { m.width = 0; }, FrameStatus::kMalformedImage, "size is 0 x 2 px"},
+      {[](auto& m) { m.height = 0; }, FrameStatus::kMalformedImage, "size is 3 x 0 px"},
+      {[](auto& m) { m.step = 11; }, FrameStatus::kMalformedImage, "step 11 and 24 bytes are too few for 3 x 2 px"},
+      {[](auto& m) { m.step = 0; }, FrameStatus::kMalformedImage, "step 0"},
+      {[](auto& m) { m.data.pop_back(); }, FrameStatus::kMalformedImage, "step 12 and 23 bytes"},
+      {[](auto& m) { m.data.clear(); }, FrameStatus::kMalformedImage, "0 bytes"},
+      {[](auto& m) { m.height = 0xFFFFFFFFu; }, FrameStatus::kMalformedImage, "size is 3 x 4294967295 px"},
+      {[](auto& m) { m.height = 0x7FFFFFFFu; }, FrameStatus::kMalformedImage, "too few for 3 x 2147483647 px"},
+      {[](auto& m) {
+         m.width = m.height = 0x7FFFFFFFu;
+         m.step = 0xFFFFFFFFu;
+       },
+       FrameStatus::kMalformedImage, "too few"},
+      {[](auto& m) { m.step = 0xFFFFFFFFu; }, FrameStatus::kMalformedImage, "too few"},
+  };
+  Refusal refusal;
+  ASSERT_TRUE(toDepthImage(good, 1000.0, &refusal));
+  for (const Case& c : cases) {
+    sensor_msgs::Image message = good;
+    c.spoil(message);
+    refusal = {};
+    EXPECT_FALSE(toDepthImage(message, 1000.0, &refusal)) << c.says;
+    EXPECT_EQ(refusal.status, c.status) << c.says;
+    EXPECT_THAT(refusal.message, HasSubstr(c.says));
+    EXPECT_LT(refusal.message.size(), 200u);
+  }
+}
+
+TEST(ToCameraModel, TakesPForRectifiedTopicsAndKElse) {
+  sensor_msgs::CameraInfo info;
+  info.width = 640;
+  info.height = 480;
+  info.K = {500, 0, 320, 0, 501, 240, 0, 0, 1};
+  info.P = {510, 0, 321, 0, 0, 511, 241, 0, 0, 0, 1, 0};
+  Refusal refusal;
+  EXPECT_EQ(toCameraModel(info, true, &refusal)->fx, 510.0);
+  EXPECT_EQ(toCameraModel(info, true, &refusal)->cy, 241.0);
+  EXPECT_EQ(toCameraModel(info, false, &refusal)->fy, 501.0);
+  info.P[0] = 0.0;  // some drivers leave P empty
+  EXPECT_EQ(toCameraModel(info, true, &refusal)->fx, 500.0);
+  info.K[0] = 0.0;
+  EXPECT_FALSE(toCameraModel(info, true, &refusal));
+  EXPECT_EQ(refusal.status, FrameStatus::kBadCameraInfo);
+  EXPECT_THAT(refusal.message, HasSubstr("fx"));
+  info.K[0] = 500.0;
+  info.width = 0xFFFFFFFFu;
+  EXPECT_FALSE(toCameraModel(info, false, &refusal));
+  EXPECT_THAT(refusal.message, HasSubstr("4294967295 x 480"));
+}
+
+TEST(ToIsometry, RefusesWhatIsNoRigidMotion) {
+  geometry_msgs::Transform transform;
+  transform.translation.x = 1.0;
+  transform.rotation.z = transform.rotation.w = std::sqrt(0.5);
+  Refusal refusal;
+  const auto T = toIsometry(transform, &refusal);
+  ASSERT_TRUE(T);
+  EXPECT_LT((*T * Eigen::Vector3d::UnitX() - Eigen::Vector3d(1.0, 1.0, 0.0)).norm(), 1e-12);
+  transform.rotation.w = 0.0;
+  EXPECT_FALSE(toIsometry(transform, &refusal));
+  EXPECT_EQ(refusal.status, FrameStatus::kBadTransform);
+  transform.rotation.w = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(toIsometry(transform, &refusal));
+  transform.rotation.w = std::sqrt(0.5);
+  transform.translation.y = std::numeric_limits<double>::infinity();
+  EXPECT_FALSE(toIsometry(transform, &refusal));
+  EXPECT_FALSE(toIsometry(geometry_msgs::Transform(), &refusal)) << "the all-zero quaternion of an unset message";
+}
+
+TEST(Conversions, HoldMeasurementOnlyWithADepthOrNothingInReach) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const float inf = std::numeric_limits<float>::infinity();
+  EXPECT_FALSE(holdsMeasurement({2, 2, {nan, 0.0f, -inf, -1.0f}}));
+  EXPECT_TRUE(holdsMeasurement({2, 2, {nan, 0.0f, inf, -1.0f}}));
+  EXPECT_TRUE(holdsMeasurement({2, 2, {nan, 0.0f, -inf, 0.4f}}));
+}
+
+TEST(Conversions, KnowRectifiedTopicsAndSlashes) {
+  EXPECT_TRUE(isRectifiedTopic("/camera/depth/image_rect"));
+  EXPECT_TRUE(isRectifiedTopic("image_rect_raw"));
+  EXPECT_FALSE(isRectifiedTopic("/rectified_camera/depth/image_raw"));
+  EXPECT_EQ(withoutSlash("/map"), "map");
+  EXPECT_EQ(withoutSlash("map"), "map");
+  EXPECT_EQ(withoutSlash(""), "");
+}
+
+TEST(Conversions, EveryStatusHasAName) {
+  for (std::size_t i = 0; i < kNumFrameStatus; ++i) {
+    EXPECT_STRNE(toString(static_cast<FrameStatus>(i)), "?") << i;
+  }
+}
+
+}  // namespace
+}  // namespace gpis_mapping_ros

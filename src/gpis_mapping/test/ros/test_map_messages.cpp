@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/map_messages.h"
+
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include <gtest/gtest.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
+
+#include "analytic_surfaces.h"
+
+namespace gpis_mapping_ros {
+namespace {
+
+using gpis_mapping::GpisMap;
+using gpis_mapping::MapContents;
+using gpis_mapping::MapSnapshot;
+using gpis_mapping::SpaceState;
+using gpis_mapping::TriangleMesh;
+
+std_msgs::Header header() {
+  std_msgs::Header header;
+  header.frame_id = "map";
+  header.stamp = ros::Time(12.5);
+  return header;
+}
+
+/// A level floor at z = 0.2 m, 1 m a side.
+std::shared_ptr<const MapSnapshot> floorMap() {
+  MapContents contents;
+  gpis_mapping_test::sampleRectangle({-0.5, -0.5, 0.2}, {1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, 0.02, 0.002,
+                                     &contents.points);
+  return GpisMap(std::move(contents)).snapshot();
+}
+
+TriangleMesh triangle() {
+  TriangleMesh mesh;
+  mesh.vertices_map = {{0.0, 0.0, 0.0}, {1.0, 0.0, 0.0}, {0.0, 1.0, 2.0}, {1.0, 1.0, 1.0}};
+  mesh.normals_map.assign(4, Eigen::Vector3f(0.0f, 0.6f, 0.8f));
+  mesh.variance_m2 = {0.0f, 1e-4f, 2.5e-5f, 4.0f};
+  mesh.triangles = {{0, 1, 2}, {1, 3, 2}};
+  return mesh;
+}
+
+TEST(MapMessages, SurfaceMeshCarriesEverything) {
+  const auto message = toSurfaceMesh(triangle(), header(), 7);
+  EXPECT_EQ(message.header.frame_id, "map");
+  EXPECT_EQ(message.header.stamp, ros::Time(12.5));
+  EXPECT_EQ(message.update, 7u);
+  ASSERT_EQ(message.mesh.vertices.size(), 4u);
+  EXPECT_EQ(message.mesh.vertices[2].z, 2.0);
+  ASSERT_EQ(message.mesh.triangles.size(), 2u);
+  EXPECT_EQ(message.mesh.triangles[1].vertex_indices[1], 3u);
+  ASSERT_EQ(message.normals.size(), 12u);
+  EXPECT_EQ(message.normals[10], 0.6f);
+  EXPECT_EQ(message.variance[3], 4.0f);
+}
+
+TEST(MapMessages, MarkerHasOneColourPerCornerOnTheAskedScale) {
+  const auto marker = toMarker(triangle(), header(), MeshColor::kUncertainty, 0.01);
+  EXPECT_EQ(marker.action, visualization_msgs::Marker::ADD);
+  ASSERT_EQ(marker.points.size(), 6u);
+  ASSERT_EQ(marker.colors.size(), 6u);
+  EXPECT_EQ(marker.colors[0].r, colorOf(0.0).r);
+  EXPECT_EQ(marker.colors[1].g, colorOf(1.0).g) << "sigma 0.01 m is the far end";
+  EXPECT_NEAR(marker.colors[2].g, colorOf(0.5).g, 1e-6);
+  EXPECT_EQ(marker.colors[4].g, colorOf(1.0).g) << "beyond the far end";
+  const auto by_height = toMarker(triangle(), header(), MeshColor::kHeight, 0.01);
+  EXPECT_EQ(by_height.colors[2].b, colorOf(1.0).b);
+  EXPECT_EQ(by_height.colors[4].b, colorOf(0.5).b);
+}
+
+TEST(MapMessages, MarkerOfNothingDeletes) {
+  EXPECT_EQ(toMarker(TriangleMesh(), header(), MeshColor::kHeight, 0.01).action, visualization_msgs::Marker::DELETE);
+}
+
+TEST(MapMessages, ColoursSurviveNumbersThatAreNone) {
+  for (const double share : {-1.0, 0.0, 1.0, 2.0, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
+    const auto color = colorOf(share);
+    EXPECT_GE(color.r, 0.0f);
+    EXPECT_LE(color.r, 1.0f);
+    EXPECT_EQ(color.a, 1.0f);
+  }
+}
+
+TEST(MapMessages, PointCloudHoldsPointsNormalsAndStandardDeviations) {
+  sensor_msgs::PointCloud2 cloud = toPointCloud(*floorMap(), header());
+  ASSERT_EQ(cloud.width, 2500u);
+  sensor_msgs::PointCloud2ConstIterator<float> z(cloud, "z");
+  sensor_msgs::PointCloud2ConstIterator<float> normal(cloud, "normal_z");
+  sensor_msgs::PointCloud2ConstIterator<float> std_m(cloud, "std");
+  for (; z != z.end(); ++z, ++normal, ++std_m) {
+    EXPECT_NEAR(*z, 0.2f, 1e-6f);
+    EXPECT_NEAR(*normal, 1.0f, 1e-6f);
+    EXPECT_NEAR(*std_m, 0.002f, 1e-4f);
+  }
+}
+
+TEST(MapMessages, SliceHoldsTheDistanceToTheFloorAndNoMoreCellsThanAllowed) {
+  const auto snapshot = floorMap();
+  GpisMappingParams::Slice slice;
+  slice.height_m = 0.23;
+  slice.margin_m = 0.0;
+  for (const std::size_t max_cells : {100000u, 200u}) {
+    sensor_msgs::PointCloud2 cloud = toSlice(*snapshot, header(), slice, max_cells);
+    ASSERT_GT(cloud.width, 100u);
+    EXPECT_LE(cloud.width, max_cells + 30u);  // the last row and column may stand out
+    sensor_msgs::PointCloud2ConstIterator<float> x(cloud, "x");
+    sensor_msgs::PointCloud2ConstIterator<float> y(cloud, "y");
+    sensor_msgs::PointCloud2ConstIterator<float> distance(cloud, "distance");
+    for (; x != x.end(); ++x, ++y, ++distance) {
+      if (std::abs(*x) > 0.45f || std::abs(*y) > 0.45f) continue;  // beyond the rim it is the distance to the rim
+      EXPECT_NEAR(*distance, 0.03f, 0.002f);                       // the noise that the points claim
+    }
+  }
+  EXPECT_EQ(toSlice(*GpisMap(gpis_mapping::GpisConfig()).snapshot(), header(), slice, 100).width, 0u);
+}
+
+TEST(MapMessages, OccupancyGridKeepsStatesInRowsFromTheOrigin) {
+  gpis_mapping::GroundGrid grid;
+  grid.width = 2;
+  grid.height = 3;
+  grid.cell_size_m = 0.1;
+  grid.origin_x_m = -1.0;
+  grid.origin_y_m = 2.0;
+  grid.plane.offset_m = 0.4;
+  grid.state = {SpaceState::kFree,    SpaceState::kOccupied, SpaceState::kUnknown,
+                SpaceState::kUnknown, SpaceState::kUnknown,  SpaceState::kFree};
+  const auto message = toOccupancyGrid(grid, header());
+  EXPECT_EQ(message.data, (std::vector<std::int8_t>{0, 100, -1, -1, -1, 0}));
+  EXPECT_EQ(message.info.width, 2u);
+  EXPECT_EQ(message.info.height, 3u);
+  EXPECT_EQ(message.info.origin.position.x, -1.0);
+  EXPECT_EQ(message.info.origin.position.z, 0.4);
+}
+
+TEST(MapMessages, AnswersTurnDirectionsIntoTheFrameAskedFor) {
+  const auto snapshot = floorMap();
+  geometry_msgs::Point above;
+  above.z = 0.215;
+  geometry_msgs::Point bad;
+  bad.x = std::numeric_limits<double>::quiet_NaN();
+  const gpis_mapping::Points3d points = toPoints({above, bad});
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitX()).toRotationMatrix();  // z to -y
+  interactive_mapping_msgs::QueryMap::Response answer;
+  fillAnswer(snapshot->query(points), R, true, &answer);
+  ASSERT_EQ(answer.distance.size(), 2u);
+  EXPECT_NEAR(answer.distance[0], 0.015, 0.002);
+  EXPECT_NEAR(answer.gradient[0].y, -1.0, 0.01);
+  EXPECT_NEAR(answer.gradient[0].z, 0.0, 0.01);
+  EXPECT_NEAR(answer.euclidean_distance[0], 0.015, 0.002);
+  EXPECT_GT(answer.variance[0], 0.0);
+  EXPECT_TRUE(std::isnan(answer.distance[1]));
+  EXPECT_EQ(answer.state[1], static_cast<std::uint8_t>(SpaceState::kUnknown));
+  interactive_mapping_msgs::QueryMap::Response brief;
+  fillAnswer(snapshot->query(points), R, false, &brief);
+  EXPECT_TRUE(brief.variance.empty());
+  EXPECT_TRUE(brief.occupancy.empty());
+}
+
+}  // namespace
+}  // namespace gpis_mapping_ros
