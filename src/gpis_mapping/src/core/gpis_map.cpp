@@ -21,7 +21,8 @@ constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle t
 constexpr int kCandidateStridePx = 3;
 constexpr double kFateSpacings = 2.5;       // neighbourhood in which the fate of doubtful points is decided
 constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
-// Points of one face nearer than this are too many: a little less than insertion keeps, so that none comes and goes.
+// Points of one face nearer than this are too many, of two faces at half of it: a little less than insertion keeps, so
+// that none comes and goes.
 constexpr double kLeastSpacings = 0.9;
 constexpr std::uint64_t kThinningPeriod = 8;  // each cell is looked through every so many updates; crowding takes hours
 constexpr double kMaxNoiseReach_m = 0.06;     // no noise makes one surface of two that are farther apart
@@ -433,8 +434,9 @@ void GpisMap::thinOut(const std::vector<CellUpdate>& jobs) {
       for (const Neighbour& cell : around) {
         for (std::size_t j = cell.entries == own.entries ? i + 1 : 0; j < cell.entries->size() && !is_crowded;) {
           const SurfacePoint& other = (*cell.entries)[j].point;
-          if ((point.position_map - other.position_map).squaredNorm() >= least * least ||
-              point.normal_map.dot(other.normal_map) <= kSameFaceCosine) {
+          const bool same_face = point.normal_map.dot(other.normal_map) > kSameFaceCosine;
+          const double allowed = same_face ? least : 0.5 * least;
+          if ((point.position_map - other.position_map).squaredNorm() >= allowed * allowed) {
             ++j;
           } else if (point.num_looks != other.num_looks ? point.num_looks > other.num_looks
                                                         : point.variance_m2 <= other.variance_m2) {
