@@ -21,6 +21,7 @@
 #include "gpis_mapping/atomic_file.h"
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/mesh_extractor.h"
+#include "octomap_baseline/dynamic_octomap.h"
 #include "surface_comparison/mesh_distance.h"
 #include "surface_comparison/surface_ply.h"
 #include "synthetic_depth/depth_renderer.h"
@@ -51,6 +52,10 @@ constexpr double kGhostClearance_m = 0.03;
 /// Nearer than this to an edge of the exact surface, convex or concave, is the zone "edges" [m]: within the reach of the
 /// default map's kernel an edge is rounded.
 constexpr double kEdgeZone_m = 0.025;
+/// Where the map has the exact surface within this and the map of the last scan is farther than this from it, that scan
+/// alone gave no surface here (a face seen at a slant) and there is nothing to compare with [m]. Ghosts are not near the
+/// exact surface and stay in.
+constexpr double kReferenceGap_m = 0.01;
 constexpr double kHistogramBin_m = 0.00005;
 constexpr double kHistogramReach_m = 0.02;
 
@@ -92,6 +97,69 @@ class GpisMapper : public Mapper {
  private:
   gpis_mapping::CameraModel camera_;
   gpis_mapping::GpisMap map_;
+};
+
+/// Faces between an occupied voxel and a free one: where the map says that the surface is.
+Surface facesOf(const octomap::OcTree& tree) {
+  Surface surface;
+  const double size = tree.getResolution();
+  constexpr int kOrigin = 32768;  // key of the voxel whose lower corner is the origin
+  const auto add_faces = [&](const octomap::OcTreeKey& key) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const int side : {-1, 1}) {
+        octomap::OcTreeKey beside = key;
+        beside[static_cast<unsigned>(axis)] = static_cast<octomap::key_type>(key[static_cast<unsigned>(axis)] + side);
+        const octomap::OcTreeNode* node = tree.search(beside);
+        if (node == nullptr || tree.isNodeOccupied(node)) continue;
+        // Integer corners times the size: neighbouring voxels give bit-identical points.
+        const auto first = static_cast<std::uint32_t>(surface.points_map.size());
+        const int b = (axis + 1) % 3;
+        const int c = (axis + 2) % 3;
+        Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+        normal[axis] = static_cast<float>(side);
+        for (const auto& [step_b, step_c] : {std::pair<int, int>{0, 0}, {1, 0}, {1, 1}, {0, 1}}) {
+          Eigen::Vector3i corner(key[0] - kOrigin, key[1] - kOrigin, key[2] - kOrigin);
+          corner[axis] += side > 0 ? 1 : 0;
+          corner[b] += step_b;
+          corner[c] += step_c;
+          surface.points_map.push_back(corner.cast<double>() * size);
+          surface.normals_map.push_back(normal);
+        }
+        if (side > 0) {
+          surface.triangles.push_back({first, first + 1, first + 2});
+          surface.triangles.push_back({first, first + 2, first + 3});
+        } else {
+          surface.triangles.push_back({first, first + 2, first + 1});
+          surface.triangles.push_back({first, first + 3, first + 2});
+        }
+      }
+    }
+  };
+  for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
+    if (!tree.isNodeOccupied(*leaf)) continue;
+    // A pruned leaf stands for many voxels.
+    const auto across = static_cast<unsigned>(std::lround(leaf.getSize() / size));
+    const octomap::OcTreeKey low = leaf.getIndexKey();
+    for (unsigned i = 0; i < across * across * across; ++i) {
+      add_faces({static_cast<octomap::key_type>(low[0] + i % across),
+                 static_cast<octomap::key_type>(low[1] + i / across % across),
+                 static_cast<octomap::key_type>(low[2] + i / across / across)});
+    }
+  }
+  return surface;
+}
+
+class OctomapMapper : public Mapper {
+ public:
+  OctomapMapper(const octomap_baseline::OctomapConfig& config, const gpis_mapping::CameraModel& camera)
+      : camera_(camera), map_(config) {}
+
+  void update(const Recorded& frame) override { map_.update(frame.image, camera_, frame.T_map_camera, frame.stamp_s); }
+  Surface surface() override { return facesOf(map_.tree()); }
+
+ private:
+  gpis_mapping::CameraModel camera_;
+  octomap_baseline::DynamicOctomap map_;
 };
 
 struct System {
@@ -178,6 +246,18 @@ class GroundTruth {
     return is_within && distance_.signedDistanceScene(p_scene) > kGhostClearance_m;
   }
 
+  /// Whether the point's own pixel in the last image has a depth behind it: what a dynamic map can know to be gone.
+  bool isSeenPast(const Recorded& last_scan, const Vector3d& p_map) const {
+    const Vector3d p = last_scan.T_map_camera.inverse() * p_map;
+    if (p.z() <= 0.0) return false;
+    const synthetic_depth::CameraModel& c = scene_.camera;
+    const long u = std::lround(c.fx_px * p.x() / p.z() + c.cx_px);
+    const long v = std::lround(c.fy_px * p.y() / p.z() + c.cy_px);
+    if (u < 0 || v < 0 || u >= c.width_px || v >= c.height_px) return false;
+    const double z = last_scan.image.at(static_cast<int>(u), static_cast<int>(v));
+    return z > p.z() + kGhostClearance_m;  // false for NaN; an infinite depth is seen past
+  }
+
   bool isNearEdge(const Vector3d& p_map) const {
     const Vector3d p = T_scene_map_ * p_map;
     for (const synthetic_depth::ExposedFace& face : distance_.exposedFaces()) {
@@ -253,7 +333,8 @@ struct Options {
 };
 
 /// Compares, writes `<key>_*.ply` and `<key>_histogram.csv`, returns the system's part of the summary.
-json judge(const System& system, const Maps& maps, const GroundTruth& truth, const Options& options) {
+json judge(const System& system, const Maps& maps, const GroundTruth& truth, const Recorded& last_scan,
+           const Options& options) {
   const std::string prefix = options.out + "/" + system.key;
   const MeshDistance reference(maps.last_scan);
   std::optional<MeshDistance> other;
@@ -272,22 +353,27 @@ json judge(const System& system, const Maps& maps, const GroundTruth& truth, con
   std::vector<double> uncovered;
   std::size_t hidden = 0;
   std::size_t border = 0;
+  std::size_t gap = 0;
+  std::size_t ghosts_seen_past = 0;
   std::size_t ghosts = 0;
   std::size_t common_ghosts = 0;
   for (const Vector3d& p : cloud) {
     const bool is_ghost = truth.isGhost(p);
     ghosts += is_ghost;
+    ghosts_seen_past += is_ghost && truth.isSeenPast(last_scan, p);
     const bool is_judged = truth.isJudgedByLast(p);
     const MeshDistance::Nearest nearest = reference.nearest(p);
-    if (!is_judged || nearest.on_border) {
-      ++(is_judged ? border : hidden);
+    const double exact = truth.signedDistance(p);
+    const bool is_gap = std::abs(exact) < kReferenceGap_m && std::abs(nearest.signed_distance_m) > kReferenceGap_m;
+    if (!is_judged || nearest.on_border || is_gap) {
+      ++(!is_judged ? hidden : nearest.on_border ? border : gap);
       outside.points_map.push_back(p);
       continue;
     }
     common_ghosts += is_ghost;
     common.points_map.push_back(p);
     to_reference.push_back(nearest.signed_distance_m);
-    to_truth.push_back(truth.signedDistance(p));
+    to_truth.push_back(exact);
     (!truth.wasSeenBefore(p) ? uncovered : truth.isNearEdge(p) ? edges : faces).push_back(nearest.signed_distance_m);
     if (!other) continue;
     const MeshDistance::Nearest in_other = other->nearest(p);
@@ -323,7 +409,9 @@ json judge(const System& system, const Maps& maps, const GroundTruth& truth, con
       {"outside_border_share", shareOf(border, cloud.size())},
       {"ghost_share", shareOf(ghosts, cloud.size())},
       {"ghost_area_m2", static_cast<double>(ghosts) * area_per_point},
+      {"outside_gap_share", shareOf(gap, cloud.size())},
       {"ghost_points", ghosts},
+      {"ghost_points_measured_past", ghosts_seen_past},
       {"ghost_points_in_common", common_ghosts},
       {"against_last_scan", toJson(surface_comparison::statisticsOf(to_reference))},
       {"against_truth", toJson(surface_comparison::statisticsOf(to_truth))},
@@ -371,7 +459,8 @@ int main(int argc, char** argv) {
     ("help,h", "show this text")
     ("out,o", po::value<std::string>(), "folder to write; made if missing, files of the same name are replaced")
     ("seed,s", po::value<std::int64_t>(), "seed of the sensor noise, in place of the scene's")
-    ("noise-free", "exact depth: no noise, shadows or dropout; the range limits stay")
+    ("sensor", po::value<std::string>()->default_value("full"),
+     "full: as in the scene; complete: no shadows and dropouts; exact: no noise either, the range limits stay")
     ("config", po::value<std::string>(), "settings of gpis_mapping; default: its defaults with the scene's sensor")
     ("spacing", po::value<double>()->default_value(0.004), "of the points that are compared [m], 0.0005 to 0.1");
   // clang-format on
@@ -397,6 +486,10 @@ int main(int argc, char** argv) {
     if (arguments.count("seed") != 0 && arguments["seed"].as<std::int64_t>() < 0) {
       throw po::error("--seed = " + std::to_string(arguments["seed"].as<std::int64_t>()) + ", must be >= 0");
     }
+    const std::string sensor = arguments["sensor"].as<std::string>();
+    if (sensor != "full" && sensor != "complete" && sensor != "exact") {
+      throw po::error("--sensor = " + sensor + ", must be full, complete or exact");
+    }
     const double spacing_m = arguments["spacing"].as<double>();
     if (!(spacing_m >= 0.0005 && spacing_m <= 0.1)) {
       throw po::error("--spacing = " + std::to_string(spacing_m) + " m, must be in [0.0005, 0.1] m");
@@ -420,8 +513,13 @@ int main(int argc, char** argv) {
     return kBadScene;
   }
   if (arguments.count("seed") != 0) scene.seed = static_cast<std::uint64_t>(arguments["seed"].as<std::int64_t>());
-  const bool noise_free = arguments.count("noise-free") != 0;
+  const std::string sensor = arguments["sensor"].as<std::string>();
+  const bool noise_free = sensor == "exact";
   if (noise_free) scene.sensor = scene.sensor.withoutNoise();
+  if (sensor == "complete") {
+    scene.sensor.has_shadows = false;
+    scene.sensor.dropout_probability = 0.0;
+  }
 
   try {
     const Options options{arguments["out"].as<std::string>(), arguments["spacing"].as<double>(), scene.seed};
@@ -441,9 +539,12 @@ int main(int argc, char** argv) {
     dynamic.dynamic.enabled = true;
     gpis_mapping::GpisConfig never_deletes = config;
     never_deletes.dynamic.enabled = false;
+    octomap_baseline::OctomapConfig octomap;
+    octomap.sensor = config.sensor;
     const std::vector<System> systems = {
         {"gpis", "Dynamic GPIS", [&] { return std::make_unique<GpisMapper>(dynamic, camera); }},
         {"gpis_static", "GPIS, dynamic: false", [&] { return std::make_unique<GpisMapper>(never_deletes, camera); }},
+        {"octomap", "Dynamic OctoMap", [&] { return std::make_unique<OctomapMapper>(octomap, camera); }},
     };
 
     const GroundTruth truth(scene);
@@ -453,7 +554,7 @@ int main(int argc, char** argv) {
                     {"removal_frame", scene.firstRemovalFrame()},
                     {"removed_ids", scene.removedIds()},
                     {"seed", scene.seed},
-                    {"noise_free", noise_free},
+                    {"sensor", sensor},
                     {"spacing_m", options.spacing_m},
                     {"T_map_camera_last", json::array()},
                     {"systems", json::object()}};
@@ -465,7 +566,7 @@ int main(int argc, char** argv) {
     for (const System& system : systems) {
       std::cerr << system.title << " ...\n";
       const Maps maps = runSystem(system, frames, scene.firstRemovalFrame(), other_scan);
-      summary["systems"][system.key] = judge(system, maps, truth, options);
+      summary["systems"][system.key] = judge(system, maps, truth, frames.back(), options);
     }
     gpis_mapping::AtomicFile file(options.out + "/summary.json");
     file.write(summary.dump(2) + "\n");
