@@ -24,7 +24,9 @@ struct ClassifiedFrame {
   std::vector<float> inverse_depth;  // 1/z [1/m]; 0 where nothing was measured
   std::vector<float> inverse_range;  // 1/|x| [1/m], complete: wall pixels at the wall, no-information pixels filled
   std::vector<PixelKind> kind;
-  std::vector<std::uint8_t> blocked;  // within one kernel length of a no-information pixel
+  // Within one kernel length of a no-information pixel. Speckle does not count: a few dropouts with one surface all round
+  // leave out nothing that the pixels beside them do not tell.
+  std::vector<std::uint8_t> blocked;
   std::size_t num_surface{0};
 
   std::size_t index(int u, int v) const { return static_cast<std::size_t>(v) * width + u; }
@@ -48,6 +50,10 @@ class DepthClassifier {
  private:
   void classifyRow(const DepthImage& image, int v, ClassifiedFrame* frame) const;
   void classifyHole(const float* depth, int begin, int end, PixelKind* kind) const;
+  /// Depths beyond `near_m` by more than this belong to another surface [m].
+  double edgeDepth(double near_m) const;
+  /// Whether the no-information pixel is one of a few with one surface, or wall, all round.
+  bool isSpeckle(const ClassifiedFrame& frame, int u, int v) const;
 
   CameraModel camera_;
   GpisConfig config_;

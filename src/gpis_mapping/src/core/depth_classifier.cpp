@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include "gpis_mapping/parallel_for.h"
@@ -12,31 +13,31 @@ namespace {
 
 // A dropout this narrow between two pieces of one surface cannot be told from speckle.
 constexpr int kSpecklePx = 3;
+// Speckle has at most that many pixels in a window that reaches so far around it.
+constexpr int kSpeckleWindowPx = 2;
 // Between equal depths, a hole narrower than this (or than the widest possible shadow) waits for a second look.
 constexpr int kWideHolePx = 12;
 
-/// 1 where any pixel within (radius_u, radius_v) of `source` is set; separable box dilation by run length.
-void dilate(const std::vector<std::uint8_t>& source, int width, int height, int radius_u, int radius_v,
+/// 1 where any pixel of the ellipse with half axes (radius_u, radius_v) about a pixel of `source` is set.
+void dilate(const std::vector<std::uint8_t>& source, int width, int height, double radius_u, double radius_v,
             std::vector<std::uint8_t>* result) {
-  std::vector<std::uint8_t> rows(source.size(), 0);
-  for (int v = 0; v < height; ++v) {
-    const std::uint8_t* in = &source[static_cast<std::size_t>(v) * width];
-    std::uint8_t* out = &rows[static_cast<std::size_t>(v) * width];
-    int filled_to = 0;  // out[0, filled_to) is final
-    for (int u = 0; u < width; ++u) {
-      if (!in[u]) continue;
-      const int begin = std::max(filled_to, u - radius_u);
-      const int end = std::min(width, u + radius_u + 1);
-      for (int i = begin; i < end; ++i) out[i] = 1;
-      filled_to = std::max(filled_to, end);
-    }
-  }
   result->assign(source.size(), 0);
-  for (int v = 0; v < height; ++v) {
-    std::uint8_t* out = &(*result)[static_cast<std::size_t>(v) * width];
-    for (int w = std::max(0, v - radius_v); w <= std::min(height - 1, v + radius_v); ++w) {
-      const std::uint8_t* in = &rows[static_cast<std::size_t>(w) * width];
-      for (int u = 0; u < width; ++u) out[u] |= in[u];
+  const int rows = static_cast<int>(radius_v);
+  for (int w = 0; w < height; ++w) {
+    const std::uint8_t* in = &source[static_cast<std::size_t>(w) * width];
+    if (std::find(in, in + width, 1) == in + width) continue;
+    for (int v = std::max(0, w - rows); v <= std::min(height - 1, w + rows); ++v) {
+      const double share = (v - w) / radius_v;
+      const int reach = static_cast<int>(radius_u * std::sqrt(std::max(0.0, 1.0 - share * share)));
+      std::uint8_t* out = &(*result)[static_cast<std::size_t>(v) * width];
+      int filled_to = 0;  // what this row of the source adds to out[0, filled_to) is there
+      for (int u = 0; u < width; ++u) {
+        if (!in[u]) continue;
+        const int begin = std::max(filled_to, u - reach);
+        const int end = std::min(width, u + reach + 1);
+        for (int i = begin; i < end; ++i) out[i] = 1;
+        filled_to = std::max(filled_to, end);
+      }
     }
   }
 }
@@ -65,6 +66,10 @@ DepthClassifier::DepthClassifier(const CameraModel& camera, const GpisConfig& co
   }
 }
 
+double DepthClassifier::edgeDepth(double near_m) const {
+  return 4.0 * config_.sensor.noise.sigma(near_m) + 0.02 * near_m;
+}
+
 void DepthClassifier::classifyHole(const float* depth, int begin, int end, PixelKind* kind) const {
   const auto set = [&](PixelKind value) { std::fill(kind + begin, kind + end, value); };
   if (config_.sensor.hole_policy == HolePolicy::kWall) return set(PixelKind::kWall);
@@ -90,7 +95,7 @@ void DepthClassifier::classifyHole(const float* depth, int begin, int end, Pixel
   if (far_m == 0.0) return set(PixelKind::kWall);
   const double focal_baseline = camera_.fx * config_.sensor.baseline_m;
   const bool one_sided = !(isDepth(left) && isDepth(right));
-  const double edge_m = 4.0 * config_.sensor.noise.sigma(near_m) + 0.02 * near_m;
+  const double edge_m = edgeDepth(near_m);
   // Widest shadow that the near border can throw on the far one; on the image border the far side is unseen.
   const double shadow_px = focal_baseline * (1.0 / near_m - (one_sided ? 0.0 : 1.0 / far_m));
   if ((one_sided || far_m - near_m > edge_m) && config_.sensor.baseline_m > 0.0 && width_px <= 1.2 * shadow_px + 2.0) {
@@ -148,6 +153,27 @@ void DepthClassifier::classifyRow(const DepthImage& image, int v, ClassifiedFram
   }
 }
 
+bool DepthClassifier::isSpeckle(const ClassifiedFrame& frame, int u, int v) const {
+  int dropouts = 0;
+  float low = std::numeric_limits<float>::infinity();
+  float high = 0.0f;
+  for (int y = std::max(0, v - kSpeckleWindowPx); y <= std::min(camera_.height - 1, v + kSpeckleWindowPx); ++y) {
+    for (int x = std::max(0, u - kSpeckleWindowPx); x <= std::min(camera_.width - 1, u + kSpeckleWindowPx); ++x) {
+      const std::size_t i = frame.index(x, y);
+      if (frame.kind[i] == PixelKind::kAmbiguous) return false;
+      if (frame.kind[i] == PixelKind::kNoInformation) {
+        if (++dropouts > kSpecklePx) return false;
+        continue;
+      }
+      low = std::min(low, frame.inverse_depth[i]);  // 0: wall
+      high = std::max(high, frame.inverse_depth[i]);
+    }
+  }
+  if (high == 0.0f) return std::isfinite(low);  // wall all round
+  if (low == 0.0f || !std::isfinite(low)) return false;
+  return 1.0 / low - 1.0 / high <= edgeDepth(1.0 / high);
+}
+
 ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threads) const {
   const std::size_t size = static_cast<std::size_t>(camera_.width) * camera_.height;
   requireFits(image, camera_);
@@ -162,12 +188,13 @@ ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threa
   });
   std::vector<std::uint8_t> unknown(size);
   for (std::size_t i = 0; i < size; ++i) {
-    unknown[i] = frame.kind[i] == PixelKind::kNoInformation;
+    const int u = static_cast<int>(i) % camera_.width;
+    const int v = static_cast<int>(i) / camera_.width;
+    unknown[i] = frame.kind[i] == PixelKind::kNoInformation && !isSpeckle(frame, u, v);
     frame.num_surface += frame.kind[i] == PixelKind::kSurface;
   }
-  const int radius_u = static_cast<int>(std::ceil(config_.frame_map.kernel_length_rad * camera_.fx));
-  const int radius_v = static_cast<int>(std::ceil(config_.frame_map.kernel_length_rad * camera_.fy));
-  dilate(unknown, camera_.width, camera_.height, radius_u, radius_v, &frame.blocked);
+  dilate(unknown, camera_.width, camera_.height, config_.frame_map.kernel_length_rad * camera_.fx,
+         config_.frame_map.kernel_length_rad * camera_.fy, &frame.blocked);
   return frame;
 }
 

@@ -220,15 +220,27 @@ TEST(DepthClassifier, FillsNoInformationFromItsRow) {
   }
 }
 
+/// In an image of one depth: at most three dropouts in the 5 x 5 pixels about (u, v), itself included.
+bool isLonely(const ClassifiedFrame& frame, int u, int v) {
+  int dropouts = 0;
+  for (int j = std::max(0, v - 2); j <= std::min(frame.height - 1, v + 2); ++j) {
+    for (int i = std::max(0, u - 2); i <= std::min(frame.width - 1, u + 2); ++i) {
+      dropouts += frame.kind[frame.index(i, j)] == PixelKind::kNoInformation ? 1 : 0;
+    }
+  }
+  return dropouts <= 3;
+}
+
 TEST(DepthClassifier, BlockedMatchesBruteForceDilation) {
   GpisConfig config;
   const CameraModel camera{70, 50, 525.0, 350.0, 34.5, 24.5};  // another radius along each axis
   std::mt19937 rng(1);
+  std::size_t num_blocked = 0;
   for (const double length : {0.002, 0.006, 0.03}) {
     config.frame_map.kernel_length_rad = length;
-    const int radius_u = static_cast<int>(std::ceil(length * camera.fx));
-    const int radius_v = static_cast<int>(std::ceil(length * camera.fy));
-    for (const double share : {0.0, 0.002, 0.02, 0.3}) {
+    const double radius_u = length * camera.fx;
+    const double radius_v = length * camera.fy;
+    for (const double share : {0.0, 0.002, 0.05, 0.3}) {
       DepthImage image = flatImage(camera, 1.5f);
       std::bernoulli_distribution drop(share);
       for (float& depth : image.depth_m) {
@@ -238,16 +250,51 @@ TEST(DepthClassifier, BlockedMatchesBruteForceDilation) {
       for (int v = 0; v < camera.height; ++v) {
         for (int u = 0; u < camera.width; ++u) {
           bool near = false;
-          for (int j = std::max(0, v - radius_v); j <= std::min(camera.height - 1, v + radius_v); ++j) {
-            for (int i = std::max(0, u - radius_u); i <= std::min(camera.width - 1, u + radius_u); ++i) {
-              near = near || frame.kind[frame.index(i, j)] == PixelKind::kNoInformation;
+          for (int j = 0; j < camera.height; ++j) {
+            for (int i = 0; i < camera.width; ++i) {
+              if (frame.kind[frame.index(i, j)] != PixelKind::kNoInformation) continue;
+              if (std::hypot((i - u) / radius_u, (j - v) / radius_v) > 1.0 || isLonely(frame, i, j)) continue;
+              near = true;
             }
           }
           ASSERT_EQ(frame.blocked[frame.index(u, v)] != 0, near) << u << ", " << v;
+          num_blocked += near ? 1 : 0;
         }
       }
     }
   }
+  EXPECT_GT(num_blocked, 1000u);
+}
+
+TEST(DepthClassifier, SpeckleBlocksNothingUnlessItMayHideAnEdge) {
+  const CameraModel camera = wideCamera();
+  const auto blockedBy = [&](const DepthImage& image) {
+    const ClassifiedFrame frame = DepthClassifier(camera, GpisConfig()).classify(image, 1);
+    return std::count(frame.blocked.begin(), frame.blocked.end(), 1);
+  };
+  const auto at = [&](int u, int v) { return static_cast<std::size_t>(v) * camera.width + u; };
+  DepthImage image = flatImage(camera, 1.5f);
+  image.depth_m[at(60, 4)] = kNaN;
+  image.depth_m[at(61, 4)] = kNaN;
+  image.depth_m[at(100, 0)] = kNaN;  // at the border
+  EXPECT_EQ(blockedBy(image), 0);
+  DepthImage blob = image;
+  blob.depth_m[at(61, 5)] = kNaN;
+  EXPECT_EQ(blockedBy(blob), 0) << "three";
+  blob.depth_m[at(60, 5)] = kNaN;
+  EXPECT_GT(blockedBy(blob), 4) << "four";
+  DepthImage edge = image;
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 62; u < camera.width; ++u) edge.depth_m[at(u, v)] = 1.7f;
+  }
+  EXPECT_GT(blockedBy(edge), 2) << "an edge within two pixels";
+  DepthImage beside_wall = image;
+  beside_wall.depth_m[at(62, 5)] = std::numeric_limits<float>::infinity();
+  EXPECT_GT(blockedBy(beside_wall), 2) << "something ends here";
+  DepthImage wall = flatImage(camera, std::numeric_limits<float>::infinity());
+  wall.depth_m[at(60, 4)] = kNaN;
+  EXPECT_EQ(blockedBy(wall), 0) << "nothing in reach all round";
+  EXPECT_EQ(blockedBy(flatImage(camera, kNaN)), camera.width * camera.height);
 }
 
 TEST(DepthClassifier, RefusesAnImageOfAnotherSize) {
