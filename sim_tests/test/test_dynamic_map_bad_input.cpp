@@ -67,6 +67,10 @@ TEST(DynamicMapBadInput, IsRefusedAndLeavesTheMapAsItWas) {
       {"scaled rotation", [](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->linear() *= 1.01; }},
       {"mirror", [](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->linear().col(0) *= -1.0; }},
       {"zero rotation", [](DepthImage*, Camera*, Eigen::Isometry3d* p, double*) { p->linear().setZero(); }},
+      {"camera of less than a pixel's focal length", [](DepthImage*, Camera* c, auto*, double*) { c->fx = 1e-300; }},
+      {"camera of endless focal length", [](DepthImage*, Camera* c, auto*, double*) { c->fy = 1e300; }},
+      {"principal point far away", [](DepthImage*, Camera* c, auto*, double*) { c->cy = -1e9; }},
+      {"stamp beyond all calendars", [](DepthImage*, Camera*, auto*, double* t) { *t = -1e300; }},
       {"NaN stamp", [nan](DepthImage*, Camera*, auto*, double* t) { *t = nan; }},
       {"infinite stamp", [infinity](DepthImage*, Camera*, auto*, double* t) { *t = infinity; }},
   };
@@ -86,6 +90,52 @@ TEST(DynamicMapBadInput, IsRefusedAndLeavesTheMapAsItWas) {
   feedFrames(&undisturbed, scene, 0, 2);
   feedFrames(&map, scene, 1, 2);
   EXPECT_TRUE(areIdentical(pointsOf(map), pointsOf(undisturbed)));
+}
+
+TEST(DynamicMapBadInput, LoadedNormalsThatClaimToBeExactStayUnitVectors) {
+  const Scene scene = boxScene();
+  GpisMap map(mapConfig(scene));
+  feedFrames(&map, scene, 0, 0);
+  gpis_mapping::MapContents contents = map.contents();
+  for (SurfacePoint& point : contents.points) point.normal_variance = 0.0f;
+  GpisMap loaded(std::move(contents));
+  feedFrames(&loaded, scene, 1, 2);
+  for (const SurfacePoint& point : pointsOf(loaded)) ASSERT_NEAR(point.normal_map.norm(), 1.0f, 1e-3f);
+}
+
+TEST(DynamicMapBadInput, PointsThatCameTogetherBecomeOne) {
+  // Two points of one face on one spot, and a third of another face, as years of looks may leave them.
+  const Scene scene = boxScene();
+  GpisMap map(mapConfig(scene));
+  feedFrames(&map, scene, 0, 2);
+  gpis_mapping::MapContents contents = map.contents();
+  const double half_spacing_m = 0.5 * contents.config.surface.spacing_m;
+  const auto original = std::find_if(contents.points.begin(), contents.points.end(), [&](const SurfacePoint& p) {
+    // On the box's top, well inside its cell, so that what is added belongs to that cell too.
+    const Eigen::Vector3d q = (p.position_map / contents.config.cells.size_m).array() -
+                              (p.position_map / contents.config.cells.size_m).array().floor() - 0.5;
+    return p.position_map.z() > 0.19 && q.cwiseAbs().maxCoeff() < 0.3 && p.num_looks == 3;
+  });
+  ASSERT_NE(original, contents.points.end());
+  const Eigen::Vector3d place = original->position_map;
+  SurfacePoint beside = *original;
+  beside.position_map += Eigen::Vector3d(0.6 * half_spacing_m, 0.0, 0.0);
+  beside.num_looks = 1;
+  SurfacePoint other_face = beside;
+  other_face.normal_map = Eigen::Vector3f::UnitX();
+  const std::size_t before = contents.points.size();
+  contents.points.push_back(beside);
+  contents.points.push_back(other_face);
+  GpisMap crowded(std::move(contents));
+  for (int look = 0; look < 8; ++look) feedFrames(&crowded, scene, 2, 2);  // in one of them it is the cell's turn
+  std::size_t num_same_face = 0;
+  for (const SurfacePoint& point : pointsOf(crowded)) {
+    if ((point.position_map - place).norm() > half_spacing_m || point.normal_map.z() < 0.5f) continue;
+    ++num_same_face;
+    EXPECT_GE(point.num_looks, 3);  // the better known one stays
+  }
+  EXPECT_EQ(num_same_face, 1u);
+  EXPECT_GT(pointsOf(crowded).size(), before - before / 20);  // and nothing else goes with it
 }
 
 TEST(DynamicMapBadInput, ConstantImagesNeverCrashOrProduceBadPoints) {

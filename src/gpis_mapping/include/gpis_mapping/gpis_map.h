@@ -103,6 +103,9 @@ class GpisMap {
   /// Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
   /// can: a point goes when more of its face was removed lately than is confirmed by this frame.
   void decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics);
+  /// Of points that lie nearer than insertion would have let them, the less known one goes. Such points come about where
+  /// things come and go: what was measured at the foot of an object is fused with the ground it stood on.
+  void thinOut(const std::vector<CellUpdate>& jobs);
   void insertNew(const Frame& frame, UpdateStatistics* statistics);
   void train(UpdateStatistics* statistics);
   void publish();

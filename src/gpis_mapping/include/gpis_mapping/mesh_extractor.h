@@ -34,6 +34,9 @@ class MeshExtractor {
   /// All pieces as one mesh; vertices on the pieces' borders are shared.
   TriangleMesh mesh() const;
 
+  /// Cells with a piece, also an empty one.
+  std::size_t numPieces() const { return pieces_.size(); }
+
  private:
   struct Piece;
   using Pieces = std::unordered_map<LatticeKey, Piece, LatticeKeyHash>;

@@ -18,6 +18,9 @@ namespace gpis_mapping {
 using Points3f = Eigen::Matrix<float, 3, Eigen::Dynamic>;
 using Points3d = Eigen::Matrix<double, 3, Eigen::Dynamic>;
 
+/// Stamps beyond this are taken for broken [s]: 30000 years.
+constexpr double kMaxStamp_s = 1e12;
+
 /// Pinhole model of a rectified depth image: pixel (u, v) sees bearing ((u - cx)/fx, (v - cy)/fy).
 struct CameraModel {
   int width{0};   // [px]

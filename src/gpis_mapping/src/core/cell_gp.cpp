@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -52,22 +53,32 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
   alpha_.resize(rows);
   const float a = kernel_.decay();
   const float signal = kernel_.variance();
-  ArrayX scaled;
-  for (Eigen::Index i = 0; i < rows; ++i) {
-    const Eigen::Index below = rows - i;
-    scaled = a * ((px_[i] - px_.segment(i, below)).square() + (py_[i] - py_.segment(i, below)).square() +
-                  (pz_[i] - pz_.segment(i, below)).square())
-                     .sqrt();
-    cholesky_.col(i).tail(below) = (signal * (1.0f + scaled) * (-scaled).exp()).matrix();
-    cholesky_(i, i) += noise_[i];
-    alpha_[i] = -priorMean({px_[i], py_[i], pz_[i]}).value;
-  }
-  if (rows > 0) {
+  const auto fillCovariance = [&](float jitter) {
+    ArrayX scaled;
+    for (Eigen::Index i = 0; i < rows; ++i) {
+      const Eigen::Index below = rows - i;
+      scaled = a * ((px_[i] - px_.segment(i, below)).square() + (py_[i] - py_.segment(i, below)).square() +
+                    (pz_[i] - pz_.segment(i, below)).square())
+                       .sqrt();
+      cholesky_.col(i).tail(below) = (signal * (1.0f + scaled) * (-scaled).exp()).matrix();
+      cholesky_(i, i) += noise_[i] + jitter;
+    }
+  };
+  for (Eigen::Index i = 0; i < rows; ++i) alpha_[i] = -priorMean({px_[i], py_[i], pz_[i]}).value;
+  if (rows == 0) return;
+  // Of points that coincide and claim to be exact, rounding may leave a matrix that is not positive definite. Noise of
+  // the size of that rounding mends it; ten times as much each time it does not.
+  float jitter = 0.0f;
+  for (int attempt = 0; attempt < 8; ++attempt) {
+    fillCovariance(jitter);
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXf>, Eigen::Lower> llt(cholesky_);  // in place
-    if (llt.info() != Eigen::Success)
-      fail("covariance of " + std::to_string(rows) + " points is not positive definite");
-    llt.solveInPlace(alpha_);
+    if (llt.info() == Eigen::Success) {
+      llt.solveInPlace(alpha_);
+      return;
+    }
+    jitter = attempt == 0 ? std::numeric_limits<float>::epsilon() * signal * static_cast<float>(rows) : 10.0f * jitter;
   }
+  fail("covariance of " + std::to_string(rows) + " points is not positive definite");
 }
 
 CellGp::Mean CellGp::priorMean(const Eigen::Vector3f& x) const {

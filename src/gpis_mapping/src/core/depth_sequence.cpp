@@ -102,7 +102,10 @@ Eigen::MatrixXd readMatrix(const std::string& path, Eigen::Index rows, Eigen::In
 }
 
 cv::Mat readRawImage(const std::string& path) {
-  if (!fs::is_regular_file(path)) throw DepthSequenceError(path + ": image is missing");
+  std::error_code error_code;
+  if (!fs::is_regular_file(path, error_code)) {
+    throw DepthSequenceError(path + ": image is missing" + (error_code ? ": " + error_code.message() : ""));
+  }
   cv::Mat raw;
   try {
     raw = cv::imread(path, cv::IMREAD_UNCHANGED);

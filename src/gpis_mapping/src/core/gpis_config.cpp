@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <fstream>
 #include <map>
 #include <set>
@@ -155,11 +156,16 @@ struct YamlReader {
     }
   }
 
+  /// YAML allows whole lists and maps as keys.
+  static std::string nameOf(const YAML::Node& key) {
+    return key.IsScalar() ? key.Scalar() : key.IsNull() ? "null" : "(not a name)";
+  }
+
   /// yaml-cpp takes the first of two equal keys without a word.
   void reportRepeated(const YAML::Node& map, const std::string& section) {
     std::set<std::string> seen;
     for (const auto& entry : map) {
-      const std::string key = entry.first.as<std::string>();
+      const std::string key = nameOf(entry.first);
       if (!seen.insert(key).second) problems.push_back("key " + fullKey(section, key) + " is given twice");
     }
   }
@@ -167,7 +173,7 @@ struct YamlReader {
   void reportUnknown() {
     reportRepeated(root, "");
     for (const auto& entry : root) {
-      const std::string name = entry.first.as<std::string>();
+      const std::string name = nameOf(entry.first);
       if (known[""].count(name) > 0) continue;
       const auto section = known.find(name);
       if (section == known.end()) {
@@ -177,7 +183,7 @@ struct YamlReader {
       } else {
         reportRepeated(entry.second, name);
         for (const auto& item : entry.second) {
-          const std::string key = item.first.as<std::string>();
+          const std::string key = nameOf(item.first);
           if (section->second.count(key) == 0) problems.push_back("unknown key " + fullKey(name, key));
         }
       }
@@ -208,7 +214,7 @@ struct YamlWriter {
       std::ostringstream shorter;
       shorter.precision(digits);
       shorter << value;
-      if (std::stod(shorter.str()) == value) {
+      if (std::strtod(shorter.str().c_str(), nullptr) == value) {  // stod throws for denormals
         number.str(shorter.str());
         break;
       }

@@ -21,7 +21,11 @@ constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle t
 constexpr int kCandidateStridePx = 3;
 constexpr double kFateSpacings = 2.5;       // neighbourhood in which the fate of doubtful points is decided
 constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
-constexpr double kMaxNoiseReach_m = 0.06;   // no noise makes one surface of two that are farther apart
+// Points of one face nearer than this are too many, of two faces at half of it: a little less than insertion keeps, so
+// that none comes and goes.
+constexpr double kLeastSpacings = 0.9;
+constexpr std::uint64_t kThinningPeriod = 8;  // each cell is looked through every so many updates; crowding takes hours
+constexpr double kMaxNoiseReach_m = 0.06;     // no noise makes one surface of two that are farther apart
 
 class Stopwatch {
  public:
@@ -133,19 +137,25 @@ MapContents GpisMap::contents() const {
 
 void GpisMap::prepareCamera(const CameraModel& camera) {
   if (classifier_ && camera == camera_) return;
-  const std::vector<std::string> problems = camera.validate();
-  if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
   // Inverse range noise at the middle of the working range; FrameMap scales it tile by tile.
   const double z = 0.5 * (config_.sensor.min_range_m + config_.sensor.max_range_m);
-  regressor_ = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
+  auto regressor = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
   classifier_ = std::make_unique<DepthClassifier>(camera, config_);
+  regressor_ = std::move(regressor);
   camera_ = camera;
 }
 
 UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& camera,
                                  const Eigen::Isometry3d& T_map_camera, double stamp_s) {
   requireRigid(T_map_camera, "camera pose");
-  if (!std::isfinite(stamp_s)) throw std::invalid_argument("stamp is not finite");
+  if (!(std::abs(stamp_s) <= kMaxStamp_s)) {  // true for NaN
+    std::ostringstream text;
+    text << "stamp = " << stamp_s << " s, must be in [" << -kMaxStamp_s << ", " << kMaxStamp_s << "] s";
+    throw std::invalid_argument(text.str());
+  }
+  const std::vector<std::string> problems = camera.validate();
+  if (!problems.empty()) throw std::invalid_argument("impossible camera: " + problems.front());
+  requireFits(image, camera);  // before tables of the camera's size are made
   const int threads = resolveThreadCount(config_.threads);
   UpdateStatistics statistics;
   Stopwatch total;
@@ -337,6 +347,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
   }
 
   decideDoubtful(frame, jobs, statistics);
+  thinOut(jobs);
   for (const CellUpdate& job : jobs) {
     for (const SurfacePoint& point : job.removed) statistics->removed_points_map.push_back(point.position_map);
   }
@@ -391,6 +402,58 @@ void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& 
       entries.erase(entries.begin() + static_cast<std::ptrdiff_t>(*index));
     }
   }
+}
+
+void GpisMap::thinOut(const std::vector<CellUpdate>& jobs) {
+  const double least = kLeastSpacings * config_.surface.spacing_m;
+  std::vector<LatticeKey> keys;
+  for (const CellUpdate& job : jobs) {
+    if (job.fused > 0 && (num_updates_ + LatticeKeyHash()(job.key)) % kThinningPeriod == 0) keys.push_back(job.key);
+  }
+  std::sort(keys.begin(), keys.end());  // the hash map's order depends on its history
+  struct Neighbour {
+    LatticeKey key;
+    std::vector<Cell::Entry>* entries;
+  };
+  std::vector<std::pair<LatticeKey, Eigen::Vector3d>> gone;
+  const auto take = [&gone](const Neighbour& cell, std::size_t index) {
+    gone.emplace_back(cell.key, (*cell.entries)[index].point.position_map);
+    cell.entries->erase(cell.entries->begin() + static_cast<std::ptrdiff_t>(index));
+  };
+  std::vector<Neighbour> around;
+  for (const LatticeKey& key : keys) {
+    around.clear();
+    for (int d = 0; d < 27; ++d) {
+      const auto found = cells_.find(key.offset(d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1));
+      if (found != cells_.end()) around.push_back({found->first, &found->second.entries});
+    }
+    const Neighbour own{key, &cells_.at(key).entries};
+    for (std::size_t i = 0; i < own.entries->size();) {
+      const SurfacePoint point = (*own.entries)[i].point;
+      bool is_crowded = false;
+      for (const Neighbour& cell : around) {
+        for (std::size_t j = cell.entries == own.entries ? i + 1 : 0; j < cell.entries->size() && !is_crowded;) {
+          const SurfacePoint& other = (*cell.entries)[j].point;
+          const bool same_face = point.normal_map.dot(other.normal_map) > kSameFaceCosine;
+          const double allowed = same_face ? least : 0.5 * least;
+          if ((point.position_map - other.position_map).squaredNorm() >= allowed * allowed) {
+            ++j;
+          } else if (point.num_looks != other.num_looks ? point.num_looks > other.num_looks
+                                                        : point.variance_m2 <= other.variance_m2) {
+            take(cell, j);
+          } else {
+            is_crowded = true;
+          }
+        }
+      }
+      if (is_crowded) {
+        take(own, i);
+      } else {
+        ++i;
+      }
+    }
+  }
+  for (const auto& [key, place] : gone) markTouched(key, neighbourMask(key, place));
 }
 
 bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,

@@ -122,6 +122,12 @@ void requireUsable(const SurfacePoint& point, std::size_t index, double cell_siz
   if (!problem.empty()) throw MapFileError("point " + std::to_string(index) + ": " + problem);
 }
 
+void requireUsableEpoch(double epoch_s) {
+  if (!(std::abs(epoch_s) <= kMaxStamp_s)) {  // true for NaN
+    throw MapFileError("the map's epoch is not finite or beyond +-1e12 s");
+  }
+}
+
 void requireUsable(const ObservedLayer::Chunk& chunk) {
   const bool finite = std::all_of(chunk.begin(), chunk.end(), [](float stamp_s) { return std::isfinite(stamp_s); });
   if (!finite) throw MapFileError("observed layer: a stamp is not finite");
@@ -168,7 +174,7 @@ void putObserved(const ObservedLayer& observed, Writer* out) {
 }
 
 std::vector<char> serialise(const MapContents& contents) {
-  if (!std::isfinite(contents.epoch_s)) throw MapFileError("the map's epoch is not finite");
+  requireUsableEpoch(contents.epoch_s);
   Writer sections;
   sections.bytes().reserve(4096 + contents.points.size() * kPointBytes +
                            contents.observed.chunks().size() * kChunkBytes);
@@ -270,7 +276,7 @@ MapContents parse(const std::vector<char>& bytes, const std::string& path) {
   contents.epoch_s = meta.get<double>();
   contents.num_updates = meta.get<std::uint64_t>();
   requireEmpty(meta, "section META");
-  if (!std::isfinite(contents.epoch_s)) throw MapFileError("the map's epoch is not finite");
+  requireUsableEpoch(contents.epoch_s);
   Reader points = section(&file, kTags[2]);
   contents.points = getPoints(&points, contents.config.cells.size_m);
   Reader observed = section(&file, kTags[3]);

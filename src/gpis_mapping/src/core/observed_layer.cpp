@@ -127,6 +127,9 @@ void ObservedLayer::observe(const ClassifiedFrame& frame, const CameraModel& cam
       box.extend(T_map_camera * (ray * max_range_m));
     }
   }
+  // Only what is within range can be marked; a wide image's corners are many times as far.
+  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(max_range_m);
+  box = box.intersection(Eigen::AlignedBox3d(T_map_camera.translation() - reach, T_map_camera.translation() + reach));
   const LatticeKey low = LatticeKey::of(box.min(), chunk_size);
   const LatticeKey high = LatticeKey::of(box.max(), chunk_size);
   std::vector<LatticeKey> keys;

@@ -15,6 +15,12 @@ struct AxisBlend {
 };
 
 AxisBlend blendAxis(double x, double size, double margin) {
+  // Beyond the lattice (see LatticeKey::of), and for NaN, the cell at its border alone.
+  constexpr double kLimit = 1 << 30;
+  if (!(std::abs(x / size) < kLimit)) {
+    const std::int32_t border = x > 0.0 ? 1 << 30 : -(1 << 30);
+    return {1, {border, 0}, {1.0, 0.0}, {0.0, 0.0}};
+  }
   const std::int32_t cell = static_cast<std::int32_t>(std::floor(x / size));
   const double from_low = x - cell * size;
   const double from_high = size - from_low;

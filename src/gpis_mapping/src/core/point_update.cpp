@@ -142,7 +142,8 @@ PointOutcome Frame::fuse(const SurfaceMeasurement& seen, const Eigen::Vector3d& 
   point->position_map += gain * offset * n;
   point->variance_m2 = static_cast<float>(std::max(floor_variance, point->variance_m2 * (1.0 - gain)));
   if (agreement > kSameFaceCosine) {
-    const float w_old = 1.0f / point->normal_variance;
+    // A map file may say 0.
+    const float w_old = 1.0f / std::max(static_cast<float>(kMinNormalVariance), point->normal_variance);
     const float w_new = static_cast<float>(1.0 / seen.normal_variance);
     point->normal_map = (w_old * point->normal_map + w_new * seen_normal).normalized();
     point->normal_variance = std::max(static_cast<float>(kMinNormalVariance), 1.0f / (w_old + w_new));

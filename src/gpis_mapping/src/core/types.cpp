@@ -8,10 +8,17 @@
 namespace gpis_mapping {
 namespace {
 
-void checkPositive(const char* name, double value, std::vector<std::string>* problems) {
-  if (std::isfinite(value) && value > 0.0) return;
+// A focal length of 1/20 of the image is a field of view of 169 degrees: no rectified image has more. Far beyond 1e5 px
+// (5 degrees over 8192 px) a pixel is finer than light allows.
+constexpr double kMinFocalShare = 0.05;
+constexpr double kMaxFocal_px = 1e6;
+// A cut-out of a larger image may have its principal point outside, but not arbitrarily far.
+constexpr double kMaxCenterSizes = 10.0;
+
+void checkRange(const char* name, double value, double low, double high, std::vector<std::string>* problems) {
+  if (value >= low && value <= high) return;  // false for NaN
   std::ostringstream text;
-  text << "camera " << name << " = " << value << " px, must be > 0 px";
+  text << "camera " << name << " = " << value << " px, must be in [" << low << ", " << high << "] px";
   problems->push_back(text.str());
 }
 
@@ -23,9 +30,11 @@ std::vector<std::string> CameraModel::validate() const {
     if (size >= 16 && size <= 8192) continue;
     problems.push_back(std::string("camera ") + name + " = " + std::to_string(size) + " px, must be in [16, 8192] px");
   }
-  checkPositive("fx", fx, &problems);
-  checkPositive("fy", fy, &problems);
-  if (!std::isfinite(cx) || !std::isfinite(cy)) problems.push_back("camera principal point (cx, cy) must be finite");
+  if (!problems.empty()) return problems;  // the other ranges depend on the size
+  checkRange("fx", fx, kMinFocalShare * width, kMaxFocal_px, &problems);
+  checkRange("fy", fy, kMinFocalShare * height, kMaxFocal_px, &problems);
+  checkRange("cx", cx, -kMaxCenterSizes * width, (1.0 + kMaxCenterSizes) * width, &problems);
+  checkRange("cy", cy, -kMaxCenterSizes * height, (1.0 + kMaxCenterSizes) * height, &problems);
   return problems;
 }
 

@@ -396,6 +396,20 @@ TEST(CellGp, KeepsTheFirstPointsAsItsOwn) {
   }
 }
 
+TEST(CellGp, TakesPointsThatCoincideAndClaimToBeExact) {
+  // As a map file may hold them; a large prior makes them worse.
+  GpisConfig config;
+  config.surface.signal_std_m = 1.0;
+  std::vector<SurfacePoint> points;
+  for (int i = 0; i < 40; ++i) {
+    points.push_back(surfacePoint({0.05 + 0.005 * (i % 4), 0.05, 0.05}, Eigen::Vector3d::UnitZ(), 0.0));
+  }
+  const CellGp gp({0, 0, 0}, config, pointers(points), points.size(), points.size());
+  const CellGp::Mean mean = gp.mean({0.055, 0.05, 0.06});
+  ASSERT_TRUE(mean.valid);
+  EXPECT_NEAR(mean.value, 0.01, 1e-4);  // all in one plane: the prior mean is exact
+}
+
 TEST(CellGp, RefusesNonFinitePoints) {
   const GpisConfig config;
   const std::vector<SurfacePoint> good = planeScene(0.001).points;

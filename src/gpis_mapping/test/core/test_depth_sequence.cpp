@@ -203,6 +203,14 @@ TEST_F(TumFolder, RefusesWrongImages) {
   EXPECT_THAT(refusalOf(folder_.path()), HasSubstr("depth/1.png: image cannot be decoded"));
 }
 
+TEST_F(TumFolder, RefusesNamesThatNoFileCanHave) {
+  writeText(file("depth.txt"), "10.0 " + std::string(300, 'a') + "\n");
+  writeText(file("groundtruth.txt"), "10.0 0 0 0 0 0 0 1\n");
+  const auto sequence = openDepthSequence(folder_.path());
+  SkipReason reason;
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(0, &reason); }), HasSubstr("name too long"));
+}
+
 TEST_F(TumFolder, RefusesImpossibleCameras) {
   const std::vector<std::pair<std::string, std::string>> cases = {
       {cameraInfo("[30, 0, 15.5, 0, 31]"), "camera_matrix/data has 5 numbers, must have 9"},

@@ -182,6 +182,18 @@ TEST(GpisConfig, AKeyGivenTwiceIsRefused) {
   EXPECT_THAT(refusalOf("threads: 1\nthreads: 2\n"), HasSubstr("key threads is given twice"));
 }
 
+TEST(GpisConfig, ListsAndMapsAreNoKeys) {
+  for (const std::string text : {"? [a, b]\n: 1\n", "sensor:\n  ? {a: b}\n  : 1\n", "[]: {}\n", "~: 1\n"}) {
+    EXPECT_THAT(refusalOf(text), HasSubstr("unknown key")) << text;
+  }
+}
+
+TEST(GpisConfig, WritesNumbersOfAnySize) {
+  GpisConfig config;
+  config.sensor.baseline_m = 1e-310;  // denormal: too small for std::stod, and within the range
+  EXPECT_EQ(parseGpisConfig(toYaml(config), "written").sensor.baseline_m, 1e-310);
+}
+
 TEST(GpisConfig, MissingFileIsNamed) {
   EXPECT_THAT(messageOf<std::invalid_argument>([] { loadGpisConfig("/no/such.yaml"); }), HasSubstr("/no/such.yaml"));
   EXPECT_THAT(refusalOf("threads: 1"), Not(HasSubstr("here")));

@@ -234,6 +234,9 @@ TEST_F(MapFile, RefusesImpossiblePoints) {
   poke(&bytes, payloadOf(bytes, "META"), nan);
   EXPECT_THAT(refusalOf(withChecksum(bytes)), HasSubstr("epoch"));
   bytes = good;
+  poke(&bytes, payloadOf(bytes, "META"), -1e300);
+  EXPECT_THAT(refusalOf(withChecksum(bytes)), HasSubstr("epoch"));
+  bytes = good;
   poke(&bytes, payloadOf(bytes, "OBSV") + 20 + 12, infinity);
   EXPECT_THAT(refusalOf(withChecksum(bytes)), HasSubstr("observed layer"));
 }

@@ -2,6 +2,7 @@
 #include "gpis_mapping/partition_of_unity.h"
 
 #include <cmath>
+#include <limits>
 #include <map>
 #include <random>
 #include <set>
@@ -53,6 +54,17 @@ TEST(PartitionOfUnity, WeightsSumToOneAndGradientsToZero) {
   }
   // In the middle, at a face, at an edge, at a corner of a cube.
   EXPECT_EQ(counts, (std::set<int>{1, 2, 4, 8}));
+}
+
+TEST(PartitionOfUnity, BeyondTheLatticeTheCellAtItsBorderHasAllTheWeight) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double far : {1e300, -1e300, 1.2e8, -1.2e8, infinity, -infinity, nan}) {
+    const auto weights = weightsAt({0.05, far, 0.05});
+    ASSERT_EQ(weights.size(), 1u) << far;
+    EXPECT_EQ(weights.begin()->first, (LatticeKey{0, far > 0.0 ? 1 << 30 : -(1 << 30), 0})) << far;
+    EXPECT_EQ(weights.begin()->second, 1.0) << far;
+  }
 }
 
 TEST(PartitionOfUnity, OwnCellHasAllTheWeightInsideItsCore) {
