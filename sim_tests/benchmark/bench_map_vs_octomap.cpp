@@ -28,6 +28,7 @@
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/mesh_extractor.h"
 #include "gpis_mapping/parallel_for.h"
+#include "octomap_baseline/dynamic_octomap.h"
 #include "synthetic_depth/depth_renderer.h"
 #include "synthetic_depth/scene_distance.h"
 #include "synthetic_depth/scene_loader.h"
@@ -529,6 +530,42 @@ class OctomapContender : public Contender {
   std::unique_ptr<octomap::OcTree> tree_;
 };
 
+/// OctoMap that forgets, with the same sensor as ours.
+class ForgettingOctomapContender : public Contender {
+ public:
+  ForgettingOctomapContender(const std::string& key, const std::string& title, const gpis_mapping::GpisConfig& config)
+      : Contender(key, title) {
+    config_.sensor = config.sensor;
+    config_.region.min_m = config.region.min_m;
+    config_.region.max_m = config.region.max_m;
+    config_.threads = config.threads;
+  }
+
+  void restart() override { map_ = std::make_unique<octomap_baseline::DynamicOctomap>(config_); }
+
+  ClaimedSurface surface() override { return surfaceOf(map_->tree()); }
+
+  json report() const override {
+    json result = Contender::report();
+    result["map_mb"] = static_cast<double>(map_->tree().memoryUsage()) / 1e6;
+    result["nodes"] = map_->tree().size();
+    result["resolution_m"] = config_.resolution_m;
+    result["threads"] = gpis_mapping::resolveThreadCount(config_.threads);
+    return result;
+  }
+
+ protected:
+  double take(std::size_t, const RecordedFrame& frame, const gpis_mapping::CameraModel& camera) override {
+    const Stopwatch watch;
+    map_->update(frame.image, camera, frame.T_map_camera, frame.stamp_s);
+    return watch.ms();
+  }
+
+ private:
+  octomap_baseline::OctomapConfig config_;
+  std::unique_ptr<octomap_baseline::DynamicOctomap> map_;
+};
+
 /// Points answered per second, median of three runs.
 double throughput(Eigen::Index count, const std::function<void()>& ask) {
   std::vector<double> rates;
@@ -676,6 +713,7 @@ int run(int argc, char** argv) {
     ("frames", po::value(&num_frames)->default_value(0), "only the first so many; 0: all")
     ("queries", po::value(&num_queries)->default_value(100000), "points per band")
     ("only-ours", "no OctoMap beside the 2 cm one, no run with one thread")
+    ("octomap-forgets", "also octomap_baseline, 2 cm, our region")
     ("octomap-1cm", "also OctoMap at 1 cm (slow)")
     ("octomap-every-ray", "also OctoMap as octomap_server feeds it: one ray per pixel, not one per end voxel (slow)");
   // clang-format on
@@ -727,6 +765,10 @@ int run(int argc, char** argv) {
     same_region.region = &config.region;
     contenders.push_back(
         std::make_unique<OctomapContender>("octomap_2cm_region", "OctoMap 2 cm, our region", same_region));
+  }
+  if (arguments.count("octomap-forgets") != 0) {
+    contenders.push_back(
+        std::make_unique<ForgettingOctomapContender>("octomap_baseline_2cm", "octomap_baseline 2 cm", config));
   }
   if (arguments.count("octomap-1cm") != 0) {
     OctomapContender::Options fine;

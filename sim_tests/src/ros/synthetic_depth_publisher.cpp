@@ -127,6 +127,8 @@ PublisherParams loadPublisherParams(const ros::NodeHandle& private_nh) {
     reader.read("encoding", params.encoding, "32FC1 or 16UC1");
     reader.read("rate_hz", params.rate_hz, "a number in [0, 1000] Hz");
     reader.read("loop", params.loop);
+    reader.read("first_frame", params.first_frame, "an integer, 0 or more");
+    reader.read("last_frame", params.last_frame, "an integer, -1 or more");
     reader.read("apply_sensor", params.apply_sensor);
     reader.read("publish_clock", params.publish_clock);
     reader.read("wait_for_subscriber", params.wait_for_subscriber);
@@ -140,6 +142,8 @@ PublisherParams loadPublisherParams(const ros::NodeHandle& private_nh) {
     reader.check(params.encoding == "32FC1" || params.encoding == "16UC1", "encoding", params.encoding,
                  "32FC1 or 16UC1");
     reader.check(params.rate_hz >= 0.0 && params.rate_hz <= 1000.0, "rate_hz", params.rate_hz, "in [0, 1000] Hz");
+    reader.check(params.first_frame >= 0, "first_frame", params.first_frame, "0 or more");
+    reader.check(params.last_frame >= -1, "last_frame", params.last_frame, "-1 or more");
     reader.check(params.seed >= -1, "seed", params.seed, "-1 or more");
     reader.finish();
   } catch (const XmlRpc::XmlRpcException& error) {
@@ -160,6 +164,14 @@ SyntheticDepthPublisher::SyntheticDepthPublisher(const ros::NodeHandle& nh, cons
   if (!(params_.rate_hz > 0.0)) {
     params_.rate_hz = scene_.fps;
   }
+  if (params_.last_frame < 0) {
+    params_.last_frame = scene_.numFrames() - 1;
+  }
+  if (params_.first_frame > params_.last_frame || params_.last_frame >= scene_.numFrames()) {
+    throw std::invalid_argument("first_frame = " + std::to_string(params_.first_frame) + ", last_frame = " +
+                                std::to_string(params_.last_frame) + ", must be in order and in [0, " +
+                                std::to_string(scene_.numFrames() - 1) + "], the frames of " + params_.scene_file);
+  }
   camera_info_ = cameraInfo(scene_.camera, params_.camera_frame);
   constexpr std::uint32_t kQueueSize = 10;
   // Not a CameraPublisher: that cannot tell whether both topics have a subscriber.
@@ -168,10 +180,10 @@ SyntheticDepthPublisher::SyntheticDepthPublisher(const ros::NodeHandle& nh, cons
   if (params_.publish_clock) {
     clock_publisher_ = nh_.advertise<rosgraph_msgs::Clock>("/clock", kQueueSize);
   }
-  ROS_INFO("%s: %d frames, %zu boxes, %s at %.3g Hz, %s -> %s, loop %s, sensor %s, clock %s",
-           params_.scene_file.c_str(), scene_.numFrames(), scene_.boxes.size(), params_.encoding.c_str(),
-           params_.rate_hz, params_.map_frame.c_str(), params_.camera_frame.c_str(), params_.loop ? "on" : "off",
-           params_.apply_sensor ? "on" : "off", params_.publish_clock ? "on" : "off");
+  ROS_INFO("%s: frames %d to %d of %d, %zu boxes, %s at %.3g Hz, %s -> %s, loop %s, sensor %s, clock %s",
+           params_.scene_file.c_str(), params_.first_frame, params_.last_frame, scene_.numFrames(), scene_.boxes.size(),
+           params_.encoding.c_str(), params_.rate_hz, params_.map_frame.c_str(), params_.camera_frame.c_str(),
+           params_.loop ? "on" : "off", params_.apply_sensor ? "on" : "off", params_.publish_clock ? "on" : "off");
   // Wall time, as this node may be the one that makes ROS time.
   timer_ = nh_.createWallTimer(ros::WallDuration(1.0 / params_.rate_hz),
                                [this](const ros::WallTimerEvent&) { publishNext(); });
@@ -182,16 +194,17 @@ void SyntheticDepthPublisher::publishNext() {
       (image_publisher_.getNumSubscribers() == 0 || info_publisher_.getNumSubscribers() == 0)) {
     return;
   }
-  if (!params_.loop && num_published_ == scene_.numFrames()) {
+  if (!params_.loop && num_published_ == numFrames()) {
     timer_.stop();
-    ROS_INFO("sequence is complete: %d frames", scene_.numFrames());
+    ROS_INFO("sequence is complete: %d frames", numFrames());
     return;
   }
-  const int frame = static_cast<int>(num_published_ % scene_.numFrames());
+  const int frame = params_.first_frame + static_cast<int>(num_published_ % numFrames());
   // The scene's time runs on through loops: ROS time must not jump back.
-  const ros::Time stamp = params_.publish_clock
-                              ? ros::Time(scene_.start_time_s + static_cast<double>(num_published_) / scene_.fps)
-                              : ros::Time::now();
+  const ros::Time stamp =
+      params_.publish_clock
+          ? ros::Time(scene_.start_time_s + static_cast<double>(params_.first_frame + num_published_) / scene_.fps)
+          : ros::Time::now();
   ++num_published_;
   if (params_.publish_clock) {
     rosgraph_msgs::Clock clock;

@@ -21,9 +21,11 @@ struct PublisherParams {
   std::string encoding{"32FC1"};    ///< 32FC1 [m] or 16UC1 [mm, 0 = invalid] (REP-118)
   double rate_hz{0.0};              ///< frames per second of wall time; 0 = the scene's fps
   bool loop{true};                  ///< start again after the last frame
+  int first_frame{0};               ///< frames before this one are left out
+  int last_frame{-1};               ///< frames after this one are left out; -1 = none
   bool apply_sensor{true};          ///< false: exact depth within the range limits
   bool publish_clock{false};        ///< publish /clock and stamp with the scene's own time
-  bool wait_for_subscriber{false};  ///< hold frame 0 back until image and info both have a subscriber
+  bool wait_for_subscriber{false};  ///< hold the first frame back until image and info both have a subscriber
   int seed{-1};                     ///< of the sensor noise; -1 = the scene's
 };
 
@@ -34,10 +36,12 @@ PublisherParams loadPublisherParams(const ros::NodeHandle& private_nh);
 /// All messages of a frame have one stamp, and tf goes out first. Callbacks run in the global queue (serial).
 class SyntheticDepthPublisher {
  public:
-  /// Throws std::invalid_argument if the scene is refused.
+  /// Throws std::invalid_argument if the scene is refused or has not got the frames asked for.
   SyntheticDepthPublisher(const ros::NodeHandle& nh, const PublisherParams& params);
 
  private:
+  /// Of one round.
+  int numFrames() const { return params_.last_frame - params_.first_frame + 1; }
   void publishNext();
 
   PublisherParams params_;

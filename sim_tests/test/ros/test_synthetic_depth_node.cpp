@@ -20,9 +20,9 @@
 namespace sim_tests_ros {
 namespace {
 
-/// Serves callbacks until the condition holds; false if it does not within 20 s.
-bool waitUntil(const std::function<bool()>& condition) {
-  const ros::WallTime deadline = ros::WallTime::now() + ros::WallDuration(20.0);
+/// Serves callbacks until the condition holds; false if it does not within the time.
+bool waitUntil(const std::function<bool()>& condition, double timeout_s = 20.0) {
+  const ros::WallTime deadline = ros::WallTime::now() + ros::WallDuration(timeout_s);
   while (ros::ok() && ros::WallTime::now() < deadline) {
     if (condition()) {
       return true;
@@ -55,7 +55,7 @@ class Recorder {
         "depth/camera_info", 100,
         [this](const sensor_msgs::CameraInfoConstPtr& message) { infos[message->header.stamp] = message; });
     // The node starts once image and info have a subscriber: everything else must be connected by then.
-    EXPECT_TRUE(waitUntil([this] { return tf_.getNumPublishers() >= 2 && clock_.getNumPublishers() >= 1; }));
+    EXPECT_TRUE(waitUntil([this] { return tf_.getNumPublishers() >= 3 && clock_.getNumPublishers() >= 1; }));
     image_ = nh.subscribe<sensor_msgs::Image>(
         "depth/image_rect", 100,
         [this](const sensor_msgs::ImageConstPtr& message) { images[message->header.stamp] = message; });
@@ -148,6 +148,32 @@ TEST(SyntheticDepthNode, PublishesMillimetresAndClockOnceThroughIfAsked) {
   }
 }
 
+TEST(SyntheticDepthNode, PublishesOnlyTheFramesAskedFor) {
+  const synthetic_depth::Scene scene = testScene();
+  Recorder recorder("part", "part_optical_frame");
+  // The publisher goes on offering its topics after its last frame: what would come too much could still come.
+  ASSERT_TRUE(waitUntil([&] { return recorder.completeStamps().size() >= 2; }));
+  EXPECT_FALSE(waitUntil([&] { return recorder.images.size() > 2; }, 0.5)) << "15 frames could have come since";
+  ASSERT_EQ(recorder.completeStamps().size(), 2U);
+  int frame = 1;
+  for (const ros::Time& stamp : recorder.completeStamps()) {
+    EXPECT_EQ(frameOfPose(scene, toPose(recorder.transforms[stamp].transform)), frame);
+    ++frame;
+  }
+}
+
+TEST(SyntheticDepthNode, RefusesFramesThatTheSceneHasNot) {
+  PublisherParams params;
+  params.scene_file = ros::NodeHandle("~").param<std::string>("scene_file", "");
+  params.last_frame = 4;  // of 0 to 3
+  EXPECT_THROW(SyntheticDepthPublisher(ros::NodeHandle("refused"), params), std::invalid_argument);
+  params.first_frame = 3;
+  params.last_frame = 2;
+  EXPECT_THROW(SyntheticDepthPublisher(ros::NodeHandle("refused"), params), std::invalid_argument);
+  params.last_frame = 3;
+  EXPECT_NO_THROW(SyntheticDepthPublisher(ros::NodeHandle("refused"), params));
+}
+
 /// The message with which a set of private parameters is refused, or "accepted".
 std::string refusal(const std::function<void(ros::NodeHandle&)>& set_params) {
   ros::NodeHandle nh("~candidate");
@@ -186,6 +212,8 @@ TEST(PublisherParams, RefuseUnknownKeysWrongTypesAndBadValuesByName) {
       {[](Nh& nh) { nh.setParam("loop", "yes"); }, "candidate/loop"},
       {[](Nh& nh) { nh.setParam("loop", 1); }, "candidate/loop"},
       {[](Nh& nh) { nh.setParam("seed", -2); }, "candidate/seed = -2"},
+      {[](Nh& nh) { nh.setParam("first_frame", -1); }, "candidate/first_frame = -1, must be 0 or more"},
+      {[](Nh& nh) { nh.setParam("last_frame", -2); }, "candidate/last_frame = -2, must be -1 or more"},
       {[](Nh& nh) { nh.setParam("map_frame", "/map"); }, "candidate/map_frame = /map"},
       {[](Nh& nh) { nh.setParam("camera_frame", "map"); }, "candidate/camera_frame = map"},
   };

@@ -48,6 +48,9 @@ struct GpisMappingParams {
 /// "uncertainty", "height".
 const char* toString(MeshColor color);
 
+/// The node's own parameters in the layout of config/gpis_mapping_node.yaml; those of the map are not in it.
+std::string toYaml(const GpisMappingParams& params);
+
 /// Reads `~` parameters: `~map/...` in the layout of config/gpis_mapping.yaml, the rest in that of
 /// config/gpis_mapping_node.yaml. Throws one std::invalid_argument that lists every unknown key, wrong type and
 /// impossible value.

@@ -29,7 +29,7 @@ std_msgs::ColorRGBA colorOf(double share);
 interactive_mapping_msgs::SurfaceMesh toSurfaceMesh(const gpis_mapping::TriangleMesh& mesh,
                                                     const std_msgs::Header& header, std::uint64_t update);
 
-/// One triangle list, coloured per vertex.
+/// One triangle list, coloured per vertex, darker where the surface is not level.
 visualization_msgs::Marker toMarker(const gpis_mapping::TriangleMesh& mesh, const std_msgs::Header& header,
                                     MeshColor color, double color_max_std_m);
 
@@ -42,10 +42,24 @@ sensor_msgs::PointCloud2 toPointCloud(const std::vector<Eigen::Vector3d>& points
 /// Free 0, occupied 100, unknown -1.
 nav_msgs::OccupancyGrid toOccupancyGrid(const gpis_mapping::GroundGrid& grid, const std_msgs::Header& header);
 
-/// A horizontal plane of signed distances over the mapped surface: x y z, distance [m], std of the field [m]. Cells
-/// without an answer are left out. The cells grow where more than `max_cells` would be needed.
-sensor_msgs::PointCloud2 toSlice(const gpis_mapping::MapSnapshot& snapshot, const std_msgs::Header& header,
-                                 const GpisMappingParams::Slice& slice, std::size_t max_cells);
+/// A horizontal plane of signed distances over the mapped surface, cell by cell; those without an answer are left out.
+struct SliceCells {
+  double cell_size_m{0.0};
+  gpis_mapping::Points3d centres_map;
+  Eigen::VectorXd distance;  // signed [m]
+  Eigen::VectorXd std;       // of the field [m]
+};
+
+/// The cells grow where more than `max_cells` would be needed.
+SliceCells makeSlice(const gpis_mapping::MapSnapshot& snapshot, const GpisMappingParams::Slice& slice,
+                     std::size_t max_cells);
+
+/// x y z, distance [m], std of the field [m].
+sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::Header& header);
+
+/// A square per cell: blue outside, white on the surface, red inside; full at kSliceColorRange_m.
+visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Header& header);
+constexpr double kSliceColorRange_m = 0.25;
 
 interactive_mapping_msgs::MapUpdate toMapUpdate(const gpis_mapping::UpdateStatistics& statistics,
                                                 const std_msgs::Header& header, std::uint64_t update, double wait_ms);

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <geometry_msgs/Pose.h>
 #include <interactive_markers/interactive_marker_server.h>
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
@@ -33,7 +34,7 @@ struct MapState {
 };
 
 /// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
-/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~ground`, `~slice`. Whoever subscribes gets the current state
+/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~ground`, `~slice`, `~slice_marker`. Whoever subscribes gets the current state
 /// at once. All methods may be called from any thread.
 class MapPublisher {
  public:
@@ -79,13 +80,14 @@ class MapPublisher {
   std::deque<std::pair<ros::Time, std::vector<Eigen::Vector3d>>> removed_;  // with the time they were removed
   std::function<void(double)> on_slice_dragged_;
   std::string last_error_;
-  Output mesh_, marker_, points_, removed_points_, ground_, slice_cloud_;
+  Output mesh_, marker_, points_, removed_points_, ground_, slice_cloud_, slice_marker_;
 
   // Of the worker alone.
   std::unique_ptr<gpis_mapping::MeshExtractor> extractor_;
   std::uint64_t extractor_generation_{0};
   bool has_handle_{false};
   double handle_height_m_{0.0};
+  geometry_msgs::Pose handle_pose_;  // as inserted
 
   interactive_markers::InteractiveMarkerServer slice_handle_;
   std::thread worker_;

@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include <yaml-cpp/yaml.h>
+
 #include "gpis_mapping_ros/param_reader.h"
 
 namespace gpis_mapping_ros {
@@ -43,6 +45,39 @@ std::vector<std::string> GpisMappingParams::validate() const {
     }
   }
   return problems;
+}
+
+std::string toYaml(const GpisMappingParams& params) {
+  const DepthInputParams& input = params.input;
+  YAML::Node yaml;
+  yaml["input"]["map_frame"] = input.map_frame;
+  yaml["input"]["camera_frame"] = input.camera_frame;
+  yaml["input"]["image_transport"] = input.image_transport;
+  yaml["input"]["depth_units_per_metre"] = input.depth_units_per_metre;
+  yaml["input"]["tf_timeout_s"] = input.tf_timeout_s;
+  yaml["input"]["max_future_s"] = input.max_future_s;
+  YAML::Node limits = yaml["input"]["pose_limits"];
+  limits["max_step_m"] = input.pose_limits.max_step_m;
+  limits["max_step_rad"] = input.pose_limits.max_step_rad;
+  limits["max_speed_mps"] = input.pose_limits.max_speed_mps;
+  limits["max_turn_radps"] = input.pose_limits.max_turn_radps;
+  limits["settle_frames"] = input.pose_limits.settle_frames;
+  yaml["output"]["rate_hz"] = params.output.rate_hz;
+  yaml["output"]["removed_display_s"] = params.output.removed_display_s;
+  yaml["output"]["mesh_color"] = toString(params.output.mesh_color);
+  yaml["output"]["color_max_std_m"] = params.output.color_max_std_m;
+  yaml["slice"]["height_m"] = params.slice.height_m;
+  yaml["slice"]["cell_size_m"] = params.slice.cell_size_m;
+  yaml["slice"]["margin_m"] = params.slice.margin_m;
+  yaml["ground"]["cell_size_m"] = params.ground.cell_size_m;
+  yaml["ground"]["max_tilt_rad"] = params.ground.max_tilt_rad;
+  yaml["ground"]["plane_tolerance_m"] = params.ground.plane_tolerance_m;
+  yaml["ground"]["min_obstacle_height_m"] = params.ground.min_obstacle_height_m;
+  yaml["ground"]["max_obstacle_height_m"] = params.ground.max_obstacle_height_m;
+  yaml["storage"]["autosave_file"] = params.storage.autosave_file;
+  yaml["storage"]["autosave_period_s"] = params.storage.autosave_period_s;
+  yaml["storage"]["restore_on_start"] = params.storage.restore_on_start;
+  return YAML::Dump(yaml);
 }
 
 GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <sensor_msgs/point_cloud2_iterator.h>
 
@@ -24,6 +25,9 @@ static_assert(static_cast<int>(SpaceState::kUnknown) == QueryMap::Response::UNKN
                   static_cast<int>(SpaceState::kFree) == QueryMap::Response::FREE &&
                   static_cast<int>(SpaceState::kOccupied) == QueryMap::Response::OCCUPIED,
               "QueryMap.srv and SpaceState must agree");
+
+/// Two triangles, counter-clockwise seen from above.
+constexpr std::array<std::pair<int, int>, 6> kSquare = {{{-1, -1}, {1, -1}, {1, 1}, {-1, -1}, {1, 1}, {-1, 1}}};
 
 geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
   geometry_msgs::Point point;
@@ -84,6 +88,13 @@ class CloudWriter {
   sensor_msgs::PointCloud2 cloud_;
   std::ptrdiff_t written_{0};
 };
+
+/// rviz draws a list with colours per corner without light, and edges would drown in them: the light is mixed in here.
+/// Level surfaces keep the scale's own colour; the sides of a box differ from its top and from each other.
+float lightOn(const Eigen::Vector3f& normal) {
+  const float light = 0.62f + 0.38f * normal.z() + 0.14f * normal.x() - 0.07f * normal.y();
+  return std::isfinite(light) ? std::min(1.0f, std::max(0.3f, light)) : 1.0f;
+}
 
 }  // namespace
 
@@ -149,7 +160,12 @@ visualization_msgs::Marker toMarker(const TriangleMesh& mesh, const std_msgs::He
   for (std::size_t i = 0; i < mesh.vertices_map.size(); ++i) {
     const double share = color == MeshColor::kHeight ? (mesh.vertices_map[i].z() - low) / std::max(1e-9, high - low)
                                                      : std::sqrt(mesh.variance_m2[i]) / color_max_std_m;
-    colors.push_back(colorOf(share));
+    std_msgs::ColorRGBA corner = colorOf(share);
+    const float light = lightOn(mesh.normals_map[i]);
+    corner.r *= light;
+    corner.g *= light;
+    corner.b *= light;
+    colors.push_back(corner);
   }
   marker.points.reserve(3 * mesh.triangles.size());
   marker.colors.reserve(3 * mesh.triangles.size());
@@ -201,8 +217,7 @@ nav_msgs::OccupancyGrid toOccupancyGrid(const gpis_mapping::GroundGrid& grid, co
   return message;
 }
 
-sensor_msgs::PointCloud2 toSlice(const MapSnapshot& snapshot, const std_msgs::Header& header,
-                                 const GpisMappingParams::Slice& slice, std::size_t max_cells) {
+SliceCells makeSlice(const MapSnapshot& snapshot, const GpisMappingParams::Slice& slice, std::size_t max_cells) {
   const double cell_size = snapshot.config().cells.size_m;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
@@ -211,8 +226,9 @@ sensor_msgs::PointCloud2 toSlice(const MapSnapshot& snapshot, const std_msgs::He
     low = low.cwiseMin(corner);
     high = high.cwiseMax(corner + Eigen::Vector2d::Constant(cell_size));
   }
-  const std::vector<std::string> fields = {"x", "y", "z", "distance", "std"};
-  if (snapshot.cells().empty()) return CloudWriter(header, fields, 0).take();
+  SliceCells cells;
+  cells.cell_size_m = slice.cell_size_m;
+  if (snapshot.cells().empty()) return cells;
   low.array() -= slice.margin_m;
   high.array() += slice.margin_m;
   const Eigen::Vector2d extent = high - low;
@@ -227,14 +243,58 @@ sensor_msgs::PointCloud2 toSlice(const MapSnapshot& snapshot, const std_msgs::He
     }
   }
   const gpis_mapping::QueryResult answers = snapshot.query(points);
-  std::size_t count = 0;
+  Eigen::Index count = 0;
   for (Eigen::Index i = 0; i < points.cols(); ++i) count += std::isfinite(answers.distance[i]) ? 1 : 0;
-  CloudWriter cloud(header, fields, count);
-  for (Eigen::Index i = 0; i < points.cols(); ++i) {
+  cells.cell_size_m = step;
+  cells.centres_map.resize(3, count);
+  cells.distance.resize(count);
+  cells.std.resize(count);
+  for (Eigen::Index i = 0, k = 0; i < points.cols(); ++i) {
     if (!std::isfinite(answers.distance[i])) continue;
-    cloud.add({points(0, i), points(1, i), points(2, i), answers.distance[i], std::sqrt(answers.variance[i])});
+    cells.centres_map.col(k) = points.col(i);
+    cells.distance[k] = answers.distance[i];
+    cells.std[k] = std::sqrt(answers.variance[i]);
+    ++k;
+  }
+  return cells;
+}
+
+sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::Header& header) {
+  CloudWriter cloud(header, {"x", "y", "z", "distance", "std"}, static_cast<std::size_t>(slice.distance.size()));
+  for (Eigen::Index i = 0; i < slice.distance.size(); ++i) {
+    const Eigen::Vector3d p = slice.centres_map.col(i);
+    cloud.add({p.x(), p.y(), p.z(), slice.distance[i], slice.std[i]});
   }
   return cloud.take();
+}
+
+visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Header& header) {
+  visualization_msgs::Marker marker;
+  marker.header = header;
+  marker.ns = "slice";
+  marker.type = visualization_msgs::Marker::TRIANGLE_LIST;
+  // rviz refuses a triangle list without triangles.
+  marker.action = slice.distance.size() == 0 ? visualization_msgs::Marker::DELETE : visualization_msgs::Marker::ADD;
+  marker.pose.orientation.w = 1.0;
+  marker.scale.x = marker.scale.y = marker.scale.z = 1.0;
+  marker.color.a = 1.0f;
+  const Eigen::Vector3f inside(0.70f, 0.09f, 0.17f);  // ends of ColorBrewer's RdBu
+  const Eigen::Vector3f outside(0.13f, 0.40f, 0.67f);
+  for (Eigen::Index i = 0; i < slice.distance.size(); ++i) {
+    const auto share = static_cast<float>(std::min(1.0, std::abs(slice.distance[i]) / kSliceColorRange_m));
+    const Eigen::Vector3f rgb =
+        (1.0f - share) * Eigen::Vector3f::Ones() + share * (slice.distance[i] < 0.0 ? inside : outside);
+    std_msgs::ColorRGBA color;
+    color.r = rgb.x();
+    color.g = rgb.y();
+    color.b = rgb.z();
+    color.a = 1.0f;
+    marker.colors.insert(marker.colors.end(), 6, color);
+    for (const auto& [dx, dy] : kSquare) {
+      marker.points.push_back(toPoint(slice.centres_map.col(i) + 0.5 * slice.cell_size_m * Eigen::Vector3d(dx, dy, 0)));
+    }
+  }
+  return marker;
 }
 
 interactive_mapping_msgs::MapUpdate toMapUpdate(const gpis_mapping::UpdateStatistics& statistics,

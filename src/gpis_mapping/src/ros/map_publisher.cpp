@@ -51,6 +51,7 @@ MapPublisher::MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingP
   advertise(&removed_points_, sensor_msgs::PointCloud2(), "removed_points");
   advertise(&ground_, nav_msgs::OccupancyGrid(), "ground");
   advertise(&slice_cloud_, sensor_msgs::PointCloud2(), "slice");
+  advertise(&slice_marker_, visualization_msgs::Marker(), "slice_marker");
   worker_ = std::thread(&MapPublisher::work, this);
 }
 
@@ -61,7 +62,7 @@ MapPublisher::~MapPublisher() {
   }
   changed_.notify_all();
   worker_.join();
-  for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_}) {
+  for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_, &slice_marker_}) {
     output->publisher.shutdown();  // no callback of theirs may find this object gone
   }
 }
@@ -79,7 +80,7 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
       total -= removed_.front().second.size();
       removed_.pop_front();
     }
-    for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_}) {
+    for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_, &slice_marker_}) {
       output->is_stale = true;
     }
     has_news_ = true;
@@ -103,7 +104,7 @@ void MapPublisher::setSliceHeight(double height_m) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (slice_.height_m == height_m) return;
     slice_.height_m = height_m;
-    slice_cloud_.is_stale = true;
+    slice_cloud_.is_stale = slice_marker_.is_stale = true;
     has_news_ = true;
   }
   changed_.notify_all();
@@ -212,14 +213,23 @@ void MapPublisher::publish(const MapState& state) {
   }
   if (wants(&ground_)) {
     const auto grid = gpis_mapping::projectToGround(*state.snapshot, ground_options_);
-    nav_msgs::OccupancyGrid message;
-    message.header = header;
-    if (grid) message = toOccupancyGrid(*grid, header);
+    gpis_mapping::GroundGrid none;  // one unknown cell: rviz takes a grid without cells for an error
+    none.cell_size_m = ground_options_.cell_size_m;
+    none.width = none.height = 1;
+    none.state = {gpis_mapping::SpaceState::kUnknown};
+    const nav_msgs::OccupancyGrid message = toOccupancyGrid(grid ? *grid : none, header);
     ground_.publisher.publish(boost::make_shared<const nav_msgs::OccupancyGrid>(message));
   }
-  if (wants(&slice_cloud_)) {
-    slice_cloud_.publisher.publish(
-        boost::make_shared<const sensor_msgs::PointCloud2>(toSlice(*state.snapshot, header, slice, kMaxSliceCells)));
+  const bool wants_slice_cloud = wants(&slice_cloud_);
+  const bool wants_slice_marker = wants(&slice_marker_);
+  if (wants_slice_cloud || wants_slice_marker) {
+    const SliceCells cells = makeSlice(*state.snapshot, slice, kMaxSliceCells);
+    if (wants_slice_cloud) {
+      slice_cloud_.publisher.publish(boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(cells, header)));
+    }
+    if (wants_slice_marker) {
+      slice_marker_.publisher.publish(boost::make_shared<const visualization_msgs::Marker>(toMarker(cells, header)));
+    }
   }
   placeSliceHandle(state, slice.height_m);
 }
@@ -227,16 +237,31 @@ void MapPublisher::publish(const MapState& state) {
 void MapPublisher::placeSliceHandle(const MapState& state, double height_m) {
   if (state.snapshot->cells().empty()) return;
   if (has_handle_ && handle_height_m_ == height_m) return;
+  if (has_handle_) {  // not inserted anew: that would tear it out of the hand that drags it
+    geometry_msgs::Pose pose = handle_pose_;
+    pose.position.z = height_m;
+    slice_handle_.setPose(kSliceHandle, pose);
+    slice_handle_.applyChanges();
+    handle_height_m_ = height_m;
+    return;
+  }
+  // In the middle of what the first image showed: where one looks.
   const double cell_size = state.snapshot->config().cells.size_m;
-  Eigen::Vector2d corner = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  for (const auto& entry : state.snapshot->cells()) corner = corner.cwiseMin(entry.first.corner(cell_size).head<2>());
+  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high = -low;
+  for (const auto& entry : state.snapshot->cells()) {
+    const Eigen::Vector2d corner = entry.first.corner(cell_size).head<2>();
+    low = low.cwiseMin(corner);
+    high = high.cwiseMax(corner + Eigen::Vector2d::Constant(cell_size));
+  }
+  const Eigen::Vector2d middle = 0.5 * (low + high);
   visualization_msgs::InteractiveMarker handle;
   handle.header.frame_id = map_frame_;  // stamp 0: always drawn at its newest
   handle.name = kSliceHandle;
   handle.description = "slice";
-  handle.scale = 0.4f;
-  handle.pose.position.x = corner.x();
-  handle.pose.position.y = corner.y();
+  handle.scale = 0.3f;
+  handle.pose.position.x = middle.x();
+  handle.pose.position.y = middle.y();
   handle.pose.position.z = height_m;
   handle.pose.orientation.w = 1.0;
   visualization_msgs::InteractiveMarkerControl up;
@@ -258,6 +283,7 @@ void MapPublisher::placeSliceHandle(const MapState& state, double height_m) {
     if (callback) callback(dragged_m);
   });
   slice_handle_.applyChanges();
+  handle_pose_ = handle.pose;
   has_handle_ = true;
   handle_height_m_ = height_m;
 }

@@ -58,7 +58,9 @@ TEST(MapMessages, SurfaceMeshCarriesEverything) {
 }
 
 TEST(MapMessages, MarkerHasOneColourPerCornerOnTheAskedScale) {
-  const auto marker = toMarker(triangle(), header(), MeshColor::kUncertainty, 0.01);
+  TriangleMesh mesh = triangle();
+  mesh.normals_map.assign(4, Eigen::Vector3f::UnitZ());  // level: the scale's own colours
+  const auto marker = toMarker(mesh, header(), MeshColor::kUncertainty, 0.01);
   EXPECT_EQ(marker.action, visualization_msgs::Marker::ADD);
   ASSERT_EQ(marker.points.size(), 6u);
   ASSERT_EQ(marker.colors.size(), 6u);
@@ -66,9 +68,21 @@ TEST(MapMessages, MarkerHasOneColourPerCornerOnTheAskedScale) {
   EXPECT_EQ(marker.colors[1].g, colorOf(1.0).g) << "sigma 0.01 m is the far end";
   EXPECT_NEAR(marker.colors[2].g, colorOf(0.5).g, 1e-6);
   EXPECT_EQ(marker.colors[4].g, colorOf(1.0).g) << "beyond the far end";
-  const auto by_height = toMarker(triangle(), header(), MeshColor::kHeight, 0.01);
+  const auto by_height = toMarker(mesh, header(), MeshColor::kHeight, 0.01);
   EXPECT_EQ(by_height.colors[2].b, colorOf(1.0).b);
   EXPECT_EQ(by_height.colors[4].b, colorOf(0.5).b);
+}
+
+TEST(MapMessages, MarkerTellsTheSidesOfABoxFromItsTopAndFromEachOther) {
+  TriangleMesh mesh = triangle();
+  mesh.variance_m2.assign(4, 1e-4f);
+  mesh.normals_map = {Eigen::Vector3f::UnitZ(), Eigen::Vector3f::UnitX(), Eigen::Vector3f::UnitY(),
+                      Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN())};
+  mesh.triangles = {{0, 1, 2}, {3, 1, 2}};
+  const auto colors = toMarker(mesh, header(), MeshColor::kUncertainty, 0.01).colors;
+  EXPECT_GT(colors[0].g, 1.1f * colors[1].g) << "a tenth is seen at once";
+  EXPECT_GT(colors[1].g, 1.1f * colors[2].g);
+  EXPECT_EQ(colors[3].g, colors[0].g) << "without a normal: the scale's own colour";
 }
 
 TEST(MapMessages, MarkerOfNothingDeletes) {
@@ -103,7 +117,7 @@ TEST(MapMessages, SliceHoldsTheDistanceToTheFloorAndNoMoreCellsThanAllowed) {
   slice.height_m = 0.23;
   slice.margin_m = 0.0;
   for (const std::size_t max_cells : {100000u, 200u}) {
-    sensor_msgs::PointCloud2 cloud = toSlice(*snapshot, header(), slice, max_cells);
+    sensor_msgs::PointCloud2 cloud = toPointCloud(makeSlice(*snapshot, slice, max_cells), header());
     ASSERT_GT(cloud.width, 100u);
     EXPECT_LE(cloud.width, max_cells + 30u);  // the last row and column may stand out
     sensor_msgs::PointCloud2ConstIterator<float> x(cloud, "x");
@@ -114,7 +128,36 @@ TEST(MapMessages, SliceHoldsTheDistanceToTheFloorAndNoMoreCellsThanAllowed) {
       EXPECT_NEAR(*distance, 0.03f, 0.002f);                       // the noise that the points claim
     }
   }
-  EXPECT_EQ(toSlice(*GpisMap(gpis_mapping::GpisConfig()).snapshot(), header(), slice, 100).width, 0u);
+  const SliceCells nothing = makeSlice(*GpisMap(gpis_mapping::GpisConfig()).snapshot(), slice, 100);
+  EXPECT_EQ(toPointCloud(nothing, header()).width, 0u);
+  EXPECT_EQ(toMarker(nothing, header()).action, visualization_msgs::Marker::DELETE);
+}
+
+TEST(MapMessages, SliceMarkerHasASquarePerCellRedInsideBlueOutsideWhiteBetween) {
+  SliceCells slice;
+  slice.cell_size_m = 0.04;
+  slice.centres_map = (gpis_mapping::Points3d(3, 3) << 0.0, 1.0, 2.0, 0.0, 0.5, 0.0, 0.3, 0.3, 0.3).finished();
+  slice.distance = Eigen::Vector3d(-1.0, 0.0, 1.0);
+  slice.std = Eigen::Vector3d::Zero();
+  const auto marker = toMarker(slice, header());
+  EXPECT_EQ(marker.action, visualization_msgs::Marker::ADD);
+  ASSERT_EQ(marker.points.size(), 18u);
+  ASSERT_EQ(marker.colors.size(), 18u);
+  double area = 0.0;
+  for (std::size_t i = 6; i < 12; i += 3) {
+    const auto &a = marker.points[i], &b = marker.points[i + 1], &c = marker.points[i + 2];
+    area += 0.5 * ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x));
+    for (const auto& corner : {a, b, c}) {
+      EXPECT_NEAR(std::abs(corner.x - 1.0), 0.02, 1e-12);
+      EXPECT_NEAR(std::abs(corner.y - 0.5), 0.02, 1e-12);
+      EXPECT_EQ(corner.z, 0.3);
+    }
+  }
+  EXPECT_NEAR(area, 0.04 * 0.04, 1e-12) << "both triangles, and both seen from above";
+  EXPECT_GT(marker.colors[0].r, 2.0f * marker.colors[0].b);
+  EXPECT_EQ(marker.colors[6].r, 1.0f);
+  EXPECT_EQ(marker.colors[6].b, 1.0f);
+  EXPECT_GT(marker.colors[12].b, 2.0f * marker.colors[12].r);
 }
 
 TEST(MapMessages, OccupancyGridKeepsStatesInRowsFromTheOrigin) {

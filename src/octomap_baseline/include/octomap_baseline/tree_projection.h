@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef OCTOMAP_BASELINE_TREE_PROJECTION_H
+#define OCTOMAP_BASELINE_TREE_PROJECTION_H
+
+#include <vector>
+
+#include <octomap/OcTree.h>
+
+#include "gpis_mapping/types.h"
+
+namespace octomap_baseline {
+
+/// The map seen from above: one cell per column of voxels, row by row along x. Aligned with the map's axes.
+struct TreeProjection {
+  double cell_size_m{0.0};
+  double origin_x_m{0.0};  // corner of the first cell
+  double origin_y_m{0.0};
+  int width{0};
+  int height{0};
+  std::vector<gpis_mapping::SpaceState> state;
+};
+
+/// A column is occupied when any of its voxels with z in [min_z_m, max_z_m] is, else free when any is, else unknown.
+/// The grid is as large as what is known in that range; empty when nothing is.
+TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m);
+
+}  // namespace octomap_baseline
+
+#endif  // OCTOMAP_BASELINE_TREE_PROJECTION_H

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef OCTOMAP_BASELINE_ROS_OCTOMAP_MESSAGES_H
+#define OCTOMAP_BASELINE_ROS_OCTOMAP_MESSAGES_H
+
+#include <cstdint>
+
+#include <interactive_mapping_msgs/MapUpdate.h>
+#include <nav_msgs/OccupancyGrid.h>
+#include <octomap/OcTree.h>
+#include <octomap_msgs/Octomap.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <std_msgs/Header.h>
+#include <visualization_msgs/MarkerArray.h>
+
+#include "octomap_baseline/dynamic_octomap.h"
+#include "octomap_baseline/tree_projection.h"
+
+namespace octomap_baseline_ros {
+
+/// As octomap_msgs::binaryMapToMsg: free and occupied only. An empty tree has no data.
+octomap_msgs::Octomap toBinaryMessage(const octomap::OcTree& tree, const std_msgs::Header& header);
+
+/// As octomap_msgs::fullMapToMsg: with log odds. An empty tree has no data.
+octomap_msgs::Octomap toFullMessage(const octomap::OcTree& tree, const std_msgs::Header& header);
+
+/// One cube list per size of leaf; occupied ones coloured by height, free ones green.
+visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occupied, const std_msgs::Header& header);
+
+/// Centres of the occupied leaves: x y z.
+sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msgs::Header& header);
+
+/// Free 0, occupied 100, unknown -1.
+nav_msgs::OccupancyGrid toOccupancyGrid(const octomap_baseline::TreeProjection& projection,
+                                        const std_msgs::Header& header);
+
+/// Voxels stand for points; casting rays is observe_ms, changing the octree insert_ms.
+interactive_mapping_msgs::MapUpdate toMapUpdate(const octomap_baseline::OctomapUpdateStatistics& statistics,
+                                                const std_msgs::Header& header, std::uint64_t update, double wait_ms);
+
+}  // namespace octomap_baseline_ros
+
+#endif  // OCTOMAP_BASELINE_ROS_OCTOMAP_MESSAGES_H

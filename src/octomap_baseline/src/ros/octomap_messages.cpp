@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "octomap_baseline_ros/octomap_messages.h"
+
+#include <algorithm>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "gpis_mapping_ros/map_messages.h"
+
+namespace octomap_baseline_ros {
+namespace {
+
+using gpis_mapping::SpaceState;
+
+octomap_msgs::Octomap toMessage(const octomap::OcTree& tree, const std_msgs::Header& header, bool binary) {
+  octomap_msgs::Octomap message;
+  message.header = header;
+  message.binary = binary;
+  message.id = tree.getTreeType();
+  message.resolution = tree.getResolution();
+  if (tree.size() == 0) return message;
+  std::ostringstream stream;
+  if (binary) {
+    tree.writeBinaryData(stream);
+  } else {
+    tree.writeData(stream);
+  }
+  const std::string data = stream.str();
+  message.data.assign(data.begin(), data.end());
+  return message;
+}
+
+}  // namespace
+
+octomap_msgs::Octomap toBinaryMessage(const octomap::OcTree& tree, const std_msgs::Header& header) {
+  return toMessage(tree, header, true);
+}
+
+octomap_msgs::Octomap toFullMessage(const octomap::OcTree& tree, const std_msgs::Header& header) {
+  return toMessage(tree, header, false);
+}
+
+visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occupied, const std_msgs::Header& header) {
+  visualization_msgs::MarkerArray array;
+  array.markers.resize(tree.getTreeDepth() + 1);
+  for (unsigned depth = 0; depth < array.markers.size(); ++depth) {
+    visualization_msgs::Marker& marker = array.markers[depth];
+    marker.header = header;
+    marker.ns = occupied ? "occupied" : "free";
+    marker.id = static_cast<int>(depth);
+    marker.type = visualization_msgs::Marker::CUBE_LIST;
+    marker.pose.orientation.w = 1.0;
+    marker.scale.x = marker.scale.y = marker.scale.z = tree.getNodeSize(depth);
+    marker.color.g = 1.0f;
+    marker.color.a = occupied ? 1.0f : 0.3f;
+  }
+  double lowest = 0.0;
+  double highest = 0.0;
+  bool is_first = true;
+  for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
+    if (tree.isNodeOccupied(*leaf) != occupied) continue;
+    geometry_msgs::Point center;
+    center.x = leaf.getX();
+    center.y = leaf.getY();
+    center.z = leaf.getZ();
+    lowest = is_first ? center.z : std::min(lowest, center.z);
+    highest = is_first ? center.z : std::max(highest, center.z);
+    is_first = false;
+    array.markers[leaf.getDepth()].points.push_back(center);
+  }
+  for (visualization_msgs::Marker& marker : array.markers) {
+    // Emptied sizes must vanish from rviz, too.
+    marker.action = marker.points.empty() ? visualization_msgs::Marker::DELETE : visualization_msgs::Marker::ADD;
+    if (!occupied) continue;
+    for (const geometry_msgs::Point& center : marker.points) {
+      marker.colors.push_back(gpis_mapping_ros::colorOf((center.z - lowest) / std::max(1e-6, highest - lowest)));
+    }
+  }
+  return array;
+}
+
+sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msgs::Header& header) {
+  std::vector<Eigen::Vector3d> centers;
+  for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
+    if (tree.isNodeOccupied(*leaf)) centers.emplace_back(leaf.getX(), leaf.getY(), leaf.getZ());
+  }
+  return gpis_mapping_ros::toPointCloud(centers, header);
+}
+
+nav_msgs::OccupancyGrid toOccupancyGrid(const octomap_baseline::TreeProjection& projection,
+                                        const std_msgs::Header& header) {
+  nav_msgs::OccupancyGrid message;
+  message.header = header;
+  message.info.map_load_time = header.stamp;
+  message.info.resolution = static_cast<float>(projection.cell_size_m);
+  message.info.width = static_cast<std::uint32_t>(projection.width);
+  message.info.height = static_cast<std::uint32_t>(projection.height);
+  message.info.origin.position.x = projection.origin_x_m;
+  message.info.origin.position.y = projection.origin_y_m;
+  message.info.origin.orientation.w = 1.0;
+  message.data.reserve(projection.state.size());
+  for (const SpaceState state : projection.state) {
+    message.data.push_back(state == SpaceState::kOccupied ? 100 : state == SpaceState::kFree ? 0 : -1);
+  }
+  return message;
+}
+
+interactive_mapping_msgs::MapUpdate toMapUpdate(const octomap_baseline::OctomapUpdateStatistics& statistics,
+                                                const std_msgs::Header& header, std::uint64_t update, double wait_ms) {
+  interactive_mapping_msgs::MapUpdate message;
+  message.header = header;
+  message.status = interactive_mapping_msgs::MapUpdate::ACCEPTED;
+  message.update = update;
+  message.points_in = static_cast<std::uint32_t>(statistics.points_in);
+  message.inserted = static_cast<std::uint32_t>(statistics.inserted);
+  message.fused = static_cast<std::uint32_t>(statistics.hit_voxels - statistics.inserted);
+  message.deleted = static_cast<std::uint32_t>(statistics.freed);
+  message.map_points = static_cast<std::uint32_t>(statistics.occupied);
+  message.total_ms = static_cast<float>(statistics.total_ms);
+  message.classify_ms = static_cast<float>(statistics.classify_ms);
+  message.observe_ms = static_cast<float>(statistics.cast_ms);
+  message.insert_ms = static_cast<float>(statistics.update_ms);
+  message.wait_ms = static_cast<float>(wait_ms);
+  return message;
+}
+
+}  // namespace octomap_baseline_ros

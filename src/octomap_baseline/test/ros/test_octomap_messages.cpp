@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Messages on the wire: the types are octomap_msgs' own, and their data reads back as the tree they were made from.
+#include "octomap_baseline_ros/octomap_messages.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <sstream>
+#include <tuple>
+
+#include <gtest/gtest.h>
+#include <octomap_msgs/BoundingBoxQuery.h>
+#include <octomap_msgs/GetOctomap.h>
+#include <octomap_msgs/OctomapWithPose.h>
+#include <ros/message_traits.h>
+#include <ros/service_traits.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
+
+namespace octomap_baseline_ros {
+namespace {
+
+using visualization_msgs::Marker;
+
+/// What octomap_msgs::binaryMsgToMap and fullMsgToMap do.
+std::unique_ptr<octomap::OcTree> readBack(const octomap_msgs::Octomap& message) {
+  auto tree = std::make_unique<octomap::OcTree>(message.resolution);
+  if (message.data.empty()) return tree;
+  std::stringstream stream;
+  stream.write(reinterpret_cast<const char*>(message.data.data()), static_cast<std::streamsize>(message.data.size()));
+  if (message.binary) {
+    tree->readBinaryData(stream);
+  } else {
+    tree->readData(stream);
+  }
+  return tree;
+}
+
+std::map<std::tuple<int, int, int>, float> contentsOf(const octomap::OcTree& tree) {
+  octomap::OcTree copy(tree);
+  copy.expand();
+  std::map<std::tuple<int, int, int>, float> voxels;
+  for (auto leaf = copy.begin_leafs(); leaf != copy.end_leafs(); ++leaf) {
+    const octomap::OcTreeKey key = leaf.getKey();
+    voxels[{key[0], key[1], key[2]}] = leaf->getLogOdds();
+  }
+  return voxels;
+}
+
+/// A floor of 16 x 16 x 2 occupied voxels, part of it pruned, under 4 layers of free ones.
+octomap::OcTree exampleTree() {
+  octomap::OcTree tree(0.05);
+  for (int x = 0; x < 16; ++x) {
+    for (int y = 0; y < 16; ++y) {
+      for (int z = 0; z < 6; ++z) {
+        const octomap::point3d p(0.05f * x + 0.025f, 0.05f * y - 0.375f, 0.05f * z + 0.025f);
+        // Different odds along one edge: not everything can be pruned.
+        tree.setNodeValue(p, z < 2 ? (x == 0 ? 0.5f : 3.0f) : -2.0f);
+      }
+    }
+  }
+  tree.prune();
+  return tree;
+}
+
+std_msgs::Header exampleHeader() {
+  std_msgs::Header header;
+  header.stamp = ros::Time(12, 500);
+  header.frame_id = "odom";
+  return header;
+}
+
+TEST(OctomapMsgs, TypesAreThoseOfTheOriginalPackage) {
+  // From octomap_msgs 0.3.5; a differing sum and no other node can talk to this one.
+  EXPECT_STREQ(ros::message_traits::md5sum<octomap_msgs::Octomap>(), "9a45536b45c5e409cd49f04bb2d9999f");
+  EXPECT_STREQ(ros::message_traits::md5sum<octomap_msgs::OctomapWithPose>(), "20b380aca6a508a657e95526cddaf618");
+  EXPECT_STREQ(ros::service_traits::md5sum<octomap_msgs::GetOctomap>(), "be9d2869d24fe40d6bc21ac21f6bb2c5");
+  EXPECT_STREQ(ros::service_traits::md5sum<octomap_msgs::BoundingBoxQuery>(), "93aa3d73b866f04880927745f4aab303");
+  EXPECT_STREQ(ros::message_traits::datatype<octomap_msgs::Octomap>(), "octomap_msgs/Octomap");
+}
+
+TEST(OctomapMessages, FullMessageReadsBackWithItsLogOdds) {
+  const octomap::OcTree tree = exampleTree();
+  const octomap_msgs::Octomap message = toFullMessage(tree, exampleHeader());
+  EXPECT_FALSE(message.binary);
+  EXPECT_EQ(message.id, "OcTree");
+  EXPECT_EQ(message.resolution, 0.05);
+  EXPECT_EQ(message.header.frame_id, "odom");
+  EXPECT_EQ(message.header.stamp, ros::Time(12, 500));
+  EXPECT_EQ(contentsOf(*readBack(message)), contentsOf(tree));
+}
+
+TEST(OctomapMessages, BinaryMessageReadsBackAsFreeAndOccupied) {
+  const octomap::OcTree tree = exampleTree();
+  const octomap_msgs::Octomap message = toBinaryMessage(tree, exampleHeader());
+  EXPECT_TRUE(message.binary);
+  EXPECT_EQ(message.id, "OcTree");
+  const auto expected = contentsOf(tree);
+  const auto read = contentsOf(*readBack(message));
+  ASSERT_EQ(read.size(), expected.size());
+  for (const auto& [key, log_odds] : expected) EXPECT_EQ(read.at(key) >= 0.0f, log_odds >= 0.0f);
+  EXPECT_LT(message.data.size(), toFullMessage(tree, exampleHeader()).data.size());
+}
+
+TEST(OctomapMessages, EmptyTreeHasNoData) {
+  const octomap::OcTree tree(0.02);
+  EXPECT_TRUE(toBinaryMessage(tree, exampleHeader()).data.empty());
+  EXPECT_TRUE(toFullMessage(tree, exampleHeader()).data.empty());
+  EXPECT_EQ(toPointCloud(tree, exampleHeader()).width, 0u);
+  for (const Marker& marker : toMarkers(tree, true, exampleHeader()).markers) EXPECT_EQ(marker.action, Marker::DELETE);
+}
+
+TEST(OctomapMessages, MarkersAndPointsAreTheLeaves) {
+  const octomap::OcTree tree = exampleTree();
+  std::map<unsigned, std::size_t> leaves[2];
+  for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
+    ++leaves[tree.isNodeOccupied(*leaf) ? 1 : 0][leaf.getDepth()];
+  }
+  ASSERT_GT(leaves[1].size(), 1u);  // pruned and single ones
+  for (const bool occupied : {false, true}) {
+    const auto array = toMarkers(tree, occupied, exampleHeader());
+    ASSERT_EQ(array.markers.size(), 17u);
+    for (unsigned depth = 0; depth < 17; ++depth) {
+      const Marker& marker = array.markers[depth];
+      EXPECT_EQ(marker.points.size(), leaves[occupied ? 1 : 0][depth]);
+      EXPECT_EQ(marker.action, marker.points.empty() ? Marker::DELETE : Marker::ADD);
+      EXPECT_EQ(marker.colors.size(), occupied ? marker.points.size() : 0u);
+      EXPECT_DOUBLE_EQ(marker.scale.x, 0.05 * std::pow(2.0, 16 - static_cast<int>(depth)));
+      EXPECT_EQ(marker.header.frame_id, "odom");
+      for (const geometry_msgs::Point& p : marker.points) {
+        const octomap::OcTreeNode* node = tree.search(p.x, p.y, p.z, depth);
+        ASSERT_NE(node, nullptr);
+        EXPECT_EQ(tree.isNodeOccupied(node), occupied);
+      }
+    }
+  }
+  sensor_msgs::PointCloud2 cloud = toPointCloud(tree, exampleHeader());
+  std::size_t expected = 0;
+  for (const auto& entry : leaves[1]) expected += entry.second;
+  ASSERT_EQ(cloud.width * cloud.height, expected);
+  sensor_msgs::PointCloud2ConstIterator<float> x(cloud, "x");
+  sensor_msgs::PointCloud2ConstIterator<float> y(cloud, "y");
+  sensor_msgs::PointCloud2ConstIterator<float> z(cloud, "z");
+  for (; x != x.end(); ++x, ++y, ++z) EXPECT_TRUE(tree.isNodeOccupied(tree.search(*x, *y, *z)));
+}
+
+TEST(OctomapMessages, OccupancyGridKeepsPlaceAndStates) {
+  octomap_baseline::TreeProjection projection;
+  projection.cell_size_m = 0.5;
+  projection.origin_x_m = -1.5;
+  projection.origin_y_m = 2.0;
+  projection.width = 3;
+  projection.height = 1;
+  projection.state = {gpis_mapping::SpaceState::kOccupied, gpis_mapping::SpaceState::kUnknown,
+                      gpis_mapping::SpaceState::kFree};
+  const nav_msgs::OccupancyGrid grid = toOccupancyGrid(projection, exampleHeader());
+  EXPECT_EQ(grid.data, (std::vector<std::int8_t>{100, -1, 0}));
+  EXPECT_EQ(grid.info.width, 3u);
+  EXPECT_EQ(grid.info.height, 1u);
+  EXPECT_FLOAT_EQ(grid.info.resolution, 0.5f);
+  EXPECT_EQ(grid.info.origin.position.x, -1.5);
+  EXPECT_EQ(grid.info.origin.position.y, 2.0);
+  EXPECT_EQ(grid.info.origin.orientation.w, 1.0);
+}
+
+TEST(OctomapMessages, UpdateTellsVoxelsAndTimes) {
+  octomap_baseline::OctomapUpdateStatistics statistics;
+  statistics.points_in = 11;
+  statistics.hit_voxels = 7;
+  statistics.inserted = 3;
+  statistics.freed = 2;
+  statistics.occupied = 99;
+  statistics.total_ms = 6.0;
+  statistics.classify_ms = 1.0;
+  statistics.cast_ms = 2.0;
+  statistics.update_ms = 3.0;
+  const auto message = toMapUpdate(statistics, exampleHeader(), 5, 0.25);
+  EXPECT_EQ(message.status, interactive_mapping_msgs::MapUpdate::ACCEPTED);
+  EXPECT_EQ(message.update, 5u);
+  EXPECT_EQ(message.points_in, 11u);
+  EXPECT_EQ(message.inserted, 3u);
+  EXPECT_EQ(message.fused, 4u);
+  EXPECT_EQ(message.deleted, 2u);
+  EXPECT_EQ(message.map_points, 99u);
+  EXPECT_FLOAT_EQ(message.total_ms, message.classify_ms + message.observe_ms + message.insert_ms);
+  EXPECT_FLOAT_EQ(message.wait_ms, 0.25f);
+}
+
+}  // namespace
+}  // namespace octomap_baseline_ros
