@@ -12,8 +12,8 @@ namespace {
 class Fuzz : public testing::TestWithParam<TargetInfo> {};
 
 TEST_P(Fuzz, ASliceIsTakenWell) {
-  // 1/200 of a full run: about two seconds per target.
-  const Report report = runTarget(GetParam(), 20250, 0, GetParam().inputs / 200);
+  // 1/30 of a full run: about two seconds per target.
+  const Report report = runTarget(GetParam(), 20250, 0, GetParam().inputs / 30);
   EXPECT_EQ(report.failure, "") << "fuzz_map --target " << GetParam().name << " --seed 20250 --only "
                                 << report.failed_at;
   // Inputs that are all refused, or all accepted, would try one half of the program only.
