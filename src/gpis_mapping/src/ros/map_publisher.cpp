@@ -122,7 +122,6 @@ std::string MapPublisher::lastError() const {
 void MapPublisher::work() {
   SteadyTime next = std::chrono::steady_clock::now();
   while (true) {
-    MapState state;
     {
       std::unique_lock<std::mutex> lock(mutex_);
       // Removed points fade although nothing else happens.
@@ -136,13 +135,11 @@ void MapPublisher::work() {
       changed_.wait_until(lock, next, [this] { return is_stopping_; });
       if (is_stopping_) return;
       has_news_ = false;
-      state = state_;
       next = std::chrono::steady_clock::now() + toSteady(1.0 / output_.rate_hz);
     }
-    if (!state.snapshot) continue;
     std::string error;
     try {
-      publish(state);
+      publish();
     } catch (const std::exception& e) {  // out of memory, say: the map itself is not touched
       error = e.what();
     }
@@ -151,8 +148,7 @@ void MapPublisher::work() {
   }
 }
 
-bool MapPublisher::wants(Output* output) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+bool MapPublisher::takeWanted(Output* output) {
   if (!output->is_stale || output->publisher.getNumSubscribers() == 0) return false;
   output->is_stale = false;
   return true;
@@ -169,23 +165,37 @@ bool MapPublisher::removedHaveExpired(const ros::Time& now) {
   return has_changed;
 }
 
-void MapPublisher::publish(const MapState& state) {
-  std_msgs::Header header;
-  header.frame_id = map_frame_;
-  header.stamp = state.stamp;
+void MapPublisher::publish() {
+  MapState state;
   GpisMappingParams::Output output;
   GpisMappingParams::Slice slice;
   std::vector<Eigen::Vector3d> removed;
+  // Together with the state that they are to be shown: a state that comes meanwhile makes its outputs stale again.
+  bool wants_mesh = false;
+  bool wants_marker = false;
+  bool wants_points = false;
+  bool wants_removed_points = false;
+  bool wants_ground = false;
+  bool wants_slice = false;
   {
     const ros::Time now = ros::Time::now();
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (!state_.snapshot) return;
     if (removedHaveExpired(now)) removed_points_.is_stale = true;
+    state = state_;
     output = output_;
     slice = slice_;
     for (const auto& entry : removed_) removed.insert(removed.end(), entry.second.begin(), entry.second.end());
+    wants_mesh = takeWanted(&mesh_);
+    wants_marker = takeWanted(&marker_);
+    wants_points = takeWanted(&points_);
+    wants_removed_points = takeWanted(&removed_points_);
+    wants_ground = takeWanted(&ground_);
+    wants_slice = takeWanted(&slice_cloud_);
   }
-  const bool wants_mesh = wants(&mesh_);
-  const bool wants_marker = wants(&marker_);
+  std_msgs::Header header;
+  header.frame_id = map_frame_;
+  header.stamp = state.stamp;
   if (wants_mesh || wants_marker) {
     if (!extractor_ || extractor_generation_ != state.generation) {
       extractor_ = std::make_unique<gpis_mapping::MeshExtractor>(state.snapshot->config());
@@ -202,22 +212,22 @@ void MapPublisher::publish(const MapState& state) {
           toMarker(mesh, header, output.mesh_color, output.color_max_std_m)));
     }
   }
-  if (wants(&points_)) {
+  if (wants_points) {
     points_.publisher.publish(
         boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(*state.snapshot, header)));
   }
-  if (wants(&removed_points_)) {
+  if (wants_removed_points) {
     removed_points_.publisher.publish(
         boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(removed, header)));
   }
-  if (wants(&ground_)) {
+  if (wants_ground) {
     const auto grid = gpis_mapping::projectToGround(*state.snapshot, ground_options_);
     nav_msgs::OccupancyGrid message;
     message.header = header;
     if (grid) message = toOccupancyGrid(*grid, header);
     ground_.publisher.publish(boost::make_shared<const nav_msgs::OccupancyGrid>(message));
   }
-  if (wants(&slice_cloud_)) {
+  if (wants_slice) {
     slice_cloud_.publisher.publish(
         boost::make_shared<const sensor_msgs::PointCloud2>(toSlice(*state.snapshot, header, slice, kMaxSliceCells)));
   }
