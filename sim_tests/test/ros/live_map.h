@@ -131,8 +131,9 @@ class LiveMap {
         "/diagnostics", 100, [this](const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
           for (const diagnostic_msgs::DiagnosticStatus& status : message->status) diagnostics_[status.name] = status;
         });
-    // In the past, so that stamps may run faster than the clock.
-    stamp_ = ros::Time::now() - ros::Duration(36000.0);
+    // In the past, so that stamps may run faster than the clock; after those of the camera before.
+    static int num_cameras = 0;
+    stamp_ = ros::Time::now() + ros::Duration(1000.0 * num_cameras++ - 36000.0);
   }
 
   /// Arguments that make a node listen to this camera.
