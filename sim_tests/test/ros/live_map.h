@@ -41,6 +41,13 @@ inline bool waitUntil(const std::function<bool()>& condition, double deadline_s 
   return condition();
 }
 
+/// Calls a service by a connection that the server does not close: where it does, right after its answer, roscpp at times
+/// finds the connection gone before it has read the answer, and reports a failed call.
+template <typename Service>
+bool call(const std::string& name, Service& service) {
+  return ros::NodeHandle().serviceClient<Service>(name, true).call(service);
+}
+
 /// The bytes a message has on the wire: equal only if every field is, NaN included.
 template <typename Message>
 std::vector<std::uint8_t> bytesOf(const Message& message) {
@@ -250,13 +257,13 @@ class LiveMap {
       p.z = points(2, i);
       query.request.points.push_back(p);
     }
-    EXPECT_TRUE(ros::service::call(node_ + "/query", query)) << node_;
+    EXPECT_TRUE(call(node_ + "/query", query)) << node_;
     return query.response;
   }
 
   bool clear() {
     std_srvs::Trigger trigger;
-    return ros::service::call(node_ + "/clear_map", trigger) && trigger.response.success != 0;
+    return call(node_ + "/clear_map", trigger) && trigger.response.success != 0;
   }
 
   /// What /diagnostics says under "<node>: <task>".

@@ -96,7 +96,7 @@ TEST(MappingLaunch, MapsABagOfAnAzureKinectByArgumentsAlone) {
     query.request.points[0].x = inside.x();
     query.request.points[0].y = inside.y();
     query.request.points[0].z = inside.z();
-    ASSERT_TRUE(ros::service::call("/gpis_mapping/query", query));
+    ASSERT_TRUE(call("/gpis_mapping/query", query));
     EXPECT_EQ(static_cast<int>(query.response.state.at(0)), QueryMap::Response::OCCUPIED);
     launch.signal(SIGINT);  // it ends what it has started
     EXPECT_TRUE(waitUntil([&] { return launch.hasEnded(); }));

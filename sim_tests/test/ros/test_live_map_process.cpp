@@ -228,13 +228,13 @@ TEST_F(LiveMapProcess, AsANodeletRefusesThemAndTheManagerSurvives) {
   }
   ros::param::set(node_ + "/output/rate_hz", -1.0);
   // The manager reports failure by success = false or by failing the call.
-  EXPECT_FALSE(ros::service::call("/manager/load_nodelet", load) && load.response.success);
+  EXPECT_FALSE(call("/manager/load_nodelet", load) && load.response.success);
   nodelet::NodeletList list;
-  ASSERT_TRUE(ros::service::call("/manager/list", list)) << "the manager is gone";
+  ASSERT_TRUE(call("/manager/list", list)) << "the manager is gone";
   EXPECT_EQ(list.response.nodelets.size(), 0u);
 
   ros::param::set(node_ + "/output/rate_hz", 30.0);
-  ASSERT_TRUE(ros::service::call("/manager/load_nodelet", load) && load.response.success);
+  ASSERT_TRUE(call("/manager/load_nodelet", load) && load.response.success);
   {
     LiveMap live(node_);
     ASSERT_TRUE(live.connect());
@@ -242,9 +242,9 @@ TEST_F(LiveMapProcess, AsANodeletRefusesThemAndTheManagerSurvives) {
   }
   nodelet::NodeletUnload unload;
   unload.request.name = node_;
-  EXPECT_TRUE(ros::service::call("/manager/unload_nodelet", unload) && unload.response.success);
+  EXPECT_TRUE(call("/manager/unload_nodelet", unload) && unload.response.success);
   EXPECT_FALSE(ros::service::exists(node_ + "/query", false));
-  ASSERT_TRUE(ros::service::call("/manager/list", list));
+  ASSERT_TRUE(call("/manager/list", list));
   EXPECT_EQ(list.response.nodelets.size(), 0u);
 }
 
