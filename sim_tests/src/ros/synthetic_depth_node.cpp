@@ -7,6 +7,7 @@
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "synthetic_depth");
+  const ros::NodeHandle keep_log;  // with the last handle goes ROS's log, and with that the reason for a failure
   try {
     const sim_tests_ros::SyntheticDepthPublisher publisher(ros::NodeHandle(),
                                                            sim_tests_ros::loadPublisherParams(ros::NodeHandle("~")));

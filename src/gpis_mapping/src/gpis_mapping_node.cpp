@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <csignal>
 #include <exception>
 
 #include <ros/ros.h>
@@ -7,9 +8,12 @@
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "gpis_mapping");
+  // ros::init sees to SIGINT only; service managers and containers end a program by SIGTERM, and the map is to be saved.
+  std::signal(SIGTERM, [](int) { ros::requestShutdown(); });
+  // Outside the block that may throw: with the last handle goes ROS's log, and with that the reason.
+  const ros::NodeHandle nh;
+  const ros::NodeHandle private_nh("~");
   try {
-    const ros::NodeHandle nh;
-    const ros::NodeHandle private_nh("~");
     gpis_mapping_ros::GpisMappingRos map(nh, private_nh);
     ros::AsyncSpinner spinner(4);  // image, camera info, services, timers
     spinner.start();

@@ -63,7 +63,8 @@ class GpisMappingRos {
   bool onClearBox(interactive_mapping_msgs::ClearBox::Request& request,
                   interactive_mapping_msgs::ClearBox::Response& response);
 
-  void onTune(const TuneConfig& config);
+  /// Leaves in `config` what is used from now on.
+  void onTune(TuneConfig& config);
   void onSliceDragged(double height_m);
   void onAutosave();
 

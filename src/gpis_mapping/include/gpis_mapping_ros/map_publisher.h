@@ -62,8 +62,10 @@ class MapPublisher {
   };
 
   void work();
-  void publish(const MapState& state);
-  bool wants(Output* output);
+  void publish();
+  /// Whether to publish the output now; then it counts as published. Call with mutex_ held.
+  bool takeWanted(Output* output);
+  /// Call with mutex_ held.
   bool removedHaveExpired(const ros::Time& now);
   void placeSliceHandle(const MapState& state, double height_m);
 

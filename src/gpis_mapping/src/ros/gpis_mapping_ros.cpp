@@ -43,6 +43,16 @@ GpisConfig mergedConfig(const GpisConfig& of_node, const GpisConfig& of_file) {
   return config;
 }
 
+void toTune(const GpisConfig& config, gpis_mapping::GpisMappingConfig* tune) {
+  tune->min_range_m = config.sensor.min_range_m;
+  tune->max_range_m = config.sensor.max_range_m;
+  tune->hole_policy = gpis_mapping::toString(config.sensor.hole_policy);
+  tune->pose_std_m = config.sensor.pose_std_m;
+  tune->dynamic = config.dynamic.enabled;
+  tune->tolerance_sigmas = config.dynamic.tolerance_sigmas;
+  tune->min_tolerance_m = config.dynamic.min_tolerance_m;
+}
+
 /// A name beside `path` that no file has.
 std::string nameAside(const std::string& path) {
   for (int i = 0; i < 1000; ++i) {
@@ -75,13 +85,7 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   // A reader beside the parameters: dynamic_reconfigure takes its starting values from the server.
   const ros::NodeHandle tune_nh(private_nh, "tune");
   TuneConfig tune;
-  tune.min_range_m = params_.map.sensor.min_range_m;
-  tune.max_range_m = params_.map.sensor.max_range_m;
-  tune.hole_policy = gpis_mapping::toString(params_.map.sensor.hole_policy);
-  tune.pose_std_m = params_.map.sensor.pose_std_m;
-  tune.dynamic = params_.map.dynamic.enabled;
-  tune.tolerance_sigmas = params_.map.dynamic.tolerance_sigmas;
-  tune.min_tolerance_m = params_.map.dynamic.min_tolerance_m;
+  toTune(params_.map, &tune);
   tune.max_step_m = params_.input.pose_limits.max_step_m;
   tune.max_step_rad = params_.input.pose_limits.max_step_rad;
   tune.settle_frames = params_.input.pose_limits.settle_frames;
@@ -397,8 +401,7 @@ bool GpisMappingRos::onClearBox(interactive_mapping_msgs::ClearBox::Request& req
   return true;
 }
 
-void GpisMappingRos::onTune(const TuneConfig& config) {
-  tune_ = config;  // dynamic_reconfigure holds tune_mutex_ here
+void GpisMappingRos::onTune(TuneConfig& config) {
   try {
     const std::lock_guard<std::mutex> lock(map_mutex_);
     GpisConfig next = tuned_;
@@ -416,7 +419,11 @@ void GpisMappingRos::onTune(const TuneConfig& config) {
     }
   } catch (const std::exception& error) {
     ROS_ERROR_NAMED(kLog, "tuning refused, the map goes on as it was: %s", error.what());
+    // Taken back where it is shown, too: it would be refused again with whatever is tuned next.
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    toTune(tuned_, &config);
   }
+  tune_ = config;  // dynamic_reconfigure holds tune_mutex_ here
   gpis_mapping::PoseLimits limits = params_.input.pose_limits;
   limits.max_step_m = config.max_step_m;
   limits.max_step_rad = config.max_step_rad;

@@ -123,7 +123,6 @@ std::string MapPublisher::lastError() const {
 void MapPublisher::work() {
   SteadyTime next = std::chrono::steady_clock::now();
   while (true) {
-    MapState state;
     {
       std::unique_lock<std::mutex> lock(mutex_);
       // Removed points fade although nothing else happens.
@@ -137,13 +136,11 @@ void MapPublisher::work() {
       changed_.wait_until(lock, next, [this] { return is_stopping_; });
       if (is_stopping_) return;
       has_news_ = false;
-      state = state_;
       next = std::chrono::steady_clock::now() + toSteady(1.0 / output_.rate_hz);
     }
-    if (!state.snapshot) continue;
     std::string error;
     try {
-      publish(state);
+      publish();
     } catch (const std::exception& e) {  // out of memory, say: the map itself is not touched
       error = e.what();
     }
@@ -152,8 +149,7 @@ void MapPublisher::work() {
   }
 }
 
-bool MapPublisher::wants(Output* output) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+bool MapPublisher::takeWanted(Output* output) {
   if (!output->is_stale || output->publisher.getNumSubscribers() == 0) return false;
   output->is_stale = false;
   return true;
@@ -170,23 +166,39 @@ bool MapPublisher::removedHaveExpired(const ros::Time& now) {
   return has_changed;
 }
 
-void MapPublisher::publish(const MapState& state) {
-  std_msgs::Header header;
-  header.frame_id = map_frame_;
-  header.stamp = state.stamp;
+void MapPublisher::publish() {
+  MapState state;
   GpisMappingParams::Output output;
   GpisMappingParams::Slice slice;
   std::vector<Eigen::Vector3d> removed;
+  // Together with the state that they are to be shown: a state that comes meanwhile makes its outputs stale again.
+  bool wants_mesh = false;
+  bool wants_marker = false;
+  bool wants_points = false;
+  bool wants_removed_points = false;
+  bool wants_ground = false;
+  bool wants_slice_cloud = false;
+  bool wants_slice_marker = false;
   {
     const ros::Time now = ros::Time::now();
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (!state_.snapshot) return;
     if (removedHaveExpired(now)) removed_points_.is_stale = true;
+    state = state_;
     output = output_;
     slice = slice_;
     for (const auto& entry : removed_) removed.insert(removed.end(), entry.second.begin(), entry.second.end());
+    wants_mesh = takeWanted(&mesh_);
+    wants_marker = takeWanted(&marker_);
+    wants_points = takeWanted(&points_);
+    wants_removed_points = takeWanted(&removed_points_);
+    wants_ground = takeWanted(&ground_);
+    wants_slice_cloud = takeWanted(&slice_cloud_);
+    wants_slice_marker = takeWanted(&slice_marker_);
   }
-  const bool wants_mesh = wants(&mesh_);
-  const bool wants_marker = wants(&marker_);
+  std_msgs::Header header;
+  header.frame_id = map_frame_;
+  header.stamp = state.stamp;
   if (wants_mesh || wants_marker) {
     if (!extractor_ || extractor_generation_ != state.generation) {
       extractor_ = std::make_unique<gpis_mapping::MeshExtractor>(state.snapshot->config());
@@ -203,15 +215,15 @@ void MapPublisher::publish(const MapState& state) {
           toMarker(mesh, header, output.mesh_color, output.color_max_std_m)));
     }
   }
-  if (wants(&points_)) {
+  if (wants_points) {
     points_.publisher.publish(
         boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(*state.snapshot, header)));
   }
-  if (wants(&removed_points_)) {
+  if (wants_removed_points) {
     removed_points_.publisher.publish(
         boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(removed, header)));
   }
-  if (wants(&ground_)) {
+  if (wants_ground) {
     const auto grid = gpis_mapping::projectToGround(*state.snapshot, ground_options_);
     gpis_mapping::GroundGrid none;  // one unknown cell: rviz takes a grid without cells for an error
     none.cell_size_m = ground_options_.cell_size_m;
@@ -220,8 +232,6 @@ void MapPublisher::publish(const MapState& state) {
     const nav_msgs::OccupancyGrid message = toOccupancyGrid(grid ? *grid : none, header);
     ground_.publisher.publish(boost::make_shared<const nav_msgs::OccupancyGrid>(message));
   }
-  const bool wants_slice_cloud = wants(&slice_cloud_);
-  const bool wants_slice_marker = wants(&slice_marker_);
   if (wants_slice_cloud || wants_slice_marker) {
     const SliceCells cells = makeSlice(*state.snapshot, slice, kMaxSliceCells);
     if (wants_slice_cloud) {
