@@ -93,8 +93,11 @@ def main():
     parser.add_argument("folder", type=pathlib.Path, metavar="RESULTS", help="results/soak")
     parser.add_argument("--plot", type=pathlib.Path, metavar="PNG", required=True)
     parser.add_argument("--table", type=pathlib.Path, metavar="MD", required=True)
+    parser.add_argument("--note", help="what a reader must know about these runs")
     arguments = parser.parse_args()
     parts = ["# Long checks\n\nWritten by `scripts/soak --update-docs`; what the parts are: [testing.md](../testing.md#long-checks).\n"]
+    if arguments.note:
+        parts.append(arguments.note + "\n")
     try:
         if (arguments.folder / "loop.csv").is_file():
             rows = read_rows(arguments.folder / "loop.csv")
