@@ -32,7 +32,7 @@ TEST_P(Fuzz, TheSameSeedGivesTheSameInputsWhereverTheRunBegins) {
 }
 
 INSTANTIATE_TEST_SUITE_P(AllTargets, Fuzz, testing::ValuesIn(allTargets()),
-                         [](const testing::TestParamInfo<TargetInfo>& info) { return info.param.name; });
+                         [](const testing::TestParamInfo<TargetInfo>& target) { return target.param.name; });
 
 /// Fails at input 3 of an episode.
 class FaultyTarget : public Target {
