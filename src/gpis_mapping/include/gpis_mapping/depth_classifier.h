@@ -17,6 +17,13 @@ enum class PixelKind : std::uint8_t {
   kNoInformation,  // shadow, too close, masked
 };
 
+/// Whether a pixel lies beside pixels without information.
+enum class Block : std::uint8_t {
+  kNone = 0,
+  kNarrow,         // only of narrow ones: the baseline's shadow at a depth edge, a few dropouts near one
+  kNoInformation,  // of anything else: the robot's own pixels, something too near
+};
+
 /// What every pixel of a depth image says, row major.
 struct ClassifiedFrame {
   int width{0};
@@ -24,9 +31,9 @@ struct ClassifiedFrame {
   std::vector<float> inverse_depth;  // 1/z [1/m]; 0 where nothing was measured
   std::vector<float> inverse_range;  // 1/|x| [1/m], complete: wall pixels at the wall, no-information pixels filled
   std::vector<PixelKind> kind;
-  // Within one kernel length of a no-information pixel. Speckle does not count: a few dropouts with one surface all round
-  // leave out nothing that the pixels beside them do not tell.
-  std::vector<std::uint8_t> blocked;
+  // Not 0 within one kernel length of a no-information pixel. Speckle does not count: a few dropouts with one surface
+  // all round leave out nothing that the pixels beside them do not tell.
+  std::vector<Block> blocked;
   std::size_t num_surface{0};
 
   std::size_t index(int u, int v) const { return static_cast<std::size_t>(v) * width + u; }
@@ -52,8 +59,13 @@ class DepthClassifier {
   void classifyHole(const float* depth, int begin, int end, PixelKind* kind) const;
   /// Depths beyond `near_m` by more than this belong to another surface [m].
   double edgeDepth(double near_m) const;
-  /// Whether the no-information pixel is one of a few with one surface, or wall, all round.
-  bool isSpeckle(const ClassifiedFrame& frame, int u, int v) const;
+  /// Widest strip, along the image row, that the near side of a depth edge can hide from the second viewpoint [px].
+  double widestShadowPx(double near_m, double far_m) const;
+  /// Sets 1 where a run of no-information pixels is no wider than the shadow of the depth edge it lies at.
+  void markShadows(const DepthImage& image, int v, const ClassifiedFrame& frame,
+                   std::vector<std::uint8_t>* is_shadow) const;
+  /// What a no-information pixel blocks around it: nothing if it is one of a few with one surface, or wall, all round.
+  Block blockOf(const ClassifiedFrame& frame, int u, int v, bool is_shadow) const;
 
   CameraModel camera_;
   GpisConfig config_;

@@ -15,6 +15,8 @@ namespace {
 constexpr int kSpecklePx = 3;
 // Speckle has at most that many pixels in a window that reaches so far around it.
 constexpr int kSpeckleWindowPx = 2;
+// How near the ends of a shadow its depth edge is.
+constexpr int kEdgeReachPx = 3;
 // Between equal depths, a hole narrower than this (or than the widest possible shadow) waits for a second look.
 constexpr int kWideHolePx = 12;
 
@@ -153,25 +155,71 @@ void DepthClassifier::classifyRow(const DepthImage& image, int v, ClassifiedFram
   }
 }
 
-bool DepthClassifier::isSpeckle(const ClassifiedFrame& frame, int u, int v) const {
+double DepthClassifier::widestShadowPx(double near_m, double far_m) const {
+  const double shadow_px = camera_.fx * config_.sensor.baseline_m * (1.0 / near_m - 1.0 / far_m);
+  return 1.2 * shadow_px + 2.0;  // depths at the border are noisy, and a pixel at each end is half hidden
+}
+
+void DepthClassifier::markShadows(const DepthImage& image, int v, const ClassifiedFrame& frame,
+                                  std::vector<std::uint8_t>* is_shadow) const {
+  if (config_.sensor.baseline_m <= 0.0) return;
+  const auto isTold = [&](int u) { return frame.kind[frame.index(u, v)] != PixelKind::kNoInformation; };
+  for (int begin = 0; begin < camera_.width; ++begin) {
+    if (isTold(begin)) continue;
+    int end = begin + 1;
+    while (end < camera_.width && !isTold(end)) ++end;
+    if (begin > 0 && end < camera_.width) {
+      bool is_too_near = false;
+      for (int u = begin; u < end; ++u) {
+        const float z = image.at(u, v);  // -Inf, or a depth below the least range: a body, no shadow
+        is_too_near = is_too_near || (std::isinf(z) && z < 0.0f) || z > 0.0f;
+      }
+      // Round both ends: flying pixels and noise make the outline of a shadow ragged.
+      float high = 0.0f;
+      float low = std::numeric_limits<float>::infinity();
+      const auto look = [&](int first, int last) {
+        for (int y = std::max(0, v - kEdgeReachPx); y <= std::min(camera_.height - 1, v + kEdgeReachPx); ++y) {
+          for (int x = std::max(0, first); x <= std::min(camera_.width - 1, last); ++x) {
+            const std::size_t i = frame.index(x, y);
+            if (frame.kind[i] == PixelKind::kNoInformation) continue;
+            high = std::max(high, frame.inverse_depth[i]);
+            low = std::min(low, frame.inverse_depth[i]);
+          }
+        }
+      };
+      look(begin - kEdgeReachPx, begin - 1);
+      look(end, end + kEdgeReachPx - 1);
+      const double near_m = 1.0 / std::max(1e-9f, high);
+      const double far_m = 1.0 / std::max(1e-9f, low);
+      if (!is_too_near && far_m - near_m > edgeDepth(near_m) && end - begin <= widestShadowPx(near_m, far_m)) {
+        for (int u = begin; u < end; ++u) (*is_shadow)[frame.index(u, v)] = 1;
+      }
+    }
+    begin = end;
+  }
+}
+
+Block DepthClassifier::blockOf(const ClassifiedFrame& frame, int u, int v, bool is_shadow) const {
+  const Block of_many = is_shadow ? Block::kNarrow : Block::kNoInformation;
   int dropouts = 0;
   float low = std::numeric_limits<float>::infinity();
   float high = 0.0f;
   for (int y = std::max(0, v - kSpeckleWindowPx); y <= std::min(camera_.height - 1, v + kSpeckleWindowPx); ++y) {
     for (int x = std::max(0, u - kSpeckleWindowPx); x <= std::min(camera_.width - 1, u + kSpeckleWindowPx); ++x) {
       const std::size_t i = frame.index(x, y);
-      if (frame.kind[i] == PixelKind::kAmbiguous) return false;
+      if (frame.kind[i] == PixelKind::kAmbiguous) return of_many;
       if (frame.kind[i] == PixelKind::kNoInformation) {
-        if (++dropouts > kSpecklePx) return false;
+        if (++dropouts > kSpecklePx) return of_many;
         continue;
       }
       low = std::min(low, frame.inverse_depth[i]);  // 0: wall
       high = std::max(high, frame.inverse_depth[i]);
     }
   }
-  if (high == 0.0f) return std::isfinite(low);  // wall all round
-  if (low == 0.0f || !std::isfinite(low)) return false;
-  return 1.0 / low - 1.0 / high <= edgeDepth(1.0 / high);
+  if (!std::isfinite(low)) return of_many;  // an image of a pixel or two
+  if (high == 0.0f) return Block::kNone;    // wall all round
+  if (low > 0.0f && 1.0 / low - 1.0 / high <= edgeDepth(1.0 / high)) return Block::kNone;
+  return Block::kNarrow;
 }
 
 ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threads) const {
@@ -186,15 +234,30 @@ ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threa
   parallelFor(static_cast<std::size_t>(camera_.height), num_threads, 32, [&](std::size_t begin, std::size_t end) {
     for (std::size_t v = begin; v < end; ++v) classifyRow(image, static_cast<int>(v), &frame);
   });
-  std::vector<std::uint8_t> unknown(size);
-  for (std::size_t i = 0; i < size; ++i) {
-    const int u = static_cast<int>(i) % camera_.width;
-    const int v = static_cast<int>(i) / camera_.width;
-    unknown[i] = frame.kind[i] == PixelKind::kNoInformation && !isSpeckle(frame, u, v);
-    frame.num_surface += frame.kind[i] == PixelKind::kSurface;
+  std::vector<std::uint8_t> is_shadow(size, 0);
+  std::vector<std::uint8_t> unknown(size, 0);
+  std::vector<std::uint8_t> unexplained(size, 0);
+  for (int v = 0; v < camera_.height; ++v) {
+    markShadows(image, v, frame, &is_shadow);
+    for (int u = 0; u < camera_.width; ++u) {
+      const std::size_t i = frame.index(u, v);
+      frame.num_surface += frame.kind[i] == PixelKind::kSurface;
+      if (frame.kind[i] != PixelKind::kNoInformation) continue;
+      const Block block = blockOf(frame, u, v, is_shadow[i] != 0);
+      unknown[i] = block != Block::kNone;
+      unexplained[i] = block == Block::kNoInformation;
+    }
   }
-  dilate(unknown, camera_.width, camera_.height, config_.frame_map.kernel_length_rad * camera_.fx,
-         config_.frame_map.kernel_length_rad * camera_.fy, &frame.blocked);
+  const double radius_u = config_.frame_map.kernel_length_rad * camera_.fx;
+  const double radius_v = config_.frame_map.kernel_length_rad * camera_.fy;
+  std::vector<std::uint8_t> beside_any;
+  std::vector<std::uint8_t> beside_unexplained;
+  dilate(unknown, camera_.width, camera_.height, radius_u, radius_v, &beside_any);
+  dilate(unexplained, camera_.width, camera_.height, radius_u, radius_v, &beside_unexplained);
+  frame.blocked.resize(size);
+  for (std::size_t i = 0; i < size; ++i) {
+    frame.blocked[i] = beside_unexplained[i] ? Block::kNoInformation : beside_any[i] ? Block::kNarrow : Block::kNone;
+  }
   return frame;
 }
 

@@ -506,7 +506,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
       const int v = static_cast<int>(row) * stride;
       for (int u = 0; u < image.width; u += stride) {
         const std::size_t pixel = image.index(u, v);
-        if (image.kind[pixel] != PixelKind::kSurface || image.blocked[pixel]) continue;
+        if (image.kind[pixel] != PixelKind::kSurface || image.blocked[pixel] != Block::kNone) continue;
         const Eigen::Vector3d ray((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy, 1.0);
         const Eigen::Vector3d raw = ray / image.inverse_depth[pixel];
         if (raw.norm() > 1.05 * max_range) continue;

@@ -87,7 +87,10 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const int pixel_u = static_cast<int>(u + 0.5);
   const int pixel_v = static_cast<int>(v + 0.5);
   const std::size_t pixel = pixels_->index(pixel_u, pixel_v);
-  if (pixels_->blocked[pixel]) return PointOutcome::kNothing;
+  const PixelKind kind = pixels_->kind[pixel];
+  const Block block = pixels_->blocked[pixel];
+  if (block == Block::kNoInformation) return PointOutcome::kNothing;
+  if (block == Block::kNarrow && kind == PixelKind::kNoInformation) return PointOutcome::kNothing;
 
   const double range = p.norm();
   const double inverse_range = 1.0 / range;
@@ -102,13 +105,21 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const double tolerance =
       std::max(config_.dynamic.tolerance_sigmas * sigma, config_.dynamic.min_tolerance_m / across * per_metre);
 
+  if (block == Block::kNarrow) {
+    // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look
+    // from here, and its rim would keep a piece of a removed object: what the pixel itself sees past shares the fate of
+    // its neighbours.
+    return config_.dynamic.enabled && inverse_range - pixels_->inverse_range[pixel] >= tolerance
+               ? PointOutcome::kDoubtful
+               : PointOutcome::kNothing;
+  }
   // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
   const double delta = inverse_range - seen.inverse_range;
   const double past =
       seen.smooth ? delta : std::min<double>(delta, inverse_range - map_.nearestAround(pixel_u, pixel_v));
   if (past >= tolerance) {
     if (!config_.dynamic.enabled) return PointOutcome::kNothing;
-    if (pixels_->kind[pixel] != PixelKind::kAmbiguous) return PointOutcome::kDeleted;
+    if (kind != PixelKind::kAmbiguous) return PointOutcome::kDeleted;
     return ++point->num_misses >= kMaxAmbiguousLooks ? PointOutcome::kDeleted : PointOutcome::kNothing;
   }
   // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours, and goes when
@@ -118,7 +129,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
     return PointOutcome::kDoubtful;
   }
   if (delta <= -tolerance && seen.smooth) return PointOutcome::kOccluded;
-  if (pixels_->kind[pixel] != PixelKind::kSurface) return PointOutcome::kNothing;
+  if (kind != PixelKind::kSurface) return PointOutcome::kNothing;
   if (cosine < kMinCosine) {
     // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of
     // an object that is gone: the rest of the face knows.

@@ -257,7 +257,7 @@ TEST(DepthClassifier, BlockedMatchesBruteForceDilation) {
               near = true;
             }
           }
-          ASSERT_EQ(frame.blocked[frame.index(u, v)] != 0, near) << u << ", " << v;
+          ASSERT_EQ(frame.blocked[frame.index(u, v)] != Block::kNone, near) << u << ", " << v;
           num_blocked += near ? 1 : 0;
         }
       }
@@ -270,7 +270,8 @@ TEST(DepthClassifier, SpeckleBlocksNothingUnlessItMayHideAnEdge) {
   const CameraModel camera = wideCamera();
   const auto blockedBy = [&](const DepthImage& image) {
     const ClassifiedFrame frame = DepthClassifier(camera, GpisConfig()).classify(image, 1);
-    return std::count(frame.blocked.begin(), frame.blocked.end(), 1);
+    return static_cast<std::ptrdiff_t>(frame.blocked.size()) -
+           std::count(frame.blocked.begin(), frame.blocked.end(), Block::kNone);
   };
   const auto at = [&](int u, int v) { return static_cast<std::size_t>(v) * camera.width + u; };
   DepthImage image = flatImage(camera, 1.5f);
@@ -295,6 +296,33 @@ TEST(DepthClassifier, SpeckleBlocksNothingUnlessItMayHideAnEdge) {
   wall.depth_m[at(60, 4)] = kNaN;
   EXPECT_EQ(blockedBy(wall), 0) << "nothing in reach all round";
   EXPECT_EQ(blockedBy(flatImage(camera, kNaN)), camera.width * camera.height);
+}
+
+TEST(DepthClassifier, BlocksBesideAShadowAreToldFromOthers) {
+  // Left 1 m, right 1.5 m: the shadow is 525 px * 0.075 m * (1 - 1/1.5) / m = 13 px wide.
+  const CameraModel camera = wideCamera();
+  const auto blockBeside = [&](const GpisConfig& config, int width_px, float fill, float right_m) {
+    DepthImage image = flatImage(camera, 1.0f);
+    for (int v = 0; v < camera.height; ++v) {
+      for (int u = 100; u < camera.width; ++u) {
+        image.depth_m[static_cast<std::size_t>(v) * camera.width + u] = u < 100 + width_px ? fill : right_m;
+      }
+    }
+    const ClassifiedFrame frame = DepthClassifier(camera, config).classify(image, 1);
+    return frame.blocked[frame.index(99, 8)];
+  };
+  GpisConfig config;
+  const float infinity = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(blockBeside(config, 13, kNaN, 1.5f), Block::kNarrow);
+  EXPECT_EQ(blockBeside(config, 20, kNaN, 1.5f), Block::kNoInformation) << "wider than the shadow can be";
+  EXPECT_EQ(blockBeside(config, 20, kNaN, infinity), Block::kNarrow) << "before nothing in reach it is 39 px wide";
+  EXPECT_EQ(blockBeside(config, 13, kNaN, 1.0f), Block::kNoInformation) << "no depth edge: a mask";
+  EXPECT_EQ(blockBeside(config, 13, -infinity, 1.5f), Block::kNoInformation) << "too near";
+  EXPECT_EQ(blockBeside(config, 13, 0.1f, 1.5f), Block::kNoInformation) << "nearer than the least range";
+  EXPECT_EQ(blockBeside(config, 13, 0.0f, 1.5f), Block::kNarrow) << "16-bit images";
+  EXPECT_EQ(blockBeside(config, 300, kNaN, 1.5f), Block::kNoInformation) << "open to the image border";
+  config.sensor.baseline_m = 0.0;
+  EXPECT_EQ(blockBeside(config, 13, kNaN, 1.5f), Block::kNoInformation) << "a sensor without baseline has no shadows";
 }
 
 TEST(DepthClassifier, RefusesAnImageOfAnotherSize) {
