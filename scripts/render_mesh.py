@@ -33,13 +33,15 @@ class MeshError(Exception):
 
 
 class Mesh:
-    """points, normals: Nx3 [m, unit], map frame; variance: N [m^2] or None; triangles: Mx3 indices."""
+    """points, normals: Nx3 [m, unit], map frame; variance: N [m^2] or None; triangles: Mx3 indices;
+    distance: N, signed, to another surface [m], or None."""
 
-    def __init__(self, points, normals, variance, triangles):
+    def __init__(self, points, normals, variance, triangles, distance=None):
         self.points = points
         self.normals = normals
         self.variance = variance
         self.triangles = triangles
+        self.distance = distance
 
 
 def read_header(stream, path):
@@ -132,7 +134,8 @@ def read_ply(path):
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(length > 1e-12, normals / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
     variance = vertices["variance"].astype(np.float64) if "variance" in vertices.dtype.names else None
-    return Mesh(points, normals, variance, triangles)
+    distance = vertices["distance"].astype(np.float64) if "distance" in vertices.dtype.names else None
+    return Mesh(points, normals, variance, triangles, distance)
 
 
 class Camera:

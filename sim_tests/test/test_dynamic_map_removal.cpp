@@ -83,6 +83,29 @@ TEST(DynamicMapRemoval, DropoutsOfSinglePixelsSpareNothing) {
   EXPECT_LE(std::count_if(after.begin(), after.end(), isOnRemovedBox), num_before / 100);
 }
 
+TEST(DynamicMapRemoval, ShadowsDropoutsAndFlyingPixelsKeepNoPieceOfABrick) {
+  for (const std::uint64_t seed : {1, 2, 3}) {
+    Scene scene = loadScene(std::string(SIM_TESTS_SCENES) + "/fig8.yaml");  // every effect of a stereo camera
+    scene.seed = seed;
+    GpisMap map{gpis_mapping::GpisConfig{}};
+    feedFrames(&map, scene, 0, 0);
+    const auto removed = std::find_if(scene.boxes.begin(), scene.boxes.end(),
+                                      [](const Box& box) { return box.vanishes_at_frame == 1; });
+    ASSERT_NE(removed, scene.boxes.end());
+    const SceneDistance remains(scene, 1);
+    const auto isOnRemovedBox = [&](const SurfacePoint& point) {
+      return std::abs(boxDistance(scene, *removed, point.position_map)) < 0.02 &&
+             distanceAt(remains, point.position_map) > 0.03;
+    };
+    const std::vector<SurfacePoint> before = pointsOf(map);
+    ASSERT_GT(std::count_if(before.begin(), before.end(), isOnRemovedBox), 80);
+    feedFrames(&map, scene, 1, 1);
+    const std::vector<SurfacePoint> after = pointsOf(map);
+    // A point or two whose few neighbours are gone already have nobody to share a fate with.
+    EXPECT_LE(std::count_if(after.begin(), after.end(), isOnRemovedBox), 1) << "seed " << seed;
+  }
+}
+
 TEST(DynamicMapRemoval, LeavesOccludedPointsUntouchedBitForBit) {
   Scene scene = twoBoxes();
   addAxialNoise(&scene);

@@ -90,7 +90,6 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const PixelKind kind = pixels_->kind[pixel];
   const Block block = pixels_->blocked[pixel];
   if (block == Block::kNoInformation) return PointOutcome::kNothing;
-  if (block == Block::kNarrow && kind == PixelKind::kNoInformation) return PointOutcome::kNothing;
 
   const double range = p.norm();
   const double inverse_range = 1.0 / range;
@@ -107,11 +106,12 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
 
   if (block == Block::kNarrow) {
     // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look
-    // from here, and its rim would keep a piece of a removed object: what the pixel itself sees past shares the fate of
-    // its neighbours.
-    return config_.dynamic.enabled && inverse_range - pixels_->inverse_range[pixel] >= tolerance
-               ? PointOutcome::kDoubtful
-               : PointOutcome::kNothing;
+    // from here, and it would keep a piece of a removed object: what its own pixel sees past, or all pixels round a
+    // dropout, shares the fate of its neighbours.
+    const double seen_at =
+        kind == PixelKind::kNoInformation ? map_.nearestAround(pixel_u, pixel_v) : pixels_->inverse_range[pixel];
+    const bool is_past = kind != PixelKind::kAmbiguous && inverse_range - seen_at >= tolerance;
+    return config_.dynamic.enabled && is_past ? PointOutcome::kDoubtful : PointOutcome::kNothing;
   }
   // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
   const double delta = inverse_range - seen.inverse_range;
