@@ -180,7 +180,7 @@ bool DepthInput::checkTime(const ros::Time& stamp, Refusal* refusal) {
     return false;
   }
   const ros::Time now = ros::Time::now();
-  const double ahead = (stamp - now).toSec();
+  const double ahead = stamp.toSec() - now.toSec();  // a ros::Duration ends at 68 years
   if (!now.isZero() && ahead > params_.max_future_s) {
     *refusal = {FrameStatus::kStampInFuture, "stamp is " + seconds(ahead) + " ahead of ROS time, must be at most " +
                                                  seconds(params_.max_future_s) +
@@ -188,7 +188,7 @@ bool DepthInput::checkTime(const ros::Time& stamp, Refusal* refusal) {
     return false;
   }
   if (!last_stamp_.isZero() && stamp <= last_stamp_) {
-    const double back = (last_stamp_ - stamp).toSec();
+    const double back = last_stamp_.toSec() - stamp.toSec();
     if (back < kOutOfOrder_s) {
       *refusal = {FrameStatus::kTimeRanBack, "stamp is " + seconds(back) + " before the last one, must be after it"};
       return false;
@@ -218,7 +218,7 @@ void DepthInput::noteTfAge(const std::string& camera_frame, const ros::Time& sta
   try {
     const ros::Time newest = tf_buffer_.lookupTransform(params_.map_frame, camera_frame, ros::Time(0)).header.stamp;
     has_age = !newest.isZero();  // static transforms have no age
-    age_s = (stamp - newest).toSec();
+    age_s = stamp.toSec() - newest.toSec();
   } catch (const tf2::TransformException&) {
     has_age = false;
   }
@@ -263,6 +263,11 @@ std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refus
   if (frame.camera_frame.empty()) {
     *refusal = {FrameStatus::kMalformedImage,
                 "frame_id is empty, must name the camera's optical frame (or set camera_frame)"};
+    return std::nullopt;
+  }
+  if (frame.camera_frame == params_.map_frame) {
+    *refusal = {FrameStatus::kMalformedImage,
+                "frame_id '" + frame.camera_frame + "' is the map's frame, must name the camera's optical frame"};
     return std::nullopt;
   }
   std::optional<gpis_mapping::DepthImage> image = toDepthImage(message, params_.depth_units_per_metre, refusal);

@@ -156,7 +156,7 @@ Refusal GpisMappingRos::consume(const DepthInputFrame& frame) {
     header.frame_id = params_.input.map_frame;
     message = toMapUpdate(statistics, header, map_->snapshot()->numUpdates(), frame.wait_ms);
   }
-  noteFrame(true, message.total_ms, (ros::Time::now() - frame.stamp).toSec());
+  noteFrame(true, message.total_ms, ros::Time::now().toSec() - frame.stamp.toSec());
   ROS_DEBUG_NAMED(kLog, "update %lu: %.1f ms, %u points, +%u -%u", static_cast<unsigned long>(message.update),
                   message.total_ms, message.map_points, message.inserted, message.deleted);
   // Last: whoever waits for it finds the map's answers up to date.
