@@ -327,7 +327,8 @@ TEST_F(LiveMapInput, OnlyTheNewestImageWaitsWhileTheNodeIsBusy) {
     }
     return sum + live_->count("replaced by a newer one");
   };
-  ASSERT_TRUE(waitUntil([&] { return live_->count("received") > 0 && settled() == live_->count("received"); }));
+  // The good image comes after all those that connecting took: with it, diagnostics tell of them all.
+  ASSERT_TRUE(waitUntil([&] { return live_->count("accepted") == 1 && settled() == live_->count("received"); }));
   const long received = live_->count("received");
   const long accepted = live_->count("accepted");
   const long replaced = live_->count("replaced by a newer one");
