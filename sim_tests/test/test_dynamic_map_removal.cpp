@@ -89,8 +89,8 @@ TEST(DynamicMapRemoval, ShadowsDropoutsAndFlyingPixelsKeepNoPieceOfABrick) {
     scene.seed = seed;
     GpisMap map{gpis_mapping::GpisConfig{}};
     feedFrames(&map, scene, 0, 0);
-    const auto removed = std::find_if(scene.boxes.begin(), scene.boxes.end(),
-                                      [](const Box& box) { return box.vanishes_at_frame == 1; });
+    const auto removed =
+        std::find_if(scene.boxes.begin(), scene.boxes.end(), [](const Box& box) { return box.vanishes_at_frame == 1; });
     ASSERT_NE(removed, scene.boxes.end());
     const SceneDistance remains(scene, 1);
     const auto isOnRemovedBox = [&](const SurfacePoint& point) {

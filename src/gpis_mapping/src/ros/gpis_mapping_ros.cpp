@@ -24,8 +24,8 @@ using gpis_mapping::GpisMap;
 using gpis_mapping::MapContents;
 
 constexpr char kLog[] = "gpis_mapping";
-constexpr double kWindow_s = 5.0;   // over which diagnostics count
-constexpr double kSilence_s = 2.0;  // without an image: a warning
+constexpr double kWindow_s = 5.0;      // over which diagnostics count
+constexpr double kSilence_s = 2.0;     // without an image: a warning
 constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
 
 std::string formatted(const char* format, double value) {
