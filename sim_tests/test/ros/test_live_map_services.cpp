@@ -308,6 +308,14 @@ TEST_F(LiveMapServices, ImpossibleTuningIsRefusedNamedAndTakenBack) {
   ASSERT_FALSE(errors.empty());
   EXPECT_PRED2(has, errors.front(), "tuning refused");
   EXPECT_PRED2(has, errors.front(), "sensor/min_range_m must be below sensor/max_range_m");
+  errors.clear();
+  const double rate_hz = valueOf(refused.config, "rate_hz");
+  dynamic_reconfigure::Config no_number;  // which dynamic_reconfigure itself lets through
+  set(&no_number, "rate_hz", std::numeric_limits<double>::quiet_NaN());
+  EXPECT_EQ(valueOf(tune(no_number).config, "rate_hz"), rate_hz);
+  EXPECT_TRUE(waitUntil([&] { return !errors.empty(); }));
+  ASSERT_FALSE(errors.empty());
+  EXPECT_PRED2(has, errors.front(), "output/rate_hz = nan Hz, must be in");
   // What is a metre away is still mapped, and what is tuned next is not refused for what was.
   ASSERT_TRUE(live_.clear());
   EXPECT_GT(feed(0, 0).map_points, 200u);

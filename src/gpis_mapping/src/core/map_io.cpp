@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <type_traits>
@@ -287,6 +288,12 @@ MapContents parse(const std::vector<char>& bytes, const std::string& path) {
 
 /// Checks magic, version and length by the header alone, then reads the rest and checks its sum.
 std::vector<char> readChecked(const std::string& path) {
+  // Opening a pipe would wait for somebody to write to it.
+  std::error_code ignored;
+  const std::filesystem::file_status status = std::filesystem::status(path, ignored);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
+    throw MapFileError("is not a regular file");
+  }
   errno = 0;
   std::ifstream in(path, std::ios::binary | std::ios::ate);
   if (!in) throw MapFileError(std::string("cannot be read: ") + std::strerror(errno == 0 ? EIO : errno));

@@ -95,6 +95,7 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   tune.color_max_std_m = params_.output.color_max_std_m;
   tune.slice_height_m = params_.slice.height_m;
   tune.__toServer__(tune_nh);
+  tune_ = tune;
   tune_server_ = std::make_unique<dynamic_reconfigure::Server<TuneConfig>>(tune_mutex_, tune_nh);
   publisher_.onSliceDragged([this](double height_m) { onSliceDragged(height_m); });
 
@@ -402,40 +403,49 @@ bool GpisMappingRos::onClearBox(interactive_mapping_msgs::ClearBox::Request& req
 }
 
 void GpisMappingRos::onTune(TuneConfig& config) {
-  try {
-    const std::lock_guard<std::mutex> lock(map_mutex_);
-    GpisConfig next = tuned_;
-    next.sensor.min_range_m = config.min_range_m;
-    next.sensor.max_range_m = config.max_range_m;
-    next.sensor.hole_policy = gpis_mapping::holePolicyFromString(config.hole_policy);
-    next.sensor.pose_std_m = config.pose_std_m;
-    next.dynamic.enabled = config.dynamic;
-    next.dynamic.tolerance_sigmas = config.tolerance_sigmas;
-    next.dynamic.min_tolerance_m = config.min_tolerance_m;
-    if (gpis_mapping::toYaml(next) != gpis_mapping::toYaml(tuned_)) {
-      map_->retune(next.sensor, next.dynamic);
-      tuned_ = next;
-      ROS_INFO_NAMED(kLog, "map retuned");
-    }
-  } catch (const std::exception& error) {
-    ROS_ERROR_NAMED(kLog, "tuning refused, the map goes on as it was: %s", error.what());
-    // Taken back where it is shown, too: it would be refused again with whatever is tuned next.
-    const std::lock_guard<std::mutex> lock(map_mutex_);
-    toTune(tuned_, &config);
-  }
-  tune_ = config;  // dynamic_reconfigure holds tune_mutex_ here
-  gpis_mapping::PoseLimits limits = params_.input.pose_limits;
+  // dynamic_reconfigure holds tune_mutex_ here. It clamps numbers to their range, but lets NaN and any text through.
+  GpisMappingParams next = params_;
+  next.storage.autosave_file.clear();  // not tuned; its folder may be gone meanwhile
+  gpis_mapping::PoseLimits& limits = next.input.pose_limits;
   limits.max_step_m = config.max_step_m;
   limits.max_step_rad = config.max_step_rad;
   limits.settle_frames = config.settle_frames;
+  next.output.rate_hz = config.rate_hz;
+  next.output.removed_display_s = config.removed_display_s;
+  next.output.color_max_std_m = config.color_max_std_m;
+  next.output.mesh_color =
+      config.mesh_color == toString(MeshColor::kHeight) ? MeshColor::kHeight : MeshColor::kUncertainty;
+  next.slice.height_m = config.slice_height_m;
+  try {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    next.map = tuned_;
+    next.map.sensor.min_range_m = config.min_range_m;
+    next.map.sensor.max_range_m = config.max_range_m;
+    next.map.sensor.hole_policy = gpis_mapping::holePolicyFromString(config.hole_policy);
+    next.map.sensor.pose_std_m = config.pose_std_m;
+    next.map.dynamic.enabled = config.dynamic;
+    next.map.dynamic.tolerance_sigmas = config.tolerance_sigmas;
+    next.map.dynamic.min_tolerance_m = config.min_tolerance_m;
+    if (config.mesh_color != toString(next.output.mesh_color)) {
+      throw std::invalid_argument("mesh_color = '" + config.mesh_color + "', must be uncertainty or height");
+    }
+    const std::vector<std::string> problems = next.validate();
+    if (!problems.empty()) throw std::invalid_argument(problems.front());
+    if (gpis_mapping::toYaml(next.map) != gpis_mapping::toYaml(tuned_)) {
+      map_->retune(next.map.sensor, next.map.dynamic);
+      tuned_ = next.map;
+      ROS_INFO_NAMED(kLog, "map retuned");
+    }
+  } catch (const std::exception& error) {
+    ROS_ERROR_NAMED(kLog, "tuning refused, everything stays as it was: %s", error.what());
+    // Taken back where it is shown, too: it would be refused again with whatever is tuned next.
+    config = tune_;
+    return;
+  }
+  tune_ = config;
   input_->setPoseLimits(limits);
-  GpisMappingParams::Output output = params_.output;
-  output.rate_hz = config.rate_hz;
-  output.removed_display_s = config.removed_display_s;
-  output.mesh_color = config.mesh_color == toString(MeshColor::kHeight) ? MeshColor::kHeight : MeshColor::kUncertainty;
-  output.color_max_std_m = config.color_max_std_m;
-  publisher_.setOutput(output);
-  publisher_.setSliceHeight(config.slice_height_m);
+  publisher_.setOutput(next.output);
+  publisher_.setSliceHeight(next.slice.height_m);
 }
 
 void GpisMappingRos::onSliceDragged(double height_m) {

@@ -260,6 +260,10 @@ TEST_F(MapFile, WillNotSaveWhatItWouldRefuse) {
 TEST_F(MapFile, SaysWhyItCannotRead) {
   EXPECT_THAT(messageOf<MapFileError>([this] { loadMap(folder_.file("none.gpis")); }), HasSubstr("No such file"));
   EXPECT_THAT(messageOf<MapFileError>([this] { loadMap(folder_.path()); }), HasSubstr(folder_.path()));
+  // Would wait for a writer for ever if it were opened.
+  const std::string pipe = folder_.file("pipe.gpis");
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THAT(messageOf<MapFileError>([&] { loadMap(pipe); }), HasSubstr("is not a regular file"));
 }
 
 TEST_F(MapFile, SaysWhyItCannotWrite) {
