@@ -153,11 +153,11 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
   EXPECT_EQ(getMap("octomap_full").data, full.message->data);
 
   // Saved, and read by OctoMap itself.
-  char folder[] = "/tmp/octomap_baseline_XXXXXX";
-  ASSERT_NE(::mkdtemp(folder), nullptr);
+  std::string folder = testing::TempDir() + "octomap_baseline_XXXXXX";
+  ASSERT_NE(::mkdtemp(&folder[0]), nullptr);
   for (const char* name : {"map.bt", "map.ot"}) {
     SaveMap save;
-    save.request.path = std::string(folder) + "/" + name;
+    save.request.path = folder + "/" + name;
     ASSERT_TRUE(ros::service::call("octomap_baseline/save", save));
     EXPECT_TRUE(save.response.success) << save.response.message;
     EXPECT_EQ(save.response.num_points, last_accepted.map_points);
@@ -168,7 +168,7 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
     EXPECT_EQ(read->size(), toTree(*full.message)->size());
   }
   SaveMap refused;
-  refused.request.path = std::string(folder) + "/map.ply";
+  refused.request.path = folder + "/map.ply";
   ASSERT_TRUE(ros::service::call("octomap_baseline/save", refused));
   EXPECT_FALSE(refused.response.success);
   EXPECT_NE(refused.response.message.find("must end in .bt"), std::string::npos) << refused.response.message;
