@@ -12,7 +12,9 @@ namespace {
 std::mutex warning_mutex;  // guards warnings
 WarningCount warnings;
 
-void throwError(const char* message) { throw std::runtime_error(std::string("MuJoCo: ") + message); }
+void throwError(const char* message) {
+  throw std::runtime_error(std::string("MuJoCo: ") + message);
+}
 
 void countWarning(const char* message) {
   const std::lock_guard<std::mutex> lock(warning_mutex);
@@ -77,7 +79,9 @@ Eigen::Isometry3d bodyPose(const mjData& data, int body) {
   return pose;
 }
 
-Eigen::Quaterniond quaternionFrom(const mjtNum* wxyz) { return {wxyz[0], wxyz[1], wxyz[2], wxyz[3]}; }
+Eigen::Quaterniond quaternionFrom(const mjtNum* wxyz) {
+  return {wxyz[0], wxyz[1], wxyz[2], wxyz[3]};
+}
 
 void quaternionTo(const Eigen::Quaterniond& q, mjtNum* wxyz) {
   wxyz[0] = q.w();
