@@ -1,0 +1,719 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "simulated_world/world.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+#include <tuple>
+
+#include "world_mjcf.h"
+
+namespace simulated_world {
+
+const std::array<std::string, kArmJoints> kArmJointNames{
+    {"shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"}};
+
+namespace {
+
+// Taken-away bricks wait below the ground: out of sight of camera and scanner, touching nothing.
+const Eigen::Vector3d kStoreroom(0.0, 0.0, -100.0);
+// An overload shorter than this is one of the solver's spikes at a contact's first steps, not a force.
+constexpr double kOverloadTime_s = 0.01;
+constexpr double kRestSpeed_m_s = 0.03;
+constexpr double kRestSpeed_rad_s = 0.3;
+
+int jointId(const mjModel& model, const std::string& name, mjtJoint type) {
+  const int joint = requireId(model, mjOBJ_JOINT, name);
+  if (model.jnt_type[joint] != type) {
+    throw std::invalid_argument("joint \"" + name + "\" of the robot model is of another type than expected");
+  }
+  return joint;
+}
+
+std::string nameOf(const mjModel& model, mjtObj type, int id) {
+  const char* name = mj_id2name(&model, type, id);
+  return name != nullptr ? name : "";
+}
+
+// Entry (row, column) of the joint space inertia. MuJoCo stores, for every degree of freedom, the entries along the
+// path to the root.
+double inertiaEntry(const mjModel& model, const mjData& data, int row, int column) {
+  if (row < column) {
+    std::swap(row, column);
+  }
+  int address = model.dof_Madr[row];
+  for (int dof = row; dof >= 0; dof = model.dof_parentid[dof], ++address) {
+    if (dof == column) {
+      return data.qM[address];
+    }
+  }
+  return 0.0;
+}
+
+mjtByte& weldIsActive(mjModel& model, mjData& data, int weld) {
+#if mjVERSION_HEADER >= 300
+  (void)model;
+  return data.eq_active[weld];
+#else
+  (void)data;
+  return model.eq_active[weld];
+#endif
+}
+
+std::uint64_t hashBytes(std::uint64_t hash, const void* bytes, std::size_t count) {  // FNV-1a
+  const auto* byte = static_cast<const unsigned char*>(bytes);
+  for (std::size_t i = 0; i < count; ++i) {
+    hash = (hash ^ byte[i]) * 0x100000001B3ULL;
+  }
+  return hash;
+}
+
+std::vector<std::string> brickProblems(const std::vector<PhysicalBrick>& bricks) {
+  std::vector<std::string> problems;
+  std::set<int> ids;
+  for (const PhysicalBrick& brick : bricks) {
+    const std::string name = "brick " + std::to_string(brick.id);
+    if (brick.id < 0 || !ids.insert(brick.id).second) {
+      problems.push_back(name + ": ids must be unique and not negative");
+    }
+    if (!brick.size_m.allFinite() || brick.size_m.minCoeff() < 0.01 || brick.size_m.maxCoeff() > 5.0) {
+      problems.push_back(name + ": size must be in [0.01, 5] m");
+    }
+    if (!(brick.mass_kg > 0.0 && brick.mass_kg <= 1000.0)) {
+      problems.push_back(name + ": mass must be in (0, 1000] kg");
+    }
+    if (!(brick.friction > 0.0 && brick.friction <= 5.0)) {
+      problems.push_back(name + ": friction must be in (0, 5]");
+    }
+    if (!brick.T_map_brick.matrix().allFinite()) {
+      problems.push_back(name + ": pose is not finite");
+    }
+  }
+  return problems;
+}
+
+void throwIfAny(const std::vector<std::string>& problems, const std::string& what) {
+  if (problems.empty()) {
+    return;
+  }
+  std::string message = what + ":";
+  for (const std::string& problem : problems) {
+    message += " " + problem + ";";
+  }
+  throw std::invalid_argument(message);
+}
+
+}  // namespace
+
+std::vector<std::string> WorldConfig::validate() const {
+  std::vector<std::string> problems;
+  const auto require = [&problems](const char* key, double value, double low, double high, const char* unit) {
+    if (!(value >= low && value <= high)) {
+      std::ostringstream line;
+      line << key << " = " << value << ' ' << unit << ", must be in [" << low << ", " << high << "] " << unit;
+      problems.push_back(line.str());
+    }
+  };
+  // Above 4 ms the arm's servo (80 rad/s) and contacts of a kilogram are no longer stable.
+  require("timestep_s", timestep_s, 1e-4, 0.004, "s");
+  require("magnet/holding_force_N", magnet.holding_force_N, 0.0, 1e4, "N");
+  require("magnet/friction", magnet.friction, 0.0, 2.0, "");
+  require("magnet/radius_m", magnet.radius_m, 1e-3, 0.5, "m");
+  require("magnet/max_gap_m", magnet.max_gap_m, 0.0, 0.01, "m");
+  require("magnet/max_tilt_rad", magnet.max_tilt_rad, 1e-3, 1.0, "rad");
+  require("servo/arm_bandwidth_rad_s", servo.arm_bandwidth_rad_s, 1.0, 0.25 / timestep_s, "rad/s");
+  require("servo/base_bandwidth_rad_s", servo.base_bandwidth_rad_s, 1.0, 0.25 / timestep_s, "rad/s");
+  require("servo/arm_effort_Nm (least)", servo.arm_effort_Nm.minCoeff(), 0.1, 1e4, "N m");
+  require("servo/traction_N", servo.traction_N, 1.0, 1e5, "N");
+  require("servo/traction_Nm", servo.traction_Nm, 1.0, 1e5, "N m");
+  require("servo/max_slide_m", servo.max_slide_m, 1e-4, 1.0, "m");
+  require("servo/max_slide_rad", servo.max_slide_rad, 1e-4, 1.0, "rad");
+  return problems;
+}
+
+World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<PhysicalBrick>& bricks,
+             const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config)
+    : config_(config) {
+  throwIfAny(config.validate(), "world");
+  throwIfAny(brickProblems(bricks), "world");
+  model_ = compileModel(worldMjcf(robot_mjcf, assets_mjcf, bricks, config));
+  data_ = makeData(*model_);
+
+  const int base = requireId(*model_, mjOBJ_BODY, "base_link");
+  magnet_body_ = requireId(*model_, mjOBJ_BODY, "magnet");
+  tip_site_ = requireId(*model_, mjOBJ_SITE, "magnet_tip");
+  wrist_site_ = requireId(*model_, mjOBJ_SITE, "wrist_ft");
+  force_sensor_ = model_->sensor_adr[requireId(*model_, mjOBJ_SENSOR, "wrist_force")];
+  torque_sensor_ = model_->sensor_adr[requireId(*model_, mjOBJ_SENSOR, "wrist_torque")];
+  const std::array<const char*, 3> base_joints{{"base_x", "base_y", "base_yaw"}};
+  for (int i = 0; i < 3; ++i) {
+    const int joint = jointId(*model_, base_joints[i], i < 2 ? mjJNT_SLIDE : mjJNT_HINGE);
+    base_qpos_[i] = model_->jnt_qposadr[joint];
+    base_dof_[i] = model_->jnt_dofadr[joint];
+  }
+  for (int i = 0; i < kArmJoints; ++i) {
+    const int joint = jointId(*model_, kArmJointNames[i], mjJNT_HINGE);
+    arm_qpos_[i] = model_->jnt_qposadr[joint];
+    arm_dof_[i] = model_->jnt_dofadr[joint];
+  }
+  const std::array<const char*, 2> wheels{{"wheel_front_left_joint", "wheel_front_right_joint"}};
+  for (int i = 0; i < 2; ++i) {
+    const int joint = mj_name2id(model_.get(), mjOBJ_JOINT, wheels[i]);
+    if (joint >= 0) {
+      wheel_qpos_[i] = model_->jnt_qposadr[joint];
+      wheel_dof_[i] = model_->jnt_dofadr[joint];
+    }
+  }
+  is_robot_geom_.assign(model_->ngeom, 0);
+  is_magnet_geom_.assign(model_->ngeom, 0);
+  slot_of_geom_.assign(model_->ngeom, -1);
+  for (int geom = 0; geom < model_->ngeom; ++geom) {
+    for (int body = model_->geom_bodyid[geom]; body > 0; body = model_->body_parentid[body]) {
+      is_robot_geom_[geom] |= body == base;
+      is_magnet_geom_[geom] |= body == magnet_body_;
+    }
+  }
+  for (const PhysicalBrick& brick : bricks) {
+    BrickSlot slot{brick, 0, 0, 0, 0, true};
+    const std::string name = brickName(brick.id);
+    slot.body = requireId(*model_, mjOBJ_BODY, name);
+    slot.geom = requireId(*model_, mjOBJ_GEOM, name);
+    slot.qpos = model_->jnt_qposadr[model_->body_jntadr[slot.body]];
+    slot.dof = model_->jnt_dofadr[model_->body_jntadr[slot.body]];
+    slot_of_geom_[slot.geom] = static_cast<int>(slots_.size());
+    slots_.push_back(slot);
+  }
+  std::sort(slots_.begin(), slots_.end(),
+            [](const BrickSlot& a, const BrickSlot& b) { return a.brick.id < b.brick.id; });
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    slot_of_geom_[slots_[i].geom] = static_cast<int>(i);
+  }
+  weld_ = slots_.empty() ? -1 : requireId(*model_, mjOBJ_EQUALITY, "magnet_hold");
+
+  data_->qpos[base_qpos_[0]] = robot_start.x_m;
+  data_->qpos[base_qpos_[1]] = robot_start.y_m;
+  data_->qpos[base_qpos_[2]] = robot_start.yaw_rad;
+  for (int i = 0; i < kArmJoints; ++i) {
+    data_->qpos[arm_qpos_[i]] = arm_start_rad[i];
+  }
+  base_reference_ = robot_start;
+  arm_reference_ = arm_start_rad;
+  mj_forward(model_.get(), data_.get());
+
+  // The tool is everything that hangs on the wrist's sensor.
+  const int tool = model_->site_bodyid[wrist_site_];
+  Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+  for (int body = tool; body < model_->nbody; ++body) {
+    bool is_tool = false;
+    for (int ancestor = body; ancestor > 0; ancestor = model_->body_parentid[ancestor]) {
+      is_tool |= ancestor == tool;
+    }
+    if (is_tool) {
+      tool_mass_kg_ += model_->body_mass[body];
+      moment += model_->body_mass[body] * Eigen::Map<const Eigen::Vector3d>(data_->xipos + 3 * body);
+    }
+  }
+  if (tool_mass_kg_ > 0.0) {
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(data_->site_xmat + 9 * wrist_site_);
+    tool_centre_m_ = R.transpose() *
+                     (moment / tool_mass_kg_ - Eigen::Map<const Eigen::Vector3d>(data_->site_xpos + 3 * wrist_site_));
+  }
+}
+
+void World::setArmReference(const ArmVector& position_rad, const ArmVector& velocity_rad_s) {
+  arm_reference_acceleration_ = (velocity_rad_s - arm_reference_velocity_) / config_.timestep_s;
+  arm_reference_ = position_rad;
+  arm_reference_velocity_ = velocity_rad_s;
+}
+
+void World::setWheelAngles(double left_rad, double right_rad) {
+  const std::array<double, 2> angles{{left_rad, right_rad}};
+  for (int i = 0; i < 2; ++i) {
+    if (wheel_qpos_[i] >= 0) {
+      data_->qpos[wheel_qpos_[i]] = angles[i];
+      data_->qvel[wheel_dof_[i]] = 0.0;
+    }
+  }
+}
+
+void World::setMagnet(bool is_on) {
+  if (!is_on) {
+    is_magnet_spent_ = false;
+    if (held_ >= 0) {
+      letGo(ReleaseReason::kSwitchedOff);
+    }
+  }
+  is_magnet_on_ = is_on;
+}
+
+void World::setPayload(double mass_kg, const Eigen::Vector3d& centre_m) {
+  payload_kg_ = mass_kg;
+  payload_centre_m_ = centre_m;
+}
+
+void World::step() {
+  mjModel* model = model_.get();
+  mjData* data = data_.get();
+  mj_step1(model, data);
+  commandBase();
+  commandArm();
+  mj_step2(model, data);
+  for (BrickSlot& slot : slots_) {
+    if (!slot.is_present) {
+      std::copy_n(kStoreroom.data(), 3, data->qpos + slot.qpos);
+      std::fill_n(data->qvel + slot.dof, 6, 0.0);
+    }
+  }
+  updateMagnet();
+  collectTouches();
+  for (int i = 0; i < model->nq; ++i) {
+    if (!std::isfinite(data->qpos[i])) {
+      throw std::runtime_error("the simulated world diverged at " + std::to_string(data->time) + " s: joint " +
+                               nameOf(*model, mjOBJ_JOINT, std::min(i, model->njnt - 1)) + " is not finite");
+    }
+  }
+}
+
+void World::commandBase() {
+  mjData* data = data_.get();
+  const double dt = config_.timestep_s;
+  base_reference_ = moveAlongArc(base_reference_, base_twist_, dt);
+  const Eigen::Vector3d position(data->qpos[base_qpos_[0]], data->qpos[base_qpos_[1]], data->qpos[base_qpos_[2]]);
+  const Eigen::Vector3d velocity(data->qvel[base_dof_[0]], data->qvel[base_dof_[1]], data->qvel[base_dof_[2]]);
+
+  // Tyres slide rather than stretch.
+  Eigen::Vector2d slide(base_reference_.x_m - position.x(), base_reference_.y_m - position.y());
+  if (slide.norm() > config_.servo.max_slide_m) {
+    slide *= config_.servo.max_slide_m / slide.norm();
+    base_reference_.x_m = position.x() + slide.x();
+    base_reference_.y_m = position.y() + slide.y();
+  }
+  base_reference_.yaw_rad = position.z() + std::clamp(base_reference_.yaw_rad - position.z(),
+                                                      -config_.servo.max_slide_rad, config_.servo.max_slide_rad);
+
+  const double c = std::cos(base_reference_.yaw_rad);
+  const double s = std::sin(base_reference_.yaw_rad);
+  const Eigen::Vector3d target_velocity(c * base_twist_.linear_m_s, s * base_twist_.linear_m_s,
+                                        base_twist_.angular_rad_s);
+  const double along = (base_twist_.linear_m_s - previous_base_twist_.linear_m_s) / dt;
+  const double centripetal = base_twist_.linear_m_s * base_twist_.angular_rad_s;
+  const Eigen::Vector3d target_acceleration(c * along - s * centripetal, s * along + c * centripetal,
+                                            (base_twist_.angular_rad_s - previous_base_twist_.angular_rad_s) / dt);
+  previous_base_twist_ = base_twist_;
+
+  const double w = config_.servo.base_bandwidth_rad_s;
+  const Eigen::Vector3d target(base_reference_.x_m, base_reference_.y_m, base_reference_.yaw_rad);
+  const Eigen::Vector3d acceleration =
+      target_acceleration + w * w * (target - position) + 2.0 * w * (target_velocity - velocity);
+  Eigen::Vector3d force;
+  for (int i = 0; i < 3; ++i) {
+    force[i] = data->qfrc_bias[base_dof_[i]];
+    for (int j = 0; j < 3; ++j) {
+      force[i] += inertiaEntry(*model_, *data, base_dof_[i], base_dof_[j]) * acceleration[j];
+    }
+  }
+  const double pull = force.head<2>().norm();
+  if (pull > config_.servo.traction_N) {
+    force.head<2>() *= config_.servo.traction_N / pull;
+  }
+  force.z() = std::clamp(force.z(), -config_.servo.traction_Nm, config_.servo.traction_Nm);
+  for (int i = 0; i < 3; ++i) {
+    data->qfrc_applied[base_dof_[i]] = force[i];
+  }
+}
+
+// Computed torque: tau = M (qdd_ref + w^2 e + 2 w de) + h, with the weight of the declared payload, within the joints'
+// limits.
+void World::commandArm() {
+  mjData* data = data_.get();
+  const double w = config_.servo.arm_bandwidth_rad_s;
+  const ArmVector acceleration = arm_reference_acceleration_ + w * w * (arm_reference_ - armPosition()) +
+                                 2.0 * w * (arm_reference_velocity_ - armVelocity());
+  ArmVector torque;
+  for (int i = 0; i < kArmJoints; ++i) {
+    torque[i] = data->qfrc_bias[arm_dof_[i]];
+    for (int j = 0; j < kArmJoints; ++j) {
+      torque[i] += inertiaEntry(*model_, *data, arm_dof_[i], arm_dof_[j]) * acceleration[j];
+    }
+  }
+  if (payload_kg_ > 0.0) {
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(data->site_xmat + 9 * wrist_site_);
+    const Eigen::Vector3d point =
+        Eigen::Map<const Eigen::Vector3d>(data->site_xpos + 3 * wrist_site_) + R * payload_centre_m_;
+    const Eigen::Vector3d weight = payload_kg_ * Eigen::Map<const Eigen::Vector3d>(model_->opt.gravity);
+    for (int i = 0; i < kArmJoints; ++i) {
+      const int joint = model_->dof_jntid[arm_dof_[i]];
+      const Eigen::Map<const Eigen::Vector3d> axis(data->xaxis + 3 * joint);
+      const Eigen::Map<const Eigen::Vector3d> anchor(data->xanchor + 3 * joint);
+      torque[i] -= axis.dot((point - anchor).cross(weight));
+    }
+  }
+  arm_torque_ = torque.cwiseMin(config_.servo.arm_effort_Nm).cwiseMax(-config_.servo.arm_effort_Nm);
+  for (int i = 0; i < kArmJoints; ++i) {
+    data->qfrc_applied[arm_dof_[i]] = arm_torque_[i];
+  }
+  arm_reference_acceleration_.setZero();
+}
+
+// 0 ... 1: how much of the magnet's force acts on this brick where it is now.
+double World::holdFactor(const BrickSlot& slot) const {
+  const mjData* data = data_.get();
+  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R_tip(data->site_xmat + 9 * tip_site_);
+  const Eigen::Map<const Eigen::Vector3d> tip(data->site_xpos + 3 * tip_site_);
+  const Eigen::Isometry3d T_brick_map = bodyPose(*data, slot.body).inverse();
+  const Eigen::Vector3d axis = T_brick_map.linear() * R_tip.col(2);
+  int face = 0;
+  axis.cwiseAbs().maxCoeff(&face);
+  const double tilt = std::acos(std::min(1.0, std::abs(axis[face])));
+  if (tilt >= config_.magnet.max_tilt_rad) {
+    return 0.0;
+  }
+  const auto on_plate = [&slot, face](const Eigen::Vector3d& point) {
+    for (int k = 0; k < 3; ++k) {
+      if (k != face && std::abs(point[k]) > 0.5 * slot.brick.plate_edge_m) {
+        return false;
+      }
+    }
+    return true;
+  };
+  if (!on_plate(T_brick_map * tip)) {
+    return 0.0;
+  }
+  for (int i = 0; i < data->ncon; ++i) {
+    const mjContact& contact = data->contact[i];
+    const bool joins = (is_magnet_geom_[contact.geom1] != 0 && contact.geom2 == slot.geom) ||
+                       (is_magnet_geom_[contact.geom2] != 0 && contact.geom1 == slot.geom);
+    if (!joins || contact.dist > config_.magnet.max_gap_m) {
+      continue;
+    }
+    // The tool's flank beside the face does not hold: the point must be near the tip's plane.
+    const Eigen::Vector3d point = Eigen::Map<const Eigen::Vector3d>(contact.pos);
+    const double behind_tip = R_tip.col(2).dot(tip - point);
+    if (std::abs(behind_tip) < 0.004 && on_plate(T_brick_map * point)) {
+      const double share = tilt / config_.magnet.max_tilt_rad;
+      return 1.0 - share * share;
+    }
+  }
+  return 0.0;
+}
+
+void World::setWeld(bool is_active) {
+  mjModel* model = model_.get();
+  weldIsActive(*model, *data_, weld_) = is_active ? 1 : 0;
+  if (!is_active) {
+    return;
+  }
+  const BrickSlot& slot = slots_[static_cast<std::size_t>(held_)];
+  const Eigen::Isometry3d T_magnet_brick = bodyPose(*data_, magnet_body_).inverse() * bodyPose(*data_, slot.body);
+  model->eq_obj2id[weld_] = slot.body;
+  // Layout of a weld: anchor (3), position (3) and orientation (4) of the second body in the first, torque scale.
+  mjtNum* values = model->eq_data + static_cast<std::ptrdiff_t>(mjNEQDATA) * weld_;
+  std::fill_n(values, 3, 0.0);
+  std::copy_n(T_magnet_brick.translation().data(), 3, values + 3);
+  quaternionTo(Eigen::Quaterniond(T_magnet_brick.linear()), values + 6);
+}
+
+void World::letGo(ReleaseReason reason) {
+  release_ = Release{slots_[static_cast<std::size_t>(held_)].brick.id, reason};
+  setWeld(false);
+  held_ = -1;
+  overload_steps_ = 0;
+}
+
+void World::toolOnBrick(const BrickSlot& slot, Eigen::Vector3d& force, Eigen::Vector3d& moment) const {
+  const mjData* data = data_.get();
+  // Generalised force of the weld on the brick's free joint: a force along the map's axes, a moment along the brick's.
+  Eigen::Matrix<double, 6, 1> weld = Eigen::Matrix<double, 6, 1>::Zero();
+  const bool is_sparse = mj_isSparse(model_.get()) != 0;
+  for (int row = 0; row < data->nefc; ++row) {
+    if (data->efc_type[row] != mjCNSTR_EQUALITY || data->efc_id[row] != weld_) {
+      continue;
+    }
+    if (is_sparse) {
+      for (int k = 0; k < data->efc_J_rownnz[row]; ++k) {
+        const int address = data->efc_J_rowadr[row] + k;
+        const int dof = data->efc_J_colind[address] - slot.dof;
+        if (dof >= 0 && dof < 6) {
+          weld[dof] += data->efc_J[address] * data->efc_force[row];
+        }
+      }
+    } else {
+      for (int dof = 0; dof < 6; ++dof) {
+        weld[dof] += data->efc_J[row * model_->nv + slot.dof + dof] * data->efc_force[row];
+      }
+    }
+  }
+  const Eigen::Isometry3d T_map_brick = bodyPose(*data, slot.body);
+  const Eigen::Map<const Eigen::Vector3d> tip(data->site_xpos + 3 * tip_site_);
+  force = weld.head<3>();
+  moment = T_map_brick.linear() * weld.tail<3>() + (T_map_brick.translation() - tip).cross(force);
+  // The tool also pushes: what the weld pulls against its own contact is no load on the magnet.
+  for (int i = 0; i < data->ncon; ++i) {
+    const mjContact& contact = data->contact[i];
+    const bool is_second = contact.geom2 == slot.geom && is_magnet_geom_[contact.geom1] != 0;
+    const bool is_first = contact.geom1 == slot.geom && is_magnet_geom_[contact.geom2] != 0;
+    if (!is_first && !is_second) {
+      continue;
+    }
+    mjtNum in_contact_frame[6];
+    mj_contactForce(model_.get(), data, i, in_contact_frame);
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> axes(contact.frame);
+    const double sign = is_second ? 1.0 : -1.0;
+    const Eigen::Vector3d push = sign * (axes.transpose() * Eigen::Map<const Eigen::Vector3d>(in_contact_frame));
+    const Eigen::Vector3d twist = sign * (axes.transpose() * Eigen::Map<const Eigen::Vector3d>(in_contact_frame + 3));
+    force += push;
+    moment += twist + (Eigen::Map<const Eigen::Vector3d>(contact.pos) - tip).cross(push);
+  }
+}
+
+void World::updateMagnet() {
+  if (held_ >= 0) {
+    const BrickSlot& slot = slots_[static_cast<std::size_t>(held_)];
+    Eigen::Vector3d force;
+    Eigen::Vector3d moment;
+    toolOnBrick(slot, force, moment);
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R_tip(data_->site_xmat + 9 * tip_site_);
+    const Eigen::Vector3d axis = R_tip.col(2);
+    const MagnetConfig& magnet = config_.magnet;
+    // Disc on plate: pull left over after the load carries shear and twist by friction and tilting over the rim.
+    const double pull_N = magnet.holding_force_N * magnet_strength_ + axis.dot(force);
+    const double shear_N = (force - axis.dot(force) * axis).norm();
+    const double tilt_Nm = (moment - axis.dot(moment) * axis).norm();
+    const double twist_Nm = std::abs(axis.dot(moment));
+    const bool is_overloaded = pull_N < 0.0 || shear_N > magnet.friction * pull_N ||
+                               tilt_Nm > magnet.radius_m * pull_N ||
+                               twist_Nm > 2.0 / 3.0 * magnet.friction * magnet.radius_m * pull_N;
+    overload_steps_ = is_overloaded ? overload_steps_ + 1 : 0;
+    if (overload_steps_ * config_.timestep_s > kOverloadTime_s) {
+      letGo(ReleaseReason::kPulledOff);
+      is_magnet_spent_ = true;
+    }
+    return;
+  }
+  if (!is_magnet_on_ || is_magnet_spent_) {
+    return;
+  }
+  double best = 0.0;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const double factor = slots_[i].is_present ? holdFactor(slots_[i]) : 0.0;
+    if (factor > best) {
+      best = factor;
+      held_ = static_cast<int>(i);
+    }
+  }
+  if (held_ >= 0) {
+    setWeld(true);
+  }
+}
+
+bool World::dropHeldBrick() {
+  if (held_ < 0) {
+    return false;
+  }
+  letGo(ReleaseReason::kFault);
+  is_magnet_spent_ = true;
+  return true;
+}
+
+void World::collectTouches() {
+  const mjData* data = data_.get();
+  for (int i = 0; i < data->ncon; ++i) {
+    const mjContact& contact = data->contact[i];
+    const bool first = is_robot_geom_[contact.geom1] != 0;
+    const bool second = is_robot_geom_[contact.geom2] != 0;
+    if ((!first && !second) || contact.efc_address < 0) {
+      continue;
+    }
+    mjtNum force[6];
+    mj_contactForce(model_.get(), data, i, force);
+    if (force[0] <= 0.0) {
+      continue;  // within the margin, or about to part
+    }
+    const int robot_geom = first ? contact.geom1 : contact.geom2;
+    const int other_geom = first ? contact.geom2 : contact.geom1;
+    RobotTouch touch;
+    touch.robot_body = nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[robot_geom]);
+    touch.other_body = model_->geom_bodyid[other_geom] == 0
+                           ? nameOf(*model_, mjOBJ_GEOM, other_geom)
+                           : nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other_geom]);
+    const int slot = slot_of_geom_[other_geom];
+    touch.brick_id = slot >= 0 ? slots_[static_cast<std::size_t>(slot)].brick.id : -1;
+    touch.force_N = Eigen::Map<const Eigen::Vector3d>(force).norm();
+    const auto known = std::find_if(touches_.begin(), touches_.end(), [&touch](const RobotTouch& other) {
+      return other.robot_body == touch.robot_body && other.other_body == touch.other_body;
+    });
+    if (known == touches_.end()) {
+      touches_.push_back(touch);
+    } else {
+      known->force_N = std::max(known->force_N, touch.force_N);
+    }
+  }
+}
+
+std::vector<RobotTouch> World::takeTouches() {
+  std::vector<RobotTouch> taken;
+  taken.swap(touches_);
+  std::sort(taken.begin(), taken.end(), [](const RobotTouch& a, const RobotTouch& b) {
+    return std::tie(a.robot_body, a.other_body) < std::tie(b.robot_body, b.other_body);
+  });
+  return taken;
+}
+
+std::optional<World::Release> World::takeRelease() {
+  std::optional<Release> taken;
+  taken.swap(release_);
+  return taken;
+}
+
+ArmVector World::armPosition() const {
+  ArmVector position;
+  for (int i = 0; i < kArmJoints; ++i) {
+    position[i] = data_->qpos[arm_qpos_[i]];
+  }
+  return position;
+}
+
+ArmVector World::armVelocity() const {
+  ArmVector velocity;
+  for (int i = 0; i < kArmJoints; ++i) {
+    velocity[i] = data_->qvel[arm_dof_[i]];
+  }
+  return velocity;
+}
+
+ToolWrench World::toolWrench() const {
+  // MuJoCo's sensor gives what the wrist exerts on the tool. Standing still, surroundings + wrist + weight = 0.
+  const Eigen::Map<const Eigen::Vector3d> force(data_->sensordata + force_sensor_);
+  const Eigen::Map<const Eigen::Vector3d> torque(data_->sensordata + torque_sensor_);
+  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(data_->site_xmat + 9 * wrist_site_);
+  const Eigen::Vector3d gravity = R.transpose() * Eigen::Map<const Eigen::Vector3d>(model_->opt.gravity);
+  ToolWrench wrench;
+  wrench.force_N = -force - (tool_mass_kg_ + payload_kg_) * gravity;
+  wrench.torque_Nm = -torque - (tool_mass_kg_ * tool_centre_m_ + payload_kg_ * payload_centre_m_).cross(gravity);
+  return wrench;
+}
+
+Pose2d World::basePose() const {
+  return {data_->qpos[base_qpos_[0]], data_->qpos[base_qpos_[1]], data_->qpos[base_qpos_[2]]};
+}
+
+Twist2d World::baseTwist() const {
+  const double yaw = data_->qpos[base_qpos_[2]];
+  return {std::cos(yaw) * data_->qvel[base_dof_[0]] + std::sin(yaw) * data_->qvel[base_dof_[1]],
+          data_->qvel[base_dof_[2]]};
+}
+
+Eigen::Isometry3d World::linkPose(const std::string& link) const {
+  return bodyPose(*data_, requireId(*model_, mjOBJ_BODY, link));
+}
+
+std::vector<BrickMotion> World::bricks() const {
+  std::vector<BrickMotion> result;
+  for (const BrickSlot& slot : slots_) {
+    if (slot.is_present) {
+      result.push_back({slot.brick.id, bodyPose(*data_, slot.body),
+                        Eigen::Map<const Eigen::Vector3d>(data_->qvel + slot.dof),
+                        Eigen::Map<const Eigen::Vector3d>(data_->qvel + slot.dof + 3)});
+    }
+  }
+  return result;
+}
+
+std::optional<BrickMotion> World::brick(int id) const {
+  for (const BrickMotion& motion : bricks()) {
+    if (motion.id == id) {
+      return motion;
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<int> World::heldBrick() const {
+  return held_ < 0 ? std::nullopt : std::optional<int>(slots_[static_cast<std::size_t>(held_)].brick.id);
+}
+
+std::vector<int> World::bricksAtRestInChute() const {
+  std::vector<int> result;
+  const int chute = mj_name2id(model_.get(), mjOBJ_BODY, "chute");
+  if (chute < 0) {
+    return result;
+  }
+  // Its walls are its extent.
+  Eigen::AlignedBox3d inside;
+  for (int geom = model_->body_geomadr[chute]; geom < model_->body_geomadr[chute] + model_->body_geomnum[chute];
+       ++geom) {
+    if (model_->geom_contype[geom] == 0) {
+      continue;
+    }
+    const Eigen::Map<const Eigen::Vector3d> centre(model_->geom_pos + 3 * geom);
+    const Eigen::Matrix3d R = quaternionFrom(model_->geom_quat + 4 * geom).toRotationMatrix();
+    const Eigen::Vector3d reach = R.cwiseAbs() * Eigen::Map<const Eigen::Vector3d>(model_->geom_size + 3 * geom);
+    inside.extend(centre + reach);
+    inside.extend(centre - reach);
+  }
+  const Eigen::Isometry3d T_chute_map = bodyPose(*data_, chute).inverse();
+  const Twist2d base = baseTwist();
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const BrickSlot& slot = slots_[i];
+    if (!slot.is_present || static_cast<int>(i) == held_) {
+      continue;
+    }
+    const Eigen::Map<const Eigen::Vector3d> velocity(data_->qvel + slot.dof);
+    const Eigen::Map<const Eigen::Vector3d> spin(data_->qvel + slot.dof + 3);
+    // At rest means: with respect to the chute, which may be driven about.
+    const double allowed_m_s = kRestSpeed_m_s + std::abs(base.linear_m_s) + std::abs(base.angular_rad_s);
+    const double allowed_rad_s = kRestSpeed_rad_s + std::abs(base.angular_rad_s);
+    if (inside.contains(T_chute_map * bodyPose(*data_, slot.body).translation()) && velocity.norm() < allowed_m_s &&
+        spin.norm() < allowed_rad_s) {
+      result.push_back(slot.brick.id);
+    }
+  }
+  return result;
+}
+
+std::size_t World::indexOf(int id) const {
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    if (slots_[i].brick.id == id && slots_[i].is_present) {
+      return i;
+    }
+  }
+  throw std::invalid_argument("there is no brick " + std::to_string(id) + " in the world");
+}
+
+void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
+  const BrickSlot& slot = slots_[indexOf(id)];
+  if (!T_map_brick.matrix().allFinite()) {
+    throw std::invalid_argument("brick " + std::to_string(id) + ": the pose to move it to is not finite");
+  }
+  if (heldBrick() == id) {
+    letGo(ReleaseReason::kFault);
+    is_magnet_spent_ = true;
+  }
+  std::copy_n(T_map_brick.translation().data(), 3, data_->qpos + slot.qpos);
+  quaternionTo(Eigen::Quaterniond(T_map_brick.linear()).normalized(), data_->qpos + slot.qpos + 3);
+  std::fill_n(data_->qvel + slot.dof, 6, 0.0);
+  std::fill_n(data_->qacc_warmstart + slot.dof, 6, 0.0);
+  mj_forward(model_.get(), data_.get());
+}
+
+void World::takeAwayBrick(int id) {
+  Eigen::Isometry3d away = Eigen::Isometry3d::Identity();
+  away.translation() = kStoreroom;
+  moveBrick(id, away);
+  BrickSlot& slot = slots_[indexOf(id)];
+  slot.is_present = false;
+  model_->geom_contype[slot.geom] = 0;
+  model_->geom_conaffinity[slot.geom] = 0;
+}
+
+std::uint64_t World::digest() const {
+  std::uint64_t hash = 0xCBF29CE484222325ULL;
+  hash = hashBytes(hash, &data_->time, sizeof(mjtNum));
+  hash = hashBytes(hash, data_->qpos, sizeof(mjtNum) * static_cast<std::size_t>(model_->nq));
+  return hashBytes(hash, data_->qvel, sizeof(mjtNum) * static_cast<std::size_t>(model_->nv));
+}
+
+}  // namespace simulated_world

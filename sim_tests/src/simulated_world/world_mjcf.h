@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "simulated_world/world.h"
+
+namespace simulated_world {
+
+/// Name of a brick's body and of its geom.
+std::string brickName(int id);
+
+/// The complete model: options, light, ground, robot, bricks, the magnet's weld and the wrist's sensors.
+std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_mjcf,
+                      const std::vector<PhysicalBrick>& bricks, const WorldConfig& config);
+
+}  // namespace simulated_world
