@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+namespace simulated_world {
+
+/// What can be made to go wrong.
+enum class FaultKind {
+  kProtectiveStop,  ///< the arm's safety system stops it; stays until unlocked through the driver
+  kEmergencyStop,   ///< button pressed: arm without power, base halted. With a duration: released after it
+  kDriverGone,      ///< the arm's driver loses the robot. With a duration: comes back after it
+  kCameraGone,      ///< no images. With a duration: they come back after it
+  kMagnetWeak,      ///< value: share of the holding force that is left, [0, 1]
+  kWheelSlip,       ///< value and value2: share of the left and right wheel's turning that is lost, [0, 1]
+  kDropBrick,       ///< the magnet loses what it holds
+  kMoveBrick,       ///< somebody puts brick `brick_id` at T_map_brick
+};
+
+struct Fault {
+  FaultKind kind{FaultKind::kProtectiveStop};
+  double at_s{0.0};        ///< simulated time of its beginning; in the past: at once
+  double duration_s{0.0};  ///< 0: for good, or until the same kind is given again
+  double value{0.0};
+  double value2{0.0};
+  int brick_id{-1};
+  Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
+
+  /// Everything that cannot be, one line each: "value = 3, must be in [0, 1]".
+  std::vector<std::string> validate() const;
+};
+
+/// "protective_stop", "emergency_stop", "driver_gone", "camera_gone", "magnet_weak", "wheel_slip", "drop_brick",
+/// "move_brick".
+std::string faultName(FaultKind kind);
+std::optional<FaultKind> faultKind(const std::string& name);
+std::string allFaultNames();  ///< comma separated, for messages
+
+/// Faults waiting for their time, in the order of time and then of arrival.
+class FaultSchedule {
+ public:
+  struct Change {
+    Fault fault;
+    bool is_beginning;  ///< false: the fault's duration is over
+  };
+
+  /// Throws std::invalid_argument with what validate() says.
+  void add(const Fault& fault);
+
+  /// What begins or ends up to and including `now_s`, taken out.
+  std::vector<Change> takeDue(double now_s);
+
+  /// Forgets what has not begun; what has begun keeps its end.
+  void clear();
+
+ private:
+  struct Entry {
+    double at_s;
+    Change change;
+  };
+  void insert(double at_s, const Change& change);
+
+  std::vector<Entry> entries_;  // sorted by at_s, equal ones in the order of arrival
+};
+
+}  // namespace simulated_world

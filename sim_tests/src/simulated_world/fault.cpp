@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "simulated_world/fault.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+namespace simulated_world {
+namespace {
+
+constexpr std::array<std::pair<FaultKind, const char*>, 8> kNames{{
+    {FaultKind::kProtectiveStop, "protective_stop"},
+    {FaultKind::kEmergencyStop, "emergency_stop"},
+    {FaultKind::kDriverGone, "driver_gone"},
+    {FaultKind::kCameraGone, "camera_gone"},
+    {FaultKind::kMagnetWeak, "magnet_weak"},
+    {FaultKind::kWheelSlip, "wheel_slip"},
+    {FaultKind::kDropBrick, "drop_brick"},
+    {FaultKind::kMoveBrick, "move_brick"},
+}};
+
+bool canEnd(FaultKind kind) {
+  return kind != FaultKind::kProtectiveStop && kind != FaultKind::kDropBrick && kind != FaultKind::kMoveBrick;
+}
+
+}  // namespace
+
+std::string faultName(FaultKind kind) {
+  for (const auto& [known, name] : kNames) {
+    if (known == kind) {
+      return name;
+    }
+  }
+  return "unknown";
+}
+
+std::optional<FaultKind> faultKind(const std::string& name) {
+  for (const auto& [kind, known] : kNames) {
+    if (name == known) {
+      return kind;
+    }
+  }
+  return std::nullopt;
+}
+
+std::string allFaultNames() {
+  std::string names;
+  for (const auto& [kind, name] : kNames) {
+    names += (names.empty() ? "" : ", ") + std::string(name);
+  }
+  return names;
+}
+
+std::vector<std::string> Fault::validate() const {
+  std::vector<std::string> problems;
+  const auto report = [&problems](const char* key, double seen, const char* allowed) {
+    std::ostringstream line;
+    line << key << " = " << seen << ", must be " << allowed;
+    problems.push_back(line.str());
+  };
+  if (!std::isfinite(at_s)) {
+    report("at_s", at_s, "a finite time in s");
+  }
+  if (!(duration_s >= 0.0 && duration_s <= 1e6)) {
+    report("duration_s", duration_s, "in [0, 1e6] s; 0 = for good");
+  } else if (duration_s > 0.0 && !canEnd(kind)) {
+    report("duration_s", duration_s, ("0: " + faultName(kind) + " has no end of its own").c_str());
+  }
+  if (kind == FaultKind::kMagnetWeak || kind == FaultKind::kWheelSlip) {
+    if (!(value >= 0.0 && value <= 1.0)) {
+      report("value", value, "in [0, 1]");
+    }
+    if (kind == FaultKind::kWheelSlip && !(value2 >= 0.0 && value2 <= 1.0)) {
+      report("value2", value2, "in [0, 1]");
+    }
+  }
+  if (kind == FaultKind::kMoveBrick) {
+    if (brick_id < 0) {
+      report("brick_id", brick_id, "the id of a brick, >= 0");
+    }
+    const Eigen::Matrix3d R = T_map_brick.linear();
+    if (!T_map_brick.matrix().allFinite() || !(R * R.transpose()).isIdentity(1e-3)) {
+      problems.emplace_back("pose must be finite, its quaternion of length 1");
+    }
+  }
+  return problems;
+}
+
+void FaultSchedule::insert(double at_s, const Change& change) {
+  const auto place = std::upper_bound(entries_.begin(), entries_.end(), at_s,
+                                      [](double time_s, const Entry& entry) { return time_s < entry.at_s; });
+  entries_.insert(place, {at_s, change});
+}
+
+void FaultSchedule::add(const Fault& fault) {
+  const std::vector<std::string> problems = fault.validate();
+  if (!problems.empty()) {
+    std::string message = "fault " + faultName(fault.kind) + ":";
+    for (const std::string& problem : problems) {
+      message += " " + problem + ";";
+    }
+    throw std::invalid_argument(message);
+  }
+  insert(fault.at_s, {fault, true});
+}
+
+std::vector<FaultSchedule::Change> FaultSchedule::takeDue(double now_s) {
+  std::vector<Change> due;
+  while (!entries_.empty() && entries_.front().at_s <= now_s) {
+    const Change change = entries_.front().change;
+    entries_.erase(entries_.begin());
+    if (change.is_beginning) {
+      // The same kind again replaces the earlier one, whose end would otherwise cut this one short.
+      entries_.erase(std::remove_if(entries_.begin(), entries_.end(),
+                                    [&change](const Entry& entry) {
+                                      return !entry.change.is_beginning && entry.change.fault.kind == change.fault.kind;
+                                    }),
+                     entries_.end());
+      if (change.fault.duration_s > 0.0) {
+        // From when it takes effect, which is later than asked for if that was in the past.
+        insert(std::max(now_s, change.fault.at_s) + change.fault.duration_s, {change.fault, false});
+      }
+    }
+    due.push_back(change);
+  }
+  return due;
+}
+
+void FaultSchedule::clear() {
+  entries_.erase(
+      std::remove_if(entries_.begin(), entries_.end(), [](const Entry& entry) { return entry.change.is_beginning; }),
+      entries_.end());
+}
+
+}  // namespace simulated_world

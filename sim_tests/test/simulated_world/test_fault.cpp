@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "simulated_world/fault.h"
+
+#include <cmath>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+namespace simulated_world {
+namespace {
+
+Fault faultAt(FaultKind kind, double at_s, double duration_s = 0.0) {
+  Fault fault;
+  fault.kind = kind;
+  fault.at_s = at_s;
+  fault.duration_s = duration_s;
+  return fault;
+}
+
+TEST(Fault, NamesGoThereAndBack) {
+  for (int i = 0; i < 8; ++i) {
+    const auto kind = static_cast<FaultKind>(i);
+    EXPECT_EQ(faultKind(faultName(kind)), kind);
+    EXPECT_NE(allFaultNames().find(faultName(kind)), std::string::npos);
+  }
+  EXPECT_FALSE(faultKind("earthquake").has_value());
+}
+
+TEST(Fault, SaysWhatCannotBe) {
+  Fault fault = faultAt(FaultKind::kMagnetWeak, 0.0);
+  fault.value = 1.5;
+  ASSERT_EQ(fault.validate().size(), 1U);
+  EXPECT_EQ(fault.validate()[0], "value = 1.5, must be in [0, 1]");
+  fault = faultAt(FaultKind::kWheelSlip, std::nan(""), -1.0);
+  fault.value2 = -0.1;
+  EXPECT_EQ(fault.validate().size(), 3U);
+  EXPECT_EQ(faultAt(FaultKind::kDropBrick, 0.0, 2.0).validate().size(), 1U) << "a dropped brick does not come back";
+  fault = faultAt(FaultKind::kMoveBrick, 0.0);
+  fault.T_map_brick.linear() *= 2.0;
+  EXPECT_EQ(fault.validate().size(), 2U) << "no brick, no pose";
+  FaultSchedule schedule;
+  EXPECT_THROW(schedule.add(fault), std::invalid_argument);
+}
+
+TEST(FaultSchedule, GivesEachFaultWhenItsTimeHasCome) {
+  FaultSchedule schedule;
+  schedule.add(faultAt(FaultKind::kDropBrick, 2.0));
+  schedule.add(faultAt(FaultKind::kProtectiveStop, 1.0));
+  EXPECT_TRUE(schedule.takeDue(0.99).empty());
+  const auto first = schedule.takeDue(1.0);
+  ASSERT_EQ(first.size(), 1U);
+  EXPECT_EQ(first[0].fault.kind, FaultKind::kProtectiveStop);
+  EXPECT_EQ(schedule.takeDue(5.0).size(), 1U);
+  EXPECT_TRUE(schedule.takeDue(1e9).empty());
+}
+
+TEST(FaultSchedule, EndsWhatHasADuration) {
+  FaultSchedule schedule;
+  schedule.add(faultAt(FaultKind::kCameraGone, 1.0, 2.0));
+  ASSERT_EQ(schedule.takeDue(1.0).size(), 1U);
+  EXPECT_TRUE(schedule.takeDue(2.9).empty());
+  const auto end = schedule.takeDue(3.0);
+  ASSERT_EQ(end.size(), 1U);
+  EXPECT_FALSE(end[0].is_beginning);
+}
+
+TEST(FaultSchedule, DurationCountsFromWhenItTakesEffect) {
+  FaultSchedule schedule;
+  schedule.add(faultAt(FaultKind::kCameraGone, 0.0, 2.0));
+  ASSERT_EQ(schedule.takeDue(10.0).size(), 1U) << "asked for too late, its end has not come";
+  EXPECT_TRUE(schedule.takeDue(11.9).empty());
+  EXPECT_EQ(schedule.takeDue(12.0).size(), 1U);
+}
+
+TEST(FaultSchedule, SameKindAgainReplacesTheEnd) {
+  FaultSchedule schedule;
+  schedule.add(faultAt(FaultKind::kDriverGone, 0.0, 2.0));
+  schedule.takeDue(0.0);
+  schedule.add(faultAt(FaultKind::kDriverGone, 1.0, 5.0));
+  ASSERT_EQ(schedule.takeDue(3.0).size(), 1U) << "the second's beginning, not the first's end";
+  ASSERT_EQ(schedule.takeDue(8.0).size(), 1U) << "five seconds from the tick at which it began";
+}
+
+TEST(FaultSchedule, ClearKeepsTheEndOfWhatHasBegun) {
+  FaultSchedule schedule;
+  schedule.add(faultAt(FaultKind::kCameraGone, 0.0, 1.0));
+  schedule.add(faultAt(FaultKind::kDropBrick, 0.5));
+  schedule.takeDue(0.0);
+  schedule.clear();
+  const auto due = schedule.takeDue(2.0);
+  ASSERT_EQ(due.size(), 1U);
+  EXPECT_FALSE(due[0].is_beginning);
+}
+
+}  // namespace
+}  // namespace simulated_world
