@@ -4,7 +4,9 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -51,8 +53,19 @@ struct ServoConfig {
   double max_slide_rad{0.02};
 };
 
+/// When bricks at rest are taken out of the dynamics. A heap that nobody touches costs next to nothing then, and does
+/// not creep. What wakes one brick wakes all that lean on each other.
+struct SleepConfig {
+  bool is_enabled{true};
+  double after_s{0.5};            ///< a group of touching bricks sleeps after resting for so long
+  double rest_speed_m_s{0.003};   ///< slower than this is resting
+  double rest_speed_rad_s{0.03};  ///< and turning slower than this
+  double wake_distance_m{0.02};   ///< robot or a moving brick nearer than this wakes
+};
+
 struct WorldConfig {
   double timestep_s{0.002};
+  SleepConfig sleep;
   MagnetConfig magnet;
   ServoConfig servo;
 
@@ -105,7 +118,8 @@ class World {
   const mjData& data() const { return *data_; }
 
   // References, held until the next call.
-  void setArmReference(const ArmVector& position_rad, const ArmVector& velocity_rad_s);
+  void setArmReference(const ArmVector& position_rad, const ArmVector& velocity_rad_s,
+                       const ArmVector& acceleration_rad_s2);
   void setBaseTwist(const Twist2d& twist_over_ground) { base_twist_ = twist_over_ground; }
   void setWheelAngles(double left_rad, double right_rad);
   void setMagnet(bool is_on);
@@ -134,6 +148,7 @@ class World {
   std::optional<Release> takeRelease();
   /// Contacts of the robot since the last call, one per pair of bodies, in a fixed order.
   std::vector<RobotTouch> takeTouches();
+  int numAwake() const;  ///< bricks that take part in the dynamics now
   /// Bricks that lie at rest inside the chute, not held.
   std::vector<int> bricksAtRestInChute() const;
 
@@ -153,15 +168,25 @@ class World {
     PhysicalBrick brick;
     int body;
     int geom;
+    int twin_geom;  // stands in for the sleeping brick: collides, cannot move
+    int mocap;
     int qpos;
     int dof;
     bool is_present{true};
+    bool is_asleep{false};
+    double rested_s{0.0};
   };
 
   void commandBase();
   void commandArm();
   void updateMagnet();
   void collectTouches();
+  void keepStill();
+  void wakeWhatIsApproached();
+  void letRestingSleep();
+  bool isResting(const BrickSlot& slot) const;
+  void fallAsleep(std::size_t slot);
+  void wakeGroup(std::size_t slot);
   void letGo(ReleaseReason reason);
   /// Net force [N] and moment about the tip [N m] that the tool exerts on the held brick, in the map frame.
   void toolOnBrick(const BrickSlot& slot, Eigen::Vector3d& force, Eigen::Vector3d& moment) const;
@@ -174,6 +199,8 @@ class World {
   DataPtr data_;
   std::vector<BrickSlot> slots_;
   std::vector<int> slot_of_geom_;  // index into slots_, -1
+  std::vector<char> is_twin_geom_;
+  std::set<std::pair<std::size_t, std::size_t>> leaning_;  // touching pairs of which at least one sleeps
   std::vector<char> is_robot_geom_;
   std::vector<char> is_magnet_geom_;
   std::array<int, kArmJoints> arm_qpos_{};

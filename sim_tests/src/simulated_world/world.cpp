@@ -53,6 +53,16 @@ double inertiaEntry(const mjModel& model, const mjData& data, int row, int colum
   return 0.0;
 }
 
+void setCollides(mjModel& model, int geom, bool collides) {
+  model.geom_contype[geom] = collides ? 1 : 0;
+  model.geom_conaffinity[geom] = collides ? 1 : 0;
+#if mjVERSION_HEADER >= 300  // the broad phase looks at bodies first
+  const int body = model.geom_bodyid[geom];
+  model.body_contype[body] = collides ? 1 : 0;
+  model.body_conaffinity[body] = collides ? 1 : 0;
+#endif
+}
+
 mjtByte& weldIsActive(mjModel& model, mjData& data, int weld) {
 #if mjVERSION_HEADER >= 300
   (void)model;
@@ -119,6 +129,10 @@ std::vector<std::string> WorldConfig::validate() const {
   };
   // Above 4 ms the arm's servo (80 rad/s) and contacts of a kilogram are no longer stable.
   require("timestep_s", timestep_s, 1e-4, 0.004, "s");
+  require("sleep/after_s", sleep.after_s, 0.05, 60.0, "s");
+  require("sleep/rest_speed_m_s", sleep.rest_speed_m_s, 1e-5, 0.05, "m/s");
+  require("sleep/rest_speed_rad_s", sleep.rest_speed_rad_s, 1e-4, 0.5, "rad/s");
+  require("sleep/wake_distance_m", sleep.wake_distance_m, 0.005, 0.2, "m");
   require("magnet/holding_force_N", magnet.holding_force_N, 0.0, 1e4, "N");
   require("magnet/friction", magnet.friction, 0.0, 2.0, "");
   require("magnet/radius_m", magnet.radius_m, 1e-3, 0.5, "m");
@@ -169,6 +183,7 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   }
   is_robot_geom_.assign(model_->ngeom, 0);
   is_magnet_geom_.assign(model_->ngeom, 0);
+  is_twin_geom_.assign(model_->ngeom, 0);
   slot_of_geom_.assign(model_->ngeom, -1);
   for (int geom = 0; geom < model_->ngeom; ++geom) {
     for (int body = model_->geom_bodyid[geom]; body > 0; body = model_->body_parentid[body]) {
@@ -177,19 +192,23 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
     }
   }
   for (const PhysicalBrick& brick : bricks) {
-    BrickSlot slot{brick, 0, 0, 0, 0, true};
+    BrickSlot slot{};
+    slot.brick = brick;
     const std::string name = brickName(brick.id);
     slot.body = requireId(*model_, mjOBJ_BODY, name);
     slot.geom = requireId(*model_, mjOBJ_GEOM, name);
     slot.qpos = model_->jnt_qposadr[model_->body_jntadr[slot.body]];
     slot.dof = model_->jnt_dofadr[model_->body_jntadr[slot.body]];
-    slot_of_geom_[slot.geom] = static_cast<int>(slots_.size());
+    slot.twin_geom = requireId(*model_, mjOBJ_GEOM, twinName(brick.id));
+    slot.mocap = model_->body_mocapid[model_->geom_bodyid[slot.twin_geom]];
     slots_.push_back(slot);
   }
   std::sort(slots_.begin(), slots_.end(),
             [](const BrickSlot& a, const BrickSlot& b) { return a.brick.id < b.brick.id; });
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     slot_of_geom_[slots_[i].geom] = static_cast<int>(i);
+    slot_of_geom_[slots_[i].twin_geom] = static_cast<int>(i);
+    is_twin_geom_[slots_[i].twin_geom] = 1;
   }
   weld_ = slots_.empty() ? -1 : requireId(*model_, mjOBJ_EQUALITY, "magnet_hold");
 
@@ -223,8 +242,9 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   }
 }
 
-void World::setArmReference(const ArmVector& position_rad, const ArmVector& velocity_rad_s) {
-  arm_reference_acceleration_ = (velocity_rad_s - arm_reference_velocity_) / config_.timestep_s;
+void World::setArmReference(const ArmVector& position_rad, const ArmVector& velocity_rad_s,
+                            const ArmVector& acceleration_rad_s2) {
+  arm_reference_acceleration_ = acceleration_rad_s2;
   arm_reference_ = position_rad;
   arm_reference_velocity_ = velocity_rad_s;
 }
@@ -261,14 +281,19 @@ void World::step() {
   commandBase();
   commandArm();
   mj_step2(model, data);
-  for (BrickSlot& slot : slots_) {
-    if (!slot.is_present) {
-      std::copy_n(kStoreroom.data(), 3, data->qpos + slot.qpos);
-      std::fill_n(data->qvel + slot.dof, 6, 0.0);
-    }
-  }
+  keepStill();
   updateMagnet();
   collectTouches();
+  if (config_.sleep.is_enabled) {
+    wakeWhatIsApproached();
+    letRestingSleep();
+  }
+  for (const mjtWarning warning : {mjWARN_CONTACTFULL, mjWARN_CNSTRFULL}) {
+    if (data->warning[warning].number > 0) {
+      throw std::runtime_error(std::string("the simulated world is too crowded at ") + std::to_string(data->time) +
+                               " s: " + mju_warningText(warning, data->warning[warning].lastinfo));
+    }
+  }
   for (int i = 0; i < model->nq; ++i) {
     if (!std::isfinite(data->qpos[i])) {
       throw std::runtime_error("the simulated world diverged at " + std::to_string(data->time) + " s: joint " +
@@ -355,7 +380,6 @@ void World::commandArm() {
   for (int i = 0; i < kArmJoints; ++i) {
     data->qfrc_applied[arm_dof_[i]] = arm_torque_[i];
   }
-  arm_reference_acceleration_.setZero();
 }
 
 // 0 ... 1: how much of the magnet's force acts on this brick where it is now.
@@ -509,6 +533,147 @@ void World::updateMagnet() {
   }
 }
 
+// The dynamics know nothing of sleep: gravity pulls at every free body in every step.
+void World::keepStill() {
+  for (const BrickSlot& slot : slots_) {
+    if (slot.is_asleep) {
+      std::copy_n(data_->mocap_pos + 3 * slot.mocap, 3, data_->qpos + slot.qpos);
+      std::copy_n(data_->mocap_quat + 4 * slot.mocap, 4, data_->qpos + slot.qpos + 3);
+      std::fill_n(data_->qvel + slot.dof, 6, 0.0);
+    } else if (!slot.is_present) {
+      std::copy_n(kStoreroom.data(), 3, data_->qpos + slot.qpos);
+      std::fill_n(data_->qvel + slot.dof, 6, 0.0);
+    }
+  }
+}
+
+bool World::isResting(const BrickSlot& slot) const {
+  const Eigen::Map<const Eigen::Vector3d> velocity(data_->qvel + slot.dof);
+  const Eigen::Map<const Eigen::Vector3d> spin(data_->qvel + slot.dof + 3);
+  return velocity.norm() < config_.sleep.rest_speed_m_s && spin.norm() < config_.sleep.rest_speed_rad_s;
+}
+
+void World::fallAsleep(std::size_t index) {
+  BrickSlot& slot = slots_[index];
+  slot.is_asleep = true;
+  std::copy_n(data_->qpos + slot.qpos, 3, data_->mocap_pos + 3 * slot.mocap);
+  std::copy_n(data_->qpos + slot.qpos + 3, 4, data_->mocap_quat + 4 * slot.mocap);
+  std::fill_n(data_->qvel + slot.dof, 6, 0.0);
+  setCollides(*model_, slot.geom, false);
+  setCollides(*model_, slot.twin_geom, true);
+}
+
+void World::wakeGroup(std::size_t index) {
+  std::vector<std::size_t> to_wake{index};
+  while (!to_wake.empty()) {
+    const std::size_t next = to_wake.back();
+    to_wake.pop_back();
+    BrickSlot& slot = slots_[next];
+    slot.rested_s = 0.0;
+    if (slot.is_asleep) {
+      slot.is_asleep = false;
+      setCollides(*model_, slot.geom, slot.is_present);
+      setCollides(*model_, slot.twin_geom, false);
+      std::copy_n(kStoreroom.data(), 3, data_->mocap_pos + 3 * slot.mocap);
+    }
+    for (auto pair = leaning_.begin(); pair != leaning_.end();) {
+      if (pair->first != next && pair->second != next) {
+        ++pair;
+        continue;
+      }
+      to_wake.push_back(pair->first == next ? pair->second : pair->first);
+      pair = leaning_.erase(pair);
+    }
+  }
+}
+
+void World::wakeWhatIsApproached() {
+  for (int i = 0; i < data_->ncon; ++i) {
+    const mjContact& contact = data_->contact[i];
+    for (const auto& [twin, other] :
+         {std::pair(contact.geom1, contact.geom2), std::pair(contact.geom2, contact.geom1)}) {
+      if (is_twin_geom_[twin] == 0 || !slots_[static_cast<std::size_t>(slot_of_geom_[twin])].is_asleep) {
+        continue;
+      }
+      const int neighbour = slot_of_geom_[other];
+      const bool disturbs =
+          is_robot_geom_[other] != 0 || (neighbour >= 0 && !isResting(slots_[static_cast<std::size_t>(neighbour)]));
+      if (disturbs) {
+        wakeGroup(static_cast<std::size_t>(slot_of_geom_[twin]));
+      }
+    }
+  }
+}
+
+void World::letRestingSleep() {
+  bool may_sleep = false;
+  for (BrickSlot& slot : slots_) {
+    if (!slot.is_present || slot.is_asleep) {
+      continue;
+    }
+    slot.rested_s = isResting(slot) ? slot.rested_s + config_.timestep_s : 0.0;
+    may_sleep |= slot.rested_s >= config_.sleep.after_s;
+  }
+  if (!may_sleep) {
+    return;
+  }
+  // Groups of touching bricks, by the contacts of this step.
+  std::vector<std::size_t> group(slots_.size());
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    group[i] = i;
+  }
+  const auto root = [&group](std::size_t i) {
+    while (group[i] != i) {
+      i = group[i] = group[group[i]];
+    }
+    return i;
+  };
+  std::vector<char> must_stay_awake(slots_.size(), 0);
+  std::vector<std::pair<std::size_t, std::size_t>> touching;
+  for (int i = 0; i < data_->ncon; ++i) {
+    const mjContact& contact = data_->contact[i];
+    const int first = slot_of_geom_[contact.geom1];
+    const int second = slot_of_geom_[contact.geom2];
+    if (first >= 0 && second >= 0 && first != second && contact.efc_address >= 0) {
+      touching.emplace_back(std::min(first, second), std::max(first, second));
+      group[root(static_cast<std::size_t>(first))] = root(static_cast<std::size_t>(second));
+    }
+  }
+  for (int i = 0; i < data_->ncon; ++i) {
+    const mjContact& contact = data_->contact[i];
+    for (const auto& [brick, other] :
+         {std::pair(contact.geom1, contact.geom2), std::pair(contact.geom2, contact.geom1)}) {
+      if (slot_of_geom_[brick] >= 0 && is_robot_geom_[other] != 0) {
+        must_stay_awake[root(static_cast<std::size_t>(slot_of_geom_[brick]))] = 1;
+      }
+    }
+  }
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const BrickSlot& slot = slots_[i];
+    if (slot.is_present && !slot.is_asleep && slot.rested_s < config_.sleep.after_s) {
+      must_stay_awake[root(i)] = 1;
+    }
+  }
+  if (held_ >= 0) {
+    must_stay_awake[root(static_cast<std::size_t>(held_))] = 1;
+  }
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    if (slots_[i].is_present && !slots_[i].is_asleep && must_stay_awake[root(i)] == 0) {
+      fallAsleep(i);
+    }
+  }
+  for (const auto& [first, second] : touching) {
+    if (slots_[first].is_asleep || slots_[second].is_asleep) {
+      leaning_.emplace(first, second);
+    }
+  }
+}
+
+int World::numAwake() const {
+  return static_cast<int>(std::count_if(slots_.begin(), slots_.end(),
+                                        [](const BrickSlot& slot) { return slot.is_present && !slot.is_asleep; }));
+}
+
 bool World::dropHeldBrick() {
   if (held_ < 0) {
     return false;
@@ -536,11 +701,12 @@ void World::collectTouches() {
     const int other_geom = first ? contact.geom2 : contact.geom1;
     RobotTouch touch;
     touch.robot_body = nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[robot_geom]);
-    touch.other_body = model_->geom_bodyid[other_geom] == 0
-                           ? nameOf(*model_, mjOBJ_GEOM, other_geom)
-                           : nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other_geom]);
     const int slot = slot_of_geom_[other_geom];
     touch.brick_id = slot >= 0 ? slots_[static_cast<std::size_t>(slot)].brick.id : -1;
+    touch.other_body = slot >= 0 ? brickName(touch.brick_id)
+                       : model_->geom_bodyid[other_geom] == 0
+                           ? nameOf(*model_, mjOBJ_GEOM, other_geom)
+                           : nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other_geom]);
     touch.force_N = Eigen::Map<const Eigen::Vector3d>(force).norm();
     const auto known = std::find_if(touches_.begin(), touches_.end(), [&touch](const RobotTouch& other) {
       return other.robot_body == touch.robot_body && other.other_body == touch.other_body;
@@ -684,7 +850,8 @@ std::size_t World::indexOf(int id) const {
 }
 
 void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
-  const BrickSlot& slot = slots_[indexOf(id)];
+  const std::size_t index = indexOf(id);
+  const BrickSlot& slot = slots_[index];
   if (!T_map_brick.matrix().allFinite()) {
     throw std::invalid_argument("brick " + std::to_string(id) + ": the pose to move it to is not finite");
   }
@@ -692,6 +859,7 @@ void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
     letGo(ReleaseReason::kFault);
     is_magnet_spent_ = true;
   }
+  wakeGroup(index);  // what leaned on it, too
   std::copy_n(T_map_brick.translation().data(), 3, data_->qpos + slot.qpos);
   quaternionTo(Eigen::Quaterniond(T_map_brick.linear()).normalized(), data_->qpos + slot.qpos + 3);
   std::fill_n(data_->qvel + slot.dof, 6, 0.0);
@@ -705,8 +873,7 @@ void World::takeAwayBrick(int id) {
   moveBrick(id, away);
   BrickSlot& slot = slots_[indexOf(id)];
   slot.is_present = false;
-  model_->geom_contype[slot.geom] = 0;
-  model_->geom_conaffinity[slot.geom] = 0;
+  setCollides(*model_, slot.geom, false);
 }
 
 std::uint64_t World::digest() const {

@@ -11,14 +11,18 @@ std::string brickName(int id) {
   return "brick_" + std::to_string(id);
 }
 
+std::string twinName(int id) {
+  return brickName(id) + "_asleep";
+}
+
 std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_mjcf,
                       const std::vector<PhysicalBrick>& bricks, const WorldConfig& config) {
   std::ostringstream xml;
   xml << std::setprecision(std::numeric_limits<double>::max_digits10);
   xml << "<mujoco model=\"pile\">\n"
       << "  <compiler angle=\"radian\" inertiafromgeom=\"auto\"/>\n"
-      << "  <option timestep=\"" << config.timestep_s << "\"/>\n"
-      << "  <size nconmax=\"4000\" njmax=\"16000\"/>\n"
+      << "  <option timestep=\"" << config.timestep_s << "\" solver=\"CG\" cone=\"elliptic\" impratio=\"10\"/>\n"
+      << "  <size nconmax=\"1500\" njmax=\"6000\"/>\n"
       << "  <asset>\n"
       << assets_mjcf << "  </asset>\n"
       << "  <worldbody>\n"
@@ -37,6 +41,11 @@ std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_m
       xml << " material=\"" << brick.material << '"';
     }
     xml << "/></body>\n";
+    // Margin equal to gap: contacts are listed from that distance on, forces act from zero.
+    xml << "    <body name=\"" << twinName(brick.id) << "\" mocap=\"true\" pos=\"0 0 -100\"><geom name=\""
+        << twinName(brick.id) << "\" type=\"box\" size=\"" << half.x() << ' ' << half.y() << ' ' << half.z()
+        << "\" friction=\"" << brick.friction << "\" margin=\"" << config.sleep.wake_distance_m << "\" gap=\""
+        << config.sleep.wake_distance_m << "\" contype=\"0\" conaffinity=\"0\" group=\"4\" rgba=\"0 0 0 0\"/></body>\n";
   }
   xml << "  </worldbody>\n";
   if (!bricks.empty()) {
