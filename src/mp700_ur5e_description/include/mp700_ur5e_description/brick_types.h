@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+namespace mp700_ur5e_description {
+
+/// Faces of a brick, named after their outward normal in the brick's frame, in the order of their tag ids.
+enum class BrickFace { kPlusX, kMinusX, kPlusY, kMinusY, kPlusZ, kMinusZ };
+constexpr int kNumBrickFaces = 6;
+constexpr std::array<BrickFace, kNumBrickFaces> kBrickFaces = {BrickFace::kPlusX, BrickFace::kMinusX,
+                                                               BrickFace::kPlusY, BrickFace::kMinusY,
+                                                               BrickFace::kPlusZ, BrickFace::kMinusZ};
+
+/// Brick frame: middle of the brick, axes along its edges.
+struct BrickType {
+  std::string name;
+  Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
+  double mass_kg{0.0};
+  double friction{0.0};      ///< sliding
+  double plate_edge_m{0.0};  ///< square steel plate in the middle of each face
+  Eigen::Vector3d color_rgb{Eigen::Vector3d::Zero()};
+};
+
+/// Tags on bricks: one in the middle of each face.
+struct TagLayout {
+  std::string family;               ///< name in the AprilTag library
+  double black_border_edge_m{0.0};  ///< outer edge of the black border, the size that pose estimators ask for
+  double margin_cells{0.0};         ///< white ring round the border [cells]
+  int first_id{0};
+
+  double cellEdge() const;                            ///< edge of one cell of the tag's grid [m]
+  double paperEdge() const;                           ///< edge of the printed square, margin included [m]
+  static int numIds(const std::string& family);       ///< 0: unknown family
+  static int borderCells(const std::string& family);  ///< cells along the black border's outer edge; 0: unknown
+};
+
+struct BrickTag {
+  int brick_id{0};
+  BrickFace face{BrickFace::kPlusX};
+};
+
+/// The contents of bricks.yaml.
+struct BrickCatalogue {
+  std::vector<BrickType> types;
+  TagLayout tags;
+
+  /// Throws std::invalid_argument naming the known types.
+  const BrickType& type(const std::string& name) const;
+
+  /// Bricks that the family has ids for.
+  int maxBricks() const;
+
+  /// Throws std::invalid_argument unless brick_id is in [0, maxBricks() - 1].
+  int tagId(int brick_id, BrickFace face) const;
+
+  /// Whose tag this is; nothing if no brick can have it.
+  std::optional<BrickTag> brickOfTag(int tag_id) const;
+
+  /// What concerns several numbers at once; each line says key, value and rule. Empty: fine.
+  std::vector<std::string> validate() const;
+};
+
+/// Outward normal in the brick's frame.
+Eigen::Vector3d faceNormal(BrickFace face);
+
+/// Pose of a face's tag in the brick's frame. Tag frame: in the middle of the face; to one who looks at the face with the
+/// tag upright, x to the right and y up; z out of the face. Up is the brick's +z on the four side faces, and +y on both
+/// +z and -z. (The AprilTag library's own tag frame is turned by pi about x: y down, z into the tag.)
+Eigen::Isometry3d tagPose(const BrickType& type, BrickFace face);
+
+/// Throws std::invalid_argument listing everything wrong with the file, a line each.
+BrickCatalogue loadBrickTypes(const std::string& path);
+BrickCatalogue parseBrickTypes(const std::string& text, const std::string& name);
+
+}  // namespace mp700_ur5e_description
