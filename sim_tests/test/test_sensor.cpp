@@ -281,11 +281,51 @@ TEST(Sensor, RangeLimitsGiveSignedInfinities) {
   EXPECT_GT(cv::countNonZero(depth == kInfinity), 0);
 }
 
+TEST(Sensor, AnImageWithItsShadowsGivesWhatItsSceneGives) {
+  Scene scene = loadScene(std::string(SIM_TESTS_SCENES) + "/demo_pile.yaml");
+  scene.sensor = SensorModel{0.4, 2.0, 0.001, 0.0002, 0.0015, 0.06, true, 0.1, 0.3, 0.05, 0.02, 0.0};
+  const cv::Mat exact = renderDepth(scene, 5);
+  const cv::Mat expected = applySensor(scene, 5, exact);
+  SensorModel shadows_only;
+  shadows_only.has_shadows = true;
+  shadows_only.baseline_m = 0.06;
+  Scene shadowed = scene;
+  shadowed.sensor = shadows_only;
+  const cv::Mat shadowed_m = applySensor(shadowed, 5, exact);
+  cv::Mat mask(exact.size(), CV_8UC1);
+  std::transform(shadowed_m.begin<float>(), shadowed_m.end<float>(), mask.begin<unsigned char>(),
+                 [](float z) { return std::isnan(z) ? 255 : 0; });
+  ASSERT_GT(cv::countNonZero(mask), 100);
+  EXPECT_TRUE(isSame(applySensor(scene.camera, scene.sensor, scene.seed, 5, exact, mask), expected));
+  EXPECT_FALSE(isSame(applySensor(scene.camera, scene.sensor, scene.seed, 5, exact, cv::Mat()), expected));
+}
+
+TEST(Sensor, JitteredRaysIntoAnImageMeetThePlanesTheyMeetInTheScene) {
+  // A plane tilted in both directions fills the image; at the image's border there is no neighbour to interpolate with.
+  Scene scene = makeScene({-0.3, 0.0, 1.0}, {0.0, 0.0, 0.0});
+  scene.T_scene_camera[0] = scene.T_scene_camera[0] * Eigen::AngleAxisd(0.7, Eigen::Vector3d::UnitZ());
+  scene.sensor.lateral_jitter_px = 0.5;
+  const cv::Mat exact = renderDepth(scene, 0);
+  const cv::Mat expected = applySensor(scene, 0, exact);
+  const cv::Mat measured = applySensor(scene.camera, scene.sensor, scene.seed, 0, exact, cv::Mat());
+  cv::Mat difference;
+  const cv::Rect inner(5, 5, exact.cols - 10, exact.rows - 10);
+  cv::absdiff(measured(inner), expected(inner), difference);
+  double largest = 0.0;
+  cv::minMaxLoc(difference, nullptr, &largest);
+  EXPECT_LT(largest, 1e-5);  // float depth at the four corners
+  EXPECT_FALSE(isSame(measured, exact));
+}
+
 TEST(Sensor, RefusesAnImageOfAnotherSizeOrType) {
   const Scene scene = lookDown(1.0);
   EXPECT_THROW(applySensor(scene, 0, cv::Mat(10, 10, CV_32FC1)), std::invalid_argument);
   EXPECT_THROW(applySensor(scene, 0, cv::Mat(scene.camera.height_px, scene.camera.width_px, CV_16UC1)),
                std::invalid_argument);
+  const cv::Mat exact = renderDepth(scene, 0);
+  EXPECT_THROW(applySensor(scene.camera, scene.sensor, 1, 0, cv::Mat(10, 10, CV_32FC1), cv::Mat()),
+               std::invalid_argument);
+  EXPECT_THROW(applySensor(scene.camera, scene.sensor, 1, 0, exact, exact), std::invalid_argument);
 }
 
 TEST(DepthEncoding, RoundsToUnitsAndMakesInvalidZero) {

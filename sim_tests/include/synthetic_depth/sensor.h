@@ -20,6 +20,13 @@ double axialSigma(const SensorModel& sensor, double z_m);
 /// `exact_depth_m`: from renderDepth() of the same frame. Throws std::invalid_argument if its size or type is another.
 cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m);
 
+/// The same effects, in the same order and with the same draws, on an exact depth image whose scene is not at hand, for
+/// instance a rendered one. `shadow_mask`: CV_8UC1, non-zero where the second viewpoint sees nothing; empty for none
+/// (`has_shadows` is not looked at). A jittered ray's depth is interpolated in the image. Fixed by all arguments.
+/// Throws std::invalid_argument if an image's size or type is another than the camera's.
+cv::Mat applySensor(const CameraModel& camera, const SensorModel& sensor, std::uint64_t seed, std::uint64_t frame,
+                    const cv::Mat& exact_depth_m, const cv::Mat& shadow_mask);
+
 /// renderDepth() and applySensor() in one.
 cv::Mat measureDepth(const Scene& scene, int frame);
 

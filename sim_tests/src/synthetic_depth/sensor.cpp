@@ -16,16 +16,28 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-/// All draws of one pixel, always taken in this order so that effects do not disturb each other.
+/// Draws of one pixel, always taken in this order so that effects do not disturb each other. The normal values of an
+/// effect that is off stay 0, but their draws are used up.
 struct PixelDraws {
-  double jitter_u, jitter_v, axial, axial_spare, edge_chance, edge_weight, dropout_chance;
+  double jitter_u{0.0}, jitter_v{0.0}, axial{0.0}, edge_chance, edge_weight, dropout_chance;
 
-  explicit PixelDraws(SeededRandom random) {
-    random.normalPair(jitter_u, jitter_v);
-    random.normalPair(axial, axial_spare);
+  PixelDraws(SeededRandom random, bool needs_jitter, bool needs_axial) {
+    double spare = 0.0;
+    takeNormalPair(random, needs_jitter, jitter_u, jitter_v);
+    takeNormalPair(random, needs_axial, axial, spare);
     edge_chance = random.uniform();
     edge_weight = random.uniform();
     dropout_chance = random.uniform();
+  }
+
+ private:
+  static void takeNormalPair(SeededRandom& random, bool is_needed, double& first, double& second) {
+    if (is_needed) {
+      random.normalPair(first, second);
+    } else {
+      random.next();
+      random.next();
+    }
   }
 };
 
@@ -48,56 +60,62 @@ double depthAcrossEdge(const cv::Mat& depth_m, int u, int v, double z, double th
   return across;
 }
 
-}  // namespace
-
-double axialSigma(const SensorModel& sensor, double z_m) {
-  return std::max(0.0, sensor.axial_noise_a_m + sensor.axial_noise_b * z_m + sensor.axial_noise_c_per_m * z_m * z_m);
+/// Depth where a ray between pixels meets the surface of an image. The inverse depth of a plane is linear in the image;
+/// across an edge, and next to "no return", the nearest pixel decides. Rays outside see what the border pixel sees.
+double depthBetweenPixels(const cv::Mat& depth_m, double u, double v, double edge_threshold_m) {
+  const double inside_u = std::clamp(u, 0.0, depth_m.cols - 1.0);
+  const double inside_v = std::clamp(v, 0.0, depth_m.rows - 1.0);
+  const int left = std::min(static_cast<int>(inside_u), std::max(0, depth_m.cols - 2));
+  const int top = std::min(static_cast<int>(inside_v), std::max(0, depth_m.rows - 2));
+  const int right = std::min(left + 1, depth_m.cols - 1);
+  const int bottom = std::min(top + 1, depth_m.rows - 1);
+  const std::array<double, 4> corners{depth_m.at<float>(top, left), depth_m.at<float>(top, right),
+                                      depth_m.at<float>(bottom, left), depth_m.at<float>(bottom, right)};
+  const auto [low, high] = std::minmax_element(corners.begin(), corners.end());
+  if (!(*low > 0.0) || !(*high - *low <= edge_threshold_m)) {
+    return depth_m.at<float>(static_cast<int>(std::lround(inside_v)), static_cast<int>(std::lround(inside_u)));
+  }
+  const double across = inside_u - left;
+  const double down = inside_v - top;
+  return 1.0 / ((1.0 - down) * ((1.0 - across) / corners[0] + across / corners[1]) +
+                down * ((1.0 - across) / corners[2] + across / corners[3]));
 }
 
-cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m) {
-  const CameraModel& camera = scene.camera;
-  const SensorModel& sensor = scene.sensor;
-  if (exact_depth_m.type() != CV_32FC1 || exact_depth_m.cols != camera.width_px ||
-      exact_depth_m.rows != camera.height_px) {
-    throw std::invalid_argument("applySensor: depth image is " + std::to_string(exact_depth_m.cols) + " x " +
-                                std::to_string(exact_depth_m.rows) + " of OpenCV type " +
-                                std::to_string(exact_depth_m.type()) + ", must be " + std::to_string(camera.width_px) +
-                                " x " + std::to_string(camera.height_px) + " px of CV_32FC1 (5)");
+void requireImage(const char* what, const cv::Mat& image, const CameraModel& camera, int type, const char* type_name) {
+  if (image.type() != type || image.cols != camera.width_px || image.rows != camera.height_px) {
+    throw std::invalid_argument("applySensor: " + std::string(what) + " is " + std::to_string(image.cols) + " x " +
+                                std::to_string(image.rows) + " of OpenCV type " + std::to_string(image.type()) +
+                                ", must be " + std::to_string(camera.width_px) + " x " +
+                                std::to_string(camera.height_px) + " px of " + type_name);
   }
-  if (frame < 0 || frame >= scene.numFrames()) {
-    throw std::out_of_range("applySensor: frame = " + std::to_string(frame) + ", must be in [0, " +
-                            std::to_string(scene.numFrames()) + ")");
-  }
-  const Eigen::Isometry3d& T_scene_camera = scene.T_scene_camera[static_cast<std::size_t>(frame)];
-  const Eigen::Isometry3d T_scene_second = T_scene_camera * Eigen::Translation3d(sensor.baseline_m, 0.0, 0.0);
-  const ViewCaster first_view(scene, frame, T_scene_camera);
-  const ViewCaster second_view(scene, frame, T_scene_second);
+}
 
+/// Everything but the geometry: depthOfRay(u, v) [m] is asked for jittered rays, isShadowed(u, v, ray_u, ray_v, z) for
+/// every pixel with a return.
+template <typename DepthOfRay, typename IsShadowed>
+cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint64_t seed, std::uint64_t frame,
+                const cv::Mat& exact_depth_m, const DepthOfRay& depthOfRay, const IsShadowed& isShadowed) {
+  const bool has_jitter = sensor.lateral_jitter_px > 0.0;
+  const bool has_axial_noise =
+      sensor.axial_noise_a_m != 0.0 || sensor.axial_noise_b != 0.0 || sensor.axial_noise_c_per_m != 0.0;
   cv::Mat measured_m(exact_depth_m.size(), CV_32FC1);
   for (int v = 0; v < measured_m.rows; ++v) {
     for (int u = 0; u < measured_m.cols; ++u) {
       const auto pixel =
           static_cast<std::uint64_t>(v) * static_cast<std::uint64_t>(measured_m.cols) + static_cast<std::uint64_t>(u);
-      const PixelDraws draws(SeededRandom(scene.seed, static_cast<std::uint64_t>(frame), pixel));
+      const PixelDraws draws(SeededRandom(seed, frame, pixel), has_jitter, has_axial_noise);
 
       double ray_u = u;
       double ray_v = v;
       double z = exact_depth_m.at<float>(v, u);
-      if (sensor.lateral_jitter_px > 0.0) {
+      if (has_jitter) {
         ray_u += sensor.lateral_jitter_px * draws.jitter_u;
         ray_v += sensor.lateral_jitter_px * draws.jitter_v;
-        z = first_view.cast(ray_u, ray_v).z_m;
+        z = depthOfRay(ray_u, ray_v);
       }
 
       if (std::isfinite(z)) {
-        bool is_shadowed = false;
-        if (sensor.has_shadows) {
-          const Eigen::Vector3d p_second((ray_u - camera.cx_px) / camera.fx_px * z - sensor.baseline_m,
-                                         (ray_v - camera.cy_px) / camera.fy_px * z, z);
-          constexpr double kFloatSteps = 4.0;  // exact_depth_m is rounded to float
-          is_shadowed =
-              !second_view.isVisible(p_second, 1e-6 + kFloatSteps * z * std::numeric_limits<float>::epsilon());
-        }
+        const bool is_shadowed = isShadowed(u, v, ray_u, ray_v, z);
         if (draws.edge_chance < sensor.edge_mixing_fraction) {
           z += draws.edge_weight * (depthAcrossEdge(exact_depth_m, u, v, z, sensor.edge_threshold_m) - z);
         }
@@ -120,6 +138,52 @@ cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m)
     }
   }
   return measured_m;
+}
+
+}  // namespace
+
+double axialSigma(const SensorModel& sensor, double z_m) {
+  return std::max(0.0, sensor.axial_noise_a_m + sensor.axial_noise_b * z_m + sensor.axial_noise_c_per_m * z_m * z_m);
+}
+
+cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m) {
+  const CameraModel& camera = scene.camera;
+  const SensorModel& sensor = scene.sensor;
+  requireImage("depth image", exact_depth_m, camera, CV_32FC1, "CV_32FC1 (5)");
+  if (frame < 0 || frame >= scene.numFrames()) {
+    throw std::out_of_range("applySensor: frame = " + std::to_string(frame) + ", must be in [0, " +
+                            std::to_string(scene.numFrames()) + ")");
+  }
+  const Eigen::Isometry3d& T_scene_camera = scene.T_scene_camera[static_cast<std::size_t>(frame)];
+  const Eigen::Isometry3d T_scene_second = T_scene_camera * Eigen::Translation3d(sensor.baseline_m, 0.0, 0.0);
+  const ViewCaster first_view(scene, frame, T_scene_camera);
+  const ViewCaster second_view(scene, frame, T_scene_second);
+  const auto isShadowed = [&](int /*u*/, int /*v*/, double ray_u, double ray_v, double z) {
+    if (!sensor.has_shadows) {
+      return false;
+    }
+    const Eigen::Vector3d p_second((ray_u - camera.cx_px) / camera.fx_px * z - sensor.baseline_m,
+                                   (ray_v - camera.cy_px) / camera.fy_px * z, z);
+    constexpr double kFloatSteps = 4.0;  // exact_depth_m is rounded to float
+    return !second_view.isVisible(p_second, 1e-6 + kFloatSteps * z * std::numeric_limits<float>::epsilon());
+  };
+  return measure(
+      camera, sensor, scene.seed, static_cast<std::uint64_t>(frame), exact_depth_m,
+      [&first_view](double u, double v) { return first_view.cast(u, v).z_m; }, isShadowed);
+}
+
+cv::Mat applySensor(const CameraModel& camera, const SensorModel& sensor, std::uint64_t seed, std::uint64_t frame,
+                    const cv::Mat& exact_depth_m, const cv::Mat& shadow_mask) {
+  requireImage("depth image", exact_depth_m, camera, CV_32FC1, "CV_32FC1 (5)");
+  if (!shadow_mask.empty()) {
+    requireImage("shadow mask", shadow_mask, camera, CV_8UC1, "CV_8UC1 (0)");
+  }
+  return measure(
+      camera, sensor, seed, frame, exact_depth_m,
+      [&](double u, double v) { return depthBetweenPixels(exact_depth_m, u, v, sensor.edge_threshold_m); },
+      [&shadow_mask](int u, int v, double /*ray_u*/, double /*ray_v*/, double /*z*/) {
+        return !shadow_mask.empty() && shadow_mask.at<unsigned char>(v, u) != 0;
+      });
 }
 
 cv::Mat measureDepth(const Scene& scene, int frame) {

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <opencv2/core.hpp>
+
+#include "simulated_world/offscreen_renderer.h"
+#include "synthetic_depth/scene.h"
+
+namespace simulated_world {
+
+struct RgbdCameraConfig {
+  synthetic_depth::CameraModel camera;  ///< of both images: depth is registered to colour. fx = fy
+  synthetic_depth::SensorModel sensor;
+  double rgb_noise_std_grey{0.0};  ///< of each colour channel, in grey levels of 256
+  RenderOptions render;
+  std::uint64_t seed{1};  ///< of all noise
+
+  std::vector<std::string> validate() const;
+};
+
+/// RGB-D camera at a named camera of the model, of which the pose alone is used.
+class RgbdCamera {
+ public:
+  struct Frame {
+    cv::Mat rgb;            ///< CV_8UC3, order red, green, blue
+    cv::Mat depth_m;        ///< CV_32FC1, REP-117: NaN no measurement, -Inf too close, +Inf nothing within range
+    cv::Mat exact_depth_m;  ///< CV_32FC1 before the sensor's effects; +Inf where nothing is seen
+  };
+
+  /// The renderer must outlive the camera. Throws std::invalid_argument for a bad config or an unknown camera name.
+  RgbdCamera(OffscreenRenderer& renderer, const std::string& camera_name, const RgbdCameraConfig& config);
+
+  /// Noise is fixed by the seed and the frame number, whatever was captured before. See OffscreenRenderer::render() for
+  /// what is asked of `data`, and of the thread.
+  Frame capture(const mjData& data, std::uint64_t frame_number);
+
+  /// T_world_camera of the optical frame (z forward, x right, y down).
+  Eigen::Isometry3d opticalPose(const mjData& data) const;
+
+  const RgbdCameraConfig& config() const { return config_; }
+
+ private:
+  void addNoise(cv::Mat& rgb, std::uint64_t frame_number) const;
+
+  OffscreenRenderer& renderer_;
+  RgbdCameraConfig config_;
+  int camera_id_;
+  std::vector<std::int8_t>
+      noise_grey_;  // normal deviates to pick from: drawing each anew would cost more than rendering
+};
+
+}  // namespace simulated_world
