@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "simulated_world/collision_monitor.h"
+#include "simulated_world/fall_monitor.h"
+#include "simulated_world/judge_event.h"
+#include "simulated_world/pile_surface.h"
+#include "simulated_world/surface_score.h"
+#include "simulated_world/world_observation.h"
+
+namespace simulated_world {
+
+struct JudgeConfig {
+  FallConfig falls;
+  CollisionConfig collisions;
+  PileSurfaceConfig pile;
+  ScoreConfig score;
+  double truth_period_s{0.5};      ///< the pile's true surface is renewed at most this often
+  double surface_history_s{30.0};  ///< a strategy's surface whose data are older is not judged
+  double row_period_s{1.0};        ///< of the history; an event makes a row of its own
+  double min_step_m{0.005};        ///< shorter ways of the base add up before they count: standing is not driving
+
+  std::vector<std::string> validate() const;
+};
+
+/// State of a run at one time; counts are those since its start.
+struct JudgeRow {
+  double time_s{0.0};
+  int stowed{0};
+  int falls{0};
+  int drops{0};
+  int collisions{0};
+  std::optional<double> coverage;   ///< in [0, 1]; nothing before a face was exposed
+  std::optional<double> precision;  ///< in [0, 1], of the latest surface; nothing before one had a part to be judged
+  double distance_m{0.0};           ///< driven by the base
+};
+
+struct JudgeReport {
+  JudgeRow totals;  ///< at the last observation
+  double start_time_s{0.0};
+  int bricks_total{0};  ///< at the first observation
+  double max_collision_force_N{0.0};
+  double exposed_area_m2{0.0};  ///< ever, of all bricks
+  double covered_area_m2{0.0};  ///< of it, ever covered while exposed
+  int surfaces_judged{0};
+  int surfaces_refused{0};  ///< too old, or from before the run
+  std::vector<JudgeRow> history;
+  std::vector<JudgeEvent> events;
+};
+
+enum class SurfaceVerdict { kJudged, kOutsideOfHistory };
+
+/// Ground truth's view of a run: what was stowed, what fell, what was hit, how well the pile was mapped, how far the base
+/// drove. Knows nothing of the robot's software but the surface it is shown.
+///
+/// Coverage: of all the area of bricks at rest that was ever exposed (see PileSurface), the share that was ever within
+/// the tolerance of the strategy's surface at a time when it was exposed. Each surface is judged against the truth at
+/// its own stamp, once, on arrival. What was covered stays covered, whatever happens to the brick.
+/// Precision: see surfacePrecision(), with the truth at the surface's stamp.
+class Judge {
+ public:
+  /// Throws std::invalid_argument with all that is wrong with `config`.
+  explicit Judge(const JudgeConfig& config);
+
+  /// Times increase, ids are unique, poses finite, sizes positive; std::invalid_argument otherwise, with nothing taken
+  /// over.
+  void observe(const WorldObservation& observation);
+
+  /// Throws std::invalid_argument for a broken surface (StrategySurface::check) and before the first observation.
+  SurfaceVerdict judgeSurface(const StrategySurface& surface);
+
+  /// Ends collisions that still last; to be called once, after the last observation.
+  void finish();
+
+  /// Both only grow.
+  const std::vector<JudgeEvent>& events() const { return events_; }
+  const std::vector<JudgeRow>& history() const { return history_; }
+
+  JudgeReport report() const;
+
+ private:
+  struct TruthAt {
+    double time_s;
+    std::shared_ptr<const PileTruth> truth;
+  };
+  /// Per sample of a brick; sized at its first exposure.
+  struct Ledger {
+    std::vector<bool> was_exposed;
+    std::vector<bool> was_covered;
+  };
+
+  void check(const WorldObservation& observation) const;
+  void start(const WorldObservation& observation);
+  void count(const std::vector<JudgeEvent>& events);
+  void renewTruth(const WorldObservation& observation);
+  void drive(const Eigen::Vector2d& base_xy_m);
+  JudgeRow rowNow() const;
+
+  JudgeConfig config_;
+  FallMonitor falls_;
+  CollisionMonitor collisions_;
+  PileSurface pile_;
+  GroundRegion region_;
+  std::deque<TruthAt> truths_;  ///< the last one older than the history, and all later ones
+  double truth_checked_s_{0.0};
+  std::map<int, Ledger> ledgers_;
+  std::set<int> stowed_ids_;
+  bool has_started_{false};
+  double time_s_{0.0};
+  Eigen::Vector2d counted_base_xy_m_{0.0, 0.0};
+  JudgeReport report_;  ///< what is not in the members above
+  std::vector<JudgeEvent> events_;
+  std::vector<JudgeRow> history_;
+};
+
+}  // namespace simulated_world

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+namespace simulated_world {
+
+/// What the simulator knows about who is moving a brick, or did last.
+enum class BrickStatus {
+  kInPile,       ///< nobody has it; the state in which it can fall
+  kHeld,         ///< on the magnet
+  kReleased,     ///< let go on purpose over the chute, on its way into it
+  kDropped,      ///< lost by the magnet; lies wherever it fell and belongs to the pile again once at rest
+  kStowed,       ///< taken away through the chute
+  kMovedByHand,  ///< being moved by somebody else than the robot (fault injection)
+};
+
+struct BrickObservation {
+  int id{0};
+  Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};  ///< of the brick's centre
+  Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};               ///< full lengths along the brick's axes
+  BrickStatus status{BrickStatus::kInPile};
+};
+
+/// One pair of bodies in contact, one of them the robot's. A simulator that observes less often than it steps reports
+/// the largest force since the last observation.
+struct RobotContact {
+  std::string robot_body;
+  std::string other_body;
+  double force_N{0.0};
+};
+
+/// Ground truth at one moment: all that the judge sees of the world, and nothing that the mission may see.
+struct WorldObservation {
+  double time_s{0.0};
+  std::vector<BrickObservation> bricks;
+  std::optional<int> target_id;  ///< the brick that the tool may touch now
+  std::vector<RobotContact> contacts;
+  Eigen::Vector2d base_xy_m{Eigen::Vector2d::Zero()};  ///< in the map frame
+};
+
+/// Name of a brick's body in the simulated world and in contacts.
+inline std::string brickBodyName(int id) {
+  return "brick_" + std::to_string(id);
+}
+
+}  // namespace simulated_world

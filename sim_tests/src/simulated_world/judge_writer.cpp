@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "simulated_world/judge_writer.h"
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <iomanip>
+#include <sstream>
+#include <stdexcept>
+#include <system_error>
+
+#include <nlohmann/json.hpp>
+
+namespace simulated_world {
+namespace {
+
+/// Keeps the order in which keys are written: files are read by people, too.
+using Json = nlohmann::ordered_json;
+
+[[noreturn]] void fail(const std::string& path, const std::string& what) {
+  throw std::runtime_error("judge: " + path + ": " + what +
+                           (errno != 0 ? std::string(": ") + std::strerror(errno) : ""));
+}
+
+void append(std::ofstream& file, const std::string& path, const std::string& line) {
+  errno = 0;
+  file << line << '\n' << std::flush;
+  if (!file) {
+    fail(path, "cannot write");
+  }
+}
+
+std::ofstream openNew(const std::string& path) {
+  if (std::filesystem::exists(path)) {
+    errno = 0;
+    fail(path, "is there already, must be a new run's folder");
+  }
+  errno = 0;
+  std::ofstream file(path);
+  if (!file) {
+    fail(path, "cannot open");
+  }
+  return file;
+}
+
+std::string textOf(const JudgeRow& row) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(3) << row.time_s << ',' << row.stowed << ',' << row.falls << ',' << row.drops
+       << ',' << row.collisions << ',' << std::setprecision(5);
+  if (row.coverage) text << *row.coverage;
+  text << ',';
+  if (row.precision) text << *row.precision;
+  text << ',' << std::setprecision(3) << row.distance_m;
+  return text.str();
+}
+
+Json jsonOf(const std::optional<double>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+Json jsonOf(const JudgeEvent& event) {
+  Json json{{"time_s", event.time_s}, {"event", nameOf(event.kind)}};
+  switch (event.kind) {
+    case JudgeEventKind::kFall:
+    case JudgeEventKind::kFallEnd:
+      json["brick"] = event.brick_id;
+      json["distance_m"] = event.distance_m;
+      json["tilt_rad"] = event.tilt_rad;
+      break;
+    case JudgeEventKind::kDrop:
+    case JudgeEventKind::kStow:
+      json["brick"] = event.brick_id;
+      break;
+    case JudgeEventKind::kCollision:
+    case JudgeEventKind::kCollisionEnd:
+      json["robot_body"] = event.robot_body;
+      json["other_body"] = event.other_body;
+      json["max_force_N"] = event.max_force_N;
+      break;
+  }
+  if (event.kind == JudgeEventKind::kFallEnd || event.kind == JudgeEventKind::kCollisionEnd) {
+    json["duration_s"] = event.duration_s;
+  }
+  return json;
+}
+
+Json jsonOf(const JudgeReport& report) {
+  return {{"start_time_s", report.start_time_s},
+          {"end_time_s", report.totals.time_s},
+          {"bricks_total", report.bricks_total},
+          {"stowed", report.totals.stowed},
+          {"falls", report.totals.falls},
+          {"dropped", report.totals.drops},
+          {"collisions", report.totals.collisions},
+          {"max_collision_force_N", report.max_collision_force_N},
+          {"coverage", jsonOf(report.totals.coverage)},
+          {"precision", jsonOf(report.totals.precision)},
+          {"exposed_area_m2", report.exposed_area_m2},
+          {"covered_area_m2", report.covered_area_m2},
+          {"surfaces_judged", report.surfaces_judged},
+          {"surfaces_refused", report.surfaces_refused},
+          {"distance_m", report.totals.distance_m}};
+}
+
+}  // namespace
+
+std::string nameOf(JudgeEventKind kind) {
+  switch (kind) {
+    case JudgeEventKind::kFall:
+      return "fall";
+    case JudgeEventKind::kFallEnd:
+      return "fall_end";
+    case JudgeEventKind::kDrop:
+      return "drop";
+    case JudgeEventKind::kStow:
+      return "stow";
+    case JudgeEventKind::kCollision:
+      return "collision";
+    case JudgeEventKind::kCollisionEnd:
+      return "collision_end";
+  }
+  throw std::invalid_argument("JudgeEventKind " + std::to_string(static_cast<int>(kind)) +
+                              ", must be one of its names");
+}
+
+JudgeWriter::JudgeWriter(const std::string& folder) : folder_(folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) {
+    throw std::runtime_error("judge: " + folder + ": cannot make the folder: " + error.message());
+  }
+  rows_ = openNew(folder_ + "/judge.csv");
+  events_ = openNew(folder_ + "/events.jsonl");
+  append(rows_, folder_ + "/judge.csv", "time_s,stowed,falls,dropped,collisions,coverage,precision,distance_m");
+}
+
+void JudgeWriter::write(const Judge& judge) {
+  for (; num_events_ < judge.events().size(); ++num_events_) {
+    append(events_, folder_ + "/events.jsonl", jsonOf(judge.events()[num_events_]).dump());
+  }
+  for (; num_rows_ < judge.history().size(); ++num_rows_) {
+    append(rows_, folder_ + "/judge.csv", textOf(judge.history()[num_rows_]));
+  }
+}
+
+void JudgeWriter::finish(const Judge& judge) {
+  write(judge);
+  const std::string path = folder_ + "/judge.json";
+  const std::string unfinished = path + ".part";
+  {
+    errno = 0;
+    std::ofstream file(unfinished);
+    if (!file) {
+      fail(unfinished, "cannot open");
+    }
+    append(file, unfinished, jsonOf(judge.report()).dump(2));
+  }
+  std::error_code error;
+  std::filesystem::rename(unfinished, path, error);
+  if (error) {
+    throw std::runtime_error("judge: " + path + ": cannot rename from " + unfinished + ": " + error.message());
+  }
+}
+
+}  // namespace simulated_world
