@@ -111,6 +111,9 @@ class World {
   /// One time step. Throws std::runtime_error when the state is no longer finite.
   void step();
 
+  /// Brings the poses of bodies and cameras up to the state: a step leaves them where it began.
+  void refreshPoses();
+
   double time() const { return data_->time; }
   const WorldConfig& config() const { return config_; }
   const mjModel& model() const { return *model_; }
@@ -132,6 +135,9 @@ class World {
   ArmVector armPosition() const;
   ArmVector armVelocity() const;
   ArmVector armTorque() const { return arm_torque_; }
+  /// Torque [N m] that the servos need beyond what model, declared payload and reference ask for: what the surroundings
+  /// push with. Not limited by what the motors can do.
+  ArmVector armDisturbance() const { return arm_disturbance_; }
   ToolWrench toolWrench() const;
   Pose2d basePose() const;                                    ///< of base_link in the map
   Twist2d baseTwist() const;                                  ///< true velocity, along and about the base's own axes
@@ -222,6 +228,7 @@ class World {
   ArmVector arm_reference_velocity_{ArmVector::Zero()};
   ArmVector arm_reference_acceleration_{ArmVector::Zero()};
   ArmVector arm_torque_{ArmVector::Zero()};
+  ArmVector arm_disturbance_{ArmVector::Zero()};
   Pose2d base_reference_;
   Twist2d base_twist_;
   Twist2d previous_base_twist_;

@@ -302,6 +302,12 @@ void World::step() {
   }
 }
 
+void World::refreshPoses() {
+  mj_kinematics(model_.get(), data_.get());
+  mj_comPos(model_.get(), data_.get());
+  mj_camlight(model_.get(), data_.get());
+}
+
 void World::commandBase() {
   mjData* data = data_.get();
   const double dt = config_.timestep_s;
@@ -355,15 +361,19 @@ void World::commandBase() {
 void World::commandArm() {
   mjData* data = data_.get();
   const double w = config_.servo.arm_bandwidth_rad_s;
-  const ArmVector acceleration = arm_reference_acceleration_ + w * w * (arm_reference_ - armPosition()) +
-                                 2.0 * w * (arm_reference_velocity_ - armVelocity());
+  const ArmVector correction =
+      w * w * (arm_reference_ - armPosition()) + 2.0 * w * (arm_reference_velocity_ - armVelocity());
   ArmVector torque;
   for (int i = 0; i < kArmJoints; ++i) {
     torque[i] = data->qfrc_bias[arm_dof_[i]];
+    arm_disturbance_[i] = 0.0;
     for (int j = 0; j < kArmJoints; ++j) {
-      torque[i] += inertiaEntry(*model_, *data, arm_dof_[i], arm_dof_[j]) * acceleration[j];
+      const double inertia = inertiaEntry(*model_, *data, arm_dof_[i], arm_dof_[j]);
+      torque[i] += inertia * arm_reference_acceleration_[j];
+      arm_disturbance_[i] += inertia * correction[j];
     }
   }
+  torque += arm_disturbance_;
   if (payload_kg_ > 0.0) {
     const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(data->site_xmat + 9 * wrist_site_);
     const Eigen::Vector3d point =

@@ -22,7 +22,7 @@ std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_m
   xml << "<mujoco model=\"pile\">\n"
       << "  <compiler angle=\"radian\" inertiafromgeom=\"auto\"/>\n"
       << "  <option timestep=\"" << config.timestep_s << "\" solver=\"CG\" cone=\"elliptic\" impratio=\"10\"/>\n"
-      << "  <size nconmax=\"1500\" njmax=\"6000\"/>\n"
+      << "  <size nconmax=\"1000\" njmax=\"3000\" nstack=\"16000000\"/>\n"
       << "  <asset>\n"
       << assets_mjcf << "  </asset>\n"
       << "  <worldbody>\n"
