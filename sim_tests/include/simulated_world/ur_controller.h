@@ -134,8 +134,8 @@ class UrController {
   double now_s_ = 0.0;
   bool connected_ = true;
   RobotMode robot_mode_ = RobotMode::kPowerOff;
-  RobotMode wanted_mode_ = RobotMode::kPowerOff;
-  double next_mode_s_ = 0.0;  ///< when robot_mode_ takes its next step towards wanted_mode_
+  bool releases_brakes_ = false;  ///< once the joints are powered
+  double next_mode_s_ = 0.0;      ///< when robot_mode_ takes its next step
   SafetyMode safety_mode_ = SafetyMode::kNormal;
   double protective_stop_s_ = 0.0;
   ProgramState program_state_ = ProgramState::kStopped;

@@ -77,7 +77,7 @@ CommandAnswer UrController::powerOn() {
   if (!isSafe()) return failed("power on", std::string("safety mode ") + toString(safety_mode_));
   if (robot_mode_ == RobotMode::kPowerOff) {
     robot_mode_ = RobotMode::kPowerOn;
-    wanted_mode_ = RobotMode::kIdle;
+    releases_brakes_ = false;
     next_mode_s_ = now_s_ + config_.power_on_s;
   }
   return {true, "Powering on"};
@@ -93,10 +93,10 @@ CommandAnswer UrController::brakeRelease() {
   if (!connected_) return {false, kDriverGone};
   if (!isSafe()) return failed("brake release", std::string("safety mode ") + toString(safety_mode_));
   powerOn();
-  if (robot_mode_ == RobotMode::kIdle && wanted_mode_ == RobotMode::kIdle) {
+  if (robot_mode_ == RobotMode::kIdle && !releases_brakes_) {
     next_mode_s_ = now_s_ + config_.brake_release_s;
   }
-  wanted_mode_ = RobotMode::kRunning;
+  releases_brakes_ = true;
   return {true, "Brake releasing"};
 }
 
@@ -319,7 +319,6 @@ void UrController::endProgram(ProgramState state, const std::string& reason) {
 void UrController::losePower(const std::string& reason) {
   endProgram(ProgramState::kStopped, reason);
   robot_mode_ = RobotMode::kPowerOff;
-  wanted_mode_ = RobotMode::kPowerOff;
 }
 
 void UrController::advanceMode(double now_s) {
@@ -327,7 +326,7 @@ void UrController::advanceMode(double now_s) {
     robot_mode_ = RobotMode::kIdle;
     next_mode_s_ += config_.brake_release_s;
   }
-  if (robot_mode_ == RobotMode::kIdle && wanted_mode_ == RobotMode::kRunning && now_s >= next_mode_s_) {
+  if (robot_mode_ == RobotMode::kIdle && releases_brakes_ && now_s >= next_mode_s_) {
     robot_mode_ = RobotMode::kRunning;
   }
 }
