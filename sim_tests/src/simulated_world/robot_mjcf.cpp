@@ -180,7 +180,7 @@ class RobotWriter {
     }
   }
 
-  // Mass is the inertial's alone. Sizes are half lengths.
+  // Sizes are half lengths. Mass is the inertial's alone.
   static void writeShape(Element& geom, const urdf::Link& link, const urdf::Geometry& shape, const urdf::Pose& origin) {
     switch (shape.type) {
       case urdf::Geometry::BOX: {
@@ -199,7 +199,7 @@ class RobotWriter {
       default:
         throw std::invalid_argument("URDF: shape of link " + link.name + " = mesh, must be a box, cylinder or sphere");
     }
-    geom.pose(origin).text("mass", "0");
+    geom.pose(origin);
   }
 
   void writeCameraAndSites(const urdf::Link& link, int depth) {

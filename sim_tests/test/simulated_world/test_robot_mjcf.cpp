@@ -181,7 +181,7 @@ TEST_F(RobotMjcf, StowedRobotTouchesNeitherItselfNorTheGround) {
   EXPECT_GT(data->ncon, 0);
 }
 
-TEST_F(RobotMjcf, ShapesCarryNoMassAndOnlyCollisionShapesCollide) {
+TEST_F(RobotMjcf, OnlyCollisionShapesCollide) {
   const std::vector<std::string> ghosts = RobotMjcfOptions().links_without_contact;
   int num_shapes = 0;
   for (const auto& [name, link] : urdf_->links_) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "yaml_file.h"
 
-#include <cmath>
 #include <fstream>
 #include <sstream>
 #include <stdexcept>
@@ -23,8 +22,9 @@ bool isPlain(const YAML::Node& node) {
   return node.IsScalar() && node.Tag() != "!";
 }
 
+/// Not a number and infinity are in no interval.
 bool readNumber(const YAML::Node& node, double& value) {
-  return isPlain(node) && YAML::convert<double>::decode(node, value) && std::isfinite(value);
+  return isPlain(node) && YAML::convert<double>::decode(node, value);
 }
 
 [[noreturn]] void refuse(const std::string& name, const std::vector<std::string>& problems) {
