@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "simulated_world/judge.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -67,6 +68,9 @@ TEST_F(JudgeTest, CountsABrickAsStowedOnce) {
   EXPECT_EQ(report().totals.stowed, 1);
   take(1);
   EXPECT_EQ(report().totals.stowed, 2);
+  EXPECT_EQ(std::count_if(judge.events().begin(), judge.events().end(),
+                          [](const JudgeEvent& event) { return event.kind == JudgeEventKind::kStow; }),
+            2);
   EXPECT_EQ(report().totals.falls, 0);
   EXPECT_EQ(report().totals.drops, 0);
 }
@@ -154,6 +158,23 @@ TEST_F(JudgeTest, OldSurfacesAreNotJudged) {
   EXPECT_EQ(report().surfaces_refused, 2);
   EXPECT_EQ(judge.judgeSurface(topOf({0.0, 0.0, 0.15}, 3.0)), SurfaceVerdict::kJudged);
   EXPECT_EQ(report().surfaces_judged, 1);
+}
+
+TEST_F(JudgeTest, ABrickThatSomebodyHasIsNoPile) {
+  hold(1.0);
+  const double before_m2 = report().exposed_area_m2;
+  for (const BrickStatus status :
+       {BrickStatus::kHeld, BrickStatus::kReleased, BrickStatus::kStowed, BrickStatus::kMovedByHand}) {
+    world.brick(2).status = status;  // where it was, on top of brick 1
+    hold(1.0);
+    EXPECT_NEAR(report().exposed_area_m2, before_m2 + kTop_m2, 1e-12);  // it hides nothing
+    judge.judgeSurface(topOf({0.0, 0.0, 0.15}, world.now.time_s));
+    EXPECT_EQ(report().totals.precision, 0.0);
+  }
+  world.brick(2).status = BrickStatus::kDropped;  // and belongs to the pile again
+  hold(1.0);
+  judge.judgeSurface(topOf({0.0, 0.0, 0.15}, world.now.time_s));
+  EXPECT_EQ(report().totals.precision, 1.0);
 }
 
 TEST_F(JudgeTest, ATumblingBrickExposesNothingUntilItLies) {

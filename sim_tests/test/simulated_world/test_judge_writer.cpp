@@ -55,7 +55,7 @@ TEST_F(JudgeWriterTest, LinesAreOnDiskBeforeTheRunEnds) {
   hold(0.1);
   writer.write(judge);
   const std::vector<std::string> rows = linesOf("judge.csv");
-  EXPECT_EQ(rows.size(), 1 + judge.history().size());
+  ASSERT_EQ(rows.size(), 1 + judge.history().size());
   EXPECT_EQ(rows.back(), "3.100,0,1,0,1,0.00000,,0.000");
   const std::vector<std::string> events = linesOf("events.jsonl");
   ASSERT_EQ(events.size(), 2U);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -104,10 +105,11 @@ TEST(DistanceToFaces, IsTheSmallestDistanceToPointsOfTheFaces) {
 
 TEST(IsNearSurface, AgreesWithTryingEveryPair) {
   SeededRandom random(3);
-  for (const bool is_cloud : {false, true}) {
+  for (const auto& [is_cloud, has_outlier] :
+       {std::pair(false, false), std::pair(false, true), std::pair(true, false), std::pair(true, true)}) {
     std::vector<Eigen::Vector3d> points;
     for (int i = 0; i < 400; ++i) points.push_back(randomPoint(random, 0.3));
-    points.emplace_back(40.0, -30.0, 0.0);  // a brick that rolled away
+    if (has_outlier) points.emplace_back(40.0, -30.0, 0.0);  // a brick that rolled away
     StrategySurface surface;
     for (int i = 0; i < (is_cloud ? 3000 : 300); ++i) {
       const Eigen::Vector3d center = randomPoint(random, 0.5);
@@ -181,6 +183,37 @@ TEST(SurfacePrecision, LeavesOutTheGroundAndWhatIsFarAway) {
   EXPECT_FALSE(surfacePrecision(StrategySurface(), {brick}, kEverywhere, 0.0, config));
 }
 
+TEST(SurfacePrecision, CutsATriangleAtTheLimitsOfHeightAndRegion) {
+  PileBrick brick = leaningBrick();
+  brick.T_map_brick = Eigen::Isometry3d::Identity();
+  // An upright sheet from the ground to a brick that hangs over it.
+  StrategySurface surface;
+  surface.points_map = {{0.15, 0.0, 0.0}, {0.15, 0.06, 0.0}, {0.15, 0.06, 0.06}, {0.15, 0.0, 0.06}};
+  surface.triangles = {{0, 1, 2}, {0, 2, 3}};
+  brick.T_map_brick.translation().z() = 0.11;  // from 6 cm up: within 2 cm of it is what is above 4 cm
+  // Of the 3 cm that count, 2 cm are right; patches of 1 cm may go either way at both limits.
+  const auto share = surfacePrecision(surface, {brick}, kEverywhere, 0.0, ScoreConfig());
+  EXPECT_NEAR(share.value(), 2.0 / 3.0, 0.15);
+  // A region that ends in the middle of a sheet on the brick's top, which lies half beside the brick.
+  const GroundRegion near_half{Eigen::Vector2d(-1.0, -1.0), Eigen::Vector2d(0.15, 0.075)};
+  EXPECT_EQ(surfacePrecision(sheet(0.05, -0.05, 0.16, 0.1), {brick}, near_half, 0.0, ScoreConfig()), 1.0);
+  EXPECT_LT(surfacePrecision(sheet(0.1, -0.05, 0.16, 0.2), {brick}, kEverywhere, 0.0, ScoreConfig()).value(), 0.6);
+  EXPECT_EQ(surfacePrecision(sheet(0.1, -0.05, 0.16, 0.2), {brick}, near_half, 0.0, ScoreConfig()), 1.0);
+}
+
+TEST(SurfacePrecision, JudgesEveryPieceOfATriangle) {
+  // Cut into 3 x 3 pieces; a tiny brick makes the one right that has its corner in the middle of the others.
+  StrategySurface surface;
+  surface.points_map = {{0.0, 0.0, 0.5}, {0.3, 0.0, 0.5}, {0.0, 0.3, 0.5}};
+  surface.triangles = {{0, 1, 2}};
+  PileBrick brick;
+  brick.T_map_brick.translation() = Eigen::Vector3d(0.2 / 3.0, 0.2 / 3.0, 0.5);
+  brick.size_m = Eigen::Vector3d::Constant(0.01);
+  ScoreConfig config;
+  config.patch_size_m = 0.15;
+  EXPECT_NEAR(surfacePrecision(surface, {brick}, kEverywhere, 0.0, config).value(), 1.0 / 9.0, 1e-12);
+}
+
 TEST(SurfacePrecision, OfACloudCountsPoints) {
   const PileBrick brick = leaningBrick();
   StrategySurface cloud;
@@ -189,6 +222,12 @@ TEST(SurfacePrecision, OfACloudCountsPoints) {
   }
   const std::size_t num_right = cloud.points_map.size();
   for (std::size_t i = 0; i < num_right; ++i) cloud.points_map.emplace_back(1.0, 1.0, 0.5);
+  EXPECT_EQ(surfacePrecision(cloud, {brick}, kEverywhere, 0.0, ScoreConfig()), 0.5);
+  // Neither the ground nor what is far away counts.
+  for (std::size_t i = 0; i < num_right; ++i) {
+    cloud.points_map.emplace_back(1.0, 1.0, 0.029);
+    cloud.points_map.emplace_back(11.0, 1.0, 0.5);
+  }
   EXPECT_EQ(surfacePrecision(cloud, {brick}, kEverywhere, 0.0, ScoreConfig()), 0.5);
 }
 
