@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "simulated_world/pile_scene.h"
+
+namespace simulated_world {
+
+/// The solver's way to the same forces. Bricks by the dozen make long chains of contacts, through which conjugate
+/// gradients run several times faster than Newton's method; one arm with few contacts is better off with Newton.
+enum class ContactSolver { kConjugateGradient, kNewton };
+
+/// How the world with bricks is simulated: one place for settling a pile and for the run with the robot, so that a pile
+/// that stands in the one stands in the other.
+struct PhysicsOptions {
+  double timestep_s{0.002};
+  ContactSolver solver{ContactSolver::kConjugateGradient};
+  int solver_iterations{100};  ///< at most; a pile at rest needs two or three
+  double solver_tolerance{1e-8};
+  double impratio{1.0};                   ///< stiffness of friction over that of the normal force
+  double contact_time_constant_s{0.005};  ///< a contact gives way and recovers like a critically damped spring
+  int max_contacts{1300};                 ///< buffers of MuJoCo 2: 40 bricks at rest have 270 contacts of 3 constraints
+  int max_constraints{4000};
+
+  std::vector<std::string> validate() const;
+};
+
+/// `<option>` and `<size>` elements of an MJCF model. Throws std::invalid_argument with all that is wrong with `options`.
+std::string physicsXml(const PhysicsOptions& options);
+
+/// `<geom>` of the ground, an infinite plane at z = 0 named "ground". What slides on it slides with its own friction.
+std::string groundXml(const PhysicsOptions& options, const std::string& geom_attributes = "");
+
+/// Free `<body>` with a box for a brick; body and geom are named brickBodyName(id), the joint with "_joint" after it.
+/// `geom_attributes` go into the geom, e.g. a material.
+std::string brickXml(const BrickPlacement& brick, const PhysicsOptions& options,
+                     const std::string& geom_attributes = "");
+
+}  // namespace simulated_world

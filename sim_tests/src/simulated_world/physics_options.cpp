@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "simulated_world/physics_options.h"
+
+#include <limits>
+#include <sstream>
+
+#include "config_check.h"
+#include "simulated_world/world_observation.h"
+
+namespace simulated_world {
+namespace {
+
+/// All digits: a model that is written and read must be the same model.
+std::ostringstream exactText() {
+  std::ostringstream text;
+  text.precision(std::numeric_limits<double>::max_digits10);
+  return text;
+}
+
+std::string contactAttributes(const PhysicsOptions& options, double sliding_friction) {
+  // Flat faces touch in several points at once, which is all the resistance to turning that a brick needs (condim 3).
+  std::ostringstream text = exactText();
+  text << "condim=\"3\" friction=\"" << sliding_friction << "\" solref=\"" << options.contact_time_constant_s << " 1\"";
+  return text.str();
+}
+
+}  // namespace
+
+std::vector<std::string> PhysicsOptions::validate() const {
+  ConfigCheck check;
+  check.require(timestep_s > 0.0 && timestep_s <= 0.01, "timestep_s", timestep_s, "s", "in (0, 0.01] s");
+  check.require(impratio >= 1.0, "impratio", impratio, "", ">= 1");
+  check.require(solver_iterations >= 1, "solver_iterations", solver_iterations, "", ">= 1");
+  check.require(solver_tolerance >= 0.0, "solver_tolerance", solver_tolerance, "", ">= 0");
+  // MuJoCo does not keep a contact stiffer than two steps.
+  check.require(contact_time_constant_s >= 2.0 * timestep_s, "contact_time_constant_s", contact_time_constant_s, "s",
+                ">= 2 timestep_s");
+  check.require(max_contacts >= 1, "max_contacts", max_contacts, "", ">= 1");
+  check.require(max_constraints >= 1, "max_constraints", max_constraints, "", ">= 1");
+  return check.problems();
+}
+
+std::string physicsXml(const PhysicsOptions& options) {
+  throwIfAny("PhysicsOptions", options.validate());
+  std::ostringstream text = exactText();
+  text << "<option timestep=\"" << options.timestep_s << "\" cone=\"elliptic\" impratio=\"" << options.impratio
+       << "\" solver=\"" << (options.solver == ContactSolver::kNewton ? "Newton" : "CG") << "\" iterations=\""
+       << options.solver_iterations << "\" tolerance=\"" << options.solver_tolerance << "\"/>\n"
+       << "<size nconmax=\"" << options.max_contacts << "\" njmax=\"" << options.max_constraints << "\"/>\n";
+  return text.str();
+}
+
+std::string groundXml(const PhysicsOptions& options, const std::string& geom_attributes) {
+  // Of two geoms in contact, the larger friction counts.
+  // Without conaffinity it collides with all but sleeping bricks (see BrickSleep), which have none either.
+  return "<geom name=\"ground\" type=\"plane\" size=\"0 0 1\" conaffinity=\"0\" " + contactAttributes(options, 0.0) +
+         " " + geom_attributes + "/>\n";
+}
+
+std::string brickXml(const BrickPlacement& brick, const PhysicsOptions& options, const std::string& geom_attributes) {
+  const Eigen::Vector3d p = brick.T_map_brick.translation();
+  const Eigen::Quaterniond q(brick.T_map_brick.linear());
+  const Eigen::Vector3d half_m = 0.5 * brick.type.size_m;
+  const std::string name = brickBodyName(brick.id);
+  std::ostringstream text = exactText();
+  text << "<body name=\"" << name << "\" pos=\"" << p.x() << ' ' << p.y() << ' ' << p.z() << "\" quat=\"" << q.w()
+       << ' ' << q.x() << ' ' << q.y() << ' ' << q.z() << "\">\n"
+       << "  <freejoint name=\"" << name << "_joint\"/>\n"
+       << "  <geom name=\"" << name << "\" type=\"box\" size=\"" << half_m.x() << ' ' << half_m.y() << ' ' << half_m.z()
+       << "\" mass=\"" << brick.type.mass_kg << "\" " << contactAttributes(options, brick.type.friction) << ' '
+       << geom_attributes << "/>\n"
+       << "</body>\n";
+  return text.str();
+}
+
+}  // namespace simulated_world
