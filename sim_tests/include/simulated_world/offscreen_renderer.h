@@ -20,6 +20,7 @@ struct RendererConfig {
   int max_height_px{480};   ///< of any image
   int samples{0};           ///< per pixel; 0 = one, at its centre. More smooth edges, and make depth there arbitrary
   int shadow_map_px{4096};  ///< edge of the shadow map
+  int quads_per_edge{1};    ///< of a box's face. More make light near to it look right, and cost a quarter of a frame
 
   std::vector<std::string> validate() const;
 };

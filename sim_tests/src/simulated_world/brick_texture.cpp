@@ -56,6 +56,25 @@ std::optional<double> printedGrey(const cv::Mat& cells, double cell_m, const Eig
   return is_margin || cells.at<unsigned char>(row, column) != 0 ? kWhite : kBlack;
 }
 
+/// Mean colour of a texel from 4 x 4 samples; one if its corners agree, as all borders run along rows or columns.
+template <typename ColourAt>
+Eigen::Vector3d meanOverTexel(int u, int v, const ColourAt& colourAt) {
+  constexpr int kSamples = 4;
+  constexpr double kFirst = 0.5 / kSamples;
+  constexpr double kLast = 1.0 - kFirst;
+  const Eigen::Vector3d first = colourAt(u + kFirst, v + kFirst);
+  if (first == colourAt(u + kLast, v + kFirst) && first == colourAt(u + kFirst, v + kLast) &&
+      first == colourAt(u + kLast, v + kLast)) {
+    return first;
+  }
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (int sample = 0; sample < kSamples * kSamples; ++sample) {
+    sum += colourAt(u + kFirst + static_cast<double>(sample % kSamples) / kSamples,
+                    v + kFirst + static_cast<double>(sample / kSamples) / kSamples);
+  }
+  return sum / (kSamples * kSamples);
+}
+
 cv::Mat drawFace(const BrickAppearance& brick, std::size_t face, int face_px, SeededRandom random) {
   const Eigen::Vector2d size_m = faceSize(brick.size_m, face);
   const cv::Mat cells = tagCells(brick.family, brick.tag_ids[face]);
@@ -64,30 +83,25 @@ cv::Mat drawFace(const BrickAppearance& brick, std::size_t face, int face_px, Se
   const cv::Mat grain = smoothField(random, face_px / 2, face_px / 2, face_px);
   const cv::Mat scratches = smoothField(random, face_px, 5, face_px);
 
-  constexpr int kSamples = 4;  // per texel and axis: edges fall between texels
   constexpr double kEdge_m = 0.003;
   cv::Mat image(face_px, face_px, CV_8UC3);
   for (int v = 0; v < face_px; ++v) {
     for (int u = 0; u < face_px; ++u) {
       const Eigen::Vector3d clay =
           brick.colour_rgb * (1.0 + 0.05 * clouds.at<float>(v, u) + 0.04 * grain.at<float>(v, u));
-      const double steel = kSteel * (1.0 + 0.05 * scratches.at<float>(v, u));
-      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-      for (int sample = 0; sample < kSamples * kSamples; ++sample) {
-        const double across = (u + (sample % kSamples + 0.5) / kSamples) / face_px - 0.5;
-        const double down = (v + (sample / kSamples + 0.5) / kSamples) / face_px - 0.5;
-        const Eigen::Vector2d p_face(across * size_m.x(), -down * size_m.y());
-        const double from_plate_m = p_face.cwiseAbs().maxCoeff() - 0.5 * brick.plate_edge_m;
-        const double from_edge_m = (0.5 * size_m - p_face.cwiseAbs()).minCoeff();
+      const Eigen::Vector3d steel = Eigen::Vector3d::Constant(kSteel * (1.0 + 0.05 * scratches.at<float>(v, u)));
+      const auto colourAt = [&](double u_px, double v_px) -> Eigen::Vector3d {
+        const Eigen::Vector2d p_face((u_px / face_px - 0.5) * size_m.x(), (0.5 - v_px / face_px) * size_m.y());
         if (const auto grey = printedGrey(cells, cell_m, p_face)) {
-          sum += Eigen::Vector3d::Constant(*grey);
-        } else if (from_plate_m < 0.0) {
-          sum += Eigen::Vector3d::Constant(steel);
-        } else {
-          sum += clay * (from_edge_m < kEdge_m ? 0.75 : 1.0);  // worn edges, so that bricks can be told apart
+          return Eigen::Vector3d::Constant(*grey);
         }
-      }
-      const Eigen::Vector3d mean = sum / (kSamples * kSamples);
+        if (p_face.cwiseAbs().maxCoeff() < 0.5 * brick.plate_edge_m) {
+          return steel;
+        }
+        // Worn edges, so that bricks can be told apart.
+        return (0.5 * size_m - p_face.cwiseAbs()).minCoeff() < kEdge_m ? Eigen::Vector3d(0.75 * clay) : clay;
+      };
+      const Eigen::Vector3d mean = meanOverTexel(u, v, colourAt);
       image.at<cv::Vec3b>(v, u) = {cv::saturate_cast<unsigned char>(255.0 * mean.x()),
                                    cv::saturate_cast<unsigned char>(255.0 * mean.y()),
                                    cv::saturate_cast<unsigned char>(255.0 * mean.z())};

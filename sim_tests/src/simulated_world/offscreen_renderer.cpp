@@ -61,6 +61,7 @@ std::vector<std::string> RendererConfig::validate() const {
   requireBetween("max_height_px", max_height_px, 1, 8192, " px");
   requireBetween("samples", samples, 0, 16, "");
   requireBetween("shadow_map_px", shadow_map_px, 1, 16384, " px");
+  requireBetween("quads_per_edge", quads_per_edge, 1, 64, "");
   return problems;
 }
 
@@ -89,6 +90,7 @@ class OffscreenRenderer::Context {
     sized.vis.global.offheight = config.max_height_px;
     sized.vis.quality.offsamples = config.samples;
     sized.vis.quality.shadowsize = config.shadow_map_px;
+    sized.vis.quality.numquads = config.quads_per_edge;
     try {
       mjr_makeContext(&sized, &context_, mjFONTSCALE_100);
       mjr_setBuffer(mjFB_OFFSCREEN, &context_);
@@ -148,8 +150,22 @@ class OffscreenRenderer::Context {
     mjr_render(viewport, &scene_, &context_);
   }
 
-  void read(const mjrRect& viewport, unsigned char* rgb, float* depth) {
-    mjr_readPixels(rgb, depth, viewport, &context_);
+  /// Colours and window depth (0 at the near plane, 1 at the far one) of what was drawn last.
+  void read(const mjrRect& viewport, cv::Mat* rgb, cv::Mat* window_depth) {
+    if (rgb != nullptr) {
+      rgb_upwards_.create(viewport.height, viewport.width, CV_8UC3);
+    }
+    if (window_depth != nullptr) {
+      depth_upwards_.create(viewport.height, viewport.width, CV_32FC1);
+    }
+    mjr_readPixels(rgb != nullptr ? rgb_upwards_.data : nullptr,
+                   window_depth != nullptr ? depth_upwards_.ptr<float>() : nullptr, viewport, &context_);
+    if (rgb != nullptr) {
+      cv::flip(rgb_upwards_, *rgb, 0);
+    }
+    if (window_depth != nullptr) {
+      cv::flip(depth_upwards_, *window_depth, 0);
+    }
   }
 
  private:
@@ -163,6 +179,8 @@ class OffscreenRenderer::Context {
   EglContext egl_;  // first: it must be current while the others are made and freed
   mjrContext context_{};
   mjvScene scene_{};
+  cv::Mat rgb_upwards_;  // OpenGL's rows begin at the bottom; kept to save the system's zeroing of new pages
+  cv::Mat depth_upwards_;
 };
 
 OffscreenRenderer::OffscreenRenderer(const mjModel& model, const RendererConfig& config)
@@ -191,28 +209,17 @@ void OffscreenRenderer::render(const mjData& data, const Eigen::Isometry3d& T_wo
 
   const mjrRect viewport{0, 0, camera.width_px, camera.height_px};
   context_->draw(model_, data, toGlCamera(T_world_camera, camera, options), viewport, options);
-  // Buffers of their own: OpenGL's rows begin at the bottom, and come without padding.
-  cv::Mat rgb_upwards;
-  cv::Mat window_depth_upwards;
-  if (rgb != nullptr) {
-    rgb_upwards.create(camera.height_px, camera.width_px, CV_8UC3);
-  }
+  context_->read(viewport, rgb, depth_m);
   if (depth_m != nullptr) {
-    window_depth_upwards.create(camera.height_px, camera.width_px, CV_32FC1);
-  }
-  context_->read(viewport, rgb_upwards.data, reinterpret_cast<float*>(window_depth_upwards.data));
-  if (rgb != nullptr) {
-    cv::flip(rgb_upwards, *rgb, 0);
-  }
-  if (depth_m != nullptr) {
-    cv::flip(window_depth_upwards, *depth_m, 0);
-    // Window depth of a perspective projection, 0 at the near and 1 at the far plane, solved for z. In double: 1 - d
-    // loses the bits that matter.
+    // Window depth of a perspective projection solved for z; in double, because 1 - d loses the bits that matter.
     const double slope = 1.0 - options.near_m / options.far_m;
-    for (auto depth = depth_m->begin<float>(); depth != depth_m->end<float>(); ++depth) {
-      const double d = *depth;
-      *depth =
-          d < 1.0 ? static_cast<float>(options.near_m / (1.0 - d * slope)) : std::numeric_limits<float>::infinity();
+    for (int v = 0; v < depth_m->rows; ++v) {
+      float* const row = depth_m->ptr<float>(v);
+      for (int u = 0; u < depth_m->cols; ++u) {
+        const double d = row[u];
+        row[u] =
+            d < 1.0 ? static_cast<float>(options.near_m / (1.0 - d * slope)) : std::numeric_limits<float>::infinity();
+      }
     }
   }
 }

@@ -92,11 +92,14 @@ void RgbdCamera::addNoise(cv::Mat& rgb, std::uint64_t frame_number) const {
     return;
   }
   synthetic_depth::SeededRandom random(config_.seed, frame_number, kRgbStream);
-  for (auto pixel = rgb.begin<cv::Vec3b>(); pixel != rgb.end<cv::Vec3b>(); ++pixel) {
-    std::uint64_t draw = random.next();
-    for (int channel = 0; channel < 3; ++channel) {
-      (*pixel)[channel] = cv::saturate_cast<unsigned char>((*pixel)[channel] + noise_grey_[draw % kNumDeviates]);
-      draw /= kNumDeviates;
+  for (int v = 0; v < rgb.rows; ++v) {
+    unsigned char* value = rgb.ptr<unsigned char>(v);
+    for (int u = 0; u < rgb.cols; ++u) {
+      std::uint64_t draw = random.next();
+      for (int channel = 0; channel < 3; ++channel, ++value) {
+        *value = cv::saturate_cast<unsigned char>(*value + noise_grey_[draw % kNumDeviates]);
+        draw /= kNumDeviates;
+      }
     }
   }
 }
