@@ -3,16 +3,18 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
-#include <set>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
 
+#include "simulated_world/brick_sleep.h"
 #include "simulated_world/differential_drive.h"
 #include "simulated_world/mujoco_model.h"
+#include "simulated_world/physics_options.h"
+#include "simulated_world/pile_scene.h"
 
 namespace simulated_world {
 
@@ -22,15 +24,11 @@ using ArmVector = Eigen::Matrix<double, kArmJoints, 1>;
 /// The arm's joints from base to tool, by the names that the driver uses.
 extern const std::array<std::string, kArmJoints> kArmJointNames;
 
-/// A brick as physics sees it. Lengths along the brick's own axes.
-struct PhysicalBrick {
-  int id{0};
-  Eigen::Vector3d size_m{0.30, 0.20, 0.20};
-  double mass_kg{1.0};
-  double friction{0.6};
+/// A brick as the world needs it: what physics does, and what is on its faces.
+struct WorldBrick {
+  BrickPlacement placement;
   double plate_edge_m{0.17};  ///< square steel plate in the middle of every face: the only place a magnet holds
-  Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
-  std::string material;  ///< of the asset section; empty: plain colour
+  std::string material;       ///< of the asset section; empty: plain colour
 };
 
 /// Flat magnet with a round face at the frame `magnet_tip`, z out of the tool.
@@ -53,19 +51,10 @@ struct ServoConfig {
   double max_slide_rad{0.02};
 };
 
-/// When bricks at rest are taken out of the dynamics. A heap that nobody touches costs next to nothing then, and does
-/// not creep. What wakes one brick wakes all that lean on each other.
-struct SleepConfig {
-  bool is_enabled{true};
-  double after_s{0.5};            ///< a group of touching bricks sleeps after resting for so long
-  double rest_speed_m_s{0.003};   ///< slower than this is resting
-  double rest_speed_rad_s{0.03};  ///< and turning slower than this
-  double wake_distance_m{0.02};   ///< robot or a moving brick nearer than this wakes
-};
-
 struct WorldConfig {
-  double timestep_s{0.002};
-  SleepConfig sleep;
+  PhysicsOptions physics;
+  bool has_sleep{true};  ///< bricks at rest leave the dynamics, see BrickSleep
+  BrickSleepConfig sleep;
   MagnetConfig magnet;
   ServoConfig servo;
 
@@ -105,7 +94,7 @@ class World {
   /// base_yaw, the arm's six joints, a body `magnet` and the sites magnet_tip and wrist_ft. `assets_mjcf`: textures
   /// and materials, may be empty. Throws std::invalid_argument for an impossible configuration or brick and
   /// std::runtime_error with MuJoCo's message.
-  World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<PhysicalBrick>& bricks,
+  World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<WorldBrick>& bricks,
         const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config);
 
   /// One time step. Throws std::runtime_error when the state is no longer finite.
@@ -171,28 +160,19 @@ class World {
 
  private:
   struct BrickSlot {
-    PhysicalBrick brick;
+    WorldBrick brick;
     int body;
     int geom;
-    int twin_geom;  // stands in for the sleeping brick: collides, cannot move
-    int mocap;
     int qpos;
     int dof;
     bool is_present{true};
-    bool is_asleep{false};
-    double rested_s{0.0};
   };
 
   void commandBase();
   void commandArm();
   void updateMagnet();
   void collectTouches();
-  void keepStill();
-  void wakeWhatIsApproached();
-  void letRestingSleep();
-  bool isResting(const BrickSlot& slot) const;
-  void fallAsleep(std::size_t slot);
-  void wakeGroup(std::size_t slot);
+  void keepStoredBricks();
   void letGo(ReleaseReason reason);
   /// Net force [N] and moment about the tip [N m] that the tool exerts on the held brick, in the map frame.
   void toolOnBrick(const BrickSlot& slot, Eigen::Vector3d& force, Eigen::Vector3d& moment) const;
@@ -203,10 +183,9 @@ class World {
   WorldConfig config_;
   ModelPtr model_;
   DataPtr data_;
+  std::unique_ptr<BrickSleep> sleep_;  // null: nobody sleeps
   std::vector<BrickSlot> slots_;
   std::vector<int> slot_of_geom_;  // index into slots_, -1
-  std::vector<char> is_twin_geom_;
-  std::set<std::pair<std::size_t, std::size_t>> leaning_;  // touching pairs of which at least one sleeps
   std::vector<char> is_robot_geom_;
   std::vector<char> is_magnet_geom_;
   std::array<int, kArmJoints> arm_qpos_{};

@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <tuple>
 
+#include "simulated_world/world_observation.h"
 #include "world_mjcf.h"
 
 namespace simulated_world {
@@ -18,8 +19,8 @@ const std::array<std::string, kArmJoints> kArmJointNames{
 
 namespace {
 
-// Taken-away bricks wait below the ground: out of sight of camera and scanner, touching nothing.
-const Eigen::Vector3d kStoreroom(0.0, 0.0, -100.0);
+// Taken-away bricks wait high up: out of sight of camera and scanner, touching nothing.
+const Eigen::Vector3d kStoreroom(0.0, 0.0, 1000.0);
 // An overload shorter than this is one of the solver's spikes at a contact's first steps, not a force.
 constexpr double kOverloadTime_s = 0.01;
 constexpr double kRestSpeed_m_s = 0.03;
@@ -53,16 +54,6 @@ double inertiaEntry(const mjModel& model, const mjData& data, int row, int colum
   return 0.0;
 }
 
-void setCollides(mjModel& model, int geom, bool collides) {
-  model.geom_contype[geom] = collides ? 1 : 0;
-  model.geom_conaffinity[geom] = collides ? 1 : 0;
-#if mjVERSION_HEADER >= 300  // the broad phase looks at bodies first
-  const int body = model.geom_bodyid[geom];
-  model.body_contype[body] = collides ? 1 : 0;
-  model.body_conaffinity[body] = collides ? 1 : 0;
-#endif
-}
-
 mjtByte& weldIsActive(mjModel& model, mjData& data, int weld) {
 #if mjVERSION_HEADER >= 300
   (void)model;
@@ -81,24 +72,26 @@ std::uint64_t hashBytes(std::uint64_t hash, const void* bytes, std::size_t count
   return hash;
 }
 
-std::vector<std::string> brickProblems(const std::vector<PhysicalBrick>& bricks) {
+std::vector<std::string> brickProblems(const std::vector<WorldBrick>& bricks) {
   std::vector<std::string> problems;
   std::set<int> ids;
-  for (const PhysicalBrick& brick : bricks) {
-    const std::string name = "brick " + std::to_string(brick.id);
-    if (brick.id < 0 || !ids.insert(brick.id).second) {
+  for (const WorldBrick& brick : bricks) {
+    const BrickPlacement& placement = brick.placement;
+    const std::string name = "brick " + std::to_string(placement.id);
+    if (placement.id < 0 || !ids.insert(placement.id).second) {
       problems.push_back(name + ": ids must be unique and not negative");
     }
-    if (!brick.size_m.allFinite() || brick.size_m.minCoeff() < 0.01 || brick.size_m.maxCoeff() > 5.0) {
+    const Eigen::Vector3d& size_m = placement.type.size_m;
+    if (!size_m.allFinite() || size_m.minCoeff() < 0.01 || size_m.maxCoeff() > 5.0) {
       problems.push_back(name + ": size must be in [0.01, 5] m");
     }
-    if (!(brick.mass_kg > 0.0 && brick.mass_kg <= 1000.0)) {
+    if (!(placement.type.mass_kg > 0.0 && placement.type.mass_kg <= 1000.0)) {
       problems.push_back(name + ": mass must be in (0, 1000] kg");
     }
-    if (!(brick.friction > 0.0 && brick.friction <= 5.0)) {
+    if (!(placement.type.friction > 0.0 && placement.type.friction <= 5.0)) {
       problems.push_back(name + ": friction must be in (0, 5]");
     }
-    if (!brick.T_map_brick.matrix().allFinite()) {
+    if (!placement.T_map_brick.matrix().allFinite()) {
       problems.push_back(name + ": pose is not finite");
     }
   }
@@ -119,7 +112,10 @@ void throwIfAny(const std::vector<std::string>& problems, const std::string& wha
 }  // namespace
 
 std::vector<std::string> WorldConfig::validate() const {
-  std::vector<std::string> problems;
+  std::vector<std::string> problems = physics.validate();
+  for (const std::string& problem : sleep.validate()) {
+    problems.push_back("sleep/" + problem);
+  }
   const auto require = [&problems](const char* key, double value, double low, double high, const char* unit) {
     if (!(value >= low && value <= high)) {
       std::ostringstream line;
@@ -128,18 +124,14 @@ std::vector<std::string> WorldConfig::validate() const {
     }
   };
   // Above 4 ms the arm's servo (80 rad/s) and contacts of a kilogram are no longer stable.
-  require("timestep_s", timestep_s, 1e-4, 0.004, "s");
-  require("sleep/after_s", sleep.after_s, 0.05, 60.0, "s");
-  require("sleep/rest_speed_m_s", sleep.rest_speed_m_s, 1e-5, 0.05, "m/s");
-  require("sleep/rest_speed_rad_s", sleep.rest_speed_rad_s, 1e-4, 0.5, "rad/s");
-  require("sleep/wake_distance_m", sleep.wake_distance_m, 0.005, 0.2, "m");
+  require("physics/timestep_s", physics.timestep_s, 1e-4, 0.004, "s");
   require("magnet/holding_force_N", magnet.holding_force_N, 0.0, 1e4, "N");
   require("magnet/friction", magnet.friction, 0.0, 2.0, "");
   require("magnet/radius_m", magnet.radius_m, 1e-3, 0.5, "m");
   require("magnet/max_gap_m", magnet.max_gap_m, 0.0, 0.01, "m");
   require("magnet/max_tilt_rad", magnet.max_tilt_rad, 1e-3, 1.0, "rad");
-  require("servo/arm_bandwidth_rad_s", servo.arm_bandwidth_rad_s, 1.0, 0.25 / timestep_s, "rad/s");
-  require("servo/base_bandwidth_rad_s", servo.base_bandwidth_rad_s, 1.0, 0.25 / timestep_s, "rad/s");
+  require("servo/arm_bandwidth_rad_s", servo.arm_bandwidth_rad_s, 1.0, 0.25 / physics.timestep_s, "rad/s");
+  require("servo/base_bandwidth_rad_s", servo.base_bandwidth_rad_s, 1.0, 0.25 / physics.timestep_s, "rad/s");
   require("servo/arm_effort_Nm (least)", servo.arm_effort_Nm.minCoeff(), 0.1, 1e4, "N m");
   require("servo/traction_N", servo.traction_N, 1.0, 1e5, "N");
   require("servo/traction_Nm", servo.traction_Nm, 1.0, 1e5, "N m");
@@ -148,7 +140,7 @@ std::vector<std::string> WorldConfig::validate() const {
   return problems;
 }
 
-World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<PhysicalBrick>& bricks,
+World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<WorldBrick>& bricks,
              const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config)
     : config_(config) {
   throwIfAny(config.validate(), "world");
@@ -183,7 +175,6 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   }
   is_robot_geom_.assign(model_->ngeom, 0);
   is_magnet_geom_.assign(model_->ngeom, 0);
-  is_twin_geom_.assign(model_->ngeom, 0);
   slot_of_geom_.assign(model_->ngeom, -1);
   for (int geom = 0; geom < model_->ngeom; ++geom) {
     for (int body = model_->geom_bodyid[geom]; body > 0; body = model_->body_parentid[body]) {
@@ -191,24 +182,27 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
       is_magnet_geom_[geom] |= body == magnet_body_;
     }
   }
-  for (const PhysicalBrick& brick : bricks) {
+  for (const WorldBrick& brick : bricks) {
     BrickSlot slot{};
     slot.brick = brick;
-    const std::string name = brickName(brick.id);
+    const std::string name = brickBodyName(brick.placement.id);
     slot.body = requireId(*model_, mjOBJ_BODY, name);
     slot.geom = requireId(*model_, mjOBJ_GEOM, name);
     slot.qpos = model_->jnt_qposadr[model_->body_jntadr[slot.body]];
     slot.dof = model_->jnt_dofadr[model_->body_jntadr[slot.body]];
-    slot.twin_geom = requireId(*model_, mjOBJ_GEOM, twinName(brick.id));
-    slot.mocap = model_->body_mocapid[model_->geom_bodyid[slot.twin_geom]];
     slots_.push_back(slot);
   }
   std::sort(slots_.begin(), slots_.end(),
-            [](const BrickSlot& a, const BrickSlot& b) { return a.brick.id < b.brick.id; });
+            [](const BrickSlot& a, const BrickSlot& b) { return a.brick.placement.id < b.brick.placement.id; });
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     slot_of_geom_[slots_[i].geom] = static_cast<int>(i);
-    slot_of_geom_[slots_[i].twin_geom] = static_cast<int>(i);
-    is_twin_geom_[slots_[i].twin_geom] = 1;
+  }
+  if (config.has_sleep && !slots_.empty()) {
+    std::vector<int> ids;
+    for (const BrickSlot& slot : slots_) {
+      ids.push_back(slot.brick.placement.id);
+    }
+    sleep_ = std::make_unique<BrickSleep>(*model_, ids, config.sleep);
   }
   weld_ = slots_.empty() ? -1 : requireId(*model_, mjOBJ_EQUALITY, "magnet_hold");
 
@@ -281,12 +275,11 @@ void World::step() {
   commandBase();
   commandArm();
   mj_step2(model, data);
-  keepStill();
+  keepStoredBricks();
   updateMagnet();
   collectTouches();
-  if (config_.sleep.is_enabled) {
-    wakeWhatIsApproached();
-    letRestingSleep();
+  if (sleep_) {
+    sleep_->update(*model_, *data_);
   }
   for (const mjtWarning warning : {mjWARN_CONTACTFULL, mjWARN_CNSTRFULL}) {
     if (data->warning[warning].number > 0) {
@@ -310,7 +303,7 @@ void World::refreshPoses() {
 
 void World::commandBase() {
   mjData* data = data_.get();
-  const double dt = config_.timestep_s;
+  const double dt = config_.physics.timestep_s;
   base_reference_ = moveAlongArc(base_reference_, base_twist_, dt);
   const Eigen::Vector3d position(data->qpos[base_qpos_[0]], data->qpos[base_qpos_[1]], data->qpos[base_qpos_[2]]);
   const Eigen::Vector3d velocity(data->qvel[base_dof_[0]], data->qvel[base_dof_[1]], data->qvel[base_dof_[2]]);
@@ -451,7 +444,7 @@ void World::setWeld(bool is_active) {
 }
 
 void World::letGo(ReleaseReason reason) {
-  release_ = Release{slots_[static_cast<std::size_t>(held_)].brick.id, reason};
+  release_ = Release{slots_[static_cast<std::size_t>(held_)].brick.placement.id, reason};
   setWeld(false);
   held_ = -1;
   overload_steps_ = 0;
@@ -521,7 +514,7 @@ void World::updateMagnet() {
                                tilt_Nm > magnet.radius_m * pull_N ||
                                twist_Nm > 2.0 / 3.0 * magnet.friction * magnet.radius_m * pull_N;
     overload_steps_ = is_overloaded ? overload_steps_ + 1 : 0;
-    if (overload_steps_ * config_.timestep_s > kOverloadTime_s) {
+    if (overload_steps_ * config_.physics.timestep_s > kOverloadTime_s) {
       letGo(ReleaseReason::kPulledOff);
       is_magnet_spent_ = true;
     }
@@ -543,145 +536,19 @@ void World::updateMagnet() {
   }
 }
 
-// The dynamics know nothing of sleep: gravity pulls at every free body in every step.
-void World::keepStill() {
+void World::keepStoredBricks() {
   for (const BrickSlot& slot : slots_) {
-    if (slot.is_asleep) {
-      std::copy_n(data_->mocap_pos + 3 * slot.mocap, 3, data_->qpos + slot.qpos);
-      std::copy_n(data_->mocap_quat + 4 * slot.mocap, 4, data_->qpos + slot.qpos + 3);
-      std::fill_n(data_->qvel + slot.dof, 6, 0.0);
-    } else if (!slot.is_present) {
+    if (!slot.is_present) {
       std::copy_n(kStoreroom.data(), 3, data_->qpos + slot.qpos);
       std::fill_n(data_->qvel + slot.dof, 6, 0.0);
     }
   }
 }
 
-bool World::isResting(const BrickSlot& slot) const {
-  const Eigen::Map<const Eigen::Vector3d> velocity(data_->qvel + slot.dof);
-  const Eigen::Map<const Eigen::Vector3d> spin(data_->qvel + slot.dof + 3);
-  return velocity.norm() < config_.sleep.rest_speed_m_s && spin.norm() < config_.sleep.rest_speed_rad_s;
-}
-
-void World::fallAsleep(std::size_t index) {
-  BrickSlot& slot = slots_[index];
-  slot.is_asleep = true;
-  std::copy_n(data_->qpos + slot.qpos, 3, data_->mocap_pos + 3 * slot.mocap);
-  std::copy_n(data_->qpos + slot.qpos + 3, 4, data_->mocap_quat + 4 * slot.mocap);
-  std::fill_n(data_->qvel + slot.dof, 6, 0.0);
-  setCollides(*model_, slot.geom, false);
-  setCollides(*model_, slot.twin_geom, true);
-}
-
-void World::wakeGroup(std::size_t index) {
-  std::vector<std::size_t> to_wake{index};
-  while (!to_wake.empty()) {
-    const std::size_t next = to_wake.back();
-    to_wake.pop_back();
-    BrickSlot& slot = slots_[next];
-    slot.rested_s = 0.0;
-    if (slot.is_asleep) {
-      slot.is_asleep = false;
-      setCollides(*model_, slot.geom, slot.is_present);
-      setCollides(*model_, slot.twin_geom, false);
-      std::copy_n(kStoreroom.data(), 3, data_->mocap_pos + 3 * slot.mocap);
-    }
-    for (auto pair = leaning_.begin(); pair != leaning_.end();) {
-      if (pair->first != next && pair->second != next) {
-        ++pair;
-        continue;
-      }
-      to_wake.push_back(pair->first == next ? pair->second : pair->first);
-      pair = leaning_.erase(pair);
-    }
-  }
-}
-
-void World::wakeWhatIsApproached() {
-  for (int i = 0; i < data_->ncon; ++i) {
-    const mjContact& contact = data_->contact[i];
-    for (const auto& [twin, other] :
-         {std::pair(contact.geom1, contact.geom2), std::pair(contact.geom2, contact.geom1)}) {
-      if (is_twin_geom_[twin] == 0 || !slots_[static_cast<std::size_t>(slot_of_geom_[twin])].is_asleep) {
-        continue;
-      }
-      const int neighbour = slot_of_geom_[other];
-      const bool disturbs =
-          is_robot_geom_[other] != 0 || (neighbour >= 0 && !isResting(slots_[static_cast<std::size_t>(neighbour)]));
-      if (disturbs) {
-        wakeGroup(static_cast<std::size_t>(slot_of_geom_[twin]));
-      }
-    }
-  }
-}
-
-void World::letRestingSleep() {
-  bool may_sleep = false;
-  for (BrickSlot& slot : slots_) {
-    if (!slot.is_present || slot.is_asleep) {
-      continue;
-    }
-    slot.rested_s = isResting(slot) ? slot.rested_s + config_.timestep_s : 0.0;
-    may_sleep |= slot.rested_s >= config_.sleep.after_s;
-  }
-  if (!may_sleep) {
-    return;
-  }
-  // Groups of touching bricks, by the contacts of this step.
-  std::vector<std::size_t> group(slots_.size());
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    group[i] = i;
-  }
-  const auto root = [&group](std::size_t i) {
-    while (group[i] != i) {
-      i = group[i] = group[group[i]];
-    }
-    return i;
-  };
-  std::vector<char> must_stay_awake(slots_.size(), 0);
-  std::vector<std::pair<std::size_t, std::size_t>> touching;
-  for (int i = 0; i < data_->ncon; ++i) {
-    const mjContact& contact = data_->contact[i];
-    const int first = slot_of_geom_[contact.geom1];
-    const int second = slot_of_geom_[contact.geom2];
-    if (first >= 0 && second >= 0 && first != second && contact.efc_address >= 0) {
-      touching.emplace_back(std::min(first, second), std::max(first, second));
-      group[root(static_cast<std::size_t>(first))] = root(static_cast<std::size_t>(second));
-    }
-  }
-  for (int i = 0; i < data_->ncon; ++i) {
-    const mjContact& contact = data_->contact[i];
-    for (const auto& [brick, other] :
-         {std::pair(contact.geom1, contact.geom2), std::pair(contact.geom2, contact.geom1)}) {
-      if (slot_of_geom_[brick] >= 0 && is_robot_geom_[other] != 0) {
-        must_stay_awake[root(static_cast<std::size_t>(slot_of_geom_[brick]))] = 1;
-      }
-    }
-  }
-  for (std::size_t i = 0; i < slots_.size(); ++i) {
-    const BrickSlot& slot = slots_[i];
-    if (slot.is_present && !slot.is_asleep && slot.rested_s < config_.sleep.after_s) {
-      must_stay_awake[root(i)] = 1;
-    }
-  }
-  if (held_ >= 0) {
-    must_stay_awake[root(static_cast<std::size_t>(held_))] = 1;
-  }
-  for (std::size_t i = 0; i < slots_.size(); ++i) {
-    if (slots_[i].is_present && !slots_[i].is_asleep && must_stay_awake[root(i)] == 0) {
-      fallAsleep(i);
-    }
-  }
-  for (const auto& [first, second] : touching) {
-    if (slots_[first].is_asleep || slots_[second].is_asleep) {
-      leaning_.emplace(first, second);
-    }
-  }
-}
-
 int World::numAwake() const {
-  return static_cast<int>(std::count_if(slots_.begin(), slots_.end(),
-                                        [](const BrickSlot& slot) { return slot.is_present && !slot.is_asleep; }));
+  return static_cast<int>(std::count_if(slots_.begin(), slots_.end(), [this](const BrickSlot& slot) {
+    return slot.is_present && (!sleep_ || !sleep_->isAsleep(slot.brick.placement.id));
+  }));
 }
 
 bool World::dropHeldBrick() {
@@ -712,8 +579,8 @@ void World::collectTouches() {
     RobotTouch touch;
     touch.robot_body = nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[robot_geom]);
     const int slot = slot_of_geom_[other_geom];
-    touch.brick_id = slot >= 0 ? slots_[static_cast<std::size_t>(slot)].brick.id : -1;
-    touch.other_body = slot >= 0 ? brickName(touch.brick_id)
+    touch.brick_id = slot >= 0 ? slots_[static_cast<std::size_t>(slot)].brick.placement.id : -1;
+    touch.other_body = slot >= 0 ? brickBodyName(touch.brick_id)
                        : model_->geom_bodyid[other_geom] == 0
                            ? nameOf(*model_, mjOBJ_GEOM, other_geom)
                            : nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other_geom]);
@@ -790,7 +657,7 @@ std::vector<BrickMotion> World::bricks() const {
   std::vector<BrickMotion> result;
   for (const BrickSlot& slot : slots_) {
     if (slot.is_present) {
-      result.push_back({slot.brick.id, bodyPose(*data_, slot.body),
+      result.push_back({slot.brick.placement.id, bodyPose(*data_, slot.body),
                         Eigen::Map<const Eigen::Vector3d>(data_->qvel + slot.dof),
                         Eigen::Map<const Eigen::Vector3d>(data_->qvel + slot.dof + 3)});
     }
@@ -808,7 +675,7 @@ std::optional<BrickMotion> World::brick(int id) const {
 }
 
 std::optional<int> World::heldBrick() const {
-  return held_ < 0 ? std::nullopt : std::optional<int>(slots_[static_cast<std::size_t>(held_)].brick.id);
+  return held_ < 0 ? std::nullopt : std::optional<int>(slots_[static_cast<std::size_t>(held_)].brick.placement.id);
 }
 
 std::vector<int> World::bricksAtRestInChute() const {
@@ -844,7 +711,7 @@ std::vector<int> World::bricksAtRestInChute() const {
     const double allowed_rad_s = kRestSpeed_rad_s + std::abs(base.angular_rad_s);
     if (inside.contains(T_chute_map * bodyPose(*data_, slot.body).translation()) && velocity.norm() < allowed_m_s &&
         spin.norm() < allowed_rad_s) {
-      result.push_back(slot.brick.id);
+      result.push_back(slot.brick.placement.id);
     }
   }
   return result;
@@ -852,7 +719,7 @@ std::vector<int> World::bricksAtRestInChute() const {
 
 std::size_t World::indexOf(int id) const {
   for (std::size_t i = 0; i < slots_.size(); ++i) {
-    if (slots_[i].brick.id == id && slots_[i].is_present) {
+    if (slots_[i].brick.placement.id == id && slots_[i].is_present) {
       return i;
     }
   }
@@ -869,7 +736,9 @@ void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
     letGo(ReleaseReason::kFault);
     is_magnet_spent_ = true;
   }
-  wakeGroup(index);  // what leaned on it, too
+  if (sleep_) {
+    sleep_->wake(*model_, *data_, id);  // and what leaned on it
+  }
   std::copy_n(T_map_brick.translation().data(), 3, data_->qpos + slot.qpos);
   quaternionTo(Eigen::Quaterniond(T_map_brick.linear()).normalized(), data_->qpos + slot.qpos + 3);
   std::fill_n(data_->qvel + slot.dof, 6, 0.0);
@@ -883,7 +752,6 @@ void World::takeAwayBrick(int id) {
   moveBrick(id, away);
   BrickSlot& slot = slots_[indexOf(id)];
   slot.is_present = false;
-  setCollides(*model_, slot.geom, false);
 }
 
 std::uint64_t World::digest() const {

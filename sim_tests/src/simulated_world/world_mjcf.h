@@ -8,14 +8,8 @@
 
 namespace simulated_world {
 
-/// Name of a brick's body and of its geom.
-std::string brickName(int id);
-
-/// Name of the body and the geom that stand in for a brick while it sleeps.
-std::string twinName(int id);
-
 /// The complete model: options, light, ground, robot, bricks, the magnet's weld and the wrist's sensors.
 std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_mjcf,
-                      const std::vector<PhysicalBrick>& bricks, const WorldConfig& config);
+                      const std::vector<WorldBrick>& bricks, const WorldConfig& config);
 
 }  // namespace simulated_world

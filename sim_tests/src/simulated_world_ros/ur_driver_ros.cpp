@@ -103,7 +103,7 @@ UrDriverRos::UrDriverRos(const ros::NodeHandle& nh, UrController& robot, std::mu
   set_mode_server_.start();
 }
 
-void UrDriverRos::publish(const ros::Time& now, const ArmMeasurement& measured) {
+std::size_t UrDriverRos::publish(const ros::Time& now, const ArmMeasurement& measured) {
   std::unique_lock<std::mutex> lock(robot_mutex_);
   const std::vector<simulated_world::JointLimits>& joints = robot_.follower().joints();
   const auto count = static_cast<Eigen::Index>(joints.size());
@@ -113,10 +113,11 @@ void UrDriverRos::publish(const ros::Time& now, const ArmMeasurement& measured) 
                                 std::to_string(count) + " entries each");
   }
   stepModeGoal();
-  endGoals(robot_.takeResults());
+  const std::vector<simulated_world::GoalResult> results = robot_.takeResults();
+  endGoals(results);
   publishChanges();
   if (!robot_.driverConnected()) {
-    return;
+    return results.size();
   }
   const control_msgs::JointTrajectoryControllerState state = toMessage(now, robot_.follower());
   publishFeedback(now, state);
@@ -149,6 +150,7 @@ void UrDriverRos::publish(const ros::Time& now, const ArmMeasurement& measured) 
   tool.transform.rotation.z = rotation.z();
   tool.transform.rotation.w = rotation.w();
   tf_broadcaster_.sendTransform(tool);
+  return results.size();
 }
 
 void UrDriverRos::offerTopics() {

@@ -32,9 +32,10 @@ class UrDriverRos {
   UrDriverRos(const UrDriverRos&) = delete;
   UrDriverRos& operator=(const UrDriverRos&) = delete;
 
-  /// Sends the robot's state after an update at `now`, and answers goals. The caller must not hold the mutex.
+  /// Sends the robot's state after an update at `now`, and answers goals; returns how many trajectory goals ended. The
+  /// caller must not hold the mutex.
   /// Throws std::invalid_argument if an array of `measured` has not got one entry per joint.
-  void publish(const ros::Time& now, const ArmMeasurement& measured);
+  std::size_t publish(const ros::Time& now, const ArmMeasurement& measured);
 
  private:
   using FollowServer = actionlib::ActionServer<control_msgs::FollowJointTrajectoryAction>;

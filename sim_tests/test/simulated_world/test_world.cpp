@@ -25,19 +25,20 @@ std::string robotBody() {
   return robotMjcfFromFile(kUrdf, options);
 }
 
-PhysicalBrick brickAt(int id, const Eigen::Vector3d& centre_map) {
-  PhysicalBrick brick;
-  brick.id = id;
-  brick.T_map_brick.translation() = centre_map;
+WorldBrick brickAt(int id, const Eigen::Vector3d& centre_map) {
+  WorldBrick brick;
+  brick.placement.id = id;
+  brick.placement.type = {"brick", {0.30, 0.20, 0.20}, 1.0, 0.6};
+  brick.placement.T_map_brick.translation() = centre_map;
   return brick;
 }
 
-World makeWorld(const std::vector<PhysicalBrick>& bricks, const WorldConfig& config = {}, const Pose2d& start = {}) {
+World makeWorld(const std::vector<WorldBrick>& bricks, const WorldConfig& config = {}, const Pose2d& start = {}) {
   return World(robotBody(), "", bricks, start, stowedArm(), config);
 }
 
 void run(World& world, double seconds) {
-  const int steps = static_cast<int>(std::lround(seconds / world.config().timestep_s));
+  const int steps = static_cast<int>(std::lround(seconds / world.config().physics.timestep_s));
   for (int i = 0; i < steps; ++i) {
     world.step();
   }
@@ -47,7 +48,7 @@ void run(World& world, double seconds) {
 // Moves the arm along a straight line in joint space at rest-to-rest speed; returns the largest deviation on the way.
 double moveArm(World& world, const ArmVector& goal, double seconds) {
   const ArmVector start = world.armPosition();
-  const double dt = world.config().timestep_s;
+  const double dt = world.config().physics.timestep_s;
   const int steps = static_cast<int>(std::lround(seconds / dt));
   double worst = 0.0;
   // Smooth from rest to rest, acceleration included.
@@ -170,9 +171,9 @@ TEST(World, BaseDrivesTheArcItIsAskedFor) {
 
 TEST(World, BlockedBaseStands) {
   // A heavy block before the nose: 700 N of traction do not move 400 kg at friction 0.6.
-  PhysicalBrick block = brickAt(0, {0.9, 0.0, 0.5});
-  block.size_m = {0.8, 1.0, 1.0};
-  block.mass_kg = 400.0;
+  WorldBrick block = brickAt(0, {0.9, 0.0, 0.5});
+  block.placement.type.size_m = {0.8, 1.0, 1.0};
+  block.placement.type.mass_kg = 400.0;
   World world = makeWorld({block});
   world.setBaseTwist({0.3, 0.0});
   run(world, 4.0);
@@ -303,8 +304,7 @@ TEST_F(Magnet, LosesItsBrickOnCommandAndTakesNoneUntilSwitched) {
 }
 
 TEST(WorldSleep, RestingBricksSleepAndWakeWhenOneIsTaken) {
-  std::vector<PhysicalBrick> bricks{brickAt(0, {3.0, 0.0, 0.1}), brickAt(1, {3.0, 0.0, 0.3}),
-                                    brickAt(2, {5.0, 0.0, 0.1})};
+  std::vector<WorldBrick> bricks{brickAt(0, {3.0, 0.0, 0.1}), brickAt(1, {3.0, 0.0, 0.3}), brickAt(2, {5.0, 0.0, 0.1})};
   World world = makeWorld(bricks);
   EXPECT_EQ(world.numAwake(), 3);
   run(world, 1.5);
@@ -378,12 +378,12 @@ TEST(World, BrickInTheChuteIsSeenThere) {
 }
 
 TEST(World, RefusesWhatCannotBe) {
-  PhysicalBrick bad = brickAt(0, {3.0, 0.0, 0.1});
-  bad.mass_kg = 0.0;
+  WorldBrick bad = brickAt(0, {3.0, 0.0, 0.1});
+  bad.placement.type.mass_kg = 0.0;
   EXPECT_THROW(makeWorld({bad}), std::invalid_argument);
   EXPECT_THROW(makeWorld({brickAt(1, {3, 0, 1}), brickAt(1, {4, 0, 1})}), std::invalid_argument);
   WorldConfig config;
-  config.timestep_s = 0.1;
+  config.physics.timestep_s = 0.1;
   try {
     makeWorld({}, config);
     FAIL() << "accepted a step of 0.1 s";

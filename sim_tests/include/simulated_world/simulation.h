@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "simulated_world/differential_drive.h"
+#include "simulated_world/fault.h"
+#include "simulated_world/judge.h"
+#include "simulated_world/laser_scanner.h"
+#include "simulated_world/pile_scene.h"
+#include "simulated_world/rgbd_camera.h"
+#include "simulated_world/ur_controller.h"
+#include "simulated_world/world.h"
+
+namespace simulated_world {
+
+/// Where the facts about robot and bricks are kept: the files of mp700_ur5e_description.
+struct DescriptionFiles {
+  std::string urdf;
+  std::string base_profile;
+  std::string bricks;
+  std::string arm_pose;  ///< in which the arm is at the start
+};
+
+struct SimulationConfig {
+  DescriptionFiles description;
+  std::string scene;  ///< file of a pile scene
+  std::uint64_t seed{1};
+
+  WorldConfig world;
+  UrControllerConfig arm_driver;
+  RgbdCameraConfig camera;
+  JudgeConfig judge;
+  double scan_noise_std_m{0.0};
+  // Of the base's odometry and of the localisation, which otherwise is ground truth.
+  double odometry_scale_std{0.0};
+  double odometry_walk_m_per_sqrt_m{0.0};
+  double odometry_walk_rad_per_sqrt_m{0.0};
+  double localisation_std_m{0.0};
+  double localisation_std_rad{0.0};
+
+  double tick_s{0.01};  ///< step of the clock; a whole number of physics steps
+  double joint_state_rate_hz{100.0};
+  double odometry_rate_hz{50.0};
+  double camera_rate_hz{5.0};           ///< 0: only on demand
+  double camera_delay_s{0.0};           ///< from capture, whose stamp the image carries, to delivery
+  double camera_drop_probability{0.0};  ///< of each image
+
+  int magnet_output{0};      ///< digital output of the arm's controller that switches the magnet
+  int chute_capacity{100};   ///< bricks that the chute takes before it is full
+  double chute_rest_s{0.3};  ///< a brick that has lain in the chute for so long is stowed
+  // The arm's safety system stops it when the surroundings push harder than this.
+  double collision_stop_N{200.0};     ///< on the tool
+  double collision_stop_effort{0.6};  ///< on a joint, as a share of what its motor can do
+  bool arm_starts_running{true};      ///< powered, brakes released, program running; else powered off
+  double start_time_s{10.0};          ///< what the clock shows at first: at 0, ROS takes time for not begun
+
+  std::vector<std::string> validate() const;
+};
+
+/// The whole simulated robot in its world, one clock tick at a time: drivers' behaviour on one side, physics on the
+/// other, and the judge who sees both. No ROS, no threads; the same calls give the same bits.
+class Simulation {
+ public:
+  /// Reads the files, settles the pile, builds the world. Takes some seconds for large piles. Throws
+  /// std::invalid_argument or std::runtime_error with the reason.
+  explicit Simulation(const SimulationConfig& config);
+  ~Simulation();
+
+  /// What one tick brought.
+  struct Tick {
+    std::int64_t stamp_ns{0};
+    bool has_joint_states{false};
+    bool has_odometry{false};
+    struct Image {
+      std::int64_t stamp_ns;  ///< of the capture
+      RgbdCamera::Frame frame;
+    };
+    std::vector<Image> images;
+    std::optional<std::vector<float>> scan;
+    std::vector<std::string> incidents;  ///< a sentence each: faults, stops, bricks lost and stowed
+  };
+  Tick tick();
+
+  std::int64_t nowNs() const { return now_ns_; }
+  double now() const { return static_cast<double>(now_ns_) * 1e-9; }
+
+  // The drivers' commands.
+  UrController& armDriver() { return *arm_; }
+  /// False if the command is not finite or the base is halted by an emergency stop.
+  bool commandBase(const Twist2d& twist);
+  /// One image at the next tick, whatever the rate. False while the camera is gone.
+  bool requestImage();
+  /// Images that nobody looks at need not be drawn; nothing else changes by it.
+  void setCameraUsed(bool is_used) { is_camera_used_ = is_used; }
+
+  // Experiments.
+  /// Throws std::invalid_argument with what is wrong.
+  void addFault(const Fault& fault);
+  void clearFaults() { faults_.clear(); }
+  /// The brick that the tool is about to touch; contact of tool and brick is a collision otherwise.
+  void setTarget(std::optional<int> brick_id) { target_ = brick_id; }
+  void judgeSurface(const StrategySurface& surface) { judge_->judgeSurface(surface); }
+  Judge& judge() { return *judge_; }
+
+  // What the drivers tell.
+  const World& world() const { return *world_; }
+  const DifferentialDrive& drive() const { return *drive_; }
+  ToolWrench wrench() const;
+  /// Of `odom` in `map`: ground truth and odometry put together, with the localisation's noise.
+  const Pose2d& mapToOdom() const { return map_to_odom_; }
+  const PileScene& scene() const { return scene_; }
+  const LaserScannerConfig& scannerConfig() const;
+  const std::string& scannerFrame() const { return scanner_frame_; }
+  bool isCameraThere() const { return !camera_gone_; }
+  int bricksStowed() const { return stowed_; }
+  std::uint64_t digest() const { return world_->digest(); }
+  const SimulationConfig& config() const { return config_; }
+
+ private:
+  void applyFaults(Tick* tick);
+  void beginFault(const Fault& fault, Tick* tick);
+  void endFault(const Fault& fault, Tick* tick);
+  void startArm();
+  void stepPhysics(double now_s, Tick* tick);
+  void watchForCollision(double now_s, Tick* tick);
+  void followMagnet(double now_s, Tick* tick);
+  void stowBricks(Tick* tick);
+  void takeImages(Tick* tick);
+  void observe(Tick* tick);
+  bool isDue(double rate_hz) const;
+  bool isOverChute(int brick_id) const;
+
+  struct BrickRecord {
+    int id;
+    Eigen::Vector3d size_m;
+    BrickStatus status;
+    Eigen::Isometry3d T_map_grasp;  // where it was when the magnet took it
+    double status_since_s;
+    double in_chute_since_s;  // < 0: it is not
+  };
+  BrickRecord& record(int id);
+
+  SimulationConfig config_;
+  PileScene scene_;
+  std::string scanner_frame_;
+  std::unique_ptr<World> world_;
+  std::unique_ptr<DifferentialDrive> drive_;
+  std::unique_ptr<UrController> arm_;
+  std::unique_ptr<OffscreenRenderer> renderer_;
+  std::unique_ptr<RgbdCamera> camera_;
+  std::unique_ptr<LaserScanner> scanner_;
+  std::unique_ptr<Judge> judge_;
+  FaultSchedule faults_;
+  synthetic_depth::SeededRandom random_;
+  std::vector<BrickRecord> bricks_;
+  std::vector<Tick::Image> images_on_their_way_;
+  std::optional<ToolWrench> wrench_zero_;
+  Pose2d map_to_odom_;
+  std::optional<int> target_;
+  std::int64_t now_ns_;
+  std::int64_t tick_ns_;
+  int steps_per_tick_;
+  int overload_steps_{0};
+  std::uint64_t frame_number_{0};
+  std::uint64_t scan_number_{0};
+  double scan_rate_hz_{0.0};
+  bool image_wanted_{false};
+  bool camera_gone_{false};
+  bool is_camera_used_{true};
+  bool is_base_halted_{false};
+  bool chute_was_full_{false};
+  int stowed_{0};
+};
+
+}  // namespace simulated_world

@@ -1,0 +1,552 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "simulated_world/simulation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+
+#include <mp700_ur5e_description/arm_pose.h>
+#include <mp700_ur5e_description/base_profile.h>
+#include <mp700_ur5e_description/brick_types.h>
+#include <mp700_ur5e_description/robot_names.h>
+#include <urdf_parser/urdf_parser.h>
+
+#include "simulated_world/brick_texture.h"
+#include "simulated_world/robot_mjcf.h"
+#include "simulated_world/settle.h"
+
+namespace simulated_world {
+namespace {
+
+constexpr double kHandTime_s = 2.0;  // a brick put somewhere by hand is left alone so long after
+constexpr double kLifted_m = 0.05;   // a held brick is carried once it has been moved so far
+constexpr int kCollisionSteps = 3;   // a shorter spike is the solver's, not a force
+
+std::string sentence(double now_s, const std::string& text) {
+  std::ostringstream line;
+  line.precision(3);
+  line << std::fixed << now_s << " s: " << text;
+  return line.str();
+}
+
+urdf::ModelInterfaceSharedPtr readRobot(const std::string& file) {
+  urdf::ModelInterfaceSharedPtr robot = urdf::parseURDFFile(file);
+  if (!robot) {
+    throw std::invalid_argument("robot description " + file + ": not there, or no URDF");
+  }
+  return robot;
+}
+
+std::vector<JointLimits> armLimits(const urdf::ModelInterface& robot) {
+  std::vector<JointLimits> limits;
+  for (const std::string& name : kArmJointNames) {
+    const urdf::JointConstSharedPtr joint = robot.getJoint(name);
+    if (!joint || !joint->limits) {
+      throw std::invalid_argument("robot description: no joint \"" + name + "\" with limits");
+    }
+    limits.push_back(
+        {name, joint->limits->lower, joint->limits->upper, joint->limits->velocity, joint->limits->effort});
+  }
+  return limits;
+}
+
+}  // namespace
+
+std::vector<std::string> SimulationConfig::validate() const {
+  std::vector<std::string> problems = world.validate();
+  const auto require = [&problems](bool holds, const char* key, double value, const char* allowed) {
+    if (!holds) {
+      std::ostringstream line;
+      line << key << " = " << value << ", must be " << allowed;
+      problems.push_back(line.str());
+    }
+  };
+  const auto within = [&require](const char* key, double value, double low, double high, const char* allowed) {
+    require(value >= low && value <= high, key, value, allowed);
+  };
+  const double steps = tick_s / world.physics.timestep_s;
+  within("tick_s", tick_s, world.physics.timestep_s, 0.1, "in [world timestep, 0.1] s");
+  require(std::abs(steps - std::round(steps)) < 1e-6, "tick_s", tick_s, "a whole number of physics steps");
+  const double tick_rate_hz = 1.0 / tick_s;
+  for (const auto& [key, rate_hz] :
+       {std::pair("joint_state_rate_hz", joint_state_rate_hz), std::pair("odometry_rate_hz", odometry_rate_hz)}) {
+    require(rate_hz > 0.0 && rate_hz <= tick_rate_hz * (1 + 1e-9), key, rate_hz, "in (0, 1 / tick_s] Hz");
+  }
+  within("camera_rate_hz", camera_rate_hz, 0.0, 60.0, "in [0, 60] Hz; 0 = on demand");
+  within("camera_delay_s", camera_delay_s, 0.0, 5.0, "in [0, 5] s");
+  within("camera_drop_probability", camera_drop_probability, 0.0, 1.0, "in [0, 1]");
+  within("scan_noise_std_m", scan_noise_std_m, 0.0, 1.0, "in [0, 1] m");
+  within("odometry_scale_std", odometry_scale_std, 0.0, 0.5, "in [0, 0.5]");
+  within("odometry_walk_m_per_sqrt_m", odometry_walk_m_per_sqrt_m, 0.0, 0.5, "in [0, 0.5] m/sqrt(m)");
+  within("odometry_walk_rad_per_sqrt_m", odometry_walk_rad_per_sqrt_m, 0.0, 0.5, "in [0, 0.5] rad/sqrt(m)");
+  within("localisation_std_m", localisation_std_m, 0.0, 1.0, "in [0, 1] m");
+  within("localisation_std_rad", localisation_std_rad, 0.0, 1.0, "in [0, 1] rad");
+  within("magnet_output", magnet_output, 0, static_cast<double>(UrIo::kDigitalPins) - 1, "in [0, 17]");
+  within("chute_capacity", chute_capacity, 1, 10000, "in [1, 10000] bricks");
+  within("chute_rest_s", chute_rest_s, 0.0, 60.0, "in [0, 60] s");
+  within("collision_stop_N", collision_stop_N, 1.0, 1e5, "in [1, 1e5] N");
+  within("collision_stop_effort", collision_stop_effort, 0.05, 100.0, "in [0.05, 100]");
+  within("start_time_s", start_time_s, 1e-3, 1e9, "in [0.001, 1e9] s");
+  return problems;
+}
+
+Simulation::Simulation(const SimulationConfig& config)
+    : config_(config), random_(config.seed, 1, 0), now_ns_(std::llround(config.start_time_s * 1e9)) {
+  const std::vector<std::string> problems = config.validate();
+  if (!problems.empty()) {
+    std::string message = "simulation:";
+    for (const std::string& problem : problems) {
+      message += " " + problem + ";";
+    }
+    throw std::invalid_argument(message);
+  }
+  tick_ns_ = std::llround(config.tick_s * 1e9);
+  steps_per_tick_ = static_cast<int>(std::lround(config.tick_s / config.world.physics.timestep_s));
+
+  namespace description = mp700_ur5e_description;
+  const description::BaseProfile profile = description::loadBaseProfile(config.description.base_profile);
+  const description::BrickCatalogue catalogue = description::loadBrickTypes(config.description.bricks);
+  const ArmVector arm_start = description::loadArmPose(config.description.arm_pose);
+
+  // The pile.
+  std::vector<BrickType> types;
+  for (const description::BrickType& type : catalogue.types) {
+    types.push_back({type.name, type.size_m, type.mass_kg, type.friction});
+  }
+  const PileSceneConfig scene_config = loadPileScene(config.scene, types, catalogue.maxBricks());
+  SettleConfig settle_config;
+  settle_config.physics = config.world.physics;
+  scene_ = settlePile(scene_config, config.seed, settle_config).scene;
+  std::string assets;
+  std::vector<WorldBrick> bricks;
+  for (const BrickPlacement& placement : scene_.bricks) {
+    WorldBrick brick;
+    brick.placement = placement;
+    brick.plate_edge_m = catalogue.type(placement.type.name).plate_edge_m;
+    brick.material = brickBodyName(placement.id);
+    assets += brickTextureXml(brick.material, kBrickFace_px);
+    bricks.push_back(brick);
+    bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0});
+  }
+
+  // The robot in it.
+  const urdf::ModelInterfaceSharedPtr robot = readRobot(config.description.urdf);
+  const std::vector<JointLimits> limits = armLimits(*robot);
+  WorldConfig world_config = config.world;
+  for (int i = 0; i < kArmJoints; ++i) {
+    world_config.servo.arm_effort_Nm[i] = limits[static_cast<std::size_t>(i)].effort_Nm;
+  }
+  RobotMjcfOptions robot_options;
+  robot_options.arm.damping = 0.0;  // the servo is damped, and knows of no other friction
+  robot_options.camera_fovy_rad = 2.0 * std::atan(0.5 * config.camera.camera.height_px / config.camera.camera.fy_px);
+  const Pose2d start{scene_.robot_start.xy_m.x(), scene_.robot_start.xy_m.y(), scene_.robot_start.yaw_rad};
+  world_ = std::make_unique<World>(robotMjcf(*robot, robot_options), assets, bricks, start, arm_start, world_config);
+  for (const BrickPlacement& placement : scene_.bricks) {
+    const description::BrickType& type = catalogue.type(placement.type.name);
+    BrickAppearance look;
+    look.size_m = type.size_m;
+    look.plate_edge_m = type.plate_edge_m;
+    look.tag_edge_m = catalogue.tags.black_border_edge_m;
+    look.colour_rgb = type.color_rgb;
+    look.family = catalogue.tags.family;
+    for (std::size_t face = 0; face < look.tag_ids.size(); ++face) {
+      look.tag_ids[face] = catalogue.tagId(placement.id, description::kBrickFaces[face]);
+    }
+    uploadBrickTexture(world_->mutableModel(), brickBodyName(placement.id),
+                       drawBrickFaces(look, kBrickFace_px, config.seed + static_cast<std::uint64_t>(placement.id)));
+  }
+
+  DifferentialDriveConfig drive;
+  drive.wheel_radius_m = profile.drive.wheel_radius_m;
+  drive.track_m = profile.drive.track_m;
+  // What the drives are able to do, not what a planner should ask for; turning follows from the wheels.
+  drive.max_forward_m_s = profile.rating.linear_m_per_s;
+  drive.max_backward_m_s = profile.rating.linear_m_per_s;
+  drive.max_angular_rad_s = 2.0 * profile.rating.linear_m_per_s / profile.drive.track_m;
+  drive.linear_acceleration_m_s2 = profile.rating.linear_m_per_s2;
+  drive.angular_acceleration_rad_s2 = 2.0 * profile.rating.linear_m_per_s2 / profile.drive.track_m;
+  drive.odometry_scale_std = config.odometry_scale_std;
+  drive.odometry_walk_m_per_sqrt_m = config.odometry_walk_m_per_sqrt_m;
+  drive.odometry_walk_rad_per_sqrt_m = config.odometry_walk_rad_per_sqrt_m;
+  drive.seed = config.seed;
+  drive_ = std::make_unique<DifferentialDrive>(drive);
+  map_to_odom_ = start;
+
+  arm_ = std::make_unique<UrController>(limits, config.arm_driver);
+  startArm();
+
+  RgbdCameraConfig camera = config.camera;
+  camera.seed = config.seed;
+  renderer_ = std::make_unique<OffscreenRenderer>(world_->model());
+  camera_ = std::make_unique<RgbdCamera>(*renderer_, "rgbd", camera);
+
+  LaserScannerConfig scanner;
+  scanner.angle_min_rad = profile.scanner.min_angle_rad;
+  scanner.angle_max_rad = profile.scanner.max_angle_rad;
+  scanner.angle_increment_rad = profile.scanner.increment_rad;
+  scanner.range_min_m = profile.scanner.range_min_m;
+  scanner.range_max_m = profile.scanner.range_max_m;
+  scanner.range_noise_std_m = config.scan_noise_std_m;
+  scanner.seed = config.seed;
+  scanner_ = std::make_unique<LaserScanner>(world_->model(), profile.scanner.frame, scanner);
+  scanner_frame_ = profile.scanner.frame;
+  scan_rate_hz_ = profile.scanner.rate_hz;
+
+  judge_ = std::make_unique<Judge>(config.judge);
+  Tick nothing;
+  observe(&nothing);
+}
+
+Simulation::~Simulation() = default;
+
+// What the operator does before a run: it has happened when the clock starts.
+void Simulation::startArm() {
+  const double dt = config_.world.physics.timestep_s;
+  double now_s = now() - 60.0;
+  const auto pass = [&](double seconds) {
+    for (const double end_s = now_s + seconds; now_s < end_s; now_s += dt) {
+      arm_->update(now_s, dt, world_->armPosition(), world_->armVelocity());
+    }
+  };
+  pass(dt);
+  if (config_.arm_starts_running) {
+    arm_->brakeRelease();
+    pass(config_.arm_driver.power_on_s + config_.arm_driver.brake_release_s + 4 * dt);
+    if (config_.arm_driver.headless_mode) {
+      arm_->resendRobotProgram();
+    } else {
+      arm_->play();
+    }
+    pass(config_.arm_driver.speed_ramp_s + 4 * dt);
+    if (!arm_->robotProgramRunning()) {
+      throw std::runtime_error("simulation: the arm's program does not start with this arm_driver configuration");
+    }
+  }
+}
+
+bool Simulation::isDue(double rate_hz) const {
+  if (rate_hz <= 0.0) {
+    return false;
+  }
+  // Whole periods since the start, so that rates which are no divisor of the tick's keep their mean.
+  const auto periods = [this, rate_hz](std::int64_t time_ns) {
+    const double since_s = static_cast<double>(time_ns) * 1e-9 - config_.start_time_s;
+    return static_cast<std::int64_t>(std::floor(since_s * rate_hz + 1e-6));
+  };
+  return periods(now_ns_) > periods(now_ns_ - tick_ns_);
+}
+
+Simulation::Tick Simulation::tick() {
+  Tick tick;
+  applyFaults(&tick);
+  for (int step = 0; step < steps_per_tick_; ++step) {
+    stepPhysics(now() + step * config_.world.physics.timestep_s, &tick);
+  }
+  now_ns_ += tick_ns_;
+  tick.stamp_ns = now_ns_;
+  world_->refreshPoses();
+  stowBricks(&tick);
+  observe(&tick);
+
+  tick.has_joint_states = isDue(config_.joint_state_rate_hz);
+  tick.has_odometry = isDue(config_.odometry_rate_hz);
+  if (tick.has_odometry) {
+    double x = 0.0;
+    double y = 0.0;
+    random_.normalPair(x, y);
+    const double turn = random_.normal();
+    Pose2d seen = world_->basePose();
+    seen.x_m += config_.localisation_std_m * x;
+    seen.y_m += config_.localisation_std_m * y;
+    seen.yaw_rad += config_.localisation_std_rad * turn;
+    map_to_odom_ = compose(seen, inverse(drive_->odometry()));
+  }
+  if (isDue(scan_rate_hz_)) {
+    tick.scan = scanner_->scan(world_->data(), ++scan_number_);
+  }
+  takeImages(&tick);
+  return tick;
+}
+
+void Simulation::stepPhysics(double now_s, Tick* tick) {
+  const double dt = config_.world.physics.timestep_s;
+  const JointMotion& setpoint = arm_->update(now_s, dt, world_->armPosition(), world_->armVelocity());
+  world_->setArmReference(setpoint.position_rad, setpoint.velocity_rad_s, setpoint.acceleration_rad_s2);
+  world_->setPayload(arm_->payload().mass_kg, arm_->payload().center_of_gravity_m);
+  if (arm_->takeFtSensorZeroed()) {
+    wrench_zero_ = world_->toolWrench();
+  }
+  world_->setMagnet(arm_->io().digital_out.at(static_cast<std::size_t>(config_.magnet_output)));
+  world_->setBaseTwist(drive_->update(now_s, dt));
+  world_->setWheelAngles(drive_->leftWheelAngle(), drive_->rightWheelAngle());
+  world_->step();
+  watchForCollision(now_s, tick);
+  followMagnet(now_s, tick);
+}
+
+void Simulation::watchForCollision(double now_s, Tick* tick) {
+  const bool is_moving_itself =
+      arm_->robotMode() == RobotMode::kRunning &&
+      (arm_->safetyMode() == SafetyMode::kNormal || arm_->safetyMode() == SafetyMode::kReduced);
+  const double force_N = world_->toolWrench().force_N.norm();
+  const ArmVector effort = world_->armDisturbance().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm);
+  int joint = 0;
+  const double share = effort.maxCoeff(&joint);
+  const bool is_overloaded = force_N > config_.collision_stop_N || share > config_.collision_stop_effort;
+  overload_steps_ = is_moving_itself && is_overloaded ? overload_steps_ + 1 : 0;
+  if (overload_steps_ < kCollisionSteps) {
+    return;
+  }
+  overload_steps_ = 0;
+  std::ostringstream reason;
+  if (force_N > config_.collision_stop_N) {
+    reason << "collision: " << force_N << " N on the tool, allowed " << config_.collision_stop_N << " N";
+  } else {
+    reason << "collision: " << kArmJointNames[joint] << " is pushed with " << share * 100.0
+           << " % of its motor's torque, allowed " << config_.collision_stop_effort * 100.0 << " %";
+  }
+  arm_->protectiveStop(reason.str());
+  tick->incidents.push_back(sentence(now_s, "protective stop, " + reason.str()));
+}
+
+Simulation::BrickRecord& Simulation::record(int id) {
+  return *std::find_if(bricks_.begin(), bricks_.end(), [id](const BrickRecord& brick) { return brick.id == id; });
+}
+
+bool Simulation::isOverChute(int brick_id) const {
+  const std::optional<BrickMotion> brick = world_->brick(brick_id);
+  const Eigen::Isometry3d T_map_drop = world_->linkPose(mp700_ur5e_description::kChuteDropFrame);
+  // Over the opening: whoever lets go here means the chute, and the brick's fall decides whether it gets there.
+  const Eigen::Vector3d p_drop = T_map_drop.inverse() * brick->T_map_brick.translation();
+  return p_drop.head<2>().cwiseAbs().maxCoeff() < 0.3 && p_drop.z() > -0.2;
+}
+
+void Simulation::followMagnet(double now_s, Tick* tick) {
+  if (const std::optional<World::Release> release = world_->takeRelease()) {
+    BrickRecord& brick = record(release->brick_id);
+    const std::optional<BrickMotion> motion = world_->brick(release->brick_id);
+    const std::string name = "brick " + std::to_string(release->brick_id);
+    if (brick.status == BrickStatus::kHeld && motion) {
+      const double carried_m = (motion->T_map_brick.translation() - brick.T_map_grasp.translation()).norm();
+      if (release->reason == ReleaseReason::kSwitchedOff && isOverChute(brick.id)) {
+        brick.status = BrickStatus::kReleased;
+      } else if (carried_m > kLifted_m) {
+        brick.status = BrickStatus::kDropped;
+        tick->incidents.push_back(sentence(now_s, "the magnet lost " + name));
+      } else {
+        brick.status = BrickStatus::kInPile;
+        if (release->reason != ReleaseReason::kSwitchedOff) {
+          tick->incidents.push_back(sentence(now_s, "the magnet came off " + name + " before lifting it"));
+        }
+      }
+      brick.status_since_s = now_s;
+    }
+  }
+  if (const std::optional<int> held = world_->heldBrick()) {
+    BrickRecord& brick = record(*held);
+    if (brick.status != BrickStatus::kHeld) {
+      brick.status = BrickStatus::kHeld;
+      brick.status_since_s = now_s;
+      brick.T_map_grasp = world_->brick(*held)->T_map_brick;
+    }
+  }
+}
+
+void Simulation::stowBricks(Tick* tick) {
+  const std::vector<int> resting = world_->bricksAtRestInChute();
+  for (BrickRecord& brick : bricks_) {
+    if (std::find(resting.begin(), resting.end(), brick.id) == resting.end()) {
+      brick.in_chute_since_s = -1.0;
+      continue;
+    }
+    if (brick.in_chute_since_s < 0.0) {
+      brick.in_chute_since_s = now();
+    }
+    if (now() - brick.in_chute_since_s < config_.chute_rest_s) {
+      continue;
+    }
+    if (stowed_ >= config_.chute_capacity) {
+      if (!chute_was_full_) {
+        chute_was_full_ = true;
+        tick->incidents.push_back(sentence(
+            now(), "the chute is full: " + std::to_string(stowed_) + " bricks; the next one stays in its opening"));
+      }
+      continue;
+    }
+    world_->takeAwayBrick(brick.id);
+    brick.status = BrickStatus::kStowed;
+    brick.status_since_s = now();
+    brick.in_chute_since_s = -1.0;
+    ++stowed_;
+    tick->incidents.push_back(
+        sentence(now(), "brick " + std::to_string(brick.id) + " stowed, " + std::to_string(stowed_) + " in all"));
+  }
+}
+
+bool Simulation::requestImage() {
+  image_wanted_ = !camera_gone_;
+  return image_wanted_;
+}
+
+void Simulation::takeImages(Tick* tick) {
+  const bool is_wanted = image_wanted_;
+  image_wanted_ = false;
+  if (!camera_gone_ && (is_wanted || isDue(config_.camera_rate_hz))) {
+    ++frame_number_;
+    // Drawn for every frame, so that switching drops on changes nothing else.
+    const bool is_lost =
+        synthetic_depth::SeededRandom(config_.seed, 2, frame_number_).uniform() < config_.camera_drop_probability;
+    if (is_camera_used_ && (!is_lost || is_wanted)) {
+      images_on_their_way_.push_back({now_ns_, camera_->capture(world_->data(), frame_number_)});
+    }
+  }
+  const std::int64_t delay_ns = std::llround(config_.camera_delay_s * 1e9);
+  while (!images_on_their_way_.empty() && images_on_their_way_.front().stamp_ns + delay_ns <= now_ns_) {
+    tick->images.push_back(std::move(images_on_their_way_.front()));
+    images_on_their_way_.erase(images_on_their_way_.begin());
+  }
+}
+
+ToolWrench Simulation::wrench() const {
+  ToolWrench wrench = world_->toolWrench();
+  if (wrench_zero_) {
+    wrench.force_N -= wrench_zero_->force_N;
+    wrench.torque_Nm -= wrench_zero_->torque_Nm;
+  }
+  return wrench;
+}
+
+void Simulation::observe(Tick* tick) {
+  WorldObservation seen;
+  seen.time_s = now();
+  const std::vector<BrickMotion> motions = world_->bricks();
+  for (BrickRecord& brick : bricks_) {
+    if (brick.status == BrickStatus::kMovedByHand && now() - brick.status_since_s > kHandTime_s) {
+      brick.status = BrickStatus::kInPile;
+    }
+    const auto motion = std::find_if(motions.begin(), motions.end(),
+                                     [&brick](const BrickMotion& other) { return other.id == brick.id; });
+    BrickObservation observation;
+    observation.id = brick.id;
+    observation.size_m = brick.size_m;
+    observation.status = brick.status;
+    observation.T_map_brick = motion != motions.end() ? motion->T_map_brick : brick.T_map_grasp;
+    seen.bricks.push_back(observation);
+  }
+  seen.target_id = target_;
+  for (const RobotTouch& touch : world_->takeTouches()) {
+    seen.contacts.push_back({touch.robot_body, touch.other_body, touch.force_N});
+  }
+  const Pose2d base = world_->basePose();
+  seen.base_xy_m = {base.x_m, base.y_m};
+  const std::size_t known = judge_->events().size();
+  judge_->observe(seen);
+  for (std::size_t i = known; i < judge_->events().size(); ++i) {
+    const JudgeEvent& event = judge_->events()[i];
+    if (event.kind == JudgeEventKind::kFall) {
+      tick->incidents.push_back(sentence(event.time_s, "brick " + std::to_string(event.brick_id) + " falls"));
+    } else if (event.kind == JudgeEventKind::kCollision) {
+      std::ostringstream text;
+      text << "collision of " << event.robot_body << " with " << event.other_body << ", " << event.max_force_N << " N";
+      tick->incidents.push_back(sentence(event.time_s, text.str()));
+    }
+  }
+}
+
+void Simulation::addFault(const Fault& fault) {
+  if (fault.kind == FaultKind::kMoveBrick && !world_->brick(fault.brick_id)) {
+    throw std::invalid_argument("fault move_brick: brick_id = " + std::to_string(fault.brick_id) +
+                                ", must be the id of a brick that is still there");
+  }
+  faults_.add(fault);
+}
+
+void Simulation::applyFaults(Tick* tick) {
+  for (const FaultSchedule::Change& change : faults_.takeDue(now())) {
+    if (change.is_beginning) {
+      beginFault(change.fault, tick);
+    } else {
+      endFault(change.fault, tick);
+    }
+  }
+}
+
+void Simulation::beginFault(const Fault& fault, Tick* tick) {
+  std::string note = "fault " + faultName(fault.kind);
+  switch (fault.kind) {
+    case FaultKind::kProtectiveStop:
+      arm_->protectiveStop("on command");
+      break;
+    case FaultKind::kEmergencyStop:
+      arm_->emergencyStop();
+      drive_->stop();
+      is_base_halted_ = true;
+      break;
+    case FaultKind::kDriverGone:
+      arm_->setDriverConnected(false);
+      break;
+    case FaultKind::kCameraGone:
+      camera_gone_ = true;
+      images_on_their_way_.clear();
+      break;
+    case FaultKind::kMagnetWeak:
+      world_->setMagnetStrength(fault.value);
+      break;
+    case FaultKind::kWheelSlip:
+      drive_->setSlip(fault.value, fault.value2);
+      break;
+    case FaultKind::kDropBrick:
+      if (!world_->dropHeldBrick()) {
+        note += ": the magnet holds none";
+      }
+      break;
+    case FaultKind::kMoveBrick:
+      if (world_->brick(fault.brick_id)) {
+        BrickRecord& brick = record(fault.brick_id);
+        brick.status = BrickStatus::kMovedByHand;
+        brick.status_since_s = now();
+        world_->moveBrick(fault.brick_id, fault.T_map_brick);
+      } else {
+        note += ": brick " + std::to_string(fault.brick_id) + " is no longer there";
+      }
+      break;
+  }
+  tick->incidents.push_back(sentence(now(), note));
+}
+
+void Simulation::endFault(const Fault& fault, Tick* tick) {
+  switch (fault.kind) {
+    case FaultKind::kEmergencyStop:
+      arm_->releaseEmergencyStop();
+      is_base_halted_ = false;
+      break;
+    case FaultKind::kDriverGone:
+      arm_->setDriverConnected(true);
+      break;
+    case FaultKind::kCameraGone:
+      camera_gone_ = false;
+      break;
+    case FaultKind::kMagnetWeak:
+      world_->setMagnetStrength(1.0);
+      break;
+    case FaultKind::kWheelSlip:
+      drive_->setSlip(0.0, 0.0);
+      break;
+    case FaultKind::kProtectiveStop:
+    case FaultKind::kDropBrick:
+    case FaultKind::kMoveBrick:
+      break;
+  }
+  tick->incidents.push_back(sentence(now(), "fault " + faultName(fault.kind) + " is over"));
+}
+
+bool Simulation::commandBase(const Twist2d& twist) {
+  return drive_->command(is_base_halted_ ? Twist2d{} : twist, now()) && !is_base_halted_;
+}
+
+const LaserScannerConfig& Simulation::scannerConfig() const {
+  return scanner_->config();
+}
+
+}  // namespace simulated_world
