@@ -21,8 +21,8 @@ struct PhysicsOptions {
   double solver_tolerance{1e-8};
   double impratio{1.0};                   ///< stiffness of friction over that of the normal force
   double contact_time_constant_s{0.005};  ///< a contact gives way and recovers like a critically damped spring
-  int max_contacts{1300};                 ///< buffers of MuJoCo 2: 40 bricks at rest have 270 contacts of 3 constraints
-  int max_constraints{4000};
+  int max_contacts{900};  ///< buffers of MuJoCo 2: 40 bricks at rest have up to 340 contacts of 3 constraints
+  int max_constraints{2700};
 
   std::vector<std::string> validate() const;
 };

@@ -46,7 +46,8 @@ std::string physicsXml(const PhysicsOptions& options) {
   text << "<option timestep=\"" << options.timestep_s << "\" cone=\"elliptic\" impratio=\"" << options.impratio
        << "\" solver=\"" << (options.solver == ContactSolver::kNewton ? "Newton" : "CG") << "\" iterations=\""
        << options.solver_iterations << "\" tolerance=\"" << options.solver_tolerance << "\"/>\n"
-       << "<size nconmax=\"" << options.max_contacts << "\" njmax=\"" << options.max_constraints << "\"/>\n";
+       << "<size nconmax=\"" << options.max_contacts << "\" njmax=\"" << options.max_constraints
+       << "\" nstack=\"16000000\"/>\n";
   return text.str();
 }
 
