@@ -62,7 +62,7 @@ GoalAnswer TrajectoryFollower::acceptGoal(const TrajectoryGoal& goal, double now
     return {false, GoalError::kInvalidGoal, "Can't accept new action goals. Controller is not running."};
   }
   CheckedGoal checked;
-  const GoalAnswer answer = checkGoal(goal, joints_, config_, &checked);
+  GoalAnswer answer = checkGoal(goal, joints_, config_, &checked);
   if (!answer.accepted) {
     return answer;
   }

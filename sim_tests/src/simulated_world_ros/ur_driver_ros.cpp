@@ -91,11 +91,12 @@ UrDriverRos::UrDriverRos(const ros::NodeHandle& nh, UrController& robot, std::mu
       tf_prefix_(tf_prefix),
       follow_server_(
           nh_, std::string(kController) + "follow_joint_trajectory",
-          [this](FollowServer::GoalHandle handle) { followGoal(handle); },
-          [this](FollowServer::GoalHandle handle) { followCancel(handle); }, false),
+          [this](const FollowServer::GoalHandle& handle) { followGoal(handle); },
+          [this](const FollowServer::GoalHandle& handle) { followCancel(handle); }, false),
       set_mode_server_(
-          nh_, std::string(kHardware) + "set_mode", [this](SetModeServer::GoalHandle handle) { setModeGoal(handle); },
-          [this](SetModeServer::GoalHandle handle) { setModeCancel(handle); }, false) {
+          nh_, std::string(kHardware) + "set_mode",
+          [this](const SetModeServer::GoalHandle& handle) { setModeGoal(handle); },
+          [this](const SetModeServer::GoalHandle& handle) { setModeCancel(handle); }, false) {
   offerTopics();
   offerDriverServices();
   offerDashboard();
@@ -274,7 +275,7 @@ void UrDriverRos::followGoal(FollowServer::GoalHandle handle) {
   follow_goals_[id] = handle;
 }
 
-void UrDriverRos::followCancel(FollowServer::GoalHandle handle) {
+void UrDriverRos::followCancel(const FollowServer::GoalHandle& handle) {
   const std::lock_guard<std::mutex> lock(robot_mutex_);
   robot_.cancelGoal(handle.getGoalID().id);
 }
@@ -301,7 +302,7 @@ void UrDriverRos::setModeGoal(SetModeServer::GoalHandle handle) {
                                goal->stop_program != 0, goal->play_program != 0}});
 }
 
-void UrDriverRos::setModeCancel(SetModeServer::GoalHandle handle) {
+void UrDriverRos::setModeCancel(const SetModeServer::GoalHandle& handle) {
   const std::lock_guard<std::mutex> lock(robot_mutex_);
   if (mode_goal_ && mode_goal_->handle == handle) {
     mode_goal_->handle.setCanceled();

@@ -54,10 +54,10 @@ class UrDriverRos {
   void offer(const std::string& name, const std::function<void(typename Service::Request&, typename Service::Response&,
                                                                simulated_world::UrController&)>& serve);
   void followGoal(FollowServer::GoalHandle handle);
-  void followCancel(FollowServer::GoalHandle handle);
+  void followCancel(const FollowServer::GoalHandle& handle);
   void followCommand(const trajectory_msgs::JointTrajectory& trajectory);
   void setModeGoal(SetModeServer::GoalHandle handle);
-  void setModeCancel(SetModeServer::GoalHandle handle);
+  void setModeCancel(const SetModeServer::GoalHandle& handle);
   void stepModeGoal();
   void endGoals(const std::vector<simulated_world::GoalResult>& results);
   void publishChanges();

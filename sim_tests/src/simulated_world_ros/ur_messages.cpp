@@ -15,6 +15,7 @@ namespace {
 
 std::vector<TrajectoryTolerance> fromMessages(const std::vector<control_msgs::JointTolerance>& messages) {
   std::vector<TrajectoryTolerance> tolerances;
+  tolerances.reserve(messages.size());
   for (const control_msgs::JointTolerance& message : messages) {
     tolerances.push_back({message.name, message.position, message.velocity, message.acceleration});
   }

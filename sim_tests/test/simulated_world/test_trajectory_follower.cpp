@@ -15,7 +15,7 @@ namespace {
 constexpr double kDt_s = 0.002;
 
 class TrajectoryFollowerTest : public testing::Test {
- protected:
+ public:
   TrajectoryFollowerTest() { step(); }
 
   /// One cycle; keeps the results and checks that the setpoint never jumps.

@@ -20,7 +20,7 @@ UrControllerConfig headless() {
 }
 
 class UrControllerTest : public testing::Test {
- protected:
+ public:
   explicit UrControllerTest(const UrControllerConfig& config = {}) : ur(twoJoints(), config) { step(); }
 
   void step() {
@@ -54,7 +54,7 @@ class UrControllerTest : public testing::Test {
 };
 
 class HeadlessUrControllerTest : public UrControllerTest {
- protected:
+ public:
   HeadlessUrControllerTest() : UrControllerTest(headless()) {}
 };
 

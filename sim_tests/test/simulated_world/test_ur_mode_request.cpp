@@ -11,7 +11,7 @@ namespace {
 constexpr double kDt_s = 0.01;
 
 class UrModeRequestTest : public testing::Test {
- protected:
+ public:
   UrModeRequestTest() { update(); }
 
   void update() {
@@ -23,7 +23,7 @@ class UrModeRequestTest : public testing::Test {
   std::optional<CommandAnswer> ask(RobotMode target, bool stop_program, bool play_program) {
     UrModeRequest request(target, stop_program, play_program);
     for (int i = 0; i < 2000; ++i) {
-      if (const auto answer = request.step(robot)) return answer;
+      if (auto answer = request.step(robot)) return answer;
       update();
     }
     return std::nullopt;

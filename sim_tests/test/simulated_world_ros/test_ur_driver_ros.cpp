@@ -58,7 +58,7 @@ class Latest {
 };
 
 class UrDriverRosTest : public testing::Test {
- protected:
+ public:
   UrDriverRosTest() {
     measured.position_rad = Eigen::VectorXd::Zero(6);
     measured.velocity_rad_s = Eigen::VectorXd::Zero(6);
