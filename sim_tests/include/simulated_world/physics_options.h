@@ -8,16 +8,11 @@
 
 namespace simulated_world {
 
-/// The solver's way to the same forces. Bricks by the dozen make long chains of contacts, through which conjugate
-/// gradients run several times faster than Newton's method; one arm with few contacts is better off with Newton.
-enum class ContactSolver { kConjugateGradient, kNewton };
-
 /// How the world with bricks is simulated: one place for settling a pile and for the run with the robot, so that a pile
 /// that stands in the one stands in the other.
 struct PhysicsOptions {
   double timestep_s{0.002};
-  ContactSolver solver{ContactSolver::kConjugateGradient};
-  int solver_iterations{100};  ///< at most; a pile at rest needs two or three
+  int solver_iterations{50};  ///< at most, of Newton's method; a pile at rest needs one
   double solver_tolerance{1e-8};
   double impratio{1.0};                   ///< stiffness of friction over that of the normal force
   double contact_time_constant_s{0.005};  ///< a contact gives way and recovers like a critically damped spring

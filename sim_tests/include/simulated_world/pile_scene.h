@@ -32,7 +32,7 @@ struct RobotStart {
 struct HeapConfig {
   Eigen::Vector2d center_m{0.0, 0.0};
   double yaw_rad{0.0};
-  Eigen::Vector2d extent_m{1.2, 1.2};  ///< no brick reaches out of this rectangle, along the heap's axes
+  Eigen::Vector2d extent_m{1.2, 1.2};  ///< along the heap's axes: no brick reaches beyond, and together they span most
   int bricks{20};
   int layers{3};
 

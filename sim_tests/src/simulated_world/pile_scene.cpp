@@ -19,6 +19,8 @@ namespace {
 using synthetic_depth::SeededRandom;
 
 constexpr double kPi = 3.14159265358979323846;
+/// A heap that spans less than this share of its rectangle, on either side, is not the heap that was asked for.
+constexpr double kLeastSpan = 0.7;
 /// Bricks that touch do not overlap; a file has few decimals.
 constexpr double kTouch_m = 1e-6;
 
@@ -37,7 +39,7 @@ bool covers(const Cell& cell, const Eigen::Vector3d& size_m, const Eigen::Vector
   return ((p_m - cell.center_m).cwiseAbs() - 0.5 * footprintOf(cell, size_m)).maxCoeff() <= 0.0;
 }
 
-/// Whether a brick would rest on those of the layer below: most of it, and something under each of its quarters.
+/// Whether a brick would rest on those of the layer below: half of it, and something under each of its quarters.
 bool isSupported(const Cell& cell, const std::vector<Cell>& below, const Eigen::Vector3d& size_m) {
   constexpr int kPoints = 6;  // per side
   int num_supported = 0;
@@ -53,7 +55,7 @@ bool isSupported(const Cell& cell, const std::vector<Cell>& below, const Eigen::
     }
   }
   const bool has_all_quarters = quarters[0][0] > 0 && quarters[0][1] > 0 && quarters[1][0] > 0 && quarters[1][1] > 0;
-  return has_all_quarters && num_supported * 10 >= kPoints * kPoints * 6;
+  return has_all_quarters && 2 * num_supported >= kPoints * kPoints;
 }
 
 /// Room that a brick takes in its layer with the most jitter there may be.
@@ -89,6 +91,17 @@ std::vector<Cell> fillLayer(const PileSceneConfig& config, const HeapConfig& hea
   std::stable_sort(cells.begin(), cells.end(), [&](const Cell& a, const Cell& b) { return farness(a) < farness(b); });
   cells.resize(std::min(cells.size(), static_cast<std::size_t>(wanted)));
   return cells;
+}
+
+/// Length and width of a heap over all.
+Eigen::Vector2d spanOf(const std::vector<Cell>& cells, const Eigen::Vector3d& size_m) {
+  Eigen::Vector2d low_m = cells.front().center_m;
+  Eigen::Vector2d high_m = low_m;
+  for (const Cell& cell : cells) {
+    low_m = low_m.cwiseMin(cell.center_m - 0.5 * footprintOf(cell, size_m));
+    high_m = high_m.cwiseMax(cell.center_m + 0.5 * footprintOf(cell, size_m));
+  }
+  return high_m - low_m;
 }
 
 /// Cells for all of the heap's bricks in exactly its layers; nothing if there is no room for them.
@@ -253,6 +266,14 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
       std::ostringstream line;
       line << "heaps[" << h << "] = " << heap.bricks << " bricks, must fit into " << heap.layers << " layers within "
            << heap.extent_m.transpose() << " m";
+      faults.push_back(line.str());
+      continue;
+    }
+    const Eigen::Vector2d span_m = spanOf(*cells, config.brick.size_m);
+    if ((span_m - kLeastSpan * heap.extent_m).minCoeff() < 0.0) {
+      std::ostringstream line;
+      line << "heaps[" << h << "] = " << heap.bricks << " bricks in " << heap.layers << " layers, must span "
+           << 100.0 * kLeastSpan << " % of " << heap.extent_m.transpose() << " m, span " << span_m.transpose() << " m";
       faults.push_back(line.str());
       continue;
     }

@@ -173,6 +173,27 @@ TEST(GenerateScene, HeapsKeepTheirRectangleAndHaveAllLayers) {
   }
 }
 
+TEST(ShippedWorlds, HaveTheSizesTheyAreNamedFor) {
+  const auto sizeOf = [](const std::string& name) {
+    Eigen::Vector2d low_m = Eigen::Vector2d::Constant(100.0);
+    Eigen::Vector2d high_m = -low_m;
+    for (const BrickPlacement& brick : generateScene(world(name), 1).bricks) {
+      const Eigen::Vector3d reach_m = 0.5 * brick.T_map_brick.linear().cwiseAbs() * brick.type.size_m;
+      low_m = low_m.cwiseMin((brick.T_map_brick.translation() - reach_m).head<2>());
+      high_m = high_m.cwiseMax((brick.T_map_brick.translation() + reach_m).head<2>());
+    }
+    return Eigen::Vector2d(high_m - low_m);
+  };
+  EXPECT_NEAR(sizeOf("one_heap").x(), 1.2, 0.25);  // a brick more or less on one side
+  EXPECT_NEAR(sizeOf("one_heap").y(), 1.2, 0.25);
+  EXPECT_NEAR(sizeOf("two_ridges").x(), 1.2, 0.15);
+  EXPECT_NEAR(sizeOf("two_ridges").y(), 2.4, 0.15);
+  // The valley: nothing in the middle, over all its length.
+  for (const BrickPlacement& brick : generateScene(world("two_ridges"), 1).bricks) {
+    EXPECT_GT(std::abs(brick.T_map_brick.translation().x()), 0.15 + 0.2);
+  }
+}
+
 TEST(PileSceneLoader, ReadsWhatIsWritten) {
   const PileSceneConfig config = parse(
       "brick_type: brick\n"
@@ -215,6 +236,8 @@ TEST(PileSceneLoader, RefusesWhatCannotBe) {
                    "40 bricks, must fit into 2 layers"));
   EXPECT_TRUE(says(refusalOf(kHead + "heaps:\n  - {center_m: [0, 0], extent_m: [9, 9], bricks: 98, layers: 1}\n"),
                    "98 bricks, must be at most 97"));
+  EXPECT_TRUE(says(refusalOf(kHead + "heaps:\n  - {center_m: [0, 0], extent_m: [2.4, 1], bricks: 9, layers: 2}\n"),
+                   "must span 70 % of"));
   EXPECT_TRUE(says(refusalOf(kHead + "heaps:\n  - {center_m: [0, 0]}\n"), "heaps[0]/layers"));
   EXPECT_TRUE(says(refusalOf(kHead + "bricks:\n" + brick +
                              "heaps:\n  - {center_m: [2, 0], extent_m: [1, 1], bricks: 3, layers: 1}\n"),
