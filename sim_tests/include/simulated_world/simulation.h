@@ -130,6 +130,8 @@ class Simulation {
   void endFault(const Fault& fault, Tick* tick);
   void startArm();
   void stepPhysics(double now_s, Tick* tick);
+  bool isArmOnBrakes(double now_s);
+  double pushOnArm() const;  // of the surroundings, as a share of what makes the arm stop
   void watchForCollision(double now_s, Tick* tick);
   void followMagnet(double now_s, Tick* tick);
   void stowBricks(Tick* tick);
@@ -169,6 +171,8 @@ class Simulation {
   std::int64_t tick_ns_;
   int steps_per_tick_;
   int overload_steps_{0};
+  std::optional<ArmVector> brake_rad_;  // where the brakes hold the arm
+  double stopped_since_s_{0.0};
   std::uint64_t frame_number_{0};
   std::uint64_t scan_number_{0};
   double scan_rate_hz_{0.0};

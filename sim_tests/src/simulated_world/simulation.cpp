@@ -193,7 +193,9 @@ Simulation::Simulation(const SimulationConfig& config)
   scanner_frame_ = profile.scanner.frame;
   scan_rate_hz_ = profile.scanner.rate_hz;
 
-  judge_ = std::make_unique<Judge>(config.judge);
+  JudgeConfig judge = config.judge;
+  judge.collisions.wheel_bodies = {"wheel_front_left_link", "wheel_front_right_link"};
+  judge_ = std::make_unique<Judge>(judge);
   Tick nothing;
   observe(&nothing);
 }
@@ -272,7 +274,11 @@ Simulation::Tick Simulation::tick() {
 void Simulation::stepPhysics(double now_s, Tick* tick) {
   const double dt = config_.world.physics.timestep_s;
   const JointMotion& setpoint = arm_->update(now_s, dt, world_->armPosition(), world_->armVelocity());
-  world_->setArmReference(setpoint.position_rad, setpoint.velocity_rad_s, setpoint.acceleration_rad_s2);
+  if (isArmOnBrakes(now_s)) {
+    world_->setArmReference(*brake_rad_, ArmVector::Zero(), ArmVector::Zero());
+  } else {
+    world_->setArmReference(setpoint.position_rad, setpoint.velocity_rad_s, setpoint.acceleration_rad_s2);
+  }
   world_->setPayload(arm_->payload().mass_kg, arm_->payload().center_of_gravity_m);
   if (arm_->takeFtSensorZeroed()) {
     wrench_zero_ = world_->toolWrench();
@@ -285,20 +291,45 @@ void Simulation::stepPhysics(double now_s, Tick* tick) {
   followMagnet(now_s, tick);
 }
 
+// A stopped arm first comes to rest by its motors. Then brakes hold it, and slip under what is left of the push, so that
+// it does not stop again as soon as it is unlocked.
+bool Simulation::isArmOnBrakes(double now_s) {
+  if (arm_->robotProgramRunning()) {
+    brake_rad_.reset();
+    stopped_since_s_ = now_s;
+    return false;
+  }
+  if (now_s - stopped_since_s_ < config_.arm_driver.follower.stop_trajectory_duration_s) {
+    return false;
+  }
+  constexpr double kSlip = 0.25;  // of the collision limits
+  if (!brake_rad_ || pushOnArm() > kSlip) {
+    brake_rad_ = world_->armPosition();
+  }
+  return true;
+}
+
+double Simulation::pushOnArm() const {
+  const double by_force = world_->toolWrench().force_N.norm() / config_.collision_stop_N;
+  const double by_torque =
+      world_->armDisturbance().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm).maxCoeff() /
+      config_.collision_stop_effort;
+  return std::max(by_force, by_torque);
+}
+
 void Simulation::watchForCollision(double now_s, Tick* tick) {
   const bool is_moving_itself =
       arm_->robotMode() == RobotMode::kRunning &&
       (arm_->safetyMode() == SafetyMode::kNormal || arm_->safetyMode() == SafetyMode::kReduced);
-  const double force_N = world_->toolWrench().force_N.norm();
-  const ArmVector effort = world_->armDisturbance().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm);
-  int joint = 0;
-  const double share = effort.maxCoeff(&joint);
-  const bool is_overloaded = force_N > config_.collision_stop_N || share > config_.collision_stop_effort;
-  overload_steps_ = is_moving_itself && is_overloaded ? overload_steps_ + 1 : 0;
+  overload_steps_ = is_moving_itself && pushOnArm() > 1.0 ? overload_steps_ + 1 : 0;
   if (overload_steps_ < kCollisionSteps) {
     return;
   }
   overload_steps_ = 0;
+  const double force_N = world_->toolWrench().force_N.norm();
+  const ArmVector effort = world_->armDisturbance().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm);
+  int joint = 0;
+  const double share = effort.maxCoeff(&joint);
   std::ostringstream reason;
   if (force_N > config_.collision_stop_N) {
     reason << "collision: " << force_N << " N on the tool, allowed " << config_.collision_stop_N << " N";

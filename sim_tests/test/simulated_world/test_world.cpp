@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "robot_in_world.h"
 #include "simulated_world/robot_mjcf.h"
 
 namespace simulated_world {
@@ -71,48 +72,10 @@ double moveArm(World& world, const ArmVector& goal, double seconds) {
   return worst;
 }
 
-// Tool straight down on a vertical line: found by turning lift, elbow and wrist 1 together, Newton on the tip's height
-// and distance with finite differences from the model itself.
 ArmVector toolDownAt(World& world, double reach_m, double height_m) {
-  const DataPtr data = makeData(world.model());
-  ArmVector q = stowedArm();
-  const auto tip = [&world, &data](const ArmVector& joints) {
-    mj_resetData(&world.model(), data.get());
-    for (int i = 0; i < kArmJoints; ++i) {
-      data->qpos[world.model().jnt_qposadr[requireId(world.model(), mjOBJ_JOINT, kArmJointNames[i])]] = joints[i];
-    }
-    mj_kinematics(&world.model(), data.get());
-    const int site = requireId(world.model(), mjOBJ_SITE, "magnet_tip");
-    return Eigen::Vector3d(Eigen::Map<const Eigen::Vector3d>(data->site_xpos + 3 * site));
-  };
-  const auto down = [](double lift, double elbow) {
-    ArmVector joints = stowedArm();
-    joints[1] = lift;
-    joints[2] = elbow;
-    joints[3] = -M_PI_2 - lift - elbow;
-    return joints;
-  };
-  double lift = -1.5;
-  double elbow = 1.8;
-  for (int i = 0; i < 50; ++i) {
-    const Eigen::Vector3d p = tip(down(lift, elbow));
-    const Eigen::Vector2d error(reach_m - p.x(), height_m - p.z());
-    if (error.norm() < 1e-7) {
-      break;
-    }
-    constexpr double kStep = 1e-6;
-    Eigen::Matrix2d J;
-    const Eigen::Vector3d by_lift = (tip(down(lift + kStep, elbow)) - p) / kStep;
-    const Eigen::Vector3d by_elbow = (tip(down(lift, elbow + kStep)) - p) / kStep;
-    J << by_lift.x(), by_elbow.x(), by_lift.z(), by_elbow.z();
-    const Eigen::Vector2d change = J.partialPivLu().solve(error);
-    const double scale = std::min(1.0, 0.2 / change.norm());
-    lift += scale * change.x();
-    elbow += scale * change.y();
-  }
-  q = down(lift, elbow);
-  EXPECT_NEAR(tip(q).x(), reach_m, 1e-5);
-  EXPECT_NEAR(tip(q).z(), height_m, 1e-5);
+  ToolDown tool(world.model());
+  const ArmVector q = tool.angles(reach_m, height_m);
+  EXPECT_LT(tool.tipError(), 1e-6);
   return q;
 }
 
@@ -123,10 +86,8 @@ Eigen::Vector3d tipPosition(World& world) {
 constexpr double kReach_m = 0.75;  // of base_link: in front of the robot, clear of its nose
 // The arm's plane lies beside its base: shoulder and wrist offsets put the tool 0.13 m off the middle.
 double toolY(World& world) {
-  const ArmVector q = toolDownAt(world, kReach_m, 0.5);
-  World probe = makeWorld({});
-  moveArm(probe, q, 1.0);
-  return tipPosition(probe).y();
+  ToolDown tool(world.model());
+  return tool.tip(tool.angles(kReach_m, 0.5)).y();
 }
 
 TEST(World, ArmFollowsItsReference) {

@@ -1,0 +1,520 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The whole simulated robot through its drivers' commands: a brick picked and stowed, every fault, camera, scanner, judge.
+#include "simulated_world/simulation.h"
+
+#include <cmath>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "robot_in_world.h"
+#include "simulated_world/scene_view.h"
+#include "synthetic_depth/depth_renderer.h"
+
+namespace simulated_world {
+namespace {
+
+SimulationConfig configFor(const std::string& scene) {
+  SimulationConfig config;
+  config.description = descriptionFiles();
+  config.scene = std::string(SIMULATED_WORLDS) + "/" + scene + ".yaml";
+  config.camera_rate_hz = 0.0;  // drawn only where a test looks
+  return config;
+}
+
+Eigen::Isometry3d at(const Eigen::Vector3d& xyz_map, double yaw_rad = 0.0) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation() = xyz_map;
+  T.rotate(Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()));
+  return T;
+}
+
+Fault fault(FaultKind kind, double duration_s = 0.0) {
+  Fault result;
+  result.kind = kind;
+  result.duration_s = duration_s;
+  return result;
+}
+
+bool says(const std::vector<std::string>& incidents, const std::string& words) {
+  return std::any_of(incidents.begin(), incidents.end(),
+                     [&words](const std::string& line) { return line.find(words) != std::string::npos; });
+}
+
+// A simulation with a hand on its drivers.
+class Robot {
+ public:
+  explicit Robot(const SimulationConfig& config) : sim(config), tool(sim.world().model()) {}
+
+  void run(double seconds) {
+    const int ticks = static_cast<int>(std::lround(seconds / sim.config().tick_s));
+    for (int i = 0; i < ticks; ++i) {
+      step();
+    }
+  }
+
+  void step() {
+    Simulation::Tick tick = sim.tick();
+    for (const std::string& incident : tick.incidents) {
+      incidents.push_back(incident);
+    }
+    for (Simulation::Tick::Image& image : tick.images) {
+      images.push_back(std::move(image));
+    }
+    if (tick.scan) {
+      scan = *tick.scan;
+    }
+    for (const GoalResult& result : sim.armDriver().takeResults()) {
+      results.push_back(result);
+    }
+  }
+
+  // Through the arm's driver, as its controller would be asked.
+  GoalAnswer sendArm(const ArmVector& goal_rad, double seconds) {
+    TrajectoryGoal goal;
+    goal.id = "goal " + std::to_string(++goals_);
+    for (const std::string& name : kArmJointNames) {
+      goal.joint_names.push_back(name);
+    }
+    TrajectoryPoint point;
+    point.positions_rad.assign(goal_rad.data(), goal_rad.data() + kArmJoints);
+    point.velocities_rad_s.assign(kArmJoints, 0.0);
+    point.accelerations_rad_s2.assign(kArmJoints, 0.0);
+    point.time_from_start_s = seconds;
+    goal.points.push_back(point);
+    return sim.armDriver().acceptGoal(goal);
+  }
+
+  // Runs until the goal has ended.
+  GoalResult moveArm(const ArmVector& goal_rad, double seconds) {
+    const GoalAnswer answer = sendArm(goal_rad, seconds);
+    EXPECT_TRUE(answer.accepted) << answer.text;
+    results.clear();
+    for (int i = 0; i < 100 * (seconds + 5.0) && results.empty(); ++i) {
+      step();
+    }
+    return results.empty() ? GoalResult{"", GoalOutcome::kAborted, GoalError::kInvalidGoal, "no result"} : results[0];
+  }
+
+  bool magnet(bool is_on) { return sim.armDriver().setIo(1, sim.config().magnet_output, is_on ? 1.0 : 0.0).success; }
+
+  // The map's point under the tool at this reach, for the robot where it is.
+  Eigen::Vector3d underTool(double reach_m, double height_m) {
+    const Eigen::Vector3d p = tool.tip(tool.angles(reach_m, 0.4));
+    const Pose2d base = sim.world().basePose();
+    const Pose2d there = compose(base, {p.x(), p.y(), 0.0});
+    return {there.x_m, there.y_m, height_m};
+  }
+
+  void moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
+    Fault by_hand = fault(FaultKind::kMoveBrick);
+    by_hand.brick_id = id;
+    by_hand.T_map_brick = T_map_brick;
+    sim.addFault(by_hand);
+    run(3.0);  // until it is no longer in anybody's hand, and lies still
+  }
+
+  // Brick `id` under the tool, its top at 0.2 m; the tool on it, the magnet on.
+  void grasp(int id) {
+    moveBrick(id, at(underTool(kReach_m, 0.1), 0.3));
+    sim.setTarget(id);
+    moveArm(tool.angles(kReach_m, 0.3), 2.5);
+    moveArm(tool.angles(kReach_m, 0.1995), 2.0);
+    magnet(true);
+    run(0.2);
+  }
+
+  JudgeRow judged() { return sim.judge().report().totals; }
+
+  static constexpr double kReach_m = 0.75;
+  Simulation sim;
+  ToolDown tool;
+  std::vector<std::string> incidents;
+  std::vector<Simulation::Tick::Image> images;
+  std::vector<float> scan;
+  std::vector<GoalResult> results;
+
+ private:
+  int goals_{0};
+};
+
+TEST(Simulation, PicksABrickAndStowsIt) {
+  Robot robot(configFor("single_brick"));
+  robot.grasp(0);
+  ASSERT_EQ(robot.sim.world().heldBrick(), 0);
+  EXPECT_TRUE(robot.sim.armDriver().setPayload({1.0, {0.0, 0.0, 0.2}}).success);
+  EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.9), 3.0).outcome, GoalOutcome::kSucceeded);
+  // Over the chute: 0.511 m behind the arm's axis, clockwise so that the mast is not in the way.
+  const ArmVector over = robot.tool.angles(0.68, 0.85);
+  ASSERT_LT(robot.tool.tipError(), 1e-6);
+  const Eigen::Vector3d tip = robot.tool.tip(over);
+  const double pan = -M_PI - std::atan2(tip.y(), tip.x() - 0.186);
+  EXPECT_EQ(robot.moveArm(robot.tool.angles(0.68, 0.85, pan), 5.0).outcome, GoalOutcome::kSucceeded);
+  ASSERT_EQ(robot.sim.world().heldBrick(), 0);
+  robot.magnet(false);
+  robot.sim.armDriver().setPayload({0.0, {0.0, 0.0, 0.0}});
+  robot.run(2.0);
+  EXPECT_EQ(robot.sim.bricksStowed(), 1);
+  EXPECT_TRUE(says(robot.incidents, "brick 0 stowed"));
+  const JudgeRow row = robot.judged();
+  EXPECT_EQ(row.stowed, 1);
+  EXPECT_EQ(row.falls, 0);
+  EXPECT_EQ(row.drops, 0);
+  for (const std::string& incident : robot.incidents) {
+    EXPECT_EQ(incident.find("collision"), std::string::npos) << incident;
+  }
+  EXPECT_EQ(row.collisions, 0);
+  EXPECT_TRUE(robot.sim.world().bricks().empty());
+}
+
+TEST(Simulation, ChuteTakesNoMoreThanItsCapacity) {
+  SimulationConfig config = configFor("two_stacked");
+  config.chute_capacity = 1;
+  Robot robot(config);
+  for (const int id : {0, 1}) {
+    robot.moveBrick(id, at(robot.sim.world().linkPose("chute_drop").translation() + Eigen::Vector3d(0, 0, 0.05)));
+  }
+  EXPECT_EQ(robot.sim.bricksStowed(), 1);
+  EXPECT_TRUE(says(robot.incidents, "chute is full"));
+  EXPECT_EQ(robot.sim.world().bricks().size(), 1U) << "the second one stays where everybody sees it";
+}
+
+TEST(Simulation, TouchingAnythingButTheTargetIsACollision) {
+  Robot robot(configFor("single_brick"));
+  robot.grasp(0);
+  EXPECT_EQ(robot.judged().collisions, 0);
+  robot.magnet(false);
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.3), 1.0);
+  robot.sim.setTarget(std::nullopt);
+  robot.run(1.0);
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.1995), 2.0);
+  robot.run(0.5);
+  EXPECT_EQ(robot.judged().collisions, 1);
+  EXPECT_TRUE(says(robot.incidents, "collision of magnet with brick_0"));
+}
+
+TEST(Simulation, PressingHardStopsTheArm) {
+  Robot robot(configFor("single_brick"));
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.05), 3.0);
+  const GoalResult result = robot.moveArm(robot.tool.angles(Robot::kReach_m, -0.05), 1.0);
+  EXPECT_EQ(result.outcome, GoalOutcome::kAborted);
+  EXPECT_EQ(robot.sim.armDriver().safetyMode(), SafetyMode::kProtectiveStop);
+  EXPECT_TRUE(says(robot.incidents, "protective stop"));
+  EXPECT_TRUE(says(robot.incidents, "collision of magnet with ground"));
+  EXPECT_FALSE(robot.sendArm(robot.tool.angles(Robot::kReach_m, 0.2), 2.0).accepted);
+  robot.run(5.1);
+  EXPECT_TRUE(robot.sim.armDriver().unlockProtectiveStop().success);
+  robot.run(0.1);
+  const CommandAnswer played = robot.sim.armDriver().play();
+  EXPECT_TRUE(played.success) << played.text << "; " << robot.incidents.back() << ", still pushed with "
+                              << robot.sim.wrench().force_N.transpose() << " N";
+  robot.run(0.5);
+  EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.2), 2.0).outcome, GoalOutcome::kSucceeded);
+}
+
+TEST(Simulation, BrickPulledFromBelowBringsDownWhatItCarried) {
+  Robot robot(configFor("three_pyramid"));
+  robot.run(2.0);
+  ASSERT_EQ(robot.judged().falls, 0);
+  robot.moveBrick(0, at({2.0, 2.0, 0.1}));
+  EXPECT_EQ(robot.judged().falls, 1) << "the one on top; the one moved by hand does not count";
+  EXPECT_TRUE(says(robot.incidents, "brick 2 falls"));
+}
+
+TEST(Simulation, SettledHeapStaysAsItIs) {
+  Robot robot(configFor("one_heap"));
+  const std::vector<BrickMotion> before = robot.sim.world().bricks();
+  ASSERT_EQ(before.size(), 20U);
+  robot.run(60.0);
+  const std::vector<BrickMotion> after = robot.sim.world().bricks();
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    // The pile goes from the settling to this world with its poses, not its contact forces: it settles anew by microns.
+    EXPECT_LT((before[i].T_map_brick.translation() - after[i].T_map_brick.translation()).norm(), 5e-4) << before[i].id;
+  }
+  EXPECT_EQ(robot.judged().falls, 0);
+  EXPECT_EQ(robot.judged().collisions, 0);
+}
+
+TEST(Simulation, OdometryAndLocalisationAgreeWithTheTruth) {
+  Robot robot(configFor("single_brick"));
+  robot.sim.commandBase({0.4, 0.3});
+  for (int i = 0; i < 400; ++i) {
+    robot.sim.commandBase({0.4, 0.3});
+    robot.step();
+  }
+  const Pose2d truth = robot.sim.world().basePose();
+  const Pose2d start{robot.sim.scene().robot_start.xy_m.x(), robot.sim.scene().robot_start.xy_m.y(),
+                     robot.sim.scene().robot_start.yaw_rad};
+  const Pose2d by_wheels = compose(start, robot.sim.drive().odometry());
+  // The base's servo lags by fractions of a millimetre and the tyres slide as little.
+  EXPECT_NEAR(by_wheels.x_m, truth.x_m, 0.002);
+  EXPECT_NEAR(by_wheels.y_m, truth.y_m, 0.002);
+  EXPECT_NEAR(by_wheels.yaw_rad, truth.yaw_rad, 0.002);
+  const Pose2d localised = compose(robot.sim.mapToOdom(), robot.sim.drive().odometry());
+  EXPECT_NEAR(localised.x_m, truth.x_m, 1e-9) << "ground truth is the default";
+  // v^2 / 2a less than v t, on an arc: the judge measures the way, the truth its end.
+  EXPECT_NEAR(robot.judged().distance_m, 0.4 * 4.0 - 0.4 * 0.4 / (2 * 2.4), 0.02);
+}
+
+TEST(Simulation, WheelSlipIsNotSeenByOdometry) {
+  Robot robot(configFor("single_brick"));
+  Fault slip = fault(FaultKind::kWheelSlip, 2.0);
+  slip.value = slip.value2 = 0.5;
+  robot.sim.addFault(slip);
+  const Pose2d start = robot.sim.world().basePose();
+  for (int i = 0; i < 200; ++i) {
+    robot.sim.commandBase({0.4, 0.0});
+    robot.step();
+  }
+  const double moved_m = robot.sim.world().basePose().x_m - start.x_m;
+  EXPECT_NEAR(moved_m, 0.5 * robot.sim.drive().odometry().x_m, 0.005);
+  EXPECT_GT(moved_m, 0.3);
+  for (int i = 0; i < 100; ++i) {
+    robot.sim.commandBase({0.4, 0.0});
+    robot.step();
+  }
+  EXPECT_NEAR(robot.sim.world().basePose().x_m - start.x_m - moved_m, 0.4, 0.01) << "the fault is over";
+  EXPECT_TRUE(says(robot.incidents, "fault wheel_slip is over"));
+}
+
+TEST(Simulation, ProtectiveStopEndsTheGoalAndHoldsTheArm) {
+  Robot robot(configFor("single_brick"));
+  ASSERT_TRUE(robot.sendArm(robot.tool.angles(Robot::kReach_m, 0.5), 4.0).accepted);
+  robot.run(1.0);
+  robot.results.clear();
+  robot.sim.addFault(fault(FaultKind::kProtectiveStop));
+  robot.run(1.0);
+  ASSERT_EQ(robot.results.size(), 1U);
+  EXPECT_EQ(robot.results[0].outcome, GoalOutcome::kAborted);
+  const ArmVector held = robot.sim.world().armPosition();
+  robot.run(1.0);
+  EXPECT_LT((robot.sim.world().armPosition() - held).cwiseAbs().maxCoeff(), 1e-4);
+}
+
+TEST(Simulation, EmergencyStopHaltsArmAndBase) {
+  Robot robot(configFor("single_brick"));
+  for (int i = 0; i < 100; ++i) {
+    robot.sim.commandBase({0.4, 0.0});
+    robot.step();
+  }
+  ASSERT_GT(robot.sim.world().baseTwist().linear_m_s, 0.3);
+  robot.sim.addFault(fault(FaultKind::kEmergencyStop, 3.0));
+  robot.run(0.5);
+  EXPECT_FALSE(robot.sim.commandBase({0.4, 0.0}));
+  robot.run(1.0);
+  EXPECT_NEAR(robot.sim.world().baseTwist().linear_m_s, 0.0, 0.01);
+  EXPECT_NE(robot.sim.armDriver().robotMode(), RobotMode::kRunning);
+  robot.run(2.0);
+  EXPECT_TRUE(robot.sim.commandBase({0.4, 0.0})) << "released";
+  EXPECT_TRUE(robot.sim.armDriver().brakeRelease().success);
+  robot.run(4.0);
+  EXPECT_TRUE(robot.sim.armDriver().play().success);
+  robot.run(0.5);
+  EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.5), 3.0).outcome, GoalOutcome::kSucceeded);
+}
+
+TEST(Simulation, DriverGoneRefusesAndComesBack) {
+  Robot robot(configFor("single_brick"));
+  robot.sim.addFault(fault(FaultKind::kDriverGone, 2.0));
+  robot.run(0.5);
+  EXPECT_FALSE(robot.sim.armDriver().robotProgramRunning());
+  EXPECT_FALSE(robot.sendArm(robot.tool.angles(Robot::kReach_m, 0.5), 3.0).accepted);
+  EXPECT_FALSE(robot.magnet(true));
+  robot.run(2.0);
+  EXPECT_TRUE(robot.sim.armDriver().driverConnected());
+}
+
+TEST(Simulation, CameraGoneSendsNothingAndComesBack) {
+  SimulationConfig config = configFor("single_brick");
+  config.camera_rate_hz = 5.0;
+  Robot robot(config);
+  robot.run(1.0);
+  EXPECT_EQ(robot.images.size(), 5U);
+  robot.sim.addFault(fault(FaultKind::kCameraGone, 1.0));
+  robot.images.clear();
+  robot.run(0.9);
+  EXPECT_TRUE(robot.images.empty());
+  EXPECT_FALSE(robot.sim.requestImage());
+  robot.run(1.1);
+  EXPECT_GE(robot.images.size(), 4U);
+}
+
+TEST(Simulation, ImagesComeOnDemandLateAndNotAtAll) {
+  SimulationConfig config = configFor("single_brick");
+  config.camera_delay_s = 0.1;
+  Robot robot(config);
+  robot.run(0.5);
+  EXPECT_TRUE(robot.images.empty());
+  ASSERT_TRUE(robot.sim.requestImage());
+  const std::int64_t asked_ns = robot.sim.nowNs();
+  robot.run(0.1);
+  EXPECT_TRUE(robot.images.empty());
+  robot.run(0.05);
+  ASSERT_EQ(robot.images.size(), 1U);
+  EXPECT_EQ(robot.images[0].stamp_ns, asked_ns + 10000000) << "stamped when it was taken: at the next tick";
+
+  config = configFor("single_brick");
+  config.camera_rate_hz = 20.0;
+  config.camera_drop_probability = 0.5;
+  Robot losing(config);
+  losing.run(5.0);
+  // 100 draws of 0.5: 5 sigma is 25.
+  EXPECT_GT(losing.images.size(), 25U);
+  EXPECT_LT(losing.images.size(), 75U);
+}
+
+TEST(Simulation, WeakMagnetLiftsNothing) {
+  Robot robot(configFor("single_brick"));
+  Fault weak = fault(FaultKind::kMagnetWeak);
+  weak.value = 0.05;
+  robot.sim.addFault(weak);
+  robot.grasp(0);
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.5), 2.0);
+  EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
+  EXPECT_EQ(robot.judged().drops, 0) << "it never left the ground";
+}
+
+TEST(Simulation, LostBrickIsADropAndNoFall) {
+  Robot robot(configFor("single_brick"));
+  robot.grasp(0);
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.6), 2.0);
+  ASSERT_EQ(robot.sim.world().heldBrick(), 0);
+  robot.sim.addFault(fault(FaultKind::kDropBrick));
+  robot.run(3.0);
+  EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
+  EXPECT_EQ(robot.judged().drops, 1);
+  EXPECT_EQ(robot.judged().falls, 0);
+  EXPECT_TRUE(says(robot.incidents, "the magnet lost brick 0"));
+}
+
+TEST(Simulation, BrickMovedBySomebodyIsNoFall) {
+  Robot robot(configFor("single_brick"));
+  robot.moveBrick(0, at({1.0, 1.0, 0.1}, 1.0));
+  EXPECT_EQ(robot.judged().falls, 0);
+  EXPECT_NEAR(robot.sim.world().brick(0)->T_map_brick.translation().x(), 1.0, 0.002);
+  Fault nobody = fault(FaultKind::kMoveBrick);
+  nobody.brick_id = 4;
+  EXPECT_THROW(robot.sim.addFault(nobody), std::invalid_argument);
+}
+
+TEST(Simulation, ScannerSeesTheBrickInFront) {
+  Robot robot(configFor("single_brick"));
+  const Eigen::Vector3d scanner = robot.sim.world().linkPose("lidar_1_link").translation();
+  robot.moveBrick(0, at({scanner.x() + 1.0 + 0.15, scanner.y(), 0.1}));
+  ASSERT_FALSE(robot.scan.empty());
+  const double ahead = robot.scan[robot.scan.size() / 2];
+  EXPECT_NEAR(ahead, 1.0, 0.002) << "the face towards the robot";
+}
+
+// What camera, drawing and world make of the scene against the ray caster that knows none of them.
+TEST(Simulation, RenderedDepthIsTheAnalyticDepth) {
+  Robot robot(configFor("three_pyramid"));
+  // Nearer, so that the pile fills the view.
+  for (int i = 0; i < 300; ++i) {
+    robot.sim.commandBase({0.5, 0.0});
+    robot.step();
+  }
+  robot.run(1.5);
+  ASSERT_TRUE(robot.sim.requestImage());
+  robot.step();
+  ASSERT_EQ(robot.images.size(), 1U);
+  const cv::Mat& seen = robot.images[0].frame.exact_depth_m;
+
+  synthetic_depth::Scene scene;
+  scene.T_map_scene = Eigen::Isometry3d::Identity();
+  scene.camera = robot.sim.config().camera.camera;
+  scene.T_scene_camera = {robot.sim.world().linkPose("camera_depth_optical_frame")};
+  for (const BrickMotion& brick : robot.sim.world().bricks()) {
+    synthetic_depth::Box box;
+    box.id = brick.id;
+    box.T_scene_box = brick.T_map_brick;
+    box.half_extents_m = {0.15, 0.10, 0.10};
+    scene.boxes.push_back(box);
+  }
+  const cv::Mat exact = synthetic_depth::renderDepth(scene, 0);
+  ASSERT_EQ(seen.size(), exact.size());
+  int compared = 0;
+  int wrong = 0;
+  int hidden_by_robot = 0;
+  for (int v = 1; v + 1 < seen.rows; ++v) {
+    for (int u = 1; u + 1 < seen.cols; ++u) {
+      const float truth = exact.at<float>(v, u);
+      const float depth = seen.at<float>(v, u);
+      if (!std::isfinite(truth)) {
+        continue;
+      }
+      if (depth < truth - 0.05F) {
+        ++hidden_by_robot;
+        continue;
+      }
+      // At silhouettes a pixel may fall to either side.
+      bool is_edge = false;
+      for (int dv = -1; dv <= 1; ++dv) {
+        for (int du = -1; du <= 1; ++du) {
+          is_edge |= std::abs(exact.at<float>(v + dv, u + du) - truth) > 0.03F;
+        }
+      }
+      if (!is_edge) {
+        ++compared;
+        wrong += std::abs(depth - truth) > 0.001F ? 1 : 0;  // five times the depth buffer's step at 6 m
+      }
+    }
+  }
+  EXPECT_GT(compared, 200000);
+  EXPECT_LT(wrong, compared / 10000) << "of " << compared;
+  EXPECT_LT(hidden_by_robot, 40000) << "the folded arm in the lower part of the image";
+}
+
+TEST(Simulation, SensorEffectsAreThoseAskedFor) {
+  SimulationConfig config = configFor("three_pyramid");
+  config.camera.sensor.max_range_m = 3.0;
+  config.camera.sensor.min_range_m = 1.0;
+  config.camera.sensor.axial_noise_c_per_m = 0.004;
+  config.camera.sensor.baseline_m = 0.05;
+  config.camera.sensor.has_shadows = true;
+  Robot robot(config);
+  ASSERT_TRUE(robot.sim.requestImage());
+  robot.step();
+  const RgbdCamera::Frame& frame = robot.images.at(0).frame;
+  int far = 0;
+  int near = 0;
+  int none = 0;
+  for (int v = 0; v < frame.depth_m.rows; ++v) {
+    for (int u = 0; u < frame.depth_m.cols; ++u) {
+      const float depth = frame.depth_m.at<float>(v, u);
+      const float exact = frame.exact_depth_m.at<float>(v, u);
+      far += std::isinf(depth) && depth > 0 ? 1 : 0;
+      near += std::isinf(depth) && depth < 0 ? 1 : 0;
+      none += std::isnan(depth) ? 1 : 0;
+      if (std::isfinite(depth)) {
+        // Six sigma of 0.004 z^2.
+        EXPECT_NEAR(depth, exact, 6 * 0.004 * exact * exact);
+      }
+    }
+  }
+  EXPECT_GT(far, 1000) << "ground beyond 3 m";
+  EXPECT_GT(near, 1000) << "the robot's own arm";
+  EXPECT_GT(none, 100) << "behind the arm's edge";
+}
+
+TEST(Simulation, RefusesWhatCannotBe) {
+  SimulationConfig config = configFor("single_brick");
+  config.tick_s = 0.003;
+  config.camera_drop_probability = 2.0;
+  try {
+    const Simulation refused(config);
+    FAIL() << "accepted 1.5 steps per tick";
+  } catch (const std::invalid_argument& error) {
+    const std::string message = error.what();
+    EXPECT_NE(message.find("tick_s = 0.003, must be a whole number of physics steps"), std::string::npos) << message;
+    EXPECT_NE(message.find("camera_drop_probability = 2"), std::string::npos) << message;
+  }
+  config = configFor("no_such_scene");
+  EXPECT_THROW(Simulation{config}, std::invalid_argument);
+  config = configFor("single_brick");
+  config.description.urdf = "nowhere.urdf";
+  EXPECT_THROW(Simulation{config}, std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace simulated_world
