@@ -29,18 +29,18 @@ std::string describe(const std::string& joint, std::size_t point, const std::str
 std::vector<std::size_t> orderOf(const std::vector<std::string>& names, const std::vector<JointLimits>& joints,
                                  std::string* complaint) {
   std::vector<std::size_t> order;
+  const auto complain = [complaint](const std::string& what) { *complaint += (complaint->empty() ? "" : ", ") + what; };
   for (const JointLimits& joint : joints) {
     const auto found = std::find(names.begin(), names.end(), joint.joint);
     if (found == names.end()) {
-      *complaint = "joint " + joint.joint + " is missing";
-      return {};
+      complain("joint " + joint.joint + " is missing");
+    } else {
+      order.push_back(static_cast<std::size_t>(found - names.begin()));
     }
-    order.push_back(static_cast<std::size_t>(found - names.begin()));
   }
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (std::find(order.begin(), order.end(), i) == order.end()) {
-      *complaint = "joint \"" + names[i] + "\" is unknown or named twice";
-      return {};
+      complain("joint \"" + names[i] + "\" is unknown or named twice");
     }
   }
   return order;

@@ -176,7 +176,9 @@ SimulatedWorldRos::~SimulatedWorldRos() {
 
 void SimulatedWorldRos::advertiseDrivers() {
   constexpr std::uint32_t kQueueSize = 50;
-  clock_publisher_ = nh_.advertise<rosgraph_msgs::Clock>("/clock", kQueueSize);
+  // Latched: whoever comes while the clock stands still would wait for a time for ever.
+  constexpr bool kLatched = true;
+  clock_publisher_ = nh_.advertise<rosgraph_msgs::Clock>("/clock", kQueueSize, kLatched);
   odometry_publisher_ = nh_.advertise<nav_msgs::Odometry>("odom", kQueueSize);
   wheels_publisher_ = nh_.advertise<sensor_msgs::JointState>("drives/joint_states", kQueueSize);
   scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("lidar_1/scan", kQueueSize);
@@ -276,8 +278,6 @@ bool SimulatedWorldRos::mayTick() {
     const std::vector<std::string> missing = lockstep_->missing();
     if (!missing.empty()) {
       ROS_INFO_THROTTLE(10.0, "clock: not begun, nobody publishes %s yet", missing.front().c_str());
-      // Others wait for a clock before they advertise.
-      publishClock();
       return wait(kPollPeriod_s);
     }
     has_begun_ = true;

@@ -60,7 +60,7 @@ INSTANTIATE_TEST_SUITE_P(
     Each, TrajectoryGoalRefusal,
     testing::Values(
         Refusal{"UnknownJoint", [](TrajectoryGoal& g) { g.joint_names[0] = "elbow"; }, GoalError::kInvalidJoints,
-                "joint lift is missing"},
+                "joint lift is missing, joint \"elbow\" is unknown"},
         Refusal{"ExtraJoint", [](TrajectoryGoal& g) { g.joint_names.emplace_back("elbow"); }, GoalError::kInvalidJoints,
                 "\"elbow\" is unknown"},
         Refusal{"DoubledJoint", [](TrajectoryGoal& g) { g.joint_names.emplace_back("lift"); },
