@@ -33,7 +33,7 @@ class ConfigCheck {
   }
 
   void include(const std::string& section, const std::vector<std::string>& problems) {
-    for (const std::string& problem : problems) problems_.push_back(section + "/" + problem);
+    for (const std::string& problem : problems) problems_.emplace_back(section + "/").append(problem);
   }
 
   const std::vector<std::string>& problems() const { return problems_; }

@@ -50,8 +50,8 @@ inline std::string dump(const YAML::Node& node) {
 /// so that one run shows all of them.
 class Section {
  public:
-  Section(YAML::Node node, std::string path, std::vector<std::string>& problems)
-      : node_(std::move(node)), path_(std::move(path)), problems_(problems) {
+  Section(const YAML::Node& node, std::string path, std::vector<std::string>& problems)
+      : node_(node), path_(std::move(path)), problems_(problems) {
     if (node_.IsDefined() && !node_.IsNull() && !node_.IsMap()) {
       report("", dump(node_), "a map");
       node_ = YAML::Node();

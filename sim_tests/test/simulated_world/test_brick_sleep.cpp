@@ -20,7 +20,8 @@ namespace {
 /// Settled bricks with a free ball, a plate on a slide that a test may move, and a weld from the plate to brick 0.
 class SleepyWorld {
  public:
-  SleepyWorld(const std::vector<BrickPlacement>& bricks, bool can_sleep) : bricks_(bricks), can_sleep_(can_sleep) {
+  SleepyWorld(const std::vector<BrickPlacement>& bricks, bool can_sleep, const BrickSleepConfig& config = {})
+      : can_sleep_(can_sleep) {
     const PhysicsOptions options;
     std::string mjcf = "<mujoco>" + physicsXml(options) + "<worldbody>" + groundXml(options);
     for (const BrickPlacement& brick : bricks) mjcf += brickXml(brick, options);
@@ -34,7 +35,7 @@ class SleepyWorld {
     data = makeData(*model);
     std::vector<int> ids;
     for (const BrickPlacement& brick : bricks) ids.push_back(brick.id);
-    sleep = std::make_unique<BrickSleep>(*model, ids);
+    sleep = std::make_unique<BrickSleep>(*model, ids, config);
     mj_forward(model.get(), data.get());
   }
 
@@ -67,7 +68,6 @@ class SleepyWorld {
   std::unique_ptr<BrickSleep> sleep;
 
  private:
-  std::vector<BrickPlacement> bricks_;
   bool can_sleep_;
 };
 
@@ -148,6 +148,17 @@ TEST(BrickSleep, OnlyTheGroupThatIsTouchedWakes) {
   EXPECT_TRUE(world.sleep->isAsleep(2));
 }
 
+TEST(BrickSleep, ATouchWakesHoweverLittleItMoves) {
+  BrickSleepConfig config;
+  config.moved_m = 1.0;  // nothing moves that far in a step
+  SleepyWorld world({brickAt(0, {0.0, 0.0, 0.1})}, true, config);
+  world.run(1.0);
+  ASSERT_TRUE(world.sleep->isAsleep(0));
+  world.throwBall({0.0, 0.0, 0.302}, {0.0, 0.0, 0.0});
+  world.run(0.1);
+  EXPECT_FALSE(world.sleep->isAsleep(0));
+}
+
 TEST(BrickSleep, TakingTheLowerBrickAwayBringsTheUpperOneDown) {
   const std::vector<BrickPlacement> bricks = settled("three_pyramid");
   SleepyWorld world(bricks, true);
@@ -160,7 +171,9 @@ TEST(BrickSleep, TakingTheLowerBrickAwayBringsTheUpperOneDown) {
 }
 
 TEST(BrickSleep, TheMagnetWakesWhatItHoldsAndWhatItHoldsNeverSleeps) {
-  SleepyWorld world(settled("two_stacked"), true);
+  BrickSleepConfig config;
+  config.moved_m = 1.0;  // the hold alone, not what it does
+  SleepyWorld world(settled("two_stacked"), true, config);
   world.run(1.0);
   ASSERT_EQ(world.sleep->numAsleep(), 2);
 #if mjVERSION_HEADER >= 300
