@@ -57,6 +57,7 @@ struct WorldConfig {
   BrickSleepConfig sleep;
   MagnetConfig magnet;
   ServoConfig servo;
+  bool has_surroundings{false};  ///< sky, sun and a patterned ground for pictures, which cost drawing time; no physics
 
   std::vector<std::string> validate() const;
 };

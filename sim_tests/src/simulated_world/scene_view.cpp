@@ -40,7 +40,7 @@ std::string surroundingsLightsXml() {
 
 std::string surroundingsVisualXml() {
   return R"(<headlight ambient="0.36 0.37 0.40" diffuse="0.12 0.12 0.12" specular="0 0 0"/>
-<map shadowclip="1"/>
+<map shadowclip="2.5"/>
 )";
 }
 

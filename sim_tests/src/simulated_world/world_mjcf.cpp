@@ -4,6 +4,7 @@
 #include <sstream>
 
 #include "simulated_world/physics_options.h"
+#include "simulated_world/scene_view.h"
 #include "simulated_world/world_observation.h"
 
 namespace simulated_world {
@@ -13,9 +14,17 @@ std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_m
   std::ostringstream xml;
   xml << "<mujoco model=\"pile\">\n"
       << "<compiler angle=\"radian\"/>\n"
-      << physicsXml(config.physics) << "<asset>\n"
+      << physicsXml(config.physics);
+  // What the robot's camera sees is lit from its own place: even, and the cheapest light there is.
+  if (!config.has_surroundings) {
+    xml << "<visual><headlight ambient=\"0.4 0.4 0.4\" diffuse=\"0.45 0.45 0.45\" specular=\"0 0 0\"/></visual>\n";
+  } else {
+    xml << "<visual>\n" << surroundingsVisualXml() << "</visual>\n<asset>\n" << surroundingsAssetsXml() << "</asset>\n";
+  }
+  xml << "<asset>\n"
       << assets_mjcf << "</asset>\n<worldbody>\n"
-      << groundXml(config.physics) << robot_mjcf;
+      << (config.has_surroundings ? surroundingsLightsXml() : "")
+      << groundXml(config.physics, config.has_surroundings ? "material=\"ground\"" : "") << robot_mjcf;
   for (const WorldBrick& brick : bricks) {
     const std::string material = brick.material.empty() ? "" : " material=\"" + brick.material + "\"";
     xml << brickXml(brick.placement, config.physics, "group=\"1\"" + material);
