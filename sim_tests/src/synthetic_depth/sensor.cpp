@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "synthetic_depth/depth_renderer.h"
+#include "synthetic_depth/parallel.h"
 #include "synthetic_depth/seeded_random.h"
 
 namespace synthetic_depth {
@@ -16,18 +17,23 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-/// Draws of one pixel, always taken in this order so that effects do not disturb each other. The normal values of an
-/// effect that is off stay 0, but their draws are used up.
-struct PixelDraws {
-  double jitter_u{0.0}, jitter_v{0.0}, axial{0.0}, edge_chance, edge_weight, dropout_chance;
+/// Which draws an image needs.
+struct NeededDraws {
+  bool jitter, axial, edge, dropout;
+};
 
-  PixelDraws(SeededRandom random, bool needs_jitter, bool needs_axial) {
+/// Draws of one pixel, always taken in this order so that effects do not disturb each other. Those of an effect that is
+/// off are used up and not evaluated: normal values stay 0, and a chance of 1 never comes true.
+struct PixelDraws {
+  double jitter_u{0.0}, jitter_v{0.0}, axial{0.0}, edge_chance{1.0}, edge_weight{0.0}, dropout_chance{1.0};
+
+  PixelDraws(SeededRandom random, const NeededDraws& needed) {
     double spare = 0.0;
-    takeNormalPair(random, needs_jitter, jitter_u, jitter_v);
-    takeNormalPair(random, needs_axial, axial, spare);
-    edge_chance = random.uniform();
-    edge_weight = random.uniform();
-    dropout_chance = random.uniform();
+    takeNormalPair(random, needed.jitter, jitter_u, jitter_v);
+    takeNormalPair(random, needed.axial, axial, spare);
+    takeUniform(random, needed.edge, edge_chance);
+    takeUniform(random, needed.edge, edge_weight);
+    takeUniform(random, needed.dropout, dropout_chance);
   }
 
  private:
@@ -36,6 +42,14 @@ struct PixelDraws {
       random.normalPair(first, second);
     } else {
       random.next();
+      random.next();
+    }
+  }
+
+  static void takeUniform(SeededRandom& random, bool is_needed, double& value) {
+    if (is_needed) {
+      value = random.uniform();
+    } else {
       random.next();
     }
   }
@@ -91,19 +105,21 @@ void requireImage(const char* what, const cv::Mat& image, const CameraModel& cam
 }
 
 /// Everything but the geometry: depthOfRay(u, v) [m] is asked for jittered rays, isShadowed(u, v, ray_u, ray_v, z) for
-/// every pixel with a return.
+/// every pixel with a return; both from several threads. No pixel depends on what another one drew.
 template <typename DepthOfRay, typename IsShadowed>
 cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint64_t seed, std::uint64_t frame,
                 const cv::Mat& exact_depth_m, const DepthOfRay& depthOfRay, const IsShadowed& isShadowed) {
   const bool has_jitter = sensor.lateral_jitter_px > 0.0;
   const bool has_axial_noise =
       sensor.axial_noise_a_m != 0.0 || sensor.axial_noise_b != 0.0 || sensor.axial_noise_c_per_m != 0.0;
+  const NeededDraws needed{has_jitter, has_axial_noise, sensor.edge_mixing_fraction > 0.0,
+                           sensor.dropout_probability > 0.0};
   cv::Mat measured_m(exact_depth_m.size(), CV_32FC1);
-  for (int v = 0; v < measured_m.rows; ++v) {
+  const auto measureRow = [&](int v) {
     for (int u = 0; u < measured_m.cols; ++u) {
       const auto pixel =
           static_cast<std::uint64_t>(v) * static_cast<std::uint64_t>(measured_m.cols) + static_cast<std::uint64_t>(u);
-      const PixelDraws draws(SeededRandom(seed, frame, pixel), has_jitter, has_axial_noise);
+      const PixelDraws draws(SeededRandom(seed, frame, pixel), needed);
 
       double ray_u = u;
       double ray_v = v;
@@ -136,7 +152,12 @@ cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint6
       }
       measured_m.at<float>(v, u) = static_cast<float>(z);
     }
-  }
+  };
+  constexpr int kRowsAtATime = 16;
+  forEachInParallel((measured_m.rows + kRowsAtATime - 1) / kRowsAtATime, [&](int band) {
+    const int end = std::min((band + 1) * kRowsAtATime, measured_m.rows);
+    for (int v = band * kRowsAtATime; v < end; ++v) measureRow(v);
+  });
   return measured_m;
 }
 
