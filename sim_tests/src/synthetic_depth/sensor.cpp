@@ -89,6 +89,13 @@ class RowDraws {
   std::vector<SeededRandom> later_;
 };
 
+/// A draw that is used up if it is not needed, and then stands for a chance that never comes true.
+double uniformIf(bool is_needed, SeededRandom& random) {
+  if (is_needed) return random.uniform();
+  random.next();
+  return 1.0;
+}
+
 /// The one of the four neighbours whose depth differs most from `z`; `z` itself where no jump exceeds the threshold.
 /// The border to "no return" is no edge: there is nothing to mix with.
 double depthAcrossEdge(const cv::Mat& depth_m, int u, int v, double z, double threshold_m) {
@@ -146,6 +153,8 @@ cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint6
   const bool has_jitter = sensor.lateral_jitter_px > 0.0;
   const bool has_axial_noise =
       sensor.axial_noise_a_m != 0.0 || sensor.axial_noise_b != 0.0 || sensor.axial_noise_c_per_m != 0.0;
+  const bool has_edges = sensor.edge_mixing_fraction > 0.0;
+  const bool has_dropouts = sensor.dropout_probability > 0.0;
   const SeededStreams streams(seed, frame);
   cv::Mat measured_m(exact_depth_m.size(), CV_32FC1);
   const auto measureRow = [&](int v, RowDraws& draws) {
@@ -153,9 +162,9 @@ cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint6
     for (int u = 0; u < measured_m.cols; ++u) {
       const auto column = static_cast<std::size_t>(u);
       SeededRandom random = draws.later(column);
-      const double edge_chance = random.uniform();
-      const double edge_weight = random.uniform();
-      const double dropout_chance = random.uniform();
+      const double edge_chance = uniformIf(has_edges, random);
+      const double edge_weight = uniformIf(has_edges, random);
+      const double dropout_chance = uniformIf(has_dropouts, random);
 
       double ray_u = u;
       double ray_v = v;
