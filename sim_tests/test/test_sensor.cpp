@@ -11,6 +11,7 @@
 #include "support/random_scene.h"
 #include "synthetic_depth/depth_renderer.h"
 #include "synthetic_depth/scene_loader.h"
+#include "synthetic_depth/seeded_random.h"
 
 namespace synthetic_depth {
 namespace {
@@ -69,6 +70,28 @@ TEST(Sensor, AxialNoiseHasTheStatedSigmaAtEachDepth) {
     // Five standard errors of mean and of sigma over 76800 pixels.
     EXPECT_NEAR(s.mean, height, 5.0 * sigma / std::sqrt(s.count));
     EXPECT_NEAR(s.sigma, sigma, 5.0 * sigma / std::sqrt(2.0 * s.count));
+  }
+}
+
+TEST(Sensor, DrawsArePairsOfThePixelsOwnStream) {
+  // The slow way, one pixel after another: the first pair is the jitter's, the second one the axial noise's.
+  const int frame = 1;
+  Scene scene = lookDown(2.0, 2);
+  scene.camera = {101, 50, 90.0, 90.0, 50.0, 24.5};  // rows are no multiple of what a thread takes at a time
+  scene.sensor.axial_noise_c_per_m = 0.002;
+  const cv::Mat exact = renderDepth(scene, frame);
+  const cv::Mat measured = applySensor(scene, frame, exact);
+  for (int v = 0; v < exact.rows; ++v) {
+    for (int u = 0; u < exact.cols; ++u) {
+      SeededRandom random(scene.seed, frame, static_cast<std::uint64_t>(v * exact.cols + u));
+      double axial = 0.0;
+      double unused = 0.0;
+      random.normalPair(axial, unused);
+      random.normalPair(axial, unused);
+      const double z = exact.at<float>(v, u);
+      ASSERT_EQ(measured.at<float>(v, u), static_cast<float>(z + axialSigma(scene.sensor, z) * axial))
+          << "at " << u << ", " << v;
+    }
   }
 }
 

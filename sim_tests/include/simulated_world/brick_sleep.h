@@ -34,7 +34,7 @@ class BrickSleep {
   BrickSleep(const mjModel& model, const std::vector<int>& brick_ids, const BrickSleepConfig& config = {});
 
   /// To be called after each mj_step, with the model given above and its data. Writes the bricks' conaffinity in the
-  /// model; of the data, sleeping bricks' qpos, qvel, qacc_warmstart and xfrc_applied.
+  /// model; of the data, sleeping bricks' qpos, qvel, qacc_warmstart and qfrc_applied.
   void update(mjModel& model, mjData& data);
 
   /// Wakes a brick's group; for whoever is about to move a brick and does not want the one step's delay.

@@ -10,6 +10,7 @@
 
 #include <Eigen/Geometry>
 
+#include "simulated_world/cost_meter.h"
 #include "simulated_world/differential_drive.h"
 #include "simulated_world/fault.h"
 #include "simulated_world/judge.h"
@@ -123,6 +124,8 @@ class Simulation {
   int bricksStowed() const { return stowed_; }
   std::uint64_t digest() const { return world_->digest(); }
   const SimulationConfig& config() const { return config_; }
+  /// Of all ticks so far. Surfaces that the judge was shown are not among it.
+  const CostMeter& costs() const { return costs_; }
 
  private:
   void applyFaults(Tick* tick);
@@ -160,6 +163,7 @@ class Simulation {
   std::unique_ptr<RgbdCamera> camera_;
   std::unique_ptr<LaserScanner> scanner_;
   std::unique_ptr<Judge> judge_;
+  CostMeter costs_;
   FaultSchedule faults_;
   synthetic_depth::SeededRandom random_;
   std::vector<BrickRecord> bricks_;

@@ -45,6 +45,7 @@ class SeededRandom {
   }
 
  private:
+  friend class SeededStreams;
   static constexpr std::uint64_t kGamma = 0x9E3779B97F4A7C15ULL;
 
   static std::uint64_t mix(std::uint64_t z) {
@@ -54,6 +55,20 @@ class SeededRandom {
   }
 
   std::uint64_t state_;
+};
+
+/// The streams SeededRandom(seed, a, b) of one seed and one a, made faster.
+class SeededStreams {
+ public:
+  SeededStreams(std::uint64_t seed, std::uint64_t a)
+      : key_(SeededRandom::mix(SeededRandom::mix(seed + SeededRandom::kGamma) ^ (a + SeededRandom::kGamma))) {}
+
+  SeededRandom stream(std::uint64_t b) const {
+    return SeededRandom(SeededRandom::mix(key_ ^ (b + SeededRandom::kGamma)));
+  }
+
+ private:
+  std::uint64_t key_;
 };
 
 }  // namespace synthetic_depth

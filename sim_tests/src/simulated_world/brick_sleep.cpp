@@ -93,7 +93,8 @@ void BrickSleep::sleep(mjModel& model, mjData& data, Brick& brick, int group) {
   for (int axis = 0; axis < 3; ++axis) {
     brick.lift_N[static_cast<std::size_t>(axis)] = -brick.mass_kg * model.opt.gravity[axis];
   }
-  std::copy(brick.lift_N.begin(), brick.lift_N.end(), data.xfrc_applied + 6 * brick.body);
+  // On the joint, whose first three axes are the map's: MuJoCo would project a force on the body onto all joints.
+  std::copy(brick.lift_N.begin(), brick.lift_N.end(), data.qfrc_applied + brick.dof);
   std::fill_n(data.qvel + brick.dof, 6, 0.0);
   std::fill_n(data.qacc_warmstart + brick.dof, 6, 0.0);
 }
@@ -105,8 +106,8 @@ void BrickSleep::wake(mjModel& model, mjData& data, Brick& brick) {
     model.geom_conaffinity[brick.geoms[i]] = brick.conaffinities[i];
   }
   // A force that somebody has put in the place of the lift is theirs.
-  if (std::equal(brick.lift_N.begin(), brick.lift_N.end(), data.xfrc_applied + 6 * brick.body)) {
-    std::fill_n(data.xfrc_applied + 6 * brick.body, 3, 0.0);
+  if (std::equal(brick.lift_N.begin(), brick.lift_N.end(), data.qfrc_applied + brick.dof)) {
+    std::fill_n(data.qfrc_applied + brick.dof, 3, 0.0);
   }
 }
 

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <sstream>
 #include <stdexcept>
+#include <vector>
 
 #include <opencv2/imgproc.hpp>
 
@@ -44,64 +44,76 @@ cv::Mat smoothField(SeededRandom& random, int rows, int columns, int size_px) {
   return field;
 }
 
-/// What is printed at a point of the plate: grey in [0, 1], or nothing where there is no paper.
-std::optional<double> printedGrey(const cv::Mat& cells, double cell_m, const Eigen::Vector2d& p_face) {
-  const int num_cells = cells.cols;
-  const int column = static_cast<int>(std::floor(p_face.x() / cell_m + 0.5 * num_cells));
-  const int row = static_cast<int>(std::floor(-p_face.y() / cell_m + 0.5 * num_cells));
-  if (column < -1 || column > num_cells || row < -1 || row > num_cells) {
-    return std::nullopt;
-  }
-  const bool is_margin = column < 0 || column == num_cells || row < 0 || row == num_cells;
-  return is_margin || cells.at<unsigned char>(row, column) != 0 ? kWhite : kBlack;
-}
+constexpr int kSamples = 4;  // of a texel along each edge
 
-/// Mean colour of a texel from 4 x 4 samples; one if its corners agree, as all borders run along rows or columns.
-template <typename ColourAt>
-Eigen::Vector3d meanOverTexel(int u, int v, const ColourAt& colourAt) {
-  constexpr int kSamples = 4;
-  constexpr double kFirst = 0.5 / kSamples;
-  constexpr double kLast = 1.0 - kFirst;
-  const Eigen::Vector3d first = colourAt(u + kFirst, v + kFirst);
-  if (first == colourAt(u + kLast, v + kFirst) && first == colourAt(u + kFirst, v + kLast) &&
-      first == colourAt(u + kLast, v + kLast)) {
-    return first;
+/// Where a sample lies along one axis of a face. All borders run along rows or columns: the two axes together tell what
+/// is there, and each is looked at once per row or column only.
+struct Place {
+  int cell;  ///< of the tag, -1 and its number of cells being the margin; beyond: kNoPaper
+  bool is_on_plate;
+  bool is_at_edge;  ///< of the face
+
+  bool operator==(const Place& other) const {
+    return cell == other.cell && is_on_plate == other.is_on_plate && is_at_edge == other.is_at_edge;
   }
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (int sample = 0; sample < kSamples * kSamples; ++sample) {
-    sum += colourAt(u + kFirst + static_cast<double>(sample % kSamples) / kSamples,
-                    v + kFirst + static_cast<double>(sample / kSamples) / kSamples);
+};
+constexpr int kNoPaper = -2;
+
+/// Of all samples along an edge that is `size_m` long.
+std::vector<Place> placesAlong(int face_px, double size_m, double cell_m, int num_cells, double plate_edge_m) {
+  constexpr double kEdge_m = 0.003;
+  std::vector<Place> places;
+  for (int i = 0; i < face_px * kSamples; ++i) {
+    const double texel = (i / kSamples) + 0.5 / kSamples + static_cast<double>(i % kSamples) / kSamples;
+    const double p_m = (texel / face_px - 0.5) * size_m;  // in the direction of the texels
+    const int cell = static_cast<int>(std::floor(p_m / cell_m + 0.5 * num_cells));
+    places.push_back({cell < -1 || cell > num_cells ? kNoPaper : cell, std::abs(p_m) < 0.5 * plate_edge_m,
+                      0.5 * size_m - std::abs(p_m) < kEdge_m});
   }
-  return sum / (kSamples * kSamples);
+  return places;
 }
 
 cv::Mat drawFace(const BrickAppearance& brick, std::size_t face, int face_px, SeededRandom random) {
   const Eigen::Vector2d size_m = faceSize(brick.size_m, face);
   const cv::Mat cells = tagCells(brick.family, brick.tag_ids[face]);
   const double cell_m = brick.tag_edge_m / cells.cols;
+  const std::vector<Place> columns = placesAlong(face_px, size_m.x(), cell_m, cells.cols, brick.plate_edge_m);
+  const std::vector<Place> rows = placesAlong(face_px, size_m.y(), cell_m, cells.rows, brick.plate_edge_m);
   const cv::Mat clouds = smoothField(random, 6, 9, face_px);
   const cv::Mat grain = smoothField(random, face_px / 2, face_px / 2, face_px);
   const cv::Mat scratches = smoothField(random, face_px, 5, face_px);
 
-  constexpr double kEdge_m = 0.003;
   cv::Mat image(face_px, face_px, CV_8UC3);
   for (int v = 0; v < face_px; ++v) {
+    const Place* const row = &rows[static_cast<std::size_t>(v * kSamples)];
+    const bool is_row_uniform = row[0] == row[kSamples - 1];
     for (int u = 0; u < face_px; ++u) {
+      const Place* const column = &columns[static_cast<std::size_t>(u * kSamples)];
       const Eigen::Vector3d clay =
           brick.colour_rgb * (1.0 + 0.05 * clouds.at<float>(v, u) + 0.04 * grain.at<float>(v, u));
-      const Eigen::Vector3d steel = Eigen::Vector3d::Constant(kSteel * (1.0 + 0.05 * scratches.at<float>(v, u)));
-      const auto colourAt = [&](double u_px, double v_px) -> Eigen::Vector3d {
-        const Eigen::Vector2d p_face((u_px / face_px - 0.5) * size_m.x(), (0.5 - v_px / face_px) * size_m.y());
-        if (const auto grey = printedGrey(cells, cell_m, p_face)) {
-          return Eigen::Vector3d::Constant(*grey);
+      const double steel = kSteel * (1.0 + 0.05 * scratches.at<float>(v, u));
+      const auto colourAt = [&](const Place& across, const Place& down) -> Eigen::Vector3d {
+        if (across.cell != kNoPaper && down.cell != kNoPaper) {
+          const bool is_margin =
+              across.cell < 0 || across.cell == cells.cols || down.cell < 0 || down.cell == cells.rows;
+          const bool is_white = is_margin || cells.at<unsigned char>(down.cell, across.cell) != 0;
+          return Eigen::Vector3d::Constant(is_white ? kWhite : kBlack);
         }
-        if (p_face.cwiseAbs().maxCoeff() < 0.5 * brick.plate_edge_m) {
-          return steel;
+        if (across.is_on_plate && down.is_on_plate) {
+          return Eigen::Vector3d::Constant(steel);
         }
         // Worn edges, so that bricks can be told apart.
-        return (0.5 * size_m - p_face.cwiseAbs()).minCoeff() < kEdge_m ? Eigen::Vector3d(0.75 * clay) : clay;
+        return across.is_at_edge || down.is_at_edge ? Eigen::Vector3d(0.75 * clay) : clay;
       };
-      const Eigen::Vector3d mean = meanOverTexel(u, v, colourAt);
+      Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+      if (is_row_uniform && column[0] == column[kSamples - 1]) {
+        mean = colourAt(column[0], row[0]);
+      } else {
+        for (int sample = 0; sample < kSamples * kSamples; ++sample) {
+          mean += colourAt(column[sample % kSamples], row[sample / kSamples]);
+        }
+        mean /= kSamples * kSamples;
+      }
       image.at<cv::Vec3b>(v, u) = {cv::saturate_cast<unsigned char>(255.0 * mean.x()),
                                    cv::saturate_cast<unsigned char>(255.0 * mean.y()),
                                    cv::saturate_cast<unsigned char>(255.0 * mean.z())};

@@ -74,12 +74,15 @@ std::vector<JudgeEvent> FallMonitor::observe(const WorldObservation& observation
     if (known == bricks_.end()) {
       brick.reference = observed.T_map_brick;
     }
+    // Who was at rest and has not stirred since still is: the window only loses poses. Most bricks sleep, at most times.
+    const bool stays_at_rest = brick.is_resting && !brick.recent.empty() &&
+                               brick.recent.back().T_map_brick.matrix() == observed.T_map_brick.matrix();
     brick.recent.push_back({observation.time_s, observed.T_map_brick});
     // The oldest pose kept is the last one outside of the window, so that the whole window is covered.
     while (brick.recent.size() > 2 && brick.recent[1].time_s <= observation.time_s - config_.rest_window_s) {
       brick.recent.pop_front();
     }
-    brick.is_resting = isResting(brick);
+    brick.is_resting = stays_at_rest || isResting(brick);
 
     JudgeEvent event;
     event.time_s = observation.time_s;

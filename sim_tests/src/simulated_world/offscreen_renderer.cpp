@@ -150,21 +150,33 @@ class OffscreenRenderer::Context {
     mjr_render(viewport, &scene_, &context_);
   }
 
-  /// Colours and window depth (0 at the near plane, 1 at the far one) of what was drawn last.
-  void read(const mjrRect& viewport, cv::Mat* rgb, cv::Mat* window_depth) {
+  /// Colours and depth [m] of what was drawn last.
+  void read(const mjrRect& viewport, const RenderOptions& options, cv::Mat* rgb, cv::Mat* depth_m) {
     if (rgb != nullptr) {
       rgb_upwards_.create(viewport.height, viewport.width, CV_8UC3);
     }
-    if (window_depth != nullptr) {
-      depth_upwards_.create(viewport.height, viewport.width, CV_32FC1);
+    if (depth_m != nullptr) {
+      window_depth_upwards_.create(viewport.height, viewport.width, CV_32FC1);
     }
     mjr_readPixels(rgb != nullptr ? rgb_upwards_.data : nullptr,
-                   window_depth != nullptr ? depth_upwards_.ptr<float>() : nullptr, viewport, &context_);
+                   depth_m != nullptr ? window_depth_upwards_.ptr<float>() : nullptr, viewport, &context_);
     if (rgb != nullptr) {
       cv::flip(rgb_upwards_, *rgb, 0);
     }
-    if (window_depth != nullptr) {
-      cv::flip(depth_upwards_, *window_depth, 0);
+    if (depth_m != nullptr) {
+      depth_m->create(viewport.height, viewport.width, CV_32FC1);
+      // Window depth (0 at the near plane, 1 at the far one) of a perspective projection solved for z; in double, because
+      // 1 - d loses the bits that matter.
+      const double slope = 1.0 - options.near_m / options.far_m;
+      for (int v = 0; v < depth_m->rows; ++v) {
+        const float* const from = window_depth_upwards_.ptr<float>(depth_m->rows - 1 - v);
+        float* const to = depth_m->ptr<float>(v);
+        for (int u = 0; u < depth_m->cols; ++u) {
+          const double d = from[u];
+          to[u] =
+              d < 1.0 ? static_cast<float>(options.near_m / (1.0 - d * slope)) : std::numeric_limits<float>::infinity();
+        }
+      }
     }
   }
 
@@ -180,7 +192,7 @@ class OffscreenRenderer::Context {
   mjrContext context_{};
   mjvScene scene_{};
   cv::Mat rgb_upwards_;  // OpenGL's rows begin at the bottom; kept to save the system's zeroing of new pages
-  cv::Mat depth_upwards_;
+  cv::Mat window_depth_upwards_;
 };
 
 OffscreenRenderer::OffscreenRenderer(const mjModel& model, const RendererConfig& config)
@@ -209,19 +221,7 @@ void OffscreenRenderer::render(const mjData& data, const Eigen::Isometry3d& T_wo
 
   const mjrRect viewport{0, 0, camera.width_px, camera.height_px};
   context_->draw(model_, data, toGlCamera(T_world_camera, camera, options), viewport, options);
-  context_->read(viewport, rgb, depth_m);
-  if (depth_m != nullptr) {
-    // Window depth of a perspective projection solved for z; in double, because 1 - d loses the bits that matter.
-    const double slope = 1.0 - options.near_m / options.far_m;
-    for (int v = 0; v < depth_m->rows; ++v) {
-      float* const row = depth_m->ptr<float>(v);
-      for (int u = 0; u < depth_m->cols; ++u) {
-        const double d = row[u];
-        row[u] =
-            d < 1.0 ? static_cast<float>(options.near_m / (1.0 - d * slope)) : std::numeric_limits<float>::infinity();
-      }
-    }
-  }
+  context_->read(viewport, options, rgb, depth_m);
 }
 
 }  // namespace simulated_world

@@ -15,6 +15,7 @@
 #include "simulated_world/brick_texture.h"
 #include "simulated_world/robot_mjcf.h"
 #include "simulated_world/settle.h"
+#include "synthetic_depth/parallel.h"
 
 namespace simulated_world {
 namespace {
@@ -142,7 +143,9 @@ Simulation::Simulation(const SimulationConfig& config)
   robot_options.camera_fovy_rad = 2.0 * std::atan(0.5 * config.camera.camera.height_px / config.camera.camera.fy_px);
   const Pose2d start{scene_.robot_start.xy_m.x(), scene_.robot_start.xy_m.y(), scene_.robot_start.yaw_rad};
   world_ = std::make_unique<World>(robotMjcf(*robot, robot_options), assets, bricks, start, arm_start, world_config);
-  for (const BrickPlacement& placement : scene_.bricks) {
+  // Each into a place of its own, from a seed of its own: the result is the same on any number of processors.
+  synthetic_depth::forEachInParallel(static_cast<int>(scene_.bricks.size()), [&](int i) {
+    const BrickPlacement& placement = scene_.bricks[static_cast<std::size_t>(i)];
     const description::BrickType& type = catalogue.type(placement.type.name);
     BrickAppearance look;
     look.size_m = type.size_m;
@@ -155,7 +158,7 @@ Simulation::Simulation(const SimulationConfig& config)
     }
     uploadBrickTexture(world_->mutableModel(), brickBodyName(placement.id),
                        drawBrickFaces(look, kBrickFace_px, config.seed + static_cast<std::uint64_t>(placement.id)));
-  }
+  });
 
   DifferentialDriveConfig drive;
   drive.wheel_radius_m = profile.drive.wheel_radius_m;
@@ -242,13 +245,16 @@ bool Simulation::isDue(double rate_hz) const {
 Simulation::Tick Simulation::tick() {
   Tick tick;
   applyFaults(&tick);
-  for (int step = 0; step < steps_per_tick_; ++step) {
-    stepPhysics(now() + step * config_.world.physics.timestep_s, &tick);
+  {
+    const CostMeter::Scope cost(costs_, SimulationPart::kPhysics);
+    for (int step = 0; step < steps_per_tick_; ++step) {
+      stepPhysics(now() + step * config_.world.physics.timestep_s, &tick);
+    }
+    now_ns_ += tick_ns_;
+    tick.stamp_ns = now_ns_;
+    world_->refreshPoses();
+    stowBricks(&tick);
   }
-  now_ns_ += tick_ns_;
-  tick.stamp_ns = now_ns_;
-  world_->refreshPoses();
-  stowBricks(&tick);
   observe(&tick);
 
   tick.has_joint_states = isDue(config_.joint_state_rate_hz);
@@ -265,6 +271,7 @@ Simulation::Tick Simulation::tick() {
     map_to_odom_ = compose(seen, inverse(drive_->odometry()));
   }
   if (isDue(scan_rate_hz_)) {
+    const CostMeter::Scope cost(costs_, SimulationPart::kScanner);
     tick.scan = scanner_->scan(world_->data(), ++scan_number_);
   }
   takeImages(&tick);
@@ -421,6 +428,7 @@ bool Simulation::requestImage() {
 }
 
 void Simulation::takeImages(Tick* tick) {
+  const CostMeter::Scope cost(costs_, SimulationPart::kCamera);
   const bool is_wanted = image_wanted_;
   image_wanted_ = false;
   if (!camera_gone_ && (is_wanted || isDue(config_.camera_rate_hz))) {
@@ -449,6 +457,7 @@ ToolWrench Simulation::wrench() const {
 }
 
 void Simulation::observe(Tick* tick) {
+  const CostMeter::Scope cost(costs_, SimulationPart::kJudge);
   WorldObservation seen;
   seen.time_s = now();
   const std::vector<BrickMotion> motions = world_->bricks();

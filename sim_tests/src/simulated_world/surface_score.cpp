@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <stdexcept>
 
 #include <Eigen/Geometry>
@@ -181,15 +182,16 @@ std::optional<double> surfacePrecision(const StrategySurface& surface, const std
   const double min_z_m = ground_height_m + config.min_height_m;
   double total = 0.0;
   double right = 0.0;
-  const auto judge = [&](const Eigen::Vector3d& p, double weight) {
+  const auto judge = [&](const Eigen::Vector3d& p, double weight, const std::vector<PileBrick>& candidates) {
     if (p.z() > min_z_m && region.contains(p.head<2>())) {
       total += weight;
-      right += isRight(p, bricks, config.tolerance_m) ? weight : 0.0;
+      right += isRight(p, candidates, config.tolerance_m) ? weight : 0.0;
     }
   };
   if (surface.triangles.empty()) {
-    for (const Eigen::Vector3d& p : surface.points_map) judge(p, 1.0);
+    for (const Eigen::Vector3d& p : surface.points_map) judge(p, 1.0, bricks);
   }
+  std::vector<PileBrick> near;  // bricks that any point of the triangle may be right by
   for (const auto& [ia, ib, ic] : surface.triangles) {
     const Eigen::Vector3d& a = surface.points_map[ia];
     const Eigen::Vector3d& b = surface.points_map[ib];
@@ -203,12 +205,18 @@ std::optional<double> surfacePrecision(const StrategySurface& surface, const std
     // Cut into n x n equal triangles, each judged at its centre.
     const double longest_m = std::sqrt(std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()}));
     const int n = std::clamp(static_cast<int>(std::ceil(longest_m / config.patch_size_m)), 1, kMaxCuts);
+    const Eigen::Vector3d center = (a + b + c) / 3.0;
+    near.clear();
+    std::copy_if(bricks.begin(), bricks.end(), std::back_inserter(near), [&](const PileBrick& brick) {
+      const double reach_m = 0.5 * brick.size_m.norm() + config.tolerance_m + longest_m;
+      return (center - brick.T_map_brick.translation()).squaredNorm() <= reach_m * reach_m;
+    });
     const double patch_area_m2 = 0.5 * (b - a).cross(c - a).norm() / (n * n);
     for (int i = 0; i < n; ++i) {
       for (int j = 0; j < n - i; ++j) {
-        judge(a + (b - a) * ((i + 1.0 / 3.0) / n) + (c - a) * ((j + 1.0 / 3.0) / n), patch_area_m2);
+        judge(a + (b - a) * ((i + 1.0 / 3.0) / n) + (c - a) * ((j + 1.0 / 3.0) / n), patch_area_m2, near);
         if (j < n - i - 1) {
-          judge(a + (b - a) * ((i + 2.0 / 3.0) / n) + (c - a) * ((j + 2.0 / 3.0) / n), patch_area_m2);
+          judge(a + (b - a) * ((i + 2.0 / 3.0) / n) + (c - a) * ((j + 2.0 / 3.0) / n), patch_area_m2, near);
         }
       }
     }

@@ -6,8 +6,10 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <vector>
 
 #include "synthetic_depth/depth_renderer.h"
+#include "synthetic_depth/parallel.h"
 #include "synthetic_depth/seeded_random.h"
 
 namespace synthetic_depth {
@@ -16,30 +18,83 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-/// Draws of one pixel, always taken in this order so that effects do not disturb each other. The normal values of an
-/// effect that is off stay 0, but their draws are used up.
-struct PixelDraws {
-  double jitter_u{0.0}, jitter_v{0.0}, axial{0.0}, edge_chance, edge_weight, dropout_chance;
+/// Which of the normal values an image needs.
+struct NeededDraws {
+  bool jitter, axial;
+};
 
-  PixelDraws(SeededRandom random, bool needs_jitter, bool needs_axial) {
-    double spare = 0.0;
-    takeNormalPair(random, needs_jitter, jitter_u, jitter_v);
-    takeNormalPair(random, needs_axial, axial, spare);
-    edge_chance = random.uniform();
-    edge_weight = random.uniform();
-    dropout_chance = random.uniform();
+/// Standard normal pairs as SeededRandom::normalPair() makes them, bit for bit, for many generators at once: step by step
+/// for all of them, so that the processor works at several logarithms, and then cosines, at the same time.
+class NormalPairs {
+ public:
+  explicit NormalPairs(std::size_t count) : radius_(count), angle_(count) {}
+
+  void take(std::size_t i, SeededRandom& random) {
+    radius_[i] = 1.0 - random.uniform();
+    angle_[i] = 2.0 * 3.14159265358979323846 * random.uniform();
   }
+  /// After take() of all.
+  void evaluate() {
+    for (double& radius : radius_) radius = std::log(radius);
+    for (double& radius : radius_) radius = std::sqrt(-2.0 * radius);
+  }
+  double first(std::size_t i) const { return radius_[i] * std::cos(angle_[i]); }
+  double second(std::size_t i) const { return radius_[i] * std::sin(angle_[i]); }
 
  private:
-  static void takeNormalPair(SeededRandom& random, bool is_needed, double& first, double& second) {
+  std::vector<double> radius_;
+  std::vector<double> angle_;
+};
+
+/// Draws of a row of pixels. Each pixel's are taken from a stream of its own, always in this order, so that effects do
+/// not disturb each other. Those of an effect that is off are used up and not evaluated.
+class RowDraws {
+ public:
+  RowDraws(std::size_t width, const NeededDraws& needed)
+      : needed_(needed),
+        jitter_(needed.jitter ? width : 0),
+        axial_(needed.axial ? width : 0),
+        later_(width, SeededRandom(0)) {}
+
+  void draw(const SeededStreams& streams, std::uint64_t first_pixel) {
+    for (std::size_t u = 0; u < later_.size(); ++u) {
+      SeededRandom random = streams.stream(first_pixel + u);
+      takePair(jitter_, needed_.jitter, u, random);
+      takePair(axial_, needed_.axial, u, random);
+      later_[u] = random;
+    }
+    jitter_.evaluate();
+    axial_.evaluate();
+  }
+
+  double jitterU(std::size_t u) const { return jitter_.first(u); }
+  double jitterV(std::size_t u) const { return jitter_.second(u); }
+  double axial(std::size_t u) const { return needed_.axial ? axial_.first(u) : 0.0; }
+  /// The pixel's stream from here on: chance of an edge, its weight, chance of a dropout.
+  SeededRandom later(std::size_t u) const { return later_[u]; }
+
+ private:
+  static void takePair(NormalPairs& pairs, bool is_needed, std::size_t u, SeededRandom& random) {
     if (is_needed) {
-      random.normalPair(first, second);
+      pairs.take(u, random);
     } else {
       random.next();
       random.next();
     }
   }
+
+  NeededDraws needed_;
+  NormalPairs jitter_;
+  NormalPairs axial_;
+  std::vector<SeededRandom> later_;
 };
+
+/// A draw that is used up if it is not needed, and then stands for a chance that never comes true.
+double uniformIf(bool is_needed, SeededRandom& random) {
+  if (is_needed) return random.uniform();
+  random.next();
+  return 1.0;
+}
 
 /// The one of the four neighbours whose depth differs most from `z`; `z` itself where no jump exceeds the threshold.
 /// The border to "no return" is no edge: there is nothing to mix with.
@@ -91,35 +146,41 @@ void requireImage(const char* what, const cv::Mat& image, const CameraModel& cam
 }
 
 /// Everything but the geometry: depthOfRay(u, v) [m] is asked for jittered rays, isShadowed(u, v, ray_u, ray_v, z) for
-/// every pixel with a return.
+/// every pixel with a return; both from several threads. No pixel depends on what another one drew.
 template <typename DepthOfRay, typename IsShadowed>
 cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint64_t seed, std::uint64_t frame,
                 const cv::Mat& exact_depth_m, const DepthOfRay& depthOfRay, const IsShadowed& isShadowed) {
   const bool has_jitter = sensor.lateral_jitter_px > 0.0;
   const bool has_axial_noise =
       sensor.axial_noise_a_m != 0.0 || sensor.axial_noise_b != 0.0 || sensor.axial_noise_c_per_m != 0.0;
+  const bool has_edges = sensor.edge_mixing_fraction > 0.0;
+  const bool has_dropouts = sensor.dropout_probability > 0.0;
+  const SeededStreams streams(seed, frame);
   cv::Mat measured_m(exact_depth_m.size(), CV_32FC1);
-  for (int v = 0; v < measured_m.rows; ++v) {
+  const auto measureRow = [&](int v, RowDraws& draws) {
+    draws.draw(streams, static_cast<std::uint64_t>(v) * static_cast<std::uint64_t>(measured_m.cols));
     for (int u = 0; u < measured_m.cols; ++u) {
-      const auto pixel =
-          static_cast<std::uint64_t>(v) * static_cast<std::uint64_t>(measured_m.cols) + static_cast<std::uint64_t>(u);
-      const PixelDraws draws(SeededRandom(seed, frame, pixel), has_jitter, has_axial_noise);
+      const auto column = static_cast<std::size_t>(u);
+      SeededRandom random = draws.later(column);
+      const double edge_chance = uniformIf(has_edges, random);
+      const double edge_weight = uniformIf(has_edges, random);
+      const double dropout_chance = uniformIf(has_dropouts, random);
 
       double ray_u = u;
       double ray_v = v;
       double z = exact_depth_m.at<float>(v, u);
       if (has_jitter) {
-        ray_u += sensor.lateral_jitter_px * draws.jitter_u;
-        ray_v += sensor.lateral_jitter_px * draws.jitter_v;
+        ray_u += sensor.lateral_jitter_px * draws.jitterU(column);
+        ray_v += sensor.lateral_jitter_px * draws.jitterV(column);
         z = depthOfRay(ray_u, ray_v);
       }
 
       if (std::isfinite(z)) {
         const bool is_shadowed = isShadowed(u, v, ray_u, ray_v, z);
-        if (draws.edge_chance < sensor.edge_mixing_fraction) {
-          z += draws.edge_weight * (depthAcrossEdge(exact_depth_m, u, v, z, sensor.edge_threshold_m) - z);
+        if (edge_chance < sensor.edge_mixing_fraction) {
+          z += edge_weight * (depthAcrossEdge(exact_depth_m, u, v, z, sensor.edge_threshold_m) - z);
         }
-        z += axialSigma(sensor, z) * draws.axial;
+        z += axialSigma(sensor, z) * draws.axial(column);
         if (sensor.disparity_step_px > 0.0 && z > 0.0) {
           const double fx_baseline = camera.fx_px * sensor.baseline_m;
           const double disparity_px = std::round(fx_baseline / z / sensor.disparity_step_px) * sensor.disparity_step_px;
@@ -130,13 +191,19 @@ cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint6
         } else if (z > sensor.max_range_m) {
           z = kInfinity;
         }
-        if (is_shadowed || draws.dropout_chance < sensor.dropout_probability) {
+        if (is_shadowed || dropout_chance < sensor.dropout_probability) {
           z = kNaN;
         }
       }
       measured_m.at<float>(v, u) = static_cast<float>(z);
     }
-  }
+  };
+  constexpr int kRowsAtATime = 16;
+  forEachInParallel((measured_m.rows + kRowsAtATime - 1) / kRowsAtATime, [&](int band) {
+    RowDraws draws(static_cast<std::size_t>(measured_m.cols), {has_jitter, has_axial_noise});
+    const int end = std::min((band + 1) * kRowsAtATime, measured_m.rows);
+    for (int v = band * kRowsAtATime; v < end; ++v) measureRow(v, draws);
+  });
   return measured_m;
 }
 
