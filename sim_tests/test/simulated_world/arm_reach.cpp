@@ -41,6 +41,7 @@ KDL::Frame toKdl(const Eigen::Isometry3d& T) {
 // Tip frames on a grasp, turned about the tool's axis.
 std::vector<Eigen::Isometry3d> tipPoses(const Grasp& grasp) {
   std::vector<Eigen::Isometry3d> result;
+  result.reserve(kToolTurns);
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   T.translation() = grasp.point_map;
   T.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), -grasp.normal_map).toRotationMatrix();
@@ -157,6 +158,7 @@ std::vector<Pose2d> ArmReach::standingPoses(const BrickPlacement& brick) const {
   }
   std::sort(poses.begin(), poses.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<Pose2d> result;
+  result.reserve(poses.size());
   for (const auto& pose : poses) result.push_back(pose.second);
   return result;
 }
@@ -183,7 +185,8 @@ std::set<std::string> ArmReach::collisions(const Reach& reach, int target_id) {
     std::string a = body(data_->contact[i].geom1);
     std::string b = body(data_->contact[i].geom2);
     if (b < a) std::swap(a, b);
-    if (a != brickBodyName(target_id) || b != mp700_ur5e_description::kMagnetLink) result.insert(a + " - " + b);
+    if (a != brickBodyName(target_id) || b != mp700_ur5e_description::kMagnetLink)
+      result.insert(a.append(" - ").append(b));
   }
   return result;
 }

@@ -98,6 +98,7 @@ class ArmReach {
 
   static std::vector<WorldBrick> worldBricks(const std::vector<BrickPlacement>& bricks) {
     std::vector<WorldBrick> result;
+    result.reserve(bricks.size());
     for (const BrickPlacement& brick : bricks) {
       WorldBrick world_brick;
       world_brick.placement = brick;
