@@ -181,7 +181,10 @@ Simulation::Simulation(const SimulationConfig& config)
 
   RgbdCameraConfig camera = config.camera;
   camera.seed = config.seed;
-  renderer_ = std::make_unique<OffscreenRenderer>(world_->model());
+  RendererConfig renderer;
+  renderer.max_width_px = camera.camera.width_px;
+  renderer.max_height_px = camera.camera.height_px;
+  renderer_ = std::make_unique<OffscreenRenderer>(world_->model(), renderer);
   camera_ = std::make_unique<RgbdCamera>(*renderer_, "rgbd", camera);
 
   LaserScannerConfig scanner;

@@ -506,7 +506,7 @@ void World::updateMagnet() {
     const Eigen::Vector3d axis = R_tip.col(2);
     const MagnetConfig& magnet = config_.magnet;
     // Disc on plate: pull left over after the load carries shear and twist by friction and tilting over the rim.
-    const double pull_N = magnet.holding_force_N * magnet_strength_ + axis.dot(force);
+    const double pull_N = magnet.holding_force_N * magnet_strength_ * hold_factor_ + axis.dot(force);
     const double shear_N = (force - axis.dot(force) * axis).norm();
     const double tilt_Nm = (moment - axis.dot(moment) * axis).norm();
     const double twist_Nm = std::abs(axis.dot(moment));
@@ -532,6 +532,7 @@ void World::updateMagnet() {
     }
   }
   if (held_ >= 0) {
+    hold_factor_ = best;
     setWeld(true);
   }
 }

@@ -15,7 +15,9 @@ struct Family {
   int num_ids;
   int border_cells;
 };
-constexpr std::array<Family, 1> kFamilies = {{{"tag36h11", 587, 8}}};
+// Names, number of ids, cells along the black border: of the AprilTag library, and of OpenCV's ArUco dictionaries.
+constexpr std::array<Family, 4> kFamilies = {
+    {{"tag36h11", 587, 8}, {"DICT_4X4_1000", 1000, 6}, {"DICT_5X5_1000", 1000, 7}, {"DICT_6X6_1000", 1000, 8}}};
 
 const Family* findFamily(const std::string& name) {
   for (const Family& family : kFamilies) {

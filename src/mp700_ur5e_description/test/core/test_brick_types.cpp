@@ -132,6 +132,12 @@ TEST(BrickTypes, RefusesUnknownMissingAndMistypedKeys) {
   EXPECT_NE(refusal("types: []\ntags: 5").find("types = [], must be a list of at least one map"), std::string::npos);
 }
 
+TEST(BrickTypes, KnowsArucoToo) {
+  const BrickCatalogue catalogue = parseBrickTypes(changed("tag36h11", "DICT_5X5_1000"), "text");
+  EXPECT_EQ(catalogue.maxBricks(), 1000 / 6);
+  EXPECT_NEAR(catalogue.tags.cellEdge(), 0.12 / 7, 1e-12);
+}
+
 TEST(BrickTypes, RefusesImpossibleValues) {
   EXPECT_NE(
       refusal(changed("mass_kg: 1.0", "mass_kg: 0")).find("types[0]/mass_kg = 0, must be a number in (0, 100] kg"),
