@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plot and table of what scripts/bench measured; can also put the table into a document.
 
-The document keeps its text; what stands between `<!-- bench: begin -->` and `<!-- bench: end -->` is replaced.
+The document keeps its text; what stands between `<!-- bench: begin -->` and `<!-- bench: end -->` is replaced, and the
+table of the simulated world between `<!-- world: begin -->` and `<!-- world: end -->`.
 """
 
 import argparse
@@ -18,7 +19,7 @@ import matplotlib.pyplot as plt
 STAGES = ("classify", "regress", "fuse", "observe", "insert", "train", "publish")
 STAGE_COLOURS = ("#3b6a8f", "#6ea6ab", "#8fbf7f", "#c8c8c8", "#dccb6e", "#e0914f", "#b9474b")
 BUSY_LOAD = 0.5
-BEGIN, END = "<!-- bench: begin -->", "<!-- bench: end -->"
+WORLD_PARTS = ("physics", "camera", "scanner", "judge")
 CORE_LABELS = (
     ("BM_CellGpTrain/100", "train a cell, 100 points"),
     ("BM_CellGpMean/100", "posterior mean at one point, 100 points"),
@@ -208,12 +209,40 @@ def table(result, core, machine):
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def replace_between_marks(path, text):
+def wall_and_processor(cost):
+    """Milliseconds."""
+    return f"{1e3 * cost['wall_s']:.0f} ({1e3 * cost['processor_s']:.0f})"
+
+
+def world_rows(result):
+    yield ("ms per simulated second: wall (processors)", "times real time", "all", *WORLD_PARTS)
+    for case in result["cases"].values():
+        yield (case["title"], f"{case['real_time_factor']:.1f}", wall_and_processor(case["total"]), *(wall_and_processor(case["parts"][part]) for part in WORLD_PARTS))
+
+
+def world_table(result, machine):
+    facts, judge = result["machine"], result["judge_surface"]
+    built = [case["construction"] for case in result["cases"].values()]
+    bricks = max(case["bricks"] for case in result["cases"].values())
+    parts = [
+        f"Measured {machine.get('date', 'at an unknown date')} on {facts['processor']}, {facts['cores']} cores; {facts['build_type']}; "
+        f"load {facts['load_at_start']:.2f} at the start; commit {machine.get('commit', 'unknown')}. {bricks} bricks, camera at {result['camera_rate_hz']:g} Hz; "
+        f"medians of {result['repeat']} runs of {result['simulated_s']:g} simulated seconds.",
+        "The machine was **not at rest**: times on the wall are too long, processor times are the ones to compare." if facts["load_at_start"] >= BUSY_LOAD else "",
+        markdown(world_rows(result)),
+        f"Before the first tick the pile is dropped and textures are drawn: {min(cost['wall_s'] for cost in built):.1f} s ({min(cost['processor_s'] for cost in built):.1f} s of the processors). "
+        f"The judge takes {wall_and_processor(judge['first'])} ms for the first surface of {judge['triangles']} triangles, {wall_and_processor(judge['later'])} ms for later ones.",
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def replace_between_marks(path, name, text):
+    begin_mark, end_mark = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     content = path.read_text(encoding="utf-8")
-    begin, end = content.find(BEGIN), content.find(END)
+    begin, end = content.find(begin_mark), content.find(end_mark)
     if begin < 0 or end < begin:
-        raise ResultError(f"{path}: the marks {BEGIN} and {END} are missing")
-    path.write_text(content[:begin + len(BEGIN)] + "\n" + text + content[end:], encoding="utf-8")
+        raise ResultError(f"{path}: the marks {begin_mark} and {end_mark} are missing")
+    path.write_text(content[:begin + len(begin_mark)] + "\n" + text + content[end:], encoding="utf-8")
 
 
 def main():
@@ -225,7 +254,7 @@ def main():
     arguments = parser.parse_args()
     try:
         result = read_json(arguments.folder / "bench_map_vs_octomap.json")
-        core_path = arguments.folder / "bench_core.json"
+        core_path, world_path = (arguments.folder / name for name in ("bench_core.json", "bench_world.json"))
         text = table(result, read_json(core_path) if core_path.is_file() else None, read_machine(arguments.folder))
         if arguments.plot:
             plot(result, arguments.plot)
@@ -234,7 +263,9 @@ def main():
             arguments.table.write_text(text, encoding="utf-8")
             print(arguments.table)
         if arguments.document:
-            replace_between_marks(arguments.document, text)
+            replace_between_marks(arguments.document, "bench", text)
+            if world_path.is_file():
+                replace_between_marks(arguments.document, "world", world_table(read_json(world_path), read_machine(arguments.folder)))
             print(arguments.document)
     except ResultError as error:
         print(f"plot_bench: {error}", file=sys.stderr)

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "egl_context.h"
 
-#include <mutex>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -19,7 +18,7 @@ namespace {
   throw std::runtime_error(message.str());
 }
 
-std::shared_ptr<void> openDisplay() {
+EGLDisplay openDisplay() {
   const auto getPlatformDisplay =
       reinterpret_cast<PFNEGLGETPLATFORMDISPLAYEXTPROC>(eglGetProcAddress("eglGetPlatformDisplayEXT"));
   if (getPlatformDisplay == nullptr) {
@@ -32,18 +31,13 @@ std::shared_ptr<void> openDisplay() {
   if (eglInitialize(display, nullptr, nullptr) != EGL_TRUE) {
     fail("eglInitialize");
   }
-  return {display, [](void* handle) { eglTerminate(handle); }};
+  return display;
 }
 
-std::shared_ptr<void> sharedDisplay() {
-  static std::mutex mutex;  // guards opened
-  static std::weak_ptr<void> opened;
-  const std::lock_guard<std::mutex> lock(mutex);
-  std::shared_ptr<void> display = opened.lock();
-  if (!display) {
-    display = openDisplay();
-    opened = display;
-  }
+/// Open until the process ends: the graphics driver forgets to free some memory each time it is unloaded, and to load it
+/// again takes longer than to make a context.
+EGLDisplay sharedDisplay() {
+  static const EGLDisplay display = openDisplay();
   return display;
 }
 
@@ -69,29 +63,29 @@ EglContext::EglContext() : display_(sharedDisplay()), context_(EGL_NO_CONTEXT), 
                                EGL_NONE};
   EGLConfig config = nullptr;
   EGLint num_configs = 0;
-  if (eglChooseConfig(display_.get(), attributes, &config, 1, &num_configs) != EGL_TRUE || num_configs < 1) {
+  if (eglChooseConfig(display_, attributes, &config, 1, &num_configs) != EGL_TRUE || num_configs < 1) {
     fail("eglChooseConfig");
   }
   if (eglBindAPI(EGL_OPENGL_API) != EGL_TRUE) {
     fail("eglBindAPI(EGL_OPENGL_API)");
   }
-  context_ = eglCreateContext(display_.get(), config, EGL_NO_CONTEXT, nullptr);
+  context_ = eglCreateContext(display_, config, EGL_NO_CONTEXT, nullptr);
   if (context_ == EGL_NO_CONTEXT) {
     fail("eglCreateContext");
   }
   try {
     makeCurrent();
   } catch (...) {
-    eglDestroyContext(display_.get(), context_);
+    eglDestroyContext(display_, context_);
     throw;
   }
 }
 
 EglContext::~EglContext() {
   if (eglGetCurrentContext() == context_) {
-    eglMakeCurrent(display_.get(), EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
   }
-  eglDestroyContext(display_.get(), context_);
+  eglDestroyContext(display_, context_);
 }
 
 void EglContext::makeCurrent() {
@@ -99,7 +93,7 @@ void EglContext::makeCurrent() {
     throw std::logic_error("off-screen rendering: used in another thread than it was made in");
   }
   if (eglGetCurrentContext() != context_ &&
-      eglMakeCurrent(display_.get(), EGL_NO_SURFACE, EGL_NO_SURFACE, context_) != EGL_TRUE) {
+      eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_) != EGL_TRUE) {
     fail("eglMakeCurrent");
   }
 }

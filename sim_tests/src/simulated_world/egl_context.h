@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <memory>
 #include <thread>
 
 namespace simulated_world {
@@ -19,8 +18,8 @@ class EglContext {
   void makeCurrent();
 
  private:
-  std::shared_ptr<void> display_;  // EGLDisplay, shared by all contexts: terminating it ends all of them
-  void* context_;                  // EGLContext
+  void* display_;  // EGLDisplay
+  void* context_;  // EGLContext
   std::thread::id owner_;
 };
 
