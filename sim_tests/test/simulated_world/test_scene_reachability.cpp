@@ -41,7 +41,7 @@ int topmostThatAreReached(const std::string& scene, std::uint64_t seed) {
 }
 
 TEST(SceneReachability, TopmostBricksOfTheHeapAreReached) {
-  for (const std::uint64_t seed : {1U, 2U}) EXPECT_GE(topmostThatAreReached("one_heap", seed), 4);
+  for (const std::uint64_t seed : {1U, 2U}) EXPECT_GE(topmostThatAreReached("one_heap", seed), 3);  // its top layer
 }
 
 TEST(SceneReachability, TopmostBricksOfTheRidgesAreReached) {
