@@ -217,7 +217,7 @@ class World {
   bool is_magnet_on_{false};
   bool is_magnet_spent_{false};  // lost its brick: holds nothing until switched off and on
   double magnet_strength_{1.0};
-  int held_{-1};  // index into slots_
+  int held_{-1};             // index into slots_
   double hold_factor_{0.0};  // of the magnet's force on the held brick, by how it sits on it
   int overload_steps_{0};
   std::optional<Release> release_;

@@ -21,6 +21,7 @@ namespace simulated_world {
 namespace {
 
 constexpr double kHandTime_s = 2.0;  // a brick put somewhere by hand is left alone so long after
+constexpr double kRestSpeed_m_s = 0.01;
 constexpr double kLifted_m = 0.05;   // a held brick is carried once it has been moved so far
 constexpr int kCollisionSteps = 3;   // a shorter spike is the solver's, not a force
 
@@ -470,6 +471,12 @@ void Simulation::observe(Tick* tick) {
     }
     const auto motion = std::find_if(motions.begin(), motions.end(),
                                      [&brick](const BrickMotion& other) { return other.id == brick.id; });
+    // What was lost or missed the chute belongs to the pile again where it lies.
+    const bool was_let_go = brick.status == BrickStatus::kDropped || brick.status == BrickStatus::kReleased;
+    if (was_let_go && brick.in_chute_since_s < 0.0 && now() - brick.status_since_s > kHandTime_s &&
+        motion != motions.end() && motion->velocity_m_s.norm() < kRestSpeed_m_s) {
+      brick.status = BrickStatus::kInPile;
+    }
     BrickObservation observation;
     observation.id = brick.id;
     observation.size_m = brick.size_m;

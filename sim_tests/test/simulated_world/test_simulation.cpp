@@ -385,6 +385,16 @@ TEST(Simulation, LostBrickIsADropAndNoFall) {
   EXPECT_EQ(robot.judged().drops, 1);
   EXPECT_EQ(robot.judged().falls, 0);
   EXPECT_TRUE(says(robot.incidents, "the magnet lost brick 0"));
+  // Where it lies it is in the way like any other.
+  Pose2d base = robot.sim.world().basePose();
+  const Eigen::Vector3d lies = robot.sim.world().brick(0)->T_map_brick.translation();
+  EXPECT_GT(lies.x(), base.x_m + 0.3);
+  robot.sim.setTarget(std::nullopt);
+  for (int i = 0; i < 300; ++i) {
+    robot.sim.commandBase({0.5, 0.0});
+    robot.step();
+  }
+  EXPECT_GT(robot.judged().collisions, 0) << "driven over";
 }
 
 TEST(Simulation, BrickMovedBySomebodyIsNoFall) {

@@ -29,7 +29,7 @@ struct BrickType {
 
 /// Tags on bricks: one in the middle of each face.
 struct TagLayout {
-  std::string family;               ///< tag36h11, or one of OpenCV's dictionaries DICT_4X4_1000, DICT_5X5_1000, DICT_6X6_1000
+  std::string family;  ///< tag36h11, or one of OpenCV's dictionaries DICT_4X4_1000, DICT_5X5_1000, DICT_6X6_1000
   double black_border_edge_m{0.0};  ///< outer edge of the black border, the size that pose estimators ask for
   double margin_cells{0.0};         ///< white ring round the border [cells]
   int first_id{0};
