@@ -36,7 +36,6 @@ struct MagnetConfig {
   double holding_force_N{90.0};  ///< pull-off force when flat on the plate
   double friction{0.35};         ///< of tool on plate: what it holds sideways, per newton of what is left of the pull
   double radius_m{0.03};
-  double max_gap_m{0.001};    ///< touching: the contact's distance is at most this
   double max_tilt_rad{0.12};  ///< between tool axis and the face's normal; the force falls to zero there
 };
 

@@ -128,7 +128,6 @@ std::vector<std::string> WorldConfig::validate() const {
   require("magnet/holding_force_N", magnet.holding_force_N, 0.0, 1e4, "N");
   require("magnet/friction", magnet.friction, 0.0, 2.0, "");
   require("magnet/radius_m", magnet.radius_m, 1e-3, 0.5, "m");
-  require("magnet/max_gap_m", magnet.max_gap_m, 0.0, 0.01, "m");
   require("magnet/max_tilt_rad", magnet.max_tilt_rad, 1e-3, 1.0, "rad");
   require("servo/arm_bandwidth_rad_s", servo.arm_bandwidth_rad_s, 1.0, 0.25 / physics.timestep_s, "rad/s");
   require("servo/base_bandwidth_rad_s", servo.base_bandwidth_rad_s, 1.0, 0.25 / physics.timestep_s, "rad/s");
@@ -413,7 +412,7 @@ double World::holdFactor(const BrickSlot& slot) const {
     const mjContact& contact = data->contact[i];
     const bool joins = (is_magnet_geom_[contact.geom1] != 0 && contact.geom2 == slot.geom) ||
                        (is_magnet_geom_[contact.geom2] != 0 && contact.geom1 == slot.geom);
-    if (!joins || contact.dist > config_.magnet.max_gap_m) {
+    if (!joins) {
       continue;
     }
     // The tool's flank beside the face does not hold: the point must be near the tip's plane.

@@ -206,7 +206,6 @@ SimulationParams loadSimulationParams(const ros::NodeHandle& private_nh) {
   reader.read("magnet/holding_force_N", &sim.world.magnet.holding_force_N);
   reader.read("magnet/friction", &sim.world.magnet.friction);
   reader.read("magnet/radius_m", &sim.world.magnet.radius_m);
-  reader.read("magnet/max_gap_m", &sim.world.magnet.max_gap_m);
   reader.read("magnet/max_tilt_rad", &sim.world.magnet.max_tilt_rad);
   reader.read("chute/capacity", &sim.chute_capacity);
   reader.read("chute/rest_s", &sim.chute_rest_s);
