@@ -144,6 +144,11 @@ TEST(World, BlockedBaseStands) {
     touched |= touch.brick_id == 0 && touch.force_N > 100.0;
   }
   EXPECT_TRUE(touched);
+  // Its wheels were spinning: no way is left to be made up for.
+  const double blocked_m = world.basePose().x_m;
+  world.setBaseTwist({-0.3, 0.0});
+  run(world, 1.0);
+  EXPECT_LT(world.basePose().x_m, blocked_m - 0.25);
 }
 
 TEST(World, ToolFeelsWhatPushesIt) {
