@@ -124,9 +124,10 @@ class World {
   ArmVector armPosition() const;
   ArmVector armVelocity() const;
   ArmVector armTorque() const { return arm_torque_; }
-  /// Torque [N m] that the servos need beyond what model, declared payload and reference ask for: what the surroundings
-  /// push with. Not limited by what the motors can do.
-  ArmVector armDisturbance() const { return arm_disturbance_; }
+  /// Torque [N m] with which contacts and the held brick push the joints, in the last step.
+  ArmVector armPush() const;
+  /// Force [N] of all contacts on the tool but the held brick's, in the last step.
+  double toolPush() const { return tool_push_N_; }
   ToolWrench toolWrench() const;
   Pose2d basePose() const;                                    ///< of base_link in the map
   Twist2d baseTwist() const;                                  ///< true velocity, along and about the base's own axes
@@ -148,6 +149,9 @@ class World {
   std::vector<int> bricksAtRestInChute() const;
 
   // What a person or a fault does.
+  /// What a brick would be inside of at a pose, by more than 5 mm: "ground", a link or a brick; empty: it is free. Throws
+  /// std::invalid_argument for an unknown id or a pose that is not finite or not within 100 m.
+  std::string obstacleAt(int id, const Eigen::Isometry3d& T_map_brick);
   /// Puts a brick somewhere, at rest. Throws std::invalid_argument for an unknown id or a pose that is not finite.
   void moveBrick(int id, const Eigen::Isometry3d& T_map_brick);
   /// Takes a brick out of the world. Throws std::invalid_argument if it is not there.
@@ -207,7 +211,7 @@ class World {
   ArmVector arm_reference_velocity_{ArmVector::Zero()};
   ArmVector arm_reference_acceleration_{ArmVector::Zero()};
   ArmVector arm_torque_{ArmVector::Zero()};
-  ArmVector arm_disturbance_{ArmVector::Zero()};
+  double tool_push_N_{0.0};
   Pose2d base_reference_;
   Twist2d base_twist_;
   Twist2d previous_base_twist_;

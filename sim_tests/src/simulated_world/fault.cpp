@@ -61,8 +61,8 @@ std::vector<std::string> Fault::validate() const {
     line << key << " = " << seen << ", must be " << allowed;
     problems.push_back(line.str());
   };
-  if (!std::isfinite(at_s)) {
-    report("at_s", at_s, "a finite time in s");
+  if (!(std::abs(at_s) <= 1e9)) {
+    report("at_s", at_s, "a time in [-1e9, 1e9] s");
   }
   if (!(duration_s >= 0.0 && duration_s <= 1e6)) {
     report("duration_s", duration_s, "in [0, 1e6] s; 0 = for good");

@@ -22,8 +22,8 @@ namespace {
 
 constexpr double kHandTime_s = 2.0;  // a brick put somewhere by hand is left alone so long after
 constexpr double kRestSpeed_m_s = 0.01;
-constexpr double kLifted_m = 0.05;   // a held brick is carried once it has been moved so far
-constexpr int kCollisionSteps = 3;   // a shorter spike is the solver's, not a force
+constexpr double kLifted_m = 0.05;  // a held brick is carried once it has been moved so far
+constexpr int kCollisionSteps = 3;  // a shorter spike is the solver's, not a force
 
 std::string sentence(double now_s, const std::string& text) {
   std::ostringstream line;
@@ -321,10 +321,9 @@ bool Simulation::isArmOnBrakes(double now_s) {
 }
 
 double Simulation::pushOnArm() const {
-  const double by_force = world_->toolWrench().force_N.norm() / config_.collision_stop_N;
-  const double by_torque =
-      world_->armDisturbance().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm).maxCoeff() /
-      config_.collision_stop_effort;
+  const double by_force = world_->toolPush() / config_.collision_stop_N;
+  const double by_torque = world_->armPush().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm).maxCoeff() /
+                           config_.collision_stop_effort;
   return std::max(by_force, by_torque);
 }
 
@@ -337,8 +336,8 @@ void Simulation::watchForCollision(double now_s, Tick* tick) {
     return;
   }
   overload_steps_ = 0;
-  const double force_N = world_->toolWrench().force_N.norm();
-  const ArmVector effort = world_->armDisturbance().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm);
+  const double force_N = world_->toolPush();
+  const ArmVector effort = world_->armPush().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm);
   int joint = 0;
   const double share = effort.maxCoeff(&joint);
   std::ostringstream reason;
@@ -509,6 +508,13 @@ void Simulation::addFault(const Fault& fault) {
     throw std::invalid_argument("fault move_brick: brick_id = " + std::to_string(fault.brick_id) +
                                 ", must be the id of a brick that is still there");
   }
+  if (fault.kind == FaultKind::kMoveBrick && fault.at_s <= now() && fault.validate().empty()) {
+    const std::string obstacle = world_->obstacleAt(fault.brick_id, fault.T_map_brick);
+    if (!obstacle.empty()) {
+      throw std::invalid_argument("fault move_brick: pose of brick " + std::to_string(fault.brick_id) + " is inside " +
+                                  obstacle + ", must be free");
+    }
+  }
   faults_.add(fault);
 }
 
@@ -552,13 +558,16 @@ void Simulation::beginFault(const Fault& fault, Tick* tick) {
       }
       break;
     case FaultKind::kMoveBrick:
-      if (world_->brick(fault.brick_id)) {
+      if (!world_->brick(fault.brick_id)) {
+        note += ": brick " + std::to_string(fault.brick_id) + " is no longer there";
+      } else if (const std::string obstacle = world_->obstacleAt(fault.brick_id, fault.T_map_brick);
+                 !obstacle.empty()) {
+        note += ": the place is taken by " + obstacle;
+      } else {
         BrickRecord& brick = record(fault.brick_id);
         brick.status = BrickStatus::kMovedByHand;
         brick.status_since_s = now();
         world_->moveBrick(fault.brick_id, fault.T_map_brick);
-      } else {
-        note += ": brick " + std::to_string(fault.brick_id) + " is no longer there";
       }
       break;
   }

@@ -190,8 +190,8 @@ CommandAnswer UrController::handBackControl() {
 
 CommandAnswer UrController::setSpeedSlider(double fraction) {
   if (!connected_) return {false, kDriverGone};
-  if (!(fraction >= 0.0 && fraction <= 1.0)) {
-    return {false, "speed_slider_fraction = " + std::to_string(fraction) + ", must be in [0, 1]"};
+  if (!(fraction >= 0.01 && fraction <= 1.0)) {
+    return {false, "speed_slider_fraction = " + std::to_string(fraction) + ", must be in [0.01, 1]"};
   }
   speed_slider_ = fraction;
   return {true, {}};

@@ -353,19 +353,15 @@ void World::commandBase() {
 void World::commandArm() {
   mjData* data = data_.get();
   const double w = config_.servo.arm_bandwidth_rad_s;
-  const ArmVector correction =
-      w * w * (arm_reference_ - armPosition()) + 2.0 * w * (arm_reference_velocity_ - armVelocity());
+  const ArmVector acceleration = arm_reference_acceleration_ + w * w * (arm_reference_ - armPosition()) +
+                                 2.0 * w * (arm_reference_velocity_ - armVelocity());
   ArmVector torque;
   for (int i = 0; i < kArmJoints; ++i) {
     torque[i] = data->qfrc_bias[arm_dof_[i]];
-    arm_disturbance_[i] = 0.0;
     for (int j = 0; j < kArmJoints; ++j) {
-      const double inertia = inertiaEntry(*model_, *data, arm_dof_[i], arm_dof_[j]);
-      torque[i] += inertia * arm_reference_acceleration_[j];
-      arm_disturbance_[i] += inertia * correction[j];
+      torque[i] += inertiaEntry(*model_, *data, arm_dof_[i], arm_dof_[j]) * acceleration[j];
     }
   }
-  torque += arm_disturbance_;
   if (payload_kg_ > 0.0) {
     const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(data->site_xmat + 9 * wrist_site_);
     const Eigen::Vector3d point =
@@ -562,6 +558,8 @@ bool World::dropHeldBrick() {
 
 void World::collectTouches() {
   const mjData* data = data_.get();
+  const int held_geom = held_ >= 0 ? slots_[static_cast<std::size_t>(held_)].geom : -1;
+  Eigen::Vector3d on_tool = Eigen::Vector3d::Zero();
   for (int i = 0; i < data->ncon; ++i) {
     const mjContact& contact = data->contact[i];
     const bool first = is_robot_geom_[contact.geom1] != 0;
@@ -576,6 +574,10 @@ void World::collectTouches() {
     }
     const int robot_geom = first ? contact.geom1 : contact.geom2;
     const int other_geom = first ? contact.geom2 : contact.geom1;
+    if (is_magnet_geom_[robot_geom] != 0 && other_geom != held_geom) {
+      const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> axes(contact.frame);
+      on_tool += (first ? -1.0 : 1.0) * (axes.transpose() * Eigen::Map<const Eigen::Vector3d>(force));
+    }
     RobotTouch touch;
     touch.robot_body = nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[robot_geom]);
     const int slot = slot_of_geom_[other_geom];
@@ -594,6 +596,7 @@ void World::collectTouches() {
       known->force_N = std::max(known->force_N, touch.force_N);
     }
   }
+  tool_push_N_ = on_tool.norm();
 }
 
 std::vector<RobotTouch> World::takeTouches() {
@@ -617,6 +620,14 @@ ArmVector World::armPosition() const {
     position[i] = data_->qpos[arm_qpos_[i]];
   }
   return position;
+}
+
+ArmVector World::armPush() const {
+  ArmVector push;
+  for (int i = 0; i < kArmJoints; ++i) {
+    push[i] = data_->qfrc_constraint[arm_dof_[i]];
+  }
+  return push;
 }
 
 ArmVector World::armVelocity() const {
@@ -724,6 +735,34 @@ std::size_t World::indexOf(int id) const {
     }
   }
   throw std::invalid_argument("there is no brick " + std::to_string(id) + " in the world");
+}
+
+std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
+  constexpr double kDepth_m = 0.005;
+  constexpr double kFarthest_m = 100.0;
+  const std::size_t index = indexOf(id);
+  const BrickSlot& slot = slots_[index];
+  if (!T_map_brick.matrix().allFinite() || T_map_brick.translation().cwiseAbs().maxCoeff() > kFarthest_m) {
+    throw std::invalid_argument("brick " + std::to_string(id) + ": its position must be finite and within +-100 m");
+  }
+  // On a copy: asking changes nothing.
+  const DataPtr trial(mj_copyData(nullptr, model_.get(), data_.get()));
+  std::copy_n(T_map_brick.translation().data(), 3, trial->qpos + slot.qpos);
+  quaternionTo(Eigen::Quaterniond(T_map_brick.linear()).normalized(), trial->qpos + slot.qpos + 3);
+  const int conaffinity = model_->geom_conaffinity[slot.geom];
+  model_->geom_conaffinity[slot.geom] = 1;  // a sleeping brick collides with none that sleeps
+  mj_forward(model_.get(), trial.get());
+  model_->geom_conaffinity[slot.geom] = conaffinity;
+  for (int i = 0; i < trial->ncon; ++i) {
+    const mjContact& contact = trial->contact[i];
+    if ((contact.geom1 != slot.geom && contact.geom2 != slot.geom) || contact.dist > -kDepth_m) {
+      continue;
+    }
+    const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
+    return model_->geom_bodyid[other] == 0 ? nameOf(*model_, mjOBJ_GEOM, other)
+                                           : nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other]);
+  }
+  return "";
 }
 
 void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "simulated_world_ros.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -266,6 +267,11 @@ bool SimulatedWorldRos::isHeld() {
   return true;
 }
 
+bool SimulatedWorldRos::waitsForImages() const {
+  return std::any_of(params_.wait_for.begin(), params_.wait_for.end(),
+                     [](const simulated_world::WaitRule& rule) { return rule.after == ClockEvent::kImage; });
+}
+
 bool SimulatedWorldRos::mayTick() {
   const auto wait = [](double seconds) {
     ros::getGlobalCallbackQueue()->callOne(ros::WallDuration(std::min(seconds, kPollPeriod_s)));
@@ -278,6 +284,11 @@ bool SimulatedWorldRos::mayTick() {
     const std::vector<std::string> missing = lockstep_->missing();
     if (!missing.empty()) {
       ROS_INFO_THROTTLE(10.0, "clock: not begun, nobody publishes %s yet", missing.front().c_str());
+      return wait(kPollPeriod_s);
+    }
+    if (waitsForImages() && depth_publisher_.getNumSubscribers() == 0) {
+      // Who answers images and does not hear them yet would miss the first, some runs more of them than others.
+      ROS_INFO_THROTTLE(10.0, "clock: not begun, nobody subscribes to %s yet", depth_publisher_.getTopic().c_str());
       return wait(kPollPeriod_s);
     }
     has_begun_ = true;

@@ -41,7 +41,8 @@ class SimulatedWorldRos {
   void advertiseExperiment();
 
   bool mayTick();  // as far as the clock's mode is concerned; waits a little if not
-  bool isHeld();   // by what is due
+  bool waitsForImages() const;
+  bool isHeld();  // by what is due
   void tick();
   void publishClock();
   void publishState(const simulated_world::Simulation::Tick& tick);

@@ -212,6 +212,30 @@ TEST(Simulation, PressingHardStopsTheArm) {
   EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.2), 2.0).outcome, GoalOutcome::kSucceeded);
 }
 
+// Points without velocities are joined by straight lines, on which the speed steps at each end: no push from outside.
+TEST(Simulation, FreeMotionNeverStopsTheArm) {
+  Robot robot(configFor("single_brick"));
+  ArmVector stretched;
+  stretched << 0.0, -0.5, 0.5, -1.57, -1.57, 0.0;
+  ASSERT_EQ(robot.moveArm(stretched, 4.0).outcome, GoalOutcome::kSucceeded);
+  for (const double speed_rad_s : {0.3, 1.0, 2.0}) {
+    ArmVector goal = stretched;
+    goal[1] -= 0.4;
+    TrajectoryGoal steps;
+    steps.id = "steps " + std::to_string(speed_rad_s);
+    steps.joint_names.assign(kArmJointNames.begin(), kArmJointNames.end());
+    TrajectoryPoint point;
+    point.positions_rad.assign(goal.data(), goal.data() + kArmJoints);
+    point.time_from_start_s = 0.4 / speed_rad_s;
+    steps.points.push_back(point);
+    const GoalAnswer answer = robot.sim.armDriver().acceptGoal(steps);
+    ASSERT_TRUE(answer.accepted) << answer.text;
+    robot.run(3.0);
+    EXPECT_EQ(robot.sim.armDriver().safetyMode(), SafetyMode::kNormal) << speed_rad_s << " rad/s";
+    ASSERT_EQ(robot.moveArm(stretched, 4.0).outcome, GoalOutcome::kSucceeded);
+  }
+}
+
 TEST(Simulation, BrickPulledFromBelowBringsDownWhatItCarried) {
   Robot robot(configFor("three_pyramid"));
   robot.run(2.0);
@@ -405,6 +429,15 @@ TEST(Simulation, BrickMovedBySomebodyIsNoFall) {
   Fault nobody = fault(FaultKind::kMoveBrick);
   nobody.brick_id = 4;
   EXPECT_THROW(robot.sim.addFault(nobody), std::invalid_argument);
+  Fault nowhere = fault(FaultKind::kMoveBrick);
+  nowhere.brick_id = 0;
+  const std::uint64_t before = robot.sim.digest();
+  for (const Eigen::Vector3d& taken : {Eigen::Vector3d(0.0, 0.0, -1.0), Eigen::Vector3d(-3.0, 0.0, 0.3),
+                                       Eigen::Vector3d(1e6, 0.0, 0.1)}) {  // ground, robot, too far
+    nowhere.T_map_brick = at(taken);
+    EXPECT_THROW(robot.sim.addFault(nowhere), std::invalid_argument) << taken.transpose();
+  }
+  EXPECT_EQ(robot.sim.digest(), before) << "asking changes nothing";
 }
 
 TEST(Simulation, ScannerSeesTheBrickInFront) {

@@ -168,7 +168,7 @@ TEST(World, ToolFeelsWhatPushesIt) {
     ground |= touch.robot_body == "magnet" && touch.other_body == "ground";
   }
   EXPECT_TRUE(ground);
-  EXPECT_GT(world.armDisturbance().cwiseAbs().maxCoeff(), 1.0);
+  EXPECT_GT(world.armPush().cwiseAbs().maxCoeff(), 1.0);
 }
 
 class Magnet : public testing::Test {
