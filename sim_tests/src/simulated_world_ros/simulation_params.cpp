@@ -8,6 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include <ros/names.h>
 #include <yaml-cpp/yaml.h>
 
 #include <gpis_mapping_ros/param_reader.h>
@@ -128,10 +129,55 @@ void readRules(const std::string& wait_for, const std::string& computing, Simula
   }
 }
 
+// The core's structs have other sections than the parameters: the first rule that fits renames a problem's key.
+std::vector<std::string> asParameters(std::vector<std::string> problems) {
+  static const std::vector<std::pair<std::string, std::string>> kRules{
+      {"servo/arm_", "arm/"},
+      {"servo/base_", "base/"},
+      {"servo/", "base/"},
+      {"sleep/rest_speed_m_per_s", "physics/sleep/rest_speed_m_s"},
+      {"sleep/rest_rate_rad_per_s", "physics/sleep/rest_rate_rad_s"},
+      {"sleep/", "physics/sleep/"},
+      {"timestep_s", "physics/timestep_s"},
+      {"tick_s", "clock/tick_s"},
+      {"start_time_s", "clock/start_time_s"},
+      {"joint_state_rate_hz", "arm/joint_state_rate_hz"},
+      {"collision_stop", "arm/collision_stop"},
+      {"magnet_output", "magnet/digital_output"},
+      {"chute_", "chute/"},
+      {"camera_", "camera/"},
+      {"odometry_", "base/odometry_"},
+      {"localisation_", "base/localisation_"},
+      {"scan_noise", "base/scan_noise"}};
+  for (std::string& problem : problems) {
+    for (const auto& [from, to] : kRules) {
+      if (problem.compare(0, from.size(), from) == 0) {
+        problem.replace(0, from.size(), to);
+        break;
+      }
+    }
+  }
+  return problems;
+}
+
 }  // namespace
 
 std::vector<std::string> SimulationParams::validate() const {
-  std::vector<std::string> problems = simulation.validate();
+  std::vector<std::string> problems = asParameters(simulation.validate());
+  const auto requireName = [&problems](const char* key, const std::string& name) {
+    std::string reason;
+    if (!name.empty() && !ros::names::validate(name, reason)) {
+      problems.push_back(std::string(key) + " = '" + name + "', must be a name: " + reason);
+    }
+  };
+  requireName("judge/surface_topic", surface_topic);
+  for (const simulated_world::WaitRule& rule : wait_for) {
+    requireName("clock/wait_for: topic", rule.topic);
+    requireName("clock/wait_for: while_action", rule.while_action);
+  }
+  for (const simulated_world::ComputingRule& rule : computing) {
+    requireName("clock/computing: action", rule.action);
+  }
   const auto require = [&problems](const char* key, double value, double low, double high, const char* unit) {
     if (!(value >= low && value <= high)) {
       std::ostringstream line;
@@ -139,17 +185,20 @@ std::vector<std::string> SimulationParams::validate() const {
       problems.push_back(line.str());
     }
   };
-  require("realtime_factor", realtime_factor, 0.01, 100.0, "");
-  require("wait_timeout_wall_s", wait_timeout_wall_s, 0.1, 3600.0, "s");
+  require("camera/focal_length_px", simulation.camera.camera.fx_px, 10.0, 1e5, "px");
+  require("camera/width_px", simulation.camera.camera.width_px, 16.0, 8192.0, "px");
+  require("camera/height_px", simulation.camera.camera.height_px, 16.0, 8192.0, "px");
+  require("clock/realtime_factor", realtime_factor, 0.01, 100.0, "");
+  require("clock/wait_timeout_wall_s", wait_timeout_wall_s, 0.1, 3600.0, "s");
   if (depth_encoding != "16UC1" && depth_encoding != "32FC1") {
-    problems.push_back("depth_encoding = '" + depth_encoding + "', must be 16UC1 (mm) or 32FC1 (m)");
+    problems.push_back("camera/depth_encoding = '" + depth_encoding + "', must be 16UC1 (mm) or 32FC1 (m)");
   }
   for (const auto& [key, value] :
        {std::pair("description/urdf", simulation.description.urdf),
         std::pair("description/base_profile", simulation.description.base_profile),
         std::pair("description/bricks", simulation.description.bricks),
         std::pair("description/arm_pose", simulation.description.arm_pose), std::pair("scene", simulation.scene),
-        std::pair("map_frame", map_frame), std::pair("odom_frame", odom_frame)}) {
+        std::pair("frames/map", map_frame), std::pair("frames/odom", odom_frame)}) {
     if (value.empty()) {
       problems.push_back(std::string(key) + " is empty, must be given");
     }

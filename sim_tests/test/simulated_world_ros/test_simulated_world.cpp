@@ -521,12 +521,15 @@ TEST_F(SimulatedWorldTest, ImpossibleParametersStopTheNode) {
   set("magnet/radius_m", std::string("big"));
   set("physics/timestep_s", 0.5);
   set("gravity", 9.0);
+  set("base/traction_N", -5.0);
+  set("judge/surface_topic", std::string("no topic"));
   launch();
   ASSERT_TRUE(waitFor([this] { return world_->hasEnded(); }));
   EXPECT_EQ(world_->exitCode(), 1);
   const std::string output = world_->output();
-  for (const char* words : {"clock/mode = 'fast', must be one of lockstep, realtime, stepped", "camera_rate_hz = -1",
-                            "magnet/radius_m", "timestep_s = 0.5", "gravity"}) {
+  for (const char* words :
+       {"clock/mode = 'fast', must be one of lockstep, realtime, stepped", "camera/rate_hz = -1", "magnet/radius_m",
+        "physics/timestep_s = 0.5", "gravity", "base/traction_N = -5", "judge/surface_topic = 'no topic'"}) {
     EXPECT_NE(output.find(words), std::string::npos) << words << " is not in:\n" << output;
   }
 }
