@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -72,7 +73,7 @@ class ClockGate {
   std::vector<std::int64_t> answered_ns_;  // newest stamp per wait rule
   std::vector<Due> due_;
   std::map<std::string, std::map<std::string, std::int64_t>> open_;  // action -> goal -> stamp
-  std::map<std::string, std::map<std::string, bool>> closed_early_;  // result seen before its goal
+  std::map<std::string, std::set<std::string>> closed_early_;        // result seen before its goal
 };
 
 }  // namespace simulated_world

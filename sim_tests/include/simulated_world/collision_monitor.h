@@ -14,7 +14,7 @@ namespace simulated_world {
 
 /// Names of bodies as they come in contacts.
 struct CollisionConfig {
-  std::set<std::string> wheel_bodies{"wheel_left", "wheel_right"};
+  std::set<std::string> wheel_bodies{"wheel_front_left_link", "wheel_front_right_link"};
   std::string ground_body{"ground"};
   std::string tool_body{"magnet"};
   std::string chute_body{"chute"};

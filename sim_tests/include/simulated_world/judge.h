@@ -85,6 +85,9 @@ class Judge {
   const std::vector<JudgeEvent>& events() const { return events_; }
   const std::vector<JudgeRow>& history() const { return history_; }
 
+  /// Counts and shares as of the last observation. The report has them too, with a copy of all that happened.
+  JudgeRow totals() const;
+
   JudgeReport report() const;
 
  private:
@@ -103,7 +106,6 @@ class Judge {
   void count(const std::vector<JudgeEvent>& events);
   void renewTruth(const WorldObservation& observation);
   void drive(const Eigen::Vector2d& base_xy_m);
-  JudgeRow rowNow() const;
 
   JudgeConfig config_;
   FallMonitor falls_;

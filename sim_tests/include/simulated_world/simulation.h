@@ -67,7 +67,8 @@ struct SimulationConfig {
 };
 
 /// The whole simulated robot in its world, one clock tick at a time: drivers' behaviour on one side, physics on the
-/// other, and the judge who sees both. No ROS, no threads; the same calls give the same bits.
+/// other, and the judge who sees both. No ROS; threads only within a call, where each fills a place of its own: the same calls
+/// give the same bits. Must stay in the thread that made it, as its renderer does.
 class Simulation {
  public:
   /// Reads the files, settles the pile, builds the world. Takes some seconds for large piles. Throws
@@ -88,6 +89,8 @@ class Simulation {
     std::optional<std::vector<float>> scan;
     std::vector<std::string> incidents;  ///< a sentence each: faults, stops, bricks lost and stowed
   };
+  /// Advances by config().tick_s: what has been commanded takes effect, what falls due comes back. Throws
+  /// std::runtime_error if the physics fail.
   Tick tick();
 
   std::int64_t nowNs() const { return now_ns_; }
@@ -108,19 +111,20 @@ class Simulation {
   void clearFaults() { faults_.clear(); }
   /// The brick that the tool is about to touch; contact of tool and brick is a collision otherwise.
   void setTarget(std::optional<int> brick_id) { target_ = brick_id; }
+  /// In the map frame. Throws std::invalid_argument for a broken surface.
   void judgeSurface(const StrategySurface& surface) { judge_->judgeSurface(surface); }
   Judge& judge() { return *judge_; }
 
   // What the drivers tell.
   const World& world() const { return *world_; }
   const DifferentialDrive& drive() const { return *drive_; }
+  /// What the arm's driver tells: less what it was when the sensor was zeroed. In ur5e_tool0, N and N m.
   ToolWrench wrench() const;
   /// Of `odom` in `map`: ground truth and odometry put together, with the localisation's noise.
   const Pose2d& mapToOdom() const { return map_to_odom_; }
   const PileScene& scene() const { return scene_; }
   const LaserScannerConfig& scannerConfig() const;
   const std::string& scannerFrame() const { return scanner_frame_; }
-  bool isCameraThere() const { return !camera_gone_; }
   int bricksStowed() const { return stowed_; }
   std::uint64_t digest() const { return world_->digest(); }
   const SimulationConfig& config() const { return config_; }

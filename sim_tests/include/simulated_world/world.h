@@ -199,6 +199,8 @@ class World {
   std::array<int, 2> wheel_qpos_{{-1, -1}};
   std::array<int, 2> wheel_dof_{{-1, -1}};
   int magnet_body_{-1};
+  int chute_body_{-1};
+  Eigen::AlignedBox3d chute_inside_;  // hull of its walls, in the chute's frame
   int tip_site_{-1};
   int wrist_site_{-1};
   int force_sensor_{-1};

@@ -13,6 +13,7 @@
 #include <rosgraph_msgs/Clock.h>
 #include <sensor_msgs/image_encodings.h>
 
+#include "camera_info.h"
 #include "synthetic_depth/scene_loader.h"
 #include "synthetic_depth/sensor.h"
 
@@ -95,19 +96,6 @@ class ParamReader {
   std::map<std::string, bool> known_;
   std::vector<std::string> problems_;
 };
-
-sensor_msgs::CameraInfo cameraInfo(const synthetic_depth::CameraModel& camera, const std::string& frame) {
-  sensor_msgs::CameraInfo info;
-  info.header.frame_id = frame;
-  info.width = static_cast<std::uint32_t>(camera.width_px);
-  info.height = static_cast<std::uint32_t>(camera.height_px);
-  info.distortion_model = "plumb_bob";
-  info.D.assign(5, 0.0);
-  info.K = {camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0};
-  info.R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-  info.P = {camera.fx_px, 0.0, camera.cx_px, 0.0, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0};
-  return info;
-}
 
 }  // namespace
 

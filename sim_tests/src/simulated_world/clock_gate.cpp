@@ -87,7 +87,7 @@ void ClockGate::goalOpened(const std::string& action, const std::string& goal_id
 
 void ClockGate::goalClosed(const std::string& action, const std::string& goal_id) {
   if (open_[action].erase(goal_id) == 0) {
-    closed_early_[action][goal_id] = true;
+    closed_early_[action].insert(goal_id);
   }
   // What was due only while the action ran is due no longer.
   due_.erase(

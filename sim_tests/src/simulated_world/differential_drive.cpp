@@ -7,6 +7,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "config_check.h"
+
 namespace simulated_world {
 namespace {
 
@@ -69,14 +71,7 @@ std::vector<std::string> DifferentialDriveConfig::validate() const {
 
 DifferentialDrive::DifferentialDrive(const DifferentialDriveConfig& config)
     : config_(config), random_(config.seed), command_time_s_(-std::numeric_limits<double>::infinity()) {
-  const std::vector<std::string> problems = config.validate();
-  if (!problems.empty()) {
-    std::string message = "differential drive:";
-    for (const std::string& problem : problems) {
-      message += " " + problem + ";";
-    }
-    throw std::invalid_argument(message);
-  }
+  throwIfAny("differential drive", config.validate());
   double first = 0.0;
   double second = 0.0;
   random_.normalPair(first, second);

@@ -8,6 +8,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "config_check.h"
+
 namespace simulated_world {
 namespace {
 
@@ -96,14 +98,7 @@ void FaultSchedule::insert(double at_s, const Change& change) {
 }
 
 void FaultSchedule::add(const Fault& fault) {
-  const std::vector<std::string> problems = fault.validate();
-  if (!problems.empty()) {
-    std::string message = "fault " + faultName(fault.kind) + ":";
-    for (const std::string& problem : problems) {
-      message += " " + problem + ";";
-    }
-    throw std::invalid_argument(message);
-  }
+  throwIfAny("fault " + faultName(fault.kind), fault.validate());
   insert(fault.at_s, {fault, true});
 }
 

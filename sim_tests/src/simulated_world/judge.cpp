@@ -142,7 +142,7 @@ void Judge::observe(const WorldObservation& observation) {
   renewTruth(observation);
   if (history_.empty() || events_.size() > num_events_before ||
       time_s_ - history_.back().time_s >= config_.row_period_s) {
-    history_.push_back(rowNow());
+    history_.push_back(totals());
   }
 }
 
@@ -186,11 +186,11 @@ SurfaceVerdict Judge::judgeSurface(const StrategySurface& surface) {
 void Judge::finish() {
   count(collisions_.finish());
   if (has_started_) {
-    history_.push_back(rowNow());
+    history_.push_back(totals());
   }
 }
 
-JudgeRow Judge::rowNow() const {
+JudgeRow Judge::totals() const {
   JudgeRow row = report_.totals;
   row.time_s = time_s_;
   row.stowed = static_cast<int>(stowed_ids_.size());
@@ -205,7 +205,7 @@ JudgeRow Judge::rowNow() const {
 
 JudgeReport Judge::report() const {
   JudgeReport report = report_;
-  report.totals = rowNow();
+  report.totals = totals();
   report.max_collision_force_N = collisions_.maxForce();
   report.history = history_;
   report.events = events_;

@@ -12,6 +12,7 @@
 #include <mp700_ur5e_description/robot_names.h>
 #include <urdf_parser/urdf_parser.h>
 
+#include "config_check.h"
 #include "simulated_world/brick_texture.h"
 #include "simulated_world/robot_mjcf.h"
 #include "simulated_world/settle.h"
@@ -95,14 +96,7 @@ std::vector<std::string> SimulationConfig::validate() const {
 
 Simulation::Simulation(const SimulationConfig& config)
     : config_(config), random_(config.seed, 1, 0), now_ns_(std::llround(config.start_time_s * 1e9)) {
-  const std::vector<std::string> problems = config.validate();
-  if (!problems.empty()) {
-    std::string message = "simulation:";
-    for (const std::string& problem : problems) {
-      message += " " + problem + ";";
-    }
-    throw std::invalid_argument(message);
-  }
+  throwIfAny("simulation", config.validate());
   tick_ns_ = std::llround(config.tick_s * 1e9);
   steps_per_tick_ = static_cast<int>(std::lround(config.tick_s / config.world.physics.timestep_s));
 
@@ -200,9 +194,7 @@ Simulation::Simulation(const SimulationConfig& config)
   scanner_frame_ = profile.scanner.frame;
   scan_rate_hz_ = profile.scanner.rate_hz;
 
-  JudgeConfig judge = config.judge;
-  judge.collisions.wheel_bodies = {"wheel_front_left_link", "wheel_front_right_link"};
-  judge_ = std::make_unique<Judge>(judge);
+  judge_ = std::make_unique<Judge>(config.judge);
   Tick nothing;
   observe(&nothing);
 }

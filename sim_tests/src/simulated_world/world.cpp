@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 #include <tuple>
 
+#include "config_check.h"
 #include "simulated_world/world_observation.h"
 #include "world_mjcf.h"
 
@@ -98,17 +98,6 @@ std::vector<std::string> brickProblems(const std::vector<WorldBrick>& bricks) {
   return problems;
 }
 
-void throwIfAny(const std::vector<std::string>& problems, const std::string& what) {
-  if (problems.empty()) {
-    return;
-  }
-  std::string message = what + ":";
-  for (const std::string& problem : problems) {
-    message += " " + problem + ";";
-  }
-  throw std::invalid_argument(message);
-}
-
 }  // namespace
 
 std::vector<std::string> WorldConfig::validate() const {
@@ -142,8 +131,8 @@ std::vector<std::string> WorldConfig::validate() const {
 World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<WorldBrick>& bricks,
              const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config)
     : config_(config) {
-  throwIfAny(config.validate(), "world");
-  throwIfAny(brickProblems(bricks), "world");
+  throwIfAny("world", config.validate());
+  throwIfAny("world", brickProblems(bricks));
   model_ = compileModel(worldMjcf(robot_mjcf, assets_mjcf, bricks, config));
   data_ = makeData(*model_);
 
@@ -202,6 +191,18 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
       ids.push_back(slot.brick.placement.id);
     }
     sleep_ = std::make_unique<BrickSleep>(*model_, ids, config.sleep);
+  }
+  chute_body_ = mj_name2id(model_.get(), mjOBJ_BODY, "chute");
+  // Its walls are its extent.
+  for (int geom = 0; geom < model_->ngeom; ++geom) {
+    if (chute_body_ < 0 || model_->geom_bodyid[geom] != chute_body_ || model_->geom_contype[geom] == 0) {
+      continue;
+    }
+    const Eigen::Map<const Eigen::Vector3d> centre(model_->geom_pos + 3 * geom);
+    const Eigen::Matrix3d R = quaternionFrom(model_->geom_quat + 4 * geom).toRotationMatrix();
+    const Eigen::Vector3d reach = R.cwiseAbs() * Eigen::Map<const Eigen::Vector3d>(model_->geom_size + 3 * geom);
+    chute_inside_.extend(centre + reach);
+    chute_inside_.extend(centre - reach);
   }
   weld_ = slots_.empty() ? -1 : requireId(*model_, mjOBJ_EQUALITY, "magnet_hold");
 
@@ -691,24 +692,10 @@ std::optional<int> World::heldBrick() const {
 
 std::vector<int> World::bricksAtRestInChute() const {
   std::vector<int> result;
-  const int chute = mj_name2id(model_.get(), mjOBJ_BODY, "chute");
-  if (chute < 0) {
+  if (chute_body_ < 0) {
     return result;
   }
-  // Its walls are its extent.
-  Eigen::AlignedBox3d inside;
-  for (int geom = model_->body_geomadr[chute]; geom < model_->body_geomadr[chute] + model_->body_geomnum[chute];
-       ++geom) {
-    if (model_->geom_contype[geom] == 0) {
-      continue;
-    }
-    const Eigen::Map<const Eigen::Vector3d> centre(model_->geom_pos + 3 * geom);
-    const Eigen::Matrix3d R = quaternionFrom(model_->geom_quat + 4 * geom).toRotationMatrix();
-    const Eigen::Vector3d reach = R.cwiseAbs() * Eigen::Map<const Eigen::Vector3d>(model_->geom_size + 3 * geom);
-    inside.extend(centre + reach);
-    inside.extend(centre - reach);
-  }
-  const Eigen::Isometry3d T_chute_map = bodyPose(*data_, chute).inverse();
+  const Eigen::Isometry3d T_chute_map = bodyPose(*data_, chute_body_).inverse();
   const Twist2d base = baseTwist();
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     const BrickSlot& slot = slots_[i];
@@ -720,8 +707,8 @@ std::vector<int> World::bricksAtRestInChute() const {
     // At rest means: with respect to the chute, which may be driven about.
     const double allowed_m_s = kRestSpeed_m_s + std::abs(base.linear_m_s) + std::abs(base.angular_rad_s);
     const double allowed_rad_s = kRestSpeed_rad_s + std::abs(base.angular_rad_s);
-    if (inside.contains(T_chute_map * bodyPose(*data_, slot.body).translation()) && velocity.norm() < allowed_m_s &&
-        spin.norm() < allowed_rad_s) {
+    if (chute_inside_.contains(T_chute_map * bodyPose(*data_, slot.body).translation()) &&
+        velocity.norm() < allowed_m_s && spin.norm() < allowed_rad_s) {
       result.push_back(slot.brick.placement.id);
     }
   }

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <cv_bridge/cv_bridge.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/TwistStamped.h>
@@ -26,6 +27,7 @@
 
 #include <mp700_ur5e_description/robot_names.h>
 
+#include "camera_info.h"
 #include "sim_tests/JudgeState.h"
 #include "synthetic_depth/sensor.h"
 
@@ -76,7 +78,7 @@ geometry_msgs::Pose poseMessage(const Eigen::Isometry3d& T) {
   return pose;
 }
 
-// A quaternion that is no rotation keeps its length, which the fault's own check sees.
+// A quaternion that is no rotation becomes NaN, which the fault's own check refuses.
 Eigen::Isometry3d poseFromMessage(const geometry_msgs::Pose& pose) {
   const Eigen::Quaterniond q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
@@ -86,30 +88,6 @@ Eigen::Isometry3d poseFromMessage(const geometry_msgs::Pose& pose) {
     T.linear().setConstant(std::numeric_limits<double>::quiet_NaN());
   }
   return T;
-}
-
-sensor_msgs::CameraInfo cameraInfo(const synthetic_depth::CameraModel& camera) {
-  sensor_msgs::CameraInfo info;
-  info.width = static_cast<std::uint32_t>(camera.width_px);
-  info.height = static_cast<std::uint32_t>(camera.height_px);
-  info.distortion_model = "plumb_bob";
-  info.D.assign(5, 0.0);
-  info.K = {camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0};
-  info.R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-  info.P = {camera.fx_px, 0.0, camera.cx_px, 0.0, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0};
-  return info;
-}
-
-sensor_msgs::ImagePtr imageMessage(const std_msgs::Header& header, const std::string& encoding, const cv::Mat& pixels) {
-  auto message = boost::make_shared<sensor_msgs::Image>();
-  message->header = header;
-  message->encoding = encoding;
-  message->width = static_cast<std::uint32_t>(pixels.cols);
-  message->height = static_cast<std::uint32_t>(pixels.rows);
-  message->step = static_cast<std::uint32_t>(pixels.cols * static_cast<int>(pixels.elemSize()));
-  const cv::Mat solid = pixels.isContinuous() ? pixels : pixels.clone();
-  message->data.assign(solid.data, solid.data + static_cast<std::size_t>(message->step) * message->height);
-  return message;
 }
 
 simulated_world::StrategySurface surfaceFrom(const interactive_mapping_msgs::SurfaceMesh& message) {
@@ -421,12 +399,14 @@ void SimulatedWorldRos::publishImage(const Simulation::Tick::Image& image) {
   std_msgs::Header header;
   header.stamp.fromNSec(static_cast<std::uint64_t>(image.stamp_ns));
   header.frame_id = mp700_ur5e_description::kColorFrame;  // depth is registered to colour
-  auto info = boost::make_shared<sensor_msgs::CameraInfo>(cameraInfo(params_.simulation.camera.camera));
+  auto info = boost::make_shared<sensor_msgs::CameraInfo>(
+      sim_tests_ros::cameraInfo(params_.simulation.camera.camera, header.frame_id));
   info->header = header;
-  color_publisher_.publish(imageMessage(header, sensor_msgs::image_encodings::RGB8, image.frame.rgb), info);
+  color_publisher_.publish(cv_bridge::CvImage(header, sensor_msgs::image_encodings::RGB8, image.frame.rgb).toImageMsg(),
+                           info);
   const bool is_metric = params_.depth_encoding == sensor_msgs::image_encodings::TYPE_32FC1;
   const cv::Mat depth = is_metric ? image.frame.depth_m : synthetic_depth::encodeDepth16(image.frame.depth_m, 1000.0);
-  depth_publisher_.publish(imageMessage(header, params_.depth_encoding, depth), info);
+  depth_publisher_.publish(cv_bridge::CvImage(header, params_.depth_encoding, depth).toImageMsg(), info);
 }
 
 void SimulatedWorldRos::publishTruth() {
@@ -463,18 +443,18 @@ void SimulatedWorldRos::publishTruth() {
 
 void SimulatedWorldRos::publishJudge() {
   last_judge_s_ = simulation_.now();
-  const simulated_world::JudgeReport& report = simulation_.judge().report();
+  const simulated_world::JudgeRow totals = simulation_.judge().totals();
   sim_tests::JudgeState state;
   state.header.stamp = stamp();
   state.header.frame_id = params_.map_frame;
-  state.bricks_total = report.bricks_total;
-  state.stowed = report.totals.stowed;
-  state.falls = report.totals.falls;
-  state.drops = report.totals.drops;
-  state.collisions = report.totals.collisions;
-  state.coverage = report.totals.coverage.value_or(std::numeric_limits<double>::quiet_NaN());
-  state.precision = report.totals.precision.value_or(std::numeric_limits<double>::quiet_NaN());
-  state.distance_m = report.totals.distance_m;
+  state.bricks_total = static_cast<std::int32_t>(simulation_.scene().bricks.size());
+  state.stowed = totals.stowed;
+  state.falls = totals.falls;
+  state.drops = totals.drops;
+  state.collisions = totals.collisions;
+  state.coverage = totals.coverage.value_or(std::numeric_limits<double>::quiet_NaN());
+  state.precision = totals.precision.value_or(std::numeric_limits<double>::quiet_NaN());
+  state.distance_m = totals.distance_m;
   state.digest = digestText();
   judge_publisher_.publish(state);
 }

@@ -29,9 +29,9 @@ class CollisionMonitorTest : public testing::Test {
 };
 
 TEST_F(CollisionMonitorTest, WheelsMayTouchTheGroundAndNothingElse) {
-  EXPECT_EQ(collisionsOf("wheel_left", "ground"), 0);
-  EXPECT_EQ(collisionsOf("wheel_right", "ground"), 0);
-  EXPECT_EQ(collisionsOf("wheel_left", brickBodyName(1)), 1);
+  EXPECT_EQ(collisionsOf("wheel_front_left_link", "ground"), 0);
+  EXPECT_EQ(collisionsOf("wheel_front_right_link", "ground"), 0);
+  EXPECT_EQ(collisionsOf("wheel_front_left_link", brickBodyName(1)), 1);
   EXPECT_EQ(collisionsOf("base_link", "ground"), 1);
 }
 

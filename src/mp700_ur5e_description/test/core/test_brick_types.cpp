@@ -1,37 +1,24 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mp700_ur5e_description/brick_types.h"
 
-#include <fstream>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
+
+#include "support/shipped_file.h"
 
 namespace mp700_ur5e_description {
 namespace {
 
 const std::string kFile = DESCRIPTION_DIR "/config/bricks.yaml";
 
-/// The shipped file with a piece replaced, which must be in it.
 std::string changed(const std::string& from, const std::string& to) {
-  std::ifstream file(kFile);
-  std::ostringstream out;
-  out << file.rdbuf();
-  std::string text = out.str();
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
+  return test::changedFile(kFile, from, to);
 }
 
-/// The message with which a text is refused; empty if it is not.
 std::string refusal(const std::string& text) {
-  try {
-    parseBrickTypes(text, "bricks.yaml");
-    return "";
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
+  return test::refusalBy([&text] { parseBrickTypes(text, "bricks.yaml"); });
 }
 
 TEST(BrickTypes, ReadsShippedFile) {
