@@ -83,6 +83,19 @@ std::string YamlMap::word(const std::string& key) {
   return node.Scalar();
 }
 
+std::vector<std::string> YamlMap::words(const std::string& key) {
+  const YAML::Node node = take(key, "a list of words");
+  std::vector<std::string> values;
+  if (!node.IsDefined()) return values;
+  bool is_good = node.IsSequence();
+  for (std::size_t i = 0; is_good && i < node.size(); ++i) {
+    is_good = node[i].IsScalar() && !node[i].Scalar().empty();
+    if (is_good) values.push_back(node[i].Scalar());
+  }
+  if (!is_good) note(key, dump(node), "a list of words");
+  return is_good ? values : std::vector<std::string>();
+}
+
 Eigen::VectorXd YamlMap::numbers(const std::string& key, int count, const Interval& allowed) {
   const std::string rule = std::to_string(count) + " numbers " + allowed.text();
   const YAML::Node node = take(key, rule);

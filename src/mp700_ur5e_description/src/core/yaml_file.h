@@ -22,27 +22,33 @@ struct Interval {
   std::string text() const;
 };
 
-/// A map in a YAML file, all of whose keys must be there and no others. Each reader returns a stand-in for what is
+/// A map in a YAML file, all of whose keys must be there, but for those asked for by has(), and no others. Each reader returns a stand-in for what is
 /// missing, mistyped or out of range, and notes it in the shared list, so that one run shows everything.
 class YamlMap {
  public:
   YamlMap(YAML::Node node, std::string path, std::vector<std::string>& problems);
 
+  /// Of a key that may be left out: ask for its value only if it is there.
+  bool has(const std::string& key) const { return node_.IsMap() && node_[key].IsDefined(); }
+
   double number(const std::string& key, const Interval& allowed);
   int integer(const std::string& key, const Interval& allowed);
   std::string word(const std::string& key);
+  std::vector<std::string> words(const std::string& key);
   Eigen::VectorXd numbers(const std::string& key, int count, const Interval& allowed);
   /// A list of at least `min_count` pairs.
   std::vector<Eigen::Vector2d> pairs(const std::string& key, int min_count, const Interval& allowed);
   YamlMap map(const std::string& key);
   std::vector<YamlMap> maps(const std::string& key);
 
+  /// For rules of the caller's own: notes "<path>/<key> = <value>, must be <rule>".
+  void note(const std::string& key, const std::string& value, const std::string& rule);
+
   /// Notes the keys that nobody asked for, or that are there twice. Call last.
   void finish();
 
  private:
   YAML::Node take(const std::string& key, const std::string& rule);
-  void note(const std::string& key, const std::string& value, const std::string& rule);
   std::string pathOf(const std::string& key) const { return path_.empty() ? key : path_ + "/" + key; }
 
   YAML::Node node_;

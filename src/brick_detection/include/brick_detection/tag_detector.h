@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <array>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <opencv2/core.hpp>
+
+namespace brick_detection {
+
+/// A tag decoded in an image.
+struct TagObservation {
+  int id{0};
+  /// Corners of the black border, sub-pixel, pixel centres at integers: top left, top right, bottom right, bottom left as
+  /// the tag stands upright. In the tag's frame (x right, y up, z out): (-,+), (+,+), (+,-), (-,-).
+  std::array<Eigen::Vector2d, 4> corners_px{};
+  int hamming{0};      ///< bits corrected
+  double margin{0.0};  ///< how sure the bits are: mean contrast to the decision threshold [grey levels]
+
+  double shortestSide() const;  ///< [px]
+};
+
+struct TagDetectorConfig {
+  std::string family{"tag36h11"};  ///< a name that TagLayout::numIds() of mp700_ur5e_description knows
+  int threads{1};
+  double decimate{1.0};  ///< AprilTag: edges are looked for in an image smaller by this factor; 1 finds the smallest
+  double blur_sigma_px{0.0};  ///< AprilTag: Gaussian blur before edges are looked for; negative sharpens
+  double sharpening{0.25};    ///< AprilTag: of the bits' image
+  int max_hamming{2};         ///< bits that may be corrected
+
+  /// One sentence per problem with key, value and allowed range; empty: fine.
+  std::vector<std::string> validate() const;
+};
+
+/// Finds tags of one family in grey images. Not thread-safe: one detector per thread.
+class TagDetector {
+ public:
+  virtual ~TagDetector() = default;
+
+  /// All tags, in order of their ids; an id occurs as often as it is seen. Small, weak and doubtful ones too: whoever asks
+  /// decides by their margin and size. `grey`: CV_8UC1, any stride. Throws std::invalid_argument for another type or
+  /// an empty image.
+  virtual std::vector<TagObservation> detect(const cv::Mat& grey) = 0;
+};
+
+/// By libapriltag for its families, by OpenCV for ArUco's dictionaries. Throws std::invalid_argument for an impossible
+/// config, and for families that neither decodes, with the reason.
+std::unique_ptr<TagDetector> makeTagDetector(const TagDetectorConfig& config);
+
+}  // namespace brick_detection
