@@ -60,8 +60,8 @@ Eigen::Matrix3d rotationOf(const Eigen::Vector3d& r) {
 Eigen::Matrix3d inverseLeftJacobian(const Eigen::Vector3d& r) {
   const double angle = r.norm();
   const Eigen::Matrix3d K = skew(r);
-  // The factor's series, where the closed form loses its digits.
-  const double factor = angle < 1e-3
+  // The factor's series, where the closed form loses its digits; it leaves out angle^4 / 30240.
+  const double factor = angle < 0.05
                             ? 1.0 / 12.0 + angle * angle / 720.0
                             : 1.0 / (angle * angle) - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
   return Eigen::Matrix3d::Identity() - 0.5 * K + factor * K * K;

@@ -147,14 +147,19 @@ TEST(HandEye, JacobianMatchesCentralDifferences) {
 
 TEST(HandEye, ResidualIsTheErrorOfTheSamplesPose) {
   Random random(4);
-  Rig rig = exactRig(1, &random);
-  Vector6d change;
-  change << 0.01, -0.02, 0.03, 0.1, -0.2, 0.3;
-  // The sample's truth is t + dt, exp(dr) R.
-  const Eigen::Isometry3d truth = rig.samples[0].T_camera_target;
-  rig.samples[0].T_camera_target.translation() -= change.head<3>();
-  rig.samples[0].T_camera_target.linear() = rotation(-change.tail<3>()) * truth.linear();
-  EXPECT_LT((handEyeResidual(rig.samples[0], rig.T_base_camera, rig.T_tool_target, nullptr) - change).norm(), 1e-12);
+  for (const double angle : {0.0, 1e-9, 0.1, 1.0, 2.5, 3.1}) {
+    for (int i = 0; i < 10; ++i) {
+      Rig rig = exactRig(1, &random);
+      Vector6d change;
+      change << gaussian3(&random, 0.03), gaussian3(&random, 1.0).normalized() * angle;
+      // The sample's truth is t + dt, exp(dr) R.
+      rig.samples[0].T_camera_target.translation() -= change.head<3>();
+      rig.samples[0].T_camera_target.linear() = rotation(-change.tail<3>()) * rig.samples[0].T_camera_target.linear();
+      // Rounding, and near half a revolution an angle's sine is small.
+      EXPECT_LT((handEyeResidual(rig.samples[0], rig.T_base_camera, rig.T_tool_target, nullptr) - change).norm(), 1e-11)
+          << angle;
+    }
+  }
 }
 
 /// Mean of the squared error of T_base_camera in units of its covariance (NEES) and of the noise factor over many runs.
