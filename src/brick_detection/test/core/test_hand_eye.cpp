@@ -268,6 +268,20 @@ TEST(HandEye, OutliersAreFoundAndDoNotCount) {
   EXPECT_LT((without.covariance - result.covariance).norm(), 1e-5 * without.covariance.norm());
 }
 
+TEST(HandEye, AThirdOfTheSamplesMayBeWild) {
+  Random random(16);
+  for (int run = 0; run < 10; ++run) {
+    Rig rig = exactRig(18, &random);
+    addNoise(&rig, 1.0, &random);
+    for (std::size_t i = 0; i < rig.samples.size(); i += 3) {
+      rig.samples[i].T_camera_target = pose(gaussian3(&random, 1.0), gaussian3(&random, 1.0));
+    }
+    const HandEyeResult result = solveHandEye(rig.samples, tolerant(0.0005, 0.0005));
+    ASSERT_TRUE(result.isGood()) << result.reason;
+    for (std::size_t i = 0; i < rig.samples.size(); ++i) EXPECT_EQ(result.residuals[i].is_outlier, i % 3 == 0) << i;
+  }
+}
+
 TEST(HandEye, LeaveOneOutIsWhatTheOthersPredict) {
   Random random(8);
   Rig rig = exactRig(10, &random);
