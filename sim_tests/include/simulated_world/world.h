@@ -27,7 +27,8 @@ extern const std::array<std::string, kArmJoints> kArmJointNames;
 /// A brick as the world needs it: what physics does, and what is on its faces.
 struct WorldBrick {
   BrickPlacement placement;
-  double plate_edge_m{0.17};  ///< square steel plate in the middle of every face: the only place a magnet holds
+  double plate_edge_m{0.17};  ///< square steel plates in the middle of faces: the only places a magnet holds
+  std::array<bool, 6> has_plate{{true, true, true, true, true, true}};  ///< faces +x, -x, +y, -y, +z, -z
   std::string material;       ///< of the asset section; empty: plain colour
 };
 

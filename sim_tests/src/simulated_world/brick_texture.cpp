@@ -99,7 +99,7 @@ cv::Mat drawFace(const BrickAppearance& brick, std::size_t face, int face_px, Se
           const bool is_white = is_margin || cells.at<unsigned char>(down.cell, across.cell) != 0;
           return Eigen::Vector3d::Constant(is_white ? kWhite : kBlack);
         }
-        if (across.is_on_plate && down.is_on_plate) {
+        if (brick.has_plate[face] && across.is_on_plate && down.is_on_plate) {
           return Eigen::Vector3d::Constant(steel);
         }
         // Worn edges, so that bricks can be told apart.

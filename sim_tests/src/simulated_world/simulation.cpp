@@ -54,6 +54,13 @@ std::vector<JointLimits> armLimits(const urdf::ModelInterface& robot) {
   return limits;
 }
 
+std::array<bool, 6> platesOf(const mp700_ur5e_description::BrickType& type) {
+  std::array<bool, 6> has_plate{};
+  for (const mp700_ur5e_description::BrickFace face : type.plate_faces)
+    has_plate[static_cast<std::size_t>(face)] = true;
+  return has_plate;
+}
+
 }  // namespace
 
 std::vector<std::string> SimulationConfig::validate() const {
@@ -117,9 +124,16 @@ Simulation::Simulation(const SimulationConfig& config)
   std::string assets;
   std::vector<WorldBrick> bricks;
   for (const BrickPlacement& placement : scene_.bricks) {
+    const description::BrickType& type = catalogue.typeOf(placement.id);
+    if (placement.type.name != type.name) {
+      throw std::invalid_argument(config.scene + ": brick " + std::to_string(placement.id) + " is of type " +
+                                  placement.type.name + ", must be " + type.name + ", as " + config.description.bricks +
+                                  " labels it");
+    }
     WorldBrick brick;
     brick.placement = placement;
-    brick.plate_edge_m = catalogue.type(placement.type.name).plate_edge_m;
+    brick.plate_edge_m = type.plate_edge_m;
+    brick.has_plate = platesOf(type);
     brick.material = brickBodyName(placement.id);
     assets += brickTextureXml(brick.material, kBrickFace_px);
     bricks.push_back(brick);
@@ -141,10 +155,11 @@ Simulation::Simulation(const SimulationConfig& config)
   // Each into a place of its own, from a seed of its own: the result is the same on any number of processors.
   synthetic_depth::forEachInParallel(static_cast<int>(scene_.bricks.size()), [&](int i) {
     const BrickPlacement& placement = scene_.bricks[static_cast<std::size_t>(i)];
-    const description::BrickType& type = catalogue.type(placement.type.name);
+    const description::BrickType& type = catalogue.typeOf(placement.id);
     BrickAppearance look;
     look.size_m = type.size_m;
     look.plate_edge_m = type.plate_edge_m;
+    look.has_plate = platesOf(type);
     look.tag_edge_m = catalogue.tags.black_border_edge_m;
     look.colour_rgb = type.color_rgb;
     look.family = catalogue.tags.family;

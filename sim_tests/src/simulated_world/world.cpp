@@ -391,7 +391,9 @@ double World::holdFactor(const BrickSlot& slot) const {
   int face = 0;
   axis.cwiseAbs().maxCoeff(&face);
   const double tilt = std::acos(std::min(1.0, std::abs(axis[face])));
-  if (tilt >= config_.magnet.max_tilt_rad) {
+  // The tool's axis points into the brick: against the normal of the face that it touches.
+  const bool has_plate = slot.brick.has_plate[static_cast<std::size_t>(2 * face + (axis[face] > 0.0 ? 1 : 0))];
+  if (!has_plate || tilt >= config_.magnet.max_tilt_rad) {
     return 0.0;
   }
   const auto on_plate = [&slot, face](const Eigen::Vector3d& point) {

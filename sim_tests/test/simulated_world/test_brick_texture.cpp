@@ -215,6 +215,18 @@ TEST(BrickTexture, TagIsSquareInMetresOnFacesThatAreNot) {
   EXPECT_NEAR(countBlack(front.col(column)), 0.12 / 0.20 * kBrickFace_px, 1.5);
 }
 
+TEST(BrickTexture, ShowsPlatesWhereThereAreSome) {
+  BrickAppearance appearance;
+  appearance.has_plate = {true, false, true, true, true, true};
+  const auto faces = drawBrickFaces(appearance, 160, 1);
+  // Between paper (0.15 m) and plate edge (0.17 m) on faces 0.20 m wide: steel is grey, clay is red.
+  const int at_px = static_cast<int>((0.5 - 0.08 / 0.20) * 160);
+  const cv::Vec3b steel = faces[0].at<cv::Vec3b>(80, at_px);
+  const cv::Vec3b clay = faces[1].at<cv::Vec3b>(80, at_px);
+  EXPECT_NEAR(steel[0], steel[2], 3);
+  EXPECT_GT(clay[0], clay[2] + 40);
+}
+
 TEST(BrickTexture, IsFixedByItsSeed) {
   const auto first = drawBrickFaces({}, 64, 1);
   const auto again = drawBrickFaces({}, 64, 1);

@@ -239,6 +239,19 @@ TEST_F(Magnet, HoldsOnThePlateOnly) {
   EXPECT_FALSE(world.heldBrick().has_value());
 }
 
+TEST_F(Magnet, HoldsOnFacesWithAPlateOnly) {
+  World probe = makeWorld({});
+  WorldBrick brick = brickAt(7, {kReach_m, toolY(probe), 0.1});
+  for (const bool has_top_plate : {true, false}) {
+    brick.has_plate = {false, false, false, false, has_top_plate, !has_top_plate};  // top or bottom
+    World world = makeWorld({brick});
+    lowerTo(world, 0.2 - 0.001);
+    world.setMagnet(true);
+    run(world, 0.5);
+    EXPECT_EQ(world.heldBrick().has_value(), has_top_plate);
+  }
+}
+
 TEST_F(Magnet, WeakOneComesOff) {
   World world = worldWithBrick();
   world.setMagnetStrength(0.05);  // 4.5 N for 9.8 N of brick

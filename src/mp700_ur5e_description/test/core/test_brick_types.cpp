@@ -125,6 +125,103 @@ TEST(BrickTypes, KnowsArucoToo) {
   EXPECT_NEAR(catalogue.tags.cellEdge(), 0.12 / 7, 1e-12);
 }
 
+// A second type, and two bricks labelled by hand: one with small tags beside the middle, one like the scheme's.
+std::string withList(const std::string& bricks) {
+  std::string text = changed("first_id: 0", "first_id: 0\n  num_bricks: 10");
+  text.insert(text.find("tags:"),
+              "  - {name: half, size_m: [0.15, 0.20, 0.10], mass_kg: 0.4, friction: 0.6, plate_edge_m: 0.08,\n"
+              "     plate_faces: [+z, -x], color_rgb: [0.5, 0.5, 0.5]}\n");
+  return text + "\nbricks:\n" + bricks;
+}
+const std::string kHalf =
+    "  - {id: 50, type: half, tags: [{id: 60, face: +z, center_m: [0.03, -0.04],"
+    " turn_rad: 1.5707963267948966, black_border_edge_m: 0.06}, {id: 61, face: -x,"
+    " black_border_edge_m: 0.05}]}\n";
+
+TEST(BrickTypes, BricksMayBeLabelledOneByOne) {
+  const BrickCatalogue catalogue =
+      parseBrickTypes(withList(kHalf + "  - {id: 12, type: brick, tags: [{id: 99, face: +y}]}\n"), "text");
+  EXPECT_EQ(catalogue.maxBricks(), 10);
+  EXPECT_EQ(catalogue.typeOf(9).name, "brick");
+  EXPECT_EQ(catalogue.typeOf(50).name, "half");
+  EXPECT_THROW(catalogue.typeOf(10), std::invalid_argument);
+  EXPECT_TRUE(catalogue.brickOfTag(59));   // brick 9, -z
+  EXPECT_FALSE(catalogue.brickOfTag(62));  // the scheme ends
+  const std::optional<BrickTag> top = catalogue.brickOfTag(60);
+  ASSERT_TRUE(top);
+  EXPECT_EQ(top->brick_id, 50);
+  EXPECT_EQ(top->face, BrickFace::kPlusZ);
+  EXPECT_EQ(top->black_border_edge_m, 0.06);
+  // Upright, the top's tag has its x along the brick's x; turned by 90 degrees it has it along y.
+  EXPECT_TRUE(top->T_brick_tag.translation().isApprox(Eigen::Vector3d(0.03, -0.04, 0.05), 1e-12));
+  EXPECT_TRUE(top->T_brick_tag.linear().col(0).isApprox(Eigen::Vector3d::UnitY(), 1e-12));
+  EXPECT_TRUE(top->T_brick_tag.linear().col(2).isApprox(Eigen::Vector3d::UnitZ(), 1e-12));
+  const std::optional<BrickTag> plain = catalogue.brickOfTag(99);
+  ASSERT_TRUE(plain);
+  EXPECT_EQ(plain->black_border_edge_m, 0.12) << "the scheme's";
+  EXPECT_TRUE(plain->T_brick_tag.isApprox(tagPose(catalogue.type("brick"), BrickFace::kPlusY)));
+  const std::vector<BrickFace> plates = {BrickFace::kPlusZ, BrickFace::kMinusX};
+  EXPECT_EQ(catalogue.type("half").plate_faces, plates);
+  EXPECT_EQ(catalogue.type("brick").plate_faces.size(), 6U);
+}
+
+TEST(BrickTypes, TagsOfTheSchemeKnowTheirPlace) {
+  const BrickCatalogue catalogue = loadBrickTypes(kFile);
+  for (const BrickFace face : kBrickFaces) {
+    const std::optional<BrickTag> tag = catalogue.brickOfTag(catalogue.tagId(3, face));
+    ASSERT_TRUE(tag);
+    EXPECT_EQ(tag->black_border_edge_m, 0.12);
+    EXPECT_TRUE(tag->T_brick_tag.isApprox(tagPose(catalogue.types.front(), face)));
+  }
+}
+
+TEST(BrickTypes, RefusesLabelsThatContradictEachOther) {
+  const auto expectRefused = [](const std::string& bricks, const std::string& why) {
+    const std::string message = refusal(withList(bricks));
+    EXPECT_NE(message.find(why), std::string::npos) << message;
+    EXPECT_EQ(message.rfind("bricks.yaml: ", 0), 0U) << "names the file: " << message;
+  };
+  expectRefused(kHalf + kHalf, "bricks: id = 50, must be unique");
+  expectRefused(kHalf + "  - {id: 51, type: half, tags: [{id: 60, face: -z, black_border_edge_m: 0.06}]}\n",
+                "bricks: tag id = 60 of brick 51, must be unique: brick 50 has it too");
+  expectRefused("  - {id: 51, type: brick, tags: [{id: 70, face: -z}, {id: 70, face: +z}]}\n",
+                "bricks[0]/tags[1]/id = 70, must be a tag that no other place has");
+  expectRefused("  - {id: 51, type: brick, tags: [{id: 7, face: -z}]}\n",
+                "bricks: tag id = 7 of brick 51, must be unique: by the scheme it is that of brick 1");
+  expectRefused("  - {id: 9, type: brick, tags: [{id: 70, face: -z}]}\n", "bricks: id = 9, must be at least 10");
+  expectRefused("  - {id: 51, type: brick, tags: [{id: 587, face: -z}]}\n", "must be below 587");
+  expectRefused("  - {id: 51, type: stone, tags: [{id: 70, face: -z}]}\n",
+                "bricks[0]/type = stone, must be the name of one of types");
+  expectRefused("  - {id: 51, type: brick, tags: [{id: 70, face: top}]}\n",
+                "bricks[0]/tags[0]/face = top, must be one of +x, -x");
+  expectRefused("  - {id: 51, type: brick, tags: [{id: 70, face: +z, center_m: [0.1, 0.0]}]}\n",
+                "must lie on its face");
+  expectRefused("  - {id: 51, type: brick, tags: [{id: 70, face: +z, black_border_edge_m: 0}]}\n",
+                "bricks[0]/tags[0]/black_border_edge_m = 0, must be a number in (0, 2] m");
+  expectRefused("  - {id: 51, type: brick, tags: []}\n", "bricks[0]/tags = [], must be a list of at least one map");
+  EXPECT_NE(
+      refusal(changed("first_id: 0", "first_id: 0\n  num_bricks: 98")).find("tags/num_bricks = 98, must be at most 97"),
+      std::string::npos);
+  EXPECT_NE(refusal(changed("friction: 0.6", "friction: 0.6\n    plate_faces: [+z, +z]"))
+                .find("types[0]/plate_faces = +z, must be one of +x, -x, +y, -y, +z, -z, each at most once"),
+            std::string::npos);
+  EXPECT_NE(refusal(changed("[0.30, 0.20, 0.20]", "[0.30, -0.20, 0.20]")).find("types[0]/size_m = [0.30, -0.20, 0.20]"),
+            std::string::npos);
+}
+
+// Families that carry data outside their border need paper for it.
+TEST(BrickTypes, PaperHoldsTheDataOutsideTheBorder) {
+  EXPECT_NEAR(
+      parseBrickTypes(changed("black_border_edge_m: 0.12", "black_border_edge_m: 0.06")
+                          .replace(changed("black_border_edge_m: 0.12", "black_border_edge_m: 0.06").find("tag36h11"),
+                                   8, "tagStandard41h12"),
+                      "text")
+          .tags.paperEdge(),
+      0.012 * (9 + 2), 1e-12);
+  EXPECT_NE(refusal(changed("tag36h11", "tagStandard41h12")).find("black border and margin = 0.264 m"),
+            std::string::npos);
+}
+
 TEST(BrickTypes, RefusesImpossibleValues) {
   EXPECT_NE(
       refusal(changed("mass_kg: 1.0", "mass_kg: 0")).find("types[0]/mass_kg = 0, must be a number in (0, 100] kg"),
