@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "apriltag_detector.h"
+
+#include <algorithm>
+#include <cmath>
+
+extern "C" {
+#include <apriltag/apriltag.h>
+#include <apriltag/tag16h5.h>
+#include <apriltag/tag25h9.h>
+#include <apriltag/tag36h10.h>
+#include <apriltag/tag36h11.h>
+#include <apriltag/tagCircle21h7.h>
+#include <apriltag/tagCircle49h12.h>
+#include <apriltag/tagCustom48h12.h>
+#include <apriltag/tagStandard41h12.h>
+#include <apriltag/tagStandard52h13.h>
+}
+
+#include "border_refinement.h"
+#include "detector_support.h"
+
+namespace brick_detection {
+namespace {
+
+struct FamilyFunctions {
+  const char* name;
+  apriltag_family_t* (*create)();
+  void (*destroy)(apriltag_family_t*);
+};
+constexpr std::array<FamilyFunctions, 9> kFamilies = {
+    {{"tag16h5", tag16h5_create, tag16h5_destroy},
+     {"tag25h9", tag25h9_create, tag25h9_destroy},
+     {"tag36h10", tag36h10_create, tag36h10_destroy},
+     {"tag36h11", tag36h11_create, tag36h11_destroy},
+     {"tagCircle21h7", tagCircle21h7_create, tagCircle21h7_destroy},
+     {"tagCircle49h12", tagCircle49h12_create, tagCircle49h12_destroy},
+     {"tagCustom48h12", tagCustom48h12_create, tagCustom48h12_destroy},
+     {"tagStandard41h12", tagStandard41h12_create, tagStandard41h12_destroy},
+     {"tagStandard52h13", tagStandard52h13_create, tagStandard52h13_destroy}}};
+
+const FamilyFunctions* findFamily(const std::string& name) {
+  for (const FamilyFunctions& family : kFamilies) {
+    if (name == family.name) return &family;
+  }
+  return nullptr;
+}
+
+// The library finds codes with errors in a table of all of them, 48 bytes each. For two errors that is 88 MB for
+// tagStandard41h12, and gigabytes for the families of more than 40000 codes, which therefore correct one.
+constexpr std::uint32_t kManyCodes = 10000;
+
+class AprilTagDetector : public TagDetector {
+ public:
+  explicit AprilTagDetector(const TagDetectorConfig& config)
+      : config_(config),
+        family_(findFamily(config.family)->create(), findFamily(config.family)->destroy),
+        detector_(apriltag_detector_create(), apriltag_detector_destroy) {
+    const int max_hamming = family_->ncodes > kManyCodes ? std::min(1, config.max_hamming) : config.max_hamming;
+    apriltag_detector_add_family_bits(detector_.get(), family_.get(), max_hamming);
+    detector_->nthreads = config.threads;
+    detector_->quad_decimate = static_cast<float>(config.decimate);
+    detector_->quad_sigma = static_cast<float>(config.blur_sigma_px);
+    detector_->decode_sharpening = config.sharpening;
+  }
+
+  std::vector<TagObservation> detect(const cv::Mat& grey) override {
+    requireGrey(grey);
+    // Smaller images hold no tag, and the library's tiles do not fit in.
+    constexpr int kMinImagePx = 16;
+    if (std::min(grey.cols, grey.rows) < kMinImagePx * config_.decimate) return {};
+    // Without decimation the library blurs the image it was given.
+    const cv::Mat input = config_.blur_sigma_px != 0.0 && config_.decimate == 1.0 ? grey.clone() : grey;
+    image_u8_t image = {input.cols, input.rows, static_cast<int>(input.step), input.data};
+    const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(apriltag_detector_detect(detector_.get(), &image),
+                                                               apriltag_detections_destroy);
+    std::vector<TagObservation> tags;
+    for (int i = 0; i < zarray_size(found.get()); ++i) {
+      const apriltag_detection_t* detection = nullptr;
+      zarray_get(found.get(), i, static_cast<void*>(&detection));
+      TagObservation tag;
+      tag.id = detection->id;
+      tag.hamming = detection->hamming;
+      tag.margin = detection->decision_margin;
+      for (std::size_t corner = 0; corner < 4; ++corner) {
+        // The library starts at the bottom left and goes to the right; its pixel centres are at .5.
+        const double* p = detection->p[3 - corner];
+        tag.corners_px[corner] = {p[0] - 0.5, p[1] - 0.5};
+      }
+      tag.corners_px = refineBorder(grey, tag.corners_px, family_->width_at_border);
+      tags.push_back(tag);
+    }
+    sortById(&tags);
+    return tags;
+  }
+
+ private:
+  TagDetectorConfig config_;
+  std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family_;  // must outlive detector_
+  std::unique_ptr<apriltag_detector_t, void (*)(apriltag_detector_t*)> detector_;
+};
+
+}  // namespace
+
+bool isAprilTagFamily(const std::string& family) {
+  return findFamily(family) != nullptr;
+}
+
+std::unique_ptr<TagDetector> makeAprilTagDetector(const TagDetectorConfig& config) {
+  return std::make_unique<AprilTagDetector>(config);
+}
+
+}  // namespace brick_detection
