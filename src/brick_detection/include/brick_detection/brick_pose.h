@@ -12,11 +12,10 @@
 
 #include "brick_detection/camera_model.h"
 #include "brick_detection/depth_plane.h"
+#include "brick_detection/pose_refinement.h"
 #include "brick_detection/tag_detector.h"
 
 namespace brick_detection {
-
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 /// What a decoded tag was good for; the constants of interactive_mapping_msgs/TagSighting.
 enum class TagStatus : std::uint8_t {
@@ -58,6 +57,8 @@ struct BrickPoseConfig {
   /// Of the two poses that fit a flat square, the second may stand unless its corners fit worse than the first's by
   /// this chi-square (one degree of freedom): below it, depth or another tag must decide.
   double ambiguity_chi2{15.0};
+  /// A pose must be known that well. Two poses nearer to each other are no ambiguity: the covariance then spans both.
+  double max_rotation_std_rad{0.20};
   double max_depth_angle_rad{0.26};  ///< between a tag's normal and its depth plane: more and they are not one thing
   double max_depth_offset_m{0.05};
   /// Tags of one id belong to one brick if their poses of it agree to that; else several bricks carry the id.
@@ -68,8 +69,13 @@ struct BrickPoseConfig {
   std::vector<std::string> validate() const;
 };
 
-/// Both poses T_camera_tag of a square seen in an image (IPPE, Collins and Bartoli 2014), best first; the second is missing
-/// where it is not in front of the camera. `edge_m`: of the black border.
+/// Corners of a tag's black border in its frame, in the order of TagObservation.
+std::array<Eigen::Vector3d, 4> tagCorners(double edge_m);
+
+/// Both poses T_camera_tag of a square seen in an image (IPPE, Collins and Bartoli 2014), each moved to its minimum of the
+/// reprojection error, best first. The second is missing where it is not in front of the camera or has the same minimum;
+/// both are where the corners are not those of a square's printed side. `edge_m`: of the black border; throws
+/// std::invalid_argument unless positive.
 struct TagPose {
   Eigen::Isometry3d T_camera_tag{Eigen::Isometry3d::Identity()};
   double reprojection_rms_px{0.0};

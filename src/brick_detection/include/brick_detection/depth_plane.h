@@ -17,11 +17,11 @@ struct DepthPlaneConfig {
   double grow{1.15};  ///< of the tag's quadrangle about its middle: the plate round the tag counts as well
   double inverse_depth_std{0.003};  ///< noise of one pixel of a stereo camera [1/m]: z^2 times this in metres
   double correlation_px{4.0};       ///< neighbouring pixels' noise is alike over so many pixels, edge of a square
-  double systematic_m{0.002};       ///< offset that no averaging removes, per metre of depth
-  double systematic_rad{0.005};     ///< the same for the normal
+  double systematic_m{0.002};       ///< offset that no averaging removes, alike all over an image [m per m of depth]
+  double systematic_rad{0.005};     ///< tilt that no averaging removes, another for each plane
   double min_coverage{0.5};         ///< share of the quadrangle's pixels that must hold a depth
   double min_inlier_share{0.7};     ///< of those, on one plane
-  int min_pixels{60};
+  int min_pixels{60};               ///< on the plane
 
   std::vector<std::string> validate() const;
 };
@@ -35,7 +35,9 @@ struct DepthPlane {
   Eigen::Matrix3d covariance{Eigen::Matrix3d::Identity()};
   Eigen::Vector3d axis_u{Eigen::Vector3d::UnitX()};
   Eigen::Vector3d axis_v{Eigen::Vector3d::UnitY()};
-  int num_pixels{0};  ///< inliers
+  /// Standard deviation of the offset's part that all planes of one image share; the covariance has it in.
+  double shared_offset_m{0.0};
+  int num_pixels{0};  ///< inliers; of a large quadrangle only a regular sample is looked at
   double rms_m{0.0};  ///< of the inliers' distances along their rays
 };
 
@@ -44,8 +46,9 @@ enum class DepthPlaneFailure { kNone, kNoDepth, kTooFewPixels, kNotFlat };
 
 /// Robust plane through the depth pixels inside a quadrangle. A plane's inverse depth is affine in the bearing, and a
 /// stereo camera's noise is even in inverse depth: a linear, evenly weighted problem, with outliers (mixed pixels, what
-/// stands before the tag) weighed down. `depth_m`: CV_32FC1 of the camera's size, along the optical axis; NaN,
-/// +-Inf and <= 0 hold nothing. Nothing, and the reason, if the depth does not show one plane.
+/// stands before the tag) left out. `depth_m`: CV_32FC1 of the camera's size, along the optical axis; NaN,
+/// +-Inf and <= 0 hold nothing. Nothing, and the reason, if the depth does not show one plane. Throws
+/// std::invalid_argument for a depth image of another type or size.
 std::optional<DepthPlane> fitDepthPlane(const cv::Mat& depth_m, const CameraModel& camera,
                                         const std::array<Eigen::Vector2d, 4>& quad_px, const DepthPlaneConfig& config,
                                         DepthPlaneFailure* failure = nullptr);

@@ -1,2 +1,355 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "brick_detection/brick_pose.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include <Eigen/Dense>
+
+#include "range_check.h"
+
+namespace brick_detection {
+namespace {
+
+using mp700_ur5e_description::BrickCatalogue;
+using mp700_ur5e_description::BrickTag;
+
+// Poses with their own uncertainty are compared at so many standard deviations.
+constexpr double kSigmas = 3.0;
+// Minima of one problem nearer to each other than that are one: refinePose() stops at steps far below.
+constexpr double kSameTurn_rad = 1e-4;
+
+/// A tag that passed the gates, as a measurement of its brick.
+struct Candidate {
+  std::size_t index{0};  ///< in the tags given
+  int tag_id{0};
+  double side_px{0.0};
+  BrickTag tag;
+  std::vector<PointMeasurement> corners;  ///< body: the brick
+  std::optional<PlaneMeasurement> plane;
+  std::vector<RefinedPose> hypotheses;  ///< T_camera_brick by the corners alone, best first
+};
+
+/// Tags taken for one brick's, and where it then is.
+struct Group {
+  std::vector<const Candidate*> members;
+  RefinedPose pose;
+  std::vector<Eigen::Vector3d> possible_middles;  ///< of each pose that fits
+  bool is_ambiguous{false};
+};
+
+double largestStd(const Eigen::Ref<const Eigen::MatrixXd>& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(covariance, Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, eigen.eigenvalues().maxCoeff()));
+}
+
+double rotationStd(const Matrix6d& covariance) {
+  return largestStd(covariance.bottomRightCorner<3, 3>());
+}
+
+PoseProblem problemOf(const std::vector<const Candidate*>& members, double corner_std_px) {
+  PoseProblem problem;
+  problem.point_std_px = corner_std_px;
+  for (const Candidate* member : members) {
+    problem.points.insert(problem.points.end(), member->corners.begin(), member->corners.end());
+    if (member->plane) problem.planes.push_back(*member->plane);
+  }
+  return problem;
+}
+
+double reprojectionRms(const std::vector<PointMeasurement>& points, const Eigen::Isometry3d& T_camera_brick) {
+  double sum_squares = 0.0;
+  for (const PointMeasurement& point : points) sum_squares += pointResidual(point, T_camera_brick).squaredNorm();
+  return std::sqrt(sum_squares / static_cast<double>(points.size()));
+}
+
+bool contradicts(const PlaneMeasurement& plane, const RefinedPose& pose, const BrickPoseConfig& config) {
+  Eigen::Matrix<double, 3, 6> jacobian;
+  const Eigen::Vector3d residual = planeResidual(plane, pose.T_camera_body, &jacobian);
+  // The corners of a small tag seen from the front leave its tilt open: that much is no contradiction.
+  const Eigen::Matrix3d covariance = jacobian * pose.covariance * jacobian.transpose();
+  const double facing = (pose.T_camera_body.linear() * plane.n_body).dot(plane.plane.normal);
+  const double angle_rad = std::acos(std::clamp(facing, -1.0, 1.0));
+  return angle_rad > config.max_depth_angle_rad + kSigmas * largestStd(covariance.topLeftCorner<2, 2>()) ||
+         std::abs(residual.z()) > config.max_depth_offset_m + kSigmas * std::sqrt(covariance(2, 2));
+}
+
+/// Whether one of a group's poses has the brick's middle near a place.
+bool mayBeAt(const Group& group, const Eigen::Vector3d& p_camera, double distance_m) {
+  return std::any_of(group.possible_middles.begin(), group.possible_middles.end(),
+                     [&](const Eigen::Vector3d& middle) { return (middle - p_camera).norm() < distance_m; });
+}
+
+/// How far a hypothesis is from a pose in units of what one brick's poses may differ: up to 1 they are one brick's.
+double disagreement(const RefinedPose& hypothesis, const Eigen::Isometry3d& T_camera_brick,
+                    const BrickPoseConfig& config) {
+  const Vector6d step = stepBetween(T_camera_brick, hypothesis.T_camera_body);
+  const double allowed_m = config.same_brick_m + kSigmas * largestStd(hypothesis.covariance.topLeftCorner<3, 3>());
+  const double allowed_rad = config.same_brick_rad + kSigmas * rotationStd(hypothesis.covariance);
+  return std::max(step.head<3>().norm() / allowed_m, step.tail<3>().norm() / allowed_rad);
+}
+
+double disagreement(const Candidate& candidate, const Eigen::Isometry3d& T_camera_brick,
+                    const BrickPoseConfig& config) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const RefinedPose& hypothesis : candidate.hypotheses) {
+    least = std::min(least, disagreement(hypothesis, T_camera_brick, config));
+  }
+  return least;
+}
+
+/// All poses that fit the members together, best first.
+std::vector<RefinedPose> fits(const std::vector<const Candidate*>& members, const BrickPoseConfig& config) {
+  const PoseProblem problem = problemOf(members, config.corner_std_px);
+  std::vector<RefinedPose> found;
+  for (const Candidate* member : members) {
+    for (const RefinedPose& hypothesis : member->hypotheses) {
+      const std::optional<RefinedPose> fit = refinePose(problem, hypothesis.T_camera_body);
+      if (!fit) continue;
+      const bool is_known = std::any_of(found.begin(), found.end(), [&fit](const RefinedPose& other) {
+        return stepBetween(other.T_camera_body, fit->T_camera_body).tail<3>().norm() < kSameTurn_rad;
+      });
+      if (!is_known) found.push_back(*fit);
+    }
+  }
+  std::sort(found.begin(), found.end(), [](const RefinedPose& a, const RefinedPose& b) { return a.cost < b.cost; });
+  return found;
+}
+
+/// The tags among `open` that show the brick at a hypothesis of the first one, that one included.
+std::vector<const Candidate*> gather(const std::vector<const Candidate*>& open, const RefinedPose& hypothesis,
+                                     const BrickPoseConfig& config) {
+  std::vector<const Candidate*> members = {open.front()};
+  std::set<int> taken = {open.front()->tag_id};  // a brick has each of its tags once
+  RefinedPose pose = hypothesis;
+  while (true) {
+    const Candidate* nearest = nullptr;
+    double least = 1.0;
+    for (const Candidate* other : open) {
+      if (taken.count(other->tag_id) > 0) continue;
+      const double off = disagreement(*other, pose.T_camera_body, config);
+      if (off <= least) {
+        nearest = other;
+        least = off;
+      }
+    }
+    if (!nearest) return members;
+    members.push_back(nearest);
+    taken.insert(nearest->tag_id);
+    if (const auto refined = refinePose(problemOf(members, config.corner_std_px), pose.T_camera_body)) pose = *refined;
+  }
+}
+
+/// The largest group that the first of `open` is in, and its pose. Nothing if no pose fits.
+std::optional<Group> nextGroup(const std::vector<const Candidate*>& open, const BrickPoseConfig& config) {
+  Group group;
+  std::vector<RefinedPose> poses;
+  for (const RefinedPose& hypothesis : open.front()->hypotheses) {
+    std::vector<const Candidate*> members = gather(open, hypothesis, config);
+    std::vector<RefinedPose> found = fits(members, config);
+    // A member that the pose of all leaves aside is another brick's, or badly seen.
+    while (members.size() > 1 && !found.empty()) {
+      const auto worst = std::max_element(members.begin() + 1, members.end(), [&](const auto* a, const auto* b) {
+        return disagreement(*a, found.front().T_camera_body, config) <
+               disagreement(*b, found.front().T_camera_body, config);
+      });
+      if (disagreement(**worst, found.front().T_camera_body, config) <= 1.0) break;
+      members.erase(worst);
+      found = fits(members, config);
+    }
+    if (found.empty()) continue;
+    const bool is_better = poses.empty() || members.size() > group.members.size() ||
+                           (members.size() == group.members.size() && found.front().cost < poses.front().cost);
+    if (!is_better) continue;
+    group.members = std::move(members);
+    poses = std::move(found);
+  }
+  if (poses.empty()) return std::nullopt;
+
+  group.pose = poses.front();
+  for (const RefinedPose& other : poses) {
+    if (other.cost - poses.front().cost >= config.ambiguity_chi2) continue;
+    group.possible_middles.emplace_back(other.T_camera_body.translation());
+    const Vector6d step = stepBetween(poses.front().T_camera_body, other.T_camera_body);
+    if (step.tail<3>().norm() > config.max_rotation_std_rad) {
+      group.is_ambiguous = true;
+    } else {
+      group.pose.covariance += step * step.transpose();
+    }
+  }
+  group.is_ambiguous = group.is_ambiguous || rotationStd(group.pose.covariance) > config.max_rotation_std_rad;
+  return group;
+}
+
+}  // namespace
+
+const char* toString(TagStatus status) {
+  switch (status) {
+    case TagStatus::kUsed:
+      return "used";
+    case TagStatus::kUnknownId:
+      return "unknown id";
+    case TagStatus::kTooSmall:
+      return "too small";
+    case TagStatus::kUnsure:
+      return "unsure";
+    case TagStatus::kAmbiguous:
+      return "ambiguous";
+    case TagStatus::kContradictsDepth:
+      return "contradicts depth";
+    case TagStatus::kInconsistent:
+      return "inconsistent";
+  }
+  return "unknown status";
+}
+
+std::vector<std::string> BrickPoseConfig::validate() const {
+  RangeCheck check;
+  check("corner_std_px", corner_std_px, 0.01, 10.0, "px");
+  check("min_side_px", min_side_px, 1.0, 1000.0, "px");
+  check("min_margin", min_margin, 0.0, 255.0, "grey levels");
+  check("max_hamming", max_hamming, 0, 10, "bits");
+  check("max_reprojection_px", max_reprojection_px, 0.01, 50.0, "px");
+  check("ambiguity_chi2", ambiguity_chi2, 0.0, 1e4, "");
+  check("max_rotation_std_rad", max_rotation_std_rad, 0.001, 1.0, "rad");
+  check("max_depth_angle_rad", max_depth_angle_rad, 0.01, 1.5, "rad");
+  check("max_depth_offset_m", max_depth_offset_m, 0.001, 1.0, "m");
+  check("same_brick_m", same_brick_m, 0.001, 1.0, "m");
+  check("same_brick_rad", same_brick_rad, 0.01, 1.5, "rad");
+  std::vector<std::string> problems = check.problems();
+  for (const std::string& problem : depth.validate()) problems.push_back("depth/" + problem);
+  return problems;
+}
+
+BrickPoseEstimator::BrickPoseEstimator(const BrickCatalogue& catalogue, const BrickPoseConfig& config)
+    : catalogue_(catalogue), config_(config) {
+  throwIfAny(config_.validate());
+}
+
+BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObservation>& tags,
+                                                        const CameraModel& camera, const cv::Mat& depth_m) const {
+  throwIfAny(camera.validate());
+  if (!depth_m.empty() &&
+      (depth_m.type() != CV_32FC1 || depth_m.cols != camera.width_px || depth_m.rows != camera.height_px)) {
+    throw std::invalid_argument("depth image = " + std::to_string(depth_m.cols) + " x " + std::to_string(depth_m.rows) +
+                                " of type " + std::to_string(depth_m.type()) + ", must be " +
+                                std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
+                                " of type CV_32FC1");
+  }
+
+  Result result;
+  std::map<int, std::vector<Candidate>> candidates;  // by the brick's id
+  for (std::size_t i = 0; i < tags.size(); ++i) {
+    const TagObservation& tag = tags[i];
+    result.tags.emplace_back();
+    TagSighting& sighting = result.tags.back();
+    sighting.tag = tag;
+    const std::optional<BrickTag> known = catalogue_.brickOfTag(tag.id);
+    if (!known) {
+      sighting.status = TagStatus::kUnknownId;
+      continue;
+    }
+    sighting.brick_id = known->brick_id;
+    sighting.face = known->face;
+    sighting.status = TagStatus::kInconsistent;
+    const bool is_finite = std::all_of(tag.corners_px.begin(), tag.corners_px.end(),
+                                       [](const Eigen::Vector2d& corner) { return corner.allFinite(); });
+    if (!is_finite) continue;
+    if (!(tag.margin >= config_.min_margin) || tag.hamming > config_.max_hamming) {
+      sighting.status = TagStatus::kUnsure;
+      continue;
+    }
+    if (tag.shortestSide() < config_.min_side_px) {
+      sighting.status = TagStatus::kTooSmall;
+      continue;
+    }
+
+    Candidate candidate;
+    candidate.index = i;
+    candidate.tag_id = tag.id;
+    candidate.side_px = tag.shortestSide();
+    candidate.tag = *known;
+    const std::array<Eigen::Vector3d, 4> corners_tag = tagCorners(known->black_border_edge_m);
+    for (std::size_t corner = 0; corner < 4; ++corner) {
+      const auto point = measurePoint(known->T_brick_tag * corners_tag[corner], tag.corners_px[corner], camera);
+      if (point) candidate.corners.push_back(*point);
+    }
+    if (candidate.corners.size() < 4) continue;
+    PoseProblem problem;
+    problem.point_std_px = config_.corner_std_px;
+    problem.points = candidate.corners;
+    for (const TagPose& pose : tagPoses(tag.corners_px, known->black_border_edge_m, camera)) {
+      if (pose.reprojection_rms_px > config_.max_reprojection_px) continue;
+      if (const auto refined = refinePose(problem, pose.T_camera_tag * known->T_brick_tag.inverse())) {
+        candidate.hypotheses.push_back(*refined);
+      }
+    }
+    if (candidate.hypotheses.empty()) continue;
+
+    if (const auto plane = fitDepthPlane(depth_m, camera, tag.corners_px, config_.depth)) {
+      candidate.plane = PlaneMeasurement{known->T_brick_tag.translation(), known->T_brick_tag.linear().col(2), *plane};
+      const auto wrong = std::remove_if(candidate.hypotheses.begin(), candidate.hypotheses.end(),
+                                        [&](const auto& pose) { return contradicts(*candidate.plane, pose, config_); });
+      candidate.hypotheses.erase(wrong, candidate.hypotheses.end());
+      if (candidate.hypotheses.empty()) {
+        sighting.status = TagStatus::kContradictsDepth;
+        continue;
+      }
+    }
+    candidates[known->brick_id].push_back(std::move(candidate));
+  }
+
+  for (const auto& [brick_id, of_brick] : candidates) {
+    std::vector<const Candidate*> open;
+    for (const Candidate& candidate : of_brick) open.push_back(&candidate);
+    std::stable_sort(open.begin(), open.end(),
+                     [](const Candidate* a, const Candidate* b) { return a->side_px > b->side_px; });
+    // Two bricks' middles are at least this far apart, however they lie: half of it is nobody's brick.
+    const double clearance_m = 0.5 * catalogue_.typeOf(brick_id).size_m.minCoeff();
+    std::vector<Group> groups;
+    while (!open.empty()) {
+      std::optional<Group> group = nextGroup(open, config_);
+      if (!group) {
+        open.erase(open.begin());
+        continue;
+      }
+      open.erase(std::remove_if(open.begin(), open.end(),
+                                [&group](const Candidate* candidate) {
+                                  return std::count(group->members.begin(), group->members.end(), candidate) > 0;
+                                }),
+                 open.end());
+      // What stands where a brick of this id is already, but disagrees with it, is a badly seen tag and no second brick.
+      const bool is_in_another = std::any_of(groups.begin(), groups.end(), [&](const Group& other) {
+        return !other.is_ambiguous && mayBeAt(*group, other.pose.T_camera_body.translation(), clearance_m);
+      });
+      if (is_in_another) continue;  // kInconsistent
+      for (const Candidate* member : group->members) {
+        result.tags[member->index].status = group->is_ambiguous ? TagStatus::kAmbiguous : TagStatus::kUsed;
+      }
+      groups.push_back(std::move(*group));
+    }
+    for (const Group& group : groups) {
+      if (group.is_ambiguous) continue;
+      BrickSighting sighting;
+      sighting.brick_id = brick_id;
+      sighting.T_camera_brick = group.pose.T_camera_body;
+      sighting.covariance = group.pose.covariance;
+      // One that cannot be told apart from this one is no evidence, one that is refused and stands elsewhere is.
+      sighting.has_duplicate = std::any_of(groups.begin(), groups.end(), [&](const Group& other) {
+        return &other != &group && !mayBeAt(other, group.pose.T_camera_body.translation(), clearance_m);
+      });
+      const PoseProblem problem = problemOf(group.members, config_.corner_std_px);
+      sighting.has_depth = !problem.planes.empty();
+      sighting.reprojection_rms_px = reprojectionRms(problem.points, group.pose.T_camera_body);
+      for (const Candidate* member : group.members) sighting.faces.push_back(member->tag.face);
+      std::sort(sighting.faces.begin(), sighting.faces.end());
+      sighting.faces.erase(std::unique(sighting.faces.begin(), sighting.faces.end()), sighting.faces.end());
+      result.bricks.push_back(std::move(sighting));
+    }
+  }
+  return result;
+}
+
+}  // namespace brick_detection

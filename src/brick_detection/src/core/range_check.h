@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace brick_detection {
+
+/// Collects what is out of range as "key = value unit, must be in [lo, hi] unit".
+class RangeCheck {
+ public:
+  explicit RangeCheck(std::string prefix = "") : prefix_(std::move(prefix)) {}
+
+  void operator()(const char* key, double value, double lo, double hi, const char* unit) {
+    if (value >= lo && value <= hi) return;  // false for NaN
+    const std::string unit_text = *unit == '\0' ? "" : std::string(" ") + unit;
+    std::ostringstream text;
+    text << prefix_ << key << " = " << value << unit_text << ", must be in [" << lo << ", " << hi << "]" << unit_text;
+    problems_.push_back(text.str());
+  }
+
+  const std::vector<std::string>& problems() const { return problems_; }
+
+ private:
+  std::string prefix_;
+  std::vector<std::string> problems_;
+};
+
+/// Throws std::invalid_argument with a line for each problem.
+inline void throwIfAny(const std::vector<std::string>& problems) {
+  if (problems.empty()) return;
+  std::string text;
+  for (const std::string& problem : problems) text += (text.empty() ? "" : "\n") + problem;
+  throw std::invalid_argument(text);
+}
+
+}  // namespace brick_detection
