@@ -24,8 +24,8 @@ struct BrickDetectionParams {
   } detect;
 
   struct Map {
-    bool use{true};              // ask it, where it is there
-    double answer_age_s{5.0};    // wall time without an answer, after which the diagnostics warn
+    bool use{true};            // ask it, where it is there
+    double answer_age_s{5.0};  // wall time without an answer, after which the diagnostics warn
   } map;
 
   struct Output {

@@ -27,7 +27,7 @@ class BrickMarkers {
   mp700_ur5e_description::BrickCatalogue catalogue_;
   double ellipsoid_sigmas_;
   double arrow_m_;
-  std::map<std::pair<int, int>, int> numbers_;  // of a brick's markers, by its id and instance; never given to another
+  std::map<std::pair<int, int>, int> numbers_;   // of a brick's markers, by its id and instance; never given to another
   std::set<std::pair<std::string, int>> shown_;  // name space and id
 };
 

@@ -30,8 +30,8 @@ namespace brick_detection_ros {
 
 struct ImageInputParams : gpis_mapping_ros::CameraPoseParams {
   bool use_depth{true};
-  double max_depth_offset_s{0.02};  // between the stamps of a colour and a depth image that belong together
-  double depth_timeout_s{0.15};     // how long a colour image waits for its depth, by the wall clock
+  double max_depth_offset_s{0.02};       // between the stamps of a colour and a depth image that belong together
+  double depth_timeout_s{0.15};          // how long a colour image waits for its depth, by the wall clock
   double depth_units_per_metre{1000.0};  // of 16UC1 images
   std::string image_transport{"raw"};
   std::string depth_transport{"raw"};
@@ -53,7 +53,7 @@ struct InputFrame {
   std::optional<Eigen::Isometry3d> T_map_camera;
   ros::Time stamp;
   std::string camera_frame;
-  std::string remark;    // what was done without
+  std::string remark;   // what was done without
   double wait_ms{0.0};  // from arrival to the begin of its work
 };
 

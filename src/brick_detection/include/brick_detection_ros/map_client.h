@@ -36,9 +36,9 @@ class MapClient {
     std::uint64_t questions{0};
     std::uint64_t answers{0};
     bool is_asking{false};
-    ros::WallTime last_answer;    // zero: none yet
-    ros::WallTime asked_since;    // first question since the last answer
-    std::string last_failure;     // empty since the last answer
+    ros::WallTime last_answer;  // zero: none yet
+    ros::WallTime asked_since;  // first question since the last answer; zero: none is open
+    std::string last_failure;   // empty since the last answer
   };
 
   /// `map_frame`: of the questions. Both callbacks run on this client's thread.
@@ -68,6 +68,7 @@ class MapClient {
   bool has_ended_{false};
   bool has_news_{false};
   ros::ServiceClient client_;
+  ros::WallTime next_try_;
   Counters counters_;
 
   ros::Subscriber update_subscriber_;

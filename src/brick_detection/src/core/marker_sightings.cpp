@@ -106,6 +106,7 @@ BrickPoseEstimator::Result sightingsOfMarkers(const std::vector<MarkerObservatio
   for (const MarkerObservation& marker : markers) {
     TagSighting sighting;
     sighting.tag.id = marker.id;
+    sighting.tag.corners_px.fill(Eigen::Vector2d::Zero());
     const std::optional<description::BrickTag> tag = catalogue.brickOfTag(marker.id);
     if (tag) {
       sighting.brick_id = tag->brick_id;

@@ -64,7 +64,7 @@ std::vector<std::string> BrickDetectionParams::validate() const {
 }
 
 std::string toYaml(const BrickDetectionParams& params) {
-  YAML::Node yaml;
+  YAML::Node yaml(YAML::NodeType::Map);
   const auto write = [&yaml](const std::string& key, const auto& value) { put(yaml, key, value); };
   write("bricks_file", params.bricks_file);
   write("input/map_frame", params.input.map_frame);
@@ -86,8 +86,8 @@ BrickDetectionParams loadBrickDetectionParams(const ros::NodeHandle& private_nh)
   reader.read("bricks_file", &params.bricks_file);
   params.input.CameraPoseParams::read("input", &reader);
   visitParams(params, [&reader](const char* key, auto& value) { reader.read(key, &value); });
-  reader.ignore("image_transport");  // read by image_transport
-  reader.ignore("image");            // its publishers' settings: ~image/compressed/...
+  reader.ignore("image_transport");    // read by image_transport
+  reader.ignore("image");              // its publishers' settings: ~image/compressed/...
   reader.ignore("diagnostic_period");  // read by diagnostic_updater
   reader.ignore("diagnostic_updater");
   reader.report("", params.validate());

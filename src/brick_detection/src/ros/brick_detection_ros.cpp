@@ -25,10 +25,10 @@ using interactive_mapping_msgs::DetectBricks;
 using Update = interactive_mapping_msgs::BrickDetectionUpdate;
 
 constexpr char kLog[] = "brick_detection";
-constexpr double kWindow_s = 5.0;      // over which diagnostics count
-constexpr double kSilence_s = 2.0;     // without an image: a warning
-constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
-constexpr int kDetectThreads = 4;      // calls of ~detect that can wait at once; others queue up
+constexpr double kWindow_s = 5.0;                      // over which diagnostics count
+constexpr double kSilence_s = 2.0;                     // without an image: a warning
+constexpr double kWarnPeriod_s = 5.0;                  // a message in a callback is repeated no more often
+constexpr int kDetectThreads = 4;                      // calls of ~detect that can wait at once; others queue up
 constexpr std::chrono::milliseconds kClockPeriod(20);  // a waiting call looks at the clock that often
 
 std::string formatted(const char* format, double value) {
@@ -86,8 +86,7 @@ BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeH
   callbacks.refuse = [this](const ros::Time& stamp, const Refusal& refusal, bool is_restart) {
     refuse(stamp, refusal, is_restart);
   };
-  const auto source =
-      detector_.decodesImages() ? ImageInput::Source::kImages : ImageInput::Source::kAlvarMarkers;
+  const auto source = detector_.decodesImages() ? ImageInput::Source::kImages : ImageInput::Source::kAlvarMarkers;
   input_ = std::make_unique<ImageInput>(nh, private_nh, params_.input, source, callbacks);
 
   attached_subscriber_ = public_nh.subscribe("attached_brick", 5, &BrickDetectionRos::onAttached, this);
@@ -142,9 +141,9 @@ void BrickDetectionRos::consume(const InputFrame& frame) {
     const std::lock_guard<std::mutex> lock(detector_mutex_);
     record.number = ++num_looks_;  // one that fails, too
     if (frame.T_map_camera) {
-      look = frame.has_image ? detector_.look(frame.image, frame.depth_m, frame.camera, *frame.T_map_camera,
-                                              frame.stamp.toSec())
-                             : detector_.addMarkers(frame.markers, *frame.T_map_camera, frame.stamp.toSec());
+      look = frame.has_image
+                 ? detector_.look(frame.image, frame.depth_m, frame.camera, *frame.T_map_camera, frame.stamp.toSec())
+                 : detector_.addMarkers(frame.markers, *frame.T_map_camera, frame.stamp.toSec());
     }
     stamp_ = frame.stamp;
     update.look = num_looks_;
@@ -351,8 +350,7 @@ bool BrickDetectionRos::onDetect(DetectBricks::Request& request, DetectBricks::R
       if (last_refused_ != refused_before) {
         response.update = last_refused_->update;
         answer(Response::REFUSED, "no image could be used, " + why + "; the last: " +
-                                      statusName(last_refused_->update.status) + ", " +
-                                      last_refused_->update.message);
+                                      statusName(last_refused_->update.status) + ", " + last_refused_->update.message);
       } else {
         answer(Response::NO_IMAGE, "no image on " + input_->topic() + ", " + why);
       }
@@ -431,6 +429,10 @@ void BrickDetectionRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrappe
     status.add(i == 0 ? name : "left out: " + name, counters.by_status[i]);
   }
   status.add("without depth", counters.without_depth);
+  {
+    const std::lock_guard<std::mutex> lock(look_mutex_);
+    status.add("calls of ~detect that wait", waiting_since_.size());
+  }
   if (!counters.last_remark.empty()) status.add("last without depth", counters.last_remark);
   if (!counters.last_refusal.empty()) status.add("last left out", counters.last_refusal);
 }
@@ -474,8 +476,8 @@ void BrickDetectionRos::diagnoseBricks(diagnostic_updater::DiagnosticStatusWrapp
   if (duplicates.empty()) {
     status.summary(DiagnosticStatus::OK, "");
   } else {
-    status.summary(DiagnosticStatus::WARN, "several bricks carry the id " + join(duplicates) +
-                                               ": they cannot be told apart by it");
+    status.summary(DiagnosticStatus::WARN,
+                   "several bricks carry the id " + join(duplicates) + ": they cannot be told apart by it");
   }
   status.add("bricks known", known);
   status.add("ids carried by several", duplicates.empty() ? "none" : join(duplicates));
@@ -494,7 +496,9 @@ void BrickDetectionRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper&
                        (counters.last_failure.empty() ? ": it hangs" : "; " + counters.last_failure) +
                        ": faces are ranked by neighbours alone, and bricks taken away are not noticed");
   } else {
-    status.summary(DiagnosticStatus::OK, counters.answers > 0 ? "the map answers" : "nothing to ask yet");
+    status.summary(DiagnosticStatus::OK, counters.answers > 0            ? "the map answers"
+                                         : counters.last_failure.empty() ? "nothing to ask yet"
+                                                                         : "no map: faces are ranked by neighbours");
   }
   status.add("service", map_->service());
   status.add("updates of the map", counters.updates);

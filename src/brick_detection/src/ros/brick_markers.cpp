@@ -107,7 +107,8 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
 
     for (const interactive_mapping_msgs::BrickFace& face : brick.graspable_faces) {
       const Eigen::Isometry3d T_map_plate = toIsometry(face.pose);
-      Marker arrow = makeMarker(bricks.header, "faces", description::kNumBrickFaces * number + face.face, Marker::ARROW);
+      Marker arrow =
+          makeMarker(bricks.header, "faces", description::kNumBrickFaces * number + face.face, Marker::ARROW);
       arrow.points = {toPoint(T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m + arrow_m_)),
                       toPoint(T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m))};
       arrow.scale.x = 0.012;  // shaft's diameter, head's diameter, head's length

@@ -25,7 +25,8 @@ constexpr std::size_t kMaxShownName = 40;
 // The enums of the core are the constants of the messages.
 static_assert(static_cast<int>(brick_detection::TagStatus::kInconsistent) ==
               interactive_mapping_msgs::TagSighting::INCONSISTENT);
-static_assert(interactive_mapping_msgs::TagSighting::NUM_STATUS == interactive_mapping_msgs::TagSighting::INCONSISTENT + 1);
+static_assert(interactive_mapping_msgs::TagSighting::NUM_STATUS ==
+              interactive_mapping_msgs::TagSighting::INCONSISTENT + 1);
 static_assert(static_cast<int>(mp700_ur5e_description::BrickFace::kMinusZ) ==
               interactive_mapping_msgs::BrickFace::MINUS_Z);
 
@@ -140,8 +141,7 @@ std::optional<cv::Mat> toColorImage(const sensor_msgs::Image& message, Refusal* 
 }
 
 std::optional<cv::Mat> toDepthMat(const sensor_msgs::Image& message, double units_per_metre, Refusal* refusal) {
-  std::optional<gpis_mapping::DepthImage> depth =
-      gpis_mapping_ros::toDepthImage(message, units_per_metre, refusal);
+  std::optional<gpis_mapping::DepthImage> depth = gpis_mapping_ros::toDepthImage(message, units_per_metre, refusal);
   if (!depth) return std::nullopt;
   return cv::Mat(depth->height, depth->width, CV_32FC1, depth->depth_m.data()).clone();
 }
@@ -152,7 +152,8 @@ std::optional<CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bo
     return std::nullopt;
   };
   constexpr std::uint32_t kMaxSide_px = std::numeric_limits<std::int16_t>::max();
-  if (info.width > kMaxSide_px || info.height > kMaxSide_px) return refuse("size is " + sizeText(info.width, info.height));
+  if (info.width > kMaxSide_px || info.height > kMaxSide_px)
+    return refuse("size is " + sizeText(info.width, info.height));
   CameraModel camera;
   camera.width_px = static_cast<int>(info.width);
   camera.height_px = static_cast<int>(info.height);

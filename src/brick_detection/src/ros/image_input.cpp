@@ -60,8 +60,8 @@ std::vector<std::string> ImageInputParams::validate() const {
   check("max_depth_offset_s", max_depth_offset_s, 0.0, 1.0, "s");
   check("depth_timeout_s", depth_timeout_s, 0.0, 10.0, "s");
   check("depth_units_per_metre", depth_units_per_metre, 1.0, 1e6, "1/m");
-  for (const auto& [key, value] : {std::make_pair("image_transport", image_transport),
-                                   std::make_pair("depth_transport", depth_transport)}) {
+  for (const auto& [key, value] :
+       {std::make_pair("image_transport", image_transport), std::make_pair("depth_transport", depth_transport)}) {
     if (value.empty()) problems.push_back(std::string(key) + " = '', must name a transport, such as raw");
   }
   return problems;
@@ -221,8 +221,7 @@ std::optional<InputFrame> ImageInput::prepare(const Waiting& waiting, Refusal* r
     depths_.clear();
   }
   if (verdict != CameraPoseSource::StampVerdict::kGood) return std::nullopt;
-  std::optional<InputFrame> frame =
-      waiting.image ? prepareImage(waiting, refusal) : prepareMarkers(waiting, refusal);
+  std::optional<InputFrame> frame = waiting.image ? prepareImage(waiting, refusal) : prepareMarkers(waiting, refusal);
   if (!frame) return std::nullopt;
   frame->stamp = waiting.stamp;
   if (frame->camera_frame == params_.map_frame) {  // of markers that are given in the map's frame
@@ -270,7 +269,8 @@ std::optional<InputFrame> ImageInput::prepareImage(const Waiting& waiting, Refus
     *refusal = {FrameStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
     return std::nullopt;
   }
-  const std::optional<brick_detection::CameraModel> camera = toCameraModel(*info, is_rectified_, refusal);
+  const std::optional<brick_detection::CameraModel> camera =
+      brick_detection_ros::toCameraModel(*info, is_rectified_, refusal);
   if (!camera) return std::nullopt;
   frame.camera = *camera;
   if (message.width != info->width || message.height != info->height) {
@@ -330,7 +330,8 @@ bool ImageInput::addDepth(const sensor_msgs::Image& color, SteadyTime arrival, I
     frame->remark = "without depth: " + depth.why_not;
     return true;
   }
-  constexpr char kAdvice[] = "; use the depth that the driver registers to the colour image, or set input/use_depth to false";
+  constexpr char kAdvice[] =
+      "; use the depth that the driver registers to the colour image, or set input/use_depth to false";
   if (depth.image->width != color.width || depth.image->height != color.height) {
     *refusal = {FrameStatus::kSizeMismatch, "depth image on " + depth_subscriber_.getTopic() + " is " +
                                                 sizeText(depth.image->width, depth.image->height) +

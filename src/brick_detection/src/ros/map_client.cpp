@@ -16,6 +16,7 @@ using interactive_mapping_msgs::QueryMap;
 
 constexpr char kLog[] = "brick_detection";
 constexpr double kWarnPeriod_s = 30.0;
+constexpr double kRetry_s = 1.0;  // wall time after which a service that was not there is looked for again
 /// At the end an answer on its way is waited for so long; then its connection is closed, which ends the call.
 constexpr std::chrono::seconds kLastAnswer(1);
 
@@ -33,6 +34,7 @@ MapClient::MapClient(const ros::NodeHandle& nh, const std::string& map_frame, Ca
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       ++counters_.updates;
+      next_try_ = ros::WallTime();  // there it is
     }
     wake();
   });
@@ -90,6 +92,9 @@ void MapClient::fail(const std::string& why) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (is_stopping_) return;
   counters_.last_failure = why;
+  // Somebody may well work without a map.
+  if (counters_.updates == 0 && counters_.answers == 0) return;
+  if (counters_.asked_since.isZero()) counters_.asked_since = ros::WallTime::now();
   ROS_WARN_THROTTLE_NAMED(kWarnPeriod_s, kLog, "the map was not asked about the bricks: %s", why.c_str());
 }
 
@@ -102,10 +107,17 @@ void MapClient::ask() {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (is_stopping_) return;
     // A connection that stays; lost, it is made anew.
-    if (!client_.isValid()) client_ = nh_.serviceClient<QueryMap>("map/query", true);
+    if (!client_.isValid()) {
+      if (ros::WallTime::now() < next_try_) return;
+      client_ = nh_.serviceClient<QueryMap>("map/query", true);
+    }
     client = client_;
-    ++counters_.questions;
-    if (counters_.asked_since.isZero()) counters_.asked_since = ros::WallTime::now();
+    if (client.isValid()) {
+      ++counters_.questions;
+      if (counters_.asked_since.isZero()) counters_.asked_since = ros::WallTime::now();
+    } else {
+      next_try_ = ros::WallTime::now() + ros::WallDuration(kRetry_s);
+    }
   }
   if (!client.isValid()) {
     fail("no service " + service_);

@@ -54,7 +54,7 @@ const Values kDefaults = flattened(toYaml(BrickDetectionParams()));
 
 bool isWhole(const std::string& key) {
   static const std::set<std::string> kWhole = {
-      "input/pose_limits/settle_frames", "detector/threads",       "detector/max_hamming",  "pose/max_hamming",
+      "input/pose_limits/settle_frames", "detector/threads",    "detector/max_hamming",  "pose/max_hamming",
       "pose/depth/min_pixels",           "tracker/moved_looks", "tracker/inside_samples"};
   return kWhole.count(key) > 0;
 }
@@ -71,7 +71,7 @@ XmlRpc::XmlRpcValue otherThan(const std::string& key, const std::string& value) 
   if (value == "true" || value == "false") return value == "false";
   if (key == "detector/decimate") return 2.0;
   if (key == "detector/blur_sigma_px") return 0.8;
-  if (key == "pose/depth/grow") return 1.1;  // not below 1
+  if (key == "pose/depth/grow") return 1.1;     // not below 1
   if (key == "detector/max_hamming") return 1;  // not above 2
   if (isWhole(key)) return std::stoi(value) + 1;
   return 0.75 * std::stod(value);
