@@ -7,7 +7,6 @@
 #include <Eigen/Geometry>
 
 #include "brick_detection/brick_pose.h"
-#include "brick_detection/camera_model.h"
 
 namespace brick_detection {
 
@@ -21,15 +20,31 @@ struct HandEyeSample {
 struct HandEyeConfig {
   int min_samples{8};
   double min_rotation_rad{0.35};  ///< the tool must turn at least that much between some samples, about two axes
-  double max_residual_m{0.01};    ///< root mean square: above it the result is refused
-  double max_residual_rad{0.02};
+  /// What forward kinematics gets wrong at the target, differing between poses: added to each sample's covariance. A
+  /// tag's covariance alone can be far below it, and would let one near sample outvote the rest.
+  double arm_std_m{0.0005};
+  double arm_std_rad{0.0005};
+  double max_residual_m{0.01};  ///< root mean square: above it the result is refused
+  double max_residual_rad{0.035};  ///< a lone tag seen frontally at 1.5 m has 0.02 by itself
   double outlier_chi2{30.0};  ///< six degrees of freedom: a sample farther off is left out, and reported
 
   std::vector<std::string> validate() const;
 };
 
+/// Why there is no answer. The reason in words is HandEyeResult::reason.
+enum class HandEyeFailure {
+  kNone,
+  kTooFewSamples,
+  kTooLittleRotation,
+  kOneAxisOnly,
+  kSamplesDisagree,
+  kResidualTooBig
+};
+
 /// Camera on the mast, target on the tool (eye to hand).
 struct HandEyeResult {
+  HandEyeFailure failure{HandEyeFailure::kNone};
+  std::string reason;  ///< what is wrong and what to do; empty when there is an answer
   Eigen::Isometry3d T_base_camera{Eigen::Isometry3d::Identity()};
   Eigen::Isometry3d T_tool_target{Eigen::Isometry3d::Identity()};
   Matrix6d covariance{Matrix6d::Identity()};  ///< of T_base_camera, along the base's axes
@@ -38,15 +53,33 @@ struct HandEyeResult {
     double rotation_rad{0.0};
     bool is_outlier{false};
   };
-  std::vector<Residual> residuals;  ///< of each sample: T_base_camera T_camera_target against T_base_tool T_tool_target
-  double rms_m{0.0};                ///< over those that are no outliers
+  /// Of each sample: T_base_camera T_camera_target against T_base_tool T_tool_target. Also there when the samples
+  /// disagree or the residuals are too big, to show which are to blame.
+  std::vector<Residual> residuals;
+  int num_used{0};  ///< samples that are no outliers; what follows is over those
+  double rms_m{0.0};
   double rms_rad{0.0};
+  /// Of each sample against the answer of all others: how well a place is predicted where nothing was measured.
+  double leave_one_out_rms_m{0.0};
+  double leave_one_out_rms_rad{0.0};
+  /// Residuals as multiples of what the covariances promise; 1 is as promised. What it is beyond 1 is in `covariance`.
+  double noise_factor{1.0};
+
+  bool isGood() const { return failure == HandEyeFailure::kNone; }
 };
 
-/// OpenCV's closed form (cv::calibrateHandEye), then least squares over both unknown poses, weighted by the covariances,
-/// without outliers. Throws std::invalid_argument for a bad config or a sample that is not finite, and
-/// std::runtime_error that says what to do when the samples do not determine the answer: too few, too little rotation,
-/// residuals beyond the limits.
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6x12d = Eigen::Matrix<double, 6, 12>;
+
+/// What the sample's T_camera_target lacks to the one that follows from both poses, (translation, rotation) along the
+/// camera's axes, as the sample's covariance. `jacobian`: by T_base_camera's translation and rotation along the base's
+/// axes, then T_tool_target's along the tool's; may be null.
+Vector6d handEyeResidual(const HandEyeSample& sample, const Eigen::Isometry3d& T_base_camera,
+                         const Eigen::Isometry3d& T_tool_target, Matrix6x12d* jacobian);
+
+/// Closed forms (cv::calibrateHandEye) of all samples and of triples, the one that most samples agree with; then least
+/// squares over both unknown poses, weighted by the covariances, without outliers. Throws std::invalid_argument for a
+/// bad config, or a sample that is not finite, not rigid or whose covariance is not positive definite.
 HandEyeResult solveHandEye(const std::vector<HandEyeSample>& samples, const HandEyeConfig& config);
 
 }  // namespace brick_detection

@@ -60,9 +60,19 @@ TEST(FaceAccess, FollowsTheBrickWhenItLiesOnItsSide) {
   for (const FaceAccess& face : faces) EXPECT_NE(face.face, BrickFace::kMinusY);
 }
 
+TEST(FaceAccess, FacesThatLookDownAreLeftOut) {
+  // Rolled by 30 degrees, the face of -y looks up by 30 degrees, that of +y down by as much.
+  const auto tilted = graspableFaces(brickAt({0, 0, 0.5}, 0.0, -M_PI / 6), brickType(), {}, allFree, {});
+  EXPECT_THAT(names(tilted),
+              ElementsAre(BrickFace::kPlusZ, BrickFace::kMinusY, BrickFace::kPlusX, BrickFace::kMinusX));
+  // By 6 degrees it is as good as level.
+  EXPECT_EQ(graspableFaces(brickAt({0, 0, 0.5}, 0.0, -M_PI / 30), brickType(), {}, allFree, {}).size(), 5U);
+}
+
 // The way is where it is said to be: everything asked lies before the plate, within the tool's width.
 TEST(FaceAccess, AsksAboutTheWayToTheFace) {
-  const FaceAccessConfig config;
+  FaceAccessConfig config;
+  config.sample_m = 0.02;  // so that the corners of the grid lie outside the circle
   const Eigen::Isometry3d T_map_plate = brickAt({0.3, -2.0, 0.5}, 1.1, 0.4);
   const Eigen::Matrix3Xd points = T_map_plate.inverse() * approachPoints(T_map_plate, config);
   ASSERT_GT(points.cols(), 20);

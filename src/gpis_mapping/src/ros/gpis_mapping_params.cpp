@@ -63,6 +63,7 @@ std::string toYaml(const GpisMappingParams& params) {
   limits["max_turn_radps"] = input.pose_limits.max_turn_radps;
   limits["settle_frames"] = input.pose_limits.settle_frames;
   yaml["output"]["rate_hz"] = params.output.rate_hz;
+  yaml["output"]["every_image"] = params.output.every_image;
   yaml["output"]["removed_display_s"] = params.output.removed_display_s;
   yaml["output"]["mesh_color"] = toString(params.output.mesh_color);
   yaml["output"]["color_max_std_m"] = params.output.color_max_std_m;
@@ -85,6 +86,7 @@ GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {
   ParamReader reader(private_nh);
   params.input.read("input", &reader);
   reader.read("output/rate_hz", &params.output.rate_hz);
+  reader.read("output/every_image", &params.output.every_image);
   reader.read("output/removed_display_s", &params.output.removed_display_s);
   reader.read("output/color_max_std_m", &params.output.color_max_std_m);
   std::string color = toString(params.output.mesh_color);

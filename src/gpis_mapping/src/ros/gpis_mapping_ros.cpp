@@ -175,6 +175,11 @@ void GpisMappingRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
   message.status = static_cast<std::uint8_t>(refusal.status);
   message.message = refusal.message;
   const MapState now = state();
+  if (params_.output.every_image && !stamp.isZero()) {
+    MapState as_before = now;
+    as_before.stamp = stamp;  // the map at that time, which the image has not changed
+    publisher_.setState(as_before, {});
+  }
   message.update = now.snapshot->numUpdates();
   message.map_points = static_cast<std::uint32_t>(now.snapshot->numPoints());
   update_publisher_.publish(message);
