@@ -278,6 +278,12 @@ TEST_F(Tracker, OneThatIsSeenBesideARefusedCarrierIsANewInstance) {
   EXPECT_THAT(tracker_.bricks(), SizeIs(2));
 }
 
+TEST_F(Tracker, ALoneSightingThatIsADuplicateMakesOne) {
+  tracker_.addLook(now_s_ += 1.0, cameraFrom(0.0), {sight(5, here_, cameraFrom(0.0), true)});
+  ASSERT_THAT(tracker_.bricks(), SizeIs(1));
+  EXPECT_TRUE(tracker_.bricks()[0].has_duplicate);
+}
+
 TEST_F(Tracker, OfTwoInstancesTheOneThatIsNotSeenHasMoved) {
   look(5, {here_, there_});
   look(5, {here_, elsewhere_});

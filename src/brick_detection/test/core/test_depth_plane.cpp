@@ -321,6 +321,18 @@ TEST(DepthPlane, LooksAtNoMorePixelsOfALargeTagThanItNeeds) {
   }
 }
 
+TEST(DepthPlane, LooksAtThePlateRoundTheTagToo) {
+  const CameraModel camera = testCamera();
+  const cv::Mat depth_m = render(camera, planeThrough({320.0, 240.0}, 1.0, {0.0, 0.0, -1.0}, camera));
+  DepthPlaneConfig config;
+  for (const double grow : {0.6, 1.0, 1.15}) {
+    config.grow = grow;
+    const auto plane = fitDepthPlane(depth_m, camera, square({320.0, 240.0}, 20.0), config);
+    ASSERT_TRUE(plane);
+    EXPECT_NEAR(plane->num_pixels, std::pow(20.0 * grow, 2), 50.0);  // a row and a column more or less
+  }
+}
+
 TEST(DepthPlane, RefusesADepthImageOfAnotherTypeOrSize) {
   const CameraModel camera = testCamera();
   const Quad quad = square({320.0, 240.0}, 60.0);

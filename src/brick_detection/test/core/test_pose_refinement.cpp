@@ -132,6 +132,44 @@ TEST(RefinePose, FindsTheExactPoseFromAfar) {
   EXPECT_LT(refined->cost, 1e-10);
 }
 
+TEST(RefinePose, NoNumberOfPlanesRemovesTheOffsetThatTheyShare) {
+  const CameraModel camera = testCamera();
+  const Eigen::Isometry3d truth = makePose({0.0, 0.0, 1.2}, {M_PI, 0.0, 0.0});
+  PoseProblem problem;
+  problem.point_std_px = 5.0;  // the planes decide
+  for (const Eigen::Vector3d& corner : tagCorners(0.12)) {
+    problem.points.push_back(*measurePoint(corner, camera.project(truth * corner), camera));
+  }
+  PlaneMeasurement plane;
+  plane.plane = planeAt(truth.translation(), truth.linear() * plane.n_body);
+  plane.plane.shared_offset_m = 0.004;
+  plane.plane.covariance(2, 2) = 0.003 * 0.003 + 0.004 * 0.004;
+  for (const int num : {1, 4, 16}) {
+    problem.planes.assign(num, plane);
+    const auto refined = refinePose(problem, truth);
+    ASSERT_TRUE(refined);
+    // The corners know the distance to some 20 mm and take next to nothing from it.
+    EXPECT_NEAR(std::sqrt(refined->covariance(2, 2)), std::sqrt(0.004 * 0.004 + 0.003 * 0.003 / num), 1e-4) << num;
+  }
+}
+
+TEST(RefinePose, FollowsThePlaneWhereThePointsAreWeak) {
+  const CameraModel camera = testCamera();
+  const Eigen::Isometry3d truth = makePose({0.0, 0.0, 1.2}, {M_PI, 0.0, 0.0});
+  PoseProblem problem;
+  problem.point_std_px = 5.0;
+  for (const Eigen::Vector3d& corner : tagCorners(0.12)) {
+    problem.points.push_back(*measurePoint(corner, camera.project(truth * corner), camera));
+  }
+  PlaneMeasurement plane;
+  plane.plane = planeAt(truth.translation() + Eigen::Vector3d(0.0, 0.0, 0.004), truth.linear() * plane.n_body);
+  plane.plane.covariance(2, 2) = 2e-6;
+  problem.planes.push_back(plane);
+  const auto refined = refinePose(problem, truth);
+  ASSERT_TRUE(refined);
+  EXPECT_NEAR(refined->T_camera_body.translation().z(), 1.204, 2e-4);  // the points pull by a hundredth
+}
+
 TEST(RefinePose, SaysNothingWhenThePoseIsNotDetermined) {
   const CameraModel camera = testCamera();
   const Eigen::Isometry3d pose = makePose({0.1, -0.1, 1.2}, {2.8, 0.3, 0.4});
