@@ -94,7 +94,7 @@ class DetectionAlvar : public testing::Test {
 TEST_F(DetectionAlvar, MarkersTellWhereBricksAre) {
   const Eigen::Isometry3d T_map_brick = standing({0.0, 0.2, 0.1}, 0.3);
   AlvarMarker unknown = marker(0, BrickFace::kPlusZ, T_map_brick);
-  unknown.id = 60000;
+  unknown.id = 70000;  // the family has 65536
   AlvarMarker broken = marker(1, BrickFace::kPlusZ, T_map_brick);
   broken.pose.pose.orientation = geometry_msgs::Quaternion();
   const ros::Time stamp =

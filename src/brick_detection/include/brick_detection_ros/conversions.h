@@ -42,10 +42,10 @@ std::optional<cv::Mat> toDepthMat(const sensor_msgs::Image& message, double unit
 
 /// Of the colour image that `info` goes with. Rectified: P without distortion; else K with D by distortion_model: "" and
 /// an empty D, plumb_bob, rational_polynomial, equidistant. Nothing, and the reason, for anything else.
-std::optional<brick_detection::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
+std::optional<brick_detection::CameraModel> cameraModelOf(const sensor_msgs::CameraInfo& info, bool is_rectified,
                                                           Refusal* refusal);
 
-/// Not checked: see brick_detection::sightingsOfMarkers().
+/// Not checked but for the rotation, which is NaN unless it is one: see brick_detection::sightingsOfMarkers().
 brick_detection::MarkerObservation toMarkerObservation(const ar_track_alvar_msgs::AlvarMarker& marker);
 
 geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <exception>
 #include <limits>
 #include <map>
@@ -146,7 +147,7 @@ std::optional<cv::Mat> toDepthMat(const sensor_msgs::Image& message, double unit
   return cv::Mat(depth->height, depth->width, CV_32FC1, depth->depth_m.data()).clone();
 }
 
-std::optional<CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified, Refusal* refusal) {
+std::optional<CameraModel> cameraModelOf(const sensor_msgs::CameraInfo& info, bool is_rectified, Refusal* refusal) {
   const auto refuse = [refusal](const std::string& why) {
     *refusal = {FrameStatus::kBadCameraInfo, "camera info: " + why};
     return std::nullopt;
@@ -191,9 +192,11 @@ brick_detection::MarkerObservation toMarkerObservation(const ar_track_alvar_msgs
   const geometry_msgs::Pose& pose = marker.pose.pose;
   brick_detection::MarkerObservation observation;
   observation.id = static_cast<int>(std::min<std::uint32_t>(marker.id, std::numeric_limits<int>::max()));
+  const Eigen::Quaterniond q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
+  // A quaternion of zeros would make the identity.
   observation.T_camera_tag.linear() =
-      Eigen::Quaterniond(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z)
-          .toRotationMatrix();  // no rotation, unless the quaternion is one
+      std::abs(q.norm() - 1.0) < 0.01 ? q.normalized().toRotationMatrix()
+                                      : Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
   observation.T_camera_tag.translation() << pose.position.x, pose.position.y, pose.position.z;
   return observation;
 }

@@ -269,8 +269,7 @@ std::optional<InputFrame> ImageInput::prepareImage(const Waiting& waiting, Refus
     *refusal = {FrameStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
     return std::nullopt;
   }
-  const std::optional<brick_detection::CameraModel> camera =
-      brick_detection_ros::toCameraModel(*info, is_rectified_, refusal);
+  const std::optional<brick_detection::CameraModel> camera = cameraModelOf(*info, is_rectified_, refusal);
   if (!camera) return std::nullopt;
   frame.camera = *camera;
   if (message.width != info->width || message.height != info->height) {

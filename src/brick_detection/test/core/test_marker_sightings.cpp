@@ -35,10 +35,6 @@ MarkerObservation markerOf(int brick_id, BrickFace face, const Eigen::Isometry3d
   return {catalogue().tagId(brick_id, face), T_camera_brick * tagPose(catalogue().typeOf(brick_id), face)};
 }
 
-double angle(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
-  return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle();
-}
-
 TEST(MarkerSightings, AMarkerTellsWhereItsBrickIs) {
   const Eigen::Isometry3d T_camera_brick = brickAt(0.2, 1.0);
   for (const BrickFace face : mp700_ur5e_description::kBrickFaces) {
@@ -63,7 +59,7 @@ TEST(MarkerSightings, CovarianceIsThatOfTheErrors) {
   config.rotation_std_rad = 0.02;
   std::mt19937 engine(1);
   std::normal_distribution<double> normal;
-  const auto draw = [&](double std_dev) {
+  const auto draw = [&](double std_dev) -> Eigen::Vector3d {
     return std_dev * Eigen::Vector3d(normal(engine), normal(engine), normal(engine));
   };
   const Eigen::Isometry3d T_camera_brick = brickAt(0.2, 1.0);

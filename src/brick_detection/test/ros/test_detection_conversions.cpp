@@ -83,9 +83,9 @@ TEST(ToColorImage, RefusesWhatDoesNotFitTogether) {
   }
 }
 
-TEST(ToCameraModel, RawImagesUseKAndD) {
+TEST(CameraModelOf, RawImagesUseKAndD) {
   Refusal refusal;
-  const auto camera = toCameraModel(cameraInfo(), false, &refusal);
+  const auto camera = cameraModelOf(cameraInfo(), false, &refusal);
   ASSERT_TRUE(camera) << refusal.message;
   EXPECT_EQ(camera->fx_px, 600.0);
   EXPECT_EQ(camera->fy_px, 601.0);
@@ -95,9 +95,9 @@ TEST(ToCameraModel, RawImagesUseKAndD) {
   EXPECT_EQ(camera->coefficients, cameraInfo().D);
 }
 
-TEST(ToCameraModel, RectifiedImagesUsePAlone) {
+TEST(CameraModelOf, RectifiedImagesUsePAlone) {
   Refusal refusal;
-  const auto camera = toCameraModel(cameraInfo(), true, &refusal);
+  const auto camera = cameraModelOf(cameraInfo(), true, &refusal);
   ASSERT_TRUE(camera) << refusal.message;
   EXPECT_EQ(camera->fx_px, 590.0);
   EXPECT_EQ(camera->fy_px, 591.0);
@@ -106,30 +106,30 @@ TEST(ToCameraModel, RectifiedImagesUsePAlone) {
   EXPECT_EQ(camera->distortion, Distortion::kNone);
 }
 
-TEST(ToCameraModel, KnowsTheModelsByTheirNames) {
+TEST(CameraModelOf, KnowsTheModelsByTheirNames) {
   Refusal refusal;
   sensor_msgs::CameraInfo info = cameraInfo();
   info.distortion_model = "rational_polynomial";
   info.D = {0.1, -0.2, 0.001, 0.002, 0.05, 0.01, 0.02, 0.03};
-  EXPECT_EQ(toCameraModel(info, false, &refusal)->distortion, Distortion::kRationalPolynomial);
+  EXPECT_EQ(cameraModelOf(info, false, &refusal)->distortion, Distortion::kRationalPolynomial);
   info.distortion_model = "equidistant";
   info.D = {0.1, -0.02, 0.003, 0.001};
-  EXPECT_EQ(toCameraModel(info, false, &refusal)->distortion, Distortion::kEquidistant);
+  EXPECT_EQ(cameraModelOf(info, false, &refusal)->distortion, Distortion::kEquidistant);
   // Nothing to undo, whatever it is called.
   info.D.clear();
-  EXPECT_EQ(toCameraModel(info, false, &refusal)->distortion, Distortion::kNone);
+  EXPECT_EQ(cameraModelOf(info, false, &refusal)->distortion, Distortion::kNone);
   info.distortion_model = "plumb_bob";
   info.D.assign(5, 0.0);
-  EXPECT_EQ(toCameraModel(info, false, &refusal)->distortion, Distortion::kNone);
+  EXPECT_EQ(cameraModelOf(info, false, &refusal)->distortion, Distortion::kNone);
   info.distortion_model = "";
   info.D.clear();
-  EXPECT_EQ(toCameraModel(info, false, &refusal)->distortion, Distortion::kNone);
+  EXPECT_EQ(cameraModelOf(info, false, &refusal)->distortion, Distortion::kNone);
 }
 
-TEST(ToCameraModel, RefusesWhatCannotBe) {
+TEST(CameraModelOf, RefusesWhatCannotBe) {
   const auto refusalOf = [](const sensor_msgs::CameraInfo& info) {
     Refusal refusal;
-    EXPECT_FALSE(toCameraModel(info, false, &refusal));
+    EXPECT_FALSE(cameraModelOf(info, false, &refusal));
     EXPECT_EQ(refusal.status, FrameStatus::kBadCameraInfo);
     return refusal.message;
   };
