@@ -519,20 +519,21 @@ void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& 
 void GpisMappingRos::diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status) {
   const DepthInputCounters counters = input_->counters();
   const auto jumps = counters.by_status[static_cast<std::size_t>(FrameStatus::kPoseJump)];
-  if (counters.has_tf_age && counters.last_tf_age_s > params_.input.tf_timeout_s) {
+  if (counters.pose.has_tf_age && counters.pose.last_tf_age_s > params_.input.tf_timeout_s) {
     status.summary(DiagnosticStatus::WARN,
-                   "newest transform is " + formatted("%.3f s", counters.last_tf_age_s) + " older than the image");
-  } else if (counters.settled_jumps > 0) {
-    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " + std::to_string(counters.settled_jumps) +
+                   "newest transform is " + formatted("%.3f s", counters.pose.last_tf_age_s) + " older than the image");
+  } else if (counters.pose.settled_jumps > 0) {
+    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " +
+                                               std::to_string(counters.pose.settled_jumps) +
                                                " times: what was mapped before may stand beside what is mapped now");
   } else {
     status.summary(DiagnosticStatus::OK, "");
   }
   status.add("map frame", params_.input.map_frame);
   status.add("age at the last image [s]",
-             counters.has_tf_age ? formatted("%.3f", counters.last_tf_age_s) : "static or none");
+             counters.pose.has_tf_age ? formatted("%.3f", counters.pose.last_tf_age_s) : "static or none");
   status.add("images left out for a jump", jumps);
-  status.add("jumps that stayed", counters.settled_jumps);
+  status.add("jumps that stayed", counters.pose.settled_jumps);
   status.add("time ran back", counters.by_status[static_cast<std::size_t>(FrameStatus::kTimeRanBack)]);
 }
 
