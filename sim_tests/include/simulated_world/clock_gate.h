@@ -19,6 +19,7 @@ struct WaitRule {
   ClockEvent after{ClockEvent::kImage};
   double cost_s{0.0};        ///< simulated time that the answer takes
   std::string while_action;  ///< only while a goal of this action is open; empty: always
+  std::string subscriber;    ///< node that must hear the images before the clock begins; empty: anyone
 };
 
 /// "While a goal of <action> is open, the clock does not pass the goal's stamp + cost."

@@ -130,6 +130,12 @@ SimulatedWorldRos::SimulatedWorldRos(const ros::NodeHandle& nh, const ros::NodeH
     writer_ = std::make_unique<simulated_world::JudgeWriter>(params.run_folder);
   }
   arm_ = std::make_unique<UrDriverRos>(nh_, simulation_.armDriver(), arm_mutex_, "ur5e_");
+  if (!params_.surface_topic.empty()) {
+    // Before the rules: callbacks of a topic are queued in the order of subscription, and a surface that the clock waited
+    // for has to be judged before it goes on.
+    constexpr std::uint32_t kSurfaces = 50;
+    subscribers_.push_back(nh_.subscribe(params_.surface_topic, kSurfaces, &SimulatedWorldRos::onSurface, this));
+  }
   lockstep_ = std::make_unique<Lockstep>(nh_, params.wait_for, params.computing);
   advertiseDrivers();
   advertiseExperiment();
@@ -161,8 +167,15 @@ void SimulatedWorldRos::advertiseDrivers() {
   odometry_publisher_ = nh_.advertise<nav_msgs::Odometry>("odom", kQueueSize);
   wheels_publisher_ = nh_.advertise<sensor_msgs::JointState>("drives/joint_states", kQueueSize);
   scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("lidar_1/scan", kQueueSize);
-  color_publisher_ = transport_.advertiseCamera("camera/color/image_raw", kQueueSize);
-  depth_publisher_ = transport_.advertiseCamera("camera/aligned_depth_to_color/image_raw", kQueueSize);
+  const auto connected = [this](const image_transport::SingleSubscriberPublisher& subscriber) {
+    camera_subscribers_.insert(subscriber.getSubscriberName());
+  };
+  const auto left = [this](const image_transport::SingleSubscriberPublisher& subscriber) {
+    const auto one = camera_subscribers_.find(subscriber.getSubscriberName());
+    if (one != camera_subscribers_.end()) camera_subscribers_.erase(one);
+  };
+  color_publisher_ = transport_.advertiseCamera("camera/color/image_raw", kQueueSize, connected, left);
+  depth_publisher_ = transport_.advertiseCamera("camera/aligned_depth_to_color/image_raw", kQueueSize, connected, left);
   subscribers_.push_back(nh_.subscribe("cmd_vel", kQueueSize, &SimulatedWorldRos::onCommand, this));
   services_.push_back(nh_.advertiseService("camera/capture", &SimulatedWorldRos::onCapture, this));
   diagnostics_publisher_ = nh_.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", kQueueSize);
@@ -188,9 +201,6 @@ void SimulatedWorldRos::advertiseExperiment() {
       private_nh_.subscribe<std_msgs::Int32>("target", kQueueSize, [this](const std_msgs::Int32::ConstPtr& message) {
         simulation_.setTarget(message->data < 0 ? std::nullopt : std::optional<int>(message->data));
       }));
-  if (!params_.surface_topic.empty()) {
-    subscribers_.push_back(nh_.subscribe(params_.surface_topic, kQueueSize, &SimulatedWorldRos::onSurface, this));
-  }
 }
 
 ros::Time SimulatedWorldRos::stamp() const {
@@ -245,9 +255,18 @@ bool SimulatedWorldRos::isHeld() {
   return true;
 }
 
-bool SimulatedWorldRos::waitsForImages() const {
-  return std::any_of(params_.wait_for.begin(), params_.wait_for.end(),
-                     [](const simulated_world::WaitRule& rule) { return rule.after == ClockEvent::kImage; });
+std::string SimulatedWorldRos::missingSubscriber() const {
+  for (const simulated_world::WaitRule& rule : params_.wait_for) {
+    if (rule.after != ClockEvent::kImage) {
+      continue;
+    }
+    if (rule.subscriber.empty()) {
+      if (camera_subscribers_.empty()) return "anybody";
+    } else if (camera_subscribers_.count(ros::names::resolve(rule.subscriber)) == 0) {
+      return rule.subscriber;
+    }
+  }
+  return "";
 }
 
 bool SimulatedWorldRos::mayTick() {
@@ -264,9 +283,10 @@ bool SimulatedWorldRos::mayTick() {
       ROS_INFO_THROTTLE(10.0, "clock: not begun, nobody publishes %s yet", missing.front().c_str());
       return wait(kPollPeriod_s);
     }
-    if (waitsForImages() && depth_publisher_.getNumSubscribers() == 0) {
+    const std::string absent = missingSubscriber();
+    if (!absent.empty()) {
       // Who answers images and does not hear them yet would miss the first, some runs more of them than others.
-      ROS_INFO_THROTTLE(10.0, "clock: not begun, nobody subscribes to %s yet", depth_publisher_.getTopic().c_str());
+      ROS_INFO_THROTTLE(10.0, "clock: not begun, waiting for %s to subscribe to the camera", absent.c_str());
       return wait(kPollPeriod_s);
     }
     has_begun_ = true;

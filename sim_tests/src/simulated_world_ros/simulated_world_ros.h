@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 
 #include <geometry_msgs/Twist.h>
@@ -41,8 +42,7 @@ class SimulatedWorldRos {
   void advertiseExperiment();
 
   bool mayTick();  // as far as the clock's mode is concerned; waits a little if not
-  bool waitsForImages() const;
-  bool isHeld();  // by what is due
+  bool isHeld();   // by what is due
   void tick();
   void publishClock();
   void publishState(const simulated_world::Simulation::Tick& tick);
@@ -60,6 +60,8 @@ class SimulatedWorldRos {
   bool onFault(sim_tests::InjectFault::Request& request, sim_tests::InjectFault::Response& response);
   bool onCapture(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   std::string digestText() const;
+  /// Who must hear the images and does not yet; empty: nobody.
+  std::string missingSubscriber() const;
   ros::Time stamp() const;
 
   ros::NodeHandle nh_;
@@ -85,6 +87,7 @@ class SimulatedWorldRos {
   image_transport::ImageTransport transport_;
   image_transport::CameraPublisher color_publisher_;
   image_transport::CameraPublisher depth_publisher_;
+  std::multiset<std::string> camera_subscribers_;  // nodes, once for each topic
   tf2_ros::TransformBroadcaster tf_;
   std::vector<ros::Subscriber> subscribers_;
   std::vector<ros::ServiceServer> services_;

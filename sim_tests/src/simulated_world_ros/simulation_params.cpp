@@ -95,13 +95,14 @@ void readRules(const std::string& wait_for, const std::string& computing, Simula
     for (std::size_t i = 0; i < waits.size(); ++i) {
       const std::string where = "wait_for[" + std::to_string(i) + "]";
       Rule rule(waits[i], where, problems);
-      if (!rule.requireKeys({"topic", "after", "cost_s", "while_action"})) {
+      if (!rule.requireKeys({"topic", "after", "cost_s", "while_action", "subscriber"})) {
         continue;
       }
       simulated_world::WaitRule wait;
       wait.topic = rule.text("topic", "");
       wait.cost_s = rule.number("cost_s", 0.0);
       wait.while_action = rule.text("while_action", "");
+      wait.subscriber = rule.text("subscriber", "");
       const auto event = kEvents.find(rule.text("after", "image"));
       if (event == kEvents.end()) {
         problems->push_back(where + "/after = '" + rule.text("after", "") + "', must be one of " + namesOf(kEvents));
@@ -174,6 +175,7 @@ std::vector<std::string> SimulationParams::validate() const {
   for (const simulated_world::WaitRule& rule : wait_for) {
     requireName("clock/wait_for: topic", rule.topic);
     requireName("clock/wait_for: while_action", rule.while_action);
+    requireName("clock/wait_for: subscriber", rule.subscriber);
   }
   for (const simulated_world::ComputingRule& rule : computing) {
     requireName("clock/computing: action", rule.action);

@@ -20,6 +20,7 @@
 #include <std_srvs/Trigger.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "ros/waiting.h"
 #include "support/map_on_scene.h"
 
 namespace sim_tests_ros {
@@ -27,39 +28,6 @@ namespace sim_tests_ros {
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::QueryMap;
 using synthetic_depth::Scene;
-
-/// Ample on a machine that is busy with other work; what passes takes milliseconds.
-constexpr double kDeadline_s = 30.0;
-
-/// Serves callbacks until the condition holds; false if it does not within the deadline.
-inline bool waitUntil(const std::function<bool()>& condition, double deadline_s = kDeadline_s) {
-  const ros::WallTime deadline = ros::WallTime::now() + ros::WallDuration(deadline_s);
-  while (ros::ok() && ros::WallTime::now() < deadline) {
-    if (condition()) return true;
-    ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.02));
-  }
-  return condition();
-}
-
-/// Calls a service by a connection that the server does not close: where it does, right after its answer, roscpp at times
-/// finds the connection gone before it has read the answer, and reports a failed call.
-template <typename Service>
-bool call(const std::string& name, Service& service) {
-  return ros::NodeHandle().serviceClient<Service>(name, true).call(service);
-}
-
-/// The bytes a message has on the wire: equal only if every field is, NaN included.
-template <typename Message>
-std::vector<std::uint8_t> bytesOf(const Message& message) {
-  std::vector<std::uint8_t> bytes(ros::serialization::serializationLength(message));
-  ros::serialization::OStream stream(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
-  ros::serialization::serialize(stream, message);
-  return bytes;
-}
-
-inline bool has(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 inline sensor_msgs::Image toImage(const cv::Mat& depth_m, const std::string& encoding) {
   const cv::Mat pixels = encoding == "16UC1" ? synthetic_depth::encodeDepth16(depth_m, 1000.0) : depth_m;
@@ -290,30 +258,6 @@ class LiveMap {
   ros::Subscriber update_subscriber_, diagnostics_subscriber_;
   std::map<std::string, diagnostic_msgs::DiagnosticStatus> diagnostics_;
   ros::Time stamp_;
-};
-
-/// The last message of a topic.
-template <typename Message>
-class Latest {
- public:
-  explicit Latest(const std::string& topic) : topic_(topic) {
-    subscriber_ = ros::NodeHandle().subscribe<Message>(
-        topic, 10, [this](const boost::shared_ptr<const Message>& message) { last_ = message; });
-  }
-  /// The first message for which the predicate holds, waiting for it.
-  const Message& await(const std::function<bool(const Message&)>& predicate) {
-    EXPECT_TRUE(waitUntil([&] { return last_ && predicate(*last_); })) << topic_;
-    if (!last_) last_.reset(new Message());
-    return *last_;
-  }
-  const Message& awaitStamp(const ros::Time& stamp) {
-    return await([stamp](const Message& message) { return message.header.stamp == stamp; });
-  }
-
- private:
-  std::string topic_;
-  ros::Subscriber subscriber_;
-  boost::shared_ptr<const Message> last_;
 };
 
 }  // namespace sim_tests_ros

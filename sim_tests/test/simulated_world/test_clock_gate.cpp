@@ -11,7 +11,7 @@ namespace {
 constexpr std::int64_t kSecond = 1000000000;
 
 ClockGate mapGate(double cost_s = 0.0) {
-  return ClockGate({{"/map/update", ClockEvent::kImage, cost_s, ""}}, {});
+  return ClockGate({{"/map/update", ClockEvent::kImage, cost_s, "", ""}}, {});
 }
 
 TEST(ClockGate, RunsWhileNothingIsDue) {
@@ -70,7 +70,7 @@ TEST(ClockGate, ResultMayOvertakeItsGoal) {
 }
 
 TEST(ClockGate, FollowerAnswersOnlyWhileItDrives) {
-  ClockGate gate({{"/follower/state", ClockEvent::kOdometry, 0.0, "/move_base"}}, {});
+  ClockGate gate({{"/follower/state", ClockEvent::kOdometry, 0.0, "/move_base", ""}}, {});
   gate.published(ClockEvent::kOdometry, kSecond);
   EXPECT_EQ(gate.limit(), ClockGate::kNoLimit);
   gate.goalOpened("/move_base", "a", kSecond);
@@ -81,7 +81,7 @@ TEST(ClockGate, FollowerAnswersOnlyWhileItDrives) {
 }
 
 TEST(ClockGate, GivesUpOnWhatIsDueAndSaysWhat) {
-  ClockGate gate({{"/map/update", ClockEvent::kImage, 0.0, ""}, {"/late", ClockEvent::kScan, 0.0, ""}},
+  ClockGate gate({{"/map/update", ClockEvent::kImage, 0.0, "", ""}, {"/late", ClockEvent::kScan, 0.0, "", ""}},
                  {{"/plan", 0.0}});
   gate.published(ClockEvent::kImage, kSecond);
   gate.goalOpened("/plan", "a", kSecond);
@@ -92,9 +92,9 @@ TEST(ClockGate, GivesUpOnWhatIsDueAndSaysWhat) {
 }
 
 TEST(ClockGate, RefusesImpossibleRules) {
-  EXPECT_THROW(ClockGate({{"", ClockEvent::kImage, 0.0, ""}}, {}), std::invalid_argument);
+  EXPECT_THROW(ClockGate({{"", ClockEvent::kImage, 0.0, "", ""}}, {}), std::invalid_argument);
   EXPECT_THROW(ClockGate({}, {{"/plan", -1.0}}), std::invalid_argument);
-  EXPECT_THROW(ClockGate({{"/t", ClockEvent::kImage, 61.0, ""}}, {}), std::invalid_argument);
+  EXPECT_THROW(ClockGate({{"/t", ClockEvent::kImage, 61.0, "", ""}}, {}), std::invalid_argument);
 }
 
 }  // namespace

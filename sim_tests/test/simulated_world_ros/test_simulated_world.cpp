@@ -14,6 +14,7 @@
 
 #include <actionlib/client/simple_action_client.h>
 #include <control_msgs/FollowJointTrajectoryAction.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/Twist.h>
 #include <geometry_msgs/TwistStamped.h>
 #include <geometry_msgs/WrenchStamped.h>
@@ -468,6 +469,32 @@ sensor_msgs::PointCloud2 cloudOfSingleBrick(const ros::Time& stamp) {
     ++out;
   }
   return cloud;
+}
+
+// Whoever else looks at the images: the first one is for the node that has to answer it.
+TEST_F(SimulatedWorldTest, ClockBeginsWhenTheNamedSubscriberHearsTheImages) {
+  set("clock/mode", std::string("lockstep"));
+  set("camera/rate_hz", 5.0);
+  XmlRpc::XmlRpcValue rules;
+  rules[0]["topic"] = std::string("/answer");
+  rules[0]["after"] = std::string("image");
+  rules[0]["subscriber"] = std::string("/hearer");
+  ros::param::set(node_ + "/clock/wait_for", rules);
+  const ros::Publisher answer = ros::NodeHandle().advertise<std_msgs::Header>("/answer", 1);
+  const Latest<sensor_msgs::Image> depth("camera/aligned_depth_to_color/image_raw");
+  int reports_while_connected = 0;
+  const ros::Subscriber diagnostics = ros::NodeHandle().subscribe<diagnostic_msgs::DiagnosticArray>(
+      "/diagnostics", 10, [&](const diagnostic_msgs::DiagnosticArray::ConstPtr&) {
+        reports_while_connected += depth.isConnected() && answer.getNumSubscribers() > 0 ? 1 : 0;
+      });
+  start();
+  // The world reports once a second of wall time; with us alone at its camera it does not go on meanwhile.
+  ASSERT_TRUE(waitFor([&] { return reports_while_connected >= 2; }));
+  EXPECT_EQ(depth.count, 0);
+  const Process hearer(
+      {"rosrun", "topic_tools", "relay", "camera/aligned_depth_to_color/image_raw", "elsewhere", "__name:=hearer"},
+      (folder_ / "hearer").string());
+  EXPECT_TRUE(waitFor([&] { return depth.count == 1; }));
 }
 
 TEST_F(SimulatedWorldTest, JudgeComparesTheStrategysSurface) {

@@ -57,6 +57,9 @@ struct PoseProblem {
   std::vector<PlaneMeasurement> planes;
 };
 
+/// What one residual's chi-square counts for in the cost: less and less, after Cauchy's function.
+double robustCost(double chi2);
+
 struct RefinedPose {
   Eigen::Isometry3d T_camera_body{Eigen::Isometry3d::Identity()};
   Matrix6d covariance{Matrix6d::Identity()};  ///< as BrickSighting's

@@ -27,9 +27,11 @@ struct TagDetectorConfig {
   std::string family{"tag36h11"};  ///< a name that TagLayout::numIds() of mp700_ur5e_description knows
   int threads{1};
   double decimate{1.0};  ///< AprilTag: edges are looked for in an image smaller by this factor; 1 finds the smallest
-  double blur_sigma_px{0.0};  ///< AprilTag: Gaussian blur before edges are looked for; negative sharpens
-  double sharpening{0.25};    ///< AprilTag: of the bits' image
-  int max_hamming{2};         ///< bits that may be corrected
+  /// AprilTag: Gaussian blur before edges are looked for and bits are read. Corners are measured in the image as it is.
+  double blur_sigma_px{0.6};
+  double sharpening{0.25};  ///< AprilTag: of the bits' image
+  /// Bits that may be corrected. Families of more than 10000 codes correct one at most: the table takes gigabytes for two.
+  int max_hamming{2};
 
   /// One sentence per problem with key, value and allowed range; empty: fine.
   std::vector<std::string> validate() const;

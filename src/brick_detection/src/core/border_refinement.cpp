@@ -16,6 +16,8 @@ constexpr double kMaxHalfPx = 3.0;  // of a profile: blur of up to one pixel fit
 constexpr double kMinHalfPx = 1.0;
 constexpr double kCellShare = 0.45;   // of a cell: beyond are the tag's bits, or what the paper lies on
 constexpr double kMinContrast = 8.0;  // [grey levels] below it noise decides
+constexpr double kBlurPx = 1.5;       // reach of the blur round a corner
+constexpr double kMinUsablePx = 3.0;  // of an edge
 constexpr int kMinProfiles = 6;
 constexpr int kIterations = 3;  // the window follows the line
 constexpr double kMaxShiftPx = 2.0;
@@ -65,12 +67,22 @@ class Trend {
   double n_{0.0}, s_{0.0}, ss_{0.0}, v_{0.0}, sv_{0.0};
 };
 
-/// The edge from a to b. `half_px`: of the profiles; `skip_px`: left out at both ends, where blur mixes in the next edge.
+/// What to leave out of an edge at a corner: there blur mixes in the next edge, and profiles across cross it if the angle is
+/// acute.
+double skipAt(const Eigen::Vector2d& before, const Eigen::Vector2d& corner, const Eigen::Vector2d& after,
+              double half_px) {
+  const Eigen::Vector2d in = before - corner;
+  const Eigen::Vector2d out = after - corner;
+  const double cotangent = in.dot(out) / std::max(1e-9, std::abs(cross(in, out)));
+  return kBlurPx + half_px * std::max(0.0, cotangent);
+}
+
+/// The edge from a to b. `half_px`: of the profiles. `skip_a_px`, `skip_b_px`: left out at the ends.
 std::optional<Line> fitEdge(const cv::Mat& grey, const Eigen::Vector2d& a, const Eigen::Vector2d& b, double half_px,
-                            double skip_px) {
+                            double skip_a_px, double skip_b_px) {
   const double length_px = (b - a).norm();
-  const double usable_px = length_px - 2.0 * skip_px;
-  if (usable_px < 4.0) return std::nullopt;
+  const double usable_px = length_px - skip_a_px - skip_b_px;
+  if (usable_px < kMinUsablePx) return std::nullopt;
   // Two profiles per pixel: more would see the same pixels again.
   const int num_profiles = std::max(kMinProfiles, static_cast<int>(2.0 * usable_px));
   const int num_steps = static_cast<int>(std::lround(2.0 * half_px / kStepPx));
@@ -85,7 +97,7 @@ std::optional<Line> fitEdge(const cv::Mat& grey, const Eigen::Vector2d& a, const
   Trend high_side;
   for (int i = 0; i < num_profiles; ++i) {
     Profile profile;
-    profile.at = (skip_px + usable_px * (i + 0.5) / num_profiles) / length_px;
+    profile.at = (skip_a_px + usable_px * (i + 0.5) / num_profiles) / length_px;
     const Eigen::Vector2d middle = a + profile.at * (b - a);
     if (!isInside(grey, middle - half_px * across) || !isInside(grey, middle + half_px * across)) continue;
     for (int k = 0; k <= num_steps; ++k) {
@@ -163,7 +175,8 @@ std::array<Eigen::Vector2d, 4> refineBorder(const cv::Mat& grey, const std::arra
       // A cell's extent across this edge, by the middle of the opposite one.
       const double cell_px = std::abs(cross(edge, opposite - a)) / edge.norm() / border_cells;
       const double half_px = std::clamp(kCellShare * cell_px, kMinHalfPx, kMaxHalfPx);
-      const std::optional<Line> line = fitEdge(grey, a, b, half_px, 1.0);
+      const std::optional<Line> line = fitEdge(grey, a, b, half_px, skipAt(corners[(i + 3) % 4], a, b, half_px),
+                                               skipAt(a, b, corners[(i + 2) % 4], half_px));
       if (!line) return corners_px;
       lines[i] = *line;
     }

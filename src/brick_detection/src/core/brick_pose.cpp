@@ -118,11 +118,11 @@ std::vector<RefinedPose> fits(const std::vector<const Candidate*>& members, cons
   return found;
 }
 
-/// The tags among `open` that show the brick at a hypothesis of the first one, that one included.
-std::vector<const Candidate*> gather(const std::vector<const Candidate*>& open, const RefinedPose& hypothesis,
-                                     const BrickPoseConfig& config) {
-  std::vector<const Candidate*> members = {open.front()};
-  std::set<int> taken = {open.front()->tag_id};  // a brick has each of its tags once
+/// The tags among `open` that show the brick at a hypothesis of `first`, that one included.
+std::vector<const Candidate*> gather(const std::vector<const Candidate*>& open, const Candidate* first,
+                                     const RefinedPose& hypothesis, const BrickPoseConfig& config) {
+  std::vector<const Candidate*> members = {first};
+  std::set<int> taken = {first->tag_id};  // a brick has each of its tags once
   RefinedPose pose = hypothesis;
   while (true) {
     const Candidate* nearest = nullptr;
@@ -142,12 +142,60 @@ std::vector<const Candidate*> gather(const std::vector<const Candidate*>& open, 
   }
 }
 
-/// The largest group that the first of `open` is in, and its pose. Nothing if no pose fits.
-std::optional<Group> nextGroup(const std::vector<const Candidate*>& open, const BrickPoseConfig& config) {
+/// Of a pose by tags of one face, by how much the variance must grow. Seen from the front a tag's image hardly changes with
+/// its tilt, and the information at the minimum says little of the cost away from it: it is compared with the cost's
+/// true rise for tilts by one and by three of the standard deviations that it claims, in eight directions.
+double flatness(const std::vector<const Candidate*>& members, const RefinedPose& pose, double corner_std_px) {
+  constexpr int kDirections = 8;
+  constexpr double kPinned_rad = 1e-4;  // far below any tilt that is asked about
+  constexpr double kLoose_m = 100.0;
+  constexpr double kLargestTilt_rad = 0.6;  // beyond it the tag would be seen as another shape in any case
+  constexpr double kLeastRise = 1e-6;
+  const BrickTag& tag = members.front()->tag;
+  PlaneMeasurement pinned;  // holds the tilt, and leaves all else to the measurements
+  pinned.p_body = tag.T_brick_tag.translation();
+  pinned.n_body = tag.T_brick_tag.linear().col(2);
+  const Eigen::Vector3d normal = pose.T_camera_body.linear() * pinned.n_body;
+  const Eigen::Vector3d u = normal.unitOrthogonal();
+  Eigen::Matrix<double, 3, 2> axes;
+  axes << u, normal.cross(u);
+  const Eigen::Matrix2d information = (axes.transpose() * pose.covariance.bottomRightCorner<3, 3>() * axes).inverse();
+  double factor = 1.0;
+  for (int i = 0; i < kDirections; ++i) {
+    const double angle = 2.0 * M_PI * i / kDirections;
+    const Eigen::Vector2d direction(std::cos(angle), std::sin(angle));
+    const double per_square = direction.dot(information * direction);
+    for (const double sigmas : {1.0, kSigmas}) {
+      const double tilt_rad = std::min(sigmas / std::sqrt(per_square), kLargestTilt_rad);
+      Vector6d step = Vector6d::Zero();
+      step.tail<3>() = tilt_rad * axes * direction;
+      Eigen::Isometry3d tilted = moved(pose.T_camera_body, step);
+      tilted.translation() += pose.T_camera_body * pinned.p_body - tilted * pinned.p_body;  // about the tag's middle
+      pinned.plane.normal = tilted.linear() * pinned.n_body;
+      pinned.plane.middle = tilted * pinned.p_body;
+      pinned.plane.axis_u = pinned.plane.normal.unitOrthogonal();
+      pinned.plane.axis_v = pinned.plane.normal.cross(pinned.plane.axis_u);
+      pinned.plane.covariance =
+          Eigen::Vector3d(kPinned_rad * kPinned_rad, kPinned_rad * kPinned_rad, kLoose_m * kLoose_m).asDiagonal();
+      PoseProblem problem = problemOf(members, corner_std_px);
+      problem.planes.push_back(pinned);
+      if (const std::optional<RefinedPose> fit = refinePose(problem, tilted)) {
+        // All of the rise may be one residual's.
+        const double expected = robustCost(tilt_rad * tilt_rad * per_square);
+        factor = std::max(factor, expected / std::max(kLeastRise, fit->cost - pose.cost));
+      }
+    }
+  }
+  return factor;
+}
+
+/// The largest group that `first` is in, and its pose. Nothing if no pose fits.
+std::optional<Group> groupOf(const std::vector<const Candidate*>& open, const Candidate* first,
+                             const BrickPoseConfig& config) {
   Group group;
   std::vector<RefinedPose> poses;
-  for (const RefinedPose& hypothesis : open.front()->hypotheses) {
-    std::vector<const Candidate*> members = gather(open, hypothesis, config);
+  for (const RefinedPose& hypothesis : first->hypotheses) {
+    std::vector<const Candidate*> members = gather(open, first, hypothesis, config);
     std::vector<RefinedPose> found = fits(members, config);
     // A member that the pose of all leaves aside is another brick's, or badly seen.
     while (members.size() > 1 && !found.empty()) {
@@ -169,6 +217,10 @@ std::optional<Group> nextGroup(const std::vector<const Candidate*>& open, const 
   if (poses.empty()) return std::nullopt;
 
   group.pose = poses.front();
+  const bool is_one_face = std::all_of(group.members.begin(), group.members.end(), [&group](const Candidate* member) {
+    return member->tag.face == group.members.front()->tag.face;
+  });
+  if (is_one_face) group.pose.covariance *= flatness(group.members, group.pose, config.corner_std_px);
   for (const RefinedPose& other : poses) {
     if (other.cost - poses.front().cost >= config.ambiguity_chi2) continue;
     group.possible_middles.emplace_back(other.T_camera_body.translation());
@@ -181,6 +233,17 @@ std::optional<Group> nextGroup(const std::vector<const Candidate*>& open, const 
   }
   group.is_ambiguous = group.is_ambiguous || rotationStd(group.pose.covariance) > config.max_rotation_std_rad;
   return group;
+}
+
+/// The largest group of all; of equal ones that of the largest tag. `open` is in order of size.
+std::optional<Group> largestGroup(const std::vector<const Candidate*>& open, const BrickPoseConfig& config) {
+  std::optional<Group> largest;
+  for (const Candidate* first : open) {
+    if (largest && std::count(largest->members.begin(), largest->members.end(), first) > 0) continue;
+    std::optional<Group> group = groupOf(open, first, config);
+    if (group && (!largest || group->members.size() > largest->members.size())) largest = std::move(group);
+  }
+  return largest;
 }
 
 }  // namespace
@@ -310,11 +373,8 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
     const double clearance_m = 0.5 * catalogue_.typeOf(brick_id).size_m.minCoeff();
     std::vector<Group> groups;
     while (!open.empty()) {
-      std::optional<Group> group = nextGroup(open, config_);
-      if (!group) {
-        open.erase(open.begin());
-        continue;
-      }
+      std::optional<Group> group = largestGroup(open, config_);
+      if (!group) break;  // kInconsistent
       open.erase(std::remove_if(open.begin(), open.end(),
                                 [&group](const Candidate* candidate) {
                                   return std::count(group->members.begin(), group->members.end(), candidate) > 0;

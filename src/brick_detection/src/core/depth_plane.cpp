@@ -19,7 +19,7 @@ constexpr int kDraws = 60;
 constexpr double kInlierSigmas = 3.0;
 constexpr int kMaxRefits = 10;
 constexpr double kCurvedChi2 = 16.3;        // three degrees of freedom, 99.9 %
-constexpr double kCurvedSystematics = 3.0;  // sag that a depth camera's own error may have, in units of systematic_m
+constexpr double kCurvedSystematics = 2.0;  // sag that a depth camera's own error may have, in units of systematic_m
 
 /// A pixel that holds a depth.
 struct Sample {

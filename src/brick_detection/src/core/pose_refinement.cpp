@@ -24,10 +24,7 @@ Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
   return m;
 }
 
-/// Cauchy's function of a squared residual, and the weight that goes with it.
-double robustCost(double squared) {
-  return kCauchyScale * kCauchyScale * std::log1p(squared / (kCauchyScale * kCauchyScale));
-}
+/// The weight that goes with robustCost().
 double robustWeight(double squared) {
   return 1.0 / (1.0 + squared / (kCauchyScale * kCauchyScale));
 }
@@ -83,6 +80,10 @@ NormalEquations build(const PoseProblem& problem, const std::vector<Eigen::Matri
 }
 
 }  // namespace
+
+double robustCost(double chi2) {
+  return kCauchyScale * kCauchyScale * std::log1p(chi2 / (kCauchyScale * kCauchyScale));
+}
 
 Eigen::Isometry3d moved(const Eigen::Isometry3d& pose, const Vector6d& step) {
   Eigen::Isometry3d result = pose;

@@ -50,8 +50,8 @@ std::vector<std::string> TagDetectorConfig::validate() const {
   if (std::find(factors.begin(), factors.end(), decimate) == factors.end()) {
     problems.push_back(sentence("decimate", decimate, "1, 1.5, 2, 3 or 4"));
   }
-  if (!(std::abs(blur_sigma_px) <= 10.0)) {
-    problems.push_back(sentence("blur_sigma_px", blur_sigma_px, "in [-10, 10] px"));
+  if (!(blur_sigma_px >= 0.0 && blur_sigma_px <= 10.0)) {
+    problems.push_back(sentence("blur_sigma_px", blur_sigma_px, "in [0, 10] px"));
   }
   if (!(sharpening >= 0.0 && sharpening <= 10.0)) {
     problems.push_back(sentence("sharpening", sharpening, "in [0, 10]"));

@@ -15,31 +15,26 @@
 #include <vector>
 
 #include <Eigen/Geometry>
-#include <boost/signals2/connection.hpp>
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
-#include <tf2_ros/buffer.h>
-#include <tf2_ros/transform_listener.h>
 
-#include "gpis_mapping/pose_guard.h"
 #include "gpis_mapping/types.h"
+#include "gpis_mapping_ros/camera_pose_source.h"
 #include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {
 
-struct DepthInputParams {
-  std::string map_frame{"map"};
-  std::string camera_frame;  // empty: the image's own frame_id
+struct DepthInputParams : CameraPoseParams {
   std::string image_transport{"raw"};
   double depth_units_per_metre{1000.0};  // of 16UC1 images
-  double tf_timeout_s{0.2};              // how long an image waits for its pose and camera info, by the wall clock
-  double max_future_s{0.5};              // how far a stamp may lie ahead of ROS time
-  gpis_mapping::PoseLimits pose_limits;
 
   /// Every problem as "key = value unit, must be ...".
   std::vector<std::string> validate() const;
+
+  /// Reads all of them from `section`.
+  void read(const std::string& section, ParamReader* reader);
 };
 
 /// A depth image that passed every check.
@@ -56,11 +51,9 @@ struct DepthInputFrame {
 struct DepthInputCounters {
   std::uint64_t received{0};
   std::uint64_t replaced{0};  // by a newer image while they waited
-  std::uint64_t settled_jumps{0};
   std::array<std::uint64_t, kNumFrameStatus> by_status{};
   std::string last_refusal;
-  double last_tf_age_s{0.0};  // newest pose in tf, how old at the time of the last image's look-up
-  bool has_tf_age{false};
+  CameraPoseCounters pose;
   std::string warning;  // of the kind that does not stop anything
 };
 
@@ -88,7 +81,7 @@ class DepthInput {
   void resetPoseGuard();
 
   const DepthInputParams& params() const { return params_; }
-  const tf2_ros::Buffer& tfBuffer() const { return tf_buffer_; }
+  const tf2_ros::Buffer& tfBuffer() const { return pose_source_.buffer(); }
   std::string imageTopic() const { return image_subscriber_.getTopic(); }
   std::string infoTopic() const { return info_subscriber_.getTopic(); }
 
@@ -105,12 +98,7 @@ class DepthInput {
   void work();
   /// Everything between arrival and `consume`. Nothing, and the reason, when the image is left out.
   std::optional<DepthInputFrame> prepare(const Waiting& waiting, Refusal* refusal);
-  bool checkTime(const ros::Time& stamp, Refusal* refusal);
   sensor_msgs::CameraInfoConstPtr waitForInfo(SteadyTime deadline);
-  void noteTfAge(const std::string& camera_frame, const ros::Time& stamp);
-  /// Waits until tf can answer, or the deadline, or the end.
-  std::optional<Eigen::Isometry3d> lookUpPose(const std::string& camera_frame, const ros::Time& stamp,
-                                              SteadyTime deadline, Refusal* refusal);
   void count(const Refusal& refusal);
 
   const DepthInputParams params_;
@@ -124,17 +112,8 @@ class DepthInput {
   std::optional<Waiting> waiting_;
   sensor_msgs::CameraInfoConstPtr info_;
   DepthInputCounters counters_;
-  std::uint64_t num_tf_messages_{0};
-  std::optional<gpis_mapping::PoseLimits> new_limits_;
-  bool reset_guard_{false};
 
-  // Of the worker alone.
-  gpis_mapping::PoseGuard guard_;
-  ros::Time last_stamp_;
-
-  tf2_ros::Buffer tf_buffer_;
-  tf2_ros::TransformListener tf_listener_;
-  boost::signals2::connection tf_connection_;
+  CameraPoseSource pose_source_;
   image_transport::ImageTransport transport_;
   image_transport::Subscriber image_subscriber_;
   ros::Subscriber info_subscriber_;

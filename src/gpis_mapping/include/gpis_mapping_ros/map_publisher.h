@@ -35,7 +35,8 @@ struct MapState {
 
 /// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
 /// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~ground`, `~slice`, `~slice_marker`. Whoever subscribes gets the current state
-/// at once. All methods may be called from any thread.
+/// at once. With `every_image` nothing is left out: setState() returns when its state has been published. All methods
+/// may be called from any thread.
 class MapPublisher {
  public:
   MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params);
@@ -76,6 +77,8 @@ class MapPublisher {
   std::condition_variable changed_;
   bool is_stopping_{false};
   bool has_news_{false};
+  std::uint64_t num_states_{0};
+  std::uint64_t num_states_published_{0};
   MapState state_;
   GpisMappingParams::Output output_;
   GpisMappingParams::Slice slice_;

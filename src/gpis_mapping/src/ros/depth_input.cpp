@@ -1,34 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping_ros/depth_input.h"
 
-#include <cmath>
 #include <cstdio>
 #include <exception>
 #include <stdexcept>
-
-#include <tf2/exceptions.h>
 
 namespace gpis_mapping_ros {
 namespace {
 
 using gpis_mapping::CameraModel;
-using gpis_mapping::PoseGuard;
-
-/// Stamps that step back by less are images out of order, not time that runs anew.
-constexpr double kOutOfOrder_s = 1.0;
-
-std::string seconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.3f s", value);
-  return text;
-}
 
 std::string sizeText(int width, int height) {
   return std::to_string(width) + " x " + std::to_string(height) + " px";
-}
-
-std::chrono::steady_clock::duration toSteady(double duration_s) {
-  return std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(duration_s));
 }
 
 DepthInputParams requireValid(const DepthInputParams& params) {
@@ -42,24 +25,20 @@ DepthInputParams requireValid(const DepthInputParams& params) {
 }  // namespace
 
 std::vector<std::string> DepthInputParams::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
-    if (value >= lo && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
+  std::vector<std::string> problems = CameraPoseParams::validate();
+  if (!(depth_units_per_metre >= 1.0 && depth_units_per_metre <= 1e6)) {  // NaN, too
+    char text[120];
+    std::snprintf(text, sizeof(text), "depth_units_per_metre = %g 1/m, must be in [1, 1e+06] 1/m",
+                  depth_units_per_metre);
     problems.push_back(text);
-  };
-  if (map_frame.empty() || map_frame.front() == '/') {
-    problems.push_back("map_frame = '" + map_frame + "', must be a tf2 frame: not empty, no leading slash");
   }
-  if (!camera_frame.empty() && (camera_frame.front() == '/' || camera_frame == map_frame)) {
-    problems.push_back("camera_frame = '" + camera_frame + "', must be a tf2 frame other than map_frame, or empty");
-  }
-  check("depth_units_per_metre", depth_units_per_metre, 1.0, 1e6, "1/m");
-  check("tf_timeout_s", tf_timeout_s, 0.0, 10.0, "s");
-  check("max_future_s", max_future_s, 0.0, 1e9, "s");
-  for (const std::string& problem : pose_limits.validate()) problems.push_back("pose_limits/" + problem);
   return problems;
+}
+
+void DepthInputParams::read(const std::string& section, ParamReader* reader) {
+  CameraPoseParams::read(section, reader);
+  reader->read(section + "/image_transport", &image_transport);
+  reader->read(section + "/depth_units_per_metre", &depth_units_per_metre);
 }
 
 DepthInput::DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const DepthInputParams& params,
@@ -67,14 +46,8 @@ DepthInput::DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private
     : params_(requireValid(params)),
       consume_(std::move(consume)),
       refuse_(std::move(refuse)),
-      guard_(params.pose_limits),
-      tf_listener_(tf_buffer_, nh),
+      pose_source_(nh, params),
       transport_(nh) {
-  tf_connection_ = tf_buffer_._addTransformsChangedListener([this] {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    ++num_tf_messages_;
-    changed_.notify_all();
-  });
   info_subscriber_ = ros::NodeHandle(nh).subscribe("depth/camera_info", 2, &DepthInput::onInfo, this,
                                                    ros::TransportHints().tcpNoDelay());
   image_subscriber_ = transport_.subscribe(
@@ -91,25 +64,28 @@ DepthInput::~DepthInput() {
     is_stopping_ = true;
   }
   changed_.notify_all();
+  pose_source_.stop();
   worker_.join();
   image_subscriber_.shutdown();
   info_subscriber_.shutdown();
-  tf_buffer_._removeTransformsChangedListener(tf_connection_);
 }
 
 DepthInputCounters DepthInput::counters() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return counters_;
+  DepthInputCounters counters;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    counters = counters_;
+  }
+  counters.pose = pose_source_.counters();
+  return counters;
 }
 
 void DepthInput::setPoseLimits(const gpis_mapping::PoseLimits& limits) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  new_limits_ = limits;
+  pose_source_.setLimits(limits);
 }
 
 void DepthInput::resetPoseGuard() {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  reset_guard_ = true;
+  pose_source_.resetGuard();
 }
 
 void DepthInput::onImage(const sensor_msgs::ImageConstPtr& image) {
@@ -139,10 +115,6 @@ void DepthInput::work() {
       if (is_stopping_) return;
       job = std::move(*waiting_);
       waiting_.reset();
-      if (new_limits_) guard_.setLimits(*new_limits_);
-      if (reset_guard_) guard_.reset();
-      new_limits_.reset();
-      reset_guard_ = false;
     }
     Refusal refusal;
     bool was_consumed = false;
@@ -174,102 +146,23 @@ void DepthInput::count(const Refusal& refusal) {
   }
 }
 
-bool DepthInput::checkTime(const ros::Time& stamp, Refusal* refusal) {
-  if (stamp.isZero()) {  // tf would take it for "newest"
-    *refusal = {FrameStatus::kMalformedImage, "stamp is 0, must be the time of exposure"};
-    return false;
-  }
-  const ros::Time now = ros::Time::now();
-  const double ahead = stamp.toSec() - now.toSec();  // a ros::Duration ends at 68 years
-  if (!now.isZero() && ahead > params_.max_future_s) {
-    *refusal = {FrameStatus::kStampInFuture, "stamp is " + seconds(ahead) + " ahead of ROS time, must be at most " +
-                                                 seconds(params_.max_future_s) +
-                                                 " (max_future_s); are the clocks in step?"};
-    return false;
-  }
-  if (!last_stamp_.isZero() && stamp <= last_stamp_) {
-    const double back = last_stamp_.toSec() - stamp.toSec();
-    if (back < kOutOfOrder_s) {
-      *refusal = {FrameStatus::kTimeRanBack, "stamp is " + seconds(back) + " before the last one, must be after it"};
-      return false;
-    }
-    // What tf and the guard remember belongs to a time that is yet to come.
-    tf_buffer_.clear();
-    guard_.reset();
-    last_stamp_ = stamp;
-    *refusal = {FrameStatus::kTimeRanBack,
-                "time ran back by " + seconds(back) +
-                    " (a looped bag?): transforms and pose history are forgotten, the map stays"};
-    return false;
-  }
-  last_stamp_ = stamp;
-  return true;
-}
-
 sensor_msgs::CameraInfoConstPtr DepthInput::waitForInfo(SteadyTime deadline) {
   std::unique_lock<std::mutex> lock(mutex_);
   changed_.wait_until(lock, deadline, [this] { return is_stopping_ || info_; });
   return info_;
 }
 
-void DepthInput::noteTfAge(const std::string& camera_frame, const ros::Time& stamp) {
-  bool has_age = false;
-  double age_s = 0.0;
-  try {
-    const ros::Time newest = tf_buffer_.lookupTransform(params_.map_frame, camera_frame, ros::Time(0)).header.stamp;
-    has_age = !newest.isZero();  // static transforms have no age
-    age_s = stamp.toSec() - newest.toSec();
-  } catch (const tf2::TransformException&) {
-    has_age = false;
-  }
-  const std::lock_guard<std::mutex> lock(mutex_);
-  counters_.has_tf_age = has_age;
-  counters_.last_tf_age_s = age_s;
-}
-
-std::optional<Eigen::Isometry3d> DepthInput::lookUpPose(const std::string& camera_frame, const ros::Time& stamp,
-                                                        SteadyTime deadline, Refusal* refusal) {
-  noteTfAge(camera_frame, stamp);
-  while (true) {
-    std::uint64_t seen;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      seen = num_tf_messages_;
-    }
-    std::string why;
-    try {
-      return toIsometry(tf_buffer_.lookupTransform(params_.map_frame, camera_frame, stamp).transform, refusal);
-    } catch (const tf2::TransformException& error) {
-      why = error.what();
-    }
-    std::unique_lock<std::mutex> lock(mutex_);
-    const bool has_changed =
-        changed_.wait_until(lock, deadline, [this, seen] { return is_stopping_ || num_tf_messages_ != seen; });
-    if (has_changed && !is_stopping_) continue;
-    *refusal = {FrameStatus::kNoTransform, "no transform from '" + camera_frame + "' to '" + params_.map_frame +
-                                               "' at " + std::to_string(stamp.toSec()) + " s after waiting " +
-                                               seconds(params_.tf_timeout_s) + " (tf_timeout_s): " + why};
-    return std::nullopt;
-  }
-}
-
 std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refusal* refusal) {
   const sensor_msgs::Image& message = *waiting.image;
-  const SteadyTime deadline = waiting.arrival + toSteady(params_.tf_timeout_s);
-  if (!checkTime(message.header.stamp, refusal)) return std::nullopt;
+  const SteadyTime deadline = pose_source_.deadline(waiting.arrival);
+  const CameraPoseSource::StampVerdict verdict = pose_source_.checkStamp(message.header.stamp, refusal);
+  if (verdict == CameraPoseSource::StampVerdict::kRestarted) refusal->message += ", the map stays";
+  if (verdict != CameraPoseSource::StampVerdict::kGood) return std::nullopt;
+  const std::optional<std::string> camera_frame = pose_source_.cameraFrame(message.header.frame_id, refusal);
+  if (!camera_frame) return std::nullopt;
   DepthInputFrame frame;
   frame.stamp = message.header.stamp;
-  frame.camera_frame = params_.camera_frame.empty() ? withoutSlash(message.header.frame_id) : params_.camera_frame;
-  if (frame.camera_frame.empty()) {
-    *refusal = {FrameStatus::kMalformedImage,
-                "frame_id is empty, must name the camera's optical frame (or set camera_frame)"};
-    return std::nullopt;
-  }
-  if (frame.camera_frame == params_.map_frame) {
-    *refusal = {FrameStatus::kMalformedImage,
-                "frame_id '" + frame.camera_frame + "' is the map's frame, must name the camera's optical frame"};
-    return std::nullopt;
-  }
+  frame.camera_frame = *camera_frame;
   std::optional<gpis_mapping::DepthImage> image = toDepthImage(message, params_.depth_units_per_metre, refusal);
   if (!image) return std::nullopt;
   const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline);
@@ -298,17 +191,8 @@ std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refus
                                                    " pixels holds a depth or +Inf: is the lens covered?"};
     return std::nullopt;
   }
-  const std::optional<Eigen::Isometry3d> pose = lookUpPose(frame.camera_frame, frame.stamp, deadline, refusal);
+  const std::optional<Eigen::Isometry3d> pose = pose_source_.poseAt(frame.camera_frame, frame.stamp, deadline, refusal);
   if (!pose) return std::nullopt;
-  const PoseGuard::Verdict verdict = guard_.check(*pose, frame.stamp.toSec());
-  if (verdict == PoseGuard::Verdict::kJump) {
-    *refusal = {FrameStatus::kPoseJump, guard_.message()};
-    return std::nullopt;
-  }
-  if (verdict == PoseGuard::Verdict::kSettled) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    ++counters_.settled_jumps;
-  }
   frame.image = std::move(*image);
   frame.camera = *camera;
   frame.T_map_camera = *pose;

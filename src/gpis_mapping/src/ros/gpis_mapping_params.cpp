@@ -63,6 +63,7 @@ std::string toYaml(const GpisMappingParams& params) {
   limits["max_turn_radps"] = input.pose_limits.max_turn_radps;
   limits["settle_frames"] = input.pose_limits.settle_frames;
   yaml["output"]["rate_hz"] = params.output.rate_hz;
+  yaml["output"]["every_image"] = params.output.every_image;
   yaml["output"]["removed_display_s"] = params.output.removed_display_s;
   yaml["output"]["mesh_color"] = toString(params.output.mesh_color);
   yaml["output"]["color_max_std_m"] = params.output.color_max_std_m;
@@ -83,19 +84,9 @@ std::string toYaml(const GpisMappingParams& params) {
 GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {
   GpisMappingParams params;
   ParamReader reader(private_nh);
-  DepthInputParams& input = params.input;
-  reader.read("input/map_frame", &input.map_frame);
-  reader.read("input/camera_frame", &input.camera_frame);
-  reader.read("input/image_transport", &input.image_transport);
-  reader.read("input/depth_units_per_metre", &input.depth_units_per_metre);
-  reader.read("input/tf_timeout_s", &input.tf_timeout_s);
-  reader.read("input/max_future_s", &input.max_future_s);
-  reader.read("input/pose_limits/max_step_m", &input.pose_limits.max_step_m);
-  reader.read("input/pose_limits/max_step_rad", &input.pose_limits.max_step_rad);
-  reader.read("input/pose_limits/max_speed_mps", &input.pose_limits.max_speed_mps);
-  reader.read("input/pose_limits/max_turn_radps", &input.pose_limits.max_turn_radps);
-  reader.read("input/pose_limits/settle_frames", &input.pose_limits.settle_frames);
+  params.input.read("input", &reader);
   reader.read("output/rate_hz", &params.output.rate_hz);
+  reader.read("output/every_image", &params.output.every_image);
   reader.read("output/removed_display_s", &params.output.removed_display_s);
   reader.read("output/color_max_std_m", &params.output.color_max_std_m);
   std::string color = toString(params.output.mesh_color);

@@ -175,6 +175,11 @@ void GpisMappingRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
   message.status = static_cast<std::uint8_t>(refusal.status);
   message.message = refusal.message;
   const MapState now = state();
+  if (params_.output.every_image && !stamp.isZero()) {
+    MapState as_before = now;
+    as_before.stamp = stamp;  // the map at that time, which the image has not changed
+    publisher_.setState(as_before, {});
+  }
   message.update = now.snapshot->numUpdates();
   message.map_points = static_cast<std::uint32_t>(now.snapshot->numPoints());
   update_publisher_.publish(message);
@@ -514,20 +519,21 @@ void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& 
 void GpisMappingRos::diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status) {
   const DepthInputCounters counters = input_->counters();
   const auto jumps = counters.by_status[static_cast<std::size_t>(FrameStatus::kPoseJump)];
-  if (counters.has_tf_age && counters.last_tf_age_s > params_.input.tf_timeout_s) {
+  if (counters.pose.has_tf_age && counters.pose.last_tf_age_s > params_.input.tf_timeout_s) {
     status.summary(DiagnosticStatus::WARN,
-                   "newest transform is " + formatted("%.3f s", counters.last_tf_age_s) + " older than the image");
-  } else if (counters.settled_jumps > 0) {
-    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " + std::to_string(counters.settled_jumps) +
+                   "newest transform is " + formatted("%.3f s", counters.pose.last_tf_age_s) + " older than the image");
+  } else if (counters.pose.settled_jumps > 0) {
+    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " +
+                                               std::to_string(counters.pose.settled_jumps) +
                                                " times: what was mapped before may stand beside what is mapped now");
   } else {
     status.summary(DiagnosticStatus::OK, "");
   }
   status.add("map frame", params_.input.map_frame);
   status.add("age at the last image [s]",
-             counters.has_tf_age ? formatted("%.3f", counters.last_tf_age_s) : "static or none");
+             counters.pose.has_tf_age ? formatted("%.3f", counters.pose.last_tf_age_s) : "static or none");
   status.add("images left out for a jump", jumps);
-  status.add("jumps that stayed", counters.settled_jumps);
+  status.add("jumps that stayed", counters.pose.settled_jumps);
   status.add("time ran back", counters.by_status[static_cast<std::size_t>(FrameStatus::kTimeRanBack)]);
 }
 

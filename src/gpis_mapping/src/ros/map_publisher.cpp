@@ -69,6 +69,8 @@ MapPublisher::~MapPublisher() {
 
 void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vector3d>& removed_points_map) {
   const ros::Time now = ros::Time::now();
+  std::uint64_t number = 0;
+  bool waits = false;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (state.generation != state_.generation) removed_.clear();
@@ -84,8 +86,13 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
       output->is_stale = true;
     }
     has_news_ = true;
+    number = ++num_states_;
+    waits = output_.every_image;
   }
   changed_.notify_all();
+  if (!waits) return;
+  std::unique_lock<std::mutex> lock(mutex_);
+  changed_.wait(lock, [this, number] { return is_stopping_ || num_states_published_ >= number; });
 }
 
 void MapPublisher::setOutput(const GpisMappingParams::Output& output) {
@@ -123,6 +130,7 @@ std::string MapPublisher::lastError() const {
 void MapPublisher::work() {
   SteadyTime next = std::chrono::steady_clock::now();
   while (true) {
+    std::uint64_t taken = 0;
     {
       std::unique_lock<std::mutex> lock(mutex_);
       // Removed points fade although nothing else happens.
@@ -133,9 +141,10 @@ void MapPublisher::work() {
         changed_.wait_for(lock, toSteady(1.0 / output_.rate_hz), isDue);
       }
       if (is_stopping_) return;
-      changed_.wait_until(lock, next, [this] { return is_stopping_; });
+      if (!output_.every_image) changed_.wait_until(lock, next, [this] { return is_stopping_; });
       if (is_stopping_) return;
       has_news_ = false;
+      taken = num_states_;
       next = std::chrono::steady_clock::now() + toSteady(1.0 / output_.rate_hz);
     }
     std::string error;
@@ -144,8 +153,12 @@ void MapPublisher::work() {
     } catch (const std::exception& e) {  // out of memory, say: the map itself is not touched
       error = e.what();
     }
-    const std::lock_guard<std::mutex> lock(mutex_);
-    last_error_ = error;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      last_error_ = error;
+      num_states_published_ = taken;
+    }
+    changed_.notify_all();
   }
 }
 

@@ -30,18 +30,7 @@ std::vector<std::string> OctomapBaselineParams::validate() const {
 OctomapBaselineParams loadOctomapBaselineParams(const ros::NodeHandle& private_nh) {
   OctomapBaselineParams params;
   gpis_mapping_ros::ParamReader reader(private_nh);
-  gpis_mapping_ros::DepthInputParams& input = params.input;
-  reader.read("input/map_frame", &input.map_frame);
-  reader.read("input/camera_frame", &input.camera_frame);
-  reader.read("input/image_transport", &input.image_transport);
-  reader.read("input/depth_units_per_metre", &input.depth_units_per_metre);
-  reader.read("input/tf_timeout_s", &input.tf_timeout_s);
-  reader.read("input/max_future_s", &input.max_future_s);
-  reader.read("input/pose_limits/max_step_m", &input.pose_limits.max_step_m);
-  reader.read("input/pose_limits/max_step_rad", &input.pose_limits.max_step_rad);
-  reader.read("input/pose_limits/max_speed_mps", &input.pose_limits.max_speed_mps);
-  reader.read("input/pose_limits/max_turn_radps", &input.pose_limits.max_turn_radps);
-  reader.read("input/pose_limits/settle_frames", &input.pose_limits.settle_frames);
+  params.input.read("input", &reader);
   reader.read("output/rate_hz", &params.output.rate_hz);
   reader.read("output/projected_min_z_m", &params.output.projected_min_z_m);
   reader.read("output/projected_max_z_m", &params.output.projected_max_z_m);

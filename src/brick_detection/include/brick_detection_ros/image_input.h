@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <ar_track_alvar_msgs/AlvarMarkers.h>
+#include <gpis_mapping_ros/camera_pose_source.h>
+#include <image_transport/image_transport.h>
+#include <opencv2/core.hpp>
+#include <ros/node_handle.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+
+#include "brick_detection/camera_model.h"
+#include "brick_detection/marker_sightings.h"
+#include "brick_detection_ros/conversions.h"
+
+namespace brick_detection_ros {
+
+struct ImageInputParams : gpis_mapping_ros::CameraPoseParams {
+  bool use_depth{true};
+  double max_depth_offset_s{0.02};       // between the stamps of a colour and a depth image that belong together
+  double depth_timeout_s{0.15};          // how long a colour image waits for its depth, by the wall clock
+  double depth_units_per_metre{1000.0};  // of 16UC1 images
+  std::string image_transport{"raw"};
+  std::string depth_transport{"raw"};
+
+  /// Every problem as "key = value unit, must be ...".
+  std::vector<std::string> validate() const;
+};
+
+/// A look that passed every check: an image with what belongs to it, or markers that another program has found.
+struct InputFrame {
+  bool has_image{false};
+  cv::Mat image;    // CV_8UC1 or CV_8UC3 (blue, green, red)
+  cv::Mat depth_m;  // CV_32FC1 of the image's size, or empty
+  brick_detection::CameraModel camera;
+
+  std::vector<brick_detection::MarkerObservation> markers;
+
+  /// Nothing for a message without any marker, which does not say where it was taken.
+  std::optional<Eigen::Isometry3d> T_map_camera;
+  ros::Time stamp;
+  std::string camera_frame;
+  std::string remark;   // what was done without
+  double wait_ms{0.0};  // from arrival to the begin of its work
+};
+
+/// What happened so far; for diagnostics.
+struct ImageInputCounters {
+  static constexpr std::size_t kNumStatus = interactive_mapping_msgs::BrickDetectionUpdate::NUM_STATUS;
+
+  std::uint64_t received{0};
+  std::uint64_t replaced{0};       // by a newer image while they waited
+  std::uint64_t unwanted{0};       // nobody had asked for a look
+  std::uint64_t without_depth{0};  // of those accepted
+  std::array<std::uint64_t, kNumStatus> by_status{};
+  std::string last_refusal;
+  std::string last_remark;
+  std::string warning;  // of the kind that does not stop anything
+  gpis_mapping_ros::CameraPoseCounters pose;
+};
+
+/// Colour images with camera info, depth and tf, checked, one at a time; or markers of ar_track_alvar. Subscribes
+/// `color/image_raw`, `color/camera_info` and `depth/image_rect`, or else `alvar_markers`, relative to `nh`. A worker thread
+/// takes the newest, waits for what belongs to it, checks it and hands it to `consume`; one that comes meanwhile
+/// replaces the one that waits. Callbacks of subscriptions only store what they get; they may run in any callback queue.
+/// None of the functions given is called after the destructor has begun to return.
+class ImageInput {
+ public:
+  enum class Source { kImages, kAlvarMarkers };
+
+  struct Callbacks {
+    /// Whether an image of this stamp is to be looked at; called when it arrives, on the subscription's thread.
+    std::function<bool(const ros::Time& stamp)> wants;
+    /// On the worker thread.
+    std::function<void(const InputFrame& frame)> consume;
+    /// On the worker thread, for each image that is left out. `is_restart`: time ran back, what was known is of a time
+    /// that is yet to come.
+    std::function<void(const ros::Time& stamp, const Refusal& refusal, bool is_restart)> refuse;
+  };
+
+  /// `private_nh` names the transport hints' namespace. Throws std::invalid_argument for impossible parameters.
+  ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const ImageInputParams& params,
+             Source source, Callbacks callbacks);
+  ~ImageInput();
+  ImageInput(const ImageInput&) = delete;
+  ImageInput& operator=(const ImageInput&) = delete;
+
+  ImageInputCounters counters() const;
+  /// Believes the next pose, whatever it is.
+  void resetPoseGuard() { pose_source_.resetGuard(); }
+  const tf2_ros::Buffer& tfBuffer() const { return pose_source_.buffer(); }
+  /// Of images or markers.
+  std::string topic() const;
+  std::string infoTopic() const { return info_subscriber_.getTopic(); }
+  std::string depthTopic() const { return depth_subscriber_.getTopic(); }
+
+ private:
+  using SteadyTime = std::chrono::steady_clock::time_point;
+
+  struct Waiting {
+    sensor_msgs::ImageConstPtr image;  // or else
+    ar_track_alvar_msgs::AlvarMarkersConstPtr markers;
+    ros::Time stamp;
+    SteadyTime arrival;
+  };
+  struct Depth {
+    sensor_msgs::ImageConstPtr image;  // the one that belongs to a colour image, or none
+    std::string why_not;
+  };
+
+  void onImage(const sensor_msgs::ImageConstPtr& image);
+  void onInfo(const sensor_msgs::CameraInfoConstPtr& info);
+  void onDepth(const sensor_msgs::ImageConstPtr& depth);
+  void onMarkers(const ar_track_alvar_msgs::AlvarMarkersConstPtr& markers);
+  void store(const Waiting& waiting);
+  void work();
+  /// Everything between arrival and `consume`. Nothing, and the reason, when it is left out.
+  std::optional<InputFrame> prepare(const Waiting& waiting, Refusal* refusal, bool* is_restart);
+  std::optional<InputFrame> prepareImage(const Waiting& waiting, Refusal* refusal);
+  std::optional<InputFrame> prepareMarkers(const Waiting& waiting, Refusal* refusal);
+  sensor_msgs::CameraInfoConstPtr waitForInfo(SteadyTime deadline);
+  Depth waitForDepth(const ros::Time& stamp, SteadyTime deadline);
+  /// False, and the reason, when the depth image says that something is set up wrongly.
+  bool addDepth(const sensor_msgs::Image& color, SteadyTime arrival, InputFrame* frame, Refusal* refusal);
+
+  const ImageInputParams params_;
+  const Source source_;
+  const Callbacks callbacks_;
+  bool is_rectified_{false};
+
+  mutable std::mutex mutex_;  // guards what follows, up to the blank line
+  std::condition_variable changed_;
+  bool is_stopping_{false};
+  std::optional<Waiting> waiting_;
+  sensor_msgs::CameraInfoConstPtr info_;
+  std::deque<sensor_msgs::ImageConstPtr> depths_;  // the last few, as they came
+  ImageInputCounters counters_;
+
+  gpis_mapping_ros::CameraPoseSource pose_source_;
+  image_transport::ImageTransport transport_;
+  image_transport::Subscriber image_subscriber_, depth_subscriber_;
+  ros::Subscriber info_subscriber_, marker_subscriber_;
+  std::thread worker_;  // last: everything it uses exists before it
+};
+
+}  // namespace brick_detection_ros

@@ -1,0 +1,510 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "brick_detection_ros/brick_detection_ros.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+#include <utility>
+
+#include <cv_bridge/cv_bridge.h>
+#include <ros/console.h>
+#include <sensor_msgs/image_encodings.h>
+#include <tf2/exceptions.h>
+
+#include "brick_detection/annotated_image.h"
+
+namespace brick_detection_ros {
+namespace {
+
+using brick_detection::TagStatus;
+using brick_detection::TrackedBrick;
+using diagnostic_msgs::DiagnosticStatus;
+using interactive_mapping_msgs::DetectBricks;
+using Update = interactive_mapping_msgs::BrickDetectionUpdate;
+
+constexpr char kLog[] = "brick_detection";
+constexpr double kWindow_s = 5.0;                      // over which diagnostics count
+constexpr double kSilence_s = 2.0;                     // without an image: a warning
+constexpr double kWarnPeriod_s = 5.0;                  // a message in a callback is repeated no more often
+constexpr int kDetectThreads = 4;                      // calls of ~detect that can wait at once; others queue up
+constexpr std::chrono::milliseconds kClockPeriod(20);  // a waiting call looks at the clock that often
+
+std::string formatted(const char* format, double value) {
+  char text[64];
+  std::snprintf(text, sizeof(text), format, value);
+  return text;
+}
+
+std::string join(const std::vector<int>& ids) {
+  std::string text;
+  for (const int id : ids) text += (text.empty() ? "" : ", ") + std::to_string(id);
+  return text;
+}
+
+ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) {
+  ros::NodeHandle other(nh);
+  other.setCallbackQueue(queue);
+  return other;
+}
+
+}  // namespace
+
+BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
+    : params_(loadBrickDetectionParams(private_nh)),
+      detector_(mp700_ur5e_description::loadBrickTypes(params_.bricks_file), params_.detection),
+      markers_(detector_.catalogue(), params_.output.ellipsoid_sigmas, params_.output.arrow_m),
+      transport_(private_nh),
+      detect_spinner_(kDetectThreads, &detect_queue_),
+      diagnostics_(nh, private_nh, private_nh.getNamespace()) {
+  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << toYaml(params_));
+  ros::NodeHandle public_nh(nh);
+  ros::NodeHandle pnh(private_nh);
+  bricks_publisher_ = pnh.advertise<BrickArray>("bricks", 1, true);
+  marker_publisher_ = pnh.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
+  update_publisher_ = pnh.advertise<Update>("update", 50);
+  picture_publisher_ = transport_.advertise("image", 1);
+  {
+    const std::lock_guard<std::mutex> lock(detector_mutex_);
+    publishBricks();  // whoever subscribes learns that none are known
+  }
+  if (params_.map.use) {
+    MapClient::Callbacks callbacks;
+    callbacks.ask = [this] {
+      const std::lock_guard<std::mutex> lock(detector_mutex_);
+      return detector_.mapQuestion();
+    };
+    callbacks.answer = [this](const auto& question, const auto& states, const ros::Time& map_stamp) {
+      onMapAnswer(question, states, map_stamp);
+    };
+    map_ = std::make_unique<MapClient>(nh, params_.input.map_frame, callbacks);
+  }
+  ImageInput::Callbacks callbacks;
+  callbacks.wants = [this](const ros::Time& stamp) { return wants(stamp); };
+  callbacks.consume = [this](const InputFrame& frame) { consume(frame); };
+  callbacks.refuse = [this](const ros::Time& stamp, const Refusal& refusal, bool is_restart) {
+    refuse(stamp, refusal, is_restart);
+  };
+  const auto source = detector_.decodesImages() ? ImageInput::Source::kImages : ImageInput::Source::kAlvarMarkers;
+  input_ = std::make_unique<ImageInput>(nh, private_nh, params_.input, source, callbacks);
+
+  attached_subscriber_ = public_nh.subscribe("attached_brick", 5, &BrickDetectionRos::onAttached, this);
+  clear_server_ = pnh.advertiseService("clear", &BrickDetectionRos::onClear, this);
+  detect_server_ = withQueue(pnh, &detect_queue_).advertiseService("detect", &BrickDetectionRos::onDetect, this);
+  detect_spinner_.start();
+
+  diagnostics_.setHardwareID("none");
+  diagnostics_.add("input", this, &BrickDetectionRos::diagnoseInput);
+  diagnostics_.add("transforms", this, &BrickDetectionRos::diagnoseTransforms);
+  diagnostics_.add("bricks", this, &BrickDetectionRos::diagnoseBricks);
+  if (map_) diagnostics_.add("map", this, &BrickDetectionRos::diagnoseMap);
+  // By the wall clock, which the updater's own timing is not: a stopped simulation must be diagnosed as well.
+  diagnostics_timer_ = pnh.createWallTimer(ros::WallDuration(diagnostics_.getPeriod()),
+                                           [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  ROS_INFO_NAMED(kLog, "looking for tags of family %s in %s, bricks in frame '%s'",
+                 detector_.catalogue().tags.family.c_str(), input_->topic().c_str(), params_.input.map_frame.c_str());
+}
+
+BrickDetectionRos::~BrickDetectionRos() {
+  {
+    const std::lock_guard<std::mutex> lock(look_mutex_);
+    is_stopping_ = true;
+  }
+  look_done_.notify_all();
+  // Each of these waits for its callback in progress; then nobody but the input's thread uses the map.
+  diagnostics_timer_.stop();
+  detect_server_.shutdown();
+  clear_server_.shutdown();
+  attached_subscriber_.shutdown();
+  detect_spinner_.stop();
+  input_.reset();
+  map_.reset();
+}
+
+bool BrickDetectionRos::wants(const ros::Time& stamp) {
+  if (params_.continuous) return true;
+  const std::lock_guard<std::mutex> lock(look_mutex_);
+  return !waiting_since_.empty() && (stamp.isZero() || *waiting_since_.begin() < stamp);
+}
+
+void BrickDetectionRos::consume(const InputFrame& frame) {
+  LookRecord record;
+  Update& update = record.update;
+  update.header.stamp = frame.stamp;
+  update.header.frame_id = params_.input.map_frame;
+  update.message = frame.remark;
+  update.wait_ms = static_cast<float>(frame.wait_ms);
+  record.bricks.header = update.header;
+  brick_detection::BrickDetector::Look look;
+  {
+    const std::lock_guard<std::mutex> lock(detector_mutex_);
+    record.number = ++num_looks_;  // one that fails, too
+    if (frame.T_map_camera) {
+      look = frame.has_image
+                 ? detector_.look(frame.image, frame.depth_m, frame.camera, *frame.T_map_camera, frame.stamp.toSec())
+                 : detector_.addMarkers(frame.markers, *frame.T_map_camera, frame.stamp.toSec());
+    }
+    stamp_ = frame.stamp;
+    update.look = num_looks_;
+    update.has_depth = look.has_depth ? 1 : 0;
+    for (const brick_detection::TagSighting& tag : look.found.tags) update.tags.push_back(toMessage(tag));
+    std::set<std::size_t> seen;
+    for (std::size_t i = 0; i < look.found.bricks.size(); ++i) {
+      update.bricks_seen.push_back(look.found.bricks[i].brick_id);
+      if (look.seen[i]) seen.insert(*look.seen[i]);
+    }
+    for (const std::size_t index : seen) record.bricks.bricks.push_back(toBrick(index));
+    update.bricks_dropped = std::move(dropped_);
+    dropped_.clear();
+    update.detect_ms = static_cast<float>(look.detect_ms);
+    update.pose_ms = static_cast<float>(look.pose_ms);
+    update.track_ms = static_cast<float>(look.track_ms);
+    update.total_ms = update.detect_ms + update.pose_ms + update.track_ms;
+    publishBricks();
+  }
+  if (map_ && !look.found.bricks.empty()) map_->wake();
+  {
+    const ros::WallTime now = ros::WallTime::now();
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    recent_.push_back({now, true, update.total_ms, ros::Time::now().toSec() - frame.stamp.toSec()});
+    while ((now - recent_.front().done).toSec() > kWindow_s) recent_.pop_front();
+  }
+  ROS_DEBUG_NAMED(kLog, "look %lu: %zu tags, %zu bricks, %.1f ms", static_cast<unsigned long>(record.number),
+                  update.tags.size(), update.bricks_seen.size(), update.total_ms);
+  publishPicture(frame, look.found);
+  conclude(std::move(record));
+}
+
+void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, bool is_restart) {
+  LookRecord record;
+  Update& update = record.update;
+  update.header.stamp = stamp;
+  update.header.frame_id = params_.input.map_frame;
+  update.status = toUpdateStatus(refusal.status);
+  update.message = refusal.message;
+  {
+    const std::lock_guard<std::mutex> lock(detector_mutex_);
+    if (is_restart) {
+      forget(stamp);
+      update.message += ", and so are all bricks";
+    }
+    record.number = update.look = ++num_looks_;
+    update.bricks_dropped = std::move(dropped_);
+    dropped_.clear();
+  }
+  ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
+                                 "image left out, " << statusName(update.status) << ": " << update.message);
+  {
+    const ros::WallTime now = ros::WallTime::now();
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    recent_.push_back({now, false, 0.0, 0.0});
+    while ((now - recent_.front().done).toSec() > kWindow_s) recent_.pop_front();
+  }
+  conclude(std::move(record));
+}
+
+void BrickDetectionRos::conclude(LookRecord record) {
+  // Whoever waits for it finds ~bricks and the services up to date.
+  update_publisher_.publish(record.update);
+  {
+    const std::lock_guard<std::mutex> lock(look_mutex_);
+    const bool is_accepted = record.update.status == Update::ACCEPTED;
+    (is_accepted ? last_accepted_ : last_refused_) = std::make_shared<const LookRecord>(std::move(record));
+  }
+  look_done_.notify_all();
+}
+
+interactive_mapping_msgs::Brick BrickDetectionRos::toBrick(std::size_t index) const {
+  const TrackedBrick& brick = detector_.bricks()[index];
+  return toMessage(brick, detector_.catalogue().typeOf(brick.id), detector_.graspableFaces(index));
+}
+
+void BrickDetectionRos::publishBricks() {
+  BrickArray array;
+  array.header.stamp = stamp_;
+  array.header.frame_id = params_.input.map_frame;
+  for (std::size_t i = 0; i < detector_.bricks().size(); ++i) array.bricks.push_back(toBrick(i));
+  bricks_publisher_.publish(array);
+  marker_publisher_.publish(markers_.update(array));
+}
+
+void BrickDetectionRos::publishPicture(const InputFrame& frame,
+                                       const brick_detection::BrickPoseEstimator::Result& found) {
+  if (!frame.has_image || picture_publisher_.getNumSubscribers() == 0) return;
+  std_msgs::Header header;
+  header.stamp = frame.stamp;
+  header.frame_id = frame.camera_frame;
+  const cv::Mat picture = brick_detection::drawDetections(frame.image, frame.camera, found, detector_.catalogue());
+  picture_publisher_.publish(cv_bridge::CvImage(header, sensor_msgs::image_encodings::BGR8, picture).toImageMsg());
+}
+
+void BrickDetectionRos::noteDropped(const std::vector<int>& ids, const std::string& why) {
+  if (ids.empty()) return;
+  dropped_.insert(dropped_.end(), ids.begin(), ids.end());
+  last_drop_ = join(ids) + ": " + why;
+  ROS_INFO_NAMED(kLog, "forgotten: brick %s", last_drop_.c_str());
+}
+
+void BrickDetectionRos::forget(const ros::Time& stamp) {
+  detector_.clear();
+  if (attached_id_) detector_.attach(*attached_id_, Eigen::Vector3d::Zero());  // still in the hand
+  stamp_ = stamp;
+  publishBricks();
+}
+
+void BrickDetectionRos::onMapAnswer(const MapClient::MapQuestion& question,
+                                    const std::vector<brick_detection::SpaceState>& states,
+                                    const ros::Time& map_stamp) {
+  const std::lock_guard<std::mutex> lock(detector_mutex_);
+  noteDropped(detector_.takeMapAnswer(question, states, map_stamp.toSec()), "its place is free");
+  publishBricks();
+}
+
+std::optional<Eigen::Vector3d> BrickDetectionRos::placeOf(
+    const interactive_mapping_msgs::AttachedBrick& message) const {
+  const std::string frame = gpis_mapping_ros::withoutSlash(message.header.frame_id);
+  const Eigen::Vector3d p_tool(message.pose.position.x, message.pose.position.y, message.pose.position.z);
+  // The newest, when tf has not come to the stamp yet: the tool has not moved far since.
+  for (const ros::Time& stamp : {message.header.stamp, ros::Time(0)}) {
+    try {
+      Refusal ignored;
+      const auto T_map_tool = gpis_mapping_ros::toIsometry(
+          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, stamp).transform, &ignored);
+      if (T_map_tool && p_tool.allFinite()) return *T_map_tool * p_tool;
+    } catch (const tf2::TransformException&) {
+    }
+  }
+  return std::nullopt;
+}
+
+void BrickDetectionRos::onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message) {
+  if (message->is_attached == 0) {
+    const std::lock_guard<std::mutex> lock(detector_mutex_);
+    detector_.detach();
+    attached_id_.reset();
+    return;
+  }
+  std::optional<Eigen::Vector3d> p_map = placeOf(*message);
+  const std::lock_guard<std::mutex> lock(detector_mutex_);
+  if (!p_map) {
+    int known = 0;
+    for (const TrackedBrick& brick : detector_.bricks()) {
+      if (brick.id != message->id) continue;
+      if (known++ == 0) p_map = brick.T_map_brick.translation();
+    }
+    if (known > 1) {
+      ROS_WARN_NAMED(kLog, "tf has no pose of '%s': which of the %d bricks of id %d is in the hand is a guess",
+                     message->header.frame_id.c_str(), known, message->id);
+    }
+  }
+  const bool was_known = detector_.attach(message->id, p_map.value_or(Eigen::Vector3d::Zero()));
+  attached_id_ = message->id;
+  if (!was_known) return;
+  noteDropped({message->id}, "it is in the hand");
+  publishBricks();
+}
+
+bool BrickDetectionRos::onDetect(DetectBricks::Request& request, DetectBricks::Response& response) {
+  using Response = DetectBricks::Response;
+  const double timeout_s = request.timeout.isZero() ? params_.detect.timeout_s : request.timeout.toSec();
+  const ros::Time called = ros::Time::now();
+  response.bricks.header.frame_id = params_.input.map_frame;
+  const auto answer = [&response](std::uint8_t status, const std::string& message) {
+    response.status = status;
+    response.success = status == Response::OK ? 1 : 0;
+    response.message = message;
+  };
+
+  std::unique_lock<std::mutex> lock(look_mutex_);
+  const auto place = waiting_since_.insert(called);
+  const std::shared_ptr<const LookRecord> refused_before = last_refused_;
+  ros::Time clock = called;
+  ros::WallTime clock_moved = ros::WallTime::now();
+  while (true) {
+    if (is_stopping_) {
+      answer(Response::SHUTTING_DOWN, "the node is ending");
+      break;
+    }
+    // Exposed after the call, not at its very moment: that one may show the world before.
+    if (last_accepted_ && last_accepted_->update.header.stamp > called) {
+      response.update = last_accepted_->update;
+      response.bricks = last_accepted_->bricks;
+      answer(Response::OK, last_accepted_->update.message);
+      break;
+    }
+    const ros::Time now = ros::Time::now();
+    if (now != clock) {
+      clock = now;
+      clock_moved = ros::WallTime::now();
+    }
+    const double stood_s = (ros::WallTime::now() - clock_moved).toSec();
+    if (now < called) {
+      answer(Response::NO_IMAGE, "ROS time ran back during the call");
+      break;
+    }
+    const bool is_over = now.toSec() - called.toSec() >= timeout_s;
+    if (is_over || stood_s >= params_.detect.clock_stall_s) {
+      const std::string why = is_over ? "within " + formatted("%.3f s", timeout_s)
+                                      : "the clock has stood still for " + formatted("%.1f s", stood_s);
+      if (last_refused_ != refused_before) {
+        response.update = last_refused_->update;
+        answer(Response::REFUSED, "no image could be used, " + why + "; the last: " +
+                                      statusName(last_refused_->update.status) + ", " + last_refused_->update.message);
+      } else {
+        answer(Response::NO_IMAGE, "no image on " + input_->topic() + ", " + why);
+      }
+      break;
+    }
+    look_done_.wait_for(lock, kClockPeriod);
+  }
+  waiting_since_.erase(place);
+  return true;
+}
+
+bool BrickDetectionRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
+  {
+    const std::lock_guard<std::mutex> lock(detector_mutex_);
+    response.message = "forgot " + std::to_string(detector_.bricks().size()) + " bricks";
+    forget(stamp_);
+  }
+  input_->resetPoseGuard();
+  response.success = 1;
+  return true;
+}
+
+void BrickDetectionRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const ImageInputCounters counters = input_->counters();
+  const ros::WallTime now = ros::WallTime::now();
+  std::size_t accepted = 0;
+  std::size_t refused = 0;
+  double silence_s = kWindow_s;
+  double sum_ms = 0.0;
+  double max_ms = 0.0;
+  double latency_s = 0.0;
+  {
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    for (const LookTimes& look : recent_) {
+      if ((now - look.done).toSec() > kWindow_s) continue;
+      ++(look.is_accepted ? accepted : refused);
+      silence_s = std::min(silence_s, (now - look.done).toSec());
+      sum_ms += look.total_ms;
+      max_ms = std::max(max_ms, look.total_ms);
+      latency_s += look.is_accepted ? look.latency_s : 0.0;
+    }
+  }
+  const std::uint64_t all_accepted = counters.by_status[Update::ACCEPTED];
+  if (counters.received == 0) {
+    status.summary(DiagnosticStatus::WARN, "nothing received on " + input_->topic());
+  } else if (params_.continuous && silence_s > kSilence_s) {
+    status.summary(DiagnosticStatus::WARN, "no image in the last " + formatted("%.0f s", kSilence_s));
+  } else if (refused > 0 && accepted == 0) {
+    status.summary(DiagnosticStatus::ERROR, "every image is left out; " + counters.last_refusal);
+  } else if (refused * 10 > accepted + refused) {
+    status.summary(DiagnosticStatus::WARN, std::to_string(refused) + " of " + std::to_string(accepted + refused) +
+                                               " images left out lately; " + counters.last_refusal);
+  } else if (!counters.warning.empty()) {
+    status.summary(DiagnosticStatus::WARN, counters.warning);
+  } else if (counters.without_depth * 2 > all_accepted) {
+    status.summary(DiagnosticStatus::WARN, counters.last_remark);
+  } else {
+    status.summary(DiagnosticStatus::OK, params_.continuous ? "images are looked at" : "images are looked at on call");
+  }
+  status.add("image topic", input_->topic());
+  if (detector_.decodesImages()) {
+    status.add("camera info topic", input_->infoTopic());
+    status.add("depth topic", params_.input.use_depth ? input_->depthTopic() : "none");
+  }
+  status.add("rate [Hz]", formatted("%.2f", static_cast<double>(accepted) / kWindow_s));
+  if (accepted > 0) {
+    status.add("time per image, mean [ms]", formatted("%.1f", sum_ms / static_cast<double>(accepted)));
+    status.add("time per image, longest [ms]", formatted("%.1f", max_ms));
+    status.add("latency, mean [s]", formatted("%.3f", latency_s / static_cast<double>(accepted)));
+  }
+  status.add("received", counters.received);
+  status.add("replaced by a newer one", counters.replaced);
+  if (!params_.continuous) status.add("not asked for", counters.unwanted);
+  for (std::size_t i = 0; i < counters.by_status.size(); ++i) {
+    const std::string name = statusName(static_cast<std::uint8_t>(i));
+    status.add(i == 0 ? name : "left out: " + name, counters.by_status[i]);
+  }
+  status.add("without depth", counters.without_depth);
+  {
+    const std::lock_guard<std::mutex> lock(look_mutex_);
+    status.add("calls of ~detect that wait", waiting_since_.size());
+  }
+  if (!counters.last_remark.empty()) status.add("last without depth", counters.last_remark);
+  if (!counters.last_refusal.empty()) status.add("last left out", counters.last_refusal);
+}
+
+void BrickDetectionRos::diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const ImageInputCounters counters = input_->counters();
+  if (counters.pose.has_tf_age && counters.pose.last_tf_age_s > params_.input.tf_timeout_s) {
+    status.summary(DiagnosticStatus::WARN,
+                   "newest transform is " + formatted("%.3f s", counters.pose.last_tf_age_s) + " older than the image");
+  } else if (counters.pose.settled_jumps > 0) {
+    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " +
+                                               std::to_string(counters.pose.settled_jumps) +
+                                               " times: bricks seen before may be off; ~clear forgets them");
+  } else {
+    status.summary(DiagnosticStatus::OK, "");
+  }
+  status.add("map frame", params_.input.map_frame);
+  status.add("age at the last image [s]",
+             counters.pose.has_tf_age ? formatted("%.3f", counters.pose.last_tf_age_s) : "static or none");
+  status.add("images left out for a jump", counters.by_status[Update::POSE_JUMP]);
+  status.add("jumps that stayed", counters.pose.settled_jumps);
+  status.add("time ran back", counters.by_status[Update::TIME_RAN_BACK]);
+}
+
+void BrickDetectionRos::diagnoseBricks(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  std::size_t known = 0;
+  std::vector<int> duplicates;
+  std::string last_drop;
+  std::optional<int> attached_id;
+  std::uint64_t looks = 0;
+  {
+    const std::lock_guard<std::mutex> lock(detector_mutex_);
+    known = detector_.bricks().size();
+    for (const TrackedBrick& brick : detector_.bricks()) {
+      if (brick.has_duplicate && (duplicates.empty() || duplicates.back() != brick.id)) duplicates.push_back(brick.id);
+    }
+    last_drop = last_drop_;
+    attached_id = attached_id_;
+    looks = num_looks_;
+  }
+  if (duplicates.empty()) {
+    status.summary(DiagnosticStatus::OK, "");
+  } else {
+    status.summary(DiagnosticStatus::WARN,
+                   "several bricks carry the id " + join(duplicates) + ": they cannot be told apart by it");
+  }
+  status.add("bricks known", known);
+  status.add("ids carried by several", duplicates.empty() ? "none" : join(duplicates));
+  status.add("in the hand", attached_id ? std::to_string(*attached_id) : "none");
+  status.add("last forgotten", last_drop.empty() ? "none" : last_drop);
+  status.add("images looked at", looks);
+}
+
+void BrickDetectionRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const MapClient::Counters counters = map_->counters();
+  const double unanswered_s =
+      counters.asked_since.isZero() ? 0.0 : (ros::WallTime::now() - counters.asked_since).toSec();
+  if (unanswered_s > params_.map.answer_age_s) {
+    status.summary(DiagnosticStatus::WARN,
+                   "no answer for " + formatted("%.0f s", unanswered_s) +
+                       (counters.last_failure.empty() ? ": it hangs" : "; " + counters.last_failure) +
+                       ": faces are ranked by neighbours alone, and bricks taken away are not noticed");
+  } else {
+    status.summary(DiagnosticStatus::OK, counters.answers > 0            ? "the map answers"
+                                         : counters.last_failure.empty() ? "nothing to ask yet"
+                                                                         : "no map: faces are ranked by neighbours");
+  }
+  status.add("service", map_->service());
+  status.add("updates of the map", counters.updates);
+  status.add("questions", counters.questions);
+  status.add("answers", counters.answers);
+  if (!counters.last_failure.empty()) status.add("last failure", counters.last_failure);
+}
+
+}  // namespace brick_detection_ros

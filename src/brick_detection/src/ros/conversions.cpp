@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "brick_detection_ros/conversions.h"
+
+#include <algorithm>
+#include <array>
+#include <exception>
+#include <limits>
+#include <map>
+
+#include <cv_bridge/cv_bridge.h>
+#include <sensor_msgs/distortion_models.h>
+#include <sensor_msgs/image_encodings.h>
+
+namespace brick_detection_ros {
+namespace {
+
+using brick_detection::CameraModel;
+using brick_detection::Distortion;
+using interactive_mapping_msgs::BrickDetectionUpdate;
+namespace enc = sensor_msgs::image_encodings;
+
+constexpr char kAllowedEncodings[] = "rgb8, bgr8, rgba8, bgra8, mono8, bayer_*8";
+constexpr std::size_t kMaxShownName = 40;
+
+// The enums of the core are the constants of the messages.
+static_assert(static_cast<int>(brick_detection::TagStatus::kInconsistent) ==
+              interactive_mapping_msgs::TagSighting::INCONSISTENT);
+static_assert(interactive_mapping_msgs::TagSighting::NUM_STATUS ==
+              interactive_mapping_msgs::TagSighting::INCONSISTENT + 1);
+static_assert(static_cast<int>(mp700_ur5e_description::BrickFace::kMinusZ) ==
+              interactive_mapping_msgs::BrickFace::MINUS_Z);
+
+/// Messages name foreign strings; those may be long, or hold anything.
+std::string shown(const std::string& name) {
+  std::string text = name.substr(0, kMaxShownName);
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c > 0x7e; }, '?');
+  return "'" + text + (name.size() > kMaxShownName ? "..." : "") + "'";
+}
+
+/// Bytes of a pixel; 0: not for colour images.
+std::size_t bytesPerPixel(const std::string& encoding) {
+  if (encoding == enc::RGB8 || encoding == enc::BGR8) return 3;
+  if (encoding == enc::RGBA8 || encoding == enc::BGRA8) return 4;
+  if (encoding == enc::MONO8 || encoding == enc::BAYER_RGGB8 || encoding == enc::BAYER_BGGR8 ||
+      encoding == enc::BAYER_GBRG8 || encoding == enc::BAYER_GRBG8) {
+    return 1;
+  }
+  return 0;
+}
+
+std::optional<Distortion> distortionOf(const std::string& model) {
+  static const std::map<std::string, Distortion> kModels = {
+      {"", Distortion::kNone},
+      {sensor_msgs::distortion_models::PLUMB_BOB, Distortion::kPlumbBob},
+      {sensor_msgs::distortion_models::RATIONAL_POLYNOMIAL, Distortion::kRationalPolynomial},
+      {"equidistant", Distortion::kEquidistant},  // a constant of later versions only
+  };
+  const auto found = kModels.find(model);
+  if (found == kModels.end()) return std::nullopt;
+  return found->second;
+}
+
+}  // namespace
+
+std::uint8_t toUpdateStatus(FrameStatus status) {
+  switch (status) {
+    case FrameStatus::kAccepted:
+      return BrickDetectionUpdate::ACCEPTED;
+    case FrameStatus::kWrongEncoding:
+      return BrickDetectionUpdate::WRONG_ENCODING;
+    case FrameStatus::kMalformedImage:
+      return BrickDetectionUpdate::MALFORMED_IMAGE;
+    case FrameStatus::kSizeMismatch:
+      return BrickDetectionUpdate::SIZE_MISMATCH;
+    case FrameStatus::kBadCameraInfo:
+      return BrickDetectionUpdate::BAD_CAMERA_INFO;
+    case FrameStatus::kNoCameraInfo:
+      return BrickDetectionUpdate::NO_CAMERA_INFO;
+    case FrameStatus::kNoTransform:
+      return BrickDetectionUpdate::NO_TRANSFORM;
+    case FrameStatus::kBadTransform:
+      return BrickDetectionUpdate::BAD_TRANSFORM;
+    case FrameStatus::kPoseJump:
+      return BrickDetectionUpdate::POSE_JUMP;
+    case FrameStatus::kTimeRanBack:
+      return BrickDetectionUpdate::TIME_RAN_BACK;
+    case FrameStatus::kStampInFuture:
+      return BrickDetectionUpdate::STAMP_IN_FUTURE;
+    case FrameStatus::kNothingMeasured:
+    case FrameStatus::kRefusedByMap:
+      break;
+  }
+  return BrickDetectionUpdate::FAILED;
+}
+
+const char* statusName(std::uint8_t update_status) {
+  static constexpr std::array<const char*, BrickDetectionUpdate::NUM_STATUS> kNames = {
+      "accepted",     "wrong encoding", "malformed image", "size mismatch", "bad camera info",     "no camera info",
+      "no transform", "bad transform",  "pose jump",       "time ran back", "stamp in the future", "failed"};
+  return update_status < kNames.size() ? kNames[update_status] : "?";
+}
+
+std::string sizeText(std::uint64_t width_px, std::uint64_t height_px) {
+  return std::to_string(width_px) + " x " + std::to_string(height_px) + " px";
+}
+
+std::optional<cv::Mat> toColorImage(const sensor_msgs::Image& message, Refusal* refusal) {
+  const std::size_t pixel_bytes = bytesPerPixel(message.encoding);
+  if (pixel_bytes == 0) {
+    *refusal = {FrameStatus::kWrongEncoding,
+                "encoding is " + shown(message.encoding) + ", must be one of " + kAllowedEncodings};
+    return std::nullopt;
+  }
+  // cv_bridge multiplies sizes before it compares: what it is given has been checked.
+  const std::size_t width = message.width;
+  const std::size_t height = message.height;
+  constexpr std::size_t kMaxSide_px = std::numeric_limits<std::int16_t>::max();
+  if (width == 0 || height == 0 || width > kMaxSide_px || height > kMaxSide_px) {
+    *refusal = {FrameStatus::kMalformedImage, "size is " + sizeText(width, height) + ", must be between 1 and " +
+                                                  std::to_string(kMaxSide_px) + " px on each side"};
+    return std::nullopt;
+  }
+  const std::size_t step = message.step;
+  if (step < width * pixel_bytes || message.data.size() < step * (height - 1) + width * pixel_bytes) {
+    *refusal = {FrameStatus::kMalformedImage, "step " + std::to_string(step) + " and " +
+                                                  std::to_string(message.data.size()) + " bytes are too few for " +
+                                                  sizeText(width, height) + " of " + message.encoding};
+    return std::nullopt;
+  }
+  try {
+    const std::string target = message.encoding == enc::MONO8 ? enc::MONO8 : enc::BGR8;
+    if (message.data.size() == step * height) return cv_bridge::toCvCopy(message, target)->image;
+    sensor_msgs::Image whole = message;  // cv_bridge wants whole rows, also the last one
+    whole.data.resize(step * height);
+    return cv_bridge::toCvCopy(whole, target)->image;
+  } catch (const std::exception& error) {  // of cv_bridge and OpenCV
+    *refusal = {FrameStatus::kMalformedImage, error.what()};
+    return std::nullopt;
+  }
+}
+
+std::optional<cv::Mat> toDepthMat(const sensor_msgs::Image& message, double units_per_metre, Refusal* refusal) {
+  std::optional<gpis_mapping::DepthImage> depth = gpis_mapping_ros::toDepthImage(message, units_per_metre, refusal);
+  if (!depth) return std::nullopt;
+  return cv::Mat(depth->height, depth->width, CV_32FC1, depth->depth_m.data()).clone();
+}
+
+std::optional<CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified, Refusal* refusal) {
+  const auto refuse = [refusal](const std::string& why) {
+    *refusal = {FrameStatus::kBadCameraInfo, "camera info: " + why};
+    return std::nullopt;
+  };
+  constexpr std::uint32_t kMaxSide_px = std::numeric_limits<std::int16_t>::max();
+  if (info.width > kMaxSide_px || info.height > kMaxSide_px)
+    return refuse("size is " + sizeText(info.width, info.height));
+  CameraModel camera;
+  camera.width_px = static_cast<int>(info.width);
+  camera.height_px = static_cast<int>(info.height);
+  if (is_rectified && info.P[0] > 0.0) {
+    camera.fx_px = info.P[0];
+    camera.fy_px = info.P[5];
+    camera.cx_px = info.P[2];
+    camera.cy_px = info.P[6];
+  } else {
+    camera.fx_px = info.K[0];
+    camera.fy_px = info.K[4];
+    camera.cx_px = info.K[2];
+    camera.cy_px = info.K[5];
+  }
+  if (!is_rectified) {
+    const std::optional<Distortion> distortion = distortionOf(info.distortion_model);
+    if (!distortion) {
+      return refuse("distortion_model is " + shown(info.distortion_model) +
+                    ", must be plumb_bob, rational_polynomial, equidistant, or empty");
+    }
+    if (*distortion == Distortion::kNone && !info.D.empty()) {
+      return refuse("distortion_model is empty, but D has " + std::to_string(info.D.size()) + " coefficients");
+    }
+    // A driver without distortion names a model all the same, and may leave D empty.
+    const bool is_distorted = std::any_of(info.D.begin(), info.D.end(), [](double d) { return d != 0.0; });  // NaN, too
+    camera.distortion = is_distorted ? *distortion : Distortion::kNone;
+    if (is_distorted) camera.coefficients = info.D;
+  }
+  const std::vector<std::string> problems = camera.validate();
+  if (!problems.empty()) return refuse(problems.front());
+  return camera;
+}
+
+brick_detection::MarkerObservation toMarkerObservation(const ar_track_alvar_msgs::AlvarMarker& marker) {
+  const geometry_msgs::Pose& pose = marker.pose.pose;
+  brick_detection::MarkerObservation observation;
+  observation.id = static_cast<int>(std::min<std::uint32_t>(marker.id, std::numeric_limits<int>::max()));
+  observation.T_camera_tag.linear() =
+      Eigen::Quaterniond(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z)
+          .toRotationMatrix();  // no rotation, unless the quaternion is one
+  observation.T_camera_tag.translation() << pose.position.x, pose.position.y, pose.position.z;
+  return observation;
+}
+
+geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
+  const Eigen::Quaterniond q(T.linear());
+  geometry_msgs::Pose pose;
+  pose.position.x = T.translation().x();
+  pose.position.y = T.translation().y();
+  pose.position.z = T.translation().z();
+  pose.orientation.w = q.w();
+  pose.orientation.x = q.x();
+  pose.orientation.y = q.y();
+  pose.orientation.z = q.z();
+  return pose;
+}
+
+interactive_mapping_msgs::TagSighting toMessage(const brick_detection::TagSighting& sighting) {
+  interactive_mapping_msgs::TagSighting message;
+  message.status = static_cast<std::uint8_t>(sighting.status);
+  message.id = sighting.tag.id;
+  message.brick_id = sighting.brick_id;
+  message.face = static_cast<std::uint8_t>(sighting.face);
+  message.hamming = static_cast<std::uint8_t>(sighting.tag.hamming);
+  message.margin = static_cast<float>(sighting.tag.margin);
+  for (std::size_t i = 0; i < sighting.tag.corners_px.size(); ++i) {
+    message.corners_px[2 * i] = static_cast<float>(sighting.tag.corners_px[i].x());
+    message.corners_px[2 * i + 1] = static_cast<float>(sighting.tag.corners_px[i].y());
+  }
+  return message;
+}
+
+interactive_mapping_msgs::Brick toMessage(const brick_detection::TrackedBrick& brick,
+                                          const mp700_ur5e_description::BrickType& type,
+                                          const std::vector<brick_detection::FaceAccess>& faces) {
+  interactive_mapping_msgs::Brick message;
+  message.id = brick.id;
+  message.instance = static_cast<std::uint32_t>(brick.instance);
+  message.has_duplicate = brick.has_duplicate ? 1 : 0;
+  message.type = type.name;
+  message.size.x = type.size_m.x();
+  message.size.y = type.size_m.y();
+  message.size.z = type.size_m.z();
+  message.pose.pose = toPose(brick.T_map_brick);
+  for (int row = 0; row < 6; ++row) {
+    for (int column = 0; column < 6; ++column) {
+      message.pose.covariance[static_cast<std::size_t>(6 * row + column)] = brick.covariance(row, column);
+    }
+  }
+  message.num_looks = static_cast<std::uint32_t>(brick.num_looks);
+  message.first_seen = ros::Time(brick.first_seen_s);
+  message.last_seen = ros::Time(brick.last_seen_s);
+  for (std::size_t i = 0; i < brick.faces_seen.size(); ++i) {
+    if (brick.faces_seen[i]) message.faces_seen.push_back(static_cast<std::uint8_t>(i));
+  }
+  for (const brick_detection::FaceAccess& access : faces) {
+    interactive_mapping_msgs::BrickFace face;
+    face.face = static_cast<std::uint8_t>(access.face);
+    face.pose = toPose(access.T_map_plate);
+    face.accessibility = static_cast<float>(access.accessibility);
+    face.free_share = static_cast<float>(access.free_share);
+    face.unknown_share = static_cast<float>(access.unknown_share);
+    message.graspable_faces.push_back(face);
+  }
+  return message;
+}
+
+}  // namespace brick_detection_ros

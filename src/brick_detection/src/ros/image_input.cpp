@@ -1,0 +1,363 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "brick_detection_ros/image_input.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+namespace brick_detection_ros {
+namespace {
+
+using gpis_mapping_ros::CameraPoseSource;
+using gpis_mapping_ros::withoutSlash;
+
+/// More than a camera sends while a colour image waits for tf.
+constexpr std::size_t kNumDepths = 30;
+
+std::string seconds(double value) {
+  char text[40];
+  std::snprintf(text, sizeof(text), "%.3f s", value);
+  return text;
+}
+
+std::chrono::steady_clock::duration toSteady(double duration_s) {
+  return std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(duration_s));
+}
+
+ImageInputParams requireValid(const ImageInputParams& params) {
+  const std::vector<std::string> problems = params.validate();
+  if (problems.empty()) return params;
+  std::string text = "impossible input parameters:";
+  for (const std::string& problem : problems) text += "\n  " + problem;
+  throw std::invalid_argument(text);
+}
+
+/// ar_track_alvar leaves the message's own header empty and fills in the markers'.
+std_msgs::Header headerOf(const ar_track_alvar_msgs::AlvarMarkers& message) {
+  std_msgs::Header header = message.header;
+  if (!message.markers.empty()) {
+    const std_msgs::Header& of_marker = message.markers.front().header;
+    if (header.stamp.isZero()) header.stamp = of_marker.stamp;
+    if (header.frame_id.empty()) header.frame_id = of_marker.frame_id;
+  }
+  return header;
+}
+
+}  // namespace
+
+std::vector<std::string> ImageInputParams::validate() const {
+  std::vector<std::string> problems = CameraPoseParams::validate();
+  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
+    if (value >= lo && value <= hi) return;  // false for NaN
+    char text[160];
+    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
+    problems.emplace_back(text);
+  };
+  check("max_depth_offset_s", max_depth_offset_s, 0.0, 1.0, "s");
+  check("depth_timeout_s", depth_timeout_s, 0.0, 10.0, "s");
+  check("depth_units_per_metre", depth_units_per_metre, 1.0, 1e6, "1/m");
+  for (const auto& [key, value] :
+       {std::make_pair("image_transport", image_transport), std::make_pair("depth_transport", depth_transport)}) {
+    if (value.empty()) problems.push_back(std::string(key) + " = '', must name a transport, such as raw");
+  }
+  return problems;
+}
+
+ImageInput::ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const ImageInputParams& params,
+                       Source source, Callbacks callbacks)
+    : params_(requireValid(params)),
+      source_(source),
+      callbacks_(std::move(callbacks)),
+      pose_source_(nh, params),
+      transport_(nh) {
+  const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
+  ros::NodeHandle public_nh(nh);
+  if (source_ == Source::kAlvarMarkers) {
+    marker_subscriber_ = public_nh.subscribe("alvar_markers", 1, &ImageInput::onMarkers, this, no_delay);
+  } else {
+    info_subscriber_ = public_nh.subscribe("color/camera_info", 2, &ImageInput::onInfo, this, no_delay);
+    if (params_.use_depth) {
+      depth_subscriber_ =
+          transport_.subscribe("depth/image_rect", 5, &ImageInput::onDepth, this,
+                               image_transport::TransportHints(params_.depth_transport, no_delay, private_nh));
+    }
+    image_subscriber_ =
+        transport_.subscribe("color/image_raw", 1, &ImageInput::onImage, this,
+                             image_transport::TransportHints(params_.image_transport, no_delay, private_nh));
+    // Remappings decide what the topic is called.
+    is_rectified_ = gpis_mapping_ros::isRectifiedTopic(image_subscriber_.getTopic());
+  }
+  worker_ = std::thread(&ImageInput::work, this);
+}
+
+ImageInput::~ImageInput() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    is_stopping_ = true;
+  }
+  changed_.notify_all();
+  pose_source_.stop();
+  worker_.join();
+  image_subscriber_.shutdown();
+  depth_subscriber_.shutdown();
+  info_subscriber_.shutdown();
+  marker_subscriber_.shutdown();
+}
+
+ImageInputCounters ImageInput::counters() const {
+  ImageInputCounters counters;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    counters = counters_;
+  }
+  counters.pose = pose_source_.counters();
+  return counters;
+}
+
+std::string ImageInput::topic() const {
+  return source_ == Source::kAlvarMarkers ? marker_subscriber_.getTopic() : image_subscriber_.getTopic();
+}
+
+void ImageInput::onImage(const sensor_msgs::ImageConstPtr& image) {
+  store({image, nullptr, image->header.stamp, std::chrono::steady_clock::now()});
+}
+
+void ImageInput::onMarkers(const ar_track_alvar_msgs::AlvarMarkersConstPtr& markers) {
+  ros::Time stamp = headerOf(*markers).stamp;
+  // Nothing seen, and no word of when: as good as now.
+  if (stamp.isZero() && markers->markers.empty()) stamp = ros::Time::now();
+  store({nullptr, markers, stamp, std::chrono::steady_clock::now()});
+}
+
+void ImageInput::store(const Waiting& waiting) {
+  const bool is_wanted = callbacks_.wants(waiting.stamp);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ++counters_.received;
+    if (!is_wanted) {
+      ++counters_.unwanted;
+      return;
+    }
+    if (waiting_) ++counters_.replaced;
+    waiting_ = waiting;
+  }
+  changed_.notify_all();
+}
+
+void ImageInput::onInfo(const sensor_msgs::CameraInfoConstPtr& info) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    info_ = info;
+  }
+  changed_.notify_all();
+}
+
+void ImageInput::onDepth(const sensor_msgs::ImageConstPtr& depth) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    depths_.push_back(depth);
+    if (depths_.size() > kNumDepths) depths_.pop_front();
+  }
+  changed_.notify_all();
+}
+
+void ImageInput::work() {
+  while (true) {
+    Waiting job;
+    {
+      std::unique_lock<std::mutex> lock(mutex_);
+      changed_.wait(lock, [this] { return is_stopping_ || waiting_; });
+      if (is_stopping_) return;
+      job = std::move(*waiting_);
+      waiting_.reset();
+    }
+    Refusal refusal;
+    bool is_restart = false;
+    std::optional<InputFrame> frame;
+    try {
+      frame = prepare(job, &refusal, &is_restart);
+      {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        if (is_stopping_) return;
+      }
+      if (frame) {
+        frame->wait_ms =
+            std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - job.arrival).count();
+        callbacks_.consume(*frame);
+      }
+    } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
+      frame.reset();
+      refusal = {FrameStatus::kRefusedByMap, error.what()};
+    }
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      ++counters_.by_status[toUpdateStatus(refusal.status)];
+      if (!frame) {
+        counters_.last_refusal = std::string(statusName(toUpdateStatus(refusal.status))) + ": " + refusal.message;
+      } else if (frame->has_image && params_.use_depth && frame->depth_m.empty()) {
+        ++counters_.without_depth;
+        counters_.last_remark = frame->remark;
+      }
+    }
+    if (!frame) callbacks_.refuse(job.stamp, refusal, is_restart);
+  }
+}
+
+std::optional<InputFrame> ImageInput::prepare(const Waiting& waiting, Refusal* refusal, bool* is_restart) {
+  if (waiting.markers && waiting.markers->markers.empty()) {
+    InputFrame frame;
+    frame.stamp = waiting.stamp;
+    frame.remark = "no marker in view";
+    return frame;
+  }
+  const CameraPoseSource::StampVerdict verdict = pose_source_.checkStamp(waiting.stamp, refusal);
+  *is_restart = verdict == CameraPoseSource::StampVerdict::kRestarted;
+  if (*is_restart) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    depths_.clear();
+  }
+  if (verdict != CameraPoseSource::StampVerdict::kGood) return std::nullopt;
+  std::optional<InputFrame> frame = waiting.image ? prepareImage(waiting, refusal) : prepareMarkers(waiting, refusal);
+  if (!frame) return std::nullopt;
+  frame->stamp = waiting.stamp;
+  if (frame->camera_frame == params_.map_frame) {  // of markers that are given in the map's frame
+    frame->T_map_camera = Eigen::Isometry3d::Identity();
+    return frame;
+  }
+  frame->T_map_camera =
+      pose_source_.poseAt(frame->camera_frame, frame->stamp, pose_source_.deadline(waiting.arrival), refusal);
+  if (!frame->T_map_camera) return std::nullopt;
+  return frame;
+}
+
+std::optional<InputFrame> ImageInput::prepareMarkers(const Waiting& waiting, Refusal* refusal) {
+  InputFrame frame;
+  frame.camera_frame = withoutSlash(headerOf(*waiting.markers).frame_id);
+  for (const ar_track_alvar_msgs::AlvarMarker& marker : waiting.markers->markers) {
+    const std::string marker_frame = withoutSlash(marker.header.frame_id);
+    if (!marker_frame.empty() && marker_frame != frame.camera_frame) {
+      *refusal = {FrameStatus::kMalformedImage, "markers of one message are in frames '" + frame.camera_frame +
+                                                    "' and '" + marker_frame + "', must be in one"};
+      return std::nullopt;
+    }
+    frame.markers.push_back(toMarkerObservation(marker));
+  }
+  if (frame.camera_frame != params_.map_frame) {
+    const std::optional<std::string> camera_frame = pose_source_.cameraFrame(frame.camera_frame, refusal);
+    if (!camera_frame) return std::nullopt;
+    frame.camera_frame = *camera_frame;
+  }
+  return frame;
+}
+
+std::optional<InputFrame> ImageInput::prepareImage(const Waiting& waiting, Refusal* refusal) {
+  const sensor_msgs::Image& message = *waiting.image;
+  InputFrame frame;
+  frame.has_image = true;
+  const std::optional<std::string> camera_frame = pose_source_.cameraFrame(message.header.frame_id, refusal);
+  if (!camera_frame) return std::nullopt;
+  frame.camera_frame = *camera_frame;
+  std::optional<cv::Mat> image = toColorImage(message, refusal);
+  if (!image) return std::nullopt;
+  frame.image = *image;
+  const sensor_msgs::CameraInfoConstPtr info = waitForInfo(pose_source_.deadline(waiting.arrival));
+  if (!info) {
+    *refusal = {FrameStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
+    return std::nullopt;
+  }
+  const std::optional<brick_detection::CameraModel> camera =
+      brick_detection_ros::toCameraModel(*info, is_rectified_, refusal);
+  if (!camera) return std::nullopt;
+  frame.camera = *camera;
+  if (message.width != info->width || message.height != info->height) {
+    *refusal = {FrameStatus::kSizeMismatch, "image is " + sizeText(message.width, message.height) +
+                                                ", camera info on " + info_subscriber_.getTopic() + " says " +
+                                                sizeText(info->width, info->height)};
+    return std::nullopt;
+  }
+  const std::string info_frame = withoutSlash(info->header.frame_id);
+  const std::string image_frame = withoutSlash(message.header.frame_id);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    counters_.warning = info_frame == image_frame ? ""
+                                                  : "camera info is of frame '" + info_frame + "', the image of '" +
+                                                        image_frame + "': is it the right topic?";
+  }
+  if (params_.use_depth && !addDepth(message, waiting.arrival, &frame, refusal)) return std::nullopt;
+  return frame;
+}
+
+sensor_msgs::CameraInfoConstPtr ImageInput::waitForInfo(SteadyTime deadline) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  changed_.wait_until(lock, deadline, [this] { return is_stopping_ || info_; });
+  return info_;
+}
+
+ImageInput::Depth ImageInput::waitForDepth(const ros::Time& stamp, SteadyTime deadline) {
+  sensor_msgs::ImageConstPtr nearest;
+  double offset_s = 0.0;
+  // Depth images come in the order of their stamps: the nearest is known once one is not before the colour image.
+  const auto isDecided = [&] {
+    nearest.reset();
+    offset_s = std::numeric_limits<double>::infinity();
+    bool has_later = false;
+    for (const sensor_msgs::ImageConstPtr& depth : depths_) {
+      const double difference_s = std::abs(depth->header.stamp.toSec() - stamp.toSec());
+      if (difference_s < offset_s) {
+        nearest = depth;
+        offset_s = difference_s;
+      }
+      // One from before a restart of time is later by far.
+      has_later |= depth->header.stamp >= stamp && difference_s < 1.0;
+    }
+    return is_stopping_ || has_later;
+  };
+  std::unique_lock<std::mutex> lock(mutex_);
+  changed_.wait_until(lock, deadline, isDecided);
+  if (nearest && offset_s <= params_.max_depth_offset_s) return {nearest, ""};
+  if (!nearest) return {nullptr, "no depth image on " + depth_subscriber_.getTopic()};
+  return {nullptr, "no depth image within " + seconds(params_.max_depth_offset_s) +
+                       " (max_depth_offset_s), the nearest is off by " + seconds(offset_s)};
+}
+
+bool ImageInput::addDepth(const sensor_msgs::Image& color, SteadyTime arrival, InputFrame* frame, Refusal* refusal) {
+  const Depth depth = waitForDepth(color.header.stamp, arrival + toSteady(params_.depth_timeout_s));
+  if (!depth.image) {
+    frame->remark = "without depth: " + depth.why_not;
+    return true;
+  }
+  constexpr char kAdvice[] =
+      "; use the depth that the driver registers to the colour image, or set input/use_depth to false";
+  if (depth.image->width != color.width || depth.image->height != color.height) {
+    *refusal = {FrameStatus::kSizeMismatch, "depth image on " + depth_subscriber_.getTopic() + " is " +
+                                                sizeText(depth.image->width, depth.image->height) +
+                                                ", the colour image " + sizeText(color.width, color.height) + kAdvice};
+    return false;
+  }
+  const std::string depth_frame = withoutSlash(depth.image->header.frame_id);
+  const std::string color_frame = withoutSlash(color.header.frame_id);
+  if (depth_frame != color_frame) {
+    *refusal = {FrameStatus::kSizeMismatch, "depth image on " + depth_subscriber_.getTopic() + " is of frame '" +
+                                                depth_frame + "', the colour image of '" + color_frame + "'" + kAdvice};
+    return false;
+  }
+  Refusal why;
+  const std::optional<cv::Mat> depth_m = toDepthMat(*depth.image, params_.depth_units_per_metre, &why);
+  if (!depth_m) {
+    frame->remark = "without depth: " + why.message;
+    return true;
+  }
+  // Comparisons are false for NaN.
+  if (cv::countNonZero((*depth_m > 0.0F) & (*depth_m < std::numeric_limits<float>::infinity())) == 0) {
+    frame->remark = "without depth: no pixel of the depth image holds one";
+    return true;
+  }
+  frame->depth_m = *depth_m;
+  return true;
+}
+
+}  // namespace brick_detection_ros

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <boost/signals2/connection.hpp>
+#include <ros/node_handle.h>
+#include <ros/time.h>
+#include <tf2_ros/buffer.h>
+#include <tf2_ros/transform_listener.h>
+
+#include "gpis_mapping/pose_guard.h"
+#include "gpis_mapping_ros/conversions.h"
+#include "gpis_mapping_ros/param_reader.h"
+
+namespace gpis_mapping_ros {
+
+struct CameraPoseParams {
+  std::string map_frame{"map"};
+  std::string camera_frame;  // empty: the image's own frame_id
+  double tf_timeout_s{0.2};  // how long an image waits for its pose and camera info, by the wall clock
+  double max_future_s{0.5};  // how far a stamp may lie ahead of ROS time
+  gpis_mapping::PoseLimits pose_limits;
+
+  /// Every problem as "key = value unit, must be ...".
+  std::vector<std::string> validate() const;
+
+  /// Reads all of them from `section`.
+  void read(const std::string& section, ParamReader* reader);
+};
+
+/// What tf said so far; for diagnostics.
+struct CameraPoseCounters {
+  std::uint64_t settled_jumps{0};
+  double last_tf_age_s{0.0};  // newest pose in tf, how old at the time of the last image's look-up
+  bool has_tf_age{false};
+};
+
+/// The pose of a camera in the map at each image's stamp: from tf, waited for, and checked. Checks the stamps, too. One
+/// thread asks, image by image; stop(), the setters and counters() may be called from any.
+class CameraPoseSource {
+ public:
+  using SteadyTime = std::chrono::steady_clock::time_point;
+
+  enum class StampVerdict {
+    kGood,
+    kRefused,    // this image is left out
+    kRestarted,  // left out, too: time ran back, and what was known of tf is forgotten; the next image is taken in
+  };
+
+  /// Listens to tf. Throws std::invalid_argument for impossible parameters.
+  CameraPoseSource(const ros::NodeHandle& nh, const CameraPoseParams& params);
+  ~CameraPoseSource();
+  CameraPoseSource(const CameraPoseSource&) = delete;
+  CameraPoseSource& operator=(const CameraPoseSource&) = delete;
+
+  /// Of the next image. Stamps must rise, and be of now.
+  StampVerdict checkStamp(const ros::Time& stamp, Refusal* refusal);
+
+  /// The frame to ask for when an image has this frame_id; nothing, and the reason, if it can be none.
+  std::optional<std::string> cameraFrame(const std::string& frame_id, Refusal* refusal) const;
+
+  /// When to give up waiting for what belongs to an image that arrived then.
+  SteadyTime deadline(SteadyTime arrival) const;
+
+  /// T_map_camera. Waits until tf can answer, or the deadline, or stop(). Nothing, and the reason, when there is no pose
+  /// or the camera cannot have moved there.
+  std::optional<Eigen::Isometry3d> poseAt(const std::string& camera_frame, const ros::Time& stamp, SteadyTime deadline,
+                                          Refusal* refusal);
+
+  /// Ends waiting, now and for good.
+  void stop();
+
+  void setLimits(const gpis_mapping::PoseLimits& limits);
+  /// Believes the next pose, whatever it is.
+  void resetGuard();
+  CameraPoseCounters counters() const;
+  const tf2_ros::Buffer& buffer() const { return buffer_; }
+
+ private:
+  void noteAge(const std::string& camera_frame, const ros::Time& stamp);
+  std::optional<Eigen::Isometry3d> lookUp(const std::string& camera_frame, const ros::Time& stamp, SteadyTime deadline,
+                                          Refusal* refusal);
+
+  const CameraPoseParams params_;
+
+  mutable std::mutex mutex_;  // guards what follows, up to the blank line
+  std::condition_variable changed_;
+  bool is_stopping_{false};
+  std::uint64_t num_tf_messages_{0};
+  std::optional<gpis_mapping::PoseLimits> new_limits_;
+  bool reset_guard_{false};
+  CameraPoseCounters counters_;
+
+  // Of the thread that asks.
+  gpis_mapping::PoseGuard guard_;
+  ros::Time last_stamp_;
+
+  tf2_ros::Buffer buffer_;
+  tf2_ros::TransformListener listener_;
+  boost::signals2::connection connection_;
+};
+
+}  // namespace gpis_mapping_ros

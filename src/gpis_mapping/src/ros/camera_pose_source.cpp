@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "gpis_mapping_ros/camera_pose_source.h"
+
+#include <cstdio>
+#include <stdexcept>
+
+#include <tf2/exceptions.h>
+
+namespace gpis_mapping_ros {
+namespace {
+
+using gpis_mapping::PoseGuard;
+
+/// Stamps that step back by less are images out of order, not time that runs anew.
+constexpr double kOutOfOrder_s = 1.0;
+
+std::string seconds(double value) {
+  char text[40];
+  std::snprintf(text, sizeof(text), "%.3f s", value);
+  return text;
+}
+
+CameraPoseParams requireValid(const CameraPoseParams& params) {
+  const std::vector<std::string> problems = params.validate();
+  if (problems.empty()) return params;
+  std::string text = "impossible parameters of the camera's pose:";
+  for (const std::string& problem : problems) text += "\n  " + problem;
+  throw std::invalid_argument(text);
+}
+
+}  // namespace
+
+std::vector<std::string> CameraPoseParams::validate() const {
+  std::vector<std::string> problems;
+  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
+    if (value >= lo && value <= hi) return;  // false for NaN
+    char text[160];
+    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
+    problems.push_back(text);
+  };
+  if (map_frame.empty() || map_frame.front() == '/') {
+    problems.push_back("map_frame = '" + map_frame + "', must be a tf2 frame: not empty, no leading slash");
+  }
+  if (!camera_frame.empty() && (camera_frame.front() == '/' || camera_frame == map_frame)) {
+    problems.push_back("camera_frame = '" + camera_frame + "', must be a tf2 frame other than map_frame, or empty");
+  }
+  check("tf_timeout_s", tf_timeout_s, 0.0, 10.0, "s");
+  check("max_future_s", max_future_s, 0.0, 1e9, "s");
+  for (const std::string& problem : pose_limits.validate()) problems.push_back("pose_limits/" + problem);
+  return problems;
+}
+
+void CameraPoseParams::read(const std::string& section, ParamReader* reader) {
+  reader->read(section + "/map_frame", &map_frame);
+  reader->read(section + "/camera_frame", &camera_frame);
+  reader->read(section + "/tf_timeout_s", &tf_timeout_s);
+  reader->read(section + "/max_future_s", &max_future_s);
+  reader->read(section + "/pose_limits/max_step_m", &pose_limits.max_step_m);
+  reader->read(section + "/pose_limits/max_step_rad", &pose_limits.max_step_rad);
+  reader->read(section + "/pose_limits/max_speed_mps", &pose_limits.max_speed_mps);
+  reader->read(section + "/pose_limits/max_turn_radps", &pose_limits.max_turn_radps);
+  reader->read(section + "/pose_limits/settle_frames", &pose_limits.settle_frames);
+}
+
+CameraPoseSource::CameraPoseSource(const ros::NodeHandle& nh, const CameraPoseParams& params)
+    : params_(requireValid(params)), guard_(params.pose_limits), listener_(buffer_, nh) {
+  connection_ = buffer_._addTransformsChangedListener([this] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ++num_tf_messages_;
+    changed_.notify_all();
+  });
+}
+
+CameraPoseSource::~CameraPoseSource() {
+  stop();
+  buffer_._removeTransformsChangedListener(connection_);
+}
+
+void CameraPoseSource::stop() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    is_stopping_ = true;
+  }
+  changed_.notify_all();
+}
+
+void CameraPoseSource::setLimits(const gpis_mapping::PoseLimits& limits) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  new_limits_ = limits;
+}
+
+void CameraPoseSource::resetGuard() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  reset_guard_ = true;
+}
+
+CameraPoseCounters CameraPoseSource::counters() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return counters_;
+}
+
+CameraPoseSource::SteadyTime CameraPoseSource::deadline(SteadyTime arrival) const {
+  return arrival +
+         std::chrono::duration_cast<SteadyTime::duration>(std::chrono::duration<double>(params_.tf_timeout_s));
+}
+
+CameraPoseSource::StampVerdict CameraPoseSource::checkStamp(const ros::Time& stamp, Refusal* refusal) {
+  if (stamp.isZero()) {  // tf would take it for "newest"
+    *refusal = {FrameStatus::kMalformedImage, "stamp is 0, must be the time of exposure"};
+    return StampVerdict::kRefused;
+  }
+  const ros::Time now = ros::Time::now();
+  const double ahead = stamp.toSec() - now.toSec();  // a ros::Duration ends at 68 years
+  if (!now.isZero() && ahead > params_.max_future_s) {
+    *refusal = {FrameStatus::kStampInFuture, "stamp is " + seconds(ahead) + " ahead of ROS time, must be at most " +
+                                                 seconds(params_.max_future_s) +
+                                                 " (max_future_s); are the clocks in step?"};
+    return StampVerdict::kRefused;
+  }
+  if (!last_stamp_.isZero() && stamp <= last_stamp_) {
+    const double back = last_stamp_.toSec() - stamp.toSec();
+    if (back < kOutOfOrder_s) {
+      *refusal = {FrameStatus::kTimeRanBack, "stamp is " + seconds(back) + " before the last one, must be after it"};
+      return StampVerdict::kRefused;
+    }
+    // What tf and the guard remember belongs to a time that is yet to come.
+    buffer_.clear();
+    guard_.reset();
+    last_stamp_ = stamp;
+    *refusal = {FrameStatus::kTimeRanBack,
+                "time ran back by " + seconds(back) + " (a looped bag?): transforms and pose history are forgotten"};
+    return StampVerdict::kRestarted;
+  }
+  last_stamp_ = stamp;
+  return StampVerdict::kGood;
+}
+
+std::optional<std::string> CameraPoseSource::cameraFrame(const std::string& frame_id, Refusal* refusal) const {
+  std::string frame = params_.camera_frame.empty() ? withoutSlash(frame_id) : params_.camera_frame;
+  if (frame.empty()) {
+    *refusal = {FrameStatus::kMalformedImage,
+                "frame_id is empty, must name the camera's optical frame (or set camera_frame)"};
+    return std::nullopt;
+  }
+  if (frame == params_.map_frame) {
+    *refusal = {FrameStatus::kMalformedImage,
+                "frame_id '" + frame + "' is the map's frame, must name the camera's optical frame"};
+    return std::nullopt;
+  }
+  return frame;
+}
+
+void CameraPoseSource::noteAge(const std::string& camera_frame, const ros::Time& stamp) {
+  bool has_age = false;
+  double age_s = 0.0;
+  try {
+    const ros::Time newest = buffer_.lookupTransform(params_.map_frame, camera_frame, ros::Time(0)).header.stamp;
+    has_age = !newest.isZero();  // static transforms have no age
+    age_s = stamp.toSec() - newest.toSec();
+  } catch (const tf2::TransformException&) {
+    has_age = false;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  counters_.has_tf_age = has_age;
+  counters_.last_tf_age_s = age_s;
+}
+
+std::optional<Eigen::Isometry3d> CameraPoseSource::lookUp(const std::string& camera_frame, const ros::Time& stamp,
+                                                          SteadyTime deadline, Refusal* refusal) {
+  noteAge(camera_frame, stamp);
+  while (true) {
+    std::uint64_t seen;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      seen = num_tf_messages_;
+    }
+    std::string why;
+    try {
+      return toIsometry(buffer_.lookupTransform(params_.map_frame, camera_frame, stamp).transform, refusal);
+    } catch (const tf2::TransformException& error) {
+      why = error.what();
+    }
+    std::unique_lock<std::mutex> lock(mutex_);
+    const bool has_changed =
+        changed_.wait_until(lock, deadline, [this, seen] { return is_stopping_ || num_tf_messages_ != seen; });
+    if (has_changed && !is_stopping_) continue;
+    *refusal = {FrameStatus::kNoTransform, "no transform from '" + camera_frame + "' to '" + params_.map_frame +
+                                               "' at " + std::to_string(stamp.toSec()) + " s after waiting " +
+                                               seconds(params_.tf_timeout_s) + " (tf_timeout_s): " + why};
+    return std::nullopt;
+  }
+}
+
+std::optional<Eigen::Isometry3d> CameraPoseSource::poseAt(const std::string& camera_frame, const ros::Time& stamp,
+                                                          SteadyTime deadline, Refusal* refusal) {
+  const std::optional<Eigen::Isometry3d> pose = lookUp(camera_frame, stamp, deadline, refusal);
+  if (!pose) return std::nullopt;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (new_limits_) guard_.setLimits(*new_limits_);
+  if (reset_guard_) guard_.reset();
+  new_limits_.reset();
+  reset_guard_ = false;
+  const PoseGuard::Verdict verdict = guard_.check(*pose, stamp.toSec());
+  if (verdict == PoseGuard::Verdict::kJump) {
+    *refusal = {FrameStatus::kPoseJump, guard_.message()};
+    return std::nullopt;
+  }
+  if (verdict == PoseGuard::Verdict::kSettled) ++counters_.settled_jumps;
+  return pose;
+}
+
+}  // namespace gpis_mapping_ros
