@@ -25,7 +25,7 @@ struct CameraCalibratorParams {
   std::string parent_frame{"camera_mast"};  // the edge of the tree of frames that is measured
   std::string child_frame{"camera_link"};
   std::string camera_frame;  // optical; empty: the image's frame_id
-  std::string bricks;        // path of bricks.yaml
+  std::string bricks_file;   // path of bricks.yaml
   std::string output_file;   // absolute path; ~save writes it
   CalibrationTargetParams target;
   bool is_auto{false};  // key "auto": takes samples by itself

@@ -8,19 +8,17 @@
 #include <exception>
 #include <stdexcept>
 
-#include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/PoseArray.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
-#include <gpis_mapping_ros/conversions.h>
 #include <mp700_ur5e_description/brick_types.h>
-#include <opencv2/imgproc.hpp>
 #include <tf2/exceptions.h>
+
+#include "brick_detection_ros/conversions.h"
 
 namespace brick_detection_ros {
 namespace {
 
 using brick_detection::CameraModel;
-using brick_detection::Distortion;
 using brick_detection::HandEyeResult;
 using gpis_mapping_ros::withoutSlash;
 
@@ -38,7 +36,7 @@ brick_detection::TargetFinder makeFinder(const CameraCalibratorParams& params) {
   }
   const CalibrationTargetParams& target = params.target;
   if (target.brick_id >= 0) {
-    return {mp700_ur5e_description::loadBrickTypes(params.bricks), target.brick_id, params.pose};
+    return {mp700_ur5e_description::loadBrickTypes(params.bricks_file), target.brick_id, params.pose};
   }
   return {brick_detection::loneTag(target.family, target.tag_id, target.edge_m), 0, params.pose};
 }
@@ -50,52 +48,6 @@ std::string nowAsText() {
   char text[32];
   std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%SZ", &utc);
   return text;
-}
-
-std::optional<CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified, std::string* why_not) {
-  CameraModel camera;
-  camera.width_px = static_cast<int>(info.width);
-  camera.height_px = static_cast<int>(info.height);
-  camera.fx_px = is_rectified ? info.P[0] : info.K[0];
-  camera.fy_px = is_rectified ? info.P[5] : info.K[4];
-  camera.cx_px = is_rectified ? info.P[2] : info.K[2];
-  camera.cy_px = is_rectified ? info.P[6] : info.K[5];
-  const bool has_distortion = std::any_of(info.D.begin(), info.D.end(), [](double value) { return value != 0.0; });
-  if (!is_rectified && has_distortion) {
-    camera.coefficients = info.D;
-    if (info.distortion_model == "plumb_bob") {
-      camera.distortion = Distortion::kPlumbBob;
-    } else if (info.distortion_model == "rational_polynomial") {
-      camera.distortion = Distortion::kRationalPolynomial;
-    } else if (info.distortion_model == "equidistant") {
-      camera.distortion = Distortion::kEquidistant;
-    } else {
-      *why_not = "the camera info's distortion_model = '" + info.distortion_model +
-                 "', must be plumb_bob, rational_polynomial or equidistant";
-      return std::nullopt;
-    }
-  }
-  const std::vector<std::string> problems = camera.validate();
-  if (problems.empty()) return camera;
-  *why_not = "the camera info is impossible: " + problems.front();
-  return std::nullopt;
-}
-
-std::string sizeText(std::uint32_t width, std::uint32_t height) {
-  return std::to_string(width) + " x " + std::to_string(height) + " px";
-}
-
-geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  geometry_msgs::Pose pose;
-  pose.position.x = T.translation().x();
-  pose.position.y = T.translation().y();
-  pose.position.z = T.translation().z();
-  pose.orientation.x = q.x();
-  pose.orientation.y = q.y();
-  pose.orientation.z = q.z();
-  pose.orientation.w = q.w();
-  return pose;
 }
 
 std::string fixed(double value, int digits) {
@@ -228,7 +180,7 @@ bool CameraCalibrator::onSave(Request& /*request*/, Response& response) {
 std::optional<Eigen::Isometry3d> CameraCalibrator::lookUp(const std::string& target, const std::string& source,
                                                           const ros::Time& stamp, std::string* why_not) const {
   try {
-    gpis_mapping_ros::Refusal refusal;
+    Refusal refusal;
     const auto T = gpis_mapping_ros::toIsometry(tf_buffer_.lookupTransform(target, source, stamp).transform, &refusal);
     if (!T) *why_not = "tf from " + target + " to " + source + ": " + refusal.message;
     return T;
@@ -292,8 +244,12 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
     return false;
   }
   const bool is_rectified = gpis_mapping_ros::isRectifiedTopic(image_subscriber_.getTopic());
-  const std::optional<CameraModel> camera = toCameraModel(*inputs.info, is_rectified, message);
-  if (!camera) return false;
+  Refusal refusal;
+  const std::optional<CameraModel> camera = brick_detection_ros::toCameraModel(*inputs.info, is_rectified, &refusal);
+  if (!camera) {
+    *message = refusal.message;
+    return false;
+  }
   const std::vector<Eigen::Isometry3d> poses = toolPoses(stamp, message);
   if (poses.empty()) return false;
   *message = session_.whyNotStill(poses);
@@ -301,28 +257,28 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
   *message = session_.whyNotNew(poses.back());
   if (!message->empty()) return false;
 
+  const std::optional<cv::Mat> color = toColorImage(image, &refusal);
+  if (!color) {
+    *message = "the image cannot be used: " + refusal.message;
+    return false;
+  }
+  cv::Mat depth_m;
+  if (inputs.depth) {
+    const std::optional<cv::Mat> depth = toDepthMat(*inputs.depth, params_.depth_units_per_metre, &refusal);
+    if (!depth || depth->size() != color->size()) {
+      *message = "the depth image cannot be used (use_depth: false does without): " +
+                 (depth ? "it is of " + sizeText(inputs.depth->width, inputs.depth->height) + ", the colour image of " +
+                              sizeText(image.width, image.height)
+                        : refusal.message);
+      return false;
+    }
+    depth_m = *depth;
+  }
   std::optional<brick_detection::BrickSighting> target;
   try {
-    cv::Mat depth_m;
-    if (inputs.depth) {
-      gpis_mapping_ros::Refusal refusal;
-      auto depth = gpis_mapping_ros::toDepthImage(*inputs.depth, params_.depth_units_per_metre, &refusal);
-      if (!depth || inputs.depth->width != image.width || inputs.depth->height != image.height) {
-        *message = "the depth image is of no use (use_depth: false does without): " +
-                   (depth ? sizeText(inputs.depth->width, inputs.depth->height) + ", the colour image is of " +
-                                sizeText(image.width, image.height)
-                          : refusal.message);
-        return false;
-      }
-      depth_m = cv::Mat(static_cast<int>(inputs.depth->height), static_cast<int>(inputs.depth->width), CV_32FC1,
-                        depth->depth_m.data())
-                    .clone();
-    }
-    // Tags are black and white: brightness is all that is read.
-    const cv_bridge::CvImageConstPtr grey = cv_bridge::toCvCopy(inputs.image, "mono8");
-    target = finder_.find(grey->image, depth_m, *camera, message);
-  } catch (const std::exception& error) {  // cv::Exception, cv_bridge::Exception: an encoding, a broken message
-    *message = std::string("the image cannot be used: ") + error.what();
+    target = finder_.find(*color, depth_m, *camera, message);
+  } catch (const std::exception& error) {  // of OpenCV, for want of memory: no reason to end
+    *message = error.what();
     return false;
   }
   if (!target) return false;

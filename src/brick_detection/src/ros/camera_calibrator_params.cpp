@@ -18,7 +18,7 @@ void visitFields(Params& params, Visitor&& visit) {
   visit("parent_frame", params.parent_frame);
   visit("child_frame", params.child_frame);
   visit("camera_frame", params.camera_frame);
-  visit("bricks", params.bricks);
+  visit("bricks_file", params.bricks_file);
   visit("output_file", params.output_file);
   visit("target/brick_id", params.target.brick_id);
   visit("target/tag_id", params.target.tag_id);
@@ -76,7 +76,8 @@ std::vector<std::string> CameraCalibratorParams::validate() const {
     problems.push_back("target/brick_id = " + std::to_string(target.brick_id) + " and target/tag_id = " +
                        std::to_string(target.tag_id) + ", must be one id of what the arm holds, the other -1");
   }
-  if (target.brick_id >= 0 && bricks.empty()) problems.push_back("bricks = '', must be the path of bricks.yaml");
+  if (target.brick_id >= 0 && bricks_file.empty())
+    problems.push_back("bricks_file = '', must be the path of bricks.yaml");
   if (!output_file.empty()) {
     try {
       gpis_mapping_ros::requireUsablePath(output_file);
