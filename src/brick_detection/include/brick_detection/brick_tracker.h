@@ -3,9 +3,10 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
+#include <limits>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -16,11 +17,17 @@
 namespace brick_detection {
 
 struct BrickTrackerConfig {
-  // Of the camera's pose in the map, as tf gives it: an error that all bricks of a look share and that differs between
-  // looks from elsewhere.
+  // Of the camera's pose in the map, as tf gives it: an error that all looks from one standpoint share and that differs
+  // between standpoints.
   double camera_std_m{0.003};
   double camera_std_rad{0.003};
-  // What no number of looks removes: calibration of camera and mast.
+  // Camera poses nearer to each other than that are one standpoint.
+  double standpoint_m{0.20};
+  double standpoint_rad{0.20};
+  /// Looks from one standpoint share what their light, lens and depth camera do to the image: more than so many improve
+  /// the mean, but add no certainty.
+  int looks_per_standpoint{5};
+  // What no number of standpoints removes: calibration of camera and mast.
   double floor_std_m{0.001};
   double floor_std_rad{0.002};
   double gate_chi2{22.5};  ///< six degrees of freedom, 99.9 %: a look that is farther off shows a brick that has moved
@@ -45,48 +52,100 @@ struct TrackedBrick {
 };
 
 /// Bricks over time, in the map. Static between looks; one that was moved is at its new place once enough looks agree, and
-/// nowhere twice; one whose place the map has seen free since is gone. Not thread-safe.
+/// nowhere twice; one whose place the map has seen free since is gone. A brick in view that is not decoded says nothing.
+/// Not thread-safe.
+///
+/// Of each brick the mean of the looks from each standpoint is kept, with the looks' own information. A standpoint's mean
+/// has the covariance of that plus that of the camera's pose there; the standpoints are independent, and fused with it.
+/// The floor is added to the result.
 class BrickTracker {
  public:
+  /// Throws std::invalid_argument listing what is wrong with the config.
   BrickTracker(const mp700_ur5e_description::BrickCatalogue& catalogue, const BrickTrackerConfig& config);
 
   /// Takes in one image's bricks. Returns the indices into bricks() of those seen, in the order of `sightings`; a
-  /// sighting that is held back (moved, not yet believed) has none. Throws std::invalid_argument if the stamp is
-  /// before the last look's.
+  /// sighting that is held back (moved, not yet believed) or ignored (in the hand) has none. Several of one id in an image
+  /// are as many instances. Throws std::invalid_argument, and changes nothing, if the stamp is before the last look's or
+  /// not finite, a pose or covariance is none, or an id is unknown.
   std::vector<std::optional<std::size_t>> addLook(double stamp_s, const Eigen::Isometry3d& T_map_camera,
                                                   const std::vector<BrickSighting>& sightings);
 
-  /// Points inside each brick [m, map frame], in the order of bricks(): what to ask the map about.
+  /// Points inside each brick [m, map frame], in the order of bricks(): what to ask the map about. A regular grid, its
+  /// outermost points 2 cm below the faces, since nearer ones may belong to the surface of the brick or of a neighbour;
+  /// or a quarter of the edge where a brick is thinner than 8 cm.
   std::vector<Eigen::Matrix3Xd> insidePoints() const;
 
   /// Drops the bricks whose inside was seen free. `free_share`: for each of bricks() the share of its insidePoints() that
   /// the map calls free; `map_stamp_s`: of the last image in the map. Bricks seen at or after it stay. Returns the
-  /// dropped ids. Throws std::invalid_argument if the sizes differ.
+  /// dropped ids. Throws std::invalid_argument if the sizes differ, or a number is none or no share.
   std::vector<int> dropFree(const std::vector<double>& free_share, double map_stamp_s);
 
-  /// The brick is in the hand: it is taken out, and looks of it are ignored until it is let go. An instance is not asked
-  /// for: of several with this id the one nearest to `p_map` goes. Returns whether one was known.
+  /// The brick is in the hand: it is taken out, and looks of it are ignored until it is let go; other instances stay in
+  /// sight. An instance is not asked for: of several with this id the one nearest to `p_map` goes. Returns whether one
+  /// was known. Throws std::invalid_argument for an unknown id or a point that is not finite.
   bool attach(int id, const Eigen::Vector3d& p_map);
-  void detach();
 
-  /// Forgets everything, as after a jump of time or of the map.
+  /// The brick in the hand was let go at `stamp_s`: looks from then on show it, at a new place but as the same instance.
+  /// Earlier ones that come late still show it in the hand. Nothing happens if there was none.
+  void detach(double stamp_s = -std::numeric_limits<double>::infinity());
+
+  /// Forgets all bricks and the time, as after a jump of time or of the map. What is in the hand stays there.
   void clear();
 
   /// In order of id and instance.
   const std::vector<TrackedBrick>& bricks() const { return bricks_; }
 
  private:
-  struct Candidate {  // where a brick may have moved to
-    TrackedBrick brick;
-    std::size_t of{0};
+  /// One sighting in the map, with its own covariance and what the camera's pose adds.
+  struct Look {
+    Eigen::Isometry3d T_map_camera{Eigen::Isometry3d::Identity()};
+    Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
+    Matrix6d covariance{Matrix6d::Identity()};
+    Matrix6d camera_covariance{Matrix6d::Identity()};
   };
+  struct Standpoint {
+    Look mean;                               ///< the camera's pose is the first look's
+    Matrix6d information{Matrix6d::Zero()};  ///< of all looks, without the camera's pose
+    int num_looks{0};
+  };
+  /// Where a brick is, by all looks that agree.
+  struct Place {
+    std::vector<Standpoint> standpoints;
+    Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
+    Matrix6d covariance{Matrix6d::Identity()};
+    int num_looks{0};
+  };
+  struct Track {
+    TrackedBrick brick;
+    Place place;
+    std::optional<Place> moved_to;  ///< not yet believed
+    bool was_duplicate{false};      ///< in the last look
+  };
+  /// A brick that is or was in the hand.
+  struct Held {
+    int id{0};
+    std::optional<int> instance;
+    double released_s{std::numeric_limits<double>::infinity()};
+  };
+
+  Look makeLook(const Eigen::Isometry3d& T_map_camera, const BrickSighting& sighting) const;
+  void add(const Look& look, Place* place) const;
+  void fuse(Place* place) const;
+  double separation(const Look& look, const Standpoint& standpoint) const;
+  double chi2(const Look& look, const Place& place) const;
+  void addLooksOf(int id, double stamp_s, const std::vector<BrickSighting>& sightings, const std::vector<Look>& looks,
+                  std::vector<std::pair<int, int>>* seen_as);
+  int freeInstance(int id) const;
+  void publish();
 
   mp700_ur5e_description::BrickCatalogue catalogue_;
   BrickTrackerConfig config_;
+  Matrix6d floor_{Matrix6d::Zero()};
+  std::vector<Track> tracks_;  ///< in the order of bricks_
   std::vector<TrackedBrick> bricks_;
-  std::vector<Candidate> candidates_;
-  std::optional<int> attached_id_;
-  double last_look_s_{0.0};
+  std::optional<Held> attached_;
+  std::vector<Held> released_;  ///< let go, and not seen since
+  double last_look_s_{-std::numeric_limits<double>::infinity()};
 };
 
 }  // namespace brick_detection

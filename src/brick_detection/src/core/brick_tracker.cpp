@@ -1,2 +1,412 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "brick_detection/brick_tracker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <tuple>
+
+#include <Eigen/Dense>
+
+#include "range_check.h"
+
+namespace brick_detection {
+namespace {
+
+using mp700_ur5e_description::BrickCatalogue;
+
+// Enough for all sides of a pile; the oldest one goes, which can only cost certainty.
+constexpr std::size_t kMaxStandpoints = 64;
+constexpr int kFusionSteps = 3;  // of Gauss-Newton: means differ by millimetres, the first step is nearly exact
+constexpr double kInsideMargin_m = 0.02;  // the map's resolution
+constexpr int kNoInstance = -1;
+
+bool isRigid(const Eigen::Isometry3d& pose) {
+  // A float's rounding, with room.
+  return pose.matrix().allFinite() &&
+         (pose.linear() * pose.linear().transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-4 &&
+         pose.linear().determinant() > 0.0;
+}
+
+Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+Matrix6d diagonal(double std_m, double std_rad) {
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(std_m * std_m), Eigen::Vector3d::Constant(std_rad * std_rad);
+  return variances.asDiagonal();
+}
+
+Matrix6d inverseOf(const Matrix6d& covariance) {
+  return covariance.ldlt().solve(Matrix6d::Identity());
+}
+
+}  // namespace
+
+std::vector<std::string> BrickTrackerConfig::validate() const {
+  RangeCheck check;
+  check("camera_std_m", camera_std_m, 0.0, 1.0, "m");
+  check("camera_std_rad", camera_std_rad, 0.0, 1.0, "rad");
+  check("standpoint_m", standpoint_m, 1e-3, 10.0, "m");
+  check("standpoint_rad", standpoint_rad, 1e-3, 3.2, "rad");
+  check("looks_per_standpoint", looks_per_standpoint, 1, 1000, "looks");
+  check("floor_std_m", floor_std_m, 0.0, 1.0, "m");
+  check("floor_std_rad", floor_std_rad, 0.0, 1.0, "rad");
+  check("gate_chi2", gate_chi2, 1.0, 1e4, "");
+  check("moved_looks", moved_looks, 1, 100, "looks");
+  check("free_share", free_share, 0.01, 1.0, "");
+  check("inside_samples", inside_samples, 1, 50, "");
+  return check.problems();
+}
+
+BrickTracker::BrickTracker(const BrickCatalogue& catalogue, const BrickTrackerConfig& config)
+    : catalogue_(catalogue), config_(config) {
+  throwIfAny(config_.validate());
+  floor_ = diagonal(config_.floor_std_m, config_.floor_std_rad);
+}
+
+BrickTracker::Look BrickTracker::makeLook(const Eigen::Isometry3d& T_map_camera, const BrickSighting& sighting) const {
+  Look look;
+  look.T_map_camera = T_map_camera;
+  look.T_map_brick = T_map_camera * sighting.T_camera_brick;
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_map_camera.linear();
+  look.covariance = turn * sighting.covariance * turn.transpose();
+  // A camera at t + dt, turned by dr, takes the brick along on its arm: dt + dr x arm.
+  const Eigen::Vector3d arm = look.T_map_brick.translation() - T_map_camera.translation();
+  Matrix6d by_camera = Matrix6d::Identity();
+  by_camera.topRightCorner<3, 3>() = -cross(arm);
+  look.camera_covariance = by_camera * diagonal(config_.camera_std_m, config_.camera_std_rad) * by_camera.transpose();
+  return look;
+}
+
+/// How far a look's camera was from a standpoint: 0 there, 1 and more elsewhere.
+double BrickTracker::separation(const Look& look, const Standpoint& standpoint) const {
+  const Vector6d step = stepBetween(standpoint.mean.T_map_camera, look.T_map_camera);
+  return std::max(step.head<3>().norm() / config_.standpoint_m, step.tail<3>().norm() / config_.standpoint_rad);
+}
+
+void BrickTracker::add(const Look& look, Place* place) const {
+  ++place->num_looks;
+  Standpoint* nearest = nullptr;
+  for (Standpoint& standpoint : place->standpoints) {
+    if (separation(look, standpoint) < (nearest ? separation(look, *nearest) : 1.0)) nearest = &standpoint;
+  }
+  const Matrix6d information = inverseOf(look.covariance);
+  if (!nearest) {
+    if (place->standpoints.size() == kMaxStandpoints) place->standpoints.erase(place->standpoints.begin());
+    place->standpoints.push_back({look, information, 1});
+  } else {
+    // The information filter's step: the mean moves by the look's share of the information.
+    nearest->information += information;
+    ++nearest->num_looks;
+    const Vector6d off = stepBetween(nearest->mean.T_map_brick, look.T_map_brick);
+    nearest->mean.T_map_brick = moved(nearest->mean.T_map_brick, nearest->information.ldlt().solve(information * off));
+    const double share = std::min(1.0, static_cast<double>(config_.looks_per_standpoint) / nearest->num_looks);
+    nearest->mean.covariance = inverseOf(share * nearest->information);
+  }
+  fuse(place);
+}
+
+void BrickTracker::fuse(Place* place) const {
+  place->T_map_brick = place->standpoints.front().mean.T_map_brick;
+  Matrix6d information = Matrix6d::Zero();
+  for (int i = 0; i < kFusionSteps; ++i) {
+    information.setZero();
+    Vector6d sum = Vector6d::Zero();
+    for (const Standpoint& standpoint : place->standpoints) {
+      const Matrix6d own = inverseOf(standpoint.mean.covariance + standpoint.mean.camera_covariance);
+      information += own;
+      sum += own * stepBetween(place->T_map_brick, standpoint.mean.T_map_brick);
+    }
+    place->T_map_brick = moved(place->T_map_brick, information.ldlt().solve(sum));
+  }
+  place->covariance = inverseOf(information) + floor_;
+  place->covariance = (0.5 * (place->covariance + place->covariance.transpose())).eval();
+}
+
+/// Of a look against a place, six degrees of freedom. Against all other looks the camera's error counts in full; against
+/// those from nearly the same standpoint it is nearly the same error, and a brick that was moved by little is told.
+double BrickTracker::chi2(const Look& look, const Place& place) const {
+  const auto of = [&look](const Eigen::Isometry3d& T_map_brick, const Matrix6d& covariance) {
+    const Vector6d off = stepBetween(T_map_brick, look.T_map_brick);
+    return off.dot((covariance + look.covariance).ldlt().solve(off));
+  };
+  double largest = of(place.T_map_brick, place.covariance + look.camera_covariance);
+  for (const Standpoint& standpoint : place.standpoints) {
+    const double apart = separation(look, standpoint);
+    if (apart >= 1.0) continue;
+    const Matrix6d camera = apart * apart * (look.camera_covariance + standpoint.mean.camera_covariance);
+    largest = std::max(largest, of(standpoint.mean.T_map_brick, standpoint.mean.covariance + floor_ + camera));
+  }
+  return largest;
+}
+
+int BrickTracker::freeInstance(int id) const {
+  std::set<int> taken;
+  for (const Track& track : tracks_) {
+    if (track.brick.id == id) taken.insert(track.brick.instance);
+  }
+  const auto take = [&taken, id](const Held& held) {
+    if (held.id == id && held.instance) taken.insert(*held.instance);
+  };
+  if (attached_) take(*attached_);
+  std::for_each(released_.begin(), released_.end(), take);
+  int instance = 0;
+  while (taken.count(instance) > 0) ++instance;
+  return instance;
+}
+
+void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSighting>& sightings,
+                              const std::vector<Look>& looks, std::vector<std::pair<int, int>>* seen_as) {
+  std::vector<std::size_t> open_looks;
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    if (sightings[i].brick_id == id) open_looks.push_back(i);
+  }
+  std::vector<std::size_t> open_tracks;
+  for (std::size_t i = 0; i < tracks_.size(); ++i) {
+    if (tracks_[i].brick.id == id) open_tracks.push_back(i);
+  }
+  const std::size_t num_looks = open_looks.size();
+  // Takes the pair of least measure up to a limit out of those that are open, again and again.
+  std::size_t pairs_left = std::numeric_limits<std::size_t>::max();
+  const auto pairUp = [&](double limit, const auto& measure, const auto& use) {
+    for (; pairs_left > 0; --pairs_left) {
+      std::tuple<double, std::size_t, std::size_t> best(limit, 0, 0);
+      bool has_pair = false;
+      for (std::size_t i = 0; i < open_looks.size(); ++i) {
+        for (std::size_t k = 0; k < open_tracks.size(); ++k) {
+          const double value = measure(looks[open_looks[i]], tracks_[open_tracks[k]]);
+          if (!(value <= std::get<0>(best)) || (has_pair && value == std::get<0>(best))) continue;
+          best = {value, i, k};
+          has_pair = true;
+        }
+      }
+      if (!has_pair) return;
+      const auto [value, i, k] = best;
+      use(open_looks[i], &tracks_[open_tracks[k]]);
+      open_looks.erase(open_looks.begin() + static_cast<std::ptrdiff_t>(i));
+      open_tracks.erase(open_tracks.begin() + static_cast<std::ptrdiff_t>(k));
+    }
+  };
+  const auto markSeen = [&](std::size_t i, int num_agreeing, Track* track) {
+    TrackedBrick& brick = track->brick;
+    brick.num_looks += num_agreeing;
+    brick.last_seen_s = stamp_s;
+    for (const auto face : sightings[i].faces) brick.faces_seen[static_cast<std::size_t>(face)] = true;
+    track->was_duplicate = sightings[i].has_duplicate;
+    (*seen_as)[i] = {id, brick.instance};
+  };
+
+  // Where they are known to be.
+  pairUp(
+      config_.gate_chi2, [this](const Look& look, const Track& track) { return chi2(look, track.place); },
+      [&](std::size_t i, Track* track) {
+        add(looks[i], &track->place);
+        track->moved_to.reset();
+        markSeen(i, 1, track);
+      });
+  if (open_looks.empty()) return;
+
+  // What is in the hand, or was when the image was taken, is not part of the world.
+  if (attached_ && attached_->id == id) return;
+  const auto released =
+      std::find_if(released_.begin(), released_.end(), [id](const Held& held) { return held.id == id; });
+  const auto addNew = [&](std::size_t i, int instance) {
+    Track track;
+    track.brick.id = id;
+    track.brick.instance = instance;
+    track.brick.first_seen_s = stamp_s;
+    add(looks[i], &track.place);
+    markSeen(i, 1, &track);
+    tracks_.push_back(std::move(track));
+  };
+  if (released != released_.end()) {
+    if (stamp_s < released->released_s) return;
+    const int instance = released->instance ? *released->instance : freeInstance(id);
+    released_.erase(released);
+    addNew(open_looks.front(), instance);
+    open_looks.erase(open_looks.begin());
+    if (open_looks.empty()) return;
+  }
+
+  // Others in the image that carry the id are seen, too, or were refused: so many carriers there are at least. Those beyond
+  // the known ones are new, and the rest of what is left has moved.
+  const std::size_t num_tracks = static_cast<std::size_t>(
+      std::count_if(tracks_.begin(), tracks_.end(), [id](const Track& track) { return track.brick.id == id; }));
+  const bool is_lone_duplicate = num_looks == 1 && sightings[open_looks.front()].has_duplicate;
+  const std::size_t num_carriers = num_looks + (is_lone_duplicate ? 1 : 0);
+  const std::size_t num_new = num_carriers > num_tracks ? num_carriers - num_tracks : 0;
+  pairs_left = open_looks.size() - std::min(open_looks.size(), num_new);
+
+  // Where they may have moved to: once more there, or the nearest that is not seen where it was.
+  const auto addMoved = [&](std::size_t i, Track* track) {
+    if (!track->moved_to || chi2(looks[i], *track->moved_to) > config_.gate_chi2) track->moved_to.emplace();
+    add(looks[i], &*track->moved_to);
+    if (track->moved_to->num_looks < config_.moved_looks) return;
+    track->place = std::move(*track->moved_to);
+    track->moved_to.reset();
+    markSeen(i, track->place.num_looks, track);
+  };
+  pairUp(
+      config_.gate_chi2,
+      [this](const Look& look, const Track& track) {
+        return track.moved_to ? chi2(look, *track.moved_to) : std::numeric_limits<double>::infinity();
+      },
+      addMoved);
+  pairUp(
+      std::numeric_limits<double>::max(),
+      [](const Look& look, const Track& track) {
+        return (look.T_map_brick.translation() - track.place.T_map_brick.translation()).norm();
+      },
+      addMoved);
+
+  for (const std::size_t i : open_looks) addNew(i, freeInstance(id));
+}
+
+std::vector<std::optional<std::size_t>> BrickTracker::addLook(double stamp_s, const Eigen::Isometry3d& T_map_camera,
+                                                              const std::vector<BrickSighting>& sightings) {
+  if (!std::isfinite(stamp_s) || stamp_s < last_look_s_) {
+    throw std::invalid_argument("stamp_s = " + std::to_string(stamp_s) + " s, must be finite and at least " +
+                                std::to_string(last_look_s_) + " s, the last look's");
+  }
+  if (!isRigid(T_map_camera)) throw std::invalid_argument("T_map_camera must be finite, and a rotation and a shift");
+  std::set<int> ids;
+  std::vector<Look> looks;
+  for (const BrickSighting& sighting : sightings) {
+    catalogue_.typeOf(sighting.brick_id);  // throws
+    ids.insert(sighting.brick_id);
+    if (!isRigid(sighting.T_camera_brick)) {
+      throw std::invalid_argument("T_camera_brick of brick " + std::to_string(sighting.brick_id) +
+                                  " must be finite, and a rotation and a shift");
+    }
+    if (!sighting.covariance.allFinite() || sighting.covariance.llt().info() != Eigen::Success) {
+      throw std::invalid_argument("covariance of brick " + std::to_string(sighting.brick_id) +
+                                  " must be finite and positive definite");
+    }
+    looks.push_back(makeLook(T_map_camera, sighting));
+  }
+
+  last_look_s_ = stamp_s;
+  std::vector<std::pair<int, int>> seen_as(sightings.size(), {0, kNoInstance});
+  for (const int id : ids) addLooksOf(id, stamp_s, sightings, looks, &seen_as);
+  publish();
+
+  std::vector<std::optional<std::size_t>> indices(sightings.size());
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    for (std::size_t k = 0; k < bricks_.size(); ++k) {
+      if (std::make_pair(bricks_[k].id, bricks_[k].instance) == seen_as[i]) indices[i] = k;
+    }
+  }
+  return indices;
+}
+
+void BrickTracker::publish() {
+  std::sort(tracks_.begin(), tracks_.end(), [](const Track& a, const Track& b) {
+    return std::tie(a.brick.id, a.brick.instance) < std::tie(b.brick.id, b.brick.instance);
+  });
+  std::multiset<int> carriers;
+  for (const Track& track : tracks_) carriers.insert(track.brick.id);
+  for (const Held& held : released_) carriers.insert(held.id);
+  if (attached_) carriers.insert(attached_->id);
+  bricks_.clear();
+  for (Track& track : tracks_) {
+    track.brick.T_map_brick = track.place.T_map_brick;
+    track.brick.covariance = track.place.covariance;
+    track.brick.has_duplicate = track.was_duplicate || carriers.count(track.brick.id) > 1;
+    bricks_.push_back(track.brick);
+  }
+}
+
+std::vector<Eigen::Matrix3Xd> BrickTracker::insidePoints() const {
+  std::vector<Eigen::Matrix3Xd> all;
+  const int num = config_.inside_samples;
+  for (const TrackedBrick& brick : bricks_) {
+    const Eigen::Vector3d half_m = 0.5 * catalogue_.typeOf(brick.id).size_m;
+    const Eigen::Vector3d reach_m = (half_m.array() - kInsideMargin_m).max(0.5 * half_m.array());
+    const auto at = [num](int i) { return num == 1 ? 0.0 : 2.0 * i / (num - 1) - 1.0; };
+    Eigen::Matrix3Xd points(3, num * num * num);
+    int column = 0;
+    for (int x = 0; x < num; ++x) {
+      for (int y = 0; y < num; ++y) {
+        for (int z = 0; z < num; ++z) {
+          points.col(column++) = brick.T_map_brick * reach_m.cwiseProduct(Eigen::Vector3d(at(x), at(y), at(z)));
+        }
+      }
+    }
+    all.push_back(std::move(points));
+  }
+  return all;
+}
+
+std::vector<int> BrickTracker::dropFree(const std::vector<double>& free_share, double map_stamp_s) {
+  if (free_share.size() != bricks_.size()) {
+    throw std::invalid_argument("free_share holds " + std::to_string(free_share.size()) + " numbers, must be " +
+                                std::to_string(bricks_.size()) + ": one for each brick");
+  }
+  for (const double share : free_share) {
+    if (!(share >= 0.0 && share <= 1.0)) {
+      throw std::invalid_argument("free_share = " + std::to_string(share) + ", must be in [0, 1]");
+    }
+  }
+  if (!std::isfinite(map_stamp_s)) throw std::invalid_argument("map_stamp_s must be finite");
+  std::vector<int> dropped;
+  std::vector<Track> kept;
+  for (std::size_t i = 0; i < tracks_.size(); ++i) {
+    if (free_share[i] >= config_.free_share && tracks_[i].brick.last_seen_s < map_stamp_s) {
+      dropped.push_back(tracks_[i].brick.id);
+    } else {
+      kept.push_back(std::move(tracks_[i]));
+    }
+  }
+  tracks_ = std::move(kept);
+  publish();
+  return dropped;
+}
+
+bool BrickTracker::attach(int id, const Eigen::Vector3d& p_map) {
+  catalogue_.typeOf(id);  // throws
+  if (!p_map.allFinite()) throw std::invalid_argument("p_map must be finite");
+  detach();  // the hand holds one brick
+  attached_ = Held{id, std::nullopt, std::numeric_limits<double>::infinity()};
+  auto nearest = tracks_.end();
+  const auto distance = [&p_map](const Track& track) { return (track.place.T_map_brick.translation() - p_map).norm(); };
+  for (auto track = tracks_.begin(); track != tracks_.end(); ++track) {
+    if (track->brick.id == id && (nearest == tracks_.end() || distance(*track) < distance(*nearest))) nearest = track;
+  }
+  const bool was_known = nearest != tracks_.end();
+  if (was_known) {
+    attached_->instance = nearest->brick.instance;
+    tracks_.erase(nearest);
+  } else {
+    // Let go and taken again before it was seen.
+    const auto released =
+        std::find_if(released_.begin(), released_.end(), [id](const Held& held) { return held.id == id; });
+    if (released != released_.end()) {
+      attached_->instance = released->instance;
+      released_.erase(released);
+    }
+  }
+  publish();
+  return was_known;
+}
+
+void BrickTracker::detach(double stamp_s) {
+  if (!attached_) return;
+  attached_->released_s = stamp_s;
+  released_.push_back(*attached_);
+  attached_.reset();
+}
+
+void BrickTracker::clear() {
+  tracks_.clear();
+  bricks_.clear();
+  if (attached_) attached_->instance.reset();
+  released_.clear();
+  last_look_s_ = -std::numeric_limits<double>::infinity();
+}
+
+}  // namespace brick_detection
