@@ -245,7 +245,7 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
   }
   const bool is_rectified = gpis_mapping_ros::isRectifiedTopic(image_subscriber_.getTopic());
   Refusal refusal;
-  const std::optional<CameraModel> camera = brick_detection_ros::toCameraModel(*inputs.info, is_rectified, &refusal);
+  const std::optional<CameraModel> camera = brick_detection_ros::cameraModelOf(*inputs.info, is_rectified, &refusal);
   if (!camera) {
     *message = refusal.message;
     return false;
