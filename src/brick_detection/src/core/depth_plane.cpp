@@ -79,7 +79,8 @@ class BearingGrid {
     const int row = std::clamp(static_cast<int>(scaled.y()), 0, num_cells_[1] - 1);
     const double x = scaled.x() - column;
     const double y = scaled.y() - row;
-    const std::size_t first = static_cast<std::size_t>(row * (num_cells_[0] + 1) + column);
+    const std::size_t first = static_cast<std::size_t>(row) * (static_cast<std::size_t>(num_cells_[0]) + 1) +
+                              static_cast<std::size_t>(column);
     const std::size_t below = first + static_cast<std::size_t>(num_cells_[0]) + 1;
     return (1.0 - y) * ((1.0 - x) * nodes_[first] + x * nodes_[first + 1]) +
            y * ((1.0 - x) * nodes_[below] + x * nodes_[below + 1]);
