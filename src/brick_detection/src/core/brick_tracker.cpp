@@ -150,11 +150,6 @@ int BrickTracker::freeInstance(int id) const {
   for (const Track& track : tracks_) {
     if (track.brick.id == id) taken.insert(track.brick.instance);
   }
-  const auto take = [&taken, id](const Held& held) {
-    if (held.id == id && held.instance) taken.insert(*held.instance);
-  };
-  if (attached_) take(*attached_);
-  std::for_each(released_.begin(), released_.end(), take);
   int instance = 0;
   while (taken.count(instance) > 0) ++instance;
   return instance;
@@ -213,8 +208,6 @@ void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSig
 
   // What is in the hand, or was when the image was taken, is not part of the world.
   if (attached_ && attached_->id == id) return;
-  const auto released =
-      std::find_if(released_.begin(), released_.end(), [id](const Held& held) { return held.id == id; });
   const auto addNew = [&](std::size_t i, int instance) {
     Track track;
     track.brick.id = id;
@@ -224,7 +217,10 @@ void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSig
     markSeen(i, 1, &track);
     tracks_.push_back(std::move(track));
   };
-  if (released != released_.end()) {
+  while (true) {
+    const auto released =
+        std::find_if(released_.begin(), released_.end(), [id](const Held& held) { return held.id == id; });
+    if (released == released_.end()) break;
     if (stamp_s < released->released_s) return;
     const int instance = released->instance ? *released->instance : freeInstance(id);
     released_.erase(released);
@@ -244,7 +240,7 @@ void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSig
 
   // Where they may have moved to: once more there, or the nearest that is not seen where it was.
   const auto addMoved = [&](std::size_t i, Track* track) {
-    if (!track->moved_to || chi2(looks[i], *track->moved_to) > config_.gate_chi2) track->moved_to.emplace();
+    if (!track->moved_to || chi2(looks[i], *track->moved_to) > config_.gate_chi2) track->moved_to = Place();
     add(looks[i], &*track->moved_to);
     if (track->moved_to->num_looks < config_.moved_looks) return;
     track->place = std::move(*track->moved_to);

@@ -36,8 +36,8 @@ struct NormalEquations {
   Vector7d gradient{Vector7d::Zero()};
   double cost{0.0};
 
-  template <int kRows>
-  void add(const Eigen::Matrix<double, kRows, 1>& residual, const Eigen::Matrix<double, kRows, 7>& jacobian) {
+  template <int Rows>
+  void add(const Eigen::Matrix<double, Rows, 1>& residual, const Eigen::Matrix<double, Rows, 7>& jacobian) {
     const double squared = residual.squaredNorm();
     const double weight = robustWeight(squared);
     information.noalias() += weight * jacobian.transpose() * jacobian;

@@ -409,6 +409,29 @@ TEST_F(Tracker, OneOfTwoInTheHandLeavesADuplicate) {
   EXPECT_TRUE(tracker_.bricks()[0].has_duplicate) << "the one in the hand carries the id, too";
 }
 
+TEST_F(Tracker, TwoThatWereLetGoBothComeBackAsThemselves) {
+  look(5, {here_, there_});
+  tracker_.attach(5, here_.translation());
+  tracker_.detach();
+  tracker_.attach(5, there_.translation());
+  tracker_.detach();
+  EXPECT_THAT(tracker_.bricks(), IsEmpty());
+  look(5, {here_});
+  ASSERT_THAT(tracker_.bricks(), SizeIs(1));
+  EXPECT_EQ(tracker_.bricks()[0].instance, 0);
+  EXPECT_TRUE(tracker_.bricks()[0].has_duplicate) << "the other was let go, and is somewhere";
+  look(5, {here_, elsewhere_});
+  ASSERT_THAT(tracker_.bricks(), SizeIs(2));
+  EXPECT_EQ(tracker_.bricks()[1].instance, 1);
+  // Both at once.
+  tracker_.attach(5, here_.translation());
+  tracker_.detach();
+  tracker_.attach(5, elsewhere_.translation());
+  tracker_.detach();
+  EXPECT_THAT(look(5, {there_, here_}), ElementsAre(Optional(0u), Optional(1u)));
+  EXPECT_THAT(tracker_.bricks(), SizeIs(2));
+}
+
 TEST_F(Tracker, TakesAnUnknownBrickInHandToo) {
   EXPECT_FALSE(tracker_.attach(5, here_.translation()));
   EXPECT_THAT(look(5, {there_}), ElementsAre(std::nullopt));
