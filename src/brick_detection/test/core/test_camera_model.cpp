@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "brick_detection/camera_model.h"
 
+#include <cmath>
 #include <limits>
 #include <random>
 
@@ -97,6 +98,12 @@ TEST(CameraModel, EquidistantSeesTheMiddleInTheMiddle) {
   const CameraModel model = camera(Distortion::kEquidistant, {-0.02, 0.01, -0.004, 0.0008});
   EXPECT_LT((model.project({0.0, 0.0, 1.0}) - Eigen::Vector2d(322.5, 236.0)).norm(), 1e-9);
   EXPECT_LT(model.bearing({322.5, 236.0}).norm(), 1e-9);
+}
+
+TEST(CameraModel, EquidistantWithoutCoefficientsIsNoPinhole) {
+  const CameraModel model = camera(Distortion::kEquidistant, {0.0, 0.0, 0.0, 0.0});
+  // At 45 degrees: the angle, not its tangent.
+  EXPECT_NEAR(model.project({1.0, 0.0, 1.0}).x(), 525.0 * std::atan(1.0) + 322.5, 1e-9);
 }
 
 TEST(CameraModel, PointsThatAreNotInFrontHaveNoPixel) {

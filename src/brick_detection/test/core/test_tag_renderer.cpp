@@ -119,6 +119,20 @@ TEST(TagRenderer, VisibleShareCountsWhatHidesAndWhatIsOutside) {
   EXPECT_NEAR(render(scene, {}, 1).tags.at(0).visible_share, 0.5, 0.5 / 24.0);
 }
 
+TEST(TagRenderer, TheNearerBrickHidesTheOtherInAnyOrder) {
+  const RenderBrick near = tagBoard(1, 0.12, 0.17, poseSeenAt(vga(), {319.5, 239.5}, 0.8, 0.0, 0.0, 0.0));
+  const RenderBrick far = tagBoard(2, 0.12, 0.17, poseSeenAt(vga(), {319.5, 239.5}, 1.2, 0.0, 0.0, 0.0));
+  RenderScene scene;
+  scene.camera = vga();
+  for (const bool near_first : {true, false}) {
+    scene.bricks = near_first ? std::vector<RenderBrick>{near, far} : std::vector<RenderBrick>{far, near};
+    const RenderedView view = render(scene, {}, 1);
+    EXPECT_NEAR(view.depth_m.at<float>(239, 319), 0.8, 1e-5);
+    EXPECT_DOUBLE_EQ(view.tags.at(near_first ? 0 : 1).visible_share, 1.0);
+    EXPECT_DOUBLE_EQ(view.tags.at(near_first ? 1 : 0).visible_share, 0.0);
+  }
+}
+
 TEST(TagRenderer, TagsThatFaceAwayAreNotListed) {
   EXPECT_TRUE(render(boardAt(poseSeenAt(vga(), {319.5, 239.5}, 1.0, CV_PI, 0.0, 0.0)), {}, 1).tags.empty());
   EXPECT_EQ(render(pair(vga()), {}, 1).tags.size(), 5U);
