@@ -82,11 +82,12 @@ class CalibrateCameraNode : public testing::Test {
     return client_.getState() == SimpleClientGoalState::SUCCEEDED;
   }
 
-  /// Until the newest image and its tf have arrived, of which the clock knows nothing, the answer may be of an older one.
-  /// False: no sample, and the reason is that the target cannot be seen.
+  /// The newest image that has arrived may be of before the standstill, or its tf still be on its way, of which the clock
+  /// knows nothing: it goes on until the answer is of now. False: no sample, for the target cannot be seen.
   bool takeSample(std::string* message) {
     bool is_taken = false;
     waitFor([&] {
+      advance(0.1);
       const std_srvs::TriggerResponse answer = call("take_sample");
       *message = answer.message;
       is_taken = answer.success;
