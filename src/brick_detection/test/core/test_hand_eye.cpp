@@ -356,15 +356,31 @@ TEST(HandEye, ASecondAxisThatOnlyAnOutlierHasDoesNotCount) {
 
 TEST(HandEye, ALooseTargetIsRefused) {
   Random random(13);
-  Rig rig = exactRig(16, &random);
-  for (std::size_t i = 0; i < rig.samples.size(); ++i) {  // it hangs differently each time
-    rig.samples[i].T_camera_target =
-        rig.samples[i].T_camera_target * pose(gaussian3(&random, 0.02), gaussian3(&random, 0.1));
+  struct Slack {
+    double std_m, std_rad;
+  };
+  for (const auto& [std_m, std_rad] : {Slack{0.02, 0.0}, Slack{0.0, 0.1}}) {  // it hangs differently each time
+    Rig rig = exactRig(16, &random);
+    for (HandEyeSample& sample : rig.samples) {
+      sample.T_camera_target = sample.T_camera_target * pose(gaussian3(&random, std_m), gaussian3(&random, std_rad));
+    }
+    const HandEyeResult result = solveHandEye(rig.samples, HandEyeConfig());
+    EXPECT_EQ(result.failure, HandEyeFailure::kResidualTooBig) << std_m << " m: " << result.reason;
+    EXPECT_THAT(result.reason, HasSubstr("loose"));
+    EXPECT_EQ(result.residuals.size(), 16U) << "they show where it happened";
   }
-  const HandEyeResult result = solveHandEye(rig.samples, HandEyeConfig());
-  EXPECT_EQ(result.failure, HandEyeFailure::kResidualTooBig) << result.reason;
-  EXPECT_THAT(result.reason, HasSubstr("loose"));
-  EXPECT_EQ(result.residuals.size(), 16U) << "they show where it happened";
+}
+
+TEST(HandEye, SamplesOfWhichTooFewAgreeAreRefused) {
+  Random random(17);
+  Rig rig = exactRig(10, &random);
+  addNoise(&rig, 1.0, &random);
+  for (std::size_t i = 0; i < 3; ++i) {
+    rig.samples[i].T_camera_target = pose(gaussian3(&random, 1.0), gaussian3(&random, 1.0));
+  }
+  const HandEyeResult result = solveHandEye(rig.samples, tolerant(0.0005, 0.0005));
+  EXPECT_EQ(result.failure, HandEyeFailure::kSamplesDisagree) << result.reason;
+  EXPECT_THAT(result.reason, HasSubstr("only 7 of 10 agree"));
 }
 
 TEST(HandEye, ATargetThatSlippedHalfWayIsRefused) {
