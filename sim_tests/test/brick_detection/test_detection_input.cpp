@@ -375,6 +375,7 @@ TEST(DetectionInput, ABrickInTheHandIsNotInTheWorld) {
   expectSeesBoth(live.look(frameOfTwo()), "before");
   interactive_mapping_msgs::AttachedBrick attached;
   attached.header.frame_id = "map";
+  attached.header.stamp = ros::Time::now();
   attached.is_attached = 1;
   attached.id = 7;
   hand.publish(attached);
@@ -385,6 +386,11 @@ TEST(DetectionInput, ABrickInTheHandIsNotInTheWorld) {
   EXPECT_EQ(live.bricks.awaitStamp(update.header.stamp).bricks.size(), 1u);
   EXPECT_TRUE(waitUntil([&] { return live.diagnosticValue("bricks", "in the hand") == "7"; }));
 
+  // Of an id that no brick has: told in the log, and no reason to end.
+  interactive_mapping_msgs::AttachedBrick unknown = attached;
+  unknown.id = -5;
+  hand.publish(unknown);
+  attached.header.stamp = ros::Time::now();
   attached.is_attached = 0;
   hand.publish(attached);
   EXPECT_TRUE(waitUntil([&] { return live.diagnosticValue("bricks", "in the hand") == "none"; }));

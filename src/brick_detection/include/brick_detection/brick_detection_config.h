@@ -56,6 +56,9 @@ void visitFields(Config& config, Visitor&& visit) {
   visit("alvar/same_brick_rad", config.alvar.same_brick_rad);
   visit("tracker/camera_std_m", config.tracker.camera_std_m);
   visit("tracker/camera_std_rad", config.tracker.camera_std_rad);
+  visit("tracker/standpoint_m", config.tracker.standpoint_m);
+  visit("tracker/standpoint_rad", config.tracker.standpoint_rad);
+  visit("tracker/looks_per_standpoint", config.tracker.looks_per_standpoint);
   visit("tracker/floor_std_m", config.tracker.floor_std_m);
   visit("tracker/floor_std_rad", config.tracker.floor_std_rad);
   visit("tracker/gate_chi2", config.tracker.gate_chi2);

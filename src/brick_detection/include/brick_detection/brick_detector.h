@@ -78,7 +78,8 @@ class BrickDetector {
 
   /// As BrickTracker has them.
   bool attach(int id, const Eigen::Vector3d& p_map) { return tracker_.attach(id, p_map); }
-  void detach() { tracker_.detach(); }
+  void detach(double stamp_s) { tracker_.detach(stamp_s); }
+  /// Forgets all bricks and the time. What is in the hand stays there.
   void clear();
 
   const mp700_ur5e_description::BrickCatalogue& catalogue() const { return estimator_.catalogue(); }

@@ -32,7 +32,10 @@ struct BrickTrackerConfig {
   double floor_std_rad{0.002};
   double gate_chi2{22.5};  ///< six degrees of freedom, 99.9 %: a look that is farther off shows a brick that has moved
   int moved_looks{2};      ///< looks that agree on another place, before the brick is believed to be there
-  double free_share{0.8};  ///< of a brick's inside that the map must have seen free before the brick is dropped
+  /// Of a brick's inside that the map must have seen free before the brick is dropped. In the simulated pile at most a
+  /// tenth of a brick that is there was called free, and two thirds of one that had been taken away: what else stands
+  /// there hides the rest from any one standpoint.
+  double free_share{0.5};
   int inside_samples{4};   ///< points per edge of the inside, for that
 
   std::vector<std::string> validate() const;

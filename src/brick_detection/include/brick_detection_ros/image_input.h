@@ -91,12 +91,16 @@ class ImageInput {
     std::function<void(const ros::Time& stamp, const Refusal& refusal, bool is_restart)> refuse;
   };
 
-  /// `private_nh` names the transport hints' namespace. Throws std::invalid_argument for impossible parameters.
+  /// Subscribes. `private_nh` names the transport hints' namespace. Throws std::invalid_argument for impossible
+  /// parameters.
   ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const ImageInputParams& params,
              Source source, Callbacks callbacks);
   ~ImageInput();
   ImageInput(const ImageInput&) = delete;
   ImageInput& operator=(const ImageInput&) = delete;
+
+  /// Begins to work on what has come and comes.
+  void start();
 
   ImageInputCounters counters() const;
   /// Believes the next pose, whatever it is.

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -63,7 +64,6 @@ BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeH
   ros::NodeHandle pnh(private_nh);
   bricks_publisher_ = pnh.advertise<BrickArray>("bricks", 1, true);
   marker_publisher_ = pnh.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
-  update_publisher_ = pnh.advertise<Update>("update", 50);
   picture_publisher_ = transport_.advertise("image", 1);
   {
     const std::lock_guard<std::mutex> lock(detector_mutex_);
@@ -88,6 +88,9 @@ BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeH
   };
   const auto source = detector_.decodesImages() ? ImageInput::Source::kImages : ImageInput::Source::kAlvarMarkers;
   input_ = std::make_unique<ImageInput>(nh, private_nh, params_.input, source, callbacks);
+  // A simulation that waits for an update after each image may begin when it sees this: the images are subscribed to.
+  update_publisher_ = pnh.advertise<Update>("update", 50);
+  input_->start();
 
   attached_subscriber_ = public_nh.subscribe("attached_brick", 5, &BrickDetectionRos::onAttached, this);
   clear_server_ = pnh.advertiseService("clear", &BrickDetectionRos::onClear, this);
@@ -248,7 +251,6 @@ void BrickDetectionRos::noteDropped(const std::vector<int>& ids, const std::stri
 
 void BrickDetectionRos::forget(const ros::Time& stamp) {
   detector_.clear();
-  if (attached_id_) detector_.attach(*attached_id_, Eigen::Vector3d::Zero());  // still in the hand
   stamp_ = stamp;
   publishBricks();
 }
@@ -281,7 +283,9 @@ std::optional<Eigen::Vector3d> BrickDetectionRos::placeOf(
 void BrickDetectionRos::onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message) {
   if (message->is_attached == 0) {
     const std::lock_guard<std::mutex> lock(detector_mutex_);
-    detector_.detach();
+    // Looks from before then may still come, and show it in the hand.
+    detector_.detach(message->header.stamp.isZero() ? -std::numeric_limits<double>::infinity()
+                                                    : message->header.stamp.toSec());
     attached_id_.reset();
     return;
   }
@@ -298,11 +302,15 @@ void BrickDetectionRos::onAttached(const interactive_mapping_msgs::AttachedBrick
                      message->header.frame_id.c_str(), known, message->id);
     }
   }
-  const bool was_known = detector_.attach(message->id, p_map.value_or(Eigen::Vector3d::Zero()));
-  attached_id_ = message->id;
-  if (!was_known) return;
-  noteDropped({message->id}, "it is in the hand");
-  publishBricks();
+  try {
+    const bool was_known = detector_.attach(message->id, p_map.value_or(Eigen::Vector3d::Zero()));
+    attached_id_ = message->id;
+    if (!was_known) return;
+    noteDropped({message->id}, "it is in the hand");
+    publishBricks();
+  } catch (const std::invalid_argument& error) {
+    ROS_ERROR_NAMED(kLog, "attached brick ignored: %s", error.what());
+  }
 }
 
 bool BrickDetectionRos::onDetect(DetectBricks::Request& request, DetectBricks::Response& response) {

@@ -15,8 +15,8 @@ using visualization_msgs::Marker;
 namespace description = mp700_ur5e_description;
 
 constexpr double kTextHeight_m = 0.07;
-constexpr float kBrickAlpha = 0.6F;  // what is inside shows through
-constexpr double kTipGap_m = 0.01;   // between an arrow's tip and the face
+constexpr float kBrickAlpha = 0.75F;  // what is inside shows through
+constexpr double kTipGap_m = 0.01;    // between an arrow's tip and the face
 
 std_msgs::ColorRGBA color(double r, double g, double b, double a) {
   std_msgs::ColorRGBA c;
@@ -75,7 +75,9 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
     Marker text = makeMarker(bricks.header, "ids", number, Marker::TEXT_VIEW_FACING);
     const Eigen::Vector3d half(0.5 * brick.size.x, 0.5 * brick.size.y, 0.5 * brick.size.z);
     const double half_height_m = T_map_brick.linear().row(2).cwiseAbs().dot(half);
-    text.pose.position = toPoint(T_map_brick.translation() + Eigen::Vector3d(0.0, 0.0, half_height_m + kTextHeight_m));
+    // Over the arrow from above.
+    text.pose.position = toPoint(T_map_brick.translation() +
+                                 Eigen::Vector3d(0.0, 0.0, half_height_m + kTipGap_m + arrow_m_ + 0.5 * kTextHeight_m));
     text.scale.z = kTextHeight_m;
     text.text = std::to_string(brick.id);
     if (brick.has_duplicate) text.text += " #" + std::to_string(brick.instance) + " (duplicate id)";

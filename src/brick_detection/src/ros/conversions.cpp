@@ -194,9 +194,9 @@ brick_detection::MarkerObservation toMarkerObservation(const ar_track_alvar_msgs
   observation.id = static_cast<int>(std::min<std::uint32_t>(marker.id, std::numeric_limits<int>::max()));
   const Eigen::Quaterniond q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
   // A quaternion of zeros would make the identity.
-  observation.T_camera_tag.linear() =
-      std::abs(q.norm() - 1.0) < 0.01 ? q.normalized().toRotationMatrix()
-                                      : Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  observation.T_camera_tag.linear() = std::abs(q.norm() - 1.0) < 0.01
+                                          ? q.normalized().toRotationMatrix()
+                                          : Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
   observation.T_camera_tag.translation() << pose.position.x, pose.position.y, pose.position.z;
   return observation;
 }

@@ -80,17 +80,21 @@ ImageInput::ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private
     marker_subscriber_ = public_nh.subscribe("alvar_markers", 1, &ImageInput::onMarkers, this, no_delay);
   } else {
     info_subscriber_ = public_nh.subscribe("color/camera_info", 2, &ImageInput::onInfo, this, no_delay);
+    // First colour, then depth: who takes the latter for a sign of interest does not send the former to nobody.
+    image_subscriber_ =
+        transport_.subscribe("color/image_raw", 1, &ImageInput::onImage, this,
+                             image_transport::TransportHints(params_.image_transport, no_delay, private_nh));
     if (params_.use_depth) {
       depth_subscriber_ =
           transport_.subscribe("depth/image_rect", 5, &ImageInput::onDepth, this,
                                image_transport::TransportHints(params_.depth_transport, no_delay, private_nh));
     }
-    image_subscriber_ =
-        transport_.subscribe("color/image_raw", 1, &ImageInput::onImage, this,
-                             image_transport::TransportHints(params_.image_transport, no_delay, private_nh));
     // Remappings decide what the topic is called.
     is_rectified_ = gpis_mapping_ros::isRectifiedTopic(image_subscriber_.getTopic());
   }
+}
+
+void ImageInput::start() {
   worker_ = std::thread(&ImageInput::work, this);
 }
 
@@ -101,7 +105,7 @@ ImageInput::~ImageInput() {
   }
   changed_.notify_all();
   pose_source_.stop();
-  worker_.join();
+  if (worker_.joinable()) worker_.join();
   image_subscriber_.shutdown();
   depth_subscriber_.shutdown();
   info_subscriber_.shutdown();

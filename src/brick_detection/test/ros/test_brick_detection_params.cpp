@@ -53,9 +53,14 @@ Values flattened(const std::string& yaml_text) {
 const Values kDefaults = flattened(toYaml(BrickDetectionParams()));
 
 bool isWhole(const std::string& key) {
-  static const std::set<std::string> kWhole = {
-      "input/pose_limits/settle_frames", "detector/threads",    "detector/max_hamming",  "pose/max_hamming",
-      "pose/depth/min_pixels",           "tracker/moved_looks", "tracker/inside_samples"};
+  static const std::set<std::string> kWhole = {"input/pose_limits/settle_frames",
+                                               "detector/threads",
+                                               "detector/max_hamming",
+                                               "pose/max_hamming",
+                                               "pose/depth/min_pixels",
+                                               "tracker/looks_per_standpoint",
+                                               "tracker/moved_looks",
+                                               "tracker/inside_samples"};
   return kWhole.count(key) > 0;
 }
 
@@ -70,7 +75,6 @@ XmlRpc::XmlRpcValue otherThan(const std::string& key, const std::string& value) 
   if (text != kOtherTexts.end()) return text->second;
   if (value == "true" || value == "false") return value == "false";
   if (key == "detector/decimate") return 2.0;
-  if (key == "detector/blur_sigma_px") return 0.8;
   if (key == "pose/depth/grow") return 1.1;     // not below 1
   if (key == "detector/max_hamming") return 1;  // not above 2
   if (isWhole(key)) return std::stoi(value) + 1;
