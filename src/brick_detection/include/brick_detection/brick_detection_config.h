@@ -38,6 +38,7 @@ void visitFields(Config& config, Visitor&& visit) {
   visit("pose/max_hamming", config.pose.max_hamming);
   visit("pose/max_reprojection_px", config.pose.max_reprojection_px);
   visit("pose/ambiguity_chi2", config.pose.ambiguity_chi2);
+  visit("pose/max_rotation_std_rad", config.pose.max_rotation_std_rad);
   visit("pose/max_depth_angle_rad", config.pose.max_depth_angle_rad);
   visit("pose/max_depth_offset_m", config.pose.max_depth_offset_m);
   visit("pose/same_brick_m", config.pose.same_brick_m);

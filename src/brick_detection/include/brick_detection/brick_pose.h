@@ -51,7 +51,7 @@ struct BrickSighting {
 struct BrickPoseConfig {
   double corner_std_px{0.25};  ///< of a corner's coordinates: detector, blur, what calibration leaves
   double min_side_px{12.0};    ///< tags with a shorter side are not used
-  double min_margin{20.0};     ///< of the decision [grey levels]
+  double min_margin{8.0};      ///< of the decision [grey levels]; a tenth of full light leaves some 10
   int max_hamming{1};
   double max_reprojection_px{1.5};  ///< root mean square of a tag's corners
   /// Of the two poses that fit a flat square, the second may stand unless its corners fit worse than the first's by

@@ -429,7 +429,8 @@ TEST_F(BrickPose, EachGateHasItsStatus) {
   EXPECT_EQ(statusWith([](TagObservation* tag) { tag->id = 100000; }), TagStatus::kUnknownId);
   EXPECT_EQ(statusWith([](TagObservation* tag) { tag->id = -1; }), TagStatus::kUnknownId);
   EXPECT_EQ(statusWith([](TagObservation* tag) { tag->hamming = 2; }), TagStatus::kUnsure);
-  EXPECT_EQ(statusWith([](TagObservation* tag) { tag->margin = 19.0; }), TagStatus::kUnsure);
+  EXPECT_EQ(statusWith([](TagObservation* tag) { tag->margin = BrickPoseConfig().min_margin - 0.1; }),
+            TagStatus::kUnsure);
   EXPECT_EQ(statusWith([](TagObservation* tag) { tag->margin = std::nan(""); }), TagStatus::kUnsure);
   const auto shrink = [](TagObservation* tag) {
     for (Eigen::Vector2d& corner : tag->corners_px) corner *= 0.15;  // 72 px to 11 px
