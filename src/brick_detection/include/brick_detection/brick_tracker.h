@@ -36,7 +36,7 @@ struct BrickTrackerConfig {
   /// tenth of a brick that is there was called free, and two thirds of one that had been taken away: what else stands
   /// there hides the rest from any one standpoint.
   double free_share{0.5};
-  int inside_samples{4};   ///< points per edge of the inside, for that
+  int inside_samples{4};  ///< points per edge of the inside, for that
 
   std::vector<std::string> validate() const;
 };
