@@ -29,7 +29,7 @@ struct WorldBrick {
   BrickPlacement placement;
   double plate_edge_m{0.17};  ///< square steel plates in the middle of faces: the only places a magnet holds
   std::array<bool, 6> has_plate{{true, true, true, true, true, true}};  ///< faces +x, -x, +y, -y, +z, -z
-  std::string material;       ///< of the asset section; empty: plain colour
+  std::string material;                                                 ///< of the asset section; empty: plain colour
 };
 
 /// Flat magnet with a round face at the frame `magnet_tip`, z out of the tool.

@@ -255,6 +255,23 @@ bool SimulatedWorldRos::isHeld() {
   return true;
 }
 
+std::size_t SimulatedWorldRos::numCameraTopicsOf(const std::string& node) const {
+  XmlRpc::XmlRpcValue request(ros::this_node::getName());
+  XmlRpc::XmlRpcValue response;
+  XmlRpc::XmlRpcValue state;  // publishers, subscribers, services: lists of [topic, nodes]
+  if (!ros::master::execute("getSystemState", request, response, state, false)) return 0;
+  std::size_t count = 0;
+  XmlRpc::XmlRpcValue& subscriptions = state[1];
+  for (int i = 0; i < subscriptions.size(); ++i) {
+    const std::string topic = subscriptions[i][0];
+    if (topic != color_publisher_.getTopic() && topic != depth_publisher_.getTopic()) continue;
+    for (int k = 0; k < subscriptions[i][1].size(); ++k) {
+      count += std::string(subscriptions[i][1][k]) == node ? 1 : 0;
+    }
+  }
+  return count;
+}
+
 std::string SimulatedWorldRos::missingSubscriber() const {
   for (const simulated_world::WaitRule& rule : params_.wait_for) {
     if (rule.after != ClockEvent::kImage) {
@@ -262,9 +279,11 @@ std::string SimulatedWorldRos::missingSubscriber() const {
     }
     if (rule.subscriber.empty()) {
       if (camera_subscribers_.empty()) return "anybody";
-    } else if (camera_subscribers_.count(ros::names::resolve(rule.subscriber)) == 0) {
-      return rule.subscriber;
+      continue;
     }
+    const std::string node = ros::names::resolve(rule.subscriber);
+    const std::size_t connected = camera_subscribers_.count(node);
+    if (connected == 0 || connected < numCameraTopicsOf(node)) return rule.subscriber;
   }
   return "";
 }

@@ -60,6 +60,8 @@ class SimulatedWorldRos {
   bool onFault(sim_tests::InjectFault::Request& request, sim_tests::InjectFault::Response& response);
   bool onCapture(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   std::string digestText() const;
+  /// Of colour and depth images, those that the master knows a node to want. 0 if the master is away.
+  std::size_t numCameraTopicsOf(const std::string& node) const;
   /// Who must hear the images and does not yet; empty: nobody.
   std::string missingSubscriber() const;
   ros::Time stamp() const;

@@ -24,9 +24,9 @@ struct HandEyeConfig {
   /// tag's covariance alone can be far below it, and would let one near sample outvote the rest.
   double arm_std_m{0.0005};
   double arm_std_rad{0.0005};
-  double max_residual_m{0.01};  ///< root mean square: above it the result is refused
+  double max_residual_m{0.01};     ///< root mean square: above it the result is refused
   double max_residual_rad{0.035};  ///< a lone tag seen frontally at 1.5 m has 0.02 by itself
-  double outlier_chi2{30.0};  ///< six degrees of freedom: a sample farther off is left out, and reported
+  double outlier_chi2{30.0};       ///< six degrees of freedom: a sample farther off is left out, and reported
 
   std::vector<std::string> validate() const;
 };

@@ -63,8 +63,7 @@ TEST(FaceAccess, FollowsTheBrickWhenItLiesOnItsSide) {
 TEST(FaceAccess, FacesThatLookDownAreLeftOut) {
   // Rolled by 30 degrees, the face of -y looks up by 30 degrees, that of +y down by as much.
   const auto tilted = graspableFaces(brickAt({0, 0, 0.5}, 0.0, -M_PI / 6), brickType(), {}, allFree, {});
-  EXPECT_THAT(names(tilted),
-              ElementsAre(BrickFace::kPlusZ, BrickFace::kMinusY, BrickFace::kPlusX, BrickFace::kMinusX));
+  EXPECT_THAT(names(tilted), ElementsAre(BrickFace::kPlusZ, BrickFace::kMinusY, BrickFace::kPlusX, BrickFace::kMinusX));
   // By 6 degrees it is as good as level.
   EXPECT_EQ(graspableFaces(brickAt({0, 0, 0.5}, 0.0, -M_PI / 30), brickType(), {}, allFree, {}).size(), 5U);
 }
