@@ -132,10 +132,25 @@ def acceptance_rows(rows):
     yield (f"at most {LIMITS['ms']:g} ms a frame on one core (pile of 12 bricks, 95 %)", f"{total:.1f} ms", verdict(total <= LIMITS["ms"]))
 
 
+def peer_rows(rows):
+    """The peer on the same images: ratios below 1 are in favour of this package."""
+    yield ("one tag, alone", "tags", "found %: libapriltag", "here, with depth", "position median mm: libapriltag", "here", "ratio", "95 %: libapriltag", "here", "ratio",
+           "rotation 95 % deg: libapriltag", "here", "ratio", "wrong normals: libapriltag", "here")
+    for peer in pick(rows, "peer summary"):
+        ours = next(row for row in pick(rows, "summary", 1.0) if row["name"] == peer["name"])
+        def beside(key, form):
+            return (number(peer[key], form), number(ours[key], form), number(ours[key] / peer[key], ".2f"))
+        yield (peer["name"], f"{peer['tags']:.0f}", f"{100.0 * rate(peer):.1f}", f"{100.0 * rate(ours):.1f}", *beside("position_median_mm", ".2f"),
+               *beside("position_p95_mm", ".2f"), *beside("angle_p95_deg", ".2f"), f"{peer['wrong_normals']:.0f} of {peer['used']:.0f}",
+               f"{ours['wrong_normals']:.0f} of {ours['used']:.0f}")
+
+
 def time_rows(rows):
     yield ("processor time, ms", "find tags", "95 %", "poses", "95 %", "tags of 12 px or more found")
     for row in pick(rows, "time"):
         yield (row["name"], *(f"{row[key]:.1f}" for key in ("detect_ms", "detect_p95_ms", "pose_ms", "pose_p95_ms")), f"{row['detected']:.0f} of {row['tags']:.0f}")
+    for row in pick(rows, "peer time"):
+        yield ("libapriltag alone, " + row["name"], f"{row['detect_ms']:.1f}", f"{row['detect_p95_ms']:.1f}", "in it", "-", f"{row['detected']:.0f} of {row['tags']:.0f}")
     row = pick(rows, "tagless")[0]
     yield (row["name"] + " without tags", f"{row['detect_ms']:.1f}", f"{row['detect_p95_ms']:.1f}", "-", "-", "-")
 
@@ -146,6 +161,7 @@ def table(rows, machine):
         f"{machine.get('build', 'unknown build')}; load {machine.get('load', 'unknown')}; commit {machine.get('commit', 'unknown')}.",
         "**Wanted and measured**\n\n" + markdown(acceptance_rows(rows)),
         "**Summaries of the grid**\n\n" + markdown(table_of(rows, "summary", "one tag, alone", lambda row: row["name"])),
+        "**Beside libapriltag alone** (its corners, its `estimate_tag_pose`, no depth, decimate 1), on the same images\n\n" + markdown(peer_rows(rows)),
         "**Whole bricks**, turned anyhow, by distance\n\n" + markdown(table_of(rows, "brick", "distance m", lambda row: f"{row['distance_m']:g}")),
         "**One effect at a time**, one tag at 1 m, tilt 0 to 60 degrees\n\n" + markdown(table_of(rows, "effect", "effect", lambda row: row["name"])),
         "**Time**, one thread, 640 x 480\n\n" + markdown(time_rows(rows)),

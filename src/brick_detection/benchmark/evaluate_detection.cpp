@@ -15,6 +15,7 @@
 
 #include "brick_detection/brick_pose.h"
 #include "brick_detection/tag_detector.h"
+#include "libapriltag_alone.h"
 #include "support/hard_negatives.h"
 #include "support/tag_renderer.h"
 
@@ -149,6 +150,10 @@ class Evaluation {
     detector_ = makeTagDetector(config);
     config.decimate = 2.0;
     coarse_detector_ = makeTagDetector(config);
+    if (catalogue.tags.family == "tag36h11") {
+      peer_ = std::make_unique<LibapriltagAlone>(1.0);
+      coarse_peer_ = std::make_unique<LibapriltagAlone>(2.0);
+    }
     writeHeader(*out);
   }
 
@@ -244,6 +249,9 @@ class Evaluation {
       row.group = "time";
       row.name = is_coarse ? "pile; decimate 2" : "pile; decimate 1";
       row.has_depth = true;
+      Row peer = row;
+      peer.group = "peer time";
+      peer.has_depth = false;
       row.distance_m = std::nan("");
       for (int i = 0; i < num_images; ++i) {
         Random random(static_cast<std::uint32_t>(7000 + i));
@@ -264,6 +272,13 @@ class Evaluation {
         const ProcessorTime pose_time;
         const auto result = estimator_.estimate(tags, scene.camera, view.depth_m);
         row.pose_ms.push_back(pose_time.ms());
+        std::vector<LibapriltagAlone::Tag> of_peer;
+        if (peer_) {
+          const ProcessorTime peer_time;
+          of_peer =
+              (is_coarse ? coarse_peer_ : peer_)->detect(view.grey, scene.camera, catalogue_.tags.black_border_edge_m);
+          peer.detect_ms.push_back(peer_time.ms());
+        }
         for (const RenderedTag& truth : view.tags) {
           // What a detector can be asked to find: the white margin counts too, so nothing may lie close by.
           if (truth.visible_share < 1.0 || truth.shortest_side_px < 12.0) continue;
@@ -273,14 +288,21 @@ class Evaluation {
               std::any_of(tags.begin(), tags.end(), [&](const auto& tag) { return tag.id == truth.id; });
           judge(result, scene.bricks[truth.brick_index].T_camera_brick, static_cast<int>(truth.brick_index), &sample);
           row.samples.push_back(sample);
+          Sample by_peer;
+          by_peer.side_px = truth.shortest_side_px;
+          by_peer.is_detected =
+              std::any_of(of_peer.begin(), of_peer.end(), [&](const auto& tag) { return tag.id == truth.id; });
+          peer.samples.push_back(by_peer);
         }
       }
       write(row, *out_);
+      if (peer_) write(peer, *out_);
     }
   }
 
  private:
   static constexpr int kNumBoards = 60;
+  static constexpr const char* kPeer = "peer";
 
   static RenderScene emptyScene() {
     RenderScene scene;
@@ -293,10 +315,11 @@ class Evaluation {
     const double edge_px = catalogue_.tags.black_border_edge_m / row.distance_m * vga().fx_px;
     const auto add = [&](const std::string& name, bool belongs, const auto& counts) {
       const auto known = std::find_if(summaries->begin(), summaries->end(), [&](const Row& summary) {
-        return summary.name == name && summary.has_depth == row.has_depth;
+        return summary.name == name && summary.has_depth == row.has_depth &&
+               (summary.group == "peer summary") == (row.group == kPeer);
       });
       Row& summary = known != summaries->end() ? *known : summaries->emplace_back();
-      summary.group = "summary";
+      summary.group = row.group == kPeer ? "peer summary" : "summary";
       summary.name = name;
       summary.distance_m = std::nan("");
       summary.has_depth = row.has_depth;
@@ -333,6 +356,10 @@ class Evaluation {
   std::vector<Row> boards(const std::string& group, const std::string& name, double distance_m, double tilt_deg,
                           int num_poses, const RenderEffects& effects, double hidden) {
     std::vector<Row> rows = twoRows(group, name, distance_m, tilt_deg);
+    if (peer_ && group == "grid") {
+      rows.push_back(rows[0]);
+      rows.back().group = kPeer;
+    }
     for (int pose = 0; pose < num_poses; ++pose) {
       Random random(seed_);
       RenderScene scene = emptyScene();
@@ -370,6 +397,10 @@ class Evaluation {
     double largest_side_px = 0.0;
     for (const RenderedTag& tag : view.tags) largest_side_px = std::max(largest_side_px, tag.shortest_side_px);
     for (Row& row : *rows) {
+      if (row.group == kPeer) {
+        row.samples.push_back(measurePeer(scene, view, largest_side_px, &row));
+        continue;
+      }
       const ProcessorTime pose_time;
       const auto result = estimator_.estimate(tags, scene.camera, row.has_depth ? view.depth_m : cv::Mat());
       row.pose_ms.push_back(pose_time.ms());
@@ -387,15 +418,36 @@ class Evaluation {
     }
   }
 
+  /// On a scene of one board.
+  Sample measurePeer(const RenderScene& scene, const RenderedView& view, double side_px, Row* row) {
+    const auto& [tag_id, label] = *scene.bricks[0].tags.begin();
+    const ProcessorTime time;
+    const std::vector<LibapriltagAlone::Tag> tags = peer_->detect(view.grey, scene.camera, label.black_border_edge_m);
+    row->detect_ms.push_back(time.ms());
+    Sample sample;
+    sample.side_px = side_px;
+    for (const LibapriltagAlone::Tag& tag : tags) {
+      if (tag.id != tag_id || sample.is_used) continue;
+      sample.is_detected = true;
+      compare(tag.T_camera_tag * label.T_brick_tag.inverse(), scene.bricks[0].T_camera_brick, &sample);
+    }
+    row->false_bricks += static_cast<int>(tags.size()) - (sample.is_used ? 1 : 0);
+    return sample;
+  }
+
+  static void compare(const Eigen::Isometry3d& found, const Eigen::Isometry3d& truth, Sample* sample) {
+    sample->is_used = true;
+    sample->position_m = (found.translation() - truth.translation()).norm();
+    const Eigen::Matrix3d R = found.linear().transpose() * truth.linear();
+    sample->angle_rad = Eigen::AngleAxisd(R).angle();
+    sample->normal_rad = std::acos(std::clamp(R(2, 2), -1.0, 1.0));
+  }
+
   static void judge(const BrickPoseEstimator::Result& result, const Eigen::Isometry3d& T_camera_brick, int brick_id,
                     Sample* sample) {
     for (const BrickSighting& brick : result.bricks) {
       if (brick.brick_id != brick_id || sample->is_used) continue;
-      sample->is_used = true;
-      sample->position_m = (brick.T_camera_brick.translation() - T_camera_brick.translation()).norm();
-      const Eigen::Matrix3d R = brick.T_camera_brick.linear().transpose() * T_camera_brick.linear();
-      sample->angle_rad = Eigen::AngleAxisd(R).angle();
-      sample->normal_rad = std::acos(std::clamp(R(2, 2), -1.0, 1.0));
+      compare(brick.T_camera_brick, T_camera_brick, sample);
     }
   }
 
@@ -403,6 +455,8 @@ class Evaluation {
   BrickPoseEstimator estimator_;
   std::unique_ptr<TagDetector> detector_;
   std::unique_ptr<TagDetector> coarse_detector_;
+  std::unique_ptr<LibapriltagAlone> peer_;         ///< null for other families
+  std::unique_ptr<LibapriltagAlone> coarse_peer_;  ///< as its defaults are
   std::ostream* out_;
   std::uint32_t seed_{1};
 };
