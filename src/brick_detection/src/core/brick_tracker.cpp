@@ -9,6 +9,7 @@
 #include <Eigen/Dense>
 
 #include "range_check.h"
+#include "rotation.h"
 
 namespace brick_detection {
 namespace {
@@ -26,12 +27,6 @@ bool isRigid(const Eigen::Isometry3d& pose) {
   return pose.matrix().allFinite() &&
          (pose.linear() * pose.linear().transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-4 &&
          pose.linear().determinant() > 0.0;
-}
-
-Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
 }
 
 Matrix6d diagonal(double std_m, double std_rad) {
@@ -78,7 +73,7 @@ BrickTracker::Look BrickTracker::makeLook(const Eigen::Isometry3d& T_map_camera,
   // A camera at t + dt, turned by dr, takes the brick along on its arm: dt + dr x arm.
   const Eigen::Vector3d arm = look.T_map_brick.translation() - T_map_camera.translation();
   Matrix6d by_camera = Matrix6d::Identity();
-  by_camera.topRightCorner<3, 3>() = -cross(arm);
+  by_camera.topRightCorner<3, 3>() = -skew(arm);
   look.camera_covariance = by_camera * diagonal(config_.camera_std_m, config_.camera_std_rad) * by_camera.transpose();
   return look;
 }

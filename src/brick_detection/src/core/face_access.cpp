@@ -3,29 +3,24 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <stdexcept>
+
+#include "range_check.h"
 
 namespace brick_detection {
 
 namespace description = mp700_ur5e_description;
 
 std::vector<std::string> FaceAccessConfig::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double low, double high, const char* unit) {
-    if (value >= low && value <= high) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g%s, must be in [%g, %g]%s", key, value, unit, low, high, unit);
-    problems.emplace_back(text);
-  };
-  check("corridor_m", corridor_m, 0.01, 2.0, " m");
-  check("tool_radius_m", tool_radius_m, 0.005, 0.5, " m");
-  check("gap_m", gap_m, 0.0, 0.5, " m");
-  check("sample_m", sample_m, 0.005, 0.2, " m");
-  check("max_down_rad", max_down_rad, 0.0, 1.5707963267948966, " rad");
+  RangeCheck check;
+  check("corridor_m", corridor_m, 0.01, 2.0, "m");
+  check("tool_radius_m", tool_radius_m, 0.005, 0.5, "m");
+  check("gap_m", gap_m, 0.0, 0.5, "m");
+  check("sample_m", sample_m, 0.005, 0.2, "m");
+  check("max_down_rad", max_down_rad, 0.0, 1.5707963267948966, "rad");
   check("unknown_weight", unknown_weight, 0.0, 1.0, "");
   check("min_clear", min_clear, 0.0, 1.0, "");
-  return problems;
+  return check.problems();
 }
 
 Eigen::Matrix3Xd approachPoints(const Eigen::Isometry3d& T_map_plate, const FaceAccessConfig& config) {

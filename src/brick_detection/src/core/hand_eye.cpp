@@ -12,6 +12,9 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/eigen.hpp>
 
+#include "brick_detection/pose_refinement.h"
+#include "rotation.h"
+
 namespace brick_detection {
 namespace {
 
@@ -37,24 +40,6 @@ std::string format(const char* pattern, Args... args) {
   return text;
 }
 
-Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
-  return (Eigen::Matrix3d() << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0).finished();
-}
-
-Eigen::Vector3d rotationVector(const Eigen::Matrix3d& R) {
-  Eigen::Quaterniond q(R);
-  if (q.w() < 0.0) q.coeffs() = -q.coeffs();
-  const double sine = q.vec().norm();
-  // Near zero 2 atan2(s, c) / s is 2 to all digits.
-  return (sine < 1e-12 ? 2.0 : 2.0 * std::atan2(sine, q.w()) / sine) * q.vec();
-}
-
-Eigen::Matrix3d rotationOf(const Eigen::Vector3d& r) {
-  const double angle = r.norm();
-  if (angle < 1e-15) return Eigen::Matrix3d::Identity();
-  return Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
-}
-
 /// d Log(exp(d) exp(r)) / dd at d = 0: inverse of the left Jacobian of SO(3) (Barfoot, State Estimation for Robotics, eq.
 /// 7.77).
 Eigen::Matrix3d inverseLeftJacobian(const Eigen::Vector3d& r) {
@@ -65,14 +50,6 @@ Eigen::Matrix3d inverseLeftJacobian(const Eigen::Vector3d& r) {
                             ? 1.0 / 12.0 + angle * angle / 720.0
                             : 1.0 / (angle * angle) - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
   return Eigen::Matrix3d::Identity() - 0.5 * K + factor * K * K;
-}
-
-Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vector6d& change) {
-  Eigen::Isometry3d result = Eigen::Isometry3d::Identity();
-  result.translation() = T.translation() + change.head<3>();
-  // By way of a quaternion: a product of matrices drifts from a rotation.
-  result.linear() = Eigen::Quaterniond(rotationOf(change.tail<3>()) * T.linear()).normalized().toRotationMatrix();
-  return result;
 }
 
 void requireUsable(const std::vector<HandEyeSample>& samples) {

@@ -3,17 +3,19 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <map>
 #include <set>
 #include <stdexcept>
 
+#include "brick_detection/pose_refinement.h"
+#include "range_check.h"
+#include "rotation.h"
+
 namespace brick_detection {
 namespace {
 
 namespace description = mp700_ur5e_description;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 struct Member {
   Eigen::Isometry3d T_camera_brick{Eigen::Isometry3d::Identity()};
@@ -29,22 +31,11 @@ bool isPose(const Eigen::Isometry3d& T) {
          T.linear().determinant() > 0.0;
 }
 
-Eigen::Matrix3d crossMatrix(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
-  return m;
-}
-
-Eigen::Vector3d rotationVector(const Eigen::Matrix3d& R) {
-  const Eigen::AngleAxisd turn(R);
-  return turn.angle() * turn.axis();
-}
-
 /// Error of the brick's pose from that of the marker's: its middle lies at the end of a lever.
 Matrix6d brickCovariance(const Eigen::Isometry3d& T_camera_tag, const Eigen::Isometry3d& T_camera_brick,
                          const MarkerConfig& config) {
   Matrix6d J = Matrix6d::Identity();
-  J.topRightCorner<3, 3>() = -crossMatrix(T_camera_brick.translation() - T_camera_tag.translation());
+  J.topRightCorner<3, 3>() = -skew(T_camera_brick.translation() - T_camera_tag.translation());
   Vector6d variance;
   variance << Eigen::Vector3d::Constant(config.position_std_m * config.position_std_m),
       Eigen::Vector3d::Constant(config.rotation_std_rad * config.rotation_std_rad);
@@ -59,21 +50,12 @@ BrickSighting fuse(int brick_id, const Group& group) {
   Matrix6d information = Matrix6d::Zero();
   Vector6d weighted = Vector6d::Zero();
   for (const Member& member : group) {
-    Vector6d offset;
-    offset << member.T_camera_brick.translation() - T_first.translation(),
-        rotationVector(member.T_camera_brick.linear() * T_first.linear().transpose());
     information += member.information;
-    weighted += member.information * offset;
+    weighted += member.information * stepBetween(T_first, member.T_camera_brick);
     brick.faces.push_back(member.face);
   }
   brick.covariance = information.inverse();
-  const Vector6d mean = brick.covariance * weighted;
-  const double angle = mean.tail<3>().norm();
-  brick.T_camera_brick = T_first;
-  brick.T_camera_brick.translation() += mean.head<3>();
-  if (angle > 0.0) {
-    brick.T_camera_brick.linear() = Eigen::AngleAxisd(angle, mean.tail<3>() / angle) * T_first.linear();
-  }
+  brick.T_camera_brick = moved(T_first, brick.covariance * weighted);
   std::sort(brick.faces.begin(), brick.faces.end());
   return brick;
 }
@@ -81,18 +63,12 @@ BrickSighting fuse(int brick_id, const Group& group) {
 }  // namespace
 
 std::vector<std::string> MarkerConfig::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
-    if (value >= lo && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
-    problems.emplace_back(text);
-  };
+  RangeCheck check;
   check("position_std_m", position_std_m, 1e-5, 1.0, "m");
   check("rotation_std_rad", rotation_std_rad, 1e-4, 1.0, "rad");
   check("same_brick_m", same_brick_m, 1e-3, 1.0, "m");
   check("same_brick_rad", same_brick_rad, 1e-3, 3.0, "rad");
-  return problems;
+  return check.problems();
 }
 
 BrickPoseEstimator::Result sightingsOfMarkers(const std::vector<MarkerObservation>& markers,

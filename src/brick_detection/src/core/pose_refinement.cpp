@@ -5,6 +5,8 @@
 
 #include <Eigen/Dense>
 
+#include "rotation.h"
+
 namespace brick_detection {
 namespace {
 
@@ -17,12 +19,6 @@ constexpr double kCauchyScale = 3.0;
 constexpr int kMaxIterations = 60;
 constexpr double kSmallestStep = 1e-10;  // [m, rad]: far below any measurement, far above rounding
 constexpr double kLeastDepth_m = 1e-3;
-
-Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 /// The weight that goes with robustCost().
 double robustWeight(double squared) {
@@ -87,24 +83,15 @@ double robustCost(double chi2) {
 
 Eigen::Isometry3d moved(const Eigen::Isometry3d& pose, const Vector6d& step) {
   Eigen::Isometry3d result = pose;
-  const double angle = step.tail<3>().norm();
-  if (angle > 0.0) {
-    const Eigen::AngleAxisd turn(angle, step.tail<3>() / angle);
-    result.linear() = Eigen::Quaterniond(turn * pose.linear()).normalized().toRotationMatrix();
-  }
+  // By way of a quaternion: a product of matrices drifts from a rotation.
+  result.linear() = Eigen::Quaterniond(rotationOf(step.tail<3>()) * pose.linear()).normalized().toRotationMatrix();
   result.translation() += step.head<3>();
   return result;
 }
 
 Vector6d stepBetween(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to) {
   Vector6d step;
-  step.head<3>() = to.translation() - from.translation();
-  Eigen::Quaterniond turn(to.linear() * from.linear().transpose());
-  if (turn.w() < 0.0) turn.coeffs() *= -1.0;
-  // Logarithm by atan2: AngleAxis loses small angles to rounding.
-  const double sine = turn.vec().norm();
-  const double factor = sine > 1e-12 ? 2.0 * std::atan2(sine, turn.w()) / sine : 2.0;
-  step.tail<3>() = factor * turn.vec();
+  step << to.translation() - from.translation(), rotationVector(to.linear() * from.linear().transpose());
   return step;
 }
 
@@ -137,7 +124,7 @@ Eigen::Vector2d pointResidual(const PointMeasurement& measurement, const Eigen::
     by_point << per_z, 0.0, -p.x() * per_z * per_z, 0.0, per_z, -p.y() * per_z * per_z;
     by_point = (measurement.px_per_bearing * by_point).eval();
     jacobian->leftCols<3>() = by_point;
-    jacobian->rightCols<3>() = -by_point * cross(arm);  // exp(dr) arm = arm + dr x arm
+    jacobian->rightCols<3>() = -by_point * skew(arm);  // exp(dr) arm = arm + dr x arm
   }
   return measurement.px_per_bearing * (p.head<2>() * per_z - measurement.bearing);
 }
