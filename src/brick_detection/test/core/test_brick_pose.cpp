@@ -7,6 +7,7 @@
 #include <limits>
 #include <set>
 
+#include <Eigen/Eigenvalues>
 #include <gmock/gmock.h>
 #include <opencv2/core.hpp>
 
@@ -413,6 +414,22 @@ TEST_F(BrickPose, BricksComeInOrderOfTheirIds) {
   for (std::size_t i = 0; i < tags.size(); ++i) EXPECT_EQ(result.tags[i].tag.id, tags[i].id);
   EXPECT_EQ(result.tags[0].brick_id, 9);
   EXPECT_EQ(result.tags[0].face, catalogue_.brickOfTag(tags[0].id)->face);
+}
+
+// A tag whose second pose is out of the question, and whose rotation still is not known as well as asked for.
+TEST_F(BrickPose, RefusesWhatItDoesNotKnowWellEnough) {
+  const auto tags = observeBrick(catalogue_, 2, facing({0.0, 0.0, 1.0}, 0.6), camera_, 0.7);
+  ASSERT_THAT(tags, SizeIs(1));
+  const auto usual = estimator_.estimate(tags, camera_, no_depth_);
+  ASSERT_THAT(usual.bricks, SizeIs(1));
+  const Eigen::Matrix3d of_rotation = usual.bricks[0].covariance.bottomRightCorner<3, 3>();
+  const double std_rad = std::sqrt(of_rotation.selfadjointView<Eigen::Lower>().eigenvalues().maxCoeff());
+  for (const double share : {0.9, 1.1}) {
+    BrickPoseConfig config;
+    config.max_rotation_std_rad = share * std_rad;
+    const auto result = BrickPoseEstimator(catalogue_, config).estimate(tags, camera_, no_depth_);
+    EXPECT_EQ(result.tags[0].status, share < 1.0 ? TagStatus::kAmbiguous : TagStatus::kUsed) << std_rad;
+  }
 }
 
 TEST_F(BrickPose, EachGateHasItsStatus) {
