@@ -3,8 +3,12 @@
 #include <future>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <interactive_mapping_msgs/BrickDetectionUpdate.h>
 #include <interactive_mapping_msgs/DetectBricks.h>
 #include <rosgraph_msgs/Clock.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <tf2_ros/static_transform_broadcaster.h>
 
 #include "ros/waiting.h"
 
@@ -104,6 +108,64 @@ TEST_F(DetectionClock, EndsWhenItRunsBack) {
   const DetectBricks::Response response = answer.get();
   EXPECT_EQ(static_cast<int>(response.status), DetectBricks::Response::NO_IMAGE);
   EXPECT_NE(response.message.find("ran back"), std::string::npos) << response.message;
+}
+
+// An empty room, which is a look as good as any.
+void publishImage(const ros::Publisher& images, const ros::Publisher& infos, double stamp_s) {
+  sensor_msgs::CameraInfo info;
+  info.header.frame_id = "camera";
+  info.header.stamp = ros::Time(stamp_s);
+  info.width = 64;
+  info.height = 48;
+  info.K = {60.0, 0.0, 31.5, 0.0, 60.0, 23.5, 0.0, 0.0, 1.0};
+  info.R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+  info.P = {60.0, 0.0, 31.5, 0.0, 0.0, 60.0, 23.5, 0.0, 0.0, 0.0, 1.0, 0.0};
+  infos.publish(info);
+  sensor_msgs::Image image;
+  image.header = info.header;
+  image.width = 64;
+  image.height = 48;
+  image.step = 64;
+  image.encoding = "mono8";
+  image.data.assign(64 * 48, 128);
+  images.publish(image);
+}
+
+// A restarted simulation: looks of before carry later stamps than the call, and are no answer.
+TEST_F(DetectionClock, LooksOfBeforeItRanBackAreNoAnswer) {
+  using interactive_mapping_msgs::BrickDetectionUpdate;
+  tf2_ros::StaticTransformBroadcaster tf;
+  geometry_msgs::TransformStamped T_map_camera;
+  T_map_camera.header.frame_id = "map";
+  T_map_camera.child_frame_id = "camera";
+  T_map_camera.transform.rotation.w = 1.0;
+  tf.sendTransform(T_map_camera);
+  const ros::Publisher images =
+      ros::NodeHandle().advertise<sensor_msgs::Image>("/brick_detection_in/color/image_raw", 1);
+  const ros::Publisher infos =
+      ros::NodeHandle().advertise<sensor_msgs::CameraInfo>("/brick_detection_in/color/camera_info", 1);
+  bool is_accepted = false;
+  const ros::Subscriber updates = ros::NodeHandle().subscribe<BrickDetectionUpdate>(
+      "/brick_detection/update", 10, [&](const boost::shared_ptr<const BrickDetectionUpdate>& update) {
+        is_accepted |= update->status == BrickDetectionUpdate::ACCEPTED;
+      });
+  ASSERT_TRUE(waitUntil([&] {
+    return images.getNumSubscribers() > 0 && infos.getNumSubscribers() > 0 && updates.getNumPublishers() > 0;
+  }));
+  double now_s = next_s_;
+  ASSERT_TRUE(waitUntil([&] {
+    now_s += 0.1;
+    show(now_s);
+    publishImage(images, infos, now_s);
+    return is_accepted;
+  }));
+  show(20.0);
+  std::future<DetectBricks::Response> answer = detectLater(1.0);
+  EXPECT_TRUE(waitUntil([&] { return isReady(answer); }));
+  const DetectBricks::Response response = answer.get();
+  // One that was under way may be told as refused.
+  EXPECT_NE(static_cast<int>(response.status), DetectBricks::Response::OK)
+      << "look of " << response.update.header.stamp << ", " << response.message;
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <exception>
 #include <memory>
 
 #include <nodelet/nodelet.h>
@@ -11,7 +12,12 @@ namespace brick_detection_ros {
 class BrickDetectionNodelet : public nodelet::Nodelet {
   // The queue with several threads: its callbacks only store what they get, and need not wait for one another.
   void onInit() override {
-    detection_ = std::make_unique<BrickDetectionRos>(getMTNodeHandle(), getMTPrivateNodeHandle());
+    try {
+      detection_ = std::make_unique<BrickDetectionRos>(getMTNodeHandle(), getMTPrivateNodeHandle());
+    } catch (const std::exception& error) {
+      NODELET_FATAL("%s", error.what());  // the loader tells only that it failed
+      throw;
+    }
   }
 
   std::unique_ptr<BrickDetectionRos> detection_;

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <exception>
 #include <memory>
 
 #include <nodelet/nodelet.h>
@@ -10,7 +11,14 @@ namespace gpis_mapping_ros {
 
 class GpisMappingNodelet : public nodelet::Nodelet {
   // The queue with several threads: a query waits for no save.
-  void onInit() override { map_ = std::make_unique<GpisMappingRos>(getMTNodeHandle(), getMTPrivateNodeHandle()); }
+  void onInit() override {
+    try {
+      map_ = std::make_unique<GpisMappingRos>(getMTNodeHandle(), getMTPrivateNodeHandle());
+    } catch (const std::exception& error) {
+      NODELET_FATAL("%s", error.what());  // the loader tells only that it failed
+      throw;
+    }
+  }
 
   std::unique_ptr<GpisMappingRos> map_;
 };

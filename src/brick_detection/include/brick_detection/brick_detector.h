@@ -82,6 +82,9 @@ class BrickDetector {
   /// Forgets all bricks and the time. What is in the hand stays there.
   void clear();
 
+  /// Forgets what the map has answered: faces are ranked by neighbours alone until it answers again.
+  void forgetMap() { approaches_.clear(); }
+
   const mp700_ur5e_description::BrickCatalogue& catalogue() const { return estimator_.catalogue(); }
   const BrickDetectionConfig& config() const { return config_; }
 

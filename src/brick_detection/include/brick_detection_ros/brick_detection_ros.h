@@ -95,6 +95,7 @@ class BrickDetectionRos {
   ros::Time stamp_;           // of the newest image in it
   std::vector<int> dropped_;  // since the last update
   std::string last_drop_;
+  std::string depth_contradiction_;  // in the last look; empty: none
   std::uint64_t num_looks_{0};
   std::optional<int> attached_id_;
   ros::Publisher bricks_publisher_, marker_publisher_;

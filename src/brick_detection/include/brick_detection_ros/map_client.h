@@ -30,6 +30,7 @@ class MapClient {
     std::function<void(const MapQuestion& question, const std::vector<brick_detection::SpaceState>& states,
                        const ros::Time& map_stamp)>
         answer;
+    std::function<void()> lost;  ///< the map that has answered does so no more
   };
   struct Counters {
     std::uint64_t updates{0};  // of the map

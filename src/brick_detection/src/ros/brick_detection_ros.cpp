@@ -50,6 +50,20 @@ ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) 
   return other;
 }
 
+/// What to say when the depth image denies everything that the colour image shows; empty: it does not.
+std::string contradictionOf(const brick_detection::BrickPoseEstimator::Result& found) {
+  int denied = 0;
+  for (const brick_detection::TagSighting& tag : found.tags) {
+    if (tag.status == TagStatus::kUsed) return "";
+    denied += tag.status == TagStatus::kContradictsDepth ? 1 : 0;
+  }
+  if (denied == 0) return "";
+  return "no tag is used, and " + std::to_string(denied) +
+         " contradict the depth image: is it registered to the colour image, are depth_units_per_metre and the tags' "
+         "size "
+         "right?";
+}
+
 }  // namespace
 
 BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
@@ -74,6 +88,11 @@ BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeH
     callbacks.ask = [this] {
       const std::lock_guard<std::mutex> lock(detector_mutex_);
       return detector_.mapQuestion();
+    };
+    callbacks.lost = [this] {
+      const std::lock_guard<std::mutex> lock(detector_mutex_);
+      detector_.forgetMap();
+      publishBricks();
     };
     callbacks.answer = [this](const auto& question, const auto& states, const ros::Time& map_stamp) {
       onMapAnswer(question, states, map_stamp);
@@ -164,6 +183,8 @@ void BrickDetectionRos::consume(const InputFrame& frame) {
     update.pose_ms = static_cast<float>(look.pose_ms);
     update.track_ms = static_cast<float>(look.track_ms);
     update.total_ms = update.detect_ms + update.pose_ms + update.track_ms;
+    depth_contradiction_ = contradictionOf(look.found);
+    if (!depth_contradiction_.empty()) update.message += (update.message.empty() ? "" : "; ") + depth_contradiction_;
     publishBricks();
   }
   if (map_ && !look.found.bricks.empty()) map_->wake();
@@ -324,9 +345,16 @@ bool BrickDetectionRos::onDetect(DetectBricks::Request& request, DetectBricks::R
     response.message = message;
   };
 
+  if (timeout_s < 0.0) {
+    answer(Response::NO_IMAGE,
+           "timeout = " + formatted("%g s", timeout_s) + ", must be at least 0 s (0: the node's own)");
+    return true;
+  }
   std::unique_lock<std::mutex> lock(look_mutex_);
   const auto place = waiting_since_.insert(called);
   const std::shared_ptr<const LookRecord> refused_before = last_refused_;
+  // A stamp alone does not tell: after time has run back, looks of before carry later ones, and one may be under way.
+  const std::uint64_t number_before = last_accepted_ ? last_accepted_->number : 0;
   ros::Time clock = called;
   ros::WallTime clock_moved = ros::WallTime::now();
   while (true) {
@@ -335,7 +363,11 @@ bool BrickDetectionRos::onDetect(DetectBricks::Request& request, DetectBricks::R
       break;
     }
     // Exposed after the call, not at its very moment: that one may show the world before.
-    if (last_accepted_ && last_accepted_->update.header.stamp > called) {
+    const auto isAnswer = [&](const LookRecord& look) {
+      const double ahead_s = look.update.header.stamp.toSec() - ros::Time::now().toSec();
+      return look.number > number_before && look.update.header.stamp > called && ahead_s <= params_.input.max_future_s;
+    };
+    if (last_accepted_ && isAnswer(*last_accepted_)) {
       response.update = last_accepted_->update;
       response.bricks = last_accepted_->bricks;
       answer(Response::OK, last_accepted_->update.message);
@@ -471,6 +503,7 @@ void BrickDetectionRos::diagnoseBricks(diagnostic_updater::DiagnosticStatusWrapp
   std::string last_drop;
   std::optional<int> attached_id;
   std::uint64_t looks = 0;
+  std::string contradiction;
   {
     const std::lock_guard<std::mutex> lock(detector_mutex_);
     known = detector_.bricks().size();
@@ -480,8 +513,11 @@ void BrickDetectionRos::diagnoseBricks(diagnostic_updater::DiagnosticStatusWrapp
     last_drop = last_drop_;
     attached_id = attached_id_;
     looks = num_looks_;
+    contradiction = depth_contradiction_;
   }
-  if (duplicates.empty()) {
+  if (!contradiction.empty()) {
+    status.summary(DiagnosticStatus::WARN, contradiction);
+  } else if (duplicates.empty()) {
     status.summary(DiagnosticStatus::OK, "");
   } else {
     status.summary(DiagnosticStatus::WARN,

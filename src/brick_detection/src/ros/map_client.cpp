@@ -89,8 +89,14 @@ void MapClient::work() {
 }
 
 void MapClient::fail(const std::string& why) {
+  bool is_lost = false;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (is_stopping_) return;
+    is_lost = counters_.answers > 0 && counters_.last_failure.empty();
+  }
+  if (is_lost) callbacks_.lost();
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (is_stopping_) return;
   counters_.last_failure = why;
   // Somebody may well work without a map.
   if (counters_.updates == 0 && counters_.answers == 0) return;

@@ -266,6 +266,13 @@ void BrickCatalogue::validateList(int num_ids, std::vector<std::string>* problem
         }
       }
       if (!is_on_face) problems->push_back(label + ", must lie on its face: a corner of its border is outside");
+      for (const auto& [other_id, other_tag] : brick.tags) {
+        const double distance_m = (other_tag.T_brick_tag.translation() - tag.T_brick_tag.translation()).norm();
+        if (other_id < tag_id && other_tag.face == tag.face &&
+            distance_m < 0.5 * (other_tag.black_border_edge_m + tag.black_border_edge_m)) {
+          problems->push_back(label + ", must lie beside tag " + std::to_string(other_id) + ", not on it");
+        }
+      }
     }
   }
 }

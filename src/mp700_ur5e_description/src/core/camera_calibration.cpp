@@ -76,20 +76,22 @@ CameraCalibration parseCameraCalibration(const std::string& text, const std::str
   const Interval error_m{0.0, 1.0, "m"};
   const Interval error_rad{0.0, M_PI, "rad"};
   CameraCalibration calibration;
-  readYaml(text, name, [&](YamlMap& file, std::vector<std::string>&) {
+  readYaml(text, name, [&](YamlMap& file, std::vector<std::string>& problems) {
     calibration.parent_frame = file.word("parent_frame");
     calibration.child_frame = file.word("child_frame");
     if (!calibration.child_frame.empty() && calibration.child_frame == calibration.parent_frame) {
       file.note("child_frame", calibration.child_frame, "another frame than parent_frame");
     }
     calibration.T_parent_child.translation() = file.numbers("translation_m", 3, place);
+    const std::size_t num_problems = problems.size();
     const Eigen::Vector4d xyzw = file.numbers("rotation_xyzw", 4, {-1.0, 1.0, ""});
+    const bool is_read = problems.size() == num_problems;
     const Eigen::Vector3d rpy = file.numbers("rpy_rad", 3, angle);
     Eigen::Quaterniond q(xyzw);
     // What the file's ten digits leave is 1e-10; more is an error of whoever edited it.
     constexpr double kRounding = 1e-6;
     if (std::abs(q.norm() - 1.0) > kRounding) {
-      if (!xyzw.isZero()) file.note("rotation_xyzw", "of length " + toText(q.norm()), "of length 1");
+      if (is_read) file.note("rotation_xyzw", "of length " + toText(q.norm()), "of length 1");
       q = Eigen::Quaterniond::Identity();
     } else if (q.angularDistance(Eigen::Quaterniond(fromRpy(rpy))) > kRounding) {
       file.note("rpy_rad", digits(rpy, " "),

@@ -198,6 +198,8 @@ TEST(BrickTypes, RefusesLabelsThatContradictEachOther) {
                 "must lie on its face");
   expectRefused("  - {id: 51, type: brick, tags: [{id: 70, face: +z, black_border_edge_m: 0}]}\n",
                 "bricks[0]/tags[0]/black_border_edge_m = 0, must be a number in (0, 2] m");
+  expectRefused("  - {id: 51, type: brick, tags: [{id: 70, face: +z}, {id: 71, face: +z, center_m: [0.05, 0.0]}]}\n",
+                "bricks: tag id = 71 of brick 51, must lie beside tag 70, not on it");
   expectRefused("  - {id: 51, type: brick, tags: []}\n", "bricks[0]/tags = [], must be a list of at least one map");
   EXPECT_NE(
       refusal(changed("first_id: 0", "first_id: 0\n  num_bricks: 98")).find("tags/num_bricks = 98, must be at most 97"),

@@ -121,6 +121,11 @@ TEST(CameraCalibration, RotationsThatAreNoneOrTwoAreRefused) {
               parseCameraCalibration(replaced(text, first, "0.2"), "test");
             }).find("rotation_xyzw = of length "),
             std::string::npos);
+  const std::size_t end = text.find(']', at);
+  EXPECT_NE(refusalBy([&] {
+              parseCameraCalibration(text.substr(0, at) + "0, 0, 0, 0" + text.substr(end), "test");
+            }).find("rotation_xyzw = of length 0, must be of length 1"),
+            std::string::npos);
   const std::size_t roll_at = text.find("rpy_rad: [") + 10;
   const std::string roll = text.substr(roll_at, text.find(',', roll_at) - roll_at);
   EXPECT_NE(refusalBy([&] {
