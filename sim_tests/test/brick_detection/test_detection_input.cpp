@@ -295,6 +295,18 @@ TEST(DetectionInput, DepthThatSaysNothingIsDoneWithout) {
   EXPECT_TRUE(live.look(frameOfTwo()).has_depth);
 }
 
+// As with wrong units: the depth denies every tag, and somebody must be told.
+TEST(DetectionInput, DepthThatDeniesEveryTagIsTold) {
+  BrickCamera& live = fresh("/patient");
+  BrickFrame frame = frameOfTwo();
+  frame.depth = toImageMessage(cv::Mat(360, 480, CV_32FC1, cv::Scalar(0.2)), "32FC1");
+  const DetectionUpdate update = live.look(frame);
+  EXPECT_EQ(static_cast<int>(update.status), DetectionUpdate::ACCEPTED) << update.message;
+  EXPECT_TRUE(update.bricks_seen.empty());
+  EXPECT_PRED2(has, update.message, "contradict the depth image: is it registered");
+  EXPECT_TRUE(live.look(frameOfTwo()).message.empty());
+}
+
 TEST(DetectionInput, DepthBelongsToTheNearestStamp) {
   BrickCamera& live = fresh("/patient");
   // An unusable one at the moment of the image would be told of: the one 5 ms beside it is not at that moment.

@@ -272,6 +272,12 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
                         : refusal.message);
       return false;
     }
+    const std::string depth_frame = withoutSlash(inputs.depth->header.frame_id);
+    if (depth_frame != withoutSlash(image.header.frame_id)) {
+      *message = "the depth image is of frame '" + depth_frame + "', must be of the colour image's, '" +
+                 withoutSlash(image.header.frame_id) + "': registered to it (use_depth: false does without)";
+      return false;
+    }
     depth_m = *depth;
   }
   std::optional<brick_detection::BrickSighting> target;

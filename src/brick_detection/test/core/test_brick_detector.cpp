@@ -205,6 +205,14 @@ TEST(BrickDetector, FacesAreRankedByTheMapsAnswer) {
   EXPECT_EQ(faces[0].face, BrickFace::kMinusX);
   EXPECT_EQ(faces[0].free_share, 1.0);
 
+  // The map is gone: all is unknown again until it answers anew.
+  detector.forgetMap();
+  faces = detector.graspableFaces(0);
+  ASSERT_FALSE(faces.empty());
+  EXPECT_EQ(faces.front().face, BrickFace::kPlusZ);
+  EXPECT_EQ(faces.front().unknown_share, 1.0);
+  EXPECT_THAT(detector.takeMapAnswer(question, states, 2.5), IsEmpty());
+
   // A neighbour that was found since stands there, whatever the map said.
   detector.addMarkers(markersOf({{3, T_map_brick}, {4, standing(-0.35, 0.0, 0.1, 0.0)}}), cameraPose(), 3.0);
   EXPECT_THAT(detector.graspableFaces(0), IsEmpty());
