@@ -8,7 +8,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "range_check.h"
+#include "brick_detection/range_check.h"
 
 namespace brick_detection {
 namespace {

@@ -7,7 +7,7 @@
 
 #include <Eigen/Dense>
 
-#include "range_check.h"
+#include "brick_detection/range_check.h"
 
 namespace brick_detection {
 namespace {

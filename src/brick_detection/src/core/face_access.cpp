@@ -5,7 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "range_check.h"
+#include "brick_detection/range_check.h"
 
 namespace brick_detection {
 

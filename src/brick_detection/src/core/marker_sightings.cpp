@@ -9,7 +9,7 @@
 #include <stdexcept>
 
 #include "brick_detection/pose_refinement.h"
-#include "range_check.h"
+#include "brick_detection/range_check.h"
 #include "rotation.h"
 
 namespace brick_detection {

@@ -11,6 +11,7 @@
 
 #include "apriltag_detector.h"
 #include "aruco_detector.h"
+#include "brick_detection/range_check.h"
 #include "detector_support.h"
 
 namespace brick_detection {
@@ -61,9 +62,7 @@ std::vector<std::string> TagDetectorConfig::validate() const {
 }
 
 std::unique_ptr<TagDetector> makeTagDetector(const TagDetectorConfig& config) {
-  std::string text;
-  for (const std::string& problem : config.validate()) text += (text.empty() ? "" : "\n") + problem;
-  if (!text.empty()) throw std::invalid_argument(text);
+  throwIfAny(config.validate());
   return isAprilTagFamily(config.family) ? makeAprilTagDetector(config) : makeArucoDetector(config);
 }
 

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "brick_detection_ros/brick_detection_params.h"
 
-#include <cstdio>
-
+#include <gpis_mapping_ros/param_reader.h>
 #include <yaml-cpp/yaml.h>
 
-#include <gpis_mapping_ros/param_reader.h>
+#include "brick_detection/range_check.h"
 
 namespace brick_detection_ros {
 namespace {
@@ -44,12 +43,7 @@ void put(YAML::Node node, const std::string& key, const Value& value) {
 
 std::vector<std::string> BrickDetectionParams::validate() const {
   std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
-    if (value >= lo && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
-    problems.emplace_back(text);
-  };
+  brick_detection::RangeCheck check;
   if (bricks_file.empty() || bricks_file.front() != '/') {
     problems.push_back("bricks_file = '" + bricks_file + "', must be the absolute path of a bricks.yaml");
   }
@@ -60,6 +54,7 @@ std::vector<std::string> BrickDetectionParams::validate() const {
   check("map/answer_age_s", map.answer_age_s, 0.1, 600.0, "s");
   check("output/ellipsoid_sigmas", output.ellipsoid_sigmas, 0.1, 1000.0, "sigma");
   check("output/arrow_m", output.arrow_m, 0.01, 1.0, "m");
+  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
   return problems;
 }
 

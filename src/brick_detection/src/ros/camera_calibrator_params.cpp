@@ -7,6 +7,8 @@
 #include <gpis_mapping_ros/param_reader.h>
 #include <yaml-cpp/yaml.h>
 
+#include "brick_detection/range_check.h"
+
 namespace brick_detection_ros {
 namespace {
 
@@ -51,12 +53,7 @@ void visitFields(Params& params, Visitor&& visit) {
 
 std::vector<std::string> CameraCalibratorParams::validate() const {
   std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double low, double high, const char* unit) {
-    if (value >= low && value <= high) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, low, high, unit);
-    problems.push_back(text);
-  };
+  brick_detection::RangeCheck check;
   const auto frame = [&problems](const char* key, const std::string& value) {
     if (!value.empty() && value.front() != '/') return;
     problems.push_back(std::string(key) + " = '" + value + "', must be a tf2 frame: not empty, no leading slash");
@@ -91,6 +88,7 @@ std::vector<std::string> CameraCalibratorParams::validate() const {
   check("still_s", still_s, 0.1, 30.0, "s");
   check("max_image_age_s", max_image_age_s, 0.05, 60.0, "s");
   check("tf_timeout_s", tf_timeout_s, 0.0, 10.0, "s");
+  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
   for (const std::string& problem : pose.validate()) problems.push_back("pose/" + problem);
   for (const std::string& problem : session.validate()) {
     problems.push_back(problem.rfind("hand_eye/", 0) == 0 ? problem : "samples/" + problem);

@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "brick_detection/range_check.h"
+
 namespace brick_detection_ros {
 namespace {
 
@@ -51,15 +53,11 @@ std_msgs::Header headerOf(const ar_track_alvar_msgs::AlvarMarkers& message) {
 
 std::vector<std::string> ImageInputParams::validate() const {
   std::vector<std::string> problems = CameraPoseParams::validate();
-  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
-    if (value >= lo && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
-    problems.emplace_back(text);
-  };
+  brick_detection::RangeCheck check;
   check("max_depth_offset_s", max_depth_offset_s, 0.0, 1.0, "s");
   check("depth_timeout_s", depth_timeout_s, 0.0, 10.0, "s");
   check("depth_units_per_metre", depth_units_per_metre, 1.0, 1e6, "1/m");
+  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
   for (const auto& [key, value] :
        {std::make_pair("image_transport", image_transport), std::make_pair("depth_transport", depth_transport)}) {
     if (value.empty()) problems.push_back(std::string(key) + " = '', must name a transport, such as raw");
