@@ -7,7 +7,7 @@
 
 #include <Eigen/Dense>
 
-#include "brick_detection/range_check.h"
+#include "gpis_mapping/range_check.h"
 
 namespace brick_detection {
 namespace {
@@ -193,7 +193,7 @@ bool isCurved(const std::vector<Sample>& inliers, const Eigen::Vector3d& affine,
 }  // namespace
 
 std::vector<std::string> DepthPlaneConfig::validate() const {
-  RangeCheck check;
+  gpis_mapping::RangeCheck check;
   check("grow", grow, 0.1, 3.0, "");
   check("inverse_depth_std", inverse_depth_std, 1e-6, 0.1, "1/m");
   check("correlation_px", correlation_px, 1.0, 50.0, "px");

@@ -11,8 +11,8 @@
 
 #include "apriltag_detector.h"
 #include "aruco_detector.h"
-#include "brick_detection/range_check.h"
 #include "detector_support.h"
+#include "gpis_mapping/range_check.h"
 
 namespace brick_detection {
 namespace {
@@ -62,7 +62,7 @@ std::vector<std::string> TagDetectorConfig::validate() const {
 }
 
 std::unique_ptr<TagDetector> makeTagDetector(const TagDetectorConfig& config) {
-  throwIfAny(config.validate());
+  gpis_mapping::throwIfAny(config.validate());
   return isAprilTagFamily(config.family) ? makeAprilTagDetector(config) : makeArucoDetector(config);
 }
 

@@ -4,7 +4,7 @@
 #include <gpis_mapping_ros/param_reader.h>
 #include <yaml-cpp/yaml.h>
 
-#include "brick_detection/range_check.h"
+#include "gpis_mapping/range_check.h"
 
 namespace brick_detection_ros {
 namespace {
@@ -43,7 +43,7 @@ void put(YAML::Node node, const std::string& key, const Value& value) {
 
 std::vector<std::string> BrickDetectionParams::validate() const {
   std::vector<std::string> problems;
-  brick_detection::RangeCheck check;
+  gpis_mapping::RangeCheck check;
   if (bricks_file.empty() || bricks_file.front() != '/') {
     problems.push_back("bricks_file = '" + bricks_file + "', must be the absolute path of a bricks.yaml");
   }

@@ -7,7 +7,7 @@
 #include <gpis_mapping_ros/param_reader.h>
 #include <yaml-cpp/yaml.h>
 
-#include "brick_detection/range_check.h"
+#include "gpis_mapping/range_check.h"
 
 namespace brick_detection_ros {
 namespace {
@@ -53,7 +53,7 @@ void visitFields(Params& params, Visitor&& visit) {
 
 std::vector<std::string> CameraCalibratorParams::validate() const {
   std::vector<std::string> problems;
-  brick_detection::RangeCheck check;
+  gpis_mapping::RangeCheck check;
   const auto frame = [&problems](const char* key, const std::string& value) {
     if (!value.empty() && value.front() != '/') return;
     problems.push_back(std::string(key) + " = '" + value + "', must be a tf2 frame: not empty, no leading slash");

@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "brick_detection/range_check.h"
+#include "gpis_mapping/range_check.h"
 
 namespace brick_detection_ros {
 namespace {
@@ -53,7 +53,7 @@ std_msgs::Header headerOf(const ar_track_alvar_msgs::AlvarMarkers& message) {
 
 std::vector<std::string> ImageInputParams::validate() const {
   std::vector<std::string> problems = CameraPoseParams::validate();
-  brick_detection::RangeCheck check;
+  gpis_mapping::RangeCheck check;
   check("max_depth_offset_s", max_depth_offset_s, 0.0, 1.0, "s");
   check("depth_timeout_s", depth_timeout_s, 0.0, 10.0, "s");
   check("depth_units_per_metre", depth_units_per_metre, 1.0, 1e6, "1/m");
