@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <kdl/chain.hpp>
+#include <mp700_ur5e_description/robot_model.h>
+
+namespace motion_planning {
+
+/// Joint angles, speeds or accelerations of the arm, in the order of mp700_ur5e_description::kArmJoints. SI units.
+using ArmVector = Eigen::Matrix<double, 6, 1>;
+using ArmJacobian = Eigen::Matrix<double, 6, 6>;
+
+struct ArmLimits {
+  ArmVector lower_rad;
+  ArmVector upper_rad;
+  ArmVector velocity_rad_s;
+};
+
+/// Kinematics of the chain base_link -> magnet_tip. Frames: B = base_link, T = magnet_tip (z out of the tool).
+/// Immutable, safe for any number of threads.
+class ArmKinematics {
+ public:
+  static constexpr int kMaxBranches = 8;  // shoulder left/right, elbow up/down, wrist flipped or not
+
+  /// Throws std::invalid_argument unless the chain has the arm's six joints and the UR's structure (axes 2, 3 and 4
+  /// parallel, axes 1, 5 and 6 at right angles to their neighbours) to within what a factory calibration changes.
+  explicit ArmKinematics(std::shared_ptr<const mp700_ur5e_description::RobotModel> robot);
+
+  /// T_base_tip.
+  Eigen::Isometry3d tipPose(const ArmVector& joints_rad) const;
+
+  /// Of the tip, in axes of B: rows 0-2 d position [m/rad], rows 3-5 rotation [rad/rad].
+  ArmJacobian jacobian(const ArmVector& joints_rad) const;
+
+  /// Yoshikawa's measure sqrt(det(J J^T)) (eq 12) = |det J| for six joints, position in metres and rotation in radians
+  /// [m^3]. Zero where the arm is singular.
+  double manipulability(const ArmVector& joints_rad) const;
+
+  /// All branches that reach `T_base_tip`, each once: every joint by the turn that is nearest to `near_rad` within the
+  /// limits. Nearest first (Euclidean, rad). Closed form, polished against KDL's forward kinematics where the URDF is
+  /// calibrated: residual <= kIkTolerance. Empty: out of reach, or `T_base_tip` not finite / not rigid. At a wrist
+  /// singularity, where a whole line solves, wrist_3 is taken from `near_rad`.
+  std::vector<ArmVector> inverse(const Eigen::Isometry3d& T_base_tip, const ArmVector& near_rad) const;
+
+  static constexpr double kIkPositionTolerance_m = 1e-6;
+  static constexpr double kIkRotationTolerance_rad = 1e-6;
+
+  const ArmLimits& limits() const { return limits_; }
+  bool isWithinLimits(const ArmVector& joints_rad, double tolerance_rad = 1e-9) const;
+
+  const mp700_ur5e_description::RobotModel& robot() const { return *robot_; }
+  std::shared_ptr<const mp700_ur5e_description::RobotModel> robotPtr() const { return robot_; }
+  /// Where an arm joint stands in RobotModel::joints().
+  const std::array<std::size_t, 6>& jointIndices() const { return joint_indices_; }
+  /// All joints of the robot with the arm at `joints_rad` and the rest at zero: argument of RobotModel::bodyPoses.
+  Eigen::VectorXd robotPositions(const ArmVector& joints_rad) const;
+
+ private:
+  std::shared_ptr<const mp700_ur5e_description::RobotModel> robot_;
+  ArmLimits limits_;
+  std::array<std::size_t, 6> joint_indices_;
+  KDL::Chain chain_;
+};
+
+}  // namespace motion_planning

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "motion_planning/arm_kinematics.h"
+#include "motion_planning/collision_scene.h"
+
+namespace motion_planning {
+
+enum class CollisionKind {
+  kNone,
+  kLimits,   // a joint beyond its limits
+  kSelf,     // robot with itself, or with what it holds
+  kSurface,  // the mapped surface with its margin
+  kInside,   // within a mapped object, where no triangle is near
+  kUnknown,  // space near the pile that nobody has seen
+  kFloor,
+};
+const char* toString(CollisionKind kind);
+
+struct Contact {
+  CollisionKind kind{CollisionKind::kNone};
+  std::string first;                                   // link of the robot, or "brick"
+  std::string second;                                  // the other link; empty but for kSelf
+  Eigen::Vector3d where_map{Eigen::Vector3d::Zero()};  // middle of the first body's colliding shape, or nearer
+
+  explicit operator bool() const { return kind != CollisionKind::kNone; }
+  std::string describe() const;  // a sentence
+};
+
+/// A brick, or anything that is a box.
+struct OrientedBox {
+  Eigen::Isometry3d T_map_box{Eigen::Isometry3d::Identity()};  // of its middle
+  Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
+};
+
+/// What the magnet holds.
+struct HeldBrick {
+  Eigen::Isometry3d T_tip_brick{Eigen::Isometry3d::Identity()};
+  Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
+};
+
+struct CollisionCheckerConfig {
+  double self_padding_m{0.005};  // between links, and between links and what is held
+  double floor_margin_m{0.02};   // every moving link, and what is held, stays this far above the ground
+  double held_shrink_m{0.01};  // a held brick is smaller by this on each side: it may touch what it lies on and beside
+  double target_padding_m{0.02};  // of the box about the target that leaves the world for magnet and brick (rule 8)
+
+  std::vector<std::string> validate() const;
+};
+
+/// The robot in a scene. The arm moves, the base stands at T_map_base. Cheap to copy for another thread; not thread-safe.
+/// Robot shapes are the URDF's, exact (FCL) against triangles and each other; covering spheres against the lattice.
+class CollisionChecker {
+ public:
+  /// Throws std::invalid_argument for a bad config or a base pose that is not rigid.
+  CollisionChecker(std::shared_ptr<const ArmKinematics> arm, std::shared_ptr<const CollisionScene> scene,
+                   const Eigen::Isometry3d& T_map_base, const CollisionCheckerConfig& config = {});
+  ~CollisionChecker();
+  CollisionChecker(const CollisionChecker& other);
+  CollisionChecker& operator=(const CollisionChecker&) = delete;
+
+  /// Nothing: the magnet is empty.
+  void setHeld(const std::optional<HeldBrick>& held);
+
+  /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
+  /// other links still avoid it; `for_all`: for every link (the brick is in the hand, its place is empty). Nothing: no
+  /// target.
+  void setTarget(const std::optional<OrientedBox>& target, bool for_all = false);
+
+  /// Where the arm is now cannot be an unseen obstacle: lattice blocks within its shapes there are not unknown any more.
+  void freeUnknownAt(const ArmVector& joints_rad);
+
+  /// The first thing found in the way; cheap tests come first.
+  Contact check(const ArmVector& joints_rad) const;
+  bool isFree(const ArmVector& joints_rad) const { return !check(joints_rad); }
+
+  /// Smallest distance of arm, magnet and held brick to the surface as mapped (without margin) [m], at most `limit_m`
+  /// (which is also the answer when there is no surface within it). Negative: inside.
+  double clearance(const ArmVector& joints_rad, double limit_m) const;
+
+  const ArmKinematics& arm() const;
+  const Eigen::Isometry3d& baseInMap() const;  // T_map_base
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace motion_planning

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "motion_planning/surface.h"
+
+namespace motion_planning {
+
+struct CollisionSceneConfig {
+  double sigmas{2.0};                // k: planned against is the surface mean - k sigma, sigma of its position
+  double margin_m{0.005};            // added to it: pose of the robot in the map, arm's accuracy
+  double max_margin_m{0.05};         // of both together: beyond, a surface is as good as unknown
+  double chunk_m{0.20};              // triangles are kept in cubes of this edge, rebuilt when their contents change
+  double block_m{0.05};              // edge of the lattice of free / occupied / unknown: the map's block size
+  double unknown_near_pile_m{0.15};  // unknown space this near to mapped surface above the ground is an obstacle
+  double pile_min_height_m{0.05};    // surface higher above the ground belongs to the pile
+  double region_radius_m{1.5};       // about the arm's foot: what is farther is not looked at
+
+  std::vector<std::string> validate() const;
+};
+
+/// What is in the way, in the map frame: surface in chunks (an FCL BVH each, displaced by its margin along its normals),
+/// lattice of signed distance and unknown space near the pile. Immutable; shared by any number of checkers.
+class CollisionScene;
+
+struct SceneUpdate {
+  std::size_t chunks{0};  // with triangles
+  std::size_t chunks_rebuilt{0};
+  std::size_t triangles{0};
+  std::size_t degenerate{0};  // triangles left out: not finite, no area, or indices out of range
+  std::size_t blocks_asked{0};
+  std::size_t blocks_unknown{0};
+  double mesh_ms{0.0};
+  double lattice_ms{0.0};
+};
+
+/// Keeps a CollisionScene up to date with the map. One thread updates.
+class CollisionSceneBuilder {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  explicit CollisionSceneBuilder(const CollisionSceneConfig& config);
+  ~CollisionSceneBuilder();
+
+  /// Takes in a surface; what has not changed since the last one is kept. `T_map_base`: where the robot stands (z of
+  /// base_link is up, its xy plane the ground). An empty surface gives a scene where all near the robot is unknown but
+  /// nothing is pile: only floor and robot are in the way. Throws what `map` throws, and keeps the last scene then.
+  SceneUpdate update(const Surface& surface, const MapView& map, const Eigen::Isometry3d& T_map_base);
+
+  /// Never null.
+  std::shared_ptr<const CollisionScene> scene() const;
+
+  const CollisionSceneConfig& config() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace motion_planning

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "motion_planning/arm_kinematics.h"
+
+namespace motion_planning {
+
+/// A joint path as waypoints, straight between them in joint space.
+using JointPath = std::vector<ArmVector>;
+
+/// What a trajectory may do. The URDF has velocities; accelerations are a convention (none are published).
+struct MotionLimits {
+  ArmVector velocity_rad_s{ArmVector::Constant(1.0)};
+  ArmVector acceleration_rad_s2{ArmVector::Constant(2.0)};
+
+  std::vector<std::string> validate() const;
+};
+
+struct TrajectoryPoint {
+  double time_s{0.0};  // from the start
+  ArmVector position_rad{ArmVector::Zero()};
+  ArmVector velocity_rad_s{ArmVector::Zero()};
+  ArmVector acceleration_rad_s2{ArmVector::Zero()};
+};
+
+/// At rest at both ends; times strictly rising. Between points: the cubic that joins position and velocity, as the joint
+/// trajectory controller interpolates.
+struct JointTrajectory {
+  std::vector<TrajectoryPoint> points;
+
+  bool empty() const { return points.empty(); }
+  double duration() const { return points.empty() ? 0.0 : points.back().time_s; }
+  /// Before the start and after the end: at rest there. Throws std::logic_error when empty.
+  TrajectoryPoint sample(double time_s) const;
+};
+
+struct TimingConfig {
+  double max_deviation_rad{0.05};  // corners are rounded; the path leaves the straight one by at most this (max norm)
+  double sample_s{0.02};           // between points of the result
+
+  std::vector<std::string> validate() const;
+};
+
+/// Fastest motion along the path, corners rounded, that keeps velocity and acceleration limits everywhere, also between
+/// the points of the result as they are interpolated. Velocity is continuous. Waypoints nearer than 1e-6 rad are one.
+/// A path of one point gives one point at time zero. Throws std::invalid_argument for an empty path, numbers that are not
+/// finite, or impossible limits.
+JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limits, const TimingConfig& config = {});
+
+/// The path that timeParametrize follows, densely, so that rounded corners can be checked for collision: neighbours are
+/// at most `step_rad` apart in every joint.
+JointPath roundedPath(const JointPath& path, double step_rad, const TimingConfig& config = {});
+
+}  // namespace motion_planning

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <mp700_ur5e_description/brick_types.h>
+
+#include "motion_planning/collision_checker.h"
+#include "motion_planning/joint_planner.h"
+#include "motion_planning/joint_trajectory.h"
+#include "motion_planning/manipulability_sector.h"
+
+namespace motion_planning {
+
+/// Why there is no plan. Same numbers as in interactive_mapping_msgs/PlanResult.
+enum class PlanStatus {
+  kSuccess = 0,
+  kBadRequest = 1,     // not finite, no face, unknown type
+  kNoMap = 2,          // no scene yet
+  kOutsideSector = 3,  // the manipulability filter rejects every face
+  kNoIk = 4,           // no joint angles reach the goal
+  kStartInCollision = 5,
+  kGoalInCollision = 6,
+  kGoalUnknown = 7,      // unseen space is in the way at the goal
+  kApproachBlocked = 8,  // the straight way to or from the face is not free
+  kIterations = 9,       // the planner ended without a path
+  kConstraint = 10,      // a goal or start that the constraint on carrying forbids
+  kCancelled = 11,
+};
+const char* toString(PlanStatus status);
+
+/// While something hangs on the magnet: the direction that was up when it was taken stays within this of up.
+struct TiltConstraint {
+  Eigen::Vector3d up_tip{Eigen::Vector3d::UnitZ()};  // unit, in the tip's frame
+  double max_tilt_rad{0.0};
+};
+
+struct MotionPlannerConfig {
+  CollisionCheckerConfig collision;
+  JointPlannerConfig planner;
+  TimingConfig timing;
+  double velocity_scale{0.35};      // of the URDF's velocity limits
+  double acceleration_rad_s2{1.5};  // all joints
+  double contact_speed_m_s{0.05};   // of the tip along the last approach
+  double lift_speed_m_s{0.10};
+  double approach_m{0.10};          // length of the straight approach along the face's normal
+  double lift_m{0.12};              // length of the straight retreat with the brick
+  double cartesian_step_m{0.005};   // between IK solutions on a straight line
+  double max_joint_jump_rad{0.25};  // between neighbours on it: more is a change of branch
+  double plate_margin_m{0.01};      // the magnet's face stays this far within the plate's edges
+  double magnet_radius_m{0.03};
+  int yaw_samples{12};                      // turns of the tool about the face's normal
+  double contact_grid_m{0.04};              // spacing of contact points tried beside the plate's middle
+  int max_goals{12};                        // contact configurations handed to the planner, best first
+  double max_tilt_rad{0.5235987755982988};  // while carrying
+  double inspect_clear_m{0.05};             // the arm stays this far out of the camera's view of the pile
+
+  std::vector<std::string> validate() const;
+};
+
+struct PickTarget {
+  int brick_id{-1};
+  Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
+  const mp700_ur5e_description::BrickType* type{nullptr};
+  std::vector<mp700_ur5e_description::BrickFace> faces;  // to try, in this order
+};
+
+struct PlanFailure {
+  PlanStatus status{PlanStatus::kSuccess};
+  std::string message;  // a sentence: what, where, seen, allowed
+};
+
+struct ArmPlan : PlanFailure {
+  JointTrajectory trajectory;
+};
+
+/// All four trajectories, or the reason of the face that got farthest.
+struct PickPlan : PlanFailure {
+  mp700_ur5e_description::BrickFace face{mp700_ur5e_description::BrickFace::kPlusZ};
+  Eigen::Isometry3d T_map_contact{
+      Eigen::Isometry3d::Identity()};  // of the tip on the plate, z against the face's normal
+  HeldBrick held;                      // once it is attached
+  JointTrajectory approach;            // from the start to before the face
+  JointTrajectory contact;             // straight to the plate
+  JointTrajectory lift;                // straight back with the brick
+  JointTrajectory stow;                // with the brick to the place asked for
+  std::vector<std::pair<mp700_ur5e_description::BrickFace, PlanFailure>> tried;  // faces that failed
+};
+
+struct PlanningContext {
+  std::shared_ptr<const CollisionScene> scene;
+  Eigen::Isometry3d T_map_base{Eigen::Isometry3d::Identity()};
+  ArmVector start_rad{ArmVector::Zero()};
+  std::optional<HeldBrick> held;
+  std::function<bool()> is_cancelled;
+};
+
+/// Where the held brick is to hang, ready to be let go: over an opening of the robot, at any turn about the vertical that
+/// is free.
+struct PlaceGoal {
+  Eigen::Isometry3d T_base_opening{Eigen::Isometry3d::Identity()};  // its middle, z up, x and y along its edges
+  double above_m{0.02};                                             // the brick's lowest point over it
+};
+
+/// Where the arm is to go: exactly one of the three.
+struct ArmGoal {
+  std::optional<ArmVector> joints_rad;
+  std::optional<Eigen::Isometry3d> T_map_tip;
+  std::optional<PlaceGoal> place;
+  bool keep_level{true};  // what is held stays within max_tilt_rad; nothing held: no constraint
+};
+
+/// The camera whose view is to be kept free.
+struct ViewFrustum {
+  Eigen::Isometry3d T_base_camera{Eigen::Isometry3d::Identity()};  // optical frame
+  double half_width_rad{0.0};
+  double half_height_rad{0.0};
+  double max_range_m{0.0};
+};
+
+/// Plans motions of the arm; moves nothing. Immutable but for its configuration; each call is independent and
+/// deterministic. Cancelled calls return within a few milliseconds.
+class MotionPlanner {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  MotionPlanner(std::shared_ptr<const ArmKinematics> arm, ManipulabilitySectors sectors,
+                const MotionPlannerConfig& config);
+
+  /// Approach, contact, lift, stow. `stow_goals`: arm postures where the brick may be carried to, best first.
+  PickPlan planPick(const PlanningContext& context, const PickTarget& target,
+                    const std::vector<ArmGoal>& stow_goals) const;
+
+  ArmPlan planArm(const PlanningContext& context, const ArmGoal& goal) const;
+
+  /// To a posture with no part of the arm in the camera's view: the first of `postures` that qualifies, else one found by
+  /// sampling.
+  ArmPlan planInspect(const PlanningContext& context, const ViewFrustum& view,
+                      const std::vector<ArmVector>& postures) const;
+
+  const MotionPlannerConfig& config() const { return config_; }
+  const ArmKinematics& arm() const { return *arm_; }
+
+ private:
+  std::shared_ptr<const ArmKinematics> arm_;
+  ManipulabilitySectors sectors_;
+  MotionPlannerConfig config_;
+};
+
+}  // namespace motion_planning
