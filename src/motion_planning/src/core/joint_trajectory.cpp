@@ -128,8 +128,13 @@ double maxPathRate(const ArmVector& limit, const ArmVector& tangent) {
   return rate;
 }
 
-void cutPiece(std::size_t index, const Piece& piece, const MotionLimits& limits, double max_cell,
-              std::vector<Cell>* cells) {
+/// Speed of the limited point where ds/dt = 1 [m/s].
+double pointRate(const PointSpeedLimit& limit, const PathPoint& point) {
+  return (limit.position_jacobian(point.position) * point.tangent).norm();
+}
+
+void cutPiece(std::size_t index, const Piece& piece, const MotionLimits& limits,
+              const std::optional<PointSpeedLimit>& speed_limit, std::vector<Cell>* cells) {
   if (piece.is_blend) {
     for (int i = 0; i < kCellsPerBlend; ++i) {
       cells->push_back({index, piece.length * i / kCellsPerBlend, piece.length / kCellsPerBlend});
@@ -138,7 +143,14 @@ void cutPiece(std::size_t index, const Piece& piece, const MotionLimits& limits,
   }
   // Cells grow from both ends to the middle: the motion speeds up from one end and slows down to the other, and the cell
   // in which it reaches full speed is what costs time.
-  const double speed = maxPathRate(limits.velocity_rad_s, piece.from);
+  double speed = maxPathRate(limits.velocity_rad_s, piece.from);
+  double max_cell = kMaxCell_rad;
+  if (speed_limit) {
+    max_cell = kMaxCellAtPointSpeed_rad;
+    for (const double share : {0.0, 0.5, 1.0}) {
+      speed = std::min(speed, speed_limit->speed_m_s / pointRate(*speed_limit, piece.at(share * piece.length)));
+    }
+  }
   const double acceleration = maxPathRate(limits.acceleration_rad_s2, piece.from);
   const double half = 0.5 * piece.length;
   std::vector<double> ends;
@@ -186,8 +198,7 @@ class SpeedProfile {
     if (!speed_limit) return;
     for (std::size_t i = 0; i < point_x_.size(); ++i) {
       const PathPoint& point = i < cells_.size() ? begin_[i] : end_.back();
-      const double metres_per_s =
-          (speed_limit->position_jacobian(point.position) * point.tangent).norm();  // of the point, at ds/dt = 1
+      const double metres_per_s = pointRate(*speed_limit, point);
       if (metres_per_s > 0.0) point_x_[i] = std::pow(kLimitShare * speed_limit->speed_m_s / metres_per_s, 2);
     }
   }
@@ -465,7 +476,7 @@ JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limit
   const std::vector<Piece> pieces = roundCorners(waypoints, config.max_deviation_rad);
   std::vector<Cell> cells;
   for (std::size_t i = 0; i < pieces.size(); ++i) {
-    cutPiece(i, pieces[i], limits, speed_limit ? kMaxCellAtPointSpeed_rad : kMaxCell_rad, &cells);
+    cutPiece(i, pieces[i], limits, speed_limit, &cells);
   }
   SpeedProfile profile(pieces, &cells, limits, speed_limit);
   std::vector<std::size_t> cell_of;
