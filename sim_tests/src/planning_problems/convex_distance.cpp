@@ -61,6 +61,17 @@ double support(const Solid& solid, const Eigen::Vector3d& n_world) {
 ConvexDistance convexDistance(const Solid& a, const Solid& b, double tolerance_m, double enough_m, double touching_m,
                               int max_iterations) {
   ConvexDistance result;
+  // Between faces that are nearly parallel the projections creep; there the normal of one of them separates at once.
+  for (const Solid* solid : {&a, &b}) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const Eigen::Vector3d n = solid->T_world_shape.linear().col(axis);
+      result.lower_m = std::max({result.lower_m, -support(b, -n) - support(a, n), -support(b, n) - support(a, -n)});
+    }
+  }
+  if (result.lower_m > enough_m) {
+    result.upper_m = 1e9;
+    return result;
+  }
   Eigen::Vector3d on_a = nearestPoint(a, b.T_world_shape.translation());
   result.upper_m = 1e9;
   for (int i = 0; i < max_iterations; ++i) {

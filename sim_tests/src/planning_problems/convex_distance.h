@@ -29,7 +29,7 @@ struct ConvexDistance {
 };
 
 /// By alternating projections (Cheney, Goldstein: Proximity maps for convex sets, 1959), which need nothing but
-/// nearestPoint: no code in common with the collision library that planning uses. Ends when the bounds are within
+/// nearestPoint, and by the axes of both: no code in common with the collision library that planning uses. Ends when the bounds are within
 /// `tolerance_m` of each other, or the solids are shown to be farther apart than `enough_m` or nearer than `touching_m`,
 /// or after `max_iterations`.
 ConvexDistance convexDistance(const Solid& a, const Solid& b, double tolerance_m = 1e-4, double enough_m = 1e9,
