@@ -16,7 +16,7 @@
 
 namespace motion_planning {
 
-/// Why there is no plan. Same numbers as in interactive_mapping_msgs/PlanResult.
+/// Why there is no plan. Same numbers as in interactive_mapping_msgs/PlanOutcome.
 enum class PlanStatus {
   kSuccess = 0,
   kBadRequest = 1,     // not finite, no face, unknown type
@@ -30,6 +30,7 @@ enum class PlanStatus {
   kIterations = 9,       // the planner ended without a path
   kConstraint = 10,      // a goal or start that the constraint on carrying forbids
   kCancelled = 11,
+  kNoRobotState = 12,  // where arm or base are is not known
 };
 const char* toString(PlanStatus status);
 
@@ -96,6 +97,7 @@ struct PlanningContext {
   Eigen::Isometry3d T_map_base{Eigen::Isometry3d::Identity()};
   ArmVector start_rad{ArmVector::Zero()};
   std::optional<HeldBrick> held;
+  std::optional<OrientedBox> vacated;  // where the held brick was taken from: the map may not know yet that it is gone
   std::function<bool()> is_cancelled;
 };
 
