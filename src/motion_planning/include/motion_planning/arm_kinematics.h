@@ -3,11 +3,9 @@
 
 #include <array>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include <Eigen/Geometry>
-#include <kdl/chain.hpp>
 #include <mp700_ur5e_description/robot_model.h>
 
 namespace motion_planning {
@@ -21,6 +19,8 @@ struct ArmLimits {
   ArmVector upper_rad;
   ArmVector velocity_rad_s;
 };
+
+class UrGeometry;  // the closed form
 
 /// Kinematics of the chain base_link -> magnet_tip. Frames: B = base_link, T = magnet_tip (z out of the tool).
 /// Immutable, safe for any number of threads.
@@ -43,9 +43,11 @@ class ArmKinematics {
   double manipulability(const ArmVector& joints_rad) const;
 
   /// All branches that reach `T_base_tip`, each once: every joint by the turn that is nearest to `near_rad` within the
-  /// limits. Nearest first (Euclidean, rad). Closed form, polished against KDL's forward kinematics where the URDF is
-  /// calibrated: residual <= kIkTolerance. Empty: out of reach, or `T_base_tip` not finite / not rigid. At a wrist
-  /// singularity, where a whole line solves, wrist_3 is taken from `near_rad`.
+  /// limits. Nearest first (Euclidean, rad). Closed form, polished with the exact kinematics of the URDF, which may be
+  /// calibrated: residual <= kIkTolerance. Empty: out of reach, beyond the limits, or `T_base_tip` not finite / not rigid
+  /// (to 1e-6). At a wrist singularity, where a whole line solves, wrist_3 is taken from `near_rad`. Solutions nearer to
+  /// each other than 1e-3 rad (an arm all but stretched) count as one. Throws std::invalid_argument if `near_rad` is not
+  /// finite.
   std::vector<ArmVector> inverse(const Eigen::Isometry3d& T_base_tip, const ArmVector& near_rad) const;
 
   static constexpr double kIkPositionTolerance_m = 1e-6;
@@ -62,10 +64,24 @@ class ArmKinematics {
   Eigen::VectorXd robotPositions(const ArmVector& joints_rad) const;
 
  private:
+  using Axes = Eigen::Matrix<double, 3, 6>;
+  struct Pose {
+    Eigen::Matrix3d R;
+    Eigen::Vector3d p;
+  };
+
+  /// Along the chain: pose of the tip; if asked for, direction of and a point on each joint's axis. All in B.
+  Pose walk(const ArmVector& joints_rad, Axes* directions, Axes* points) const;
+  bool polish(const Pose& goal, ArmVector* joints_rad) const;
+  bool wind(const ArmVector& near_rad, ArmVector* joints_rad) const;
+
   std::shared_ptr<const mp700_ur5e_description::RobotModel> robot_;
   ArmLimits limits_;
   std::array<std::size_t, 6> joint_indices_;
-  KDL::Chain chain_;
+  std::array<Pose, 7> fixed_;  // before, between and after the joints; each joint turns about its z
+  std::shared_ptr<const UrGeometry> geometry_;
+  double model_gap_m_{0.0};  // largest difference of the closed form's tip from the URDF's
+  double model_gap_rad_{0.0};
 };
 
 }  // namespace motion_planning
