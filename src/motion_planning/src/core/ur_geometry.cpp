@@ -196,7 +196,7 @@ void UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, 
         // Turns 6 and theta are about one line and only their sum counts.
         const double change_rad = toReach(theta, centre_1);
         theta += change_rad;
-        q6 -= std::copysign(change_rad, cosine);
+        q6 -= cosine > 0.0 ? change_rad : -change_rad;
       }
 
       // Elbow: a planar arm of two links from the origin to the wrist.

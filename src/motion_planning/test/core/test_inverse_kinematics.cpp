@@ -434,8 +434,9 @@ TEST(ArmKinematics, AlignedWristOfAStretchedArmIsSolvedFromAnySeed) {
         if (std::abs(std::sin(solution[4])) > 1e-3) continue;
         least_rad = std::min(least_rad, std::abs(std::remainder(solution[5] - near_rad[5], 2.0 * M_PI)));
       }
-      // The nearest possible is no farther than the posture the pose was made from; 1e-3: as branches count as one.
-      EXPECT_LE(least_rad, std::abs(std::remainder(q[5] - near_rad[5], 2.0 * M_PI)) + 1e-3);
+      // The nearest possible is no farther than the posture the pose was made from. Stretched and aligned, the polish slides
+      // along the line by up to the root of its residual over the smallest singular value.
+      EXPECT_LE(least_rad, std::abs(std::remainder(q[5] - near_rad[5], 2.0 * M_PI)) + 0.03);
     }
   }
 }
