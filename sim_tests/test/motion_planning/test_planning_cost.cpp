@@ -8,8 +8,8 @@
 namespace sim_tests_ros {
 namespace {
 
-const ArmVector kStowed = mp700_ur5e_description::loadArmPose(std::string(MP700_UR5E_DESCRIPTION_DIR) +
-                                                              "/config/arm_poses/stowed.yaml");
+const ArmVector kStowed =
+    mp700_ur5e_description::loadArmPose(std::string(MP700_UR5E_DESCRIPTION_DIR) + "/config/arm_poses/stowed.yaml");
 constexpr double kCost_s = 0.3;  // as in motion_planning.yaml
 
 class PlanningCost : public testing::Test {
