@@ -186,7 +186,8 @@ class Evaluation {
         plain.problem = problem.name;
         plain.is_touchable = is_touchable;
         const auto scene = planner.scene(problem);
-        const PlainReach reach = planPlainReach(problem, maker.stowed(), planner.arm(), scene, planner.planner().config());
+        const PlainReach reach =
+            planPlainReach(problem, maker.stowed(), planner.arm(), scene, planner.planner().config());
         plain.status = reach.reason;
         plain.plan_ms = reach.plan_ms;
         if (reach.is_solved) plain.verdict = judgeReach(maker, problem, reach.path);
@@ -220,7 +221,8 @@ class Evaluation {
           const bool is_touchable = isTouchable(maker, *planners.front()->arm(), problem);
           for (std::size_t i = 0; i < planners.size(); ++i) {
             const std::string name = margins()[i].name;
-            rows[name].push_back(pick("margins", condition.name, name, maker, planners[i].get(), problem, is_touchable));
+            rows[name].push_back(
+                pick("margins", condition.name, name, maker, planners[i].get(), problem, is_touchable));
           }
         }
         std::cerr << "margins, " << condition.name << ": pile " << seed << " of " << piles << std::endl;

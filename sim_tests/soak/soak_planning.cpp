@@ -73,8 +73,8 @@ json plansOfPile(std::uint64_t seed, const Options& options) {
   motion_planning::MotionPlannerConfig config;
   config.planner.seed = seed;
   ProblemPlanner planner(maker, options.root + "/src/motion_planning/config/manipulability_sectors.yaml", {}, config);
-  json line = {{"pile", seed}, {"statuses", json::object()}, {"bad", json::array()},
-               {"worst_ms", 0.0}, {"worst", ""}, {"lift_overlap_mm", 0.0}};
+  json line = {{"pile", seed}, {"statuses", json::object()}, {"bad", json::array()}, {"worst_ms", 0.0},
+               {"worst", ""},  {"lift_overlap_mm", 0.0}};
   for (const PlanningProblem& problem : maker.problemsOfPile(seed, kStands, kTargets)) {
     const ProblemPlanner::Answer answer = planner.plan(problem);
     const std::string status = toString(answer.plan.status);
@@ -129,9 +129,12 @@ int run(const Options& options) {
     for (const json& bad : line["bad"]) std::cout << "BAD " << bad.dump() << std::endl;
     if (totals.piles % 10 == 0) std::cout << totals.plans << " plans of " << totals.piles << " piles" << std::endl;
   }
-  const json summary = {{"plans", totals.plans},       {"piles", totals.piles},
-                        {"bad", totals.bad},           {"statuses", totals.statuses},
-                        {"worst_ms", totals.worst_ms}, {"worst", totals.worst},
+  const json summary = {{"plans", totals.plans},
+                        {"piles", totals.piles},
+                        {"bad", totals.bad},
+                        {"statuses", totals.statuses},
+                        {"worst_ms", totals.worst_ms},
+                        {"worst", totals.worst},
                         {"lift_overlap_mm", totals.worst_overlap_mm}};
   std::cout << summary.dump() << std::endl;
   return totals.bad == 0 ? 0 : 1;

@@ -53,8 +53,7 @@ ProblemPlanner::Answer ProblemPlanner::plan(const PlanningProblem& problem, cons
   const double begin_ms = threadTime_ms();
   answer.plan = planner_->planPick(context, problem.target, {maker_.chuteGoal()});
   answer.plan_ms = threadTime_ms() - begin_ms;
-  answer.plan_wall_ms =
-      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+  answer.plan_wall_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
   return answer;
 }
 

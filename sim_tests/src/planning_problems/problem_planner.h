@@ -17,8 +17,8 @@ class ProblemPlanner {
  public:
   struct Answer {
     motion_planning::PickPlan plan;
-    double plan_ms{0.0};       // processor time of this thread
-    double plan_wall_ms{0.0};  // and by the clock
+    double plan_ms{0.0};                 // processor time of this thread
+    double plan_wall_ms{0.0};            // and by the clock
     motion_planning::SceneUpdate scene;  // of the stand; made once for all problems there
   };
 

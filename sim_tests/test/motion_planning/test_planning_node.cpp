@@ -82,9 +82,8 @@ class PlanningNode : public testing::Test {
     robot_->setWorld(worldOf({kBrick}));
     ASSERT_TRUE(client_->connect());
     // Joint states and tf need a moment to be heard.
-    ASSERT_TRUE(waitUntil([] {
-      return client_->plan(armTo(toJoints(kStowed))).outcome.status == PlanOutcome::SUCCESS;
-    }));
+    ASSERT_TRUE(
+        waitUntil([] { return client_->plan(armTo(toJoints(kStowed))).outcome.status == PlanOutcome::SUCCESS; }));
   }
   static void TearDownTestSuite() {
     delete client_;
