@@ -1,2 +1,619 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion_planning/collision_scene.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <stdexcept>
+#include <unordered_map>
+
+#include <gpis_mapping/parallel_for.h>
+#include <gpis_mapping/range_check.h>
+
+#include "collision_scene_data.h"
+#include "robot_shapes.h"
+
+namespace motion_planning {
+namespace {
+
+using gpis_mapping::LatticeKey;
+using gpis_mapping::LatticeKeyHash;
+using gpis_mapping::SpaceState;
+
+constexpr float kNoDistance = std::numeric_limits<float>::quiet_NaN();
+constexpr float kFarAway = std::numeric_limits<float>::infinity();
+
+/// At a corner of faces a vertex goes farther than its margin, so that each face is displaced by no less: 1.73 at a cube's
+/// corner, 2 at an edge of 60 degrees. Sharper ones get no more, or one bad triangle would put a spike into free space.
+constexpr double kMaxMitre = 2.0;
+/// A triangle lower than this says nothing about the surface's direction, and all of it is this near to its neighbours:
+/// marching cubes makes such slivers wherever the surface passes a corner of a voxel.
+constexpr double kSliver_m = 5e-4;
+/// Cross product of two edges [m^2]: below it a triangle has no direction. A millimetre times a nanometre.
+constexpr double kMinCross_m2 = 1e-12;
+/// Above base_link's ground; the arm ends at 1.6 m.
+constexpr double kRegionTop_m = 2.0;
+/// Surface this far below the ground is kept: the floor is not the map's business.
+constexpr double kRegionBottom_m = -0.2;
+/// How far from a surface the map's answer may change when that surface does: its depth of occupied space, see
+/// GpisConfig::Query::occupied_depth_m.
+constexpr double kReachOfChange_m = 0.20;
+
+double elapsedMs(std::chrono::steady_clock::time_point since) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - since).count();
+}
+
+std::uint64_t mix(std::uint64_t h) {  // finaliser of splitmix64
+  h = (h ^ (h >> 30)) * 0xbf58476d1ce4e5b9ULL;
+  h = (h ^ (h >> 27)) * 0x94d049bb133111ebULL;
+  return h ^ (h >> 31);
+}
+
+std::uint64_t bitsOf(double x) {
+  x += 0.0;  // -0 and 0 are the same place
+  std::uint64_t bits;
+  std::memcpy(&bits, &x, sizeof bits);
+  return bits;
+}
+
+std::uint64_t hashOf(const Eigen::Vector3d& p, std::uint64_t seed) {
+  std::uint64_t h = seed;
+  for (int i = 0; i < 3; ++i) h = mix(h + 0x9e3779b97f4a7c15ULL + bitsOf(p[i]));
+  return h;
+}
+
+/// Points by their coordinates, numbered in the order they came.
+class PointIndex {
+ public:
+  static constexpr std::uint32_t kNone = ~0u;
+
+  void reserve(std::size_t count) {
+    std::size_t size = 64;
+    while (size < 2 * count) size *= 2;
+    slots_.assign(size, kNone);
+    points_.clear();
+    points_.reserve(count);
+  }
+
+  std::uint32_t find(const Eigen::Vector3d& p) const { return slots_.empty() ? kNone : slots_[slotOf(p)]; }
+
+  /// At most as many as were reserved.
+  std::uint32_t add(const Eigen::Vector3d& p) {
+    std::uint32_t& slot = slots_[slotOf(p)];
+    if (slot == kNone) {
+      slot = static_cast<std::uint32_t>(points_.size());
+      points_.push_back(p);
+    }
+    return slot;
+  }
+
+  const std::vector<Eigen::Vector3d>& points() const { return points_; }
+
+ private:
+  std::size_t slotOf(const Eigen::Vector3d& p) const {
+    const std::size_t mask = slots_.size() - 1;
+    std::size_t slot = static_cast<std::size_t>(hashOf(p, 0)) & mask;
+    while (slots_[slot] != kNone && points_[slots_[slot]] != p) slot = (slot + 1) & mask;
+    return slot;
+  }
+
+  std::vector<std::uint32_t> slots_;
+  std::vector<Eigen::Vector3d> points_;
+};
+
+/// What a chunk's triangles were, in any order.
+struct Contents {
+  std::size_t count{0};
+  std::array<std::uint64_t, 2> hash{{0, 0}};
+
+  bool operator==(const Contents& other) const { return count == other.count && hash == other.hash; }
+};
+
+struct ChunkRecord {
+  Contents contents;
+  std::shared_ptr<const SurfaceChunk> chunk;
+  std::vector<LatticeKey> blocks;  // that its triangles may touch, mapped or displaced
+};
+
+std::vector<LatticeKey> touchedBlocks(const SurfaceChunk& chunk, double block_m) {
+  std::vector<LatticeKey> keys;
+  for (const auto& triangle : chunk.triangles()) {
+    Eigen::AlignedBox3d box;
+    for (const std::uint32_t v : triangle) box.extend(chunk.mapped()[v]).extend(chunk.displaced()[v]);
+    const LatticeKey lo = LatticeKey::of(box.min(), block_m);
+    const LatticeKey hi = LatticeKey::of(box.max(), block_m);
+    for (std::int32_t z = lo.z; z <= hi.z; ++z) {
+      for (std::int32_t y = lo.y; y <= hi.y; ++y) {
+        for (std::int32_t x = lo.x; x <= hi.x; ++x) {
+          if (keys.empty() || keys.back() != LatticeKey{x, y, z}) keys.push_back({x, y, z});
+        }
+      }
+    }
+  }
+  std::sort(keys.begin(), keys.end());
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+  return keys;
+}
+
+void build(SurfaceChunk::Bvh* bvh, const std::vector<Eigen::Vector3d>& vertices,
+           const SurfaceChunk::Triangles& triangles) {
+  std::vector<fcl::Triangle> indices;
+  indices.reserve(triangles.size());
+  for (const auto& t : triangles) indices.emplace_back(t[0], t[1], t[2]);
+  bvh->beginModel(static_cast<int>(triangles.size()), static_cast<int>(vertices.size()));
+  bvh->addSubModel(vertices, indices);
+  bvh->endModel();
+}
+
+}  // namespace
+
+SurfaceChunk::SurfaceChunk(std::vector<Eigen::Vector3d> mapped, std::vector<Eigen::Vector3d> displaced,
+                           Triangles triangles)
+    : mapped_(std::move(mapped)), displaced_(std::move(displaced)), triangles_(std::move(triangles)) {
+  for (const Eigen::Vector3d& p : mapped_) mapped_bounds_.extend(p);
+  for (const Eigen::Vector3d& p : displaced_) bounds_.extend(p);
+  build(&bvh_, displaced_, triangles_);
+}
+
+const SurfaceChunk::Bvh& SurfaceChunk::mappedBvh() const {
+  std::call_once(mapped_once_, [this] {
+    auto bvh = std::make_unique<Bvh>();
+    build(bvh.get(), mapped_, triangles_);
+    mapped_bvh_ = std::move(bvh);
+  });
+  return *mapped_bvh_;
+}
+
+std::shared_ptr<const SurfaceChunk> SurfaceChunk::without(const std::shared_ptr<const SurfaceChunk>& self,
+                                                          const OrientedBox& box) {
+  const Eigen::Isometry3d T_box_map = box.T_map_box.inverse();
+  const auto isInBox = [&](const Eigen::Vector3d& p_map) {
+    return ((T_box_map * p_map).array().abs() <= 0.5 * box.size_m.array()).all();
+  };
+  std::vector<std::uint32_t> new_index(self->mapped_.size(), PointIndex::kNone);
+  std::vector<Eigen::Vector3d> mapped;
+  std::vector<Eigen::Vector3d> displaced;
+  Triangles triangles;
+  for (const auto& triangle : self->triangles_) {
+    if (std::all_of(triangle.begin(), triangle.end(), [&](std::uint32_t v) { return isInBox(self->mapped_[v]); })) {
+      continue;
+    }
+    triangles.emplace_back();
+    for (std::size_t i = 0; i < 3; ++i) {
+      std::uint32_t& index = new_index[triangle[i]];
+      if (index == PointIndex::kNone) {
+        index = static_cast<std::uint32_t>(mapped.size());
+        mapped.push_back(self->mapped_[triangle[i]]);
+        displaced.push_back(self->displaced_[triangle[i]]);
+      }
+      triangles.back()[i] = index;
+    }
+  }
+  if (triangles.size() == self->triangles_.size()) return self;
+  if (triangles.empty()) return nullptr;
+  return std::make_shared<SurfaceChunk>(std::move(mapped), std::move(displaced), std::move(triangles));
+}
+
+double CollisionScene::freeDistance(const Eigen::Vector3d& p_map) const {
+  if (free_distance_m.empty()) return kFarAway;
+  // A point outside is no nearer to anything than the point of the lattice's box nearest to it.
+  return static_cast<double>(free_distance_m[lattice.index(lattice.clamped(p_map))]);
+}
+
+std::vector<std::string> CollisionSceneConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("sigmas", sigmas, 0.0, 10.0, "");
+  check("margin_m", margin_m, 0.0, 0.1, "m");
+  check("max_margin_m", max_margin_m, margin_m, 0.2, "m");
+  check("chunk_m", chunk_m, 0.05, 2.0, "m");
+  check("block_m", block_m, 0.01, 0.2, "m");
+  check("unknown_near_pile_m", unknown_near_pile_m, 0.0, 1.0, "m");
+  check("pile_min_height_m", pile_min_height_m, 0.0, 1.0, "m");
+  check("region_radius_m", region_radius_m, 0.5, 5.0, "m");
+  return check.problems();
+}
+
+struct CollisionSceneBuilder::State {
+  using Chunks = std::unordered_map<LatticeKey, ChunkRecord, LatticeKeyHash>;
+
+  CollisionSceneConfig config;
+  PointIndex vertices;              // of the last surface, where the map has them
+  std::vector<double> surface_std;  // what was answered for each; NaN: no answer
+  Chunks chunks;
+  std::shared_ptr<const CollisionScene> scene{std::make_shared<CollisionScene>()};
+};
+
+namespace {
+
+/// A surface cleaned up: vertices at the same place are one, triangles out of reach or without area are gone.
+struct CleanSurface {
+  PointIndex vertices;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::vector<Eigen::Vector3d> directions;  // into free space, as long as a margin of 1 has to be
+};
+
+CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, const CollisionSceneConfig& config,
+                   std::size_t* degenerate) {
+  CleanSurface result;
+  const Eigen::Isometry3d T_base_map = T_map_base.inverse();
+  result.vertices.reserve(surface.vertices_map.size());
+  result.triangles.reserve(surface.triangles.size());
+  std::vector<Eigen::Vector3d> normals;  // of the triangles; zero: a sliver
+  normals.reserve(surface.triangles.size());
+  std::vector<std::uint32_t> index(surface.vertices_map.size(), PointIndex::kNone);
+  std::vector<Eigen::Vector3d> given;  // sum of the normals given for a place
+  for (const auto& triangle : surface.triangles) {
+    std::array<Eigen::Vector3d, 3> p;
+    bool is_good = true;
+    for (std::size_t i = 0; i < 3 && is_good; ++i) {
+      is_good = triangle[i] < surface.vertices_map.size();
+      if (!is_good) break;
+      p[i] = surface.vertices_map[triangle[i]];
+      is_good = p[i].allFinite();
+    }
+    Eigen::Vector3d cross = Eigen::Vector3d::Zero();
+    if (is_good) {
+      cross = (p[1] - p[0]).cross(p[2] - p[0]);
+      is_good = cross.norm() > kMinCross_m2;  // false for NaN: edges too long to square
+    }
+    if (!is_good) {
+      ++*degenerate;
+      continue;
+    }
+    const Eigen::Vector3d middle_base = T_base_map * Eigen::Vector3d((p[0] + p[1] + p[2]) / 3.0);
+    if (middle_base.head<2>().norm() > config.region_radius_m || middle_base.z() > kRegionTop_m ||
+        middle_base.z() < kRegionBottom_m) {
+      continue;
+    }
+    const double longest2 =
+        std::max({(p[1] - p[0]).squaredNorm(), (p[2] - p[1]).squaredNorm(), (p[0] - p[2]).squaredNorm()});
+    const bool is_sliver = cross.squaredNorm() < kSliver_m * kSliver_m * longest2;
+    normals.push_back(is_sliver ? Eigen::Vector3d::Zero() : Eigen::Vector3d(cross.normalized()));
+    result.triangles.emplace_back();
+    for (std::size_t i = 0; i < 3; ++i) {
+      std::uint32_t& place = index[triangle[i]];
+      if (place == PointIndex::kNone) {
+        place = result.vertices.add(p[i]);
+        if (place == given.size()) given.push_back(Eigen::Vector3d::Zero());
+        const Eigen::Vector3d normal = surface.normals_map[triangle[i]].cast<double>();
+        if (normal.allFinite()) given[place] += normal;
+      }
+      result.triangles.back()[i] = place;
+    }
+  }
+  // Where no normal was given, the triangles' own.
+  std::vector<Eigen::Vector3d> own(given.size(), Eigen::Vector3d::Zero());
+  for (std::size_t t = 0; t < result.triangles.size(); ++t) {
+    for (const std::uint32_t v : result.triangles[t]) own[v] += normals[t];
+  }
+  result.directions.resize(given.size());
+  for (std::size_t v = 0; v < given.size(); ++v) {
+    result.directions[v] = given[v].norm() > 1e-3 ? given[v].normalized() : own[v].normalized();
+  }
+  std::vector<double> cosine(given.size(), 1.0);
+  for (std::size_t t = 0; t < result.triangles.size(); ++t) {
+    if (normals[t].isZero()) continue;
+    for (const std::uint32_t v : result.triangles[t]) {
+      cosine[v] = std::min(cosine[v], normals[t].dot(result.directions[v]));
+    }
+  }
+  for (std::size_t v = 0; v < given.size(); ++v) result.directions[v] /= std::max(1.0 / kMaxMitre, cosine[v]);
+  return result;
+}
+
+/// Blocks below which, and near which, unseen space is an obstacle.
+struct PileBlocks {
+  std::vector<std::uint8_t> is_near;
+  std::vector<std::uint8_t> is_beneath;
+};
+
+PileBlocks findPile(const BlockLattice& lattice, const std::vector<Eigen::Vector3d>& vertices_map,
+                    const Eigen::Isometry3d& T_base_map, const CollisionSceneConfig& config) {
+  PileBlocks result;
+  std::vector<std::uint8_t> is_pile(lattice.count(), 0);
+  for (const Eigen::Vector3d& p_map : vertices_map) {
+    if (T_base_map.linear().row(2) * p_map + T_base_map.translation().z() <= config.pile_min_height_m) continue;
+    is_pile[lattice.index(lattice.clamped(p_map))] = 1;
+  }
+  // From any point of a block to any of one that holds surface.
+  const double reach_blocks = config.unknown_near_pile_m / lattice.block() + 1.0;
+  const std::vector<std::int32_t> squared = squaredDistances(lattice, is_pile);
+  result.is_near.resize(lattice.count());
+  for (std::size_t i = 0; i < squared.size(); ++i) result.is_near[i] = squared[i] <= reach_blocks * reach_blocks;
+  result.is_beneath.assign(lattice.count(), 0);
+  const Eigen::Vector3i size = lattice.size();
+  for (int y = 0; y < size.y(); ++y) {
+    for (int x = 0; x < size.x(); ++x) {
+      bool is_beneath = false;
+      for (int z = size.z() - 1; z >= 0; --z) {
+        const std::size_t at = lattice.index({x, y, z});
+        result.is_beneath[at] = is_beneath;
+        is_beneath = is_beneath || is_pile[at] != 0;
+      }
+    }
+  }
+  return result;
+}
+
+BlockLattice latticeOf(const std::vector<Eigen::Vector3d>& vertices_map, const Eigen::Isometry3d& T_map_base,
+                       const CollisionSceneConfig& config) {
+  const double reach = config.region_radius_m + config.unknown_near_pile_m + 2.0 * config.block_m;
+  double bottom = std::numeric_limits<double>::max();
+  double top = -bottom;
+  for (const double x : {-reach, reach}) {
+    for (const double y : {-reach, reach}) {
+      const double z = (T_map_base * Eigen::Vector3d(x, y, 0.0)).z();
+      bottom = std::min(bottom, z);
+      top = std::max(top, z);
+    }
+  }
+  for (const Eigen::Vector3d& p : vertices_map) top = std::max(top, p.z());
+  top += config.unknown_near_pile_m + 2.0 * config.block_m;
+  const Eigen::Vector3d origin = T_map_base.translation();
+  const LatticeKey first = LatticeKey::of({origin.x() - reach, origin.y() - reach, bottom}, config.block_m);
+  LatticeKey last = LatticeKey::of({origin.x() + reach, origin.y() + reach, top}, config.block_m);
+  // In steps of eight blocks, so that a pile that grows a little keeps its lattice.
+  last.z = first.z + ((last.z - first.z) / 8 + 1) * 8;
+  return BlockLattice(config.block_m, first, last);
+}
+
+/// Blocks whose answers may have changed with these chunks.
+std::vector<std::uint8_t> blocksNear(const BlockLattice& lattice, const std::vector<LatticeKey>& chunks,
+                                     const CollisionSceneConfig& config) {
+  std::vector<std::uint8_t> is_near(lattice.count(), 0);
+  // A triangle stands out of its chunk by less than its own size, marching cubes' by a voxel.
+  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(kReachOfChange_m + config.block_m);
+  for (const LatticeKey& key : chunks) {
+    const Eigen::Vector3d corner = key.corner(config.chunk_m);
+    const Eigen::Vector3i lo = lattice.clamped(corner - reach);
+    const Eigen::Vector3i hi = lattice.clamped(corner + Eigen::Vector3d::Constant(config.chunk_m) + reach);
+    for (int z = lo.z(); z <= hi.z(); ++z) {
+      for (int y = lo.y(); y <= hi.y(); ++y) {
+        std::fill_n(is_near.begin() + static_cast<std::ptrdiff_t>(lattice.index({lo.x(), y, z})), hi.x() - lo.x() + 1,
+                    std::uint8_t{1});
+      }
+    }
+  }
+  return is_near;
+}
+
+ChunkRecord makeChunk(const std::vector<std::uint32_t>& chosen,
+                      const std::vector<std::array<std::uint32_t, 3>>& all_triangles,
+                      const std::vector<Eigen::Vector3d>& vertices, const std::vector<Eigen::Vector3d>& displaced,
+                      const CollisionSceneConfig& config) {
+  std::unordered_map<std::uint32_t, std::uint32_t> local;
+  std::vector<Eigen::Vector3d> chunk_mapped;
+  std::vector<Eigen::Vector3d> chunk_displaced;
+  SurfaceChunk::Triangles triangles;
+  triangles.reserve(chosen.size());
+  for (const std::uint32_t t : chosen) {
+    triangles.emplace_back();
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::uint32_t v = all_triangles[t][i];
+      const auto [found, is_new] = local.emplace(v, static_cast<std::uint32_t>(chunk_mapped.size()));
+      if (is_new) {
+        chunk_mapped.push_back(vertices[v]);
+        chunk_displaced.push_back(displaced[v]);
+      }
+      triangles.back()[i] = found->second;
+    }
+  }
+  ChunkRecord record;
+  record.chunk =
+      std::make_shared<SurfaceChunk>(std::move(chunk_mapped), std::move(chunk_displaced), std::move(triangles));
+  record.blocks = touchedBlocks(*record.chunk, config.block_m);
+  return record;
+}
+
+}  // namespace
+
+CollisionSceneBuilder::CollisionSceneBuilder(const CollisionSceneConfig& config) : state_(std::make_unique<State>()) {
+  gpis_mapping::throwIfAny(config.validate());
+  state_->config = config;
+}
+
+CollisionSceneBuilder::~CollisionSceneBuilder() = default;
+
+std::shared_ptr<const CollisionScene> CollisionSceneBuilder::scene() const {
+  return state_->scene;
+}
+
+const CollisionSceneConfig& CollisionSceneBuilder::config() const {
+  return state_->config;
+}
+
+SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView& map,
+                                          const Eigen::Isometry3d& T_map_base) {
+  if (!isRigid(T_map_base)) throw std::invalid_argument("T_map_base is not a rigid transform");
+  if (surface.normals_map.size() != surface.vertices_map.size()) {
+    throw std::invalid_argument(std::to_string(surface.normals_map.size()) + " normals, must be one for each of " +
+                                std::to_string(surface.vertices_map.size()) + " vertices");
+  }
+  const auto begin = std::chrono::steady_clock::now();
+  const CollisionSceneConfig& config = state_->config;
+  const CollisionScene& last_scene = *state_->scene;
+  SceneUpdate update;
+  CleanSurface cleaned = clean(surface, T_map_base, config, &update.degenerate);
+  update.triangles = cleaned.triangles.size();
+  const std::vector<Eigen::Vector3d>& vertices = cleaned.vertices.points();
+  const Eigen::Isometry3d T_base_map = T_map_base.inverse();
+
+  auto scene = std::make_shared<CollisionScene>();
+  scene->T_map_base = T_map_base;
+  if (!vertices.empty()) scene->lattice = latticeOf(vertices, T_map_base, config);
+  const BlockLattice& lattice = scene->lattice;
+
+  // Chunks by what is in them. Margins are left out: they follow from position, direction and the sigma kept for a place.
+  std::vector<std::array<std::uint64_t, 2>> vertex_hash(vertices.size());
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    for (std::size_t i = 0; i < 2; ++i) vertex_hash[v][i] = hashOf(cleaned.directions[v], hashOf(vertices[v], i + 1));
+  }
+  struct Gathered {
+    Contents contents;
+    std::vector<std::uint32_t> triangles;
+  };
+  std::unordered_map<LatticeKey, Gathered, LatticeKeyHash> gathered;
+  for (std::size_t t = 0; t < cleaned.triangles.size(); ++t) {
+    const auto& [a, b, c] = cleaned.triangles[t];
+    Gathered& chunk = gathered[LatticeKey::of((vertices[a] + vertices[b] + vertices[c]) / 3.0, config.chunk_m)];
+    chunk.triangles.push_back(static_cast<std::uint32_t>(t));
+    ++chunk.contents.count;
+    for (std::size_t i = 0; i < 2; ++i) {
+      // A sum does not depend on the order, which in the map's mesh depends on its history.
+      chunk.contents.hash[i] +=
+          mix(vertex_hash[a][i] + mix(vertex_hash[b][i] + mix(vertex_hash[c][i] + 0x9e3779b97f4a7c15ULL)));
+    }
+  }
+  std::vector<LatticeKey> changed;  // chunks to build
+  std::vector<LatticeKey> touched;  // those, and the ones that are gone
+  for (const auto& [key, chunk] : gathered) {
+    const auto before = state_->chunks.find(key);
+    if (before == state_->chunks.end() || !(before->second.contents == chunk.contents)) changed.push_back(key);
+  }
+  touched = changed;
+  for (const auto& [key, record] : state_->chunks) {
+    if (gathered.count(key) == 0) touched.push_back(key);
+  }
+
+  // What to ask the map. A vertex keeps the sigma it was first given for as long as it stays where it is: chunks that
+  // share it agree on it, and sigma of a surface that stays in place only falls, as more looks are fused.
+  std::vector<double> surface_std(vertices.size());
+  std::vector<std::uint32_t> asked_vertices;
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    const std::uint32_t before = state_->vertices.find(vertices[v]);
+    if (before == PointIndex::kNone) {
+      asked_vertices.push_back(static_cast<std::uint32_t>(v));
+    } else {
+      surface_std[v] = state_->surface_std[before];
+    }
+  }
+  update.mesh_ms += elapsedMs(begin);
+  const auto lattice_begin = std::chrono::steady_clock::now();
+  PileBlocks pile;
+  std::vector<std::uint32_t> asked_blocks;
+  if (!vertices.empty()) {
+    pile = findPile(lattice, vertices, T_base_map, config);
+    scene->flags.assign(lattice.count(), 0);
+    scene->distance_m.assign(lattice.count(), kNoDistance);
+    const bool is_same_lattice = lattice == last_scene.lattice;
+    std::vector<std::uint8_t> is_stale;
+    if (is_same_lattice) is_stale = blocksNear(lattice, touched, config);
+    const Eigen::Vector3i size = lattice.size();
+    std::size_t at = 0;
+    for (int z = 0; z < size.z(); ++z) {
+      for (int y = 0; y < size.y(); ++y) {
+        for (int x = 0; x < size.x(); ++x, ++at) {
+          if (!pile.is_near[at] && !pile.is_beneath[at]) continue;
+          // What is below the ground is the floor test's.
+          if ((T_base_map * lattice.center({x, y, z})).z() < 0.0) continue;
+          const bool is_known = is_same_lattice && (last_scene.flags[at] & kBlockObserved) != 0 &&
+                                (last_scene.flags[at] & kBlockUnknown) == 0 && is_stale[at] == 0;
+          if (is_known) {
+            scene->flags[at] = last_scene.flags[at];
+            scene->distance_m[at] = last_scene.distance_m[at];
+          } else {
+            asked_blocks.push_back(static_cast<std::uint32_t>(at));
+          }
+        }
+      }
+    }
+  }
+  update.lattice_ms += elapsedMs(lattice_begin);
+
+  const std::size_t num_asked = asked_vertices.size() + asked_blocks.size();
+  MapAnswers answers;
+  if (num_asked > 0) {
+    gpis_mapping::Points3d points(3, static_cast<Eigen::Index>(num_asked));
+    Eigen::Index column = 0;
+    for (const std::uint32_t v : asked_vertices) points.col(column++) = vertices[v];
+    for (const std::uint32_t at : asked_blocks) points.col(column++) = lattice.center(lattice.position(at));
+    answers = map.query(points);
+    if (answers.state.size() != num_asked || answers.distance_m.size() != points.cols() ||
+        answers.surface_std_m.size() != points.cols()) {
+      throw std::runtime_error("the map answered " + std::to_string(answers.state.size()) + " of " +
+                               std::to_string(num_asked) + " points");
+    }
+  }
+
+  const auto mesh_begin = std::chrono::steady_clock::now();
+  for (std::size_t i = 0; i < asked_vertices.size(); ++i) {
+    surface_std[asked_vertices[i]] = answers.surface_std_m[static_cast<Eigen::Index>(i)];
+  }
+  std::vector<Eigen::Vector3d> displaced(vertices.size());
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    // mean - k sigma of the surface's position, to first order. Without a sigma nobody knows how good the surface is.
+    const double margin_m = config.sigmas * surface_std[v] + config.margin_m;
+    displaced[v] =
+        vertices[v] + (margin_m < config.max_margin_m ? margin_m : config.max_margin_m) * cleaned.directions[v];
+  }
+  std::vector<ChunkRecord> built(changed.size());
+  gpis_mapping::parallelFor(changed.size(), gpis_mapping::resolveThreadCount(0), 4,
+                            [&](std::size_t first, std::size_t last) {
+                              for (std::size_t i = first; i < last; ++i) {
+                                const Gathered& chunk = gathered.at(changed[i]);
+                                built[i] = makeChunk(chunk.triangles, cleaned.triangles, vertices, displaced, config);
+                                built[i].contents = chunk.contents;
+                              }
+                            });
+  State::Chunks chunks;
+  chunks.reserve(gathered.size());
+  for (std::size_t i = 0; i < changed.size(); ++i) chunks.emplace(changed[i], std::move(built[i]));
+  for (const auto& [key, chunk] : gathered) {
+    if (chunks.count(key) == 0) chunks.emplace(key, state_->chunks.at(key));
+  }
+  std::vector<LatticeKey> order;  // the hash map's depends on its history; what is found first must not
+  for (const auto& [key, record] : chunks) order.push_back(key);
+  std::sort(order.begin(), order.end());
+  for (const LatticeKey& key : order) scene->chunks.push_back(chunks.at(key).chunk);
+  update.chunks = chunks.size();
+  update.chunks_rebuilt = changed.size();
+  update.mesh_ms += elapsedMs(mesh_begin);
+
+  const auto field_begin = std::chrono::steady_clock::now();
+  update.blocks_asked = asked_blocks.size();
+  for (std::size_t i = 0; i < asked_blocks.size(); ++i) {
+    const std::size_t at = asked_blocks[i];
+    const Eigen::Index answer = static_cast<Eigen::Index>(asked_vertices.size() + i);
+    const double distance_m = answers.distance_m[answer];
+    const SpaceState block_state = answers.state[asked_vertices.size() + i];
+    scene->distance_m[at] = static_cast<float>(distance_m);
+    scene->flags[at] = kBlockObserved;
+    if (block_state == SpaceState::kOccupied || distance_m < 0.0) {
+      scene->flags[at] |= kBlockInside;
+    } else if (block_state == SpaceState::kUnknown) {
+      scene->flags[at] |= kBlockUnknown;
+    }
+  }
+  if (!vertices.empty()) {
+    std::vector<std::uint8_t> is_taken(lattice.count());
+    for (std::size_t at = 0; at < is_taken.size(); ++at) {
+      is_taken[at] = (scene->flags[at] & (kBlockInside | kBlockUnknown)) != 0;
+      if ((scene->flags[at] & kBlockUnknown) != 0) ++update.blocks_unknown;
+    }
+    for (const auto& [key, record] : chunks) {
+      for (const LatticeKey& block : record.blocks) {
+        is_taken[lattice.index(lattice.clamped(block.center(config.block_m)))] = 1;
+      }
+    }
+    // Between two blocks at offset d [blocks] no points are nearer than |max(0, |d| - 1)|: the distance between centres
+    // once one of the two is grown by a block to all sides.
+    const std::vector<std::int32_t> squared = squaredDistances(lattice, dilate(lattice, std::move(is_taken)));
+    scene->free_distance_m.resize(squared.size());
+    for (std::size_t at = 0; at < squared.size(); ++at) {
+      scene->free_distance_m[at] =
+          squared[at] >= kNoBlock ? kFarAway
+                                  : static_cast<float>(config.block_m * std::sqrt(static_cast<double>(squared[at])));
+    }
+  }
+  update.lattice_ms += elapsedMs(field_begin);
+
+  state_->vertices = std::move(cleaned.vertices);
+  state_->surface_std = std::move(surface_std);
+  state_->chunks = std::move(chunks);
+  state_->scene = std::move(scene);
+  return update;
+}
+
+}  // namespace motion_planning

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -125,15 +126,16 @@ Eigen::Isometry3d UrGeometry::tipPose(const ArmVector& q) const {
          turnAbout(wrist_, axis_5_, q[4]) * turnAbout(centre_, axis_6_, q[5]) * T_S_tip_zero_;
 }
 
-int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
-                      Branches* branches) const {
+void UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
+                       Branches* branches) const {
+  branches->fill(ArmVector::Constant(std::numeric_limits<double>::quiet_NaN()));
   // N = e1 ... e6. Turns 5 and 6 leave the wrist's centre where it is, turns 2, 3 and 4 its y.
   const Eigen::Isometry3d N = T_S_base_ * T_base_tip * T_tip_S_zero_;
   const Eigen::Vector3d centre = N * centre_;
 
   // Shoulder: the centre, turned back by q1, has y = wrist_offset: radius sin(bearing - q1) = wrist_offset.
   const double radius_m = std::hypot(centre.x(), centre.y());
-  if (radius_m < std::abs(wrist_offset_m_) - softness.position_m - ArmKinematics::kIkPositionTolerance_m) return 0;
+  if (radius_m < std::abs(wrist_offset_m_) - softness.position_m - ArmKinematics::kIkPositionTolerance_m) return;
   const double bearing_rad = std::atan2(centre.y(), centre.x());
   // Offset over radius within the softness of 1 is a double root that the polish has to tell apart; an angle d from it
   // moves the centre by radius d^2 / 2.
@@ -143,9 +145,8 @@ int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, c
                              M_PI_2 - shoulder_spread_rad),
                     wrist_offset_m_);
 
-  int count = 0;
-  for (const double turned_rad : {shoulder_rad, M_PI - shoulder_rad}) {
-    const double q1 = bearing_rad - turned_rad;
+  for (const std::size_t shoulder : {0, 1}) {
+    const double q1 = bearing_rad - (shoulder == 0 ? shoulder_rad : M_PI - shoulder_rad);
     const Eigen::Matrix3d R1 = Eigen::AngleAxisd(-q1, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     const Eigen::Matrix3d N1 = R1 * N.linear();  // = Ry(theta) R(axis_5, q5) R(axis_6, q6), theta = q2 + q3 + q4
     const Eigen::Vector3d centre_1 = R1 * centre;
@@ -158,10 +159,11 @@ int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, c
     const double wrist_2_rad = std::atan2(sine, cosine);
     const bool is_aligned = sine <= kAligned_rad;
     const double least_rad = std::max(softness.rotation_rad, 0.0);
-    for (const double side : {1.0, -1.0}) {
+    for (const std::size_t wrist_side : {0, 1}) {
       // Aligned, the two sides are one solution.
-      if (is_aligned && side < 0.0 && least_rad <= kAligned_rad) break;
-      const double q5 = wrist_2_offset_rad_ + side * std::clamp(wrist_2_rad, least_rad, M_PI - least_rad);
+      if (is_aligned && wrist_side == 1 && least_rad <= kAligned_rad) break;
+      const double turn_rad = std::clamp(wrist_2_rad, least_rad, M_PI - least_rad);
+      const double q5 = wrist_2_offset_rad_ + (wrist_side == 0 ? turn_rad : -turn_rad);
       const Eigen::Matrix3d R5 = Eigen::AngleAxisd(q5, axis_5_).toRotationMatrix();
 
       // Wrist 3 turns R5^T y about axis 6 into N1^T y.
@@ -196,16 +198,16 @@ int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, c
           std::min(M_PI_2, std::sqrt(4.0 * (upper_length_m_ + forearm_length_m_) * wrist_softness_m / twice_product));
       const double elbow_rad =
           std::clamp(std::acos(std::clamp(cos_elbow, -1.0, 1.0)), elbow_spread_rad, M_PI - elbow_spread_rad);
-      for (const double bend_rad : {elbow_rad, -elbow_rad}) {
+      for (const std::size_t elbow_side : {0, 1}) {
+        const double bend_rad = elbow_side == 0 ? elbow_rad : -elbow_rad;
         const double q3 = bend_rad - forearm_angle_rad_ + upper_angle_rad_;
         const double q2 = planeAngle(wrist) - upper_angle_rad_ -
                           std::atan2(forearm_length_m_ * std::sin(bend_rad),
                                      upper_length_m_ + forearm_length_m_ * std::cos(bend_rad));
-        (*branches)[static_cast<std::size_t>(count++)] << q1, q2, q3, theta - q2 - q3, q5, q6;
+        (*branches)[4 * shoulder + 2 * wrist_side + elbow_side] << q1, q2, q3, theta - q2 - q3, q5, q6;
       }
     }
   }
-  return count;
 }
 
 }  // namespace motion_planning
