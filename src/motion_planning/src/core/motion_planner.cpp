@@ -149,31 +149,39 @@ const char* toString(PlanStatus status) {
 }
 
 std::vector<std::string> MotionPlannerConfig::validate() const {
-  gpis_mapping::RangeCheck check;
-  check("velocity_scale", velocity_scale, 0.01, 1.0, "");
-  check("acceleration_rad_s2", acceleration_rad_s2, 0.05, 40.0, "rad/s^2");
-  check("contact_speed_m_s", contact_speed_m_s, 0.001, 0.25, "m/s");
-  check("lift_speed_m_s", lift_speed_m_s, 0.001, 1.0, "m/s");
-  check("approach_m", approach_m, 0.01, 0.5, "m");
-  check("lift_m", lift_m, 0.01, 0.5, "m");
-  check("cartesian_step_m", cartesian_step_m, 5e-4, 0.02, "m");
-  check("max_joint_jump_rad", max_joint_jump_rad, 0.01, 1.0, "rad");
-  check("plate_margin_m", plate_margin_m, 0.0, 0.2, "m");
-  check("magnet_radius_m", magnet_radius_m, 0.001, 0.2, "m");
-  check("yaw_samples", yaw_samples, 1, 360, "");
-  check("contact_grid_m", contact_grid_m, 0.005, 1.0, "m");
-  check("max_goals", max_goals, 1, 1000, "");
-  check("max_tilt_rad", max_tilt_rad, 0.05, 3.2, "rad");
-  check("inspect_clear_m", inspect_clear_m, 0.0, 1.0, "m");
-  check("inspect_samples", inspect_samples, 0, 1e6, "");
-  check("verify_step_m", verify_step_m, 0.001, 0.1, "m");
-  std::vector<std::string> problems = check.problems();
+  // Sections as in config_fields.h.
+  std::vector<std::string> problems;
   const auto append = [&problems](const char* section, const std::vector<std::string>& more) {
-    for (const std::string& problem : more) problems.push_back(std::string(section) + "/" + problem);
+    for (const std::string& problem : more) problems.push_back(std::string(section) + problem);
   };
-  append("collision", collision.validate());
-  append("planner", planner.validate());
-  append("timing", timing.validate());
+  append("collision/", collision.validate());
+  append("search/", planner.validate());
+  gpis_mapping::RangeCheck search("search/");
+  search("verify_step_m", verify_step_m, 0.001, 0.1, "m");
+  append("", search.problems());
+  append("motion/", timing.validate());
+  gpis_mapping::RangeCheck motion("motion/");
+  motion("velocity_scale", velocity_scale, 0.01, 1.0, "");
+  motion("acceleration_rad_s2", acceleration_rad_s2, 0.05, 40.0, "rad/s^2");
+  motion("contact_speed_m_s", contact_speed_m_s, 0.001, 0.25, "m/s");
+  motion("lift_speed_m_s", lift_speed_m_s, 0.001, 1.0, "m/s");
+  append("", motion.problems());
+  gpis_mapping::RangeCheck pick("pick/");
+  pick("approach_m", approach_m, 0.01, 0.5, "m");
+  pick("lift_m", lift_m, 0.01, 0.5, "m");
+  pick("cartesian_step_m", cartesian_step_m, 5e-4, 0.02, "m");
+  pick("max_joint_jump_rad", max_joint_jump_rad, 0.01, 1.0, "rad");
+  pick("plate_margin_m", plate_margin_m, 0.0, 0.2, "m");
+  pick("magnet_radius_m", magnet_radius_m, 0.001, 0.2, "m");
+  pick("yaw_samples", yaw_samples, 1, 360, "");
+  pick("contact_grid_m", contact_grid_m, 0.005, 1.0, "m");
+  pick("max_goals", max_goals, 1, 1000, "");
+  pick("max_tilt_rad", max_tilt_rad, 0.05, 3.2, "rad");
+  append("", pick.problems());
+  gpis_mapping::RangeCheck view("view/");
+  view("clear_m", inspect_clear_m, 0.0, 1.0, "m");
+  view("samples", inspect_samples, 0, 1e6, "");
+  append("", view.problems());
   return problems;
 }
 
