@@ -2,6 +2,7 @@
 // How well picks are planned in simulated piles, judged by the exact scene: success, time, way, clearance, collisions; by
 // margin policy and by how well the pile was seen; beside plain RRTConnect. A CSV row for each problem, a JSON summary.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <iostream>
@@ -14,9 +15,11 @@
 #include <nlohmann/json.hpp>
 #include <ompl/util/RandomNumbers.h>
 
+#include "exact_checker.h"
 #include "plain_rrt_connect.h"
 #include "plan_judge.h"
 #include "problem_planner.h"
+#include "synthetic_depth/seeded_random.h"
 
 namespace planning_problems {
 namespace {
@@ -241,9 +244,99 @@ class Evaluation {
     }
   }
 
+  /// The collision test alone: random postures close to the pile, judged by the exact scene. More of them than plans can
+  /// be made, so that margins can be told apart.
+  void postures(int piles, int per_stand) {
+    for (const Condition& condition : conditions()) {
+      const ProblemMaker maker(files_, condition.survey);
+      std::vector<PostureCount> counts(margins().size());
+      for (int seed = 1; seed <= piles; ++seed) {
+        std::shared_ptr<const Stand> stand;
+        for (const PlanningProblem& problem : maker.problemsOfPile(static_cast<std::uint64_t>(seed))) {
+          if (stand == problem.stand) continue;
+          stand = problem.stand;
+          countPostures(maker, *stand, static_cast<std::uint64_t>(seed), per_stand, &counts);
+        }
+        std::cerr << "postures, " << condition.name << ": pile " << seed << " of " << piles << std::endl;
+      }
+      for (std::size_t i = 0; i < counts.size(); ++i) {
+        const PostureCount& count = counts[i];
+        const Margin margin = margins()[i];
+        json entry = {{"sigmas", margin.sigmas},     {"margin_mm", 1e3 * margin.margin_m},
+                      {"is_fixed", margin.is_fixed}, {"colliding", count.colliding},
+                      {"missed", count.missed},      {"deepest_missed_mm", 1e3 * count.deepest_missed_m},
+                      {"clear", count.clear},        {"blocked", count.blocked}};
+        json_["postures"][condition.name]["policies"][margin.name] = entry;
+      }
+      json_["postures"][condition.name]["text"] = condition.text;
+    }
+  }
+
   const json& result() const { return json_; }
 
  private:
+  struct PostureCount {
+    int colliding{0};  // arm in a brick by more than kTouch_m
+    int missed{0};     // and called free
+    double deepest_missed_m{0.0};
+    std::array<int, 3> clear{};    // so far from all bricks: 10 to 20 mm, 20 to 40 mm, 40 to 60 mm
+    std::array<int, 3> blocked{};  // and called in the way
+  };
+
+  /// Postures with the arm deeper than 30 mm in bricks or farther than 60 mm from them are no question.
+  void countPostures(const ProblemMaker& maker, const Stand& stand, std::uint64_t seed, int wanted,
+                     std::vector<PostureCount>* counts) {
+    constexpr double kTouch_m = 0.0005;
+    constexpr double kDeep_m = 0.03;
+    constexpr double kFar_m = 0.06;
+    const auto arm = std::make_shared<motion_planning::ArmKinematics>(maker.robot());
+    ExactChecker exact(maker.robot(), stand.bricks, stand.T_map_base);
+    std::vector<std::unique_ptr<motion_planning::CollisionChecker>> checkers;
+    for (const Margin& margin : margins()) {
+      motion_planning::CollisionSceneConfig config;
+      config.sigmas = margin.sigmas;
+      config.margin_m = margin.margin_m;
+      motion_planning::CollisionSceneBuilder builder(config);
+      builder.update(stand.surface, motion_planning::SnapshotView(stand.map), stand.T_map_base);
+      checkers.push_back(std::make_unique<motion_planning::CollisionChecker>(arm, builder.scene(), stand.T_map_base));
+      checkers.back()->freeUnknownAt(maker.stowed());
+    }
+    synthetic_depth::SeededRandom random(seed, 31, stand.looks);
+    for (int found = 0, tried = 0; found < wanted && tried < 400 * wanted; ++tried) {
+      motion_planning::ArmVector q;
+      for (double& angle : q) angle = random.uniform(-M_PI, M_PI);
+      const double clearance_m = exact.clearance(q, kFar_m);
+      if (clearance_m >= kFar_m) continue;
+      double depth_m = 0.0;
+      bool is_question = true;
+      for (const Overlap& overlap : exact.overlaps(q)) {
+        if (overlap.brick_id < 0) is_question = false;  // in itself or in the ground: called so whatever the margin
+        depth_m = std::max(depth_m, overlap.depth_m);
+      }
+      if (!is_question || depth_m > kDeep_m || (depth_m == 0.0 && clearance_m < 0.01)) continue;
+      ++found;
+      for (std::size_t i = 0; i < checkers.size(); ++i) {
+        PostureCount& count = (*counts)[i];
+        const motion_planning::Contact contact = checkers[i]->check(q);
+        if (depth_m > kTouch_m) {
+          ++count.colliding;
+          if (contact) continue;
+          ++count.missed;
+          count.deepest_missed_m = std::max(count.deepest_missed_m, depth_m);
+        } else if (depth_m == 0.0) {
+          // What is unknown or near itself is in the way under all margins.
+          if (contact && contact.kind != motion_planning::CollisionKind::kSurface &&
+              contact.kind != motion_planning::CollisionKind::kInside) {
+            continue;
+          }
+          const std::size_t bin = clearance_m < 0.02 ? 0 : (clearance_m < 0.04 ? 1 : 2);
+          ++count.clear[bin];
+          count.blocked[bin] += static_cast<bool>(contact);
+        }
+      }
+    }
+  }
+
   Row pick(const std::string& group, const std::string& condition, const std::string& margin, const ProblemMaker& maker,
            ProblemPlanner* planner, const PlanningProblem& problem, bool is_touchable) {
     Row row;
@@ -293,12 +386,17 @@ int main(int argc, char** argv) {
   std::string out = ".";
   int piles = 17;
   int margin_piles = 5;
+  int posture_piles = 10;
+  int postures = 400;
   po::options_description description("Plans picks in simulated piles and judges them by the exact scene. Options");
   auto add = description.add_options();
   add("help", "this text");
   add("root", po::value(&root)->default_value(root), "folder of the workspace");
   add("piles", po::value(&piles)->default_value(piles), "of the standard part; 17 give 200 problems. 0: leave it out");
   add("margin-piles", po::value(&margin_piles)->default_value(margin_piles), "of each condition of the margins' part");
+  add("posture-piles", po::value(&posture_piles)->default_value(posture_piles),
+      "of each condition of the postures' part");
+  add("postures", po::value(&postures)->default_value(postures), "from each standing place");
   add("out", po::value(&out)->default_value(out), "folder for evaluate_planning.csv and .json");
   try {
     po::variables_map values;
@@ -308,7 +406,7 @@ int main(int argc, char** argv) {
       std::cout << description;
       return 0;
     }
-    if (piles < 0 || margin_piles < 0) throw po::error("--piles and --margin-piles must be >= 0");
+    if (piles < 0 || margin_piles < 0 || posture_piles < 0 || postures < 0) throw po::error("numbers must be >= 0");
   } catch (const po::error& error) {
     std::cerr << "evaluate_planning: " << error.what() << '\n' << description;
     return 2;
@@ -318,6 +416,7 @@ int main(int argc, char** argv) {
     std::ofstream csv(out + "/evaluate_planning.csv");
     Evaluation evaluation({root + "/sim_tests/worlds", root + "/src/mp700_ur5e_description"},
                           root + "/src/motion_planning/config/manipulability_sectors.yaml", &csv);
+    if (posture_piles > 0) evaluation.postures(posture_piles, postures);
     if (piles > 0) evaluation.standard(piles);
     if (margin_piles > 0) evaluation.marginPolicies(margin_piles);
     std::ofstream summary(out + "/evaluate_planning.json");
