@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The simulated robot in any posture before its own camera, with or without a brick on the magnet, and what the simulator
+// itself knows of each pixel. Postures are set, not driven to: physics has no part in what a camera sees.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <depth_self_filter/robot_mask.h>
+#include <mp700_ur5e_description/robot_names.h>
+
+#include "simulated_world/mujoco_model.h"
+#include "simulated_world/offscreen_renderer.h"
+#include "simulated_world/rgbd_camera.h"
+#include "simulated_world/simulation.h"
+#include "simulated_world/world.h"
+#include "synthetic_depth/sensor.h"
+
+namespace simulated_world {
+
+namespace names = mp700_ur5e_description;
+
+constexpr int kHeldBrick = 0;
+
+/// As config/simulation.yaml has it.
+inline synthetic_depth::SensorModel stereoSensor() {
+  synthetic_depth::SensorModel sensor;
+  sensor.min_range_m = 0.3;
+  sensor.max_range_m = 6.0;
+  sensor.axial_noise_a_m = 0.0005;
+  sensor.axial_noise_c_per_m = 0.0038;
+  sensor.baseline_m = 0.05;
+  sensor.has_shadows = true;
+  return sensor;
+}
+
+inline SimulationConfig worldConfig(const std::string& scene) {
+  const std::string folder = MP700_UR5E_DESCRIPTION_DIR;
+  SimulationConfig config;
+  config.description = {folder + "/urdf/mp700_ur5e.urdf", folder + "/config/base_profile.yaml",
+                        folder + "/config/bricks.yaml", folder + "/config/arm_poses/stowed.yaml"};
+  config.scene = std::string(SIMULATED_WORLDS) + "/" + scene + ".yaml";
+  config.camera_rate_hz = 0.0;
+  config.camera.sensor = stereoSensor();
+  return config;
+}
+
+/// Arm angles from base to tool [rad].
+using ArmAngles = std::array<double, 6>;
+
+class RobotBeforeCamera {
+ public:
+  /// The base stands at (x, 0) and looks along x, at a pile about the origin.
+  RobotBeforeCamera(const std::string& scene, double base_x_m, const synthetic_depth::SensorModel& sensor)
+      : robot_(names::RobotModel::load(MP700_UR5E_DESCRIPTION_DIR "/urdf/mp700_ur5e.urdf")),
+        simulation_(withSensor(scene, sensor)),
+        model_(simulation_.world().model()),
+        data_(mj_copyData(nullptr, &model_, &simulation_.world().data())),
+        renderer_(model_),
+        camera_(renderer_, "rgbd", simulation_.config().camera) {
+    set("base_x", base_x_m);
+    set("base_y", 0.0);
+    set("base_yaw", 0.0);
+  }
+
+  /// The brick's pose on the magnet: hanging from the middle of its +z face, turned about the tool.
+  static depth_self_filter::HeldBrick brickOnMagnet(double turn_rad) {
+    depth_self_filter::HeldBrick brick;
+    brick.frame = names::kToolFrame;
+    brick.size_m << 0.3, 0.2, 0.2;
+    brick.T_frame_brick = Eigen::Translation3d(0.0, 0.0, 0.1 + 0.1) *
+                          Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitZ()) *
+                          Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+    return brick;
+  }
+
+  void pose(const ArmAngles& arm_rad, const std::optional<depth_self_filter::HeldBrick>& brick) {
+    positions_rad_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size()));
+    for (std::size_t i = 0; i < arm_rad.size(); ++i) {
+      set(names::kArmJoints[i], arm_rad[i]);
+      positions_rad_[static_cast<Eigen::Index>(robot_->jointIndex(names::kArmJoints[i]))] = arm_rad[i];
+    }
+    brick_ = brick;
+    mj_forward(&model_, data_.get());
+    if (!brick) return;
+    const Eigen::Isometry3d T_map_brick =
+        bodyPose(*data_, requireId(model_, mjOBJ_BODY, brick->frame)) * brick->T_frame_brick;
+    const int joint = model_.body_jntadr[heldBody()];
+    mjtNum* const qpos = data_->qpos + model_.jnt_qposadr[joint];
+    Eigen::Map<Eigen::Vector3d>{qpos} = T_map_brick.translation();
+    quaternionTo(Eigen::Quaterniond(T_map_brick.linear()), qpos + 3);
+    mj_forward(&model_, data_.get());
+  }
+
+  cv::Mat measure(std::uint64_t frame) { return camera_.capture(*data_, frame).depth_m; }
+
+  /// CV_8UC1: 255 where the simulator sees the robot or the held brick.
+  cv::Mat truth() {
+    cv::Mat geom_ids;
+    renderer_.segmentation(*data_, camera_.opticalPose(*data_), simulation_.config().camera.camera,
+                           simulation_.config().camera.render, &geom_ids);
+    const int robot = requireId(model_, mjOBJ_BODY, names::kBaseFrame);
+    cv::Mat is_robot(geom_ids.size(), CV_8UC1, cv::Scalar(0));
+    for (int v = 0; v < geom_ids.rows; ++v) {
+      for (int u = 0; u < geom_ids.cols; ++u) {
+        const int geom = geom_ids.at<int>(v, u);
+        if (geom < 0) continue;
+        const int body = model_.geom_bodyid[geom];
+        const bool is_held = brick_ && body == heldBody();
+        if (is_held || model_.body_rootid[body] == robot) is_robot.at<unsigned char>(v, u) = 255;
+      }
+    }
+    return is_robot;
+  }
+
+  /// What the filter makes of a measured image.
+  depth_self_filter::MaskStatistics filter(depth_self_filter::RobotMask* mask, gpis_mapping::DepthImage* image) const {
+    return mask->apply(camera(), T_root_camera(), positions_rad_, brick_, image);
+  }
+
+  gpis_mapping::CameraModel camera() const {
+    const synthetic_depth::CameraModel& c = simulation_.config().camera.camera;
+    return {c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px};
+  }
+  /// By the URDF, as the node takes it.
+  Eigen::Isometry3d T_root_camera() const { return robot_->framePose(names::kDepthFrame, positions_rad_); }
+  /// By the simulator.
+  Eigen::Isometry3d T_map_camera() const { return camera_.opticalPose(*data_); }
+  Eigen::Isometry3d T_map_root() const { return bodyPose(*data_, requireId(model_, mjOBJ_BODY, names::kBaseFrame)); }
+
+  /// From a point in the root's frame to the nearest part of arm, magnet and held brick [m]; negative inside.
+  double distanceToArm(const Eigen::Vector3d& p_root) const {
+    std::vector<Eigen::Isometry3d> T_root_body;
+    robot_->bodyPoses(positions_rad_, &T_root_body);
+    double nearest = std::numeric_limits<double>::infinity();
+    const std::size_t shoulder = robot_->bodyOf("ur5e_shoulder_link");
+    const auto distance = [](const names::Shape& shape, const Eigen::Vector3d& p) {
+      Eigen::Vector2d q;
+      if (const auto* box = std::get_if<names::Box>(&shape)) {
+        const Eigen::Vector3d d = p.cwiseAbs() - 0.5 * box->size_m;
+        return d.cwiseMax(0.0).norm() + std::min(0.0, d.maxCoeff());
+      }
+      if (const auto* cylinder = std::get_if<names::Cylinder>(&shape)) {
+        q << std::hypot(p.x(), p.y()) - cylinder->radius_m, std::abs(p.z()) - 0.5 * cylinder->length_m;
+        return q.cwiseMax(0.0).norm() + std::min(0.0, q.maxCoeff());
+      }
+      return p.norm() - std::get<names::Sphere>(shape).radius_m;
+    };
+    for (const names::BodyShape& shape : robot_->shapes()) {
+      if (shape.body < shoulder) continue;  // the base, and what stands on it; wheels come before the arm
+      nearest =
+          std::min(nearest, distance(shape.shape, (T_root_body[shape.body] * shape.T_body_shape).inverse() * p_root));
+    }
+    if (brick_) {
+      nearest = std::min(
+          nearest,
+          distance(names::Box{brick_->size_m},
+                   (robot_->framePose(brick_->frame, positions_rad_) * brick_->T_frame_brick).inverse() * p_root));
+    }
+    return nearest;
+  }
+
+  const std::shared_ptr<const names::RobotModel>& robot() const { return robot_; }
+
+ private:
+  static SimulationConfig withSensor(const std::string& scene, const synthetic_depth::SensorModel& sensor) {
+    SimulationConfig config = worldConfig(scene);
+    config.camera.sensor = sensor;
+    return config;
+  }
+
+  int heldBody() const { return requireId(model_, mjOBJ_BODY, "brick_" + std::to_string(kHeldBrick)); }
+  void set(const std::string& joint, double value) {
+    data_->qpos[model_.jnt_qposadr[requireId(model_, mjOBJ_JOINT, joint)]] = value;
+  }
+
+  std::shared_ptr<const names::RobotModel> robot_;
+  Simulation simulation_;
+  const mjModel& model_;
+  DataPtr data_;
+  OffscreenRenderer renderer_;
+  RgbdCamera camera_;
+  Eigen::VectorXd positions_rad_;
+  std::optional<depth_self_filter::HeldBrick> brick_;
+};
+
+/// From a 32FC1 image of metres, as it is.
+inline gpis_mapping::DepthImage toDepthImage(const cv::Mat& depth_m) {
+  return {depth_m.cols, depth_m.rows, std::vector<float>(depth_m.begin<float>(), depth_m.end<float>())};
+}
+
+/// The way a 16UC1 driver in millimetres would deliver it: 0 for everything that is no depth.
+inline gpis_mapping::DepthImage toDepthImage16(const cv::Mat& depth_m) {
+  const cv::Mat units = synthetic_depth::encodeDepth16(depth_m, 1000.0);
+  return gpis_mapping::depthImageFromU16(units.ptr<std::uint16_t>(), units.cols, units.rows, 1000.0);
+}
+
+inline depth_self_filter::RobotMaskConfig realsenseMask() {
+  depth_self_filter::RobotMaskConfig config;
+  config.baseline_m = 0.05;  // config/cameras/realsense.yaml
+  config.noise = {0.0005, 0.0, 0.0038};
+  return config;
+}
+
+}  // namespace simulated_world
