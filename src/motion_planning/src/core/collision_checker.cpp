@@ -52,6 +52,13 @@ Part makePart(const std::string& link, std::size_t body, const Eigen::Isometry3d
   part.self_fcl = toFcl(self_shape);
   part.padded_fcl = toFcl(inflate(self_shape, self_padding_m));
   part.self_radius_m = boundingRadius(self_shape);
+  return part;
+}
+
+/// What only parts that move are asked for.
+Part makeMovingPart(const std::string& link, std::size_t body, const Eigen::Isometry3d& T_body_shape,
+                    const Shape& world_shape, const Shape& self_shape, double self_padding_m) {
+  Part part = makePart(link, body, T_body_shape, world_shape, self_shape, self_padding_m);
   part.world_spheres = coverShape(world_shape);
   part.self_spheres = coverShape(self_shape);
   part.core = corePoints(world_shape);
@@ -95,7 +102,7 @@ std::shared_ptr<const RobotParts> makeParts(const ArmKinematics& arm, double sel
   for (const auto& shape : robot.shapes()) {
     if (parts->is_moving[shape.body]) {
       parts->moving.push_back(
-          makePart(shape.link, shape.body, shape.T_body_shape, shape.shape, shape.shape, self_padding_m));
+          makeMovingPart(shape.link, shape.body, shape.T_body_shape, shape.shape, shape.shape, self_padding_m));
       parts->moving.back().is_tool = shape.link == mp700_ur5e_description::kMagnetLink;
     } else {
       // Wheels turn about their own axes: at zero they are where they always are.
@@ -435,10 +442,10 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held) {
   const double shrink_m = state_->config.held_shrink_m;
   // A plate thinner than twice what it is shrunk by keeps a fifth of its thickness.
   const Eigen::Vector3d world_size_m = (held->size_m.array() - 2.0 * shrink_m).max(0.2 * held->size_m.array());
-  auto part =
-      std::make_shared<Part>(makePart(kBrick, state_->parts->tip_body, state_->parts->T_body_tip * held->T_tip_brick,
-                                      mp700_ur5e_description::Box{world_size_m},
-                                      mp700_ur5e_description::Box{held->size_m}, state_->config.self_padding_m));
+  auto part = std::make_shared<Part>(
+      makeMovingPart(kBrick, state_->parts->tip_body, state_->parts->T_body_tip * held->T_tip_brick,
+                     mp700_ur5e_description::Box{world_size_m}, mp700_ur5e_description::Box{held->size_m},
+                     state_->config.self_padding_m));
   part->is_tool = true;
   state_->held = std::move(part);
 }
@@ -552,8 +559,8 @@ double CollisionChecker::clearance(const ArmVector& joints_rad, double limit_m) 
         break;
       }
       fcl::DistanceResultd result(best_m);
-      fcl::distance(&chunk->mappedBvh(), Eigen::Isometry3d::Identity(), part.world_fcl.get(), T,
-                    fcl::DistanceRequestd(), result);
+      fcl::distance(&chunk->mappedBvh(), Eigen::Isometry3d::Identity(), part.world_fcl.get(), T, exactDistanceRequest(),
+                    result);
       best_m = std::min(best_m, std::max(0.0, result.min_distance));
     }
   }
