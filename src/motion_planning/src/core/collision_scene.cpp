@@ -243,6 +243,7 @@ struct CleanSurface {
 struct Corner {
   Eigen::Vector3d p_map;
   Eigen::Vector3d normal_map;  // as given; zero: none
+  std::uint32_t vertex;        // of the surface; kNone: the middle of an edge
 };
 using Corners = std::array<Corner, 3>;
 
@@ -251,6 +252,13 @@ using Corners = std::array<Corner, 3>;
 template <class Keep>
 void cutUp(const Corners& whole, double max_edge_m, const Eigen::Vector3d& region_middle_map, double region_radius_m,
            const Keep& keep) {
+  const auto isShort = [&](std::size_t i) {
+    return (whole[(i + 1) % 3].p_map - whole[i].p_map).squaredNorm() <= max_edge_m * max_edge_m;
+  };
+  if (isShort(0) && isShort(1) && isShort(2)) {
+    keep(whole);
+    return;
+  }
   std::vector<Corners> rest = {whole};
   while (!rest.empty()) {
     const Corners corners = rest.back();
@@ -269,7 +277,7 @@ void cutUp(const Corners& whole, double max_edge_m, const Eigen::Vector3d& regio
     if ((corners[0].p_map - region_middle_map).norm() > region_radius_m + edge_m[longest]) continue;
     const Corner& a = corners[longest];
     const Corner& b = corners[(longest + 1) % 3];
-    const Corner middle{0.5 * (a.p_map + b.p_map), a.normal_map + b.normal_map};
+    const Corner middle{0.5 * (a.p_map + b.p_map), a.normal_map + b.normal_map, PointIndex::kNone};
     rest.push_back(corners);
     rest.back()[(longest + 1) % 3] = middle;
     rest.push_back(corners);
@@ -344,6 +352,7 @@ CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, 
   normals.reserve(surface.triangles.size());
   std::vector<Eigen::Vector3d> given;  // sum of the normals given for a place
   given.reserve(surface.vertices_map.size());
+  std::vector<std::uint32_t> place(surface.vertices_map.size(), PointIndex::kNone);  // of the surface's vertices
   const double region_ball_m = std::hypot(config.region_radius_m, kRegionTop_m);
   const auto keep = [&](const Corners& corners) {
     const Eigen::Vector3d middle_base =
@@ -360,7 +369,9 @@ CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, 
     normals.push_back(is_sliver ? Eigen::Vector3d::Zero() : Eigen::Vector3d(cross.normalized()));
     result.triangles.emplace_back();
     for (std::size_t i = 0; i < 3; ++i) {
-      const std::uint32_t v = result.vertices.add(corners[i].p_map);
+      std::uint32_t once;
+      std::uint32_t& v = corners[i].vertex == PointIndex::kNone ? once : place[corners[i].vertex];
+      if (&v == &once || v == PointIndex::kNone) v = result.vertices.add(corners[i].p_map);
       if (v == given.size()) given.push_back(Eigen::Vector3d::Zero());
       given[v] += corners[i].normal_map;
       result.triangles.back()[i] = v;
@@ -372,6 +383,7 @@ CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, 
     for (std::size_t i = 0; i < 3 && is_good; ++i) {
       is_good = triangle[i] < surface.vertices_map.size();
       if (!is_good) break;
+      corners[i].vertex = triangle[i];
       corners[i].p_map = surface.vertices_map[triangle[i]];
       corners[i].normal_map = surface.normals_map[triangle[i]].cast<double>();
       if (!corners[i].normal_map.allFinite()) corners[i].normal_map.setZero();
