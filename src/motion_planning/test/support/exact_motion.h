@@ -14,7 +14,7 @@ namespace motion_planning {
 /// against exact boxes and ground. What it says is inside is inside; it may miss what is smaller than its spacing.
 class ExactMotion {
  public:
-  ExactMotion(const ArmKinematics& arm, const PickWorld& pick, double spacing_m = 0.02);
+  ExactMotion(const ArmKinematics& arm, const PickWorld& pick, double spacing_m = 0.04);
 
   /// Box that magnet and held brick may touch; `is_gone`: it is no obstacle at all.
   void setTarget(std::optional<std::size_t> box, bool is_gone = false);
