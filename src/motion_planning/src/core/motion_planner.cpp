@@ -411,7 +411,7 @@ JointTrajectory MotionPlanner::Call::timedLine(const JointPath& line, double spe
   return timeParametrize(line, limits_, timing, tipSpeedLimit(planner_.arm_, speed_m_s));
 }
 
-/// Poses of the tip that hold the brick over the opening, edges along the opening's first.
+/// Poses of the tip that hold the brick over the opening; edges along the opening's are among the turns.
 std::vector<Eigen::Isometry3d> MotionPlanner::Call::placePoses(const PlaceGoal& place, const HeldBrick& held,
                                                                const Eigen::Vector3d& up_tip) const {
   const Eigen::Matrix3d R_level = turning(up_tip, Eigen::Vector3d::UnitZ());
@@ -423,10 +423,6 @@ std::vector<Eigen::Isometry3d> MotionPlanner::Call::placePoses(const PlaceGoal& 
   const double opening_yaw = std::atan2(R_opening(1, 0), R_opening(0, 0));
   std::vector<double> turns;
   for (int k = 0; k < config_.yaw_samples; ++k) turns.push_back(2.0 * kPi * k / config_.yaw_samples);
-  std::stable_sort(turns.begin(), turns.end(), [](double a, double b) {
-    const auto skew = [](double turn) { return std::round(1e6 * std::abs(std::sin(2.0 * turn))); };
-    return skew(a) < skew(b);
-  });
   std::vector<Eigen::Isometry3d> T_base_tips;
   for (const double turn : turns) {
     Eigen::Isometry3d T_base_brick = Eigen::Isometry3d::Identity();
@@ -483,12 +479,18 @@ MotionPlanner::Call::Goals MotionPlanner::Call::findGoals(const ArmGoal& goal, c
       return fail(PlanStatus::kNoIk,
                   what + ": no joint angles reach it (" + std::to_string(T_base_tips.size()) + " poses tried)");
     }
-    // By the way, as long as the turns' order (edges along the opening's) does not decide.
-    if (!goal.place) {
-      std::stable_sort(postures.begin(), postures.end(), [&](const ArmVector& a, const ArmVector& b) {
-        return (a - near).squaredNorm() < (b - near).squaredNorm();
-      });
+    // A whole turn of the first joint is another way round the mast; of the others, the same way.
+    const std::size_t given = postures.size();
+    for (std::size_t i = 0; i < given; ++i) {
+      for (const double turn : {-2.0 * kPi, 2.0 * kPi}) {
+        ArmVector turned = postures[i];
+        turned[0] += turn;
+        if (arm_.isWithinLimits(turned)) postures.push_back(turned);
+      }
     }
+    std::stable_sort(postures.begin(), postures.end(), [&](const ArmVector& a, const ArmVector& b) {
+      return (a - near).squaredNorm() < (b - near).squaredNorm();
+    });
   }
   Rejections rejections;
   double least_tilt_rad = kPi;
