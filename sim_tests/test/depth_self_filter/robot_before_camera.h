@@ -15,6 +15,7 @@
 #include <depth_self_filter/robot_mask.h>
 #include <mp700_ur5e_description/robot_names.h>
 
+#include "arm_distance.h"
 #include "simulated_world/mujoco_model.h"
 #include "simulated_world/offscreen_renderer.h"
 #include "simulated_world/rgbd_camera.h"
@@ -168,34 +169,10 @@ class RobotBeforeCamera {
 
   /// From a point in the root's frame to the nearest part of arm, magnet and held brick [m]; negative inside.
   double distanceToArm(const Eigen::Vector3d& p_root) const {
-    std::vector<Eigen::Isometry3d> T_root_body;
-    robot_->bodyPoses(positions_rad_, &T_root_body);
-    double nearest = std::numeric_limits<double>::infinity();
-    const std::size_t shoulder = robot_->bodyOf("ur5e_shoulder_link");
-    const auto distance = [](const names::Shape& shape, const Eigen::Vector3d& p) {
-      Eigen::Vector2d q;
-      if (const auto* box = std::get_if<names::Box>(&shape)) {
-        const Eigen::Vector3d d = p.cwiseAbs() - 0.5 * box->size_m;
-        return d.cwiseMax(0.0).norm() + std::min(0.0, d.maxCoeff());
-      }
-      if (const auto* cylinder = std::get_if<names::Cylinder>(&shape)) {
-        q << std::hypot(p.x(), p.y()) - cylinder->radius_m, std::abs(p.z()) - 0.5 * cylinder->length_m;
-        return q.cwiseMax(0.0).norm() + std::min(0.0, q.maxCoeff());
-      }
-      return p.norm() - std::get<names::Sphere>(shape).radius_m;
-    };
-    for (const names::BodyShape& shape : robot_->shapes()) {
-      if (shape.body < shoulder) continue;  // the base, and what stands on it; wheels come before the arm
-      nearest =
-          std::min(nearest, distance(shape.shape, (T_root_body[shape.body] * shape.T_body_shape).inverse() * p_root));
-    }
-    if (brick_) {
-      nearest = std::min(
-          nearest,
-          distance(names::Box{brick_->size_m},
-                   (robot_->framePose(brick_->frame, positions_rad_) * brick_->T_frame_brick).inverse() * p_root));
-    }
-    return nearest;
+    const double arm_m = simulated_world::distanceToArm(*robot_, positions_rad_, p_root);
+    if (!brick_) return arm_m;
+    const Eigen::Isometry3d T_root_brick = robot_->framePose(brick_->frame, positions_rad_) * brick_->T_frame_brick;
+    return std::min(arm_m, distanceToShape(names::Box{brick_->size_m}, T_root_brick.inverse() * p_root));
   }
 
   const std::shared_ptr<const names::RobotModel>& robot() const { return robot_; }
