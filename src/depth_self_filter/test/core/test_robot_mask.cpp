@@ -96,7 +96,7 @@ TEST(RobotMask, AgreesWithBruteForceOnTheRobot) {
   const CameraModel camera{64, 48, 52.5, 50.0, 33.2, 21.7};
   Compared sum;
   std::size_t pixels = 0;
-  for (int frame = 0; frame < 24; ++frame) {
+  for (int frame = 0; frame < 16; ++frame) {
     Eigen::VectorXd q = positions(*robot, test::kArmInView);
     for (double& value : q) value += offset(random);
     Eigen::Isometry3d T_root_camera = robot->framePose(mp700_ur5e_description::kDepthFrame, q);
