@@ -2,9 +2,11 @@
 // The self filter against what the simulator itself knows of each pixel.
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <limits>
 
 #include <gtest/gtest.h>
+#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "robot_before_camera.h"
@@ -122,6 +124,39 @@ class SelfFilterSegmentation : public testing::Test {
     EXPECT_GE(in_view, looks / 2);
   }
 
+  /// Measured and filtered side by side: near red, far blue, no measurement black, what the filter took out white.
+  static void draw(const std::string& file) {
+    robot_->setSensor(stereoSensor());
+    robot_->pose(kPostures.at(1).arm_rad, RobotBeforeCamera::brickOnMagnet(0.4));
+    const cv::Mat measured = robot_->measure(1);
+    DepthImage filtered = toDepthImage(measured);
+    RobotMask mask(robot_->robot(), realsenseMask());
+    robot_->filter(&mask, &filtered);
+    cv::Mat grey(measured.size(), CV_8UC1);
+    for (int v = 0; v < grey.rows; ++v) {
+      for (int u = 0; u < grey.cols; ++u) {
+        const float z = measured.at<float>(v, u);
+        constexpr float kFarthest_m = 4.0F;
+        grey.at<unsigned char>(v, u) = cv::saturate_cast<unsigned char>(255.0F * (1.0F - z / kFarthest_m));
+      }
+    }
+    cv::Mat before;
+    cv::applyColorMap(grey, before, cv::COLORMAP_JET);
+    cv::Mat after = before.clone();
+    for (int v = 0; v < grey.rows; ++v) {
+      for (int u = 0; u < grey.cols; ++u) {
+        if (std::isnan(measured.at<float>(v, u))) {
+          before.at<cv::Vec3b>(v, u) = after.at<cv::Vec3b>(v, u) = {0, 0, 0};
+        } else if (std::isnan(filtered.at(u, v))) {
+          after.at<cv::Vec3b>(v, u) = {255, 255, 255};
+        }
+      }
+    }
+    cv::Mat both;
+    cv::hconcat(before, after, both);
+    ASSERT_TRUE(cv::imwrite(file, both)) << file;
+  }
+
   static RobotBeforeCamera* robot_;
 };
 RobotBeforeCamera* SelfFilterSegmentation::robot_ = nullptr;
@@ -132,6 +167,8 @@ TEST_F(SelfFilterSegmentation, AllOfTheRobotIsGoneFromExactImages) {
 
 TEST_F(SelfFilterSegmentation, AllOfTheRobotIsGoneFromNoisyImages) {
   lookAtAll(stereoSensor(), 2);
+  // For scripts/pictures.
+  if (const char* file = std::getenv("SELF_FILTER_PICTURE")) draw(file);
 }
 
 TEST_F(SelfFilterSegmentation, AllOfTheRobotIsGoneWhereDepthsMixAtEdges) {

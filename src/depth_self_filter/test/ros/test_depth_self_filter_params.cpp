@@ -97,7 +97,7 @@ TEST(DepthSelfFilterParams, EveryKeyIsReadIntoItsOwnField) {
       expected[key] = std::to_string(3.0);
     } else {
       // Apart for each key, and below every upper limit.
-      const double other = 0.6 * std::stod(value) + 0.0001 * static_cast<double>(expected.size() + 1);
+      const double other = 0.55 * std::stod(value) + 0.00001 * static_cast<double>(expected.size() + 1);
       nh.setParam(key, other);
       expected[key] = std::to_string(other);
     }
