@@ -35,6 +35,7 @@ void visitPlannerFields(Config& config, Visitor&& visit) {
   visit("search/shortcut_rounds", config.planner.shortcut_rounds);
   visit("search/smooth_rounds", config.planner.smooth_rounds);
   visit("search/joint_window_rad", config.planner.joint_window_rad);
+  visit("search/verify_step_m", config.verify_step_m);
   visit("motion/velocity_scale", config.velocity_scale);
   visit("motion/acceleration_rad_s2", config.acceleration_rad_s2);
   visit("motion/contact_speed_m_s", config.contact_speed_m_s);
@@ -52,12 +53,15 @@ void visitPlannerFields(Config& config, Visitor&& visit) {
   visit("pick/max_goals", config.max_goals);
   visit("pick/max_tilt_rad", config.max_tilt_rad);
   visit("view/clear_m", config.inspect_clear_m);
+  visit("view/samples", config.inspect_samples);
 }
 
 template <typename Config, typename Visitor>
 void visitMonitorFields(Config& config, const std::string& section, Visitor&& visit) {
   visit(section + "stop_clearance_m", config.stop_clearance_m);
   visit(section + "sample_s", config.sample_s);
+  visit(section + "sample_rad", config.sample_rad);
+  visit(section + "clearance_step_m", config.clearance_step_m);
   visit(section + "horizon_s", config.horizon_s);
 }
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "motion_planning/scene_view.h"
 #include "motion_planning_ros/conversions.h"
 
 namespace motion_planning_ros {
