@@ -8,6 +8,7 @@
 #include <limits>
 
 #include <dynamic_reconfigure/Reconfigure.h>
+#include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/ClearBox.h>
 #include <interactive_mapping_msgs/LoadMap.h>
 #include <interactive_mapping_msgs/SaveMap.h>
@@ -267,6 +268,43 @@ TEST_F(LiveMapServices, ClearBoxForgetsWhatIsInItInAnyFrame) {
   const Eigen::Vector3d above = scene_.T_map_scene * scene_.boxes[0].T_scene_box * Eigen::Vector3d(0.0, 0.0, 0.085);
   const double distance_m = live_.ask(Eigen::Matrix3Xd(above)).distance.at(0);
   EXPECT_FALSE(distance_m < 0.05) << "the box's top was 5 mm below";
+}
+
+TEST_F(LiveMapServices, ABrickThatTheMagnetTookLeavesTheMap) {
+  const Eigen::Isometry3d T_map_box = scene_.T_map_scene * scene_.boxes[0].T_scene_box;
+  interactive_mapping_msgs::AttachedBrick brick;
+  brick.header.frame_id = "camera_depth_optical_frame";  // any that tf knows; the tool's in earnest
+  brick.is_attached = 1;
+  brick.id = 7;
+  brick.size.x = 0.16;
+  brick.size.y = 0.20;
+  brick.size.z = 0.16;
+  const geometry_msgs::Transform pose =
+      toTransform(scene_.cameraInMap(kRemovalFrame - 1).inverse() * T_map_box).transform;
+  brick.pose.position.x = pose.translation.x;
+  brick.pose.position.y = pose.translation.y;
+  brick.pose.position.z = pose.translation.z;
+  brick.pose.orientation = pose.rotation;
+  ros::Publisher publisher = ros::NodeHandle().advertise<interactive_mapping_msgs::AttachedBrick>("attached_brick", 5);
+  ASSERT_TRUE(waitUntil([&] { return publisher.getNumSubscribers() > 0; }));
+
+  // What says nothing of now changes nothing.
+  const std::vector<std::uint8_t> before = answers();
+  brick.header.stamp = live_.stamp() - ros::Duration(60.0);
+  publisher.publish(brick);  // latched long ago
+  brick.header.stamp = live_.stamp();
+  brick.size.y = kNan;
+  publisher.publish(brick);
+  brick.size.y = 0.20;
+  brick.is_attached = 0;
+  publisher.publish(brick);
+  brick.is_attached = 1;
+  brick.header.stamp = live_.stamp();
+  brick.id = 8;
+  EXPECT_TRUE(answers() == before);
+  EXPECT_EQ(stateAtBox(), static_cast<int>(QueryMap::Response::OCCUPIED));
+  publisher.publish(brick);
+  EXPECT_TRUE(waitUntil([&] { return stateAtBox() == static_cast<int>(QueryMap::Response::UNKNOWN); }));
 }
 
 TEST_F(LiveMapServices, TunedToBeStaticItKeepsARemovedBox) {

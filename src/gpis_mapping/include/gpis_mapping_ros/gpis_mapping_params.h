@@ -36,6 +36,10 @@ struct GpisMappingParams {
 
   gpis_mapping::GroundOptions ground;
 
+  struct Attached {
+    double padding_m{0.01};  // on each side of a taken brick's place, which is cleared
+  } attached;
+
   struct Storage {
     std::string autosave_file;       // absolute; empty: no autosave
     double autosave_period_s{60.0};  // by the wall clock; only when the map has changed

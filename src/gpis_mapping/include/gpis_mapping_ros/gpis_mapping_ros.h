@@ -9,12 +9,14 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <dynamic_reconfigure/server.h>
+#include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/ClearBox.h>
 #include <interactive_mapping_msgs/LoadMap.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SaveMap.h>
 #include <ros/node_handle.h>
 #include <ros/service_server.h>
+#include <ros/subscriber.h>
 #include <ros/wall_timer.h>
 #include <std_srvs/Trigger.h>
 
@@ -63,6 +65,12 @@ class GpisMappingRos {
   bool onClearBox(interactive_mapping_msgs::ClearBox::Request& request,
                   interactive_mapping_msgs::ClearBox::Response& response);
 
+  void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
+  /// Clears the place of a brick that was taken, as soon as tf knows where that was. Call with map_mutex_ held.
+  void clearAttached();
+  /// T_map_box of a pose in any frame. Throws std::invalid_argument and what tf throws.
+  Eigen::Isometry3d boxInMap(const std_msgs::Header& header, const geometry_msgs::Pose& pose) const;
+
   /// Leaves in `config` what is used from now on.
   void onTune(TuneConfig& config);
   void onSliceDragged(double height_m);
@@ -85,8 +93,9 @@ class GpisMappingRos {
 
   const GpisMappingParams params_;
 
-  mutable std::mutex map_mutex_;  // guards map_ and tuned_: held while an image is taken in
+  mutable std::mutex map_mutex_;  // guards what follows, up to the blank line: held while an image is taken in
   std::unique_ptr<gpis_mapping::GpisMap> map_;
+  interactive_mapping_msgs::AttachedBrickConstPtr taken_;  // a brick whose place is still to be cleared
   gpis_mapping::GpisConfig tuned_;  // the map's configuration as tuned
 
   mutable std::mutex state_mutex_;  // guards state_
@@ -106,6 +115,7 @@ class GpisMappingRos {
   std::unique_ptr<dynamic_reconfigure::Server<TuneConfig>> tune_server_;
   TuneConfig tune_;  // as last set; guarded by tune_mutex_
   ros::ServiceServer query_server_, save_server_, load_server_, clear_server_, clear_box_server_;
+  ros::Subscriber attached_subscriber_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_, autosave_timer_;
   std::unique_ptr<DepthInput> input_;  // last: its thread uses the rest

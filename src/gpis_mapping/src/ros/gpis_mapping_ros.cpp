@@ -109,6 +109,7 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   load_server_ = pnh.advertiseService("load_map", &GpisMappingRos::onLoad, this);
   clear_server_ = pnh.advertiseService("clear_map", &GpisMappingRos::onClear, this);
   clear_box_server_ = pnh.advertiseService("clear_box", &GpisMappingRos::onClearBox, this);
+  attached_subscriber_ = ros::NodeHandle(nh).subscribe("attached_brick", 5, &GpisMappingRos::onAttached, this);
 
   diagnostics_.setHardwareID("none");
   diagnostics_.add("input", this, &GpisMappingRos::diagnoseInput);
@@ -134,6 +135,7 @@ GpisMappingRos::~GpisMappingRos() {
        {&query_server_, &save_server_, &load_server_, &clear_server_, &clear_box_server_}) {
     server->shutdown();
   }
+  attached_subscriber_.shutdown();
   publisher_.onSliceDragged(nullptr);
   tune_server_.reset();
   input_.reset();
@@ -144,6 +146,7 @@ Refusal GpisMappingRos::consume(const DepthInputFrame& frame) {
   MapUpdate message;
   {
     const std::lock_guard<std::mutex> lock(map_mutex_);
+    clearAttached();
     gpis_mapping::UpdateStatistics statistics;
     try {
       statistics = map_->update(frame.image, frame.camera, frame.T_map_camera, frame.stamp.toSec());
@@ -374,30 +377,31 @@ bool GpisMappingRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Res
   return true;
 }
 
+Eigen::Isometry3d GpisMappingRos::boxInMap(const std_msgs::Header& header, const geometry_msgs::Pose& pose) const {
+  const std::string frame = withoutSlash(header.frame_id);
+  if (frame.empty()) throw std::invalid_argument("frame_id is empty, must name a frame");
+  geometry_msgs::Transform in_frame;
+  in_frame.translation.x = pose.position.x;
+  in_frame.translation.y = pose.position.y;
+  in_frame.translation.z = pose.position.z;
+  in_frame.rotation = pose.orientation;
+  Refusal refusal;
+  const auto T_frame_box = toIsometry(in_frame, &refusal);
+  if (!T_frame_box) throw std::invalid_argument("pose of the box: " + refusal.message);
+  if (frame == params_.input.map_frame) return *T_frame_box;
+  const auto T_map_frame =
+      toIsometry(input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, header.stamp).transform, &refusal);
+  if (!T_map_frame) throw std::invalid_argument("frame_id '" + frame + "': " + refusal.message);
+  return *T_map_frame * *T_frame_box;
+}
+
 bool GpisMappingRos::onClearBox(interactive_mapping_msgs::ClearBox::Request& request,
                                 interactive_mapping_msgs::ClearBox::Response& response) {
   try {
-    const std::string frame = withoutSlash(request.pose.header.frame_id);
-    if (frame.empty()) throw std::invalid_argument("pose.header.frame_id is empty, must name a frame");
-    geometry_msgs::Transform in_frame;
-    in_frame.translation.x = request.pose.pose.position.x;
-    in_frame.translation.y = request.pose.pose.position.y;
-    in_frame.translation.z = request.pose.pose.position.z;
-    in_frame.rotation = request.pose.pose.orientation;
-    Refusal refusal;
-    const auto T_frame_box = toIsometry(in_frame, &refusal);
-    if (!T_frame_box) throw std::invalid_argument("pose of the box: " + refusal.message);
-    Eigen::Isometry3d T_map_frame = Eigen::Isometry3d::Identity();
-    if (frame != params_.input.map_frame) {
-      const auto T = toIsometry(
-          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, request.pose.header.stamp).transform,
-          &refusal);
-      if (!T) throw std::invalid_argument("frame_id '" + frame + "': " + refusal.message);
-      T_map_frame = *T;
-    }
+    const Eigen::Isometry3d T_map_box = boxInMap(request.pose.header, request.pose.pose);
     const Eigen::Vector3d size(request.size.x, request.size.y, request.size.z);
     const std::lock_guard<std::mutex> lock(map_mutex_);
-    const std::vector<Eigen::Vector3d> removed = map_->clearBox(T_map_frame * *T_frame_box, size);
+    const std::vector<Eigen::Vector3d> removed = map_->clearBox(T_map_box, size);
     takeState(state().stamp, false, removed);
     response.num_removed = removed.size();
     response.success = true;
@@ -405,6 +409,38 @@ bool GpisMappingRos::onClearBox(interactive_mapping_msgs::ClearBox::Request& req
     response.message = error.what();
   }
   return true;
+}
+
+void GpisMappingRos::onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message) {
+  const std::lock_guard<std::mutex> lock(map_mutex_);
+  taken_.reset();
+  if (message->is_attached == 0) return;
+  taken_ = message;
+  clearAttached();
+}
+
+void GpisMappingRos::clearAttached() {
+  if (!taken_) return;
+  // A latched message of long ago says where the tool was then, and the map has seen that place since.
+  constexpr double kMaxAge_s = 5.0;
+  const double age_s = (state().stamp - taken_->header.stamp).toSec();
+  try {
+    if (age_s > kMaxAge_s) {
+      throw std::invalid_argument("the message is " + std::to_string(age_s) +
+                                  " s older than the last image, allowed are " + std::to_string(kMaxAge_s) + " s");
+    }
+    const Eigen::Isometry3d T_map_brick = boxInMap(taken_->header, taken_->pose);
+    const Eigen::Vector3d size =
+        Eigen::Vector3d(taken_->size.x, taken_->size.y, taken_->size.z).array() + 2.0 * params_.attached.padding_m;
+    const std::vector<Eigen::Vector3d> removed = map_->clearBox(T_map_brick, size);
+    takeState(state().stamp, false, removed);
+    ROS_INFO_NAMED(kLog, "brick %d was taken: %zu points of it forgotten", taken_->id, removed.size());
+  } catch (const tf2::ExtrapolationException&) {
+    return;  // the arm's pose of that time is on its way: tried again before the next image
+  } catch (const std::exception& error) {
+    ROS_WARN_NAMED(kLog, "the place of attached brick %d was not cleared: %s", taken_->id, error.what());
+  }
+  taken_.reset();
 }
 
 void GpisMappingRos::onTune(TuneConfig& config) {

@@ -73,6 +73,7 @@ class CollisionChecker {
 
   /// Nothing: the magnet is empty.
   void setHeld(const std::optional<HeldBrick>& held);
+  const std::optional<HeldBrick>& held() const;
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
   /// other links still avoid it; `for_all`: for every link (the brick is in the hand, its place is empty). Nothing: no

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,7 +26,7 @@ struct TrajectoryPoint {
   double time_s{0.0};  // from the start
   ArmVector position_rad{ArmVector::Zero()};
   ArmVector velocity_rad_s{ArmVector::Zero()};
-  ArmVector acceleration_rad_s2{ArmVector::Zero()};
+  ArmVector acceleration_rad_s2{ArmVector::Zero()};  // just after time_s; zero at the end
 };
 
 /// At rest at both ends; times strictly rising. Between points: the cubic that joins position and velocity, as the joint
@@ -39,19 +42,29 @@ struct JointTrajectory {
 
 struct TimingConfig {
   double max_deviation_rad{0.05};  // corners are rounded; the path leaves the straight one by at most this (max norm)
-  double sample_s{0.02};           // between points of the result
+  double sample_s{0.02};           // longest time between points of the result; shorter where the acceleration changes
 
   std::vector<std::string> validate() const;
 };
 
+/// Holds the speed of a point on the arm. `position_jacobian`: its rows 0-2 of ArmKinematics::jacobian [m/rad].
+struct PointSpeedLimit {
+  std::function<Eigen::Matrix<double, 3, 6>(const ArmVector&)> position_jacobian;
+  double speed_m_s{0.0};
+};
+
+/// The tip's speed. Keeps `arm` alive.
+PointSpeedLimit tipSpeedLimit(std::shared_ptr<const ArmKinematics> arm, double speed_m_s);
+
 /// Fastest motion along the path, corners rounded, that keeps velocity and acceleration limits everywhere, also between
 /// the points of the result as they are interpolated. Velocity is continuous. Waypoints nearer than 1e-6 rad are one.
-/// A path of one point gives one point at time zero. Throws std::invalid_argument for an empty path, numbers that are not
-/// finite, or impossible limits.
-JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limits, const TimingConfig& config = {});
+/// A path of one point gives one point at time zero. `speed_limit` holds to within 0.5 % between points. Throws
+/// std::invalid_argument for an empty path, numbers that are not finite, or impossible limits.
+JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limits, const TimingConfig& config = {},
+                                const std::optional<PointSpeedLimit>& speed_limit = std::nullopt);
 
 /// The path that timeParametrize follows, densely, so that rounded corners can be checked for collision: neighbours are
-/// at most `step_rad` apart in every joint.
+/// at most `step_rad` apart in every joint. Both ends are the given path's.
 JointPath roundedPath(const JointPath& path, double step_rad, const TimingConfig& config = {});
 
 }  // namespace motion_planning

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
@@ -22,35 +21,53 @@ struct AnnulusSector {
   double min_height_m{0.0};    // h, of the tip above the arm's foot
   double max_height_m{0.0};    // H
   double half_angle_rad{0.0};  // about straight ahead
-  double cone_rad{0.0};        // tool axis within this of straight down (top) or of the horizontal (side)
 
-  bool contains(const Eigen::Vector3d& p_armbase) const;
+  bool contains(const Eigen::Vector3d& p_armbase) const;  // false for NaN
+  double volume() const;                                  // [m^3]
 };
 
 struct ManipulabilityConfig {
-  double joint_step_rad{0.2617993877991494};  // of the sampled joint space; wrist_3 does not matter and is not sampled
-  double min_manipulability_m3{0.02};         // m_thres of Yoshikawa's measure
-  double cone_rad{0.5235987755982988};
-  double min_fill{0.5};  // share of a cell's neighbourhood that must be reached; see fitSector
-  double cell_m{0.05};
+  double joint_step_rad{0.17453292519943295};  // of the sampled joint space; wrist_3 does not matter and is not sampled
+  /// m_thres of Yoshikawa's measure: a fifth of the largest that postures with the tool on a face have, 0.12 m^3. The
+  /// measure is a product of the sines of elbow and wrist 2 and the wrist's distance from the pan axis, so none of them is
+  /// within a fifth (12 degrees) of its singularity. A third of the postures on top faces have less, two of side faces.
+  double min_manipulability_m3{0.025};
+  double cone_rad{0.5235987755982988};    // tool axis within this of straight down (top), of the horizontal (side)
+  double facing_rad{0.7853981633974483};  // and (side) its heading of outward: of four sides one is within 45 degrees
+  /// Sectors are not wider. The robot stands facing what it picks; behind the arm is the robot itself, and a sector that
+  /// reaches round it loses the heights beside the base where bricks lie.
+  double max_half_angle_rad{1.5707963267948966};
+  double cell_m{0.05};      // of the grid that reach is counted on
+  double min_density{0.1};  // of the median cell's samples: cells with fewer count as not reached
+  double min_fill{0.7};     // share reached of whatever the sector is extended by
 
   std::vector<std::string> validate() const;
 };
 
 struct ReachSample {
   Eigen::Vector3d tip_armbase;
-  Eigen::Vector3d tool_axis_armbase;  // unit
   double manipulability_m3;
   ApproachKind kind;
 };
 
-/// What configurations reach: steps through joint space (eq 12). `is_free` rejects self and base collision.
+/// What configurations reach: steps through joint space (eq 12), keeps those whose tool can touch a face from above or
+/// from the arm's side with enough manipulability. `is_free` rejects self and base collision. `progress`, if any, is told
+/// the share done. Throws std::invalid_argument for a bad config.
 std::vector<ReachSample> sampleReach(const ArmKinematics& arm, const ManipulabilityConfig& config,
-                                     const std::function<bool(const ArmVector&)>& is_free);
+                                     const std::function<bool(const ArmVector&)>& is_free,
+                                     const std::function<void(double)>& progress = {});
 
-/// The sector that samples of one kind fill (eq 13): robust, a few outliers change nothing, and inside the sector at least
-/// `min_fill` of the volume is reached. Throws std::runtime_error if the samples fill none.
-AnnulusSector fitSector(const std::vector<ReachSample>& samples, ApproachKind kind, const ManipulabilityConfig& config);
+struct SectorFit {
+  AnnulusSector sector;
+  double fill{0.0};            // share of the sector's volume that is reached
+  double share_of_reach{0.0};  // share of all that is reached that is in the sector
+};
+
+/// The sector that samples of one kind fill (eq 13), on a grid over radius, height and bearing: the one of largest
+/// sum over cells of volume x (reached - min_fill). A layer of cells is added on any side as long as at least `min_fill`
+/// of it is reached, so that no outlier stretches a bound and no hole breaks the sector; within, at least `min_fill` is
+/// reached. Left and right count alike. Throws std::runtime_error if the samples fill none.
+SectorFit fitSector(const std::vector<ReachSample>& samples, ApproachKind kind, const ManipulabilityConfig& config);
 
 /// Both sectors with the URDF they came from.
 class ManipulabilitySectors {
@@ -63,7 +80,8 @@ class ManipulabilitySectors {
   const AnnulusSector& of(ApproachKind kind) const { return kind == ApproachKind::kTop ? top : side; }
 
   /// Whether a face can be touched: `point` its contact point, `normal` its outward unit normal, both in base_link.
-  /// `T_base_armbase` is fixed by the URDF.
+  /// Normals up make it a top face, level ones towards the arm a side face, others none that the tool comes to.
+  /// `T_base_armbase` is fixed by the URDF. `why_not`, if not null, gets a sentence when false.
   bool admits(const Eigen::Vector3d& point_base, const Eigen::Vector3d& normal_base,
               const Eigen::Isometry3d& T_base_armbase, std::string* why_not = nullptr) const;
 

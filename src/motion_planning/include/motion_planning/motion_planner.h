@@ -49,7 +49,7 @@ struct MotionPlannerConfig {
   double contact_speed_m_s{0.05};   // of the tip along the last approach
   double lift_speed_m_s{0.10};
   double approach_m{0.10};          // length of the straight approach along the face's normal
-  double lift_m{0.12};              // length of the straight retreat with the brick
+  double lift_m{0.12};              // length of the straight retreat with the brick; from a side face up and back
   double cartesian_step_m{0.005};   // between IK solutions on a straight line
   double max_joint_jump_rad{0.25};  // between neighbours on it: more is a change of branch
   double plate_margin_m{0.01};      // the magnet's face stays this far within the plate's edges
@@ -59,6 +59,8 @@ struct MotionPlannerConfig {
   int max_goals{12};                        // contact configurations handed to the planner, best first
   double max_tilt_rad{0.5235987755982988};  // while carrying
   double inspect_clear_m{0.05};             // the arm stays this far out of the camera's view of the pile
+  int inspect_samples{4000};                // postures drawn if none of the given ones keeps the view free
+  double verify_step_m{0.015};              // no point of the arm moves farther between the last checks of a path
 
   std::vector<std::string> validate() const;
 };
@@ -87,7 +89,7 @@ struct PickPlan : PlanFailure {
   HeldBrick held;                      // once it is attached
   JointTrajectory approach;            // from the start to before the face
   JointTrajectory contact;             // straight to the plate
-  JointTrajectory lift;                // straight back with the brick
+  JointTrajectory lift;                // straight away with the brick
   JointTrajectory stow;                // with the brick to the place asked for
   std::vector<std::pair<mp700_ur5e_description::BrickFace, PlanFailure>> tried;  // faces that failed
 };
@@ -147,6 +149,8 @@ class MotionPlanner {
   const ArmKinematics& arm() const { return *arm_; }
 
  private:
+  class Call;
+
   std::shared_ptr<const ArmKinematics> arm_;
   ManipulabilitySectors sectors_;
   MotionPlannerConfig config_;

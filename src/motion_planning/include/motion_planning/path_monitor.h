@@ -11,9 +11,11 @@
 namespace motion_planning {
 
 struct PathMonitorConfig {
-  double stop_clearance_m{0.0};  // beyond the collision test's own margins; 0: the test alone decides
-  double sample_s{0.05};         // along the trajectory
-  double horizon_s{1e9};         // looks ahead so far
+  double stop_clearance_m{0.0};   // beyond the collision test's own margins; 0: the test alone decides
+  double sample_s{0.05};          // along the trajectory, and more densely where
+  double sample_rad{0.035};       // a joint would move farther than this in between
+  double horizon_s{1e9};          // looks ahead so far
+  double clearance_step_m{0.01};  // to which the clearance is found: it is not over-estimated by more
 
   std::vector<std::string> validate() const;
 };
@@ -21,27 +23,33 @@ struct PathMonitorConfig {
 struct PathVerdict {
   bool must_stop{false};
   std::string reason;             // empty unless must_stop
-  double clearance_m{0.0};        // smallest over what remains, at most 0.5 m
+  double clearance_m{0.0};        // smallest over what remains, at most kMaxClearance_m; once stopped, of that moment
   double time_to_contact_s{0.0};  // from now; infinite unless must_stop
   Contact contact;
 };
 
+constexpr double kMaxClearance_m = 0.5;
+
 /// Watches what remains of a running trajectory against the scene as it is now.
 class PathMonitor {
  public:
+  /// Throws std::invalid_argument listing every impossible value.
   explicit PathMonitor(const PathMonitorConfig& config);
 
-  /// `checker` knows what is held and what may be touched in this phase.
+  /// Watches this trajectory from now on. Throws std::invalid_argument if it is empty.
   void start(JointTrajectory trajectory, std::shared_ptr<const ArmKinematics> arm);
   void stop();
   bool isActive() const;
 
-  /// `elapsed_s` since the start of the trajectory. Once told to stop, always told to stop, until start().
+  /// `elapsed_s` since the start of the trajectory; `checker` knows what is held and what may be touched in this phase,
+  /// and the scene as it is now. Once told to stop, always told to stop, until start(). Throws std::logic_error unless
+  /// active.
   PathVerdict check(double elapsed_s, const CollisionChecker& checker);
 
  private:
   PathMonitorConfig config_;
   std::optional<JointTrajectory> trajectory_;
+  std::shared_ptr<const ArmKinematics> arm_;
   std::optional<PathVerdict> stopped_;
 };
 

@@ -26,6 +26,8 @@ constexpr int kMaxPolishSteps = 20;
 constexpr double kMaxPolishStep_rad = 0.2;  // more leads to other branches
 constexpr double kSameSolution_rad = 1e-3;  // two solutions of a stretched arm meet at sqrt(tolerance)
 constexpr double kOnLimit_rad = 1e-7;       // beyond a limit by less: on it; moves the tip by a tenth of the tolerance
+constexpr double kCalibrated = 1e-6;        // a closed form that is off by more [m, rad] is of another arm
+constexpr int kMaxFollowSteps = 10;         // halve the softness to a thousandth
 constexpr double kRigid = 1e-6;             // rounding of a pose in floats is a tenth
 
 Eigen::Matrix3d toEigen(const KDL::Rotation& rotation) {
@@ -45,6 +47,13 @@ Eigen::Vector3d rotationBetween(const Eigen::Matrix3d& from, const Eigen::Matrix
   // Near pi the axis is lost, but not that the angle is large.
   if (sine < 1e-12) return angle_rad > 1.0 ? Eigen::Vector3d(angle_rad, 0.0, 0.0) : Eigen::Vector3d(0.5 * twice_sine);
   return twice_sine * (0.5 * angle_rad / sine);
+}
+
+bool isSame(const ArmVector& a, const ArmVector& b) {
+  for (int i = 0; i < 6; ++i) {
+    if (std::abs(std::remainder(a[i] - b[i], 2.0 * M_PI)) > kSameSolution_rad) return false;
+  }
+  return true;
 }
 
 }  // namespace
@@ -214,7 +223,26 @@ bool ArmKinematics::polish(const Pose& goal, ArmVector* joints_rad) const {
     if (largest > kMaxPolishStep_rad) change *= kMaxPolishStep_rad / largest;
     *joints_rad += change;
   }
+  *joints_rad = best;
   return is_good;
+}
+
+/// Next to a singularity the polish of a calibrated arm may run into a neighbouring branch. Here the closed form keeps the
+/// branch: where its arm and the true one differ is put into the goal, at the joints found last, and the border's softness
+/// fades as the two come together.
+ArmVector ArmKinematics::followBranch(const Eigen::Isometry3d& T_base_tip, std::size_t branch,
+                                      ArmVector joints_rad) const {
+  UrGeometry::Branches branches;
+  double softness = 1.0;
+  for (int i = 0; i < kMaxFollowSteps; ++i) {
+    softness *= 0.5;
+    const Eigen::Isometry3d T_shifted =
+        T_base_tip * tipPose(joints_rad).inverse(Eigen::Isometry) * geometry_->tipPose(joints_rad);
+    geometry_->solve(T_shifted, joints_rad[5], {softness * model_gap_m_, softness * model_gap_rad_}, &branches);
+    if (!branches[branch].allFinite()) break;
+    joints_rad = branches[branch];
+  }
+  return joints_rad;
 }
 
 bool ArmKinematics::wind(const ArmVector& near_rad, ArmVector* joints_rad) const {
@@ -246,19 +274,26 @@ std::vector<ArmVector> ArmKinematics::inverse(const Eigen::Isometry3d& T_base_ti
   T_goal.translation() = goal.p;
 
   UrGeometry::Branches branches;
-  const int count = geometry_->solve(T_goal, near_rad[5], {model_gap_m_, model_gap_rad_}, &branches);
+  geometry_->solve(T_goal, near_rad[5], {model_gap_m_, model_gap_rad_}, &branches);
   std::vector<ArmVector> solutions;
-  solutions.reserve(static_cast<std::size_t>(count));
-  for (int i = 0; i < count; ++i) {
-    ArmVector& solution = branches[static_cast<std::size_t>(i)];
-    if (!polish(goal, &solution) || !wind(near_rad, &solution)) continue;
-    const bool is_known = std::any_of(solutions.begin(), solutions.end(), [&](const ArmVector& other) {
-      return (solution - other)
-                 .unaryExpr([](double d) { return std::abs(std::remainder(d, 2.0 * M_PI)); })
-                 .maxCoeff() <= kSameSolution_rad;
-    });
-    if (!is_known) solutions.push_back(solution);
+  solutions.reserve(kMaxBranches);
+  const auto add = [&](ArmVector joints_rad) {
+    if (!joints_rad.allFinite() || !polish(goal, &joints_rad)) return false;
+    const bool is_known = std::any_of(solutions.begin(), solutions.end(),
+                                      [&](const ArmVector& other) { return isSame(joints_rad, other); });
+    if (!is_known) solutions.push_back(joints_rad);
+    return !is_known;
+  };
+  std::array<bool, kMaxBranches> is_found;
+  for (std::size_t i = 0; i < branches.size(); ++i) is_found[i] = add(branches[i]);
+  if (std::max(model_gap_m_, model_gap_rad_) > kCalibrated) {
+    for (std::size_t i = 0; i < branches.size(); ++i) {
+      if (!is_found[i] && branches[i].allFinite()) add(followBranch(T_goal, i, branches[i]));
+    }
   }
+  solutions.erase(std::remove_if(solutions.begin(), solutions.end(),
+                                 [&](ArmVector& solution) { return !wind(near_rad, &solution); }),
+                  solutions.end());
   std::stable_sort(solutions.begin(), solutions.end(), [&](const ArmVector& a, const ArmVector& b) {
     return (a - near_rad).squaredNorm() < (b - near_rad).squaredNorm();
   });

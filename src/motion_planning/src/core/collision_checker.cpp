@@ -200,7 +200,8 @@ struct CollisionChecker::State {
   Eigen::Isometry3d T_map_base;
   CollisionCheckerConfig config;
   std::shared_ptr<const RobotParts> parts;
-  std::shared_ptr<const Part> held;
+  std::optional<HeldBrick> held_brick;
+  std::shared_ptr<const Part> held;  // the same as a part
 
   // The world without the target.
   std::optional<OrientedBox> target;  // padded
@@ -457,6 +458,7 @@ const Eigen::Isometry3d& CollisionChecker::baseInMap() const {
 
 void CollisionChecker::setHeld(const std::optional<HeldBrick>& held) {
   if (!held) {
+    state_->held_brick.reset();
     state_->held.reset();
     return;
   }
@@ -471,6 +473,11 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held) {
                      state_->config.self_padding_m));
   part->is_tool = true;
   state_->held = std::move(part);
+  state_->held_brick = held;
+}
+
+const std::optional<HeldBrick>& CollisionChecker::held() const {
+  return state_->held_brick;
 }
 
 void CollisionChecker::setTarget(const std::optional<OrientedBox>& target, bool for_all) {

@@ -1,2 +1,147 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion_planning/path_monitor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+#include <gpis_mapping/range_check.h>
+
+#include "arm_reach.h"
+
+namespace motion_planning {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kCoarse_s = 0.4;  // between the first looks at clearance
+constexpr int kMaxLooks = 60;      // at clearance in one check: it costs up to a millisecond, a check must keep 10 Hz
+
+/// Clearance at one time.
+struct Look {
+  double time_s;
+  ArmVector joints_rad;
+  double clearance_m;
+};
+
+std::string seconds(double time_s) {
+  std::ostringstream out;
+  out.precision(2);
+  out << std::fixed << time_s << " s";
+  return out.str();
+}
+
+}  // namespace
+
+std::vector<std::string> PathMonitorConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("stop_clearance_m", stop_clearance_m, 0.0, kMaxClearance_m, "m");
+  check("sample_s", sample_s, 0.001, 1.0, "s");
+  check("sample_rad", sample_rad, 0.001, 1.0, "rad");
+  check("horizon_s", horizon_s, 0.01, 1e9, "s");
+  check("clearance_step_m", clearance_step_m, 0.001, 0.5, "m");
+  return check.problems();
+}
+
+PathMonitor::PathMonitor(const PathMonitorConfig& config) : config_(config) {
+  gpis_mapping::throwIfAny(config.validate());
+}
+
+void PathMonitor::start(JointTrajectory trajectory, std::shared_ptr<const ArmKinematics> arm) {
+  if (trajectory.empty()) throw std::invalid_argument("trajectory has 0 points, must have at least 1");
+  if (!arm) throw std::invalid_argument("no arm");
+  trajectory_ = std::move(trajectory);
+  arm_ = std::move(arm);
+  stopped_.reset();
+}
+
+void PathMonitor::stop() {
+  trajectory_.reset();
+  stopped_.reset();
+}
+
+bool PathMonitor::isActive() const {
+  return trajectory_.has_value();
+}
+
+PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker) {
+  if (!trajectory_) throw std::logic_error("no trajectory is watched");
+  if (stopped_) return *stopped_;
+  if (!std::isfinite(elapsed_s)) throw std::invalid_argument("elapsed_s is not finite");
+  const double duration_s = trajectory_->duration();
+  const double begin_s = std::clamp(elapsed_s, 0.0, duration_s);
+  const double end_s = std::min(duration_s, begin_s + config_.horizon_s);
+
+  PathVerdict verdict;
+  verdict.time_to_contact_s = kInfinity;
+  // Every state up to the first that is in the way: the stop must know how soon.
+  double time_s = begin_s;
+  ArmVector last = trajectory_->sample(begin_s).position_rad;
+  verdict.contact = checker.check(last);
+  while (!verdict.contact && time_s < end_s) {
+    double step_s = std::min(config_.sample_s, end_s - time_s);
+    ArmVector next = trajectory_->sample(time_s + step_s).position_rad;
+    while ((next - last).lpNorm<Eigen::Infinity>() > config_.sample_rad && step_s > 1e-6) {
+      step_s *= 0.5;
+      next = trajectory_->sample(time_s + step_s).position_rad;
+    }
+    time_s = end_s - time_s <= step_s ? end_s : time_s + step_s;
+    last = next;
+    verdict.contact = checker.check(last);
+  }
+  if (verdict.contact) {
+    verdict.must_stop = true;
+    verdict.time_to_contact_s = time_s - begin_s;
+    verdict.reason = "in " + seconds(verdict.time_to_contact_s) + ": " + verdict.contact.describe();
+    verdict.clearance_m = checker.clearance(last, kMaxClearance_m);
+    stopped_ = verdict;
+    return verdict;
+  }
+
+  // Smallest clearance by bisection. No point moves farther than reach * |dq| between two postures, so between two looks
+  // the clearance is at least the mean of theirs minus half of that.
+  const ArmVector reach_m = armReach(*arm_, checker.held());
+  std::vector<Look> looks;
+  const auto look = [&](double t) {
+    const ArmVector q = trajectory_->sample(t).position_rad;
+    return Look{t, q, checker.clearance(q, kMaxClearance_m)};
+  };
+  const int parts = std::max(1, static_cast<int>(std::ceil(std::min((end_s - begin_s) / kCoarse_s, 0.5 * kMaxLooks))));
+  for (int k = 0; k <= parts; ++k) looks.push_back(look(begin_s + (end_s - begin_s) * k / parts));
+  const auto lowerBound = [&](const Look& a, const Look& b) {
+    return 0.5 * (a.clearance_m + b.clearance_m - reach_m.dot((b.joints_rad - a.joints_rad).cwiseAbs()));
+  };
+  while (static_cast<int>(looks.size()) < kMaxLooks) {
+    double smallest_m = kMaxClearance_m;
+    for (const Look& one : looks) smallest_m = std::min(smallest_m, one.clearance_m);
+    std::size_t worst = 0;
+    double worst_m = kInfinity;
+    for (std::size_t k = 0; k + 1 < looks.size(); ++k) {
+      const double bound_m = lowerBound(looks[k], looks[k + 1]);
+      if (bound_m >= worst_m || looks[k + 1].time_s - looks[k].time_s < config_.sample_s) continue;
+      worst_m = bound_m;
+      worst = k;
+    }
+    if (worst_m > smallest_m - config_.clearance_step_m) break;
+    looks.insert(looks.begin() + static_cast<std::ptrdiff_t>(worst) + 1,
+                 look(0.5 * (looks[worst].time_s + looks[worst + 1].time_s)));
+  }
+  const auto nearest = std::min_element(looks.begin(), looks.end(),
+                                        [](const Look& a, const Look& b) { return a.clearance_m < b.clearance_m; });
+  verdict.clearance_m = nearest->clearance_m;
+  if (verdict.clearance_m >= config_.stop_clearance_m) return verdict;
+  const auto first = std::find_if(looks.begin(), looks.end(),
+                                  [&](const Look& one) { return one.clearance_m < config_.stop_clearance_m; });
+  verdict.must_stop = true;
+  verdict.time_to_contact_s = first->time_s - begin_s;
+  std::ostringstream reason;
+  reason << "in " << seconds(verdict.time_to_contact_s) << ": clearance of " << first->clearance_m << " m, allowed are "
+         << config_.stop_clearance_m << " m";
+  verdict.reason = reason.str();
+  stopped_ = verdict;
+  return verdict;
+}
+
+}  // namespace motion_planning

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -125,15 +126,34 @@ Eigen::Isometry3d UrGeometry::tipPose(const ArmVector& q) const {
          turnAbout(wrist_, axis_5_, q[4]) * turnAbout(centre_, axis_6_, q[5]) * T_S_tip_zero_;
 }
 
-int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
-                      Branches* branches) const {
+/// What to add to theta, as little as may be, for the wrist to be within reach of upper arm and forearm. The wrist is
+/// `wrist_height_m_` from the centre, against axis 5, which turns with theta: reach^2 = r^2 + h^2 - 2 r h cos(angle).
+double UrGeometry::toReach(double theta, const Eigen::Vector3d& centre_1) const {
+  const double radius_m = std::hypot(centre_1.x(), centre_1.z());
+  const double twice_product = 2.0 * radius_m * wrist_height_m_;
+  if (std::abs(twice_product) < 1e-12) return 0.0;  // the wrist does not move
+  const auto cosineAt = [&](double reach_m) {
+    return (radius_m * radius_m + wrist_height_m_ * wrist_height_m_ - reach_m * reach_m) / twice_product;
+  };
+  const double stretched = cosineAt(upper_length_m_ + forearm_length_m_);
+  const double folded = cosineAt(upper_length_m_ - forearm_length_m_);
+  const double least = std::min(stretched, folded), most = std::max(stretched, folded);
+  const double angle_rad = std::remainder(planeAngle(axis_5_) + theta - planeAngle(centre_1), 2.0 * M_PI);
+  const double cosine = std::cos(angle_rad);
+  if ((cosine >= least && cosine <= most) || least > 1.0 || most < -1.0) return 0.0;
+  return std::copysign(std::acos(std::clamp(cosine, least, most)), angle_rad) - angle_rad;
+}
+
+void UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
+                       Branches* branches) const {
+  branches->fill(ArmVector::Constant(std::numeric_limits<double>::quiet_NaN()));
   // N = e1 ... e6. Turns 5 and 6 leave the wrist's centre where it is, turns 2, 3 and 4 its y.
   const Eigen::Isometry3d N = T_S_base_ * T_base_tip * T_tip_S_zero_;
   const Eigen::Vector3d centre = N * centre_;
 
   // Shoulder: the centre, turned back by q1, has y = wrist_offset: radius sin(bearing - q1) = wrist_offset.
   const double radius_m = std::hypot(centre.x(), centre.y());
-  if (radius_m < std::abs(wrist_offset_m_) - softness.position_m - ArmKinematics::kIkPositionTolerance_m) return 0;
+  if (radius_m < std::abs(wrist_offset_m_) - softness.position_m - ArmKinematics::kIkPositionTolerance_m) return;
   const double bearing_rad = std::atan2(centre.y(), centre.x());
   // Offset over radius within the softness of 1 is a double root that the polish has to tell apart; an angle d from it
   // moves the centre by radius d^2 / 2.
@@ -143,9 +163,8 @@ int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, c
                              M_PI_2 - shoulder_spread_rad),
                     wrist_offset_m_);
 
-  int count = 0;
-  for (const double turned_rad : {shoulder_rad, M_PI - shoulder_rad}) {
-    const double q1 = bearing_rad - turned_rad;
+  for (const std::size_t shoulder : {0, 1}) {
+    const double q1 = bearing_rad - (shoulder == 0 ? shoulder_rad : M_PI - shoulder_rad);
     const Eigen::Matrix3d R1 = Eigen::AngleAxisd(-q1, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     const Eigen::Matrix3d N1 = R1 * N.linear();  // = Ry(theta) R(axis_5, q5) R(axis_6, q6), theta = q2 + q3 + q4
     const Eigen::Vector3d centre_1 = R1 * centre;
@@ -158,10 +177,11 @@ int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, c
     const double wrist_2_rad = std::atan2(sine, cosine);
     const bool is_aligned = sine <= kAligned_rad;
     const double least_rad = std::max(softness.rotation_rad, 0.0);
-    for (const double side : {1.0, -1.0}) {
+    for (const std::size_t wrist_side : {0, 1}) {
       // Aligned, the two sides are one solution.
-      if (is_aligned && side < 0.0 && least_rad <= kAligned_rad) break;
-      const double q5 = wrist_2_offset_rad_ + side * std::clamp(wrist_2_rad, least_rad, M_PI - least_rad);
+      if (is_aligned && wrist_side == 1 && least_rad <= kAligned_rad) break;
+      const double turn_rad = std::clamp(wrist_2_rad, least_rad, M_PI - least_rad);
+      const double q5 = wrist_2_offset_rad_ + (wrist_side == 0 ? turn_rad : -turn_rad);
       const Eigen::Matrix3d R5 = Eigen::AngleAxisd(q5, axis_5_).toRotationMatrix();
 
       // Wrist 3 turns R5^T y about axis 6 into N1^T y.
@@ -171,7 +191,13 @@ int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, c
         q6 = -std::atan2(axis_6_.dot(from.cross(y_seen)), from.dot(y_seen) - from.dot(axis_6_) * cosine);
       }
       const Eigen::Matrix3d R_theta = N1 * Eigen::AngleAxisd(-q6, axis_6_).toRotationMatrix() * R5.transpose();
-      const double theta = std::atan2(R_theta(0, 2) - R_theta(2, 0), R_theta(0, 0) + R_theta(2, 2));
+      double theta = std::atan2(R_theta(0, 2) - R_theta(2, 0), R_theta(0, 0) + R_theta(2, 2));
+      if (is_aligned) {
+        // Turns 6 and theta are about one line and only their sum counts.
+        const double change_rad = toReach(theta, centre_1);
+        theta += change_rad;
+        q6 -= std::copysign(change_rad, cosine);
+      }
 
       // Elbow: a planar arm of two links from the origin to the wrist.
       const double sin_theta = std::sin(theta), cos_theta = std::cos(theta);
@@ -196,16 +222,16 @@ int UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, c
           std::min(M_PI_2, std::sqrt(4.0 * (upper_length_m_ + forearm_length_m_) * wrist_softness_m / twice_product));
       const double elbow_rad =
           std::clamp(std::acos(std::clamp(cos_elbow, -1.0, 1.0)), elbow_spread_rad, M_PI - elbow_spread_rad);
-      for (const double bend_rad : {elbow_rad, -elbow_rad}) {
+      for (const std::size_t elbow_side : {0, 1}) {
+        const double bend_rad = elbow_side == 0 ? elbow_rad : -elbow_rad;
         const double q3 = bend_rad - forearm_angle_rad_ + upper_angle_rad_;
         const double q2 = planeAngle(wrist) - upper_angle_rad_ -
                           std::atan2(forearm_length_m_ * std::sin(bend_rad),
                                      upper_length_m_ + forearm_length_m_ * std::cos(bend_rad));
-        (*branches)[static_cast<std::size_t>(count++)] << q1, q2, q3, theta - q2 - q3, q5, q6;
+        (*branches)[4 * shoulder + 2 * wrist_side + elbow_side] << q1, q2, q3, theta - q2 - q3, q5, q6;
       }
     }
   }
-  return count;
 }
 
 }  // namespace motion_planning

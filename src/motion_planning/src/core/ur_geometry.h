@@ -23,7 +23,7 @@ struct AxisLine {
 /// With the axes L_i at zero and M = T_S_tip at zero, T_S_tip(q) = e1(q1) ... e6(q6) M, e_i the turn about L_i.
 class UrGeometry {
  public:
-  /// Joint angles of the branches, any winding.
+  /// Joint angles of the branches, any winding; not finite where there is none. A branch has the same place at all goals.
   using Branches = std::array<ArmVector, ArmKinematics::kMaxBranches>;
 
   /// Throws std::invalid_argument saying which axes are not as they must be.
@@ -38,11 +38,13 @@ class UrGeometry {
     double rotation_rad;
   };
 
-  /// Returns the number of branches. At a wrist singularity wrist_3 is `wrist_3_rad`.
-  int solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
-            Branches* branches) const;
+  /// At a wrist singularity wrist_3 is `wrist_3_rad` or, where the arm is too short for that, the nearest to it.
+  void solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
+             Branches* branches) const;
 
  private:
+  double toReach(double theta, const Eigen::Vector3d& centre_1) const;
+
   Eigen::Isometry3d T_S_base_;
   Eigen::Isometry3d T_S_tip_zero_;  // M
   Eigen::Isometry3d T_tip_S_zero_;

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_msgs/AttachedBrick.h>
+#include <interactive_mapping_msgs/SelfFilterUpdate.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+
+#include "depth_self_filter/hand_history.h"
+#include "depth_self_filter/joint_history.h"
+
+namespace depth_self_filter_ros {
+
+/// Why an image is dropped: a status of SelfFilterUpdate, and a sentence.
+struct Drop {
+  std::uint8_t status{interactive_mapping_msgs::SelfFilterUpdate::ACCEPTED};
+  std::string message;
+};
+
+/// "wrong encoding", "joint states late" ...: the same words for all images with the same trouble.
+const char* statusName(std::uint8_t status);
+
+/// What the checks that the map has, too, found.
+Drop toDrop(const gpis_mapping_ros::Refusal& refusal);
+/// ACCEPTED if the positions are known.
+Drop toDrop(const depth_self_filter::JointHistory::Answer& answer);
+
+/// Something attached whose pose or size can be nobody's, by `robot`, is a change that is not clear; `problem` says why.
+depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::AttachedBrick& message,
+                                                const mp700_ur5e_description::RobotModel& robot, std::string* problem);
+
+/// 32FC1, metres, in the machine's byte order; the header is the caller's.
+sensor_msgs::ImagePtr toMessage(const gpis_mapping::DepthImage& image);
+
+/// Camera info for an image of the same pixels on a topic that ends in "image_rect", whose readers take the projection matrix
+/// P: of an image that is not called rectified, P becomes its camera matrix K, since the mask was made with that.
+sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, bool is_rectified);
+
+}  // namespace depth_self_filter_ros

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "depth_self_filter_ros/conversions.h"
+
+#include <cmath>
+#include <cstring>
+
+#include <boost/make_shared.hpp>
+#include <sensor_msgs/image_encodings.h>
+
+namespace depth_self_filter_ros {
+
+using gpis_mapping_ros::FrameStatus;
+using interactive_mapping_msgs::SelfFilterUpdate;
+
+const char* statusName(std::uint8_t status) {
+  switch (status) {
+    case SelfFilterUpdate::ACCEPTED:
+      return "accepted";
+    case SelfFilterUpdate::WRONG_ENCODING:
+      return "wrong encoding";
+    case SelfFilterUpdate::MALFORMED_IMAGE:
+      return "malformed image";
+    case SelfFilterUpdate::SIZE_MISMATCH:
+      return "size differs from camera info";
+    case SelfFilterUpdate::BAD_CAMERA_INFO:
+      return "bad camera info";
+    case SelfFilterUpdate::NO_CAMERA_INFO:
+      return "no camera info";
+    case SelfFilterUpdate::NO_TRANSFORM:
+      return "no transform";
+    case SelfFilterUpdate::BAD_TRANSFORM:
+      return "bad transform";
+    case SelfFilterUpdate::POSE_JUMP:
+      return "pose jump";
+    case SelfFilterUpdate::TIME_RAN_BACK:
+      return "time ran back";
+    case SelfFilterUpdate::STAMP_IN_FUTURE:
+      return "stamp in the future";
+    case SelfFilterUpdate::NO_JOINT_STATES:
+      return "no joint states";
+    case SelfFilterUpdate::JOINT_STATES_LATE:
+      return "joint states late";
+    case SelfFilterUpdate::JOINT_STATES_MISSING:
+      return "joint states missing";
+    case SelfFilterUpdate::BAD_ATTACHED_BRICK:
+      return "bad attached brick";
+    case SelfFilterUpdate::FAILED:
+      return "failed";
+    default:
+      return "?";
+  }
+}
+
+Drop toDrop(const gpis_mapping_ros::Refusal& refusal) {
+  switch (refusal.status) {
+    case FrameStatus::kAccepted:
+      return {SelfFilterUpdate::ACCEPTED, refusal.message};
+    case FrameStatus::kWrongEncoding:
+      return {SelfFilterUpdate::WRONG_ENCODING, refusal.message};
+    case FrameStatus::kMalformedImage:
+      return {SelfFilterUpdate::MALFORMED_IMAGE, refusal.message};
+    case FrameStatus::kSizeMismatch:
+      return {SelfFilterUpdate::SIZE_MISMATCH, refusal.message};
+    case FrameStatus::kBadCameraInfo:
+      return {SelfFilterUpdate::BAD_CAMERA_INFO, refusal.message};
+    case FrameStatus::kNoCameraInfo:
+      return {SelfFilterUpdate::NO_CAMERA_INFO, refusal.message};
+    case FrameStatus::kNoTransform:
+      return {SelfFilterUpdate::NO_TRANSFORM, refusal.message};
+    case FrameStatus::kBadTransform:
+      return {SelfFilterUpdate::BAD_TRANSFORM, refusal.message};
+    case FrameStatus::kPoseJump:
+      return {SelfFilterUpdate::POSE_JUMP, refusal.message};
+    case FrameStatus::kTimeRanBack:
+      return {SelfFilterUpdate::TIME_RAN_BACK, refusal.message};
+    case FrameStatus::kStampInFuture:
+      return {SelfFilterUpdate::STAMP_IN_FUTURE, refusal.message};
+    case FrameStatus::kNothingMeasured:
+    case FrameStatus::kRefusedByMap:
+      break;
+  }
+  return {SelfFilterUpdate::FAILED, refusal.message};
+}
+
+Drop toDrop(const depth_self_filter::JointHistory::Answer& answer) {
+  using Verdict = depth_self_filter::JointHistory::Verdict;
+  switch (answer.verdict) {
+    case Verdict::kKnown:
+      return {};
+    case Verdict::kNotYet:
+      return {SelfFilterUpdate::JOINT_STATES_LATE, answer.message};
+    case Verdict::kNeverHeard:
+      return {SelfFilterUpdate::NO_JOINT_STATES, answer.message};
+    case Verdict::kGap:
+    case Verdict::kForgotten:
+      break;
+  }
+  return {SelfFilterUpdate::JOINT_STATES_MISSING, answer.message};
+}
+
+depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::AttachedBrick& message,
+                                                const mp700_ur5e_description::RobotModel& robot, std::string* problem) {
+  problem->clear();
+  depth_self_filter::HandHistory::Change change;
+  change.since_s = message.header.stamp.toSec();
+  if (message.is_attached == 0) return change;
+  depth_self_filter::HeldBrick brick;
+  brick.frame = gpis_mapping_ros::withoutSlash(message.header.frame_id);
+  brick.size_m << message.size.x, message.size.y, message.size.z;
+  geometry_msgs::Transform pose;
+  pose.translation.x = message.pose.position.x;
+  pose.translation.y = message.pose.position.y;
+  pose.translation.z = message.pose.position.z;
+  pose.rotation = message.pose.orientation;
+  gpis_mapping_ros::Refusal refusal;
+  const auto T_frame_brick = gpis_mapping_ros::toIsometry(pose, &refusal);
+  if (T_frame_brick) {
+    brick.T_frame_brick = *T_frame_brick;
+    *problem = depth_self_filter::whyNotHeld(robot, brick);
+  } else {
+    *problem = "of the brick, the " + refusal.message;
+  }
+  change.is_clear = problem->empty();
+  if (change.is_clear) change.brick = brick;
+  return change;
+}
+
+sensor_msgs::ImagePtr toMessage(const gpis_mapping::DepthImage& image) {
+  const auto message = boost::make_shared<sensor_msgs::Image>();
+  message->width = static_cast<std::uint32_t>(image.width);
+  message->height = static_cast<std::uint32_t>(image.height);
+  message->encoding = sensor_msgs::image_encodings::TYPE_32FC1;
+  message->step = static_cast<std::uint32_t>(image.width * sizeof(float));
+  const std::uint16_t probe = 1;
+  std::uint8_t first = 0;
+  std::memcpy(&first, &probe, 1);
+  message->is_bigendian = first == 0 ? 1 : 0;
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(image.depth_m.data());
+  message->data.assign(bytes, bytes + image.depth_m.size() * sizeof(float));
+  return message;
+}
+
+sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, bool is_rectified) {
+  sensor_msgs::CameraInfo output = info;
+  if (is_rectified) return output;
+  for (std::size_t row = 0; row < 3; ++row) {
+    for (std::size_t column = 0; column < 3; ++column) output.P[4 * row + column] = info.K[3 * row + column];
+    output.P[4 * row + 3] = 0.0;
+  }
+  return output;
+}
+
+}  // namespace depth_self_filter_ros

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <Eigen/Geometry>
+#include <geometry_msgs/Pose.h>
+#include <geometry_msgs/Transform.h>
+#include <interactive_mapping_msgs/PlanOutcome.h>
+#include <interactive_mapping_msgs/SurfaceMesh.h>
+#include <trajectory_msgs/JointTrajectory.h>
+
+#include "motion_planning/motion_planner.h"
+#include "motion_planning/surface.h"
+
+namespace motion_planning_ros {
+
+/// Nothing when a number is not finite or the quaternion's length is not 1 within 1 %.
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose);
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform);
+geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);
+
+/// Throws std::invalid_argument if normals and vertices differ in number. Bad triangles are left to the scene builder.
+motion_planning::Surface toSurface(const interactive_mapping_msgs::SurfaceMesh& mesh);
+
+/// Joints by their names, header stamp zero: to be executed at once.
+trajectory_msgs::JointTrajectory toMessage(const motion_planning::JointTrajectory& trajectory);
+
+/// Joints in any order; other joints beside the arm's are not allowed. Throws std::invalid_argument that says what is
+/// wrong: missing joints, sizes, numbers that are not finite, times that do not rise. Velocities may be missing: zero.
+motion_planning::JointTrajectory fromMessage(const trajectory_msgs::JointTrajectory& message);
+
+/// Six finite angles. Throws std::invalid_argument; `what` begins the sentence.
+motion_planning::ArmVector toArmVector(const std::vector<double>& joints_rad, const std::string& what);
+
+interactive_mapping_msgs::PlanOutcome toMessage(const motion_planning::PlanFailure& failure);
+
+}  // namespace motion_planning_ros

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <interactive_mapping_msgs/PathMonitorState.h>
+#include <interactive_mapping_msgs/PlanArmAction.h>
+#include <interactive_mapping_msgs/PlanPickAction.h>
+#include <interactive_mapping_msgs/WatchTrajectory.h>
+#include <mp700_ur5e_description/brick_types.h>
+#include <ros/node_handle.h>
+#include <ros/service_server.h>
+#include <ros/timer.h>
+#include <ros/wall_timer.h>
+
+#include "motion_planning/motion_planner.h"
+#include "motion_planning/path_monitor.h"
+#include "motion_planning_ros/motion_planning_params.h"
+#include "motion_planning_ros/plan_server.h"
+#include "motion_planning_ros/planning_markers.h"
+#include "motion_planning_ros/robot_state.h"
+#include "motion_planning_ros/scene_keeper.h"
+
+namespace motion_planning_ros {
+
+/// The planner as a ROS node: the map's mesh, joint states and tf in; plans, the path monitor's word, markers and
+/// diagnostics out. The README lists them. Callbacks may run concurrently; each action plans on a thread of its own, the
+/// scene is made on SceneKeeper's.
+class MotionPlanningRos {
+ public:
+  /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with a file or the URDF.
+  MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh);
+  ~MotionPlanningRos();
+  MotionPlanningRos(const MotionPlanningRos&) = delete;
+  MotionPlanningRos& operator=(const MotionPlanningRos&) = delete;
+
+ private:
+  using PickServer = PlanServer<interactive_mapping_msgs::PlanPickAction>;
+  using ArmServer = PlanServer<interactive_mapping_msgs::PlanArmAction>;
+  using IsCancelled = std::function<bool()>;
+
+  /// A request that cannot be planned for, with its reason.
+  struct Refused {
+    motion_planning::PlanFailure failure;
+  };
+
+  PickServer::Result planPick(const PickServer::Goal& goal, const ros::Time& started, const IsCancelled& is_cancelled,
+                              const std::function<void(const std::string&)>& tell);
+  ArmServer::Result planArm(const ArmServer::Goal& goal, const ros::Time& started, const IsCancelled& is_cancelled,
+                            const std::function<void(const std::string&)>& tell);
+  /// What all requests begin with. Throws Refused.
+  motion_planning::PlanningContext makeContext(const std::vector<double>& start_rad, const IsCancelled& is_cancelled,
+                                               std::uint64_t* map_update);
+  /// The next two throw Refused.
+  motion_planning::ArmGoal toArmGoal(const interactive_mapping_msgs::ArmGoal& message) const;
+  motion_planning::ArmGoal placeGoal(const std::string& frame) const;
+  Eigen::Isometry3d poseInMap(const geometry_msgs::PoseStamped& message, const std::string& what) const;
+  /// Simulated time that a plan is charged: its result is held back until then.
+  void charge(double cost_s, const ros::Time& started, const IsCancelled& is_cancelled);
+  void note(const std::string& what, const motion_planning::PlanFailure& failure, double wall_ms);
+
+  bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
+               interactive_mapping_msgs::WatchTrajectory::Response& response);
+  /// Judges the running trajectory and tells.
+  void monitor();
+
+  void diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseRobot(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnosePlans(diagnostic_updater::DiagnosticStatusWrapper& status);
+
+  const MotionPlanningParams params_;
+  const mp700_ur5e_description::BrickCatalogue catalogue_;
+  const std::map<std::string, motion_planning::ArmVector> postures_;
+  const std::shared_ptr<const motion_planning::ArmKinematics> kinematics_;
+  const std::unique_ptr<const motion_planning::MotionPlanner> planner_;
+  RobotState robot_;
+
+  struct Watch {
+    std::uint32_t id{0};
+    std::uint8_t phase{0};
+    ros::Time start;
+    double duration_s{0.0};
+    std::optional<motion_planning::OrientedBox> target;
+    motion_planning::ArmVector start_rad{motion_planning::ArmVector::Zero()};
+  };
+  std::mutex monitor_mutex_;  // guards what follows, up to the blank line
+  motion_planning::PathMonitor path_monitor_;
+  std::optional<Watch> watch_;
+  std::uint32_t num_watches_{0};
+  interactive_mapping_msgs::PathMonitorState monitor_state_;
+  ros::Publisher monitor_publisher_;
+
+  std::mutex report_mutex_;                        // guards what follows, up to the blank line
+  std::map<std::string, std::uint64_t> outcomes_;  // how often each
+  std::string last_failure_;
+  double slowest_ms_{0.0};
+
+  PlanningMarkers markers_;
+  std::unique_ptr<SceneKeeper> scenes_;
+  ros::ServiceServer watch_server_;
+  ros::Timer monitor_timer_;
+  diagnostic_updater::Updater diagnostics_;
+  ros::WallTimer diagnostics_timer_;
+  std::unique_ptr<PickServer> pick_server_;  // last: their threads use the rest
+  std::unique_ptr<ArmServer> arm_server_;
+};
+
+}  // namespace motion_planning_ros

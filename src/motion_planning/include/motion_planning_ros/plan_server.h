@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <condition_variable>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include <actionlib/server/action_server.h>
+#include <interactive_mapping_msgs/PlanOutcome.h>
+#include <ros/node_handle.h>
+
+namespace motion_planning_ros {
+
+/// Waits until ROS time has come to `due`, or the clock has stood still for `stall_s` of wall time, or `is_cancelled`.
+/// False: the clock stood still.
+bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>& is_cancelled);
+
+/// An action server that plans one goal at a time, on a thread of its own; a new goal cancels the one before. The result
+/// always carries a PlanOutcome: SUCCESS succeeds, CANCELLED is preempted, all others abort.
+template <typename Action>
+class PlanServer {
+ public:
+  using Server = actionlib::ActionServer<Action>;
+  using GoalHandle = typename Server::GoalHandle;
+  using Goal = typename Action::_action_goal_type::_goal_type;
+  using Result = typename Action::_action_result_type::_result_type;
+  using Feedback = typename Action::_action_feedback_type::_feedback_type;
+  /// `started`: when the goal was sent, ROS time.
+  using Plan =
+      std::function<Result(const Goal& goal, const ros::Time& started, const std::function<bool()>& is_cancelled,
+                           const std::function<void(const std::string& stage)>& tell)>;
+
+  PlanServer(ros::NodeHandle& nh, const std::string& name, Plan plan)
+      : plan_(std::move(plan)),
+        server_(
+            nh, name, [this](GoalHandle goal) { onGoal(goal); }, [this](GoalHandle goal) { onCancel(goal); }, false),
+        worker_(&PlanServer::work, this) {
+    server_.start();
+  }
+
+  ~PlanServer() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      is_stopping_ = true;
+    }
+    changed_.notify_all();
+    worker_.join();
+  }
+
+  PlanServer(const PlanServer&) = delete;
+  PlanServer& operator=(const PlanServer&) = delete;
+
+ private:
+  void onGoal(GoalHandle goal) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (has_next_) refuse(next_, "replaced by a newer goal before it was begun");
+    next_ = goal;
+    has_next_ = true;
+    changed_.notify_all();
+  }
+
+  void onCancel(GoalHandle goal) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (has_next_ && goal == next_) {
+      refuse(next_, "cancelled before it was begun");
+      has_next_ = false;
+    } else if (is_running_ && goal == running_) {
+      is_cancel_asked_ = true;
+    }
+    changed_.notify_all();
+  }
+
+  void refuse(GoalHandle& goal, const std::string& why) {
+    Result result;
+    result.outcome.status = interactive_mapping_msgs::PlanOutcome::CANCELLED;
+    result.outcome.message = why;
+    goal.setCanceled(result, why);
+  }
+
+  void work() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    while (true) {
+      changed_.wait(lock, [this] { return is_stopping_ || has_next_; });
+      if (is_stopping_) return;
+      running_ = next_;
+      has_next_ = false;
+      is_running_ = true;
+      is_cancel_asked_ = false;
+      GoalHandle goal = running_;
+      lock.unlock();
+
+      goal.setAccepted();
+      const auto is_cancelled = [this] {
+        const std::lock_guard<std::mutex> guard(mutex_);
+        return is_stopping_ || is_cancel_asked_ || has_next_;
+      };
+      const auto tell = [&goal](const std::string& stage) {
+        Feedback feedback;
+        feedback.stage = stage;
+        goal.publishFeedback(feedback);
+      };
+      const ros::Time started = goal.getGoalID().stamp.isZero() ? ros::Time::now() : goal.getGoalID().stamp;
+      const Result result = plan_(*goal.getGoal(), started, is_cancelled, tell);
+      using Outcome = interactive_mapping_msgs::PlanOutcome;
+      if (result.outcome.status == Outcome::SUCCESS) {
+        goal.setSucceeded(result);
+      } else if (result.outcome.status == Outcome::CANCELLED) {
+        goal.setCanceled(result, result.outcome.message);
+      } else {
+        goal.setAborted(result, result.outcome.message);
+      }
+
+      lock.lock();
+      is_running_ = false;
+    }
+  }
+
+  const Plan plan_;
+
+  std::mutex mutex_;  // guards what follows, up to the blank line
+  std::condition_variable changed_;
+  bool is_stopping_{false};
+  GoalHandle next_, running_;
+  bool has_next_{false};
+  bool is_running_{false};
+  bool is_cancel_asked_{false};
+
+  Server server_;
+  std::thread worker_;  // last: everything it uses exists before it
+};
+
+}  // namespace motion_planning_ros

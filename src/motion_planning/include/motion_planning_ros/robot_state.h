@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include <Eigen/Geometry>
+#include <interactive_mapping_msgs/AttachedBrick.h>
+#include <ros/node_handle.h>
+#include <sensor_msgs/JointState.h>
+#include <tf2_ros/buffer.h>
+#include <tf2_ros/transform_listener.h>
+
+#include "motion_planning/motion_planner.h"
+#include "motion_planning_ros/motion_planning_params.h"
+
+namespace motion_planning_ros {
+
+/// What the robot is known to be doing: joint_states, tf and attached_brick. Every method may be called from any thread.
+class RobotState {
+ public:
+  RobotState(const ros::NodeHandle& nh, std::shared_ptr<const motion_planning::ArmKinematics> arm,
+             const MotionPlanningParams& params);
+
+  /// The newest joint angles; nothing, and why, if there are none or they are older than allowed.
+  std::optional<motion_planning::ArmVector> arm(std::string* why_not) const;
+
+  /// T_map_base, the newest that tf has; nothing, and why, if there is none or it is older than allowed.
+  std::optional<Eigen::Isometry3d> base(std::string* why_not) const;
+
+  /// T_map_frame at the frame's newest, for goals in other frames.
+  std::optional<Eigen::Isometry3d> frameInMap(const std::string& frame, std::string* why_not) const;
+
+  struct Held {
+    int id{-1};
+    motion_planning::HeldBrick brick;
+    std::optional<motion_planning::OrientedBox> vacated;  // where it was when it was attached; nothing: not known
+  };
+  /// What the magnet holds, if anything.
+  std::optional<Held> held() const;
+  /// Why the last message of attached_brick was refused; empty: it was not. Planning must not go on then.
+  std::string heldProblem() const;
+
+  /// Rises with each change of what is held.
+  std::uint64_t heldChanges() const;
+
+ private:
+  void onJointState(const sensor_msgs::JointStateConstPtr& message);
+  void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
+
+  const std::shared_ptr<const motion_planning::ArmKinematics> kinematics_;
+  const MotionPlanningParams& params_;
+  tf2_ros::Buffer tf_;
+  tf2_ros::TransformListener tf_listener_;
+
+  mutable std::mutex mutex_;                                    // guards what follows, up to the blank line
+  std::map<std::string, std::pair<double, ros::Time>> joints_;  // angle and stamp by name: a message may hold some only
+  std::optional<Held> held_;
+  std::string held_problem_;
+  std::uint64_t held_changes_{0};
+
+  ros::Subscriber joint_subscriber_, attached_subscriber_;
+};
+
+}  // namespace motion_planning_ros

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion_planning_ros/conversions.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <mp700_ur5e_description/robot_names.h>
+
+namespace motion_planning_ros {
+namespace {
+
+using interactive_mapping_msgs::PlanOutcome;
+using motion_planning::ArmVector;
+using motion_planning::JointTrajectory;
+using motion_planning::PlanStatus;
+using mp700_ur5e_description::kArmJoints;
+
+template <PlanStatus kStatus, std::uint8_t kConstant>
+constexpr bool kSame = static_cast<std::uint8_t>(kStatus) == kConstant;
+static_assert(kSame<PlanStatus::kSuccess, PlanOutcome::SUCCESS>);
+static_assert(kSame<PlanStatus::kBadRequest, PlanOutcome::BAD_REQUEST>);
+static_assert(kSame<PlanStatus::kNoMap, PlanOutcome::NO_MAP>);
+static_assert(kSame<PlanStatus::kOutsideSector, PlanOutcome::OUTSIDE_SECTOR>);
+static_assert(kSame<PlanStatus::kNoIk, PlanOutcome::NO_IK>);
+static_assert(kSame<PlanStatus::kStartInCollision, PlanOutcome::START_IN_COLLISION>);
+static_assert(kSame<PlanStatus::kGoalInCollision, PlanOutcome::GOAL_IN_COLLISION>);
+static_assert(kSame<PlanStatus::kGoalUnknown, PlanOutcome::GOAL_UNKNOWN>);
+static_assert(kSame<PlanStatus::kApproachBlocked, PlanOutcome::APPROACH_BLOCKED>);
+static_assert(kSame<PlanStatus::kIterations, PlanOutcome::ITERATIONS>);
+static_assert(kSame<PlanStatus::kConstraint, PlanOutcome::CONSTRAINT>);
+static_assert(kSame<PlanStatus::kCancelled, PlanOutcome::CANCELLED>);
+static_assert(kSame<PlanStatus::kNoRobotState, PlanOutcome::NO_ROBOT_STATE>);
+
+std::optional<Eigen::Isometry3d> toIsometry(const Eigen::Vector3d& translation, const geometry_msgs::Quaternion& q) {
+  const Eigen::Quaterniond rotation(q.w, q.x, q.y, q.z);
+  constexpr double kMaxStretch = 0.01;  // of float32 sources; more is no rotation
+  if (!translation.allFinite() || !(std::abs(rotation.norm() - 1.0) <= kMaxStretch)) return std::nullopt;
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = rotation.normalized().toRotationMatrix();
+  T.translation() = translation;
+  return T;
+}
+
+/// Sizes are checked by the caller.
+ArmVector pick(const std::vector<double>& values, const std::array<std::size_t, 6>& order) {
+  ArmVector result;
+  for (std::size_t i = 0; i < order.size(); ++i) result[static_cast<Eigen::Index>(i)] = values[order[i]];
+  return result;
+}
+
+}  // namespace
+
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose) {
+  return toIsometry({pose.position.x, pose.position.y, pose.position.z}, pose.orientation);
+}
+
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform) {
+  return toIsometry({transform.translation.x, transform.translation.y, transform.translation.z}, transform.rotation);
+}
+
+geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
+  const Eigen::Quaterniond q(T.linear());
+  geometry_msgs::Pose pose;
+  pose.position.x = T.translation().x();
+  pose.position.y = T.translation().y();
+  pose.position.z = T.translation().z();
+  pose.orientation.x = q.x();
+  pose.orientation.y = q.y();
+  pose.orientation.z = q.z();
+  pose.orientation.w = q.w();
+  return pose;
+}
+
+motion_planning::Surface toSurface(const interactive_mapping_msgs::SurfaceMesh& mesh) {
+  const std::size_t num_vertices = mesh.mesh.vertices.size();
+  if (mesh.normals.size() != 3 * num_vertices) {
+    throw std::invalid_argument("the mesh has " + std::to_string(mesh.normals.size()) +
+                                " numbers in normals, must be 3 x " + std::to_string(num_vertices) + " vertices");
+  }
+  motion_planning::Surface surface;
+  surface.vertices_map.reserve(num_vertices);
+  surface.normals_map.reserve(num_vertices);
+  for (std::size_t i = 0; i < num_vertices; ++i) {
+    const geometry_msgs::Point& p = mesh.mesh.vertices[i];
+    surface.vertices_map.emplace_back(p.x, p.y, p.z);
+    surface.normals_map.emplace_back(mesh.normals[3 * i], mesh.normals[3 * i + 1], mesh.normals[3 * i + 2]);
+  }
+  surface.triangles.reserve(mesh.mesh.triangles.size());
+  for (const shape_msgs::MeshTriangle& triangle : mesh.mesh.triangles) {
+    surface.triangles.push_back({triangle.vertex_indices[0], triangle.vertex_indices[1], triangle.vertex_indices[2]});
+  }
+  return surface;
+}
+
+trajectory_msgs::JointTrajectory toMessage(const JointTrajectory& trajectory) {
+  trajectory_msgs::JointTrajectory message;
+  message.joint_names.assign(kArmJoints.begin(), kArmJoints.end());
+  message.points.reserve(trajectory.points.size());
+  for (const motion_planning::TrajectoryPoint& point : trajectory.points) {
+    trajectory_msgs::JointTrajectoryPoint out;
+    const auto copy = [](const ArmVector& v) { return std::vector<double>(v.data(), v.data() + v.size()); };
+    out.positions = copy(point.position_rad);
+    out.velocities = copy(point.velocity_rad_s);
+    out.time_from_start = ros::Duration(point.time_s);
+    message.points.push_back(std::move(out));
+  }
+  return message;
+}
+
+JointTrajectory fromMessage(const trajectory_msgs::JointTrajectory& message) {
+  if (message.joint_names.size() != kArmJoints.size()) {
+    throw std::invalid_argument("the trajectory has " + std::to_string(message.joint_names.size()) +
+                                " joints, must be the arm's 6");
+  }
+  std::array<std::size_t, 6> order{};
+  for (std::size_t i = 0; i < kArmJoints.size(); ++i) {
+    const auto found = std::find(message.joint_names.begin(), message.joint_names.end(), kArmJoints[i]);
+    if (found == message.joint_names.end()) {
+      throw std::invalid_argument(std::string("the trajectory lacks joint ") + kArmJoints[i]);
+    }
+    order[i] = static_cast<std::size_t>(found - message.joint_names.begin());
+  }
+  JointTrajectory trajectory;
+  for (const trajectory_msgs::JointTrajectoryPoint& in : message.points) {
+    const std::string where = "point " + std::to_string(trajectory.points.size()) + " of the trajectory ";
+    if (in.positions.size() != order.size()) {
+      throw std::invalid_argument(where + "has " + std::to_string(in.positions.size()) + " positions, must be 6");
+    }
+    if (!in.velocities.empty() && in.velocities.size() != order.size()) {
+      throw std::invalid_argument(where + "has " + std::to_string(in.velocities.size()) +
+                                  " velocities, must be 0 or 6");
+    }
+    motion_planning::TrajectoryPoint point;
+    point.time_s = in.time_from_start.toSec();
+    point.position_rad = pick(in.positions, order);
+    if (!in.velocities.empty()) point.velocity_rad_s = pick(in.velocities, order);
+    if (!point.position_rad.allFinite() || !point.velocity_rad_s.allFinite()) {
+      throw std::invalid_argument(where + "is not finite");
+    }
+    if (point.time_s < 0.0 || (!trajectory.empty() && point.time_s <= trajectory.points.back().time_s)) {
+      throw std::invalid_argument(where + "has time_from_start = " + std::to_string(point.time_s) +
+                                  " s, must be later than the point before");
+    }
+    trajectory.points.push_back(point);
+  }
+  return trajectory;
+}
+
+ArmVector toArmVector(const std::vector<double>& joints_rad, const std::string& what) {
+  if (joints_rad.size() != 6) {
+    throw std::invalid_argument(what + " has " + std::to_string(joints_rad.size()) + " joint angles, must be 6");
+  }
+  const ArmVector result = Eigen::Map<const ArmVector>(joints_rad.data());
+  if (!result.allFinite()) throw std::invalid_argument(what + " is not finite");
+  return result;
+}
+
+PlanOutcome toMessage(const motion_planning::PlanFailure& failure) {
+  PlanOutcome message;
+  message.status = static_cast<std::uint8_t>(failure.status);
+  message.message = failure.message;
+  return message;
+}
+
+}  // namespace motion_planning_ros

@@ -1,0 +1,563 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion_planning_ros/motion_planning_ros.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <stdexcept>
+#include <thread>
+
+#include <geometry_msgs/PoseStamped.h>
+#include <interactive_mapping_msgs/BrickFace.h>
+#include <mp700_ur5e_description/arm_pose.h>
+#include <mp700_ur5e_description/robot_names.h>
+#include <ros/console.h>
+
+#include "motion_planning_ros/conversions.h"
+
+namespace motion_planning_ros {
+namespace {
+
+using interactive_mapping_msgs::PathMonitorState;
+using interactive_mapping_msgs::PlanOutcome;
+using interactive_mapping_msgs::WatchTrajectory;
+using motion_planning::ArmKinematics;
+using motion_planning::ArmVector;
+using motion_planning::PlanFailure;
+using motion_planning::PlanStatus;
+using mp700_ur5e_description::BrickFace;
+using mp700_ur5e_description::RobotModel;
+using ArmGoalMessage = interactive_mapping_msgs::ArmGoal;
+
+constexpr char kLog[] = "motion_planning";
+constexpr std::chrono::milliseconds kClockPeriod(2);  // how often a result that is held back looks at the clock
+constexpr double kQuietMap_s = 10.0;                  // wall time without a mesh, after which the diagnostics warn
+
+std::shared_ptr<const ArmKinematics> kinematicsFromServer(const ros::NodeHandle& nh) {
+  std::string urdf;
+  const std::string name = nh.resolveName("robot_description");
+  if (!nh.getParam("robot_description", urdf)) {
+    throw std::invalid_argument("parameter " + name +
+                                " is not set: start description.launch of mp700_ur5e_description");
+  }
+  return std::make_shared<ArmKinematics>(RobotModel::parse(urdf, name));
+}
+
+std::map<std::string, ArmVector> loadPostures(const std::string& folder) {
+  std::map<std::string, ArmVector> postures;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+    if (entry.path().extension() != ".yaml") continue;
+    postures[entry.path().stem().string()] = mp700_ur5e_description::loadArmPose(entry.path().string());
+  }
+  if (error) throw std::invalid_argument("postures_dir = '" + folder + "': " + error.message());
+  if (postures.empty()) throw std::invalid_argument("postures_dir = '" + folder + "' holds no *.yaml");
+  return postures;
+}
+
+double msSince(const ros::WallTime& start) {
+  return 1000.0 * (ros::WallTime::now() - start).toSec();
+}
+
+std::string formatted(const char* format, double value) {
+  char text[64];
+  std::snprintf(text, sizeof(text), format, value);
+  return text;
+}
+
+PlanFailure failureOf(PlanStatus status, const std::string& message) {
+  PlanFailure failure;
+  failure.status = status;
+  failure.message = message;
+  return failure;
+}
+
+std::string namesOf(const std::map<std::string, ArmVector>& postures) {
+  std::string names;
+  for (const auto& [name, joints] : postures) names += (names.empty() ? "" : ", ") + name;
+  return names;
+}
+
+}  // namespace
+
+bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>& is_cancelled) {
+  ros::Time clock = ros::Time::now();
+  ros::WallTime clock_moved = ros::WallTime::now();
+  while (ros::Time::now() < due && !is_cancelled()) {
+    const ros::Time now = ros::Time::now();
+    if (now < clock) return true;  // time ran back: what was due will not come
+    if (now != clock) {
+      clock = now;
+      clock_moved = ros::WallTime::now();
+    } else if ((ros::WallTime::now() - clock_moved).toSec() >= stall_s) {
+      return false;
+    }
+    std::this_thread::sleep_for(kClockPeriod);  // /clock has no event to wait for
+  }
+  return true;
+}
+
+MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
+    : params_(loadMotionPlanningParams(private_nh)),
+      catalogue_(mp700_ur5e_description::loadBrickTypes(params_.bricks_file)),
+      postures_(loadPostures(params_.postures_dir)),
+      kinematics_(kinematicsFromServer(nh)),
+      planner_(std::make_unique<motion_planning::MotionPlanner>(
+          kinematics_, motion_planning::ManipulabilitySectors::load(params_.sectors_file, kinematics_->robot()),
+          params_.planner)),
+      robot_(nh, kinematics_, params_),
+      path_monitor_(params_.path_monitor),
+      markers_([&] {
+        ros::NodeHandle handle(private_nh);
+        return PlanningMarkers(handle, params_.map_frame, kinematics_, params_.output.arm_markers);
+      }()),
+      diagnostics_(nh, private_nh) {
+  const RobotModel& robot = kinematics_->robot();
+  if (!robot.hasFrame(params_.view.camera_frame)) {
+    throw std::invalid_argument("view/camera_frame = '" + params_.view.camera_frame + "', must be a link of the URDF");
+  }
+  if (!robot.hasFrame(params_.stow) && postures_.count(params_.stow) == 0) {
+    throw std::invalid_argument("stow = '" + params_.stow +
+                                "', must be a link of the URDF or a posture: " + namesOf(postures_));
+  }
+  if (postures_.count(params_.inspect_posture) == 0) {
+    throw std::invalid_argument("inspect_posture = '" + params_.inspect_posture +
+                                "', must be a posture: " + namesOf(postures_));
+  }
+  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
+
+  ros::NodeHandle handle(private_nh);
+  monitor_publisher_ = handle.advertise<PathMonitorState>("path_monitor", 10, true);
+  scenes_ = std::make_unique<SceneKeeper>(nh, robot_, params_, [this](const MapScene& scene) {
+    markers_.show(scene);
+    monitor();
+  });
+  scenes_->start();
+  watch_server_ = handle.advertiseService("watch", &MotionPlanningRos::onWatch, this);
+  monitor_timer_ =
+      handle.createTimer(ros::Duration(1.0 / params_.monitor.rate_hz), [this](const ros::TimerEvent&) { monitor(); });
+  monitor();
+
+  diagnostics_.setHardwareID("none");
+  diagnostics_.add("map", this, &MotionPlanningRos::diagnoseMap);
+  diagnostics_.add("robot", this, &MotionPlanningRos::diagnoseRobot);
+  diagnostics_.add("plans", this, &MotionPlanningRos::diagnosePlans);
+  // By the wall clock: a clock that stands still is something to report.
+  diagnostics_timer_ =
+      handle.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.update(); });
+
+  pick_server_ = std::make_unique<PickServer>(
+      handle, "plan_pick", [this](const auto& goal, const auto& started, const auto& is_cancelled, const auto& tell) {
+        return planPick(goal, started, is_cancelled, tell);
+      });
+  arm_server_ = std::make_unique<ArmServer>(
+      handle, "plan_arm", [this](const auto& goal, const auto& started, const auto& is_cancelled, const auto& tell) {
+        return planArm(goal, started, is_cancelled, tell);
+      });
+}
+
+MotionPlanningRos::~MotionPlanningRos() {
+  pick_server_.reset();
+  arm_server_.reset();
+  monitor_timer_.stop();
+  watch_server_.shutdown();
+  scenes_.reset();
+}
+
+motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vector<double>& start_rad,
+                                                                const IsCancelled& is_cancelled,
+                                                                std::uint64_t* map_update) {
+  motion_planning::PlanningContext context;
+  context.is_cancelled = is_cancelled;
+  std::string why_not;
+  if (start_rad.empty()) {
+    const std::optional<ArmVector> joints = robot_.arm(&why_not);
+    if (!joints) throw Refused{failureOf(PlanStatus::kNoRobotState, why_not)};
+    context.start_rad = *joints;
+  } else {
+    try {
+      context.start_rad = toArmVector(start_rad, "start");
+    } catch (const std::invalid_argument& error) {
+      throw Refused{failureOf(PlanStatus::kBadRequest, error.what())};
+    }
+  }
+  const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
+  if (!T_map_base) throw Refused{failureOf(PlanStatus::kNoRobotState, why_not)};
+  context.T_map_base = *T_map_base;
+
+  const std::string held_problem = robot_.heldProblem();
+  if (!held_problem.empty()) {
+    throw Refused{failureOf(PlanStatus::kNoRobotState, "what the magnet holds is not known: " + held_problem)};
+  }
+  if (const std::optional<RobotState::Held> held = robot_.held()) {
+    context.held = held->brick;
+    context.vacated = held->vacated;
+  }
+
+  const std::shared_ptr<const MapScene> scene = scenes_->current(*T_map_base, is_cancelled, &why_not);
+  if (!scene) throw Refused{failureOf(is_cancelled() ? PlanStatus::kCancelled : PlanStatus::kNoMap, why_not)};
+  context.scene = scene->scene;
+  *map_update = scene->map_update;
+  return context;
+}
+
+Eigen::Isometry3d MotionPlanningRos::poseInMap(const geometry_msgs::PoseStamped& message,
+                                               const std::string& what) const {
+  const std::optional<Eigen::Isometry3d> T_frame_pose = toIsometry(message.pose);
+  if (!T_frame_pose) {
+    throw Refused{failureOf(PlanStatus::kBadRequest, what + ": its pose is not finite or no rotation")};
+  }
+  std::string why_not;
+  const std::optional<Eigen::Isometry3d> T_map_frame = robot_.frameInMap(message.header.frame_id, &why_not);
+  if (!T_map_frame) throw Refused{failureOf(PlanStatus::kBadRequest, what + ": " + why_not)};
+  return *T_map_frame * *T_frame_pose;
+}
+
+motion_planning::ArmGoal MotionPlanningRos::placeGoal(const std::string& frame) const {
+  const RobotModel& robot = kinematics_->robot();
+  if (!robot.hasFrame(frame) || robot.bodyOf(frame) != 0) {
+    throw Refused{failureOf(PlanStatus::kBadRequest,
+                            "place_frame = '" + frame + "', must be a link fixed to " + robot.rootFrame())};
+  }
+  motion_planning::ArmGoal goal;
+  goal.place = motion_planning::PlaceGoal{robot.poseInBody(frame), params_.place_above_m};
+  return goal;
+}
+
+motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& message) const {
+  motion_planning::ArmGoal goal;
+  switch (message.kind) {
+    case ArmGoalMessage::POSTURE: {
+      const auto found = postures_.find(message.posture);
+      if (found == postures_.end()) {
+        throw Refused{failureOf(PlanStatus::kBadRequest,
+                                "posture = '" + message.posture + "', must be one of: " + namesOf(postures_))};
+      }
+      goal.joints_rad = found->second;
+      break;
+    }
+    case ArmGoalMessage::JOINTS:
+      try {
+        goal.joints_rad = toArmVector(message.joints, "a goal");
+      } catch (const std::invalid_argument& error) {
+        throw Refused{failureOf(PlanStatus::kBadRequest, error.what())};
+      }
+      break;
+    case ArmGoalMessage::TIP:
+      goal.T_map_tip = poseInMap(message.tip, "tip");
+      break;
+    case ArmGoalMessage::PLACE:
+      goal = placeGoal(message.place_frame);
+      break;
+    default:
+      throw Refused{failureOf(PlanStatus::kBadRequest,
+                              "kind = " + std::to_string(message.kind) + " of a goal, must be in [0, 3]")};
+  }
+  goal.keep_level = message.any_tilt == 0;
+  return goal;
+}
+
+void MotionPlanningRos::charge(double cost_s, const ros::Time& started, const IsCancelled& is_cancelled) {
+  if (ros::Time::isSystemTime()) return;
+  if (!waitUntil(started + ros::Duration(cost_s), params_.cost.stall_s, is_cancelled)) {
+    ROS_WARN_NAMED(kLog,
+                   "the clock has stood still for %.1f s: a plan is not held back for its cost of %.2f s. Is the "
+                   "clock's rule for planning shorter than cost/pick_s or cost/arm_s?",
+                   params_.cost.stall_s, cost_s);
+  }
+}
+
+void MotionPlanningRos::note(const std::string& what, const PlanFailure& failure, double wall_ms) {
+  const std::string status = toString(failure.status);
+  {
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    ++outcomes_[status];
+    slowest_ms_ = std::max(slowest_ms_, wall_ms);
+    if (failure.status != PlanStatus::kSuccess) last_failure_ = what + ": " + status + ", " + failure.message;
+  }
+  if (failure.status == PlanStatus::kSuccess) {
+    ROS_INFO_NAMED(kLog, "%s: planned in %.0f ms", what.c_str(), wall_ms);
+  } else {
+    ROS_INFO_NAMED(kLog, "%s: %s, %s (%.0f ms)", what.c_str(), status.c_str(), failure.message.c_str(), wall_ms);
+  }
+}
+
+MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServer::Goal& goal,
+                                                                  const ros::Time& started,
+                                                                  const IsCancelled& is_cancelled,
+                                                                  const std::function<void(const std::string&)>& tell) {
+  const ros::WallTime wall_start = ros::WallTime::now();
+  PickServer::Result result;
+  motion_planning::PickPlan plan;
+  std::optional<Eigen::Isometry3d> T_map_base;
+  try {
+    motion_planning::PickTarget target;
+    target.brick_id = goal.brick_id;
+    try {
+      target.type = &catalogue_.type(goal.type);
+    } catch (const std::invalid_argument& error) {
+      throw Refused{failureOf(PlanStatus::kBadRequest, error.what())};
+    }
+    for (const std::uint8_t face : goal.faces) {
+      if (face >= mp700_ur5e_description::kNumBrickFaces) {
+        throw Refused{failureOf(PlanStatus::kBadRequest, "face " + std::to_string(face) + ", must be in [0, 5]")};
+      }
+      target.faces.push_back(static_cast<BrickFace>(face));
+    }
+    target.T_map_brick = poseInMap(goal.brick, "brick");
+    std::vector<motion_planning::ArmGoal> stow;
+    for (const ArmGoalMessage& message : goal.stow) stow.push_back(toArmGoal(message));
+    if (stow.empty()) {
+      if (const auto posture = postures_.find(params_.stow); posture != postures_.end()) {
+        stow.emplace_back();
+        stow.back().joints_rad = posture->second;
+      } else {
+        stow.push_back(placeGoal(params_.stow));
+      }
+    }
+    tell("waiting for the newest map");
+    const motion_planning::PlanningContext context = makeContext(goal.start, is_cancelled, &result.map_update);
+    T_map_base = context.T_map_base;
+    if (const std::optional<RobotState::Held> held = robot_.held()) {
+      throw Refused{failureOf(PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
+                                                           ": it has to be let go before another is picked")};
+    }
+    tell("planning");
+    plan = planner_->planPick(context, target, stow);
+  } catch (const Refused& refused) {
+    static_cast<PlanFailure&>(plan) = refused.failure;
+  } catch (const std::exception& error) {  // the planner's own checks
+    static_cast<PlanFailure&>(plan) = failureOf(PlanStatus::kBadRequest, error.what());
+  }
+  result.outcome = toMessage(plan);
+  for (const auto& [face, failure] : plan.tried) {
+    interactive_mapping_msgs::FaceOutcome outcome;
+    outcome.face = static_cast<std::uint8_t>(face);
+    outcome.outcome = toMessage(failure);
+    result.tried.push_back(outcome);
+  }
+  if (plan.status == PlanStatus::kSuccess) {
+    result.face = static_cast<std::uint8_t>(plan.face);
+    result.contact.header.frame_id = params_.map_frame;
+    result.contact.header.stamp = started;
+    result.contact.pose = toPose(plan.T_map_contact);
+    result.held = toPose(plan.held.T_tip_brick);
+    result.approach = toMessage(plan.approach);
+    result.touch = toMessage(plan.contact);
+    result.lift = toMessage(plan.lift);
+    result.stow = toMessage(plan.stow);
+    if (T_map_base) markers_.show(plan, *T_map_base);
+  } else if (T_map_base) {
+    markers_.showFailure(plan.message, *T_map_base);
+  }
+  const double wall_ms = msSince(wall_start);
+  result.wall_ms = static_cast<float>(wall_ms);
+  result.cost = ros::Time::isSystemTime() ? 0.0 : params_.cost.pick_s;
+  note("pick of brick " + std::to_string(goal.brick_id), plan, wall_ms);
+  charge(params_.cost.pick_s, started, is_cancelled);
+  return result;
+}
+
+MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer::Goal& goal, const ros::Time& started,
+                                                                const IsCancelled& is_cancelled,
+                                                                const std::function<void(const std::string&)>& tell) {
+  const ros::WallTime wall_start = ros::WallTime::now();
+  ArmServer::Result result;
+  result.goal = -1;
+  motion_planning::ArmPlan plan;
+  std::optional<Eigen::Isometry3d> T_map_base;
+  try {
+    if (!goal.inspect && goal.goals.empty()) {
+      throw Refused{failureOf(PlanStatus::kBadRequest, "no goals, must be at least one unless inspect is set")};
+    }
+    std::vector<motion_planning::ArmGoal> goals;
+    for (const ArmGoalMessage& message : goal.goals) goals.push_back(toArmGoal(message));
+    tell("waiting for the newest map");
+    const motion_planning::PlanningContext context = makeContext(goal.start, is_cancelled, &result.map_update);
+    T_map_base = context.T_map_base;
+    if (goal.inspect) {
+      tell("planning to a posture out of the camera's view");
+      motion_planning::ViewFrustum view;
+      view.T_base_camera =
+          kinematics_->robot().framePose(params_.view.camera_frame, kinematics_->robotPositions(context.start_rad));
+      view.half_width_rad = params_.view.half_width_rad;
+      view.half_height_rad = params_.view.half_height_rad;
+      view.max_range_m = params_.view.range_m;
+      plan = planner_->planInspect(context, view, {postures_.at(params_.inspect_posture)});
+    }
+    for (std::size_t i = 0; i < goals.size() && !goal.inspect; ++i) {
+      tell("planning to goal " + std::to_string(i + 1) + " of " + std::to_string(goals.size()));
+      plan = planner_->planArm(context, goals[i]);
+      if (plan.status == PlanStatus::kSuccess) result.goal = static_cast<std::int32_t>(i);
+      // What is wrong with the start is wrong with all goals.
+      if (plan.status == PlanStatus::kSuccess || plan.status == PlanStatus::kCancelled ||
+          plan.status == PlanStatus::kStartInCollision) {
+        break;
+      }
+    }
+  } catch (const Refused& refused) {
+    static_cast<PlanFailure&>(plan) = refused.failure;
+  } catch (const std::exception& error) {  // the planner's own checks
+    static_cast<PlanFailure&>(plan) = failureOf(PlanStatus::kBadRequest, error.what());
+  }
+  result.outcome = toMessage(plan);
+  if (plan.status == PlanStatus::kSuccess) {
+    result.trajectory = toMessage(plan.trajectory);
+    if (T_map_base) markers_.show(plan, *T_map_base);
+  } else if (T_map_base) {
+    markers_.showFailure(plan.message, *T_map_base);
+  }
+  const double wall_ms = msSince(wall_start);
+  result.wall_ms = static_cast<float>(wall_ms);
+  result.cost = ros::Time::isSystemTime() ? 0.0 : params_.cost.arm_s;
+  note(goal.inspect ? "inspect" : "arm", plan, wall_ms);
+  charge(params_.cost.arm_s, started, is_cancelled);
+  return result;
+}
+
+bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajectory::Response& response) {
+  try {
+    motion_planning::JointTrajectory trajectory;
+    if (!request.trajectory.points.empty()) trajectory = fromMessage(request.trajectory);
+    Watch watch;
+    watch.phase = request.phase;
+    watch.start = request.start.isZero() ? ros::Time::now() : request.start;
+    if (request.phase > WatchTrajectory::Request::LIFT) {
+      throw std::invalid_argument("phase = " + std::to_string(request.phase) + ", must be in [0, 2]");
+    }
+    if (request.phase != WatchTrajectory::Request::FREE) {
+      motion_planning::OrientedBox target;
+      target.T_map_box = poseInMap(request.target, "target");
+      target.size_m = {request.target_size.x, request.target_size.y, request.target_size.z};
+      if (!target.size_m.allFinite() || target.size_m.minCoeff() <= 0.0) {
+        throw std::invalid_argument("target_size must be three lengths above 0 m");
+      }
+      watch.target = target;
+    }
+    {
+      const std::lock_guard<std::mutex> lock(monitor_mutex_);
+      if (trajectory.empty()) {
+        path_monitor_.stop();
+        watch_.reset();
+      } else {
+        watch.id = ++num_watches_;
+        watch.duration_s = trajectory.duration();
+        watch.start_rad = trajectory.points.front().position_rad;
+        path_monitor_.start(std::move(trajectory), kinematics_);
+        watch_ = watch;
+        response.watch_id = watch.id;
+      }
+    }
+    monitor();
+    response.success = 1;
+  } catch (const Refused& refused) {
+    response.message = refused.failure.message;
+  } catch (const std::invalid_argument& error) {
+    response.message = error.what();
+  }
+  return true;
+}
+
+void MotionPlanningRos::monitor() {
+  const std::lock_guard<std::mutex> lock(monitor_mutex_);
+  PathMonitorState state;
+  state.header.frame_id = params_.map_frame;
+  state.header.stamp = ros::Time::now();
+  state.clearance = std::numeric_limits<float>::quiet_NaN();
+  state.time_to_contact = std::numeric_limits<float>::infinity();
+  if (watch_) {
+    const double elapsed_s = (state.header.stamp - watch_->start).toSec();
+    state.watch_id = watch_->id;
+    if (elapsed_s > watch_->duration_s) {
+      path_monitor_.stop();
+      watch_.reset();
+    } else {
+      state.is_watching = 1;
+      std::string why_not;
+      const std::shared_ptr<const MapScene> scene = scenes_->last();
+      const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
+      if (!scene) why_not = "no map has come";
+      if (scene && T_map_base) {
+        motion_planning::CollisionChecker checker(kinematics_, scene->scene, *T_map_base, params_.planner.collision);
+        const std::optional<RobotState::Held> held = robot_.held();
+        if (held) checker.setHeld(held->brick);
+        if (watch_->target) {
+          checker.setTarget(watch_->target);
+        } else if (held) {
+          checker.setTarget(held->vacated, true);
+        }
+        checker.freeUnknownAt(watch_->start_rad);
+        const motion_planning::PathVerdict verdict = path_monitor_.check(std::max(0.0, elapsed_s), checker);
+        state.must_stop = verdict.must_stop ? 1 : 0;
+        state.reason = verdict.reason;
+        state.clearance = static_cast<float>(verdict.clearance_m);
+        state.time_to_contact = static_cast<float>(verdict.time_to_contact_s);
+        state.map_update = scene->map_update;
+      } else {
+        // Not knowing is no reason to go on.
+        state.must_stop = 1;
+        state.reason = why_not;
+        state.time_to_contact = 0.0F;
+      }
+    }
+  }
+  // What has been told once about nothing being watched need not be told again.
+  if (!state.is_watching && !monitor_state_.is_watching && !monitor_state_.header.stamp.isZero()) return;
+  monitor_state_ = state;
+  monitor_publisher_.publish(state);
+}
+
+void MotionPlanningRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  using diagnostic_msgs::DiagnosticStatus;
+  const SceneKeeper::Counters counters = scenes_->counters();
+  const std::shared_ptr<const MapScene> last = scenes_->last();
+  if (counters.meshes == 0) {
+    status.summary(DiagnosticStatus::WARN, "no mesh of the map has come");
+  } else if (!counters.last_failure.empty()) {
+    status.summary(DiagnosticStatus::ERROR, counters.last_failure);
+  } else if ((ros::WallTime::now() - counters.last_mesh).toSec() > kQuietMap_s) {
+    status.summary(DiagnosticStatus::WARN,
+                   formatted("the last mesh came %.0f s ago", (ros::WallTime::now() - counters.last_mesh).toSec()));
+  } else {
+    status.summary(DiagnosticStatus::OK, "follows the map");
+  }
+  status.add("meshes", counters.meshes);
+  status.add("scenes", counters.scenes);
+  if (!last) return;
+  status.add("images in the map", last->map_update);
+  status.add("chunks", last->statistics.chunks);
+  status.add("chunks rebuilt", last->statistics.chunks_rebuilt);
+  status.add("triangles", last->statistics.triangles);
+  status.add("bad triangles", last->statistics.degenerate);
+  status.add("unknown blocks", last->statistics.blocks_unknown);
+  status.add("surface, ms", last->statistics.mesh_ms);
+  status.add("lattice, ms", last->statistics.lattice_ms);
+}
+
+void MotionPlanningRos::diagnoseRobot(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  using diagnostic_msgs::DiagnosticStatus;
+  std::string why_not;
+  const std::string held_problem = robot_.heldProblem();
+  const std::optional<RobotState::Held> held = robot_.held();
+  if (!robot_.arm(&why_not) || !robot_.base(&why_not)) {
+    status.summary(DiagnosticStatus::WARN, why_not);
+  } else if (!held_problem.empty()) {
+    status.summary(DiagnosticStatus::ERROR, "attached brick: " + held_problem);
+  } else {
+    status.summary(DiagnosticStatus::OK, held ? "holds brick " + std::to_string(held->id) : "arm and base are known");
+  }
+}
+
+void MotionPlanningRos::diagnosePlans(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  using diagnostic_msgs::DiagnosticStatus;
+  const std::lock_guard<std::mutex> lock(report_mutex_);
+  status.summary(DiagnosticStatus::OK, outcomes_.empty() ? "nothing planned yet" : "ready");
+  for (const auto& [outcome, count] : outcomes_) status.add(outcome, count);
+  status.add("slowest, ms", slowest_ms_);
+  if (!last_failure_.empty()) status.add("last failure", last_failure_);
+}
+
+}  // namespace motion_planning_ros

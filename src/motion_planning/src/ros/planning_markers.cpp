@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion_planning_ros/planning_markers.h"
+
+#include <algorithm>
+
+#include "motion_planning/scene_view.h"
+#include "motion_planning_ros/conversions.h"
+
+namespace motion_planning_ros {
+namespace {
+
+using motion_planning::ArmVector;
+using motion_planning::JointTrajectory;
+using visualization_msgs::Marker;
+using visualization_msgs::MarkerArray;
+
+constexpr double kWayStep_s = 0.05;  // between points of a drawn way
+
+std_msgs::ColorRGBA color(double r, double g, double b, double a) {
+  std_msgs::ColorRGBA c;
+  c.r = static_cast<float>(r);
+  c.g = static_cast<float>(g);
+  c.b = static_cast<float>(b);
+  c.a = static_cast<float>(a);
+  return c;
+}
+
+geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
+  geometry_msgs::Point point;
+  point.x = p.x();
+  point.y = p.y();
+  point.z = p.z();
+  return point;
+}
+
+}  // namespace
+
+PlanningMarkers::PlanningMarkers(ros::NodeHandle& private_nh, std::string map_frame,
+                                 std::shared_ptr<const motion_planning::ArmKinematics> arm, int num_arms)
+    : map_frame_(std::move(map_frame)), arm_(std::move(arm)), num_arms_(num_arms) {
+  scene_publisher_ = private_nh.advertise<MarkerArray>("scene", 1, true);
+  plan_publisher_ = private_nh.advertise<MarkerArray>("plan", 1, true);
+}
+
+Marker PlanningMarkers::marker(const std::string& ns, int id, int type) const {
+  Marker marker;
+  marker.header.frame_id = map_frame_;  // stamp zero: shown where it is, whatever tf's age
+  marker.ns = ns;
+  marker.id = id;
+  marker.type = type;
+  marker.action = Marker::ADD;
+  marker.pose.orientation.w = 1.0;
+  return marker;
+}
+
+MarkerArray PlanningMarkers::cleared() const {
+  MarkerArray array;
+  array.markers.push_back(marker("", 0, Marker::CUBE));
+  array.markers.back().action = Marker::DELETEALL;
+  return array;
+}
+
+void PlanningMarkers::show(const MapScene& scene) {
+  if (scene_publisher_.getNumSubscribers() == 0) return;
+  MarkerArray array = cleared();
+
+  const motion_planning::Surface surface = motion_planning::obstacleSurface(*scene.scene);
+  Marker shell = marker("surface with margin", 0, Marker::TRIANGLE_LIST);
+  shell.scale.x = shell.scale.y = shell.scale.z = 1.0;
+  shell.color = color(0.95, 0.45, 0.15, 0.45);
+  shell.points.reserve(3 * surface.triangles.size());
+  for (const auto& triangle : surface.triangles) {
+    for (const std::uint32_t vertex : triangle) shell.points.push_back(toPoint(surface.vertices_map[vertex]));
+  }
+  if (!shell.points.empty()) array.markers.push_back(std::move(shell));
+
+  Marker unknown = marker("unknown", 0, Marker::CUBE_LIST);
+  const double edge_m = motion_planning::blockSize(*scene.scene);
+  unknown.scale.x = unknown.scale.y = unknown.scale.z = 0.9 * edge_m;  // single blocks can be told
+  unknown.color = color(0.35, 0.35, 0.75, 0.25);
+  for (const Eigen::Vector3d& centre : motion_planning::unknownBlocks(*scene.scene)) {
+    unknown.points.push_back(toPoint(centre));
+  }
+  if (!unknown.points.empty()) array.markers.push_back(std::move(unknown));
+  scene_publisher_.publish(array);
+}
+
+void PlanningMarkers::addWay(const JointTrajectory& trajectory, const Eigen::Isometry3d& T_map_base, int id,
+                             const std_msgs::ColorRGBA& rgba, MarkerArray* array) const {
+  if (trajectory.points.size() < 2) return;
+  Marker way = marker("way of the tip", id, Marker::LINE_STRIP);
+  way.scale.x = 0.008;
+  way.color = rgba;
+  for (double t = 0.0; t < trajectory.duration() + kWayStep_s; t += kWayStep_s) {
+    way.points.push_back(toPoint(T_map_base * arm_->tipPose(trajectory.sample(t).position_rad).translation()));
+  }
+  array->markers.push_back(std::move(way));
+}
+
+void PlanningMarkers::addArm(const ArmVector& joints_rad, const Eigen::Isometry3d& T_map_base, int number, float alpha,
+                             MarkerArray* array) const {
+  const mp700_ur5e_description::RobotModel& robot = arm_->robot();
+  std::vector<Eigen::Isometry3d> T_base_body;
+  robot.bodyPoses(arm_->robotPositions(joints_rad), &T_base_body);
+  int id = 1000 * number;
+  for (const mp700_ur5e_description::BodyShape& shape : robot.shapes()) {
+    if (robot.bodyName(shape.body).rfind("ur5e_", 0) != 0) continue;  // the arm with what is on its flange
+    Marker part = marker("arms", id++, Marker::CYLINDER);
+    part.pose = toPose(T_map_base * T_base_body[shape.body] * shape.T_body_shape);
+    if (const auto* box = std::get_if<mp700_ur5e_description::Box>(&shape.shape)) {
+      part.type = Marker::CUBE;
+      part.scale.x = box->size_m.x();
+      part.scale.y = box->size_m.y();
+      part.scale.z = box->size_m.z();
+    } else if (const auto* cylinder = std::get_if<mp700_ur5e_description::Cylinder>(&shape.shape)) {
+      part.scale.x = part.scale.y = 2.0 * cylinder->radius_m;
+      part.scale.z = cylinder->length_m;
+    } else {
+      part.type = Marker::SPHERE;
+      part.scale.x = part.scale.y = part.scale.z = 2.0 * std::get<mp700_ur5e_description::Sphere>(shape.shape).radius_m;
+    }
+    part.color = color(0.35, 0.75, 0.95, alpha);
+    array->markers.push_back(std::move(part));
+  }
+}
+
+void PlanningMarkers::show(const motion_planning::PickPlan& plan, const Eigen::Isometry3d& T_map_base) {
+  if (plan_publisher_.getNumSubscribers() == 0) return;
+  MarkerArray array = cleared();
+  addWay(plan.approach, T_map_base, 0, color(0.2, 0.8, 1.0, 1.0), &array);
+  addWay(plan.contact, T_map_base, 1, color(1.0, 0.9, 0.1, 1.0), &array);
+  addWay(plan.lift, T_map_base, 2, color(0.2, 1.0, 0.3, 1.0), &array);
+  addWay(plan.stow, T_map_base, 3, color(0.9, 0.3, 0.9, 1.0), &array);
+  for (int i = 0; i < num_arms_; ++i) {
+    const double t = plan.approach.duration() * i / std::max(1, num_arms_ - 1);
+    addArm(plan.approach.sample(t).position_rad, T_map_base, i, 0.12F, &array);
+  }
+  addArm(plan.contact.points.back().position_rad, T_map_base, num_arms_, 0.8F, &array);
+  Marker contact = marker("contact", 0, Marker::ARROW);
+  const double length_m = 0.15;
+  contact.points = {toPoint(plan.T_map_contact * Eigen::Vector3d(0.0, 0.0, -length_m)),
+                    toPoint(plan.T_map_contact.translation())};
+  contact.scale.x = 0.012;  // shaft's diameter, head's diameter, head's length
+  contact.scale.y = 0.030;
+  contact.scale.z = 0.035;
+  contact.color = color(1.0, 0.2, 0.2, 1.0);
+  array.markers.push_back(std::move(contact));
+  plan_publisher_.publish(array);
+}
+
+void PlanningMarkers::show(const motion_planning::ArmPlan& plan, const Eigen::Isometry3d& T_map_base) {
+  if (plan_publisher_.getNumSubscribers() == 0) return;
+  MarkerArray array = cleared();
+  addWay(plan.trajectory, T_map_base, 0, color(0.2, 0.8, 1.0, 1.0), &array);
+  for (int i = 0; i < num_arms_; ++i) {
+    const double t = plan.trajectory.duration() * i / std::max(1, num_arms_ - 1);
+    addArm(plan.trajectory.sample(t).position_rad, T_map_base, i, i + 1 == num_arms_ ? 0.8F : 0.12F, &array);
+  }
+  plan_publisher_.publish(array);
+}
+
+void PlanningMarkers::showFailure(const std::string& reason, const Eigen::Isometry3d& T_map_base) {
+  if (plan_publisher_.getNumSubscribers() == 0) return;
+  MarkerArray array = cleared();
+  Marker text = marker("failure", 0, Marker::TEXT_VIEW_FACING);
+  constexpr double kOverTheMast_m = 2.0;
+  text.pose = toPose(T_map_base * Eigen::Translation3d(0.0, 0.0, kOverTheMast_m));
+  text.scale.z = 0.06;
+  text.text = reason;
+  text.color = color(1.0, 0.4, 0.3, 1.0);
+  array.markers.push_back(std::move(text));
+  plan_publisher_.publish(array);
+}
+
+}  // namespace motion_planning_ros

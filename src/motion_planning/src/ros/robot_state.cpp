@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion_planning_ros/robot_state.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include <mp700_ur5e_description/robot_names.h>
+#include <ros/console.h>
+
+#include "motion_planning_ros/conversions.h"
+
+namespace motion_planning_ros {
+namespace {
+
+using motion_planning::ArmVector;
+using mp700_ur5e_description::kArmJoints;
+using mp700_ur5e_description::kMagnetTipFrame;
+
+constexpr char kLog[] = "motion_planning";
+
+std::string seconds(double s) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.3f s", s);
+  return text;
+}
+
+}  // namespace
+
+RobotState::RobotState(const ros::NodeHandle& nh, std::shared_ptr<const motion_planning::ArmKinematics> arm,
+                       const MotionPlanningParams& params)
+    : kinematics_(std::move(arm)), params_(params), tf_listener_(tf_) {
+  ros::NodeHandle handle(nh);
+  joint_subscriber_ = handle.subscribe("joint_states", 20, &RobotState::onJointState, this);
+  attached_subscriber_ = handle.subscribe("attached_brick", 5, &RobotState::onAttached, this);
+}
+
+void RobotState::onJointState(const sensor_msgs::JointStateConstPtr& message) {
+  if (message->position.size() != message->name.size()) {
+    ROS_WARN_THROTTLE_NAMED(10.0, kLog, "joint_states with %zu names and %zu positions ignored", message->name.size(),
+                            message->position.size());
+    return;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (std::size_t i = 0; i < message->name.size(); ++i) {
+    if (!std::isfinite(message->position[i])) continue;  // too old soon, if nothing better comes
+    joints_[message->name[i]] = {message->position[i], message->header.stamp};
+  }
+}
+
+std::optional<ArmVector> RobotState::arm(std::string* why_not) const {
+  const ros::Time now = ros::Time::now();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ArmVector result;
+  for (std::size_t i = 0; i < kArmJoints.size(); ++i) {
+    const auto found = joints_.find(kArmJoints[i]);
+    if (found == joints_.end()) {
+      *why_not = std::string("no joint state of ") + kArmJoints[i] + " has come on " + joint_subscriber_.getTopic();
+      return std::nullopt;
+    }
+    const double age_s = (now - found->second.second).toSec();
+    if (std::abs(age_s) > params_.state.max_joint_age_s) {
+      *why_not = std::string("the joint state of ") + kArmJoints[i] + " is " + seconds(age_s) + " old, allowed are " +
+                 seconds(params_.state.max_joint_age_s);
+      return std::nullopt;
+    }
+    result[static_cast<Eigen::Index>(i)] = found->second.first;
+  }
+  return result;
+}
+
+std::optional<Eigen::Isometry3d> RobotState::base(std::string* why_not) const {
+  const std::string& base_frame = kinematics_->robot().rootFrame();
+  try {
+    const geometry_msgs::TransformStamped transform = tf_.lookupTransform(params_.map_frame, base_frame, ros::Time(0));
+    const double age_s = (ros::Time::now() - transform.header.stamp).toSec();
+    // Stamp zero: all static.
+    if (!transform.header.stamp.isZero() && std::abs(age_s) > params_.state.max_tf_age_s) {
+      *why_not = "tf's pose of " + base_frame + " in " + params_.map_frame + " is " + seconds(age_s) +
+                 " old, allowed are " + seconds(params_.state.max_tf_age_s);
+      return std::nullopt;
+    }
+    const std::optional<Eigen::Isometry3d> T = toIsometry(transform.transform);
+    if (!T) *why_not = "tf's pose of " + base_frame + " in " + params_.map_frame + " is not finite or no rotation";
+    return T;
+  } catch (const tf2::TransformException& error) {
+    *why_not = "no pose of " + base_frame + " in " + params_.map_frame + ": " + error.what();
+    return std::nullopt;
+  }
+}
+
+std::optional<Eigen::Isometry3d> RobotState::frameInMap(const std::string& frame, std::string* why_not) const {
+  if (frame == params_.map_frame) return Eigen::Isometry3d::Identity();
+  try {
+    const std::optional<Eigen::Isometry3d> T =
+        toIsometry(tf_.lookupTransform(params_.map_frame, frame, ros::Time(0)).transform);
+    if (!T) *why_not = "tf's pose of " + frame + " in " + params_.map_frame + " is not finite or no rotation";
+    return T;
+  } catch (const tf2::TransformException& error) {
+    *why_not = "no pose of frame '" + frame + "' in " + params_.map_frame + ": " + error.what();
+    return std::nullopt;
+  }
+}
+
+void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message) {
+  std::optional<Held> held;
+  std::string problem;
+  if (message->is_attached != 0) {
+    const auto& robot = kinematics_->robot();
+    const std::string& frame = message->header.frame_id;
+    const std::optional<Eigen::Isometry3d> T_frame_brick = toIsometry(message->pose);
+    const Eigen::Vector3d size(message->size.x, message->size.y, message->size.z);
+    if (!T_frame_brick || !size.allFinite() || size.minCoeff() <= 0.0) {
+      problem = "its pose is not finite or no rotation, or an edge of it is not above 0 m";
+    } else if (!robot.hasFrame(frame) || robot.bodyOf(frame) != robot.bodyOf(kMagnetTipFrame)) {
+      problem = "its frame '" + frame + "' is not fixed to " + kMagnetTipFrame;
+    } else {
+      held.emplace();
+      held->id = message->id;
+      held->brick.size_m = size;
+      held->brick.T_tip_brick = robot.poseInBody(kMagnetTipFrame).inverse() * robot.poseInBody(frame) * *T_frame_brick;
+      // Taken where it is now: the message comes when the magnet grips, before anything moves. A latched one that is
+      // heard later, after a restart, says nothing about the place.
+      std::string why_not = "the message is not of now";
+      const bool is_new = std::abs((ros::Time::now() - message->header.stamp).toSec()) <= params_.state.max_joint_age_s;
+      const std::optional<ArmVector> joints = is_new ? arm(&why_not) : std::nullopt;
+      const std::optional<Eigen::Isometry3d> T_map_base = joints ? base(&why_not) : std::nullopt;
+      if (joints && T_map_base) {
+        held->vacated = motion_planning::OrientedBox{
+            *T_map_base * kinematics_->tipPose(*joints) * held->brick.T_tip_brick, held->brick.size_m};
+      } else {
+        ROS_WARN_NAMED(kLog, "where brick %d was taken from is not known: %s", message->id, why_not.c_str());
+      }
+    }
+  }
+  if (!problem.empty()) ROS_ERROR_NAMED(kLog, "attached brick %d: %s", message->id, problem.c_str());
+  const std::lock_guard<std::mutex> lock(mutex_);
+  held_ = std::move(held);
+  held_problem_ = std::move(problem);
+  ++held_changes_;
+}
+
+std::optional<RobotState::Held> RobotState::held() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return held_;
+}
+
+std::string RobotState::heldProblem() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return held_problem_;
+}
+
+std::uint64_t RobotState::heldChanges() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return held_changes_;
+}
+
+}  // namespace motion_planning_ros

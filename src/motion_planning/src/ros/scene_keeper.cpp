@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion_planning_ros/scene_keeper.h"
+
+#include <chrono>
+#include <exception>
+#include <stdexcept>
+#include <utility>
+
+#include <interactive_mapping_msgs/QueryMap.h>
+#include <ros/console.h>
+#include <ros/service_client.h>
+
+#include "motion_planning_ros/conversions.h"
+
+namespace motion_planning_ros {
+namespace {
+
+using gpis_mapping::SpaceState;
+using interactive_mapping_msgs::QueryMap;
+
+constexpr char kLog[] = "motion_planning";
+constexpr std::chrono::milliseconds kCancelPeriod(10);  // how soon a waiting request notices that it was cancelled
+
+SpaceState toSpaceState(std::uint8_t state) {
+  if (state == QueryMap::Response::FREE) return SpaceState::kFree;
+  return state == QueryMap::Response::OCCUPIED ? SpaceState::kOccupied : SpaceState::kUnknown;
+}
+
+/// The map in another process.
+class ServiceView : public motion_planning::MapView {
+ public:
+  ServiceView(ros::NodeHandle& nh, const std::string& map_frame)
+      : client_(nh.serviceClient<QueryMap>("map/query", true)), map_frame_(map_frame) {}
+
+  motion_planning::MapAnswers query(const gpis_mapping::Points3d& points_map) const override {
+    const auto count = static_cast<std::size_t>(points_map.cols());
+    QueryMap query;
+    query.request.frame_id = map_frame_;
+    query.request.points.resize(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto column = static_cast<Eigen::Index>(i);
+      query.request.points[i].x = points_map(0, column);
+      query.request.points[i].y = points_map(1, column);
+      query.request.points[i].z = points_map(2, column);
+    }
+    if (!client_.isValid()) throw std::runtime_error("no service " + client_.getService());
+    if (!client_.call(query)) throw std::runtime_error("call of " + client_.getService() + " failed");
+    const QueryMap::Response& response = query.response;
+    if (!response.success || response.state.size() != count || response.distance.size() != count ||
+        response.surface_std.size() != count) {
+      throw std::runtime_error(client_.getService() + " gave " + std::to_string(response.state.size()) +
+                               " answers to " + std::to_string(count) + " points: " + response.message);
+    }
+    motion_planning::MapAnswers answers;
+    const auto size = static_cast<Eigen::Index>(count);
+    answers.distance_m = Eigen::Map<const Eigen::VectorXd>(response.distance.data(), size);
+    answers.surface_std_m = Eigen::Map<const Eigen::VectorXd>(response.surface_std.data(), size);
+    answers.state.reserve(count);
+    for (const std::uint8_t state : response.state) answers.state.push_back(toSpaceState(state));
+    return answers;
+  }
+
+ private:
+  mutable ros::ServiceClient client_;
+  std::string map_frame_;
+};
+
+}  // namespace
+
+SceneKeeper::SceneKeeper(const ros::NodeHandle& nh, const RobotState& robot, const MotionPlanningParams& params,
+                         std::function<void(const MapScene&)> on_scene)
+    : nh_(nh), robot_(robot), params_(params), on_scene_(std::move(on_scene)) {}
+
+void SceneKeeper::start() {
+  mesh_subscriber_ = nh_.subscribe<interactive_mapping_msgs::SurfaceMesh>(
+      "map/mesh", 1, [this](const interactive_mapping_msgs::SurfaceMeshConstPtr& mesh) {
+        {
+          const std::lock_guard<std::mutex> lock(mutex_);
+          mesh_ = mesh;
+          ++mesh_number_;
+          ++counters_.meshes;
+          counters_.last_mesh = ros::WallTime::now();
+        }
+        changed_.notify_all();
+      });
+  worker_ = std::thread(&SceneKeeper::work, this);
+}
+
+SceneKeeper::~SceneKeeper() {
+  mesh_subscriber_.shutdown();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    is_stopping_ = true;
+  }
+  changed_.notify_all();
+  if (worker_.joinable()) worker_.join();
+}
+
+std::shared_ptr<const MapScene> SceneKeeper::last() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return last_;
+}
+
+SceneKeeper::Counters SceneKeeper::counters() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return counters_;
+}
+
+bool SceneKeeper::isNear(const Eigen::Isometry3d& T_map_base, const Eigen::Isometry3d& other) const {
+  const Eigen::Isometry3d step = T_map_base.inverse() * other;
+  return step.translation().norm() <= params_.state.max_shift_m &&
+         Eigen::AngleAxisd(step.linear()).angle() <= params_.state.max_turn_rad;
+}
+
+std::shared_ptr<const MapScene> SceneKeeper::current(const Eigen::Isometry3d& T_map_base,
+                                                     const std::function<bool()>& is_cancelled, std::string* why_not) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  if (mesh_number_ == 0) {
+    *why_not = "no mesh has come on " + mesh_subscriber_.getTopic();
+    return nullptr;
+  }
+  const std::uint64_t wanted = mesh_number_;
+  const auto isCurrent = [&] { return last_mesh_number_ >= wanted && last_ && isNear(T_map_base, last_->T_map_base); };
+  std::uint64_t asked = 0;  // what to wait for; 0: not asked yet
+  while (!isCurrent()) {
+    if (is_stopping_ || (is_cancelled && is_cancelled())) {
+      *why_not = "cancelled while the scene was being made";
+      return nullptr;
+    }
+    if (asked == 0) {
+      asked_pose_ = T_map_base;
+      asked = ++asked_number_;
+      changed_.notify_all();
+    } else if (done_asked_number_ >= asked) {  // it was tried since, and this is not it
+      *why_not = counters_.last_failure.empty() ? "another request moved the scene" : counters_.last_failure;
+      return nullptr;
+    }
+    changed_.wait_for(lock, kCancelPeriod);
+  }
+  return last_;
+}
+
+void SceneKeeper::work() {
+  motion_planning::CollisionSceneBuilder builder(params_.scene);
+  while (true) {
+    interactive_mapping_msgs::SurfaceMeshConstPtr mesh;
+    std::uint64_t mesh_number = 0;
+    std::uint64_t asked_number = 0;
+    Eigen::Isometry3d asked_pose;
+    {
+      std::unique_lock<std::mutex> lock(mutex_);
+      changed_.wait(lock, [this] {
+        return is_stopping_ || (mesh_ && (mesh_number_ > done_mesh_number_ || asked_number_ > done_asked_number_));
+      });
+      if (is_stopping_) return;
+      mesh = mesh_;
+      mesh_number = mesh_number_;
+      asked_number = asked_number_;
+      asked_pose = asked_pose_;
+    }
+    auto made = std::make_shared<MapScene>();
+    std::string failure;
+    try {
+      std::optional<Eigen::Isometry3d> T_map_base;
+      if (asked_number > done_asked_number_) {
+        T_map_base = asked_pose;
+      } else {
+        T_map_base = robot_.base(&failure);
+      }
+      if (T_map_base) {
+        if (mesh->header.frame_id != params_.map_frame) {
+          throw std::runtime_error("the mesh's frame is '" + mesh->header.frame_id + "', must be '" +
+                                   params_.map_frame + "'");
+        }
+        const ServiceView view(nh_, params_.map_frame);
+        made->statistics = builder.update(toSurface(*mesh), view, *T_map_base);
+        made->scene = builder.scene();
+        made->T_map_base = *T_map_base;
+        made->stamp = mesh->header.stamp;
+        made->map_update = mesh->update;
+      }
+    } catch (const std::exception& error) {
+      failure = error.what();
+    }
+    if (!failure.empty()) ROS_WARN_THROTTLE_NAMED(10.0, kLog, "no scene of the newest map: %s", failure.c_str());
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      // A mesh that failed is not tried again by itself: the next one is, or the next request.
+      done_mesh_number_ = mesh_number;
+      done_asked_number_ = asked_number;
+      counters_.last_failure = failure;
+      if (made->scene) {
+        last_ = made;
+        last_mesh_number_ = mesh_number;
+        ++counters_.scenes;
+      }
+    }
+    changed_.notify_all();
+    if (made->scene) on_scene_(*made);
+  }
+}
+
+}  // namespace motion_planning_ros
