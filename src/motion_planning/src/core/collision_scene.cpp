@@ -143,8 +143,8 @@ std::vector<LatticeKey> touchedBlocks(const SurfaceChunk& chunk, double block_m)
   return keys;
 }
 
-void build(SurfaceChunk::Bvh* bvh, const std::vector<Eigen::Vector3d>& vertices,
-           const SurfaceChunk::Triangles& triangles) {
+template <class Bvh>
+void build(Bvh* bvh, const std::vector<Eigen::Vector3d>& vertices, const SurfaceChunk::Triangles& triangles) {
   std::vector<fcl::Triangle> indices;
   indices.reserve(triangles.size());
   for (const auto& t : triangles) indices.emplace_back(t[0], t[1], t[2]);
@@ -163,9 +163,9 @@ SurfaceChunk::SurfaceChunk(std::vector<Eigen::Vector3d> mapped, std::vector<Eige
   build(&bvh_, displaced_, triangles_);
 }
 
-const SurfaceChunk::Bvh& SurfaceChunk::mappedBvh() const {
+const SurfaceChunk::MappedBvh& SurfaceChunk::mappedBvh() const {
   std::call_once(mapped_once_, [this] {
-    auto bvh = std::make_unique<Bvh>();
+    auto bvh = std::make_unique<MappedBvh>();
     build(bvh.get(), mapped_, triangles_);
     mapped_bvh_ = std::move(bvh);
   });
@@ -566,9 +566,12 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
     std::vector<std::uint32_t> triangles;
   };
   std::unordered_map<LatticeKey, Gathered, LatticeKeyHash> gathered;
+  std::pair<const LatticeKey, Gathered>* last = nullptr;  // neighbours in the mesh are mostly in the same chunk
   for (std::size_t t = 0; t < cleaned.triangles.size(); ++t) {
     const auto& [a, b, c] = cleaned.triangles[t];
-    Gathered& chunk = gathered[LatticeKey::of((vertices[a] + vertices[b] + vertices[c]) / 3.0, config.chunk_m)];
+    const LatticeKey key = LatticeKey::of((vertices[a] + vertices[b] + vertices[c]) / 3.0, config.chunk_m);
+    if (!last || last->first != key) last = &*gathered.try_emplace(key).first;
+    Gathered& chunk = last->second;
     chunk.triangles.push_back(static_cast<std::uint32_t>(t));
     ++chunk.contents.count;
     for (std::size_t i = 0; i < 2; ++i) {
@@ -661,8 +664,8 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
   }
   std::vector<ChunkRecord> built(changed.size());
   gpis_mapping::parallelFor(changed.size(), gpis_mapping::resolveThreadCount(0), 4,
-                            [&](std::size_t first, std::size_t last) {
-                              for (std::size_t i = first; i < last; ++i) {
+                            [&](std::size_t first, std::size_t end) {
+                              for (std::size_t i = first; i < end; ++i) {
                                 const Gathered& chunk = gathered.at(changed[i]);
                                 built[i] = makeChunk(chunk.triangles, cleaned.triangles, vertices, displaced, config);
                                 built[i].contents = chunk.contents;
