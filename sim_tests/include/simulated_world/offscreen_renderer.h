@@ -59,9 +59,17 @@ class OffscreenRenderer {
   void render(const mjData& data, const Eigen::Isometry3d& T_world_camera, const synthetic_depth::CameraModel& camera,
               const RenderOptions& options, cv::Mat* rgb, cv::Mat* depth_m);
 
+  /// The same view by what is seen: `geom_ids` becomes CV_32SC1, the model's index of the geom at the middle of each
+  /// pixel, -1 where nothing is nearer than far_m. Of `data` and errors as render(); throws std::invalid_argument, too, if
+  /// the config has several samples per pixel, which would mix indices.
+  void segmentation(const mjData& data, const Eigen::Isometry3d& T_world_camera,
+                    const synthetic_depth::CameraModel& camera, const RenderOptions& options, cv::Mat* geom_ids);
+
   const mjModel& model() const { return model_; }
 
  private:
+  void requireDrawable(const synthetic_depth::CameraModel& camera, const RenderOptions& options) const;
+
   class Context;  // EGL context and MuJoCo's objects in it
 
   const mjModel& model_;

@@ -61,11 +61,18 @@ double support(const Solid& solid, const Eigen::Vector3d& n_world) {
 ConvexDistance convexDistance(const Solid& a, const Solid& b, double tolerance_m, double enough_m, double touching_m,
                               int max_iterations) {
   ConvexDistance result;
+  // Any direction proves a distance: the gap between the planes across it that touch the solids.
+  const auto separate = [&](const Eigen::Vector3d& way) {
+    const double length_m = way.norm();
+    if (length_m < 1e-12) return;
+    const Eigen::Vector3d n = way / length_m;  // from a to b
+    result.lower_m = std::max(result.lower_m, -support(b, -n) - support(a, n));
+  };
   // Between faces that are nearly parallel the projections creep; there the normal of one of them separates at once.
   for (const Solid* solid : {&a, &b}) {
     for (int axis = 0; axis < 3; ++axis) {
-      const Eigen::Vector3d n = solid->T_world_shape.linear().col(axis);
-      result.lower_m = std::max({result.lower_m, -support(b, -n) - support(a, n), -support(b, n) - support(a, -n)});
+      separate(solid->T_world_shape.linear().col(axis));
+      separate(-solid->T_world_shape.linear().col(axis));
     }
   }
   if (result.lower_m > enough_m) {
@@ -81,8 +88,14 @@ ConvexDistance convexDistance(const Solid& a, const Solid& b, double tolerance_m
     const double length_m = way.norm();
     result.upper_m = std::min(result.upper_m, length_m);
     if (length_m > 1e-12) {
-      const Eigen::Vector3d n = way / length_m;  // from a to b
-      result.lower_m = std::max(result.lower_m, -support(b, -n) - support(a, n));
+      separate(way);
+      // Along edges that are nearly parallel the projections creep; what is square to such an edge separates at once.
+      for (const Solid* solid : {&a, &b}) {
+        for (int axis = 0; axis < 3; ++axis) {
+          const Eigen::Vector3d edge = solid->T_world_shape.linear().col(axis);
+          separate(way - edge * edge.dot(way));
+        }
+      }
     }
     if (result.upper_m - result.lower_m < tolerance_m || result.lower_m > enough_m || result.upper_m < touching_m)
       break;

@@ -19,6 +19,13 @@ constexpr const char* kHeld = "held";
 constexpr double kTouching_m = 2e-5;
 constexpr double kDepthTolerance_m = 1e-4;
 
+/// Solids that overlap have a point in common, which alternating projections find. Until it is found, or a plane between
+/// the two, the question is open; what is open at the end has been shown to be no more than nearly touching.
+bool areTouching(const Solid& a, const Solid& b) {
+  constexpr int kMaxIterations = 5000;
+  return convexDistance(a, b, 0.0, 0.0, kTouching_m, kMaxIterations).lower_m <= 0.0;
+}
+
 }  // namespace
 
 ExactChecker::ExactChecker(std::shared_ptr<const description::RobotModel> robot,
@@ -95,8 +102,7 @@ double ExactChecker::depth(const Solid& part, const Brick& brick) {
     const double shrinkage_m = 0.5 * (apart_m + overlapping_m);
     Solid smaller = brick.solid;
     smaller.shape = description::Box{brick.size_m - Eigen::Vector3d::Constant(2.0 * shrinkage_m)};
-    const bool is_apart = convexDistance(part, smaller, 0.0, kTouching_m, kTouching_m).lower_m > kTouching_m;
-    (is_apart ? apart_m : overlapping_m) = shrinkage_m;
+    (!areTouching(part, smaller) ? apart_m : overlapping_m) = shrinkage_m;
   }
   return apart_m;
 }
@@ -110,8 +116,7 @@ std::vector<Overlap> ExactChecker::overlaps(const motion_planning::ArmVector& jo
     for (const Brick& brick : bricks_) {
       if (held_id_ == brick.id) continue;
       if ((nearestPoint(brick.solid, middle) - middle).norm() > part.radius_m) continue;
-      const ConvexDistance distance = convexDistance(part.solid, brick.solid, 0.0, 0.0, kTouching_m);
-      if (distance.lower_m > 0.0) continue;
+      if (!areTouching(part.solid, brick.solid)) continue;
       result.push_back({part.link, simulated_world::brickBodyName(brick.id), brick.id, depth(part.solid, brick)});
     }
     const double lowest_m = -support(part.solid, -Eigen::Vector3d::UnitZ());
@@ -122,7 +127,7 @@ std::vector<Overlap> ExactChecker::overlaps(const motion_planning::ArmVector& jo
     const Part& b = parts_[j];
     const double between_m = (a.solid.T_world_shape.translation() - b.solid.T_world_shape.translation()).norm();
     if (between_m > a.radius_m + b.radius_m) continue;
-    if (convexDistance(a.solid, b.solid, 0.0, 0.0, kTouching_m).lower_m > 0.0) continue;
+    if (!areTouching(a.solid, b.solid)) continue;
     result.push_back({a.link, b.link, -1, 0.0});
   }
   return result;

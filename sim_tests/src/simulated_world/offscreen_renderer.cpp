@@ -119,8 +119,9 @@ class OffscreenRenderer::Context {
   Context(const Context&) = delete;
   Context& operator=(const Context&) = delete;
 
+  /// With `shows_ids`, colours are the numbers of the scene's geoms.
   void draw(const mjModel& model, const mjData& data, const mjvGLCamera& camera, const mjrRect& viewport,
-            const RenderOptions& options) {
+            const RenderOptions& options, bool shows_ids = false) {
     egl_.makeCurrent();
     mjvOption visible;
     mjv_defaultOption(&visible);
@@ -147,6 +148,8 @@ class OffscreenRenderer::Context {
     scene_.flags[mjRND_REFLECTION] = options.has_reflections ? 1 : 0;
     scene_.flags[mjRND_SKYBOX] = options.has_skybox ? 1 : 0;
     scene_.flags[mjRND_CULL_FACE] = 1;
+    scene_.flags[mjRND_SEGMENT] = shows_ids ? 1 : 0;
+    scene_.flags[mjRND_IDCOLOR] = shows_ids ? 1 : 0;
     mjr_render(viewport, &scene_, &context_);
   }
 
@@ -180,6 +183,29 @@ class OffscreenRenderer::Context {
     }
   }
 
+  /// Geoms of what was drawn last with ids.
+  void readIds(const mjrRect& viewport, cv::Mat* geom_ids) {
+    std::vector<int> geom_of_segment(static_cast<std::size_t>(scene_.ngeom) + 1, -1);  // 0 is the background
+    for (int i = 0; i < scene_.ngeom; ++i) {
+      const mjvGeom& geom = scene_.geoms[i];
+      if (geom.objtype != mjOBJ_GEOM || geom.segid < 0) {
+        continue;
+      }
+      geom_of_segment.at(static_cast<std::size_t>(geom.segid) + 1) = geom.objid;
+    }
+    rgb_upwards_.create(viewport.height, viewport.width, CV_8UC3);
+    mjr_readPixels(rgb_upwards_.data, nullptr, viewport, &context_);
+    geom_ids->create(viewport.height, viewport.width, CV_32SC1);
+    for (int v = 0; v < geom_ids->rows; ++v) {
+      const auto* const from = rgb_upwards_.ptr<cv::Vec3b>(geom_ids->rows - 1 - v);
+      int* const to = geom_ids->ptr<int>(v);
+      for (int u = 0; u < geom_ids->cols; ++u) {
+        // segid + 1, lowest byte in red.
+        to[u] = geom_of_segment.at(from[u][0] + 256U * from[u][1] + 65536U * from[u][2]);
+      }
+    }
+  }
+
  private:
   void setCamera(const mjvGLCamera& camera) { scene_.camera[0] = scene_.camera[1] = camera; }
 
@@ -203,9 +229,8 @@ OffscreenRenderer::OffscreenRenderer(const mjModel& model, const RendererConfig&
 
 OffscreenRenderer::~OffscreenRenderer() = default;
 
-void OffscreenRenderer::render(const mjData& data, const Eigen::Isometry3d& T_world_camera,
-                               const synthetic_depth::CameraModel& camera, const RenderOptions& options, cv::Mat* rgb,
-                               cv::Mat* depth_m) {
+void OffscreenRenderer::requireDrawable(const synthetic_depth::CameraModel& camera,
+                                        const RenderOptions& options) const {
   std::vector<std::string> problems = options.validate();
   if (camera.width_px < 1 || camera.width_px > config_.max_width_px || camera.height_px < 1 ||
       camera.height_px > config_.max_height_px) {
@@ -218,10 +243,29 @@ void OffscreenRenderer::render(const mjData& data, const Eigen::Isometry3d& T_wo
                        " px, must be equal and > 0 px");
   }
   throwIfAny("off-screen rendering:", problems);
+}
 
+void OffscreenRenderer::render(const mjData& data, const Eigen::Isometry3d& T_world_camera,
+                               const synthetic_depth::CameraModel& camera, const RenderOptions& options, cv::Mat* rgb,
+                               cv::Mat* depth_m) {
+  requireDrawable(camera, options);
   const mjrRect viewport{0, 0, camera.width_px, camera.height_px};
   context_->draw(model_, data, toGlCamera(T_world_camera, camera, options), viewport, options);
   context_->read(viewport, options, rgb, depth_m);
+}
+
+void OffscreenRenderer::segmentation(const mjData& data, const Eigen::Isometry3d& T_world_camera,
+                                     const synthetic_depth::CameraModel& camera, const RenderOptions& options,
+                                     cv::Mat* geom_ids) {
+  requireDrawable(camera, options);
+  if (config_.samples > 1) {
+    throwIfAny("segmentation:", {"samples = " + std::to_string(config_.samples) + ", must be 0 or 1"});
+  }
+  const mjrRect viewport{0, 0, camera.width_px, camera.height_px};
+  RenderOptions plain = options;
+  plain.has_shadows = plain.has_reflections = plain.has_skybox = false;  // colours are numbers
+  context_->draw(model_, data, toGlCamera(T_world_camera, camera, plain), viewport, plain, true);
+  context_->readIds(viewport, geom_ids);
 }
 
 }  // namespace simulated_world

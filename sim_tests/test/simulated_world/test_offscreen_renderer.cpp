@@ -3,11 +3,15 @@
 
 #include <future>
 #include <limits>
+#include <map>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
+#include "mjcf_of_scene.h"
 #include "simulated_world/mujoco_model.h"
+#include "support/random_scene.h"
+#include "synthetic_depth/depth_renderer.h"
 #include "synthetic_depth/scene.h"
 
 namespace simulated_world {
@@ -126,6 +130,72 @@ TEST(OffscreenRenderer, RefusesWhatItCannotDraw) {
   RenderOptions options;
   options.near_m = 0.0;
   EXPECT_THROW(renderer.render(*data, kDown, kCamera, options, nullptr, &depth_m), std::invalid_argument);
+}
+
+TEST(OffscreenRenderer, SegmentationAgreesWithTheAnalyticScene) {
+  synthetic_depth::Scene scene = synthetic_depth::test::makeRandomScene(4, 12, true);
+  scene.camera = {320, 240, 260.0, 260.0, 153.25, 124.75};
+  scene.T_scene_camera = {synthetic_depth::lookAt({1.2, 0.3, 0.9}, {0.0, 0.0, 0.15}),
+                          synthetic_depth::lookAt({-0.9, 1.5, 1.3}, {0.0, 0.0, 0.15})};
+  const ModelPtr model = compileModel(test::mjcfOf(scene));
+  const DataPtr data = stateOf(model);
+  OffscreenRenderer renderer(*model);
+  std::map<int, int> geom_of_box = {{synthetic_depth::kNoReturnId, -1}, {synthetic_depth::kGroundId, 0}};
+  for (const synthetic_depth::Box& box : scene.boxesAt(0)) {
+    const int index = static_cast<int>(geom_of_box.size()) - 1;
+    geom_of_box[box.id] = index;  // after the ground, in the order of mjcfOf()
+  }
+  int compared = 0;
+  int wrong = 0;
+  for (int frame = 0; frame < scene.numFrames(); ++frame) {
+    cv::Mat geom_ids;
+    RenderOptions options;
+    options.has_shadows = options.has_skybox = options.has_reflections = true;  // must not colour the numbers
+    renderer.segmentation(*data, scene.T_scene_camera[static_cast<std::size_t>(frame)], scene.camera, options,
+                          &geom_ids);
+    ASSERT_EQ(geom_ids.type(), CV_32SC1);
+    cv::Mat box_ids;
+    synthetic_depth::renderDepth(scene, frame, &box_ids);
+    for (int v = 1; v + 1 < box_ids.rows; ++v) {
+      for (int u = 1; u + 1 < box_ids.cols; ++u) {
+        const int box = box_ids.at<int>(v, u);
+        if (cv::countNonZero(box_ids(cv::Rect(u - 1, v - 1, 3, 3)) == box) != 9) {
+          continue;  // silhouettes within a pixel
+        }
+        ++compared;
+        wrong += geom_ids.at<int>(v, u) == geom_of_box.at(box) ? 0 : 1;
+      }
+    }
+  }
+  EXPECT_GT(compared, 320 * 240);
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST(OffscreenRenderer, AnImageAfterASegmentationHasItsColoursAgain) {
+  const ModelPtr model = boxOfHeight(0.2);
+  const DataPtr data = stateOf(model);
+  OffscreenRenderer renderer(*model);
+  cv::Mat first;
+  cv::Mat again;
+  cv::Mat geom_ids;
+  renderer.render(*data, kDown, kCamera, {}, &first, nullptr);
+  renderer.segmentation(*data, kDown, kCamera, {}, &geom_ids);
+  renderer.render(*data, kDown, kCamera, {}, &again, nullptr);
+  EXPECT_EQ(cv::norm(first, again, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::countNonZero(geom_ids != 0), 0);  // the box fills the view
+}
+
+TEST(OffscreenRenderer, SegmentationRefusesSeveralSamplesPerPixel) {
+  const ModelPtr model = boxOfHeight(0.2);
+  RendererConfig config;
+  config.samples = 4;
+  OffscreenRenderer renderer(*model, config);
+  cv::Mat geom_ids;
+  EXPECT_THROW(renderer.segmentation(*stateOf(model), kDown, kCamera, {}, &geom_ids), std::invalid_argument);
+  synthetic_depth::CameraModel camera = kCamera;
+  camera.width_px = 641;
+  OffscreenRenderer single(*model);
+  EXPECT_THROW(single.segmentation(*stateOf(model), kDown, camera, {}, &geom_ids), std::invalid_argument);
 }
 
 }  // namespace

@@ -20,7 +20,8 @@ struct CollisionSceneConfig {
   double block_m{0.05};              // edge of the lattice of free / occupied / unknown: the map's block size
   double unknown_near_pile_m{0.15};  // unknown space this near to mapped surface above the ground is an obstacle
   double pile_min_height_m{0.05};    // surface higher above the ground belongs to the pile
-  double region_radius_m{1.5};       // about the arm's foot: what is farther is not looked at
+  double region_radius_m{1.7};  // about base_link; the arm with a brick in hand ends at 1.65 m: what is farther is not
+                                // looked at
 
   std::vector<std::string> validate() const;
 };

@@ -28,14 +28,18 @@ struct AnnulusSector {
 
 struct ManipulabilityConfig {
   double joint_step_rad{0.17453292519943295};  // of the sampled joint space; wrist_3 does not matter and is not sampled
-  /// m_thres of Yoshikawa's measure. A quarter of the UR5e's largest, 0.10 m^3: this far from each singularity, in terms
-  /// of the sine that vanishes there, if the others are at their best. About a third of the postures have less.
+  /// m_thres of Yoshikawa's measure: a fifth of the largest that postures with the tool on a face have, 0.12 m^3. The
+  /// measure is a product of the sines of elbow and wrist 2 and the wrist's distance from the pan axis, so none of them is
+  /// within a fifth (12 degrees) of its singularity. A third of the postures on top faces have less, two of side faces.
   double min_manipulability_m3{0.025};
   double cone_rad{0.5235987755982988};    // tool axis within this of straight down (top), of the horizontal (side)
   double facing_rad{0.7853981633974483};  // and (side) its heading of outward: of four sides one is within 45 degrees
-  double cell_m{0.05};                    // of the grid that reach is counted on
-  double min_density{0.1};                // of the median cell's samples: cells with fewer count as not reached
-  double min_fill{0.7};                   // share reached of whatever the sector is extended by
+  /// Sectors are not wider. The robot stands facing what it picks; behind the arm is the robot itself, and a sector that
+  /// reaches round it loses the heights beside the base where bricks lie.
+  double max_half_angle_rad{1.5707963267948966};
+  double cell_m{0.05};      // of the grid that reach is counted on
+  double min_density{0.1};  // of the median cell's samples: cells with fewer count as not reached
+  double min_fill{0.7};     // share reached of whatever the sector is extended by
 
   std::vector<std::string> validate() const;
 };

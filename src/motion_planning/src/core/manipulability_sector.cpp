@@ -139,12 +139,13 @@ struct CellBox {
 
 /// The box of largest sum of volume x (reached - min_fill): for each width and each pair of radii, the best run of heights
 /// (Kadane's algorithm).
-CellBox largestBox(const ReachGrid& grid, double min_fill) {
+CellBox largestBox(const ReachGrid& grid, double min_fill, double max_half_angle_rad) {
   const auto num_heights = static_cast<std::size_t>(grid.numHeights());
   std::vector<std::vector<double>> gain(static_cast<std::size_t>(grid.numRadii()), std::vector<double>(num_heights));
   CellBox best;
   double best_sum = 0.0;
   for (int bearing = 0; bearing < grid.numBearings(); ++bearing) {
+    if (grid.bearing(bearing + 1) > max_half_angle_rad + 1e-9) break;  // rounding of half a circle
     for (int radius = 0; radius < grid.numRadii(); ++radius) {
       for (int height = 0; height < grid.numHeights(); ++height) {
         gain[static_cast<std::size_t>(radius)][static_cast<std::size_t>(height)] +=
@@ -204,6 +205,7 @@ std::vector<Field> fieldsOf(ManipulabilityConfig* config) {
           {"min_manipulability_m3", &config->min_manipulability_m3},
           {"cone_rad", &config->cone_rad},
           {"facing_rad", &config->facing_rad},
+          {"max_half_angle_rad", &config->max_half_angle_rad},
           {"cell_m", &config->cell_m},
           {"min_density", &config->min_density},
           {"min_fill", &config->min_fill}};
@@ -281,6 +283,7 @@ std::vector<std::string> ManipulabilityConfig::validate() const {
   check("min_manipulability_m3", min_manipulability_m3, 0.0, 1.0, "m^3");
   check("cone_rad", cone_rad, 0.0, M_PI_4, "rad");  // wider, and a posture comes to tops and sides alike
   check("facing_rad", facing_rad, 0.0, M_PI, "rad");
+  check("max_half_angle_rad", max_half_angle_rad, M_PI_4, M_PI + 1e-9, "rad");  // below: no bin of the coarsest step
   check("cell_m", cell_m, 0.01, 0.5, "m");
   check("min_density", min_density, 0.0, 1.0, "");
   check("min_fill", min_fill, 0.05, 0.95, "");
@@ -338,7 +341,7 @@ std::vector<ReachSample> sampleReach(const ArmKinematics& arm, const Manipulabil
 SectorFit fitSector(const std::vector<ReachSample>& samples, ApproachKind kind, const ManipulabilityConfig& config) {
   gpis_mapping::throwIfAny(config.validate());
   const ReachGrid grid(samples, kind, config);
-  const CellBox box = largestBox(grid, config.min_fill);
+  const CellBox box = largestBox(grid, config.min_fill, config.max_half_angle_rad);
   if (box.bearings == 0) {
     throw std::runtime_error(std::string("no sector for ") + toString(kind) + " faces: nowhere is " +
                              text(config.min_fill) + " of the volume reached");
@@ -418,7 +421,7 @@ std::string ManipulabilitySectors::toYaml() const {
          "# whose checksum this is; not to be edited.\n"
          "urdf_checksum: \""
       << urdf_checksum << "\"\n";
-  write("config", fieldsOf(&config_copy), 17);
+  write("config", fieldsOf(&config_copy), 15);
   out << "# Frame ur5e_base_link. Of the tip: distance from the arm's axis, height above its foot, bearing from "
          "ahead.\n";
   write("top", fieldsOf(&top_copy), 9);

@@ -22,13 +22,15 @@ namespace description = mp700_ur5e_description;
 using description::BrickFace;
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr double kLineDeviation_rad = 1e-4;   // rounding of straight lines: 0.1 mm at the arm's full reach
-constexpr double kTiltReserve_rad = 0.02;     // kept while planning, for what lies between checked states
-constexpr double kLimitTolerance_rad = 1e-9;  // of ArmKinematics::isWithinLimits
-constexpr int kPlanAttempts = 3;              // finer each time, if a path turns out to graze something
-constexpr int kRoundings = 4;                 // half the deviation each time, the last time practically none
-constexpr int kStowAttempts = 3;              // contact postures tried if the brick cannot be carried away from one
-constexpr int kSampleAttempts = 30;           // to draw a posture that keeps a tilt
+constexpr double kLineDeviation_rad = 1e-4;     // rounding of straight lines: 0.1 mm at the arm's full reach
+constexpr double kTiltReserve_rad = 0.02;       // kept while planning, for what lies between checked states
+constexpr double kLimitTolerance_rad = 1e-9;    // of ArmKinematics::isWithinLimits
+constexpr int kPlanAttempts = 3;                // finer each time, if a path turns out to graze something
+constexpr int kRoundings = 4;                   // half the deviation each time, the last time practically none
+constexpr int kStowAttempts = 3;                // contact postures tried if the brick cannot be carried away from one
+constexpr double kLongestTurn_rad = 1.5 * kPi;  // of joint 1 to a goal: beyond it the other way is much shorter
+constexpr double kLevelShare = 0.7;             // of the samples of a carrying motion
+constexpr int kSampleAttempts = 30;             // to draw a posture that keeps a tilt
 constexpr std::size_t kInspectGoals = 8;
 
 bool isRigid(const Eigen::Isometry3d& T) {
@@ -283,7 +285,7 @@ class MotionPlanner::Call {
   std::optional<JointPath> followLine(const ArmVector& from, const Eigen::Isometry3d& T_base_from,
                                       const Eigen::Vector3d& way_base) const;
   std::function<ArmVector(const std::function<double()>&)> tiltSampler(const TiltConstraint& tilt,
-                                                                       const ArmVector& near) const;
+                                                                       std::vector<ArmVector> references) const;
   std::optional<JointTrajectory> timed(const JointPath& path, const ArmVector& reach_m,
                                        const std::function<bool(const ArmVector&)>& is_valid) const;
   JointTrajectory timedLine(const JointPath& line, double speed_m_s) const;
@@ -332,15 +334,34 @@ std::optional<JointPath> MotionPlanner::Call::followLine(const ArmVector& from, 
   return line;
 }
 
-/// Draws tips in the arm's reach with the carried thing tilted by no more than allowed, and a random branch for each.
-std::function<ArmVector(const std::function<double()>&)> MotionPlanner::Call::tiltSampler(const TiltConstraint& tilt,
-                                                                                          const ArmVector& near) const {
+/// Draws postures with the carried thing tilted by no more than allowed. Most of them keep the tool at the angle that one
+/// of the references (start and goals) has: joints 2, 3 and 4 turn about parallel axes, so that all postures with the
+/// same sum of the three and the same joint 5 do, whatever joint 1, whose axis is upright, and so does every straight line
+/// between two of them; trees grow along these without being cut by the constraint. The rest draws tips in the arm's
+/// reach with any allowed tilt, and a random branch for each.
+std::function<ArmVector(const std::function<double()>&)> MotionPlanner::Call::tiltSampler(
+    const TiltConstraint& tilt, std::vector<ArmVector> references) const {
   const Eigen::Isometry3d T_base_armbase =
       arm_.robot().framePose(description::kArmBaseFrame, arm_.robotPositions(ArmVector::Zero()));
   const Eigen::Matrix3d R_level = turning(tilt.up_tip, Eigen::Vector3d::UnitZ());
   const double cos_max = std::cos(std::max(0.0, tilt.max_tilt_rad - kTiltReserve_rad));
   const double reach_m = armReach(arm_, std::nullopt)[0];
-  return [=](const std::function<double()>& uniform01) -> ArmVector {
+  const double max_tilt_rad = std::max(0.0, tilt.max_tilt_rad - kTiltReserve_rad);
+  return [=, references = std::move(references)](const std::function<double()>& uniform01) -> ArmVector {
+    const auto& near = references[std::min(
+        references.size() - 1, static_cast<std::size_t>(uniform01() * static_cast<double>(references.size())))];
+    if (uniform01() < kLevelShare) {
+      ArmVector q = near;
+      const double sum_rad = near[1] + near[2] + near[3];
+      q[0] += kPi * (2.0 * uniform01() - 1.0);
+      q[1] += kPi * (2.0 * uniform01() - 1.0);
+      q[2] = std::copysign(kPi * uniform01(), near[2]);  // through the stretched arm is a long way round
+      q[3] = sum_rad - q[1] - q[2];
+      const double roll_rad = kPi * (2.0 * uniform01() - 1.0);
+      q[5] += roll_rad;
+      if (tiltOf(tilt, q) > max_tilt_rad) q[5] -= roll_rad;  // the tool is not upright: turning it tilts
+      return q;
+    }
     for (int attempt = 0; attempt < kSampleAttempts; ++attempt) {
       Eigen::Isometry3d T_base_tip = Eigen::Isometry3d::Identity();
       Eigen::Vector3d p_armbase;
@@ -485,6 +506,12 @@ MotionPlanner::Call::Goals MotionPlanner::Call::findGoals(const ArmGoal& goal, c
       continue;
     }
     goals.postures.push_back(q);
+    // The other way round as well: the mast stands in one of them. A posture that was asked for is meant as it is.
+    ArmVector other_way = q;
+    other_way[0] += q[0] > near[0] ? -2.0 * kPi : 2.0 * kPi;
+    if (!goal.joints_rad && std::abs(other_way[0] - near[0]) <= kLongestTurn_rad && arm_.isWithinLimits(other_way)) {
+      goals.postures.push_back(other_way);
+    }
     if (goals.postures.size() >= static_cast<std::size_t>(config_.max_goals)) break;
   }
   if (!goals.postures.empty()) return goals;
@@ -513,7 +540,9 @@ MotionPlanner::Call::Motion MotionPlanner::Call::moveTo(const ArmVector& start, 
     // Start and goals may use up the reserve.
     planned_tilt_rad = std::max(tilt->max_tilt_rad - kTiltReserve_rad, tiltOf(*tilt, start));
     for (const ArmVector& goal : goals) planned_tilt_rad = std::max(planned_tilt_rad, tiltOf(*tilt, goal));
-    space.sample = tiltSampler(*tilt, start);
+    std::vector<ArmVector> references(goals.size() + 1, start);  // as often the start as a goal
+    references.insert(references.end(), goals.begin(), goals.end());
+    space.sample = tiltSampler(*tilt, std::move(references));
   }
   const auto is_valid_within = [&](const ArmVector& q, double max_tilt_rad) {
     return (!tilt || tiltOf(*tilt, q) <= max_tilt_rad) && checker.isFree(q);
@@ -637,7 +666,7 @@ ArmPlan MotionPlanner::Call::planInspect(const ViewFrustum& view, const std::vec
     }
     return q;
   };
-  const auto draw_level = tilt ? tiltSampler(*tilt, context_.start_rad) : nullptr;
+  const auto draw_level = tilt ? tiltSampler(*tilt, {context_.start_rad}) : nullptr;
   std::vector<ArmVector> found;
   for (int n = 0; n < config_.inspect_samples && found.size() < kInspectGoals; ++n) {
     if (isCancelled()) return fail(cancelledFailure());

@@ -53,32 +53,26 @@ Values flattened(const std::string& yaml_text) {
 const Values kDefaults = flattened(toYaml(MotionPlanningParams()));
 
 bool isWhole(const std::string& key) {
-  static const std::set<std::string> kWhole = {"input/pose_limits/settle_frames",
-                                               "detector/threads",
-                                               "detector/max_hamming",
-                                               "pose/max_hamming",
-                                               "pose/depth/min_pixels",
-                                               "tracker/looks_per_standpoint",
-                                               "tracker/moved_looks",
-                                               "tracker/inside_samples"};
+  static const std::set<std::string> kWhole = {
+      "search/max_iterations", "search/shortcut_rounds", "search/smooth_rounds", "pick/yaw_samples",
+      "pick/max_goals",        "view/samples",           "output/arm_markers"};
   return kWhole.count(key) > 0;
 }
 
 /// A value that is allowed, but not the default.
 XmlRpc::XmlRpcValue otherThan(const std::string& key, const std::string& value) {
-  static const Values kOtherTexts = {{"bricks_file", "/bricks.yaml"},
-                                     {"input/map_frame", "odom"},
-                                     {"input/camera_frame", "eye"},
-                                     {"input/image_transport", "compressed"},
-                                     {"input/depth_transport", "compressedDepth"}};
+  static const Values kOtherTexts = {{"map_frame", "odom"},
+                                     {"bricks_file", "/bricks.yaml"},
+                                     {"sectors_file", "/sectors.yaml"},
+                                     {"postures_dir", "/postures"},
+                                     {"stow", "stowed"},
+                                     {"inspect_posture", "aside"},
+                                     {"view/camera_frame", "eye"}};
   const auto text = kOtherTexts.find(key);
   if (text != kOtherTexts.end()) return text->second;
-  if (value == "true" || value == "false") return value == "false";
-  if (key == "detector/decimate") return 2.0;
-  if (key == "pose/depth/grow") return 1.1;     // not below 1
-  if (key == "detector/max_hamming") return 1;  // not above 2
   if (isWhole(key)) return std::stoi(value) + 1;
-  return 0.75 * std::stod(value);
+  if (key == "monitor/stop_clearance_m") return 0.01;
+  return 0.9 * std::stod(value);
 }
 
 std::string messageOf(const ros::NodeHandle& nh) {
@@ -97,20 +91,9 @@ TEST(MotionPlanningParams, ShippedFileHasEveryKeyWithItsDefault) {
 TEST(MotionPlanningParams, ShippedFileLoadsAsTheDefaults) {
   MotionPlanningParams expected;
   expected.bricks_file = "/bricks.yaml";  // what a launch file has to give
+  expected.sectors_file = "/sectors.yaml";
+  expected.postures_dir = "/postures";
   EXPECT_EQ(toYaml(loadMotionPlanningParams(ros::NodeHandle("~shipped"))), toYaml(expected));
-}
-
-TEST(MotionPlanningParams, ShippedCamerasChangeNothingButTheDepthsNoise) {
-  for (const char* camera : {"generic", "realsense", "azure_kinect"}) {
-    ros::NodeHandle nh(std::string("~") + camera);
-    nh.setParam("bricks_file", "/bricks.yaml");
-    for (const auto& [key, value] : flattened(toYaml(loadMotionPlanningParams(nh)))) {
-      if (key == "bricks_file" || key.rfind("pose/depth/", 0) == 0) continue;
-      EXPECT_EQ(value, kDefaults.at(key)) << camera << " " << key;
-    }
-  }
-  EXPECT_DOUBLE_EQ(loadMotionPlanningParams(ros::NodeHandle("~realsense")).detection.pose.depth.inverse_depth_std,
-                   0.0038);
 }
 
 TEST(MotionPlanningParams, EveryKeyIsReadIntoItsOwnField) {
@@ -162,30 +145,22 @@ TEST(MotionPlanningParams, OneMessageNamesEveryProblemWithValueAndRange) {
   ros::NodeHandle nh("~wrong");
   nh.setParam("bricks_file", "bricks.yaml");
   nh.setParam("colour", true);
-  nh.setParam("detect/timeout_s", 0.0);
-  nh.setParam("input/depth_timeout_s", "soon");
-  nh.setParam("input/max_depth_offset_s", 2.0);
-  nh.setParam("tracker/moved_looks", 1.5);
-  nh.setParam("access/min_clear", 2.0);
-  nh.setParam("alvar/position_std_m", -0.01);
+  nh.setParam("state/max_joint_age_s", 0.0);
+  nh.setParam("search/max_iterations", 1.5);
+  nh.setParam("scene/sigmas", -1.0);
+  nh.setParam("pick/approach_m", "far");
+  nh.setParam("motion/velocity_scale", 2.0);
+  nh.setParam("monitor/rate_hz", 1000.0);
   const std::string message = messageOf(nh);
   EXPECT_THAT(message, HasSubstr("/wrong/bricks_file = 'bricks.yaml', must be the absolute path"));
+  EXPECT_THAT(message, HasSubstr("/wrong/sectors_file = '', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
-  EXPECT_THAT(message, HasSubstr("/wrong/detect/timeout_s = 0 s, must be in [0.01, 600] s"));
-  EXPECT_THAT(message, HasSubstr("/wrong/input/depth_timeout_s"));
-  EXPECT_THAT(message, HasSubstr("/wrong/input/max_depth_offset_s = 2 s, must be in [0, 1] s"));
-  EXPECT_THAT(message, HasSubstr("/wrong/tracker/moved_looks"));
-  EXPECT_THAT(message, HasSubstr("/wrong/access/min_clear = 2, must be in [0, 1]"));
-  EXPECT_THAT(message, HasSubstr("/wrong/alvar/position_std_m = -0.01 m, must be in [1e-05, 1] m"));
-}
-
-TEST(MotionPlanningParams, SettingsOfLibrariesAreNotUnknown) {
-  ros::NodeHandle nh("~libraries");
-  nh.setParam("bricks_file", "/bricks.yaml");
-  nh.setParam("diagnostic_period", 0.5);
-  nh.setParam("image_transport", "raw");
-  nh.setParam("image/compressed/jpeg_quality", 80);  // left by image_transport's publisher of an earlier run
-  EXPECT_EQ(messageOf(nh), "");
+  EXPECT_THAT(message, HasSubstr("/wrong/state/max_joint_age_s = 0 s, must be in [0.01, 60] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/search/max_iterations"));
+  EXPECT_THAT(message, HasSubstr("/wrong/scene/sigmas = -1"));
+  EXPECT_THAT(message, HasSubstr("/wrong/pick/approach_m"));
+  EXPECT_THAT(message, HasSubstr("/wrong/motion/velocity_scale = 2"));
+  EXPECT_THAT(message, HasSubstr("/wrong/monitor/rate_hz = 1000 Hz, must be in [0.5, 100] Hz"));
 }
 
 }  // namespace
