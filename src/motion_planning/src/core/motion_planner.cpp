@@ -31,7 +31,7 @@ constexpr int kStowAttempts = 3;                // contact postures tried if the
 constexpr double kLongestTurn_rad = 1.5 * kPi;  // of joint 1 to a goal: beyond it the other way is much shorter
 constexpr double kLevelShare = 0.7;             // of the samples of a carrying motion
 constexpr int kSampleAttempts = 30;             // to draw a posture that keeps a tilt
-constexpr std::size_t kInspectGoals = 8;
+constexpr std::size_t kInspectPostures = 100;   // out of view, found before the nearest of them become goals
 
 bool isRigid(const Eigen::Isometry3d& T) {
   if (!T.matrix().allFinite()) return false;
@@ -668,12 +668,16 @@ ArmPlan MotionPlanner::Call::planInspect(const ViewFrustum& view, const std::vec
   };
   const auto draw_level = tilt ? tiltSampler(*tilt, {context_.start_rad}) : nullptr;
   std::vector<ArmVector> found;
-  for (int n = 0; n < config_.inspect_samples && found.size() < kInspectGoals; ++n) {
+  for (int n = 0; n < config_.inspect_samples && found.size() < kInspectPostures; ++n) {
     if (isCancelled()) return fail(cancelledFailure());
     const ArmVector q = tilt ? draw_level(uniform01) : draw();
     if (qualifies(q)) found.push_back(q);
   }
   if (!found.empty()) {
+    std::stable_sort(found.begin(), found.end(), [&](const ArmVector& one, const ArmVector& other) {
+      return (one - context_.start_rad).squaredNorm() < (other - context_.start_rad).squaredNorm();
+    });
+    found.resize(std::min(found.size(), static_cast<std::size_t>(config_.max_goals)));
     if (arrive(found)) return plan;
     return fail(blocked);
   }

@@ -344,6 +344,43 @@ TEST(MotionPlanner, GoalInCollisionAndGoalUnknownAreToldApart) {
   EXPECT_EQ(plan.status, PlanStatus::kGoalUnknown) << plan.message;
 }
 
+TEST(MotionPlanner, WhereTheArmIsCannotBeUnseen) {
+  PickWorld pick = oneBrick();
+  pick.world.is_unknown = [&](const Eigen::Vector3d& p_map) { return (pick.T_map_base.inverse() * p_map).z() > 0.25; };
+  pick.makeScene();
+  const auto over = [&](double x, double y) {
+    const Eigen::Isometry3d T_base_tip =
+        Eigen::Translation3d(x, y, 0.32) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+    return T_base_tip;
+  };
+  PlanningContext context = pick.context();
+  const auto branches = shippedArm()->inverse(over(0.80, 0.05), context.start_rad);
+  ASSERT_FALSE(branches.empty());
+  context.start_rad = branches.front();
+  ArmGoal goal;
+  goal.joints_rad = context.start_rad;
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  goal.joints_rad.reset();
+  goal.T_map_tip = pick.T_map_base * over(0.92, 0.2);
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kGoalUnknown);
+}
+
+TEST(MotionPlanner, PlaceOfTheHeldBrickIsEmpty) {
+  // Just taken: the map still has the brick where the hand holds it now.
+  const PickWorld pick = oneBrick();
+  const PickPlan plan = pickFrom(pick, 0);
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess);
+  PlanningContext context = pick.context();
+  context.start_rad = plan.lift.points.front().position_rad;
+  context.held = plan.held;
+  ArmGoal goal;
+  goal.joints_rad = plan.lift.points.back().position_rad;
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kStartInCollision);
+  context.vacated = pick.world.boxes[0];
+  const ArmPlan lifted = makePlanner().planArm(context, goal);
+  EXPECT_EQ(lifted.status, PlanStatus::kSuccess) << lifted.message;
+}
+
 TEST(MotionPlanner, LiftThatIsBlockedIsAnApproachBlocked) {
   // A frame 6 cm over the brick, open where the magnet comes down: the brick cannot go up through it.
   PickWorld pick = emptyPickWorld();
@@ -454,7 +491,8 @@ TEST(MotionPlanner, InspectTakesTheFirstPostureOutOfView) {
   const ViewFrustum view = cameraView();
   ArmVector reaching;
   reaching << 0.0, -1.2, 1.2, -1.57, -0.5 * M_PI, 0.0;
-  const ArmVector folded = pick.start_rad;
+  ArmVector folded;
+  folded << 0.56, -2.68, 2.85, -2.04, -1.92, 0.0;
   const ExactMotion exact(*shippedArm(), pick);
   ASSERT_TRUE(isSeen(view, exact.points(reaching)));
   ASSERT_FALSE(isSeen(view, exact.points(folded)));
