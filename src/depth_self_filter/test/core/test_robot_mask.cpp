@@ -191,6 +191,18 @@ TEST(RobotMask, SilhouetteOfASphereIsTheAnalyticOne) {
   }
 }
 
+TEST(RobotMask, RaysAlongACylindersAxisAreInsideForGoodOrNever) {
+  const CameraModel camera{161, 121, 130.0, 130.0, 80.0, 60.0};  // the ray of the middle pixel is the optical axis
+  for (const double aside_m : {0.0, 0.05, 0.15}) {
+    RobotMask mask(robotOf("<cylinder radius='0.1' length='0.4'/>"), exactConfig());
+    Eigen::Isometry3d T_root_camera = before(1.0);
+    T_root_camera.translation().x() = aside_m;
+    DepthImage image = constantImage(camera, 5.0F);
+    mask.apply(camera, T_root_camera, kNoJoints, std::nullopt, &image);
+    EXPECT_EQ(std::isnan(image.depth_m[at(camera, 80, 60)]), aside_m < 0.1) << aside_m;
+  }
+}
+
 TEST(RobotMask, WhatHidesTheRobotIsKeptAndWhatTheRobotHidesIsNot) {
   RobotMask mask(robotOf("<box size='1 1 0.2'/>"), exactConfig());  // its front is at 0.9 m
   const std::vector<std::pair<float, bool>> kept = {{0.5F, true},   {0.899F, true}, {0.901F, false}, {1.5F, false},
