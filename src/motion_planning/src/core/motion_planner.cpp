@@ -740,7 +740,7 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
     note(kLineStage, PlanStatus::kApproachBlocked, "on the straight lift: " + contact.describe());
   }
   if (!lift) return std::nullopt;
-  carrying_->setHeld(grip.held);
+  carrying_->setHeld(grip.held, false);
   contact = carrying_->check(lift->back());
   if (contact) {
     note(kLineStage, PlanStatus::kApproachBlocked, "at the end of the lift: " + contact.describe());
@@ -864,7 +864,7 @@ MotionPlanner::Call::FaceOutcome MotionPlanner::Call::planFace(const PickTarget&
     }
     const Pick pick = picks[approach.goal];
     const Grip& grip = grips[pick.grip];
-    carrying_->setHeld(grip.held);
+    carrying_->setHeld(grip.held, false);
     const Motion stow = moveTo(pick.lift.back(), grip.stow->postures, *carrying_, grip.held, grip.stow_tilt,
                                name + ", carrying the brick away");
     if (stow.status == PlanStatus::kSuccess) {
