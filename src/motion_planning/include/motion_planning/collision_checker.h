@@ -71,8 +71,9 @@ class CollisionChecker {
   CollisionChecker(const CollisionChecker& other);
   CollisionChecker& operator=(const CollisionChecker&) = delete;
 
-  /// Nothing: the magnet is empty.
-  void setHeld(const std::optional<HeldBrick>& held);
+  /// Nothing: the magnet is empty. `may_touch`: as in a lift, what is held lies on or beside something and is smaller by
+  /// held_shrink_m; otherwise it hangs free and is taken as large as it is.
+  void setHeld(const std::optional<HeldBrick>& held, bool may_touch = true);
   const std::optional<HeldBrick>& held() const;
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all

@@ -49,7 +49,7 @@ struct MotionPlannerConfig {
   double contact_speed_m_s{0.05};   // of the tip along the last approach
   double lift_speed_m_s{0.10};
   double approach_m{0.10};          // length of the straight approach along the face's normal
-  double lift_m{0.12};              // length of the straight retreat with the brick; from a side face up and back
+  double lift_m{0.25};              // length of the straight retreat with the brick: higher than a brick stands in a row; from a side face up and back
   double cartesian_step_m{0.005};   // between IK solutions on a straight line
   double max_joint_jump_rad{0.25};  // between neighbours on it: more is a change of branch
   double plate_margin_m{0.01};      // the magnet's face stays this far within the plate's edges

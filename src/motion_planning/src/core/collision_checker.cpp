@@ -456,7 +456,7 @@ const Eigen::Isometry3d& CollisionChecker::baseInMap() const {
   return state_->T_map_base;
 }
 
-void CollisionChecker::setHeld(const std::optional<HeldBrick>& held) {
+void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_touch) {
   if (!held) {
     state_->held_brick.reset();
     state_->held.reset();
@@ -464,13 +464,13 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held) {
   }
   if (!isRigid(held->T_tip_brick)) throw std::invalid_argument("pose of the held brick is not a rigid transform");
   if (!isValidSize(held->size_m)) throw std::invalid_argument("size of the held brick " + describeSize(held->size_m));
-  const double shrink_m = state_->config.held_shrink_m;
   // A plate thinner than twice what it is shrunk by keeps a fifth of its thickness.
-  const Eigen::Vector3d world_size_m = (held->size_m.array() - 2.0 * shrink_m).max(0.2 * held->size_m.array());
+  const mp700_ur5e_description::Box shrunk{
+      (held->size_m.array() - 2.0 * state_->config.held_shrink_m).max(0.2 * held->size_m.array())};
+  const mp700_ur5e_description::Box whole{held->size_m};
   auto part = std::make_shared<Part>(
       makeMovingPart(kBrick, state_->parts->tip_body, state_->parts->T_body_tip * held->T_tip_brick,
-                     mp700_ur5e_description::Box{world_size_m}, mp700_ur5e_description::Box{held->size_m},
-                     state_->config.self_padding_m));
+                     may_touch ? shrunk : whole, whole, state_->config.self_padding_m));
   part->is_tool = true;
   state_->held = std::move(part);
   state_->held_brick = held;

@@ -68,7 +68,13 @@ PlanFailure cancelledFailure() {
 
 /// Shortest rotation that turns unit vector `from` into `to`.
 Eigen::Matrix3d turning(const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
-  return Eigen::Quaterniond::FromTwoVectors(from, to).toRotationMatrix();
+  // Not Eigen's FromTwoVectors: some 1e-6 rad from opposite, as a brick is that physics has laid down, it cancels and
+  // gives no rotation.
+  Eigen::Vector3d axis = from.cross(to);
+  const double sine = axis.norm();
+  constexpr double kParallel = 1e-9;
+  axis = sine > kParallel ? Eigen::Vector3d(axis / sine) : from.unitOrthogonal();
+  return Eigen::AngleAxisd(std::atan2(sine, from.dot(to)), axis).toRotationMatrix();
 }
 
 Eigen::Matrix3d aboutZ(double angle_rad) {
@@ -775,7 +781,7 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
     note(kLineStage, PlanStatus::kApproachBlocked, "on the straight lift: " + contact.describe());
   }
   if (!lift) return std::nullopt;
-  carrying_->setHeld(grip.held);
+  carrying_->setHeld(grip.held, false);
   contact = carrying_->check(lift->back());
   if (contact) {
     note(kLineStage, PlanStatus::kApproachBlocked, "at the end of the lift: " + contact.describe());
@@ -899,7 +905,7 @@ MotionPlanner::Call::FaceOutcome MotionPlanner::Call::planFace(const PickTarget&
     }
     const Pick pick = picks[approach.goal];
     const Grip& grip = grips[pick.grip];
-    carrying_->setHeld(grip.held);
+    carrying_->setHeld(grip.held, false);
     const Motion stow = moveTo(pick.lift.back(), grip.stow->postures, *carrying_, grip.held, grip.stow_tilt,
                                name + ", carrying the brick away");
     if (stow.status == PlanStatus::kSuccess) {
