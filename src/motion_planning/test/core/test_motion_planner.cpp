@@ -400,7 +400,52 @@ TEST(MotionPlanner, LiftThatIsBlockedIsAnApproachBlocked) {
   target.faces = {BrickFace::kPlusZ};
   const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
   EXPECT_EQ(plan.status, PlanStatus::kApproachBlocked) << plan.message;
-  EXPECT_THAT(plan.message, HasSubstr("lift"));
+  EXPECT_THAT(plan.message, HasSubstr("on the straight lift"));
+}
+
+TEST(MotionPlanner, StraightWaysAreFreeAllAlongNotOnlyAtTheirEnds) {
+  // A small block where a link is halfway down a long approach, but at neither end of it.
+  PickWorld pick = oneBrick();
+  MotionPlannerConfig config;
+  config.approach_m = 0.3;
+  const PickPlan before = pickFrom(pick, 0, config);
+  ASSERT_EQ(before.status, PlanStatus::kSuccess) << before.message;
+  const ExactMotion free(*shippedArm(), pick);
+  std::vector<Eigen::Vector3d> ends = free.points(before.contact.points.front().position_rad);
+  const auto at_face = free.points(before.contact.points.back().position_rad);
+  ends.insert(ends.end(), at_face.begin(), at_face.end());
+  Eigen::Vector3d farthest_base = Eigen::Vector3d::Zero();
+  double farthest_m = 0.0;
+  for (const Eigen::Vector3d& p : free.points(before.contact.sample(0.5 * before.contact.duration()).position_rad)) {
+    double nearest_m = 1.0;
+    for (const Eigen::Vector3d& end : ends) nearest_m = std::min(nearest_m, (p - end).norm());
+    if (nearest_m <= farthest_m) continue;
+    farthest_m = nearest_m;
+    farthest_base = p;
+  }
+  ASSERT_GT(farthest_m, 0.05);
+  pick.world.boxes.push_back(uprightBox(pick.T_map_base * farthest_base, {0.04, 0.04, 0.04}));
+  pick.makeScene();
+  ExactMotion blocked(*shippedArm(), pick, 0.01);
+  blocked.setTarget(0);
+  ASSERT_NE(blocked.complaint(before.contact, 0.0), "");
+  const PickPlan after = pickFrom(pick, 0, config);
+  ASSERT_EQ(after.status, PlanStatus::kSuccess) << after.message;
+  EXPECT_EQ(blocked.complaint(after.contact, 0.0), "");
+}
+
+TEST(MotionPlanner, WhatIsHeldMustNotTouchEither) {
+  const PickWorld pick = oneBrick();
+  PlanningContext context = pick.context();
+  context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
+  ArmGoal goal;  // 15 cm over the brick
+  goal.T_map_tip =
+      pick.T_map_base * Eigen::Translation3d(0.85, 0.1, 0.35) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
+  const ArmPlan plan = makePlanner().planArm(context, goal);
+  EXPECT_EQ(plan.status, PlanStatus::kGoalInCollision) << plan.message;
+  EXPECT_THAT(plan.message, HasSubstr("brick"));
 }
 
 TEST(MotionPlanner, GivesUpAfterTheIterationsAllowed) {
