@@ -3,6 +3,7 @@
 // itself knows of each pixel. Postures are set, not driven to: physics has no part in what a camera sees.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -14,6 +15,7 @@
 #include <depth_self_filter/robot_mask.h>
 #include <mp700_ur5e_description/robot_names.h>
 
+#include "arm_distance.h"
 #include "simulated_world/mujoco_model.h"
 #include "simulated_world/offscreen_renderer.h"
 #include "simulated_world/rgbd_camera.h"
@@ -56,16 +58,24 @@ using ArmAngles = std::array<double, 6>;
 class RobotBeforeCamera {
  public:
   /// The base stands at (x, 0) and looks along x, at a pile about the origin.
-  RobotBeforeCamera(const std::string& scene, double base_x_m, const synthetic_depth::SensorModel& sensor)
+  RobotBeforeCamera(const std::string& scene, double base_x_m)
       : robot_(names::RobotModel::load(MP700_UR5E_DESCRIPTION_DIR "/urdf/mp700_ur5e.urdf")),
-        simulation_(withSensor(scene, sensor)),
+        simulation_(worldConfig(scene)),
         model_(simulation_.world().model()),
         data_(mj_copyData(nullptr, &model_, &simulation_.world().data())),
-        renderer_(model_),
-        camera_(renderer_, "rgbd", simulation_.config().camera) {
+        renderer_(model_, rendererConfig()) {
     set("base_x", base_x_m);
     set("base_y", 0.0);
     set("base_yaw", 0.0);
+    setSensor(stereoSensor());
+    std::copy_n(data_->qpos + model_.jnt_qposadr[model_.body_jntadr[heldBody()]], brick_in_pile_.size(),
+                brick_in_pile_.begin());
+  }
+
+  void setSensor(const synthetic_depth::SensorModel& sensor) {
+    RgbdCameraConfig config = simulation_.config().camera;
+    config.sensor = sensor;
+    camera_ = std::make_unique<RgbdCamera>(renderer_, "rgbd", config);
   }
 
   /// The brick's pose on the magnet: hanging from the middle of its +z face, turned about the tool.
@@ -87,35 +97,59 @@ class RobotBeforeCamera {
     }
     brick_ = brick;
     mj_forward(&model_, data_.get());
-    if (!brick) return;
+    mjtNum* const qpos = data_->qpos + model_.jnt_qposadr[model_.body_jntadr[heldBody()]];
+    if (!brick) {
+      std::copy_n(brick_in_pile_.begin(), brick_in_pile_.size(), qpos);
+      mj_forward(&model_, data_.get());
+      return;
+    }
     const Eigen::Isometry3d T_map_brick =
         bodyPose(*data_, requireId(model_, mjOBJ_BODY, brick->frame)) * brick->T_frame_brick;
-    const int joint = model_.body_jntadr[heldBody()];
-    mjtNum* const qpos = data_->qpos + model_.jnt_qposadr[joint];
     Eigen::Map<Eigen::Vector3d>{qpos} = T_map_brick.translation();
     quaternionTo(Eigen::Quaterniond(T_map_brick.linear()), qpos + 3);
     mj_forward(&model_, data_.get());
   }
 
-  cv::Mat measure(std::uint64_t frame) { return camera_.capture(*data_, frame).depth_m; }
+  cv::Mat measure(std::uint64_t frame) { return camera_->capture(*data_, frame).depth_m; }
 
-  /// CV_8UC1: 255 where the simulator sees the robot or the held brick.
-  cv::Mat truth() {
+  /// What the simulator knows of a view that is wider by kMargin_px on all sides.
+  struct Truth {
+    cv::Mat is_robot;       // CV_8UC1: 255 where robot or held brick is seen
+    double nearest_m{0.0};  // of them, along the optical axis
+  };
+  static constexpr int kMargin_px = 160;
+
+  Truth truth() {
+    synthetic_depth::CameraModel wide = simulation_.config().camera.camera;
+    wide.width_px += 2 * kMargin_px;
+    wide.height_px += 2 * kMargin_px;
+    wide.cx_px += kMargin_px;
+    wide.cy_px += kMargin_px;
+    const RenderOptions& options = simulation_.config().camera.render;
     cv::Mat geom_ids;
-    renderer_.segmentation(*data_, camera_.opticalPose(*data_), simulation_.config().camera.camera,
-                           simulation_.config().camera.render, &geom_ids);
+    cv::Mat depth_m;
+    renderer_.segmentation(*data_, T_map_camera(), wide, options, &geom_ids);
+    renderer_.render(*data_, T_map_camera(), wide, options, nullptr, &depth_m);
     const int robot = requireId(model_, mjOBJ_BODY, names::kBaseFrame);
-    cv::Mat is_robot(geom_ids.size(), CV_8UC1, cv::Scalar(0));
+    Truth result;
+    result.is_robot = cv::Mat(geom_ids.size(), CV_8UC1, cv::Scalar(0));
+    result.nearest_m = std::numeric_limits<double>::infinity();
     for (int v = 0; v < geom_ids.rows; ++v) {
       for (int u = 0; u < geom_ids.cols; ++u) {
         const int geom = geom_ids.at<int>(v, u);
         if (geom < 0) continue;
         const int body = model_.geom_bodyid[geom];
         const bool is_held = brick_ && body == heldBody();
-        if (is_held || model_.body_rootid[body] == robot) is_robot.at<unsigned char>(v, u) = 255;
+        if (!is_held && model_.body_rootid[body] != robot) continue;
+        result.is_robot.at<unsigned char>(v, u) = 255;
+        result.nearest_m = std::min<double>(result.nearest_m, depth_m.at<float>(v, u));
       }
     }
-    return is_robot;
+    return result;
+  }
+  /// The part of a wide view that the camera sees.
+  cv::Mat inView(const cv::Mat& wide) const {
+    return wide(cv::Rect(kMargin_px, kMargin_px, camera().width, camera().height));
   }
 
   /// What the filter makes of a measured image.
@@ -130,47 +164,24 @@ class RobotBeforeCamera {
   /// By the URDF, as the node takes it.
   Eigen::Isometry3d T_root_camera() const { return robot_->framePose(names::kDepthFrame, positions_rad_); }
   /// By the simulator.
-  Eigen::Isometry3d T_map_camera() const { return camera_.opticalPose(*data_); }
+  Eigen::Isometry3d T_map_camera() const { return camera_->opticalPose(*data_); }
   Eigen::Isometry3d T_map_root() const { return bodyPose(*data_, requireId(model_, mjOBJ_BODY, names::kBaseFrame)); }
 
   /// From a point in the root's frame to the nearest part of arm, magnet and held brick [m]; negative inside.
   double distanceToArm(const Eigen::Vector3d& p_root) const {
-    std::vector<Eigen::Isometry3d> T_root_body;
-    robot_->bodyPoses(positions_rad_, &T_root_body);
-    double nearest = std::numeric_limits<double>::infinity();
-    const std::size_t shoulder = robot_->bodyOf("ur5e_shoulder_link");
-    const auto distance = [](const names::Shape& shape, const Eigen::Vector3d& p) {
-      Eigen::Vector2d q;
-      if (const auto* box = std::get_if<names::Box>(&shape)) {
-        const Eigen::Vector3d d = p.cwiseAbs() - 0.5 * box->size_m;
-        return d.cwiseMax(0.0).norm() + std::min(0.0, d.maxCoeff());
-      }
-      if (const auto* cylinder = std::get_if<names::Cylinder>(&shape)) {
-        q << std::hypot(p.x(), p.y()) - cylinder->radius_m, std::abs(p.z()) - 0.5 * cylinder->length_m;
-        return q.cwiseMax(0.0).norm() + std::min(0.0, q.maxCoeff());
-      }
-      return p.norm() - std::get<names::Sphere>(shape).radius_m;
-    };
-    for (const names::BodyShape& shape : robot_->shapes()) {
-      if (shape.body < shoulder) continue;  // the base, and what stands on it; wheels come before the arm
-      nearest =
-          std::min(nearest, distance(shape.shape, (T_root_body[shape.body] * shape.T_body_shape).inverse() * p_root));
-    }
-    if (brick_) {
-      nearest = std::min(
-          nearest,
-          distance(names::Box{brick_->size_m},
-                   (robot_->framePose(brick_->frame, positions_rad_) * brick_->T_frame_brick).inverse() * p_root));
-    }
-    return nearest;
+    const double arm_m = simulated_world::distanceToArm(*robot_, positions_rad_, p_root);
+    if (!brick_) return arm_m;
+    const Eigen::Isometry3d T_root_brick = robot_->framePose(brick_->frame, positions_rad_) * brick_->T_frame_brick;
+    return std::min(arm_m, distanceToShape(names::Box{brick_->size_m}, T_root_brick.inverse() * p_root));
   }
 
   const std::shared_ptr<const names::RobotModel>& robot() const { return robot_; }
 
  private:
-  static SimulationConfig withSensor(const std::string& scene, const synthetic_depth::SensorModel& sensor) {
-    SimulationConfig config = worldConfig(scene);
-    config.camera.sensor = sensor;
+  static RendererConfig rendererConfig() {
+    RendererConfig config;
+    config.max_width_px = 640 + 2 * kMargin_px;
+    config.max_height_px = 480 + 2 * kMargin_px;
     return config;
   }
 
@@ -184,7 +195,8 @@ class RobotBeforeCamera {
   const mjModel& model_;
   DataPtr data_;
   OffscreenRenderer renderer_;
-  RgbdCamera camera_;
+  std::unique_ptr<RgbdCamera> camera_;
+  std::array<mjtNum, 7> brick_in_pile_{};  // pose of the brick while it is not held
   Eigen::VectorXd positions_rad_;
   std::optional<depth_self_filter::HeldBrick> brick_;
 };

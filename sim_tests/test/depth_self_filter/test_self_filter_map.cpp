@@ -36,17 +36,22 @@ GpisConfig mapConfig() {
 
 class SelfFilterMap : public testing::TestWithParam<bool> {
  protected:
-  SelfFilterMap() : robot_("one_heap", -1.5, stereoSensor()), map_(mapConfig()) {}
+  SelfFilterMap() : map_(mapConfig()) {}
+
+  static void SetUpTestSuite() { robot_ = new RobotBeforeCamera("one_heap", -1.5); }
+  static void TearDownTestSuite() {
+    delete robot_;
+    robot_ = nullptr;
+  }
 
   bool is16Bit() const { return GetParam(); }
 
   /// Feeds one image, filtered by `mask` if it is given. Returns what the map was fed.
   DepthImage feed(RobotMask* mask) {
-    const cv::Mat measured = robot_.measure(++frame_);
+    const cv::Mat measured = robot_->measure(++frame_);
     DepthImage image = is16Bit() ? toDepthImage16(measured) : toDepthImage(measured);
-    if (mask != nullptr) robot_.filter(mask, &image);
-    deleted_ =
-        map_.update(image, robot_.camera(), robot_.T_map_camera(), 10.0 + 0.2 * static_cast<double>(frame_)).deleted;
+    if (mask != nullptr) robot_->filter(mask, &image);
+    map_.update(image, robot_->camera(), robot_->T_map_camera(), 10.0 + 0.2 * static_cast<double>(frame_));
     return image;
   }
 
@@ -54,21 +59,22 @@ class SelfFilterMap : public testing::TestWithParam<bool> {
     int count = 0;
     for (const SurfacePoint& point : map_.contents().points) {
       // Noise at the arm's distance, 1 m, is 4 mm; three times that.
-      count += robot_.distanceToArm(robot_.T_map_root().inverse() * point.position_map) < 0.012 ? 1 : 0;
+      count += robot_->distanceToArm(robot_->T_map_root().inverse() * point.position_map) < 0.012 ? 1 : 0;
     }
     return count;
   }
 
-  RobotBeforeCamera robot_;
+  static RobotBeforeCamera* robot_;
   GpisMap map_;
   std::uint64_t frame_{0};
-  std::size_t deleted_{0};
 };
 
+RobotBeforeCamera* SelfFilterMap::robot_ = nullptr;
+
 TEST_P(SelfFilterMap, TheArmIsNotInIt) {
-  RobotMask mask(robot_.robot(), realsenseMask());
+  RobotMask mask(robot_->robot(), realsenseMask());
   for (const ArmAngles& arm_rad : {kOverPile, kBesideIt}) {
-    robot_.pose(arm_rad, RobotBeforeCamera::brickOnMagnet(0.0));
+    robot_->pose(arm_rad, RobotBeforeCamera::brickOnMagnet(0.0));
     for (int i = 0; i < 2; ++i) feed(&mask);
     EXPECT_EQ(pointsOnArm(), 0);
   }
@@ -102,20 +108,20 @@ std::vector<SurfacePoint> lost(const std::vector<SurfacePoint>& before, const st
 }
 
 TEST_P(SelfFilterMap, NothingIsForgottenBehindTheArm) {
-  RobotMask mask(robot_.robot(), realsenseMask());
-  robot_.pose(kStowed, std::nullopt);
+  RobotMask mask(robot_->robot(), realsenseMask());
+  robot_->pose(kStowed, std::nullopt);
   for (int i = 0; i < 6; ++i) feed(&mask);
   const std::vector<SurfacePoint> before = map_.contents().points;
-  robot_.pose(kOverPile, RobotBeforeCamera::brickOnMagnet(0.0));
+  robot_->pose(kOverPile, RobotBeforeCamera::brickOnMagnet(0.0));
   DepthImage image;
   for (int i = 0; i < 6; ++i) image = feed(&mask);
   const std::vector<SurfacePoint> gone = lost(before, map_.contents().points);
   // Where the robot's pixels are, or its shadow's: all that is NaN now.
   const auto countHidden = [&](const std::vector<SurfacePoint>& points) {
     int hidden = 0;
-    const gpis_mapping::CameraModel camera = robot_.camera();
+    const gpis_mapping::CameraModel camera = robot_->camera();
     for (const SurfacePoint& point : points) {
-      const Eigen::Vector3d p = robot_.T_map_camera().inverse() * point.position_map;
+      const Eigen::Vector3d p = robot_->T_map_camera().inverse() * point.position_map;
       const int u = static_cast<int>(std::lround(camera.fx * p.x() / p.z() + camera.cx));
       const int v = static_cast<int>(std::lround(camera.fy * p.y() / p.z() + camera.cy));
       if (p.z() <= 0.0 || u < 0 || u >= camera.width || v < 0 || v >= camera.height) continue;
@@ -130,7 +136,9 @@ TEST_P(SelfFilterMap, NothingIsForgottenBehindTheArm) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Encodings, SelfFilterMap, testing::Values(false, true),
-                         [](const testing::TestParamInfo<bool>& encoding) { return encoding.param ? "16UC1" : "32FC1"; });
+                         [](const testing::TestParamInfo<bool>& encoding) {
+                           return encoding.param ? "16UC1" : "32FC1";
+                         });
 
 }  // namespace
 }  // namespace simulated_world

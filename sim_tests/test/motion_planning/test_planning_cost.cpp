@@ -57,7 +57,8 @@ TEST_F(PlanningCost, AResultWaitsForItsTimeAndForAClockNoLongerThanStated) {
   EXPECT_FALSE(waitUntil([this] { return isDone(); }, 0.5));
   setClock(start_s_ + kCost_s);
   ASSERT_TRUE(waitUntil([this] { return isDone(); }));
-  EXPECT_EQ(client_->arm.getState(), actionlib::SimpleClientGoalState::SUCCEEDED);
+  EXPECT_EQ(client_->arm.getState(), actionlib::SimpleClientGoalState::SUCCEEDED)
+      << client_->arm.getResult()->outcome.message;
   EXPECT_DOUBLE_EQ(client_->arm.getResult()->cost, kCost_s);
 
   // A clock that stands still, because its own rule allows planning less time: nobody waits for ever.

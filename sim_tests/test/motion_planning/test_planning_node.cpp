@@ -265,8 +265,13 @@ TEST_F(PlanningNode, WhatTheMagnetHoldsIsPartOfTheRobot) {
   place.place_frame = "chute_drop";
   const PlanArmResult placed = client_->plan(armTo(place));
   EXPECT_EQ(static_cast<int>(placed.outcome.status), static_cast<int>(PlanOutcome::SUCCESS)) << nameOf(placed.outcome);
-  // Stowed as without a brick it would be in the deck.
-  expectOutcome(armTo(toJoints(kStowed)), PlanOutcome::GOAL_IN_COLLISION, "brick");
+  // Where the tip alone could be, the brick would be in the ground.
+  ArmGoalMessage low;
+  low.kind = ArmGoalMessage::TIP;
+  Eigen::Isometry3d T_map_tip(Eigen::Translation3d(0.75, -0.4, 0.12));
+  T_map_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
+  low.tip = toPose(T_map_tip);
+  expectOutcome(armTo(low), PlanOutcome::GOAL_IN_COLLISION, "brick");
 
   // What cannot be: no plan goes on as if nothing were held.
   AttachedBrick bad = brick;

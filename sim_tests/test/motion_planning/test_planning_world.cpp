@@ -123,6 +123,18 @@ class PlanningWorld : public testing::Test {
     }
   }
 
+  void leaveView() {
+    PlanArmGoal inspect;
+    inspect.inspect = 1;
+    PlanArmResult result;
+    // The planner may not have heard of the map yet, or still believe that it holds a brick.
+    ASSERT_TRUE(waitUntil([&] {
+      result = client_.plan(inspect);
+      return result.outcome.status == PlanOutcome::SUCCESS;
+    })) << result.outcome.message;
+    execute(result.trajectory, WatchTrajectory::Request::FREE, geometry_msgs::PoseStamped());
+  }
+
   void setMagnet(bool is_on) {
     ur_msgs::SetIO io;
     io.request.fun = ur_msgs::SetIO::Request::FUN_SET_DIGITAL_OUT;
@@ -150,6 +162,8 @@ class PlanningWorld : public testing::Test {
 TEST_F(PlanningWorld, ABrickIsPickedAndStowedWithoutTouchingAnythingElse) {
   ASSERT_TRUE(client_.connect());
   ASSERT_TRUE(waitUntil([this] { return follow_.isServerConnected() && !truth_.empty() && images_ > 0; }, 60.0));
+  // Stowed, the arm hides from the camera what is before the robot: a part of it would stay unknown.
+  ASSERT_NO_FATAL_FAILURE(leaveView());
   // The front of the lower row is at -0.22 m, the robot's outline 0.296 m before base_link.
   driveTo(-0.22 - 0.296 - 0.12);
 
@@ -193,15 +207,7 @@ TEST_F(PlanningWorld, ABrickIsPickedAndStowedWithoutTouchingAnythingElse) {
   EXPECT_TRUE(waitUntil([this] { return judge_.stowed == 1; }, 60.0)) << incidents_;
 
   // Back, out of the camera's view: the map sees that the brick is gone.
-  PlanArmGoal inspect;
-  inspect.inspect = 1;
-  PlanArmResult back;
-  // The planner may still believe that it holds the brick: its news comes by another connection.
-  ASSERT_TRUE(waitUntil([&] {
-    back = client_.plan(inspect);
-    return back.outcome.status == PlanOutcome::SUCCESS;
-  })) << back.outcome.message;
-  ASSERT_NO_FATAL_FAILURE(execute(back.trajectory, WatchTrajectory::Request::FREE, brick));
+  ASSERT_NO_FATAL_FAILURE(leaveView());
   EXPECT_EQ(judge_.collisions, 0) << incidents_;
   EXPECT_EQ(judge_.drops, 0) << incidents_;
   EXPECT_EQ(judge_.falls, 0) << incidents_;

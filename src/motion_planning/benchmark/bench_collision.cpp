@@ -116,7 +116,7 @@ BENCHMARK(BM_SetTarget)->Unit(benchmark::kMillisecond);
 
 void BM_FirstScene(benchmark::State& state) {
   const BoxWorld world = makePile();
-  const Surface surface = world.surface(0.01);
+  const Surface surface = world.surface(1e-3 * static_cast<double>(state.range(0)));
   SceneUpdate update;
   for (auto _ : state) {
     CollisionSceneBuilder builder{CollisionSceneConfig()};
@@ -128,14 +128,15 @@ void BM_FirstScene(benchmark::State& state) {
   state.counters["mesh_ms"] = update.mesh_ms;
   state.counters["lattice_ms"] = update.lattice_ms;
 }
-BENCHMARK(BM_FirstScene)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_FirstScene)->ArgName("edge_mm")->Arg(10)->Arg(16)->Unit(benchmark::kMillisecond);
 
 /// One brick comes and goes.
 void BM_SceneAfterOneBrick(benchmark::State& state) {
   BoxWorld world = makePile();
   const BoxWorld all = world;
   world.boxes.pop_back();
-  const std::vector<Surface> surfaces = {all.surface(0.01), world.surface(0.01)};
+  const std::vector<Surface> surfaces = {all.surface(1e-3 * static_cast<double>(state.range(0))),
+                                         world.surface(1e-3 * static_cast<double>(state.range(0)))};
   CollisionSceneBuilder builder{CollisionSceneConfig()};
   builder.update(surfaces[0], all, Eigen::Isometry3d::Identity());
   SceneUpdate update;
@@ -149,7 +150,7 @@ void BM_SceneAfterOneBrick(benchmark::State& state) {
   state.counters["mesh_ms"] = update.mesh_ms;
   state.counters["lattice_ms"] = update.lattice_ms;
 }
-BENCHMARK(BM_SceneAfterOneBrick)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_SceneAfterOneBrick)->ArgName("edge_mm")->Arg(10)->Arg(16)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace motion_planning

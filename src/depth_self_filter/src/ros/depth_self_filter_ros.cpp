@@ -35,9 +35,10 @@ std::string seconds(double value) {
 }
 
 std::shared_ptr<const RobotModel> loadRobot(const ros::NodeHandle& nh) {
-  std::string key;
+  // In the node's namespace, or in one around it. A search from a nodelet's handle in the root finds nothing.
+  std::string key = nh.resolveName(kDescription);
   std::string urdf;
-  if (!nh.searchParam(kDescription, key) || !nh.getParam(key, urdf)) {
+  if (!nh.getParam(key, urdf) && !(nh.searchParam(kDescription, key) && nh.getParam(key, urdf))) {
     throw std::invalid_argument("no parameter " + nh.resolveName(kDescription) +
                                 ", must hold the URDF as text (mp700_ur5e_description/launch/description.launch)");
   }

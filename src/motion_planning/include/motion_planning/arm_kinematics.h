@@ -44,11 +44,11 @@ class ArmKinematics {
 
   /// All branches that reach `T_base_tip`, each once: every joint by the turn that is nearest to `near_rad` within the
   /// limits. Nearest first (Euclidean, rad). Closed form, polished with the exact kinematics of the URDF, which may be
-  /// calibrated: residual <= kIkTolerance. Empty: out of reach, beyond the limits, or `T_base_tip` not finite / not rigid
-  /// (to 1e-6). At a wrist singularity, where a whole line solves, wrist_3 is taken from `near_rad`. Solutions nearer to
-  /// each other than 1e-3 rad (an arm all but stretched) count as one. No branch is missed, but on a calibrated arm where J
-  /// has a singular value below 0.02: there some are. Throws std::invalid_argument if `near_rad`
-  /// is not finite.
+  /// calibrated: residual <= kIkPositionTolerance_m and kIkRotationTolerance_rad. Empty: out of reach, beyond the limits,
+  /// or `T_base_tip` not finite / not rigid (to 1e-6). At a wrist singularity, where a whole line solves, wrist_3 is taken
+  /// from `near_rad`, or is the nearest to it that the arm is long enough for. Solutions nearer to each other than 1e-3 rad
+  /// (an arm all but stretched) count as one. No branch is missed, but on a calibrated arm where J has a singular value
+  /// below 0.02: there some are. Throws std::invalid_argument if `near_rad` is not finite.
   std::vector<ArmVector> inverse(const Eigen::Isometry3d& T_base_tip, const ArmVector& near_rad) const;
 
   static constexpr double kIkPositionTolerance_m = 1e-6;

@@ -20,13 +20,17 @@ struct CollisionSceneConfig {
   double block_m{0.05};              // edge of the lattice of free / occupied / unknown: the map's block size
   double unknown_near_pile_m{0.15};  // unknown space this near to mapped surface above the ground is an obstacle
   double pile_min_height_m{0.05};    // surface higher above the ground belongs to the pile
-  double region_radius_m{1.5};       // about the arm's foot: what is farther is not looked at
+  double region_radius_m{1.7};  // about base_link; the arm with a brick in hand ends at 1.65 m: what is farther is not
+                                // looked at
 
   std::vector<std::string> validate() const;
 };
 
-/// What is in the way, in the map frame: surface in chunks (an FCL BVH each, displaced by its margin along its normals),
-/// lattice of signed distance and unknown space near the pile. Immutable; shared by any number of checkers.
+/// What is in the way, in the map frame. Surface in chunks (an FCL BVH each), displaced into free space by its margin: each
+/// triangle by no less than the least of its vertices', at edges and corners too. A vertex keeps the sigma it was first given
+/// as long as it stays bitwise where it is; more looks only make it smaller. Lattice of the map's signed distance and of
+/// unknown space near the pile or under its surface; below base_link's ground it is empty. Immutable; shared by any number
+/// of checkers.
 class CollisionScene;
 
 struct SceneUpdate {
@@ -48,8 +52,11 @@ class CollisionSceneBuilder {
   ~CollisionSceneBuilder();
 
   /// Takes in a surface; what has not changed since the last one is kept. `T_map_base`: where the robot stands (z of
-  /// base_link is up, its xy plane the ground). An empty surface gives a scene where all near the robot is unknown but
-  /// nothing is pile: only floor and robot are in the way. Throws what `map` throws, and keeps the last scene then.
+  /// base_link is up, its xy plane the ground). The map is asked once, for new vertices and for blocks that are new, unknown or
+  /// near a chunk that changed; space that was free stays free until surface near it changes. An empty surface gives a scene
+  /// where only floor and robot are in the way. Throws what `map` throws, std::runtime_error if it answers less than it was
+  /// asked, std::invalid_argument unless there is a normal for each vertex (zero or NaN: that of its triangles) and the pose
+  /// is rigid; the last scene stays then.
   SceneUpdate update(const Surface& surface, const MapView& map, const Eigen::Isometry3d& T_map_base);
 
   /// Never null.

@@ -56,7 +56,7 @@ struct MotionPlannerConfig {
   double magnet_radius_m{0.03};
   int yaw_samples{12};                      // turns of the tool about the face's normal
   double contact_grid_m{0.04};              // spacing of contact points tried beside the plate's middle
-  int max_goals{12};                        // contact configurations handed to the planner, best first
+  int max_goals{24};                        // contact configurations handed to the planner, best first
   double max_tilt_rad{0.5235987755982988};  // while carrying
   double inspect_clear_m{0.05};             // the arm stays this far out of the camera's view of the pile
   int inspect_samples{4000};                // postures drawn if none of the given ones keeps the view free

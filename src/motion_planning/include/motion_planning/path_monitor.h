@@ -15,7 +15,7 @@ struct PathMonitorConfig {
   double sample_s{0.05};          // along the trajectory, and more densely where
   double sample_rad{0.035};       // a joint would move farther than this in between
   double horizon_s{1e9};          // looks ahead so far
-  double clearance_step_m{0.01};  // to which the clearance is found: it is not over-estimated by more
+  double clearance_step_m{0.01};  // the clearance told is too large by no more, as far as 40 looks allow
 
   std::vector<std::string> validate() const;
 };

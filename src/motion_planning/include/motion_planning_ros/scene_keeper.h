@@ -77,6 +77,7 @@ class SceneKeeper {
   std::uint64_t done_mesh_number_{0};
   std::uint64_t done_asked_number_{0};
   std::shared_ptr<const MapScene> last_;
+  std::uint64_t last_mesh_number_{0};  // that last_ was made from
   Counters counters_;
 
   ros::Subscriber mesh_subscriber_;

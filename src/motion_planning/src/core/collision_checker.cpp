@@ -52,6 +52,13 @@ Part makePart(const std::string& link, std::size_t body, const Eigen::Isometry3d
   part.self_fcl = toFcl(self_shape);
   part.padded_fcl = toFcl(inflate(self_shape, self_padding_m));
   part.self_radius_m = boundingRadius(self_shape);
+  return part;
+}
+
+/// What only parts that move are asked for.
+Part makeMovingPart(const std::string& link, std::size_t body, const Eigen::Isometry3d& T_body_shape,
+                    const Shape& world_shape, const Shape& self_shape, double self_padding_m) {
+  Part part = makePart(link, body, T_body_shape, world_shape, self_shape, self_padding_m);
   part.world_spheres = coverShape(world_shape);
   part.self_spheres = coverShape(self_shape);
   part.core = corePoints(world_shape);
@@ -95,7 +102,7 @@ std::shared_ptr<const RobotParts> makeParts(const ArmKinematics& arm, double sel
   for (const auto& shape : robot.shapes()) {
     if (parts->is_moving[shape.body]) {
       parts->moving.push_back(
-          makePart(shape.link, shape.body, shape.T_body_shape, shape.shape, shape.shape, self_padding_m));
+          makeMovingPart(shape.link, shape.body, shape.T_body_shape, shape.shape, shape.shape, self_padding_m));
       parts->moving.back().is_tool = shape.link == mp700_ur5e_description::kMagnetLink;
     } else {
       // Wheels turn about their own axes: at zero they are where they always are.
@@ -200,7 +207,8 @@ struct CollisionChecker::State {
   std::optional<OrientedBox> target;  // padded
   Eigen::Isometry3d T_target_map;
   bool target_for_all{false};
-  std::vector<std::shared_ptr<const SurfaceChunk>> target_chunks;  // as the scene's; null: nothing is left
+  // As the scene's, made when first asked for; a null pointer: nothing is left.
+  std::vector<std::optional<std::shared_ptr<const SurfaceChunk>>> target_chunks;
 
   std::vector<char> is_freed;  // blocks of the lattice; empty: none
 
@@ -340,20 +348,42 @@ struct CollisionChecker::State {
     return CollisionKind::kNone;
   }
 
-  const SurfaceChunk* chunkFor(std::size_t chunk, bool is_exempt) const {
-    return is_exempt ? target_chunks[chunk].get() : scene->chunks[chunk].get();
+  /// The least of the map's distances at blocks' middles and at points of the middle within the part [m]: how deep it is in
+  /// an object. Zero: it is in none.
+  double depth(std::size_t i) const {
+    double depth_m = 0.0;
+    visitBlocks(i, [&](std::size_t index, double distance_m) {
+      const double here_m = static_cast<double>(scene->distance_m[index]);
+      if ((scene->flags[index] & kBlockInside) != 0 && distance_m <= 0.0 && here_m < depth_m) depth_m = here_m;
+      return false;
+    });
+    const bool is_exempt = isExempt(moving(i));
+    for (const Eigen::Vector3d& p_shape : moving(i).core) {
+      const Eigen::Vector3d p_map = T_map_moving[i] * p_shape;
+      if (!scene->lattice.contains(p_map) || (is_exempt && isInTarget(p_map))) continue;
+      const double here_m = interpolatedDistance(p_map, is_exempt);
+      if (here_m < depth_m) depth_m = here_m;
+    }
+    return depth_m;
   }
 
-  bool touchesSurface(std::size_t i) const {
+  const SurfaceChunk* chunkFor(std::size_t chunk, bool is_exempt) {
+    if (!is_exempt) return scene->chunks[chunk].get();
+    auto& reduced = target_chunks[chunk];
+    if (!reduced) reduced = SurfaceChunk::without(scene->chunks[chunk], *target);
+    return reduced->get();
+  }
+
+  bool touchesSurface(std::size_t i) {
     const Part& part = moving(i);
     const Eigen::Isometry3d& T = T_map_moving[i];
     const Eigen::Vector3d half = halfExtents(part.world_shape, T.linear());
     const Eigen::AlignedBox3d bounds(T.translation() - half, T.translation() + half);
     const bool is_exempt = isExempt(part);
     for (std::size_t c = 0; c < scene->chunks.size(); ++c) {
+      if (!scene->chunks[c]->bounds().intersects(bounds)) continue;
       const SurfaceChunk* chunk = chunkFor(c, is_exempt);
-      if (!chunk || !chunk->bounds().intersects(bounds)) continue;
-      if (overlap(chunk->bvh(), Eigen::Isometry3d::Identity(), *part.world_fcl, T)) return true;
+      if (chunk && overlap(chunk->bvh(), Eigen::Isometry3d::Identity(), *part.world_fcl, T)) return true;
     }
     return false;
   }
@@ -438,11 +468,9 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   const mp700_ur5e_description::Box shrunk{
       (held->size_m.array() - 2.0 * state_->config.held_shrink_m).max(0.2 * held->size_m.array())};
   const mp700_ur5e_description::Box whole{held->size_m};
-  auto part =
-      std::make_shared<Part>(makePart(kBrick, state_->parts->tip_body, state_->parts->T_body_tip * held->T_tip_brick,
-                                      may_touch ? shrunk : whole, whole, state_->config.self_padding_m));
-  // Balls bulge over the box they cover: the lattice, coarse as it is, is asked about the smaller one in any case.
-  part->world_spheres = coverShape(shrunk);
+  auto part = std::make_shared<Part>(
+      makeMovingPart(kBrick, state_->parts->tip_body, state_->parts->T_body_tip * held->T_tip_brick,
+                     may_touch ? shrunk : whole, whole, state_->config.self_padding_m));
   part->is_tool = true;
   state_->held = std::move(part);
   state_->held_brick = held;
@@ -470,12 +498,7 @@ void CollisionChecker::setTarget(const std::optional<OrientedBox>& target, bool 
   }
   state.target = padded;
   state.T_target_map = padded.T_map_box.inverse();
-  const Eigen::Vector3d half = padded.T_map_box.linear().cwiseAbs() * (0.5 * padded.size_m);
-  const Eigen::AlignedBox3d bounds(padded.T_map_box.translation() - half, padded.T_map_box.translation() + half);
-  state.target_chunks = state.scene->chunks;
-  for (auto& chunk : state.target_chunks) {
-    if (chunk->mappedBounds().intersects(bounds)) chunk = SurfaceChunk::without(chunk, padded);
-  }
+  state.target_chunks.assign(state.scene->chunks.size(), std::nullopt);
 }
 
 void CollisionChecker::freeUnknownAt(const ArmVector& joints_rad) {
@@ -527,46 +550,51 @@ double CollisionChecker::clearance(const ArmVector& joints_rad, double limit_m) 
   State& state = *state_;
   state.place(joints_rad);
   double best_m = limit_m;
+  struct Candidate {
+    double distance_m;  // between bounding boxes
+    std::size_t part;
+    const SurfaceChunk* chunk;
+  };
+  std::vector<Candidate> candidates;
   for (std::size_t i = 0; i < state.numMoving(); ++i) {
     if (!state.mayTouchWorld(i, std::max(0.0, best_m))) continue;
     const Part& part = state.moving(i);
-    const Eigen::Isometry3d& T = state.T_map_moving[i];
-    const bool is_exempt = state.isExempt(part);
-    // Inside: as deep as the deepest of the map's distances within the part.
-    double depth_m = 0.0;
-    state.visitBlocks(i, [&](std::size_t index, double distance_m) {
-      const double here_m = static_cast<double>(state.scene->distance_m[index]);
-      if ((state.scene->flags[index] & kBlockInside) != 0 && distance_m <= 0.0 && here_m < 0.0) {
-        depth_m = std::min(depth_m, here_m);
-      }
-      return false;
-    });
-    for (const Eigen::Vector3d& p_shape : part.core) {
-      const Eigen::Vector3d p_map = T * p_shape;
-      if (!state.scene->lattice.contains(p_map) || (is_exempt && state.isInTarget(p_map))) continue;
-      const double here_m = state.interpolatedDistance(p_map, is_exempt);
-      if (here_m < 0.0) depth_m = std::min(depth_m, here_m);
-    }
+    const double depth_m = state.depth(i);
     if (depth_m < 0.0) {
       best_m = std::min(best_m, depth_m);
       continue;
     }
-    const Eigen::Vector3d half = halfExtents(part.world_shape, T.linear());
-    const Eigen::AlignedBox3d bounds(T.translation() - half, T.translation() + half);
-    for (std::size_t c = 0; c < state.scene->chunks.size() && best_m > 0.0; ++c) {
-      const SurfaceChunk* chunk = state.chunkFor(c, is_exempt);
-      if (!chunk || chunk->mappedBounds().squaredExteriorDistance(bounds) >= best_m * best_m) continue;
-      if (overlap(chunk->mappedBvh(), Eigen::Isometry3d::Identity(), *part.world_fcl, T)) {
-        best_m = 0.0;
-        break;
-      }
-      fcl::DistanceResultd result(best_m);
-      fcl::distance(&chunk->mappedBvh(), Eigen::Isometry3d::Identity(), part.world_fcl.get(), T,
-                    fcl::DistanceRequestd(), result);
-      best_m = std::min(best_m, std::max(0.0, result.min_distance));
+    const bool is_exempt = state.isExempt(part);
+    const Eigen::Vector3d half = halfExtents(part.world_shape, state.T_map_moving[i].linear());
+    const Eigen::Vector3d middle = state.T_map_moving[i].translation();
+    const Eigen::AlignedBox3d bounds(middle - half, middle + half);
+    for (std::size_t c = 0; c < state.scene->chunks.size(); ++c) {
+      const double distance_m = state.scene->chunks[c]->mappedBounds().exteriorDistance(bounds);
+      if (distance_m >= best_m) continue;
+      if (const SurfaceChunk* chunk = state.chunkFor(c, is_exempt)) candidates.push_back({distance_m, i, chunk});
     }
   }
-  return best_m;
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b) { return a.distance_m < b.distance_m; });
+  // Vertices bound the answer from above, cheaply; FCL then looks at the few triangles that may be nearer.
+  double bound_m = best_m;
+  for (const Candidate& candidate : candidates) {
+    if (candidate.distance_m >= bound_m || bound_m <= 0.0) break;
+    const Eigen::Isometry3d T_shape_map = state.T_map_moving[candidate.part].inverse();
+    for (const Eigen::Vector3d& p_map : candidate.chunk->mapped()) {
+      bound_m = std::min(bound_m, signedDistance(state.moving(candidate.part).world_shape, T_shape_map * p_map));
+    }
+  }
+  if (bound_m <= 0.0) return std::min(best_m, 0.0);  // a vertex within a part
+  for (const Candidate& candidate : candidates) {
+    if (candidate.distance_m >= bound_m) break;
+    fcl::DistanceResultd result(bound_m);
+    fcl::distance(&candidate.chunk->mappedBvh(), Eigen::Isometry3d::Identity(),
+                  state.moving(candidate.part).world_fcl.get(), state.T_map_moving[candidate.part],
+                  exactDistanceRequest(), result);
+    bound_m = std::min(bound_m, std::max(0.0, result.min_distance));  // -1 where they overlap
+  }
+  return std::min(best_m, bound_m);
 }
 
 }  // namespace motion_planning

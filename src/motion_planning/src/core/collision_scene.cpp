@@ -25,8 +25,9 @@ using gpis_mapping::SpaceState;
 constexpr float kNoDistance = std::numeric_limits<float>::quiet_NaN();
 constexpr float kFarAway = std::numeric_limits<float>::infinity();
 
-/// At a corner of faces a vertex goes farther than its margin, so that each face is displaced by no less: 1.73 at a cube's
-/// corner, 2 at an edge of 60 degrees. Sharper ones get no more, or one bad triangle would put a spike into free space.
+/// At a corner of faces a vertex goes farther than its margin, so that each face is displaced by no less: 1.73 times at a
+/// cube's corner, 2 at an edge of 60 degrees. Sharper ones get no more, or one bad triangle would put a spike into free
+/// space.
 constexpr double kMaxMitre = 2.0;
 /// A triangle lower than this says nothing about the surface's direction, and all of it is this near to its neighbours:
 /// marching cubes makes such slivers wherever the surface passes a corner of a voxel.
@@ -69,6 +70,7 @@ class PointIndex {
  public:
   static constexpr std::uint32_t kNone = ~0u;
 
+  /// Empties it.
   void reserve(std::size_t count) {
     std::size_t size = 64;
     while (size < 2 * count) size *= 2;
@@ -79,14 +81,18 @@ class PointIndex {
 
   std::uint32_t find(const Eigen::Vector3d& p) const { return slots_.empty() ? kNone : slots_[slotOf(p)]; }
 
-  /// At most as many as were reserved.
   std::uint32_t add(const Eigen::Vector3d& p) {
-    std::uint32_t& slot = slots_[slotOf(p)];
-    if (slot == kNone) {
-      slot = static_cast<std::uint32_t>(points_.size());
-      points_.push_back(p);
+    std::size_t slot = slotOf(p);
+    if (slots_[slot] != kNone) return slots_[slot];
+    if (2 * (points_.size() + 1) > slots_.size()) {
+      const std::vector<Eigen::Vector3d> points = std::move(points_);
+      reserve(2 * (points.size() + 1));
+      for (const Eigen::Vector3d& old : points) add(old);
+      slot = slotOf(p);
     }
-    return slot;
+    slots_[slot] = static_cast<std::uint32_t>(points_.size());
+    points_.push_back(p);
+    return slots_[slot];
   }
 
   const std::vector<Eigen::Vector3d>& points() const { return points_; }
@@ -137,8 +143,8 @@ std::vector<LatticeKey> touchedBlocks(const SurfaceChunk& chunk, double block_m)
   return keys;
 }
 
-void build(SurfaceChunk::Bvh* bvh, const std::vector<Eigen::Vector3d>& vertices,
-           const SurfaceChunk::Triangles& triangles) {
+template <class Bvh>
+void build(Bvh* bvh, const std::vector<Eigen::Vector3d>& vertices, const SurfaceChunk::Triangles& triangles) {
   std::vector<fcl::Triangle> indices;
   indices.reserve(triangles.size());
   for (const auto& t : triangles) indices.emplace_back(t[0], t[1], t[2]);
@@ -157,9 +163,9 @@ SurfaceChunk::SurfaceChunk(std::vector<Eigen::Vector3d> mapped, std::vector<Eige
   build(&bvh_, displaced_, triangles_);
 }
 
-const SurfaceChunk::Bvh& SurfaceChunk::mappedBvh() const {
+const SurfaceChunk::MappedBvh& SurfaceChunk::mappedBvh() const {
   std::call_once(mapped_once_, [this] {
-    auto bvh = std::make_unique<Bvh>();
+    auto bvh = std::make_unique<MappedBvh>();
     build(bvh.get(), mapped_, triangles_);
     mapped_bvh_ = std::move(bvh);
   });
@@ -234,6 +240,108 @@ struct CleanSurface {
   std::vector<Eigen::Vector3d> directions;  // into free space, as long as a margin of 1 has to be
 };
 
+struct Corner {
+  Eigen::Vector3d p_map;
+  Eigen::Vector3d normal_map;  // as given; zero: none
+  std::uint32_t vertex;        // of the surface; kNone: the middle of an edge
+};
+using Corners = std::array<Corner, 3>;
+
+/// Calls `keep` for the triangle, or for pieces of it without edges longer than `max_edge_m`; those out of the region are
+/// dropped. Edges are halved, so that triangles which share one stay joined. The region is a ball.
+template <class Keep>
+void cutUp(const Corners& whole, double max_edge_m, const Eigen::Vector3d& region_middle_map, double region_radius_m,
+           const Keep& keep) {
+  const auto isShort = [&](std::size_t i) {
+    return (whole[(i + 1) % 3].p_map - whole[i].p_map).squaredNorm() <= max_edge_m * max_edge_m;
+  };
+  if (isShort(0) && isShort(1) && isShort(2)) {
+    keep(whole);
+    return;
+  }
+  std::vector<Corners> rest = {whole};
+  while (!rest.empty()) {
+    const Corners corners = rest.back();
+    rest.pop_back();
+    std::size_t longest = 0;
+    std::array<double, 3> edge_m;
+    for (std::size_t i = 0; i < 3; ++i) {
+      edge_m[i] = (corners[(i + 1) % 3].p_map - corners[i].p_map).norm();
+      if (edge_m[i] > edge_m[longest]) longest = i;
+    }
+    if (edge_m[longest] <= max_edge_m) {
+      keep(corners);
+      continue;
+    }
+    // Within an edge's length of a corner lies all of the triangle.
+    if ((corners[0].p_map - region_middle_map).norm() > region_radius_m + edge_m[longest]) continue;
+    const Corner& a = corners[longest];
+    const Corner& b = corners[(longest + 1) % 3];
+    const Corner middle{0.5 * (a.p_map + b.p_map), a.normal_map + b.normal_map, PointIndex::kNone};
+    rest.push_back(corners);
+    rest.back()[(longest + 1) % 3] = middle;
+    rest.push_back(corners);
+    rest.back()[longest] = middle;
+  }
+}
+
+/// From directions into free space to displacements for a margin of one: n . d >= 1 for each face that meets in the vertex
+/// (n its normal), unless that takes more than kMaxMitre.
+void mitre(const std::vector<std::array<std::uint32_t, 3>>& triangles, const std::vector<Eigen::Vector3d>& normals,
+           std::vector<Eigen::Vector3d>* directions) {
+  const auto leastAdvance = [&](const std::vector<std::uint32_t>& chosen, std::vector<double>* least) {
+    for (const std::uint32_t t : chosen) {
+      if (normals[t].isZero()) continue;
+      for (const std::uint32_t v : triangles[t]) (*least)[v] = std::min((*least)[v], normals[t].dot((*directions)[v]));
+    }
+  };
+  std::vector<std::uint32_t> chosen(triangles.size());
+  for (std::uint32_t t = 0; t < chosen.size(); ++t) chosen[t] = t;
+  std::vector<double> least(directions->size(), 1.0);
+  leastAdvance(chosen, &least);
+  // Where faces meet at more than 26 degrees, the mean normal is not the best direction: project on the half-space that is
+  // violated most, again and again (Motzkin). Faces at right angles are right after a round each. Which one is the most
+  // violated does not depend on the order of the triangles; nor may the result.
+  constexpr double kSharp = 0.9;
+  constexpr int kRounds = 8;
+  chosen.erase(std::remove_if(chosen.begin(), chosen.end(),
+                              [&](std::uint32_t t) {
+                                return std::all_of(triangles[t].begin(), triangles[t].end(),
+                                                   [&](std::uint32_t v) { return least[v] >= kSharp; });
+                              }),
+               chosen.end());
+  struct Worst {
+    double advance{1.0};
+    Eigen::Vector3d normal{Eigen::Vector3d::Zero()};
+  };
+  for (int round = 0; round < kRounds; ++round) {
+    std::unordered_map<std::uint32_t, Worst> worst;
+    for (const std::uint32_t t : chosen) {
+      const Eigen::Vector3d& n = normals[t];
+      if (n.isZero()) continue;
+      for (const std::uint32_t v : triangles[t]) {
+        if (least[v] >= kSharp) continue;
+        const double advance = n.dot((*directions)[v]);
+        Worst& so_far = worst[v];
+        if (advance < so_far.advance ||
+            (advance == so_far.advance &&
+             std::lexicographical_compare(n.data(), n.data() + 3, so_far.normal.data(), so_far.normal.data() + 3))) {
+          so_far = {advance, n};
+        }
+      }
+    }
+    for (const auto& [v, violated] : worst) (*directions)[v] += (1.0 - violated.advance) * violated.normal;
+  }
+  std::vector<double> reached(directions->size(), std::numeric_limits<double>::max());
+  leastAdvance(chosen, &reached);
+  for (std::size_t v = 0; v < directions->size(); ++v) {
+    Eigen::Vector3d& d = (*directions)[v];
+    d /= std::max(1.0 / kMaxMitre, least[v] >= kSharp ? least[v] : reached[v]);
+    const double length = d.norm();
+    if (length > kMaxMitre) d *= kMaxMitre / length;
+  }
+}
+
 CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, const CollisionSceneConfig& config,
                    std::size_t* degenerate) {
   CleanSurface result;
@@ -242,46 +350,54 @@ CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, 
   result.triangles.reserve(surface.triangles.size());
   std::vector<Eigen::Vector3d> normals;  // of the triangles; zero: a sliver
   normals.reserve(surface.triangles.size());
-  std::vector<std::uint32_t> index(surface.vertices_map.size(), PointIndex::kNone);
   std::vector<Eigen::Vector3d> given;  // sum of the normals given for a place
+  given.reserve(surface.vertices_map.size());
+  std::vector<std::uint32_t> place(surface.vertices_map.size(), PointIndex::kNone);  // of the surface's vertices
+  const double region_ball_m = std::hypot(config.region_radius_m, kRegionTop_m);
+  const auto keep = [&](const Corners& corners) {
+    const Eigen::Vector3d middle_base =
+        T_base_map * Eigen::Vector3d((corners[0].p_map + corners[1].p_map + corners[2].p_map) / 3.0);
+    if (middle_base.head<2>().norm() > config.region_radius_m || middle_base.z() > kRegionTop_m ||
+        middle_base.z() < kRegionBottom_m) {
+      return;
+    }
+    const Eigen::Vector3d ab = corners[1].p_map - corners[0].p_map;
+    const Eigen::Vector3d ac = corners[2].p_map - corners[0].p_map;
+    const Eigen::Vector3d cross = ab.cross(ac);
+    const double longest2 = std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
+    const bool is_sliver = cross.squaredNorm() < kSliver_m * kSliver_m * longest2;
+    normals.push_back(is_sliver ? Eigen::Vector3d::Zero() : Eigen::Vector3d(cross.normalized()));
+    result.triangles.emplace_back();
+    for (std::size_t i = 0; i < 3; ++i) {
+      std::uint32_t once;
+      std::uint32_t& v = corners[i].vertex == PointIndex::kNone ? once : place[corners[i].vertex];
+      if (&v == &once || v == PointIndex::kNone) v = result.vertices.add(corners[i].p_map);
+      if (v == given.size()) given.push_back(Eigen::Vector3d::Zero());
+      given[v] += corners[i].normal_map;
+      result.triangles.back()[i] = v;
+    }
+  };
   for (const auto& triangle : surface.triangles) {
-    std::array<Eigen::Vector3d, 3> p;
+    Corners corners;
     bool is_good = true;
     for (std::size_t i = 0; i < 3 && is_good; ++i) {
       is_good = triangle[i] < surface.vertices_map.size();
       if (!is_good) break;
-      p[i] = surface.vertices_map[triangle[i]];
-      is_good = p[i].allFinite();
+      corners[i].vertex = triangle[i];
+      corners[i].p_map = surface.vertices_map[triangle[i]];
+      corners[i].normal_map = surface.normals_map[triangle[i]].cast<double>();
+      if (!corners[i].normal_map.allFinite()) corners[i].normal_map.setZero();
+      is_good = corners[i].p_map.allFinite();
     }
-    Eigen::Vector3d cross = Eigen::Vector3d::Zero();
     if (is_good) {
-      cross = (p[1] - p[0]).cross(p[2] - p[0]);
-      is_good = cross.norm() > kMinCross_m2;  // false for NaN: edges too long to square
+      const double cross_m2 = (corners[1].p_map - corners[0].p_map).cross(corners[2].p_map - corners[0].p_map).norm();
+      is_good = std::isfinite(cross_m2) && cross_m2 > kMinCross_m2;
     }
     if (!is_good) {
       ++*degenerate;
       continue;
     }
-    const Eigen::Vector3d middle_base = T_base_map * Eigen::Vector3d((p[0] + p[1] + p[2]) / 3.0);
-    if (middle_base.head<2>().norm() > config.region_radius_m || middle_base.z() > kRegionTop_m ||
-        middle_base.z() < kRegionBottom_m) {
-      continue;
-    }
-    const double longest2 =
-        std::max({(p[1] - p[0]).squaredNorm(), (p[2] - p[1]).squaredNorm(), (p[0] - p[2]).squaredNorm()});
-    const bool is_sliver = cross.squaredNorm() < kSliver_m * kSliver_m * longest2;
-    normals.push_back(is_sliver ? Eigen::Vector3d::Zero() : Eigen::Vector3d(cross.normalized()));
-    result.triangles.emplace_back();
-    for (std::size_t i = 0; i < 3; ++i) {
-      std::uint32_t& place = index[triangle[i]];
-      if (place == PointIndex::kNone) {
-        place = result.vertices.add(p[i]);
-        if (place == given.size()) given.push_back(Eigen::Vector3d::Zero());
-        const Eigen::Vector3d normal = surface.normals_map[triangle[i]].cast<double>();
-        if (normal.allFinite()) given[place] += normal;
-      }
-      result.triangles.back()[i] = place;
-    }
+    cutUp(corners, config.chunk_m, T_map_base.translation(), region_ball_m, keep);
   }
   // Where no normal was given, the triangles' own.
   std::vector<Eigen::Vector3d> own(given.size(), Eigen::Vector3d::Zero());
@@ -291,15 +407,11 @@ CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, 
   result.directions.resize(given.size());
   for (std::size_t v = 0; v < given.size(); ++v) {
     result.directions[v] = given[v].norm() > 1e-3 ? given[v].normalized() : own[v].normalized();
+    // Sums depend in their last bits on the order of the triangles, and a chunk is known by its bits.
+    constexpr double kGrid = 1 << 20;
+    result.directions[v] = (result.directions[v] * kGrid).array().round() / kGrid;
   }
-  std::vector<double> cosine(given.size(), 1.0);
-  for (std::size_t t = 0; t < result.triangles.size(); ++t) {
-    if (normals[t].isZero()) continue;
-    for (const std::uint32_t v : result.triangles[t]) {
-      cosine[v] = std::min(cosine[v], normals[t].dot(result.directions[v]));
-    }
-  }
-  for (std::size_t v = 0; v < given.size(); ++v) result.directions[v] /= std::max(1.0 / kMaxMitre, cosine[v]);
+  mitre(result.triangles, normals, &result.directions);
   return result;
 }
 
@@ -363,7 +475,6 @@ BlockLattice latticeOf(const std::vector<Eigen::Vector3d>& vertices_map, const E
 std::vector<std::uint8_t> blocksNear(const BlockLattice& lattice, const std::vector<LatticeKey>& chunks,
                                      const CollisionSceneConfig& config) {
   std::vector<std::uint8_t> is_near(lattice.count(), 0);
-  // A triangle stands out of its chunk by less than its own size, marching cubes' by a voxel.
   const Eigen::Vector3d reach = Eigen::Vector3d::Constant(kReachOfChange_m + config.block_m);
   for (const LatticeKey& key : chunks) {
     const Eigen::Vector3d corner = key.corner(config.chunk_m);
@@ -455,9 +566,12 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
     std::vector<std::uint32_t> triangles;
   };
   std::unordered_map<LatticeKey, Gathered, LatticeKeyHash> gathered;
+  std::pair<const LatticeKey, Gathered>* last = nullptr;  // neighbours in the mesh are mostly in the same chunk
   for (std::size_t t = 0; t < cleaned.triangles.size(); ++t) {
     const auto& [a, b, c] = cleaned.triangles[t];
-    Gathered& chunk = gathered[LatticeKey::of((vertices[a] + vertices[b] + vertices[c]) / 3.0, config.chunk_m)];
+    const LatticeKey key = LatticeKey::of((vertices[a] + vertices[b] + vertices[c]) / 3.0, config.chunk_m);
+    if (!last || last->first != key) last = &*gathered.try_emplace(key).first;
+    Gathered& chunk = last->second;
     chunk.triangles.push_back(static_cast<std::uint32_t>(t));
     ++chunk.contents.count;
     for (std::size_t i = 0; i < 2; ++i) {
@@ -550,8 +664,8 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
   }
   std::vector<ChunkRecord> built(changed.size());
   gpis_mapping::parallelFor(changed.size(), gpis_mapping::resolveThreadCount(0), 4,
-                            [&](std::size_t first, std::size_t last) {
-                              for (std::size_t i = first; i < last; ++i) {
+                            [&](std::size_t first, std::size_t end) {
+                              for (std::size_t i = first; i < end; ++i) {
                                 const Gathered& chunk = gathered.at(changed[i]);
                                 built[i] = makeChunk(chunk.triangles, cleaned.triangles, vertices, displaced, config);
                                 built[i].contents = chunk.contents;

@@ -12,10 +12,11 @@
 namespace motion_planning {
 namespace {
 
-constexpr double kSamePoint_rad = 1e-6;   // waypoints nearer than this are one
-constexpr double kSameDirection = 1e-9;   // difference of unit tangents that is no corner
-constexpr double kLimitShare = 0.999;     // planned with this share of the limits: room for rounding
-constexpr double kLimitTolerance = 1e-9;  // relative; of the test at the end
+constexpr double kSamePoint_rad = 1e-6;     // waypoints nearer than this are one
+constexpr double kSameDirection = 1e-9;     // difference of unit tangents that is no corner
+constexpr double kLimitShare = 0.999;       // planned with this share of the limits: room for rounding
+constexpr double kPointSpeedShare = 0.995;  // the same for the speed of a point, which is held at the cells' borders
+constexpr double kLimitTolerance = 1e-9;    // relative; of the test at the end
 constexpr int kCellsPerBlend = 16;
 constexpr double kMaxCell_rad = 0.05;               // on straight parts, where cells are exact
 constexpr double kMaxCellAtPointSpeed_rad = 0.005;  // where the Jacobian changes along the way
@@ -199,7 +200,7 @@ class SpeedProfile {
     for (std::size_t i = 0; i < point_x_.size(); ++i) {
       const PathPoint& point = i < cells_.size() ? begin_[i] : end_.back();
       const double metres_per_s = pointRate(*speed_limit, point);
-      if (metres_per_s > 0.0) point_x_[i] = std::pow(kLimitShare * speed_limit->speed_m_s / metres_per_s, 2);
+      if (metres_per_s > 0.0) point_x_[i] = std::pow(kPointSpeedShare * speed_limit->speed_m_s / metres_per_s, 2);
     }
   }
 

@@ -22,14 +22,16 @@ namespace description = mp700_ur5e_description;
 using description::BrickFace;
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr double kLineDeviation_rad = 1e-4;   // rounding of straight lines: 0.1 mm at the arm's full reach
-constexpr double kTiltReserve_rad = 0.02;     // kept while planning, for what lies between checked states
-constexpr double kLimitTolerance_rad = 1e-9;  // of ArmKinematics::isWithinLimits
-constexpr int kPlanAttempts = 3;              // finer each time, if a path turns out to graze something
-constexpr int kRoundings = 4;                 // half the deviation each time, the last time practically none
-constexpr int kStowAttempts = 3;              // contact postures tried if the brick cannot be carried away from one
-constexpr int kSampleAttempts = 30;           // to draw a posture that keeps a tilt
-constexpr std::size_t kInspectGoals = 8;
+constexpr double kLineDeviation_rad = 1e-4;     // rounding of straight lines: 0.1 mm at the arm's full reach
+constexpr double kTiltReserve_rad = 0.02;       // kept while planning, for what lies between checked states
+constexpr double kLimitTolerance_rad = 1e-9;    // of ArmKinematics::isWithinLimits
+constexpr int kPlanAttempts = 3;                // finer each time, if a path turns out to graze something
+constexpr int kRoundings = 4;                   // half the deviation each time, the last time practically none
+constexpr int kStowAttempts = 3;                // contact postures tried if the brick cannot be carried away from one
+constexpr double kLongestTurn_rad = 1.5 * kPi;  // of joint 1 to a goal: beyond it the other way is much shorter
+constexpr double kLevelShare = 0.7;             // of the samples of a carrying motion
+constexpr int kSampleAttempts = 30;             // to draw a posture that keeps a tilt
+constexpr std::size_t kInspectPostures = 100;   // out of view, found before the nearest of them become goals
 
 bool isRigid(const Eigen::Isometry3d& T) {
   if (!T.matrix().allFinite()) return false;
@@ -66,7 +68,13 @@ PlanFailure cancelledFailure() {
 
 /// Shortest rotation that turns unit vector `from` into `to`.
 Eigen::Matrix3d turning(const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
-  return Eigen::Quaterniond::FromTwoVectors(from, to).toRotationMatrix();
+  // Not Eigen's FromTwoVectors: some 1e-6 rad from opposite, as a brick is that physics has laid down, it cancels and
+  // gives no rotation.
+  Eigen::Vector3d axis = from.cross(to);
+  const double sine = axis.norm();
+  constexpr double kParallel = 1e-9;
+  axis = sine > kParallel ? Eigen::Vector3d(axis / sine) : from.unitOrthogonal();
+  return Eigen::AngleAxisd(std::atan2(sine, from.dot(to)), axis).toRotationMatrix();
 }
 
 Eigen::Matrix3d aboutZ(double angle_rad) {
@@ -283,7 +291,7 @@ class MotionPlanner::Call {
   std::optional<JointPath> followLine(const ArmVector& from, const Eigen::Isometry3d& T_base_from,
                                       const Eigen::Vector3d& way_base) const;
   std::function<ArmVector(const std::function<double()>&)> tiltSampler(const TiltConstraint& tilt,
-                                                                       const ArmVector& near) const;
+                                                                       std::vector<ArmVector> references) const;
   std::optional<JointTrajectory> timed(const JointPath& path, const ArmVector& reach_m,
                                        const std::function<bool(const ArmVector&)>& is_valid) const;
   JointTrajectory timedLine(const JointPath& line, double speed_m_s) const;
@@ -332,15 +340,34 @@ std::optional<JointPath> MotionPlanner::Call::followLine(const ArmVector& from, 
   return line;
 }
 
-/// Draws tips in the arm's reach with the carried thing tilted by no more than allowed, and a random branch for each.
-std::function<ArmVector(const std::function<double()>&)> MotionPlanner::Call::tiltSampler(const TiltConstraint& tilt,
-                                                                                          const ArmVector& near) const {
+/// Draws postures with the carried thing tilted by no more than allowed. Most of them keep the tool at the angle that one
+/// of the references (start and goals) has: joints 2, 3 and 4 turn about parallel axes, so that all postures with the
+/// same sum of the three and the same joint 5 do, whatever joint 1, whose axis is upright, and so does every straight line
+/// between two of them; trees grow along these without being cut by the constraint. The rest draws tips in the arm's
+/// reach with any allowed tilt, and a random branch for each.
+std::function<ArmVector(const std::function<double()>&)> MotionPlanner::Call::tiltSampler(
+    const TiltConstraint& tilt, std::vector<ArmVector> references) const {
   const Eigen::Isometry3d T_base_armbase =
       arm_.robot().framePose(description::kArmBaseFrame, arm_.robotPositions(ArmVector::Zero()));
   const Eigen::Matrix3d R_level = turning(tilt.up_tip, Eigen::Vector3d::UnitZ());
   const double cos_max = std::cos(std::max(0.0, tilt.max_tilt_rad - kTiltReserve_rad));
   const double reach_m = armReach(arm_, std::nullopt)[0];
-  return [=](const std::function<double()>& uniform01) -> ArmVector {
+  const double max_tilt_rad = std::max(0.0, tilt.max_tilt_rad - kTiltReserve_rad);
+  return [=, references = std::move(references)](const std::function<double()>& uniform01) -> ArmVector {
+    const auto& near = references[std::min(
+        references.size() - 1, static_cast<std::size_t>(uniform01() * static_cast<double>(references.size())))];
+    if (uniform01() < kLevelShare) {
+      ArmVector q = near;
+      const double sum_rad = near[1] + near[2] + near[3];
+      q[0] += kPi * (2.0 * uniform01() - 1.0);
+      q[1] += kPi * (2.0 * uniform01() - 1.0);
+      q[2] = std::copysign(kPi * uniform01(), near[2]);  // through the stretched arm is a long way round
+      q[3] = sum_rad - q[1] - q[2];
+      const double roll_rad = kPi * (2.0 * uniform01() - 1.0);
+      q[5] += roll_rad;
+      if (tiltOf(tilt, q) > max_tilt_rad) q[5] -= roll_rad;  // the tool is not upright: turning it tilts
+      return q;
+    }
     for (int attempt = 0; attempt < kSampleAttempts; ++attempt) {
       Eigen::Isometry3d T_base_tip = Eigen::Isometry3d::Identity();
       Eigen::Vector3d p_armbase;
@@ -390,7 +417,7 @@ JointTrajectory MotionPlanner::Call::timedLine(const JointPath& line, double spe
   return timeParametrize(line, limits_, timing, tipSpeedLimit(planner_.arm_, speed_m_s));
 }
 
-/// Poses of the tip that hold the brick over the opening, edges along the opening's first.
+/// Poses of the tip that hold the brick over the opening; edges along the opening's are among the turns.
 std::vector<Eigen::Isometry3d> MotionPlanner::Call::placePoses(const PlaceGoal& place, const HeldBrick& held,
                                                                const Eigen::Vector3d& up_tip) const {
   const Eigen::Matrix3d R_level = turning(up_tip, Eigen::Vector3d::UnitZ());
@@ -402,10 +429,6 @@ std::vector<Eigen::Isometry3d> MotionPlanner::Call::placePoses(const PlaceGoal& 
   const double opening_yaw = std::atan2(R_opening(1, 0), R_opening(0, 0));
   std::vector<double> turns;
   for (int k = 0; k < config_.yaw_samples; ++k) turns.push_back(2.0 * kPi * k / config_.yaw_samples);
-  std::stable_sort(turns.begin(), turns.end(), [](double a, double b) {
-    const auto skew = [](double turn) { return std::round(1e6 * std::abs(std::sin(2.0 * turn))); };
-    return skew(a) < skew(b);
-  });
   std::vector<Eigen::Isometry3d> T_base_tips;
   for (const double turn : turns) {
     Eigen::Isometry3d T_base_brick = Eigen::Isometry3d::Identity();
@@ -462,12 +485,18 @@ MotionPlanner::Call::Goals MotionPlanner::Call::findGoals(const ArmGoal& goal, c
       return fail(PlanStatus::kNoIk,
                   what + ": no joint angles reach it (" + std::to_string(T_base_tips.size()) + " poses tried)");
     }
-    // By the way, as long as the turns' order (edges along the opening's) does not decide.
-    if (!goal.place) {
-      std::stable_sort(postures.begin(), postures.end(), [&](const ArmVector& a, const ArmVector& b) {
-        return (a - near).squaredNorm() < (b - near).squaredNorm();
-      });
+    // A whole turn of the first joint is another way round the mast; of the others, the same way.
+    const std::size_t given = postures.size();
+    for (std::size_t i = 0; i < given; ++i) {
+      for (const double turn : {-2.0 * kPi, 2.0 * kPi}) {
+        ArmVector turned = postures[i];
+        turned[0] += turn;
+        if (arm_.isWithinLimits(turned)) postures.push_back(turned);
+      }
     }
+    std::stable_sort(postures.begin(), postures.end(), [&](const ArmVector& a, const ArmVector& b) {
+      return (a - near).squaredNorm() < (b - near).squaredNorm();
+    });
   }
   Rejections rejections;
   double least_tilt_rad = kPi;
@@ -483,6 +512,12 @@ MotionPlanner::Call::Goals MotionPlanner::Call::findGoals(const ArmGoal& goal, c
       continue;
     }
     goals.postures.push_back(q);
+    // The other way round as well: the mast stands in one of them. A posture that was asked for is meant as it is.
+    ArmVector other_way = q;
+    other_way[0] += q[0] > near[0] ? -2.0 * kPi : 2.0 * kPi;
+    if (!goal.joints_rad && std::abs(other_way[0] - near[0]) <= kLongestTurn_rad && arm_.isWithinLimits(other_way)) {
+      goals.postures.push_back(other_way);
+    }
     if (goals.postures.size() >= static_cast<std::size_t>(config_.max_goals)) break;
   }
   if (!goals.postures.empty()) return goals;
@@ -511,7 +546,9 @@ MotionPlanner::Call::Motion MotionPlanner::Call::moveTo(const ArmVector& start, 
     // Start and goals may use up the reserve.
     planned_tilt_rad = std::max(tilt->max_tilt_rad - kTiltReserve_rad, tiltOf(*tilt, start));
     for (const ArmVector& goal : goals) planned_tilt_rad = std::max(planned_tilt_rad, tiltOf(*tilt, goal));
-    space.sample = tiltSampler(*tilt, start);
+    std::vector<ArmVector> references(goals.size() + 1, start);  // as often the start as a goal
+    references.insert(references.end(), goals.begin(), goals.end());
+    space.sample = tiltSampler(*tilt, std::move(references));
   }
   const auto is_valid_within = [&](const ArmVector& q, double max_tilt_rad) {
     return (!tilt || tiltOf(*tilt, q) <= max_tilt_rad) && checker.isFree(q);
@@ -635,14 +672,18 @@ ArmPlan MotionPlanner::Call::planInspect(const ViewFrustum& view, const std::vec
     }
     return q;
   };
-  const auto draw_level = tilt ? tiltSampler(*tilt, context_.start_rad) : nullptr;
+  const auto draw_level = tilt ? tiltSampler(*tilt, {context_.start_rad}) : nullptr;
   std::vector<ArmVector> found;
-  for (int n = 0; n < config_.inspect_samples && found.size() < kInspectGoals; ++n) {
+  for (int n = 0; n < config_.inspect_samples && found.size() < kInspectPostures; ++n) {
     if (isCancelled()) return fail(cancelledFailure());
     const ArmVector q = tilt ? draw_level(uniform01) : draw();
     if (qualifies(q)) found.push_back(q);
   }
   if (!found.empty()) {
+    std::stable_sort(found.begin(), found.end(), [&](const ArmVector& one, const ArmVector& other) {
+      return (one - context_.start_rad).squaredNorm() < (other - context_.start_rad).squaredNorm();
+    });
+    found.resize(std::min(found.size(), static_cast<std::size_t>(config_.max_goals)));
     if (arrive(found)) return plan;
     return fail(blocked);
   }

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kCoarse_s = 0.4;  // between the first looks at clearance
-constexpr int kMaxLooks = 60;      // at clearance in one check: it costs up to a millisecond, a check must keep 10 Hz
+constexpr int kMaxLooks = 40;      // at clearance in one check: each costs about a millisecond, and 10 Hz must be kept
 
 /// Clearance at one time.
 struct Look {

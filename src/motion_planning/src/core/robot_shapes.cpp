@@ -68,7 +68,8 @@ std::vector<Eigen::Vector3d> corePoints(const Shape& shape) {
     for (int j = 0; j <= count[1]; ++j) {
       for (int k = 0; k <= count[2]; ++k) {
         const Eigen::Array3d share = Eigen::Array3d(i, j, k) / count.cast<double>().max(1.0);
-        points.push_back((2.0 * share - (count > 0).cast<double>()).matrix().cwiseProduct(reach));
+        const Eigen::Vector3d p = (2.0 * share - (count > 0).cast<double>()).matrix().cwiseProduct(reach);
+        if (signedDistance(shape, p) < (1e-9 - 1.0) * depth_m) points.push_back(p);  // of a disc not the corners
       }
     }
   }
@@ -125,6 +126,12 @@ std::shared_ptr<const fcl::CollisionGeometryd> toFcl(const Shape& shape) {
   if (const auto* sphere = std::get_if<Sphere>(&shape)) geometry = std::make_shared<fcl::Sphered>(sphere->radius_m);
   geometry->computeLocalAABB();
   return geometry;
+}
+
+fcl::DistanceRequestd exactDistanceRequest() {
+  fcl::DistanceRequestd request;
+  request.distance_tolerance = 1e-9;
+  return request;
 }
 
 }  // namespace motion_planning

@@ -126,6 +126,24 @@ Eigen::Isometry3d UrGeometry::tipPose(const ArmVector& q) const {
          turnAbout(wrist_, axis_5_, q[4]) * turnAbout(centre_, axis_6_, q[5]) * T_S_tip_zero_;
 }
 
+/// What to add to theta, as little as may be, for the wrist to be within reach of upper arm and forearm. The wrist is
+/// `wrist_height_m_` from the centre, against axis 5, which turns with theta: reach^2 = r^2 + h^2 - 2 r h cos(angle).
+double UrGeometry::toReach(double theta, const Eigen::Vector3d& centre_1) const {
+  const double radius_m = std::hypot(centre_1.x(), centre_1.z());
+  const double twice_product = 2.0 * radius_m * wrist_height_m_;
+  if (std::abs(twice_product) < 1e-12) return 0.0;  // the wrist does not move
+  const auto cosineAt = [&](double reach_m) {
+    return (radius_m * radius_m + wrist_height_m_ * wrist_height_m_ - reach_m * reach_m) / twice_product;
+  };
+  const double stretched = cosineAt(upper_length_m_ + forearm_length_m_);
+  const double folded = cosineAt(upper_length_m_ - forearm_length_m_);
+  const double least = std::min(stretched, folded), most = std::max(stretched, folded);
+  const double angle_rad = std::remainder(planeAngle(axis_5_) + theta - planeAngle(centre_1), 2.0 * M_PI);
+  const double cosine = std::cos(angle_rad);
+  if ((cosine >= least && cosine <= most) || least > 1.0 || most < -1.0) return 0.0;
+  return std::copysign(std::acos(std::clamp(cosine, least, most)), angle_rad) - angle_rad;
+}
+
 void UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
                        Branches* branches) const {
   branches->fill(ArmVector::Constant(std::numeric_limits<double>::quiet_NaN()));
@@ -173,7 +191,13 @@ void UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, 
         q6 = -std::atan2(axis_6_.dot(from.cross(y_seen)), from.dot(y_seen) - from.dot(axis_6_) * cosine);
       }
       const Eigen::Matrix3d R_theta = N1 * Eigen::AngleAxisd(-q6, axis_6_).toRotationMatrix() * R5.transpose();
-      const double theta = std::atan2(R_theta(0, 2) - R_theta(2, 0), R_theta(0, 0) + R_theta(2, 2));
+      double theta = std::atan2(R_theta(0, 2) - R_theta(2, 0), R_theta(0, 0) + R_theta(2, 2));
+      if (is_aligned) {
+        // Turns 6 and theta are about one line and only their sum counts.
+        const double change_rad = toReach(theta, centre_1);
+        theta += change_rad;
+        q6 -= cosine > 0.0 ? change_rad : -change_rad;
+      }
 
       // Elbow: a planar arm of two links from the origin to the wrist.
       const double sin_theta = std::sin(theta), cos_theta = std::cos(theta);

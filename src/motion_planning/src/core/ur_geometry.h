@@ -38,11 +38,13 @@ class UrGeometry {
     double rotation_rad;
   };
 
-  /// At a wrist singularity wrist_3 is `wrist_3_rad`.
+  /// At a wrist singularity wrist_3 is `wrist_3_rad` or, where the arm is too short for that, the nearest to it.
   void solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
              Branches* branches) const;
 
  private:
+  double toReach(double theta, const Eigen::Vector3d& centre_1) const;
+
   Eigen::Isometry3d T_S_base_;
   Eigen::Isometry3d T_S_tip_zero_;  // M
   Eigen::Isometry3d T_tip_S_zero_;

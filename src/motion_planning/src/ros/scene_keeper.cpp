@@ -120,7 +120,7 @@ std::shared_ptr<const MapScene> SceneKeeper::current(const Eigen::Isometry3d& T_
     return nullptr;
   }
   const std::uint64_t wanted = mesh_number_;
-  const auto isCurrent = [&] { return done_mesh_number_ >= wanted && last_ && isNear(T_map_base, last_->T_map_base); };
+  const auto isCurrent = [&] { return last_mesh_number_ >= wanted && last_ && isNear(T_map_base, last_->T_map_base); };
   std::uint64_t asked = 0;  // what to wait for; 0: not asked yet
   while (!isCurrent()) {
     if (is_stopping_ || (is_cancelled && is_cancelled())) {
@@ -191,6 +191,7 @@ void SceneKeeper::work() {
       counters_.last_failure = failure;
       if (made->scene) {
         last_ = made;
+        last_mesh_number_ = mesh_number;
         ++counters_.scenes;
       }
     }

@@ -416,6 +416,31 @@ TEST(ArmKinematics, AlignedWristTakesWrist3FromTheSeed) {
   }
 }
 
+// Where the arm is all but stretched, it is too short for most angles of wrist_3 on the line that solves.
+TEST(ArmKinematics, AlignedWristOfAStretchedArmIsSolvedFromAnySeed) {
+  std::mt19937_64 rng(13);
+  for (const double bend_rad : {0.0, 1e-9, 1e-3, 0.1, 0.3}) {
+    for (int i = 0; i < 100; ++i) {
+      ArmVector q = randomJoints(rng);
+      q[2] = bend_rad;
+      q[4] = i % 2 == 0 ? 0.0 : M_PI;
+      const ArmVector near_rad = randomJoints(rng);
+      const Eigen::Isometry3d goal = shipped().tipPose(q);
+      const std::vector<ArmVector> solutions = shipped().inverse(goal, near_rad);
+      ASSERT_FALSE(solutions.empty()) << "elbow " << bend_rad << ": " << q.transpose();
+      double least_rad = M_PI;
+      for (const ArmVector& solution : solutions) {
+        expectSolves(shipped(), goal, solution);
+        if (std::abs(std::sin(solution[4])) > 1e-3) continue;
+        least_rad = std::min(least_rad, std::abs(std::remainder(solution[5] - near_rad[5], 2.0 * M_PI)));
+      }
+      // The nearest possible is no farther than the posture the pose was made from. Stretched and aligned, the polish slides
+      // along the line by up to the root of its residual over the smallest singular value.
+      EXPECT_LE(least_rad, std::abs(std::remainder(q[5] - near_rad[5], 2.0 * M_PI)) + 0.03);
+    }
+  }
+}
+
 TEST(ArmKinematics, NextToSingularitiesInverseStillSolves) {
   for (const unsigned seed : {0u, 1u, 2u, 3u}) {
     const ArmKinematics arm = seed == 0 ? parse(readFile(kUrdfFile)) : calibratedArm(seed);

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 #include <kdl/chainfksolverpos_recursive.hpp>
 
-#include "support/robot_model.h"
+#include "support/urdf_robot.h"
 
 namespace mp700_ur5e_description {
 namespace {
@@ -41,7 +41,7 @@ class ArmKinematics : public testing::Test {
     return toEigen(frame);
   }
 
-  RobotModel robot_;
+  UrdfRobot robot_;
   KDL::Chain chain_;
   KDL::ChainFkSolverPos_recursive solver_;
 };

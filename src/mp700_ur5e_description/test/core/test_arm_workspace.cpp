@@ -22,7 +22,7 @@ bool isArm(const std::string& link) {
 
 /// Pairs of links in touch: closer than the clearance, or, within the arm, whose parts pass each other by millimetres,
 /// overlapping. Empty: none.
-std::string contacts(const RobotModel& robot, const ArmPose& arm) {
+std::string contacts(const UrdfRobot& robot, const ArmPose& arm) {
   std::set<std::pair<std::string, std::string>> pairs = touchingLinks(robot, arm, 0.0);
   for (const auto& pair : touchingLinks(robot, arm, kClearance_m)) {
     if (!isArm(pair.first) || !isArm(pair.second)) pairs.insert(pair);
@@ -37,7 +37,7 @@ ArmPose stowed() {
 }
 
 /// A solution within the limits [rad], or nothing: Levenberg-Marquardt from random starts.
-std::optional<ArmPose> solve(const RobotModel& robot, const Eigen::Isometry3d& T_base_tip, std::mt19937_64& rng) {
+std::optional<ArmPose> solve(const UrdfRobot& robot, const Eigen::Isometry3d& T_base_tip, std::mt19937_64& rng) {
   const KDL::Chain chain = robot.chain(kBaseFrame, kMagnetTipFrame);
   KDL::ChainIkSolverPos_LMA solver(chain, 1e-8);
   KDL::Frame goal;
@@ -61,12 +61,12 @@ std::optional<ArmPose> solve(const RobotModel& robot, const Eigen::Isometry3d& T
 }
 
 TEST(ArmWorkspace, StowedPoseTouchesNothing) {
-  const RobotModel robot;
+  const UrdfRobot robot;
   EXPECT_EQ(contacts(robot, stowed()), "");
 }
 
 TEST(ArmWorkspace, CheckSeesContact) {
-  const RobotModel robot;
+  const UrdfRobot robot;
   ArmPose folded = stowed();
   folded[2] = 3.1;  // forearm into upper arm
   folded[1] = -2.8;
@@ -74,14 +74,14 @@ TEST(ArmWorkspace, CheckSeesContact) {
 }
 
 TEST(ArmWorkspace, StowedToolPointsDown) {
-  const RobotModel robot;
+  const UrdfRobot robot;
   const Eigen::Vector3d tool_z = robot.linkPose(kMagnetTipFrame, stowed()).linear().col(2);
   EXPECT_LT((tool_z + Eigen::Vector3d::UnitZ()).norm(), 1e-6);  // digits of the file
 }
 
 // The magnet holds a brick by its top; the brick's underside is level with the opening, 5 cm below it, and 15 cm above.
 TEST(ArmWorkspace, LaysBricksIntoTheChuteFromAbove) {
-  const RobotModel robot;
+  const UrdfRobot robot;
   const double brick_height_m = loadBrickTypes(DESCRIPTION_DIR "/config/bricks.yaml").types.front().size_m.z();
   std::mt19937_64 rng(3);
   for (const double height_m : {-0.05, 0.0, 0.15}) {

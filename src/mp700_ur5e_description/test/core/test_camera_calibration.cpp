@@ -11,8 +11,8 @@
 
 #include <gtest/gtest.h>
 
-#include "support/robot_model.h"
 #include "support/shipped_file.h"
+#include "support/urdf_robot.h"
 
 namespace mp700_ur5e_description {
 namespace {
@@ -140,7 +140,7 @@ TEST(CalibratedUrdf, HasTheCameraWhereItWasMeasuredAndAllElseUnmoved) {
   const CameraCalibration calibration = example();
   const urdf::ModelInterfaceSharedPtr changed = urdf::parseURDF(calibratedUrdf(urdfText(), calibration));
   ASSERT_TRUE(changed);
-  const RobotModel shipped;
+  const UrdfRobot shipped;
   ASSERT_EQ(changed->joints_.size(), shipped.urdf().joints_.size());
   ASSERT_EQ(changed->links_.size(), shipped.urdf().links_.size());
   for (const auto& [name, joint] : shipped.urdf().joints_) {

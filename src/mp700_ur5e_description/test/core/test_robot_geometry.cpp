@@ -24,7 +24,7 @@ class RobotGeometry : public testing::Test {
   Eigen::Isometry3d pose(const std::string& link) const { return robot_.linkPose(link, ArmPose::Zero()); }
   Eigen::Vector3d position(const std::string& link) const { return pose(link).translation(); }
 
-  RobotModel robot_;
+  UrdfRobot robot_;
 };
 
 TEST_F(RobotGeometry, PassesCheckUrdf) {

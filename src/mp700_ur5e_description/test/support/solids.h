@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "support/robot_model.h"
+#include "support/urdf_robot.h"
 
 namespace mp700_ur5e_description {
 
@@ -62,7 +62,7 @@ struct Solid {
   }
 };
 
-inline std::vector<Solid> solidsOf(const RobotModel& robot, const ArmPose& arm) {
+inline std::vector<Solid> solidsOf(const UrdfRobot& robot, const ArmPose& arm) {
   std::vector<Solid> solids;
   for (const auto& [name, link] : robot.urdf().links_) {
     for (const urdf::CollisionSharedPtr& collision : link->collision_array) {
@@ -73,7 +73,7 @@ inline std::vector<Solid> solidsOf(const RobotModel& robot, const ArmPose& arm) 
 }
 
 /// The link that moves with this one: fixed joints followed upwards.
-inline std::string rigidRoot(const RobotModel& robot, const std::string& link) {
+inline std::string rigidRoot(const UrdfRobot& robot, const std::string& link) {
   urdf::LinkConstSharedPtr at = robot.urdf().getLink(link);
   while (at->parent_joint && at->parent_joint->type == urdf::Joint::FIXED) at = at->getParent();
   return at->name;
@@ -81,7 +81,7 @@ inline std::string rigidRoot(const RobotModel& robot, const std::string& link) {
 
 /// Pairs of links that come nearer than `margin_m`, of those that are not rigidly connected and not neighbours at a joint.
 /// Dense points of one against the inside of the other: slow and plain.
-inline std::set<std::pair<std::string, std::string>> touchingLinks(const RobotModel& robot, const ArmPose& arm,
+inline std::set<std::pair<std::string, std::string>> touchingLinks(const UrdfRobot& robot, const ArmPose& arm,
                                                                    double margin_m) {
   const auto rootAbove = [&](const std::string& root) {
     const urdf::LinkConstSharedPtr parent = robot.urdf().getLink(root)->getParent();

@@ -37,9 +37,9 @@ inline Eigen::Isometry3d toEigen(const KDL::Frame& frame) {
 }
 
 /// The shipped URDF, and where KDL puts its links.
-class RobotModel {
+class UrdfRobot {
  public:
-  RobotModel() : urdf_(urdf::parseURDFFile(kUrdfFile)) {
+  UrdfRobot() : urdf_(urdf::parseURDFFile(kUrdfFile)) {
     if (!urdf_ || !kdl_parser::treeFromFile(kUrdfFile, tree_)) throw std::runtime_error("cannot read " + kUrdfFile);
   }
 

@@ -1,0 +1,460 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion_planning/collision_scene.h"
+
+#include <limits>
+#include <random>
+#include <set>
+
+#include <gmock/gmock.h>
+
+#include "collision_scene_data.h"
+#include "support/box_world.h"
+#include "support/shape_samples.h"
+
+namespace motion_planning {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::SizeIs;
+
+const Eigen::Isometry3d kBaseAtOrigin = Eigen::Isometry3d::Identity();
+
+BoxWorld bricksOnGround() {
+  BoxWorld world;
+  world.ground_z_m = 0.0;
+  world.ground_half_edge_m = 1.0;
+  world.boxes = {uprightBox({0.7, -0.2, 0.1}, {0.3, 0.2, 0.2}), uprightBox({0.7, 0.2, 0.1}, {0.3, 0.2, 0.2}),
+                 uprightBox({0.7, 0.0, 0.3}, {0.3, 0.2, 0.2})};
+  world.boxes[2].T_map_box.rotate(Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()));
+  return world;
+}
+
+/// Triangles of all chunks as displaced, in a canonical order.
+std::multiset<std::array<double, 9>> displacedTriangles(const CollisionScene& scene) {
+  std::multiset<std::array<double, 9>> result;
+  for (const auto& chunk : scene.chunks) {
+    for (const auto& triangle : chunk->triangles()) {
+      std::array<double, 9> row;
+      for (std::size_t i = 0; i < 9; ++i) {
+        row[i] = chunk->displaced()[triangle[i / 3]][static_cast<Eigen::Index>(i % 3)];
+      }
+      result.insert(row);
+    }
+  }
+  return result;
+}
+
+void expectSameScene(const CollisionScene& a, const CollisionScene& b) {
+  EXPECT_EQ(displacedTriangles(a), displacedTriangles(b));
+  ASSERT_TRUE(a.lattice == b.lattice);
+  EXPECT_EQ(a.flags, b.flags);
+  EXPECT_EQ(a.free_distance_m, b.free_distance_m);
+  std::size_t num_near_surface = 0;
+  for (std::size_t i = 0; i < a.distance_m.size(); ++i) {
+    // Only values that decide on a sign are kept up to date: within two blocks of a surface.
+    if (!(std::abs(a.distance_m[i]) < 0.1f)) continue;
+    ++num_near_surface;
+    EXPECT_EQ(a.distance_m[i], b.distance_m[i]);
+  }
+  EXPECT_GT(num_near_surface, 100u);
+}
+
+TEST(CollisionSceneBuilder, RefusesImpossibleValuesAllAtOnce) {
+  CollisionSceneConfig config;
+  config.sigmas = -1.0;
+  config.max_margin_m = 0.001;  // below the margin
+  config.block_m = std::numeric_limits<double>::quiet_NaN();
+  config.region_radius_m = 0.0;
+  EXPECT_THAT(config.validate(), SizeIs(4));
+  try {
+    CollisionSceneBuilder builder(config);
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(), HasSubstr("sigmas = -1, must be in [0, 10]"));
+    EXPECT_THAT(error.what(), HasSubstr("max_margin_m = 0.001 m, must be in [0.005, 0.2] m"));
+  }
+  EXPECT_THAT(CollisionSceneConfig().validate(), SizeIs(0));
+}
+
+TEST(CollisionSceneBuilder, DisplacesEachFaceByNoLessThanItsMargin) {
+  BoxWorld world;
+  world.boxes = {{Eigen::Isometry3d(Eigen::Translation3d(0.7, 0.1, 0.4)), {0.3, 0.2, 0.2}}};
+  world.boxes[0].T_map_box.rotate(Eigen::AngleAxisd(0.5, Eigen::Vector3d(1.0, 2.0, 3.0).normalized()));
+  world.surface_std_m = [](const Eigen::Vector3d& p) { return p.x() > 0.7 ? 0.004 : 0.001; };
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  Surface surface = world.surface(0.02);
+  // As a mesh with normals of faces has them: each vertex of an edge twice or three times. No gap may open there.
+  Surface split;
+  for (const auto& triangle : surface.triangles) {
+    const std::array<Eigen::Vector3d, 3> p = {surface.vertices_map[triangle[0]], surface.vertices_map[triangle[1]],
+                                              surface.vertices_map[triangle[2]]};
+    const std::uint32_t first = static_cast<std::uint32_t>(split.vertices_map.size());
+    split.triangles.push_back({first, first + 1, first + 2});
+    for (const Eigen::Vector3d& vertex : p) {
+      split.vertices_map.push_back(vertex);
+      split.normals_map.push_back((p[1] - p[0]).cross(p[2] - p[0]).normalized().cast<float>());
+    }
+  }
+  for (const Surface* mesh : {&surface, &split}) {
+    builder.update(*mesh, world, kBaseAtOrigin);
+    std::set<std::array<double, 3>> places;
+    std::multiset<std::pair<std::array<double, 3>, std::array<double, 3>>> edges;
+    double farthest_m = 0.0;
+    for (const auto& chunk : builder.scene()->chunks) {
+      for (const auto& triangle : chunk->triangles()) {
+        std::array<std::array<double, 3>, 3> corner;
+        double least_m = 1.0;
+        for (std::size_t i = 0; i < 3; ++i) {
+          const Eigen::Vector3d& p = chunk->displaced()[triangle[i]];
+          corner[i] = {p.x(), p.y(), p.z()};
+          least_m = std::min(least_m, 2.0 * world.surface_std_m(chunk->mapped()[triangle[i]]) + 0.005);
+          farthest_m = std::max(farthest_m, world.distance(p));
+        }
+        for (std::size_t i = 0; i < 3; ++i) edges.insert({corner[i], corner[(i + 1) % 3]});
+        // Everywhere on the triangle, not only at its corners.
+        for (int i = 0; i <= 4; ++i) {
+          for (int j = 0; i + j <= 4; ++j) {
+            const Eigen::Vector3d p = (i * chunk->displaced()[triangle[0]] + j * chunk->displaced()[triangle[1]] +
+                                       (4 - i - j) * chunk->displaced()[triangle[2]]) /
+                                      4.0;
+            EXPECT_GE(world.distance(p), least_m - 1e-7);  // directions are kept to 1e-6
+          }
+        }
+      }
+    }
+    // At a corner of the box, where sigma is 4 mm, the vertex goes along the diagonal: sqrt(3) 13 mm from it.
+    EXPECT_NEAR(farthest_m, std::sqrt(3.0) * 0.013, 1e-6);
+    // Closed: each edge has its opposite, across the borders of chunks too.
+    EXPECT_GT(builder.scene()->chunks.size(), 4u);
+    for (const auto& edge : edges) EXPECT_EQ(edges.count({edge.second, edge.first}), 1u);
+  }
+}
+
+TEST(CollisionSceneBuilder, LimitsTheMarginAlsoWhereSigmaIsNotKnown) {
+  BoxWorld world;
+  world.boxes = {uprightBox({0.7, 0.0, 0.4}, {0.3, 0.2, 0.2})};
+  for (const double surface_std_m : {0.2, std::numeric_limits<double>::quiet_NaN()}) {
+    world.surface_std_m = [=](const Eigen::Vector3d&) { return surface_std_m; };
+    CollisionSceneBuilder builder{CollisionSceneConfig()};
+    builder.update(world.surface(0.02), world, kBaseAtOrigin);
+    double nearest_m = 1.0;
+    for (const auto& chunk : builder.scene()->chunks) {
+      for (const Eigen::Vector3d& p : chunk->displaced()) nearest_m = std::min(nearest_m, world.distance(p));
+    }
+    EXPECT_NEAR(nearest_m, builder.config().max_margin_m, 1e-7);
+  }
+}
+
+TEST(CollisionSceneBuilder, SliversDoNotPutSpikesIntoFreeSpace) {
+  BoxWorld world;
+  world.ground_z_m = 0.2;
+  world.ground_half_edge_m = 0.3;
+  Surface surface = world.surface(0.02);
+  // A triangle 0.2 mm high and steep, as marching cubes leaves them, on two vertices of the plane.
+  const auto [a, b, c] = surface.triangles[300];
+  surface.vertices_map.push_back(0.5 * (surface.vertices_map[a] + surface.vertices_map[b]) +
+                                 Eigen::Vector3d(0.0, 0.0, 2e-4));
+  surface.normals_map.push_back(Eigen::Vector3f::UnitZ());
+  surface.triangles.push_back({a, b, static_cast<std::uint32_t>(surface.vertices_map.size() - 1)});
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  builder.update(surface, world, kBaseAtOrigin);
+  for (const auto& chunk : builder.scene()->chunks) {
+    for (const Eigen::Vector3d& p : chunk->displaced()) EXPECT_LE(p.z(), 0.2 + 0.009 + 2.1e-4);
+  }
+}
+
+TEST(CollisionSceneBuilder, RebuildsOnlyWhatChanged) {
+  const BoxWorld world = bricksOnGround();
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  Surface surface = world.surface(0.02);
+  const SceneUpdate first = builder.update(surface, world, kBaseAtOrigin);
+  EXPECT_EQ(first.chunks_rebuilt, first.chunks);
+  EXPECT_GT(first.chunks, 60u);
+  EXPECT_GT(first.blocks_asked, 500u);
+  const std::shared_ptr<const CollisionScene> before = builder.scene();
+
+  // The same triangles in another order are the same surface.
+  std::mt19937 engine(1);
+  std::shuffle(surface.triangles.begin(), surface.triangles.end(), engine);
+  SceneUpdate update = builder.update(surface, world, kBaseAtOrigin);
+  EXPECT_EQ(update.chunks_rebuilt, 0u);
+  EXPECT_EQ(update.chunks, first.chunks);
+  EXPECT_LT(update.blocks_asked, first.blocks_asked / 10);  // only what is unknown
+
+  // A vertex on the ground far from borders moves by a nanometre: its chunk, and no other.
+  for (std::size_t v = 0; v < surface.vertices_map.size(); ++v) {
+    const Eigen::Vector3d& p = surface.vertices_map[v];
+    if (std::abs(p.x() + 0.5) < 0.03 && std::abs(p.y() - 0.5) < 0.03 && p.z() == 0.0) {
+      surface.vertices_map[v].z() += 1e-9;
+      break;
+    }
+  }
+  update = builder.update(surface, world, kBaseAtOrigin);
+  EXPECT_EQ(update.chunks_rebuilt, 1u);
+  std::size_t kept = 0;
+  for (const auto& chunk : builder.scene()->chunks) {
+    kept += static_cast<std::size_t>(std::count(before->chunks.begin(), before->chunks.end(), chunk));
+  }
+  EXPECT_EQ(kept, first.chunks - 1);
+}
+
+TEST(CollisionSceneBuilder, IncrementalIsTheSameAsFromScratch) {
+  BoxWorld world = bricksOnGround();
+  world.boxes.push_back(uprightBox({0.4, 0.5, 0.1}, {0.2, 0.2, 0.2}));
+  world.surface_std_m = [](const Eigen::Vector3d& p) { return 0.002 + 0.001 * std::sin(20.0 * p.x()); };
+  world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.75 && p.z() < 0.25; };
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  std::mt19937 engine(2);
+  std::uniform_real_distribution<double> offset(-0.05, 0.05);
+  int num_saved = 0;
+  for (int round = 0; round < 8; ++round) {
+    // A brick moves, one comes or goes, more is seen.
+    OrientedBox& moved = world.boxes[engine() % world.boxes.size()];
+    moved.T_map_box.translation() += Eigen::Vector3d(offset(engine), offset(engine), 0.0);
+    if (round % 3 == 1) world.boxes.pop_back();
+    if (round % 3 == 2) world.boxes.push_back(uprightBox({0.5, -0.5 + offset(engine), 0.1}, {0.2, 0.2, 0.2}));
+    const double seen_m = 0.75 + 0.03 * round;
+    world.is_unknown = [seen_m](const Eigen::Vector3d& p) { return p.x() > seen_m && p.z() < 0.25; };
+    const Surface surface = world.surface(0.02);
+    const SceneUpdate update = builder.update(surface, world, kBaseAtOrigin);
+    EXPECT_LT(update.chunks_rebuilt, update.chunks);
+    CollisionSceneBuilder scratch{CollisionSceneConfig()};
+    const SceneUpdate all = scratch.update(surface, world, kBaseAtOrigin);
+    EXPECT_EQ(update.chunks, all.chunks);
+    EXPECT_EQ(update.blocks_unknown, all.blocks_unknown);
+    if (update.blocks_asked < all.blocks_asked) ++num_saved;  // not where the pile's height has changed
+    expectSameScene(*builder.scene(), *scratch.scene());
+  }
+  EXPECT_GE(num_saved, 4);
+}
+
+TEST(CollisionSceneBuilder, NeighbouringChunksAgreeWhenSigmaDrifts) {
+  BoxWorld world;
+  world.ground_z_m = 0.2;
+  world.ground_half_edge_m = 0.5;
+  world.surface_std_m = [](const Eigen::Vector3d&) { return 0.010; };
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  Surface surface = world.surface(0.02);
+  builder.update(surface, world, kBaseAtOrigin);
+  // More looks: the map is surer of itself, and the surface moves in a part of it.
+  world.surface_std_m = [](const Eigen::Vector3d&) { return 0.002; };
+  for (Eigen::Vector3d& p : surface.vertices_map) {
+    if (p.x() > 0.101) p.z() += 0.003;
+  }
+  const SceneUpdate update = builder.update(surface, world, kBaseAtOrigin);
+  EXPECT_GT(update.chunks_rebuilt, 0u);
+  EXPECT_LT(update.chunks_rebuilt, update.chunks);
+  std::map<std::array<double, 3>, std::array<double, 3>> displaced_by_place;
+  for (const auto& chunk : builder.scene()->chunks) {
+    for (std::size_t v = 0; v < chunk->mapped().size(); ++v) {
+      const Eigen::Vector3d& p = chunk->mapped()[v];
+      const Eigen::Vector3d& q = chunk->displaced()[v];
+      const auto [found, is_new] = displaced_by_place.insert({{p.x(), p.y(), p.z()}, {q.x(), q.y(), q.z()}});
+      EXPECT_THAT(found->second, ::testing::ElementsAre(q.x(), q.y(), q.z()));
+      EXPECT_NEAR(q.z() - p.z(), p.x() > 0.101 ? 0.009 : 0.025, 1e-3);
+    }
+  }
+}
+
+TEST(CollisionSceneBuilder, FreeDistanceIsNeverTooLarge) {
+  BoxWorld world = bricksOnGround();
+  world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.8 && p.z() < 0.3; };
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  const SceneUpdate update = builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  EXPECT_GT(update.blocks_unknown, 20u);
+  const CollisionScene& scene = *builder.scene();
+  std::mt19937 engine(3);
+  std::uniform_real_distribution<double> coordinate(-2.5, 2.5);
+  std::size_t num_large = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const double scale = i % 2 == 0 ? 1.0 : 0.4;
+    const Eigen::Vector3d p(0.5 + scale * coordinate(engine), scale * coordinate(engine), scale * coordinate(engine));
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const auto& chunk : scene.chunks) {
+      for (const Eigen::Vector3d& q : chunk->displaced()) nearest = std::min(nearest, (p - q).norm());
+      for (const Eigen::Vector3d& q : chunk->mapped()) nearest = std::min(nearest, (p - q).norm());
+    }
+    for (std::size_t at = 0; at < scene.flags.size(); ++at) {
+      if ((scene.flags[at] & (kBlockInside | kBlockUnknown)) == 0) continue;
+      const Eigen::Vector3d beyond =
+          ((p - scene.lattice.center(scene.lattice.position(at))).cwiseAbs().array() - 0.025).max(0.0);
+      nearest = std::min(nearest, beyond.norm());
+    }
+    EXPECT_LE(scene.freeDistance(p), nearest + 1e-6);
+    if (scene.freeDistance(p) > 0.5 * nearest && nearest > 0.2) ++num_large;
+  }
+  EXPECT_GT(num_large, 500u);  // nor is it always zero
+}
+
+TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
+  BoxWorld world;
+  world.ground_z_m = 0.0;
+  world.ground_half_edge_m = 1.2;
+  world.boxes = {uprightBox({0.8, 0.0, 0.4}, {0.4, 0.4, 0.8})};
+  world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.9; };  // behind, and all the ground there
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  const CollisionScene& scene = *builder.scene();
+  const auto flagsAt = [&](double x, double y, double z) {
+    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, z}))];
+  };
+  EXPECT_EQ(flagsAt(1.02, 0.0, 0.82) & kBlockUnknown, kBlockUnknown);  // behind, beside the seen top
+  EXPECT_EQ(flagsAt(1.4, 0.0, 0.5), 0);                                // far behind: nobody asks
+  EXPECT_EQ(flagsAt(0.8, 0.0, 0.72) & kBlockInside, kBlockInside);
+  EXPECT_EQ(flagsAt(0.77, 0.0, 0.42) & kBlockUnknown, kBlockUnknown);  // deep in the box, under its top
+  EXPECT_EQ(flagsAt(0.5, 0.0, 0.4), kBlockObserved);                   // seen, free
+  EXPECT_EQ(flagsAt(0.0, -0.7, 0.02), 0);                              // ground is no pile
+}
+
+TEST(CollisionSceneBuilder, SurvivesDegenerateTrianglesAndCountsThem) {
+  const BoxWorld world = bricksOnGround();
+  const Surface good = world.surface(0.02);
+  CollisionSceneBuilder reference{CollisionSceneConfig()};
+  const SceneUpdate expected = reference.update(good, world, kBaseAtOrigin);
+  EXPECT_EQ(expected.degenerate, 0u);
+  Surface bad = good;
+  const std::uint32_t first = static_cast<std::uint32_t>(bad.vertices_map.size());
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  bad.vertices_map.insert(bad.vertices_map.end(), {{kNaN, 0.0, 0.5}, {kInfinity, 0.0, 0.5}, {1e300, -1e300, 1e300}});
+  bad.normals_map.insert(bad.normals_map.end(), 3, Eigen::Vector3f::UnitZ());
+  bad.triangles.push_back({0, 1, first});      // NaN
+  bad.triangles.push_back({0, first + 1, 1});  // infinite
+  bad.triangles.push_back({0, 1, first + 2});  // so long that its area is not finite
+  bad.triangles.push_back({0, 1, first + 3});  // no such vertex
+  bad.triangles.push_back({0, 1, ~0u});        // nor this one
+  bad.triangles.push_back({2, 2, 5});          // no area
+  bad.triangles.push_back({7, 7, 7});          // a point
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  const SceneUpdate update = builder.update(bad, world, kBaseAtOrigin);
+  EXPECT_EQ(update.degenerate, 7u);
+  EXPECT_EQ(update.triangles, expected.triangles);
+  expectSameScene(*builder.scene(), *reference.scene());
+
+  Surface doubled = good;
+  doubled.triangles.insert(doubled.triangles.end(), good.triangles.begin(), good.triangles.end());
+  for (Eigen::Vector3f& normal : doubled.normals_map) normal.setConstant(std::numeric_limits<float>::quiet_NaN());
+  builder.update(doubled, world, kBaseAtOrigin);
+  for (const auto& chunk : builder.scene()->chunks) {
+    for (const Eigen::Vector3d& p : chunk->displaced()) {
+      EXPECT_TRUE(p.allFinite());
+    }
+    for (std::size_t v = 0; v < chunk->mapped().size(); ++v) {
+      const double moved_m = (chunk->displaced()[v] - chunk->mapped()[v]).norm();
+      EXPECT_GE(moved_m, 0.009 - 1e-7);
+      EXPECT_LE(moved_m, 2.0 * 0.009 + 1e-7);
+    }
+  }
+}
+
+TEST(CollisionSceneBuilder, CutsUpTrianglesThatAreLargerThanAChunk) {
+  BoxWorld world;
+  world.ground_z_m = 0.1;
+  Surface surface;
+  surface.vertices_map = {{-1e6, -1e6, 0.1}, {1e6, -1e6, 0.1}, {1e6, 1e6, 0.1}, {-1e6, 1e6, 0.1}};
+  surface.normals_map.assign(4, Eigen::Vector3f::UnitZ());
+  surface.triangles = {{0, 1, 2}, {0, 2, 3}};
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  const SceneUpdate update = builder.update(surface, world, kBaseAtOrigin);
+  EXPECT_EQ(update.degenerate, 0u);
+  double area_m2 = 0.0;
+  std::set<std::pair<std::array<double, 3>, std::array<double, 3>>> edges;
+  for (const auto& chunk : builder.scene()->chunks) {
+    for (const auto& triangle : chunk->triangles()) {
+      std::array<std::array<double, 3>, 3> corner;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Eigen::Vector3d& p = chunk->displaced()[triangle[i]];
+        EXPECT_NEAR(p.z(), 0.109, 1e-9);
+        corner[i] = {p.x(), p.y(), p.z()};
+      }
+      const Eigen::Vector3d a = chunk->mapped()[triangle[0]];
+      area_m2 += 0.5 * (chunk->mapped()[triangle[1]] - a).cross(chunk->mapped()[triangle[2]] - a).norm();
+      for (std::size_t i = 0; i < 3; ++i) edges.insert({corner[i], corner[(i + 1) % 3]});
+    }
+  }
+  const double radius_m = builder.config().region_radius_m;
+  EXPECT_NEAR(area_m2, M_PI * radius_m * radius_m, 0.05 * area_m2);  // ragged by a piece of a chunk's size at the rim
+  for (const auto& [from, to] : edges) {
+    if (std::hypot(from[0], from[1]) > radius_m - 0.3)
+      continue;  // but for the rim, no piece is missing and none is split alone
+    EXPECT_EQ(edges.count({to, from}), 1u);
+  }
+}
+
+TEST(CollisionSceneBuilder, AnEmptySurfaceIsAnEmptyScene) {
+  const BoxWorld world = bricksOnGround();
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  EXPECT_NE(builder.scene(), nullptr);
+  EXPECT_TRUE(builder.scene()->chunks.empty());
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  const SceneUpdate update = builder.update(Surface(), world, kBaseAtOrigin);
+  EXPECT_EQ(update.chunks, 0u);
+  EXPECT_EQ(update.blocks_asked, 0u);
+  EXPECT_TRUE(builder.scene()->chunks.empty());
+  EXPECT_GT(builder.scene()->freeDistance({0.7, 0.0, 0.3}), 1e9);
+}
+
+TEST(CollisionSceneBuilder, LooksNoFartherThanTheRegionAndFollowsTheRobot) {
+  BoxWorld world = bricksOnGround();
+  world.boxes.push_back(uprightBox({3.0, 0.0, 0.1}, {0.3, 0.2, 0.2}));
+  const Surface surface = world.surface(0.02);
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  builder.update(surface, world, kBaseAtOrigin);
+  for (const auto& chunk : builder.scene()->chunks) EXPECT_LT(chunk->bounds().max().x(), 2.0);
+  const Eigen::Isometry3d moved(Eigen::Translation3d(2.4, 0.0, 0.0));
+  builder.update(surface, world, moved);
+  CollisionSceneBuilder scratch{CollisionSceneConfig()};
+  scratch.update(surface, world, moved);
+  expectSameScene(*builder.scene(), *scratch.scene());
+  EXPECT_TRUE(std::any_of(builder.scene()->chunks.begin(), builder.scene()->chunks.end(),
+                          [](const auto& chunk) { return chunk->bounds().max().x() > 3.0; }));
+}
+
+class BrokenMap : public MapView {
+ public:
+  bool answers_too_little{false};
+  MapAnswers query(const gpis_mapping::Points3d&) const override {
+    if (answers_too_little) return {};
+    throw std::runtime_error("no answer");
+  }
+};
+
+TEST(CollisionSceneBuilder, KeepsTheLastSceneWhenTheMapDoesNotAnswer) {
+  BoxWorld world = bricksOnGround();
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  const std::shared_ptr<const CollisionScene> before = builder.scene();
+  world.boxes.pop_back();
+  const Surface surface = world.surface(0.02);
+  BrokenMap broken;
+  EXPECT_THROW(builder.update(surface, broken, kBaseAtOrigin), std::runtime_error);
+  broken.answers_too_little = true;
+  EXPECT_THROW(builder.update(surface, broken, kBaseAtOrigin), std::runtime_error);
+  EXPECT_EQ(builder.scene(), before);
+  // and is none the worse for it
+  builder.update(surface, world, kBaseAtOrigin);
+  CollisionSceneBuilder scratch{CollisionSceneConfig()};
+  scratch.update(surface, world, kBaseAtOrigin);
+  expectSameScene(*builder.scene(), *scratch.scene());
+}
+
+TEST(CollisionSceneBuilder, RefusesBadArgumentsAndKeepsTheLastScene) {
+  const BoxWorld world = bricksOnGround();
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  Surface surface = world.surface(0.02);
+  builder.update(surface, world, kBaseAtOrigin);
+  const std::shared_ptr<const CollisionScene> before = builder.scene();
+  Eigen::Isometry3d scaled = kBaseAtOrigin;
+  scaled.linear() *= 1.1;
+  EXPECT_THROW(builder.update(surface, world, scaled), std::invalid_argument);
+  Eigen::Isometry3d nowhere = kBaseAtOrigin;
+  nowhere.translation().z() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(builder.update(surface, world, nowhere), std::invalid_argument);
+  surface.normals_map.pop_back();
+  EXPECT_THROW(builder.update(surface, world, kBaseAtOrigin), std::invalid_argument);
+  EXPECT_EQ(builder.scene(), before);
+}
+
+}  // namespace
+}  // namespace motion_planning

@@ -1,0 +1,625 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "motion_planning/motion_planner.h"
+
+#include <cmath>
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <mp700_ur5e_description/robot_names.h>
+
+#include "support/exact_motion.h"
+#include "support/pick_world.h"
+
+namespace motion_planning {
+namespace {
+
+using mp700_ur5e_description::BrickFace;
+using ::testing::AnyOf;
+using ::testing::Eq;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+MotionPlanner makePlanner(const MotionPlannerConfig& config = {}) {
+  return {shippedArm(), testSectors(), config};
+}
+
+/// One brick before the robot, within easy reach.
+PickWorld oneBrick(double yaw_rad = 0.3) {
+  PickWorld pick = emptyPickWorld();
+  pick.add({0.85, 0.1, 0.1}, yaw_rad);
+  pick.makeScene();
+  return pick;
+}
+
+PickPlan pickFrom(const PickWorld& pick, std::size_t brick, const MotionPlannerConfig& config = {}) {
+  return makePlanner(config).planPick(pick.context(), pick.target(brick), pick.chute(*shippedArm()));
+}
+
+double tiltOf(const Eigen::Vector3d& up_tip, const ArmVector& q) {
+  return std::acos(std::min(1.0, (shippedArm()->tipPose(q).linear() * up_tip).z()));
+}
+
+void expectWithinLimits(const JointTrajectory& trajectory, const MotionPlannerConfig& config) {
+  ASSERT_GE(trajectory.points.size(), 2u);
+  const ArmVector velocity = config.velocity_scale * shippedArm()->limits().velocity_rad_s;
+  for (const TrajectoryPoint& point : trajectory.points) {
+    EXPECT_TRUE(shippedArm()->isWithinLimits(point.position_rad));
+    EXPECT_LE((point.velocity_rad_s.array().abs() / velocity.array()).maxCoeff(), 1.0 + 1e-6);
+    EXPECT_LE(point.acceleration_rad_s2.cwiseAbs().maxCoeff(), config.acceleration_rad_s2 * (1.0 + 1e-6));
+  }
+  EXPECT_EQ(trajectory.points.front().velocity_rad_s, ArmVector::Zero());
+  EXPECT_EQ(trajectory.points.back().velocity_rad_s, ArmVector::Zero());
+}
+
+/// The tip's farthest distance from the line between its ends, and its highest speed.
+std::pair<double, double> straightness(const JointTrajectory& trajectory) {
+  const ArmKinematics& arm = *shippedArm();
+  const Eigen::Vector3d from = arm.tipPose(trajectory.points.front().position_rad).translation();
+  const Eigen::Vector3d along = (arm.tipPose(trajectory.points.back().position_rad).translation() - from).normalized();
+  double off_m = 0.0;
+  double speed_m_s = 0.0;
+  for (double t = 0.0; t <= trajectory.duration(); t += 0.004) {
+    const TrajectoryPoint point = trajectory.sample(t);
+    off_m = std::max(off_m, along.cross(arm.tipPose(point.position_rad).translation() - from).norm());
+    speed_m_s = std::max(speed_m_s, (arm.jacobian(point.position_rad) * point.velocity_rad_s).head<3>().norm());
+  }
+  return {off_m, speed_m_s};
+}
+
+/// All that a pick promises, against the exact boxes.
+void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& plan,
+                    const MotionPlannerConfig& config = {}) {
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  const ArmKinematics& arm = *shippedArm();
+  for (const JointTrajectory* trajectory : {&plan.approach, &plan.contact, &plan.lift, &plan.stow}) {
+    expectWithinLimits(*trajectory, config);
+  }
+  EXPECT_EQ(plan.approach.points.front().position_rad, pick.start_rad);
+  EXPECT_EQ(plan.approach.points.back().position_rad, plan.contact.points.front().position_rad);
+  EXPECT_EQ(plan.contact.points.back().position_rad, plan.lift.points.front().position_rad);
+  EXPECT_EQ(plan.lift.points.back().position_rad, plan.stow.points.front().position_rad);
+
+  // Contact: flat on the plate, the magnet's rim within it.
+  const Eigen::Isometry3d T_map_tip = pick.T_map_base * arm.tipPose(plan.contact.points.back().position_rad);
+  EXPECT_TRUE(T_map_tip.isApprox(plan.T_map_contact, 1e-5));
+  const Eigen::Isometry3d T_face_tip =
+      (pick.world.boxes[brick].T_map_box * mp700_ur5e_description::tagPose(pick.type, plan.face)).inverse() * T_map_tip;
+  EXPECT_NEAR(T_face_tip.translation().z(), 0.0, 1e-5);
+  EXPECT_NEAR(T_face_tip.linear()(2, 2), -1.0, 1e-6);
+  EXPECT_LE(T_face_tip.translation().head<2>().cwiseAbs().maxCoeff() + config.magnet_radius_m + config.plate_margin_m,
+            0.5 * pick.type.plate_edge_m + 1e-6);
+  EXPECT_TRUE((plan.T_map_contact * plan.held.T_tip_brick).isApprox(pick.world.boxes[brick].T_map_box, 1e-9));
+
+  const auto contact_line = straightness(plan.contact);
+  EXPECT_LE(contact_line.first, 1e-3);
+  EXPECT_LE(contact_line.second, config.contact_speed_m_s * 1.005);
+  const auto lift_line = straightness(plan.lift);
+  EXPECT_LE(lift_line.first, 1e-3);
+  EXPECT_LE(lift_line.second, config.lift_speed_m_s * 1.005);
+  EXPECT_NEAR((arm.tipPose(plan.contact.points.front().position_rad).translation() -
+               arm.tipPose(plan.contact.points.back().position_rad).translation())
+                  .norm(),
+              config.approach_m, 1e-5);
+
+  ExactMotion exact(arm, pick);
+  EXPECT_EQ(exact.complaint(plan.approach, 0.0), "");
+  exact.setTarget(brick);
+  EXPECT_EQ(exact.complaint(plan.contact, 0.0), "");
+  exact.setHeld(plan.held);
+  // On what it lies on the brick may rub by what it is planned smaller.
+  EXPECT_EQ(exact.complaint(plan.lift, config.collision.held_shrink_m), "");
+  exact.setTarget(brick, true);
+  EXPECT_EQ(exact.complaint(plan.stow, config.collision.held_shrink_m), "");
+
+  const Eigen::Vector3d up_tip =
+      (pick.T_map_base.inverse() * plan.T_map_contact).linear().transpose() * Eigen::Vector3d::UnitZ();
+  double tilt_rad = 0.0;
+  for (double t = 0.0; t < plan.stow.duration(); t += 0.005) {
+    tilt_rad = std::max(tilt_rad, tiltOf(up_tip, plan.stow.sample(t).position_rad));
+  }
+  EXPECT_LE(tilt_rad, config.max_tilt_rad);
+
+  // Over the chute: as level as it lay, its lowest corner 2 cm above the opening.
+  const Eigen::Isometry3d T_base_held = arm.tipPose(plan.stow.points.back().position_rad) * plan.held.T_tip_brick;
+  const Eigen::Isometry3d T_base_drop =
+      arm.robot().framePose(mp700_ur5e_description::kChuteDropFrame, arm.robotPositions(ArmVector::Zero()));
+  double lowest_m = 1.0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3d sign(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
+    lowest_m = std::min(lowest_m, (T_base_held * (0.5 * sign.cwiseProduct(pick.type.size_m))).z());
+  }
+  EXPECT_NEAR(lowest_m, T_base_drop.translation().z() + PlaceGoal().above_m, 1e-5);
+  EXPECT_LE((T_base_held.translation() - T_base_drop.translation()).head<2>().norm(), 1e-5);
+  EXPECT_NEAR(tiltOf(up_tip, plan.stow.points.back().position_rad), 0.0, 1e-5);
+}
+
+TEST(MotionPlanner, PicksABrickByItsTopAndCarriesItToTheChute) {
+  const PickWorld pick = oneBrick();
+  const PickPlan plan = pickFrom(pick, 0);
+  expectGoodPick(pick, 0, plan);
+  EXPECT_EQ(plan.face, BrickFace::kPlusZ);
+  EXPECT_THAT(plan.tried, IsEmpty());
+}
+
+TEST(MotionPlanner, PicksABrickByItsSide) {
+  const PickWorld pick = oneBrick();
+  PickTarget target = pick.target(0);
+  target.faces.erase(target.faces.begin());
+  MotionPlannerConfig config;
+  const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.chute(*shippedArm()));
+  expectGoodPick(pick, 0, plan, config);
+  EXPECT_NE(plan.face, BrickFace::kPlusZ);
+}
+
+TEST(MotionPlanner, PlansInPilesHoldAgainstTheExactBoxes) {
+  int solved = 0;
+  int asked = 0;
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    const PickWorld pick = randomPile(seed, 8);
+    for (const std::size_t brick : pick.open) {
+      SCOPED_TRACE("pile " + std::to_string(seed) + ", brick " + std::to_string(brick));
+      const PickPlan plan = pickFrom(pick, brick);
+      ++asked;
+      if (plan.status == PlanStatus::kSuccess) {
+        expectGoodPick(pick, brick, plan);
+        ++solved;
+      } else {
+        EXPECT_THAT(plan.message, ::testing::Not(IsEmpty()));
+        EXPECT_THAT(plan.tried, SizeIs(pick.target(brick).faces.size()));
+      }
+    }
+  }
+  EXPECT_GE(2 * solved, asked);  // bricks at the border of the arm's reach are among them
+}
+
+TEST(MotionPlanner, SameRequestSamePlan) {
+  const PickWorld pick = randomPile(3, 8);
+  const PickPlan first = pickFrom(pick, pick.open.front());
+  const PickPlan second = pickFrom(pick, pick.open.front());
+  EXPECT_EQ(first.status, second.status);
+  EXPECT_EQ(first.message, second.message);
+  const auto expectSame = [](const JointTrajectory& a, const JointTrajectory& b) {
+    ASSERT_EQ(a.points.size(), b.points.size());
+    for (std::size_t i = 0; i < a.points.size(); ++i) {
+      EXPECT_EQ(a.points[i].time_s, b.points[i].time_s);
+      EXPECT_EQ(a.points[i].position_rad, b.points[i].position_rad);
+    }
+  };
+  expectSame(first.approach, second.approach);
+  expectSame(first.stow, second.stow);
+}
+
+TEST(MotionPlanner, ABrickUnderAnotherIsNotTakenByItsTop) {
+  PickWorld pick = emptyPickWorld();
+  pick.add({0.8, 0.0, 0.1});
+  pick.add({0.8, 0.0, 0.3}, 0.1);
+  pick.makeScene();
+  PickTarget target = pick.target(0);
+  target.faces = {BrickFace::kPlusZ};
+  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
+  EXPECT_THAT(plan.status, AnyOf(PlanStatus::kGoalInCollision, PlanStatus::kApproachBlocked)) << plan.message;
+  ASSERT_THAT(plan.tried, SizeIs(1));
+  EXPECT_EQ(plan.tried[0].first, BrickFace::kPlusZ);
+  EXPECT_EQ(plan.tried[0].second.message, plan.message);
+  EXPECT_THAT(plan.message, HasSubstr("face +z of brick 0"));
+}
+
+TEST(MotionPlanner, ReportsTheFaceThatGotFarthest) {
+  PickWorld pick = emptyPickWorld();
+  pick.add({0.8, 0.0, 0.1});
+  pick.add({0.8, 0.0, 0.3}, 0.1);
+  pick.makeScene();
+  PickTarget target = pick.target(0);
+  target.faces = {BrickFace::kPlusX, BrickFace::kPlusZ, BrickFace::kPlusX};  // +x looks away from the robot
+  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
+  ASSERT_THAT(plan.tried, SizeIs(3));
+  EXPECT_EQ(plan.tried[0].second.status, PlanStatus::kOutsideSector);
+  EXPECT_EQ(plan.face, BrickFace::kPlusZ);
+  EXPECT_EQ(plan.status, plan.tried[1].second.status);
+  EXPECT_NE(plan.status, PlanStatus::kOutsideSector);
+}
+
+TEST(MotionPlanner, BadRequestsAreNamed) {
+  const PickWorld pick = oneBrick();
+  const MotionPlanner planner = makePlanner();
+  const auto stow = pick.chute(*shippedArm());
+  const auto expectBad = [](const PlanFailure& plan, const std::string& part) {
+    EXPECT_EQ(plan.status, PlanStatus::kBadRequest);
+    EXPECT_THAT(plan.message, HasSubstr(part));
+  };
+  PickTarget target = pick.target(0);
+  target.T_map_brick.translation().x() = kNaN;
+  expectBad(planner.planPick(pick.context(), target, stow), "pose of the brick");
+  target = pick.target(0);
+  target.type = nullptr;
+  expectBad(planner.planPick(pick.context(), target, stow), "type");
+  target = pick.target(0);
+  target.faces.clear();
+  expectBad(planner.planPick(pick.context(), target, stow), "no face");
+  expectBad(planner.planPick(pick.context(), pick.target(0), {}), "no goal");
+  PlanningContext context = pick.context();
+  context.start_rad[3] = kNaN;
+  expectBad(planner.planPick(context, pick.target(0), stow), "start has an angle");
+  context = pick.context();
+  context.T_map_base.linear() *= 1.1;
+  expectBad(planner.planPick(context, pick.target(0), stow), "pose of the base");
+  context = pick.context();
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0, 0, 0.1)), pick.type.size_m};
+  expectBad(planner.planPick(context, pick.target(0), stow), "holds a brick already");
+  PickWorld few_plates = oneBrick();
+  few_plates.type.plate_faces = {BrickFace::kMinusZ};
+  expectBad(pickFrom(few_plates, 0), "has no steel plate");
+
+  ArmGoal goal;
+  expectBad(planner.planArm(pick.context(), goal), "0 of joints, tip and place");
+  goal.joints_rad = pick.start_rad;
+  goal.T_map_tip = Eigen::Isometry3d::Identity();
+  expectBad(planner.planArm(pick.context(), goal), "2 of joints, tip and place");
+  goal.T_map_tip.reset();
+  (*goal.joints_rad)[0] = kNaN;
+  expectBad(planner.planArm(pick.context(), goal), "not finite");
+  expectBad(planner.planArm(pick.context(), stow.front()), "nothing is held");
+  ViewFrustum view;
+  expectBad(planner.planInspect(pick.context(), view, {}), "view");
+}
+
+TEST(MotionPlanner, NoMap) {
+  PickWorld pick = oneBrick();
+  pick.scene.reset();
+  EXPECT_EQ(pickFrom(pick, 0).status, PlanStatus::kNoMap);
+}
+
+TEST(MotionPlanner, EmptySceneIsFreeButForRobotAndFloor) {
+  PickWorld pick = emptyPickWorld();
+  pick.world.ground_z_m.reset();
+  pick.makeScene();
+  ArmGoal goal;
+  goal.joints_rad = pick.start_rad;
+  (*goal.joints_rad)[0] += 1.0;
+  const ArmPlan plan = makePlanner().planArm(pick.context(), goal);
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  EXPECT_EQ(plan.trajectory.points.back().position_rad, *goal.joints_rad);
+}
+
+TEST(MotionPlanner, FarBrickIsOutsideTheSector) {
+  PickWorld pick = emptyPickWorld();
+  pick.add({2.5, 0.0, 0.1});
+  pick.makeScene();
+  const PickPlan plan = pickFrom(pick, 0);
+  EXPECT_EQ(plan.status, PlanStatus::kOutsideSector);
+  EXPECT_THAT(plan.tried, SizeIs(5));
+}
+
+TEST(MotionPlanner, UnreachableFaceAndTipHaveNoIk) {
+  PickWorld pick = emptyPickWorld();
+  pick.add({1.6, 0.0, 0.1});
+  pick.makeScene();
+  ManipulabilitySectors wide = testSectors();
+  wide.top.max_radius_m = 5.0;
+  const MotionPlanner planner(shippedArm(), wide, {});
+  PickTarget target = pick.target(0);
+  target.faces = {BrickFace::kPlusZ};
+  const PickPlan plan = planner.planPick(pick.context(), target, pick.chute(*shippedArm()));
+  EXPECT_EQ(plan.status, PlanStatus::kNoIk) << plan.message;
+  ArmGoal goal;
+  goal.T_map_tip = pick.T_map_base * Eigen::Translation3d(3.0, 0.0, 1.0);
+  EXPECT_EQ(planner.planArm(pick.context(), goal).status, PlanStatus::kNoIk);
+}
+
+TEST(MotionPlanner, StartInCollisionSaysWithWhat) {
+  PickWorld pick = emptyPickWorld();
+  const Eigen::Vector3d tip = shippedArm()->tipPose(pick.start_rad).translation();
+  pick.add(tip);
+  pick.makeScene();
+  const PickPlan plan = pickFrom(pick, 0);
+  EXPECT_EQ(plan.status, PlanStatus::kStartInCollision);
+  EXPECT_THAT(plan.message, HasSubstr("start is in collision"));
+  PlanningContext context = pick.context();
+  context.start_rad[0] += 20.0;
+  EXPECT_EQ(makePlanner().planArm(context, {}).status, PlanStatus::kStartInCollision);  // beyond the limits
+}
+
+TEST(MotionPlanner, GoalInCollisionAndGoalUnknownAreToldApart) {
+  PickWorld pick = oneBrick();
+  ArmGoal goal;
+  // Tool down, the tip within the brick; above it; beside it.
+  Eigen::Isometry3d T_base_tip =
+      Eigen::Translation3d(0.85, 0.1, 0.15) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+  goal.T_map_tip = pick.T_map_base * T_base_tip;
+  ArmPlan plan = makePlanner().planArm(pick.context(), goal);
+  EXPECT_EQ(plan.status, PlanStatus::kGoalInCollision) << plan.message;
+  EXPECT_THAT(plan.message, HasSubstr("in collision"));
+
+  T_base_tip.translation() += Eigen::Vector3d(0.0, 0.0, 0.15);
+  goal.T_map_tip = pick.T_map_base * T_base_tip;
+  plan = makePlanner().planArm(pick.context(), goal);
+  EXPECT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+
+  pick.world.is_unknown = [&](const Eigen::Vector3d& p_map) { return (pick.T_map_base.inverse() * p_map).x() > 0.8; };
+  pick.makeScene();
+  plan = makePlanner().planArm(pick.context(), goal);
+  EXPECT_EQ(plan.status, PlanStatus::kGoalUnknown) << plan.message;
+}
+
+TEST(MotionPlanner, WhereTheArmIsCannotBeUnseen) {
+  PickWorld pick = oneBrick();
+  pick.world.is_unknown = [&](const Eigen::Vector3d& p_map) { return (pick.T_map_base.inverse() * p_map).z() > 0.25; };
+  pick.makeScene();
+  const auto over = [&](double x, double y) {
+    const Eigen::Isometry3d T_base_tip =
+        Eigen::Translation3d(x, y, 0.32) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+    return T_base_tip;
+  };
+  PlanningContext context = pick.context();
+  const auto branches = shippedArm()->inverse(over(0.80, 0.05), context.start_rad);
+  ASSERT_FALSE(branches.empty());
+  context.start_rad = branches.front();
+  ArmGoal goal;
+  goal.joints_rad = context.start_rad;
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  goal.joints_rad.reset();
+  goal.T_map_tip = pick.T_map_base * over(0.92, 0.2);
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kGoalUnknown);
+}
+
+TEST(MotionPlanner, PlaceOfTheHeldBrickIsEmpty) {
+  // Just taken: the map still has the brick where the hand holds it now.
+  const PickWorld pick = oneBrick();
+  const PickPlan plan = pickFrom(pick, 0);
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess);
+  PlanningContext context = pick.context();
+  context.start_rad = plan.lift.points.front().position_rad;
+  context.held = plan.held;
+  ArmGoal goal;
+  goal.joints_rad = plan.lift.points.back().position_rad;
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kStartInCollision);
+  context.vacated = pick.world.boxes[0];
+  const ArmPlan lifted = makePlanner().planArm(context, goal);
+  EXPECT_EQ(lifted.status, PlanStatus::kSuccess) << lifted.message;
+}
+
+TEST(MotionPlanner, LiftThatIsBlockedIsAnApproachBlocked) {
+  // A frame 6 cm over the brick, open where the magnet comes down: the brick cannot go up through it.
+  PickWorld pick = emptyPickWorld();
+  pick.add({0.8, 0.0, 0.1});
+  const auto plate = [&](double x, double y, double size_x, double size_y) {
+    OrientedBox box;
+    box.T_map_box = pick.T_map_base * Eigen::Translation3d(0.8 + x, y, 0.28);
+    box.size_m = {size_x, size_y, 0.04};
+    pick.world.boxes.push_back(box);
+  };
+  plate(-0.15, 0.0, 0.12, 0.40);
+  plate(0.15, 0.0, 0.12, 0.40);
+  plate(0.0, -0.15, 0.18, 0.10);
+  plate(0.0, 0.15, 0.18, 0.10);
+  pick.makeScene();
+  PickTarget target = pick.target(0);
+  target.faces = {BrickFace::kPlusZ};
+  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
+  EXPECT_EQ(plan.status, PlanStatus::kApproachBlocked) << plan.message;
+  EXPECT_THAT(plan.message, HasSubstr("on the straight lift"));
+}
+
+TEST(MotionPlanner, StraightWaysAreFreeAllAlongNotOnlyAtTheirEnds) {
+  // A small block where a link is halfway down a long approach, but at neither end of it.
+  PickWorld pick = oneBrick();
+  MotionPlannerConfig config;
+  config.approach_m = 0.3;
+  const PickPlan before = pickFrom(pick, 0, config);
+  ASSERT_EQ(before.status, PlanStatus::kSuccess) << before.message;
+  const ExactMotion free(*shippedArm(), pick);
+  std::vector<Eigen::Vector3d> ends = free.points(before.contact.points.front().position_rad);
+  const auto at_face = free.points(before.contact.points.back().position_rad);
+  ends.insert(ends.end(), at_face.begin(), at_face.end());
+  Eigen::Vector3d farthest_base = Eigen::Vector3d::Zero();
+  double farthest_m = 0.0;
+  for (const Eigen::Vector3d& p : free.points(before.contact.sample(0.5 * before.contact.duration()).position_rad)) {
+    double nearest_m = 1.0;
+    for (const Eigen::Vector3d& end : ends) nearest_m = std::min(nearest_m, (p - end).norm());
+    if (nearest_m <= farthest_m) continue;
+    farthest_m = nearest_m;
+    farthest_base = p;
+  }
+  ASSERT_GT(farthest_m, 0.05);
+  pick.world.boxes.push_back(uprightBox(pick.T_map_base * farthest_base, {0.04, 0.04, 0.04}));
+  pick.makeScene();
+  ExactMotion blocked(*shippedArm(), pick, 0.01);
+  blocked.setTarget(0);
+  ASSERT_NE(blocked.complaint(before.contact, 0.0), "");
+  const PickPlan after = pickFrom(pick, 0, config);
+  ASSERT_EQ(after.status, PlanStatus::kSuccess) << after.message;
+  EXPECT_EQ(blocked.complaint(after.contact, 0.0), "");
+}
+
+TEST(MotionPlanner, WhatIsHeldMustNotTouchEither) {
+  const PickWorld pick = oneBrick();
+  PlanningContext context = pick.context();
+  context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
+  ArmGoal goal;  // 15 cm over the brick
+  goal.T_map_tip =
+      pick.T_map_base * Eigen::Translation3d(0.85, 0.1, 0.35) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
+  const ArmPlan plan = makePlanner().planArm(context, goal);
+  EXPECT_EQ(plan.status, PlanStatus::kGoalInCollision) << plan.message;
+  EXPECT_THAT(plan.message, HasSubstr("brick"));
+}
+
+TEST(MotionPlanner, GivesUpAfterTheIterationsAllowed) {
+  // A plate stands in the way of the swing; one iteration does not lead round it.
+  PickWorld pick = emptyPickWorld();
+  PlanningContext context = pick.context();
+  context.start_rad << -0.8, -1.2, 1.2, -0.5 * M_PI, -0.5 * M_PI, 0.0;
+  ArmGoal goal;
+  goal.joints_rad = context.start_rad;
+  (*goal.joints_rad)[0] = 0.8;
+  ArmVector middle = context.start_rad;
+  middle[0] = 0.0;
+  OrientedBox plate;
+  plate.T_map_box = pick.T_map_base * Eigen::Translation3d(shippedArm()->tipPose(middle).translation());
+  plate.size_m = {0.3, 0.05, 0.3};
+  pick.world.boxes.push_back(plate);
+  pick.makeScene();
+  context.scene = pick.scene;
+  MotionPlannerConfig config;
+  EXPECT_EQ(makePlanner(config).planArm(context, goal).status, PlanStatus::kSuccess);
+  config.planner.max_iterations = 1;
+  const ArmPlan few = makePlanner(config).planArm(context, goal);
+  EXPECT_EQ(few.status, PlanStatus::kIterations) << few.message;
+  EXPECT_THAT(few.message, HasSubstr("1 iterations"));
+}
+
+TEST(MotionPlanner, HeldBrickStaysLevelUnlessToldOtherwise) {
+  PickWorld pick = oneBrick();
+  PlanningContext context = pick.context();
+  context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;  // before the robot, tool down
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
+  ArmGoal goal;
+  goal.joints_rad = context.start_rad;
+  (*goal.joints_rad)[3] += 0.8;
+  const ArmPlan tilted = makePlanner().planArm(context, goal);
+  EXPECT_EQ(tilted.status, PlanStatus::kConstraint) << tilted.message;
+  EXPECT_THAT(tilted.message, HasSubstr("tilts what is carried by 45"));
+  goal.keep_level = false;
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  // A start that is tilted already.
+  goal.keep_level = true;
+  context.start_rad = *goal.joints_rad;
+  const ArmPlan start = makePlanner().planArm(context, goal);
+  EXPECT_EQ(start.status, PlanStatus::kConstraint) << start.message;
+  EXPECT_THAT(start.message, HasSubstr("at the start"));
+}
+
+TEST(MotionPlanner, PlacesWhatItHoldsOverTheChute) {
+  PickWorld pick = emptyPickWorld();
+  pick.makeScene();
+  PlanningContext context = pick.context();
+  context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
+  const ArmPlan plan = makePlanner().planArm(context, pick.chute(*shippedArm()).front());
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  ExactMotion exact(*shippedArm(), pick);
+  exact.setHeld(context.held);
+  EXPECT_EQ(exact.complaint(plan.trajectory, 0.0), "");
+  const Eigen::Vector3d up_tip(0.0, 0.0, -1.0);  // the tool looks down
+  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.01) {
+    EXPECT_LE(tiltOf(up_tip, plan.trajectory.sample(t).position_rad), MotionPlannerConfig().max_tilt_rad);
+  }
+}
+
+/// A camera that looks down on the place before the robot.
+ViewFrustum cameraView() {
+  const ArmKinematics& arm = *shippedArm();
+  ViewFrustum view;
+  view.T_base_camera =
+      arm.robot().framePose(mp700_ur5e_description::kColorFrame, arm.robotPositions(ArmVector::Zero()));
+  view.half_width_rad = 0.547;
+  view.half_height_rad = 0.429;
+  view.max_range_m = 3.0;
+  return view;
+}
+
+/// Whether a point of the arm is imaged.
+bool isSeen(const ViewFrustum& view, const std::vector<Eigen::Vector3d>& points_base) {
+  return std::any_of(points_base.begin(), points_base.end(), [&](const Eigen::Vector3d& p_base) {
+    const Eigen::Vector3d p = view.T_base_camera.inverse() * p_base;
+    return p.z() > 0.0 && p.z() < view.max_range_m && std::abs(p.x()) < p.z() * std::tan(view.half_width_rad) &&
+           std::abs(p.y()) < p.z() * std::tan(view.half_height_rad);
+  });
+}
+
+TEST(MotionPlanner, InspectTakesTheFirstPostureOutOfView) {
+  const PickWorld pick = oneBrick();
+  const ViewFrustum view = cameraView();
+  ArmVector reaching;
+  reaching << 0.0, -1.2, 1.2, -1.57, -0.5 * M_PI, 0.0;
+  ArmVector folded;
+  folded << 0.56, -2.68, 2.85, -2.04, -1.92, 0.0;
+  const ExactMotion exact(*shippedArm(), pick);
+  ASSERT_TRUE(isSeen(view, exact.points(reaching)));
+  ASSERT_FALSE(isSeen(view, exact.points(folded)));
+  PlanningContext context = pick.context();
+  context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
+  const ArmPlan plan = makePlanner().planInspect(context, view, {reaching, folded, context.start_rad});
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  EXPECT_EQ(plan.trajectory.points.back().position_rad, folded);
+  EXPECT_EQ(exact.complaint(plan.trajectory, 0.0), "");
+}
+
+TEST(MotionPlanner, InspectFindsAPostureByItself) {
+  const PickWorld pick = oneBrick();
+  const ViewFrustum view = cameraView();
+  const ExactMotion exact(*shippedArm(), pick);
+  for (const bool is_holding : {false, true}) {
+    PlanningContext context = pick.context();
+    context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
+    if (is_holding) {
+      context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
+    }
+    ExactMotion holding(*shippedArm(), pick);
+    holding.setHeld(context.held);
+    ASSERT_TRUE(isSeen(view, holding.points(context.start_rad)));
+    const ArmPlan plan = makePlanner().planInspect(context, view, {});
+    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    EXPECT_FALSE(isSeen(view, holding.points(plan.trajectory.points.back().position_rad)));
+    EXPECT_EQ(holding.complaint(plan.trajectory, 0.0), "");
+  }
+}
+
+TEST(MotionPlanner, InspectSaysWhyThereIsNone) {
+  const PickWorld pick = oneBrick();
+  ViewFrustum view = cameraView();
+  view.T_base_camera = Eigen::Translation3d(0.2, 0.0, 5.0) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+  view.max_range_m = 6.0;  // from above it sees all of the robot
+  MotionPlannerConfig config;
+  config.inspect_samples = 50;
+  const ArmPlan plan = makePlanner(config).planInspect(pick.context(), view, {pick.start_rad});
+  EXPECT_EQ(plan.status, PlanStatus::kConstraint);
+  EXPECT_THAT(plan.message, HasSubstr("1 postures given and 50 drawn: 51 in the camera's view"));
+}
+
+TEST(MotionPlanner, CancelledInAnyStageAtOnce) {
+  const PickWorld pick = randomPile(2, 8);
+  PlanningContext context = pick.context();
+  std::size_t asked = 0;
+  context.is_cancelled = [&] {
+    ++asked;
+    return false;
+  };
+  const auto plan = [&] {
+    return makePlanner().planPick(context, pick.target(pick.open.back()), pick.chute(*shippedArm()));
+  };
+  plan();
+  const std::size_t all = asked;
+  ASSERT_GT(all, 10u);
+  for (std::size_t after = 0; after < all; after += 1 + all / 12) {
+    asked = 0;
+    std::size_t since = 0;
+    context.is_cancelled = [&] {
+      since += asked >= after ? 1 : 0;
+      return asked++ >= after;
+    };
+    const PickPlan cancelled = plan();
+    EXPECT_EQ(cancelled.status, PlanStatus::kCancelled) << after << " of " << all;
+    EXPECT_TRUE(cancelled.stow.empty());
+    EXPECT_LE(since, 200u);  // asked again only on the way out
+  }
+}
+
+TEST(MotionPlanner, RefusesImpossibleConfigurations) {
+  MotionPlannerConfig config;
+  EXPECT_THAT(config.validate(), IsEmpty());
+  config.velocity_scale = 2.0;
+  config.planner.range_rad = 0.0;
+  config.yaw_samples = 0;
+  EXPECT_THAT(config.validate(), SizeIs(3));
+  EXPECT_THAT(config.validate()[0], HasSubstr("search/range_rad = 0 rad, must be in"));
+  EXPECT_THROW(makePlanner(config), std::invalid_argument);
+  EXPECT_THROW(MotionPlanner(nullptr, testSectors(), {}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace motion_planning
