@@ -80,12 +80,15 @@ def near_blocked(entry):
 
 
 def plot_margins(result, out):
-    figure, (left, right) = plt.subplots(1, 2, figsize=(14.0, 5.6), constrained_layout=True)
+    has_picks = bool(result.get("margins"))
+    figure, panels = plt.subplots(1, 2 if has_picks else 1, figsize=(14.0 if has_picks else 9.0, 5.6), constrained_layout=True, squeeze=False)
+    left = panels[0][0]
     panel_of(left, result.get("postures", {}), near_blocked, lambda entry: share(entry["missed"], entry["colliding"]),
              "postures 10 to 40 mm from all bricks that are called in the way [%]", "postures in a brick that are called free [%]")
     legend_of(left, result.get("postures", {}))
-    panel_of(right, result.get("margins", {}), lambda entry: share(entry["solved"], entry["problems"]),
-             lambda entry: share(entry["colliding"], entry["solved"]), "picks planned [% of problems]", "of these, through a brick [%]")
+    if has_picks:
+        panel_of(panels[0][1], result["margins"], lambda entry: share(entry["solved"], entry["problems"]),
+                 lambda entry: share(entry["colliding"], entry["solved"]), "picks planned [% of problems]", "of these, through a brick [%]")
     out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(out, dpi=100)
     plt.close(figure)
