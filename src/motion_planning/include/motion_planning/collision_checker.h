@@ -28,7 +28,7 @@ struct Contact {
   CollisionKind kind{CollisionKind::kNone};
   std::string first;                                   // link of the robot, or "brick"
   std::string second;                                  // the other link; empty but for kSelf
-  Eigen::Vector3d where_map{Eigen::Vector3d::Zero()};  // middle of the first body's colliding shape, or nearer
+  Eigen::Vector3d where_map{Eigen::Vector3d::Zero()};  // the part or block of space in the way, about
 
   explicit operator bool() const { return kind != CollisionKind::kNone; }
   std::string describe() const;  // a sentence
@@ -76,7 +76,7 @@ class CollisionChecker {
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch = true);
   const std::optional<HeldBrick>& held() const;
 
-  /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
+  /// The padded box of the target leaves the world: surface, inside and, a block farther to all sides, unknown. For magnet and held brick alone, all
   /// other links still avoid it; `for_all`: for every link (the brick is in the hand, its place is empty). Nothing: no
   /// target.
   void setTarget(const std::optional<OrientedBox>& target, bool for_all = false);

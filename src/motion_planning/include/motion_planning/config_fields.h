@@ -44,6 +44,9 @@ void visitPlannerFields(Config& config, Visitor&& visit) {
   visit("motion/sample_s", config.timing.sample_s);
   visit("pick/approach_m", config.approach_m);
   visit("pick/lift_m", config.lift_m);
+  visit("pick/min_lift_m", config.min_lift_m);
+  visit("pick/lift_room_m", config.lift_room_m);
+  visit("pick/overtravel_m", config.overtravel_m);
   visit("pick/cartesian_step_m", config.cartesian_step_m);
   visit("pick/max_joint_jump_rad", config.max_joint_jump_rad);
   visit("pick/plate_margin_m", config.plate_margin_m);

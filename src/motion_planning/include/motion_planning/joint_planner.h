@@ -11,7 +11,7 @@
 namespace motion_planning {
 
 struct JointPlannerConfig {
-  int max_iterations{4000};      // of RRTConnect: planners end by iterations, never by the clock
+  int max_iterations{10000};     // of RRTConnect: planners end by iterations, never by the clock
   double range_rad{0.6};         // longest edge of a tree
   double check_step_rad{0.035};  // states on an edge are checked this near to each other (max norm); 2 degrees
   int shortcut_rounds{60};

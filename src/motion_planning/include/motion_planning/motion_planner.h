@@ -49,7 +49,10 @@ struct MotionPlannerConfig {
   double contact_speed_m_s{0.05};   // of the tip along the last approach
   double lift_speed_m_s{0.10};
   double approach_m{0.10};          // length of the straight approach along the face's normal
-  double lift_m{0.25};              // length of the straight retreat with the brick: higher than a brick stands in a row; from a side face up and back
+  double lift_m{0.30};              // longest straight retreat with the brick; from a side face up and back
+  double min_lift_m{0.05};          // shortest; it ends where the brick ...
+  double lift_room_m{0.03};         // ... has so much room to all sides
+  double overtravel_m{0.0};         // that the touch goes on beyond the plate, for a guarded move that stops at contact
   double cartesian_step_m{0.005};   // between IK solutions on a straight line
   double max_joint_jump_rad{0.25};  // between neighbours on it: more is a change of branch
   double plate_margin_m{0.01};      // the magnet's face stays this far within the plate's edges
@@ -88,7 +91,7 @@ struct PickPlan : PlanFailure {
       Eigen::Isometry3d::Identity()};  // of the tip on the plate, z against the face's normal
   HeldBrick held;                      // once it is attached
   JointTrajectory approach;            // from the start to before the face
-  JointTrajectory contact;             // straight to the plate
+  JointTrajectory contact;             // straight to the plate, and on by overtravel_m
   JointTrajectory lift;                // straight away with the brick
   JointTrajectory stow;                // with the brick to the place asked for
   std::vector<std::pair<mp700_ur5e_description::BrickFace, PlanFailure>> tried;  // faces that failed

@@ -233,8 +233,8 @@ struct CollisionChecker::State {
 
   bool isExempt(const Part& part) const { return target && (target_for_all || part.is_tool); }
 
-  bool isInTarget(const Eigen::Vector3d& p_map) const {
-    return ((T_target_map * p_map).array().abs() <= 0.5 * target->size_m.array()).all();
+  bool isInTarget(const Eigen::Vector3d& p_map, double more_m = 0.0) const {
+    return ((T_target_map * p_map).array().abs() <= 0.5 * target->size_m.array() + more_m).all();
   }
 
   Contact contact(CollisionKind kind, std::size_t i) const {
@@ -292,7 +292,10 @@ struct CollisionChecker::State {
           const Eigen::Vector3d center_map = lattice.center(at);
           const double distance_m = signedDistance(part.world_shape, T_shape_map * center_map);
           if (distance_m >= reach_m) continue;
-          if (is_exempt && isInTarget(center_map)) continue;
+          // Space within a block of the target's faces was known free because they were seen there. When they leave the
+          // map, so does that knowledge; nothing has come there.
+          const bool is_unknown = (scene->flags[index] & kBlockInside) == 0;
+          if (is_exempt && isInTarget(center_map, is_unknown ? lattice.block() : 0.0)) continue;
           if (visit(index, distance_m)) return true;
         }
       }
@@ -326,16 +329,19 @@ struct CollisionChecker::State {
   /// under the surface lies in the part, or if the map's distance along the part's middle is negative. The second is for
   /// parts thinner than a block. Interpolation across a dihedral of two objects reads up to half a block too little, but
   /// there the middle of a part is already nearer to the surface than the part is thick.
-  CollisionKind checkLattice(std::size_t i) const {
+  /// `where_map`: the block's middle, or the part's point.
+  CollisionKind checkLattice(std::size_t i, Eigen::Vector3d* where_map) const {
     CollisionKind kind = CollisionKind::kNone;
     visitBlocks(i, [&](std::size_t index, double distance_m) {
       if ((scene->flags[index] & kBlockInside) != 0) {
         if (distance_m > 0.0) return false;
         kind = CollisionKind::kInside;
-        return true;
+      } else if (!is_freed.empty() && is_freed[index] != 0) {
+        return false;
+      } else {
+        kind = CollisionKind::kUnknown;
       }
-      if (!is_freed.empty() && is_freed[index] != 0) return false;
-      kind = CollisionKind::kUnknown;
+      *where_map = scene->lattice.center(scene->lattice.position(index));
       return true;
     });
     if (kind != CollisionKind::kNone || scene->lattice.count() == 0) return kind;
@@ -343,7 +349,9 @@ struct CollisionChecker::State {
     for (const Eigen::Vector3d& p_shape : moving(i).core) {
       const Eigen::Vector3d p_map = T_map_moving[i] * p_shape;
       if (!scene->lattice.contains(p_map) || (is_exempt && isInTarget(p_map))) continue;
-      if (interpolatedDistance(p_map, is_exempt) < 0.0) return CollisionKind::kInside;
+      if (!(interpolatedDistance(p_map, is_exempt) < 0.0)) continue;  // NaN: not known
+      *where_map = p_map;
+      return CollisionKind::kInside;
     }
     return CollisionKind::kNone;
   }
@@ -468,9 +476,9 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   const mp700_ur5e_description::Box shrunk{
       (held->size_m.array() - 2.0 * state_->config.held_shrink_m).max(0.2 * held->size_m.array())};
   const mp700_ur5e_description::Box whole{held->size_m};
-  auto part = std::make_shared<Part>(
-      makeMovingPart(kBrick, state_->parts->tip_body, state_->parts->T_body_tip * held->T_tip_brick,
-                     may_touch ? shrunk : whole, whole, state_->config.self_padding_m));
+  auto part = std::make_shared<Part>(makeMovingPart(kBrick, state_->parts->tip_body,
+                                                    state_->parts->T_body_tip * held->T_tip_brick,
+                                                    may_touch ? shrunk : whole, whole, state_->config.self_padding_m));
   part->is_tool = true;
   state_->held = std::move(part);
   state_->held_brick = held;
@@ -532,8 +540,9 @@ Contact CollisionChecker::check(const ArmVector& joints_rad) const {
   state.near.clear();
   for (std::size_t i = 0; i < state.numMoving(); ++i) {
     if (!state.mayTouchWorld(i)) continue;
-    const CollisionKind kind = state.checkLattice(i);
-    if (kind != CollisionKind::kNone) return state.contact(kind, i);
+    Contact contact = state.contact(CollisionKind::kNone, i);
+    contact.kind = state.checkLattice(i, &contact.where_map);
+    if (contact) return contact;
     state.near.push_back(i);
   }
   if (Contact self = state.checkSelf()) return self;

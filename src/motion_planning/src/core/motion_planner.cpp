@@ -177,6 +177,9 @@ std::vector<std::string> MotionPlannerConfig::validate() const {
   gpis_mapping::RangeCheck pick("pick/");
   pick("approach_m", approach_m, 0.01, 0.5, "m");
   pick("lift_m", lift_m, 0.01, 0.5, "m");
+  pick("min_lift_m", min_lift_m, 0.005, std::max(0.005, lift_m), "m");
+  pick("lift_room_m", lift_room_m, 0.0, 0.2, "m");
+  pick("overtravel_m", overtravel_m, 0.0, 0.03, "m");
   pick("cartesian_step_m", cartesian_step_m, 5e-4, 0.02, "m");
   pick("max_joint_jump_rad", max_joint_jump_rad, 0.01, 1.0, "rad");
   pick("plate_margin_m", plate_margin_m, 0.0, 0.2, "m");
@@ -221,9 +224,11 @@ class MotionPlanner::Call {
       return failure(PlanStatus::kBadRequest, "vacated place: pose not a rigid transform, or size not positive");
     }
     checker_.emplace(planner_.arm_, context_.scene, context_.T_map_base, config_.collision);
-    checker_->setHeld(context_.held);
+    checker_->setHeld(context_.held, false);
     if (context_.vacated) checker_->setTarget(context_.vacated, true);
     checker_->freeUnknownAt(context_.start_rad);
+    // Still among its neighbours, where it touches them: as in a lift.
+    if (context_.held && checker_->check(context_.start_rad)) checker_->setHeld(context_.held);
     if (isCancelled()) return cancelledFailure();
     if (const Contact contact = checker_->check(context_.start_rad)) {
       return failure(PlanStatus::kStartInCollision, "the arm's start is in collision: " + contact.describe());
@@ -288,8 +293,9 @@ class MotionPlanner::Call {
     return std::acos(std::clamp(up_base.z(), -1.0, 1.0));
   }
 
-  std::optional<JointPath> followLine(const ArmVector& from, const Eigen::Isometry3d& T_base_from,
-                                      const Eigen::Vector3d& way_base) const;
+  JointPath followLine(const ArmVector& from, const Eigen::Isometry3d& T_base_from,
+                       const Eigen::Vector3d& way_base) const;
+  std::size_t numSteps(double way_m) const;
   std::function<ArmVector(const std::function<double()>&)> tiltSampler(const TiltConstraint& tilt,
                                                                        std::vector<ArmVector> references) const;
   std::optional<JointTrajectory> timed(const JointPath& path, const ArmVector& reach_m,
@@ -324,17 +330,22 @@ class MotionPlanner::Call {
   std::optional<CollisionChecker> carrying_;
 };
 
-/// Postures every cartesian_step_m along a straight line of the tip, all of one branch. Nothing: it cannot be followed.
-std::optional<JointPath> MotionPlanner::Call::followLine(const ArmVector& from, const Eigen::Isometry3d& T_base_from,
-                                                         const Eigen::Vector3d& way_base) const {
-  const int steps = std::max(1, static_cast<int>(std::ceil(way_base.norm() / config_.cartesian_step_m - 1e-9)));
+std::size_t MotionPlanner::Call::numSteps(double way_m) const {
+  return static_cast<std::size_t>(std::max(1.0, std::ceil(way_m / config_.cartesian_step_m - 1e-9)));
+}
+
+/// Postures every cartesian_step_m along a straight line of the tip, all of one branch; numSteps() + 1 of them, or fewer:
+/// as far as the arm can follow.
+JointPath MotionPlanner::Call::followLine(const ArmVector& from, const Eigen::Isometry3d& T_base_from,
+                                          const Eigen::Vector3d& way_base) const {
+  const std::size_t steps = numSteps(way_base.norm());
   JointPath line = {from};
-  for (int k = 1; k <= steps; ++k) {
+  for (std::size_t k = 1; k <= steps; ++k) {
     Eigen::Isometry3d T_base_tip = T_base_from;
-    T_base_tip.translation() += way_base * (static_cast<double>(k) / steps);
+    T_base_tip.translation() += way_base * (static_cast<double>(k) / static_cast<double>(steps));
     const std::vector<ArmVector> branches = arm_.inverse(T_base_tip, line.back());
-    if (branches.empty()) return std::nullopt;
-    if ((branches.front() - line.back()).lpNorm<Eigen::Infinity>() > config_.max_joint_jump_rad) return std::nullopt;
+    if (branches.empty()) break;
+    if ((branches.front() - line.back()).lpNorm<Eigen::Infinity>() > config_.max_joint_jump_rad) break;
     line.push_back(branches.front());
   }
   return line;
@@ -752,28 +763,48 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
     }
     return {};
   };
-  auto approach = followLine(candidate.contact, grip.T_base_contact, config_.approach_m * back_base);
-  if (!approach) {
+  JointPath approach = followLine(candidate.contact, grip.T_base_contact, config_.approach_m * back_base);
+  if (approach.size() <= numSteps(config_.approach_m)) {
     note(kLineStage, PlanStatus::kApproachBlocked, "the arm cannot follow the straight approach in one posture");
     return std::nullopt;
   }
   // Before the face the magnet has nothing to do with the target yet.
-  Contact contact = checker_->check(approach->back());
-  if (!contact) contact = firstContact(*touching_, *approach);
+  Contact contact = checker_->check(approach.back());
+  if (!contact) contact = firstContact(*touching_, approach);
   if (contact) {
     note(kLineStage, PlanStatus::kApproachBlocked, "on the straight approach: " + contact.describe());
     return std::nullopt;
   }
+  // Among its neighbours the brick may touch what it lies on and beside. The lift ends where it has room to all sides, for
+  // the search that carries it away; where it never has, as high as all of it is at least clear of them.
   lifting_->setHeld(grip.held);
+  HeldBrick with_room = grip.held;
+  with_room.size_m.array() += 2.0 * config_.lift_room_m;
   std::optional<JointPath> lift;
   for (const Eigen::Vector3d& way_base : lifts_base) {
-    auto line = followLine(candidate.contact, grip.T_base_contact, way_base);
-    if (!line) {
+    JointPath line = followLine(candidate.contact, grip.T_base_contact, way_base);
+    const std::size_t shortest = numSteps(config_.min_lift_m);
+    if (line.size() <= shortest) {
       note(kLineStage, PlanStatus::kApproachBlocked, "the arm cannot follow the straight lift in one posture");
       continue;
     }
-    contact = lifting_->check(line->front());
-    if (!contact) contact = firstContact(*lifting_, *line);
+    std::size_t end = shortest;
+    carrying_->setHeld(with_room, false);
+    while (end < line.size() && !carrying_->isFree(line[end])) ++end;
+    carrying_->setHeld(grip.held, false);
+    contact = {};
+    if (end == line.size()) {
+      do {
+        contact = carrying_->check(line[--end]);
+      } while (contact && end > shortest);
+    }
+    if (contact) {
+      note(kLineStage, PlanStatus::kApproachBlocked, "at the end of the lift: " + contact.describe());
+      continue;
+    }
+    line.resize(end + 1);
+    contact = lifting_->check(line.front());
+    if (!contact) contact = firstContact(*lifting_, line);
     if (!contact) {
       lift = std::move(line);
       break;
@@ -781,19 +812,18 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
     note(kLineStage, PlanStatus::kApproachBlocked, "on the straight lift: " + contact.describe());
   }
   if (!lift) return std::nullopt;
-  carrying_->setHeld(grip.held, false);
-  contact = carrying_->check(lift->back());
-  if (contact) {
-    note(kLineStage, PlanStatus::kApproachBlocked, "at the end of the lift: " + contact.describe());
-    return std::nullopt;
-  }
   const Goals& stow = stowGoals(&grip, stow_goals, lift->back());
   if (stow.status != PlanStatus::kSuccess) {
     note(kStowGoalStage, stow.status, "carrying the brick away: " + stow.message);
     return std::nullopt;
   }
-  std::reverse(approach->begin(), approach->end());
-  return Pick{candidate.grip, std::move(*approach), std::move(*lift)};
+  std::reverse(approach.begin(), approach.end());
+  // On to where the plate may still be, as far as the arm can: whoever moves it stops at the contact.
+  if (config_.overtravel_m > 0.0) {
+    const JointPath beyond = followLine(candidate.contact, grip.T_base_contact, -config_.overtravel_m * back_base);
+    for (std::size_t k = 1; k < beyond.size() && touching_->isFree(beyond[k]); ++k) approach.push_back(beyond[k]);
+  }
+  return Pick{candidate.grip, std::move(approach), std::move(*lift)};
 }
 
 MotionPlanner::Call::FaceOutcome MotionPlanner::Call::planFace(const PickTarget& target, BrickFace face,

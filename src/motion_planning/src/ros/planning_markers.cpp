@@ -67,7 +67,7 @@ void PlanningMarkers::show(const MapScene& scene) {
   const motion_planning::Surface surface = motion_planning::obstacleSurface(*scene.scene);
   Marker shell = marker("surface with margin", 0, Marker::TRIANGLE_LIST);
   shell.scale.x = shell.scale.y = shell.scale.z = 1.0;
-  shell.color = color(0.95, 0.45, 0.15, 0.45);
+  shell.color = color(0.95, 0.45, 0.15, 0.3);
   shell.points.reserve(3 * surface.triangles.size());
   for (const auto& triangle : surface.triangles) {
     for (const std::uint32_t vertex : triangle) shell.points.push_back(toPoint(surface.vertices_map[vertex]));
