@@ -7,7 +7,6 @@
 
 #include <control_msgs/FollowJointTrajectoryAction.h>
 #include <geometry_msgs/Twist.h>
-#include <geometry_msgs/WrenchStamped.h>
 #include <interactive_mapping_msgs/BrickFace.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <std_msgs/Int32.h>
@@ -42,11 +41,6 @@ class PlanningWorld : public testing::Test {
     subscribers_.push_back(nh_.subscribe<std_msgs::String>(
         "/simulated_world/incidents", 10,
         [this](const std_msgs::String::ConstPtr& text) { incidents_ += text->data + "\n"; }));
-    subscribers_.push_back(nh_.subscribe<geometry_msgs::WrenchStamped>(
-        "/wrench", 10, [this](const geometry_msgs::WrenchStamped::ConstPtr& message) {
-          const auto& f = message->wrench.force;
-          force_N_ = std::sqrt(f.x * f.x + f.y * f.y + f.z * f.z);
-        }));
     subscribers_.push_back(
         nh_.subscribe<MapUpdate>("/gpis_mapping/update", 10, [this](const MapUpdate::ConstPtr& update) {
           if (update->status != MapUpdate::ACCEPTED) return;
@@ -93,9 +87,9 @@ class PlanningWorld : public testing::Test {
         kDrive_s));
   }
 
-  /// As the bridge will: watched, and stopped when the monitor says so or `is_contact`.
+  /// Watched, and stopped when the monitor says so.
   void execute(const trajectory_msgs::JointTrajectory& trajectory, std::uint8_t phase,
-               const geometry_msgs::PoseStamped& target, bool ends_at_contact = false) {
+               const geometry_msgs::PoseStamped& target) {
     WatchTrajectory watch;
     watch.request.trajectory = trajectory;
     watch.request.phase = phase;
@@ -107,20 +101,16 @@ class PlanningWorld : public testing::Test {
     ASSERT_TRUE(watch.response.success) << watch.response.message;
     control_msgs::FollowJointTrajectoryGoal goal;
     goal.trajectory = trajectory;
-    const double force_before_N = force_N_;
     follow_.sendGoal(goal);
     ASSERT_TRUE(waitUntil(
         [&] {
-          if (ends_at_contact && force_N_ > force_before_N + 20.0) follow_.cancelGoal();
           if (!stop_reason_.empty()) follow_.cancelGoal();
           return follow_.getState().isDone();
         },
         kDrive_s));
     EXPECT_EQ(stop_reason_, "") << "the monitor";
-    if (!ends_at_contact) {
-      EXPECT_EQ(follow_.getState(), actionlib::SimpleClientGoalState::SUCCEEDED)
-          << follow_.getResult()->error_string << incidents_;
-    }
+    EXPECT_EQ(follow_.getState(), actionlib::SimpleClientGoalState::SUCCEEDED)
+        << follow_.getResult()->error_string << incidents_;
   }
 
   void leaveView() {
@@ -154,7 +144,6 @@ class PlanningWorld : public testing::Test {
   std::map<int, geometry_msgs::Pose> truth_;
   sim_tests::JudgeState judge_;
   std::string incidents_, stop_reason_;
-  double force_N_{0.0};
   double speed_m_s_{0.0};
   int images_{0};
 };
@@ -186,7 +175,7 @@ TEST_F(PlanningWorld, ABrickIsPickedAndStowedWithoutTouchingAnythingElse) {
   target_.publish(target);
   ASSERT_NO_FATAL_FAILURE(execute(plan.approach, WatchTrajectory::Request::FREE, brick));
   ASSERT_NO_FATAL_FAILURE(setMagnet(true));
-  ASSERT_NO_FATAL_FAILURE(execute(plan.touch, WatchTrajectory::Request::CONTACT, brick, true));
+  ASSERT_NO_FATAL_FAILURE(execute(plan.touch, WatchTrajectory::Request::CONTACT, brick));
 
   AttachedBrick attached;
   attached.header.frame_id = "magnet_tip";
@@ -198,7 +187,6 @@ TEST_F(PlanningWorld, ABrickIsPickedAndStowedWithoutTouchingAnythingElse) {
   attached.size.y = attached.size.z = 0.20;
   attached.pose = plan.held;
   attached_.publish(attached);
-  // From where the contact stopped the arm: the lift begins at the planned plate, less than the overtravel away.
   ASSERT_NO_FATAL_FAILURE(execute(plan.lift, WatchTrajectory::Request::LIFT, brick));
   ASSERT_TRUE(waitUntil([&] { return truth_.at(id).position.z > brick.pose.position.z + 0.05; })) << incidents_;
   ASSERT_NO_FATAL_FAILURE(execute(plan.stow, WatchTrajectory::Request::FREE, brick));

@@ -20,7 +20,7 @@ struct MotionPlanningParams {
   std::string postures_dir;        // absolute path: each *.yaml in it is a posture of the arm, named after the file
   std::string stow{"chute_drop"};  // where a picked brick goes unless the goal says: a frame, or a posture
   std::string inspect_posture{"inspect"};  // tried first
-  double place_above_m{0.02};             // lowest point of a brick over the frame where it is let go
+  double place_above_m{0.02};              // lowest point of a brick over the frame where it is let go
 
   struct State {
     double max_joint_age_s{0.5};  // ROS time; older joint states are not where the arm is
@@ -44,6 +44,10 @@ struct MotionPlanningParams {
 
   struct Monitor {
     double rate_hz{10.0};
+    // Less than what is planned with: a map that breathes by a millimetre is no reason to stop.
+    double sigmas{1.0};
+    double margin_m{0.0};
+    double self_padding_m{0.0};
   } monitor;
 
   struct Output {
@@ -53,6 +57,10 @@ struct MotionPlanningParams {
   motion_planning::CollisionSceneConfig scene;
   motion_planning::MotionPlannerConfig planner;
   motion_planning::PathMonitorConfig path_monitor;
+
+  /// Of what the path monitor looks at: as for planning, with the monitor's own margins.
+  motion_planning::CollisionSceneConfig watchedScene() const;
+  motion_planning::CollisionCheckerConfig watchedRobot() const;
 
   /// Every problem as "key = value unit, must be ...".
   std::vector<std::string> validate() const;

@@ -22,6 +22,7 @@ namespace motion_planning_ros {
 /// A scene with what it was made from.
 struct MapScene {
   std::shared_ptr<const motion_planning::CollisionScene> scene;
+  std::shared_ptr<const motion_planning::CollisionScene> watched;  // the same with the path monitor's margins
   Eigen::Isometry3d T_map_base{Eigen::Isometry3d::Identity()};
   ros::Time stamp;              // of the last image in the map
   std::uint64_t map_update{0};  // number of images in the map

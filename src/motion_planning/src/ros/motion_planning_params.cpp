@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion_planning_ros/motion_planning_params.h"
 
+#include <algorithm>
+
 #include <gpis_mapping/range_check.h>
 #include <gpis_mapping_ros/param_reader.h>
 #include <yaml-cpp/yaml.h>
@@ -32,6 +34,9 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("cost/arm_s", params.cost.arm_s);
   visit("cost/stall_s", params.cost.stall_s);
   visit("monitor/rate_hz", params.monitor.rate_hz);
+  visit("monitor/sigmas", params.monitor.sigmas);
+  visit("monitor/margin_m", params.monitor.margin_m);
+  visit("monitor/self_padding_m", params.monitor.self_padding_m);
   visit("output/arm_markers", params.output.arm_markers);
   motion_planning::visitSceneFields(params.scene, "scene/", visit);
   motion_planning::visitPlannerFields(params.planner, visit);
@@ -79,12 +84,28 @@ std::vector<std::string> MotionPlanningParams::validate() const {
   check("cost/arm_s", cost.arm_s, 0.0, 60.0, "s");
   check("cost/stall_s", cost.stall_s, 0.1, 600.0, "s");
   check("monitor/rate_hz", monitor.rate_hz, 0.5, 100.0, "Hz");
+  check("monitor/sigmas", monitor.sigmas, 0.0, std::max(0.0, scene.sigmas), "");
+  check("monitor/margin_m", monitor.margin_m, 0.0, std::max(0.0, scene.margin_m), "m");
+  check("monitor/self_padding_m", monitor.self_padding_m, 0.0, std::max(0.0, planner.collision.self_padding_m), "m");
   check("output/arm_markers", output.arm_markers, 0.0, 100.0, "");
   append("", check.problems(), &problems);
   append("scene/", scene.validate(), &problems);
   append("", planner.validate(), &problems);
   append("monitor/", path_monitor.validate(), &problems);
   return problems;
+}
+
+motion_planning::CollisionSceneConfig MotionPlanningParams::watchedScene() const {
+  motion_planning::CollisionSceneConfig watched = scene;
+  watched.sigmas = monitor.sigmas;
+  watched.margin_m = monitor.margin_m;
+  return watched;
+}
+
+motion_planning::CollisionCheckerConfig MotionPlanningParams::watchedRobot() const {
+  motion_planning::CollisionCheckerConfig watched = planner.collision;
+  watched.self_padding_m = monitor.self_padding_m;
+  return watched;
 }
 
 std::string toYaml(const MotionPlanningParams& params) {

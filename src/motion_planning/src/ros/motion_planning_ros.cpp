@@ -481,7 +481,7 @@ void MotionPlanningRos::monitor() {
       const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
       if (!scene) why_not = "no map has come";
       if (scene && T_map_base) {
-        motion_planning::CollisionChecker checker(kinematics_, scene->scene, *T_map_base, params_.planner.collision);
+        motion_planning::CollisionChecker checker(kinematics_, scene->watched, *T_map_base, params_.watchedRobot());
         const std::optional<RobotState::Held> held = robot_.held();
         if (held) checker.setHeld(held->brick);
         if (watch_->target) {

@@ -142,6 +142,7 @@ std::shared_ptr<const MapScene> SceneKeeper::current(const Eigen::Isometry3d& T_
 
 void SceneKeeper::work() {
   motion_planning::CollisionSceneBuilder builder(params_.scene);
+  motion_planning::CollisionSceneBuilder watched_builder(params_.watchedScene());
   while (true) {
     interactive_mapping_msgs::SurfaceMeshConstPtr mesh;
     std::uint64_t mesh_number = 0;
@@ -173,7 +174,10 @@ void SceneKeeper::work() {
                                    params_.map_frame + "'");
         }
         const ServiceView view(nh_, params_.map_frame);
-        made->statistics = builder.update(toSurface(*mesh), view, *T_map_base);
+        const motion_planning::Surface surface = toSurface(*mesh);
+        watched_builder.update(surface, view, *T_map_base);
+        made->statistics = builder.update(surface, view, *T_map_base);
+        made->watched = watched_builder.scene();
         made->scene = builder.scene();
         made->T_map_base = *T_map_base;
         made->stamp = mesh->header.stamp;
