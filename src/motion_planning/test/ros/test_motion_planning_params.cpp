@@ -71,7 +71,7 @@ XmlRpc::XmlRpcValue otherThan(const std::string& key, const std::string& value) 
   const auto text = kOtherTexts.find(key);
   if (text != kOtherTexts.end()) return text->second;
   if (isWhole(key)) return std::stoi(value) + 1;
-  if (key == "monitor/stop_clearance_m" || key == "pick/overtravel_m") return 0.01;
+  if (std::stod(value) == 0.0) return 0.002;  // allowed for all lengths
   return 0.9 * std::stod(value);
 }
 
