@@ -59,9 +59,9 @@ TEST(PlannedPaths, KeepClearOfTheExactScene) {
   for (const auto& [status, count] : failures) std::cout << "; " << status << ": " << count;
   std::cout << std::endl;
   EXPECT_GE(asked, 100);  // both halves together: 200
-  // Touchable: a posture with the magnet on the brick and nothing else in the way exists. About half of these can be lifted
-  // out, with what was not seen as an obstacle, and carried away: 49 % and 53 % when this was written.
-  EXPECT_GE(solved_of_touchable, 0.45 * touchable);
+  // Touchable: a posture with the magnet on the brick and nothing else in the way exists. About two thirds of these can be
+  // lifted out, with what was not seen as an obstacle, and carried away: 66 % and 64 % when this was written.
+  EXPECT_GE(solved_of_touchable, 0.55 * touchable);
 }
 
 }  // namespace

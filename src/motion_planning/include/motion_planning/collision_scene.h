@@ -14,7 +14,7 @@ namespace motion_planning {
 
 struct CollisionSceneConfig {
   double sigmas{2.0};                // k: planned against is the surface mean - k sigma, sigma of its position
-  double margin_m{0.005};            // added to it: pose of the robot in the map, arm's accuracy
+  double margin_m{0.010};            // added to it: pose of the robot in the map, arm's accuracy
   double max_margin_m{0.05};         // of both together: beyond, a surface is as good as unknown
   double chunk_m{0.20};              // triangles are kept in cubes of this edge, rebuilt when their contents change
   double block_m{0.05};              // edge of the lattice of free / occupied / unknown: the map's block size
