@@ -507,6 +507,7 @@ TEST(CollisionChecker, MarginGrowsWithSigmaUpToItsLimit) {
     world.surface_std_m = [=](const Eigen::Vector3d&) { return c.surface_std_m; };
     CollisionSceneConfig config;
     config.sigmas = c.sigmas;
+    config.margin_m = 0.005;
     const CollisionChecker checker(arm(), sceneOf(world, T_map_base, config), T_map_base);
     const ArmVector within = jointsAt(toolDown({0.75, 0.0, 0.3 + c.margin_m - 1e-4}));
     const ArmVector beyond = jointsAt(toolDown({0.75, 0.0, 0.3 + c.margin_m + 1e-4}));

@@ -59,8 +59,15 @@ void expectSameScene(const CollisionScene& a, const CollisionScene& b) {
   EXPECT_GT(num_near_surface, 100u);
 }
 
-TEST(CollisionSceneBuilder, RefusesImpossibleValuesAllAtOnce) {
+/// The numbers below are for this margin, whatever the default is.
+CollisionSceneConfig sceneConfig() {
   CollisionSceneConfig config;
+  config.margin_m = 0.005;
+  return config;
+}
+
+TEST(CollisionSceneBuilder, RefusesImpossibleValuesAllAtOnce) {
+  CollisionSceneConfig config = sceneConfig();
   config.sigmas = -1.0;
   config.max_margin_m = 0.001;  // below the margin
   config.block_m = std::numeric_limits<double>::quiet_NaN();
@@ -81,7 +88,7 @@ TEST(CollisionSceneBuilder, DisplacesEachFaceByNoLessThanItsMargin) {
   world.boxes = {{Eigen::Isometry3d(Eigen::Translation3d(0.7, 0.1, 0.4)), {0.3, 0.2, 0.2}}};
   world.boxes[0].T_map_box.rotate(Eigen::AngleAxisd(0.5, Eigen::Vector3d(1.0, 2.0, 3.0).normalized()));
   world.surface_std_m = [](const Eigen::Vector3d& p) { return p.x() > 0.7 ? 0.004 : 0.001; };
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   Surface surface = world.surface(0.02);
   // As a mesh with normals of faces has them: each vertex of an edge twice or three times. No gap may open there.
   Surface split;
@@ -135,7 +142,7 @@ TEST(CollisionSceneBuilder, LimitsTheMarginAlsoWhereSigmaIsNotKnown) {
   world.boxes = {uprightBox({0.7, 0.0, 0.4}, {0.3, 0.2, 0.2})};
   for (const double surface_std_m : {0.2, std::numeric_limits<double>::quiet_NaN()}) {
     world.surface_std_m = [=](const Eigen::Vector3d&) { return surface_std_m; };
-    CollisionSceneBuilder builder{CollisionSceneConfig()};
+    CollisionSceneBuilder builder{sceneConfig()};
     builder.update(world.surface(0.02), world, kBaseAtOrigin);
     double nearest_m = 1.0;
     for (const auto& chunk : builder.scene()->chunks) {
@@ -156,7 +163,7 @@ TEST(CollisionSceneBuilder, SliversDoNotPutSpikesIntoFreeSpace) {
                                  Eigen::Vector3d(0.0, 0.0, 2e-4));
   surface.normals_map.push_back(Eigen::Vector3f::UnitZ());
   surface.triangles.push_back({a, b, static_cast<std::uint32_t>(surface.vertices_map.size() - 1)});
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   builder.update(surface, world, kBaseAtOrigin);
   for (const auto& chunk : builder.scene()->chunks) {
     for (const Eigen::Vector3d& p : chunk->displaced()) EXPECT_LE(p.z(), 0.2 + 0.009 + 2.1e-4);
@@ -165,7 +172,7 @@ TEST(CollisionSceneBuilder, SliversDoNotPutSpikesIntoFreeSpace) {
 
 TEST(CollisionSceneBuilder, RebuildsOnlyWhatChanged) {
   const BoxWorld world = bricksOnGround();
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   Surface surface = world.surface(0.02);
   const SceneUpdate first = builder.update(surface, world, kBaseAtOrigin);
   EXPECT_EQ(first.chunks_rebuilt, first.chunks);
@@ -203,7 +210,7 @@ TEST(CollisionSceneBuilder, IncrementalIsTheSameAsFromScratch) {
   world.boxes.push_back(uprightBox({0.4, 0.5, 0.1}, {0.2, 0.2, 0.2}));
   world.surface_std_m = [](const Eigen::Vector3d& p) { return 0.002 + 0.001 * std::sin(20.0 * p.x()); };
   world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.75 && p.z() < 0.25; };
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
   std::mt19937 engine(2);
   std::uniform_real_distribution<double> offset(-0.05, 0.05);
@@ -219,7 +226,7 @@ TEST(CollisionSceneBuilder, IncrementalIsTheSameAsFromScratch) {
     const Surface surface = world.surface(0.02);
     const SceneUpdate update = builder.update(surface, world, kBaseAtOrigin);
     EXPECT_LT(update.chunks_rebuilt, update.chunks);
-    CollisionSceneBuilder scratch{CollisionSceneConfig()};
+    CollisionSceneBuilder scratch{sceneConfig()};
     const SceneUpdate all = scratch.update(surface, world, kBaseAtOrigin);
     EXPECT_EQ(update.chunks, all.chunks);
     EXPECT_EQ(update.blocks_unknown, all.blocks_unknown);
@@ -234,7 +241,7 @@ TEST(CollisionSceneBuilder, NeighbouringChunksAgreeWhenSigmaDrifts) {
   world.ground_z_m = 0.2;
   world.ground_half_edge_m = 0.5;
   world.surface_std_m = [](const Eigen::Vector3d&) { return 0.010; };
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   Surface surface = world.surface(0.02);
   builder.update(surface, world, kBaseAtOrigin);
   // More looks: the map is surer of itself, and the surface moves in a part of it.
@@ -260,7 +267,7 @@ TEST(CollisionSceneBuilder, NeighbouringChunksAgreeWhenSigmaDrifts) {
 TEST(CollisionSceneBuilder, FreeDistanceIsNeverTooLarge) {
   BoxWorld world = bricksOnGround();
   world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.8 && p.z() < 0.3; };
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   const SceneUpdate update = builder.update(world.surface(0.02), world, kBaseAtOrigin);
   EXPECT_GT(update.blocks_unknown, 20u);
   const CollisionScene& scene = *builder.scene();
@@ -293,7 +300,7 @@ TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
   world.ground_half_edge_m = 1.2;
   world.boxes = {uprightBox({0.8, 0.0, 0.4}, {0.4, 0.4, 0.8})};
   world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.9; };  // behind, and all the ground there
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
   const CollisionScene& scene = *builder.scene();
   const auto flagsAt = [&](double x, double y, double z) {
@@ -310,7 +317,7 @@ TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
 TEST(CollisionSceneBuilder, SurvivesDegenerateTrianglesAndCountsThem) {
   const BoxWorld world = bricksOnGround();
   const Surface good = world.surface(0.02);
-  CollisionSceneBuilder reference{CollisionSceneConfig()};
+  CollisionSceneBuilder reference{sceneConfig()};
   const SceneUpdate expected = reference.update(good, world, kBaseAtOrigin);
   EXPECT_EQ(expected.degenerate, 0u);
   Surface bad = good;
@@ -326,7 +333,7 @@ TEST(CollisionSceneBuilder, SurvivesDegenerateTrianglesAndCountsThem) {
   bad.triangles.push_back({0, 1, ~0u});        // nor this one
   bad.triangles.push_back({2, 2, 5});          // no area
   bad.triangles.push_back({7, 7, 7});          // a point
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   const SceneUpdate update = builder.update(bad, world, kBaseAtOrigin);
   EXPECT_EQ(update.degenerate, 7u);
   EXPECT_EQ(update.triangles, expected.triangles);
@@ -355,7 +362,7 @@ TEST(CollisionSceneBuilder, CutsUpTrianglesThatAreLargerThanAChunk) {
   surface.vertices_map = {{-1e6, -1e6, 0.1}, {1e6, -1e6, 0.1}, {1e6, 1e6, 0.1}, {-1e6, 1e6, 0.1}};
   surface.normals_map.assign(4, Eigen::Vector3f::UnitZ());
   surface.triangles = {{0, 1, 2}, {0, 2, 3}};
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   const SceneUpdate update = builder.update(surface, world, kBaseAtOrigin);
   EXPECT_EQ(update.degenerate, 0u);
   double area_m2 = 0.0;
@@ -384,7 +391,7 @@ TEST(CollisionSceneBuilder, CutsUpTrianglesThatAreLargerThanAChunk) {
 
 TEST(CollisionSceneBuilder, AnEmptySurfaceIsAnEmptyScene) {
   const BoxWorld world = bricksOnGround();
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   EXPECT_NE(builder.scene(), nullptr);
   EXPECT_TRUE(builder.scene()->chunks.empty());
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
@@ -399,12 +406,12 @@ TEST(CollisionSceneBuilder, LooksNoFartherThanTheRegionAndFollowsTheRobot) {
   BoxWorld world = bricksOnGround();
   world.boxes.push_back(uprightBox({3.0, 0.0, 0.1}, {0.3, 0.2, 0.2}));
   const Surface surface = world.surface(0.02);
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   builder.update(surface, world, kBaseAtOrigin);
   for (const auto& chunk : builder.scene()->chunks) EXPECT_LT(chunk->bounds().max().x(), 2.0);
   const Eigen::Isometry3d moved(Eigen::Translation3d(2.4, 0.0, 0.0));
   builder.update(surface, world, moved);
-  CollisionSceneBuilder scratch{CollisionSceneConfig()};
+  CollisionSceneBuilder scratch{sceneConfig()};
   scratch.update(surface, world, moved);
   expectSameScene(*builder.scene(), *scratch.scene());
   EXPECT_TRUE(std::any_of(builder.scene()->chunks.begin(), builder.scene()->chunks.end(),
@@ -422,7 +429,7 @@ class BrokenMap : public MapView {
 
 TEST(CollisionSceneBuilder, KeepsTheLastSceneWhenTheMapDoesNotAnswer) {
   BoxWorld world = bricksOnGround();
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
   const std::shared_ptr<const CollisionScene> before = builder.scene();
   world.boxes.pop_back();
@@ -434,14 +441,14 @@ TEST(CollisionSceneBuilder, KeepsTheLastSceneWhenTheMapDoesNotAnswer) {
   EXPECT_EQ(builder.scene(), before);
   // and is none the worse for it
   builder.update(surface, world, kBaseAtOrigin);
-  CollisionSceneBuilder scratch{CollisionSceneConfig()};
+  CollisionSceneBuilder scratch{sceneConfig()};
   scratch.update(surface, world, kBaseAtOrigin);
   expectSameScene(*builder.scene(), *scratch.scene());
 }
 
 TEST(CollisionSceneBuilder, RefusesBadArgumentsAndKeepsTheLastScene) {
   const BoxWorld world = bricksOnGround();
-  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  CollisionSceneBuilder builder{sceneConfig()};
   Surface surface = world.surface(0.02);
   builder.update(surface, world, kBaseAtOrigin);
   const std::shared_ptr<const CollisionScene> before = builder.scene();
