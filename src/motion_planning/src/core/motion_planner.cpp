@@ -14,6 +14,7 @@
 
 #include "arm_reach.h"
 #include "camera_view.h"
+#include "robot_shapes.h"
 
 namespace motion_planning {
 namespace {
@@ -32,13 +33,6 @@ constexpr double kLongestTurn_rad = 1.5 * kPi;  // of joint 1 to a goal: beyond 
 constexpr double kLevelShare = 0.7;             // of the samples of a carrying motion
 constexpr int kSampleAttempts = 30;             // to draw a posture that keeps a tilt
 constexpr std::size_t kInspectPostures = 100;   // out of view, found before the nearest of them become goals
-
-bool isRigid(const Eigen::Isometry3d& T) {
-  if (!T.matrix().allFinite()) return false;
-  const Eigen::Matrix3d R = T.linear();
-  // A quaternion of a message, normalised in float, is this exact.
-  return (R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < 1e-5 && R.determinant() > 0.0;
-}
 
 bool isFinitePositive(const Eigen::Vector3d& size) {
   return size.allFinite() && size.minCoeff() > 0.0;
