@@ -76,9 +76,10 @@ class CollisionChecker {
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch = true);
   const std::optional<HeldBrick>& held() const;
 
-  /// The padded box of the target leaves the world: surface, inside and, a block farther to all sides, unknown. For magnet and held brick alone, all
-  /// other links still avoid it; `for_all`: for every link (the brick is in the hand, its place is empty). Nothing: no
-  /// target.
+  /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
+  /// other links still avoid it; unknown is opened a block farther to all sides, for the magnet may come closer to the
+  /// faces than a block reaches. `for_all`: for every link (the brick is in the hand, its place is empty), the box alone:
+  /// what is carried away passes where an unseen neighbour may stand. Nothing: no target.
   void setTarget(const std::optional<OrientedBox>& target, bool for_all = false);
 
   /// Where the arm is now cannot be an unseen obstacle: lattice blocks that its shapes, and what it holds, reach there are not

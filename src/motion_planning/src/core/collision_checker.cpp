@@ -293,9 +293,10 @@ struct CollisionChecker::State {
           const double distance_m = signedDistance(part.world_shape, T_shape_map * center_map);
           if (distance_m >= reach_m) continue;
           // Space within a block of the target's faces was known free because they were seen there. When they leave the
-          // map, so does that knowledge; nothing has come there.
+          // map, so does that knowledge; nothing has come there. Not when its place is empty: what is carried moves to
+          // the side, where an unseen neighbour may stand.
           const bool is_unknown = (scene->flags[index] & kBlockInside) == 0;
-          if (is_exempt && isInTarget(center_map, is_unknown ? lattice.block() : 0.0)) continue;
+          if (is_exempt && isInTarget(center_map, is_unknown && !target_for_all ? lattice.block() : 0.0)) continue;
           if (visit(index, distance_m)) return true;
         }
       }
