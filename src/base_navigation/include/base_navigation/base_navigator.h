@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base_navigation/base_planner.h"
+#include "base_navigation/obstacle_guard.h"
+#include "base_navigation/path_follower.h"
+
+namespace base_navigation {
+
+struct BaseNavigatorConfig {
+  double max_odometry_age_s{0.2};
+  double max_pose_age_s{0.5};  // of the localisation
+  double max_scan_age_s{0.4};
+  double max_grid_age_s{10.0};   // of the map's ground, while driving: it is asked for often enough, or the map is gone
+  double stale_patience_s{2.0};  // stands and waits so long for what is too old, then gives up
+  double max_pose_step_m{0.25};  // farther between two steps, beyond what odometry tells: the localisation has jumped
+  double max_pose_step_rad{0.2};
+  double blocked_patience_s{3.0};  // stands so long before an obstacle that may go away, then plans anew
+  double stuck_s{3.0};             // commanded to move, and odometry or localisation tell of none, for so long
+  double stuck_share{0.2};         // of the commanded motion: less is none
+  double stuck_min_m{0.05};        // commanded motion within stuck_s that is judged
+  double stuck_min_rad{0.1};
+  int max_plans{6};         // for one goal, the first included
+  double plan_cost_s{0.2};  // simulated time that a plan is charged: the base stands so long
+
+  std::vector<std::string> validate() const;
+};
+
+enum class NavigationStatus : std::uint8_t {  // as NavigationOutcome.msg
+  kSuccess = 0,
+  kCancelled = 1,
+  kBadGoal = 2,
+  kStartBlocked = 3,  // something occupied or unknown under the robot's own padded footprint
+  kGoalOccupied = 4,
+  kGoalUnknown = 5,
+  kNoApproach = 6,
+  kNoPath = 7,
+  kIterations = 8,
+  kObstacle = 9,  // the scanner's obstacle did not go away, and there is no way round it
+  kStuck = 10,    // wheels turn or are told to, and the base does not move as told
+  kStaleOdometry = 11,
+  kStalePose = 12,  // tf
+  kStaleScan = 13,
+  kStaleGrid = 14,
+  kGoalMissed = 15,  // came to the end of the way, but not to the goal within the tolerance
+  kTooManyPlans = 16,
+};
+const char* toString(NavigationStatus status);
+
+/// What the base knows at a step; stamps on one clock, negative: never came.
+struct NavigationInput {
+  double now_s{0.0};
+  Pose2d T_map_base;
+  double pose_stamp_s{-1.0};
+  Pose2d T_odom_base;
+  Twist2d odometry_twist;
+  double odometry_stamp_s{-1.0};
+  std::shared_ptr<const Scan> scan;
+  double scan_stamp_s{-1.0};
+  std::shared_ptr<const NavigationGrid> grid;
+  double grid_stamp_s{-1.0};  // of the map in it
+};
+
+enum class NavigationPhase : std::uint8_t {
+  kIdle = 0,
+  kPlanning = 1,
+  kDriving = 2,
+  kBlocked = 3,
+  kWaitingForData = 4,
+  kBraking = 5
+};
+const char* toString(NavigationPhase phase);
+
+struct NavigationOutput {
+  Twist2d command;  // to be sent, zeros too, unless idle
+  NavigationPhase phase{NavigationPhase::kIdle};
+  std::string reason;                     // of standing, in words; empty while driving
+  std::optional<NavigationStatus> ended;  // in this step, with
+  std::string message;                    // why
+  FollowCommand follow;
+  GuardVerdict guard;
+  double remaining_m{0.0};
+};
+
+/// Drives to one goal after another, a step at a time: plan, follow, stop for what the scanner sees, stop and plan anew
+/// when the grid changes under the way, give up with a reason. Every stop but for a vanished base brakes within the
+/// limits. Planning happens inside step(), while the base stands.
+class BaseNavigator {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  BaseNavigator(const BaseNavigatorConfig& config, const BasePlannerConfig& planner, const PathFollowerConfig& follower,
+                const ObstacleGuardConfig& guard, const MotionLimits& limits, Polygon footprint);
+  ~BaseNavigator();
+  BaseNavigator(const BaseNavigator&) = delete;
+  BaseNavigator& operator=(const BaseNavigator&) = delete;
+
+  /// A new goal takes the place of the one before, which ends without a word. The base brakes first if it moves. Throws
+  /// std::invalid_argument for a goal that is not finite.
+  void setGoal(const Pose2d& goal_map);
+  /// Brakes; the goal ends as cancelled once the base stands.
+  void cancel();
+  bool isActive() const;
+
+  /// To be called with each odometry, and when none comes. `is_cancelled` ends a plan that is being made.
+  NavigationOutput step(const NavigationInput& input, const std::function<bool()>& is_cancelled = {});
+
+  /// The way being driven; empty: none.
+  const BasePath& path() const;
+  std::uint64_t numPlans() const;  // changes with path()
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace base_navigation

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base_navigation/base_path.h"
+#include "base_navigation/footprint_checker.h"
+
+namespace base_navigation {
+
+struct BasePlannerConfig {
+  double padding_m{0.03};      // of the footprint on the way
+  double goal_padding_m{0.0};  // at the goal and on the last approach, where the robot comes near on purpose
+  double approach_m{0.4};      // the way ends with so much straight ahead, ...
+  double min_approach_m{0.1};  // ... or at least so much
+  double max_back_off_m{1.0};  // straight back before the first turn, until turning on the spot is free, at most
+  double turn_radius_m{0.35};  // of the curves planned with
+  int max_iterations{4000};    // of RRTConnect: it ends by these, never by the clock
+  int shortcut_rounds{150};
+  double position_tolerance_m{0.02};  // a goal this near is reached
+  double yaw_tolerance_rad{0.03};
+  std::uint64_t seed{1};
+
+  std::vector<std::string> validate() const;
+};
+
+enum class BasePlanStatus {
+  kSolved,
+  kStartOccupied,
+  kStartUnknown,
+  kGoalOccupied,
+  kGoalUnknown,
+  kNoApproach,  // the goal is free, the straight way to it is not
+  kNoPath,      // Dijkstra knows no way for the inscribed circle: nothing was searched
+  kIterations,  // there may be one: the search ended without
+  kCancelled,
+};
+const char* toString(BasePlanStatus status);
+
+struct BasePlan {
+  BasePlanStatus status{BasePlanStatus::kIterations};
+  std::string message;  // what and where, in words; empty if solved
+  BasePath path;
+  double duration_s{0.0};
+  int iterations{0};
+};
+
+/// Paths of a differential drive over known-free ground: straight back off what is too near to turn, RRTConnect over
+/// Reeds-Shepp curves (OMPL), with samples drawn about Dijkstra's way, cut short by the fastest of Reeds-Shepp curve, Dubins curve and
+/// turn-drive-turn, and a straight approach square to the goal. The same arguments give the same path.
+class BasePlanner {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  BasePlanner(const BasePlannerConfig& config, const MotionLimits& limits, Polygon footprint);
+
+  /// `is_cancelled` is asked at least every few milliseconds. Throws std::invalid_argument for poses that are not finite.
+  BasePlan plan(std::shared_ptr<const NavigationGrid> grid, const Pose2d& start_map, const Pose2d& goal_map,
+                const std::function<bool()>& is_cancelled = {}) const;
+
+  const BasePlannerConfig& config() const { return config_; }
+
+ private:
+  BasePlannerConfig config_;
+  MotionLimits limits_;
+  Polygon footprint_;
+};
+
+}  // namespace base_navigation
