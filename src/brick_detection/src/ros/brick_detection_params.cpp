@@ -2,7 +2,7 @@
 #include "brick_detection_ros/brick_detection_params.h"
 
 #include <gpis_mapping_ros/param_reader.h>
-#include <yaml-cpp/yaml.h>
+#include <gpis_mapping_ros/param_writer.h>
 
 #include "gpis_mapping/range_check.h"
 
@@ -28,17 +28,6 @@ void visitParams(Params& params, Visitor&& visit) {
   brick_detection::visitFields(params.detection, visit);
 }
 
-/// "a/b/c" as nested sections.
-template <typename Value>
-void put(YAML::Node node, const std::string& key, const Value& value) {
-  const std::size_t slash = key.find('/');
-  if (slash == std::string::npos) {
-    node[key] = value;
-  } else {
-    put(node[key.substr(0, slash)], key.substr(slash + 1), value);
-  }
-}
-
 }  // namespace
 
 std::vector<std::string> BrickDetectionParams::validate() const {
@@ -59,8 +48,8 @@ std::vector<std::string> BrickDetectionParams::validate() const {
 }
 
 std::string toYaml(const BrickDetectionParams& params) {
-  YAML::Node yaml(YAML::NodeType::Map);
-  const auto write = [&yaml](const std::string& key, const auto& value) { put(yaml, key, value); };
+  gpis_mapping_ros::ParamWriter writer;
+  const auto write = [&writer](const std::string& key, const auto& value) { writer.write(key, value); };
   write("bricks_file", params.bricks_file);
   write("input/map_frame", params.input.map_frame);
   write("input/camera_frame", params.input.camera_frame);
@@ -72,7 +61,7 @@ std::string toYaml(const BrickDetectionParams& params) {
   write("input/pose_limits/max_turn_radps", params.input.pose_limits.max_turn_radps);
   write("input/pose_limits/settle_frames", params.input.pose_limits.settle_frames);
   visitParams(params, write);
-  return YAML::Dump(yaml);
+  return writer.text();
 }
 
 BrickDetectionParams loadBrickDetectionParams(const ros::NodeHandle& private_nh) {

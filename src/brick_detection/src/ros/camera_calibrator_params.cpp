@@ -5,7 +5,7 @@
 
 #include <gpis_mapping_ros/gpis_mapping_params.h>
 #include <gpis_mapping_ros/param_reader.h>
-#include <yaml-cpp/yaml.h>
+#include <gpis_mapping_ros/param_writer.h>
 
 #include "gpis_mapping/range_check.h"
 
@@ -97,16 +97,9 @@ std::vector<std::string> CameraCalibratorParams::validate() const {
 }
 
 std::string toYaml(const CameraCalibratorParams& params) {
-  YAML::Node yaml;
-  visitFields(params, [&yaml](const std::string& key, const auto& value) {
-    const std::size_t slash = key.find('/');
-    if (slash == std::string::npos) {
-      yaml[key] = value;
-    } else {
-      yaml[key.substr(0, slash)][key.substr(slash + 1)] = value;
-    }
-  });
-  return YAML::Dump(yaml);
+  gpis_mapping_ros::ParamWriter writer;
+  visitFields(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
+  return writer.text();
 }
 
 CameraCalibratorParams loadCameraCalibratorParams(const ros::NodeHandle& private_nh) {

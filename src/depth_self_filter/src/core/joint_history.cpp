@@ -14,11 +14,20 @@ namespace {
 
 /// Stamps that step back by less are messages out of order, not time that runs anew.
 constexpr double kOutOfOrder_s = 1.0;
+/// Of seconds since 1970 as doubles, 2.4e-7 s apart, and of their differences.
+constexpr double kStampRounding_s = 1e-6;
 constexpr double kPi = 3.14159265358979323846;
 
 std::string seconds(double value) {
   char text[40];
   std::snprintf(text, sizeof(text), "%.3f s", value);
+  return text;
+}
+
+/// With as many digits as it is compared by.
+std::string microseconds(double value) {
+  char text[40];
+  std::snprintf(text, sizeof(text), "%.6f s", value);
   return text;
 }
 
@@ -126,9 +135,9 @@ JointHistory::Answer JointHistory::at(double stamp_s) const {
       }
       const Sample& before = *(after - 1);
       const double gap_s = after->stamp_s - before.stamp_s;
-      if (gap_s > config_.max_gap_s) {
-        say(Verdict::kGap, "the positions of " + joint.name + " before and after the image are " + seconds(gap_s) +
-                               " apart, must be at most " + seconds(config_.max_gap_s) + " (max_gap_s)");
+      if (gap_s > config_.max_gap_s + kStampRounding_s) {
+        say(Verdict::kGap, "the positions of " + joint.name + " before and after the image are " + microseconds(gap_s) +
+                               " apart, must be at most " + microseconds(config_.max_gap_s) + " (max_gap_s)");
         continue;
       }
       double change_rad = after->position_rad - before.position_rad;

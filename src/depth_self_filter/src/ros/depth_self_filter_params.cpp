@@ -2,7 +2,7 @@
 #include "depth_self_filter_ros/depth_self_filter_params.h"
 
 #include <gpis_mapping_ros/param_reader.h>
-#include <yaml-cpp/yaml.h>
+#include <gpis_mapping_ros/param_writer.h>
 
 #include "gpis_mapping/range_check.h"
 
@@ -30,17 +30,6 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("mask/noise/c_per_m", params.mask.noise.c_per_m);
 }
 
-/// "a/b/c" as nested sections.
-template <typename Value>
-void put(YAML::Node node, const std::string& key, const Value& value) {
-  const std::size_t slash = key.find('/');
-  if (slash == std::string::npos) {
-    node[key] = value;
-  } else {
-    put(node[key.substr(0, slash)], key.substr(slash + 1), value);
-  }
-}
-
 }  // namespace
 
 std::vector<std::string> DepthSelfFilterParams::validate() const {
@@ -62,9 +51,9 @@ std::vector<std::string> DepthSelfFilterParams::validate() const {
 }
 
 std::string toYaml(const DepthSelfFilterParams& params) {
-  YAML::Node yaml(YAML::NodeType::Map);
-  visitParams(params, [&yaml](const std::string& key, const auto& value) { put(yaml, key, value); });
-  return YAML::Dump(yaml);
+  gpis_mapping_ros::ParamWriter writer;
+  visitParams(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
+  return writer.text();
 }
 
 DepthSelfFilterParams loadDepthSelfFilterParams(const ros::NodeHandle& private_nh) {

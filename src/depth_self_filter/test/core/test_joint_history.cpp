@@ -100,9 +100,27 @@ TEST(JointHistory, AGapIsNotBridged) {
   joints.add(10.11, kArm, all(1.0));  // 10 ms more than allowed
   joints.add(10.20, kArm, all(2.0));
   EXPECT_EQ(joints.at(10.05).verdict, Verdict::kGap);
-  EXPECT_THAT(joints.at(10.05).message, HasSubstr("0.110 s apart, must be at most 0.100 s (max_gap_s)"));
+  EXPECT_THAT(joints.at(10.05).message, HasSubstr("0.110000 s apart, must be at most 0.100000 s (max_gap_s)"));
   EXPECT_EQ(joints.at(10.00).verdict, Verdict::kKnown);  // a state of that very time
   EXPECT_EQ(joints.at(10.15).verdict, Verdict::kKnown);
+}
+
+// Seconds since 1970 as a double: 0.1 s apart is 0.0999999 or 0.1000001.
+TEST(JointHistory, AGapOfExactlyWhatIsAllowedIsBridgedWhateverTheClock) {
+  for (int tenth = 0; tenth < 10; ++tenth) {
+    JointHistory joints = history();
+    joints.add(1.7e9 + 0.1 * tenth, kArm, all(0.0));
+    joints.add(1.7e9 + 0.1 * (tenth + 1), kArm, all(1.0));
+    const JointHistory::Answer answer = joints.at(1.7e9 + 0.1 * tenth + 0.05);
+    EXPECT_EQ(answer.verdict, Verdict::kKnown) << answer.message;
+  }
+}
+
+TEST(JointHistory, AGapThatIsALittleTooLongShowsItsDigits) {
+  JointHistory joints = history();
+  joints.add(10.0, kArm, all(0.0));
+  joints.add(10.10002, kArm, all(1.0));
+  EXPECT_THAT(joints.at(10.05).message, HasSubstr("0.100020 s apart, must be at most 0.100000 s"));
 }
 
 TEST(JointHistory, AStampBeforeAllThatIsRememberedIsForgotten) {

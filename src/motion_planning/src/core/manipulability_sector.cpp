@@ -459,9 +459,10 @@ ManipulabilitySectors ManipulabilitySectors::parse(const std::string& yaml, cons
       }
     }
     if (result.urdf_checksum != robot.checksum()) {
-      problems.push_back(
-          "urdf_checksum = " + result.urdf_checksum + ", must be " + robot.checksum() +
-          ": the robot has changed since; run: rosrun motion_planning fit_manipulability --urdf URDF --out " + name);
+      problems.push_back("urdf_checksum = " + result.urdf_checksum + ", must be " + robot.checksum() +
+                         ": the robot has changed since; run: rosparam get -p robot_description > robot.urdf && "
+                         "rosrun motion_planning fit_manipulability --urdf robot.urdf --out " +
+                         name);
     }
   }
   for (std::string& problem : problems) problem.insert(0, name + ": ");

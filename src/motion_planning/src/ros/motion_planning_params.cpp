@@ -5,7 +5,7 @@
 
 #include <gpis_mapping/range_check.h>
 #include <gpis_mapping_ros/param_reader.h>
-#include <yaml-cpp/yaml.h>
+#include <gpis_mapping_ros/param_writer.h>
 
 #include "motion_planning/config_fields.h"
 
@@ -41,17 +41,6 @@ void visitParams(Params& params, Visitor&& visit) {
   motion_planning::visitSceneFields(params.scene, "scene/", visit);
   motion_planning::visitPlannerFields(params.planner, visit);
   motion_planning::visitMonitorFields(params.path_monitor, "monitor/", visit);
-}
-
-/// "a/b/c" as nested sections.
-template <typename Value>
-void put(YAML::Node node, const std::string& key, const Value& value) {
-  const std::size_t slash = key.find('/');
-  if (slash == std::string::npos) {
-    node[key] = value;
-  } else {
-    put(node[key.substr(0, slash)], key.substr(slash + 1), value);
-  }
 }
 
 void append(const std::string& prefix, const std::vector<std::string>& more, std::vector<std::string>* problems) {
@@ -109,9 +98,9 @@ motion_planning::CollisionCheckerConfig MotionPlanningParams::watchedRobot() con
 }
 
 std::string toYaml(const MotionPlanningParams& params) {
-  YAML::Node yaml(YAML::NodeType::Map);
-  visitParams(params, [&yaml](const std::string& key, const auto& value) { put(yaml, key, value); });
-  return YAML::Dump(yaml);
+  gpis_mapping_ros::ParamWriter writer;
+  visitParams(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
+  return writer.text();
 }
 
 MotionPlanningParams loadMotionPlanningParams(const ros::NodeHandle& private_nh) {

@@ -44,12 +44,11 @@ std::string packageFile(const std::string& package, const std::string& path) {
 std::optional<Options> parseCommandLine(int argc, char** argv) {
   Options options;
   options.urdf = packageFile("mp700_ur5e_description", "/urdf/mp700_ur5e.urdf");
-  options.out = packageFile("motion_planning", "/config/manipulability_sectors.yaml");
   ManipulabilityConfig& config = options.config;
   po::options_description description("Options");
   description.add_options()("help,h", "show this text")                                                               //
       ("urdf", po::value(&options.urdf)->default_value(options.urdf), "the robot")                                    //
-      ("out", po::value(&options.out)->default_value(options.out), "the sectors: YAML")                               //
+      ("out", po::value(&options.out)->required(), "the sectors: YAML, overwritten")                                  //
       ("samples", po::value(&options.samples), "what is reached (an even part of it): CSV, for plot_manipulability")  //
       ("joint-step", po::value(&config.joint_step_rad)->default_value(config.joint_step_rad, "10 deg"), "[rad]")      //
       ("min-manipulability", po::value(&config.min_manipulability_m3)->default_value(config.min_manipulability_m3),
@@ -66,7 +65,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   po::store(po::command_line_parser(argc, argv).options(description).run(), values);
   if (values.count("help") > 0) {
     std::cout
-        << "Usage: fit_manipulability [options]\n"
+        << "Usage: fit_manipulability --out FILE [options]\n"
            "Where the arm can pick: samples its joint space, keeps postures with the tool on a top or side face,\n"
            "enough manipulability and no contact of the robot with itself or the floor, and fits an annulus sector\n"
            "for each kind of face. The last line is a summary in JSON.\n\n"
@@ -74,9 +73,10 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
     return std::nullopt;
   }
   po::notify(values);
-  if (options.urdf.empty() || options.out.empty()) {
-    throw std::invalid_argument("the packages are not found by ROS: give --urdf and --out");
+  if (options.urdf.empty()) {
+    throw std::invalid_argument("package mp700_ur5e_description is not found by ROS: give --urdf");
   }
+  if (options.out.empty()) throw std::invalid_argument("--out is empty, must be a file to write");
   return options;
 }
 

@@ -409,7 +409,9 @@ TEST(SectorsFile, StaleIsRefusedWithTheCommand) {
     FAIL() << "a longer arm";
   } catch (const std::invalid_argument& error) {
     EXPECT_THAT(error.what(), AllOf(HasSubstr("urdf_checksum"), HasSubstr(longer->checksum()),
-                                    HasSubstr("rosrun motion_planning fit_manipulability"), HasSubstr(kSectorsFile)));
+                                    HasSubstr("rosparam get -p robot_description > robot.urdf"),
+                                    HasSubstr("rosrun motion_planning fit_manipulability --urdf robot.urdf --out " +
+                                              std::string(kSectorsFile))));
   }
 }
 

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <Eigen/Geometry>
+#include <geometry_msgs/Pose.h>
+#include <geometry_msgs/Transform.h>
+#include <nav_msgs/OccupancyGrid.h>
+#include <nav_msgs/Path.h>
+#include <sensor_msgs/LaserScan.h>
+
+#include "base_navigation/base_path.h"
+#include "base_navigation/grid_fusion.h"
+#include "base_navigation/navigation_grid.h"
+
+namespace base_navigation_ros {
+
+geometry_msgs::Pose toPoseMessage(const base_navigation::Pose2d& pose);
+
+/// Nothing unless finite and, to 1 %, a rotation.
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& message);
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& message);
+
+/// Seen from above; the tilt is lost.
+base_navigation::Pose2d toPlane(const Eigen::Isometry3d& T);
+/// Angle between the z axis of `T` and upright.
+double tilt(const Eigen::Isometry3d& T);
+
+/// 0 is free, 1 .. 100 is occupied, everything else unknown. Nothing, and why, for a message whose numbers do not fit
+/// together, or that is turned against its frame.
+std::optional<base_navigation::NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, std::string* why_not);
+nav_msgs::OccupancyGrid toMessage(const base_navigation::NavigationGrid& grid, const std_msgs::Header& header);
+
+/// `T_base_scanner` from tf; the scanner may hang upside down. Nothing, and why, for impossible numbers, more than 10000
+/// beams, or a scanner that does not lie flat (5 degrees).
+std::optional<base_navigation::Scan> toScan(const sensor_msgs::LaserScan& message,
+                                            const Eigen::Isometry3d& T_base_scanner, std::string* why_not);
+
+/// A pose every `step_m`.
+nav_msgs::Path toMessage(const base_navigation::BasePath& path, double step_m, const std_msgs::Header& header);
+
+}  // namespace base_navigation_ros

@@ -1,0 +1,685 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "base_navigation_ros/base_navigation_ros.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <stdexcept>
+#include <thread>
+
+#include <geometry_msgs/Twist.h>
+#include <ros/console.h>
+
+#include "base_navigation/distance_field.h"
+#include "base_navigation_ros/conversions.h"
+
+namespace base_navigation_ros {
+namespace {
+
+using base_navigation::BasePlan;
+using base_navigation::BasePlanStatus;
+using base_navigation::NavigationGrid;
+using base_navigation::NavigationInput;
+using base_navigation::NavigationOutput;
+using base_navigation::NavigationPhase;
+using base_navigation::NavigationStatus;
+using base_navigation::Pose2d;
+using base_navigation::Scan;
+using interactive_mapping_msgs::DrivingDistances;
+using interactive_mapping_msgs::NavigationOutcome;
+using interactive_mapping_msgs::NavigationState;
+
+constexpr char kLog[] = "base_navigation";
+constexpr std::size_t kMaxWaitingScans = 20;  // of 12.5 Hz, while no odometry comes
+constexpr double kMaxScanAge_s = 1.0;         // an older scan is not entered in the grid
+constexpr double kShowPeriod_s = 0.2;         // of markers and feedback
+constexpr double kPathStep_m = 0.05;          // between the poses of ~path
+constexpr double kMaxGoalTfWait_s = 0.5;  // how far a goal's stamp may be ahead of tf, and wall time it is waited for
+constexpr std::size_t kMaxDistancePoses = 100000;
+constexpr std::chrono::microseconds kPollPeriod(500);
+
+template <typename... Values>
+std::string formatted(const char* format, Values... values) {
+  char text[512];
+  std::snprintf(text, sizeof(text), format, values...);
+  return text;
+}
+
+double toSec(const ros::Time& stamp) {
+  return stamp.isZero() ? -1.0 : stamp.toSec();
+}
+
+base_navigation::MotionLimits limitsOf(const mp700_ur5e_description::BaseProfile& profile, double speed_share) {
+  base_navigation::MotionLimits limits;
+  limits.forward_m_s = speed_share * profile.limits.forward_m_per_s;
+  limits.backward_m_s = speed_share * profile.limits.backward_m_per_s;
+  limits.turn_rad_s = speed_share * profile.limits.turn_rad_per_s;
+  limits.linear_m_s2 = profile.limits.linear_m_per_s2;
+  limits.turn_rad_s2 = profile.limits.turn_rad_per_s2;
+  return limits;
+}
+
+bool isFinite(const Pose2d& pose) {
+  return std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
+}
+
+}  // namespace
+
+BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
+    : params_(loadBaseNavigationParams(private_nh)),
+      profile_(mp700_ur5e_description::loadBaseProfile(params_.base_profile_file)),
+      limits_(limitsOf(profile_, params_.speed_share)),
+      planner_(params_.planner, limits_, profile_.body.footprint_m),
+      tf_listener_(tf_),
+      fusion_(params_.grid, profile_.body.footprint_m),
+      navigator_(params_.navigator, params_.planner, params_.follower, params_.guard, limits_,
+                 profile_.body.footprint_m),
+      markers_(private_nh, params_.map_frame, profile_.body.footprint_m),
+      diagnostics_(nh, private_nh) {
+  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
+  ros::NodeHandle handle(private_nh);
+  ros::NodeHandle outer(nh);
+  command_publisher_ = outer.advertise<geometry_msgs::Twist>("cmd_vel", 1);
+  state_publisher_ = handle.advertise<NavigationState>("state", 50);
+  outcome_publisher_ = handle.advertise<NavigationOutcome>("outcome", 10, true);
+  path_publisher_ = handle.advertise<nav_msgs::Path>("path", 1, true);
+  grid_publisher_ = handle.advertise<nav_msgs::OccupancyGrid>("grid", 1, true);
+
+  server_ = std::make_unique<Server>(
+      outer, "move_base", [this](GoalHandle goal) { onGoal(goal); }, [this](GoalHandle goal) { onCancel(goal); },
+      false);
+  goal_publisher_ = outer.advertise<move_base_msgs::MoveBaseActionGoal>("move_base/goal", 1);
+  simple_goal_subscriber_ = outer.subscribe("move_base_simple/goal", 1, &BaseNavigationRos::onSimpleGoal, this);
+  distances_server_ = handle.advertiseService("driving_distances", &BaseNavigationRos::onDistances, this);
+  plan_server_ = handle.advertiseService("make_plan", &BaseNavigationRos::onMakePlan, this);
+  forget_server_ = handle.advertiseService("forget_scans", &BaseNavigationRos::onForget, this);
+
+  diagnostics_.setHardwareID("none");
+  diagnostics_.add("inputs", this, &BaseNavigationRos::diagnoseInputs);
+  diagnostics_.add("goals", this, &BaseNavigationRos::diagnoseGoals);
+  // By the wall clock: a clock that stands still is something to report.
+  diagnostics_timer_ =
+      handle.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.update(); });
+
+  ros::NodeHandle control(nh);
+  control.setCallbackQueue(&control_queue_);
+  odometry_subscriber_ = control.subscribe("odom", 20, &BaseNavigationRos::onOdometry, this);
+  scan_subscriber_ = control.subscribe("scan", 5, &BaseNavigationRos::onScan, this);
+  ground_subscriber_ = control.subscribe("map/ground", 2, &BaseNavigationRos::onGround, this);
+  watchdog_ = control.createTimer(ros::Duration(1.0 / params_.output.watchdog_rate_hz),
+                                  [this](const ros::TimerEvent&) { onWatchdog(); });
+  control_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &control_queue_);
+  control_spinner_->start();
+  server_->start();
+}
+
+BaseNavigationRos::~BaseNavigationRos() {
+  {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    is_stopping_ = true;  // ends a plan that is being made
+  }
+  control_spinner_->stop();
+  diagnostics_timer_.stop();
+  distances_server_.shutdown();
+  plan_server_.shutdown();
+  forget_server_.shutdown();
+}
+
+void BaseNavigationRos::stop(ros::WallDuration timeout) {
+  std::unique_lock<std::mutex> lock(goal_mutex_);
+  is_stopping_ = true;
+  idle_.wait_for(lock, std::chrono::nanoseconds(timeout.toNSec()), [this] { return !has_current_; });
+}
+
+// ---------------------------------------------------------------------------------------------------------- goals
+
+void BaseNavigationRos::onGoal(GoalHandle goal) {
+  std::optional<GoalHandle> replaced;
+  bool is_refused = false;
+  {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    is_refused = is_stopping_;
+    if (!is_refused) {
+      replaced = next_;
+      next_ = goal;
+    }
+  }
+  if (is_refused) refuse(goal, NavigationStatus::kCancelled, "the node is shutting down");
+  if (replaced) refuse(*replaced, NavigationStatus::kCancelled, "replaced by a newer goal before it was begun");
+}
+
+void BaseNavigationRos::onCancel(GoalHandle goal) {
+  bool is_waiting = false;
+  {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    const std::string id = goal.getGoalID().id;
+    if (next_ && next_->getGoalID().id == id) {
+      next_.reset();
+      is_waiting = true;
+    } else if (has_current_ && current_id_ == id) {
+      is_cancel_asked_ = true;
+    }
+  }
+  if (is_waiting) refuse(goal, NavigationStatus::kCancelled, "cancelled before it was begun");
+}
+
+void BaseNavigationRos::onSimpleGoal(const geometry_msgs::PoseStampedConstPtr& message) {
+  // To the own server, as any other client's: one way for all goals.
+  move_base_msgs::MoveBaseActionGoal goal;
+  goal.header.stamp = ros::Time::now();
+  goal.goal.target_pose = *message;
+  goal_publisher_.publish(goal);
+}
+
+void BaseNavigationRos::refuse(GoalHandle& goal, Status status, const std::string& message) {
+  publishOutcome(goal, Pose2d(), status, message);
+  if (status == NavigationStatus::kCancelled) {
+    goal.setCanceled(move_base_msgs::MoveBaseResult(), message);
+  } else {
+    goal.setRejected(move_base_msgs::MoveBaseResult(), message);
+  }
+}
+
+void BaseNavigationRos::takeRequests() {
+  std::optional<GoalHandle> goal;
+  bool is_cancelled = false;
+  bool is_forget = false;
+  {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    goal = next_;
+    next_.reset();
+    is_cancelled = is_cancel_asked_ || (is_stopping_ && has_current_);
+    is_forget = is_forget_asked_;
+    is_cancel_asked_ = is_forget_asked_ = false;
+  }
+  if (is_forget) {
+    fusion_.forget();
+    is_grid_old_ = true;
+  }
+  if (is_cancelled && current_) navigator_.cancel();
+  if (!goal) return;
+
+  std::string why_not;
+  const std::optional<Pose2d> goal_map = poseInMap(goal->getGoal()->target_pose, &why_not);
+  if (!goal_map) {
+    // What is being driven to goes on: a goal that makes no sense replaces nothing.
+    ROS_WARN_NAMED(kLog, "goal refused: %s", why_not.c_str());
+    refuse(*goal, NavigationStatus::kBadGoal, why_not);
+    return;
+  }
+  if (current_) finish(NavigationStatus::kCancelled, "replaced by a newer goal");
+  goal->setAccepted();
+  current_ = goal;
+  current_goal_map_ = *goal_map;
+  plans_before_ = navigator_.numPlans();
+  driven_m_ = 0.0;
+  {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    has_current_ = true;
+    current_id_ = goal->getGoalID().id;
+  }
+  navigator_.setGoal(*goal_map);
+  is_grid_old_ = true;
+}
+
+void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goal_map, Status status,
+                                       const std::string& message) {
+  NavigationOutcome outcome;
+  outcome.header.stamp = ros::Time::now();
+  outcome.header.frame_id = params_.map_frame;
+  outcome.goal_id = goal.getGoalID().id;
+  outcome.status = static_cast<std::uint8_t>(status);
+  outcome.message = message;
+  outcome.goal = toPoseMessage(goal_map);
+  {
+    const std::lock_guard<std::mutex> lock(shared_mutex_);
+    outcome.base = toPoseMessage(T_map_base_);
+    ++outcomes_[base_navigation::toString(status)];
+    if (status != NavigationStatus::kSuccess) {
+      last_failure_ = std::string(base_navigation::toString(status)) + ": " + message;
+    }
+  }
+  if (current_ && current_->getGoalID().id == outcome.goal_id) {
+    outcome.plans = static_cast<std::uint32_t>(navigator_.numPlans() - plans_before_);
+    outcome.driven_m = driven_m_;
+  }
+  outcome_publisher_.publish(outcome);
+}
+
+void BaseNavigationRos::finish(Status status, const std::string& message) {
+  publishOutcome(*current_, current_goal_map_, status, message);
+  GoalHandle goal = *current_;
+  current_.reset();
+  {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    has_current_ = false;
+    is_cancel_asked_ = false;
+  }
+  const move_base_msgs::MoveBaseResult result;
+  if (status == NavigationStatus::kSuccess) {
+    goal.setSucceeded(result);
+  } else if (status == NavigationStatus::kCancelled) {
+    goal.setCanceled(result, message);
+  } else {
+    ROS_WARN_NAMED(kLog, "%s: %s", base_navigation::toString(status), message.c_str());
+    goal.setAborted(result, std::string(base_navigation::toString(status)) + ": " + message);
+  }
+  idle_.notify_all();
+}
+
+// ---------------------------------------------------------------------------------------------------------- inputs
+
+void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
+  const std::optional<Eigen::Isometry3d> T = toIsometry(message->pose.pose);
+  const auto& twist = message->twist.twist;
+  std::string problem;
+  if (message->header.frame_id != params_.odom_frame || message->child_frame_id != params_.base_frame) {
+    problem = "odometry of '" + message->child_frame_id + "' in '" + message->header.frame_id + "', must be of '" +
+              params_.base_frame + "' in '" + params_.odom_frame + "'";
+  } else if (!T || !std::isfinite(twist.linear.x) || !std::isfinite(twist.angular.z)) {
+    problem = "odometry with a pose or twist that is not finite, or no rotation";
+  } else if (message->header.stamp.isZero()) {
+    problem = "odometry without a stamp";
+  }
+  {
+    const std::lock_guard<std::mutex> lock(shared_mutex_);
+    odometry_problem_ = problem;
+    if (problem.empty()) odometry_seen_ = message->header.stamp;
+  }
+  if (!problem.empty()) {
+    ROS_WARN_THROTTLE_NAMED(10.0, kLog, "%s: ignored", problem.c_str());
+    return;  // as if none had come: the watchdog sees to the rest
+  }
+
+  const ros::Time stamp = message->header.stamp;
+  const Pose2d T_odom_base = toPlane(*T);
+  if (!odometry_.isEmpty()) {
+    const Eigen::Vector2d step_m = T_odom_base.position() - odometry_.newest().position();
+    if (current_) driven_m_ += step_m.norm();
+  }
+  if (!odometry_.add(stamp, T_odom_base)) {
+    ROS_WARN_NAMED(kLog, "time ran back to %.3f s: scans and the way driven are forgotten", stamp.toSec());
+    fusion_.forget();
+    new_scans_.clear();
+    new_ground_.clear();
+    scan_ = {};
+    ground_stamp_ = grid_built_ = grid_published_ = markers_published_ = feedback_published_ = ros::Time();
+    localisation_stamp_ = ros::Time();
+    tf_.clear();
+    is_grid_old_ = true;
+  }
+  odometry_twist_ = {twist.linear.x, twist.angular.z};
+  step(stamp);
+}
+
+void BaseNavigationRos::onScan(const sensor_msgs::LaserScanConstPtr& message) {
+  std::string problem;
+  const std::string& frame = message->header.frame_id;
+  auto scanner = scanners_.find(frame);
+  if (scanner == scanners_.end()) {
+    try {
+      const auto T = toIsometry(tf_.lookupTransform(params_.base_frame, frame, ros::Time(0)).transform);
+      if (T) {
+        scanner = scanners_.emplace(frame, *T).first;
+      } else {
+        problem = "tf's pose of scanner '" + frame + "' is not finite or no rotation";
+      }
+    } catch (const tf2::TransformException& error) {
+      problem = "where scanner '" + frame + "' sits on " + params_.base_frame + " is not in tf: " + error.what();
+    }
+  }
+  if (scanner != scanners_.end()) {
+    const std::optional<Scan> scan = toScan(*message, scanner->second, &problem);
+    if (scan) {
+      new_scans_.emplace_back(message->header.stamp, std::make_shared<const Scan>(*scan));
+      if (new_scans_.size() > kMaxWaitingScans) new_scans_.pop_front();
+    }
+  }
+  if (!problem.empty()) ROS_WARN_THROTTLE_NAMED(10.0, kLog, "scan ignored: %s", problem.c_str());
+  const std::lock_guard<std::mutex> lock(shared_mutex_);
+  scan_problem_ = problem;
+  if (problem.empty()) scan_seen_ = message->header.stamp;
+}
+
+void BaseNavigationRos::onGround(const nav_msgs::OccupancyGridConstPtr& message) {
+  std::string problem;
+  if (message->header.frame_id != params_.map_frame) {
+    problem = "in frame '" + message->header.frame_id + "', must be '" + params_.map_frame + "'";
+  } else if (const std::optional<NavigationGrid> grid = toGrid(*message, &problem)) {
+    new_ground_.emplace_back(message->header.stamp, std::make_shared<const NavigationGrid>(*grid));
+    if (new_ground_.size() > 2) new_ground_.pop_front();
+  }
+  if (!problem.empty()) ROS_WARN_THROTTLE_NAMED(10.0, kLog, "the map's ground ignored: %s", problem.c_str());
+  const std::lock_guard<std::mutex> lock(shared_mutex_);
+  ground_problem_ = problem;
+  if (problem.empty()) ground_seen_ = message->header.stamp;
+}
+
+void BaseNavigationRos::lookUpLocalisation(const ros::Time& stamp) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(params_.pose.wait_s);
+  while (params_.pose.wait_s > 0.0 && !tf_.canTransform(params_.map_frame, params_.odom_frame, stamp) &&
+         std::chrono::steady_clock::now() < deadline) {
+    std::this_thread::sleep_for(kPollPeriod);  // tf's buffer has no event that one thread can wait for
+  }
+  std::string problem;
+  try {
+    const bool at_stamp = params_.pose.wait_s > 0.0 && tf_.canTransform(params_.map_frame, params_.odom_frame, stamp);
+    const auto message = tf_.lookupTransform(params_.map_frame, params_.odom_frame, at_stamp ? stamp : ros::Time(0));
+    if (const std::optional<Eigen::Isometry3d> T = toIsometry(message.transform)) {
+      T_map_odom_ = toPlane(*T);
+      // Static: as new as the odometry. Localisations date theirs ahead, so that others need not wait.
+      localisation_stamp_ = message.header.stamp.isZero() ? stamp : std::min(message.header.stamp, stamp);
+    } else {
+      problem = "tf's pose of " + params_.odom_frame + " in " + params_.map_frame + " is not finite or no rotation";
+    }
+  } catch (const tf2::TransformException& error) {
+    problem = error.what();
+  }
+  const std::lock_guard<std::mutex> lock(shared_mutex_);
+  localisation_problem_ = problem;
+  localisation_seen_ = localisation_stamp_;
+}
+
+void BaseNavigationRos::enterScans(const ros::Time& before) {
+  // What has the odometry's own stamp may come before or after it: it waits for the next one, so that the order of
+  // arrival changes nothing.
+  while (!new_scans_.empty() && new_scans_.front().first < before) {
+    const auto& [stamp, scan] = new_scans_.front();
+    if (scan_.second == nullptr || stamp >= scan_.first) scan_ = new_scans_.front();
+    const std::optional<Pose2d> T_odom_base = odometry_.at(stamp);
+    if (T_odom_base && !localisation_stamp_.isZero() && (before - stamp).toSec() <= kMaxScanAge_s) {
+      fusion_.addScan(*scan, compose(T_map_odom_, *T_odom_base), stamp.toSec());
+      is_grid_old_ = true;
+    }
+    new_scans_.pop_front();
+  }
+  while (!new_ground_.empty() && new_ground_.front().first < before) {
+    fusion_.setMap(new_ground_.front().second);
+    ground_stamp_ = new_ground_.front().first;
+    new_ground_.pop_front();
+    is_grid_old_ = true;
+  }
+}
+
+// ------------------------------------------------------------------------------------------------------------ steps
+
+void BaseNavigationRos::onWatchdog() {
+  const ros::Time now = ros::Time::now();
+  if (!odometry_.isEmpty() && (now - odometry_.newestStamp()).toSec() <= params_.navigator.max_odometry_age_s) return;
+  step(now);
+}
+
+void BaseNavigationRos::step(const ros::Time& now) {
+  lookUpLocalisation(now);
+  const Pose2d T_odom_base = odometry_.isEmpty() ? Pose2d() : odometry_.newest();
+  const Pose2d T_map_base = compose(T_map_odom_, T_odom_base);
+  const bool is_pose_known = !odometry_.isEmpty() && !localisation_stamp_.isZero();
+  enterScans(now);
+  {
+    const std::lock_guard<std::mutex> lock(shared_mutex_);
+    T_map_base_ = T_map_base;
+    is_pose_known_ = is_pose_known;
+  }
+  takeRequests();
+
+  if (is_pose_known) {
+    const bool is_due = navigator_.isActive() || grid_ == nullptr ||
+                        (now - grid_built_).toSec() * params_.output.grid_rate_hz >= 1.0 || now < grid_built_;
+    if (is_grid_old_ && is_due) {
+      fusion_.addFootprint(T_map_base);
+      std::shared_ptr<const NavigationGrid> grid = fusion_.build(T_map_base, now.toSec());
+      is_grid_old_ = false;
+      grid_built_ = now;
+      const std::lock_guard<std::mutex> lock(shared_mutex_);
+      grid_ = std::move(grid);
+    }
+  }
+
+  NavigationInput input;
+  input.now_s = now.toSec();
+  input.T_map_base = T_map_base;
+  input.pose_stamp_s = is_pose_known ? toSec(localisation_stamp_) : -1.0;
+  input.T_odom_base = T_odom_base;
+  input.odometry_twist = odometry_twist_;
+  input.odometry_stamp_s = odometry_.isEmpty() ? -1.0 : odometry_.newestStamp().toSec();
+  input.scan = scan_.second;
+  input.scan_stamp_s = scan_.second ? scan_.first.toSec() : -1.0;
+  input.grid = grid_;
+  input.grid_stamp_s = params_.ground.required ? toSec(ground_stamp_) : input.scan_stamp_s;
+  const NavigationOutput output = navigator_.step(input, [this] {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    return is_stopping_ || is_cancel_asked_ || next_.has_value();
+  });
+  publish(output, now);
+  if (output.ended && current_) finish(*output.ended, output.message);
+}
+
+void BaseNavigationRos::publish(const NavigationOutput& output, const ros::Time& stamp) {
+  geometry_msgs::Twist command;
+  command.linear.x = output.command.linear_m_s;
+  command.angular.z = output.command.angular_rad_s;
+  // Idle, somebody else may drive.
+  if (output.phase != NavigationPhase::kIdle || output.ended) command_publisher_.publish(command);
+
+  Pose2d T_map_base;
+  std::shared_ptr<const NavigationGrid> grid;
+  {
+    const std::lock_guard<std::mutex> lock(shared_mutex_);
+    phase_ = output.phase;
+    reason_ = output.reason;
+    T_map_base = T_map_base_;
+    grid = grid_;
+  }
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = params_.map_frame;
+  const auto isDue = [&stamp](ros::Time* last, double period_s) {
+    if (!last->isZero() && stamp >= *last && (stamp - *last).toSec() < period_s) return false;
+    *last = stamp;
+    return true;
+  };
+
+  if (navigator_.numPlans() != shown_plans_) {
+    shown_plans_ = navigator_.numPlans();
+    path_publisher_.publish(toMessage(navigator_.path(), kPathStep_m, header));
+  }
+  if (grid && grid_publisher_.getNumSubscribers() > 0 && isDue(&grid_published_, 1.0 / params_.output.grid_rate_hz)) {
+    grid_publisher_.publish(toMessage(*grid, header));
+  }
+  if (markers_.isWatched() && isDue(&markers_published_, kShowPeriod_s)) {
+    markers_.show(output, T_map_base, current_ ? std::optional<Pose2d>(current_goal_map_) : std::nullopt, stamp);
+  }
+  if (current_ && isDue(&feedback_published_, kShowPeriod_s)) {
+    move_base_msgs::MoveBaseFeedback feedback;
+    feedback.base_position.header = header;
+    feedback.base_position.pose = toPoseMessage(T_map_base);
+    current_->publishFeedback(feedback);
+  }
+
+  // Last: who waits for it may rely on all the rest having been sent.
+  NavigationState state;
+  state.header = header;
+  state.phase = static_cast<std::uint8_t>(output.phase);
+  state.reason = output.reason;
+  state.command = command;
+  state.speed_factor = output.guard.speed_factor;
+  state.free_m = output.guard.free_m;
+  state.remaining_m = output.remaining_m;
+  state.error_across_m = output.follow.error_across_m;
+  state.error_yaw_rad = output.follow.error_yaw_rad;
+  state_publisher_.publish(state);
+}
+
+// --------------------------------------------------------------------------------------------------------- requests
+
+std::optional<Eigen::Isometry3d> BaseNavigationRos::transformToMap(const std::string& frame, const ros::Time& stamp,
+                                                                   std::string* why_not) const {
+  if (frame == params_.map_frame) return Eigen::Isometry3d::Identity();
+  if (frame.empty()) {
+    *why_not = "no frame is given";
+    return std::nullopt;
+  }
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(kMaxGoalTfWait_s);
+  std::string error_text;
+  while (!stamp.isZero() && !tf_.canTransform(params_.map_frame, frame, stamp, &error_text) &&
+         std::chrono::steady_clock::now() < deadline) {
+    std::this_thread::sleep_for(kPollPeriod);
+  }
+  try {
+    const auto T = toIsometry(tf_.lookupTransform(params_.map_frame, frame, stamp).transform);
+    if (!T) *why_not = "tf's pose of '" + frame + "' in " + params_.map_frame + " is not finite or no rotation";
+    return T;
+  } catch (const tf2::TransformException& error) {
+    *why_not = "no pose of frame '" + frame + "' in " + params_.map_frame +
+               (stamp.isZero() ? "" : formatted(" at %.3f s", stamp.toSec())) + ": " + error.what();
+    return std::nullopt;
+  }
+}
+
+std::optional<Pose2d> BaseNavigationRos::poseInMap(const geometry_msgs::PoseStamped& pose, std::string* why_not) const {
+  const std::optional<Eigen::Isometry3d> T_frame_goal = toIsometry(pose.pose);
+  if (!T_frame_goal) {
+    *why_not = "the goal's pose is not finite, or its quaternion has not length 1";
+    return std::nullopt;
+  }
+  const std::optional<Eigen::Isometry3d> T_map_frame = transformToMap(pose.header.frame_id, pose.header.stamp, why_not);
+  if (!T_map_frame) return std::nullopt;
+  const Eigen::Isometry3d T_map_goal = *T_map_frame * *T_frame_goal;
+  if (tilt(T_map_goal) > params_.pose.max_tilt_rad) {
+    *why_not = formatted("the goal is tilted by %.3f rad against %s, must be at most %.3f rad", tilt(T_map_goal),
+                         params_.map_frame.c_str(), params_.pose.max_tilt_rad);
+    return std::nullopt;
+  }
+  return toPlane(T_map_goal);
+}
+
+bool BaseNavigationRos::onDistances(DrivingDistances::Request& request, DrivingDistances::Response& response) {
+  std::shared_ptr<const NavigationGrid> grid;
+  Pose2d T_map_base;
+  {
+    const std::lock_guard<std::mutex> lock(shared_mutex_);
+    grid = grid_;
+    T_map_base = T_map_base_;
+    response.header.stamp = std::max(ground_seen_, scan_seen_);
+  }
+  response.header.frame_id = params_.map_frame;
+  std::string why_not;
+  const auto T_map_frame = request.frame_id.empty() ? std::optional<Eigen::Isometry3d>(Eigen::Isometry3d::Identity())
+                                                    : transformToMap(request.frame_id, ros::Time(0), &why_not);
+  if (!grid) {
+    why_not = "no ground is known yet: odometry, localisation, scan or map are missing";
+  } else if (request.poses.size() > kMaxDistancePoses) {
+    why_not = formatted("%zu poses, must be at most %zu", request.poses.size(), kMaxDistancePoses);
+  }
+  response.message = why_not;
+  response.success = why_not.empty() ? 1 : 0;
+  if (!why_not.empty()) return true;
+
+  const base_navigation::DistanceField field(*grid, T_map_base.position(),
+                                             base_navigation::inscribedRadius(profile_.body.footprint_m));
+  const base_navigation::FootprintChecker checker(grid, profile_.body.footprint_m, params_.planner.goal_padding_m);
+  const Pose2d T_map_frame_plane = toPlane(*T_map_frame);
+  for (const geometry_msgs::Pose2D& message : request.poses) {
+    const Pose2d pose = compose(T_map_frame_plane, {message.x, message.y, message.theta});
+    const bool is_finite = isFinite(pose);
+    response.distance.push_back(is_finite ? field.distance(pose.position()) : std::numeric_limits<double>::infinity());
+    const auto state = is_finite ? checker.check(pose).state : base_navigation::SpaceState::kUnknown;
+    response.state.push_back(static_cast<std::uint8_t>(state));
+  }
+  return true;
+}
+
+bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs::GetPlan::Response& response) {
+  std::shared_ptr<const NavigationGrid> grid;
+  Pose2d start;
+  {
+    const std::lock_guard<std::mutex> lock(shared_mutex_);
+    grid = grid_;
+    start = T_map_base_;
+  }
+  std::string why_not;
+  std::optional<Pose2d> goal;
+  if (!grid) {
+    why_not = "no ground is known yet: odometry, localisation, scan or map are missing";
+  } else {
+    goal = poseInMap(request.goal, &why_not);
+    if (goal && !request.start.header.frame_id.empty()) {  // as with move_base: empty is where the robot stands
+      const std::optional<Pose2d> given = poseInMap(request.start, &why_not);
+      if (given) start = *given;
+      if (!given) goal.reset();
+    }
+  }
+  if (!goal) {
+    ROS_WARN_NAMED(kLog, "make_plan: %s", why_not.c_str());
+    return false;
+  }
+  const BasePlan plan = planner_.plan(grid, start, *goal, [this] {
+    const std::lock_guard<std::mutex> lock(goal_mutex_);
+    return is_stopping_;
+  });
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  header.frame_id = params_.map_frame;
+  response.plan.header = header;
+  if (plan.status == BasePlanStatus::kSolved) {
+    response.plan = toMessage(plan.path, kPathStep_m, header);
+  } else {
+    ROS_WARN_NAMED(kLog, "make_plan: %s: %s", base_navigation::toString(plan.status), plan.message.c_str());
+  }
+  return true;  // an empty plan says that there is none
+}
+
+bool BaseNavigationRos::onForget(std_srvs::Trigger::Request& /*request*/, std_srvs::Trigger::Response& response) {
+  const std::lock_guard<std::mutex> lock(goal_mutex_);
+  is_forget_asked_ = true;  // by the control thread, with its next step
+  response.success = 1;
+  response.message = "with the next odometry, what the scanner has seen and where the robot has been is forgotten";
+  return true;
+}
+
+// ------------------------------------------------------------------------------------------------------- diagnostics
+
+void BaseNavigationRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  using diagnostic_msgs::DiagnosticStatus;
+  const ros::Time now = ros::Time::now();
+  const std::lock_guard<std::mutex> lock(shared_mutex_);
+  struct Input {
+    const char* name;
+    const ros::Time& seen;
+    const std::string& problem;
+    double max_age_s;
+    bool is_needed;
+  };
+  const Input inputs[] = {
+      {"odometry", odometry_seen_, odometry_problem_, params_.navigator.max_odometry_age_s, true},
+      {"localisation", localisation_seen_, localisation_problem_, params_.navigator.max_pose_age_s, true},
+      {"scan", scan_seen_, scan_problem_, params_.navigator.max_scan_age_s, true},
+      {"ground", ground_seen_, ground_problem_, params_.navigator.max_grid_age_s, params_.ground.required}};
+  status.summary(DiagnosticStatus::OK, "all inputs come");
+  for (const Input& input : inputs) {
+    if (!input.is_needed && input.problem.empty()) continue;
+    if (!input.problem.empty()) {
+      status.mergeSummary(DiagnosticStatus::ERROR, std::string(input.name) + ": " + input.problem);
+    } else if (input.seen.isZero()) {
+      status.mergeSummary(DiagnosticStatus::WARN, std::string("no ") + input.name + " has come");
+    } else if ((now - input.seen).toSec() > input.max_age_s) {
+      status.mergeSummary(DiagnosticStatus::WARN, formatted("%s is %.2f s old, allowed are %.2f s", input.name,
+                                                            (now - input.seen).toSec(), input.max_age_s));
+    }
+    if (!input.seen.isZero()) status.add(std::string(input.name) + " age, s", (now - input.seen).toSec());
+  }
+}
+
+void BaseNavigationRos::diagnoseGoals(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  using diagnostic_msgs::DiagnosticStatus;
+  const std::lock_guard<std::mutex> lock(shared_mutex_);
+  const bool stands = phase_ == NavigationPhase::kBlocked || phase_ == NavigationPhase::kWaitingForData;
+  status.summary(stands ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
+                 base_navigation::toString(phase_) + (reason_.empty() ? std::string() : ": " + reason_));
+  for (const auto& [name, count] : outcomes_) status.add(name, count);
+  if (!last_failure_.empty()) status.add("last failure", last_failure_);
+}
+
+}  // namespace base_navigation_ros

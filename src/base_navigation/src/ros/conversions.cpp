@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "base_navigation_ros/conversions.h"
+
+#include <cmath>
+#include <cstdio>
+
+namespace base_navigation_ros {
+namespace {
+
+using base_navigation::NavigationGrid;
+using base_navigation::Pose2d;
+using base_navigation::Scan;
+using base_navigation::SpaceState;
+
+constexpr std::size_t kMaxBeams = 10000;
+constexpr double kMaxScannerTilt_rad = 0.087;
+constexpr double kMaxCells = 1.6e7;
+
+template <typename Position, typename Orientation>
+std::optional<Eigen::Isometry3d> isometry(const Position& p, const Orientation& q) {
+  const Eigen::Quaterniond rotation(q.w, q.x, q.y, q.z);
+  const Eigen::Vector3d translation(p.x, p.y, p.z);
+  if (!translation.allFinite() || !rotation.coeffs().allFinite() || std::abs(rotation.norm() - 1.0) > 0.01) {
+    return std::nullopt;
+  }
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = rotation.normalized().toRotationMatrix();
+  T.translation() = translation;
+  return T;
+}
+
+template <typename... Values>
+std::string formatted(const char* format, Values... values) {
+  char text[256];
+  std::snprintf(text, sizeof(text), format, values...);
+  return text;
+}
+
+}  // namespace
+
+geometry_msgs::Pose toPoseMessage(const Pose2d& pose) {
+  geometry_msgs::Pose message;
+  message.position.x = pose.x_m;
+  message.position.y = pose.y_m;
+  message.orientation.z = std::sin(0.5 * pose.yaw_rad);
+  message.orientation.w = std::cos(0.5 * pose.yaw_rad);
+  return message;
+}
+
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& message) {
+  return isometry(message.position, message.orientation);
+}
+
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& message) {
+  return isometry(message.translation, message.rotation);
+}
+
+Pose2d toPlane(const Eigen::Isometry3d& T) {
+  return {T.translation().x(), T.translation().y(), std::atan2(T.linear()(1, 0), T.linear()(0, 0))};
+}
+
+double tilt(const Eigen::Isometry3d& T) {
+  return std::atan2(T.linear().col(2).head<2>().norm(), T.linear()(2, 2));
+}
+
+std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, std::string* why_not) {
+  const auto& info = message.info;
+  const double cells = static_cast<double>(info.width) * info.height;
+  if (!(info.resolution > 0.0F) || !std::isfinite(info.resolution)) {
+    *why_not = formatted("resolution = %g m, must be above 0", info.resolution);
+  } else if (cells > kMaxCells) {
+    *why_not = formatted("%u x %u cells, must be at most %.0f in all", info.width, info.height, kMaxCells);
+  } else if (static_cast<double>(message.data.size()) != cells) {
+    *why_not = formatted("%zu values for %u x %u cells", message.data.size(), info.width, info.height);
+  } else {
+    const std::optional<Eigen::Isometry3d> T_frame_origin = toIsometry(info.origin);
+    if (!T_frame_origin || T_frame_origin->linear().isApprox(Eigen::Matrix3d::Identity(), 1e-3) == false) {
+      *why_not = "its origin is not finite, or turned against its frame";
+    } else {
+      NavigationGrid grid;
+      grid.cell_size_m = info.resolution;
+      // Written as a float: 0.05 comes back as 0.05000000075, and far cells would be off.
+      grid.cell_size_m = std::round(grid.cell_size_m * 1e6) / 1e6;
+      grid.origin_m = T_frame_origin->translation().head<2>();
+      grid.width = static_cast<int>(info.width);
+      grid.height = static_cast<int>(info.height);
+      grid.state.reserve(message.data.size());
+      for (const std::int8_t value : message.data) {
+        grid.state.push_back(value == 0                  ? SpaceState::kFree
+                             : value > 0 && value <= 100 ? SpaceState::kOccupied
+                                                         : SpaceState::kUnknown);
+      }
+      return grid;
+    }
+  }
+  return std::nullopt;
+}
+
+nav_msgs::OccupancyGrid toMessage(const NavigationGrid& grid, const std_msgs::Header& header) {
+  nav_msgs::OccupancyGrid message;
+  message.header = header;
+  message.info.map_load_time = header.stamp;
+  message.info.resolution = static_cast<float>(grid.cell_size_m);
+  message.info.width = static_cast<std::uint32_t>(grid.width);
+  message.info.height = static_cast<std::uint32_t>(grid.height);
+  message.info.origin = toPoseMessage({grid.origin_m.x(), grid.origin_m.y(), 0.0});
+  message.data.reserve(grid.state.size());
+  for (const SpaceState state : grid.state) {
+    message.data.push_back(state == SpaceState::kOccupied ? 100 : state == SpaceState::kFree ? 0 : -1);
+  }
+  return message;
+}
+
+std::optional<Scan> toScan(const sensor_msgs::LaserScan& message, const Eigen::Isometry3d& T_base_scanner,
+                           std::string* why_not) {
+  if (message.ranges.size() < 2 || message.ranges.size() > kMaxBeams) {
+    *why_not = formatted("%zu beams, must be 2 .. %zu", message.ranges.size(), kMaxBeams);
+  } else if (!std::isfinite(message.angle_min) || !std::isfinite(message.angle_increment) ||
+             message.angle_increment == 0.0F ||
+             std::abs(message.angle_increment) * (message.ranges.size() - 1) > 2.0 * M_PI + 0.01) {
+    *why_not =
+        formatted("angle_min = %g rad, angle_increment = %g rad with %zu beams, must be finite and one turn at most",
+                  message.angle_min, message.angle_increment, message.ranges.size());
+  } else if (!(message.range_min >= 0.0F) || !(message.range_max > message.range_min) ||
+             !std::isfinite(message.range_max)) {
+    *why_not = formatted("range_min = %g m, range_max = %g m, must be 0 <= range_min < range_max", message.range_min,
+                         message.range_max);
+  } else {
+    const double upright_rad = tilt(T_base_scanner);
+    if (upright_rad > kMaxScannerTilt_rad && upright_rad < M_PI - kMaxScannerTilt_rad) {
+      *why_not = formatted("the scanner is tilted by %.3f rad, must lie flat or upside down within %.3f rad",
+                           upright_rad, kMaxScannerTilt_rad);
+      return std::nullopt;
+    }
+    Scan scan;
+    scan.T_base_scanner = toPlane(T_base_scanner);
+    scan.is_mirrored = upright_rad > 0.5 * M_PI;
+    scan.min_angle_rad = message.angle_min;
+    scan.increment_rad = message.angle_increment;
+    scan.range_min_m = message.range_min;
+    scan.range_max_m = message.range_max;
+    scan.ranges_m = message.ranges;
+    return scan;
+  }
+  return std::nullopt;
+}
+
+nav_msgs::Path toMessage(const base_navigation::BasePath& path, double step_m, const std_msgs::Header& header) {
+  nav_msgs::Path message;
+  message.header = header;
+  if (path.motions.empty()) return message;
+  for (const auto& sample : path.sample(step_m, 0.3)) {
+    geometry_msgs::PoseStamped pose;
+    pose.header = header;
+    pose.pose = toPoseMessage(sample.pose);
+    message.poses.push_back(pose);
+  }
+  return message;
+}
+
+}  // namespace base_navigation_ros
