@@ -95,6 +95,10 @@ class Judge {
     double time_s;
     std::shared_ptr<const PileTruth> truth;
   };
+  struct ObstaclesAt {
+    double time_s;
+    std::vector<Obstacle> obstacles;
+  };
   /// Per sample of a brick; sized at its first exposure.
   struct Ledger {
     std::vector<bool> was_exposed;
@@ -105,6 +109,7 @@ class Judge {
   void start(const WorldObservation& observation);
   void count(const std::vector<JudgeEvent>& events);
   void renewTruth(const WorldObservation& observation);
+  void renewObstacles(const WorldObservation& observation);
   void drive(const Eigen::Vector2d& base_xy_m);
 
   JudgeConfig config_;
@@ -112,7 +117,8 @@ class Judge {
   CollisionMonitor collisions_;
   PileSurface pile_;
   GroundRegion region_;
-  std::deque<TruthAt> truths_;  ///< the last one older than the history, and all later ones
+  std::deque<TruthAt> truths_;         ///< the last one older than the history, and all later ones
+  std::deque<ObstaclesAt> obstacles_;  ///< of the same times; each holds until the next
   double truth_checked_s_{0.0};
   std::map<int, Ledger> ledgers_;
   std::set<int> stowed_ids_;

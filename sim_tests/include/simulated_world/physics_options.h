@@ -33,4 +33,7 @@ std::string groundXml(const PhysicsOptions& options, const std::string& geom_att
 std::string brickXml(const BrickPlacement& brick, const PhysicsOptions& options,
                      const std::string& geom_attributes = "");
 
+/// `<body>` of an obstacle that is not there: it touches nothing. Body and geom are named obstacleBodyName(index).
+std::string obstacleXml(int index, const PhysicsOptions& options, const std::string& geom_attributes = "");
+
 }  // namespace simulated_world

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -81,6 +82,7 @@ class Simulation {
     std::int64_t stamp_ns{0};
     bool has_joint_states{false};
     bool has_odometry{false};
+    bool has_localisation{false};
     struct Image {
       std::int64_t stamp_ns;  ///< of the capture
       RgbdCamera::Frame frame;
@@ -120,7 +122,7 @@ class Simulation {
   const DifferentialDrive& drive() const { return *drive_; }
   /// What the arm's driver tells: less what it was when the sensor was zeroed. In ur5e_tool0, N and N m.
   ToolWrench wrench() const;
-  /// Of `odom` in `map`: ground truth and odometry put together, with the localisation's noise.
+  /// Of `odom` in `map`: ground truth and odometry put together, with the localisation's noise and error.
   const Pose2d& mapToOdom() const { return map_to_odom_; }
   const PileScene& scene() const { return scene_; }
   const LaserScannerConfig& scannerConfig() const;
@@ -133,8 +135,10 @@ class Simulation {
 
  private:
   void applyFaults(Tick* tick);
-  void beginFault(const Fault& fault, Tick* tick);
-  void endFault(const Fault& fault, Tick* tick);
+  void beginFault(const FaultSchedule::Change& change, Tick* tick);
+  void endFault(const FaultSchedule::Change& change, Tick* tick);
+  /// Why a fault's pose is not to be had now; empty: it is.
+  std::string placeProblem(const Fault& fault);
   void startArm();
   void stepPhysics(double now_s, Tick* tick);
   bool isArmOnBrakes(double now_s);
@@ -174,6 +178,8 @@ class Simulation {
   std::vector<Tick::Image> images_on_their_way_;
   std::optional<ToolWrench> wrench_zero_;
   Pose2d map_to_odom_;
+  Pose2d localisation_error_;  // of the map's axes, and of the heading
+  std::map<std::uint64_t, int> obstacle_of_fault_;
   std::optional<int> target_;
   std::int64_t now_ns_;
   std::int64_t tick_ns_;
@@ -186,6 +192,9 @@ class Simulation {
   double scan_rate_hz_{0.0};
   bool image_wanted_{false};
   bool camera_gone_{false};
+  bool scanner_gone_{false};
+  bool odometry_gone_{false};
+  bool localisation_gone_{false};
   bool is_camera_used_{true};
   bool is_base_halted_{false};
   bool chute_was_full_{false};

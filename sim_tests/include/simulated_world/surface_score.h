@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 
+#include "simulated_world/obstacle.h"
 #include "simulated_world/pile_surface.h"
 
 namespace simulated_world {
@@ -54,8 +55,10 @@ struct ScoreConfig {
 };
 
 /// Share of the surface's area (of its points, without triangles), over the ground and in the region, that is right.
-/// Nothing if there is no surface there. Faces between two bricks count as faces.
+/// Nothing if there is no surface there. Faces between two bricks count as faces. What lies on an obstacle is neither
+/// right nor wrong: it shows what is there, which is not the pile.
 std::optional<double> surfacePrecision(const StrategySurface& surface, const std::vector<PileBrick>& bricks,
-                                       const GroundRegion& region, double ground_height_m, const ScoreConfig& config);
+                                       const GroundRegion& region, double ground_height_m, const ScoreConfig& config,
+                                       const std::vector<Obstacle>& obstacles = {});
 
 }  // namespace simulated_world

@@ -13,6 +13,7 @@
 #include "simulated_world/brick_sleep.h"
 #include "simulated_world/differential_drive.h"
 #include "simulated_world/mujoco_model.h"
+#include "simulated_world/obstacle.h"
 #include "simulated_world/physics_options.h"
 #include "simulated_world/pile_scene.h"
 
@@ -157,6 +158,15 @@ class World {
   void moveBrick(int id, const Eigen::Isometry3d& T_map_brick);
   /// Takes a brick out of the world. Throws std::invalid_argument if it is not there.
   void takeAwayBrick(int id);
+  /// What an obstacle on this place of the ground would be inside of, by more than 5 mm: a link, a brick or another
+  /// obstacle; empty: it is free. Throws std::invalid_argument for a place that is not finite or not within 100 m.
+  std::string thingAt(const Eigen::Vector2d& xy_map);
+  /// Puts an obstacle there, whatever is in its place, and returns its index. Throws std::invalid_argument as thingAt()
+  /// and std::logic_error if kMaxObstacles stand already.
+  int addObstacle(const Eigen::Vector2d& xy_map);
+  /// Throws std::invalid_argument if it does not stand.
+  void takeAwayObstacle(int index);
+  std::vector<Obstacle> obstacles() const;  ///< that stand, in order of index
   /// The magnet loses its brick though it is switched on; it takes none until it is switched off. False if it held none.
   bool dropHeldBrick();
 
@@ -173,6 +183,12 @@ class World {
     bool is_present{true};
   };
 
+  struct ObstacleSlot {
+    int geom;
+    int mocap;  // index of a body that stays where it is put
+    bool is_present{false};
+  };
+
   void commandBase();
   void commandArm();
   void updateMagnet();
@@ -184,12 +200,14 @@ class World {
   double holdFactor(const BrickSlot& slot) const;
   std::size_t indexOf(int id) const;
   void setWeld(bool is_active);
+  void placeObstacle(ObstacleSlot& slot, bool is_present, const Eigen::Vector3d& base_map);
 
   WorldConfig config_;
   ModelPtr model_;
   DataPtr data_;
   std::unique_ptr<BrickSleep> sleep_;  // null: nobody sleeps
   std::vector<BrickSlot> slots_;
+  std::vector<ObstacleSlot> obstacles_;
   std::vector<int> slot_of_geom_;  // index into slots_, -1
   std::vector<char> is_robot_geom_;
   std::vector<char> is_magnet_geom_;

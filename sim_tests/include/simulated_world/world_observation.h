@@ -7,6 +7,8 @@
 
 #include <Eigen/Geometry>
 
+#include "simulated_world/obstacle.h"
+
 namespace simulated_world {
 
 /// What the simulator knows about who is moving a brick, or did last.
@@ -40,6 +42,7 @@ struct WorldObservation {
   std::vector<BrickObservation> bricks;
   std::optional<int> target_id;  ///< the brick that the tool may touch now
   std::vector<RobotContact> contacts;
+  std::vector<Obstacle> obstacles;                     ///< that stand in the way now
   Eigen::Vector2d base_xy_m{Eigen::Vector2d::Zero()};  ///< in the map frame
 };
 

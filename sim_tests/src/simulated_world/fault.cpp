@@ -13,7 +13,7 @@
 namespace simulated_world {
 namespace {
 
-constexpr std::array<std::pair<FaultKind, const char*>, 8> kNames{{
+constexpr std::array<std::pair<FaultKind, const char*>, 13> kNames{{
     {FaultKind::kProtectiveStop, "protective_stop"},
     {FaultKind::kEmergencyStop, "emergency_stop"},
     {FaultKind::kDriverGone, "driver_gone"},
@@ -22,7 +22,22 @@ constexpr std::array<std::pair<FaultKind, const char*>, 8> kNames{{
     {FaultKind::kWheelSlip, "wheel_slip"},
     {FaultKind::kDropBrick, "drop_brick"},
     {FaultKind::kMoveBrick, "move_brick"},
+    {FaultKind::kScannerGone, "scanner_gone"},
+    {FaultKind::kOdometryGone, "odometry_gone"},
+    {FaultKind::kLocalisationGone, "localisation_gone"},
+    {FaultKind::kLocalisationJump, "localisation_jump"},
+    {FaultKind::kObstacle, "obstacle"},
 }};
+
+constexpr double kFarthest_m = 100.0;
+// What a client may be off by rounding, or by a ground that it has estimated.
+constexpr double kOnGround_m = 0.01;
+constexpr double kUpright_rad = 0.01;
+
+// Several of a kind at a time, each with its own end.
+bool canBeMany(FaultKind kind) {
+  return kind == FaultKind::kObstacle;
+}
 
 bool canEnd(FaultKind kind) {
   return kind != FaultKind::kProtectiveStop && kind != FaultKind::kDropBrick && kind != FaultKind::kMoveBrick;
@@ -79,13 +94,32 @@ std::vector<std::string> Fault::validate() const {
       report("value2", value2, "in [0, 1]");
     }
   }
-  if (kind == FaultKind::kMoveBrick) {
-    if (brick_id < 0) {
-      report("brick_id", brick_id, "the id of a brick, >= 0");
+  if (kind == FaultKind::kLocalisationJump) {
+    if (!(std::abs(value) <= kFarthest_m)) {
+      report("value", value, "in [-100, 100] m");
     }
-    const Eigen::Matrix3d R = T_map_brick.linear();
-    if (!T_map_brick.matrix().allFinite() || !(R * R.transpose()).isIdentity(1e-3)) {
+    if (!(std::abs(value2) <= M_PI)) {
+      report("value2", value2, "in [-pi, pi] rad");
+    }
+  }
+  if (kind == FaultKind::kMoveBrick && brick_id < 0) {
+    report("brick_id", brick_id, "the id of a brick, >= 0");
+  }
+  if (kind == FaultKind::kMoveBrick || kind == FaultKind::kObstacle) {
+    const Eigen::Matrix3d R = T_map_object.linear();
+    if (!T_map_object.matrix().allFinite() || !(R * R.transpose()).isIdentity(1e-3)) {
       problems.emplace_back("pose must be finite, its quaternion of length 1");
+    } else if (kind == FaultKind::kObstacle) {
+      if (!(T_map_object.translation().head<2>().cwiseAbs().maxCoeff() <= kFarthest_m)) {
+        report("pose.position (farther of x and y)", T_map_object.translation().head<2>().cwiseAbs().maxCoeff(),
+               "within +-100 m");
+      }
+      if (!(std::abs(T_map_object.translation().z()) <= kOnGround_m)) {
+        report("pose.position.z", T_map_object.translation().z(), "0 m: an obstacle stands on the ground");
+      }
+      if (!(R(2, 2) >= std::cos(kUpright_rad))) {
+        problems.emplace_back("pose.orientation must leave z up: an obstacle stands upright");
+      }
     }
   }
   return problems;
@@ -99,7 +133,7 @@ void FaultSchedule::insert(double at_s, const Change& change) {
 
 void FaultSchedule::add(const Fault& fault) {
   throwIfAny("fault " + faultName(fault.kind), fault.validate());
-  insert(fault.at_s, {fault, true});
+  insert(fault.at_s, {fault, true, ++num_added_});
 }
 
 std::vector<FaultSchedule::Change> FaultSchedule::takeDue(double now_s) {
@@ -111,12 +145,13 @@ std::vector<FaultSchedule::Change> FaultSchedule::takeDue(double now_s) {
       // The same kind again replaces the earlier one, whose end would otherwise cut this one short.
       entries_.erase(std::remove_if(entries_.begin(), entries_.end(),
                                     [&change](const Entry& entry) {
-                                      return !entry.change.is_beginning && entry.change.fault.kind == change.fault.kind;
+                                      return !entry.change.is_beginning && !canBeMany(change.fault.kind) &&
+                                             entry.change.fault.kind == change.fault.kind;
                                     }),
                      entries_.end());
       if (change.fault.duration_s > 0.0) {
         // From when it takes effect, which is later than asked for if that was in the past.
-        insert(std::max(now_s, change.fault.at_s) + change.fault.duration_s, {change.fault, false});
+        insert(std::max(now_s, change.fault.at_s) + change.fault.duration_s, {change.fault, false, change.number});
       }
     }
     due.push_back(change);

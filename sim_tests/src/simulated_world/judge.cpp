@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "simulated_world/judge.h"
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <stdexcept>
 
@@ -51,6 +53,11 @@ void Judge::check(const WorldObservation& observation) const {
     if (!ids.insert(brick.id).second || !brick.T_map_brick.matrix().allFinite() || !brick.size_m.allFinite() ||
         !(brick.size_m.minCoeff() > 0.0)) {
       refuse("bricks, id = " + std::to_string(brick.id) + ", must be unique, with a finite pose and a size > 0 m");
+    }
+  }
+  for (const Obstacle& obstacle : observation.obstacles) {
+    if (!obstacle.xy_map.allFinite()) {
+      refuse("obstacles, index = " + std::to_string(obstacle.index) + ": its place must be finite");
     }
   }
   for (const RobotContact& contact : observation.contacts) {
@@ -112,6 +119,18 @@ void Judge::renewTruth(const WorldObservation& observation) {
   }
 }
 
+void Judge::renewObstacles(const WorldObservation& observation) {
+  const auto is_same = [](const Obstacle& a, const Obstacle& b) { return a.index == b.index && a.xy_map == b.xy_map; };
+  if (obstacles_.empty() ||
+      !std::equal(observation.obstacles.begin(), observation.obstacles.end(), obstacles_.back().obstacles.begin(),
+                  obstacles_.back().obstacles.end(), is_same)) {
+    obstacles_.push_back({observation.time_s, observation.obstacles});
+  }
+  while (obstacles_.size() > 1 && obstacles_[1].time_s <= observation.time_s - config_.surface_history_s) {
+    obstacles_.pop_front();
+  }
+}
+
 void Judge::drive(const Eigen::Vector2d& base_xy_m) {
   const double step_m = (base_xy_m - counted_base_xy_m_).norm();
   if (step_m >= config_.min_step_m) {
@@ -140,6 +159,7 @@ void Judge::observe(const WorldObservation& observation) {
   count(collisions_.observe(observation));
   drive(observation.base_xy_m);
   renewTruth(observation);
+  renewObstacles(observation);
   if (history_.empty() || events_.size() > num_events_before ||
       time_s_ - history_.back().time_s >= config_.row_period_s) {
     history_.push_back(totals());
@@ -159,6 +179,8 @@ SurfaceVerdict Judge::judgeSurface(const StrategySurface& surface) {
   auto at = truths_.rbegin();
   while (at->time_s > surface.stamp_s) ++at;
   const PileTruth& truth = *at->truth;
+  auto obstacles = obstacles_.rbegin();
+  while (obstacles->time_s > surface.stamp_s && std::next(obstacles) != obstacles_.rend()) ++obstacles;
 
   std::vector<const PileTruth::Sample*> open;
   std::vector<Eigen::Vector3d> points_map;
@@ -175,8 +197,8 @@ SurfaceVerdict Judge::judgeSurface(const StrategySurface& surface) {
       report_.covered_area_m2 += open[i]->area_m2;
     }
   }
-  const std::optional<double> precision =
-      surfacePrecision(surface, truth.bricks, region_, config_.pile.ground_height_m, config_.score);
+  const std::optional<double> precision = surfacePrecision(surface, truth.bricks, region_, config_.pile.ground_height_m,
+                                                           config_.score, obstacles->obstacles);
   if (precision) {
     report_.totals.precision = precision;
   }

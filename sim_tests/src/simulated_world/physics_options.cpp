@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "config_check.h"
+#include "simulated_world/obstacle.h"
 #include "simulated_world/world_observation.h"
 
 namespace simulated_world {
@@ -72,6 +73,18 @@ std::string brickXml(const BrickPlacement& brick, const PhysicsOptions& options,
        << "  <geom name=\"" << name << "\" type=\"box\" size=\"" << half_m.x() << ' ' << half_m.y() << ' ' << half_m.z()
        << "\" mass=\"" << brick.type.mass_kg << "\" " << contactAttributes(options, brick.type.friction) << ' '
        << geom_attributes << "/>\n"
+       << "</body>\n";
+  return text.str();
+}
+
+std::string obstacleXml(int index, const PhysicsOptions& options, const std::string& geom_attributes) {
+  constexpr double kFriction = 0.5;  // clothes and soles; nothing that is measured depends on it
+  const std::string name = obstacleBodyName(index);
+  std::ostringstream text = exactText();
+  text << "<body name=\"" << name << "\" mocap=\"true\" pos=\"0 0 " << 0.5 * kObstacleHeight_m << "\">\n"
+       << "  <geom name=\"" << name << "\" type=\"cylinder\" size=\"" << kObstacleRadius_m << ' '
+       << 0.5 * kObstacleHeight_m << "\" contype=\"0\" conaffinity=\"0\" " << contactAttributes(options, kFriction)
+       << ' ' << geom_attributes << "/>\n"
        << "</body>\n";
   return text.str();
 }

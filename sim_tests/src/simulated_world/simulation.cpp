@@ -269,21 +269,29 @@ Simulation::Tick Simulation::tick() {
   observe(&tick);
 
   tick.has_joint_states = isDue(config_.joint_state_rate_hz);
-  tick.has_odometry = isDue(config_.odometry_rate_hz);
-  if (tick.has_odometry) {
+  const bool is_odometry_due = isDue(config_.odometry_rate_hz);
+  tick.has_odometry = is_odometry_due && !odometry_gone_;
+  tick.has_localisation = is_odometry_due && !localisation_gone_;
+  if (is_odometry_due) {
+    // Drawn each time, so that faults change nothing else.
     double x = 0.0;
     double y = 0.0;
     random_.normalPair(x, y);
     const double turn = random_.normal();
     Pose2d seen = world_->basePose();
-    seen.x_m += config_.localisation_std_m * x;
-    seen.y_m += config_.localisation_std_m * y;
-    seen.yaw_rad += config_.localisation_std_rad * turn;
-    map_to_odom_ = compose(seen, inverse(drive_->odometry()));
+    seen.x_m += config_.localisation_std_m * x + localisation_error_.x_m;
+    seen.y_m += config_.localisation_std_m * y + localisation_error_.y_m;
+    seen.yaw_rad += config_.localisation_std_rad * turn + localisation_error_.yaw_rad;
+    if (tick.has_odometry) {  // without, there is nothing to correct: it stays with what it said last
+      map_to_odom_ = compose(seen, inverse(drive_->odometry()));
+    }
   }
   if (isDue(scan_rate_hz_)) {
     const CostMeter::Scope cost(costs_, SimulationPart::kScanner);
-    tick.scan = scanner_->scan(world_->data(), ++scan_number_);
+    ++scan_number_;  // whether it is sent or not: the noise of later ones stays the same
+    if (!scanner_gone_) {
+      tick.scan = scanner_->scan(world_->data(), scan_number_);
+    }
   }
   takeImages(&tick);
   return tick;
@@ -494,6 +502,7 @@ void Simulation::observe(Tick* tick) {
   for (const RobotTouch& touch : world_->takeTouches()) {
     seen.contacts.push_back({touch.robot_body, touch.other_body, touch.force_N});
   }
+  seen.obstacles = world_->obstacles();
   const Pose2d base = world_->basePose();
   seen.base_xy_m = {base.x_m, base.y_m};
   const std::size_t known = judge_->events().size();
@@ -515,27 +524,41 @@ void Simulation::addFault(const Fault& fault) {
     throw std::invalid_argument("fault move_brick: brick_id = " + std::to_string(fault.brick_id) +
                                 ", must be the id of a brick that is still there");
   }
-  if (fault.kind == FaultKind::kMoveBrick && fault.at_s <= now() && fault.validate().empty()) {
-    const std::string obstacle = world_->obstacleAt(fault.brick_id, fault.T_map_brick);
-    if (!obstacle.empty()) {
-      throw std::invalid_argument("fault move_brick: pose of brick " + std::to_string(fault.brick_id) + " is inside " +
-                                  obstacle + ", must be free");
+  if (fault.at_s <= now() && fault.validate().empty()) {
+    const std::string problem = placeProblem(fault);
+    if (!problem.empty()) {
+      throw std::invalid_argument("fault " + faultName(fault.kind) + ": " + problem);
     }
   }
   faults_.add(fault);
 }
 
+std::string Simulation::placeProblem(const Fault& fault) {
+  std::string taken_by;
+  if (fault.kind == FaultKind::kMoveBrick) {
+    taken_by = world_->obstacleAt(fault.brick_id, fault.T_map_object);
+  } else if (fault.kind == FaultKind::kObstacle) {
+    if (world_->obstacles().size() >= static_cast<std::size_t>(kMaxObstacles)) {
+      return "obstacles that stand already = " + std::to_string(kMaxObstacles) + ", must be fewer than " +
+             std::to_string(kMaxObstacles);
+    }
+    taken_by = world_->thingAt(fault.T_map_object.translation().head<2>());
+  }
+  return taken_by.empty() ? "" : "pose is inside " + taken_by + ", must be free";
+}
+
 void Simulation::applyFaults(Tick* tick) {
   for (const FaultSchedule::Change& change : faults_.takeDue(now())) {
     if (change.is_beginning) {
-      beginFault(change.fault, tick);
+      beginFault(change, tick);
     } else {
-      endFault(change.fault, tick);
+      endFault(change, tick);
     }
   }
 }
 
-void Simulation::beginFault(const Fault& fault, Tick* tick) {
+void Simulation::beginFault(const FaultSchedule::Change& change, Tick* tick) {
+  const Fault& fault = change.fault;
   std::string note = "fault " + faultName(fault.kind);
   switch (fault.kind) {
     case FaultKind::kProtectiveStop:
@@ -567,21 +590,40 @@ void Simulation::beginFault(const Fault& fault, Tick* tick) {
     case FaultKind::kMoveBrick:
       if (!world_->brick(fault.brick_id)) {
         note += ": brick " + std::to_string(fault.brick_id) + " is no longer there";
-      } else if (const std::string obstacle = world_->obstacleAt(fault.brick_id, fault.T_map_brick);
-                 !obstacle.empty()) {
-        note += ": the place is taken by " + obstacle;
+      } else if (const std::string problem = placeProblem(fault); !problem.empty()) {
+        note += " refused: " + problem;
       } else {
         BrickRecord& brick = record(fault.brick_id);
         brick.status = BrickStatus::kMovedByHand;
         brick.status_since_s = now();
-        world_->moveBrick(fault.brick_id, fault.T_map_brick);
+        world_->moveBrick(fault.brick_id, fault.T_map_object);
+      }
+      break;
+    case FaultKind::kScannerGone:
+      scanner_gone_ = true;
+      break;
+    case FaultKind::kOdometryGone:
+      odometry_gone_ = true;
+      break;
+    case FaultKind::kLocalisationGone:
+      localisation_gone_ = true;
+      break;
+    case FaultKind::kLocalisationJump:
+      localisation_error_ = {fault.value, 0.0, fault.value2};
+      break;
+    case FaultKind::kObstacle:
+      if (const std::string problem = placeProblem(fault); !problem.empty()) {
+        note += " refused: " + problem;
+      } else {
+        obstacle_of_fault_[change.number] = world_->addObstacle(fault.T_map_object.translation().head<2>());
       }
       break;
   }
   tick->incidents.push_back(sentence(now(), note));
 }
 
-void Simulation::endFault(const Fault& fault, Tick* tick) {
+void Simulation::endFault(const FaultSchedule::Change& change, Tick* tick) {
+  const Fault& fault = change.fault;
   switch (fault.kind) {
     case FaultKind::kEmergencyStop:
       arm_->releaseEmergencyStop();
@@ -598,6 +640,26 @@ void Simulation::endFault(const Fault& fault, Tick* tick) {
       break;
     case FaultKind::kWheelSlip:
       drive_->setSlip(0.0, 0.0);
+      break;
+    case FaultKind::kScannerGone:
+      scanner_gone_ = false;
+      break;
+    case FaultKind::kOdometryGone:
+      odometry_gone_ = false;
+      break;
+    case FaultKind::kLocalisationGone:
+      localisation_gone_ = false;
+      break;
+    case FaultKind::kLocalisationJump:
+      localisation_error_ = Pose2d{};
+      break;
+    case FaultKind::kObstacle:
+      if (const auto entry = obstacle_of_fault_.find(change.number); entry != obstacle_of_fault_.end()) {
+        world_->takeAwayObstacle(entry->second);
+        obstacle_of_fault_.erase(entry);
+      } else {
+        return;  // it was refused, and never began
+      }
       break;
     case FaultKind::kProtectiveStop:
     case FaultKind::kDropBrick:

@@ -102,6 +102,17 @@ bool isRight(const Eigen::Vector3d& p_map, const std::vector<PileBrick>& bricks,
   });
 }
 
+bool isOnObstacle(const Eigen::Vector3d& p_map, const std::vector<Obstacle>& obstacles, double ground_height_m,
+                  double tolerance_m) {
+  return std::any_of(obstacles.begin(), obstacles.end(), [&](const Obstacle& obstacle) {
+    // Beyond flank and top; the foot is on the ground, where no surface is judged.
+    const Eigen::Vector2d excess((p_map.head<2>() - obstacle.xy_map).norm() - kObstacleRadius_m,
+                                 p_map.z() - ground_height_m - kObstacleHeight_m);
+    const double distance_m = excess.maxCoeff() > 0.0 ? excess.cwiseMax(0.0).norm() : -excess.maxCoeff();
+    return distance_m <= tolerance_m;
+  });
+}
+
 }  // namespace
 
 void StrategySurface::check() const {
@@ -178,14 +189,18 @@ std::vector<std::string> ScoreConfig::validate() const {
 }
 
 std::optional<double> surfacePrecision(const StrategySurface& surface, const std::vector<PileBrick>& bricks,
-                                       const GroundRegion& region, double ground_height_m, const ScoreConfig& config) {
+                                       const GroundRegion& region, double ground_height_m, const ScoreConfig& config,
+                                       const std::vector<Obstacle>& obstacles) {
   const double min_z_m = ground_height_m + config.min_height_m;
   double total = 0.0;
   double right = 0.0;
   const auto judge = [&](const Eigen::Vector3d& p, double weight, const std::vector<PileBrick>& candidates) {
     if (p.z() > min_z_m && region.contains(p.head<2>())) {
-      total += weight;
-      right += isRight(p, candidates, config.tolerance_m) ? weight : 0.0;
+      const bool is_right = isRight(p, candidates, config.tolerance_m);
+      if (is_right || !isOnObstacle(p, obstacles, ground_height_m, config.tolerance_m)) {
+        total += weight;
+        right += is_right ? weight : 0.0;
+      }
     }
   };
   if (surface.triangles.empty()) {

@@ -19,12 +19,15 @@ const std::array<std::string, kArmJoints> kArmJointNames{
 
 namespace {
 
-// Taken-away bricks wait high up: out of sight of camera and scanner, touching nothing.
+// Taken-away bricks and obstacles that are not there wait high up: out of sight of camera and scanner, touching nothing.
 const Eigen::Vector3d kStoreroom(0.0, 0.0, 1000.0);
 // An overload shorter than this is one of the solver's spikes at a contact's first steps, not a force.
 constexpr double kOverloadTime_s = 0.01;
 constexpr double kRestSpeed_m_s = 0.03;
 constexpr double kRestSpeed_rad_s = 0.3;
+// Of things put somewhere by hand: so much deeper than bricks at rest sink into each other is inside.
+constexpr double kInside_m = 0.005;
+constexpr double kFarthest_m = 100.0;
 
 int jointId(const mjModel& model, const std::string& name, mjtJoint type) {
   const int joint = requireId(model, mjOBJ_JOINT, name);
@@ -192,6 +195,12 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
     }
     sleep_ = std::make_unique<BrickSleep>(*model_, ids, config.sleep);
   }
+  for (int i = 0; i < kMaxObstacles; ++i) {
+    ObstacleSlot slot{};
+    slot.geom = requireId(*model_, mjOBJ_GEOM, obstacleBodyName(i));
+    slot.mocap = model_->body_mocapid[requireId(*model_, mjOBJ_BODY, obstacleBodyName(i))];
+    obstacles_.push_back(slot);
+  }
   chute_body_ = mj_name2id(model_.get(), mjOBJ_BODY, "chute");
   // Its walls are its extent.
   for (int geom = 0; geom < model_->ngeom; ++geom) {
@@ -214,6 +223,7 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   }
   base_reference_ = robot_start;
   arm_reference_ = arm_start_rad;
+  for (ObstacleSlot& slot : obstacles_) placeObstacle(slot, false, kStoreroom);
   mj_forward(model_.get(), data_.get());
 
   // The tool is everything that hangs on the wrist's sensor.
@@ -727,8 +737,6 @@ std::size_t World::indexOf(int id) const {
 }
 
 std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
-  constexpr double kDepth_m = 0.005;
-  constexpr double kFarthest_m = 100.0;
   const std::size_t index = indexOf(id);
   const BrickSlot& slot = slots_[index];
   if (!T_map_brick.matrix().allFinite() || T_map_brick.translation().cwiseAbs().maxCoeff() > kFarthest_m) {
@@ -744,7 +752,7 @@ std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
   model_->geom_conaffinity[slot.geom] = conaffinity;
   for (int i = 0; i < trial->ncon; ++i) {
     const mjContact& contact = trial->contact[i];
-    if ((contact.geom1 != slot.geom && contact.geom2 != slot.geom) || contact.dist > -kDepth_m) {
+    if ((contact.geom1 != slot.geom && contact.geom2 != slot.geom) || contact.dist > -kInside_m) {
       continue;
     }
     const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
@@ -774,6 +782,74 @@ void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
   mj_forward(model_.get(), data_.get());
 }
 
+std::string World::thingAt(const Eigen::Vector2d& xy_map) {
+  if (!xy_map.allFinite() || xy_map.cwiseAbs().maxCoeff() > kFarthest_m) {
+    throw std::invalid_argument("obstacle: its place must be finite and within +-100 m");
+  }
+  // Bodies that stand still have no contact with each other.
+  for (const Obstacle& other : obstacles()) {
+    if ((other.xy_map - xy_map).norm() < 2.0 * kObstacleRadius_m - kInside_m) {
+      return obstacleBodyName(other.index);
+    }
+  }
+  // On a copy, in which any of them may stand for the new one: asking changes nothing.
+  const ObstacleSlot& slot = obstacles_.front();
+  const DataPtr trial(mj_copyData(nullptr, model_.get(), data_.get()));
+  const Eigen::Vector3d middle(xy_map.x(), xy_map.y(), 0.5 * kObstacleHeight_m);
+  std::copy_n(middle.data(), 3, trial->mocap_pos + 3 * slot.mocap);
+  model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = 1;
+  mj_forward(model_.get(), trial.get());
+  model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = slot.is_present ? 1 : 0;
+  for (int i = 0; i < trial->ncon; ++i) {
+    const mjContact& contact = trial->contact[i];
+    if ((contact.geom1 == slot.geom || contact.geom2 == slot.geom) && contact.dist <= -kInside_m) {
+      const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
+      return nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other]);
+    }
+  }
+  return "";
+}
+
+void World::placeObstacle(ObstacleSlot& slot, bool is_present, const Eigen::Vector3d& base_map) {
+  slot.is_present = is_present;
+  const Eigen::Vector3d middle = base_map + Eigen::Vector3d(0.0, 0.0, 0.5 * kObstacleHeight_m);
+  std::copy_n(middle.data(), 3, data_->mocap_pos + 3 * slot.mocap);
+  model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = is_present ? 1 : 0;
+}
+
+int World::addObstacle(const Eigen::Vector2d& xy_map) {
+  if (!xy_map.allFinite() || xy_map.cwiseAbs().maxCoeff() > kFarthest_m) {
+    throw std::invalid_argument("obstacle: its place must be finite and within +-100 m");
+  }
+  for (std::size_t i = 0; i < obstacles_.size(); ++i) {
+    if (!obstacles_[i].is_present) {
+      placeObstacle(obstacles_[i], true, {xy_map.x(), xy_map.y(), 0.0});
+      mj_forward(model_.get(), data_.get());
+      return static_cast<int>(i);
+    }
+  }
+  throw std::logic_error("World: " + std::to_string(kMaxObstacles) + " obstacles stand already");
+}
+
+void World::takeAwayObstacle(int index) {
+  if (index < 0 || index >= kMaxObstacles || !obstacles_[static_cast<std::size_t>(index)].is_present) {
+    throw std::invalid_argument("there is no obstacle " + std::to_string(index) + " in the world");
+  }
+  placeObstacle(obstacles_[static_cast<std::size_t>(index)], false, kStoreroom);
+  mj_forward(model_.get(), data_.get());
+}
+
+std::vector<Obstacle> World::obstacles() const {
+  std::vector<Obstacle> standing;
+  for (std::size_t i = 0; i < obstacles_.size(); ++i) {
+    if (obstacles_[i].is_present) {
+      const mjtNum* middle = data_->mocap_pos + 3 * obstacles_[i].mocap;
+      standing.push_back({static_cast<int>(i), {middle[0], middle[1]}});
+    }
+  }
+  return standing;
+}
+
 void World::takeAwayBrick(int id) {
   Eigen::Isometry3d away = Eigen::Isometry3d::Identity();
   away.translation() = kStoreroom;
@@ -786,6 +862,7 @@ std::uint64_t World::digest() const {
   std::uint64_t hash = 0xCBF29CE484222325ULL;
   hash = hashBytes(hash, &data_->time, sizeof(mjtNum));
   hash = hashBytes(hash, data_->qpos, sizeof(mjtNum) * static_cast<std::size_t>(model_->nq));
+  hash = hashBytes(hash, data_->mocap_pos, sizeof(mjtNum) * 3 * static_cast<std::size_t>(model_->nmocap));
   return hashBytes(hash, data_->qvel, sizeof(mjtNum) * static_cast<std::size_t>(model_->nv));
 }
 

@@ -29,6 +29,9 @@ std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_m
     const std::string material = brick.material.empty() ? "" : " material=\"" + brick.material + "\"";
     xml << brickXml(brick.placement, config.physics, "group=\"1\"" + material);
   }
+  for (int i = 0; i < kMaxObstacles; ++i) {
+    xml << obstacleXml(i, config.physics, "group=\"1\" rgba=\"0.25 0.35 0.6 1\"");
+  }
   xml << "</worldbody>\n";
   if (!bricks.empty()) {
     // Which brick the weld holds is written into the model when the magnet takes it.

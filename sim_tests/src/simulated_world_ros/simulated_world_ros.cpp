@@ -39,6 +39,7 @@ using simulated_world::Pose2d;
 using simulated_world::Simulation;
 
 constexpr double kTruthPeriod_s = 0.1;  // of the bricks' true poses, for rviz
+constexpr double kObstacleMarker_s = 0.5;
 constexpr double kJudgePeriod_s = 0.5;
 constexpr double kDiagnosticsPeriod_s = 1.0;  // wall time: the clock may stand still
 constexpr double kPollPeriod_s = 0.002;       // how long a clock that is held waits for callbacks at a time
@@ -360,6 +361,9 @@ void SimulatedWorldRos::publishClock() {
 
 void SimulatedWorldRos::publishState(const Simulation::Tick& tick) {
   const std::int64_t now_ns = tick.stamp_ns;
+  if (tick.has_localisation) {
+    tf_.sendTransform(transform(stamp(), params_.map_frame, params_.odom_frame, simulation_.mapToOdom()));
+  }
   if (tick.has_odometry) {
     publishBase();
     lockstep_->gate().published(ClockEvent::kOdometry, now_ns);
@@ -398,8 +402,7 @@ void SimulatedWorldRos::publishBase() {
   namespace names = mp700_ur5e_description;
   const simulated_world::DifferentialDrive& drive = simulation_.drive();
   const ros::Time now = stamp();
-  tf_.sendTransform({transform(now, params_.odom_frame, names::kBaseFrame, drive.odometry()),
-                     transform(now, params_.map_frame, params_.odom_frame, simulation_.mapToOdom())});
+  tf_.sendTransform(transform(now, params_.odom_frame, names::kBaseFrame, drive.odometry()));
   nav_msgs::Odometry odometry;
   odometry.header.stamp = now;
   odometry.header.frame_id = params_.odom_frame;
@@ -475,6 +478,26 @@ void SimulatedWorldRos::publishTruth() {
     } else {
       marker.action = visualization_msgs::Marker::DELETE;
     }
+    markers.markers.push_back(marker);
+  }
+  for (const simulated_world::Obstacle& obstacle : simulation_.world().obstacles()) {
+    visualization_msgs::Marker marker;
+    marker.header.frame_id = params_.map_frame;
+    marker.header.stamp = stamp();
+    marker.ns = "obstacles";
+    marker.id = obstacle.index;
+    marker.type = visualization_msgs::Marker::CYLINDER;
+    marker.pose.position.x = obstacle.xy_map.x();
+    marker.pose.position.y = obstacle.xy_map.y();
+    marker.pose.position.z = 0.5 * simulated_world::kObstacleHeight_m;
+    marker.pose.orientation.w = 1.0;
+    marker.scale.x = marker.scale.y = 2.0 * simulated_world::kObstacleRadius_m;
+    marker.scale.z = simulated_world::kObstacleHeight_m;
+    marker.color.r = 0.25F;
+    marker.color.g = 0.35F;
+    marker.color.b = 0.6F;
+    marker.color.a = 1.0F;
+    marker.lifetime = ros::Duration(kObstacleMarker_s);  // one that has gone is not sent any more
     markers.markers.push_back(marker);
   }
   truth_publisher_.publish(markers);
@@ -605,8 +628,8 @@ bool SimulatedWorldRos::onFault(sim_tests::InjectFault::Request& request, sim_te
     fault.value = request.value;
     fault.value2 = request.value2;
     fault.brick_id = request.brick_id;
-    if (*kind == simulated_world::FaultKind::kMoveBrick) {
-      fault.T_map_brick = poseFromMessage(request.pose);
+    if (*kind == simulated_world::FaultKind::kMoveBrick || *kind == simulated_world::FaultKind::kObstacle) {
+      fault.T_map_object = poseFromMessage(request.pose);
     }
     simulation_.addFault(fault);
     response.success = true;

@@ -73,8 +73,8 @@ class Robot {
     Fault by_hand;
     by_hand.kind = FaultKind::kMoveBrick;
     by_hand.brick_id = kBrick;
-    by_hand.T_map_brick.translation() << there.x_m, there.y_m, 0.1;
-    by_hand.T_map_brick.rotate(Eigen::AngleAxisd(there.yaw_rad, Eigen::Vector3d::UnitZ()));
+    by_hand.T_map_object.translation() << there.x_m, there.y_m, 0.1;
+    by_hand.T_map_object.rotate(Eigen::AngleAxisd(there.yaw_rad, Eigen::Vector3d::UnitZ()));
     sim_.addFault(by_hand);
     run(3.0);  // until it is no longer in anybody's hand, and lies still
     sim_.setTarget(kBrick);

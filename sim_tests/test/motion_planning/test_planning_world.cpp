@@ -34,7 +34,9 @@ class PlanningWorld : public testing::Test {
   PlanningWorld() : listener_(tf_), follow_("scaled_pos_joint_traj_controller/follow_joint_trajectory", false) {
     subscribers_.push_back(nh_.subscribe<visualization_msgs::MarkerArray>(
         "/simulated_world/truth", 10, [this](const visualization_msgs::MarkerArray::ConstPtr& markers) {
-          for (const auto& marker : markers->markers) truth_[marker.id] = marker.pose;
+          for (const auto& marker : markers->markers) {
+            if (marker.ns == "bricks") truth_[marker.id] = marker.pose;
+          }
         }));
     subscribers_.push_back(nh_.subscribe<sim_tests::JudgeState>(
         "/simulated_world/judge", 10, [this](const sim_tests::JudgeState::ConstPtr& state) { judge_ = *state; }));

@@ -35,6 +35,12 @@ TEST_F(CollisionMonitorTest, WheelsMayTouchTheGroundAndNothingElse) {
   EXPECT_EQ(collisionsOf("base_link", "ground"), 1);
 }
 
+TEST_F(CollisionMonitorTest, NothingOfTheRobotMayTouchAnObstacle) {
+  for (const char* body : {"wheel_front_left_link", "base_link", "magnet", "chute"}) {
+    EXPECT_EQ(collisionsOf(body, obstacleBodyName(0)), 1) << body;
+  }
+}
+
 TEST_F(CollisionMonitorTest, TheToolMayTouchTheTargetById) {
   EXPECT_EQ(collisionsOf("magnet", brickBodyName(1)), 1);
   world.now.target_id = 1;

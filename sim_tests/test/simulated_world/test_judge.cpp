@@ -148,6 +148,38 @@ TEST_F(JudgeTest, ASurfaceIsJudgedByTheTruthAtItsStamp) {
   EXPECT_NEAR(report().covered_area_m2, kTop_m2 + kSides_m2 / 5.0, 1e-12);
 }
 
+TEST_F(JudgeTest, WhatLiesOnAnObstacleIsNeitherRightNorWrongWhileItStands) {
+  const auto precisionAt = [this](double stamp_s) {
+    // The top of brick 2, and as much of the obstacle's.
+    StrategySurface surface = topOf({0.0, 0.0, 0.15}, stamp_s);
+    const StrategySurface other = topOf({-0.4, 0.0, kObstacleHeight_m - 0.05}, stamp_s);
+    surface.points_map.insert(surface.points_map.end(), other.points_map.begin(), other.points_map.end());
+    surface.triangles.push_back({4, 5, 6});
+    surface.triangles.push_back({4, 6, 7});
+    judge.judgeSurface(surface);
+    return report().totals.precision.value();
+  };
+  hold(1.0);
+  EXPECT_NEAR(precisionAt(world.now.time_s), 0.5, 1e-9);
+  const double before_s = world.now.time_s;
+  world.now.obstacles = {{0, {-0.4, 0.0}}};
+  hold(1.0);
+  EXPECT_NEAR(precisionAt(world.now.time_s), 1.0, 1e-9);
+  EXPECT_NEAR(precisionAt(before_s), 0.5, 1e-9) << "it was not there yet";
+  const double during_s = world.now.time_s;
+  world.now.obstacles.clear();
+  hold(1.0);
+  EXPECT_NEAR(precisionAt(world.now.time_s), 0.5, 1e-9) << "a map that keeps who has gone is wrong";
+  EXPECT_NEAR(precisionAt(during_s), 1.0, 1e-9);
+  world.now.obstacles = {{0, {-0.4, 0.0}}};
+  hold(1.0);
+  judge.judgeSurface(topOf({-0.4, 0.0, kObstacleHeight_m - 0.15}, world.now.time_s));
+  EXPECT_EQ(report().totals.precision, 0.0) << "10 cm inside of it there is no surface";
+  world.now.obstacles = {{0, {std::nan(""), 0.0}}};
+  world.now.time_s += 0.1;
+  EXPECT_THROW(judge.observe(world.now), std::invalid_argument);
+}
+
 TEST_F(JudgeTest, OldSurfacesAreNotJudged) {
   hold(1.0);
   EXPECT_EQ(judge.judgeSurface(topOf({0.0, 0.0, 0.15}, 0.05)), SurfaceVerdict::kOutsideOfHistory);  // before the run

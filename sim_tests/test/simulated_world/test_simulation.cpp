@@ -64,6 +64,8 @@ class Robot {
     if (tick.scan) {
       scan = *tick.scan;
     }
+    odometries += tick.has_odometry ? 1 : 0;
+    localisations += tick.has_localisation ? 1 : 0;
     for (const GoalResult& result : sim.armDriver().takeResults()) {
       results.push_back(result);
     }
@@ -109,7 +111,7 @@ class Robot {
   void moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
     Fault by_hand = fault(FaultKind::kMoveBrick);
     by_hand.brick_id = id;
-    by_hand.T_map_brick = T_map_brick;
+    by_hand.T_map_object = T_map_brick;
     sim.addFault(by_hand);
     run(3.0);  // until it is no longer in anybody's hand, and lies still
   }
@@ -132,6 +134,8 @@ class Robot {
   std::vector<std::string> incidents;
   std::vector<Simulation::Tick::Image> images;
   std::vector<float> scan;
+  int odometries{0};
+  int localisations{0};
   std::vector<GoalResult> results;
 
  private:
@@ -363,6 +367,232 @@ TEST(Simulation, CameraGoneSendsNothingAndComesBack) {
   EXPECT_GE(robot.images.size(), 4U);
 }
 
+TEST(Simulation, ScannerGoneSendsNothingAndComesBackAsIfNothingHadBeen) {
+  SimulationConfig config = configFor("single_brick");
+  config.scan_noise_std_m = 0.01;
+  Robot robot(config);
+  Robot sound(config);
+  robot.run(0.5);
+  EXPECT_FALSE(robot.scan.empty());
+  robot.sim.addFault(fault(FaultKind::kScannerGone, 1.0));
+  robot.scan.clear();
+  robot.run(1.0);
+  EXPECT_TRUE(robot.scan.empty());
+  robot.run(0.5);
+  sound.run(2.0);
+  ASSERT_FALSE(robot.scan.empty());
+  EXPECT_EQ(robot.scan, sound.scan) << "noise and all";
+}
+
+TEST(Simulation, OdometryGoneSaysNothingAndStillObeys) {
+  Robot robot(configFor("single_brick"));
+  const auto drive = [&robot](double seconds) {
+    robot.odometries = robot.localisations = 0;
+    for (int i = 0; i < 100 * seconds; ++i) {
+      robot.sim.commandBase({0.2, 0.3});
+      robot.step();
+    }
+  };
+  drive(1.0);
+  EXPECT_EQ(robot.odometries, 50);
+  EXPECT_EQ(robot.localisations, 50);
+  robot.sim.addFault(fault(FaultKind::kOdometryGone, 1.0));
+  const Pose2d before = robot.sim.world().basePose();
+  const Pose2d last_said = robot.sim.mapToOdom();
+  drive(1.0);
+  EXPECT_EQ(robot.odometries, 0);
+  EXPECT_EQ(robot.localisations, 50);
+  EXPECT_EQ(robot.sim.mapToOdom().x_m, last_said.x_m) << "there is nothing to correct";
+  const Pose2d after = robot.sim.world().basePose();
+  EXPECT_NEAR(std::hypot(after.x_m - before.x_m, after.y_m - before.y_m), 0.2, 0.01) << "0.2 m/s for 1 s";
+  drive(1.0);
+  EXPECT_EQ(robot.odometries, 50);
+  const Pose2d localised = compose(robot.sim.mapToOdom(), robot.sim.drive().odometry());
+  EXPECT_NEAR(localised.x_m, robot.sim.world().basePose().x_m, 1e-9) << "it has counted on";
+}
+
+TEST(Simulation, LocalisationGoneLeavesOdometry) {
+  Robot robot(configFor("single_brick"));
+  robot.sim.addFault(fault(FaultKind::kLocalisationGone, 1.0));
+  robot.run(1.0);
+  EXPECT_EQ(robot.odometries, 50);
+  EXPECT_EQ(robot.localisations, 0);
+  robot.run(1.0);
+  EXPECT_EQ(robot.localisations, 50);
+}
+
+TEST(Simulation, LocalisationJumpIsOffByWhatIsAskedForWhereverTheRobotIs) {
+  Robot robot(configFor("single_brick"));
+  Fault jump = fault(FaultKind::kLocalisationJump, 3.0);
+  jump.value = 0.5;
+  jump.value2 = -0.1;
+  const auto expectOff = [&robot](double x_m, double yaw_rad) {
+    const Pose2d truth = robot.sim.world().basePose();
+    const Pose2d localised = compose(robot.sim.mapToOdom(), robot.sim.drive().odometry());
+    // Both are computed from the same doubles; only rounding is left.
+    EXPECT_NEAR(localised.x_m - truth.x_m, x_m, 1e-9);
+    EXPECT_NEAR(localised.y_m - truth.y_m, 0.0, 1e-9);
+    EXPECT_NEAR(localised.yaw_rad - truth.yaw_rad, yaw_rad, 1e-9);
+  };
+  robot.run(0.1);
+  expectOff(0.0, 0.0);
+  robot.sim.addFault(jump);
+  robot.run(0.02);
+  expectOff(0.5, -0.1);
+  for (int i = 0; i < 200; ++i) {
+    robot.sim.commandBase({0.4, 0.5});
+    robot.step();
+  }
+  expectOff(0.5, -0.1);
+  robot.run(1.0);
+  expectOff(0.0, 0.0);
+}
+
+Fault obstacleAt(double x_m, double y_m, double duration_s = 0.0) {
+  Fault obstacle = fault(FaultKind::kObstacle, duration_s);
+  obstacle.T_map_object = at({x_m, y_m, 0.0});
+  return obstacle;
+}
+
+TEST(Simulation, ObstacleIsSeenByScannerAndCameraUntilItLeaves) {
+  Robot robot(configFor("single_brick"));
+  const auto look = [&robot] {
+    robot.images.clear();
+    EXPECT_TRUE(robot.sim.requestImage());
+    robot.run(0.1);  // a scan and an image
+    return robot.images.at(0).frame;
+  };
+  const RgbdCamera::Frame before = look();
+  const std::vector<float> scan_before = robot.scan;
+  const Eigen::Vector3d scanner = robot.sim.world().linkPose("lidar_1_link").translation();
+  const Eigen::Vector2d middle(scanner.x() + 1.0 + kObstacleRadius_m, scanner.y());
+  robot.sim.addFault(obstacleAt(middle.x(), middle.y(), 1.0));
+  const RgbdCamera::Frame during = look();
+  EXPECT_NEAR(robot.scan[robot.scan.size() / 2], 1.0, 1e-3) << "its nearest point; a ray half a step beside it";
+  // A cylinder at 1 m from its surface hides asin(R / (1 m + R)) to either side.
+  const double half_angle = std::asin(kObstacleRadius_m / (1.0 + kObstacleRadius_m));
+  const auto seen_by = std::count_if(robot.scan.begin(), robot.scan.end(), [](float range) { return range < 1.25F; });
+  EXPECT_NEAR(static_cast<double>(seen_by), 2.0 * half_angle / robot.sim.scannerConfig().angle_increment_rad, 2.0);
+
+  // Each ray of the camera against the cylinder by hand. The drawn one has 28 flat sides, up to 1.3 mm inside: across
+  // rays that meet it at less than 50 degrees, 2 mm, with the depth buffer's steps 3 mm.
+  const Eigen::Isometry3d T_map_camera = robot.sim.world().linkPose("camera_depth_optical_frame");
+  const auto& camera = robot.sim.config().camera.camera;
+  int compared = 0;
+  int redder = 0;
+  for (int v = 0; v < during.exact_depth_m.rows; ++v) {
+    for (int u = 0; u < during.exact_depth_m.cols; ++u) {
+      const Eigen::Vector3d ray = T_map_camera.linear() * Eigen::Vector3d((u - camera.cx_px) / camera.fx_px,
+                                                                          (v - camera.cy_px) / camera.fy_px, 1);
+      const Eigen::Vector2d origin = T_map_camera.translation().head<2>() - middle;
+      const double across_m = std::abs(origin.x() * ray.y() - origin.y() * ray.x()) / ray.head<2>().norm();
+      if (across_m > 0.75 * kObstacleRadius_m) continue;
+      const double a = ray.head<2>().squaredNorm();
+      const double b = origin.dot(ray.head<2>());
+      const double c = origin.squaredNorm() - kObstacleRadius_m * kObstacleRadius_m;
+      const double depth_m = (-b - std::sqrt(b * b - a * c)) / a;
+      const double z_map = T_map_camera.translation().z() + depth_m * ray.z();
+      if (depth_m <= 0.0 || z_map < 0.01 || z_map > kObstacleHeight_m - 0.01) continue;
+      if (before.exact_depth_m.at<float>(v, u) < depth_m) continue;  // the robot's own arm
+      ++compared;
+      EXPECT_NEAR(during.exact_depth_m.at<float>(v, u), depth_m, 0.003) << u << ", " << v;
+      const cv::Vec3b rgb = during.rgb.at<cv::Vec3b>(v, u);
+      redder += rgb[0] >= rgb[2] ? 1 : 0;
+    }
+  }
+  EXPECT_GT(compared, 10000);
+  EXPECT_EQ(redder, 0) << "it is blue, by 50 grey levels of which the noise is 2";
+
+  robot.run(1.0);
+  const RgbdCamera::Frame after = look();
+  EXPECT_EQ(robot.scan, scan_before) << "without noise the scans are equal";
+  EXPECT_EQ(cv::norm(after.exact_depth_m, before.exact_depth_m, cv::NORM_INF), 0.0);
+}
+
+TEST(Simulation, RunningIntoAnObstacleStopsTheBaseAndIsOneCollision) {
+  Robot robot(configFor("single_brick"));
+  const Pose2d start = robot.sim.world().basePose();
+  robot.run(1.0);
+  const double ahead_m = 0.8;
+  const double aside_m = -0.25;  // where the folded arm, which reaches 0.22 m beyond the base's front, is not
+  robot.sim.addFault(obstacleAt(start.x_m + ahead_m, start.y_m + aside_m));
+  for (int i = 0; i < 600; ++i) {
+    robot.sim.commandBase({0.3, 0.0});
+    robot.step();
+  }
+  // The base's front is 0.296 m before base_link; contacts give by millimetres.
+  EXPECT_NEAR(robot.sim.world().basePose().x_m, start.x_m + ahead_m - kObstacleRadius_m - 0.296, 0.005);
+  EXPECT_EQ(robot.judged().collisions, 1);
+  EXPECT_TRUE(says(robot.incidents, "collision of chassis_link with obstacle_0"));
+  ASSERT_EQ(robot.sim.world().obstacles().size(), 1U);
+  EXPECT_EQ(robot.sim.world().obstacles()[0].xy_map.x(), start.x_m + ahead_m) << "it stands like a rock";
+}
+
+TEST(Simulation, BrickLiesOnAnObstacle) {
+  Robot robot(configFor("single_brick"));
+  robot.sim.addFault(obstacleAt(1.0, 2.0));
+  robot.run(0.1);
+  robot.moveBrick(0, at({1.0, 2.0, kObstacleHeight_m + 0.11}));
+  EXPECT_NEAR(robot.sim.world().brick(0)->T_map_brick.translation().z(), kObstacleHeight_m + 0.1, 0.002);
+  Fault inside = fault(FaultKind::kMoveBrick);
+  inside.brick_id = 0;
+  inside.T_map_object = at({1.25, 2.0, 0.1});
+  EXPECT_THROW(robot.sim.addFault(inside), std::invalid_argument);
+}
+
+TEST(Simulation, ObstacleNeverAppearsInsideOfAnything) {
+  Robot robot(configFor("single_brick"));
+  robot.run(1.0);
+  const Pose2d base = robot.sim.world().basePose();
+  const Eigen::Vector3d brick = robot.sim.world().brick(0)->T_map_brick.translation();
+  robot.sim.addFault(obstacleAt(2.0, 2.0));
+  robot.run(0.1);
+  const std::uint64_t before = robot.sim.digest();
+  const auto refusal = [&robot](const Fault& obstacle) -> std::string {
+    try {
+      robot.sim.addFault(obstacle);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_NE(refusal(obstacleAt(base.x_m, base.y_m)).find("must be free"), std::string::npos);
+  // 1 cm into the back of the base, 0.527 m behind base_link.
+  EXPECT_NE(refusal(obstacleAt(base.x_m - 0.527 - 0.19, base.y_m)).find("chassis_link"), std::string::npos);
+  EXPECT_NE(refusal(obstacleAt(brick.x(), brick.y())).find("brick_0"), std::string::npos);
+  EXPECT_NE(refusal(obstacleAt(2.3, 2.0)).find("obstacle_0"), std::string::npos);
+  EXPECT_EQ(robot.sim.digest(), before) << "asking changes nothing";
+
+  // Later: what holds is what is there then.
+  Fault later = obstacleAt(base.x_m, base.y_m, 0.5);
+  later.at_s = robot.sim.now() + 1.0;
+  robot.sim.addFault(later);
+  robot.run(2.0);
+  EXPECT_TRUE(says(robot.incidents, "fault obstacle refused: pose is inside"));
+  EXPECT_FALSE(says(robot.incidents, "fault obstacle is over")) << "it never began";
+  EXPECT_EQ(robot.sim.world().obstacles().size(), 1U);
+  EXPECT_EQ(robot.judged().collisions, 0);
+}
+
+TEST(Simulation, ObstaclesComeAndGoEachForItself) {
+  Robot robot(configFor("single_brick"));
+  const std::uint64_t nobody = robot.sim.digest();
+  robot.sim.addFault(obstacleAt(2.0, 2.0, 3.0));
+  robot.sim.addFault(obstacleAt(2.0, 3.0, 1.0));
+  for (int i = 2; i < kMaxObstacles; ++i) robot.sim.addFault(obstacleAt(2.0, 2.0 + i));
+  robot.run(0.5);
+  EXPECT_NE(robot.sim.digest(), nobody);
+  ASSERT_EQ(robot.sim.world().obstacles().size(), static_cast<std::size_t>(kMaxObstacles));
+  EXPECT_THROW(robot.sim.addFault(obstacleAt(-2.0, -2.0)), std::invalid_argument) << "one too many";
+  robot.run(1.0);
+  ASSERT_EQ(robot.sim.world().obstacles().size(), static_cast<std::size_t>(kMaxObstacles - 1));
+  EXPECT_EQ(robot.sim.world().obstacles()[0].xy_map.y(), 2.0) << "the second has left, not the first";
+  robot.sim.addFault(obstacleAt(2.0, 3.0));
+  robot.run(2.0);
+  ASSERT_EQ(robot.sim.world().obstacles().size(), static_cast<std::size_t>(kMaxObstacles - 1));
+  EXPECT_EQ(robot.sim.world().obstacles()[0].xy_map.y(), 3.0) << "whose place is another's now";
+}
+
 TEST(Simulation, ImagesComeOnDemandLateAndNotAtAll) {
   SimulationConfig config = configFor("single_brick");
   config.camera_delay_s = 0.1;
@@ -434,7 +664,7 @@ TEST(Simulation, BrickMovedBySomebodyIsNoFall) {
   const std::uint64_t before = robot.sim.digest();
   for (const Eigen::Vector3d& taken : {Eigen::Vector3d(0.0, 0.0, -1.0), Eigen::Vector3d(-3.0, 0.0, 0.3),
                                        Eigen::Vector3d(1e6, 0.0, 0.1)}) {  // ground, robot, too far
-    nowhere.T_map_brick = at(taken);
+    nowhere.T_map_object = at(taken);
     EXPECT_THROW(robot.sim.addFault(nowhere), std::invalid_argument) << taken.transpose();
   }
   EXPECT_EQ(robot.sim.digest(), before) << "asking changes nothing";

@@ -71,8 +71,8 @@ void expectTagsWhereTheyAre(const std::string& bricks_file, TagCentres (*detect)
     by_hand.kind = FaultKind::kMoveBrick;
     by_hand.brick_id = id;
     const Pose2d there = compose(base, {1.1, id == 0 ? 0.35 : -0.15, id == 0 ? 0.4 : -0.9});
-    by_hand.T_map_brick.translation() = Eigen::Vector3d(there.x_m, there.y_m, 0.1);
-    by_hand.T_map_brick.rotate(Eigen::AngleAxisd(there.yaw_rad, Eigen::Vector3d::UnitZ()));
+    by_hand.T_map_object.translation() = Eigen::Vector3d(there.x_m, there.y_m, 0.1);
+    by_hand.T_map_object.rotate(Eigen::AngleAxisd(there.yaw_rad, Eigen::Vector3d::UnitZ()));
     sim.addFault(by_hand);
   }
   for (int i = 0; i < 100; ++i) {

@@ -3,6 +3,7 @@
 #include <unistd.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <filesystem>
@@ -39,6 +40,7 @@
 #include <ur_dashboard_msgs/RobotMode.h>
 #include <ur_dashboard_msgs/SafetyMode.h>
 #include <ur_msgs/SetIO.h>
+#include <visualization_msgs/MarkerArray.h>
 
 #include "ros/process.h"
 #include "sim_tests/Advance.h"
@@ -419,6 +421,59 @@ TEST_F(SimulatedWorldTest, FaultsComeOnCommand) {
   ASSERT_TRUE(waitFor([&] { return running->data; }));
   ASSERT_EQ(send(&client, goalFor(goal, 3.0)), SimpleClientGoalState::ACTIVE);
   EXPECT_EQ(finish(&client, 5.0), SimpleClientGoalState::SUCCEEDED);
+}
+
+TEST_F(SimulatedWorldTest, BaseScannerAndLocalisationGoSilentEachForItself) {
+  start();
+  const Latest<sensor_msgs::JointState> wheels("drives/joint_states");
+  const Latest<nav_msgs::Odometry> odometry("odom");
+  const Latest<sensor_msgs::LaserScan> scan("lidar_1/scan");
+  const Latest<visualization_msgs::MarkerArray> truth(node_ + "/truth");
+  tf2_ros::Buffer tf;
+  const tf2_ros::TransformListener listener(tf, nh_, false);
+  const auto latest = [&tf](const char* parent, const char* child) {
+    return tf.canTransform(parent, child, ros::Time(0)) ? tf.lookupTransform(parent, child, ros::Time(0)).header.stamp
+                                                        : ros::Time(0);
+  };
+  ASSERT_TRUE(waitFor(
+      [&] { return wheels.isConnected() && odometry.isConnected() && scan.isConnected() && truth.isConnected(); }));
+  ros::Time now = advance(0.5).now;
+  ASSERT_TRUE(waitFor([&] { return odometry && odometry->header.stamp == now && latest("map", "odom") == now; }));
+
+  ASSERT_TRUE(inject("odometry_gone", 0.5).success);
+  const ros::Time silent_since = now;
+  now = advance(0.4).now;
+  ASSERT_TRUE(waitFor([&] { return latest("map", "odom") == now && scan->header.stamp > silent_since; }));
+  EXPECT_EQ(odometry->header.stamp, silent_since);
+  EXPECT_EQ(wheels->header.stamp, silent_since);
+  EXPECT_EQ(latest("odom", "base_link"), silent_since);
+
+  now = advance(0.2).now;
+  ASSERT_TRUE(waitFor([&] { return odometry->header.stamp == now && wheels->header.stamp == now; }));
+  ASSERT_TRUE(inject("localisation_gone", 1.0).success);
+  ASSERT_TRUE(inject("scanner_gone", 1.0).success);
+  const ros::Time since = now;
+  now = advance(0.9).now;
+  ASSERT_TRUE(waitFor([&] { return odometry->header.stamp == now && latest("odom", "base_link") == now; }));
+  EXPECT_EQ(latest("map", "odom"), since);
+  EXPECT_LE(scan->header.stamp, since);
+
+  sim_tests::InjectFault::Request obstacle;
+  obstacle.kind = "obstacle";
+  EXPECT_FALSE(inject(obstacle).success) << "a quaternion of zero";
+  obstacle.pose.orientation.w = 1.0;
+  obstacle.pose.position.x = 1.5;
+  ASSERT_TRUE(inject(obstacle).success);
+  advance(0.2);
+  EXPECT_TRUE(waitFor([&] {
+    return truth && std::any_of(truth->markers.begin(), truth->markers.end(), [](const auto& marker) {
+             return marker.ns == "obstacles" && marker.pose.position.x == 1.5;
+           });
+  }));
+  obstacle.pose.position.x = -3.0;  // where the robot stands
+  const sim_tests::InjectFault::Response refused = inject(obstacle);
+  EXPECT_FALSE(refused.success);
+  EXPECT_NE(refused.message.find("must be free"), std::string::npos) << refused.message;
 }
 
 TEST_F(SimulatedWorldTest, ImagesOnDemandWhileTheCameraIsThere) {
