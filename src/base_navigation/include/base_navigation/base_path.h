@@ -37,7 +37,7 @@ struct BasePath {
   double length() const;  // [m], of all motions whatever their direction
   double turn() const;    // [rad], likewise, curves included
 
-  /// The pose `along` (0 .. 1) of motion `i`.
+  /// The pose `along` (0 .. 1) of motion `i`. Throws std::invalid_argument if there is no such motion.
   Pose2d pose(std::size_t i, double along) const;
 
   struct Sample {
@@ -46,11 +46,12 @@ struct BasePath {
     double along;  // 0 .. 1 of that motion
     double at_m;   // along the path
   };
-  /// Start, end and poses between, so that no point within `radius_m` of base_link moves farther than `step_m` from one
-  /// to the next.
+  /// Start, joints, end and poses between, so that no point within `radius_m` of base_link moves farther than `step_m`
+  /// from one to the next. Throws std::invalid_argument for an impossible step or radius, or a motion that is not finite.
   std::vector<Sample> sample(double step_m, double radius_m) const;
 
-  /// Joins motions that are one (equal curvature and direction), drops empty ones (under 0.1 mm and 0.1 mrad).
+  /// Joins motions that are one (equal curvature and direction; neighbouring turns on the spot), drops empty ones (under
+  /// 0.1 mm and 0.1 mrad).
   void tidy();
 };
 
@@ -65,8 +66,9 @@ struct Stretch {
 };
 std::vector<Stretch> stretches(const BasePath& path);
 
-/// Time that the path takes within the limits, standing at both ends, at direction changes and about turns on the spot. Curves are driven
-/// at the speed at which they turn at most at turn_rad_s; changes of curvature between them cost nothing.
+/// Shortest time [s] that the path takes within the (valid) limits, standing at both ends, at direction changes and
+/// about turns on the spot. Curves are driven at the speed at which they turn at most at turn_rad_s, accelerating so that
+/// turn_rad_s2 holds; changes of curvature between them cost nothing.
 double duration(const BasePath& path, const MotionLimits& limits);
 
 }  // namespace base_navigation
