@@ -157,6 +157,12 @@ TEST_F(PlanningNode, ImpossibleRequestsAreRefusedWithTheReason) {
   expectOutcome(spoiled([](auto& goal) { goal.type = "boulder"; }), Outcome::BAD_REQUEST, "boulder");
   expectOutcome(spoiled([](auto& goal) { goal.faces.clear(); }), Outcome::BAD_REQUEST, "face");
   expectOutcome(spoiled([](auto& goal) { goal.faces = {6}; }), Outcome::BAD_REQUEST, "face 6, must be in [0, 5]");
+  expectOutcome(spoiled([](auto& goal) {
+                  goal.faces = {BrickFace::PLUS_Z, BrickFace::PLUS_Z};
+                }),
+                Outcome::BAD_REQUEST, "face +z is given twice");
+  expectOutcome(spoiled([](auto& goal) { goal.faces.assign(7, BrickFace::PLUS_Z); }), Outcome::BAD_REQUEST,
+                "7 faces to try, must be at most 6");
   expectOutcome(spoiled([](auto& goal) { goal.brick.pose.position.x = kNan; }), Outcome::BAD_REQUEST, "not finite");
   expectOutcome(spoiled([](auto& goal) { goal.brick.pose.orientation.w = 9.0; }), Outcome::BAD_REQUEST, "no rotation");
   expectOutcome(spoiled([](auto& goal) { goal.brick.header.frame_id = "nowhere"; }), Outcome::BAD_REQUEST, "nowhere");
@@ -168,7 +174,8 @@ TEST_F(PlanningNode, ImpossibleRequestsAreRefusedWithTheReason) {
   ArmGoalMessage place;
   place.kind = ArmGoalMessage::PLACE;
   place.place_frame = "magnet_tip";  // moves with the arm
-  expectOutcome(armTo(place), Outcome::BAD_REQUEST, "must be a link fixed to base_link");
+  expectOutcome(armTo(place), Outcome::BAD_REQUEST, "must be a link fixed to base_link: ");
+  expectOutcome(armTo(place), Outcome::BAD_REQUEST, ", chute_drop, ");
 }
 
 TEST_F(PlanningNode, GoalsThatCannotBeReachedSayWhy) {

@@ -75,6 +75,25 @@ PlanFailure failureOf(PlanStatus status, const std::string& message) {
   return failure;
 }
 
+/// What `load` gives; its complaint names the parameter that the file is from.
+template <typename Load>
+auto loadedFrom(const char* key, const std::string& file, Load&& load) -> decltype(load(file)) {
+  try {
+    return load(file);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(std::string(key) + " = '" + file + "':\n" + error.what());
+  }
+}
+
+/// Frames that a brick can be placed at: they do not move against the robot's root.
+std::string fixedFramesOf(const RobotModel& robot) {
+  std::string names;
+  for (const std::string& frame : robot.frameNames()) {
+    if (robot.bodyOf(frame) == 0) names += (names.empty() ? "" : ", ") + frame;
+  }
+  return names;
+}
+
 std::string namesOf(const std::map<std::string, ArmVector>& postures) {
   std::string names;
   for (const auto& [name, joints] : postures) names += (names.empty() ? "" : ", ") + name;
@@ -102,11 +121,15 @@ bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>
 
 MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadMotionPlanningParams(private_nh)),
-      catalogue_(mp700_ur5e_description::loadBrickTypes(params_.bricks_file)),
+      catalogue_(loadedFrom("bricks_file", params_.bricks_file, mp700_ur5e_description::loadBrickTypes)),
       postures_(loadPostures(params_.postures_dir)),
       kinematics_(kinematicsFromServer(nh)),
       planner_(std::make_unique<motion_planning::MotionPlanner>(
-          kinematics_, motion_planning::ManipulabilitySectors::load(params_.sectors_file, kinematics_->robot()),
+          kinematics_,
+          loadedFrom("sectors_file", params_.sectors_file,
+                     [this](const std::string& file) {
+                       return motion_planning::ManipulabilitySectors::load(file, kinematics_->robot());
+                     }),
           params_.planner)),
       robot_(nh, kinematics_, params_),
       path_monitor_(params_.path_monitor),
@@ -219,8 +242,8 @@ Eigen::Isometry3d MotionPlanningRos::poseInMap(const geometry_msgs::PoseStamped&
 motion_planning::ArmGoal MotionPlanningRos::placeGoal(const std::string& frame) const {
   const RobotModel& robot = kinematics_->robot();
   if (!robot.hasFrame(frame) || robot.bodyOf(frame) != 0) {
-    throw Refused{failureOf(PlanStatus::kBadRequest,
-                            "place_frame = '" + frame + "', must be a link fixed to " + robot.rootFrame())};
+    throw Refused{failureOf(PlanStatus::kBadRequest, "place_frame = '" + frame + "', must be a link fixed to " +
+                                                         robot.rootFrame() + ": " + fixedFramesOf(robot))};
   }
   motion_planning::ArmGoal goal;
   goal.place = motion_planning::PlaceGoal{robot.poseInBody(frame), params_.place_above_m};
