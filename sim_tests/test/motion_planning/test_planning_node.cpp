@@ -356,10 +356,30 @@ TEST_F(PlanningNode, TheMonitorCallsForAStopWhenSomethingComesIntoTheWay) {
   EXPECT_NE(next, id);
   EXPECT_FALSE(state.await([next](const PathMonitorState& s) { return s.watch_id == next; }).must_stop);
 
-  // A trajectory that ended long ago is not watched any more; neither is an empty one.
-  watch.request.start = ros::Time::now() - ros::Duration(600.0);
+  // One that ended long ago is refused, and what is watched goes on.
+  WatchTrajectory late = watch;
+  late.request.start = ros::Time::now() - ros::Duration(600.0);
+  ASSERT_TRUE(call("/motion_planning/watch", late));
+  EXPECT_FALSE(late.response.success);
+  EXPECT_PRED2(has, late.response.message, "start is 600.0");
+  char lasts[64];
+  std::snprintf(lasts, sizeof(lasts), "ago, the trajectory lasts %.3f s: it has ended; watch %u goes on",
+                plan.approach.points.back().time_from_start.toSec(), next);
+  EXPECT_PRED2(has, late.response.message, lasts);
+  EXPECT_EQ(late.response.watch_id, next);
+  // One that ends in a moment is not watched any more then.
+  watch.request.start = ros::Time::now() - plan.approach.points.back().time_from_start + ros::Duration(0.5);
   ASSERT_TRUE(call("/motion_planning/watch", watch));
   state.await([](const PathMonitorState& s) { return s.is_watching == 0; });
+  ASSERT_TRUE(call("/motion_planning/watch", late));
+  EXPECT_FALSE(late.response.success);
+  EXPECT_PRED2(has, late.response.message, "; nothing is watched");
+  EXPECT_EQ(late.response.watch_id, 0u);
+  // Neither is an empty one.
+  watch.request.start = ros::Time();
+  ASSERT_TRUE(call("/motion_planning/watch", watch));
+  EXPECT_TRUE(watch.response.success) << watch.response.message;
+  state.await([](const PathMonitorState& s) { return s.is_watching == 1; });
   watch.request.trajectory.points.clear();
   ASSERT_TRUE(call("/motion_planning/watch", watch));
   EXPECT_TRUE(watch.response.success);
@@ -392,6 +412,8 @@ TEST_F(PlanningNode, TheMonitorLetsTheMagnetTouchItsTargetAlone) {
   ASSERT_TRUE(call("/motion_planning/watch", bad));
   EXPECT_FALSE(bad.response.success);
   EXPECT_PRED2(has, bad.response.message, "target_size");
+  EXPECT_PRED2(has, bad.response.message, "; watch " + std::to_string(id) + " goes on");
+  EXPECT_EQ(bad.response.watch_id, id);
   bad = watch;
   bad.request.phase = 9;
   ASSERT_TRUE(call("/motion_planning/watch", bad));

@@ -451,6 +451,11 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
     if (request.phase > WatchTrajectory::Request::LIFT) {
       throw std::invalid_argument("phase = " + std::to_string(request.phase) + ", must be in [0, 2]");
     }
+    const double ago_s = (ros::Time::now() - watch.start).toSec();
+    if (!trajectory.empty() && ago_s > trajectory.duration()) {
+      throw std::invalid_argument("start is " + formatted("%.3f s", ago_s) + " ago, the trajectory lasts " +
+                                  formatted("%.3f s", trajectory.duration()) + ": it has ended");
+    }
     if (request.phase != WatchTrajectory::Request::FREE) {
       motion_planning::OrientedBox target;
       target.T_map_box = poseInMap(request.target, "target");
@@ -480,6 +485,12 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
     response.message = refused.failure.message;
   } catch (const std::invalid_argument& error) {
     response.message = error.what();
+  }
+  if (response.success == 0) {
+    // What runs while its successor is refused is still in need of a watch.
+    const std::lock_guard<std::mutex> lock(monitor_mutex_);
+    response.watch_id = watch_ ? watch_->id : 0;
+    response.message += watch_ ? "; watch " + std::to_string(watch_->id) + " goes on" : "; nothing is watched";
   }
   return true;
 }
