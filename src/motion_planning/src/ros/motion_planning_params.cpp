@@ -24,6 +24,7 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("place_above_m", params.place_above_m);
   visit("state/max_joint_age_s", params.state.max_joint_age_s);
   visit("state/max_tf_age_s", params.state.max_tf_age_s);
+  visit("state/map_wait_s", params.state.map_wait_s);
   visit("state/max_shift_m", params.state.max_shift_m);
   visit("state/max_turn_rad", params.state.max_turn_rad);
   visit("view/camera_frame", params.view.camera_frame);
@@ -75,6 +76,7 @@ std::vector<std::string> MotionPlanningParams::validate() const {
   check("place_above_m", place_above_m, 0.0, 1.0, "m");
   check("state/max_joint_age_s", state.max_joint_age_s, 0.01, 60.0, "s");
   check("state/max_tf_age_s", state.max_tf_age_s, 0.01, 600.0, "s");
+  check("state/map_wait_s", state.map_wait_s, 0.0, 600.0, "s");
   check("state/max_shift_m", state.max_shift_m, 0.001, 0.1, "m");
   check("state/max_turn_rad", state.max_turn_rad, 0.001, 0.1, "rad");
   check("view/half_width_rad", view.half_width_rad, 0.05, 1.5, "rad");
