@@ -55,8 +55,9 @@ using Motions = std::vector<BaseMotion>;
 
 ob::ScopedState<ob::SE2StateSpace> toOmpl(const ob::StateSpacePtr& space, const Pose2d& pose) {
   ob::ScopedState<ob::SE2StateSpace> state(space);
+  const double yaw_rad = wrapAngle(pose.yaw_rad);
   state->setXY(pose.x_m, pose.y_m);
-  state->setYaw(pose.yaw_rad);
+  state->setYaw(yaw_rad < M_PI ? yaw_rad : -M_PI);  // for OMPL, pi itself is out of bounds
   return state;
 }
 
@@ -369,10 +370,16 @@ Growth growTrees(const Pose2d& start, const Pose2d& goal, const NavigationGrid& 
   space->setStateSamplerAllocator([&](const ob::StateSpace* allocated_for) {
     return std::make_shared<Sampler>(allocated_for, guide, random, &growth.iterations);
   });
+  const auto first = toOmpl(space, start);
+  const auto last = toOmpl(space, goal);
+  // For a goal that is not valid RRTConnect would wait for ever.
+  for (const ob::State* state : {first.get(), last.get()}) {
+    if (!information->satisfiesBounds(state) || !information->isValid(state)) return growth;
+  }
   const auto problem = std::make_shared<ob::ProblemDefinition>(information);
-  problem->addStartState(toOmpl(space, start));
+  problem->addStartState(first);
   const auto goal_states = std::make_shared<ob::GoalStates>(information);
-  goal_states->addState(toOmpl(space, goal));
+  goal_states->addState(last);
   problem->setGoal(goal_states);
 
   ompl::geometric::RRTConnect planner(information);
@@ -925,6 +932,12 @@ BasePlanner::BasePlanner(const BasePlannerConfig& config, const MotionLimits& li
 BasePlan BasePlanner::plan(std::shared_ptr<const NavigationGrid> grid, const Pose2d& start_map, const Pose2d& goal_map,
                            const std::function<bool()>& is_cancelled) const {
   if (!grid) throw std::invalid_argument("grid: none given");
+  if (grid->width < 0 || grid->height < 0 || !(grid->cell_size_m > 0.0) ||
+      grid->state.size() != static_cast<std::size_t>(grid->width) * static_cast<std::size_t>(grid->height)) {
+    throw std::invalid_argument("grid: " + std::to_string(grid->state.size()) + " cells of " +
+                                std::to_string(grid->cell_size_m) + " m, must be " + std::to_string(grid->width) +
+                                " x " + std::to_string(grid->height) + " of a positive size");
+  }
   requireFinite("start", start_map);
   requireFinite("goal", goal_map);
   return Call(config_, limits_, footprint_, std::move(grid), start_map, goal_map, is_cancelled).run();
