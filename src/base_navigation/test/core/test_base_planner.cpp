@@ -258,11 +258,11 @@ double processorSeconds() {
 }
 
 TEST(BasePlanner, EndsSoonAfterItIsCancelled) {
-  // A search that goes on for long: no way round in the corridor, behind 20 x 20 m of open ground.
+  // A search that goes on for long: a gate wide enough for the inscribed circle, not for the padded footprint.
   NavigationGrid grid = freeGround(20, 20);
   fillRectangle(&grid, 12.0, 0.0, 20.0, 9.5, SpaceState::kOccupied);
   fillRectangle(&grid, 12.0, 10.4, 20.0, 20.0, SpaceState::kOccupied);
-  fillRectangle(&grid, 12.0, 9.0, 12.2, 9.95, SpaceState::kOccupied);
+  fillRectangle(&grid, 12.0, 9.0, 12.2, 9.8, SpaceState::kOccupied);
   const auto shared = share(grid);
   for (const int asked_until : {0, 1, 5, 20, 100, 400, 2000}) {
     int asked = 0;

@@ -149,8 +149,6 @@ TEST(BasePlannerRandom, NoPathTouchesWhatIsNotFreeOnAThousandGrids) {
   }
   for (const auto& [status, count] : counts) RecordProperty(toString(status), count);
   RecordProperty("wide", wide);
-  for (const auto& [status, count] : counts) std::printf("%s: %d\n", toString(status), count);
-  std::printf("with room to turn all the way: %d\n", wide);
   // The problems are worth something: many are solved, many have room, and many do not.
   EXPECT_GT(counts[BasePlanStatus::kSolved], 300);
   EXPECT_GT(wide, 100);
