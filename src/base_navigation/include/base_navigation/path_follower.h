@@ -11,15 +11,20 @@ namespace base_navigation {
 
 struct PathFollowerConfig {
   // Kanayama et al. 1990, "A stable tracking control method for an autonomous mobile robot": error -> correction.
-  double gain_along_1_s{1.0};
-  double gain_across_1_m2{12.0};
-  double gain_yaw_1_m{5.0};
+  double gain_along_1_s{2.0};
+  double gain_across_1_m2{64.0};
+  double gain_yaw_1_m{13.0};
+  // The two gains above make an oscillator of sqrt(gain_across) * speed; where that is faster than this, which must be
+  // slow against the lag of drives and localisation, they are lowered, the damping kept.
+  double max_correction_1_s{2.0};
   double gain_turn_1_s{2.0};  // of turns on the spot, angle error -> rate
   double speed_reserve{0.9};  // of the limits, for what is planned: the rest is for corrections
+  double wait_m{0.05};        // the reference goes slower for a base that lags by half of this, and waits at all of it
+  double wait_rad{0.2};       // likewise in turns on the spot
   double max_error_m{0.15};   // farther off the path: lost
   double max_error_rad{0.5};
-  double settle_m{0.01};  // a stretch is over within this of its end, or when the end is passed
-  double settle_rad{0.01};
+  double settle_m{0.005};  // a stretch is over within this of its end, or when the end is passed
+  double settle_rad{0.006};
 
   std::vector<std::string> validate() const;
 };
@@ -32,9 +37,9 @@ struct FollowCommand {
   double at_m{0.0};       // along the path, of the reference
   std::size_t motion{0};  // of the reference
   Pose2d reference_map;
-  double error_across_m{0.0};  // signed, left of the reference positive
-  double error_along_m{0.0};
-  double error_yaw_rad{0.0};
+  double error_across_m{0.0};  // signed, of the base: left of the reference positive
+  double error_along_m{0.0};   // before the reference positive
+  double error_yaw_rad{0.0};   // turned left of the reference positive
 };
 
 /// Drives along a path: a reference moves over it with trapezoidal speed and waits for a base that lags; the command is the
@@ -44,28 +49,69 @@ class PathFollower {
   /// Throws std::invalid_argument listing every impossible value.
   PathFollower(const PathFollowerConfig& config, const MotionLimits& limits);
 
-  /// Begins at the path's start, from the speed commanded last (normally none).
+  /// Begins at the path's start, from the speed commanded last (normally none). Throws std::invalid_argument if the path
+  /// is not finite.
   void start(const BasePath& path);
-  bool isActive() const;
+  /// Goes on from a standstill, at the place of the present stretch that is nearest to the base. False, and nothing
+  /// changes, if that is farther off than half of what counts as lost.
+  bool resume(const Pose2d& pose_map);
+  bool isActive() const { return path_.has_value(); }
 
-  /// `dt_s` since the last call (0 < dt <= 0.5, else std::invalid_argument); `speed_factor` in [0, 1]: share of speed that
-  /// the obstacle guard leaves. The base is where `pose_map` says.
+  /// The speed that is wanted here by and by, at the reference's place, corrections included: what the obstacle guard is
+  /// asked about. None while it stands or brakes between stretches. Throws std::logic_error unless active.
+  Twist2d wanted(const Pose2d& pose_map) const;
+  /// What is left of the present stretch, from the reference on; empty: it is over.
+  std::vector<BaseMotion> ahead() const;
+
+  /// `dt_s` since the last call (0 < dt <= 0.5, else std::invalid_argument); `speed_factor` in [0, 1]: share of wanted()
+  /// that the obstacle guard leaves. The base is where `pose_map` says. kReached: the base has been told to stand, at
+  /// the end of the path; kLost: it is too far off. Both end the following. Throws std::logic_error unless active.
   FollowCommand update(const Pose2d& pose_map, double dt_s, double speed_factor = 1.0);
 
-  /// Brakes within the limits whatever was followed: the next command. Zero at last.
+  /// Ends the following and brakes within the limits, along the arc of the last command: the next command. Zero at last.
   Twist2d brake(double dt_s);
+  /// Brakes likewise, and resume() may follow.
+  Twist2d pause(double dt_s);
   /// The base stands (motors off, or a stop that was not ours): the next command starts from zero.
   void halt();
 
   const Twist2d& lastCommand() const { return last_; }
 
  private:
+  /// A motion of the present stretch.
+  struct Piece {
+    double begin_m;        // along the stretch
+    double end_m;          //
+    double curvature_1_m;  // turn per metre driven, whatever the direction
+    double max_speed_m_s;  // with the reserve
+    double end_speed_m_s;  // from which all that comes can be braked for
+  };
+  struct Error {
+    double along_m;   // of the reference, before the base positive
+    double across_m;  // left of the base positive
+    double yaw_rad;   // turned left of the base positive
+  };
+
+  void beginStretch();
+  std::size_t pieceAt(double at_m) const;
+  double plannedSpeed(double at_m) const;
+  Pose2d referenceAt(double progress) const;
+  double curvatureAhead(double at_m, double speed_m_s) const;
+  Error errorOf(const Pose2d& pose_map) const;
+  Twist2d law(const Error& error, double speed) const;
+  Twist2d limited(const Twist2d& wanted, double dt_s) const;
+  void report(const Error& error, FollowCommand* command) const;
+
   PathFollowerConfig config_;
   MotionLimits limits_;
   std::optional<BasePath> path_;
   std::vector<Stretch> stretches_;
+  std::vector<Piece> pieces_;
+  std::vector<Pose2d> starts_map_;  // of the path's motions
   std::size_t stretch_{0};
-  double progress_{0.0};  // of the reference along the stretch [m], or [rad] of a turn on the spot
+  double stretch_at_m_{0.0};  // of its begin, along the path
+  bool is_over_{false};       // the present stretch: the base is being stopped
+  double progress_{0.0};      // of the reference along the stretch [m], or [rad] of a turn on the spot; not negative
   double reference_speed_{0.0};
   Twist2d last_;
 };

@@ -1,2 +1,350 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base_navigation/path_follower.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include <gpis_mapping/range_check.h>
+
+namespace base_navigation {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+void requireStep(double dt_s) {
+  if (dt_s > 0.0 && dt_s <= 0.5) return;
+  throw std::invalid_argument("dt = " + std::to_string(dt_s) + " s, must be above 0 and at most 0.5 s");
+}
+
+/// Share of its speed that is left to a reference whose base lags so far.
+double waiting(double lag, double wait) {
+  return std::clamp(2.0 * (1.0 - lag / wait), 0.0, 1.0);
+}
+
+}  // namespace
+
+std::vector<std::string> PathFollowerConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("gain_along_1_s", gain_along_1_s, 0.1, 20.0, "1/s");
+  check("gain_across_1_m2", gain_across_1_m2, 0.1, 1000.0, "1/m^2");
+  check("gain_yaw_1_m", gain_yaw_1_m, 0.1, 100.0, "1/m");
+  check("max_correction_1_s", max_correction_1_s, 0.1, 20.0, "1/s");
+  check("gain_turn_1_s", gain_turn_1_s, 0.1, 20.0, "1/s");
+  check("speed_reserve", speed_reserve, 0.1, 1.0, "");
+  check("wait_m", wait_m, 0.001, std::max(0.001, max_error_m), "m");
+  check("wait_rad", wait_rad, 0.001, std::max(0.001, max_error_rad), "rad");
+  check("max_error_m", max_error_m, 0.01, 5.0, "m");
+  check("max_error_rad", max_error_rad, 0.01, 1.5, "rad");
+  check("settle_m", settle_m, 1e-4, 0.5 * std::max(0.0002, wait_m), "m");
+  check("settle_rad", settle_rad, 1e-4, 0.5 * std::max(0.0002, wait_rad), "rad");
+  return check.problems();
+}
+
+PathFollower::PathFollower(const PathFollowerConfig& config, const MotionLimits& limits)
+    : config_(config), limits_(limits) {
+  std::vector<std::string> problems = config.validate();
+  for (const std::string& problem : limits.validate()) problems.push_back(problem);
+  gpis_mapping::throwIfAny(problems);
+}
+
+void PathFollower::start(const BasePath& path) {
+  bool is_finite = std::isfinite(path.start.x_m) && std::isfinite(path.start.y_m) && std::isfinite(path.start.yaw_rad);
+  for (const BaseMotion& motion : path.motions) {
+    is_finite = is_finite && std::isfinite(motion.length_m) && std::isfinite(motion.turn_rad);
+  }
+  if (!is_finite) throw std::invalid_argument("the path to follow is not finite");
+  path_ = path;
+  path_->tidy();
+  stretches_ = stretches(*path_);
+  starts_map_.clear();
+  Pose2d pose_map = path.start;
+  for (const BaseMotion& motion : path_->motions) {
+    starts_map_.push_back(pose_map);
+    pose_map = moveAlongArc(pose_map, motion.length_m, motion.turn_rad);
+  }
+  stretch_ = 0;
+  stretch_at_m_ = 0.0;
+  beginStretch();
+}
+
+void PathFollower::beginStretch() {
+  progress_ = 0.0;
+  reference_speed_ = 0.0;
+  pieces_.clear();
+  is_over_ = stretch_ >= stretches_.size();
+  if (is_over_) return;
+  const Stretch& stretch = stretches_[stretch_];
+  if (stretch.is_turn) return;
+  double at_m = 0.0;
+  for (std::size_t i = stretch.begin; i < stretch.end; ++i) {
+    const BaseMotion& motion = path_->motions[i];
+    const double length_m = std::abs(motion.length_m);
+    const double curvature_1_m = motion.turn_rad / length_m;
+    const double speed_m_s = std::min(stretch.is_forward ? limits_.forward_m_s : limits_.backward_m_s,
+                                      limits_.turn_rad_s / std::max(1e-9, std::abs(curvature_1_m)));
+    pieces_.push_back({at_m, at_m + length_m, curvature_1_m, config_.speed_reserve * speed_m_s, 0.0});
+    at_m += length_m;
+  }
+  const double deceleration = config_.speed_reserve * limits_.linear_m_s2;
+  for (std::size_t i = pieces_.size(); i-- > 1;) {
+    const Piece& next = pieces_[i];
+    pieces_[i - 1].end_speed_m_s =
+        std::min(next.max_speed_m_s,
+                 std::sqrt(next.end_speed_m_s * next.end_speed_m_s + 2.0 * deceleration * (next.end_m - next.begin_m)));
+  }
+}
+
+std::size_t PathFollower::pieceAt(double at_m) const {
+  std::size_t i = 0;
+  while (i + 1 < pieces_.size() && at_m >= pieces_[i].end_m) ++i;
+  return i;
+}
+
+/// Speed at a place of the stretch from which all that comes can be braked for.
+double PathFollower::plannedSpeed(double at_m) const {
+  const Piece& piece = pieces_[pieceAt(at_m)];
+  const double left_m = std::max(0.0, piece.end_m - at_m);
+  const double deceleration = config_.speed_reserve * limits_.linear_m_s2;
+  return std::min(piece.max_speed_m_s,
+                  std::sqrt(piece.end_speed_m_s * piece.end_speed_m_s + 2.0 * deceleration * left_m));
+}
+
+Pose2d PathFollower::referenceAt(double progress) const {
+  if (stretch_ >= stretches_.size()) return path_->end();
+  const Stretch& stretch = stretches_[stretch_];
+  if (stretch.is_turn) {
+    return moveAlongArc(starts_map_[stretch.begin], 0.0, std::copysign(progress, stretch.turn_rad));
+  }
+  const std::size_t i = pieceAt(progress);
+  const double length_m = progress - pieces_[i].begin_m;
+  return moveAlongArc(starts_map_[stretch.begin + i], stretch.is_forward ? length_m : -length_m,
+                      pieces_[i].curvature_1_m * length_m);
+}
+
+/// Curvature that is driven: a base cannot change it at once. The step of the path is made a ramp within the limit of
+/// turning acceleration, half of it before the joint and half behind: what is turned too early is made up for.
+double PathFollower::curvatureAhead(double at_m, double speed_m_s) const {
+  double curvature_1_m = pieces_.front().curvature_1_m;
+  for (std::size_t i = 1; i < pieces_.size(); ++i) {
+    const double step_1_m = pieces_[i].curvature_1_m - pieces_[i - 1].curvature_1_m;
+    // d(omega) / dt = step v / (2 half / v) <= acceleration.
+    const double half_m =
+        0.5 * std::abs(step_1_m) * speed_m_s * speed_m_s / (config_.speed_reserve * limits_.turn_rad_s2);
+    const double past_m = at_m - pieces_[i].begin_m;
+    curvature_1_m += step_1_m * (half_m > 1e-6 ? std::clamp(0.5 + 0.5 * past_m / half_m, 0.0, 1.0) : past_m >= 0.0);
+  }
+  return curvature_1_m;
+}
+
+PathFollower::Error PathFollower::errorOf(const Pose2d& pose_map) const {
+  const Pose2d error = compose(inverse(pose_map), referenceAt(progress_));
+  return {error.x_m, error.y_m, error.yaw_rad};
+}
+
+/// Kanayama's law, with eq. (8) of the paper for backwards too: across error and speed change signs together, the yaw
+/// error's gain stays positive. With V = (x^2 + y^2) / 2 + (1 - cos yaw) / gain_across,
+/// dV/dt = -gain_along x^2 - |v| gain_yaw / gain_across sin^2 yaw. `speed` is not negative.
+Twist2d PathFollower::law(const Error& error, double speed) const {
+  const Stretch& stretch = stretches_[stretch_];
+  if (stretch.is_turn) {
+    return {0.0, std::copysign(speed, stretch.turn_rad) + config_.gain_turn_1_s * error.yaw_rad};
+  }
+  const double direction = stretch.is_forward ? 1.0 : -1.0;
+  const double frequency_1_s = speed * std::sqrt(config_.gain_across_1_m2);
+  const double scale = frequency_1_s > config_.max_correction_1_s ? config_.max_correction_1_s / frequency_1_s : 1.0;
+  Twist2d twist;
+  twist.linear_m_s = direction * speed * std::cos(error.yaw_rad) + config_.gain_along_1_s * error.along_m;
+  twist.angular_rad_s = speed * curvatureAhead(progress_, speed) +
+                        direction * speed * scale * scale * config_.gain_across_1_m2 * error.across_m +
+                        speed * scale * config_.gain_yaw_1_m * std::sin(error.yaw_rad);
+  // Never against the stretch's direction: what is passed is passed.
+  if (direction * twist.linear_m_s < 0.0) twist.linear_m_s = 0.0;
+  return twist;
+}
+
+/// Within the limits of speed, the arc kept, and of acceleration.
+Twist2d PathFollower::limited(const Twist2d& wanted, double dt_s) const {
+  Twist2d twist = wanted;
+  const double over = std::abs(twist.angular_rad_s) / limits_.turn_rad_s;
+  if (over > 1.0) {
+    twist.linear_m_s /= over;
+    twist.angular_rad_s /= over;
+  }
+  twist.linear_m_s = std::clamp(twist.linear_m_s, -limits_.backward_m_s, limits_.forward_m_s);
+  const double linear = limits_.linear_m_s2 * dt_s;
+  const double angular = limits_.turn_rad_s2 * dt_s;
+  twist.linear_m_s = std::clamp(twist.linear_m_s, last_.linear_m_s - linear, last_.linear_m_s + linear);
+  twist.angular_rad_s = std::clamp(twist.angular_rad_s, last_.angular_rad_s - angular, last_.angular_rad_s + angular);
+  return twist;
+}
+
+void PathFollower::report(const Error& error, FollowCommand* command) const {
+  const bool has_stretch = stretch_ < stretches_.size();
+  const bool is_turn = has_stretch && stretches_[stretch_].is_turn;
+  command->at_m = stretch_at_m_ + (is_turn ? 0.0 : progress_);
+  command->motion =
+      has_stretch ? stretches_[stretch_].begin + (is_turn ? 0 : pieceAt(progress_)) : path_->motions.size();
+  command->reference_map = referenceAt(progress_);
+  // Seen from the reference: the base's place, turned by the yaw between them.
+  const double c = std::cos(error.yaw_rad);
+  const double s = std::sin(error.yaw_rad);
+  command->error_along_m = -c * error.along_m - s * error.across_m;
+  command->error_across_m = s * error.along_m - c * error.across_m;
+  command->error_yaw_rad = -error.yaw_rad;
+}
+
+Twist2d PathFollower::wanted(const Pose2d& pose_map) const {
+  if (!path_) throw std::logic_error("no path is followed");
+  if (is_over_) return {};
+  const Stretch& stretch = stretches_[stretch_];
+  if (stretch.is_turn) return {0.0, std::copysign(config_.speed_reserve * limits_.turn_rad_s, stretch.turn_rad)};
+  Error error = errorOf(pose_map);
+  error.along_m = 0.0;  // a lag is made up for along the same arc
+  // The arc is that of the present speed: corrections bend it more while it is low.
+  constexpr double kSlowest_m_s = 0.05;
+  const double now_m_s = std::max(reference_speed_, kSlowest_m_s);
+  const double max_m_s = pieces_[pieceAt(progress_)].max_speed_m_s;
+  const Twist2d twist = law(error, now_m_s);
+  const double scale = std::min(max_m_s / now_m_s, limits_.turn_rad_s / std::max(1e-9, std::abs(twist.angular_rad_s)));
+  return {scale * twist.linear_m_s, scale * twist.angular_rad_s};
+}
+
+std::vector<BaseMotion> PathFollower::ahead() const {
+  std::vector<BaseMotion> motions;
+  if (!path_ || is_over_) return motions;
+  const Stretch& stretch = stretches_[stretch_];
+  if (stretch.is_turn) {
+    const double left_rad = std::abs(stretch.turn_rad) - progress_;
+    if (left_rad > 0.0) motions.push_back({0.0, std::copysign(left_rad, stretch.turn_rad)});
+    return motions;
+  }
+  for (std::size_t i = pieceAt(progress_); i < pieces_.size(); ++i) {
+    const double length_m = pieces_[i].end_m - std::max(progress_, pieces_[i].begin_m);
+    if (length_m <= 0.0) continue;
+    motions.push_back({stretch.is_forward ? length_m : -length_m, pieces_[i].curvature_1_m * length_m});
+  }
+  return motions;
+}
+
+FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double speed_factor) {
+  if (!path_) throw std::logic_error("no path is followed");
+  requireStep(dt_s);
+  if (!(speed_factor >= 0.0 && speed_factor <= 1.0)) {
+    throw std::invalid_argument("speed_factor = " + std::to_string(speed_factor) + ", must be in [0, 1]");
+  }
+  if (!std::isfinite(pose_map.x_m) || !std::isfinite(pose_map.y_m) || !std::isfinite(pose_map.yaw_rad)) {
+    throw std::invalid_argument("pose of the base is not finite");
+  }
+  FollowCommand command;
+  Error error = errorOf(pose_map);
+  if (std::hypot(error.along_m, error.across_m) > config_.max_error_m ||
+      std::abs(error.yaw_rad) > config_.max_error_rad) {
+    report(error, &command);
+    command.status = FollowStatus::kLost;
+    command.twist = brake(dt_s);
+    return command;
+  }
+
+  if (!is_over_) {
+    const Stretch& stretch = stretches_[stretch_];
+    const double length = stretch.is_turn ? std::abs(stretch.turn_rad) : stretch.length_m;
+    const double sense = stretch.is_turn ? std::copysign(1.0, stretch.turn_rad) : stretch.is_forward ? 1.0 : -1.0;
+    // The reference's speed: what is planned here, less for an obstacle, and never faster than it can brake or speed up.
+    const double planned_acceleration =
+        config_.speed_reserve * (stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2);
+    const double braking = stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2;
+    double planned = 0.0;
+    double cruise = 0.0;
+    if (stretch.is_turn) {
+      cruise = config_.speed_reserve * limits_.turn_rad_s;
+      planned = std::min(cruise, std::sqrt(2.0 * planned_acceleration * std::max(0.0, length - progress_)));
+    } else {
+      cruise = pieces_[pieceAt(progress_)].max_speed_m_s;
+      planned = plannedSpeed(progress_);
+    }
+    const double allowed = speed_factor * cruise;
+    reference_speed_ = std::clamp(std::min(planned, allowed), reference_speed_ - braking * dt_s,
+                                  reference_speed_ + planned_acceleration * dt_s);
+    const double lag = stretch.is_turn ? sense * error.yaw_rad : sense * error.along_m;
+    const double share = waiting(lag, stretch.is_turn ? config_.wait_rad : config_.wait_m);
+    progress_ = std::min(length, progress_ + share * reference_speed_ * dt_s);
+    error = errorOf(pose_map);
+
+    Twist2d twist = law(error, reference_speed_);
+    // A correction does not make the base faster than the guard allows, the braking within the limits apart.
+    double& along = stretch.is_turn ? twist.angular_rad_s : twist.linear_m_s;
+    along = sense * std::min(sense * along, allowed);
+    if (allowed <= 0.0 && stretch.is_turn) along = 0.0;
+    last_ = limited(twist, dt_s);
+
+    const double left =
+        stretch.is_turn ? length - progress_ + sense * error.yaw_rad : length - progress_ + sense * error.along_m;
+    const double settle = stretch.is_turn ? config_.settle_rad : config_.settle_m;
+    is_over_ = stretch.is_turn ? progress_ >= length && std::abs(left) <= settle : left <= settle;
+  } else {
+    last_ = pause(dt_s);
+  }
+
+  report(error, &command);
+  command.twist = last_;
+  if (is_over_ && last_.linear_m_s == 0.0 && last_.angular_rad_s == 0.0) {
+    if (stretch_ + 1 < stretches_.size()) {
+      stretch_at_m_ += stretches_[stretch_].length_m;
+      ++stretch_;
+      beginStretch();
+    } else {
+      command.status = FollowStatus::kReached;
+      path_.reset();
+    }
+  }
+  return command;
+}
+
+bool PathFollower::resume(const Pose2d& pose_map) {
+  if (!path_) return false;
+  if (is_over_) return true;
+  const double before = progress_;
+  const Stretch& stretch = stretches_[stretch_];
+  double best = kInfinity;
+  double best_progress = progress_;
+  const double length = stretch.is_turn ? std::abs(stretch.turn_rad) : stretch.length_m;
+  // Steps of a millimetre or milliradian: below what the localisation tells apart.
+  const int steps = std::max(1, static_cast<int>(std::ceil(length / 0.001)));
+  for (int i = 0; i <= steps; ++i) {
+    progress_ = length * i / steps;
+    const Error error = errorOf(pose_map);
+    const double off = std::hypot(error.along_m, error.across_m) / config_.max_error_m +
+                       std::abs(error.yaw_rad) / config_.max_error_rad;
+    if (off >= best) continue;
+    best = off;
+    best_progress = progress_;
+  }
+  progress_ = best <= 0.5 ? best_progress : before;
+  reference_speed_ = 0.0;
+  return best <= 0.5;
+}
+
+Twist2d PathFollower::pause(double dt_s) {
+  requireStep(dt_s);
+  const double time_s =
+      std::max(std::abs(last_.linear_m_s) / limits_.linear_m_s2, std::abs(last_.angular_rad_s) / limits_.turn_rad_s2);
+  const double left = time_s > dt_s ? 1.0 - dt_s / time_s : 0.0;
+  last_ = left > 0.0 ? Twist2d{left * last_.linear_m_s, left * last_.angular_rad_s} : Twist2d{};
+  reference_speed_ = 0.0;
+  return last_;
+}
+
+Twist2d PathFollower::brake(double dt_s) {
+  path_.reset();
+  return pause(dt_s);
+}
+
+void PathFollower::halt() {
+  last_ = {};
+  reference_speed_ = 0.0;
+}
+
+}  // namespace base_navigation

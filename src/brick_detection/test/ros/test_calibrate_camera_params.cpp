@@ -1,67 +1,44 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "brick_detection_ros/camera_calibrator_params.h"
 
-#include <fstream>
-#include <map>
-#include <sstream>
-#include <stdexcept>
 #include <string>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <ros/ros.h>
-#include <yaml-cpp/yaml.h>
 
 #include "brick_detection_ros/camera_calibrator.h"
+#include "support/params_contract.h"
 
 namespace brick_detection_ros {
 namespace {
 
+using params_contract::messageOf;
 using testing::HasSubstr;
 using testing::Not;
-using Values = std::map<std::string, std::string>;
+using Values = params_contract::Values;
 
 const std::string kPackage = BRICK_DETECTION_DIR;
 
-/// "target/edge_m" -> "0.12". Numbers that are equal are the same text.
-void flatten(const YAML::Node& node, const std::string& prefix, Values* values) {
-  for (const auto& entry : node) {
-    const std::string key = prefix + entry.first.as<std::string>();
-    double number = 0.0;
-    if (entry.second.IsMap()) {
-      flatten(entry.second, key + "/", values);
-    } else if (YAML::convert<double>::decode(entry.second, number)) {
-      (*values)[key] = std::to_string(number);
-    } else {
-      (*values)[key] = entry.second.as<std::string>();
-    }
-  }
-}
-
 Values flattened(const CameraCalibratorParams& params) {
-  Values values;
-  flatten(YAML::Load(toYaml(params)), "", &values);
-  return values;
+  return params_contract::flattened(toYaml(params));
 }
 
-std::string messageOf(const ros::NodeHandle& nh) {
-  try {
-    loadCameraCalibratorParams(nh);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
-}
+const params_contract::Contract kContract = {
+    kPackage,
+    "config/calibrate_camera.yaml",
+    toYaml(CameraCalibratorParams()),
+    [](const ros::NodeHandle& nh) { return toYaml(loadCameraCalibratorParams(nh)); },
+    {},
+    {}};
 
 TEST(CalibrateCameraParams, ShippedFileHasEveryKeyWithItsDefault) {
-  Values shipped;
-  flatten(YAML::LoadFile(kPackage + "/config/calibrate_camera.yaml"), "", &shipped);
-  EXPECT_EQ(shipped, flattened(CameraCalibratorParams()));
+  params_contract::expectShippedFileHasEveryDefault(kContract);
 }
 
 TEST(CalibrateCameraParams, ShippedFileLoadsOnceThereIsATarget) {
   ros::NodeHandle nh("~shipped");
-  EXPECT_THAT(messageOf(nh), HasSubstr("must be one id of what the arm holds"));
+  EXPECT_THAT(messageOf(kContract, nh), HasSubstr("must be one id of what the arm holds"));
   nh.setParam("target/tag_id", 5);
   CameraCalibratorParams expected;
   expected.target.tag_id = 5;
@@ -104,7 +81,7 @@ TEST(CalibrateCameraParams, EverythingWrongIsListed) {
   nh.setParam("hand_eye/min_samples", 2);
   nh.setParam("samples/still_m", -1.0);
   nh.setParam("speed", 1.0);
-  const std::string message = messageOf(nh);
+  const std::string message = messageOf(kContract, nh);
   for (const char* part : {"target/brick_id = 1 and target/tag_id = 2", "still_s", "tool_frame = '/ur5e_tool0'",
                            "output_file = 'relative.yaml', must be an absolute path", "hand_eye/min_samples = 2",
                            "samples/still_m = -1", "speed"}) {

@@ -19,7 +19,7 @@ namespace motion_planning {
 /// Why there is no plan. Same numbers as in interactive_mapping_msgs/PlanOutcome.
 enum class PlanStatus {
   kSuccess = 0,
-  kBadRequest = 1,     // not finite, no face, unknown type
+  kBadRequest = 1,     // not finite, no face or one twice, unknown type
   kNoMap = 2,          // no scene yet
   kOutsideSector = 3,  // the manipulability filter rejects every face
   kNoIk = 4,           // no joint angles reach the goal
@@ -30,7 +30,8 @@ enum class PlanStatus {
   kIterations = 9,       // the planner ended without a path
   kConstraint = 10,      // a goal or start that the constraint on carrying forbids
   kCancelled = 11,
-  kNoRobotState = 12,  // where arm or base are is not known
+  kNoRobotState = 12,   // where arm or base are is not known
+  kOutsideLimits = 13,  // start or goal beyond the joints' limits
 };
 const char* toString(PlanStatus status);
 

@@ -60,6 +60,22 @@ PlanFailure cancelledFailure() {
   return failure(PlanStatus::kCancelled, "planning was cancelled");
 }
 
+/// Which joints, their angles and what is allowed.
+std::string beyondLimits(const ArmVector& q, const ArmLimits& limits) {
+  std::ostringstream out;
+  out.precision(3);
+  out << std::fixed;
+  const char* separator = "";
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
+    if (q[j] >= limits.lower_rad[j] - kLimitTolerance_rad && q[j] <= limits.upper_rad[j] + kLimitTolerance_rad)
+      continue;
+    out << separator << description::kArmJoints[static_cast<std::size_t>(j)] << " = " << q[j] << " rad, must be in ["
+        << limits.lower_rad[j] << ", " << limits.upper_rad[j] << "] rad";
+    separator = "; ";
+  }
+  return out.str();
+}
+
 /// Shortest rotation that turns unit vector `from` into `to`.
 Eigen::Matrix3d turning(const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
   // Not Eigen's FromTwoVectors: some 1e-6 rad from opposite, as a brick is that physics has laid down, it cancels and
@@ -146,6 +162,8 @@ const char* toString(PlanStatus status) {
       return "cancelled";
     case PlanStatus::kNoRobotState:
       return "no robot state";
+    case PlanStatus::kOutsideLimits:
+      return "outside limits";
   }
   return "unknown";
 }
@@ -211,6 +229,9 @@ class MotionPlanner::Call {
     }
     if (!context_.start_rad.allFinite())
       return failure(PlanStatus::kBadRequest, "start has an angle that is not finite");
+    if (!arm_.isWithinLimits(context_.start_rad)) {
+      return failure(PlanStatus::kOutsideLimits, "the arm's start: " + beyondLimits(context_.start_rad, arm_.limits()));
+    }
     if (context_.held && !(isRigid(context_.held->T_tip_brick) && isFinitePositive(context_.held->size_m))) {
       return failure(PlanStatus::kBadRequest, "held brick: pose not a rigid transform, or size not positive");
     }
@@ -464,6 +485,9 @@ MotionPlanner::Call::Goals MotionPlanner::Call::findGoals(const ArmGoal& goal, c
   std::string what;
   if (goal.joints_rad) {
     if (!goal.joints_rad->allFinite()) return fail(PlanStatus::kBadRequest, "goal has an angle that is not finite");
+    if (!arm_.isWithinLimits(*goal.joints_rad)) {
+      return fail(PlanStatus::kOutsideLimits, "the goal posture: " + beyondLimits(*goal.joints_rad, arm_.limits()));
+    }
     postures.push_back(*goal.joints_rad);
     what = "the goal posture";
   } else {
@@ -960,6 +984,16 @@ PickPlan MotionPlanner::Call::planPick(const PickTarget& target, const std::vect
   if (context_.held) return fail(failure(PlanStatus::kBadRequest, "the magnet holds a brick already"));
   if (target.type == nullptr) return fail(failure(PlanStatus::kBadRequest, "the brick's type is not known"));
   if (target.faces.empty()) return fail(failure(PlanStatus::kBadRequest, "no face to try"));
+  if (target.faces.size() > static_cast<std::size_t>(description::kNumBrickFaces)) {
+    return fail(failure(PlanStatus::kBadRequest, std::to_string(target.faces.size()) +
+                                                     " faces to try, must be at most " +
+                                                     std::to_string(description::kNumBrickFaces)));
+  }
+  for (auto face = target.faces.begin(); face != target.faces.end(); ++face) {
+    if (std::find(target.faces.begin(), face, *face) == face) continue;
+    return fail(failure(PlanStatus::kBadRequest, std::string("face ") + description::toString(*face) +
+                                                     " is given twice, must be once: what fails once fails again"));
+  }
   if (!isRigid(target.T_map_brick)) {
     return fail(failure(PlanStatus::kBadRequest, "pose of the brick is not a finite rigid transform"));
   }

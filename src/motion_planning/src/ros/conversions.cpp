@@ -31,6 +31,8 @@ static_assert(kSame<PlanStatus::kIterations, PlanOutcome::ITERATIONS>);
 static_assert(kSame<PlanStatus::kConstraint, PlanOutcome::CONSTRAINT>);
 static_assert(kSame<PlanStatus::kCancelled, PlanOutcome::CANCELLED>);
 static_assert(kSame<PlanStatus::kNoRobotState, PlanOutcome::NO_ROBOT_STATE>);
+static_assert(kSame<PlanStatus::kOutsideLimits, PlanOutcome::OUTSIDE_LIMITS>);
+static_assert(PlanOutcome::NUM_STATUS == PlanOutcome::OUTSIDE_LIMITS + 1);
 
 std::optional<Eigen::Isometry3d> toIsometry(const Eigen::Vector3d& translation, const geometry_msgs::Quaternion& q) {
   const Eigen::Quaterniond rotation(q.w, q.x, q.y, q.z);

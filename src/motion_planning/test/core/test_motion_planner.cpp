@@ -2,6 +2,7 @@
 #include "motion_planning/motion_planner.h"
 
 #include <cmath>
+#include <functional>
 #include <limits>
 
 #include <gmock/gmock.h>
@@ -14,6 +15,7 @@ namespace motion_planning {
 namespace {
 
 using mp700_ur5e_description::BrickFace;
+using ::testing::AllOf;
 using ::testing::AnyOf;
 using ::testing::Eq;
 using ::testing::HasSubstr;
@@ -213,7 +215,8 @@ TEST(MotionPlanner, ReportsTheFaceThatGotFarthest) {
   pick.add({0.8, 0.0, 0.3}, 0.1);
   pick.makeScene();
   PickTarget target = pick.target(0);
-  target.faces = {BrickFace::kPlusX, BrickFace::kPlusZ, BrickFace::kPlusX};  // +x looks away from the robot
+  // +x looks away from the robot, -z into the ground.
+  target.faces = {BrickFace::kPlusX, BrickFace::kPlusZ, BrickFace::kMinusZ};
   const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
   ASSERT_THAT(plan.tried, SizeIs(3));
   EXPECT_EQ(plan.tried[0].second.status, PlanStatus::kOutsideSector);
@@ -239,6 +242,10 @@ TEST(MotionPlanner, BadRequestsAreNamed) {
   target = pick.target(0);
   target.faces.clear();
   expectBad(planner.planPick(pick.context(), target, stow), "no face");
+  target.faces = {BrickFace::kPlusZ, BrickFace::kMinusX, BrickFace::kPlusZ};
+  expectBad(planner.planPick(pick.context(), target, stow), "face +z is given twice");
+  target.faces.assign(7, BrickFace::kPlusX);
+  expectBad(planner.planPick(pick.context(), target, stow), "7 faces to try, must be at most 6");
   expectBad(planner.planPick(pick.context(), pick.target(0), {}), "no goal");
   PlanningContext context = pick.context();
   context.start_rad[3] = kNaN;
@@ -317,9 +324,144 @@ TEST(MotionPlanner, StartInCollisionSaysWithWhat) {
   const PickPlan plan = pickFrom(pick, 0);
   EXPECT_EQ(plan.status, PlanStatus::kStartInCollision);
   EXPECT_THAT(plan.message, HasSubstr("start is in collision"));
+}
+
+TEST(MotionPlanner, BeyondTheJointsLimitsIsAReasonOfItsOwn) {
+  const PickWorld pick = oneBrick();
+  const auto expectBeyond = [](const PlanFailure& plan, const std::string& where, const std::string& joint) {
+    EXPECT_EQ(plan.status, PlanStatus::kOutsideLimits) << plan.message;
+    EXPECT_THAT(plan.message, AllOf(HasSubstr(where), HasSubstr(joint)));
+  };
   PlanningContext context = pick.context();
-  context.start_rad[0] += 20.0;
-  EXPECT_EQ(makePlanner().planArm(context, {}).status, PlanStatus::kStartInCollision);  // beyond the limits
+  context.start_rad[0] = 20.0;
+  context.start_rad[2] = -3.5;
+  ArmGoal goal;
+  goal.joints_rad = pick.start_rad;
+  const std::string joints =
+      "shoulder_pan_joint = 20.000 rad, must be in [-6.283, 6.283] rad; elbow_joint = -3.500 rad, must be in "
+      "[-3.142, 3.142] rad";
+  expectBeyond(makePlanner().planArm(context, goal), "start: ", joints);
+  expectBeyond(makePlanner().planPick(context, pick.target(0), pick.chute(*shippedArm())), "start: ", joints);
+  // At a limit is within it.
+  context = pick.context();
+  context.start_rad[5] = shippedArm()->limits().upper_rad[5];
+  EXPECT_NE(makePlanner().planArm(context, goal).status, PlanStatus::kOutsideLimits);
+
+  goal.joints_rad = pick.start_rad;
+  (*goal.joints_rad)[5] = -7.0;
+  const std::string wrist = "wrist_3_joint = -7.000 rad, must be in [-6.283, 6.283] rad";
+  expectBeyond(makePlanner().planArm(pick.context(), goal), "the goal posture: ", wrist);
+  PickTarget target = pick.target(0);
+  target.faces = {BrickFace::kPlusZ};
+  expectBeyond(makePlanner().planPick(pick.context(), target, {goal}), "carrying the brick away: ", wrist);
+}
+
+TEST(MotionPlanner, ASurfaceWithoutAreaIsNoneAtAll) {
+  PickWorld pick = oneBrick();
+  const PickPlan floor_alone = [&] {
+    PickWorld empty = oneBrick();
+    CollisionSceneBuilder builder{CollisionSceneConfig()};
+    builder.update(Surface(), empty.world, empty.T_map_base);
+    empty.scene = builder.scene();
+    return pickFrom(empty, 0);
+  }();
+  // The chute's way is free, the magnet may stand on a brick that no map has seen.
+  ASSERT_EQ(floor_alone.status, PlanStatus::kSuccess) << floor_alone.message;
+
+  const Surface good = pick.world.surface();
+  const auto spoiled = [&](const std::function<void(Surface*)>& spoil) {
+    Surface surface = good;
+    spoil(&surface);
+    CollisionSceneBuilder builder{CollisionSceneConfig()};
+    const SceneUpdate update = builder.update(surface, pick.world, pick.T_map_base);
+    EXPECT_EQ(update.triangles, 0u);
+    EXPECT_EQ(update.degenerate, surface.triangles.size());
+    pick.scene = builder.scene();
+    return pickFrom(pick, 0);
+  };
+  const auto expectAsEmpty = [&](const PickPlan& plan) {
+    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    EXPECT_EQ(plan.approach.points.back().position_rad, floor_alone.approach.points.back().position_rad);
+    EXPECT_EQ(plan.stow.points.back().position_rad, floor_alone.stow.points.back().position_rad);
+  };
+  {
+    SCOPED_TRACE("vertices, but no triangle");
+    expectAsEmpty(spoiled([](Surface* surface) { surface->triangles.clear(); }));
+  }
+  {
+    SCOPED_TRACE("all triangles without area");
+    expectAsEmpty(spoiled([](Surface* surface) {
+      for (auto& triangle : surface->triangles) triangle[2] = triangle[1];
+    }));
+  }
+  {
+    SCOPED_TRACE("all vertices in one place");
+    expectAsEmpty(spoiled([](Surface* surface) {
+      for (auto& vertex : surface->vertices_map) vertex = surface->vertices_map.front();
+    }));
+  }
+  {
+    SCOPED_TRACE("no vertex is a number");
+    expectAsEmpty(spoiled([](Surface* surface) {
+      for (auto& vertex : surface->vertices_map) vertex.setConstant(kNaN);
+    }));
+  }
+  {
+    SCOPED_TRACE("indices of no vertex");
+    expectAsEmpty(spoiled([](Surface* surface) {
+      for (auto& triangle : surface->triangles) triangle[0] = static_cast<std::uint32_t>(surface->vertices_map.size());
+    }));
+  }
+}
+
+TEST(MotionPlanner, BadVerticesLeaveTheRestOfTheSurface) {
+  PickWorld pick = oneBrick();
+  // Tool down, the tip within the brick.
+  ArmGoal goal;
+  goal.T_map_tip =
+      pick.T_map_base * Eigen::Translation3d(0.85, 0.1, 0.15) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+  Surface surface = pick.world.surface();
+  const auto first_bad = static_cast<std::uint32_t>(surface.vertices_map.size());
+  for (const double bad : {kNaN, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()}) {
+    surface.vertices_map.push_back(surface.vertices_map.front());
+    surface.vertices_map.back().z() = bad;
+    surface.normals_map.push_back(surface.normals_map.front());
+    surface.triangles.push_back({0, 1, static_cast<std::uint32_t>(surface.vertices_map.size() - 1)});
+  }
+  ASSERT_GT(surface.vertices_map.size(), first_bad);
+  CollisionSceneBuilder builder{CollisionSceneConfig()};
+  const SceneUpdate update = builder.update(surface, pick.world, pick.T_map_base);
+  EXPECT_EQ(update.degenerate, 3u);
+  PlanningContext context = pick.context();
+  context.scene = builder.scene();
+  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kGoalInCollision);
+}
+
+TEST(MotionPlanner, ASingleTriangleIsInTheWayAndNothingElseIs) {
+  PickWorld pick = emptyPickWorld();
+  pick.world.ground_z_m.reset();
+  ArmGoal goal;  // tool down, the tip 30 cm above the ground
+  goal.T_map_tip =
+      pick.T_map_base * Eigen::Translation3d(0.85, 0.1, 0.30) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
+  // A tile of 16 cm, too small to be cut up, under the magnet, or 20 cm lower.
+  const auto planOver = [&](double z_m) {
+    Surface surface;
+    for (const auto& [x, y] : {std::pair(-0.08, -0.08), std::pair(0.08, -0.08), std::pair(0.0, 0.08)}) {
+      surface.vertices_map.emplace_back(pick.T_map_base * Eigen::Vector3d(0.85 + x, 0.1 + y, z_m));
+      surface.normals_map.emplace_back(0.0F, 0.0F, 1.0F);
+    }
+    surface.triangles.push_back({0, 1, 2});
+    CollisionSceneBuilder builder{CollisionSceneConfig()};
+    EXPECT_EQ(builder.update(surface, pick.world, pick.T_map_base).triangles, 1u);
+    PlanningContext context = pick.context();
+    context.scene = builder.scene();
+    return makePlanner().planArm(context, goal);
+  };
+  const ArmPlan touching = planOver(0.31);
+  EXPECT_EQ(touching.status, PlanStatus::kGoalInCollision) << touching.message;
+  EXPECT_THAT(touching.message, HasSubstr("surface"));
+  const ArmPlan over = planOver(0.10);
+  EXPECT_EQ(over.status, PlanStatus::kSuccess) << over.message;
 }
 
 TEST(MotionPlanner, GoalInCollisionAndGoalUnknownAreToldApart) {

@@ -1,91 +1,35 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion_planning_ros/motion_planning_params.h"
 
-#include <fstream>
-#include <functional>
-#include <map>
-#include <set>
-#include <sstream>
-#include <stdexcept>
-#include <string>
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <ros/ros.h>
-#include <yaml-cpp/yaml.h>
+
+#include "support/params_contract.h"
 
 namespace motion_planning_ros {
 namespace {
 
+using params_contract::messageOf;
 using testing::HasSubstr;
 
-const std::string kPackage = MOTION_PLANNING_DIR;
-using Values = std::map<std::string, std::string>;
-
-std::string readText(const std::string& path) {
-  std::ifstream in(path);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-/// "input/pose_limits/max_step_m" -> "0.3". Numbers that are equal are the same text.
-void flatten(const YAML::Node& node, const std::string& prefix, Values* values) {
-  for (const auto& entry : node) {
-    const std::string key = prefix + entry.first.as<std::string>();
-    double number = 0.0;
-    if (entry.second.IsMap()) {
-      flatten(entry.second, key + "/", values);
-    } else if (YAML::convert<double>::decode(entry.second, number)) {
-      (*values)[key] = std::to_string(number);
-    } else {
-      (*values)[key] = entry.second.as<std::string>();
-    }
-  }
-}
-
-Values flattened(const std::string& yaml_text) {
-  Values values;
-  flatten(YAML::Load(yaml_text), "", &values);
-  return values;
-}
-
-const Values kDefaults = flattened(toYaml(MotionPlanningParams()));
-
-bool isWhole(const std::string& key) {
-  static const std::set<std::string> kWhole = {
-      "search/max_iterations", "search/shortcut_rounds", "search/smooth_rounds", "pick/yaw_samples",
-      "pick/max_goals",        "view/samples",           "output/arm_markers"};
-  return kWhole.count(key) > 0;
-}
-
-/// A value that is allowed, but not the default.
-XmlRpc::XmlRpcValue otherThan(const std::string& key, const std::string& value) {
-  static const Values kOtherTexts = {{"map_frame", "odom"},
-                                     {"bricks_file", "/bricks.yaml"},
-                                     {"sectors_file", "/sectors.yaml"},
-                                     {"postures_dir", "/postures"},
-                                     {"stow", "stowed"},
-                                     {"inspect_posture", "aside"},
-                                     {"view/camera_frame", "eye"}};
-  const auto text = kOtherTexts.find(key);
-  if (text != kOtherTexts.end()) return text->second;
-  if (isWhole(key)) return std::stoi(value) + 1;
-  if (std::stod(value) == 0.0) return 0.002;  // allowed for all lengths
-  return 0.9 * std::stod(value);
-}
-
-std::string messageOf(const ros::NodeHandle& nh) {
-  try {
-    loadMotionPlanningParams(nh);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
-}
+const params_contract::Contract kContract = {
+    MOTION_PLANNING_DIR,
+    "config/motion_planning.yaml",
+    toYaml(MotionPlanningParams()),
+    [](const ros::NodeHandle& nh) { return toYaml(loadMotionPlanningParams(nh)); },
+    {"search/max_iterations", "search/shortcut_rounds", "search/smooth_rounds", "pick/yaw_samples", "pick/max_goals",
+     "view/samples", "output/arm_markers"},
+    {{"map_frame", "odom"},
+     {"bricks_file", "/bricks.yaml"},
+     {"sectors_file", "/sectors.yaml"},
+     {"postures_dir", "/postures"},
+     {"stow", "stowed"},
+     {"inspect_posture", "aside"},
+     {"view/camera_frame", "eye"}}};
 
 TEST(MotionPlanningParams, ShippedFileHasEveryKeyWithItsDefault) {
-  EXPECT_EQ(flattened(readText(kPackage + "/config/motion_planning.yaml")), kDefaults);
+  params_contract::expectShippedFileHasEveryDefault(kContract);
 }
 
 TEST(MotionPlanningParams, ShippedFileLoadsAsTheDefaults) {
@@ -97,48 +41,11 @@ TEST(MotionPlanningParams, ShippedFileLoadsAsTheDefaults) {
 }
 
 TEST(MotionPlanningParams, EveryKeyIsReadIntoItsOwnField) {
-  ros::NodeHandle nh("~changed");
-  Values expected;
-  for (const auto& [key, value] : kDefaults) {
-    const XmlRpc::XmlRpcValue other = otherThan(key, value);
-    nh.setParam(key, other);
-    YAML::Node parsed;
-    XmlRpc::XmlRpcValue copy = other;
-    if (copy.getType() == XmlRpc::XmlRpcValue::TypeDouble) {
-      parsed[key] = static_cast<double>(copy);
-    } else if (copy.getType() == XmlRpc::XmlRpcValue::TypeInt) {
-      parsed[key] = static_cast<int>(copy);
-    } else if (copy.getType() == XmlRpc::XmlRpcValue::TypeBoolean) {
-      parsed[key] = static_cast<bool>(copy);
-    } else {
-      parsed[key] = static_cast<std::string>(copy);
-    }
-    flatten(parsed, "", &expected);
-    EXPECT_NE(expected[key], value) << key;
-  }
-  EXPECT_EQ(flattened(toYaml(loadMotionPlanningParams(nh))), expected);
+  params_contract::expectEveryKeyIsReadIntoItsOwnField(kContract, ros::NodeHandle("~changed"));
 }
 
 TEST(MotionPlanningParams, ReadmeTableHasEveryKeyWithItsDefault) {
-  const std::string readme = readText(kPackage + "/README.md");
-  Values shipped;
-  const std::function<void(const YAML::Node&, const std::string&)> collect = [&](const YAML::Node& node,
-                                                                                 const std::string& prefix) {
-    for (const auto& entry : node) {
-      const std::string key = prefix + entry.first.as<std::string>();
-      if (entry.second.IsMap()) {
-        collect(entry.second, key + "/");
-      } else {
-        shipped[key] = entry.second.Scalar();
-      }
-    }
-  };
-  collect(YAML::LoadFile(kPackage + "/config/motion_planning.yaml"), "");
-  ASSERT_EQ(shipped.size(), kDefaults.size());
-  for (const auto& [key, value] : shipped) {
-    const std::string row = "| `" + key + "` | " + (value.empty() ? "\"\"" : value) + " |";
-    EXPECT_NE(readme.find(row), std::string::npos) << row;
-  }
+  params_contract::expectReadmeTableHasEveryDefault(kContract);
 }
 
 TEST(MotionPlanningParams, OneMessageNamesEveryProblemWithValueAndRange) {
@@ -151,7 +58,7 @@ TEST(MotionPlanningParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("pick/approach_m", "far");
   nh.setParam("motion/velocity_scale", 2.0);
   nh.setParam("monitor/rate_hz", 1000.0);
-  const std::string message = messageOf(nh);
+  const std::string message = messageOf(kContract, nh);
   EXPECT_THAT(message, HasSubstr("/wrong/bricks_file = 'bricks.yaml', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/sectors_file = '', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
