@@ -133,7 +133,10 @@ class NavigationWorld {
     NavigationOutcome none;
     none.status = NavigationOutcome::NUM_STATUS;
     none.message = "no outcome";
-    return goOn(at_most_s, [this] { return !outcomes_.empty(); }, each_step) ? outcomes_.front() : none;
+    return goOn(
+               at_most_s, [this] { return !outcomes_.empty(); }, each_step)
+               ? outcomes_.front()
+               : none;
   }
 
   void cancel() { goal_.cancel(); }
@@ -259,8 +262,9 @@ class NavigationTest : public testing::Test {
 };
 
 /// Outcomes compared with their text, which tells the reason when they differ.
-#define EXPECT_OUTCOME(outcome, expected)                                                           \
-  EXPECT_EQ(static_cast<int>((outcome).status), static_cast<int>(NavigationOutcome::expected))      \
-      << (outcome).message << "\n" << world->incidents
+#define EXPECT_OUTCOME(outcome, expected)                                                      \
+  EXPECT_EQ(static_cast<int>((outcome).status), static_cast<int>(NavigationOutcome::expected)) \
+      << (outcome).message << "\n"                                                             \
+      << world->incidents
 
 }  // namespace sim_tests_ros

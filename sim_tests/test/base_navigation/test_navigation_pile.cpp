@@ -3,6 +3,9 @@
 // of a pile, with the truth as judge.
 #include <algorithm>
 #include <limits>
+#include <vector>
+
+#include <Eigen/Geometry>
 
 #include "navigation_world.h"
 
