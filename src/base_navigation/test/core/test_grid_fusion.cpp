@@ -405,6 +405,7 @@ TEST(GridFusion, KeepsNothingFarAway) {
   EXPECT_EQ(stateAt(*fusion.build({}, 0.0), {2.01, 0.0}), SpaceState::kOccupied);
   // 7.5 m away the wall is out of reach, and back again it is forgotten: the window has moved.
   for (double x = 0.0; x > -7.5; x -= 0.3) fusion.addFootprint({x, 0.0, 0.0});
+  EXPECT_THAT(fusion.build({-7.2, 0.0, 0.0}, 0.0)->state, testing::Not(testing::Contains(SpaceState::kOccupied)));
   fusion.addFootprint({0.0, 0.0, 0.0});
   const auto grid = fusion.build({}, 0.0);
   EXPECT_EQ(stateAt(*grid, {2.01, 0.0}), SpaceState::kUnknown);
