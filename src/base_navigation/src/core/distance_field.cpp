@@ -117,7 +117,7 @@ DistanceField::DistanceField(const NavigationGrid& grid, const Eigen::Vector2d& 
     for (int row = std::max(start.y() - reach, 0); row <= std::min(start.y() + reach, grid.height - 1); ++row) {
       for (int column = std::max(start.x() - reach, 0); column <= std::min(start.x() + reach, grid.width - 1);
            ++column) {
-        if (grid.at(column, row) != SpaceState::kFree) continue;
+        // What is not free has no clearance at all, so that only the start itself may be.
         const double away = std::hypot(column - start.x(), row - start.y());
         if (clearance.at(column, row) >= at_start + kLeaveGain * away - 1e-9) is_passed[padded(column, row)] = 1;
       }

@@ -80,10 +80,13 @@ TEST(GridFusion, NoisyWallHasNoGapAndDoesNotThicken) {
   std::mt19937 engine(11);
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   std::size_t num_wall = 0, num_occupied = 0, num_near_free = 0;
-  for (const double angle : {0.0, 0.03, 0.2, 0.5 * M_PI / 2, 1.0, 1.5, 0.5 * M_PI}) {
+  int num_walls = 0;
+  for (const double angle : {0.0, 0.0, 0.03, 0.03, 0.2, 0.2, 0.25 * M_PI, 1.0, 1.5, 0.5 * M_PI}) {
     const Eigen::Vector2d along(std::cos(angle), std::sin(angle));
     const Eigen::Vector2d normal(-along.y(), along.x());
-    const Eigen::Vector2d foot = (0.8 + 0.05 * unit(engine)) * normal;  // 0.8 m off the first pose
+    // 0.8 m off the first pose, to its left or right: beams that pass along the wall are the next by number or the last.
+    const double side = ++num_walls % 2 == 0 ? 1.0 : -1.0;
+    const Eigen::Vector2d foot = side * (0.8 + 0.05 * unit(engine)) * normal;
     const ScanWorld::Wall wall{foot - 12.0 * along, foot + 12.0 * along};
     ScanWorld world;
     world.walls = {wall};
@@ -402,12 +405,16 @@ TEST(GridFusion, KeepsNothingFarAway) {
   EXPECT_EQ(stateAt(*fusion.build({}, 0.0), {2.01, 0.0}), SpaceState::kOccupied);
   // 7.5 m away the wall is out of reach, and back again it is forgotten: the window has moved.
   for (double x = 0.0; x > -7.5; x -= 0.3) fusion.addFootprint({x, 0.0, 0.0});
+  EXPECT_THAT(fusion.build({-7.2, 0.0, 0.0}, 0.0)->state, testing::Not(testing::Contains(SpaceState::kOccupied)));
   fusion.addFootprint({0.0, 0.0, 0.0});
   const auto grid = fusion.build({}, 0.0);
   EXPECT_EQ(stateAt(*grid, {2.01, 0.0}), SpaceState::kUnknown);
   EXPECT_EQ(stateAt(*grid, {1.0, 0.0}), SpaceState::kUnknown);
-  EXPECT_EQ(stateAt(*grid, {-2.0, 0.0}),
-            SpaceState::kFree);  // its track, 5.5 m from where it was, came back into reach: kept
+  EXPECT_EQ(stateAt(*grid, {-3.0, 0.0}), SpaceState::kFree);  // of its track, what stayed in reach
+  fusion.addScan(world.look({}), {}, 0.0);
+  for (double y = 0.0; y < 7.5; y += 0.3) fusion.addFootprint({0.0, y, 0.0});
+  fusion.addFootprint({});
+  EXPECT_EQ(stateAt(*fusion.build({}, 0.0), {2.01, 0.0}), SpaceState::kUnknown);
   fusion.setMap(ground(SpaceState::kFree, 2000, {-50, -50}));
   const auto all = fusion.build({0.2, 0.3, 0.0}, 0.0);
   EXPECT_LE(all->width, 2 * 100 + 1);
