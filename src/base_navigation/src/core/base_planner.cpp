@@ -19,7 +19,6 @@
 #include <ompl/base/SpaceInformation.h>
 #include <ompl/base/StateSampler.h>
 #include <ompl/base/goals/GoalStates.h>
-#include <ompl/base/spaces/DubinsStateSpace.h>
 #include <ompl/base/spaces/ReedsSheppStateSpace.h>
 #include <ompl/datastructures/NearestNeighborsLinear.h>
 #include <ompl/geometric/PathGeometric.h>
@@ -52,7 +51,7 @@ constexpr double kGuideSpread_m = 0.25;        // standard deviation from the wa
 constexpr double kGuideSpread_rad = 0.4;       // and from its heading
 constexpr double kGuideReversed = 0.2;         // share of these that go backwards
 constexpr int kRuns = 3;                       // of RRTConnect, which share the iterations
-constexpr double kWiderCurves[] = {2.0, 4.0};  // turn radii of Dubins curves tried beside the given one: as factors
+constexpr double kCurves[] = {1.0, 2.0, 4.0};  // of the turn radius: curves tried
 constexpr double kAhead_rad = 0.2;             // a goal in this cone is reached without backing off first, if it can be
 
 using Motions = std::vector<BaseMotion>;
@@ -151,14 +150,32 @@ Motions reedsShepp(const ob::ReedsSheppStateSpace& space, const ob::State* from,
   return fromSegments(sides, curve.length_, 5, radius_m);
 }
 
-Motions dubins(const ob::DubinsStateSpace& space, const ob::State* from, const ob::State* to, double radius_m) {
-  using Space = ob::DubinsStateSpace;
-  const Space::DubinsPath curve = space.dubins(from, to);
-  int sides[3];
-  for (int i = 0; i < 3; ++i) {
-    sides[i] = curve.type_[i] == Space::DUBINS_LEFT ? 1 : curve.type_[i] == Space::DUBINS_RIGHT ? -1 : 0;
-  }
-  return fromSegments(sides, curve.length_, 3, radius_m);
+/// [0, 2 pi); what rounding leaves below a full turn is none.
+double positiveAngle(double angle_rad) {
+  const double wrapped_rad = wrapAngle(angle_rad);
+  const double positive_rad = wrapped_rad < 0.0 ? wrapped_rad + 2.0 * M_PI : wrapped_rad;
+  return positive_rad > 2.0 * M_PI - kNothing ? 0.0 : positive_rad;
+}
+
+/// Arc, tangent, arc, all forwards (Dubins 1957), with the arcs to the given sides (1 left, -1 right); empty: the circles
+/// are too near for it. Not OMPL's, whose assertions end the process for some pairs of poses in line (1.5.2 as packaged).
+Motions arcLineArc(const Pose2d& from, const Pose2d& to, double radius_m, int first_side, int last_side) {
+  const auto center = [&](const Pose2d& pose, int side) { return transform(pose, {0.0, side * radius_m}); };
+  const Eigen::Vector2d between = center(to, last_side) - center(from, first_side);
+  // Seen along the line, the centres lie beside it by a radius each, on the arcs' sides.
+  const double across_m = (last_side - first_side) * radius_m;
+  const double squared_m2 = between.squaredNorm() - across_m * across_m;
+  if (squared_m2 < 0.0) return {};
+  const double length_m = std::sqrt(squared_m2);
+  const double heading_rad =
+      between.norm() < kNothing ? from.yaw_rad : std::atan2(between.y(), between.x()) - std::atan2(across_m, length_m);
+  const double first_rad = positiveAngle(first_side * (heading_rad - from.yaw_rad));
+  const double last_rad = positiveAngle(last_side * (to.yaw_rad - heading_rad));
+  Motions motions;
+  if (first_rad > kNothing) motions.push_back({radius_m * first_rad, first_side * first_rad});
+  if (length_m > kNothing) motions.push_back({length_m, 0.0});
+  if (last_rad > kNothing) motions.push_back({radius_m * last_rad, last_side * last_rad});
+  return motions;
 }
 
 Motions turnDriveTurn(const Pose2d& from, const Pose2d& to, bool is_forward) {
@@ -180,10 +197,6 @@ class Connections {
  public:
   explicit Connections(double turn_radius_m) : radius_m_(turn_radius_m) {
     reeds_shepp_ = std::make_shared<ob::ReedsSheppStateSpace>(radius_m_);
-    dubins_.push_back({std::make_shared<ob::DubinsStateSpace>(radius_m_), radius_m_});
-    for (const double factor : kWiderCurves) {
-      dubins_.push_back({std::make_shared<ob::DubinsStateSpace>(factor * radius_m_), factor * radius_m_});
-    }
     // The pair of states is only a place for numbers, the same for all spaces.
     ob::RealVectorBounds bounds(2);
     bounds.setLow(-1.0);
@@ -198,7 +211,13 @@ class Connections {
     all.push_back(turnDriveTurn(from, to, true));
     all.push_back(turnDriveTurn(from, to, false));
     all.push_back(reedsShepp(*reeds_shepp_, a.get(), b.get(), radius_m_));
-    for (const auto& [space, radius_m] : dubins_) all.push_back(dubins(*space, a.get(), b.get(), radius_m));
+    for (const double factor : kCurves) {
+      for (const int first_side : {1, -1}) {
+        for (const int last_side : {1, -1}) {
+          all.push_back(arcLineArc(from, to, factor * radius_m_, first_side, last_side));
+        }
+      }
+    }
     all.erase(std::remove_if(all.begin(), all.end(),
                              [&](const Motions& motions) {
                                const Pose2d end = follow(from, motions);
@@ -211,7 +230,6 @@ class Connections {
  private:
   double radius_m_;
   std::shared_ptr<ob::ReedsSheppStateSpace> reeds_shepp_;
-  std::vector<std::pair<std::shared_ptr<ob::DubinsStateSpace>, double>> dubins_;
 };
 
 // ---------------------------------------------------------------------------------------------------- RRTConnect

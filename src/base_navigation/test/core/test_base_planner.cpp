@@ -115,6 +115,19 @@ TEST(BasePlanner, LeavesAPileStraightBackUntilItCanTurn) {
   }
 }
 
+TEST(BasePlanner, LeavesAWallBehindItStraightAhead) {
+  NavigationGrid grid = freeGround(10, 10);
+  fillRectangle(&grid, 0.0, 0.0, 2.0, 10.0, SpaceState::kOccupied);
+  const Pose2d start{2.0 + 0.527 + 0.012, 5.0, 0.0};  // nearer than the padding
+  const Pose2d goal{2.7, 8.0, 0.5 * M_PI};
+  const BasePlan plan = planner().plan(share(grid), start, goal);
+  expectSolved(plan, start, goal);
+  EXPECT_FALSE(reverses(plan.path));
+  EXPECT_EQ(plan.path.motions[0].turn_rad, 0.0);
+  EXPECT_GE(plan.path.motions[0].length_m, 0.1);  // the circle needs 0.106 m more than there is
+  EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, 0.03 - kBetweenLooks_m, 0.05, 0.4), "");
+}
+
 TEST(BasePlanner, ArrivesStraightAndSquare) {
   const PileScene scene = pileScene();
   for (std::size_t i = 0; i < scene.standing_map.size(); i += 3) {
