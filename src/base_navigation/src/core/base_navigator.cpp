@@ -315,9 +315,10 @@ struct BaseNavigator::State {
       T_odom_base_at_pose = T_odom_base;
     }
     if (input.scan && scan.accept(input.scan_stamp_s, input.now_s, true)) scan_now = input.scan;
-    if (input.grid && input.grid != grid_now) {
+    if (input.grid) {
       const bool is_newer = grid.accept(input.grid_stamp_s, input.now_s, true);
-      if (is_newer || input.grid_stamp_s == grid.stamp_s) grid_now = input.grid;  // another look at the same map
+      // Equal stamps: the scanner's part of it is newer.
+      if (is_newer || input.grid_stamp_s == grid.stamp_s) grid_now = input.grid;
     }
   }
 

@@ -154,7 +154,7 @@ TEST(BaseNavigator, DrivesToGoalsAndStands) {
     EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
     expectAt(bench, goal);
     EXPECT_GT(bench.smallest_gap_m_, 0.0);
-    EXPECT_TRUE(bench.plant_.stands());
+    EXPECT_LT(std::abs(bench.plant_.wheels().linear_m_s), 0.01);  // as odometry's noise allows to tell
     EXPECT_FALSE(bench.navigator_.isActive());
     bench.step();
     EXPECT_EQ(bench.output_.phase, NavigationPhase::kIdle);
@@ -246,7 +246,7 @@ TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
     ASSERT_TRUE(bench.run(12.0)) << one.name;
     EXPECT_EQ(*bench.status_, one.status) << bench.message_;
     EXPECT_THAT(bench.message_, HasSubstr("after waiting"));
-    EXPECT_TRUE(bench.plant_.stands());
+    EXPECT_LT(std::abs(bench.plant_.wheels().linear_m_s), 0.01);  // as odometry's noise allows to tell
   }
 }
 
@@ -381,7 +381,9 @@ TEST(BaseNavigator, NoticesThatTheBaseDoesNotMove) {
   for (const bool is_at_start : {true, false}) {
     Bench bench({-3.0, 0.0, 0.0});
     bench.navigator_.setGoal({4.0, 0.0, 0.0});
-    if (!is_at_start) ASSERT_TRUE(bench.runUntilFast());
+    if (!is_at_start) {
+      ASSERT_TRUE(bench.runUntilFast());
+    }
     bench.plant_.config().slip = 1.0;
     ASSERT_TRUE(bench.run(30.0)) << bench.output_.reason;
     EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
@@ -447,7 +449,7 @@ TEST(BaseNavigator, BrakesWhenCancelled) {
   EXPECT_FALSE(bench.status_);
   ASSERT_TRUE(bench.run(10.0));
   EXPECT_EQ(*bench.status_, NavigationStatus::kCancelled);
-  EXPECT_TRUE(bench.plant_.stands());
+  EXPECT_LT(std::abs(bench.plant_.wheels().linear_m_s), 0.01);  // as odometry's noise allows to tell
   // Before it has begun, and while it is planned.
   Bench standing;
   standing.navigator_.cancel();
