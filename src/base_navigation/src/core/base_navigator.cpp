@@ -483,9 +483,14 @@ struct BaseNavigator::State {
     }
     const double told_m = (last->commanded.position() - first.commanded.position()).norm();
     const double told_rad = std::abs(last->commanded_rad - first.commanded_rad);
-    const auto judge = [&](const char* by, const char* what, const Pose2d& from, const Pose2d& to) -> std::string {
-      const double seen_m = (to.position() - from.position()).norm();
-      const double seen_rad = std::abs(wrapAngle(to.yaw_rad - from.yaw_rad));
+    const auto judge = [&](const char* by, const char* what, Pose2d Motion::*measured) -> std::string {
+      // The farthest that it came: who was told to turn and then back has done so.
+      double seen_m = 0.0;
+      double seen_rad = 0.0;
+      for (const Motion& one : motions) {
+        seen_m = std::max(seen_m, ((one.*measured).position() - (first.*measured).position()).norm());
+        seen_rad = std::max(seen_rad, std::abs(wrapAngle((one.*measured).yaw_rad - (first.*measured).yaw_rad)));
+      }
       const std::string within = " within " + number(config.stuck_s, 1) + " s, ";
       if (told_m >= config.stuck_min_m && seen_m < config.stuck_share * told_m) {
         return std::string(what) + ": told to move " + number(told_m, 3) + " m" + within + by + " tells of " +
@@ -498,8 +503,8 @@ struct BaseNavigator::State {
       }
       return {};
     };
-    std::string stuck = judge("odometry", "the wheels do not turn as told", first.T_odom_base, T_odom_base);
-    if (stuck.empty()) stuck = judge("the localisation", "the wheels slip", first.T_map_base, T_map_base);
+    std::string stuck = judge("odometry", "the wheels do not turn as told", &Motion::T_odom_base);
+    if (stuck.empty()) stuck = judge("the localisation", "the wheels slip", &Motion::T_map_base);
     return stuck;
   }
 
