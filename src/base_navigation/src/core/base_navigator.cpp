@@ -72,7 +72,7 @@ NavigationStatus statusOf(BasePlanStatus status) {
 struct Source {
   const char* name;
   double stamp_s{-1.0};
-  std::string refused;
+  std::string refused{};
 
   void reset() {
     stamp_s = -1.0;
@@ -255,6 +255,7 @@ struct BaseNavigator::State {
   Twist2d odometry_twist;
   Pose2d T_map_base;
   Pose2d T_odom_base_at_pose;  // odometry when T_map_base came
+  bool was_odometry_fresh_at_pose{false};
   std::deque<std::pair<double, Pose2d>> odometry_history;
   std::shared_ptr<const Scan> scan_now;
   std::shared_ptr<const NavigationGrid> grid_now;
@@ -301,18 +302,21 @@ struct BaseNavigator::State {
       odometry_history.push_back({input.odometry_stamp_s, T_odom_base});
       while (odometry_history.back().first - odometry_history.front().first > kHistory_s) odometry_history.pop_front();
     }
-    const bool had_pose = pose.stamp_s >= 0.0;
+    // What odometry told while it was not there cannot be compared with.
+    const bool is_odometry_fresh = isOdometryFresh(input.now_s);
+    const bool can_compare = pose.stamp_s >= 0.0 && is_odometry_fresh && was_odometry_fresh_at_pose;
     if (pose.accept(input.pose_stamp_s, input.now_s, isFinite(input.T_map_base))) {
       const Pose2d expected = compose(T_map_base, compose(inverse(T_odom_base_at_pose), T_odom_base));
       const double step_m = (input.T_map_base.position() - expected.position()).norm();
       const double step_rad = std::abs(wrapAngle(input.T_map_base.yaw_rad - expected.yaw_rad));
-      if (had_pose && (step_m > config.max_pose_step_m || step_rad > config.max_pose_step_rad)) {
+      if (can_compare && (step_m > config.max_pose_step_m || step_rad > config.max_pose_step_rad)) {
         jump = "the localisation has jumped by " + number(step_m) + " m and " + number(step_rad) +
                " rad against odometry, may be " + number(config.max_pose_step_m) + " m and " +
                number(config.max_pose_step_rad) + " rad";
       }
       T_map_base = input.T_map_base;
       T_odom_base_at_pose = T_odom_base;
+      was_odometry_fresh_at_pose = is_odometry_fresh;
     }
     if (input.scan && scan.accept(input.scan_stamp_s, input.now_s, true)) scan_now = input.scan;
     if (input.grid) {
