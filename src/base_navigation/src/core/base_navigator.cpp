@@ -72,7 +72,7 @@ NavigationStatus statusOf(BasePlanStatus status) {
 struct Source {
   const char* name;
   double stamp_s{-1.0};
-  std::string refused;
+  std::string refused{};
 
   void reset() {
     stamp_s = -1.0;
@@ -255,6 +255,7 @@ struct BaseNavigator::State {
   Twist2d odometry_twist;
   Pose2d T_map_base;
   Pose2d T_odom_base_at_pose;  // odometry when T_map_base came
+  bool was_odometry_fresh_at_pose{false};
   std::deque<std::pair<double, Pose2d>> odometry_history;
   std::shared_ptr<const Scan> scan_now;
   std::shared_ptr<const NavigationGrid> grid_now;
@@ -301,23 +302,27 @@ struct BaseNavigator::State {
       odometry_history.push_back({input.odometry_stamp_s, T_odom_base});
       while (odometry_history.back().first - odometry_history.front().first > kHistory_s) odometry_history.pop_front();
     }
-    const bool had_pose = pose.stamp_s >= 0.0;
+    // What odometry told while it was not there cannot be compared with.
+    const bool is_odometry_fresh = isOdometryFresh(input.now_s);
+    const bool can_compare = pose.stamp_s >= 0.0 && is_odometry_fresh && was_odometry_fresh_at_pose;
     if (pose.accept(input.pose_stamp_s, input.now_s, isFinite(input.T_map_base))) {
       const Pose2d expected = compose(T_map_base, compose(inverse(T_odom_base_at_pose), T_odom_base));
       const double step_m = (input.T_map_base.position() - expected.position()).norm();
       const double step_rad = std::abs(wrapAngle(input.T_map_base.yaw_rad - expected.yaw_rad));
-      if (had_pose && (step_m > config.max_pose_step_m || step_rad > config.max_pose_step_rad)) {
+      if (can_compare && (step_m > config.max_pose_step_m || step_rad > config.max_pose_step_rad)) {
         jump = "the localisation has jumped by " + number(step_m) + " m and " + number(step_rad) +
                " rad against odometry, may be " + number(config.max_pose_step_m) + " m and " +
                number(config.max_pose_step_rad) + " rad";
       }
       T_map_base = input.T_map_base;
       T_odom_base_at_pose = T_odom_base;
+      was_odometry_fresh_at_pose = is_odometry_fresh;
     }
     if (input.scan && scan.accept(input.scan_stamp_s, input.now_s, true)) scan_now = input.scan;
-    if (input.grid && input.grid != grid_now) {
+    if (input.grid) {
       const bool is_newer = grid.accept(input.grid_stamp_s, input.now_s, true);
-      if (is_newer || input.grid_stamp_s == grid.stamp_s) grid_now = input.grid;  // another look at the same map
+      // Equal stamps: the scanner's part of it is newer.
+      if (is_newer || input.grid_stamp_s == grid.stamp_s) grid_now = input.grid;
     }
   }
 
@@ -482,9 +487,14 @@ struct BaseNavigator::State {
     }
     const double told_m = (last->commanded.position() - first.commanded.position()).norm();
     const double told_rad = std::abs(last->commanded_rad - first.commanded_rad);
-    const auto judge = [&](const char* by, const char* what, const Pose2d& from, const Pose2d& to) -> std::string {
-      const double seen_m = (to.position() - from.position()).norm();
-      const double seen_rad = std::abs(wrapAngle(to.yaw_rad - from.yaw_rad));
+    const auto judge = [&](const char* by, const char* what, Pose2d Motion::*measured) -> std::string {
+      // The farthest that it came: who was told to turn and then back has done so.
+      double seen_m = 0.0;
+      double seen_rad = 0.0;
+      for (const Motion& one : motions) {
+        seen_m = std::max(seen_m, ((one.*measured).position() - (first.*measured).position()).norm());
+        seen_rad = std::max(seen_rad, std::abs(wrapAngle((one.*measured).yaw_rad - (first.*measured).yaw_rad)));
+      }
       const std::string within = " within " + number(config.stuck_s, 1) + " s, ";
       if (told_m >= config.stuck_min_m && seen_m < config.stuck_share * told_m) {
         return std::string(what) + ": told to move " + number(told_m, 3) + " m" + within + by + " tells of " +
@@ -497,8 +507,8 @@ struct BaseNavigator::State {
       }
       return {};
     };
-    std::string stuck = judge("odometry", "the wheels do not turn as told", first.T_odom_base, T_odom_base);
-    if (stuck.empty()) stuck = judge("the localisation", "the wheels slip", first.T_map_base, T_map_base);
+    std::string stuck = judge("odometry", "the wheels do not turn as told", &Motion::T_odom_base);
+    if (stuck.empty()) stuck = judge("the localisation", "the wheels slip", &Motion::T_map_base);
     return stuck;
   }
 

@@ -12,6 +12,8 @@
 namespace base_navigation {
 namespace {
 
+constexpr double kSteepest_rad = 0.25;  // a base beside its path heads for it so steeply at most
+constexpr double kSwing = 0.5;          // share of the turning acceleration that such a correction counts on
 // Driving a step of curvature as a ramp leaves the path by so much at most, or it is driven more slowly.
 constexpr double kRampAcross_m = 0.005;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -183,7 +185,7 @@ PathFollower::Error PathFollower::errorOf(const Pose2d& pose_map) const {
 
 /// Kanayama's law, with eq. (8) of the paper for backwards too: across error and speed change signs together, the yaw
 /// error's gain stays positive. With V = (x^2 + y^2) / 2 + (1 - cos yaw) / gain_across,
-/// dV/dt = -gain_along x^2 - |v| gain_yaw / gain_across sin^2 yaw. `speed` is not negative.
+/// dV/dt = -gain_along x^2 - |v| gain_yaw / gain_across sin^2 yaw, near the path. `speed` is not negative.
 Twist2d PathFollower::law(const Error& error, double speed) const {
   const Stretch& stretch = stretches_[stretch_];
   if (stretch.is_turn) {
@@ -194,9 +196,14 @@ Twist2d PathFollower::law(const Error& error, double speed) const {
   const double scale = frequency_1_s > config_.max_correction_1_s ? config_.max_correction_1_s / frequency_1_s : 1.0;
   Twist2d twist;
   twist.linear_m_s = direction * speed * std::cos(error.yaw_rad) + config_.gain_along_1_s * error.along_m;
+  // The two corrections of the angle as one: the heading to take is the reference's, turned to the path, and never so
+  // steep or so fast that the base, whose turning cannot change faster than its limit, would swing over.
+  const double gain_yaw_1_s = speed * scale * config_.gain_yaw_1_m;
+  const double towards_rad = scale * config_.gain_across_1_m2 / config_.gain_yaw_1_m * error.across_m;
+  const double off_rad = std::sin(error.yaw_rad) + direction * std::clamp(towards_rad, -kSteepest_rad, kSteepest_rad);
+  const double brakeable_rad_s = std::sqrt(2.0 * kSwing * limits_.turn_rad_s2 * std::abs(off_rad));
   twist.angular_rad_s = speed * curvatureAt(progress_) +
-                        direction * speed * scale * scale * config_.gain_across_1_m2 * error.across_m +
-                        speed * scale * config_.gain_yaw_1_m * std::sin(error.yaw_rad);
+                        std::copysign(std::min(gain_yaw_1_s * std::abs(off_rad), brakeable_rad_s), off_rad);
   // Never against the stretch's direction: what is passed is passed.
   if (direction * twist.linear_m_s < 0.0) twist.linear_m_s = 0.0;
   return twist;

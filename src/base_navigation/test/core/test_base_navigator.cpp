@@ -154,7 +154,7 @@ TEST(BaseNavigator, DrivesToGoalsAndStands) {
     EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
     expectAt(bench, goal);
     EXPECT_GT(bench.smallest_gap_m_, 0.0);
-    EXPECT_TRUE(bench.plant_.stands());
+    EXPECT_LT(std::abs(bench.plant_.wheels().linear_m_s), 0.01);  // as odometry's noise allows to tell
     EXPECT_FALSE(bench.navigator_.isActive());
     bench.step();
     EXPECT_EQ(bench.output_.phase, NavigationPhase::kIdle);
@@ -246,7 +246,7 @@ TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
     ASSERT_TRUE(bench.run(12.0)) << one.name;
     EXPECT_EQ(*bench.status_, one.status) << bench.message_;
     EXPECT_THAT(bench.message_, HasSubstr("after waiting"));
-    EXPECT_TRUE(bench.plant_.stands());
+    EXPECT_LT(std::abs(bench.plant_.wheels().linear_m_s), 0.01);  // as odometry's noise allows to tell
   }
 }
 
@@ -262,7 +262,7 @@ TEST(BaseNavigator, GoesOnWhenDataIsBackInTime) {
     ASSERT_TRUE(bench.run(60.0)) << one.name;
     EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << one.name << ": " << bench.message_;
     expectAt(bench, {4.0, 0.0, 0.0});
-    EXPECT_EQ(bench.navigator_.numPlans(), 2u);  // the plan, and its end: the way was still good
+    EXPECT_EQ(bench.navigator_.numPlans(), 2u) << one.name;  // the plan, and its end: the way was still good
   }
 }
 
@@ -368,7 +368,10 @@ TEST(BaseNavigator, EndsAfterTooManyPlans) {
   Bench bench({-3.0, 0.0, 0.0}, config);
   bench.navigator_.setGoal({3.0, 0.0, 0.0});
   for (int i = 0; i < 3 && !bench.status_; ++i) {
-    bench.run(20.0, [&] { return bench.status_ || bench.plant_.wheels().linear_m_s > 0.2; });
+    const std::uint64_t plans = bench.navigator_.numPlans();
+    bench.run(20.0, [&] {
+      return bench.status_ || (bench.navigator_.numPlans() > plans && bench.plant_.wheels().linear_m_s > 0.2);
+    });
     bench.pose_jump_.y_m += 0.4;
   }
   ASSERT_TRUE(bench.status_ || bench.run(20.0));
@@ -381,7 +384,9 @@ TEST(BaseNavigator, NoticesThatTheBaseDoesNotMove) {
   for (const bool is_at_start : {true, false}) {
     Bench bench({-3.0, 0.0, 0.0});
     bench.navigator_.setGoal({4.0, 0.0, 0.0});
-    if (!is_at_start) ASSERT_TRUE(bench.runUntilFast());
+    if (!is_at_start) {
+      ASSERT_TRUE(bench.runUntilFast());
+    }
     bench.plant_.config().slip = 1.0;
     ASSERT_TRUE(bench.run(30.0)) << bench.output_.reason;
     EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
@@ -414,16 +419,16 @@ TEST(BaseNavigator, TriesAMissedGoalOnceMore) {
     Bench bench({-1.0, 0.0, 0.0});
     bench.navigator_.setGoal({2.0, 0.0, 0.0});
     int pushed = 0;
-    bool was_near = false;
+    std::uint64_t pushed_plan = 0;  // once on each way
     for (double t = 0.0; t < 150.0 && !bench.status_; t += kDt_s) {
       bench.step();
       const bool is_near = bench.navigator_.isActive() && bench.output_.remaining_m < 0.008 &&
                            bench.output_.phase == NavigationPhase::kDriving;
-      if (is_near && !was_near && pushed < pushes) {
+      if (is_near && bench.navigator_.numPlans() != pushed_plan && pushed < pushes) {
+        pushed_plan = bench.navigator_.numPlans();
         bench.plant_.place(compose(bench.plant_.poseMap(), {0.0, 0.06, 0.0}));
         ++pushed;
       }
-      was_near = is_near;
     }
     ASSERT_TRUE(bench.status_) << bench.output_.reason;
     if (pushes == 1) {
@@ -447,7 +452,7 @@ TEST(BaseNavigator, BrakesWhenCancelled) {
   EXPECT_FALSE(bench.status_);
   ASSERT_TRUE(bench.run(10.0));
   EXPECT_EQ(*bench.status_, NavigationStatus::kCancelled);
-  EXPECT_TRUE(bench.plant_.stands());
+  EXPECT_LT(std::abs(bench.plant_.wheels().linear_m_s), 0.01);  // as odometry's noise allows to tell
   // Before it has begun, and while it is planned.
   Bench standing;
   standing.navigator_.cancel();
