@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -71,8 +72,28 @@ class TopicRobot {
     const std::lock_guard<std::mutex> lock(mutex_);
     T_map_base_ = T_map_base;
   }
-  /// The map is another one from now on; returns its number.
-  std::uint64_t setWorld(const BoxWorld& world) {
+  /// Waits until the state as it is now has been published; returns its stamp, which tf has exactly.
+  ros::Time awaitState() {
+    std::uint64_t before = 0;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      before = num_states_;
+    }
+    EXPECT_TRUE(waitUntil([&] {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      return num_states_ > before;
+    }));
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return state_stamp_;
+  }
+  /// Of the newest mesh.
+  ros::Time meshStamp() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return mesh_stamp_;
+  }
+  /// The map is another one from now on; returns its number. `spoil` may change the mesh, not what the map answers.
+  std::uint64_t setWorld(const BoxWorld& world,
+                         const std::function<void(interactive_mapping_msgs::SurfaceMesh&)>& spoil = nullptr) {
     interactive_mapping_msgs::SurfaceMesh message;
     const motion_planning::Surface surface = world.surface();
     for (std::size_t i = 0; i < surface.vertices_map.size(); ++i) {
@@ -90,9 +111,11 @@ class TopicRobot {
     }
     message.header.frame_id = "map";
     message.header.stamp = ros::Time::now();
+    if (spoil) spoil(message);
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       world_ = world;
+      mesh_stamp_ = message.header.stamp;
       message.update = ++num_updates_;
     }
     mesh_.publish(message);
@@ -133,6 +156,8 @@ class TopicRobot {
     tf2_msgs::TFMessage message;
     message.transforms.push_back(transform);
     tf_.publish(message);
+    state_stamp_ = now;
+    ++num_states_;
   }
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
@@ -168,6 +193,8 @@ class TopicRobot {
   Eigen::Isometry3d T_map_base_{Eigen::Isometry3d::Identity()};
   BoxWorld world_;
   std::uint64_t num_updates_{0};
+  std::uint64_t num_states_{0};
+  ros::Time state_stamp_, mesh_stamp_;
   std::string refusal_;
 
   ros::CallbackQueue queue_;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Node motion_planning among topics: every outcome, what it follows, its path monitor, bad input.
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <limits>
 #include <stdexcept>
 
@@ -157,6 +159,12 @@ TEST_F(PlanningNode, ImpossibleRequestsAreRefusedWithTheReason) {
   expectOutcome(spoiled([](auto& goal) { goal.type = "boulder"; }), Outcome::BAD_REQUEST, "boulder");
   expectOutcome(spoiled([](auto& goal) { goal.faces.clear(); }), Outcome::BAD_REQUEST, "face");
   expectOutcome(spoiled([](auto& goal) { goal.faces = {6}; }), Outcome::BAD_REQUEST, "face 6, must be in [0, 5]");
+  expectOutcome(spoiled([](auto& goal) {
+                  goal.faces = {BrickFace::PLUS_Z, BrickFace::PLUS_Z};
+                }),
+                Outcome::BAD_REQUEST, "face +z is given twice");
+  expectOutcome(spoiled([](auto& goal) { goal.faces.assign(7, BrickFace::PLUS_Z); }), Outcome::BAD_REQUEST,
+                "7 faces to try, must be at most 6");
   expectOutcome(spoiled([](auto& goal) { goal.brick.pose.position.x = kNan; }), Outcome::BAD_REQUEST, "not finite");
   expectOutcome(spoiled([](auto& goal) { goal.brick.pose.orientation.w = 9.0; }), Outcome::BAD_REQUEST, "no rotation");
   expectOutcome(spoiled([](auto& goal) { goal.brick.header.frame_id = "nowhere"; }), Outcome::BAD_REQUEST, "nowhere");
@@ -168,7 +176,8 @@ TEST_F(PlanningNode, ImpossibleRequestsAreRefusedWithTheReason) {
   ArmGoalMessage place;
   place.kind = ArmGoalMessage::PLACE;
   place.place_frame = "magnet_tip";  // moves with the arm
-  expectOutcome(armTo(place), Outcome::BAD_REQUEST, "must be a link fixed to base_link");
+  expectOutcome(armTo(place), Outcome::BAD_REQUEST, "must be a link fixed to base_link: ");
+  expectOutcome(armTo(place), Outcome::BAD_REQUEST, ", chute_drop, ");
 }
 
 TEST_F(PlanningNode, GoalsThatCannotBeReachedSayWhy) {
@@ -185,6 +194,86 @@ TEST_F(PlanningNode, GoalsThatCannotBeReachedSayWhy) {
   PlanArmGoal from_there = armTo(toJoints(kStowed));
   from_there.start.assign(down.data(), down.data() + 6);
   expectOutcome(from_there, Outcome::START_IN_COLLISION, "");
+  from_there.start[5] = 7.0;
+  expectOutcome(from_there, Outcome::OUTSIDE_LIMITS, "start: wrist_3_joint = 7.000 rad, must be in");
+  ArmVector beyond = kStowed;
+  beyond[2] = -3.5;
+  expectOutcome(armTo(toJoints(beyond)), Outcome::OUTSIDE_LIMITS, "goal posture: elbow_joint = -3.500 rad");
+}
+
+TEST_F(PlanningNode, AMapWithoutSurfaceIsPlannedIn) {
+  BoxWorld nothing;
+  nothing.ground_z_m.reset();
+  const auto expectPlans = [](const std::string& what) {
+    const PlanPickResult result = client_->plan(pickOf(kBrick));
+    EXPECT_EQ(static_cast<int>(result.outcome.status), static_cast<int>(PlanOutcome::SUCCESS))
+        << what << ": " << nameOf(result.outcome);
+  };
+  setWorld(nothing);
+  expectPlans("no triangle");
+  const auto setSpoiled = [](const std::function<void(interactive_mapping_msgs::SurfaceMesh&)>& spoil) {
+    const std::uint64_t update = robot_->setWorld(worldOf({kBrick}), spoil);
+    EXPECT_TRUE(waitUntil([update] { return client_->plan(armTo(toJoints(kStowed))).map_update == update; }));
+  };
+  setSpoiled([](auto& mesh) {
+    for (auto& vertex : mesh.mesh.vertices) vertex.z = kNan;
+  });
+  expectPlans("no vertex is a number");
+  setSpoiled([](auto& mesh) {
+    for (auto& triangle : mesh.mesh.triangles) triangle.vertex_indices[1] = triangle.vertex_indices[0];
+  });
+  expectPlans("no triangle has area");
+  // One without a normal for each vertex is no mesh: the planner says so and does not plan in the one before.
+  robot_->setWorld(worldOf({kBrick}), [](auto& mesh) { mesh.normals.clear(); });
+  PlanOutcome outcome;
+  EXPECT_TRUE(waitUntil([&] {
+    outcome = client_->plan(pickOf(kBrick)).outcome;
+    return outcome.status == PlanOutcome::NO_MAP;
+  })) << nameOf(outcome);
+  EXPECT_PRED2(has, outcome.message, "numbers in normals, must be 3 x");
+}
+
+TEST_F(PlanningNode, AGoalMayAskForAMapThatIsNewEnough) {
+  PlanPickGoal goal = pickOf(kBrick);
+  goal.min_map_stamp = robot_->meshStamp();
+  const PlanPickResult now = client_->plan(goal);
+  EXPECT_EQ(static_cast<int>(now.outcome.status), static_cast<int>(PlanOutcome::SUCCESS)) << nameOf(now.outcome);
+  EXPECT_EQ(now.map_update, update_);
+
+  // One that comes while the goal waits.
+  goal.min_map_stamp = ros::Time::now();
+  client_->pick.sendGoal(goal);
+  ASSERT_TRUE(waitUntil([] { return client_->pick.getState() == actionlib::SimpleClientGoalState::ACTIVE; }));
+  const std::uint64_t newer = robot_->setWorld(worldOf({kBrick}));
+  ASSERT_TRUE(waitUntil([] { return client_->pick.getState().isDone(); }));
+  const PlanPickResult waited = *client_->pick.getResult();
+  EXPECT_EQ(static_cast<int>(waited.outcome.status), static_cast<int>(PlanOutcome::SUCCESS)) << nameOf(waited.outcome);
+  EXPECT_EQ(waited.map_update, newer);
+
+  // None comes: what there is and what was asked for.
+  const auto stampOf = [](const ros::Time& stamp) {
+    char text[32];
+    std::snprintf(text, sizeof(text), "%.3f s", stamp.toSec());
+    return std::string(text);
+  };
+  PlanArmGoal arm = armTo(toJoints(kStowed));
+  arm.min_map_stamp = robot_->meshStamp() + ros::Duration(0.001);
+  const ros::Time asked = ros::Time::now();
+  expectOutcome(arm, PlanOutcome::NO_MAP,
+                "the newest mesh is of " + stampOf(robot_->meshStamp()) + ", asked for is one of " +
+                    stampOf(arm.min_map_stamp) + " or later (waited 2.000 s, state/map_wait_s)");
+  EXPECT_GE((ros::Time::now() - asked).toSec(), 2.0);
+
+  // Waiting can be cancelled.
+  goal.min_map_stamp = ros::Time::now() + ros::Duration(600.0);
+  client_->pick.sendGoal(goal);
+  ASSERT_TRUE(waitUntil([] { return client_->pick.getState() == actionlib::SimpleClientGoalState::ACTIVE; }));
+  client_->pick.cancelGoal();
+  ASSERT_TRUE(waitUntil([] { return client_->pick.getState().isDone(); }));
+  ASSERT_TRUE(client_->pick.getState() == actionlib::SimpleClientGoalState::PREEMPTED);
+  const PlanPickResult cancelled = *client_->pick.getResult();
+  EXPECT_EQ(static_cast<int>(cancelled.outcome.status), static_cast<int>(PlanOutcome::CANCELLED));
+  EXPECT_LT(cancelled.wall_ms, 1900.0F) << "it waited for the map instead";
 }
 
 TEST_F(PlanningNode, ALaterGoalIsTriedWhenTheFirstCannotBeReached) {
@@ -212,6 +301,49 @@ TEST_F(PlanningNode, GoalsInOtherFramesFollowTf) {
     return result.outcome.status == PlanOutcome::SUCCESS && std::abs(result.contact.pose.position.y) < 0.085;
   })) << nameOf(result.outcome);
   robot_->setBase(Eigen::Isometry3d::Identity());
+}
+
+TEST_F(PlanningNode, GoalsInOtherFramesAreTakenAtTheirStamp) {
+  Eigen::Isometry3d T_map_base_then = Eigen::Isometry3d::Identity();
+  T_map_base_then.translation() << -0.2, 0.0, 0.0;
+  robot_->setBase(T_map_base_then);
+  const ros::Time then = robot_->awaitState();
+  robot_->setBase(Eigen::Isometry3d::Identity());
+  robot_->awaitState();
+  const auto expectPicked = [](const PlanPickGoal& goal, const std::string& what) {
+    PlanPickResult result;
+    // The first plans may find the base on its way, or the scene with it.
+    EXPECT_TRUE(waitUntil([&] {
+      result = client_->plan(goal);
+      return result.outcome.status == PlanOutcome::SUCCESS || result.outcome.status == PlanOutcome::BAD_REQUEST;
+    }));
+    EXPECT_EQ(static_cast<int>(result.outcome.status), static_cast<int>(PlanOutcome::SUCCESS))
+        << what << ": " << nameOf(result.outcome);
+    EXPECT_NEAR(result.contact.pose.position.x, 0.75, 0.085) << what;  // on the plate, 20 cm from where it is not
+  };
+  PlanPickGoal goal = pickOf(kBrick);
+  goal.brick = toPose(T_map_base_then.inverse() * kBrick.T_map_box, "base_link");
+  goal.brick.header.stamp = then;
+  expectPicked(goal, "seen from where the base was");
+  goal.brick = toPose(kBrick.T_map_box, "base_link");
+  goal.brick.header.stamp = ros::Time::now() + ros::Duration(0.1);
+  expectPicked(goal, "tf has it in a moment");
+  goal.brick.header.stamp = ros::Time();
+  expectPicked(goal, "tf's newest");
+  goal.brick = toPose(kBrick.T_map_box);
+  goal.brick.header.stamp = ros::Time::now() + ros::Duration(60.0);
+  expectPicked(goal, "in the map's own frame no stamp matters");
+
+  // What tf does not have, any more or yet: its memory is 10 s.
+  goal.brick.header.frame_id = "base_link";
+  for (const double later_s : {-60.0, 60.0}) {
+    goal.brick.header.stamp = ros::Time::now() + ros::Duration(later_s);
+    char stamp[32];
+    std::snprintf(stamp, sizeof(stamp), "%.3f s", goal.brick.header.stamp.toSec());
+    expectOutcome(
+        goal, PlanOutcome::BAD_REQUEST,
+        std::string("brick: no pose of frame 'base_link' in map at its stamp, ") + stamp + ", tf has it up to ");
+  }
 }
 
 TEST_F(PlanningNode, TheArmLeavesTheCamerasView) {
@@ -285,6 +417,13 @@ TEST_F(PlanningNode, WhatTheMagnetHoldsIsPartOfTheRobot) {
   bad = brick;
   bad.size.x = -1.0;
   attach(bad, PlanOutcome::NO_ROBOT_STATE);
+  bad = brick;
+  bad.size.y = 0.61;  // bricks have edges of up to 0.30 m
+  attach(bad, PlanOutcome::NO_ROBOT_STATE);
+  expectOutcome(armTo(toJoints(kStowed)), PlanOutcome::NO_ROBOT_STATE,
+                "its longest edge is 0.610 m, must be at most 0.600 m");
+  bad.size.y = 0.60;
+  attach(bad, PlanOutcome::BAD_REQUEST);
   robot_->setArm(kStowed);
   attach(AttachedBrick(), PlanOutcome::SUCCESS);
 }
@@ -349,13 +488,36 @@ TEST_F(PlanningNode, TheMonitorCallsForAStopWhenSomethingComesIntoTheWay) {
   EXPECT_NE(next, id);
   EXPECT_FALSE(state.await([next](const PathMonitorState& s) { return s.watch_id == next; }).must_stop);
 
-  // A trajectory that ended long ago is not watched any more; neither is an empty one.
-  watch.request.start = ros::Time::now() - ros::Duration(600.0);
+  // One that ended long ago is refused, and what is watched goes on.
+  WatchTrajectory late = watch;
+  late.request.start = ros::Time::now() - ros::Duration(600.0);
+  ASSERT_TRUE(call("/motion_planning/watch", late));
+  EXPECT_FALSE(late.response.success);
+  EXPECT_PRED2(has, late.response.message, "start is 600.0");
+  char lasts[64];
+  std::snprintf(lasts, sizeof(lasts), "ago, the trajectory lasts %.3f s: it has ended; watch %u goes on",
+                plan.approach.points.back().time_from_start.toSec(), next);
+  EXPECT_PRED2(has, late.response.message, lasts);
+  EXPECT_EQ(late.response.watch_id, next);
+  // One that ends in a moment is not watched any more then.
+  watch.request.start = ros::Time::now() - plan.approach.points.back().time_from_start + ros::Duration(0.5);
   ASSERT_TRUE(call("/motion_planning/watch", watch));
+  EXPECT_TRUE(watch.response.success) << watch.response.message;
   state.await([](const PathMonitorState& s) { return s.is_watching == 0; });
+  ASSERT_TRUE(call("/motion_planning/watch", late));
+  EXPECT_FALSE(late.response.success);
+  EXPECT_PRED2(has, late.response.message, "; nothing is watched");
+  EXPECT_EQ(late.response.watch_id, 0u);
+  // Neither is an empty one.
+  watch.request.start = ros::Time();
+  ASSERT_TRUE(call("/motion_planning/watch", watch));
+  EXPECT_TRUE(watch.response.success) << watch.response.message;
+  state.await([](const PathMonitorState& s) { return s.is_watching == 1; });
   watch.request.trajectory.points.clear();
   ASSERT_TRUE(call("/motion_planning/watch", watch));
   EXPECT_TRUE(watch.response.success);
+  EXPECT_EQ(watch.response.watch_id, 0u);
+  state.await([](const PathMonitorState& s) { return s.is_watching == 0; });
 }
 
 TEST_F(PlanningNode, TheMonitorLetsTheMagnetTouchItsTargetAlone) {
@@ -385,6 +547,8 @@ TEST_F(PlanningNode, TheMonitorLetsTheMagnetTouchItsTargetAlone) {
   ASSERT_TRUE(call("/motion_planning/watch", bad));
   EXPECT_FALSE(bad.response.success);
   EXPECT_PRED2(has, bad.response.message, "target_size");
+  EXPECT_PRED2(has, bad.response.message, "; watch " + std::to_string(id) + " goes on");
+  EXPECT_EQ(bad.response.watch_id, id);
   bad = watch;
   bad.request.phase = 9;
   ASSERT_TRUE(call("/motion_planning/watch", bad));
@@ -456,7 +620,57 @@ TEST(PlanningProcess, ANodeThatCannotWorkSaysWhyAndEnds) {
   EXPECT_PRED2(has, refusal("no_stow", bad), "stow = 'attic'");
   bad = good;
   bad["sectors_file"] = good["bricks_file"];
-  EXPECT_PRED2(has, refusal("no_sectors", bad), "bricks.yaml");
+  EXPECT_PRED2(has, refusal("no_sectors", bad), "sectors_file = '" + good["bricks_file"] + "'");
+  bad = good;
+  bad["bricks_file"] = "/nowhere/bricks.yaml";
+  EXPECT_PRED2(has, refusal("no_bricks", bad), "bricks_file = '/nowhere/bricks.yaml'");
+}
+
+TEST_F(PlanningNode, TheLogTellsWhatIsMissingAndOnceThatAllIsThere) {
+  setenv("ROSCONSOLE_STDOUT_LINE_BUFFERED", "1", 1);  // the program's log is read while it runs
+  for (const std::string key : {"bricks_file", "sectors_file", "postures_dir"}) {
+    std::string value;
+    ASSERT_TRUE(ros::param::get("/motion_planning/" + key, value));
+    ros::param::set("/late/" + key, value);
+  }
+  Latest<interactive_mapping_msgs::SurfaceMesh> mesh("/map/mesh");
+  Latest<diagnostic_msgs::DiagnosticArray> diagnostics("/diagnostics");
+  Process node({MOTION_PLANNING_NODE, "__name:=late", "map/mesh:=/late/mesh", "map/query:=/map/query",
+                "joint_states:=/late/joint_states"},
+               std::string(::testing::TempDir()) + "late.log");
+  const std::string missing =
+      "motion_planning is not ready: no joint state of shoulder_pan_joint has come on /late/joint_states; no mesh has "
+      "come on /late/mesh";
+  ASSERT_TRUE(waitUntil([&] { return has(node.output(), missing); }, 30.0)) << node.output();
+  ros::NodeHandle nh;
+  ros::Publisher joints = nh.advertise<sensor_msgs::JointState>("/late/joint_states", 10);
+  ros::Publisher meshes = nh.advertise<interactive_mapping_msgs::SurfaceMesh>("/late/mesh", 1, true);
+  meshes.publish(mesh.await([](const auto&) { return true; }));
+  EXPECT_FALSE(has(node.output(), "motion_planning is ready")) << "no joint state yet";
+  const auto publishJoints = [&joints] {
+    sensor_msgs::JointState state;
+    state.header.stamp = ros::Time::now();
+    state.name.assign(mp700_ur5e_description::kArmJoints.begin(), mp700_ur5e_description::kArmJoints.end());
+    state.position.assign(kStowed.data(), kStowed.data() + 6);
+    joints.publish(state);
+  };
+  const std::string ready = "motion_planning is ready: ";
+  ASSERT_TRUE(waitUntil(
+      [&] {
+        publishJoints();
+        return has(node.output(), ready);
+      },
+      30.0))
+      << node.output();
+  // Each look at what is there ends with diagnostics: some more of them, and no second line.
+  const ros::Time since = ros::Time::now() + ros::Duration(2.5);
+  diagnostics.await([&](const diagnostic_msgs::DiagnosticArray& array) {
+    publishJoints();
+    return array.header.stamp > since && !array.status.empty() && has(array.status.front().name, "late");
+  });
+  const std::string output = node.output();
+  EXPECT_EQ(output.find(ready), output.rfind(ready)) << output;
+  EXPECT_LT(output.rfind(missing), output.find(ready)) << output;
 }
 
 }  // namespace

@@ -16,7 +16,7 @@ struct BasePlannerConfig {
   double padding_m{0.03};      // of the footprint on the way
   double goal_padding_m{0.0};  // at the goal and on the last approach, where the robot comes near on purpose
   double approach_m{0.4};      // the way ends with so much straight ahead, ...
-  double min_approach_m{0.1};  // ... or at least so much
+  double min_approach_m{0.1};  // ... or at least so much, where there is no room; more room to turn goes before length
   double max_back_off_m{1.0};  // straight back before the first turn, until turning on the spot is free, at most
   double turn_radius_m{0.35};  // of the curves planned with
   int max_iterations{4000};    // of RRTConnect: it ends by these, never by the clock
@@ -30,12 +30,12 @@ struct BasePlannerConfig {
 
 enum class BasePlanStatus {
   kSolved,
-  kStartOccupied,
+  kStartOccupied,  // under the footprint; or nearer than the padding, with no straight way out
   kStartUnknown,
   kGoalOccupied,
   kGoalUnknown,
   kNoApproach,  // the goal is free, the straight way to it is not
-  kNoPath,      // Dijkstra knows no way for the inscribed circle: nothing was searched
+  kNoPath,      // Dijkstra knows no way even for the inscribed circle: nothing was searched
   kIterations,  // there may be one: the search ended without
   kCancelled,
 };
@@ -49,15 +49,19 @@ struct BasePlan {
   int iterations{0};
 };
 
-/// Paths of a differential drive over known-free ground: straight back off what is too near to turn, RRTConnect over
-/// Reeds-Shepp curves (OMPL), with samples drawn about Dijkstra's way, cut short by the fastest of Reeds-Shepp curve, Dubins curve and
-/// turn-drive-turn, and a straight approach square to the goal. The same arguments give the same path.
+/// Paths of a differential drive over known-free ground: straight out of what is too near to turn (back, or ahead where
+/// that is faster), RRTConnect over Reeds-Shepp curves (OMPL) with samples drawn about Dijkstra's way, and turn-and-drive
+/// along it where there is room; cut short by the best of Reeds-Shepp curve, Dubins curves and turn-drive-turn; a straight
+/// approach square to the goal. The best is the fastest, with 2 s more for each time it drives backwards after the
+/// first back-off. The same arguments give the same path.
 class BasePlanner {
  public:
   /// Throws std::invalid_argument listing every impossible value.
   BasePlanner(const BasePlannerConfig& config, const MotionLimits& limits, Polygon footprint);
 
-  /// `is_cancelled` is asked at least every few milliseconds. Throws std::invalid_argument for poses that are not finite.
+  /// The path ends within 1 mm and 1 mrad of the goal; a goal within the tolerances is an empty path. `is_cancelled` is
+  /// asked every few milliseconds, but for Dijkstra: tens of them on large grids. Throws std::invalid_argument for poses
+  /// that are not finite and grids whose size is not that of their states.
   BasePlan plan(std::shared_ptr<const NavigationGrid> grid, const Pose2d& start_map, const Pose2d& goal_map,
                 const std::function<bool()>& is_cancelled = {}) const;
 

@@ -12,16 +12,18 @@ namespace base_navigation {
 struct PathFollowerConfig {
   // Kanayama et al. 1990, "A stable tracking control method for an autonomous mobile robot": error -> correction.
   double gain_along_1_s{2.0};
-  double gain_across_1_m2{64.0};
-  double gain_yaw_1_m{13.0};
+  double gain_across_1_m2{144.0};
+  double gain_yaw_1_m{20.0};
   // The two gains above make an oscillator of sqrt(gain_across) * speed; where that is faster than this, which must be
   // slow against the lag of drives and localisation, they are lowered, the damping kept.
   double max_correction_1_s{2.0};
-  double gain_turn_1_s{2.0};  // of turns on the spot, angle error -> rate
-  double speed_reserve{0.9};  // of the limits, for what is planned: the rest is for corrections
-  double wait_m{0.05};        // the reference goes slower for a base that lags by half of this, and waits at all of it
-  double wait_rad{0.2};       // likewise in turns on the spot
-  double max_error_m{0.15};   // farther off the path: lost
+  double gain_turn_1_s{2.0};         // of turns on the spot, angle error -> rate
+  double lag_s{0.09};                // of commands and drives: corrected is where the base will be after so long
+  double speed_reserve{0.9};         // of the limits of speed, for what is planned: the rest is for corrections
+  double acceleration_reserve{0.8};  // likewise of acceleration
+  double wait_m{0.05};       // the reference goes slower for a base that lags by half of this, and waits at all of it
+  double wait_rad{0.2};      // likewise in turns on the spot
+  double max_error_m{0.15};  // farther off the path: lost
   double max_error_rad{0.5};
   double settle_m{0.005};  // a stretch is over within this of its end, or when the end is passed
   double settle_rad{0.006};
@@ -80,11 +82,18 @@ class PathFollower {
  private:
   /// A motion of the present stretch.
   struct Piece {
-    double begin_m;        // along the stretch
-    double end_m;          //
+    double begin_m;  // along the stretch
+    double end_m;
     double curvature_1_m;  // turn per metre driven, whatever the direction
     double max_speed_m_s;  // with the reserve
-    double end_speed_m_s;  // from which all that comes can be braked for
+  };
+  /// Where two motions of different curvature meet. A base cannot change its curvature at once: the step is driven as a
+  /// ramp, half of it before the joint and half behind, so that what is turned too early is made up for.
+  struct Joint {
+    double at_m;  // along the stretch
+    double step_1_m;
+    double half_m;     // length of half the ramp
+    double speed_m_s;  // at most, on the ramp
   };
   struct Error {
     double along_m;   // of the reference, before the base positive
@@ -96,17 +105,20 @@ class PathFollower {
   std::size_t pieceAt(double at_m) const;
   double plannedSpeed(double at_m) const;
   Pose2d referenceAt(double progress) const;
-  double curvatureAhead(double at_m, double speed_m_s) const;
+  double curvatureAt(double at_m) const;
+  double yawAheadOf(double at_m) const;
+  Pose2d expected(const Pose2d& pose_map) const;
   Error errorOf(const Pose2d& pose_map) const;
   Twist2d law(const Error& error, double speed) const;
   Twist2d limited(const Twist2d& wanted, double dt_s) const;
-  void report(const Error& error, FollowCommand* command) const;
+  void report(const Pose2d& pose_map, FollowCommand* command) const;
 
   PathFollowerConfig config_;
   MotionLimits limits_;
   std::optional<BasePath> path_;
   std::vector<Stretch> stretches_;
   std::vector<Piece> pieces_;
+  std::vector<Joint> joints_;
   std::vector<Pose2d> starts_map_;  // of the path's motions
   std::size_t stretch_{0};
   double stretch_at_m_{0.0};  // of its begin, along the path

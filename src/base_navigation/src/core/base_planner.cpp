@@ -42,6 +42,10 @@ constexpr double kExact_rad = 1e-4;
 constexpr double kCutAtLeast_m = 0.002;  // pieces that shortening cuts off are not smaller
 constexpr double kCutAtLeast_rad = 0.002;
 constexpr double kWorthwhile_s = 0.01;
+// Of two paths about as fast, the one that drives backwards less (the scanner does not see behind) and has fewer pieces.
+constexpr double kBackwards_s = 2.0;  // each time anew
+constexpr double kPiece_s = 0.05;
+constexpr std::size_t kMaxJoints = 16;         // of a path with more, not all pairs of joints are tried
 constexpr double kRange_m = 1.5;               // one growth of a tree
 constexpr double kGuided = 0.6;                // share of samples drawn about Dijkstra's way
 constexpr double kGuideSpread_m = 0.25;        // standard deviation from the way
@@ -55,8 +59,9 @@ using Motions = std::vector<BaseMotion>;
 
 ob::ScopedState<ob::SE2StateSpace> toOmpl(const ob::StateSpacePtr& space, const Pose2d& pose) {
   ob::ScopedState<ob::SE2StateSpace> state(space);
+  const double yaw_rad = wrapAngle(pose.yaw_rad);
   state->setXY(pose.x_m, pose.y_m);
-  state->setYaw(pose.yaw_rad);
+  state->setYaw(yaw_rad < M_PI ? yaw_rad : -M_PI);  // for OMPL, pi itself is out of bounds
   return state;
 }
 
@@ -221,8 +226,24 @@ class Validity {
     if ((*cancelled_)()) return false;
     return checker_.check(BasePath{from, motions}).isFree();
   }
+  /// Whether the circle that the padded footprint sweeps touches free cells only.
   bool canTurnAt(const Pose2d& pose) const {
-    return checker_.clearance(pose.position()) > checker_.circumscribedRadius();
+    const double radius_m = checker_.circumscribedRadius();
+    const Eigen::Vector2d p_map = pose.position();
+    if (checker_.clearance(p_map) > radius_m) return true;
+    // The clearance is a lower bound: the last word have the cells.
+    const NavigationGrid& grid = checker_.grid();
+    const Eigen::Vector2i low = grid.cellOf(p_map - Eigen::Vector2d::Constant(radius_m));
+    const Eigen::Vector2i high = grid.cellOf(p_map + Eigen::Vector2d::Constant(radius_m));
+    for (int row = low.y(); row <= high.y(); ++row) {
+      for (int column = low.x(); column <= high.x(); ++column) {
+        if (grid.at(column, row) == SpaceState::kFree) continue;
+        const Eigen::Vector2d beside = (p_map - grid.centerOf(column, row)).cwiseAbs();
+        const Eigen::Vector2d gap = (beside.array() - 0.5 * grid.cell_size_m).max(0.0).matrix();
+        if (gap.norm() <= radius_m) return false;
+      }
+    }
+    return true;
   }
 
  private:
@@ -369,10 +390,16 @@ Growth growTrees(const Pose2d& start, const Pose2d& goal, const NavigationGrid& 
   space->setStateSamplerAllocator([&](const ob::StateSpace* allocated_for) {
     return std::make_shared<Sampler>(allocated_for, guide, random, &growth.iterations);
   });
+  const auto first = toOmpl(space, start);
+  const auto last = toOmpl(space, goal);
+  // For a goal that is not valid RRTConnect would wait for ever.
+  for (const ob::State* state : {first.get(), last.get()}) {
+    if (!information->satisfiesBounds(state) || !information->isValid(state)) return growth;
+  }
   const auto problem = std::make_shared<ob::ProblemDefinition>(information);
-  problem->addStartState(toOmpl(space, start));
+  problem->addStartState(first);
   const auto goal_states = std::make_shared<ob::GoalStates>(information);
-  goal_states->addState(toOmpl(space, goal));
+  goal_states->addState(last);
   problem->setGoal(goal_states);
 
   ompl::geometric::RRTConnect planner(information);
@@ -405,7 +432,7 @@ struct Candidate {
   BasePath path;
   double tight_m{0.0};
   double approach_m{0.0};
-  double duration_s{0.0};
+  double cost_s{0.0};
 };
 
 class Call {
@@ -473,7 +500,7 @@ class Call {
     plan_.status = BasePlanStatus::kSolved;
     plan_.message.clear();
     plan_.path = best_->path;
-    plan_.duration_s = best_->duration_s;
+    plan_.duration_s = duration(best_->path, limits_);
     return plan_;
   }
 
@@ -491,22 +518,20 @@ class Call {
     return true;
   }
 
-  /// Takes the path if it is the fastest so far and stands the last check.
-  bool offer(Candidate candidate) {
-    BasePath tidied = candidate.path;
-    tidied.tidy();
-    if (away_m(tidied.end(), goal_map_) < kExact_m && away_rad(tidied.end(), goal_map_) < kExact_rad) {
-      candidate.path = std::move(tidied);
-    }
+  /// Takes the path if it stands the last check and is the best so far. False: it does not stand the check.
+  bool offer(const Candidate& candidate) {
+    if (best_ && best_->cost_s <= candidate.cost_s) return true;
     if (away_m(candidate.path.end(), goal_map_) > 5.0 * kExact_m ||
-        away_rad(candidate.path.end(), goal_map_) > 5.0 * kExact_rad) {
+        away_rad(candidate.path.end(), goal_map_) > 5.0 * kExact_rad || !isWholeFree(candidate)) {
       return false;
     }
-    candidate.duration_s = duration(candidate.path, limits_);
-    if (best_ && best_->duration_s <= candidate.duration_s) return true;
-    if (!isWholeFree(candidate)) return false;
-    best_ = std::move(candidate);
+    best_ = candidate;
     return true;
+  }
+
+  /// Shortened; as it is, if that does not stand the last check.
+  bool offer(const Launch& launch, const Motions& middle) {
+    return offer(assemble(launch, shorten(launch, middle))) || offer(assemble(launch, middle));
   }
 
   /// How far straight on (`direction` 1 or -1) the footprint is free of anything nearer than the padding, and the way
@@ -534,7 +559,7 @@ class Call {
     candidate.tight_m = std::min(tight_m.value_or(config_.max_back_off_m), std::abs(goal_start.x_m));
     // Backwards is slow: far behind, turning round may be faster, and is for the search to find out.
     const bool is_sure = goal_start.x_m > 0.0 || -goal_start.x_m <= config_.max_back_off_m;
-    if (is_sure) offer(std::move(candidate));
+    if (is_sure) offer(candidate);
   }
 
   /// The longest straight last piece that is free and begins where the base can turn on the spot; or else where it can
@@ -611,20 +636,29 @@ class Call {
     candidate.path.motions.push_back({approach_m_, 0.0});
     candidate.tight_m = launch.tight_m;
     candidate.approach_m = approach_m_;
-    candidate.duration_s = duration(candidate.path, limits_);
+    BasePath tidied = candidate.path;
+    tidied.tidy();
+    if (away_m(tidied.end(), goal_map_) < kExact_m && away_rad(tidied.end(), goal_map_) < kExact_rad) {
+      candidate.path = std::move(tidied);
+    }
+    candidate.cost_s =
+        duration(candidate.path, limits_) + kPiece_s * static_cast<double>(candidate.path.motions.size());
+    for (std::size_t i = 0; i < middle.size(); ++i) {
+      if (isReverse(middle[i]) && (i == 0 || !isReverse(middle[i - 1]))) candidate.cost_s += kBackwards_s;
+    }
     return candidate;
   }
 
-  /// The fastest valid connection from the launch to the approach.
+  /// The best valid connection from the launch to the approach.
   std::optional<Motions> connectDirectly(const Launch& launch, bool forward_only) {
     std::vector<std::pair<double, Motions>> ways;
     for (Motions& motions : connections_.between(launch.pose_map, approach_map_)) {
       if (forward_only && std::any_of(motions.begin(), motions.end(), isReverse)) continue;
-      const double duration_s = assemble(launch, motions).duration_s;
-      ways.emplace_back(duration_s, std::move(motions));
+      const double cost_s = assemble(launch, motions).cost_s;
+      ways.emplace_back(cost_s, std::move(motions));
     }
     std::stable_sort(ways.begin(), ways.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-    for (auto& [duration_s, motions] : ways) {
+    for (auto& [cost_s, motions] : ways) {
       if (validity_.isValid(launch.pose_map, motions)) return std::move(motions);
     }
     return std::nullopt;
@@ -640,7 +674,7 @@ class Call {
     }
     const Launch launch{0.0, 0.0, start_map_};
     if (const std::optional<Motions> middle = connectDirectly(launch, true)) {
-      offer(assemble(launch, shorten(launch, *middle)));
+      offer(launch, *middle);
     }
   }
 
@@ -712,7 +746,7 @@ class Call {
     return std::max(std::abs(motion.length_m) / speed, std::abs(motion.turn_rad) / limits_.turn_rad_s);
   }
 
-  /// Replaces what is between two places by the fastest valid connection, if that saves time.
+  /// Replaces what is between two places by the best valid connection, if that is worth it.
   bool cut(const Launch& launch, const Place& a, const Place& b, Motions* motions, double* best_s) {
     const BasePath path{launch.pose_map, *motions};
     const Pose2d from = path.pose(a.motion, a.along);
@@ -726,7 +760,7 @@ class Call {
     tail.insert(tail.end(), motions->begin() + static_cast<std::ptrdiff_t>(b.motion) + 1, motions->end());
 
     struct Option {
-      double duration_s;
+      Candidate candidate;
       Motions between;
       Motions all;
     };
@@ -736,49 +770,56 @@ class Call {
       option.all = head;
       option.all.insert(option.all.end(), between.begin(), between.end());
       option.all.insert(option.all.end(), tail.begin(), tail.end());
-      option.duration_s = tidyDuration(launch, option.all);
-      if (option.duration_s > *best_s - kWorthwhile_s) continue;
+      option.candidate = assemble(launch, option.all);
+      if (option.candidate.cost_s > *best_s - kWorthwhile_s) continue;
       option.between = std::move(between);
       options.push_back(std::move(option));
     }
     std::stable_sort(options.begin(), options.end(),
-                     [](const Option& x, const Option& y) { return x.duration_s < y.duration_s; });
+                     [](const Option& x, const Option& y) { return x.candidate.cost_s < y.candidate.cost_s; });
     for (Option& option : options) {
-      if (!validity_.isValid(from, option.between)) continue;
+      // The quick look first; the last check, or else a path cut many times might fail it in the end.
+      if (!validity_.isValid(from, option.between) || !isWholeFree(option.candidate)) continue;
       *motions = std::move(option.all);
-      *best_s = option.duration_s;
+      *best_s = option.candidate.cost_s;
       return true;
     }
     return false;
   }
 
-  double tidyDuration(const Launch& launch, const Motions& middle) const {
-    BasePath path = assemble(launch, middle).path;
-    path.tidy();
-    return duration(path, limits_);
+  /// All pairs of joints, the widest apart first, until none is worth it.
+  void cutJoints(const Launch& launch, Motions* motions, double* best_s) {
+    bool goes_on = motions->size() <= kMaxJoints;
+    while (goes_on) {
+      goes_on = false;
+      for (std::size_t span = motions->size(); span >= 2 && !goes_on; --span) {
+        for (std::size_t i = 0; i + span <= motions->size() && !goes_on; ++i) {
+          if (cancelled_()) return;
+          goes_on = cut(launch, {i, 0.0}, {i + span - 1, 1.0}, motions, best_s);
+        }
+      }
+    }
   }
 
   Motions shorten(const Launch& launch, Motions motions) {
     if (motions.empty()) return motions;
-    double best_s = tidyDuration(launch, motions);
+    double best_s = assemble(launch, motions).cost_s;
+    cutJoints(launch, &motions, &best_s);
     for (int round = 0; round < config_.shortcut_rounds && !cancelled_(); ++round) {
       double total_s = 0.0;
       for (const BaseMotion& motion : motions) total_s += roughTime(motion);
-      Place a{0, 0.0};
-      Place b{motions.size() - 1, 1.0};
-      if (round > 0) {
-        double from_s = random_.uniform(0.0, total_s);
-        double to_s = random_.uniform(0.0, total_s);
-        if (from_s > to_s) std::swap(from_s, to_s);
-        a = placeAt(motions, from_s);
-        b = placeAt(motions, to_s);
-        // Half of the ends at joints: from the very start, to the very end, whole motions.
-        if (random_.uniform01() < 0.5) a.along = 0.0;
-        if (random_.uniform01() < 0.5) b.along = 1.0;
-      }
+      double from_s = random_.uniform(0.0, total_s);
+      double to_s = random_.uniform(0.0, total_s);
+      if (from_s > to_s) std::swap(from_s, to_s);
+      Place a = placeAt(motions, from_s);
+      Place b = placeAt(motions, to_s);
+      // Half of the ends at joints: whole motions.
+      if (random_.uniform01() < 0.5) a.along = 0.0;
+      if (random_.uniform01() < 0.5) b.along = 1.0;
       if (a.motion == b.motion) continue;
       cut(launch, a, b, &motions, &best_s);
     }
+    cutJoints(launch, &motions, &best_s);
     return motions;
   }
 
@@ -786,8 +827,7 @@ class Call {
     const Launch& launch = launches_[which];
     if (std::optional<Motions> direct = connectDirectly(launch, false)) {
       const bool is_forward = std::none_of(direct->begin(), direct->end(), isReverse);
-      offer(assemble(launch, shorten(launch, std::move(*direct))));
-      if (is_forward) return;
+      if (offer(launch, *direct) && is_forward) return;
     }
     // Dijkstra's cells are asked at their middles, up to half a diagonal beside the base: a radius smaller by so much
     // misses no way that there is.
@@ -823,9 +863,7 @@ class Call {
     bool has_wide = false;
     if (!wide_way.empty()) {
       if (std::optional<Motions> motions = turnAndDrive(launch.pose_map, wide_way)) {
-        has_wide = true;
-        const bool is_taken = offer(assemble(launch, shorten(launch, *motions)));
-        if (!is_taken) offer(assemble(launch, *motions));
+        has_wide = offer(launch, *motions);
       }
     }
     const int iterations = config_.max_iterations / static_cast<int>(launches_.size()) / kRuns;
@@ -834,8 +872,7 @@ class Call {
                                 guide, validity_, &cancelled_, &random_);
       plan_.iterations += growth.iterations;
       if (!growth.motions) continue;
-      const bool is_taken = offer(assemble(launch, shorten(launch, *growth.motions)));
-      if (!is_taken) offer(assemble(launch, *growth.motions));
+      offer(launch, *growth.motions);
     }
     if (!best_) {
       fail(BasePlanStatus::kIterations, "no path found from " + text(launch.pose_map.position()) + " to " +
@@ -925,6 +962,12 @@ BasePlanner::BasePlanner(const BasePlannerConfig& config, const MotionLimits& li
 BasePlan BasePlanner::plan(std::shared_ptr<const NavigationGrid> grid, const Pose2d& start_map, const Pose2d& goal_map,
                            const std::function<bool()>& is_cancelled) const {
   if (!grid) throw std::invalid_argument("grid: none given");
+  if (grid->width < 0 || grid->height < 0 || !(grid->cell_size_m > 0.0) ||
+      grid->state.size() != static_cast<std::size_t>(grid->width) * static_cast<std::size_t>(grid->height)) {
+    throw std::invalid_argument("grid: " + std::to_string(grid->state.size()) + " cells of " +
+                                std::to_string(grid->cell_size_m) + " m, must be " + std::to_string(grid->width) +
+                                " x " + std::to_string(grid->height) + " of a positive size");
+  }
   requireFinite("start", start_map);
   requireFinite("goal", goal_map);
   return Call(config_, limits_, footprint_, std::move(grid), start_map, goal_map, is_cancelled).run();

@@ -113,6 +113,7 @@ FootprintVerdict FootprintChecker::check(const Pose2d& T_map_base) const {
 
 bool FootprintChecker::isFree(const Pose2d& T_map_base) const {
   const NavigationGrid& grid = *state_->grid;
+  if (!std::isfinite(T_map_base.yaw_rad)) return false;
   const double scale = 1.0 / grid.cell_size_m;
   // All of it is free, or some of it is not, whichever way it is turned.
   const State::Bounds origin =

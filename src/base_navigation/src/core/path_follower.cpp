@@ -12,6 +12,8 @@
 namespace base_navigation {
 namespace {
 
+// Driving a step of curvature as a ramp leaves the path by so much at most, or it is driven more slowly.
+constexpr double kRampAcross_m = 0.005;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 void requireStep(double dt_s) {
@@ -24,6 +26,14 @@ double waiting(double lag, double wait) {
   return std::clamp(2.0 * (1.0 - lag / wait), 0.0, 1.0);
 }
 
+/// Speed at `left` before a place to stand at: braking evenly, and in the end in proportion to what is left, at `gain`: a
+/// drive that lags by less than 1 / gain does not overshoot.
+double endingSpeed(double left, double deceleration, double gain) {
+  const double proportional = deceleration / (gain * gain);
+  if (left < proportional) return gain * std::max(0.0, left);
+  return std::sqrt(2.0 * deceleration * (left - 0.5 * proportional));
+}
+
 }  // namespace
 
 std::vector<std::string> PathFollowerConfig::validate() const {
@@ -33,6 +43,8 @@ std::vector<std::string> PathFollowerConfig::validate() const {
   check("gain_yaw_1_m", gain_yaw_1_m, 0.1, 100.0, "1/m");
   check("max_correction_1_s", max_correction_1_s, 0.1, 20.0, "1/s");
   check("gain_turn_1_s", gain_turn_1_s, 0.1, 20.0, "1/s");
+  check("lag_s", lag_s, 0.0, 0.5, "s");
+  check("acceleration_reserve", acceleration_reserve, 0.1, 1.0, "");
   check("speed_reserve", speed_reserve, 0.1, 1.0, "");
   check("wait_m", wait_m, 0.001, std::max(0.001, max_error_m), "m");
   check("wait_rad", wait_rad, 0.001, std::max(0.001, max_error_rad), "rad");
@@ -74,6 +86,7 @@ void PathFollower::beginStretch() {
   progress_ = 0.0;
   reference_speed_ = 0.0;
   pieces_.clear();
+  joints_.clear();
   is_over_ = stretch_ >= stretches_.size();
   if (is_over_) return;
   const Stretch& stretch = stretches_[stretch_];
@@ -85,15 +98,19 @@ void PathFollower::beginStretch() {
     const double curvature_1_m = motion.turn_rad / length_m;
     const double speed_m_s = std::min(stretch.is_forward ? limits_.forward_m_s : limits_.backward_m_s,
                                       limits_.turn_rad_s / std::max(1e-9, std::abs(curvature_1_m)));
-    pieces_.push_back({at_m, at_m + length_m, curvature_1_m, config_.speed_reserve * speed_m_s, 0.0});
+    pieces_.push_back({at_m, at_m + length_m, curvature_1_m, config_.speed_reserve * speed_m_s});
     at_m += length_m;
   }
-  const double deceleration = config_.speed_reserve * limits_.linear_m_s2;
-  for (std::size_t i = pieces_.size(); i-- > 1;) {
-    const Piece& next = pieces_[i];
-    pieces_[i - 1].end_speed_m_s =
-        std::min(next.max_speed_m_s,
-                 std::sqrt(next.end_speed_m_s * next.end_speed_m_s + 2.0 * deceleration * (next.end_m - next.begin_m)));
+  const double turning_rad_s2 = config_.acceleration_reserve * limits_.turn_rad_s2;
+  for (std::size_t i = 1; i < pieces_.size(); ++i) {
+    const double step_1_m = pieces_[i].curvature_1_m - pieces_[i - 1].curvature_1_m;
+    const double step = std::abs(step_1_m);
+    if (step < 1e-6) continue;
+    // d(omega) / dt = step v / (2 half / v) <= acceleration, and half a ramp leads step half^2 / 6 aside.
+    const double slow_m_s =
+        std::pow(24.0 * kRampAcross_m * turning_rad_s2 * turning_rad_s2 / (step * step * step), 0.25);
+    const double speed_m_s = std::min({pieces_[i - 1].max_speed_m_s, pieces_[i].max_speed_m_s, slow_m_s});
+    joints_.push_back({pieces_[i].begin_m, step_1_m, 0.5 * step * speed_m_s * speed_m_s / turning_rad_s2, speed_m_s});
   }
 }
 
@@ -105,11 +122,21 @@ std::size_t PathFollower::pieceAt(double at_m) const {
 
 /// Speed at a place of the stretch from which all that comes can be braked for.
 double PathFollower::plannedSpeed(double at_m) const {
-  const Piece& piece = pieces_[pieceAt(at_m)];
-  const double left_m = std::max(0.0, piece.end_m - at_m);
-  const double deceleration = config_.speed_reserve * limits_.linear_m_s2;
-  return std::min(piece.max_speed_m_s,
-                  std::sqrt(piece.end_speed_m_s * piece.end_speed_m_s + 2.0 * deceleration * left_m));
+  const std::size_t here = pieceAt(at_m);
+  const double deceleration = config_.acceleration_reserve * limits_.linear_m_s2;
+  double speed_m_s = std::min(pieces_[here].max_speed_m_s,
+                              endingSpeed(pieces_.back().end_m - at_m, deceleration, config_.gain_along_1_s));
+  const auto brakeFor = [&](double to_speed_m_s, double left_m) {
+    const double squared = to_speed_m_s * to_speed_m_s + 2.0 * deceleration * std::max(0.0, left_m);
+    speed_m_s = std::min(speed_m_s, std::sqrt(squared));
+  };
+  for (std::size_t i = here + 1; i < pieces_.size(); ++i) {
+    brakeFor(pieces_[i].max_speed_m_s, pieces_[i].begin_m - at_m);
+  }
+  for (const Joint& joint : joints_) {
+    if (at_m <= joint.at_m + joint.half_m) brakeFor(joint.speed_m_s, joint.at_m - joint.half_m - at_m);
+  }
+  return speed_m_s;
 }
 
 Pose2d PathFollower::referenceAt(double progress) const {
@@ -124,24 +151,34 @@ Pose2d PathFollower::referenceAt(double progress) const {
                       pieces_[i].curvature_1_m * length_m);
 }
 
-/// Curvature that is driven: a base cannot change it at once. The step of the path is made a ramp within the limit of
-/// turning acceleration, half of it before the joint and half behind: what is turned too early is made up for.
-double PathFollower::curvatureAhead(double at_m, double speed_m_s) const {
+/// Curvature that is driven, the path's with its steps made ramps.
+double PathFollower::curvatureAt(double at_m) const {
   double curvature_1_m = pieces_.front().curvature_1_m;
-  for (std::size_t i = 1; i < pieces_.size(); ++i) {
-    const double step_1_m = pieces_[i].curvature_1_m - pieces_[i - 1].curvature_1_m;
-    // d(omega) / dt = step v / (2 half / v) <= acceleration.
-    const double half_m =
-        0.5 * std::abs(step_1_m) * speed_m_s * speed_m_s / (config_.speed_reserve * limits_.turn_rad_s2);
-    const double past_m = at_m - pieces_[i].begin_m;
-    curvature_1_m += step_1_m * (half_m > 1e-6 ? std::clamp(0.5 + 0.5 * past_m / half_m, 0.0, 1.0) : past_m >= 0.0);
+  for (const Joint& joint : joints_) {
+    curvature_1_m += joint.step_1_m * std::clamp(0.5 + 0.5 * (at_m - joint.at_m) / joint.half_m, 0.0, 1.0);
   }
   return curvature_1_m;
 }
 
+/// How far the base has turned there beyond the path: the ramps' integral less the steps'.
+double PathFollower::yawAheadOf(double at_m) const {
+  double yaw_rad = 0.0;
+  for (const Joint& joint : joints_) {
+    const double within_m = joint.half_m - std::abs(at_m - joint.at_m);
+    if (within_m > 0.0) yaw_rad += joint.step_1_m * within_m * within_m / (4.0 * joint.half_m);
+  }
+  return yaw_rad;
+}
+
+/// Where the base will be when the next command takes effect.
+Pose2d PathFollower::expected(const Pose2d& pose_map) const {
+  return moveAlongArc(pose_map, config_.lag_s * last_.linear_m_s, config_.lag_s * last_.angular_rad_s);
+}
+
 PathFollower::Error PathFollower::errorOf(const Pose2d& pose_map) const {
   const Pose2d error = compose(inverse(pose_map), referenceAt(progress_));
-  return {error.x_m, error.y_m, error.yaw_rad};
+  const double ahead_rad = pieces_.empty() ? 0.0 : yawAheadOf(progress_);
+  return {error.x_m, error.y_m, wrapAngle(error.yaw_rad + ahead_rad)};
 }
 
 /// Kanayama's law, with eq. (8) of the paper for backwards too: across error and speed change signs together, the yaw
@@ -157,7 +194,7 @@ Twist2d PathFollower::law(const Error& error, double speed) const {
   const double scale = frequency_1_s > config_.max_correction_1_s ? config_.max_correction_1_s / frequency_1_s : 1.0;
   Twist2d twist;
   twist.linear_m_s = direction * speed * std::cos(error.yaw_rad) + config_.gain_along_1_s * error.along_m;
-  twist.angular_rad_s = speed * curvatureAhead(progress_, speed) +
+  twist.angular_rad_s = speed * curvatureAt(progress_) +
                         direction * speed * scale * scale * config_.gain_across_1_m2 * error.across_m +
                         speed * scale * config_.gain_yaw_1_m * std::sin(error.yaw_rad);
   // Never against the stretch's direction: what is passed is passed.
@@ -181,19 +218,17 @@ Twist2d PathFollower::limited(const Twist2d& wanted, double dt_s) const {
   return twist;
 }
 
-void PathFollower::report(const Error& error, FollowCommand* command) const {
+void PathFollower::report(const Pose2d& pose_map, FollowCommand* command) const {
   const bool has_stretch = stretch_ < stretches_.size();
   const bool is_turn = has_stretch && stretches_[stretch_].is_turn;
   command->at_m = stretch_at_m_ + (is_turn ? 0.0 : progress_);
   command->motion =
       has_stretch ? stretches_[stretch_].begin + (is_turn ? 0 : pieceAt(progress_)) : path_->motions.size();
   command->reference_map = referenceAt(progress_);
-  // Seen from the reference: the base's place, turned by the yaw between them.
-  const double c = std::cos(error.yaw_rad);
-  const double s = std::sin(error.yaw_rad);
-  command->error_along_m = -c * error.along_m - s * error.across_m;
-  command->error_across_m = s * error.along_m - c * error.across_m;
-  command->error_yaw_rad = -error.yaw_rad;
+  const Pose2d seen = compose(inverse(command->reference_map), pose_map);
+  command->error_along_m = seen.x_m;
+  command->error_across_m = seen.y_m;
+  command->error_yaw_rad = seen.yaw_rad;
 }
 
 Twist2d PathFollower::wanted(const Pose2d& pose_map) const {
@@ -201,7 +236,7 @@ Twist2d PathFollower::wanted(const Pose2d& pose_map) const {
   if (is_over_) return {};
   const Stretch& stretch = stretches_[stretch_];
   if (stretch.is_turn) return {0.0, std::copysign(config_.speed_reserve * limits_.turn_rad_s, stretch.turn_rad)};
-  Error error = errorOf(pose_map);
+  Error error = errorOf(expected(pose_map));
   error.along_m = 0.0;  // a lag is made up for along the same arc
   // The arc is that of the present speed: corrections bend it more while it is low.
   constexpr double kSlowest_m_s = 0.05;
@@ -239,10 +274,9 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     throw std::invalid_argument("pose of the base is not finite");
   }
   FollowCommand command;
-  Error error = errorOf(pose_map);
-  if (std::hypot(error.along_m, error.across_m) > config_.max_error_m ||
-      std::abs(error.yaw_rad) > config_.max_error_rad) {
-    report(error, &command);
+  const Error off = errorOf(pose_map);
+  if (std::hypot(off.along_m, off.across_m) > config_.max_error_m || std::abs(off.yaw_rad) > config_.max_error_rad) {
+    report(pose_map, &command);
     command.status = FollowStatus::kLost;
     command.twist = brake(dt_s);
     return command;
@@ -254,13 +288,13 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     const double sense = stretch.is_turn ? std::copysign(1.0, stretch.turn_rad) : stretch.is_forward ? 1.0 : -1.0;
     // The reference's speed: what is planned here, less for an obstacle, and never faster than it can brake or speed up.
     const double planned_acceleration =
-        config_.speed_reserve * (stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2);
+        config_.acceleration_reserve * (stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2);
     const double braking = stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2;
     double planned = 0.0;
     double cruise = 0.0;
     if (stretch.is_turn) {
       cruise = config_.speed_reserve * limits_.turn_rad_s;
-      planned = std::min(cruise, std::sqrt(2.0 * planned_acceleration * std::max(0.0, length - progress_)));
+      planned = std::min(cruise, endingSpeed(length - progress_, planned_acceleration, config_.gain_turn_1_s));
     } else {
       cruise = pieces_[pieceAt(progress_)].max_speed_m_s;
       planned = plannedSpeed(progress_);
@@ -268,10 +302,12 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     const double allowed = speed_factor * cruise;
     reference_speed_ = std::clamp(std::min(planned, allowed), reference_speed_ - braking * dt_s,
                                   reference_speed_ + planned_acceleration * dt_s);
+    const Pose2d expected_map = expected(pose_map);
+    Error error = errorOf(expected_map);
     const double lag = stretch.is_turn ? sense * error.yaw_rad : sense * error.along_m;
     const double share = waiting(lag, stretch.is_turn ? config_.wait_rad : config_.wait_m);
     progress_ = std::min(length, progress_ + share * reference_speed_ * dt_s);
-    error = errorOf(pose_map);
+    error = errorOf(expected_map);
 
     Twist2d twist = law(error, reference_speed_);
     // A correction does not make the base faster than the guard allows, the braking within the limits apart.
@@ -283,12 +319,12 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     const double left =
         stretch.is_turn ? length - progress_ + sense * error.yaw_rad : length - progress_ + sense * error.along_m;
     const double settle = stretch.is_turn ? config_.settle_rad : config_.settle_m;
-    is_over_ = stretch.is_turn ? progress_ >= length && std::abs(left) <= settle : left <= settle;
+    is_over_ = (!stretch.is_turn && left <= settle) || (std::abs(left) <= settle && progress_ >= length - settle);
   } else {
     last_ = pause(dt_s);
   }
 
-  report(error, &command);
+  report(pose_map, &command);
   command.twist = last_;
   if (is_over_ && last_.linear_m_s == 0.0 && last_.angular_rad_s == 0.0) {
     if (stretch_ + 1 < stretches_.size()) {

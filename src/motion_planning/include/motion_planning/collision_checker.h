@@ -46,6 +46,8 @@ struct HeldBrick {
   Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
 };
 
+constexpr double kMaxSelfPadding_m = 0.05;  // that can be asked for
+
 struct CollisionCheckerConfig {
   double self_padding_m{0.005};  // between links, and between links and what is held
   double floor_margin_m{

@@ -12,6 +12,9 @@
 
 namespace motion_planning {
 
+constexpr double kMaxSigmas = 10.0;   // that can be asked for
+constexpr double kMaxMargin_m = 0.1;  // the same
+
 struct CollisionSceneConfig {
   double sigmas{2.0};                // k: planned against is the surface mean - k sigma, sigma of its position
   double margin_m{0.010};            // added to it: pose of the robot in the map, arm's accuracy

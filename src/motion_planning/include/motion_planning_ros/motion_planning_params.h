@@ -25,6 +25,7 @@ struct MotionPlanningParams {
   struct State {
     double max_joint_age_s{0.5};  // ROS time; older joint states are not where the arm is
     double max_tf_age_s{1.0};     // the same for the base in the map
+    double map_wait_s{2.0};       // ROS time that a goal waits for a map as new as it asks for
     double max_shift_m{0.01};     // the scene is made anew when the base has moved farther, or turned
     double max_turn_rad{0.01};
   } state;

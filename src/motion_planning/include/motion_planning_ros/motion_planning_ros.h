@@ -55,18 +55,24 @@ class MotionPlanningRos {
   ArmServer::Result planArm(const ArmServer::Goal& goal, const ros::Time& started, const IsCancelled& is_cancelled,
                             const std::function<void(const std::string&)>& tell);
   /// What all requests begin with. Throws Refused.
-  motion_planning::PlanningContext makeContext(const std::vector<double>& start_rad, const IsCancelled& is_cancelled,
-                                               std::uint64_t* map_update);
-  /// The next two throw Refused.
-  motion_planning::ArmGoal toArmGoal(const interactive_mapping_msgs::ArmGoal& message) const;
+  motion_planning::PlanningContext makeContext(const std::vector<double>& start_rad, const ros::Time& min_map_stamp,
+                                               const IsCancelled& is_cancelled, std::uint64_t* map_update);
+  /// Waits, up to state/map_wait_s, until a mesh as new as `min_stamp` has come. False, and why: it has not.
+  bool awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled, std::string* why_not);
+  /// The next three throw Refused. Frames are looked up at the message's stamp.
+  motion_planning::ArmGoal toArmGoal(const interactive_mapping_msgs::ArmGoal& message,
+                                     const IsCancelled& is_cancelled) const;
   motion_planning::ArmGoal placeGoal(const std::string& frame) const;
-  Eigen::Isometry3d poseInMap(const geometry_msgs::PoseStamped& message, const std::string& what) const;
+  Eigen::Isometry3d poseInMap(const geometry_msgs::PoseStamped& message, const std::string& what,
+                              const IsCancelled& is_cancelled) const;
   /// Simulated time that a plan is charged: its result is held back until then.
   void charge(double cost_s, const ros::Time& started, const IsCancelled& is_cancelled);
   void note(const std::string& what, const motion_planning::PlanFailure& failure, double wall_ms);
 
   bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
                interactive_mapping_msgs::WatchTrajectory::Response& response);
+  /// Logs once that all inputs have come, and now and then what is missing until they have. By diagnostics_timer_ alone.
+  void reportReadiness();
   /// Judges the running trajectory and tells.
   void monitor();
 
@@ -100,6 +106,9 @@ class MotionPlanningRos {
   std::map<std::string, std::uint64_t> outcomes_;  // how often each
   std::string last_failure_;
   double slowest_ms_{0.0};
+
+  bool is_ready_{false};
+  int looks_not_ready_{0};
 
   PlanningMarkers markers_;
   std::unique_ptr<SceneKeeper> scenes_;

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 
 #include <Eigen/Geometry>
 #include <interactive_mapping_msgs/AttachedBrick.h>
+#include <mp700_ur5e_description/brick_types.h>
 #include <ros/node_handle.h>
 #include <sensor_msgs/JointState.h>
 #include <tf2_ros/buffer.h>
@@ -18,11 +21,15 @@
 
 namespace motion_planning_ros {
 
+/// The longest edge that something on the magnet may have and be taken for a brick [m].
+double maxHeldEdge(const mp700_ur5e_description::BrickCatalogue& catalogue);
+
 /// What the robot is known to be doing: joint_states, tf and attached_brick. Every method may be called from any thread.
 class RobotState {
  public:
+  /// `max_held_edge_m`: what hangs on the magnet with a longer edge is no brick.
   RobotState(const ros::NodeHandle& nh, std::shared_ptr<const motion_planning::ArmKinematics> arm,
-             const MotionPlanningParams& params);
+             const MotionPlanningParams& params, double max_held_edge_m);
 
   /// The newest joint angles; nothing, and why, if there are none or they are older than allowed.
   std::optional<motion_planning::ArmVector> arm(std::string* why_not) const;
@@ -30,8 +37,10 @@ class RobotState {
   /// T_map_base, the newest that tf has; nothing, and why, if there is none or it is older than allowed.
   std::optional<Eigen::Isometry3d> base(std::string* why_not) const;
 
-  /// T_map_frame at the frame's newest, for goals in other frames.
-  std::optional<Eigen::Isometry3d> frameInMap(const std::string& frame, std::string* why_not) const;
+  /// T_map_frame at `stamp` (zero: tf's newest), for goals in other frames. What tf does not have yet is waited for, half a
+  /// second by the wall clock; nothing, and why, if it does not come or `is_cancelled`.
+  std::optional<Eigen::Isometry3d> frameInMap(const std::string& frame, const ros::Time& stamp,
+                                              const std::function<bool()>& is_cancelled, std::string* why_not) const;
 
   struct Held {
     int id{-1};
@@ -52,6 +61,7 @@ class RobotState {
 
   const std::shared_ptr<const motion_planning::ArmKinematics> kinematics_;
   const MotionPlanningParams& params_;
+  const double max_held_edge_m_;
   tf2_ros::Buffer tf_;
   tf2_ros::TransformListener tf_listener_;
 

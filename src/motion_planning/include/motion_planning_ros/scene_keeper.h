@@ -55,6 +55,10 @@ class SceneKeeper {
   std::shared_ptr<const MapScene> current(const Eigen::Isometry3d& T_map_base,
                                           const std::function<bool()>& is_cancelled, std::string* why_not);
 
+  /// Of the newest mesh heard of; zero: none yet.
+  ros::Time meshStamp() const;
+  std::string meshTopic() const { return mesh_subscriber_.getTopic(); }
+
   /// The last one made; null: none yet.
   std::shared_ptr<const MapScene> last() const;
   Counters counters() const;

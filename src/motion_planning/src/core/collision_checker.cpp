@@ -187,7 +187,7 @@ std::string Contact::describe() const {
 
 std::vector<std::string> CollisionCheckerConfig::validate() const {
   gpis_mapping::RangeCheck check;
-  check("self_padding_m", self_padding_m, 0.0, 0.05, "m");
+  check("self_padding_m", self_padding_m, 0.0, kMaxSelfPadding_m, "m");
   check("floor_margin_m", floor_margin_m, -0.1, 0.3, "m");
   check("held_shrink_m", held_shrink_m, 0.0, 0.05, "m");
   check("target_padding_m", target_padding_m, 0.0, 0.1, "m");
@@ -201,6 +201,7 @@ struct CollisionChecker::State {
   CollisionCheckerConfig config;
   std::shared_ptr<const RobotParts> parts;
   std::optional<HeldBrick> held_brick;
+  bool held_may_touch{false};
   std::shared_ptr<const Part> held;  // the same as a part
 
   // The world without the target.
@@ -473,6 +474,14 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   }
   if (!isRigid(held->T_tip_brick)) throw std::invalid_argument("pose of the held brick is not a rigid transform");
   if (!isValidSize(held->size_m)) throw std::invalid_argument("size of the held brick " + describeSize(held->size_m));
+  if (state_->held && state_->held_brick->size_m == held->size_m && state_->held_may_touch == may_touch) {
+    // The same brick, taken elsewhere: what depends on its size is there.
+    auto part = std::make_shared<Part>(*state_->held);
+    part->T_body_shape = state_->parts->T_body_tip * held->T_tip_brick;
+    state_->held = std::move(part);
+    state_->held_brick = held;
+    return;
+  }
   // A plate thinner than twice what it is shrunk by keeps a fifth of its thickness.
   const mp700_ur5e_description::Box shrunk{
       (held->size_m.array() - 2.0 * state_->config.held_shrink_m).max(0.2 * held->size_m.array())};
@@ -483,6 +492,7 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   part->is_tool = true;
   state_->held = std::move(part);
   state_->held_brick = held;
+  state_->held_may_touch = may_touch;
 }
 
 const std::optional<HeldBrick>& CollisionChecker::held() const {

@@ -210,8 +210,8 @@ double CollisionScene::freeDistance(const Eigen::Vector3d& p_map) const {
 
 std::vector<std::string> CollisionSceneConfig::validate() const {
   gpis_mapping::RangeCheck check;
-  check("sigmas", sigmas, 0.0, 10.0, "");
-  check("margin_m", margin_m, 0.0, 0.1, "m");
+  check("sigmas", sigmas, 0.0, kMaxSigmas, "");
+  check("margin_m", margin_m, 0.0, kMaxMargin_m, "m");
   check("max_margin_m", max_margin_m, margin_m, 0.2, "m");
   check("chunk_m", chunk_m, 0.05, 2.0, "m");
   check("block_m", block_m, 0.01, 0.2, "m");

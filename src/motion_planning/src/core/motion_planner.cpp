@@ -330,6 +330,7 @@ class MotionPlanner::Call {
   std::optional<Pick> examine(const Candidate& candidate, const std::vector<ArmGoal>& stow_goals,
                               const std::vector<Eigen::Vector3d>& lifts_base, std::vector<Grip>* grips,
                               Rejections* contacts, FaceOutcome* worst);
+  void hold(std::size_t grip, const HeldBrick& held);
   const Goals& stowGoals(Grip* grip, const std::vector<ArmGoal>& stow_goals, const ArmVector& near) const;
 
   const MotionPlanner& planner_;
@@ -343,6 +344,8 @@ class MotionPlanner::Call {
   std::optional<CollisionChecker> touching_;
   std::optional<CollisionChecker> lifting_;
   std::optional<CollisionChecker> carrying_;
+  std::optional<CollisionChecker> roomy_;    // the same, with a brick larger by lift_room_m to all sides
+  std::optional<std::size_t> holding_grip_;  // whose brick the last three hold
 };
 
 std::size_t MotionPlanner::Call::numSteps(double way_m) const {
@@ -752,6 +755,17 @@ const MotionPlanner::Call::Goals& MotionPlanner::Call::stowGoals(Grip* grip, con
   return *grip->stow;
 }
 
+/// The brick into the hand of those that lift and carry it: as it is, smaller, and with room about it.
+void MotionPlanner::Call::hold(std::size_t grip, const HeldBrick& held) {
+  if (holding_grip_ == grip) return;
+  lifting_->setHeld(held);
+  carrying_->setHeld(held, false);
+  HeldBrick with_room = held;
+  with_room.size_m.array() += 2.0 * config_.lift_room_m;
+  roomy_->setHeld(with_room, false);
+  holding_grip_ = grip;
+}
+
 /// Whether a candidate can touch the face and take the brick away from it; cheap tests first.
 std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Candidate& candidate,
                                                                       const std::vector<ArmGoal>& stow_goals,
@@ -795,9 +809,7 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
   }
   // Among its neighbours the brick may touch what it lies on and beside. The lift ends where it has room to all sides, for
   // the search that carries it away; where it never has, as high as all of it is at least clear of them.
-  lifting_->setHeld(grip.held);
-  HeldBrick with_room = grip.held;
-  with_room.size_m.array() += 2.0 * config_.lift_room_m;
+  hold(candidate.grip, grip.held);
   std::optional<JointPath> lift;
   for (const Eigen::Vector3d& way_base : lifts_base) {
     JointPath line = followLine(candidate.contact, grip.T_base_contact, way_base);
@@ -807,9 +819,7 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
       continue;
     }
     std::size_t end = shortest;
-    carrying_->setHeld(with_room, false);
-    while (end < line.size() && !carrying_->isFree(line[end])) ++end;
-    carrying_->setHeld(grip.held, false);
+    while (end < line.size() && !roomy_->isFree(line[end])) ++end;
     contact = {};
     if (end == line.size()) {
       do {
@@ -900,6 +910,7 @@ MotionPlanner::Call::FaceOutcome MotionPlanner::Call::planFace(const PickTarget&
   }
 
   std::vector<Grip> grips;
+  holding_grip_.reset();  // of another face
   std::vector<Pick> picks;
   Rejections contacts;
   FaceOutcome worst;
@@ -953,7 +964,7 @@ MotionPlanner::Call::FaceOutcome MotionPlanner::Call::planFace(const PickTarget&
     }
     const Pick pick = picks[approach.goal];
     const Grip& grip = grips[pick.grip];
-    carrying_->setHeld(grip.held, false);
+    hold(pick.grip, grip.held);
     const Motion stow = moveTo(pick.lift.back(), grip.stow->postures, *carrying_, grip.held, grip.stow_tilt,
                                name + ", carrying the brick away");
     if (stow.status == PlanStatus::kSuccess) {
@@ -1005,6 +1016,7 @@ PickPlan MotionPlanner::Call::planPick(const PickTarget& target, const std::vect
   lifting_.emplace(*touching_);
   carrying_.emplace(*checker_);
   carrying_->setTarget(box, true);
+  roomy_.emplace(*carrying_);
   int farthest = -1;
   for (const BrickFace face : target.faces) {
     const FaceOutcome outcome = planFace(target, face, stow_goals, &plan);

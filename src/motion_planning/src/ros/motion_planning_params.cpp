@@ -24,6 +24,7 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("place_above_m", params.place_above_m);
   visit("state/max_joint_age_s", params.state.max_joint_age_s);
   visit("state/max_tf_age_s", params.state.max_tf_age_s);
+  visit("state/map_wait_s", params.state.map_wait_s);
   visit("state/max_shift_m", params.state.max_shift_m);
   visit("state/max_turn_rad", params.state.max_turn_rad);
   visit("view/camera_frame", params.view.camera_frame);
@@ -64,6 +65,7 @@ std::vector<std::string> MotionPlanningParams::validate() const {
   check("place_above_m", place_above_m, 0.0, 1.0, "m");
   check("state/max_joint_age_s", state.max_joint_age_s, 0.01, 60.0, "s");
   check("state/max_tf_age_s", state.max_tf_age_s, 0.01, 600.0, "s");
+  check("state/map_wait_s", state.map_wait_s, 0.0, 600.0, "s");
   check("state/max_shift_m", state.max_shift_m, 0.001, 0.1, "m");
   check("state/max_turn_rad", state.max_turn_rad, 0.001, 0.1, "rad");
   check("view/half_width_rad", view.half_width_rad, 0.05, 1.5, "rad");
@@ -73,9 +75,12 @@ std::vector<std::string> MotionPlanningParams::validate() const {
   check("cost/arm_s", cost.arm_s, 0.0, 60.0, "s");
   check("cost/stall_s", cost.stall_s, 0.1, 600.0, "s");
   check("monitor/rate_hz", monitor.rate_hz, 0.5, 100.0, "Hz");
-  check("monitor/sigmas", monitor.sigmas, 0.0, std::max(0.0, scene.sigmas), "");
-  check("monitor/margin_m", monitor.margin_m, 0.0, std::max(0.0, scene.margin_m), "m");
-  check("monitor/self_padding_m", monitor.self_padding_m, 0.0, std::max(0.0, planner.collision.self_padding_m), "m");
+  // At most what is planned with; where that is impossible itself, it alone is what is wrong.
+  const auto atMost = [](double planned, double limit) { return planned >= 0.0 && planned <= limit ? planned : limit; };
+  check("monitor/sigmas", monitor.sigmas, 0.0, atMost(scene.sigmas, motion_planning::kMaxSigmas), "");
+  check("monitor/margin_m", monitor.margin_m, 0.0, atMost(scene.margin_m, motion_planning::kMaxMargin_m), "m");
+  check("monitor/self_padding_m", monitor.self_padding_m, 0.0,
+        atMost(planner.collision.self_padding_m, motion_planning::kMaxSelfPadding_m), "m");
   check("output/arm_markers", output.arm_markers, 0.0, 100.0, "");
   append("", check.problems(), &problems);
   append("scene/", scene.validate(), &problems);

@@ -35,6 +35,8 @@ using ArmGoalMessage = interactive_mapping_msgs::ArmGoal;
 constexpr char kLog[] = "motion_planning";
 constexpr std::chrono::milliseconds kClockPeriod(2);  // how often a result that is held back looks at the clock
 constexpr double kQuietMap_s = 10.0;                  // wall time without a mesh, after which the diagnostics warn
+constexpr double kDiagnosticsPeriod_s = 1.0;          // wall time
+constexpr int kLooksPerWarning = 5;                   // at that period, while something is missing
 
 std::shared_ptr<const ArmKinematics> kinematicsFromServer(const ros::NodeHandle& nh) {
   std::string urdf;
@@ -75,6 +77,25 @@ PlanFailure failureOf(PlanStatus status, const std::string& message) {
   return failure;
 }
 
+/// What `load` gives; its complaint names the parameter that the file is from.
+template <typename Load>
+auto loadedFrom(const char* key, const std::string& file, Load&& load) -> decltype(load(file)) {
+  try {
+    return load(file);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(std::string(key) + " = '" + file + "':\n" + error.what());
+  }
+}
+
+/// Frames that a brick can be placed at: they do not move against the robot's root.
+std::string fixedFramesOf(const RobotModel& robot) {
+  std::string names;
+  for (const std::string& frame : robot.frameNames()) {
+    if (robot.bodyOf(frame) == 0) names += (names.empty() ? "" : ", ") + frame;
+  }
+  return names;
+}
+
 std::string namesOf(const std::map<std::string, ArmVector>& postures) {
   std::string names;
   for (const auto& [name, joints] : postures) names += (names.empty() ? "" : ", ") + name;
@@ -102,13 +123,17 @@ bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>
 
 MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadMotionPlanningParams(private_nh)),
-      catalogue_(mp700_ur5e_description::loadBrickTypes(params_.bricks_file)),
+      catalogue_(loadedFrom("bricks_file", params_.bricks_file, mp700_ur5e_description::loadBrickTypes)),
       postures_(loadPostures(params_.postures_dir)),
       kinematics_(kinematicsFromServer(nh)),
       planner_(std::make_unique<motion_planning::MotionPlanner>(
-          kinematics_, motion_planning::ManipulabilitySectors::load(params_.sectors_file, kinematics_->robot()),
+          kinematics_,
+          loadedFrom("sectors_file", params_.sectors_file,
+                     [this](const std::string& file) {
+                       return motion_planning::ManipulabilitySectors::load(file, kinematics_->robot());
+                     }),
           params_.planner)),
-      robot_(nh, kinematics_, params_),
+      robot_(nh, kinematics_, params_, maxHeldEdge(catalogue_)),
       path_monitor_(params_.path_monitor),
       markers_([&] {
         ros::NodeHandle handle(private_nh);
@@ -147,7 +172,10 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
   diagnostics_.add("plans", this, &MotionPlanningRos::diagnosePlans);
   // By the wall clock: a clock that stands still is something to report.
   diagnostics_timer_ =
-      handle.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.update(); });
+      handle.createWallTimer(ros::WallDuration(kDiagnosticsPeriod_s), [this](const ros::WallTimerEvent&) {
+        reportReadiness();
+        diagnostics_.update();
+      });
 
   pick_server_ = std::make_unique<PickServer>(
       handle, "plan_pick", [this](const auto& goal, const auto& started, const auto& is_cancelled, const auto& tell) {
@@ -168,11 +196,17 @@ MotionPlanningRos::~MotionPlanningRos() {
 }
 
 motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vector<double>& start_rad,
+                                                                const ros::Time& min_map_stamp,
                                                                 const IsCancelled& is_cancelled,
                                                                 std::uint64_t* map_update) {
   motion_planning::PlanningContext context;
   context.is_cancelled = is_cancelled;
   std::string why_not;
+  const auto refuseMap = [&] {
+    throw Refused{failureOf(is_cancelled() ? PlanStatus::kCancelled : PlanStatus::kNoMap, why_not)};
+  };
+  // First: where arm and base are has to be as new as the map when planning begins.
+  if (!awaitMap(min_map_stamp, is_cancelled, &why_not)) refuseMap();
   if (start_rad.empty()) {
     const std::optional<ArmVector> joints = robot_.arm(&why_not);
     if (!joints) throw Refused{failureOf(PlanStatus::kNoRobotState, why_not)};
@@ -198,36 +232,90 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
   }
 
   const std::shared_ptr<const MapScene> scene = scenes_->current(*T_map_base, is_cancelled, &why_not);
-  if (!scene) throw Refused{failureOf(is_cancelled() ? PlanStatus::kCancelled : PlanStatus::kNoMap, why_not)};
+  if (!scene) refuseMap();
+  if (scene->stamp < min_map_stamp) {  // loaded, or begun anew, meanwhile
+    why_not = "the newest mesh is of " + formatted("%.3f s", scene->stamp.toSec()) + ", asked for is one of " +
+              formatted("%.3f s", min_map_stamp.toSec()) + " or later: it was newer before";
+    refuseMap();
+  }
   context.scene = scene->scene;
   *map_update = scene->map_update;
   return context;
 }
 
-Eigen::Isometry3d MotionPlanningRos::poseInMap(const geometry_msgs::PoseStamped& message,
-                                               const std::string& what) const {
+bool MotionPlanningRos::awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled, std::string* why_not) {
+  if (min_stamp.isZero() || scenes_->meshStamp() >= min_stamp) return true;
+  const ros::Time due = ros::Time::now() + ros::Duration(params_.state.map_wait_s);
+  const bool clock_runs = waitUntil(
+      due, params_.cost.stall_s, [&] { return scenes_->meshStamp() >= min_stamp || (is_cancelled && is_cancelled()); });
+  const ros::Time newest = scenes_->meshStamp();
+  if (newest >= min_stamp) return true;
+  if (is_cancelled && is_cancelled()) {
+    *why_not = "cancelled while waiting for a newer map";
+    return false;
+  }
+  *why_not = newest.isZero() ? "no mesh has come on " + scenes_->meshTopic()
+                             : "the newest mesh is of " + formatted("%.3f s", newest.toSec());
+  *why_not += ", asked for is one of " + formatted("%.3f s", min_stamp.toSec()) + " or later";
+  *why_not += clock_runs ? " (waited " + formatted("%.3f s", params_.state.map_wait_s) + ", state/map_wait_s)"
+                         : " (the clock has stood still for " + formatted("%.1f s", params_.cost.stall_s) + ")";
+  return false;
+}
+
+void MotionPlanningRos::reportReadiness() {
+  if (is_ready_) return;
+  std::string missing;
+  const auto lack = [&missing](const std::string& what) { missing += (missing.empty() ? "" : "; ") + what; };
+  std::string why_not;
+  if (!robot_.arm(&why_not)) lack(why_not);
+  if (!robot_.base(&why_not)) lack(why_not);
+  const std::shared_ptr<const MapScene> scene = scenes_->last();
+  if (!scene) {
+    const SceneKeeper::Counters counters = scenes_->counters();
+    if (counters.meshes == 0) {
+      lack("no mesh has come on " + scenes_->meshTopic());
+    } else {
+      lack("no scene of the map" + (counters.last_failure.empty() ? " yet" : ": " + counters.last_failure));
+    }
+  }
+  if (missing.empty()) {
+    is_ready_ = true;
+    ROS_INFO_NAMED(kLog, "motion_planning is ready: arm and base are known, the map has %lu images and %zu triangles",
+                   static_cast<unsigned long>(scene->map_update), scene->statistics.triangles);
+  } else if (++looks_not_ready_ % kLooksPerWarning == 0) {
+    ROS_WARN_NAMED(kLog, "motion_planning is not ready: %s", missing.c_str());
+  }
+}
+
+Eigen::Isometry3d MotionPlanningRos::poseInMap(const geometry_msgs::PoseStamped& message, const std::string& what,
+                                               const IsCancelled& is_cancelled) const {
   const std::optional<Eigen::Isometry3d> T_frame_pose = toIsometry(message.pose);
   if (!T_frame_pose) {
     throw Refused{failureOf(PlanStatus::kBadRequest, what + ": its pose is not finite or no rotation")};
   }
   std::string why_not;
-  const std::optional<Eigen::Isometry3d> T_map_frame = robot_.frameInMap(message.header.frame_id, &why_not);
-  if (!T_map_frame) throw Refused{failureOf(PlanStatus::kBadRequest, what + ": " + why_not)};
+  const std::optional<Eigen::Isometry3d> T_map_frame =
+      robot_.frameInMap(message.header.frame_id, message.header.stamp, is_cancelled, &why_not);
+  if (!T_map_frame) {
+    const bool was_cancelled = is_cancelled && is_cancelled();
+    throw Refused{failureOf(was_cancelled ? PlanStatus::kCancelled : PlanStatus::kBadRequest, what + ": " + why_not)};
+  }
   return *T_map_frame * *T_frame_pose;
 }
 
 motion_planning::ArmGoal MotionPlanningRos::placeGoal(const std::string& frame) const {
   const RobotModel& robot = kinematics_->robot();
   if (!robot.hasFrame(frame) || robot.bodyOf(frame) != 0) {
-    throw Refused{failureOf(PlanStatus::kBadRequest,
-                            "place_frame = '" + frame + "', must be a link fixed to " + robot.rootFrame())};
+    throw Refused{failureOf(PlanStatus::kBadRequest, "place_frame = '" + frame + "', must be a link fixed to " +
+                                                         robot.rootFrame() + ": " + fixedFramesOf(robot))};
   }
   motion_planning::ArmGoal goal;
   goal.place = motion_planning::PlaceGoal{robot.poseInBody(frame), params_.place_above_m};
   return goal;
 }
 
-motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& message) const {
+motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& message,
+                                                      const IsCancelled& is_cancelled) const {
   motion_planning::ArmGoal goal;
   switch (message.kind) {
     case ArmGoalMessage::POSTURE: {
@@ -247,7 +335,7 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
       }
       break;
     case ArmGoalMessage::TIP:
-      goal.T_map_tip = poseInMap(message.tip, "tip");
+      goal.T_map_tip = poseInMap(message.tip, "tip", is_cancelled);
       break;
     case ArmGoalMessage::PLACE:
       goal = placeGoal(message.place_frame);
@@ -307,9 +395,9 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
       }
       target.faces.push_back(static_cast<BrickFace>(face));
     }
-    target.T_map_brick = poseInMap(goal.brick, "brick");
+    target.T_map_brick = poseInMap(goal.brick, "brick", is_cancelled);
     std::vector<motion_planning::ArmGoal> stow;
-    for (const ArmGoalMessage& message : goal.stow) stow.push_back(toArmGoal(message));
+    for (const ArmGoalMessage& message : goal.stow) stow.push_back(toArmGoal(message, is_cancelled));
     if (stow.empty()) {
       if (const auto posture = postures_.find(params_.stow); posture != postures_.end()) {
         stow.emplace_back();
@@ -319,7 +407,8 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
       }
     }
     tell("waiting for the newest map");
-    const motion_planning::PlanningContext context = makeContext(goal.start, is_cancelled, &result.map_update);
+    const motion_planning::PlanningContext context =
+        makeContext(goal.start, goal.min_map_stamp, is_cancelled, &result.map_update);
     T_map_base = context.T_map_base;
     if (const std::optional<RobotState::Held> held = robot_.held()) {
       throw Refused{failureOf(PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
@@ -374,9 +463,10 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
       throw Refused{failureOf(PlanStatus::kBadRequest, "no goals, must be at least one unless inspect is set")};
     }
     std::vector<motion_planning::ArmGoal> goals;
-    for (const ArmGoalMessage& message : goal.goals) goals.push_back(toArmGoal(message));
+    for (const ArmGoalMessage& message : goal.goals) goals.push_back(toArmGoal(message, is_cancelled));
     tell("waiting for the newest map");
-    const motion_planning::PlanningContext context = makeContext(goal.start, is_cancelled, &result.map_update);
+    const motion_planning::PlanningContext context =
+        makeContext(goal.start, goal.min_map_stamp, is_cancelled, &result.map_update);
     T_map_base = context.T_map_base;
     if (goal.inspect) {
       tell("planning to a posture out of the camera's view");
@@ -428,9 +518,14 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
     if (request.phase > WatchTrajectory::Request::LIFT) {
       throw std::invalid_argument("phase = " + std::to_string(request.phase) + ", must be in [0, 2]");
     }
+    const double ago_s = (ros::Time::now() - watch.start).toSec();
+    if (!trajectory.empty() && ago_s > trajectory.duration()) {
+      throw std::invalid_argument("start is " + formatted("%.3f s", ago_s) + " ago, the trajectory lasts " +
+                                  formatted("%.3f s", trajectory.duration()) + ": it has ended");
+    }
     if (request.phase != WatchTrajectory::Request::FREE) {
       motion_planning::OrientedBox target;
-      target.T_map_box = poseInMap(request.target, "target");
+      target.T_map_box = poseInMap(request.target, "target", nullptr);
       target.size_m = {request.target_size.x, request.target_size.y, request.target_size.z};
       if (!target.size_m.allFinite() || target.size_m.minCoeff() <= 0.0) {
         throw std::invalid_argument("target_size must be three lengths above 0 m");
@@ -457,6 +552,12 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
     response.message = refused.failure.message;
   } catch (const std::invalid_argument& error) {
     response.message = error.what();
+  }
+  if (response.success == 0) {
+    // What runs while its successor is refused is still in need of a watch.
+    const std::lock_guard<std::mutex> lock(monitor_mutex_);
+    response.watch_id = watch_ ? watch_->id : 0;
+    response.message += watch_ ? "; watch " + std::to_string(watch_->id) + " goes on" : "; nothing is watched";
   }
   return true;
 }

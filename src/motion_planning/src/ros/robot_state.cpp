@@ -2,8 +2,10 @@
 #include "motion_planning_ros/robot_state.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <thread>
 
 #include <mp700_ur5e_description/robot_names.h>
 #include <ros/console.h>
@@ -18,6 +20,9 @@ using mp700_ur5e_description::kArmJoints;
 using mp700_ur5e_description::kMagnetTipFrame;
 
 constexpr char kLog[] = "motion_planning";
+constexpr double kLongestHeld_m = 1.0;              // nothing longer can be carried between mast and pile
+constexpr double kTfWait_s = 0.5;                   // wall time: some periods of the slowest publisher, 10 Hz
+constexpr std::chrono::milliseconds kTfPeriod(10);  // how soon a waiting request notices that it was cancelled
 
 std::string seconds(double s) {
   char text[32];
@@ -25,11 +30,25 @@ std::string seconds(double s) {
   return text;
 }
 
+std::string metres(double m) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.3f m", m);
+  return text;
+}
+
 }  // namespace
 
+double maxHeldEdge(const mp700_ur5e_description::BrickCatalogue& catalogue) {
+  double longest_m = 0.0;
+  for (const mp700_ur5e_description::BrickType& type : catalogue.types) {
+    longest_m = std::max(longest_m, type.size_m.maxCoeff());
+  }
+  return std::min(2.0 * longest_m, kLongestHeld_m);
+}
+
 RobotState::RobotState(const ros::NodeHandle& nh, std::shared_ptr<const motion_planning::ArmKinematics> arm,
-                       const MotionPlanningParams& params)
-    : kinematics_(std::move(arm)), params_(params), tf_listener_(tf_) {
+                       const MotionPlanningParams& params, double max_held_edge_m)
+    : kinematics_(std::move(arm)), params_(params), max_held_edge_m_(max_held_edge_m), tf_listener_(tf_) {
   ros::NodeHandle handle(nh);
   joint_subscriber_ = handle.subscribe("joint_states", 20, &RobotState::onJointState, this);
   attached_subscriber_ = handle.subscribe("attached_brick", 5, &RobotState::onAttached, this);
@@ -89,15 +108,32 @@ std::optional<Eigen::Isometry3d> RobotState::base(std::string* why_not) const {
   }
 }
 
-std::optional<Eigen::Isometry3d> RobotState::frameInMap(const std::string& frame, std::string* why_not) const {
+std::optional<Eigen::Isometry3d> RobotState::frameInMap(const std::string& frame, const ros::Time& stamp,
+                                                        const std::function<bool()>& is_cancelled,
+                                                        std::string* why_not) const {
   if (frame == params_.map_frame) return Eigen::Isometry3d::Identity();
+  // tf2's own wait is by ROS time, and a simulated clock may stand still until there is a plan.
+  const ros::WallTime give_up = ros::WallTime::now() + ros::WallDuration(kTfWait_s);
+  while (!stamp.isZero() && !tf_.canTransform(params_.map_frame, frame, stamp) && ros::WallTime::now() < give_up) {
+    if (is_cancelled && is_cancelled()) {
+      *why_not = "cancelled while waiting for tf";
+      return std::nullopt;
+    }
+    std::this_thread::sleep_for(kTfPeriod);
+  }
   try {
     const std::optional<Eigen::Isometry3d> T =
-        toIsometry(tf_.lookupTransform(params_.map_frame, frame, ros::Time(0)).transform);
+        toIsometry(tf_.lookupTransform(params_.map_frame, frame, stamp).transform);
     if (!T) *why_not = "tf's pose of " + frame + " in " + params_.map_frame + " is not finite or no rotation";
     return T;
   } catch (const tf2::TransformException& error) {
-    *why_not = "no pose of frame '" + frame + "' in " + params_.map_frame + ": " + error.what();
+    *why_not = "no pose of frame '" + frame + "' in " + params_.map_frame;
+    if (!stamp.isZero()) *why_not += " at its stamp, " + seconds(stamp.toSec());
+    if (tf_.canTransform(params_.map_frame, frame, ros::Time(0))) {
+      const ros::Time newest = tf_.lookupTransform(params_.map_frame, frame, ros::Time(0)).header.stamp;
+      *why_not += ", tf has it up to " + seconds(newest.toSec());
+    }
+    *why_not += std::string(": ") + error.what();
     return std::nullopt;
   }
 }
@@ -112,6 +148,9 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
     const Eigen::Vector3d size(message->size.x, message->size.y, message->size.z);
     if (!T_frame_brick || !size.allFinite() || size.minCoeff() <= 0.0) {
       problem = "its pose is not finite or no rotation, or an edge of it is not above 0 m";
+    } else if (size.maxCoeff() > max_held_edge_m_) {
+      problem = "its longest edge is " + metres(size.maxCoeff()) + ", must be at most " + metres(max_held_edge_m_) +
+                ": twice that of the bricks in bricks_file, and no more than " + metres(kLongestHeld_m);
     } else if (!robot.hasFrame(frame) || robot.bodyOf(frame) != robot.bodyOf(kMagnetTipFrame)) {
       problem = "its frame '" + frame + "' is not fixed to " + kMagnetTipFrame;
     } else {

@@ -101,6 +101,11 @@ std::shared_ptr<const MapScene> SceneKeeper::last() const {
   return last_;
 }
 
+ros::Time SceneKeeper::meshStamp() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return mesh_ ? mesh_->header.stamp : ros::Time();
+}
+
 SceneKeeper::Counters SceneKeeper::counters() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return counters_;

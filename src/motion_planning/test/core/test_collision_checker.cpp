@@ -465,6 +465,39 @@ TEST(CollisionChecker, HeldBrickAvoidsRobotSurfaceAndFloor) {
   EXPECT_FALSE(holding.check(jointsAt(toolDown({0.75, 0.2, 0.185}), isFreeWithoutBrick)));
 }
 
+// What depends on a brick's size alone is kept from one hold to the next.
+TEST(CollisionChecker, HoldingAnewIsAsHoldingForTheFirstTime) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  const BoxWorld world = obstacles(T_map_base);
+  const auto scene = sceneOf(world, T_map_base);
+  std::mt19937 engine(21);
+  std::uniform_real_distribution<double> shift(-0.1, 0.1);
+  CollisionChecker again(arm(), scene, T_map_base);
+  int num_brick = 0;
+  int num_free = 0;
+  for (int i = 0; i < 200; ++i) {
+    HeldBrick held = heldFromAbove();
+    held.T_tip_brick = held.T_tip_brick * Eigen::Translation3d(shift(engine), shift(engine), shift(engine)) *
+                       Eigen::AngleAxisd(10.0 * shift(engine), Eigen::Vector3d::UnitZ());
+    if (i / 2 % 2 == 1) held.size_m *= 0.5;
+    const bool may_touch = i % 3 == 0;
+    again.setHeld(held, may_touch);
+    CollisionChecker first(arm(), scene, T_map_base);
+    first.setHeld(held, may_touch);
+    const ArmVector joints = randomJointsBefore(engine);
+    const Contact contact = again.check(joints);
+    const Contact expected = first.check(joints);
+    ASSERT_EQ(contact.kind, expected.kind) << i;
+    ASSERT_EQ(contact.first, expected.first) << i;
+    ASSERT_EQ(contact.where_map, expected.where_map) << i;
+    ASSERT_EQ(again.clearance(joints, 0.5), first.clearance(joints, 0.5)) << i;
+    num_brick += contact.first == "brick" ? 1 : 0;
+    num_free += contact ? 0 : 1;
+  }
+  EXPECT_GE(num_brick, 20);
+  EXPECT_GE(num_free, 20);
+}
+
 TEST(CollisionChecker, ABrickCanBeLiftedFromBetweenItsNeighboursWithAnUnseenBack) {
   const Eigen::Isometry3d T_map_base = baseAskew();
   const Eigen::Isometry3d T_base_map = T_map_base.inverse();

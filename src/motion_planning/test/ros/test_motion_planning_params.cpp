@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion_planning_ros/motion_planning_params.h"
 
+#include <limits>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <ros/ros.h>
@@ -11,7 +13,10 @@ namespace motion_planning_ros {
 namespace {
 
 using params_contract::messageOf;
+using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::UnorderedElementsAre;
 
 const params_contract::Contract kContract = {
     MOTION_PLANNING_DIR,
@@ -68,6 +73,33 @@ TEST(MotionPlanningParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/pick/approach_m"));
   EXPECT_THAT(message, HasSubstr("/wrong/motion/velocity_scale = 2"));
   EXPECT_THAT(message, HasSubstr("/wrong/monitor/rate_hz = 1000 Hz, must be in [0.5, 100] Hz"));
+}
+
+// What is watched may have no more margin than what is planned with; who is wrong about the one is not told of the other.
+TEST(MotionPlanningParams, AnImpossibleMarginIsOneProblemNotTwo) {
+  MotionPlanningParams params;
+  params.bricks_file = params.sectors_file = params.postures_dir = "/a";
+  EXPECT_THAT(params.validate(), IsEmpty());
+  params.scene.sigmas = -1.0;
+  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/sigmas = -1, must be in [0, 10]")));
+  params.scene.sigmas = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/sigmas = nan")));
+  params.scene.sigmas = 20.0;
+  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/sigmas = 20")));
+  params.monitor.sigmas = -0.5;  // impossible itself
+  EXPECT_THAT(params.validate(), UnorderedElementsAre(HasSubstr("scene/sigmas = 20"),
+                                                      HasSubstr("monitor/sigmas = -0.5, must be in [0, 10]")));
+  params.scene.sigmas = 1.5;
+  params.monitor.sigmas = 1.6;
+  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("monitor/sigmas = 1.6, must be in [0, 1.5]")));
+  params.monitor.sigmas = 1.5;
+  params.scene.margin_m = -0.01;
+  params.monitor.margin_m = 0.005;
+  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/margin_m = -0.01 m")));
+  params.scene.margin_m = 0.01;
+  params.planner.collision.self_padding_m = -0.01;
+  params.monitor.self_padding_m = 0.005;
+  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("collision/self_padding_m = -0.01 m")));
 }
 
 }  // namespace

@@ -62,6 +62,7 @@ class RobotModel {
   std::size_t parentBody(std::size_t body) const { return bodies_[body].parent; }  // of the root's: itself
 
   bool hasFrame(const std::string& frame) const { return frames_.count(frame) != 0; }
+  std::vector<std::string> frameNames() const;  // by name
   /// Body that carries the frame, and where. Throws std::invalid_argument for a name the URDF does not have.
   std::size_t bodyOf(const std::string& frame) const;
   const Eigen::Isometry3d& poseInBody(const std::string& frame) const;  // T_body_frame

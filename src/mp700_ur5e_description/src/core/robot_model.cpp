@@ -139,6 +139,13 @@ std::size_t RobotModel::bodyOf(const std::string& frame) const {
   return found->second.body;
 }
 
+std::vector<std::string> RobotModel::frameNames() const {
+  std::vector<std::string> names;
+  names.reserve(frames_.size());
+  for (const auto& [name, frame] : frames_) names.push_back(name);
+  return names;
+}
+
 const Eigen::Isometry3d& RobotModel::poseInBody(const std::string& frame) const {
   const auto found = frames_.find(frame);
   if (found == frames_.end()) throw std::invalid_argument("the URDF has no link '" + frame + "'");

@@ -1,0 +1,590 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "base_navigation/base_navigator.h"
+
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <random>
+#include <set>
+#include <stdexcept>
+#include <string>
+
+#include <gmock/gmock.h>
+
+#include "support/plant.h"
+
+namespace base_navigation {
+namespace {
+
+using ::testing::AnyOf;
+using ::testing::HasSubstr;
+
+constexpr double kDt_s = 0.02;
+
+/// A room of 10 m x 8 m about the origin, seen throughout, in which polygons stand.
+std::shared_ptr<const NavigationGrid> gridOf(const PolygonWorld& world) {
+  auto grid = std::make_shared<NavigationGrid>();
+  grid->origin_m = {-5.0, -4.0};
+  grid->width = 200;
+  grid->height = 160;
+  grid->state.assign(static_cast<std::size_t>(grid->width) * grid->height, SpaceState::kFree);
+  const double size_m = grid->cell_size_m;
+  for (int row = 0; row < grid->height; ++row) {
+    for (int column = 0; column < grid->width; ++column) {
+      const Eigen::Vector2d center = grid->centerOf(column, row);
+      const Polygon cell = box(center.x(), center.y(), size_m, size_m);
+      for (const Polygon& polygon : world) {
+        if (gap(cell, polygon) <= 0.0) grid->state[grid->index(column, row)] = SpaceState::kOccupied;
+      }
+    }
+  }
+  return grid;
+}
+
+PolygonWorld room() {
+  return {box(5.1, 0.0, 0.2, 8.4), box(-5.1, 0.0, 0.2, 8.4), box(0.0, 4.1, 10.4, 0.2), box(0.0, -4.1, 10.4, 0.2)};
+}
+
+/// The base in its world: everything that the navigator gets, and what can go wrong with it.
+class Bench {
+ public:
+  explicit Bench(const Pose2d& start = {}, const BaseNavigatorConfig& config = {}, const PlantConfig& plant = {},
+                 std::uint64_t seed = 1)
+      : navigator_(config, BasePlannerConfig{}, PathFollowerConfig{}, ObstacleGuardConfig{}, shippedLimits(),
+                   shippedFootprint()),
+        plant_(plant, start),
+        random_(seed) {
+    seeInGrid();
+  }
+
+  /// The grid knows what stands there now.
+  void seeInGrid() {
+    grid_ = gridOf(world_);
+    input_.grid = grid_;
+  }
+
+  const NavigationOutput& step() {
+    now_s_ += kDt_s;
+    input_.now_s = now_s_;
+    if (has_odometry_) {
+      input_.T_odom_base = plant_.poseOdom();
+      input_.odometry_twist = plant_.wheels();
+      input_.odometry_stamp_s = now_s_ + odometry_ahead_s_;
+    }
+    if (has_pose_) {
+      input_.T_map_base = compose(pose_jump_, plant_.localized(&random_));
+      input_.pose_stamp_s = now_s_;
+    }
+    if (has_scan_ && tick_ % 4 == 0) {
+      input_.scan = std::make_shared<Scan>(PlantScanner{scan_noise_m_, 191}.scan(world_, plant_.poseMap(), &random_));
+      input_.scan_stamp_s = now_s_;
+    }
+    if (has_grid_ && tick_ % 25 == 0) input_.grid_stamp_s = now_s_;
+    ++tick_;
+    const Twist2d before = output_.command;
+    output_ = navigator_.step(input_);
+    // Whatever happens, the command keeps to the limits.
+    const MotionLimits limits = shippedLimits();
+    EXPECT_LE(std::abs(output_.command.linear_m_s - before.linear_m_s), limits.linear_m_s2 * kDt_s + 1e-9);
+    EXPECT_LE(std::abs(output_.command.angular_rad_s - before.angular_rad_s), limits.turn_rad_s2 * kDt_s + 1e-9);
+    phases_.insert(output_.phase);
+    if (output_.ended) {
+      EXPECT_FALSE(status_.has_value()) << "ended twice";
+      status_ = output_.ended;
+      message_ = output_.message;
+      EXPECT_EQ(output_.command.linear_m_s, 0.0);
+      EXPECT_EQ(output_.command.angular_rad_s, 0.0);
+    }
+    plant_.step(output_.command, kDt_s);
+    const Polygon body = moved(shippedFootprint(), plant_.poseMap());
+    if (plant_.wheels().linear_m_s > 1e-3 || judge_always_) {
+      smallest_gap_m_ = std::min(smallest_gap_m_, gap(world_, body));
+    }
+    return output_;
+  }
+
+  /// Steps until the goal has ended, or the condition holds; false: neither by then.
+  bool run(double longest_s, const std::function<bool()>& until = {}) {
+    for (double t = 0.0; t < longest_s; t += kDt_s) {
+      step();
+      if (until ? until() : status_.has_value()) return true;
+    }
+    return false;
+  }
+  bool runUntilFast(double linear_m_s = 0.3) {
+    return run(30.0, [this, linear_m_s] { return plant_.wheels().linear_m_s > linear_m_s; });
+  }
+
+  BaseNavigator navigator_;
+  Plant plant_;
+  std::mt19937_64 random_;
+  PolygonWorld world_{room()};
+  std::shared_ptr<const NavigationGrid> grid_;
+  NavigationInput input_;
+  NavigationOutput output_;
+  std::optional<NavigationStatus> status_;
+  std::string message_;
+  std::set<NavigationPhase> phases_;
+  bool has_odometry_{true};
+  bool has_pose_{true};
+  bool has_scan_{true};
+  bool has_grid_{true};
+  bool judge_always_{false};
+  double odometry_ahead_s_{0.0};
+  double scan_noise_m_{0.0};
+  Pose2d pose_jump_;
+  double now_s_{100.0};
+  double smallest_gap_m_{std::numeric_limits<double>::infinity()};
+  int tick_{0};
+};
+
+void expectAt(const Bench& bench, const Pose2d& goal, double off_m = 0.02, double off_rad = 0.03) {
+  EXPECT_LE((bench.plant_.poseMap().position() - goal.position()).norm(), off_m);
+  EXPECT_LE(std::abs(wrapAngle(bench.plant_.poseMap().yaw_rad - goal.yaw_rad)), off_rad);
+}
+
+TEST(BaseNavigator, DrivesToGoalsAndStands) {
+  for (const Pose2d& goal : {Pose2d{2.0, 1.0, 0.5}, Pose2d{-2.0, -1.5, 3.0}, Pose2d{0.5, -2.0, -1.57}}) {
+    Bench bench;
+    bench.world_.push_back(box(1.0, 0.0, 0.3, 1.0));
+    bench.seeInGrid();
+    bench.navigator_.setGoal(goal);
+    EXPECT_TRUE(bench.navigator_.isActive());
+    ASSERT_TRUE(bench.run(120.0)) << bench.output_.reason;
+    EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+    expectAt(bench, goal);
+    EXPECT_GT(bench.smallest_gap_m_, 0.0);
+    EXPECT_TRUE(bench.plant_.stands());
+    EXPECT_FALSE(bench.navigator_.isActive());
+    bench.step();
+    EXPECT_EQ(bench.output_.phase, NavigationPhase::kIdle);
+  }
+}
+
+TEST(BaseNavigator, IsChargedForThePlan) {
+  BaseNavigatorConfig config;
+  config.plan_cost_s = 1.0;
+  Bench bench({}, config);
+  bench.navigator_.setGoal({2.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.run(10.0, [&] { return bench.output_.command.linear_m_s > 0.0; }));
+  EXPECT_NEAR(bench.now_s_ - 100.0, 1.0, 0.1);
+  EXPECT_EQ(bench.navigator_.numPlans(), 1u);
+}
+
+TEST(BaseNavigator, SaysWhyAGoalCannotBeReached) {
+  struct Case {
+    PolygonWorld more;
+    Pose2d goal;
+    std::vector<NavigationStatus> expected;
+  };
+  // A chamber of four walls about (3, 2).
+  const PolygonWorld chamber = {box(3.0, 3.2, 2.6, 0.2), box(3.0, 0.8, 2.6, 0.2), box(4.2, 2.0, 0.2, 2.6),
+                                box(1.8, 2.0, 0.2, 2.6)};
+  const std::vector<Case> cases = {
+      {{box(2.0, 0.0, 0.3, 0.3)}, {2.0, 0.0, 0.0}, {NavigationStatus::kGoalOccupied}},
+      {{}, {8.0, 0.0, 0.0}, {NavigationStatus::kGoalUnknown}},
+      {{box(-0.4, 0.3, 0.1, 0.1)}, {2.0, 0.0, 0.0}, {NavigationStatus::kStartBlocked}},
+      {chamber, {3.2, 2.0, 0.0}, {NavigationStatus::kNoPath}},
+      {{box(2.0 - 0.527 - 0.1, 0.0, 0.1, 0.7)}, {2.0, 0.0, 0.0}, {NavigationStatus::kNoApproach}},
+  };
+  for (const Case& one : cases) {
+    Bench bench;
+    for (const Polygon& polygon : one.more) bench.world_.push_back(polygon);
+    bench.seeInGrid();
+    bench.navigator_.setGoal(one.goal);
+    ASSERT_TRUE(bench.run(5.0)) << toString(one.expected[0]);
+    EXPECT_EQ(*bench.status_, one.expected[0]) << toString(*bench.status_) << ": " << bench.message_;
+    EXPECT_FALSE(bench.message_.empty());
+    EXPECT_NEAR((bench.plant_.poseMap().position()).norm(), 0.0, 1e-9);
+  }
+}
+
+struct Stale {
+  const char* name;
+  bool Bench::*has;
+  NavigationStatus status;
+  double noticed_s;  // after it vanished, at most
+};
+const Stale kStale[] = {
+    {"odometry", &Bench::has_odometry_, NavigationStatus::kStaleOdometry, 0.3},
+    {"pose", &Bench::has_pose_, NavigationStatus::kStalePose, 0.6},
+    {"scan", &Bench::has_scan_, NavigationStatus::kStaleScan, 0.5},
+    {"map", &Bench::has_grid_, NavigationStatus::kStaleGrid, 10.1},
+};
+
+TEST(BaseNavigator, WaitsForWhatIsMissingFromTheStartAndGivesUp) {
+  for (const Stale& one : kStale) {
+    Bench bench;
+    bench.*one.has = false;
+    if (one.has == &Bench::has_grid_) bench.input_.grid.reset();
+    bench.navigator_.setGoal({2.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.run(10.0)) << one.name;
+    EXPECT_EQ(*bench.status_, one.status) << bench.message_;
+    EXPECT_NEAR(bench.now_s_ - 100.0, BaseNavigatorConfig{}.stale_patience_s, 0.2);
+    EXPECT_THAT(bench.message_, HasSubstr(one.name));
+    EXPECT_NEAR(bench.plant_.poseMap().x_m, 0.0, 1e-9);
+  }
+}
+
+TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
+  for (const Stale& one : kStale) {
+    Bench bench({-3.0, 0.0, 0.0});
+    bench.navigator_.setGoal({4.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.runUntilFast());
+    bench.*one.has = false;
+    const double vanished_s = bench.now_s_;
+    ASSERT_TRUE(bench.run(12.0, [&] { return bench.output_.phase == NavigationPhase::kWaitingForData; })) << one.name;
+    EXPECT_LE(bench.now_s_ - vanished_s, one.noticed_s + (one.has == &Bench::has_grid_ ? 0.5 : 0.0));
+    EXPECT_THAT(bench.output_.reason, HasSubstr(one.name));
+    // At once, and all the way.
+    double before_m_s = bench.output_.command.linear_m_s;
+    while (before_m_s > 0.0) {
+      bench.step();
+      EXPECT_LT(bench.output_.command.linear_m_s, before_m_s);
+      before_m_s = bench.output_.command.linear_m_s;
+    }
+    ASSERT_TRUE(bench.run(12.0)) << one.name;
+    EXPECT_EQ(*bench.status_, one.status) << bench.message_;
+    EXPECT_THAT(bench.message_, HasSubstr("after waiting"));
+    EXPECT_TRUE(bench.plant_.stands());
+  }
+}
+
+TEST(BaseNavigator, GoesOnWhenDataIsBackInTime) {
+  for (const Stale& one : kStale) {
+    Bench bench({-3.0, 0.0, 0.0});
+    bench.navigator_.setGoal({4.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.runUntilFast());
+    bench.*one.has = false;
+    ASSERT_TRUE(bench.run(12.0, [&] { return bench.output_.phase == NavigationPhase::kWaitingForData; })) << one.name;
+    bench.run(1.5, [] { return false; });
+    bench.*one.has = true;
+    ASSERT_TRUE(bench.run(60.0)) << one.name;
+    EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << one.name << ": " << bench.message_;
+    expectAt(bench, {4.0, 0.0, 0.0});
+    EXPECT_EQ(bench.navigator_.numPlans(), 2u);  // the plan, and its end: the way was still good
+  }
+}
+
+TEST(BaseNavigator, BelievesNoStampsThatCannotBe) {
+  for (const double ahead_s : {-5.0, 5.0}) {
+    Bench bench({-3.0, 0.0, 0.0});
+    bench.navigator_.setGoal({4.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.runUntilFast());
+    bench.odometry_ahead_s_ = ahead_s;
+    ASSERT_TRUE(bench.run(10.0));
+    EXPECT_EQ(*bench.status_, NavigationStatus::kStaleOdometry) << bench.message_;
+    EXPECT_THAT(bench.message_, HasSubstr(ahead_s < 0.0 ? "ran back by" : "ahead of the clock"));
+  }
+}
+
+TEST(BaseNavigator, PlansAnewWhenTheLocalizationJumps) {
+  Bench bench({-3.0, 0.0, 0.0});
+  bench.navigator_.setGoal({3.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast());
+  bench.pose_jump_ = {0.0, 0.5, 0.0};
+  bench.step();
+  EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking);
+  EXPECT_THAT(bench.output_.reason, HasSubstr("jumped by 0.50 m"));
+  ASSERT_TRUE(bench.run(60.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+  expectAt(bench, {3.0, -0.5, 0.0});  // where the goal is for a localisation that is 0.5 m off
+  EXPECT_GE(bench.navigator_.numPlans(), 2u);
+}
+
+TEST(BaseNavigator, PlansAnewWhenTheWayIsNotFreeAnyMore) {
+  Bench bench({-3.0, 0.0, 0.0});
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  const std::uint64_t plans = bench.navigator_.numPlans();
+  bench.world_.push_back(box(-2.0, -2.5, 0.5, 0.5));  // elsewhere
+  bench.seeInGrid();
+  bench.run(0.5, [] { return false; });
+  EXPECT_EQ(bench.navigator_.numPlans(), plans);
+  EXPECT_EQ(bench.output_.phase, NavigationPhase::kDriving);
+  bench.world_.push_back(box(2.5, 0.0, 0.3, 0.6));
+  bench.seeInGrid();
+  bench.step();
+  EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking);
+  EXPECT_THAT(bench.output_.reason, HasSubstr("occupied"));
+  ASSERT_TRUE(bench.run(90.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+  EXPECT_GT(bench.navigator_.numPlans(), plans);
+  EXPECT_GT(bench.smallest_gap_m_, 0.0);
+}
+
+TEST(BaseNavigator, StopsForTheScannerAndGoesOnWhenItsObstacleGoes) {
+  Bench bench({-3.0, 0.0, 0.0});
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  const double x_m = bench.plant_.poseMap().x_m;
+  bench.world_.push_back(box(x_m + 2.2, 0.0, 0.3, 0.3));
+  ASSERT_TRUE(bench.run(20.0, [&] { return bench.output_.phase == NavigationPhase::kBlocked; }));
+  EXPECT_THAT(bench.output_.reason, HasSubstr("obstacle at"));
+  EXPECT_TRUE(bench.output_.guard.obstacle_base.has_value());
+  bench.run(1.0, [] { return false; });
+  // Near to it, not on it: margin 4 cm, and speeds below 1 cm/s count as blocked.
+  EXPECT_GT(bench.smallest_gap_m_, 0.03);
+  EXPECT_LT(bench.smallest_gap_m_, 0.1);
+  bench.world_.pop_back();
+  ASSERT_TRUE(bench.run(60.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+  EXPECT_EQ(bench.navigator_.numPlans(), 2u);
+}
+
+TEST(BaseNavigator, GoesRoundAnObstacleThatStays) {
+  Bench bench({-3.0, 0.0, 0.0});
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  bench.world_.push_back(box(bench.plant_.poseMap().x_m + 2.2, 0.0, 0.3, 0.3));
+  ASSERT_TRUE(bench.run(20.0, [&] { return bench.output_.phase == NavigationPhase::kBlocked; }));
+  const double blocked_s = bench.now_s_;
+  const std::uint64_t plans = bench.navigator_.numPlans();
+  bench.seeInGrid();
+  bench.input_.grid = bench.grid_;
+  ASSERT_TRUE(bench.run(20.0, [&] { return bench.navigator_.numPlans() > plans; }));
+  EXPECT_LE(bench.now_s_ - blocked_s, BaseNavigatorConfig{}.blocked_patience_s + 0.2);
+  ASSERT_TRUE(bench.run(120.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+  EXPECT_GT(bench.smallest_gap_m_, 0.0);
+}
+
+TEST(BaseNavigator, GivesUpBeforeAnObstacleThatTheGridNeverSees) {
+  BaseNavigatorConfig config;
+  config.max_plans = 3;
+  Bench bench({-3.0, 0.0, 0.0}, config);
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  bench.world_.push_back(box(bench.plant_.poseMap().x_m + 2.2, 0.0, 0.3, 3.0));
+  ASSERT_TRUE(bench.run(120.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kObstacle) << bench.message_;
+  EXPECT_THAT(bench.message_, HasSubstr("planned 3 times, may be 3"));
+  EXPECT_GT(bench.smallest_gap_m_, 0.0);
+}
+
+TEST(BaseNavigator, EndsAfterTooManyPlans) {
+  BaseNavigatorConfig config;
+  config.max_plans = 2;
+  Bench bench({-3.0, 0.0, 0.0}, config);
+  bench.navigator_.setGoal({3.0, 0.0, 0.0});
+  for (int i = 0; i < 3 && !bench.status_; ++i) {
+    bench.run(20.0, [&] { return bench.status_ || bench.plant_.wheels().linear_m_s > 0.2; });
+    bench.pose_jump_.y_m += 0.4;
+  }
+  ASSERT_TRUE(bench.status_ || bench.run(20.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kTooManyPlans) << bench.message_;
+  EXPECT_THAT(bench.message_, HasSubstr("jumped"));
+}
+
+TEST(BaseNavigator, NoticesThatTheBaseDoesNotMove) {
+  // Slipping from the start and under way, and wheels that do not turn.
+  for (const bool is_at_start : {true, false}) {
+    Bench bench({-3.0, 0.0, 0.0});
+    bench.navigator_.setGoal({4.0, 0.0, 0.0});
+    if (!is_at_start) ASSERT_TRUE(bench.runUntilFast());
+    bench.plant_.config().slip = 1.0;
+    ASSERT_TRUE(bench.run(30.0)) << bench.output_.reason;
+    EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
+    EXPECT_THAT(bench.message_, HasSubstr("the wheels slip"));
+    EXPECT_THAT(bench.message_, HasSubstr("the localisation tells of"));
+  }
+  Bench bench;
+  bench.navigator_.setGoal({3.0, 0.0, 0.0});
+  bench.plant_.config().max_linear_m_s2 = 0.0;  // motors off
+  bench.plant_.config().max_turn_rad_s2 = 0.0;
+  ASSERT_TRUE(bench.run(30.0)) << bench.output_.reason;
+  EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
+  EXPECT_THAT(bench.message_, HasSubstr("odometry tells of"));
+}
+
+TEST(BaseNavigator, WaitsForABaseThatDoesNotStandWhenTold) {
+  Bench bench;
+  bench.plant_.config().max_linear_m_s2 = 2.4;
+  for (int i = 0; i < 50; ++i) bench.plant_.step({0.3, 0.0}, kDt_s);
+  bench.plant_.config().max_linear_m_s2 = 0.0;  // rolls on
+  bench.navigator_.setGoal({3.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.run(30.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
+  EXPECT_THAT(bench.message_, HasSubstr("told to stand"));
+}
+
+TEST(BaseNavigator, TriesAMissedGoalOnceMore) {
+  // Pushed aside when it arrives; the second time it is left alone, or not.
+  for (const int pushes : {1, 5}) {
+    Bench bench({-1.0, 0.0, 0.0});
+    bench.navigator_.setGoal({2.0, 0.0, 0.0});
+    int pushed = 0;
+    bool was_near = false;
+    for (double t = 0.0; t < 150.0 && !bench.status_; t += kDt_s) {
+      bench.step();
+      const bool is_near = bench.navigator_.isActive() && bench.output_.remaining_m < 0.008 &&
+                           bench.output_.phase == NavigationPhase::kDriving;
+      if (is_near && !was_near && pushed < pushes) {
+        bench.plant_.place(compose(bench.plant_.poseMap(), {0.0, 0.06, 0.0}));
+        ++pushed;
+      }
+      was_near = is_near;
+    }
+    ASSERT_TRUE(bench.status_) << bench.output_.reason;
+    if (pushes == 1) {
+      EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+      expectAt(bench, {2.0, 0.0, 0.0});
+    } else {
+      EXPECT_EQ(*bench.status_, NavigationStatus::kGoalMissed) << bench.message_;
+      EXPECT_EQ(pushed, 2);
+      EXPECT_THAT(bench.message_, HasSubstr("may be 0.020 m"));
+    }
+  }
+}
+
+TEST(BaseNavigator, BrakesWhenCancelled) {
+  Bench bench({-3.0, 0.0, 0.0});
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  bench.navigator_.cancel();
+  bench.step();
+  EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking);
+  EXPECT_FALSE(bench.status_);
+  ASSERT_TRUE(bench.run(10.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kCancelled);
+  EXPECT_TRUE(bench.plant_.stands());
+  // Before it has begun, and while it is planned.
+  Bench standing;
+  standing.navigator_.cancel();
+  EXPECT_FALSE(standing.navigator_.isActive());
+  standing.navigator_.setGoal({2.0, 0.0, 0.0});
+  standing.navigator_.cancel();
+  ASSERT_TRUE(standing.run(2.0));
+  EXPECT_EQ(*standing.status_, NavigationStatus::kCancelled);
+  Bench planning;
+  planning.navigator_.setGoal({2.0, 2.0, 0.0});
+  planning.step();  // sources are fresh
+  EXPECT_EQ(planning.navigator_.numPlans(), 1u);
+}
+
+TEST(BaseNavigator, EndsAPlanThatIsCancelled) {
+  Bench bench;
+  bench.step();
+  NavigationInput input = bench.input_;
+  input.now_s += kDt_s;
+  input.odometry_stamp_s += kDt_s;
+  bench.navigator_.setGoal({2.0, 2.0, 0.0});
+  NavigationOutput output = bench.navigator_.step(input, [] { return true; });
+  for (int i = 0; i < 10 && !output.ended; ++i) {
+    input.now_s += kDt_s;
+    input.odometry_stamp_s += kDt_s;
+    output = bench.navigator_.step(input, [] { return true; });
+  }
+  ASSERT_TRUE(output.ended);
+  EXPECT_EQ(*output.ended, NavigationStatus::kCancelled);
+}
+
+TEST(BaseNavigator, TakesANewGoalUnderWay) {
+  Bench bench({-3.0, 0.0, 0.0});
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  bench.navigator_.setGoal({-2.0, 2.0, 1.57});
+  bench.step();
+  EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking);
+  ASSERT_TRUE(bench.run(120.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+  expectAt(bench, {-2.0, 2.0, 1.57});
+}
+
+TEST(BaseNavigator, BearsNoiseOfLocalizationAndDriftOfOdometry) {
+  PlantConfig plant;
+  plant.localization_noise_m = 0.01;
+  plant.localization_noise_rad = 0.5 * M_PI / 180.0;
+  plant.odometry_scale = 1.01;
+  plant.odometry_turn_scale = 0.98;
+  for (std::uint64_t seed = 0; seed < 4; ++seed) {
+    Bench bench({}, {}, plant, seed);
+    bench.scan_noise_m_ = 0.01;
+    bench.navigator_.setGoal({2.0, 1.5, 0.7});
+    ASSERT_TRUE(bench.run(120.0));
+    EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+    expectAt(bench, {2.0, 1.5, 0.7}, 0.03, 3.0 * M_PI / 180.0);  // issue 7
+  }
+}
+
+TEST(BaseNavigator, AlwaysEndsAndTouchesNothingInFront) {
+  std::set<NavigationStatus> seen;
+  int reached = 0;
+  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> share(0.0, 1.0);
+    PlantConfig plant;
+    plant.localization_noise_m = 0.005;
+    plant.localization_noise_rad = 0.004;
+    BaseNavigatorConfig config;
+    config.max_plans = 3;
+    Bench bench({-3.5, -2.0 + 4.0 * share(random), 6.28 * share(random)}, config, plant, seed);
+    bench.scan_noise_m_ = 0.005;
+    const Pose2d goal{3.0, -2.0 + 4.0 * share(random), 6.28 * share(random)};
+    for (int i = 0; i < 4; ++i) {
+      const Polygon one = box(-1.5 + 3.0 * share(random), -3.0 + 6.0 * share(random), 0.2 + 0.5 * share(random), 0.3,
+                              6.28 * share(random));
+      bench.world_.push_back(one);
+    }
+    bench.seeInGrid();
+    bench.navigator_.setGoal(goal);
+    double appears_s = bench.now_s_ + 3.0 + 10.0 * share(random);
+    const double fault_s = bench.now_s_ + 5.0 + 30.0 * share(random);
+    const int fault = static_cast<int>(8.0 * share(random));
+    double seen_s = std::numeric_limits<double>::infinity();
+    while (!bench.status_ && bench.now_s_ < 400.0) {
+      bench.step();
+      if (bench.now_s_ >= appears_s && bench.plant_.wheels().linear_m_s > 0.05) {
+        // Across the way, no nearer than what the base can stop in front of.
+        const double v = bench.plant_.wheels().linear_m_s;
+        const double ahead_m = 0.296 + 0.04 + v * 0.25 + v * v / (2.0 * 0.7 * 0.2) + 0.15 + 0.3 * share(random);
+        const Pose2d at = compose(bench.plant_.poseMap(), {ahead_m + 0.1, 0.3 * share(random) - 0.15, 0.0});
+        bench.world_.push_back(box(at.x_m, at.y_m, 0.2, 0.3, at.yaw_rad));
+        seen_s = bench.now_s_ + 2.0 * share(random);
+        appears_s = std::numeric_limits<double>::infinity();
+      }
+      if (bench.now_s_ >= seen_s) {
+        bench.seeInGrid();
+        seen_s = std::numeric_limits<double>::infinity();
+      }
+      const bool is_faulty = bench.now_s_ >= fault_s;
+      bench.has_odometry_ = !(is_faulty && fault == 0);
+      bench.has_pose_ = !(is_faulty && fault == 1 && bench.now_s_ < fault_s + 1.5);
+      bench.has_scan_ = !(is_faulty && fault == 2);
+      if (is_faulty && fault == 3) bench.plant_.config().slip = 1.0;
+      if (is_faulty && fault == 4) bench.pose_jump_ = {0.0, 0.0, 0.3};
+    }
+    ASSERT_TRUE(bench.status_.has_value()) << "world " << seed << ": " << bench.output_.reason;
+    EXPECT_TRUE(fault == 4 || bench.smallest_gap_m_ > 0.0)
+        << "world " << seed << ", fault " << fault << ", " << bench.smallest_gap_m_;
+    seen.insert(*bench.status_);
+    reached += *bench.status_ == NavigationStatus::kSuccess;
+  }
+  EXPECT_GT(reached, 20);
+  EXPECT_GE(seen.size(), 4u);
+  RecordProperty("reached", reached);
+}
+
+TEST(BaseNavigator, RefusesWhatIsNoGoalAndNoConfiguration) {
+  Bench bench;
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(bench.navigator_.setGoal({nan, 0.0, 0.0}), std::invalid_argument);
+  EXPECT_FALSE(bench.navigator_.isActive());
+  NavigationInput input;
+  input.now_s = nan;
+  EXPECT_THROW(bench.navigator_.step(input), std::invalid_argument);
+  BaseNavigatorConfig config;
+  config.max_plans = 0;
+  config.stuck_s = 0.1;
+  try {
+    BaseNavigator(config, BasePlannerConfig{}, PathFollowerConfig{}, ObstacleGuardConfig{}, shippedLimits(),
+                  shippedFootprint());
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(), HasSubstr("max_plans = 0, must be in [1, 1000]"));
+    EXPECT_THAT(error.what(), HasSubstr("stuck_s = 0.1 s, must be in [1, 60] s"));
+  }
+}
+
+}  // namespace
+}  // namespace base_navigation
