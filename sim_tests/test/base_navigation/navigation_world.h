@@ -75,7 +75,14 @@ class NavigationWorld {
         },
         60.0);
     answer_ = nh_.advertise<std_msgs::Header>("/navigation_test/step", 100, true);
-    return is_connected && goOn(20.0, [this] { return !state.header.stamp.isZero(); });
+    // Steps from before tf's connection are never localised: they are answered, and that is all.
+    return is_connected && waitUntil([this] {
+             for (; !steps_.empty() && !isLocalised(steps_.front().header.stamp); steps_.pop_front()) {
+               answer_.publish(steps_.front().header);
+             }
+             return !steps_.empty();
+           }) &&
+           goOn(20.0, [this] { return !state.header.stamp.isZero(); });
   }
 
   /// Lets the world go on until the condition holds, which is asked after each step, or `at_most_s` of simulated time have

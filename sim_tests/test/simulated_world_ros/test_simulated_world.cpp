@@ -35,6 +35,7 @@
 #include <std_msgs/Int32.h>
 #include <std_msgs/String.h>
 #include <std_srvs/Trigger.h>
+#include <tf2_msgs/TFMessage.h>
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
 #include <ur_dashboard_msgs/RobotMode.h>
@@ -221,11 +222,13 @@ TEST_F(SimulatedWorldTest, StandsWhereTheDriversStand) {
   const Latest<std_msgs::Bool> running("ur_hardware_interface/robot_program_running");
   const Latest<ur_dashboard_msgs::RobotMode> robot_mode("ur_hardware_interface/robot_mode");
   const Latest<ur_dashboard_msgs::SafetyMode> safety_mode("ur_hardware_interface/safety_mode");
+  const Latest<tf2_msgs::TFMessage> transforms("/tf");  // by the connection that the listener has, too
   tf2_ros::Buffer tf;
   const tf2_ros::TransformListener listener(tf, nh_, false);
   ASSERT_TRUE(waitFor([&] {
-    return joints.isConnected() && wheels.isConnected() && odometry.isConnected() && scan.isConnected() &&
-           color.isConnected() && depth.isConnected() && info.isConnected() && wrench.isConnected();
+    return transforms.isConnected() && joints.isConnected() && wheels.isConnected() && odometry.isConnected() &&
+           scan.isConnected() && color.isConnected() && depth.isConnected() && info.isConnected() &&
+           wrench.isConnected();
   }));
   const ros::Time now = advance(0.5).now;
   ASSERT_TRUE(waitFor([&] {
@@ -429,6 +432,7 @@ TEST_F(SimulatedWorldTest, BaseScannerAndLocalisationGoSilentEachForItself) {
   const Latest<nav_msgs::Odometry> odometry("odom");
   const Latest<sensor_msgs::LaserScan> scan("lidar_1/scan");
   const Latest<visualization_msgs::MarkerArray> truth(node_ + "/truth");
+  const Latest<tf2_msgs::TFMessage> transforms("/tf");
   // The clock of the world before showed a later time: tf's buffer would forget all when it hears of this one's.
   ros::Time now = advance(0.1).now;
   ASSERT_TRUE(waitFor([&] { return ros::Time::now() == now; }));
@@ -438,8 +442,10 @@ TEST_F(SimulatedWorldTest, BaseScannerAndLocalisationGoSilentEachForItself) {
     return tf.canTransform(parent, child, ros::Time(0)) ? tf.lookupTransform(parent, child, ros::Time(0)).header.stamp
                                                         : ros::Time(0);
   };
-  ASSERT_TRUE(waitFor(
-      [&] { return wheels.isConnected() && odometry.isConnected() && scan.isConnected() && truth.isConnected(); }));
+  ASSERT_TRUE(waitFor([&] {
+    return transforms.isConnected() && wheels.isConnected() && odometry.isConnected() && scan.isConnected() &&
+           truth.isConnected();
+  }));
   now = advance(0.5).now;
   ASSERT_TRUE(waitFor([&] { return odometry && odometry->header.stamp == now && latest("map", "odom") == now; }));
 
