@@ -173,6 +173,17 @@ TEST_F(PlanJudge, SeesTheMagnetInTheTargetTooEarlyOrTooDeep) {
   EXPECT_THAT(verdict.collisions, inPhase("contact", "magnet"));
 }
 
+TEST_F(PlanJudge, SeesTheMagnetSlideAlongTheTargetBeforeItIsWhereItBelongs) {
+  // Half a millimetre deep, as at the end, but from 3 cm aside on.
+  ArmVector q = plan_.contact.points.front().position_rad;
+  const JointPath aside = path({tip(0.57, 0.0, kTipHeight_m + 0.10)}, &q, 1);
+  plan_.contact =
+      timed(path({tip(0.57, 0.0, kTipHeight_m - 0.0005), tip(0.60, 0.0, kTipHeight_m - 0.0005)}, &q, 40, aside.back()));
+  const PlanVerdict verdict = judge();
+  EXPECT_THAT(verdict.collisions, inPhase("contact", "magnet")) << verdict.describe();
+  EXPECT_LT(verdict.contact_error_m, 0.001);
+}
+
 TEST_F(PlanJudge, SeesContactBesideThePlate) {
   problem_.target.T_map_brick.translation().x() += 0.06;
   stand_->bricks[0].T_map_brick = problem_.target.T_map_brick;
@@ -202,7 +213,7 @@ TEST_F(PlanJudge, SeesTheArmInTheMast) {
   ArmVector left = q;
   left[0] += M_PI;
   plan_.stow = timed({q, left});
-  EXPECT_FALSE(judge().collisions.empty());
+  EXPECT_THAT(judge().collisions, Contains(Field(&Collision::first, "camera_mast")));
 }
 
 TEST_F(PlanJudge, SeesLimitsBroken) {
@@ -244,6 +255,32 @@ TEST_F(PlanJudge, SeesATiltedLoad) {
 TEST_F(PlanJudge, SeesABrickThatEndsBesideTheChute) {
   plan_.stow = timed({plan_.stow.points.front().position_rad});
   EXPECT_THAT(judge().faults, Contains(HasSubstr("beside the opening")));
+}
+
+TEST_F(PlanJudge, SeesABrickThatEndsTooLowOverTheChute) {
+  ArmVector q = plan_.stow.points.back().position_rad;
+  const ArmVector from = q;
+  Eigen::Isometry3d T = arm_->tipPose(q);
+  T.translation().z() -= 0.02;  // from 30 mm over the opening to 10 mm; 20 mm are asked for
+  const JointTrajectory down = timed(path({T}, &q, 10, from));
+  const double start_s = plan_.stow.duration();
+  for (std::size_t i = 1; i < down.points.size(); ++i) {
+    plan_.stow.points.push_back(down.points[i]);
+    plan_.stow.points.back().time_s += start_s;
+  }
+  EXPECT_THAT(judge().faults, Contains(HasSubstr("stow: height over the opening = 0.01")));
+}
+
+TEST_F(PlanJudge, FollowsWhatACubicSwingsBetweenPointsOfOnePlace) {
+  const std::size_t before = judge().looks;
+  // Out and back within a second, between two points at the same joint angles.
+  motion_planning::TrajectoryPoint end = plan_.approach.points.back();
+  plan_.approach.points.back().velocity_rad_s[0] = 1.0;
+  end.time_s += 1.0;
+  plan_.approach.points.push_back(end);
+  // A way of at most 1 rad/s for 1 s.
+  const auto pieces = static_cast<std::size_t>(1.0 / JudgeConfig().step_rad);
+  EXPECT_GE(judge().looks, before + pieces);
 }
 
 TEST_F(PlanJudge, ReachIsJudgedLikeAPlanWithoutPhases) {

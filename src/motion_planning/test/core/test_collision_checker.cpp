@@ -263,6 +263,12 @@ TEST(CollisionChecker, KeepsJointLimitsAndRefusesWhatIsNotFinite) {
     joints[j] = arm()->limits().upper_rad[j] + 1e-6;
     EXPECT_EQ(checker.check(joints).kind, CollisionKind::kLimits);
     EXPECT_EQ(checker.check(joints).first, mp700_ur5e_description::kArmJoints[static_cast<std::size_t>(j)]);
+    for (const double beyond_rad : {0.0, 5e-10}) {  // a limit that was computed is still within
+      joints[j] = arm()->limits().upper_rad[j] + beyond_rad;
+      EXPECT_NE(checker.check(joints).kind, CollisionKind::kLimits);
+      joints[j] = arm()->limits().lower_rad[j] - beyond_rad;
+      EXPECT_NE(checker.check(joints).kind, CollisionKind::kLimits);
+    }
     joints[j] = kNaN;
     EXPECT_EQ(checker.check(joints).kind, CollisionKind::kLimits);
     joints[j] = -std::numeric_limits<double>::infinity();
@@ -496,6 +502,59 @@ TEST(CollisionChecker, HoldingAnewIsAsHoldingForTheFirstTime) {
   }
   EXPECT_GE(num_brick, 20);
   EXPECT_GE(num_free, 20);
+}
+
+// Where a brick was taken from is empty; a block's width beside it nobody may have looked.
+TEST(CollisionChecker, OnlyWhileItIsTouchedUnseenSpaceBesideTheTargetIsOpen) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  const OrientedBox brick = boxInBase(T_map_base, {0.70, 0.0, 0.1}, {0.3, 0.2, 0.2});
+  BoxWorld world;
+  world.boxes = {brick};
+  const Eigen::Isometry3d T_base_map = T_map_base.inverse();
+  world.is_unknown = [=](const Eigen::Vector3d& p) {
+    const Eigen::Vector3d p_base = T_base_map * p;
+    return p_base.y() > 0.11 && p_base.z() < 0.2;
+  };
+  CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
+  // Held as it lies, and shoved by 3 cm to the unseen side.
+  checker.setHeld(HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), brick.size_m}, false);
+  const ArmVector shoved = jointsAt(toolDown({0.70, 0.03, 0.21}));
+  checker.setTarget(brick);
+  EXPECT_FALSE(checker.check(shoved)) << checker.check(shoved).describe();
+  checker.setTarget(brick, true);
+  EXPECT_EQ(checker.check(shoved).kind, CollisionKind::kUnknown) << checker.check(shoved).describe();
+}
+
+TEST(CollisionChecker, ATargetOfAnotherSizeIsAnotherTarget) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  const OrientedBox brick = boxInBase(T_map_base, {0.70, 0.0, 0.1}, {0.3, 0.2, 0.2});
+  BoxWorld world;
+  world.boxes = {brick};
+  CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
+  OrientedBox small = brick;
+  small.size_m *= 0.2;
+  const ArmVector touching = jointsAt(toolDown({0.70, 0.0, 0.2}));
+  checker.setTarget(small);
+  EXPECT_EQ(checker.check(touching).kind, CollisionKind::kSurface);
+  checker.setTarget(brick);
+  EXPECT_FALSE(checker.check(touching)) << checker.check(touching).describe();
+  checker.setTarget(small);
+  EXPECT_EQ(checker.check(touching).kind, CollisionKind::kSurface);
+}
+
+TEST(CollisionChecker, WhereTheHeldBrickIsNowCannotBeUnseen) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  BoxWorld world;
+  world.boxes = {boxInBase(T_map_base, {0.70, 0.0, 0.1}, {0.3, 0.4, 0.2})};
+  const Eigen::Isometry3d T_base_map = T_map_base.inverse();
+  world.is_unknown = [=](const Eigen::Vector3d& p) { return std::abs((T_base_map * p).z() - 0.29) < 0.06; };
+  CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
+  checker.setHeld(heldFromAbove());
+  const ArmVector over = jointsAt(toolDown({0.70, 0.0, 0.46}));
+  EXPECT_EQ(checker.check(over).first, "brick") << checker.check(over).describe();
+  EXPECT_EQ(checker.check(over).kind, CollisionKind::kUnknown) << checker.check(over).describe();
+  checker.freeUnknownAt(over);
+  EXPECT_FALSE(checker.check(over)) << checker.check(over).describe();
 }
 
 TEST(CollisionChecker, ABrickCanBeLiftedFromBetweenItsNeighboursWithAnUnseenBack) {

@@ -314,6 +314,114 @@ TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
   EXPECT_EQ(flagsAt(0.0, -0.7, 0.02), 0);                              // ground is no pile
 }
 
+TEST(CollisionSceneBuilder, UnknownSpaceIsAskedForFromTheGroundUpAndAsFarAsItSays) {
+  BoxWorld world;
+  world.boxes = {uprightBox({0.8, 0.0, 0.2}, {0.4, 0.4, 0.4})};
+  world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 1.03; };  // behind the far face
+  CollisionSceneConfig config = sceneConfig();
+  config.unknown_near_pile_m = 0.15;
+  CollisionSceneBuilder builder{config};
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  const auto flagsAt = [&](double x, double y, double z) {
+    const CollisionScene& scene = *builder.scene();
+    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, z}))];
+  };
+  EXPECT_EQ(flagsAt(1.07, 0.01, 0.02), kBlockObserved | kBlockUnknown);  // the lowest block above the ground
+  // The far face is at x = 1.0, in the block from 1.00 to 1.05 or the one before: all points within 0.15 m of it are in
+  // blocks that count, whichever it is.
+  EXPECT_EQ(flagsAt(1.14, 0.01, 0.22), kBlockObserved | kBlockUnknown);
+  EXPECT_EQ(flagsAt(1.27, 0.01, 0.22), 0);
+}
+
+TEST(CollisionSceneBuilder, WhatIsLowerThanAPileHasNoUnknownNearIt) {
+  for (const double height_m : {0.03, 0.08}) {
+    BoxWorld world;
+    world.ground_z_m = 0.0;
+    world.ground_half_edge_m = 1.2;
+    world.boxes = {uprightBox({0.8, 0.0, 0.5 * height_m}, {0.4, 0.4, height_m})};
+    world.is_unknown = [](const Eigen::Vector3d& p) { return p.z() > 0.1; };
+    CollisionSceneConfig config = sceneConfig();
+    config.pile_min_height_m = 0.05;
+    CollisionSceneBuilder builder{config};
+    const SceneUpdate update = builder.update(world.surface(0.02), world, kBaseAtOrigin);
+    EXPECT_EQ(update.blocks_unknown > 0, height_m > 0.05) << height_m;
+    EXPECT_EQ(update.blocks_asked > 0, height_m > 0.05) << height_m;
+  }
+}
+
+/// Says of all space that nobody has seen it, and of some that it is under a surface nonetheless.
+class UnsureMap : public MapView {
+ public:
+  explicit UnsureMap(const BoxWorld& world) : world_(world) {}
+  MapAnswers query(const gpis_mapping::Points3d& points_map) const override {
+    MapAnswers answers = world_.query(points_map);
+    for (auto& state : answers.state) state = gpis_mapping::SpaceState::kUnknown;
+    return answers;
+  }
+
+ private:
+  const BoxWorld& world_;
+};
+
+TEST(CollisionSceneBuilder, ANegativeDistanceIsInsideWhateverTheState) {
+  BoxWorld world;
+  world.boxes = {uprightBox({0.8, 0.0, 0.2}, {0.4, 0.4, 0.4})};
+  CollisionSceneBuilder builder{sceneConfig()};
+  builder.update(world.surface(0.02), UnsureMap(world), kBaseAtOrigin);
+  const CollisionScene& scene = *builder.scene();
+  const auto flagsAt = [&](double x, double y, double z) {
+    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, z}))];
+  };
+  EXPECT_EQ(flagsAt(0.81, 0.01, 0.32), kBlockObserved | kBlockInside);
+  EXPECT_EQ(flagsAt(0.81, 0.01, 0.47), kBlockObserved | kBlockUnknown);
+}
+
+TEST(CollisionSceneBuilder, AChunkThatIsGoneIsAskedAboutAnew) {
+  // No ground: with the second brick go all triangles of its chunks.
+  BoxWorld world;
+  world.boxes = {uprightBox({0.7, -0.12, 0.1}, {0.2, 0.2, 0.2}), uprightBox({0.7, 0.12, 0.1}, {0.2, 0.2, 0.2})};
+  CollisionSceneBuilder builder{sceneConfig()};
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  world.boxes.pop_back();
+  const Surface surface = world.surface(0.02);
+  builder.update(surface, world, kBaseAtOrigin);
+  CollisionSceneBuilder scratch{sceneConfig()};
+  scratch.update(surface, world, kBaseAtOrigin);
+  expectSameScene(*builder.scene(), *scratch.scene());
+}
+
+TEST(CollisionSceneBuilder, ShallowEdgesAreDisplacedByTheirMarginToo) {
+  // A roof of two planes that slope by 20 degrees: along the mean normal the ridge would gain 6 % less than each plane.
+  constexpr double kSlope_rad = 20.0 * M_PI / 180.0;
+  Surface roof;
+  for (const double x : {-0.1, 0.0, 0.1}) {
+    for (const double y : {-0.05, 0.05}) {
+      roof.vertices_map.emplace_back(0.8 + x, y, 0.5 - std::abs(x) * std::tan(kSlope_rad));
+      roof.normals_map.emplace_back(0.0F, 0.0F, 0.0F);  // the triangles' own
+    }
+  }
+  roof.triangles = {{0, 2, 1}, {1, 2, 3}, {2, 4, 3}, {3, 4, 5}};
+  BoxWorld world;
+  CollisionSceneConfig config = sceneConfig();
+  config.sigmas = 0.0;
+  CollisionSceneBuilder builder{config};
+  ASSERT_EQ(builder.update(roof, world, kBaseAtOrigin).triangles, 4u);
+  const Eigen::Vector3d left(-std::sin(kSlope_rad), 0.0, std::cos(kSlope_rad));
+  const Eigen::Vector3d right(std::sin(kSlope_rad), 0.0, std::cos(kSlope_rad));
+  int num_ridge = 0;
+  for (const auto& chunk : builder.scene()->chunks) {
+    for (std::size_t v = 0; v < chunk->mapped().size(); ++v) {
+      const Eigen::Vector3d moved = chunk->displaced()[v] - chunk->mapped()[v];
+      const double x = chunk->mapped()[v].x() - 0.8;
+      // Directions are kept to 1e-6 of the margin.
+      if (x < 1e-6) EXPECT_GE(left.dot(moved), 0.005 - 1e-8);
+      if (x > -1e-6) EXPECT_GE(right.dot(moved), 0.005 - 1e-8);
+      if (std::abs(x) < 1e-6) ++num_ridge;
+    }
+  }
+  EXPECT_GE(num_ridge, 2);
+}
+
 TEST(CollisionSceneBuilder, SurvivesDegenerateTrianglesAndCountsThem) {
   const BoxWorld world = bricksOnGround();
   const Surface good = world.surface(0.02);

@@ -523,6 +523,32 @@ TEST(MotionPlanner, PlaceOfTheHeldBrickIsEmpty) {
   EXPECT_EQ(lifted.status, PlanStatus::kSuccess) << lifted.message;
 }
 
+TEST(MotionPlanner, TheLiftEndsWhereTheBrickAsItHangsHasRoomToAllSides) {
+  // Neighbours 1.5 cm from both ends: seen turned by a right angle, the brick would be far from them all along.
+  for (const double yaw_rad : {0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8}) {
+    PickWorld pick = emptyPickWorld();
+    const Eigen::Vector3d middle(0.75, 0.1, 0.1);
+    const Eigen::Vector3d along(0.315 * std::cos(yaw_rad), 0.315 * std::sin(yaw_rad), 0.0);
+    pick.add(middle, yaw_rad);
+    pick.add(middle + along, yaw_rad);
+    pick.add(middle - along, yaw_rad);
+    pick.makeScene();
+    PickTarget target = pick.target(0);
+    target.faces = {BrickFace::kPlusZ};
+    const MotionPlannerConfig config;
+    const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.chute(*shippedArm()));
+    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << yaw_rad << ": " << plan.message;
+    const double rise_m = (shippedArm()->tipPose(plan.lift.points.back().position_rad).translation() -
+                           shippedArm()->tipPose(plan.lift.points.front().position_rad).translation())
+                              .z();
+    // Its underside over their tops: the room, the map's margin (2 sigma of 2 mm and 10 mm), less than a step of the line
+    // and, where triangles turn about an edge, the mitre.
+    const double over_m = rise_m - pick.type.size_m.z();
+    EXPECT_GE(over_m, config.lift_room_m) << yaw_rad;
+    EXPECT_LE(over_m, config.lift_room_m + 0.014 + config.cartesian_step_m + 0.006) << yaw_rad;
+  }
+}
+
 TEST(MotionPlanner, LiftThatIsBlockedIsAnApproachBlocked) {
   // A frame 3 cm over the brick, open where the magnet comes down: the brick cannot go up through it, nor half the way.
   PickWorld pick = emptyPickWorld();
