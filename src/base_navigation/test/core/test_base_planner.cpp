@@ -61,6 +61,7 @@ TEST(BasePlanner, StraightAheadIsOneStraightLine) {
   const Pose2d goal{4.0, 2.0, 0.0};
   const BasePlan plan = planner().plan(share(freeGround(6, 4)), start, goal);
   expectSolved(plan, start, goal);
+  if (HasFatalFailure()) return;
   ASSERT_EQ(plan.path.motions.size(), 1u);
   EXPECT_NEAR(plan.path.motions[0].length_m, 3.0, 1e-9);
   EXPECT_EQ(plan.iterations, 0);
@@ -71,6 +72,7 @@ TEST(BasePlanner, ALittleBackIsDrivenBackwards) {
   const Pose2d goal = moveAlongArc(start, -0.3, 0.0);
   const BasePlan plan = planner().plan(share(freeGround(6, 4)), start, goal);
   expectSolved(plan, start, goal);
+  if (HasFatalFailure()) return;
   ASSERT_EQ(plan.path.motions.size(), 1u);
   EXPECT_NEAR(plan.path.motions[0].length_m, -0.3, 1e-9);
 }
@@ -88,6 +90,7 @@ TEST(BasePlanner, TurnsRoundOnTheSpotInTheOpen) {
   const Pose2d goal{4.5, 2.0, M_PI};
   const BasePlan plan = planner().plan(share(freeGround(6, 4)), start, goal);
   expectSolved(plan, start, goal);
+  if (HasFatalFailure()) return;
   EXPECT_FALSE(reverses(plan.path));  // at 0.1 m/s it would be slower than any way round
   // There with two half turns and one straight line, and back by the approach: what a roboticist would do at worst.
   const BasePath simple{start, {{3.4 - 0.0, 0.0}, {0.0, M_PI}, {0.4, 0.0}}};
@@ -107,6 +110,7 @@ TEST(BasePlanner, LeavesAPileStraightBackUntilItCanTurn) {
       if (!PathOracle(grid, kBaseFootprint).isFree(goal.x_m, goal.y_m, goal.yaw_rad, 0.0)) continue;
       const BasePlan plan = planner().plan(shared, start, goal);
       expectSolved(plan, start, goal);
+      if (HasFatalFailure()) return;
       ASSERT_GE(plan.path.motions.size(), 2u);
       EXPECT_NEAR(plan.path.motions[0].length_m, -expected_m, 1e-9) << gap_m;
       EXPECT_EQ(plan.path.motions[0].turn_rad, 0.0);
@@ -122,6 +126,7 @@ TEST(BasePlanner, LeavesAWallBehindItStraightAhead) {
   const Pose2d goal{2.7, 8.0, 0.5 * M_PI};
   const BasePlan plan = planner().plan(share(grid), start, goal);
   expectSolved(plan, start, goal);
+  if (HasFatalFailure()) return;
   EXPECT_FALSE(reverses(plan.path));
   EXPECT_EQ(plan.path.motions[0].turn_rad, 0.0);
   EXPECT_GE(plan.path.motions[0].length_m, 0.1);  // the circle needs 0.106 m more than there is
@@ -134,6 +139,7 @@ TEST(BasePlanner, ArrivesStraightAndSquare) {
     const Pose2d start{-6.0, 5.0, 1.0};
     const BasePlan plan = planner().plan(scene.grid, start, scene.standing_map[i]);
     expectSolved(plan, start, scene.standing_map[i]);
+    if (HasFatalFailure()) return;
     EXPECT_GE(plan.path.motions.back().length_m, 0.4 - 1e-9);
     EXPECT_EQ(plan.path.motions.back().turn_rad, 0.0);
     EXPECT_FALSE(reverses(plan.path));
@@ -163,6 +169,7 @@ TEST(BasePlanner, EntersADeadEndBackwardsIfItMustFaceOut) {
   const Pose2d goal{6.0, 3.0, M_PI};
   const BasePlan plan = planner().plan(share(grid), start, goal);
   expectSolved(plan, start, goal);
+  if (HasFatalFailure()) return;
   EXPECT_TRUE(reverses(plan.path));
   EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, 0.03 - kBetweenLooks_m, 0.0, 0.4), "");
 }
@@ -188,6 +195,7 @@ TEST(BasePlanner, PassesAGateTooNarrowToTurnIn) {
   const Pose2d goal{7.0, 7.0, 0.5 * M_PI};
   const BasePlan plan = planner().plan(share(grid), start, goal);
   expectSolved(plan, start, goal);
+  if (HasFatalFailure()) return;
   EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, 0.03 - kBetweenLooks_m, 0.0, 0.4), "");
 }
 

@@ -155,5 +155,21 @@ TEST(BasePlannerRandom, NoPathTouchesWhatIsNotFreeOnAThousandGrids) {
   EXPECT_GT(counts[BasePlanStatus::kNoPath] + counts[BasePlanStatus::kIterations], 50);
 }
 
+TEST(BasePlannerRandom, SearchesNothingWhereThereIsRoomToTurnAllTheWay) {
+  BasePlannerConfig config;
+  config.max_iterations = 1;  // chance finds nothing
+  config.shortcut_rounds = 5;
+  const BasePlanner planner(config, kBaseLimits, kBaseFootprint);
+  int wide = 0;
+  for (std::uint64_t seed = 1; seed <= 150; ++seed) {
+    const Problem problem = randomProblem(seed);
+    if (!hasWideWay(problem, config)) continue;
+    ++wide;
+    const BasePlan plan = planner.plan(std::make_shared<NavigationGrid>(problem.grid), problem.start, problem.goal);
+    EXPECT_EQ(plan.status, BasePlanStatus::kSolved) << "seed " << seed << ": " << plan.message;
+  }
+  EXPECT_GT(wide, 30);
+}
+
 }  // namespace
 }  // namespace base_navigation
