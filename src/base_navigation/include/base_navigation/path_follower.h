@@ -12,8 +12,8 @@ namespace base_navigation {
 struct PathFollowerConfig {
   // Kanayama et al. 1990, "A stable tracking control method for an autonomous mobile robot": error -> correction.
   double gain_along_1_s{2.0};
-  double gain_across_1_m2{110.0};
-  double gain_yaw_1_m{17.0};
+  double gain_across_1_m2{121.0};
+  double gain_yaw_1_m{17.5};
   // The two gains above make an oscillator of sqrt(gain_across) * speed; where that is faster than this, which must be
   // slow against the lag of drives and localisation, they are lowered, the damping kept.
   double max_correction_1_s{2.0};
