@@ -12,13 +12,15 @@ namespace base_navigation {
 struct PathFollowerConfig {
   // Kanayama et al. 1990, "A stable tracking control method for an autonomous mobile robot": error -> correction.
   double gain_along_1_s{2.0};
-  double gain_across_1_m2{144.0};
-  double gain_yaw_1_m{20.0};
+  double gain_across_1_m2{121.0};
+  double gain_yaw_1_m{17.5};
   // The two gains above make an oscillator of sqrt(gain_across) * speed; where that is faster than this, which must be
   // slow against the lag of drives and localisation, they are lowered, the damping kept.
   double max_correction_1_s{2.0};
-  double gain_turn_1_s{2.0};         // of turns on the spot, angle error -> rate
-  double lag_s{0.09};                // of commands and drives: corrected is where the base will be after so long
+  double gain_turn_1_s{2.0};  // of turns on the spot, angle error -> rate
+  double lag_s{0.09};         // of commands and drives: corrected is where the base will be after so long
+  double noise_share{
+      0.2};  // of the difference to the pose expected that is believed: averages the localisation's noise
   double speed_reserve{0.9};         // of the limits of speed, for what is planned: the rest is for corrections
   double acceleration_reserve{0.8};  // likewise of acceleration
   double wait_m{0.05};       // the reference goes slower for a base that lags by half of this, and waits at all of it
@@ -108,6 +110,7 @@ class PathFollower {
   double curvatureAt(double at_m) const;
   double yawAheadOf(double at_m) const;
   Pose2d expected(const Pose2d& pose_map) const;
+  void observe(const Pose2d& pose_map, double dt_s);
   Error errorOf(const Pose2d& pose_map) const;
   Twist2d law(const Error& error, double speed) const;
   Twist2d limited(const Twist2d& wanted, double dt_s) const;
@@ -126,6 +129,7 @@ class PathFollower {
   double progress_{0.0};      // of the reference along the stretch [m], or [rad] of a turn on the spot; not negative
   double reference_speed_{0.0};
   Twist2d last_;
+  std::optional<Pose2d> smooth_map_;  // of the base: what was commanded, corrected by what was measured
 };
 
 }  // namespace base_navigation

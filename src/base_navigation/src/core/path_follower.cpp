@@ -47,6 +47,7 @@ std::vector<std::string> PathFollowerConfig::validate() const {
   check("gain_turn_1_s", gain_turn_1_s, 0.1, 20.0, "1/s");
   check("lag_s", lag_s, 0.0, 0.5, "s");
   check("acceleration_reserve", acceleration_reserve, 0.1, 1.0, "");
+  check("noise_share", noise_share, 0.01, 1.0, "");
   check("speed_reserve", speed_reserve, 0.1, 1.0, "");
   check("wait_m", wait_m, 0.001, std::max(0.001, max_error_m), "m");
   check("wait_rad", wait_rad, 0.001, std::max(0.001, max_error_rad), "rad");
@@ -81,6 +82,7 @@ void PathFollower::start(const BasePath& path) {
   }
   stretch_ = 0;
   stretch_at_m_ = 0.0;
+  smooth_map_.reset();
   beginStretch();
 }
 
@@ -113,6 +115,17 @@ void PathFollower::beginStretch() {
         std::pow(24.0 * kRampAcross_m * turning_rad_s2 * turning_rad_s2 / (step * step * step), 0.25);
     const double speed_m_s = std::min({pieces_[i - 1].max_speed_m_s, pieces_[i].max_speed_m_s, slow_m_s});
     joints_.push_back({pieces_[i].begin_m, step_1_m, 0.5 * step * speed_m_s * speed_m_s / turning_rad_s2, speed_m_s});
+  }
+  // Ramps do not overlap: together they would turn faster than either. Half their length goes with the speed squared.
+  constexpr double kSlowest_m_s = 0.05;
+  for (std::size_t i = 1; i < joints_.size(); ++i) {
+    const double share = (joints_[i].at_m - joints_[i - 1].at_m) / (joints_[i].half_m + joints_[i - 1].half_m);
+    if (share >= 1.0) continue;
+    for (Joint* joint : {&joints_[i - 1], &joints_[i]}) {
+      const double slower_m_s = std::max(std::min(kSlowest_m_s, joint->speed_m_s), joint->speed_m_s * std::sqrt(share));
+      joint->half_m *= (slower_m_s / joint->speed_m_s) * (slower_m_s / joint->speed_m_s);
+      joint->speed_m_s = slower_m_s;
+    }
   }
 }
 
@@ -175,6 +188,22 @@ double PathFollower::yawAheadOf(double at_m) const {
 /// Where the base will be when the next command takes effect.
 Pose2d PathFollower::expected(const Pose2d& pose_map) const {
   return moveAlongArc(pose_map, config_.lag_s * last_.linear_m_s, config_.lag_s * last_.angular_rad_s);
+}
+
+/// Takes in a measured pose. What differs much is no noise.
+void PathFollower::observe(const Pose2d& pose_map, double dt_s) {
+  if (smooth_map_) {
+    const Pose2d predicted = moveAlongArc(*smooth_map_, dt_s * last_.linear_m_s, dt_s * last_.angular_rad_s);
+    const Eigen::Vector2d off = pose_map.position() - predicted.position();
+    const double off_rad = wrapAngle(pose_map.yaw_rad - predicted.yaw_rad);
+    if (off.norm() < 0.5 * config_.max_error_m && std::abs(off_rad) < 0.5 * config_.max_error_rad) {
+      const double share = config_.noise_share;
+      smooth_map_ = Pose2d{predicted.x_m + share * off.x(), predicted.y_m + share * off.y(),
+                           wrapAngle(predicted.yaw_rad + share * off_rad)};
+      return;
+    }
+  }
+  smooth_map_ = pose_map;
 }
 
 PathFollower::Error PathFollower::errorOf(const Pose2d& pose_map) const {
@@ -309,9 +338,12 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     const double allowed = speed_factor * cruise;
     reference_speed_ = std::clamp(std::min(planned, allowed), reference_speed_ - braking * dt_s,
                                   reference_speed_ + planned_acceleration * dt_s);
-    const Pose2d expected_map = expected(pose_map);
+    observe(pose_map, dt_s);
+    const Pose2d expected_map = expected(*smooth_map_);
     Error error = errorOf(expected_map);
-    const double lag = stretch.is_turn ? sense * error.yaw_rad : sense * error.along_m;
+    // As measured: a base that is held is not where it is expected.
+    const double behind = stretch.is_turn ? sense * off.yaw_rad : sense * off.along_m;
+    const double lag = behind - config_.lag_s * reference_speed_;
     const double share = waiting(lag, stretch.is_turn ? config_.wait_rad : config_.wait_m);
     progress_ = std::min(length, progress_ + share * reference_speed_ * dt_s);
     error = errorOf(expected_map);
@@ -328,6 +360,7 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     const double settle = stretch.is_turn ? config_.settle_rad : config_.settle_m;
     is_over_ = (!stretch.is_turn && left <= settle) || (std::abs(left) <= settle && progress_ >= length - settle);
   } else {
+    observe(pose_map, dt_s);
     last_ = pause(dt_s);
   }
 
@@ -366,6 +399,7 @@ bool PathFollower::resume(const Pose2d& pose_map) {
     best_progress = progress_;
   }
   progress_ = best <= 0.5 ? best_progress : before;
+  smooth_map_.reset();
   reference_speed_ = 0.0;
   return best <= 0.5;
 }

