@@ -39,7 +39,9 @@ void visitFollowerFields(Config& config, Visitor&& visit) {
   visit("follow/gain_yaw_1_m", config.gain_yaw_1_m);
   visit("follow/max_correction_1_s", config.max_correction_1_s);
   visit("follow/gain_turn_1_s", config.gain_turn_1_s);
+  visit("follow/lag_s", config.lag_s);
   visit("follow/speed_reserve", config.speed_reserve);
+  visit("follow/acceleration_reserve", config.acceleration_reserve);
   visit("follow/wait_m", config.wait_m);
   visit("follow/wait_rad", config.wait_rad);
   visit("follow/max_error_m", config.max_error_m);
