@@ -340,13 +340,12 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
                                   reference_speed_ + planned_acceleration * dt_s);
     observe(pose_map, dt_s);
     const Pose2d expected_map = expected(*smooth_map_);
-    Error error = errorOf(expected_map);
     // As measured: a base that is held is not where it is expected.
     const double behind = stretch.is_turn ? sense * off.yaw_rad : sense * off.along_m;
     const double lag = behind - config_.lag_s * reference_speed_;
     const double share = waiting(lag, stretch.is_turn ? config_.wait_rad : config_.wait_m);
     progress_ = std::min(length, progress_ + share * reference_speed_ * dt_s);
-    error = errorOf(expected_map);
+    const Error error = errorOf(expected_map);
 
     Twist2d twist = law(error, reference_speed_);
     // A correction does not make the base faster than the guard allows, the braking within the limits apart.
