@@ -132,8 +132,9 @@ class NavigationWorld {
     goal.target_pose.pose.orientation.w = std::cos(0.5 * goal_map.yaw_rad);
     outcomes_.clear();
     goal_ = client_.sendGoal(goal);
-    // Until the server has it: with which step it begins does not depend on the machine.
-    EXPECT_TRUE(waitUntil([this] { return goal_.getCommState() != actionlib::CommState::WAITING_FOR_GOAL_ACK; }));
+    // The server answers with a step of its own.
+    EXPECT_TRUE(goOn(1.0, [this] { return goal_.getCommState() != actionlib::CommState::WAITING_FOR_GOAL_ACK; }))
+        << "nobody takes the goal";
   }
 
   NavigationOutcome finish(double at_most_s, const std::function<void()>& each_step = {}) {
@@ -253,6 +254,11 @@ class NavigationTest : public testing::Test {
     EXPECT_EQ(world->judge.collisions, collisions_before_) << world->incidents;
   }
 
+  /// With its text, which tells the reason when it is another. `status` is one of NavigationOutcome's.
+  static void expectOutcome(const NavigationOutcome& outcome, int status) {
+    EXPECT_EQ(static_cast<int>(outcome.status), status) << outcome.message << "\n" << world->incidents;
+  }
+
   static void expectAt(const Pose2d& expected) {
     // Issue 7: within 3 cm and 3 degrees.
     EXPECT_LT(std::hypot(world->pose.x_m - expected.x_m, world->pose.y_m - expected.y_m), 0.03)
@@ -267,11 +273,5 @@ class NavigationTest : public testing::Test {
  private:
   int collisions_before_{0};
 };
-
-/// Outcomes compared with their text, which tells the reason when they differ.
-#define EXPECT_OUTCOME(outcome, expected)                                                      \
-  EXPECT_EQ(static_cast<int>((outcome).status), static_cast<int>(NavigationOutcome::expected)) \
-      << (outcome).message << "\n"                                                             \
-      << world->incidents
 
 }  // namespace sim_tests_ros
