@@ -149,6 +149,13 @@ class NavigationWorld {
 
   void cancel() { goal_.cancel(); }
 
+  /// What a test that failed has left open must not spoil the next one.
+  void abandon() {
+    if (goal_.isExpired() || goal_.getCommState() == actionlib::CommState::DONE) return;
+    goal_.cancel();
+    EXPECT_TRUE(goOn(20.0, [this] { return goal_.getCommState() == actionlib::CommState::DONE; }));
+  }
+
   std::string inject(const std::string& kind, double duration_s = 0.0, double value = 0.0, double value2 = 0.0) {
     sim_tests::InjectFault fault;
     fault.request.kind = kind;
@@ -250,6 +257,7 @@ class NavigationTest : public testing::Test {
   }
   void TearDown() override {
     if (!is_ready) return;
+    world->abandon();
     world->goOn(0.6);  // until the judge has told
     EXPECT_EQ(world->judge.collisions, collisions_before_) << world->incidents;
   }

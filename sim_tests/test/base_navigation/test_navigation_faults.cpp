@@ -72,11 +72,11 @@ TEST_F(NavigationFaults, StopsForAPersonAndGoesOnWhenTheyLeave) {
   world->send({1.2, 1.2, 0.0});
   ASSERT_TRUE(world->goOn(30.0, [] { return speed() > 0.45; })) << world->state.reason;
   const Pose2d person = ahead(kFront_m + 0.9 + kObstacleRadius_m);
-  ASSERT_EQ(world->injectObstacle(person.x_m, person.y_m, 6.0), "");
+  ASSERT_EQ(world->injectObstacle(person.x_m, person.y_m, 12.0), "");
   double nearest_m = std::numeric_limits<double>::infinity();
   const auto watch = [&] { nearest_m = std::min(nearest_m, distanceTo(person) - kFront_m - kObstacleRadius_m); };
   ASSERT_TRUE(world->goOn(
-      5.9, [] { return world->state.phase == NavigationState::BLOCKED && speed() == 0.0; }, watch))
+      11.9, [] { return world->state.phase == NavigationState::BLOCKED && speed() == 0.0; }, watch))
       << "phase " << static_cast<int>(world->state.phase);
   EXPECT_NE(world->state.reason, "");
   EXPECT_GT(nearest_m, 0.0);
