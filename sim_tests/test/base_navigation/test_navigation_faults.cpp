@@ -66,7 +66,7 @@ TEST_F(NavigationFaults, ArrivesThoughOdometryDrifts) {
 }
 
 // 0.9 m before the front of a base at 0.45 m/s, which takes 0.5 m and a scan to stop within its limits.
-TEST_F(NavigationFaults, StopsForAPersonAndGoesOnWhenTheyLeave) {
+TEST_F(NavigationFaults, ArrivesWithoutTouchingAPersonWhoLeaves) {
   beginInTheWest();
   ASSERT_FALSE(HasFatalFailure());
   world->send({1.2, 1.2, 0.0});
@@ -75,12 +75,9 @@ TEST_F(NavigationFaults, StopsForAPersonAndGoesOnWhenTheyLeave) {
   ASSERT_EQ(world->injectObstacle(person.x_m, person.y_m, 12.0), "");
   double nearest_m = std::numeric_limits<double>::infinity();
   const auto watch = [&] { nearest_m = std::min(nearest_m, distanceTo(person) - kFront_m - kObstacleRadius_m); };
-  ASSERT_TRUE(world->goOn(
-      11.9, [] { return world->state.phase == NavigationState::BLOCKED && speed() == 0.0; }, watch))
-      << "phase " << static_cast<int>(world->state.phase);
-  EXPECT_NE(world->state.reason, "");
+  // It waits, or finds a way round before they leave: both are right.
+  expectOutcome(world->finish(120.0, watch), NavigationOutcome::SUCCESS);
   EXPECT_GT(nearest_m, 0.0);
-  expectOutcome(world->finish(120.0), NavigationOutcome::SUCCESS);
   expectAt({1.2, 1.2, 0.0});
 }
 
