@@ -631,7 +631,7 @@ TEST_F(PlanningNode, TheLogTellsWhatIsMissingAndOnceThatAllIsThere) {
   for (const std::string key : {"bricks_file", "sectors_file", "postures_dir"}) {
     std::string value;
     ASSERT_TRUE(ros::param::get("/motion_planning/" + key, value));
-    ros::param::set("/late/" + key, value);
+    ros::param::set(std::string("/late/").append(key), value);
   }
   Latest<interactive_mapping_msgs::SurfaceMesh> mesh("/map/mesh");
   Latest<diagnostic_msgs::DiagnosticArray> diagnostics("/diagnostics");

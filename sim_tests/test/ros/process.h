@@ -23,6 +23,7 @@ class Process {
  public:
   Process(std::vector<std::string> arguments, const std::string& log_file) : log_file_(log_file) {
     std::vector<char*> argv;
+    argv.reserve(arguments.size() + 1);
     for (std::string& argument : arguments) argv.push_back(argument.data());
     argv.push_back(nullptr);
     posix_spawn_file_actions_t actions;

@@ -185,8 +185,7 @@ std::string whyNotHeld(const RobotModel& robot, const HeldBrick& brick) {
   } else if (!brick.T_frame_brick.matrix().allFinite() ||
              !brick.T_frame_brick.linear().isUnitary(1e-6)) {  // rounding of a quaternion
     text << "the brick's pose is not finite or no rotation";
-  } else if (!brick.size_m.allFinite() || brick.size_m.minCoeff() <= 0.0 ||
-             brick.size_m.maxCoeff() > kMaxBrickEdge_m) {
+  } else if (!brick.size_m.allFinite() || brick.size_m.minCoeff() <= 0.0 || brick.size_m.maxCoeff() > kMaxBrickEdge_m) {
     text << "the brick's edges are " << brick.size_m.transpose() << " m, must be in (0, " << kMaxBrickEdge_m << "] m";
   }
   return text.str();
