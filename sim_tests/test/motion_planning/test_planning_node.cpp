@@ -494,7 +494,7 @@ TEST_F(PlanningNode, TheMonitorCallsForAStopWhenSomethingComesIntoTheWay) {
   ASSERT_TRUE(call("/motion_planning/watch", late));
   EXPECT_FALSE(late.response.success);
   EXPECT_PRED2(has, late.response.message, "start is 600.0");
-  char lasts[64];
+  char lasts[512];
   std::snprintf(lasts, sizeof(lasts), "ago, the trajectory lasts %.3f s: it has ended; watch %u goes on",
                 plan.approach.points.back().time_from_start.toSec(), next);
   EXPECT_PRED2(has, late.response.message, lasts);

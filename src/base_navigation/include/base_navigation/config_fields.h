@@ -40,6 +40,7 @@ void visitFollowerFields(Config& config, Visitor&& visit) {
   visit("follow/max_correction_1_s", config.max_correction_1_s);
   visit("follow/gain_turn_1_s", config.gain_turn_1_s);
   visit("follow/lag_s", config.lag_s);
+  visit("follow/noise_share", config.noise_share);
   visit("follow/speed_reserve", config.speed_reserve);
   visit("follow/acceleration_reserve", config.acceleration_reserve);
   visit("follow/wait_m", config.wait_m);

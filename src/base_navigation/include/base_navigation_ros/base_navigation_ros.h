@@ -103,6 +103,7 @@ class BaseNavigationRos {
   base_navigation::Twist2d odometry_twist_;
   base_navigation::Pose2d T_map_odom_;
   ros::Time localisation_stamp_;  // zero: none has come
+  bool is_localisation_late_{false};
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>>> new_scans_;
   std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>> scan_;
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::NavigationGrid>>> new_ground_;

@@ -358,14 +358,17 @@ void BaseNavigationRos::onGround(const nav_msgs::OccupancyGridConstPtr& message)
 }
 
 void BaseNavigationRos::lookUpLocalisation(const ros::Time& stamp) {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(params_.pose.wait_s);
-  while (params_.pose.wait_s > 0.0 && !tf_.canTransform(params_.map_frame, params_.odom_frame, stamp) &&
+  // Once waited for in vain: not again until it comes by itself.
+  const double wait_s = is_localisation_late_ ? 0.0 : params_.pose.wait_s;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(wait_s);
+  while (wait_s > 0.0 && !tf_.canTransform(params_.map_frame, params_.odom_frame, stamp) &&
          std::chrono::steady_clock::now() < deadline) {
     std::this_thread::sleep_for(kPollPeriod);  // tf's buffer has no event that one thread can wait for
   }
   std::string problem;
   try {
-    const bool at_stamp = params_.pose.wait_s > 0.0 && tf_.canTransform(params_.map_frame, params_.odom_frame, stamp);
+    const bool at_stamp = tf_.canTransform(params_.map_frame, params_.odom_frame, stamp);
+    is_localisation_late_ = !at_stamp;
     const auto message = tf_.lookupTransform(params_.map_frame, params_.odom_frame, at_stamp ? stamp : ros::Time(0));
     if (const std::optional<Eigen::Isometry3d> T = toIsometry(message.transform)) {
       T_map_odom_ = toPlane(*T);

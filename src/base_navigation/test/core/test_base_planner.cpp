@@ -20,6 +20,7 @@ namespace {
 using testing::HasSubstr;
 
 // Poses between two looks of the planner's last check are within an eighth of a cell of one of them.
+const double kPadding_m = BasePlannerConfig().padding_m;
 constexpr double kBetweenLooks_m = 0.05 / 8;
 
 std::shared_ptr<const NavigationGrid> share(NavigationGrid grid) {
@@ -101,8 +102,8 @@ TEST(BasePlanner, LeavesAPileStraightBackUntilItCanTurn) {
   NavigationGrid grid = freeGround(10, 10);
   fillRectangle(&grid, 5.35, 3.0, 7.0, 7.0, SpaceState::kOccupied);
   const auto shared = share(grid);
-  // The circle of the padded footprint: 0.6454 m from base_link; steps of 5 cm.
-  const double radius_m = circumscribedRadius(padPolygon(kBaseFootprint, 0.03));
+  // The circle of the padded footprint; steps of 5 cm.
+  const double radius_m = circumscribedRadius(padPolygon(kBaseFootprint, kPadding_m));
   for (const double gap_m : {0.01, 0.024, 0.054}) {
     const Pose2d start{5.35 - 0.296 - gap_m, 5.0, 0.0};
     const double expected_m = std::ceil((radius_m - 0.296 - gap_m) / 0.05) * 0.05;
@@ -114,7 +115,8 @@ TEST(BasePlanner, LeavesAPileStraightBackUntilItCanTurn) {
       ASSERT_GE(plan.path.motions.size(), 2u);
       EXPECT_NEAR(plan.path.motions[0].length_m, -expected_m, 1e-9) << gap_m;
       EXPECT_EQ(plan.path.motions[0].turn_rad, 0.0);
-      EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, 0.03 - kBetweenLooks_m, expected_m, 0.4), "");
+      EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, kPadding_m - kBetweenLooks_m, expected_m, 0.4),
+                "");
     }
   }
 }
@@ -130,7 +132,7 @@ TEST(BasePlanner, LeavesAWallBehindItStraightAhead) {
   EXPECT_FALSE(reverses(plan.path));
   EXPECT_EQ(plan.path.motions[0].turn_rad, 0.0);
   EXPECT_GE(plan.path.motions[0].length_m, 0.1);  // the circle needs 0.106 m more than there is
-  EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, 0.03 - kBetweenLooks_m, 0.05, 0.4), "");
+  EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, kPadding_m - kBetweenLooks_m, 0.05, 0.4), "");
 }
 
 TEST(BasePlanner, ArrivesStraightAndSquare) {
@@ -171,7 +173,7 @@ TEST(BasePlanner, EntersADeadEndBackwardsIfItMustFaceOut) {
   expectSolved(plan, start, goal);
   if (HasFatalFailure()) return;
   EXPECT_TRUE(reverses(plan.path));
-  EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, 0.03 - kBetweenLooks_m, 0.0, 0.4), "");
+  EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, kPadding_m - kBetweenLooks_m, 0.0, 0.4), "");
 }
 
 TEST(BasePlanner, CannotTurnRoundInANarrowCorridor) {
@@ -196,7 +198,7 @@ TEST(BasePlanner, PassesAGateTooNarrowToTurnIn) {
   const BasePlan plan = planner().plan(share(grid), start, goal);
   expectSolved(plan, start, goal);
   if (HasFatalFailure()) return;
-  EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, 0.03 - kBetweenLooks_m, 0.0, 0.4), "");
+  EXPECT_EQ(PathOracle(grid, kBaseFootprint).complain(plan.path, kPadding_m - kBetweenLooks_m, 0.0, 0.4), "");
 }
 
 TEST(BasePlanner, SaysWhyThereIsNoPath) {

@@ -415,8 +415,12 @@ TEST(CollisionSceneBuilder, ShallowEdgesAreDisplacedByTheirMarginToo) {
       const Eigen::Vector3d moved = chunk->displaced()[v] - chunk->mapped()[v];
       const double x = chunk->mapped()[v].x() - 0.8;
       // Directions are kept to 1e-6 of the margin.
-      if (x < 1e-6) EXPECT_GE(left.dot(moved), 0.005 - 1e-8);
-      if (x > -1e-6) EXPECT_GE(right.dot(moved), 0.005 - 1e-8);
+      if (x < 1e-6) {
+        EXPECT_GE(left.dot(moved), 0.005 - 1e-8);
+      }
+      if (x > -1e-6) {
+        EXPECT_GE(right.dot(moved), 0.005 - 1e-8);
+      }
       if (std::abs(x) < 1e-6) ++num_ridge;
     }
   }
