@@ -23,7 +23,7 @@ enum class FaultKind {
   kScannerGone,       ///< no scans
   kOdometryGone,      ///< the base's driver says nothing; it still hears
   kLocalisationGone,  ///< nobody says where `odom` is in the map
-  kLocalisationJump,  ///< the localised pose is off by value [m] along the map's x and value2 [rad]
+  kLocalisationJump,  ///< map -> odom jumps: the base is off by value [m] along x and value2 [rad]
   kObstacle,          ///< somebody stands at T_map_object, see obstacle.h. Each has an end of its own
 };
 

@@ -178,7 +178,7 @@ class Simulation {
   std::vector<Tick::Image> images_on_their_way_;
   std::optional<ToolWrench> wrench_zero_;
   Pose2d map_to_odom_;
-  Pose2d localisation_error_;  // of the map's axes, and of the heading
+  Pose2d localisation_error_;  // from the true map frame to the one that is told of
   std::map<std::uint64_t, int> obstacle_of_fault_;
   std::optional<int> target_;
   std::int64_t now_ns_;

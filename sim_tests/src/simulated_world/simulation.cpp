@@ -278,10 +278,10 @@ Simulation::Tick Simulation::tick() {
     double y = 0.0;
     random_.normalPair(x, y);
     const double turn = random_.normal();
-    Pose2d seen = world_->basePose();
-    seen.x_m += config_.localisation_std_m * x + localisation_error_.x_m;
-    seen.y_m += config_.localisation_std_m * y + localisation_error_.y_m;
-    seen.yaw_rad += config_.localisation_std_rad * turn + localisation_error_.yaw_rad;
+    Pose2d seen = compose(localisation_error_, world_->basePose());
+    seen.x_m += config_.localisation_std_m * x;
+    seen.y_m += config_.localisation_std_m * y;
+    seen.yaw_rad += config_.localisation_std_rad * turn;
     if (tick.has_odometry) {  // without, there is nothing to correct: it stays with what it said last
       map_to_odom_ = compose(seen, inverse(drive_->odometry()));
     }
@@ -608,9 +608,11 @@ void Simulation::beginFault(const FaultSchedule::Change& change, Tick* tick) {
     case FaultKind::kLocalisationGone:
       localisation_gone_ = true;
       break;
-    case FaultKind::kLocalisationJump:
-      localisation_error_ = {fault.value, 0.0, fault.value2};
-      break;
+    case FaultKind::kLocalisationJump: {
+      // As a whole: who turns the map's frame turns the way driven in it, too.
+      const Pose2d truth = world_->basePose();
+      localisation_error_ = compose({truth.x_m + fault.value, truth.y_m, truth.yaw_rad + fault.value2}, inverse(truth));
+    } break;
     case FaultKind::kObstacle:
       if (const std::string problem = placeProblem(fault); !problem.empty()) {
         note += " refused: " + problem;

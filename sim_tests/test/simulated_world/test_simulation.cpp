@@ -421,7 +421,7 @@ TEST(Simulation, LocalisationGoneLeavesOdometry) {
   EXPECT_EQ(robot.localisations, 50);
 }
 
-TEST(Simulation, LocalisationJumpIsOffByWhatIsAskedForWhereverTheRobotIs) {
+TEST(Simulation, LocalisationJumpMovesTheMapUnderTheRobotAsAWhole) {
   Robot robot(configFor("single_brick"));
   Fault jump = fault(FaultKind::kLocalisationJump, 3.0);
   jump.value = 0.5;
@@ -439,11 +439,19 @@ TEST(Simulation, LocalisationJumpIsOffByWhatIsAskedForWhereverTheRobotIs) {
   robot.sim.addFault(jump);
   robot.run(0.02);
   expectOff(0.5, -0.1);
+  const Pose2d truth_before = robot.sim.world().basePose();
+  const Pose2d before = compose(robot.sim.mapToOdom(), robot.sim.drive().odometry());
   for (int i = 0; i < 200; ++i) {
     robot.sim.commandBase({0.4, 0.5});
     robot.step();
   }
-  expectOff(0.5, -0.1);
+  // What is driven is driven in the new frame: seen from where the robot was, it is the same.
+  const Pose2d driven = compose(inverse(truth_before), robot.sim.world().basePose());
+  const Pose2d told = compose(inverse(before), compose(robot.sim.mapToOdom(), robot.sim.drive().odometry()));
+  EXPECT_GT(std::hypot(driven.x_m, driven.y_m), 0.2);
+  EXPECT_NEAR(told.x_m, driven.x_m, 1e-9);
+  EXPECT_NEAR(told.y_m, driven.y_m, 1e-9);
+  EXPECT_NEAR(told.yaw_rad, driven.yaw_rad, 1e-9);
   robot.run(1.0);
   expectOff(0.0, 0.0);
 }

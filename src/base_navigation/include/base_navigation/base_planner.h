@@ -13,7 +13,7 @@
 namespace base_navigation {
 
 struct BasePlannerConfig {
-  double padding_m{0.05};  // of the footprint on the way; more than the guard's margin, or it stops what was planned
+  double padding_m{0.06};  // of the footprint on the way; more than the guard's margin, or it stops what was planned
   double goal_padding_m{0.0};  // at the goal and on the last approach, where the robot comes near on purpose
   double approach_m{0.4};      // the way ends with so much straight ahead, ...
   double min_approach_m{0.1};  // ... or at least so much, where there is no room; more room to turn goes before length

@@ -35,13 +35,13 @@ struct GridFusionConfig {
   double scan_obstacle_range_m{8.0};  // echoes farther away are not entered
   double obstacle_memory_s{60.0};     // an echo that no later beam has passed through stands so long
   double max_range_m{15.0};           // the grid reaches so far from the robot
-  double standing_padding_m{0.05};    // the robot's present place, free whatever was seen there, is larger by this
+  double standing_padding_m{0.1};  // unknown ground so near to where the robot stands is free: it could not leave else
 
   std::vector<std::string> validate() const;
 };
 
 /// Free, occupied and unknown ground from four sources, in this order:
-/// 1. where the robot stands is free;
+/// 1. where the robot stands is free; unknown ground within standing_padding_m of it, too;
 /// 2. the map (surface above the estimated ground) or the scanner sees something: occupied;
 /// 3. the map or the scanner has seen free ground, or the robot has been there: free;
 /// 4. unknown.

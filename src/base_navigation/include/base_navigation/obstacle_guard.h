@@ -11,7 +11,7 @@
 namespace base_navigation {
 
 struct ObstacleGuardConfig {
-  double margin_m{0.03};      // echoes stay so far off the footprint; less than the stand-off from a pile
+  double margin_m{0.04};      // echoes stay so far off the footprint; less than the stand-off from a pile
   double latency_s{0.25};     // from an echo to the first effect of a command: scan period, transport, drives
   double braking_share{0.7};  // of the linear and turning deceleration that is counted on
   double look_ahead_m{3.0};   // at least what it takes to stop from the highest speed

@@ -352,14 +352,19 @@ std::shared_ptr<const NavigationGrid> GridFusion::build(const Pose2d& T_map_base
     }
   }
 
-  const PolygonRaster raster(grid, state.standing, T_map_base);
-  for (int row = std::max(raster.firstRow(), 0); row <= std::min(raster.lastRow(), grid.height - 1); ++row) {
-    int first, last;
-    raster.touched(row, &first, &last);
-    for (int column = std::max(first, 0); column <= std::min(last, grid.width - 1); ++column) {
-      grid.state[grid.index(column, row)] = SpaceState::kFree;
+  const auto stand = [&grid, &T_map_base](const Polygon& place, bool is_occupied_freed) {
+    const PolygonRaster raster(grid, place, T_map_base);
+    for (int row = std::max(raster.firstRow(), 0); row <= std::min(raster.lastRow(), grid.height - 1); ++row) {
+      int first, last;
+      raster.touched(row, &first, &last);
+      for (int column = std::max(first, 0); column <= std::min(last, grid.width - 1); ++column) {
+        SpaceState& cell = grid.state[grid.index(column, row)];
+        if (is_occupied_freed || cell == SpaceState::kUnknown) cell = SpaceState::kFree;
+      }
     }
-  }
+  };
+  stand(state.footprint, true);
+  stand(state.standing, false);
   return trimmed(grid, low);
 }
 

@@ -306,12 +306,13 @@ void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
     new_ground_.clear();
     scan_ = {};
     ground_stamp_ = grid_built_ = grid_published_ = markers_published_ = feedback_published_ = ros::Time();
-    localisation_stamp_ = ros::Time();
+    localisation_stamp_ = last_step_ = ros::Time();
     tf_.clear();
     is_grid_old_ = true;
   }
   odometry_twist_ = {twist.linear.x, twist.angular.z};
-  step(stamp);
+  // The watchdog may have gone ahead of messages that wait here, after a long plan: time does not run back for that.
+  step(std::max(stamp, last_step_));
 }
 
 void BaseNavigationRos::onScan(const sensor_msgs::LaserScanConstPtr& message) {
@@ -415,6 +416,7 @@ void BaseNavigationRos::onWatchdog() {
 }
 
 void BaseNavigationRos::step(const ros::Time& now) {
+  last_step_ = now;
   lookUpLocalisation(now);
   const Pose2d T_odom_base = odometry_.isEmpty() ? Pose2d() : odometry_.newest();
   const Pose2d T_map_base = compose(T_map_odom_, T_odom_base);
