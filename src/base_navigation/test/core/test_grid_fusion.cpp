@@ -316,16 +316,21 @@ TEST(GridFusion, TrackIsFreeWhereItWasCovered) {
   }
 }
 
-TEST(GridFusion, PlaceWhereTheRobotStandsIsFreeForItsPaddedFootprint) {
+TEST(GridFusion, PlaceWhereTheRobotStandsIsFreeAndUnknownGroundABitAround) {
   std::mt19937 engine(15);
   std::uniform_real_distribution<double> place(-2.0, 2.0), yaw(-M_PI, M_PI);
-  GridFusion fusion(GridFusionConfig(), kBody);
-  fusion.setMap(ground(SpaceState::kOccupied));
-  for (int round = 0; round < 50; ++round) {
-    const Pose2d pose{place(engine), place(engine), yaw(engine)};
-    const auto grid = fusion.build(pose, 0.0);
-    EXPECT_TRUE(FootprintChecker(grid, kBody, 0.05).isFree(pose));
-    EXPECT_FALSE(FootprintChecker(grid, kBody, 0.05 + 0.0708).isFree(pose));  // a cell's diagonal more is not
+  const double padding_m = GridFusionConfig().standing_padding_m;
+  constexpr double kDiagonal_m = 0.0708;  // of a cell
+  for (const SpaceState around : {SpaceState::kOccupied, SpaceState::kUnknown}) {
+    GridFusion fusion(GridFusionConfig(), kBody);
+    fusion.setMap(ground(around));
+    const double free_m = around == SpaceState::kOccupied ? 0.0 : padding_m;  // a pile beside it stays where it is
+    for (int round = 0; round < 50; ++round) {
+      const Pose2d pose{place(engine), place(engine), yaw(engine)};
+      const auto grid = fusion.build(pose, 0.0);
+      EXPECT_TRUE(FootprintChecker(grid, kBody, free_m).isFree(pose));
+      EXPECT_EQ(FootprintChecker(grid, kBody, free_m + kDiagonal_m).check(pose).state, around);
+    }
   }
 }
 
