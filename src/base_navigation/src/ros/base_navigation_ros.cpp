@@ -37,6 +37,8 @@ constexpr double kMaxScanAge_s = 1.0;         // an older scan is not entered in
 constexpr double kShowPeriod_s = 0.2;         // of markers and feedback
 constexpr double kPathStep_m = 0.05;          // between the poses of ~path
 constexpr double kMaxGoalTfWait_s = 0.5;  // how far a goal's stamp may be ahead of tf, and wall time it is waited for
+constexpr double kMaxOrigin_m =
+    4e4;  // of odometry and localisation from their origins: the grid's indices end at 100 km
 constexpr std::size_t kMaxDistancePoses = 100000;
 constexpr std::chrono::microseconds kPollPeriod(500);
 
@@ -280,6 +282,9 @@ void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
               params_.base_frame + "' in '" + params_.odom_frame + "'";
   } else if (!T || !std::isfinite(twist.linear.x) || !std::isfinite(twist.angular.z)) {
     problem = "odometry with a pose or twist that is not finite, or no rotation";
+  } else if (T->translation().norm() > kMaxOrigin_m) {
+    problem =
+        formatted("odometry %.3g m from its origin, must be at most %.0f m", T->translation().norm(), kMaxOrigin_m);
   } else if (message->header.stamp.isZero()) {
     problem = "odometry without a stamp";
   }
@@ -371,7 +376,11 @@ void BaseNavigationRos::lookUpLocalisation(const ros::Time& stamp) {
     const bool at_stamp = tf_.canTransform(params_.map_frame, params_.odom_frame, stamp);
     is_localisation_late_ = !at_stamp;
     const auto message = tf_.lookupTransform(params_.map_frame, params_.odom_frame, at_stamp ? stamp : ros::Time(0));
-    if (const std::optional<Eigen::Isometry3d> T = toIsometry(message.transform)) {
+    const std::optional<Eigen::Isometry3d> T = toIsometry(message.transform);
+    if (T && T->translation().norm() > kMaxOrigin_m) {
+      problem = formatted("%s is %.3g m from %s in tf, must be at most %.0f m", params_.odom_frame.c_str(),
+                          T->translation().norm(), params_.map_frame.c_str(), kMaxOrigin_m);
+    } else if (T) {
       T_map_odom_ = toPlane(*T);
       // Static: as new as the odometry. Localisations date theirs ahead, so that others need not wait.
       localisation_stamp_ = message.header.stamp.isZero() ? stamp : std::min(message.header.stamp, stamp);
