@@ -113,6 +113,7 @@ class BaseNavigator {
 
   /// The way being driven; empty: none.
   const BasePath& path() const;
+  int plansForGoal() const;        // asked for, those that failed included
   std::uint64_t numPlans() const;  // changes with path()
 
  private:

@@ -61,7 +61,7 @@ class GridFusion {
   /// Enters a scan taken at `T_map_base`. Cost: O(beams * range / cell).
   void addScan(const Scan& scan, const Pose2d& T_map_base, double stamp_s);
 
-  /// The robot stands here: cells entirely under it are known free from now on.
+  /// The robot stands here: what it touches is known free from now on; of echoes, those in cells entirely under it go.
   void addFootprint(const Pose2d& T_map_base);
 
   /// Forgets scans and own tracks (not the map): what was entered with poses that were wrong.

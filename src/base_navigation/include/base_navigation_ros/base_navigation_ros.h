@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <map>
@@ -8,6 +9,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <actionlib/server/action_server.h>
 #include <diagnostic_updater/diagnostic_updater.h>
@@ -85,7 +87,8 @@ class BaseNavigationRos {
   void publish(const base_navigation::NavigationOutput& output, const ros::Time& stamp);
 
   /// The goal's pose in the map; nothing, and why.
-  std::optional<base_navigation::Pose2d> poseInMap(const geometry_msgs::PoseStamped& pose, std::string* why_not) const;
+  std::optional<base_navigation::Pose2d> poseInMap(const geometry_msgs::PoseStamped& pose, const char* what,
+                                                   std::string* why_not) const;
   std::optional<Eigen::Isometry3d> transformToMap(const std::string& frame, const ros::Time& stamp,
                                                   std::string* why_not) const;
 
@@ -110,9 +113,10 @@ class BaseNavigationRos {
   ros::Time last_step_, ground_stamp_, grid_built_, grid_published_, markers_published_, feedback_published_;
   bool is_grid_old_{true};
   std::map<std::string, Eigen::Isometry3d> scanners_;  // T_base_scanner by frame
+  std::optional<GoalHandle> waiting_;                  // for tf at its stamp
+  std::chrono::steady_clock::time_point waiting_since_;
   std::optional<GoalHandle> current_;
   base_navigation::Pose2d current_goal_map_;
-  std::uint64_t plans_before_{0};  // numPlans() when the goal was taken
   std::uint64_t shown_plans_{0};
   double driven_m_{0.0};
 
@@ -120,15 +124,14 @@ class BaseNavigationRos {
   std::condition_variable idle_;
   std::optional<GoalHandle> next_;
   bool has_current_{false};
-  std::string current_id_;
-  bool is_cancel_asked_{false};
+  std::vector<std::string> cancelled_ids_;
   bool is_forget_asked_{false};
   bool is_stopping_{false};
 
   mutable std::mutex shared_mutex_;  // guards what follows, up to the blank line
   std::shared_ptr<const base_navigation::NavigationGrid> grid_;
   base_navigation::Pose2d T_map_base_;
-  bool is_pose_known_{false};
+  ros::WallTime stepped_{ros::WallTime::now()};
   ros::Time odometry_seen_, localisation_seen_, scan_seen_, ground_seen_;
   std::string scan_problem_, ground_problem_, odometry_problem_, localisation_problem_;
   std::map<std::string, std::uint64_t> outcomes_;  // how often each

@@ -238,8 +238,11 @@ struct BaseNavigator::State {
   Mode mode{Mode::kIdle};
   Pose2d goal_map;
   BasePath path;
-  std::uint64_t num_plans{0};  // ever
-  int plans{0};                // for this goal
+  std::uint64_t num_plans{0};    // ever
+  int plans{0};                  // for this goal
+  bool has_been_patient{false};  // since the last plan: a plan that failed waits once for what may go away
+  std::optional<double> patience_until_s;
+  std::string patience_reason;
   int misses{0};
   std::string replan_reason;       // of the plan that comes next
   bool is_obstacle_reason{false};  // it is the scanner's obstacle
@@ -380,6 +383,7 @@ struct BaseNavigator::State {
     is_obstacle_reason = is_obstacle;
     blocked_since_s.reset();
     braking_since_s.reset();
+    patience_until_s.reset();
     mode = Mode::kPlanning;
   }
 
@@ -405,10 +409,18 @@ struct BaseNavigator::State {
       std::string message = made.message;
       if (!replan_reason.empty()) message = replan_reason + "; planning anew: " + message;
       const bool is_cancel = made.status == BasePlanStatus::kCancelled;
+      // What came into the way may go again: once more after a while.
+      if (!replan_reason.empty() && !is_cancel && !has_been_patient) {
+        has_been_patient = true;
+        patience_until_s = now_s + config.blocked_patience_s;
+        patience_reason = message;
+        return;
+      }
       return endWith(is_obstacle_reason && !is_cancel ? NavigationStatus::kObstacle : statusOf(made.status), message);
     }
     path = made.path;
     path.tidy();
+    has_been_patient = false;
     ++num_plans;
     follower.start(path);
     is_off_path = false;
@@ -559,6 +571,12 @@ struct BaseNavigator::State {
       }
       return;
     }
+    if (patience_until_s && now_s < *patience_until_s) {
+      output->phase = NavigationPhase::kBlocked;
+      output->reason = patience_reason;
+      return;
+    }
+    patience_until_s.reset();
     output->phase = NavigationPhase::kPlanning;
     plan(now_s, is_cancelled);
   }
@@ -795,6 +813,7 @@ void BaseNavigator::setGoal(const Pose2d& goal_map) {
   if (state.mode == Mode::kIdle) state.forgetData();
   state.goal_map = goal_map;
   state.plans = 0;
+  state.has_been_patient = false;
   state.misses = 0;
   state.stale_since_s.reset();
   state.ended_s.reset();
@@ -817,6 +836,10 @@ NavigationOutput BaseNavigator::step(const NavigationInput& input, const std::fu
 
 const BasePath& BaseNavigator::path() const {
   return state_->path;
+}
+
+int BaseNavigator::plansForGoal() const {
+  return state_->plans;
 }
 
 std::uint64_t BaseNavigator::numPlans() const {

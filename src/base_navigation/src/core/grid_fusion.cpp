@@ -280,6 +280,13 @@ void GridFusion::addFootprint(const Pose2d& T_map_base) {
     for (int x = first; x <= last; ++x) {
       if (state.isKept({x, y})) state.flags[state.slot({x, y})] = kSeenFree;
     }
+    // Cells at the edge, too: the footprint on its own track must touch nothing else. An echo there stays.
+    raster.touched(y, &first, &last);
+    for (int x = first; x <= last; ++x) {
+      if (!state.isKept({x, y})) continue;
+      std::uint8_t& flags = state.flags[state.slot({x, y})];
+      if (flags != kEcho) flags = kSeenFree;
+    }
   }
 }
 

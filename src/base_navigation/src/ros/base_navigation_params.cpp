@@ -55,6 +55,10 @@ std::vector<std::string> BaseNavigationParams::validate() const {
   check("output/grid_rate_hz", output.grid_rate_hz, 0.1, 50.0, "Hz");
   check("output/watchdog_rate_hz", output.watchdog_rate_hz, 5.0, 200.0, "Hz");
   append("", check.problems());
+  if (guard.margin_m >= planner.padding_m) {
+    problems.push_back("guard/margin_m = " + std::to_string(guard.margin_m) + " m, must be below plan/padding_m = " +
+                       std::to_string(planner.padding_m) + " m: the guard would stop what was planned");
+  }
   append("grid/", grid.validate());
   append("plan/", planner.validate());
   append("follow/", follower.validate());

@@ -36,9 +36,10 @@ constexpr std::size_t kMaxWaitingScans = 20;  // of 12.5 Hz, while no odometry c
 constexpr double kMaxScanAge_s = 1.0;         // an older scan is not entered in the grid
 constexpr double kShowPeriod_s = 0.2;         // of markers and feedback
 constexpr double kPathStep_m = 0.05;          // between the poses of ~path
-constexpr double kMaxGoalTfWait_s = 0.5;  // how far a goal's stamp may be ahead of tf, and wall time it is waited for
+constexpr double kGoalTfWait_s = 0.5;  // how far a goal's stamp may be ahead of tf, and wall time it is waited for
 constexpr double kMaxOrigin_m =
     4e4;  // of odometry and localisation from their origins: the grid's indices end at 100 km
+constexpr double kMaxSilence_s = 3.0;  // wall time without a step, after which the diagnostics complain
 constexpr std::size_t kMaxDistancePoses = 100000;
 constexpr std::chrono::microseconds kPollPeriod(500);
 
@@ -102,8 +103,8 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
   diagnostics_.add("inputs", this, &BaseNavigationRos::diagnoseInputs);
   diagnostics_.add("goals", this, &BaseNavigationRos::diagnoseGoals);
   // By the wall clock: a clock that stands still is something to report.
-  diagnostics_timer_ =
-      handle.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.update(); });
+  diagnostics_timer_ = handle.createWallTimer(ros::WallDuration(1.0),
+                                              [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
 
   ros::NodeHandle control(nh);
   control.setCallbackQueue(&control_queue_);
@@ -160,8 +161,8 @@ void BaseNavigationRos::onCancel(GoalHandle goal) {
     if (next_ && next_->getGoalID().id == id) {
       next_.reset();
       is_waiting = true;
-    } else if (has_current_ && current_id_ == id) {
-      is_cancel_asked_ = true;
+    } else {
+      cancelled_ids_.push_back(id);  // the control thread knows what it is
     }
   }
   if (is_waiting) refuse(goal, NavigationStatus::kCancelled, "cancelled before it was begun");
@@ -185,26 +186,54 @@ void BaseNavigationRos::refuse(GoalHandle& goal, Status status, const std::strin
 }
 
 void BaseNavigationRos::takeRequests() {
-  std::optional<GoalHandle> goal;
-  bool is_cancelled = false;
+  std::optional<GoalHandle> newest;
+  std::vector<std::string> cancelled_ids;
   bool is_forget = false;
+  bool is_stopping = false;
   {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
-    goal = next_;
-    next_.reset();
-    is_cancelled = is_cancel_asked_ || (is_stopping_ && has_current_);
+    newest.swap(next_);
+    cancelled_ids.swap(cancelled_ids_);
     is_forget = is_forget_asked_;
-    is_cancel_asked_ = is_forget_asked_ = false;
+    is_forget_asked_ = false;
+    is_stopping = is_stopping_;
   }
   if (is_forget) {
     fusion_.forget();
     is_grid_old_ = true;
   }
-  if (is_cancelled && current_) navigator_.cancel();
-  if (!goal) return;
+  if (newest) {
+    if (waiting_) refuse(*waiting_, NavigationStatus::kCancelled, "replaced by a newer goal before it was begun");
+    waiting_ = newest;
+    waiting_since_ = std::chrono::steady_clock::now();
+  }
+  for (const std::string& id : cancelled_ids) {
+    if (current_ && current_->getGoalID().id == id) {
+      navigator_.cancel();
+    } else if (waiting_ && waiting_->getGoalID().id == id) {
+      refuse(*waiting_, NavigationStatus::kCancelled, "cancelled before it was begun");
+      waiting_.reset();
+    }
+  }
+  if (is_stopping) {
+    if (waiting_) refuse(*waiting_, NavigationStatus::kCancelled, "the node is shutting down");
+    waiting_.reset();
+    if (current_) navigator_.cancel();
+  }
+  if (!waiting_) return;
 
+  // tf may be a little behind the goal's stamp. Control goes on meanwhile.
+  const geometry_msgs::PoseStamped& target = waiting_->getGoal()->target_pose;
+  const bool is_late =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - waiting_since_).count() > kGoalTfWait_s;
+  if (!is_late && target.header.frame_id != params_.map_frame && !target.header.stamp.isZero() &&
+      !tf_.canTransform(params_.map_frame, target.header.frame_id, target.header.stamp)) {
+    return;
+  }
+  std::optional<GoalHandle> goal;
+  goal.swap(waiting_);
   std::string why_not;
-  const std::optional<Pose2d> goal_map = poseInMap(goal->getGoal()->target_pose, &why_not);
+  const std::optional<Pose2d> goal_map = poseInMap(target, "goal", &why_not);
   if (!goal_map) {
     // What is being driven to goes on: a goal that makes no sense replaces nothing.
     ROS_WARN_NAMED(kLog, "goal refused: %s", why_not.c_str());
@@ -215,12 +244,10 @@ void BaseNavigationRos::takeRequests() {
   goal->setAccepted();
   current_ = goal;
   current_goal_map_ = *goal_map;
-  plans_before_ = navigator_.numPlans();
   driven_m_ = 0.0;
   {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     has_current_ = true;
-    current_id_ = goal->getGoalID().id;
   }
   navigator_.setGoal(*goal_map);
   is_grid_old_ = true;
@@ -244,7 +271,7 @@ void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goa
     }
   }
   if (current_ && current_->getGoalID().id == outcome.goal_id) {
-    outcome.plans = static_cast<std::uint32_t>(navigator_.numPlans() - plans_before_);
+    outcome.plans = static_cast<std::uint32_t>(navigator_.plansForGoal());
     outcome.driven_m = driven_m_;
   }
   outcome_publisher_.publish(outcome);
@@ -257,7 +284,6 @@ void BaseNavigationRos::finish(Status status, const std::string& message) {
   {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     has_current_ = false;
-    is_cancel_asked_ = false;
   }
   const move_base_msgs::MoveBaseResult result;
   if (status == NavigationStatus::kSuccess) {
@@ -434,7 +460,7 @@ void BaseNavigationRos::step(const ros::Time& now) {
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
     T_map_base_ = T_map_base;
-    is_pose_known_ = is_pose_known;
+    stepped_ = ros::WallTime::now();
   }
   takeRequests();
 
@@ -464,7 +490,7 @@ void BaseNavigationRos::step(const ros::Time& now) {
   input.grid_stamp_s = params_.ground.required ? toSec(ground_stamp_) : input.scan_stamp_s;
   const NavigationOutput output = navigator_.step(input, [this] {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
-    return is_stopping_ || is_cancel_asked_ || next_.has_value();
+    return is_stopping_ || !cancelled_ids_.empty();
   });
   publish(output, now);
   if (output.ended && current_) finish(*output.ended, output.message);
@@ -535,12 +561,6 @@ std::optional<Eigen::Isometry3d> BaseNavigationRos::transformToMap(const std::st
     *why_not = "no frame is given";
     return std::nullopt;
   }
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(kMaxGoalTfWait_s);
-  std::string error_text;
-  while (!stamp.isZero() && !tf_.canTransform(params_.map_frame, frame, stamp, &error_text) &&
-         std::chrono::steady_clock::now() < deadline) {
-    std::this_thread::sleep_for(kPollPeriod);
-  }
   try {
     const auto T = toIsometry(tf_.lookupTransform(params_.map_frame, frame, stamp).transform);
     if (!T) *why_not = "tf's pose of '" + frame + "' in " + params_.map_frame + " is not finite or no rotation";
@@ -552,17 +572,29 @@ std::optional<Eigen::Isometry3d> BaseNavigationRos::transformToMap(const std::st
   }
 }
 
-std::optional<Pose2d> BaseNavigationRos::poseInMap(const geometry_msgs::PoseStamped& pose, std::string* why_not) const {
+std::optional<Pose2d> BaseNavigationRos::poseInMap(const geometry_msgs::PoseStamped& pose, const char* what,
+                                                   std::string* why_not) const {
   const std::optional<Eigen::Isometry3d> T_frame_goal = toIsometry(pose.pose);
+  const auto& p = pose.pose.position;
+  const auto& q = pose.pose.orientation;
   if (!T_frame_goal) {
-    *why_not = "the goal's pose is not finite, or its quaternion has not length 1";
+    *why_not = formatted(
+        "the %s's position (%.3g, %.3g, %.3g) or quaternion (%.3g, %.3g, %.3g, %.3g) is not finite, or the "
+        "quaternion's "
+        "length is not 1",
+        what, p.x, p.y, p.z, q.x, q.y, q.z, q.w);
+    return std::nullopt;
+  }
+  if (T_frame_goal->translation().norm() > kMaxOrigin_m) {
+    *why_not = formatted("the %s (%.3g, %.3g, %.3g) is farther than %.0f m from the origin of '%s'", what, p.x, p.y,
+                         p.z, kMaxOrigin_m, pose.header.frame_id.c_str());
     return std::nullopt;
   }
   const std::optional<Eigen::Isometry3d> T_map_frame = transformToMap(pose.header.frame_id, pose.header.stamp, why_not);
   if (!T_map_frame) return std::nullopt;
   const Eigen::Isometry3d T_map_goal = *T_map_frame * *T_frame_goal;
   if (tilt(T_map_goal) > params_.pose.max_tilt_rad) {
-    *why_not = formatted("the goal is tilted by %.3f rad against %s, must be at most %.3f rad", tilt(T_map_goal),
+    *why_not = formatted("the %s is tilted by %.3f rad against %s, must be at most %.3f rad", what, tilt(T_map_goal),
                          params_.map_frame.c_str(), params_.pose.max_tilt_rad);
     return std::nullopt;
   }
@@ -618,9 +650,9 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
   if (!grid) {
     why_not = "no ground is known yet: odometry, localisation, scan or map are missing";
   } else {
-    goal = poseInMap(request.goal, &why_not);
+    goal = poseInMap(request.goal, "goal", &why_not);
     if (goal && !request.start.header.frame_id.empty()) {  // as with move_base: empty is where the robot stands
-      const std::optional<Pose2d> given = poseInMap(request.start, &why_not);
+      const std::optional<Pose2d> given = poseInMap(request.start, "start", &why_not);
       if (given) start = *given;
       if (!given) goal.reset();
     }
@@ -672,6 +704,10 @@ void BaseNavigationRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapp
       {"scan", scan_seen_, scan_problem_, params_.navigator.max_scan_age_s, true},
       {"ground", ground_seen_, ground_problem_, params_.navigator.max_grid_age_s, params_.ground.required}};
   status.summary(DiagnosticStatus::OK, "all inputs come");
+  const double silence_s = (ros::WallTime::now() - stepped_).toSec();
+  if (silence_s > kMaxSilence_s) {
+    status.summary(DiagnosticStatus::ERROR, formatted("no odometry for %.0f s, and ROS time stands still", silence_s));
+  }
   for (const Input& input : inputs) {
     if (!input.is_needed && input.problem.empty()) continue;
     if (!input.problem.empty()) {

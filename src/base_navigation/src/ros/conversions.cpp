@@ -14,6 +14,7 @@ using base_navigation::SpaceState;
 
 constexpr std::size_t kMaxBeams = 10000;
 constexpr double kMaxScannerTilt_rad = 0.087;
+constexpr double kMinTellingShare = 0.25;  // drivers mask beams that look at the robot: a third at most
 constexpr double kMaxCells = 1.6e7;
 
 template <typename Position, typename Orientation>
@@ -140,6 +141,13 @@ std::optional<Scan> toScan(const sensor_msgs::LaserScan& message, const Eigen::I
     scan.range_min_m = message.range_min;
     scan.range_max_m = message.range_max;
     scan.ranges_m = message.ranges;
+    std::size_t telling = 0;
+    for (std::size_t beam = 0; beam < scan.ranges_m.size(); ++beam) telling += scan.isEcho(beam) || scan.isEmpty(beam);
+    if (static_cast<double>(telling) < kMinTellingShare * static_cast<double>(scan.ranges_m.size())) {
+      *why_not = formatted("only %zu of %zu beams tell a range, must be at least %.0f %%: the scanner is blind",
+                           telling, scan.ranges_m.size(), 100.0 * kMinTellingShare);
+      return std::nullopt;
+    }
     return scan;
   }
   return std::nullopt;

@@ -290,7 +290,7 @@ TEST(GridFusion, EchoOfTheRobotItselfIsLeftOut) {
   EXPECT_THAT(grid->state, testing::Not(testing::Contains(SpaceState::kOccupied)));
 }
 
-TEST(GridFusion, TrackIsFreeWhereItWasCovered) {
+TEST(GridFusion, TrackIsFreeWhereItWasTouched) {
   std::mt19937 engine(14);
   std::uniform_real_distribution<double> place(-2.0, 2.0), yaw(-M_PI, M_PI);
   for (int round = 0; round < 50; ++round) {
@@ -299,18 +299,21 @@ TEST(GridFusion, TrackIsFreeWhereItWasCovered) {
     fusion.addFootprint(pose);
     const Pose2d away{pose.x_m + 3.0, pose.y_m, 0.0};
     const auto grid = fusion.build(away, 0.0);
+    EXPECT_TRUE(FootprintChecker(grid, kBody, 0.0).isFree(pose)) << "it may come back";
+    EXPECT_EQ(FootprintChecker(grid, kBody, 0.0708).check(pose).state, SpaceState::kUnknown)
+        << "a cell's diagonal more";
     for (int row = 0; row < grid->height; ++row) {
       for (int column = 0; column < grid->width; ++column) {
         const Eigen::Vector2d p = grid->centerOf(column, row);
         if ((p - pose.position()).norm() > 1.0) continue;
-        bool is_covered = true;  // with all four corners
-        for (const double dx : {-0.025, 0.025}) {
-          for (const double dy : {-0.025, 0.025}) {
-            const Eigen::Vector2d corner = transform(inverse(pose), p + Eigen::Vector2d(dx, dy));
-            is_covered = is_covered && corner.x() <= 0.296 && corner.x() >= -0.527 && std::abs(corner.y()) <= 0.296;
-          }
+        // Nearer than half a cell inside: surely touched; farther than half a diagonal outside: surely not.
+        const Eigen::Vector2d q = transform(inverse(pose), p);
+        const double outside_m = std::max({q.x() - 0.296, -0.527 - q.x(), std::abs(q.y()) - 0.296});
+        if (outside_m < 0.0) {
+          ASSERT_EQ(grid->at(column, row), SpaceState::kFree) << p.transpose();
+        } else if (outside_m > 0.0354) {
+          ASSERT_EQ(grid->at(column, row), SpaceState::kUnknown) << p.transpose();
         }
-        ASSERT_EQ(grid->at(column, row) == SpaceState::kFree, is_covered) << p.transpose();
       }
     }
   }

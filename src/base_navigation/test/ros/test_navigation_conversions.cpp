@@ -117,6 +117,12 @@ TEST(NavigationConversions, ScansThatCannotBeAreRefused) {
   message = threeBeams();
   message.range_max = 0.0F;
   EXPECT_THAT(refusal(message, upsideDown()), HasSubstr("range_max = 0 m"));
+  for (const float masked : {0.0F, kNan}) {  // a driver that lives, and a scanner that does not
+    message = threeBeams();
+    message.ranges.assign(400, masked);
+    message.angle_increment = 0.005F;
+    EXPECT_THAT(refusal(message, upsideDown()), HasSubstr("only 0 of 400 beams tell a range"));
+  }
   Eigen::Isometry3d tilted = Eigen::Isometry3d::Identity();
   tilted.linear() = Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitY()).toRotationMatrix();
   EXPECT_THAT(refusal(threeBeams(), tilted), HasSubstr("tilted by 0.200 rad"));
