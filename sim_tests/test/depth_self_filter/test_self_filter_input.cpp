@@ -184,7 +184,7 @@ TEST_F(SelfFilterInput, AGapInJointStatesIsNotBridged) {
   patient_->publish(image);
   const Update update = patient_->await(image.header.stamp, since);
   EXPECT_EQ(update.status, Update::JOINT_STATES_MISSING);
-  EXPECT_TRUE(has(update.message, "0.200 s apart, must be at most 0.100 s (max_gap_s)")) << update.message;
+  EXPECT_TRUE(has(update.message, "0.200000 s apart, must be at most 0.100000 s (max_gap_s)")) << update.message;
 }
 
 TEST_F(SelfFilterInput, JointStatesWithNaNAreLeftOutAndSaid) {
