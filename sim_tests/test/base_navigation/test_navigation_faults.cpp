@@ -72,10 +72,13 @@ TEST_F(NavigationFaults, ArrivesWithoutTouchingAPersonWhoLeaves) {
   world->send({1.2, 1.2, 0.0});
   ASSERT_TRUE(world->goOn(30.0, [] { return speed() > 0.45; })) << world->state.reason;
   const Pose2d person = ahead(kFront_m + 0.9 + kObstacleRadius_m);
-  ASSERT_EQ(world->injectObstacle(person.x_m, person.y_m, 12.0), "");
+  ASSERT_EQ(world->injectObstacle(person.x_m, person.y_m, 4.0), "");
   double nearest_m = std::numeric_limits<double>::infinity();
-  const auto watch = [&] { nearest_m = std::min(nearest_m, distanceTo(person) - kFront_m - kObstacleRadius_m); };
-  // It waits, or finds a way round before they leave: both are right.
+  const auto watch = [&] {
+    if (has(world->incidents, "fault obstacle is over")) return;
+    nearest_m = std::min(nearest_m, distanceTo(person) - kFront_m - kObstacleRadius_m);
+  };
+  // It takes more than 2 s to stop, and waits 3 s before it gives up: by then they have gone. A way round is right, too.
   expectOutcome(world->finish(120.0, watch), NavigationOutcome::SUCCESS);
   EXPECT_GT(nearest_m, 0.0);
   expectAt({1.2, 1.2, 0.0});

@@ -482,10 +482,6 @@ struct BaseNavigator::State {
 
   /// Enters what was commanded and measured. In words: what is stuck; empty: nothing.
   std::string watchMotion(double now_s, double dt_s, const Twist2d& command) {
-    if (isZero(command)) {
-      motions.clear();
-      return {};
-    }
     commanded = moveAlongArc(commanded, command.linear_m_s * dt_s, command.angular_rad_s * dt_s);
     commanded_rad += command.angular_rad_s * dt_s;
     motions.push_back({now_s, commanded, commanded_rad, T_odom_base, T_map_base});
