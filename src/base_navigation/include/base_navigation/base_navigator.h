@@ -27,7 +27,7 @@ struct BaseNavigatorConfig {
   double stuck_share{0.2};         // of the commanded motion: less is none
   double stuck_min_m{0.05};        // commanded motion within stuck_s that is judged
   double stuck_min_rad{0.1};
-  int max_plans{6};         // for one goal, the first included
+  int max_plans{12};        // for one goal, the first included
   double plan_cost_s{0.2};  // simulated time that a plan is charged: the base stands so long
 
   std::vector<std::string> validate() const;
