@@ -28,7 +28,7 @@ class NavigationFaults : public NavigationTest {
     return std::hypot(world->pose.x_m - place.x_m, world->pose.y_m - place.y_m);
   }
 
-  /// To the west end, looking east, with all that was before forgotten.
+  /// To the west end, looking east: who is there already stays.
   static void beginInTheWest() {
     if (distanceTo(kWest) < 0.05 && std::abs(std::remainder(world->pose.yaw_rad, 2.0 * M_PI)) < 0.1) return;
     const NavigationOutcome outcome = world->drive(kWest, 120.0);
