@@ -12,6 +12,7 @@ namespace simulated_world {
 
 /// What the simulated drivers publish that somebody may have to answer.
 enum class ClockEvent { kImage, kOdometry, kJointStates, kScan, kActionResult };
+const char* toString(ClockEvent event);  ///< "image", "odometry", "joint_states", "scan", "action_result"
 
 /// "After each <event> stamped t the clock waits at t + cost until <topic> has carried a stamp >= t."
 struct WaitRule {
@@ -19,7 +20,7 @@ struct WaitRule {
   ClockEvent after{ClockEvent::kImage};
   double cost_s{0.0};        ///< simulated time that the answer takes
   std::string while_action;  ///< only while a goal of this action is open; empty: always
-  std::string subscriber;    ///< node that must hear the images before the clock begins; empty: anyone
+  std::string subscriber;    ///< node that must hear them before the clock begins; empty: for images anyone
 };
 
 /// "While a goal of <action> is open, the clock does not pass the goal's stamp + cost."

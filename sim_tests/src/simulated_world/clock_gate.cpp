@@ -26,7 +26,9 @@ std::int64_t nanoseconds(double seconds) {
   return std::llround(seconds * 1e9);
 }
 
-const char* nameOf(ClockEvent event) {
+}  // namespace
+
+const char* toString(ClockEvent event) {
   switch (event) {
     case ClockEvent::kImage:
       return "image";
@@ -41,8 +43,6 @@ const char* nameOf(ClockEvent event) {
   }
   return "event";
 }
-
-}  // namespace
 
 ClockGate::ClockGate(const std::vector<WaitRule>& wait_rules, const std::vector<ComputingRule>& computing_rules)
     : wait_rules_(wait_rules), answered_ns_(wait_rules.size(), std::numeric_limits<std::int64_t>::min()) {
@@ -130,7 +130,7 @@ std::vector<std::string> ClockGate::waitingFor() const {
   for (const Due& due : due_) {
     if (limitOf(due) == limit_ns) {
       lines.push_back("a message on " + wait_rules_[due.rule].topic + " that answers the " +
-                      nameOf(wait_rules_[due.rule].after) + " of " + seconds(due.stamp_ns));
+                      toString(wait_rules_[due.rule].after) + " of " + seconds(due.stamp_ns));
     }
   }
   for (const auto& [action, cost_s] : cost_of_action_s_) {

@@ -165,15 +165,29 @@ void SimulatedWorldRos::advertiseDrivers() {
   // Latched: whoever comes while the clock stands still would wait for a time for ever.
   constexpr bool kLatched = true;
   clock_publisher_ = nh_.advertise<rosgraph_msgs::Clock>("/clock", kQueueSize, kLatched);
-  odometry_publisher_ = nh_.advertise<nav_msgs::Odometry>("odom", kQueueSize);
+  const auto counted = [this](ClockEvent event) {
+    return std::pair<ros::SubscriberStatusCallback, ros::SubscriberStatusCallback>(
+        [this, event](const ros::SingleSubscriberPublisher& subscriber) {
+          subscribers_of_[event].insert(subscriber.getSubscriberName());
+        },
+        [this, event](const ros::SingleSubscriberPublisher& subscriber) {
+          auto& nodes = subscribers_of_[event];
+          const auto one = nodes.find(subscriber.getSubscriberName());
+          if (one != nodes.end()) nodes.erase(one);
+        });
+  };
+  const auto [odometry_heard, odometry_left] = counted(ClockEvent::kOdometry);
+  odometry_publisher_ = nh_.advertise<nav_msgs::Odometry>("odom", kQueueSize, odometry_heard, odometry_left);
   wheels_publisher_ = nh_.advertise<sensor_msgs::JointState>("drives/joint_states", kQueueSize);
-  scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("lidar_1/scan", kQueueSize);
+  const auto [scan_heard, scan_left] = counted(ClockEvent::kScan);
+  scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("lidar_1/scan", kQueueSize, scan_heard, scan_left);
   const auto connected = [this](const image_transport::SingleSubscriberPublisher& subscriber) {
-    camera_subscribers_.insert(subscriber.getSubscriberName());
+    subscribers_of_[ClockEvent::kImage].insert(subscriber.getSubscriberName());
   };
   const auto left = [this](const image_transport::SingleSubscriberPublisher& subscriber) {
-    const auto one = camera_subscribers_.find(subscriber.getSubscriberName());
-    if (one != camera_subscribers_.end()) camera_subscribers_.erase(one);
+    auto& nodes = subscribers_of_[ClockEvent::kImage];
+    const auto one = nodes.find(subscriber.getSubscriberName());
+    if (one != nodes.end()) nodes.erase(one);
   };
   color_publisher_ = transport_.advertiseCamera("camera/color/image_raw", kQueueSize, connected, left);
   depth_publisher_ = transport_.advertiseCamera("camera/aligned_depth_to_color/image_raw", kQueueSize, connected, left);
@@ -189,7 +203,6 @@ void SimulatedWorldRos::advertiseExperiment() {
   judge_publisher_ = private_nh_.advertise<sim_tests::JudgeState>("judge", kQueueSize, kLatched);
   incident_publisher_ = private_nh_.advertise<std_msgs::String>("incidents", kQueueSize);
   command_publisher_ = private_nh_.advertise<geometry_msgs::TwistStamped>("command_taken", kQueueSize);
-  services_.push_back(experiment_nh_.advertiseService("advance", &SimulatedWorldRos::onAdvance, this));
   services_.push_back(private_nh_.advertiseService("inject_fault", &SimulatedWorldRos::onFault, this));
   services_.push_back(private_nh_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       "clear_faults", [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
@@ -202,6 +215,8 @@ void SimulatedWorldRos::advertiseExperiment() {
       private_nh_.subscribe<std_msgs::Int32>("target", kQueueSize, [this](const std_msgs::Int32::ConstPtr& message) {
         simulation_.setTarget(message->data < 0 ? std::nullopt : std::optional<int>(message->data));
       }));
+  // The last of all: whoever finds it finds the others, too.
+  services_.push_back(experiment_nh_.advertiseService("advance", &SimulatedWorldRos::onAdvance, this));
 }
 
 ros::Time SimulatedWorldRos::stamp() const {
@@ -275,16 +290,18 @@ std::size_t SimulatedWorldRos::numCameraTopicsOf(const std::string& node) const 
 
 std::string SimulatedWorldRos::missingSubscriber() const {
   for (const simulated_world::WaitRule& rule : params_.wait_for) {
-    if (rule.after != ClockEvent::kImage) {
-      continue;
-    }
+    const auto subscribers = subscribers_of_.find(rule.after);
+    const bool is_heard = subscribers != subscribers_of_.end() && !subscribers->second.empty();
     if (rule.subscriber.empty()) {
-      if (camera_subscribers_.empty()) return "anybody";
+      if (rule.after == ClockEvent::kImage && !is_heard) return "anybody to subscribe to the camera";
       continue;
     }
     const std::string node = ros::names::resolve(rule.subscriber);
-    const std::size_t connected = camera_subscribers_.count(node);
-    if (connected == 0 || connected < numCameraTopicsOf(node)) return rule.subscriber;
+    const std::size_t connected = is_heard ? subscribers->second.count(node) : 0;
+    const std::size_t wanted = rule.after == ClockEvent::kImage ? numCameraTopicsOf(node) : 1;
+    if (connected == 0 || connected < wanted) {
+      return rule.subscriber + " to subscribe to " + simulated_world::toString(rule.after);
+    }
   }
   return "";
 }
@@ -305,8 +322,8 @@ bool SimulatedWorldRos::mayTick() {
     }
     const std::string absent = missingSubscriber();
     if (!absent.empty()) {
-      // Who answers images and does not hear them yet would miss the first, some runs more of them than others.
-      ROS_INFO_THROTTLE(10.0, "clock: not begun, waiting for %s to subscribe to the camera", absent.c_str());
+      // Who answers messages and does not hear them yet would miss the first, some runs more of them than others.
+      ROS_INFO_THROTTLE(10.0, "clock: not begun, waiting for %s", absent.c_str());
       return wait(kPollPeriod_s);
     }
     has_begun_ = true;

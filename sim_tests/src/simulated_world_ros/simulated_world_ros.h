@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -62,7 +63,7 @@ class SimulatedWorldRos {
   std::string digestText() const;
   /// Of colour and depth images, those that the master knows a node to want. 0 if the master is away.
   std::size_t numCameraTopicsOf(const std::string& node) const;
-  /// Who must hear the images and does not yet; empty: nobody.
+  /// Who must hear what it answers and does not yet; empty: nobody.
   std::string missingSubscriber() const;
   ros::Time stamp() const;
 
@@ -89,7 +90,7 @@ class SimulatedWorldRos {
   image_transport::ImageTransport transport_;
   image_transport::CameraPublisher color_publisher_;
   image_transport::CameraPublisher depth_publisher_;
-  std::multiset<std::string> camera_subscribers_;  // nodes, once for each topic
+  std::map<simulated_world::ClockEvent, std::multiset<std::string>> subscribers_of_;  // nodes, once for each topic
   tf2_ros::TransformBroadcaster tf_;
   std::vector<ros::Subscriber> subscribers_;
   std::vector<ros::ServiceServer> services_;

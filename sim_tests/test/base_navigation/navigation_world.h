@@ -132,8 +132,8 @@ class NavigationWorld {
     goal.target_pose.pose.orientation.w = std::cos(0.5 * goal_map.yaw_rad);
     outcomes_.clear();
     goal_ = client_.sendGoal(goal);
-    // The server answers with a step of its own.
-    EXPECT_TRUE(goOn(1.0, [this] { return goal_.getCommState() != actionlib::CommState::WAITING_FOR_GOAL_ACK; }))
+    // The world stands still until the goal is there, so that the next step begins it in every run.
+    EXPECT_TRUE(waitUntil([this] { return goal_.getCommState() != actionlib::CommState::WAITING_FOR_GOAL_ACK; }))
         << "nobody takes the goal";
   }
 

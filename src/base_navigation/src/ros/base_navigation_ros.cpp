@@ -139,6 +139,8 @@ void BaseNavigationRos::stop(ros::WallDuration timeout) {
 // ---------------------------------------------------------------------------------------------------------- goals
 
 void BaseNavigationRos::onGoal(GoalHandle goal) {
+  // Answered at once, so that a client knows, before time goes on, that the next odometry begins it.
+  goal.setAccepted();
   std::optional<GoalHandle> replaced;
   bool is_refused = false;
   {
@@ -181,7 +183,7 @@ void BaseNavigationRos::refuse(GoalHandle& goal, Status status, const std::strin
   if (status == NavigationStatus::kCancelled) {
     goal.setCanceled(move_base_msgs::MoveBaseResult(), message);
   } else {
-    goal.setRejected(move_base_msgs::MoveBaseResult(), message);
+    goal.setAborted(move_base_msgs::MoveBaseResult(), std::string(base_navigation::toString(status)) + ": " + message);
   }
 }
 
@@ -241,7 +243,6 @@ void BaseNavigationRos::takeRequests() {
     return;
   }
   if (current_) finish(NavigationStatus::kCancelled, "replaced by a newer goal");
-  goal->setAccepted();
   current_ = goal;
   current_goal_map_ = *goal_map;
   driven_m_ = 0.0;
