@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <bitset>
+#include <optional>
+
+#include <Eigen/Core>
+
+#include "motion_planning/arm_kinematics.h"
+
+namespace ur_driver_bridge {
+
+using motion_planning::ArmVector;  // joint angles [rad], base to tool
+
+/// Of ur_dashboard_msgs/RobotMode and SafetyMode; controllers may report values that are not named here.
+namespace robot_mode {
+constexpr int kNoController = -1, kDisconnected = 0, kConfirmSafety = 1, kBooting = 2, kPowerOff = 3, kPowerOn = 4,
+              kIdle = 5, kBackdrive = 6, kRunning = 7, kUpdatingFirmware = 8;
+}  // namespace robot_mode
+namespace safety_mode {
+constexpr int kNormal = 1, kReduced = 2, kProtectiveStop = 3, kRecovery = 4, kSafeguardStop = 5, kSystemEmergencyStop = 6,
+              kRobotEmergencyStop = 7, kViolation = 8, kFault = 9;
+}  // namespace safety_mode
+
+template <typename Value>
+struct Stamped {
+  double stamp_s{0.0};  // ROS time
+  Value value{};
+};
+
+struct JointState {
+  ArmVector position_rad{ArmVector::Zero()};
+  ArmVector velocity_rad_s{ArmVector::Zero()};
+};
+
+/// What the surroundings exert on the tool, as the robot tells it: without the weight of tool and declared payload, and
+/// against what it was when the sensor was zeroed. Axes of the tool flange (z out of the tool).
+struct ToolForce {
+  Eigen::Vector3d force_N{Eigen::Vector3d::Zero()};
+  Eigen::Vector3d torque_Nm{Eigen::Vector3d::Zero()};
+};
+
+/// What the arm's driver has told last. Nothing: never heard. Modes and program_running come on change only, so they have
+/// no age: joint states tell whether the driver lives.
+struct ArmState {
+  static constexpr std::size_t kDigitalPins = 18;
+
+  std::optional<Stamped<JointState>> joints;
+  std::optional<Stamped<ToolForce>> force;
+  std::optional<Stamped<double>> speed_scaling;  // [0, 1]: slider times the robot's own; 0 while paused
+  std::optional<Stamped<std::bitset<kDigitalPins>>> digital_out;
+  std::optional<int> robot_mode;
+  std::optional<int> safety_mode;
+  std::optional<bool> is_program_running;  // takes commands
+  bool is_controller_there{false};         // somebody serves follow_joint_trajectory
+};
+
+}  // namespace ur_driver_bridge

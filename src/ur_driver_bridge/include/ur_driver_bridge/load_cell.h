@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "ur_driver_bridge/arm_state.h"
+
+namespace ur_driver_bridge {
+
+constexpr double kGravity_m_s2 = 9.81;
+
+struct LoadCellConfig {
+  double weigh_s{0.3};           // averaged over so long
+  int min_samples{10};
+  double max_spread_N{3.0};      // standard deviation of the vertical force meanwhile; more: the arm does not stand still
+  double min_share{0.5};         // of the brick's mass, below: nothing hangs there
+  double max_share{1.8};         // above: more than the brick
+  double lost_share{0.5};        // of the brick's weight gone: it is lost ...
+  double lost_s{0.1};            // ... if for so long: a median over this window, for the arm shakes
+
+  std::vector<std::string> validate() const;
+};
+
+/// Weighs what hangs on the magnet by the force that the robot tells. The robot itself takes tool and declared payload out
+/// of the force, so what is measured is the load beside these.
+class LoadCell {
+ public:
+  struct Weight {
+    double mass_kg{0.0};
+    double spread_N{0.0};  // standard deviation of one sample
+    int samples{0};
+  };
+
+  /// Throws std::invalid_argument listing every impossible value.
+  explicit LoadCell(const LoadCellConfig& config);
+
+  /// `R_world_tool`: of the tool's frame when the sample was taken, z of the world up. Samples in the order of time; not
+  /// finite or not newer: ignored.
+  void add(const Stamped<ToolForce>& sample, const Eigen::Matrix3d& R_world_tool);
+  void reset();
+
+  /// Of the samples since `from_s`, as soon as they cover weigh_s: mass = -mean(F_z) / g. Nothing: not enough yet, or the
+  /// spread is too large (`why` says so).
+  std::optional<Weight> weigh(double from_s, std::string* why = nullptr) const;
+
+  /// From now on the load is as it is: a sample is lost weight when it tells of lost_share * mass_kg less. Call after the
+  /// payload was declared and the force has settled; `reference` from weigh().
+  void hold(double mass_kg, const Weight& reference);
+  void release();
+  bool isHolding() const { return held_.has_value(); }
+  /// The median over the last lost_s tells that the held load has gone. False before there are samples for so long.
+  bool isLost() const;
+  /// Median over the last lost_s of the load beside the declared payload [kg]; nothing before there are samples.
+  std::optional<double> load() const;
+
+  const LoadCellConfig& config() const { return config_; }
+
+ private:
+  struct Sample {
+    double stamp_s;
+    double vertical_N;  // upward force on the tool
+  };
+  struct Held {
+    double mass_kg;
+    double reference_kg;
+    double since_s;
+  };
+
+  LoadCellConfig config_;
+  std::deque<Sample> samples_;
+  std::optional<Held> held_;
+};
+
+}  // namespace ur_driver_bridge
