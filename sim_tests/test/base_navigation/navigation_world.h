@@ -12,6 +12,7 @@
 #include <vector>
 
 #include <actionlib/client/action_client.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
 #include <move_base_msgs/MoveBaseAction.h>
@@ -38,6 +39,9 @@ constexpr double kFront_m = 0.296;
 constexpr double kDegree = M_PI / 180.0;
 // Wall time that a busy machine may take for what the simulated time limits, which is the one that tells.
 constexpr double kWall_s = 300.0;
+// Simulated time until the navigation has all its inputs: where the scanner sits comes by the wall clock, and the
+// simulated one runs a hundred times as fast.
+constexpr double kStart_s = 2000.0;
 
 inline Pose2d planar(const geometry_msgs::Vector3& position, const geometry_msgs::Quaternion& q) {
   return {position.x, position.y, 2.0 * std::atan2(q.z, q.w)};
@@ -58,6 +62,12 @@ class NavigationWorld {
     subscribers_.push_back(nh_.subscribe<std_msgs::String>(
         "/simulated_world/incidents", 100,
         [this](const std_msgs::String::ConstPtr& message) { incidents += message->data + "\n"; }));
+    subscribers_.push_back(nh_.subscribe<diagnostic_msgs::DiagnosticArray>(
+        "/diagnostics", 100, [this](const diagnostic_msgs::DiagnosticArray::ConstPtr& message) {
+          for (const auto& status : message->status) {
+            if (status.name == "base_navigation: inputs") has_inputs_ = status.level == status.OK;
+          }
+        }));
     subscribers_.push_back(nh_.subscribe<visualization_msgs::MarkerArray>(
         "/simulated_world/truth", 10, [this](const visualization_msgs::MarkerArray::ConstPtr& message) {
           for (const auto& marker : message->markers) {
@@ -82,7 +92,7 @@ class NavigationWorld {
              }
              return !steps_.empty();
            }) &&
-           goOn(20.0, [this] { return !state.header.stamp.isZero(); });
+           goOn(kStart_s, [this] { return !state.header.stamp.isZero() && has_inputs_; });
   }
 
   /// Lets the world go on until the condition holds, which is asked after each step, or `at_most_s` of simulated time have
@@ -237,6 +247,7 @@ class NavigationWorld {
   std::deque<nav_msgs::Odometry> steps_;
   std::deque<NavigationOutcome> outcomes_;
   std_msgs::Header unanswered_;
+  bool has_inputs_{false};  // says the navigation itself
 };
 
 /// One world for all tests of a program, in the order in which they are written: each begins where the one before ended.

@@ -18,8 +18,8 @@ constexpr int kNoController = -1, kDisconnected = 0, kConfirmSafety = 1, kBootin
               kIdle = 5, kBackdrive = 6, kRunning = 7, kUpdatingFirmware = 8;
 }  // namespace robot_mode
 namespace safety_mode {
-constexpr int kNormal = 1, kReduced = 2, kProtectiveStop = 3, kRecovery = 4, kSafeguardStop = 5, kSystemEmergencyStop = 6,
-              kRobotEmergencyStop = 7, kViolation = 8, kFault = 9;
+constexpr int kNormal = 1, kReduced = 2, kProtectiveStop = 3, kRecovery = 4, kSafeguardStop = 5,
+              kSystemEmergencyStop = 6, kRobotEmergencyStop = 7, kViolation = 8, kFault = 9;
 }  // namespace safety_mode
 
 template <typename Value>
@@ -46,6 +46,7 @@ struct ArmState {
   static constexpr std::size_t kDigitalPins = 18;
 
   std::optional<Stamped<JointState>> joints;
+  std::optional<Stamped<ArmVector>> commanded_rad;  // where the controller wants the arm to be; not all drivers tell
   std::optional<Stamped<ToolForce>> force;
   std::optional<Stamped<double>> speed_scaling;  // [0, 1]: slider times the robot's own; 0 while paused
   std::optional<Stamped<std::bitset<kDigitalPins>>> digital_out;

@@ -1,0 +1,393 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "ur_driver_bridge/executor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <deque>
+#include <functional>
+#include <set>
+#include <stdexcept>
+
+#include <gpis_mapping/range_check.h>
+#include <mp700_ur5e_description/robot_names.h>
+
+#include "motion_step.h"
+#include "tool_steps.h"
+#include "ur_driver_bridge/time_law.h"
+
+namespace ur_driver_bridge {
+
+std::string formatted(const char* format, ...) {
+  char text[512];
+  va_list arguments;
+  va_start(arguments, format);
+  std::vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  return text;
+}
+
+std::vector<std::string> MotionConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("start_tolerance_rad", start_tolerance_rad, 1e-4, 0.2, "rad");
+  check("acceleration_rad_s2", acceleration_rad_s2, 0.1, 50.0, "rad/s^2");
+  check("stop_s", stop_s, 0.02, 1.0, "s");
+  check("latency_s", latency_s, 0.0, 0.1, "s");
+  check("rest_rad_s", rest_rad_s, 1e-4, 0.1, "rad/s");
+  check("rest_timeout_s", rest_timeout_s, 0.5, 30.0, "s");
+  check("answer_timeout_s", answer_timeout_s, 0.05, 10.0, "s");
+  check("end_patience_s", end_patience_s, 0.5, 60.0, "s");
+  check("stall_speed", stall_speed, 1e-4, 0.5, "");
+  check("stall_patience_s", stall_patience_s, 0.5, 600.0, "s");
+  check("watch_drift_s", watch_drift_s, 0.05, 5.0, "s");
+  return check.problems();
+}
+
+std::vector<std::string> PickConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("settle_s", settle_s, 0.0, 5.0, "s");
+  check("early_m", early_m, 1e-3, 0.2, "m");
+  check("contact_stop_s", contact_stop_s, 0.01, 0.5, "s");
+  check("magnet_settle_s", magnet_settle_s, 0.0, 5.0, "s");
+  check("weigh_height_m", weigh_height_m, 2e-3, 0.3, "m");
+  check("weigh_timeout_s", weigh_timeout_s, 0.5, 30.0, "s");
+  check("retreat_m", retreat_m, 0.01, 0.5, "m");
+  check("ramp_s", ramp_s, 0.02, 2.0, "s");
+  return check.problems();
+}
+
+std::vector<std::string> ExecutorConfig::validate() const {
+  std::vector<std::string> problems;
+  const auto append = [&problems](const std::string& section, const std::vector<std::string>& more) {
+    for (const std::string& problem : more) problems.push_back(section + problem);
+  };
+  append("gate/", gate.validate());
+  append("motion/", motion.validate());
+  append("pick/", pick.validate());
+  append("contact/", contact.validate());
+  append("load/", load.validate());
+  append("recovery/", recovery.validate());
+  gpis_mapping::RangeCheck check;
+  check("magnet/digital_output", magnet_pin, 0, ArmState::kDigitalPins - 1.0, "");
+  check("magnet/io_timeout_s", io_timeout_s, 0.1, 10.0, "s");
+  append("", check.problems());
+  return problems;
+}
+
+namespace {
+
+using StepPointer = std::unique_ptr<Step>;
+
+/// A step, and what is done if it fails: back to where nothing is touched, before the request ends with the failure.
+struct Item {
+  StepPointer step;
+  std::function<std::deque<Item>(const Verdict&)> undo;
+};
+using Items = std::deque<Item>;
+
+}  // namespace
+
+class Executor::Impl {
+ public:
+  Impl(const ExecutorConfig& config, const ArmModel& model)
+      : config_(config), model_(model), gate_(config.gate), load_(config.load) {
+    gpis_mapping::throwIfAny(config.validate());
+    if (!model_.kinematics) throw std::invalid_argument("Executor: no kinematics");
+    const mp700_ur5e_description::RobotModel& robot = model_.kinematics->robot();
+    namespace names = mp700_ur5e_description;
+    R_tip_tool_ = (robot.poseInBody(names::kMagnetTipFrame).inverse() * robot.poseInBody(names::kToolFrame)).linear();
+    gate_verdict_ = {ArmStatus::kStaleState, "nothing has been heard of the arm yet"};
+  }
+
+  void begin(Items items) {
+    if (!isIdle()) throw std::logic_error("Executor: a request goes on already");
+    items_ = std::move(items);
+    figures_ = {};
+    stop_asked_.reset();
+    failure_.reset();
+    recovery_ = nullptr;
+    // The recovery's commands are asked for when it has ended.
+    if (items_.size() == 1) recovery_ = dynamic_cast<RecoverStep*>(items_.front().step.get());
+  }
+
+  bool isIdle() const { return items_.empty(); }
+
+  Items pickItems(const PickRequest& request);
+  Items letGoItems(double brick_mass_kg);
+
+  void stop(const Verdict& verdict) {
+    if (!isIdle() && !stop_asked_) stop_asked_ = verdict;
+  }
+
+  ExecutorOutput step(const ExecutorInputs& inputs);
+
+  template <typename Make>
+  static Item motion(const std::string& stage, WatchPhase watch, Make make) {
+    return {std::make_unique<MotionStep>(stage, watch, make), {}};
+  }
+
+  ExecutorConfig config_;
+  ArmModel model_;
+  SafetyGate gate_;
+  LoadCell load_;
+  Eigen::Matrix3d R_tip_tool_;
+
+  Items items_;
+  std::optional<Verdict> stop_asked_;
+  std::optional<Finished> failure_;  // of the step that is being undone
+  PickFigures figures_;
+  const RecoverStep* recovery_{nullptr};
+  bool is_holding_{false};
+  double held_mass_kg_{0.0};
+  double touched_s_{0.0};  // on the touch's trajectory, where it ended
+  Verdict gate_verdict_;
+  std::uint64_t last_id_{0};
+  std::set<std::uint64_t> open_;  // calls without an answer
+  double last_step_s_{0.0};
+
+ private:
+  void feedLoad(const ArmState& arm);
+  double timeAtRise(const JointTrajectory& trajectory, double rise_m) const;
+  static Finished finished(const Verdict& verdict, const std::string& stage) { return {verdict, stage, {}, {}}; }
+};
+
+void Executor::Impl::feedLoad(const ArmState& arm) {
+  if (!arm.force || !arm.joints) return;
+  const Eigen::Matrix3d R_base_tip = model_.kinematics->tipPose(arm.joints->value.position_rad).linear();
+  load_.add(*arm.force, R_base_tip * R_tip_tool_);
+}
+
+/// When the tip has gone `rise_m` from the start, or the end.
+double Executor::Impl::timeAtRise(const JointTrajectory& trajectory, double rise_m) const {
+  const auto tip = [this](const ArmVector& joints_rad) {
+    return Eigen::Vector3d(model_.kinematics->tipPose(joints_rad).translation());
+  };
+  const Eigen::Vector3d start = tip(trajectory.points.front().position_rad);
+  for (const TrajectoryPoint& point : trajectory.points) {
+    if ((tip(point.position_rad) - start).norm() >= rise_m) return point.time_s;
+  }
+  return trajectory.duration();
+}
+
+Items Executor::Impl::letGoItems(double brick_mass_kg) {
+  Items items;
+  items.push_back({std::make_unique<MagnetStep>("let_go", false), {}});
+  if (brick_mass_kg > 0.0) items.push_back({std::make_unique<GoneStep>("let_go"), {}});
+  items.push_back({std::make_unique<AttachStep>("let_go", false), {}});
+  items.push_back({std::make_unique<PayloadStep>("let_go", model_.tool), {}});
+  return items;
+}
+
+Items Executor::Impl::pickItems(const PickRequest& request) {
+  const PickConfig& pick = config_.pick;
+  const auto shared = std::make_shared<const PickRequest>(request);
+  const std::size_t points =
+      std::min({request.approach.points.size(), request.touch.points.size(), request.lift.points.size()});
+  if (points == 0) throw std::invalid_argument("pick: approach, touch and lift must have points");
+
+  // Back the way the magnet came, from wherever the touch has ended.
+  const auto retreat = [this, shared](const Verdict&) {
+    Items items;
+    items.push_back(motion("retreat", WatchPhase::kContact, [this, shared] {
+      return reversed(upTo(shared->touch, touched_s_, config_.pick.contact_stop_s));
+    }));
+    return items;
+  };
+  const auto offAndRetreat = [this, shared, retreat](const Verdict& verdict) {
+    Items items = letGoItems(0.0);
+    for (Item& item : retreat(verdict)) items.push_back(std::move(item));
+    return items;
+  };
+  const double weigh_s = timeAtRise(request.lift, pick.weigh_height_m);
+  // What hangs there is put back where it was, whatever it is; then away from it.
+  const auto putBack = [this, shared, weigh_s, offAndRetreat](const Verdict& verdict) {
+    Items items;
+    items.push_back(motion("put_back", WatchPhase::kLift, [this, shared, weigh_s] {
+      return reversed(upTo(shared->lift, weigh_s, config_.pick.ramp_s));
+    }));
+    for (Item& item : offAndRetreat(verdict)) items.push_back(std::move(item));
+    return items;
+  };
+
+  Items items;
+  items.push_back(motion("approach", WatchPhase::kFree, [shared] { return shared->approach; }));
+  items.push_back({std::make_unique<ZeroForceStep>("zero"), {}});
+  items.push_back(
+      {std::make_unique<TouchStep>([shared] { return shared->touch; }, request.contact_travel_m, &touched_s_),
+       [retreat](const Verdict& verdict) {
+         const bool is_met = verdict.status == ArmStatus::kNoContact || verdict.status == ArmStatus::kContactTooEarly;
+         return is_met ? retreat(verdict) : Items{};
+       }});
+  items.push_back({std::make_unique<MagnetStep>("magnet", true), offAndRetreat});
+  items.push_back({std::make_unique<AttachStep>("magnet", true), {}});
+  items.push_back(motion("lift_a_little", WatchPhase::kLift,
+                         [shared, weigh_s, ramp_s = pick.ramp_s] { return upTo(shared->lift, weigh_s, ramp_s); }));
+  items.push_back({std::make_unique<WeighStep>("weigh", request.brick_mass_kg), [putBack](const Verdict& verdict) {
+                     return verdict.status == ArmStatus::kNotAttached ? putBack(verdict) : Items{};
+                   }});
+  Payload payload;
+  payload.mass_kg = model_.tool.mass_kg + request.brick_mass_kg;
+  const Eigen::Isometry3d T_tool_tip =
+      model_.kinematics->robot().poseInBody(mp700_ur5e_description::kToolFrame).inverse() *
+      model_.kinematics->robot().poseInBody(mp700_ur5e_description::kMagnetTipFrame);
+  payload.centre_m = (model_.tool.mass_kg * model_.tool.centre_m +
+                      request.brick_mass_kg * (T_tool_tip * request.T_tip_brick.translation())) /
+                     payload.mass_kg;
+  if (!(payload.mass_kg <= model_.max_payload_kg)) {
+    throw std::invalid_argument(formatted("pick: tool and brick weigh %.2f kg, must be at most %.2f kg",
+                                          payload.mass_kg, model_.max_payload_kg));
+  }
+  items.push_back({std::make_unique<PayloadStep>("payload", payload), {}});
+  items.push_back({std::make_unique<HoldStep>("payload", request.brick_mass_kg), {}});
+  if (weigh_s < request.lift.duration()) {
+    items.push_back(motion("lift", WatchPhase::kLift,
+                           [shared, weigh_s, ramp_s = pick.ramp_s] { return resume(shared->lift, weigh_s, ramp_s); }));
+  }
+  if (!request.stow.empty()) {
+    items.push_back(motion("stow", WatchPhase::kFree, [shared] { return shared->stow; }));
+  }
+  if (request.lets_go) {
+    for (Item& item : letGoItems(request.brick_mass_kg)) items.push_back(std::move(item));
+  }
+  return items;
+}
+
+ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
+  ExecutorOutput output;
+  for (const CallReply& reply : inputs.replies) open_.erase(reply.id);
+  for (const TrajectoryEvent& event : inputs.events) open_.erase(event.id);
+  const double now_s = inputs.gate.now_s;
+  // A clock that was set back makes no negative time.
+  const double dt_s = last_step_s_ > 0.0 ? std::max(0.0, now_s - last_step_s_) : 0.0;
+  last_step_s_ = now_s;
+  feedLoad(inputs.gate.arm);
+  gate_verdict_ = gate_.check(inputs.gate, {});
+
+  bool is_first = true;
+  while (!items_.empty()) {
+    StepContext context{
+        config_,     model_,       gate_,   load_, figures_, is_holding_, inputs, now_s, is_first ? dt_s : 0.0,
+        stop_asked_, output.calls, last_id_};
+    is_first = false;
+    Item& item = items_.front();
+    Verdict verdict;
+    try {
+      const std::optional<Verdict> ended = item.step->advance(context);
+      if (!ended) break;
+      verdict = *ended;
+    } catch (const std::exception& error) {
+      context.call(CancelCall{});
+      verdict = {ArmStatus::kFault, item.step->stage() + ": " + error.what()};
+    }
+    const std::string stage = item.step->stage();
+    std::vector<std::string> commands;
+    if (recovery_ == item.step.get() && recovery_ != nullptr) commands = recovery_->commands();
+    if (verdict.isFine()) {
+      items_.pop_front();
+      if (!items_.empty()) continue;
+      output.finished = failure_ ? *failure_ : finished(verdict, stage);
+    } else if (failure_) {
+      failure_->verdict.message += "; the way back failed, too: " + verdict.message;
+      items_.clear();
+      output.finished = *failure_;
+    } else {
+      if (verdict.status == ArmStatus::kLostOnTheWay) {
+        // Nothing is held any more, and everybody has to know.
+        failure_ = finished(verdict, stage);
+        items_ = letGoItems(0.0);
+        continue;
+      }
+      Items undo = item.undo && !stop_asked_ ? item.undo(verdict) : Items{};
+      items_.clear();
+      if (!undo.empty()) {
+        failure_ = finished(verdict, stage);
+        items_ = std::move(undo);
+        continue;
+      }
+      output.finished = finished(verdict, stage);
+    }
+    output.finished->figures = figures_;
+    output.finished->recovery_commands = commands;
+    recovery_ = nullptr;
+    stop_asked_.reset();
+    failure_.reset();
+  }
+  for (const ArmCall& call : output.calls) {
+    const bool is_answered =
+        !std::holds_alternative<CancelCall>(call.what) && !std::holds_alternative<AttachCall>(call.what);
+    if (is_answered) open_.insert(call.id);
+  }
+  return output;
+}
+
+Executor::Executor(const ExecutorConfig& config, const ArmModel& model)
+    : impl_(std::make_unique<Impl>(config, model)) {}
+Executor::~Executor() = default;
+
+void Executor::move(const JointTrajectory& trajectory) {
+  Items items;
+  items.push_back(Impl::motion("move", WatchPhase::kFree, [trajectory] { return trajectory; }));
+  impl_->begin(std::move(items));
+}
+
+void Executor::pick(const PickRequest& request) {
+  impl_->held_mass_kg_ = request.brick_mass_kg;
+  impl_->begin(impl_->pickItems(request));
+}
+
+void Executor::letGo() {
+  impl_->begin(impl_->letGoItems(impl_->is_holding_ ? impl_->held_mass_kg_ : 0.0));
+}
+
+void Executor::recover(const RecoveryPermit& permit) {
+  Items items;
+  items.push_back({std::make_unique<RecoverStep>(impl_->config_.recovery, permit), {}});
+  impl_->begin(std::move(items));
+}
+
+void Executor::stop(const Verdict& verdict) {
+  impl_->stop(verdict);
+}
+
+ExecutorOutput Executor::step(const ExecutorInputs& inputs) {
+  return impl_->step(inputs);
+}
+
+bool Executor::isIdle() const {
+  return impl_->isIdle();
+}
+
+ExecutorPhase Executor::phase() const {
+  return impl_->isIdle() ? ExecutorPhase::kIdle : impl_->items_.front().step->phase();
+}
+
+std::string Executor::stage() const {
+  return impl_->isIdle() ? "" : impl_->items_.front().step->stage();
+}
+
+double Executor::progress() const {
+  return impl_->isIdle() ? 0.0 : impl_->items_.front().step->progress();
+}
+
+bool Executor::isHolding() const {
+  return impl_->is_holding_;
+}
+
+bool Executor::isWaitingForReply() const {
+  return !impl_->open_.empty();
+}
+
+std::optional<double> Executor::load() const {
+  return impl_->load_.load();
+}
+
+Verdict Executor::gate() const {
+  return impl_->gate_verdict_;
+}
+
+const ExecutorConfig& Executor::config() const {
+  return impl_->config_;
+}
+
+}  // namespace ur_driver_bridge

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ur_driver_bridge/executor.h"
+
+namespace ur_driver_bridge {
+
+/// What the steps of a request see and share.
+struct StepContext {
+  const ExecutorConfig& config;
+  const ArmModel& model;
+  const SafetyGate& gate;
+  LoadCell& load;
+  PickFigures& figures;
+  bool& is_holding;
+
+  // Of this call.
+  const ExecutorInputs& inputs;
+  double now_s;
+  double dt_s;  // ROS time since the call before; 0: a reply in between
+  const std::optional<Verdict>& stop_asked;
+  std::vector<ArmCall>& calls;
+  std::uint64_t& last_id;
+
+  const ArmState& arm() const { return inputs.gate.arm; }
+
+  template <typename What>
+  std::uint64_t call(What what) {
+    ArmCall& made = calls.emplace_back();
+    made.id = ++last_id;
+    made.what = std::move(what);
+    return last_id;
+  }
+  /// Nothing: not yet.
+  const CallReply* replyTo(std::uint64_t id) const {
+    for (const CallReply& reply : inputs.replies) {
+      if (reply.id == id) return &reply;
+    }
+    return nullptr;
+  }
+  bool isAtRest() const {
+    return arm().joints && arm().joints->value.velocity_rad_s.cwiseAbs().maxCoeff() < config.motion.rest_rad_s;
+  }
+};
+
+/// A part of a request. Told to stop, it ends with what it was told as soon as it can.
+class Step {
+ public:
+  explicit Step(std::string stage) : stage_(std::move(stage)) {}
+  virtual ~Step() = default;
+  Step(const Step&) = delete;
+  Step& operator=(const Step&) = delete;
+
+  /// Called again and again until it returns something.
+  virtual std::optional<Verdict> advance(StepContext& context) = 0;
+  virtual ExecutorPhase phase() const { return ExecutorPhase::kActing; }
+  virtual double progress() const { return 0.0; }
+  const std::string& stage() const { return stage_; }
+
+ private:
+  std::string stage_;
+};
+
+/// "what = 0.123 unit" and the like.
+std::string formatted(const char* format, ...) __attribute__((format(printf, 1, 2)));
+
+}  // namespace ur_driver_bridge
