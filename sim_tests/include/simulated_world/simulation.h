@@ -140,6 +140,7 @@ class Simulation {
   /// Why a fault's pose is not to be had now; empty: it is.
   std::string placeProblem(const Fault& fault);
   void startArm();
+  void declarePayload(const UrPayload& payload);
   void stepPhysics(double now_s, Tick* tick);
   bool isArmOnBrakes(double now_s);
   double pushOnArm() const;  // of the surroundings, as a share of what makes the arm stop

@@ -119,8 +119,12 @@ class World {
   void setMagnet(bool is_on);
   /// Share of the holding force that the magnet has, 1 when sound.
   void setMagnetStrength(double factor) { magnet_strength_ = factor; }
-  /// Mass that the arm's controller expects beyond the tool, and its centre in ur5e_tool0.
+  /// Mass that the arm's controller expects beyond the tool (negative: less than the tool), and its centre in ur5e_tool0.
   void setPayload(double mass_kg, const Eigen::Vector3d& centre_m);
+
+  // Of the tool itself; its centre in ur5e_tool0.
+  double toolMass() const { return tool_mass_kg_; }
+  const Eigen::Vector3d& toolCentre() const { return tool_centre_m_; }
 
   // Readings.
   ArmVector armPosition() const;

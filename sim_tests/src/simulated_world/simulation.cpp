@@ -187,6 +187,7 @@ Simulation::Simulation(const SimulationConfig& config)
   map_to_odom_ = start;
 
   arm_ = std::make_unique<UrController>(limits, config.arm_driver);
+  arm_->setPayload({world_->toolMass(), world_->toolCentre()});  // as somebody has set it at the pendant
   startArm();
 
   RgbdCameraConfig camera = config.camera;
@@ -297,6 +298,17 @@ Simulation::Tick Simulation::tick() {
   return tick;
 }
 
+// The robot's payload is all that hangs on its flange; the world's, what that is more than the tool.
+void Simulation::declarePayload(const UrPayload& payload) {
+  const double more_kg = payload.mass_kg - world_->toolMass();
+  const Eigen::Vector3d moment_kg_m =
+      payload.mass_kg * payload.center_of_gravity_m - world_->toolMass() * world_->toolCentre();
+  constexpr double kNothing_kg = 1e-6;
+  const bool is_tool_alone = std::abs(more_kg) < kNothing_kg;
+  world_->setPayload(is_tool_alone ? 0.0 : more_kg,
+                     is_tool_alone ? Eigen::Vector3d::Zero() : Eigen::Vector3d(moment_kg_m / more_kg));
+}
+
 void Simulation::stepPhysics(double now_s, Tick* tick) {
   const double dt = config_.world.physics.timestep_s;
   const JointMotion& setpoint = arm_->update(now_s, dt, world_->armPosition(), world_->armVelocity());
@@ -305,7 +317,7 @@ void Simulation::stepPhysics(double now_s, Tick* tick) {
   } else {
     world_->setArmReference(setpoint.position_rad, setpoint.velocity_rad_s, setpoint.acceleration_rad_s2);
   }
-  world_->setPayload(arm_->payload().mass_kg, arm_->payload().center_of_gravity_m);
+  declarePayload(arm_->payload());
   if (arm_->takeFtSensorZeroed()) {
     wrench_zero_ = world_->toolWrench();
   }

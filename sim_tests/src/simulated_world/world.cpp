@@ -373,7 +373,7 @@ void World::commandArm() {
       torque[i] += inertiaEntry(*model_, *data, arm_dof_[i], arm_dof_[j]) * acceleration[j];
     }
   }
-  if (payload_kg_ > 0.0) {
+  if (payload_kg_ != 0.0) {
     const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> R(data->site_xmat + 9 * wrist_site_);
     const Eigen::Vector3d point =
         Eigen::Map<const Eigen::Vector3d>(data->site_xpos + 3 * wrist_site_) + R * payload_centre_m_;

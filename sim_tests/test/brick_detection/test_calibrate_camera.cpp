@@ -81,7 +81,7 @@ class Robot {
     if (!moveTo(tool_.angles(kReach_m, 0.3), 2.5) || !moveTo(tool_.angles(kReach_m, 0.1995), 2.0)) return false;
     sim_.armDriver().setIo(1, sim_.config().magnet_output, 1.0);
     run(0.2);
-    sim_.armDriver().setPayload({1.0, {0.0, 0.0, 0.2}});
+    sim_.armDriver().setPayload({1.5, {0.0, 0.0, 0.15}});  // tool and brick
     return sim_.world().heldBrick() == kBrick && moveTo(above(), 3.0);
   }
 

@@ -144,8 +144,8 @@ TEST_F(CalibrateCameraNode, FindsAndSavesWhereTheCameraIs) {
   ASSERT_TRUE(ros::service::call("ur_hardware_interface/set_io", magnet) && magnet.response.success);
   advance(0.2);
   ur_msgs::SetPayload payload;
-  payload.request.mass = 1.0F;
-  payload.request.center_of_gravity.z = 0.2;
+  payload.request.mass = 1.5F;  // tool and brick
+  payload.request.center_of_gravity.z = 0.15;
   ASSERT_TRUE(ros::service::call("ur_hardware_interface/set_payload", payload) && payload.response.success);
 
   // As in test_calibrate_camera: past the elbow, turned by 20 degrees and more about all axes.

@@ -146,7 +146,7 @@ TEST(Simulation, PicksABrickAndStowsIt) {
   Robot robot(configFor("single_brick"));
   robot.grasp(0);
   ASSERT_EQ(robot.sim.world().heldBrick(), 0);
-  EXPECT_TRUE(robot.sim.armDriver().setPayload({1.0, {0.0, 0.0, 0.2}}).success);
+  EXPECT_TRUE(robot.sim.armDriver().setPayload({1.5, {0.0, 0.0, 0.15}}).success);
   EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.9), 3.0).outcome, GoalOutcome::kSucceeded);
   // Over the chute: 0.511 m behind the arm's axis, clockwise so that the mast is not in the way.
   const ArmVector over = robot.tool.angles(0.68, 0.85);
@@ -156,7 +156,7 @@ TEST(Simulation, PicksABrickAndStowsIt) {
   EXPECT_EQ(robot.moveArm(robot.tool.angles(0.68, 0.85, pan), 5.0).outcome, GoalOutcome::kSucceeded);
   ASSERT_EQ(robot.sim.world().heldBrick(), 0);
   robot.magnet(false);
-  robot.sim.armDriver().setPayload({0.0, {0.0, 0.0, 0.0}});
+  robot.sim.armDriver().setPayload({0.5, {0.0, 0.0, 0.05}});
   robot.run(2.0);
   EXPECT_EQ(robot.sim.bricksStowed(), 1);
   EXPECT_TRUE(says(robot.incidents, "brick 0 stowed"));

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "ur_driver_bridge_ros/ur_driver.h"
+
+#include <motion_planning_ros/conversions.h>
+#include <std_srvs/Trigger.h>
+#include <ur_msgs/SetIO.h>
+#include <ur_msgs/SetPayload.h>
+
+namespace ur_driver_bridge_ros {
+namespace {
+
+using ur_driver_bridge::CallReply;
+using ur_driver_bridge::TrajectoryEvent;
+
+constexpr const char* kController = "scaled_pos_joint_traj_controller/follow_joint_trajectory";
+constexpr const char* kHardware = "ur_hardware_interface/";
+constexpr double kPresencePeriod_s = 0.1;
+// A goal and the stop that takes its place are all that can be on their way at a time.
+constexpr std::size_t kMaxGoals = 8;
+// ur_msgs changed SetIO's constants, and with them its MD5 sum, after 1.3.4; what is on the wire is the same.
+constexpr const char* kAnyMd5 = "*";
+
+}  // namespace
+
+CallThread::~CallThread() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    is_stopping_ = true;
+  }
+  changed_.notify_all();
+  thread_.join();
+}
+
+void CallThread::post(std::function<void()> call) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    calls_.push_back(std::move(call));
+  }
+  changed_.notify_all();
+}
+
+void CallThread::work() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (true) {
+    changed_.wait(lock, [this] { return is_stopping_ || !calls_.empty(); });
+    if (is_stopping_) return;
+    const std::function<void()> call = std::move(calls_.front());
+    calls_.pop_front();
+    lock.unlock();
+    call();
+    lock.lock();
+  }
+}
+
+UrDriver::UrDriver(const ros::NodeHandle& nh, int magnet_pin, OnReply on_reply, OnEvent on_event)
+    : nh_(nh), magnet_pin_(magnet_pin), on_reply_(std::move(on_reply)), on_event_(std::move(on_event)) {
+  ros::NodeHandle own(nh_);
+  own.setCallbackQueue(&queue_);
+  client_ = std::make_unique<Client>(own, kController, &queue_);
+  presence_timer_ = own.createWallTimer(ros::WallDuration(kPresencePeriod_s), [this](const ros::WallTimerEvent&) {
+    is_controller_there_ = client_->isServerConnected();
+  });
+  spinner_ = std::make_unique<ros::AsyncSpinner>(1, &queue_);
+  spinner_->start();
+}
+
+UrDriver::~UrDriver() {
+  presence_timer_.stop();
+  spinner_->stop();
+  const std::lock_guard<std::mutex> lock(goals_mutex_);
+  goals_.clear();
+}
+
+void UrDriver::send(std::uint64_t id, const ur_driver_bridge::JointTrajectory& trajectory) {
+  control_msgs::FollowJointTrajectoryGoal goal;
+  goal.trajectory = motion_planning_ros::toMessage(trajectory);
+  const std::lock_guard<std::mutex> lock(goals_mutex_);
+  goals_.push_back(client_->sendGoal(goal, [this, id](Client::GoalHandle handle) { onTransition(id, handle); }));
+  while (goals_.size() > kMaxGoals) goals_.pop_front();
+}
+
+void UrDriver::cancel() {
+  client_->cancelAllGoals();
+}
+
+void UrDriver::onTransition(std::uint64_t id, Client::GoalHandle handle) {
+  using actionlib::CommState;
+  using actionlib::TerminalState;
+  using Kind = TrajectoryEvent::Kind;
+  const CommState state = handle.getCommState();
+  if (state == CommState::ACTIVE) {
+    on_event_({id, Kind::kAccepted, ""});
+    return;
+  }
+  if (state != CommState::DONE) return;
+  const TerminalState end = handle.getTerminalState();
+  std::string message = end.getText();
+  if (const auto result = handle.getResult()) {
+    if (!result->error_string.empty()) message = result->error_string;
+    if (result->error_code != control_msgs::FollowJointTrajectoryResult::SUCCESSFUL) {
+      message += " (error " + std::to_string(result->error_code) + ")";
+    }
+  }
+  switch (end.state_) {
+    case TerminalState::SUCCEEDED:
+      on_event_({id, Kind::kSucceeded, message});
+      break;
+    case TerminalState::REJECTED:
+      on_event_({id, Kind::kRejected, message});
+      break;
+    case TerminalState::ABORTED:
+      on_event_({id, Kind::kAborted, message});
+      break;
+    case TerminalState::RECALLED:
+    case TerminalState::PREEMPTED:
+      on_event_({id, Kind::kCancelled, message});
+      break;
+    case TerminalState::LOST:
+      on_event_({id, Kind::kLost, message});
+      break;
+  }
+}
+
+template <typename Service>
+void UrDriver::post(std::uint64_t id, const std::string& name, const std::string& md5sum,
+                    const typename Service::Request& request,
+                    std::string (*message)(const typename Service::Response&)) {
+  services_.post([this, id, name, md5sum, request, message] {
+    ros::ServiceClientOptions options;
+    options.service = name;
+    options.md5sum = md5sum;
+    options.persistent = true;  // see sim_tests' call(): what closes right after its answer looks like a failed call
+    ros::ServiceClient client = ros::NodeHandle(nh_).serviceClient(options);
+    typename Service::Response response;
+    CallReply reply;
+    reply.id = id;
+    if (client.isValid() && client.call(request, response, md5sum)) {
+      reply.success = response.success != 0;
+      reply.message = message(response);
+    } else {
+      reply.is_gone = true;
+      reply.message = "service " + nh_.resolveName(name) + " does not answer";
+    }
+    on_reply_(reply);
+  });
+}
+
+void UrDriver::trigger(std::uint64_t id, const std::string& service) {
+  post<std_srvs::Trigger>(id, kHardware + service, ros::service_traits::md5sum<std_srvs::Trigger>(),
+                          std_srvs::Trigger::Request(),
+                          [](const std_srvs::Trigger::Response& response) { return response.message; });
+}
+
+void UrDriver::setMagnet(std::uint64_t id, bool is_on) {
+  ur_msgs::SetIO::Request request;
+  request.fun = ur_msgs::SetIO::Request::FUN_SET_DIGITAL_OUT;
+  request.pin = static_cast<std::int8_t>(magnet_pin_);
+  request.state = is_on ? 1.0F : 0.0F;
+  post<ur_msgs::SetIO>(id, std::string(kHardware) + "set_io", kAnyMd5, request,
+                       [](const ur_msgs::SetIO::Response&) { return std::string(); });
+}
+
+void UrDriver::zeroForce(std::uint64_t id) {
+  trigger(id, "zero_ftsensor");
+}
+
+void UrDriver::setPayload(std::uint64_t id, const ur_driver_bridge::Payload& payload) {
+  ur_msgs::SetPayload::Request request;
+  request.mass = static_cast<float>(payload.mass_kg);
+  request.center_of_gravity.x = payload.centre_m.x();
+  request.center_of_gravity.y = payload.centre_m.y();
+  request.center_of_gravity.z = payload.centre_m.z();
+  post<ur_msgs::SetPayload>(id, std::string(kHardware) + "set_payload",
+                            ros::service_traits::md5sum<ur_msgs::SetPayload>(), request,
+                            [](const ur_msgs::SetPayload::Response&) { return std::string(); });
+}
+
+void UrDriver::dashboard(std::uint64_t id, const std::string& command) {
+  trigger(id, command);
+}
+
+}  // namespace ur_driver_bridge_ros

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "ur_driver_bridge_ros/ur_driver_bridge_params.h"
+
+#include <gpis_mapping/range_check.h>
+#include <gpis_mapping_ros/param_reader.h>
+#include <gpis_mapping_ros/param_writer.h>
+
+#include "ur_driver_bridge/config_fields.h"
+
+namespace ur_driver_bridge_ros {
+namespace {
+
+/// visit(key, value) for each key.
+template <typename Params, typename Visitor>
+void visitParams(Params& params, Visitor&& visit) {
+  visit("base_frame", params.base_frame);
+  visit("bricks_file", params.bricks_file);
+  visit("max_payload_kg", params.max_payload_kg);
+  visit("watchdog_rate_hz", params.watchdog_rate_hz);
+  visit("lockstep_wait_s", params.lockstep_wait_s);
+  ur_driver_bridge::visitExecutorFields(params.executor, visit);
+}
+
+}  // namespace
+
+std::vector<std::string> UrDriverBridgeParams::validate() const {
+  std::vector<std::string> problems;
+  if (base_frame.empty() || base_frame.front() == '/') {
+    problems.push_back("base_frame = '" + base_frame + "', must be a tf2 frame: no leading slash");
+  }
+  if (bricks_file.empty() || bricks_file.front() != '/') {
+    problems.push_back("bricks_file = '" + bricks_file + "', must be the absolute path of a bricks.yaml");
+  }
+  gpis_mapping::RangeCheck check;
+  check("max_payload_kg", max_payload_kg, 0.1, 100.0, "kg");
+  check("watchdog_rate_hz", watchdog_rate_hz, 10.0, 500.0, "Hz");
+  check("lockstep_wait_s", lockstep_wait_s, 0.0, 60.0, "s");
+  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
+  const std::vector<std::string> more = executor.validate();
+  problems.insert(problems.end(), more.begin(), more.end());
+  return problems;
+}
+
+std::string toYaml(const UrDriverBridgeParams& params) {
+  gpis_mapping_ros::ParamWriter writer;
+  visitParams(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
+  return writer.text();
+}
+
+UrDriverBridgeParams loadUrDriverBridgeParams(const ros::NodeHandle& private_nh) {
+  UrDriverBridgeParams params;
+  gpis_mapping_ros::ParamReader reader(private_nh);
+  visitParams(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
+  reader.ignore("diagnostic_period");  // read by diagnostic_updater
+  reader.ignore("diagnostic_updater");
+  reader.report("", params.validate());
+  reader.finish();
+  return params;
+}
+
+}  // namespace ur_driver_bridge_ros
