@@ -19,7 +19,8 @@ constexpr int kNoController = -1, kDisconnected = 0, kConfirmSafety = 1, kBootin
 }  // namespace robot_mode
 namespace safety_mode {
 constexpr int kNormal = 1, kReduced = 2, kProtectiveStop = 3, kRecovery = 4, kSafeguardStop = 5,
-              kSystemEmergencyStop = 6, kRobotEmergencyStop = 7, kViolation = 8, kFault = 9;
+              kSystemEmergencyStop = 6, kRobotEmergencyStop = 7, kViolation = 8, kFault = 9, kValidateJointId = 10,
+              kUndefined = 11, kAutomaticModeSafeguardStop = 12, kThreePositionEnablingStop = 13;
 }  // namespace safety_mode
 
 template <typename Value>

@@ -55,7 +55,6 @@ void visitExecutorFields(Config& config, Visitor&& visit) {
   visit("magnet/io_timeout_s", config.io_timeout_s);
 
   visit("recovery/is_headless", config.recovery.is_headless);
-  visit("recovery/unlocks_by_itself", config.recovery.unlocks_by_itself);
   visit("recovery/unlock_wait_s", config.recovery.unlock_wait_s);
   visit("recovery/step_timeout_s", config.recovery.step_timeout_s);
   visit("recovery/max_commands", config.recovery.max_commands);

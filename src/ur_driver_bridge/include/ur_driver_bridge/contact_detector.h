@@ -10,10 +10,10 @@
 namespace ur_driver_bridge {
 
 struct ContactDetectorConfig {
-  double threshold_N{8.0};   // of the force along the tool's axis
-  double debounce_s{0.02};   // above it so long, in samples without a gap below
-  double sideways_N{40.0};   // of the force across: something else is met; at once
-  double hard_N{60.0};       // of the force along: contact at once, without debounce
+  double threshold_N{8.0};  // of the force along the tool's axis
+  double debounce_s{0.02};  // above it so long, in samples without a gap below
+  double sideways_N{40.0};  // of the force across: something else is met; at once
+  double hard_N{60.0};      // of the force along: contact at once, without debounce
 
   std::vector<std::string> validate() const;
 };
@@ -34,7 +34,7 @@ class ContactDetector {
 
   void reset();
   /// Samples in the order of time; one that is not newer than the last is ignored, one that is not finite resets the
-  /// debounce. Once there is contact, it stays until reset().
+  /// debounce. Missing samples do not: the force is taken to have stayed. Once there is contact, it stays until reset().
   const Contact& add(const Stamped<ToolForce>& sample);
   const Contact& contact() const { return contact_; }
 

@@ -15,13 +15,13 @@ namespace ur_driver_bridge {
 constexpr double kGravity_m_s2 = 9.81;
 
 struct LoadCellConfig {
-  double weigh_s{0.3};           // averaged over so long
+  double weigh_s{0.3};  // averaged over so long
   int min_samples{10};
-  double max_spread_N{3.0};      // standard deviation of the vertical force meanwhile; more: the arm does not stand still
-  double min_share{0.5};         // of the brick's mass, below: nothing hangs there
-  double max_share{1.8};         // above: more than the brick
-  double lost_share{0.5};        // of the brick's weight gone: it is lost ...
-  double lost_s{0.1};            // ... if for so long: a median over this window, for the arm shakes
+  double max_spread_N{3.0};  // standard deviation of the vertical force meanwhile; more: the arm does not stand still
+  double min_share{0.5};     // of the brick's mass, below: nothing hangs there
+  double max_share{1.8};     // above: more than the brick
+  double lost_share{0.5};    // of the brick's weight gone: it is lost ...
+  double lost_s{0.1};        // ... if for so long: by the median over twice this, for the arm shakes
 
   std::vector<std::string> validate() const;
 };
@@ -42,18 +42,22 @@ class LoadCell {
   /// `R_world_tool`: of the tool's frame when the sample was taken, z of the world up. Samples in the order of time; not
   /// finite or not newer: ignored.
   void add(const Stamped<ToolForce>& sample, const Eigen::Matrix3d& R_world_tool);
+  /// Forgets the samples, when the sensor was zeroed for instance. What is held stays held.
   void reset();
 
-  /// Of the samples since `from_s`, as soon as they cover weigh_s: mass = -mean(F_z) / g. Nothing: not enough yet, or the
-  /// spread is too large (`why` says so).
+  /// Of the newest samples since `from_s`, as soon as they cover weigh_s: mass = -mean(F_z) / g. Nothing: not enough yet,
+  /// or the spread is too large (`why` says so).
   std::optional<Weight> weigh(double from_s, std::string* why = nullptr) const;
 
   /// From now on the load is as it is: a sample is lost weight when it tells of lost_share * mass_kg less. Call after the
-  /// payload was declared and the force has settled; `reference` from weigh().
+  /// payload was declared and the force has settled; `reference` from weigh(). Once the robot compensates the brick's
+  /// weight the reference is about 0, and a lost brick reads as -mass_kg. Throws std::invalid_argument unless the mass is
+  /// > 0 and both are finite.
   void hold(double mass_kg, const Weight& reference);
   void release();
   bool isHolding() const { return held_.has_value(); }
-  /// The median over the last lost_s tells that the held load has gone. False before there are samples for so long.
+  /// The median over the last 2 lost_s, since hold() at most, tells that the held load has gone: that is, it has gone for
+  /// lost_s. False before there are samples for lost_s, and without samples: see to the age of the force.
   bool isLost() const;
   /// Median over the last lost_s of the load beside the declared payload [kg]; nothing before there are samples.
   std::optional<double> load() const;
@@ -68,8 +72,12 @@ class LoadCell {
   struct Held {
     double mass_kg;
     double reference_kg;
-    double since_s;
+    std::optional<double> since_s;  // nothing: from the next sample on
   };
+
+  double lossWindow() const { return 2.0 * config_.lost_s; }
+  /// Of the samples of the last `window_s` that are not older than `since_s`.
+  std::optional<double> medianLoad(double window_s, double since_s, std::size_t min_samples) const;
 
   LoadCellConfig config_;
   std::deque<Sample> samples_;

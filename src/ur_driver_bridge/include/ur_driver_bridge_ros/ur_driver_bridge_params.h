@@ -18,6 +18,7 @@ struct UrDriverBridgeParams {
   double watchdog_rate_hz{50.0};  // looks so often, in ROS time, when no joint states come
   double lockstep_wait_s{0.0};   // wall time that a step waits for open calls before the clock may go on; 0: not at all
 
+  bool unlocks_by_itself{false};  // recovery: a protective stop without the operator's word; for simulation
   ur_driver_bridge::ExecutorConfig executor;
 
   /// Every problem as "key = value unit, must be ...".

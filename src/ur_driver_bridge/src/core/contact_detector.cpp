@@ -1,2 +1,59 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ur_driver_bridge/contact_detector.h"
+
+#include <cmath>
+
+#include <gpis_mapping/range_check.h>
+
+namespace ur_driver_bridge {
+namespace {
+
+constexpr double kRounding_s = 1e-6;  // of differences of ROS times, which have 2e-7 s as doubles
+
+}  // namespace
+
+std::vector<std::string> ContactDetectorConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("threshold_N", threshold_N, 0.5, 200.0, "N");
+  check("debounce_s", debounce_s, 0.0, 1.0, "s");
+  check("sideways_N", sideways_N, 0.5, 500.0, "N");
+  check("hard_N", hard_N, threshold_N, 500.0, "N");
+  return check.problems();
+}
+
+ContactDetector::ContactDetector(const ContactDetectorConfig& config) : config_(config) {
+  gpis_mapping::throwIfAny(config.validate());
+}
+
+void ContactDetector::reset() {
+  contact_ = Contact{};
+  last_s_.reset();
+  above_since_s_.reset();
+}
+
+const ContactDetector::Contact& ContactDetector::add(const Stamped<ToolForce>& sample) {
+  if (!std::isfinite(sample.stamp_s) || (last_s_ && sample.stamp_s <= *last_s_)) return contact_;
+  last_s_ = sample.stamp_s;
+  if (contact_.kind != Kind::kNone) return contact_;
+  const Eigen::Vector3d& force_N = sample.value.force_N;
+  if (!force_N.allFinite()) {
+    above_since_s_.reset();
+    return contact_;
+  }
+  const double axial_N = std::abs(force_N.z());
+  const double sideways_N = force_N.head<2>().norm();
+  if (axial_N <= config_.threshold_N) {
+    above_since_s_.reset();
+  } else if (!above_since_s_) {
+    above_since_s_ = sample.stamp_s;
+  }
+  if (sideways_N > config_.sideways_N) {
+    contact_ = {Kind::kSideways, sideways_N, sample.stamp_s};
+  } else if (above_since_s_ &&
+             (axial_N > config_.hard_N || sample.stamp_s - *above_since_s_ >= config_.debounce_s - kRounding_s)) {
+    contact_ = {Kind::kAxial, axial_N, *above_since_s_};
+  }
+  return contact_;
+}
+
+}  // namespace ur_driver_bridge

@@ -1,2 +1,140 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ur_driver_bridge/load_cell.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <sstream>
+#include <stdexcept>
+
+#include <gpis_mapping/range_check.h>
+
+namespace ur_driver_bridge {
+namespace {
+
+constexpr double kRounding_s = 1e-6;    // of differences of ROS times, which have 2e-7 s as doubles
+constexpr std::size_t kMinForLoss = 3;  // samples: one alone is no median
+
+double median(std::vector<double>* values) {
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  if (values->size() % 2 == 1) return *middle;
+  return 0.5 * (*middle + *std::max_element(values->begin(), middle));
+}
+
+}  // namespace
+
+std::vector<std::string> LoadCellConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("weigh_s", weigh_s, 0.01, 10.0, "s");
+  check("min_samples", min_samples, 2, 10000, "");
+  check("max_spread_N", max_spread_N, 0.01, 100.0, "N");
+  check("min_share", min_share, 0.0, 1.0, "");
+  check("max_share", max_share, 1.0, 10.0, "");
+  check("lost_share", lost_share, 0.05, 1.0, "");
+  check("lost_s", lost_s, 0.01, 2.0, "s");
+  return check.problems();
+}
+
+LoadCell::LoadCell(const LoadCellConfig& config) : config_(config) {
+  gpis_mapping::throwIfAny(config.validate());
+}
+
+void LoadCell::add(const Stamped<ToolForce>& sample, const Eigen::Matrix3d& R_world_tool) {
+  const double vertical_N = R_world_tool.row(2).dot(sample.value.force_N);
+  if (!std::isfinite(sample.stamp_s) || !std::isfinite(vertical_N)) return;
+  if (!samples_.empty() && sample.stamp_s <= samples_.back().stamp_s) return;
+  samples_.push_back({sample.stamp_s, vertical_N});
+  if (held_ && !held_->since_s) held_->since_s = sample.stamp_s;
+  // Twice of what any question looks back, so that a window is known to be full.
+  const double keep_s = 2.0 * std::max(config_.weigh_s, lossWindow());
+  while (samples_.front().stamp_s < sample.stamp_s - keep_s) samples_.pop_front();
+}
+
+void LoadCell::reset() {
+  samples_.clear();
+  if (held_) held_->since_s.reset();
+}
+
+std::optional<LoadCell::Weight> LoadCell::weigh(double from_s, std::string* why) const {
+  const auto refuse = [why](const std::string& text) -> std::optional<Weight> {
+    if (why) *why = text;
+    return std::nullopt;
+  };
+  if (!std::isfinite(from_s)) throw std::invalid_argument("from_s is not finite");
+  const auto first = std::find_if(samples_.begin(), samples_.end(),
+                                  [from_s](const Sample& sample) { return sample.stamp_s >= from_s; });
+  if (first == samples_.end()) return refuse("no force has been heard since then");
+  const double newest_s = samples_.back().stamp_s;
+  const double covered_s = newest_s - first->stamp_s;
+  std::ostringstream text;
+  if (covered_s < config_.weigh_s - kRounding_s) {
+    text << "the force is known for " << covered_s << " s, needed are " << config_.weigh_s << " s";
+    return refuse(text.str());
+  }
+  Weight weight;
+  double sum_N = 0.0;
+  const auto is_in_window = [&](const Sample& sample) {
+    return sample.stamp_s >= from_s && sample.stamp_s >= newest_s - config_.weigh_s - kRounding_s;
+  };
+  for (const Sample& sample : samples_) {
+    if (!is_in_window(sample)) continue;
+    sum_N += sample.vertical_N;
+    ++weight.samples;
+  }
+  if (weight.samples < config_.min_samples) {
+    text << weight.samples << " samples of the force in " << config_.weigh_s << " s, needed are "
+         << config_.min_samples;
+    return refuse(text.str());
+  }
+  const double mean_N = sum_N / weight.samples;
+  double squares = 0.0;
+  for (const Sample& sample : samples_) {
+    if (is_in_window(sample)) squares += (sample.vertical_N - mean_N) * (sample.vertical_N - mean_N);
+  }
+  weight.spread_N = std::sqrt(squares / (weight.samples - 1));
+  weight.mass_kg = -mean_N / kGravity_m_s2;
+  if (weight.spread_N > config_.max_spread_N) {
+    text << "the vertical force scatters by " << weight.spread_N << " N, allowed " << config_.max_spread_N
+         << " N: the arm does not stand still";
+    return refuse(text.str());
+  }
+  return weight;
+}
+
+void LoadCell::hold(double mass_kg, const Weight& reference) {
+  if (!(mass_kg > 0.0) || !std::isfinite(mass_kg)) {
+    throw std::invalid_argument("mass_kg = " + std::to_string(mass_kg) + " kg, must be > 0 kg and finite");
+  }
+  if (!std::isfinite(reference.mass_kg)) throw std::invalid_argument("reference.mass_kg is not finite");
+  held_ = Held{mass_kg, reference.mass_kg, std::nullopt};
+  if (!samples_.empty()) held_->since_s = samples_.back().stamp_s;
+}
+
+void LoadCell::release() {
+  held_.reset();
+}
+
+bool LoadCell::isLost() const {
+  if (!held_ || !held_->since_s || samples_.empty()) return false;
+  if (samples_.back().stamp_s - *held_->since_s < config_.lost_s - kRounding_s) return false;
+  const std::optional<double> load_kg = medianLoad(lossWindow(), *held_->since_s, kMinForLoss);
+  return load_kg && held_->reference_kg - *load_kg >= config_.lost_share * held_->mass_kg;
+}
+
+std::optional<double> LoadCell::load() const {
+  if (samples_.empty()) return std::nullopt;
+  return medianLoad(config_.lost_s, samples_.front().stamp_s, 1);
+}
+
+std::optional<double> LoadCell::medianLoad(double window_s, double since_s, std::size_t min_samples) const {
+  std::vector<double> vertical_N;
+  const double from_s = std::max(since_s, samples_.back().stamp_s - window_s - kRounding_s);
+  for (const Sample& sample : samples_) {
+    if (sample.stamp_s >= from_s) vertical_N.push_back(sample.vertical_N);
+  }
+  if (vertical_N.size() < min_samples) return std::nullopt;
+  return -median(&vertical_N) / kGravity_m_s2;
+}
+
+}  // namespace ur_driver_bridge

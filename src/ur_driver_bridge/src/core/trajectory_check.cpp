@@ -1,2 +1,239 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ur_driver_bridge/trajectory_check.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <iomanip>
+#include <sstream>
+#include <stdexcept>
+
+#include <gpis_mapping/range_check.h>
+
+namespace ur_driver_bridge {
+namespace {
+
+constexpr double kRest_rad_s = 1e-6;      // slower is at rest: the arm would need an hour for a degree
+constexpr double kPosition_rad = 1e-6;    // beyond a position limit: a thirtieth of the arm's repeatability
+constexpr double kTimeRounding_s = 1e-9;  // messages hold times in whole nanoseconds
+
+/// One joint between two points, as JointTrajectory::sample goes: by position and velocity at both ends.
+struct JointCubic {
+  double duration_s;
+  double position_rad;
+  double velocity_rad_s;
+  double acceleration_rad_s2;  // at the begin
+  double jerk_rad_s3;
+
+  JointCubic(const TrajectoryPoint& a, const TrajectoryPoint& b, int joint)
+      : duration_s(b.time_s - a.time_s), position_rad(a.position_rad[joint]), velocity_rad_s(a.velocity_rad_s[joint]) {
+    const double way = (b.position_rad[joint] - position_rad) / duration_s;
+    const double end_rad_s = b.velocity_rad_s[joint];
+    acceleration_rad_s2 = (6.0 * way - 4.0 * velocity_rad_s - 2.0 * end_rad_s) / duration_s;
+    const double end_rad_s2 = (-6.0 * way + 2.0 * velocity_rad_s + 4.0 * end_rad_s) / duration_s;
+    jerk_rad_s3 = (end_rad_s2 - acceleration_rad_s2) / duration_s;
+  }
+
+  double positionAt(double t) const {
+    return position_rad + t * (velocity_rad_s + t * (0.5 * acceleration_rad_s2 + t / 6.0 * jerk_rad_s3));
+  }
+  double velocityAt(double t) const { return velocity_rad_s + t * (acceleration_rad_s2 + 0.5 * t * jerk_rad_s3); }
+  double accelerationAt(double t) const { return acceleration_rad_s2 + t * jerk_rad_s3; }
+
+  /// Times at which velocity is largest or smallest: the ends, and the vertex if it is between.
+  std::array<double, 3> velocityExtremes() const {
+    const double vertex = jerk_rad_s3 == 0.0 ? 0.0 : -acceleration_rad_s2 / jerk_rad_s3;
+    return {0.0, duration_s, std::clamp(std::isfinite(vertex) ? vertex : 0.0, 0.0, duration_s)};
+  }
+
+  /// Times at which position is largest or smallest: the ends, and where velocity vanishes between.
+  std::array<double, 4> positionExtremes() const {
+    std::array<double, 4> times = {0.0, duration_s, 0.0, 0.0};
+    // 0.5 j t^2 + a t + v = 0, without cancellation: t = 2 v / -(a + sign(a) root) and its partner.
+    const double discriminant = acceleration_rad_s2 * acceleration_rad_s2 - 2.0 * jerk_rad_s3 * velocity_rad_s;
+    if (!(discriminant >= 0.0)) return times;
+    const double sum = acceleration_rad_s2 + std::copysign(std::sqrt(discriminant), acceleration_rad_s2);
+    if (sum == 0.0) return times;
+    const double first = -2.0 * velocity_rad_s / sum;
+    const double second = jerk_rad_s3 == 0.0 ? 0.0 : -sum / jerk_rad_s3;
+    if (first > 0.0 && first < duration_s) times[2] = first;
+    if (second > 0.0 && second < duration_s) times[3] = second;
+    return times;
+  }
+};
+
+std::string number(double value) {
+  std::ostringstream out;
+  out << value;
+  return out.str();
+}
+
+std::string pointName(const JointTrajectory& trajectory, std::size_t i) {
+  std::ostringstream out;
+  out << "point " << i << " of " << trajectory.points.size() << " (at " << trajectory.points[i].time_s << " s)";
+  return out.str();
+}
+
+Verdict badRequest(const std::string& message) {
+  return {ArmStatus::kBadRequest, message};
+}
+
+/// "... elbow_joint would be at 3.2 rad 0.004 s after point 3 of 20 (at 0.5 s), ..."
+Verdict beyond(const JointTrajectory& trajectory, std::size_t i, double after_s, const std::string& joint,
+               const std::string& what, double value, const std::string& allowed) {
+  std::ostringstream out;
+  out << std::setprecision(6) << joint << ": " << what << " " << value;
+  if (after_s > 0.0)
+    out << ", " << after_s << " s after ";
+  else
+    out << " at ";
+  out << pointName(trajectory, i) << ", must be in " << allowed;
+  return {ArmStatus::kBeyondLimits, out.str()};
+}
+
+std::string interval(double lower, double upper, const std::string& unit) {
+  return "[" + number(lower) + ", " + number(upper) + "] " + unit;
+}
+
+Verdict checkForm(const JointTrajectory& trajectory, const std::vector<std::string>& joints, StartSpeed start) {
+  const auto& points = trajectory.points;
+  if (points.empty()) return badRequest("the trajectory has 0 points, must have at least 1");
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const TrajectoryPoint& point = points[i];
+    if (!std::isfinite(point.time_s)) return badRequest("the time of point " + std::to_string(i) + " is not finite");
+    for (int joint = 0; joint < 6; ++joint) {
+      const char* what = !std::isfinite(point.position_rad[joint])          ? "position"
+                         : !std::isfinite(point.velocity_rad_s[joint])      ? "velocity"
+                         : !std::isfinite(point.acceleration_rad_s2[joint]) ? "acceleration"
+                                                                            : nullptr;
+      if (what) return badRequest(joints[joint] + ": " + what + " is not finite at " + pointName(trajectory, i));
+    }
+  }
+  if (points.front().time_s < 0.0) {
+    return badRequest("the trajectory begins at " + number(points.front().time_s) + " s, must be >= 0 s");
+  }
+  for (std::size_t i = 1; i < points.size(); ++i) {
+    if (points[i].time_s > points[i - 1].time_s) continue;
+    return badRequest(pointName(trajectory, i) + " is not later than the one before, at " +
+                      number(points[i - 1].time_s) + " s");
+  }
+  const auto moves = [&](std::size_t i, const char* where) -> Verdict {
+    int joint = 0;
+    const double speed = points[i].velocity_rad_s.cwiseAbs().maxCoeff(&joint);
+    if (speed <= kRest_rad_s) return {};
+    return badRequest(joints[joint] + ": velocity " + number(points[i].velocity_rad_s[joint]) + " rad/s at the " +
+                      where + ", must be at rest there");
+  };
+  if (start == StartSpeed::kAtRest) {
+    const Verdict verdict = moves(0, "start");
+    if (!verdict.isFine()) return verdict;
+  }
+  return moves(points.size() - 1, "end");
+}
+
+}  // namespace
+
+std::vector<std::string> TrajectoryLimits::validate() const {
+  std::vector<std::string> problems;
+  if (joints.size() != 6) {
+    problems.push_back("joints = " + std::to_string(joints.size()) + " names, must be 6");
+    return problems;
+  }
+  gpis_mapping::RangeCheck check;
+  for (int i = 0; i < 6; ++i) {
+    const std::string of = "[" + joints[i] + "]";
+    check(("lower_rad" + of).c_str(), lower_rad[i], -1e3, 1e3, "rad");
+    check(("upper_rad" + of).c_str(), upper_rad[i], std::max(-1e3, lower_rad[i]), 1e3, "rad");
+    check(("velocity_rad_s" + of).c_str(), velocity_rad_s[i], 1e-3, 100.0, "rad/s");
+    check(("acceleration_rad_s2" + of).c_str(), acceleration_rad_s2[i], 1e-2, 1000.0, "rad/s^2");
+  }
+  return check.problems();
+}
+
+Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimits& limits, double tolerance,
+                        StartSpeed start) {
+  std::vector<std::string> problems = limits.validate();
+  gpis_mapping::RangeCheck check;
+  check("tolerance", tolerance, 0.0, 1.0, "");
+  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
+  gpis_mapping::throwIfAny(problems);
+
+  const Verdict form = checkForm(trajectory, limits.joints, start);
+  if (!form.isFine()) return form;
+  const auto& points = trajectory.points;
+
+  // Written as "not within" so that a number that overflowed does not pass.
+  const auto position = [&](std::size_t i, double after_s, int joint, double value) -> Verdict {
+    if (value >= limits.lower_rad[joint] - kPosition_rad && value <= limits.upper_rad[joint] + kPosition_rad) return {};
+    return beyond(trajectory, i, after_s, limits.joints[joint], "position", value,
+                  interval(limits.lower_rad[joint], limits.upper_rad[joint], "rad"));
+  };
+  const auto rate = [&](std::size_t i, double after_s, int joint, const char* what, double value, double limit,
+                        double allowance, const char* unit) -> Verdict {
+    if (std::abs(value) <= (1.0 + tolerance) * limit + allowance) return {};
+    return beyond(trajectory, i, after_s, limits.joints[joint], what, value, interval(-limit, limit, unit));
+  };
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (int joint = 0; joint < 6; ++joint) {
+      const double velocity_limit = limits.velocity_rad_s[joint];
+      const double acceleration_limit = limits.acceleration_rad_s2[joint];
+      std::vector<Verdict> found = {
+          position(i, 0.0, joint, points[i].position_rad[joint]),
+          rate(i, 0.0, joint, "velocity", points[i].velocity_rad_s[joint], velocity_limit, 0.0, "rad/s"),
+          rate(i, 0.0, joint, "acceleration", points[i].acceleration_rad_s2[joint], acceleration_limit, 0.0,
+               "rad/s^2")};
+      if (i + 1 < points.size()) {
+        const JointCubic cubic(points[i], points[i + 1], joint);
+        for (const double t : cubic.positionExtremes()) found.push_back(position(i, t, joint, cubic.positionAt(t)));
+        for (const double t : cubic.velocityExtremes()) {
+          found.push_back(rate(i, t, joint, "velocity", cubic.velocityAt(t), velocity_limit, 0.0, "rad/s"));
+        }
+        // Both times are rounded by half of kTimeRounding_s; what that does to the mean velocity, six times as much
+        // over the duration does to the acceleration at the ends.
+        const double h = cubic.duration_s;
+        const double mean_rad_s = std::abs(points[i + 1].position_rad[joint] - points[i].position_rad[joint]) / h;
+        const double rounding = 6.0 * mean_rad_s * kTimeRounding_s / (h * h);
+        for (const double t : {0.0, h}) {
+          found.push_back(
+              rate(i, t, joint, "acceleration", cubic.accelerationAt(t), acceleration_limit, rounding, "rad/s^2"));
+        }
+      }
+      for (Verdict& verdict : found) {
+        if (!verdict.isFine()) return std::move(verdict);
+      }
+    }
+  }
+  return {};
+}
+
+Verdict checkStart(const JointTrajectory& trajectory, const ArmVector& arm_rad, const std::vector<std::string>& joints,
+                   double tolerance_rad) {
+  if (joints.size() != 6) {
+    throw std::invalid_argument("joints = " + std::to_string(joints.size()) + " names, must be 6");
+  }
+  if (!(tolerance_rad >= 0.0) || !std::isfinite(tolerance_rad)) {
+    throw std::invalid_argument("tolerance_rad = " + number(tolerance_rad) + " rad, must be >= 0 rad and finite");
+  }
+  if (trajectory.empty()) return badRequest("the trajectory has 0 points, must have at least 1");
+  const ArmVector& begin_rad = trajectory.points.front().position_rad;
+  int worst = 0;
+  double worst_rad = -1.0;
+  for (int joint = 0; joint < 6; ++joint) {
+    const double gap_rad = std::abs(arm_rad[joint] - begin_rad[joint]);
+    if (!std::isfinite(gap_rad)) {
+      return {ArmStatus::kStartMismatch, joints[joint] + ": the arm is at " + number(arm_rad[joint]) +
+                                             " rad, the trajectory begins at " + number(begin_rad[joint]) + " rad"};
+    }
+    if (gap_rad > worst_rad) {
+      worst = joint;
+      worst_rad = gap_rad;
+    }
+  }
+  if (worst_rad <= tolerance_rad) return {};
+  return {ArmStatus::kStartMismatch, joints[worst] + ": the arm is at " + number(arm_rad[worst]) +
+                                         " rad, the trajectory begins at " + number(begin_rad[worst]) + " rad: " +
+                                         number(worst_rad) + " rad apart, allowed " + number(tolerance_rad) + " rad"};
+}
+
+}  // namespace ur_driver_bridge

@@ -18,6 +18,7 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("max_payload_kg", params.max_payload_kg);
   visit("watchdog_rate_hz", params.watchdog_rate_hz);
   visit("lockstep_wait_s", params.lockstep_wait_s);
+  visit("recovery/unlocks_by_itself", params.unlocks_by_itself);
   ur_driver_bridge::visitExecutorFields(params.executor, visit);
 }
 
@@ -51,6 +52,9 @@ UrDriverBridgeParams loadUrDriverBridgeParams(const ros::NodeHandle& private_nh)
   UrDriverBridgeParams params;
   gpis_mapping_ros::ParamReader reader(private_nh);
   visitParams(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
+  if (params.unlocks_by_itself) {
+    params.executor.recovery.protective_stop = ur_driver_bridge::ProtectiveStopPolicy::kAutomatic;
+  }
   reader.ignore("diagnostic_period");  // read by diagnostic_updater
   reader.ignore("diagnostic_updater");
   reader.report("", params.validate());
