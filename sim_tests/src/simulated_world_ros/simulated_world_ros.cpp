@@ -290,14 +290,17 @@ std::size_t SimulatedWorldRos::numCameraTopicsOf(const std::string& node) const 
 
 std::string SimulatedWorldRos::missingSubscriber() const {
   for (const simulated_world::WaitRule& rule : params_.wait_for) {
-    const auto subscribers = subscribers_of_.find(rule.after);
-    const bool is_heard = subscribers != subscribers_of_.end() && !subscribers->second.empty();
+    const auto known = subscribers_of_.find(rule.after);
+    const std::multiset<std::string> none;
+    const std::multiset<std::string>& subscribers = rule.after == ClockEvent::kJointStates ? arm_->jointStateSubscribers()
+                                                    : known != subscribers_of_.end()       ? known->second
+                                                                                           : none;
     if (rule.subscriber.empty()) {
-      if (rule.after == ClockEvent::kImage && !is_heard) return "anybody to subscribe to the camera";
+      if (rule.after == ClockEvent::kImage && subscribers.empty()) return "anybody to subscribe to the camera";
       continue;
     }
     const std::string node = ros::names::resolve(rule.subscriber);
-    const std::size_t connected = is_heard ? subscribers->second.count(node) : 0;
+    const std::size_t connected = subscribers.count(node);
     const std::size_t wanted = rule.after == ClockEvent::kImage ? numCameraTopicsOf(node) : 1;
     if (connected == 0 || connected < wanted) {
       return rule.subscriber + " to subscribe to " + simulated_world::toString(rule.after);

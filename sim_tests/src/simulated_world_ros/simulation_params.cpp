@@ -176,9 +176,9 @@ std::vector<std::string> SimulationParams::validate() const {
     requireName("clock/wait_for: topic", rule.topic);
     requireName("clock/wait_for: while_action", rule.while_action);
     requireName("clock/wait_for: subscriber", rule.subscriber);
-    if (!rule.subscriber.empty() && (rule.after == ClockEvent::kJointStates || rule.after == ClockEvent::kActionResult)) {
-      problems.push_back("clock/wait_for: subscriber = '" + rule.subscriber + "' after " +
-                         simulated_world::toString(rule.after) + ", must be after image, odometry or scan");
+    if (!rule.subscriber.empty() && rule.after == ClockEvent::kActionResult) {
+      problems.push_back("clock/wait_for: subscriber = '" + rule.subscriber +
+                         "' after action_result, must be after image, odometry, joint_states or scan");
     }
   }
   for (const simulated_world::ComputingRule& rule : computing) {

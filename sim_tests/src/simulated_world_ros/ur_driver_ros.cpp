@@ -155,7 +155,13 @@ std::size_t UrDriverRos::publish(const ros::Time& now, const ArmMeasurement& mea
 }
 
 void UrDriverRos::offerTopics() {
-  joint_states_pub_ = nh_.advertise<sensor_msgs::JointState>("joint_states", 10);
+  joint_states_pub_ = nh_.advertise<sensor_msgs::JointState>(
+      "joint_states", 10,
+      [this](const ros::SingleSubscriberPublisher& node) { joint_state_subscribers_.insert(node.getSubscriberName()); },
+      [this](const ros::SingleSubscriberPublisher& node) {
+        const auto one = joint_state_subscribers_.find(node.getSubscriberName());
+        if (one != joint_state_subscribers_.end()) joint_state_subscribers_.erase(one);
+      });
   wrench_pub_ = nh_.advertise<geometry_msgs::WrenchStamped>("wrench", 10);
   speed_scaling_pub_ = nh_.advertise<std_msgs::Float64>("speed_scaling_factor", 10);
   state_pub_ = nh_.advertise<control_msgs::JointTrajectoryControllerState>(std::string(kController) + "state", 10);

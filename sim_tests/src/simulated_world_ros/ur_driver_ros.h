@@ -5,6 +5,7 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -36,6 +37,9 @@ class UrDriverRos {
   /// caller must not hold the mutex.
   /// Throws std::invalid_argument if an array of `measured` has not got one entry per joint.
   std::size_t publish(const ros::Time& now, const ArmMeasurement& measured);
+
+  /// Nodes that hear the joint states, once for each connection.
+  const std::multiset<std::string>& jointStateSubscribers() const { return joint_state_subscribers_; }
 
  private:
   using FollowServer = actionlib::ActionServer<control_msgs::FollowJointTrajectoryAction>;
@@ -69,6 +73,7 @@ class UrDriverRos {
   std::string tf_prefix_;
   std::vector<ros::ServiceServer> services_;
   ros::Subscriber command_sub_;
+  std::multiset<std::string> joint_state_subscribers_;
   ros::Publisher joint_states_pub_, wrench_pub_, speed_scaling_pub_, state_pub_, io_states_pub_;
   ros::Publisher robot_mode_pub_, safety_mode_pub_, program_running_pub_;
   tf2_ros::TransformBroadcaster tf_broadcaster_;

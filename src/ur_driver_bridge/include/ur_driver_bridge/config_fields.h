@@ -40,7 +40,6 @@ void visitExecutorFields(Config& config, Visitor&& visit) {
   visit("pick/magnet_settle_s", config.pick.magnet_settle_s);
   visit("pick/weigh_height_m", config.pick.weigh_height_m);
   visit("pick/weigh_timeout_s", config.pick.weigh_timeout_s);
-  visit("pick/retreat_m", config.pick.retreat_m);
   visit("pick/ramp_s", config.pick.ramp_s);
 
   visit("load/weigh_s", config.load.weigh_s);

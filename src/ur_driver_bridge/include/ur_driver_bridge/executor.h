@@ -39,7 +39,6 @@ struct PickConfig {
   double magnet_settle_s{0.3};  // from the switch until it holds, or has let go
   double weigh_height_m{0.03};  // lifted so far to be weighed
   double weigh_timeout_s{3.0};  // for a force that does not come to rest
-  double retreat_m{0.1};        // from the plate when the pick has failed
   double ramp_s{0.3};           // of the stop before weighing and the start after it
 
   std::vector<std::string> validate() const;

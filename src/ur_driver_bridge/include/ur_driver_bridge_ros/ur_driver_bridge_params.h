@@ -13,10 +13,10 @@ namespace ur_driver_bridge_ros {
 /// All parameters of the node, with the only copy of the defaults. SI units.
 struct UrDriverBridgeParams {
   std::string base_frame{"base_link"};
-  std::string bricks_file;       // absolute path of a bricks.yaml: mass and size of what is picked
-  double max_payload_kg{5.0};    // UR5e
+  std::string bricks_file;        // absolute path of a bricks.yaml: mass and size of what is picked
+  double max_payload_kg{5.0};     // UR5e
   double watchdog_rate_hz{50.0};  // looks so often, in ROS time, when no joint states come
-  double lockstep_wait_s{0.0};   // wall time that a step waits for open calls before the clock may go on; 0: not at all
+  double lockstep_wait_s{0.0};  // wall time that a step waits for open calls before the clock may go on; 0: not at all
 
   bool unlocks_by_itself{false};  // recovery: a protective stop without the operator's word; for simulation
   ur_driver_bridge::ExecutorConfig executor;

@@ -52,7 +52,6 @@ std::vector<std::string> PickConfig::validate() const {
   check("magnet_settle_s", magnet_settle_s, 0.0, 5.0, "s");
   check("weigh_height_m", weigh_height_m, 2e-3, 0.3, "m");
   check("weigh_timeout_s", weigh_timeout_s, 0.5, 30.0, "s");
-  check("retreat_m", retreat_m, 0.01, 0.5, "m");
   check("ramp_s", ramp_s, 0.02, 2.0, "s");
   return check.problems();
 }

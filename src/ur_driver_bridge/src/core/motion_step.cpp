@@ -204,6 +204,11 @@ void MotionStep::follow(StepContext& context) {
 
   std::optional<Verdict> reason = context.stop_asked ? context.stop_asked : checkGate(context);
   if (!reason) reason = onWatchReply(context);
+  if (!reason && context.load.isHolding() && context.load.isLost()) {
+    const std::optional<double> load_kg = context.load.load();
+    reason = Verdict{ArmStatus::kLostOnTheWay,
+                     formatted("the brick's weight is gone: %.2f kg beside the declared payload", load_kg.value_or(0.0))};
+  }
   if (!reason && state_ == State::kSending && context.now_s - asked_s_ > config.answer_timeout_s) {
     reason = Verdict{ArmStatus::kDriverGone,
                      formatted("the controller has not answered within %.2f s", config.answer_timeout_s)};
