@@ -8,15 +8,17 @@
 #include <iomanip>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include <gpis_mapping/range_check.h>
 
 namespace ur_driver_bridge {
 namespace {
 
-constexpr double kRest_rad_s = 1e-6;      // slower is at rest: the arm would need an hour for a degree
-constexpr double kPosition_rad = 1e-6;    // beyond a position limit: a thirtieth of the arm's repeatability
-constexpr double kTimeRounding_s = 1e-9;  // messages hold times in whole nanoseconds
+constexpr double kRest_rad_s = 1e-6;          // slower is at rest: the arm would need an hour for a degree
+constexpr double kPosition_rad = 1e-6;        // beyond a position limit: a thirtieth of the arm's repeatability
+constexpr double kTimeRounding_s = 1e-9;      // messages hold times in whole nanoseconds
+constexpr double kRoundingStep_rad_s = 2e-3;  // of velocity, the most that is put down to rounding: 3 rad/s over 10 us
 
 /// One joint between two points, as JointTrajectory::sample goes: by position and velocity at both ends.
 struct JointCubic {
@@ -193,7 +195,7 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
         // over the duration does to the acceleration at the ends.
         const double h = cubic.duration_s;
         const double mean_rad_s = std::abs(points[i + 1].position_rad[joint] - points[i].position_rad[joint]) / h;
-        const double rounding = 6.0 * mean_rad_s * kTimeRounding_s / (h * h);
+        const double rounding = std::min(6.0 * mean_rad_s * kTimeRounding_s / h, kRoundingStep_rad_s) / h;
         for (const double t : {0.0, h}) {
           found.push_back(
               rate(i, t, joint, "acceleration", cubic.accelerationAt(t), acceleration_limit, rounding, "rad/s^2"));
