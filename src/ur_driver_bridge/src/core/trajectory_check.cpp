@@ -176,33 +176,40 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
     if (std::abs(value) <= (1.0 + tolerance) * limit + allowance) return {};
     return beyond(trajectory, i, after_s, limits.joints[joint], what, value, interval(-limit, limit, unit));
   };
+  // The points first: what is wrong with one of them is told as such, and not by what the cubics make of it.
   for (std::size_t i = 0; i < points.size(); ++i) {
     for (int joint = 0; joint < 6; ++joint) {
-      const double velocity_limit = limits.velocity_rad_s[joint];
-      const double acceleration_limit = limits.acceleration_rad_s2[joint];
-      std::vector<Verdict> found = {
+      const std::array<Verdict, 3> found = {
           position(i, 0.0, joint, points[i].position_rad[joint]),
-          rate(i, 0.0, joint, "velocity", points[i].velocity_rad_s[joint], velocity_limit, 0.0, "rad/s"),
-          rate(i, 0.0, joint, "acceleration", points[i].acceleration_rad_s2[joint], acceleration_limit, 0.0,
-               "rad/s^2")};
-      if (i + 1 < points.size()) {
-        const JointCubic cubic(points[i], points[i + 1], joint);
-        for (const double t : cubic.positionExtremes()) found.push_back(position(i, t, joint, cubic.positionAt(t)));
-        for (const double t : cubic.velocityExtremes()) {
-          found.push_back(rate(i, t, joint, "velocity", cubic.velocityAt(t), velocity_limit, 0.0, "rad/s"));
-        }
-        // Both times are rounded by half of kTimeRounding_s; what that does to the mean velocity, six times as much
-        // over the duration does to the acceleration at the ends.
-        const double h = cubic.duration_s;
-        const double mean_rad_s = std::abs(points[i + 1].position_rad[joint] - points[i].position_rad[joint]) / h;
-        const double rounding = std::min(6.0 * mean_rad_s * kTimeRounding_s / h, kRoundingStep_rad_s) / h;
-        for (const double t : {0.0, h}) {
-          found.push_back(
-              rate(i, t, joint, "acceleration", cubic.accelerationAt(t), acceleration_limit, rounding, "rad/s^2"));
-        }
+          rate(i, 0.0, joint, "velocity", points[i].velocity_rad_s[joint], limits.velocity_rad_s[joint], 0.0, "rad/s"),
+          rate(i, 0.0, joint, "acceleration", points[i].acceleration_rad_s2[joint], limits.acceleration_rad_s2[joint],
+               0.0, "rad/s^2")};
+      for (const Verdict& verdict : found) {
+        if (!verdict.isFine()) return verdict;
       }
-      for (Verdict& verdict : found) {
-        if (!verdict.isFine()) return std::move(verdict);
+    }
+  }
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    for (int joint = 0; joint < 6; ++joint) {
+      const JointCubic cubic(points[i], points[i + 1], joint);
+      for (const double t : cubic.positionExtremes()) {
+        Verdict verdict = position(i, t, joint, cubic.positionAt(t));
+        if (!verdict.isFine()) return verdict;
+      }
+      for (const double t : cubic.velocityExtremes()) {
+        Verdict verdict =
+            rate(i, t, joint, "velocity", cubic.velocityAt(t), limits.velocity_rad_s[joint], 0.0, "rad/s");
+        if (!verdict.isFine()) return verdict;
+      }
+      // Both times are rounded by half of kTimeRounding_s; what that does to the mean velocity, six times as much over
+      // the duration does to the acceleration at the ends.
+      const double h = cubic.duration_s;
+      const double mean_rad_s = std::abs(points[i + 1].position_rad[joint] - points[i].position_rad[joint]) / h;
+      const double rounding = std::min(6.0 * mean_rad_s * kTimeRounding_s / h, kRoundingStep_rad_s) / h;
+      for (const double t : {0.0, h}) {
+        Verdict verdict = rate(i, t, joint, "acceleration", cubic.accelerationAt(t), limits.acceleration_rad_s2[joint],
+                               rounding, "rad/s^2");
+        if (!verdict.isFine()) return verdict;
       }
     }
   }

@@ -212,8 +212,9 @@ TEST_F(TimeLaw, UpToNeverGoesBackAndNeverBeyond) {
     double last_rad = 0.0;
     for (double t = 0.0; t <= result.duration(); t += 0.001) {
       const double q = result.sample(t).position_rad[0];
-      ASSERT_GE(q, last_rad - 1e-12) << at_s << " " << t;
-      ASSERT_LE(q, end_rad + 1e-12);
+      // f'''' h^4 / 384 with f'''' = 3 q'' s''^2 = 60 rad/s^4 is 1.6e-9 rad at 10 ms.
+      ASSERT_GE(q, last_rad - 5e-9) << at_s << " " << t;
+      ASSERT_LE(q, end_rad + 5e-9);
       last_rad = q;
     }
   }
@@ -271,7 +272,9 @@ TEST_F(TimeLaw, TimeOfIsTheInverseOfSample) {
       const double found_s = timeOf(original, sample.position_rad, near_s, 0.2);
       // A tenth of a millisecond where the arm moves; at rest the place is what counts.
       EXPECT_LT((original.sample(found_s).position_rad - sample.position_rad).norm(), 1e-9);
-      if (sample.velocity_rad_s.norm() > 1e-3) EXPECT_NEAR(found_s, t, 1e-4);
+      if (sample.velocity_rad_s.norm() > 1e-3) {
+        EXPECT_NEAR(found_s, t, 1e-4);
+      }
     }
   }
 }
