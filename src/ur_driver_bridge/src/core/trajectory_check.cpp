@@ -5,17 +5,15 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <iomanip>
 #include <sstream>
 #include <stdexcept>
-#include <utility>
 
 #include <gpis_mapping/range_check.h>
 
 namespace ur_driver_bridge {
 namespace {
 
-constexpr double kRest_rad_s = 1e-6;          // slower is at rest: the arm would need an hour for a degree
+constexpr double kRest_rad_s = 1e-6;          // slower is at rest: five hours for a degree
 constexpr double kPosition_rad = 1e-6;        // beyond a position limit: a thirtieth of the arm's repeatability
 constexpr double kTimeRounding_s = 1e-9;      // messages hold times in whole nanoseconds
 constexpr double kRoundingStep_rad_s = 2e-3;  // of velocity, the most that is put down to rounding: 3 rad/s over 10 us
@@ -81,15 +79,16 @@ Verdict badRequest(const std::string& message) {
   return {ArmStatus::kBadRequest, message};
 }
 
-/// "... elbow_joint would be at 3.2 rad 0.004 s after point 3 of 20 (at 0.5 s), ..."
+/// "elbow_joint: position 3.2, 0.004 s after point 3 of 20 (at 0.5 s), must be in [-3.14, 3.14] rad"
 Verdict beyond(const JointTrajectory& trajectory, std::size_t i, double after_s, const std::string& joint,
                const std::string& what, double value, const std::string& allowed) {
   std::ostringstream out;
-  out << std::setprecision(6) << joint << ": " << what << " " << value;
-  if (after_s > 0.0)
+  out << joint << ": " << what << " " << value;
+  if (after_s > 0.0) {
     out << ", " << after_s << " s after ";
-  else
+  } else {
     out << " at ";
+  }
   out << pointName(trajectory, i) << ", must be in " << allowed;
   return {ArmStatus::kBeyondLimits, out.str()};
 }
