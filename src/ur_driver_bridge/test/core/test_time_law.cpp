@@ -329,6 +329,17 @@ TEST_F(TimeLaw, TimeOfStandingStillIsTheNearest) {
   EXPECT_EQ(timeOf(pause, ArmVector::Zero(), -1.0, 0.15), 0.0);
 }
 
+TEST_F(TimeLaw, TimeOfAPauseIsItsEndThatIsNearer) {
+  JointTrajectory with_pause = steady();
+  for (const TrajectoryPoint& point : reversed(steady()).points) {
+    with_pause.points.push_back(point);
+    with_pause.points.back().time_s += 3.2;
+  }
+  const ArmVector pause_rad = with_pause.sample(2.7).position_rad;
+  EXPECT_NEAR(timeOf(with_pause, pause_rad, 2.1, 2.0), 2.2, 1e-4);
+  EXPECT_NEAR(timeOf(with_pause, pause_rad, 3.3, 2.0), 3.2, 1e-4);
+}
+
 TEST_F(TimeLaw, TimeOfKeepsToTheWindowWhereTheArmPassesTwice) {
   JointTrajectory there_and_back = steady();
   const JointTrajectory back = reversed(steady());

@@ -90,6 +90,25 @@ TEST(TrajectoryCheck, TimesRoundedToNanosecondsByAMessagePass) {
   }
 }
 
+TEST(TrajectoryCheck, RoundingOfTimesIsNoAccelerationEvenWherePointsAreNear) {
+  // Steady motion at 1 rad/s; in its midst two points 10 us apart, each rounded the other way: 6 * 0.8 ns / (10 us)^2 =
+  // 48 rad/s^2 if the times were exact.
+  JointTrajectory trajectory;
+  trajectory.points.resize(6);
+  const double times_s[] = {0.0, 1.0, 1.5, 1.50001, 2.0, 3.0};
+  const double rounding_s[] = {0.0, 0.0, 0.4e-9, -0.4e-9, 0.0, 0.0};
+  for (int i = 0; i < 6; ++i) {
+    const double t = times_s[i];
+    const bool is_steady = i > 0 && i < 5;
+    trajectory.points[i].position_rad[2] = is_steady ? t - 0.5 : i == 0 ? 0.0 : 2.0;
+    trajectory.points[i].velocity_rad_s[2] = is_steady ? 1.0 : 0.0;
+    trajectory.points[i].time_s = t + rounding_s[i];
+  }
+  EXPECT_EQ(checkTrajectory(trajectory, armLimits()).message, "");
+  trajectory.points[3].time_s -= 4e-9;
+  EXPECT_EQ(checkTrajectory(trajectory, armLimits()).status, ArmStatus::kBeyondLimits) << "more than rounding";
+}
+
 TEST(TrajectoryCheck, LimitsAreExactBetweenThePointsToo) {
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
@@ -245,6 +264,7 @@ TEST(StartCheck, NamesTheWorstJoint) {
   EXPECT_TRUE(checkStart(oneJoint(), arm_rad, armJoints(), 0.01).isFine());
   arm_rad[1] = -0.02;
   arm_rad[4] = 0.05;
+  arm_rad[5] = -0.03;
   const Verdict verdict = checkStart(oneJoint(), arm_rad, armJoints(), 0.01);
   EXPECT_EQ(verdict.status, ArmStatus::kStartMismatch);
   EXPECT_THAT(verdict.message, AllOf(HasSubstr("wrist_2_joint"), HasSubstr("0.05 rad"), HasSubstr("allowed 0.01 rad")));
