@@ -159,6 +159,9 @@ TEST_F(LoadCellTest, SamplesThatAreNoneAreIgnored) {
 
 TEST_F(LoadCellTest, LoadIsTheMedianOfTheLastWhile) {
   EXPECT_FALSE(cell_.load().has_value());
+  add(1.0);
+  add(2.0);
+  EXPECT_NEAR(*cell_.load(), 1.5, 1e-12);
   addFor(0.5, 2.0);
   EXPECT_NEAR(*cell_.load(), 2.0, 1e-12);
   addFor(0.05, 0.0);  // five of eleven samples
@@ -220,6 +223,15 @@ TEST_F(LoadCellTest, ShakeOf50MillisecondsIsNoLoss) {
   }
 }
 
+TEST_F(LoadCellTest, ShakeRightAfterHoldIsNoLoss) {
+  addFor(0.5, 0.0);
+  cell_.hold(kBrick_kg, *cell_.weigh(kStart_s));
+  for (int k = 0; k < 30; ++k) {
+    add(k < 7 ? -kBrick_kg : 0.0);
+    ASSERT_FALSE(cell_.isLost());
+  }
+}
+
 TEST_F(LoadCellTest, LossRightAfterHoldIsKnownToo) {
   addFor(0.5, 0.0);
   cell_.hold(kBrick_kg, *cell_.weigh(kStart_s));
@@ -250,7 +262,9 @@ TEST_F(LoadCellTest, ResetForgetsSamplesNotTheBrick) {
   EXPECT_FALSE(cell_.isLost());
   EXPECT_FALSE(cell_.load().has_value());
   EXPECT_FALSE(cell_.weigh(kStart_s).has_value());
-  addFor(0.5, -kBrick_kg);
+  addFor(0.1, -kBrick_kg);
+  EXPECT_FALSE(cell_.isLost()) << "no samples for so long";
+  addFor(0.01, -kBrick_kg);
   EXPECT_TRUE(cell_.isLost());
   cell_.release();
   EXPECT_FALSE(cell_.isHolding());
