@@ -56,8 +56,8 @@ class LoadCell {
   void hold(double mass_kg, const Weight& reference);
   void release();
   bool isHolding() const { return held_.has_value(); }
-  /// The median over the last 2 lost_s, since hold() at most, tells that the held load has gone: that is, it has gone for
-  /// lost_s. False before there are samples for lost_s, and without samples: see to the age of the force.
+  /// The median over the last 2 lost_s tells that the held load has gone: that is, it has gone for lost_s. False within
+  /// lost_s of hold() or reset(), and without samples: see to the age of the force.
   bool isLost() const;
   /// Median over the last lost_s of the load beside the declared payload [kg]; nothing before there are samples.
   std::optional<double> load() const;
@@ -76,8 +76,7 @@ class LoadCell {
   };
 
   double lossWindow() const { return 2.0 * config_.lost_s; }
-  /// Of the samples of the last `window_s` that are not older than `since_s`.
-  std::optional<double> medianLoad(double window_s, double since_s, std::size_t min_samples) const;
+  std::optional<double> medianLoad(double window_s, std::size_t min_samples) const;
 
   LoadCellConfig config_;
   std::deque<Sample> samples_;

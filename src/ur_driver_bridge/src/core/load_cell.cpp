@@ -118,18 +118,18 @@ void LoadCell::release() {
 bool LoadCell::isLost() const {
   if (!held_ || !held_->since_s || samples_.empty()) return false;
   if (samples_.back().stamp_s - *held_->since_s < config_.lost_s - kRounding_s) return false;
-  const std::optional<double> load_kg = medianLoad(lossWindow(), *held_->since_s, kMinForLoss);
+  const std::optional<double> load_kg = medianLoad(lossWindow(), kMinForLoss);
   return load_kg && held_->reference_kg - *load_kg >= config_.lost_share * held_->mass_kg;
 }
 
 std::optional<double> LoadCell::load() const {
   if (samples_.empty()) return std::nullopt;
-  return medianLoad(config_.lost_s, samples_.front().stamp_s, 1);
+  return medianLoad(config_.lost_s, 1);
 }
 
-std::optional<double> LoadCell::medianLoad(double window_s, double since_s, std::size_t min_samples) const {
+std::optional<double> LoadCell::medianLoad(double window_s, std::size_t min_samples) const {
   std::vector<double> vertical_N;
-  const double from_s = std::max(since_s, samples_.back().stamp_s - window_s - kRounding_s);
+  const double from_s = samples_.back().stamp_s - window_s - kRounding_s;
   for (const Sample& sample : samples_) {
     if (sample.stamp_s >= from_s) vertical_N.push_back(sample.vertical_N);
   }

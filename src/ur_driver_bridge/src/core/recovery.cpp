@@ -80,8 +80,9 @@ Recovery::Need Recovery::need(const ArmState& arm) const {
     case safety_mode::kProtectiveStop: {
       const bool is_given = std::find(done_.begin(), done_.end(), kUnlock) != done_.end();
       const bool is_followed = is_given && !(given_ && given_->command == kUnlock);
-      if (config_.protective_stop == ProtectiveStopPolicy::kAutomatic)
+      if (config_.protective_stop == ProtectiveStopPolicy::kAutomatic) {
         return {ArmStatus::kProtectiveStop, safety, kUnlock};
+      }
       if (!permit_.unlock_protective_stop) {
         return {ArmStatus::kProtectiveStop, safety, "",
                 "the operator has to look what the arm ran into, clear it, and ask again with unlock_protective_stop",
@@ -170,10 +171,11 @@ Recovery::Step Recovery::next(const ArmState& arm, double now_s) {
   }
 
   const bool is_protective = arm.safety_mode == safety_mode::kProtectiveStop;
-  if (!is_protective)
+  if (!is_protective) {
     protective_since_s_.reset();
-  else if (!protective_since_s_)
+  } else if (!protective_since_s_) {
     protective_since_s_ = now_s;
+  }
 
   // A command that the robot needs no more has been followed, or something graver has come between.
   if (given_ && need(arm).command != given_->command) given_.reset();

@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kMinSpacing_s = 1e-5;   // between points: nearer, accelerations would be those of rounding
 constexpr double kSearchStep_s = 0.002;  // of timeOf: the arm does not turn round twice within it
+constexpr int kBisections = 26;          // of two search steps: to 1e-10 s
 constexpr double kSameDistance_rad = 1e-12;
 
 void requireFinite(const char* name, double value) {
@@ -226,7 +227,7 @@ double timeOf(const JointTrajectory& trajectory, const ArmVector& position_rad, 
     // Where the distance has its minimum, the way there is at right angles to the motion.
     double low = times[k == 0 ? 0 : k - 1];
     double high = times[std::min(k + 1, times.size() - 1)];
-    while (high - low > 1e-7) {
+    for (int n = 0; n < kBisections; ++n) {
       const double middle = 0.5 * (low + high);
       const TrajectoryPoint point = trajectory.sample(middle);
       const double slope = (point.position_rad - position_rad).dot(point.velocity_rad_s);

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <iomanip>
 #include <sstream>
 #include <stdexcept>
 
@@ -14,9 +13,10 @@
 namespace ur_driver_bridge {
 namespace {
 
-constexpr double kRest_rad_s = 1e-6;      // slower is at rest: the arm would need an hour for a degree
-constexpr double kPosition_rad = 1e-6;    // beyond a position limit: a thirtieth of the arm's repeatability
-constexpr double kTimeRounding_s = 1e-9;  // messages hold times in whole nanoseconds
+constexpr double kRest_rad_s = 1e-6;          // slower is at rest: five hours for a degree
+constexpr double kPosition_rad = 1e-6;        // beyond a position limit: a thirtieth of the arm's repeatability
+constexpr double kTimeRounding_s = 1e-9;      // messages hold times in whole nanoseconds
+constexpr double kRoundingStep_rad_s = 2e-3;  // of velocity, the most that is put down to rounding: 3 rad/s over 10 us
 
 /// One joint between two points, as JointTrajectory::sample goes: by position and velocity at both ends.
 struct JointCubic {
@@ -79,15 +79,16 @@ Verdict badRequest(const std::string& message) {
   return {ArmStatus::kBadRequest, message};
 }
 
-/// "... elbow_joint would be at 3.2 rad 0.004 s after point 3 of 20 (at 0.5 s), ..."
+/// "elbow_joint: position 3.2, 0.004 s after point 3 of 20 (at 0.5 s), must be in [-3.14, 3.14] rad"
 Verdict beyond(const JointTrajectory& trajectory, std::size_t i, double after_s, const std::string& joint,
                const std::string& what, double value, const std::string& allowed) {
   std::ostringstream out;
-  out << std::setprecision(6) << joint << ": " << what << " " << value;
-  if (after_s > 0.0)
+  out << joint << ": " << what << " " << value;
+  if (after_s > 0.0) {
     out << ", " << after_s << " s after ";
-  else
+  } else {
     out << " at ";
+  }
   out << pointName(trajectory, i) << ", must be in " << allowed;
   return {ArmStatus::kBeyondLimits, out.str()};
 }
@@ -174,33 +175,40 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
     if (std::abs(value) <= (1.0 + tolerance) * limit + allowance) return {};
     return beyond(trajectory, i, after_s, limits.joints[joint], what, value, interval(-limit, limit, unit));
   };
+  // The points first: what is wrong with one of them is told as such, and not by what the cubics make of it.
   for (std::size_t i = 0; i < points.size(); ++i) {
     for (int joint = 0; joint < 6; ++joint) {
-      const double velocity_limit = limits.velocity_rad_s[joint];
-      const double acceleration_limit = limits.acceleration_rad_s2[joint];
-      std::vector<Verdict> found = {
+      const std::array<Verdict, 3> found = {
           position(i, 0.0, joint, points[i].position_rad[joint]),
-          rate(i, 0.0, joint, "velocity", points[i].velocity_rad_s[joint], velocity_limit, 0.0, "rad/s"),
-          rate(i, 0.0, joint, "acceleration", points[i].acceleration_rad_s2[joint], acceleration_limit, 0.0,
-               "rad/s^2")};
-      if (i + 1 < points.size()) {
-        const JointCubic cubic(points[i], points[i + 1], joint);
-        for (const double t : cubic.positionExtremes()) found.push_back(position(i, t, joint, cubic.positionAt(t)));
-        for (const double t : cubic.velocityExtremes()) {
-          found.push_back(rate(i, t, joint, "velocity", cubic.velocityAt(t), velocity_limit, 0.0, "rad/s"));
-        }
-        // Both times are rounded by half of kTimeRounding_s; what that does to the mean velocity, six times as much
-        // over the duration does to the acceleration at the ends.
-        const double h = cubic.duration_s;
-        const double mean_rad_s = std::abs(points[i + 1].position_rad[joint] - points[i].position_rad[joint]) / h;
-        const double rounding = 6.0 * mean_rad_s * kTimeRounding_s / (h * h);
-        for (const double t : {0.0, h}) {
-          found.push_back(
-              rate(i, t, joint, "acceleration", cubic.accelerationAt(t), acceleration_limit, rounding, "rad/s^2"));
-        }
+          rate(i, 0.0, joint, "velocity", points[i].velocity_rad_s[joint], limits.velocity_rad_s[joint], 0.0, "rad/s"),
+          rate(i, 0.0, joint, "acceleration", points[i].acceleration_rad_s2[joint], limits.acceleration_rad_s2[joint],
+               0.0, "rad/s^2")};
+      for (const Verdict& verdict : found) {
+        if (!verdict.isFine()) return verdict;
       }
-      for (Verdict& verdict : found) {
-        if (!verdict.isFine()) return std::move(verdict);
+    }
+  }
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    for (int joint = 0; joint < 6; ++joint) {
+      const JointCubic cubic(points[i], points[i + 1], joint);
+      for (const double t : cubic.positionExtremes()) {
+        Verdict verdict = position(i, t, joint, cubic.positionAt(t));
+        if (!verdict.isFine()) return verdict;
+      }
+      for (const double t : cubic.velocityExtremes()) {
+        Verdict verdict =
+            rate(i, t, joint, "velocity", cubic.velocityAt(t), limits.velocity_rad_s[joint], 0.0, "rad/s");
+        if (!verdict.isFine()) return verdict;
+      }
+      // Both times are rounded by half of kTimeRounding_s; what that does to the mean velocity, six times as much over
+      // the duration does to the acceleration at the ends.
+      const double h = cubic.duration_s;
+      const double mean_rad_s = std::abs(points[i + 1].position_rad[joint] - points[i].position_rad[joint]) / h;
+      const double rounding = std::min(6.0 * mean_rad_s * kTimeRounding_s / h, kRoundingStep_rad_s) / h;
+      for (const double t : {0.0, h}) {
+        Verdict verdict = rate(i, t, joint, "acceleration", cubic.accelerationAt(t), limits.acceleration_rad_s2[joint],
+                               rounding, "rad/s^2");
+        if (!verdict.isFine()) return verdict;
       }
     }
   }
