@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What the tests of node ur_driver_bridge share: the simulated arm, a brick before it, trajectories made by hand, and a
-// mission's heartbeat. The world goes on only while a test lets it: each joint state waits for the test's answer, so that
+// mission's heartbeat. The world goes on only while a test lets it: each odometry waits for the test's answer, so that
 // faults begin and goals are sent at a known step.
 #pragma once
 
@@ -27,6 +27,7 @@
 #include <motion_planning/joint_trajectory.h>
 #include <motion_planning_ros/conversions.h>
 #include <mp700_ur5e_description/robot_names.h>
+#include <nav_msgs/Odometry.h>
 #include <sensor_msgs/JointState.h>
 #include <std_msgs/Header.h>
 #include <std_msgs/Int32.h>
@@ -86,252 +87,239 @@ class BridgeAction {
 class BridgeWorld {
  public:
   BridgeWorld() : move("move"), pick("pick"), let_go("let_go"), recover("recover") {
-    joints_ = nh_.subscribe<sensor_msgs::JointState>(
-        "/joint_states", 200, [this](const sensor_msgs::JointState::ConstPtr& message) {
-          if (message->name.size() == mp700_ur5e_description::kArmJoints.size()) steps_.push_back(*message);
-        });
-  };
-  subscribers_.push_back(nh_.subscribe<ArmBridgeState>("/ur_driver_bridge/state", 100,
-                                                       [this](const ArmBridgeState::ConstPtr& message) {
-                                                         state = *message;
-                                                       }));
-  subscribers_.push_back(nh_.subscribe<sim_tests::JudgeState>("/simulated_world/judge", 100,
-                                                              [this](const sim_tests::JudgeState::ConstPtr& message) {
-                                                                judge = *message;
-                                                              }));
-  subscribers_.push_back(nh_.subscribe<interactive_mapping_msgs::AttachedBrick>(
-      "/attached_brick", 10,
-      [this](const interactive_mapping_msgs::AttachedBrick::ConstPtr& message) { attached = *message; }));
-  subscribers_.push_back(nh_.subscribe<std_msgs::String>("/simulated_world/incidents", 100,
-                                                         [this](const std_msgs::String::ConstPtr& message) {
-                                                           incidents += message->data + "\n";
-                                                         }));
-  heartbeat_ = nh_.advertise<std_msgs::Header>("/pick_mission/heartbeat", 10);
-  target_ = nh_.advertise<std_msgs::Int32>("/simulated_world/target", 1, true);
-  watch_server_ = nh_.advertiseService("/motion_planning/watch", &BridgeWorld::onWatch, this);
-  monitor_ = nh_.advertise<interactive_mapping_msgs::PathMonitorState>("/motion_planning/path_monitor", 10, true);
-  std::string urdf;
-  if (nh_.getParam("/robot_description", urdf)) {
-    arm_ = std::make_shared<motion_planning::ArmKinematics>(
-        mp700_ur5e_description::RobotModel::parse(urdf, "/robot_description"));
+    odometry_ = nh_.subscribe<nav_msgs::Odometry>(
+        "/odom", 200, [this](const nav_msgs::Odometry::ConstPtr& message) { steps_.push_back(message->header); });
+    subscribers_.push_back(nh_.subscribe("/joint_states", 200, &BridgeWorld::onJoints, this));
+    subscribers_.push_back(nh_.subscribe<ArmBridgeState>(
+        "/ur_driver_bridge/state", 100, [this](const ArmBridgeState::ConstPtr& message) { state = *message; }));
+    subscribers_.push_back(nh_.subscribe<sim_tests::JudgeState>(
+        "/simulated_world/judge", 100, [this](const sim_tests::JudgeState::ConstPtr& message) { judge = *message; }));
+    subscribers_.push_back(nh_.subscribe<interactive_mapping_msgs::AttachedBrick>(
+        "/attached_brick", 10,
+        [this](const interactive_mapping_msgs::AttachedBrick::ConstPtr& message) { attached = *message; }));
+    subscribers_.push_back(nh_.subscribe<std_msgs::String>(
+        "/simulated_world/incidents", 100,
+        [this](const std_msgs::String::ConstPtr& message) { incidents += message->data + "\n"; }));
+    heartbeat_ = nh_.advertise<std_msgs::Header>("/pick_mission/heartbeat", 10);
+    target_ = nh_.advertise<std_msgs::Int32>("/simulated_world/target", 1, true);
+    watch_server_ = nh_.advertiseService("/motion_planning/watch", &BridgeWorld::onWatch, this);
+    monitor_ = nh_.advertise<interactive_mapping_msgs::PathMonitorState>("/motion_planning/path_monitor", 10, true);
+    std::string urdf;
+    if (nh_.getParam("/robot_description", urdf)) {
+      arm_ = std::make_shared<motion_planning::ArmKinematics>(
+          mp700_ur5e_description::RobotModel::parse(urdf, "/robot_description"));
+    }
   }
-}
 
   /// Begins the world's time, which waits for whoever answers the steps. False if a node does not come up.
   bool begin() {
-  const bool is_connected = arm_ && waitUntil(
-                                        [this] {
-                                          return joints_.getNumPublishers() > 0 && move.isConnected() &&
-                                                 pick.isConnected() && let_go.isConnected() && recover.isConnected() &&
-                                                 judge.bricks_total > 0 && heartbeat_.getNumSubscribers() > 0;
-                                        },
-                                        60.0);
-  answer_ = nh_.advertise<std_msgs::Header>("/bridge_test/step", 100, true);
-  return is_connected && waitUntil([this] { return !steps_.empty(); }) &&
-         goOn(60.0, [this] { return state.may_move != 0; });
-}
-
-/// Lets the world go on until the condition holds, which is asked after each step, or `at_most_s` of simulated time have
-/// passed: then false. `each_step` is called before. The world stands still between two calls.
-bool goOn(double at_most_s, const std::function<bool()>& condition, const std::function<void()>& each_step = {}) {
-  const ros::Time end = now() + ros::Duration(at_most_s);
-  bool holds = false;
-  const auto ask = [&] {
-    if (each_step) each_step();
-    holds = condition();
-    return holds || now() >= end;
-  };
-  release();
-  const bool has_ended = waitUntil(
-      [&] {
-        while (!steps_.empty()) {
-          takeStep();
-          if (ask()) return true;
-          release();
-        }
-        beat();
-        // Without joint states the clock does not wait for anybody.
-        return is_driver_gone && ask();
-      },
-      kWall_s);
-  EXPECT_TRUE(has_ended) << "the world stands still at " << now();
-  return holds;
-}
-
-void goOn(double duration_s) {
-  goOn(duration_s, [] { return false; });
-}
-
-template <typename Action>
-typename BridgeAction<Action>::Result finish(BridgeAction<Action>& action, double at_most_s,
-                                             const std::function<void()>& each_step = {}) {
-  if (!goOn(
-          at_most_s, [&] { return action.isDone(); }, each_step)) {
-    typename BridgeAction<Action>::Result none;
-    none.outcome.status = ArmOutcome::NUM_STATUS;
-    none.outcome.message = "no outcome in stage " + state.stage + "\n" + incidents;
-    return none;
+    const bool is_connected = arm_ && waitUntil(
+                                          [this] {
+                                            return odometry_.getNumPublishers() > 0 && move.isConnected() &&
+                                                   pick.isConnected() && let_go.isConnected() &&
+                                                   recover.isConnected() && judge.bricks_total > 0 &&
+                                                   heartbeat_.getNumSubscribers() > 0;
+                                          },
+                                          60.0);
+    answer_ = nh_.advertise<std_msgs::Header>("/bridge_test/step", 100, true);
+    return is_connected && waitUntil([this] { return !steps_.empty(); }) &&
+           goOn(60.0, [this] { return state.may_move != 0; });
   }
-  return action.result();
-}
 
-std::string inject(const std::string& kind, double duration_s = 0.0, double value = 0.0) {
-  sim_tests::InjectFault fault;
-  fault.request.kind = kind;
-  fault.request.duration_s = duration_s;
-  fault.request.value = value;
-  EXPECT_TRUE(call("/simulated_world/inject_fault", fault));
-  return fault.response.success ? "" : fault.response.message;
-}
-
-std::string trigger(const std::string& service) {
-  std_srvs::Trigger asked;
-  EXPECT_TRUE(call(service, asked)) << service;
-  return asked.response.success ? "" : "refused: " + asked.response.message;
-}
-
-void setTarget(int brick_id) {
-  std_msgs::Int32 message;
-  message.data = brick_id;
-  target_.publish(message);
-}
-
-/// T_map_base by tf, the truth here.
-Eigen::Isometry3d robotInMap() const {
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  EXPECT_TRUE(waitUntil([&] { return tf_.canTransform("map", "base_link", ros::Time(0)); }));
-  const auto found = motion_planning_ros::toIsometry(tf_.lookupTransform("map", "base_link", ros::Time(0)).transform);
-  return found.value_or(T);
-}
-
-double speed() const {
-  return velocity_rad_s.cwiseAbs().maxCoeff();
-}
-ros::Time now() const {
-  return ros::Time::now();
-}
-const motion_planning::ArmKinematics& arm() const {
-  return *arm_;
-}
-
-/// Joint angles for the tip at (x, y, z) of base_link, the tool straight down.
-ArmVector above(double x_m, double y_m, double z_m, const ArmVector& near_rad) const {
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.translation() << x_m, y_m, z_m;
-  T.linear() = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()).toRotationMatrix();
-  const std::vector<ArmVector> solutions = arm_->inverse(T, near_rad);
-  EXPECT_FALSE(solutions.empty()) << x_m << ", " << y_m << ", " << z_m;
-  return solutions.empty() ? near_rad : solutions.front();
-}
-
-/// From one place to the next, each nearest to the one before.
-JointTrajectory straight(const ArmVector& from_rad, double x_m, double y_m, double from_z_m, double to_z_m,
-                         double speed_m_s) const {
-  motion_planning::JointPath path;
-  constexpr double kStep_m = 0.005;
-  const int steps = std::max(1, static_cast<int>(std::ceil(std::abs(to_z_m - from_z_m) / kStep_m)));
-  ArmVector near_rad = from_rad;
-  for (int i = 0; i <= steps; ++i) {
-    near_rad = above(x_m, y_m, from_z_m + (to_z_m - from_z_m) * i / steps, near_rad);
-    path.push_back(near_rad);
+  /// Lets the world go on until the condition holds, which is asked after each step, or `at_most_s` of simulated time have
+  /// passed: then false. `each_step` is called before. The world stands still between two calls.
+  bool goOn(double at_most_s, const std::function<bool()>& condition, const std::function<void()>& each_step = {}) {
+    const ros::Time end = now() + ros::Duration(at_most_s);
+    bool holds = false;
+    const auto ask = [&] {
+      if (each_step) each_step();
+      holds = condition();
+      return holds || now() >= end;
+    };
+    release();
+    const bool has_ended = waitUntil(
+        [&] {
+          while (!steps_.empty()) {
+            takeStep();
+            if (ask()) return true;
+            release();
+          }
+          return false;
+        },
+        kWall_s);
+    EXPECT_TRUE(has_ended) << "the world stands still at " << now();
+    return holds;
   }
-  motion_planning::MotionLimits limits;
-  return motion_planning::timeParametrize(path, limits, {}, motion_planning::tipSpeedLimit(arm_, speed_m_s));
-}
 
-JointTrajectory way(const motion_planning::JointPath& path, double speed_rad_s = 1.0) const {
-  motion_planning::MotionLimits limits;
-  limits.velocity_rad_s.setConstant(speed_rad_s);
-  return motion_planning::timeParametrize(path, limits);
-}
-
-BridgeAction<MoveArmAction> move;
-BridgeAction<PickBrickAction> pick;
-BridgeAction<LetGoBrickAction> let_go;
-BridgeAction<RecoverArmAction> recover;
-
-// As of the last step.
-ArmVector position_rad{ArmVector::Zero()};
-ArmVector velocity_rad_s{ArmVector::Zero()};
-ArmBridgeState state;
-sim_tests::JudgeState judge;
-interactive_mapping_msgs::AttachedBrick attached;
-std::string incidents;
-
-// Set by a test that makes it so.
-bool is_driver_gone{false};
-bool is_mission_alive{true};
-bool is_monitor_alive{true};
-std::string must_stop;      // what the path monitor says
-std::string watch_refusal;  // empty: it takes what it is given
-
-private:
-bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
-             interactive_mapping_msgs::WatchTrajectory::Response& response) {
-  response.success = watch_refusal.empty() ? 1 : 0;
-  response.message = watch_refusal;
-  if (watch_refusal.empty()) {
-    word_.is_watching = request.trajectory.points.empty() ? 0 : 1;
-    word_.watch_id = request.trajectory.points.empty() ? 0 : ++watches_;
-    must_stop.clear();
+  void goOn(double duration_s) {
+    goOn(duration_s, [] { return false; });
   }
-  response.watch_id = word_.watch_id;
-  speak();
-  return true;
-}
 
-void speak() {
-  if (!is_monitor_alive) return;
-  word_.header.stamp = now();
-  word_.must_stop = must_stop.empty() ? 0 : 1;
-  word_.reason = must_stop;
-  monitor_.publish(word_);
-}
+  template <typename Action>
+  typename BridgeAction<Action>::Result finish(BridgeAction<Action>& action, double at_most_s,
+                                               const std::function<void()>& each_step = {}) {
+    if (!goOn(
+            at_most_s, [&] { return action.isDone(); }, each_step)) {
+      typename BridgeAction<Action>::Result none;
+      none.outcome.status = ArmOutcome::NUM_STATUS;
+      none.outcome.message = "no outcome in stage " + state.stage + "\n" + incidents;
+      return none;
+    }
+    return action.result();
+  }
 
-void takeStep() {
-  const sensor_msgs::JointState joints = steps_.front();
-  steps_.pop_front();
-  unanswered_ = joints.header;
-  for (std::size_t k = 0; k < mp700_ur5e_description::kArmJoints.size(); ++k) {
-    for (std::size_t i = 0; i < joints.name.size(); ++i) {
-      if (joints.name[i] != mp700_ur5e_description::kArmJoints[k]) continue;
-      position_rad[static_cast<Eigen::Index>(k)] = joints.position[i];
-      velocity_rad_s[static_cast<Eigen::Index>(k)] = joints.velocity[i];
+  std::string inject(const std::string& kind, double duration_s = 0.0, double value = 0.0) {
+    sim_tests::InjectFault fault;
+    fault.request.kind = kind;
+    fault.request.duration_s = duration_s;
+    fault.request.value = value;
+    EXPECT_TRUE(call("/simulated_world/inject_fault", fault));
+    return fault.response.success ? "" : fault.response.message;
+  }
+
+  std::string trigger(const std::string& service) {
+    std_srvs::Trigger asked;
+    EXPECT_TRUE(call(service, asked)) << service;
+    return asked.response.success ? "" : "refused: " + asked.response.message;
+  }
+
+  void setTarget(int brick_id) {
+    std_msgs::Int32 message;
+    message.data = brick_id;
+    target_.publish(message);
+  }
+
+  /// T_map_base by tf, the truth here.
+  Eigen::Isometry3d robotInMap() const {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    EXPECT_TRUE(waitUntil([&] { return tf_.canTransform("map", "base_link", ros::Time(0)); }));
+    const auto found = motion_planning_ros::toIsometry(tf_.lookupTransform("map", "base_link", ros::Time(0)).transform);
+    return found.value_or(T);
+  }
+
+  double speed() const { return velocity_rad_s.cwiseAbs().maxCoeff(); }
+  ros::Time now() const { return ros::Time::now(); }
+  const motion_planning::ArmKinematics& arm() const { return *arm_; }
+
+  /// Joint angles for the tip at (x, y, z) of base_link, the tool straight down.
+  ArmVector above(double x_m, double y_m, double z_m, const ArmVector& near_rad) const {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.translation() << x_m, y_m, z_m;
+    T.linear() = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()).toRotationMatrix();
+    const std::vector<ArmVector> solutions = arm_->inverse(T, near_rad);
+    EXPECT_FALSE(solutions.empty()) << x_m << ", " << y_m << ", " << z_m;
+    return solutions.empty() ? near_rad : solutions.front();
+  }
+
+  /// From one place to the next, each nearest to the one before.
+  JointTrajectory straight(const ArmVector& from_rad, double x_m, double y_m, double from_z_m, double to_z_m,
+                           double speed_m_s) const {
+    motion_planning::JointPath path;
+    constexpr double kStep_m = 0.005;
+    const int steps = std::max(1, static_cast<int>(std::ceil(std::abs(to_z_m - from_z_m) / kStep_m)));
+    ArmVector near_rad = from_rad;
+    for (int i = 0; i <= steps; ++i) {
+      near_rad = above(x_m, y_m, from_z_m + (to_z_m - from_z_m) * i / steps, near_rad);
+      path.push_back(near_rad);
+    }
+    motion_planning::MotionLimits limits;
+    return motion_planning::timeParametrize(path, limits, {}, motion_planning::tipSpeedLimit(arm_, speed_m_s));
+  }
+
+  JointTrajectory way(const motion_planning::JointPath& path, double speed_rad_s = 1.0) const {
+    motion_planning::MotionLimits limits;
+    limits.velocity_rad_s.setConstant(speed_rad_s);
+    return motion_planning::timeParametrize(path, limits);
+  }
+
+  BridgeAction<MoveArmAction> move;
+  BridgeAction<PickBrickAction> pick;
+  BridgeAction<LetGoBrickAction> let_go;
+  BridgeAction<RecoverArmAction> recover;
+
+  // As of the last step.
+  ArmVector position_rad{ArmVector::Zero()};
+  ArmVector velocity_rad_s{ArmVector::Zero()};
+  ArmBridgeState state;
+  sim_tests::JudgeState judge;
+  interactive_mapping_msgs::AttachedBrick attached;
+  std::string incidents;
+
+  // Set by a test that makes it so.
+  bool is_mission_alive{true};
+  bool is_monitor_alive{true};
+  std::string must_stop;      // what the path monitor says
+  std::string watch_refusal;  // empty: it takes what it is given
+
+ private:
+  bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
+               interactive_mapping_msgs::WatchTrajectory::Response& response) {
+    response.success = watch_refusal.empty() ? 1 : 0;
+    response.message = watch_refusal;
+    if (watch_refusal.empty()) {
+      word_.is_watching = request.trajectory.points.empty() ? 0 : 1;
+      word_.watch_id = request.trajectory.points.empty() ? 0 : ++watches_;
+      must_stop.clear();
+    }
+    response.watch_id = word_.watch_id;
+    speak();
+    return true;
+  }
+
+  void speak() {
+    if (!is_monitor_alive) return;
+    word_.header.stamp = now();
+    word_.must_stop = must_stop.empty() ? 0 : 1;
+    word_.reason = must_stop;
+    monitor_.publish(word_);
+  }
+
+  void onJoints(const sensor_msgs::JointState::ConstPtr& joints) {
+    for (std::size_t k = 0; k < mp700_ur5e_description::kArmJoints.size(); ++k) {
+      for (std::size_t i = 0; i < joints->name.size(); ++i) {
+        if (joints->name[i] != mp700_ur5e_description::kArmJoints[k]) continue;
+        position_rad[static_cast<Eigen::Index>(k)] = joints->position[i];
+        velocity_rad_s[static_cast<Eigen::Index>(k)] = joints->velocity[i];
+      }
     }
   }
-}
 
-/// The mission lives, and the monitor looks.
-void beat() {
-  if ((now() - beaten_).toSec() < kHeartbeat_s) return;
-  beaten_ = now();
-  speak();
-  if (!is_mission_alive) return;
-  std_msgs::Header header;
-  header.stamp = beaten_;
-  heartbeat_.publish(header);
-}
+  void takeStep() {
+    unanswered_ = steps_.front();
+    steps_.pop_front();
+  }
 
-void release() {
-  beat();
-  if (unanswered_.stamp.isZero()) return;
-  answer_.publish(unanswered_);
-  unanswered_ = std_msgs::Header();
-}
+  /// The mission lives, and the monitor looks.
+  void beat() {
+    if ((now() - beaten_).toSec() < kHeartbeat_s) return;
+    beaten_ = now();
+    speak();
+    if (!is_mission_alive) return;
+    std_msgs::Header header;
+    header.stamp = beaten_;
+    heartbeat_.publish(header);
+  }
 
-ros::NodeHandle nh_;
-tf2_ros::Buffer tf_;
-tf2_ros::TransformListener listener_{tf_};
-std::shared_ptr<const motion_planning::ArmKinematics> arm_;
-ros::Subscriber joints_;
-std::vector<ros::Subscriber> subscribers_;
-ros::Publisher answer_, heartbeat_, target_, monitor_;
-ros::ServiceServer watch_server_;
-interactive_mapping_msgs::PathMonitorState word_;
-std::uint32_t watches_{0};
-std::deque<sensor_msgs::JointState> steps_;
-std_msgs::Header unanswered_;
-ros::Time beaten_;
+  void release() {
+    beat();
+    if (unanswered_.stamp.isZero()) return;
+    answer_.publish(unanswered_);
+    unanswered_ = std_msgs::Header();
+  }
+
+  ros::NodeHandle nh_;
+  tf2_ros::Buffer tf_;
+  tf2_ros::TransformListener listener_{tf_};
+  std::shared_ptr<const motion_planning::ArmKinematics> arm_;
+  ros::Subscriber odometry_;
+  std::vector<ros::Subscriber> subscribers_;
+  ros::Publisher answer_, heartbeat_, target_, monitor_;
+  ros::ServiceServer watch_server_;
+  interactive_mapping_msgs::PathMonitorState word_;
+  std::uint32_t watches_{0};
+  std::deque<std_msgs::Header> steps_;
+  std_msgs::Header unanswered_;
+  ros::Time beaten_;
 };
 
 }  // namespace sim_tests_ros
