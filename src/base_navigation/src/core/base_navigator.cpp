@@ -186,7 +186,9 @@ std::vector<std::string> BaseNavigatorConfig::validate() const {
   check("max_pose_step_m", max_pose_step_m, 0.02, 10.0, "m");
   check("max_pose_step_rad", max_pose_step_rad, 0.02, 3.2, "rad");
   check("blocked_patience_s", blocked_patience_s, 0.0, 600.0, "s");
-  check("stuck_s", stuck_s, max_pose_age_s + 0.5, 60.0, "s");
+  // An impossible age is what is wrong, and not what follows from it.
+  const double pose_age_s = max_pose_age_s >= 0.02 && max_pose_age_s <= 5.0 ? max_pose_age_s : 0.02;
+  check("stuck_s", stuck_s, pose_age_s + 0.5, 60.0, "s");
   check("stuck_share", stuck_share, 0.01, 0.9, "");
   check("stuck_min_m", stuck_min_m, 0.005, 1.0, "m");
   check("stuck_min_rad", stuck_min_rad, 0.01, 1.0, "rad");
@@ -725,6 +727,8 @@ struct BaseNavigator::State {
         // Zeros until the base stands, or nobody can tell.
         if (ended_s && !stands(now_s) && now_s - *ended_s < kStandPatience_s) {
           output.phase = NavigationPhase::kBraking;
+          output.reason = isOdometryFresh(now_s) ? "told to stand, and moves by odometry"
+                                                 : "told to stand, and without odometry nobody knows whether it does";
         } else {
           ended_s.reset();
         }
@@ -764,7 +768,7 @@ BaseNavigator::BaseNavigator(const BaseNavigatorConfig& config, const BasePlanne
                              const MotionLimits& limits, Polygon footprint) {
   std::vector<std::string> problems = config.validate();
   for (const std::vector<std::string>& more :
-       {planner.validate(), follower.validate(), guard.validate(), limits.validate()}) {
+       {planner.validate(), follower.validate(), guard.validate(), limits.validate(), guard.validateFor(limits)}) {
     problems.insert(problems.end(), more.begin(), more.end());
   }
   gpis_mapping::throwIfAny(problems);

@@ -33,6 +33,7 @@ namespace {
 namespace ob = ompl::base;
 using State = ob::SE2StateSpace::StateType;
 
+constexpr double kMaxPadding_m = 0.5;
 constexpr double kStep_m = 0.05;     // of back-off and approach
 constexpr double kNothing = 1e-7;    // [m] or [rad]: pieces of curves that are left out
 constexpr double kSamePlace = 1e-6;  // [m] and [rad]: a curve that ends farther from where it should is none
@@ -957,10 +958,12 @@ void requireFinite(const char* what, const Pose2d& pose) {
 
 std::vector<std::string> BasePlannerConfig::validate() const {
   gpis_mapping::RangeCheck check;
-  check("padding_m", padding_m, 0.0, 0.5, "m");
-  check("goal_padding_m", goal_padding_m, 0.0, std::isfinite(padding_m) ? padding_m : 0.5, "m");
+  check("padding_m", padding_m, 0.0, kMaxPadding_m, "m");
+  // Where a bound is impossible itself, it alone is what is wrong.
+  const auto atMost = [](double bound, double lo, double hi) { return bound >= lo && bound <= hi ? bound : hi; };
+  check("goal_padding_m", goal_padding_m, 0.0, atMost(padding_m, 0.0, kMaxPadding_m), "m");
   check("approach_m", approach_m, 0.05, 5.0, "m");
-  check("min_approach_m", min_approach_m, 0.0, std::isfinite(approach_m) ? approach_m : 5.0, "m");
+  check("min_approach_m", min_approach_m, 0.0, atMost(approach_m, 0.05, 5.0), "m");
   check("max_back_off_m", max_back_off_m, 0.0, 5.0, "m");
   check("turn_radius_m", turn_radius_m, 0.05, 5.0, "m");
   check("max_iterations", max_iterations, 1, 1e7, "");

@@ -258,6 +258,35 @@ TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
   }
 }
 
+TEST(BaseNavigator, SendsZerosForAWhileAfterOdometryIsGoneAndThenIsIdle) {
+  constexpr double kStandPatience_s = 5.0;  // as the navigator has it
+  for (const bool comes_back : {false, true}) {
+    Bench bench({-3.0, 0.0, 0.0});
+    bench.navigator_.setGoal({4.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.runUntilFast());
+    bench.has_odometry_ = false;
+    ASSERT_TRUE(bench.run(12.0));
+    ASSERT_EQ(*bench.status_, NavigationStatus::kStaleOdometry);
+    EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking) << "nobody knows whether it stands";
+    EXPECT_FALSE(bench.navigator_.isActive());
+    const double ended_s = bench.now_s_;
+    const auto isIdle = [&] {
+      EXPECT_EQ(bench.output_.command.linear_m_s, 0.0);
+      EXPECT_EQ(bench.output_.command.angular_rad_s, 0.0);
+      return bench.output_.phase == NavigationPhase::kIdle;
+    };
+    ASSERT_FALSE(bench.run(2.0, isIdle));
+    EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking);
+    EXPECT_THAT(bench.output_.reason, HasSubstr("without odometry"));
+    bench.has_odometry_ = comes_back;
+    ASSERT_TRUE(bench.run(10.0, isIdle));
+    // Odometry that tells of a base that stands ends it at once.
+    EXPECT_NEAR(bench.now_s_ - ended_s, comes_back ? 2.0 + kDt_s : kStandPatience_s, 2.0 * kDt_s);
+    EXPECT_EQ(bench.output_.reason, "");
+    EXPECT_FALSE(bench.run(20.0, [&] { return bench.output_.phase != NavigationPhase::kIdle; })) << "and stays idle";
+  }
+}
+
 TEST(BaseNavigator, GoesOnWhenDataIsBackInTime) {
   for (const Stale& one : kStale) {
     Bench bench({-3.0, 0.0, 0.0});
