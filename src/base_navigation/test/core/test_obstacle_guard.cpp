@@ -265,6 +265,22 @@ TEST(ObstacleGuard, StopsWithinWhatIsFreeFromTheSpeedThatItAllows) {
   EXPECT_NEAR(u * config.latency_s + u * u / (2.0 * config.braking_share * 0.6), tight.free_rad, 1e-9);
 }
 
+TEST(ObstacleGuard, LooksNoFartherThanToldTo) {
+  ObstacleGuardConfig config = anyEcho();
+  config.look_ahead_m = 3.0;
+  config.look_ahead_rad = 1.0;
+  const ObstacleGuard asked = guard(config);
+  const std::vector<BaseMotion> way = {{2.0, 0.0}, {2.0, 0.0}, {2.0, 0.0}};
+  const double front_m = 0.296 + config.margin_m;
+  const GuardVerdict beyond = asked.check({0.5, 0.0}, way, scanOf({front_m + 3.01, 0.0}));
+  EXPECT_FALSE(beyond.obstacle_base.has_value());
+  EXPECT_NEAR(beyond.free_m, 3.0, 1e-12);
+  const GuardVerdict within = asked.check({0.5, 0.0}, way, scanOf({front_m + 2.99, 0.0}));
+  EXPECT_TRUE(within.obstacle_base.has_value());
+  EXPECT_NEAR(within.free_m, 2.99, 1e-6);  // ranges are floats
+  EXPECT_NEAR(asked.check({0.0, 0.5}, {{0.0, 2.5}}, Scan{}).free_rad, 1.0, 1e-12);
+}
+
 TEST(ObstacleGuard, LetsWhatIsInTheMarginBeLeftOnly) {
   const ObstacleGuard asked = guard(anyEcho());
   const Scan front = scanOf({0.316, 0.0});  // 2 cm before the bumper
