@@ -369,6 +369,25 @@ TEST(BaseNavigator, StopsForTheScannerAndGoesOnWhenItsObstacleGoes) {
   EXPECT_EQ(bench.navigator_.numPlans(), 2u);
 }
 
+TEST(BaseNavigator, TakesFromTheScansDistancesWhatHasBeenDrivenSince) {
+  Bench bench({-4.0, 0.0, 0.0});
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  // Within the guard's look, and farther than what makes it slow down.
+  bench.world_.push_back(box(bench.plant_.poseMap().x_m + 0.296 + 0.04 + 2.5 + 0.15, 0.0, 0.3, 0.6));
+  ASSERT_TRUE(bench.run(1.0, [&] { return bench.output_.guard.obstacle_base.has_value(); }));
+  bench.has_scan_ = false;  // for less than max_scan_age_s
+  double before_m = bench.plant_.poseMap().x_m;
+  bench.step();
+  const double obstacle_m = before_m + bench.output_.guard.free_m;
+  for (int i = 0; i < 12; ++i) {
+    before_m = bench.plant_.poseMap().x_m;
+    bench.step();
+    ASSERT_EQ(bench.output_.phase, NavigationPhase::kDriving);
+    EXPECT_NEAR(before_m + bench.output_.guard.free_m, obstacle_m, 0.002);  // driven: 10 mm in each step
+  }
+}
+
 TEST(BaseNavigator, GoesRoundAnObstacleThatStays) {
   Bench bench({-3.0, 0.0, 0.0});
   bench.navigator_.setGoal({4.0, 0.0, 0.0});
