@@ -45,6 +45,9 @@ struct BasePlan {
   BasePlanStatus status{BasePlanStatus::kIterations};
   std::string message;  // what and where, in words; empty if solved
   BasePath path;
+  // Lengths of the path's beginning and end on which the footprint is padded by goal_padding_m; between, by padding_m.
+  double tight_start_m{0.0};
+  double tight_end_m{0.0};
   double duration_s{0.0};
   int iterations{0};
 };
@@ -64,6 +67,11 @@ class BasePlanner {
   /// that are not finite and grids whose size is not that of their states.
   BasePlan plan(std::shared_ptr<const NavigationGrid> grid, const Pose2d& start_map, const Pose2d& goal_map,
                 const std::function<bool()>& is_cancelled = {}) const;
+
+  /// The first pose of a plan of this planner, from `from_m` along its path on, that a newer grid does not leave free
+  /// with the padding it was planned with; in the grid of the plan all are free. Without a path: free. Throws
+  /// std::invalid_argument like plan().
+  FootprintVerdict recheck(const BasePlan& plan, double from_m, std::shared_ptr<const NavigationGrid> grid) const;
 
   const BasePlannerConfig& config() const { return config_; }
 

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include <Eigen/Geometry>
+
 #include "base_navigation/base_path.h"
 #include "base_navigation/grid_fusion.h"
 
@@ -19,6 +21,9 @@ struct ObstacleGuardConfig {
   int min_echoes{2};  // so many neighbouring echoes make an obstacle; one is dust or noise
 
   std::vector<std::string> validate() const;
+  /// What the limits rule out beyond that: too little look_ahead to stop from the highest speed. Nothing while validate()
+  /// or the limits' own has something to say.
+  std::vector<std::string> validateFor(const MotionLimits& limits) const;
 };
 
 struct GuardVerdict {
@@ -62,12 +67,13 @@ class ObstacleGuard {
   /// A motion of the way ahead, in the base's frame now.
   struct Leg {
     BaseMotion motion;
-    Pose2d start;
+    Eigen::Isometry2d T_leg_base;
     double before_m;    // way up to here
     double before_rad;  // turned up to here
     // Echoes nearer to or farther from the middle of the turn do not meet the footprint. Straight: unused.
     double min_radius_m;
     double max_radius_m;
+    double reach_m;  // of the footprint, from the leg's start
   };
 
   double distance(const Eigen::Vector2d& p_base) const;

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include <mp700_ur5e_description/base_profile.h>
 #include <ros/node_handle.h>
 
 #include "base_navigation/base_navigator.h"
@@ -39,14 +40,18 @@ struct BaseNavigationParams {
   base_navigation::ObstacleGuardConfig guard;
   base_navigation::BaseNavigatorConfig navigator;
 
-  /// Every problem as "key = value unit, must be ...".
+  /// Every problem as "key = value unit, must be ..."; those that only a base has are left to validateFor().
   std::vector<std::string> validate() const;
+  std::vector<std::string> validateFor(const mp700_ur5e_description::BaseProfile& profile) const;
+
+  base_navigation::MotionLimits limitsOf(const mp700_ur5e_description::BaseProfile& profile) const;
 };
 
 /// In the layout of config/base_navigation.yaml.
 std::string toYaml(const BaseNavigationParams& params);
 
-/// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and impossible value.
+/// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and impossible value,
+/// for the base whose profile they name, too.
 BaseNavigationParams loadBaseNavigationParams(const ros::NodeHandle& private_nh);
 
 }  // namespace base_navigation_ros

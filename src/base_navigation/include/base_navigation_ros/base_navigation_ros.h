@@ -130,7 +130,8 @@ class BaseNavigationRos {
 
   mutable std::mutex shared_mutex_;  // guards what follows, up to the blank line
   std::shared_ptr<const base_navigation::NavigationGrid> grid_;
-  base_navigation::Pose2d T_map_base_;
+  ros::Time grid_stamp_;  // of the step in which grid_ was built: older scans are in it
+  std::optional<base_navigation::Pose2d> T_map_base_;
   ros::WallTime stepped_{ros::WallTime::now()};
   ros::Time odometry_seen_, localisation_seen_, scan_seen_, ground_seen_;
   std::string scan_problem_, ground_problem_, odometry_problem_, localisation_problem_;

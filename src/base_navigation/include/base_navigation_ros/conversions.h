@@ -6,7 +6,6 @@
 
 #include <Eigen/Geometry>
 #include <geometry_msgs/Pose.h>
-#include <geometry_msgs/Transform.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Path.h>
 #include <sensor_msgs/LaserScan.h>
@@ -18,10 +17,6 @@
 namespace base_navigation_ros {
 
 geometry_msgs::Pose toPoseMessage(const base_navigation::Pose2d& pose);
-
-/// Nothing unless finite and, to 1 %, a rotation.
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& message);
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& message);
 
 /// Seen from above; the tilt is lost.
 base_navigation::Pose2d toPlane(const Eigen::Isometry3d& T);

@@ -107,29 +107,6 @@ struct Source {
   }
 };
 
-/// The path from `from_m` on, with the paddings that it was planned with: less at straight ends.
-FootprintVerdict recheck(std::shared_ptr<const NavigationGrid> grid, const Polygon& footprint,
-                         const BasePlannerConfig& config, const BasePath& path, double from_m) {
-  const FootprintChecker roomy(grid, footprint, config.padding_m);
-  const FootprintChecker tight(grid, footprint, config.goal_padding_m);
-  const auto straight = [](const BaseMotion& motion, double most_m) {
-    return std::abs(motion.turn_rad) < 1e-3 ? std::min(std::abs(motion.length_m), most_m) : 0.0;
-  };
-  if (path.motions.empty()) return {};
-  const double launch_m = straight(path.motions.front(), config.max_back_off_m);
-  const double approach_m = straight(path.motions.back(), config.approach_m);
-  const double length_m = path.length();
-  for (const BasePath::Sample& sample : path.sample(0.5 * grid->cell_size_m, roomy.circumscribedRadius())) {
-    if (sample.at_m < from_m) continue;
-    const bool is_tight = sample.at_m <= launch_m || sample.at_m >= length_m - approach_m;
-    FootprintVerdict verdict = (is_tight ? tight : roomy).check(sample.pose);
-    if (verdict.isFree()) continue;
-    verdict.at_m = sample.at_m;
-    return verdict;
-  }
-  return {};
-}
-
 enum class Mode {
   kIdle,
   kPlanning,  // brakes, waits for data, plans
@@ -209,7 +186,9 @@ std::vector<std::string> BaseNavigatorConfig::validate() const {
   check("max_pose_step_m", max_pose_step_m, 0.02, 10.0, "m");
   check("max_pose_step_rad", max_pose_step_rad, 0.02, 3.2, "rad");
   check("blocked_patience_s", blocked_patience_s, 0.0, 600.0, "s");
-  check("stuck_s", stuck_s, max_pose_age_s + 0.5, 60.0, "s");
+  // An impossible age is what is wrong, and not what follows from it.
+  const double pose_age_s = max_pose_age_s >= 0.02 && max_pose_age_s <= 5.0 ? max_pose_age_s : 0.02;
+  check("stuck_s", stuck_s, pose_age_s + 0.5, 60.0, "s");
   check("stuck_share", stuck_share, 0.01, 0.9, "");
   check("stuck_min_m", stuck_min_m, 0.005, 1.0, "m");
   check("stuck_min_rad", stuck_min_rad, 0.01, 1.0, "rad");
@@ -223,21 +202,19 @@ struct BaseNavigator::State {
         const ObstacleGuardConfig& guard_, const MotionLimits& limits_, const Polygon& footprint_)
       : config(config_),
         limits(limits_),
-        footprint(footprint_),
         planner(planner_, limits_, footprint_),
         follower(follower_, limits_),
         guard(guard_, limits_, footprint_) {}
 
   const BaseNavigatorConfig config;
   const MotionLimits limits;
-  const Polygon footprint;
   const BasePlanner planner;
   PathFollower follower;
   const ObstacleGuard guard;
 
   Mode mode{Mode::kIdle};
   Pose2d goal_map;
-  BasePath path;
+  BasePlan way;                  // being driven; without motions: none
   std::uint64_t num_plans{0};    // ever
   int plans{0};                  // for this goal
   bool has_been_patient{false};  // since the last plan: a plan that failed waits once for what may go away
@@ -401,10 +378,10 @@ struct BaseNavigator::State {
       return endWith(is_obstacle_reason ? NavigationStatus::kObstacle : NavigationStatus::kTooManyPlans, message);
     }
     ++plans;
-    const BasePlan made = planner.plan(grid_now, T_map_base, goal_map, is_cancelled);
+    BasePlan made = planner.plan(grid_now, T_map_base, goal_map, is_cancelled);
     grid_checked = grid_now;
     if (made.status != BasePlanStatus::kSolved) {
-      path = {};
+      way = {};
       ++num_plans;
       std::string message = made.message;
       if (!replan_reason.empty()) message = replan_reason + "; planning anew: " + message;
@@ -418,11 +395,10 @@ struct BaseNavigator::State {
       }
       return endWith(is_obstacle_reason && !is_cancel ? NavigationStatus::kObstacle : statusOf(made.status), message);
     }
-    path = made.path;
-    path.tidy();
+    way = std::move(made);
     has_been_patient = false;
     ++num_plans;
-    follower.start(path);
+    follower.start(way.path);
     is_off_path = false;
     at_m = 0.0;
     planned_s = now_s;
@@ -434,7 +410,7 @@ struct BaseNavigator::State {
   bool isWayFree() {
     if (grid_now == grid_checked) return true;
     grid_checked = grid_now;
-    const FootprintVerdict verdict = recheck(grid_now, footprint, planner.config(), path, at_m);
+    const FootprintVerdict verdict = planner.recheck(way, at_m, grid_now);
     if (verdict.isFree()) return true;
     replan_reason = std::string("the ground ahead is ") +
                     (verdict.state == SpaceState::kOccupied ? "occupied" : "unknown") + " at " +
@@ -716,7 +692,7 @@ struct BaseNavigator::State {
     output->reason.clear();
     output->phase = stands(now_s) ? NavigationPhase::kIdle : NavigationPhase::kBraking;
     follower.brake(dt_s);  // no path any more
-    path = {};
+    way = {};
     ++num_plans;
     ended_s = now_s;
     mode = Mode::kIdle;
@@ -751,6 +727,8 @@ struct BaseNavigator::State {
         // Zeros until the base stands, or nobody can tell.
         if (ended_s && !stands(now_s) && now_s - *ended_s < kStandPatience_s) {
           output.phase = NavigationPhase::kBraking;
+          output.reason = isOdometryFresh(now_s) ? "told to stand, and moves by odometry"
+                                                 : "told to stand, and without odometry nobody knows whether it does";
         } else {
           ended_s.reset();
         }
@@ -772,7 +750,7 @@ struct BaseNavigator::State {
         break;
     }
     output.command = follower.lastCommand();
-    output.remaining_m = path.motions.empty() ? 0.0 : std::max(0.0, path.length() - at_m);
+    output.remaining_m = way.path.motions.empty() ? 0.0 : std::max(0.0, way.path.length() - at_m);
     last_output = output;
     return output;
   }
@@ -790,7 +768,7 @@ BaseNavigator::BaseNavigator(const BaseNavigatorConfig& config, const BasePlanne
                              const MotionLimits& limits, Polygon footprint) {
   std::vector<std::string> problems = config.validate();
   for (const std::vector<std::string>& more :
-       {planner.validate(), follower.validate(), guard.validate(), limits.validate()}) {
+       {planner.validate(), follower.validate(), guard.validate(), limits.validate(), guard.validateFor(limits)}) {
     problems.insert(problems.end(), more.begin(), more.end());
   }
   gpis_mapping::throwIfAny(problems);
@@ -831,7 +809,7 @@ NavigationOutput BaseNavigator::step(const NavigationInput& input, const std::fu
 }
 
 const BasePath& BaseNavigator::path() const {
-  return state_->path;
+  return state_->way.path;
 }
 
 int BaseNavigator::plansForGoal() const {

@@ -33,6 +33,7 @@ namespace {
 namespace ob = ompl::base;
 using State = ob::SE2StateSpace::StateType;
 
+constexpr double kMaxPadding_m = 0.5;
 constexpr double kStep_m = 0.05;     // of back-off and approach
 constexpr double kNothing = 1e-7;    // [m] or [rad]: pieces of curves that are left out
 constexpr double kSamePlace = 1e-6;  // [m] and [rad]: a curve that ends farther from where it should is none
@@ -437,6 +438,29 @@ Growth growTrees(const Pose2d& start, const Pose2d& goal, const NavigationGrid& 
   return growth;
 }
 
+// ---------------------------------------------------------------------------------------------------- last check
+
+struct Blocked {
+  BasePath::Sample sample;
+  const FootprintChecker* by;
+};
+
+/// The first pose from `from_m` on that is not free, or at which `stop` says so, at double the density of all other
+/// checks: `tight` holds on the first `tight_start_m` and the last `tight_end_m`, `roomy` between.
+template <typename Stop>
+std::optional<Blocked> firstBlocked(const BasePath& path, double tight_start_m, double tight_end_m, double from_m,
+                                    const FootprintChecker& tight, const FootprintChecker& roomy, Stop&& stop) {
+  const double length_m = path.length();
+  // The same poses whatever grid is asked: what was free is found free again.
+  for (const BasePath::Sample& sample : path.sample(0.25 * roomy.grid().cell_size_m, roomy.circumscribedRadius())) {
+    if (sample.at_m < from_m) continue;
+    const bool is_tight = sample.at_m < tight_start_m - kNothing || sample.at_m > length_m - tight_end_m + kNothing;
+    const FootprintChecker& checker = is_tight ? tight : roomy;
+    if (stop() || !checker.isFree(sample.pose)) return Blocked{sample, &checker};
+  }
+  return std::nullopt;
+}
+
 // ------------------------------------------------------------------------------------------------------- one call
 
 /// Straight out of where the robot stands.
@@ -518,22 +542,15 @@ class Call {
     plan_.status = BasePlanStatus::kSolved;
     plan_.message.clear();
     plan_.path = best_->path;
+    plan_.tight_start_m = best_->tight_m;
+    plan_.tight_end_m = best_->approach_m;
     plan_.duration_s = duration(best_->path, limits_);
     return plan_;
   }
 
-  /// The whole path, at double the density of all other checks. Padding is the goal's on the first `tight_m` and the last
-  /// `approach_m`.
   bool isWholeFree(const Candidate& candidate) {
-    const double length_m = candidate.path.length();
-    for (const BasePath::Sample& sample :
-         candidate.path.sample(0.25 * grid_.cell_size_m, roomy_.circumscribedRadius())) {
-      if (cancelled_()) return false;
-      const bool is_tight =
-          sample.at_m < candidate.tight_m - kNothing || sample.at_m > length_m - candidate.approach_m + kNothing;
-      if (!(is_tight ? tight_ : roomy_).isFree(sample.pose)) return false;
-    }
-    return true;
+    return !firstBlocked(candidate.path, candidate.tight_m, candidate.approach_m, 0.0, tight_, roomy_,
+                         [this] { return cancelled_(); });
   }
 
   /// Takes the path if it stands the last check and is the best so far. False: it does not stand the check.
@@ -920,6 +937,16 @@ class Call {
   BasePlan plan_;
 };
 
+void requireGrid(const std::shared_ptr<const NavigationGrid>& grid) {
+  if (!grid) throw std::invalid_argument("grid: none given");
+  if (grid->width < 0 || grid->height < 0 || !(grid->cell_size_m > 0.0) ||
+      grid->state.size() != static_cast<std::size_t>(grid->width) * static_cast<std::size_t>(grid->height)) {
+    throw std::invalid_argument("grid: " + std::to_string(grid->state.size()) + " cells of " +
+                                std::to_string(grid->cell_size_m) + " m, must be " + std::to_string(grid->width) +
+                                " x " + std::to_string(grid->height) + " of a positive size");
+  }
+}
+
 void requireFinite(const char* what, const Pose2d& pose) {
   if (std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad)) return;
   std::ostringstream out;
@@ -931,10 +958,12 @@ void requireFinite(const char* what, const Pose2d& pose) {
 
 std::vector<std::string> BasePlannerConfig::validate() const {
   gpis_mapping::RangeCheck check;
-  check("padding_m", padding_m, 0.0, 0.5, "m");
-  check("goal_padding_m", goal_padding_m, 0.0, std::isfinite(padding_m) ? padding_m : 0.5, "m");
+  check("padding_m", padding_m, 0.0, kMaxPadding_m, "m");
+  // Where a bound is impossible itself, it alone is what is wrong.
+  const auto atMost = [](double bound, double lo, double hi) { return bound >= lo && bound <= hi ? bound : hi; };
+  check("goal_padding_m", goal_padding_m, 0.0, atMost(padding_m, 0.0, kMaxPadding_m), "m");
   check("approach_m", approach_m, 0.05, 5.0, "m");
-  check("min_approach_m", min_approach_m, 0.0, std::isfinite(approach_m) ? approach_m : 5.0, "m");
+  check("min_approach_m", min_approach_m, 0.0, atMost(approach_m, 0.05, 5.0), "m");
   check("max_back_off_m", max_back_off_m, 0.0, 5.0, "m");
   check("turn_radius_m", turn_radius_m, 0.05, 5.0, "m");
   check("max_iterations", max_iterations, 1, 1e7, "");
@@ -979,16 +1008,27 @@ BasePlanner::BasePlanner(const BasePlannerConfig& config, const MotionLimits& li
 
 BasePlan BasePlanner::plan(std::shared_ptr<const NavigationGrid> grid, const Pose2d& start_map, const Pose2d& goal_map,
                            const std::function<bool()>& is_cancelled) const {
-  if (!grid) throw std::invalid_argument("grid: none given");
-  if (grid->width < 0 || grid->height < 0 || !(grid->cell_size_m > 0.0) ||
-      grid->state.size() != static_cast<std::size_t>(grid->width) * static_cast<std::size_t>(grid->height)) {
-    throw std::invalid_argument("grid: " + std::to_string(grid->state.size()) + " cells of " +
-                                std::to_string(grid->cell_size_m) + " m, must be " + std::to_string(grid->width) +
-                                " x " + std::to_string(grid->height) + " of a positive size");
-  }
+  requireGrid(grid);
   requireFinite("start", start_map);
   requireFinite("goal", goal_map);
   return Call(config_, limits_, footprint_, std::move(grid), start_map, goal_map, is_cancelled).run();
+}
+
+FootprintVerdict BasePlanner::recheck(const BasePlan& plan, double from_m,
+                                      std::shared_ptr<const NavigationGrid> grid) const {
+  requireGrid(grid);
+  if (!std::isfinite(from_m)) {
+    throw std::invalid_argument("from = " + std::to_string(from_m) + " m along the path, must be finite");
+  }
+  if (plan.path.motions.empty()) return {};
+  const FootprintChecker tight(grid, footprint_, config_.goal_padding_m);
+  const FootprintChecker roomy(std::move(grid), footprint_, config_.padding_m);
+  const std::optional<Blocked> blocked =
+      firstBlocked(plan.path, plan.tight_start_m, plan.tight_end_m, from_m, tight, roomy, [] { return false; });
+  if (!blocked) return {};
+  FootprintVerdict verdict = blocked->by->check(blocked->sample.pose);
+  verdict.at_m = blocked->sample.at_m;
+  return verdict;
 }
 
 }  // namespace base_navigation

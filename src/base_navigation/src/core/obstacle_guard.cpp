@@ -70,21 +70,26 @@ std::vector<std::string> ObstacleGuardConfig::validate() const {
   return check.problems();
 }
 
+std::vector<std::string> ObstacleGuardConfig::validateFor(const MotionLimits& limits) const {
+  if (!validate().empty() || !limits.validate().empty()) return {};
+  // What is seen only within the distance that it takes to stop is seen too late.
+  const auto stopping = [&](double speed, double deceleration) {
+    return speed * latency_s + 0.5 * speed * speed / (braking_share * deceleration);
+  };
+  gpis_mapping::RangeCheck check;
+  check("look_ahead_m", look_ahead_m, stopping(std::max(limits.forward_m_s, limits.backward_m_s), limits.linear_m_s2),
+        100.0, "m");
+  check("look_ahead_rad", look_ahead_rad, stopping(limits.turn_rad_s, limits.turn_rad_s2), 6.283, "rad");
+  return check.problems();
+}
+
 ObstacleGuard::ObstacleGuard(const ObstacleGuardConfig& config, const MotionLimits& limits, const Polygon& footprint)
     : config_(config), limits_(limits) {
   std::vector<std::string> problems = config.validate();
-  for (const std::string& problem : limits.validate()) problems.push_back(problem);
+  for (const std::vector<std::string>& more : {limits.validate(), config.validateFor(limits)}) {
+    problems.insert(problems.end(), more.begin(), more.end());
+  }
   gpis_mapping::throwIfAny(problems);
-  // What is seen only within the distance that it takes to stop is seen too late.
-  const auto stopping = [&](double speed, double deceleration) {
-    return speed * config.latency_s + 0.5 * speed * speed / (config.braking_share * deceleration);
-  };
-  gpis_mapping::RangeCheck check;
-  check("look_ahead_m", config.look_ahead_m,
-        stopping(std::max(limits.forward_m_s, limits.backward_m_s), limits.linear_m_s2), 100.0, "m");
-  check("look_ahead_rad", config.look_ahead_rad, stopping(limits.turn_rad_s, limits.turn_rad_s2), 6.283, "rad");
-  gpis_mapping::throwIfAny(check.problems());
-
   padded_ = padPolygon(footprint, config.margin_m);
   radius_m_ = circumscribedRadius(padded_);
   inscribedRadius(footprint);  // throws if it does not hold the origin
@@ -206,7 +211,16 @@ GuardVerdict ObstacleGuard::check(const Twist2d& wanted, const std::vector<BaseM
     const double share = std::min(1.0, left / length);
     motion.length_m *= share;
     motion.turn_rad *= share;
-    Leg leg{motion, start, way_m, way_rad, 0.0, kInfinity};
+    const Pose2d T_leg_base = inverse(start);
+    Leg leg{motion,
+            Eigen::Isometry2d::Identity(),
+            way_m,
+            way_rad,
+            0.0,
+            kInfinity,
+            radius_m_ + std::abs(motion.length_m) + kRounding_m};
+    leg.T_leg_base.translation() = T_leg_base.position();
+    leg.T_leg_base.linear() = Eigen::Rotation2Dd(T_leg_base.yaw_rad).toRotationMatrix();
     if (!isStraight(motion)) {
       const Eigen::Vector2d m = middle(motion);
       leg.min_radius_m = distanceTo(padded_, m) - kRounding_m;
@@ -253,7 +267,8 @@ GuardVerdict ObstacleGuard::check(const Twist2d& wanted, const std::vector<BaseM
       padding_m = distance_m - kRounding_m;
     }
     for (std::size_t i = 0; i < legs.size(); ++i) {
-      const Eigen::Vector2d p_leg = i == 0 ? p : transform(inverse(legs[i].start), p);
+      const Eigen::Vector2d p_leg = legs[i].T_leg_base * p;
+      if (p_leg.squaredNorm() > legs[i].reach_m * legs[i].reach_m) continue;
       const double share = meets(p_leg, legs[i], padding_m);
       if (share > 1.0) continue;
       met[beam] = static_cast<double>(i) + share;

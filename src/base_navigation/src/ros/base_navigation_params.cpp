@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base_navigation_ros/base_navigation_params.h"
 
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
 #include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/param_reader.h>
-#include <gpis_mapping_ros/param_writer.h>
+#include <gpis_mapping_ros/params.h>
 
 #include "base_navigation/config_fields.h"
 
@@ -11,8 +14,7 @@ namespace base_navigation_ros {
 namespace {
 
 /// visit(key, value) for each key.
-template <typename Params, typename Visitor>
-void visitParams(Params& params, Visitor&& visit) {
+constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("map_frame", params.map_frame);
   visit("odom_frame", params.odom_frame);
   visit("base_frame", params.base_frame);
@@ -28,7 +30,7 @@ void visitParams(Params& params, Visitor&& visit) {
   base_navigation::visitFollowerFields(params.follower, visit);
   base_navigation::visitGuardFields(params.guard, visit);
   base_navigation::visitNavigatorFields(params.navigator, visit);
-}
+};
 
 }  // namespace
 
@@ -44,6 +46,12 @@ std::vector<std::string> BaseNavigationParams::validate() const {
       problems.push_back(std::string(key) + " = '" + *frame + "', must be a tf2 frame: no leading slash");
     }
   }
+  if (odom_frame == map_frame) {
+    problems.push_back("odom_frame = '" + odom_frame + "', must be another frame than map_frame");
+  }
+  if (base_frame == map_frame || base_frame == odom_frame) {
+    problems.push_back("base_frame = '" + base_frame + "', must be another frame than map_frame and odom_frame");
+  }
   if (base_profile_file.empty() || base_profile_file.front() != '/') {
     problems.push_back("base_profile_file = '" + base_profile_file +
                        "', must be the absolute path of a base_profile.yaml");
@@ -55,9 +63,12 @@ std::vector<std::string> BaseNavigationParams::validate() const {
   check("output/grid_rate_hz", output.grid_rate_hz, 0.1, 50.0, "Hz");
   check("output/watchdog_rate_hz", output.watchdog_rate_hz, 5.0, 200.0, "Hz");
   append("", check.problems());
-  if (guard.margin_m >= planner.padding_m) {
-    problems.push_back("guard/margin_m = " + std::to_string(guard.margin_m) + " m, must be below plan/padding_m = " +
-                       std::to_string(planner.padding_m) + " m: the guard would stop what was planned");
+  // A padding that is impossible itself is reported below, alone.
+  if (planner.padding_m >= 0.0 && guard.margin_m >= planner.padding_m) {
+    std::ostringstream text;
+    text << "guard/margin_m = " << guard.margin_m << " m, must be below plan/padding_m = " << planner.padding_m
+         << " m: the guard would stop what was planned";
+    problems.push_back(text.str());
   }
   append("grid/", grid.validate());
   append("plan/", planner.validate());
@@ -67,21 +78,42 @@ std::vector<std::string> BaseNavigationParams::validate() const {
   return problems;
 }
 
+std::vector<std::string> BaseNavigationParams::validateFor(const mp700_ur5e_description::BaseProfile& profile) const {
+  std::vector<std::string> problems;
+  if (!(speed_share > 0.0 && speed_share <= 1.0)) return problems;  // what comes of it tells nothing
+  for (const std::string& problem : guard.validateFor(limitsOf(profile))) problems.push_back("guard/" + problem);
+  return problems;
+}
+
+base_navigation::MotionLimits BaseNavigationParams::limitsOf(const mp700_ur5e_description::BaseProfile& profile) const {
+  base_navigation::MotionLimits limits;
+  limits.forward_m_s = speed_share * profile.limits.forward_m_per_s;
+  limits.backward_m_s = speed_share * profile.limits.backward_m_per_s;
+  limits.turn_rad_s = speed_share * profile.limits.turn_rad_per_s;
+  limits.linear_m_s2 = profile.limits.linear_m_per_s2;
+  limits.turn_rad_s2 = profile.limits.turn_rad_per_s2;
+  return limits;
+}
+
 std::string toYaml(const BaseNavigationParams& params) {
-  gpis_mapping_ros::ParamWriter writer;
-  visitParams(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
-  return writer.text();
+  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 BaseNavigationParams loadBaseNavigationParams(const ros::NodeHandle& private_nh) {
-  BaseNavigationParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
-  visitParams(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
-  reader.ignore("diagnostic_period");  // read by diagnostic_updater
-  reader.ignore("diagnostic_updater");
-  reader.report("", params.validate());
-  reader.finish();
-  return params;
+  return gpis_mapping_ros::loadParams<BaseNavigationParams>(
+      private_nh, kVisitParams, {"diagnostic_period", "diagnostic_updater"}, [](const BaseNavigationParams& params) {
+        std::vector<std::string> problems = params.validate();
+        const std::string& file = params.base_profile_file;
+        if (file.empty() || file.front() != '/') return problems;
+        try {
+          for (std::string& problem : params.validateFor(mp700_ur5e_description::loadBaseProfile(file))) {
+            problems.push_back(std::move(problem));
+          }
+        } catch (const std::invalid_argument& error) {
+          problems.push_back(std::string("base_profile_file: ") + error.what());
+        }
+        return problems;
+      });
 }
 
 }  // namespace base_navigation_ros

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include <geometry_msgs/Twist.h>
+#include <gpis_mapping_ros/conversions.h>
 #include <ros/console.h>
 
 #include "base_navigation/distance_field.h"
@@ -27,6 +28,7 @@ using base_navigation::NavigationPhase;
 using base_navigation::NavigationStatus;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
+using gpis_mapping_ros::toIsometry;
 using interactive_mapping_msgs::DrivingDistances;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
@@ -54,15 +56,8 @@ double toSec(const ros::Time& stamp) {
   return stamp.isZero() ? -1.0 : stamp.toSec();
 }
 
-base_navigation::MotionLimits limitsOf(const mp700_ur5e_description::BaseProfile& profile, double speed_share) {
-  base_navigation::MotionLimits limits;
-  limits.forward_m_s = speed_share * profile.limits.forward_m_per_s;
-  limits.backward_m_s = speed_share * profile.limits.backward_m_per_s;
-  limits.turn_rad_s = speed_share * profile.limits.turn_rad_per_s;
-  limits.linear_m_s2 = profile.limits.linear_m_per_s2;
-  limits.turn_rad_s2 = profile.limits.turn_rad_per_s2;
-  return limits;
-}
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr Pose2d kNoPose{kNan, kNan, kNan};
 
 bool isFinite(const Pose2d& pose) {
   return std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
@@ -73,7 +68,7 @@ bool isFinite(const Pose2d& pose) {
 BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadBaseNavigationParams(private_nh)),
       profile_(mp700_ur5e_description::loadBaseProfile(params_.base_profile_file)),
-      limits_(limitsOf(profile_, params_.speed_share)),
+      limits_(params_.limitsOf(profile_)),
       planner_(params_.planner, limits_, profile_.body.footprint_m),
       tf_listener_(tf_),
       fusion_(params_.grid, profile_.body.footprint_m),
@@ -179,7 +174,7 @@ void BaseNavigationRos::onSimpleGoal(const geometry_msgs::PoseStampedConstPtr& m
 }
 
 void BaseNavigationRos::refuse(GoalHandle& goal, Status status, const std::string& message) {
-  publishOutcome(goal, Pose2d(), status, message);
+  publishOutcome(goal, kNoPose, status, message);
   if (status == NavigationStatus::kCancelled) {
     goal.setCanceled(move_base_msgs::MoveBaseResult(), message);
   } else {
@@ -265,7 +260,7 @@ void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goa
   outcome.goal = toPoseMessage(goal_map);
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
-    outcome.base = toPoseMessage(T_map_base_);
+    outcome.base = toPoseMessage(T_map_base_.value_or(kNoPose));
     ++outcomes_[base_navigation::toString(status)];
     if (status != NavigationStatus::kSuccess) {
       last_failure_ = std::string(base_navigation::toString(status)) + ": " + message;
@@ -460,7 +455,7 @@ void BaseNavigationRos::step(const ros::Time& now) {
   enterScans(now);
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
-    T_map_base_ = T_map_base;
+    T_map_base_ = is_pose_known ? std::make_optional(T_map_base) : std::nullopt;
     stepped_ = ros::WallTime::now();
   }
   takeRequests();
@@ -475,6 +470,7 @@ void BaseNavigationRos::step(const ros::Time& now) {
       grid_built_ = now;
       const std::lock_guard<std::mutex> lock(shared_mutex_);
       grid_ = std::move(grid);
+      grid_stamp_ = now;
     }
   }
 
@@ -504,7 +500,7 @@ void BaseNavigationRos::publish(const NavigationOutput& output, const ros::Time&
   // Idle, somebody else may drive.
   if (output.phase != NavigationPhase::kIdle || output.ended) command_publisher_.publish(command);
 
-  Pose2d T_map_base;
+  std::optional<Pose2d> T_map_base;
   std::shared_ptr<const NavigationGrid> grid;
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
@@ -529,13 +525,13 @@ void BaseNavigationRos::publish(const NavigationOutput& output, const ros::Time&
   if (grid && grid_publisher_.getNumSubscribers() > 0 && isDue(&grid_published_, 1.0 / params_.output.grid_rate_hz)) {
     grid_publisher_.publish(toMessage(*grid, header));
   }
-  if (markers_.isWatched() && isDue(&markers_published_, kShowPeriod_s)) {
-    markers_.show(output, T_map_base, current_ ? std::optional<Pose2d>(current_goal_map_) : std::nullopt, stamp);
+  if (T_map_base && markers_.isWatched() && isDue(&markers_published_, kShowPeriod_s)) {
+    markers_.show(output, *T_map_base, current_ ? std::optional<Pose2d>(current_goal_map_) : std::nullopt, stamp);
   }
-  if (current_ && isDue(&feedback_published_, kShowPeriod_s)) {
+  if (T_map_base && current_ && isDue(&feedback_published_, kShowPeriod_s)) {
     move_base_msgs::MoveBaseFeedback feedback;
     feedback.base_position.header = header;
-    feedback.base_position.pose = toPoseMessage(T_map_base);
+    feedback.base_position.pose = toPoseMessage(*T_map_base);
     current_->publishFeedback(feedback);
   }
 
@@ -604,18 +600,18 @@ std::optional<Pose2d> BaseNavigationRos::poseInMap(const geometry_msgs::PoseStam
 
 bool BaseNavigationRos::onDistances(DrivingDistances::Request& request, DrivingDistances::Response& response) {
   std::shared_ptr<const NavigationGrid> grid;
-  Pose2d T_map_base;
+  std::optional<Pose2d> T_map_base;
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
     grid = grid_;
     T_map_base = T_map_base_;
-    response.header.stamp = std::max(ground_seen_, scan_seen_);
+    response.header.stamp = grid_stamp_;
   }
   response.header.frame_id = params_.map_frame;
   std::string why_not;
   const auto T_map_frame = request.frame_id.empty() ? std::optional<Eigen::Isometry3d>(Eigen::Isometry3d::Identity())
                                                     : transformToMap(request.frame_id, ros::Time(0), &why_not);
-  if (!grid) {
+  if (!grid || !T_map_base) {
     why_not = "no ground is known yet: odometry, localisation, scan or map are missing";
   } else if (request.poses.size() > kMaxDistancePoses) {
     why_not = formatted("%zu poses, must be at most %zu", request.poses.size(), kMaxDistancePoses);
@@ -624,7 +620,7 @@ bool BaseNavigationRos::onDistances(DrivingDistances::Request& request, DrivingD
   response.success = why_not.empty() ? 1 : 0;
   if (!why_not.empty()) return true;
 
-  const base_navigation::DistanceField field(*grid, T_map_base.position(),
+  const base_navigation::DistanceField field(*grid, T_map_base->position(),
                                              base_navigation::inscribedRadius(profile_.body.footprint_m));
   const base_navigation::FootprintChecker checker(grid, profile_.body.footprint_m, params_.planner.goal_padding_m);
   const Pose2d T_map_frame_plane = toPlane(*T_map_frame);
@@ -640,7 +636,7 @@ bool BaseNavigationRos::onDistances(DrivingDistances::Request& request, DrivingD
 
 bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs::GetPlan::Response& response) {
   std::shared_ptr<const NavigationGrid> grid;
-  Pose2d start;
+  std::optional<Pose2d> start;
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
     grid = grid_;
@@ -653,16 +649,16 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
   } else {
     goal = poseInMap(request.goal, "goal", &why_not);
     if (goal && !request.start.header.frame_id.empty()) {  // as with move_base: empty is where the robot stands
-      const std::optional<Pose2d> given = poseInMap(request.start, "start", &why_not);
-      if (given) start = *given;
-      if (!given) goal.reset();
+      start = poseInMap(request.start, "start", &why_not);
+    } else if (goal && !start) {
+      why_not = "where the robot stands is not known: odometry or localisation are missing";
     }
   }
-  if (!goal) {
+  if (!goal || !start) {
     ROS_WARN_NAMED(kLog, "make_plan: %s", why_not.c_str());
     return false;
   }
-  const BasePlan plan = planner_.plan(grid, start, *goal, [this] {
+  const BasePlan plan = planner_.plan(grid, *start, *goal, [this] {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     return is_stopping_;
   });
@@ -672,6 +668,12 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
   response.plan.header = header;
   if (plan.status == BasePlanStatus::kSolved) {
     response.plan = toMessage(plan.path, kPathStep_m, header);
+    if (response.plan.poses.empty()) {  // there already; no poses would say that there is no way
+      geometry_msgs::PoseStamped pose;
+      pose.header = header;
+      pose.pose = toPoseMessage(plan.path.start);
+      response.plan.poses.push_back(pose);
+    }
   } else {
     ROS_WARN_NAMED(kLog, "make_plan: %s: %s", base_navigation::toString(plan.status), plan.message.c_str());
   }

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include <gpis_mapping_ros/conversions.h>
+
 namespace base_navigation_ros {
 namespace {
 
@@ -16,19 +18,6 @@ constexpr std::size_t kMaxBeams = 10000;
 constexpr double kMaxScannerTilt_rad = 0.087;
 constexpr double kMinTellingShare = 0.25;  // drivers mask beams that look at the robot: a third at most
 constexpr double kMaxCells = 1.6e7;
-
-template <typename Position, typename Orientation>
-std::optional<Eigen::Isometry3d> isometry(const Position& p, const Orientation& q) {
-  const Eigen::Quaterniond rotation(q.w, q.x, q.y, q.z);
-  const Eigen::Vector3d translation(p.x, p.y, p.z);
-  if (!translation.allFinite() || !rotation.coeffs().allFinite() || std::abs(rotation.norm() - 1.0) > 0.01) {
-    return std::nullopt;
-  }
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = rotation.normalized().toRotationMatrix();
-  T.translation() = translation;
-  return T;
-}
 
 template <typename... Values>
 std::string formatted(const char* format, Values... values) {
@@ -46,14 +35,6 @@ geometry_msgs::Pose toPoseMessage(const Pose2d& pose) {
   message.orientation.z = std::sin(0.5 * pose.yaw_rad);
   message.orientation.w = std::cos(0.5 * pose.yaw_rad);
   return message;
-}
-
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& message) {
-  return isometry(message.position, message.orientation);
-}
-
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& message) {
-  return isometry(message.translation, message.rotation);
 }
 
 Pose2d toPlane(const Eigen::Isometry3d& T) {
@@ -74,7 +55,7 @@ std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, std
   } else if (static_cast<double>(message.data.size()) != cells) {
     *why_not = formatted("%zu values for %u x %u cells", message.data.size(), info.width, info.height);
   } else {
-    const std::optional<Eigen::Isometry3d> T_frame_origin = toIsometry(info.origin);
+    const std::optional<Eigen::Isometry3d> T_frame_origin = gpis_mapping_ros::toIsometry(info.origin);
     if (!T_frame_origin || T_frame_origin->linear().isApprox(Eigen::Matrix3d::Identity(), 1e-3) == false) {
       *why_not = "its origin is not finite, or turned against its frame";
     } else {

@@ -258,6 +258,35 @@ TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
   }
 }
 
+TEST(BaseNavigator, SendsZerosForAWhileAfterOdometryIsGoneAndThenIsIdle) {
+  constexpr double kStandPatience_s = 5.0;  // as the navigator has it
+  for (const bool comes_back : {false, true}) {
+    Bench bench({-3.0, 0.0, 0.0});
+    bench.navigator_.setGoal({4.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.runUntilFast());
+    bench.has_odometry_ = false;
+    ASSERT_TRUE(bench.run(12.0));
+    ASSERT_EQ(*bench.status_, NavigationStatus::kStaleOdometry);
+    EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking) << "nobody knows whether it stands";
+    EXPECT_FALSE(bench.navigator_.isActive());
+    const double ended_s = bench.now_s_;
+    const auto isIdle = [&] {
+      EXPECT_EQ(bench.output_.command.linear_m_s, 0.0);
+      EXPECT_EQ(bench.output_.command.angular_rad_s, 0.0);
+      return bench.output_.phase == NavigationPhase::kIdle;
+    };
+    ASSERT_FALSE(bench.run(2.0, isIdle));
+    EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking);
+    EXPECT_THAT(bench.output_.reason, HasSubstr("without odometry"));
+    bench.has_odometry_ = comes_back;
+    ASSERT_TRUE(bench.run(10.0, isIdle));
+    // Odometry that tells of a base that stands ends it at once.
+    EXPECT_NEAR(bench.now_s_ - ended_s, comes_back ? 2.0 + kDt_s : kStandPatience_s, 2.0 * kDt_s);
+    EXPECT_EQ(bench.output_.reason, "");
+    EXPECT_FALSE(bench.run(20.0, [&] { return bench.output_.phase != NavigationPhase::kIdle; })) << "and stays idle";
+  }
+}
+
 TEST(BaseNavigator, GoesOnWhenDataIsBackInTime) {
   for (const Stale& one : kStale) {
     Bench bench({-3.0, 0.0, 0.0});
@@ -338,6 +367,25 @@ TEST(BaseNavigator, StopsForTheScannerAndGoesOnWhenItsObstacleGoes) {
   ASSERT_TRUE(bench.run(60.0));
   EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
   EXPECT_EQ(bench.navigator_.numPlans(), 2u);
+}
+
+TEST(BaseNavigator, TakesFromTheScansDistancesWhatHasBeenDrivenSince) {
+  Bench bench({-4.0, 0.0, 0.0});
+  bench.navigator_.setGoal({4.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.5));
+  // Within the guard's look, and farther than what makes it slow down.
+  bench.world_.push_back(box(bench.plant_.poseMap().x_m + 0.296 + 0.04 + 2.5 + 0.15, 0.0, 0.3, 0.6));
+  ASSERT_TRUE(bench.run(1.0, [&] { return bench.output_.guard.obstacle_base.has_value(); }));
+  bench.has_scan_ = false;  // for less than max_scan_age_s
+  double before_m = bench.plant_.poseMap().x_m;
+  bench.step();
+  const double obstacle_m = before_m + bench.output_.guard.free_m;
+  for (int i = 0; i < 12; ++i) {
+    before_m = bench.plant_.poseMap().x_m;
+    bench.step();
+    ASSERT_EQ(bench.output_.phase, NavigationPhase::kDriving);
+    EXPECT_NEAR(before_m + bench.output_.guard.free_m, obstacle_m, 0.002);  // driven: 10 mm in each step
+  }
 }
 
 TEST(BaseNavigator, GoesRoundAnObstacleThatStays) {

@@ -240,6 +240,35 @@ TEST(BasePlanner, SaysWhyThereIsNoPath) {
   EXPECT_THAT(plan.message, HasSubstr("cannot leave"));
 }
 
+TEST(BasePlanner, RechecksWithThePaddingsOfThePlan) {
+  const Pose2d start{1.0, 2.0, 0.0};
+  const Pose2d goal{6.0, 2.0, 0.0};
+  const NavigationGrid open = freeGround(8, 4);
+  const BasePlan plan = planner().plan(share(open), start, goal);
+  ASSERT_EQ(plan.status, BasePlanStatus::kSolved);
+  EXPECT_EQ(plan.tight_start_m, 0.0);
+  EXPECT_NEAR(plan.tight_end_m, BasePlannerConfig().approach_m, 1e-9);
+  const auto recheck = [&](double x_m, double y_m, double from_m = 0.0) {
+    NavigationGrid grid = open;
+    const Eigen::Vector2i cell = grid.cellOf({x_m, y_m});
+    grid.state[grid.index(cell.x(), cell.y())] = SpaceState::kOccupied;
+    return planner().recheck(plan, from_m, share(grid));
+  };
+  EXPECT_TRUE(recheck(3.0, 3.0).isFree());
+  // The cell from 2.30 to 2.35 m is 4 mm off the footprint: within the padding, not within that of the approach, which
+  // begins at 5.6 m, where the front has come to 5.896 m.
+  const FootprintVerdict beside = recheck(3.02, 2.32);
+  ASSERT_FALSE(beside.isFree());
+  // First met with the front, 3.00 - 0.296 - 0.06 - 1.0 m, between looks of at most 12.5 mm.
+  EXPECT_NEAR(beside.at_m, 1.644 + 0.00625, 0.00626);
+  EXPECT_NEAR((beside.where_map - Eigen::Vector2d(3.025, 2.325)).norm(), 0.0, 1e-9);
+  EXPECT_TRUE(recheck(6.12, 2.32).isFree());  // the padded front does not come to 6.10 m but on the approach
+  EXPECT_FALSE(recheck(6.12, 2.28).isFree());
+  EXPECT_FALSE(recheck(3.02, 2.32, 2.6).isFree());
+  EXPECT_TRUE(recheck(3.02, 2.32, 2.7).isFree());  // its rear, 0.587 m behind, has passed 3.05 m
+  EXPECT_TRUE(planner().recheck(BasePlan(), 0.0, share(open)).isFree());
+}
+
 TEST(BasePlanner, RefusesBadArguments) {
   const auto grid = share(freeGround(6, 4));
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -255,6 +284,9 @@ TEST(BasePlanner, RefusesBadArguments) {
   NavigationGrid torn = *grid;
   torn.state.pop_back();
   EXPECT_THROW(planner().plan(share(torn), good, good), std::invalid_argument);
+  EXPECT_THROW(planner().recheck(BasePlan(), 0.0, nullptr), std::invalid_argument);
+  EXPECT_THROW(planner().recheck(BasePlan(), 0.0, share(torn)), std::invalid_argument);
+  EXPECT_THROW(planner().recheck(BasePlan(), nan, grid), std::invalid_argument);
   EXPECT_NE(planner().plan(share(NavigationGrid{}), good, {3.0, 2.0, 0.0}).status, BasePlanStatus::kSolved);
 }
 

@@ -130,13 +130,16 @@ TEST(BasePlannerRandom, NoPathTouchesWhatIsNotFreeOnAThousandGrids) {
       continue;
     }
     EXPECT_TRUE(start_free && goal_free);
-    // A way out of less room than the padding is straight: at most its first motion.
     ASSERT_FALSE(plan.path.motions.empty());
+    // A way out of less room than the padding is straight, the first motion at most; and so is the approach.
     const BaseMotion& first = plan.path.motions.front();
-    const double tight_m = first.turn_rad == 0.0 ? std::min(std::abs(first.length_m), config.max_back_off_m) : 0.0;
+    EXPECT_LE(plan.tight_start_m, config.max_back_off_m + 1e-9);
+    EXPECT_LE(plan.tight_start_m, first.turn_rad == 0.0 ? std::abs(first.length_m) + 1e-9 : 0.0);
+    EXPECT_LE(plan.tight_end_m, config.approach_m + 1e-9);
+    EXPECT_TRUE(planner.recheck(plan, 0.0, std::make_shared<NavigationGrid>(problem.grid)).isFree());
     // Poses between two looks of the planner's last check are within an eighth of a cell of one of them.
     const double padding_m = config.padding_m - 0.05 / 8;
-    EXPECT_EQ(oracle.complain(plan.path, padding_m, tight_m, config.approach_m), "");
+    EXPECT_EQ(oracle.complain(plan.path, padding_m, plan.tight_start_m, plan.tight_end_m), "");
     EXPECT_LT((plan.path.end().position() - problem.goal.position()).norm(), 1e-3);
     EXPECT_LT(std::abs(wrapAngle(plan.path.end().yaw_rad - problem.goal.yaw_rad)), 1e-3);
     EXPECT_EQ(plan.path.motions.back().turn_rad, 0.0);
@@ -153,6 +156,70 @@ TEST(BasePlannerRandom, NoPathTouchesWhatIsNotFreeOnAThousandGrids) {
   EXPECT_GT(counts[BasePlanStatus::kSolved], 300);
   EXPECT_GT(wide, 100);
   EXPECT_GT(counts[BasePlanStatus::kNoPath] + counts[BasePlanStatus::kIterations], 50);
+}
+
+TEST(BasePlannerRandom, RecheckFindsWhateverIsPutOnAPlanAndNothingElse) {
+  BasePlannerConfig config;
+  config.max_iterations = 300;
+  config.shortcut_rounds = 25;
+  const BasePlanner planner(config, kBaseLimits, kBaseFootprint);
+  constexpr double kCell_m = 0.05;
+  // Between two looks nothing moves farther than a quarter of a cell: every pose is within half of that of a look.
+  constexpr double kBeside_m = 0.125 * kCell_m;
+  int on_way = 0;
+  int in_padding = 0;
+  int behind = 0;
+  for (std::uint64_t seed = 1; seed <= 120; ++seed) {
+    const Problem problem = randomProblem(seed);
+    const BasePlan plan = planner.plan(std::make_shared<NavigationGrid>(problem.grid), problem.start, problem.goal);
+    if (plan.status != BasePlanStatus::kSolved) continue;
+    const double length_m = plan.path.length();
+    Random random(5000 + seed);
+    const std::vector<BasePath::Sample> dense = plan.path.sample(0.005, circumscribedRadius(kBaseFootprint));
+    for (int k = 0; k < 8; ++k) {
+      SCOPED_TRACE("seed " + std::to_string(seed) + ", obstacle " + std::to_string(k));
+      const BasePath::Sample& sample = dense[static_cast<std::size_t>(random.uniform(0, 1) * (dense.size() - 1))];
+      // A place under the footprint, or under its padding where that is planned with.
+      const bool has_padding =
+          sample.at_m > plan.tight_start_m + 0.02 && sample.at_m < length_m - plan.tight_end_m - 0.02;
+      const double grown_m = (has_padding ? config.padding_m : config.goal_padding_m) - kBeside_m - 1e-6;
+      Eigen::Vector2d p(random.uniform(-0.527 - grown_m, 0.296 + grown_m), random.uniform(-0.296, 0.296));
+      if (has_padding && k % 2 == 0) {  // in the padding itself, beside
+        p.y() = std::copysign(0.296 + random.uniform(0.0, grown_m), p.y());
+        ++in_padding;
+      } else {
+        p.y() *= (0.296 + std::min(0.0, grown_m)) / 0.296;
+        ++on_way;
+      }
+      const auto painted = std::make_shared<NavigationGrid>(problem.grid);
+      const Eigen::Vector2i cell = painted->cellOf(transform(sample.pose, p));
+      SpaceState& state = painted->state[painted->index(cell.x(), cell.y())];
+      ASSERT_EQ(state, SpaceState::kFree);
+      state = k % 3 == 0 ? SpaceState::kUnknown : SpaceState::kOccupied;
+      const FootprintVerdict found = planner.recheck(plan, 0.0, painted);
+      EXPECT_EQ(found.state, state);
+      EXPECT_EQ(painted->cellOf(found.where_map), cell);
+      EXPECT_LE(found.at_m, sample.at_m + kBeside_m + 1e-6);
+      EXPECT_EQ(planner.recheck(plan, found.at_m, painted).at_m, found.at_m);
+
+      // From where the oracle sees it no more, corners and the space between looks apart, it is left behind.
+      NavigationGrid alone = makeGrid(160, 160, SpaceState::kFree);
+      alone.state[alone.index(cell.x(), cell.y())] = SpaceState::kOccupied;
+      const PathOracle oracle(alone, kBaseFootprint);
+      std::size_t last = 0;
+      for (std::size_t i = dense.size(); i-- > 0 && last == 0;) {
+        const Pose2d& pose = dense[i].pose;
+        if (!oracle.isFree(pose.x_m, pose.y_m, pose.yaw_rad, std::sqrt(2.0) * config.padding_m + 0.005)) last = i;
+      }
+      if (dense[last].at_m + 0.01 >= length_m) continue;
+      ++behind;
+      EXPECT_TRUE(planner.recheck(plan, dense[last].at_m + 0.01, painted).isFree());
+    }
+    if (HasFailure()) break;
+  }
+  EXPECT_GT(on_way, 100);
+  EXPECT_GT(in_padding, 50);
+  EXPECT_GT(behind, 100);
 }
 
 TEST(BasePlannerRandom, SearchesNothingWhereThereIsRoomToTurnAllTheWay) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base_navigation/obstacle_guard.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -14,6 +15,7 @@
 namespace base_navigation {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -148,6 +150,88 @@ TEST(ObstacleGuard, LooksAlongTheWayAhead) {
   EXPECT_GT(met, 60);
 }
 
+/// Angle turned on the spot until `num_echoes` beams side by side are inside the footprint padded by the margin and
+/// `more_m`, by steps of `step_rad`. Which beams are met is decided by their depth, the padding at which the rectangle's
+/// boundary goes through them; those in the margin from the start are met when they come nearer than they are.
+double turnedUntilMet(const Scan& scan, const Pose2d& T_scan_base, double turn_rad, double step_rad, double margin_m,
+                      double more_m, std::size_t num_echoes) {
+  const auto depth = [](const Eigen::Vector2d& p) {
+    return std::max({p.x() - 0.296, -0.527 - p.x(), std::abs(p.y()) - 0.296});
+  };
+  std::vector<double> met(scan.ranges_m.size(), kInfinity);
+  for (std::size_t beam = 0; beam < met.size(); ++beam) {
+    if (!scan.isEcho(beam)) continue;
+    const Eigen::Vector2d p_scan = scan.echo(beam);
+    if (depth(p_scan) <= 0.0) continue;
+    const Eigen::Vector2d p = transform(inverse(T_scan_base), p_scan);
+    if (p.norm() > 0.8) continue;  // beyond every corner
+    const double allowed_m = std::min(margin_m, depth(p) - 1e-6) + more_m;
+    for (double turned_rad = 0.0; turned_rad <= std::abs(turn_rad) + 1e-12; turned_rad += step_rad) {
+      if (depth(transform({0.0, 0.0, -std::copysign(turned_rad, turn_rad)}, p)) > allowed_m) continue;
+      met[beam] = turned_rad;
+      break;
+    }
+  }
+  double soonest_rad = kInfinity;
+  for (std::size_t begin = 0; begin + num_echoes <= met.size(); ++begin) {
+    soonest_rad = std::min(soonest_rad, *std::max_element(met.begin() + begin, met.begin() + begin + num_echoes));
+  }
+  return soonest_rad;
+}
+
+TEST(ObstacleGuard, TurnsOnTheSpotAsFarAsRotatingInSmallSteps) {
+  constexpr double kStep_rad = 5e-4;
+  std::mt19937_64 random(6);
+  std::uniform_real_distribution<double> share(-1.0, 1.0);
+  int met = 0;
+  int free = 0;
+  int exact = 0;
+  int in_margin = 0;
+  for (int world_index = 0; world_index < 150; ++world_index) {
+    ObstacleGuardConfig config = anyEcho();
+    config.min_echoes = 1 + world_index % 4;
+    // Rough ground for the scanner: small boxes round the footprint, some within the margin, walls, and noise.
+    PolygonWorld world;
+    while (world.size() < 8) {
+      const Polygon one = box(0.9 * share(random), 0.8 * share(random), 0.15 + 0.1 * share(random),
+                              0.3 + 0.25 * share(random), M_PI * share(random));
+      if (gap(one, shippedFootprint()) > 0.001) world.push_back(one);
+    }
+    const Scan scan = PlantScanner{0.004}.scan(world, {}, &random);
+    const Pose2d T_scan_base{0.01 * share(random), 0.01 * share(random), 0.05 * share(random)};
+    const double turn_rad = 2.9 * share(random);
+    const double asked_rad_s = std::copysign(0.5, turn_rad);
+    const GuardVerdict verdict = guard(config).check({0.0, asked_rad_s}, {{0.0, turn_rad}}, scan, T_scan_base);
+    const auto brute = [&](double more_m) {
+      return turnedUntilMet(scan, T_scan_base, turn_rad, kStep_rad, config.margin_m, more_m,
+                            static_cast<std::size_t>(config.min_echoes));
+    };
+    SCOPED_TRACE("world " + std::to_string(world_index));
+    const double truth_rad = brute(0.0);
+    const double told_rad = verdict.obstacle_base ? verdict.free_rad : kInfinity;
+    // Steps find a contact at most one late; what is in the margin and comes nearer is met at once, which steps find when
+    // it has come nearer by 1 um.
+    EXPECT_LE(told_rad, truth_rad + 1e-6);
+    EXPECT_EQ(verdict.mustStop(), told_rad == 0.0);
+    if (std::isfinite(truth_rad)) {
+      ++met;
+      in_margin += truth_rad < 2.0 * kStep_rad;
+    }
+    if (told_rad >= truth_rad - kStep_rad - 1e-6) {
+      ++exact;
+      free += !std::isfinite(truth_rad);
+      continue;
+    }
+    // Else a corner brushed past between two steps: with 0.1 mm more, steps see it. A corner 0.7 m away that moves 0.35 mm
+    // in a step rises over its chord by less than that.
+    EXPECT_LE(brute(1e-4), told_rad + kStep_rad);
+  }
+  EXPECT_GT(met, 60);
+  EXPECT_GT(free, 15);
+  EXPECT_GT(in_margin, 5);
+  EXPECT_GT(exact, 140);
+}
+
 TEST(ObstacleGuard, StopsWithinWhatIsFreeFromTheSpeedThatItAllows) {
   // v latency + v^2 / (2 share a) = free, along straight lines, arcs and turns.
   const ObstacleGuardConfig config = anyEcho();
@@ -179,6 +263,22 @@ TEST(ObstacleGuard, StopsWithinWhatIsFreeFromTheSpeedThatItAllows) {
   ASSERT_LT(tight.speed_factor, 1.0);
   const double u = 0.5 * tight.speed_factor;
   EXPECT_NEAR(u * config.latency_s + u * u / (2.0 * config.braking_share * 0.6), tight.free_rad, 1e-9);
+}
+
+TEST(ObstacleGuard, LooksNoFartherThanToldTo) {
+  ObstacleGuardConfig config = anyEcho();
+  config.look_ahead_m = 3.0;
+  config.look_ahead_rad = 1.0;
+  const ObstacleGuard asked = guard(config);
+  const std::vector<BaseMotion> way = {{2.0, 0.0}, {2.0, 0.0}, {2.0, 0.0}};
+  const double front_m = 0.296 + config.margin_m;
+  const GuardVerdict beyond = asked.check({0.5, 0.0}, way, scanOf({front_m + 3.01, 0.0}));
+  EXPECT_FALSE(beyond.obstacle_base.has_value());
+  EXPECT_NEAR(beyond.free_m, 3.0, 1e-12);
+  const GuardVerdict within = asked.check({0.5, 0.0}, way, scanOf({front_m + 2.99, 0.0}));
+  EXPECT_TRUE(within.obstacle_base.has_value());
+  EXPECT_NEAR(within.free_m, 2.99, 1e-6);  // ranges are floats
+  EXPECT_NEAR(asked.check({0.0, 0.5}, {{0.0, 2.5}}, Scan{}).free_rad, 1.0, 1e-12);
 }
 
 TEST(ObstacleGuard, LetsWhatIsInTheMarginBeLeftOnly) {
@@ -395,10 +495,19 @@ TEST(ObstacleGuard, RefusesWhatItCannotJudge) {
   }
   config = {};
   config.look_ahead_m = 2.0;  // from 0.8 m/s it takes 2.49 m
-  EXPECT_THROW(guard(config), std::invalid_argument);
-  config = {};
   config.look_ahead_rad = 0.5;
+  EXPECT_TRUE(config.validate().empty());
+  EXPECT_THAT(config.validateFor(shippedLimits()), ElementsAre(HasSubstr("look_ahead_m = 2 m, must be in [2.48571, "),
+                                                               HasSubstr("look_ahead_rad = 0.5 rad, must be in [")));
   EXPECT_THROW(guard(config), std::invalid_argument);
+  config.look_ahead_m = 2.49;
+  EXPECT_THROW(guard(config), std::invalid_argument);
+  config.look_ahead_rad = 0.6;  // it takes 0.58 rad
+  EXPECT_NO_THROW(guard(config));
+  // Impossible values are reported by themselves, and have no stopping distance.
+  config.look_ahead_m = 2.0;
+  config.braking_share = 0.0;
+  EXPECT_TRUE(config.validateFor(shippedLimits()).empty());
 }
 
 }  // namespace

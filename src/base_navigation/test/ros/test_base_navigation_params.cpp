@@ -21,16 +21,17 @@ const params_contract::Contract kContract = {
     {{"map_frame", "world"},
      {"odom_frame", "wheels"},
      {"base_frame", "platform"},
-     {"base_profile_file", "/profile.yaml"}}};
+     {"base_profile_file", BASE_PROFILE}}};
 
 TEST(BaseNavigationParams, ShippedFileHasEveryKeyWithItsDefault) {
   params_contract::expectShippedFileHasEveryDefault(kContract);
 }
 
 TEST(BaseNavigationParams, ShippedFileLoadsAsTheDefaults) {
+  const BaseNavigationParams loaded = loadBaseNavigationParams(ros::NodeHandle("~shipped"));
   BaseNavigationParams expected;
-  expected.base_profile_file = "/base_profile.yaml";  // what a launch file has to give
-  EXPECT_EQ(toYaml(loadBaseNavigationParams(ros::NodeHandle("~shipped"))), toYaml(expected));
+  expected.base_profile_file = loaded.base_profile_file;  // what a launch file has to give
+  EXPECT_EQ(toYaml(loaded), toYaml(expected));
 }
 
 TEST(BaseNavigationParams, EveryKeyIsReadIntoItsOwnField) {
@@ -64,6 +65,68 @@ TEST(BaseNavigationParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/follow/speed_reserve = 2"));
   EXPECT_THAT(message, HasSubstr("/wrong/guard/braking_share = 0"));
   EXPECT_THAT(message, HasSubstr("/wrong/drive/max_plans = 0"));
+}
+
+TEST(BaseNavigationParams, WhatTheBaseRulesOutIsReportedWithAllTheRest) {
+  ros::NodeHandle nh("~short_sighted");
+  nh.setParam("base_profile_file", BASE_PROFILE);
+  nh.setParam("guard/look_ahead_m", 2.0);  // from 0.8 m/s it takes 0.8 * 0.25 + 0.8^2 / (2 * 0.7 * 0.2) = 2.486 m
+  nh.setParam("guard/look_ahead_rad", 0.1);
+  nh.setParam("drive/max_plans", 0);
+  const std::string message = messageOf(kContract, nh);
+  EXPECT_THAT(message, HasSubstr("/short_sighted/guard/look_ahead_m = 2 m, must be in [2.48571, 100] m"));
+  EXPECT_THAT(message, HasSubstr("/short_sighted/guard/look_ahead_rad = 0.1 rad, must be in ["));
+  EXPECT_THAT(message, HasSubstr("/short_sighted/drive/max_plans = 0"));
+  // A slower base stops sooner: 0.4 * 0.25 + 0.4^2 / (2 * 0.7 * 0.2) = 0.67 m.
+  ros::NodeHandle slow("~slow");
+  slow.setParam("base_profile_file", BASE_PROFILE);
+  slow.setParam("guard/look_ahead_m", 2.0);
+  slow.setParam("speed_share", 0.5);
+  EXPECT_EQ(messageOf(kContract, slow), "");
+}
+
+TEST(BaseNavigationParams, AProfileThatCannotBeReadIsReportedWithAllTheRest) {
+  ros::NodeHandle nh("~no_profile");
+  nh.setParam("base_profile_file", "/no_such_profile.yaml");
+  nh.setParam("drive/max_plans", 0);
+  const std::string message = messageOf(kContract, nh);
+  EXPECT_THAT(message, HasSubstr("/no_profile/base_profile_file: "));
+  EXPECT_THAT(message, HasSubstr("/no_such_profile.yaml"));
+  EXPECT_THAT(message, HasSubstr("/no_profile/drive/max_plans = 0"));
+}
+
+TEST(BaseNavigationParams, TheThreeFramesAreThree) {
+  BaseNavigationParams params;
+  params.base_profile_file = BASE_PROFILE;
+  EXPECT_THAT(params.validate(), testing::IsEmpty());
+  params.odom_frame = params.map_frame;
+  EXPECT_THAT(params.validate(), testing::ElementsAre("odom_frame = 'map', must be another frame than map_frame"));
+  for (const char* taken : {"map", "odom"}) {
+    params.odom_frame = "odom";
+    params.base_frame = taken;
+    EXPECT_THAT(params.validate(),
+                testing::ElementsAre(HasSubstr("must be another frame than map_frame and odom_frame")));
+  }
+}
+
+TEST(BaseNavigationParams, AnImpossibleBoundIsTheOnlyProblemOfItself) {
+  BaseNavigationParams params;
+  params.base_profile_file = BASE_PROFILE;
+  params.planner.padding_m = -1.0;
+  EXPECT_THAT(params.validate(), testing::ElementsAre("plan/padding_m = -1 m, must be in [0, 0.5] m"));
+  params.planner.padding_m = 0.03;
+  EXPECT_THAT(params.validate(),
+              testing::ElementsAre("guard/margin_m = 0.04 m, must be below plan/padding_m = 0.03 m: the guard would "
+                                   "stop what was planned"));
+  params.planner.padding_m = 0.06;
+  params.planner.goal_padding_m = 0.07;
+  EXPECT_THAT(params.validate(), testing::ElementsAre("plan/goal_padding_m = 0.07 m, must be in [0, 0.06] m"));
+  params.planner.goal_padding_m = 0.0;
+  params.planner.approach_m = -1.0;
+  EXPECT_THAT(params.validate(), testing::ElementsAre("plan/approach_m = -1 m, must be in [0.05, 5] m"));
+  params.planner.approach_m = 0.4;
+  params.navigator.max_pose_age_s = 100.0;
+  EXPECT_THAT(params.validate(), testing::ElementsAre(HasSubstr("drive/max_pose_age_s = 100 s")));
 }
 
 }  // namespace

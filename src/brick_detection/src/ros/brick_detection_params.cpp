@@ -1,17 +1,25 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "brick_detection_ros/brick_detection_params.h"
 
-#include <gpis_mapping_ros/param_reader.h>
-#include <gpis_mapping_ros/param_writer.h>
+#include <gpis_mapping_ros/params.h>
 
 #include "gpis_mapping/range_check.h"
 
 namespace brick_detection_ros {
 namespace {
 
-/// visit(key, value) for each key but bricks_file.
-template <typename Params, typename Visitor>
-void visitParams(Params& params, Visitor&& visit) {
+/// visit(key, value) for each key.
+constexpr auto kVisitParams = [](auto& params, auto&& visit) {
+  visit("bricks_file", params.bricks_file);
+  visit("input/map_frame", params.input.map_frame);
+  visit("input/camera_frame", params.input.camera_frame);
+  visit("input/tf_timeout_s", params.input.tf_timeout_s);
+  visit("input/max_future_s", params.input.max_future_s);
+  visit("input/pose_limits/max_step_m", params.input.pose_limits.max_step_m);
+  visit("input/pose_limits/max_step_rad", params.input.pose_limits.max_step_rad);
+  visit("input/pose_limits/max_speed_mps", params.input.pose_limits.max_speed_mps);
+  visit("input/pose_limits/max_turn_radps", params.input.pose_limits.max_turn_radps);
+  visit("input/pose_limits/settle_frames", params.input.pose_limits.settle_frames);
   visit("continuous", params.continuous);
   visit("input/use_depth", params.input.use_depth);
   visit("input/max_depth_offset_s", params.input.max_depth_offset_s);
@@ -26,7 +34,7 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("output/ellipsoid_sigmas", params.output.ellipsoid_sigmas);
   visit("output/arrow_m", params.output.arrow_m);
   brick_detection::visitFields(params.detection, visit);
-}
+};
 
 }  // namespace
 
@@ -48,35 +56,13 @@ std::vector<std::string> BrickDetectionParams::validate() const {
 }
 
 std::string toYaml(const BrickDetectionParams& params) {
-  gpis_mapping_ros::ParamWriter writer;
-  const auto write = [&writer](const std::string& key, const auto& value) { writer.write(key, value); };
-  write("bricks_file", params.bricks_file);
-  write("input/map_frame", params.input.map_frame);
-  write("input/camera_frame", params.input.camera_frame);
-  write("input/tf_timeout_s", params.input.tf_timeout_s);
-  write("input/max_future_s", params.input.max_future_s);
-  write("input/pose_limits/max_step_m", params.input.pose_limits.max_step_m);
-  write("input/pose_limits/max_step_rad", params.input.pose_limits.max_step_rad);
-  write("input/pose_limits/max_speed_mps", params.input.pose_limits.max_speed_mps);
-  write("input/pose_limits/max_turn_radps", params.input.pose_limits.max_turn_radps);
-  write("input/pose_limits/settle_frames", params.input.pose_limits.settle_frames);
-  visitParams(params, write);
-  return writer.text();
+  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 BrickDetectionParams loadBrickDetectionParams(const ros::NodeHandle& private_nh) {
-  BrickDetectionParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
-  reader.read("bricks_file", &params.bricks_file);
-  params.input.CameraPoseParams::read("input", &reader);
-  visitParams(params, [&reader](const char* key, auto& value) { reader.read(key, &value); });
-  reader.ignore("image_transport");    // read by image_transport
-  reader.ignore("image");              // its publishers' settings: ~image/compressed/...
-  reader.ignore("diagnostic_period");  // read by diagnostic_updater
-  reader.ignore("diagnostic_updater");
-  reader.report("", params.validate());
-  reader.finish();
-  return params;
+  // Read by image_transport, whose publishers' settings are in ~image/compressed/..., and diagnostic_updater.
+  return gpis_mapping_ros::loadParams<BrickDetectionParams>(
+      private_nh, kVisitParams, {"image_transport", "image", "diagnostic_period", "diagnostic_updater"});
 }
 
 }  // namespace brick_detection_ros

@@ -4,17 +4,15 @@
 #include <stdexcept>
 
 #include <gpis_mapping_ros/gpis_mapping_params.h>
-#include <gpis_mapping_ros/param_reader.h>
-#include <gpis_mapping_ros/param_writer.h>
+#include <gpis_mapping_ros/params.h>
 
 #include "gpis_mapping/range_check.h"
 
 namespace brick_detection_ros {
 namespace {
 
-/// The one table of all keys: visit(key, value) for each.
-template <typename Params, typename Visitor>
-void visitFields(Params& params, Visitor&& visit) {
+/// visit(key, value) for each key.
+constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("base_frame", params.base_frame);
   visit("tool_frame", params.tool_frame);
   visit("parent_frame", params.parent_frame);
@@ -47,7 +45,7 @@ void visitFields(Params& params, Visitor&& visit) {
   visit("hand_eye/max_residual_m", params.session.hand_eye.max_residual_m);
   visit("hand_eye/max_residual_rad", params.session.hand_eye.max_residual_rad);
   visit("hand_eye/outlier_chi2", params.session.hand_eye.outlier_chi2);
-}
+};
 
 }  // namespace
 
@@ -97,19 +95,11 @@ std::vector<std::string> CameraCalibratorParams::validate() const {
 }
 
 std::string toYaml(const CameraCalibratorParams& params) {
-  gpis_mapping_ros::ParamWriter writer;
-  visitFields(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
-  return writer.text();
+  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 CameraCalibratorParams loadCameraCalibratorParams(const ros::NodeHandle& private_nh) {
-  CameraCalibratorParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
-  visitFields(params, [&reader](const char* key, auto& value) { reader.read(key, &value); });
-  reader.ignore("image_transport");  // read by image_transport
-  reader.report("", params.validate());
-  reader.finish();
-  return params;
+  return gpis_mapping_ros::loadParams<CameraCalibratorParams>(private_nh, kVisitParams, {"image_transport"});
 }
 
 }  // namespace brick_detection_ros

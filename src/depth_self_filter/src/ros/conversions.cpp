@@ -107,13 +107,8 @@ depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::
   depth_self_filter::HeldBrick brick;
   brick.frame = gpis_mapping_ros::withoutSlash(message.header.frame_id);
   brick.size_m << message.size.x, message.size.y, message.size.z;
-  geometry_msgs::Transform pose;
-  pose.translation.x = message.pose.position.x;
-  pose.translation.y = message.pose.position.y;
-  pose.translation.z = message.pose.position.z;
-  pose.rotation = message.pose.orientation;
   gpis_mapping_ros::Refusal refusal;
-  const auto T_frame_brick = gpis_mapping_ros::toIsometry(pose, &refusal);
+  const auto T_frame_brick = gpis_mapping_ros::toIsometry(message.pose, &refusal);
   if (T_frame_brick) {
     brick.T_frame_brick = *T_frame_brick;
     *problem = depth_self_filter::whyNotHeld(robot, brick);

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth_self_filter_ros/depth_self_filter_params.h"
 
-#include <gpis_mapping_ros/param_reader.h>
-#include <gpis_mapping_ros/param_writer.h>
+#include <gpis_mapping_ros/params.h>
 
 #include "gpis_mapping/range_check.h"
 
@@ -10,8 +9,7 @@ namespace depth_self_filter_ros {
 namespace {
 
 /// visit(key, value) for each key.
-template <typename Params, typename Visitor>
-void visitParams(Params& params, Visitor&& visit) {
+constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("input/camera_frame", params.input.camera_frame);
   visit("input/wait_s", params.input.wait_s);
   visit("input/max_future_s", params.input.max_future_s);
@@ -28,7 +26,7 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("mask/noise/a_m", params.mask.noise.a_m);
   visit("mask/noise/b", params.mask.noise.b);
   visit("mask/noise/c_per_m", params.mask.noise.c_per_m);
-}
+};
 
 }  // namespace
 
@@ -51,22 +49,13 @@ std::vector<std::string> DepthSelfFilterParams::validate() const {
 }
 
 std::string toYaml(const DepthSelfFilterParams& params) {
-  gpis_mapping_ros::ParamWriter writer;
-  visitParams(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
-  return writer.text();
+  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 DepthSelfFilterParams loadDepthSelfFilterParams(const ros::NodeHandle& private_nh) {
-  DepthSelfFilterParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
-  visitParams(params, [&reader](const char* key, auto& value) { reader.read(key, &value); });
-  reader.ignore("image_transport");    // read by image_transport
-  reader.ignore("image_rect");         // its publishers' settings: ~image_rect/compressedDepth/...
-  reader.ignore("diagnostic_period");  // read by diagnostic_updater
-  reader.ignore("diagnostic_updater");
-  reader.report("", params.validate());
-  reader.finish();
-  return params;
+  // Read by image_transport, whose publishers' settings are in ~image_rect/compressedDepth/..., and diagnostic_updater.
+  return gpis_mapping_ros::loadParams<DepthSelfFilterParams>(
+      private_nh, kVisitParams, {"image_transport", "image_rect", "diagnostic_period", "diagnostic_updater"});
 }
 
 }  // namespace depth_self_filter_ros

@@ -7,6 +7,7 @@
 #include <string>
 
 #include <Eigen/Geometry>
+#include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -61,8 +62,10 @@ std::optional<gpis_mapping::DepthImage> toDepthImage(const sensor_msgs::Image& m
 std::optional<gpis_mapping::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
                                                        Refusal* refusal);
 
-/// Nothing, and the reason, when not finite or no rotation.
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal);
+/// Nothing, and the reason to those who ask for it, when a number is not finite or the quaternion's length is not 1
+/// within 1 %, which float32 sources keep to.
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal = nullptr);
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Refusal* refusal = nullptr);
 
 /// Whether any pixel says something: a depth, or "nothing within reach" (+Inf). Zeros, NaN, -Inf and depths below zero
 /// say nothing: an image of these alone comes from a covered lens as well as from an empty scene.

@@ -46,6 +46,25 @@ std::string sizeText(std::uint64_t width, std::uint64_t height) {
   return std::to_string(width) + " x " + std::to_string(height) + " px";
 }
 
+/// `Position`: geometry_msgs' Point or Vector3.
+template <typename Position>
+std::optional<Eigen::Isometry3d> makeIsometry(const char* what, const Position& position,
+                                              const geometry_msgs::Quaternion& orientation, Refusal* refusal) {
+  const Eigen::Quaterniond q(orientation.w, orientation.x, orientation.y, orientation.z);
+  const Eigen::Vector3d translation(position.x, position.y, position.z);
+  if (!translation.allFinite() || !(std::abs(q.norm() - 1.0) < 0.01)) {  // false for NaN
+    if (refusal != nullptr) {
+      *refusal = {FrameStatus::kBadTransform, std::string(what) + " is not finite or no rotation: |q| = " +
+                                                  std::to_string(q.norm()) + ", must be 1"};
+    }
+    return std::nullopt;
+  }
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = q.normalized().toRotationMatrix();
+  T.translation() = translation;
+  return T;
+}
+
 }  // namespace
 
 const char* toString(FrameStatus status) {
@@ -155,19 +174,11 @@ std::optional<CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bo
 }
 
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal) {
-  const auto& t = transform.translation;
-  const auto& r = transform.rotation;
-  const Eigen::Quaterniond q(r.w, r.x, r.y, r.z);
-  const Eigen::Vector3d translation(t.x, t.y, t.z);
-  if (!translation.allFinite() || !(std::abs(q.norm() - 1.0) < 0.01)) {  // false for NaN
-    *refusal = {FrameStatus::kBadTransform,
-                "transform is not finite or no rotation: |q| = " + std::to_string(q.norm()) + ", must be 1"};
-    return std::nullopt;
-  }
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = q.normalized().toRotationMatrix();
-  T.translation() = translation;
-  return T;
+  return makeIsometry("transform", transform.translation, transform.rotation, refusal);
+}
+
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Refusal* refusal) {
+  return makeIsometry("pose", pose.position, pose.orientation, refusal);
 }
 
 bool holdsMeasurement(const DepthImage& image) {

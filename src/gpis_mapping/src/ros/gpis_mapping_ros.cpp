@@ -380,14 +380,9 @@ bool GpisMappingRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Res
 Eigen::Isometry3d GpisMappingRos::boxInMap(const std_msgs::Header& header, const geometry_msgs::Pose& pose) const {
   const std::string frame = withoutSlash(header.frame_id);
   if (frame.empty()) throw std::invalid_argument("frame_id is empty, must name a frame");
-  geometry_msgs::Transform in_frame;
-  in_frame.translation.x = pose.position.x;
-  in_frame.translation.y = pose.position.y;
-  in_frame.translation.z = pose.position.z;
-  in_frame.rotation = pose.orientation;
   Refusal refusal;
-  const auto T_frame_box = toIsometry(in_frame, &refusal);
-  if (!T_frame_box) throw std::invalid_argument("pose of the box: " + refusal.message);
+  const auto T_frame_box = toIsometry(pose, &refusal);
+  if (!T_frame_box) throw std::invalid_argument("of the box, the " + refusal.message);
   if (frame == params_.input.map_frame) return *T_frame_box;
   const auto T_map_frame =
       toIsometry(input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, header.stamp).transform, &refusal);

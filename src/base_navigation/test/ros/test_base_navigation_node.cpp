@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The node alone, on open ground, with odometry, scan and map from here: what it tells while it does not know where the
+// robot is, and what its services answer once it does. How it drives is tested in the simulated world.
+#include <cmath>
+#include <functional>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <interactive_mapping_msgs/DrivingDistances.h>
+#include <interactive_mapping_msgs/NavigationOutcome.h>
+#include <interactive_mapping_msgs/NavigationState.h>
+#include <move_base_msgs/MoveBaseAction.h>
+#include <nav_msgs/GetPlan.h>
+#include <nav_msgs/OccupancyGrid.h>
+#include <nav_msgs/Odometry.h>
+#include <ros/ros.h>
+#include <sensor_msgs/LaserScan.h>
+#include <tf2_ros/static_transform_broadcaster.h>
+
+namespace base_navigation_ros {
+namespace {
+
+using interactive_mapping_msgs::DrivingDistances;
+using interactive_mapping_msgs::NavigationOutcome;
+using interactive_mapping_msgs::NavigationState;
+
+constexpr double kAtMost_s = 20.0;  // wall time for what takes a fraction of it: the machine may be busy
+constexpr double kX_m = 0.5;        // where the robot stands
+
+class BaseNavigationNode : public testing::Test {
+ protected:
+  BaseNavigationNode() {
+    odometry_publisher_ = nh_.advertise<nav_msgs::Odometry>("odom", 5);
+    scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("scan", 5);
+    ground_publisher_ = nh_.advertise<nav_msgs::OccupancyGrid>("map/ground", 5);
+    goal_publisher_ = nh_.advertise<move_base_msgs::MoveBaseActionGoal>("move_base/goal", 5);
+    subscribers_ = {
+        nh_.subscribe<NavigationOutcome>(
+            "base_navigation/outcome", 10,
+            [this](const NavigationOutcome::ConstPtr& message) { outcomes_.push_back(*message); }),
+        nh_.subscribe<NavigationState>("base_navigation/state", 10, [this](const NavigationState::ConstPtr& message) {
+          states_.insert(message->header.stamp);
+        })};
+    geometry_msgs::TransformStamped scanner;
+    scanner.header.frame_id = "base_link";
+    scanner.child_frame_id = "scanner";
+    scanner.transform.translation.x = 0.244;
+    scanner.transform.rotation.w = 1.0;
+    geometry_msgs::TransformStamped localisation;
+    localisation.header.frame_id = "map";
+    localisation.child_frame_id = "odom";
+    localisation.transform.rotation.w = 1.0;
+    tf_.sendTransform({scanner, localisation});
+  }
+
+  /// Goes on, with data of a robot that stands if there is to be any, until the condition holds; false: never did.
+  bool waitUntil(const std::function<bool()>& condition) {
+    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kAtMost_s);
+    for (ros::WallRate rate(20.0); ros::ok() && ros::WallTime::now() < end; rate.sleep()) {
+      if (has_data_) publishData();
+      ros::spinOnce();
+      if (condition()) return true;
+    }
+    return false;
+  }
+
+  void publishData() {
+    const ros::Time now = ros::Time::now();
+    // Stamps of scan and ground are none of odometry's.
+    const ros::Time between = now - ros::Duration(0.001);
+    nav_msgs::Odometry odometry;
+    odometry.header.stamp = now;
+    odometry.header.frame_id = "odom";
+    odometry.child_frame_id = "base_link";
+    odometry.pose.pose.position.x = kX_m;
+    odometry.pose.pose.orientation.w = 1.0;
+    sensor_msgs::LaserScan scan;
+    scan.header.stamp = between;
+    scan.header.frame_id = "scanner";
+    scan.angle_min = -1.6F;
+    scan.angle_increment = 0.02F;
+    scan.range_min = 0.01F;
+    scan.range_max = 29.0F;
+    scan.ranges.assign(161, 4.5F);
+    nav_msgs::OccupancyGrid ground;
+    ground.header.stamp = between;
+    ground.header.frame_id = "map";
+    ground.info.resolution = 0.05F;
+    ground.info.width = ground.info.height = 160;
+    ground.info.origin.position.x = ground.info.origin.position.y = -4.0;
+    ground.info.origin.orientation.w = 1.0;
+    ground.data.assign(160 * 160, 0);
+    ground_publisher_.publish(ground);
+    scan_publisher_.publish(scan);
+    odometry_publisher_.publish(odometry);
+    odometry_stamps_.insert(now);
+  }
+
+  NavigationOutcome outcomeOf(const std::string& frame, double x_m) {
+    EXPECT_TRUE(waitUntil([this] { return goal_publisher_.getNumSubscribers() > 0 && !states_.empty(); }));
+    move_base_msgs::MoveBaseActionGoal goal;
+    goal.goal_id.id = "goal " + frame + " " + std::to_string(x_m) + (has_data_ ? "" : " blind");
+    goal.goal.target_pose.header.frame_id = frame;
+    goal.goal.target_pose.pose.position.x = x_m;
+    goal.goal.target_pose.pose.orientation.w = 1.0;
+    goal_publisher_.publish(goal);
+    NavigationOutcome found;
+    found.status = NavigationOutcome::NUM_STATUS;
+    EXPECT_TRUE(waitUntil([&] {
+      for (const NavigationOutcome& outcome : outcomes_) {
+        if (outcome.goal_id == goal.goal_id.id) found = outcome;
+      }
+      return found.status != NavigationOutcome::NUM_STATUS;
+    })) << goal.goal_id.id;
+    return found;
+  }
+
+  /// Once the node has ground to tell of.
+  bool waitForGround(DrivingDistances* distances) {
+    return waitUntil([distances] {
+      return ros::service::call("base_navigation/driving_distances", *distances) && distances->response.success != 0;
+    });
+  }
+
+  static nav_msgs::GetPlan planTo(double x_m, double tolerance_m) {
+    nav_msgs::GetPlan plan;
+    plan.request.goal.header.frame_id = "map";
+    plan.request.goal.pose.position.x = x_m;
+    plan.request.goal.pose.orientation.w = 1.0;
+    plan.request.tolerance = static_cast<float>(tolerance_m);
+    return plan;
+  }
+
+  ros::NodeHandle nh_;
+  ros::Publisher odometry_publisher_, scan_publisher_, ground_publisher_, goal_publisher_;
+  tf2_ros::StaticTransformBroadcaster tf_;
+  std::vector<ros::Subscriber> subscribers_;
+  std::vector<NavigationOutcome> outcomes_;
+  std::set<ros::Time> states_;
+  std::set<ros::Time> odometry_stamps_;
+  bool has_data_{true};
+};
+
+// The first test: afterwards the node knows.
+TEST_F(BaseNavigationNode, TellsNoPlaceWhileItKnowsNone) {
+  has_data_ = false;
+  const NavigationOutcome stale = outcomeOf("map", 1.5);
+  EXPECT_EQ(static_cast<int>(stale.status), static_cast<int>(NavigationOutcome::STALE_ODOMETRY)) << stale.message;
+  EXPECT_TRUE(std::isnan(stale.base.position.x) && std::isnan(stale.base.position.y));
+  EXPECT_TRUE(std::isnan(stale.base.orientation.w));
+  EXPECT_EQ(stale.goal.position.x, 1.5);
+  const NavigationOutcome bad = outcomeOf("nowhere", 1.5);
+  EXPECT_EQ(static_cast<int>(bad.status), static_cast<int>(NavigationOutcome::BAD_GOAL)) << bad.message;
+  EXPECT_TRUE(std::isnan(bad.goal.position.x)) << "nobody knows where in the map that is";
+  EXPECT_TRUE(std::isnan(bad.base.position.x));
+  nav_msgs::GetPlan plan = planTo(1.5, 0.0);
+  EXPECT_FALSE(ros::service::call("base_navigation/make_plan", plan));
+}
+
+TEST_F(BaseNavigationNode, TellsWhereItStandsOnceItKnows) {
+  DrivingDistances distances;
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  const NavigationOutcome outcome = outcomeOf("map", kX_m);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
+  EXPECT_NEAR(outcome.base.position.x, kX_m, 1e-9);
+  EXPECT_NEAR(outcome.base.orientation.w, 1.0, 1e-9);
+}
+
+TEST_F(BaseNavigationNode, DistancesCarryTheStampOfTheirGrid) {
+  DrivingDistances distances;
+  geometry_msgs::Pose2D ahead;
+  ahead.x = kX_m + 1.0;
+  distances.request.poses = {ahead};
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  // Built with an odometry: its stamp. A step of the watchdog, where odometry is late on a busy machine, has another.
+  EXPECT_TRUE(waitUntil([&] {
+    return ros::service::call("base_navigation/driving_distances", distances) &&
+           odometry_stamps_.count(distances.response.header.stamp) > 0;
+  })) << distances.response.header.stamp;
+  ASSERT_EQ(distances.response.distance.size(), 1U);
+  EXPECT_NEAR(distances.response.distance[0], 1.0, 0.06);  // cells of 5 cm
+  EXPECT_EQ(static_cast<int>(distances.response.state[0]), static_cast<int>(DrivingDistances::Response::FREE));
+}
+
+TEST_F(BaseNavigationNode, PlansTellApartNoWayAndNothingToDrive) {
+  DrivingDistances distances;
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  nav_msgs::GetPlan there = planTo(kX_m, 0.0);
+  ASSERT_TRUE(ros::service::call("base_navigation/make_plan", there));
+  ASSERT_EQ(there.response.plan.poses.size(), 1U);
+  EXPECT_NEAR(there.response.plan.poses[0].pose.position.x, kX_m, 1e-9);
+  EXPECT_EQ(there.response.plan.poses[0].header.frame_id, "map");
+  nav_msgs::GetPlan ahead = planTo(kX_m + 1.0, 0.0);
+  ASSERT_TRUE(ros::service::call("base_navigation/make_plan", ahead));
+  ASSERT_GT(ahead.response.plan.poses.size(), 10U);  // one every 5 cm
+  EXPECT_NEAR(ahead.response.plan.poses.back().pose.position.x, kX_m + 1.0, 1e-3);
+  // Beyond what is known: no tolerance makes it another goal.
+  nav_msgs::GetPlan beyond = planTo(20.0, 100.0);
+  ASSERT_TRUE(ros::service::call("base_navigation/make_plan", beyond));
+  EXPECT_TRUE(beyond.response.plan.poses.empty());
+  nav_msgs::GetPlan tolerant = planTo(kX_m + 1.0, 5.0);
+  ASSERT_TRUE(ros::service::call("base_navigation/make_plan", tolerant));
+  EXPECT_EQ(tolerant.response.plan.poses.size(), ahead.response.plan.poses.size());
+}
+
+}  // namespace
+}  // namespace base_navigation_ros
+
+int main(int argc, char** argv) {
+  testing::InitGoogleMock(&argc, argv);
+  ros::init(argc, argv, "test_base_navigation_node");
+  const ros::NodeHandle keep_alive;
+  return RUN_ALL_TESTS();
+}
