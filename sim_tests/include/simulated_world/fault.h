@@ -25,6 +25,8 @@ enum class FaultKind {
   kLocalisationGone,  ///< nobody says where `odom` is in the map
   kLocalisationJump,  ///< map -> odom jumps: the base is off by value [m] along x and value2 [rad]
   kObstacle,          ///< somebody stands at T_map_object, see obstacle.h. Each has an end of its own
+  kForceNoise,        ///< the tool's force sensor: white noise, value [N] is its standard deviation on each axis
+  kIoRefused,         ///< the arm's driver refuses to set outputs
 };
 
 struct Fault {
@@ -42,7 +44,8 @@ struct Fault {
 };
 
 /// "protective_stop", "emergency_stop", "driver_gone", "camera_gone", "magnet_weak", "wheel_slip", "drop_brick",
-/// "move_brick", "scanner_gone", "odometry_gone", "localisation_gone", "localisation_jump", "obstacle".
+/// "move_brick", "scanner_gone", "odometry_gone", "localisation_gone", "localisation_jump", "obstacle", "force_noise",
+/// "io_refused".
 std::string faultName(FaultKind kind);
 std::optional<FaultKind> faultKind(const std::string& name);
 std::string allFaultNames();  ///< comma separated, for messages

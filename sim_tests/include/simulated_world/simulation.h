@@ -175,6 +175,9 @@ class Simulation {
   CostMeter costs_;
   FaultSchedule faults_;
   synthetic_depth::SeededRandom random_;
+  synthetic_depth::SeededRandom force_random_;
+  double force_noise_std_N_{0.0};
+  Eigen::Vector3d force_noise_N_{Eigen::Vector3d::Zero()};  // of the last joint states
   std::vector<BrickRecord> bricks_;
   std::vector<Tick::Image> images_on_their_way_;
   std::optional<ToolWrench> wrench_zero_;

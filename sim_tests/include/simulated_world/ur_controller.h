@@ -102,6 +102,8 @@ class UrController {
   void setDigitalInput(std::size_t pin, bool state);
   /// false: every command is refused and the program ends. After true it has to be started again.
   void setDriverConnected(bool connected);
+  /// true: setIo() is refused.
+  void setRefusesIo(bool refuses) { refuses_io_ = refuses; }
 
   RobotMode robotMode() const { return robot_mode_; }
   SafetyMode safetyMode() const { return safety_mode_; }
@@ -133,6 +135,7 @@ class UrController {
   TrajectoryFollower follower_;
   double now_s_ = 0.0;
   bool connected_ = true;
+  bool refuses_io_ = false;
   RobotMode robot_mode_ = RobotMode::kPowerOff;
   bool releases_brakes_ = false;  ///< once the joints are powered
   double next_mode_s_ = 0.0;      ///< when robot_mode_ takes its next step

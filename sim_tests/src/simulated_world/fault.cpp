@@ -13,7 +13,7 @@
 namespace simulated_world {
 namespace {
 
-constexpr std::array<std::pair<FaultKind, const char*>, 13> kNames{{
+constexpr std::array<std::pair<FaultKind, const char*>, 15> kNames{{
     {FaultKind::kProtectiveStop, "protective_stop"},
     {FaultKind::kEmergencyStop, "emergency_stop"},
     {FaultKind::kDriverGone, "driver_gone"},
@@ -27,9 +27,12 @@ constexpr std::array<std::pair<FaultKind, const char*>, 13> kNames{{
     {FaultKind::kLocalisationGone, "localisation_gone"},
     {FaultKind::kLocalisationJump, "localisation_jump"},
     {FaultKind::kObstacle, "obstacle"},
+    {FaultKind::kForceNoise, "force_noise"},
+    {FaultKind::kIoRefused, "io_refused"},
 }};
 
 constexpr double kFarthest_m = 100.0;
+constexpr double kLoudest_N = 100.0;
 // What a client may be off by rounding, or by a ground that it has estimated.
 constexpr double kOnGround_m = 0.01;
 constexpr double kUpright_rad = 0.01;
@@ -93,6 +96,9 @@ std::vector<std::string> Fault::validate() const {
     if (kind == FaultKind::kWheelSlip && !(value2 >= 0.0 && value2 <= 1.0)) {
       report("value2", value2, "in [0, 1]");
     }
+  }
+  if (kind == FaultKind::kForceNoise && !(value >= 0.0 && value <= kLoudest_N)) {
+    report("value", value, "in [0, 100] N");
   }
   if (kind == FaultKind::kLocalisationJump) {
     if (!(std::abs(value) <= kFarthest_m)) {

@@ -102,7 +102,10 @@ std::vector<std::string> SimulationConfig::validate() const {
 }
 
 Simulation::Simulation(const SimulationConfig& config)
-    : config_(config), random_(config.seed, 1, 0), now_ns_(std::llround(config.start_time_s * 1e9)) {
+    : config_(config),
+      random_(config.seed, 1, 0),
+      force_random_(config.seed, 2, 0),
+      now_ns_(std::llround(config.start_time_s * 1e9)) {
   throwIfAny("simulation", config.validate());
   tick_ns_ = std::llround(config.tick_s * 1e9);
   steps_per_tick_ = static_cast<int>(std::lround(config.tick_s / config.world.physics.timestep_s));
@@ -270,6 +273,10 @@ Simulation::Tick Simulation::tick() {
   observe(&tick);
 
   tick.has_joint_states = isDue(config_.joint_state_rate_hz);
+  if (tick.has_joint_states) {
+    for (int i = 0; i < 3; ++i)
+      force_noise_N_[i] = force_noise_std_N_ > 0.0 ? force_noise_std_N_ * force_random_.normal() : 0.0;
+  }
   const bool is_odometry_due = isDue(config_.odometry_rate_hz);
   tick.has_odometry = is_odometry_due && !odometry_gone_;
   tick.has_localisation = is_odometry_due && !localisation_gone_;
@@ -483,6 +490,7 @@ ToolWrench Simulation::wrench() const {
     wrench.force_N -= wrench_zero_->force_N;
     wrench.torque_Nm -= wrench_zero_->torque_Nm;
   }
+  wrench.force_N += force_noise_N_;
   return wrench;
 }
 
@@ -591,6 +599,12 @@ void Simulation::beginFault(const FaultSchedule::Change& change, Tick* tick) {
     case FaultKind::kMagnetWeak:
       world_->setMagnetStrength(fault.value);
       break;
+    case FaultKind::kForceNoise:
+      force_noise_std_N_ = fault.value;
+      break;
+    case FaultKind::kIoRefused:
+      arm_->setRefusesIo(true);
+      break;
     case FaultKind::kWheelSlip:
       drive_->setSlip(fault.value, fault.value2);
       break;
@@ -651,6 +665,12 @@ void Simulation::endFault(const FaultSchedule::Change& change, Tick* tick) {
       break;
     case FaultKind::kMagnetWeak:
       world_->setMagnetStrength(1.0);
+      break;
+    case FaultKind::kForceNoise:
+      force_noise_std_N_ = 0.0;
+      break;
+    case FaultKind::kIoRefused:
+      arm_->setRefusesIo(false);
       break;
     case FaultKind::kWheelSlip:
       drive_->setSlip(0.0, 0.0);

@@ -199,6 +199,7 @@ CommandAnswer UrController::setSpeedSlider(double fraction) {
 
 CommandAnswer UrController::setIo(int function, int pin, double state) {
   if (!connected_) return {false, kDriverGone};
+  if (refuses_io_) return {false, "the robot refuses to set outputs"};
   const auto refuse = [](const char* what, double value, const char* allowed) {
     std::ostringstream text;
     text << what << " = " << value << ", must be " << allowed;

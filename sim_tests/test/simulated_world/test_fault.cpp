@@ -18,7 +18,7 @@ Fault faultAt(FaultKind kind, double at_s, double duration_s = 0.0) {
 }
 
 TEST(Fault, NamesGoThereAndBack) {
-  for (int i = 0; i <= static_cast<int>(FaultKind::kObstacle); ++i) {
+  for (int i = 0; i <= static_cast<int>(FaultKind::kIoRefused); ++i) {
     const auto kind = static_cast<FaultKind>(i);
     EXPECT_EQ(faultKind(faultName(kind)), kind);
     EXPECT_NE(allFaultNames().find(faultName(kind)), std::string::npos);

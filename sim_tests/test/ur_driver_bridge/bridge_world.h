@@ -35,6 +35,7 @@
 #include <std_srvs/Trigger.h>
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
+#include <ur_msgs/SetSpeedSliderFraction.h>
 
 #include "ros/waiting.h"
 #include "sim_tests/InjectFault.h"
@@ -183,6 +184,13 @@ class BridgeWorld {
     return asked.response.success ? "" : "refused: " + asked.response.message;
   }
 
+  void setSpeed(double share) {
+    ur_msgs::SetSpeedSliderFraction slider;
+    slider.request.speed_slider_fraction = share;
+    EXPECT_TRUE(call("/ur_hardware_interface/set_speed_slider", slider));
+    EXPECT_TRUE(slider.response.success);
+  }
+
   void setTarget(int brick_id) {
     std_msgs::Int32 message;
     message.data = brick_id;
@@ -237,6 +245,15 @@ class BridgeWorld {
   BridgeAction<LetGoBrickAction> let_go;
   BridgeAction<RecoverArmAction> recover;
 
+  /// The path monitor says what it says.
+  void speak() {
+    if (!is_monitor_alive) return;
+    word_.header.stamp = now();
+    word_.must_stop = must_stop.empty() ? 0 : 1;
+    word_.reason = must_stop;
+    monitor_.publish(word_);
+  }
+
   // As of the last step.
   ArmVector position_rad{ArmVector::Zero()};
   ArmVector velocity_rad_s{ArmVector::Zero()};
@@ -264,14 +281,6 @@ class BridgeWorld {
     response.watch_id = word_.watch_id;
     speak();
     return true;
-  }
-
-  void speak() {
-    if (!is_monitor_alive) return;
-    word_.header.stamp = now();
-    word_.must_stop = must_stop.empty() ? 0 : 1;
-    word_.reason = must_stop;
-    monitor_.publish(word_);
   }
 
   void onJoints(const sensor_msgs::JointState::ConstPtr& joints) {
