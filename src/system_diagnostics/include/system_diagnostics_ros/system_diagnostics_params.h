@@ -25,15 +25,15 @@ struct WatchedTransform {
 struct SystemDiagnosticsParams {
   SystemDiagnosticsParams();
 
-  double window_s{10.0};                                    // of rates, gaps, jumps and delays
+  double window_s{10.0};                                     // of rates, gaps, jumps and delays
   std::string watched{"localisation odometry camera tool"};  // names below tf/
-  std::map<std::string, WatchedTransform> transforms;       // by name
+  std::map<std::string, WatchedTransform> transforms;        // by name
 
   system_diagnostics::DelayStatisticsConfig arrival;  // its window_s is the node's
 
   struct Motion {
-    bool enabled{true};          // false: images are not looked at, only their stamps
-    double warn_offset_s{0.02};  // at 0.6 rad/s a camera turns 12 mrad in that: 2.4 cm at 2 m
+    bool enabled{true};           // false: images are not looked at, only their stamps
+    double warn_offset_s{0.02};   // at 0.6 rad/s a camera turns 12 mrad in that: 2.4 cm at 2 m
     double error_offset_s{0.05};  // 30 mrad, 6 cm at 2 m: as wide as the magnet
     system_diagnostics::TimeOffsetConfig estimator;
     system_diagnostics::ImageShiftConfig image;

@@ -20,7 +20,7 @@ std::vector<std::string> namesIn(const std::string& words) {
   return names;
 }
 
-WatchedTransform watched(const std::string& target, const std::string& source) {
+WatchedTransform between(const std::string& target, const std::string& source) {
   WatchedTransform transform;
   transform.target = target;
   transform.source = source;
@@ -70,10 +70,10 @@ void visitOthers(Params& params, Visitor&& visit) {
 }  // namespace
 
 SystemDiagnosticsParams::SystemDiagnosticsParams() {
-  WatchedTransform localisation = watched("map", "odom");
+  WatchedTransform localisation = between("map", "odom");
   localisation.limits.max_ahead_s = 0.2;  // amcl stamps its answer into the future on purpose
   localisation.limits.step_rad = 0.03;
-  WatchedTransform odometry = watched("odom", "base_link");
+  WatchedTransform odometry = between("odom", "base_link");
   odometry.limits.min_rate_hz = 20.0;
   odometry.limits.max_age_s = 0.2;
   odometry.limits.max_gap_s = 0.2;
@@ -81,11 +81,11 @@ SystemDiagnosticsParams::SystemDiagnosticsParams() {
   odometry.limits.speed_m_s = 1.5;
   odometry.limits.step_rad = 0.02;
   odometry.limits.speed_rad_s = 2.0;
-  WatchedTransform camera = watched("base_link", "camera_color_optical_frame");
+  WatchedTransform camera = between("base_link", "camera_color_optical_frame");
   camera.limits.may_be_static = true;
   camera.limits.step_m = 0.001;
   camera.limits.step_rad = 0.001;
-  WatchedTransform tool = watched("base_link", "magnet_tip");
+  WatchedTransform tool = between("base_link", "magnet_tip");
   tool.limits.min_rate_hz = 20.0;
   tool.limits.max_age_s = 0.2;
   tool.limits.max_gap_s = 0.2;
@@ -146,7 +146,8 @@ SystemDiagnosticsParams loadSystemDiagnosticsParams(const ros::NodeHandle& priva
     WatchedTransform transform = known != params.transforms.end() ? known->second : WatchedTransform();
     visitTransform(name, transform, read);
     transform.limits.window_s = params.window_s;
-    if (!chosen.emplace(name, transform).second) reader.report("", {"tf/watched = '" + params.watched + "', must name each once"});
+    if (!chosen.emplace(name, transform).second)
+      reader.report("", {"tf/watched = '" + params.watched + "', must name each once"});
   }
   // Those that are not watched may stand in the file.
   for (const auto& [name, transform] : params.transforms) {

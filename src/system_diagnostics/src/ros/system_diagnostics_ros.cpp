@@ -2,6 +2,8 @@
 #include "system_diagnostics_ros/system_diagnostics_ros.h"
 
 #include <cmath>
+#include <cstdio>
+#include <tuple>
 
 #include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/TransformStamped.h>
@@ -15,7 +17,10 @@ using system_diagnostics::Level;
 using system_diagnostics::TimeOffsetEstimate;
 using system_diagnostics::TimeOffsetStatus;
 
-constexpr int kTfQueue = 1000;  // two seconds of a driver's 500 Hz: none may be lost while a picture is worked on
+// None may be lost while a picture is worked on: two seconds of drivers at 500, 15 and 50 Hz, and more.
+constexpr int kTfQueue = 1000;
+constexpr int kImageQueue = 30;
+constexpr int kOdometryQueue = 1000;
 
 std::string withoutSlash(const std::string& frame) {
   return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
@@ -91,7 +96,8 @@ SystemDiagnosticsRos::SystemDiagnosticsRos(const ros::NodeHandle& nh, const ros:
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
   ROS_INFO("Parameters:\n%s", toYaml(params_).c_str());
   for (const auto& [name, frames] : params_.transforms) {
-    watches_.push_back({frames, system_diagnostics::TransformWatch(frames.target + " -> " + frames.source, frames.limits)});
+    watches_.push_back(
+        {frames, system_diagnostics::TransformWatch(frames.target + " -> " + frames.source, frames.limits)});
   }
   diagnostics_.setHardwareID("none");
   for (std::size_t i = 0; i < watches_.size(); ++i) {
@@ -105,20 +111,20 @@ SystemDiagnosticsRos::SystemDiagnosticsRos(const ros::NodeHandle& nh, const ros:
   ros::NodeHandle handle(nh);
   const auto subscribe = [this, &handle](const char* topic, bool is_static) {
     return handle.subscribe<tf2_msgs::TFMessage>(
-        topic, kTfQueue,
-        boost::function<void(const TransformEvent&)>(
-            [this, is_static](const TransformEvent& event) { onTransforms(event, is_static); }));
+        topic, kTfQueue, boost::function<void(const TransformEvent&)>([this, is_static](const TransformEvent& event) {
+          onTransforms(event, is_static);
+        }));
   };
   tf_subscriber_ = subscribe("/tf", false);
   tf_static_subscriber_ = subscribe("/tf_static", true);
-  image_subscriber_ = handle.subscribe("image", 5, &SystemDiagnosticsRos::onImage, this);
+  image_subscriber_ = handle.subscribe("image", kImageQueue, &SystemDiagnosticsRos::onImage, this);
   if (params_.motion.enabled) {
-    odometry_subscriber_ = handle.subscribe("odom", 100, &SystemDiagnosticsRos::onOdometry, this);
+    odometry_subscriber_ = handle.subscribe("odom", kOdometryQueue, &SystemDiagnosticsRos::onOdometry, this);
   }
   // By the wall clock, which the updater's own timing is not: a stopped simulation must be diagnosed as well.
   ros::NodeHandle private_handle(private_nh);
-  diagnostics_timer_ = private_handle.createWallTimer(ros::WallDuration(diagnostics_.getPeriod()),
-                                                      [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  diagnostics_timer_ = private_handle.createWallTimer(
+      ros::WallDuration(diagnostics_.getPeriod()), [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
 }
 
 ros::Time SystemDiagnosticsRos::checkClock() {
