@@ -1,0 +1,229 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the launch files start, read by roslaunch itself; nothing is started.
+
+The drivers' packages are not installed where tests run. In their place stand packages with launch files that take the
+arguments of the real ones (roslaunch refuses an argument that the included file does not declare) and set what the real
+ones must not set here: a second robot_description.
+"""
+
+import os
+import pathlib
+import shutil
+import subprocess
+import tempfile
+import unittest
+
+import rosunit
+
+UR_CONTROL_ARGS = ("use_tool_communication", "controller_config_file", "robot_ip", "reverse_ip", "reverse_port",
+                   "script_sender_port", "trajectory_port", "kinematics_config", "tf_prefix", "controllers",
+                   "stopped_controllers", "headless_mode", "servoj_gain", "servoj_lookahead_time")
+RS_CAMERA_ARGS = ("camera", "serial_no", "color_width", "color_height", "color_fps", "depth_width", "depth_height",
+                  "depth_fps", "align_depth", "enable_sync", "publish_tf", "publish_odom_tf", "filters")
+SECOND_ROBOT = """<launch><param name="/robot_description" value="a second robot"/>
+  <node pkg="robot_state_publisher" type="robot_state_publisher" name="second_state_publisher"/></launch>"""
+PARTS = {"arm": {"/ur_hardware_interface", "/realsense", "/depth_self_filter", "/gpis_mapping", "/brick_detection",
+                 "/motion_planning", "/ur_driver_bridge", "/robot_state_publisher", "/system_diagnostics"},
+         "base": {"/relayboard", "/kinematics", "/scanner", "/relay_wheels", "/localisation", "/base_navigation"}}
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def make_package(folder, name):
+    write(folder / name / "package.xml", f"""<package format="2"><name>{name}</name><version>0.0.1</version>
+      <description>stand-in</description><maintainer email="a@example.org">a</maintainer><license>BSD</license></package>""")
+    return folder / name
+
+
+def launch_with(node, args):
+    declared = "".join(f'<arg name="{arg}" default=""/>' for arg in args)
+    params = "".join(f'<param name="{arg}" value="$(arg {arg})"/>' for arg in args)
+    return f'<launch>{declared}<node pkg="{node[0]}" type="node" name="{node[1]}">{params}</node></launch>'
+
+
+def make_drivers(folder):
+    ur = make_package(folder, "ur_robot_driver")
+    write(ur / "launch/ur_control.launch", launch_with(("ur_robot_driver", "ur_hardware_interface"), UR_CONTROL_ARGS))
+    write(ur / "launch/ur5e_bringup.launch", SECOND_ROBOT)
+    write(ur / "config/ur5e_controllers.yaml", "{}")
+    camera = make_package(folder, "realsense2_camera")
+    write(camera / "launch/rs_camera.launch", launch_with(("realsense2_camera", "realsense"), RS_CAMERA_ARGS))
+    write(make_package(folder, "azure_kinect_ros_driver") / "launch/driver.launch", SECOND_ROBOT)
+    base = make_package(folder, "neo_mp_500")
+    write(base / "launch/bringup.launch", SECOND_ROBOT)
+    for path, node in (("relayboard_v2/relayboard_v2", "relayboard"), ("kinematics/kinematics", "kinematics"),
+                       ("lidar/sick/s300/sick_s300", "scanner")):
+        write(base / f"configs/{path}.launch", launch_with(("neo_mp_500", node), ()))
+    for name in ("controller_manager", "neo_relayboard_v2", "neo_kinematics_differential"):
+        make_package(folder, name)
+    write(folder / "localisation.launch", launch_with(("amcl", "localisation"), ()))
+    links = "".join(f"  {link}: {{x: 0}}\n" for link in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"))
+    write(folder / "ur5e.yaml", "kinematics:\n" + links + "  hash: calib_1\n")
+
+
+class Loaded:
+    """A launch file as roslaunch understands it."""
+
+    def __init__(self, path, *argv):
+        import roslaunch
+        self.config = roslaunch.config.ROSLaunchConfig()
+        roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(path, self.config, argv=list(argv), verbose=False)
+        self.nodes = {node.namespace + node.name: node for node in self.config.nodes}
+        self.params = {name: param.value for name, param in self.config.params.items()}
+
+    def remaps(self, node):
+        return dict(self.nodes[node].remap_args)
+
+
+class BringupLaunch(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(tempfile.mkdtemp())
+        make_drivers(cls.folder)
+        cls.plain_environment = dict(os.environ)
+        # Before roslaunch looks for its first package: it keeps what it has found.
+        os.environ["ROS_PACKAGE_PATH"] = f"{cls.folder}:{os.environ['ROS_PACKAGE_PATH']}"
+        os.environ["ROS_IP"] = "127.0.0.1"
+        os.environ.pop("ROS_HOSTNAME", None)
+        import rospkg
+        cls.package = rospkg.RosPack().get_path("mp700_ur5e_bringup")
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.folder)
+
+    def robot_args(self, *more):
+        given = ["robot_ip:=192.168.56.101", f"kinematics_config:={self.folder}/ur5e.yaml", "base_package:=neo_mp_500",
+                 f"localisation_launch:={self.folder}/localisation.launch"]
+        names = {word.split(":=")[0] for word in more}
+        return [word for word in given if word.split(":=")[0] not in names] + list(more)
+
+    def robot(self, *more):
+        return Loaded(f"{self.package}/launch/robot.launch", *self.robot_args(*more))
+
+    def run_robot(self, args, **environment):
+        """roslaunch as its user calls it, without the stand-ins; --nodes reads everything and starts nothing."""
+        env = {**self.plain_environment, "ROS_IP": "127.0.0.1", **environment}
+        env = {name: value for name, value in env.items() if value and name != "ROS_HOSTNAME"}
+        return subprocess.run(["/usr/bin/roslaunch", "--nodes", "mp700_ur5e_bringup", "robot.launch", *args], env=env,
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, check=False)
+
+    def test_missing_parts_end_the_launch_in_one_list_with_where_to_get_them(self):
+        result = self.run_robot([])
+        self.assertNotEqual(result.returncode, 0)
+        for part in ("package ur_robot_driver: apt-get install ros-noetic-ur-robot-driver", "package realsense2_camera:",
+                     "package neo_relayboard_v2:", "base_package: must be given", "robot_ip:=''", "kinematics_config:=''",
+                     "localisation_launch:=''"):
+            self.assertIn(part, result.stdout)
+        self.assertNotIn("/gpis_mapping", result.stdout)
+
+    def test_without_drivers_the_rest_is_started(self):
+        result = self.run_robot(["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom"])
+        self.assertEqual(result.returncode, 0, result.stdout)
+        self.assertIn("/gpis_mapping", result.stdout)
+        self.assertIn("NOTHING CORRECTS ODOMETRY", result.stdout)
+
+    def test_an_unrestricted_network_ends_the_launch(self):
+        none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=none"]
+        result = self.run_robot(none, ROS_IP="")
+        self.assertNotEqual(result.returncode, 0)
+        self.assertIn("network.env", result.stdout)
+        result = self.run_robot(none + ["machine:=base"])
+        self.assertNotEqual(result.returncode, 0)
+        self.assertIn("cannot reach this one", result.stdout)
+        self.assertEqual(self.run_robot(none + ["machine:=base"], ROS_IP="192.168.57.1").returncode, 0)
+
+    def test_a_calibration_that_is_none_is_refused(self):
+        write(self.folder / "broken.yaml", "kinematics: {shoulder: {x: 0}}\n")
+        with self.assertRaises(Exception):
+            self.robot(f"kinematics_config:={self.folder}/broken.yaml")
+
+    def test_the_robot_has_one_description_and_one_publisher_of_it(self):
+        robot = self.robot()
+        publishers = [name for name, node in robot.nodes.items() if node.package == "robot_state_publisher"]
+        self.assertEqual(publishers, ["/robot_state_publisher"])
+        self.assertIn("ur5e_tool0", robot.params["/robot_description"])
+        self.assertEqual(robot.params["/ur_hardware_interface/tf_prefix"], "ur5e_")
+        self.assertIn('<link name="ur5e_base"/>', robot.params["/robot_description"])
+        self.assertEqual(robot.params["/realsense/publish_tf"], False)
+        self.assertEqual(robot.params["/realsense/align_depth"], True)
+        self.assertEqual(robot.params["/use_sim_time"], False)
+
+    def test_an_azure_kinect_brings_no_second_robot_either(self):
+        robot = self.robot("camera_driver:=azure_kinect")
+        self.assertIn("/azure_kinect", robot.nodes)
+        self.assertNotIn("/second_state_publisher", robot.nodes)
+        self.assertIn("ur5e_tool0", robot.params["/robot_description"])
+        self.assertEqual(robot.remaps("/brick_detection")["color/image_raw"], "/rgb/image_raw")
+        for node in ("/depth_self_filter", "/gpis_mapping", "/brick_detection"):
+            self.assertEqual(robot.params[f"{node}/input/camera_frame"], "camera_color_optical_frame")
+
+    def test_two_machines_share_the_parts_of_one(self):
+        everything = set(self.robot().nodes)
+        os.environ["ROS_IP"] = "192.168.57.1"  # two computers: not the loopback
+        self.addCleanup(os.environ.__setitem__, "ROS_IP", "127.0.0.1")
+        arm, base = set(self.robot("machine:=arm").nodes), set(self.robot("machine:=base").nodes)
+        self.assertEqual(arm, PARTS["arm"])
+        self.assertEqual(base, PARTS["base"])
+        self.assertEqual(arm | base, everything)
+
+    def test_the_localisation_is_the_one_chosen(self):
+        self.assertIn("/nothing_corrects_odometry", self.robot("localisation:=odom").nodes)
+        chosen = self.robot().nodes
+        self.assertIn("/localisation", chosen)
+        self.assertNotIn("/nothing_corrects_odometry", chosen)
+
+    def test_the_map_sees_what_the_self_filter_leaves(self):
+        for camera, depth in (("realsense", "/camera/aligned_depth_to_color/image_raw"), ("azure_kinect", "/depth_to_rgb/image_raw")):
+            common = Loaded(f"{self.package}/launch/common.launch", f"camera:={camera}")
+            self.assertEqual(common.remaps("/depth_self_filter")["depth/image_rect"], depth)
+            self.assertEqual(common.remaps("/brick_detection")["depth/image_rect"], depth)
+            self.assertEqual(common.remaps("/gpis_mapping")["depth/image_rect"], "/depth_self_filter/image_rect")
+
+    def test_the_planned_touch_goes_on_for_the_guarded_move(self):
+        for launch, args in (("common", []), ("simulation", []), ("robot", self.robot_args())):
+            loaded = Loaded(f"{self.package}/launch/{launch}.launch", *args)
+            self.assertEqual(loaded.params["/motion_planning/pick/overtravel_m"], 0.01, launch)
+
+    def test_the_dead_man_by_the_wall_clock_is_the_real_robots_alone(self):
+        def by_the_wall(loaded):
+            return [value for name, value in loaded.params.items() if name.startswith("/ur_driver_bridge/") and "wall" in name]
+        self.assertEqual(by_the_wall(self.robot()), [0.25])
+        self.assertEqual(by_the_wall(Loaded(f"{self.package}/launch/simulation.launch")), [0])
+
+    def test_in_lock_step_the_clock_waits_for_all_who_answer(self):
+        simulated = Loaded(f"{self.package}/launch/simulation.launch", "clock:=lockstep")
+        waited_for = {rule["topic"] for rule in simulated.params["/simulated_world/clock/wait_for"]}
+        self.assertEqual(waited_for, {"/gpis_mapping/mesh", "/brick_detection/update", "/base_navigation/state",
+                                      "/ur_driver_bridge/state"})
+        self.assertEqual(simulated.params["/gpis_mapping/output/every_image"], True)
+        watched = Loaded(f"{self.package}/launch/simulation.launch")
+        self.assertFalse(watched.params.get("/simulated_world/clock/wait_for"))
+        self.assertEqual(watched.params["/gpis_mapping/output/every_image"], False)
+
+    def test_simulation_and_robot_run_the_same_software_above_the_drivers(self):
+        above = {name: (node.package, node.type) for name, node in Loaded(f"{self.package}/launch/common.launch").nodes.items()}
+        for loaded in (Loaded(f"{self.package}/launch/simulation.launch"), self.robot()):
+            for name, program in above.items():
+                self.assertEqual((loaded.nodes[name].package, loaded.nodes[name].type), program)
+
+    def source_network(self, *args):
+        script = 'set -eu; file=$1; shift; . "$file" "$@"; echo "$ROS_IP $ROS_MASTER_URI ${ROS_HOSTNAME:-none}"'
+        return subprocess.run(["/bin/bash", "-c", script, "bash", f"{self.package}/config/network.env", *args],
+                              env={**self.plain_environment, "ROS_HOSTNAME": "elsewhere"}, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, universal_newlines=True, check=False)
+
+    def test_the_network_is_the_loopback_unless_an_interface_is_named(self):
+        result = self.source_network("lo")
+        self.assertIn("127.0.0.1 http://127.0.0.1:11311 none", result.stdout)
+        self.assertEqual(result.returncode, 0)
+        for args in (("no_such_interface",), ("lo", "192.168.57.2")):
+            self.assertNotEqual(self.source_network(*args).returncode, 0)
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("mp700_ur5e_bringup", "test_bringup_launch", BringupLaunch)

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <deque>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace system_diagnostics {
+
+struct TimeOffsetConfig {
+  double window_s{60.0};           // of what is used
+  double max_offset_s{0.2};        // looked for within +- this
+  double min_turn_rad{1.0};        // turned in the window, to and fro added up; less tells nothing
+  int min_images{20};              // pairs of images in the window
+  double min_correlation{0.8};     // of turning and shifts, at the best offset
+  double max_std_s{0.01};          // of the estimate: worse is not told
+  double max_odometry_gap_s{0.2};  // pairs of images beside a longer one are left out
+  double max_image_gap_s{0.5};     // pairs farther apart are left out
+
+  std::vector<std::string> validate() const;
+};
+
+enum class TimeOffsetStatus {
+  kEstimated,
+  kTooLittleTurning,
+  kTooFewImages,
+  kNoCorrelation,
+  kBeyondRange,
+  kTooUncertain
+};
+
+struct TimeOffsetEstimate {
+  TimeOffsetStatus status{TimeOffsetStatus::kTooFewImages};
+  double offset_s{std::numeric_limits<double>::quiet_NaN()};  // stamps of images are late by this
+  double std_s{std::numeric_limits<double>::quiet_NaN()};     // if errors of shifts are independent
+  double correlation{0.0};                                    // at the best offset
+  double turned_rad{0.0};
+  int images{0};  // pairs that were used
+  bool isEstimated() const { return status == TimeOffsetStatus::kEstimated; }
+};
+
+/// By how much the camera's stamps are late against the odometry's, from a base that turns: a camera on the base sees
+/// things move to the right when it turns to the left. The shift of an image pair stamped t0, t1 is, up to a factor, what
+/// the base turned between t0 - offset and t1 - offset; the offset is where the two correlate best. Positive: the image
+/// was taken before the time it is stamped with. Only changes of the speed of turning tell: a steady turn fits any offset.
+///
+/// The camera is upright (or pitched, not upside down) and fixed to the base. Times are seconds of one clock.
+class TimeOffsetEstimator {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  explicit TimeOffsetEstimator(const TimeOffsetConfig& config);
+
+  /// Of odometry, any multiple of 2 pi; stamps that are not later than the newest, or not finite, are left out.
+  void addYaw(double stamp_s, double yaw_rad);
+
+  /// Of what is seen, to the right, between two images; px of any scale.
+  void addShift(double start_stamp_s, double end_stamp_s, double shift_px);
+
+  TimeOffsetEstimate estimate() const;
+  void clear();
+
+ private:
+  struct Yaw {
+    double stamp_s;
+    double yaw_rad;  // unwrapped
+  };
+  struct Shift {
+    double start_s;
+    double end_s;
+    double shift_px;
+  };
+
+  bool isCovered(double from_s, double to_s) const;
+  double yawAt(double stamp_s) const;
+
+  TimeOffsetConfig config_;
+  std::deque<Yaw> yaws_;
+  std::deque<Shift> shifts_;
+};
+
+}  // namespace system_diagnostics

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <deque>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "system_diagnostics/level.h"
+
+namespace system_diagnostics {
+
+struct TransformWatchConfig {
+  bool may_be_static{false};  // a transform without time is all right: mounted parts
+  double min_rate_hz{5.0};    // fewer new poses: warning
+  double max_age_s{0.5};      // the newest pose is older: error, whoever looks it up fails or waits
+  double max_ahead_s{0.02};   // the newest pose is stamped so far in the future: warning, a clock is ahead
+  double max_gap_s{0.5};      // longer without a pose: warning
+  double step_m{0.05};        // from pose to pose it may move by this ...
+  double speed_m_s{0.0};      // ... and so much per second: farther is a jump, a warning
+  double step_rad{0.05};      // likewise the angle
+  double speed_rad_s{0.0};
+  double window_s{10.0};  // of rate, gaps and jumps
+
+  std::vector<std::string> validate() const;
+};
+
+struct TransformReport {
+  Verdict verdict;
+  bool is_static{false};
+  double rate_hz{0.0};                                     // of new poses, in the window
+  double age_s{std::numeric_limits<double>::quiet_NaN()};  // of the newest pose, by its stamp; < 0: ahead
+  double longest_gap_s{0.0};                               // between stamps, in the window
+  int jumps{0};                                            // in the window
+  int total_jumps{0};                                      // since the start
+  double largest_jump_m{0.0};                              // in the window; of whatever was one, length ...
+  double largest_jump_rad{0.0};                            // ... and angle
+};
+
+/// Judges one transform by the poses that tf gave for it: how often, how old, how steady. ROS-free; times are seconds of
+/// one clock.
+class TransformWatch {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  TransformWatch(std::string name, const TransformWatchConfig& config);
+
+  /// A pose, T_target_source, that tf has newly had for `stamp_s`. Stamps that are not later than the newest one are not
+  /// new and are left out; poses that are not finite are kept as an error.
+  void add(double stamp_s, const Eigen::Isometry3d& pose);
+
+  /// tf has it without time.
+  void addStatic(const Eigen::Isometry3d& pose);
+
+  TransformReport report(double now_s) const;
+
+  /// As new: the clock went back.
+  void clear();
+
+  const std::string& name() const { return name_; }
+  const TransformWatchConfig& config() const { return config_; }
+
+ private:
+  struct Sample {
+    double stamp_s;
+    double gap_s;  // since the one before; 0: none
+    bool is_jump;
+    double moved_m;
+    double moved_rad;
+  };
+
+  void forgetBefore(double stamp_s);
+
+  std::string name_;
+  TransformWatchConfig config_;
+  std::deque<Sample> samples_;  // those within window_s before the newest
+  double first_stamp_s_{std::numeric_limits<double>::quiet_NaN()};
+  Eigen::Isometry3d last_pose_{Eigen::Isometry3d::Identity()};
+  bool has_pose_{false};
+  bool is_static_{false};
+  bool is_finite_{true};
+  int total_jumps_{0};
+};
+
+}  // namespace system_diagnostics

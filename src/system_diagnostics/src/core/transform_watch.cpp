@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "system_diagnostics/transform_watch.h"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <utility>
+
+#include <gpis_mapping/range_check.h>
+
+namespace system_diagnostics {
+namespace {
+
+// Before this much time has been seen, a rate is chance.
+constexpr double kLeastForRate_s = 1.0;
+
+std::string text(double value, int digits) {
+  std::ostringstream stream;
+  stream.setf(std::ios::fixed);
+  stream.precision(digits);
+  stream << value;
+  return stream.str();
+}
+
+}  // namespace
+
+std::vector<std::string> TransformWatchConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("min_rate_hz", min_rate_hz, 0.0, 1000.0, "Hz");
+  check("max_age_s", max_age_s, 0.001, 1000.0, "s");
+  check("max_ahead_s", max_ahead_s, 0.0, 10.0, "s");
+  check("max_gap_s", max_gap_s, 0.001, 1000.0, "s");
+  check("step_m", step_m, 0.0, 100.0, "m");
+  check("speed_m_s", speed_m_s, 0.0, 100.0, "m/s");
+  check("step_rad", step_rad, 0.0, 4.0, "rad");
+  check("speed_rad_s", speed_rad_s, 0.0, 100.0, "rad/s");
+  check("window_s", window_s, 1.0, 3600.0, "s");
+  return check.problems();
+}
+
+TransformWatch::TransformWatch(std::string name, const TransformWatchConfig& config)
+    : name_(std::move(name)), config_(config) {
+  gpis_mapping::throwIfAny(config_.validate());
+}
+
+void TransformWatch::add(double stamp_s, const Eigen::Isometry3d& pose) {
+  if (has_pose_ && !is_static_ && !samples_.empty() && stamp_s <= samples_.back().stamp_s) return;
+  if (!std::isfinite(stamp_s) || !pose.matrix().allFinite()) {
+    is_finite_ = false;
+    return;
+  }
+  is_finite_ = true;
+  Sample sample{stamp_s, 0.0, false, 0.0, 0.0};
+  if (has_pose_ && !is_static_ && !samples_.empty()) {
+    sample.gap_s = stamp_s - samples_.back().stamp_s;
+    const Eigen::Isometry3d moved = last_pose_.inverse() * pose;
+    sample.moved_m = moved.translation().norm();
+    // Of the quaternion: an AngleAxis of a matrix that is a rotation but for rounding is NaN now and then.
+    sample.moved_rad = Eigen::Quaterniond(last_pose_.linear()).angularDistance(Eigen::Quaterniond(pose.linear()));
+    sample.is_jump = sample.moved_m > config_.step_m + config_.speed_m_s * sample.gap_s ||
+                     sample.moved_rad > config_.step_rad + config_.speed_rad_s * sample.gap_s;
+    total_jumps_ += sample.is_jump;
+  }
+  if (std::isnan(first_stamp_s_)) first_stamp_s_ = stamp_s;
+  samples_.push_back(sample);
+  last_pose_ = pose;
+  has_pose_ = true;
+  is_static_ = false;
+  forgetBefore(stamp_s - config_.window_s);
+}
+
+void TransformWatch::addStatic(const Eigen::Isometry3d& pose) {
+  clear();
+  is_finite_ = pose.matrix().allFinite();
+  last_pose_ = pose;
+  has_pose_ = true;
+  is_static_ = true;
+}
+
+TransformReport TransformWatch::report(double now_s) const {
+  TransformReport report;
+  report.is_static = is_static_;
+  report.total_jumps = total_jumps_;
+  if (!is_finite_) {
+    report.verdict.worsen(Level::kError, name_ + " is not finite");
+    return report;
+  }
+  if (!has_pose_) {
+    report.verdict.worsen(Level::kError, "tf has no " + name_);
+    return report;
+  }
+  if (is_static_) {
+    report.verdict.worsen(config_.may_be_static ? Level::kOk : Level::kWarning,
+                          config_.may_be_static ? "fixed" : name_ + " is fixed: nobody corrects it");
+    return report;
+  }
+  report.age_s = now_s - samples_.back().stamp_s;
+  int count = 0;
+  for (const Sample& sample : samples_) {
+    if (sample.stamp_s <= now_s - config_.window_s) continue;
+    ++count;
+    report.longest_gap_s = std::max(report.longest_gap_s, sample.gap_s);
+    if (!sample.is_jump) continue;
+    ++report.jumps;
+    report.largest_jump_m = std::max(report.largest_jump_m, sample.moved_m);
+    report.largest_jump_rad = std::max(report.largest_jump_rad, sample.moved_rad);
+  }
+  // A gap that has not ended counts as well.
+  report.longest_gap_s = std::max(report.longest_gap_s, report.age_s);
+  // By stamps up to now; of those ahead of now up to the newest.
+  const double end_s = std::max(now_s, samples_.back().stamp_s);
+  const double seen_s = end_s - first_stamp_s_;
+  const bool is_young = seen_s < config_.window_s;
+  report.rate_hz = is_young ? (seen_s > 0.0 ? (count - 1) / seen_s : 0.0) : count / (end_s - now_s + config_.window_s);
+
+  Verdict& verdict = report.verdict;
+  if (report.age_s > config_.max_age_s) {
+    verdict.worsen(Level::kError, name_ + " is " + text(report.age_s, 2) + " s old, must be at most " +
+                                      text(config_.max_age_s, 2) + " s");
+  }
+  if (-report.age_s > config_.max_ahead_s) {
+    verdict.worsen(Level::kWarning, name_ + " is stamped " + text(-report.age_s, 3) +
+                                        " s ahead of the clock, must be at most " + text(config_.max_ahead_s, 3) +
+                                        " s");
+  }
+  if (seen_s >= kLeastForRate_s && report.rate_hz < config_.min_rate_hz) {
+    verdict.worsen(Level::kWarning, name_ + " comes at " + text(report.rate_hz, 1) + " Hz, must be at least " +
+                                        text(config_.min_rate_hz, 1) + " Hz");
+  }
+  if (report.longest_gap_s > config_.max_gap_s) {
+    verdict.worsen(Level::kWarning, name_ + " was not there for " + text(report.longest_gap_s, 2) + " s");
+  }
+  if (report.jumps > 0) {
+    verdict.worsen(Level::kWarning, name_ + " jumped " + std::to_string(report.jumps) + " time(s), by up to " +
+                                        text(report.largest_jump_m, 3) + " m, " + text(report.largest_jump_rad, 3) +
+                                        " rad");
+  }
+  verdict.worsen(Level::kOk, "comes steadily");
+  return report;
+}
+
+void TransformWatch::clear() {
+  samples_.clear();
+  first_stamp_s_ = std::numeric_limits<double>::quiet_NaN();
+  last_pose_ = Eigen::Isometry3d::Identity();
+  has_pose_ = false;
+  is_static_ = false;
+  is_finite_ = true;
+}
+
+void TransformWatch::forgetBefore(double stamp_s) {
+  while (samples_.size() > 1 && samples_.front().stamp_s < stamp_s) samples_.pop_front();
+}
+
+}  // namespace system_diagnostics
