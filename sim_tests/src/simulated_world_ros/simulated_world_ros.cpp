@@ -390,7 +390,10 @@ void SimulatedWorldRos::publishState(const Simulation::Tick& tick) {
   }
   if (tick.has_joint_states) {
     publishArm();
-    lockstep_->gate().published(ClockEvent::kJointStates, now_ns);
+    // What a driver without its robot does not send, nobody answers.
+    if (simulation_.armDriver().driverConnected()) {
+      lockstep_->gate().published(ClockEvent::kJointStates, now_ns);
+    }
   }
   if (tick.scan) {
     publishScan(*tick.scan);

@@ -87,6 +87,7 @@ class UrDriverBridgeRos {
   void onWatchdog();
 
   void step(const ros::Time& now);
+  void takeHeartbeat();
   void takeRequests();
   void carryOut(const ur_driver_bridge::ArmCall& call);
   void watch(std::uint64_t id, const ur_driver_bridge::WatchCall& call);
@@ -127,6 +128,7 @@ class UrDriverBridgeRos {
   std::condition_variable answered_;
   std::vector<ur_driver_bridge::CallReply> replies_;
   std::vector<ur_driver_bridge::TrajectoryEvent> events_;
+  std::optional<double> heartbeat_s_, heartbeat_wall_s_;
 
   std::mutex shared_mutex_;  // for diagnostics
   interactive_mapping_msgs::ArmBridgeState shown_;
@@ -144,12 +146,12 @@ class UrDriverBridgeRos {
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
 
-  ros::CallbackQueue control_queue_;
+  ros::CallbackQueue control_queue_, mission_queue_;
   std::vector<ros::Subscriber> subscribers_;
   ros::Timer watchdog_;
   std::unique_ptr<CallThread> planner_calls_;
   std::unique_ptr<UrDriver> driver_;
-  std::unique_ptr<ros::AsyncSpinner> control_spinner_;
+  std::unique_ptr<ros::AsyncSpinner> control_spinner_, mission_spinner_;
 };
 
 }  // namespace ur_driver_bridge_ros

@@ -12,6 +12,7 @@ namespace {
 
 constexpr double kJoinRamp_s = 0.3;
 constexpr double kFirstPoint_s = 0.03;  // of a stop: what was commanded meanwhile is made up for within it
+constexpr double kRest_s = 0.05;        // an arm that swings stands for a moment at each end
 constexpr double kSearch_s = 0.25;      // of trajectory time, about where the arm is believed to be
 
 }  // namespace
@@ -62,8 +63,11 @@ double MotionStep::progress() const {
 
 std::optional<Verdict> MotionStep::advance(StepContext& context) {
   if (state_ == State::kBegin) {
-    const Verdict verdict = context.stop_asked ? *context.stop_asked : begin(context);
+    if (!begun_s_) begun_s_ = context.now_s;
+    const bool may_wait = context.now_s - *begun_s_ < context.config.motion.rest_timeout_s;
+    const Verdict verdict = context.stop_asked ? *context.stop_asked : begin(context, may_wait);
     if (!verdict.isFine()) return verdict;
+    if (trajectory_.empty()) return std::nullopt;  // the arm still swings
     // A trajectory to where the arm is already.
     if (trajectory_.duration() <= 0.0) return atEnd(context);
     asked_s_ = context.now_s;
@@ -100,13 +104,15 @@ std::optional<Verdict> MotionStep::advance(StepContext& context) {
   return state_ == State::kStopping || state_ == State::kResting ? finish(context) : std::nullopt;
 }
 
-Verdict MotionStep::begin(StepContext& context) {
+/// Leaves the trajectory empty while the arm comes to rest.
+Verdict MotionStep::begin(StepContext& context, bool may_wait) {
   GateDemand demand;
   demand.needs_force = needsForce() || context.load.isHolding();
   Verdict verdict = context.gate.check(context.inputs.gate, demand);
   if (!verdict.isFine()) return verdict;
   const ArmVector& arm_rad = context.arm().joints->value.position_rad;
-  if (!context.isAtRest()) {
+  if (!hasRested(context)) {
+    if (may_wait) return {};
     return {
         ArmStatus::kNotReady,
         formatted("the arm moves at %.3f rad/s before the motion begins, must be below %.3f rad/s",
@@ -121,6 +127,16 @@ Verdict MotionStep::begin(StepContext& context) {
   if (!verdict.isFine()) return verdict;
   trajectory_ = joined(trajectory_, arm_rad, kJoinRamp_s);
   return {};
+}
+
+/// At rest, and for long enough.
+bool MotionStep::hasRested(const StepContext& context) {
+  if (!context.isAtRest()) {
+    rest_since_s_.reset();
+    return false;
+  }
+  if (!rest_since_s_) rest_since_s_ = context.now_s;
+  return context.now_s - *rest_since_s_ >= kRest_s;
 }
 
 void MotionStep::watch(StepContext& context, double start_s) {
@@ -206,8 +222,9 @@ void MotionStep::follow(StepContext& context) {
   if (!reason) reason = onWatchReply(context);
   if (!reason && context.load.isHolding() && context.load.isLost()) {
     const std::optional<double> load_kg = context.load.load();
-    reason = Verdict{ArmStatus::kLostOnTheWay,
-                     formatted("the brick's weight is gone: %.2f kg beside the declared payload", load_kg.value_or(0.0))};
+    reason =
+        Verdict{ArmStatus::kLostOnTheWay,
+                formatted("the brick's weight is gone: %.2f kg beside the declared payload", load_kg.value_or(0.0))};
   }
   if (!reason && state_ == State::kSending && context.now_s - asked_s_ > config.answer_timeout_s) {
     reason = Verdict{ArmStatus::kDriverGone,
@@ -246,6 +263,7 @@ void MotionStep::stop(StepContext& context, const Verdict& verdict, double stop_
   verdict_ = verdict;
   asked_s_ = context.now_s;
   state_ = State::kStopping;
+  rest_since_s_.reset();
   const double scaling = context.arm().speed_scaling ? context.arm().speed_scaling->value : 1.0;
   const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
   const bool is_moving = at_s_ > 0.0 || !context.isAtRest();
@@ -289,7 +307,7 @@ std::optional<Verdict> MotionStep::finish(StepContext& context) {
   const bool is_late = context.now_s - asked_s_ > context.config.motion.rest_timeout_s;
   const bool can_be_seen =
       context.gate.checkRobot(context.arm(), context.now_s).status != ArmStatus::kDriverGone && context.arm().joints;
-  if (!context.isAtRest() && can_be_seen && !is_late) return std::nullopt;
+  if (!hasRested(context) && can_be_seen && !is_late) return std::nullopt;
   // Still following a stop: at rest only for the moment.
   if (state_ == State::kStopping && send_call_ != 0 && can_be_seen && !is_late &&
       context.now_s - asked_s_ < context.config.motion.stop_s) {

@@ -42,7 +42,8 @@ class MotionStep : public Step {
  private:
   enum class State { kBegin, kWatching, kSending, kMoving, kStopping, kResting };
 
-  Verdict begin(StepContext& context);
+  Verdict begin(StepContext& context, bool may_wait);
+  bool hasRested(const StepContext& context);
   void watch(StepContext& context, double start_s);
   std::optional<Verdict> onWatchReply(StepContext& context);
   std::optional<Verdict> checkGate(const StepContext& context) const;
@@ -67,7 +68,8 @@ class MotionStep : public Step {
   double at_s_{0.0};       // on the trajectory
   double elapsed_s_{0.0};  // trajectory time that has passed by the speed scaling
   std::optional<double> stalled_since_s_;
-  double rest_since_s_{0.0};
+  std::optional<double> begun_s_;
+  std::optional<double> rest_since_s_;
 };
 
 /// Until the magnet meets something.

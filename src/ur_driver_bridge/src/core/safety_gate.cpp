@@ -167,10 +167,7 @@ std::string SafetyGate::monitorProblem(const GateInputs& inputs, const GateDeman
   const auto age = [&](const std::string& what, double stamp_s) {
     return ageProblem(what, stamp_s, inputs.now_s, config_.max_monitor_age_s, config_.max_future_s);
   };
-  if (!demand.watch_id) {
-    if (!inputs.monitor) return "path monitor: never heard";
-    return age("path monitor", inputs.monitor->stamp_s);
-  }
+  if (!demand.watch_id) return {};  // a monitor with nothing to watch may be silent; its answer will tell
   const std::string what = "path monitor's watch " + std::to_string(*demand.watch_id);
   const bool is_mine = inputs.monitor && inputs.monitor->is_watching && inputs.monitor->watch_id == *demand.watch_id;
   // A word that is no number must not be hidden by the grace that a new watch has.

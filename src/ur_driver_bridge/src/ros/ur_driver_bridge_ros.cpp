@@ -36,6 +36,8 @@ constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 constexpr double kMaxSilence_s = 2.0;   // wall time without a step that diagnostics call an error
 constexpr double kMinSilence_s = 0.05;  // without joint states, before the watchdog steps in their place
 constexpr double kFeedbackPeriod_s = 0.1;
+constexpr double kHeartbeatShare = 0.6;  // of its allowed age: later, the next one is on its way
+constexpr std::chrono::milliseconds kHeartbeatWait{50};
 
 static_assert(ArmOutcome::NUM_STATUS == ur_driver_bridge::kNumArmStatus, "the message has the core's statuses");
 static_assert(ArmOutcome::FAULT == static_cast<int>(ArmStatus::kFault), "in the same order");
@@ -144,7 +146,6 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   subscribe("ur_hardware_interface/io_states", 5, &UrDriverBridgeRos::onIoStates);
   subscribe("map/update", 10, &UrDriverBridgeRos::onMapUpdate);
   subscribe("planner/path_monitor", 10, &UrDriverBridgeRos::onMonitor);
-  subscribe("heartbeat", 10, &UrDriverBridgeRos::onHeartbeat);
   subscribers_.push_back(control.subscribe<std_msgs::Float64>(
       "speed_scaling_factor", 10, [this](const std_msgs::Float64ConstPtr& message) {
         // Without a stamp of its own: as old as its arrival.
@@ -164,6 +165,12 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
                                   [this](const ros::TimerEvent&) { onWatchdog(); });
   control_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &control_queue_);
   control_spinner_->start();
+  // A thread of its own: in lock step, control waits for what is on its way.
+  ros::NodeHandle mission(nh);
+  mission.setCallbackQueue(&mission_queue_);
+  subscribers_.push_back(mission.subscribe("heartbeat", 10, &UrDriverBridgeRos::onHeartbeat, this));
+  mission_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &mission_queue_);
+  mission_spinner_->start();
 
   hold_server_ = handle.advertiseService("hold", &UrDriverBridgeRos::onHold, this);
   release_server_ = handle.advertiseService("release", &UrDriverBridgeRos::onRelease, this);
@@ -232,6 +239,7 @@ UrDriverBridgeRos::~UrDriverBridgeRos() {
   release_server_.shutdown();
   stop_server_.shutdown();
   control_spinner_->stop();
+  mission_spinner_->stop();
   planner_calls_.reset();
   driver_.reset();
 }
@@ -510,8 +518,10 @@ void UrDriverBridgeRos::onMonitor(const interactive_mapping_msgs::PathMonitorSta
 }
 
 void UrDriverBridgeRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
-  inputs_.heartbeat_s = message->stamp.toSec();
-  inputs_.heartbeat_wall_s = steadyNow();
+  const std::lock_guard<std::mutex> lock(answers_mutex_);
+  heartbeat_s_ = message->stamp.toSec();
+  heartbeat_wall_s_ = steadyNow();
+  answered_.notify_all();
 }
 
 void UrDriverBridgeRos::onWatchdog() {
@@ -527,6 +537,7 @@ void UrDriverBridgeRos::step(const ros::Time& now) {
   inputs_.now_s = now.toSec();
   inputs_.wall_s = steadyNow();
   inputs_.arm.is_controller_there = driver_->isControllerThere();
+  takeHeartbeat();
   const ros::WallTime deadline = ros::WallTime::now() + ros::WallDuration(params_.lockstep_wait_s);
   while (true) {
     ur_driver_bridge::ExecutorInputs inputs;
@@ -548,6 +559,18 @@ void UrDriverBridgeRos::step(const ros::Time& now) {
     if (!is_answered) break;
   }
   publishState(now);
+}
+
+void UrDriverBridgeRos::takeHeartbeat() {
+  std::unique_lock<std::mutex> lock(answers_mutex_);
+  const double max_age_s = params_.executor.gate.max_heartbeat_age_s;
+  const auto isRecent = [&] { return heartbeat_s_ && inputs_.now_s - *heartbeat_s_ < kHeartbeatShare * max_age_s; };
+  if (params_.lockstep_wait_s > 0.0 && max_age_s > 0.0) {
+    // In lock step a hundred seconds pass in one: what has been sent in time must not be late for that.
+    answered_.wait_for(lock, kHeartbeatWait, isRecent);
+  }
+  inputs_.heartbeat_s = heartbeat_s_;
+  inputs_.heartbeat_wall_s = heartbeat_wall_s_;
 }
 
 void UrDriverBridgeRos::carryOut(const ArmCall& call) {
