@@ -137,7 +137,7 @@ class UrDriverBridgeRos {
   std::string last_failure_;
   ros::WallTime stepped_;
 
-  ros::Publisher state_publisher_, outcome_publisher_, attached_publisher_;
+  ros::Publisher state_publisher_, outcome_publisher_, marker_publisher_, attached_publisher_;
   ros::ServiceServer hold_server_, release_server_, stop_server_;
   std::unique_ptr<Server<interactive_mapping_msgs::MoveArmAction>> move_server_;
   std::unique_ptr<Server<interactive_mapping_msgs::PickBrickAction>> pick_server_;

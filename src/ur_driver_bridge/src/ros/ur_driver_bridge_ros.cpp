@@ -11,6 +11,8 @@
 #include <motion_planning_ros/conversions.h>
 #include <mp700_ur5e_description/robot_names.h>
 
+#include "ur_driver_bridge_ros/bridge_markers.h"
+
 namespace ur_driver_bridge_ros {
 namespace {
 
@@ -118,6 +120,7 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
   ros::NodeHandle handle(private_nh);
   state_publisher_ = handle.advertise<ArmBridgeState>("state", 50);
+  marker_publisher_ = handle.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
   outcome_publisher_ = handle.advertise<ArmOutcome>("outcome", 10, true);
   attached_publisher_ = nh_.advertise<AttachedBrick>("attached_brick", 1, true);
   publishAttached(false);
@@ -654,9 +657,10 @@ void UrDriverBridgeRos::publishState(const ros::Time& now) {
   state.load = load_kg ? static_cast<float>(*load_kg) : kUnknown;
   state.speed_scaling = inputs_.arm.speed_scaling ? static_cast<float>(inputs_.arm.speed_scaling->value) : kUnknown;
   state_publisher_.publish(state);
-  if (current_ && (now - told_).toSec() >= kFeedbackPeriod_s) {
+  if ((now - told_).toSec() >= kFeedbackPeriod_s || now < told_) {
     told_ = now;
-    current_->tell(state.stage, executor_.progress());
+    if (current_) current_->tell(state.stage, executor_.progress());
+    if (marker_publisher_.getNumSubscribers() > 0) marker_publisher_.publish(toMarkers(state));
   }
   const std::lock_guard<std::mutex> lock(shared_mutex_);
   shown_ = state;
