@@ -112,7 +112,9 @@ class Executor {
   Executor(const ExecutorConfig& config, const ArmModel& model);
   ~Executor();
 
-  /// Takes effect with the next step. Throws std::logic_error unless idle.
+  /// Takes effect with the next step. Throws std::logic_error unless idle, std::invalid_argument for a pick that makes no
+  /// sense. A pick while a brick is held: std::logic_error, too. letGo() without a brick ends with kNothingHeld if the
+  /// magnet is known to be off.
   void move(const JointTrajectory& trajectory);
   void pick(const PickRequest& request);
   void letGo();

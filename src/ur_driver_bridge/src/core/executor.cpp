@@ -113,7 +113,9 @@ class Executor::Impl {
   bool isIdle() const { return items_.empty(); }
 
   Items pickItems(const PickRequest& request);
-  Items letGoItems(double brick_mass_kg);
+  Items checkItems(const std::shared_ptr<const PickRequest>& request) const;
+  Items letGoItems(double brick_mass_kg, Duty duty) const;
+  Items lossItems() const;
 
   void stop(const Verdict& verdict) {
     if (!isIdle() && !stop_asked_) stop_asked_ = verdict;
@@ -139,11 +141,12 @@ class Executor::Impl {
   const RecoverStep* recovery_{nullptr};
   bool is_holding_{false};
   double held_mass_kg_{0.0};
-  double touched_s_{0.0};  // on the touch's trajectory, where it ended
+  TouchStep::Touched touched_;
   Verdict gate_verdict_;
   std::uint64_t last_id_{0};
   std::set<std::uint64_t> open_;  // calls without an answer
-  double last_step_s_{0.0};
+  std::optional<double> last_step_s_;
+  double time_s_{0.0};  // of all steps, without what the clock was set back by
 
  private:
   void feedLoad(const ArmState& arm);
@@ -159,22 +162,61 @@ void Executor::Impl::feedLoad(const ArmState& arm) {
 
 /// When the tip has gone `rise_m` from the start, or the end.
 double Executor::Impl::timeAtRise(const JointTrajectory& trajectory, double rise_m) const {
+  constexpr double kSample_s = 0.01;  // a millimetre at 0.1 m/s
   const auto tip = [this](const ArmVector& joints_rad) {
     return Eigen::Vector3d(model_.kinematics->tipPose(joints_rad).translation());
   };
   const Eigen::Vector3d start = tip(trajectory.points.front().position_rad);
-  for (const TrajectoryPoint& point : trajectory.points) {
-    if ((tip(point.position_rad) - start).norm() >= rise_m) return point.time_s;
+  for (double s = trajectory.points.front().time_s; s < trajectory.duration(); s += kSample_s) {
+    if ((tip(trajectory.sample(s).position_rad) - start).norm() >= rise_m) return s;
   }
   return trajectory.duration();
 }
 
-Items Executor::Impl::letGoItems(double brick_mass_kg) {
+Items Executor::Impl::letGoItems(double brick_mass_kg, Duty duty) const {
   Items items;
-  items.push_back({std::make_unique<MagnetStep>("let_go", false), {}});
+  items.push_back({std::make_unique<MagnetStep>("let_go", false, duty), {}});
   if (brick_mass_kg > 0.0) items.push_back({std::make_unique<GoneStep>("let_go"), {}});
   items.push_back({std::make_unique<AttachStep>("let_go", false), {}});
-  items.push_back({std::make_unique<PayloadStep>("let_go", model_.tool), {}});
+  items.push_back({std::make_unique<PayloadStep>("let_go", model_.tool, Duty::kAlways), {}});
+  return items;
+}
+
+/// Nothing is held any more, and everybody has to know, first of all.
+Items Executor::Impl::lossItems() const {
+  Items items;
+  items.push_back({std::make_unique<AttachStep>("let_go", false), {}});
+  items.push_back({std::make_unique<MagnetStep>("let_go", false, Duty::kAlways), {}});
+  items.push_back({std::make_unique<PayloadStep>("let_go", model_.tool, Duty::kAlways), {}});
+  return items;
+}
+
+/// All four trajectories before the first one begins: a brick in the air is no place to find the next one impossible.
+Items Executor::Impl::checkItems(const std::shared_ptr<const PickRequest>& request) const {
+  TrajectoryLimits limits = model_.limits;
+  limits.acceleration_rad_s2.setConstant(config_.motion.acceleration_rad_s2);
+  const double tolerance_rad = config_.motion.start_tolerance_rad;
+  Items items;
+  const auto add = [&](const std::string& stage, const JointTrajectory& trajectory, auto starts_at) {
+    const auto check = [request, limits, tolerance_rad, &trajectory, starts_at](const StepContext&) {
+      const Verdict verdict = checkTrajectory(trajectory, limits);
+      if (!verdict.isFine()) return verdict;
+      const std::optional<ArmVector> start_rad = starts_at(*request);
+      return start_rad ? checkStart(trajectory, *start_rad, limits.joints, tolerance_rad) : Verdict{};
+    };
+    items.push_back({std::make_unique<CheckStep>(stage, check), {}});
+  };
+  using Start = std::optional<ArmVector>;
+  add("approach", request->approach, [](const PickRequest&) { return Start(); });
+  add("touch", request->touch, [](const PickRequest& pick) { return Start(pick.approach.points.back().position_rad); });
+  // Anywhere on the touch, for that ends where there is contact.
+  add("lift", request->lift, [](const PickRequest& pick) {
+    const double at_s = timeOf(pick.touch, pick.lift.points.front().position_rad, 0.0, pick.touch.duration());
+    return Start(pick.touch.sample(at_s).position_rad);
+  });
+  if (!request->stow.empty()) {
+    add("stow", request->stow, [](const PickRequest& pick) { return Start(pick.lift.points.back().position_rad); });
+  }
   return items;
 }
 
@@ -184,47 +226,14 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   const std::size_t points =
       std::min({request.approach.points.size(), request.touch.points.size(), request.lift.points.size()});
   if (points == 0) throw std::invalid_argument("pick: approach, touch and lift must have points");
-
-  // Back the way the magnet came, from wherever the touch has ended.
-  const auto retreat = [this, shared](const Verdict&) {
-    Items items;
-    items.push_back(motion("retreat", WatchPhase::kContact, [this, shared] {
-      return reversed(upTo(shared->touch, touched_s_, config_.pick.contact_stop_s));
-    }));
-    return items;
-  };
-  const auto offAndRetreat = [this, shared, retreat](const Verdict& verdict) {
-    Items items = letGoItems(0.0);
-    for (Item& item : retreat(verdict)) items.push_back(std::move(item));
-    return items;
-  };
-  const double weigh_s = timeAtRise(request.lift, pick.weigh_height_m);
-  // What hangs there is put back where it was, whatever it is; then away from it.
-  const auto putBack = [this, shared, weigh_s, offAndRetreat](const Verdict& verdict) {
-    Items items;
-    items.push_back(motion("put_back", WatchPhase::kLift, [this, shared, weigh_s] {
-      return reversed(upTo(shared->lift, weigh_s, config_.pick.ramp_s));
-    }));
-    for (Item& item : offAndRetreat(verdict)) items.push_back(std::move(item));
-    return items;
-  };
-
-  Items items;
-  items.push_back(motion("approach", WatchPhase::kFree, [shared] { return shared->approach; }));
-  items.push_back({std::make_unique<ZeroForceStep>("zero"), {}});
-  items.push_back(
-      {std::make_unique<TouchStep>([shared] { return shared->touch; }, request.contact_travel_m, &touched_s_),
-       [retreat](const Verdict& verdict) {
-         const bool is_met = verdict.status == ArmStatus::kNoContact || verdict.status == ArmStatus::kContactTooEarly;
-         return is_met ? retreat(verdict) : Items{};
-       }});
-  items.push_back({std::make_unique<MagnetStep>("magnet", true), offAndRetreat});
-  items.push_back({std::make_unique<AttachStep>("magnet", true), {}});
-  items.push_back(motion("lift_a_little", WatchPhase::kLift,
-                         [shared, weigh_s, ramp_s = pick.ramp_s] { return upTo(shared->lift, weigh_s, ramp_s); }));
-  items.push_back({std::make_unique<WeighStep>("weigh", request.brick_mass_kg), [putBack](const Verdict& verdict) {
-                     return verdict.status == ArmStatus::kNotAttached ? putBack(verdict) : Items{};
-                   }});
+  if (!(request.brick_mass_kg > 0.0 && std::isfinite(request.brick_mass_kg))) {
+    throw std::invalid_argument(
+        formatted("pick: brick_mass_kg = %g kg, must be > 0 kg and finite", request.brick_mass_kg));
+  }
+  if (!(request.contact_travel_m >= 0.0 && std::isfinite(request.contact_travel_m))) {
+    throw std::invalid_argument(
+        formatted("pick: contact_travel_m = %g m, must be >= 0 m and finite", request.contact_travel_m));
+  }
   Payload payload;
   payload.mass_kg = model_.tool.mass_kg + request.brick_mass_kg;
   const Eigen::Isometry3d T_tool_tip =
@@ -233,11 +242,61 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   payload.centre_m = (model_.tool.mass_kg * model_.tool.centre_m +
                       request.brick_mass_kg * (T_tool_tip * request.T_tip_brick.translation())) /
                      payload.mass_kg;
+  if (!payload.centre_m.allFinite()) throw std::invalid_argument("pick: T_tip_brick is not finite");
   if (!(payload.mass_kg <= model_.max_payload_kg)) {
     throw std::invalid_argument(formatted("pick: tool and brick weigh %.2f kg, must be at most %.2f kg",
                                           payload.mass_kg, model_.max_payload_kg));
   }
-  items.push_back({std::make_unique<PayloadStep>("payload", payload), {}});
+
+  // Back the way the magnet came, from wherever the touch has ended.
+  const auto retreat = [this](const Verdict&) {
+    Items items;
+    items.push_back(motion("retreat", WatchPhase::kContact,
+                           [this] { return reversed(upTo(touched_.trajectory, touched_.at_s, config_.pick.ramp_s)); }));
+    return items;
+  };
+  const auto offAndRetreat = [this, retreat](const Verdict& verdict) {
+    Items items = letGoItems(0.0, Duty::kAlways);
+    for (Item& item : retreat(verdict)) items.push_back(std::move(item));
+    return items;
+  };
+  const double weigh_s = timeAtRise(request.lift, pick.weigh_height_m);
+  // From where the touch has ended, which is not quite where the lift was planned to begin: the difference fades all the
+  // way, or the magnet would first be pressed down to there.
+  const auto littleLift = [this, shared, weigh_s] {
+    const JointTrajectory lift = upTo(shared->lift, weigh_s, config_.pick.ramp_s);
+    if (lift.duration() <= 0.0) return lift;
+    return joined(lift, touched_.trajectory.sample(touched_.at_s).position_rad, lift.duration());
+  };
+  // What hangs there is put back where it was, whatever it is; then away from it.
+  const auto putBack = [littleLift, offAndRetreat](const Verdict& verdict) {
+    Items items;
+    items.push_back(motion("put_back", WatchPhase::kLift, [littleLift] { return reversed(littleLift()); }));
+    for (Item& item : offAndRetreat(verdict)) items.push_back(std::move(item));
+    return items;
+  };
+
+  Items items = checkItems(shared);
+  items.push_back(motion("approach", WatchPhase::kFree, [shared] { return shared->approach; }));
+  items.push_back({std::make_unique<ZeroForceStep>("zero"), {}});
+  items.push_back({std::make_unique<TouchStep>([shared] { return shared->touch; }, request.contact_travel_m, &touched_),
+                   [retreat](const Verdict& verdict) {
+                     const bool is_met =
+                         verdict.status == ArmStatus::kNoContact || verdict.status == ArmStatus::kContactTooEarly;
+                     return is_met ? retreat(verdict) : Items{};
+                   }});
+  items.push_back(
+      {std::make_unique<MagnetStep>("magnet", true, Duty::kIfGateIsOpen), [offAndRetreat](const Verdict& verdict) {
+         // It may be on, but it has been called for in vain.
+         const bool is_called = verdict.status == ArmStatus::kIoRefused || verdict.status == ArmStatus::kDriverGone;
+         return is_called ? offAndRetreat(verdict) : Items{};
+       }});
+  items.push_back({std::make_unique<AttachStep>("magnet", true), {}});
+  items.push_back(motion("lift_a_little", WatchPhase::kLift, littleLift));
+  items.push_back({std::make_unique<WeighStep>("weigh", request.brick_mass_kg), [putBack](const Verdict& verdict) {
+                     return verdict.status == ArmStatus::kNotAttached ? putBack(verdict) : Items{};
+                   }});
+  items.push_back({std::make_unique<PayloadStep>("payload", payload, Duty::kUnlessStopped), {}});
   items.push_back({std::make_unique<HoldStep>("payload", request.brick_mass_kg), {}});
   if (weigh_s < request.lift.duration()) {
     items.push_back(motion("lift", WatchPhase::kLift,
@@ -247,7 +306,7 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
     items.push_back(motion("stow", WatchPhase::kFree, [shared] { return shared->stow; }));
   }
   if (request.lets_go) {
-    for (Item& item : letGoItems(request.brick_mass_kg)) items.push_back(std::move(item));
+    for (Item& item : letGoItems(request.brick_mass_kg, Duty::kIfGateIsOpen)) items.push_back(std::move(item));
   }
   return items;
 }
@@ -258,16 +317,23 @@ ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
   for (const TrajectoryEvent& event : inputs.events) open_.erase(event.id);
   const double now_s = inputs.gate.now_s;
   // A clock that was set back makes no negative time.
-  const double dt_s = last_step_s_ > 0.0 ? std::max(0.0, now_s - last_step_s_) : 0.0;
+  const double passed_s = last_step_s_ ? now_s - *last_step_s_ : 0.0;
+  const double dt_s = passed_s > 0.0 ? passed_s : 0.0;
+  time_s_ += dt_s;
   last_step_s_ = now_s;
+  if (passed_s < -config_.gate.max_joint_age_s) {
+    load_.reset();  // or it would wait for its samples' time to come again
+    // Whoever compares stamps is blind until the clock is where it was.
+    if (recovery_ == nullptr) stop({ArmStatus::kStaleState, formatted("the clock was set back by %.3f s", -passed_s)});
+  }
   feedLoad(inputs.gate.arm);
   gate_verdict_ = gate_.check(inputs.gate, {});
 
   bool is_first = true;
   while (!items_.empty()) {
-    StepContext context{
-        config_,     model_,       gate_,   load_, figures_, is_holding_, inputs, now_s, is_first ? dt_s : 0.0,
-        stop_asked_, output.calls, last_id_};
+    StepContext context{config_,     model_,       gate_,   load_,   figures_,
+                        is_holding_, inputs,       now_s,   time_s_, is_first ? dt_s : 0.0,
+                        stop_asked_, output.calls, last_id_};
     is_first = false;
     Item& item = items_.front();
     Verdict verdict;
@@ -292,12 +358,11 @@ ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
       output.finished = *failure_;
     } else {
       if (verdict.status == ArmStatus::kLostOnTheWay) {
-        // Nothing is held any more, and everybody has to know.
         failure_ = finished(verdict, stage);
-        items_ = letGoItems(0.0);
+        items_ = lossItems();
         continue;
       }
-      Items undo = item.undo && !stop_asked_ ? item.undo(verdict) : Items{};
+      Items undo = item.undo ? item.undo(verdict) : Items{};
       items_.clear();
       if (!undo.empty()) {
         failure_ = finished(verdict, stage);
@@ -311,6 +376,7 @@ ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
     recovery_ = nullptr;
     stop_asked_.reset();
     failure_.reset();
+    open_.clear();  // what has not been answered is not waited for any longer
   }
   for (const ArmCall& call : output.calls) {
     const bool is_answered =
@@ -331,12 +397,23 @@ void Executor::move(const JointTrajectory& trajectory) {
 }
 
 void Executor::pick(const PickRequest& request) {
-  impl_->held_mass_kg_ = request.brick_mass_kg;
+  if (impl_->is_holding_) throw std::logic_error("Executor: a brick is held already");
   impl_->begin(impl_->pickItems(request));
+  impl_->held_mass_kg_ = request.brick_mass_kg;
 }
 
 void Executor::letGo() {
-  impl_->begin(impl_->letGoItems(impl_->is_holding_ ? impl_->held_mass_kg_ : 0.0));
+  Items items = impl_->letGoItems(impl_->is_holding_ ? impl_->held_mass_kg_ : 0.0, Duty::kUnlessStopped);
+  if (!impl_->is_holding_) {
+    // A magnet that may be on is switched off all the same: nobody knows what hung there when the node began.
+    const auto check = [](const StepContext& context) {
+      const auto& output = context.arm().digital_out;
+      const bool is_off = output && !output->value[static_cast<std::size_t>(context.config.magnet_pin)];
+      return is_off ? Verdict{ArmStatus::kNothingHeld, "the magnet is off, and holds nothing"} : Verdict{};
+    };
+    items.push_front({std::make_unique<CheckStep>("let_go", check), {}});
+  }
+  impl_->begin(std::move(items));
 }
 
 void Executor::recover(const RecoveryPermit& permit) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <stdexcept>
 
 #include "ur_driver_bridge/time_law.h"
@@ -14,6 +15,20 @@ constexpr double kJoinRamp_s = 0.3;
 constexpr double kFirstPoint_s = 0.03;  // of a stop: what was commanded meanwhile is made up for within it
 constexpr double kRest_s = 0.05;        // an arm that swings stands for a moment at each end
 constexpr double kSearch_s = 0.25;      // of trajectory time, about where the arm is believed to be
+constexpr double kCause_s = 0.2;        // the robot may tell so much later why the controller gave up
+constexpr double kGone_s = 1.0;         // joint states so old: nobody sends them any more; as in the gate
+
+/// What the robot makes of the speed. A number that makes no sense closes the gate, and slows nothing.
+double scalingOf(const StepContext& context) {
+  const auto& told = context.arm().speed_scaling;
+  return told && std::isfinite(told->value) ? std::clamp(told->value, 0.0, 1.0) : 1.0;
+}
+
+std::optional<Verdict> lossOf(const StepContext& context) {
+  if (!context.load.isHolding() || !context.load.isLost()) return std::nullopt;
+  return Verdict{ArmStatus::kLostOnTheWay, formatted("the brick's weight is gone: %.2f kg beside the declared payload",
+                                                     context.load.load().value_or(0.0))};
+}
 
 }  // namespace
 
@@ -23,18 +38,21 @@ JointTrajectory joined(const JointTrajectory& trajectory, const ArmVector& from_
   const ArmVector offset_rad = from_rad - trajectory.points.front().position_rad;
   JointTrajectory result = trajectory;
   const double start_s = trajectory.points.front().time_s;
+  const double length_s = trajectory.duration() - start_s;
+  const double slower = length_s > 0.0 ? std::min(length_s / ramp_s, 1.0) : 1.0;
   for (TrajectoryPoint& point : result.points) {
-    const double u = std::min((point.time_s - start_s) / ramp_s, 1.0);
+    point.time_s = start_s + (point.time_s - start_s) / slower;
+    point.velocity_rad_s *= slower;
+    point.acceleration_rad_s2 *= slower * slower;
+    const double u = length_s > 0.0 ? std::min((point.time_s - start_s) / ramp_s, 1.0) : 1.0;
     // 1 at the start, 0 after the ramp, at rest at both.
     point.position_rad += offset_rad * (1.0 - u * u * (3.0 - 2.0 * u));
     point.velocity_rad_s -= offset_rad * (6.0 * u * (1.0 - u) / ramp_s);
     if (u < 1.0) point.acceleration_rad_s2 -= offset_rad * ((6.0 - 12.0 * u) / (ramp_s * ramp_s));
   }
-  if (result.duration() - start_s < ramp_s) {
-    // Too short for the ramp: the end is where it was to be, all the same.
-    result.points.back() = trajectory.points.back();
-    if (result.points.size() == 1) result.points.front().position_rad = trajectory.points.front().position_rad;
-  }
+  // Exactly, whatever rounding makes of the last u.
+  result.points.back().position_rad = trajectory.points.back().position_rad;
+  result.points.back().velocity_rad_s = trajectory.points.back().velocity_rad_s * slower;
   return result;
 }
 
@@ -63,44 +81,42 @@ double MotionStep::progress() const {
 
 std::optional<Verdict> MotionStep::advance(StepContext& context) {
   if (state_ == State::kBegin) {
-    if (!begun_s_) begun_s_ = context.now_s;
-    const bool may_wait = context.now_s - *begun_s_ < context.config.motion.rest_timeout_s;
+    if (!begun_s_) begun_s_ = context.time_s;
+    const bool may_wait = context.time_s - *begun_s_ < context.config.motion.rest_timeout_s;
     const Verdict verdict = context.stop_asked ? *context.stop_asked : begin(context, may_wait);
     if (!verdict.isFine()) return verdict;
     if (trajectory_.empty()) return std::nullopt;  // the arm still swings
     // A trajectory to where the arm is already.
-    if (trajectory_.duration() <= 0.0) return atEnd(context);
-    asked_s_ = context.now_s;
+    if (trajectory_.duration() <= 0.0) {
+      atRest(context);
+      return atEnd(context);
+    }
     if (context.config.gate.max_monitor_age_s > 0.0) {
       watch(context, context.now_s);
       state_ = State::kWatching;
-    } else {
-      send_call_ = context.call(SendCall{trajectory_});
-      state_ = State::kSending;
-    }
-    return std::nullopt;
-  }
-
-  if (state_ == State::kWatching) {
-    if (context.stop_asked) return context.stop_asked;
-    const std::optional<Verdict> refusal = onWatchReply(context);
-    if (refusal) return refusal;
-    if (watch_call_ != 0) {
-      if (context.now_s - asked_s_ > context.config.motion.answer_timeout_s) {
-        return Verdict{ArmStatus::kMonitorGone, formatted("the path monitor has not answered within %.2f s",
-                                                          context.config.motion.answer_timeout_s)};
-      }
       return std::nullopt;
     }
-    asked_s_ = context.now_s;
+  } else if (state_ == State::kWatching) {
+    if (const std::optional<Verdict> refusal = onWatchReply(context)) return refusal;
+    std::optional<Verdict> reason = context.stop_asked ? context.stop_asked : checkGate(context);
+    if (!reason && watch_call_ != 0 && context.time_s - watch_asked_s_ > context.config.motion.answer_timeout_s) {
+      reason = Verdict{ArmStatus::kMonitorGone, formatted("the path monitor has not answered within %.2f s",
+                                                          context.config.motion.answer_timeout_s)};
+    }
+    if (reason) {
+      context.call(WatchCall{});  // also if it takes its time: what it watches then will never run
+      return reason;
+    }
+    if (watch_call_ != 0) return std::nullopt;
+  }
+  if (state_ == State::kBegin || state_ == State::kWatching) {
+    asked_s_ = context.time_s;
     send_call_ = context.call(SendCall{trajectory_});
     state_ = State::kSending;
     return std::nullopt;
   }
 
-  if (state_ == State::kSending || state_ == State::kMoving) {
-    follow(context);
-  }
+  if (state_ == State::kSending || state_ == State::kMoving) follow(context);
   return state_ == State::kStopping || state_ == State::kResting ? finish(context) : std::nullopt;
 }
 
@@ -110,6 +126,7 @@ Verdict MotionStep::begin(StepContext& context, bool may_wait) {
   demand.needs_force = needsForce() || context.load.isHolding();
   Verdict verdict = context.gate.check(context.inputs.gate, demand);
   if (!verdict.isFine()) return verdict;
+  if (const std::optional<Verdict> loss = lossOf(context)) return *loss;
   const ArmVector& arm_rad = context.arm().joints->value.position_rad;
   if (!hasRested(context)) {
     if (may_wait) return {};
@@ -135,13 +152,14 @@ bool MotionStep::hasRested(const StepContext& context) {
     rest_since_s_.reset();
     return false;
   }
-  if (!rest_since_s_) rest_since_s_ = context.now_s;
-  return context.now_s - *rest_since_s_ >= kRest_s;
+  if (!rest_since_s_) rest_since_s_ = context.time_s;
+  return context.time_s - *rest_since_s_ >= kRest_s;
 }
 
 void MotionStep::watch(StepContext& context, double start_s) {
   watch_call_ = context.call(WatchCall{trajectory_, start_s, watch_phase_});
   watch_start_s_ = start_s;
+  watch_asked_s_ = context.time_s;
 }
 
 /// Takes the reply if it is there. A refusal, if it is one.
@@ -167,85 +185,84 @@ std::optional<Verdict> MotionStep::checkGate(const StepContext& context) const {
   return verdict.isFine() ? std::nullopt : std::optional<Verdict>(verdict);
 }
 
-/// What the controller says of the trajectory. Nothing: it goes on; `has_ended`: the controller follows it no longer.
-std::optional<Verdict> MotionStep::followEvents(StepContext& context, bool* has_ended) {
+/// What the controller says of the trajectory. Nothing: it goes on.
+std::optional<Verdict> MotionStep::followEvents(const StepContext& context) {
   using Kind = TrajectoryEvent::Kind;
   for (const TrajectoryEvent& event : context.inputs.events) {
     if (event.id != send_call_) continue;
     switch (event.kind) {
       case Kind::kAccepted:
-        if (state_ == State::kSending) state_ = State::kMoving;
+        state_ = State::kMoving;
         break;
       case Kind::kSucceeded:
-        *has_ended = true;
+        has_succeeded_ = true;
         at_s_ = trajectory_.duration();
-        return atEnd(context);
+        return Verdict{};
       case Kind::kRejected:
-        *has_ended = true;
         return Verdict{ArmStatus::kTrajectoryRefused, "the controller refuses the trajectory: " + event.message};
       case Kind::kAborted:
-        *has_ended = true;
         return Verdict{ArmStatus::kTrajectoryAborted, "the controller gave the trajectory up: " + event.message};
       case Kind::kCancelled:
-        *has_ended = true;
         return Verdict{ArmStatus::kTrajectoryAborted,
                        "somebody else cancelled or replaced the trajectory: " + event.message};
       case Kind::kLost:
-        *has_ended = true;
         return Verdict{ArmStatus::kDriverGone, "the controller has forgotten the trajectory: " + event.message};
     }
   }
   return std::nullopt;
 }
 
-void MotionStep::follow(StepContext& context) {
+/// Where on its way: by what the controller commands if it tells, else by where the arm is.
+void MotionStep::locate(const StepContext& context) {
+  const ArmState& arm = context.arm();
+  // While the controller has not answered, an arm that stands stands at the start.
+  if (state_ == State::kSending && context.isAtRest()) return;
+  const ArmVector* place_rad = arm.commanded_rad ? &arm.commanded_rad->value
+                               : arm.joints      ? &arm.joints->value.position_rad
+                                                 : nullptr;
+  if (place_rad && place_rad->allFinite()) at_s_ = timeOf(trajectory_, *place_rad, at_s_, kSearch_s);
+}
+
+std::optional<Verdict> MotionStep::reasonToStop(StepContext& context) {
   const MotionConfig& config = context.config.motion;
-  bool has_ended = false;
-  const std::optional<Verdict> told = followEvents(context, &has_ended);
-  if (has_ended) {
-    rest(context, *told);
-    return;
+  if (context.stop_asked) return context.stop_asked;
+  if (std::optional<Verdict> reason = checkGate(context)) return reason;
+  if (std::optional<Verdict> reason = onWatchReply(context)) return reason;
+  if (watch_call_ != 0 && context.time_s - watch_asked_s_ > config.answer_timeout_s) {
+    return Verdict{ArmStatus::kMonitorGone,
+                   formatted("the path monitor has not answered within %.2f s", config.answer_timeout_s)};
   }
-
-  // Where on its way: by what the controller commands if it tells, else by where the arm is.
-  const double scaling = context.arm().speed_scaling ? context.arm().speed_scaling->value : 1.0;
-  elapsed_s_ += context.dt_s * scaling;
-  if (state_ == State::kMoving) {
-    if (context.arm().commanded_rad) {
-      at_s_ = timeOf(trajectory_, context.arm().commanded_rad->value, at_s_, kSearch_s);
-    } else if (context.arm().joints) {
-      at_s_ = timeOf(trajectory_, context.arm().joints->value.position_rad, at_s_, kSearch_s);
-    }
+  if (std::optional<Verdict> reason = lossOf(context)) return reason;
+  if (state_ == State::kSending && context.time_s - asked_s_ > config.answer_timeout_s) {
+    return Verdict{ArmStatus::kDriverGone,
+                   formatted("the controller has not answered within %.2f s", config.answer_timeout_s)};
   }
-
-  std::optional<Verdict> reason = context.stop_asked ? context.stop_asked : checkGate(context);
-  if (!reason) reason = onWatchReply(context);
-  if (!reason && context.load.isHolding() && context.load.isLost()) {
-    const std::optional<double> load_kg = context.load.load();
-    reason =
-        Verdict{ArmStatus::kLostOnTheWay,
-                formatted("the brick's weight is gone: %.2f kg beside the declared payload", load_kg.value_or(0.0))};
+  if (elapsed_s_ > trajectory_.duration() + config.end_patience_s) {
+    return Verdict{ArmStatus::kStalled, formatted("the trajectory of %.2f s has not ended after %.2f s of its own time",
+                                                  trajectory_.duration(), elapsed_s_)};
   }
-  if (!reason && state_ == State::kSending && context.now_s - asked_s_ > config.answer_timeout_s) {
-    reason = Verdict{ArmStatus::kDriverGone,
-                     formatted("the controller has not answered within %.2f s", config.answer_timeout_s)};
-  }
-  if (!reason && elapsed_s_ > trajectory_.duration() + config.end_patience_s) {
-    reason =
-        Verdict{ArmStatus::kStalled, formatted("the trajectory of %.2f s has not ended after %.2f s of its own time",
-                                               trajectory_.duration(), elapsed_s_)};
-  }
+  const double scaling = scalingOf(context);
   if (scaling >= config.stall_speed) {
     stalled_since_s_.reset();
   } else if (!stalled_since_s_) {
-    stalled_since_s_ = context.now_s;
+    stalled_since_s_ = context.time_s;
   }
-  if (!reason && stalled_since_s_ && context.now_s - *stalled_since_s_ > config.stall_patience_s) {
-    reason = Verdict{ArmStatus::kStalled, formatted("speed scaling = %.3f for %.1f s, must be at least %.3f", scaling,
-                                                    context.now_s - *stalled_since_s_, config.stall_speed)};
+  if (stalled_since_s_ && context.time_s - *stalled_since_s_ > config.stall_patience_s) {
+    return Verdict{ArmStatus::kStalled, formatted("speed scaling = %.3f for %.1f s, must be at least %.3f", scaling,
+                                                  context.time_s - *stalled_since_s_, config.stall_speed)};
   }
-  if (reason) {
-    stop(context, *reason, config.stop_s);
+  return std::nullopt;
+}
+
+void MotionStep::follow(StepContext& context) {
+  if (const std::optional<Verdict> told = followEvents(context)) {
+    rest(context, *told);
+    return;
+  }
+  elapsed_s_ += context.dt_s * scalingOf(context);
+  locate(context);
+  if (const std::optional<Verdict> reason = reasonToStop(context)) {
+    stop(context, *reason, context.config.motion.stop_s);
     return;
   }
   if (state_ != State::kMoving) return;
@@ -254,19 +271,20 @@ void MotionStep::follow(StepContext& context) {
     return;
   }
   // Slower than it was told: the monitor has to look at what is still to come, not at what it takes for that.
-  if (watch_id_ && watch_call_ == 0 && (context.now_s - watch_start_s_) - at_s_ > config.watch_drift_s) {
+  if (watch_id_ && watch_call_ == 0 && (context.now_s - watch_start_s_) - at_s_ > context.config.motion.watch_drift_s) {
     watch(context, context.now_s - at_s_);
   }
 }
 
 void MotionStep::stop(StepContext& context, const Verdict& verdict, double stop_s) {
+  const bool is_moving = (state_ == State::kMoving && at_s_ > 0.0) || !context.isAtRest();
   verdict_ = verdict;
-  asked_s_ = context.now_s;
-  state_ = State::kStopping;
+  asked_s_ = context.time_s;
+  is_taken_ = state_ == State::kMoving;
   rest_since_s_.reset();
-  const double scaling = context.arm().speed_scaling ? context.arm().speed_scaling->value : 1.0;
+  state_ = State::kStopping;
+  const double scaling = scalingOf(context);
   const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
-  const bool is_moving = at_s_ > 0.0 || !context.isAtRest();
   if (!robot.isFine() || !is_moving || scaling < context.config.motion.stall_speed) {
     // Nothing that could follow a stop, or nothing to be stopped.
     context.call(CancelCall{});
@@ -278,72 +296,116 @@ void MotionStep::stop(StepContext& context, const Verdict& verdict, double stop_
   const auto first = std::find_if(points.begin(), points.end(), [&](const TrajectoryPoint& point) {
     return point.time_s >= std::min(kFirstPoint_s, 0.5 * stop_s) * scaling;
   });
-  if (first != points.end()) points.erase(points.begin(), first);
+  points.erase(points.begin(), std::min(first, std::prev(points.end())));
+  // At the very end there is nothing to brake any more, and a controller takes no point that is over already.
+  if (points.size() == 1) points.front().time_s = std::max(points.front().time_s, stop_s * scaling);
   send_call_ = context.call(SendCall{braking});
+  is_braking_ = true;
+  is_taken_ = false;
 }
 
 /// The controller follows nothing any more.
 void MotionStep::rest(const StepContext& context, const Verdict& verdict) {
   verdict_ = verdict;
-  asked_s_ = context.now_s;
+  asked_s_ = context.time_s;
   send_call_ = 0;
   state_ = State::kResting;
 }
 
-std::optional<Verdict> MotionStep::finish(StepContext& context) {
+/// What the controller says of the stop, or of the trajectory that was called back.
+void MotionStep::followStop(StepContext& context) {
   using Kind = TrajectoryEvent::Kind;
-  if (state_ == State::kStopping) {
-    for (const TrajectoryEvent& event : context.inputs.events) {
-      if (event.id != send_call_ || event.kind == Kind::kAccepted) continue;
-      // However it ended: a stop that was refused or given up is left to the controller's own.
-      if (event.kind != Kind::kSucceeded) context.call(CancelCall{});
-      state_ = State::kResting;
+  const MotionConfig& config = context.config.motion;
+  for (const TrajectoryEvent& event : context.inputs.events) {
+    if (event.id != send_call_) continue;
+    if (event.kind == Kind::kAccepted) {
+      is_taken_ = true;
+      // Called back before it was taken: some controllers know of nothing to cancel then.
+      if (!is_braking_) context.call(CancelCall{});
+      continue;
     }
-    if (state_ == State::kStopping && context.now_s - asked_s_ > context.config.motion.answer_timeout_s) {
-      context.call(CancelCall{});
-      state_ = State::kResting;
+    // However it ended: a stop that was refused or given up is left to the controller's own.
+    if (is_braking_ && event.kind != Kind::kSucceeded) context.call(CancelCall{});
+    state_ = State::kResting;
+    return;
+  }
+  const double passed_s = context.time_s - asked_s_;
+  if (is_braking_ && !is_taken_ && passed_s > config.stop_s) {
+    // It still follows what was to be stopped.
+    context.call(CancelCall{});
+    is_braking_ = false;
+  }
+  if (!is_braking_ && passed_s > config.answer_timeout_s) {
+    context.call(CancelCall{});
+    state_ = State::kResting;
+  }
+}
+
+bool MotionStep::isWaitingForRest(const StepContext& context) {
+  const double passed_s = context.time_s - asked_s_;
+  const auto& joints = context.arm().joints;
+  if (!joints || context.now_s - joints->stamp_s > kGone_s) return false;
+  if (passed_s > context.config.motion.rest_timeout_s) return false;
+  if (!hasRested(context)) return true;
+  // At rest only for the moment.
+  if (state_ == State::kStopping) return !is_braking_ || !is_taken_ || passed_s < context.config.motion.stop_s;
+  if (has_succeeded_) return passed_s < lookOn(context);
+  const bool is_effect =
+      verdict_.status == ArmStatus::kTrajectoryAborted || verdict_.status == ArmStatus::kTrajectoryRefused;
+  return is_effect && passed_s < kCause_s && context.gate.checkRobot(context.arm(), context.now_s).isFine();
+}
+
+std::optional<Verdict> MotionStep::finish(StepContext& context) {
+  if (state_ == State::kStopping) followStop(context);
+  if (has_succeeded_) {
+    // What the last samples tell came before the end.
+    if (const std::optional<Ending> ending = look(context)) {
+      verdict_ = ending->verdict;
+      has_succeeded_ = false;
     }
   }
-  const bool is_late = context.now_s - asked_s_ > context.config.motion.rest_timeout_s;
-  const bool can_be_seen =
-      context.gate.checkRobot(context.arm(), context.now_s).status != ArmStatus::kDriverGone && context.arm().joints;
-  if (!hasRested(context) && can_be_seen && !is_late) return std::nullopt;
-  // Still following a stop: at rest only for the moment.
-  if (state_ == State::kStopping && send_call_ != 0 && can_be_seen && !is_late &&
-      context.now_s - asked_s_ < context.config.motion.stop_s) {
-    return std::nullopt;
-  }
-  if (is_late && can_be_seen) verdict_.message += "; the arm has not come to rest";
-  if (watch_id_) context.call(WatchCall{});
-  if (!verdict_.isFine()) {
-    // What the controller says is the effect; the robot knows the cause, and may tell it later.
-    const bool is_effect = verdict_.status == ArmStatus::kTrajectoryAborted ||
-                           verdict_.status == ArmStatus::kTrajectoryRefused || verdict_.status == ArmStatus::kStalled;
+  if (isWaitingForRest(context)) return std::nullopt;
+  if (!context.isAtRest()) {
+    context.call(CancelCall{});
+    const std::string text = "the arm has not come to rest";
     const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
-    if (is_effect && !robot.isFine()) return Verdict{robot.status, robot.message + "; " + verdict_.message};
-    return verdict_;
+    if (!verdict_.isFine()) {
+      verdict_.message += "; " + text;
+    } else {
+      verdict_ = robot.isFine() ? Verdict{ArmStatus::kNotReady, text} : robot;
+    }
+  }
+  if (watch_id_ || watch_call_ != 0) context.call(WatchCall{});
+  if (context.arm().joints && context.arm().joints->value.position_rad.allFinite()) {
+    at_s_ = timeOf(trajectory_, context.arm().joints->value.position_rad, at_s_, kSearch_s);
   }
   atRest(context);
+  if (verdict_.isFine()) return has_succeeded_ ? atEnd(context) : verdict_;
+  // What the controller says is the effect; the robot knows the cause.
+  const bool is_effect = verdict_.status == ArmStatus::kTrajectoryAborted ||
+                         verdict_.status == ArmStatus::kTrajectoryRefused || verdict_.status == ArmStatus::kStalled;
+  const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
+  if (is_effect && !robot.isFine()) return Verdict{robot.status, robot.message + "; " + verdict_.message};
   return verdict_;
 }
 
 // ---------------------------------------------------------------------------------------------------------- touch
 
-TouchStep::TouchStep(Make make, double expected_travel_m, double* ended_at_s)
+TouchStep::TouchStep(Make make, double expected_travel_m, Touched* touched)
     : MotionStep("touch", WatchPhase::kContact, std::move(make)),
       expected_travel_m_(expected_travel_m),
-      ended_at_s_(ended_at_s) {}
+      touched_(touched) {}
 
 double TouchStep::travel(const StepContext& context) const {
   const motion_planning::ArmKinematics& arm = *context.model.kinematics;
-  return (arm.tipPose(context.arm().joints->value.position_rad).translation() -
+  const auto& joints = context.arm().joints;
+  return (arm.tipPose(joints ? joints->value.position_rad : trajectory().sample(place()).position_rad).translation() -
           arm.tipPose(trajectory().points.front().position_rad).translation())
       .norm();
 }
 
 std::optional<MotionStep::Ending> TouchStep::look(StepContext& context) {
   if (!detector_) detector_.emplace(context.config.contact);
-  *ended_at_s_ = progress() * trajectory().duration();
   if (!context.arm().force) return std::nullopt;
   const ContactDetector::Contact& contact = detector_->add(*context.arm().force);
   if (contact.kind == ContactDetector::Kind::kNone) return std::nullopt;
@@ -368,7 +430,6 @@ std::optional<MotionStep::Ending> TouchStep::look(StepContext& context) {
 }
 
 Verdict TouchStep::atEnd(StepContext& context) {
-  *ended_at_s_ = trajectory().duration();
   return {ArmStatus::kNoContact, formatted("no contact along %.4f m; the plate was expected after %.4f m",
                                            travel(context), expected_travel_m_)};
 }

@@ -7,8 +7,9 @@
 
 namespace ur_driver_bridge {
 
-/// `trajectory` from where the arm is, at most a start's tolerance off its first point: the difference fades within `ramp_s`.
-/// Velocity is continuous. Throws std::invalid_argument for an empty trajectory or a ramp <= 0.
+/// `trajectory` from where the arm is, a little off its first point: the difference fades within `ramp_s`. Velocity is
+/// continuous. A trajectory shorter than the ramp is slowed down until it is as long. Throws std::invalid_argument for an
+/// empty trajectory or a ramp <= 0.
 JointTrajectory joined(const JointTrajectory& trajectory, const ArmVector& from_rad, double ramp_s);
 
 /// Checks, watches, sends and follows one trajectory to its end, or to a controlled stop.
@@ -31,13 +32,16 @@ class MotionStep : public Step {
     double stop_s;
   };
   virtual std::optional<Ending> look(StepContext&) { return std::nullopt; }
-  /// What the end of the trajectory means.
+  /// What the end of the trajectory means, once the arm stands there.
   virtual Verdict atEnd(StepContext&) { return {}; }
   virtual bool needsForce() const { return false; }
-  /// When the arm stands again after look() has ended the motion.
+  /// look() is asked for so long after the end.
+  virtual double lookOn(const StepContext&) const { return 0.0; }
+  /// When the arm stands again, however the motion has ended.
   virtual void atRest(StepContext&) {}
 
   const JointTrajectory& trajectory() const { return trajectory_; }
+  double place() const { return at_s_; }  // on the trajectory
 
  private:
   enum class State { kBegin, kWatching, kSending, kMoving, kStopping, kResting };
@@ -47,10 +51,14 @@ class MotionStep : public Step {
   void watch(StepContext& context, double start_s);
   std::optional<Verdict> onWatchReply(StepContext& context);
   std::optional<Verdict> checkGate(const StepContext& context) const;
-  std::optional<Verdict> followEvents(StepContext& context, bool* has_ended);
+  std::optional<Verdict> followEvents(const StepContext& context);
+  void locate(const StepContext& context);
+  std::optional<Verdict> reasonToStop(StepContext& context);
   void follow(StepContext& context);
   void stop(StepContext& context, const Verdict& verdict, double stop_s);
   void rest(const StepContext& context, const Verdict& verdict);
+  void followStop(StepContext& context);
+  bool isWaitingForRest(const StepContext& context);
   std::optional<Verdict> finish(StepContext& context);
 
   WatchPhase watch_phase_;
@@ -62,31 +70,43 @@ class MotionStep : public Step {
   std::uint64_t watch_call_{0};  // open; 0: none
   std::uint64_t send_call_{0};   // of the trajectory that the controller follows or is to follow
   std::optional<std::uint32_t> watch_id_;
-  double watch_since_s_{0.0};
-  double watch_start_s_{0.0};
-  double asked_s_{0.0};    // when the call was made that is waited for
-  double at_s_{0.0};       // on the trajectory
-  double elapsed_s_{0.0};  // trajectory time that has passed by the speed scaling
-  std::optional<double> stalled_since_s_;
+  double watch_since_s_{0.0};  // ROS time
+  double watch_start_s_{0.0};  // ROS time
+  double watch_asked_s_{0.0};
   std::optional<double> begun_s_;
   std::optional<double> rest_since_s_;
+  double asked_s_{0.0};        // when the call was made that is waited for
+  bool has_succeeded_{false};  // the controller has come to the trajectory's end
+  bool is_braking_{false};     // send_call_ is of a stop
+  bool is_taken_{false};       // the controller has accepted send_call_
+  double at_s_{0.0};           // on the trajectory
+  double elapsed_s_{0.0};      // trajectory time that has passed by the speed scaling
+  std::optional<double> stalled_since_s_;
 };
 
 /// Until the magnet meets something.
 class TouchStep : public MotionStep {
  public:
-  TouchStep(Make make, double expected_travel_m, double* ended_at_s);
+  /// As it was carried out, and where on it the arm stands.
+  struct Touched {
+    JointTrajectory trajectory;
+    double at_s{0.0};
+  };
+
+  TouchStep(Make make, double expected_travel_m, Touched* touched);
 
  protected:
   std::optional<Ending> look(StepContext& context) override;
   Verdict atEnd(StepContext& context) override;
   bool needsForce() const override { return true; }
+  double lookOn(const StepContext& context) const override { return context.config.contact.debounce_s; }
+  void atRest(StepContext&) override { *touched_ = {trajectory(), place()}; }
 
  private:
   double travel(const StepContext& context) const;
 
   double expected_travel_m_;
-  double* ended_at_s_;  // on the touch's trajectory
+  Touched* touched_;
   std::optional<ContactDetector> detector_;
 };
 

@@ -22,8 +22,9 @@ struct StepContext {
 
   // Of this call.
   const ExecutorInputs& inputs;
-  double now_s;
-  double dt_s;  // ROS time since the call before; 0: a reply in between
+  double now_s;   // ROS time: for stamps
+  double time_s;  // never runs back: for how long something takes
+  double dt_s;    // since the call before; 0: a reply in between
   const std::optional<Verdict>& stop_asked;
   std::vector<ArmCall>& calls;
   std::uint64_t& last_id;
@@ -44,8 +45,10 @@ struct StepContext {
     }
     return nullptr;
   }
+  /// As far as is known: joint states that are too old tell nothing.
   bool isAtRest() const {
-    return arm().joints && arm().joints->value.velocity_rad_s.cwiseAbs().maxCoeff() < config.motion.rest_rad_s;
+    return arm().joints && now_s - arm().joints->stamp_s <= config.gate.max_joint_age_s &&
+           arm().joints->value.velocity_rad_s.cwiseAbs().maxCoeff() < config.motion.rest_rad_s;
   }
 };
 

@@ -14,37 +14,43 @@ Verdict unanswered(const char* what, double after_s) {
 
 std::optional<Verdict> CallStep::advance(StepContext& context) {
   if (call_ == 0) {
-    if (context.stop_asked) return context.stop_asked;
-    if (!isReady(context)) return std::nullopt;
+    if (duty_ != Duty::kAlways && context.stop_asked) return context.stop_asked;
+    if (duty_ == Duty::kIfGateIsOpen) {
+      const Verdict gate = context.gate.check(context.inputs.gate, {});
+      if (!gate.isFine()) return gate;
+    }
+    const std::optional<Verdict> ready = prepare(context);
+    if (!ready || !ready->isFine()) return ready;
     call_ = makeCall(context);
-    asked_s_ = context.now_s;
+    asked_s_ = context.time_s;
     return std::nullopt;
   }
-  if (!answered_s_) {
+  if (!is_answered_) {
     // What has been asked for is waited for, also when told to stop: its answer decides what the magnet holds.
     const CallReply* reply = context.replyTo(call_);
     if (reply == nullptr) {
       const double limit_s = context.config.motion.answer_timeout_s;
-      return context.now_s - asked_s_ > limit_s ? std::optional<Verdict>(unanswered(what(), limit_s)) : std::nullopt;
+      return context.time_s - asked_s_ > limit_s ? std::optional<Verdict>(unanswered(what(), limit_s)) : std::nullopt;
     }
     if (reply->is_gone) return Verdict{ArmStatus::kDriverGone, std::string(what()) + ": " + reply->message};
     if (!reply->success) {
       return Verdict{ArmStatus::kIoRefused, std::string(what()) + " refused by the driver" +
                                                 (reply->message.empty() ? "" : ": " + reply->message)};
     }
-    answered_s_ = context.now_s;
+    is_answered_ = true;
   }
-  return awaitEffect(context, *answered_s_);
+  return awaitEffect(context);
 }
 
-std::optional<Verdict> MagnetStep::awaitEffect(StepContext& context, double answered_s) {
+std::optional<Verdict> MagnetStep::awaitEffect(StepContext& context) {
+  if (!answered_) answered_ = Answered{context.now_s, context.time_s};
   if (!changed_s_) {
     const auto& output = context.arm().digital_out;
     const auto pin = static_cast<std::size_t>(context.config.magnet_pin);
     // A message from before the switch says nothing.
-    if (output && output->stamp_s >= answered_s && output->value[pin] == is_on_) {
-      changed_s_ = context.now_s;
-    } else if (context.now_s - answered_s > context.config.io_timeout_s) {
+    if (output && output->stamp_s >= answered_->stamp_s && output->value[pin] == is_on_) {
+      changed_s_ = context.time_s;
+    } else if (context.time_s - answered_->since_s > context.config.io_timeout_s) {
       return Verdict{ArmStatus::kIoRefused,
                      formatted("digital output %d is not %s %.2f s after the driver has set it",
                                context.config.magnet_pin, is_on_ ? "on" : "off", context.config.io_timeout_s)};
@@ -52,17 +58,28 @@ std::optional<Verdict> MagnetStep::awaitEffect(StepContext& context, double answ
       return std::nullopt;
     }
   }
-  if (context.now_s - *changed_s_ < context.config.pick.magnet_settle_s) return std::nullopt;
+  if (context.time_s - *changed_s_ < context.config.pick.magnet_settle_s) return std::nullopt;
   return Verdict{};
 }
 
-bool ZeroForceStep::isReady(StepContext& context) {
+std::optional<Verdict> ZeroForceStep::prepare(StepContext& context) {
+  if (!begun_s_) begun_s_ = context.time_s;
   if (!context.isAtRest()) {
     rest_since_s_.reset();
-    return false;
+    const double limit_s = context.config.motion.rest_timeout_s;
+    if (context.time_s - *begun_s_ <= limit_s) return std::nullopt;
+    return Verdict{ArmStatus::kNotReady, formatted("the arm has not come to rest within %.2f s, which the force "
+                                                   "sensor's zero needs",
+                                                   limit_s)};
   }
-  if (!rest_since_s_) rest_since_s_ = context.now_s;
-  return context.now_s - *rest_since_s_ >= context.config.pick.settle_s;
+  if (!rest_since_s_) rest_since_s_ = context.time_s;
+  if (context.time_s - *rest_since_s_ < context.config.pick.settle_s) return std::nullopt;
+  return Verdict{};
+}
+
+std::optional<Verdict> ZeroForceStep::awaitEffect(StepContext& context) {
+  context.load.reset();
+  return Verdict{};
 }
 
 std::optional<Verdict> AttachStep::advance(StepContext& context) {
@@ -72,42 +89,58 @@ std::optional<Verdict> AttachStep::advance(StepContext& context) {
   return Verdict{};
 }
 
-std::optional<Verdict> WeighStep::advance(StepContext& context) {
+std::optional<Verdict> ForceStep::advance(StepContext& context) {
   if (context.stop_asked) return context.stop_asked;
-  if (!begun_s_) begun_s_ = context.now_s;
+  GateDemand demand;
+  demand.needs_force = true;
+  const Verdict gate = context.gate.check(context.inputs.gate, demand);
+  if (!gate.isFine()) return gate;
+  if (!begun_) begun_ = Begun{context.now_s, context.time_s};
   std::string why;
-  const double from_s = *begun_s_ + context.config.pick.settle_s;
-  const std::optional<LoadCell::Weight> weight = context.load.weigh(from_s, &why);
-  if (!weight) {
-    if (context.now_s - *begun_s_ < context.config.pick.weigh_timeout_s) return std::nullopt;
-    return Verdict{ArmStatus::kNotAttached, "what hangs on the magnet cannot be weighed: " + why};
+  if (const auto weight = context.load.weigh(begun_->stamp_s + context.config.pick.settle_s, &why)) {
+    return judge(context, *weight);
   }
-  context.figures.load_kg = weight->mass_kg;
-  const double least_kg = context.config.load.min_share * brick_mass_kg_;
-  const double most_kg = context.config.load.max_share * brick_mass_kg_;
-  if (weight->mass_kg >= least_kg && weight->mass_kg <= most_kg) return Verdict{};
-  return Verdict{ArmStatus::kNotAttached, formatted("%.2f kg hang on the magnet, must be in [%.2f, %.2f] kg",
-                                                    weight->mass_kg, least_kg, most_kg)};
+  if (context.time_s - begun_->since_s < context.config.pick.weigh_timeout_s) return std::nullopt;
+  return unsteady(why);
 }
 
-std::optional<Verdict> HoldStep::advance(StepContext& context) {
-  if (context.stop_asked) return context.stop_asked;
-  if (!begun_s_) begun_s_ = context.now_s;
-  std::string why;
-  const std::optional<LoadCell::Weight> weight = context.load.weigh(*begun_s_ + context.config.pick.settle_s, &why);
-  if (weight) {
-    context.load.hold(brick_mass_kg_, *weight);
-    return Verdict{};
+Verdict WeighStep::judge(StepContext& context, const LoadCell::Weight& weight) {
+  context.figures.load_kg = weight.mass_kg;
+  const double least_kg = context.config.load.min_share * brick_mass_kg_;
+  const double most_kg = context.config.load.max_share * brick_mass_kg_;
+  if (weight.mass_kg >= least_kg && weight.mass_kg <= most_kg) return {};
+  return {ArmStatus::kNotAttached,
+          formatted("%.2f kg hang on the magnet, must be in [%.2f, %.2f] kg", weight.mass_kg, least_kg, most_kg)};
+}
+
+Verdict WeighStep::unsteady(const std::string& why) const {
+  return {ArmStatus::kNotAttached, "what hangs on the magnet cannot be weighed: " + why};
+}
+
+Verdict HoldStep::judge(StepContext& context, const LoadCell::Weight& weight) {
+  // The robot takes the declared mass out of the force: what remains is what the brick weighs beside it. Much less, and
+  // it has fallen since it was weighed.
+  const double expected_kg = context.figures.load_kg - brick_mass_kg_;
+  const double missing_kg = expected_kg - weight.mass_kg;
+  if (missing_kg >= context.config.load.lost_share * brick_mass_kg_) {
+    return {ArmStatus::kLostOnTheWay,
+            formatted("the brick's weight is gone since it was weighed: %.2f kg beside the declared payload, expected "
+                      "were %.2f kg",
+                      weight.mass_kg, expected_kg)};
   }
-  if (context.now_s - *begun_s_ < context.config.pick.weigh_timeout_s) return std::nullopt;
-  return Verdict{ArmStatus::kStaleState, "the force with the declared payload does not come to rest: " + why};
+  context.load.hold(brick_mass_kg_, weight);
+  return {};
+}
+
+Verdict HoldStep::unsteady(const std::string& why) const {
+  return {ArmStatus::kStaleState, "the force with the declared payload does not come to rest: " + why};
 }
 
 std::optional<Verdict> GoneStep::advance(StepContext& context) {
   if (!context.load.isHolding()) return Verdict{};
-  if (!begun_s_) begun_s_ = context.now_s;
+  if (!begun_s_) begun_s_ = context.time_s;
   if (context.load.isLost()) return Verdict{};
-  if (context.now_s - *begun_s_ < context.config.pick.settle_s + context.config.load.lost_s) return std::nullopt;
+  if (context.time_s - *begun_s_ < context.config.pick.settle_s + context.config.load.lost_s) return std::nullopt;
   const std::optional<double> load_kg = context.load.load();
   return Verdict{
       ArmStatus::kNotLetGo,
@@ -122,21 +155,21 @@ std::optional<Verdict> RecoverStep::advance(StepContext& context) {
   if (!has_begun_) {
     has_begun_ = true;
     context.call(CancelCall{});  // what ran before the stop must not go on after it
-    recovery_.begin(permit_, context.now_s);
+    recovery_.begin(permit_, context.time_s);
   }
   if (call_ != 0) {
     const CallReply* reply = context.replyTo(call_);
     if (reply == nullptr) {
       const double limit_s = context.config.recovery.step_timeout_s;
-      return context.now_s - asked_s_ > limit_s ? std::optional<Verdict>(unanswered("dashboard", limit_s))
-                                                : std::nullopt;
+      return context.time_s - asked_s_ > limit_s ? std::optional<Verdict>(unanswered("dashboard", limit_s))
+                                                 : std::nullopt;
     }
     if (reply->is_gone) return Verdict{ArmStatus::kDriverGone, "dashboard: " + reply->message};
-    recovery_.answered(reply->success, reply->message, context.now_s);
+    recovery_.answered(reply->success, reply->message, context.time_s);
     call_ = 0;
   }
   if (context.stop_asked) return context.stop_asked;
-  const Recovery::Step next = recovery_.next(context.arm(), context.now_s);
+  const Recovery::Step next = recovery_.next(context.arm(), context.time_s);
   switch (next.action) {
     case Recovery::Action::kDone:
       return Verdict{};
@@ -146,7 +179,7 @@ std::optional<Verdict> RecoverStep::advance(StepContext& context) {
       return std::nullopt;
     case Recovery::Action::kCommand:
       call_ = context.call(DashboardCall{next.command});
-      asked_s_ = context.now_s;
+      asked_s_ = context.time_s;
       return std::nullopt;
   }
   return std::nullopt;

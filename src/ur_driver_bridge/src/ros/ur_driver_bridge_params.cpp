@@ -2,8 +2,7 @@
 #include "ur_driver_bridge_ros/ur_driver_bridge_params.h"
 
 #include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/param_reader.h>
-#include <gpis_mapping_ros/param_writer.h>
+#include <gpis_mapping_ros/params.h>
 
 #include "ur_driver_bridge/config_fields.h"
 
@@ -11,8 +10,7 @@ namespace ur_driver_bridge_ros {
 namespace {
 
 /// visit(key, value) for each key.
-template <typename Params, typename Visitor>
-void visitParams(Params& params, Visitor&& visit) {
+constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("base_frame", params.base_frame);
   visit("bricks_file", params.bricks_file);
   visit("max_payload_kg", params.max_payload_kg);
@@ -20,7 +18,7 @@ void visitParams(Params& params, Visitor&& visit) {
   visit("lockstep_wait_s", params.lockstep_wait_s);
   visit("recovery/unlocks_by_itself", params.unlocks_by_itself);
   ur_driver_bridge::visitExecutorFields(params.executor, visit);
-}
+};
 
 }  // namespace
 
@@ -43,22 +41,15 @@ std::vector<std::string> UrDriverBridgeParams::validate() const {
 }
 
 std::string toYaml(const UrDriverBridgeParams& params) {
-  gpis_mapping_ros::ParamWriter writer;
-  visitParams(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
-  return writer.text();
+  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 UrDriverBridgeParams loadUrDriverBridgeParams(const ros::NodeHandle& private_nh) {
-  UrDriverBridgeParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
-  visitParams(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
+  auto params = gpis_mapping_ros::loadParams<UrDriverBridgeParams>(private_nh, kVisitParams,
+                                                                   {"diagnostic_period", "diagnostic_updater"});
   if (params.unlocks_by_itself) {
     params.executor.recovery.protective_stop = ur_driver_bridge::ProtectiveStopPolicy::kAutomatic;
   }
-  reader.ignore("diagnostic_period");  // read by diagnostic_updater
-  reader.ignore("diagnostic_updater");
-  reader.report("", params.validate());
-  reader.finish();
   return params;
 }
 
