@@ -196,6 +196,7 @@ TEST(Executor, AShortTrajectoryFromALittleOffIsAsGentleAsALongOne) {
   arm.executor.move(motion_planning::timeParametrize({scene().over_rad, near_rad}, {}));
   expectEnds(arm, ArmStatus::kSuccess);
   EXPECT_LT((arm.position_rad - near_rad).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_EQ(arm.sent.at(0).points.front().position_rad, (scene().over_rad + ArmVector::Constant(0.015)).eval());
   TrajectoryLimits limits = fakeModel().limits;
   limits.acceleration_rad_s2.setConstant(MotionConfig().acceleration_rad_s2);
   const Verdict verdict = checkTrajectory(arm.sent.at(0), limits);
@@ -612,6 +613,19 @@ TEST(ExecutorPick, KeepsTheBrickUntilItIsToldToLetGo) {
   EXPECT_FALSE(arm.executor.isHolding());
   EXPECT_FALSE(arm.is_attached);
   EXPECT_EQ(arm.payloads.back().mass_kg, fakeModel().tool.mass_kg);
+  // And does not miss it any more.
+  for (int i = 0; i < 30; ++i) arm.step();
+  arm.finished_count = 0;
+  arm.executor.move(reversed(request.stow));
+  expectEnds(arm, ArmStatus::kSuccess);
+}
+
+TEST(ExecutorPick, TheMagnetHasItsTime) {
+  Picker arm;
+  arm.runTo("magnet");
+  const double since_s = arm.now_s;
+  while (arm.count("attach") == 0 && arm.executor.stage() == "magnet") arm.step();
+  EXPECT_GE(arm.now_s - since_s, quick().pick.magnet_settle_s);
 }
 
 /// Stopped before each step of a whole pick.
