@@ -196,6 +196,7 @@ TEST(Executor, AShortTrajectoryFromALittleOffIsAsGentleAsALongOne) {
   arm.executor.move(motion_planning::timeParametrize({scene().over_rad, near_rad}, {}));
   expectEnds(arm, ArmStatus::kSuccess);
   EXPECT_LT((arm.position_rad - near_rad).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_EQ(arm.sent.at(0).points.front().position_rad, (scene().over_rad + ArmVector::Constant(0.015)).eval());
   TrajectoryLimits limits = fakeModel().limits;
   limits.acceleration_rad_s2.setConstant(MotionConfig().acceleration_rad_s2);
   const Verdict verdict = checkTrajectory(arm.sent.at(0), limits);
@@ -464,11 +465,43 @@ TEST(Executor, TheGateStopsTheArmOnItsPath) {
   }
 }
 
-TEST(Executor, ASlowedArmIsWatchedAnewAndArrives) {
+TEST(Executor, ASlowedArmIsWatchedAnewWhereItIsAndArrives) {
   Mover arm;
   arm.scaling = 0.1;
-  expectEnds(arm, ArmStatus::kSuccess, 60.0);
+  const auto finished = arm.run(60.0, [&] {
+    if (arm.executor.phase() != ExecutorPhase::kMoving) return;
+    const double believed_s = arm.now_s - arm.watched.start_s;
+    const double is_s = arm.executor.progress() * arm.watched.trajectory.duration();
+    // A step until it is seen, one for the call, one in which the arm goes on.
+    EXPECT_NEAR(believed_s, is_s, MotionConfig().watch_drift_s + 3.0 * FakeArm::kStep_s);
+  });
+  ASSERT_TRUE(finished);
+  EXPECT_TRUE(finished->verdict.isFine()) << finished->verdict.message;
   EXPECT_GT(arm.count("watch"), 10);
+  expectOrderly(arm);
+}
+
+TEST(Executor, AStopThatIsTakenLateDoesNotTurnTheArmBack) {
+  Mover arm;
+  arm.manners["brake"].delay_s = 0.02;
+  arm.getGoing();
+  arm.executor.stop({ArmStatus::kCancelled, "test"});
+  double slowest_rad_s = 0.0;
+  const auto finished = arm.run(2.0, [&] { slowest_rad_s = std::min(slowest_rad_s, arm.velocity_rad_s[0]); });
+  ASSERT_TRUE(finished);
+  EXPECT_GT(slowest_rad_s, -1e-6);
+  expectOrderly(arm, MotionConfig().stop_s + 0.02);
+}
+
+TEST(Executor, AStopAtTheVeryEndIsATrajectoryThatAControllerTakes) {
+  ExecutorConfig config = quick();
+  config.motion.latency_s = 0.05;  // so that there is something to find
+  Mover arm(config);
+  while (arm.executor.progress() * scene().move.duration() < scene().move.duration() - 0.04) arm.step();
+  arm.executor.stop({ArmStatus::kCancelled, "test"});
+  expectEnds(arm, ArmStatus::kCancelled);
+  ASSERT_EQ(arm.sent.size(), 2u);
+  EXPECT_GT(arm.sent[1].points.front().time_s, 0.0);
   expectOrderly(arm);
 }
 
@@ -488,6 +521,7 @@ TEST(Executor, ADumbMonitorOnTheWayStopsTheArm) {
   for (int i = 0; i < 5; ++i) arm.step();
   arm.manners["watch"].answer = Answer::kNever;
   expectEnds(arm, ArmStatus::kMonitorGone, 3.0);
+  EXPECT_THAT(arm.finished->verdict.message, HasSubstr("has not answered"));
   expectOrderly(arm);
 }
 
@@ -579,6 +613,19 @@ TEST(ExecutorPick, KeepsTheBrickUntilItIsToldToLetGo) {
   EXPECT_FALSE(arm.executor.isHolding());
   EXPECT_FALSE(arm.is_attached);
   EXPECT_EQ(arm.payloads.back().mass_kg, fakeModel().tool.mass_kg);
+  // And does not miss it any more.
+  for (int i = 0; i < 30; ++i) arm.step();
+  arm.finished_count = 0;
+  arm.executor.move(reversed(request.stow));
+  expectEnds(arm, ArmStatus::kSuccess);
+}
+
+TEST(ExecutorPick, TheMagnetHasItsTime) {
+  Picker arm;
+  arm.runTo("magnet");
+  const double since_s = arm.now_s;
+  while (arm.count("attach") == 0 && arm.executor.stage() == "magnet") arm.step();
+  EXPECT_GE(arm.now_s - since_s, quick().pick.magnet_settle_s);
 }
 
 /// Stopped before each step of a whole pick.
@@ -743,6 +790,14 @@ TEST(ExecutorPick, ContactAtTheVeryEndOfTheTouchIsContact) {
     expectEnds(arm, ArmStatus::kSuccess, 30.0);
     EXPECT_NEAR(arm.finished->figures.contact_travel_m, kTouchFrom_m + kOvertravel_m, 1.5e-3);
   }
+}
+
+TEST(ExecutorPick, ContactIsLookedForUntilItCouldBeKnown) {
+  ExecutorConfig config = quick();
+  config.contact.debounce_s = 0.1;
+  Picker arm(scene().pick, config);
+  arm.plate_z_m = kPlate_m - kOvertravel_m + 0.0006;
+  expectEnds(arm, ArmStatus::kSuccess, 30.0);
 }
 
 TEST(ExecutorPick, APlateThatIsHigherOrLowerThanPlannedIsLiftedAllTheSameAndPutBackThere) {

@@ -125,6 +125,7 @@ class FakeArm {
   std::vector<std::string> calls;  // "watch", "send", "magnet_on", ...
   std::vector<std::string> stages;
   std::vector<JointTrajectory> sent;
+  WatchCall watched;  // the last one
   std::vector<Payload> payloads;
   std::deque<CallReply> extra_replies;  // said with the next step, asked for or not
   std::deque<TrajectoryEvent> extra_events;
@@ -289,6 +290,7 @@ class FakeArm {
     if (const auto* watch = std::get_if<WatchCall>(&call.what)) {
       calls.push_back(watch->trajectory.empty() ? "unwatch" : "watch");
       const WatchCall what = *watch;
+      watched = what;
       answer(id, calls.back(), [this, what](CallReply& reply) {
         watch_id_ = what.trajectory.empty() ? 0 : ++watches_;
         watch_end_s_ = what.start_s + what.trajectory.duration() + 0.3;
