@@ -19,7 +19,7 @@ namespace ur_driver_bridge {
 struct MotionConfig {
   double start_tolerance_rad{0.02};
   double acceleration_rad_s2{4.0};  // of what is sent; a controlled stop may be harder
-  double stop_s{0.12};              // a controlled stop takes so long, on the path
+  double stop_s{0.1};               // a controlled stop takes so long, on the path
   double latency_s{0.005};          // from the controller's state until what is answered takes effect
   double rest_rad_s{0.01};          // slower than this the arm stands
   double rest_timeout_s{3.0};       // after a stop

@@ -17,7 +17,7 @@ struct SafetyGateConfig {
   double max_speed_scaling_age_s{0.5};
   double max_map_age_s{2.0};            // since the last image in the map; 0: the map is not asked
   double max_monitor_age_s{0.5};        // of what the path monitor says; 0: motion without it
-  double max_heartbeat_age_s{0.15};     // of the mission, ROS time: three of 20 Hz; 0: motion without it
+  double max_heartbeat_age_s{0.13};     // of the mission, ROS time: one of 20 Hz may be lost; 0: motion without it
   double max_heartbeat_silence_s{0.0};  // the same by the wall clock, for real hardware; 0: off
   double max_future_s{0.5};             // a stamp this far ahead of the clock is no stamp
 

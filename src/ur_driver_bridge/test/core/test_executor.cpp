@@ -266,7 +266,7 @@ TEST(Executor, AStopThatTheControllerRefusesOrDoesNotAnswerIsACancel) {
     expectEnds(arm, ArmStatus::kCancelled, 3.0);
     EXPECT_GE(arm.count("cancel"), 1);
     // stop_s for the answer that does not come, 50 ms for this controller's own stop.
-    EXPECT_LE(arm.longest_stop_s, 0.12 + 0.05 + 3.5 * FakeArm::kStep_s);
+    EXPECT_LE(arm.longest_stop_s, 0.1 + 0.05 + 3.5 * FakeArm::kStep_s);
   }
 }
 
@@ -413,7 +413,7 @@ struct Closing {
 const Closing kClosings[] = {
     {"held", ArmStatus::kHeld, 0.0, [](FakeArm& arm) { arm.gate.is_held = true; }},
     {"must_stop", ArmStatus::kPathBlocked, 0.0, [](FakeArm& arm) { arm.must_stop = "a wall"; }},
-    {"heartbeat", ArmStatus::kHeartbeatLost, 0.15, [](FakeArm& arm) { arm.is_mission_silent = true; }},
+    {"heartbeat", ArmStatus::kHeartbeatLost, 0.13, [](FakeArm& arm) { arm.is_mission_silent = true; }},
     {"monitor", ArmStatus::kMonitorGone, 0.5, [](FakeArm& arm) { arm.is_monitor_silent = true; }},
     {"map", ArmStatus::kStaleMap, 0.3, [](FakeArm& arm) { arm.is_map_silent = true; }},
     {"protective", ArmStatus::kProtectiveStop, 0.0,
