@@ -42,6 +42,8 @@ constexpr double kGoal_s = 120.0;        // within which each goal has to end
 constexpr double kAgree_s = 2.0;         // after its end bridge and truth have to agree
 constexpr double kPutDown_m = 0.03;      // a brick whose lower side is less above the ground is put down, not dropped
 constexpr double kSlowest_s = 20.0;      // after which the speed slider is put back: a goal at 0.1 would last too long
+constexpr double kTopSpeed_rad_s = 1.2;  // planned are 1 rad/s; a fifth for what joins the arm to the trajectory
+constexpr double kOffPath_rad = 0.03;  // motion/start_tolerance_rad and 0.01 for the servos, under load and at contact
 constexpr double kFallingAfter_s = 3.0;  // a lost brick falls, rolls and lies still
 
 enum class Kind {
@@ -142,6 +144,7 @@ struct Line {
   std::string stage;
   double lasted_s{0.0};
   double stop_s{std::nan("")};  // from the reason of the stop until the arm stood; NaN: nothing to be stopped
+  double off_path_rad{0.0};     // farthest that the arm was from the pick's own path
   std::string recovery;         // what was done until the arm was ready again
   std::string violations;
   std::string message;
@@ -153,8 +156,8 @@ struct Line {
   std::string text() const {
     std::ostringstream out;
     out << std::setprecision(4) << number << ',' << kind << ',' << value << ',' << begun_s << ',' << fault_stage << ','
-        << status << ',' << stage << ',' << lasted_s << ',' << stop_s << ',' << plain(recovery) << ','
-        << plain(violations) << ',' << plain(message);
+        << status << ',' << stage << ',' << lasted_s << ',' << stop_s << ',' << off_path_rad << ',' << plain(recovery)
+        << ',' << plain(violations) << ',' << plain(message);
     return out.str();
   }
   static Line parse(const std::string& text) {
@@ -166,7 +169,7 @@ struct Line {
         parts.back() += c;
       }
     }
-    if (parts.size() != 12) throw std::runtime_error("bridge.csv: " + text + ": must have 12 columns");
+    if (parts.size() != 13) throw std::runtime_error("bridge.csv: " + text + ": must have 13 columns");
     Line line;
     line.number = std::stoull(parts[0]);
     line.kind = parts[1];
@@ -177,14 +180,15 @@ struct Line {
     line.stage = parts[6];
     line.lasted_s = std::stod(parts[7]);
     line.stop_s = std::stod(parts[8]);
-    line.recovery = parts[9];
-    line.violations = parts[10];
-    line.message = parts[11];
+    line.off_path_rad = std::stod(parts[9]);
+    line.recovery = parts[10];
+    line.violations = parts[11];
+    line.message = parts[12];
     return line;
   }
 };
 constexpr const char* kHeader =
-    "pick,fault,value,begun_s,fault_stage,status,stage,lasted_s,stop_s,recovery,violations,message";
+    "pick,fault,value,begun_s,fault_stage,status,stage,lasted_s,stop_s,off_path_rad,recovery,violations,message";
 
 std::string statusName(int status) {
   return status >= 0 && status < ur_driver_bridge::kNumArmStatus
@@ -218,6 +222,7 @@ class Truth {
 
   void forget() {
     speeds_.clear();
+    positions_.clear();
     stages_.clear();
     switches_.clear();
     // The last one still holds.
@@ -232,6 +237,8 @@ class Truth {
     }
     return last_s;
   }
+  const std::vector<std::pair<double, ArmVector>>& positions() const { return positions_; }
+  void forgetSwitches() { switches_.clear(); }
   double topSpeed() const {
     double top = 0.0;
     for (const auto& [at_s, speed] : speeds_) top = std::max(top, speed);
@@ -265,12 +272,17 @@ class Truth {
  private:
   void onJoints(const sensor_msgs::JointState::ConstPtr& joints) {
     double speed = -1.0;
+    ArmVector position_rad = ArmVector::Zero();
     for (std::size_t i = 0; i < joints->name.size() && i < joints->velocity.size(); ++i) {
       const auto& names = mp700_ur5e_description::kArmJoints;
-      if (std::find(names.begin(), names.end(), joints->name[i]) == names.end()) continue;
+      const auto found = std::find(names.begin(), names.end(), joints->name[i]);
+      if (found == names.end()) continue;
       speed = std::max(speed, std::abs(joints->velocity[i]));
+      position_rad[found - names.begin()] = joints->position[i];
     }
-    if (speed >= 0.0) speeds_.emplace_back(joints->header.stamp.toSec(), speed);
+    if (speed < 0.0) return;  // of the wheels
+    speeds_.emplace_back(joints->header.stamp.toSec(), speed);
+    positions_.emplace_back(joints->header.stamp.toSec(), position_rad);
   }
   void onBricks(const visualization_msgs::MarkerArray::ConstPtr& markers) {
     for (const auto& marker : markers->markers) {
@@ -294,6 +306,7 @@ class Truth {
   ros::NodeHandle nh_;
   std::vector<ros::Subscriber> subscribers_;
   std::vector<std::pair<double, double>> speeds_;
+  std::vector<std::pair<double, ArmVector>> positions_;
   std::vector<Brick> bricks_;
   std::vector<Stage> stages_;
   std::vector<Output> switches_;
@@ -337,7 +350,8 @@ class Soak {
   void endTimedFaults();
   void endFault(const Draw& draw);
   void judgeStop(const Draw& draw, double goal_end_s);
-  void judgeMagnet(const interactive_mapping_msgs::PickBrickGoal& goal);
+  void judgeMagnet();
+  void judgeMotion(const interactive_mapping_msgs::PickBrickGoal& goal, double goal_end_s);
   void judgeAgreement(const std::string& when, const ArmOutcome* outcome);
   void judgeIncidents();
   void recover(const Draw& draw, const interactive_mapping_msgs::PickBrickGoal& goal);
@@ -426,7 +440,7 @@ double Soak::moment(const Draw& draw, const interactive_mapping_msgs::PickBrickG
   // Zeroing, magnet, weighing, payload and letting go, as seen without faults: 0.4 s before the touch, 2.5 s after it.
   const double approach_s = duration(goal.approach);
   const double touch_s = duration(goal.touch) + 0.4;
-  const double end_s = approach_s + touch_s + duration(goal.lift) + duration(goal.stow) + 3.5;
+  const double end_s = approach_s + touch_s + duration(goal.lift) + duration(goal.stow) + 2.5;
   switch (draw.kind) {
     case Kind::kBrickMoved:
     case Kind::kBrickTaken:
@@ -547,7 +561,7 @@ void Soak::judgeStop(const Draw& draw, double goal_end_s) {
   const bool was_moving = truth_.lastMotion(from_s - 0.03, from_s + 0.03).has_value();
   if (!last_s) return;
   const double stop_s = *last_s - from_s;
-  if (was_moving) line_.stop_s = stop_s;
+  if (was_moving && draw.kind != Kind::kDriverGone) line_.stop_s = stop_s;
   if (stop_s > within_s) {
     std::ostringstream text;
     text << "moves " << stop_s << " s after " << line_.kind << "; allowed " << within_s << " s; stage "
@@ -556,9 +570,44 @@ void Soak::judgeStop(const Draw& draw, double goal_end_s) {
   }
 }
 
+/// Whatever happens, the arm keeps to the pick's own path and to its speed, and stands when the outcome is told.
+void Soak::judgeMotion(const interactive_mapping_msgs::PickBrickGoal& goal, double goal_end_s) {
+  std::vector<std::vector<ArmVector>> paths;
+  for (const auto* trajectory : {&goal.approach, &goal.touch, &goal.lift, &goal.stow}) {
+    paths.emplace_back();
+    for (const auto& point : trajectory->points) {
+      paths.back().push_back(Eigen::Map<const ArmVector>(point.positions.data()));
+    }
+  }
+  double worst_at_s = 0.0;
+  for (const auto& [at_s, position_rad] : truth_.positions()) {
+    double nearest_rad = std::numeric_limits<double>::infinity();
+    for (const auto& path : paths) {
+      for (std::size_t i = 1; i < path.size(); ++i) {
+        const ArmVector along = path[i] - path[i - 1];
+        const double length2 = along.squaredNorm();
+        const double u = length2 > 0.0 ? std::clamp(along.dot(position_rad - path[i - 1]) / length2, 0.0, 1.0) : 0.0;
+        nearest_rad = std::min(nearest_rad, (position_rad - path[i - 1] - u * along).cwiseAbs().maxCoeff());
+      }
+    }
+    if (std::isfinite(nearest_rad) && nearest_rad > line_.off_path_rad) {
+      line_.off_path_rad = nearest_rad;
+      worst_at_s = at_s;
+    }
+  }
+  std::ostringstream text;
+  if (line_.off_path_rad > kOffPath_rad) {
+    text << line_.off_path_rad << " rad off its path in stage " << truth_.stageAt(worst_at_s) << "; ";
+  }
+  if (truth_.topSpeed() > kTopSpeed_rad_s) text << truth_.topSpeed() << " rad/s; ";
+  // Of an arm whose driver is gone nothing is known; its stop is judged when it is back.
+  const std::optional<double> last_s = truth_.lastMotion(goal_end_s + 0.02, goal_end_s + kAgree_s);
+  if (last_s) text << "moves " << *last_s - goal_end_s << " s after the outcome; ";
+  if (!text.str().empty()) violation(text.str());
+}
+
 /// The magnet goes off only over the ground, where nothing hangs, or where it was told to let go.
-void Soak::judgeMagnet(const interactive_mapping_msgs::PickBrickGoal& goal) {
-  const ArmVector end_rad = Eigen::Map<const ArmVector>(goal.stow.points.back().positions.data());
+void Soak::judgeMagnet() {
   for (const Truth::Output& change : truth_.switches()) {
     if (change.is_on) continue;
     // The truth is told each 0.1 s; the output a little after it was switched.
@@ -573,12 +622,10 @@ void Soak::judgeMagnet(const interactive_mapping_msgs::PickBrickGoal& goal) {
     text << "magnet off in stage " << truth_.stageAt(change.at_s) << " with the brick " << brick.z_m - kMiddle_m
          << " m over the ground";
     if (!is_stage) violation(text.str());
-    if (is_stage && !is_told && !is_put_down) {
-      // The end of the way is low, too; the brick may hang a little lower on one side.
-      const bool is_at_end = (world_.position_rad - end_rad).cwiseAbs().maxCoeff() < 0.05;
-      if (!is_at_end) violation(text.str() + "; nobody asked for it");
-    }
+    // The end of stow is as low.
+    if (is_stage && !is_told && !is_put_down) violation(text.str() + "; nobody asked for it");
   }
+  truth_.forgetSwitches();
 }
 
 /// Bridge and truth say the same of what hangs on the magnet.
@@ -598,12 +645,19 @@ void Soak::judgeAgreement(const std::string& when, const ArmOutcome* outcome) {
 void Soak::judgeIncidents() {
   std::istringstream lines(world_.incidents);
   std::string text;
+  const bool is_stop_of_robot =
+      line_.fault_stage == "touch" && (line_.kind == "driver_gone" || line_.kind == "program_stopped" ||
+                                       line_.kind == "protective_stop" || line_.kind == "emergency_stop");
   double lost_s = -std::numeric_limits<double>::infinity();
   while (std::getline(lines, text)) {
     // "12.340 s: what"
     const double at_s = std::atof(text.c_str());
     if (has(text, "the magnet lost brick")) lost_s = at_s;
-    if (has(text, "protective stop, ")) violation(text);
+    // The robot's own stop takes 0.5 s: begun just before contact it goes on into the brick, 12 mm at most, and the
+    // robot protects itself. Nothing the bridge can do.
+    const bool is_pressed = is_stop_of_robot && at_s >= fault_s_ && at_s - fault_s_ < kRobotStop_s + kSettle_s;
+    if (is_pressed && has(text, "protective stop, ")) line_.recovery += " (pressed by the robot's own stop)";
+    if (has(text, "protective stop, ") && !is_pressed) violation(text);
     // A brick that falls may meet the robot on its way, wherever it was lost: that is the fall, not a motion.
     const bool is_falling = has(text, "with brick_0") && at_s >= lost_s && at_s - lost_s < kFallingAfter_s;
     if (has(text, "collision of ") && !is_falling) violation(text);
@@ -732,11 +786,12 @@ Line Soak::pick(std::uint64_t number) {
   if (draw.kind == Kind::kNone && outcome.status != ArmOutcome::SUCCESS) {
     violation("without a fault: " + line_.status);
   }
+  judgeMotion(goal, goal_end_s);
   if (has_begun) judgeStop(draw, goal_end_s);
-  judgeMagnet(goal);
+  judgeMagnet();
   if (has_begun) endFault(draw);
   recover(draw, goal);
-  judgeMagnet(goal);
+  judgeMagnet();
   judgeIncidents();
   // The judge tells each 0.5 s; incidents tell which contacts these were.
   if (world_.judge.collisions > collisions_before && !has(world_.incidents, "collision of ")) {
@@ -806,6 +861,14 @@ bool summarize(const std::vector<Line>& lines) {
   for (const Line& line : lines) {
     if (!line.violations.empty()) std::cout << "VIOLATION in " << line.text() << '\n';
   }
+  double off_path_rad = 0.0;
+  double lasted_s = 0.0;
+  for (const Line& line : lines) {
+    off_path_rad = std::max(off_path_rad, line.off_path_rad);
+    lasted_s = std::max(lasted_s, line.lasted_s);
+  }
+  std::cout << std::setprecision(4) << "at most " << off_path_rad << " rad off the path; longest goal " << lasted_s
+            << " s\n";
   std::cout << lines.size() << " picks, " << violations << " with a violation" << std::endl;
   return violations == 0;
 }
