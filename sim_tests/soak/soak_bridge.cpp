@@ -538,7 +538,8 @@ void Soak::judgeStop(const Draw& draw, double goal_end_s) {
       break;
     case Kind::kMonitorSilent:
       until_s = std::min(until_s, fault_s_ + draw.duration_s);
-      within_s += kMonitorAge_s;
+      // A watch that was answered meanwhile is a word of the monitor's own, and begins its time anew, once.
+      within_s += 2.0 * kMonitorAge_s;
       break;
     case Kind::kMustStop:
       until_s = std::min(until_s, must_stop_until_s_);

@@ -28,7 +28,7 @@ using namespace interactive_mapping_msgs;
 
 constexpr double kHeartbeat_s = 0.05;
 constexpr double kStart_s = 120.0;   // wall time until all nodes are there
-constexpr double kAction_s = 240.0;  // wall time for one action, with map and physics on a busy machine
+constexpr double kAction_s = 600.0;  // wall time for one action, with map and physics on a busy machine
 constexpr double kFront_m = 0.296;   // of mp700_ur5e_description/config/base_profile.yaml
 constexpr double kPile_m = -0.22;    // front of two_rows' lower row
 constexpr double kStandOff_m = 0.12;
