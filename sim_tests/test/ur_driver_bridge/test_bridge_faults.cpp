@@ -204,6 +204,34 @@ TEST_F(BridgeFaults, RefusesWhatCannotBe) {
   expectRefused(ArmOutcome::BAD_REQUEST, "shoulder_pan_joint");
 }
 
+TEST_F(BridgeFaults, RefusesPicksThatMakeNoSense) {
+  expectOutcome(moveTo(ready_rad), ArmOutcome::SUCCESS);
+  const auto expectRefused = [&](const std::function<void(interactive_mapping_msgs::PickBrickGoal*)>& spoil,
+                                 const std::string& part) {
+    auto goal = pickGoal();
+    spoil(&goal);
+    world->pick.send(goal);
+    const ArmOutcome outcome = world->finish(world->pick, 5.0).outcome;
+    expectOutcome(outcome, ArmOutcome::BAD_REQUEST);
+    EXPECT_THAT(outcome.message, testing::HasSubstr(part));
+  };
+  expectRefused([](auto* goal) { goal->approach.points.clear(); }, "approach: has 0 points");
+  expectRefused([](auto* goal) { goal->touch.points.clear(); }, "touch: has 0 points");
+  expectRefused([](auto* goal) { goal->lift.points.clear(); }, "lift: has 0 points");
+  expectRefused([](auto* goal) { goal->let_go = 1; }, "let_go");
+  expectRefused([](auto* goal) { goal->type = "sponge"; }, "sponge");
+  expectRefused([](auto* goal) { goal->contact.header.frame_id = "moon"; }, "moon");
+  expectRefused([](auto* goal) { goal->held.position.x = std::nan(""); }, "held");
+  expectRefused([](auto* goal) { goal->contact.pose.position.z -= 0.5; }, "contact");
+  expectRefused([](auto* goal) { goal->touch.points[2].velocities.clear(); }, "velocities");
+}
+
+// A stop of nothing must not fall upon what comes after it.
+TEST_F(BridgeFaults, StoppingNothingStopsNothingLater) {
+  EXPECT_EQ(world->trigger("/ur_driver_bridge/stop"), "");
+  expectOutcome(moveTo(ready_rad), ArmOutcome::SUCCESS);
+}
+
 TEST_F(BridgeFaults, OneThingAtATime) {
   ASSERT_NO_FATAL_FAILURE(beginToMove());
   world->let_go.send({});

@@ -133,6 +133,9 @@ JointTrajectory fromMessage(const trajectory_msgs::JointTrajectory& message) {
       throw std::invalid_argument(where + "has " + std::to_string(in.velocities.size()) +
                                   " velocities, must be 0 or 6");
     }
+    if (in.velocities.empty() != message.points.front().velocities.empty()) {
+      throw std::invalid_argument(where + "must have velocities if the first has, and none if it has none");
+    }
     motion_planning::TrajectoryPoint point;
     point.time_s = in.time_from_start.toSec();
     point.position_rad = pick(in.positions, order);
@@ -140,9 +143,14 @@ JointTrajectory fromMessage(const trajectory_msgs::JointTrajectory& message) {
     if (!point.position_rad.allFinite() || !point.velocity_rad_s.allFinite()) {
       throw std::invalid_argument(where + "is not finite");
     }
-    if (point.time_s < 0.0 || (!trajectory.empty() && point.time_s <= trajectory.points.back().time_s)) {
+    if (point.time_s < 0.0) {
       throw std::invalid_argument(where + "has time_from_start = " + std::to_string(point.time_s) +
-                                  " s, must be later than the point before");
+                                  " s, must be >= 0 s");
+    }
+    if (!trajectory.empty() && point.time_s <= trajectory.points.back().time_s) {
+      throw std::invalid_argument(where + "has time_from_start = " + std::to_string(point.time_s) +
+                                  " s, must be later than the point before, " +
+                                  std::to_string(trajectory.points.back().time_s) + " s");
     }
     trajectory.points.push_back(point);
   }

@@ -113,6 +113,7 @@ class UrDriverBridgeRos {
   ur_driver_bridge::GateInputs inputs_;
   std::optional<Request> current_;
   bool is_magnet_on_{false};
+  bool is_attached_known_{false};  // something has been told about what hangs on the magnet
   ros::Time last_step_, told_;
 
   std::mutex requests_mutex_;  // what other threads hand over

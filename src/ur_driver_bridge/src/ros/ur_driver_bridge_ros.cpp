@@ -36,6 +36,7 @@ namespace names = mp700_ur5e_description;
 constexpr const char* kLog = "bridge";
 constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 constexpr double kMaxSilence_s = 2.0;   // wall time without a step that diagnostics call an error
+constexpr double kSetBack_s = 1.0;      // of the clock against the last step: it has begun anew
 constexpr double kMinSilence_s = 0.05;  // without joint states, before the watchdog steps in their place
 constexpr double kFeedbackPeriod_s = 0.1;
 constexpr double kHeartbeatShare = 0.6;  // of its allowed age: later, the next one is on its way
@@ -123,7 +124,6 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   marker_publisher_ = handle.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
   outcome_publisher_ = handle.advertise<ArmOutcome>("outcome", 10, true);
   attached_publisher_ = nh_.advertise<AttachedBrick>("attached_brick", 1, true);
-  publishAttached(false);
 
   planner_calls_ = std::make_unique<CallThread>();
   driver_ = std::make_unique<UrDriver>(
@@ -265,6 +265,12 @@ void UrDriverBridgeRos::onGoal(typename Server<Action>::GoalHandle goal, const c
     result.outcome.status = ArmOutcome::BAD_REQUEST;
     result.outcome.message = why;
     ROS_WARN_NAMED(kLog, "%s refused: %s", name, why.c_str());
+    {
+      const std::lock_guard<std::mutex> lock(shared_mutex_);
+      ++outcomes_[std::string(name) + " refused"];
+      last_failure_ = std::string(name) + " refused: " + why;
+    }
+    outcome_publisher_.publish(result.outcome);
     goal.setRejected(result, why);
   };
   Request request;
@@ -341,6 +347,7 @@ UrDriverBridgeRos::Request UrDriverBridgeRos::preparePick(const interactive_mapp
   pick.lets_go = goal.let_go != 0;
   const auto read = [](const char* stage, const trajectory_msgs::JointTrajectory& message) {
     try {
+      if (message.points.empty()) throw std::invalid_argument("has 0 points, must have at least 1");
       return fromMessage(message);
     } catch (const std::invalid_argument& error) {
       throw std::invalid_argument(std::string(stage) + ": " + error.what());
@@ -415,10 +422,15 @@ bool UrDriverBridgeRos::onRelease(std_srvs::Trigger::Request&, std_srvs::Trigger
 
 bool UrDriverBridgeRos::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
   const std::lock_guard<std::mutex> lock(requests_mutex_);
-  is_stop_asked_ = true;
   response.success = 1;
-  response.message =
-      is_busy_ ? "stopping" : "nothing moves by this bridge; whatever the controller follows is cancelled";
+  if (is_busy_) {
+    is_stop_asked_ = true;
+    response.message = "stopping";
+  } else {
+    // At once: it must not fall upon a request that comes after it.
+    driver_->cancel();
+    response.message = "nothing moves by this bridge; whatever the controller follows is cancelled";
+  }
   return true;
 }
 
@@ -426,6 +438,7 @@ void UrDriverBridgeRos::takeRequests() {
   std::optional<Request> next;
   bool is_cancelled = false;
   bool is_stop_asked = false;
+  bool is_ending = false;
   {
     const std::lock_guard<std::mutex> lock(requests_mutex_);
     next.swap(next_);
@@ -434,8 +447,9 @@ void UrDriverBridgeRos::takeRequests() {
       is_cancelled = (next && next->goal_id == id) || (current_ && current_->goal_id == id);
       cancelled_id_.reset();
     }
-    is_stop_asked = is_stop_asked_ || is_stopping_;
+    is_stop_asked = is_stop_asked_;
     is_stop_asked_ = false;
+    is_ending = is_stopping_;
     inputs_.is_held = is_held_;
   }
   if (next) {
@@ -450,13 +464,8 @@ void UrDriverBridgeRos::takeRequests() {
     }
   }
   if (is_cancelled) executor_.stop({ArmStatus::kCancelled, "cancelled by its sender"});
-  if (is_stop_asked) {
-    if (executor_.isIdle()) {
-      driver_->cancel();
-    } else {
-      executor_.stop({ArmStatus::kCancelled, "stopped by the operator or by the end of the node"});
-    }
-  }
+  if (is_stop_asked) executor_.stop({ArmStatus::kCancelled, "stopped by the operator"});
+  if (is_ending) executor_.stop({ArmStatus::kCancelled, "the node ends"});
 }
 
 // ---------------------------------------------------------------------------------------------------------- topics
@@ -507,6 +516,14 @@ void UrDriverBridgeRos::onIoStates(const ur_msgs::IOStatesConstPtr& message) {
   // Without a stamp of its own: as old as its arrival.
   inputs_.arm.digital_out = {ros::Time::now().toSec(), outputs};
   is_magnet_on_ = outputs[static_cast<std::size_t>(params_.executor.magnet_pin)];
+  if (is_attached_known_) return;
+  is_attached_known_ = true;
+  if (is_magnet_on_) {
+    // Begun anew with a brick in the hand, perhaps: what was told of it before still holds.
+    ROS_WARN_NAMED(kLog, "the magnet is on: what hangs there is not known. Let go of it where it can lie");
+  } else {
+    publishAttached(false);
+  }
 }
 
 void UrDriverBridgeRos::onMapUpdate(const interactive_mapping_msgs::MapUpdateConstPtr& message) {
@@ -529,7 +546,9 @@ void UrDriverBridgeRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
 
 void UrDriverBridgeRos::onWatchdog() {
   const ros::Time now = ros::Time::now();
-  if (last_step_.isZero() || (now - last_step_).toSec() >= kMinSilence_s || now < last_step_) step(now);
+  // A simulated clock comes by a topic of its own and may be behind the joint states: that is no step back.
+  const bool is_set_back = (last_step_ - now).toSec() > kSetBack_s;
+  if (last_step_.isZero() || is_set_back || (now - last_step_).toSec() >= kMinSilence_s) step(now);
 }
 
 // ---------------------------------------------------------------------------------------------------------- control
