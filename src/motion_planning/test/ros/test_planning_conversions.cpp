@@ -102,7 +102,8 @@ TEST(PlanningConversions, BadTrajectoriesAreRefusedWithTheReason) {
   EXPECT_THAT(refusal([](auto& bad) { bad.points[3].time_from_start = bad.points[2].time_from_start; }),
               HasSubstr("must be later"));
   EXPECT_THAT(refusal([](auto& bad) { bad.points[0].time_from_start = ros::Duration(-1.0); }),
-              HasSubstr("must be later"));
+              HasSubstr("must be >= 0 s"));
+  EXPECT_THAT(refusal([](auto& bad) { bad.points[2].velocities.clear(); }), HasSubstr("must have velocities"));
 }
 
 TEST(PlanningConversions, MeshKeepsVerticesNormalsAndTriangles) {
