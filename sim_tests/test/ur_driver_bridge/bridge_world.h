@@ -249,6 +249,11 @@ class BridgeWorld {
   void speak() {
     if (!is_monitor_alive) return;
     word_.header.stamp = now();
+    // As the planner's: it watches until the trajectory's time is over.
+    if (word_.is_watching && now() >= watch_end_) {
+      word_.is_watching = 0;
+      word_.watch_id = 0;
+    }
     word_.must_stop = must_stop.empty() ? 0 : 1;
     word_.reason = must_stop;
     monitor_.publish(word_);
@@ -277,6 +282,10 @@ class BridgeWorld {
       word_.is_watching = request.trajectory.points.empty() ? 0 : 1;
       word_.watch_id = request.trajectory.points.empty() ? 0 : ++watches_;
       must_stop.clear();
+      if (word_.is_watching) {
+        const ros::Time start = request.start.isZero() ? now() : request.start;
+        watch_end_ = start + request.trajectory.points.back().time_from_start;
+      }
     }
     response.watch_id = word_.watch_id;
     speak();
@@ -326,6 +335,7 @@ class BridgeWorld {
   ros::ServiceServer watch_server_;
   interactive_mapping_msgs::PathMonitorState word_;
   std::uint32_t watches_{0};
+  ros::Time watch_end_;
   std::deque<std_msgs::Header> steps_;
   std_msgs::Header unanswered_;
   ros::Time beaten_;

@@ -179,7 +179,10 @@ std::optional<Verdict> MotionStep::onWatchReply(StepContext& context) {
 std::optional<Verdict> MotionStep::checkGate(const StepContext& context) const {
   GateDemand demand;
   demand.needs_force = needsForce() || context.load.isHolding();
-  demand.watch_id = watch_id_;
+  // The monitor's watch ends with the trajectory's time, and the arm may be a little behind it.
+  const auto& monitor = context.inputs.gate.monitor;
+  const bool has_ended = context.now_s - watch_start_s_ >= trajectory_.duration();
+  if (!(has_ended && monitor && !monitor->is_watching)) demand.watch_id = watch_id_;
   demand.watch_since_s = watch_since_s_;
   const Verdict verdict = context.gate.check(context.inputs.gate, demand);
   return verdict.isFine() ? std::nullopt : std::optional<Verdict>(verdict);
