@@ -56,6 +56,12 @@ struct GroundGrid {
 /// for the same map). Nothing when there are fewer than 50 such points.
 std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const GroundOptions& options);
 
+/// The same of any surface's samples [m, map frame] and their unit normals into free space. Samples that are not finite
+/// count as none. Throws std::invalid_argument unless there are as many of both.
+std::optional<GroundPlane> estimateGround(const std::vector<Eigen::Vector3d>& points_map,
+                                          const std::vector<Eigen::Vector3f>& normals_map,
+                                          const GroundOptions& options);
+
 /// Projects the map along z onto the ground. A cell is occupied when a surface point stands between the obstacle heights
 /// above the plane, or only points as far below it were seen (a step down); else free when ground points lie in it or
 /// the space just above was seen free; else unknown.

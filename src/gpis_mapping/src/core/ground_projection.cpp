@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <stdexcept>
 
 #include <pcl/ModelCoefficients.h>
 #include <pcl/point_cloud.h>
@@ -22,39 +23,13 @@ constexpr double kLargeShare = 0.25;    // of the largest plane's points
 constexpr int kMaxSide = 4000;          // cells
 constexpr int kRansacIterations = 300;  // finds a plane of a quarter of the points with probability 1 - 1e-2
 
-}  // namespace
-
-std::vector<std::string> GroundOptions::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
-    if (value >= lo && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
-    problems.push_back(text);
-  };
-  check("cell_size_m", cell_size_m, 0.01, 1.0, "m");
-  check("max_tilt_rad", max_tilt_rad, 0.01, 0.8, "rad");
-  check("plane_tolerance_m", plane_tolerance_m, 0.002, 0.2, "m");
-  check("min_obstacle_height_m", min_obstacle_height_m, 0.01, 1.0, "m");
-  check("max_obstacle_height_m", max_obstacle_height_m, 0.05, 10.0, "m");
-  if (!(min_obstacle_height_m < max_obstacle_height_m)) {
-    problems.emplace_back("min_obstacle_height_m must be below max_obstacle_height_m");
-  }
-  return problems;
+/// With room, for normals are noisier than planes.
+bool looksUp(const Eigen::Vector3f& normal, const GroundOptions& options) {
+  return normal.z() > static_cast<float>(std::cos(1.5 * options.max_tilt_rad));
 }
 
-std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const GroundOptions& options) {
-  // In the order of their keys: the hash map's order depends on its history, the ground must not.
-  std::vector<const CellGp*> cells;
-  for (const auto& entry : snapshot.cells()) cells.push_back(entry.second.get());
-  std::sort(cells.begin(), cells.end(), [](const CellGp* a, const CellGp* b) { return a->key() < b->key(); });
-  const float min_cosine = static_cast<float>(std::cos(1.5 * options.max_tilt_rad));  // normals are noisier than planes
-  std::vector<Eigen::Vector3d> points;
-  for (const CellGp* cell : cells) {
-    for (std::size_t i = 0; i < cell->numOwn(); ++i) {
-      if (cell->normal(i).z() > min_cosine) points.push_back(cell->position(i));
-    }
-  }
+/// The lowest of the large planes of points that look up.
+std::optional<GroundPlane> lowestPlane(const std::vector<Eigen::Vector3d>& points, const GroundOptions& options) {
   if (points.size() < kMinGroundPoints) return std::nullopt;
   // PCL computes in float: relative to the first point.
   const Eigen::Vector3d origin = points.front();
@@ -104,6 +79,55 @@ std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const Gro
     cloud = rest;
   }
   return ground;
+}
+
+}  // namespace
+
+std::vector<std::string> GroundOptions::validate() const {
+  std::vector<std::string> problems;
+  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
+    if (value >= lo && value <= hi) return;  // false for NaN
+    char text[160];
+    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
+    problems.push_back(text);
+  };
+  check("cell_size_m", cell_size_m, 0.01, 1.0, "m");
+  check("max_tilt_rad", max_tilt_rad, 0.01, 0.8, "rad");
+  check("plane_tolerance_m", plane_tolerance_m, 0.002, 0.2, "m");
+  check("min_obstacle_height_m", min_obstacle_height_m, 0.01, 1.0, "m");
+  check("max_obstacle_height_m", max_obstacle_height_m, 0.05, 10.0, "m");
+  if (!(min_obstacle_height_m < max_obstacle_height_m)) {
+    problems.emplace_back("min_obstacle_height_m must be below max_obstacle_height_m");
+  }
+  return problems;
+}
+
+std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const GroundOptions& options) {
+  // In the order of their keys: the hash map's order depends on its history, the ground must not.
+  std::vector<const CellGp*> cells;
+  for (const auto& entry : snapshot.cells()) cells.push_back(entry.second.get());
+  std::sort(cells.begin(), cells.end(), [](const CellGp* a, const CellGp* b) { return a->key() < b->key(); });
+  std::vector<Eigen::Vector3d> points;
+  for (const CellGp* cell : cells) {
+    for (std::size_t i = 0; i < cell->numOwn(); ++i) {
+      if (looksUp(cell->normal(i), options)) points.push_back(cell->position(i));
+    }
+  }
+  return lowestPlane(points, options);
+}
+
+std::optional<GroundPlane> estimateGround(const std::vector<Eigen::Vector3d>& points_map,
+                                          const std::vector<Eigen::Vector3f>& normals_map,
+                                          const GroundOptions& options) {
+  if (points_map.size() != normals_map.size()) {
+    throw std::invalid_argument(std::to_string(points_map.size()) + " points have " +
+                                std::to_string(normals_map.size()) + " normals, must be as many");
+  }
+  std::vector<Eigen::Vector3d> points;
+  for (std::size_t i = 0; i < points_map.size(); ++i) {
+    if (points_map[i].allFinite() && looksUp(normals_map[i], options)) points.push_back(points_map[i]);
+  }
+  return lowestPlane(points, options);
 }
 
 std::optional<GroundGrid> projectToGround(const MapSnapshot& snapshot, const GroundOptions& options) {

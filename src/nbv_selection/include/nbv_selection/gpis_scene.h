@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include <gpis_mapping/map_snapshot.h>
+
+#include "nbv_selection/scene_model.h"
+
+namespace nbv_selection {
+
+/// The dynamic Gaussian-process implicit surface as a scene: u is the variance of the field [m^2], its gradient
+/// analytic (eq 10), the occupancy eq 14's Phi.
+class GpisScene : public SceneModel {
+ public:
+  struct Config {
+    double alpha_1_m{100.0};  // of eq 14: steepness, 1 / sigma of a typical surface
+    double beta{0.0};         // of eq 14
+    double support_m{0.03};   // a point farther from the mapped surface than this has no data support
+
+    std::vector<std::string> validate() const;
+  };
+
+  /// What it asks the map: QueryResult with the options that are set. Throws std::runtime_error if the map is silent.
+  using Query =
+      std::function<gpis_mapping::QueryResult(const gpis_mapping::Points3d&, const gpis_mapping::QueryOptions&)>;
+
+  /// `prior_std_m`: sigma_f of the map. Throws std::invalid_argument for an impossible config.
+  GpisScene(MappedSurface surface, double prior_std_m, Query query, const Config& config);
+
+  MappedSurface surface() const override { return surface_; }
+  UncertaintyField uncertainty(const gpis_mapping::Points3d& points_map) const override;
+  OccupancyField occupancy(const gpis_mapping::Points3d& points_map) const override;
+  double priorUncertainty() const override { return prior_variance_; }
+
+ private:
+  MappedSurface surface_;
+  double prior_variance_;
+  Query query_;
+  Config config_;
+};
+
+/// A map in this process: meshes it, and asks the snapshot itself.
+std::unique_ptr<GpisScene> makeGpisScene(std::shared_ptr<const gpis_mapping::MapSnapshot> snapshot,
+                                         const GpisScene::Config& config);
+
+/// Eq 14's Phi((-alpha mu + beta) / sqrt(1 + alpha^2 sigma^2)).
+double occupancyProbability(double mean_m, double variance_m2, double alpha_1_m, double beta);
+
+}  // namespace nbv_selection

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <base_navigation/planar.h>
+#include <gpis_mapping/ground_projection.h>
+#include <motion_planning/manipulability_sector.h>
+
+#include "nbv_selection/scene_model.h"
+
+namespace nbv_selection {
+
+/// How much a sample counts by the direction its surface looks.
+enum class ApproachWeight {
+  kSector,  // max(0, -n . a), a: down in the top sector, away from the arm's axis in the side sector; the better one
+  kFromArmBase,  // the paper's n . p / |p|, p from the arm's foot: a top face at shoulder height counts nothing
+};
+
+struct ManipulabilityScoreConfig {
+  double cell_m{0.05};  // of the lattice of samples
+  double band_m{0.05};  // samples farther from every point of the surface than this have no data: they count 0
+  ApproachWeight weight{ApproachWeight::kSector};
+
+  std::vector<std::string> validate() const;
+};
+
+/// One of the samples of a standing place, for those who look.
+struct ManipulabilitySample {
+  Eigen::Vector3d p_map{Eigen::Vector3d::Zero()};
+  float share{0.0F};  // w_j p_j, in [0, 1]
+};
+
+/// The manipulability of standing places (eq 14): m = (1 / N) sum_j w_j p(o = 1 | p_j) over the samples of both annulus
+/// sectors, N their number. Samples are the middles of cells of one lattice of the map, so that neighbouring places share
+/// them and the map is asked once for each; only those near the surface are asked, the rest counts 0.
+class ManipulabilityScore {
+ public:
+  /// Asks `scene` about all lattice points near `surface` that are above the ground by at least `min_height_m`.
+  /// `T_base_armbase`: foot of the arm in base_link, from the URDF. Throws std::invalid_argument for an impossible config,
+  /// std::runtime_error if the map does not answer.
+  ManipulabilityScore(const SceneModel& scene, const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
+                      double min_height_m, const motion_planning::ManipulabilitySectors& sectors,
+                      const Eigen::Isometry3d& T_base_armbase, const ManipulabilityScoreConfig& config);
+
+  /// m in [0, 1] of a base that stands on the ground plane at this pose (upright on the plane, tilted with it).
+  /// `samples`, if not null, gets all of the sectors' samples with a share above 0.
+  double at(const base_navigation::Pose2d& T_map_base, std::vector<ManipulabilitySample>* samples = nullptr) const;
+
+  std::size_t numAsked() const { return points_map_.size(); }
+  /// Share of the asked points, each of them near the surface that was given, which the map has no data for: large when
+  /// the map has changed since. 0 if none was asked.
+  double shareWithoutData() const { return share_without_data_; }
+  /// N of eq 14.
+  double numSamples() const { return num_samples_; }
+
+ private:
+  std::vector<Eigen::Vector3d> points_map_;  // with a probability above 0
+  std::vector<Eigen::Vector3d> normals_map_;
+  std::vector<double> probability_;
+  double share_without_data_{0.0};
+  double num_samples_{0.0};
+  gpis_mapping::GroundPlane ground_;
+  motion_planning::ManipulabilitySectors sectors_;
+  Eigen::Isometry3d T_base_armbase_;
+  ManipulabilityScoreConfig config_;
+};
+
+/// Pose in the map of a base that stands on the plane at `pose`: z along the plane's normal, x above the heading.
+Eigen::Isometry3d standOn(const gpis_mapping::GroundPlane& ground, const base_navigation::Pose2d& pose);
+
+}  // namespace nbv_selection

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <gpis_mapping/ground_projection.h>
+
+#include "nbv_selection/scene_model.h"
+
+namespace nbv_selection {
+
+struct OutlineConfig {
+  double cell_size_m{0.04};   // of the grids
+  double min_height_m{0.04};  // above the ground: what is lower is no pile
+  double max_height_m{2.0};   // what is higher is no pile either
+  double closing_m{0.12};     // gaps narrower than this are closed
+  double min_area_m2{0.02};   // outlines around less are left out: specks
+  double tolerance_m{0.03};   // of the polygon that replaces an outline (Douglas-Peucker)
+
+  std::vector<std::string> validate() const;
+};
+
+/// The pile from above, on a lattice of the map's x and y. Cell (column, row) covers x in origin + [column, column + 1)
+/// cell sizes, y likewise.
+struct PileGrid {
+  double cell_size_m{0.0};
+  Eigen::Vector2d origin_m{Eigen::Vector2d::Zero()};
+  int width{0};
+  int height{0};
+  // Row by row.
+  std::vector<std::uint8_t> is_occupied;  // before closing
+  std::vector<std::uint8_t> is_pile;      // after closing: what the outlines go round
+  std::vector<float> height_m;            // of the highest sample above the ground plane; NaN where there is none
+  std::vector<float> uncertainty;         // mean of the samples; NaN where there is none
+
+  bool contains(int column, int row) const { return column >= 0 && row >= 0 && column < width && row < height; }
+  std::size_t index(int column, int row) const { return static_cast<std::size_t>(row) * width + column; }
+  Eigen::Vector2i cellOf(const Eigen::Vector2d& p_map) const;
+};
+
+/// A closed polygon, counter-clockwise seen from above, the pile on its left [m, map x and y]. At least three corners,
+/// none twice in a row.
+using OutlinePolygon = std::vector<Eigen::Vector2d>;
+
+struct PileOutline {
+  gpis_mapping::GroundPlane ground;
+  PileGrid grid;
+  std::vector<OutlinePolygon> polygons;  // outer outlines, the one of largest area first; equal ones by first corner
+};
+
+/// Projects the surface above the ground along z (method section 5): occupancy and uncertainty grids, closing, outer
+/// contours, polygons. Samples that are not finite are left out. The grid has an empty border wide enough for the
+/// closing, so that a pile at the border of the map has a whole outline. Throws std::invalid_argument for an impossible
+/// config or a surface whose arrays differ in length; std::runtime_error if the surface spans more than 4000 cells.
+PileOutline outlinePile(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
+                        const OutlineConfig& config);
+
+}  // namespace nbv_selection

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <base_navigation/planar.h>
+
+#include "nbv_selection/outline.h"
+
+namespace nbv_selection {
+
+struct SegmentConfig {
+  double spacing_m{0.16};         // of neighbours along the outline: about 50 round a pile of 4 m^2
+  double standoff_m{0.12};        // between the foremost edge of the footprint and the segment
+  double sample_spacing_m{0.03};  // of the samples along the outline
+  double profile_depth_m{0.25};   // the height profile looks so far into the pile
+
+  std::vector<std::string> validate() const;
+};
+
+/// A piece of the pile's outline, as long as the robot is wide: a place to stand at (method section 5).
+struct Segment {
+  int outline{0};    // index of its polygon
+  double at_m{0.0};  // arc length of its middle along the polygon, from the first corner
+  Eigen::Vector3d midpoint_map{Eigen::Vector3d::Zero()};    // on the ground plane
+  Eigen::Vector3d direction_map{Eigen::Vector3d::UnitX()};  // l_i: unit, in the ground plane, the pile on its left
+  Eigen::Vector3d outward_map{Eigen::Vector3d::UnitY()};  // unit, in the ground plane, square to it, away from the pile
+  double length_m{0.0};
+  std::vector<Eigen::Vector3d> samples_map;  // x_j: along the outline, on the ground plane, evenly, at least two
+  std::vector<float> profile_m;          // per sample: height of the pile above the ground there, 0 where there is none
+  base_navigation::Pose2d standing_map;  // of base_link: faces the pile, square to the segment
+};
+
+/// Cuts outlines into segments: one every `spacing_m` of arc length (rounded so that they close evenly; outlines shorter
+/// than the footprint is wide get one for every `spacing_m` as well, at least four), each the stretch of outline of the
+/// footprint's width about its middle. Its direction is that of the chord of the stretch; its midpoint lies on the
+/// line along it that touches the stretch from outside, so that the robot's front stays clear of all of it. Neighbours
+/// stand next to each other in the result, outline by outline, counter-clockwise; the last and the first of an outline are
+/// neighbours, too. `footprint` is that of base_link, `x` forward. Throws std::invalid_argument for an impossible config
+/// or footprint.
+std::vector<Segment> cutSegments(const PileOutline& outline, const base_navigation::Polygon& footprint,
+                                 const SegmentConfig& config);
+
+/// Indices of the two neighbours of segment `i` on its outline; i itself if it is the only one.
+std::pair<std::size_t, std::size_t> neighbours(const std::vector<Segment>& segments, std::size_t i);
+
+}  // namespace nbv_selection

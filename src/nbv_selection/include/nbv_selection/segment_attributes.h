@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "nbv_selection/scene_model.h"
+#include "nbv_selection/segment.h"
+
+namespace nbv_selection {
+
+/// What the map's uncertainty says along a segment.
+struct SegmentUncertainty {
+  double mean{0.0};      // of u over the samples; a sample without an answer counts as the prior
+  double frontier{0.0};  // f = (1 / n) sum_j (grad u(x_j) . l)^2 (eqs 10, 11); without an answer: 0
+  double share_without_answer{0.0};
+};
+
+/// Of all segments; the map is asked once.
+std::vector<SegmentUncertainty> segmentUncertainty(const SceneModel& scene, const std::vector<Segment>& segments);
+
+/// h: mean of the height profile [m].
+double pileHeight(const Segment& segment);
+
+enum class SegmentKind {
+  kReal,
+  kFrontier,   // real, and a neighbour on its outline is imaginary
+  kImaginary,  // mean uncertainty above `imaginary_share` of the prior: the side nobody has looked at
+};
+const char* toString(SegmentKind kind);
+
+std::vector<SegmentKind> classify(const std::vector<Segment>& segments,
+                                  const std::vector<SegmentUncertainty>& uncertainty, double prior_uncertainty,
+                                  double imaginary_share);
+
+}  // namespace nbv_selection

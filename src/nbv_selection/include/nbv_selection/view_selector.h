@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <base_navigation/navigation_grid.h>
+#include <base_navigation/planar.h>
+#include <gpis_mapping/ground_projection.h>
+#include <motion_planning/manipulability_sector.h>
+
+#include "nbv_selection/failure_memory.h"
+#include "nbv_selection/manipulability_score.h"
+#include "nbv_selection/outline.h"
+#include "nbv_selection/scene_model.h"
+#include "nbv_selection/segment.h"
+#include "nbv_selection/segment_attributes.h"
+#include "nbv_selection/utility.h"
+
+namespace nbv_selection {
+
+/// How the best of the candidates is found.
+enum class Choice {
+  kUtility,  // largest utility; of equal ones the nearest
+  kRandom,   // any candidate with the same probability
+};
+
+struct ViewSelectorConfig {
+  gpis_mapping::GroundOptions ground;  // only the options of estimateGround() matter
+  OutlineConfig outline;
+  SegmentConfig segments;
+  ManipulabilityScoreConfig manipulability;
+  UtilityConfig utility;
+  Choice choice{Choice::kUtility};
+  double imaginary_share{0.5};      // of the prior's uncertainty
+  double standing_padding_m{0.02};  // of the footprint at the standing pose
+  double max_lost_share{0.3};       // of what is asked at the surface and has no data: more, and the map has changed
+
+  std::vector<std::string> validate() const;
+};
+
+/// The robot as a selection needs it.
+struct RobotBody {
+  base_navigation::Polygon footprint;  // base_link
+  motion_planning::ManipulabilitySectors sectors;
+  Eigen::Isometry3d T_base_armbase{Eigen::Isometry3d::Identity()};
+};
+
+/// No segment whose midpoint or standing place is in it is a candidate.
+struct ExcludedZone {
+  Eigen::Vector2d center_map{Eigen::Vector2d::Zero()};
+  double radius_m{0.0};
+};
+
+struct SelectionRequest {
+  std::shared_ptr<const base_navigation::NavigationGrid> ground;  // where the robot can stand and drive
+  base_navigation::Pose2d T_map_base;                             // where it is
+  std::vector<ExcludedZone> excluded;
+  double now_s{0.0};      // t of eq 8
+  std::uint64_t seed{0};  // of Choice::kRandom
+};
+
+/// Why a segment is a candidate, or is not; the first that applies.
+enum class SegmentVerdict {
+  kCandidate,
+  kImaginary,  // utility 0: nobody has looked at it
+  kExcluded,
+  kOccupied,       // the ground under the footprint
+  kUnknownGround,  // the same
+  kUnreachable,    // no known-free ground leads there
+  kBadAttribute,   // one is not finite
+};
+constexpr std::size_t kNumSegmentVerdicts = 7;
+const char* toString(SegmentVerdict verdict);
+
+struct ScoredSegment {
+  Segment segment;
+  SegmentKind kind{SegmentKind::kReal};
+  SegmentVerdict verdict{SegmentVerdict::kCandidate};
+  double mean_uncertainty{0.0};  // along it, of imaginary ones too, whose attribute is 0
+  Attributes attributes;
+  Utility utility;  // all 0 of what is no candidate but failed only for where it stands or lies: those have theirs
+};
+
+enum class SelectionStatus {
+  kSelected,
+  kEmptyMap,     // no surface
+  kNoGround,     // no large level plane in it
+  kNoPile,       // nothing above the ground
+  kNoCandidate,  // segments, but none the robot may go to; `message` counts the reasons
+  kLowUtility,   // the best is below min_utility
+  kMapChanged,   // while it was asked: ask again with the surface of now
+  kCancelled,
+};
+const char* toString(SelectionStatus status);
+
+struct Selection {
+  SelectionStatus status{SelectionStatus::kNoCandidate};
+  std::string message;              // in words, with numbers; empty if selected
+  std::optional<std::size_t> best;  // also with kLowUtility: the best there is
+  std::vector<ScoredSegment> segments;
+  std::vector<ManipulabilitySample> best_samples;  // of the best segment, for those who look
+  PileOutline outline;
+  std::uint64_t map_update{0};
+  double map_stamp_s{0.0};
+};
+
+/// The next best view (eq 8) among the segments of the pile, whatever map shows them.
+class ViewSelector {
+ public:
+  /// Throws std::invalid_argument listing every impossible value.
+  ViewSelector(const ViewSelectorConfig& config, RobotBody robot);
+
+  /// `tell`, if any, is told each stage with the number of segments so far; `is_cancelled`, if any, is asked between
+  /// stages and map queries. The same arguments give the same selection. Throws std::invalid_argument for a request
+  /// that is not finite or has no ground, std::runtime_error if the map does not answer.
+  Selection select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
+                   const std::function<void(const std::string& stage, std::size_t segments)>& tell = {},
+                   const std::function<bool()>& is_cancelled = {}) const;
+
+  const ViewSelectorConfig& config() const { return config_; }
+  const RobotBody& robot() const { return robot_; }
+
+ private:
+  ViewSelectorConfig config_;
+  RobotBody robot_;
+};
+
+}  // namespace nbv_selection

@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "nbv_selection/manipulability_score.h"
+
+#include <gmock/gmock.h>
+
+namespace nbv_selection {
+namespace {}  // namespace
+}  // namespace nbv_selection
