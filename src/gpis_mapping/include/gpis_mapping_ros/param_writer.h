@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace gpis_mapping_ros {
 
@@ -18,6 +19,7 @@ class ParamWriter {
   void write(const std::string& key, int value);
   void write(const std::string& key, bool value);
   void write(const std::string& key, const std::string& value);
+  void write(const std::string& key, const std::vector<std::string>& value);
 
   std::string text() const;
 

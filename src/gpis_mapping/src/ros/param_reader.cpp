@@ -113,6 +113,23 @@ void ParamReader::read(const std::string& key, std::string* value) {
   }
 }
 
+void ParamReader::read(const std::string& key, std::vector<std::string>* value) {
+  const XmlRpcValue* found = find(key);
+  if (found == nullptr) return;
+  XmlRpcValue copy = *found;
+  std::vector<std::string> texts;
+  bool is_list = copy.getType() == XmlRpcValue::TypeArray;
+  for (int i = 0; is_list && i < copy.size(); ++i) {
+    is_list = copy[i].getType() == XmlRpcValue::TypeString;
+    if (is_list) texts.push_back(static_cast<std::string>(copy[i]));
+  }
+  if (is_list) {
+    *value = texts;
+  } else {
+    reportType(key, copy, "a list of texts");
+  }
+}
+
 std::string ParamReader::yamlOf(const std::string& section) {
   const XmlRpcValue* found = find(section);
   if (found == nullptr) return "";

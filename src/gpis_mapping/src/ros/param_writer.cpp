@@ -37,6 +37,9 @@ void ParamWriter::write(const std::string& key, bool value) {
 void ParamWriter::write(const std::string& key, const std::string& value) {
   put(state_->root, key, value);
 }
+void ParamWriter::write(const std::string& key, const std::vector<std::string>& value) {
+  put(state_->root, key, value);
+}
 
 std::string ParamWriter::text() const {
   return YAML::Dump(state_->root);

@@ -9,7 +9,6 @@
 #include <thread>
 
 #include <actionlib/server/action_server.h>
-#include <interactive_mapping_msgs/PlanOutcome.h>
 #include <ros/node_handle.h>
 
 namespace motion_planning_ros {
@@ -18,8 +17,12 @@ namespace motion_planning_ros {
 /// False: the clock stood still.
 bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>& is_cancelled);
 
-/// An action server that plans one goal at a time, on a thread of its own; a new goal cancels the one before. The result
-/// always carries a PlanOutcome: SUCCESS succeeds, CANCELLED is preempted, all others abort.
+/// Holds a result back for the simulated time that it is charged: until `cost_s` after `started`. Nothing by the wall clock.
+/// False: the clock stood still for `stall_s` of wall time.
+bool charge(double cost_s, const ros::Time& started, double stall_s, const std::function<bool()>& is_cancelled);
+
+/// An action server that thinks about one goal at a time, on a thread of its own; a new goal cancels the one before. The
+/// result always carries an `outcome`, such as PlanOutcome: SUCCESS succeeds, CANCELLED is preempted, all others abort.
 template <typename Action>
 class PlanServer {
  public:
@@ -28,10 +31,11 @@ class PlanServer {
   using Goal = typename Action::_action_goal_type::_goal_type;
   using Result = typename Action::_action_result_type::_result_type;
   using Feedback = typename Action::_action_feedback_type::_feedback_type;
+  using Outcome = decltype(Result::outcome);
   /// `started`: when the goal was sent, ROS time.
   using Plan =
       std::function<Result(const Goal& goal, const ros::Time& started, const std::function<bool()>& is_cancelled,
-                           const std::function<void(const std::string& stage)>& tell)>;
+                           const std::function<void(const Feedback&)>& tell)>;
 
   PlanServer(ros::NodeHandle& nh, const std::string& name, Plan plan)
       : plan_(std::move(plan)),
@@ -75,7 +79,7 @@ class PlanServer {
 
   void refuse(GoalHandle& goal, const std::string& why) {
     Result result;
-    result.outcome.status = interactive_mapping_msgs::PlanOutcome::CANCELLED;
+    result.outcome.status = Outcome::CANCELLED;
     result.outcome.message = why;
     goal.setCanceled(result, why);
   }
@@ -97,14 +101,9 @@ class PlanServer {
         const std::lock_guard<std::mutex> guard(mutex_);
         return is_stopping_ || is_cancel_asked_ || has_next_;
       };
-      const auto tell = [&goal](const std::string& stage) {
-        Feedback feedback;
-        feedback.stage = stage;
-        goal.publishFeedback(feedback);
-      };
+      const auto tell = [&goal](const Feedback& feedback) { goal.publishFeedback(feedback); };
       const ros::Time started = goal.getGoalID().stamp.isZero() ? ros::Time::now() : goal.getGoalID().stamp;
       const Result result = plan_(*goal.getGoal(), started, is_cancelled, tell);
-      using Outcome = interactive_mapping_msgs::PlanOutcome;
       if (result.outcome.status == Outcome::SUCCESS) {
         goal.setSucceeded(result);
       } else if (result.outcome.status == Outcome::CANCELLED) {

@@ -17,6 +17,7 @@
 #include <ros/console.h>
 
 #include "motion_planning_ros/conversions.h"
+#include "motion_planning_ros/robot_description.h"
 
 namespace motion_planning_ros {
 namespace {
@@ -33,20 +34,9 @@ using mp700_ur5e_description::RobotModel;
 using ArmGoalMessage = interactive_mapping_msgs::ArmGoal;
 
 constexpr char kLog[] = "motion_planning";
-constexpr std::chrono::milliseconds kClockPeriod(2);  // how often a result that is held back looks at the clock
-constexpr double kQuietMap_s = 10.0;                  // wall time without a mesh, after which the diagnostics warn
-constexpr double kDiagnosticsPeriod_s = 1.0;          // wall time
-constexpr int kLooksPerWarning = 5;                   // at that period, while something is missing
-
-std::shared_ptr<const ArmKinematics> kinematicsFromServer(const ros::NodeHandle& nh) {
-  std::string urdf;
-  const std::string name = nh.resolveName("robot_description");
-  if (!nh.getParam("robot_description", urdf)) {
-    throw std::invalid_argument("parameter " + name +
-                                " is not set: start description.launch of mp700_ur5e_description");
-  }
-  return std::make_shared<ArmKinematics>(RobotModel::parse(urdf, name));
-}
+constexpr double kQuietMap_s = 10.0;          // wall time without a mesh, after which the diagnostics warn
+constexpr double kDiagnosticsPeriod_s = 1.0;  // wall time
+constexpr int kLooksPerWarning = 5;           // at that period, while something is missing
 
 std::map<std::string, ArmVector> loadPostures(const std::string& folder) {
   std::map<std::string, ArmVector> postures;
@@ -58,6 +48,16 @@ std::map<std::string, ArmVector> loadPostures(const std::string& folder) {
   if (error) throw std::invalid_argument("postures_dir = '" + folder + "': " + error.message());
   if (postures.empty()) throw std::invalid_argument("postures_dir = '" + folder + "' holds no *.yaml");
   return postures;
+}
+
+/// Feedback that only has a stage.
+template <typename Server>
+std::function<void(const std::string&)> tellStage(const std::function<void(const typename Server::Feedback&)>& tell) {
+  return [tell](const std::string& stage) {
+    typename Server::Feedback feedback;
+    feedback.stage = stage;
+    tell(feedback);
+  };
 }
 
 double msSince(const ros::WallTime& start) {
@@ -103,23 +103,6 @@ std::string namesOf(const std::map<std::string, ArmVector>& postures) {
 }
 
 }  // namespace
-
-bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>& is_cancelled) {
-  ros::Time clock = ros::Time::now();
-  ros::WallTime clock_moved = ros::WallTime::now();
-  while (ros::Time::now() < due && !is_cancelled()) {
-    const ros::Time now = ros::Time::now();
-    if (now < clock) return true;  // time ran back: what was due will not come
-    if (now != clock) {
-      clock = now;
-      clock_moved = ros::WallTime::now();
-    } else if ((ros::WallTime::now() - clock_moved).toSec() >= stall_s) {
-      return false;
-    }
-    std::this_thread::sleep_for(kClockPeriod);  // /clock has no event to wait for
-  }
-  return true;
-}
 
 MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadMotionPlanningParams(private_nh)),
@@ -179,11 +162,11 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
 
   pick_server_ = std::make_unique<PickServer>(
       handle, "plan_pick", [this](const auto& goal, const auto& started, const auto& is_cancelled, const auto& tell) {
-        return planPick(goal, started, is_cancelled, tell);
+        return planPick(goal, started, is_cancelled, tellStage<PickServer>(tell));
       });
   arm_server_ = std::make_unique<ArmServer>(
       handle, "plan_arm", [this](const auto& goal, const auto& started, const auto& is_cancelled, const auto& tell) {
-        return planArm(goal, started, is_cancelled, tell);
+        return planArm(goal, started, is_cancelled, tellStage<ArmServer>(tell));
       });
 }
 
@@ -349,8 +332,7 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
 }
 
 void MotionPlanningRos::charge(double cost_s, const ros::Time& started, const IsCancelled& is_cancelled) {
-  if (ros::Time::isSystemTime()) return;
-  if (!waitUntil(started + ros::Duration(cost_s), params_.cost.stall_s, is_cancelled)) {
+  if (!motion_planning_ros::charge(cost_s, started, params_.cost.stall_s, is_cancelled)) {
     ROS_WARN_NAMED(kLog,
                    "the clock has stood still for %.1f s: a plan is not held back for its cost of %.2f s. Is the "
                    "clock's rule for planning shorter than cost/pick_s or cost/arm_s?",

@@ -27,7 +27,7 @@ namespace nbv_selection {
 /// How the best of the candidates is found.
 enum class Choice {
   kUtility,  // largest utility; of equal ones the nearest
-  kRandom,   // any candidate with the same probability
+  kRandom,   // any candidate, with a probability in proportion to 1 - p
 };
 
 struct ViewSelectorConfig {
@@ -84,7 +84,7 @@ struct ScoredSegment {
   SegmentVerdict verdict{SegmentVerdict::kCandidate};
   double mean_uncertainty{0.0};  // along it, of imaginary ones too, whose attribute is 0
   Attributes attributes;
-  Utility utility;  // all 0 of what is no candidate but failed only for where it stands or lies: those have theirs
+  Utility utility;  // all 0 if imaginary; utility 0 of whatever is no candidate
 };
 
 enum class SelectionStatus {

@@ -1,2 +1,289 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "nbv_selection/view_selector.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+#include <base_navigation/distance_field.h>
+#include <base_navigation/footprint_checker.h>
+#include <gpis_mapping/range_check.h>
+
+namespace nbv_selection {
+namespace {
+
+/// RANSAC's cost grows with the samples, its answer does not change with more than this.
+constexpr std::size_t kMaxGroundSamples = 20000;
+
+std::optional<gpis_mapping::GroundPlane> groundOf(const MappedSurface& surface,
+                                                  const gpis_mapping::GroundOptions& options) {
+  const std::size_t stride = surface.points_map.size() / kMaxGroundSamples + 1;
+  if (stride == 1) return gpis_mapping::estimateGround(surface.points_map, surface.normals_map, options);
+  std::vector<Eigen::Vector3d> points;
+  std::vector<Eigen::Vector3f> normals;
+  for (std::size_t i = 0; i < surface.points_map.size(); i += stride) {
+    points.push_back(surface.points_map[i]);
+    normals.push_back(surface.normals_map[i]);
+  }
+  return gpis_mapping::estimateGround(points, normals, options);
+}
+
+bool isIn(const ExcludedZone& zone, const Eigen::Vector2d& p_map) {
+  return (p_map - zone.center_map).norm() <= zone.radius_m;
+}
+
+void requireFinite(const SelectionRequest& request) {
+  if (!request.ground) throw std::invalid_argument("a selection needs the ground that the base drives on");
+  const base_navigation::Pose2d& base = request.T_map_base;
+  if (!std::isfinite(base.x_m) || !std::isfinite(base.y_m) || !std::isfinite(base.yaw_rad) ||
+      !std::isfinite(request.now_s)) {
+    throw std::invalid_argument("the robot's pose and the time must be finite");
+  }
+  for (const ExcludedZone& zone : request.excluded) {
+    if (!zone.center_map.allFinite() || !(zone.radius_m >= 0.0) || !std::isfinite(zone.radius_m)) {
+      throw std::invalid_argument("an excluded zone must have a finite centre and a finite radius of at least 0");
+    }
+  }
+}
+
+std::string describeVerdicts(const std::vector<ScoredSegment>& segments) {
+  std::array<std::size_t, kNumSegmentVerdicts> counts{};
+  for (const ScoredSegment& scored : segments) ++counts[static_cast<std::size_t>(scored.verdict)];
+  std::ostringstream text;
+  text << "none of " << segments.size() << " segments can be gone to:";
+  const char* separator = " ";
+  for (std::size_t i = 0; i < counts.size(); ++i) {
+    if (counts[i] == 0) continue;
+    text << separator << counts[i] << " " << toString(static_cast<SegmentVerdict>(i));
+    separator = ", ";
+  }
+  return text.str();
+}
+
+/// Largest utility; of equal ones the nearest, then the first.
+std::optional<std::size_t> bestOf(const std::vector<ScoredSegment>& segments) {
+  std::optional<std::size_t> best;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    if (segments[i].verdict != SegmentVerdict::kCandidate) continue;
+    if (!best) {
+      best = i;
+      continue;
+    }
+    const double gain = segments[i].utility.utility - segments[*best].utility.utility;
+    if (gain > 0.0 || (gain == 0.0 && segments[i].attributes.distance_m < segments[*best].attributes.distance_m)) {
+      best = i;
+    }
+  }
+  return best;
+}
+
+/// Any candidate, those of late failures less often.
+std::optional<std::size_t> randomOf(const std::vector<ScoredSegment>& segments, std::uint64_t seed) {
+  std::vector<std::size_t> candidates;
+  std::vector<double> weights;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    if (segments[i].verdict != SegmentVerdict::kCandidate) continue;
+    candidates.push_back(i);
+    weights.push_back(1.0 - segments[i].utility.failure_penalty);
+  }
+  if (candidates.empty()) return std::nullopt;
+  double total = 0.0;
+  for (const double weight : weights) total += weight;
+  if (!(total > 0.0)) std::fill(weights.begin(), weights.end(), 1.0);
+  std::mt19937_64 random(seed);
+  std::discrete_distribution<std::size_t> pick(weights.begin(), weights.end());
+  return candidates[pick(random)];
+}
+
+}  // namespace
+
+const char* toString(SegmentVerdict verdict) {
+  switch (verdict) {
+    case SegmentVerdict::kCandidate:
+      return "candidate";
+    case SegmentVerdict::kImaginary:
+      return "imaginary";
+    case SegmentVerdict::kExcluded:
+      return "excluded";
+    case SegmentVerdict::kOccupied:
+      return "on occupied ground";
+    case SegmentVerdict::kUnknownGround:
+      return "on unknown ground";
+    case SegmentVerdict::kUnreachable:
+      return "without a known way there";
+    case SegmentVerdict::kBadAttribute:
+      return "with an attribute that is not finite";
+  }
+  return "?";
+}
+
+const char* toString(SelectionStatus status) {
+  switch (status) {
+    case SelectionStatus::kSelected:
+      return "selected";
+    case SelectionStatus::kEmptyMap:
+      return "empty map";
+    case SelectionStatus::kNoGround:
+      return "no ground";
+    case SelectionStatus::kNoPile:
+      return "no pile";
+    case SelectionStatus::kNoCandidate:
+      return "no candidate";
+    case SelectionStatus::kLowUtility:
+      return "low utility";
+    case SelectionStatus::kMapChanged:
+      return "map changed";
+    case SelectionStatus::kCancelled:
+      return "cancelled";
+  }
+  return "?";
+}
+
+std::vector<std::string> ViewSelectorConfig::validate() const {
+  std::vector<std::string> problems;
+  const auto append = [&problems](const std::string& section, const std::vector<std::string>& more) {
+    for (const std::string& problem : more) problems.push_back(section + problem);
+  };
+  append("ground/", ground.validate());
+  append("outline/", outline.validate());
+  append("segments/", segments.validate());
+  append("manipulability/", manipulability.validate());
+  append("", utility.validate());
+  gpis_mapping::RangeCheck check;
+  check("imaginary_share", imaginary_share, 0.01, 1.0, "");
+  check("standing_padding_m", standing_padding_m, 0.0, 0.5, "m");
+  check("max_lost_share", max_lost_share, 0.01, 1.0, "");
+  append("", check.problems());
+  return problems;
+}
+
+ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
+    : config_(config), robot_(std::move(robot)) {
+  gpis_mapping::throwIfAny(config_.validate());
+  base_navigation::inscribedRadius(base_navigation::padPolygon(robot_.footprint, 0.0));  // throws for a bad footprint
+}
+
+Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
+                               const std::function<void(const std::string&, std::size_t)>& tell,
+                               const std::function<bool()>& is_cancelled) const {
+  requireFinite(request);
+  Selection selection;
+  /// Tells the next stage; true: the selection is over.
+  const auto begin = [&](const char* stage) {
+    if (is_cancelled && is_cancelled()) {
+      selection.status = SelectionStatus::kCancelled;
+      selection.message = std::string("cancelled before the stage: ") + stage;
+      return true;
+    }
+    if (tell) tell(stage, selection.segments.size());
+    return false;
+  };
+  const auto end = [&selection](SelectionStatus status, const std::string& message) {
+    selection.status = status;
+    selection.message = message;
+    return selection;
+  };
+
+  if (begin("surface")) return selection;
+  const MappedSurface surface = scene.surface();
+  selection.map_update = surface.update;
+  selection.map_stamp_s = surface.stamp_s;
+  if (surface.points_map.empty()) return end(SelectionStatus::kEmptyMap, "the map has no surface");
+  const std::optional<gpis_mapping::GroundPlane> ground = groundOf(surface, config_.ground);
+  if (!ground) {
+    return end(SelectionStatus::kNoGround, "the map has no large level plane: look at the ground before the pile");
+  }
+
+  if (begin("outline")) return selection;
+  selection.outline = outlinePile(surface, *ground, config_.outline);
+  if (selection.outline.polygons.empty()) {
+    std::ostringstream text;
+    text << "nothing stands more than " << config_.outline.min_height_m << " m above the ground";
+    return end(SelectionStatus::kNoPile, text.str());
+  }
+  const std::vector<Segment> segments = cutSegments(selection.outline, robot_.footprint, config_.segments);
+  selection.segments.resize(segments.size());
+
+  if (begin("uncertainty")) return selection;
+  const std::vector<SegmentUncertainty> uncertainty = segmentUncertainty(scene, segments);
+  const std::vector<SegmentKind> kinds =
+      classify(segments, uncertainty, scene.priorUncertainty(), config_.imaginary_share);
+
+  if (begin("manipulability")) return selection;
+  const ManipulabilityScore manipulability(scene, surface, *ground, config_.outline.min_height_m, robot_.sectors,
+                                           robot_.T_base_armbase, config_.manipulability);
+  if (manipulability.shareWithoutData() > config_.max_lost_share) {
+    std::ostringstream text;
+    text << "the map changed meanwhile: " << std::lround(100.0 * manipulability.shareWithoutData())
+         << " % of what was its surface has no data now, allowed are " << std::lround(100.0 * config_.max_lost_share)
+         << " %";
+    return end(SelectionStatus::kMapChanged, text.str());
+  }
+
+  if (begin("travel")) return selection;
+  const base_navigation::DistanceField distances(*request.ground, request.T_map_base.position(),
+                                                 base_navigation::inscribedRadius(robot_.footprint));
+  const base_navigation::FootprintChecker standing(request.ground, robot_.footprint, config_.standing_padding_m);
+
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    ScoredSegment& scored = selection.segments[i];
+    scored.segment = segments[i];
+    scored.kind = kinds[i];
+    scored.mean_uncertainty = uncertainty[i].mean;
+    scored.attributes.distance_m = distances.distance(segments[i].standing_map.position());
+    if (scored.kind == SegmentKind::kImaginary) {
+      scored.verdict = SegmentVerdict::kImaginary;  // m, h and sigma^2 stay 0, and so does the utility
+      continue;
+    }
+    scored.attributes.manipulability = manipulability.at(segments[i].standing_map);
+    scored.attributes.height_m = pileHeight(segments[i]);
+    scored.attributes.uncertainty = uncertainty[i].mean;
+    scored.attributes.frontier = uncertainty[i].frontier;
+
+    std::vector<Eigen::Vector2d> places{segments[i].standing_map.position(), segments[i].midpoint_map.head<2>()};
+    for (const Eigen::Vector3d& sample : segments[i].samples_map) places.emplace_back(sample.head<2>());
+    scored.utility = computeUtility(scored.attributes, request.now_s - failures.lastFailure(places), config_.utility);
+
+    const base_navigation::SpaceState below = standing.check(segments[i].standing_map).state;
+    const bool is_excluded =
+        std::any_of(request.excluded.begin(), request.excluded.end(),
+                    [&](const ExcludedZone& zone) { return isIn(zone, places[0]) || isIn(zone, places[1]); });
+    Attributes but_travel = scored.attributes;
+    but_travel.distance_m = 0.0;
+    if (is_excluded) {
+      scored.verdict = SegmentVerdict::kExcluded;
+    } else if (below == base_navigation::SpaceState::kOccupied) {
+      scored.verdict = SegmentVerdict::kOccupied;
+    } else if (below == base_navigation::SpaceState::kUnknown) {
+      scored.verdict = SegmentVerdict::kUnknownGround;
+    } else if (std::isinf(scored.attributes.distance_m)) {
+      scored.verdict = SegmentVerdict::kUnreachable;
+    } else if (!but_travel.isFinite() || !std::isfinite(scored.utility.utility)) {
+      scored.verdict = SegmentVerdict::kBadAttribute;
+    } else {
+      scored.verdict = SegmentVerdict::kCandidate;
+    }
+    if (scored.verdict != SegmentVerdict::kCandidate) scored.utility.utility = 0.0;
+  }
+
+  if (begin("choice")) return selection;
+  selection.best =
+      config_.choice == Choice::kRandom ? randomOf(selection.segments, request.seed) : bestOf(selection.segments);
+  if (!selection.best) return end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments));
+  const ScoredSegment& best = selection.segments[*selection.best];
+  manipulability.at(best.segment.standing_map, &selection.best_samples);
+  if (config_.choice == Choice::kUtility && best.utility.utility < config_.utility.min_utility) {
+    std::ostringstream text;
+    text << "the best utility is " << best.utility.utility << ", must be at least " << config_.utility.min_utility
+         << " (min_utility)";
+    return end(SelectionStatus::kLowUtility, text.str());
+  }
+  return end(SelectionStatus::kSelected, "");
+}
+
+}  // namespace nbv_selection

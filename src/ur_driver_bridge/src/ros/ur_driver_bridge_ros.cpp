@@ -9,6 +9,7 @@
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/WatchTrajectory.h>
 #include <motion_planning_ros/conversions.h>
+#include <motion_planning_ros/robot_description.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "ur_driver_bridge_ros/bridge_markers.h"
@@ -73,14 +74,8 @@ ur_driver_bridge::Payload toolOf(const names::RobotModel& robot) {
 }
 
 ArmModel modelFrom(const ros::NodeHandle& nh, const UrDriverBridgeParams& params) {
-  std::string urdf;
-  const std::string name = nh.resolveName("robot_description");
-  if (!nh.getParam("robot_description", urdf)) {
-    throw std::invalid_argument("parameter " + name +
-                                " is not set: start description.launch of mp700_ur5e_description");
-  }
   ArmModel model;
-  model.kinematics = std::make_shared<motion_planning::ArmKinematics>(names::RobotModel::parse(urdf, name));
+  model.kinematics = motion_planning_ros::kinematicsFromServer(nh);
   const motion_planning::ArmLimits& limits = model.kinematics->limits();
   model.limits.joints.assign(names::kArmJoints.begin(), names::kArmJoints.end());
   model.limits.lower_rad = limits.lower_rad;
