@@ -233,6 +233,8 @@ bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& reques
     }
     response.header.stamp = now.stamp;
     response.update = now.snapshot->numUpdates();
+    const double prior_std = now.snapshot->config().signalStd();
+    response.prior_variance = prior_std * prior_std;
     const gpis_mapping::Points3d points = T_map_query * toPoints(request.points);
     for (Eigen::Index i = 0; i < points.cols(); ++i) response.num_invalid += points.col(i).allFinite() ? 0u : 1u;
     gpis_mapping::QueryOptions options;

@@ -104,8 +104,9 @@ struct Selection {
   std::string message;              // in words, with numbers; empty if selected
   std::optional<std::size_t> best;  // also with kLowUtility: the best there is
   std::vector<ScoredSegment> segments;
-  std::vector<ManipulabilitySample> best_samples;  // of the best segment, for those who look
+  std::vector<ManipulabilitySample> reach_samples;  // of the candidate with the largest manipulability, to be shown
   PileOutline outline;
+  double prior_uncertainty{0.0};                   // where nothing was ever seen
   std::uint64_t map_update{0};
   double map_stamp_s{0.0};
 };

@@ -193,6 +193,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   const MappedSurface surface = scene.surface();
   selection.map_update = surface.update;
   selection.map_stamp_s = surface.stamp_s;
+  selection.prior_uncertainty = scene.priorUncertainty();
   if (surface.points_map.empty()) return end(SelectionStatus::kEmptyMap, "the map has no surface");
   const std::optional<gpis_mapping::GroundPlane> ground = groundOf(surface, config_.ground);
   if (!ground) {
@@ -275,8 +276,15 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   selection.best =
       config_.choice == Choice::kRandom ? randomOf(selection.segments, request.seed) : bestOf(selection.segments);
   if (!selection.best) return end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments));
+  const ScoredSegment* reaching = nullptr;
+  for (const ScoredSegment& scored : selection.segments) {
+    if (scored.verdict != SegmentVerdict::kCandidate) continue;
+    if (reaching == nullptr || scored.attributes.manipulability > reaching->attributes.manipulability) {
+      reaching = &scored;
+    }
+  }
+  manipulability.at(reaching->segment.standing_map, &selection.reach_samples);
   const ScoredSegment& best = selection.segments[*selection.best];
-  manipulability.at(best.segment.standing_map, &selection.best_samples);
   if (config_.choice == Choice::kUtility && best.utility.utility < config_.utility.min_utility) {
     std::ostringstream text;
     text << "the best utility is " << best.utility.utility << ", must be at least " << config_.utility.min_utility

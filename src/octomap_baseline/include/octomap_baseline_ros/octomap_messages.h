@@ -4,6 +4,9 @@
 
 #include <cstdint>
 
+#include <memory>
+#include <string>
+
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <octomap/OcTree.h>
@@ -22,6 +25,10 @@ octomap_msgs::Octomap toBinaryMessage(const octomap::OcTree& tree, const std_msg
 
 /// As octomap_msgs::fullMapToMsg: with log odds. An empty tree has no data.
 octomap_msgs::Octomap toFullMessage(const octomap::OcTree& tree, const std_msgs::Header& header);
+
+/// The tree of such a message, binary or full; one without data is empty. Nothing, and why, for another type of tree or an
+/// impossible resolution.
+std::unique_ptr<octomap::OcTree> toTree(const octomap_msgs::Octomap& message, std::string* why_not);
 
 /// One cube list per size of leaf; occupied ones coloured by height, free ones green.
 visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occupied, const std_msgs::Header& header);

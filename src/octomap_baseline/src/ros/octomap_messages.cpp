@@ -41,6 +41,26 @@ octomap_msgs::Octomap toFullMessage(const octomap::OcTree& tree, const std_msgs:
   return toMessage(tree, header, false);
 }
 
+std::unique_ptr<octomap::OcTree> toTree(const octomap_msgs::Octomap& message, std::string* why_not) {
+  if (message.id != "OcTree") {
+    *why_not = "the octomap's type is '" + message.id + "', must be OcTree";
+    return nullptr;
+  }
+  if (!(message.resolution >= 1e-4 && message.resolution <= 10.0)) {
+    *why_not = "the octomap's resolution is " + std::to_string(message.resolution) + " m, must be in [0.0001, 10] m";
+    return nullptr;
+  }
+  auto tree = std::make_unique<octomap::OcTree>(message.resolution);
+  if (message.data.empty()) return tree;
+  std::istringstream stream(std::string(message.data.begin(), message.data.end()));
+  if (message.binary) {
+    tree->readBinaryData(stream);
+  } else {
+    tree->readData(stream);
+  }
+  return tree;
+}
+
 visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occupied, const std_msgs::Header& header) {
   visualization_msgs::MarkerArray array;
   array.markers.resize(tree.getTreeDepth() + 1);

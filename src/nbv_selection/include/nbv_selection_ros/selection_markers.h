@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <map>
+#include <string>
+
+#include <ros/node_handle.h>
+#include <ros/publisher.h>
+#include <std_msgs/Header.h>
+#include <visualization_msgs/MarkerArray.h>
+
+#include "nbv_selection/view_selector.h"
+
+namespace nbv_selection_ros {
+
+/// A selection for rviz, as in the paper's Figs 1 and 4, a topic for each view, latched: ~markers/utility and
+/// ~markers/<factor>. All have the outline in red; bars on the segments as high as the value (green; the largest of those
+/// that can be gone to red, with an arrow where the robot would stand); grey bars for imaginary segments, as high as their
+/// uncertainty. manipulability also has the samples that count, blue, of the best place; pick_order's bars are orange and
+/// as high as the pile.
+class SelectionMarkers {
+ public:
+  explicit SelectionMarkers(const ros::NodeHandle& private_nh);
+
+  void show(const nbv_selection::Selection& selection, const nbv_selection::RobotBody& robot,
+            const std_msgs::Header& header);
+
+ private:
+  std::map<std::string, ros::Publisher> publishers_;
+};
+
+/// What one view shows; `view` is "utility" or the name of a factor.
+visualization_msgs::MarkerArray toMarkers(const nbv_selection::Selection& selection,
+                                          const nbv_selection::RobotBody& robot, const std::string& view,
+                                          const std_msgs::Header& header);
+
+/// Those of ~markers/failures: cells of the ground where something failed, and how long ago.
+visualization_msgs::MarkerArray toMarkers(const nbv_selection::FailureMemory& failures,
+                                          const std_msgs::Header& header);
+
+}  // namespace nbv_selection_ros

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The dynamic GPIS map of another node: its mesh, and its answers to queries.
+#include <algorithm>
+#include <memory>
+#include <mutex>
+
+#include <interactive_mapping_msgs/QueryMap.h>
+#include <interactive_mapping_msgs/SurfaceMesh.h>
+#include <motion_planning_ros/plan_server.h>
+#include <pluginlib/class_list_macros.hpp>
+
+#include "nbv_selection_ros/strategy.h"
+#include "nbv_selection_ros/strategy_params.h"
+
+namespace nbv_selection_ros {
+namespace {
+
+using interactive_mapping_msgs::QueryMap;
+using interactive_mapping_msgs::SurfaceMesh;
+using interactive_mapping_msgs::SurfaceMeshConstPtr;
+
+nbv_selection::MappedSurface toSurface(const SurfaceMesh& mesh) {
+  const std::size_t count = mesh.mesh.vertices.size();
+  if (mesh.normals.size() != 3 * count || mesh.variance.size() != count) {
+    throw MapUnavailable("the mesh has " + std::to_string(count) + " vertices, but " +
+                         std::to_string(mesh.normals.size() / 3) + " normals and " +
+                         std::to_string(mesh.variance.size()) + " variances");
+  }
+  nbv_selection::MappedSurface surface;
+  surface.points_map.reserve(count);
+  surface.normals_map.reserve(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const geometry_msgs::Point& p = mesh.mesh.vertices[i];
+    surface.points_map.emplace_back(p.x, p.y, p.z);
+    surface.normals_map.emplace_back(mesh.normals[3 * i], mesh.normals[3 * i + 1], mesh.normals[3 * i + 2]);
+  }
+  surface.uncertainty = mesh.variance;
+  surface.update = mesh.update;
+  surface.stamp_s = mesh.header.stamp.toSec();
+  return surface;
+}
+
+gpis_mapping::Points3d toColumns(const std::vector<geometry_msgs::Vector3>& vectors) {
+  gpis_mapping::Points3d out(3, static_cast<Eigen::Index>(vectors.size()));
+  for (std::size_t i = 0; i < vectors.size(); ++i) {
+    out.col(static_cast<Eigen::Index>(i)) << vectors[i].x, vectors[i].y, vectors[i].z;
+  }
+  return out;
+}
+
+Eigen::VectorXd toVector(const std::vector<double>& numbers) {
+  return Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(numbers.size()));
+}
+
+/// The map's answers through one connection.
+class QueryClient {
+ public:
+  QueryClient(ros::NodeHandle nh, std::string map_frame)
+      : client_(nh.serviceClient<QueryMap>("map/query", true)), map_frame_(std::move(map_frame)) {}
+
+  /// sigma_f squared.
+  double priorVariance() {
+    const QueryMap::Response response = call({}, {});
+    if (!(response.prior_variance > 0.0)) {
+      throw MapUnavailable(client_.getService() + " says that the prior's variance is " +
+                           std::to_string(response.prior_variance) + " m^2, must be above 0");
+    }
+    return response.prior_variance;
+  }
+
+  gpis_mapping::QueryResult operator()(const gpis_mapping::Points3d& points_map,
+                                       const gpis_mapping::QueryOptions& options) {
+    const QueryMap::Response response = call(points_map, options);
+    const auto count = static_cast<std::size_t>(points_map.cols());
+    const auto require = [&](const char* what, std::size_t size) {
+      if (size == count) return;
+      throw std::runtime_error(client_.getService() + " gave " + std::to_string(size) + " of " + what + " for " +
+                               std::to_string(count) + " points");
+    };
+    require("distance", response.distance.size());
+    require("gradient", response.gradient.size());
+    require("euclidean_distance", response.euclidean_distance.size());
+    require("euclidean_gradient", response.euclidean_gradient.size());
+    require("surface_std", response.surface_std.size());
+    require("state", response.state.size());
+    gpis_mapping::QueryResult result;
+    result.distance = toVector(response.distance);
+    result.gradient = toColumns(response.gradient);
+    result.euclidean_distance = toVector(response.euclidean_distance);
+    result.euclidean_gradient = toColumns(response.euclidean_gradient);
+    result.surface_std = toVector(response.surface_std);
+    for (const std::uint8_t state : response.state) {
+      result.state.push_back(static_cast<gpis_mapping::SpaceState>(state));
+    }
+    if (options.variance) {
+      require("variance", response.variance.size());
+      require("occupancy", response.occupancy.size());
+      result.variance = toVector(response.variance);
+      result.occupancy = toVector(response.occupancy);
+    }
+    if (options.variance_gradient) {
+      require("variance_gradient", response.variance_gradient.size());
+      result.variance_gradient = toColumns(response.variance_gradient);
+    }
+    return result;
+  }
+
+ private:
+  QueryMap::Response call(const gpis_mapping::Points3d& points_map, const gpis_mapping::QueryOptions& options) {
+    QueryMap query;
+    query.request.frame_id = map_frame_;
+    query.request.with_variance = options.variance ? 1 : 0;
+    query.request.with_variance_gradient = options.variance_gradient ? 1 : 0;
+    query.request.points.resize(static_cast<std::size_t>(points_map.cols()));
+    for (std::size_t i = 0; i < query.request.points.size(); ++i) {
+      const auto column = static_cast<Eigen::Index>(i);
+      query.request.points[i].x = points_map(0, column);
+      query.request.points[i].y = points_map(1, column);
+      query.request.points[i].z = points_map(2, column);
+    }
+    if (!client_.isValid()) throw MapUnavailable("no service " + client_.getService());
+    if (!client_.call(query)) throw MapUnavailable("the call of " + client_.getService() + " failed");
+    if (!query.response.success) throw MapUnavailable(client_.getService() + ": " + query.response.message);
+    return query.response;
+  }
+
+  ros::ServiceClient client_;
+  std::string map_frame_;
+};
+
+class GpisStrategy : public Strategy {
+ public:
+  void initialize(const StrategyContext& context) override {
+    context_ = context;
+    params_ = loadGpisStrategyParams(context.private_nh);
+    selector_ = std::make_unique<nbv_selection::ViewSelector>(params_.effective(), context.robot);
+    mesh_subscriber_ =
+        context_.nh.subscribe<SurfaceMesh>("map/mesh", 1, [this](const SurfaceMeshConstPtr& mesh) {
+          const std::lock_guard<std::mutex> lock(mutex_);
+          mesh_ = mesh;
+        });
+  }
+
+  nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,
+                                  const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
+                                  const Tell& tell, const IsCancelled& is_cancelled) override {
+    const SurfaceMeshConstPtr mesh = awaitMesh(min_map_stamp, is_cancelled);
+    if (is_cancelled && is_cancelled()) {
+      nbv_selection::Selection cancelled;
+      cancelled.status = nbv_selection::SelectionStatus::kCancelled;
+      cancelled.message = "cancelled while waiting for the map";
+      return cancelled;
+    }
+    if (mesh->header.frame_id != context_.map_frame) {
+      throw MapUnavailable("the mesh's frame is '" + mesh->header.frame_id + "', must be '" + context_.map_frame +
+                           "' (map_frame)");
+    }
+    auto query = std::make_shared<QueryClient>(context_.nh, context_.map_frame);
+    const double prior_std_m = std::sqrt(query->priorVariance());
+    const nbv_selection::GpisScene scene(
+        toSurface(*mesh), prior_std_m,
+        [query](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
+          return (*query)(points, options);
+        },
+        params_.scene);
+    return selector_->select(scene, failures, request, tell, is_cancelled);
+  }
+
+  void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) const override {
+    const SurfaceMeshConstPtr mesh = lastMesh();
+    if (!mesh) {
+      status.summary(diagnostic_msgs::DiagnosticStatus::WARN, "no mesh has come on " + mesh_subscriber_.getTopic());
+      return;
+    }
+    status.summary(diagnostic_msgs::DiagnosticStatus::OK, "ready");
+    status.add("mesh: images", mesh->update);
+    status.add("mesh: stamp [s]", mesh->header.stamp.toSec());
+    status.add("mesh: vertices", mesh->mesh.vertices.size());
+  }
+
+  std::string configuration() const override { return toYaml(params_); }
+
+ private:
+  SurfaceMeshConstPtr lastMesh() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return mesh_;
+  }
+
+  SurfaceMeshConstPtr awaitMesh(const ros::Time& min_stamp, const IsCancelled& is_cancelled) const {
+    SurfaceMeshConstPtr mesh;
+    const auto isThere = [&] {
+      mesh = lastMesh();
+      return mesh && mesh->header.stamp >= min_stamp;
+    };
+    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s,
+                                   [&] { return isThere() || (is_cancelled && is_cancelled()); });
+    if (isThere() || (is_cancelled && is_cancelled())) return mesh;
+    if (!mesh) throw MapUnavailable("no mesh has come on " + mesh_subscriber_.getTopic());
+    throw MapUnavailable("the newest mesh is of " + std::to_string(mesh->header.stamp.toSec()) +
+                         " s, asked for is one of " + std::to_string(min_stamp.toSec()) + " s or later (waited " +
+                         std::to_string(context_.map_wait_s) + " s, input/map_wait_s)");
+  }
+
+  StrategyContext context_;
+  GpisStrategyParams params_;
+  std::unique_ptr<nbv_selection::ViewSelector> selector_;
+  mutable std::mutex mutex_;  // guards mesh_
+  SurfaceMeshConstPtr mesh_;
+  ros::Subscriber mesh_subscriber_;  // last: its callback uses the rest
+};
+
+}  // namespace
+}  // namespace nbv_selection_ros
+
+PLUGINLIB_EXPORT_CLASS(nbv_selection_ros::GpisStrategy, nbv_selection_ros::Strategy)

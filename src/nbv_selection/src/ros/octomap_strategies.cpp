@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The systems this work is compared with. They see nothing but an OctoMap.
+#include <memory>
+#include <mutex>
+
+#include <motion_planning_ros/plan_server.h>
+#include <octomap_baseline_ros/octomap_messages.h>
+#include <octomap_msgs/GetOctomap.h>
+#include <pluginlib/class_list_macros.hpp>
+
+#include "nbv_selection_ros/strategy.h"
+#include "nbv_selection_ros/strategy_params.h"
+
+namespace nbv_selection_ros {
+namespace {
+
+class OctomapStrategy : public Strategy {
+ public:
+  explicit OctomapStrategy(nbv_selection::Choice choice) : choice_(choice) {}
+
+  void initialize(const StrategyContext& context) override {
+    context_ = context;
+    params_ = loadOctomapStrategyParams(context.private_nh);
+    nbv_selection::ViewSelectorConfig config = params_.effective();
+    config.choice = choice_;
+    selector_ = std::make_unique<nbv_selection::ViewSelector>(config, context.robot);
+    service_ = context_.nh.resolveName("octomap_full");
+  }
+
+  nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,
+                                  const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
+                                  const Tell& tell, const IsCancelled& is_cancelled) override {
+    const octomap_msgs::Octomap map = awaitMap(min_map_stamp, is_cancelled);
+    if (is_cancelled && is_cancelled()) {
+      nbv_selection::Selection cancelled;
+      cancelled.status = nbv_selection::SelectionStatus::kCancelled;
+      cancelled.message = "cancelled while waiting for the map";
+      return cancelled;
+    }
+    if (map.header.frame_id != context_.map_frame) {
+      throw MapUnavailable("the octomap's frame is '" + map.header.frame_id + "', must be '" + context_.map_frame +
+                           "' (map_frame)");
+    }
+    std::string why_not;
+    std::shared_ptr<const octomap::OcTree> tree = octomap_baseline_ros::toTree(map, &why_not);
+    if (!tree) throw MapUnavailable(service_ + ": " + why_not);
+    const nbv_selection::OctomapScene scene(tree, 0, map.header.stamp.toSec(), params_.scene);
+    return selector_->select(scene, failures, request, tell, is_cancelled);
+  }
+
+  void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) const override {
+    if (!ros::service::exists(service_, false)) {
+      status.summary(diagnostic_msgs::DiagnosticStatus::WARN, "no service " + service_);
+      return;
+    }
+    status.summary(diagnostic_msgs::DiagnosticStatus::OK, "ready");
+    const std::lock_guard<std::mutex> lock(mutex_);
+    status.add("octomap: bytes", last_bytes_);
+    status.add("octomap: stamp [s]", last_stamp_.toSec());
+  }
+
+  std::string configuration() const override { return toYaml(params_); }
+
+ private:
+  octomap_msgs::Octomap awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled) {
+    octomap_msgs::GetOctomap call;
+    bool has_answered = false;
+    ros::WallTime next_try;
+    const auto isThere = [&] {
+      if (ros::WallTime::now() < next_try) return false;  // a whole map comes with each answer
+      next_try = ros::WallTime::now() + ros::WallDuration(0.1);
+      call = octomap_msgs::GetOctomap();
+      has_answered = ros::service::exists(service_, false) && ros::service::call(service_, call);
+      return has_answered && call.response.map.header.stamp >= min_stamp;
+    };
+    bool is_there = false;
+    motion_planning_ros::waitUntil(
+        ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s,
+        [&] { return (is_there = isThere()) || (is_cancelled && is_cancelled()); });
+    if (!is_there && !(is_cancelled && is_cancelled())) {
+      next_try = ros::WallTime();
+      is_there = isThere();
+    }
+    if (!is_there && !(is_cancelled && is_cancelled())) {
+      if (!has_answered) throw MapUnavailable("no service " + service_ + ", or it does not answer");
+      throw MapUnavailable("the octomap is of " + std::to_string(call.response.map.header.stamp.toSec()) +
+                           " s, asked for is one of " + std::to_string(min_stamp.toSec()) + " s or later (waited " +
+                           std::to_string(context_.map_wait_s) + " s, input/map_wait_s)");
+    }
+    const std::lock_guard<std::mutex> lock(mutex_);
+    last_bytes_ = call.response.map.data.size();
+    last_stamp_ = call.response.map.header.stamp;
+    return call.response.map;
+  }
+
+  const nbv_selection::Choice choice_;
+  StrategyContext context_;
+  OctomapStrategyParams params_;
+  std::unique_ptr<nbv_selection::ViewSelector> selector_;
+  std::string service_;
+  mutable std::mutex mutex_;  // guards what follows
+  std::size_t last_bytes_{0};
+  ros::Time last_stamp_;
+};
+
+class OctomapGradientFrontier : public OctomapStrategy {
+ public:
+  OctomapGradientFrontier() : OctomapStrategy(nbv_selection::Choice::kUtility) {}
+};
+
+class OctomapRandom : public OctomapStrategy {
+ public:
+  OctomapRandom() : OctomapStrategy(nbv_selection::Choice::kRandom) {}
+};
+
+}  // namespace
+}  // namespace nbv_selection_ros
+
+PLUGINLIB_EXPORT_CLASS(nbv_selection_ros::OctomapGradientFrontier, nbv_selection_ros::Strategy)
+PLUGINLIB_EXPORT_CLASS(nbv_selection_ros::OctomapRandom, nbv_selection_ros::Strategy)
