@@ -50,7 +50,7 @@ class ManipulabilityScore {
   /// `samples`, if not null, gets all of the sectors' samples with a share above 0.
   double at(const base_navigation::Pose2d& T_map_base, std::vector<ManipulabilitySample>* samples = nullptr) const;
 
-  std::size_t numAsked() const { return points_map_.size(); }
+  std::size_t numAsked() const { return num_asked_; }
   /// Share of the asked points, each of them near the surface that was given, which the map has no data for: large when
   /// the map has changed since. 0 if none was asked.
   double shareWithoutData() const { return share_without_data_; }
@@ -61,6 +61,7 @@ class ManipulabilityScore {
   std::vector<Eigen::Vector3d> points_map_;  // with a probability above 0
   std::vector<Eigen::Vector3d> normals_map_;
   std::vector<double> probability_;
+  std::size_t num_asked_{0};
   double share_without_data_{0.0};
   double num_samples_{0.0};
   gpis_mapping::GroundPlane ground_;

@@ -1,2 +1,169 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "nbv_selection/manipulability_score.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <unordered_set>
+
+#include <gpis_mapping/range_check.h>
+
+namespace nbv_selection {
+namespace {
+
+using gpis_mapping::LatticeKey;
+using motion_planning::AnnulusSector;
+
+bool isInSectors(const motion_planning::ManipulabilitySectors& sectors, const Eigen::Vector3d& p_armbase) {
+  return sectors.top.contains(p_armbase) || sectors.side.contains(p_armbase);
+}
+
+/// Agreement of a surface's normal with a direction the tool comes in.
+double agreement(const Eigen::Vector3d& normal, const Eigen::Vector3d& approach) {
+  return std::max(0.0, -normal.dot(approach));
+}
+
+/// w_j, of a sample in the sectors. Frame: ur5e_base_link.
+double approachWeight(const motion_planning::ManipulabilitySectors& sectors, ApproachWeight kind,
+                      const Eigen::Vector3d& p, const Eigen::Vector3d& normal) {
+  if (kind == ApproachWeight::kFromArmBase) {
+    const double distance_m = p.norm();
+    return distance_m > 0.0 ? agreement(normal, p / distance_m) : 0.0;
+  }
+  double weight = 0.0;
+  if (sectors.top.contains(p)) weight = agreement(normal, -Eigen::Vector3d::UnitZ());
+  const double radius_m = p.head<2>().norm();
+  if (radius_m > 0.0 && sectors.side.contains(p)) {
+    weight = std::max(weight, agreement(normal, {p.x() / radius_m, p.y() / radius_m, 0.0}));
+  }
+  return weight;
+}
+
+/// Lattice points in both sectors of an arm whose foot is at `T_map_armbase`.
+double countSamples(const motion_planning::ManipulabilitySectors& sectors, const Eigen::Isometry3d& T_map_armbase,
+                    double cell_m) {
+  // The sectors are inside a ball about the arm's foot.
+  double reach_m = 0.0;
+  for (const AnnulusSector* sector : {&sectors.top, &sectors.side}) {
+    const double height_m = std::max(std::abs(sector->min_height_m), std::abs(sector->max_height_m));
+    reach_m = std::max(reach_m, std::hypot(sector->max_radius_m, height_m));
+  }
+  const Eigen::Vector3d foot_map = T_map_armbase.translation();
+  const LatticeKey low = LatticeKey::of(foot_map - Eigen::Vector3d::Constant(reach_m), cell_m);
+  const LatticeKey high = LatticeKey::of(foot_map + Eigen::Vector3d::Constant(reach_m), cell_m);
+  const Eigen::Isometry3d T_armbase_map = T_map_armbase.inverse(Eigen::Isometry);
+  double count = 0.0;
+  for (LatticeKey key = low; key.x <= high.x; ++key.x) {
+    for (key.y = low.y; key.y <= high.y; ++key.y) {
+      for (key.z = low.z; key.z <= high.z; ++key.z) {
+        if (isInSectors(sectors, T_armbase_map * key.center(cell_m))) count += 1.0;
+      }
+    }
+  }
+  return count;
+}
+
+/// Lattice points within the band of the surface and above the ground, in the lattice's order.
+std::vector<LatticeKey> latticeNear(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
+                                    double min_height_m, const ManipulabilityScoreConfig& config) {
+  std::unordered_set<LatticeKey, gpis_mapping::LatticeKeyHash> keys;
+  const Eigen::Vector3d band_m = Eigen::Vector3d::Constant(config.band_m);
+  for (const Eigen::Vector3d& p_map : surface.points_map) {
+    if (!p_map.allFinite() || ground.heightOf(p_map) < min_height_m - config.band_m) continue;
+    const LatticeKey low = LatticeKey::of(p_map - band_m, config.cell_m);
+    const LatticeKey high = LatticeKey::of(p_map + band_m, config.cell_m);
+    for (LatticeKey key = low; key.x <= high.x; ++key.x) {
+      for (key.y = low.y; key.y <= high.y; ++key.y) {
+        for (key.z = low.z; key.z <= high.z; ++key.z) {
+          const Eigen::Vector3d center_map = key.center(config.cell_m);
+          if ((center_map - p_map).squaredNorm() > config.band_m * config.band_m) continue;
+          if (ground.heightOf(center_map) < min_height_m) continue;
+          keys.insert(key);
+        }
+      }
+    }
+  }
+  std::vector<LatticeKey> result(keys.begin(), keys.end());
+  std::sort(result.begin(), result.end());  // the set's order is the library's
+  return result;
+}
+
+}  // namespace
+
+std::vector<std::string> ManipulabilityScoreConfig::validate() const {
+  gpis_mapping::RangeCheck check;
+  check("cell_m", cell_m, 0.02, 0.2, "m");
+  // Less than half a cell, and a level surface between two layers of the lattice is missed.
+  check("band_m", band_m, 0.5 * cell_m, 0.2, "m");
+  return check.problems();
+}
+
+ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSurface& surface,
+                                         const gpis_mapping::GroundPlane& ground, double min_height_m,
+                                         const motion_planning::ManipulabilitySectors& sectors,
+                                         const Eigen::Isometry3d& T_base_armbase,
+                                         const ManipulabilityScoreConfig& config)
+    : ground_(ground), sectors_(sectors), T_base_armbase_(T_base_armbase), config_(config) {
+  std::vector<std::string> problems = config_.validate();
+  if (!std::isfinite(min_height_m)) {
+    problems.push_back("min_height_m = " + std::to_string(min_height_m) + " m, must be finite");
+  }
+  if (!T_base_armbase_.matrix().allFinite()) problems.emplace_back("T_base_armbase is not finite, must be a pose");
+  gpis_mapping::throwIfAny(problems);
+  num_samples_ = countSamples(sectors_, T_base_armbase_, config_.cell_m);
+
+  const std::vector<LatticeKey> keys = latticeNear(surface, ground, min_height_m, config_);
+  num_asked_ = keys.size();
+  if (keys.empty()) return;
+  gpis_mapping::Points3d asked_map(3, static_cast<Eigen::Index>(keys.size()));
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    asked_map.col(static_cast<Eigen::Index>(i)) = keys[i].center(config_.cell_m);
+  }
+  const OccupancyField field = scene.occupancy(asked_map);
+  std::size_t without_data = 0;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const auto column = static_cast<Eigen::Index>(i);
+    if (!field.is_supported[i]) {
+      ++without_data;
+      continue;
+    }
+    if (!(field.probability[column] > 0.0)) continue;
+    points_map_.emplace_back(asked_map.col(column));
+    normals_map_.emplace_back(field.normal.col(column));
+    probability_.push_back(field.probability[column]);
+  }
+  share_without_data_ = static_cast<double>(without_data) / static_cast<double>(keys.size());
+}
+
+double ManipulabilityScore::at(const base_navigation::Pose2d& T_map_base,
+                               std::vector<ManipulabilitySample>* samples) const {
+  if (samples != nullptr) samples->clear();
+  if (!(num_samples_ > 0.0)) return 0.0;
+  const Eigen::Isometry3d T_armbase_map = (standOn(ground_, T_map_base) * T_base_armbase_).inverse(Eigen::Isometry);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < points_map_.size(); ++i) {
+    const Eigen::Vector3d p_armbase = T_armbase_map * points_map_[i];
+    if (!isInSectors(sectors_, p_armbase)) continue;
+    const double weight = approachWeight(sectors_, config_.weight, p_armbase, T_armbase_map.linear() * normals_map_[i]);
+    const double share = weight * probability_[i];
+    if (!(share > 0.0)) continue;
+    sum += share;
+    if (samples != nullptr) samples->push_back({points_map_[i], static_cast<float>(share)});
+  }
+  // The number of lattice points in the sectors varies by a few with where they stand; N does not.
+  return std::min(1.0, sum / num_samples_);
+}
+
+Eigen::Isometry3d standOn(const gpis_mapping::GroundPlane& ground, const base_navigation::Pose2d& pose) {
+  const Eigen::Vector3d up = ground.normal_map.normalized();
+  // The direction in the plane that lies above or below the heading.
+  const Eigen::Vector3d heading(std::cos(pose.yaw_rad), std::sin(pose.yaw_rad), 0.0);
+  const Eigen::Vector3d ahead = (heading - up.dot(heading) / up.z() * Eigen::Vector3d::UnitZ()).normalized();
+  Eigen::Isometry3d T_map_base = Eigen::Isometry3d::Identity();
+  T_map_base.linear() << ahead, up.cross(ahead), up;
+  T_map_base.translation() << pose.x_m, pose.y_m, ground.zAt(pose.x_m, pose.y_m);
+  return T_map_base;
+}
+
+}  // namespace nbv_selection
