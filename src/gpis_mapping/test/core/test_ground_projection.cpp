@@ -110,8 +110,10 @@ TEST(EstimateGroundOfSamples, CountsOnlyFiniteSamplesThatLookUp) {
   std::vector<Eigen::Vector3f> normals;
   toSamples(points, &positions, &normals);
   const std::size_t num_ground = positions.size();
-  for (std::size_t i = 0; i < num_ground; ++i) {
-    const Eigen::Vector3d p = positions[i];
+  const std::vector<Eigen::Vector3d> on_ground = positions;
+  positions.insert(positions.begin(), Eigen::Vector3d::Constant(kNan));  // the first is special: others are taken
+  normals.insert(normals.begin(), Eigen::Vector3f::UnitZ());             // relative to it
+  for (const Eigen::Vector3d& p : on_ground) {
     const Eigen::Vector3d broken[] = {{kNan, p.y(), p.z()}, {p.x(), p.y(), std::numeric_limits<double>::infinity()}};
     for (const Eigen::Vector3d& q : broken) {
       positions.push_back(q);
@@ -126,8 +128,10 @@ TEST(EstimateGroundOfSamples, CountsOnlyFiniteSamplesThatLookUp) {
   ASSERT_TRUE(ground);
   EXPECT_EQ(ground->num_points, num_ground);
   EXPECT_NEAR(ground->zAt(0.0, 0.0), 0.3, 1e-3);
-  positions.erase(positions.begin(), positions.begin() + static_cast<std::ptrdiff_t>(num_ground));
-  normals.erase(normals.begin(), normals.begin() + static_cast<std::ptrdiff_t>(num_ground));
+  const auto first = static_cast<std::ptrdiff_t>(1);
+  const auto last = static_cast<std::ptrdiff_t>(1 + num_ground);
+  positions.erase(positions.begin() + first, positions.begin() + last);
+  normals.erase(normals.begin() + first, normals.begin() + last);
   EXPECT_FALSE(estimateGround(positions, normals, {})) << "nothing is left that counts";
   EXPECT_FALSE(estimateGround(std::vector<Eigen::Vector3d>(), {}, {}));
 }
