@@ -214,10 +214,12 @@ class LiveMap {
     return update;
   }
 
-  QueryMap::Response ask(const Eigen::Matrix3Xd& points, bool with_variance = true, const std::string& frame = "") {
+  QueryMap::Response ask(const Eigen::Matrix3Xd& points, bool with_variance = true, const std::string& frame = "",
+                         bool with_variance_gradient = false) {
     QueryMap query;
     query.request.frame_id = frame;
     query.request.with_variance = with_variance ? 1 : 0;
+    query.request.with_variance_gradient = with_variance_gradient ? 1 : 0;
     for (Eigen::Index i = 0; i < points.cols(); ++i) {
       geometry_msgs::Point p;
       p.x = points(0, i);

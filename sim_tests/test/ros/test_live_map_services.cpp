@@ -139,6 +139,47 @@ TEST_F(LiveMapServices, QueryAnswersEachPointOrSaysWhyNot) {
   EXPECT_LT((T_map_camera.linear() * vector(in_camera.gradient[0]) - vector(answer.gradient[0])).norm(), 1e-6);
 }
 
+TEST_F(LiveMapServices, QueryAnswersTheDerivativeOfTheVarianceItAnswers) {
+  const std::string frame = "camera_depth_optical_frame";
+  const Eigen::Isometry3d T_camera_map = scene_.cameraInMap(kRemovalFrame - 1).inverse();
+  // Over an edge of the box, so that no component is zero by symmetry.
+  const Eigen::Vector3d p_camera =
+      T_camera_map * (scene_.T_map_scene * scene_.boxes[0].T_scene_box * Eigen::Vector3d(0.07, 0.03, 0.10));
+  constexpr double kStep_m = 2e-3;
+  Eigen::Matrix3Xd points_camera(3, 8);
+  points_camera.col(0) = p_camera;
+  points_camera.col(1).setConstant(kNan);
+  for (int axis = 0; axis < 3; ++axis) {
+    points_camera.col(2 + 2 * axis) = p_camera - kStep_m * Eigen::Vector3d::Unit(axis);
+    points_camera.col(3 + 2 * axis) = p_camera + kStep_m * Eigen::Vector3d::Unit(axis);
+  }
+  const QueryMap::Response answer = live_.ask(points_camera, true, frame, true);
+  ASSERT_TRUE(answer.success) << answer.message;
+  ASSERT_EQ(answer.variance_gradient.size(), 8u);
+  const auto vector = [](const geometry_msgs::Vector3& v) { return Eigen::Vector3d(v.x, v.y, v.z); };
+  Eigen::Vector3d difference;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto at = static_cast<std::size_t>(2 + 2 * axis);
+    difference[axis] = (answer.variance[at + 1] - answer.variance[at]) / (2.0 * kStep_m);
+  }
+  const Eigen::Vector3d gradient = vector(answer.variance_gradient[0]);
+  // The variance changes within a length scale of 5 cm: over 2 mm the difference is good to some permille.
+  EXPECT_LT((gradient - difference).norm(), 0.02 * gradient.norm()) << gradient.transpose();
+  EXPECT_GT(gradient.norm(), 1e-3) << "m: a variance of the order of 1e-4 m^2 that changes within centimetres";
+  EXPECT_TRUE(std::isnan(answer.variance_gradient[1].z));
+  const Eigen::Vector3d in_map =
+      vector(live_.ask(T_camera_map.inverse() * points_camera, true, "", true).variance_gradient.at(0));
+  // Rounding of the transforms moves the point by 1e-15 m; the variance is a float.
+  EXPECT_LT((T_camera_map.linear() * in_map - gradient).norm(), 1e-3 * gradient.norm());
+  EXPECT_GT((in_map - gradient).norm(), 0.1 * gradient.norm()) << "the camera is turned: or nothing was compared";
+
+  EXPECT_TRUE(live_.ask(points_camera, true, frame).variance_gradient.empty());
+  const QueryMap::Response refused = live_.ask(points_camera, false, frame, true);
+  EXPECT_FALSE(refused.success);
+  EXPECT_PRED2(has, refused.message, "with_variance_gradient = true needs with_variance = true");
+  EXPECT_TRUE(refused.distance.empty());
+}
+
 TEST_F(LiveMapServices, QueriesAreAnsweredWhileMapsAreLoaded) {
   SaveMap save;
   save.request.path = (folder_ / "map.gpis").string();

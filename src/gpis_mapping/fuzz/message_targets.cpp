@@ -25,7 +25,7 @@ using interactive_mapping_msgs::QueryMap;
 using Layout = std::vector<int>;
 const Layout kImageLayout = {12, 0, 8, 0, 5, -1};
 const Layout kCameraInfoLayout = {12, 0, 8, 0, -8, 240, 8, 17};
-const Layout kQueryLayout = {0, -24, 1};
+const Layout kQueryLayout = {0, -24, 2};
 
 /// roscpp makes an array as long as its length field says before it looks how many bytes there are; a length of 4 G
 /// would test the machine's memory and not this program.
@@ -207,6 +207,7 @@ class QueryMessageTarget : public Target {
       p.z = random->uniform(-0.2, 0.6);
     }
     request.with_variance = random->chance(0.5) ? 1 : 0;
+    request.with_variance_gradient = random->chance(0.5) ? 1 : 0;
     if (random->chance(0.7) && !sendThroughDamage(kQueryLayout, random, &request)) return Outcome::kRefused;
 
     const gpis_mapping::Points3d points = gpis_mapping_ros::toPoints(request.points);
@@ -214,16 +215,18 @@ class QueryMessageTarget : public Target {
     gpis_mapping::QueryOptions options;
     options.threads = 1;
     options.variance = request.with_variance != 0;
+    options.variance_gradient = options.variance && request.with_variance_gradient != 0;  // else the node refuses
     const gpis_mapping::QueryResult result = map_->query(points, options);
     QueryMap::Response answer;
     const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     gpis_mapping_ros::fillAnswer(result, turn, options.variance, &answer);
     const std::size_t count = request.points.size();
     const std::size_t if_variance = options.variance ? count : 0;
+    const std::size_t if_variance_gradient = options.variance_gradient ? count : 0;
     require(answer.distance.size() == count && answer.gradient.size() == count && answer.state.size() == count &&
                 answer.euclidean_distance.size() == count && answer.euclidean_gradient.size() == count &&
                 answer.surface_std.size() == count && answer.variance.size() == if_variance &&
-                answer.occupancy.size() == if_variance,
+                answer.occupancy.size() == if_variance && answer.variance_gradient.size() == if_variance_gradient,
             "an answer has another length than the question");
     for (std::size_t i = 0; i < count; ++i) {
       const double d = answer.distance[i];

@@ -67,7 +67,8 @@ interactive_mapping_msgs::MapUpdate toMapUpdate(const gpis_mapping::UpdateStatis
 /// Points as columns. Never throws.
 gpis_mapping::Points3d toPoints(const std::vector<geometry_msgs::Point>& points);
 
-/// Fills the answer's arrays; directions are turned by `R_out_map`.
+/// Fills the answer's arrays, those of the variance only if `with_variance`, its gradient only if `result` has it;
+/// directions are turned by `R_out_map`.
 void fillAnswer(const gpis_mapping::QueryResult& result, const Eigen::Matrix3d& R_out_map, bool with_variance,
                 interactive_mapping_msgs::QueryMap::Response* answer);
 

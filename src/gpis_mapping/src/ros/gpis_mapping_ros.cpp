@@ -215,6 +215,11 @@ void GpisMappingRos::takeState(const ros::Time& stamp, bool is_new_map, const st
 
 bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                              interactive_mapping_msgs::QueryMap::Response& response) {
+  if (request.with_variance_gradient && !request.with_variance) {
+    // Not silently one or the other: who forgot a flag would read arrays that are not there.
+    response.message = "with_variance_gradient = true needs with_variance = true";
+    return true;
+  }
   try {
     const MapState now = state();
     Eigen::Isometry3d T_map_query = Eigen::Isometry3d::Identity();
@@ -239,6 +244,7 @@ bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& reques
     for (Eigen::Index i = 0; i < points.cols(); ++i) response.num_invalid += points.col(i).allFinite() ? 0u : 1u;
     gpis_mapping::QueryOptions options;
     options.variance = request.with_variance != 0;
+    options.variance_gradient = request.with_variance_gradient != 0;
     fillAnswer(now.snapshot->query(points, options), T_map_query.linear().transpose(), options.variance, &response);
     response.success = true;
     if (now.snapshot->cells().empty()) {

@@ -342,6 +342,7 @@ void fillAnswer(const gpis_mapping::QueryResult& result, const Eigen::Matrix3d& 
   if (!with_variance) return;
   answer->variance = toNumbers(result.variance);
   answer->occupancy = toNumbers(result.occupancy);
+  answer->variance_gradient = toVectors(result.variance_gradient, R_out_map);  // none if it was not asked for
 }
 
 }  // namespace gpis_mapping_ros

@@ -2,6 +2,7 @@
 #include "gpis_mapping/ground_projection.h"
 
 #include <cmath>
+#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -73,6 +74,77 @@ TEST(EstimateGround, HasNoAnswerWithoutLevelSurface) {
   sampleRectangle({0.0, 0.0, 0.0}, {1.0, 0.0, 0.0}, {0.0, 0.0, 1.0}, kSpacing, 0.001, &wall);
   EXPECT_FALSE(estimateGround(*mapOf(wall, ObservedLayer(0.05)), {}));
   EXPECT_FALSE(projectToGround(*mapOf(wall, ObservedLayer(0.05)), {}));
+}
+
+void toSamples(const std::vector<SurfacePoint>& points, std::vector<Eigen::Vector3d>* positions,
+               std::vector<Eigen::Vector3f>* normals) {
+  for (const SurfacePoint& point : points) {
+    positions->push_back(point.position_map);
+    normals->push_back(point.normal_map);
+  }
+}
+
+TEST(EstimateGroundOfSamples, AgreesWithTheMapsOnATiltedFloorWithATable) {
+  std::vector<SurfacePoint> points;
+  addPlane({12.0, -4.0, 1.7}, 0.06, -0.08, 0.8, &points);  // 0.1 rad
+  addPlane({12.2, -4.0, 2.1}, 0.0, 0.0, 0.4, &points);     // a table
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<Eigen::Vector3f> normals;
+  toSamples(points, &positions, &normals);
+  const auto of_map = estimateGround(*mapOf(points, ObservedLayer(0.05)), {});
+  const auto of_samples = estimateGround(positions, normals, {});
+  ASSERT_TRUE(of_map && of_samples);
+  const Eigen::Vector3d truth = Eigen::Vector3d(-0.06, 0.08, 1.0).normalized();
+  EXPECT_LT((of_samples->normal_map - truth).norm(), 1e-3);  // exact points, PCL computes in float
+  EXPECT_NEAR(of_samples->zAt(12.0, -4.0), 1.7, 1e-3);
+  EXPECT_NEAR(of_samples->zAt(11.5, -3.5), of_map->zAt(11.5, -3.5), 1e-3);
+  EXPECT_LT((of_samples->normal_map - of_map->normal_map).norm(), 1e-3);
+  EXPECT_EQ(of_samples->num_points, of_map->num_points);
+}
+
+TEST(EstimateGroundOfSamples, CountsOnlyFiniteSamplesThatLookUp) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  std::vector<SurfacePoint> points;
+  addPlane({0.0, 0.0, 0.3}, 0.0, 0.0, 0.4, &points);
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<Eigen::Vector3f> normals;
+  toSamples(points, &positions, &normals);
+  const std::size_t num_ground = positions.size();
+  const std::vector<Eigen::Vector3d> on_ground = positions;
+  positions.insert(positions.begin(), Eigen::Vector3d::Constant(kNan));  // the first is special: others are taken
+  normals.insert(normals.begin(), Eigen::Vector3f::UnitZ());             // relative to it
+  for (const Eigen::Vector3d& p : on_ground) {
+    const Eigen::Vector3d broken[] = {{kNan, p.y(), p.z()}, {p.x(), p.y(), std::numeric_limits<double>::infinity()}};
+    for (const Eigen::Vector3d& q : broken) {
+      positions.push_back(q);
+      normals.push_back(Eigen::Vector3f::UnitZ());
+    }
+    positions.push_back(p);  // a good point with a normal that is none
+    normals.push_back(Eigen::Vector3f::Constant(static_cast<float>(kNan)));
+    positions.push_back(p - Eigen::Vector3d(0.0, 0.0, 1.0));  // a ceiling below it
+    normals.push_back(-Eigen::Vector3f::UnitZ());
+  }
+  const auto ground = estimateGround(positions, normals, {});
+  ASSERT_TRUE(ground);
+  EXPECT_EQ(ground->num_points, num_ground);
+  EXPECT_NEAR(ground->zAt(0.0, 0.0), 0.3, 1e-3);
+  const auto first = static_cast<std::ptrdiff_t>(1);
+  const auto last = static_cast<std::ptrdiff_t>(1 + num_ground);
+  positions.erase(positions.begin() + first, positions.begin() + last);
+  normals.erase(normals.begin() + first, normals.begin() + last);
+  EXPECT_FALSE(estimateGround(positions, normals, {})) << "nothing is left that counts";
+  EXPECT_FALSE(estimateGround(std::vector<Eigen::Vector3d>(), {}, {}));
+}
+
+TEST(EstimateGroundOfSamples, RefusesAnotherNumberOfNormals) {
+  const std::vector<Eigen::Vector3d> positions(3, Eigen::Vector3d::Zero());
+  const std::vector<Eigen::Vector3f> normals(2, Eigen::Vector3f::UnitZ());
+  try {
+    estimateGround(positions, normals, {});
+    FAIL() << "taken";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_STREQ(error.what(), "3 points have 2 normals, must be as many");
+  }
 }
 
 TEST(ProjectToGround, TellsFloorObstacleStepAndWhatIsDrivenUnder) {

@@ -202,5 +202,45 @@ TEST(MapMessages, AnswersTurnDirectionsIntoTheFrameAskedFor) {
   EXPECT_TRUE(brief.occupancy.empty());
 }
 
+TEST(MapMessages, AnswersHoldTheDerivativeOfTheirVarianceInTheFrameAskedFor) {
+  const auto snapshot = floorMap();
+  const Eigen::Matrix3d R_out_map =
+      Eigen::AngleAxisd(0.8, Eigen::Vector3d(1.0, -2.0, 0.5).normalized()).toRotationMatrix();
+  // Beside the floor's rim, where all three components differ, and a point that is none; then the neighbours of the
+  // first along the axes of the frame that is asked in.
+  const Eigen::Vector3d p_map(0.49, 0.47, 0.21);
+  constexpr double kStep_m = 1e-3;
+  gpis_mapping::Points3d points_map(3, 8);
+  points_map.col(0) = p_map;
+  points_map.col(1).setConstant(std::numeric_limits<double>::quiet_NaN());
+  for (int axis = 0; axis < 3; ++axis) {
+    const Eigen::Vector3d step_map = kStep_m * R_out_map.transpose().col(axis);
+    points_map.col(2 + 2 * axis) = p_map - step_map;
+    points_map.col(3 + 2 * axis) = p_map + step_map;
+  }
+  gpis_mapping::QueryOptions options;
+  options.variance_gradient = true;
+  interactive_mapping_msgs::QueryMap::Response answer;
+  fillAnswer(snapshot->query(points_map, options), R_out_map, true, &answer);
+  ASSERT_EQ(answer.variance.size(), 8u);
+  ASSERT_EQ(answer.variance_gradient.size(), 8u);
+  const auto& g = answer.variance_gradient[0];
+  const Eigen::Vector3d gradient(g.x, g.y, g.z);
+  const double prior = std::pow(snapshot->config().signalStd(), 2);
+  EXPECT_GT(gradient.cwiseAbs().minCoeff(), 0.5 * prior) << "or the comparison would say nothing";
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto at = static_cast<std::size_t>(2 + 2 * axis);
+    // As in test_map_snapshot: the variance is a float.
+    EXPECT_NEAR(gradient[axis], (answer.variance[at + 1] - answer.variance[at]) / (2.0 * kStep_m), 0.3 * prior) << axis;
+  }
+  EXPECT_TRUE(std::isnan(answer.variance_gradient[1].x));
+
+  interactive_mapping_msgs::QueryMap::Response variance_only;
+  fillAnswer(snapshot->query(points_map), R_out_map, true, &variance_only);
+  ASSERT_EQ(variance_only.variance.size(), 8u);
+  for (const std::size_t i : {0u, 2u, 7u}) EXPECT_EQ(variance_only.variance[i], answer.variance[i]);
+  EXPECT_TRUE(variance_only.variance_gradient.empty());
+}
+
 }  // namespace
 }  // namespace gpis_mapping_ros
