@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -31,9 +32,9 @@ struct PileGrid {
   int height{0};
   // Row by row.
   std::vector<std::uint8_t> is_occupied;  // before closing
-  std::vector<std::uint8_t> is_pile;      // after closing: what the outlines go round
-  std::vector<float> height_m;            // of the highest sample above the ground plane; NaN where there is none
-  std::vector<float> uncertainty;         // mean of the samples; NaN where there is none
+  std::vector<std::uint8_t> is_pile;      // after closing, without specks: what the outlines go round
+  std::vector<float> height_m;            // of the pile's highest sample over the ground plane; NaN where there is none
+  std::vector<float> uncertainty;         // mean of the pile's samples; NaN where there is none
 
   bool contains(int column, int row) const { return column >= 0 && row >= 0 && column < width && row < height; }
   std::size_t index(int column, int row) const { return static_cast<std::size_t>(row) * width + column; }
@@ -51,9 +52,12 @@ struct PileOutline {
 };
 
 /// Projects the surface above the ground along z (method section 5): occupancy and uncertainty grids, closing, outer
-/// contours, polygons. Samples that are not finite are left out. The grid has an empty border wide enough for the
-/// closing, so that a pile at the border of the map has a whole outline. Throws std::invalid_argument for an impossible
-/// config or a surface whose arrays differ in length; std::runtime_error if the surface spans more than 4000 cells.
+/// contours, polygons. A polygon holds all of its cells, but for what a corner of more than one way cuts off within the
+/// tolerance. Samples whose position is not finite are left out; one without an uncertainty counts for all but the mean.
+/// The grid covers the pile and has an empty border wide enough for the closing, so that a pile at the border of the map
+/// has a whole outline; without a pile it has no cells. Throws std::invalid_argument for an impossible config or ground,
+/// or a surface whose arrays differ in length; std::runtime_error if the pile spans more than 4000 cells or is farther
+/// than 1e5 m from the origin.
 PileOutline outlinePile(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                         const OutlineConfig& config);
 

@@ -3,6 +3,8 @@
 
 #include <gmock/gmock.h>
 
+#include "support/box_pile.h"
+
 namespace nbv_selection {
 namespace {}  // namespace
 }  // namespace nbv_selection
