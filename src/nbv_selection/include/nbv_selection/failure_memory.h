@@ -17,7 +17,7 @@ class FailureMemory {
   /// Throws std::invalid_argument unless cell_size_m is in [0.01, 1].
   explicit FailureMemory(double cell_size_m);
   ~FailureMemory();
-  FailureMemory(const FailureMemory&) = delete;
+  FailureMemory(const FailureMemory& other);
   FailureMemory& operator=(const FailureMemory&) = delete;
 
   /// Cells whose middle is within `radius_m` of `center_map`, and the one that holds it, failed at `stamp_s`; an earlier

@@ -86,6 +86,13 @@ struct FailureMemory::Node {
   double stamp_s{kNever_s};                         // of a leaf: of all of its cells
   std::unique_ptr<std::array<Node, 4>> quarters{};  // null: a leaf
 
+  Node() = default;
+  Node(Node&&) = default;
+  Node& operator=(Node&&) = default;
+  Node(const Node& other)
+      : stamp_s(other.stamp_s),
+        quarters(other.isLeaf() ? nullptr : std::make_unique<std::array<Node, 4>>(*other.quarters)) {}
+
   bool isLeaf() const { return quarters == nullptr; }
 
   void split() {
@@ -193,6 +200,12 @@ struct FailureMemory::Tree {
 FailureMemory::FailureMemory(double cell_size_m) : tree_(std::make_unique<Tree>()) {
   require("cell_size_m", cell_size_m, kMinCell_m, kMaxCell_m, "m");
   tree_->cell_m = cell_size_m;
+}
+
+FailureMemory::FailureMemory(const FailureMemory& other) : tree_(std::make_unique<Tree>()) {
+  tree_->cell_m = other.tree_->cell_m;
+  if (other.tree_->root) tree_->root = std::make_unique<Node>(*other.tree_->root);
+  tree_->square = other.tree_->square;
 }
 
 FailureMemory::~FailureMemory() = default;
