@@ -250,6 +250,7 @@ double FailureMemory::lastFailure(const std::vector<Eigen::Vector2d>& points_map
 }
 
 void FailureMemory::forgetBefore(double stamp_s) {
+  if (std::isnan(stamp_s)) throw std::invalid_argument("stamp_s = nan s, must be a time");
   if (tree_->root == nullptr) return;
   tree_->root->forgetBefore(stamp_s);
   if (tree_->root->isLeaf() && tree_->root->stamp_s == kNever_s) clear();
