@@ -39,7 +39,7 @@ struct ViewSelectorConfig {
   Choice choice{Choice::kUtility};
   double imaginary_share{0.5};      // of the prior's uncertainty
   double standing_padding_m{0.02};  // of the footprint at the standing pose
-  double max_lost_share{0.3};       // of what is asked at the surface and has no data: more, and the map has changed
+  double max_lost_share{0.1};       // of the pile's surface without data in the end: more, and the map has changed
 
   std::vector<std::string> validate() const;
 };

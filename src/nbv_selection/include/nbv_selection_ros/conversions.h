@@ -17,7 +17,7 @@ geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);
 /// SelectionOutcome's constant.
 std::uint8_t toStatus(nbv_selection::SelectionStatus status);
 
-interactive_mapping_msgs::NbvSelection toMessage(const nbv_selection::Selection& selection,
-                                                 const std::string& strategy, const std_msgs::Header& header);
+interactive_mapping_msgs::NbvSelection toMessage(const nbv_selection::Selection& selection, const std::string& strategy,
+                                                 const std_msgs::Header& header);
 
 }  // namespace nbv_selection_ros

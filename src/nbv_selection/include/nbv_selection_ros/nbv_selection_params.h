@@ -12,10 +12,11 @@ namespace nbv_selection_ros {
 struct NbvSelectionParams {
   std::string map_frame{"map"};
   std::string base_frame{"base_link"};
-  std::string base_profile_file;                // absolute path of a base_profile.yaml: the footprint
-  std::string sectors_file;                     // absolute path of what fit_manipulability made
-  std::vector<std::string> strategies{"gpis"};  // each has a section of its own with its plugin; the first is the default
-  int seed{0};                                  // of strategies that draw
+  std::string base_profile_file;  // absolute path of a base_profile.yaml: the footprint
+  std::string sectors_file;       // absolute path of what fit_manipulability made
+  std::vector<std::string> strategies{
+      "gpis"};  // each has a section of its own with its plugin; the first is the default
+  int seed{0};  // of strategies that draw
 
   struct Input {
     double max_grid_age_s{5.0};  // of the grid that the base drives on, ROS time

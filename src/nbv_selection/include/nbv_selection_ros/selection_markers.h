@@ -35,7 +35,6 @@ visualization_msgs::MarkerArray toMarkers(const nbv_selection::Selection& select
                                           const std_msgs::Header& header);
 
 /// Those of ~markers/failures: cells of the ground where something failed, and how long ago.
-visualization_msgs::MarkerArray toMarkers(const nbv_selection::FailureMemory& failures,
-                                          const std_msgs::Header& header);
+visualization_msgs::MarkerArray toMarkers(const nbv_selection::FailureMemory& failures, const std_msgs::Header& header);
 
 }  // namespace nbv_selection_ros

@@ -14,9 +14,9 @@ namespace nbv_selection_ros {
 
 /// Parameters that all strategies have.
 struct StrategyParams {
-  std::string plugin;                 // class, for the node that loads it
-  std::string removed_factor{"none"}; // the ablation of Table I: see UtilityConfig::without()
-  std::string approach{"sector"};     // or from_arm_base: see ApproachWeight
+  std::string plugin;                  // class, for the node that loads it
+  std::string removed_factor{"none"};  // the ablation of Table I: see UtilityConfig::without()
+  std::string approach{"sector"};      // or from_arm_base: see ApproachWeight
   nbv_selection::ViewSelectorConfig selector;
 
   /// Every problem as "key = value unit, must be ...".

@@ -19,6 +19,8 @@ namespace {
 
 /// RANSAC's cost grows with the samples, its answer does not change with more than this.
 constexpr std::size_t kMaxGroundSamples = 20000;
+/// A share is known from so many to 3 %.
+constexpr std::size_t kMaxProbes = 300;
 
 std::optional<gpis_mapping::GroundPlane> groundOf(const MappedSurface& surface,
                                                   const gpis_mapping::GroundOptions& options) {
@@ -31,6 +33,23 @@ std::optional<gpis_mapping::GroundPlane> groundOf(const MappedSurface& surface,
     normals.push_back(surface.normals_map[i]);
   }
   return gpis_mapping::estimateGround(points, normals, options);
+}
+
+/// Share of samples of the pile's surface, as it was, of which the map knows nothing now.
+double lostShare(const SceneModel& scene, const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
+                 const OutlineConfig& outline) {
+  std::vector<Eigen::Vector3d> pile;
+  for (const Eigen::Vector3d& p : surface.points_map) {
+    if (!p.allFinite()) continue;
+    const double height = ground.heightOf(p);
+    if (height >= outline.min_height_m && height <= outline.max_height_m) pile.push_back(p);
+  }
+  if (pile.empty()) return 0.0;
+  const std::size_t count = std::min(pile.size(), kMaxProbes);
+  gpis_mapping::Points3d probes(3, static_cast<Eigen::Index>(count));
+  for (std::size_t i = 0; i < count; ++i) probes.col(static_cast<Eigen::Index>(i)) = pile[i * pile.size() / count];
+  const std::vector<bool> is_there = scene.occupancy(probes).is_supported;
+  return static_cast<double>(std::count(is_there.begin(), is_there.end(), false)) / static_cast<double>(count);
 }
 
 bool isIn(const ExcludedZone& zone, const Eigen::Vector2d& p_map) {
@@ -173,6 +192,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
                                const std::function<bool()>& is_cancelled) const {
   requireFinite(request);
   Selection selection;
+  std::size_t num_segments = 0;
   /// Tells the next stage; true: the selection is over.
   const auto begin = [&](const char* stage) {
     if (is_cancelled && is_cancelled()) {
@@ -180,7 +200,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
       selection.message = std::string("cancelled before the stage: ") + stage;
       return true;
     }
-    if (tell) tell(stage, selection.segments.size());
+    if (tell) tell(stage, num_segments);
     return false;
   };
   const auto end = [&selection](SelectionStatus status, const std::string& message) {
@@ -208,7 +228,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
     return end(SelectionStatus::kNoPile, text.str());
   }
   const std::vector<Segment> segments = cutSegments(selection.outline, robot_.footprint, config_.segments);
-  selection.segments.resize(segments.size());
+  num_segments = segments.size();
 
   if (begin("uncertainty")) return selection;
   const std::vector<SegmentUncertainty> uncertainty = segmentUncertainty(scene, segments);
@@ -218,21 +238,15 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   if (begin("manipulability")) return selection;
   const ManipulabilityScore manipulability(scene, surface, *ground, config_.outline.min_height_m, robot_.sectors,
                                            robot_.T_base_armbase, config_.manipulability);
-  if (manipulability.shareWithoutData() > config_.max_lost_share) {
-    std::ostringstream text;
-    text << "the map changed meanwhile: " << std::lround(100.0 * manipulability.shareWithoutData())
-         << " % of what was its surface has no data now, allowed are " << std::lround(100.0 * config_.max_lost_share)
-         << " %";
-    return end(SelectionStatus::kMapChanged, text.str());
-  }
 
   if (begin("travel")) return selection;
   const base_navigation::DistanceField distances(*request.ground, request.T_map_base.position(),
                                                  base_navigation::inscribedRadius(robot_.footprint));
   const base_navigation::FootprintChecker standing(request.ground, robot_.footprint, config_.standing_padding_m);
 
+  std::vector<ScoredSegment> scored_segments(segments.size());
   for (std::size_t i = 0; i < segments.size(); ++i) {
-    ScoredSegment& scored = selection.segments[i];
+    ScoredSegment& scored = scored_segments[i];
     scored.segment = segments[i];
     scored.kind = kinds[i];
     scored.mean_uncertainty = uncertainty[i].mean;
@@ -273,6 +287,15 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   }
 
   if (begin("choice")) return selection;
+  const double lost = lostShare(scene, surface, *ground, config_.outline);
+  if (lost > config_.max_lost_share) {
+    std::ostringstream text;
+    text << "the map changed meanwhile: " << std::lround(100.0 * lost)
+         << " % of what was the pile's surface has no data now, allowed are "
+         << std::lround(100.0 * config_.max_lost_share) << " %";
+    return end(SelectionStatus::kMapChanged, text.str());
+  }
+  selection.segments = std::move(scored_segments);
   selection.best =
       config_.choice == Choice::kRandom ? randomOf(selection.segments, request.seed) : bestOf(selection.segments);
   if (!selection.best) return end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments));

@@ -108,8 +108,8 @@ geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
   return pose;
 }
 
-interactive_mapping_msgs::NbvSelection toMessage(const nbv_selection::Selection& selection,
-                                                 const std::string& strategy, const std_msgs::Header& header) {
+interactive_mapping_msgs::NbvSelection toMessage(const nbv_selection::Selection& selection, const std::string& strategy,
+                                                 const std_msgs::Header& header) {
   interactive_mapping_msgs::NbvSelection message;
   message.header = header;
   message.strategy = strategy;

@@ -134,11 +134,10 @@ class GpisStrategy : public Strategy {
     context_ = context;
     params_ = loadGpisStrategyParams(context.private_nh);
     selector_ = std::make_unique<nbv_selection::ViewSelector>(params_.effective(), context.robot);
-    mesh_subscriber_ =
-        context_.nh.subscribe<SurfaceMesh>("map/mesh", 1, [this](const SurfaceMeshConstPtr& mesh) {
-          const std::lock_guard<std::mutex> lock(mutex_);
-          mesh_ = mesh;
-        });
+    mesh_subscriber_ = context_.nh.subscribe<SurfaceMesh>("map/mesh", 1, [this](const SurfaceMeshConstPtr& mesh) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      mesh_ = mesh;
+    });
   }
 
   nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,

@@ -41,14 +41,13 @@ auto loadedFrom(const char* key, const std::string& file, Load&& load) -> declty
 nbv_selection::RobotBody bodyFrom(const ros::NodeHandle& nh, const NbvSelectionParams& params) {
   const auto kinematics = motion_planning_ros::kinematicsFromServer(nh);
   nbv_selection::RobotBody body;
-  body.footprint =
-      loadedFrom("base_profile_file", params.base_profile_file, mp700_ur5e_description::loadBaseProfile)
-          .body.footprint_m;
+  body.footprint = loadedFrom("base_profile_file", params.base_profile_file, mp700_ur5e_description::loadBaseProfile)
+                       .body.footprint_m;
   body.sectors = loadedFrom("sectors_file", params.sectors_file, [&](const std::string& file) {
     return motion_planning::ManipulabilitySectors::load(file, kinematics->robot());
   });
-  body.T_base_armbase = kinematics->robot().framePose(
-      mp700_ur5e_description::kArmBaseFrame, kinematics->robotPositions(motion_planning::ArmVector::Zero()));
+  body.T_base_armbase = kinematics->robot().framePose(mp700_ur5e_description::kArmBaseFrame,
+                                                      kinematics->robotPositions(motion_planning::ArmVector::Zero()));
   return body;
 }
 
@@ -117,11 +116,9 @@ NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandl
   diagnostics_.add("selections", this, &NbvSelectionRos::diagnoseSelections);
   diagnostics_timer_ = handle.createWallTimer(ros::WallDuration(kDiagnosticsPeriod_s),
                                               [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
-  server_ = std::make_unique<Server>(
-      private_handle, "select",
-      [this](const auto& goal, const auto& started, const auto& is_cancelled, const auto& tell) {
-        return select(goal, started, is_cancelled, tell);
-      });
+  server_ = std::make_unique<Server>(private_handle, "select",
+                                     [this](const auto& goal, const auto& started, const auto& is_cancelled,
+                                            const auto& tell) { return select(goal, started, is_cancelled, tell); });
 }
 
 NbvSelectionRos::~NbvSelectionRos() {
@@ -178,14 +175,13 @@ nbv_selection::SelectionRequest NbvSelectionRos::makeRequest(const Server::Goal&
   }
   for (const interactive_mapping_msgs::ExcludedZone& message : goal.excluded) {
     nbv_selection::ExcludedZone zone;
-    zone.center_map =
-        (T_map_zones * Eigen::Vector3d(message.center.x, message.center.y, message.center.z)).head<2>();
+    zone.center_map = (T_map_zones * Eigen::Vector3d(message.center.x, message.center.y, message.center.z)).head<2>();
     zone.radius_m = message.radius;
     if (!zone.center_map.allFinite() || !std::isfinite(zone.radius_m) || zone.radius_m < 0.0) {
-      throw Refused{SelectionOutcome::BAD_GOAL,
-                    "an excluded zone has centre (" + formatted("%g, ", message.center.x) +
-                        formatted("%g) ", message.center.y) + formatted("and radius %g m", message.radius) +
-                        ", must be finite, the radius at least 0"};
+      throw Refused{SelectionOutcome::BAD_GOAL, "an excluded zone has centre (" + formatted("%g, ", message.center.x) +
+                                                    formatted("%g) ", message.center.y) +
+                                                    formatted("and radius %g m", message.radius) +
+                                                    ", must be finite, the radius at least 0"};
     }
     request.excluded.push_back(zone);
   }
@@ -269,8 +265,9 @@ NbvSelectionRos::Server::Result NbvSelectionRos::select(const Server::Goal& goal
 }
 
 void NbvSelectionRos::note(const std::string& strategy, const SelectionOutcome& outcome, double wall_ms) {
-  static const char* const kNames[] = {"success",   "cancelled", "bad goal", "stale map",    "stale ground", "no pose",
-                                       "empty map", "no ground", "no pile",  "no candidate", "low utility",  "map changed"};
+  static const char* const kNames[] = {"success",      "cancelled",    "bad goal",    "stale map",
+                                       "stale ground", "no pose",      "empty map",   "no ground",
+                                       "no pile",      "no candidate", "low utility", "map changed"};
   static_assert(sizeof(kNames) / sizeof(kNames[0]) == SelectionOutcome::NUM_STATUS, "a name for each status");
   const std::string name = kNames[outcome.status];
   {
@@ -370,7 +367,8 @@ void NbvSelectionRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper
     if (of_strategy.level != diagnostic_msgs::DiagnosticStatus::OK) {
       status.mergeSummary(of_strategy.level, loaded.name + ": " + of_strategy.message);
     }
-    for (const diagnostic_msgs::KeyValue& value : of_strategy.values) status.add(loaded.name + ": " + value.key, value.value);
+    for (const diagnostic_msgs::KeyValue& value : of_strategy.values)
+      status.add(loaded.name + ": " + value.key, value.value);
   }
   try {
     whereTheRobotIs();

@@ -74,9 +74,8 @@ class OctomapStrategy : public Strategy {
       return has_answered && call.response.map.header.stamp >= min_stamp;
     };
     bool is_there = false;
-    motion_planning_ros::waitUntil(
-        ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s,
-        [&] { return (is_there = isThere()) || (is_cancelled && is_cancelled()); });
+    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s,
+                                   [&] { return (is_there = isThere()) || (is_cancelled && is_cancelled()); });
     if (!is_there && !(is_cancelled && is_cancelled())) {
       next_try = ros::WallTime();
       is_there = isThere();

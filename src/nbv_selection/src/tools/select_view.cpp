@@ -13,6 +13,7 @@
 
 #include <boost/program_options.hpp>
 #include <gpis_mapping/atomic_file.h>
+#include <gpis_mapping/depth_sequence.h>
 #include <gpis_mapping/gpis_map.h>
 #include <gpis_mapping/map_io.h>
 #include <motion_planning/arm_kinematics.h>
@@ -20,6 +21,7 @@
 #include <mp700_ur5e_description/robot_model.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <nlohmann/json.hpp>
+#include <octomap_baseline/dynamic_octomap.h>
 #include <octomap_baseline/tree_projection.h>
 #include <ros/package.h>
 
@@ -33,17 +35,24 @@ namespace {
 namespace po = boost::program_options;
 using nlohmann::json;
 
+// What the base does not drive over; about the ground, which is at 0 in maps of an OctoMap.
+constexpr double kObstacleLow_m = 0.05;
+constexpr double kObstacleHigh_m = 2.0;
+
 struct Options {
   std::string map;
   std::string out;
   std::string removed_factor{"none"};
   std::vector<double> pose{0.0, 0.0, 0.0};
   bool is_everywhere_free{false};
+  bool is_octomap{false};
+  std::size_t end{std::numeric_limits<std::size_t>::max()};
 };
 
 std::string packageFile(const std::string& package, const std::string& path) {
   const std::string folder = ros::package::getPath(package);
-  if (folder.empty()) throw std::invalid_argument("package " + package + " is not found by ROS: source devel/setup.bash");
+  if (folder.empty())
+    throw std::invalid_argument("package " + package + " is not found by ROS: source devel/setup.bash");
   return folder + path;
 }
 
@@ -51,8 +60,10 @@ std::string packageFile(const std::string& package, const std::string& path) {
 std::optional<Options> parseCommandLine(int argc, char** argv) {
   Options options;
   po::options_description description("Options");
-  description.add_options()("help,h", "show this text")                                                        //
-      ("map", po::value(&options.map)->required(), "a .gpis of gpis_mapping, or a .ot of octomap_baseline")    //
+  description.add_options()("help,h", "show this text")                                                               //
+      ("map", po::value(&options.map)->required(), "a .gpis of gpis_mapping, or the folder of a depth sequence")      //
+      ("octomap", po::bool_switch(&options.is_octomap), "map the sequence with octomap_baseline")                     //
+      ("end", po::value(&options.end), "last frame of the sequence, from 0")                                          //
       ("pose", po::value(&options.pose)->multitoken(), "x y yaw of base_link in the map [m, m, rad]; default 0 0 0")  //
       ("removed-factor", po::value(&options.removed_factor),
        "manipulability, pick_order, travel, uncertainty, frontier, failure_penalty or none")  //
@@ -66,7 +77,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   po::variables_map values;
   po::store(po::command_line_parser(argc, argv).options(description).positional(positional).style(style).run(), values);
   if (values.count("help") > 0) {
-    std::cout << "Usage: select_view MAP [--pose X Y YAW] [options]\n"
+    std::cout << "Usage: select_view MAP|SEQUENCE [--pose X Y YAW] [options]\n"
                  "Where the robot would stand next: a line for each segment of the pile's outline; the last line is a\n"
                  "summary in JSON.\n\n"
               << description;
@@ -84,8 +95,8 @@ bool endsWith(const std::string& text, const std::string& ending) {
 }
 
 RobotBody loadBody() {
-  const auto robot = mp700_ur5e_description::RobotModel::load(
-      packageFile("mp700_ur5e_description", "/urdf/mp700_ur5e.urdf"));
+  const auto robot =
+      mp700_ur5e_description::RobotModel::load(packageFile("mp700_ur5e_description", "/urdf/mp700_ur5e.urdf"));
   const motion_planning::ArmKinematics arm(robot);
   RobotBody body;
   body.footprint =
@@ -104,8 +115,7 @@ struct Loaded {
   std::shared_ptr<base_navigation::NavigationGrid> ground{std::make_shared<base_navigation::NavigationGrid>()};
 };
 
-Loaded loadGpis(const std::string& path) {
-  const gpis_mapping::GpisMap map(gpis_mapping::loadMap(path));
+Loaded fromGpis(const gpis_mapping::GpisMap& map) {
   Loaded loaded;
   loaded.scene = makeGpisScene(map.snapshot(), {});
   if (const auto grid = gpis_mapping::projectToGround(*map.snapshot(), {})) {
@@ -118,20 +128,41 @@ Loaded loadGpis(const std::string& path) {
   return loaded;
 }
 
-Loaded loadOctomap(const std::string& path) {
-  std::unique_ptr<octomap::AbstractOcTree> any(octomap::AbstractOcTree::read(path));
-  std::shared_ptr<const octomap::OcTree> tree(dynamic_cast<octomap::OcTree*>(any.get()));
-  if (!tree) throw std::invalid_argument("'" + path + "' is no OcTree with log odds (.ot)");
-  any.release();
+Loaded fromOctomap(const octomap_baseline::DynamicOctomap& map) {
   Loaded loaded;
-  const octomap_baseline::TreeProjection projection = octomap_baseline::projectDown(*tree, 0.05, 2.0);
+  const octomap_baseline::TreeProjection projection =
+      octomap_baseline::projectDown(map.tree(), kObstacleLow_m, kObstacleHigh_m);
   loaded.ground->cell_size_m = projection.cell_size_m;
   loaded.ground->origin_m = {projection.origin_x_m, projection.origin_y_m};
   loaded.ground->width = projection.width;
   loaded.ground->height = projection.height;
   loaded.ground->state = projection.state;
-  loaded.scene = std::make_unique<OctomapScene>(tree, 0, 0.0, OctomapScene::Config());
+  loaded.scene = std::make_unique<OctomapScene>(std::make_shared<const octomap::OcTree>(map.tree()), map.numUpdates(),
+                                                map.stamp(), OctomapScene::Config());
   return loaded;
+}
+
+/// Calls update(image, camera, T_map_camera, stamp) for each frame that has a pose.
+template <typename Map>
+void play(const Options& options, Map* map) {
+  const auto sequence = gpis_mapping::openDepthSequence(options.map);
+  gpis_mapping::SkipReason reason;
+  for (std::size_t i = 0; i < sequence->size() && i <= options.end; ++i) {
+    const auto frame = sequence->frame(i, &reason);
+    if (frame) map->update(frame->image, sequence->camera(), frame->T_map_camera, frame->stamp_s);
+  }
+}
+
+Loaded load(const Options& options) {
+  if (endsWith(options.map, ".gpis")) return fromGpis(gpis_mapping::GpisMap(gpis_mapping::loadMap(options.map)));
+  if (options.is_octomap) {
+    octomap_baseline::DynamicOctomap map{octomap_baseline::OctomapConfig()};
+    play(options, &map);
+    return fromOctomap(map);
+  }
+  gpis_mapping::GpisMap map{gpis_mapping::GpisConfig()};
+  play(options, &map);
+  return fromGpis(map);
 }
 
 /// Free where nothing stands, with room around for the robot.
@@ -184,7 +215,7 @@ json toJson(const ScoredSegment& scored) {
 }
 
 int run(const Options& options) {
-  Loaded loaded = endsWith(options.map, ".ot") ? loadOctomap(options.map) : loadGpis(options.map);
+  Loaded loaded = load(options);
   SelectionRequest request;
   request.T_map_base = {options.pose[0], options.pose[1], options.pose[2]};
   if (options.is_everywhere_free) freeEverything(loaded.ground.get(), request.T_map_base.position());
