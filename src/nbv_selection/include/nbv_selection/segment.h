@@ -17,7 +17,7 @@ struct SegmentConfig {
   double spacing_m{0.16};         // of neighbours along the outline: about 50 round a pile of 4 m^2
   double standoff_m{0.12};        // between the foremost edge of the footprint and the segment
   double sample_spacing_m{0.03};  // of the samples along the outline
-  double profile_depth_m{0.25};   // the height profile looks so far into the pile
+  double profile_depth_m{0.25};   // the height profile looks so far into the pile, square to its outline
 
   std::vector<std::string> validate() const;
 };

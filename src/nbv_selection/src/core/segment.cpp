@@ -219,12 +219,15 @@ std::vector<Segment> cutSegments(const PileOutline& outline, const base_navigati
       segment.direction_map = chart.direction(direction);
       segment.outward_map = chart.direction(outward);
 
-      const Eigen::Vector3d into_pile = -config.profile_depth_m * segment.outward_map;
       for (int j = 0; j < num_samples; ++j) {
-        const Eigen::Vector3d sample = chart.point(path.at(begin_m + (j + 0.5) * length_m / num_samples));
-        segment.samples_map.push_back(sample);
+        const double sample_m = begin_m + (j + 0.5) * length_m / num_samples;
+        const Eigen::Vector2d sample = path.at(sample_m);
+        const Eigen::Vector2d tangent = path.tangentAt(sample_m);
+        // Square to the outline there and not to the segment: round a corner that would look past the pile.
+        const Eigen::Vector2d inside = sample + config.profile_depth_m * Eigen::Vector2d(-tangent.y(), tangent.x());
+        segment.samples_map.push_back(chart.point(sample));
         segment.profile_m.push_back(
-            highestAlong(outline.grid, sample.head<2>(), sample.head<2>() + into_pile.head<2>()));
+            highestAlong(outline.grid, chart.point(sample).head<2>(), chart.point(inside).head<2>()));
       }
 
       const Eigen::Vector3d standing = chart.point(midpoint + (config.standoff_m + front_m) * outward);
