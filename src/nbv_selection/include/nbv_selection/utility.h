@@ -41,9 +41,16 @@ struct FactorConfig {
   Logistic logistic;
 };
 
-/// All of eqs 8 and 9 but the attributes.
+/// All of eqs 8 and 9 but the attributes. The logistic functions span what the attributes are on maps of gpis_mapping (the
+/// README says how): 0.1 at the 10th percentile, 0.9 at the 90th.
 struct UtilityConfig {
-  std::array<FactorConfig, kNumFactors> factors;
+  std::array<FactorConfig, kNumFactors> factors{{
+      {0.25, {1.0, 410.0, 3.5}},      // manipulability: 0.0031 to 0.0138
+      {0.15, {1.0, 29.0, 5.4}},       // pick order: 0.11 m to 0.26 m
+      {0.25, {1.0, 1.48, -3.43}},     // travel: 3.8 m to 0.83 m
+      {0.10, {1.0, 28000.0, 2.84}},   // uncertainty: 2.3e-5 m^2 to 1.8e-4 m^2
+      {0.25, {1.0, 382000.0, 2.77}},  // frontier: 1.5e-6 m^2 to 1.3e-5 m^2
+  }};
   double gamma_per_s{0.99};  // p = gamma^(t - t_f): after 69 s a failure counts half
   double min_utility{0.05};  // U_min: a best segment below it is not worth going to
   bool use_failures{true};   // false: p = 0

@@ -44,6 +44,9 @@ struct ViewSelectorConfig {
   std::vector<std::string> validate() const;
 };
 
+/// Defaults for an OctomapScene, whose uncertainty has other units and values.
+ViewSelectorConfig octomapSelectorConfig();
+
 /// The robot as a selection needs it.
 struct RobotBody {
   base_navigation::Polygon footprint;  // base_link

@@ -31,6 +31,7 @@ struct GpisStrategyParams : StrategyParams {
 };
 
 struct OctomapStrategyParams : StrategyParams {
+  OctomapStrategyParams() { selector = nbv_selection::octomapSelectorConfig(); }
   nbv_selection::OctomapScene::Config scene;
   std::vector<std::string> validate() const;
 };

@@ -181,6 +181,17 @@ std::vector<std::string> ViewSelectorConfig::validate() const {
   return problems;
 }
 
+ViewSelectorConfig octomapSelectorConfig() {
+  ViewSelectorConfig config;
+  config.imaginary_share = 0.65;  // beside a seen surface half of what is averaged over is unknown ground
+  // Spanned as those of UtilityConfig are, on OctoMaps of the same sequences.
+  config.utility.of(Factor::kManipulability).logistic = {1.0, 488.3, 6.25};  // 0.0083 to 0.0173
+  config.utility.of(Factor::kTravel).logistic = {1.0, 1.191, -2.924};        // 4.3 m to 0.61 m
+  config.utility.of(Factor::kUncertainty).logistic = {1.0, 23.13, 11.45};    // 0.40 bit to 0.59 bit
+  config.utility.of(Factor::kFrontier).logistic = {1.0, 3.712, 2.739};       // 0.15 bit^2/m^2 to 1.33 bit^2/m^2
+  return config;
+}
+
 ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
     : config_(config), robot_(std::move(robot)) {
   gpis_mapping::throwIfAny(config_.validate());

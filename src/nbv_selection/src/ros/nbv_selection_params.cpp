@@ -34,6 +34,17 @@ bool isName(const std::string& text) {
   return text.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_") == std::string::npos;
 }
 
+/// Sections with a plugin, used or not: strategies read their own.
+std::vector<std::string> strategySections(const ros::NodeHandle& private_nh) {
+  std::vector<std::string> names;
+  XmlRpc::XmlRpcValue all;
+  if (!private_nh.getParam("", all) || all.getType() != XmlRpc::XmlRpcValue::TypeStruct) return names;
+  for (auto& [name, value] : all) {
+    if (value.getType() == XmlRpc::XmlRpcValue::TypeStruct && value.hasMember("plugin")) names.push_back(name);
+  }
+  return names;
+}
+
 }  // namespace
 
 std::vector<std::string> NbvSelectionParams::validate() const {
@@ -78,13 +89,10 @@ std::string toYaml(const NbvSelectionParams& params) {
 }
 
 NbvSelectionParams loadNbvSelectionParams(const ros::NodeHandle& private_nh) {
-  // The strategies' sections are read by themselves. Their names are known only after a first look.
-  std::vector<std::string> names = NbvSelectionParams().strategies;
-  private_nh.getParam("strategies", names);
   NbvSelectionParams params;
   gpis_mapping_ros::ParamReader reader(private_nh);
   kVisitParams(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
-  for (const std::string& name : names) reader.ignore(name);
+  for (const std::string& name : strategySections(private_nh)) reader.ignore(name);
   reader.ignore("diagnostic_period");
   reader.report("", params.validate());
   reader.finish();

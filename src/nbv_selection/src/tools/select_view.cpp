@@ -36,7 +36,7 @@ namespace po = boost::program_options;
 using nlohmann::json;
 
 // What the base does not drive over; about the ground, which is at 0 in maps of an OctoMap.
-constexpr double kObstacleLow_m = 0.05;
+constexpr double kObstacleLow_m = 0.09;  // below it, voxels of the ground: they are noisy where it is far
 constexpr double kObstacleHigh_m = 2.0;
 
 struct Options {
@@ -131,7 +131,7 @@ Loaded fromGpis(const gpis_mapping::GpisMap& map) {
 Loaded fromOctomap(const octomap_baseline::DynamicOctomap& map) {
   Loaded loaded;
   const octomap_baseline::TreeProjection projection =
-      octomap_baseline::projectDown(map.tree(), kObstacleLow_m, kObstacleHigh_m);
+      octomap_baseline::projectDown(map.tree(), kObstacleLow_m, kObstacleHigh_m, true);
   loaded.ground->cell_size_m = projection.cell_size_m;
   loaded.ground->origin_m = {projection.origin_x_m, projection.origin_y_m};
   loaded.ground->width = projection.width;
@@ -220,7 +220,7 @@ int run(const Options& options) {
   request.T_map_base = {options.pose[0], options.pose[1], options.pose[2]};
   if (options.is_everywhere_free) freeEverything(loaded.ground.get(), request.T_map_base.position());
   request.ground = loaded.ground;
-  ViewSelectorConfig config;
+  ViewSelectorConfig config = options.is_octomap ? octomapSelectorConfig() : ViewSelectorConfig();
   config.utility = config.utility.without(options.removed_factor);
   const ViewSelector selector(config, loadBody());
   const Selection selection = selector.select(*loaded.scene, FailureMemory(0.1), request);

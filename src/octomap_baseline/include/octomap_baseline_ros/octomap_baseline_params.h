@@ -21,6 +21,7 @@ struct OctomapBaselineParams {
     double rate_hz{2.0};             // of every topic but ~update, at most; by the wall clock
     double projected_min_z_m{-1e4};  // voxels between these heights make the projected map
     double projected_max_z_m{1e4};
+    bool filter_speckles{false};  // voxels without an occupied neighbour are left out of it
   } output;
 
   /// Every problem as "key = value unit, must be in [lo, hi] unit".

@@ -9,7 +9,29 @@ namespace octomap_baseline {
 
 using gpis_mapping::SpaceState;
 
-TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m) {
+namespace {
+
+/// Of a voxel of the smallest size.
+bool isSpeck(const octomap::OcTree& tree, const octomap::OcTreeKey& key) {
+  octomap::OcTreeKey other;
+  for (int dz = -1; dz <= 1; ++dz) {
+    for (int dy = -1; dy <= 1; ++dy) {
+      for (int dx = -1; dx <= 1; ++dx) {
+        if (dx == 0 && dy == 0 && dz == 0) continue;
+        other[0] = static_cast<octomap::key_type>(key[0] + dx);
+        other[1] = static_cast<octomap::key_type>(key[1] + dy);
+        other[2] = static_cast<octomap::key_type>(key[2] + dz);
+        const octomap::OcTreeNode* node = tree.search(other);
+        if (node != nullptr && tree.isNodeOccupied(node)) return false;
+      }
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m, bool without_specks) {
   struct Leaf {
     long x;
     long y;
@@ -26,9 +48,11 @@ TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double m
     const double half = 0.5 * it.getSize();
     // By the centres of its lowest and its highest voxel.
     if (it.getZ() - half + 0.5 * resolution > max_z_m || it.getZ() + half - 0.5 * resolution < min_z_m) continue;
+    bool is_occupied = tree.isNodeOccupied(*it);
+    if (is_occupied && without_specks && it.getDepth() == tree.getTreeDepth())
+      is_occupied = !isSpeck(tree, it.getKey());
     Leaf leaf{std::lround((it.getX() - half) / resolution), std::lround((it.getY() - half) / resolution),
-              std::lround(it.getSize() / resolution),
-              tree.isNodeOccupied(*it) ? SpaceState::kOccupied : SpaceState::kFree};
+              std::lround(it.getSize() / resolution), is_occupied ? SpaceState::kOccupied : SpaceState::kFree};
     min_x = std::min(min_x, leaf.x);
     min_y = std::min(min_y, leaf.y);
     max_x = std::max(max_x, leaf.x + leaf.across);

@@ -34,6 +34,7 @@ OctomapBaselineParams loadOctomapBaselineParams(const ros::NodeHandle& private_n
   reader.read("output/rate_hz", &params.output.rate_hz);
   reader.read("output/projected_min_z_m", &params.output.projected_min_z_m);
   reader.read("output/projected_max_z_m", &params.output.projected_max_z_m);
+  reader.read("output/filter_speckles", &params.output.filter_speckles);
   reader.ignore("image_transport");  // read by image_transport
   const std::string map_yaml = reader.yamlOf("map");
   try {

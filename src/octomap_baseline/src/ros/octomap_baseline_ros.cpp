@@ -55,7 +55,8 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
   addOutput<sensor_msgs::PointCloud2>(&public_nh, "octomap_point_cloud_centers", toPointCloud);
   addOutput<nav_msgs::OccupancyGrid>(
       &public_nh, "projected_map", [output = params_.output](const auto& tree, const auto& header) {
-        return toOccupancyGrid(octomap_baseline::projectDown(tree, output.projected_min_z_m, output.projected_max_z_m),
+        return toOccupancyGrid(octomap_baseline::projectDown(tree, output.projected_min_z_m, output.projected_max_z_m,
+                                                             output.filter_speckles),
                                header);
       });
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);

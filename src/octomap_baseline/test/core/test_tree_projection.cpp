@@ -62,5 +62,17 @@ TEST(TreeProjection, PrunedLeafCoversAllItsColumns) {
   EXPECT_EQ(grid.state, std::vector<SpaceState>(16, SpaceState::kOccupied));
 }
 
+TEST(TreeProjection, SpecksCanBeLeftOut) {
+  octomap::OcTree tree(0.1);
+  tree.updateNode(octomap::point3d(0.05f, 0.05f, 0.05f), true);  // alone
+  tree.updateNode(octomap::point3d(0.45f, 0.05f, 0.05f), true);  // two that touch at a corner
+  tree.updateNode(octomap::point3d(0.55f, 0.15f, 0.15f), true);
+  EXPECT_EQ(stateAt(projectDown(tree, 0.0, 0.5), 0.05, 0.05), SpaceState::kOccupied);
+  const TreeProjection grid = projectDown(tree, 0.0, 0.5, true);
+  EXPECT_EQ(stateAt(grid, 0.05, 0.05), SpaceState::kFree);
+  EXPECT_EQ(stateAt(grid, 0.45, 0.05), SpaceState::kOccupied);
+  EXPECT_EQ(stateAt(grid, 0.55, 0.15), SpaceState::kOccupied);
+}
+
 }  // namespace
 }  // namespace octomap_baseline
