@@ -18,7 +18,9 @@ class GpisScene : public SceneModel {
   struct Config {
     double alpha_1_m{100.0};  // of eq 14: steepness, 1 / sigma of a typical surface
     double beta{0.0};         // of eq 14
-    double support_m{0.03};   // a point farther from the mapped surface than this has no data support
+    /// A point farther from the mapped surface than this has no data support. Not less than the band_m of the
+    /// manipulability's samples, or many of them look as if the map had lost them.
+    double support_m{0.06};
 
     std::vector<std::string> validate() const;
   };

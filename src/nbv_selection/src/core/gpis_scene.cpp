@@ -75,36 +75,22 @@ OccupancyField GpisScene::occupancy(const gpis_mapping::Points3d& points_map) co
   OccupancyField field{Eigen::VectorXd::Zero(count), gpis_mapping::Points3d::Zero(3, count),
                        std::vector<bool>(static_cast<std::size_t>(count), false)};
   if (count == 0) return field;
-  // Distances are cheap, variances are not: first who is near the surface, then the rest for those.
-  gpis_mapping::QueryOptions options;
-  options.variance = false;
-  const gpis_mapping::QueryResult nearness = query_(points_map, options);
-  requireAnswers(nearness.euclidean_distance.size(), count);
-  std::vector<Eigen::Index> near;
+  // Asked once: to ask for distances first, and for variances where they turn out small, takes longer unless two thirds of
+  // the points are far from the surface, and the map may change in between.
+  const gpis_mapping::QueryResult answer = query_(points_map, gpis_mapping::QueryOptions());
+  requireAnswers(answer.distance.size(), count);
+  requireAnswers(answer.variance.size(), count);
+  requireAnswers(answer.gradient.cols(), count);
+  requireAnswers(answer.euclidean_distance.size(), count);
   for (Eigen::Index i = 0; i < count; ++i) {
-    if (nearness.euclidean_distance[i] <= config_.support_m) near.push_back(i);  // false for NaN
-  }
-  const auto num_near = static_cast<Eigen::Index>(near.size());
-  if (num_near == 0) return field;
-  gpis_mapping::Points3d near_map(3, num_near);
-  for (Eigen::Index j = 0; j < num_near; ++j) near_map.col(j) = points_map.col(near[static_cast<std::size_t>(j)]);
-  options.variance = true;
-  // All that is used is of this answer: the map may have changed since the first.
-  const gpis_mapping::QueryResult answer = query_(near_map, options);
-  requireAnswers(answer.distance.size(), num_near);
-  requireAnswers(answer.variance.size(), num_near);
-  requireAnswers(answer.gradient.cols(), num_near);
-  requireAnswers(answer.euclidean_distance.size(), num_near);
-  for (Eigen::Index j = 0; j < num_near; ++j) {
-    const double length = answer.gradient.col(j).norm();
-    const bool is_supported = answer.euclidean_distance[j] <= config_.support_m && std::isfinite(answer.distance[j]) &&
-                              std::isfinite(answer.variance[j]) && std::isfinite(length) && length > 0.0;
+    const double length = answer.gradient.col(i).norm();
+    const bool is_supported = answer.euclidean_distance[i] <= config_.support_m && std::isfinite(answer.distance[i]) &&
+                              std::isfinite(answer.variance[i]) && std::isfinite(length) && length > 0.0;
     if (!is_supported) continue;
-    const Eigen::Index i = near[static_cast<std::size_t>(j)];
     field.is_supported[static_cast<std::size_t>(i)] = true;
-    field.normal.col(i) = answer.gradient.col(j) / length;
+    field.normal.col(i) = answer.gradient.col(i) / length;
     field.probability[i] =
-        occupancyProbability(answer.distance[j], answer.variance[j], config_.alpha_1_m, config_.beta);
+        occupancyProbability(answer.distance[i], answer.variance[i], config_.alpha_1_m, config_.beta);
   }
   return field;
 }

@@ -2,10 +2,12 @@
 #include "nbv_selection/manipulability_score.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <stdexcept>
 #include <string>
-#include <unordered_set>
+#include <unordered_map>
 
 #include <gpis_mapping/range_check.h>
 
@@ -15,29 +17,9 @@ namespace {
 using gpis_mapping::LatticeKey;
 using motion_planning::AnnulusSector;
 
-bool isInSectors(const motion_planning::ManipulabilitySectors& sectors, const Eigen::Vector3d& p_armbase) {
-  return sectors.top.contains(p_armbase) || sectors.side.contains(p_armbase);
-}
-
 /// Agreement of a surface's normal with a direction the tool comes in.
 double agreement(const Eigen::Vector3d& normal, const Eigen::Vector3d& approach) {
   return std::max(0.0, -normal.dot(approach));
-}
-
-/// w_j, of a sample in the sectors. Frame: ur5e_base_link.
-double approachWeight(const motion_planning::ManipulabilitySectors& sectors, ApproachWeight kind,
-                      const Eigen::Vector3d& p, const Eigen::Vector3d& normal) {
-  if (kind == ApproachWeight::kFromArmBase) {
-    const double distance_m = p.norm();
-    return distance_m > 0.0 ? agreement(normal, p / distance_m) : 0.0;
-  }
-  double weight = 0.0;
-  if (sectors.top.contains(p)) weight = agreement(normal, -Eigen::Vector3d::UnitZ());
-  const double radius_m = p.head<2>().norm();
-  if (radius_m > 0.0 && sectors.side.contains(p)) {
-    weight = std::max(weight, agreement(normal, {p.x() / radius_m, p.y() / radius_m, 0.0}));
-  }
-  return weight;
 }
 
 /// Lattice points in both sectors of an arm whose foot is at `T_map_armbase`.
@@ -57,36 +39,77 @@ double countSamples(const motion_planning::ManipulabilitySectors& sectors, const
   for (LatticeKey key = low; key.x <= high.x; ++key.x) {
     for (key.y = low.y; key.y <= high.y; ++key.y) {
       for (key.z = low.z; key.z <= high.z; ++key.z) {
-        if (isInSectors(sectors, T_armbase_map * key.center(cell_m))) count += 1.0;
+        const Eigen::Vector3d p_armbase = T_armbase_map * key.center(cell_m);
+        if (sectors.top.contains(p_armbase) || sectors.side.contains(p_armbase)) count += 1.0;
       }
     }
   }
   return count;
 }
 
+/// A set of lattice points, most of them next to each other: bits in blocks.
+class LatticeSet {
+ public:
+  /// The point's bit; it stays where it is.
+  bool& at(const LatticeKey& key) {
+    const LatticeKey block{key.x >> kBits, key.y >> kBits, key.z >> kBits};
+    // A mesh's neighbours follow each other: hardly ever another block.
+    if (last_ == nullptr || block != last_block_) {
+      last_block_ = block;
+      last_ = &blocks_[block];
+    }
+    constexpr std::int32_t kMask = (1 << kBits) - 1;
+    return (
+        *last_)[static_cast<std::size_t>((((key.z & kMask) << kBits | (key.y & kMask)) << kBits) | (key.x & kMask))];
+  }
+
+  /// All that are set, in the lattice's order.
+  std::vector<LatticeKey> keys() const {
+    std::vector<LatticeKey> result;
+    for (const auto& [block, bits] : blocks_) {
+      for (std::size_t i = 0; i < bits.size(); ++i) {
+        if (!bits[i]) continue;
+        const auto index = static_cast<std::int32_t>(i);
+        constexpr std::int32_t kMask = (1 << kBits) - 1;
+        result.push_back({(block.x << kBits) + (index & kMask), (block.y << kBits) + ((index >> kBits) & kMask),
+                          (block.z << kBits) + (index >> (2 * kBits))});
+      }
+    }
+    std::sort(result.begin(), result.end());  // the hash map's order is the library's
+    return result;
+  }
+
+ private:
+  static constexpr int kBits = 4;  // 16 points along a block's side
+  using Block = std::array<bool, 1U << (3 * kBits)>;
+
+  std::unordered_map<LatticeKey, Block, gpis_mapping::LatticeKeyHash> blocks_;  // its values stay where they are
+  LatticeKey last_block_;
+  Block* last_{nullptr};
+};
+
 /// Lattice points within the band of the surface and above the ground, in the lattice's order.
 std::vector<LatticeKey> latticeNear(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                                     double min_height_m, const ManipulabilityScoreConfig& config) {
-  std::unordered_set<LatticeKey, gpis_mapping::LatticeKeyHash> keys;
-  const Eigen::Vector3d band_m = Eigen::Vector3d::Constant(config.band_m);
+  LatticeSet near;
+  // Cells whose middles are in reach along an axis; a nanometre, so that rounding loses none at the border.
+  const Eigen::Vector3d reach_m = Eigen::Vector3d::Constant(config.band_m - 0.5 * config.cell_m + 1e-9);
   for (const Eigen::Vector3d& p_map : surface.points_map) {
     if (!p_map.allFinite() || ground.heightOf(p_map) < min_height_m - config.band_m) continue;
-    const LatticeKey low = LatticeKey::of(p_map - band_m, config.cell_m);
-    const LatticeKey high = LatticeKey::of(p_map + band_m, config.cell_m);
+    const LatticeKey low = LatticeKey::of(p_map - reach_m, config.cell_m);
+    const LatticeKey high = LatticeKey::of(p_map + reach_m, config.cell_m);
     for (LatticeKey key = low; key.x <= high.x; ++key.x) {
       for (key.y = low.y; key.y <= high.y; ++key.y) {
         for (key.z = low.z; key.z <= high.z; ++key.z) {
           const Eigen::Vector3d center_map = key.center(config.cell_m);
           if ((center_map - p_map).squaredNorm() > config.band_m * config.band_m) continue;
-          if (ground.heightOf(center_map) < min_height_m) continue;
-          keys.insert(key);
+          bool& is_near = near.at(key);
+          if (!is_near) is_near = ground.heightOf(center_map) >= min_height_m;
         }
       }
     }
   }
-  std::vector<LatticeKey> result(keys.begin(), keys.end());
-  std::sort(result.begin(), result.end());  // the set's order is the library's
-  return result;
+  return near.keys();
 }
 
 }  // namespace
@@ -144,8 +167,17 @@ double ManipulabilityScore::at(const base_navigation::Pose2d& T_map_base,
   double sum = 0.0;
   for (std::size_t i = 0; i < points_map_.size(); ++i) {
     const Eigen::Vector3d p_armbase = T_armbase_map * points_map_[i];
-    if (!isInSectors(sectors_, p_armbase)) continue;
-    const double weight = approachWeight(sectors_, config_.weight, p_armbase, T_armbase_map.linear() * normals_map_[i]);
+    const bool is_top = sectors_.top.contains(p_armbase), is_side = sectors_.side.contains(p_armbase);
+    if (!is_top && !is_side) continue;
+    const Eigen::Vector3d normal_armbase = T_armbase_map.linear() * normals_map_[i];
+    double weight = 0.0;  // w_j
+    if (config_.weight == ApproachWeight::kFromArmBase) {
+      weight = agreement(normal_armbase, p_armbase.normalized());
+    } else {
+      if (is_top) weight = agreement(normal_armbase, -Eigen::Vector3d::UnitZ());
+      const Eigen::Vector3d from_axis(p_armbase.x(), p_armbase.y(), 0.0);
+      if (is_side) weight = std::max(weight, agreement(normal_armbase, from_axis.normalized()));
+    }
     const double share = weight * probability_[i];
     if (!(share > 0.0)) continue;
     sum += share;

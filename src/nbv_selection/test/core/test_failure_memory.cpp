@@ -92,7 +92,10 @@ TEST(FailureMemory, KnowsWhatATableOfCellsKnows) {
     const Eigen::Vector2d around(uniform(-20.0, 20.0), uniform(-20.0, 20.0));
     const auto somewhere = [&] {
       Eigen::Vector2d p(around + Eigen::Vector2d(uniform(-extent_m, extent_m), uniform(-extent_m, extent_m)));
-      // On borders and corners of cells, too.
+      // On borders, corners and middles of cells, too: there middles lie on the disc's rim.
+      if (uniform(0.0, 1.0) < 0.1) {
+        return Eigen::Vector2d((p.array() / cell_m).floor() * cell_m + 0.5 * cell_m);
+      }
       if (uniform(0.0, 1.0) < 0.3) p.x() = std::round(p.x() / cell_m) * cell_m;
       if (uniform(0.0, 1.0) < 0.3) p.y() = std::round(p.y() / cell_m) * cell_m;
       return p;
