@@ -24,7 +24,7 @@ RS_CAMERA_ARGS = ("camera", "serial_no", "color_width", "color_height", "color_f
 SECOND_ROBOT = """<launch><param name="/robot_description" value="a second robot"/>
   <node pkg="robot_state_publisher" type="robot_state_publisher" name="second_state_publisher"/></launch>"""
 PARTS = {"arm": {"/ur_hardware_interface", "/realsense", "/depth_self_filter", "/gpis_mapping", "/brick_detection",
-                 "/motion_planning", "/ur_driver_bridge", "/robot_state_publisher", "/system_diagnostics"},
+                 "/motion_planning", "/nbv_selection", "/ur_driver_bridge", "/robot_state_publisher", "/system_diagnostics"},
          "base": {"/relayboard", "/kinematics", "/scanner", "/relay_wheels", "/localisation", "/base_navigation"}}
 
 
