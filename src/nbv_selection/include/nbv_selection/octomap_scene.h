@@ -11,24 +11,36 @@
 
 namespace nbv_selection {
 
-/// An OctoMap as a scene, for the strategies this work is compared with: u is the entropy of a voxel [bit], 1 where
-/// nothing was seen; its gradient is discrete, central differences of neighbouring cells; occupancy is the voxel's.
+/// An OctoMap as a scene, for the strategies this work is compared with. u is entropy [bit], 1 where nothing was seen.
+///
+/// At a point, u is the mean over the cell of `gradient_step_m` about it: a single voxel would say 1 bit a centimetre
+/// below the ground's. Unknown voxels are left out if the first known one above them, within 3 m, is occupied: the
+/// inside of things and what is under the ground stay unknown for ever and are no reason to look again. With OctoMap's
+/// clamping at 0.12 and 0.97 a well-seen place has 0.3 to 0.5 bit, what was never seen 1; inside of something it is 1, too.
+/// Its gradient is discrete: differences of the same means over the neighbouring cells on either side; 0 if one of
+/// them is all inside.
+/// Occupancy is the voxel's. Thread-safe for concurrent readers.
 class OctomapScene : public SceneModel {
  public:
   struct Config {
-    double gradient_step_m{0.1};  // of the discrete gradient: u is averaged over cells of this size
-    double surface_band_m{0.03};  // a point farther from every occupied voxel's middle than this has no data support
+    double gradient_step_m{0.1};  // side of a cell, rounded to voxels; 1 to 16 of them
+    double surface_band_m{0.03};  // a point farther from every surface voxel's middle has no data support; at least
+                                  // half a voxel's diagonal, at most 16 voxels
 
     std::vector<std::string> validate() const;
   };
 
-  /// Throws std::invalid_argument for an impossible config.
+  /// Reads every leaf once (README: how long); `tree` must not change from then on. Throws std::invalid_argument for an
+  /// impossible config, also one that does not fit the tree's resolution, and for no tree.
   OctomapScene(std::shared_ptr<const octomap::OcTree> tree, std::uint64_t update, double stamp_s, const Config& config);
   ~OctomapScene() override;
 
-  /// Middles of occupied voxels that have a voxel seen free beside them; normals towards free neighbours.
+  /// Middles of occupied voxels with a voxel seen free beside one of their six faces; normals towards the free voxels
+  /// within three; each one's own entropy. The same for the same voxels, however the tree was filled or pruned.
   MappedSurface surface() const override;
+  /// NaN at points that are not finite.
   UncertaintyField uncertainty(const gpis_mapping::Points3d& points_map) const override;
+  /// Of the voxel that holds the point; none in unknown ones. Normals of the nearest point of surface().
   OccupancyField occupancy(const gpis_mapping::Points3d& points_map) const override;
   double priorUncertainty() const override { return 1.0; }
 
@@ -37,7 +49,8 @@ class OctomapScene : public SceneModel {
   std::unique_ptr<const State> state_;
 };
 
-/// Entropy [bit] of a voxel that is occupied with probability p; 1 at 0.5.
+/// Entropy [bit] of a voxel that is occupied with probability p; 1 at 0.5. Throws std::invalid_argument unless p is in
+/// [0, 1].
 double voxelEntropy(double probability);
 
 }  // namespace nbv_selection

@@ -5,8 +5,10 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
+#include <tuple>
 #include <unordered_map>
 #include <utility>
 
@@ -25,6 +27,7 @@ constexpr int kKeyOffset = 1 << 15;  // of an octree key against the lattice, wh
 constexpr unsigned kTreeDepth = 16;  // of every octomap::OcTree
 constexpr int kBlockLevel = 3;
 constexpr int kBlockSide = 1 << kBlockLevel;  // [voxels]
+constexpr double kMaxColumn_m = 3.0;          // what is farther above a voxel does not hide it; higher than any pile
 constexpr double kMaxSideVoxels = 16.0;       // of a gradient cell or a band: what a point costs grows with its cube
 
 // Of a normal [voxels]. One voxel sees the steps of a tilted floor (29 degrees off); a ball of three takes that down to
@@ -112,7 +115,10 @@ struct OctomapScene::State {
   void hashLeaves();
   void findSurface();
   void addSurfaceOf(const LatticeKey& block, const std::vector<LatticeKey>& offsets, Window* window);
+  std::pair<SpaceState, float> stateOfUniform(const LatticeKey& block) const;
   void gather(const LatticeKey& low, int side, Window* window) const;
+  void findInside(const Window& window, std::vector<std::uint8_t>* is_inside) const;
+  SpaceState firstKnownAbove(LatticeKey voxel) const;
   Eigen::Vector3d middleOf(const LatticeKey& voxel) const { return voxel.center(resolution_m); }
 
   std::shared_ptr<const octomap::OcTree> tree;
@@ -173,6 +179,21 @@ void OctomapScene::State::hashLeaves() {
   }
 }
 
+/// Of a block that is not in `blocks`: all its voxels are the same.
+std::pair<SpaceState, float> OctomapScene::State::stateOfUniform(const LatticeKey& block) const {
+  constexpr int kMaxBlock = kKeyOffset / kBlockSide;
+  for (const int i : {block.x, block.y, block.z}) {
+    if (i < -kMaxBlock || i >= kMaxBlock) return {SpaceState::kUnknown, 1.0f};  // beyond what an octree can hold
+  }
+  const LatticeKey voxel = firstVoxelOf(block);
+  const auto to_key = [](int i) { return static_cast<octomap::key_type>(i + kKeyOffset); };
+  const octomap::OcTreeNode* node =
+      tree->search(octomap::OcTreeKey(to_key(voxel.x), to_key(voxel.y), to_key(voxel.z)), kTreeDepth - kBlockLevel);
+  if (node == nullptr) return {SpaceState::kUnknown, 1.0f};
+  return {tree->isNodeOccupied(node) ? SpaceState::kOccupied : SpaceState::kFree,
+          static_cast<float>(voxelEntropy(node->getOccupancy()))};
+}
+
 void OctomapScene::State::gather(const LatticeKey& low, int side, Window* window) const {
   window->low = low;
   window->side = side;
@@ -181,21 +202,16 @@ void OctomapScene::State::gather(const LatticeKey& low, int side, Window* window
   window->state.assign(window->entropy.size(), SpaceState::kUnknown);
   const LatticeKey first = blockOf(low);
   const LatticeKey last = blockOf(low.offset(side - 1, side - 1, side - 1));
-  constexpr int kMaxBlock = kKeyOffset / kBlockSide;
-  for (int bx = std::max(first.x, -kMaxBlock); bx <= std::min(last.x, kMaxBlock - 1); ++bx) {
-    for (int by = std::max(first.y, -kMaxBlock); by <= std::min(last.y, kMaxBlock - 1); ++by) {
-      for (int bz = std::max(first.z, -kMaxBlock); bz <= std::min(last.z, kMaxBlock - 1); ++bz) {
+  for (int bx = first.x; bx <= last.x; ++bx) {
+    for (int by = first.y; by <= last.y; ++by) {
+      for (int bz = first.z; bz <= last.z; ++bz) {
         const LatticeKey corner = firstVoxelOf({bx, by, bz});
         const auto block = blocks.find({bx, by, bz});
         SpaceState state = SpaceState::kUnknown;
         float entropy = 1.0f;
-        if (block == blocks.end()) {  // all its voxels are the same
-          const auto to_key = [](int voxel) { return static_cast<octomap::key_type>(voxel + kKeyOffset); };
-          const octomap::OcTreeNode* node = tree->search(
-              octomap::OcTreeKey(to_key(corner.x), to_key(corner.y), to_key(corner.z)), kTreeDepth - kBlockLevel);
-          if (node == nullptr) continue;
-          state = tree->isNodeOccupied(node) ? SpaceState::kOccupied : SpaceState::kFree;
-          entropy = static_cast<float>(voxelEntropy(node->getOccupancy()));
+        if (block == blocks.end()) {
+          std::tie(state, entropy) = stateOfUniform({bx, by, bz});
+          if (state == SpaceState::kUnknown) continue;
         }
         window->has_known = true;
         const int z_begin = std::max(low.z, corner.z);
@@ -214,6 +230,44 @@ void OctomapScene::State::gather(const LatticeKey& low, int side, Window* window
             }
           }
         }
+      }
+    }
+  }
+}
+
+/// State of the lowest known voxel over `voxel`; unknown if there is none.
+SpaceState OctomapScene::State::firstKnownAbove(LatticeKey voxel) const {
+  const int last = voxel.z + static_cast<int>(std::min(kMaxColumn_m / resolution_m, 1e4));
+  for (++voxel.z; voxel.z <= last;) {
+    const LatticeKey key = blockOf(voxel);
+    const LatticeKey corner = firstVoxelOf(key);
+    const auto block = blocks.find(key);
+    if (block == blocks.end()) {
+      const SpaceState state = stateOfUniform(key).first;
+      if (state != SpaceState::kUnknown) return state;
+    } else {
+      for (int z = voxel.z - corner.z; z < kBlockSide; ++z) {
+        const SpaceState state = block->second.state[Block::index(voxel.x - corner.x, voxel.y - corner.y, z)];
+        if (state != SpaceState::kUnknown) return state;
+      }
+    }
+    voxel.z = corner.z + kBlockSide;
+  }
+  return SpaceState::kUnknown;
+}
+
+/// An unknown voxel is inside of something if the first known one above it is occupied.
+void OctomapScene::State::findInside(const Window& window, std::vector<std::uint8_t>* is_inside) const {
+  is_inside->assign(window.state.size(), 0);
+  for (int x = 0; x < window.side; ++x) {
+    for (int y = 0; y < window.side; ++y) {
+      const auto bottom = static_cast<std::size_t>(window.index(x, y, 0));
+      std::size_t at = bottom + static_cast<std::size_t>(window.side);
+      SpaceState above = window.state[at - 1];
+      if (above == SpaceState::kUnknown) above = firstKnownAbove(window.low.offset(x, y, window.side - 1));
+      while (at-- > bottom) {
+        if (window.state[at] != SpaceState::kUnknown) above = window.state[at];
+        (*is_inside)[at] = window.state[at] == SpaceState::kUnknown && above == SpaceState::kOccupied ? 1 : 0;
       }
     }
   }
@@ -311,60 +365,48 @@ UncertaintyField OctomapScene::uncertainty(const Points3d& points_map) const {
   field.gradient = Points3d::Constant(3, points_map.cols(), kNan);
   const int n = state_->cell_side;
   Window window;
-  std::vector<std::uint8_t> counts;  // whether a voxel of the window does
+  std::vector<std::uint8_t> is_inside;  // of the window's voxels
   for (Eigen::Index i = 0; i < points_map.cols(); ++i) {
     if (!points_map.col(i).allFinite()) continue;
     const Eigen::Vector3d p_voxels = points_map.col(i) / state_->resolution_m;
-    // The cells on either side of the border between voxels that is nearest to the point, and a voxel more all round.
+    // The cells on either side of the border between voxels that is nearest to the point.
     const std::array<int, 3> border{nearestBorder(p_voxels.x()), nearestBorder(p_voxels.y()),
                                     nearestBorder(p_voxels.z())};
-    state_->gather({border[0] - n - 1, border[1] - n - 1, border[2] - n - 1}, 2 * n + 2, &window);
+    state_->gather({border[0] - n, border[1] - n, border[2] - n}, 2 * n, &window);
     if (!window.has_known) {
       field.value[i] = 1.0;
       field.gradient.col(i).setZero();
       continue;
     }
-    counts.assign(window.state.size(), 0);
-    for (int x = 1; x <= 2 * n; ++x) {
-      for (int y = 1; y <= 2 * n; ++y) {
-        for (int z = 1; z <= 2 * n; ++z) {
-          const int at = window.index(x, y, z);
-          counts[static_cast<std::size_t>(at)] =
-              window.state[static_cast<std::size_t>(at)] != SpaceState::kUnknown ||
-              std::any_of(kFaces.begin(), kFaces.end(), [&](const std::array<int, 3>& step) {
-                const int beside = at + window.index(step[0], step[1], step[2]);
-                return window.state[static_cast<std::size_t>(beside)] == SpaceState::kFree;
-              });
-        }
-      }
-    }
-    const auto mean_over = [&](const std::array<int, 3>& low) {  // in the window
-      float sum = 0.0f;
+    state_->findInside(window, &is_inside);
+    const auto mean_over = [&](const std::array<int, 3>& low) -> std::optional<double> {  // `low` in the window
+      double sum = 0.0;
       int num = 0;
       for (int x = low[0]; x < low[0] + n; ++x) {
         for (int y = low[1]; y < low[1] + n; ++y) {
           for (int z = low[2]; z < low[2] + n; ++z) {
             const auto at = static_cast<std::size_t>(window.index(x, y, z));
-            if (counts[at] == 0) continue;
-            sum += window.entropy[at];
+            if (is_inside[at] != 0) continue;
+            sum += static_cast<double>(window.entropy[at]);
             ++num;
           }
         }
       }
-      return num == 0 ? 1.0 : static_cast<double>(sum) / num;
+      return num == 0 ? std::nullopt : std::optional<double>(sum / num);
     };
     std::array<int, 3> about{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      about[axis] = nearestBorder(p_voxels[static_cast<Eigen::Index>(axis)] - 0.5 * n) - (border[axis] - n - 1);
+      about[axis] = nearestBorder(p_voxels[static_cast<Eigen::Index>(axis)] - 0.5 * n) - (border[axis] - n);
     }
-    field.value[i] = mean_over(about);
+    field.value[i] = mean_over(about).value_or(1.0);  // inside of something: not seen, though nothing to look at
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      std::array<int, 3> below = about;
-      std::array<int, 3> above = about;
-      below[axis] = 1;
-      above[axis] = n + 1;
+      std::array<int, 3> low = about;
+      low[axis] = 0;
+      const std::optional<double> below = mean_over(low);
+      low[axis] = n;
+      const std::optional<double> above = mean_over(low);
       field.gradient(static_cast<Eigen::Index>(axis), i) =
-          (mean_over(above) - mean_over(below)) / (n * state_->resolution_m);
+          above && below ? (*above - *below) / (n * state_->resolution_m) : 0.0;
     }
   }
   return field;
