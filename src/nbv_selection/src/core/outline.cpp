@@ -56,8 +56,8 @@ PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& 
   for (std::size_t i = 0; i < surface.points_map.size(); ++i) {
     const Eigen::Vector3d& p = surface.points_map[i];
     const double height_m = ground.heightOf(p);
-    // False for NaN.
-    if (!(p.allFinite() && height_m >= config.min_height_m && height_m <= config.max_height_m)) continue;
+    // A position that is not finite has no finite height: false for it.
+    if (!(height_m >= config.min_height_m && height_m <= config.max_height_m)) continue;
     kept.push_back(i);
     low = low.cwiseMin(p.head<2>());
     high = high.cwiseMax(p.head<2>());
