@@ -102,7 +102,7 @@ void expectSound(const PileOutline& outline, double tolerance_m) {
     }
     for (std::size_t k = 0; k < polygon.size(); ++k) {
       EXPECT_GT((polygon[k] - polygon[(k + 1) % polygon.size()]).norm(), 0.0);
-      // A corner is moved out along both of its edges by the tolerance at most, and to where they meet by at most twice.
+      // A corner's edges move out by the tolerance at most, and the corner to where they meet by at most twice.
       EXPECT_LE(distanceToPile(grid, polygon[k]), 2.0 * tolerance_m + kRounding_m);
     }
   }
