@@ -53,11 +53,11 @@ struct PileOutline {
 
 /// Projects the surface above the ground along z (method section 5): occupancy and uncertainty grids, closing, outer
 /// contours, polygons. A polygon holds the middles of all its cells; a tolerance above 1.5 cells may cut some off, by
-/// less than itself. Samples whose position is not finite are left out; one without an uncertainty counts for all but the mean.
-/// The grid covers the pile and has an empty border wide enough for the closing, so that a pile at the border of the map
-/// has a whole outline; without a pile it has no cells. Throws std::invalid_argument for an impossible config or ground,
-/// or a surface whose arrays differ in length; std::runtime_error if the pile spans more than 4000 cells or is farther
-/// than 1e5 m from the origin.
+/// less than itself. Samples whose position is not finite are left out; one without an uncertainty counts for all but
+/// the mean. The grid covers the pile and has an empty border wide enough for the closing, so that a pile at the
+/// border of the map has a whole outline; without a pile it has no cells. Throws std::invalid_argument for an
+/// impossible config or ground, or a surface whose arrays differ in length; std::runtime_error if the pile spans more
+/// than 4000 cells or is farther than 1e5 m from the origin.
 PileOutline outlinePile(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                         const OutlineConfig& config);
 

@@ -31,25 +31,25 @@ struct Segment {
   Eigen::Vector3d outward_map{Eigen::Vector3d::UnitY()};  // unit, in the ground plane, square to it, away from the pile
   double length_m{0.0};
   std::vector<Eigen::Vector3d> samples_map;  // x_j: along the outline, on the ground plane, evenly, at least two
-  std::vector<float> profile_m;          // per sample: the highest of the pile from there inwards, 0 where there is none
-  base_navigation::Pose2d standing_map;  // of base_link: faces the pile, square to the segment
+  std::vector<float> profile_m;              // per sample: height of the pile from there inwards, 0 where there is none
+  base_navigation::Pose2d standing_map;      // of base_link: faces the pile, square to the segment
 };
 
-/// Cuts outlines into segments: one every `spacing_m` of arc length (rounded so that they close evenly), at least four per
-/// outline, each the stretch of outline of the footprint's width about its middle, but at most half of the outline: what
-/// is beyond lies on the other side of the pile. Its direction is that of the chord of the stretch (of a shorter one
-/// where its ends all but meet); its midpoint lies beside the stretch's middle on the line along it that touches the
-/// stretch from outside, so that the robot's front stays clear of all of it. Round a concave corner that line spans the
-/// mouth, and the corner may be farther off than the arm reaches: that is for the manipulability to judge. Lengths are
-/// those on the ground plane. Neighbours stand next to each other in the result, outline by outline, counter-clockwise;
-/// the last and the first of an outline are neighbours, too. `footprint` is that of base_link, `x` forward. Throws
-/// std::invalid_argument for an impossible config, footprint (not convex, base_link not in it, narrower than the spacing)
-/// or outline.
+/// Cuts outlines into segments: one every `spacing_m` of arc length (rounded so that they close evenly), at least
+/// four per outline, each the stretch of outline of the footprint's width about its middle, but at most half of the
+/// outline: what is beyond lies on the other side of the pile. Its direction is that of the chord of the stretch (of
+/// a shorter one where its ends all but meet); its midpoint lies beside the stretch's middle on the line along it
+/// that touches the stretch from outside, so that the robot's front stays clear of all of it. Round a concave corner
+/// that line spans the mouth, and the corner may be farther off than the arm reaches: that is for the manipulability
+/// to judge. Lengths are those on the ground plane. Neighbours stand next to each other in the result, outline by
+/// outline, counter-clockwise; the last and the first of an outline are neighbours, too. `footprint` is that of
+/// base_link, `x` forward. Throws std::invalid_argument for an impossible config, footprint (not convex, base_link
+/// not in it, narrower than the spacing) or outline.
 std::vector<Segment> cutSegments(const PileOutline& outline, const base_navigation::Polygon& footprint,
                                  const SegmentConfig& config);
 
-/// Indices of the two neighbours of segment `i` on its outline, the clockwise one first; i itself if it is the only one.
-/// Throws std::invalid_argument if there is no segment `i`.
+/// Indices of the two neighbours of segment `i` on its outline, the clockwise one first; i itself if it is the only
+/// one. Throws std::invalid_argument if there is no segment `i`.
 std::pair<std::size_t, std::size_t> neighbours(const std::vector<Segment>& segments, std::size_t i);
 
 }  // namespace nbv_selection

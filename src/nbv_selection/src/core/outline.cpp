@@ -44,7 +44,7 @@ void requireGround(const gpis_mapping::GroundPlane& ground) {
   gpis_mapping::throwIfAny(check.problems());
 }
 
-/// Columns and rows that are empty all round: the closing, which grows the pile and shrinks it again, ends inside.
+/// By how many cells the closing grows the pile and shrinks it again: gaps of up to twice as many are closed.
 int closingRadius(const OutlineConfig& config) {
   return static_cast<int>(std::ceil(0.5 * config.closing_m / config.cell_size_m - 1e-9));
 }
@@ -56,8 +56,8 @@ PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& 
   for (std::size_t i = 0; i < surface.points_map.size(); ++i) {
     const Eigen::Vector3d& p = surface.points_map[i];
     const double height_m = ground.heightOf(p);
-    // False for NaN.
-    if (!(p.allFinite() && height_m >= config.min_height_m && height_m <= config.max_height_m)) continue;
+    // A position that is not finite has no finite height: false for it.
+    if (!(height_m >= config.min_height_m && height_m <= config.max_height_m)) continue;
     kept.push_back(i);
     low = low.cwiseMin(p.head<2>());
     high = high.cwiseMax(p.head<2>());
@@ -77,7 +77,7 @@ PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& 
                              std::to_string(static_cast<long>(span.maxCoeff())) + " cells, at most " +
                              std::to_string(kMaxSide) + " are possible");
   }
-  const int border = closingRadius(config) + 1;
+  const int border = closingRadius(config) + 1;  // what the closing grows stays inside
   // On multiples of the cell size: the lattice stays where it is while the map grows.
   grid.origin_m = ((low / config.cell_size_m).array().floor() - border) * config.cell_size_m;
   const Eigen::Vector2i last = grid.cellOf(high);
@@ -134,16 +134,16 @@ cv::Mat toHalfCells(const cv::Mat& pile) {
   return pixels;
 }
 
-/// Douglas-Peucker; with a smaller tolerance where nothing would be left [pixels]. Gives indices of the contour's points,
-/// in its order.
+/// Douglas-Peucker; with a smaller tolerance where nothing would be left [pixels]. Gives indices of the contour's
+/// points, in its order.
 std::vector<std::size_t> corners(const std::vector<cv::Point>& contour, double tolerance_px) {
   std::vector<cv::Point> simple;
   for (cv::approxPolyDP(contour, simple, tolerance_px, true); simple.size() < 3;
        cv::approxPolyDP(contour, simple, tolerance_px, true)) {
     tolerance_px *= 0.5;
   }
-  // OpenCV gives the points, not where they are. A contour may pass a point twice (two cells that touch at a corner): the
-  // next time it comes by is taken.
+  // OpenCV gives the points, not where they are. A contour may pass a point twice (two cells that touch at a corner):
+  // the next time it comes by is taken.
   std::vector<std::size_t> indices;
   std::size_t i = 0;
   for (const cv::Point& point : simple) {

@@ -71,6 +71,25 @@ double distanceToPile(const PileGrid& grid, const Eigen::Vector2d& p) {
   return nearest_m;
 }
 
+// Whether two of its edges cross each other, each inside of the other.
+bool crossesItself(const OutlinePolygon& polygon) {
+  const auto side = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& p) {
+    const double area_m2 = (b - a).x() * (p - a).y() - (b - a).y() * (p - a).x();
+    return std::abs(area_m2) < 1e-12 ? 0 : area_m2 > 0.0 ? 1 : -1;
+  };
+  const std::size_t n = polygon.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const Eigen::Vector2d& a = polygon[i];
+    const Eigen::Vector2d& b = polygon[(i + 1) % n];
+    for (std::size_t k = i + 2; k < n; ++k) {
+      const Eigen::Vector2d& c = polygon[k];
+      const Eigen::Vector2d& d = polygon[(k + 1) % n];
+      if (side(a, b, c) * side(a, b, d) < 0 && side(c, d, a) * side(c, d, b) < 0) return true;
+    }
+  }
+  return false;
+}
+
 // What every outline must be, whatever the pile.
 void expectSound(const PileOutline& outline, double tolerance_m) {
   const PileGrid& grid = outline.grid;
@@ -83,7 +102,7 @@ void expectSound(const PileOutline& outline, double tolerance_m) {
     }
     for (std::size_t k = 0; k < polygon.size(); ++k) {
       EXPECT_GT((polygon[k] - polygon[(k + 1) % polygon.size()]).norm(), 0.0);
-      // A corner is moved out along both of its edges by the tolerance at most, and to where they meet by at most twice.
+      // A corner's edges move out by the tolerance at most, and the corner to where they meet by at most twice.
       EXPECT_LE(distanceToPile(grid, polygon[k]), 2.0 * tolerance_m + kRounding_m);
     }
   }
@@ -127,8 +146,47 @@ TEST(Outline, HoldsEveryCellOfAnyPile) {
     SCOPED_TRACE("pile " + std::to_string(i) + ", tolerance " + std::to_string(config.tolerance_m));
     expectSound(outline, config.tolerance_m);
     polygons += static_cast<int>(outline.polygons.size());
+    // Two sides of a slit may meet when each is moved into it: not where the closing leaves none narrower than that.
+    if (config.closing_m < 2.0 * config.tolerance_m || config.tolerance_m > config.cell_size_m) continue;
+    for (const OutlinePolygon& polygon : outline.polygons) EXPECT_FALSE(crossesItself(polygon));
   }
   EXPECT_GT(polygons, 150);  // some fell apart, none was lost
+}
+
+TEST(Outline, HoldsEveryCellOfNoise) {
+  std::mt19937 engine(7);
+  const gpis_mapping::GroundPlane ground;
+  for (int i = 0; i < 60; ++i) {
+    MappedSurface surface;  // cells alone, in rows, touching at corners
+    for (int column = 0; column < 25; ++column) {
+      for (int row = 0; row < 25; ++row) {
+        if (random(&engine, 0.0, 1.0) > 0.2 + 0.01 * i) continue;
+        surface.points_map.emplace_back(0.04 * (column + 0.5), 0.04 * (row + 0.5), 0.2);
+        surface.normals_map.emplace_back(0.0F, 0.0F, 1.0F);
+        surface.uncertainty.push_back(1.0F);
+      }
+    }
+    OutlineConfig config;
+    config.closing_m = i % 2 == 0 ? 0.0 : 0.05;
+    config.min_area_m2 = 0.0;
+    config.tolerance_m = i % 3 == 0 ? 0.0 : 0.03;
+    SCOPED_TRACE("noise " + std::to_string(i));
+    expectSound(outlinePile(surface, ground, config), config.tolerance_m);
+  }
+}
+
+TEST(Outline, IsAPolygonHoweverLargeTheTolerance) {
+  for (const double tolerance_m : {0.05, 0.1, 0.2, 0.5}) {
+    BoxPile pile;
+    pile.add({0.01, 0.01}, {0.2, 0.12, 0.1});
+    OutlineConfig config;
+    config.tolerance_m = tolerance_m;
+    const PileOutline outline = outlineOf(pile, config);
+    ASSERT_THAT(outline.polygons, SizeIs(1));
+    expectSound(outline, tolerance_m);
+    EXPECT_EQ(turnsAround(outline.polygons.front(), {0.01, 0.01}), 1);
+    EXPECT_LT(areaOf(outline.polygons.front()), 3.0 * 0.2 * 0.12);  // a triangle round a rectangle has twice its area
+  }
 }
 
 TEST(Outline, HasTheAreaOfTheBoxes) {
@@ -203,20 +261,41 @@ TEST(Outline, SeparatesPilesLargestFirst) {
   }
 }
 
-TEST(Outline, ClosesGapsNarrowerThanAsked) {
-  const auto numPolygons = [](double gap_m, double closing_m) {
+TEST(Outline, OrdersEqualPilesByTheirFirstCorner) {
+  OutlineConfig config;
+  config.cell_size_m = 0.03125;  // so that all corners and areas are exact
+  config.tolerance_m = 0.0;
+  for (const double y_m : {-1.0, 1.0}) {
     BoxPile pile;
-    pile.add({-0.5 * gap_m - 0.3, 0.007}, {0.6, 0.6, 0.2});
-    pile.add({0.5 * gap_m + 0.3, 0.007}, {0.6, 0.6, 0.2});
+    for (const double x_m : {1.0, -2.0, 0.0}) pile.add({x_m, x_m * y_m}, {0.5, 0.5, 0.2});
+    const PileOutline outline = outlineOf(pile, config);
+    ASSERT_THAT(outline.polygons, SizeIs(3));
+    ASSERT_EQ(areaOf(outline.polygons[0]), areaOf(outline.polygons[1]));
+    ASSERT_EQ(areaOf(outline.polygons[1]), areaOf(outline.polygons[2]));
+    EXPECT_LT(outline.polygons[0].front().x(), outline.polygons[1].front().x());
+    EXPECT_LT(outline.polygons[1].front().x(), outline.polygons[2].front().x());
+  }
+}
+
+TEST(Outline, ClosesGapsNarrowerThanAsked) {
+  const auto numPolygons = [](double gap_m, double closing_m, double x_m) {
+    BoxPile pile;
+    pile.add({x_m - 0.5 * gap_m - 0.3, 0.007}, {0.6, 0.6, 0.2});
+    pile.add({x_m + 0.5 * gap_m + 0.3, 0.007}, {0.6, 0.6, 0.2});
     OutlineConfig config;
     config.closing_m = closing_m;
     return outlineOf(pile, config).polygons.size();
   };
-  EXPECT_EQ(numPolygons(0.11, 0.12), 1U);
-  // The closing is of whole cells at both sides: up to 2 ceil(0.12 / 0.08) = 4 cells, and two that are partly occupied.
-  EXPECT_EQ(numPolygons(0.25, 0.12), 2U);
-  EXPECT_EQ(numPolygons(0.11, 0.0), 2U);
-  EXPECT_EQ(numPolygons(0.23, 0.24), 1U);
+  // Wherever the gap lies in its cells.
+  for (double x_m = 0.0; x_m < 0.04; x_m += 0.005) {
+    SCOPED_TRACE(x_m);
+    EXPECT_EQ(numPolygons(0.119, 0.12, x_m), 1U);
+    EXPECT_EQ(numPolygons(0.159, 0.16, x_m), 1U);
+    EXPECT_EQ(numPolygons(0.239, 0.24, x_m), 1U);
+    // The closing is of whole cells at both sides: 2 ceil(0.12 / 0.08) = 4 of them, and two that are partly occupied.
+    EXPECT_EQ(numPolygons(0.245, 0.12, x_m), 2U);
+    EXPECT_EQ(numPolygons(0.1, 0.0, x_m), 2U);
+  }
 }
 
 TEST(Outline, LeavesSpecksOutAndKeepsABrick) {
@@ -458,6 +537,9 @@ TEST(Outline, RefusesWhatFitsNoGrid) {
   EXPECT_THROW(outlinePile(surfaceOf(4000 * 0.04 + 0.1, 0.0), {}, config), std::runtime_error);
   EXPECT_THROW(outlinePile(surfaceOf(0.0, -4000 * 0.04 - 0.1), {}, config), std::runtime_error);
   EXPECT_THROW(outlinePile(surfaceOf(1e300, 0.0), {}, config), std::runtime_error);
+  MappedSurface far = surfaceOf(0.0, 1.0);
+  for (Eigen::Vector3d& p : far.points_map) p.x() += 1.1e5;
+  EXPECT_THROW(outlinePile(far, {}, config), std::runtime_error);
 }
 
 // The other tests stand on these piles.

@@ -276,6 +276,20 @@ TEST(Segment, LooksAtASingleBrickFromAllSides) {
   }
 }
 
+TEST(Segment, OverlapsAndHasTwoSamplesHoweverCoarse) {
+  SegmentConfig config;
+  config.spacing_m = kWidth_m;  // the most that is allowed
+  config.sample_spacing_m = 0.5;
+  for (double side_m = 0.1; side_m < 1.0; side_m += 0.017) {
+    const OutlinePolygon square = rectangle(side_m, side_m);
+    const std::vector<Segment> segments = cutSegments(outlineOf(square), kFootprint, config);
+    for (const Segment& segment : segments) {
+      EXPECT_GE(segment.samples_map.size(), 2U);
+      EXPECT_GE(segment.length_m, 4.0 * side_m / static_cast<double>(segments.size()) - kRounding);  // no gap between
+    }
+  }
+}
+
 TEST(Segment, HasADirectionWhereTheOutlineMeetsItself) {
   // A slit of no width: the stretch about its bottom ends where it began.
   const OutlinePolygon slit{{0.0, -0.5}, {1.0, -0.5}, {1.0, 0.5},  {0.0, 0.5},

@@ -80,8 +80,8 @@ inline bool isHidden(const Box& box, const Eigen::Vector3d& from_map, const Eige
   return enter < leave;
 }
 
-/// Whether an eye sees a point of the pile's or the ground's surface: it is on the side the surface looks to, and no box
-/// is between.
+/// Whether an eye sees a point of the pile's or the ground's surface: it is on the side the surface looks to, and no
+/// box is between.
 inline bool isSeenFrom(const BoxPile& pile, const Eigen::Vector3d& eye_map, const Eigen::Vector3d& p_map,
                        const Eigen::Vector3d& normal_map) {
   if (normal_map.dot(eye_map - p_map) <= 0.0) return false;
