@@ -128,7 +128,7 @@ struct OctomapScene::State {
 
   // Only where voxels of a block differ or one of them has not been seen; the tree itself knows the uniform ones.
   std::unordered_map<LatticeKey, Block, LatticeKeyHash> blocks;
-  std::vector<LatticeKey> occupied_blocks;  // with an occupied voxel; after the constructor sorted, each once
+  std::vector<LatticeKey> occupied_blocks;  // with an occupied voxel, each once
   MappedSurface surface;                    // block by block
   std::unordered_map<LatticeKey, Range, LatticeKeyHash> surface_of_block;
 };
@@ -283,9 +283,8 @@ void OctomapScene::State::findSurface() {
       }
     }
   }
-  // The answer must not depend on how the tree was pruned.
+  // The answer must not depend on how the tree was pruned. No block is there twice: the tree's leaves come block by block.
   std::sort(occupied_blocks.begin(), occupied_blocks.end());
-  occupied_blocks.erase(std::unique(occupied_blocks.begin(), occupied_blocks.end()), occupied_blocks.end());
   Window window;
   for (const LatticeKey& block : occupied_blocks) addSurfaceOf(block, offsets, &window);
 }

@@ -637,6 +637,22 @@ TEST(OctomapSceneUncertainty, FrontierOfAHalfSeenPileIsWhereTheSeenPartEnds) {
   }
 }
 
+TEST(OctomapSceneSurface, OfATiltedFloorLooksUpInSpiteOfItsSteps) {
+  PileView view;
+  view.tilt_rad = 0.1;
+  const MappedSurface surface = sceneOf(view.tree()).surface();
+  const Eigen::Vector3f truth = Eigen::Vector3d(-std::sin(view.tilt_rad), 0.0, std::cos(view.tilt_rad)).cast<float>();
+  int num_floor = 0;
+  for (std::size_t i = 0; i < surface.points_map.size(); ++i) {
+    const Eigen::Vector3d& p = surface.points_map[i];
+    // A neighbourhood's radius away from the pile and from the scene's end.
+    if (p.y() > -0.68 || p.y() < -0.74 || std::abs(p.x()) > 0.7) continue;
+    EXPECT_LT(angleDeg(surface.normals_map[i], truth), 12.0) << p.transpose();
+    ++num_floor;
+  }
+  EXPECT_GT(num_floor, 3 * 70);
+}
+
 TEST(OctomapSceneGround, IsFoundWithinHalfAVoxel) {
   for (const double tilt_rad : {0.0, 0.1}) {
     for (const double height_m : {0.0, 0.004, 0.01, 0.0199}) {
