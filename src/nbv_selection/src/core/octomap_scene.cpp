@@ -128,7 +128,7 @@ struct OctomapScene::State {
 
   // Only where voxels of a block differ or one of them has not been seen; the tree itself knows the uniform ones.
   std::unordered_map<LatticeKey, Block, LatticeKeyHash> blocks;
-  std::vector<LatticeKey> occupied_blocks;  // with an occupied voxel; after the constructor sorted, each once
+  std::vector<LatticeKey> occupied_blocks;  // with an occupied voxel, each once
   MappedSurface surface;                    // block by block
   std::unordered_map<LatticeKey, Range, LatticeKeyHash> surface_of_block;
 };
@@ -283,9 +283,8 @@ void OctomapScene::State::findSurface() {
       }
     }
   }
-  // The answer must not depend on how the tree was pruned.
+  // The answer must not depend on how the tree was pruned. No block is there twice: leaves come block by block.
   std::sort(occupied_blocks.begin(), occupied_blocks.end());
-  occupied_blocks.erase(std::unique(occupied_blocks.begin(), occupied_blocks.end()), occupied_blocks.end());
   Window window;
   for (const LatticeKey& block : occupied_blocks) addSurfaceOf(block, offsets, &window);
 }
@@ -434,8 +433,8 @@ OccupancyField OctomapScene::occupancy(const Points3d& points_map) const {
           if (range == state_->surface_of_block.end()) continue;
           for (std::size_t j = range->second.first; j < range->second.second; ++j) {
             const double distance2 = (surface.points_map[j] - p).squaredNorm();
-            // Equally near: the first, whatever the order of the blocks.
-            if (distance2 < nearest2 || (distance2 == nearest2 && j < nearest)) {
+            // Equally near: the first, as blocks come in the surface's order.
+            if (distance2 < nearest2) {
               nearest2 = distance2;
               nearest = j;
             }

@@ -511,8 +511,8 @@ struct PileView {
     return isInView(p);
   }
 
-  /// A voxel is solid if any of it is, as rays that end anywhere in it say. One that is not is seen if the line from the
-  /// camera to its middle passes no solid one; a solid one, if one beside it is seen.
+  /// A voxel is solid if any of it is, as rays that end anywhere in it say. One that is not is seen if the line from
+  /// the camera to its middle passes no solid one; a solid one, if one beside it is seen.
   std::shared_ptr<octomap::OcTree> tree() const {
     constexpr int kSide = 80;
     constexpr int kHeight = 32;
@@ -635,6 +635,22 @@ TEST(OctomapSceneUncertainty, FrontierOfAHalfSeenPileIsWhereTheSeenPartEnds) {
     EXPECT_GT(num_seen, 20);
     EXPECT_GT(num_unseen, 50);
   }
+}
+
+TEST(OctomapSceneSurface, OfATiltedFloorLooksUpInSpiteOfItsSteps) {
+  PileView view;
+  view.tilt_rad = 0.1;
+  const MappedSurface surface = sceneOf(view.tree()).surface();
+  const Eigen::Vector3f truth = Eigen::Vector3d(-std::sin(view.tilt_rad), 0.0, std::cos(view.tilt_rad)).cast<float>();
+  int num_floor = 0;
+  for (std::size_t i = 0; i < surface.points_map.size(); ++i) {
+    const Eigen::Vector3d& p = surface.points_map[i];
+    // A neighbourhood's radius away from the pile and from the scene's end.
+    if (p.y() > -0.68 || p.y() < -0.74 || std::abs(p.x()) > 0.7) continue;
+    EXPECT_LT(angleDeg(surface.normals_map[i], truth), 12.0) << p.transpose();
+    ++num_floor;
+  }
+  EXPECT_GE(num_floor, 3 * 70) << "rows and columns of voxels";
 }
 
 TEST(OctomapSceneGround, IsFoundWithinHalfAVoxel) {
