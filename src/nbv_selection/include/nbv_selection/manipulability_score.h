@@ -47,14 +47,14 @@ class ManipulabilityScore {
                       const Eigen::Isometry3d& T_base_armbase, const ManipulabilityScoreConfig& config);
 
   /// m in [0, 1] of a base that stands on the ground plane at this pose (upright on the plane, tilted with it).
-  /// `samples`, if not null, gets all of the sectors' samples with a share above 0.
+  /// `samples`, if not null, gets all of the sectors' samples with a share above 0. 0 for a pose that is not finite.
   double at(const base_navigation::Pose2d& T_map_base, std::vector<ManipulabilitySample>* samples = nullptr) const;
 
   std::size_t numAsked() const { return num_asked_; }
   /// Share of the asked points, each of them near the surface that was given, which the map has no data for: large when
   /// the map has changed since. 0 if none was asked.
   double shareWithoutData() const { return share_without_data_; }
-  /// N of eq 14.
+  /// N of eq 14: the lattice points in the sectors of a base at the map's origin.
   double numSamples() const { return num_samples_; }
 
  private:

@@ -47,32 +47,30 @@ double countSamples(const motion_planning::ManipulabilitySectors& sectors, const
   return count;
 }
 
-/// A set of lattice points, most of them next to each other: bits in blocks.
+/// A set of lattice points, most of them next to each other: flags in blocks.
 class LatticeSet {
  public:
-  /// The point's bit; it stays where it is.
+  /// The point's flag; it stays where it is.
   bool& at(const LatticeKey& key) {
-    const LatticeKey block{key.x >> kBits, key.y >> kBits, key.z >> kBits};
+    const LatticeKey block{blockOf(key.x), blockOf(key.y), blockOf(key.z)};
     // A mesh's neighbours follow each other: hardly ever another block.
     if (last_ == nullptr || block != last_block_) {
       last_block_ = block;
       last_ = &blocks_[block];
     }
-    constexpr std::int32_t kMask = (1 << kBits) - 1;
-    return (
-        *last_)[static_cast<std::size_t>((((key.z & kMask) << kBits | (key.y & kMask)) << kBits) | (key.x & kMask))];
+    const std::int32_t x = key.x - block.x * kSide, y = key.y - block.y * kSide, z = key.z - block.z * kSide;
+    return (*last_)[static_cast<std::size_t>((z * kSide + y) * kSide + x)];
   }
 
   /// All that are set, in the lattice's order.
   std::vector<LatticeKey> keys() const {
     std::vector<LatticeKey> result;
-    for (const auto& [block, bits] : blocks_) {
-      for (std::size_t i = 0; i < bits.size(); ++i) {
-        if (!bits[i]) continue;
+    for (const auto& [block, flags] : blocks_) {
+      for (std::size_t i = 0; i < flags.size(); ++i) {
+        if (!flags[i]) continue;
         const auto index = static_cast<std::int32_t>(i);
-        constexpr std::int32_t kMask = (1 << kBits) - 1;
-        result.push_back({(block.x << kBits) + (index & kMask), (block.y << kBits) + ((index >> kBits) & kMask),
-                          (block.z << kBits) + (index >> (2 * kBits))});
+        result.push_back({block.x * kSide + index % kSide, block.y * kSide + index / kSide % kSide,
+                          block.z * kSide + index / (kSide * kSide)});
       }
     }
     std::sort(result.begin(), result.end());  // the hash map's order is the library's
@@ -80,8 +78,10 @@ class LatticeSet {
   }
 
  private:
-  static constexpr int kBits = 4;  // 16 points along a block's side
-  using Block = std::array<bool, 1U << (3 * kBits)>;
+  static constexpr std::int32_t kSide = 16;
+  using Block = std::array<bool, kSide * kSide * kSide>;
+
+  static std::int32_t blockOf(std::int32_t index) { return (index >= 0 ? index : index - kSide + 1) / kSide; }
 
   std::unordered_map<LatticeKey, Block, gpis_mapping::LatticeKeyHash> blocks_;  // its values stay where they are
   LatticeKey last_block_;

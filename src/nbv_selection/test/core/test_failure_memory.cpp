@@ -169,6 +169,32 @@ TEST(FailureMemory, MergesWhatFailedAtOneTime) {
   EXPECT_EQ(square.numNodes(), before + 12);
 }
 
+TEST(FailureMemory, TreeDependsOnWhatFailedNotOnHow) {
+  // Discs, or all of their cells one by one: no node is left split that need not be. Both trees reach as far.
+  std::mt19937 rng(2);
+  const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(rng); };
+  for (int i = 0; i < 50; ++i) {
+    FailureMemory discs(0.1), cells(0.1);
+    CellByCell oracle(0.1);
+    for (const Eigen::Vector2d& corner : {Eigen::Vector2d(-5.0, -5.0), Eigen::Vector2d(5.0, 5.0)}) {
+      discs.add(corner, 0.0, -1.0);
+      cells.add(corner, 0.0, -1.0);
+    }
+    for (int j = 0; j < 60; ++j) {
+      const Eigen::Vector2d p(uniform(-1.0, 1.0), uniform(-1.0, 1.0));
+      const double radius_m = uniform(0.0, 0.5), stamp_s = j < 40 ? 1.0 : 2.0;
+      discs.add(p, radius_m, stamp_s);
+      oracle.add(p, radius_m, stamp_s);
+    }
+    for (const auto& [index, stamp_s] : oracle.cells())
+      cells.add(oracle.center(index.first, index.second), 0.0, stamp_s);
+    EXPECT_EQ(discs.numNodes(), cells.numNodes());
+    discs.forgetBefore(1.5);
+    cells.forgetBefore(1.5);
+    EXPECT_EQ(discs.numNodes(), cells.numNodes());
+  }
+}
+
 TEST(FailureMemory, LaterTimesStayAndEarlierOnesGo) {
   FailureMemory memory(0.1);
   memory.add({1.0, 1.0}, 0.5, 10.0);
