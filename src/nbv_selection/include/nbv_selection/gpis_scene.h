@@ -12,9 +12,9 @@
 namespace nbv_selection {
 
 /// The dynamic Gaussian-process implicit surface as a scene: u is the variance of the field [m^2], its gradient
-/// analytic (eq 10), the occupancy eq 14's Phi. Each answer takes one question. In unknown space far from the surface the
-/// map gives a distance, but no variance: u is the prior's there, without slope. Where it does not even give a distance (no
-/// surface within its reach, or none at all), u is NaN.
+/// analytic (eq 10), the occupancy eq 14's Phi. Each answer takes one question. In unknown space far from the surface
+/// the map gives a distance, but no variance: u is the prior's there, without slope. Where it does not even give a
+/// distance (no surface within its reach, or none at all), u is NaN.
 class GpisScene : public SceneModel {
  public:
   struct Config {
@@ -47,8 +47,8 @@ class GpisScene : public SceneModel {
   Config config_;
 };
 
-/// A map in this process: meshes it, and asks the snapshot itself. The surface's stamp is the last at which an image saw
-/// free space; the snapshot keeps no other.
+/// A map in this process: meshes it, and asks the snapshot itself. The surface's stamp is the last at which an image
+/// saw free space; the snapshot keeps no other.
 std::unique_ptr<GpisScene> makeGpisScene(std::shared_ptr<const gpis_mapping::MapSnapshot> snapshot,
                                          const GpisScene::Config& config);
 

@@ -51,8 +51,8 @@ class Disc {
   Disc(const Eigen::Vector2d& center_m, double radius_m, double cell_m)
       : center_m_(center_m), radius2_m2_(radius_m * radius_m), cell_m_(cell_m) {}
 
-  /// Rounding never decides between these and a cell taken alone: all ask for the middles' distances in the same way, and
-  /// rounded sums and products keep their order.
+  /// Rounding never decides between these and a cell taken alone: all ask for the middles' distances in the same way,
+  /// and rounded sums and products keep their order.
   bool isClearOf(const Square& square) const {
     const double x = nearest(square.x, square.size, center_m_.x());
     const double y = nearest(square.y, square.size, center_m_.y());

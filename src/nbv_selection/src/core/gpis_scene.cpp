@@ -75,8 +75,8 @@ OccupancyField GpisScene::occupancy(const gpis_mapping::Points3d& points_map) co
   OccupancyField field{Eigen::VectorXd::Zero(count), gpis_mapping::Points3d::Zero(3, count),
                        std::vector<bool>(static_cast<std::size_t>(count), false)};
   if (count == 0) return field;
-  // Asked once: to ask for distances first, and for variances where they turn out small, takes longer unless two thirds of
-  // the points are far from the surface, and the map may change in between.
+  // Asked once: to ask for distances first, and for variances where they turn out small, takes longer unless more than
+  // half of the points are far from the surface, and the map may change in between.
   const gpis_mapping::QueryResult answer = query_(points_map, gpis_mapping::QueryOptions());
   requireAnswers(answer.distance.size(), count);
   requireAnswers(answer.variance.size(), count);

@@ -79,8 +79,8 @@ Logistic Logistic::spanning(double low, double high) {
     text << "low = " << low << ", high = " << high << ", must be finite and low < high";
     throw std::invalid_argument(text.str());
   }
-  // L(low) = 0.1 and L(high) = 0.9: -a low + b = ln 9 and -a high + b = -ln 9. Halves first: the sum of two large numbers
-  // may overflow, their halves' does not.
+  // L(low) = 0.1 and L(high) = 0.9: -a low + b = ln 9 and -a high + b = -ln 9. Halves first: the sum of two large
+  // numbers may overflow, their halves' does not.
   const double half_width = 0.5 * high - 0.5 * low;
   const double middle = 0.5 * high + 0.5 * low;
   const Logistic result{1.0, std::log(9.0) / half_width, std::log(9.0) / half_width * middle};

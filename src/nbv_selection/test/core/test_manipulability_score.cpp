@@ -103,7 +103,8 @@ FunctionScene senselessScene() {
   return scene;
 }
 
-/// Eq 14 from its words: all lattice points of a box about the surface, each put to every question anew, in the map frame.
+/// Eq 14 from its words: all lattice points of a box about the surface, each put to every question anew, in the map
+/// frame.
 struct BruteForce {
   const FunctionScene& scene;
   const MappedSurface& surface;
@@ -374,8 +375,8 @@ TEST(ManipulabilityScore, SectorsWithoutRoomAndPosesWithoutNumbersAreZero) {
 }
 
 TEST(ManipulabilityScore, NeverMoreThanOne) {
-  // All there is, is a good place to pick at, whatever it looks like. Sectors of a few cells hold more of them here than
-  // there.
+  // All there is, is a good place to pick at, whatever it looks like. Sectors of a few cells hold more of them here
+  // than there.
   FunctionScene scene;
   scene.occupied = [](const Eigen::Vector3d&) { return FunctionScene::Occupancy{1.0, Eigen::Vector3d::UnitZ(), true}; };
   std::vector<Eigen::Vector3d> points;

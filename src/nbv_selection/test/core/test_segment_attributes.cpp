@@ -149,8 +149,8 @@ TEST(SegmentUncertainty, FrontierOfARealMapIsTheSlopeOfItsVarianceAlongTheSegmen
   }
   const std::vector<SegmentUncertainty> uncertainty = segmentUncertainty(*scene, segments);
   const double prior = scene->priorUncertainty();
-  // The map answers in floats, off by about 1e-7 prior, over two steps of 0.5 mm 1e-4 prior per metre, and ten times that
-  // for the solve behind them. Truncation: the kernel's third derivative is a^3 prior, a = sqrt(3) / l = 35 / m; times
+  // The map answers in floats, off by about 1e-7 prior, over two steps of 0.5 mm 1e-4 prior per metre, and ten times
+  // that for the solve behind them. Truncation: the kernel's third derivative is a^3 prior, a = sqrt(3) / l = 35 / m; times
   // the step squared / 6, 1.7e-3 prior per metre; twice that for what the solve makes of it.
   constexpr double kStep_m = 5e-4;
   const double slope_error = 5e-3 * prior;
