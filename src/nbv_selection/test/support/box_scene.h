@@ -24,6 +24,7 @@ class BoxScene : public SceneModel {
     double prior{8.3e-4};     // of a map whose kernel has a length of 5 cm [m^2]
     double reach_m{0.06};     // R
     double support_m{0.055};  // a little more than the band of the manipulability's samples
+    std::function<bool(const Eigen::Vector3d& p_map)> is_mapped;  // false: outside of the map. Empty: all is inside
   };
 
   BoxScene(const BoxPile& pile, const std::vector<Eigen::Vector3d>& eyes_map, const Options& options)
@@ -31,7 +32,10 @@ class BoxScene : public SceneModel {
     SamplingOptions sampling;
     sampling.spacing_m = options.spacing_m;
     sampling.ground_margin_m = options.ground_margin_m;
-    sampling.is_seen = seenFrom(pile, eyes_map);
+    sampling.is_seen = [&options, is_seen = seenFrom(pile, eyes_map)](const Eigen::Vector3d& p_map,
+                                                                      const Eigen::Vector3d& normal_map) {
+      return (!options.is_mapped || options.is_mapped(p_map)) && is_seen(p_map, normal_map);
+    };
     surface_ = sampleSurface(pile, sampling);
     surface_.stamp_s = 12.5;
     for (std::size_t i = 0; i < surface_.points_map.size(); ++i) {
