@@ -410,11 +410,14 @@ TEST_F(NbvSelectionNode, FeedbackTellsEachStageAndHowManySegments) {
 TEST_F(NbvSelectionNode, TheLastSelectionStaysOnItsTopic) {
   const SelectNextBestViewResult result = main_->select(goalHere(kGpis));
   Latest<NbvSelection> late("/nbv_selection/selection");
-  EXPECT_EQ(node_tests::bytesOf(late.await([](const NbvSelection&) { return true; })),
-            node_tests::bytesOf(result.selection));
+  const auto bytesWithoutCount = [](NbvSelection selection) {
+    selection.header.seq = 0;  // publishers count their messages in it
+    return node_tests::bytesOf(selection);
+  };
+  EXPECT_EQ(bytesWithoutCount(late.await([](const NbvSelection&) { return true; })),
+            bytesWithoutCount(result.selection));
   const SelectNextBestViewResult refused = main_->select(goalOf("guess"));
-  EXPECT_EQ(node_tests::bytesOf(late.awaitStamp(refused.selection.header.stamp)),
-            node_tests::bytesOf(refused.selection));
+  EXPECT_EQ(bytesWithoutCount(late.awaitStamp(refused.selection.header.stamp)), bytesWithoutCount(refused.selection));
 }
 
 TEST_F(NbvSelectionNode, WaitsForAMapAsNewAsAskedFor) {
@@ -549,6 +552,8 @@ TEST_F(NbvSelectionNode, AnOctomapThatIsNoneIsNamed) {
                  AllOf(HasSubstr("/octomap_full: "), HasSubstr("'ColorOcTree'")));
   EXPECT_OUTCOME(spoiled([](auto* map) { map->resolution = 0.0; }), STALE_MAP, HasSubstr("resolution is 0.0"));
   EXPECT_OUTCOME(spoiled([](auto* map) { map->resolution = 0.5; }), STALE_MAP, HasSubstr("gradient_step_m"));
+  EXPECT_OUTCOME(spoiled([](auto* map) { map->data.resize(map->data.size() / 2); }), STALE_MAP,
+                 HasSubstr("/octomap_full: the octomap's data end within its nodes"));
   EXPECT_OUTCOME(spoiled([](auto*) {}), SUCCESS, "");
 }
 
