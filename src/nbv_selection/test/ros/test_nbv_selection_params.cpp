@@ -103,6 +103,23 @@ TEST(NbvSelectionParams, EveryKeyIsReadIntoItsOwnField) {
   params_contract::expectEveryKeyIsReadIntoItsOwnField(kOctomapContract, ros::NodeHandle("~changed_octomap"));
 }
 
+TEST(NbvSelectionParams, ReadmeTablesHaveEveryKeyWithItsDefault) {
+  const std::string readme = readText(std::string(NBV_SELECTION_DIR) + "/README.md");
+  std::size_t rows = 0;
+  // The table of strategies has gpis' section, without its name.
+  params_contract::forEachScalar(
+      YAML::LoadFile(kConfigDir + "nbv_selection.yaml"), "", [&](const std::string& key, const YAML::Node& value) {
+        const std::string section = "gpis/";
+        const bool is_gpis = key.compare(0, section.size(), section) == 0;
+        const std::string text = params_contract::textOf(value);
+        const std::string row =
+            "| `" + (is_gpis ? key.substr(section.size()) : key) + "` | " + (text.empty() ? "\"\"" : text) + " |";
+        EXPECT_NE(readme.find(row), std::string::npos) << row;
+        ++rows;
+      });
+  EXPECT_EQ(rows, flattened(toYaml(NbvSelectionParams())).size() + flattened(toYaml(GpisStrategyParams())).size());
+}
+
 TEST(NbvSelectionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   ros::NodeHandle nh("~wrong");
   nh.setParam("base_profile_file", "profile.yaml");
