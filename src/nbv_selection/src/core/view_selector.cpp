@@ -185,10 +185,11 @@ ViewSelectorConfig octomapSelectorConfig() {
   ViewSelectorConfig config;
   config.imaginary_share = 0.65;  // beside a seen surface half of what is averaged over is unknown ground
   // Spanned as those of UtilityConfig are, on OctoMaps of the same sequences.
-  config.utility.of(Factor::kManipulability).logistic = {1.0, 488.3, 6.25};  // 0.0083 to 0.0173
-  config.utility.of(Factor::kTravel).logistic = {1.0, 1.191, -2.924};        // 4.3 m to 0.61 m
-  config.utility.of(Factor::kUncertainty).logistic = {1.0, 23.13, 11.45};    // 0.40 bit to 0.59 bit
-  config.utility.of(Factor::kFrontier).logistic = {1.0, 3.712, 2.739};       // 0.15 bit^2/m^2 to 1.33 bit^2/m^2
+  config.utility.of(Factor::kManipulability).logistic = {1.0, 302.0, 3.82};  // 0.0054 to 0.0199
+  config.utility.of(Factor::kPickOrder).logistic = {1.0, 27.5, 5.6};         // 0.12 m to 0.28 m
+  config.utility.of(Factor::kTravel).logistic = {1.0, 1.23, -3.26};          // 4.4 m to 0.86 m
+  config.utility.of(Factor::kUncertainty).logistic = {1.0, 24.2, 11.7};      // 0.39 bit to 0.57 bit
+  config.utility.of(Factor::kFrontier).logistic = {1.0, 2.97, 2.57};         // 0.13 bit^2/m^2 to 1.6 bit^2/m^2
   return config;
 }
 
