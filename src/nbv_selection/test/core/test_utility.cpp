@@ -246,6 +246,7 @@ TEST(UtilityConfig, NamesWhatIsImpossible) {
   };
   for (const Case& c : cases) {
     UtilityConfig config;
+    for (FactorConfig& factor : config.factors) factor.weight = 0.2;
     c.spoil(&config);
     EXPECT_THAT(config.validate(), ElementsAre(HasSubstr(c.message)));
   }
