@@ -25,7 +25,7 @@ inline std::string readText(const std::string& path) {
   return text.str();
 }
 
-/// visit(key with its sections, scalar) for each scalar.
+/// visit(key with its sections, scalar or list) for each that is no section.
 inline void forEachScalar(const YAML::Node& node, const std::string& prefix,
                           const std::function<void(const std::string&, const YAML::Node&)>& visit) {
   for (const auto& entry : node) {
@@ -38,12 +38,20 @@ inline void forEachScalar(const YAML::Node& node, const std::string& prefix,
   }
 }
 
+/// As it is written on one line: "[a, b]" for a list.
+inline std::string textOf(const YAML::Node& value) {
+  if (!value.IsSequence()) return value.as<std::string>();
+  std::string text;
+  for (const YAML::Node& item : value) text += (text.empty() ? "" : ", ") + item.as<std::string>();
+  return "[" + text + "]";
+}
+
 /// Numbers that are equal are the same text.
 inline Values flattened(const YAML::Node& yaml) {
   Values values;
   forEachScalar(yaml, "", [&values](const std::string& key, const YAML::Node& value) {
     double number = 0.0;
-    values[key] = YAML::convert<double>::decode(value, number) ? std::to_string(number) : value.as<std::string>();
+    values[key] = YAML::convert<double>::decode(value, number) ? std::to_string(number) : textOf(value);
   });
   return values;
 }
@@ -94,6 +102,9 @@ inline void expectEveryKeyIsReadIntoItsOwnField(const Contract& contract, const 
       case XmlRpc::XmlRpcValue::TypeBoolean:
         changed[key] = static_cast<bool>(other);
         break;
+      case XmlRpc::XmlRpcValue::TypeArray:
+        for (int i = 0; i < other.size(); ++i) changed[key].push_back(static_cast<std::string>(other[i]));
+        break;
       default:
         changed[key] = static_cast<std::string>(other);
     }
@@ -108,7 +119,7 @@ inline void expectReadmeTableHasEveryDefault(const Contract& contract) {
   std::size_t rows = 0;
   forEachScalar(YAML::LoadFile(contract.package_dir + "/" + contract.config_file), "",
                 [&](const std::string& key, const YAML::Node& value) {
-                  const std::string text = value.Scalar().empty() ? "\"\"" : value.Scalar();
+                  const std::string text = textOf(value).empty() ? "\"\"" : textOf(value);
                   const std::string row = "| `" + key + "` | " + text + " |";
                   EXPECT_NE(readme.find(row), std::string::npos) << row;
                   ++rows;

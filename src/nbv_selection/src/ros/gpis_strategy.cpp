@@ -144,7 +144,7 @@ class GpisStrategy : public Strategy {
                                   const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const SurfaceMeshConstPtr mesh = awaitMesh(min_map_stamp, is_cancelled);
-    if (is_cancelled && is_cancelled()) {
+    if (!mesh) {
       nbv_selection::Selection cancelled;
       cancelled.status = nbv_selection::SelectionStatus::kCancelled;
       cancelled.message = "cancelled while waiting for the map";
@@ -185,15 +185,21 @@ class GpisStrategy : public Strategy {
     return mesh_;
   }
 
+  /// None: cancelled. What asks for it may be asked once only: a goal that another replaces goes on if that is withdrawn.
   SurfaceMeshConstPtr awaitMesh(const ros::Time& min_stamp, const IsCancelled& is_cancelled) const {
     SurfaceMeshConstPtr mesh;
+    bool has_been_cancelled = false;
     const auto isThere = [&] {
       mesh = lastMesh();
       return mesh && mesh->header.stamp >= min_stamp;
     };
-    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s,
-                                   [&] { return isThere() || (is_cancelled && is_cancelled()); });
-    if (isThere() || (is_cancelled && is_cancelled())) return mesh;
+    const auto isOver = [&] {
+      has_been_cancelled = is_cancelled && is_cancelled();
+      return has_been_cancelled || isThere();
+    };
+    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, isOver);
+    if (has_been_cancelled) return nullptr;
+    if (isThere()) return mesh;
     if (!mesh) throw MapUnavailable("no mesh has come on " + mesh_subscriber_.getTopic());
     throw MapUnavailable("the newest mesh is of " + std::to_string(mesh->header.stamp.toSec()) +
                          " s, asked for is one of " + std::to_string(min_stamp.toSec()) + " s or later (waited " +

@@ -2,6 +2,7 @@
 // The systems this work is compared with. They see nothing but an OctoMap.
 #include <memory>
 #include <mutex>
+#include <optional>
 
 #include <motion_planning_ros/plan_server.h>
 #include <octomap_baseline_ros/octomap_messages.h>
@@ -30,21 +31,21 @@ class OctomapStrategy : public Strategy {
   nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,
                                   const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
-    const octomap_msgs::Octomap map = awaitMap(min_map_stamp, is_cancelled);
-    if (is_cancelled && is_cancelled()) {
+    const std::optional<octomap_msgs::Octomap> map = awaitMap(min_map_stamp, is_cancelled);
+    if (!map) {
       nbv_selection::Selection cancelled;
       cancelled.status = nbv_selection::SelectionStatus::kCancelled;
       cancelled.message = "cancelled while waiting for the map";
       return cancelled;
     }
-    if (map.header.frame_id != context_.map_frame) {
-      throw MapUnavailable("the octomap's frame is '" + map.header.frame_id + "', must be '" + context_.map_frame +
+    if (map->header.frame_id != context_.map_frame) {
+      throw MapUnavailable("the octomap's frame is '" + map->header.frame_id + "', must be '" + context_.map_frame +
                            "' (map_frame)");
     }
     std::string why_not;
-    std::shared_ptr<const octomap::OcTree> tree = octomap_baseline_ros::toTree(map, &why_not);
+    std::shared_ptr<const octomap::OcTree> tree = octomap_baseline_ros::toTree(*map, &why_not);
     if (!tree) throw MapUnavailable(service_ + ": " + why_not);
-    const nbv_selection::OctomapScene scene(tree, 0, map.header.stamp.toSec(), params_.scene);
+    const nbv_selection::OctomapScene scene(tree, 0, map->header.stamp.toSec(), params_.scene);
     return selector_->select(scene, failures, request, tell, is_cancelled);
   }
 
@@ -62,25 +63,30 @@ class OctomapStrategy : public Strategy {
   std::string configuration() const override { return toYaml(params_); }
 
  private:
-  octomap_msgs::Octomap awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled) {
+  /// None: cancelled. What asks for it may be asked once only: a goal that another replaces goes on if that is withdrawn.
+  std::optional<octomap_msgs::Octomap> awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled) {
     octomap_msgs::GetOctomap call;
     bool has_answered = false;
+    bool is_there = false;
+    bool has_been_cancelled = false;
     ros::WallTime next_try;
-    const auto isThere = [&] {
-      if (ros::WallTime::now() < next_try) return false;  // a whole map comes with each answer
-      next_try = ros::WallTime::now() + ros::WallDuration(0.1);
+    const auto ask = [&] {
       call = octomap_msgs::GetOctomap();
       has_answered = ros::service::exists(service_, false) && ros::service::call(service_, call);
-      return has_answered && call.response.map.header.stamp >= min_stamp;
+      is_there = has_answered && call.response.map.header.stamp >= min_stamp;
     };
-    bool is_there = false;
-    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s,
-                                   [&] { return (is_there = isThere()) || (is_cancelled && is_cancelled()); });
-    if (!is_there && !(is_cancelled && is_cancelled())) {
-      next_try = ros::WallTime();
-      is_there = isThere();
-    }
-    if (!is_there && !(is_cancelled && is_cancelled())) {
+    const auto isOver = [&] {
+      has_been_cancelled = is_cancelled && is_cancelled();
+      if (has_been_cancelled || is_there) return true;
+      if (ros::WallTime::now() < next_try) return false;  // a whole map comes with each answer
+      next_try = ros::WallTime::now() + ros::WallDuration(0.1);
+      ask();
+      return is_there;
+    };
+    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, isOver);
+    if (has_been_cancelled) return std::nullopt;
+    if (!is_there) ask();
+    if (!is_there) {
       if (!has_answered) throw MapUnavailable("no service " + service_ + ", or it does not answer");
       throw MapUnavailable("the octomap is of " + std::to_string(call.response.map.header.stamp.toSec()) +
                            " s, asked for is one of " + std::to_string(min_stamp.toSec()) + " s or later (waited " +

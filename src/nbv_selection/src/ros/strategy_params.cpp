@@ -27,8 +27,8 @@ constexpr auto kVisitOctomap = [](auto& params, auto&& visit) {
   nbv_selection::visitOctomapFields(params.scene, visit);
 };
 
-void append(const std::vector<std::string>& more, std::vector<std::string>* problems) {
-  problems->insert(problems->end(), more.begin(), more.end());
+void append(const std::string& section, const std::vector<std::string>& more, std::vector<std::string>* problems) {
+  for (const std::string& problem : more) problems->push_back(section + problem);
 }
 
 }  // namespace
@@ -38,12 +38,12 @@ std::vector<std::string> StrategyParams::validate() const {
   if (approach != "sector" && approach != "from_arm_base") {
     problems.push_back("manipulability/approach = '" + approach + "', must be sector or from_arm_base");
   }
-  if (selector.utility.validate().empty()) {
-    try {
-      selector.utility.without(removed_factor);
-    } catch (const std::invalid_argument& error) {
-      problems.push_back("removed_factor = '" + removed_factor + "': " + error.what());
-    }
+  // An impossible utility is reported above; whether there is such a factor can be told all the same.
+  const bool is_utility_possible = selector.utility.validate().empty();
+  try {
+    (is_utility_possible ? selector.utility : nbv_selection::UtilityConfig()).without(removed_factor);
+  } catch (const std::invalid_argument& error) {
+    problems.push_back("removed_factor = '" + removed_factor + "': " + error.what());
   }
   return problems;
 }
@@ -58,13 +58,13 @@ nbv_selection::ViewSelectorConfig StrategyParams::effective() const {
 
 std::vector<std::string> GpisStrategyParams::validate() const {
   std::vector<std::string> problems = StrategyParams::validate();
-  append(scene.validate(), &problems);
+  append("occupancy/", scene.validate(), &problems);
   return problems;
 }
 
 std::vector<std::string> OctomapStrategyParams::validate() const {
   std::vector<std::string> problems = StrategyParams::validate();
-  append(scene.validate(), &problems);
+  append("octomap/", scene.validate(), &problems);
   return problems;
 }
 
