@@ -121,7 +121,11 @@ TEST_F(LiveMapServices, QueryAnswersEachPointOrSaysWhyNot) {
     EXPECT_EQ(static_cast<int>(answer.state[bad]), QueryMap::Response::UNKNOWN);
   }
   EXPECT_LT(answer.distance[3], 0.0);
-  EXPECT_TRUE(live_.ask(Eigen::Matrix3Xd(3, 0)).success);
+  const QueryMap::Response of_nothing = live_.ask(Eigen::Matrix3Xd(3, 0));
+  EXPECT_TRUE(of_nothing.success);
+  // The prior's sigma_f, unless it is set: the length scale, 5 cm, over the root of 3.
+  EXPECT_NEAR(of_nothing.prior_variance, 0.05 * 0.05 / 3.0, 1e-12);
+  EXPECT_EQ(answer.prior_variance, of_nothing.prior_variance);
   EXPECT_TRUE(live_.ask(points, false).variance.empty());
 
   const QueryMap::Response lost = live_.ask(points, true, "nowhere");

@@ -3,18 +3,24 @@
 
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <ros/ros.h>
+#include <yaml-cpp/yaml.h>
 
 #include "../support/params_contract.h"
 #include "../support/temporary_folder.h"
+#include "gpis_mapping_ros/param_reader.h"
+#include "gpis_mapping_ros/param_writer.h"
 
 namespace gpis_mapping_ros {
 namespace {
 
 using test_support::messageOf;
+using testing::AllOf;
+using testing::ElementsAre;
 using testing::HasSubstr;
 
 const std::string kConfigDir = GPIS_CONFIG_DIR;
@@ -65,6 +71,53 @@ TEST(GpisMappingParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/input/pose_limits/settle_frames"));
   EXPECT_THAT(message, HasSubstr("storage/autosave_file = 'map.gpis', must be an absolute path"));
   EXPECT_THAT(message, HasSubstr("sensor/max_range_m = -1 m, must be in [0.1, 50] m"));
+}
+
+TEST(ParamReader, ReadsAListOfTextsWholeOrNotAtAll) {
+  ros::NodeHandle nh("~lists");
+  const auto read = [&nh](std::string* complaint) {
+    ParamReader reader(nh);
+    std::vector<std::string> texts{"as", "before"};
+    reader.read("section/names", &texts);
+    *complaint = messageOf<std::invalid_argument>([&reader] { reader.finish(); });
+    return texts;
+  };
+  std::string complaint;
+  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
+  EXPECT_EQ(complaint, "");
+  nh.setParam("section/names", std::vector<std::string>{"one", "", "three 3"});
+  EXPECT_THAT(read(&complaint), ElementsAre("one", "", "three 3"));
+  EXPECT_EQ(complaint, "");
+  XmlRpc::XmlRpcValue none;
+  none.setSize(0);
+  nh.setParam("section/names", none);
+  EXPECT_THAT(read(&complaint), testing::IsEmpty());
+  EXPECT_EQ(complaint, "");
+  // Not one of these is a list of texts.
+  nh.setParam("section/names", "one");
+  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
+  EXPECT_THAT(complaint, AllOf(HasSubstr("/lists/section/names = "), HasSubstr("must be a list of texts")));
+  XmlRpc::XmlRpcValue mixed;
+  mixed.setSize(2);
+  mixed[0] = "one";
+  mixed[1] = 2;
+  nh.setParam("section/names", mixed);
+  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
+  EXPECT_THAT(complaint, AllOf(HasSubstr("/lists/section/names = "), HasSubstr("must be a list of texts")));
+  nh.deleteParam("section/names");
+  nh.setParam("section/names/one", "1");
+  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
+  EXPECT_THAT(complaint, HasSubstr("must be a list of texts"));
+}
+
+TEST(ParamWriter, WritesAListOfTextsAsOneValue) {
+  ParamWriter writer;
+  writer.write("section/names", std::vector<std::string>{"one", "", "three: 3"});
+  writer.write("section/none", std::vector<std::string>());
+  const YAML::Node yaml = YAML::Load(writer.text());
+  EXPECT_EQ(yaml["section"]["names"].as<std::vector<std::string>>(), (std::vector<std::string>{"one", "", "three: 3"}));
+  ASSERT_TRUE(yaml["section"]["none"].IsSequence()) << writer.text();
+  EXPECT_EQ(yaml["section"]["none"].size(), 0u);
 }
 
 }  // namespace

@@ -26,8 +26,8 @@ octomap_msgs::Octomap toBinaryMessage(const octomap::OcTree& tree, const std_msg
 /// As octomap_msgs::fullMapToMsg: with log odds. An empty tree has no data.
 octomap_msgs::Octomap toFullMessage(const octomap::OcTree& tree, const std_msgs::Header& header);
 
-/// The tree of such a message, binary or full; one without data is empty. Nothing, and why, for another type of tree or an
-/// impossible resolution.
+/// The tree of such a message, binary or full; one without data is empty. Nothing, and why, for another type of tree, an
+/// impossible resolution, or data that are not one whole tree with finite log odds.
 std::unique_ptr<octomap::OcTree> toTree(const octomap_msgs::Octomap& message, std::string* why_not);
 
 /// One cube list per size of leaf; occupied ones coloured by height, free ones green.

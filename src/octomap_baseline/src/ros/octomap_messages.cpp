@@ -2,6 +2,9 @@
 #include "octomap_baseline_ros/octomap_messages.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -31,6 +34,43 @@ octomap_msgs::Octomap toMessage(const octomap::OcTree& tree, const std_msgs::Hea
   return message;
 }
 
+/// Why the data are not one whole tree; empty: they are. octomap believes what it reads: from data that end too soon it
+/// reads nodes below nodes until the stack ends.
+std::string problemOf(const octomap_msgs::Octomap& message) {
+  constexpr unsigned kMaxDepth = 16;  // of OcTree
+  const std::size_t node_bytes = message.binary ? 2 : sizeof(float) + 1;
+  const std::size_t size = message.data.size();
+  std::vector<unsigned> depths{0};  // of the nodes that are to come, the next one last
+  std::size_t at = 0;
+  for (; !depths.empty(); at += node_bytes) {
+    const unsigned depth = depths.back();
+    depths.pop_back();
+    if (size - at < node_bytes)
+      return "the octomap's data end within its nodes, after " + std::to_string(size) + " bytes";
+    const std::int8_t* node = &message.data[at];
+    unsigned children = 0;  // those that come as nodes
+    bool is_leaf = true;
+    if (message.binary) {
+      for (unsigned child = 0; child < 8; ++child) {
+        const int kind = (static_cast<std::uint8_t>(node[child / 4]) >> (2 * (child % 4))) & 3;  // 3: has children
+        children += kind == 3 ? 1 : 0;
+        is_leaf = is_leaf && kind == 0;
+      }
+    } else {
+      float log_odds = 0.0F;
+      std::memcpy(&log_odds, node, sizeof(float));
+      if (!std::isfinite(log_odds)) return "the octomap has a node whose log odds are not finite";
+      for (unsigned mask = static_cast<std::uint8_t>(node[sizeof(float)]); mask != 0; mask >>= 1) children += mask & 1;
+      is_leaf = children == 0;
+    }
+    if (depth == kMaxDepth && !is_leaf) {
+      return "the octomap has nodes below depth " + std::to_string(kMaxDepth) + ", where voxels must end";
+    }
+    depths.insert(depths.end(), children, depth + 1);
+  }
+  return at == size ? "" : "the octomap has " + std::to_string(size - at) + " bytes after its last node";
+}
+
 }  // namespace
 
 octomap_msgs::Octomap toBinaryMessage(const octomap::OcTree& tree, const std_msgs::Header& header) {
@@ -52,6 +92,11 @@ std::unique_ptr<octomap::OcTree> toTree(const octomap_msgs::Octomap& message, st
   }
   auto tree = std::make_unique<octomap::OcTree>(message.resolution);
   if (message.data.empty()) return tree;
+  const std::string problem = problemOf(message);
+  if (!problem.empty()) {
+    *why_not = problem;
+    return nullptr;
+  }
   std::istringstream stream(std::string(message.data.begin(), message.data.end()));
   if (message.binary) {
     tree->readBinaryData(stream);

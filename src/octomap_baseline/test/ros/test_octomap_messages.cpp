@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <map>
 #include <memory>
+#include <random>
 #include <sstream>
 #include <tuple>
 
@@ -100,6 +102,105 @@ TEST(OctomapMessages, BinaryMessageReadsBackAsFreeAndOccupied) {
   ASSERT_EQ(read.size(), expected.size());
   for (const auto& [key, log_odds] : expected) EXPECT_EQ(read.at(key) >= 0.0f, log_odds >= 0.0f);
   EXPECT_LT(message.data.size(), toFullMessage(tree, exampleHeader()).data.size());
+}
+
+TEST(OctomapMessages, BothKindsBecomeTheTreeTheyWereMadeOf) {
+  const octomap::OcTree tree = exampleTree();
+  std::string why_not;
+  const auto full = toTree(toFullMessage(tree, exampleHeader()), &why_not);
+  ASSERT_NE(full, nullptr) << why_not;
+  EXPECT_EQ(full->getResolution(), 0.05);
+  EXPECT_EQ(full->size(), tree.size()) << "pruned as it was";
+  EXPECT_EQ(contentsOf(*full), contentsOf(tree));
+  const auto binary = toTree(toBinaryMessage(tree, exampleHeader()), &why_not);
+  ASSERT_NE(binary, nullptr) << why_not;
+  const auto read = contentsOf(*binary);
+  const auto expected = contentsOf(tree);
+  ASSERT_EQ(read.size(), expected.size());
+  for (const auto& [key, log_odds] : expected) EXPECT_EQ(read.at(key) >= 0.0f, log_odds >= 0.0f);
+  for (const bool is_binary : {false, true}) {
+    octomap_msgs::Octomap empty = toFullMessage(octomap::OcTree(0.02), exampleHeader());
+    empty.binary = is_binary;
+    const auto none = toTree(empty, &why_not);
+    ASSERT_NE(none, nullptr);
+    EXPECT_EQ(none->size(), 0u);
+    EXPECT_EQ(none->getResolution(), 0.02);
+  }
+  EXPECT_EQ(why_not, "");
+}
+
+TEST(OctomapMessages, WhatIsNoTreeIsRefusedWithTheReason) {
+  const auto refusal = [](octomap_msgs::Octomap message) {
+    std::string why_not;
+    EXPECT_EQ(toTree(message, &why_not), nullptr);
+    return why_not;
+  };
+  const octomap_msgs::Octomap good = toFullMessage(exampleTree(), exampleHeader());
+  octomap_msgs::Octomap bad = good;
+  bad.id = "ColorOcTree";
+  EXPECT_EQ(refusal(bad), "the octomap's type is 'ColorOcTree', must be OcTree");
+  for (const double resolution_m : {0.0, -0.1, 11.0, std::nan("")}) {
+    bad = good;
+    bad.resolution = resolution_m;
+    EXPECT_NE(refusal(bad).find("resolution is "), std::string::npos) << resolution_m;
+  }
+  for (const bool is_binary : {false, true}) {
+    const octomap_msgs::Octomap whole = is_binary ? toBinaryMessage(exampleTree(), exampleHeader()) : good;
+    for (std::size_t size = 1; size < whole.data.size(); ++size) {
+      bad = whole;
+      bad.data.resize(size);
+      EXPECT_EQ(refusal(bad), "the octomap's data end within its nodes, after " + std::to_string(size) + " bytes");
+    }
+    bad = whole;
+    bad.data.push_back(0);
+    EXPECT_EQ(refusal(bad), "the octomap has 1 bytes after its last node");
+    // A chain of first children, one level deeper than voxels are.
+    bad.data.clear();
+    for (int depth = 0; depth < 18; ++depth) {
+      const bool is_last = depth == 17;
+      if (is_binary) {
+        bad.data.insert(bad.data.end(), {static_cast<std::int8_t>(is_last ? 0 : 3), 0});
+      } else {
+        bad.data.insert(bad.data.end(), {0, 0, 0, 0, static_cast<std::int8_t>(is_last ? 0 : 1)});
+      }
+    }
+    EXPECT_EQ(refusal(bad), "the octomap has nodes below depth 16, where voxels must end");
+    // The same without the last level is as deep as can be.
+    bad.data.erase(bad.data.begin(), bad.data.begin() + (is_binary ? 2 : 5));
+    std::string why_not;
+    const auto deep = toTree(bad, &why_not);
+    ASSERT_NE(deep, nullptr) << why_not;
+    EXPECT_EQ(deep->size(), 17u);
+    // Octomap goes down as far as the data say: a megabyte of it would be the end of the stack.
+    bad.data.assign(1000000, is_binary ? 3 : 1);
+    EXPECT_EQ(refusal(bad), "the octomap has nodes below depth 16, where voxels must end");
+  }
+  bad = good;
+  const float nan = std::nanf("");
+  std::memcpy(bad.data.data(), &nan, sizeof(nan));
+  EXPECT_EQ(refusal(bad), "the octomap has a node whose log odds are not finite");
+}
+
+TEST(OctomapMessages, SpoiltDataDoNoHarm) {
+  std::mt19937 random(7);
+  std::size_t num_read = 0;
+  for (int round = 0; round < 2000; ++round) {
+    octomap_msgs::Octomap message = round % 2 == 0 ? toFullMessage(exampleTree(), exampleHeader())
+                                                   : toBinaryMessage(exampleTree(), exampleHeader());
+    if (round % 4 < 2) {  // some bytes changed, or nothing but noise
+      for (int i = 0; i < 3; ++i) message.data[random() % message.data.size()] = static_cast<std::int8_t>(random());
+    } else {
+      message.data.resize(random() % 200 + 1);
+      for (std::int8_t& byte : message.data) byte = static_cast<std::int8_t>(random());
+    }
+    std::string why_not;
+    const auto tree = toTree(message, &why_not);
+    ASSERT_EQ(tree == nullptr, !why_not.empty());
+    if (!tree) continue;
+    ++num_read;
+    EXPECT_GE(tree->getNumLeafNodes(), 1u);
+  }
+  EXPECT_GT(num_read, 0u) << "where a log odd alone was changed";
 }
 
 TEST(OctomapMessages, EmptyTreeHasNoData) {
