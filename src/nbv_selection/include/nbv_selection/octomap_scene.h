@@ -25,7 +25,7 @@ class OctomapScene : public SceneModel {
  public:
   struct Config {
     double gradient_step_m{0.1};  // side of a cell, rounded to voxels; 1 to 16 of them
-    double surface_band_m{0.03};  // a point farther from every surface voxel's middle has no data support; at least
+    double surface_band_m{0.06};  // a point farther from every surface voxel's middle has no data support; at least
                                   // half a voxel's diagonal, at most 16 voxels
 
     std::vector<std::string> validate() const;

@@ -45,11 +45,11 @@ struct FactorConfig {
 /// README says how): 0.1 at the 10th percentile, 0.9 at the 90th.
 struct UtilityConfig {
   std::array<FactorConfig, kNumFactors> factors{{
-      {0.25, {1.0, 410.0, 3.5}},      // manipulability: 0.0031 to 0.0138
-      {0.15, {1.0, 29.0, 5.4}},       // pick order: 0.11 m to 0.26 m
-      {0.25, {1.0, 1.48, -3.43}},     // travel: 3.8 m to 0.83 m
-      {0.10, {1.0, 28000.0, 2.84}},   // uncertainty: 2.3e-5 m^2 to 1.8e-4 m^2
-      {0.25, {1.0, 382000.0, 2.77}},  // frontier: 1.5e-6 m^2 to 1.3e-5 m^2
+      {0.25, {1.0, 263.0, 3.42}},     // manipulability: 0.0046 to 0.0213
+      {0.15, {1.0, 28.2, 5.46}},      // pick order: 0.12 m to 0.27 m
+      {0.25, {1.0, 1.56, -3.6}},      // travel: 3.7 m to 0.90 m
+      {0.10, {1.0, 28700.0, 2.85}},   // uncertainty: 2.3e-5 m^2 to 1.8e-4 m^2
+      {0.25, {1.0, 401000.0, 2.78}},  // frontier: 1.4e-6 m^2 to 1.2e-5 m^2
   }};
   double gamma_per_s{0.99};  // p = gamma^(t - t_f): after 69 s a failure counts half
   double min_utility{0.05};  // U_min: a best segment below it is not worth going to

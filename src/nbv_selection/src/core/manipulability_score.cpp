@@ -144,6 +144,11 @@ ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSu
     asked_map.col(static_cast<Eigen::Index>(i)) = keys[i].center(config_.cell_m);
   }
   const OccupancyField field = scene.occupancy(asked_map);
+  if (field.is_supported.size() != keys.size() || field.probability.size() != asked_map.cols() ||
+      field.normal.cols() != asked_map.cols()) {
+    throw std::runtime_error("the map answered for " + std::to_string(field.is_supported.size()) + " of " +
+                             std::to_string(keys.size()) + " points");
+  }
   std::size_t without_data = 0;
   for (std::size_t i = 0; i < keys.size(); ++i) {
     const auto column = static_cast<Eigen::Index>(i);
@@ -151,7 +156,7 @@ ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSu
       ++without_data;
       continue;
     }
-    if (!(field.probability[column] > 0.0)) continue;
+    if (!(field.probability[column] > 0.0) || std::isinf(field.probability[column])) continue;
     points_map_.emplace_back(asked_map.col(column));
     normals_map_.emplace_back(field.normal.col(column));
     probability_.push_back(field.probability[column]);

@@ -18,6 +18,10 @@ std::vector<SegmentUncertainty> segmentUncertainty(const SceneModel& scene, cons
   }
   UncertaintyField field;
   if (num_samples > 0) field = scene.uncertainty(points_map);
+  if (field.value.size() != points_map.cols() || field.gradient.cols() != points_map.cols()) {
+    throw std::runtime_error("the map answered for " + std::to_string(field.value.size()) + " of " +
+                             std::to_string(num_samples) + " points");
+  }
 
   std::vector<SegmentUncertainty> result;
   result.reserve(segments.size());

@@ -22,6 +22,14 @@ constexpr std::size_t kMaxGroundSamples = 20000;
 /// A share is known from so many to 3 %.
 constexpr std::size_t kMaxProbes = 300;
 
+void requireSameLengths(const MappedSurface& surface) {
+  const std::size_t n = surface.points_map.size();
+  if (surface.normals_map.size() == n && surface.uncertainty.size() == n) return;
+  throw std::runtime_error("a surface of " + std::to_string(n) + " points has " +
+                           std::to_string(surface.normals_map.size()) + " normals and " +
+                           std::to_string(surface.uncertainty.size()) + " uncertainties, must be as many");
+}
+
 std::optional<gpis_mapping::GroundPlane> groundOf(const MappedSurface& surface,
                                                   const gpis_mapping::GroundOptions& options) {
   const std::size_t stride = surface.points_map.size() / kMaxGroundSamples + 1;
@@ -49,6 +57,10 @@ double lostShare(const SceneModel& scene, const MappedSurface& surface, const gp
   gpis_mapping::Points3d probes(3, static_cast<Eigen::Index>(count));
   for (std::size_t i = 0; i < count; ++i) probes.col(static_cast<Eigen::Index>(i)) = pile[i * pile.size() / count];
   const std::vector<bool> is_there = scene.occupancy(probes).is_supported;
+  if (is_there.size() != count) {
+    throw std::runtime_error("the map answered for " + std::to_string(is_there.size()) + " of " +
+                             std::to_string(count) + " points");
+  }
   return static_cast<double>(std::count(is_there.begin(), is_there.end(), false)) / static_cast<double>(count);
 }
 
@@ -56,16 +68,27 @@ bool isIn(const ExcludedZone& zone, const Eigen::Vector2d& p_map) {
   return (p_map - zone.center_map).norm() <= zone.radius_m;
 }
 
-void requireFinite(const SelectionRequest& request) {
-  if (!request.ground) throw std::invalid_argument("a selection needs the ground that the base drives on");
-  const base_navigation::Pose2d& base = request.T_map_base;
-  if (!std::isfinite(base.x_m) || !std::isfinite(base.y_m) || !std::isfinite(base.yaw_rad) ||
-      !std::isfinite(request.now_s)) {
-    throw std::invalid_argument("the robot's pose and the time must be finite");
-  }
-  for (const ExcludedZone& zone : request.excluded) {
-    if (!zone.center_map.allFinite() || !(zone.radius_m >= 0.0) || !std::isfinite(zone.radius_m)) {
-      throw std::invalid_argument("an excluded zone must have a finite centre and a finite radius of at least 0");
+void requireFinite(const std::string& key, double value, const char* unit) {
+  if (std::isfinite(value)) return;
+  std::ostringstream text;
+  text << key << " = " << value << " " << unit << ", must be finite";
+  throw std::invalid_argument(text.str());
+}
+
+void requirePossible(const SelectionRequest& request) {
+  if (!request.ground) throw std::invalid_argument("ground is null, must be the grid that the base drives on");
+  requireFinite("T_map_base.x_m", request.T_map_base.x_m, "m");
+  requireFinite("T_map_base.y_m", request.T_map_base.y_m, "m");
+  requireFinite("T_map_base.yaw_rad", request.T_map_base.yaw_rad, "rad");
+  requireFinite("now_s", request.now_s, "s");
+  for (std::size_t i = 0; i < request.excluded.size(); ++i) {
+    const ExcludedZone& zone = request.excluded[i];
+    const std::string key = "excluded[" + std::to_string(i) + "].";
+    requireFinite(key + "center_map.x", zone.center_map.x(), "m");
+    requireFinite(key + "center_map.y", zone.center_map.y(), "m");
+    requireFinite(key + "radius_m", zone.radius_m, "m");
+    if (zone.radius_m < 0.0) {
+      throw std::invalid_argument(key + "radius_m = " + std::to_string(zone.radius_m) + " m, must be at least 0 m");
     }
   }
 }
@@ -185,23 +208,28 @@ ViewSelectorConfig octomapSelectorConfig() {
   ViewSelectorConfig config;
   config.imaginary_share = 0.65;  // beside a seen surface half of what is averaged over is unknown ground
   // Spanned as those of UtilityConfig are, on OctoMaps of the same sequences.
-  config.utility.of(Factor::kManipulability).logistic = {1.0, 488.3, 6.25};  // 0.0083 to 0.0173
-  config.utility.of(Factor::kTravel).logistic = {1.0, 1.191, -2.924};        // 4.3 m to 0.61 m
-  config.utility.of(Factor::kUncertainty).logistic = {1.0, 23.13, 11.45};    // 0.40 bit to 0.59 bit
-  config.utility.of(Factor::kFrontier).logistic = {1.0, 3.712, 2.739};       // 0.15 bit^2/m^2 to 1.33 bit^2/m^2
+  config.utility.of(Factor::kManipulability).logistic = {1.0, 302.0, 3.82};  // 0.0054 to 0.0199
+  config.utility.of(Factor::kPickOrder).logistic = {1.0, 27.5, 5.6};         // 0.12 m to 0.28 m
+  config.utility.of(Factor::kTravel).logistic = {1.0, 1.23, -3.26};          // 4.4 m to 0.86 m
+  config.utility.of(Factor::kUncertainty).logistic = {1.0, 24.2, 11.7};      // 0.39 bit to 0.57 bit
+  config.utility.of(Factor::kFrontier).logistic = {1.0, 2.97, 2.57};         // 0.13 bit^2/m^2 to 1.6 bit^2/m^2
   return config;
 }
 
 ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
     : config_(config), robot_(std::move(robot)) {
   gpis_mapping::throwIfAny(config_.validate());
-  base_navigation::inscribedRadius(base_navigation::padPolygon(robot_.footprint, 0.0));  // throws for a bad footprint
+  cutSegments({}, robot_.footprint,
+              config_.segments);  // throws for a bad footprint, and for one the segments do not fit
+  if (!robot_.T_base_armbase.matrix().allFinite()) {
+    throw std::invalid_argument("T_base_armbase is not finite, must be a pose");
+  }
 }
 
 Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
                                const std::function<void(const std::string&, std::size_t)>& tell,
                                const std::function<bool()>& is_cancelled) const {
-  requireFinite(request);
+  requirePossible(request);
   Selection selection;
   std::size_t num_segments = 0;
   /// Tells the next stage; true: the selection is over.
@@ -225,6 +253,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   selection.map_update = surface.update;
   selection.map_stamp_s = surface.stamp_s;
   selection.prior_uncertainty = scene.priorUncertainty();
+  requireSameLengths(surface);
   if (surface.points_map.empty()) return end(SelectionStatus::kEmptyMap, "the map has no surface");
   const std::optional<gpis_mapping::GroundPlane> ground = groundOf(surface, config_.ground);
   if (!ground) {

@@ -189,11 +189,11 @@ MarkerArray toMarkers(const Selection& selection, const nbv_selection::RobotBody
 
   if (factor == Factor::kManipulability && !selection.reach_samples.empty()) {
     Marker samples = makeMarker(header, "samples", 0, Marker::SPHERE_LIST);
-    samples.scale.x = samples.scale.y = samples.scale.z = 0.025;
+    samples.scale.x = samples.scale.y = samples.scale.z = 0.035;
     samples.color = color(0.1F, 0.3F, 1.0F);
     for (const nbv_selection::ManipulabilitySample& sample : selection.reach_samples) {
       samples.points.push_back(toPoint(sample.p_map));
-      samples.colors.push_back(color(0.1F, 0.3F, 1.0F, 0.2F + 0.8F * std::min(1.0F, sample.share)));
+      samples.colors.push_back(color(0.1F, 0.3F, 1.0F, 0.4F + 0.6F * std::min(1.0F, sample.share)));
     }
     array.markers.push_back(samples);
   }

@@ -37,6 +37,7 @@ using nlohmann::json;
 
 // What the base does not drive over; about the ground, which is at 0 in maps of an OctoMap.
 constexpr double kObstacleLow_m = 0.09;  // below it, voxels of the ground: they are noisy where it is far
+constexpr double kOctomapRange_m = 3.0;  // farther away noise makes voxels above the ground
 constexpr double kObstacleHigh_m = 2.0;
 
 struct Options {
@@ -156,7 +157,9 @@ void play(const Options& options, Map* map) {
 Loaded load(const Options& options) {
   if (endsWith(options.map, ".gpis")) return fromGpis(gpis_mapping::GpisMap(gpis_mapping::loadMap(options.map)));
   if (options.is_octomap) {
-    octomap_baseline::DynamicOctomap map{octomap_baseline::OctomapConfig()};
+    octomap_baseline::OctomapConfig config;
+    config.sensor.max_range_m = kOctomapRange_m;
+    octomap_baseline::DynamicOctomap map(config);
     play(options, &map);
     return fromOctomap(map);
   }

@@ -174,13 +174,14 @@ TEST(OctomapSceneConfig, MustFitTheVoxelsOfTheTree) {
   coarse.fill({0, 0, 0}, {8, 8, 1}, kOccupied);
   coarse.fill({0, 0, 1}, {8, 8, 8}, kFree);
   const auto tree = coarse.pruned();
+  OctomapScene::Config config;
+  config.surface_band_m = 0.03;
   try {
-    sceneOf(tree);
+    sceneOf(tree, config);
     FAIL() << "3 cm do not reach the corners of a voxel of 5 cm";
   } catch (const std::invalid_argument& error) {
     EXPECT_STREQ(error.what(), "surface_band_m = 0.03 m, must be in [0.0433013, 0.8] m for voxels of 0.05 m");
   }
-  OctomapScene::Config config;
   config.surface_band_m = 0.05;
   EXPECT_EQ(sceneOf(tree, config).surface().points_map.size(), 64u);
   config.gradient_step_m = 0.04;

@@ -136,7 +136,8 @@ TEST(Utility, MatchesTheSumsDoneByHand) {
 TEST(Utility, GrowsWithEachAttributeAndFallsWithDistance) {
   std::mt19937 rng(3);
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
-  UtilityConfig config;  // equal weights, 1 / (1 + exp(-x))
+  UtilityConfig config;
+  for (FactorConfig& factor : config.factors) factor = {0.2, Logistic()};  // equal weights, 1 / (1 + exp(-x))
   for (int i = 0; i < 200; ++i) {
     for (const Factor factor : kFactors) {
       Attributes attributes{uniform(rng), uniform(rng), uniform(rng), uniform(rng), uniform(rng)};
@@ -245,6 +246,7 @@ TEST(UtilityConfig, NamesWhatIsImpossible) {
   };
   for (const Case& c : cases) {
     UtilityConfig config;
+    for (FactorConfig& factor : config.factors) factor.weight = 0.2;
     c.spoil(&config);
     EXPECT_THAT(config.validate(), ElementsAre(HasSubstr(c.message)));
   }

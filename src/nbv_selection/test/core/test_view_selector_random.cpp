@@ -250,7 +250,7 @@ ViewSelectorConfig coarseConfig() {
   config.outline.closing_m = 0.16;
   config.segments.spacing_m = 0.25;
   config.segments.sample_spacing_m = 0.06;
-  config.manipulability.cell_m = 0.1;
+  config.manipulability.cell_m = 0.16;
   config.manipulability.band_m = 0.08;
   return config;
 }

@@ -24,7 +24,7 @@ class BoxScene : public SceneModel {
     double prior{8.3e-4};     // of a map whose kernel has a length of 5 cm [m^2]
     double reach_m{0.06};     // R
     double support_m{0.055};  // a little more than the band of the manipulability's samples
-    std::function<bool(const Eigen::Vector3d& p_map)> is_mapped;  // false: outside of the map. Empty: all is inside
+    std::function<bool(const Eigen::Vector3d& p_map)> is_mapped{};  // false: outside of the map. Empty: all is inside
   };
 
   BoxScene(const BoxPile& pile, const std::vector<Eigen::Vector3d>& eyes_map, const Options& options)
