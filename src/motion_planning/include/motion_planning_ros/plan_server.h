@@ -17,7 +17,8 @@ namespace motion_planning_ros {
 /// False: the clock stood still.
 bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>& is_cancelled);
 
-/// Holds a result back for the simulated time that it is charged: until `cost_s` after `started`. Nothing by the wall clock.
+/// Holds a result back for the simulated time that it is charged: until `cost_s` after `started`; not if that is zero, for a
+/// clock that waits for the result counts from another moment. Nothing by the wall clock.
 /// False: the clock stood still for `stall_s` of wall time.
 bool charge(double cost_s, const ros::Time& started, double stall_s, const std::function<bool()>& is_cancelled);
 
@@ -32,7 +33,7 @@ class PlanServer {
   using Result = typename Action::_action_result_type::_result_type;
   using Feedback = typename Action::_action_feedback_type::_feedback_type;
   using Outcome = decltype(Result::outcome);
-  /// `started`: when the goal was sent, ROS time.
+  /// `started`: when the goal was sent, ROS time; zero: its sender did not say.
   using Plan =
       std::function<Result(const Goal& goal, const ros::Time& started, const std::function<bool()>& is_cancelled,
                            const std::function<void(const Feedback&)>& tell)>;
@@ -102,7 +103,7 @@ class PlanServer {
         return is_stopping_ || is_cancel_asked_ || has_next_;
       };
       const auto tell = [&goal](const Feedback& feedback) { goal.publishFeedback(feedback); };
-      const ros::Time started = goal.getGoalID().stamp.isZero() ? ros::Time::now() : goal.getGoalID().stamp;
+      const ros::Time started = goal.getGoalID().stamp;
       const Result result = plan_(*goal.getGoal(), started, is_cancelled, tell);
       if (result.outcome.status == Outcome::SUCCESS) {
         goal.setSucceeded(result);

@@ -413,7 +413,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
   if (plan.status == PlanStatus::kSuccess) {
     result.face = static_cast<std::uint8_t>(plan.face);
     result.contact.header.frame_id = params_.map_frame;
-    result.contact.header.stamp = started;
+    result.contact.header.stamp = started.isZero() ? ros::Time::now() : started;
     result.contact.pose = toPose(plan.T_map_contact);
     result.held = toPose(plan.held.T_tip_brick);
     result.approach = toMessage(plan.approach);

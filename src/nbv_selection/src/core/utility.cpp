@@ -103,7 +103,7 @@ std::vector<std::string> UtilityConfig::validate() const {
     }
   }
   if (problems.empty() && !(std::abs(sum - 1.0) <= kSumTolerance)) {
-    problems.push_back(problem("sum of weights", sum, "1 within 1e-06"));
+    problems.push_back(problem("weights: their sum", sum, "1 within 1e-06"));
   }
   for (const Factor factor : kFactors) {
     const std::string prefix = std::string("logistic/") + toString(factor) + "/";

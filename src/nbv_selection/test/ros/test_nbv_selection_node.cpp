@@ -999,7 +999,7 @@ TEST_F(NbvSelectionProcess, ImpossibleParametersEndItWithOneMessage) {
                     HasSubstr("nbv_selection/Gpis"), HasSubstr("nbv_selection/OctomapGradientFrontier"),
                     HasSubstr("nbv_selection/OctomapRandom")));
   EXPECT_THAT(refusal("bad_weights", {{"gpis/weights/travel", 0.5}, {"gpis/gamma_per_s", 2.0}}),
-              AllOf(HasSubstr("/bad_weights/gpis/sum of weights = 1.25"), HasSubstr("/bad_weights/gpis/gamma_per_s")));
+              AllOf(HasSubstr("/bad_weights/gpis/weights: their sum = 1.25"), HasSubstr("/bad_weights/gpis/gamma_per_s")));
   EXPECT_THAT(refusal("no_file", {{"sectors_file", "/no/such/file.yaml"}}),
               HasSubstr("sectors_file = '/no/such/file.yaml'"));
   EXPECT_THAT(refusal("wrong_file", {{"base_profile_file", SECTORS}}), HasSubstr("base_profile_file = '"));

@@ -227,8 +227,8 @@ TEST(StrategyParams, OneMessageNamesEveryProblemWithValueAndRange) {
 TEST(StrategyParams, WeightsThatDoNotSumToOneAreRefusedWithTheirSum) {
   ros::NodeHandle nh("~heavy");
   nh.setParam("weights/travel", 0.5);  // 0.25 too much
-  EXPECT_THAT(messageOf(kGpisContract, nh), HasSubstr("/heavy/sum of weights = 1.25, must be 1"));
-  EXPECT_THAT(messageOf(kOctomapContract, nh), HasSubstr("/heavy/sum of weights = 1.25, must be 1"));
+  EXPECT_THAT(messageOf(kGpisContract, nh), HasSubstr("/heavy/weights: their sum = 1.25, must be 1"));
+  EXPECT_THAT(messageOf(kOctomapContract, nh), HasSubstr("/heavy/weights: their sum = 1.25, must be 1"));
   nh.setParam("weights/manipulability", 0.0);
   EXPECT_EQ(messageOf(kGpisContract, nh), "");
 }
