@@ -23,10 +23,17 @@ struct StrategyContext {
   nbv_selection::RobotBody robot;
   double map_wait_s{0.0};  // ROS time that a request waits for a map as new as it wants, ...
   double stall_s{0.0};     // ... and wall time that the clock may stand still meanwhile
+  double answer_timeout_s{0.0};  // wall time that a service of the map may take
 };
 
 /// Its map has not come, is too old, or does not answer: what(), for the user.
 class MapUnavailable : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// The goal was cancelled while the map was asked.
+class SelectionCancelled : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
@@ -43,7 +50,8 @@ class Strategy {
   /// Reads parameters, subscribes. Throws std::invalid_argument listing every impossible parameter.
   virtual void initialize(const StrategyContext& context) = 0;
 
-  /// In a map whose last image is not older than `min_map_stamp` (zero: any). Throws MapUnavailable; std::runtime_error if
+  /// In a map whose last image is not older than `min_map_stamp` (zero: any). May throw SelectionCancelled in place of a
+  /// selection that says so. Throws MapUnavailable; std::runtime_error if
   /// the map stops answering; std::invalid_argument for an impossible request.
   virtual nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,
                                           const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,

@@ -9,6 +9,7 @@
 #include <motion_planning_ros/plan_server.h>
 #include <pluginlib/class_list_macros.hpp>
 
+#include "nbv_selection_ros/service_call.h"
 #include "nbv_selection_ros/strategy.h"
 #include "nbv_selection_ros/strategy_params.h"
 
@@ -55,8 +56,11 @@ Eigen::VectorXd toVector(const std::vector<double>& numbers) {
 /// The map's answers through one connection.
 class QueryClient {
  public:
-  QueryClient(ros::NodeHandle nh, std::string map_frame)
-      : client_(nh.serviceClient<QueryMap>("map/query", true)), map_frame_(std::move(map_frame)) {}
+  QueryClient(ros::NodeHandle nh, std::string map_frame, double timeout_s, std::function<bool()> is_cancelled)
+      : client_(nh.serviceClient<QueryMap>("map/query", true)),
+        map_frame_(std::move(map_frame)),
+        timeout_s_(timeout_s),
+        is_cancelled_(std::move(is_cancelled)) {}
 
   /// sigma_f squared.
   double priorVariance() {
@@ -119,13 +123,25 @@ class QueryClient {
       query.request.points[i].z = points_map(2, column);
     }
     if (!client_.isValid()) throw MapUnavailable("no service " + client_.getService());
-    if (!client_.call(query)) throw MapUnavailable("the call of " + client_.getService() + " failed");
+    switch (callWithin(client_, &query, timeout_s_, is_cancelled_)) {
+      case CallEnd::kAnswered:
+        break;
+      case CallEnd::kFailed:
+        throw MapUnavailable("the call of " + client_.getService() + " failed");
+      case CallEnd::kTimedOut:
+        throw MapUnavailable(client_.getService() + " has not answered for " + std::to_string(timeout_s_) +
+                             " s (input/answer_timeout_s)");
+      case CallEnd::kCancelled:
+        throw SelectionCancelled("cancelled while " + client_.getService() + " was asked");
+    }
     if (!query.response.success) throw MapUnavailable(client_.getService() + ": " + query.response.message);
     return query.response;
   }
 
   ros::ServiceClient client_;
   std::string map_frame_;
+  double timeout_s_;
+  std::function<bool()> is_cancelled_;
 };
 
 class GpisStrategy : public Strategy {
@@ -154,7 +170,8 @@ class GpisStrategy : public Strategy {
       throw MapUnavailable("the mesh's frame is '" + mesh->header.frame_id + "', must be '" + context_.map_frame +
                            "' (map_frame)");
     }
-    auto query = std::make_shared<QueryClient>(context_.nh, context_.map_frame);
+    auto query =
+        std::make_shared<QueryClient>(context_.nh, context_.map_frame, context_.answer_timeout_s, is_cancelled);
     const double prior_std_m = std::sqrt(query->priorVariance());
     const nbv_selection::GpisScene scene(
         toSurface(*mesh), prior_std_m,
@@ -173,7 +190,7 @@ class GpisStrategy : public Strategy {
     }
     status.summary(diagnostic_msgs::DiagnosticStatus::OK, "ready");
     status.add("mesh: images", mesh->update);
-    status.add("mesh: stamp [s]", mesh->header.stamp.toSec());
+    status.add("mesh: age [s]", (ros::Time::now() - mesh->header.stamp).toSec());
     status.add("mesh: vertices", mesh->mesh.vertices.size());
   }
 

@@ -21,6 +21,7 @@ constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("input/max_grid_age_s", params.input.max_grid_age_s);
   visit("input/max_pose_age_s", params.input.max_pose_age_s);
   visit("input/map_wait_s", params.input.map_wait_s);
+  visit("input/answer_timeout_s", params.input.answer_timeout_s);
   visit("failures/cell_m", params.failures.cell_m);
   visit("failures/radius_m", params.failures.radius_m);
   visit("cost/select_s", params.cost.select_s);
@@ -75,6 +76,7 @@ std::vector<std::string> NbvSelectionParams::validate() const {
   check("input/max_grid_age_s", input.max_grid_age_s, 0.1, 3600.0, "s");
   check("input/max_pose_age_s", input.max_pose_age_s, 0.05, 60.0, "s");
   check("input/map_wait_s", input.map_wait_s, 0.0, 60.0, "s");
+  check("input/answer_timeout_s", input.answer_timeout_s, 0.1, 600.0, "s");
   check("failures/cell_m", failures.cell_m, 0.01, 1.0, "m");
   check("failures/radius_m", failures.radius_m, 0.0, 10.0, "m");
   check("cost/select_s", cost.select_s, 0.0, 60.0, "s");

@@ -27,6 +27,8 @@ constexpr char kLog[] = "nbv_selection";
 constexpr double kDiagnosticsPeriod_s = 1.0;  // wall time
 /// A newer map is one whose stamp is later by more than what a double keeps of ROS time.
 const ros::Duration kStampStep(1e-3);
+/// tf of this moment comes a little later than what is reported of it.
+const ros::Duration kTfWait(0.2);
 
 /// What `load` gives; its complaint names the parameter that the file is from.
 template <typename Load>
@@ -99,6 +101,7 @@ NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandl
     context.robot = robot_;
     context.map_wait_s = params_.input.map_wait_s;
     context.stall_s = params_.cost.stall_s;
+    context.answer_timeout_s = params_.input.answer_timeout_s;
     loaded.strategy->initialize(context);
     ROS_INFO_STREAM_NAMED(kLog, "strategy " << name << ":\n" << loaded.strategy->configuration());
     strategies_.push_back(std::move(loaded));
@@ -242,6 +245,9 @@ NbvSelectionRos::Server::Result NbvSelectionRos::select(const Server::Goal& goal
   } catch (const Refused& refused) {
     result.selection.outcome.status = refused.status;
     result.selection.outcome.message = refused.message;
+  } catch (const SelectionCancelled& error) {
+    result.selection.outcome.status = SelectionOutcome::CANCELLED;
+    result.selection.outcome.message = error.what();
   } catch (const MapUnavailable& error) {
     result.selection.outcome.status = SelectionOutcome::STALE_MAP;
     result.selection.outcome.message = error.what();
@@ -313,8 +319,8 @@ bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::
   try {
     if (!frame.empty() && frame != params_.map_frame) {
       const auto T = gpis_mapping_ros::toIsometry(
-          tf_.lookupTransform(params_.map_frame, frame, request.pose.header.stamp).transform);
-      if (!T) throw std::invalid_argument("no rigid transform");
+          tf_.lookupTransform(params_.map_frame, frame, request.pose.header.stamp, kTfWait).transform);
+      if (!T) throw std::invalid_argument("frame '" + frame + "': no rigid transform");
       p = *T * p;
     }
     if (stamp > now) {
@@ -335,8 +341,12 @@ bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::
     failure_publisher_.publish(markers);
     ROS_INFO_NAMED(kLog, "failed at (%.2f, %.2f): %s", p.x(), p.y(), request.reason.c_str());
     response.success = 1;
+  } catch (const tf2::TransformException& error) {
+    response.message = "frame '" + frame + "': " + error.what();
   } catch (const std::exception& error) {
-    response.message = "pose in frame '" + frame + "': " + error.what();
+    response.message = error.what();
+  }
+  if (!response.success) {
     ROS_WARN_NAMED(kLog, "failure not taken in: %s", response.message.c_str());
   }
   return true;

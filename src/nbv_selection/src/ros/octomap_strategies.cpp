@@ -9,6 +9,7 @@
 #include <octomap_msgs/GetOctomap.h>
 #include <pluginlib/class_list_macros.hpp>
 
+#include "nbv_selection_ros/service_call.h"
 #include "nbv_selection_ros/strategy.h"
 #include "nbv_selection_ros/strategy_params.h"
 
@@ -72,7 +73,17 @@ class OctomapStrategy : public Strategy {
     ros::WallTime next_try;
     const auto ask = [&] {
       call = octomap_msgs::GetOctomap();
-      has_answered = ros::service::exists(service_, false) && ros::service::call(service_, call);
+      ros::NodeHandle nh(context_.nh);
+      const ros::ServiceClient client = nh.serviceClient<octomap_msgs::GetOctomap>("octomap_full");
+      const CallEnd end = ros::service::exists(service_, false)
+                              ? callWithin(client, &call, context_.answer_timeout_s, is_cancelled)
+                              : CallEnd::kFailed;
+      if (end == CallEnd::kTimedOut) {
+        throw MapUnavailable(service_ + " has not answered for " + std::to_string(context_.answer_timeout_s) +
+                             " s (input/answer_timeout_s)");
+      }
+      if (end == CallEnd::kCancelled) throw SelectionCancelled("cancelled while " + service_ + " was asked");
+      has_answered = end == CallEnd::kAnswered;
       is_there = has_answered && call.response.map.header.stamp >= min_stamp;
     };
     const auto isOver = [&] {

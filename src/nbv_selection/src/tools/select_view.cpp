@@ -47,7 +47,7 @@ struct Options {
   std::vector<double> pose{0.0, 0.0, 0.0};
   bool is_everywhere_free{false};
   bool is_octomap{false};
-  std::size_t end{std::numeric_limits<std::size_t>::max()};
+  long end{std::numeric_limits<long>::max()};
 };
 
 std::string packageFile(const std::string& package, const std::string& path) {
@@ -55,6 +55,10 @@ std::string packageFile(const std::string& package, const std::string& path) {
   if (folder.empty())
     throw std::invalid_argument("package " + package + " is not found by ROS: source devel/setup.bash");
   return folder + path;
+}
+
+bool endsWith(const std::string& text, const std::string& ending) {
+  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
 }
 
 /// Nothing when only help was asked for.
@@ -88,11 +92,11 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   if (options.pose.size() != 3) {
     throw std::invalid_argument("--pose has " + std::to_string(options.pose.size()) + " numbers, must be 3");
   }
+  if (options.end < 0) throw std::invalid_argument("--end is " + std::to_string(options.end) + ", must be at least 0");
+  if (options.is_octomap && endsWith(options.map, ".gpis")) {
+    throw std::invalid_argument("--octomap maps a depth sequence, '" + options.map + "' is a map already");
+  }
   return options;
-}
-
-bool endsWith(const std::string& text, const std::string& ending) {
-  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
 }
 
 RobotBody loadBody() {
@@ -148,7 +152,7 @@ template <typename Map>
 void play(const Options& options, Map* map) {
   const auto sequence = gpis_mapping::openDepthSequence(options.map);
   gpis_mapping::SkipReason reason;
-  for (std::size_t i = 0; i < sequence->size() && i <= options.end; ++i) {
+  for (std::size_t i = 0; i < sequence->size() && i <= static_cast<std::size_t>(options.end); ++i) {
     const auto frame = sequence->frame(i, &reason);
     if (frame) map->update(frame->image, sequence->camera(), frame->T_map_camera, frame->stamp_s);
   }
