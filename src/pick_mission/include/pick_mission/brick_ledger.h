@@ -19,7 +19,7 @@ struct BrickRecord {
   bool is_picked{false};
   int picks_begun{0};
   int picks_failed{0};
-  int plans_failed{0};
+  int plans_failed{0};             // since a brick was last taken away: then it may be reached
   std::optional<int> scene_tried;  // in vain; again when another
   std::map<std::string, int> failures;
   std::string last_failure;
@@ -47,7 +47,9 @@ class BrickLedger {
   void pickFailed(int id, const std::string& reason);
   void planFailed(int id, const std::string& reason);
   void triedInVain(int id, int scene);
-  void picked(int id);
+  void picked(int id);  // also pileChanged()
+  /// A brick was taken away: what could not be planned may be possible now.
+  void pileChanged();
   bool isKnown(int id) const { return bricks_.count(id) > 0; }
   bool isExhausted(const BrickRecord& brick) const;
 

@@ -24,7 +24,7 @@ struct MissionConfig {
   double retry_wait_s{2.0};        // before what was too old or not there is asked again
 
   int max_picks_per_brick{3};          // that failed: then the brick is left
-  int max_plans_per_brick{10};         // that failed, one a view at most
+  int max_plans_per_brick{10};         // that failed since a brick was last taken away
   int max_pick_failures_per_view{3};   // then the next view
   int max_plan_failures_per_view{12};  // each costs time
   int max_failures_in_a_row{5};        // of one kind of action: then the mission ends

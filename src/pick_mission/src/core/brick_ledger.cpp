@@ -87,6 +87,11 @@ void BrickLedger::picked(int id) {
   BrickRecord& record = bricks_.at(id);
   record.is_picked = true;
   record.is_there = false;
+  pileChanged();
+}
+
+void BrickLedger::pileChanged() {
+  for (auto& [id, record] : bricks_) record.plans_failed = 0;
 }
 
 bool BrickLedger::isExhausted(const BrickRecord& brick) const {

@@ -60,7 +60,8 @@ bool needsClearView(State action) {
 }
 
 std::string withMessage(const std::string& text, const std::string& message) {
-  return message.empty() ? text : text + " (" + message + ")";
+  if (text.empty() || message.empty()) return text + message;
+  return text + " (" + message + ")";
 }
 
 nlohmann::json jsonOf(const Pose2d& pose) {
@@ -240,6 +241,7 @@ MissionOutput MissionMachine::Impl::step(const Event& event, double now_s) {
     halted_since_s_ += shift_s;
     if (running_) running_->since_s += shift_s;
   }
+  if (!last_step_s_) state_since_s_ = now_s;
   last_step_s_ = now_s;
   now_s_ = now_s;
   output_ = {};
@@ -431,11 +433,13 @@ void MissionMachine::Impl::absorb(State action, const event::Reply& reply, const
   const bool is_success = isSuccess(reply.result);
   if (action == State::kLetGo && is_success) brickStowed();
   updateHand(action, reply);
-  // Lost from the hand by whatever action: it lies somewhere else now.
   const auto* arm = std::get_if<ArmResult>(&reply.result);
-  if (arm != nullptr && arm->status == ArmStatus::kLostOnTheWay && action != State::kPick) {
+  const bool is_lost =
+      arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
+  if (is_lost && held_before && action != State::kPick) {
+    // A pick after all that failed: it lies somewhere else now.
     ++scene_;
-    if (held_before && ledger_.isKnown(*held_before)) {
+    if (ledger_.isKnown(*held_before)) {
       ledger_.pickFailed(*held_before, std::string(toString(action)) + ": " + toString(reply.result));
     }
   }
@@ -463,6 +467,7 @@ void MissionMachine::Impl::brickStowed() {
     ledger_.picked(*brick_in_hand_);
   } else {
     ++nameless_picked_;
+    ledger_.pileChanged();
   }
   ++picks_here_;
   fruitless_views_ = low_utility_views_ = vantage_drives_ = fade_waits_ = 0;
