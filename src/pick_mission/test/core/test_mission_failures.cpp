@@ -102,10 +102,10 @@ TEST_P(EachAction, FailsAlwaysAndTheMissionEndsAndNamesIt) {
       return prelude(target, action, count);
     };
     run.start();
-    for (int resumed = 0; resumed < 3; ++resumed) {
-      ASSERT_TRUE(run.toEnd()) << tail(run);
-      if (run.machine.state() != State::kHeld) break;
+    ASSERT_TRUE(run.toEnd()) << tail(run);
+    for (int resumed = 0; resumed < 3 && run.machine.state() == State::kHeld; ++resumed) {
       run.tell(event::Resume{});
+      ASSERT_TRUE(run.toEnd()) << tail(run);
     }
     const auto* arm = std::get_if<ArmResult>(&result);
     if (arm != nullptr && arm->status == ArmStatus::kHeld) {
