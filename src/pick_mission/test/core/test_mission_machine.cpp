@@ -296,6 +296,141 @@ TEST(MissionMachine, FruitlessViewsEndTheMission) {
   EXPECT_EQ(run.machine.counts().views, 3);
 }
 
+/// Most commands of a kind between two selections.
+template <typename Kind>
+int mostInAView(const ToyMission& run) {
+  int most = 0;
+  int count = 0;
+  for (const Command& command : run.commands) {
+    if (std::holds_alternative<command::SelectView>(command.body)) count = 0;
+    if (std::holds_alternative<Kind>(command.body)) most = std::max(most, ++count);
+  }
+  return most;
+}
+
+TEST(MissionMachine, ViewWhereTooMuchFailsIsLeft) {
+  for (const bool of_picks : {false, true}) {
+    ToyWorld world({});
+    for (int id = 0; id < 6; ++id) {
+      ToyBrick brick{id, 0, 0};
+      brick.has_no_plate = of_picks;
+      brick.is_out_of_reach = !of_picks;
+      world.bricks.push_back(brick);
+    }
+    MissionConfig config;
+    config.max_pick_failures_per_view = 2;
+    config.max_plan_failures_per_view = 4;
+    ToyMission run(config, std::move(world));
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    if (of_picks) {
+      EXPECT_EQ(mostInAView<command::Pick>(run), 2) << tail(run);
+    } else {
+      EXPECT_EQ(mostInAView<command::PlanPick>(run), 4) << tail(run);
+    }
+  }
+}
+
+TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {
+  ToyMission run({}, ToyWorld::ofStacks({1, 1}));
+  run.inject = [&run](State action, int) -> std::optional<Result> {
+    const bool is_to_view = action == State::kDrive && run.world.commands_of[State::kSelect] == 1;
+    if (is_to_view) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_THAT(run.world.reports, testing::Contains(HasSubstr("drive: ")));
+  std::vector<command::SelectView> selections;
+  for (const Command& command : run.commands) {
+    if (const auto* select = std::get_if<command::SelectView>(&command.body)) selections.push_back(*select);
+  }
+  ASSERT_GE(selections.size(), 2u);
+  ASSERT_EQ(selections[1].excluded.size(), 1u);
+  EXPECT_NEAR((selections[1].excluded[0].center - viewPose(0).position()).norm(), 0.0, 1e-12);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
+  MissionConfig config;
+  config.max_fruitless_views = 2;
+  ToyMission run(config, ToyWorld::ofStacks({1, 1, 1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kSelect && count % 2 == 1 && count < 6) {
+      return SelectionResult{SelectionStatus::kSuccess, viewPose(5), true};
+    }
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.machine.counts().views, 6);
+}
+
+TEST(MissionMachine, ViewThatShowsANewBrickIsNotFruitless) {
+  MissionConfig config;
+  config.max_fruitless_views = 2;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(count % 8), true};
+    if (action != State::kDetect) return std::nullopt;
+    DetectionResult result;
+    for (int id = 0; id < std::min(count, 9); ++id) {
+      SeenBrick brick;
+      brick.id = id;
+      brick.is_in_sector = false;
+      result.bricks.push_back(brick);
+    }
+    return result;
+  };
+  // As the toy world would fill in what it sees, the result is told past it.
+  run.start();
+  while (run.world.running) {
+    run.now_s += 1.0;
+    const std::optional<Result> forced = run.inject(run.world.action, run.world.commands_of[run.world.action]);
+    event::Reply reply = run.world.finish(run.now_s, forced);
+    if (forced) reply.result = *forced;
+    run.tell(reply);
+  }
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoProgress) << tail(run);
+  // The looks at the start and at two places of the survey, six views with a new brick each, one more fruitless view.
+  EXPECT_EQ(run.machine.counts().views, 7) << tail(run);
+}
+
+TEST(MissionMachine, ClockThatIsSetBackTakesNothingBack) {
+  MissionConfig config;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.start();
+  while (run.world.action != State::kDrive) ASSERT_TRUE(run.advance());
+  run.now_s += config.action_timeout_s - 100.0;
+  run.tell(event::Tick{});
+  const double used_s = run.machine.usedTime();
+  run.now_s -= 5000.0;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.usedTime(), used_s);
+  run.now_s += 99.0;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kDrive);
+  EXPECT_NEAR(run.machine.usedTime(), used_s + 99.0, 1e-9);
+  run.now_s += 2.0;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kHalting);
+}
+
+TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
+  MissionConfig config;
+  config.max_failures_in_a_row = 100;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [](State action, int) -> std::optional<Result> {
+    if (action == State::kClear) return ArmResult{ArmStatus::kNotReady};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kRecoveryFailed) << tail(run);
+  EXPECT_EQ(run.world.commands_of[State::kRecover], config.max_recoveries_in_a_row);
+}
+
 TEST(MissionMachine, HandThatIsSuddenlyFullIsStowedBeforeAnythingElse) {
   ToyMission run({}, ToyWorld::ofStacks({1, 1}));
   run.start();
