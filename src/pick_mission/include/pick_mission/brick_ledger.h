@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "pick_mission/mission_types.h"
+
+namespace pick_mission {
+
+/// A brick with what was tried on it.
+struct BrickRecord {
+  SeenBrick seen;
+  bool is_there{false};  // by the last detection
+  bool is_picked{false};
+  int picks_begun{0};
+  int picks_failed{0};
+  int plans_failed{0};             // since a brick was last taken away: then it may be reached
+  std::optional<int> scene_tried;  // in vain; again when another
+  std::map<std::string, int> failures;
+  std::string last_failure;
+};
+
+/// All bricks of a mission, which to try next and which no more. A "scene" is a number that changes when robot or pile do.
+class BrickLedger {
+ public:
+  /// Throws std::invalid_argument unless both are at least 1.
+  BrickLedger(int max_picks, int max_plans);
+
+  struct Update {
+    std::vector<int> found;      // ids never known before
+    std::vector<int> came_back;  // picked, and seen again: a failed pick after all
+  };
+  /// `bricks`: all that are known now; those that are not in it are not there any more.
+  Update update(const std::vector<SeenBrick>& bricks);
+
+  /// The highest that is there, graspable, in the arm's sector, alone with its id, with attempts left and not tried in
+  /// vain in this scene. Of two as high to a millimetre that of smaller id.
+  std::optional<SeenBrick> best(int scene) const;
+
+  // Throw std::out_of_range for an id that was never known.
+  void pickBegun(int id);
+  void pickFailed(int id, const std::string& reason);
+  void planFailed(int id, const std::string& reason);
+  void triedInVain(int id, int scene);
+  void picked(int id);  // also pileChanged()
+  /// A brick was taken away: what could not be planned may be possible now.
+  void pileChanged();
+  bool isKnown(int id) const { return bricks_.count(id) > 0; }
+  bool isExhausted(const BrickRecord& brick) const;
+
+  int numPicked() const;
+  int numExhausted() const;  // not picked
+  int numOpen() const;       // there, not picked, with attempts left
+  const std::map<int, BrickRecord>& bricks() const { return bricks_; }
+
+  /// What was tried; what was seen has to be seen anew. restore() throws nlohmann::json::exception for anything else.
+  nlohmann::json toJson() const;
+  void restore(const nlohmann::json& json);
+
+ private:
+  int max_picks_;
+  int max_plans_;
+  std::map<int, BrickRecord> bricks_;  // by id
+};
+
+}  // namespace pick_mission

@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <base_navigation/base_navigator.h>
+#include <base_navigation/planar.h>
+#include <motion_planning/motion_planner.h>
+#include <ur_driver_bridge/arm_status.h>
+
+/// What a mission is told and what it says. Poses in the map unless the name tells another frame; times are ROS time.
+namespace pick_mission {
+
+using base_navigation::NavigationStatus;
+using base_navigation::Pose2d;
+using motion_planning::PlanStatus;
+using ur_driver_bridge::ArmStatus;
+
+constexpr int kNumPlanStatus = 14;
+constexpr int kNumNavigationStatus = 17;
+
+/// Values of interactive_mapping_msgs/SelectionOutcome.
+enum class SelectionStatus {
+  kSuccess,
+  kCancelled,
+  kBadGoal,
+  kStaleMap,
+  kStaleGround,
+  kNoPose,
+  kEmptyMap,
+  kNoGround,
+  kNoPile,
+  kNoCandidate,
+  kLowUtility,
+  kMapChanged,
+};
+constexpr int kNumSelectionStatus = 12;
+const char* toString(SelectionStatus status);
+
+/// Values of interactive_mapping_msgs/DetectBricks.
+enum class DetectionStatus { kSuccess, kNoImage, kRefused, kShuttingDown };
+constexpr int kNumDetectionStatus = 4;
+const char* toString(DetectionStatus status);
+
+/// Of waiting for new images in the map.
+enum class LookStatus { kSuccess, kCancelled, kNoImage };
+constexpr int kNumLookStatus = 3;
+const char* toString(LookStatus status);
+
+/// Of waiting for the arm to take motion, or for time to pass.
+enum class WaitStatus { kSuccess, kCancelled, kNotReady };
+constexpr int kNumWaitStatus = 3;
+const char* toString(WaitStatus status);
+
+/// Of telling the selection of views about a failure.
+enum class ReportStatus { kSuccess, kRefused };
+constexpr int kNumReportStatus = 2;
+const char* toString(ReportStatus status);
+
+enum class Hand {
+  kEmpty,
+  kHolding,  // or the magnet is on and nobody knows what hangs there
+  kUnknown,  // the arm's bridge does not tell
+};
+const char* toString(Hand hand);
+
+/// A brick as brick_detection knows it.
+struct SeenBrick {
+  int id{0};
+  std::string type;  // a name of bricks.yaml
+  Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
+  std::vector<std::uint8_t> graspable_faces;  // easiest first
+  bool has_duplicate{false};                  // another brick carries the same id
+  bool is_in_sector{true};  // a graspable face lies in the arm's annulus sectors from where the robot stands
+  bool is_seen_now{true};   // in the image of this look; else known from an earlier one
+};
+
+enum class State {
+  // Not begun, or interrupted.
+  kIdle,
+  kPaused,
+  kHeld,
+  kHalting,  // what goes on has been told to end
+  kEnded,
+  // Junctions: left at once.
+  kBegin,
+  kChoose,
+  // One action each.
+  kPlanClear,
+  kClear,
+  kLook,
+  kDetect,
+  kReport,
+  kPlanPick,
+  kPick,
+  kPlanStow,
+  kStow,
+  kLetGo,
+  kSelect,
+  kDrive,
+  kRecover,
+  kWait,
+};
+constexpr int kNumStates = 21;
+const char* toString(State state);
+bool isAction(State state);
+
+/// Why a mission ended.
+enum class EndReason {
+  kNone,
+  kNoBrickLeft,        // all are picked, nothing stands above the ground
+  kBricksExhausted,    // what is left has used its attempts
+  kNothingWorthGoing,  // no place to stand is worth it, and nothing unseen is left
+  kNoProgress,         // view after view without a pick or a new brick, though some have attempts left
+  kTimeUp,
+  kStopped,         // by the operator
+  kNeedsPerson,     // protective or emergency stop, or what no program may decide
+  kBrickInHand,     // cannot be stowed, or it is not known whether something is held
+  kPlanningFailed,  // again and again; these tell what
+  kArmFailed,
+  kPicksFailed,
+  kLooksFailed,
+  kDetectionFailed,
+  kSelectionFailed,
+  kDrivesFailed,
+  kRecoveryFailed,
+  kNotReady,  // what was waited for did not come
+};
+constexpr int kNumEndReasons = 18;
+const char* toString(EndReason reason);
+
+/// What is to be done. Each is answered by one Reply with its command's id, also after a Cancel.
+namespace command {
+/// Out of the camera's view, or with what is held to where it is let go.
+struct PlanArm {
+  bool to_stow{false};
+};
+struct MoveArm {
+  std::uint64_t plan{0};  // id of the PlanArm whose trajectory it is
+};
+/// Waits until so many images newer than now are in the map. Base and arm stand.
+struct Look {
+  int images{1};
+  double timeout_s{0.0};
+};
+struct Detect {
+  double timeout_s{0.0};
+};
+struct PlanPick {
+  SeenBrick brick;
+  double min_map_stamp_s{0.0};
+};
+/// With letting go at the end.
+struct Pick {
+  SeenBrick brick;
+  std::uint64_t plan{0};  // id of the PlanPick
+};
+struct LetGo {};
+struct ReportFailure {
+  Eigen::Vector3d position{Eigen::Vector3d::Zero()};
+  double stamp_s{0.0};
+  std::string reason;
+};
+struct Zone {
+  Eigen::Vector2d center{Eigen::Vector2d::Zero()};
+  double radius_m{0.0};
+};
+struct SelectView {
+  std::string strategy;
+  std::vector<Zone> excluded;
+  double min_map_stamp_s{0.0};
+};
+struct Drive {
+  Pose2d T_map_base;
+};
+struct Recover {
+  bool unlocks_protective_stop{false};
+};
+/// Ends early when the arm's bridge says that it may move, if asked for.
+struct Wait {
+  double limit_s{0.0};
+  bool until_arm_ready{false};  // and fails if it is not
+};
+// These are not answered.
+struct Cancel {};   // the running action
+struct Hold {};     // of the arm's bridge
+struct Release {};  // of the same
+}  // namespace command
+
+struct Command {
+  using Body = std::variant<command::PlanArm, command::MoveArm, command::Look, command::Detect, command::PlanPick,
+                            command::Pick, command::LetGo, command::ReportFailure, command::SelectView, command::Drive,
+                            command::Recover, command::Wait, command::Cancel, command::Hold, command::Release>;
+  std::uint64_t id{0};  // of a Cancel: that of the action; 0: Hold and Release
+  Body body;
+};
+bool isControl(const Command& command);  // Cancel, Hold, Release
+
+/// How an action ended; which belongs to which command is in Reply.
+struct PlanResult {
+  PlanStatus status{PlanStatus::kSuccess};
+};
+struct ArmResult {
+  ArmStatus status{ArmStatus::kSuccess};
+};
+struct LookResult {
+  LookStatus status{LookStatus::kSuccess};
+  double map_stamp_s{0.0};  // of the newest image
+};
+struct DetectionResult {
+  DetectionStatus status{DetectionStatus::kSuccess};
+  std::vector<SeenBrick> bricks;  // all that are known now, in this look or before
+};
+struct ReportResult {
+  ReportStatus status{ReportStatus::kSuccess};
+};
+struct SelectionResult {
+  SelectionStatus status{SelectionStatus::kSuccess};
+  std::optional<Pose2d> T_map_base;  // of the best segment, also with kLowUtility
+  bool has_unseen{false};            // imaginary or frontier segments are left
+};
+struct NavigationResult {
+  NavigationStatus status{NavigationStatus::kSuccess};
+  std::optional<Pose2d> T_map_base;  // where it stands
+};
+struct WaitResult {
+  WaitStatus status{WaitStatus::kSuccess};
+};
+/// The server is not there, went away, or did not even end when it was cancelled.
+struct NoAnswer {};
+
+using Result = std::variant<PlanResult, ArmResult, LookResult, DetectionResult, ReportResult, SelectionResult,
+                            NavigationResult, WaitResult, NoAnswer>;
+/// "success", or the status in words; "no answer".
+std::string toString(const Result& result);
+bool isSuccess(const Result& result);
+
+/// What a mission is told.
+namespace event {
+struct Start {
+  Pose2d T_map_base;
+  Hand hand{Hand::kUnknown};
+  std::optional<int> brick_in_hand;
+};
+/// PlanArm, PlanPick: PlanResult. MoveArm, Pick, LetGo, Recover: ArmResult. The others as their names say. Any: NoAnswer.
+struct Reply {
+  std::uint64_t id{0};
+  Result result;
+  std::string message;       // of the outcome, as it came
+  std::optional<Hand> hand;  // what the bridge says now, if it does
+};
+/// What the bridge says about the magnet, whenever it changes.
+struct HandReport {
+  Hand hand{Hand::kUnknown};
+  std::optional<int> brick_in_hand;
+};
+struct Tick {};    // now and then, for limits of time
+struct Pause {};   // after what goes on now
+struct Resume {};  // from pause or hold, with a fresh inspection
+struct Hold {};    // at once: nothing moves until Resume
+struct Stop {};    // at once, and ends the mission
+}  // namespace event
+
+using Event = std::variant<event::Start, event::Reply, event::HandReport, event::Tick, event::Pause, event::Resume,
+                           event::Hold, event::Stop>;
+
+}  // namespace pick_mission

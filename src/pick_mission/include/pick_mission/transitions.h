@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pick_mission/mission_types.h"
+
+namespace pick_mission {
+
+/// What makes a state be left. The first group is how an action ended, by reactTo().
+enum class Trigger {
+  kDone,
+  kRetryHere,   // the same again, after a fresh look where the world may have changed
+  kNextBrick,   // not this brick, not from here
+  kOtherView,   // not from here
+  kVantage,     // look from farther away
+  kLowUtility,  // the best view is not worth much
+  kNoPile,      // nothing above the ground
+  kLetGoAgain,
+  kWaitFirst,       // until what is missing is there
+  kRecover,         // the arm
+  kHeldByOperator,  // at the arm's bridge
+  kGiveUp,
+  // Of the operator and the clock.
+  kStart,
+  kPause,
+  kResume,
+  kHold,
+  kStop,
+  kTimeUp,
+  kActionTimeout,  // the running action takes too long
+  kHalted,         // it has ended, or does not even do that
+  // Of the machine itself.
+  kAtOnce,    // junctions
+  kEntering,  // what goes before each action
+};
+constexpr int kNumTriggers = 22;
+const char* toString(Trigger trigger);
+
+/// What must hold for a transition to be taken.
+enum class Guard {
+  kAlways,
+  kHandFull,
+  kHandUnknown,
+  kHandUnknownTooLong,
+  kEnding,  // the mission is over but for the brick in the hand
+  kTimeUp,
+  kPauseWanted,
+  kNotInOrder,  // the action needs an empty hand or the arm out of view, and it is not so
+  kReportLeft,  // a failure that the selection has not been told yet
+  kSurveyLeft,
+  kAllDealtWith,  // as many bricks as there are have been picked or have used their attempts
+  kBrickHere,     // one to be tried from here
+  kViewsSpent,    // too many views in a row without a pick or a new brick
+  kMayRecover,    // no protective stop, or the configuration lets the program unlock it
+  kSomeExcluded,  // places are excluded from the selection
+  kUnseenWorth,   // something unseen is left, and going there has not been tried too often
+  kWorthWaiting,  // bricks have attempts left, and failures may fade
+  kVantageLeft,   // not been back to a place of the survey too often
+  kBricksOpen,    // the same, and bricks are known that have attempts left
+  kMayBreakOff,   // nothing moves or hangs on the arm
+  kForHold,       // why what goes on was halted
+  kForResume,
+  kForEnd,
+};
+constexpr int kNumGuards = 23;
+const char* toString(Guard guard);
+
+struct Transition {
+  std::optional<State> from;  // nothing: any action
+  Trigger trigger;
+  Guard guard;
+  State to;
+};
+
+/// All there are. Of those that fit, the first whose guard holds is taken; a trigger of operator or clock that none fits
+/// changes nothing.
+const std::vector<Transition>& transitions();
+
+/// Null: none fits.
+const Transition* nextTransition(State from, Trigger trigger, const std::function<bool(Guard)>& holds);
+
+/// The table in Markdown, and as a graph for dot.
+std::string transitionsAsMarkdown();
+std::string transitionsAsDot();
+
+}  // namespace pick_mission

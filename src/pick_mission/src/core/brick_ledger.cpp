@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pick_mission/brick_ledger.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace pick_mission {
+namespace {
+
+/// Bricks of one layer are measured to a few millimetres; below one there is no order.
+constexpr double kSameHeight_m = 0.001;
+
+template <typename Predicate>
+int countOf(const std::map<int, BrickRecord>& bricks, Predicate&& predicate) {
+  return static_cast<int>(
+      std::count_if(bricks.begin(), bricks.end(), [&](const auto& entry) { return predicate(entry.second); }));
+}
+
+}  // namespace
+
+BrickLedger::BrickLedger(int max_picks, int max_plans) : max_picks_(max_picks), max_plans_(max_plans) {
+  if (max_picks < 1 || max_plans < 1) {
+    throw std::invalid_argument("attempts per brick = " + std::to_string(max_picks) + " picks, " +
+                                std::to_string(max_plans) + " plans, must be at least 1");
+  }
+}
+
+BrickLedger::Update BrickLedger::update(const std::vector<SeenBrick>& bricks) {
+  Update update;
+  for (auto& [id, record] : bricks_) record.is_there = false;
+  for (const SeenBrick& brick : bricks) {
+    const auto [place, is_new] = bricks_.try_emplace(brick.id);
+    BrickRecord& record = place->second;
+    if (is_new) update.found.push_back(brick.id);
+    if (record.is_picked) {
+      // An older look knows it where it was; only a look after the pick can tell that it is back.
+      if (!brick.is_seen_now) continue;
+      record.is_picked = false;
+      ++record.picks_failed;
+      record.last_failure = "seen again after it was picked";
+      ++record.failures[record.last_failure];
+      update.came_back.push_back(brick.id);
+    }
+    const bool has_duplicate = brick.has_duplicate || record.is_there;
+    record.seen = brick;
+    record.seen.has_duplicate = has_duplicate;
+    record.is_there = true;
+  }
+  return update;
+}
+
+std::optional<SeenBrick> BrickLedger::best(int scene) const {
+  const BrickRecord* best = nullptr;
+  for (const auto& [id, record] : bricks_) {
+    if (!record.is_there || record.is_picked || isExhausted(record) || record.scene_tried == scene) continue;
+    if (record.seen.has_duplicate || !record.seen.is_in_sector || record.seen.graspable_faces.empty()) continue;
+    const double height_m = record.seen.T_map_brick.translation().z();
+    if (best == nullptr || height_m > best->seen.T_map_brick.translation().z() + kSameHeight_m) best = &record;
+  }
+  if (best == nullptr) return std::nullopt;
+  return best->seen;
+}
+
+void BrickLedger::pickBegun(int id) {
+  ++bricks_.at(id).picks_begun;
+}
+
+void BrickLedger::pickFailed(int id, const std::string& reason) {
+  BrickRecord& record = bricks_.at(id);
+  ++record.picks_failed;
+  ++record.failures[reason];
+  record.last_failure = reason;
+}
+
+void BrickLedger::planFailed(int id, const std::string& reason) {
+  BrickRecord& record = bricks_.at(id);
+  ++record.plans_failed;
+  ++record.failures[reason];
+  record.last_failure = reason;
+}
+
+void BrickLedger::triedInVain(int id, int scene) {
+  bricks_.at(id).scene_tried = scene;
+}
+
+void BrickLedger::picked(int id) {
+  BrickRecord& record = bricks_.at(id);
+  record.is_picked = true;
+  record.is_there = false;
+  pileChanged();
+}
+
+void BrickLedger::pileChanged() {
+  for (auto& [id, record] : bricks_) record.plans_failed = 0;
+}
+
+bool BrickLedger::isExhausted(const BrickRecord& brick) const {
+  return !brick.is_picked && (brick.picks_failed >= max_picks_ || brick.plans_failed >= max_plans_);
+}
+
+int BrickLedger::numPicked() const {
+  return countOf(bricks_, [](const BrickRecord& brick) { return brick.is_picked; });
+}
+
+int BrickLedger::numExhausted() const {
+  return countOf(bricks_, [this](const BrickRecord& brick) { return isExhausted(brick); });
+}
+
+int BrickLedger::numOpen() const {
+  return countOf(
+      bricks_, [this](const BrickRecord& brick) { return brick.is_there && !brick.is_picked && !isExhausted(brick); });
+}
+
+nlohmann::json BrickLedger::toJson() const {
+  nlohmann::json json = nlohmann::json::array();
+  for (const auto& [id, record] : bricks_) {
+    json.push_back({{"id", id},
+                    {"is_picked", record.is_picked},
+                    {"picks_begun", record.picks_begun},
+                    {"picks_failed", record.picks_failed},
+                    {"plans_failed", record.plans_failed},
+                    {"failures", record.failures},
+                    {"last_failure", record.last_failure}});
+  }
+  return json;
+}
+
+void BrickLedger::restore(const nlohmann::json& json) {
+  std::map<int, BrickRecord> bricks;
+  for (const nlohmann::json& entry : json) {
+    const int id = entry.at("id").get<int>();
+    BrickRecord& record = bricks[id];
+    record.seen.id = id;
+    record.is_picked = entry.at("is_picked").get<bool>();
+    record.picks_begun = entry.at("picks_begun").get<int>();
+    record.picks_failed = entry.at("picks_failed").get<int>();
+    record.plans_failed = entry.at("plans_failed").get<int>();
+    record.failures = entry.at("failures").get<std::map<std::string, int>>();
+    record.last_failure = entry.at("last_failure").get<std::string>();
+  }
+  bricks_ = std::move(bricks);
+}
+
+}  // namespace pick_mission

@@ -1,0 +1,963 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pick_mission/mission_machine.h"
+
+#include <array>
+#include <cmath>
+#include <deque>
+#include <stdexcept>
+#include <utility>
+
+#include <gpis_mapping/range_check.h>
+
+#include "pick_mission/reactions.h"
+
+namespace pick_mission {
+namespace {
+
+constexpr int kSavedVersion = 1;
+
+enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
+enum class DriveFor { kSurvey, kView, kVantage };
+
+/// With the magnet in play: without an answer nobody knows what hangs there.
+bool handlesBrick(State action) {
+  return action == State::kPick || action == State::kStow || action == State::kLetGo;
+}
+
+/// Ends in order, for it moves the arm or a brick hangs on it.
+bool movesArm(State action) {
+  return handlesBrick(action) || action == State::kClear || action == State::kPlanStow || action == State::kRecover;
+}
+
+bool needsEmptyHand(State action) {
+  switch (action) {
+    case State::kPlanClear:
+    case State::kClear:
+    case State::kLook:
+    case State::kDetect:
+    case State::kPlanPick:
+    case State::kPick:
+    case State::kSelect:
+    case State::kDrive:
+      return true;
+    default:
+      return false;
+  }
+}
+
+bool needsClearView(State action) {
+  switch (action) {
+    case State::kLook:
+    case State::kDetect:
+    case State::kPlanPick:
+    case State::kPick:
+    case State::kSelect:
+    case State::kDrive:
+      return true;
+    default:
+      return false;
+  }
+}
+
+std::string withMessage(const std::string& text, const std::string& message) {
+  if (text.empty() || message.empty()) return text + message;
+  return text + " (" + message + ")";
+}
+
+nlohmann::json jsonOf(const Pose2d& pose) {
+  return {pose.x_m, pose.y_m, pose.yaw_rad};
+}
+
+Pose2d poseFrom(const nlohmann::json& json) {
+  return {json.at(0).get<double>(), json.at(1).get<double>(), json.at(2).get<double>()};
+}
+
+}  // namespace
+
+class MissionMachine::Impl {
+ public:
+  Impl(const MissionConfig& config, MissionInfo info)
+      : config_(config), info_(std::move(info)), ledger_(makeLedger(config)) {}
+
+  MissionOutput step(const Event& event, double now_s);
+  nlohmann::json toJson() const;
+  void restore(const nlohmann::json& saved);
+  MissionCounts counts() const;
+
+  MissionConfig config_;
+  MissionInfo info_;
+  BrickLedger ledger_;
+
+  State state_{State::kIdle};
+  Hand hand_{Hand::kUnknown};
+  EndReason end_reason_{EndReason::kNone};
+  std::string end_message_;
+  std::map<std::string, int> failures_;
+  double used_s_{0.0};
+
+ private:
+  struct Running {
+    std::uint64_t id;
+    State action;
+    double since_s;
+  };
+  struct Failure {
+    Eigen::Vector3d position;
+    double stamp_s;
+    std::string reason;
+  };
+  struct WaitPlan {
+    double limit_s{0.0};
+    bool until_arm_ready{false};
+  };
+
+  static BrickLedger makeLedger(const MissionConfig& config) {
+    gpis_mapping::throwIfAny(config.validate());
+    return {config.max_picks_per_brick, config.max_plans_per_brick};
+  }
+
+  void on(const event::Start& start);
+  void on(const event::Reply& reply);
+  void on(const event::HandReport& report);
+  void on(const event::Tick& tick);
+  void on(const event::Pause& pause);
+  void on(const event::Resume& resume);
+  void on(const event::Hold& hold);
+  void on(const event::Stop& stop);
+
+  bool holds(Guard guard) const;
+  bool go(Trigger trigger, const std::string& event, const std::string& reason);
+  void take(const Transition& row, const std::string& event, const std::string& reason);
+  void affect(const Transition& row, const std::string& reason);
+  void enter();
+  void issue();
+  void beforeChoosing();
+  void absorb(State action, const event::Reply& reply, const Reaction& reaction, bool is_broken_off);
+  void absorbSuccess(State action, const event::Reply& reply);
+  void absorbFailure(State action, const event::Reply& reply, const Reaction& reaction);
+  void updateHand(State action, const event::Reply& reply);
+  void setHand(Hand hand);
+  void halted(const event::Reply& reply, bool is_gone);
+  void requireFits(const event::Reply& reply) const;
+  void end(EndReason reason, const std::string& message);
+  EndReason reasonOfLeftovers() const;
+  void brickStowed();
+  int capOf(State action) const;
+  int& streak(State action) { return streaks_[static_cast<std::size_t>(action)]; }
+  Pose2d surveyPose(std::size_t index) const;
+  Running takeRunning() {
+    const Running running = *running_;
+    running_.reset();
+    return running;
+  }
+  template <typename Body>
+  void control(std::uint64_t id, Body body) {
+    output_.commands.push_back({id, std::move(body)});
+  }
+  void note(const std::string& event, const std::string& reason);
+
+  // What goes on.
+  std::optional<Running> running_;
+  std::uint64_t last_id_{0};
+  std::uint64_t plan_id_{0};
+  std::optional<SeenBrick> candidate_;
+  std::optional<Pose2d> goal_;
+  DriveFor drive_for_{DriveFor::kSurvey};
+  std::optional<Pose2d> best_view_;
+  bool has_unseen_{false};
+  WaitPlan wait_;
+  HaltFor halt_for_{HaltFor::kStop};
+  double halted_since_s_{0.0};
+  bool is_protective_stop_{false};
+  bool is_pause_wanted_{false};
+  bool is_ending_{false};
+  std::deque<Failure> reports_;
+  bool is_arm_clear_{false};
+  double map_stamp_s_{0.0};
+  double now_s_{0.0};
+  std::optional<double> last_step_s_;
+  double state_since_s_{0.0};
+  MissionOutput output_;
+
+  // What is remembered.
+  std::optional<Pose2d> start_pose_;
+  Pose2d base_;
+  std::size_t survey_index_{0};
+  std::optional<int> brick_in_hand_;
+  int nameless_picked_{0};  // stowed bricks of which nobody knew the id
+  int scene_{0};            // changes with robot and pile
+  int views_{0};
+  int picks_begun_{0};
+  int fruitless_views_{0};
+  int low_utility_views_{0};
+  int vantage_drives_{0};
+  int fade_waits_{0};
+  int recoveries_{0};  // since the arm last moved
+  int unknown_hand_waits_{0};
+  std::array<int, kNumStates> streaks_{};  // failures in a row, by action
+  std::vector<command::Zone> excluded_;
+
+  // Of where the robot stands.
+  bool is_at_view_{false};
+  bool is_view_noted_{false};
+  bool is_other_view_wanted_{false};
+  int picks_here_{0};
+  int pick_failures_here_{0};
+  int plan_failures_here_{0};
+};
+
+MissionCounts MissionMachine::Impl::counts() const {
+  MissionCounts counts;
+  counts.bricks_picked = ledger_.numPicked() + nameless_picked_;
+  counts.bricks_open = ledger_.numOpen();
+  counts.bricks_exhausted = ledger_.numExhausted();
+  counts.picks_begun = picks_begun_;
+  counts.views = views_;
+  for (const auto& [kind, count] : failures_) counts.failures += count;
+  return counts;
+}
+
+void MissionMachine::Impl::note(const std::string& event, const std::string& reason) {
+  LogEntry entry;
+  entry.time_s = now_s_;
+  entry.state = state_;
+  entry.event = event;
+  entry.decision = state_;
+  entry.reason = reason;
+  entry.state_s = now_s_ - state_since_s_;
+  entry.counts = counts();
+  output_.log.push_back(entry);
+}
+
+MissionOutput MissionMachine::Impl::step(const Event& event, double now_s) {
+  if (!std::isfinite(now_s)) throw std::invalid_argument("now = " + std::to_string(now_s) + " s, must be finite");
+  if (const auto* reply = std::get_if<event::Reply>(&event)) requireFits(*reply);
+  const bool is_active = isAction(state_) || state_ == State::kHalting;
+  // A clock that is set back (a looped bag, a simulation begun anew) takes nothing back.
+  if (is_active && last_step_s_ && now_s > *last_step_s_) used_s_ += now_s - *last_step_s_;
+  if (last_step_s_ && now_s < *last_step_s_) {
+    const double shift_s = now_s - *last_step_s_;
+    state_since_s_ += shift_s;
+    halted_since_s_ += shift_s;
+    if (running_) running_->since_s += shift_s;
+  }
+  if (!last_step_s_) state_since_s_ = now_s;
+  last_step_s_ = now_s;
+  now_s_ = now_s;
+  output_ = {};
+  std::visit([this](const auto& e) { on(e); }, event);
+  return std::move(output_);
+}
+
+void MissionMachine::Impl::requireFits(const event::Reply& reply) const {
+  if (!running_ || reply.id != running_->id) return;
+  reactTo(running_->action, reply.result);  // throws if it cannot be
+  const auto* selection = std::get_if<SelectionResult>(&reply.result);
+  if (selection != nullptr && selection->status == SelectionStatus::kSuccess && !selection->T_map_base) {
+    throw std::invalid_argument("a selection that succeeded has no standing pose, must have one");
+  }
+}
+
+// --- Events ---------------------------------------------------------------------------------------------------------
+
+void MissionMachine::Impl::on(const event::Start& start) {
+  if (state_ != State::kIdle) return note("start", "ignored: it has begun");
+  base_ = start.T_map_base;
+  if (!start_pose_) start_pose_ = start.T_map_base;
+  if (start.brick_in_hand) brick_in_hand_ = start.brick_in_hand;
+  setHand(start.hand);
+  is_arm_clear_ = false;
+  go(Trigger::kStart, "start", std::string("hand ") + toString(hand_));
+}
+
+void MissionMachine::Impl::on(const event::Reply& reply) {
+  if (!running_ || reply.id != running_->id) {
+    return note("reply " + std::to_string(reply.id), "ignored: not of what goes on");
+  }
+  if (state_ == State::kHalting) return halted(reply, false);
+  const State action = takeRunning().action;
+  const Reaction reaction = reactTo(action, reply.result);
+  absorb(action, reply, reaction, false);
+
+  const std::string status = toString(reply.result);
+  std::string reason = withMessage(reaction.why, reply.message);
+  Trigger next = reaction.next;
+  if (reaction.counts_in_a_row && streak(action) >= capOf(action)) {
+    next = Trigger::kGiveUp;
+    reason = std::to_string(streak(action)) + " times in a row; " + reason;
+  }
+  if (next == Trigger::kGiveUp) {
+    end(reaction.end, std::string(toString(action)) + ": " + status + "; " + reason);
+  }
+  go(next, status, reason);
+}
+
+void MissionMachine::Impl::on(const event::HandReport& report) {
+  if (report.brick_in_hand) brick_in_hand_ = report.brick_in_hand;
+  // What an action does to the hand, its reply tells.
+  if (running_ && handlesBrick(running_->action)) return;
+  if (report.hand == hand_) return;
+  const Hand before = hand_;
+  setHand(report.hand);
+  note("hand", std::string(toString(before)) + ", now " + toString(hand_));
+}
+
+void MissionMachine::Impl::on(const event::Tick& /*tick*/) {
+  if (!running_) return;
+  if (state_ == State::kHalting) {
+    if (now_s_ - halted_since_s_ < config_.cancel_timeout_s) return;
+    event::Reply reply;
+    reply.id = running_->id;
+    reply.result = NoAnswer{};
+    reply.message = "did not end within " + std::to_string(config_.cancel_timeout_s) + " s of being cancelled";
+    return halted(reply, true);
+  }
+  if (used_s_ >= config_.time_limit_s && holds(Guard::kMayBreakOff)) {
+    halt_for_ = HaltFor::kTimeUp;
+    go(Trigger::kTimeUp, "tick", "time is up");
+  } else if (now_s_ - running_->since_s >= config_.action_timeout_s) {
+    halt_for_ = HaltFor::kTimeout;
+    go(Trigger::kActionTimeout, "tick", "no result within " + std::to_string(config_.action_timeout_s) + " s");
+  }
+}
+
+void MissionMachine::Impl::on(const event::Pause& /*pause*/) {
+  const bool is_timeout = state_ == State::kHalting && halt_for_ == HaltFor::kTimeout;
+  if (!isAction(state_) && !is_timeout) return note("pause", "ignored: nothing goes on");
+  is_pause_wanted_ = true;
+  note("pause", "when what goes on has ended");
+}
+
+void MissionMachine::Impl::on(const event::Resume& /*resume*/) {
+  if (is_pause_wanted_ && state_ != State::kPaused) {
+    is_pause_wanted_ = false;
+    return note("resume", "goes on without a pause");
+  }
+  is_pause_wanted_ = false;
+  if (state_ == State::kHalting && halt_for_ == HaltFor::kHold) {
+    halt_for_ = HaltFor::kResume;
+    control(0, command::Release{});
+    return note("resume", "when what goes on has ended");
+  }
+  if (state_ == State::kHeld) control(0, command::Release{});
+  is_arm_clear_ = false;  // people may have been at it
+  if (!go(Trigger::kResume, "resume", "after a fresh inspection")) note("resume", "ignored: nothing is interrupted");
+}
+
+void MissionMachine::Impl::on(const event::Hold& /*hold*/) {
+  control(0, command::Hold{});  // whatever the mission does: the arm shall not move
+  is_pause_wanted_ = false;
+  if (state_ == State::kHalting) {
+    if (halt_for_ != HaltFor::kStop && halt_for_ != HaltFor::kTimeUp) halt_for_ = HaltFor::kHold;
+    return note("hold", "already halting");
+  }
+  if (isAction(state_)) halt_for_ = HaltFor::kHold;
+  if (!go(Trigger::kHold, "hold", "of the operator")) note("hold", "passed on: nothing goes on");
+}
+
+void MissionMachine::Impl::on(const event::Stop& /*stop*/) {
+  if (state_ == State::kHalting) {
+    halt_for_ = HaltFor::kStop;
+    return note("stop", "when what goes on has ended");
+  }
+  if (isAction(state_)) halt_for_ = HaltFor::kStop;
+  if (!go(Trigger::kStop, "stop", "of the operator")) note("stop", "ignored: nothing goes on");
+}
+
+/// What was halted has ended, or (`is_gone`) does not even do that.
+void MissionMachine::Impl::halted(const event::Reply& reply, bool is_gone) {
+  const State action = takeRunning().action;
+  const bool is_timeout = halt_for_ == HaltFor::kTimeout;
+  if (isSuccess(reply.result)) {
+    absorb(action, reply, reactTo(action, reply.result), true);
+    if (!is_timeout) {
+      go(Trigger::kHalted, toString(reply.result), "it had just ended");
+    } else {
+      go(Trigger::kRetryHere, toString(reply.result), "it had just ended; look again");
+    }
+    return;
+  }
+  event::Reply unanswered = reply;
+  if (is_timeout) unanswered.result = NoAnswer{};
+  const Reaction reaction = reactTo(action, unanswered.result);
+  absorb(action, unanswered, reaction, !is_timeout && !is_gone);
+  if (!is_timeout) {
+    go(Trigger::kHalted, toString(reply.result), withMessage("has ended", reply.message));
+    return;
+  }
+  std::string reason = withMessage(reaction.why, "took too long");
+  Trigger next = reaction.next;
+  if (reaction.counts_in_a_row && streak(action) >= capOf(action)) {
+    next = Trigger::kGiveUp;
+    reason = std::to_string(streak(action)) + " times in a row; " + reason;
+    end(reaction.end, std::string(toString(action)) + ": no answer; " + reason);
+  }
+  if (next == Trigger::kWaitFirst) wait_ = {config_.retry_wait_s, false};
+  go(next, "no answer", reason);
+}
+
+// --- What a result changes ------------------------------------------------------------------------------------------
+
+int MissionMachine::Impl::capOf(State action) const {
+  return action == State::kRecover ? config_.max_recoveries_in_a_row : config_.max_failures_in_a_row;
+}
+
+void MissionMachine::Impl::setHand(Hand hand) {
+  hand_ = hand;
+  if (hand != Hand::kUnknown) unknown_hand_waits_ = 0;
+  if (hand == Hand::kEmpty) brick_in_hand_.reset();
+}
+
+void MissionMachine::Impl::updateHand(State action, const event::Reply& reply) {
+  const auto* arm = std::get_if<ArmResult>(&reply.result);
+  if (action == State::kPick) brick_in_hand_ = candidate_->id;
+  if (reply.hand) return setHand(*reply.hand);
+  if (!handlesBrick(action)) return;
+  if (arm == nullptr) return setHand(Hand::kUnknown);
+  switch (arm->status) {
+    case ArmStatus::kSuccess:
+      return setHand(action == State::kStow ? Hand::kHolding : Hand::kEmpty);
+    case ArmStatus::kNothingHeld:
+    case ArmStatus::kLostOnTheWay:
+      return setHand(Hand::kEmpty);
+    case ArmStatus::kNotLetGo:
+      return setHand(Hand::kHolding);
+    default:
+      return setHand(Hand::kUnknown);
+  }
+}
+
+void MissionMachine::Impl::absorb(State action, const event::Reply& reply, const Reaction& reaction,
+                                  bool is_broken_off) {
+  const std::optional<int> held_before = brick_in_hand_;
+  const bool is_success = isSuccess(reply.result);
+  if (action == State::kLetGo && is_success) brickStowed();
+  updateHand(action, reply);
+  const auto* arm = std::get_if<ArmResult>(&reply.result);
+  const bool is_lost =
+      arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
+  if (is_lost && held_before && action != State::kPick) {
+    // A pick after all that failed: it lies somewhere else now.
+    ++scene_;
+    if (ledger_.isKnown(*held_before)) {
+      ledger_.pickFailed(*held_before, std::string(toString(action)) + ": " + toString(reply.result));
+    }
+  }
+  is_protective_stop_ = arm != nullptr && arm->status == ArmStatus::kProtectiveStop;
+  if (is_success) {
+    streak(action) = 0;
+    absorbSuccess(action, reply);
+  } else if (action == State::kReport) {
+    reports_.pop_front();
+    ++failures_[std::string(toString(action)) + ": " + toString(reply.result)];
+  } else if (!is_broken_off) {
+    absorbFailure(action, reply, reaction);
+  }
+  if (action == State::kDrive) {
+    // Also after a failure it stands somewhere else.
+    ++scene_;
+    const auto* drive = std::get_if<NavigationResult>(&reply.result);
+    if (drive != nullptr && drive->T_map_base) base_ = *drive->T_map_base;
+  }
+}
+
+void MissionMachine::Impl::brickStowed() {
+  ++scene_;
+  if (brick_in_hand_ && ledger_.isKnown(*brick_in_hand_)) {
+    ledger_.picked(*brick_in_hand_);
+  } else {
+    ++nameless_picked_;
+    ledger_.pileChanged();
+  }
+  ++picks_here_;
+  fruitless_views_ = low_utility_views_ = vantage_drives_ = fade_waits_ = 0;
+  excluded_.clear();
+}
+
+void MissionMachine::Impl::absorbSuccess(State action, const event::Reply& reply) {
+  switch (action) {
+    case State::kPlanClear:
+    case State::kPlanStow:
+    case State::kPlanPick:
+      plan_id_ = reply.id;
+      break;
+    case State::kClear:
+      is_arm_clear_ = true;
+      recoveries_ = 0;
+      break;
+    case State::kStow:
+      recoveries_ = 0;
+      break;
+    case State::kPick:
+      recoveries_ = 0;
+      // Still holding, against what the result says: it is stowed, and counts then.
+      if (hand_ == Hand::kHolding) break;
+      brick_in_hand_ = candidate_->id;
+      brickStowed();
+      brick_in_hand_.reset();
+      break;
+    case State::kLook:
+      map_stamp_s_ = std::get<LookResult>(reply.result).map_stamp_s;
+      break;
+    case State::kDetect: {
+      const BrickLedger::Update update = ledger_.update(std::get<DetectionResult>(reply.result).bricks);
+      if (!update.found.empty()) fruitless_views_ = 0;
+      for (const int id : update.came_back) ++failures_["brick " + std::to_string(id) + ": seen again after its pick"];
+      break;
+    }
+    case State::kReport:
+      reports_.pop_front();
+      break;
+    case State::kSelect: {
+      const auto& selection = std::get<SelectionResult>(reply.result);
+      best_view_ = selection.T_map_base;
+      has_unseen_ = selection.has_unseen;
+      break;
+    }
+    case State::kDrive:
+      base_ = *goal_;
+      is_at_view_ = drive_for_ == DriveFor::kView;
+      is_view_noted_ = is_other_view_wanted_ = false;
+      picks_here_ = pick_failures_here_ = plan_failures_here_ = 0;
+      if (drive_for_ == DriveFor::kSurvey) ++survey_index_;
+      if (drive_for_ == DriveFor::kView) ++views_;
+      break;
+    default:
+      break;
+  }
+}
+
+void MissionMachine::Impl::absorbFailure(State action, const event::Reply& reply, const Reaction& reaction) {
+  const std::string kind = std::string(toString(action)) + ": " + toString(reply.result);
+  const std::string reason = withMessage(kind, reply.message);
+  ++failures_[kind];
+  if (reaction.counts_in_a_row) ++streak(action);
+  if (const auto* selection = std::get_if<SelectionResult>(&reply.result)) {
+    best_view_ = selection->T_map_base;
+    has_unseen_ = selection->has_unseen;
+  }
+  if (action == State::kPlanPick && reaction.blames_brick) {
+    ledger_.planFailed(candidate_->id, kind);
+    ledger_.triedInVain(candidate_->id, scene_);
+    if (++plan_failures_here_ >= config_.max_plan_failures_per_view) is_other_view_wanted_ = true;
+  }
+  // A brick that hangs on the magnet nevertheless is stowed, and picked then.
+  if (action == State::kPick && reaction.blames_brick && hand_ != Hand::kHolding) {
+    ledger_.pickFailed(candidate_->id, kind);
+    if (reaction.next == Trigger::kNextBrick) ledger_.triedInVain(candidate_->id, scene_);
+    if (++pick_failures_here_ >= config_.max_pick_failures_per_view) is_other_view_wanted_ = true;
+  }
+  if (reaction.is_reported && action == State::kDrive) {
+    if (drive_for_ == DriveFor::kSurvey) {
+      ++survey_index_;
+    } else if (drive_for_ == DriveFor::kView) {
+      excluded_.push_back({goal_->position(), config_.exclusion_radius_m});
+      reports_.push_back({{goal_->x_m, goal_->y_m, 0.0}, now_s_, reason});
+    }
+  } else if (reaction.is_reported) {
+    reports_.push_back({candidate_->T_map_brick.translation(), now_s_, reason});
+  }
+}
+
+// --- Transitions ----------------------------------------------------------------------------------------------------
+
+bool MissionMachine::Impl::holds(Guard guard) const {
+  const int total = config_.bricks_total;
+  switch (guard) {
+    case Guard::kAlways:
+      return true;
+    case Guard::kHandFull:
+      return hand_ == Hand::kHolding;
+    case Guard::kHandUnknown:
+      return hand_ == Hand::kUnknown;
+    case Guard::kHandUnknownTooLong:
+      return hand_ == Hand::kUnknown && unknown_hand_waits_ >= config_.max_failures_in_a_row;
+    case Guard::kEnding:
+      return is_ending_;
+    case Guard::kTimeUp:
+      return used_s_ >= config_.time_limit_s;
+    case Guard::kPauseWanted:
+      return is_pause_wanted_;
+    case Guard::kNotInOrder:
+      return (needsEmptyHand(state_) && hand_ != Hand::kEmpty) || (needsClearView(state_) && !is_arm_clear_) ||
+             ((state_ == State::kPlanStow || state_ == State::kStow) && hand_ != Hand::kHolding);
+    case Guard::kReportLeft:
+      return !reports_.empty();
+    case Guard::kSurveyLeft:
+      return survey_index_ < config_.survey_x_m.size();
+    case Guard::kAllDealtWith:
+      return total >= 0 && ledger_.numPicked() + nameless_picked_ + ledger_.numExhausted() >= total;
+    case Guard::kBrickHere:
+      return !is_other_view_wanted_ && ledger_.best(scene_).has_value();
+    case Guard::kViewsSpent:
+      return fruitless_views_ >= config_.max_fruitless_views;
+    case Guard::kMayRecover:
+      return recoveries_ < config_.max_recoveries_in_a_row && (!is_protective_stop_ || config_.unlocks_protective_stop);
+    case Guard::kSomeExcluded:
+      return !excluded_.empty();
+    case Guard::kUnseenWorth:
+      return has_unseen_ && best_view_ && low_utility_views_ < config_.max_low_utility_views;
+    case Guard::kWorthWaiting:
+      return ledger_.numOpen() > 0 && fade_waits_ < config_.max_fade_waits;
+    case Guard::kVantageLeft:
+      return !config_.survey_x_m.empty() && vantage_drives_ < config_.max_vantage_drives;
+    case Guard::kBricksOpen:
+      return holds(Guard::kVantageLeft) && ledger_.numOpen() > 0;
+    case Guard::kMayBreakOff:
+      return hand_ == Hand::kEmpty && !movesArm(state_);
+    case Guard::kForHold:
+      return halt_for_ == HaltFor::kHold;
+    case Guard::kForResume:
+      return halt_for_ == HaltFor::kResume;
+    case Guard::kForEnd:
+      return halt_for_ == HaltFor::kStop || halt_for_ == HaltFor::kTimeUp;
+  }
+  return false;
+}
+
+bool MissionMachine::Impl::go(Trigger trigger, const std::string& event, const std::string& reason) {
+  const Transition* row = nextTransition(state_, trigger, [this](Guard guard) { return holds(guard); });
+  if (row == nullptr) return false;
+  take(*row, event, reason);
+  return true;
+}
+
+void MissionMachine::Impl::take(const Transition& row, const std::string& event, const std::string& reason) {
+  affect(row, withMessage(event, reason));
+  LogEntry entry;
+  entry.time_s = now_s_;
+  entry.state = state_;
+  entry.event = event;
+  entry.decision = row.to;
+  const std::string guard = toString(row.guard);
+  entry.reason = reason.empty() ? guard : guard.empty() ? reason : reason + "; " + guard;
+  entry.state_s = now_s_ - state_since_s_;
+  entry.counts = counts();
+  output_.log.push_back(entry);
+  state_ = row.to;
+  state_since_s_ = now_s_;
+  enter();
+}
+
+void MissionMachine::Impl::end(EndReason reason, const std::string& message) {
+  is_ending_ = true;
+  end_reason_ = reason;
+  end_message_ = message;
+}
+
+/// Why the mission ends if no view is to be had.
+EndReason MissionMachine::Impl::reasonOfLeftovers() const {
+  if (ledger_.numOpen() > 0) return EndReason::kNothingWorthGoing;
+  return ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoBrickLeft;
+}
+
+/// What a transition does beside leading to its state.
+void MissionMachine::Impl::affect(const Transition& row, const std::string& reason) {
+  if (row.to == State::kEnded && !is_ending_) {
+    if (row.guard == Guard::kTimeUp || (row.guard == Guard::kForEnd && halt_for_ == HaltFor::kTimeUp)) {
+      end(EndReason::kTimeUp, "after " + std::to_string(used_s_) + " s");
+    } else if (row.trigger == Trigger::kStop || row.guard == Guard::kForEnd) {
+      end(EndReason::kStopped, "by the operator");
+    } else if (row.guard == Guard::kHandUnknownTooLong) {
+      end(EndReason::kBrickInHand, "the arm's bridge does not tell whether the magnet holds something");
+    } else if (row.guard == Guard::kAllDealtWith) {
+      end(ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoBrickLeft,
+          "all " + std::to_string(config_.bricks_total) + " bricks");
+    } else if (row.guard == Guard::kViewsSpent) {
+      end(ledger_.numOpen() == 0 && ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoProgress,
+          std::to_string(fruitless_views_) + " views in a row without a pick or a new brick");
+    } else if (row.trigger == Trigger::kRecover) {
+      end(is_protective_stop_ ? EndReason::kNeedsPerson : EndReason::kRecoveryFailed,
+          std::string(toString(state_)) + ": " + reason);
+    } else if (row.trigger == Trigger::kNoPile) {
+      end(reasonOfLeftovers(), std::string(toString(state_)) + ": " + reason);
+    } else {
+      const EndReason leftovers = reasonOfLeftovers();
+      // With something standing there that is no known brick, it is not known that none is left.
+      end(leftovers == EndReason::kNoBrickLeft ? EndReason::kNothingWorthGoing : leftovers,
+          std::string(toString(state_)) + ": " + reason);
+    }
+    return;
+  }
+  if (row.to == State::kDrive) {
+    if (row.from == State::kChoose) {
+      drive_for_ = DriveFor::kSurvey;
+      goal_ = surveyPose(survey_index_);
+    } else if (row.trigger == Trigger::kDone || row.trigger == Trigger::kLowUtility) {
+      drive_for_ = DriveFor::kView;
+      goal_ = best_view_;
+      if (row.trigger == Trigger::kLowUtility) ++low_utility_views_;
+    } else {
+      // The last place of the survey first: it is the nearest to the pile.
+      const std::size_t size = config_.survey_x_m.size();
+      drive_for_ = DriveFor::kVantage;
+      goal_ = surveyPose(size - 1 - static_cast<std::size_t>(vantage_drives_) % size);
+      ++vantage_drives_;
+    }
+  } else if (row.to == State::kSelect && row.guard == Guard::kSomeExcluded) {
+    excluded_.clear();
+  } else if (row.to == State::kRecover) {
+    ++recoveries_;
+  } else if (row.to == State::kWait) {
+    if (row.guard == Guard::kWorthWaiting) {
+      ++fade_waits_;
+      wait_ = {config_.fade_wait_s, false};
+    } else if (row.guard == Guard::kHandUnknown) {
+      ++unknown_hand_waits_;
+      wait_ = {config_.ready_timeout_s, true};
+    } else if (state_ == State::kClear || handlesBrick(state_)) {
+      wait_ = {config_.ready_timeout_s, true};
+    } else {
+      wait_ = {config_.retry_wait_s, false};
+    }
+  }
+}
+
+void MissionMachine::Impl::enter() {
+  if (state_ == State::kBegin) {
+    go(Trigger::kAtOnce, "", "");
+  } else if (state_ == State::kChoose) {
+    beforeChoosing();
+    go(Trigger::kAtOnce, "", "");
+  } else if (state_ == State::kHalting) {
+    halted_since_s_ = now_s_;
+    control(running_->id, command::Cancel{});
+  } else if (state_ == State::kPaused) {
+    is_pause_wanted_ = false;
+  } else if (isAction(state_)) {
+    if (!go(Trigger::kEntering, "", "")) issue();
+  }
+}
+
+/// Where nothing could be picked, nothing can be the next time: the selection is told, once.
+void MissionMachine::Impl::beforeChoosing() {
+  if (!is_at_view_ || is_view_noted_ || picks_here_ > 0 || holds(Guard::kBrickHere)) return;
+  is_view_noted_ = true;
+  ++fruitless_views_;
+  excluded_.push_back({base_.position(), config_.exclusion_radius_m});
+  reports_.push_back({{base_.x_m, base_.y_m, 0.0}, now_s_, "nothing could be picked from here"});
+}
+
+Pose2d MissionMachine::Impl::surveyPose(std::size_t index) const {
+  return base_navigation::compose(
+      *start_pose_, {config_.survey_x_m[index], config_.survey_y_m[index], config_.survey_yaw_rad[index]});
+}
+
+void MissionMachine::Impl::issue() {
+  Command next;
+  next.id = ++last_id_;
+  switch (state_) {
+    case State::kPlanClear:
+    case State::kPlanStow:
+      next.body = command::PlanArm{state_ == State::kPlanStow};
+      break;
+    case State::kClear:
+    case State::kStow:
+      is_arm_clear_ = false;
+      next.body = command::MoveArm{plan_id_};
+      break;
+    case State::kLook:
+      next.body = command::Look{config_.look_images, config_.look_timeout_s};
+      break;
+    case State::kDetect:
+      next.body = command::Detect{config_.detect_timeout_s};
+      break;
+    case State::kReport:
+      next.body = command::ReportFailure{reports_.front().position, reports_.front().stamp_s, reports_.front().reason};
+      break;
+    case State::kPlanPick:
+      candidate_ = ledger_.best(scene_);
+      next.body = command::PlanPick{*candidate_, map_stamp_s_};
+      break;
+    case State::kPick:
+      is_arm_clear_ = false;
+      ++picks_begun_;
+      ledger_.pickBegun(candidate_->id);
+      next.body = command::Pick{*candidate_, plan_id_};
+      break;
+    case State::kLetGo:
+      next.body = command::LetGo{};
+      break;
+    case State::kSelect:
+      next.body = command::SelectView{info_.strategy, excluded_, map_stamp_s_};
+      break;
+    case State::kDrive:
+      next.body = command::Drive{*goal_};
+      break;
+    case State::kRecover:
+      is_arm_clear_ = false;
+      next.body = command::Recover{config_.unlocks_protective_stop};
+      break;
+    case State::kWait:
+      next.body = command::Wait{wait_.limit_s, wait_.until_arm_ready};
+      break;
+    default:
+      throw std::logic_error(std::string("state \"") + toString(state_) + "\" has no action");
+  }
+  running_ = Running{next.id, state_, now_s_};
+  output_.commands.push_back(std::move(next));
+}
+
+// --- What survives --------------------------------------------------------------------------------------------------
+
+nlohmann::json MissionMachine::Impl::toJson() const {
+  nlohmann::json excluded = nlohmann::json::array();
+  for (const command::Zone& zone : excluded_) {
+    excluded.push_back({zone.center.x(), zone.center.y(), zone.radius_m});
+  }
+  nlohmann::json reports = nlohmann::json::array();
+  for (const Failure& failure : reports_) {
+    reports.push_back(
+        {failure.position.x(), failure.position.y(), failure.position.z(), failure.stamp_s, failure.reason});
+  }
+  nlohmann::json json = {{"version", kSavedVersion},
+                         {"has_ended", state_ == State::kEnded},
+                         {"end_reason", static_cast<int>(end_reason_)},
+                         {"end_message", end_message_},
+                         {"is_ending", is_ending_},
+                         {"used_s", used_s_},
+                         {"start_pose", nullptr},
+                         {"survey_index", survey_index_},
+                         {"brick_in_hand", nullptr},
+                         {"pick_running", nullptr},
+                         {"nameless_picked", nameless_picked_},
+                         {"scene", scene_},
+                         {"views", views_},
+                         {"picks_begun", picks_begun_},
+                         {"fruitless_views", fruitless_views_},
+                         {"low_utility_views", low_utility_views_},
+                         {"vantage_drives", vantage_drives_},
+                         {"fade_waits", fade_waits_},
+                         {"streaks", streaks_},
+                         {"last_id", last_id_},
+                         {"excluded", excluded},
+                         {"reports", reports},
+                         {"failures", failures_},
+                         {"bricks", ledger_.toJson()}};
+  if (start_pose_) json["start_pose"] = jsonOf(*start_pose_);
+  if (brick_in_hand_) json["brick_in_hand"] = *brick_in_hand_;
+  if (running_ && running_->action == State::kPick) json["pick_running"] = candidate_->id;
+  return json;
+}
+
+void MissionMachine::Impl::restore(const nlohmann::json& saved) {
+  try {
+    const int version = saved.at("version").get<int>();
+    if (version != kSavedVersion) {
+      throw std::invalid_argument("a mission's state of version " + std::to_string(version) + ", must be " +
+                                  std::to_string(kSavedVersion));
+    }
+    const int end_reason = saved.at("end_reason").get<int>();
+    if (end_reason < 0 || end_reason >= kNumEndReasons) {
+      throw std::invalid_argument("end_reason = " + std::to_string(end_reason) + ", must be in [0, " +
+                                  std::to_string(kNumEndReasons - 1) + "]");
+    }
+    end_reason_ = static_cast<EndReason>(end_reason);
+    end_message_ = saved.at("end_message").get<std::string>();
+    is_ending_ = saved.at("is_ending").get<bool>();
+    if (saved.at("has_ended").get<bool>()) state_ = State::kEnded;
+    used_s_ = saved.at("used_s").get<double>();
+    if (!saved.at("start_pose").is_null()) start_pose_ = poseFrom(saved.at("start_pose"));
+    survey_index_ = saved.at("survey_index").get<std::size_t>();
+    if (!saved.at("brick_in_hand").is_null()) brick_in_hand_ = saved.at("brick_in_hand").get<int>();
+    nameless_picked_ = saved.at("nameless_picked").get<int>();
+    scene_ = saved.at("scene").get<int>();
+    views_ = saved.at("views").get<int>();
+    picks_begun_ = saved.at("picks_begun").get<int>();
+    fruitless_views_ = saved.at("fruitless_views").get<int>();
+    low_utility_views_ = saved.at("low_utility_views").get<int>();
+    vantage_drives_ = saved.at("vantage_drives").get<int>();
+    fade_waits_ = saved.at("fade_waits").get<int>();
+    streaks_ = saved.at("streaks").get<std::array<int, kNumStates>>();
+    last_id_ = saved.at("last_id").get<std::uint64_t>();
+    for (const nlohmann::json& zone : saved.at("excluded")) {
+      excluded_.push_back({{zone.at(0).get<double>(), zone.at(1).get<double>()}, zone.at(2).get<double>()});
+    }
+    for (const nlohmann::json& report : saved.at("reports")) {
+      reports_.push_back({{report.at(0).get<double>(), report.at(1).get<double>(), report.at(2).get<double>()},
+                          report.at(3).get<double>(),
+                          report.at(4).get<std::string>()});
+    }
+    failures_ = saved.at("failures").get<std::map<std::string, int>>();
+    ledger_.restore(saved.at("bricks"));
+    if (!saved.at("pick_running").is_null()) {
+      // How it ended, nobody knows: it may hang on the magnet, or lie anywhere. The attempt is used.
+      const int id = saved.at("pick_running").get<int>();
+      if (!ledger_.isKnown(id)) throw std::invalid_argument("pick_running = " + std::to_string(id) + ", must be known");
+      ledger_.pickFailed(id, "pick: interrupted by a restart");
+      ++failures_["pick: interrupted by a restart"];
+      brick_in_hand_ = id;
+      ++scene_;
+    }
+  } catch (const nlohmann::json::exception& error) {
+    throw std::invalid_argument(std::string("not a mission's state: ") + error.what());
+  }
+}
+
+// --------------------------------------------------------------------------------------------------------------------
+
+MissionMachine::MissionMachine(const MissionConfig& config, MissionInfo info)
+    : impl_(std::make_unique<Impl>(config, std::move(info))) {}
+
+MissionMachine::MissionMachine(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+
+MissionMachine MissionMachine::fromJson(const MissionConfig& config, MissionInfo info, const nlohmann::json& saved) {
+  auto impl = std::make_unique<Impl>(config, std::move(info));
+  impl->restore(saved);
+  return MissionMachine(std::move(impl));
+}
+
+MissionMachine::~MissionMachine() = default;
+MissionMachine::MissionMachine(MissionMachine&& other) noexcept = default;
+MissionMachine& MissionMachine::operator=(MissionMachine&& other) noexcept = default;
+
+MissionOutput MissionMachine::step(const Event& event, double now_s) {
+  return impl_->step(event, now_s);
+}
+
+State MissionMachine::state() const {
+  return impl_->state_;
+}
+
+Hand MissionMachine::hand() const {
+  return impl_->hand_;
+}
+
+EndReason MissionMachine::endReason() const {
+  return impl_->end_reason_;
+}
+
+const std::string& MissionMachine::endMessage() const {
+  return impl_->end_message_;
+}
+
+const BrickLedger& MissionMachine::bricks() const {
+  return impl_->ledger_;
+}
+
+MissionCounts MissionMachine::counts() const {
+  return impl_->counts();
+}
+
+double MissionMachine::usedTime() const {
+  return impl_->used_s_;
+}
+
+MissionSummary MissionMachine::summary(double wall_s) const {
+  MissionSummary summary;
+  summary.info = impl_->info_;
+  summary.bricks_total = impl_->config_.bricks_total;
+  summary.counts = impl_->counts();
+  summary.end_reason = impl_->end_reason_;
+  summary.end_message = impl_->end_message_;
+  summary.failures = impl_->failures_;
+  summary.sim_seconds = impl_->used_s_;
+  summary.wall_seconds = wall_s;
+  return summary;
+}
+
+nlohmann::json MissionMachine::toJson() const {
+  return impl_->toJson();
+}
+
+}  // namespace pick_mission

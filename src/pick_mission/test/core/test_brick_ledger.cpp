@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pick_mission/brick_ledger.h"
+
+#include <stdexcept>
+
+#include <gmock/gmock.h>
+
+namespace pick_mission {
+namespace {
+
+SeenBrick seen(int id, double height_m) {
+  SeenBrick brick;
+  brick.id = id;
+  brick.type = "brick";
+  brick.T_map_brick.translation().z() = height_m;
+  brick.graspable_faces = {4};
+  return brick;
+}
+
+TEST(BrickLedger, BestIsTheHighestAndOfEqualOnesThatOfSmallestId) {
+  BrickLedger ledger(3, 3);
+  EXPECT_FALSE(ledger.best(0));
+  ledger.update({seen(7, 0.1), seen(3, 0.3), seen(2, 0.2)});
+  EXPECT_EQ(ledger.best(0)->id, 3);
+  // Measured to a few millimetres: below one is the same height.
+  ledger.update({seen(7, 0.3004), seen(3, 0.3), seen(2, 0.2)});
+  EXPECT_EQ(ledger.best(0)->id, 3);
+  ledger.update({seen(7, 0.302), seen(3, 0.3), seen(2, 0.2)});
+  EXPECT_EQ(ledger.best(0)->id, 7);
+}
+
+TEST(BrickLedger, LeavesWhatCannotBeTried) {
+  BrickLedger ledger(3, 3);
+  SeenBrick duplicate = seen(1, 0.9);
+  duplicate.has_duplicate = true;
+  SeenBrick out_of_sector = seen(2, 0.8);
+  out_of_sector.is_in_sector = false;
+  SeenBrick without_face = seen(3, 0.7);
+  without_face.graspable_faces.clear();
+  ledger.update({duplicate, out_of_sector, without_face, seen(4, 0.1), seen(5, 0.05)});
+  EXPECT_EQ(ledger.best(0)->id, 4);
+  ledger.triedInVain(4, 0);
+  EXPECT_EQ(ledger.best(0)->id, 5);
+  EXPECT_EQ(ledger.best(1)->id, 4) << "another scene";
+  ledger.update({seen(5, 0.05)});
+  EXPECT_EQ(ledger.best(1)->id, 5) << "4 is not there any more";
+}
+
+TEST(BrickLedger, TwoBricksOfOneIdAreBothLeftEvenIfNobodySaysSo) {
+  BrickLedger ledger(3, 3);
+  ledger.update({seen(1, 0.3), seen(1, 0.2), seen(2, 0.1)});
+  EXPECT_EQ(ledger.best(0)->id, 2);
+}
+
+TEST(BrickLedger, PicksAndPlansAreCountedApart) {
+  BrickLedger ledger(2, 3);
+  ledger.update({seen(1, 0.3), seen(2, 0.1)});
+  ledger.pickFailed(1, "a");
+  ledger.planFailed(1, "b");
+  ledger.planFailed(1, "b");
+  EXPECT_EQ(ledger.best(0)->id, 1);
+  EXPECT_EQ(ledger.numExhausted(), 0);
+  EXPECT_EQ(ledger.numOpen(), 2);
+  ledger.planFailed(1, "c");
+  EXPECT_EQ(ledger.best(0)->id, 2);
+  ledger.pickFailed(2, "a");
+  ledger.pickFailed(2, "d");
+  EXPECT_FALSE(ledger.best(0));
+  EXPECT_EQ(ledger.numExhausted(), 2);
+  EXPECT_EQ(ledger.numOpen(), 0);
+  EXPECT_EQ(ledger.bricks().at(1).failures, (std::map<std::string, int>{{"a", 1}, {"b", 2}, {"c", 1}}));
+  EXPECT_EQ(ledger.bricks().at(2).last_failure, "d");
+}
+
+TEST(BrickLedger, PlansFailedCountAnewWhenABrickWasTakenAwayPicksDoNot) {
+  BrickLedger ledger(2, 1);
+  ledger.update({seen(1, 0.3), seen(2, 0.2), seen(3, 0.1)});
+  ledger.planFailed(1, "a");
+  ledger.pickFailed(2, "b");
+  ledger.pickFailed(2, "b");
+  EXPECT_EQ(ledger.numExhausted(), 2);
+  ledger.picked(3);
+  EXPECT_EQ(ledger.numExhausted(), 1);
+  EXPECT_EQ(ledger.best(0)->id, 1);
+  EXPECT_EQ(ledger.bricks().at(1).failures.at("a"), 1);
+}
+
+TEST(BrickLedger, PickedBrickSeenAgainIsAFailedPickButAnOldLookTellsNothing) {
+  BrickLedger ledger(2, 3);
+  EXPECT_THAT(ledger.update({seen(1, 0.3)}).found, testing::ElementsAre(1));
+  ledger.picked(1);
+  EXPECT_EQ(ledger.numPicked(), 1);
+  SeenBrick old_look = seen(1, 0.3);
+  old_look.is_seen_now = false;
+  EXPECT_THAT(ledger.update({old_look}).came_back, testing::IsEmpty());
+  EXPECT_EQ(ledger.numPicked(), 1);
+  EXPECT_FALSE(ledger.best(0));
+  const BrickLedger::Update update = ledger.update({seen(1, 0.05)});
+  EXPECT_THAT(update.came_back, testing::ElementsAre(1));
+  EXPECT_THAT(update.found, testing::IsEmpty());
+  EXPECT_EQ(ledger.numPicked(), 0);
+  EXPECT_EQ(ledger.bricks().at(1).picks_failed, 1);
+  EXPECT_EQ(ledger.best(0)->id, 1);
+  ledger.picked(1);
+  ledger.update({seen(1, 0.05)});
+  EXPECT_FALSE(ledger.best(0)) << "each return uses an attempt";
+}
+
+TEST(BrickLedger, AttemptsSurviveButNotWhatWasSeen) {
+  BrickLedger ledger(2, 3);
+  ledger.update({seen(1, 0.3), seen(2, 0.1)});
+  ledger.picked(2);
+  ledger.pickBegun(1);
+  ledger.pickFailed(1, "a");
+  ledger.planFailed(1, "b");
+  BrickLedger again(2, 3);
+  again.restore(nlohmann::json::parse(ledger.toJson().dump()));
+  EXPECT_EQ(again.toJson(), ledger.toJson());
+  EXPECT_EQ(again.numPicked(), 1);
+  EXPECT_FALSE(again.best(0));
+  EXPECT_THAT(again.update({seen(1, 0.3)}).found, testing::IsEmpty());
+  EXPECT_EQ(again.best(0)->id, 1);
+  again.pickFailed(1, "a");
+  EXPECT_FALSE(again.best(0));
+  EXPECT_THROW(again.restore(nlohmann::json::parse(R"([{"id": 1}])")), nlohmann::json::exception);
+  EXPECT_EQ(again.numPicked(), 1) << "a state that is none has changed something";
+}
+
+TEST(BrickLedger, RefusesUnknownIdsAndNoAttempts) {
+  BrickLedger ledger(1, 1);
+  EXPECT_THROW(ledger.pickFailed(1, "a"), std::out_of_range);
+  EXPECT_THROW(ledger.picked(1), std::out_of_range);
+  EXPECT_THROW(BrickLedger(0, 1), std::invalid_argument);
+  EXPECT_THROW(BrickLedger(1, 0), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace pick_mission

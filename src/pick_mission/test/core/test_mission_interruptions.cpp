@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Pause, resume, hold and stop at every step of a mission.
+#include <gmock/gmock.h>
+
+#include "support/toy_world.h"
+
+namespace toy {
+namespace {
+
+/// A mission that comes through every state: it begins with a brick in the hand, a pick fails, the arm has to be recovered
+/// and waited for, a brick is not let go.
+ToyMission eventfulMission() {
+  ToyWorld world = ToyWorld::ofStacks({3, 1});
+  world.bricks[3].is_gone = true;
+  world.hand = 3;
+  ToyMission run({}, std::move(world));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kClear && count == 2) return ArmResult{ArmStatus::kProgramStopped};
+    if (action == State::kClear && count == 3) return ArmResult{ArmStatus::kStaleMap};
+    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNoContact};
+    if (action == State::kPick && count == 2) return ArmResult{ArmStatus::kNotLetGo};
+    return std::nullopt;
+  };
+  return run;
+}
+
+int numSteps() {
+  ToyMission run = eventfulMission();
+  run.start();
+  int steps = 0;
+  while (run.advance()) ++steps;
+  return steps;
+}
+
+/// To the step, or false when it has ended before.
+bool toStep(ToyMission& run, int step) {
+  run.start();
+  for (int i = 0; i < step; ++i) {
+    if (!run.advance()) return false;
+  }
+  return static_cast<bool>(run.world.running);
+}
+
+void expectWholeMission(const ToyMission& run) {
+  EXPECT_EQ(run.machine.state(), State::kEnded) << tail(run);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.world.stowed, 4) << tail(run);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 4) << tail(run);
+  EXPECT_FALSE(run.world.hand);
+}
+
+TEST(MissionInterruptions, TheMissionInterruptedComesThroughEveryAction) {
+  ToyMission run = eventfulMission();
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  expectWholeMission(run);
+  for (int i = 0; i < kNumStates; ++i) {
+    const State state = static_cast<State>(i);
+    if (isAction(state)) {
+      EXPECT_GT(run.world.commands_of[state], 0) << toString(state);
+    }
+  }
+}
+
+TEST(MissionInterruptions, PauseAtEveryStepLetsItEndAndResumeGoesOn) {
+  const int steps = numSteps();
+  ASSERT_GT(steps, 30);
+  for (int step = 0; step < steps; ++step) {
+    SCOPED_TRACE("step " + std::to_string(step));
+    ToyMission run = eventfulMission();
+    ASSERT_TRUE(toStep(run, step));
+    const std::size_t before = run.commands.size();
+    run.tell(event::Pause{});
+    EXPECT_EQ(run.commands.size(), before) << "a pause commands something";
+    ASSERT_TRUE(run.advance());
+    if (run.isOver()) continue;  // what ran was the last
+    ASSERT_EQ(run.machine.state(), State::kPaused) << tail(run);
+    EXPECT_FALSE(run.world.running);
+    // Time does not count meanwhile.
+    const double used_s = run.machine.usedTime();
+    run.now_s += 1e5;
+    run.tell(event::Tick{});
+    EXPECT_EQ(run.machine.usedTime(), used_s);
+    run.tell(event::Resume{});
+    EXPECT_TRUE(run.world.running);
+    ASSERT_TRUE(run.toEnd());
+    expectWholeMission(run);
+    ASSERT_FALSE(HasFailure()) << tail(run);
+  }
+}
+
+TEST(MissionInterruptions, PauseTakenBackChangesNothing) {
+  const int steps = numSteps();
+  for (int step = 0; step < steps; ++step) {
+    ToyMission run = eventfulMission();
+    ASSERT_TRUE(toStep(run, step));
+    run.tell(event::Pause{});
+    run.tell(event::Resume{});
+    int rest = step;
+    while (run.advance()) ++rest;
+    EXPECT_EQ(rest, steps) << "paused and resumed at step " << step;
+    expectWholeMission(run);
+  }
+}
+
+TEST(MissionInterruptions, StopAtEveryStepCancelsAndEnds) {
+  const int steps = numSteps();
+  for (int step = 0; step < steps; ++step) {
+    SCOPED_TRACE("step " + std::to_string(step));
+    ToyMission run = eventfulMission();
+    ASSERT_TRUE(toStep(run, step));
+    run.tell(event::Stop{});
+    EXPECT_TRUE(run.world.is_cancelled);
+    EXPECT_EQ(run.machine.state(), State::kHalting);
+    ASSERT_TRUE(run.advance());
+    EXPECT_EQ(run.machine.state(), State::kEnded);
+    EXPECT_EQ(run.machine.endReason(), EndReason::kStopped);
+    EXPECT_FALSE(run.advance()) << "goes on after the end";
+    for (const Event& event : {Event{event::Start{}}, Event{event::Resume{}}, Event{event::Pause{}},
+                               Event{event::Tick{}}, Event{event::Stop{}}}) {
+      run.tell(event);
+    }
+    EXPECT_EQ(run.machine.state(), State::kEnded);
+    EXPECT_FALSE(run.world.running);
+  }
+}
+
+TEST(MissionInterruptions, StopEndsEvenWhatDoesNotEnd) {
+  const int steps = numSteps();
+  for (int step = 0; step < steps; ++step) {
+    ToyMission run = eventfulMission();
+    ASSERT_TRUE(toStep(run, step));
+    run.tell(event::Stop{});
+    run.now_s += run.config.cancel_timeout_s - 0.1;
+    run.tell(event::Tick{});
+    EXPECT_EQ(run.machine.state(), State::kHalting);
+    run.now_s += 0.2;
+    run.tell(event::Tick{});
+    EXPECT_EQ(run.machine.state(), State::kEnded) << "stopped at step " << step;
+    EXPECT_EQ(run.machine.endReason(), EndReason::kStopped);
+  }
+}
+
+TEST(MissionInterruptions, HoldAtEveryStepStopsAtOnceAndResumeGoesOn) {
+  const int steps = numSteps();
+  for (const bool has_grasped : {false, true}) {
+    for (int step = 0; step < steps; ++step) {
+      SCOPED_TRACE("step " + std::to_string(step) + (has_grasped ? ", a pick that has grasped" : ""));
+      ToyMission run = eventfulMission();
+      ASSERT_TRUE(toStep(run, step));
+      run.world.holds_when_pick_fails = has_grasped;
+      const std::size_t before = run.commands.size();
+      run.tell(event::Hold{});
+      EXPECT_TRUE(run.world.is_held);
+      EXPECT_TRUE(run.world.is_cancelled);
+      ASSERT_EQ(run.commands.size(), before + 2);
+      EXPECT_TRUE(std::holds_alternative<command::Hold>(run.commands[before].body)) << "the hold comes first";
+      ASSERT_TRUE(run.advance());
+      ASSERT_EQ(run.machine.state(), State::kHeld) << tail(run);
+      EXPECT_FALSE(run.world.running);
+      run.world.holds_when_pick_fails = false;
+      run.tell(event::Resume{});
+      EXPECT_FALSE(run.world.is_held);
+      ASSERT_TRUE(run.toEnd());
+      // What was injected may have fallen victim to the hold; the bricks have not.
+      expectWholeMission(run);
+      ASSERT_FALSE(HasFailure()) << tail(run);
+    }
+  }
+}
+
+TEST(MissionInterruptions, HoldResumedBeforeItHasHaltedGoesOn) {
+  const int steps = numSteps();
+  for (int step = 0; step < steps; ++step) {
+    ToyMission run = eventfulMission();
+    ASSERT_TRUE(toStep(run, step));
+    run.tell(event::Hold{});
+    run.tell(event::Resume{});
+    EXPECT_FALSE(run.world.is_held);
+    EXPECT_EQ(run.machine.state(), State::kHalting);
+    ASSERT_TRUE(run.toEnd());
+    expectWholeMission(run);
+  }
+}
+
+TEST(MissionInterruptions, StopWhilePausedOrHeldEnds) {
+  for (const bool is_hold : {false, true}) {
+    ToyMission run = eventfulMission();
+    ASSERT_TRUE(toStep(run, 5));
+    if (is_hold) {
+      run.tell(event::Hold{});
+    } else {
+      run.tell(event::Pause{});
+    }
+    ASSERT_TRUE(run.advance());
+    ASSERT_EQ(run.machine.state(), is_hold ? State::kHeld : State::kPaused);
+    run.tell(event::Stop{});
+    EXPECT_EQ(run.machine.endReason(), EndReason::kStopped);
+    EXPECT_EQ(run.machine.state(), State::kEnded);
+  }
+}
+
+TEST(MissionInterruptions, HoldWhileHaltingForAStopStillStops) {
+  ToyMission run = eventfulMission();
+  ASSERT_TRUE(toStep(run, 5));
+  run.tell(event::Stop{});
+  run.tell(event::Hold{});
+  EXPECT_TRUE(run.world.is_held);
+  ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.state(), State::kEnded);
+}
+
+TEST(MissionInterruptions, HoldOfTheArmByAPersonIsWaitedOut) {
+  ToyMission run = eventfulMission();
+  ASSERT_TRUE(toStep(run, 0));
+  while (run.world.action != State::kPick) ASSERT_TRUE(run.advance());
+  run.world.is_held = true;  // at the arm's bridge, past the mission
+  run.inject = nullptr;
+  ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.state(), State::kHeld);
+  run.tell(event::Resume{});
+  ASSERT_TRUE(run.toEnd());
+  expectWholeMission(run);
+}
+
+TEST(MissionInterruptions, BeforeTheStartNothingButAHoldIsPassedOn) {
+  ToyMission run = eventfulMission();
+  for (const Event& event :
+       {Event{event::Resume{}}, Event{event::Pause{}}, Event{event::Tick{}}, Event{event::Stop{}}}) {
+    run.tell(event);
+  }
+  EXPECT_TRUE(run.commands.empty());
+  EXPECT_EQ(run.machine.state(), State::kIdle);
+  run.tell(event::Hold{});
+  EXPECT_TRUE(run.world.is_held);
+}
+
+}  // namespace
+}  // namespace toy

@@ -1,0 +1,534 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pick_mission/mission_machine.h"
+
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+
+#include "support/toy_world.h"
+
+namespace toy {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
+  ToyMission run({}, ToyWorld::ofStacks({3, 1, 2}));
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.state(), State::kEnded);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.world.stowed, 6);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 6);
+  EXPECT_EQ(run.machine.counts().views, 3);
+  std::vector<int> order;
+  for (const Command& command : run.commands) {
+    if (const auto* pick = std::get_if<command::Pick>(&command.body)) order.push_back(pick->brick.id);
+  }
+  EXPECT_EQ(order, (std::vector<int>{2, 1, 0, 5, 4, 3}));
+}
+
+TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
+  MissionConfig config;
+  config.survey_x_m = {0.5, 1.0};
+  config.survey_y_m = {0.0, 0.25};
+  config.survey_yaw_rad = {0.0, 0.5};
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  event::Start start;
+  start.T_map_base = {-3.0, 1.0, M_PI / 2.0};
+  start.hand = Hand::kEmpty;
+  run.tell(start);
+  ASSERT_TRUE(run.toEnd());
+  std::vector<State> actions;
+  std::vector<Pose2d> goals;
+  for (const LogEntry& entry : run.log) {
+    if (isAction(entry.decision) && entry.decision != entry.state) actions.push_back(entry.decision);
+  }
+  for (const Command& command : run.commands) {
+    if (const auto* drive = std::get_if<command::Drive>(&command.body)) goals.push_back(drive->T_map_base);
+  }
+  const std::vector<State> expected = {State::kPlanClear, State::kClear,  State::kLook,   State::kDetect,
+                                       State::kDrive,     State::kLook,   State::kDetect, State::kDrive,
+                                       State::kLook,      State::kDetect, State::kSelect, State::kDrive};
+  ASSERT_GE(actions.size(), expected.size());
+  actions.resize(expected.size());
+  EXPECT_EQ(actions, expected);
+  ASSERT_GE(goals.size(), 3u);
+  // A quarter turn to the left: forward is +y, left is -x.
+  EXPECT_NEAR(goals[0].x_m, -3.0, 1e-12);
+  EXPECT_NEAR(goals[0].y_m, 1.5, 1e-12);
+  EXPECT_NEAR(goals[1].x_m, -3.25, 1e-12);
+  EXPECT_NEAR(goals[1].y_m, 2.0, 1e-12);
+  EXPECT_NEAR(goals[1].yaw_rad, M_PI / 2.0 + 0.5, 1e-12);
+}
+
+TEST(MissionMachine, PlansAndSelectsInTheMapOfTheLastLook) {
+  ToyMission run({}, ToyWorld::ofStacks({2, 1}));
+  run.start();
+  double stamp_s = -1.0;
+  int seen = 0;
+  while (!run.isOver()) {
+    const std::size_t before = run.commands.size();
+    if (run.world.action == State::kLook) {
+      ASSERT_TRUE(run.advance());
+      stamp_s = run.now_s;
+    } else {
+      ASSERT_TRUE(run.advance());
+    }
+    for (std::size_t i = before; i < run.commands.size(); ++i) {
+      if (const auto* plan = std::get_if<command::PlanPick>(&run.commands[i].body)) {
+        EXPECT_EQ(plan->min_map_stamp_s, stamp_s);
+        ++seen;
+      }
+      if (const auto* select = std::get_if<command::SelectView>(&run.commands[i].body)) {
+        EXPECT_EQ(select->min_map_stamp_s, stamp_s);
+        EXPECT_EQ(select->strategy, "gpis");
+        ++seen;
+      }
+    }
+  }
+  EXPECT_GE(seen, 5);
+}
+
+TEST(MissionMachine, StowsABrickThatIsInTheHandAtTheStartFirst) {
+  ToyWorld world = ToyWorld::ofStacks({2});
+  world.bricks[1].is_gone = true;
+  world.hand = 1;
+  ToyMission run({}, world);
+  run.start();
+  EXPECT_EQ(run.machine.state(), State::kPlanStow);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.world.commands_of[State::kLetGo], 1);
+  EXPECT_EQ(run.world.stowed, 2);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 2);  // of the one nobody knew the id
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, DoesNotMoveWhileItIsNotKnownWhetherTheHandIsEmpty) {
+  ToyMission run({}, ToyWorld::ofStacks({1}));
+  event::Start start;
+  run.tell(start);
+  EXPECT_EQ(run.machine.state(), State::kWait);
+  for (int i = 0; i < 20 && !run.isOver(); ++i) {
+    ASSERT_TRUE(run.world.running);
+    EXPECT_TRUE(std::holds_alternative<command::Wait>(run.world.running->body));
+    event::Reply reply = run.world.finish(run.now_s);
+    reply.hand.reset();
+    run.tell(reply);
+  }
+  EXPECT_EQ(run.machine.endReason(), EndReason::kBrickInHand);
+}
+
+TEST(MissionMachine, BrickLostWhileStowedIsLookedForAndPickedAgain) {
+  ToyWorld world = ToyWorld::ofStacks({2});
+  world.bricks[1].is_gone = true;
+  world.hand = 1;
+  ToyMission run({}, world);
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kStow && count == 1) return ArmResult{ArmStatus::kLostOnTheWay};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.world.stowed, 2);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 2);
+  EXPECT_EQ(run.world.commands_of[State::kStow], 1);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, BrickThatCannotBeHeldIsLeftAfterItsAttempts) {
+  ToyWorld world = ToyWorld::ofStacks({1, 1});
+  world.bricks[0].has_no_plate = true;
+  MissionConfig config;
+  config.max_picks_per_brick = 2;
+  config.bricks_total = 2;
+  ToyMission run(config, world);
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kBricksExhausted) << tail(run);
+  EXPECT_EQ(run.world.picks[0], 2);
+  EXPECT_EQ(run.machine.bricks().bricks().at(0).last_failure, "pick: NOT_ATTACHED");
+  EXPECT_EQ(run.machine.counts().bricks_picked, 1);
+  EXPECT_GE(run.world.reports.size(), 2u);
+}
+
+TEST(MissionMachine, FailureIsReportedBeforeTheNextSelectionAndThePlaceExcluded) {
+  ToyWorld world = ToyWorld::ofStacks({1, 1});
+  world.bricks[0].is_out_of_reach = true;
+  ToyMission run({}, world);
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_THAT(run.world.reports, testing::Contains("nothing could be picked from here"));
+  bool was_excluded = false;
+  for (const Command& command : run.commands) {
+    const auto* select = std::get_if<command::SelectView>(&command.body);
+    if (select == nullptr || select->excluded.empty()) continue;
+    was_excluded = true;
+    EXPECT_NEAR((select->excluded.front().center - viewPose(0).position()).norm(), 0.0, 1e-12);
+  }
+  EXPECT_TRUE(was_excluded);
+  EXPECT_EQ(run.world.stowed, 1);
+}
+
+TEST(MissionMachine, ProtectiveStopIsUnlockedByPolicyAlone) {
+  for (const bool may_unlock : {false, true}) {
+    MissionConfig config;
+    config.unlocks_protective_stop = may_unlock;
+    ToyMission run(config, ToyWorld::ofStacks({1}));
+    run.inject = [](State action, int count) -> std::optional<Result> {
+      if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kProtectiveStop};
+      return std::nullopt;
+    };
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), may_unlock ? EndReason::kNoBrickLeft : EndReason::kNeedsPerson) << tail(run);
+    EXPECT_EQ(run.world.commands_of[State::kRecover], may_unlock ? 1 : 0);
+    if (!may_unlock) {
+      EXPECT_THAT(run.machine.endMessage(), HasSubstr("PROTECTIVE_STOP"));
+    }
+  }
+}
+
+TEST(MissionMachine, EndsWhenTimeIsUpWithTheHandEmpty) {
+  // The limit falls into everything once: into picks, drives, looks.
+  for (double limit_s = 5.0; limit_s < 150.0; limit_s += 3.0) {
+    MissionConfig config;
+    config.time_limit_s = limit_s;
+    ToyMission run(config, ToyWorld::ofStacks({3, 3}));
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), EndReason::kTimeUp) << tail(run);
+    EXPECT_FALSE(run.world.hand);
+    // The longest that is let end is a pick.
+    EXPECT_LE(run.machine.usedTime(), limit_s + 21.0);
+    EXPECT_GE(run.machine.usedTime(), limit_s);
+  }
+}
+
+TEST(MissionMachine, StowsWhatItHoldsWhenTheMissionIsOver) {
+  MissionConfig config;
+  config.max_failures_in_a_row = 1;
+  ToyMission run(config, ToyWorld::ofStacks({2}));
+  run.world.holds_when_pick_fails = true;
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kTrajectoryAborted};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kPicksFailed) << tail(run);
+  EXPECT_FALSE(run.world.hand);
+  EXPECT_EQ(run.world.stowed, 1);
+}
+
+TEST(MissionMachine, ActionThatNeverEndsIsCancelledAndCountsAsNoAnswer) {
+  MissionConfig config;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.start();
+  while (run.world.action != State::kDrive) ASSERT_TRUE(run.advance());
+  run.now_s += config.action_timeout_s + 1.0;
+  run.tell(event::Tick{});
+  EXPECT_TRUE(run.world.is_cancelled);
+  EXPECT_EQ(run.machine.state(), State::kHalting);
+  const std::uint64_t id = run.world.running->id;
+  run.world.running.reset();  // its server does not even end it
+  run.now_s += config.cancel_timeout_s + 1.0;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kWait);
+  event::Reply late;
+  late.id = id;
+  late.result = NavigationResult{};
+  run.tell(late);
+  EXPECT_EQ(run.machine.state(), State::kWait) << "a late reply changed something";
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, PickWithoutAnAnswerWaitsUntilTheHandIsKnown) {
+  ToyMission run({}, ToyWorld::ofStacks({2}));
+  run.world.holds_when_pick_fails = true;
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kPick && count == 1) return NoAnswer{};
+    return std::nullopt;
+  };
+  run.start();
+  while (run.world.action != State::kPick) ASSERT_TRUE(run.advance());
+  ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.hand(), Hand::kUnknown);
+  EXPECT_EQ(run.machine.state(), State::kWait);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.counts().bricks_picked, 2);
+  EXPECT_EQ(run.world.commands_of[State::kStow], 1);
+}
+
+TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenEnds) {
+  MissionConfig config;
+  ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kSelect) return SelectionResult{SelectionStatus::kLowUtility, viewPose(5), count <= 2};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_THAT(run.machine.endMessage(), HasSubstr("low utility"));
+  EXPECT_EQ(run.machine.counts().views, 2);
+  int fades = 0;
+  for (const Command& command : run.commands) {
+    const auto* wait = std::get_if<command::Wait>(&command.body);
+    fades += wait != nullptr && wait->limit_s == config.fade_wait_s;
+  }
+  EXPECT_EQ(fades, config.max_fade_waits);
+}
+
+TEST(MissionMachine, FruitlessViewsEndTheMission) {
+  MissionConfig config;
+  config.max_fruitless_views = 3;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(1 + count % 5), true};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoProgress) << tail(run);
+  EXPECT_EQ(run.machine.counts().views, 3);
+}
+
+/// Most commands of a kind between two selections.
+template <typename Kind>
+int mostInAView(const ToyMission& run) {
+  int most = 0;
+  int count = 0;
+  for (const Command& command : run.commands) {
+    if (std::holds_alternative<command::SelectView>(command.body)) count = 0;
+    if (std::holds_alternative<Kind>(command.body)) most = std::max(most, ++count);
+  }
+  return most;
+}
+
+TEST(MissionMachine, ViewWhereTooMuchFailsIsLeft) {
+  for (const bool of_picks : {false, true}) {
+    ToyWorld world({});
+    for (int id = 0; id < 6; ++id) {
+      ToyBrick brick{id, 0, 0};
+      brick.has_no_plate = of_picks;
+      brick.is_out_of_reach = !of_picks;
+      world.bricks.push_back(brick);
+    }
+    MissionConfig config;
+    config.max_pick_failures_per_view = 2;
+    config.max_plan_failures_per_view = 4;
+    ToyMission run(config, std::move(world));
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    if (of_picks) {
+      EXPECT_EQ(mostInAView<command::Pick>(run), 2) << tail(run);
+    } else {
+      EXPECT_EQ(mostInAView<command::PlanPick>(run), 4) << tail(run);
+    }
+  }
+}
+
+TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {
+  ToyMission run({}, ToyWorld::ofStacks({1, 1}));
+  run.inject = [&run](State action, int) -> std::optional<Result> {
+    const bool is_to_view = action == State::kDrive && run.world.commands_of[State::kSelect] == 1;
+    if (is_to_view) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_THAT(run.world.reports, testing::Contains(HasSubstr("drive: ")));
+  std::vector<command::SelectView> selections;
+  for (const Command& command : run.commands) {
+    if (const auto* select = std::get_if<command::SelectView>(&command.body)) selections.push_back(*select);
+  }
+  ASSERT_GE(selections.size(), 2u);
+  ASSERT_EQ(selections[1].excluded.size(), 1u);
+  EXPECT_NEAR((selections[1].excluded[0].center - viewPose(0).position()).norm(), 0.0, 1e-12);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
+  MissionConfig config;
+  config.max_fruitless_views = 2;
+  ToyMission run(config, ToyWorld::ofStacks({1, 1, 1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kSelect && count % 2 == 1 && count < 6) {
+      return SelectionResult{SelectionStatus::kSuccess, viewPose(5), true};
+    }
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.machine.counts().views, 6);
+}
+
+TEST(MissionMachine, ViewThatShowsANewBrickIsNotFruitless) {
+  MissionConfig config;
+  config.max_fruitless_views = 2;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(count % 8), true};
+    if (action != State::kDetect) return std::nullopt;
+    DetectionResult result;
+    for (int id = 0; id < std::min(count, 9); ++id) {
+      SeenBrick brick;
+      brick.id = id;
+      brick.is_in_sector = false;
+      result.bricks.push_back(brick);
+    }
+    return result;
+  };
+  // As the toy world would fill in what it sees, the result is told past it.
+  run.start();
+  while (run.world.running) {
+    run.now_s += 1.0;
+    const std::optional<Result> forced = run.inject(run.world.action, run.world.commands_of[run.world.action]);
+    event::Reply reply = run.world.finish(run.now_s, forced);
+    if (forced) reply.result = *forced;
+    run.tell(reply);
+  }
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoProgress) << tail(run);
+  // The looks at the start and at two places of the survey, six views with a new brick each, one more fruitless view.
+  EXPECT_EQ(run.machine.counts().views, 7) << tail(run);
+}
+
+TEST(MissionMachine, ClockThatIsSetBackTakesNothingBack) {
+  MissionConfig config;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.start();
+  while (run.world.action != State::kDrive) ASSERT_TRUE(run.advance());
+  run.now_s += config.action_timeout_s - 100.0;
+  run.tell(event::Tick{});
+  const double used_s = run.machine.usedTime();
+  run.now_s -= 5000.0;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.usedTime(), used_s);
+  run.now_s += 99.0;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kDrive);
+  EXPECT_NEAR(run.machine.usedTime(), used_s + 99.0, 1e-9);
+  run.now_s += 2.0;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kHalting);
+}
+
+TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
+  MissionConfig config;
+  config.max_failures_in_a_row = 100;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [](State action, int) -> std::optional<Result> {
+    if (action == State::kClear) return ArmResult{ArmStatus::kNotReady};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kRecoveryFailed) << tail(run);
+  EXPECT_EQ(run.world.commands_of[State::kRecover], config.max_recoveries_in_a_row);
+}
+
+TEST(MissionMachine, HandThatIsSuddenlyFullIsStowedBeforeAnythingElse) {
+  ToyMission run({}, ToyWorld::ofStacks({1, 1}));
+  run.start();
+  while (run.world.action != State::kSelect) ASSERT_TRUE(run.advance());
+  run.world.hand = 1;
+  run.world.bricks[1].is_gone = true;
+  run.tell(event::HandReport{Hand::kHolding, 1});
+  ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.state(), State::kPlanStow) << tail(run);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.counts().bricks_picked, 2);
+}
+
+TEST(MissionMachine, RepliesThatCannotBeAreRefusedAndChangeNothing) {
+  ToyMission run({}, ToyWorld::ofStacks({1}));
+  run.start();
+  event::Reply reply;
+  reply.id = run.world.running->id;
+  reply.result = NavigationResult{};
+  EXPECT_THROW(run.machine.step(reply, 101.0), std::invalid_argument);
+  EXPECT_THROW(run.machine.step(event::Tick{}, std::numeric_limits<double>::quiet_NaN()), std::invalid_argument);
+  EXPECT_EQ(run.machine.state(), State::kPlanClear);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft);
+}
+
+TEST(MissionMachine, LogLinesParseAndFollowEachOther) {
+  ToyMission run({}, ToyWorld::ofStacks({2, 1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNoContact};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  double time_s = 0.0;
+  std::string state = "idle";
+  double since_s = run.log.front().time_s;
+  for (const LogEntry& entry : run.log) {
+    const std::string text = toJsonLine(entry);
+    EXPECT_EQ(text.find('\n'), std::string::npos);
+    const nlohmann::json line = nlohmann::json::parse(text);
+    EXPECT_GE(line.at("time_s").get<double>(), time_s);
+    time_s = line.at("time_s");
+    EXPECT_EQ(line.at("state"), state);
+    EXPECT_NEAR(line.at("state_s").get<double>(), time_s - since_s, 1e-9);
+    if (line.at("decision") != state) since_s = time_s;
+    state = line.at("decision");
+    for (const char* key : {"event", "reason", "bricks_picked", "views", "picks_begun", "failures"}) {
+      EXPECT_TRUE(line.contains(key)) << key;
+    }
+  }
+  EXPECT_EQ(state, "ended");
+  EXPECT_EQ(nlohmann::json::parse(toJsonLine(run.log.back())).at("bricks_picked"), 3);
+}
+
+TEST(MissionMachine, LogLineOfAMessageThatIsNoUtf8Parses) {
+  LogEntry entry;
+  entry.reason = "broken \xff and \"quoted\"\n";
+  EXPECT_NO_THROW(nlohmann::json::parse(toJsonLine(entry)));
+}
+
+TEST(MissionMachine, SummaryTellsWhatTheMissionKnows) {
+  MissionConfig config;
+  config.bricks_total = 3;
+  ToyMission run(config, ToyWorld::ofStacks({2, 1}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNoContact};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  const nlohmann::json json = toJson(run.machine.summary(7.5));
+  EXPECT_EQ(json.at("scene"), "toy");
+  EXPECT_EQ(json.at("seed"), 1);
+  EXPECT_EQ(json.at("strategy"), "gpis");
+  EXPECT_EQ(json.at("removed_factor"), "");
+  EXPECT_EQ(json.at("bricks_total"), 3);
+  EXPECT_EQ(json.at("bricks_picked"), 3);
+  EXPECT_EQ(json.at("views"), 2);
+  EXPECT_EQ(json.at("end_reason"), "no_brick_left");
+  EXPECT_EQ(json.at("failures"), (nlohmann::json{{"pick: NO_CONTACT", 1}}));
+  EXPECT_NEAR(json.at("sim_seconds").get<double>(), run.now_s - 100.0, 1e-9);
+  EXPECT_EQ(json.at("wall_seconds"), 7.5);
+  EXPECT_TRUE(toJson(MissionSummary{}).at("bricks_total").is_null());
+}
+
+TEST(MissionMachine, BadConfigurationIsRefusedWithEveryProblem) {
+  MissionConfig config;
+  config.look_images = 0;
+  config.time_limit_s = -1.0;
+  try {
+    const MissionMachine machine(config, {});
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(), HasSubstr("look/images = 0, must be in [1, 1000]"));
+    EXPECT_THAT(error.what(), HasSubstr("time/limit_s = -1 s"));
+  }
+}
+
+}  // namespace
+}  // namespace toy

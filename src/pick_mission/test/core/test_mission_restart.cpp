@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The mission's process dies at every step, and another one goes on with what it had saved.
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+
+#include "support/toy_world.h"
+
+namespace toy {
+namespace {
+
+ToyMission mission() {
+  ToyWorld world = ToyWorld::ofStacks({3, 1});
+  world.bricks[1].has_no_plate = true;
+  world.bricks[1].layer = -1;  // under the others
+  MissionConfig config;
+  config.bricks_total = 4;
+  return {config, std::move(world)};
+}
+
+TEST(MissionRestart, AtEveryStepGoesOnAfterAFreshInspectionAndEnds) {
+  ToyMission whole = mission();
+  whole.start();
+  ASSERT_TRUE(whole.toEnd());
+  const int steps = static_cast<int>(whole.commands.size());
+  ASSERT_GT(steps, 30);
+  ASSERT_EQ(whole.machine.endReason(), EndReason::kBricksExhausted);
+  for (const bool has_grasped : {false, true}) {
+    for (int step = 0; step < steps; ++step) {
+      SCOPED_TRACE("step " + std::to_string(step) + (has_grasped ? ", a pick that has grasped" : ""));
+      ToyMission run = mission();
+      run.start();
+      for (int i = 0; i < step; ++i) ASSERT_TRUE(run.advance());
+      const std::string saved = run.machine.toJson().dump();
+      const MissionCounts before = run.machine.counts();
+      const double used_s = run.machine.usedTime();
+      // Bricks without a plate hold nothing.
+      const auto* pick = std::get_if<command::Pick>(&run.world.running->body);
+      run.world.holds_when_pick_fails = has_grasped && pick != nullptr && !run.world.brick(pick->brick.id).has_no_plate;
+      run.world.abandon();
+      run.world.holds_when_pick_fails = false;
+
+      run.machine =
+          MissionMachine::fromJson(run.config, MissionInfo{"toy", 1, "gpis", ""}, nlohmann::json::parse(saved));
+      EXPECT_EQ(run.machine.state(), State::kIdle);
+      EXPECT_EQ(run.machine.counts().bricks_picked, before.bricks_picked);
+      EXPECT_EQ(run.machine.counts().views, before.views);
+      EXPECT_EQ(run.machine.usedTime(), used_s);
+      EXPECT_FALSE(run.advance()) << "goes on without a start";
+      run.log.clear();
+      const std::size_t first = run.commands.size();
+      run.now_s += 1000.0;
+      run.start();
+      std::vector<State> begun;
+      for (int i = 0; i < 20 && begun.size() < 4; ++i) {
+        if (begun.empty() || run.world.action != begun.back()) begun.push_back(run.world.action);
+        ASSERT_TRUE(run.advance());
+      }
+      if (run.log.front().decision == State::kBegin && begun.front() == State::kPlanClear) {
+        EXPECT_EQ(begun, (std::vector<State>{State::kPlanClear, State::kClear, State::kLook, State::kDetect}));
+      } else {
+        EXPECT_EQ(begun, (std::vector<State>{State::kPlanStow, State::kStow, State::kLetGo, State::kPlanClear}));
+        EXPECT_TRUE(has_grasped);
+      }
+      ASSERT_TRUE(run.toEnd());
+      EXPECT_EQ(run.machine.state(), State::kEnded) << tail(run);
+      EXPECT_EQ(run.machine.endReason(), EndReason::kBricksExhausted) << tail(run);
+      EXPECT_EQ(run.world.stowed, 3) << tail(run);
+      EXPECT_EQ(run.machine.counts().bricks_picked, 3) << tail(run);
+      EXPECT_LE(run.world.picks[1], run.config.max_picks_per_brick) << "the attempts began anew";
+      EXPECT_LT(run.machine.usedTime(), used_s + run.now_s - 1000.0);
+      // The survey is not driven twice.
+      int drives = 0;
+      for (const Command& command : run.commands) drives += std::holds_alternative<command::Drive>(command.body);
+      EXPECT_LE(drives, whole.world.commands_of[State::kDrive] + 1) << first;
+      ASSERT_FALSE(HasFailure()) << tail(run);
+    }
+  }
+}
+
+TEST(MissionRestart, MissionThatHadEndedStaysEnded) {
+  ToyMission run = mission();
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  MissionMachine again = MissionMachine::fromJson(run.config, {}, run.machine.toJson());
+  EXPECT_EQ(again.state(), State::kEnded);
+  EXPECT_EQ(again.endReason(), run.machine.endReason());
+  EXPECT_EQ(again.endMessage(), run.machine.endMessage());
+  EXPECT_TRUE(again.step(event::Start{}, 1.0).commands.empty());
+  EXPECT_EQ(again.toJson(), run.machine.toJson());
+}
+
+TEST(MissionRestart, SavedStateIsTheSameAfterARoundTrip) {
+  ToyMission run = mission();
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kPlanPick && count == 2) return PlanResult{PlanStatus::kGoalUnknown};
+    return std::nullopt;
+  };
+  run.start();
+  while (!run.isOver()) {
+    if (run.world.action != State::kPick) {
+      const MissionMachine again = MissionMachine::fromJson(run.config, {}, run.machine.toJson());
+      EXPECT_EQ(again.toJson(), run.machine.toJson());
+    }
+    ASSERT_TRUE(run.advance());
+  }
+}
+
+TEST(MissionRestart, WhatIsNoStateIsRefused) {
+  ToyMission run = mission();
+  run.start();
+  const nlohmann::json good = run.machine.toJson();
+  for (const auto& [key, value] : good.items()) {
+    nlohmann::json bad = good;
+    bad.erase(key);
+    EXPECT_THROW(MissionMachine::fromJson(run.config, {}, bad), std::invalid_argument) << key << " is missing";
+  }
+  nlohmann::json bad = good;
+  bad["version"] = 99;
+  EXPECT_THROW(MissionMachine::fromJson(run.config, {}, bad), std::invalid_argument);
+  bad = good;
+  bad["end_reason"] = 99;
+  EXPECT_THROW(MissionMachine::fromJson(run.config, {}, bad), std::invalid_argument);
+  EXPECT_THROW(MissionMachine::fromJson(run.config, {}, nlohmann::json::array()), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace toy
