@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,6 +35,11 @@ struct ManipulabilitySample {
   float share{0.0F};  // w_j p_j, in [0, 1]
 };
 
+/// N of eq 14: lattice points in the union of both sectors, of a base at the map's origin. Depends on the robot and the
+/// lattice alone.
+double countSamples(const motion_planning::ManipulabilitySectors& sectors, const Eigen::Isometry3d& T_base_armbase,
+                    double cell_m);
+
 /// The manipulability of standing places (eq 14): m = (1 / N) sum_j w_j p(o = 1 | p_j) over the samples of both annulus
 /// sectors, N their number. Samples are the middles of cells of one lattice of the map, so that neighbouring places share
 /// them and the map is asked once for each; only those near the surface are asked, the rest counts 0.
@@ -41,10 +47,12 @@ class ManipulabilityScore {
  public:
   /// Asks `scene` about all lattice points near `surface` that are above the ground by at least `min_height_m`.
   /// `T_base_armbase`: foot of the arm in base_link, from the URDF. Throws std::invalid_argument for an impossible config,
-  /// std::runtime_error if the map does not answer.
+  /// std::runtime_error if the map does not answer. `num_samples`: what countSamples() gives, for whoever has counted before,
+  /// which takes as long as asking a small map.
   ManipulabilityScore(const SceneModel& scene, const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                       double min_height_m, const motion_planning::ManipulabilitySectors& sectors,
-                      const Eigen::Isometry3d& T_base_armbase, const ManipulabilityScoreConfig& config);
+                      const Eigen::Isometry3d& T_base_armbase, const ManipulabilityScoreConfig& config,
+                      std::optional<double> num_samples = std::nullopt);
 
   /// m in [0, 1] of a base that stands on the ground plane at this pose (upright on the plane, tilted with it).
   /// `samples`, if not null, gets all of the sectors' samples with a share above 0. 0 for a pose that is not finite.

@@ -109,7 +109,7 @@ struct Selection {
   std::vector<ScoredSegment> segments;
   std::vector<ManipulabilitySample> reach_samples;  // of the candidate with the largest manipulability, to be shown
   PileOutline outline;
-  double prior_uncertainty{0.0};                   // where nothing was ever seen
+  double prior_uncertainty{0.0};  // where nothing was ever seen
   std::uint64_t map_update{0};
   double map_stamp_s{0.0};
 };
@@ -133,6 +133,7 @@ class ViewSelector {
  private:
   ViewSelectorConfig config_;
   RobotBody robot_;
+  double num_reach_samples_{0.0};  // N of eq 14, the same in every selection
 };
 
 }  // namespace nbv_selection

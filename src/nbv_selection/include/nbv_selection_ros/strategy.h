@@ -32,7 +32,7 @@ class MapUnavailable : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// The goal was cancelled while the map was asked.
+/// The goal was cancelled while the map was waited for or asked.
 class SelectionCancelled : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

@@ -22,31 +22,6 @@ double agreement(const Eigen::Vector3d& normal, const Eigen::Vector3d& approach)
   return std::max(0.0, -normal.dot(approach));
 }
 
-/// Lattice points in both sectors of an arm whose foot is at `T_map_armbase`.
-double countSamples(const motion_planning::ManipulabilitySectors& sectors, const Eigen::Isometry3d& T_map_armbase,
-                    double cell_m) {
-  // The sectors are inside a ball about the arm's foot.
-  double reach_m = 0.0;
-  for (const AnnulusSector* sector : {&sectors.top, &sectors.side}) {
-    const double height_m = std::max(std::abs(sector->min_height_m), std::abs(sector->max_height_m));
-    reach_m = std::max(reach_m, std::hypot(sector->max_radius_m, height_m));
-  }
-  const Eigen::Vector3d foot_map = T_map_armbase.translation();
-  const LatticeKey low = LatticeKey::of(foot_map - Eigen::Vector3d::Constant(reach_m), cell_m);
-  const LatticeKey high = LatticeKey::of(foot_map + Eigen::Vector3d::Constant(reach_m), cell_m);
-  const Eigen::Isometry3d T_armbase_map = T_map_armbase.inverse(Eigen::Isometry);
-  double count = 0.0;
-  for (LatticeKey key = low; key.x <= high.x; ++key.x) {
-    for (key.y = low.y; key.y <= high.y; ++key.y) {
-      for (key.z = low.z; key.z <= high.z; ++key.z) {
-        const Eigen::Vector3d p_armbase = T_armbase_map * key.center(cell_m);
-        if (sectors.top.contains(p_armbase) || sectors.side.contains(p_armbase)) count += 1.0;
-      }
-    }
-  }
-  return count;
-}
-
 /// A set of lattice points, most of them next to each other: flags in blocks.
 class LatticeSet {
  public:
@@ -114,6 +89,30 @@ std::vector<LatticeKey> latticeNear(const MappedSurface& surface, const gpis_map
 
 }  // namespace
 
+double countSamples(const motion_planning::ManipulabilitySectors& sectors, const Eigen::Isometry3d& T_base_armbase,
+                    double cell_m) {
+  // The sectors are inside a ball about the arm's foot.
+  double reach_m = 0.0;
+  for (const AnnulusSector* sector : {&sectors.top, &sectors.side}) {
+    const double height_m = std::max(std::abs(sector->min_height_m), std::abs(sector->max_height_m));
+    reach_m = std::max(reach_m, std::hypot(sector->max_radius_m, height_m));
+  }
+  const Eigen::Vector3d foot_base = T_base_armbase.translation();
+  const LatticeKey low = LatticeKey::of(foot_base - Eigen::Vector3d::Constant(reach_m), cell_m);
+  const LatticeKey high = LatticeKey::of(foot_base + Eigen::Vector3d::Constant(reach_m), cell_m);
+  const Eigen::Isometry3d T_armbase_base = T_base_armbase.inverse(Eigen::Isometry);
+  double count = 0.0;
+  for (LatticeKey key = low; key.x <= high.x; ++key.x) {
+    for (key.y = low.y; key.y <= high.y; ++key.y) {
+      for (key.z = low.z; key.z <= high.z; ++key.z) {
+        const Eigen::Vector3d p_armbase = T_armbase_base * key.center(cell_m);
+        if (sectors.top.contains(p_armbase) || sectors.side.contains(p_armbase)) count += 1.0;
+      }
+    }
+  }
+  return count;
+}
+
 std::vector<std::string> ManipulabilityScoreConfig::validate() const {
   gpis_mapping::RangeCheck check;
   check("cell_m", cell_m, 0.02, 0.2, "m");
@@ -126,7 +125,7 @@ ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSu
                                          const gpis_mapping::GroundPlane& ground, double min_height_m,
                                          const motion_planning::ManipulabilitySectors& sectors,
                                          const Eigen::Isometry3d& T_base_armbase,
-                                         const ManipulabilityScoreConfig& config)
+                                         const ManipulabilityScoreConfig& config, std::optional<double> num_samples)
     : ground_(ground), sectors_(sectors), T_base_armbase_(T_base_armbase), config_(config) {
   std::vector<std::string> problems = config_.validate();
   if (!std::isfinite(min_height_m)) {
@@ -134,7 +133,7 @@ ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSu
   }
   if (!T_base_armbase_.matrix().allFinite()) problems.emplace_back("T_base_armbase is not finite, must be a pose");
   gpis_mapping::throwIfAny(problems);
-  num_samples_ = countSamples(sectors_, T_base_armbase_, config_.cell_m);
+  num_samples_ = num_samples ? *num_samples : countSamples(sectors_, T_base_armbase_, config_.cell_m);
 
   const std::vector<LatticeKey> keys = latticeNear(surface, ground, min_height_m, config_);
   num_asked_ = keys.size();

@@ -88,19 +88,12 @@ std::vector<SegmentKind> classify(const std::vector<Segment>& segments,
     // Also without a number: nobody may be sent there.
     if (!(uncertainty[i].mean <= limit)) kinds[i] = SegmentKind::kImaginary;
   }
-  // Segments of one outline follow each other; its last and its first are neighbours, too.
-  for (std::size_t first = 0; first < count;) {
-    std::size_t end = first + 1;
-    while (end < count && segments[end].outline == segments[first].outline) ++end;
-    for (std::size_t i = first; i < end; ++i) {
-      if (kinds[i] == SegmentKind::kImaginary) continue;
-      const std::size_t before = i == first ? end - 1 : i - 1;
-      const std::size_t after = i + 1 == end ? first : i + 1;
-      if (kinds[before] == SegmentKind::kImaginary || kinds[after] == SegmentKind::kImaginary) {
-        kinds[i] = SegmentKind::kFrontier;
-      }
+  for (std::size_t i = 0; i < count; ++i) {
+    if (kinds[i] == SegmentKind::kImaginary) continue;
+    const auto [before, after] = neighbours(segments, i);
+    if (kinds[before] == SegmentKind::kImaginary || kinds[after] == SegmentKind::kImaginary) {
+      kinds[i] = SegmentKind::kFrontier;
     }
-    first = end;
   }
   return kinds;
 }

@@ -224,6 +224,7 @@ ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
   if (!robot_.T_base_armbase.matrix().allFinite()) {
     throw std::invalid_argument("T_base_armbase is not finite, must be a pose");
   }
+  num_reach_samples_ = countSamples(robot_.sectors, robot_.T_base_armbase, config_.manipulability.cell_m);
 }
 
 Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
@@ -277,7 +278,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
 
   if (begin("manipulability")) return selection;
   const ManipulabilityScore manipulability(scene, surface, *ground, config_.outline.min_height_m, robot_.sectors,
-                                           robot_.T_base_armbase, config_.manipulability);
+                                           robot_.T_base_armbase, config_.manipulability, num_reach_samples_);
 
   if (begin("travel")) return selection;
   const base_navigation::DistanceField distances(*request.ground, request.T_map_base.position(),

@@ -160,12 +160,7 @@ class GpisStrategy : public Strategy {
                                   const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const SurfaceMeshConstPtr mesh = awaitMesh(min_map_stamp, is_cancelled);
-    if (!mesh) {
-      nbv_selection::Selection cancelled;
-      cancelled.status = nbv_selection::SelectionStatus::kCancelled;
-      cancelled.message = "cancelled while waiting for the map";
-      return cancelled;
-    }
+    if (!mesh) throw SelectionCancelled("cancelled while waiting for the map");
     if (mesh->header.frame_id != context_.map_frame) {
       throw MapUnavailable("the mesh's frame is '" + mesh->header.frame_id + "', must be '" + context_.map_frame +
                            "' (map_frame)");

@@ -33,12 +33,7 @@ class OctomapStrategy : public Strategy {
                                   const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const std::optional<octomap_msgs::Octomap> map = awaitMap(min_map_stamp, is_cancelled);
-    if (!map) {
-      nbv_selection::Selection cancelled;
-      cancelled.status = nbv_selection::SelectionStatus::kCancelled;
-      cancelled.message = "cancelled while waiting for the map";
-      return cancelled;
-    }
+    if (!map) throw SelectionCancelled("cancelled while waiting for the map");
     if (map->header.frame_id != context_.map_frame) {
       throw MapUnavailable("the octomap's frame is '" + map->header.frame_id + "', must be '" + context_.map_frame +
                            "' (map_frame)");
