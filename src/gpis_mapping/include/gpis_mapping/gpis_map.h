@@ -2,6 +2,7 @@
 #ifndef GPIS_MAPPING_GPIS_MAP_H
 #define GPIS_MAPPING_GPIS_MAP_H
 
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <unordered_map>
@@ -71,6 +72,13 @@ class GpisMap {
   /// as it was, unless the pose is rigid and all edges are finite and positive. Call from the updating thread.
   std::vector<Eigen::Vector3d> clearBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m);
 
+  /// A solid that filled the box was taken away at `stamp_s` [s]: forgets the points in it and within `padding_m` of it. The
+  /// box is free from now on, as whoever took it knows, and what beside it was free before stays so: there the surface told
+  /// it that is gone now. Returns the points removed [m, map frame]. Throws as clearBox(), also for a negative padding or a
+  /// stamp that is not finite. Call from the updating thread.
+  std::vector<Eigen::Vector3d> takeOut(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m,
+                                       double padding_m, double stamp_s);
+
   /// Changes what may change while the map lives, from the next update on; what is mapped stays. Throws
   /// std::invalid_argument listing every impossible value and changes nothing then. Call from the updating thread.
   void retune(const GpisConfig::Sensor& sensor, const GpisConfig::Dynamic& dynamic);
@@ -98,6 +106,8 @@ class GpisMap {
   /// their cells trained again in every update.
   double strayTolerance() const { return 0.25 * config_.surface.spacing_m; }
 
+  /// Without publishing. `isInside`: in the map frame.
+  std::vector<Eigen::Vector3d> removePoints(const std::function<bool(const Eigen::Vector3d&)>& isInside);
   void prepareCamera(const CameraModel& camera);
   void fuseAndDelete(const Frame& frame, UpdateStatistics* statistics);
   /// Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to

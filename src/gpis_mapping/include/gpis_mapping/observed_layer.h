@@ -47,6 +47,9 @@ class ObservedLayer {
   /// Forgets that the block of `p_map` was seen free: something stands there now.
   void occupy(const Eigen::Vector3d& p_map);
 
+  /// The block of `p_map` is known to be free, without having been seen so.
+  void setFree(const Eigen::Vector3d& p_map, float stamp_s);
+
   /// Forgets that blocks were seen free whose centre `isInside` [map frame].
   void forgetIf(const std::function<bool(const Eigen::Vector3d&)>& isInside);
 

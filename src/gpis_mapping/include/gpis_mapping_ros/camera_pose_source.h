@@ -102,6 +102,7 @@ class CameraPoseSource {
   // Of the thread that asks.
   gpis_mapping::PoseGuard guard_;
   ros::Time last_stamp_;
+  bool has_restarted_{false};  // time ran back, and tf has not answered since
 
   tf2_ros::Buffer buffer_;
   tf2_ros::TransformListener listener_;

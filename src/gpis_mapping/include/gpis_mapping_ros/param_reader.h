@@ -24,6 +24,7 @@ class ParamReader {
   void read(const std::string& key, bool* value);
   void read(const std::string& key, std::string* value);
   void read(const std::string& key, std::vector<std::string>* value);
+  void read(const std::string& key, std::vector<double>* value);
 
   /// The section as YAML text, empty when there is none: for configurations that have a reader of their own.
   std::string yamlOf(const std::string& section);

@@ -20,6 +20,7 @@ class ParamWriter {
   void write(const std::string& key, bool value);
   void write(const std::string& key, const std::string& value);
   void write(const std::string& key, const std::vector<std::string>& value);
+  void write(const std::string& key, const std::vector<double>& value);
 
   std::string text() const;
 

@@ -54,6 +54,20 @@ void requireRigid(const Eigen::Isometry3d& pose, const char* what) {
   }
 }
 
+void requireBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m) {
+  requireRigid(T_map_box, "pose of the box");
+  if (size_m.allFinite() && size_m.minCoeff() > 0.0) return;
+  std::ostringstream text;
+  text << "size of the box = " << size_m.transpose() << " m, must be finite and > 0 m along each axis";
+  throw std::invalid_argument(text.str());
+}
+
+auto inBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m) {
+  return [T_box_map = T_map_box.inverse(), half = Eigen::Array3d(0.5 * size_m)](const Eigen::Vector3d& p_map) {
+    return ((T_box_map * p_map).cwiseAbs().array() <= half).all();
+  };
+}
+
 }  // namespace
 
 /// A cell as the updating thread sees it.
@@ -186,16 +200,54 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
 }
 
 std::vector<Eigen::Vector3d> GpisMap::clearBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m) {
-  requireRigid(T_map_box, "pose of the box");
-  if (!size_m.allFinite() || !(size_m.minCoeff() > 0.0)) {
-    std::ostringstream text;
-    text << "size of the box = " << size_m.transpose() << " m, must be finite and > 0 m along each axis";
-    throw std::invalid_argument(text.str());
+  requireBox(T_map_box, size_m);
+  const auto isInside = inBox(T_map_box, size_m);
+  const std::vector<Eigen::Vector3d> removed = removePoints(isInside);
+  observed_.forgetIf(isInside);
+  UpdateStatistics statistics;
+  train(&statistics);
+  publish();
+  return removed;
+}
+
+std::vector<Eigen::Vector3d> GpisMap::takeOut(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m,
+                                              double padding_m, double stamp_s) {
+  requireBox(T_map_box, size_m);
+  if (!std::isfinite(padding_m) || padding_m < 0.0 || !std::isfinite(stamp_s)) {
+    throw std::invalid_argument("padding = " + std::to_string(padding_m) + " m, stamp = " + std::to_string(stamp_s) +
+                                " s, must be finite and the padding >= 0 m");
   }
-  const Eigen::Isometry3d T_box_map = T_map_box.inverse();
-  const auto isInside = [&](const Eigen::Vector3d& p_map) {
-    return ((T_box_map * p_map).cwiseAbs().array() <= 0.5 * size_m.array()).all();
-  };
+  const double block = observed_.blockSize();
+  const auto isTaken = inBox(T_map_box, size_m);
+  // Blocks with a centre in the box, and those beside it that are free as the map is now.
+  const Eigen::Vector3d reach =
+      0.5 * (T_map_box.linear().cwiseAbs() * size_m) + Eigen::Vector3d::Constant(padding_m + block);
+  const Eigen::Array3i first = ((T_map_box.translation() - reach) / block).array().floor().cast<int>();
+  const Eigen::Array3i last = ((T_map_box.translation() + reach) / block).array().floor().cast<int>();
+  std::vector<Eigen::Vector3d> taken, beside;
+  for (int z = first.z(); z <= last.z(); ++z) {
+    for (int y = first.y(); y <= last.y(); ++y) {
+      for (int x = first.x(); x <= last.x(); ++x) {
+        const Eigen::Vector3d center = (Eigen::Array3d(x, y, z) + 0.5).matrix() * block;
+        (isTaken(center) ? taken : beside).push_back(center);
+      }
+    }
+  }
+  Points3d at(3, static_cast<Eigen::Index>(beside.size()));
+  for (std::size_t i = 0; i < beside.size(); ++i) at.col(static_cast<Eigen::Index>(i)) = beside[i];
+  const QueryResult before = snapshot()->query(at);
+  for (std::size_t i = 0; i < beside.size(); ++i) {
+    if (before.state[i] == SpaceState::kFree) taken.push_back(beside[i]);
+  }
+  const std::vector<Eigen::Vector3d> removed = removePoints(inBox(T_map_box, size_m.array() + 2.0 * padding_m));
+  for (const Eigen::Vector3d& center : taken) observed_.setFree(center, static_cast<float>(stamp_s - epoch_s_));
+  UpdateStatistics statistics;
+  train(&statistics);
+  publish();
+  return removed;
+}
+
+std::vector<Eigen::Vector3d> GpisMap::removePoints(const std::function<bool(const Eigen::Vector3d&)>& isInside) {
   std::vector<Eigen::Vector3d> removed;
   std::vector<std::pair<LatticeKey, std::uint32_t>> touched;
   for (auto& [key, cell] : cells_) {
@@ -214,10 +266,6 @@ std::vector<Eigen::Vector3d> GpisMap::clearBox(const Eigen::Isometry3d& T_map_bo
     touched.emplace_back(key, mask);
   }
   for (const auto& [key, mask] : touched) markTouched(key, mask);
-  observed_.forgetIf(isInside);
-  UpdateStatistics statistics;
-  train(&statistics);
-  publish();
   return removed;
 }
 

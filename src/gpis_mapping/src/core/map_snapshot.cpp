@@ -183,8 +183,11 @@ SpaceState MapSnapshot::state(const Eigen::Vector3d& p_map, double distance_m) c
     return -distance_m <= config_.query.occupied_depth_m ? SpaceState::kOccupied : SpaceState::kUnknown;
   }
   if (observed_.isFree(p_map)) return SpaceState::kFree;
-  // Within a block of a surface, on the side it was seen from: the ray that saw it went through here.
-  return distance_m < observed_.blockSize() ? SpaceState::kFree : SpaceState::kUnknown;
+  // Near a surface, on the side it was seen from: the ray that saw it went through here. A block is told to be free when a
+  // ball of 0.6 blocks about its centre is before what was seen; at 1.1 blocks from a face, or more with noise, it may not
+  // be. Less than that would leave sheets of unknown space before every face.
+  constexpr double kNear_blocks = 1.5;
+  return distance_m < kNear_blocks * observed_.blockSize() ? SpaceState::kFree : SpaceState::kUnknown;
 }
 
 void MapSnapshot::blendedVariance(const Points3d& points_map, const QueryOptions& options, QueryResult* result) const {

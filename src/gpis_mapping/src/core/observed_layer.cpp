@@ -198,6 +198,13 @@ void ObservedLayer::occupy(const Eigen::Vector3d& p_map) {
   if (found != chunks_.end() && (*found->second)[index] != kNever) writable(key)[index] = kNever;
 }
 
+void ObservedLayer::setFree(const Eigen::Vector3d& p_map, float stamp_s) {
+  int index = 0;
+  const LatticeKey key = locate(p_map, &index);
+  float& last = writable(key)[static_cast<std::size_t>(index)];
+  last = std::max(last, stamp_s);
+}
+
 void ObservedLayer::forgetIf(const std::function<bool(const Eigen::Vector3d&)>& isInside) {
   const double chunk_size = kChunkBlocks * block_size_m_;
   std::vector<LatticeKey> keys;  // writable() changes chunks_

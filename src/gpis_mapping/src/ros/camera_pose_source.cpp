@@ -63,7 +63,9 @@ void CameraPoseParams::read(const std::string& section, ParamReader* reader) {
 }
 
 CameraPoseSource::CameraPoseSource(const ros::NodeHandle& nh, const CameraPoseParams& params)
-    : params_(requireValid(params)), guard_(params.pose_limits), listener_(buffer_, nh) {
+    : params_(requireValid(params)),
+      guard_(params.pose_limits),
+      listener_(buffer_, nh, true, ros::TransportHints().tcpNoDelay()) {
   connection_ = buffer_._addTransformsChangedListener([this] {
     const std::lock_guard<std::mutex> lock(mutex_);
     ++num_tf_messages_;
@@ -126,6 +128,7 @@ CameraPoseSource::StampVerdict CameraPoseSource::checkStamp(const ros::Time& sta
     // What tf and the guard remember belongs to a time that is yet to come.
     buffer_.clear();
     guard_.reset();
+    has_restarted_ = true;
     last_stamp_ = stamp;
     *refusal = {FrameStatus::kTimeRanBack,
                 "time ran back by " + seconds(back) + " (a looped bag?): transforms and pose history are forgotten"};
@@ -176,7 +179,9 @@ std::optional<Eigen::Isometry3d> CameraPoseSource::lookUp(const std::string& cam
     }
     std::string why;
     try {
-      return toIsometry(buffer_.lookupTransform(params_.map_frame, camera_frame, stamp).transform, refusal);
+      const auto transform = buffer_.lookupTransform(params_.map_frame, camera_frame, stamp).transform;
+      has_restarted_ = false;
+      return toIsometry(transform, refusal);
     } catch (const tf2::TransformException& error) {
       why = error.what();
     }
@@ -184,6 +189,8 @@ std::optional<Eigen::Isometry3d> CameraPoseSource::lookUp(const std::string& cam
     const bool has_changed =
         changed_.wait_until(lock, deadline, [this, seen] { return is_stopping_ || num_tf_messages_ != seen; });
     if (has_changed && !is_stopping_) continue;
+    // One transform of the time before that arrived after the restart makes tf refuse all of the new time.
+    if (has_restarted_) buffer_.clear();
     *refusal = {FrameStatus::kNoTransform, "no transform from '" + camera_frame + "' to '" + params_.map_frame +
                                                "' at " + std::to_string(stamp.toSec()) + " s after waiting " +
                                                seconds(params_.tf_timeout_s) + " (tf_timeout_s): " + why};

@@ -40,6 +40,10 @@ std::vector<std::string> GpisMappingParams::validate() const {
   check("storage/autosave_period_s", storage.autosave_period_s, 0.1, 86400.0, "s");
   if (!storage.autosave_file.empty()) {
     try {
+      // The folder of a run may be new: who comes first makes it.
+      std::error_code ignored;
+      const std::filesystem::path file(storage.autosave_file);
+      if (file.is_absolute()) std::filesystem::create_directory(file.parent_path(), ignored);
       requireUsablePath(storage.autosave_file);
     } catch (const std::invalid_argument& error) {
       problems.push_back(std::string("storage/autosave_file = ") + error.what());

@@ -433,9 +433,9 @@ void GpisMappingRos::clearAttached() {
                                   " s older than the last image, allowed are " + std::to_string(kMaxAge_s) + " s");
     }
     const Eigen::Isometry3d T_map_brick = boxInMap(taken_->header, taken_->pose);
-    const Eigen::Vector3d size =
-        Eigen::Vector3d(taken_->size.x, taken_->size.y, taken_->size.z).array() + 2.0 * params_.attached.padding_m;
-    const std::vector<Eigen::Vector3d> removed = map_->clearBox(T_map_brick, size);
+    const std::vector<Eigen::Vector3d> removed =
+        map_->takeOut(T_map_brick, Eigen::Vector3d(taken_->size.x, taken_->size.y, taken_->size.z),
+                      params_.attached.padding_m, taken_->header.stamp.toSec());
     takeState(state().stamp, false, removed);
     ROS_INFO_NAMED(kLog, "brick %d was taken: %zu points of it forgotten", taken_->id, removed.size());
   } catch (const tf2::ExtrapolationException&) {

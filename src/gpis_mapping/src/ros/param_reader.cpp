@@ -130,6 +130,28 @@ void ParamReader::read(const std::string& key, std::vector<std::string>* value) 
   }
 }
 
+void ParamReader::read(const std::string& key, std::vector<double>* value) {
+  const XmlRpcValue* found = find(key);
+  if (found == nullptr) return;
+  XmlRpcValue copy = *found;
+  std::vector<double> numbers;
+  bool is_list = copy.getType() == XmlRpcValue::TypeArray;
+  for (int i = 0; is_list && i < copy.size(); ++i) {
+    if (copy[i].getType() == XmlRpcValue::TypeDouble) {
+      numbers.push_back(static_cast<double>(copy[i]));
+    } else if (copy[i].getType() == XmlRpcValue::TypeInt) {
+      numbers.push_back(static_cast<int>(copy[i]));
+    } else {
+      is_list = false;
+    }
+  }
+  if (is_list) {
+    *value = numbers;
+  } else {
+    reportType(key, copy, "a list of numbers");
+  }
+}
+
 std::string ParamReader::yamlOf(const std::string& section) {
   const XmlRpcValue* found = find(section);
   if (found == nullptr) return "";

@@ -40,6 +40,9 @@ void ParamWriter::write(const std::string& key, const std::string& value) {
 void ParamWriter::write(const std::string& key, const std::vector<std::string>& value) {
   put(state_->root, key, value);
 }
+void ParamWriter::write(const std::string& key, const std::vector<double>& value) {
+  put(state_->root, key, value);
+}
 
 std::string ParamWriter::text() const {
   return YAML::Dump(state_->root);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What changes a map beside depth images: clearBox and retune.
+// What changes a map beside depth images: clearBox, takeOut and retune.
 #include <cmath>
 #include <limits>
 
@@ -79,6 +79,55 @@ TEST(ClearBox, LeavesTheMapThatWouldHaveBeenBuiltWithoutThosePoints) {
       size.array() - 2.0 * 0.04;  // marching cubes reach 1.25 spacings and a voxel beyond points
   for (const Eigen::Vector3d& v : extractor.mesh().vertices_map) deep_inside += isInBox(v, core) ? 1 : 0;
   EXPECT_EQ(deep_inside, 0u);
+}
+
+/// A brick of 0.3 x 0.2 x 0.2 m whose top and -y side were seen, before a wall that was seen from +y, its back to the brick.
+/// Nothing was seen free: only surface tells where space is.
+MapContents brickBeforeWall() {
+  MapContents contents;
+  sampleRectangle({-0.15, -0.10, 0.2}, {0.3, 0.0, 0.0}, {0.0, 0.2, 0.0}, 0.02, 0.001, &contents.points);
+  sampleRectangle({-0.15, -0.10, 0.0}, {0.3, 0.0, 0.0}, {0.0, 0.0, 0.2}, 0.02, 0.001, &contents.points);
+  sampleRectangle({0.25, 0.16, 0.0}, {-0.5, 0.0, 0.0}, {0.0, 0.0, 0.4}, 0.02, 0.001, &contents.points);
+  return contents;
+}
+
+SpaceState stateAt(const GpisMap& map, const Eigen::Vector3d& p_map) {
+  return map.snapshot()->query(p_map).state[0];
+}
+
+TEST(TakeOut, LeavesFreeSpaceWhereTheSolidWasAndBesideIt) {
+  const Eigen::Isometry3d T_map_brick(Eigen::Translation3d(0.0, 0.0, 0.1));
+  const Eigen::Vector3d size(0.3, 0.2, 0.2);
+  GpisMap map(brickBeforeWall());
+  const Eigen::Vector3d inside(0.025, 0.025, 0.125), above(0.025, 0.075, 0.225), behind(0.025, 0.275, 0.225);
+  ASSERT_EQ(stateAt(map, inside), SpaceState::kOccupied);
+  ASSERT_EQ(stateAt(map, above), SpaceState::kFree);
+  const SpaceState far_before = stateAt(map, behind);
+  const auto removed = map.takeOut(T_map_brick, size, 0.01, 5.0);
+  GpisMap forgetful(brickBeforeWall());
+  const auto cleared = forgetful.clearBox(T_map_brick, size.array() + 0.02);
+  EXPECT_EQ(removed.size(), cleared.size());
+  EXPECT_NE(stateAt(forgetful, above), SpaceState::kFree) << "the wall's back would tell it to be solid";
+  std::size_t seen = 0;
+  for (double x = -0.125; x < 0.15; x += 0.05) {
+    for (double y = -0.075; y < 0.1; y += 0.05) {
+      for (double z = 0.025; z < 0.2; z += 0.05, ++seen) {
+        EXPECT_EQ(stateAt(map, {x, y, z}), SpaceState::kFree) << x << " " << y << " " << z;
+      }
+    }
+  }
+  EXPECT_EQ(seen, 6u * 4u * 4u);
+  EXPECT_EQ(stateAt(map, above), SpaceState::kFree);
+  EXPECT_EQ(stateAt(map, behind), far_before) << "too far away to be touched";
+}
+
+TEST(TakeOut, RefusesWhatIsNoSolid) {
+  GpisMap map(floorContents());
+  const auto at = Eigen::Isometry3d::Identity();
+  EXPECT_THROW(map.takeOut(at, {0.1, 0.0, 0.1}, 0.01, 1.0), std::invalid_argument);
+  EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, -0.01, 1.0), std::invalid_argument);
+  EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, 0.01, kNaN), std::invalid_argument);
+  EXPECT_EQ(map.snapshot()->numPoints(), 2500u);
 }
 
 TEST(ClearBox, ForgetsThatSpaceInsideWasFree) {

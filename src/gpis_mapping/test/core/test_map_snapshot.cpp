@@ -424,11 +424,12 @@ TEST(MapSnapshot, StateFollowsDistanceAndObservation) {
   const GpisConfig config;
   const auto map = makeMap(config, points, seenFree(column));
   const auto stateAt = [&](double x, double y, double z) { return queryOne(*map, {x, y, z}).state[0]; };
-  EXPECT_EQ(stateAt(0.01, 0.01, 0.02), SpaceState::kFree);     // within a block of the surface that was seen
+  EXPECT_EQ(stateAt(0.01, 0.01, 0.02), SpaceState::kFree);     // near the surface that was seen
   EXPECT_EQ(stateAt(0.01, 0.01, 0.08), SpaceState::kFree);     // observed
   EXPECT_EQ(stateAt(0.01, 0.01, 0.9), SpaceState::kFree);      // observed, far from any surface
-  EXPECT_EQ(stateAt(0.12, 0.12, 0.04), SpaceState::kFree);     // within a block, not observed
-  EXPECT_EQ(stateAt(0.12, 0.12, 0.06), SpaceState::kUnknown);  // farther, not observed
+  EXPECT_EQ(stateAt(0.12, 0.12, 0.04), SpaceState::kFree);     // within 1.5 blocks, not observed
+  EXPECT_EQ(stateAt(0.12, 0.12, 0.07), SpaceState::kFree);     // the same
+  EXPECT_EQ(stateAt(0.12, 0.12, 0.08), SpaceState::kUnknown);  // farther, not observed
   EXPECT_EQ(stateAt(0.12, 0.12, 0.9), SpaceState::kUnknown);
   EXPECT_EQ(stateAt(0.01, 0.01, -0.01), SpaceState::kOccupied);
   EXPECT_EQ(stateAt(0.01, 0.01, -(config.query.occupied_depth_m - 0.01)), SpaceState::kOccupied);

@@ -120,6 +120,54 @@ TEST(ParamWriter, WritesAListOfTextsAsOneValue) {
   EXPECT_EQ(yaml["section"]["none"].size(), 0u);
 }
 
+TEST(ParamReader, ReadsAListOfNumbersWholeOrNotAtAll) {
+  ros::NodeHandle nh("~numbers");
+  const auto read = [&nh](std::string* complaint) {
+    ParamReader reader(nh);
+    std::vector<double> numbers{1.5, 2.5};
+    reader.read("section/numbers", &numbers);
+    *complaint = messageOf<std::invalid_argument>([&reader] { reader.finish(); });
+    return numbers;
+  };
+  std::string complaint;
+  EXPECT_THAT(read(&complaint), ElementsAre(1.5, 2.5));
+  EXPECT_EQ(complaint, "");
+  XmlRpc::XmlRpcValue numbers;
+  numbers.setSize(3);
+  numbers[0] = 0.25;
+  numbers[1] = -3;  // an integer will do
+  numbers[2] = 1e-9;
+  nh.setParam("section/numbers", numbers);
+  EXPECT_THAT(read(&complaint), ElementsAre(0.25, -3.0, 1e-9));
+  EXPECT_EQ(complaint, "");
+  XmlRpc::XmlRpcValue none;
+  none.setSize(0);
+  nh.setParam("section/numbers", none);
+  EXPECT_THAT(read(&complaint), testing::IsEmpty());
+  EXPECT_EQ(complaint, "");
+  // Not one of these is a list of numbers.
+  nh.setParam("section/numbers", 0.25);
+  EXPECT_THAT(read(&complaint), ElementsAre(1.5, 2.5));
+  EXPECT_THAT(complaint, AllOf(HasSubstr("/numbers/section/numbers = "), HasSubstr("must be a list of numbers")));
+  for (const XmlRpc::XmlRpcValue& bad : {XmlRpc::XmlRpcValue("1.0"), XmlRpc::XmlRpcValue(true)}) {
+    numbers[1] = bad;
+    nh.setParam("section/numbers", numbers);
+    EXPECT_THAT(read(&complaint), ElementsAre(1.5, 2.5));
+    EXPECT_THAT(complaint, AllOf(HasSubstr("/numbers/section/numbers = "), HasSubstr("must be a list of numbers")));
+  }
+}
+
+TEST(ParamWriter, WritesAListOfNumbersThatReadsBackTheSame) {
+  ParamWriter writer;
+  const std::vector<double> numbers{0.1, -3.0, 1.0 / 3.0, 1e-9};
+  writer.write("section/numbers", numbers);
+  writer.write("section/none", std::vector<double>());
+  const YAML::Node yaml = YAML::Load(writer.text());
+  EXPECT_EQ(yaml["section"]["numbers"].as<std::vector<double>>(), numbers) << writer.text();
+  ASSERT_TRUE(yaml["section"]["none"].IsSequence()) << writer.text();
+  EXPECT_EQ(yaml["section"]["none"].size(), 0u);
+}
+
 }  // namespace
 }  // namespace gpis_mapping_ros
 

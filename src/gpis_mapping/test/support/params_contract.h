@@ -46,12 +46,20 @@ inline std::string textOf(const YAML::Node& value) {
   return "[" + text + "]";
 }
 
-/// Numbers that are equal are the same text.
+/// Numbers that are equal are the same text, in lists too.
+inline std::string canonicalTextOf(const YAML::Node& value) {
+  double number = 0.0;
+  if (YAML::convert<double>::decode(value, number)) return std::to_string(number);
+  if (!value.IsSequence()) return textOf(value);
+  std::string text;
+  for (const YAML::Node& item : value) text += (text.empty() ? "" : ", ") + canonicalTextOf(item);
+  return "[" + text + "]";
+}
+
 inline Values flattened(const YAML::Node& yaml) {
   Values values;
   forEachScalar(yaml, "", [&values](const std::string& key, const YAML::Node& value) {
-    double number = 0.0;
-    values[key] = YAML::convert<double>::decode(value, number) ? std::to_string(number) : textOf(value);
+    values[key] = canonicalTextOf(value);
   });
   return values;
 }
@@ -103,7 +111,13 @@ inline void expectEveryKeyIsReadIntoItsOwnField(const Contract& contract, const 
         changed[key] = static_cast<bool>(other);
         break;
       case XmlRpc::XmlRpcValue::TypeArray:
-        for (int i = 0; i < other.size(); ++i) changed[key].push_back(static_cast<std::string>(other[i]));
+        for (int i = 0; i < other.size(); ++i) {
+          if (other[i].getType() == XmlRpc::XmlRpcValue::TypeDouble) {
+            changed[key].push_back(static_cast<double>(other[i]));
+          } else {
+            changed[key].push_back(static_cast<std::string>(other[i]));
+          }
+        }
         break;
       default:
         changed[key] = static_cast<std::string>(other);
