@@ -19,6 +19,7 @@ struct OctomapBaselineParams {
 
   struct Output {
     double rate_hz{2.0};             // of every topic but ~update, at most; by the wall clock
+    bool every_image{false};         // besides, after each image that changed the map, before its ~update
     double projected_min_z_m{-1e4};  // voxels between these heights make the projected map
     double projected_max_z_m{1e4};
     bool filter_speckles{false};  // voxels without an occupied neighbour are left out of it

@@ -32,6 +32,7 @@ OctomapBaselineParams loadOctomapBaselineParams(const ros::NodeHandle& private_n
   gpis_mapping_ros::ParamReader reader(private_nh);
   params.input.read("input", &reader);
   reader.read("output/rate_hz", &params.output.rate_hz);
+  reader.read("output/every_image", &params.output.every_image);
   reader.read("output/projected_min_z_m", &params.output.projected_min_z_m);
   reader.read("output/projected_max_z_m", &params.output.projected_max_z_m);
   reader.read("output/filter_speckles", &params.output.filter_speckles);

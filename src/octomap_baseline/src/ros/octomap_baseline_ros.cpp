@@ -108,6 +108,7 @@ Refusal OctomapBaselineRos::consume(const DepthInputFrame& frame) {
   }
   ROS_DEBUG_NAMED(kLog, "update %lu: %.1f ms, %u voxels, +%u -%u", static_cast<unsigned long>(message.update),
                   message.total_ms, message.map_points, message.inserted, message.deleted);
+  if (params_.output.every_image) publishOutputs();
   // Last: whoever waits for it finds the services' answers up to date.
   update_publisher_.publish(message);
   return {};
