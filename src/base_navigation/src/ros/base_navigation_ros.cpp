@@ -70,7 +70,7 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
       profile_(mp700_ur5e_description::loadBaseProfile(params_.base_profile_file)),
       limits_(params_.limitsOf(profile_)),
       planner_(params_.planner, limits_, profile_.body.footprint_m),
-      tf_listener_(tf_),
+      tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()),
       fusion_(params_.grid, profile_.body.footprint_m),
       navigator_(params_.navigator, params_.planner, params_.follower, params_.guard, limits_,
                  profile_.body.footprint_m),
@@ -103,8 +103,10 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
 
   ros::NodeHandle control(nh);
   control.setCallbackQueue(&control_queue_);
-  odometry_subscriber_ = control.subscribe("odom", 20, &BaseNavigationRos::onOdometry, this);
-  scan_subscriber_ = control.subscribe("scan", 5, &BaseNavigationRos::onScan, this);
+  // What is acted on must not be held back by Nagle's algorithm.
+  const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
+  odometry_subscriber_ = control.subscribe("odom", 20, &BaseNavigationRos::onOdometry, this, no_delay);
+  scan_subscriber_ = control.subscribe("scan", 5, &BaseNavigationRos::onScan, this, no_delay);
   ground_subscriber_ = control.subscribe("map/ground", 2, &BaseNavigationRos::onGround, this);
   watchdog_ = control.createTimer(ros::Duration(1.0 / params_.output.watchdog_rate_hz),
                                   [this](const ros::TimerEvent&) { onWatchdog(); });

@@ -71,7 +71,7 @@ std::string formatted(const char* format, double value) {
 NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadNbvSelectionParams(private_nh)),
       robot_(bodyFrom(nh, params_)),
-      tf_listener_(tf_),
+      tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()),
       loader_("nbv_selection", "nbv_selection_ros::Strategy"),
       markers_(private_nh),
       failures_(params_.failures.cell_m) {
