@@ -53,12 +53,17 @@ struct CollisionCheckerConfig {
   double floor_margin_m{
       0.02};                   // every moving link stays this far above the ground; what is held, shrunk, only above it
   double held_shrink_m{0.01};  // a held brick is smaller by this on each side: it may touch what it lies on and beside
-  double target_padding_m{
-      0.02};  // of the box about the target that leaves the world for magnet and brick. With the shrinking
-              // at least half a block of the scene, or a brick's unseen back would hold it in its place
+  double held_release_m{0.03};  // at the start of its way at most by so much: what the map has nearer is not there
+  /// Of the box about the target that leaves the world for magnet and brick. With the shrinking at least half a block of
+  /// the scene, or a brick's unseen back would hold it in its place; and as far as the doubtful surface reaches that the
+  /// map grows before edges and half-seen faces, up to 3 cm.
+  double target_padding_m{0.035};
 
   std::vector<std::string> validate() const;
 };
+
+/// So long is the first part of a held brick's way, in which it may still hang among its neighbours.
+constexpr double kAmongOthers_m = 0.05;
 
 /// The robot in a scene. The arm moves, the base stands at T_map_base. Cheap to copy for another thread; not thread-safe.
 /// Robot shapes are the URDF's, exact against triangles and each other (FCL) and against the lattice's blocks, which count as
@@ -73,9 +78,14 @@ class CollisionChecker {
   CollisionChecker(const CollisionChecker& other);
   CollisionChecker& operator=(const CollisionChecker&) = delete;
 
-  /// Nothing: the magnet is empty. `may_touch`: as in a lift, what is held lies on or beside something and is smaller by
-  /// held_shrink_m; otherwise it hangs free and is taken as large as it is.
+  /// Nothing: the magnet is empty. `may_touch`: as in a lift, what is held lies on or beside something: it is smaller by
+  /// held_shrink_m and may come as near to surface as that is mapped, whatever its margin; otherwise it hangs free and is
+  /// taken as large as it is.
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch = true);
+  /// As in a lift, and made smaller still, up to held_release_m, until it is free in all these postures, the first of its
+  /// way: where it hangs can be nothing else, so that the map is wrong by as much. False: not even then,
+  /// and it is as in a lift. Throws as setHeld().
+  bool setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures);
   const std::optional<HeldBrick>& held() const;
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
@@ -102,6 +112,8 @@ class CollisionChecker {
   const Eigen::Isometry3d& baseInMap() const;  // T_map_base
 
  private:
+  void setHeld(const std::optional<HeldBrick>& held, bool may_touch, double less_m);
+
   struct State;
   std::unique_ptr<State> state_;
 };

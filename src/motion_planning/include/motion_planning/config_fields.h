@@ -28,6 +28,7 @@ void visitPlannerFields(Config& config, Visitor&& visit) {
   visit("collision/self_padding_m", config.collision.self_padding_m);
   visit("collision/floor_margin_m", config.collision.floor_margin_m);
   visit("collision/held_shrink_m", config.collision.held_shrink_m);
+  visit("collision/held_release_m", config.collision.held_release_m);
   visit("collision/target_padding_m", config.collision.target_padding_m);
   visit("search/max_iterations", config.planner.max_iterations);
   visit("search/range_rad", config.planner.range_rad);

@@ -93,13 +93,12 @@ class MotionPlanningRos {
     ros::Time start;
     double duration_s{0.0};
     std::optional<motion_planning::OrientedBox> target;
-    motion_planning::ArmVector start_rad{motion_planning::ArmVector::Zero()};
+    std::vector<motion_planning::ArmVector> first_rad;  // postures: the start, and what may still be among others
   };
   std::mutex monitor_mutex_;  // guards what follows, up to the blank line
   motion_planning::PathMonitor path_monitor_;
   std::optional<Watch> watch_;
   std::uint32_t num_watches_{0};
-  interactive_mapping_msgs::PathMonitorState monitor_state_;
   ros::Publisher monitor_publisher_;
 
   std::mutex report_mutex_;                        // guards what follows, up to the blank line

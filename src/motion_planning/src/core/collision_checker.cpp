@@ -21,6 +21,7 @@ namespace {
 using mp700_ur5e_description::RobotModel;
 using mp700_ur5e_description::Shape;
 
+constexpr double kReleaseStep_m = 0.005;
 constexpr const char* kBrick = "brick";
 
 /// A shape of the robot, or the brick, with what the tests need of it.
@@ -163,24 +164,25 @@ const char* toString(CollisionKind kind) {
 }
 
 std::string Contact::describe() const {
-  std::ostringstream where;
-  where.precision(3);
-  where << std::fixed << " at (" << where_map.x() << ", " << where_map.y() << ", " << where_map.z() << ") m in the map";
+  std::ostringstream at;
+  at.precision(3);
+  at << std::fixed << " at (" << where_map.x() << ", " << where_map.y() << ", " << where_map.z() << ") m in the map";
+  const std::string part = first + ", its middle" + at.str() + ",";
   switch (kind) {
     case CollisionKind::kNone:
       return "nothing is in the way";
     case CollisionKind::kLimits:
       return first + " is beyond its limits";
     case CollisionKind::kSelf:
-      return first + " touches " + second + where.str();
+      return part + " touches " + second;
     case CollisionKind::kSurface:
-      return first + " touches the mapped surface or its margin" + where.str();
+      return part + " touches the mapped surface or its margin";
     case CollisionKind::kInside:
-      return first + " is inside a mapped object" + where.str();
+      return first + " is inside a mapped object" + at.str();
     case CollisionKind::kUnknown:
-      return first + " is in space near the pile that nobody has seen" + where.str();
+      return first + " is in space near the pile that nobody has seen" + at.str();
     case CollisionKind::kFloor:
-      return first + " is too near to the floor" + where.str();
+      return part + " is too near to the floor";
   }
   return "?";
 }
@@ -190,6 +192,7 @@ std::vector<std::string> CollisionCheckerConfig::validate() const {
   check("self_padding_m", self_padding_m, 0.0, kMaxSelfPadding_m, "m");
   check("floor_margin_m", floor_margin_m, -0.1, 0.3, "m");
   check("held_shrink_m", held_shrink_m, 0.0, 0.05, "m");
+  check("held_release_m", held_release_m, 0.0, 0.05, "m");
   check("target_padding_m", target_padding_m, 0.0, 0.1, "m");
   return check.problems();
 }
@@ -202,6 +205,7 @@ struct CollisionChecker::State {
   std::shared_ptr<const RobotParts> parts;
   std::optional<HeldBrick> held_brick;
   bool held_may_touch{false};
+  double held_less_m{0.0};           // on each side, against surface and blocks
   std::shared_ptr<const Part> held;  // the same as a part
 
   // The world without the target.
@@ -393,7 +397,11 @@ struct CollisionChecker::State {
     for (std::size_t c = 0; c < scene->chunks.size(); ++c) {
       if (!scene->chunks[c]->bounds().intersects(bounds)) continue;
       const SurfaceChunk* chunk = chunkFor(c, is_exempt);
-      if (chunk && overlap(chunk->bvh(), Eigen::Isometry3d::Identity(), *part.world_fcl, T)) return true;
+      if (!chunk) continue;
+      // A neighbour is doubted by more than the gap to it, and yet cannot be where the brick lies.
+      const fcl::CollisionGeometryd* surface = &chunk->bvh();
+      if (&part == held.get() && held_may_touch) surface = &chunk->mappedBvh();
+      if (overlap(*surface, Eigen::Isometry3d::Identity(), *part.world_fcl, T)) return true;
     }
     return false;
   }
@@ -467,6 +475,24 @@ const Eigen::Isometry3d& CollisionChecker::baseInMap() const {
 }
 
 void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_touch) {
+  setHeld(held, may_touch, may_touch ? state_->config.held_shrink_m : 0.0);
+}
+
+bool CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures) {
+  const CollisionCheckerConfig& config = state_->config;
+  const auto are_free = [&] {
+    return std::all_of(postures.begin(), postures.end(), [this](const ArmVector& q) { return isFree(q); });
+  };
+  for (double less_m = config.held_shrink_m;; less_m += kReleaseStep_m) {
+    setHeld(held, true, std::min(less_m, std::max(config.held_release_m, config.held_shrink_m)));
+    if (are_free()) return true;
+    if (less_m >= config.held_release_m) break;
+  }
+  setHeld(held);
+  return false;
+}
+
+void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_touch, double less_m) {
   if (!held) {
     state_->held_brick.reset();
     state_->held.reset();
@@ -474,7 +500,8 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   }
   if (!isRigid(held->T_tip_brick)) throw std::invalid_argument("pose of the held brick is not a rigid transform");
   if (!isValidSize(held->size_m)) throw std::invalid_argument("size of the held brick " + describeSize(held->size_m));
-  if (state_->held && state_->held_brick->size_m == held->size_m && state_->held_may_touch == may_touch) {
+  if (state_->held && state_->held_brick->size_m == held->size_m && state_->held_may_touch == may_touch &&
+      state_->held_less_m == less_m) {
     // The same brick, taken elsewhere: what depends on its size is there.
     auto part = std::make_shared<Part>(*state_->held);
     part->T_body_shape = state_->parts->T_body_tip * held->T_tip_brick;
@@ -483,8 +510,7 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
     return;
   }
   // A plate thinner than twice what it is shrunk by keeps a fifth of its thickness.
-  const mp700_ur5e_description::Box shrunk{
-      (held->size_m.array() - 2.0 * state_->config.held_shrink_m).max(0.2 * held->size_m.array())};
+  const mp700_ur5e_description::Box shrunk{(held->size_m.array() - 2.0 * less_m).max(0.2 * held->size_m.array())};
   const mp700_ur5e_description::Box whole{held->size_m};
   auto part = std::make_shared<Part>(makeMovingPart(kBrick, state_->parts->tip_body,
                                                     state_->parts->T_body_tip * held->T_tip_brick,
@@ -493,6 +519,7 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   state_->held = std::move(part);
   state_->held_brick = held;
   state_->held_may_touch = may_touch;
+  state_->held_less_m = less_m;
 }
 
 const std::optional<HeldBrick>& CollisionChecker::held() const {

@@ -449,6 +449,39 @@ PileBlocks findPile(const BlockLattice& lattice, const std::vector<Eigen::Vector
   return result;
 }
 
+/// One or two unseen blocks with free space all around hide no solid: it would have a surface that was seen. They come from
+/// pixels that measured nothing, at the edges of things.
+void forgiveSpecks(const Eigen::Isometry3d& T_base_map, CollisionScene* scene) {
+  constexpr int kOpenFaces = 5;  // of six: one block alone, or each of two
+  const BlockLattice& lattice = scene->lattice;
+  const Eigen::Vector3i size = lattice.size();
+  const auto isOpen = [&](const Eigen::Vector3i& block) {
+    if ((block.array() < 0).any() || (block.array() >= size.array()).any()) return false;
+    const std::uint8_t flags = scene->flags[lattice.index(block)];
+    if ((flags & kBlockObserved) != 0) return (flags & (kBlockInside | kBlockUnknown)) == 0;
+    return (T_base_map * lattice.center(block)).z() >= 0.0;  // not asked for: far from the pile, or under the floor
+  };
+  std::vector<std::size_t> specks;  // told by the state before any is forgiven
+  std::size_t at = 0;
+  for (int z = 0; z < size.z(); ++z) {
+    for (int y = 0; y < size.y(); ++y) {
+      for (int x = 0; x < size.x(); ++x, ++at) {
+        if ((scene->flags[at] & kBlockUnknown) == 0) continue;
+        int open = 0;
+        for (int axis = 0; axis < 3; ++axis) {
+          for (const int step : {-1, 1}) {
+            Eigen::Vector3i beside(x, y, z);
+            beside[axis] += step;
+            open += isOpen(beside) ? 1 : 0;
+          }
+        }
+        if (open >= kOpenFaces) specks.push_back(at);
+      }
+    }
+  }
+  for (const std::size_t speck : specks) scene->flags[speck] = kBlockObserved | kBlockSpeck;
+}
+
 BlockLattice latticeOf(const std::vector<Eigen::Vector3d>& vertices_map, const Eigen::Isometry3d& T_map_base,
                        const CollisionSceneConfig& config) {
   const double reach = config.region_radius_m + config.unknown_near_pile_m + 2.0 * config.block_m;
@@ -623,7 +656,7 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
           // What is below the ground is the floor test's.
           if ((T_base_map * lattice.center({x, y, z})).z() < 0.0) continue;
           const bool is_known = is_same_lattice && (last_scene.flags[at] & kBlockObserved) != 0 &&
-                                (last_scene.flags[at] & kBlockUnknown) == 0 && is_stale[at] == 0;
+                                (last_scene.flags[at] & (kBlockUnknown | kBlockSpeck)) == 0 && is_stale[at] == 0;
           if (is_known) {
             scene->flags[at] = last_scene.flags[at];
             scene->distance_m[at] = last_scene.distance_m[at];
@@ -701,6 +734,7 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
     }
   }
   if (!vertices.empty()) {
+    forgiveSpecks(T_base_map, scene.get());
     std::vector<std::uint8_t> is_taken(lattice.count());
     for (std::size_t at = 0; at < is_taken.size(); ++at) {
       is_taken[at] = (scene->flags[at] & (kBlockInside | kBlockUnknown)) != 0;

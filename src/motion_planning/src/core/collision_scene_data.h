@@ -60,6 +60,7 @@ enum BlockFlag : std::uint8_t {
   kBlockInside = 1,    // its centre is under a mapped surface
   kBlockUnknown = 2,   // unseen, and near the pile or under it
   kBlockObserved = 4,  // has been asked for
+  kBlockSpeck = 8,     // unseen, but too small to hide anything: no obstacle
 };
 
 class CollisionScene {

@@ -56,6 +56,20 @@ PlanFailure failure(PlanStatus status, const std::string& message) {
   return {status, message};
 }
 
+PlanFailure startInCollision(const Contact& contact) {
+  return failure(PlanStatus::kStartInCollision, "the arm's start is in collision: " + contact.describe());
+}
+
+/// One after the other; the first ends where and as the next begins, at rest.
+void append(const JointTrajectory& next, JointTrajectory* whole) {
+  const double since_s = whole->duration();
+  const auto begin = next.points.begin() + (whole->empty() || next.empty() ? 0 : 1);
+  for (auto point = begin; point != next.points.end(); ++point) {
+    whole->points.push_back(*point);
+    whole->points.back().time_s += since_s;
+  }
+}
+
 PlanFailure cancelledFailure() {
   return failure(PlanStatus::kCancelled, "planning was cancelled");
 }
@@ -243,10 +257,15 @@ class MotionPlanner::Call {
     if (context_.vacated) checker_->setTarget(context_.vacated, true);
     checker_->freeUnknownAt(context_.start_rad);
     // Still among its neighbours, where it touches them: as in a lift.
-    if (context_.held && checker_->check(context_.start_rad)) checker_->setHeld(context_.held);
+    if (context_.held && checker_->check(context_.start_rad)) {
+      is_among_others_ = true;
+      checker_->setHeld(context_.held);
+      wedged_ = checker_->check(context_.start_rad);
+      if (wedged_) checker_->setHeldAt(*context_.held, {context_.start_rad});
+    }
     if (isCancelled()) return cancelledFailure();
     if (const Contact contact = checker_->check(context_.start_rad)) {
-      return failure(PlanStatus::kStartInCollision, "the arm's start is in collision: " + contact.describe());
+      return startInCollision(contact);
     }
     return {};
   }
@@ -316,6 +335,7 @@ class MotionPlanner::Call {
   std::optional<JointTrajectory> timed(const JointPath& path, const ArmVector& reach_m,
                                        const std::function<bool(const ArmVector&)>& is_valid) const;
   JointTrajectory timedLine(const JointPath& line, double speed_m_s) const;
+  JointPath liftOut() const;
   Goals findGoals(const ArmGoal& goal, const ArmVector& near, const CollisionChecker& checker,
                   const std::optional<HeldBrick>& held, const Tilt& tilt) const;
   std::vector<Eigen::Isometry3d> placePoses(const PlaceGoal& place, const HeldBrick& held,
@@ -339,6 +359,8 @@ class MotionPlanner::Call {
   const PlanningContext& context_;
   const Eigen::Isometry3d T_base_map_;
   MotionLimits limits_;
+  bool is_among_others_{false};              // what is held, at the start
+  Contact wedged_;                           // ... more than a lift allows: out of there, and nothing else
   std::optional<CollisionChecker> checker_;  // as the robot stands: held, vacated, start known to be free
   // For a pick: the target may be touched; the same with the brick in the hand; the brick's place is empty.
   std::optional<CollisionChecker> touching_;
@@ -635,19 +657,56 @@ PlanFailure MotionPlanner::Call::tiltOfHeld(bool keep_level, Tilt* tilt) const {
 
 ArmPlan MotionPlanner::Call::planArm(const ArmGoal& goal) {
   ArmPlan plan;
+  ArmVector from_rad = context_.start_rad;
+  if (is_among_others_) {
+    const JointPath lift = liftOut();
+    if (lift.size() > 1) {
+      from_rad = lift.back();
+      plan.trajectory = timedLine(lift, config_.lift_speed_m_s);
+      checker_->setHeld(context_.held, false);
+    } else if (wedged_) {
+      static_cast<PlanFailure&>(plan) = startInCollision(wedged_);
+      return plan;
+    }
+  }
   Tilt tilt;
   PlanFailure why = tiltOfHeld(goal.keep_level, &tilt);
   if (why.status == PlanStatus::kSuccess) {
-    const Goals goals = findGoals(goal, context_.start_rad, *checker_, context_.held, tilt);
+    const Goals goals = findGoals(goal, from_rad, *checker_, context_.held, tilt);
     why = goals;
     if (why.status == PlanStatus::kSuccess) {
-      Motion motion = moveTo(context_.start_rad, goals.postures, *checker_, context_.held, tilt, "the arm");
+      const Motion motion = moveTo(from_rad, goals.postures, *checker_, context_.held, tilt, "the arm");
       why = motion;
-      plan.trajectory = std::move(motion.trajectory);
+      append(motion.trajectory, &plan.trajectory);
     }
   }
+  if (why.status != PlanStatus::kSuccess) plan.trajectory = {};
   static_cast<PlanFailure&>(plan) = why;
   return plan;
+}
+
+/// Straight up from the start until what is held is clear of what it hangs among, with room to all sides if it comes to
+/// that. Empty: it cannot be reached so.
+JointPath MotionPlanner::Call::liftOut() const {
+  JointPath line = followLine(context_.start_rad, arm_.tipPose(context_.start_rad),
+                              T_base_map_.linear() * Eigen::Vector3d(0.0, 0.0, config_.lift_m));
+  CollisionChecker among(*checker_);
+  const std::size_t first = std::min(line.size(), numSteps(kAmongOthers_m) + 1);
+  among.setHeldAt(*context_.held, {line.begin(), line.begin() + static_cast<std::ptrdiff_t>(first)});
+  CollisionChecker whole(*checker_);
+  whole.setHeld(context_.held, false);
+  CollisionChecker roomy(*checker_);
+  HeldBrick with_room = *context_.held;
+  with_room.size_m.array() += 2.0 * config_.lift_room_m;
+  roomy.setHeld(with_room, false);
+  std::size_t end = 0;
+  for (std::size_t k = 1; k < line.size() && among.isFree(line[k]); ++k) {
+    if (whole.isFree(line[k])) end = k;
+    if (roomy.isFree(line[k])) break;
+  }
+  if (end == 0) return {};
+  line.resize(end + 1);
+  return line;
 }
 
 ArmPlan MotionPlanner::Call::planInspect(const ViewFrustum& view, const std::vector<ArmVector>& postures) {
@@ -663,6 +722,7 @@ ArmPlan MotionPlanner::Call::planInspect(const ViewFrustum& view, const std::vec
     return fail(failure(PlanStatus::kBadRequest,
                         "view: pose not rigid, half angles not in (0, pi/2) rad, or range not positive and finite"));
   }
+  if (wedged_) return fail(startInCollision(wedged_));
   Tilt tilt;
   const PlanFailure level = tiltOfHeld(true, &tilt);
   if (level.status != PlanStatus::kSuccess) return fail(level);
@@ -807,6 +867,20 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
     note(kLineStage, PlanStatus::kApproachBlocked, "on the straight approach: " + contact.describe());
     return std::nullopt;
   }
+  // On to where the plate may still be: whoever moves the arm stops at the contact. Where the arm reaches no farther than
+  // where the plate is believed to be, a plate a millimetre behind it is never met.
+  const JointPath beyond = followLine(candidate.contact, grip.T_base_contact, -config_.overtravel_m * back_base);
+  if (config_.overtravel_m > 0.0) {
+    if (beyond.size() <= numSteps(config_.overtravel_m)) {
+      note(kLineStage, PlanStatus::kApproachBlocked, "the arm cannot follow the touch on beyond the plate");
+      return std::nullopt;
+    }
+    contact = firstContact(*touching_, beyond);
+    if (contact) {
+      note(kLineStage, PlanStatus::kApproachBlocked, "beyond the plate: " + contact.describe());
+      return std::nullopt;
+    }
+  }
   // Among its neighbours the brick may touch what it lies on and beside. The lift ends where it has room to all sides, for
   // the search that carries it away; where it never has, as high as all of it is at least clear of them.
   hold(candidate.grip, grip.held);
@@ -821,13 +895,18 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
     std::size_t end = shortest;
     while (end < line.size() && !roomy_->isFree(line[end])) ++end;
     contact = {};
+    Contact highest;  // what is in the way there, below it is the pile
     if (end == line.size()) {
       do {
         contact = carrying_->check(line[--end]);
+        if (end + 1 == line.size()) highest = contact;
       } while (contact && end > shortest);
     }
     if (contact) {
-      note(kLineStage, PlanStatus::kApproachBlocked, "at the end of the lift: " + contact.describe());
+      note(kLineStage, PlanStatus::kApproachBlocked,
+           "at the end of the lift, " +
+               std::to_string(std::lround(1000.0 * config_.cartesian_step_m * static_cast<double>(line.size() - 1))) +
+               " mm on: " + highest.describe());
       continue;
     }
     line.resize(end + 1);
@@ -846,11 +925,7 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
     return std::nullopt;
   }
   std::reverse(approach.begin(), approach.end());
-  // On to where the plate may still be, as far as the arm can: whoever moves it stops at the contact.
-  if (config_.overtravel_m > 0.0) {
-    const JointPath beyond = followLine(candidate.contact, grip.T_base_contact, -config_.overtravel_m * back_base);
-    for (std::size_t k = 1; k < beyond.size() && touching_->isFree(beyond[k]); ++k) approach.push_back(beyond[k]);
-  }
+  if (config_.overtravel_m > 0.0) approach.insert(approach.end(), std::next(beyond.begin()), beyond.end());
   return Pick{candidate.grip, std::move(approach), std::move(*lift)};
 }
 

@@ -102,6 +102,19 @@ std::string namesOf(const std::map<std::string, ArmVector>& postures) {
   return names;
 }
 
+/// The start, and more until the tip has left it by kAmongOthers_m.
+std::vector<ArmVector> firstPostures(const ArmKinematics& arm, const motion_planning::JointTrajectory& trajectory) {
+  constexpr double kSample_s = 0.05;
+  std::vector<ArmVector> postures = {trajectory.points.front().position_rad};
+  const Eigen::Vector3d from = arm.tipPose(postures.front()).translation();
+  for (double t = kSample_s; t <= trajectory.duration(); t += kSample_s) {
+    const ArmVector q = trajectory.sample(t).position_rad;
+    if ((arm.tipPose(q).translation() - from).norm() > motion_planning::kAmongOthers_m) break;
+    postures.push_back(q);
+  }
+  return postures;
+}
+
 }  // namespace
 
 MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
@@ -522,7 +535,7 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
       } else {
         watch.id = ++num_watches_;
         watch.duration_s = trajectory.duration();
-        watch.start_rad = trajectory.points.front().position_rad;
+        watch.first_rad = firstPostures(*kinematics_, trajectory);
         path_monitor_.start(std::move(trajectory), kinematics_);
         watch_ = watch;
         response.watch_id = watch.id;
@@ -572,7 +585,8 @@ void MotionPlanningRos::monitor() {
         } else if (held) {
           checker.setTarget(held->vacated, true);
         }
-        checker.freeUnknownAt(watch_->start_rad);
+        checker.freeUnknownAt(watch_->first_rad.front());
+        if (held) checker.setHeldAt(held->brick, watch_->first_rad);
         const motion_planning::PathVerdict verdict = path_monitor_.check(std::max(0.0, elapsed_s), checker);
         state.must_stop = verdict.must_stop ? 1 : 0;
         state.reason = verdict.reason;
@@ -587,9 +601,7 @@ void MotionPlanningRos::monitor() {
       }
     }
   }
-  // What has been told once about nothing being watched need not be told again.
-  if (!state.is_watching && !monitor_state_.is_watching && !monitor_state_.header.stamp.isZero()) return;
-  monitor_state_ = state;
+  // Also when nothing is watched: a simulated clock may wait for it.
   monitor_publisher_.publish(state);
 }
 

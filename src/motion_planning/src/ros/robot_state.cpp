@@ -48,9 +48,13 @@ double maxHeldEdge(const mp700_ur5e_description::BrickCatalogue& catalogue) {
 
 RobotState::RobotState(const ros::NodeHandle& nh, std::shared_ptr<const motion_planning::ArmKinematics> arm,
                        const MotionPlanningParams& params, double max_held_edge_m)
-    : kinematics_(std::move(arm)), params_(params), max_held_edge_m_(max_held_edge_m), tf_listener_(tf_) {
+    : kinematics_(std::move(arm)),
+      params_(params),
+      max_held_edge_m_(max_held_edge_m),
+      tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()) {
   ros::NodeHandle handle(nh);
-  joint_subscriber_ = handle.subscribe("joint_states", 20, &RobotState::onJointState, this);
+  joint_subscriber_ =
+      handle.subscribe("joint_states", 20, &RobotState::onJointState, this, ros::TransportHints().tcpNoDelay());
   attached_subscriber_ = handle.subscribe("attached_brick", 5, &RobotState::onAttached, this);
 }
 

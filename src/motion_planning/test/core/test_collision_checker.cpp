@@ -585,6 +585,29 @@ TEST(CollisionChecker, ABrickCanBeLiftedFromBetweenItsNeighboursWithAnUnseenBack
   }
 }
 
+TEST(CollisionChecker, ABrickCanBeLiftedFromBesideANeighbourWhoseSurfaceIsDoubtful) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  const Eigen::Vector3d brick_m(0.3, 0.2, 0.2);
+  BoxWorld world;
+  world.ground_z_m = T_map_base.translation().z();
+  world.ground_half_edge_m = 3.0;
+  // The neighbour is 40 mm away: beyond the target's padding of 35 mm, and its face is doubted by 2 sigma + 10 mm = 50 mm.
+  world.boxes = {boxInBase(T_map_base, {0.7, 0.0, 0.1}, brick_m), boxInBase(T_map_base, {0.7, 0.24, 0.1}, brick_m)};
+  world.surface_std_m = [](const Eigen::Vector3d&) { return 0.02; };
+  CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
+  const HeldBrick held{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), brick_m};
+  checker.setTarget(world.boxes[0], true);
+  const ArmVector at_rest = jointsAt(toolDown({0.7, 0.0, 0.2}));
+  checker.setHeld(held);
+  EXPECT_FALSE(checker.check(at_rest)) << checker.check(at_rest).describe();
+  // But not into it, and what hangs free keeps away from where it may be.
+  EXPECT_EQ(checker.check(jointsAt(toolDown({0.7, 0.08, 0.25}))).first, "brick");
+  const ArmVector off_the_ground = jointsAt(toolDown({0.7, 0.0, 0.23}));
+  EXPECT_FALSE(checker.check(off_the_ground)) << checker.check(off_the_ground).describe();
+  checker.setHeld(held, false);
+  EXPECT_EQ(checker.check(off_the_ground).kind, CollisionKind::kSurface);
+}
+
 TEST(CollisionChecker, MarginGrowsWithSigmaUpToItsLimit) {
   const Eigen::Isometry3d T_map_base = baseAskew();
   BoxWorld world;
@@ -671,7 +694,7 @@ TEST(CollisionChecker, RefusesBadArguments) {
 
 TEST(Contact, DescribesItselfInASentence) {
   Contact contact{CollisionKind::kSelf, "ur5e_forearm_link", "chute", {1.0, 2.0, 3.0}};
-  EXPECT_EQ(contact.describe(), "ur5e_forearm_link touches chute at (1.000, 2.000, 3.000) m in the map");
+  EXPECT_EQ(contact.describe(), "ur5e_forearm_link, its middle at (1.000, 2.000, 3.000) m in the map, touches chute");
   for (const CollisionKind kind :
        {CollisionKind::kNone, CollisionKind::kLimits, CollisionKind::kSelf, CollisionKind::kSurface,
         CollisionKind::kInside, CollisionKind::kUnknown, CollisionKind::kFloor}) {

@@ -294,6 +294,42 @@ TEST(CollisionSceneBuilder, FreeDistanceIsNeverTooLarge) {
   EXPECT_GT(num_large, 500u);  // nor is it always zero
 }
 
+TEST(CollisionSceneBuilder, SpecksOfUnknownSpaceAreNoObstacle) {
+  BoxWorld world;
+  world.ground_z_m = 0.0;
+  world.ground_half_edge_m = 1.2;
+  world.boxes = {uprightBox({0.8, 0.0, 0.1}, {0.2, 0.2, 0.2})};
+  // Beside the box, in free space: one block, two, a row of three, and two by two.
+  const auto isIn = [](const Eigen::Vector3d& p, double x, double y, int along_x, int along_y) {
+    return p.x() > x && p.x() < x + 0.05 * along_x && p.y() > y && p.y() < y + 0.05 * along_y && p.z() > 0.15 &&
+           p.z() < 0.20;
+  };
+  world.is_unknown = [&](const Eigen::Vector3d& p) {
+    return isIn(p, 0.60, -0.10, 1, 1) || isIn(p, 0.60, 0.00, 1, 2) || isIn(p, 0.70, 0.15, 3, 1) ||
+           isIn(p, 0.70, -0.20, 2, 1) || isIn(p, 0.70, -0.25, 2, 1);
+  };
+  CollisionSceneBuilder builder{sceneConfig()};
+  const SceneUpdate update = builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  const CollisionScene& scene = *builder.scene();
+  const auto flagsAt = [&](double x, double y) {
+    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, 0.175}))];
+  };
+  EXPECT_EQ(flagsAt(0.625, -0.075), kBlockObserved | kBlockSpeck);
+  EXPECT_EQ(flagsAt(0.625, 0.025), kBlockObserved | kBlockSpeck);
+  EXPECT_EQ(flagsAt(0.625, 0.075), kBlockObserved | kBlockSpeck);
+  EXPECT_EQ(flagsAt(0.775, 0.175), kBlockObserved | kBlockUnknown) << "the middle of three";
+  for (const double x : {0.725, 0.775}) {
+    for (const double y : {-0.175, -0.225}) EXPECT_EQ(flagsAt(x, y), kBlockObserved | kBlockUnknown) << x << " " << y;
+  }
+  EXPECT_GE(update.blocks_unknown, 5u);
+  // What grows is an obstacle again.
+  world.is_unknown = [&](const Eigen::Vector3d& p) { return isIn(p, 0.60, -0.10, 2, 4); };
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  EXPECT_EQ(builder.scene()->flags[builder.scene()->lattice.index(
+                builder.scene()->lattice.clamped({0.625, -0.075, 0.175}))],
+            kBlockObserved | kBlockUnknown);
+}
+
 TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
   BoxWorld world;
   world.ground_z_m = 0.0;

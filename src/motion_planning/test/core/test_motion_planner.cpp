@@ -156,6 +156,26 @@ TEST(MotionPlanner, PicksABrickByItsSide) {
   EXPECT_NE(plan.face, BrickFace::kPlusZ);
 }
 
+TEST(MotionPlanner, AGuardedTouchGoesOnBeyondThePlate) {
+  MotionPlannerConfig guarded;
+  guarded.overtravel_m = 0.01;
+  int solved = 0;
+  for (const double x_m : {0.6, 0.8, 0.98, 1.02, 1.06, 1.1}) {  // out to where the arm just reaches the plate
+    PickWorld pick = emptyPickWorld();
+    pick.add({x_m, 0.0, 0.1});
+    pick.makeScene();
+    PickTarget target = pick.target(0);
+    target.faces = {BrickFace::kPlusZ};
+    const PickPlan plan = makePlanner(guarded).planPick(pick.context(), target, pick.chute(*shippedArm()));
+    if (plan.status != PlanStatus::kSuccess) continue;
+    ++solved;
+    const Eigen::Isometry3d T_contact_end =
+        plan.T_map_contact.inverse() * pick.T_map_base * shippedArm()->tipPose(plan.contact.points.back().position_rad);
+    EXPECT_LT((T_contact_end.translation() - Eigen::Vector3d(0.0, 0.0, 0.01)).norm(), 1e-5) << x_m;
+  }
+  EXPECT_GE(solved, 4);
+}
+
 TEST(MotionPlanner, PlansInPilesHoldAgainstTheExactBoxes) {
   int solved = 0;
   int asked = 0;
@@ -521,6 +541,57 @@ TEST(MotionPlanner, PlaceOfTheHeldBrickIsEmpty) {
   context.vacated = pick.world.boxes[0];
   const ArmPlan lifted = makePlanner().planArm(context, goal);
   EXPECT_EQ(lifted.status, PlanStatus::kSuccess) << lifted.message;
+}
+
+TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
+  const Eigen::Vector3d middle(0.75, 0.0, 0.1);
+  PickWorld alone = emptyPickWorld();
+  alone.add(middle);
+  alone.makeScene();
+  const PickPlan taken = pickFrom(alone, 0);
+  ASSERT_EQ(taken.status, PlanStatus::kSuccess) << taken.message;
+  ASSERT_EQ(taken.face, BrickFace::kPlusZ);
+  const ArmKinematics& arm = *shippedArm();
+  const MotionPlannerConfig config;
+  // So far within the brick the map has its neighbours to both sides.
+  for (const double within_m : {0.005, 0.015, 0.02, 0.05}) {
+    SCOPED_TRACE(within_m);
+    PickWorld pick = emptyPickWorld();
+    const Eigen::Vector3d beside(0.0, alone.type.size_m.y() - within_m, 0.0);
+    pick.add(middle + beside);
+    pick.add(middle - beside);
+    pick.makeScene();
+    PlanningContext context = pick.context();
+    context.held = taken.held;
+    context.start_rad = taken.lift.points.front().position_rad;
+    ArmGoal goal;
+    goal.joints_rad = taken.stow.points.back().position_rad;
+    const ArmPlan plan = makePlanner(config).planArm(context, goal);
+    if (within_m > config.collision.held_release_m) {
+      EXPECT_EQ(plan.status, PlanStatus::kStartInCollision);
+      EXPECT_THAT(plan.message, HasSubstr("brick"));
+      continue;
+    }
+    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    expectWithinLimits(plan.trajectory, config);
+    EXPECT_EQ(plan.trajectory.points.front().position_rad, context.start_rad);
+    EXPECT_EQ(plan.trajectory.points.back().position_rad, *goal.joints_rad);
+    const Eigen::Vector3d from = arm.tipPose(context.start_rad).translation();
+    ExactMotion exact(arm, pick);
+    exact.setHeld(taken.held);
+    double over_m = 0.0;
+    for (double t = 0.0; t < plan.trajectory.duration(); t += 0.01) {
+      const ArmVector q = plan.trajectory.sample(t).position_rad;
+      const Eigen::Vector3d way = arm.tipPose(q).translation() - from;
+      over_m = std::max(over_m, way.z());
+      if (over_m < pick.type.size_m.z()) {
+        EXPECT_LT(way.head<2>().norm(), 1e-3) << "after " << t << " s";
+      } else if (over_m > pick.type.size_m.z() + config.lift_room_m) {
+        EXPECT_GT(exact.clearance(q, 0.0), 0.0) << "after " << t << " s";
+      }
+    }
+    EXPECT_GT(over_m, pick.type.size_m.z());
+  }
 }
 
 TEST(MotionPlanner, TheLiftEndsWhereTheBrickAsItHangsHasRoomToAllSides) {
