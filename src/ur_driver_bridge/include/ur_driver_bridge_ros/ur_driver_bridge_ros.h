@@ -36,6 +36,7 @@
 #include <ur_dashboard_msgs/SafetyMode.h>
 #include <ur_msgs/IOStates.h>
 
+#include "ur_driver_bridge_ros/attached_memory.h"
 #include "ur_driver_bridge_ros/ur_driver.h"
 #include "ur_driver_bridge_ros/ur_driver_bridge_params.h"
 
@@ -84,14 +85,16 @@ class UrDriverBridgeRos {
   void onMapUpdate(const interactive_mapping_msgs::MapUpdateConstPtr& message);
   void onMonitor(const interactive_mapping_msgs::PathMonitorStateConstPtr& message);
   void onHeartbeat(const std_msgs::HeaderConstPtr& message);
+  ros::Time timeOfArrival() const;
   void onWatchdog();
 
   void step(const ros::Time& now);
-  void takeHeartbeat();
+  void takeWords();
   void takeRequests();
   void carryOut(const ur_driver_bridge::ArmCall& call);
   void watch(std::uint64_t id, const ur_driver_bridge::WatchCall& call);
   void publishAttached(bool is_attached);
+  void tellAttached(const interactive_mapping_msgs::AttachedBrick& attached);
   void publishState(const ros::Time& now);
   void finish(const ur_driver_bridge::Finished& finished);
   interactive_mapping_msgs::ArmOutcome toMessage(const ur_driver_bridge::Finished& finished) const;
@@ -108,6 +111,9 @@ class UrDriverBridgeRos {
   tf2_ros::Buffer tf_;
   tf2_ros::TransformListener tf_listener_;
   std::string watch_service_;
+
+  AttachedMemory attached_memory_;
+  const std::optional<interactive_mapping_msgs::AttachedBrick> attached_before_;  // by the process before this one
 
   // Control thread.
   ur_driver_bridge::GateInputs inputs_;
@@ -130,6 +136,9 @@ class UrDriverBridgeRos {
   std::vector<ur_driver_bridge::CallReply> replies_;
   std::vector<ur_driver_bridge::TrajectoryEvent> events_;
   std::optional<double> heartbeat_s_, heartbeat_wall_s_;
+  std::optional<ur_driver_bridge::MonitorWord> monitor_;
+  std::optional<std::uint32_t> watch_id_;  // the path monitor has begun it last
+  bool is_watch_heard_{false};             // the monitor has spoken of it
 
   std::mutex shared_mutex_;  // for diagnostics
   interactive_mapping_msgs::ArmBridgeState shown_;

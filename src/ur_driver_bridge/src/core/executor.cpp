@@ -281,9 +281,7 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   items.push_back({std::make_unique<ZeroForceStep>("zero"), {}});
   items.push_back({std::make_unique<TouchStep>([shared] { return shared->touch; }, request.contact_travel_m, &touched_),
                    [retreat](const Verdict& verdict) {
-                     const bool is_met =
-                         verdict.status == ArmStatus::kNoContact || verdict.status == ArmStatus::kContactTooEarly;
-                     return is_met ? retreat(verdict) : Items{};
+                     return verdict.status == ArmStatus::kContactTooEarly ? retreat(verdict) : Items{};
                    }});
   items.push_back(
       {std::make_unique<MagnetStep>("magnet", true, Duty::kIfGateIsOpen), [offAndRetreat](const Verdict& verdict) {
@@ -293,8 +291,11 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
        }});
   items.push_back({std::make_unique<AttachStep>("magnet", true), {}});
   items.push_back(motion("lift_a_little", WatchPhase::kLift, littleLift));
-  items.push_back({std::make_unique<WeighStep>("weigh", request.brick_mass_kg), [putBack](const Verdict& verdict) {
-                     return verdict.status == ArmStatus::kNotAttached ? putBack(verdict) : Items{};
+  items.push_back({std::make_unique<WeighStep>("weigh", request.brick_mass_kg, &touched_.no_contact),
+                   [putBack](const Verdict& verdict) {
+                     const bool is_weighed =
+                         verdict.status == ArmStatus::kNotAttached || verdict.status == ArmStatus::kNoContact;
+                     return is_weighed ? putBack(verdict) : Items{};
                    }});
   items.push_back({std::make_unique<PayloadStep>("payload", payload, Duty::kUnlessStopped), {}});
   items.push_back({std::make_unique<HoldStep>("payload", request.brick_mass_kg), {}});

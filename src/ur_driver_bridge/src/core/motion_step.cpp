@@ -16,6 +16,7 @@ constexpr double kFirstPoint_s = 0.03;  // of a stop: what was commanded meanwhi
 constexpr double kRest_s = 0.05;        // an arm that swings stands for a moment at each end
 constexpr double kSearch_s = 0.25;      // of trajectory time, about where the arm is believed to be
 constexpr double kCause_s = 0.2;        // the robot may tell so much later why the controller gave up
+constexpr double kClocks_s = 0.1;       // so far two computers' ROS times may be apart, and joint states be late
 constexpr double kGone_s = 1.0;         // joint states so old: nobody sends them any more; as in the gate
 
 /// What the robot makes of the speed. A number that makes no sense closes the gate, and slows nothing.
@@ -179,9 +180,9 @@ std::optional<Verdict> MotionStep::onWatchReply(StepContext& context) {
 std::optional<Verdict> MotionStep::checkGate(const StepContext& context) const {
   GateDemand demand;
   demand.needs_force = needsForce() || context.load.isHolding();
-  // The monitor's watch ends with the trajectory's time, and the arm may be a little behind it.
+  // The monitor's watch ends with the trajectory's time by its own clock, and the arm may be a little behind it.
   const auto& monitor = context.inputs.gate.monitor;
-  const bool has_ended = context.now_s - watch_start_s_ >= trajectory_.duration();
+  const bool has_ended = context.now_s - watch_start_s_ >= trajectory_.duration() - kClocks_s;
   if (!(has_ended && monitor && !monitor->is_watching)) demand.watch_id = watch_id_;
   demand.watch_since_s = watch_since_s_;
   const Verdict verdict = context.gate.check(context.inputs.gate, demand);
@@ -397,7 +398,9 @@ std::optional<Verdict> MotionStep::finish(StepContext& context) {
 TouchStep::TouchStep(Make make, double expected_travel_m, Touched* touched)
     : MotionStep("touch", WatchPhase::kContact, std::move(make)),
       expected_travel_m_(expected_travel_m),
-      touched_(touched) {}
+      touched_(touched) {
+  touched_->no_contact.clear();
+}
 
 double TouchStep::travel(const StepContext& context) const {
   const motion_planning::ArmKinematics& arm = *context.model.kinematics;
@@ -433,8 +436,11 @@ std::optional<MotionStep::Ending> TouchStep::look(StepContext& context) {
 }
 
 Verdict TouchStep::atEnd(StepContext& context) {
-  return {ArmStatus::kNoContact, formatted("no contact along %.4f m; the plate was expected after %.4f m",
-                                           travel(context), expected_travel_m_)};
+  // A loose brick that is touched from the side slides away before it pushes back: whether the magnet has met its plate
+  // tells the weight.
+  touched_->no_contact =
+      formatted("no contact along %.4f m; the plate was expected after %.4f m", travel(context), expected_travel_m_);
+  return {};
 }
 
 }  // namespace ur_driver_bridge

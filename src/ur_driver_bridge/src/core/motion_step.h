@@ -84,13 +84,14 @@ class MotionStep : public Step {
   std::optional<double> stalled_since_s_;
 };
 
-/// Until the magnet meets something.
+/// Until the magnet meets something, or to the trajectory's end.
 class TouchStep : public MotionStep {
  public:
   /// As it was carried out, and where on it the arm stands.
   struct Touched {
     JointTrajectory trajectory;
     double at_s{0.0};
+    std::string no_contact;  // why there was none, if so; the magnet may hold a plate all the same
   };
 
   TouchStep(Make make, double expected_travel_m, Touched* touched);
@@ -100,7 +101,10 @@ class TouchStep : public MotionStep {
   Verdict atEnd(StepContext& context) override;
   bool needsForce() const override { return true; }
   double lookOn(const StepContext& context) const override { return context.config.contact.debounce_s; }
-  void atRest(StepContext&) override { *touched_ = {trajectory(), place()}; }
+  void atRest(StepContext&) override {
+    touched_->trajectory = trajectory();
+    touched_->at_s = place();
+  }
 
  private:
   double travel(const StepContext& context) const;

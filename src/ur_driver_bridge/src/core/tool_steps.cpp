@@ -109,8 +109,10 @@ Verdict WeighStep::judge(StepContext& context, const LoadCell::Weight& weight) {
   const double least_kg = context.config.load.min_share * brick_mass_kg_;
   const double most_kg = context.config.load.max_share * brick_mass_kg_;
   if (weight.mass_kg >= least_kg && weight.mass_kg <= most_kg) return {};
-  return {ArmStatus::kNotAttached,
-          formatted("%.2f kg hang on the magnet, must be in [%.2f, %.2f] kg", weight.mass_kg, least_kg, most_kg)};
+  const std::string load =
+      formatted("%.2f kg hang on the magnet, must be in [%.2f, %.2f] kg", weight.mass_kg, least_kg, most_kg);
+  if (no_contact_->empty() || weight.mass_kg > most_kg) return {ArmStatus::kNotAttached, load};
+  return {ArmStatus::kNoContact, *no_contact_ + "; " + load};
 }
 
 Verdict WeighStep::unsteady(const std::string& why) const {

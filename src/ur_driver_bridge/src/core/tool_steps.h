@@ -126,13 +126,16 @@ class ForceStep : public Step {
 /// What hangs there: has it the brick's mass?
 class WeighStep final : public ForceStep {
  public:
-  WeighStep(std::string stage, double brick_mass_kg) : ForceStep(std::move(stage)), brick_mass_kg_(brick_mass_kg) {}
+  /// `no_contact`: what the touch says of it, when the time has come; empty: there was contact.
+  WeighStep(std::string stage, double brick_mass_kg, const std::string* no_contact)
+      : ForceStep(std::move(stage)), brick_mass_kg_(brick_mass_kg), no_contact_(no_contact) {}
 
  private:
   Verdict judge(StepContext& context, const LoadCell::Weight& weight) override;
   Verdict unsteady(const std::string& why) const override;
 
   double brick_mass_kg_;
+  const std::string* no_contact_;
 };
 
 /// With the payload declared: what the force says now is what it says while the brick is there.

@@ -5,6 +5,7 @@
 #include <gpis_mapping_ros/params.h>
 
 #include "ur_driver_bridge/config_fields.h"
+#include "ur_driver_bridge_ros/attached_memory.h"
 
 namespace ur_driver_bridge_ros {
 namespace {
@@ -45,8 +46,8 @@ std::string toYaml(const UrDriverBridgeParams& params) {
 }
 
 UrDriverBridgeParams loadUrDriverBridgeParams(const ros::NodeHandle& private_nh) {
-  auto params = gpis_mapping_ros::loadParams<UrDriverBridgeParams>(private_nh, kVisitParams,
-                                                                   {"diagnostic_period", "diagnostic_updater"});
+  auto params = gpis_mapping_ros::loadParams<UrDriverBridgeParams>(
+      private_nh, kVisitParams, {"diagnostic_period", "diagnostic_updater", AttachedMemory::kParam});
   if (params.unlocks_by_itself) {
     params.executor.recovery.protective_stop = ur_driver_bridge::ProtectiveStopPolicy::kAutomatic;
   }

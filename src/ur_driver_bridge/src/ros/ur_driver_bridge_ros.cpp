@@ -40,8 +40,8 @@ constexpr double kMaxSilence_s = 2.0;   // wall time without a step that diagnos
 constexpr double kSetBack_s = 1.0;      // of the clock against the last step: it has begun anew
 constexpr double kMinSilence_s = 0.05;  // without joint states, before the watchdog steps in their place
 constexpr double kFeedbackPeriod_s = 0.1;
-constexpr double kHeartbeatShare = 0.6;  // of its allowed age: later, the next one is on its way
-constexpr std::chrono::milliseconds kHeartbeatWait{50};
+constexpr double kDueShare = 0.6;  // of a word's allowed age: later, the next one is on its way
+constexpr std::chrono::milliseconds kWordWait{50};
 
 static_assert(ArmOutcome::NUM_STATUS == ur_driver_bridge::kNumArmStatus, "the message has the core's statuses");
 static_assert(ArmOutcome::FAULT == static_cast<int>(ArmStatus::kFault), "in the same order");
@@ -110,8 +110,10 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
       model_(modelFrom(nh, params_)),
       executor_(params_.executor, model_),
       nh_(nh),
-      tf_listener_(tf_),
+      tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()),
       watch_service_(nh_.resolveName("planner/watch")),
+      attached_memory_(private_nh),
+      attached_before_(attached_memory_.recall()),
       diagnostics_(nh, private_nh) {
   ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
   ros::NodeHandle handle(private_nh);
@@ -136,19 +138,22 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
 
   ros::NodeHandle control(nh);
   control.setCallbackQueue(&control_queue_);
+  // What is acted on must not be held back by Nagle's algorithm.
+  const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
   const auto subscribe = [&](const std::string& topic, std::uint32_t queue, auto callback) {
-    subscribers_.push_back(control.subscribe(topic, queue, callback, this));
+    subscribers_.push_back(control.subscribe(topic, queue, callback, this, no_delay));
   };
   subscribe("scaled_pos_joint_traj_controller/state", 10, &UrDriverBridgeRos::onControllerState);
   subscribe("wrench", 10, &UrDriverBridgeRos::onWrench);
   subscribe("ur_hardware_interface/io_states", 5, &UrDriverBridgeRos::onIoStates);
   subscribe("map/update", 10, &UrDriverBridgeRos::onMapUpdate);
-  subscribe("planner/path_monitor", 10, &UrDriverBridgeRos::onMonitor);
   subscribers_.push_back(control.subscribe<std_msgs::Float64>(
-      "speed_scaling_factor", 10, [this](const std_msgs::Float64ConstPtr& message) {
+      "speed_scaling_factor", 10,
+      [this](const std_msgs::Float64ConstPtr& message) {
         // Without a stamp of its own: as old as its arrival.
-        inputs_.arm.speed_scaling = {ros::Time::now().toSec(), message->data};
-      }));
+        inputs_.arm.speed_scaling = {timeOfArrival().toSec(), message->data};
+      },
+      ros::VoidConstPtr(), no_delay));
   subscribers_.push_back(control.subscribe<std_msgs::Bool>(
       "ur_hardware_interface/robot_program_running", 5,
       [this](const std_msgs::BoolConstPtr& message) { inputs_.arm.is_program_running = message->data != 0; }));
@@ -166,7 +171,8 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   // A thread of its own: in lock step, control waits for what is on its way.
   ros::NodeHandle mission(nh);
   mission.setCallbackQueue(&mission_queue_);
-  subscribers_.push_back(mission.subscribe("heartbeat", 10, &UrDriverBridgeRos::onHeartbeat, this));
+  subscribers_.push_back(mission.subscribe("heartbeat", 10, &UrDriverBridgeRos::onHeartbeat, this, no_delay));
+  subscribers_.push_back(mission.subscribe("planner/path_monitor", 10, &UrDriverBridgeRos::onMonitor, this, no_delay));
   mission_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &mission_queue_);
   mission_spinner_->start();
 
@@ -385,14 +391,14 @@ UrDriverBridgeRos::Request UrDriverBridgeRos::preparePick(const interactive_mapp
   request.target_size = toVector(type.size_m);
   request.setAttached = [this, goal, size = request.target_size] {
     AttachedBrick attached;
-    attached.header.stamp = ros::Time::now();
+    attached.header.stamp = timeOfArrival();
     attached.header.frame_id = names::kMagnetTipFrame;
     attached.is_attached = 1;
     attached.id = goal.brick_id;
     attached.type = goal.type;
     attached.size = size;
     attached.pose = goal.held;
-    attached_publisher_.publish(attached);
+    tellAttached(attached);
   };
   return request;
 }
@@ -509,12 +515,17 @@ void UrDriverBridgeRos::onIoStates(const ur_msgs::IOStatesConstPtr& message) {
     if (digital.pin < outputs.size()) outputs[digital.pin] = digital.state != 0;
   }
   // Without a stamp of its own: as old as its arrival.
-  inputs_.arm.digital_out = {ros::Time::now().toSec(), outputs};
+  inputs_.arm.digital_out = {timeOfArrival().toSec(), outputs};
   is_magnet_on_ = outputs[static_cast<std::size_t>(params_.executor.magnet_pin)];
   if (is_attached_known_) return;
   is_attached_known_ = true;
-  if (is_magnet_on_) {
-    // Begun anew with a brick in the hand, perhaps: what was told of it before still holds.
+  if (is_magnet_on_ && attached_before_) {
+    // Its stamp of then: nobody is to take where it is now for the place that it was taken from.
+    ROS_WARN_NAMED(kLog, "the magnet is on: brick %d hung there before this node was started anew",
+                   attached_before_->id);
+    tellAttached(*attached_before_);
+  } else if (is_magnet_on_) {
+    // What others were told of it before still holds.
     ROS_WARN_NAMED(kLog, "the magnet is on: what hangs there is not known. Let go of it where it can lie");
   } else {
     publishAttached(false);
@@ -528,8 +539,11 @@ void UrDriverBridgeRos::onMapUpdate(const interactive_mapping_msgs::MapUpdateCon
 }
 
 void UrDriverBridgeRos::onMonitor(const interactive_mapping_msgs::PathMonitorStateConstPtr& message) {
-  inputs_.monitor = ur_driver_bridge::MonitorWord{message->header.stamp.toSec(), message->is_watching != 0,
-                                                  message->watch_id, message->must_stop != 0, message->reason};
+  const std::lock_guard<std::mutex> lock(answers_mutex_);
+  monitor_ = ur_driver_bridge::MonitorWord{message->header.stamp.toSec(), message->is_watching != 0, message->watch_id,
+                                           message->must_stop != 0, message->reason};
+  if (watch_id_ && monitor_->watch_id == *watch_id_) is_watch_heard_ = true;
+  answered_.notify_all();
 }
 
 void UrDriverBridgeRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
@@ -537,6 +551,11 @@ void UrDriverBridgeRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
   heartbeat_s_ = message->stamp.toSec();
   heartbeat_wall_s_ = steadyNow();
   answered_.notify_all();
+}
+
+/// A simulated clock comes by a topic of its own: on a busy machine it may be far behind the joint states.
+ros::Time UrDriverBridgeRos::timeOfArrival() const {
+  return std::max(ros::Time::now(), last_step_);
 }
 
 void UrDriverBridgeRos::onWatchdog() {
@@ -554,7 +573,7 @@ void UrDriverBridgeRos::step(const ros::Time& now) {
   inputs_.now_s = now.toSec();
   inputs_.wall_s = steadyNow();
   inputs_.arm.is_controller_there = driver_->isControllerThere();
-  takeHeartbeat();
+  takeWords();
   const ros::WallTime deadline = ros::WallTime::now() + ros::WallDuration(params_.lockstep_wait_s);
   while (true) {
     ur_driver_bridge::ExecutorInputs inputs;
@@ -578,16 +597,28 @@ void UrDriverBridgeRos::step(const ros::Time& now) {
   publishState(now);
 }
 
-void UrDriverBridgeRos::takeHeartbeat() {
+void UrDriverBridgeRos::takeWords() {
   std::unique_lock<std::mutex> lock(answers_mutex_);
-  const double max_age_s = params_.executor.gate.max_heartbeat_age_s;
-  const auto isRecent = [&] { return heartbeat_s_ && inputs_.now_s - *heartbeat_s_ < kHeartbeatShare * max_age_s; };
-  if (params_.lockstep_wait_s > 0.0 && max_age_s > 0.0) {
+  const ur_driver_bridge::SafetyGateConfig& gate = params_.executor.gate;
+  const auto isRecent = [&](double stamp_s, double max_age_s) {
+    return inputs_.now_s - stamp_s < kDueShare * max_age_s;
+  };
+  const auto isHeartbeatDue = [&] {
+    return gate.max_heartbeat_age_s > 0.0 && !(heartbeat_s_ && isRecent(*heartbeat_s_, gate.max_heartbeat_age_s));
+  };
+  const auto isMonitorDue = [&] {
+    if (gate.max_monitor_age_s <= 0.0 || !watch_id_ || executor_.isIdle()) return false;
+    if (!is_watch_heard_) return true;
+    const bool is_on = monitor_->is_watching && monitor_->watch_id == *watch_id_;  // else it has ended by itself
+    return is_on && !isRecent(monitor_->stamp_s, gate.max_monitor_age_s);
+  };
+  if (params_.lockstep_wait_s > 0.0) {
     // In lock step a hundred seconds pass in one: what has been sent in time must not be late for that.
-    answered_.wait_for(lock, kHeartbeatWait, isRecent);
+    answered_.wait_for(lock, kWordWait, [&] { return !isHeartbeatDue() && !isMonitorDue(); });
   }
   inputs_.heartbeat_s = heartbeat_s_;
   inputs_.heartbeat_wall_s = heartbeat_wall_s_;
+  inputs_.monitor = monitor_;
 }
 
 void UrDriverBridgeRos::carryOut(const ArmCall& call) {
@@ -636,6 +667,9 @@ void UrDriverBridgeRos::watch(std::uint64_t id, const ur_driver_bridge::WatchCal
       reply.message = "service " + watch_service_ + " does not answer";
     }
     const std::lock_guard<std::mutex> lock(answers_mutex_);
+    watch_id_.reset();
+    if (reply.success && !service.request.trajectory.points.empty()) watch_id_ = reply.watch_id;
+    is_watch_heard_ = monitor_ && watch_id_ && monitor_->watch_id == *watch_id_;
     replies_.push_back(reply);
     answered_.notify_all();
   });
@@ -647,9 +681,14 @@ void UrDriverBridgeRos::publishAttached(bool is_attached) {
     return;
   }
   AttachedBrick nothing;
-  nothing.header.stamp = ros::Time::now();
+  nothing.header.stamp = timeOfArrival();
   nothing.header.frame_id = names::kMagnetTipFrame;
-  attached_publisher_.publish(nothing);
+  tellAttached(nothing);
+}
+
+void UrDriverBridgeRos::tellAttached(const AttachedBrick& attached) {
+  attached_publisher_.publish(attached);
+  attached_memory_.keep(attached);
 }
 
 void UrDriverBridgeRos::publishState(const ros::Time& now) {

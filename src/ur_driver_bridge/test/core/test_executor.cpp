@@ -557,6 +557,15 @@ TEST(Executor, ATrajectoryThatDoesNotEndIsGivenUp) {
   expectEnds(arm, ArmStatus::kStalled, limit_s + 1.0);
 }
 
+TEST(Executor, TheMonitorsWatchMayEndAMomentBeforeTheTrajectoryByItsClock) {
+  Mover arm;
+  arm.watch_over_s = -0.05;
+  expectEnds(arm, ArmStatus::kSuccess);
+  Mover early;
+  early.watch_over_s = -0.3;
+  expectEnds(early, ArmStatus::kMonitorGone);
+}
+
 TEST(Executor, AClockThatRunsBackStopsAndTimesOutAllTheSame) {
   Mover arm;
   arm.getGoing();
@@ -757,10 +766,23 @@ TEST(ExecutorPick, WithoutContactItGoesBackToWhereTheTouchBegan) {
   Picker arm;
   arm.plate_z_m = -10.0;
   expectEnds(arm, ArmStatus::kNoContact, 30.0);
-  EXPECT_EQ(arm.finished->stage, "touch");
+  EXPECT_EQ(arm.finished->stage, "weigh");
+  EXPECT_THAT(arm.finished->verdict.message, HasSubstr("no contact along"));
+  EXPECT_EQ(arm.count("magnet_off"), 1);
+  EXPECT_FALSE(arm.is_magnet_on);
   EXPECT_LT((arm.position_rad - scene().over_rad).cwiseAbs().maxCoeff(), 1e-3);
-  EXPECT_EQ(arm.count("magnet_on"), 0);
+  EXPECT_EQ(arm.count("magnet_on"), 1);
   EXPECT_TRUE(std::isnan(arm.finished->figures.contact_travel_m));
+  expectOrderly(arm);
+}
+
+TEST(ExecutorPick, ALooseBrickThatGivesWayIsTakenAllTheSame) {
+  // It slides before the magnet's face: no force to speak of, and yet they touch.
+  Picker arm;
+  arm.gives_way = true;
+  expectEnds(arm, ArmStatus::kSuccess, 30.0);
+  EXPECT_TRUE(std::isnan(arm.finished->figures.contact_travel_m));
+  EXPECT_NEAR(arm.finished->figures.load_kg, kBrick_kg, 0.01);
   expectOrderly(arm);
 }
 

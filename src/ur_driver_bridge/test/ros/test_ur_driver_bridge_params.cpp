@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ur_driver_bridge_ros/ur_driver_bridge_params.h"
 
+#include <sstream>
+#include <vector>
+
 #include <gmock/gmock.h>
 #include <ros/ros.h>
 
 #include "support/params_contract.h"
+#include "ur_driver_bridge_ros/attached_memory.h"
 
 namespace ur_driver_bridge_ros {
 namespace {
@@ -49,6 +53,78 @@ TEST(UrDriverBridgeParams, UnlocksByItselfOnlyIfToldSo) {
   nh.setParam("recovery/unlocks_by_itself", true);
   EXPECT_EQ(loadUrDriverBridgeParams(nh).executor.recovery.protective_stop,
             ur_driver_bridge::ProtectiveStopPolicy::kAutomatic);
+}
+
+interactive_mapping_msgs::AttachedBrick brickInHand() {
+  interactive_mapping_msgs::AttachedBrick brick;
+  brick.header.stamp = ros::Time(12.5);
+  brick.header.frame_id = "magnet_tip";
+  brick.is_attached = 1;
+  brick.id = 7;
+  brick.type = "standard";
+  brick.size.x = 0.3;
+  brick.size.y = 0.2;
+  brick.size.z = 0.1;
+  brick.pose.position.x = 0.01;
+  brick.pose.position.y = -0.02;
+  brick.pose.position.z = 0.05;
+  brick.pose.orientation.y = 0.6;  // no two components alike but x
+  brick.pose.orientation.z = -0.64;
+  brick.pose.orientation.w = 0.48;
+  return brick;
+}
+
+/// Returns when it is on the parameter server.
+void keep(const ros::NodeHandle& nh, const interactive_mapping_msgs::AttachedBrick& brick) {
+  nh.deleteParam("attached_brick");
+  AttachedMemory memory(nh);
+  memory.keep(brick);
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(10.0);  // a call to the master takes milliseconds
+  while (!nh.hasParam("attached_brick") && ros::WallTime::now() < end) ros::WallDuration(0.001).sleep();
+  ASSERT_TRUE(nh.hasParam("attached_brick"));
+}
+
+TEST(AttachedMemory, NextProcessRecallsTheBrickAsItWasTold) {
+  const ros::NodeHandle nh("~remembers");
+  keep(nh, brickInHand());
+  const auto recalled = AttachedMemory(nh).recall();
+  ASSERT_TRUE(recalled);
+  std::ostringstream before;
+  std::ostringstream after;
+  before << brickInHand();
+  after << *recalled;
+  EXPECT_EQ(after.str(), before.str());
+}
+
+TEST(AttachedMemory, BrickThatWasLetGoIsForgotten) {
+  const ros::NodeHandle nh("~forgets");
+  EXPECT_FALSE(AttachedMemory(nh).recall());  // never told of any
+  keep(nh, brickInHand());
+  EXPECT_TRUE(AttachedMemory(nh).recall());
+  keep(nh, interactive_mapping_msgs::AttachedBrick());
+  EXPECT_FALSE(AttachedMemory(nh).recall());
+}
+
+TEST(AttachedMemory, WhatIsNoBrickIsNotBelieved) {
+  const ros::NodeHandle nh("~spoilt");
+  for (const char* key : {"stamp_s", "frame_id", "id", "type", "size_m", "position_m", "orientation_xyzw"}) {
+    keep(nh, brickInHand());
+    nh.setParam(std::string("attached_brick/") + key, true);
+    EXPECT_FALSE(AttachedMemory(nh).recall()) << key;
+    keep(nh, brickInHand());
+    nh.deleteParam(std::string("attached_brick/") + key);
+    EXPECT_FALSE(AttachedMemory(nh).recall()) << key;
+  }
+  keep(nh, brickInHand());
+  nh.setParam("attached_brick/orientation_xyzw", std::vector<double>{0.0, 0.0, 0.0, 0.0});
+  EXPECT_FALSE(AttachedMemory(nh).recall());
+}
+
+TEST(AttachedMemory, WhatIsKeptThereIsNoUnknownParameter) {
+  const ros::NodeHandle nh("~respawned");
+  nh.setParam("bricks_file", kBricks);
+  keep(nh, brickInHand());
+  EXPECT_NO_THROW(loadUrDriverBridgeParams(nh));
 }
 
 TEST(UrDriverBridgeParams, OneMessageNamesEveryProblemWithValueAndRange) {

@@ -104,6 +104,7 @@ class FakeArm {
   ArmVector velocity_rad_s{ArmVector::Zero()};
   double scaling{1.0};
   double plate_z_m{-10.0};  // in the arm's base; the magnet touches below
+  bool gives_way{false};    // the plate is pushed along without a force
   double sideways_N{0.0};   // from now on
   double mass_kg{1.0};      // of what lies there
   double noise_N{0.0};      // alternating
@@ -117,6 +118,7 @@ class FakeArm {
   bool is_joints_silent{false};
   bool is_force_silent{false};
   bool is_mission_silent{false};
+  double watch_over_s{0.3};  // the monitor's watch ends so much after the trajectory's time
   bool is_monitor_silent{false};
   bool is_map_silent{false};
   std::string must_stop;
@@ -208,6 +210,7 @@ class FakeArm {
 
   Eigen::Vector3d force() {
     const Eigen::Matrix3d R_base_tool = fakeKinematics()->tipPose(position_rad).linear() * R_tip_tool_;
+    if (gives_way) plate_z_m = std::min(plate_z_m, tipHeight());
     const double depth_m = plate_z_m - tipHeight();
     Eigen::Vector3d up_N = Eigen::Vector3d::Zero();
     if (depth_m > 0.0 && !hangs()) up_N.z() += kStiffness_N_m * depth_m;
@@ -293,7 +296,7 @@ class FakeArm {
       watched = what;
       answer(id, calls.back(), [this, what](CallReply& reply) {
         watch_id_ = what.trajectory.empty() ? 0 : ++watches_;
-        watch_end_s_ = what.start_s + what.trajectory.duration() + 0.3;
+        watch_end_s_ = what.start_s + what.trajectory.duration() + watch_over_s;
         reply.watch_id = watch_id_;
       });
     } else if (const auto* send = std::get_if<SendCall>(&call.what)) {
