@@ -13,7 +13,7 @@ struct MissionConfig {
   std::vector<double> survey_y_m{0.0, 0.0};
   std::vector<double> survey_yaw_rad{0.0, 0.0};
 
-  int look_images{5};  // in the map before it is believed to show what is there
+  int look_images{3};  // in the map before it is believed to show what is there
   double look_timeout_s{20.0};
   double detect_timeout_s{10.0};
 

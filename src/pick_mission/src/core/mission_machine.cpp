@@ -111,6 +111,7 @@ class MissionMachine::Impl {
     bool until_arm_ready{false};
   };
 
+  Eigen::Vector3d nearSideOf(const SeenBrick& brick) const;
   static BrickLedger makeLedger(const MissionConfig& config) {
     gpis_mapping::throwIfAny(config.validate());
     return {config.max_picks_per_brick, config.max_plans_per_brick};
@@ -154,6 +155,10 @@ class MissionMachine::Impl {
   void control(std::uint64_t id, Body body) {
     output_.commands.push_back({id, std::move(body)});
   }
+  void release() {
+    is_hold_given_ = false;
+    control(0, command::Release{});
+  }
   void note(const std::string& event, const std::string& reason);
 
   // What goes on.
@@ -170,6 +175,7 @@ class MissionMachine::Impl {
   double halted_since_s_{0.0};
   bool is_protective_stop_{false};
   bool is_pause_wanted_{false};
+  bool is_hold_given_{false};  // to the arm's bridge, and not released
   bool is_ending_{false};
   std::deque<Failure> reports_;
   bool is_arm_clear_{false};
@@ -336,15 +342,19 @@ void MissionMachine::Impl::on(const event::Resume& /*resume*/) {
   is_pause_wanted_ = false;
   if (state_ == State::kHalting && halt_for_ == HaltFor::kHold) {
     halt_for_ = HaltFor::kResume;
-    control(0, command::Release{});
+    release();
     return note("resume", "when what goes on has ended");
   }
-  if (state_ == State::kHeld) control(0, command::Release{});
+  if (state_ == State::kHeld) release();
   is_arm_clear_ = false;  // people may have been at it
-  if (!go(Trigger::kResume, "resume", "after a fresh inspection")) note("resume", "ignored: nothing is interrupted");
+  if (go(Trigger::kResume, "resume", "after a fresh inspection")) return;
+  if (!is_hold_given_) return note("resume", "ignored: nothing is interrupted");
+  release();  // of a hold before the mission or after it
+  note("resume", "passed on: nothing is interrupted");
 }
 
 void MissionMachine::Impl::on(const event::Hold& /*hold*/) {
+  is_hold_given_ = true;
   control(0, command::Hold{});  // whatever the mission does: the arm shall not move
   is_pause_wanted_ = false;
   if (state_ == State::kHalting) {
@@ -431,7 +441,8 @@ void MissionMachine::Impl::absorb(State action, const event::Reply& reply, const
                                   bool is_broken_off) {
   const std::optional<int> held_before = brick_in_hand_;
   const bool is_success = isSuccess(reply.result);
-  if (action == State::kLetGo && is_success) brickStowed();
+  // Still holding, against what the result says: it counts when it has gone.
+  if (action == State::kLetGo && is_success && reply.hand != Hand::kHolding) brickStowed();
   updateHand(action, reply);
   const auto* arm = std::get_if<ArmResult>(&reply.result);
   const bool is_lost =
@@ -527,6 +538,17 @@ void MissionMachine::Impl::absorbSuccess(State action, const event::Reply& reply
   }
 }
 
+/// Where a brick was tried from: beside it, towards the robot. What failed from here may go from its other sides.
+Eigen::Vector3d MissionMachine::Impl::nearSideOf(const SeenBrick& brick) const {
+  constexpr double kBeside_m = 0.3;  // a brick's length: its far side is out of the radius that a report has by default
+  const Eigen::Vector3d center = brick.T_map_brick.translation();
+  const Eigen::Vector2d to_robot = base_.position() - center.head<2>();
+  const double distance_m = to_robot.norm();
+  Eigen::Vector3d side = center;
+  if (distance_m > kBeside_m) side.head<2>() += kBeside_m / distance_m * to_robot;
+  return side;
+}
+
 void MissionMachine::Impl::absorbFailure(State action, const event::Reply& reply, const Reaction& reaction) {
   const std::string kind = std::string(toString(action)) + ": " + toString(reply.result);
   const std::string reason = withMessage(kind, reply.message);
@@ -555,7 +577,7 @@ void MissionMachine::Impl::absorbFailure(State action, const event::Reply& reply
       reports_.push_back({{goal_->x_m, goal_->y_m, 0.0}, now_s_, reason});
     }
   } else if (reaction.is_reported) {
-    reports_.push_back({candidate_->T_map_brick.translation(), now_s_, reason});
+    reports_.push_back({nearSideOf(*candidate_), now_s_, reason});
   }
 }
 

@@ -235,5 +235,26 @@ TEST(MissionInterruptions, BeforeTheStartNothingButAHoldIsPassedOn) {
   EXPECT_TRUE(run.world.is_held);
 }
 
+TEST(MissionInterruptions, ResumeReleasesAHoldAlsoBeforeTheMissionAndAfterIt) {
+  ToyMission run = eventfulMission();
+  run.tell(event::Hold{});
+  run.tell(event::Resume{});
+  EXPECT_FALSE(run.world.is_held);
+  EXPECT_EQ(run.machine.state(), State::kIdle);
+  EXPECT_EQ(run.log.back().reason.find("ignored"), std::string::npos);
+  run.tell(event::Resume{});
+  EXPECT_EQ(run.commands.size(), 2u) << "only once";
+  EXPECT_EQ(run.log.back().reason.find("ignored"), 0u);
+  ASSERT_TRUE(toStep(run, 5));
+  run.tell(event::Hold{});
+  ASSERT_TRUE(run.advance());
+  run.tell(event::Stop{});
+  ASSERT_TRUE(run.isOver());
+  EXPECT_TRUE(run.world.is_held) << "nobody has released it";
+  run.tell(event::Resume{});
+  EXPECT_FALSE(run.world.is_held);
+  EXPECT_TRUE(run.isOver());
+}
+
 }  // namespace
 }  // namespace toy

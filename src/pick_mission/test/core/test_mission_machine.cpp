@@ -105,6 +105,27 @@ TEST(MissionMachine, StowsABrickThatIsInTheHandAtTheStartFirst) {
   EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
 }
 
+TEST(MissionMachine, BrickThatStillHangsThereAfterItWasLetGoCountsOnceWhenItHasGone) {
+  ToyWorld world = ToyWorld::ofStacks({2});
+  world.bricks[1].is_gone = true;
+  world.hand = 1;
+  ToyMission run({}, world);
+  run.start();
+  while (run.world.running && run.world.action != State::kLetGo) ASSERT_TRUE(run.advance());
+  event::Reply reply;
+  reply.id = run.world.running->id;
+  reply.result = ArmResult{ArmStatus::kSuccess};
+  reply.hand = Hand::kHolding;
+  run.world.running.reset();
+  run.tell(reply);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 0);
+  EXPECT_EQ(run.machine.state(), State::kPlanStow) << tail(run);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.world.commands_of[State::kLetGo], 2);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 2);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
 TEST(MissionMachine, DoesNotMoveWhileItIsNotKnownWhetherTheHandIsEmpty) {
   ToyMission run({}, ToyWorld::ofStacks({1}));
   event::Start start;
@@ -329,6 +350,37 @@ TEST(MissionMachine, ViewWhereTooMuchFailsIsLeft) {
       EXPECT_EQ(mostInAView<command::PlanPick>(run), 4) << tail(run);
     }
   }
+}
+
+TEST(MissionMachine, WhatFailedIsReportedBesideTheBrickTowardsTheRobot) {
+  ToyMission run({}, ToyWorld::ofStacks({1, 1}));
+  bool has_failed = false;
+  Pose2d stood;
+  Eigen::Vector3d brick = Eigen::Vector3d::Zero();
+  run.inject = [&](State action, int) -> std::optional<Result> {
+    if (action != State::kPlanPick || has_failed) return std::nullopt;
+    has_failed = true;
+    for (const Command& command : run.commands) {
+      if (const auto* drive = std::get_if<command::Drive>(&command.body)) stood = drive->T_map_base;
+      if (const auto* plan = std::get_if<command::PlanPick>(&command.body)) {
+        brick = plan->brick.T_map_brick.translation();
+      }
+    }
+    return PlanResult{PlanStatus::kApproachBlocked};
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  for (const Command& command : run.commands) {
+    const auto* report = std::get_if<command::ReportFailure>(&command.body);
+    if (report == nullptr) continue;
+    const Eigen::Vector2d aside = (report->position - brick).head<2>();
+    const Eigen::Vector2d to_robot = stood.position() - brick.head<2>();
+    EXPECT_NEAR(aside.norm(), 0.3, 1e-9);
+    EXPECT_GT(aside.dot(to_robot), (1.0 - 1e-9) * 0.3 * to_robot.norm());
+    EXPECT_EQ(report->position.z(), brick.z());
+    return;
+  }
+  FAIL() << "nothing was reported: " << tail(run);
 }
 
 TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <interactive_mapping_msgs/ArmBridgeState.h>
+#include <interactive_mapping_msgs/ArmOutcome.h>
+#include <interactive_mapping_msgs/AttachedBrick.h>
+#include <interactive_mapping_msgs/BrickArray.h>
+#include <interactive_mapping_msgs/DetectBricks.h>
+#include <interactive_mapping_msgs/LetGoBrickAction.h>
+#include <interactive_mapping_msgs/MapUpdate.h>
+#include <interactive_mapping_msgs/MoveArmAction.h>
+#include <interactive_mapping_msgs/NavigationOutcome.h>
+#include <interactive_mapping_msgs/PickBrickAction.h>
+#include <interactive_mapping_msgs/PlanArmAction.h>
+#include <interactive_mapping_msgs/PlanPickAction.h>
+#include <interactive_mapping_msgs/RecoverArmAction.h>
+#include <interactive_mapping_msgs/ReportFailure.h>
+#include <interactive_mapping_msgs/SelectNextBestViewAction.h>
+#include <motion_planning/arm_kinematics.h>
+#include <motion_planning/manipulability_sector.h>
+#include <move_base_msgs/MoveBaseAction.h>
+#include <ros/callback_queue.h>
+#include <std_srvs/Trigger.h>
+#include <tf2_ros/buffer.h>
+#include <tf2_ros/transform_listener.h>
+
+#include "pick_mission_ros/action_caller.h"
+#include "pick_mission_ros/conversions.h"
+#include "pick_mission_ros/pick_mission_params.h"
+#include "pick_mission_ros/service_caller.h"
+
+namespace pick_mission_ros {
+
+/// Carries the mission's commands out: each is answered by one Reply, through `post`. All in the thread of `queue`, but for
+/// tf.
+class MissionActions {
+ public:
+  using Post = std::function<void(const pick_mission::Event& event)>;
+  using OnSelection = std::function<void(const interactive_mapping_msgs::NbvSelection& selection)>;
+
+  /// Throws std::invalid_argument for a robot_description or a file of sectors that cannot be used.
+  MissionActions(const ros::NodeHandle& nh, const PickMissionParams& params, ros::CallbackQueue* queue,
+                 std::shared_ptr<Inbox> inbox, Post post, OnSelection on_selection);
+
+  void carryOut(const pick_mission::Command& command);
+
+  /// Limits of time, servers that have gone, what the bridge does not tell any more. To be called some ten times per
+  /// second of wall time.
+  void watch();
+
+  /// What a mission cannot begin without and is not there, a phrase each.
+  std::vector<std::string> missing();
+
+  /// Where it begins. Throws std::runtime_error if tf does not tell.
+  pick_mission::event::Start start() const;
+
+  /// Ends what goes on, which is then answered as it ended.
+  void cancel();
+  bool isIdle() const { return !running_; }
+
+  /// A hold that nobody has taken: then the mission's heart must not beat.
+  bool isHoldLost() const { return is_hold_lost_; }
+
+  /// As the bridge tells; unknown if it has not told for too long.
+  pick_mission::Hand hand() const;
+
+ private:
+  using ArmOutcome = interactive_mapping_msgs::ArmOutcome;
+
+  struct PendingArm {  // until the bridge has told about the magnet after it
+    pick_mission::ArmStatus status;
+    std::string message;
+    ros::Time stamp;
+    ros::WallTime since;
+  };
+  struct PendingDetection {  // until the list of all bricks has come
+    interactive_mapping_msgs::DetectBricks::Response response;
+    ros::WallTime since;
+  };
+  struct PendingDrive {  // until the navigation has told its outcome
+    bool is_succeeded;
+    bool is_cancelled;
+    std::string why;
+    ros::WallTime since;
+  };
+  struct LookWork {
+    int images;
+    int seen{0};
+    ros::Time since;
+    ros::Time deadline;
+    double map_stamp_s{0.0};
+    std::string refused;
+  };
+  struct WaitWork {
+    bool until_arm_ready;
+    ros::Time since;
+    ros::Time deadline;
+  };
+
+  void begin(const pick_mission::command::PlanArm& plan);
+  void begin(const pick_mission::command::MoveArm& move);
+  void begin(const pick_mission::command::Look& look);
+  void begin(const pick_mission::command::Detect& detect);
+  void begin(const pick_mission::command::PlanPick& plan);
+  void begin(const pick_mission::command::Pick& pick);
+  void begin(const pick_mission::command::LetGo& let_go);
+  void begin(const pick_mission::command::ReportFailure& report);
+  void begin(const pick_mission::command::SelectView& select);
+  void begin(const pick_mission::command::Drive& drive);
+  void begin(const pick_mission::command::Recover& recover);
+  void begin(const pick_mission::command::Wait& wait);
+  void begin(const pick_mission::command::Cancel& cancel);
+  void begin(const pick_mission::command::Hold& hold);
+  void begin(const pick_mission::command::Release& release);
+
+  void reply(const pick_mission::Result& result, const std::string& message,
+             std::optional<pick_mission::Hand> hand = std::nullopt);
+  void noAnswer(const std::string& why) { reply(pick_mission::NoAnswer{}, why); }
+  template <typename Action>
+  void sendArm(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal);
+  template <typename Action, typename OnResult>
+  void sendPlan(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal, OnResult on_result);
+  void abandon();
+  void forgetWork();
+  void callHold();
+  void callRelease();
+  void finishArm();
+  void finishDetection();
+  void finishDrive(const interactive_mapping_msgs::NavigationOutcome* outcome);
+  void tellHand();
+  Eigen::Isometry3d baseInMap() const;
+
+  void onBridgeState(const interactive_mapping_msgs::ArmBridgeStateConstPtr& message);
+  void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
+  void onMapUpdate(const interactive_mapping_msgs::MapUpdateConstPtr& message);
+  void onBricks(const interactive_mapping_msgs::BrickArrayConstPtr& message);
+  void onNavigationOutcome(const interactive_mapping_msgs::NavigationOutcomeConstPtr& message);
+
+  const PickMissionParams params_;
+  const std::shared_ptr<const motion_planning::ArmKinematics> arm_;
+  const motion_planning::ManipulabilitySectors sectors_;
+  const Eigen::Isometry3d T_base_armbase_;
+  const Post post_;
+  const OnSelection on_selection_;
+
+  std::optional<std::uint64_t> running_;  // id of the command that has not been answered
+  std::optional<PendingArm> pending_arm_;
+  std::optional<PendingDetection> pending_detection_;
+  std::optional<PendingDrive> pending_drive_;
+  std::optional<LookWork> look_;
+  std::optional<WaitWork> wait_;
+  std::optional<pick_mission::Pose2d> drive_goal_;
+  std::optional<interactive_mapping_msgs::NavigationOutcome> drive_outcome_;  // heard before the action's result
+  ros::Time drive_since_;
+  bool is_hold_wanted_{false};
+  bool is_hold_lost_{false};
+
+  // Plans that wait to be carried out, with the id of the command that asked for them.
+  std::uint64_t arm_plan_id_{0}, pick_plan_id_{0};
+  interactive_mapping_msgs::PlanArmResult arm_plan_;
+  interactive_mapping_msgs::PlanPickResult pick_plan_;
+
+  interactive_mapping_msgs::ArmBridgeStateConstPtr bridge_;
+  interactive_mapping_msgs::AttachedBrickConstPtr attached_;
+  interactive_mapping_msgs::BrickArrayConstPtr bricks_;
+  ros::Time map_stamp_;
+  pick_mission::Hand told_hand_{pick_mission::Hand::kUnknown};
+
+  tf2_ros::Buffer tf_;
+  tf2_ros::TransformListener tf_listener_;
+  ActionCaller<interactive_mapping_msgs::PlanArmAction> plan_arm_;
+  ActionCaller<interactive_mapping_msgs::PlanPickAction> plan_pick_;
+  ActionCaller<interactive_mapping_msgs::MoveArmAction> move_arm_;
+  ActionCaller<interactive_mapping_msgs::PickBrickAction> pick_;
+  ActionCaller<interactive_mapping_msgs::LetGoBrickAction> let_go_;
+  ActionCaller<interactive_mapping_msgs::RecoverArmAction> recover_;
+  ActionCaller<interactive_mapping_msgs::SelectNextBestViewAction> select_;
+  ActionCaller<move_base_msgs::MoveBaseAction> drive_;
+  ServiceCaller<interactive_mapping_msgs::DetectBricks> detect_;
+  ServiceCaller<interactive_mapping_msgs::ReportFailure> report_;
+  ServiceCaller<std_srvs::Trigger> hold_, release_;
+  std::vector<ros::Subscriber> subscribers_;
+};
+
+}  // namespace pick_mission_ros

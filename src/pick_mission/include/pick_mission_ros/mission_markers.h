@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <interactive_mapping_msgs/MissionState.h>
+#include <mp700_ur5e_description/brick_types.h>
+#include <visualization_msgs/MarkerArray.h>
+
+namespace pick_mission_ros {
+
+/// The mission for rviz, all of it anew (the first marker deletes what was there): `bricks` (translucent boxes in the
+/// colour of their status), `old_places` (outlines where bricks were picked or went away), `ids`, `current` (a frame
+/// about the brick in work), `view` (a flat arrow where the robot is to stand, its tail at base_link) and `decision`
+/// (state and decision as text, above the view; without one above the bricks).
+///
+/// A brick whose place is not known (no rotation in its pose, or not finite) is left out; one whose type the catalogue
+/// does not know is a ball with the type's name.
+visualization_msgs::MarkerArray toMarkers(const interactive_mapping_msgs::MissionState& state,
+                                          const mp700_ur5e_description::BrickCatalogue& catalogue);
+
+}  // namespace pick_mission_ros

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <pthread.h>
+
+#include <atomic>
+#include <csignal>
+#include <ctime>
+#include <exception>
+
+#include <ros/ros.h>
+#include <ros/xmlrpc_manager.h>
+
+#include "pick_mission_ros/pick_mission_ros.h"
+
+namespace {
+constexpr double kStop_s = 3.0;  // wall time for what goes on to end
+
+std::atomic<bool> is_shutdown_asked{false};
+
+/// Of `rosnode kill`, and of the master when another node takes the name: roscpp's own would shut ROS down at once, and
+/// nothing could be cancelled any more.
+void onShutdown(XmlRpc::XmlRpcValue& /*parameters*/, XmlRpc::XmlRpcValue& result) {
+  is_shutdown_asked = true;
+  result = ros::xmlrpc::responseInt(1, "", 0);
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  // Every thread leaves these to the loop below: what goes on has to end before ROS is shut down.
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  ros::init(argc, argv, "pick_mission", ros::init_options::NoSigintHandler);
+  // Outside the block that may throw: with the last handle goes ROS's log, and with that the reason.
+  const ros::NodeHandle nh;
+  const ros::NodeHandle private_nh("~");
+  ros::XMLRPCManager::instance()->unbind("shutdown");
+  ros::XMLRPCManager::instance()->bind("shutdown", onShutdown);
+  try {
+    pick_mission_ros::PickMissionRos mission(nh, private_nh);
+    const timespec at_once{0, 0};
+    while (ros::ok() && !is_shutdown_asked && sigtimedwait(&signals, nullptr, &at_once) < 0) mission.spinOnce();
+    mission.stop(ros::WallDuration(kStop_s));
+    ros::shutdown();  // before the mission's own end, which waits for calls that this breaks off
+    return 0;
+  } catch (const std::exception& error) {
+    ROS_FATAL("%s", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pick_mission_ros/pick_mission_params.h"
+
+#include <gmock/gmock.h>
+#include <ros/ros.h>
+#include <yaml-cpp/yaml.h>
+
+#include "support/params_contract.h"
+
+namespace pick_mission_ros {
+namespace {
+
+using params_contract::messageOf;
+using testing::Contains;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+constexpr char kSectors[] = "/some/sectors.yaml";  // not read here
+
+XmlRpc::XmlRpcValue listOf(double first, double second) {
+  XmlRpc::XmlRpcValue list;
+  list.setSize(2);
+  list[0] = first;
+  list[1] = second;
+  return list;
+}
+
+const params_contract::Contract kContract = {
+    PICK_MISSION_DIR,
+    "config/pick_mission.yaml",
+    toYaml(PickMissionParams()),
+    [](const ros::NodeHandle& nh) { return toYaml(loadPickMissionParams(nh)); },
+    {"look/images", "attempts/max_picks_per_brick", "attempts/max_plans_per_brick",
+     "attempts/max_pick_failures_per_view", "attempts/max_plan_failures_per_view", "attempts/max_failures_in_a_row",
+     "attempts/max_recoveries_in_a_row", "views/max_fruitless", "views/max_low_utility", "views/max_vantage_drives",
+     "views/max_fade_waits", "bricks_total", "seed"},
+    {{"survey/x_m", listOf(0.7, 1.3)},
+     {"survey/y_m", listOf(0.1, 0.2)},
+     {"survey/yaw_rad", listOf(0.3, 0.4)},
+     {"map_frame", "odom"},
+     {"base_frame", "platform"},
+     {"sectors_file", kSectors},
+     {"bricks_file", "/bricks.yaml"},
+     {"run_folder", "/some/run"},
+     {"scene", "two_rows"},
+     {"strategy", "gpis"},
+     {"removed_factor", "travel"},
+     {"stow", "bin"},
+     {"nodes/map", "/a"},
+     {"nodes/planner", "/b"},
+     {"nodes/bridge", "/c"},
+     {"nodes/detection", "/d"},
+     {"nodes/selection", "/e"},
+     {"nodes/navigation", "/f"},
+     {"nodes/move_base", "/g"}}};
+
+TEST(PickMissionParams, ShippedFileHasEveryKeyWithItsDefault) {
+  params_contract::expectShippedFileHasEveryDefault(kContract);
+}
+
+TEST(PickMissionParams, ShippedFileLoadsAsTheDefaults) {
+  const PickMissionParams loaded = loadPickMissionParams(ros::NodeHandle("~shipped"));
+  PickMissionParams expected;
+  expected.sectors_file = loaded.sectors_file;  // what a launch file has to give
+  expected.bricks_file = loaded.bricks_file;
+  EXPECT_EQ(toYaml(loaded), toYaml(expected));
+}
+
+TEST(PickMissionParams, EveryKeyIsReadIntoItsOwnField) {
+  params_contract::expectEveryKeyIsReadIntoItsOwnField(kContract, ros::NodeHandle("~changed"));
+}
+
+TEST(PickMissionParams, ReadmeTableHasEveryKeyWithItsDefault) {
+  params_contract::expectReadmeTableHasEveryDefault(kContract);
+}
+
+TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
+  ros::NodeHandle nh("~wrong");
+  nh.setParam("colour", true);
+  nh.setParam("map_frame", "/map");
+  nh.setParam("base_frame", "");
+  nh.setParam("stow", "/chute");
+  nh.setParam("sectors_file", "sectors.yaml");
+  nh.setParam("bricks_file", "bricks.yaml");
+  nh.setParam("run_folder", "run");
+  nh.setParam("autostart", "yes");
+  nh.setParam("seed", 1.5);
+  nh.setParam("survey/x_m", 0.6);
+  nh.setParam("look/images", 0);
+  nh.setParam("time/limit_s", -1.0);
+  nh.setParam("heartbeat/rate_hz", 0.1);
+  nh.setParam("heartbeat/max_stall_s", 0.0);
+  nh.setParam("input/max_bridge_age_s", 0.0);
+  nh.setParam("input/max_tf_age_s", 100.0);
+  nh.setParam("servers/timeout_s", 0.0);
+  nh.setParam("servers/service_timeout_s", 1e4);
+  nh.setParam("servers/detect_stall_s", 0.5);
+  nh.setParam("nodes/map", "");
+  nh.setParam("nodes/planner", "two words");
+  const std::string message = messageOf(kContract, nh);
+  EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
+  EXPECT_THAT(message, HasSubstr("/wrong/map_frame = '/map', must be a tf2 frame"));
+  EXPECT_THAT(message, HasSubstr("/wrong/base_frame = '', must be a tf2 frame"));
+  EXPECT_THAT(message, HasSubstr("/wrong/stow = '/chute', must be a tf2 frame"));
+  EXPECT_THAT(message, HasSubstr("/wrong/sectors_file = 'sectors.yaml', must be the absolute path"));
+  EXPECT_THAT(message, HasSubstr("/wrong/bricks_file = 'bricks.yaml', must be the absolute path"));
+  EXPECT_THAT(message, HasSubstr("/wrong/run_folder = 'run', must be the absolute path"));
+  EXPECT_THAT(message, HasSubstr("/wrong/autostart"));
+  EXPECT_THAT(message, HasSubstr("/wrong/seed"));
+  EXPECT_THAT(message, HasSubstr("/wrong/survey/x_m"));
+  EXPECT_THAT(message, HasSubstr("/wrong/look/images = 0, must be in [1, 1000]"));
+  EXPECT_THAT(message, HasSubstr("/wrong/time/limit_s = -1 s, must be in [1, 86400] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/heartbeat/rate_hz = 0.1 Hz, must be in [1, 100] Hz"));
+  EXPECT_THAT(message, HasSubstr("/wrong/heartbeat/max_stall_s = 0 s, must be in [0.5, 60] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/input/max_bridge_age_s = 0 s, must be in [0.05, 60] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/input/max_tf_age_s = 100 s, must be in [0.05, 60] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/servers/timeout_s = 0 s, must be in [0.5, 600] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/servers/service_timeout_s = 10000 s, must be in [0.5, 600] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/servers/detect_stall_s = 0.5 s, must be in [1, 3600] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/nodes/map = '', must be a name"));
+  EXPECT_THAT(message, HasSubstr("/wrong/nodes/planner = 'two words', must be a name"));
+}
+
+TEST(PickMissionParams, FramesOfMapAndBaseAreTwo) {
+  PickMissionParams params;
+  params.base_frame = params.map_frame;
+  EXPECT_THAT(params.validate(), Contains(HasSubstr("must be another frame than map_frame")));
+}
+
+TEST(PickMissionParams, FilesOfSectorsAndBricksMustBeGiven) {
+  EXPECT_THAT(PickMissionParams().validate(), testing::ElementsAre(StartsWith("sectors_file = '', must be"),
+                                                                   StartsWith("bricks_file = '', must be")));
+}
+
+}  // namespace
+}  // namespace pick_mission_ros
+
+int main(int argc, char** argv) {
+  testing::InitGoogleMock(&argc, argv);
+  ros::init(argc, argv, "test_pick_mission_params");
+  const ros::NodeHandle keep_alive;
+  return RUN_ALL_TESTS();
+}
