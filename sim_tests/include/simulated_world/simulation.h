@@ -11,6 +11,7 @@
 
 #include <Eigen/Geometry>
 
+#include "simulated_world/brick_texture.h"
 #include "simulated_world/cost_meter.h"
 #include "simulated_world/differential_drive.h"
 #include "simulated_world/fault.h"
@@ -63,6 +64,16 @@ struct SimulationConfig {
   double collision_stop_effort{0.6};  ///< on a joint, as a share of what its motor can do
   bool arm_starts_running{true};      ///< powered, brakes released, program running; else powered off
   double start_time_s{10.0};          ///< what the clock shows at first: at 0, ROS takes time for not begun
+
+  std::vector<std::string> validate() const;
+};
+
+/// A picture of the whole, for people.
+struct PictureConfig {
+  int width_px{960};
+  int height_px{540};
+  double fovy_rad{0.5};
+  int samples{8};  ///< per pixel: smooth edges
 
   std::vector<std::string> validate() const;
 };
@@ -128,12 +139,30 @@ class Simulation {
   const LaserScannerConfig& scannerConfig() const;
   const std::string& scannerFrame() const { return scanner_frame_; }
   int bricksStowed() const { return stowed_; }
+  /// The world as it is: pile, robot, and room for the robot to go around the pile, from behind the robot's first place
+  /// and aside; always the same view. CV_8UC3 in the order red, green, blue. It is drawn in a world of its own, which the
+  /// first call makes (a second or so): what the robot measures does not change by it. `config` counts in the first call.
+  /// Throws std::invalid_argument for a bad one.
+  cv::Mat picture(const PictureConfig& config = {});
   std::uint64_t digest() const { return world_->digest(); }
   const SimulationConfig& config() const { return config_; }
   /// Of all ticks so far. Surfaces that the judge was shown are not among it.
   const CostMeter& costs() const { return costs_; }
 
  private:
+  /// What worlds are made of.
+  struct Blueprint {
+    std::string robot_mjcf;
+    std::string assets_mjcf;
+    std::vector<WorldBrick> bricks;
+    std::vector<BrickAppearance> looks;  ///< of the bricks
+    Pose2d start;
+    ArmVector arm_start_rad;
+    WorldConfig world;
+  };
+  static std::unique_ptr<World> makeWorld(const Blueprint& blueprint, std::uint64_t seed);
+  struct Stage;
+
   void applyFaults(Tick* tick);
   void beginFault(const FaultSchedule::Change& change, Tick* tick);
   void endFault(const FaultSchedule::Change& change, Tick* tick);
@@ -165,7 +194,9 @@ class Simulation {
   SimulationConfig config_;
   PileScene scene_;
   std::string scanner_frame_;
+  Blueprint blueprint_;
   std::unique_ptr<World> world_;
+  std::unique_ptr<Stage> stage_;  // of the pictures
   std::unique_ptr<DifferentialDrive> drive_;
   std::unique_ptr<UrController> arm_;
   std::unique_ptr<OffscreenRenderer> renderer_;

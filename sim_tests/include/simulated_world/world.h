@@ -105,6 +105,10 @@ class World {
   /// Brings the poses of bodies and cameras up to the state: a step leaves them where it began.
   void refreshPoses();
 
+  /// Poses of all that moves as in `other`, a world of the same robot and bricks: to draw it with other surroundings.
+  /// Throws std::invalid_argument if their states do not fit.
+  void takePosesFrom(const World& other);
+
   double time() const { return data_->time; }
   const WorldConfig& config() const { return config_; }
   const mjModel& model() const { return *model_; }
@@ -150,7 +154,8 @@ class World {
   std::optional<Release> takeRelease();
   /// Contacts of the robot since the last call, one per pair of bodies, in a fixed order.
   std::vector<RobotTouch> takeTouches();
-  int numAwake() const;  ///< bricks that take part in the dynamics now
+  int numAwake() const;     ///< bricks that take part in the dynamics now
+  int numContacts() const;  ///< points of contact that the last step has solved
   /// Bricks that lie at rest inside the chute, not held.
   std::vector<int> bricksAtRestInChute() const;
 

@@ -13,8 +13,8 @@
 #include <urdf_parser/urdf_parser.h>
 
 #include "config_check.h"
-#include "simulated_world/brick_texture.h"
 #include "simulated_world/robot_mjcf.h"
+#include "simulated_world/scene_view.h"
 #include "simulated_world/settle.h"
 #include "synthetic_depth/parallel.h"
 
@@ -59,6 +59,53 @@ std::array<bool, 6> platesOf(const mp700_ur5e_description::BrickType& type) {
   for (const mp700_ur5e_description::BrickFace face : type.plate_faces)
     has_plate[static_cast<std::size_t>(face)] = true;
   return has_plate;
+}
+
+constexpr double kPictureMargin = 0.03;  // share of the picture that stays free at each border
+
+Eigen::Vector2d middleOf(const PileScene& scene) {
+  Eigen::Vector2d middle(0.0, 0.0);
+  for (const BrickPlacement& brick : scene.bricks) {
+    middle += brick.T_map_brick.translation().head<2>() / static_cast<double>(scene.bricks.size());
+  }
+  return middle;
+}
+
+/// What a picture of a run has to show.
+std::vector<Eigen::Vector3d> pointsOfInterest(const PileScene& scene) {
+  constexpr double kRobotHeight_m = 1.9;  // of the camera's mast, about
+  constexpr double kRobotRadius_m = 0.5;
+  constexpr double kRoom_m = 0.8;  // beside the pile: most of the base where it picks; its far end may be cut off
+  std::vector<Eigen::Vector3d> points;
+  const auto addCircle = [&points](const Eigen::Vector2d& middle, double radius_m, double z_m) {
+    constexpr int kCorners = 16;
+    for (int i = 0; i < kCorners; ++i) {
+      const double angle = 2.0 * M_PI * i / kCorners;
+      points.emplace_back(middle.x() + radius_m * std::cos(angle), middle.y() + radius_m * std::sin(angle), z_m);
+    }
+  };
+  const Eigen::Vector2d middle = middleOf(scene);
+  double pile_radius_m = 0.0;
+  for (const BrickPlacement& brick : scene.bricks) {
+    pile_radius_m = std::max(pile_radius_m, (brick.T_map_brick.translation().head<2>() - middle).norm());
+  }
+  addCircle(middle, pile_radius_m + kRoom_m, 0.0);
+  addCircle(middle, pile_radius_m + kRoom_m, kRobotHeight_m);
+  addCircle(scene.robot_start.xy_m, kRobotRadius_m, 0.0);
+  addCircle(scene.robot_start.xy_m, kRobotRadius_m, kRobotHeight_m);
+  return points;
+}
+
+/// From behind the robot's first place and to its right, downwards.
+Eigen::Vector3d overviewDirection(const PileScene& scene) {
+  constexpr double kAside_rad = 0.6;
+  constexpr double kDown_rad = 0.75;  // steep enough to see the pile over the robot
+  Eigen::Vector2d ahead = middleOf(scene) - scene.robot_start.xy_m;
+  if (!(ahead.norm() > 1e-6)) {
+    ahead = {1.0, 0.0};
+  }
+  const Eigen::Vector2d aside = Eigen::Rotation2Dd(kAside_rad) * ahead.normalized();
+  return {aside.x(), aside.y(), -std::tan(kDown_rad)};
 }
 
 }  // namespace
@@ -124,8 +171,6 @@ Simulation::Simulation(const SimulationConfig& config)
   SettleConfig settle_config;
   settle_config.physics = config.world.physics;
   scene_ = settlePile(scene_config, config.seed, settle_config).scene;
-  std::string assets;
-  std::vector<WorldBrick> bricks;
   for (const BrickPlacement& placement : scene_.bricks) {
     const description::BrickType& type = catalogue.typeOf(placement.id);
     if (placement.type.name != type.name) {
@@ -138,27 +183,8 @@ Simulation::Simulation(const SimulationConfig& config)
     brick.plate_edge_m = type.plate_edge_m;
     brick.has_plate = platesOf(type);
     brick.material = brickBodyName(placement.id);
-    assets += brickTextureXml(brick.material, kBrickFace_px);
-    bricks.push_back(brick);
-    bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0});
-  }
-
-  // The robot in it.
-  const urdf::ModelInterfaceSharedPtr robot = readRobot(config.description.urdf);
-  const std::vector<JointLimits> limits = armLimits(*robot);
-  WorldConfig world_config = config.world;
-  for (int i = 0; i < kArmJoints; ++i) {
-    world_config.servo.arm_effort_Nm[i] = limits[static_cast<std::size_t>(i)].effort_Nm;
-  }
-  RobotMjcfOptions robot_options;
-  robot_options.arm.damping = 0.0;  // the servo is damped, and knows of no other friction
-  robot_options.camera_fovy_rad = 2.0 * std::atan(0.5 * config.camera.camera.height_px / config.camera.camera.fy_px);
-  const Pose2d start{scene_.robot_start.xy_m.x(), scene_.robot_start.xy_m.y(), scene_.robot_start.yaw_rad};
-  world_ = std::make_unique<World>(robotMjcf(*robot, robot_options), assets, bricks, start, arm_start, world_config);
-  // Each into a place of its own, from a seed of its own: the result is the same on any number of processors.
-  synthetic_depth::forEachInParallel(static_cast<int>(scene_.bricks.size()), [&](int i) {
-    const BrickPlacement& placement = scene_.bricks[static_cast<std::size_t>(i)];
-    const description::BrickType& type = catalogue.typeOf(placement.id);
+    blueprint_.assets_mjcf += brickTextureXml(brick.material, kBrickFace_px);
+    blueprint_.bricks.push_back(brick);
     BrickAppearance look;
     look.size_m = type.size_m;
     look.plate_edge_m = type.plate_edge_m;
@@ -169,9 +195,25 @@ Simulation::Simulation(const SimulationConfig& config)
     for (std::size_t face = 0; face < look.tag_ids.size(); ++face) {
       look.tag_ids[face] = catalogue.tagId(placement.id, description::kBrickFaces[face]);
     }
-    uploadBrickTexture(world_->mutableModel(), brickBodyName(placement.id),
-                       drawBrickFaces(look, kBrickFace_px, config.seed + static_cast<std::uint64_t>(placement.id)));
-  });
+    blueprint_.looks.push_back(look);
+    bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0});
+  }
+
+  // The robot in it.
+  const urdf::ModelInterfaceSharedPtr robot = readRobot(config.description.urdf);
+  const std::vector<JointLimits> limits = armLimits(*robot);
+  blueprint_.world = config.world;
+  for (int i = 0; i < kArmJoints; ++i) {
+    blueprint_.world.servo.arm_effort_Nm[i] = limits[static_cast<std::size_t>(i)].effort_Nm;
+  }
+  RobotMjcfOptions robot_options;
+  robot_options.arm.damping = 0.0;  // the servo is damped, and knows of no other friction
+  robot_options.camera_fovy_rad = 2.0 * std::atan(0.5 * config.camera.camera.height_px / config.camera.camera.fy_px);
+  const Pose2d start{scene_.robot_start.xy_m.x(), scene_.robot_start.xy_m.y(), scene_.robot_start.yaw_rad};
+  blueprint_.start = start;
+  blueprint_.arm_start_rad = arm_start;
+  blueprint_.robot_mjcf = robotMjcf(*robot, robot_options);
+  world_ = makeWorld(blueprint_, config.seed);
 
   DifferentialDriveConfig drive;
   drive.wheel_radius_m = profile.drive.wheel_radius_m;
@@ -219,6 +261,63 @@ Simulation::Simulation(const SimulationConfig& config)
 }
 
 Simulation::~Simulation() = default;
+
+std::unique_ptr<World> Simulation::makeWorld(const Blueprint& blueprint, std::uint64_t seed) {
+  auto world = std::make_unique<World>(blueprint.robot_mjcf, blueprint.assets_mjcf, blueprint.bricks, blueprint.start,
+                                       blueprint.arm_start_rad, blueprint.world);
+  // Each into a place of its own, from a seed of its own: the result is the same on any number of processors.
+  synthetic_depth::forEachInParallel(static_cast<int>(blueprint.bricks.size()), [&](int i) {
+    const int id = blueprint.bricks[static_cast<std::size_t>(i)].placement.id;
+    const BrickAppearance& look = blueprint.looks[static_cast<std::size_t>(i)];
+    uploadBrickTexture(world->mutableModel(), brickBodyName(id),
+                       drawBrickFaces(look, kBrickFace_px, seed + static_cast<std::uint64_t>(id)));
+  });
+  return world;
+}
+
+std::vector<std::string> PictureConfig::validate() const {
+  RendererConfig renderer;
+  renderer.max_width_px = width_px;
+  renderer.max_height_px = height_px;
+  renderer.samples = samples;
+  std::vector<std::string> problems = renderer.validate();
+  if (!(fovy_rad > 0.0 && fovy_rad < 2.0)) {
+    problems.push_back("fovy_rad = " + std::to_string(fovy_rad) + " rad, must be in (0, 2) rad");
+  }
+  return problems;
+}
+
+/// The world once more, in daylight, and who draws it.
+struct Simulation::Stage {
+  PictureConfig config;
+  std::unique_ptr<World> world;
+  std::unique_ptr<OffscreenRenderer> renderer;
+  Viewpoint view;
+};
+
+cv::Mat Simulation::picture(const PictureConfig& config) {
+  if (!stage_) {
+    throwIfAny("picture", config.validate());
+    auto stage = std::make_unique<Stage>();
+    stage->config = config;
+    Blueprint blueprint = blueprint_;
+    blueprint.world.has_surroundings = true;
+    blueprint.world.has_sleep = false;  // nothing moves by itself there
+    stage->world = makeWorld(blueprint, config_.seed);
+    RendererConfig renderer;
+    renderer.max_width_px = config.width_px;
+    renderer.max_height_px = config.height_px;
+    renderer.samples = config.samples;
+    renderer.quads_per_edge = 4;  // the sun is near enough to fall off across a face
+    stage->renderer = std::make_unique<OffscreenRenderer>(stage->world->model(), renderer);
+    stage->view = viewpointOf(pointsOfInterest(scene_), overviewDirection(scene_), config.fovy_rad,
+                              static_cast<double>(config.width_px) / config.height_px, kPictureMargin);
+    stage_ = std::move(stage);
+  }
+  stage_->world->takePosesFrom(*world_);
+  return renderView(*stage_->renderer, stage_->world->data(), stage_->view.eye_m, stage_->view.target_m,
+                    stage_->config.fovy_rad, stage_->config.width_px, stage_->config.height_px);
+}
 
 // What the operator does before a run: it has happened when the clock starts.
 void Simulation::startArm() {

@@ -311,6 +311,18 @@ void World::refreshPoses() {
   mj_camlight(model_.get(), data_.get());
 }
 
+void World::takePosesFrom(const World& other) {
+  if (other.model_->nq != model_->nq || other.model_->nmocap != model_->nmocap) {
+    throw std::invalid_argument("world: " + std::to_string(other.model_->nq) + " coordinates and " +
+                                std::to_string(other.model_->nmocap) + " obstacles, must be " +
+                                std::to_string(model_->nq) + " and " + std::to_string(model_->nmocap));
+  }
+  std::copy_n(other.data_->qpos, model_->nq, data_->qpos);
+  std::copy_n(other.data_->mocap_pos, 3 * model_->nmocap, data_->mocap_pos);
+  std::copy_n(other.data_->mocap_quat, 4 * model_->nmocap, data_->mocap_quat);
+  refreshPoses();
+}
+
 void World::commandBase() {
   mjData* data = data_.get();
   const double dt = config_.physics.timestep_s;
@@ -558,6 +570,10 @@ int World::numAwake() const {
   return static_cast<int>(std::count_if(slots_.begin(), slots_.end(), [this](const BrickSlot& slot) {
     return slot.is_present && (!sleep_ || !sleep_->isAsleep(slot.brick.placement.id));
   }));
+}
+
+int World::numContacts() const {
+  return data_->ncon;
 }
 
 bool World::dropHeldBrick() {
@@ -856,6 +872,8 @@ void World::takeAwayBrick(int id) {
   moveBrick(id, away);
   BrickSlot& slot = slots_[indexOf(id)];
   slot.is_present = false;
+  // All that are there lie in one place: each pair of them would cost the solver as much as a pile.
+  model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = 0;
 }
 
 std::uint64_t World::digest() const {

@@ -74,6 +74,8 @@ Lockstep::Lockstep(ros::NodeHandle nh, const std::vector<simulated_world::WaitRu
                    const std::vector<simulated_world::ComputingRule>& computing)
     : nh_(std::move(nh)), gate_(wait_for, computing) {
   constexpr std::uint32_t kQueueSize = 1000;  // an answer that is lost would stop the clock
+  // The clock waits for each of these: held back by Nagle's algorithm, each would cost 40 ms.
+  const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
   std::set<std::string> actions;
   for (std::size_t i = 0; i < wait_for.size(); ++i) {
     const std::string topic = wait_for[i].topic;
@@ -86,7 +88,8 @@ Lockstep::Lockstep(ros::NodeHandle nh, const std::vector<simulated_world::WaitRu
             complaints_.push_back(topic + " carries " + message->getDataType() +
                                   ", which does not begin with a Header");
           }
-        }));
+        },
+        ros::VoidConstPtr(), no_delay));
     if (!wait_for[i].while_action.empty()) {
       actions.insert(wait_for[i].while_action);
     }
@@ -101,6 +104,7 @@ Lockstep::Lockstep(ros::NodeHandle nh, const std::vector<simulated_world::WaitRu
 
 void Lockstep::watchAction(const std::string& action) {
   constexpr std::uint32_t kQueueSize = 1000;
+  const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
   actions_.push_back(nh_.subscribe<topic_tools::ShapeShifter>(
       action + "/goal", kQueueSize, [this, action](const topic_tools::ShapeShifter::ConstPtr& message) {
         std::string id;
@@ -110,7 +114,8 @@ void Lockstep::watchAction(const std::string& action) {
         } else {
           complaints_.push_back(action + "/goal carries " + message->getDataType() + ", which is no action goal");
         }
-      }));
+      },
+      ros::VoidConstPtr(), no_delay));
   actions_.push_back(nh_.subscribe<topic_tools::ShapeShifter>(
       action + "/result", kQueueSize, [this, action](const topic_tools::ShapeShifter::ConstPtr& message) {
         std::string id;
@@ -119,7 +124,8 @@ void Lockstep::watchAction(const std::string& action) {
         } else {
           complaints_.push_back(action + "/result carries " + message->getDataType() + ", which is no action result");
         }
-      }));
+      },
+      ros::VoidConstPtr(), no_delay));
 }
 
 std::vector<std::string> Lockstep::missing() const {

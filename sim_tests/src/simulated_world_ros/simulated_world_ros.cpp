@@ -12,6 +12,7 @@
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/TwistStamped.h>
+#include <interactive_mapping_msgs/PickBrickActionGoal.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <nav_msgs/Odometry.h>
 #include <rosgraph_msgs/Clock.h>
@@ -130,6 +131,9 @@ SimulatedWorldRos::SimulatedWorldRos(const ros::NodeHandle& nh, const ros::NodeH
   if (!params.run_folder.empty()) {
     writer_ = std::make_unique<simulated_world::JudgeWriter>(params.run_folder);
   }
+  if (params.has_pictures) {
+    pictures_ = std::make_unique<simulated_world::RunPictures>(params.run_folder);
+  }
   arm_ = std::make_unique<UrDriverRos>(nh_, simulation_.armDriver(), arm_mutex_, "ur5e_");
   if (!params_.surface_topic.empty()) {
     // Before the rules: callbacks of a topic are queued in the order of subscription, and a surface that the clock waited
@@ -157,6 +161,19 @@ SimulatedWorldRos::~SimulatedWorldRos() {
     writer_->finish(simulation_.judge());
   } catch (const std::exception& error) {
     ROS_ERROR("the judge's report is not complete: %s", error.what());
+  }
+  takePictures(true);  // last: who ends the node has little patience
+}
+
+void SimulatedWorldRos::takePictures(bool is_last) {
+  if (!pictures_) {
+    return;
+  }
+  try {
+    is_last ? pictures_->finish(simulation_) : pictures_->watch(simulation_);
+  } catch (const std::exception& error) {
+    ROS_ERROR("no more pictures of the world: %s", error.what());
+    pictures_.reset();  // a run is worth more than they are
   }
 }
 
@@ -191,7 +208,8 @@ void SimulatedWorldRos::advertiseDrivers() {
   };
   color_publisher_ = transport_.advertiseCamera("camera/color/image_raw", kQueueSize, connected, left);
   depth_publisher_ = transport_.advertiseCamera("camera/aligned_depth_to_color/image_raw", kQueueSize, connected, left);
-  subscribers_.push_back(nh_.subscribe("cmd_vel", kQueueSize, &SimulatedWorldRos::onCommand, this));
+  subscribers_.push_back(
+      nh_.subscribe("cmd_vel", kQueueSize, &SimulatedWorldRos::onCommand, this, ros::TransportHints().tcpNoDelay()));
   services_.push_back(nh_.advertiseService("camera/capture", &SimulatedWorldRos::onCapture, this));
   diagnostics_publisher_ = nh_.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", kQueueSize);
 }
@@ -215,6 +233,15 @@ void SimulatedWorldRos::advertiseExperiment() {
       private_nh_.subscribe<std_msgs::Int32>("target", kQueueSize, [this](const std_msgs::Int32::ConstPtr& message) {
         simulation_.setTarget(message->data < 0 ? std::nullopt : std::optional<int>(message->data));
       }));
+  if (!params_.pick_action.empty()) {
+    // Until the next one: after a pick that failed the magnet may still be at its brick.
+    subscribers_.push_back(nh_.subscribe<interactive_mapping_msgs::PickBrickActionGoal>(
+        params_.pick_action + "/goal", kQueueSize,
+        [this](const interactive_mapping_msgs::PickBrickActionGoal::ConstPtr& message) {
+          simulation_.setTarget(message->goal.brick_id);
+        },
+        ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay()));
+  }
   // The last of all: whoever finds it finds the others, too.
   services_.push_back(experiment_nh_.advertiseService("advance", &SimulatedWorldRos::onAdvance, this));
 }
@@ -235,6 +262,7 @@ void SimulatedWorldRos::run() {
   publishClock();
   publishTruth();
   publishJudge();
+  takePictures(false);
   while (ros::ok()) {
     ros::getGlobalCallbackQueue()->callAvailable();
     experiment_queue_.callAvailable();
@@ -292,9 +320,10 @@ std::string SimulatedWorldRos::missingSubscriber() const {
   for (const simulated_world::WaitRule& rule : params_.wait_for) {
     const auto known = subscribers_of_.find(rule.after);
     const std::multiset<std::string> none;
-    const std::multiset<std::string>& subscribers = rule.after == ClockEvent::kJointStates ? arm_->jointStateSubscribers()
-                                                    : known != subscribers_of_.end()       ? known->second
-                                                                                           : none;
+    const std::multiset<std::string>& subscribers = rule.after == ClockEvent::kJointStates
+                                                        ? arm_->jointStateSubscribers()
+                                                    : known != subscribers_of_.end() ? known->second
+                                                                                     : none;
     if (rule.subscriber.empty()) {
       if (rule.after == ClockEvent::kImage && subscribers.empty()) return "anybody to subscribe to the camera";
       continue;
@@ -365,6 +394,7 @@ void SimulatedWorldRos::tick() {
   if (writer_) {
     writer_->write(simulation_.judge());
   }
+  takePictures(false);
   if (simulation_.now() - last_truth_s_ >= kTruthPeriod_s - 1e-9) {
     publishTruth();
   }
@@ -569,6 +599,7 @@ void SimulatedWorldRos::publishDiagnostics() {
   add("real-time factor", factor);
   add("answers given up", given_up_);
   add("bricks awake", simulation_.world().numAwake());
+  add("points of contact", simulation_.world().numContacts());
   diagnostic_msgs::DiagnosticArray array;
   array.header.stamp = stamp();
   array.status.push_back(status);

@@ -21,6 +21,7 @@
 #include "sim_tests/Advance.h"
 #include "sim_tests/InjectFault.h"
 #include "simulated_world/judge_writer.h"
+#include "simulated_world/run_pictures.h"
 #include "simulated_world/simulation.h"
 #include "simulation_params.h"
 #include "ur_driver_ros.h"
@@ -45,6 +46,7 @@ class SimulatedWorldRos {
   bool mayTick();  // as far as the clock's mode is concerned; waits a little if not
   bool isHeld();   // by what is due
   void tick();
+  void takePictures(bool is_last);
   void publishClock();
   void publishState(const simulated_world::Simulation::Tick& tick);
   void publishArm();
@@ -74,6 +76,7 @@ class SimulatedWorldRos {
   SimulationParams params_;
   simulated_world::Simulation simulation_;
   std::unique_ptr<simulated_world::JudgeWriter> writer_;
+  std::unique_ptr<simulated_world::RunPictures> pictures_;
   std::mutex arm_mutex_;  // asked for by UrDriverRos, which does not know that all is one thread
   std::unique_ptr<UrDriverRos> arm_;
   std::unique_ptr<Lockstep> lockstep_;

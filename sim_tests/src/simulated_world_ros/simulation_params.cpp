@@ -172,6 +172,7 @@ std::vector<std::string> SimulationParams::validate() const {
     }
   };
   requireName("judge/surface_topic", surface_topic);
+  requireName("judge/pick_action", pick_action);
   for (const simulated_world::WaitRule& rule : wait_for) {
     requireName("clock/wait_for: topic", rule.topic);
     requireName("clock/wait_for: while_action", rule.while_action);
@@ -196,6 +197,9 @@ std::vector<std::string> SimulationParams::validate() const {
   require("camera/height_px", simulation.camera.camera.height_px, 16.0, 8192.0, "px");
   require("clock/realtime_factor", realtime_factor, 0.01, 100.0, "");
   require("clock/wait_timeout_wall_s", wait_timeout_wall_s, 0.1, 3600.0, "s");
+  if (has_pictures && run_folder.empty()) {
+    problems.push_back("judge/pictures = true without judge/run_folder, must be false, or the folder given");
+  }
   if (depth_encoding != "16UC1" && depth_encoding != "32FC1") {
     problems.push_back("camera/depth_encoding = '" + depth_encoding + "', must be 16UC1 (mm) or 32FC1 (m)");
   }
@@ -302,7 +306,9 @@ SimulationParams loadSimulationParams(const ros::NodeHandle& private_nh) {
   reader.read("camera/sensor/lateral_jitter_px", &sensor.lateral_jitter_px);
 
   reader.read("judge/surface_topic", &params.surface_topic);
+  reader.read("judge/pick_action", &params.pick_action);
   reader.read("judge/run_folder", &params.run_folder);
+  reader.read("judge/pictures", &params.has_pictures);
   reader.read("frames/map", &params.map_frame);
   reader.read("frames/odom", &params.odom_frame);
   reader.ignore("image_transport");  // read by image_transport

@@ -29,8 +29,10 @@ struct SimulationParams {
   std::vector<simulated_world::ComputingRule> computing;
 
   std::string depth_encoding{"16UC1"};
+  std::string pick_action;    ///< of the arm's bridge, interactive_mapping_msgs/PickBrick: what the magnet may touch
   std::string surface_topic;  ///< of the strategy: interactive_mapping_msgs/SurfaceMesh or sensor_msgs/PointCloud2
   std::string run_folder;     ///< of the judge; empty: nothing is written
+  bool has_pictures{false};   ///< of the world, in the run folder
   std::string map_frame{"map"};
   std::string odom_frame{"odom"};
 

@@ -235,6 +235,7 @@ class BrickCamera {
     color_.publish(frame.color);
   }
   void publish(const sensor_msgs::CameraInfo& info) { info_.publish(info); }
+  void publish(const tf2_msgs::TFMessage& transforms) { tf_.publish(transforms); }
   void publishDepth(const sensor_msgs::Image& depth) { depth_.publish(depth); }
 
   /// What the node says about the image of this stamp that was published when `updates` had `since` entries.

@@ -349,7 +349,7 @@ TEST_F(LiveMapServices, ABrickThatTheMagnetTookLeavesTheMap) {
   EXPECT_TRUE(answers() == before);
   EXPECT_EQ(stateAtBox(), static_cast<int>(QueryMap::Response::OCCUPIED));
   publisher.publish(brick);
-  EXPECT_TRUE(waitUntil([&] { return stateAtBox() == static_cast<int>(QueryMap::Response::UNKNOWN); }));
+  EXPECT_TRUE(waitUntil([&] { return stateAtBox() == static_cast<int>(QueryMap::Response::FREE); }));
 }
 
 TEST_F(LiveMapServices, TunedToBeStaticItKeepsARemovedBox) {

@@ -65,8 +65,8 @@ std::vector<std::string> shippedWorlds() {
 TEST(ShippedWorlds, AreAllThere) {
   const std::vector<std::string> list = shippedWorlds();
   const std::set<std::string> names(list.begin(), list.end());
-  for (const char* name :
-       {"one_heap", "two_ridges", "three_heaps", "two_rows", "single_brick", "two_stacked", "three_pyramid", "wall"}) {
+  for (const char* name : {"one_heap", "two_ridges", "three_heaps", "two_rows", "single_brick", "two_stacked",
+                           "three_pyramid", "four_bricks", "wall"}) {
     EXPECT_EQ(names.count(name), 1U) << name;
   }
   EXPECT_EQ(generateScene(world("one_heap"), 1).bricks.size(), 20U);

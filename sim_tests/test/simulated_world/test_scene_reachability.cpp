@@ -61,6 +61,7 @@ TEST(SceneReachability, TopmostBricksOfTinyScenesAreReached) {
   EXPECT_EQ(topmostThatAreReached("single_brick", 1), 1);
   EXPECT_EQ(topmostThatAreReached("two_stacked", 1), 1);
   EXPECT_EQ(topmostThatAreReached("three_pyramid", 1), 1);
+  for (const std::uint64_t seed : {1U, 2U}) EXPECT_EQ(topmostThatAreReached("four_bricks", seed), 4);
   EXPECT_EQ(topmostThatAreReached("wall", 1), 3);
 }
 

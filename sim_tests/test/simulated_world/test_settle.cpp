@@ -50,7 +50,7 @@ TEST(SettlePile, FortyBricksStayStillForAMinute) {
 
 TEST(SettlePile, EveryShippedWorldSettlesWithSeveralSeeds) {
   for (const char* name :
-       {"one_heap", "two_ridges", "two_rows", "single_brick", "two_stacked", "three_pyramid", "wall"}) {
+       {"one_heap", "two_ridges", "two_rows", "single_brick", "two_stacked", "three_pyramid", "four_bricks", "wall"}) {
     const PileSceneConfig config = world(name);
     for (std::uint64_t seed = 1; seed <= 3; ++seed) {
       const SettledPile pile = settlePile(config, seed);

@@ -171,6 +171,62 @@ TEST(Simulation, PicksABrickAndStowsIt) {
   EXPECT_TRUE(robot.sim.world().bricks().empty());
 }
 
+/// Pixels that two pictures do not share, as a share of all.
+double difference(const cv::Mat& a, const cv::Mat& b) {
+  cv::Mat apart;
+  cv::absdiff(a, b, apart);
+  int count = 0;
+  for (int v = 0; v < apart.rows; ++v) {
+    for (int u = 0; u < apart.cols; ++u) {
+      const cv::Vec3b pixel = apart.at<cv::Vec3b>(v, u);
+      count += pixel[0] + pixel[1] + pixel[2] > 20 ? 1 : 0;
+    }
+  }
+  return static_cast<double>(count) / static_cast<double>(apart.total());
+}
+
+TEST(Simulation, PictureShowsTheWorldAsItIs) {
+  Robot robot(configFor("two_stacked"));
+  const cv::Mat before = robot.sim.picture();
+  ASSERT_EQ(before.size(), cv::Size(PictureConfig().width_px, PictureConfig().height_px));
+  EXPECT_EQ(difference(before, robot.sim.picture()), 0.0) << "nothing has changed";
+  // One brick less: of 960 x 540 px, some 6 m wide, a brick of 0.2 m fills 30 x 30 px and its shadow as much.
+  robot.moveBrick(1, at(robot.sim.world().linkPose("chute_drop").translation() + Eigen::Vector3d(0, 0, 0.05)));
+  ASSERT_EQ(robot.sim.bricksStowed(), 1);
+  const double gone = difference(before, robot.sim.picture());
+  EXPECT_GT(gone, 0.0005);
+  EXPECT_LT(gone, 0.02) << "the pile's other brick, ground and robot stay as they are";
+  // The robot drives off: its old place and its new one.
+  const cv::Mat one_brick = robot.sim.picture();
+  robot.sim.commandBase({0.4, 0.0});
+  robot.run(0.9);
+  EXPECT_GT(difference(one_brick, robot.sim.picture()), 0.02);
+  PictureConfig none;
+  none.width_px = 0;
+  Robot other(configFor("single_brick"));
+  EXPECT_THROW(other.sim.picture(none), std::invalid_argument);
+}
+
+TEST(Simulation, PicturesChangeNothingThatTheRobotMeasures) {
+  Robot with(configFor("two_stacked"));
+  Robot without(configFor("two_stacked"));
+  for (Robot* robot : {&with, &without}) {
+    robot->sim.commandBase({0.3, 0.2});
+    for (int i = 0; i < 5; ++i) {
+      robot->run(0.1);
+      if (robot == &with) {
+        robot->sim.picture();
+      }
+    }
+    ASSERT_TRUE(robot->sim.requestImage());
+    robot->step();
+  }
+  EXPECT_EQ(with.sim.digest(), without.sim.digest());
+  ASSERT_EQ(with.images.size(), without.images.size());
+  ASSERT_FALSE(with.images.empty());
+  EXPECT_EQ(cv::norm(with.images.back().frame.rgb, without.images.back().frame.rgb, cv::NORM_INF), 0.0);
+}
+
 TEST(Simulation, ChuteTakesNoMoreThanItsCapacity) {
   SimulationConfig config = configFor("two_stacked");
   config.chute_capacity = 1;

@@ -356,6 +356,17 @@ TEST(World, BrickInTheChuteIsSeenThere) {
   run(world, 1.0);
 }
 
+TEST(World, BricksThatAreGoneCostNothing) {
+  World never = makeWorld({});
+  World world = makeWorld({brickAt(0, {3.0, 0.0, 0.1}), brickAt(1, {3.0, 1.0, 0.1}), brickAt(2, {3.0, 2.0, 0.1})});
+  run(never, 0.5);
+  run(world, 0.5);
+  for (const int id : {0, 1, 2}) world.takeAwayBrick(id);
+  run(never, 0.5);
+  run(world, 0.5);
+  EXPECT_EQ(world.numContacts(), never.numContacts());
+}
+
 TEST(World, RefusesWhatCannotBe) {
   WorldBrick bad = brickAt(0, {3.0, 0.0, 0.1});
   bad.placement.type.mass_kg = 0.0;

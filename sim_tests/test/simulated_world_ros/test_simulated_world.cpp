@@ -20,6 +20,7 @@
 #include <geometry_msgs/TwistStamped.h>
 #include <geometry_msgs/WrenchStamped.h>
 #include <gtest/gtest.h>
+#include <interactive_mapping_msgs/PickBrickActionGoal.h>
 #include <nav_msgs/Odometry.h>
 #include <nlohmann/json.hpp>
 #include <ros/ros.h>
@@ -32,7 +33,6 @@
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <std_msgs/Bool.h>
 #include <std_msgs/Header.h>
-#include <std_msgs/Int32.h>
 #include <std_msgs/String.h>
 #include <std_srvs/Trigger.h>
 #include <tf2_msgs/TFMessage.h>
@@ -94,6 +94,18 @@ class Latest {
   boost::shared_ptr<const Message> message_;
   ros::Subscriber subscriber_;
 };
+
+/// Middle of the chute's opening, in the map.
+Eigen::Vector3d chuteOfRobotAt(double x_m) {
+  const simulated_world::RobotMjcfOptions options;
+  const simulated_world::ModelPtr model = simulated_world::compileModel(
+      "<mujoco><compiler angle=\"radian\"/><worldbody>" +
+      simulated_world::robotMjcfFromFile(simulated_world::descriptionFiles().urdf, options) + "</worldbody></mujoco>");
+  const simulated_world::DataPtr data = simulated_world::makeData(*model);
+  mj_kinematics(model.get(), data.get());
+  const mjtNum* const drop = data->xpos + 3 * mj_name2id(model.get(), mjOBJ_BODY, "chute_drop");
+  return {x_m + drop[0], drop[1], drop[2]};
+}
 
 class SimulatedWorldTest : public testing::Test {
  protected:
@@ -334,10 +346,11 @@ TEST_F(SimulatedWorldTest, BaseFollowsVelocityCommands) {
 }
 
 TEST_F(SimulatedWorldTest, PicksABrickThroughTheDrivers) {
+  set("judge/pick_action", std::string("/bridge/pick"));
   start();
   const Latest<sim_tests::JudgeState> judge(node_ + "/judge");
   const Latest<std_msgs::String> incidents(node_ + "/incidents");
-  ros::Publisher target = nh_.advertise<std_msgs::Int32>(node_ + "/target", 1, true);
+  ros::Publisher target = nh_.advertise<interactive_mapping_msgs::PickBrickActionGoal>("/bridge/pick/goal", 1, true);
   FollowClient client("scaled_pos_joint_traj_controller/follow_joint_trajectory", false);
   simulated_world::RobotMjcfOptions options;
   const std::string mjcf = "<mujoco><compiler angle=\"radian\"/><worldbody>" +
@@ -369,9 +382,9 @@ TEST_F(SimulatedWorldTest, PicksABrickThroughTheDrivers) {
   there.pose.position.z = 0.1;
   there.pose.orientation.w = 1.0;
   ASSERT_TRUE(inject(there).success);
-  std_msgs::Int32 id;
-  id.data = 0;
-  target.publish(id);
+  interactive_mapping_msgs::PickBrickActionGoal goal;
+  goal.goal.brick_id = 0;
+  target.publish(goal);
   advance(3.0);
 
   move(tool.angles(0.75, 0.3), 2.5);
@@ -591,8 +604,20 @@ TEST_F(SimulatedWorldTest, JudgeComparesTheStrategysSurface) {
 TEST_F(SimulatedWorldTest, LeavesItsRunInAFolder) {
   const fs::path run = folder_ / "run";
   set("judge/run_folder", run.string());
+  set("judge/pictures", true);
   start();
   advance(2.0);
+  // A brick stowed by hand: put into the chute of the robot, which stands at (-3, 0).
+  sim_tests::InjectFault::Request into_chute;
+  into_chute.kind = "move_brick";
+  into_chute.brick_id = 0;
+  const Eigen::Vector3d chute = chuteOfRobotAt(-3.0);
+  into_chute.pose.position.x = chute.x();
+  into_chute.pose.position.y = chute.y();
+  into_chute.pose.position.z = chute.z() + 0.05;
+  into_chute.pose.orientation.w = 1.0;
+  ASSERT_TRUE(inject(into_chute).success);
+  advance(4.0);
   stop();
   EXPECT_EQ(world_->exitCode(), 0) << world_->output();
   std::ifstream report_file(run / "judge.json");
@@ -600,6 +625,16 @@ TEST_F(SimulatedWorldTest, LeavesItsRunInAFolder) {
   const nlohmann::json report = nlohmann::json::parse(report_file);
   EXPECT_EQ(report.at("bricks_total"), 1);
   EXPECT_TRUE(fs::exists(run / "judge.csv"));
+  EXPECT_EQ(report.at("stowed"), 1) << world_->output();
+  std::vector<std::string> pictures;
+  for (const fs::directory_entry& entry : fs::directory_iterator(run / "pictures")) {
+    pictures.push_back(entry.path().filename().string());
+  }
+  std::sort(pictures.begin(), pictures.end());
+  ASSERT_EQ(pictures.size(), 3U) << "at the start, after the brick, at the end";
+  EXPECT_EQ(pictures[0], "world_00010.000_000.png");
+  EXPECT_EQ(pictures[1].substr(pictures[1].size() - 8), "_001.png");
+  EXPECT_EQ(pictures[2], "world_00016.000_001.png");
   launch();
   ASSERT_TRUE(waitFor([this] { return world_->hasEnded(); }));
   EXPECT_EQ(world_->exitCode(), 1) << "an earlier run is not written over";
@@ -614,13 +649,14 @@ TEST_F(SimulatedWorldTest, ImpossibleParametersStopTheNode) {
   set("gravity", 9.0);
   set("base/traction_N", -5.0);
   set("judge/surface_topic", std::string("no topic"));
+  set("judge/pick_action", std::string("no action"));
   launch();
   ASSERT_TRUE(waitFor([this] { return world_->hasEnded(); }));
   EXPECT_EQ(world_->exitCode(), 1);
   const std::string output = world_->output();
   for (const char* words :
        {"clock/mode = 'fast', must be one of lockstep, realtime, stepped", "camera/rate_hz = -1", "magnet/radius_m",
-        "physics/timestep_s = 0.5", "gravity", "base/traction_N = -5", "judge/surface_topic = 'no topic'"}) {
+        "physics/timestep_s = 0.5", "gravity", "base/traction_N = -5", "judge/surface_topic = 'no topic'", "judge/pick_action = 'no action'"}) {
     EXPECT_NE(output.find(words), std::string::npos) << words << " is not in:\n" << output;
   }
 }

@@ -55,6 +55,7 @@ using motion_planning::JointTrajectory;
 // Wall time that a busy machine may take for what the simulated time limits, which is the one that tells.
 constexpr double kWall_s = 300.0;
 constexpr double kHeartbeat_s = 0.05;
+constexpr double kJointStatePeriod_s = 0.01;  // of the simulated driver
 
 /// An action of the bridge: one goal at a time.
 template <typename Action>
@@ -142,6 +143,7 @@ class BridgeWorld {
         [&] {
           while (!steps_.empty()) {
             takeStep();
+            hearTheStep();
             if (ask()) return true;
             release();
           }
@@ -296,6 +298,7 @@ class BridgeWorld {
     for (std::size_t k = 0; k < mp700_ur5e_description::kArmJoints.size(); ++k) {
       for (std::size_t i = 0; i < joints->name.size(); ++i) {
         if (joints->name[i] != mp700_ur5e_description::kArmJoints[k]) continue;
+        joints_stamp_ = joints->header.stamp;
         position_rad[static_cast<Eigen::Index>(k)] = joints->position[i];
         velocity_rad_s[static_cast<Eigen::Index>(k)] = joints->velocity[i];
       }
@@ -305,6 +308,14 @@ class BridgeWorld {
   void takeStep() {
     unanswered_ = steps_.front();
     steps_.pop_front();
+  }
+
+  /// Each topic has its own connection: waits for the joint states and the bridge's state as of the step. A driver that
+  /// has fallen silent is waited for once.
+  void hearTheStep() {
+    const ros::Time stamp = unanswered_.stamp - ros::Duration(1.5 * kJointStatePeriod_s);
+    const auto isHeard = [&] { return joints_stamp_ >= stamp && state.header.stamp >= stamp; };
+    is_silent_ = is_silent_ ? !isHeard() : !waitUntil(isHeard, 2.0);
   }
 
   /// The mission lives, and the monitor looks.
@@ -339,6 +350,8 @@ class BridgeWorld {
   std::deque<std_msgs::Header> steps_;
   std_msgs::Header unanswered_;
   ros::Time beaten_;
+  ros::Time joints_stamp_;
+  bool is_silent_{false};
 };
 
 }  // namespace sim_tests_ros

@@ -422,7 +422,8 @@ TEST_F(BridgeFaults, NoContactWhereThereIsNoBrick) {
   world->pick.send(goal);
   const auto result = world->finish(world->pick, 60.0);
   expectOutcome(result.outcome, ArmOutcome::NO_CONTACT);
-  EXPECT_EQ(result.outcome.stage, "touch");
+  EXPECT_EQ(result.outcome.stage, "weigh");
+  EXPECT_EQ(world->attached.is_attached, 0);
   EXPECT_EQ(world->state.is_magnet_on, 0);
   expectBackWhereTheTouchBegan(goal);
 }
