@@ -24,8 +24,10 @@ RS_CAMERA_ARGS = ("camera", "serial_no", "color_width", "color_height", "color_f
 SECOND_ROBOT = """<launch><param name="/robot_description" value="a second robot"/>
   <node pkg="robot_state_publisher" type="robot_state_publisher" name="second_state_publisher"/></launch>"""
 PARTS = {"arm": {"/ur_hardware_interface", "/realsense", "/depth_self_filter", "/gpis_mapping", "/brick_detection",
-                 "/motion_planning", "/nbv_selection", "/ur_driver_bridge", "/robot_state_publisher", "/system_diagnostics"},
+                 "/motion_planning", "/nbv_selection", "/ur_driver_bridge", "/pick_mission", "/robot_state_publisher",
+                 "/system_diagnostics"},
          "base": {"/relayboard", "/kinematics", "/scanner", "/relay_wheels", "/localisation", "/base_navigation"}}
+OURS = PARTS["arm"] - {"/ur_hardware_interface", "/realsense", "/robot_state_publisher"} | {"/base_navigation"}
 
 
 def write(path, text):
@@ -104,6 +106,9 @@ class BringupLaunch(unittest.TestCase):
 
     def robot(self, *more):
         return Loaded(f"{self.package}/launch/robot.launch", *self.robot_args(*more))
+
+    def simulation(self, *args):
+        return Loaded(f"{self.package}/launch/simulation.launch", *args)
 
     def run_robot(self, args, **environment):
         """roslaunch as its user calls it, without the stand-ins; --nodes reads everything and starts nothing."""
@@ -196,12 +201,22 @@ class BringupLaunch(unittest.TestCase):
         self.assertEqual(by_the_wall(Loaded(f"{self.package}/launch/simulation.launch")), 0)
 
     def test_in_lock_step_the_clock_waits_for_all_who_answer(self):
-        simulated = Loaded(f"{self.package}/launch/simulation.launch", "clock:=lockstep")
-        waited_for = {rule["topic"] for rule in simulated.params["/simulated_world/clock/wait_for"]}
-        self.assertEqual(waited_for, {"/gpis_mapping/mesh", "/brick_detection/update", "/base_navigation/state",
-                                      "/ur_driver_bridge/state"})
+        def waited_for(loaded):
+            return {rule["topic"] for rule in loaded.params["/simulated_world/clock/wait_for"]}
+        answers = {"/gpis_mapping/mesh", "/brick_detection/update", "/base_navigation/state", "/ur_driver_bridge/state",
+                   "/motion_planning/path_monitor"}
+        simulated = self.simulation("clock:=lockstep")
+        self.assertEqual(waited_for(simulated), answers | {"/pick_mission/heartbeat"})
+        self.assertEqual(waited_for(self.simulation("clock:=lockstep", "mission:=false")), answers)
+        self.assertEqual(waited_for(self.simulation("clock:=lockstep", "map:=octomap", "mission:=false")),
+                         answers | {"/octomap_baseline/update"})
+        # Who publishes what the clock waits for has to be started: it would not begin otherwise.
+        for topic in waited_for(self.simulation("clock:=lockstep", "map:=octomap")):
+            self.assertIn(topic.rsplit("/", 1)[0], self.simulation("clock:=lockstep", "map:=octomap").nodes)
+        self.assertEqual(simulated.params["/simulated_world/camera/rate_hz"], 1.0)
         self.assertEqual(simulated.params["/gpis_mapping/output/every_image"], True)
-        watched = Loaded(f"{self.package}/launch/simulation.launch")
+        watched = self.simulation()
+        self.assertEqual(watched.params["/simulated_world/camera/rate_hz"], 5.0)
         self.assertFalse(watched.params.get("/simulated_world/clock/wait_for"))
         self.assertEqual(watched.params["/gpis_mapping/output/every_image"], False)
 
@@ -210,6 +225,59 @@ class BringupLaunch(unittest.TestCase):
         for loaded in (Loaded(f"{self.package}/launch/simulation.launch"), self.robot()):
             for name, program in above.items():
                 self.assertEqual((loaded.nodes[name].package, loaded.nodes[name].type), program)
+
+    def test_our_nodes_come_back_after_a_crash_or_end_everything(self):
+        for load in (self.simulation, self.robot):
+            for name in OURS:
+                node = load().nodes[name]
+                self.assertTrue(node.respawn, name)
+                self.assertEqual(node.respawn_delay, 1.0, name)
+                self.assertFalse(node.required, name)
+            ending = load("required:=true").nodes  # roslaunch itself refuses both at once
+            self.assertFalse(any(ending[name].respawn for name in OURS))
+            for name in OURS - {"/depth_self_filter", "/system_diagnostics"}:
+                self.assertTrue(ending[name].required, name)
+        # Drivers and world are not ours to start anew: what they stood for is gone.
+        self.assertFalse(self.simulation().nodes["/simulated_world"].respawn)
+
+    def test_the_map_of_a_run_outlives_a_crash(self):
+        for load in (self.simulation, self.robot):
+            self.assertEqual(load("run_folder:=/tmp/run").params["/gpis_mapping/storage/autosave_file"], "/tmp/run/map.gpis")
+            self.assertEqual(load("run_folder:=/tmp/run").params["/pick_mission/run_folder"], "/tmp/run")
+            self.assertEqual(load().params["/gpis_mapping/storage/autosave_file"], "")
+            self.assertLessEqual(load().params["/gpis_mapping/storage/autosave_period_s"], 10.0)
+
+    def test_the_mission_is_told_what_it_is_about(self):
+        mission = self.simulation("scene:=two_rows", "seed:=3", "autostart:=true", "time_limit_s:=450", "bricks_total:=10").params
+        for key, value in (("scene", "two_rows"), ("seed", 3), ("autostart", True), ("time/limit_s", 450.0), ("bricks_total", 10),
+                           ("strategy", "gpis"), ("unlocks_protective_stop", True)):
+            self.assertEqual(mission[f"/pick_mission/{key}"], value, key)
+        self.assertEqual(mission["/nbv_selection/strategies"], ["gpis"])
+        # A robot does not begin by itself, nor go on after a protective stop that nobody has looked at.
+        robot = self.robot().params
+        self.assertFalse(robot["/pick_mission/autostart"])
+        self.assertFalse(robot["/pick_mission/unlocks_protective_stop"])
+        self.assertNotIn("/pick_mission", self.simulation("mission:=false").nodes)
+        self.assertNotIn("/pick_mission", self.robot("mission:=false").nodes)
+
+    def test_with_an_octomap_view_base_and_judge_have_no_other_map(self):
+        for args, strategy in (((), "octomap_gradient_frontier"), (("strategy:=octomap_random",), "octomap_random")):
+            loaded = self.simulation("map:=octomap", "clock:=lockstep", "seed:=3", *args)
+            self.assertEqual(loaded.remaps("/octomap_baseline")["depth/image_rect"], "/depth_self_filter/image_rect")
+            self.assertEqual(loaded.remaps("/base_navigation")["map/ground"], "/projected_map")
+            self.assertEqual(loaded.params["/simulated_world/judge/surface_topic"], "/octomap_point_cloud_centers")
+            self.assertEqual(loaded.params["/nbv_selection/strategies"], [strategy])
+            self.assertEqual(loaded.params["/pick_mission/strategy"], strategy)
+            self.assertEqual(loaded.params["/nbv_selection/seed"], 3)
+            self.assertEqual(loaded.params["/octomap_baseline/map/sensor/max_range_m"], 3.0)
+            self.assertGreater(loaded.params["/octomap_baseline/output/projected_min_z_m"], 0.05)
+            self.assertTrue(loaded.params["/octomap_baseline/output/filter_speckles"])
+            self.assertTrue(loaded.params["/octomap_baseline/output/every_image"])
+            self.assertTrue(loaded.nodes["/octomap_baseline"].respawn)
+        ours = self.simulation()
+        self.assertNotIn("/octomap_baseline", ours.nodes)
+        self.assertEqual(ours.remaps("/base_navigation")["map/ground"], "/gpis_mapping/ground")
+        self.assertEqual(ours.params["/simulated_world/judge/surface_topic"], "/gpis_mapping/mesh")
 
     def source_network(self, *args):
         script = 'set -eu; file=$1; shift; . "$file" "$@"; echo "$ROS_IP $ROS_MASTER_URI ${ROS_HOSTNAME:-none}"'
