@@ -412,7 +412,7 @@ def render(meshes, titles, out, reference, view, target, coloring, colour_range,
     for side in axes.spines.values():
         side.set_visible(False)
     unit = f"{length:g} m" if length >= 1.0 else f"{100 * length:g} cm"
-    figure.text((right - 0.5 * length_px) / width, 36 / height, f"{unit} at mid-distance", ha="center", va="center", fontsize=12, color="#333333")
+    figure.text(min(right - 0.5 * length_px, width - gap - 80) / width, 36 / height, f"{unit} at mid-distance", ha="center", va="center", fontsize=12, color="#333333")
     out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(out, dpi=dpi)
     plt.close(figure)

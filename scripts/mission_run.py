@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads what a mission left in its run folder, however it ended. A module of report_mission.py and plot_mission.py."""
+
+import csv
+import json
+import math
+import pathlib
+import re
+
+# What the mission does, in words, by the states of mission.jsonl (pick_mission's README).
+ACTIVITIES = (
+    ("drives", ("drive",)),
+    ("picks and stows", ("pick", "stow", "let_go")),
+    ("plans the arm's motions", ("plan_pick", "plan_stow", "plan_clear")),
+    ("moves the arm out of view", ("clear",)),
+    ("looks", ("look", "detect")),
+    ("chooses where to go", ("select", "report")),
+    ("waits or recovers", ("wait", "recover", "halting")),
+    ("is interrupted", ("paused", "held", "idle")),
+)
+FACTORS = ("manipulability", "pick_order", "travel", "uncertainty", "frontier")
+END_WORDS = {
+    "no_brick_left": "all bricks are picked and nothing stands above the ground",
+    "bricks_exhausted": "every brick that is left has used up its attempts",
+    "nothing_worth_going": "no place to stand was worth going to, and nothing unseen was left",
+    "no_progress": "view after view brought neither a pick nor a new brick",
+    "time_up": "the time was up",
+    "stopped": "the operator stopped it",
+    "needs_person": "a person has to look",
+    "brick_in_hand": "a brick in the hand could not be stowed",
+    "planning_failed": "planning the arm failed again and again",
+    "arm_failed": "the arm failed again and again",
+    "picks_failed": "picks failed again and again",
+    "looks_failed": "no new image came into the map",
+    "detection_failed": "the detection of bricks failed again and again",
+    "selection_failed": "the choice of a view failed again and again",
+    "drives_failed": "drives failed again and again",
+    "recovery_failed": "the arm could not be recovered",
+    "not_ready": "what it waited for did not come",
+}
+
+
+def read_json(path, notes):
+    try:
+        value = json.loads(path.read_text(encoding="utf-8", errors="replace"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        notes.append(f"{path.name} cannot be read: {error}")
+        return {}
+    if not isinstance(value, dict):
+        notes.append(f"{path.name} holds no object")
+        return {}
+    return value
+
+
+def read_lines(path, notes):
+    """Objects of a JSON Lines file; what cannot be read is left out and noted."""
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        notes.append(f"{path.name} is missing")
+        return []
+    rows, broken = [], []
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            row = json.loads(line)
+            if not isinstance(row, dict):
+                raise ValueError("no object")
+            rows.append(row)
+        except ValueError:
+            broken.append(number)
+    if broken == [len(lines)]:
+        notes.append(f"{path.name}: the last line is cut off")
+    elif broken:
+        notes.append(f"{path.name}: {len(broken)} of {len(lines)} lines cannot be read, the first is line {broken[0]}")
+    if not rows and not broken:
+        notes.append(f"{path.name} is empty")
+    return rows
+
+
+def read_table(path, notes):
+    """{column: [number or nan]} of judge.csv; a last line that is cut off is left out."""
+    try:
+        with open(path, newline="", encoding="utf-8", errors="replace") as stream:
+            rows = list(csv.reader(stream))
+    except OSError:
+        notes.append(f"{path.name} is missing")
+        return {}
+    if len(rows) < 2:
+        notes.append(f"{path.name} is empty")
+        return {}
+    header, table, broken = rows[0], {name: [] for name in rows[0]}, 0
+    for row in rows[1:]:
+        try:
+            if len(row) != len(header):
+                raise ValueError("cut off")
+            values = [float(value) if value else math.nan for value in row]
+        except ValueError:
+            broken += 1
+            continue
+        for name, value in zip(header, values):
+            table[name].append(value)
+    if broken:
+        notes.append(f"{path.name}: {broken} of {len(rows) - 1} rows cannot be read")
+    return table
+
+
+def number(value, default=math.nan):
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else default
+
+
+def count_of(value):
+    """An int, or None if it is none."""
+    value = number(value)
+    return int(value) if math.isfinite(value) else None
+
+
+class Run:
+    """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv;
+    events, log, selections: lines; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)]."""
+
+    def __init__(self, folder):
+        self.folder = pathlib.Path(folder)
+        self.notes = []
+        self.summary = read_json(self.folder / "summary.json", self.notes)
+        self.judge = read_json(self.folder / "judge.json", self.notes)
+        self.table = read_table(self.folder / "judge.csv", self.notes)
+        self.events = read_lines(self.folder / "events.jsonl", []) if (self.folder / "events.jsonl").exists() else []
+        self.log = [row for row in read_lines(self.folder / "mission.jsonl", self.notes) if math.isfinite(number(row.get("time_s")))]
+        self.selections = [row for row in read_lines(self.folder / "selections.jsonl", self.notes) if isinstance(row.get("segments"), list)]
+        self.bricks = self._bricks(read_json(self.folder / "mission_state.json", self.notes))
+        self.world_pictures = self._pictures("world", "png")
+        self.maps = self._pictures("map", "ply")
+        if not (self.folder / "judge.json").exists():
+            self.notes.append("judge.json is missing: the simulator did not end by itself" + ("; its totals are from judge.csv" if self.table else ""))
+
+    def _bricks(self, state):
+        """The ledger of bricks, wherever in the mission's saved state it is."""
+        if isinstance(state.get("bricks"), list):
+            return [brick for brick in state["bricks"] if isinstance(brick, dict) and "id" in brick]
+        for value in state.values():
+            if isinstance(value, dict):
+                found = self._bricks(value)
+                if found:
+                    return found
+        return []
+
+    def _pictures(self, kind, suffix):
+        pattern = re.compile(rf"{kind}_([0-9.]+)_([0-9]+)\.{suffix}")
+        found = []
+        for path in (self.folder / "pictures").glob(f"{kind}_*.{suffix}"):
+            match = pattern.fullmatch(path.name)
+            if match:
+                found.append((float(match.group(1)), int(match.group(2)), path))
+        return sorted(found)
+
+    def start_s(self):
+        """ROS time at which the run began."""
+        if self.table.get("time_s"):
+            return self.table["time_s"][0]
+        begun = [number(row["time_s"]) for row in self.log]
+        return number(self.judge.get("start_time_s"), begun[0] if begun else 0.0)
+
+    def mission_begun_s(self):
+        """ROS time at which the mission was started."""
+        for row in self.log:
+            if row.get("event") == "start":
+                return number(row["time_s"])
+        return number(self.log[0]["time_s"]) if self.log else self.start_s()
+
+    def periods(self):
+        """[(from_s, to_s, activity index)]: what the mission did when. An event comes in the state that it ends."""
+        periods, previous_s = [], None
+        activity_of = {state: index for index, (_, states) in enumerate(ACTIVITIES) for state in states}
+        for row in self.log:
+            time_s = number(row["time_s"])
+            index = activity_of.get(row.get("state"))
+            if previous_s is not None and time_s > previous_s and index is not None:
+                if periods and periods[-1][2] == index and periods[-1][1] == previous_s:
+                    periods[-1] = (periods[-1][0], time_s, index)
+                else:
+                    periods.append((previous_s, time_s, index))
+            previous_s = time_s if previous_s is not None or row.get("event") == "start" else None
+        return periods
+
+    def failures(self):
+        """[(kind, times, seconds of the last, what followed)] in the order of how often; from the log where it tells."""
+        found, before = {}, 0
+        for row in self.log:
+            failures = count_of(row.get("failures"))
+            if failures is None:
+                continue
+            if failures > before:
+                kind = f"{row.get('state', '?')}: {row.get('event', '?')}"
+                times = found.get(kind, (0, 0.0, ""))[0]
+                found[kind] = (times + failures - before, number(row["time_s"]), str(row.get("reason", "")))
+            before = failures
+        counted = self.summary.get("failures")
+        for kind, times in (counted.items() if isinstance(counted, dict) else ()):
+            kind, times = str(kind), count_of(times) or 0
+            _, last_s, reason = found.get(kind, (0, math.nan, ""))
+            found[kind] = (times, last_s, reason)
+        return sorted(((kind, *entry) for kind, entry in found.items()), key=lambda entry: (-entry[1], entry[0]))
+
+
+def precision_with_bricks(run):
+    """The map's precision when a brick was still there: where the last is gone all that a map holds, a crumb, is false."""
+    values = [value for value in run.table.get("precision", []) if value > 0.0]
+    return values[-1] if values else None
+
+
+def merged_summary(run):
+    """The mission's summary with the judge's figures; figures that nobody told are null."""
+    summary = dict(run.summary)
+    last = run.log[-1] if run.log else {}
+    for key in ("bricks_picked", "bricks_exhausted", "picks_begun", "views"):
+        summary.setdefault(key, last.get(key))
+    for key in ("scene", "seed", "strategy", "removed_factor", "end_reason", "end_message", "sim_seconds", "wall_seconds"):
+        summary.setdefault(key, None)
+    if "failures" not in summary:
+        summary["failures"] = {kind: times for kind, times, _, _ in run.failures()}
+    if summary["sim_seconds"] is None and run.log:
+        summary["sim_seconds"] = round(number(last["time_s"]) - run.mission_begun_s(), 3)
+    if summary["end_reason"] is None:
+        summary["end_reason"] = "crashed" if run.log or run.table else None
+
+    def judged(key, column=None):
+        if key in run.judge:
+            return run.judge[key]
+        values = [value for value in run.table.get(column or key, []) if math.isfinite(value)]
+        return values[-1] if values else None
+
+    for key, (name, column) in {"bricks_stowed": ("stowed", None), "falls": ("falls", None), "drops": ("dropped", None),
+                                "collisions": ("collisions", None)}.items():
+        summary[key] = count_of(judged(name, column))
+    for key, name in {"map_coverage": "coverage", "map_precision": "precision", "distance_m": "distance_m"}.items():
+        summary[key] = judged(name)
+    precision = precision_with_bricks(run)
+    if precision is not None:
+        summary["map_precision"] = precision
+    if count_of(run.judge.get("bricks_total")) is not None:
+        summary["bricks_total"] = count_of(run.judge["bricks_total"])
+    summary.setdefault("bricks_total", None)
+    return summary
+
+
+def weights_of(selections):
+    """The weights of eq 15's sum, found from the logged factors and their sums; None if the log does not tell them.
+
+    Each segment is one equation, information = sum of weight * factor, and they were computed with the same weights.
+    """
+    import numpy as np
+    rows, sums = [], []
+    for selection in selections:
+        for segment in selection["segments"]:
+            if not isinstance(segment, dict):
+                continue
+            row = [number(segment.get(name + "_factor")) for name in FACTORS]
+            information = number(segment.get("information"))
+            if np.all(np.isfinite(row)) and math.isfinite(information):
+                rows.append(row)
+                sums.append(information)
+    if len(rows) < len(FACTORS):
+        return None
+    matrix, sums = np.array(rows), np.array(sums)
+    weights, _, rank, _ = np.linalg.lstsq(matrix, sums, rcond=1e-6)
+    # 1e-3: what a few decimals in the log make of it. More, and the sum is another.
+    if rank < len(FACTORS) or np.abs(matrix @ weights - sums).max() > 1e-3 or weights.min() < -1e-3:
+        return None
+    return dict(zip(FACTORS, (float(weight) for weight in weights)))
+
+
+def duration(seconds):
+    """75.4 -> "1:15 min"."""
+    if seconds is None or not math.isfinite(number(seconds)):
+        return "?"
+    seconds = int(round(seconds))
+    if seconds >= 3600:
+        return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d} h"
+    return f"{seconds // 60}:{seconds % 60:02d} min"

@@ -1,0 +1,96 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables of what scripts/campaign has left: strategies by scene (the paper's Table II), factors removed (Table I)."""
+
+import argparse
+import collections
+import json
+import pathlib
+import sys
+
+import numpy as np
+import yaml
+
+
+def time_limit(world):
+    """Simulated seconds that a world allows: time_per_brick_s for each brick."""
+    scene = yaml.safe_load(world.read_text())
+    bricks = sum(heap["bricks"] for heap in scene.get("heaps", [])) + len(scene.get("bricks", []))
+    return scene.get("time_per_brick_s", 45) * bricks
+
+
+def read_runs(folder):
+    runs, unreadable = [], []
+    for path in sorted(folder.glob("*/summary.json")):
+        try:
+            runs.append(json.loads(path.read_text()))
+        except (OSError, ValueError) as error:
+            unreadable.append(f"{path}: {error}")
+    return runs, unreadable
+
+
+def picked_of(run):
+    """By the judge; without one by the mission's own count."""
+    stowed = run.get("bricks_stowed")
+    return run.get("bricks_picked", 0) if stowed is None else stowed
+
+
+def spread(values, scale=1.0, digits=0):
+    values = [scale * value for value in values if value is not None]
+    if not values:
+        return "-"
+    text = f"{np.mean(values):.{digits}f}"
+    return text if len(values) == 1 else f"{text} ± {np.std(values, ddof=1):.{digits}f}"
+
+
+def row(name, runs):
+    shares = [picked_of(run) / run["bricks_total"] for run in runs if run.get("bricks_total") and run["bricks_total"] > 0]
+    return (f"| {name} | {len(runs)} | {spread(shares, 100)} | {spread([run.get('map_coverage') for run in runs], 100)} | "
+            f"{spread([run.get('falls') for run in runs], digits=1)} | {spread([run.get('collisions') for run in runs], digits=1)} | "
+            f"{spread([run.get('sim_seconds') for run in runs])} | {spread([run.get('views') for run in runs], digits=1)} | "
+            f"{', '.join(sorted({str(run.get('end_reason')) for run in runs}))} |")
+
+
+HEAD = "| | runs | bricks % | map % | falls | collisions | simulated s | views | ended by |\n|---|--:|--:|--:|--:|--:|--:|--:|---|"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=pathlib.Path, nargs="?")
+    parser.add_argument("--time-limit", type=pathlib.Path, metavar="WORLD", help="print a world's limit [s], nothing else")
+    arguments = parser.parse_args()
+    try:
+        if arguments.time_limit:
+            print(f"{time_limit(arguments.time_limit):g}")
+            return 0
+        if arguments.folder is None:
+            parser.error("a folder is needed")
+        runs, unreadable = read_runs(arguments.folder)
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
+        print(f"table_campaign: {error}", file=sys.stderr)
+        return 1
+    for line in unreadable:
+        print(f"table_campaign: {line}", file=sys.stderr)
+    if not runs:
+        print(f"table_campaign: no summary.json in the folders of {arguments.folder}", file=sys.stderr)
+        return 1
+    whole, without = collections.defaultdict(list), collections.defaultdict(list)
+    for run in runs:
+        if run.get("removed_factor"):
+            without[run["removed_factor"]].append(run)
+        else:
+            whole[(run.get("scene"), run.get("strategy") or "gpis")].append(run)
+    print("Mean ± standard deviation over the runs; truth by the simulator's judge.\n")
+    print(HEAD)
+    for (scene, strategy), group in sorted(whole.items(), key=str):
+        print(row(f"{scene}, {strategy}", group))
+    if without:
+        print("\nWithout one factor of the utility:\n")
+        print(HEAD)
+        for factor, group in sorted(without.items()):
+            print(row(factor, group))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,222 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""report_mission.py on a run folder whose figures are known, and on broken ones."""
+
+import html.parser
+import json
+import math
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import rosunit
+
+HERE = pathlib.Path(__file__).resolve().parent
+SCRIPTS = HERE.parents[2] / "scripts"
+sys.path[:0] = [str(HERE), str(SCRIPTS)]
+
+import mission_run  # noqa: E402
+import run_folder  # noqa: E402
+
+KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_picked", "bricks_stowed", "map_coverage", "map_precision", "falls",
+        "collisions", "sim_seconds", "wall_seconds", "views", "end_reason", "failures"}
+
+
+class Page(html.parser.HTMLParser):
+    """What a browser would ask for, and whether all that is opened is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.addresses, self.links, self.open, self.text = [], [], [], ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        if tag == "img":
+            self.addresses.append(attributes["src"])
+        elif tag == "a":
+            self.links.append(attributes["href"])
+        if tag not in ("img", "meta", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-1:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        self.text += data
+
+
+class ReportMission(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="report_mission_")) / "run"
+        self.addCleanup(shutil.rmtree, self.folder.parent)
+
+    def make(self, bricks=4):
+        return run_folder.make_run_folder(self.folder, bricks)
+
+    def make_without_maps(self):
+        """To draw a map takes a second or two."""
+        self.make()
+        for path in (self.folder / "pictures").glob("*.ply"):
+            path.unlink()
+
+    def report(self, *options):
+        environment = {**os.environ, "MPLCONFIGDIR": str(self.folder.parent / "matplotlib")}
+        done = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "report_mission.py"), str(self.folder), *options], env=environment,
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+        self.assertNotIn("Traceback", done.stderr)
+        return done
+
+    def summary(self):
+        return json.loads((self.folder / "summary.json").read_text(), parse_constant=lambda name: self.fail(f"{name} is no JSON"))
+
+    def page(self):
+        page = Page((self.folder / "index.html").read_text())
+        self.assertEqual(page.open, [])
+        for address in page.addresses:
+            self.assertTrue(address.startswith("data:image/"), address[:60])
+        for link in page.links:
+            self.assertTrue((self.folder / link).exists(), link)
+        return page
+
+    def test_crumbs_in_an_empty_place_are_not_the_maps_precision(self):
+        self.make_without_maps()
+        path = self.folder / "judge.csv"
+        lines = path.read_text().splitlines()
+        last = lines[-1].split(",")
+        last[6] = "0.0"
+        path.write_text("\n".join([*lines, ",".join(last)]) + "\n")
+        judge = json.loads((self.folder / "judge.json").read_text())
+        (self.folder / "judge.json").write_text(json.dumps({**judge, "precision": 0.0}))
+        self.assertEqual(self.report().returncode, 0)
+        self.assertGreater(self.summary()["map_precision"], 0.9)
+
+    def test_summary_has_the_judges_figures_beside_the_missions(self):
+        made = self.make()
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        summary = self.summary()
+        self.assertLessEqual(KEYS, set(summary))
+        self.assertEqual((summary["bricks_stowed"], summary["bricks_picked"], summary["bricks_total"]), (4, 4, 4))
+        self.assertEqual((summary["falls"], summary["collisions"], summary["drops"]), (made.falls, 0, 0))
+        self.assertAlmostEqual(summary["map_coverage"], made.coverage)
+        self.assertAlmostEqual(summary["map_precision"], made.precision, places=4)  # as the table has it
+        self.assertEqual(sum(summary["failures"].values()), made.failures)
+        self.assertEqual(summary["end_reason"], "no_brick_left")
+        self.assertIn("4 of 4 bricks stowed (100 %)", done.stdout)
+        self.assertNotIn("Missing", done.stdout)
+        page = self.page()
+        self.assertIn("4 of 4", page.text)
+        # 4 stages of world and of map, 4 plots, and all 5 pictures of the world once more.
+        self.assertEqual(len(page.addresses), 4 + 4 + 4 + 5)
+        first = (self.folder / "summary.json").read_text()
+        self.report("--summary-only")
+        self.assertEqual((self.folder / "summary.json").read_text(), first, "a second report changes nothing")
+
+    def test_counts_that_differ_are_told(self):
+        self.make()
+        judge = json.loads((self.folder / "judge.json").read_text())
+        (self.folder / "judge.json").write_text(json.dumps({**judge, "stowed": 3}))
+        done = self.report("--summary-only")
+        self.assertIn("The mission's own count is 4: it differs from the judge's 3", done.stdout)
+        self.assertEqual((self.summary()["bricks_stowed"], self.summary()["bricks_picked"]), (3, 4))
+
+    def test_time_of_each_activity_is_that_of_its_states(self):
+        made = self.make(8)
+        run = mission_run.Run(self.folder)
+        told = {}
+        for from_s, to_s, index in run.periods():
+            told[index] = told.get(index, 0.0) + to_s - from_s
+        for index, (words, states) in enumerate(mission_run.ACTIVITIES):
+            wanted = sum(made.seconds_of.get(state, 0.0) for state in states if state != "idle")  # before the start
+            self.assertAlmostEqual(told.get(index, 0.0), wanted, places=6, msg=words)
+
+    def test_failures_are_those_of_the_log_if_the_mission_left_no_summary(self):
+        self.make(8)
+        wanted = json.loads((self.folder / "summary.json").read_text())["failures"]
+        self.assertGreater(len(wanted), 1, "a run with several kinds")
+        (self.folder / "summary.json").unlink()
+        run = mission_run.Run(self.folder)
+        self.assertEqual({kind: times for kind, times, _, _ in run.failures()}, wanted)
+        self.assertEqual(mission_run.merged_summary(run)["failures"], wanted)
+
+    def test_weights_of_the_factors_come_out_of_the_log(self):
+        self.make()
+        weights = mission_run.weights_of(mission_run.Run(self.folder).selections)
+        for name, weight in run_folder.WEIGHTS.items():
+            self.assertAlmostEqual(weights[name], weight, places=6, msg=name)
+        broken = mission_run.Run(self.folder).selections
+        broken[0]["segments"][0]["information"] += 0.1
+        self.assertIsNone(mission_run.weights_of(broken), "a sum that they do not make")
+
+    def test_crashed_run_is_reported_from_what_there_is(self):
+        self.make(2)
+        for name in ("judge.json", "summary.json", "mission_state.json"):
+            (self.folder / name).unlink()
+        (self.folder / "selections.jsonl").write_text("")
+        lines = (self.folder / "mission.jsonl").read_text().splitlines()
+        kept = lines[:len(lines) // 2]
+        (self.folder / "mission.jsonl").write_text("\n".join(kept) + "\n" + lines[len(kept)][:25])
+        rows = (self.folder / "judge.csv").read_text().splitlines()
+        (self.folder / "judge.csv").write_text("\n".join(rows[:-5]) + "\n" + rows[-5][:9])
+        for path in sorted((self.folder / "pictures").iterdir())[1:3]:
+            path.write_bytes(path.read_bytes()[:300])
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        summary = self.summary()
+        self.assertLessEqual(KEYS, set(summary))
+        self.assertEqual(summary["end_reason"], "crashed")
+        self.assertEqual(summary["bricks_picked"], json.loads(kept[-1])["bricks_picked"])
+        self.assertEqual(summary["bricks_stowed"], int(rows[-6].split(",")[1]))
+        page = self.page()
+        for words in ("mission.jsonl: the last line is cut off", "judge.json is missing", "selections.jsonl is empty", "summary.json is missing", "judge.csv: 1 of"):
+            self.assertIn(words, done.stdout)
+            self.assertIn(words, page.text)
+        again = self.report("--summary-only")
+        self.assertEqual(again.returncode, 0)
+        self.assertEqual(self.summary(), summary)
+
+    def test_numbers_that_are_none_do_no_harm(self):
+        self.make_without_maps()
+        rows = [json.loads(line) for line in (self.folder / "selections.jsonl").read_text().splitlines()]
+        for row in rows:
+            for segment in row["segments"][::2]:
+                segment.update(utility=None, manipulability_factor=None, information=None, distance="far", midpoint=None)
+        rows[0]["best"] = 999
+        rows.append({"time_s": None, "segments": ["no object"], "best": "none"})
+        (self.folder / "selections.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        (self.folder / "events.jsonl").write_text('{"event": "fall"}\n{"event": "stow", "brick": "x", "time_s": 1}\n[]\n')
+        (self.folder / "summary.json").write_text('{"failures": 3, "bricks_picked": null, "end_reason": null}')
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.page()
+
+    def test_text_of_nodes_cannot_change_the_page(self):
+        self.make_without_maps()
+        summary = json.loads((self.folder / "summary.json").read_text())
+        summary.update(end_message="<script>alert(1)</script> & <b>", scene="</title><h1>")
+        (self.folder / "summary.json").write_text(json.dumps(summary))
+        self.assertEqual(self.report().returncode, 0)
+        self.assertNotIn("<script", (self.folder / "index.html").read_text())
+        self.assertIn("<script>alert(1)</script> & <b>", self.page().text)
+
+    def test_what_is_no_run_folder_is_refused(self):
+        self.assertEqual(self.report().returncode, 1)
+        self.folder.mkdir()
+        done = self.report()
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("no mission left anything there", done.stderr)
+        self.assertEqual(list(self.folder.iterdir()), [], "nothing is written there")
+
+    def test_durations_are_rounded_as_people_read_them(self):
+        self.assertEqual([mission_run.duration(value) for value in (0, 59.6, 754.2, 3599.7, 7325, None, math.nan)],
+                         ["0:00 min", "1:00 min", "12:34 min", "1:00:00 h", "2:02:05 h", "?", "?"])
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("sim_tests", "test_report_mission", ReportMission)

@@ -1,0 +1,120 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""What scripts/soak_mission.py runs, and how it judges; without a mission."""
+
+import pathlib
+import sys
+import tempfile
+import unittest
+
+import rosunit
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "scripts"))
+
+import soak_mission  # noqa: E402
+
+
+def case_of(disturbance="kill", state="pick"):
+    return soak_mission.Case(0, disturbance, "gpis_mapping" if disturbance == "kill" else "", state, 1)
+
+
+def facts_of(**changes):
+    facts = {"happened": True, "back_wall_s": 2.0, "end_reason": "no_brick_left", "end_message": "", "picked": 4, "stowed": 4, "total": 4, "falls": 0,
+             "drops": 0, "collisions": 0}
+    unknown = set(changes) - set(facts)
+    assert not unknown, unknown
+    return {**facts, **changes}
+
+
+class Plan(unittest.TestCase):
+    def test_has_each_node_in_each_state_once_and_each_fault(self):
+        cases = soak_mission.plan()
+        self.assertEqual([case.number for case in cases], list(range(len(cases))))
+        kills = [(case.node, case.state) for case in cases if case.disturbance == "kill"]
+        self.assertEqual(sorted(kills), sorted((node, state) for node in soak_mission.NODES for state in soak_mission.STATES))
+        faults = [case.disturbance for case in cases if case.disturbance != "kill"]
+        self.assertEqual(sorted(faults), sorted(list(soak_mission.FAULTS) * soak_mission.FAULTS_EACH))
+
+    def test_is_the_same_each_time(self):
+        self.assertEqual(soak_mission.plan(), soak_mission.plan())
+
+
+class Verdict(unittest.TestCase):
+    def expect(self, verdict, case, **changes):
+        result, why = soak_mission.verdict(case, facts_of(**changes))
+        self.assertEqual(result, verdict, (changes, why))
+        self.assertTrue(why or result == "recovered")
+
+    def test_recovered_is_a_pile_that_is_gone(self):
+        self.expect("recovered", case_of())
+        # The mission may not know of a brick whose pick it did not see end.
+        self.expect("recovered", case_of(), end_reason="bricks_exhausted", end_message="one is left", picked=3)
+
+    def test_ended_safely_needs_a_reason_in_words(self):
+        self.expect("ended safely", case_of(), end_reason="needs_person", end_message="it has stopped", picked=2, stowed=2)
+        self.expect("VIOLATION", case_of(), end_reason="needs_person", picked=2, stowed=2)
+
+    def test_what_the_judge_saw_counts_whatever_the_mission_says(self):
+        for key in ("collisions", "falls", "drops"):
+            self.expect("VIOLATION", case_of(), **{key: 1})
+        for key in ("collisions", "falls", "drops", "stowed", "total"):
+            self.expect("VIOLATION", case_of(), **{key: None})
+        self.expect("VIOLATION", case_of(), stowed=3)
+        self.expect("VIOLATION", case_of(), end_reason="bricks_exhausted", end_message="one is left", stowed=3)
+
+    def test_a_mission_that_does_not_end_is_a_violation(self):
+        for reason in ("", "none", "crashed"):
+            self.expect("VIOLATION", case_of(), end_reason=reason, end_message="x", picked=2, stowed=2)
+
+    def test_a_node_that_does_not_come_back_is_a_violation(self):
+        self.expect("VIOLATION", case_of(), back_wall_s=None)
+        self.expect("recovered", case_of("camera_gone"), back_wall_s=None)
+
+    def test_what_did_not_happen_proves_nothing(self):
+        self.expect("not met", case_of(), happened=False, back_wall_s=None)
+        self.expect("VIOLATION", case_of(), happened=False, collisions=1)
+
+    def test_a_dropped_brick_may_fall_once_and_no_other(self):
+        self.expect("recovered", case_of("drop_brick"), drops=1, falls=1)
+        self.expect("VIOLATION", case_of("drop_brick"), drops=2)
+        self.expect("VIOLATION", case_of("drop_brick"), falls=2)
+        self.expect("VIOLATION", case_of("camera_gone"), drops=1)
+
+    def test_a_brick_that_was_carried_away_may_be_unknown(self):
+        self.expect("ended safely", case_of("unreachable_brick"), picked=3, stowed=3)
+        self.expect("VIOLATION", case_of("move_brick"), picked=3, stowed=3)
+
+
+class Table(unittest.TestCase):
+    def row(self, number, verdict):
+        return {**dict.fromkeys(soak_mission.COLUMNS, "x"), "number": number, "verdict": verdict, "seed": None}
+
+    def test_rows_come_back_but_for_one_that_was_cut_off(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "mission.csv"
+            self.assertEqual(soak_mission.rows_of(path), [])
+            for number in range(2):
+                soak_mission.append(path, self.row(number, "recovered"))
+            with open(path, "a", encoding="utf-8") as stream:
+                stream.write("2,kill,x")
+            rows = soak_mission.rows_of(path)
+            self.assertEqual([row["number"] for row in rows], ["0", "1"])
+            self.assertEqual(rows[0]["seed"], "")
+
+    def test_exit_code_tells_violation_all_and_some(self):
+        rows = [self.row(0, "recovered"), self.row(1, "ended safely")]
+        self.assertEqual(soak_mission.judged(rows, 2), 0)
+        self.assertEqual(soak_mission.judged(rows, 3), 3)
+        self.assertEqual(soak_mission.judged(rows + [self.row(2, "VIOLATION")], 3), 1)
+        self.assertEqual(soak_mission.judged([], 3), 1)
+        # Of one that was run again the last counts.
+        self.assertEqual(soak_mission.judged([self.row(1, "VIOLATION")] + rows, 2), 0)
+        self.assertEqual(soak_mission.judged(rows + [self.row(1, "VIOLATION")], 2), 1)
+
+
+class SoakMission(Plan, Verdict, Table):
+    """rosunit takes one."""
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("sim_tests", "test_soak_mission", SoakMission)
