@@ -7,11 +7,11 @@ pick, and at the end. Exit code: 0 the mission has ended, 1 it is gone, 2 bad us
 """
 
 import argparse
+import http.client
 import os
 import pathlib
 import shutil
 import signal
-import socket
 import struct
 import sys
 import threading
@@ -232,17 +232,23 @@ class Recorder:
         self.saved, self.saved_number = stage, self.mesh_number
 
 
+class TimedTransport(xmlrpc.client.Transport):
+    """Waits PING_TIMEOUT_S at most. Not by socket.setdefaulttimeout: that would hold for rospy's own connections, too."""
+
+    def make_connection(self, host):
+        connection = super().make_connection(host)
+        connection.timeout = PING_TIMEOUT_S
+        return connection
+
+
 def is_there(node):
     """Whether the node's process answers: one that was killed stays registered, and its connections count on."""
     import rosgraph
-    before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(PING_TIMEOUT_S)
     try:
-        return xmlrpc.client.ServerProxy(rosgraph.Master("mission_recorder").lookupNode(node)).getPid("mission_recorder")[0] == 1
-    except (OSError, rosgraph.MasterException, xmlrpc.client.Error):
+        code, _, uri = xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), TimedTransport()).lookupNode("mission_recorder", node)
+        return code == 1 and xmlrpc.client.ServerProxy(uri, TimedTransport()).getPid("mission_recorder")[0] == 1
+    except (OSError, xmlrpc.client.Error, http.client.HTTPException):
         return False
-    finally:
-        socket.setdefaulttimeout(before)
 
 
 END_REASONS = ("NO_BRICK_LEFT", "BRICKS_EXHAUSTED", "NOTHING_WORTH_GOING", "NO_PROGRESS", "TIME_UP", "STOPPED", "NEEDS_PERSON", "BRICK_IN_HAND",

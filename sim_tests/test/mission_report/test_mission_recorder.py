@@ -61,7 +61,7 @@ class MissionRecorder(unittest.TestCase):
         self.meshes.unregister()
         if self.recorder is not None:
             self.recorder.kill()
-            self.recorder.communicate()
+            self.recorder.wait()
 
     def wait_until(self, holds, what):
         end = time.monotonic() + DEADLINE_S
@@ -70,16 +70,20 @@ class MissionRecorder(unittest.TestCase):
             time.sleep(0.01)
 
     def start(self, *options):
-        self.recorder = subprocess.Popen(["/usr/bin/python3", str(SCRIPTS / "mission_recorder.py"), str(self.folder), "--judge", "", *options],
-                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        with open(self.folder / "stdout", "wb") as output, open(self.folder / "stderr", "wb") as errors:
+            self.recorder = subprocess.Popen(["/usr/bin/python3", str(SCRIPTS / "mission_recorder.py"), str(self.folder), "--judge", "", *options],
+                                             stdout=output, stderr=errors)
 
     def connect(self):
         self.wait_until(lambda: self.states.get_num_connections() > 0 and self.meshes.get_num_connections() > 0, "the recorder listens")
 
     def finish(self):
-        output, errors = self.recorder.communicate(timeout=DEADLINE_S)
-        self.assertNotIn("Traceback", errors)
-        return self.recorder.returncode, output
+        code = self.recorder.wait(timeout=DEADLINE_S)
+        self.assertNotIn("Traceback", (self.folder / "stderr").read_text())
+        return code, self.output()
+
+    def output(self):
+        return (self.folder / "stdout").read_text()
 
     def say(self, state, **fields):
         self.states.publish(self.message(state, **fields))
@@ -171,6 +175,8 @@ class MissionRecorder(unittest.TestCase):
         self.start("--gone-after", "1.0")
         self.connect()
         self.say(MissionState.DRIVE)
+        # A publisher that goes takes with it what is not yet sent.
+        self.wait_until(lambda: "drives to look at the pile" in self.output(), "the recorder has heard of the mission")
         self.states.unregister()
         code, output = self.finish()
         self.assertEqual(code, 1)
