@@ -27,10 +27,10 @@ ADDRESS = {ROBOT: "10.77.0.1", LAPTOP: "10.77.0.2"}
 PORT = 11311
 CUTS = ("pick", "drive")  # states of the mission, in this order
 REALTIME_FACTOR = 0.4  # of two cores that also draw, map and plan; at 1 joint states come too late for the arm's watch
-CUT_S = 40.0  # wall time; longer than the navigation goes on without a grid
+CUT_S = 40.0  # wall time
 ARM_STILL_RAD_S, BASE_STILL_M_S = 0.02, 0.02
 ARM_STOPS_WITHIN_S = 1.0  # simulated: 0.13 s of the heartbeat, 0.1 s of the stop, and what the network holds
-BASE_STOPS_WITHIN_S = 12.0  # simulated: base_navigation/max_grid_age_s and the braking
+BASE_STOPS_WITHIN_S = 6.0  # simulated: 0.5 s of the heartbeat, 4 s of braking from full speed (base_profile.yaml), and what the network holds
 BACK_S = 90.0  # wall time for the mission to be heard again: TCP tries again after ever longer waits
 ARM_JOINTS = ("shoulder_", "elbow_", "wrist_")
 START_S, WALL_LIMIT_S = 120.0, 1500.0
@@ -192,7 +192,8 @@ def inside(options):
         watcher = Watcher()
         if not watcher.until(lambda: watcher.judge is not None, START_S):
             return ["the simulated world does not come up"], rows
-        launch(ROBOT, "mp700_ur5e_bringup", "common.launch", "arm:=false", "bridge:=true", "base:=true", "wall_deadman_s:=0.5")
+        launch(ROBOT, "mp700_ur5e_bringup", "common.launch", "arm:=false", "bridge:=true", "base:=true", "wall_deadman_s:=0.5",
+               "base_heartbeat:=/pick_mission/heartbeat")
         launch(LAPTOP, "mp700_ur5e_bringup", "common.launch", "arm:=true", "bridge:=false", "base:=false", "autostart:=true",
                "unlocks_protective_stop:=true", f"run_folder:={run_folder}", f"scene:={options.scene}")
         if not watcher.until(lambda: watcher.mission is not None, START_S):

@@ -200,6 +200,14 @@ class BringupLaunch(unittest.TestCase):
         self.assertEqual(by_the_wall(self.robot()), 0.25)
         self.assertEqual(by_the_wall(Loaded(f"{self.package}/launch/simulation.launch")), 0)
 
+    def test_the_base_stands_without_the_missions_heartbeat_where_there_is_a_mission(self):
+        def watched(loaded):
+            return loaded.remaps("/base_navigation").get("heartbeat") if loaded.params["/base_navigation/drive/max_heartbeat_age_s"] > 0.0 else None
+        for loaded in (self.robot(), self.robot("machine:=base"), self.simulation(), self.simulation("clock:=lockstep")):
+            self.assertEqual(watched(loaded), "/pick_mission/heartbeat")
+        for loaded in (self.robot("mission:=false"), self.robot("machine:=base", "base_heartbeat:="), self.simulation("mission:=false")):
+            self.assertIsNone(watched(loaded))
+
     def test_in_lock_step_the_clock_waits_for_all_who_answer(self):
         def waited_for(loaded):
             return {rule["topic"] for rule in loaded.params["/simulated_world/clock/wait_for"]}

@@ -19,6 +19,7 @@ struct BaseNavigatorConfig {
   double max_pose_age_s{0.5};  // of the localisation
   double max_scan_age_s{0.4};
   double max_grid_age_s{10.0};   // of the map's ground, while driving: it is asked for often enough, or the map is gone
+  double max_heartbeat_age_s{0.0};  // of whoever sends the goals; 0: drives without one
   double stale_patience_s{2.0};  // stands and waits so long for what is too old, then gives up
   double max_pose_step_m{0.25};  // farther between two steps, beyond what odometry tells: the localisation has jumped
   double max_pose_step_rad{0.2};
@@ -51,6 +52,7 @@ enum class NavigationStatus : std::uint8_t {  // as NavigationOutcome.msg
   kStaleGrid = 14,
   kGoalMissed = 15,  // came to the end of the way, but not to the goal within the tolerance
   kTooManyPlans = 16,
+  kStaleHeartbeat = 17,  // whoever sends the goals is gone, or out of reach
 };
 const char* toString(NavigationStatus status);
 
@@ -66,6 +68,7 @@ struct NavigationInput {
   double scan_stamp_s{-1.0};
   std::shared_ptr<const NavigationGrid> grid;
   double grid_stamp_s{-1.0};  // of the map in it
+  double heartbeat_stamp_s{-1.0};
 };
 
 enum class NavigationPhase : std::uint8_t {

@@ -27,6 +27,7 @@
 #include <ros/timer.h>
 #include <ros/wall_timer.h>
 #include <sensor_msgs/LaserScan.h>
+#include <std_msgs/Header.h>
 #include <std_srvs/Trigger.h>
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
@@ -74,6 +75,7 @@ class BaseNavigationRos {
   void onOdometry(const nav_msgs::OdometryConstPtr& message);
   void onScan(const sensor_msgs::LaserScanConstPtr& message);
   void onGround(const nav_msgs::OccupancyGridConstPtr& message);
+  void onHeartbeat(const std_msgs::HeaderConstPtr& message);
   void onWatchdog();
   void step(const ros::Time& now);
   void lookUpLocalisation(const ros::Time& stamp);
@@ -110,7 +112,7 @@ class BaseNavigationRos {
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>>> new_scans_;
   std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>> scan_;
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::NavigationGrid>>> new_ground_;
-  ros::Time last_step_, ground_stamp_, grid_built_, grid_published_, markers_published_, feedback_published_;
+  ros::Time last_step_, ground_stamp_, heartbeat_stamp_, grid_built_, grid_published_, markers_published_, feedback_published_;
   bool is_grid_old_{true};
   std::map<std::string, Eigen::Isometry3d> scanners_;  // T_base_scanner by frame
   std::optional<GoalHandle> waiting_;                  // for tf at its stamp
@@ -133,7 +135,7 @@ class BaseNavigationRos {
   ros::Time grid_stamp_;  // of the step in which grid_ was built: older scans are in it
   std::optional<base_navigation::Pose2d> T_map_base_;
   ros::WallTime stepped_{ros::WallTime::now()};
-  ros::Time odometry_seen_, localisation_seen_, scan_seen_, ground_seen_;
+  ros::Time odometry_seen_, localisation_seen_, scan_seen_, ground_seen_, heartbeat_seen_;
   std::string scan_problem_, ground_problem_, odometry_problem_, localisation_problem_;
   std::map<std::string, std::uint64_t> outcomes_;  // how often each
   std::string last_failure_;
@@ -150,7 +152,7 @@ class BaseNavigationRos {
   ros::ServiceServer distances_server_, plan_server_, forget_server_;
 
   ros::CallbackQueue control_queue_;
-  ros::Subscriber odometry_subscriber_, scan_subscriber_, ground_subscriber_;
+  ros::Subscriber odometry_subscriber_, scan_subscriber_, ground_subscriber_, heartbeat_subscriber_;
   ros::Timer watchdog_;
   std::unique_ptr<ros::AsyncSpinner> control_spinner_;  // last: its thread uses the rest
 };

@@ -154,6 +154,8 @@ const char* toString(NavigationStatus status) {
       return "goal missed";
     case NavigationStatus::kTooManyPlans:
       return "too many plans";
+    case NavigationStatus::kStaleHeartbeat:
+      return "stale heartbeat";
   }
   return "unknown status";
 }
@@ -182,6 +184,7 @@ std::vector<std::string> BaseNavigatorConfig::validate() const {
   check("max_pose_age_s", max_pose_age_s, 0.02, 5.0, "s");
   check("max_scan_age_s", max_scan_age_s, 0.02, kHistory_s, "s");
   check("max_grid_age_s", max_grid_age_s, 0.1, 3600.0, "s");
+  if (max_heartbeat_age_s != 0.0) check("max_heartbeat_age_s, or 0 for none,", max_heartbeat_age_s, 0.05, 60.0, "s");
   check("stale_patience_s", stale_patience_s, 0.0, 60.0, "s");
   check("max_pose_step_m", max_pose_step_m, 0.02, 10.0, "m");
   check("max_pose_step_rad", max_pose_step_rad, 0.02, 3.2, "rad");
@@ -231,6 +234,7 @@ struct BaseNavigator::State {
   Source pose{"the pose in the map"};
   Source scan{"the scan"};
   Source grid{"the map"};
+  Source heartbeat{"the heartbeat"};
   Pose2d T_odom_base;
   Twist2d odometry_twist;
   Pose2d T_map_base;
@@ -304,6 +308,7 @@ struct BaseNavigator::State {
       // Equal stamps: the scanner's part of it is newer.
       if (is_newer || input.grid_stamp_s == grid.stamp_s) grid_now = input.grid;
     }
+    heartbeat.accept(input.heartbeat_stamp_s, input.now_s, true);
   }
 
   /// What cannot be driven with, and why.
@@ -317,7 +322,9 @@ struct BaseNavigator::State {
     if (auto found = one(odometry, config.max_odometry_age_s, NavigationStatus::kStaleOdometry)) return found;
     if (auto found = one(pose, config.max_pose_age_s, NavigationStatus::kStalePose)) return found;
     if (auto found = one(scan, config.max_scan_age_s, NavigationStatus::kStaleScan)) return found;
-    return one(grid, config.max_grid_age_s, NavigationStatus::kStaleGrid);
+    if (auto found = one(grid, config.max_grid_age_s, NavigationStatus::kStaleGrid)) return found;
+    if (config.max_heartbeat_age_s <= 0.0) return std::nullopt;
+    return one(heartbeat, config.max_heartbeat_age_s, NavigationStatus::kStaleHeartbeat);
   }
 
   bool isOdometryFresh(double now_s) const { return odometry.stale(now_s, config.max_odometry_age_s).empty(); }
@@ -756,7 +763,7 @@ struct BaseNavigator::State {
   }
 
   void forgetData() {
-    for (Source* source : {&odometry, &pose, &scan, &grid}) source->reset();
+    for (Source* source : {&odometry, &pose, &scan, &grid, &heartbeat}) source->reset();
     odometry_history.clear();
     scan_now.reset();
     grid_now.reset();

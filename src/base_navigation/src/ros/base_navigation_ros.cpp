@@ -108,6 +108,9 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
   odometry_subscriber_ = control.subscribe("odom", 20, &BaseNavigationRos::onOdometry, this, no_delay);
   scan_subscriber_ = control.subscribe("scan", 5, &BaseNavigationRos::onScan, this, no_delay);
   ground_subscriber_ = control.subscribe("map/ground", 2, &BaseNavigationRos::onGround, this);
+  if (params_.navigator.max_heartbeat_age_s > 0.0) {
+    heartbeat_subscriber_ = control.subscribe("heartbeat", 10, &BaseNavigationRos::onHeartbeat, this, no_delay);
+  }
   watchdog_ = control.createTimer(ros::Duration(1.0 / params_.output.watchdog_rate_hz),
                                   [this](const ros::TimerEvent&) { onWatchdog(); });
   control_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &control_queue_);
@@ -387,6 +390,12 @@ void BaseNavigationRos::onGround(const nav_msgs::OccupancyGridConstPtr& message)
   if (problem.empty()) ground_seen_ = message->header.stamp;
 }
 
+void BaseNavigationRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
+  heartbeat_stamp_ = message->stamp;
+  const std::lock_guard<std::mutex> lock(shared_mutex_);
+  heartbeat_seen_ = message->stamp;
+}
+
 void BaseNavigationRos::lookUpLocalisation(const ros::Time& stamp) {
   // Once waited for in vain: not again until it comes by itself.
   const double wait_s = is_localisation_late_ ? 0.0 : params_.pose.wait_s;
@@ -487,6 +496,7 @@ void BaseNavigationRos::step(const ros::Time& now) {
   input.scan_stamp_s = scan_.second ? scan_.first.toSec() : -1.0;
   input.grid = grid_;
   input.grid_stamp_s = params_.ground.required ? toSec(ground_stamp_) : input.scan_stamp_s;
+  input.heartbeat_stamp_s = toSec(heartbeat_stamp_);
   const NavigationOutput output = navigator_.step(input, [this] {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     return is_stopping_ || !cancelled_ids_.empty();
@@ -703,11 +713,14 @@ void BaseNavigationRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapp
     double max_age_s;
     bool is_needed;
   };
+  const std::string none;
   const Input inputs[] = {
       {"odometry", odometry_seen_, odometry_problem_, params_.navigator.max_odometry_age_s, true},
       {"localisation", localisation_seen_, localisation_problem_, params_.navigator.max_pose_age_s, true},
       {"scan", scan_seen_, scan_problem_, params_.navigator.max_scan_age_s, true},
-      {"ground", ground_seen_, ground_problem_, params_.navigator.max_grid_age_s, params_.ground.required}};
+      {"ground", ground_seen_, ground_problem_, params_.navigator.max_grid_age_s, params_.ground.required},
+      {"heartbeat", heartbeat_seen_, none, params_.navigator.max_heartbeat_age_s,
+       params_.navigator.max_heartbeat_age_s > 0.0}};
   status.summary(DiagnosticStatus::OK, "all inputs come");
   const double silence_s = (ros::WallTime::now() - stepped_).toSec();
   if (silence_s > kMaxSilence_s) {

@@ -88,6 +88,7 @@ class Bench {
       input_.scan_stamp_s = now_s_;
     }
     if (has_grid_ && tick_ % 25 == 0) input_.grid_stamp_s = now_s_;
+    if (has_heartbeat_) input_.heartbeat_stamp_s = now_s_;
     ++tick_;
     const Twist2d before = output_.command;
     output_ = navigator_.step(input_);
@@ -137,6 +138,7 @@ class Bench {
   bool has_pose_{true};
   bool has_scan_{true};
   bool has_grid_{true};
+  bool has_heartbeat_{true};
   bool judge_always_{false};
   double odometry_ahead_s_{0.0};
   double scan_noise_m_{0.0};
@@ -218,11 +220,18 @@ const Stale kStale[] = {
     {"pose", &Bench::has_pose_, NavigationStatus::kStalePose, 0.6},
     {"scan", &Bench::has_scan_, NavigationStatus::kStaleScan, 0.5},
     {"map", &Bench::has_grid_, NavigationStatus::kStaleGrid, 10.1},
+    {"heartbeat", &Bench::has_heartbeat_, NavigationStatus::kStaleHeartbeat, 0.6},
 };
+
+BaseNavigatorConfig withHeartbeat() {
+  BaseNavigatorConfig config;
+  config.max_heartbeat_age_s = 0.5;
+  return config;
+}
 
 TEST(BaseNavigator, WaitsForWhatIsMissingFromTheStartAndGivesUp) {
   for (const Stale& one : kStale) {
-    Bench bench;
+    Bench bench({}, withHeartbeat());
     bench.*one.has = false;
     if (one.has == &Bench::has_grid_) bench.input_.grid.reset();
     bench.navigator_.setGoal({2.0, 0.0, 0.0});
@@ -236,7 +245,7 @@ TEST(BaseNavigator, WaitsForWhatIsMissingFromTheStartAndGivesUp) {
 
 TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
   for (const Stale& one : kStale) {
-    Bench bench({-3.0, 0.0, 0.0});
+    Bench bench({-3.0, 0.0, 0.0}, withHeartbeat());
     bench.navigator_.setGoal({4.0, 0.0, 0.0});
     ASSERT_TRUE(bench.runUntilFast());
     bench.*one.has = false;
@@ -256,6 +265,14 @@ TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
     EXPECT_THAT(bench.message_, HasSubstr("after waiting"));
     EXPECT_LT(std::abs(bench.plant_.wheels().linear_m_s), 0.01);  // as odometry's noise allows to tell
   }
+}
+
+TEST(BaseNavigator, DrivesWithoutAHeartbeatUnlessOneIsAskedFor) {
+  Bench bench;
+  bench.has_heartbeat_ = false;
+  bench.navigator_.setGoal({1.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.run(60.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
 }
 
 TEST(BaseNavigator, SendsZerosForAWhileAfterOdometryIsGoneAndThenIsIdle) {
@@ -289,7 +306,7 @@ TEST(BaseNavigator, SendsZerosForAWhileAfterOdometryIsGoneAndThenIsIdle) {
 
 TEST(BaseNavigator, GoesOnWhenDataIsBackInTime) {
   for (const Stale& one : kStale) {
-    Bench bench({-3.0, 0.0, 0.0});
+    Bench bench({-3.0, 0.0, 0.0}, withHeartbeat());
     bench.navigator_.setGoal({4.0, 0.0, 0.0});
     ASSERT_TRUE(bench.runUntilFast());
     bench.*one.has = false;

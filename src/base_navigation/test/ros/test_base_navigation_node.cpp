@@ -18,6 +18,7 @@
 #include <nav_msgs/Odometry.h>
 #include <ros/ros.h>
 #include <sensor_msgs/LaserScan.h>
+#include <std_msgs/Header.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
 namespace base_navigation_ros {
@@ -36,6 +37,7 @@ class BaseNavigationNode : public testing::Test {
     odometry_publisher_ = nh_.advertise<nav_msgs::Odometry>("odom", 5);
     scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("scan", 5);
     ground_publisher_ = nh_.advertise<nav_msgs::OccupancyGrid>("map/ground", 5);
+    heartbeat_publisher_ = nh_.advertise<std_msgs::Header>("heartbeat", 5);
     goal_publisher_ = nh_.advertise<move_base_msgs::MoveBaseActionGoal>("move_base/goal", 5);
     subscribers_ = {
         nh_.subscribe<NavigationOutcome>(
@@ -96,6 +98,7 @@ class BaseNavigationNode : public testing::Test {
     ground_publisher_.publish(ground);
     scan_publisher_.publish(scan);
     odometry_publisher_.publish(odometry);
+    if (has_heartbeat_) heartbeat_publisher_.publish(odometry.header);
     odometry_stamps_.insert(now);
   }
 
@@ -135,13 +138,14 @@ class BaseNavigationNode : public testing::Test {
   }
 
   ros::NodeHandle nh_;
-  ros::Publisher odometry_publisher_, scan_publisher_, ground_publisher_, goal_publisher_;
+  ros::Publisher odometry_publisher_, scan_publisher_, ground_publisher_, goal_publisher_, heartbeat_publisher_;
   tf2_ros::StaticTransformBroadcaster tf_;
   std::vector<ros::Subscriber> subscribers_;
   std::vector<NavigationOutcome> outcomes_;
   std::set<ros::Time> states_;
   std::set<ros::Time> odometry_stamps_;
   bool has_data_{true};
+  bool has_heartbeat_{true};
 };
 
 // The first test: afterwards the node knows.
@@ -204,6 +208,16 @@ TEST_F(BaseNavigationNode, PlansTellApartNoWayAndNothingToDrive) {
   nav_msgs::GetPlan tolerant = planTo(kX_m + 1.0, 5.0);
   ASSERT_TRUE(ros::service::call("base_navigation/make_plan", tolerant));
   EXPECT_EQ(tolerant.response.plan.poses.size(), ahead.response.plan.poses.size());
+}
+
+TEST_F(BaseNavigationNode, StandsWithoutTheHeartbeatOfItsMaster) {
+  DrivingDistances distances;
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  has_heartbeat_ = false;
+  const NavigationOutcome outcome = outcomeOf("map", kX_m + 1.0);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::STALE_HEARTBEAT)) << outcome.message;
+  EXPECT_THAT(outcome.message, testing::HasSubstr("heartbeat is"));
+  EXPECT_NEAR(outcome.base.position.x, kX_m, 1e-9);
 }
 
 }  // namespace

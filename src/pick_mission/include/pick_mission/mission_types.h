@@ -22,7 +22,7 @@ using motion_planning::PlanStatus;
 using ur_driver_bridge::ArmStatus;
 
 constexpr int kNumPlanStatus = 14;
-constexpr int kNumNavigationStatus = 17;
+constexpr int kNumNavigationStatus = 18;
 
 /// Values of interactive_mapping_msgs/SelectionOutcome.
 enum class SelectionStatus {

@@ -233,11 +233,12 @@ Reaction toDrive(NavigationStatus status) {
     case NavigationStatus::kStalePose:
     case NavigationStatus::kStaleScan:
     case NavigationStatus::kStaleGrid:
+    case NavigationStatus::kStaleHeartbeat:
       return inARow(action, Trigger::kWaitFirst, "the base does not move until what is late has come");
     case NavigationStatus::kGoalMissed:
       return other("it cannot get there exactly enough");
   }
-  throw std::invalid_argument("navigation status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 16]");
+  throw std::invalid_argument("navigation status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 17]");
 }
 
 Reaction toSelection(SelectionStatus status) {

@@ -141,7 +141,7 @@ TEST(Reactions, ResultsThatAnActionCannotHaveAreRefused) {
   EXPECT_THROW(reactTo(State::kPick, ArmResult{static_cast<ArmStatus>(27)}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kPlanPick, PlanResult{static_cast<PlanStatus>(14)}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kPlanStow, PlanResult{static_cast<PlanStatus>(14)}), std::invalid_argument);
-  EXPECT_THROW(reactTo(State::kDrive, NavigationResult{static_cast<NavigationStatus>(17), {}}), std::invalid_argument);
+  EXPECT_THROW(reactTo(State::kDrive, NavigationResult{static_cast<NavigationStatus>(18), {}}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kSelect, SelectionResult{static_cast<SelectionStatus>(12), {}, false}),
                std::invalid_argument);
   EXPECT_THROW(reactTo(State::kDetect, DetectionResult{static_cast<DetectionStatus>(4), {}}), std::invalid_argument);
