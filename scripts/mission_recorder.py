@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Follows a running mission: says in the terminal what it does, and keeps the map in RUN_FOLDER/pictures.
+"""Follows a running mission: says in the terminal what it does, keeps the map in RUN_FOLDER/pictures, and in
+RUN_FOLDER/memory.csv what each node occupies.
 
 Maps are kept as map_<seconds>_<picked>.ply: after the first look, before the first pick, after the look that follows a
 pick, and at the end. Exit code: 0 the mission has ended, 1 it is gone, 2 bad usage, 3 the time is up.
@@ -22,6 +23,7 @@ import numpy as np
 
 MAX_MAPS = 60  # in a folder; those of a mission with more picks are left out, but for the last
 POLL_S = 0.2
+MEMORY_PERIOD_S = 10.0  # wall time
 SILENCE_S = 5.0  # of the mission, wall time: then its process is asked whether it is there
 PING_TIMEOUT_S = 3.0
 MAX_LINE = 200  # characters; the whole is in mission.jsonl
@@ -232,6 +234,45 @@ class Recorder:
         self.saved, self.saved_number = stage, self.mesh_number
 
 
+def is_of_run(process, mark):
+    return f"RUN_MISSION_MARK={mark}".encode() in (process / "environ").read_bytes().split(b"\0")
+
+
+def resident_mb(mark, processes=pathlib.Path("/proc")):
+    """{node: MB} of the run's nodes: processes with run_mission's mark that roslaunch has given a name."""
+    found = {}
+    for process in processes.glob("[0-9]*"):
+        try:
+            names = [word[len(b"__name:="):].decode() for word in (process / "cmdline").read_bytes().split(b"\0") if word.startswith(b"__name:=")]
+            if not names or not is_of_run(process, mark):
+                continue
+            for line in (process / "status").read_text(encoding="utf-8", errors="replace").splitlines():
+                if line.startswith("VmRSS:"):
+                    found[names[-1]] = int(line.split()[1]) / 1024.0
+        except (OSError, ValueError):
+            pass  # it has just ended, or is somebody else's
+    return found
+
+
+class MemoryTable:
+    """memory.csv: a line for each node, every MEMORY_PERIOD_S."""
+
+    def __init__(self, path, mark):
+        self.path, self.mark, self.due_s = path, mark, 0.0
+
+    def update(self, time_s):
+        now = time.monotonic()
+        if not self.mark or now < self.due_s:
+            return
+        self.due_s = now + MEMORY_PERIOD_S
+        is_new = not self.path.exists()
+        with open(self.path, "a", encoding="utf-8") as stream:
+            if is_new:
+                stream.write("time_s,node,resident_mb\n")
+            for node, size in sorted(resident_mb(self.mark).items()):
+                stream.write(f"{time_s:.3f},{node},{size:.1f}\n")
+
+
 class TimedTransport(xmlrpc.client.Transport):
     """Waits PING_TIMEOUT_S at most. Not by socket.setdefaulttimeout: that would hold for rospy's own connections, too."""
 
@@ -283,12 +324,19 @@ def main():
         from sim_tests.msg import JudgeState
         rospy.Subscriber(arguments.judge, JudgeState, recorder.on_judge, queue_size=1)
 
+    memory = MemoryTable(arguments.folder / "memory.csv", os.environ.get("RUN_MISSION_MARK", ""))
     begun = last_there = time.monotonic()
     code = None
     while code is None:
         recorder.ended.wait(POLL_S)
         now = time.monotonic()
         heard_s = recorder.heard_s
+        if recorder.state is not None:
+            try:
+                memory.update(recorder.state.header.stamp.to_sec())
+            except OSError as error:  # a full disk ends no mission
+                screen.line(f"memory.csv cannot be written: {error}")
+                memory.mark = ""
         if heard_s is not None:
             last_there = max(last_there, heard_s)
             # A clock that stands still makes a mission silent, too: that is no reason to give it up.

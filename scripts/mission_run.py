@@ -206,6 +206,35 @@ class Run:
         return sorted(((kind, *entry) for kind, entry in found.items()), key=lambda entry: (-entry[1], entry[0]))
 
 
+def memory_of(folder):
+    """{node: {"early_mb", "late_mb", "hours"}} of memory.csv: medians of the second and the last quarter of the mission, and the
+    simulated time between their middles. The first quarter is left out: buffers fill and the map grows to the size of its scene."""
+    import statistics
+    sizes = {}
+    try:
+        with open(folder / "memory.csv", newline="", encoding="utf-8", errors="replace") as stream:
+            for row in csv.DictReader(stream):
+                try:
+                    sizes.setdefault(row["node"], []).append((float(row["time_s"]), float(row["resident_mb"])))
+                except (KeyError, TypeError, ValueError):
+                    continue  # cut off
+    except OSError:
+        return {}
+    found = {}
+    for node, rows in sorted(sizes.items()):
+        begin_s, end_s = rows[0][0], rows[-1][0]
+
+        def median(low, high, rows=rows, begin_s=begin_s, length_s=end_s - begin_s):
+            within = [size for time_s, size in rows if low <= (time_s - begin_s) / length_s <= high]
+            return statistics.median(within) if within else math.nan
+
+        if end_s - begin_s > 0.0:
+            early, late = median(0.25, 0.5), median(0.75, 1.0)
+            if math.isfinite(early) and math.isfinite(late):
+                found[node] = {"early_mb": round(early, 1), "late_mb": round(late, 1), "hours": round(0.5 * (end_s - begin_s) / 3600.0, 4)}
+    return found
+
+
 def precision_with_bricks(run):
     """The map's precision when a brick was still there: where the last is gone all that a map holds, a crumb, is false."""
     values = [value for value in run.table.get("precision", []) if value > 0.0]
@@ -244,6 +273,7 @@ def merged_summary(run):
     if count_of(run.judge.get("bricks_total")) is not None:
         summary["bricks_total"] = count_of(run.judge["bricks_total"])
     summary.setdefault("bricks_total", None)
+    summary["memory"] = memory_of(run.folder)
     return summary
 
 

@@ -54,6 +54,17 @@ def row(name, runs):
 HEAD = "| | runs | bricks % | map % | falls | collisions | simulated s | views | ended by |\n|---|--:|--:|--:|--:|--:|--:|--:|---|"
 
 
+def memory_rows(runs):
+    """Resident memory of each node over all the missions, and how fast it grows: the rows' sums, so that long missions weigh more."""
+    nodes = collections.defaultdict(list)
+    for run in runs:
+        for node, sizes in (run.get("memory") or {}).items():
+            nodes[node].append((sizes["early_mb"], sizes["late_mb"], sizes["hours"]))
+    for node, sizes in sorted(nodes.items()):
+        early, late, hours = np.array(sizes).T
+        yield f"| {node} | {late.max():.0f} | {early.mean():.0f} | {late.mean():.0f} | {(late - early).sum() / hours.sum():+.0f} |"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=pathlib.Path, nargs="?")
@@ -84,6 +95,12 @@ def main():
     print(HEAD)
     for (scene, strategy), group in sorted(whole.items(), key=str):
         print(row(f"{scene}, {strategy}", group))
+    memory = list(memory_rows(runs))
+    if memory:
+        print("\nResident memory in MB: the most of any mission; in the second and in the last quarter of the missions; growth between the two.\n")
+        print("| node | most | second quarter | last quarter | MB per simulated hour |\n|---|--:|--:|--:|--:|")
+        for line in memory:
+            print(line)
     if without:
         print("\nWithout one factor of the utility:\n")
         print(HEAD)

@@ -213,6 +213,25 @@ class MissionRecorder(unittest.TestCase):
         self.assertEqual(code, 1)
         self.assertIn("told to end", output)
 
+    def test_memory_of_the_runs_own_nodes_and_of_nobody_else(self):
+        processes = self.folder / "proc"
+
+        def process(number, mark, *words):
+            folder = processes / str(number)
+            folder.mkdir(parents=True)
+            (folder / "environ").write_bytes(f"HOME=/root\0RUN_MISSION_MARK={mark}\0".encode())
+            (folder / "cmdline").write_bytes(b"\0".join(word.encode() for word in words) + b"\0")
+            (folder / "status").write_text("Name:\tnode\nVmRSS:\t  2048 kB\n")
+
+        process(1, "7-1", "gpis_mapping", "__name:=gpis_mapping", "__log:=log")
+        process(2, "7-1", "roslaunch")
+        process(3, "7-12", "gpis_mapping", "__name:=of_another_run")
+        (processes / "4").mkdir()  # has just ended
+        self.assertEqual(mission_recorder.resident_mb("7-1", processes), {"gpis_mapping": 2.0})
+        path = self.folder / "memory.csv"
+        mission_recorder.MemoryTable(path, "").update(1.0)
+        self.assertFalse(path.exists(), "no run, no table")
+
     def test_damaged_mesh_is_refused(self):
         data = serialised(mesh_of(1.0))
         points, normals, variance, triangles, stamp_s = mission_recorder.parse_surface_mesh(data)

@@ -118,6 +118,17 @@ class ReportMission(unittest.TestCase):
         self.report("--summary-only")
         self.assertEqual((self.folder / "summary.json").read_text(), first, "a second report changes nothing")
 
+    def test_memory_is_compared_between_two_quarters(self):
+        self.make_without_maps()
+        # One hour; grows by 1 MB a minute, after a start that is left out.
+        rows = [f"{60.0 * minute:.3f},map,{100.0 + minute if minute >= 15 else 10.0:.1f}" for minute in range(61)]
+        (self.folder / "memory.csv").write_text("time_s,node,resident_mb\n" + "\n".join(rows) + "\n3660.0,ma")
+        self.assertEqual(self.report("--summary-only").returncode, 0)
+        self.assertEqual(self.summary()["memory"], {"map": {"early_mb": 122.5, "late_mb": 152.5, "hours": 0.5}})
+        table = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], stdout=subprocess.PIPE, text=True,
+                               check=True).stdout
+        self.assertIn("| map | 152 | 122 | 152 | +60 |", table)
+
     def test_counts_that_differ_are_told(self):
         self.make()
         judge = json.loads((self.folder / "judge.json").read_text())
