@@ -608,6 +608,33 @@ TEST(CollisionChecker, ABrickCanBeLiftedFromBesideANeighbourWhoseSurfaceIsDoubtf
   EXPECT_EQ(checker.check(off_the_ground).kind, CollisionKind::kSurface);
 }
 
+TEST(CollisionChecker, ABrickIsSmallerWhereItHangsByWhatTheMapHasTooMuch) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  const Eigen::Vector3d brick_m(0.3, 0.2, 0.2);
+  const HeldBrick held{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), brick_m};
+  const ArmVector at_rest = jointsAt(toolDown({0.7, 0.0, 0.23}));
+  const ArmVector among_others = jointsAt(toolDown({0.7, 0.0, 0.25}));
+  const ArmVector into_the_other = jointsAt(toolDown({0.7, 0.06, 0.25}));
+  for (const double overlap_m : {0.0, 0.01, 0.02, 0.04}) {
+    BoxWorld world;
+    world.ground_z_m = T_map_base.translation().z();
+    world.ground_half_edge_m = 3.0;
+    world.boxes = {boxInBase(T_map_base, {0.7, 0.2 - overlap_m, 0.15}, {0.3, 0.2, 0.3})};
+    CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
+    checker.setHeld(held);
+    const double clearance_m = checker.clearance(at_rest, 0.2);
+    if (overlap_m > 0.0) EXPECT_EQ(checker.check(at_rest).first, "brick");
+    const bool may_be = overlap_m < CollisionCheckerConfig{}.held_release_m;
+    EXPECT_EQ(checker.setHeldAt(held, {at_rest, among_others}), may_be) << overlap_m;
+    EXPECT_EQ(checker.isFree(at_rest), may_be) << overlap_m << ": " << checker.check(at_rest).describe();
+    EXPECT_EQ(checker.isFree(among_others), may_be) << overlap_m << ": " << checker.check(among_others).describe();
+    EXPECT_EQ(checker.check(into_the_other).first, "brick") << overlap_m;
+    // No smaller than it must be, and where nothing helps as large as in a lift.
+    if (overlap_m == 0.0 || !may_be) EXPECT_EQ(checker.clearance(at_rest, 0.2), clearance_m);
+    EXPECT_EQ(checker.held()->size_m, held.size_m);
+  }
+}
+
 TEST(CollisionChecker, MarginGrowsWithSigmaUpToItsLimit) {
   const Eigen::Isometry3d T_map_base = baseAskew();
   BoxWorld world;
