@@ -215,7 +215,8 @@ def memory_of(folder):
         with open(folder / "memory.csv", newline="", encoding="utf-8", errors="replace") as stream:
             for row in csv.DictReader(stream):
                 try:
-                    sizes.setdefault(row["node"], []).append((float(row["time_s"]), float(row["resident_mb"])))
+                    time_s, size = float(row["time_s"]), float(row["resident_mb"])
+                    sizes.setdefault(row["node"], []).append((time_s, size))
                 except (KeyError, TypeError, ValueError):
                     continue  # cut off
     except OSError:

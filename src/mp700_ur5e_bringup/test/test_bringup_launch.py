@@ -202,11 +202,14 @@ class BringupLaunch(unittest.TestCase):
 
     def test_the_base_stands_without_the_missions_heartbeat_where_there_is_a_mission(self):
         def watched(loaded):
-            return loaded.remaps("/base_navigation").get("heartbeat") if loaded.params["/base_navigation/drive/max_heartbeat_age_s"] > 0.0 else None
+            return loaded.remaps("/base_navigation").get("heartbeat") if loaded.params.get("/base_navigation/drive/max_heartbeat_age_s", 0.0) > 0.0 else None
+        os.environ["ROS_IP"] = "192.168.57.1"  # two computers: not the loopback
+        self.addCleanup(os.environ.__setitem__, "ROS_IP", "127.0.0.1")
         for loaded in (self.robot(), self.robot("machine:=base"), self.simulation(), self.simulation("clock:=lockstep")):
             self.assertEqual(watched(loaded), "/pick_mission/heartbeat")
-        for loaded in (self.robot("mission:=false"), self.robot("machine:=base", "base_heartbeat:="), self.simulation("mission:=false")):
-            self.assertIsNone(watched(loaded))
+        for args in (("mission:=false",), ("machine:=base", "base_heartbeat:=none")):
+            self.assertIsNone(watched(self.robot(*args)), args)
+        self.assertIsNone(watched(self.simulation("mission:=false")))
 
     def test_in_lock_step_the_clock_waits_for_all_who_answer(self):
         def waited_for(loaded):

@@ -184,7 +184,7 @@ std::vector<std::string> BaseNavigatorConfig::validate() const {
   check("max_pose_age_s", max_pose_age_s, 0.02, 5.0, "s");
   check("max_scan_age_s", max_scan_age_s, 0.02, kHistory_s, "s");
   check("max_grid_age_s", max_grid_age_s, 0.1, 3600.0, "s");
-  if (max_heartbeat_age_s != 0.0) check("max_heartbeat_age_s, or 0 for none,", max_heartbeat_age_s, 0.05, 60.0, "s");
+  check("max_heartbeat_age_s", max_heartbeat_age_s, 0.0, 60.0, "s");
   check("stale_patience_s", stale_patience_s, 0.0, 60.0, "s");
   check("max_pose_step_m", max_pose_step_m, 0.02, 10.0, "m");
   check("max_pose_step_rad", max_pose_step_rad, 0.02, 3.2, "rad");

@@ -131,7 +131,7 @@ TEST(Reactions, AreTotalAndHaveReasons) {
     }
   }
   // 3 kinds of plans, 5 of the arm, look, detect, report, select, drive, wait; and no answer for each.
-  EXPECT_EQ(count, 3u * 15 + 5u * 28 + 4 + 5 + 3 + 13 + 18 + 4);
+  EXPECT_EQ(count, 3u * 15 + 5u * 28 + 4 + 5 + 3 + 13 + 19 + 4);
 }
 
 TEST(Reactions, ResultsThatAnActionCannotHaveAreRefused) {
