@@ -143,7 +143,8 @@ class Mission:
         from tf2_msgs.msg import TFMessage
         self.rospy, self.rosgraph = rospy, rosgraph
         self.names = {value: name.lower() for name, value in vars(MissionState).items() if name in {state.upper() for state in STATES} | {"ENDED"}}
-        self.until(rosgraph.is_master_online, MASTER_S)
+        # rospy asks once, when it begins, which clock there is.
+        self.until(lambda: rosgraph.is_master_online() and rosgraph.Master("soak_mission").hasParam("/use_sim_time"), MASTER_S)
         rospy.init_node("soak_mission", anonymous=True, disable_signals=True, disable_rosout=True)
         rospy.Subscriber("/pick_mission/state", MissionState, lambda message: self.store("state", message), queue_size=100)
         rospy.Subscriber("/simulated_world/judge", JudgeState, lambda message: self.store("judge", message), queue_size=1)
