@@ -53,7 +53,7 @@ struct CollisionCheckerConfig {
   double floor_margin_m{
       0.02};                   // every moving link stays this far above the ground; what is held, shrunk, only above it
   double held_shrink_m{0.01};  // a held brick is smaller by this on each side: it may touch what it lies on and beside
-  double held_release_m{0.03};  // at the start of its way at most by so much: what the map has nearer is not there
+  double held_release_m{0.06};  // at the start of its way at most by so much: what the map has nearer is not there
   /// Of the box about the target that leaves the world for magnet and brick. With the shrinking at least half a block of
   /// the scene, or a brick's unseen back would hold it in its place; and as far as the doubtful surface reaches that the
   /// map grows before edges and half-seen faces, up to 3 cm.

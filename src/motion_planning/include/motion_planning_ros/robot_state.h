@@ -45,10 +45,10 @@ class RobotState {
   struct Held {
     int id{-1};
     motion_planning::HeldBrick brick;
-    std::optional<motion_planning::OrientedBox> vacated;  // where it was when it was attached; nothing: not known
+    std::optional<motion_planning::OrientedBox> vacated;  // where it was at the message's stamp; nothing: not known (yet)
   };
   /// What the magnet holds, if anything.
-  std::optional<Held> held() const;
+  std::optional<Held> held();
   /// Why the last message of attached_brick was refused; empty: it was not. Planning must not go on then.
   std::string heldProblem() const;
 
@@ -58,6 +58,7 @@ class RobotState {
  private:
   void onJointState(const sensor_msgs::JointStateConstPtr& message);
   void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
+  void findVacated();
 
   const std::shared_ptr<const motion_planning::ArmKinematics> kinematics_;
   const MotionPlanningParams& params_;
@@ -68,6 +69,7 @@ class RobotState {
   mutable std::mutex mutex_;                                    // guards what follows, up to the blank line
   std::map<std::string, std::pair<double, ros::Time>> joints_;  // angle and stamp by name: a message may hold some only
   std::optional<Held> held_;
+  std::optional<ros::Time> taken_at_;  // what is held, and its place is still to be found
   std::string held_problem_;
   std::uint64_t held_changes_{0};
 

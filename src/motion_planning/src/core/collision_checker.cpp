@@ -192,7 +192,7 @@ std::vector<std::string> CollisionCheckerConfig::validate() const {
   check("self_padding_m", self_padding_m, 0.0, kMaxSelfPadding_m, "m");
   check("floor_margin_m", floor_margin_m, -0.1, 0.3, "m");
   check("held_shrink_m", held_shrink_m, 0.0, 0.05, "m");
-  check("held_release_m", held_release_m, 0.0, 0.05, "m");
+  check("held_release_m", held_release_m, 0.0, 0.1, "m");
   check("target_padding_m", target_padding_m, 0.0, 0.1, "m");
   return check.problems();
 }

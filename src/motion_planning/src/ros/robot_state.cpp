@@ -162,30 +162,48 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
       held->id = message->id;
       held->brick.size_m = size;
       held->brick.T_tip_brick = robot.poseInBody(kMagnetTipFrame).inverse() * robot.poseInBody(frame) * *T_frame_brick;
-      // Taken where it is now: the message comes when the magnet grips, before anything moves. A latched one that is
-      // heard later, after a restart, says nothing about the place.
-      std::string why_not = "the message is not of now";
-      const bool is_new = std::abs((ros::Time::now() - message->header.stamp).toSec()) <= params_.state.max_joint_age_s;
-      const std::optional<ArmVector> joints = is_new ? arm(&why_not) : std::nullopt;
-      const std::optional<Eigen::Isometry3d> T_map_base = joints ? base(&why_not) : std::nullopt;
-      if (joints && T_map_base) {
-        held->vacated = motion_planning::OrientedBox{
-            *T_map_base * kinematics_->tipPose(*joints) * held->brick.T_tip_brick, held->brick.size_m};
-      } else {
-        ROS_WARN_NAMED(kLog, "where brick %d was taken from is not known: %s", message->id, why_not.c_str());
-      }
     }
   }
   if (!problem.empty()) ROS_ERROR_NAMED(kLog, "attached brick %d: %s", message->id, problem.c_str());
   const std::lock_guard<std::mutex> lock(mutex_);
   held_ = std::move(held);
+  taken_at_.reset();
+  if (held_) taken_at_ = message->header.stamp;
   held_problem_ = std::move(problem);
   ++held_changes_;
 }
 
-std::optional<RobotState::Held> RobotState::held() const {
+std::optional<RobotState::Held> RobotState::held() {
   const std::lock_guard<std::mutex> lock(mutex_);
+  findVacated();
   return held_;
+}
+
+/// Where the tip was when the brick was gripped: the arm may have lifted it before the message was heard. What tf does not
+/// have yet is looked for once more when it is asked for next.
+void RobotState::findVacated() {
+  if (!taken_at_) return;
+  std::string why_not;
+  try {
+    const geometry_msgs::TransformStamped newest =
+        tf_.lookupTransform(params_.map_frame, kMagnetTipFrame, ros::Time(0));
+    if (!newest.header.stamp.isZero() && newest.header.stamp < *taken_at_) return;  // zero: all static
+    if (taken_at_->isZero()) throw tf2::ExtrapolationException("attached_brick has no stamp");
+    const std::optional<Eigen::Isometry3d> T_map_tip =
+        toIsometry(tf_.lookupTransform(params_.map_frame, kMagnetTipFrame, *taken_at_).transform);
+    if (T_map_tip) {
+      held_->vacated = motion_planning::OrientedBox{*T_map_tip * held_->brick.T_tip_brick, held_->brick.size_m};
+    } else {
+      why_not = "tf's pose of the tip is not finite or no rotation";
+    }
+  } catch (const tf2::ExtrapolationException& error) {
+    why_not = error.what();  // from before tf's oldest: a latched message, heard after a restart
+  } catch (const tf2::TransformException& error) {
+    ROS_WARN_THROTTLE_NAMED(10.0, kLog, "where brick %d was taken from is not known yet: %s", held_->id, error.what());
+    return;
+  }
+  if (!why_not.empty()) ROS_WARN_NAMED(kLog, "where brick %d was taken from is not known: %s", held_->id, why_not.c_str());
+  taken_at_.reset();
 }
 
 std::string RobotState::heldProblem() const {

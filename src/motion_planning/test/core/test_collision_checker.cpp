@@ -615,7 +615,7 @@ TEST(CollisionChecker, ABrickIsSmallerWhereItHangsByWhatTheMapHasTooMuch) {
   const ArmVector at_rest = jointsAt(toolDown({0.7, 0.0, 0.23}));
   const ArmVector among_others = jointsAt(toolDown({0.7, 0.0, 0.25}));
   const ArmVector into_the_other = jointsAt(toolDown({0.7, 0.06, 0.25}));
-  for (const double overlap_m : {0.0, 0.01, 0.02, 0.04}) {
+  for (const double overlap_m : {0.0, 0.01, 0.02, 0.04, 0.08}) {
     BoxWorld world;
     world.ground_z_m = T_map_base.translation().z();
     world.ground_half_edge_m = 3.0;

@@ -554,7 +554,7 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
   const ArmKinematics& arm = *shippedArm();
   const MotionPlannerConfig config;
   // So far within the brick the map has its neighbours to both sides.
-  for (const double within_m : {0.005, 0.015, 0.02, 0.05}) {
+  for (const double within_m : {0.005, 0.015, 0.02, 0.05, 0.08}) {
     SCOPED_TRACE(within_m);
     PickWorld pick = emptyPickWorld();
     const Eigen::Vector3d beside(0.0, alone.type.size_m.y() - within_m, 0.0);

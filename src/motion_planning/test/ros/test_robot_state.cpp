@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What hangs on the magnet, and where it was taken from, against tf and messages of this test.
+#include "motion_planning_ros/robot_state.h"
+
+#include <memory>
+
+#include <gtest/gtest.h>
+#include <mp700_ur5e_description/robot_names.h>
+#include <ros/ros.h>
+#include <tf2_ros/transform_broadcaster.h>
+
+#include "support/urdf_text.h"
+#include "support/waiting.h"
+
+namespace motion_planning_ros {
+namespace {
+
+using interactive_mapping_msgs::AttachedBrick;
+using mp700_ur5e_description::kMagnetTipFrame;
+using node_tests::waitUntil;
+
+class RobotStateTest : public testing::Test {
+ protected:
+  RobotStateTest() : attached_(nh_.advertise<AttachedBrick>("attached_brick", 5, true)) {
+    const auto arm = std::make_shared<motion_planning::ArmKinematics>(
+        mp700_ur5e_description::RobotModel::parse(motion_planning::readFile(motion_planning::kUrdfFile), "test"));
+    robot_ = std::make_unique<RobotState>(nh_, arm, params_, 0.6);
+  }
+
+  /// The tip at (0.5, 0, z_m) in the map.
+  void tellTip(const ros::Time& stamp, double z_m) {
+    geometry_msgs::TransformStamped transform;
+    transform.header.stamp = stamp;
+    transform.header.frame_id = params_.map_frame;
+    transform.child_frame_id = kMagnetTipFrame;
+    transform.transform.translation.x = 0.5;
+    transform.transform.translation.z = z_m;
+    transform.transform.rotation.w = 1.0;
+    broadcaster_.sendTransform(transform);
+  }
+  void attach(const ros::Time& stamp) {
+    AttachedBrick brick;
+    brick.header.frame_id = kMagnetTipFrame;
+    brick.header.stamp = stamp;
+    brick.is_attached = 1;
+    brick.id = 7;
+    brick.size.x = brick.size.y = brick.size.z = 0.2;
+    brick.pose.position.z = -0.1;
+    brick.pose.orientation.w = 1.0;
+    attached_.publish(brick);
+    ASSERT_TRUE(waitUntil([this] { return robot_->held().has_value(); }));
+  }
+  /// Until tf has it.
+  double awaitPlace() {
+    EXPECT_TRUE(waitUntil([this] { return robot_->held()->vacated.has_value(); }));
+    const auto held = robot_->held();
+    return held && held->vacated ? held->vacated->T_map_box.translation().z() : 0.0;
+  }
+  bool hasTip(const ros::Time& stamp) {
+    std::string why_not;
+    return robot_->frameInMap(kMagnetTipFrame, stamp, nullptr, &why_not).has_value();
+  }
+
+  ros::NodeHandle nh_;
+  MotionPlanningParams params_;
+  tf2_ros::TransformBroadcaster broadcaster_;
+  ros::Publisher attached_;
+  std::unique_ptr<RobotState> robot_;
+  const ros::Time taken_at_ = ros::Time::now();
+  const double place_m_ = 0.3 - 0.1;
+};
+
+TEST_F(RobotStateTest, PlaceTakenFromIsThatOfTheMessagesTimeWhenTheArmHasLiftedSince) {
+  ASSERT_TRUE(waitUntil([this] {  // its first connection takes a while
+    tellTip(taken_at_, 0.3);
+    return hasTip(taken_at_);
+  }));
+  const ros::Time later = taken_at_ + ros::Duration(0.4);
+  tellTip(later, 0.5);
+  ASSERT_TRUE(waitUntil([&] { return hasTip(later); }));
+  attach(taken_at_);
+  EXPECT_NEAR(awaitPlace(), place_m_, 1e-9);
+}
+
+TEST_F(RobotStateTest, PlaceTakenFromIsFoundWhenTfComesLater) {
+  ASSERT_TRUE(waitUntil([this] {
+    tellTip(taken_at_ - ros::Duration(0.1), 0.3);
+    return hasTip(taken_at_ - ros::Duration(0.1));
+  }));
+  attach(taken_at_);
+  EXPECT_FALSE(robot_->held()->vacated) << "tf has nothing of that time";
+  tellTip(taken_at_ + ros::Duration(0.1), 0.3);
+  EXPECT_NEAR(awaitPlace(), place_m_, 1e-9);
+}
+
+TEST_F(RobotStateTest, LatchedMessageFromBeforeTfSaysNothingOfThePlace) {
+  ASSERT_TRUE(waitUntil([this] {
+    tellTip(taken_at_, 0.3);
+    return hasTip(taken_at_);
+  }));
+  attach(taken_at_ - ros::Duration(60.0));
+  EXPECT_FALSE(robot_->held()->vacated);
+  // Nor does what comes after.
+  tellTip(taken_at_ + ros::Duration(0.1), 0.3);
+  ASSERT_TRUE(waitUntil([&] { return hasTip(taken_at_ + ros::Duration(0.1)); }));
+  EXPECT_FALSE(robot_->held()->vacated);
+  attached_.publish(AttachedBrick());
+  EXPECT_TRUE(waitUntil([this] { return !robot_->held(); }));
+}
+
+}  // namespace
+}  // namespace motion_planning_ros
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "test_robot_state");
+  const ros::NodeHandle keep_alive;
+  return RUN_ALL_TESTS();
+}
