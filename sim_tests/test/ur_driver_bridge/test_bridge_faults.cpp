@@ -236,7 +236,7 @@ TEST_F(BridgeFaults, OneThingAtATime) {
   ASSERT_NO_FATAL_FAILURE(beginToMove());
   world->let_go.send({});
   const ArmOutcome second = world->finish(world->let_go, 1.0).outcome;
-  expectOutcome(second, ArmOutcome::BAD_REQUEST);
+  expectOutcome(second, ArmOutcome::BUSY);
   EXPECT_THAT(second.message, testing::HasSubstr("busy"));
   expectOutcome(world->finish(world->move, 20.0).outcome, ArmOutcome::SUCCESS);
 }

@@ -181,10 +181,14 @@ struct Drive {
 struct Recover {
   bool unlocks_protective_stop{false};
 };
-/// Ends early when the arm's bridge says that it may move, if asked for.
+enum class WaitUntil {
+  kLimit,
+  kArmReady,  // idle, and it may move; fails if that is not so by the limit
+  kArmIdle,   // it has ended what it was told before, or the limit
+};
 struct Wait {
   double limit_s{0.0};
-  bool until_arm_ready{false};  // and fails if it is not
+  WaitUntil until{WaitUntil::kLimit};
 };
 // These are not answered.
 struct Cancel {};   // the running action

@@ -98,7 +98,7 @@ class MissionActions {
     std::string refused;
   };
   struct WaitWork {
-    bool until_arm_ready;
+    pick_mission::WaitUntil until;
     ros::Time since;
     ros::Time deadline;
   };

@@ -106,11 +106,6 @@ class MissionMachine::Impl {
     double stamp_s;
     std::string reason;
   };
-  struct WaitPlan {
-    double limit_s{0.0};
-    bool until_arm_ready{false};
-  };
-
   Eigen::Vector3d nearSideOf(const SeenBrick& brick) const;
   static BrickLedger makeLedger(const MissionConfig& config) {
     gpis_mapping::throwIfAny(config.validate());
@@ -170,7 +165,8 @@ class MissionMachine::Impl {
   DriveFor drive_for_{DriveFor::kSurvey};
   std::optional<Pose2d> best_view_;
   bool has_unseen_{false};
-  WaitPlan wait_;
+  command::Wait wait_;
+  bool is_arm_busy_{false};  // says the last reply
   HaltFor halt_for_{HaltFor::kStop};
   double halted_since_s_{0.0};
   bool is_protective_stop_{false};
@@ -283,6 +279,7 @@ void MissionMachine::Impl::on(const event::Reply& reply) {
   if (state_ == State::kHalting) return halted(reply, false);
   const State action = takeRunning().action;
   const Reaction reaction = reactTo(action, reply.result);
+  is_arm_busy_ = reaction.is_arm_busy;
   absorb(action, reply, reaction, false);
 
   const std::string status = toString(reply.result);
@@ -390,6 +387,7 @@ void MissionMachine::Impl::halted(const event::Reply& reply, bool is_gone) {
   event::Reply unanswered = reply;
   if (is_timeout) unanswered.result = NoAnswer{};
   const Reaction reaction = reactTo(action, unanswered.result);
+  is_arm_busy_ = reaction.is_arm_busy;
   absorb(action, unanswered, reaction, !is_timeout && !is_gone);
   if (!is_timeout) {
     go(Trigger::kHalted, toString(reply.result), withMessage("has ended", reply.message));
@@ -402,7 +400,6 @@ void MissionMachine::Impl::halted(const event::Reply& reply, bool is_gone) {
     reason = std::to_string(streak(action)) + " times in a row; " + reason;
     end(reaction.end, std::string(toString(action)) + ": no answer; " + reason);
   }
-  if (next == Trigger::kWaitFirst) wait_ = {config_.retry_wait_s, false};
   go(next, "no answer", reason);
 }
 
@@ -723,14 +720,16 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
   } else if (row.to == State::kWait) {
     if (row.guard == Guard::kWorthWaiting) {
       ++fade_waits_;
-      wait_ = {config_.fade_wait_s, false};
+      wait_ = {config_.fade_wait_s, WaitUntil::kLimit};
     } else if (row.guard == Guard::kHandUnknown) {
       ++unknown_hand_waits_;
-      wait_ = {config_.ready_timeout_s, true};
+      wait_ = {config_.ready_timeout_s, WaitUntil::kArmReady};
+    } else if (is_arm_busy_) {
+      wait_ = {config_.ready_timeout_s, WaitUntil::kArmIdle};
     } else if (state_ == State::kClear || handlesBrick(state_)) {
-      wait_ = {config_.ready_timeout_s, true};
+      wait_ = {config_.ready_timeout_s, WaitUntil::kArmReady};
     } else {
-      wait_ = {config_.retry_wait_s, false};
+      wait_ = {config_.retry_wait_s, WaitUntil::kLimit};
     }
   }
 }
@@ -811,7 +810,7 @@ void MissionMachine::Impl::issue() {
       next.body = command::Recover{config_.unlocks_protective_stop};
       break;
     case State::kWait:
-      next.body = command::Wait{wait_.limit_s, wait_.until_arm_ready};
+      next.body = wait_;
       break;
     default:
       throw std::logic_error(std::string("state \"") + toString(state_) + "\" has no action");

@@ -197,8 +197,13 @@ Reaction toArm(State action, ArmStatus status) {
       return inARow(action, Trigger::kRetryHere, "the magnet is off and nothing hangs there: look");
     case ArmStatus::kFault:
       return giveUp(EndReason::kArmFailed, "the arm's bridge contradicts itself: it must not move on");
+    case ArmStatus::kBusy: {
+      Reaction reaction = inARow(action, Trigger::kWaitFirst, "the arm still does what it was told before");
+      reaction.is_arm_busy = true;
+      return reaction;
+    }
   }
-  throw std::invalid_argument("arm status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 26]");
+  throw std::invalid_argument("arm status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 27]");
 }
 
 Reaction toDrive(NavigationStatus status) {

@@ -246,7 +246,7 @@ void MissionActions::watch() {
               (look_->refused.empty() ? "" : "; the last one was refused: " + look_->refused));
   }
   if (wait_ && now >= wait_->deadline) {
-    if (wait_->until_arm_ready) {
+    if (wait_->until == pick_mission::WaitUntil::kArmReady) {
       reply(pick_mission::WaitResult{pick_mission::WaitStatus::kNotReady},
             bridge_ ? "the arm may not move: " + bridge_->reason : "the arm's bridge does not tell", hand());
     } else {
@@ -386,7 +386,7 @@ void MissionActions::begin(const command::Look& look) {
 
 void MissionActions::begin(const command::Wait& wait) {
   WaitWork work;
-  work.until_arm_ready = wait.until_arm_ready;
+  work.until = wait.until;
   work.since = ros::Time::now();
   work.deadline = work.since + ros::Duration(wait.limit_s);
   wait_ = work;
@@ -561,7 +561,10 @@ void MissionActions::callRelease() {
 void MissionActions::onBridgeState(const interactive_mapping_msgs::ArmBridgeStateConstPtr& message) {
   bridge_ = message;
   finishArm();
-  if (wait_ && wait_->until_arm_ready && bridge_->may_move && bridge_->header.stamp >= wait_->since) {
+  using pick_mission::WaitUntil;
+  const bool is_idle = bridge_->phase == interactive_mapping_msgs::ArmBridgeState::IDLE;
+  if (wait_ && wait_->until != WaitUntil::kLimit && is_idle && bridge_->header.stamp >= wait_->since &&
+      (bridge_->may_move || wait_->until == WaitUntil::kArmIdle)) {
     const Hand now = hand();
     told_hand_ = now;
     reply(pick_mission::WaitResult{pick_mission::WaitStatus::kSuccess}, "", now);

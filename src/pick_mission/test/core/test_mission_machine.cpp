@@ -283,6 +283,31 @@ TEST(MissionMachine, PickWithoutAnAnswerWaitsUntilTheHandIsKnown) {
   EXPECT_EQ(run.world.commands_of[State::kStow], 1);
 }
 
+TEST(MissionMachine, ArmThatIsBusyWithSomethingElseIsWaitedFor) {
+  for (const State busy : {State::kClear, State::kPick, State::kStow, State::kRecover}) {
+    SCOPED_TRACE(toString(busy));
+    MissionConfig config;
+    ToyMission run(config, ToyWorld::ofStacks({2}));
+    run.inject = [busy](State action, int count) -> std::optional<Result> {
+      if (action == busy && count == 1) return ArmResult{ArmStatus::kBusy};
+      if (busy == State::kStow && action == State::kPick && count == 1) return ArmResult{ArmStatus::kStalled};
+      if (busy == State::kRecover && action == State::kClear && count == 1) return ArmResult{ArmStatus::kNotReady};
+      return std::nullopt;
+    };
+    run.world.holds_when_pick_fails = busy == State::kStow;
+    run.start();
+    while (run.world.action != busy) ASSERT_TRUE(run.advance()) << tail(run);
+    ASSERT_TRUE(run.advance());
+    ASSERT_EQ(run.machine.state(), State::kWait) << tail(run);
+    const auto& wait = std::get<command::Wait>(run.world.running->body);
+    EXPECT_EQ(wait.until, WaitUntil::kArmIdle);
+    EXPECT_EQ(wait.limit_s, config.ready_timeout_s);
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+    EXPECT_EQ(run.machine.counts().bricks_picked, 2);
+  }
+}
+
 TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenEnds) {
   MissionConfig config;
   ToyMission run(config, ToyWorld::ofStacks({1, 1}));

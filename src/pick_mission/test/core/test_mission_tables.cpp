@@ -131,14 +131,14 @@ TEST(Reactions, AreTotalAndHaveReasons) {
     }
   }
   // 3 kinds of plans, 5 of the arm, look, detect, report, select, drive, wait; and no answer for each.
-  EXPECT_EQ(count, 3u * 15 + 5u * 28 + 4 + 5 + 3 + 13 + 19 + 4);
+  EXPECT_EQ(count, 3u * 15 + 5u * 29 + 4 + 5 + 3 + 13 + 19 + 4);
 }
 
 TEST(Reactions, ResultsThatAnActionCannotHaveAreRefused) {
   EXPECT_THROW(reactTo(State::kDrive, ArmResult{}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kPlanPick, SelectionResult{}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kIdle, NoAnswer{}), std::invalid_argument);
-  EXPECT_THROW(reactTo(State::kPick, ArmResult{static_cast<ArmStatus>(27)}), std::invalid_argument);
+  EXPECT_THROW(reactTo(State::kPick, ArmResult{static_cast<ArmStatus>(28)}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kPlanPick, PlanResult{static_cast<PlanStatus>(14)}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kPlanStow, PlanResult{static_cast<PlanStatus>(14)}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kDrive, NavigationResult{static_cast<NavigationStatus>(18), {}}), std::invalid_argument);

@@ -193,6 +193,7 @@ class MissionWorld {
     has_images = has_bridge = true;
     bricks_frame = "map";
     is_held = false;
+    arm_phase = msgs::ArmBridgeState::IDLE;
     times_cancelled.clear();
   }
 
@@ -253,6 +254,7 @@ class MissionWorld {
   std::map<std::string, std::function<void(void* result, bool* is_success)>> spoilers;  // before an answer goes out
   std::set<std::string> vanish;  // servers that go when the next goal comes
   bool has_images{true}, has_bridge{true}, is_held{false};
+  std::uint8_t arm_phase{msgs::ArmBridgeState::IDLE};  // as its bridge tells
   std::string bricks_frame;
 
  private:
@@ -505,6 +507,7 @@ class MissionWorld {
       msgs::ArmBridgeState state;
       state.header.stamp = now;
       state.may_move = !is_held;
+      state.phase = arm_phase;
       state.is_magnet_on = state.is_holding = hand.has_value();
       bridge_.publish(state);
       if (!told_hand_ || *told_hand_ != hand) {

@@ -407,6 +407,27 @@ TEST_F(PickMissionNode, KilledInAPickGoesOnAndStowsWhatHangsThere) {
   EXPECT_EQ(state_.views, 1u) << "of before";
 }
 
+// A mission that was started anew, while the arm still does what the one before it had asked for.
+TEST_F(PickMissionNode, ArmThatIsBusyIsWaitedFor) {
+  world_->with([] { world_->arm_phase = msgs::ArmBridgeState::RECOVERING; });
+  spoil("move", [](void* result, bool* is_success) {
+    if (world_->arm_phase == msgs::ArmBridgeState::IDLE) return;
+    static_cast<msgs::MoveArmResult*>(result)->outcome.status = msgs::ArmOutcome::BUSY;
+    *is_success = false;
+  });
+  set("time/ready_timeout_s", 250.0);
+  startAll();
+  ASSERT_TRUE(untilState(MissionState::WAIT));
+  const ros::Time begin = ros::Time::now();
+  const double many_retry_waits_s = 5.0;
+  ASSERT_TRUE(until([&] { return (ros::Time::now() - begin).toSec() > many_retry_waits_s; }));
+  EXPECT_EQ(world_->numOf("move"), 1) << "asked again while the arm is busy";
+  EXPECT_EQ(state_.state, MissionState::WAIT);
+  world_->with([] { world_->arm_phase = msgs::ArmBridgeState::IDLE; });
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  EXPECT_EQ(summary()["failures"]["clear: BUSY"], 1);
+}
+
 TEST_F(PickMissionNode, RefusesToStartWithWhatCannotBe) {
   ASSERT_TRUE(std::filesystem::create_directory(folder_.file("run")));
   test_support::writeText(folder_.file("run/mission_state.json"), "{\"mission\": {");
@@ -481,8 +502,8 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
   const std::vector<Case> cases = {
       {"plan_arm", [](void* r, bool*) { static_cast<msgs::PlanArmResult*>(r)->outcome.status = 99; },
        MissionState::PLANNING_FAILED, "outcome of plan_arm = 99, must be less than 14"},
-      {"move", [](void* r, bool*) { static_cast<msgs::MoveArmResult*>(r)->outcome.status = 27; },
-       MissionState::ARM_FAILED, "outcome of the arm = 27, must be less than 27"},
+      {"move", [](void* r, bool*) { static_cast<msgs::MoveArmResult*>(r)->outcome.status = 28; },
+       MissionState::ARM_FAILED, "outcome of the arm = 28, must be less than 28"},
       // A result that nobody has filled in looks like success.
       {"move", [](void*, bool* is_success) { *is_success = false; }, MissionState::ARM_FAILED, "does not tell why"},
       {"select", [](void* r, bool*) { static_cast<msgs::SelectNextBestViewResult*>(r)->outcome.status = 200; },
@@ -495,8 +516,8 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
       {"select",
        [](void* r, bool*) { static_cast<msgs::SelectNextBestViewResult*>(r)->standing.header.frame_id = "odom"; },
        MissionState::SELECTION_FAILED, "in frame 'odom', must be in 'map'"},
-      {"outcome", [](void* r, bool*) { static_cast<msgs::NavigationOutcome*>(r)->status = 17; },
-       MissionState::DRIVES_FAILED, "outcome of the drive = 17"},
+      {"outcome", [](void* r, bool*) { static_cast<msgs::NavigationOutcome*>(r)->status = 18; },
+       MissionState::DRIVES_FAILED, "outcome of the drive = 18"},
       {"detect", [](void* r, bool*) { static_cast<msgs::DetectBricks::Response*>(r)->status = 4; },
        MissionState::DETECTION_FAILED, "status of the detection = 4"},
       {"bricks", [](void* r, bool*) { static_cast<msgs::BrickArray*>(r)->header.frame_id = "odom"; },

@@ -34,8 +34,9 @@ enum class ArmStatus {
   kNotLetGo,
   kNothingHeld,
   kFault,
+  kBusy,
 };
-constexpr int kNumArmStatus = 27;
+constexpr int kNumArmStatus = 28;
 
 /// "SUCCESS", "CANCELLED", ... as in the message.
 const char* toString(ArmStatus status);

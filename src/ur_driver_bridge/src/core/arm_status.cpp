@@ -59,6 +59,8 @@ const char* toString(ArmStatus status) {
       return "NOTHING_HELD";
     case ArmStatus::kFault:
       return "FAULT";
+    case ArmStatus::kBusy:
+      return "BUSY";
   }
   return "UNKNOWN";
 }

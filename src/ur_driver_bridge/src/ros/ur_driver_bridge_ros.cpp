@@ -44,7 +44,7 @@ constexpr double kDueShare = 0.6;  // of a word's allowed age: later, the next o
 constexpr std::chrono::milliseconds kWordWait{50};
 
 static_assert(ArmOutcome::NUM_STATUS == ur_driver_bridge::kNumArmStatus, "the message has the core's statuses");
-static_assert(ArmOutcome::FAULT == static_cast<int>(ArmStatus::kFault), "in the same order");
+static_assert(ArmOutcome::BUSY == static_cast<int>(ArmStatus::kBusy), "in the same order");
 static_assert(ArmBridgeState::RECOVERING == static_cast<int>(ExecutorPhase::kRecovering), "the message has its phases");
 
 double steadyNow() {
@@ -260,10 +260,10 @@ template <typename Action, typename Prepare>
 void UrDriverBridgeRos::onGoal(typename Server<Action>::GoalHandle goal, const char* name, Prepare prepare) {
   using Result = typename Action::_action_result_type::_result_type;
   using Feedback = typename Action::_action_feedback_type::_feedback_type;
-  const auto refuse = [&](const std::string& why) {
+  const auto refuse = [&](ArmStatus status, const std::string& why) {
     Result result;
     result.outcome.header.stamp = ros::Time::now();
-    result.outcome.status = ArmOutcome::BAD_REQUEST;
+    result.outcome.status = static_cast<std::uint8_t>(status);
     result.outcome.message = why;
     ROS_WARN_NAMED(kLog, "%s refused: %s", name, why.c_str());
     {
@@ -278,7 +278,7 @@ void UrDriverBridgeRos::onGoal(typename Server<Action>::GoalHandle goal, const c
   try {
     request = prepare(*goal.getGoal());
   } catch (const std::exception& error) {
-    refuse(error.what());
+    refuse(ArmStatus::kBadRequest, error.what());
     return;
   }
   request.goal_id = goal.getGoalID().id;
@@ -325,7 +325,8 @@ void UrDriverBridgeRos::onGoal(typename Server<Action>::GoalHandle goal, const c
       return;
     }
   }
-  refuse(is_stopping_ ? "the node is shutting down" : "the arm is busy with another request: cancel that one first");
+  refuse(ArmStatus::kBusy,
+         is_stopping_ ? "the node is shutting down" : "the arm is busy with another request: wait for it, or stop it");
 }
 
 template <typename GoalHandle>

@@ -39,7 +39,8 @@ const std::vector<std::pair<int, std::string>>& messageConstants() {
                                                                      {23, "LOST_ON_THE_WAY"},
                                                                      {24, "NOT_LET_GO"},
                                                                      {25, "NOTHING_HELD"},
-                                                                     {26, "FAULT"}};
+                                                                     {26, "FAULT"},
+                                                                     {27, "BUSY"}};
   return constants;
 }
 
