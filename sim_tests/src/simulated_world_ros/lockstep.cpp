@@ -80,7 +80,8 @@ Lockstep::Lockstep(ros::NodeHandle nh, const std::vector<simulated_world::WaitRu
   for (std::size_t i = 0; i < wait_for.size(); ++i) {
     const std::string topic = wait_for[i].topic;
     answers_.push_back(nh_.subscribe<topic_tools::ShapeShifter>(
-        topic, kQueueSize, [this, i, topic](const topic_tools::ShapeShifter::ConstPtr& message) {
+        topic, kQueueSize,
+        [this, i, topic](const topic_tools::ShapeShifter::ConstPtr& message) {
           std::int64_t stamp_ns = 0;
           if (headerStamp(bytesOf(*message), &stamp_ns)) {
             gate_.answered(i, stamp_ns);
@@ -106,7 +107,8 @@ void Lockstep::watchAction(const std::string& action) {
   constexpr std::uint32_t kQueueSize = 1000;
   const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
   actions_.push_back(nh_.subscribe<topic_tools::ShapeShifter>(
-      action + "/goal", kQueueSize, [this, action](const topic_tools::ShapeShifter::ConstPtr& message) {
+      action + "/goal", kQueueSize,
+      [this, action](const topic_tools::ShapeShifter::ConstPtr& message) {
         std::string id;
         std::int64_t stamp_ns = 0;
         if (goalId(bytesOf(*message), &id, &stamp_ns)) {
@@ -117,7 +119,8 @@ void Lockstep::watchAction(const std::string& action) {
       },
       ros::VoidConstPtr(), no_delay));
   actions_.push_back(nh_.subscribe<topic_tools::ShapeShifter>(
-      action + "/result", kQueueSize, [this, action](const topic_tools::ShapeShifter::ConstPtr& message) {
+      action + "/result", kQueueSize,
+      [this, action](const topic_tools::ShapeShifter::ConstPtr& message) {
         std::string id;
         if (resultGoalId(bytesOf(*message), &id)) {
           gate_.goalClosed(action, id);

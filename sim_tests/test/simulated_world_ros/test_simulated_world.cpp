@@ -654,9 +654,9 @@ TEST_F(SimulatedWorldTest, ImpossibleParametersStopTheNode) {
   ASSERT_TRUE(waitFor([this] { return world_->hasEnded(); }));
   EXPECT_EQ(world_->exitCode(), 1);
   const std::string output = world_->output();
-  for (const char* words :
-       {"clock/mode = 'fast', must be one of lockstep, realtime, stepped", "camera/rate_hz = -1", "magnet/radius_m",
-        "physics/timestep_s = 0.5", "gravity", "base/traction_N = -5", "judge/surface_topic = 'no topic'", "judge/pick_action = 'no action'"}) {
+  for (const char* words : {"clock/mode = 'fast', must be one of lockstep, realtime, stepped", "camera/rate_hz = -1",
+                            "magnet/radius_m", "physics/timestep_s = 0.5", "gravity", "base/traction_N = -5",
+                            "judge/surface_topic = 'no topic'", "judge/pick_action = 'no action'"}) {
     EXPECT_NE(output.find(words), std::string::npos) << words << " is not in:\n" << output;
   }
 }

@@ -18,9 +18,9 @@ struct BaseNavigatorConfig {
   double max_odometry_age_s{0.2};
   double max_pose_age_s{0.5};  // of the localisation
   double max_scan_age_s{0.4};
-  double max_grid_age_s{10.0};   // of the map's ground, while driving: it is asked for often enough, or the map is gone
+  double max_grid_age_s{10.0};  // of the map's ground, while driving: it is asked for often enough, or the map is gone
   double max_heartbeat_age_s{0.0};  // of whoever sends the goals; 0: drives without one
-  double stale_patience_s{2.0};  // stands and waits so long for what is too old, then gives up
+  double stale_patience_s{2.0};     // stands and waits so long for what is too old, then gives up
   double max_pose_step_m{0.25};  // farther between two steps, beyond what odometry tells: the localisation has jumped
   double max_pose_step_rad{0.2};
   double blocked_patience_s{3.0};  // stands so long before an obstacle that may go away, then plans anew

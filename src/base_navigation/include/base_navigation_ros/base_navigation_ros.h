@@ -112,7 +112,8 @@ class BaseNavigationRos {
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>>> new_scans_;
   std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>> scan_;
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::NavigationGrid>>> new_ground_;
-  ros::Time last_step_, ground_stamp_, heartbeat_stamp_, grid_built_, grid_published_, markers_published_, feedback_published_;
+  ros::Time last_step_, ground_stamp_, heartbeat_stamp_, grid_built_, grid_published_, markers_published_,
+      feedback_published_;
   bool is_grid_old_{true};
   std::map<std::string, Eigen::Isometry3d> scanners_;  // T_base_scanner by frame
   std::optional<GoalHandle> waiting_;                  // for tf at its stamp

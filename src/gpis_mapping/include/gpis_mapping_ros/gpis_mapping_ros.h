@@ -96,7 +96,7 @@ class GpisMappingRos {
   mutable std::mutex map_mutex_;  // guards what follows, up to the blank line: held while an image is taken in
   std::unique_ptr<gpis_mapping::GpisMap> map_;
   interactive_mapping_msgs::AttachedBrickConstPtr taken_;  // a brick whose place is still to be cleared
-  gpis_mapping::GpisConfig tuned_;  // the map's configuration as tuned
+  gpis_mapping::GpisConfig tuned_;                         // the map's configuration as tuned
 
   mutable std::mutex state_mutex_;  // guards state_
   MapState state_;

@@ -58,9 +58,8 @@ inline std::string canonicalTextOf(const YAML::Node& value) {
 
 inline Values flattened(const YAML::Node& yaml) {
   Values values;
-  forEachScalar(yaml, "", [&values](const std::string& key, const YAML::Node& value) {
-    values[key] = canonicalTextOf(value);
-  });
+  forEachScalar(yaml, "",
+                [&values](const std::string& key, const YAML::Node& value) { values[key] = canonicalTextOf(value); });
   return values;
 }
 inline Values flattened(const std::string& yaml_text) {

@@ -45,7 +45,7 @@ class RobotState {
   struct Held {
     int id{-1};
     motion_planning::HeldBrick brick;
-    std::optional<motion_planning::OrientedBox> vacated;  // where it was at the message's stamp; nothing: not known (yet)
+    std::optional<motion_planning::OrientedBox> vacated;  // its place at the message's stamp; nothing: not known (yet)
   };
   /// What the magnet holds, if anything.
   std::optional<Held> held();

@@ -29,7 +29,8 @@ bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>
 }
 
 bool charge(double cost_s, const ros::Time& started, double stall_s, const std::function<bool()>& is_cancelled) {
-  return ros::Time::isSystemTime() || started.isZero() || waitUntil(started + ros::Duration(cost_s), stall_s, is_cancelled);
+  return ros::Time::isSystemTime() || started.isZero() ||
+         waitUntil(started + ros::Duration(cost_s), stall_s, is_cancelled);
 }
 
 }  // namespace motion_planning_ros

@@ -202,7 +202,9 @@ void RobotState::findVacated() {
     ROS_WARN_THROTTLE_NAMED(10.0, kLog, "where brick %d was taken from is not known yet: %s", held_->id, error.what());
     return;
   }
-  if (!why_not.empty()) ROS_WARN_NAMED(kLog, "where brick %d was taken from is not known: %s", held_->id, why_not.c_str());
+  if (!why_not.empty()) {
+    ROS_WARN_NAMED(kLog, "where brick %d was taken from is not known: %s", held_->id, why_not.c_str());
+  }
   taken_at_.reset();
 }
 

@@ -325,9 +325,9 @@ TEST(CollisionSceneBuilder, SpecksOfUnknownSpaceAreNoObstacle) {
   // What grows is an obstacle again.
   world.is_unknown = [&](const Eigen::Vector3d& p) { return isIn(p, 0.60, -0.10, 2, 4); };
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
-  EXPECT_EQ(builder.scene()->flags[builder.scene()->lattice.index(
-                builder.scene()->lattice.clamped({0.625, -0.075, 0.175}))],
-            kBlockObserved | kBlockUnknown);
+  EXPECT_EQ(
+      builder.scene()->flags[builder.scene()->lattice.index(builder.scene()->lattice.clamped({0.625, -0.075, 0.175}))],
+      kBlockObserved | kBlockUnknown);
 }
 
 TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {

@@ -19,9 +19,9 @@ struct NbvSelectionParams {
   int seed{0};  // of strategies that draw
 
   struct Input {
-    double max_grid_age_s{5.0};  // of the grid that the base drives on, ROS time
-    double max_pose_age_s{1.0};  // of where tf says that the robot is, ROS time
-    double map_wait_s{3.0};      // for a map as new as the goal wants, ROS time
+    double max_grid_age_s{5.0};    // of the grid that the base drives on, ROS time
+    double max_pose_age_s{1.0};    // of where tf says that the robot is, ROS time
+    double map_wait_s{3.0};        // for a map as new as the goal wants, ROS time
     double answer_timeout_s{5.0};  // of a service of the map, wall time
   } input;
 

@@ -128,8 +128,8 @@ TEST(PickMissionParams, FramesOfMapAndBaseAreTwo) {
 }
 
 TEST(PickMissionParams, FilesOfSectorsAndBricksMustBeGiven) {
-  EXPECT_THAT(PickMissionParams().validate(), testing::ElementsAre(StartsWith("sectors_file = '', must be"),
-                                                                   StartsWith("bricks_file = '', must be")));
+  EXPECT_THAT(PickMissionParams().validate(),
+              testing::ElementsAre(StartsWith("sectors_file = '', must be"), StartsWith("bricks_file = '', must be")));
 }
 
 }  // namespace
