@@ -55,7 +55,8 @@ class BrickLedger {
 
   int numPicked() const;
   int numExhausted() const;  // not picked
-  int numOpen() const;       // there, not picked, with attempts left
+  int numLeft() const;       // not picked, with attempts left
+  int numOpen() const;       // the same, and there
   const std::map<int, BrickRecord>& bricks() const { return bricks_; }
 
   /// What was tried; what was seen has to be seen anew. restore() throws nlohmann::json::exception for anything else.

@@ -60,7 +60,7 @@ enum class Guard {
   kUnseenWorth,   // something unseen is left, and going there has not been tried too often
   kWorthWaiting,  // bricks have attempts left, and failures may fade
   kVantageLeft,   // not been back to a place of the survey too often
-  kBricksOpen,    // the same, and bricks are known that have attempts left
+  kBricksLeft,    // the same, and bricks are known, there or not, that are neither picked nor given up
   kMayBreakOff,   // nothing moves or hangs on the arm
   kForHold,       // why what goes on was halted
   kForResume,

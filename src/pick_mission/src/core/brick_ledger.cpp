@@ -106,6 +106,10 @@ int BrickLedger::numExhausted() const {
   return countOf(bricks_, [this](const BrickRecord& brick) { return isExhausted(brick); });
 }
 
+int BrickLedger::numLeft() const {
+  return countOf(bricks_, [this](const BrickRecord& brick) { return !brick.is_picked && !isExhausted(brick); });
+}
+
 int BrickLedger::numOpen() const {
   return countOf(
       bricks_, [this](const BrickRecord& brick) { return brick.is_there && !brick.is_picked && !isExhausted(brick); });

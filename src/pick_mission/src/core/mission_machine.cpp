@@ -620,8 +620,8 @@ bool MissionMachine::Impl::holds(Guard guard) const {
       return ledger_.numOpen() > 0 && fade_waits_ < config_.max_fade_waits;
     case Guard::kVantageLeft:
       return !config_.survey_x_m.empty() && vantage_drives_ < config_.max_vantage_drives;
-    case Guard::kBricksOpen:
-      return holds(Guard::kVantageLeft) && ledger_.numOpen() > 0;
+    case Guard::kBricksLeft:
+      return holds(Guard::kVantageLeft) && ledger_.numLeft() > 0;
     case Guard::kMayBreakOff:
       return hand_ == Hand::kEmpty && !movesArm(state_);
     case Guard::kForHold:
@@ -702,10 +702,10 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
     if (row.from == State::kChoose) {
       drive_for_ = DriveFor::kSurvey;
       goal_ = surveyPose(survey_index_);
-    } else if (row.trigger == Trigger::kDone || row.trigger == Trigger::kLowUtility) {
+    } else if (row.trigger == Trigger::kDone || row.guard == Guard::kUnseenWorth) {
       drive_for_ = DriveFor::kView;
       goal_ = best_view_;
-      if (row.trigger == Trigger::kLowUtility) ++low_utility_views_;
+      if (row.guard == Guard::kUnseenWorth) ++low_utility_views_;
     } else {
       // The last place of the survey first: it is the nearest to the pile.
       const std::size_t size = config_.survey_x_m.size();

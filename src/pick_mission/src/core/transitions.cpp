@@ -73,8 +73,9 @@ std::vector<Transition> makeTransitions() {
       {S::kSelect, T::kVantage, G::kAlways, S::kEnded},
       {S::kSelect, T::kLowUtility, G::kUnseenWorth, S::kDrive},
       {S::kSelect, T::kLowUtility, G::kWorthWaiting, S::kWait},
+      {S::kSelect, T::kLowUtility, G::kBricksLeft, S::kDrive},
       {S::kSelect, T::kLowUtility, G::kAlways, S::kEnded},
-      {S::kSelect, T::kNoPile, G::kBricksOpen, S::kDrive},
+      {S::kSelect, T::kNoPile, G::kBricksLeft, S::kDrive},
       {S::kSelect, T::kNoPile, G::kAlways, S::kEnded},
       {S::kDrive, T::kDone, G::kAlways, S::kLook},
       {S::kDrive, T::kOtherView, G::kAlways, S::kBegin},
@@ -181,8 +182,8 @@ const char* toString(Guard guard) {
       return "bricks with attempts left, not waited too often";
     case Guard::kVantageLeft:
       return "survey place, not gone back too often";
-    case Guard::kBricksOpen:
-      return "the same, and bricks with attempts left";
+    case Guard::kBricksLeft:
+      return "bricks neither picked nor given up, survey place not gone back to too often";
     case Guard::kMayBreakOff:
       return "hand empty, arm at rest";
     case Guard::kForHold:

@@ -319,13 +319,35 @@ TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenEnds) {
   ASSERT_TRUE(run.toEnd());
   EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
   EXPECT_THAT(run.machine.endMessage(), HasSubstr("low utility"));
-  EXPECT_EQ(run.machine.counts().views, 2);
+  EXPECT_EQ(run.machine.counts().views, 2 + config.max_vantage_drives);
   int fades = 0;
   for (const Command& command : run.commands) {
     const auto* wait = std::get_if<command::Wait>(&command.body);
     fades += wait != nullptr && wait->limit_s == config.fade_wait_s;
   }
   EXPECT_EQ(fades, config.max_fade_waits);
+}
+
+// As when a brick falls from the magnet: the place it was in is empty, and nothing is worth going to.
+TEST(MissionMachine, BrickThatIsNotThereAnyMoreIsLookedForFromThePlacesOfTheSurvey) {
+  for (const SelectionStatus status : {SelectionStatus::kLowUtility, SelectionStatus::kNoPile}) {
+    SCOPED_TRACE(static_cast<int>(status));
+    MissionConfig config;
+    ToyMission run(config, ToyWorld::ofStacks({1}));
+    run.inject = [&](State action, int count) -> std::optional<Result> {
+      if (action == State::kPick && count == 1) {
+        run.world.unseen = {0};
+        return ArmResult{ArmStatus::kNotAttached};
+      }
+      if (action == State::kDrive && !run.world.unseen.empty()) run.world.unseen.clear();
+      if (action == State::kSelect && !run.world.unseen.empty()) return SelectionResult{status, std::nullopt, false};
+      return std::nullopt;
+    };
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+    EXPECT_EQ(run.machine.counts().bricks_picked, 1);
+  }
 }
 
 TEST(MissionMachine, FruitlessViewsEndTheMission) {

@@ -172,6 +172,7 @@ class ToyWorld {
   std::set<std::uint64_t> ids;
   std::set<int> known;
   std::set<int> lost;
+  std::set<int> unseen;  // by the detection, wherever it stands
   std::map<int, int> picks;
   std::map<int, int> blamed;  // failures that are the brick's, by this world's own judgement
   std::map<State, int> commands_of;
@@ -325,7 +326,7 @@ class ToyWorld {
   std::vector<SeenBrick> detect() {
     std::vector<SeenBrick> seen;
     for (const ToyBrick& b : bricks) {
-      if (b.is_gone) {
+      if (b.is_gone || unseen.count(b.id) > 0) {
         known.erase(b.id);
         continue;
       }
