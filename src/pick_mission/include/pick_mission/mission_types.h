@@ -134,6 +134,13 @@ enum class EndReason {
 constexpr int kNumEndReasons = 18;
 const char* toString(EndReason reason);
 
+/// What ends a wait.
+enum class WaitUntil {
+  kLimit,
+  kArmReady,  // idle, and it may move; fails if that is not so by the limit
+  kArmIdle,   // it has ended what it was told before, or the limit
+};
+
 /// What is to be done. Each is answered by one Reply with its command's id, also after a Cancel.
 namespace command {
 /// Out of the camera's view, or with what is held to where it is let go.
@@ -180,11 +187,6 @@ struct Drive {
 };
 struct Recover {
   bool unlocks_protective_stop{false};
-};
-enum class WaitUntil {
-  kLimit,
-  kArmReady,  // idle, and it may move; fails if that is not so by the limit
-  kArmIdle,   // it has ended what it was told before, or the limit
 };
 struct Wait {
   double limit_s{0.0};
