@@ -114,6 +114,10 @@ def rss_mb(pid):
     return None
 
 
+class NotUp(Exception):
+    """The mission's nodes do not come up."""
+
+
 class Mission:
     """One mission, looked on and disturbed. Callbacks come in rospy's threads and only store; one thread does the rest."""
 
@@ -144,7 +148,8 @@ class Mission:
         self.rospy, self.rosgraph = rospy, rosgraph
         self.names = {value: name.lower() for name, value in vars(MissionState).items() if name in {state.upper() for state in STATES} | {"ENDED"}}
         # rospy asks once, when it begins, which clock there is.
-        self.until(lambda: rosgraph.is_master_online() and rosgraph.Master("soak_mission").hasParam("/use_sim_time"), MASTER_S)
+        if not self.until(lambda: rosgraph.is_master_online() and rosgraph.Master("soak_mission").hasParam("/use_sim_time"), MASTER_S):
+            raise NotUp(f"the mission does not begin; see {self.log.name}")
         rospy.init_node("soak_mission", anonymous=True, disable_signals=True, disable_rosout=True)
         rospy.Subscriber("/pick_mission/state", MissionState, lambda message: self.store("state", message), queue_size=100)
         rospy.Subscriber("/simulated_world/judge", JudgeState, lambda message: self.store("judge", message), queue_size=1)
@@ -417,6 +422,10 @@ def main():
     parser.add_argument("--judge", action="store_true", help="tell what came of those that were run")
     arguments = parser.parse_args()
     cases = plan()
+    if not (ROOT / f"sim_tests/worlds/{arguments.scene}.yaml").is_file():
+        parser.error(f"--scene {arguments.scene}: no such file in sim_tests/worlds")
+    if not arguments.hours >= 0.0:
+        parser.error(f"--hours {arguments.hours}, must be >= 0")
     if arguments.plan:
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a reader that has enough
         for case in cases:
@@ -427,11 +436,20 @@ def main():
     table = arguments.out / "mission.csv"
     if arguments.judge:
         return judged(rows_of(table), len(cases))
+    try:
+        import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
+    except ImportError as error:
+        print(f"error: {error}: source devel/setup.bash, or use scripts/soak mission", file=sys.stderr)
+        return 2
     arguments.out.mkdir(parents=True, exist_ok=True)
     if arguments.only is not None:
         port = free_port()
         os.environ.update(ROS_MASTER_URI=urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", "")), ROS_HOSTNAME="localhost")
-        row = Mission(cases[arguments.only], arguments.out, port, arguments.scene).run()
+        try:
+            row = Mission(cases[arguments.only], arguments.out, port, arguments.scene).run()
+        except NotUp as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
         append(table, row)
         print(f"{row['number']}: {row['disturbance']} {row['node']} in {row['met_in'] or row['state']} at {row['at_s']} s: {row['verdict']}"
               f"{', ' + row['why'] if row['why'] else ''}; {row['end_reason']}, {row['stowed']} stowed, {row['wall_s']} s", flush=True)
@@ -446,8 +464,9 @@ def main():
             continue
         if time.monotonic() > end:
             break
-        # rospy knows one master per process.
-        if subprocess.call([sys.executable, __file__, "--out", str(arguments.out), "--scene", arguments.scene, "--only", str(case.number)]) not in (0, 1):
+        # rospy knows one master per process. One that breaks down exits with 1, too, and leaves no row.
+        code = subprocess.call([sys.executable, __file__, "--out", str(arguments.out), "--scene", arguments.scene, "--only", str(case.number)])
+        if code not in (0, 1) or str(case.number) not in {row["number"] for row in rows_of(table)}:
             return 2
     return judged(rows_of(table), len(cases))
 
