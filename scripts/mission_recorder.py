@@ -308,12 +308,21 @@ def main():
     parser.add_argument("--gone-after", type=float, default=60.0, metavar="S", help="of the wall clock: so long the node may be away, as while it is started anew")
     arguments = parser.parse_args()
 
-    import rospy  # late: --help needs no ROS
-    from interactive_mapping_msgs.msg import MissionState
+    if not arguments.folder.is_dir():
+        parser.error(f"{arguments.folder} is no folder")
+
+    import rosgraph  # late: --help needs no ROS
+    import rospy
+    try:
+        from interactive_mapping_msgs.msg import MissionState
+    except ImportError as error:
+        parser.error(f"{error}: source devel/setup.bash")
     screen = Screen(sys.stdout)
     is_told_to_end = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: is_told_to_end.set())
+    if not rosgraph.is_master_online():
+        parser.error(f"no ROS master answers at {os.environ.get('ROS_MASTER_URI')}")
     rospy.init_node("mission_recorder", anonymous=True, disable_signals=True, disable_rosout=True)
     recorder = Recorder(arguments.folder, screen, MissionState)
     rospy.Subscriber(arguments.mission + "/state", MissionState, recorder.on_state, queue_size=100)

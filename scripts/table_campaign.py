@@ -23,9 +23,15 @@ def read_runs(folder):
     runs, unreadable = [], []
     for path in sorted(folder.glob("*/summary.json")):
         try:
-            runs.append(json.loads(path.read_text()))
-        except (OSError, ValueError) as error:
-            unreadable.append(f"{path}: {error}")
+            run = json.loads(path.read_text())
+            if not isinstance(run, dict):
+                raise ValueError("no summary of a mission")
+            # All that the tables are made of: what cannot be counted is named, and left out.
+            row("", [run])
+            list(memory_rows([run]))
+            runs.append(run)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            unreadable.append(f"{path}: {type(error).__name__}: {error}")
     return runs, unreadable
 
 
@@ -59,7 +65,8 @@ def memory_rows(runs):
     nodes = collections.defaultdict(list)
     for run in runs:
         for node, sizes in (run.get("memory") or {}).items():
-            nodes[node].append((sizes["early_mb"], sizes["late_mb"], sizes["hours"]))
+            if sizes["hours"] > 0.0:
+                nodes[node].append((sizes["early_mb"], sizes["late_mb"], sizes["hours"]))
     for node, sizes in sorted(nodes.items()):
         early, late, hours = np.array(sizes).T
         yield f"| {node} | {late.max():.0f} | {early.mean():.0f} | {late.mean():.0f} | {(late - early).sum() / hours.sum():+.0f} |"

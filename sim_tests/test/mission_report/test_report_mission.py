@@ -128,6 +128,15 @@ class ReportMission(unittest.TestCase):
         table = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], stdout=subprocess.PIPE, text=True,
                                check=True).stdout
         self.assertIn("| map | 152 | 122 | 152 | +60 |", table)
+        # What is no summary is named, and the table is of the others.
+        for name, text in (("list", "[]"), ("null", '{"bricks_picked": null, "bricks_total": 4}'), ("half", '{"memory": {"map": {}}}')):
+            (self.folder.parent / name).mkdir()
+            (self.folder.parent / name / "summary.json").write_text(text)
+        again = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], capture_output=True, text=True,
+                               check=True)
+        self.assertEqual(again.stdout, table)
+        for name in ("list", "null", "half"):
+            self.assertIn(f"{name}/summary.json", again.stderr)
 
     def test_counts_that_differ_are_told(self):
         self.make()
