@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <deque>
+#include <iomanip>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
@@ -155,6 +157,7 @@ class MissionMachine::Impl {
     control(0, command::Release{});
   }
   void note(const std::string& event, const std::string& reason);
+  std::string reasonFor(const Transition& row) const;
 
   // What goes on.
   std::optional<Running> running_;
@@ -650,12 +653,80 @@ void MissionMachine::Impl::take(const Transition& row, const std::string& event,
   entry.decision = row.to;
   const std::string guard = toString(row.guard);
   entry.reason = reason.empty() ? guard : guard.empty() ? reason : reason + "; " + guard;
+  if (entry.reason.empty() || row.to == State::kPlanPick || row.to == State::kDrive) {
+    const std::string what = reasonFor(row);
+    entry.reason += (entry.reason.empty() || what.empty() ? "" : "; ") + what;
+  }
   entry.state_s = now_s_ - state_since_s_;
   entry.counts = counts();
   output_.log.push_back(entry);
   state_ = row.to;
   state_since_s_ = now_s_;
   enter();
+}
+
+/// What comes next and why, where neither the event nor the guard tells.
+std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(2);
+  const auto brick = [](const std::optional<SeenBrick>& seen) {
+    return seen ? "brick " + std::to_string(seen->id) : std::string("a brick");
+  };
+  switch (row.to) {
+    case State::kBegin:
+      if (state_ == State::kPick || state_ == State::kLetGo) {
+        text << counts().bricks_picked << " bricks picked so far: the arm out of the view, and a fresh look";
+      } else {
+        text << "the arm out of the view, and a fresh look";
+      }
+      break;
+    case State::kPlanClear:
+      text << "the arm has to be out of the camera's view";
+      break;
+    case State::kClear:
+      text << "a way out of the camera's view is planned";
+      break;
+    case State::kLook:
+      text << "nothing is in the camera's view: " << config_.look_images << " new images into the map";
+      break;
+    case State::kDetect:
+      text << "the map has them: which bricks are there";
+      break;
+    case State::kChoose:
+      text << counts().bricks_open << " bricks to be picked are there, " << counts().bricks_picked << " picked";
+      break;
+    case State::kReport:
+      text << "that nothing could be done there";
+      break;
+    case State::kPlanPick:
+      text << brick(ledger_.best(scene_)) << ", the highest that is graspable and in the arm's sector";
+      break;
+    case State::kPick:
+      text << brick(candidate_) << ": its pick is planned";
+      break;
+    case State::kStow:
+      text << "a way to where it is let go is planned";
+      break;
+    case State::kLetGo:
+      text << "over the place where it may fall";
+      break;
+    case State::kSelect:
+      text << "no brick is to be tried from here";
+      break;
+    case State::kDrive:
+      if (drive_for_ == DriveFor::kSurvey) {
+        text << "place " << survey_index_ + 1 << " of " << config_.survey_x_m.size() << " of the survey";
+      } else if (drive_for_ == DriveFor::kVantage) {
+        text << "back to a place of the survey";
+      } else {
+        text << "the best view";
+      }
+      if (goal_) text << " at (" << goal_->x_m << ", " << goal_->y_m << ") m, " << goal_->yaw_rad << " rad";
+      break;
+    default:
+      break;
+  }
+  return text.str();
 }
 
 void MissionMachine::Impl::end(EndReason reason, const std::string& message) {

@@ -576,6 +576,10 @@ TEST(MissionMachine, LogLinesParseAndFollowEachOther) {
     EXPECT_GE(line.at("time_s").get<double>(), time_s);
     time_s = line.at("time_s");
     EXPECT_EQ(line.at("state"), state);
+    EXPECT_FALSE(entry.reason.empty()) << text;
+    if (entry.decision == State::kPlanPick) {
+      EXPECT_THAT(entry.reason, HasSubstr("brick ")) << text;
+    }
     EXPECT_NEAR(line.at("state_s").get<double>(), time_s - since_s, 1e-9);
     if (line.at("decision") != state) since_s = time_s;
     state = line.at("decision");
