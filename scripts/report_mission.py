@@ -201,9 +201,11 @@ def brick_rows(run):
     return rows
 
 
-def stage_grid(run, worlds, maps, start_s):
+def stage_grid(run, worlds, maps, start_s, strategy):
     """A row per stage, the world on the left, the map as it was then on the right; of one kind alone two beside each other."""
-    kinds = [(entries, what, verb) for entries, what, verb in ((worlds, "The world", "stowed"), (maps, "The map", "picked")) if entries]
+    # Coverage and precision are of the map that the strategy sees; the meshes that are kept, of the one that the arm moves by.
+    map_name = "The arm's map" if strategy.startswith("octomap") else "The map"
+    kinds = [(entries, what, verb) for entries, what, verb in ((worlds, "The world", "stowed"), (maps, map_name, "picked")) if entries]
     if not kinds:
         return "<p>No pictures were taken.</p>"
     cells = []
@@ -237,7 +239,7 @@ def write_page(run, summary, plots, maps, out):
              card("?" if summary.get("views") is None else summary["views"], "places it stood at")]
     body = [f"<h1>Mission {html.escape(name)}</h1>", f'<p class="sub">{html.escape(about or "nothing is known about what it was to do")}</p>',
             f'<p class="words">{html.escape(" ".join(sentences(run, summary)))}</p>', f'<div class="cards">{"".join(cards)}</div>', "<!-- notes -->"]
-    body += ["<h2>Before, during, after</h2>", stage_grid(run, pick_stages(run.world_pictures, "world"), maps, start_s)]
+    body += ["<h2>Before, during, after</h2>", stage_grid(run, pick_stages(run.world_pictures, "world"), maps, start_s, str(summary.get("strategy") or ""))]
     if len(run.world_pictures) > MAX_STAGES:
         thumbs = "".join(figure(path, f"{duration(seconds - start_s)}, {count} stowed", run, 400) for seconds, count, path in run.world_pictures[:60])
         body.append(f'<details><summary>All pictures of the world ({len(run.world_pictures)})</summary><div class="thumbs">{thumbs}</div></details>')

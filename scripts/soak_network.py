@@ -229,6 +229,12 @@ def main():
     parser.add_argument("--scene", default="four_bricks")
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if not (ROOT / f"sim_tests/worlds/{options.scene}.yaml").is_file():
+        parser.error(f"--scene {options.scene}: no such file in sim_tests/worlds")
+    try:
+        import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
+    except ImportError as error:
+        parser.error(f"{error}: source devel/setup.bash, or use scripts/soak network")
     out = pathlib.Path(options.out)
     out.mkdir(parents=True, exist_ok=True)
     if options.inside:
@@ -242,8 +248,8 @@ def main():
     if os.geteuid() != 0 or shutil.which("ip") is None:
         print("network namespaces need root and the program ip (package iproute2)", file=sys.stderr)
         return 2
-    make_network()
     try:
+        make_network()
         return subprocess.run(["ip", "netns", "exec", ROBOT, sys.executable, __file__, "--inside", "--out", str(out), "--scene", options.scene],
                               check=False).returncode
     finally:
