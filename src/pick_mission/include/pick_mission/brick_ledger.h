@@ -19,6 +19,7 @@ struct BrickRecord {
   bool is_picked{false};
   int picks_begun{0};
   int picks_failed{0};
+  int attempts_back{0};            // that it was given when it had none left and another brick was taken away
   int plans_failed{0};             // since a brick was last taken away: then it may be reached
   std::optional<int> scene_tried;  // in vain; again when another
   std::map<std::string, int> failures;
@@ -39,7 +40,7 @@ class BrickLedger {
   Update update(const std::vector<SeenBrick>& bricks);
 
   /// The highest that is there, graspable, in the arm's sector, alone with its id, with attempts left and not tried in
-  /// vain in this scene. Of two as high to a millimetre that of smaller id.
+  /// vain in this scene. Of two as high to a millimetre that of smaller id; those that were given up before come last.
   std::optional<SeenBrick> best(int scene) const;
 
   // Throw std::out_of_range for an id that was never known.
@@ -48,7 +49,8 @@ class BrickLedger {
   void planFailed(int id, const std::string& reason);
   void triedInVain(int id, int scene);
   void picked(int id);  // also pileChanged()
-  /// A brick was taken away: what could not be planned may be possible now.
+  /// A brick was taken away: what could not be planned or picked may be possible now, and what was given up may stand in the
+  /// way of all others.
   void pileChanged();
   bool isKnown(int id) const { return bricks_.count(id) > 0; }
   bool isExhausted(const BrickRecord& brick) const;
@@ -64,6 +66,8 @@ class BrickLedger {
   void restore(const nlohmann::json& json);
 
  private:
+  int attemptsUsed(const BrickRecord& brick) const { return brick.picks_failed - brick.attempts_back; }
+
   int max_picks_;
   int max_plans_;
   std::map<int, BrickRecord> bricks_;  // by id

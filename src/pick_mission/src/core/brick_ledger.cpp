@@ -55,7 +55,12 @@ std::optional<SeenBrick> BrickLedger::best(int scene) const {
     if (!record.is_there || record.is_picked || isExhausted(record) || record.scene_tried == scene) continue;
     if (record.seen.has_duplicate || !record.seen.is_in_sector || record.seen.graspable_faces.empty()) continue;
     const double height_m = record.seen.T_map_brick.translation().z();
-    if (best == nullptr || height_m > best->seen.T_map_brick.translation().z() + kSameHeight_m) best = &record;
+    const bool is_last = record.attempts_back > 0;
+    const bool is_best_last = best != nullptr && best->attempts_back > 0;
+    if (best == nullptr || (is_best_last && !is_last) ||
+        (is_best_last == is_last && height_m > best->seen.T_map_brick.translation().z() + kSameHeight_m)) {
+      best = &record;
+    }
   }
   if (best == nullptr) return std::nullopt;
   return best->seen;
@@ -91,11 +96,14 @@ void BrickLedger::picked(int id) {
 }
 
 void BrickLedger::pileChanged() {
-  for (auto& [id, record] : bricks_) record.plans_failed = 0;
+  for (auto& [id, record] : bricks_) {
+    record.plans_failed = 0;
+    if (attemptsUsed(record) >= max_picks_) record.attempts_back = record.picks_failed - (max_picks_ - 1);
+  }
 }
 
 bool BrickLedger::isExhausted(const BrickRecord& brick) const {
-  return !brick.is_picked && (brick.picks_failed >= max_picks_ || brick.plans_failed >= max_plans_);
+  return !brick.is_picked && (attemptsUsed(brick) >= max_picks_ || brick.plans_failed >= max_plans_);
 }
 
 int BrickLedger::numPicked() const {
@@ -122,6 +130,7 @@ nlohmann::json BrickLedger::toJson() const {
                     {"is_picked", record.is_picked},
                     {"picks_begun", record.picks_begun},
                     {"picks_failed", record.picks_failed},
+                    {"attempts_back", record.attempts_back},
                     {"plans_failed", record.plans_failed},
                     {"failures", record.failures},
                     {"last_failure", record.last_failure}});
@@ -138,6 +147,7 @@ void BrickLedger::restore(const nlohmann::json& json) {
     record.is_picked = entry.at("is_picked").get<bool>();
     record.picks_begun = entry.at("picks_begun").get<int>();
     record.picks_failed = entry.at("picks_failed").get<int>();
+    record.attempts_back = entry.value("attempts_back", 0);  // not in what earlier versions left
     record.plans_failed = entry.at("plans_failed").get<int>();
     record.failures = entry.at("failures").get<std::map<std::string, int>>();
     record.last_failure = entry.at("last_failure").get<std::string>();

@@ -72,17 +72,29 @@ TEST(BrickLedger, PicksAndPlansAreCountedApart) {
   EXPECT_EQ(ledger.bricks().at(2).last_failure, "d");
 }
 
-TEST(BrickLedger, PlansFailedCountAnewWhenABrickWasTakenAwayPicksDoNot) {
+TEST(BrickLedger, WhenABrickWasTakenAwayPlansCountAnewAndWhatWasGivenUpHasOneAttemptMoreAfterAllOthers) {
   BrickLedger ledger(2, 1);
-  ledger.update({seen(1, 0.3), seen(2, 0.2), seen(3, 0.1)});
+  ledger.update({seen(1, 0.2), seen(2, 0.3), seen(3, 0.1), seen(4, 0.05)});
   ledger.planFailed(1, "a");
   ledger.pickFailed(2, "b");
   ledger.pickFailed(2, "b");
   EXPECT_EQ(ledger.numExhausted(), 2);
   ledger.picked(3);
-  EXPECT_EQ(ledger.numExhausted(), 1);
-  EXPECT_EQ(ledger.best(0)->id, 1);
+  EXPECT_EQ(ledger.numExhausted(), 0);
+  EXPECT_EQ(ledger.best(0)->id, 1) << "2 is higher, and was given up before";
   EXPECT_EQ(ledger.bricks().at(1).failures.at("a"), 1);
+  ledger.triedInVain(1, 0);
+  EXPECT_EQ(ledger.best(0)->id, 4);
+  ledger.triedInVain(4, 0);
+  EXPECT_EQ(ledger.best(0)->id, 2);
+  BrickLedger other(2, 1);
+  other.restore(ledger.toJson());
+  ledger.pickFailed(2, "c");
+  EXPECT_EQ(ledger.numExhausted(), 1);
+  EXPECT_FALSE(ledger.best(0));
+  EXPECT_EQ(ledger.bricks().at(2).picks_failed, 3);
+  other.pickFailed(2, "c");
+  EXPECT_EQ(other.numExhausted(), 1) << "as if there had been no restart";
 }
 
 TEST(BrickLedger, PickedBrickSeenAgainIsAFailedPickButAnOldLookTellsNothing) {

@@ -82,12 +82,13 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
     const MissionCounts counts = run.machine.counts();
     EXPECT_EQ(counts.bricks_picked, run.world.stowed) << tail(run);
     for (const auto& [id, failures] : run.world.blamed) {
-      EXPECT_LE(failures, config.max_picks_per_brick) << "brick " << id;
+      // One more for each other brick that was taken away.
+      EXPECT_LE(failures, config.max_picks_per_brick + counts.bricks_picked) << "brick " << id;
       EXPECT_EQ(failures, run.machine.bricks().bricks().at(id).picks_failed) << "brick " << id;
     }
     for (const auto& [id, record] : run.machine.bricks().bricks()) {
       EXPECT_LE(record.plans_failed, config.max_plans_per_brick);
-      EXPECT_LE(record.picks_failed, config.max_picks_per_brick);
+      EXPECT_LE(record.picks_failed - record.attempts_back, config.max_picks_per_brick);
       EXPECT_EQ(record.picks_begun, run.world.picks[id]);
     }
     EXPECT_FALSE(run.machine.endMessage().empty());
