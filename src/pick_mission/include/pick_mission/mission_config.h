@@ -23,7 +23,7 @@ struct MissionConfig {
   double ready_timeout_s{60.0};    // for the arm to be ready again, or to end what it does
   double retry_wait_s{2.0};        // before what was too old or not there is asked again
 
-  int max_picks_per_brick{3};          // that failed: then the brick is left
+  int max_picks_per_brick{3};          // that failed: then it is left, but for one more for each that is taken away
   int max_plans_per_brick{10};         // that failed since a brick was last taken away
   int max_pick_failures_per_view{3};   // then the next view
   int max_plan_failures_per_view{12};  // each costs time
