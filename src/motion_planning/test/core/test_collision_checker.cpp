@@ -623,12 +623,15 @@ TEST(CollisionChecker, ABrickIsSmallerWhereItHangsByWhatTheMapHasTooMuch) {
     CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
     checker.setHeld(held);
     const double clearance_m = checker.clearance(at_rest, 0.2);
-    if (overlap_m > CollisionCheckerConfig{}.held_shrink_m) EXPECT_EQ(checker.check(at_rest).first, "brick");
+    if (overlap_m > CollisionCheckerConfig{}.held_shrink_m) {
+      EXPECT_EQ(checker.check(at_rest).first, "brick");
+    }
     const bool may_be = overlap_m < CollisionCheckerConfig{}.held_release_m;
     EXPECT_EQ(checker.setHeldAt(held, {at_rest, among_others}), may_be) << overlap_m;
     EXPECT_EQ(checker.isFree(at_rest), may_be) << overlap_m << ": " << checker.check(at_rest).describe();
     EXPECT_EQ(checker.isFree(among_others), may_be) << overlap_m << ": " << checker.check(among_others).describe();
-    EXPECT_FALSE(checker.isFree(into_the_other)) << overlap_m;
+    // Moved by 6 cm more, the magnet itself is in the other where that reaches farthest.
+    EXPECT_EQ(checker.check(into_the_other).first, overlap_m < 0.08 ? "brick" : "magnet") << overlap_m;
     // No smaller than it must be, and where nothing helps as large as in a lift.
     if (overlap_m <= CollisionCheckerConfig{}.held_shrink_m || !may_be) {
       EXPECT_EQ(checker.clearance(at_rest, 0.2), clearance_m);

@@ -66,8 +66,8 @@ TEST(MissionRestart, AtEveryStepGoesOnAfterAFreshInspectionAndEnds) {
       EXPECT_EQ(run.machine.endReason(), EndReason::kBricksExhausted) << tail(run);
       EXPECT_EQ(run.world.stowed, 3) << tail(run);
       EXPECT_EQ(run.machine.counts().bricks_picked, 3) << tail(run);
-      // One more for each of the three that were taken away.
-      EXPECT_LE(run.world.picks[1], run.config.max_picks_per_brick + 3) << "the attempts began anew";
+      // An interrupted pick may use up the last attempt before the last other brick is taken: that gives one back.
+      EXPECT_LE(run.world.picks[1], whole.world.picks[1] + 1) << "the attempts began anew";
       EXPECT_LT(run.machine.usedTime(), used_s + run.now_s - 1000.0);
       // The survey is not driven twice.
       int drives = 0;
