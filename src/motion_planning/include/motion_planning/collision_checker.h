@@ -83,8 +83,10 @@ class CollisionChecker {
   /// taken as large as it is.
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch = true);
   /// As in a lift, and made smaller still, up to held_release_m, until it is free in all these postures, the first of its
-  /// way: where it hangs can be nothing else, so that the map is wrong by as much. False: not even then,
-  /// and it is as in a lift. Throws as setHeld().
+  /// way: where it hangs can be nothing else, so that the map is wrong by as much. If that does not do, the place where it
+  /// hangs in the first of them becomes the target, for all links: what the map has there is not there, however deep. False:
+  /// not even then; it is as in a lift, and the target is as before. Throws as setHeld(); std::invalid_argument too for
+  /// angles that are not finite.
   bool setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures);
   const std::optional<HeldBrick>& held() const;
 
@@ -113,6 +115,7 @@ class CollisionChecker {
 
  private:
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch, double less_m);
+  bool releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures);
 
   struct State;
   std::unique_ptr<State> state_;

@@ -479,6 +479,18 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
 }
 
 bool CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures) {
+  if (releaseHeld(held, postures)) return true;
+  if (postures.empty()) return false;
+  const CollisionChecker before(*this);
+  setTarget(OrientedBox{state_->T_map_base * state_->arm->tipPose(postures.front()) * held.T_tip_brick, held.size_m},
+            true);
+  if (releaseHeld(held, postures)) return true;
+  *state_ = *before.state_;
+  return false;
+}
+
+/// True: smaller by at most held_release_m it is free in all of them. False: it is as in a lift.
+bool CollisionChecker::releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures) {
   const CollisionCheckerConfig& config = state_->config;
   const auto are_free = [&] {
     return std::all_of(postures.begin(), postures.end(), [this](const ArmVector& q) { return isFree(q); });

@@ -663,6 +663,7 @@ ArmPlan MotionPlanner::Call::planArm(const ArmGoal& goal) {
     if (lift.size() > 1) {
       from_rad = lift.back();
       plan.trajectory = timedLine(lift, config_.lift_speed_m_s);
+      checker_->setTarget(context_.vacated, true);
       checker_->setHeld(context_.held, false);
     } else if (wedged_) {
       static_cast<PlanFailure&>(plan) = startInCollision(wedged_);
@@ -693,9 +694,11 @@ JointPath MotionPlanner::Call::liftOut() const {
   CollisionChecker among(*checker_);
   const std::size_t first = std::min(line.size(), numSteps(kAmongOthers_m) + 1);
   among.setHeldAt(*context_.held, {line.begin(), line.begin() + static_cast<std::ptrdiff_t>(first)});
+  // Out is where it needs no leave to be: that for the place where it hangs ends with the lift.
   CollisionChecker whole(*checker_);
+  whole.setTarget(context_.vacated, true);
   whole.setHeld(context_.held, false);
-  CollisionChecker roomy(*checker_);
+  CollisionChecker roomy(whole);
   HeldBrick with_room = *context_.held;
   with_room.size_m.array() += 2.0 * config_.lift_room_m;
   roomy.setHeld(with_room, false);

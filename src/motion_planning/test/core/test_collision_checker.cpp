@@ -626,6 +626,7 @@ TEST(CollisionChecker, ABrickIsSmallerWhereItHangsByWhatTheMapHasTooMuch) {
     if (overlap_m > CollisionCheckerConfig{}.held_shrink_m) {
       EXPECT_EQ(checker.check(at_rest).first, "brick");
     }
+    // Deeper than that only its own place helps, and there the other reaches over it.
     const bool may_be = overlap_m < CollisionCheckerConfig{}.held_release_m;
     EXPECT_EQ(checker.setHeldAt(held, {at_rest, among_others}), may_be) << overlap_m;
     EXPECT_EQ(checker.isFree(at_rest), may_be) << overlap_m << ": " << checker.check(at_rest).describe();
@@ -638,6 +639,39 @@ TEST(CollisionChecker, ABrickIsSmallerWhereItHangsByWhatTheMapHasTooMuch) {
     }
     EXPECT_EQ(checker.held()->size_m, held.size_m);
   }
+}
+
+TEST(CollisionChecker, WhereABrickHangsTheMapHasNothingHoweverDeep) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  const Eigen::Vector3d brick_m(0.3, 0.2, 0.2);
+  const HeldBrick held{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), brick_m};
+  const ArmVector at_rest = jointsAt(toolDown({0.7, 0.0, 0.23}));
+  const ArmVector among_others = jointsAt(toolDown({0.7, 0.0, 0.25}));
+  const ArmVector aside = jointsAt(toolDown({0.7, -0.12, 0.23}));
+  // A sheet through its middle, from the ground to its top and beyond its ends, as of a face seen in a wrong place.
+  BoxWorld world;
+  world.ground_z_m = T_map_base.translation().z();
+  world.ground_half_edge_m = 3.0;
+  world.boxes = {boxInBase(T_map_base, {0.7, 0.0, 0.11}, {0.5, 0.03, 0.22})};
+  CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
+  checker.setHeld(held);
+  ASSERT_EQ(checker.check(at_rest).first, "brick");
+  ASSERT_TRUE(checker.setHeldAt(held, {at_rest, among_others})) << checker.check(at_rest).describe();
+  EXPECT_TRUE(checker.isFree(at_rest));
+  EXPECT_TRUE(checker.isFree(among_others));
+  // What stands beyond its place is still there.
+  EXPECT_EQ(checker.check(jointsAt(toolDown({0.95, 0.0, 0.25}))).first, "brick");
+
+  // Where the arm itself is in the way nothing of this helps, and the target stays what it was.
+  world.boxes = {boxInBase(T_map_base, {0.7, 0.0, 0.15}, {0.3, 0.2, 0.3})};
+  CollisionChecker blocked(arm(), sceneOf(world, T_map_base), T_map_base);
+  const OrientedBox elsewhere = boxInBase(T_map_base, {0.7, -0.12, 0.13}, brick_m);
+  blocked.setTarget(elsewhere, true);
+  blocked.setHeld(held);
+  const double clearance_m = blocked.clearance(aside, 0.2);
+  EXPECT_FALSE(blocked.setHeldAt(held, {at_rest, among_others}));
+  EXPECT_FALSE(blocked.isFree(at_rest));
+  EXPECT_EQ(blocked.clearance(aside, 0.2), clearance_m);
 }
 
 TEST(CollisionChecker, MarginGrowsWithSigmaUpToItsLimit) {
