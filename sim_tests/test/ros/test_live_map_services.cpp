@@ -76,6 +76,26 @@ class LiveMapServices : public testing::Test {
   Eigen::Matrix3Xd boxCenter() const {
     return scene_.T_map_scene * scene_.boxes[0].T_scene_box * Eigen::Matrix3Xd::Zero(3, 1);
   }
+  /// The box in the hand of a tool whose frame is the camera's, pushed along its axis by so much.
+  interactive_mapping_msgs::AttachedBrick attachedBrick(double pushed_m) const {
+    interactive_mapping_msgs::AttachedBrick brick;
+    brick.header.frame_id = "camera_depth_optical_frame";
+    brick.header.stamp = live_.stamp();
+    brick.is_attached = 1;
+    brick.id = 7;
+    brick.size.x = 0.16;
+    brick.size.y = 0.20;
+    brick.size.z = 0.16;
+    const Eigen::Isometry3d T_map_box = scene_.T_map_scene * scene_.boxes[0].T_scene_box;
+    const geometry_msgs::Transform pose = toTransform(Eigen::Translation3d(0.0, 0.0, pushed_m) *
+                                                      scene_.cameraInMap(kRemovalFrame - 1).inverse() * T_map_box)
+                                              .transform;
+    brick.pose.position.x = pose.translation.x;
+    brick.pose.position.y = pose.translation.y;
+    brick.pose.position.z = pose.translation.z;
+    brick.pose.orientation = pose.rotation;
+    return brick;
+  }
   int stateAtBox() { return live_.ask(boxCenter(), false).state.at(0); }
 
   Reconfigure::Response tune(const dynamic_reconfigure::Config& config) {
@@ -316,20 +336,7 @@ TEST_F(LiveMapServices, ClearBoxForgetsWhatIsInItInAnyFrame) {
 }
 
 TEST_F(LiveMapServices, ABrickThatTheMagnetTookLeavesTheMap) {
-  const Eigen::Isometry3d T_map_box = scene_.T_map_scene * scene_.boxes[0].T_scene_box;
-  interactive_mapping_msgs::AttachedBrick brick;
-  brick.header.frame_id = "camera_depth_optical_frame";  // any that tf knows; the tool's in earnest
-  brick.is_attached = 1;
-  brick.id = 7;
-  brick.size.x = 0.16;
-  brick.size.y = 0.20;
-  brick.size.z = 0.16;
-  const geometry_msgs::Transform pose =
-      toTransform(scene_.cameraInMap(kRemovalFrame - 1).inverse() * T_map_box).transform;
-  brick.pose.position.x = pose.translation.x;
-  brick.pose.position.y = pose.translation.y;
-  brick.pose.position.z = pose.translation.z;
-  brick.pose.orientation = pose.rotation;
+  interactive_mapping_msgs::AttachedBrick brick = attachedBrick(0.0);
   ros::Publisher publisher = ros::NodeHandle().advertise<interactive_mapping_msgs::AttachedBrick>("attached_brick", 5);
   ASSERT_TRUE(waitUntil([&] { return publisher.getNumSubscribers() > 0; }));
 
@@ -350,6 +357,29 @@ TEST_F(LiveMapServices, ABrickThatTheMagnetTookLeavesTheMap) {
   EXPECT_EQ(stateAtBox(), static_cast<int>(QueryMap::Response::OCCUPIED));
   publisher.publish(brick);
   EXPECT_TRUE(waitUntil([&] { return stateAtBox() == static_cast<int>(QueryMap::Response::FREE); }));
+}
+
+TEST_F(LiveMapServices, APushedBrickLeavesNothingWhereItWasMapped) {
+  ros::Publisher publisher = ros::NodeHandle().advertise<interactive_mapping_msgs::AttachedBrick>("attached_brick", 5);
+  ASSERT_TRUE(waitUntil([&] { return publisher.getNumSubscribers() > 0; }));
+  publisher.publish(attachedBrick(0.03));  // attached/pushed_m is 5 cm
+  ASSERT_TRUE(waitUntil([&] { return stateAtBox() == static_cast<int>(QueryMap::Response::FREE); }));
+  // Everything that was seen of it, but for its lower edge: there is the floor.
+  const Eigen::Isometry3d T_map_box = scene_.T_map_scene * scene_.boxes[0].T_scene_box;
+  ClearBox rest;
+  rest.request.pose.header.frame_id = "map";
+  const geometry_msgs::Transform pose =
+      toTransform(T_map_box * Eigen::Translation3d(0.0, 0.0, 0.02)).transform;
+  rest.request.pose.pose.position.x = pose.translation.x;
+  rest.request.pose.pose.position.y = pose.translation.y;
+  rest.request.pose.pose.position.z = pose.translation.z;
+  rest.request.pose.pose.orientation = pose.rotation;
+  rest.request.size.x = 0.17;
+  rest.request.size.y = 0.21;
+  rest.request.size.z = 0.13;
+  ASSERT_TRUE(call("/served/clear_box", rest));
+  EXPECT_TRUE(rest.response.success) << rest.response.message;
+  EXPECT_EQ(rest.response.num_removed, 0u);
 }
 
 TEST_F(LiveMapServices, TunedToBeStaticItKeepsARemovedBox) {

@@ -72,12 +72,14 @@ class GpisMap {
   /// as it was, unless the pose is rigid and all edges are finite and positive. Call from the updating thread.
   std::vector<Eigen::Vector3d> clearBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m);
 
-  /// A solid that filled the box was taken away at `stamp_s` [s]: forgets the points in it and within `padding_m` of it. The
-  /// box is free from now on, as whoever took it knows, and what beside it was free before stays so: there the surface told
-  /// it that is gone now. Returns the points removed [m, map frame]. Throws as clearBox(), also for a negative padding or a
-  /// stamp that is not finite. Call from the updating thread.
+  /// A solid that filled the box was taken away at `stamp_s` [s]: forgets the points in it and within `padding_m` of it, also
+  /// where it may have stood before it came to the box, moved by up to `moved_m` [m, map frame]. The box is free from now on,
+  /// as whoever took it knows, and what beside it was free before stays so: there the surface told it that is gone now.
+  /// Returns the points removed [m, map frame]. Throws as clearBox(), also for a negative padding, or a stamp or a move that
+  /// is not finite. Call from the updating thread.
   std::vector<Eigen::Vector3d> takeOut(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m,
-                                       double padding_m, double stamp_s);
+                                       double padding_m, double stamp_s,
+                                       const Eigen::Vector3d& moved_m = Eigen::Vector3d::Zero());
 
   /// Changes what may change while the map lives, from the next update on; what is mapped stays. Throws
   /// std::invalid_argument listing every impossible value and changes nothing then. Call from the updating thread.

@@ -60,6 +60,8 @@ class Frame {
 
  private:
   PointOutcome fuse(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera, SurfacePoint* point) const;
+  bool isStray(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera,
+               const Eigen::Vector3f& normal_camera) const;
 
   const GpisConfig& config_;
   std::shared_ptr<const ClassifiedFrame> pixels_;

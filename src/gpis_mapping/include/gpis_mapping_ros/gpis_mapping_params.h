@@ -38,6 +38,7 @@ struct GpisMappingParams {
 
   struct Attached {
     double padding_m{0.01};  // on each side of a taken brick's place, which is cleared
+    double pushed_m{0.05};   // ... and so much more on the tool's side: it may have been pushed by the touch
   } attached;
 
   struct Storage {

@@ -68,6 +68,26 @@ auto inBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m) {
   };
 }
 
+/// In the box, or where it was on its straight way to it, `moved_m` long.
+auto inSweptBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m, const Eigen::Vector3d& moved_m) {
+  return [T_box_map = T_map_box.inverse(), half = Eigen::Array3d(0.5 * size_m),
+          moved = Eigen::Array3d(T_map_box.linear().transpose() * moved_m)](const Eigen::Vector3d& p_map) {
+    const Eigen::Array3d p = (T_box_map * p_map).array();
+    double first = 0.0, last = 1.0;  // shares of the way for which the box, drawn back by them, holds the point
+    for (int i = 0; i < 3; ++i) {
+      if (moved[i] == 0.0) {
+        if (std::abs(p[i]) > half[i]) return false;
+        continue;
+      }
+      const double a = (-half[i] - p[i]) / moved[i];
+      const double b = (half[i] - p[i]) / moved[i];
+      first = std::max(first, std::min(a, b));
+      last = std::min(last, std::max(a, b));
+    }
+    return first <= last;
+  };
+}
+
 }  // namespace
 
 /// A cell as the updating thread sees it.
@@ -211,17 +231,18 @@ std::vector<Eigen::Vector3d> GpisMap::clearBox(const Eigen::Isometry3d& T_map_bo
 }
 
 std::vector<Eigen::Vector3d> GpisMap::takeOut(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m,
-                                              double padding_m, double stamp_s) {
+                                              double padding_m, double stamp_s, const Eigen::Vector3d& moved_m) {
   requireBox(T_map_box, size_m);
-  if (!std::isfinite(padding_m) || padding_m < 0.0 || !std::isfinite(stamp_s)) {
+  if (!std::isfinite(padding_m) || padding_m < 0.0 || !std::isfinite(stamp_s) || !moved_m.allFinite()) {
     throw std::invalid_argument("padding = " + std::to_string(padding_m) + " m, stamp = " + std::to_string(stamp_s) +
-                                " s, must be finite and the padding >= 0 m");
+                                " s, moved by " + std::to_string(moved_m.norm()) +
+                                " m, must be finite and the padding >= 0 m");
   }
   const double block = observed_.blockSize();
   const auto isTaken = inBox(T_map_box, size_m);
   // Blocks with a centre in the box, and those beside it that are free as the map is now.
   const Eigen::Vector3d reach =
-      0.5 * (T_map_box.linear().cwiseAbs() * size_m) + Eigen::Vector3d::Constant(padding_m + block);
+      0.5 * (T_map_box.linear().cwiseAbs() * size_m) + Eigen::Vector3d::Constant(padding_m + block) + moved_m.cwiseAbs();
   const Eigen::Array3i first = ((T_map_box.translation() - reach) / block).array().floor().cast<int>();
   const Eigen::Array3i last = ((T_map_box.translation() + reach) / block).array().floor().cast<int>();
   std::vector<Eigen::Vector3d> taken, beside;
@@ -239,7 +260,7 @@ std::vector<Eigen::Vector3d> GpisMap::takeOut(const Eigen::Isometry3d& T_map_box
   for (std::size_t i = 0; i < beside.size(); ++i) {
     if (before.state[i] == SpaceState::kFree) taken.push_back(beside[i]);
   }
-  const std::vector<Eigen::Vector3d> removed = removePoints(inBox(T_map_box, size_m.array() + 2.0 * padding_m));
+  const std::vector<Eigen::Vector3d> removed = removePoints(inSweptBox(T_map_box, size_m.array() + 2.0 * padding_m, moved_m));
   for (const Eigen::Vector3d& center : taken) observed_.setFree(center, static_cast<float>(stamp_s - epoch_s_));
   UpdateStatistics statistics;
   train(&statistics);

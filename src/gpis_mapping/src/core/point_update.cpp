@@ -14,6 +14,8 @@ constexpr double kMinCosine = 0.15;
 constexpr double kMaxObliqueCosine = 0.5;
 constexpr int kMaxAmbiguousLooks = 2;        // a hole that may be wall deletes at the second look running
 constexpr int kMaxMisses = 4;                // consecutive looks that see past a point within the reach of a depth edge
+// Of the least tolerance: so far before a face of another direction, look after look, a point belongs to nothing.
+constexpr double kStrayShare = 0.5;
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
 constexpr double kLateralPx = 0.3;           // standard deviation of where in its pixel a depth was measured
 // Share of a depth error's variance that neighbouring pixels have in common (disparity windows, quantisation).
@@ -130,16 +132,25 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   }
   if (delta <= -tolerance && seen.smooth) return PointOutcome::kOccluded;
   if (kind != PixelKind::kSurface) return PointOutcome::kNothing;
-  if (cosine < kMinCosine) {
-    // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of
-    // an object that is gone: the rest of the face knows.
-    return cosine < -kMinCosine && std::abs(delta) < tolerance ? PointOutcome::kDoubtful : PointOutcome::kNothing;
-  }
+  if (cosine < kMinCosine && std::abs(delta) >= tolerance) return PointOutcome::kNothing;
   const std::optional<SurfaceMeasurement> measurement = measure(u, v);
-  if (!measurement || std::abs(1.0 / measurement->point_camera.norm() - inverse_range) >= tolerance) {
-    return PointOutcome::kNothing;
+  const bool is_near = measurement && std::abs(1.0 / measurement->point_camera.norm() - inverse_range) < tolerance;
+  if (is_near && config_.dynamic.enabled && isStray(*measurement, p, n)) {
+    return ++point->num_misses >= kMaxMisses ? PointOutcome::kDeleted : PointOutcome::kDoubtful;
   }
-  return fuse(*measurement, p, point);
+  // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of an
+  // object that is gone: the rest of the face knows.
+  if (cosine < kMinCosine) return cosine < -kMinCosine ? PointOutcome::kDoubtful : PointOutcome::kNothing;
+  return is_near ? fuse(*measurement, p, point) : PointOutcome::kNothing;
+}
+
+/// A rim lies on what is seen there of another face. What hangs before it belongs to nothing, and the face would confirm
+/// it for ever, or its own normal hide it.
+bool Frame::isStray(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera,
+                    const Eigen::Vector3f& normal_camera) const {
+  if (seen.normal_camera.dot(normal_camera) > kSameFaceCosine) return false;
+  const double before_m = seen.normal_camera.cast<double>().dot(p_camera - seen.point_camera);
+  return before_m > kStrayShare * config_.dynamic.min_tolerance_m;
 }
 
 PointOutcome Frame::fuse(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera, SurfacePoint* point) const {

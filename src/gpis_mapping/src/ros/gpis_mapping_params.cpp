@@ -37,6 +37,7 @@ std::vector<std::string> GpisMappingParams::validate() const {
   check("slice/margin_m", slice.margin_m, 0.0, 10.0, "m");
   append("ground", ground.validate());
   check("attached/padding_m", attached.padding_m, 0.0, 0.1, "m");
+  check("attached/pushed_m", attached.pushed_m, 0.0, 0.2, "m");
   check("storage/autosave_period_s", storage.autosave_period_s, 0.1, 86400.0, "s");
   if (!storage.autosave_file.empty()) {
     try {
@@ -81,6 +82,7 @@ std::string toYaml(const GpisMappingParams& params) {
   yaml["ground"]["min_obstacle_height_m"] = params.ground.min_obstacle_height_m;
   yaml["ground"]["max_obstacle_height_m"] = params.ground.max_obstacle_height_m;
   yaml["attached"]["padding_m"] = params.attached.padding_m;
+  yaml["attached"]["pushed_m"] = params.attached.pushed_m;
   yaml["storage"]["autosave_file"] = params.storage.autosave_file;
   yaml["storage"]["autosave_period_s"] = params.storage.autosave_period_s;
   yaml["storage"]["restore_on_start"] = params.storage.restore_on_start;
@@ -111,6 +113,7 @@ GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {
   reader.read("ground/min_obstacle_height_m", &params.ground.min_obstacle_height_m);
   reader.read("ground/max_obstacle_height_m", &params.ground.max_obstacle_height_m);
   reader.read("attached/padding_m", &params.attached.padding_m);
+  reader.read("attached/pushed_m", &params.attached.pushed_m);
   reader.read("storage/autosave_file", &params.storage.autosave_file);
   reader.read("storage/autosave_period_s", &params.storage.autosave_period_s);
   reader.read("storage/restore_on_start", &params.storage.restore_on_start);

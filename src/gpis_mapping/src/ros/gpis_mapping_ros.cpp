@@ -433,9 +433,13 @@ void GpisMappingRos::clearAttached() {
                                   " s older than the last image, allowed are " + std::to_string(kMaxAge_s) + " s");
     }
     const Eigen::Isometry3d T_map_brick = boxInMap(taken_->header, taken_->pose);
+    const Eigen::Quaterniond q_frame_brick(taken_->pose.orientation.w, taken_->pose.orientation.x,
+                                           taken_->pose.orientation.y, taken_->pose.orientation.z);
+    const Eigen::Vector3d axis_map =
+        T_map_brick.linear() * (q_frame_brick.normalized().inverse() * Eigen::Vector3d::UnitZ());
     const std::vector<Eigen::Vector3d> removed =
         map_->takeOut(T_map_brick, Eigen::Vector3d(taken_->size.x, taken_->size.y, taken_->size.z),
-                      params_.attached.padding_m, taken_->header.stamp.toSec());
+                      params_.attached.padding_m, taken_->header.stamp.toSec(), params_.attached.pushed_m * axis_map);
     takeState(state().stamp, false, removed);
     ROS_INFO_NAMED(kLog, "brick %d was taken: %zu points of it forgotten", taken_->id, removed.size());
   } catch (const tf2::ExtrapolationException&) {

@@ -121,12 +121,39 @@ TEST(TakeOut, LeavesFreeSpaceWhereTheSolidWasAndBesideIt) {
   EXPECT_EQ(stateAt(map, behind), far_before) << "too far away to be touched";
 }
 
+TEST(TakeOut, ForgetsWhereTheSolidStoodBeforeItWasPushed) {
+  const Eigen::Vector3d size(0.3, 0.2, 0.2);
+  const Eigen::Isometry3d T_map_brick =
+      Eigen::Translation3d(0.1, -0.05, 0.1) * Eigen::Isometry3d(Eigen::AngleAxisd(0.6, Eigen::Vector3d::UnitZ()));
+  const double padding_m = 0.01;
+  for (const Eigen::Vector3d& moved_brick : {Eigen::Vector3d(0.0, 0.05, 0.0), Eigen::Vector3d(-0.04, 0.03, 0.0)}) {
+    const MapContents before = floorContents();
+    GpisMap map(before);
+    const auto removed = map.takeOut(T_map_brick, size, padding_m, 5.0, T_map_brick.linear() * moved_brick);
+    // By small steps of the way.
+    std::size_t expected = 0;
+    for (const SurfacePoint& point : before.points) {
+      const Eigen::Vector3d p_brick = T_map_brick.inverse() * point.position_map;
+      bool is_swept = false;
+      for (int k = 0; k <= 5000 && !is_swept; ++k) {
+        const Eigen::Vector3d p = p_brick + k / 5000.0 * moved_brick;
+        is_swept = (p.cwiseAbs().array() <= 0.5 * size.array() + padding_m).all();
+      }
+      expected += is_swept ? 1 : 0;
+    }
+    EXPECT_EQ(removed.size(), expected) << moved_brick.transpose();
+    GpisMap unmoved(before);
+    EXPECT_GT(removed.size(), unmoved.takeOut(T_map_brick, size, padding_m, 5.0).size());
+  }
+}
+
 TEST(TakeOut, RefusesWhatIsNoSolid) {
   GpisMap map(floorContents());
   const auto at = Eigen::Isometry3d::Identity();
   EXPECT_THROW(map.takeOut(at, {0.1, 0.0, 0.1}, 0.01, 1.0), std::invalid_argument);
   EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, -0.01, 1.0), std::invalid_argument);
   EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, 0.01, kNaN), std::invalid_argument);
+  EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, 0.01, 1.0, {kNaN, 0.0, 0.0}), std::invalid_argument);
   EXPECT_EQ(map.snapshot()->numPoints(), 2500u);
 }
 

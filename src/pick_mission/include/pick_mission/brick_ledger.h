@@ -39,8 +39,8 @@ class BrickLedger {
   /// `bricks`: all that are known now; those that are not in it are not there any more.
   Update update(const std::vector<SeenBrick>& bricks);
 
-  /// The highest that is there, graspable, in the arm's sector, alone with its id, with attempts left and not tried in
-  /// vain in this scene. Of two as high to a millimetre that of smaller id; those that were given up before come last.
+  /// The highest that is there, graspable, in the arm's sector, alone with its id, with none lying on it, with attempts left
+  /// and not tried in vain in this scene. Of two as high to a millimetre that of smaller id; those that were given up before come last.
   std::optional<SeenBrick> best(int scene) const;
 
   // Throw std::out_of_range for an id that was never known.
@@ -54,6 +54,7 @@ class BrickLedger {
   void pileChanged();
   bool isKnown(int id) const { return bricks_.count(id) > 0; }
   bool isExhausted(const BrickRecord& brick) const;
+  bool carriesAnother(const BrickRecord& brick) const;  // one that is there, whether it has attempts left or not
 
   int numPicked() const;
   int numExhausted() const;  // not picked

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "pick_mission/stacking.h"
+
 namespace pick_mission {
 namespace {
 
@@ -54,6 +56,7 @@ std::optional<SeenBrick> BrickLedger::best(int scene) const {
   for (const auto& [id, record] : bricks_) {
     if (!record.is_there || record.is_picked || isExhausted(record) || record.scene_tried == scene) continue;
     if (record.seen.has_duplicate || !record.seen.is_in_sector || record.seen.graspable_faces.empty()) continue;
+    if (carriesAnother(record)) continue;
     const double height_m = record.seen.T_map_brick.translation().z();
     const bool is_last = record.attempts_back > 0;
     const bool is_best_last = best != nullptr && best->attempts_back > 0;
@@ -64,6 +67,13 @@ std::optional<SeenBrick> BrickLedger::best(int scene) const {
   }
   if (best == nullptr) return std::nullopt;
   return best->seen;
+}
+
+bool BrickLedger::carriesAnother(const BrickRecord& brick) const {
+  return std::any_of(bricks_.begin(), bricks_.end(), [&brick](const auto& entry) {
+    const BrickRecord& other = entry.second;
+    return other.is_there && !other.is_picked && &other != &brick && restsOn(other.seen, brick.seen);
+  });
 }
 
 void BrickLedger::pickBegun(int id) {

@@ -699,7 +699,7 @@ std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
       text << "that nothing could be done there";
       break;
     case State::kPlanPick:
-      text << brick(ledger_.best(scene_)) << ", the highest that is graspable and in the arm's sector";
+      text << brick(ledger_.best(scene_)) << ", the highest that is graspable, carries none and is in the arm's sector";
       break;
     case State::kPick:
       text << brick(candidate_) << ": its pick is planned";

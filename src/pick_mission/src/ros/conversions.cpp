@@ -64,6 +64,7 @@ std::vector<SeenBrick> toSeenBricks(const interactive_mapping_msgs::BrickArray& 
     one.id = brick.id;
     one.type = brick.type;
     one.T_map_brick = *T_map_brick;
+    one.size_m = Eigen::Vector3d(brick.size.x, brick.size.y, brick.size.z);
     for (const auto& face : brick.graspable_faces) one.graspable_faces.push_back(face.face);
     one.has_duplicate = brick.has_duplicate != 0;
     one.is_in_sector = isInReach(brick, reach);

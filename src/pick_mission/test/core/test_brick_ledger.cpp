@@ -46,6 +46,31 @@ TEST(BrickLedger, LeavesWhatCannotBeTried) {
   EXPECT_EQ(ledger.best(1)->id, 5) << "4 is not there any more";
 }
 
+TEST(BrickLedger, WhatCarriesAnotherWaits) {
+  BrickLedger ledger(1, 3);
+  const auto at = [](int id, double x_m, double z_m) {
+    SeenBrick brick = seen(id, z_m);
+    brick.T_map_brick.translation().x() = x_m;
+    brick.size_m = {0.3, 0.2, 0.2};
+    return brick;
+  };
+  const std::vector<SeenBrick> pile{at(1, 0.0, 0.3), at(2, 0.0, 0.1), at(3, 0.9, 0.05)};
+  ledger.update(pile);
+  ledger.triedInVain(1, 0);
+  EXPECT_EQ(ledger.best(0)->id, 3) << "2 is higher, and 1 lies on it";
+  EXPECT_EQ(ledger.best(1)->id, 1);
+  ledger.pickFailed(1, "in vain");
+  EXPECT_EQ(ledger.best(1)->id, 3) << "given up, but still there";
+  EXPECT_TRUE(ledger.carriesAnother(ledger.bricks().at(2)));
+  // Not there any more, whoever took it; or taken by the robot, though an old look still has it.
+  ledger.update({pile[1], pile[2]});
+  EXPECT_EQ(ledger.best(1)->id, 2);
+  ledger.update(pile);
+  EXPECT_EQ(ledger.best(1)->id, 3);
+  ledger.picked(1);
+  EXPECT_EQ(ledger.best(1)->id, 2);
+}
+
 TEST(BrickLedger, TwoBricksOfOneIdAreBothLeftEvenIfNobodySaysSo) {
   BrickLedger ledger(3, 3);
   ledger.update({seen(1, 0.3), seen(1, 0.2), seen(2, 0.1)});
