@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -105,6 +107,7 @@ class MotionPlanningRos {
   std::map<std::string, std::uint64_t> outcomes_;  // how often each
   std::string last_failure_;
   double slowest_ms_{0.0};
+  std::atomic<std::uint64_t> searches_in_vain_{0};  // since the last plan
 
   bool is_ready_{false};
   int looks_not_ready_{0};

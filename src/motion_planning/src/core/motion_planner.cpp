@@ -26,6 +26,8 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr double kLineDeviation_rad = 1e-4;     // rounding of straight lines: 0.1 mm at the arm's full reach
 constexpr double kTiltReserve_rad = 0.02;       // kept while planning, for what lies between checked states
 constexpr double kLimitTolerance_rad = 1e-9;    // of ArmKinematics::isWithinLimits
+constexpr std::uint64_t kSeedsPerCall = 1000;     // more than are used up in one
+constexpr double kBesideUp = 0.9;                // cosine: nearer to up, away from the face is up
 constexpr int kPlanAttempts = 3;                // finer each time, if a path turns out to graze something
 constexpr int kRoundings = 4;                   // half the deviation each time, the last time practically none
 constexpr int kStowAttempts = 3;                // contact postures tried if the brick cannot be carried away from one
@@ -335,7 +337,8 @@ class MotionPlanner::Call {
   std::optional<JointTrajectory> timed(const JointPath& path, const ArmVector& reach_m,
                                        const std::function<bool(const ArmVector&)>& is_valid) const;
   JointTrajectory timedLine(const JointPath& line, double speed_m_s) const;
-  JointPath liftOut() const;
+  JointPath liftOut(const Eigen::Vector3d& way_base) const;
+  ArmPlan planFrom(const JointPath& line, const ArmGoal& goal);
   Goals findGoals(const ArmGoal& goal, const ArmVector& near, const CollisionChecker& checker,
                   const std::optional<HeldBrick>& held, const Tilt& tilt) const;
   std::vector<Eigen::Isometry3d> placePoses(const PlaceGoal& place, const HeldBrick& held,
@@ -610,6 +613,7 @@ MotionPlanner::Call::Motion MotionPlanner::Call::moveTo(const ArmVector& start, 
   space.is_valid = [&](const ArmVector& q) { return is_valid_within(q, planned_tilt_rad); };
   const ArmVector reach_m = armReach(arm_, held);
   JointPlannerConfig planner = config_.planner;
+  planner.seed += kSeedsPerCall * context_.seed;
   for (int attempt = 0; attempt < kPlanAttempts; ++attempt) {
     const JointPlanResult result = planJointPath(space, start, goals, planner, context_.is_cancelled);
     switch (result.status) {
@@ -657,26 +661,54 @@ PlanFailure MotionPlanner::Call::tiltOfHeld(bool keep_level, Tilt* tilt) const {
 
 ArmPlan MotionPlanner::Call::planArm(const ArmGoal& goal) {
   ArmPlan plan;
-  ArmVector from_rad = context_.start_rad;
-  if (is_among_others_) {
-    const JointPath lift = liftOut();
-    if (lift.size() > 1) {
-      from_rad = lift.back();
-      plan.trajectory = timedLine(lift, config_.lift_speed_m_s);
-      checker_->setTarget(context_.vacated, true);
-      checker_->setHeld(context_.held, false);
-    } else if (wedged_) {
-      static_cast<PlanFailure&>(plan) = startInCollision(wedged_);
-      return plan;
-    }
+  static_cast<PlanFailure&>(plan) = startInCollision(wedged_);
+  if (!is_among_others_) {
+    plan = planFrom({context_.start_rad}, goal);
+    if (plan.status != PlanStatus::kIterations || !context_.held) return plan;
+  }
+  // Between others a search finds no way out that a straight one may be: up, away from the face that is held, or both.
+  const Eigen::Vector3d up_base = T_base_map_.linear() * Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d back_base = -arm_.tipPose(context_.start_rad).linear().col(2);
+  std::vector<Eigen::Vector3d> ways_base{up_base};
+  if (back_base.dot(up_base) < kBesideUp) {
+    ways_base.push_back((up_base + back_base).normalized());
+    ways_base.push_back(back_base);
+  }
+  const CollisionChecker as_it_hangs(*checker_);
+  bool has_way = false;
+  for (const Eigen::Vector3d& way_base : ways_base) {
+    if (isCancelled()) break;
+    checker_.emplace(as_it_hangs);
+    const JointPath line = liftOut(way_base);
+    if (line.size() < 2) continue;
+    ArmPlan from_there = planFrom(line, goal);
+    if (from_there.status == PlanStatus::kSuccess) return from_there;
+    if (is_among_others_ && !has_way) plan = std::move(from_there);  // why not: of the first way that there is
+    has_way = true;
+  }
+  if (is_among_others_ && !has_way && !wedged_) {
+    checker_.emplace(as_it_hangs);
+    return planFrom({context_.start_rad}, goal);
+  }
+  if (isCancelled()) static_cast<PlanFailure&>(plan) = cancelledFailure();
+  return plan;
+}
+
+/// Along a straight way (or from the start alone), and from its end by search.
+ArmPlan MotionPlanner::Call::planFrom(const JointPath& line, const ArmGoal& goal) {
+  ArmPlan plan;
+  if (line.size() > 1) {
+    plan.trajectory = timedLine(line, config_.lift_speed_m_s);
+    checker_->setTarget(context_.vacated, true);
+    checker_->setHeld(context_.held, false);
   }
   Tilt tilt;
   PlanFailure why = tiltOfHeld(goal.keep_level, &tilt);
   if (why.status == PlanStatus::kSuccess) {
-    const Goals goals = findGoals(goal, from_rad, *checker_, context_.held, tilt);
+    const Goals goals = findGoals(goal, line.back(), *checker_, context_.held, tilt);
     why = goals;
     if (why.status == PlanStatus::kSuccess) {
-      const Motion motion = moveTo(from_rad, goals.postures, *checker_, context_.held, tilt, "the arm");
+      const Motion motion = moveTo(line.back(), goals.postures, *checker_, context_.held, tilt, "the arm");
       why = motion;
       append(motion.trajectory, &plan.trajectory);
     }
@@ -686,11 +718,10 @@ ArmPlan MotionPlanner::Call::planArm(const ArmGoal& goal) {
   return plan;
 }
 
-/// Straight up from the start until what is held is clear of what it hangs among, with room to all sides if it comes to
-/// that. Empty: it cannot be reached so.
-JointPath MotionPlanner::Call::liftOut() const {
-  JointPath line = followLine(context_.start_rad, arm_.tipPose(context_.start_rad),
-                              T_base_map_.linear() * Eigen::Vector3d(0.0, 0.0, config_.lift_m));
+/// Straight from the start, by at most lift_m, until what is held is clear of what it hangs among, with room to all sides if
+/// it comes to that. Empty: it cannot be reached so.
+JointPath MotionPlanner::Call::liftOut(const Eigen::Vector3d& way_base) const {
+  JointPath line = followLine(context_.start_rad, arm_.tipPose(context_.start_rad), config_.lift_m * way_base);
   CollisionChecker among(*checker_);
   const std::size_t first = std::min(line.size(), numSteps(kAmongOthers_m) + 1);
   among.setHeldAt(*context_.held, {line.begin(), line.begin() + static_cast<std::ptrdiff_t>(first)});
@@ -756,7 +787,7 @@ ArmPlan MotionPlanner::Call::planInspect(const ViewFrustum& view, const std::vec
     if (blocked.status == PlanStatus::kCancelled) return fail(blocked);
   }
 
-  std::mt19937_64 engine(config_.planner.seed);
+  std::mt19937_64 engine(config_.planner.seed + kSeedsPerCall * context_.seed);
   const std::function<double()> uniform01 = [&engine] { return static_cast<double>(engine() >> 11) * 0x1.0p-53; };
   const auto draw = [&]() -> ArmVector {
     ArmVector q;

@@ -197,6 +197,7 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
                                                                 std::uint64_t* map_update) {
   motion_planning::PlanningContext context;
   context.is_cancelled = is_cancelled;
+  context.seed = searches_in_vain_;
   std::string why_not;
   const auto refuseMap = [&] {
     throw Refused{failureOf(is_cancelled() ? PlanStatus::kCancelled : PlanStatus::kNoMap, why_not)};
@@ -354,6 +355,9 @@ void MotionPlanningRos::charge(double cost_s, const ros::Time& started, const Is
 }
 
 void MotionPlanningRos::note(const std::string& what, const PlanFailure& failure, double wall_ms) {
+  // Asked again, the same search would fail again.
+  if (failure.status == PlanStatus::kIterations) ++searches_in_vain_;
+  if (failure.status == PlanStatus::kSuccess) searches_in_vain_ = 0;
   const std::string status = toString(failure.status);
   {
     const std::lock_guard<std::mutex> lock(report_mutex_);

@@ -595,6 +595,82 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
   }
 }
 
+TEST(MotionPlanner, WhereNoSearchFindsAWayOutAStraightOneIsTaken) {
+  const Eigen::Vector3d middle(0.75, 0.0, 0.1);
+  PickWorld alone = emptyPickWorld();
+  alone.add(middle);
+  alone.makeScene();
+  const PickPlan taken = pickFrom(alone, 0);
+  ASSERT_EQ(taken.status, PlanStatus::kSuccess) << taken.message;
+  ASSERT_EQ(taken.face, BrickFace::kPlusZ);
+  // A shaft, open above, with half a centimetre more than the margin on all sides; the brick hangs in it, off the ground.
+  PickWorld pick = emptyPickWorld();
+  const Eigen::Vector3d size_m = pick.type.size_m;
+  for (const double side : {-1.0, 1.0}) {
+    pick.add(middle + Eigen::Vector3d(0.0, side * (size_m.y() + 0.02), 0.0));
+    pick.add(middle + Eigen::Vector3d(side * (size_m.x() + 0.02), 0.0, 0.0));
+  }
+  pick.makeScene();
+  MotionPlannerConfig config;
+  config.planner.max_iterations = 20;
+  PlanningContext context = pick.context();
+  context.held = taken.held;
+  const std::vector<TrajectoryPoint>& lift = taken.lift.points;
+  const auto start = std::find_if(lift.begin(), lift.end(), [&](const TrajectoryPoint& point) {
+    const double rise_m = (shippedArm()->tipPose(point.position_rad).translation() -
+                           shippedArm()->tipPose(lift.front().position_rad).translation()).z();
+    return rise_m > 0.03;
+  });
+  ASSERT_NE(start, lift.end());
+  context.start_rad = start->position_rad;
+  ArmGoal goal;
+  goal.joints_rad = taken.stow.points.back().position_rad;
+  const ArmPlan plan = makePlanner(config).planArm(context, goal);
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  ExactMotion exact(*shippedArm(), pick);
+  exact.setHeld(taken.held);
+  const Eigen::Vector3d from = shippedArm()->tipPose(context.start_rad).translation();
+  double over_m = 0.0;
+  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.01) {
+    const ArmVector q = plan.trajectory.sample(t).position_rad;
+    EXPECT_GT(exact.clearance(q, 0.0), 0.0) << "after " << t << " s";
+    const Eigen::Vector3d way = shippedArm()->tipPose(q).translation() - from;
+    over_m = std::max(over_m, way.z());
+    if (over_m < 0.1) {
+      EXPECT_LT(way.head<2>().norm(), 1e-3) << "after " << t << " s";
+    }
+  }
+  EXPECT_EQ(plan.trajectory.points.back().position_rad, *goal.joints_rad);
+}
+
+TEST(MotionPlanner, AnotherSeedSearchesOtherPaths) {
+  // A wall over which the brick in it has to be carried.
+  PickWorld pick = emptyPickWorld();
+  for (const double y : {-0.4, 0.0, 0.4}) {
+    pick.add({0.75, y, 0.1});
+    if (y != 0.0) pick.add({0.75, y, 0.3});
+  }
+  pick.makeScene();
+  PlanningContext context = pick.context();
+  const auto pathOf = [&](std::uint64_t seed) {
+    context.seed = seed;
+    const PickPlan plan = makePlanner().planPick(context, pick.target(2), pick.chute(*shippedArm()));
+    EXPECT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    std::vector<double> all;
+    for (const JointTrajectory* part : {&plan.approach, &plan.stow}) {
+      for (const auto& point : part->points) {
+        all.insert(all.end(), point.position_rad.data(), point.position_rad.data() + 6);
+      }
+    }
+    return all;
+  };
+  const std::vector<double> path = pathOf(0);
+  EXPECT_EQ(path, pathOf(0));
+  bool differs = false;
+  for (std::uint64_t seed = 1; seed < 6 && !differs; ++seed) differs = pathOf(seed) != path;
+  EXPECT_TRUE(differs);
+}
+
 TEST(MotionPlanner, NothingIsLiftedThroughWhatReachesOverIt) {
   const Eigen::Vector3d middle(0.75, 0.0, 0.1);
   PickWorld pick = emptyPickWorld();

@@ -12,6 +12,9 @@ struct MissionConfig {
   std::vector<double> survey_x_m{0.6, 1.2};
   std::vector<double> survey_y_m{0.0, 0.0};
   std::vector<double> survey_yaw_rad{0.0, 0.0};
+  /// Then so many more, evenly round the bricks that were found, each so far before the outermost brick in its direction.
+  int survey_round{3};
+  double survey_round_m{1.3};
 
   int look_images{3};  // in the map before it is believed to show what is there
   double look_timeout_s{20.0};
@@ -49,6 +52,8 @@ void visitMissionFields(Config& config, Visitor&& visit) {
   visit("survey/x_m", config.survey_x_m);
   visit("survey/y_m", config.survey_y_m);
   visit("survey/yaw_rad", config.survey_yaw_rad);
+  visit("survey/round", config.survey_round);
+  visit("survey/round_m", config.survey_round_m);
   visit("look/images", config.look_images);
   visit("look/timeout_s", config.look_timeout_s);
   visit("detect/timeout_s", config.detect_timeout_s);

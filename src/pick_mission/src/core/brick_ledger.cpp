@@ -157,7 +157,7 @@ void BrickLedger::restore(const nlohmann::json& json) {
     record.is_picked = entry.at("is_picked").get<bool>();
     record.picks_begun = entry.at("picks_begun").get<int>();
     record.picks_failed = entry.at("picks_failed").get<int>();
-    record.attempts_back = entry.value("attempts_back", 0);  // not in what earlier versions left
+    record.attempts_back = entry.at("attempts_back").get<int>();
     record.plans_failed = entry.at("plans_failed").get<int>();
     record.failures = entry.at("failures").get<std::map<std::string, int>>();
     record.last_failure = entry.at("last_failure").get<std::string>();

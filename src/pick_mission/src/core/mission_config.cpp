@@ -20,6 +20,8 @@ std::vector<std::string> MissionConfig::validate() const {
   for (const double x_m : survey_x_m) check("survey/x_m", x_m, -kFarthest_m, kFarthest_m, "m");
   for (const double y_m : survey_y_m) check("survey/y_m", y_m, -kFarthest_m, kFarthest_m, "m");
   for (const double yaw_rad : survey_yaw_rad) check("survey/yaw_rad", yaw_rad, -M_PI, M_PI, "rad");
+  check("survey/round", survey_round, 0, 12, "");
+  check("survey/round_m", survey_round_m, 0.5, 5.0, "m");
   check("look/images", look_images, 1, kMost, "");
   check("look/timeout_s", look_timeout_s, 0.1, kLongest_s, "s");
   check("detect/timeout_s", detect_timeout_s, 0.1, kLongest_s, "s");

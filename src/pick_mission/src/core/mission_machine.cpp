@@ -16,7 +16,7 @@
 namespace pick_mission {
 namespace {
 
-constexpr int kSavedVersion = 1;
+constexpr int kSavedVersion = 2;
 
 enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
 enum class DriveFor { kSurvey, kView, kVantage };
@@ -143,6 +143,8 @@ class MissionMachine::Impl {
   int capOf(State action) const;
   int& streak(State action) { return streaks_[static_cast<std::size_t>(action)]; }
   Pose2d surveyPose(std::size_t index) const;
+  std::size_t numSurveyPlaces() const { return config_.survey_x_m.size() + round_.size(); }
+  void planRound();
   Running takeRunning() {
     const Running running = *running_;
     running_.reset();
@@ -186,6 +188,8 @@ class MissionMachine::Impl {
 
   // What is remembered.
   std::optional<Pose2d> start_pose_;
+  std::vector<Pose2d> round_;  // the survey's places round the bricks
+  bool is_round_planned_{false};
   Pose2d base_;
   std::size_t survey_index_{0};
   std::optional<int> brick_in_hand_;
@@ -606,7 +610,7 @@ bool MissionMachine::Impl::holds(Guard guard) const {
     case Guard::kReportLeft:
       return !reports_.empty();
     case Guard::kSurveyLeft:
-      return survey_index_ < config_.survey_x_m.size();
+      return survey_index_ < numSurveyPlaces();
     case Guard::kAllDealtWith:
       return total >= 0 && ledger_.numPicked() + nameless_picked_ + ledger_.numExhausted() >= total;
     case Guard::kBrickHere:
@@ -622,7 +626,7 @@ bool MissionMachine::Impl::holds(Guard guard) const {
     case Guard::kWorthWaiting:
       return ledger_.numOpen() > 0 && fade_waits_ < config_.max_fade_waits;
     case Guard::kVantageLeft:
-      return !config_.survey_x_m.empty() && vantage_drives_ < config_.max_vantage_drives;
+      return numSurveyPlaces() > 0 && vantage_drives_ < config_.max_vantage_drives;
     case Guard::kBricksLeft:
       return holds(Guard::kVantageLeft) && ledger_.numLeft() > 0;
     case Guard::kMayBreakOff:
@@ -715,7 +719,7 @@ std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
       break;
     case State::kDrive:
       if (drive_for_ == DriveFor::kSurvey) {
-        text << "place " << survey_index_ + 1 << " of " << config_.survey_x_m.size() << " of the survey";
+        text << "place " << survey_index_ + 1 << " of " << numSurveyPlaces() << " of the survey";
       } else if (drive_for_ == DriveFor::kVantage) {
         text << "back to a place of the survey";
       } else {
@@ -779,7 +783,7 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
       if (row.guard == Guard::kUnseenWorth) ++low_utility_views_;
     } else {
       // The last place of the survey first: it is the nearest to the pile.
-      const std::size_t size = config_.survey_x_m.size();
+      const std::size_t size = numSurveyPlaces();
       drive_for_ = DriveFor::kVantage;
       goal_ = surveyPose(size - 1 - static_cast<std::size_t>(vantage_drives_) % size);
       ++vantage_drives_;
@@ -809,6 +813,7 @@ void MissionMachine::Impl::enter() {
   if (state_ == State::kBegin) {
     go(Trigger::kAtOnce, "", "");
   } else if (state_ == State::kChoose) {
+    planRound();
     beforeChoosing();
     go(Trigger::kAtOnce, "", "");
   } else if (state_ == State::kHalting) {
@@ -830,7 +835,32 @@ void MissionMachine::Impl::beforeChoosing() {
   reports_.push_back({{base_.x_m, base_.y_m, 0.0}, now_s_, "nothing could be picked from here"});
 }
 
+/// Once, when the places that are configured have been looked from: evenly round what was found, from where it stands on.
+void MissionMachine::Impl::planRound() {
+  if (is_round_planned_ || survey_index_ < config_.survey_x_m.size()) return;
+  std::vector<Eigen::Vector2d> bricks;
+  for (const auto& [id, record] : ledger_.bricks()) {
+    if (record.is_there && !record.is_picked) bricks.emplace_back(record.seen.T_map_brick.translation().head<2>());
+  }
+  if (bricks.empty()) return;
+  is_round_planned_ = true;
+  Eigen::AlignedBox2d extent;
+  for (const Eigen::Vector2d& brick : bricks) extent.extend(brick);
+  const Eigen::Vector2d middle = extent.center();
+  const Eigen::Vector2d to_robot = base_.position() - middle;
+  const double first_rad = std::atan2(to_robot.y(), to_robot.x());
+  for (int k = 1; k <= config_.survey_round; ++k) {
+    const double angle_rad = first_rad + 2.0 * M_PI * k / (config_.survey_round + 1);
+    const Eigen::Vector2d outward(std::cos(angle_rad), std::sin(angle_rad));
+    double outermost_m = 0.0;
+    for (const Eigen::Vector2d& brick : bricks) outermost_m = std::max(outermost_m, outward.dot(brick - middle));
+    const Eigen::Vector2d place = middle + (outermost_m + config_.survey_round_m) * outward;
+    round_.push_back({place.x(), place.y(), std::remainder(angle_rad + M_PI, 2.0 * M_PI)});
+  }
+}
+
 Pose2d MissionMachine::Impl::surveyPose(std::size_t index) const {
+  if (index >= config_.survey_x_m.size()) return round_[index - config_.survey_x_m.size()];
   return base_navigation::compose(
       *start_pose_, {config_.survey_x_m[index], config_.survey_y_m[index], config_.survey_yaw_rad[index]});
 }
@@ -902,6 +932,8 @@ nlohmann::json MissionMachine::Impl::toJson() const {
     reports.push_back(
         {failure.position.x(), failure.position.y(), failure.position.z(), failure.stamp_s, failure.reason});
   }
+  nlohmann::json round = nlohmann::json::array();
+  for (const Pose2d& place : round_) round.push_back(jsonOf(place));
   nlohmann::json json = {{"version", kSavedVersion},
                          {"has_ended", state_ == State::kEnded},
                          {"end_reason", static_cast<int>(end_reason_)},
@@ -910,6 +942,8 @@ nlohmann::json MissionMachine::Impl::toJson() const {
                          {"used_s", used_s_},
                          {"start_pose", nullptr},
                          {"survey_index", survey_index_},
+                         {"round", round},
+                         {"is_round_planned", is_round_planned_},
                          {"brick_in_hand", nullptr},
                          {"pick_running", nullptr},
                          {"nameless_picked", nameless_picked_},
@@ -951,6 +985,8 @@ void MissionMachine::Impl::restore(const nlohmann::json& saved) {
     used_s_ = saved.at("used_s").get<double>();
     if (!saved.at("start_pose").is_null()) start_pose_ = poseFrom(saved.at("start_pose"));
     survey_index_ = saved.at("survey_index").get<std::size_t>();
+    is_round_planned_ = saved.at("is_round_planned").get<bool>();
+    for (const nlohmann::json& place : saved.at("round")) round_.push_back(poseFrom(place));
     if (!saved.at("brick_in_hand").is_null()) brick_in_hand_ = saved.at("brick_in_hand").get<int>();
     nameless_picked_ = saved.at("nameless_picked").get<int>();
     scene_ = saved.at("scene").get<int>();

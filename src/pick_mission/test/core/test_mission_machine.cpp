@@ -34,6 +34,7 @@ TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
   config.survey_x_m = {0.5, 1.0};
   config.survey_y_m = {0.0, 0.25};
   config.survey_yaw_rad = {0.0, 0.5};
+  config.survey_round = 0;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   event::Start start;
   start.T_map_base = {-3.0, 1.0, M_PI / 2.0};
@@ -61,6 +62,68 @@ TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
   EXPECT_NEAR(goals[1].x_m, -3.25, 1e-12);
   EXPECT_NEAR(goals[1].y_m, 2.0, 1e-12);
   EXPECT_NEAR(goals[1].yaw_rad, M_PI / 2.0 + 0.5, 1e-12);
+}
+
+TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
+  MissionConfig config;
+  config.survey_x_m = {1.0};
+  config.survey_y_m = config.survey_yaw_rad = {0.0};
+  config.survey_round = 3;
+  config.survey_round_m = 1.5;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  int lost = 0;
+  run.inject = [&](State action, int count) -> std::optional<Result> {
+    // The second of the round cannot be driven to.
+    if (action == State::kDrive && count == 3 && ++lost > 0) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
+    if (action != State::kDetect) return std::nullopt;
+    DetectionResult result;
+    // Nothing is found before the first place: the round is planned there.
+    if (count == 1) return result;
+    for (const Eigen::Vector2d& at : {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
+      SeenBrick brick;
+      brick.id = static_cast<int>(result.bricks.size());
+      brick.T_map_brick.translation().head<2>() = at;
+      brick.is_in_sector = false;
+      result.bricks.push_back(brick);
+    }
+    return result;
+  };
+  event::Start start;
+  start.T_map_base = {1.0, -3.75, M_PI / 2.0};  // one metre on it stands at (1, -2.75): not before the middle
+  start.hand = Hand::kEmpty;
+  run.tell(start);
+  while (run.world.running && run.world.commands_of[State::kSelect] == 0) {
+    run.now_s += 1.0;
+    const std::optional<Result> forced = run.inject(run.world.action, run.world.commands_of[run.world.action]);
+    event::Reply reply = run.world.finish(run.now_s, forced);
+    if (forced) reply.result = *forced;
+    run.tell(reply);
+  }
+  std::vector<Pose2d> goals;
+  for (const Command& command : run.commands) {
+    if (const auto* drive = std::get_if<command::Drive>(&command.body)) goals.push_back(drive->T_map_base);
+  }
+  ASSERT_EQ(goals.size(), 4u) << tail(run);
+  EXPECT_EQ(lost, 1);
+  const Eigen::Vector2d middle(2.0, 2.25);
+  const double first_rad = std::atan2(-2.75 - 2.25, 1.0 - 2.0);
+  for (int k = 1; k <= 3; ++k) {
+    const Pose2d& goal = goals[static_cast<std::size_t>(k)];
+    const double angle_rad = first_rad + k * M_PI / 2.0;
+    const Eigen::Vector2d outward(std::cos(angle_rad), std::sin(angle_rad));
+    const Eigen::Vector2d way = goal.position() - middle;
+    EXPECT_NEAR(outward.dot(way.normalized()), 1.0, 1e-9) << k;
+    double outermost_m = 0.0;
+    for (const Eigen::Vector2d& at : {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
+      outermost_m = std::max(outermost_m, outward.dot(at - middle));
+    }
+    EXPECT_NEAR(way.norm(), outermost_m + 1.5, 1e-9) << k;
+    EXPECT_NEAR(std::cos(goal.yaw_rad), -outward.x(), 1e-9) << "looks at the middle";
+    EXPECT_NEAR(std::sin(goal.yaw_rad), -outward.y(), 1e-9);
+  }
+  // It is the survey of a mission that goes on after a crash, too.
+  const MissionMachine again = MissionMachine::fromJson(config, {}, run.machine.toJson());
+  EXPECT_EQ(again.toJson().at("round"), run.machine.toJson().at("round"));
 }
 
 TEST(MissionMachine, PlansAndSelectsInTheMapOfTheLastLook) {
@@ -321,7 +384,7 @@ TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenLooksOnceMoreThen
   EXPECT_THAT(run.machine.endMessage(), HasSubstr("low utility"));
   EXPECT_EQ(run.machine.counts().views, 2);
   EXPECT_EQ(run.world.commands_of[State::kDrive],
-            static_cast<int>(config.survey_x_m.size()) + 2 + config.max_vantage_drives);
+            static_cast<int>(config.survey_x_m.size()) + config.survey_round + 2 + config.max_vantage_drives);
   int fades = 0;
   for (const Command& command : run.commands) {
     const auto* wait = std::get_if<command::Wait>(&command.body);
@@ -471,6 +534,7 @@ TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
 TEST(MissionMachine, ViewThatShowsANewBrickIsNotFruitless) {
   MissionConfig config;
   config.max_fruitless_views = 2;
+  config.survey_round = 0;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(count % 8), true};
