@@ -30,7 +30,7 @@ const params_contract::Contract kContract = {
     "config/pick_mission.yaml",
     toYaml(PickMissionParams()),
     [](const ros::NodeHandle& nh) { return toYaml(loadPickMissionParams(nh)); },
-    {"look/images", "attempts/max_picks_per_brick", "attempts/max_plans_per_brick",
+    {"survey/round", "look/images", "attempts/max_picks_per_brick", "attempts/max_plans_per_brick",
      "attempts/max_pick_failures_per_view", "attempts/max_plan_failures_per_view", "attempts/max_failures_in_a_row",
      "attempts/max_recoveries_in_a_row", "views/max_fruitless", "views/max_low_utility", "views/max_vantage_drives",
      "views/max_fade_waits", "bricks_total", "seed"},
