@@ -368,8 +368,7 @@ TEST_F(LiveMapServices, APushedBrickLeavesNothingWhereItWasMapped) {
   const Eigen::Isometry3d T_map_box = scene_.T_map_scene * scene_.boxes[0].T_scene_box;
   ClearBox rest;
   rest.request.pose.header.frame_id = "map";
-  const geometry_msgs::Transform pose =
-      toTransform(T_map_box * Eigen::Translation3d(0.0, 0.0, 0.02)).transform;
+  const geometry_msgs::Transform pose = toTransform(T_map_box * Eigen::Translation3d(0.0, 0.0, 0.02)).transform;
   rest.request.pose.pose.position.x = pose.translation.x;
   rest.request.pose.pose.position.y = pose.translation.y;
   rest.request.pose.pose.position.z = pose.translation.z;

@@ -241,8 +241,8 @@ std::vector<Eigen::Vector3d> GpisMap::takeOut(const Eigen::Isometry3d& T_map_box
   const double block = observed_.blockSize();
   const auto isTaken = inBox(T_map_box, size_m);
   // Blocks with a centre in the box, and those beside it that are free as the map is now.
-  const Eigen::Vector3d reach =
-      0.5 * (T_map_box.linear().cwiseAbs() * size_m) + Eigen::Vector3d::Constant(padding_m + block) + moved_m.cwiseAbs();
+  const Eigen::Vector3d reach = 0.5 * (T_map_box.linear().cwiseAbs() * size_m) +
+                                Eigen::Vector3d::Constant(padding_m + block) + moved_m.cwiseAbs();
   const Eigen::Array3i first = ((T_map_box.translation() - reach) / block).array().floor().cast<int>();
   const Eigen::Array3i last = ((T_map_box.translation() + reach) / block).array().floor().cast<int>();
   std::vector<Eigen::Vector3d> taken, beside;
@@ -260,7 +260,8 @@ std::vector<Eigen::Vector3d> GpisMap::takeOut(const Eigen::Isometry3d& T_map_box
   for (std::size_t i = 0; i < beside.size(); ++i) {
     if (before.state[i] == SpaceState::kFree) taken.push_back(beside[i]);
   }
-  const std::vector<Eigen::Vector3d> removed = removePoints(inSweptBox(T_map_box, size_m.array() + 2.0 * padding_m, moved_m));
+  const std::vector<Eigen::Vector3d> removed =
+      removePoints(inSweptBox(T_map_box, size_m.array() + 2.0 * padding_m, moved_m));
   for (const Eigen::Vector3d& center : taken) observed_.setFree(center, static_cast<float>(stamp_s - epoch_s_));
   UpdateStatistics statistics;
   train(&statistics);

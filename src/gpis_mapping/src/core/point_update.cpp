@@ -12,8 +12,8 @@ namespace {
 constexpr double kMinCosine = 0.15;
 // Bound on how much a grazing look widens the tolerance: what it sees past by a few centimetres is gone.
 constexpr double kMaxObliqueCosine = 0.5;
-constexpr int kMaxAmbiguousLooks = 2;        // a hole that may be wall deletes at the second look running
-constexpr int kMaxMisses = 4;                // consecutive looks that see past a point within the reach of a depth edge
+constexpr int kMaxAmbiguousLooks = 2;  // a hole that may be wall deletes at the second look running
+constexpr int kMaxMisses = 4;          // consecutive looks that see past a point within the reach of a depth edge
 // Of the least tolerance: so far before a face of another direction, look after look, a point belongs to nothing.
 constexpr double kStrayShare = 0.5;
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration

@@ -104,7 +104,7 @@ struct PlanningContext {
   ArmVector start_rad{ArmVector::Zero()};
   std::optional<HeldBrick> held;
   std::optional<OrientedBox> vacated;  // where the held brick was taken from: the map may not know yet that it is gone
-  std::uint64_t seed{0};  // another: the same question is searched along other random paths
+  std::uint64_t seed{0};               // another: the same question is searched along other random paths
   std::function<bool()> is_cancelled;
 };
 

@@ -618,7 +618,8 @@ TEST(MotionPlanner, WhereNoSearchFindsAWayOutAStraightOneIsTaken) {
   const std::vector<TrajectoryPoint>& lift = taken.lift.points;
   const auto start = std::find_if(lift.begin(), lift.end(), [&](const TrajectoryPoint& point) {
     const double rise_m = (shippedArm()->tipPose(point.position_rad).translation() -
-                           shippedArm()->tipPose(lift.front().position_rad).translation()).z();
+                           shippedArm()->tipPose(lift.front().position_rad).translation())
+                              .z();
     return rise_m > 0.03;
   });
   ASSERT_NE(start, lift.end());

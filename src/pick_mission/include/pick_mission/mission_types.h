@@ -75,8 +75,8 @@ struct SeenBrick {
   std::string type;  // a name of bricks.yaml
   Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
   Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};  // edges; zero: not known
-  std::vector<std::uint8_t> graspable_faces;  // easiest first
-  bool has_duplicate{false};                  // another brick carries the same id
+  std::vector<std::uint8_t> graspable_faces;        // easiest first
+  bool has_duplicate{false};                        // another brick carries the same id
   bool is_in_sector{true};  // a graspable face lies in the arm's annulus sectors from where the robot stands
   bool is_seen_now{true};   // in the image of this look; else known from an earlier one
 };

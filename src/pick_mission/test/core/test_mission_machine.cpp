@@ -74,12 +74,14 @@ TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
   int lost = 0;
   run.inject = [&](State action, int count) -> std::optional<Result> {
     // The second of the round cannot be driven to.
-    if (action == State::kDrive && count == 3 && ++lost > 0) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
+    if (action == State::kDrive && count == 3 && ++lost > 0)
+      return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
     if (action != State::kDetect) return std::nullopt;
     DetectionResult result;
     // Nothing is found before the first place: the round is planned there.
     if (count == 1) return result;
-    for (const Eigen::Vector2d& at : {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
+    for (const Eigen::Vector2d& at :
+         {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
       SeenBrick brick;
       brick.id = static_cast<int>(result.bricks.size());
       brick.T_map_brick.translation().head<2>() = at;
@@ -114,7 +116,8 @@ TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
     const Eigen::Vector2d way = goal.position() - middle;
     EXPECT_NEAR(outward.dot(way.normalized()), 1.0, 1e-9) << k;
     double outermost_m = 0.0;
-    for (const Eigen::Vector2d& at : {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
+    for (const Eigen::Vector2d& at :
+         {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
       outermost_m = std::max(outermost_m, outward.dot(at - middle));
     }
     EXPECT_NEAR(way.norm(), outermost_m + 1.5, 1e-9) << k;
