@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <limits>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 
@@ -168,6 +169,7 @@ const NbvSegment& bestOf(const SelectNextBestViewResult& result) {
 }
 
 /// Holds answers of the map back until it is opened.
+/// Shared with the hook that passes it: the service's thread may be within it when the test has gone.
 class Gate {
  public:
   /// Waits, on the service's thread; a test that fails before it opens must not hang.
@@ -620,40 +622,40 @@ TEST_F(NbvSelectionNode, IsCancelledWhileItWaits) {
 
 // The map need not answer for that.
 TEST_F(NbvSelectionNode, IsCancelledWhileItThinks) {
-  Gate gate;
-  world_->setHook([&gate](const auto&, auto*) { gate.pass(); });
+  const auto gate = std::make_shared<Gate>();
+  world_->setHook([gate](const auto&, auto*) { gate->pass(); });
   main_->action.sendGoal(goalHere(kGpis));
-  ASSERT_TRUE(waitUntil([&gate] { return gate.hasCome(); }));
+  ASSERT_TRUE(waitUntil([gate] { return gate->hasCome(); }));
   main_->action.cancelGoal();
   const SelectNextBestViewResult result = main_->await();
   EXPECT_OUTCOME(result.outcome, CANCELLED, HasSubstr("cancelled while /map/query was asked"));
   EXPECT_EQ(main_->action.getState(), SimpleClientGoalState::PREEMPTED);
   EXPECT_TRUE(std::isnan(result.standing.pose.position.x));
-  gate.open();
+  gate->open();
 }
 
 TEST_F(NbvSelectionNode, ANewGoalTakesTheOldOnesPlace) {
   SelectionClient second("/nbv_selection");
   ASSERT_TRUE(second.connect());
-  Gate gate;
-  world_->setHook([&gate](const auto&, auto*) { gate.pass(); });
+  const auto gate = std::make_shared<Gate>();
+  world_->setHook([gate](const auto&, auto*) { gate->pass(); });
   main_->action.sendGoal(goalHere(kGpis));
-  ASSERT_TRUE(waitUntil([&gate] { return gate.hasCome(); }));
+  ASSERT_TRUE(waitUntil([gate] { return gate->hasCome(); }));
   second.action.sendGoal(goalHere(kFrontier));
   EXPECT_OUTCOME(main_->await().outcome, CANCELLED, HasSubstr("cancelled"));
   EXPECT_EQ(main_->action.getState(), SimpleClientGoalState::PREEMPTED);
   const SelectNextBestViewResult result = second.await();
   EXPECT_OUTCOME(result.outcome, SUCCESS, "");
   EXPECT_EQ(result.selection.strategy, kFrontier);
-  gate.open();
+  gate->open();
 }
 
 TEST_F(NbvSelectionNode, AMapThatHangsIsGivenUp) {
-  Gate gate;
-  world_->setHook([&gate](const auto&, auto*) { gate.pass(); });
+  const auto gate = std::make_shared<Gate>();
+  world_->setHook([gate](const auto&, auto*) { gate->pass(); });
   EXPECT_OUTCOME(main_->select(goalHere(kGpis)).outcome, STALE_MAP,
                  AllOf(HasSubstr("/map/query has not answered for 5.0"), HasSubstr("input/answer_timeout_s")));
-  gate.open();
+  gate->open();
   world_->setHook(nullptr);
   EXPECT_OUTCOME(main_->select(goalHere(kGpis)).outcome, SUCCESS, "");
 }
