@@ -63,6 +63,14 @@ struct JointCubic {
   }
 };
 
+/// Acceleration that the rounding of both times may seem to be. Each is wrong by half of kTimeRounding_s; what that does
+/// to the mean velocity, six times as much over the duration does to the acceleration at the ends.
+double roundingOf(const TrajectoryPoint& a, const TrajectoryPoint& b, int joint) {
+  const double h = b.time_s - a.time_s;
+  const double mean_rad_s = std::abs(b.position_rad[joint] - a.position_rad[joint]) / h;
+  return std::min(6.0 * mean_rad_s * kTimeRounding_s / h, kRoundingStep_rad_s) / h;
+}
+
 std::string number(double value) {
   std::ostringstream out;
   out << value;
@@ -178,11 +186,13 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
   // The points first: what is wrong with one of them is told as such, and not by what the cubics make of it.
   for (std::size_t i = 0; i < points.size(); ++i) {
     for (int joint = 0; joint < 6; ++joint) {
+      // Who cuts a trajectory that came in a message takes accelerations from its cubics.
+      const double rounding = i + 1 < points.size() ? roundingOf(points[i], points[i + 1], joint) : 0.0;
       const std::array<Verdict, 3> found = {
           position(i, 0.0, joint, points[i].position_rad[joint]),
           rate(i, 0.0, joint, "velocity", points[i].velocity_rad_s[joint], limits.velocity_rad_s[joint], 0.0, "rad/s"),
           rate(i, 0.0, joint, "acceleration", points[i].acceleration_rad_s2[joint], limits.acceleration_rad_s2[joint],
-               0.0, "rad/s^2")};
+               rounding, "rad/s^2")};
       for (const Verdict& verdict : found) {
         if (!verdict.isFine()) return verdict;
       }
@@ -200,12 +210,8 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
             rate(i, t, joint, "velocity", cubic.velocityAt(t), limits.velocity_rad_s[joint], 0.0, "rad/s");
         if (!verdict.isFine()) return verdict;
       }
-      // Both times are rounded by half of kTimeRounding_s; what that does to the mean velocity, six times as much over
-      // the duration does to the acceleration at the ends.
-      const double h = cubic.duration_s;
-      const double mean_rad_s = std::abs(points[i + 1].position_rad[joint] - points[i].position_rad[joint]) / h;
-      const double rounding = std::min(6.0 * mean_rad_s * kTimeRounding_s / h, kRoundingStep_rad_s) / h;
-      for (const double t : {0.0, h}) {
+      const double rounding = roundingOf(points[i], points[i + 1], joint);
+      for (const double t : {0.0, cubic.duration_s}) {
         Verdict verdict = rate(i, t, joint, "acceleration", cubic.accelerationAt(t), limits.acceleration_rad_s2[joint],
                                rounding, "rad/s^2");
         if (!verdict.isFine()) return verdict;

@@ -10,6 +10,7 @@
 #include <gmock/gmock.h>
 
 #include "support/planned_trajectories.h"
+#include "ur_driver_bridge/time_law.h"
 
 namespace ur_driver_bridge {
 namespace {
@@ -105,6 +106,10 @@ TEST(TrajectoryCheck, RoundingOfTimesIsNoAccelerationEvenWherePointsAreNear) {
     trajectory.points[i].time_s = t + rounding_s[i];
   }
   EXPECT_EQ(checkTrajectory(trajectory, armLimits()).message, "");
+  // The same, as resume(), upTo() and reversed() make it of what came in a message.
+  const JointTrajectory turned = reversed(trajectory);
+  EXPECT_GT(std::abs(turned.points[2].acceleration_rad_s2[2]), 40.0);
+  EXPECT_EQ(checkTrajectory(turned, armLimits()).message, "");
   trajectory.points[3].time_s -= 4e-9;
   EXPECT_EQ(checkTrajectory(trajectory, armLimits()).status, ArmStatus::kBeyondLimits) << "more than rounding";
 }
