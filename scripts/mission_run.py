@@ -207,8 +207,8 @@ class Run:
 
 
 def memory_of(folder):
-    """{node: {"early_mb", "late_mb", "hours"}} of memory.csv: medians of the second and the last quarter of the mission, and the
-    simulated time between their middles. The first quarter is left out: buffers fill and the map grows to the size of its scene."""
+    """{node: {"most_mb", "early_mb", "late_mb", "hours"}} of memory.csv: the most at any time, medians of the second and the last
+    quarter of the mission, and the simulated time between their middles. The first quarter is left out: buffers fill and the map grows to the size of its scene."""
     import statistics
     sizes = {}
     try:
@@ -232,7 +232,8 @@ def memory_of(folder):
         if end_s - begin_s > 0.0:
             early, late = median(0.25, 0.5), median(0.75, 1.0)
             if math.isfinite(early) and math.isfinite(late):
-                found[node] = {"early_mb": round(early, 1), "late_mb": round(late, 1), "hours": round(0.5 * (end_s - begin_s) / 3600.0, 4)}
+                found[node] = {"most_mb": max(size for _, size in rows), "early_mb": round(early, 1), "late_mb": round(late, 1),
+                               "hours": round(0.5 * (end_s - begin_s) / 3600.0, 4)}
     return found
 
 

@@ -66,10 +66,10 @@ def memory_rows(runs):
     for run in runs:
         for node, sizes in (run.get("memory") or {}).items():
             if sizes["hours"] > 0.0:
-                nodes[node].append((sizes["early_mb"], sizes["late_mb"], sizes["hours"]))
+                nodes[node].append((sizes["most_mb"], sizes["early_mb"], sizes["late_mb"], sizes["hours"]))
     for node, sizes in sorted(nodes.items()):
-        early, late, hours = np.array(sizes).T
-        yield f"| {node} | {late.max():.0f} | {early.mean():.0f} | {late.mean():.0f} | {(late - early).sum() / hours.sum():+.0f} |"
+        most, early, late, hours = np.array(sizes).T
+        yield f"| {node} | {most.max():.0f} | {early.mean():.0f} | {late.mean():.0f} | {(late - early).sum() / hours.sum():+.0f} |"
 
 
 def main():
