@@ -185,7 +185,8 @@ def inside(options):
                f"arm_pose:={ROOT}/src/mp700_ur5e_description/config/arm_poses/inspect.yaml", "surface_topic:=/gpis_mapping/mesh")
         import rosgraph
         end = time.monotonic() + START_S
-        while not rosgraph.is_master_online():
+        # rospy asks once, when it begins, which clock there is.
+        while not (rosgraph.is_master_online() and rosgraph.Master("soak_network").hasParam("/use_sim_time")):
             if time.monotonic() > end:
                 return ["no master"], rows
             time.sleep(0.1)  # nobody tells of a master that has come
