@@ -26,6 +26,7 @@ void visitSceneFields(Config& config, const std::string& section, Visitor&& visi
 template <typename Config, typename Visitor>
 void visitPlannerFields(Config& config, Visitor&& visit) {
   visit("collision/self_padding_m", config.collision.self_padding_m);
+  visit("collision/held_padding_m", config.collision.held_padding_m);
   visit("collision/floor_margin_m", config.collision.floor_margin_m);
   visit("collision/held_shrink_m", config.collision.held_shrink_m);
   visit("collision/held_release_m", config.collision.held_release_m);

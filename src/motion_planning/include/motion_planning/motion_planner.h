@@ -112,7 +112,7 @@ struct PlanningContext {
 /// is free.
 struct PlaceGoal {
   Eigen::Isometry3d T_base_opening{Eigen::Isometry3d::Identity()};  // its middle, z up, x and y along its edges
-  double above_m{0.02};                                             // the brick's lowest point over it
+  double above_m{0.03};                                             // the brick's lowest point over it
 };
 
 /// Where the arm is to go: exactly one of the three.

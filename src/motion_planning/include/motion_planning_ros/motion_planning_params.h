@@ -20,7 +20,7 @@ struct MotionPlanningParams {
   std::string postures_dir;        // absolute path: each *.yaml in it is a posture of the arm, named after the file
   std::string stow{"chute_drop"};  // where a picked brick goes unless the goal says: a frame, or a posture
   std::string inspect_posture{"inspect"};  // tried first
-  double place_above_m{0.02};              // lowest point of a brick over the frame where it is let go
+  double place_above_m{0.03};              // lowest point of a brick over the frame where it is let go
 
   struct State {
     double max_joint_age_s{0.5};  // ROS time; older joint states are not where the arm is

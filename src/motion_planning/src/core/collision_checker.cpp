@@ -34,6 +34,7 @@ struct Part {
   Shape self_shape;   // as the robot sees it: a brick is not shrunk
   std::shared_ptr<const fcl::CollisionGeometryd> world_fcl;
   std::shared_ptr<const fcl::CollisionGeometryd> self_fcl;
+  double self_padding_m{0.0};
   std::shared_ptr<const fcl::CollisionGeometryd> padded_fcl;  // self_shape, larger by self_padding_m
   double self_radius_m{0.0};                                  // of the ball about the middle that holds self_shape
   std::vector<CoveringSphere> world_spheres;                  // in the shape's frame
@@ -51,6 +52,7 @@ Part makePart(const std::string& link, std::size_t body, const Eigen::Isometry3d
   part.self_shape = self_shape;
   part.world_fcl = toFcl(world_shape);
   part.self_fcl = toFcl(self_shape);
+  part.self_padding_m = self_padding_m;
   part.padded_fcl = toFcl(inflate(self_shape, self_padding_m));
   part.self_radius_m = boundingRadius(self_shape);
   return part;
@@ -191,6 +193,7 @@ std::vector<std::string> CollisionCheckerConfig::validate() const {
   gpis_mapping::RangeCheck check;
   check("self_padding_m", self_padding_m, 0.0, kMaxSelfPadding_m, "m");
   check("floor_margin_m", floor_margin_m, -0.1, 0.3, "m");
+  check("held_padding_m", held_padding_m, 0.0, kMaxSelfPadding_m, "m");
   check("held_shrink_m", held_shrink_m, 0.0, 0.05, "m");
   check("held_release_m", held_release_m, 0.0, 0.1, "m");
   check("target_padding_m", target_padding_m, 0.0, 0.1, "m");
@@ -206,6 +209,8 @@ struct CollisionChecker::State {
   std::optional<HeldBrick> held_brick;
   bool held_may_touch{false};
   double held_less_m{0.0};           // on each side, against surface and blocks
+  double held_padding_m{0.0};        // against the robot; negative: smaller
+  double held_made_for_m{0.0};       // held_padding_m when `held` was made
   std::shared_ptr<const Part> held;  // the same as a part
 
   // The world without the target.
@@ -408,12 +413,13 @@ struct CollisionChecker::State {
 
   /// `a` grown by the padding against `b` as it is.
   bool touch(const Part& a, const Eigen::Isometry3d& T_a, const Part& b, const Eigen::Isometry3d& T_b) const {
-    const double reach_m = a.self_radius_m + b.self_radius_m + config.self_padding_m;
+    // The padded shape's corners stand out of the ball grown by the padding, by up to 0.73 of it.
+    const double padding_m = 2.0 * a.self_padding_m;
+    const double reach_m = a.self_radius_m + b.self_radius_m + padding_m;
     if ((T_a.translation() - T_b.translation()).squaredNorm() > reach_m * reach_m) return false;
     const Eigen::Isometry3d T_b_a = T_b.inverse() * T_a;
     const bool may_touch = std::any_of(a.self_spheres.begin(), a.self_spheres.end(), [&](const CoveringSphere& sphere) {
-      // The padded shape's corners stand out of the ball grown by the padding, by up to 0.73 of it.
-      return signedDistance(b.self_shape, T_b_a * sphere.center) <= sphere.radius_m + 2.0 * config.self_padding_m;
+      return signedDistance(b.self_shape, T_b_a * sphere.center) <= sphere.radius_m + padding_m;
     });
     return may_touch && overlap(*a.padded_fcl, T_a, *b.self_fcl, T_b);
   }
@@ -432,6 +438,15 @@ struct CollisionChecker::State {
       const Part& a = parts->moving[i];
       if (touch(a, T_map_moving[i], parts->fixed[j], T_map_fixed[j])) return selfContact(a, i, parts->fixed[j]);
     }
+    return checkHeldWithRobot();
+  }
+
+  bool heldTouchesRobot(const ArmVector& joints_rad) {
+    place(joints_rad);
+    return static_cast<bool>(checkHeldWithRobot());
+  }
+
+  Contact checkHeldWithRobot() const {
     if (!held) return {};
     const std::size_t h = parts->moving.size();
     for (std::size_t j = 0; j < parts->moving.size(); ++j) {
@@ -455,6 +470,7 @@ CollisionChecker::CollisionChecker(std::shared_ptr<const ArmKinematics> arm,
   if (!arm || !scene) throw std::invalid_argument("no arm or no scene");
   if (!isRigid(T_map_base)) throw std::invalid_argument("T_map_base is not a rigid transform");
   state_->parts = makeParts(*arm, config.self_padding_m);
+  state_->held_padding_m = config.held_padding_m;
   state_->arm = std::move(arm);
   state_->scene = std::move(scene);
   state_->T_map_base = T_map_base;
@@ -489,6 +505,24 @@ bool CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVec
   return false;
 }
 
+bool CollisionChecker::yieldToRobotAt(const ArmVector& joints_rad) {
+  if (!joints_rad.allFinite()) throw std::invalid_argument("yieldToRobotAt: an angle that is not finite");
+  if (!state_->held) return true;
+  const HeldBrick held = *state_->held_brick;
+  const auto yieldBy = [&](double padding_m) {
+    state_->held_padding_m = padding_m;
+    setHeld(held, state_->held_may_touch, state_->held_less_m);
+    return !state_->heldTouchesRobot(joints_rad);
+  };
+  const CollisionCheckerConfig& config = state_->config;
+  for (double padding_m = config.held_padding_m;; padding_m -= kReleaseStep_m) {
+    if (yieldBy(std::max(padding_m, -config.held_release_m))) return true;
+    if (padding_m <= -config.held_release_m) break;
+  }
+  yieldBy(config.held_padding_m);
+  return false;
+}
+
 /// True: smaller by at most held_release_m it is free in all of them. False: it is as in a lift.
 bool CollisionChecker::releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures) {
   const CollisionCheckerConfig& config = state_->config;
@@ -513,7 +547,7 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   if (!isRigid(held->T_tip_brick)) throw std::invalid_argument("pose of the held brick is not a rigid transform");
   if (!isValidSize(held->size_m)) throw std::invalid_argument("size of the held brick " + describeSize(held->size_m));
   if (state_->held && state_->held_brick->size_m == held->size_m && state_->held_may_touch == may_touch &&
-      state_->held_less_m == less_m) {
+      state_->held_less_m == less_m && state_->held_made_for_m == state_->held_padding_m) {
     // The same brick, taken elsewhere: what depends on its size is there.
     auto part = std::make_shared<Part>(*state_->held);
     part->T_body_shape = state_->parts->T_body_tip * held->T_tip_brick;
@@ -522,16 +556,21 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
     return;
   }
   // A plate thinner than twice what it is shrunk by keeps a fifth of its thickness.
-  const mp700_ur5e_description::Box shrunk{(held->size_m.array() - 2.0 * less_m).max(0.2 * held->size_m.array())};
+  const auto smallerBy = [&](double by_m) {
+    return mp700_ur5e_description::Box{(held->size_m.array() - 2.0 * by_m).max(0.2 * held->size_m.array())};
+  };
   const mp700_ur5e_description::Box whole{held->size_m};
   auto part = std::make_shared<Part>(makeMovingPart(kBrick, state_->parts->tip_body,
                                                     state_->parts->T_body_tip * held->T_tip_brick,
-                                                    may_touch ? shrunk : whole, whole, state_->config.self_padding_m));
+                                                    may_touch ? smallerBy(less_m) : whole,
+                                                    smallerBy(std::max(0.0, -state_->held_padding_m)),
+                                                    std::max(0.0, state_->held_padding_m)));
   part->is_tool = true;
   state_->held = std::move(part);
   state_->held_brick = held;
   state_->held_may_touch = may_touch;
   state_->held_less_m = less_m;
+  state_->held_made_for_m = state_->held_padding_m;
 }
 
 const std::optional<HeldBrick>& CollisionChecker::held() const {

@@ -258,6 +258,7 @@ class MotionPlanner::Call {
     checker_->setHeld(context_.held, false);
     if (context_.vacated) checker_->setTarget(context_.vacated, true);
     checker_->freeUnknownAt(context_.start_rad);
+    checker_->yieldToRobotAt(context_.start_rad);
     // Still among its neighbours, where it touches them: as in a lift.
     if (context_.held && checker_->check(context_.start_rad)) {
       is_among_others_ = true;

@@ -99,6 +99,7 @@ motion_planning::CollisionSceneConfig MotionPlanningParams::watchedScene() const
 motion_planning::CollisionCheckerConfig MotionPlanningParams::watchedRobot() const {
   motion_planning::CollisionCheckerConfig watched = planner.collision;
   watched.self_padding_m = monitor.self_padding_m;
+  watched.held_padding_m = monitor.self_padding_m;
   return watched;
 }
 

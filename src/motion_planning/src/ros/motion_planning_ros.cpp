@@ -590,6 +590,7 @@ void MotionPlanningRos::monitor() {
           checker.setTarget(held->vacated, true);
         }
         checker.freeUnknownAt(watch_->first_rad.front());
+        checker.yieldToRobotAt(watch_->first_rad.front());
         if (held) checker.setHeldAt(held->brick, watch_->first_rad);
         const motion_planning::PathVerdict verdict = path_monitor_.check(std::max(0.0, elapsed_s), checker);
         state.must_stop = verdict.must_stop ? 1 : 0;

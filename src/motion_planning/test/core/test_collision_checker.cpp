@@ -471,6 +471,41 @@ TEST(CollisionChecker, HeldBrickAvoidsRobotSurfaceAndFloor) {
   EXPECT_FALSE(holding.check(jointsAt(toolDown({0.75, 0.2, 0.185}), isFreeWithoutBrick)));
 }
 
+TEST(CollisionChecker, WhatIsHeldKeepsAwayFromTheRobotAndYieldsWhereItIsNearer) {
+  const Eigen::Isometry3d T_map_base = baseAskew();
+  const CollisionCheckerConfig config;
+  CollisionChecker empty(arm(), CollisionSceneBuilder{{}}.scene(), T_map_base, config);
+  CollisionChecker holding = empty;
+  holding.setHeld(heldFromAbove(), false);
+  // The brick's lower half beside the chute, so far from its outer face; the same way round each time.
+  const auto tipBeside = [](double gap_m) { return toolDown({-0.30, -0.37 - gap_m, 0.62}); };
+  const ArmVector first = jointsAt(tipBeside(0.04), [&](const ArmVector& q) { return holding.isFree(q); });
+  const auto beside = [&](double gap_m) { return arm()->inverse(tipBeside(gap_m), first).at(0); };
+  const auto isMet = [&](const CollisionChecker& checker, double gap_m) {
+    const Contact contact = checker.check(beside(gap_m));
+    EXPECT_TRUE(!contact || (contact.first == "brick" && contact.second == "chute")) << contact.describe();
+    return static_cast<bool>(contact);
+  };
+  EXPECT_FALSE(isMet(holding, config.held_padding_m + 0.002));
+  EXPECT_TRUE(isMet(holding, config.held_padding_m - 0.002));
+  for (const double gap_m : {0.04, 0.012, 0.002, -0.012, -0.04}) {
+    SCOPED_TRACE(gap_m);
+    CollisionChecker yielding = holding;
+    ASSERT_TRUE(yielding.yieldToRobotAt(beside(gap_m)));
+    EXPECT_FALSE(isMet(yielding, gap_m));
+    // By no more than it must, in steps of 5 mm, and whoever takes hold again keeps to it.
+    EXPECT_TRUE(isMet(yielding, std::min(gap_m, config.held_padding_m) - 0.007));
+    yielding.setHeld(heldFromAbove());
+    EXPECT_FALSE(isMet(yielding, gap_m));
+    EXPECT_TRUE(isMet(yielding, std::min(gap_m, config.held_padding_m) - 0.007));
+  }
+  CollisionChecker in_vain = holding;
+  EXPECT_FALSE(in_vain.yieldToRobotAt(beside(-config.held_release_m - 0.005)));
+  EXPECT_TRUE(isMet(in_vain, config.held_padding_m - 0.002));
+  EXPECT_THROW(in_vain.yieldToRobotAt(ArmVector::Constant(kNaN)), std::invalid_argument);
+  EXPECT_TRUE(empty.yieldToRobotAt(beside(0.04)));
+}
+
 // What depends on a brick's size alone is kept from one hold to the next.
 TEST(CollisionChecker, HoldingAnewIsAsHoldingForTheFirstTime) {
   const Eigen::Isometry3d T_map_base = baseAskew();
@@ -741,8 +776,9 @@ TEST(CollisionChecker, RefusesBadArguments) {
   EXPECT_THROW(CollisionChecker(arm(), nullptr, baseAskew()), std::invalid_argument);
   CollisionCheckerConfig config;
   config.self_padding_m = -0.01;
+  config.held_padding_m = 0.06;
   config.target_padding_m = kNaN;
-  EXPECT_EQ(config.validate().size(), 2u);
+  EXPECT_EQ(config.validate().size(), 3u);
   EXPECT_THROW(CollisionChecker(arm(), scene, baseAskew(), config), std::invalid_argument);
   EXPECT_TRUE(CollisionCheckerConfig().validate().empty());
   CollisionChecker checker(arm(), scene, baseAskew());

@@ -124,7 +124,7 @@ void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& pl
   }
   EXPECT_LE(tilt_rad, config.max_tilt_rad);
 
-  // Over the chute: as level as it lay, its lowest corner 2 cm above the opening.
+  // Over the chute: as level as it lay, its lowest corner above the opening.
   const Eigen::Isometry3d T_base_held = arm.tipPose(plan.stow.points.back().position_rad) * plan.held.T_tip_brick;
   const Eigen::Isometry3d T_base_drop =
       arm.robot().framePose(mp700_ur5e_description::kChuteDropFrame, arm.robotPositions(ArmVector::Zero()));
@@ -593,6 +593,70 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
     }
     EXPECT_GT(over_m, pick.type.size_m.z());
   }
+}
+
+/// Nearest that a held brick's surface comes to the chute on a way [m]; negative: it is in it.
+double distanceToChute(const HeldBrick& held, const JointTrajectory& way) {
+  const ArmKinematics& arm = *shippedArm();
+  std::vector<Eigen::Isometry3d> T_base_body;
+  double nearest_m = std::numeric_limits<double>::infinity();
+  for (double t = 0.0; t <= way.duration(); t += 0.01) {
+    const ArmVector q = way.sample(t).position_rad;
+    arm.robot().bodyPoses(arm.robotPositions(q), &T_base_body);
+    for (const auto& part : arm.robot().shapes()) {
+      if (part.link != mp700_ur5e_description::kChuteLink) continue;
+      const auto& wall = std::get<mp700_ur5e_description::Box>(part.shape);
+      const Eigen::Isometry3d T_base_wall = T_base_body[part.body] * part.T_body_shape;
+      // A brick is larger than what it may meet here is thick: points of each on the other.
+      const OrientedBox wall_box{T_base_wall, wall.size_m};
+      const OrientedBox brick_box{arm.tipPose(q) * held.T_tip_brick, held.size_m};
+      for (const auto& [a, b] : {std::pair(wall_box, brick_box), std::pair(brick_box, wall_box)}) {
+        for (double u = -0.5; u <= 0.5; u += 0.125) {
+          for (double v = -0.5; v <= 0.5; v += 0.125) {
+            for (double w = -0.5; w <= 0.5; w += 0.125) {
+              const Eigen::Vector3d p = a.T_map_box * Eigen::Vector3d(u, v, w).cwiseProduct(a.size_m);
+              nearest_m = std::min(nearest_m, signedDistance(b, p));
+            }
+          }
+        }
+      }
+    }
+  }
+  return nearest_m;
+}
+
+// What hangs a centimetre elsewhere than believed must not meet the chute's rim; what is nearer already may go away from it.
+TEST(MotionPlanner, WhatIsCarriedKeepsItsDistanceFromTheChute) {
+  PickWorld pick = emptyPickWorld();
+  pick.makeScene();
+  const MotionPlannerConfig config;
+  PlanningContext context = pick.context();
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), {0.3, 0.2, 0.2}};
+  const auto beside = [&](double gap_m) {  // the chute ends at y = -0.27, its rim is at z = 0.548
+    Eigen::Isometry3d T_base_tip(Eigen::Translation3d(-0.30, -0.37 - gap_m, 0.70));
+    T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
+    return T_base_tip;
+  };
+  ArmGoal goal = pick.chute(*shippedArm()).front();
+  int num_ways = 0;
+  // Two searches at two gaps: free, and nearer than planned with, by belief even within the rim.
+  for (const double gap_m : {0.04, 0.01, -0.01}) {
+    for (const ArmVector& start : shippedArm()->inverse(beside(gap_m), pick.start_rad)) {
+      context.start_rad = start;
+      CollisionChecker empty(shippedArm(), context.scene, context.T_map_base, config.collision);
+      if (!empty.isFree(start)) continue;
+      const ArmPlan plan = makePlanner(config).planArm(context, goal);
+      ASSERT_EQ(plan.status, PlanStatus::kSuccess) << gap_m << ": " << plan.message;
+      // Between the last checks of a path it may be nearer by half a step; and at its start it is yielded to in steps.
+      const double slack_m = 0.5 * config.verify_step_m;
+      EXPECT_GT(distanceToChute(*context.held, plan.trajectory),
+                std::min(gap_m - 0.005, config.collision.held_padding_m) - slack_m)
+          << gap_m;
+      ++num_ways;
+      break;
+    }
+  }
+  EXPECT_EQ(num_ways, 3);
 }
 
 TEST(MotionPlanner, WhereNoSearchFindsAWayOutAStraightOneIsTaken) {
