@@ -19,6 +19,12 @@
 
 namespace ur_driver_bridge {
 
+std::optional<Verdict> lossOf(const StepContext& context) {
+  if (!context.load.isHolding() || !context.load.isLost()) return std::nullopt;
+  return Verdict{ArmStatus::kLostOnTheWay, formatted("the brick's weight is gone: %.2f kg beside the declared payload",
+                                                     context.load.load().value_or(0.0))};
+}
+
 std::string formatted(const char* format, ...) {
   char text[512];
   va_list arguments;
@@ -105,9 +111,9 @@ class Executor::Impl {
     figures_ = {};
     stop_asked_.reset();
     failure_.reset();
-    recovery_ = nullptr;
     // The recovery's commands are asked for when it has ended.
-    if (items_.size() == 1) recovery_ = dynamic_cast<RecoverStep*>(items_.front().step.get());
+    recovery_ = dynamic_cast<RecoverStep*>(items_.front().step.get());
+    recovery_commands_.clear();
   }
 
   bool isIdle() const { return items_.empty(); }
@@ -138,7 +144,8 @@ class Executor::Impl {
   std::optional<Verdict> stop_asked_;
   std::optional<Finished> failure_;  // of the step that is being undone
   PickFigures figures_;
-  const RecoverStep* recovery_{nullptr};
+  const RecoverStep* recovery_{nullptr};  // while it goes on
+  std::vector<std::string> recovery_commands_;
   bool is_holding_{false};
   double held_mass_kg_{0.0};
   TouchStep::Touched touched_;
@@ -347,8 +354,10 @@ ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
       verdict = {ArmStatus::kFault, item.step->stage() + ": " + error.what()};
     }
     const std::string stage = item.step->stage();
-    std::vector<std::string> commands;
-    if (recovery_ == item.step.get() && recovery_ != nullptr) commands = recovery_->commands();
+    if (recovery_ != nullptr) {
+      recovery_commands_ = recovery_->commands();
+      recovery_ = nullptr;
+    }
     if (verdict.isFine()) {
       items_.pop_front();
       if (!items_.empty()) continue;
@@ -373,8 +382,7 @@ ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
       output.finished = finished(verdict, stage);
     }
     output.finished->figures = figures_;
-    output.finished->recovery_commands = commands;
-    recovery_ = nullptr;
+    output.finished->recovery_commands = recovery_commands_;
     stop_asked_.reset();
     failure_.reset();
     open_.clear();  // what has not been answered is not waited for any longer
@@ -420,6 +428,8 @@ void Executor::letGo() {
 void Executor::recover(const RecoveryPermit& permit) {
   Items items;
   items.push_back({std::make_unique<RecoverStep>(impl_->config_.recovery, permit), {}});
+  // What stopped the robot may have cost it the brick; who believes in it plans no way out of where it is said to be.
+  items.push_back({std::make_unique<StillThereStep>("recover"), {}});
   impl_->begin(std::move(items));
 }
 

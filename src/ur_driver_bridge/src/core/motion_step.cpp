@@ -25,12 +25,6 @@ double scalingOf(const StepContext& context) {
   return told && std::isfinite(told->value) ? std::clamp(told->value, 0.0, 1.0) : 1.0;
 }
 
-std::optional<Verdict> lossOf(const StepContext& context) {
-  if (!context.load.isHolding() || !context.load.isLost()) return std::nullopt;
-  return Verdict{ArmStatus::kLostOnTheWay, formatted("the brick's weight is gone: %.2f kg beside the declared payload",
-                                                     context.load.load().value_or(0.0))};
-}
-
 }  // namespace
 
 JointTrajectory joined(const JointTrajectory& trajectory, const ArmVector& from_rad, double ramp_s) {

@@ -70,6 +70,9 @@ class Step {
   std::string stage_;
 };
 
+/// LOST_ON_THE_WAY when the weight of what is held is gone. Nothing: it is not, or no weight was known before.
+std::optional<Verdict> lossOf(const StepContext& context);
+
 /// "what = 0.123 unit" and the like.
 std::string formatted(const char* format, ...) __attribute__((format(printf, 1, 2)));
 

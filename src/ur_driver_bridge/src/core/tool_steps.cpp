@@ -150,6 +150,14 @@ std::optional<Verdict> GoneStep::advance(StepContext& context) {
               : "the magnet is off, and the force sensor is silent"};
 }
 
+std::optional<Verdict> StillThereStep::advance(StepContext& context) {
+  if (!context.load.isHolding()) return Verdict{};
+  if (context.stop_asked) return context.stop_asked;
+  if (!begun_s_) begun_s_ = context.time_s;
+  if (context.time_s - *begun_s_ < context.config.pick.settle_s + context.config.load.lost_s) return std::nullopt;
+  return lossOf(context).value_or(Verdict{});
+}
+
 RecoverStep::RecoverStep(const RecoveryConfig& config, const RecoveryPermit& permit)
     : Step("recover"), recovery_(config), permit_(permit) {}
 

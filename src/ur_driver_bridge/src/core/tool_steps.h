@@ -160,6 +160,17 @@ class GoneStep final : public Step {
   std::optional<double> begun_s_;
 };
 
+/// Nothing has been asked of the arm for a while: is the brick still there? Without a weight that was known before,
+/// nothing can be said, and nothing is.
+class StillThereStep final : public Step {
+ public:
+  using Step::Step;
+  std::optional<Verdict> advance(StepContext& context) override;
+
+ private:
+  std::optional<double> begun_s_;
+};
+
 /// Back to an arm that takes trajectories.
 class RecoverStep final : public Step {
  public:

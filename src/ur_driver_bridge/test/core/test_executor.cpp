@@ -1102,6 +1102,30 @@ TEST(ExecutorRecover, BringsTheArmBackAndTellsHow) {
   EXPECT_EQ(arm.calls.front(), "cancel");
 }
 
+TEST(ExecutorRecover, TellsOfABrickThatTheStopHasCost) {
+  for (const bool is_lost : {false, true}) {
+    SCOPED_TRACE(is_lost);
+    PickRequest request = scene().pick;
+    request.lets_go = false;
+    Picker arm(request);
+    arm.runTo("stow", 0.1);
+    arm.gate.arm.safety_mode = safety_mode::kProtectiveStop;
+    expectEnds(arm, ArmStatus::kProtectiveStop, 5.0);
+    ASSERT_TRUE(arm.executor.isHolding());
+    if (is_lost) arm.has_brick = false;
+    arm.finished_count = 0;
+    RecoveryPermit permit;
+    permit.unlock_protective_stop = true;
+    arm.executor.recover(permit);
+    expectEnds(arm, is_lost ? ArmStatus::kLostOnTheWay : ArmStatus::kSuccess, 15.0);
+    EXPECT_THAT(arm.finished->recovery_commands, Contains("dashboard/unlock_protective_stop"));
+    EXPECT_EQ(arm.executor.isHolding(), !is_lost);
+    EXPECT_EQ(arm.is_attached, !is_lost);
+    EXPECT_EQ(arm.is_magnet_on, !is_lost);
+    EXPECT_EQ(arm.payloads.back().mass_kg == fakeModel().tool.mass_kg, is_lost);
+  }
+}
+
 TEST(ExecutorRecover, NotWithoutTheOperatorNorWithoutTheDashboard) {
   FakeArm arm(quick(), scene().over_rad);
   arm.gate.arm.safety_mode = safety_mode::kProtectiveStop;
