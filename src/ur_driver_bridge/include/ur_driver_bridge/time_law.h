@@ -24,6 +24,10 @@ JointTrajectory resume(const JointTrajectory& trajectory, double at_s, double ra
 /// begins there; shorter ramps where there is no room. The end is exactly the trajectory's position at `at_s`.
 JointTrajectory upTo(const JointTrajectory& trajectory, double at_s, double ramp_s, double sample_s = 0.01);
 
+/// The same way from rest to rest, slower throughout by as little as keeps every acceleration within `limit_rad_s2`; as it is
+/// if it keeps it already. Throws std::invalid_argument as the others, and if it does not begin and end at rest.
+JointTrajectory withinAcceleration(const JointTrajectory& trajectory, double limit_rad_s2);
+
 /// The same way back, with the same speeds.
 JointTrajectory reversed(const JointTrajectory& trajectory);
 

@@ -102,6 +102,7 @@ class Executor::Impl {
     const mp700_ur5e_description::RobotModel& robot = model_.kinematics->robot();
     namespace names = mp700_ur5e_description;
     R_tip_tool_ = (robot.poseInBody(names::kMagnetTipFrame).inverse() * robot.poseInBody(names::kToolFrame)).linear();
+    payload_kg_ = model_.tool.mass_kg;
     gate_verdict_ = {ArmStatus::kStaleState, "nothing has been heard of the arm yet"};
   }
 
@@ -120,6 +121,10 @@ class Executor::Impl {
 
   Items pickItems(const PickRequest& request);
   Items checkItems(const std::shared_ptr<const PickRequest>& request) const;
+  /// What is stopped or begun within a motion adds to its accelerations.
+  JointTrajectory gentle(const JointTrajectory& trajectory) const {
+    return withinAcceleration(trajectory, config_.motion.acceleration_rad_s2);
+  }
   Items letGoItems(double brick_mass_kg, Duty duty) const;
   Items lossItems() const;
 
@@ -148,6 +153,7 @@ class Executor::Impl {
   std::vector<std::string> recovery_commands_;
   bool is_holding_{false};
   double held_mass_kg_{0.0};
+  double payload_kg_{0.0};  // declared
   TouchStep::Touched touched_;
   Verdict gate_verdict_;
   std::uint64_t last_id_{0};
@@ -259,7 +265,7 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   const auto retreat = [this](const Verdict&) {
     Items items;
     items.push_back(motion("retreat", WatchPhase::kContact,
-                           [this] { return reversed(upTo(touched_.trajectory, touched_.at_s, config_.pick.ramp_s)); }));
+                           [this] { return gentle(reversed(upTo(touched_.trajectory, touched_.at_s, config_.pick.ramp_s))); }));
     return items;
   };
   const auto offAndRetreat = [this, retreat](const Verdict& verdict) {
@@ -273,7 +279,7 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   const auto littleLift = [this, shared, weigh_s] {
     const JointTrajectory lift = upTo(shared->lift, weigh_s, config_.pick.ramp_s);
     if (lift.duration() <= 0.0) return lift;
-    return joined(lift, touched_.trajectory.sample(touched_.at_s).position_rad, lift.duration());
+    return gentle(joined(lift, touched_.trajectory.sample(touched_.at_s).position_rad, lift.duration()));
   };
   // What hangs there is put back where it was, whatever it is; then away from it.
   const auto putBack = [littleLift, offAndRetreat](const Verdict& verdict) {
@@ -308,7 +314,7 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   items.push_back({std::make_unique<HoldStep>("payload", request.brick_mass_kg), {}});
   if (weigh_s < request.lift.duration()) {
     items.push_back(motion("lift", WatchPhase::kLift,
-                           [shared, weigh_s, ramp_s = pick.ramp_s] { return resume(shared->lift, weigh_s, ramp_s); }));
+                           [this, shared, weigh_s] { return gentle(resume(shared->lift, weigh_s, config_.pick.ramp_s)); }));
   }
   if (!request.stow.empty()) {
     items.push_back(motion("stow", WatchPhase::kFree, [shared] { return shared->stow; }));
@@ -340,8 +346,8 @@ ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
   bool is_first = true;
   while (!items_.empty()) {
     StepContext context{config_,     model_,       gate_,   load_,   figures_,
-                        is_holding_, inputs,       now_s,   time_s_, is_first ? dt_s : 0.0,
-                        stop_asked_, output.calls, last_id_};
+                        is_holding_, payload_kg_,  inputs,  now_s,   time_s_,
+                        is_first ? dt_s : 0.0,     stop_asked_, output.calls, last_id_};
     is_first = false;
     Item& item = items_.front();
     Verdict verdict;
@@ -413,6 +419,9 @@ void Executor::pick(const PickRequest& request) {
 
 void Executor::letGo() {
   Items items = impl_->letGoItems(impl_->is_holding_ ? impl_->held_mass_kg_ : 0.0, Duty::kUnlessStopped);
+  if (impl_->is_holding_ && !impl_->load_.isHolding() && impl_->held_mass_kg_ > 0.0) {
+    items.push_front({std::make_unique<FirstWeighStep>("let_go", impl_->held_mass_kg_), {}});
+  }
   if (!impl_->is_holding_) {
     // A magnet that may be on is switched off all the same: nobody knows what hung there when the node began.
     const auto check = [](const StepContext& context) {

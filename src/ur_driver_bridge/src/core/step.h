@@ -19,6 +19,7 @@ struct StepContext {
   LoadCell& load;
   PickFigures& figures;
   bool& is_holding;
+  double& payload_kg;  // declared
 
   // Of this call.
   const ExecutorInputs& inputs;

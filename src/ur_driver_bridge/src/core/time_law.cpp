@@ -77,6 +77,12 @@ ArmVector beginAcceleration(const TrajectoryPoint& a, const TrajectoryPoint& b) 
   return (6.0 / h * (b.position_rad - a.position_rad) - 4.0 * a.velocity_rad_s - 2.0 * b.velocity_rad_s) / h;
 }
 
+/// ... and just before the second.
+ArmVector endAcceleration(const TrajectoryPoint& a, const TrajectoryPoint& b) {
+  const double h = b.time_s - a.time_s;
+  return (-6.0 / h * (b.position_rad - a.position_rad) + 2.0 * a.velocity_rad_s + 4.0 * b.velocity_rad_s) / h;
+}
+
 void setAccelerations(JointTrajectory* trajectory) {
   auto& points = trajectory->points;
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
@@ -171,6 +177,33 @@ JointTrajectory upTo(const JointTrajectory& trajectory, double at_s, double ramp
   pieces.push_back({brake_from_s, 1.0, -1.0 / brake_s, brake_s});
   JointTrajectory result = follow(trajectory, pieces, sample_s);
   result.points.back().position_rad = trajectory.sample(stop_s).position_rad;
+  return result;
+}
+
+JointTrajectory withinAcceleration(const JointTrajectory& trajectory, double limit_rad_s2) {
+  requireTrajectory(trajectory);
+  requirePositive("limit_rad_s2", limit_rad_s2);
+  const auto& points = trajectory.points;
+  constexpr double kRest_rad_s = 1e-3;
+  const auto rests = [](const TrajectoryPoint& p) { return p.velocity_rad_s.cwiseAbs().maxCoeff() <= kRest_rad_s; };
+  if (!rests(points.front()) || !rests(points.back())) {
+    throw std::invalid_argument("withinAcceleration: the trajectory does not begin and end at rest");
+  }
+  double most_rad_s2 = 0.0;
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    most_rad_s2 = std::max({most_rad_s2, beginAcceleration(points[i], points[i + 1]).cwiseAbs().maxCoeff(),
+                            endAcceleration(points[i], points[i + 1]).cwiseAbs().maxCoeff()});
+  }
+  constexpr double kRounding = 1e-6;  // what is at the limit by computation is not beyond it when looked at
+  const double slower = std::sqrt(most_rad_s2 * (1.0 + kRounding) / limit_rad_s2);
+  if (slower <= 1.0) return trajectory;
+  JointTrajectory result = trajectory;
+  const double begin_s = points.front().time_s;
+  for (TrajectoryPoint& point : result.points) {
+    point.time_s = begin_s + (point.time_s - begin_s) * slower;
+    point.velocity_rad_s /= slower;
+  }
+  setAccelerations(&result);
   return result;
 }
 

@@ -2,6 +2,7 @@
 #include "tool_steps.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace ur_driver_bridge {
 namespace {
@@ -136,6 +137,28 @@ Verdict HoldStep::judge(StepContext& context, const LoadCell::Weight& weight) {
 
 Verdict HoldStep::unsteady(const std::string& why) const {
   return {ArmStatus::kStaleState, "the force with the declared payload does not come to rest: " + why};
+}
+
+std::optional<Verdict> FirstWeighStep::advance(StepContext& context) {
+  if (context.stop_asked) return context.stop_asked;
+  GateDemand demand;
+  demand.needs_force = true;
+  if (!context.gate.check(context.inputs.gate, demand).isFine()) return Verdict{};
+  if (!begun_) begun_ = Begun{context.now_s, context.time_s};
+  std::string why;
+  const auto weight = context.load.weigh(begun_->stamp_s + context.config.pick.settle_s, &why);
+  if (!weight) {
+    const bool is_late = context.time_s - begun_->since_s >= context.config.pick.weigh_timeout_s;
+    return is_late ? std::optional<Verdict>(Verdict{}) : std::nullopt;
+  }
+  const double load_kg = weight->mass_kg + context.payload_kg - context.model.tool.mass_kg;
+  const double least_kg = context.config.load.min_share * brick_mass_kg_;
+  // Pressed against something, it tells nothing of what hangs there.
+  if (std::abs(load_kg) >= least_kg) return Verdict{};
+  return Verdict{ArmStatus::kLostOnTheWay,
+                 formatted("the pick was broken off before the brick was weighed, and %.2f kg hang on the magnet, must "
+                           "be at least %.2f kg",
+                           load_kg, least_kg)};
 }
 
 std::optional<Verdict> GoneStep::advance(StepContext& context) {

@@ -77,6 +77,10 @@ class PayloadStep final : public CallStep {
  private:
   std::uint64_t makeCall(StepContext& context) override { return context.call(PayloadCall{payload_}); }
   const char* what() const override { return "set_payload"; }
+  std::optional<Verdict> awaitEffect(StepContext& context) override {
+    context.payload_kg = payload_.mass_kg;
+    return Verdict{};
+  }
 
   Payload payload_;
 };
@@ -148,6 +152,22 @@ class HoldStep final : public ForceStep {
   Verdict unsteady(const std::string& why) const override;
 
   double brick_mass_kg_;
+};
+
+/// A pick that was broken off before it came to weigh: does anything hang there at all? Where the force says nothing, nothing
+/// is said, and nothing kept from being let go.
+class FirstWeighStep final : public Step {
+ public:
+  FirstWeighStep(std::string stage, double brick_mass_kg) : Step(std::move(stage)), brick_mass_kg_(brick_mass_kg) {}
+  std::optional<Verdict> advance(StepContext& context) override;
+
+ private:
+  double brick_mass_kg_;
+  struct Begun {
+    double stamp_s;  // ROS time
+    double since_s;
+  };
+  std::optional<Begun> begun_;
 };
 
 /// The magnet is off: is the weight gone? Without a weight that was known before, nothing can be said, and nothing is.

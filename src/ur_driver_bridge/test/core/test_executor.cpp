@@ -846,6 +846,18 @@ TEST(ExecutorPick, APlateThatIsHigherOrLowerThanPlannedIsLiftedAllTheSameAndPutB
   }
 }
 
+// A lift as fast as the arm may be, begun and stopped on its way, from where the touch happened to end.
+TEST(ExecutorPick, AFastLiftIsStoppedToWeighWithinTheArmsAccelerations) {
+  ExecutorConfig config = quick();
+  config.pick.ramp_s = 0.1;
+  for (const double off_m : {0.018, 0.0, -0.008}) {
+    SCOPED_TRACE(off_m);
+    Picker arm(scene().pick, config);
+    arm.plate_z_m = kPlate_m + off_m;
+    expectEnds(arm, ArmStatus::kSuccess, 30.0);
+  }
+}
+
 TEST(ExecutorPick, WhatWeighsTooLittleOrTooMuchIsPutBack) {
   for (const double mass_kg : {0.0, 0.4, 1.9}) {
     SCOPED_TRACE(mass_kg);
@@ -1069,6 +1081,41 @@ TEST(ExecutorLetGo, AWeightThatStaysIsStillHeld) {
   arm.executor.letGo();
   expectEnds(arm, ArmStatus::kSuccess, 5.0);
   EXPECT_FALSE(arm.executor.isHolding());
+}
+
+TEST(ExecutorLetGo, WhatWasNeverWeighedIsWeighedFirst) {
+  // Broken off before it was weighed, and after its payload was declared.
+  for (const auto& [stage, after_s] : {std::pair("lift_a_little", 0.3), std::pair("payload", 0.05)}) {
+    for (const bool is_there : {true, false}) {
+      SCOPED_TRACE(std::string(stage) + (is_there ? ", there" : ", gone"));
+      PickRequest request = scene().pick;
+      request.lets_go = false;
+      Picker arm(request);
+      arm.runTo(stage, after_s);
+      arm.executor.stop({ArmStatus::kCancelled, "test"});
+      expectEnds(arm, ArmStatus::kCancelled, 5.0);
+      ASSERT_TRUE(arm.executor.isHolding());
+      if (!is_there) arm.has_brick = false;
+      arm.finished_count = 0;
+      arm.executor.letGo();
+      expectEnds(arm, is_there ? ArmStatus::kSuccess : ArmStatus::kLostOnTheWay, 10.0);
+      EXPECT_FALSE(arm.executor.isHolding());
+      EXPECT_FALSE(arm.is_attached);
+      EXPECT_FALSE(arm.is_magnet_on);
+      EXPECT_EQ(arm.payloads.back().mass_kg, fakeModel().tool.mass_kg);
+    }
+  }
+  // A force that is silent keeps nothing from being let go.
+  PickRequest request = scene().pick;
+  request.lets_go = false;
+  Picker silent(request);
+  silent.runTo("lift_a_little", 0.06);
+  silent.executor.stop({ArmStatus::kCancelled, "test"});
+  expectEnds(silent, ArmStatus::kCancelled, 5.0);
+  silent.is_force_silent = true;
+  silent.finished_count = 0;
+  silent.executor.letGo();
+  expectEnds(silent, ArmStatus::kSuccess, 10.0);
 }
 
 TEST(ExecutorLetGo, OnceTheMagnetIsOffAStopChangesNothing) {

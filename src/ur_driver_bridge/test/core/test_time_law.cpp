@@ -232,6 +232,42 @@ TEST_F(TimeLaw, UpToTheStartStands) {
   }
 }
 
+/// As it is sampled, of any joint.
+double largestAcceleration(const JointTrajectory& trajectory) {
+  double most = 0.0;
+  for (std::size_t i = 0; i + 1 < trajectory.points.size(); ++i) {
+    const double from_s = trajectory.points[i].time_s;
+    const double length_s = trajectory.points[i + 1].time_s - from_s;
+    for (const double share : {1e-6, 0.5, 1.0 - 1e-6}) {
+      most = std::max(most, maxNorm(trajectory.sample(from_s + share * length_s).acceleration_rad_s2));
+    }
+  }
+  return most;
+}
+
+TEST_F(TimeLaw, WithinAccelerationIsTheSameWaySlowerByWhatItMustBe) {
+  for (int n = 0; n < 30; ++n) {
+    SCOPED_TRACE("trajectory " + std::to_string(n));
+    const JointTrajectory planned = plannedTrajectory(&random_);
+    const JointTrajectory abrupt = upTo(planned, (0.3 + 0.4 * share_(random_)) * planned.duration(), 0.02);
+    const double most_rad_s2 = largestAcceleration(abrupt);
+    const double limit_rad_s2 = 0.3 * most_rad_s2;
+    const JointTrajectory gentle = withinAcceleration(abrupt, limit_rad_s2);
+    EXPECT_LE(largestAcceleration(gentle), limit_rad_s2 * (1.0 + 1e-7));
+    EXPECT_GT(largestAcceleration(gentle), limit_rad_s2 * (1.0 - 1e-4));
+    const double slower = std::sqrt(1.0 / 0.3);
+    EXPECT_NEAR(gentle.duration(), slower * abrupt.duration(), 1e-4 * abrupt.duration());
+    for (double t = 0.0; t < abrupt.duration(); t += 0.0137) {
+      const double then_s = t * gentle.duration() / abrupt.duration();
+      EXPECT_LT(maxNorm(gentle.sample(then_s).position_rad - abrupt.sample(t).position_rad), 1e-9);
+      EXPECT_LT(maxNorm(gentle.sample(then_s).velocity_rad_s * slower - abrupt.sample(t).velocity_rad_s), 1e-5);
+    }
+    const JointTrajectory same = withinAcceleration(gentle, limit_rad_s2 * (1.0 + 1e-5));
+    ASSERT_EQ(same.points.size(), gentle.points.size());
+    EXPECT_EQ(same.duration(), gentle.duration());
+  }
+}
+
 TEST_F(TimeLaw, ReversedIsTheSameWayBack) {
   for (int n = 0; n < 30; ++n) {
     const JointTrajectory original = plannedTrajectory(&random_);
@@ -364,6 +400,10 @@ TEST_F(TimeLaw, RefusesWhatMakesNoSense) {
     EXPECT_THROW(law(original, 0.5, 0.3, 0.0), std::invalid_argument);
     EXPECT_THROW(law(original, 0.5, 0.3, std::numeric_limits<double>::infinity()), std::invalid_argument);
   }
+  EXPECT_THROW(withinAcceleration({}, 4.0), std::invalid_argument);
+  EXPECT_THROW(withinAcceleration(original, 0.0), std::invalid_argument);
+  EXPECT_THROW(withinAcceleration(original, kNaN), std::invalid_argument);
+  EXPECT_THROW(withinAcceleration(brake(original, 1.0, 0.3), 4.0), std::invalid_argument);
   EXPECT_THROW(reversed({}), std::invalid_argument);
   EXPECT_THROW(timeOf({}, ArmVector::Zero(), 0.0, 0.1), std::invalid_argument);
   EXPECT_THROW(timeOf(original, ArmVector::Constant(kNaN), 0.0, 0.1), std::invalid_argument);
