@@ -241,6 +241,17 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         self.page()
 
+    def test_words_that_are_none_are_told_and_left_out(self):
+        self.make_without_maps()
+        summary = json.loads((self.folder / "summary.json").read_text())
+        (self.folder / "summary.json").write_text(json.dumps({**summary, "end_reason": ["time_up"], "end_message": 3, "scene": {}}))
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for key in ("end_reason", "end_message", "scene"):
+            self.assertIn(f"Missing: summary.json: {key} is no text.", done.stdout)
+        self.assertEqual(self.summary()["end_reason"], "crashed")
+        self.page()
+
     def test_text_of_nodes_cannot_change_the_page(self):
         self.make_without_maps()
         summary = json.loads((self.folder / "summary.json").read_text())

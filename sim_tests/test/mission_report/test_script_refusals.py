@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the scripts about missions and long checks refuse, and that they say so before they do anything; what scripts/campaign takes for done."""
 
+import json
 import os
 import pathlib
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 
@@ -15,6 +17,13 @@ import yaml
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[2]
 SCRIPTS = ROOT / "scripts"
+sys.path.insert(0, str(HERE))
+
+import run_folder  # noqa: E402
+
+FIG8_SUMMARY = {"systems": {"gpis": {"title": "Dynamic GPIS", "ghost_area_m2": 0.0001, "outside_share": 0.01, "against_truth": {"rms_m": 0.001},
+                                     "against_last_scan": {"mean_m": 1e-5, "std_dev_m": 1e-4, "rms_m": 1e-4, "median_abs_m": 1e-4, "p95_abs_m": 2e-4,
+                                                           "count": 1000}}}}
 # Lines of a mission's log.
 START = '{"event":"start","decision":"begin"}\n'
 END = '{"event":"success","decision":"ended"}\n'
@@ -131,6 +140,47 @@ class ScriptRefusals(unittest.TestCase):
         self.refused(1, "no such", "table_campaign.py", "--time-limit", self.folder / "no such")
         world.write_text("heaps: [{bricks: 2}]\nbricks: [{}]\ntime_per_brick_s: 10")
         self.assertEqual(self.run_it(SCRIPTS / "table_campaign.py", "--time-limit", world).stdout, "30\n")
+
+    def test_report_fig8_says_what_it_cannot_read(self):
+        self.refused(1, f"{self.folder / 'nope'}: no folders with a summary.json", "report_fig8.py", self.folder / "nope")
+        path = self.folder / "fig8_full/summary.json"
+        path.parent.mkdir()
+        for text in (json.dumps(FIG8_SUMMARY)[:100], "[]", '{"systems": []}', '{"systems": {"gpis": {}}}'):
+            path.write_text(text)
+            self.refused(1, str(path), "report_fig8.py", self.folder)
+        path.write_text(json.dumps(FIG8_SUMMARY))
+        done = self.run_it(SCRIPTS / "report_fig8.py", self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("fig8_full, Dynamic GPIS", done.stdout)
+
+    def test_plot_fig8_says_what_it_cannot_read(self):
+        out = self.folder / "fig8.png"
+        self.refused(1, "nope", "plot_fig8.py", self.folder / "nope", "--out", out)
+        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY)[:100])
+        self.refused(1, f"{self.folder}: cannot be drawn", "plot_fig8.py", self.folder, "--out", out)
+        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY))
+        self.refused(1, "gpis_before.ply", "plot_fig8.py", self.folder, "--out", out)
+        self.assertFalse(out.exists())
+
+    def test_report_soak_leaves_the_page_where_there_is_nothing(self):
+        page = self.folder / "soak.md"
+        page.write_text("what was measured")
+
+        def soak(folder):
+            return ("report_soak.py", folder, "--plot", self.folder / "soak.png", "--table", page)
+
+        self.refused(1, "neither loop.csv nor fuzz.csv", *soak(self.folder / "nope"))
+        self.refused(1, "neither loop.csv nor fuzz.csv", *soak(self.folder))
+        (self.folder / "fuzz.csv").write_text("")
+        self.refused(1, "fuzz.csv: no results", *soak(self.folder))
+        (self.folder / "loop.csv").write_text("frame,points\n1\n")
+        self.refused(1, "report_soak: ", *soak(self.folder))
+        self.assertEqual(page.read_text(), "what was measured")
+
+    def test_plot_mission_fails_where_there_is_nothing_to_plot(self):
+        self.refused(1, f"{self.folder}: no mission left anything to plot there", "plot_mission.py", self.folder)
+        run_folder.make_run_folder(self.folder / "run", 2)
+        self.assertEqual(self.run_it(SCRIPTS / "plot_mission.py", self.folder / "run").returncode, 0)
 
 
 if __name__ == "__main__":
