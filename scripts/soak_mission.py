@@ -481,6 +481,7 @@ def main():
         return 0
     if arguments.only is not None and not 0 <= arguments.only < len(cases):
         parser.error(f"--only {arguments.only}, must be in [0, {len(cases) - 1}]")
+    arguments.out = arguments.out.resolve()
     table = arguments.out / "mission.csv"
     try:
         return run_or_judge(arguments, cases, table)

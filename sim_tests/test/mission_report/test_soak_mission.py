@@ -3,6 +3,7 @@
 """What scripts/soak_mission.py runs, and how it judges; without a mission."""
 
 import csv
+import os
 import pathlib
 import subprocess
 import sys
@@ -165,10 +166,12 @@ class Table(unittest.TestCase):
                 tried.append(int(command[command.index("--only") + 1]))
                 soak_mission.append(path, self.row(tried[-1], "not met", "four_bricks", "new"))
                 self.assertIn("--label=new", command)
+                # run_mission would take another path as relative to the repository.
+                self.assertEqual(command[command.index("--out") + 1], str(pathlib.Path(folder).resolve()))
                 return 0
 
             cases = soak_mission.plan()[:4]
-            arguments = ["soak_mission.py", "--out", folder, "--label", "new"]
+            arguments = ["soak_mission.py", "--out", os.path.relpath(folder), "--label", "new"]
             for _ in range(2):
                 with unittest.mock.patch("soak_mission.subprocess.call", never_met), unittest.mock.patch("soak_mission.plan", lambda: cases), \
                         unittest.mock.patch("sys.argv", arguments):
