@@ -18,6 +18,9 @@ log_dir=$root/build/log
 say() { printf '%s\n' "$*"; }
 die() { printf 'error: %s\n' "$*" >&2; exit 1; }
 
+# is_seed TEXT: what the nodes take, in decimal for roslaunch, too.
+is_seed() { [[ $1 =~ ^(0|[1-9][0-9]{0,9})$ ]] && [ "$1" -le 2147483647 ]; }
+
 # usage_from SCRIPT: prints the comment block below the shebang and SPDX line as help.
 usage_from() { awk 'NR <= 2 { next } /^#/ { sub(/^# ?/, ""); print; next } { exit }' "$1"; }
 

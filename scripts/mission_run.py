@@ -251,6 +251,10 @@ def merged_summary(run):
         summary.setdefault(key, last.get(key))
     for key in ("scene", "seed", "strategy", "removed_factor", "end_reason", "end_message", "sim_seconds", "wall_seconds"):
         summary.setdefault(key, None)
+    for key in ("scene", "strategy", "removed_factor", "end_reason", "end_message"):
+        if not isinstance(summary[key], (str, type(None))):
+            run.notes.append(f"summary.json: {key} is no text")
+            summary[key] = None
     if "failures" not in summary:
         summary["failures"] = {kind: times for kind, times, _, _ in run.failures()}
     if summary["sim_seconds"] is None and run.log:

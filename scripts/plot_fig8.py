@@ -5,6 +5,7 @@
 import argparse
 import json
 import pathlib
+import sys
 
 import matplotlib
 
@@ -56,19 +57,15 @@ def draw_histogram(axes, folder, system, statistics):
     axes.set_axisbelow(True)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=pathlib.Path, help="of one run of fig8_experiment")
-    parser.add_argument("--out", type=pathlib.Path, required=True)
-    arguments = parser.parse_args()
-    summary = json.loads((arguments.folder / "summary.json").read_text(encoding="utf-8"))
+def draw(folder, out):
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     colormap = matplotlib.colormaps["coolwarm"] if hasattr(matplotlib, "colormaps") else plt.get_cmap("coolwarm")
     scale = matplotlib.colors.Normalize(-RANGE_CM, RANGE_CM, clip=True)
     figure, axes = plt.subplots(len(SYSTEMS), 3, figsize=(15.5, 11.5), gridspec_kw={"width_ratios": [1, 1, 0.8]})
     camera = None
     for row, (system, title) in enumerate(SYSTEMS):
-        before = crop(render_mesh.read_ply(arguments.folder / f"{system}_before.ply"), 0.42)
-        after = crop(render_mesh.read_ply(arguments.folder / f"{system}_after.ply"), 0.42)
+        before = crop(render_mesh.read_ply(folder / f"{system}_before.ply"), 0.42)
+        after = crop(render_mesh.read_ply(folder / f"{system}_after.ply"), 0.42)
         if camera is None:
             camera = render_mesh.fit_camera(before.points[np.unique(before.triangles)], *VIEW, TARGET, (2 * PANEL[0], 2 * PANEL[1]))
         axes[row, 0].imshow(picture_of(before, camera, lambda mesh: mesh.points[:, 2], lambda z: np.broadcast_to(BRICK, (len(z), 3))))
@@ -77,15 +74,28 @@ def main():
         axes[row, 1].set_title("a brick taken away, one more scan", fontsize=13)
         for column in (0, 1):
             axes[row, column].set_axis_off()
-        draw_histogram(axes[row, 2], arguments.folder, system, summary["systems"][system]["against_last_scan"])
+        draw_histogram(axes[row, 2], folder, system, summary["systems"][system]["against_last_scan"])
     figure.subplots_adjust(left=0.01, right=0.985, top=0.955, bottom=0.085, wspace=0.08, hspace=0.30)
     bar = figure.add_axes([0.37, 0.045, 0.24, 0.014])
     figure.colorbar(matplotlib.cm.ScalarMappable(scale, colormap), cax=bar, orientation="horizontal", extend="both")
     bar.set_xlabel("signed distance [cm]", fontsize=11)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(arguments.out, dpi=80)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(out, dpi=80)
     plt.close(figure)
 
 
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=pathlib.Path, help="of one run of fig8_experiment")
+    parser.add_argument("--out", type=pathlib.Path, required=True)
+    arguments = parser.parse_args()
+    try:
+        draw(arguments.folder, arguments.out)
+    except (OSError, ValueError, KeyError, TypeError, IndexError, render_mesh.MeshError) as error:
+        print(f"plot_fig8: {arguments.folder}: cannot be drawn, {type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

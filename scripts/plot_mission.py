@@ -268,7 +268,10 @@ def main():
                                      ("utilities.png", plot_utilities(run, out / "utilities.png")),
                                      ("places.png", plot_places(run, out / "places.png")),
                                      ("time.png", plot_time(run, out / "time.png"))) if done]
-    print("\n".join(str(out / name) for name in drawn) or "plot_mission: nothing to plot")
+    if not drawn:
+        print(f"plot_mission: {arguments.folder}: no mission left anything to plot there", file=sys.stderr)
+        return 1
+    print("\n".join(str(out / name) for name in drawn))
     return 0
 
 

@@ -285,7 +285,7 @@ def json_safe(value):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER")
+    parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER", help="relative to the current folder")
     parser.add_argument("--summary-only", action="store_true", help="no plots and no page")
     arguments = parser.parse_args()
     folder = arguments.folder

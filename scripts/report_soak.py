@@ -78,6 +78,8 @@ def fuzz_part(folder):
                 entry[key] += int(value)
             entry["seconds"] += float(seconds)
             entry["failed"] += result != "passed"
+    if not totals:
+        raise ValueError("fuzz.csv: no results")
     rows = ["| target | inputs | accepted | refused | seconds | pieces failed |", "| --- | ---: | ---: | ---: | ---: | ---: |"]
     for name, entry in sorted(totals.items()):
         rows.append(f"| {name} | {entry['inputs']} | {entry['accepted']} | {entry['refused']} | {entry['seconds']:.0f} | {entry['failed']} |")
@@ -99,6 +101,8 @@ def main():
     if arguments.note:
         parts.append(arguments.note + "\n")
     try:
+        if not any((arguments.folder / name).is_file() for name in ("loop.csv", "fuzz.csv")):
+            raise ValueError(f"{arguments.folder}: neither loop.csv nor fuzz.csv")
         if (arguments.folder / "loop.csv").is_file():
             rows = read_rows(arguments.folder / "loop.csv")
             if not rows:
@@ -110,7 +114,7 @@ def main():
         arguments.table.parent.mkdir(parents=True, exist_ok=True)
         arguments.table.write_text("\n".join(parts), encoding="utf-8")
         print(arguments.table)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         print(f"report_soak: {error}", file=sys.stderr)
         return 1
     return 0

@@ -3,8 +3,9 @@
 """Missions on a small scene, each with one disturbance: a node killed in a state of the mission, or a fault of the world.
 
 Each mission is a process group of its own under scripts/run_mission; this program looks on by its master, disturbs it
-once, and judges the end by the simulator's judge. A row of OUT/mission.csv for each; goes on where it was interrupted.
-Exit code: 0 all run without a violation, 1 a violation, 2 bad usage, 3 no violation so far, but not all were run.
+once, and judges the end by the simulator's judge. A row of OUT/mission.csv for each; goes on where it was interrupted, and
+tries those once more in which the moment did not come.
+Exit code: 0 all met without a violation, 1 a violation, 2 bad usage, 3 no violation so far, but not all were run and met.
 """
 
 import argparse
@@ -47,7 +48,8 @@ WALL_LIMIT_S = 1500.0
 MASTER_S, BACK_S = 60.0, 60.0
 # 3 times not met: then at the beginning of the state, whatever was drawn.
 ATTEMPTS = 3
-COLUMNS = ("number", "disturbance", "node", "state", "lead", "scene", "seed", "happened", "at_s", "met_in", "end_reason", "picked", "stowed", "falls", "drops",
+NOT_MET = "not met"
+COLUMNS = ("number", "disturbance", "node", "state", "lead", "scene", "label", "seed", "happened", "at_s", "met_in", "end_reason", "picked", "stowed", "falls", "drops",
            "collisions", "sim_s", "wall_s", "back_wall_s", "rss_mb", "verdict", "why", "end_message")
 
 
@@ -100,7 +102,7 @@ def verdict(case, facts):
     if broken:
         return "VIOLATION", "; ".join(broken)
     if not facts["happened"]:
-        return "not met", "the moment did not come, or it was refused: see notes in soak.json"
+        return NOT_MET, "the moment did not come, or it was refused: see notes in soak.json"
     return ("recovered", "") if left == 0 else ("ended safely", f"{left} left")
 
 
@@ -121,8 +123,8 @@ class NotUp(Exception):
 class Mission:
     """One mission, looked on and disturbed. Callbacks come in rospy's threads and only store; one thread does the rest."""
 
-    def __init__(self, case, out, port, scene):
-        self.case, self.port, self.scene = case, port, scene
+    def __init__(self, case, out, port, scene, label):
+        self.case, self.port, self.scene, self.label = case, port, scene, label
         self.folder = out / "mission" / f"{case.number:03d}"
         self.random = random.Random(case.seed)
         self.state, self.judge, self.bridge, self.tf = None, None, None, {}
@@ -373,20 +375,36 @@ class Mission:
         result, why = verdict(self.case, facts)
         (self.folder / "soak.json").write_text(json.dumps({"case": dataclasses.asdict(self.case), "facts": facts, "verdict": result, "why": why,
                                                            "notes": self.notes}, indent=2) + "\n", encoding="utf-8")
-        return dict(dataclasses.asdict(self.case), scene=self.scene, lead=self.case.lead, **facts, sim_s=summary.get("sim_seconds"), wall_s=round(wall_s),
+        return dict(dataclasses.asdict(self.case), scene=self.scene, label=self.label, lead=self.case.lead, **facts, sim_s=summary.get("sim_seconds"), wall_s=round(wall_s),
                     rss_mb=" ".join(f"{node}={size}" for node, size in sorted(self.memory.items())), verdict=result, why=why)
 
 
+class NoTable(Exception):
+    """mission.csv is something else."""
+
+
 def rows_of(path):
+    """Raises NoTable. Tables of earlier versions have no label."""
     try:
         with open(path, newline="", encoding="utf-8") as stream:
-            return [row for row in csv.DictReader(stream) if row.get("end_message") is not None]
-    except OSError:
+            table = csv.DictReader(stream)
+            missing = set(COLUMNS) - {"label"} - set(table.fieldnames or COLUMNS)
+            if missing:
+                raise NoTable(f"{path}: no column {', '.join(column for column in COLUMNS if column in missing)}")
+            return [row for row in table if row["end_message"] is not None]
+    except FileNotFoundError:
         return []
+    except (OSError, ValueError, csv.Error) as error:
+        raise NoTable(f"{path}: {error}") from error
 
 
 def append(path, row):
     is_new = not path.exists()
+    if not is_new:
+        text = path.read_bytes()
+        # Of an earlier version, or cut off when it was written.
+        if text.split(b"\n", 1)[0].strip() != ",".join(COLUMNS).encode() or not text.endswith(b"\n"):
+            write(path, rows_of(path))
     with open(path, "a", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, COLUMNS)
         if is_new:
@@ -394,15 +412,44 @@ def append(path, row):
         writer.writerow({column: "" if row[column] is None else row[column] for column in COLUMNS})
 
 
-def judged(rows, wanted):
+def write(path, rows):
+    unfinished = path.with_name(path.name + ".part")
+    with open(unfinished, "w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, COLUMNS, restval="", extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(unfinished, path)
+
+
+def of_this(rows, scene, label):
+    """Those of this scene and, if a label is given, of this state of the software."""
+    return [row for row in rows if row["scene"] == scene and (label is None or row.get("label", "") == label)]
+
+
+def latest(rows):
+    """{number: row}; of one that was run again the last."""
+    return {row["number"]: row for row in rows}
+
+
+def left_of(cases, rows):
+    """What is still to be run, and after that once more what was not met."""
+    verdicts = {number: row["verdict"] for number, row in latest(rows).items()}
+    left = [case for case in cases if verdicts.get(str(case.number), NOT_MET) == NOT_MET]
+    return sorted(left, key=lambda case: str(case.number) in verdicts)
+
+
+def judged(rows, wanted, num_others=0):
     """Prints what came of them; the exit code."""
-    rows, counts = list({row["number"]: row for row in rows}.values()), {}  # of one that was run again the last
+    rows, counts = latest(rows).values(), {}
     for row in rows:
         counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
         if row["verdict"] == "VIOLATION":
             print(f"VIOLATION: mission {row['number']}, {row['disturbance']} {row['node']} in {row['state']}, seed {row['seed']}: {row['why']}")
-    print(f"{len(rows)} of {wanted} missions: " + (", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "none"))
-    return 1 if "VIOLATION" in counts or not rows else 0 if len(rows) == wanted else 3
+    met = len(rows) - counts.get(NOT_MET, 0)
+    print(f"{met} of {wanted} missions: " + (", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "none"))
+    if num_others > 0:
+        print(f"{num_others} rows of another scene or state of the software are not counted")
+    return 1 if "VIOLATION" in counts or not rows else 0 if met == wanted else 3
 
 
 def free_port():
@@ -415,6 +462,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of mission.csv and the runs")
     parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/worlds (default {SCENE})")
+    parser.add_argument("--label", metavar="TEXT", help="state of the software: rows of others are not counted (default: rows of any are)")
     parser.add_argument("--hours", type=float, default=math.inf, metavar="H", help="begin no other mission after this time of the wall clock")
     parser.add_argument("--plan", action="store_true", help="print the missions and do nothing")
     parser.add_argument("--only", type=int, metavar="N", help="this one, again if it was run before")
@@ -433,9 +481,23 @@ def main():
         return 0
     if arguments.only is not None and not 0 <= arguments.only < len(cases):
         parser.error(f"--only {arguments.only}, must be in [0, {len(cases) - 1}]")
+    arguments.out = arguments.out.resolve()
     table = arguments.out / "mission.csv"
+    try:
+        return run_or_judge(arguments, cases, table)
+    except NoTable as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def run_or_judge(arguments, cases, table):
+    def judge():
+        rows = rows_of(table)
+        mine = of_this(rows, arguments.scene, arguments.label)
+        return judged(mine, len(cases), len(rows) - len(mine))
+
     if arguments.judge:
-        return judged(rows_of(table), len(cases))
+        return judge()
     try:
         import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
     except ImportError as error:
@@ -443,10 +505,11 @@ def main():
         return 2
     arguments.out.mkdir(parents=True, exist_ok=True)
     if arguments.only is not None:
+        rows_of(table)  # rather now than after the mission
         port = free_port()
         os.environ.update(ROS_MASTER_URI=urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", "")), ROS_HOSTNAME="localhost")
         try:
-            row = Mission(cases[arguments.only], arguments.out, port, arguments.scene).run()
+            row = Mission(cases[arguments.only], arguments.out, port, arguments.scene, arguments.label or "").run()
         except NotUp as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
@@ -458,17 +521,18 @@ def main():
         table.unlink(missing_ok=True)
         shutil.rmtree(arguments.out / "mission", ignore_errors=True)
     end = time.monotonic() + 3600.0 * arguments.hours
-    done = {row["number"] for row in rows_of(table)}
-    for case in cases:
-        if str(case.number) in done:
-            continue
+    command = [sys.executable, __file__, "--out", str(arguments.out), "--scene", arguments.scene]
+    if arguments.label is not None:
+        command.append(f"--label={arguments.label}")
+    for case in left_of(cases, of_this(rows_of(table), arguments.scene, arguments.label)):
         if time.monotonic() > end:
             break
+        num_before = len(rows_of(table))
         # rospy knows one master per process. One that breaks down exits with 1, too, and leaves no row.
-        code = subprocess.call([sys.executable, __file__, "--out", str(arguments.out), "--scene", arguments.scene, "--only", str(case.number)])
-        if code not in (0, 1) or str(case.number) not in {row["number"] for row in rows_of(table)}:
+        code = subprocess.call([*command, "--only", str(case.number)])
+        if code not in (0, 1) or len(rows_of(table)) <= num_before:
             return 2
-    return judged(rows_of(table), len(cases))
+    return judge()
 
 
 if __name__ == "__main__":

@@ -16,11 +16,20 @@ def time_limit(world):
     """Simulated seconds that a world allows: time_per_brick_s for each brick."""
     scene = yaml.safe_load(world.read_text())
     bricks = sum(heap["bricks"] for heap in scene.get("heaps", [])) + len(scene.get("bricks", []))
-    return scene.get("time_per_brick_s", 45) * bricks
+    limit_s = scene.get("time_per_brick_s", 45) * bricks
+    if not limit_s > 0.0:
+        raise ValueError("no bricks")
+    return limit_s
+
+
+def words_of(error):
+    """In one line: YAML's errors have several."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def read_runs(folder):
-    runs, unreadable = [], []
+    """(summaries, what is to be told of others)"""
+    runs, told = [], []
     for path in sorted(folder.glob("*/summary.json")):
         try:
             run = json.loads(path.read_text())
@@ -28,11 +37,19 @@ def read_runs(folder):
                 raise ValueError("no summary of a mission")
             # All that the tables are made of: what cannot be counted is named, and left out.
             row("", [run])
+            for key in ("scene", "strategy", "removed_factor"):
+                if not isinstance(run.get(key), (str, type(None))):
+                    raise ValueError(f"{key} is no text")
+        except (OSError, *BROKEN) as error:
+            told.append(f"{path}: {words_of(error)}")
+            continue
+        try:
             list(memory_rows([run]))
-            runs.append(run)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            unreadable.append(f"{path}: {type(error).__name__}: {error}")
-    return runs, unreadable
+        except BROKEN as error:
+            told.append(f"{path}: left out of the memory's table, {words_of(error)}: scripts/report_mission.py {path.parent} --summary-only makes it anew")
+            run = {**run, "memory": {}}
+        runs.append(run)
+    return runs, told
 
 
 def picked_of(run):
@@ -57,6 +74,7 @@ def row(name, runs):
             f"{', '.join(sorted({str(run.get('end_reason')) for run in runs}))} |")
 
 
+BROKEN = (ValueError, KeyError, TypeError, AttributeError)
 HEAD = "| | runs | bricks % | map % | falls | collisions | simulated s | views | ended by |\n|---|--:|--:|--:|--:|--:|--:|--:|---|"
 
 
@@ -77,20 +95,20 @@ def main():
     parser.add_argument("folder", type=pathlib.Path, nargs="?")
     parser.add_argument("--time-limit", type=pathlib.Path, metavar="WORLD", help="print a world's limit [s], nothing else")
     arguments = parser.parse_args()
-    try:
-        if arguments.time_limit:
+    if arguments.time_limit:
+        try:
             print(f"{time_limit(arguments.time_limit):g}")
             return 0
-        if arguments.folder is None:
-            parser.error("a folder is needed")
-        runs, unreadable = read_runs(arguments.folder)
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
-        print(f"table_campaign: {error}", file=sys.stderr)
-        return 1
-    for line in unreadable:
+        except (OSError, yaml.YAMLError, *BROKEN) as error:
+            print(f"table_campaign: {arguments.time_limit}: no scene, {words_of(error)}", file=sys.stderr)
+            return 1
+    if arguments.folder is None:
+        parser.error("a folder is needed")
+    runs, told = read_runs(arguments.folder)
+    for line in told:
         print(f"table_campaign: {line}", file=sys.stderr)
     if not runs:
-        print(f"table_campaign: no summary.json in the folders of {arguments.folder}", file=sys.stderr)
+        print(f"table_campaign: no summary.json that can be read in the folders of {arguments.folder}", file=sys.stderr)
         return 1
     whole, without = collections.defaultdict(list), collections.defaultdict(list)
     for run in runs:

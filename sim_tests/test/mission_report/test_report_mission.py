@@ -129,14 +129,39 @@ class ReportMission(unittest.TestCase):
                                check=True).stdout
         self.assertIn("| map | 160 | 122 | 152 | +60 |", table)
         # What is no summary is named, and the table is of the others.
-        for name, text in (("list", "[]"), ("null", '{"bricks_picked": null, "bricks_total": 4}'), ("half", '{"memory": {"map": {}}}')):
+        broken = {"list": "[]", "null": '{"bricks_picked": null, "bricks_total": 4}', "scene": '{"scene": ["one_heap"]}',
+                  "factor": '{"removed_factor": {}}'}
+        for name, text in broken.items():
             (self.folder.parent / name).mkdir()
             (self.folder.parent / name / "summary.json").write_text(text)
         again = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], capture_output=True, text=True,
                                check=True)
         self.assertEqual(again.stdout, table)
-        for name in ("list", "null", "half"):
+        self.assertEqual(len(again.stderr.splitlines()), len(broken), again.stderr)
+        for name in broken:
             self.assertIn(f"{name}/summary.json", again.stderr)
+
+    def test_summary_without_most_memory_counts_but_for_memory(self):
+        self.make_without_maps()
+        (self.folder / "memory.csv").write_text("time_s,node,resident_mb\n" + "\n".join(f"{time_s},map,{time_s}" for time_s in range(101)) + "\n")
+
+        def table():
+            done = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], capture_output=True, text=True,
+                                  check=True)
+            return done.stdout, done.stderr
+
+        self.assertEqual(self.report("--summary-only").returncode, 0)
+        whole = table()
+        self.assertIn("| map | 100 |", whole[0])
+        summary = self.summary()
+        del summary["memory"]["map"]["most_mb"]
+        (self.folder / "summary.json").write_text(json.dumps(summary))
+        rows, told = table()
+        self.assertEqual(rows, whole[0].split("\nResident memory")[0])
+        self.assertEqual(len(told.splitlines()), 1, told)
+        self.assertIn(f"{self.folder}/summary.json: left out of the memory's table, KeyError: 'most_mb': scripts/report_mission.py {self.folder} --summary-only", told)
+        self.assertEqual(self.report("--summary-only").returncode, 0)
+        self.assertEqual(table(), whole)
 
     def test_counts_that_differ_are_told(self):
         self.make()
@@ -214,6 +239,17 @@ class ReportMission(unittest.TestCase):
         (self.folder / "summary.json").write_text('{"failures": 3, "bricks_picked": null, "end_reason": null}')
         done = self.report()
         self.assertEqual(done.returncode, 0, done.stderr)
+        self.page()
+
+    def test_words_that_are_none_are_told_and_left_out(self):
+        self.make_without_maps()
+        summary = json.loads((self.folder / "summary.json").read_text())
+        (self.folder / "summary.json").write_text(json.dumps({**summary, "end_reason": ["time_up"], "end_message": 3, "scene": {}}))
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for key in ("end_reason", "end_message", "scene"):
+            self.assertIn(f"Missing: summary.json: {key} is no text.", done.stdout)
+        self.assertEqual(self.summary()["end_reason"], "crashed")
         self.page()
 
     def test_text_of_nodes_cannot_change_the_page(self):

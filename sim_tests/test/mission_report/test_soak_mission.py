@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What scripts/soak_mission.py runs, and how it judges; without a mission."""
 
+import csv
+import os
 import pathlib
+import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 import rosunit
 
@@ -86,8 +90,16 @@ class Verdict(unittest.TestCase):
 
 
 class Table(unittest.TestCase):
-    def row(self, number, verdict):
-        return {**dict.fromkeys(soak_mission.COLUMNS, "x"), "number": number, "verdict": verdict, "seed": None}
+    def row(self, number, verdict, scene="x", label="x"):
+        return {**dict.fromkeys(soak_mission.COLUMNS, "x"), "number": number, "verdict": verdict, "seed": None, "scene": scene, "label": label}
+
+    def write_all(self, path, verdict, scene, label):
+        for case in soak_mission.plan():
+            soak_mission.append(path, self.row(case.number, verdict, scene, label))
+
+    def judge(self, folder, *options):
+        return subprocess.run(["/usr/bin/python3", soak_mission.__file__, "--judge", "--out", str(folder), *options], capture_output=True, text=True,
+                              timeout=60, check=False)
 
     def test_rows_come_back_but_for_one_that_was_cut_off(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -100,6 +112,86 @@ class Table(unittest.TestCase):
             rows = soak_mission.rows_of(path)
             self.assertEqual([row["number"] for row in rows], ["0", "1"])
             self.assertEqual(rows[0]["seed"], "")
+            soak_mission.append(path, self.row(2, "recovered"))
+            self.assertEqual([(row["number"], row["end_message"]) for row in soak_mission.rows_of(path)], [("0", "x"), ("1", "x"), ("2", "x")])
+
+    def test_a_table_without_labels_is_gone_on_with(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "mission.csv"
+            columns = [column for column in soak_mission.COLUMNS if column != "label"]
+            with open(path, "w", newline="", encoding="utf-8") as stream:
+                writer = csv.DictWriter(stream, columns, extrasaction="ignore")
+                writer.writeheader()
+                writer.writerow(self.row(0, "ended safely"))
+            soak_mission.append(path, self.row(1, "recovered", label="new"))
+            rows = soak_mission.rows_of(path)
+            self.assertEqual([(row["number"], row["verdict"], row["label"], row["end_message"]) for row in rows],
+                             [("0", "ended safely", "", "x"), ("1", "recovered", "new", "x")])
+
+    def test_only_rows_of_this_scene_and_state_of_the_software_count(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "mission.csv"
+            self.write_all(path, "recovered", "four_bricks", "old")
+            done = self.judge(folder, "--label", "old")
+            self.assertEqual((done.returncode, done.stdout), (0, "186 of 186 missions: 186 recovered\n"))
+            self.assertEqual(self.judge(folder).returncode, 0, "without a label the scene alone is compared")
+            for options in (("--label", "new"), ("--label", ""), ("--scene", "single_brick"), ("--scene", "single_brick", "--label", "old")):
+                done = self.judge(folder, *options)
+                self.assertEqual(done.returncode, 1, options)
+                self.assertEqual(done.stdout, "0 of 186 missions: none\n186 rows of another scene or state of the software are not counted\n")
+            soak_mission.append(path, self.row(0, "recovered", "four_bricks", "new"))
+            self.assertEqual(self.judge(folder, "--label", "new").returncode, 3)
+            rows, cases = soak_mission.rows_of(path), soak_mission.plan()
+            self.assertEqual(soak_mission.left_of(cases, soak_mission.of_this(rows, "four_bricks", "old")), [])
+            self.assertEqual(soak_mission.left_of(cases, soak_mission.of_this(rows, "four_bricks", "new")), cases[1:])
+
+    def test_what_was_not_met_is_tried_again_last_and_is_no_pass(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "mission.csv"
+            self.write_all(path, "not met", "four_bricks", "now")
+            done = self.judge(folder, "--label", "now")
+            self.assertEqual((done.returncode, done.stdout), (3, "0 of 186 missions: 186 not met\n"))
+        cases = soak_mission.plan()[:4]
+        rows = [self.row(str(number), verdict) for number, verdict in ((0, "not met"), (1, "recovered"), (2, "not met"), (2, "ended safely"))]
+        self.assertEqual([case.number for case in soak_mission.left_of(cases, rows)], [3, 0])
+
+    def test_a_call_tries_each_that_is_left_once(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "mission.csv"
+            self.write_all(path, "recovered", "four_bricks", "old")
+            soak_mission.append(path, self.row(1, "recovered", "four_bricks", "new"))
+            tried = []
+
+            def never_met(command):
+                tried.append(int(command[command.index("--only") + 1]))
+                soak_mission.append(path, self.row(tried[-1], "not met", "four_bricks", "new"))
+                self.assertIn("--label=new", command)
+                # run_mission would take another path as relative to the repository.
+                self.assertEqual(command[command.index("--out") + 1], str(pathlib.Path(folder).resolve()))
+                return 0
+
+            cases = soak_mission.plan()[:4]
+            arguments = ["soak_mission.py", "--out", os.path.relpath(folder), "--label", "new"]
+            for _ in range(2):
+                with unittest.mock.patch("soak_mission.subprocess.call", never_met), unittest.mock.patch("soak_mission.plan", lambda: cases), \
+                        unittest.mock.patch("sys.argv", arguments):
+                    self.assertEqual(soak_mission.main(), 3)
+            self.assertEqual(tried, [0, 2, 3] * 2)
+
+    def test_what_is_no_table_is_refused_in_one_line(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "mission.csv"
+            header = ",".join(soak_mission.COLUMNS)
+            for content, words in ((b"\x80\x00\xff\n", "mission.csv: "), (header.replace("number,", "").encode() + b"\n1,2\n", "no column number"),
+                                   (header.replace(",end_message", "").encode() + b"\n", "no column end_message")):
+                path.write_bytes(content)
+                done = self.judge(folder)
+                self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
+                self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
+                self.assertIn(words, done.stderr)
+                self.assertEqual(path.read_bytes(), content)
+            path.write_bytes(b"")
+            self.assertEqual(self.judge(folder).stdout, "0 of 186 missions: none\n")
 
     def test_exit_code_tells_violation_all_and_some(self):
         rows = [self.row(0, "recovered"), self.row(1, "ended safely")]

@@ -141,6 +141,32 @@ Verdict checkForm(const JointTrajectory& trajectory, const std::vector<std::stri
   return moves(points.size() - 1, "end");
 }
 
+/// Each time is wrong by itself, so that errors do not add up: from any point to any later one the velocity changes by
+/// no more than the limit allows and one rounding step. Of the earlier points that one counts from which, at the limit,
+/// the least velocity would have been reached by now.
+Verdict checkSpeedGained(const JointTrajectory& trajectory, const TrajectoryLimits& limits, double tolerance) {
+  const auto& points = trajectory.points;
+  for (int joint = 0; joint < 6; ++joint) {
+    const double limit_rad_s2 = limits.acceleration_rad_s2[joint];
+    for (const double sign : {1.0, -1.0}) {
+      const auto beyondLimit = [&](std::size_t i) {
+        return sign * points[i].velocity_rad_s[joint] - (1.0 + tolerance) * limit_rad_s2 * points[i].time_s;
+      };
+      std::size_t from = 0;
+      for (std::size_t i = 1; i < points.size(); ++i) {
+        if (beyondLimit(i) < beyondLimit(from)) from = i;
+        if (beyondLimit(i) - beyondLimit(from) <= kRoundingStep_rad_s) continue;
+        const double mean_rad_s2 = (points[i].velocity_rad_s[joint] - points[from].velocity_rad_s[joint]) /
+                                   (points[i].time_s - points[from].time_s);
+        return beyond(trajectory, i, 0.0, limits.joints[joint],
+                      "mean acceleration since point " + std::to_string(from) + ",", mean_rad_s2,
+                      interval(-limit_rad_s2, limit_rad_s2, "rad/s^2"));
+      }
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 std::vector<std::string> TrajectoryLimits::validate() const {
@@ -218,7 +244,7 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
       }
     }
   }
-  return {};
+  return checkSpeedGained(trajectory, limits, tolerance);
 }
 
 Verdict checkStart(const JointTrajectory& trajectory, const ArmVector& arm_rad, const std::vector<std::string>& joints,

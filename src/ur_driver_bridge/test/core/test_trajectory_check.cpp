@@ -233,6 +233,45 @@ TEST(TrajectoryCheck, StepOfVelocityWithinANanosecondIsNoRounding) {
   }
 }
 
+TEST(TrajectoryCheck, RoundingIsNoAccelerationThatLasts) {
+  // Joint 2 from rest to 0.5 rad/s within its limit, by 0.2 rad/s more at `rate` with points `gap_s` apart, and back.
+  const TrajectoryLimits limits = armLimits();
+  const double gentle_rad_s2 = 0.9 * limits.acceleration_rad_s2[2];
+  const auto dense = [&](double rate_rad_s2, double gap_s, double sign) {
+    JointTrajectory trajectory;
+    double t = 0.0, position = 0.0, velocity = 0.0;
+    const auto go = [&](double acceleration, double end_rad_s, int pieces) {
+      const double h = (end_rad_s - velocity) / acceleration / pieces;
+      for (int i = 0; i < pieces; ++i) {
+        TrajectoryPoint point;
+        point.time_s = t;
+        point.position_rad[2] = sign * position;
+        point.velocity_rad_s[2] = sign * velocity;
+        trajectory.points.push_back(point);
+        t += h;
+        position += h * (velocity + 0.5 * h * acceleration);
+        velocity += h * acceleration;
+      }
+    };
+    go(gentle_rad_s2, 0.5, 50);
+    go(rate_rad_s2, 0.7, static_cast<int>(std::round(0.2 / rate_rad_s2 / gap_s)));
+    go(-gentle_rad_s2, 0.0, 50);
+    go(1.0, 1e-9, 1);  // the last point, at rest
+    return trajectory;
+  };
+  for (const double sign : {1.0, -1.0}) {
+    for (const double gap_s : {2e-6, 1e-5, 5e-5}) {
+      EXPECT_EQ(checkTrajectory(dense(gentle_rad_s2, gap_s, sign), limits).message, "") << gap_s;
+      for (const double factor : {1.1, 4.0, 30.0}) {
+        SCOPED_TRACE(std::to_string(sign * factor) + " times the limit, points " + std::to_string(gap_s) + " s apart");
+        const Verdict verdict = checkTrajectory(dense(factor * limits.acceleration_rad_s2[2], gap_s, sign), limits);
+        EXPECT_EQ(verdict.status, ArmStatus::kBeyondLimits);
+        EXPECT_THAT(verdict.message, AllOf(HasSubstr("elbow_joint"), HasSubstr("acceleration")));
+      }
+    }
+  }
+}
+
 TEST(TrajectoryCheck, StopMayBeginInMotion) {
   JointTrajectory trajectory = oneJoint();
   trajectory.points.erase(trajectory.points.begin());

@@ -1,0 +1,187 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the scripts about missions and long checks refuse, and that they say so before they do anything; what scripts/campaign takes for done."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import rosunit
+import yaml
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parents[2]
+SCRIPTS = ROOT / "scripts"
+sys.path.insert(0, str(HERE))
+
+import run_folder  # noqa: E402
+
+FIG8_SUMMARY = {"systems": {"gpis": {"title": "Dynamic GPIS", "ghost_area_m2": 0.0001, "outside_share": 0.01, "against_truth": {"rms_m": 0.001},
+                                     "against_last_scan": {"mean_m": 1e-5, "std_dev_m": 1e-4, "rms_m": 1e-4, "median_abs_m": 1e-4, "p95_abs_m": 2e-4,
+                                                           "count": 1000}}}}
+# Lines of a mission's log.
+START = '{"event":"start","decision":"begin"}\n'
+END = '{"event":"success","decision":"ended"}\n'
+
+
+class ScriptRefusals(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="script_refusals_"))
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def run_it(self, script, *arguments):
+        environment = {**os.environ, "MPLCONFIGDIR": str(self.folder / "matplotlib"), "SKIP_INSTALL": "1"}
+        done = subprocess.run([str(script), *map(str, arguments)], env=environment, capture_output=True, text=True, timeout=120, check=False,
+                              stdin=subprocess.DEVNULL)
+        self.assertNotIn("Traceback", done.stderr)
+        return done
+
+    def refused(self, code, words, script, *arguments):
+        """With one line, and nothing else."""
+        done = self.run_it(SCRIPTS / script, *arguments)
+        self.assertEqual(done.returncode, code, (arguments, done.stdout, done.stderr))
+        self.assertEqual(done.stdout, "", arguments)
+        self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
+        self.assertIn(words, done.stderr)
+
+    def test_run_mission_names_option_value_and_range_and_deletes_nothing(self):
+        run = self.folder / "run"
+        run.mkdir()
+        (run / "kept").write_text("")
+
+        def mission(*options):
+            # What is wrong with the usage comes first: this folder is never deleted, and nothing begins.
+            return ("run_mission", "--run", run, "--overwrite", *options)
+
+        for option, value, allowed in (("--time-limit", "0.5", "[1, 86400] s"), ("--time-limit", "90000", "[1, 86400] s"), ("--time-limit", "0", "[1, 86400] s"),
+                                       ("--time-limit", "1e3", "[1, 86400] s"), ("--seed", "99999999999", "[0, 2147483647]"), ("--seed", "2147483648", "[0, 2147483647]"),
+                                       ("--seed", "-1", "[0, 2147483647]"), ("--seed", "08", "[0, 2147483647]"), ("--camera-rate", "0.1", "[0.2, 60] Hz"),
+                                       ("--camera-rate", "61", "[0.2, 60] Hz")):
+            number = "whole number" if option == "--seed" else "number"
+            self.refused(2, f"{option} {value}, must be a {number} in {allowed}", *mission(option, value))
+        for fine in (("--time-limit", "1"), ("--time-limit", "86400.0"), ("--seed", "0"), ("--seed", "2147483647"), ("--camera-rate", "0.2"),
+                     ("--camera-rate", "60")):
+            self.refused(1, "was not made by scripts/run_mission: not deleted", *mission(*fine))
+        self.assertTrue((run / "kept").exists())
+
+    def test_slowest_camera_brings_the_images_of_a_look_in_time(self):
+        look = yaml.safe_load((ROOT / "src/pick_mission/config/pick_mission.yaml").read_text())["look"]
+        self.assertLess(look["images"] / 0.2, look["timeout_s"])
+        self.assertGreaterEqual(look["images"] / 0.15, look["timeout_s"], "it could be slower")
+
+    def test_campaign_refuses_lists_that_make_no_sense(self):
+        # --table: nothing is built or run, whatever is let through.
+        campaign = ("campaign", "--table", "--out", self.folder / "nowhere")
+        for option in ("--scenes", "--seeds", "--strategies", "--out"):
+            for empty in ("", "  "):
+                self.refused(2, f"{option} is empty", *campaign, option, empty)
+            self.refused(2, f"{option} needs a value", *campaign, option)
+        for seeds in ("-1", "1 99999999999", "1.5"):
+            self.refused(2, "must be whole numbers in [0, 2147483647]", *campaign, "--seeds", seeds)
+        for removed in ("all frontier", "frontier all", "allfrontier", "all "):
+            self.refused(2, "--removed: all", *campaign, "--removed", removed)
+        for fine in (("--removed", "all"), ("--removed", "frontier travel"), ("--removed", ""), ("--seeds", "0 2147483647")):
+            self.refused(1, "no summary.json", *campaign, *fine)
+
+    def test_soak_calls_a_missing_value_bad_usage(self):
+        for option in ("--frames", "--plans", "--picks", "--hours"):
+            self.refused(2, f"{option} needs a number", "soak", option)
+
+    def campaign(self, code, *log):
+        """The real script in a tree where run_mission leaves this log and exits so; true if it was called."""
+        tree = self.folder / "tree"
+        if not tree.exists():
+            (tree / "scripts").mkdir(parents=True)
+            for name in ("campaign", "table_campaign.py"):
+                shutil.copy(SCRIPTS / name, tree / "scripts")
+            nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))
+            (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
+            (tree / "sim_tests/worlds").mkdir(parents=True)
+            (tree / "sim_tests/worlds/toy.yaml").write_text("heaps: [{bricks: 2}]\n")
+            (tree / "scripts/run_mission").write_text('#!/bin/sh\ntouch called\nmkdir -p "$2"\ncp summary.json "$2"\ncp log "$2/mission.jsonl"\n'
+                                                      'exit "$(cat code)"\n')
+            (tree / "scripts/run_mission").chmod(0o755)
+            (tree / "summary.json").write_text('{"scene": "toy", "wall_seconds": null}')
+        (tree / "called").unlink(missing_ok=True)
+        (tree / "log").write_text("".join(log))
+        (tree / "code").write_text(str(code))
+        done = self.run_it(tree / "scripts/campaign", "--scenes", "toy", "--seeds", "1", "--strategies", "gpis", "--out", "out")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return (tree / "called").exists()
+
+    def test_campaign_runs_again_what_never_began_or_broke_down(self):
+        for attempt in ((1,), (3,), (1, START), (3, '{"event":"hand","decision":"idle"}\n'), (0, START, END)):
+            self.assertTrue(self.campaign(*attempt), attempt)
+        self.assertFalse(self.campaign(1), "the last had ended")
+
+    def test_campaign_counts_what_ended_by_its_own_failure_or_was_given_up(self):
+        for attempt in ((1, START, END), (3, START)):
+            self.assertTrue(self.campaign(*attempt), attempt)
+            self.assertFalse(self.campaign(1), attempt)
+            shutil.rmtree(self.folder / "tree")
+
+    def test_campaign_does_not_believe_that_a_mission_is_done_that_left_no_log(self):
+        self.assertTrue(self.campaign(1))
+        (self.folder / "tree/out/toy-gpis-1/.done").touch()  # as earlier versions did
+        self.assertTrue(self.campaign(1))
+
+    def test_time_limit_of_what_is_no_scene(self):
+        world = self.folder / "world.yaml"
+        for text in ("", "[]", "3", "heaps: 3", "heaps: [{}]", "bricks: [\n", "{}", "time_per_brick_s: x\nbricks: [1]"):
+            world.write_text(text)
+            self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
+        world.write_bytes(b"\xff\xfe\x80")
+        self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
+        self.refused(1, "no such", "table_campaign.py", "--time-limit", self.folder / "no such")
+        world.write_text("heaps: [{bricks: 2}]\nbricks: [{}]\ntime_per_brick_s: 10")
+        self.assertEqual(self.run_it(SCRIPTS / "table_campaign.py", "--time-limit", world).stdout, "30\n")
+
+    def test_report_fig8_says_what_it_cannot_read(self):
+        self.refused(1, f"{self.folder / 'nope'}: no folders with a summary.json", "report_fig8.py", self.folder / "nope")
+        path = self.folder / "fig8_full/summary.json"
+        path.parent.mkdir()
+        for text in (json.dumps(FIG8_SUMMARY)[:100], "[]", '{"systems": []}', '{"systems": {"gpis": {}}}'):
+            path.write_text(text)
+            self.refused(1, str(path), "report_fig8.py", self.folder)
+        path.write_text(json.dumps(FIG8_SUMMARY))
+        done = self.run_it(SCRIPTS / "report_fig8.py", self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("fig8_full, Dynamic GPIS", done.stdout)
+
+    def test_plot_fig8_says_what_it_cannot_read(self):
+        out = self.folder / "fig8.png"
+        self.refused(1, "nope", "plot_fig8.py", self.folder / "nope", "--out", out)
+        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY)[:100])
+        self.refused(1, f"{self.folder}: cannot be drawn", "plot_fig8.py", self.folder, "--out", out)
+        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY))
+        self.refused(1, "gpis_before.ply", "plot_fig8.py", self.folder, "--out", out)
+        self.assertFalse(out.exists())
+
+    def test_report_soak_leaves_the_page_where_there_is_nothing(self):
+        page = self.folder / "soak.md"
+        page.write_text("what was measured")
+
+        def soak(folder):
+            return ("report_soak.py", folder, "--plot", self.folder / "soak.png", "--table", page)
+
+        self.refused(1, "neither loop.csv nor fuzz.csv", *soak(self.folder / "nope"))
+        self.refused(1, "neither loop.csv nor fuzz.csv", *soak(self.folder))
+        (self.folder / "fuzz.csv").write_text("")
+        self.refused(1, "fuzz.csv: no results", *soak(self.folder))
+        (self.folder / "loop.csv").write_text("frame,points\n1\n")
+        self.refused(1, "report_soak: ", *soak(self.folder))
+        self.assertEqual(page.read_text(), "what was measured")
+
+    def test_plot_mission_fails_where_there_is_nothing_to_plot(self):
+        self.refused(1, f"{self.folder}: no mission left anything to plot there", "plot_mission.py", self.folder)
+        run_folder.make_run_folder(self.folder / "run", 2)
+        self.assertEqual(self.run_it(SCRIPTS / "plot_mission.py", self.folder / "run").returncode, 0)
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("sim_tests", "test_script_refusals", ScriptRefusals)
