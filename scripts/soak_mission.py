@@ -37,7 +37,7 @@ STATES = {"plan_clear": "", "clear": "", "look": "", "detect": "", "plan_pick": 
           "stow": "hold with a brick in the hand", "let_go": "hold with a brick in the hand", "recover": "protective stop in pick",
           "wait": "no localisation in drive", "report": "the brick is taken away in pick"}
 # Simulated seconds in the state after which the disturbance comes, at most: about how long the state lasts.
-LONGEST_S = {"clear": 4.0, "look": 2.0, "detect": 0.5, "pick": 18.0, "drive": 8.0, "stow": 5.0, "recover": 0.5, "wait": 1.0, "paused": 2.0, "held": 2.0}
+LONGEST_S = {"clear": 4.0, "look": 2.0, "detect": 0.5, "pick": 10.0, "drive": 8.0, "stow": 5.0, "recover": 0.5, "wait": 1.0, "paused": 2.0, "held": 2.0}
 FAULTS = {"camera_gone": "look", "localisation_gone": "drive", "protective_stop": "pick", "drop_brick": "pick", "move_brick": "look",
           "unreachable_brick": "idle", "driver_gone": "pick", "obstacle": "drive"}
 FAULT_S = {"camera_gone": 8.0, "localisation_gone": 8.0, "driver_gone": 5.0, "obstacle": 20.0}
