@@ -140,6 +140,10 @@ class MissionMachine::Impl {
   void end(EndReason reason, const std::string& message);
   EndReason reasonOfLeftovers() const;
   void brickStowed();
+  bool countsInARow(State action, const Reaction& reaction) const;
+  bool isTooMany(State action, const Reaction& reaction) {
+    return countsInARow(action, reaction) && streak(action) >= capOf(action);
+  }
   int capOf(State action) const;
   int& streak(State action) { return streaks_[static_cast<std::size_t>(action)]; }
   Pose2d surveyPose(std::size_t index) const;
@@ -292,7 +296,7 @@ void MissionMachine::Impl::on(const event::Reply& reply) {
   const std::string status = toString(reply.result);
   std::string reason = withMessage(reaction.why, reply.message);
   Trigger next = reaction.next;
-  if (reaction.counts_in_a_row && streak(action) >= capOf(action)) {
+  if (isTooMany(action, reaction)) {
     next = Trigger::kGiveUp;
     reason = std::to_string(streak(action)) + " times in a row; " + reason;
   }
@@ -402,7 +406,7 @@ void MissionMachine::Impl::halted(const event::Reply& reply, bool is_gone) {
   }
   std::string reason = withMessage(reaction.why, "took too long");
   Trigger next = reaction.next;
-  if (reaction.counts_in_a_row && streak(action) >= capOf(action)) {
+  if (isTooMany(action, reaction)) {
     next = Trigger::kGiveUp;
     reason = std::to_string(streak(action)) + " times in a row; " + reason;
     end(reaction.end, std::string(toString(action)) + ": no answer; " + reason);
@@ -411,6 +415,12 @@ void MissionMachine::Impl::halted(const event::Reply& reply, bool is_gone) {
 }
 
 // --- What a result changes ------------------------------------------------------------------------------------------
+
+/// A place of the survey that cannot be driven to is left out, and there are only so many of them.
+bool MissionMachine::Impl::countsInARow(State action, const Reaction& reaction) const {
+  const bool is_left_out = action == State::kDrive && reaction.is_reported && drive_for_ != DriveFor::kView;
+  return reaction.counts_in_a_row && !is_left_out;
+}
 
 int MissionMachine::Impl::capOf(State action) const {
   return action == State::kRecover ? config_.max_recoveries_in_a_row : config_.max_failures_in_a_row;
@@ -557,7 +567,7 @@ void MissionMachine::Impl::absorbFailure(State action, const event::Reply& reply
   const std::string kind = std::string(toString(action)) + ": " + toString(reply.result);
   const std::string reason = withMessage(kind, reply.message);
   ++failures_[kind];
-  if (reaction.counts_in_a_row) ++streak(action);
+  if (countsInARow(action, reaction)) ++streak(action);
   if (const auto* selection = std::get_if<SelectionResult>(&reply.result)) {
     best_view_ = selection->T_map_base;
     has_unseen_ = selection->has_unseen;

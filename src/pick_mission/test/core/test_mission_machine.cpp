@@ -129,6 +129,37 @@ TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
   EXPECT_EQ(again.toJson().at("round"), run.machine.toJson().at("round"));
 }
 
+// As many as the failures in a row that end a mission.
+TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
+  const MissionConfig config;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [&run](State action, int) -> std::optional<Result> {
+    const bool is_survey = action == State::kDrive && run.world.commands_of[State::kSelect] == 0;
+    if (is_survey) return NavigationResult{NavigationStatus::kGoalUnknown, std::nullopt};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal unknown"), config.max_failures_in_a_row);
+}
+
+TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow) {
+  MissionConfig config;
+  config.max_failures_in_a_row = 2;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [&run](State action, int) -> std::optional<Result> {
+    if (action == State::kSelect) return SelectionResult{SelectionStatus::kLowUtility, std::nullopt, false};
+    const bool is_back = action == State::kDrive && run.world.commands_of[State::kSelect] > 0;
+    if (is_back) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal occupied"), config.max_vantage_drives);
+}
+
 TEST(MissionMachine, PlansAndSelectsInTheMapOfTheLastLook) {
   ToyMission run({}, ToyWorld::ofStacks({2, 1}));
   run.start();
