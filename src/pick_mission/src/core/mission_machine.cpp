@@ -495,6 +495,7 @@ void MissionMachine::Impl::brickStowed() {
     ledger_.pileChanged();
   }
   ++picks_here_;
+  streak(State::kPick) = streak(State::kLetGo) = 0;  // whatever was answered on the way to it
   fruitless_views_ = low_utility_views_ = vantage_drives_ = fade_waits_ = 0;
   excluded_.clear();
 }

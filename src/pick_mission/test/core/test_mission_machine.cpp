@@ -449,6 +449,18 @@ TEST(MissionMachine, BrickThatIsNotThereAnyMoreIsLookedForFromThePlacesOfTheSurv
   }
 }
 
+TEST(MissionMachine, PicksThatAreEndedByLettingGoAgainAreNoFailuresInARow) {
+  ToyMission run({}, ToyWorld::ofStacks({3, 3}));
+  run.inject = [](State action, int) -> std::optional<Result> {
+    if (action == State::kPick) return ArmResult{ArmStatus::kNotLetGo};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 6);
+}
+
 TEST(MissionMachine, FruitlessViewsEndTheMission) {
   MissionConfig config;
   config.max_fruitless_views = 3;
