@@ -139,6 +139,8 @@ class MissionMachine::Impl {
   void requireFits(const event::Reply& reply) const;
   void end(EndReason reason, const std::string& message);
   EndReason reasonOfLeftovers() const;
+  std::string leftInWords() const;
+  int numNeverFound() const;
   void brickStowed();
   bool countsInARow(State action, const Reaction& reaction) const;
   bool isTooMany(State action, const Reaction& reaction) {
@@ -752,8 +754,28 @@ void MissionMachine::Impl::end(EndReason reason, const std::string& message) {
 
 /// Why the mission ends if no view is to be had.
 EndReason MissionMachine::Impl::reasonOfLeftovers() const {
-  if (ledger_.numOpen() > 0) return EndReason::kNothingWorthGoing;
+  if (ledger_.numLeft() > 0 || numNeverFound() > 0) return EndReason::kNothingWorthGoing;
   return ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoBrickLeft;
+}
+
+int MissionMachine::Impl::numNeverFound() const {
+  if (config_.bricks_total < 0) return 0;
+  return config_.bricks_total - counts().bricks_picked - ledger_.numExhausted() - ledger_.numLeft();
+}
+
+/// Bricks that are neither picked nor given up. One that is not seen any more may lie anywhere, or have been stowed by a
+/// pick whose end nobody told.
+std::string MissionMachine::Impl::leftInWords() const {
+  std::string text;
+  const auto add = [&text](const std::string& one) { text += (text.empty() ? "; " : ", ") + one; };
+  for (const auto& [id, record] : ledger_.bricks()) {
+    if (record.is_picked || ledger_.isExhausted(record)) continue;
+    add("brick " + std::to_string(id) + (record.is_there ? " stands there" : " is not seen any more"));
+  }
+  if (numNeverFound() > 0) {
+    add(std::to_string(numNeverFound()) + " of " + std::to_string(config_.bricks_total) + " bricks never found");
+  }
+  return text;
 }
 
 /// What a transition does beside leading to its state.
@@ -769,18 +791,18 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
       end(ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoBrickLeft,
           "all " + std::to_string(config_.bricks_total) + " bricks");
     } else if (row.guard == Guard::kViewsSpent) {
-      end(ledger_.numOpen() == 0 && ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoProgress,
-          std::to_string(fruitless_views_) + " views in a row without a pick or a new brick");
+      end(ledger_.numLeft() == 0 && ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoProgress,
+          std::to_string(fruitless_views_) + " views in a row without a pick or a new brick" + leftInWords());
     } else if (row.trigger == Trigger::kRecover) {
       end(is_protective_stop_ ? EndReason::kNeedsPerson : EndReason::kRecoveryFailed,
           std::string(toString(state_)) + ": " + reason);
     } else if (row.trigger == Trigger::kNoPile) {
-      end(reasonOfLeftovers(), std::string(toString(state_)) + ": " + reason);
+      end(reasonOfLeftovers(), std::string(toString(state_)) + ": " + reason + leftInWords());
     } else {
       const EndReason leftovers = reasonOfLeftovers();
       // With something standing there that is no known brick, it is not known that none is left.
       end(leftovers == EndReason::kNoBrickLeft ? EndReason::kNothingWorthGoing : leftovers,
-          std::string(toString(state_)) + ": " + reason);
+          std::string(toString(state_)) + ": " + reason + leftInWords());
     }
     return;
   }

@@ -449,6 +449,37 @@ TEST(MissionMachine, BrickThatIsNotThereAnyMoreIsLookedForFromThePlacesOfTheSurv
   }
 }
 
+// As when a brick rolls to where nobody sees it: an empty place is no claim that none is left.
+TEST(MissionMachine, BrickThatIsKnownAndNotSeenAnyMoreIsToldAtTheEnd) {
+  for (const int total : {-1, 2}) {
+    SCOPED_TRACE(total);
+    MissionConfig config;
+    config.bricks_total = total;
+    ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+    run.inject = [&run](State action, int) -> std::optional<Result> {
+      if (action == State::kPick) run.world.unseen = {1};
+      const bool is_gone = action == State::kSelect && !run.world.unseen.empty();
+      if (is_gone) return SelectionResult{SelectionStatus::kNoPile, std::nullopt, false};
+      return std::nullopt;
+    };
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+    EXPECT_THAT(run.machine.endMessage(), HasSubstr("brick 1 is not seen any more"));
+    EXPECT_EQ(run.machine.counts().bricks_picked, 1);
+  }
+}
+
+TEST(MissionMachine, BrickThatWasNeverFoundIsToldAtTheEnd) {
+  MissionConfig config;
+  config.bricks_total = 3;
+  ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_THAT(run.machine.endMessage(), HasSubstr("1 of 3 bricks never found"));
+}
+
 TEST(MissionMachine, PicksThatAreEndedByLettingGoAgainAreNoFailuresInARow) {
   ToyMission run({}, ToyWorld::ofStacks({3, 3}));
   run.inject = [](State action, int) -> std::optional<Result> {
