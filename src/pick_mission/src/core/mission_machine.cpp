@@ -16,7 +16,7 @@
 namespace pick_mission {
 namespace {
 
-constexpr int kSavedVersion = 2;
+constexpr int kSavedVersion = 3;
 
 enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
 enum class DriveFor { kSurvey, kView, kVantage };
@@ -184,6 +184,7 @@ class MissionMachine::Impl {
   bool is_pause_wanted_{false};
   bool is_hold_given_{false};  // to the arm's bridge, and not released
   bool is_ending_{false};
+  bool is_let_go_open_{false};  // the magnet was told to let go, and what came of it is not known
   std::deque<Failure> reports_;
   bool is_arm_clear_{false};
   double map_stamp_s_{0.0};
@@ -310,8 +311,9 @@ void MissionMachine::Impl::on(const event::Reply& reply) {
 
 void MissionMachine::Impl::on(const event::HandReport& report) {
   if (report.brick_in_hand) brick_in_hand_ = report.brick_in_hand;
-  // What an action does to the hand, its reply tells.
-  if (running_ && handlesBrick(running_->action)) return;
+  // What an action does to the hand, its reply tells; where none came, that of the wait for the arm: a bridge that has just
+  // come back has not heard of its magnet yet.
+  if (is_let_go_open_ || (running_ && handlesBrick(running_->action))) return;
   if (report.hand == hand_) return;
   const Hand before = hand_;
   setHand(report.hand);
@@ -430,7 +432,11 @@ int MissionMachine::Impl::capOf(State action) const {
 
 void MissionMachine::Impl::setHand(Hand hand) {
   hand_ = hand;
-  if (hand != Hand::kUnknown) unknown_hand_waits_ = 0;
+  if (hand == Hand::kUnknown) return;
+  // Whatever else was answered: it fell where it was let go.
+  if (hand == Hand::kEmpty && is_let_go_open_) brickStowed();
+  is_let_go_open_ = false;
+  unknown_hand_waits_ = 0;
   if (hand == Hand::kEmpty) brick_in_hand_.reset();
 }
 
@@ -457,12 +463,11 @@ void MissionMachine::Impl::absorb(State action, const event::Reply& reply, const
                                   bool is_broken_off) {
   const std::optional<int> held_before = brick_in_hand_;
   const bool is_success = isSuccess(reply.result);
-  // Still holding, against what the result says: it counts when it has gone.
-  if (action == State::kLetGo && is_success && reply.hand != Hand::kHolding) brickStowed();
-  updateHand(action, reply);
   const auto* arm = std::get_if<ArmResult>(&reply.result);
   const bool is_lost =
       arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
+  if (is_lost) is_let_go_open_ = false;  // it fell before that
+  updateHand(action, reply);
   if (is_lost && held_before && action != State::kPick) {
     // A pick after all that failed: it lies somewhere else now.
     ++scene_;
@@ -619,7 +624,8 @@ bool MissionMachine::Impl::holds(Guard guard) const {
       return is_pause_wanted_;
     case Guard::kNotInOrder:
       return (needsEmptyHand(state_) && hand_ != Hand::kEmpty) || (needsClearView(state_) && !is_arm_clear_) ||
-             ((state_ == State::kPlanStow || state_ == State::kStow) && hand_ != Hand::kHolding);
+             ((state_ == State::kPlanStow || state_ == State::kStow) && hand_ != Hand::kHolding) ||
+             (state_ == State::kLetGo && hand_ == Hand::kEmpty);
     case Guard::kReportLeft:
       return !reports_.empty();
     case Guard::kSurveyLeft:
@@ -931,6 +937,7 @@ void MissionMachine::Impl::issue() {
       next.body = command::Pick{*candidate_, plan_id_};
       break;
     case State::kLetGo:
+      is_let_go_open_ = true;
       next.body = command::LetGo{};
       break;
     case State::kSelect:
@@ -972,6 +979,7 @@ nlohmann::json MissionMachine::Impl::toJson() const {
                          {"end_reason", static_cast<int>(end_reason_)},
                          {"end_message", end_message_},
                          {"is_ending", is_ending_},
+                         {"is_let_go_open", is_let_go_open_},
                          {"used_s", used_s_},
                          {"start_pose", nullptr},
                          {"survey_index", survey_index_},
@@ -1015,6 +1023,7 @@ void MissionMachine::Impl::restore(const nlohmann::json& saved) {
     end_message_ = saved.at("end_message").get<std::string>();
     is_ending_ = saved.at("is_ending").get<bool>();
     if (saved.at("has_ended").get<bool>()) state_ = State::kEnded;
+    is_let_go_open_ = saved.at("is_let_go_open").get<bool>();
     used_s_ = saved.at("used_s").get<double>();
     if (!saved.at("start_pose").is_null()) start_pose_ = poseFrom(saved.at("start_pose"));
     survey_index_ = saved.at("survey_index").get<std::size_t>();

@@ -480,6 +480,51 @@ TEST(MissionMachine, BrickThatWasNeverFoundIsToldAtTheEnd) {
   EXPECT_THAT(run.machine.endMessage(), HasSubstr("1 of 3 bricks never found"));
 }
 
+/// A pick that does not let go, up to its being let go again, which nobody answers though the brick has fallen.
+ToyMission missionWithAnUnansweredLetGo() {
+  ToyMission run({}, ToyWorld::ofStacks({2}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNotLetGo};
+    return std::nullopt;
+  };
+  run.start();
+  while (run.world.action != State::kLetGo && run.advance()) {
+  }
+  run.world.hand.reset();
+  ++run.world.stowed;
+  return run;
+}
+
+TEST(MissionMachine, BrickThatWasLetGoWithoutAnAnswerCountsWhenTheHandIsEmpty) {
+  ToyMission run = missionWithAnUnansweredLetGo();
+  ASSERT_EQ(run.machine.state(), State::kLetGo) << tail(run);
+  event::Reply reply;
+  reply.id = run.world.running->id;
+  reply.result = NoAnswer{};
+  run.world.running.reset();
+  run.tell(reply);
+  EXPECT_EQ(run.machine.hand(), Hand::kUnknown);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 0) << "it may still hang there";
+  // Of a bridge that has just come back and not heard of its magnet yet.
+  run.tell(event::HandReport{Hand::kEmpty, std::nullopt});
+  EXPECT_EQ(run.machine.counts().bricks_picked, 0);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.counts().bricks_picked, 2) << tail(run);
+  EXPECT_EQ(run.machine.bricks().numPicked(), 2) << "by their ids";
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, BrickThatWasLetGoWhenTheProcessDiedCountsWhenTheHandIsEmpty) {
+  ToyMission run = missionWithAnUnansweredLetGo();
+  ASSERT_EQ(run.machine.state(), State::kLetGo) << tail(run);
+  run.world.running.reset();
+  run.machine = MissionMachine::fromJson(run.config, {}, run.machine.toJson());
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.bricks().numPicked(), 2) << tail(run);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
 TEST(MissionMachine, PicksThatAreEndedByLettingGoAgainAreNoFailuresInARow) {
   ToyMission run({}, ToyWorld::ofStacks({3, 3}));
   run.inject = [](State action, int) -> std::optional<Result> {
