@@ -141,6 +141,7 @@ class MissionMachine::Impl {
   EndReason reasonOfLeftovers() const;
   std::string leftInWords() const;
   int numNeverFound() const;
+  bool mayPause() const;
   void brickStowed();
   bool countsInARow(State action, const Reaction& reaction) const;
   bool isTooMany(State action, const Reaction& reaction) {
@@ -339,19 +340,21 @@ void MissionMachine::Impl::on(const event::Tick& /*tick*/) {
   }
 }
 
+bool MissionMachine::Impl::mayPause() const {
+  return isAction(state_) || (state_ == State::kHalting && halt_for_ == HaltFor::kTimeout);
+}
+
 void MissionMachine::Impl::on(const event::Pause& /*pause*/) {
-  const bool is_timeout = state_ == State::kHalting && halt_for_ == HaltFor::kTimeout;
-  if (!isAction(state_) && !is_timeout) return note("pause", "ignored: nothing goes on");
+  if (!mayPause()) return note("pause", "ignored: nothing goes on");
   is_pause_wanted_ = true;
   note("pause", "when what goes on has ended");
 }
 
 void MissionMachine::Impl::on(const event::Resume& /*resume*/) {
-  if (is_pause_wanted_ && state_ != State::kPaused) {
+  if (is_pause_wanted_ && mayPause()) {
     is_pause_wanted_ = false;
     return note("resume", "goes on without a pause");
   }
-  is_pause_wanted_ = false;
   if (state_ == State::kHalting && halt_for_ == HaltFor::kHold) {
     halt_for_ = HaltFor::kResume;
     release();
@@ -378,6 +381,7 @@ void MissionMachine::Impl::on(const event::Hold& /*hold*/) {
 }
 
 void MissionMachine::Impl::on(const event::Stop& /*stop*/) {
+  is_pause_wanted_ = false;
   if (state_ == State::kHalting) {
     halt_for_ = HaltFor::kStop;
     return note("stop", "when what goes on has ended");
@@ -858,8 +862,9 @@ void MissionMachine::Impl::enter() {
   } else if (state_ == State::kHalting) {
     halted_since_s_ = now_s_;
     control(running_->id, command::Cancel{});
-  } else if (state_ == State::kPaused) {
+  } else if (state_ == State::kPaused || state_ == State::kHeld || state_ == State::kEnded) {
     is_pause_wanted_ = false;
+    if (state_ == State::kEnded) is_let_go_open_ = false;  // nothing counts any more
   } else if (isAction(state_)) {
     if (!go(Trigger::kEntering, "", "")) issue();
   }
