@@ -49,7 +49,8 @@ class MissionMachine {
   const std::string& endMessage() const;
   const BrickLedger& bricks() const;
   MissionCounts counts() const;
-  double usedTime() const;  // [s], without pauses
+  bool isPauseWanted() const;  // it pauses when what goes on has ended
+  double usedTime() const;     // [s], without pauses
   MissionSummary summary(double wall_s) const;
 
   /// To be saved after each step that changed the state.

@@ -85,6 +85,7 @@ class MissionMachine::Impl {
   nlohmann::json toJson() const;
   void restore(const nlohmann::json& saved);
   MissionCounts counts() const;
+  bool isPauseWanted() const { return is_pause_wanted_; }
 
   MissionConfig config_;
   MissionInfo info_;
@@ -1112,6 +1113,10 @@ const BrickLedger& MissionMachine::bricks() const {
 
 MissionCounts MissionMachine::counts() const {
   return impl_->counts();
+}
+
+bool MissionMachine::isPauseWanted() const {
+  return impl_->isPauseWanted();
 }
 
 double MissionMachine::usedTime() const {

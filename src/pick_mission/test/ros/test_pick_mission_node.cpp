@@ -262,12 +262,14 @@ TEST_F(PickMissionNode, DoesNotStartUntilAllIsThereAndSaysWhatIsNot) {
 TEST_F(PickMissionNode, PausesHoldsAndStops) {
   setMode("pick", Mode::kHang);
   startNode();
-  EXPECT_FALSE(tell("pause").success) << "nothing goes on";
-  EXPECT_FALSE(tell("resume").success);
+  EXPECT_FALSE(tell("resume").success) << "nothing goes on";
   EXPECT_FALSE(tell("stop").success);
+  EXPECT_FALSE(tell("pause").success);
   startMission();
   EXPECT_FALSE(tell("start").success) << "it has begun";
   ASSERT_TRUE(untilCalled("pick 0"));
+  ASSERT_TRUE(untilState(MissionState::PICK));
+  EXPECT_FALSE(state_.is_pause_wanted) << "of the one that was refused";
   EXPECT_TRUE(tell("pause").success);
   ASSERT_TRUE(until([this] { return state_.is_pause_wanted && state_.state == MissionState::PICK; }));
   setMode("pick", Mode::kAnswer);
@@ -277,9 +279,11 @@ TEST_F(PickMissionNode, PausesHoldsAndStops) {
   setMode("pick", Mode::kHang);
   EXPECT_TRUE(tell("resume").success);
   ASSERT_TRUE(untilCalled("pick 1"));
+  EXPECT_TRUE(tell("pause").success);
   const auto response = tell("hold");
   EXPECT_TRUE(response.success) << response.message;
   ASSERT_TRUE(untilState(MissionState::HELD));
+  EXPECT_FALSE(state_.is_pause_wanted) << "the hold is more than that";
   EXPECT_EQ(world_->numOf("hold"), 1);
   EXPECT_TRUE(world_->with([] { return world_->is_held; }));
   EXPECT_EQ(world_->with([] { return world_->times_cancelled["pick"]; }), 1);
