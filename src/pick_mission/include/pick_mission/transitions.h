@@ -46,7 +46,8 @@ enum class Guard {
   kHandFull,
   kHandUnknown,
   kHandUnknownTooLong,
-  kEnding,  // the mission is over but for the brick in the hand
+  kBegunBefore,  // by a process that is no more
+  kEnding,       // the mission is over but for the brick in the hand
   kTimeUp,
   kPauseWanted,
   kNotInOrder,  // the action needs an empty hand or the arm out of view, and it is not so
@@ -66,7 +67,7 @@ enum class Guard {
   kForResume,
   kForEnd,
 };
-constexpr int kNumGuards = 23;
+constexpr int kNumGuards = 24;
 const char* toString(Guard guard);
 
 struct Transition {

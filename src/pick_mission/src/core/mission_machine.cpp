@@ -142,6 +142,7 @@ class MissionMachine::Impl {
   EndReason reasonOfLeftovers() const;
   std::string leftInWords() const;
   int numNeverFound() const;
+  std::optional<State> stateToWaitIn() const;
   bool mayPause() const;
   void brickStowed();
   bool countsInARow(State action, const Reaction& reaction) const;
@@ -621,6 +622,8 @@ bool MissionMachine::Impl::holds(Guard guard) const {
       return hand_ == Hand::kUnknown;
     case Guard::kHandUnknownTooLong:
       return hand_ == Hand::kUnknown && unknown_hand_waits_ >= config_.max_failures_in_a_row;
+    case Guard::kBegunBefore:
+      return start_pose_.has_value();
     case Guard::kEnding:
       return is_ending_;
     case Guard::kTimeUp:
@@ -968,6 +971,15 @@ void MissionMachine::Impl::issue() {
 
 // --- What survives --------------------------------------------------------------------------------------------------
 
+/// For its operator, who had interrupted it or was about to: a mission that goes on after a crash must not do so by itself.
+std::optional<State> MissionMachine::Impl::stateToWaitIn() const {
+  const bool is_halting = state_ == State::kHalting;
+  if (state_ == State::kHeld || (is_halting && halt_for_ == HaltFor::kHold)) return State::kHeld;
+  if (state_ == State::kPaused || (is_halting && halt_for_ == HaltFor::kStop)) return State::kPaused;
+  if (is_pause_wanted_) return State::kPaused;
+  return std::nullopt;
+}
+
 nlohmann::json MissionMachine::Impl::toJson() const {
   nlohmann::json excluded = nlohmann::json::array();
   for (const command::Zone& zone : excluded_) {
@@ -985,9 +997,12 @@ nlohmann::json MissionMachine::Impl::toJson() const {
                          {"end_reason", static_cast<int>(end_reason_)},
                          {"end_message", end_message_},
                          {"is_ending", is_ending_},
+                         {"waits_in", nullptr},
+                         {"is_hold_given", is_hold_given_},
                          {"is_let_go_open", is_let_go_open_},
                          {"used_s", used_s_},
                          {"start_pose", nullptr},
+                         {"base", jsonOf(base_)},
                          {"survey_index", survey_index_},
                          {"round", round},
                          {"is_round_planned", is_round_planned_},
@@ -1007,6 +1022,7 @@ nlohmann::json MissionMachine::Impl::toJson() const {
                          {"reports", reports},
                          {"failures", failures_},
                          {"bricks", ledger_.toJson()}};
+  if (const std::optional<State> waits_in = stateToWaitIn()) json["waits_in"] = static_cast<int>(*waits_in);
   if (start_pose_) json["start_pose"] = jsonOf(*start_pose_);
   if (brick_in_hand_) json["brick_in_hand"] = *brick_in_hand_;
   if (running_ && running_->action == State::kPick) json["pick_running"] = candidate_->id;
@@ -1028,10 +1044,19 @@ void MissionMachine::Impl::restore(const nlohmann::json& saved) {
     end_reason_ = static_cast<EndReason>(end_reason);
     end_message_ = saved.at("end_message").get<std::string>();
     is_ending_ = saved.at("is_ending").get<bool>();
+    if (!saved.at("waits_in").is_null()) {
+      state_ = saved.at("waits_in").get<State>();
+      if (state_ != State::kPaused && state_ != State::kHeld) {
+        throw std::invalid_argument("waits_in = " + std::to_string(static_cast<int>(state_)) +
+                                    ", must be that of paused or held");
+      }
+    }
     if (saved.at("has_ended").get<bool>()) state_ = State::kEnded;
+    is_hold_given_ = saved.at("is_hold_given").get<bool>();
     is_let_go_open_ = saved.at("is_let_go_open").get<bool>();
     used_s_ = saved.at("used_s").get<double>();
     if (!saved.at("start_pose").is_null()) start_pose_ = poseFrom(saved.at("start_pose"));
+    base_ = poseFrom(saved.at("base"));
     survey_index_ = saved.at("survey_index").get<std::size_t>();
     is_round_planned_ = saved.at("is_round_planned").get<bool>();
     for (const nlohmann::json& place : saved.at("round")) round_.push_back(poseFrom(place));

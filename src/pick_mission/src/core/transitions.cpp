@@ -13,6 +13,7 @@ std::vector<Transition> makeTransitions() {
   return {
       // Before and after.
       {S::kIdle, T::kStart, G::kAlways, S::kBegin},
+      {S::kIdle, T::kStop, G::kBegunBefore, S::kEnded},
       {S::kPaused, T::kResume, G::kAlways, S::kBegin},
       {S::kPaused, T::kHold, G::kAlways, S::kHeld},
       {S::kPaused, T::kStop, G::kAlways, S::kEnded},
@@ -154,6 +155,8 @@ const char* toString(Guard guard) {
       return "hand unknown";
     case Guard::kHandUnknownTooLong:
       return "hand unknown too long";
+    case Guard::kBegunBefore:
+      return "begun by an earlier process";
     case Guard::kEnding:
       return "mission over";
     case Guard::kTimeUp:

@@ -117,11 +117,13 @@ void PickMissionRos::makeMachine() {
     ended_wall_s_ = wall_before_s_;
     ROS_WARN_STREAM_NAMED(kLog, "the mission of " << path << " has ended; start begins another in a new folder");
   } else {
-    decision_ = "interrupted; goes on when it is started";
-    ROS_WARN_STREAM_NAMED(kLog, "the mission of "
-                                    << path << " was interrupted after " << machine_->usedTime() << " s with "
-                                    << machine_->counts().bricks_picked
-                                    << " bricks picked: it goes on with a fresh inspection when it is started");
+    const bool waits_for_start = machine_->state() == State::kIdle;
+    if (!waits_for_start) started_ = ros::SteadyTime::now();
+    const std::string goes_on = waits_for_start ? "when it is started" : "at resume";
+    decision_ = "interrupted; goes on " + goes_on;
+    ROS_WARN_STREAM_NAMED(kLog, "the mission of " << path << " was interrupted after " << machine_->usedTime()
+                                                  << " s with " << machine_->counts().bricks_picked
+                                                  << " bricks picked: it goes on with a fresh inspection " << goes_on);
   }
 }
 

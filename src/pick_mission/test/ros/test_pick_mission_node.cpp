@@ -410,6 +410,46 @@ TEST_F(PickMissionNode, KilledInAPickGoesOnAndStowsWhatHangsThere) {
   EXPECT_EQ(state_.views, 1u) << "of before";
 }
 
+TEST_F(PickMissionNode, KilledWhilePausedItWaitsForResumeThoughItStartsByItself) {
+  setMode("pick", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("pick 0"));
+  EXPECT_TRUE(tell("pause").success);
+  world_->finish("pick");
+  ASSERT_TRUE(untilState(MissionState::PAUSED));
+  endNode(SIGKILL);
+  world_->with([] {
+    world_->calls.clear();
+    world_->modes.clear();
+  });
+  set("autostart", true);
+  startNode();
+  ASSERT_EQ(state_.state, MissionState::PAUSED) << describe(state_);
+  EXPECT_EQ(tell("start").message, "it has begun already: paused");
+  // It would have looked whether it can start with each of these.
+  int told = 0;
+  const ros::Subscriber counter =
+      nh_.subscribe<MissionState>("/pick_mission/state", 100, [&told](const MissionState::ConstPtr&) { ++told; });
+  ASSERT_TRUE(until([&told] { return told > 3; }));
+  EXPECT_EQ(state_.state, MissionState::PAUSED) << describe(state_);
+  EXPECT_THAT(world_->callsSoFar(), testing::IsEmpty());
+  EXPECT_TRUE(tell("resume").success);
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  EXPECT_EQ(state_.bricks_picked, 4u);
+}
+
+TEST_F(PickMissionNode, StopEndsAMissionThatWasInterrupted) {
+  setMode("pick", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("pick 0"));
+  endNode(SIGKILL);
+  startNode();
+  ASSERT_EQ(state_.state, MissionState::IDLE);
+  EXPECT_GT(state_.used_s, 0.0) << "by which the panel knows it";
+  EXPECT_TRUE(tell("stop").success);
+  expectEnd(MissionState::STOPPED, "by the operator");
+}
+
 // A mission that was started anew, while the arm still does what the one before it had asked for.
 TEST_F(PickMissionNode, ArmThatIsBusyIsWaitedFor) {
   world_->with([] { world_->arm_phase = msgs::ArmBridgeState::RECOVERING; });
