@@ -123,6 +123,10 @@ std::vector<std::string> MissionActions::missing() {
   }
   if (hand() == Hand::kUnknown) missing.emplace_back("the state of the arm's bridge");
   if (map_stamp_.isZero()) missing.emplace_back("a first image in the map");
+  // Another mission would not know of it, and not release it.
+  if (is_hold_lost_ || (is_hold_wanted_ && hold_.isActive())) {
+    missing.emplace_back("a resume after the hold that the arm's bridge has not taken");
+  }
   const auto need = [&missing](auto& server, bool is_there) {
     if (!is_there) missing.push_back("the server " + server.name());
   };

@@ -347,6 +347,28 @@ TEST_F(PickMissionNode, HeartBeatsByRosTimeUntilAHoldReachesNobody) {
   ASSERT_TRUE(untilCalled("pick 0", 2));
 }
 
+TEST_F(PickMissionNode, AHoldThatReachedNobodyKeepsTheNextMissionFromStarting) {
+  Heart heart;
+  startAll();
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  world_->stop("hold");
+  EXPECT_TRUE(tell("hold").success);
+  ASSERT_TRUE(until([&] { return heart.isStill(kStill_s); }));
+  world_->start("hold");
+  world_->with([] { world_->pile = {2}; });
+  std_srvs::Trigger::Response response;
+  // That the service is there again, the node has to hear of first.
+  ASSERT_TRUE(until([&] {
+    response = tell("start");
+    return !node_tests::has(response.message, "the server");
+  })) << response.message;
+  EXPECT_FALSE(response.success) << "the next mission would not know of it, and its heart would not beat";
+  EXPECT_THAT(response.message, HasSubstr("resume"));
+  EXPECT_TRUE(tell("resume").success);
+  startMission();
+  EXPECT_TRUE(until([this] { return state_.state == MissionState::ENDED && state_.bricks_picked == 1; }));
+}
+
 TEST_F(PickMissionNode, AHoldAfterAReleaseThatHangsHoldsInTheEnd) {
   setMode("pick", Mode::kHang);
   setMode("release", Mode::kHang);
