@@ -583,6 +583,9 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
        MissionState::SELECTION_FAILED, "in frame 'odom', must be in 'map'"},
       {"outcome", [](void* r, bool*) { static_cast<msgs::NavigationOutcome*>(r)->status = 18; },
        MissionState::DRIVES_FAILED, "outcome of the drive = 18"},
+      // It tells success, and its action has failed.
+      {"outcome", [](void*, bool* is_success) { *is_success = false; }, MissionState::DRIVES_FAILED,
+       "does not tell why"},
       {"detect", [](void* r, bool*) { static_cast<msgs::DetectBricks::Response*>(r)->status = 4; },
        MissionState::DETECTION_FAILED, "status of the detection = 4"},
       {"bricks", [](void* r, bool*) { static_cast<msgs::BrickArray*>(r)->header.frame_id = "odom"; },
