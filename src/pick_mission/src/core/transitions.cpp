@@ -176,7 +176,7 @@ const char* toString(Guard guard) {
     case Guard::kViewsSpent:
       return "too many fruitless views";
     case Guard::kMayRecover:
-      return "no protective stop, or may unlock it";
+      return "not recovered too often, no protective stop or may unlock it";
     case Guard::kSomeExcluded:
       return "places are excluded";
     case Guard::kUnseenWorth:
