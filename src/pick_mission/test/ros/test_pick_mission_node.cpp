@@ -284,6 +284,7 @@ TEST_F(PickMissionNode, PausesHoldsAndStops) {
   EXPECT_TRUE(response.success) << response.message;
   ASSERT_TRUE(untilState(MissionState::HELD));
   EXPECT_FALSE(state_.is_pause_wanted) << "the hold is more than that";
+  ASSERT_TRUE(untilCalled("hold"));  // in a thread of its own: what goes on may have been cancelled before
   EXPECT_EQ(world_->numOf("hold"), 1);
   EXPECT_TRUE(world_->with([] { return world_->is_held; }));
   EXPECT_EQ(world_->with([] { return world_->times_cancelled["pick"]; }), 1);
