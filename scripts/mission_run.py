@@ -22,7 +22,7 @@ FACTORS = ("manipulability", "pick_order", "travel", "uncertainty", "frontier")
 END_WORDS = {
     "no_brick_left": "all bricks are picked and nothing stands above the ground",
     "bricks_exhausted": "every brick that is left has used up its attempts",
-    "nothing_worth_going": "no place to stand was worth going to, and nothing unseen was left",
+    "nothing_worth_going": "no place to stand was worth going to, or what is left was not seen any more",
     "no_progress": "view after view brought neither a pick nor a new brick",
     "time_up": "the time was up",
     "stopped": "the operator stopped it",

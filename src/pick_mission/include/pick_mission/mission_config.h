@@ -8,11 +8,12 @@ namespace pick_mission {
 
 struct MissionConfig {
   /// Places of base_link in the frame it stands in at the start, looked from one after the other before the first
-  /// selection: towards the pile, so that ground is known to stand on. As many of each; none: no survey.
+  /// selection: towards the pile, so that ground is known to stand on. As many of each; none: round the bricks alone.
   std::vector<double> survey_x_m{0.6, 1.2};
   std::vector<double> survey_y_m{0.0, 0.0};
   std::vector<double> survey_yaw_rad{0.0, 0.0};
-  /// Then so many more, evenly round the bricks that were found, each so far before the outermost brick in its direction.
+  /// Then so many more, evenly round the bricks that were found, each so far before the outermost brick in its direction;
+  /// 0, and none of the others: no survey.
   int survey_round{3};
   double survey_round_m{1.3};
 

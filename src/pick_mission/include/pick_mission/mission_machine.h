@@ -33,7 +33,8 @@ class MissionMachine {
   /// Throws std::invalid_argument listing every impossible value.
   MissionMachine(const MissionConfig& config, MissionInfo info);
   /// Of a mission that was interrupted, as toJson() told it. It waits for Start as a new one does, and begins with a fresh
-  /// inspection; one that had ended has. Throws std::invalid_argument if `saved` is not such a state.
+  /// inspection; one that its operator had paused, held or told to stop waits for them, paused or held; one that had ended
+  /// has. Throws std::invalid_argument if `saved` is not such a state.
   static MissionMachine fromJson(const MissionConfig& config, MissionInfo info, const nlohmann::json& saved);
   ~MissionMachine();
   MissionMachine(MissionMachine&& other) noexcept;
@@ -49,7 +50,8 @@ class MissionMachine {
   const std::string& endMessage() const;
   const BrickLedger& bricks() const;
   MissionCounts counts() const;
-  double usedTime() const;  // [s], without pauses
+  bool isPauseWanted() const;  // it pauses when what goes on has ended
+  double usedTime() const;     // [s], without pauses
   MissionSummary summary(double wall_s) const;
 
   /// To be saved after each step that changed the state.

@@ -116,7 +116,7 @@ enum class EndReason {
   kNone,
   kNoBrickLeft,        // all are picked, nothing stands above the ground
   kBricksExhausted,    // what is left has used its attempts
-  kNothingWorthGoing,  // no place to stand is worth it, and nothing unseen is left
+  kNothingWorthGoing,  // no place to stand is worth it, nothing unseen is left; or what is left is not seen any more
   kNoProgress,         // view after view without a pick or a new brick, though some have attempts left
   kTimeUp,
   kStopped,         // by the operator

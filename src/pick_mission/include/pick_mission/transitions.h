@@ -46,7 +46,8 @@ enum class Guard {
   kHandFull,
   kHandUnknown,
   kHandUnknownTooLong,
-  kEnding,  // the mission is over but for the brick in the hand
+  kBegunBefore,  // by a process that is no more
+  kEnding,       // the mission is over but for the brick in the hand
   kTimeUp,
   kPauseWanted,
   kNotInOrder,  // the action needs an empty hand or the arm out of view, and it is not so
@@ -55,7 +56,7 @@ enum class Guard {
   kAllDealtWith,  // as many bricks as there are have been picked or have used their attempts
   kBrickHere,     // one to be tried from here
   kViewsSpent,    // too many views in a row without a pick or a new brick
-  kMayRecover,    // no protective stop, or the configuration lets the program unlock it
+  kMayRecover,    // not too often in a row; no protective stop, or the configuration lets the program unlock it
   kSomeExcluded,  // places are excluded from the selection
   kUnseenWorth,   // something unseen is left, and going there has not been tried too often
   kWorthWaiting,  // bricks have attempts left, and failures may fade
@@ -66,7 +67,7 @@ enum class Guard {
   kForResume,
   kForEnd,
 };
-constexpr int kNumGuards = 23;
+constexpr int kNumGuards = 24;
 const char* toString(Guard guard);
 
 struct Transition {

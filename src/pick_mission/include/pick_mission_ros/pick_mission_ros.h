@@ -76,7 +76,6 @@ class PickMissionRos {
   std::string decision_;               // the last one
   std::optional<std::string> answer_;  // to what a service asks for: the reason in the log
   ros::Time state_since_;
-  bool is_pause_wanted_{false};
   std::optional<int> brick_;                                       // of the last command about one
   std::deque<interactive_mapping_msgs::MissionFailure> failures_;  // newest first
   int num_failures_{0};

@@ -16,7 +16,7 @@
 namespace pick_mission {
 namespace {
 
-constexpr int kSavedVersion = 2;
+constexpr int kSavedVersion = 3;
 
 enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
 enum class DriveFor { kSurvey, kView, kVantage };
@@ -85,6 +85,7 @@ class MissionMachine::Impl {
   nlohmann::json toJson() const;
   void restore(const nlohmann::json& saved);
   MissionCounts counts() const;
+  bool isPauseWanted() const { return is_pause_wanted_; }
 
   MissionConfig config_;
   MissionInfo info_;
@@ -139,7 +140,15 @@ class MissionMachine::Impl {
   void requireFits(const event::Reply& reply) const;
   void end(EndReason reason, const std::string& message);
   EndReason reasonOfLeftovers() const;
+  std::string leftInWords() const;
+  int numNeverFound() const;
+  std::optional<State> stateToWaitIn() const;
+  bool mayPause() const;
   void brickStowed();
+  bool countsInARow(State action, const Reaction& reaction) const;
+  bool isTooMany(State action, const Reaction& reaction) {
+    return countsInARow(action, reaction) && streak(action) >= capOf(action);
+  }
   int capOf(State action) const;
   int& streak(State action) { return streaks_[static_cast<std::size_t>(action)]; }
   Pose2d surveyPose(std::size_t index) const;
@@ -178,6 +187,7 @@ class MissionMachine::Impl {
   bool is_pause_wanted_{false};
   bool is_hold_given_{false};  // to the arm's bridge, and not released
   bool is_ending_{false};
+  bool is_let_go_open_{false};  // the magnet was told to let go, and what came of it is not known
   std::deque<Failure> reports_;
   bool is_arm_clear_{false};
   double map_stamp_s_{0.0};
@@ -292,7 +302,7 @@ void MissionMachine::Impl::on(const event::Reply& reply) {
   const std::string status = toString(reply.result);
   std::string reason = withMessage(reaction.why, reply.message);
   Trigger next = reaction.next;
-  if (reaction.counts_in_a_row && streak(action) >= capOf(action)) {
+  if (isTooMany(action, reaction)) {
     next = Trigger::kGiveUp;
     reason = std::to_string(streak(action)) + " times in a row; " + reason;
   }
@@ -304,8 +314,9 @@ void MissionMachine::Impl::on(const event::Reply& reply) {
 
 void MissionMachine::Impl::on(const event::HandReport& report) {
   if (report.brick_in_hand) brick_in_hand_ = report.brick_in_hand;
-  // What an action does to the hand, its reply tells.
-  if (running_ && handlesBrick(running_->action)) return;
+  // What an action does to the hand, its reply tells; where none came, that of the wait for the arm: a bridge that has just
+  // come back has not heard of its magnet yet.
+  if (is_let_go_open_ || (running_ && handlesBrick(running_->action))) return;
   if (report.hand == hand_) return;
   const Hand before = hand_;
   setHand(report.hand);
@@ -331,19 +342,21 @@ void MissionMachine::Impl::on(const event::Tick& /*tick*/) {
   }
 }
 
+bool MissionMachine::Impl::mayPause() const {
+  return isAction(state_) || (state_ == State::kHalting && halt_for_ == HaltFor::kTimeout);
+}
+
 void MissionMachine::Impl::on(const event::Pause& /*pause*/) {
-  const bool is_timeout = state_ == State::kHalting && halt_for_ == HaltFor::kTimeout;
-  if (!isAction(state_) && !is_timeout) return note("pause", "ignored: nothing goes on");
+  if (!mayPause()) return note("pause", "ignored: nothing goes on");
   is_pause_wanted_ = true;
   note("pause", "when what goes on has ended");
 }
 
 void MissionMachine::Impl::on(const event::Resume& /*resume*/) {
-  if (is_pause_wanted_ && state_ != State::kPaused) {
+  if (is_pause_wanted_ && mayPause()) {
     is_pause_wanted_ = false;
     return note("resume", "goes on without a pause");
   }
-  is_pause_wanted_ = false;
   if (state_ == State::kHalting && halt_for_ == HaltFor::kHold) {
     halt_for_ = HaltFor::kResume;
     release();
@@ -370,6 +383,7 @@ void MissionMachine::Impl::on(const event::Hold& /*hold*/) {
 }
 
 void MissionMachine::Impl::on(const event::Stop& /*stop*/) {
+  is_pause_wanted_ = false;
   if (state_ == State::kHalting) {
     halt_for_ = HaltFor::kStop;
     return note("stop", "when what goes on has ended");
@@ -402,7 +416,7 @@ void MissionMachine::Impl::halted(const event::Reply& reply, bool is_gone) {
   }
   std::string reason = withMessage(reaction.why, "took too long");
   Trigger next = reaction.next;
-  if (reaction.counts_in_a_row && streak(action) >= capOf(action)) {
+  if (isTooMany(action, reaction)) {
     next = Trigger::kGiveUp;
     reason = std::to_string(streak(action)) + " times in a row; " + reason;
     end(reaction.end, std::string(toString(action)) + ": no answer; " + reason);
@@ -412,13 +426,23 @@ void MissionMachine::Impl::halted(const event::Reply& reply, bool is_gone) {
 
 // --- What a result changes ------------------------------------------------------------------------------------------
 
+/// A place of the survey that cannot be driven to is left out, and there are only so many of them.
+bool MissionMachine::Impl::countsInARow(State action, const Reaction& reaction) const {
+  const bool is_left_out = action == State::kDrive && reaction.is_reported && drive_for_ != DriveFor::kView;
+  return reaction.counts_in_a_row && !is_left_out;
+}
+
 int MissionMachine::Impl::capOf(State action) const {
   return action == State::kRecover ? config_.max_recoveries_in_a_row : config_.max_failures_in_a_row;
 }
 
 void MissionMachine::Impl::setHand(Hand hand) {
   hand_ = hand;
-  if (hand != Hand::kUnknown) unknown_hand_waits_ = 0;
+  if (hand == Hand::kUnknown) return;
+  // Whatever else was answered: it fell where it was let go.
+  if (hand == Hand::kEmpty && is_let_go_open_) brickStowed();
+  is_let_go_open_ = false;
+  unknown_hand_waits_ = 0;
   if (hand == Hand::kEmpty) brick_in_hand_.reset();
 }
 
@@ -445,12 +469,11 @@ void MissionMachine::Impl::absorb(State action, const event::Reply& reply, const
                                   bool is_broken_off) {
   const std::optional<int> held_before = brick_in_hand_;
   const bool is_success = isSuccess(reply.result);
-  // Still holding, against what the result says: it counts when it has gone.
-  if (action == State::kLetGo && is_success && reply.hand != Hand::kHolding) brickStowed();
-  updateHand(action, reply);
   const auto* arm = std::get_if<ArmResult>(&reply.result);
   const bool is_lost =
       arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
+  if (is_lost) is_let_go_open_ = false;  // it fell before that
+  updateHand(action, reply);
   if (is_lost && held_before && action != State::kPick) {
     // A pick after all that failed: it lies somewhere else now.
     ++scene_;
@@ -485,6 +508,7 @@ void MissionMachine::Impl::brickStowed() {
     ledger_.pileChanged();
   }
   ++picks_here_;
+  streak(State::kPick) = streak(State::kLetGo) = 0;  // whatever was answered on the way to it
   fruitless_views_ = low_utility_views_ = vantage_drives_ = fade_waits_ = 0;
   excluded_.clear();
 }
@@ -557,7 +581,7 @@ void MissionMachine::Impl::absorbFailure(State action, const event::Reply& reply
   const std::string kind = std::string(toString(action)) + ": " + toString(reply.result);
   const std::string reason = withMessage(kind, reply.message);
   ++failures_[kind];
-  if (reaction.counts_in_a_row) ++streak(action);
+  if (countsInARow(action, reaction)) ++streak(action);
   if (const auto* selection = std::get_if<SelectionResult>(&reply.result)) {
     best_view_ = selection->T_map_base;
     has_unseen_ = selection->has_unseen;
@@ -598,6 +622,8 @@ bool MissionMachine::Impl::holds(Guard guard) const {
       return hand_ == Hand::kUnknown;
     case Guard::kHandUnknownTooLong:
       return hand_ == Hand::kUnknown && unknown_hand_waits_ >= config_.max_failures_in_a_row;
+    case Guard::kBegunBefore:
+      return start_pose_.has_value();
     case Guard::kEnding:
       return is_ending_;
     case Guard::kTimeUp:
@@ -606,7 +632,8 @@ bool MissionMachine::Impl::holds(Guard guard) const {
       return is_pause_wanted_;
     case Guard::kNotInOrder:
       return (needsEmptyHand(state_) && hand_ != Hand::kEmpty) || (needsClearView(state_) && !is_arm_clear_) ||
-             ((state_ == State::kPlanStow || state_ == State::kStow) && hand_ != Hand::kHolding);
+             ((state_ == State::kPlanStow || state_ == State::kStow) && hand_ != Hand::kHolding) ||
+             (state_ == State::kLetGo && hand_ == Hand::kEmpty);
     case Guard::kReportLeft:
       return !reports_.empty();
     case Guard::kSurveyLeft:
@@ -741,8 +768,28 @@ void MissionMachine::Impl::end(EndReason reason, const std::string& message) {
 
 /// Why the mission ends if no view is to be had.
 EndReason MissionMachine::Impl::reasonOfLeftovers() const {
-  if (ledger_.numOpen() > 0) return EndReason::kNothingWorthGoing;
+  if (ledger_.numLeft() > 0 || numNeverFound() > 0) return EndReason::kNothingWorthGoing;
   return ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoBrickLeft;
+}
+
+int MissionMachine::Impl::numNeverFound() const {
+  if (config_.bricks_total < 0) return 0;
+  return config_.bricks_total - counts().bricks_picked - ledger_.numExhausted() - ledger_.numLeft();
+}
+
+/// Bricks that are neither picked nor given up. One that is not seen any more may lie anywhere, or have been stowed by a
+/// pick whose end nobody told.
+std::string MissionMachine::Impl::leftInWords() const {
+  std::string text;
+  const auto add = [&text](const std::string& one) { text += (text.empty() ? "; " : ", ") + one; };
+  for (const auto& [id, record] : ledger_.bricks()) {
+    if (record.is_picked || ledger_.isExhausted(record)) continue;
+    add("brick " + std::to_string(id) + (record.is_there ? " stands there" : " is not seen any more"));
+  }
+  if (numNeverFound() > 0) {
+    add(std::to_string(numNeverFound()) + " of " + std::to_string(config_.bricks_total) + " bricks never found");
+  }
+  return text;
 }
 
 /// What a transition does beside leading to its state.
@@ -758,18 +805,18 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
       end(ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoBrickLeft,
           "all " + std::to_string(config_.bricks_total) + " bricks");
     } else if (row.guard == Guard::kViewsSpent) {
-      end(ledger_.numOpen() == 0 && ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoProgress,
-          std::to_string(fruitless_views_) + " views in a row without a pick or a new brick");
+      end(ledger_.numLeft() == 0 && ledger_.numExhausted() > 0 ? EndReason::kBricksExhausted : EndReason::kNoProgress,
+          std::to_string(fruitless_views_) + " views in a row without a pick or a new brick" + leftInWords());
     } else if (row.trigger == Trigger::kRecover) {
       end(is_protective_stop_ ? EndReason::kNeedsPerson : EndReason::kRecoveryFailed,
           std::string(toString(state_)) + ": " + reason);
     } else if (row.trigger == Trigger::kNoPile) {
-      end(reasonOfLeftovers(), std::string(toString(state_)) + ": " + reason);
+      end(reasonOfLeftovers(), std::string(toString(state_)) + ": " + reason + leftInWords());
     } else {
       const EndReason leftovers = reasonOfLeftovers();
       // With something standing there that is no known brick, it is not known that none is left.
       end(leftovers == EndReason::kNoBrickLeft ? EndReason::kNothingWorthGoing : leftovers,
-          std::string(toString(state_)) + ": " + reason);
+          std::string(toString(state_)) + ": " + reason + leftInWords());
     }
     return;
   }
@@ -819,8 +866,9 @@ void MissionMachine::Impl::enter() {
   } else if (state_ == State::kHalting) {
     halted_since_s_ = now_s_;
     control(running_->id, command::Cancel{});
-  } else if (state_ == State::kPaused) {
+  } else if (state_ == State::kPaused || state_ == State::kHeld || state_ == State::kEnded) {
     is_pause_wanted_ = false;
+    if (state_ == State::kEnded) is_let_go_open_ = false;  // nothing counts any more
   } else if (isAction(state_)) {
     if (!go(Trigger::kEntering, "", "")) issue();
   }
@@ -898,6 +946,7 @@ void MissionMachine::Impl::issue() {
       next.body = command::Pick{*candidate_, plan_id_};
       break;
     case State::kLetGo:
+      is_let_go_open_ = true;
       next.body = command::LetGo{};
       break;
     case State::kSelect:
@@ -922,6 +971,15 @@ void MissionMachine::Impl::issue() {
 
 // --- What survives --------------------------------------------------------------------------------------------------
 
+/// For its operator, who had interrupted it or was about to: a mission that goes on after a crash must not do so by itself.
+std::optional<State> MissionMachine::Impl::stateToWaitIn() const {
+  const bool is_halting = state_ == State::kHalting;
+  if (state_ == State::kHeld || (is_halting && halt_for_ == HaltFor::kHold)) return State::kHeld;
+  if (state_ == State::kPaused || (is_halting && halt_for_ == HaltFor::kStop)) return State::kPaused;
+  if (is_pause_wanted_) return State::kPaused;
+  return std::nullopt;
+}
+
 nlohmann::json MissionMachine::Impl::toJson() const {
   nlohmann::json excluded = nlohmann::json::array();
   for (const command::Zone& zone : excluded_) {
@@ -939,8 +997,12 @@ nlohmann::json MissionMachine::Impl::toJson() const {
                          {"end_reason", static_cast<int>(end_reason_)},
                          {"end_message", end_message_},
                          {"is_ending", is_ending_},
+                         {"waits_in", nullptr},
+                         {"is_hold_given", is_hold_given_},
+                         {"is_let_go_open", is_let_go_open_},
                          {"used_s", used_s_},
                          {"start_pose", nullptr},
+                         {"base", jsonOf(base_)},
                          {"survey_index", survey_index_},
                          {"round", round},
                          {"is_round_planned", is_round_planned_},
@@ -960,6 +1022,7 @@ nlohmann::json MissionMachine::Impl::toJson() const {
                          {"reports", reports},
                          {"failures", failures_},
                          {"bricks", ledger_.toJson()}};
+  if (const std::optional<State> waits_in = stateToWaitIn()) json["waits_in"] = static_cast<int>(*waits_in);
   if (start_pose_) json["start_pose"] = jsonOf(*start_pose_);
   if (brick_in_hand_) json["brick_in_hand"] = *brick_in_hand_;
   if (running_ && running_->action == State::kPick) json["pick_running"] = candidate_->id;
@@ -981,9 +1044,19 @@ void MissionMachine::Impl::restore(const nlohmann::json& saved) {
     end_reason_ = static_cast<EndReason>(end_reason);
     end_message_ = saved.at("end_message").get<std::string>();
     is_ending_ = saved.at("is_ending").get<bool>();
+    if (!saved.at("waits_in").is_null()) {
+      state_ = saved.at("waits_in").get<State>();
+      if (state_ != State::kPaused && state_ != State::kHeld) {
+        throw std::invalid_argument("waits_in = " + std::to_string(static_cast<int>(state_)) +
+                                    ", must be that of paused or held");
+      }
+    }
     if (saved.at("has_ended").get<bool>()) state_ = State::kEnded;
+    is_hold_given_ = saved.at("is_hold_given").get<bool>();
+    is_let_go_open_ = saved.at("is_let_go_open").get<bool>();
     used_s_ = saved.at("used_s").get<double>();
     if (!saved.at("start_pose").is_null()) start_pose_ = poseFrom(saved.at("start_pose"));
+    base_ = poseFrom(saved.at("base"));
     survey_index_ = saved.at("survey_index").get<std::size_t>();
     is_round_planned_ = saved.at("is_round_planned").get<bool>();
     for (const nlohmann::json& place : saved.at("round")) round_.push_back(poseFrom(place));
@@ -1065,6 +1138,10 @@ const BrickLedger& MissionMachine::bricks() const {
 
 MissionCounts MissionMachine::counts() const {
   return impl_->counts();
+}
+
+bool MissionMachine::isPauseWanted() const {
+  return impl_->isPauseWanted();
 }
 
 double MissionMachine::usedTime() const {

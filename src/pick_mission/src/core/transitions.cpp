@@ -13,6 +13,7 @@ std::vector<Transition> makeTransitions() {
   return {
       // Before and after.
       {S::kIdle, T::kStart, G::kAlways, S::kBegin},
+      {S::kIdle, T::kStop, G::kBegunBefore, S::kEnded},
       {S::kPaused, T::kResume, G::kAlways, S::kBegin},
       {S::kPaused, T::kHold, G::kAlways, S::kHeld},
       {S::kPaused, T::kStop, G::kAlways, S::kEnded},
@@ -154,6 +155,8 @@ const char* toString(Guard guard) {
       return "hand unknown";
     case Guard::kHandUnknownTooLong:
       return "hand unknown too long";
+    case Guard::kBegunBefore:
+      return "begun by an earlier process";
     case Guard::kEnding:
       return "mission over";
     case Guard::kTimeUp:
@@ -173,7 +176,7 @@ const char* toString(Guard guard) {
     case Guard::kViewsSpent:
       return "too many fruitless views";
     case Guard::kMayRecover:
-      return "no protective stop, or may unlock it";
+      return "not recovered too often, no protective stop or may unlock it";
     case Guard::kSomeExcluded:
       return "places are excluded";
     case Guard::kUnseenWorth:

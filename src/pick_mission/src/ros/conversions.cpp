@@ -154,6 +154,7 @@ MissionState toMessage(const pick_mission::MissionMachine& machine, std::optiona
   state.end_reason = static_cast<std::uint8_t>(machine.endReason());
   state.end_message = machine.endMessage();
   state.hand = static_cast<std::uint8_t>(machine.hand());
+  state.is_pause_wanted = machine.isPauseWanted() ? 1 : 0;
   state.used_s = machine.usedTime();
   const pick_mission::MissionCounts counts = machine.counts();
   state.bricks_picked = static_cast<std::uint32_t>(counts.bricks_picked);

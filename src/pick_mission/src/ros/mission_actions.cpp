@@ -37,6 +37,12 @@ std::shared_ptr<const motion_planning::ArmKinematics> kinematicsOf(const ros::No
   return motion_planning_ros::kinematicsFromServer(nh);
 }
 
+/// Of a goal that has not succeeded, with an outcome that has.
+std::string contradiction(bool is_cancelled, const std::string& why) {
+  return "the goal has " + std::string(is_cancelled ? "been cancelled" : "failed") +
+         ", and its outcome does not tell why" + (why.empty() ? "" : ": " + why);
+}
+
 ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) {
   ros::NodeHandle handle(nh);
   handle.setCallbackQueue(queue);
@@ -123,6 +129,10 @@ std::vector<std::string> MissionActions::missing() {
   }
   if (hand() == Hand::kUnknown) missing.emplace_back("the state of the arm's bridge");
   if (map_stamp_.isZero()) missing.emplace_back("a first image in the map");
+  // Another mission would not know of it, and not release it.
+  if (is_hold_lost_ || (is_hold_wanted_ && hold_.isActive())) {
+    missing.emplace_back("a resume after the hold that the arm's bridge has not taken");
+  }
   const auto need = [&missing](auto& server, bool is_there) {
     if (!is_there) missing.push_back("the server " + server.name());
   };
@@ -283,10 +293,7 @@ void MissionActions::sendPlan(ActionCaller<Action>* caller, const typename Actio
   caller->send(goal, [this, on_result](const typename ActionCaller<Action>::End& end) {
     if (!end.result) return noAnswer(end.why);
     // Results that nobody filled in, as of a goal that was dropped for another, have the value of success.
-    if (end.result->outcome.status == 0 && !end.is_succeeded) {
-      return noAnswer("the goal has " + std::string(end.is_cancelled ? "been cancelled" : "failed") +
-                      ", and its outcome does not tell why" + (end.why.empty() ? "" : ": " + end.why));
-    }
+    if (end.result->outcome.status == 0 && !end.is_succeeded) return noAnswer(contradiction(end.is_cancelled, end.why));
     try {
       on_result(*end.result);
     } catch (const std::invalid_argument& error) {
@@ -501,6 +508,9 @@ void MissionActions::finishDrive(const NavigationOutcome* outcome) {
     if (outcome != nullptr) {
       result.status = statusFrom<pick_mission::NavigationStatus>(outcome->status, pick_mission::kNumNavigationStatus,
                                                                  "outcome of the drive");
+      if (result.status == pick_mission::NavigationStatus::kSuccess && !pending_drive_->is_succeeded) {
+        return noAnswer(contradiction(pending_drive_->is_cancelled, pending_drive_->why));
+      }
       message = outcome->message;
       if (outcome->header.frame_id == params_.map_frame) result.T_map_base = toPose2d(outcome->base);
     } else if (pending_drive_->is_cancelled) {

@@ -117,11 +117,13 @@ void PickMissionRos::makeMachine() {
     ended_wall_s_ = wall_before_s_;
     ROS_WARN_STREAM_NAMED(kLog, "the mission of " << path << " has ended; start begins another in a new folder");
   } else {
-    decision_ = "interrupted; goes on when it is started";
-    ROS_WARN_STREAM_NAMED(kLog, "the mission of "
-                                    << path << " was interrupted after " << machine_->usedTime() << " s with "
-                                    << machine_->counts().bricks_picked
-                                    << " bricks picked: it goes on with a fresh inspection when it is started");
+    const bool waits_for_start = machine_->state() == State::kIdle;
+    if (!waits_for_start) started_ = ros::SteadyTime::now();
+    const std::string goes_on = waits_for_start ? "when it is started" : "at resume";
+    decision_ = "interrupted; goes on " + goes_on;
+    ROS_WARN_STREAM_NAMED(kLog, "the mission of " << path << " was interrupted after " << machine_->usedTime()
+                                                  << " s with " << machine_->counts().bricks_picked
+                                                  << " bricks picked: it goes on with a fresh inspection " << goes_on);
   }
 }
 
@@ -131,7 +133,6 @@ void PickMissionRos::makeAnother() {
   ++num_missions_;
   machine_ = std::make_unique<MissionMachine>(params_.mission, params_.info);
   decision_.clear();
-  is_pause_wanted_ = false;
   failures_.clear();
   num_failures_ = 0;
   wall_before_s_ = 0.0;
@@ -229,8 +230,6 @@ void PickMissionRos::drain() {
         if (failures_.size() > kShownFailures) failures_.pop_back();
       }
     }
-    if (std::holds_alternative<event::Pause>(event)) is_pause_wanted_ = true;
-    if (std::holds_alternative<event::Resume>(event) || machine_->state() == State::kPaused) is_pause_wanted_ = false;
     if (machine_->state() != before) state_since_ = ros::Time::now();
     if (machine_->state() == State::kEnded && !ended_wall_s_) {
       ended_wall_s_ = wallSeconds();
@@ -289,7 +288,6 @@ void PickMissionRos::publishState() {
   state.header.stamp = ros::Time::now();
   state.header.frame_id = params_.map_frame;
   state.since = state_since_;
-  state.is_pause_wanted = is_pause_wanted_;
   state.decision = machine_->state() == State::kIdle && !waits_for_.empty() ? "waits for " + waits_for_ : decision_;
   if (view_) state.view = {*view_};
   state.scene = params_.info.scene;

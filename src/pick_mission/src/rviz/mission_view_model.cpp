@@ -219,7 +219,9 @@ void addButtons(const MissionState& state, MissionView* view) {
   // While it halts for a hold, resume takes that back.
   view->can_resume = state.state == MissionState::PAUSED || state.state == MissionState::HELD ||
                      state.state == MissionState::HALTING || (is_active && state.is_pause_wanted);
-  view->can_stop = is_active || view->can_resume || !is_known;
+  // One that waits to go on after a crash has used time.
+  const bool is_interrupted = state.state == MissionState::IDLE && state.used_s > 0.0;
+  view->can_stop = is_active || view->can_resume || is_interrupted || !is_known;
 }
 
 }  // namespace

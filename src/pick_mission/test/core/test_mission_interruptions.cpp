@@ -223,6 +223,33 @@ TEST(MissionInterruptions, HoldOfTheArmByAPersonIsWaitedOut) {
   expectWholeMission(run);
 }
 
+TEST(MissionInterruptions, ResumeReleasesAHoldByAPersonThoughAPauseWasWanted) {
+  ToyMission run = eventfulMission();
+  ASSERT_TRUE(toStep(run, 0));
+  while (run.world.action != State::kPick) ASSERT_TRUE(run.advance());
+  run.tell(event::Pause{});
+  run.world.is_held = true;  // at the arm's bridge, past the mission
+  run.inject = nullptr;
+  ASSERT_TRUE(run.advance());
+  ASSERT_EQ(run.machine.state(), State::kHeld);
+  run.tell(event::Resume{});
+  EXPECT_NE(run.machine.state(), State::kHeld) << tail(run);
+  EXPECT_FALSE(run.world.is_held);
+  ASSERT_TRUE(run.toEnd());
+  expectWholeMission(run);
+}
+
+TEST(MissionInterruptions, ResumeDoesNotPretendToTakeAStopBack) {
+  ToyMission run = eventfulMission();
+  ASSERT_TRUE(toStep(run, 5));
+  run.tell(event::Pause{});
+  run.tell(event::Stop{});
+  run.tell(event::Resume{});
+  EXPECT_EQ(run.log.back().reason.find("ignored"), 0u) << tail(run);
+  ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kStopped);
+}
+
 TEST(MissionInterruptions, BeforeTheStartNothingButAHoldIsPassedOn) {
   ToyMission run = eventfulMission();
   for (const Event& event :

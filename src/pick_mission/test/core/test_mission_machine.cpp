@@ -129,6 +129,37 @@ TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
   EXPECT_EQ(again.toJson().at("round"), run.machine.toJson().at("round"));
 }
 
+// As many as the failures in a row that end a mission.
+TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
+  const MissionConfig config;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [&run](State action, int) -> std::optional<Result> {
+    const bool is_survey = action == State::kDrive && run.world.commands_of[State::kSelect] == 0;
+    if (is_survey) return NavigationResult{NavigationStatus::kGoalUnknown, std::nullopt};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal unknown"), config.max_failures_in_a_row);
+}
+
+TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow) {
+  MissionConfig config;
+  config.max_failures_in_a_row = 2;
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.inject = [&run](State action, int) -> std::optional<Result> {
+    if (action == State::kSelect) return SelectionResult{SelectionStatus::kLowUtility, std::nullopt, false};
+    const bool is_back = action == State::kDrive && run.world.commands_of[State::kSelect] > 0;
+    if (is_back) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal occupied"), config.max_vantage_drives);
+}
+
 TEST(MissionMachine, PlansAndSelectsInTheMapOfTheLastLook) {
   ToyMission run({}, ToyWorld::ofStacks({2, 1}));
   run.start();
@@ -416,6 +447,94 @@ TEST(MissionMachine, BrickThatIsNotThereAnyMoreIsLookedForFromThePlacesOfTheSurv
     EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
     EXPECT_EQ(run.machine.counts().bricks_picked, 1);
   }
+}
+
+// As when a brick rolls to where nobody sees it: an empty place is no claim that none is left.
+TEST(MissionMachine, BrickThatIsKnownAndNotSeenAnyMoreIsToldAtTheEnd) {
+  for (const int total : {-1, 2}) {
+    SCOPED_TRACE(total);
+    MissionConfig config;
+    config.bricks_total = total;
+    ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+    run.inject = [&run](State action, int) -> std::optional<Result> {
+      if (action == State::kPick) run.world.unseen = {1};
+      const bool is_gone = action == State::kSelect && !run.world.unseen.empty();
+      if (is_gone) return SelectionResult{SelectionStatus::kNoPile, std::nullopt, false};
+      return std::nullopt;
+    };
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+    EXPECT_THAT(run.machine.endMessage(), HasSubstr("brick 1 is not seen any more"));
+    EXPECT_EQ(run.machine.counts().bricks_picked, 1);
+  }
+}
+
+TEST(MissionMachine, BrickThatWasNeverFoundIsToldAtTheEnd) {
+  MissionConfig config;
+  config.bricks_total = 3;
+  ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_THAT(run.machine.endMessage(), HasSubstr("1 of 3 bricks never found"));
+}
+
+/// A pick that does not let go, up to its being let go again, which nobody answers though the brick has fallen.
+ToyMission missionWithAnUnansweredLetGo() {
+  ToyMission run({}, ToyWorld::ofStacks({2}));
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNotLetGo};
+    return std::nullopt;
+  };
+  run.start();
+  while (run.world.action != State::kLetGo && run.advance()) {
+  }
+  run.world.hand.reset();
+  ++run.world.stowed;
+  return run;
+}
+
+TEST(MissionMachine, BrickThatWasLetGoWithoutAnAnswerCountsWhenTheHandIsEmpty) {
+  ToyMission run = missionWithAnUnansweredLetGo();
+  ASSERT_EQ(run.machine.state(), State::kLetGo) << tail(run);
+  event::Reply reply;
+  reply.id = run.world.running->id;
+  reply.result = NoAnswer{};
+  run.world.running.reset();
+  run.tell(reply);
+  EXPECT_EQ(run.machine.hand(), Hand::kUnknown);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 0) << "it may still hang there";
+  // Of a bridge that has just come back and not heard of its magnet yet.
+  run.tell(event::HandReport{Hand::kEmpty, std::nullopt});
+  EXPECT_EQ(run.machine.counts().bricks_picked, 0);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.counts().bricks_picked, 2) << tail(run);
+  EXPECT_EQ(run.machine.bricks().numPicked(), 2) << "by their ids";
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, BrickThatWasLetGoWhenTheProcessDiedCountsWhenTheHandIsEmpty) {
+  ToyMission run = missionWithAnUnansweredLetGo();
+  ASSERT_EQ(run.machine.state(), State::kLetGo) << tail(run);
+  run.world.running.reset();
+  run.machine = MissionMachine::fromJson(run.config, {}, run.machine.toJson());
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.bricks().numPicked(), 2) << tail(run);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+}
+
+TEST(MissionMachine, PicksThatAreEndedByLettingGoAgainAreNoFailuresInARow) {
+  ToyMission run({}, ToyWorld::ofStacks({3, 3}));
+  run.inject = [](State action, int) -> std::optional<Result> {
+    if (action == State::kPick) return ArmResult{ArmStatus::kNotLetGo};
+    return std::nullopt;
+  };
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 6);
 }
 
 TEST(MissionMachine, FruitlessViewsEndTheMission) {

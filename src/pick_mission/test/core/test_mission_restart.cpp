@@ -90,6 +90,66 @@ TEST(MissionRestart, MissionThatHadEndedStaysEnded) {
   EXPECT_EQ(again.toJson(), run.machine.toJson());
 }
 
+TEST(MissionRestart, MissionThatItsOperatorHadInterruptedWaitsForThem) {
+  struct Case {
+    const char* what;
+    std::vector<Event> events;
+    bool has_ended;  // what went on
+    State state;
+  };
+  const std::vector<Case> cases = {
+      {"pause wanted", {event::Pause{}}, false, State::kPaused},
+      {"paused", {event::Pause{}}, true, State::kPaused},
+      {"halting for a hold", {event::Hold{}}, false, State::kHeld},
+      {"held", {event::Hold{}}, true, State::kHeld},
+      {"halting for a stop", {event::Stop{}}, false, State::kPaused},
+      {"resumed from a hold", {event::Hold{}, event::Resume{}}, false, State::kIdle},
+      {"a pause taken back", {event::Pause{}, event::Resume{}}, false, State::kIdle},
+  };
+  for (const Case& one : cases) {
+    SCOPED_TRACE(one.what);
+    ToyMission run = mission();
+    run.start();
+    for (int i = 0; i < 12; ++i) ASSERT_TRUE(run.advance());
+    for (const Event& event : one.events) run.tell(event);
+    if (one.has_ended) {
+      ASSERT_TRUE(run.advance());
+    }
+    const nlohmann::json saved = run.machine.toJson();
+    run.world.abandon();
+    run.machine = MissionMachine::fromJson(run.config, {}, saved);
+    ASSERT_EQ(run.machine.state(), one.state);
+    // As a node does that starts by itself.
+    run.start();
+    EXPECT_EQ(static_cast<bool>(run.world.running), one.state == State::kIdle);
+    if (one.state != State::kIdle) {
+      EXPECT_EQ(run.machine.state(), one.state);
+      EXPECT_EQ(MissionMachine::fromJson(run.config, {}, run.machine.toJson()).state(), one.state) << "once more";
+      run.tell(event::Resume{});
+      EXPECT_FALSE(run.world.is_held);
+    }
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), EndReason::kBricksExhausted) << tail(run);
+    EXPECT_EQ(run.world.stowed, 3) << tail(run);
+  }
+}
+
+TEST(MissionRestart, StopEndsAMissionThatWaitsToGoOn) {
+  for (const bool is_paused : {false, true}) {
+    ToyMission run = mission();
+    run.start();
+    for (int i = 0; i < 12; ++i) ASSERT_TRUE(run.advance());
+    if (is_paused) run.tell(event::Pause{});
+    const nlohmann::json saved = run.machine.toJson();
+    run.world.abandon();
+    run.machine = MissionMachine::fromJson(run.config, {}, saved);
+    run.tell(event::Stop{});
+    EXPECT_EQ(run.machine.state(), State::kEnded);
+    EXPECT_EQ(run.machine.endReason(), EndReason::kStopped);
+    EXPECT_FALSE(run.world.running);
+  }
+}
+
 TEST(MissionRestart, SavedStateIsTheSameAfterARoundTrip) {
   ToyMission run = mission();
   run.inject = [](State action, int count) -> std::optional<Result> {

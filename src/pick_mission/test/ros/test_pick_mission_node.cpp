@@ -262,12 +262,14 @@ TEST_F(PickMissionNode, DoesNotStartUntilAllIsThereAndSaysWhatIsNot) {
 TEST_F(PickMissionNode, PausesHoldsAndStops) {
   setMode("pick", Mode::kHang);
   startNode();
-  EXPECT_FALSE(tell("pause").success) << "nothing goes on";
-  EXPECT_FALSE(tell("resume").success);
+  EXPECT_FALSE(tell("resume").success) << "nothing goes on";
   EXPECT_FALSE(tell("stop").success);
+  EXPECT_FALSE(tell("pause").success);
   startMission();
   EXPECT_FALSE(tell("start").success) << "it has begun";
   ASSERT_TRUE(untilCalled("pick 0"));
+  ASSERT_TRUE(untilState(MissionState::PICK));
+  EXPECT_FALSE(state_.is_pause_wanted) << "of the one that was refused";
   EXPECT_TRUE(tell("pause").success);
   ASSERT_TRUE(until([this] { return state_.is_pause_wanted && state_.state == MissionState::PICK; }));
   setMode("pick", Mode::kAnswer);
@@ -277,9 +279,12 @@ TEST_F(PickMissionNode, PausesHoldsAndStops) {
   setMode("pick", Mode::kHang);
   EXPECT_TRUE(tell("resume").success);
   ASSERT_TRUE(untilCalled("pick 1"));
+  EXPECT_TRUE(tell("pause").success);
   const auto response = tell("hold");
   EXPECT_TRUE(response.success) << response.message;
   ASSERT_TRUE(untilState(MissionState::HELD));
+  EXPECT_FALSE(state_.is_pause_wanted) << "the hold is more than that";
+  ASSERT_TRUE(untilCalled("hold"));  // in a thread of its own: what goes on may have been cancelled before
   EXPECT_EQ(world_->numOf("hold"), 1);
   EXPECT_TRUE(world_->with([] { return world_->is_held; }));
   EXPECT_EQ(world_->with([] { return world_->times_cancelled["pick"]; }), 1);
@@ -343,6 +348,28 @@ TEST_F(PickMissionNode, HeartBeatsByRosTimeUntilAHoldReachesNobody) {
   ASSERT_TRUE(untilCalled("pick 0", 2));
 }
 
+TEST_F(PickMissionNode, AHoldThatReachedNobodyKeepsTheNextMissionFromStarting) {
+  Heart heart;
+  startAll();
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  world_->stop("hold");
+  EXPECT_TRUE(tell("hold").success);
+  ASSERT_TRUE(until([&] { return heart.isStill(kStill_s); }));
+  world_->start("hold");
+  world_->with([] { world_->pile = {2}; });
+  std_srvs::Trigger::Response response;
+  // That the service is there again, the node has to hear of first.
+  ASSERT_TRUE(until([&] {
+    response = tell("start");
+    return !node_tests::has(response.message, "the server");
+  })) << response.message;
+  EXPECT_FALSE(response.success) << "the next mission would not know of it, and its heart would not beat";
+  EXPECT_THAT(response.message, HasSubstr("resume"));
+  EXPECT_TRUE(tell("resume").success);
+  startMission();
+  EXPECT_TRUE(until([this] { return state_.state == MissionState::ENDED && state_.bricks_picked == 1; }));
+}
+
 TEST_F(PickMissionNode, AHoldAfterAReleaseThatHangsHoldsInTheEnd) {
   setMode("pick", Mode::kHang);
   setMode("release", Mode::kHang);
@@ -404,6 +431,46 @@ TEST_F(PickMissionNode, KilledInAPickGoesOnAndStowsWhatHangsThere) {
   EXPECT_EQ(json["picks_begun"], 4);
   EXPECT_EQ(json["failures"]["pick: interrupted by a restart"], 1);
   EXPECT_EQ(state_.views, 1u) << "of before";
+}
+
+TEST_F(PickMissionNode, KilledWhilePausedItWaitsForResumeThoughItStartsByItself) {
+  setMode("pick", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("pick 0"));
+  EXPECT_TRUE(tell("pause").success);
+  world_->finish("pick");
+  ASSERT_TRUE(untilState(MissionState::PAUSED));
+  endNode(SIGKILL);
+  world_->with([] {
+    world_->calls.clear();
+    world_->modes.clear();
+  });
+  set("autostart", true);
+  startNode();
+  ASSERT_EQ(state_.state, MissionState::PAUSED) << describe(state_);
+  EXPECT_EQ(tell("start").message, "it has begun already: paused");
+  // It would have looked whether it can start with each of these.
+  int told = 0;
+  const ros::Subscriber counter =
+      nh_.subscribe<MissionState>("/pick_mission/state", 100, [&told](const MissionState::ConstPtr&) { ++told; });
+  ASSERT_TRUE(until([&told] { return told > 3; }));
+  EXPECT_EQ(state_.state, MissionState::PAUSED) << describe(state_);
+  EXPECT_THAT(world_->callsSoFar(), testing::IsEmpty());
+  EXPECT_TRUE(tell("resume").success);
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  EXPECT_EQ(state_.bricks_picked, 4u);
+}
+
+TEST_F(PickMissionNode, StopEndsAMissionThatWasInterrupted) {
+  setMode("pick", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("pick 0"));
+  endNode(SIGKILL);
+  startNode();
+  ASSERT_EQ(state_.state, MissionState::IDLE);
+  EXPECT_GT(state_.used_s, 0.0) << "by which the panel knows it";
+  EXPECT_TRUE(tell("stop").success);
+  expectEnd(MissionState::STOPPED, "by the operator");
 }
 
 // A mission that was started anew, while the arm still does what the one before it had asked for.
@@ -517,6 +584,9 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
        MissionState::SELECTION_FAILED, "in frame 'odom', must be in 'map'"},
       {"outcome", [](void* r, bool*) { static_cast<msgs::NavigationOutcome*>(r)->status = 18; },
        MissionState::DRIVES_FAILED, "outcome of the drive = 18"},
+      // It tells success, and its action has failed.
+      {"outcome", [](void*, bool* is_success) { *is_success = false; }, MissionState::DRIVES_FAILED,
+       "does not tell why"},
       {"detect", [](void* r, bool*) { static_cast<msgs::DetectBricks::Response*>(r)->status = 4; },
        MissionState::DETECTION_FAILED, "status of the detection = 4"},
       {"bricks", [](void* r, bool*) { static_cast<msgs::BrickArray*>(r)->header.frame_id = "odom"; },

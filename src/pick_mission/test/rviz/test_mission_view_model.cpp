@@ -81,7 +81,10 @@ std::string buttonsOf(const MissionView& view) {
 }
 
 TEST(MissionView, ButtonsAreThoseThatMakeSense) {
-  EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::IDLE))), "start hold");
+  MissionState idle = stateOf(MissionState::IDLE);
+  EXPECT_EQ(buttonsOf(fresh(idle)), "start stop hold") << "interrupted: it can go on or be ended";
+  idle.used_s = 0.0;
+  EXPECT_EQ(buttonsOf(fresh(idle)), "start hold") << "not begun";
   EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::PAUSED))), "resume stop hold");
   EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::HELD))), "resume stop hold");
   EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::HALTING))), "resume stop hold");
