@@ -28,6 +28,7 @@ import xmlrpc.client
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 SCENE = "four_bricks"
+CONFIG = ROOT / "sim_tests/config/soak_mission.yaml"
 NODES = ("pick_mission", "gpis_mapping", "depth_self_filter", "brick_detection", "motion_planning", "ur_driver_bridge", "base_navigation",
          "nbv_selection", "system_diagnostics")
 # begin and choose are left at once: nobody can meet a mission in them. In ended nothing is left to be disturbed.
@@ -135,7 +136,8 @@ class Mission:
 
     def launch(self):
         self.folder.parent.mkdir(parents=True, exist_ok=True)
-        arguments = ["autostart:=false"] if self.case.lead == "start by hand" or self.case.disturbance == "unreachable_brick" else []
+        arguments = [f"mission_config:={CONFIG}"]
+        arguments += ["autostart:=false"] if self.case.lead == "start by hand" or self.case.disturbance == "unreachable_brick" else []
         self.log = open(self.folder.parent / f"{self.case.number:03d}.txt", "w", encoding="utf-8")
         self.process = subprocess.Popen([str(ROOT / "scripts/run_mission"), "--run", str(self.folder), "--overwrite", "--scene", self.scene, "--seed",
                                          str(self.case.seed), "--no-pictures", "--no-page", "--port", str(self.port), "--wall-limit",
