@@ -1,14 +1,16 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Missions on a small scene, each with one disturbance: a node killed in a state of the mission, or a fault of the world.
+"""Missions on a small scene that are disturbed: each node killed in each state of the mission, and faults of the world.
 
-Each mission is a process group of its own under scripts/run_mission; this program looks on by its master, disturbs it
-once, and judges the end by the simulator's judge. A row of OUT/mission.csv for each; goes on where it was interrupted, and
-tries those once more in which the moment did not come.
+A mission takes the kills of one node, or one of each fault, one after the other as it comes to their states. It is a
+process group of its own under scripts/run_mission; this program looks on by its master, disturbs it, and judges the end
+by the simulator's judge. A row of OUT/mission.csv for each disturbance; goes on where it was interrupted, and tries those
+again whose moment did not come, as long as any of them comes.
 Exit code: 0 all met without a violation, 1 a violation, 2 bad usage, 3 no violation so far, but not all were run and met.
 """
 
 import argparse
+import collections
 import csv
 import dataclasses
 import json
@@ -32,26 +34,26 @@ CONFIG = ROOT / "sim_tests/config/soak_mission.yaml"
 NODES = ("pick_mission", "gpis_mapping", "depth_self_filter", "brick_detection", "motion_planning", "ur_driver_bridge", "base_navigation",
          "nbv_selection", "system_diagnostics")
 # begin and choose are left at once: nobody can meet a mission in them. In ended nothing is left to be disturbed.
-# A state that an undisturbed mission does not come to needs something that leads to it, see Mission.lead().
-STATES = {"plan_clear": "", "clear": "", "look": "", "detect": "", "plan_pick": "", "pick": "", "select": "", "drive": "",
-          "idle": "start by hand", "paused": "pause", "held": "hold", "halting": "hold", "plan_stow": "hold with a brick in the hand",
-          "stow": "hold with a brick in the hand", "let_go": "hold with a brick in the hand", "recover": "protective stop in pick",
-          "wait": "no localisation in drive", "report": "the brick is taken away in pick"}
+# Those from idle on an undisturbed mission does not come to: next_step() leads there.
+STATES = ("plan_clear", "clear", "look", "detect", "plan_pick", "pick", "select", "drive",
+          "idle", "paused", "halting", "held", "plan_stow", "stow", "let_go", "recover", "wait", "report")
 # Simulated seconds in the state after which the disturbance comes, at most: about how long the state lasts.
 LONGEST_S = {"clear": 4.0, "look": 2.0, "detect": 0.5, "pick": 10.0, "drive": 8.0, "stow": 5.0, "recover": 0.5, "wait": 1.0, "paused": 2.0, "held": 2.0}
-FAULTS = {"camera_gone": "look", "localisation_gone": "drive", "protective_stop": "pick", "drop_brick": "pick", "move_brick": "look",
-          "unreachable_brick": "idle", "driver_gone": "pick", "obstacle": "drive"}
+FAULTS = {"unreachable_brick": "idle", "camera_gone": "look", "localisation_gone": "drive", "protective_stop": "pick", "drop_brick": "pick",
+          "move_brick": "look", "driver_gone": "pick", "obstacle": "drive"}
 FAULT_S = {"camera_gone": 8.0, "localisation_gone": 8.0, "driver_gone": 5.0, "obstacle": 20.0}
 FAULTS_EACH = 3
 CARRY_S = 5.0  # simulated; a brick hangs about so long before it is over the chute
+# Simulated, from the end of one disturbance to the next: what is judged is what comes of each, not of the sum.
+GAP_S = 5.0
 # The clock waits 20 s of wall time (simulation.launch) for what a killed node owes; a mission lasts 200 to 900 simulated seconds.
-WALL_LIMIT_S = 1500.0
+WALL_LIMIT_S = 3000.0
 MASTER_S, BACK_S = 60.0, 60.0
 # 3 times not met: then at the beginning of the state, whatever was drawn.
 ATTEMPTS = 3
 NOT_MET = "not met"
-COLUMNS = ("number", "disturbance", "node", "state", "lead", "scene", "label", "seed", "happened", "at_s", "met_in", "end_reason", "picked", "stowed", "falls", "drops",
-           "collisions", "sim_s", "wall_s", "back_wall_s", "rss_mb", "verdict", "why", "end_message")
+COLUMNS = ("number", "disturbance", "node", "state", "mission", "scene", "label", "seed", "happened", "at_s", "met_in", "on_s", "end_reason", "picked", "stowed", "falls",
+           "drops", "collisions", "sim_s", "wall_s", "back_wall_s", "rss_mb", "verdict", "why", "end_message")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,33 +62,64 @@ class Case:
     disturbance: str  # kill, or a name of FAULTS
     node: str  # that is killed
     state: str  # of the mission in which it comes
-    seed: int  # of pile, noise, moment
-
-    @property
-    def lead(self):
-        return STATES[self.state] if self.disturbance == "kill" else ""
+    mission: str  # those of one name come in one mission, if it comes to all of them
 
 
 def plan():
-    """All cases, in an order in which any beginning is a fair sample."""
-    cases = [("kill", node, state) for node in NODES for state in STATES]
-    cases += [(fault, "", state) for fault, state in FAULTS.items() for _ in range(FAULTS_EACH)]
-    random.Random(1).shuffle(cases)
-    return [Case(number, *case, seed=1 + number) for number, case in enumerate(cases)]
+    """All cases, those of a mission one after the other."""
+    cases = [("kill", node, state, node) for node in NODES for state in STATES]
+    cases += [(fault, "", state, f"faults_{turn}") for turn in range(FAULTS_EACH) for fault, state in FAULTS.items()]
+    return [Case(number, *case) for number, case in enumerate(cases)]
 
 
-def verdict(case, facts):
-    """(verdict, why) from what was seen. recovered: the pile is gone; ended safely: something is left, and the mission says why."""
+def missions_of(cases):
+    """[[case]], the missions that take them."""
+    missions = {}
+    for case in cases:
+        missions.setdefault(case.mission, []).append(case)
+    return list(missions.values())
+
+
+def next_step(state, is_carrying, pending):
+    """What to do with a mission in this state: (case that comes now or None, what leads to one that does not come by itself or None)."""
+    for case in pending:
+        if case.state == state and (is_carrying or case.disturbance != "drop_brick"):
+            return case, None
+    wanted = {case.state for case in pending if case.disturbance == "kill"}
+    lead = None
+    if state == "idle":
+        lead = "start"
+    elif state in ("paused", "held"):
+        lead = "resume"
+    elif state == "look" and "paused" in wanted:
+        lead = "pause"
+    elif state == "drive" and "wait" in wanted:
+        lead = "localisation_gone"
+    elif state == "pick" and wanted & ({"plan_stow", "stow", "let_go"} if is_carrying else {"halting", "held"}):
+        lead = "hold"
+    elif state == "pick" and is_carrying and "recover" in wanted:
+        lead = "protective_stop"
+    elif state == "pick" and not is_carrying and "report" in wanted and not wanted & {"plan_stow", "stow", "let_go", "recover"}:
+        lead = "take_away"  # last: a brick less to go on with
+    return None, lead
+
+
+def verdict(case, facts, cases=()):
+    """(verdict, why) from what was seen of a case and of its mission, which `cases` have disturbed.
+
+    recovered: the pile is gone; ended safely: something is left, and the mission says why.
+    """
     broken = []
+    disturbances = [other.disturbance for other in cases or (case,)]
     if None in [facts[key] for key in ("collisions", "falls", "drops", "stowed", "total")]:
         broken.append("no word of the judge")
     else:
         if facts["collisions"] > 0:
             broken.append(f"{facts['collisions']} collisions")
         # What the magnet loses, by the fault's own doing, may roll against a brick.
-        if facts["falls"] > (1 if case.disturbance == "drop_brick" else 0):
+        if facts["falls"] > disturbances.count("drop_brick"):
             broken.append(f"{facts['falls']} falls")
-        if facts["drops"] > (1 if case.disturbance == "drop_brick" else 0):
+        if facts["drops"] > disturbances.count("drop_brick"):
             broken.append(f"{facts['drops']} drops")
     if facts["end_reason"] in ("", "none", "crashed"):
         broken.append("it did not end by itself")
@@ -96,7 +129,7 @@ def verdict(case, facts):
         broken.append(f"says {facts['picked']} picked, {facts['stowed']} are")
     left = None if facts["stowed"] is None or facts["total"] is None else facts["total"] - facts["stowed"]
     # A brick that somebody has carried away the mission cannot know of.
-    if facts["end_reason"] == "no_brick_left" and left and case.disturbance != "unreachable_brick":
+    if facts["end_reason"] == "no_brick_left" and left and left > facts["taken_away"]:
         broken.append(f"says that none is left, {left} are")
     if facts["happened"] and case.disturbance == "kill" and facts["back_wall_s"] is None:
         broken.append("the node did not come back")
@@ -124,23 +157,26 @@ class NotUp(Exception):
 class Mission:
     """One mission, looked on and disturbed. Callbacks come in rospy's threads and only store; one thread does the rest."""
 
-    def __init__(self, case, out, port, scene, label):
-        self.case, self.port, self.scene, self.label = case, port, scene, label
-        self.folder = out / "mission" / f"{case.number:03d}"
-        self.random = random.Random(case.seed)
+    def __init__(self, cases, out, port, scene, label):
+        self.cases, self.port, self.scene, self.label = cases, port, scene, label
+        self.seed = 1 + cases[0].number  # of pile, noise, moments
+        self.folder = out / "mission" / f"{cases[0].number:03d}"
+        self.random = random.Random(self.seed)
         self.state, self.judge, self.bridge, self.tf = None, None, None, {}
         self.memory = {}
-        self.facts = {"happened": False, "at_s": None, "met_in": "", "back_wall_s": None}
+        self.facts = {case: {"happened": False, "at_s": None, "met_in": "", "on_s": None, "back_wall_s": None} for case in cases}
+        self.misses = collections.Counter()
+        self.taken_away = 0
         self.changed = threading.Condition()
         self.notes = []
 
     def launch(self):
         self.folder.parent.mkdir(parents=True, exist_ok=True)
         arguments = [f"mission_config:={CONFIG}"]
-        arguments += ["autostart:=false"] if self.case.lead == "start by hand" or self.case.disturbance == "unreachable_brick" else []
-        self.log = open(self.folder.parent / f"{self.case.number:03d}.txt", "w", encoding="utf-8")
+        arguments += ["autostart:=false"] if any(case.state == "idle" for case in self.cases) else []
+        self.log = open(self.folder.with_suffix(".txt"), "w", encoding="utf-8")
         self.process = subprocess.Popen([str(ROOT / "scripts/run_mission"), "--run", str(self.folder), "--overwrite", "--scene", self.scene, "--seed",
-                                         str(self.case.seed), "--no-pictures", "--no-page", "--port", str(self.port), "--wall-limit",
+                                         str(self.seed), "--no-pictures", "--no-page", "--port", str(self.port), "--wall-limit",
                                          str(WALL_LIMIT_S), "--", *arguments], stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
 
     def connect(self):
@@ -230,57 +266,36 @@ class Mission:
             x, y = (transform.translation.x + math.cos(yaw) * x - math.sin(yaw) * y, transform.translation.y + math.sin(yaw) * x + math.cos(yaw) * y)
         return x, y
 
-    def lead(self):
-        """Brings the mission to a state that it would not come to by itself."""
-        lead = self.case.lead
-        if lead == "pause":
-            self.until(lambda: self.in_state("look"))
-            self.call("pause")
-        elif lead == "hold":
-            self.until(lambda: self.in_state("pick"))
-            # halting lasts for as long as the arm takes to stop: whoever calls is too late to see it.
+    def visit(self):
+        """Changes with each entering of a state."""
+        with self.changed:
+            return None if self.state is None else (self.state.state, self.state.since.to_sec())
+
+    def lead(self, what):
+        """Towards a state that the mission would not come to by itself."""
+        if what in ("start", "pause", "resume"):
+            self.call(what)
+        elif what == "hold":
+            # halting lasts for as long as the arm takes to stop: whoever waits for the call's end is too late to see it.
             threading.Thread(target=self.call, args=("hold",), daemon=True).start()
-        elif lead == "hold with a brick in the hand":
-            self.until(self.is_carrying)
-            self.call("hold")
-            self.until(lambda: self.in_state("held"))
-            threading.Thread(target=self.call, args=("resume",), daemon=True).start()
-        elif lead == "protective stop in pick":
-            self.until(self.is_carrying)
-            self.inject("protective_stop")
-        elif lead == "no localisation in drive":
-            self.until(lambda: self.in_state("drive"))
-            self.inject("localisation_gone", duration_s=8.0)
-        elif lead == "the brick is taken away in pick":
-            self.until(lambda: self.in_state("pick"))
-            brick = self.state.brick
-            self.inject("move_brick", brick_id=brick, pose=self.pose(2.0, 2.0, 0.1))
+        elif what == "take_away":
+            if self.inject("move_brick", brick_id=self.state.brick, pose=self.pose(2.0, 2.0, 0.1)):
+                self.taken_away += 1
+        else:
+            self.inject(what, duration_s=FAULT_S.get(what, 0.0))
 
-    def go_on(self):
-        if self.case.lead == "start by hand" or self.case.disturbance == "unreachable_brick":
-            self.call("start")
-        elif self.case.lead in ("pause", "hold"):
-            if self.until(lambda: self.in_state("paused", "held"), BACK_S) or not self.is_over():
-                self.call("resume")
+    def meets(self, case):
+        """Waits for the drawn moment in the case's state; false when the mission has left it before."""
+        longest_s = CARRY_S if case.disturbance == "drop_brick" else LONGEST_S.get(case.state, 0.0)
+        delay_s = 0.0 if self.misses[case] >= ATTEMPTS else self.random.random() * longest_s / 2 ** self.misses[case]
+        since_s = self.now_s()
 
-    def meet(self):
-        """Waits for the state, and for the drawn moment in it; true when the mission is in it. Leading there is done once."""
-        delay_s = self.random.random() * LONGEST_S.get(self.case.state, 0.0)
-        for attempt in range(ATTEMPTS):
-            if not self.until(lambda: self.in_state(self.case.state) or self.is_held_too_early()):
-                return False
-            if self.is_held_too_early():
-                return False
-            since_s = self.now_s()
-            self.until(lambda: not self.in_state(self.case.state) or self.now_s() >= since_s + delay_s)
-            if self.in_state(self.case.state):
-                return True
-            delay_s = 0.0 if attempt + 2 >= ATTEMPTS else delay_s / 2.0
-        return False
+        def is_there():
+            return self.in_state(case.state) and (self.is_carrying() or case.disturbance != "drop_brick")
 
-    def is_held_too_early(self):
-        """It went through halting unseen: nothing more comes by itself."""
-        return self.case.lead == "hold" and self.case.state != "held" and self.in_state("held")
+        self.until(lambda: not is_there() or self.now_s() >= since_s + delay_s)
+        self.misses[case] += not is_there()
+        return is_there()
 
     def pid_of(self, node):
         try:
@@ -289,56 +304,75 @@ class Mission:
         except (OSError, self.rosgraph.MasterException, xmlrpc.client.Error):
             return None
 
-    def kill(self, node, pid):
+    def kill(self, case):
+        """Ends the node; true when it has come back."""
+        # The master forgets nobody who was killed: whoever does not answer is not back yet.
+        if not self.until(lambda: self.pid_of(case.node) is not None, BACK_S):
+            return False
+        pid = self.pid_of(case.node)
         # Whatever answered: nothing but what this run has started is ended.
         environment = pathlib.Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
         if not any(entry.startswith(b"RUN_MISSION_MARK=") and entry.endswith(f"-{self.port}".encode()) for entry in environment):
-            raise RuntimeError(f"process {pid}, which answers for {node}, is not of this run")
+            raise RuntimeError(f"process {pid}, which answers for {case.node}, is not of this run")
         begun = time.monotonic()
         os.kill(pid, signal.SIGKILL)
+        if case.node == "pick_mission":
+            self.store("state", None)
         while self.process.poll() is None and time.monotonic() < begun + BACK_S:
-            if self.pid_of(node) not in (pid, None):
-                self.facts["back_wall_s"] = round(time.monotonic() - begun, 1)
+            if self.pid_of(case.node) not in (pid, None):
+                self.facts[case]["back_wall_s"] = round(time.monotonic() - begun, 1)
                 return
             time.sleep(0.1)  # the master tells nobody of a node that has come
 
-    def disturb(self):
-        kind = self.case.disturbance
-        pid = self.pid_of(self.case.node) if kind == "kill" else None
-        self.lead()
-        if kind == "drop_brick":
-            met = self.until(self.is_carrying)
-            # From the weighing to the chute: a drawn moment, or before it is let go.
-            lost_s = self.now_s() + self.random.random() * CARRY_S
-            self.until(lambda: self.now_s() >= lost_s or not self.is_carrying())
-            met = met and self.is_carrying()
-        else:
-            met = self.meet()
-        if not met:
-            self.go_on()
-            return
-        self.facts.update(happened=True, at_s=round(self.now_s(), 2), met_in=self.names.get(self.state.state, "?"))
-        if kind == "kill":
-            # Looked up before, so that the state is not over meanwhile, and again if it was not there yet.
-            self.kill(self.case.node, pid or self.pid_of(self.case.node))
-        elif kind == "unreachable_brick":
+    def fault(self, kind):
+        """Makes the world do it; false when it refuses."""
+        if kind == "unreachable_brick":
             # Far from the others, people on all four sides of it.
             done = self.inject("move_brick", brick_id=self.judge.bricks_total - 1, pose=self.pose(0.25, 1.4, 0.1))
             for x, y in ((0.45, 0.0), (-0.45, 0.0), (0.0, 0.45), (0.0, -0.45)):
                 done = self.inject("obstacle", pose=self.pose(0.25 + x, 1.4 + y)) and done
-            self.facts["happened"] = done
-        elif kind == "move_brick":
+            self.taken_away += done
+            return done
+        if kind == "move_brick":
             # Of those not picked; where it would not be free it is refused: another place then.
             picked = {brick.id for brick in self.state.bricks if brick.status == brick.PICKED}
             brick = self.random.choice(sorted({brick.id for brick in self.state.bricks} - picked) or [0])
-            self.facts["happened"] = any(self.inject(kind, brick_id=brick, pose=self.pose(self.random.uniform(-0.7, 0.7), self.random.uniform(-0.8, 0.8), 0.1))
-                                         for _ in range(20))
-        elif kind == "obstacle":
+            return any(self.inject(kind, brick_id=brick, pose=self.pose(self.random.uniform(-0.7, 0.7), self.random.uniform(-0.8, 0.8), 0.1)) for _ in range(20))
+        if kind == "obstacle":
             # Front of the base 0.3 m before base_link, a person 0.2 m about its middle: half a metre is left to stop in.
-            self.facts["happened"] = self.inject(kind, duration_s=FAULT_S[kind], pose=self.pose(*self.in_map(1.0, 0.0)))
-        else:
-            self.facts["happened"] = self.inject(kind, duration_s=FAULT_S.get(kind, 0.0))
-        self.go_on()
+            return self.inject(kind, duration_s=FAULT_S[kind], pose=self.pose(*self.in_map(1.0, 0.0)))
+        return self.inject(kind, duration_s=FAULT_S.get(kind, 0.0))
+
+    def disturb(self):
+        """Each case when the mission comes to its state, until all were met or it is over."""
+        pending, next_s, led, last = list(self.cases), 0.0, None, None
+        while True:
+            # Of the last: when the mission has gone on from where it met it.
+            if last is not None and self.state is not None and self.visit() != last[1]:
+                self.facts[last[0]]["on_s"] = round(self.now_s() - self.facts[last[0]]["at_s"], 2)
+                last = None
+            if self.is_over() or not pending and last is None:
+                return
+            visit = self.visit()
+            case, lead = (None, None) if visit is None else next_step(self.names.get(visit[0], ""), self.is_carrying(), pending)
+            if case is not None and self.now_s() >= next_s and (last is None or last[1] != visit):
+                if not self.meets(case):
+                    continue
+                visit = self.visit()
+                facts = self.facts[case]
+                facts.update(happened=True, at_s=round(self.now_s(), 2), met_in=self.names.get(self.state.state, "?"))
+                if case.disturbance == "kill":
+                    self.kill(case)
+                else:
+                    facts["happened"] = self.fault(case.disturbance)
+                pending.remove(case)
+                last = (case, visit)
+                next_s = self.now_s() + FAULT_S.get(case.disturbance, 0.0) + GAP_S
+            elif lead is not None and (visit, lead) != led:
+                self.lead(lead)
+                led = (visit, lead)
+            else:
+                self.until(lambda seen=visit: self.visit() != seen or self.is_carrying(), 0.1)
 
     def watch_memory(self, stop):
         while not stop.wait(5.0):
@@ -364,21 +398,26 @@ class Mission:
                 self.process.send_signal(signal.SIGINT)
                 self.process.wait()
             self.log.close()
-        return self.row(time.monotonic() - begun)
+        return self.rows(time.monotonic() - begun)
 
-    def row(self, wall_s):
+    def rows(self, wall_s):
         try:
             summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             self.notes.append(f"summary.json: {error}")
             summary = {}
-        facts = dict(self.facts, end_reason=summary.get("end_reason") or "", end_message=summary.get("end_message") or "", picked=summary.get("bricks_picked"),
-                     stowed=summary.get("bricks_stowed"), total=summary.get("bricks_total"), falls=summary.get("falls"), drops=summary.get("drops"), collisions=summary.get("collisions"))
-        result, why = verdict(self.case, facts)
-        (self.folder / "soak.json").write_text(json.dumps({"case": dataclasses.asdict(self.case), "facts": facts, "verdict": result, "why": why,
-                                                           "notes": self.notes}, indent=2) + "\n", encoding="utf-8")
-        return dict(dataclasses.asdict(self.case), scene=self.scene, label=self.label, lead=self.case.lead, **facts, sim_s=summary.get("sim_seconds"), wall_s=round(wall_s),
-                    rss_mb=" ".join(f"{node}={size}" for node, size in sorted(self.memory.items())), verdict=result, why=why)
+        end = {"end_reason": summary.get("end_reason") or "", "end_message": summary.get("end_message") or "", "picked": summary.get("bricks_picked"),
+               "stowed": summary.get("bricks_stowed"), "total": summary.get("bricks_total"), "taken_away": self.taken_away,
+               **{key: summary.get(key) for key in ("falls", "drops", "collisions")}}
+        met = [case for case in self.cases if self.facts[case]["happened"]]
+        rows = []
+        for case in self.cases:
+            facts = {**self.facts[case], **end}
+            result, why = verdict(case, facts, met)
+            rows.append(dict(dataclasses.asdict(case), seed=self.seed, scene=self.scene, label=self.label, **facts, sim_s=summary.get("sim_seconds"), wall_s=round(wall_s),
+                             rss_mb=" ".join(f"{node}={size}" for node, size in sorted(self.memory.items())), verdict=result, why=why))
+        (self.folder / "soak.json").write_text(json.dumps({"rows": rows, "notes": self.notes}, indent=2) + "\n", encoding="utf-8")
+        return rows
 
 
 class NoTable(Exception):
@@ -386,11 +425,11 @@ class NoTable(Exception):
 
 
 def rows_of(path):
-    """Raises NoTable. Tables of earlier versions have no label."""
+    """Raises NoTable."""
     try:
         with open(path, newline="", encoding="utf-8") as stream:
             table = csv.DictReader(stream)
-            missing = set(COLUMNS) - {"label"} - set(table.fieldnames or COLUMNS)
+            missing = set(COLUMNS) - set(table.fieldnames or COLUMNS)
             if missing:
                 raise NoTable(f"{path}: no column {', '.join(column for column in COLUMNS if column in missing)}")
             return [row for row in table if row["end_message"] is not None]
@@ -400,18 +439,18 @@ def rows_of(path):
         raise NoTable(f"{path}: {error}") from error
 
 
-def append(path, row):
+def append(path, rows):
     is_new = not path.exists()
     if not is_new:
         text = path.read_bytes()
-        # Of an earlier version, or cut off when it was written.
-        if text.split(b"\n", 1)[0].strip() != ",".join(COLUMNS).encode() or not text.endswith(b"\n"):
+        # Cut off when it was written.
+        if not text.endswith(b"\n"):
             write(path, rows_of(path))
     with open(path, "a", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, COLUMNS)
         if is_new:
             writer.writeheader()
-        writer.writerow({column: "" if row[column] is None else row[column] for column in COLUMNS})
+        writer.writerows({column: "" if row[column] is None else row[column] for column in COLUMNS} for row in rows)
 
 
 def write(path, rows):
@@ -425,7 +464,7 @@ def write(path, rows):
 
 def of_this(rows, scene, label):
     """Those of this scene and, if a label is given, of this state of the software."""
-    return [row for row in rows if row["scene"] == scene and (label is None or row.get("label", "") == label)]
+    return [row for row in rows if row["scene"] == scene and label in (None, row["label"])]
 
 
 def latest(rows):
@@ -434,10 +473,9 @@ def latest(rows):
 
 
 def left_of(cases, rows):
-    """What is still to be run, and after that once more what was not met."""
+    """What is still to be run or met."""
     verdicts = {number: row["verdict"] for number, row in latest(rows).items()}
-    left = [case for case in cases if verdicts.get(str(case.number), NOT_MET) == NOT_MET]
-    return sorted(left, key=lambda case: str(case.number) in verdicts)
+    return [case for case in cases if verdicts.get(str(case.number), NOT_MET) == NOT_MET]
 
 
 def judged(rows, wanted, num_others=0):
@@ -446,9 +484,9 @@ def judged(rows, wanted, num_others=0):
     for row in rows:
         counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
         if row["verdict"] == "VIOLATION":
-            print(f"VIOLATION: mission {row['number']}, {row['disturbance']} {row['node']} in {row['state']}, seed {row['seed']}: {row['why']}")
+            print(f"VIOLATION: {row['number']}, {row['disturbance']} {row['node']} in {row['state']}, seed {row['seed']}: {row['why']}")
     met = len(rows) - counts.get(NOT_MET, 0)
-    print(f"{met} of {wanted} missions: " + (", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "none"))
+    print(f"{met} of {wanted} disturbances: " + (", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "none"))
     if num_others > 0:
         print(f"{num_others} rows of another scene or state of the software are not counted")
     return 1 if "VIOLATION" in counts or not rows else 0 if met == wanted else 3
@@ -466,8 +504,9 @@ def main():
     parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/worlds (default {SCENE})")
     parser.add_argument("--label", metavar="TEXT", help="state of the software: rows of others are not counted (default: rows of any are)")
     parser.add_argument("--hours", type=float, default=math.inf, metavar="H", help="begin no other mission after this time of the wall clock")
-    parser.add_argument("--plan", action="store_true", help="print the missions and do nothing")
-    parser.add_argument("--only", type=int, metavar="N", help="this one, again if it was run before")
+    parser.add_argument("--plan", action="store_true", help="print what there is to meet and do nothing")
+    parser.add_argument("--only", type=int, nargs="+", metavar="N", help="these in one mission, again if they were met before")
+    parser.add_argument("--mission", nargs="+", metavar="NAME", help="these of the plan's missions only")
     parser.add_argument("--fresh", action="store_true", help="forget what was run before")
     parser.add_argument("--judge", action="store_true", help="tell what came of those that were run")
     arguments = parser.parse_args()
@@ -479,10 +518,14 @@ def main():
     if arguments.plan:
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a reader that has enough
         for case in cases:
-            print(f"{case.number:3d}  {case.disturbance:18s} {case.node:18s} {case.state:10s} seed {case.seed:3d}  {case.lead}")
+            print(f"{case.number:3d}  {case.disturbance:18s} {case.node:18s} {case.state:10s} {case.mission}")
         return 0
-    if arguments.only is not None and not 0 <= arguments.only < len(cases):
-        parser.error(f"--only {arguments.only}, must be in [0, {len(cases) - 1}]")
+    for number in arguments.only or ():
+        if not 0 <= number < len(cases):
+            parser.error(f"--only {number}, must be in [0, {len(cases) - 1}]")
+    for name in arguments.mission or ():
+        if name not in {case.mission for case in cases}:
+            parser.error(f"--mission {name}, must be of {', '.join(dict.fromkeys(case.mission for case in cases))}")
     arguments.out = arguments.out.resolve()
     table = arguments.out / "mission.csv"
     try:
@@ -493,10 +536,12 @@ def main():
 
 
 def run_or_judge(arguments, cases, table):
+    wanted = [case for case in cases if not arguments.mission or case.mission in arguments.mission]
+
     def judge():
-        rows = rows_of(table)
+        rows, numbers = rows_of(table), {str(case.number) for case in wanted}
         mine = of_this(rows, arguments.scene, arguments.label)
-        return judged(mine, len(cases), len(rows) - len(mine))
+        return judged([row for row in mine if row["number"] in numbers], len(wanted), len(rows) - len(mine))
 
     if arguments.judge:
         return judge()
@@ -511,14 +556,16 @@ def run_or_judge(arguments, cases, table):
         port = free_port()
         os.environ.update(ROS_MASTER_URI=urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", "")), ROS_HOSTNAME="localhost")
         try:
-            row = Mission(cases[arguments.only], arguments.out, port, arguments.scene, arguments.label or "").run()
+            rows = Mission([cases[number] for number in sorted(set(arguments.only))], arguments.out, port, arguments.scene, arguments.label or "").run()
         except NotUp as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
-        append(table, row)
-        print(f"{row['number']}: {row['disturbance']} {row['node']} in {row['met_in'] or row['state']} at {row['at_s']} s: {row['verdict']}"
-              f"{', ' + row['why'] if row['why'] else ''}; {row['end_reason']}, {row['stowed']} stowed, {row['wall_s']} s", flush=True)
-        return 1 if row["verdict"] == "VIOLATION" else 0
+        append(table, rows)
+        for row in rows:
+            print(f"{row['number']:3d}: {row['disturbance']} {row['node']} in {row['met_in'] or row['state']} at {row['at_s']} s: {row['verdict']}"
+                  f"{', ' + row['why'] if row['why'] else ''}")
+        print(f"     {row['end_reason']}, {row['stowed']} of {row['total']} stowed, {row['sim_s']} s simulated, {row['wall_s']} s", flush=True)
+        return 1 if any(row["verdict"] == "VIOLATION" for row in rows) else 0
     if arguments.fresh:
         table.unlink(missing_ok=True)
         shutil.rmtree(arguments.out / "mission", ignore_errors=True)
@@ -526,15 +573,21 @@ def run_or_judge(arguments, cases, table):
     command = [sys.executable, __file__, "--out", str(arguments.out), "--scene", arguments.scene]
     if arguments.label is not None:
         command.append(f"--label={arguments.label}")
-    for case in left_of(cases, of_this(rows_of(table), arguments.scene, arguments.label)):
-        if time.monotonic() > end:
-            break
-        num_before = len(rows_of(table))
-        # rospy knows one master per process. One that breaks down exits with 1, too, and leaves no row.
-        code = subprocess.call([*command, "--only", str(case.number)])
-        if code not in (0, 1) or len(rows_of(table)) <= num_before:
-            return 2
-    return judge()
+    num_left = len(wanted) + 1
+    while True:
+        left = left_of(wanted, of_this(rows_of(table), arguments.scene, arguments.label))
+        # Once more for what was not met, as long as that gets less.
+        if not left or len(left) >= num_left:
+            return judge()
+        num_left = len(left)
+        for mission in missions_of(left):
+            if time.monotonic() > end:
+                return judge()
+            num_before = len(rows_of(table))
+            # rospy knows one master per process. One that breaks down exits with 1, too, and leaves no row.
+            code = subprocess.call([*command, "--only", *(str(case.number) for case in mission)])
+            if code not in (0, 1) or len(rows_of(table)) <= num_before:
+                return 2
 
 
 if __name__ == "__main__":

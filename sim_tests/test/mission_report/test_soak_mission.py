@@ -18,13 +18,13 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "scripts"))
 import soak_mission  # noqa: E402
 
 
-def case_of(disturbance="kill", state="pick"):
-    return soak_mission.Case(0, disturbance, "gpis_mapping" if disturbance == "kill" else "", state, 1)
+def case_of(disturbance="kill", state="pick", number=0):
+    return soak_mission.Case(number, disturbance, "gpis_mapping" if disturbance == "kill" else "", state, "gpis_mapping")
 
 
 def facts_of(**changes):
-    facts = {"happened": True, "back_wall_s": 2.0, "end_reason": "no_brick_left", "end_message": "", "picked": 4, "stowed": 4, "total": 4, "falls": 0,
-             "drops": 0, "collisions": 0}
+    facts = {"happened": True, "back_wall_s": 2.0, "end_reason": "no_brick_left", "end_message": "", "picked": 4, "stowed": 4, "total": 4,
+             "taken_away": 0, "falls": 0, "drops": 0, "collisions": 0}
     unknown = set(changes) - set(facts)
     assert not unknown, unknown
     return {**facts, **changes}
@@ -41,6 +41,54 @@ class Plan(unittest.TestCase):
 
     def test_is_the_same_each_time(self):
         self.assertEqual(soak_mission.plan(), soak_mission.plan())
+
+
+    def test_missions_have_one_node_or_one_of_each_fault(self):
+        missions = soak_mission.missions_of(soak_mission.plan())
+        self.assertEqual(len(missions), len(soak_mission.NODES) + soak_mission.FAULTS_EACH)
+        for mission in missions:
+            self.assertEqual(len({case.node for case in mission}), 1)
+            self.assertEqual(len({(case.disturbance, case.state) for case in mission}), len(mission))
+
+
+class NextStep(unittest.TestCase):
+    def step(self, state, *wanted, is_carrying=False):
+        """What comes: a disturbance's kind, what leads to one, or None."""
+        pending = [case_of(kind, state, number) for number, (kind, state) in enumerate(wanted)]
+        case, lead = soak_mission.next_step(state, is_carrying, pending)
+        self.assertTrue(case is None or lead is None)
+        return (case.disturbance, case.number) if case else lead
+
+    def test_what_is_for_this_state_comes_in_the_plans_order(self):
+        self.assertEqual(self.step("look", ("kill", "pick"), ("camera_gone", "look"), ("move_brick", "look")), ("camera_gone", 1))
+        self.assertIsNone(self.step("look", ("kill", "pick"), ("kill", "drive")))
+        self.assertIsNone(self.step("pick"))
+
+    def test_a_brick_falls_when_there_is_one_in_the_hand(self):
+        self.assertIsNone(self.step("pick", ("drop_brick", "pick")))
+        self.assertEqual(self.step("pick", ("drop_brick", "pick"), is_carrying=True), ("drop_brick", 0))
+        self.assertEqual(self.step("pick", ("drop_brick", "pick"), ("driver_gone", "pick")), ("driver_gone", 1))
+
+    def test_a_mission_that_waits_for_a_person_goes_on(self):
+        for state, lead in (("idle", "start"), ("paused", "resume"), ("held", "resume")):
+            self.assertEqual(self.step(state, ("kill", "look")), lead)
+            self.assertEqual(self.step(state), lead)
+            self.assertEqual(self.step(state, ("kill", state)), ("kill", 0))
+
+    def test_each_state_that_does_not_come_by_itself_is_led_to(self):
+        cases = {"paused": ("look", False, "pause"), "halting": ("pick", False, "hold"), "held": ("pick", False, "hold"), "plan_stow": ("pick", True, "hold"),
+                 "stow": ("pick", True, "hold"), "let_go": ("pick", True, "hold"), "recover": ("pick", True, "protective_stop"),
+                 "wait": ("drive", False, "localisation_gone"), "report": ("pick", False, "take_away")}
+        self.assertEqual(set(cases) | {"idle"}, set(soak_mission.STATES[soak_mission.STATES.index("idle"):]))
+        for wanted, (state, is_carrying, lead) in cases.items():
+            self.assertEqual(self.step(state, ("kill", wanted), is_carrying=is_carrying), lead, wanted)
+            # A mission of faults is led nowhere.
+            self.assertIsNone(self.step(state, ("camera_gone", wanted), is_carrying=is_carrying), wanted)
+
+    def test_a_brick_is_taken_away_last(self):
+        self.assertIsNone(self.step("pick", ("kill", "report"), ("kill", "recover")))
+        self.assertEqual(self.step("pick", ("kill", "report"), ("kill", "recover"), is_carrying=True), "protective_stop")
+        self.assertEqual(self.step("pick", ("kill", "report"), ("kill", "held")), "hold")
 
 
 class Verdict(unittest.TestCase):
@@ -85,8 +133,15 @@ class Verdict(unittest.TestCase):
         self.expect("VIOLATION", case_of("camera_gone"), drops=1)
 
     def test_a_brick_that_was_carried_away_may_be_unknown(self):
-        self.expect("ended safely", case_of("unreachable_brick"), picked=3, stowed=3)
+        self.expect("ended safely", case_of("unreachable_brick"), picked=3, stowed=3, taken_away=1)
+        self.expect("VIOLATION", case_of("unreachable_brick"), picked=2, stowed=2, taken_away=1)
         self.expect("VIOLATION", case_of("move_brick"), picked=3, stowed=3)
+
+    def test_each_dropped_brick_of_a_mission_may_fall_once(self):
+        kill, drop = case_of(), case_of("drop_brick")
+        self.assertEqual(soak_mission.verdict(kill, facts_of(falls=1, drops=1), [kill, drop])[0], "recovered")
+        self.assertEqual(soak_mission.verdict(kill, facts_of(falls=2, drops=1), [kill, drop])[0], "VIOLATION")
+        self.assertEqual(soak_mission.verdict(drop, facts_of(falls=1, drops=1), [kill])[0], "VIOLATION", "it was not met")
 
 
 class Table(unittest.TestCase):
@@ -94,8 +149,7 @@ class Table(unittest.TestCase):
         return {**dict.fromkeys(soak_mission.COLUMNS, "x"), "number": number, "verdict": verdict, "seed": None, "scene": scene, "label": label}
 
     def write_all(self, path, verdict, scene, label):
-        for case in soak_mission.plan():
-            soak_mission.append(path, self.row(case.number, verdict, scene, label))
+        soak_mission.append(path, [self.row(case.number, verdict, scene, label) for case in soak_mission.plan()])
 
     def judge(self, folder, *options):
         return subprocess.run(["/usr/bin/python3", soak_mission.__file__, "--judge", "--out", str(folder), *options], capture_output=True, text=True,
@@ -106,40 +160,27 @@ class Table(unittest.TestCase):
             path = pathlib.Path(folder) / "mission.csv"
             self.assertEqual(soak_mission.rows_of(path), [])
             for number in range(2):
-                soak_mission.append(path, self.row(number, "recovered"))
+                soak_mission.append(path, [self.row(number, "recovered")])
             with open(path, "a", encoding="utf-8") as stream:
                 stream.write("2,kill,x")
             rows = soak_mission.rows_of(path)
             self.assertEqual([row["number"] for row in rows], ["0", "1"])
             self.assertEqual(rows[0]["seed"], "")
-            soak_mission.append(path, self.row(2, "recovered"))
+            soak_mission.append(path, [self.row(2, "recovered")])
             self.assertEqual([(row["number"], row["end_message"]) for row in soak_mission.rows_of(path)], [("0", "x"), ("1", "x"), ("2", "x")])
-
-    def test_a_table_without_labels_is_gone_on_with(self):
-        with tempfile.TemporaryDirectory() as folder:
-            path = pathlib.Path(folder) / "mission.csv"
-            columns = [column for column in soak_mission.COLUMNS if column != "label"]
-            with open(path, "w", newline="", encoding="utf-8") as stream:
-                writer = csv.DictWriter(stream, columns, extrasaction="ignore")
-                writer.writeheader()
-                writer.writerow(self.row(0, "ended safely"))
-            soak_mission.append(path, self.row(1, "recovered", label="new"))
-            rows = soak_mission.rows_of(path)
-            self.assertEqual([(row["number"], row["verdict"], row["label"], row["end_message"]) for row in rows],
-                             [("0", "ended safely", "", "x"), ("1", "recovered", "new", "x")])
 
     def test_only_rows_of_this_scene_and_state_of_the_software_count(self):
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "mission.csv"
             self.write_all(path, "recovered", "four_bricks", "old")
             done = self.judge(folder, "--label", "old")
-            self.assertEqual((done.returncode, done.stdout), (0, "186 of 186 missions: 186 recovered\n"))
+            self.assertEqual((done.returncode, done.stdout), (0, "186 of 186 disturbances: 186 recovered\n"))
             self.assertEqual(self.judge(folder).returncode, 0, "without a label the scene alone is compared")
             for options in (("--label", "new"), ("--label", ""), ("--scene", "single_brick"), ("--scene", "single_brick", "--label", "old")):
                 done = self.judge(folder, *options)
                 self.assertEqual(done.returncode, 1, options)
-                self.assertEqual(done.stdout, "0 of 186 missions: none\n186 rows of another scene or state of the software are not counted\n")
-            soak_mission.append(path, self.row(0, "recovered", "four_bricks", "new"))
+                self.assertEqual(done.stdout, "0 of 186 disturbances: none\n186 rows of another scene or state of the software are not counted\n")
+            soak_mission.append(path, [self.row(0, "recovered", "four_bricks", "new")])
             self.assertEqual(self.judge(folder, "--label", "new").returncode, 3)
             rows, cases = soak_mission.rows_of(path), soak_mission.plan()
             self.assertEqual(soak_mission.left_of(cases, soak_mission.of_this(rows, "four_bricks", "old")), [])
@@ -150,33 +191,42 @@ class Table(unittest.TestCase):
             path = pathlib.Path(folder) / "mission.csv"
             self.write_all(path, "not met", "four_bricks", "now")
             done = self.judge(folder, "--label", "now")
-            self.assertEqual((done.returncode, done.stdout), (3, "0 of 186 missions: 186 not met\n"))
+            self.assertEqual((done.returncode, done.stdout), (3, "0 of 186 disturbances: 186 not met\n"))
         cases = soak_mission.plan()[:4]
         rows = [self.row(str(number), verdict) for number, verdict in ((0, "not met"), (1, "recovered"), (2, "not met"), (2, "ended safely"))]
-        self.assertEqual([case.number for case in soak_mission.left_of(cases, rows)], [3, 0])
+        self.assertEqual([case.number for case in soak_mission.left_of(cases, rows)], [0, 3])
 
-    def test_a_call_tries_each_that_is_left_once(self):
+    def run_with(self, folder, cases, num_met, *options):
+        """The missions that one call begins, when of each this many disturbances are met."""
+        begun, path = [], pathlib.Path(folder) / "mission.csv"
+
+        def mission(command):
+            self.assertIn("--label=new", command)
+            # run_mission would take another path as relative to the repository.
+            self.assertEqual(command[command.index("--out") + 1], str(pathlib.Path(folder).resolve()))
+            numbers = [int(number) for number in command[command.index("--only") + 1:]]
+            begun.append(numbers)
+            soak_mission.append(path, [self.row(number, "recovered" if index < num_met else "not met", "four_bricks", "new") for index, number in enumerate(numbers)])
+            return 0
+
+        arguments = ["soak_mission.py", "--out", os.path.relpath(folder), "--label", "new", *options]
+        with unittest.mock.patch("soak_mission.subprocess.call", mission), unittest.mock.patch("soak_mission.plan", lambda: cases), \
+                unittest.mock.patch("sys.argv", arguments):
+            return begun, soak_mission.main()
+
+    def test_what_is_left_comes_again_as_long_as_it_gets_less(self):
+        cases = [case for case in soak_mission.plan() if case.node in ("", "gpis_mapping")]
+        cases = [soak_mission.Case(number, case.disturbance, case.node, case.state, case.mission) for number, case in enumerate(cases[:20])]
+        self.assertEqual([len(mission) for mission in soak_mission.missions_of(cases)], [18, 2])
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "mission.csv"
             self.write_all(path, "recovered", "four_bricks", "old")
-            soak_mission.append(path, self.row(1, "recovered", "four_bricks", "new"))
-            tried = []
-
-            def never_met(command):
-                tried.append(int(command[command.index("--only") + 1]))
-                soak_mission.append(path, self.row(tried[-1], "not met", "four_bricks", "new"))
-                self.assertIn("--label=new", command)
-                # run_mission would take another path as relative to the repository.
-                self.assertEqual(command[command.index("--out") + 1], str(pathlib.Path(folder).resolve()))
-                return 0
-
-            cases = soak_mission.plan()[:4]
-            arguments = ["soak_mission.py", "--out", os.path.relpath(folder), "--label", "new"]
-            for _ in range(2):
-                with unittest.mock.patch("soak_mission.subprocess.call", never_met), unittest.mock.patch("soak_mission.plan", lambda: cases), \
-                        unittest.mock.patch("sys.argv", arguments):
-                    self.assertEqual(soak_mission.main(), 3)
-            self.assertEqual(tried, [0, 2, 3] * 2)
+            soak_mission.append(path, [self.row(1, "recovered", "four_bricks", "new")])
+            self.assertEqual(self.run_with(folder, cases, 0), ([[0, *range(2, 18)], [18, 19]], 3))
+            self.assertEqual(self.run_with(folder, cases, 10), ([[0, *range(2, 18)], [18, 19], list(range(11, 18))], 0))
+            self.assertEqual(self.run_with(folder, cases, 10), ([], 0))
+        with tempfile.TemporaryDirectory() as folder:
+            self.assertEqual(self.run_with(folder, cases, 10, "--mission", "faults_0"), ([[18, 19]], 0))
 
     def test_what_is_no_table_is_refused_in_one_line(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -191,7 +241,7 @@ class Table(unittest.TestCase):
                 self.assertIn(words, done.stderr)
                 self.assertEqual(path.read_bytes(), content)
             path.write_bytes(b"")
-            self.assertEqual(self.judge(folder).stdout, "0 of 186 missions: none\n")
+            self.assertEqual(self.judge(folder).stdout, "0 of 186 disturbances: none\n")
 
     def test_exit_code_tells_violation_all_and_some(self):
         rows = [self.row(0, "recovered"), self.row(1, "ended safely")]
@@ -204,7 +254,7 @@ class Table(unittest.TestCase):
         self.assertEqual(soak_mission.judged(rows + [self.row(1, "VIOLATION")], 2), 1)
 
 
-class SoakMission(Plan, Verdict, Table):
+class SoakMission(Plan, NextStep, Verdict, Table):
     """rosunit takes one."""
 
 

@@ -26,6 +26,7 @@ struct MissionConfig {
   double cancel_timeout_s{15.0};   // for a cancelled one to end
   double ready_timeout_s{60.0};    // for the arm to be ready again, or to end what it does
   double retry_wait_s{2.0};        // before what was too old or not there is asked again
+  double recover_wait_s{10.0};     // after a recovery that failed, for the arm to be ready by itself: then the next
 
   int max_picks_per_brick{3};          // that failed: then it is left, but for one more for each that is taken away
   int max_plans_per_brick{10};         // that failed since a brick was last taken away
@@ -63,6 +64,7 @@ void visitMissionFields(Config& config, Visitor&& visit) {
   visit("time/cancel_timeout_s", config.cancel_timeout_s);
   visit("time/ready_timeout_s", config.ready_timeout_s);
   visit("time/retry_wait_s", config.retry_wait_s);
+  visit("time/recover_wait_s", config.recover_wait_s);
   visit("attempts/max_picks_per_brick", config.max_picks_per_brick);
   visit("attempts/max_plans_per_brick", config.max_plans_per_brick);
   visit("attempts/max_pick_failures_per_view", config.max_pick_failures_per_view);

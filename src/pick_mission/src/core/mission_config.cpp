@@ -30,6 +30,7 @@ std::vector<std::string> MissionConfig::validate() const {
   check("time/cancel_timeout_s", cancel_timeout_s, 0.1, kLongest_s, "s");
   check("time/ready_timeout_s", ready_timeout_s, 0.1, kLongest_s, "s");
   check("time/retry_wait_s", retry_wait_s, 0.0, kLongest_s, "s");
+  check("time/recover_wait_s", recover_wait_s, 0.0, kLongest_s, "s");
   check("attempts/max_picks_per_brick", max_picks_per_brick, 1, kMost, "");
   check("attempts/max_plans_per_brick", max_plans_per_brick, 1, kMost, "");
   check("attempts/max_pick_failures_per_view", max_pick_failures_per_view, 1, kMost, "");
@@ -54,6 +55,7 @@ std::vector<std::string> MissionConfig::validate() const {
                                      {"detect/timeout_s", detect_timeout_s},
                                      {"time/ready_timeout_s", ready_timeout_s},
                                      {"time/retry_wait_s", retry_wait_s},
+                                     {"time/recover_wait_s", recover_wait_s},
                                      {"views/fade_wait_s", fade_wait_s}}) {
     if (value_s < action_timeout_s || value_s > kLongest_s) continue;
     problems.push_back(std::string(key) + " = " + std::to_string(value_s) +

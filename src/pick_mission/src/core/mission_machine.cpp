@@ -848,6 +848,8 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
       wait_ = {config_.ready_timeout_s, WaitUntil::kArmReady};
     } else if (is_arm_busy_) {
       wait_ = {config_.ready_timeout_s, WaitUntil::kArmIdle};
+    } else if (state_ == State::kRecover) {
+      wait_ = {config_.recover_wait_s, WaitUntil::kArmReady};
     } else if (state_ == State::kClear || handlesBrick(state_)) {
       wait_ = {config_.ready_timeout_s, WaitUntil::kArmReady};
     } else {

@@ -145,7 +145,7 @@ Reaction toArm(State action, ArmStatus status) {
       return inARow(action, Trigger::kRetryHere, "plan anew from where the arm stands");
     case ArmStatus::kNotReady:
     case ArmStatus::kProgramStopped:
-      if (is_recovery) return inARow(action, Trigger::kRetryHere, "it may come with the next attempt");
+      if (is_recovery) return inARow(action, Trigger::kWaitFirst, "it may come with time, or with the next attempt");
       return inARow(action, Trigger::kRecover, "mode, brakes or program have to be brought back");
     case ArmStatus::kStaleState:
     case ArmStatus::kStaleMap:

@@ -718,6 +718,29 @@ TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
   EXPECT_EQ(run.world.commands_of[State::kRecover], config.max_recoveries_in_a_row);
 }
 
+TEST(MissionMachine, RecoveriesAreFarEnoughApartForADriverToComeBack) {
+  const MissionConfig config;
+  for (const ArmStatus status : {ArmStatus::kProgramStopped, ArmStatus::kNotReady, ArmStatus::kDriverGone}) {
+    SCOPED_TRACE(toString(status));
+    ToyMission run(config, ToyWorld::ofStacks({1}));
+    double back_s = 0.0;
+    run.inject = [&](State action, int) -> std::optional<Result> {
+      if (back_s == 0.0 && action == State::kPick) back_s = run.now_s + config.recover_wait_s + 5.0;
+      if (run.now_s >= back_s) return std::nullopt;
+      if (action == State::kPick || action == State::kRecover) return ArmResult{status};
+      if (action != State::kWait) return std::nullopt;
+      const command::Wait& wait = std::get<command::Wait>(run.world.running->body);
+      EXPECT_EQ(wait.until, WaitUntil::kArmReady);
+      run.now_s += wait.limit_s;
+      return WaitResult{WaitStatus::kNotReady};
+    };
+    run.start();
+    ASSERT_TRUE(run.toEnd());
+    EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+    EXPECT_EQ(run.world.commands_of[State::kRecover], 3);
+  }
+}
+
 TEST(MissionMachine, HandThatIsSuddenlyFullIsStowedBeforeAnythingElse) {
   ToyMission run({}, ToyWorld::ofStacks({1, 1}));
   run.start();
