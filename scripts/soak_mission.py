@@ -363,6 +363,7 @@ class Mission:
                 facts.update(happened=True, at_s=round(self.now_s(), 2), met_in=self.names.get(self.state.state, "?"))
                 if case.disturbance == "kill":
                     self.kill(case)
+                    led = None  # one that has come anew may wait in a visit just like that before
                 else:
                     facts["happened"] = self.fault(case.disturbance)
                 pending.remove(case)
