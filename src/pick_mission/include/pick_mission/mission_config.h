@@ -35,6 +35,8 @@ struct MissionConfig {
   int max_failures_in_a_row{5};        // of one kind of action: then the mission ends
   int max_recoveries_in_a_row{3};      // without a motion of the arm that succeeded in between
   int max_fruitless_views{8};          // in a row, without a pick and without a new brick
+  int leave_after_views{3};            // of these: away from the bricks tried in vain, if others have not been tried
+  double leave_radius_m{1.5};          // about such a brick: places from which the arm reaches it
   int max_low_utility_views{4};        // without a pick: to uncover what is unseen
   int max_vantage_drives{3};           // without a pick: back to a place of the survey
   int max_fade_waits{3};               // without a pick: for reported failures to fade
@@ -72,6 +74,8 @@ void visitMissionFields(Config& config, Visitor&& visit) {
   visit("attempts/max_failures_in_a_row", config.max_failures_in_a_row);
   visit("attempts/max_recoveries_in_a_row", config.max_recoveries_in_a_row);
   visit("views/max_fruitless", config.max_fruitless_views);
+  visit("views/leave_after", config.leave_after_views);
+  visit("views/leave_radius_m", config.leave_radius_m);
   visit("views/max_low_utility", config.max_low_utility_views);
   visit("views/max_vantage_drives", config.max_vantage_drives);
   visit("views/max_fade_waits", config.max_fade_waits);

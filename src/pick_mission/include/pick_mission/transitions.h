@@ -57,6 +57,7 @@ enum class Guard {
   kBrickHere,     // one to be tried from here
   kViewsSpent,    // too many views in a row without a pick or a new brick
   kMayRecover,    // not too often in a row; no protective stop, or the configuration lets the program unlock it
+  kLeaves,        // the selection passes over the surroundings of bricks that were tried in vain
   kSomeExcluded,  // places are excluded from the selection
   kUnseenWorth,   // something unseen is left, and going there has not been tried too often
   kWorthWaiting,  // bricks have attempts left, and failures may fade

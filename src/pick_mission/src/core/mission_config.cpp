@@ -38,6 +38,8 @@ std::vector<std::string> MissionConfig::validate() const {
   check("attempts/max_failures_in_a_row", max_failures_in_a_row, 1, kMost, "");
   check("attempts/max_recoveries_in_a_row", max_recoveries_in_a_row, 1, kMost, "");
   check("views/max_fruitless", max_fruitless_views, 1, kMost, "");
+  check("views/leave_after", leave_after_views, 1, kMost, "");
+  check("views/leave_radius_m", leave_radius_m, 0.0, kFarthest_m, "m");
   check("views/max_low_utility", max_low_utility_views, 0, kMost, "");
   check("views/max_vantage_drives", max_vantage_drives, 0, kMost, "");
   check("views/max_fade_waits", max_fade_waits, 0, kMost, "");

@@ -131,6 +131,7 @@ class MissionMachine::Impl {
   void enter();
   void issue();
   void beforeChoosing();
+  std::vector<command::Zone> zonesOfVainBricks() const;
   void absorb(State action, const event::Reply& reply, const Reaction& reaction, bool is_broken_off);
   void absorbSuccess(State action, const event::Reply& reply);
   void absorbFailure(State action, const event::Reply& reply, const Reaction& reaction);
@@ -215,6 +216,7 @@ class MissionMachine::Impl {
   int unknown_hand_waits_{0};
   std::array<int, kNumStates> streaks_{};  // failures in a row, by action
   std::vector<command::Zone> excluded_;
+  bool is_leaving_given_up_{false};  // nothing else was worth it
 
   // Of where the robot stands.
   bool is_at_view_{false};
@@ -510,6 +512,7 @@ void MissionMachine::Impl::brickStowed() {
   ++picks_here_;
   streak(State::kPick) = streak(State::kLetGo) = 0;  // whatever was answered on the way to it
   fruitless_views_ = low_utility_views_ = vantage_drives_ = fade_waits_ = 0;
+  is_leaving_given_up_ = false;
   excluded_.clear();
 }
 
@@ -646,6 +649,8 @@ bool MissionMachine::Impl::holds(Guard guard) const {
       return fruitless_views_ >= config_.max_fruitless_views;
     case Guard::kMayRecover:
       return recoveries_ < config_.max_recoveries_in_a_row && (!is_protective_stop_ || config_.unlocks_protective_stop);
+    case Guard::kLeaves:
+      return !zonesOfVainBricks().empty();
     case Guard::kSomeExcluded:
       return !excluded_.empty();
     case Guard::kUnseenWorth:
@@ -743,6 +748,7 @@ std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
       break;
     case State::kSelect:
       text << "no brick is to be tried from here";
+      if (holds(Guard::kLeaves)) text << "; away from those tried in vain, others have not been tried";
       break;
     case State::kDrive:
       if (drive_for_ == DriveFor::kSurvey) {
@@ -835,6 +841,8 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
       goal_ = surveyPose(size - 1 - static_cast<std::size_t>(vantage_drives_) % size);
       ++vantage_drives_;
     }
+  } else if (row.to == State::kSelect && row.guard == Guard::kLeaves) {
+    is_leaving_given_up_ = true;
   } else if (row.to == State::kSelect && row.guard == Guard::kSomeExcluded) {
     excluded_.clear();
   } else if (row.to == State::kRecover) {
@@ -883,6 +891,23 @@ void MissionMachine::Impl::beforeChoosing() {
   ++fruitless_views_;
   excluded_.push_back({base_.position(), config_.exclusion_radius_m});
   reports_.push_back({{base_.x_m, base_.y_m, 0.0}, now_s_, "nothing could be picked from here"});
+}
+
+/// View after view at bricks that cannot be reached, and others that nobody has tried: those first.
+std::vector<command::Zone> MissionMachine::Impl::zonesOfVainBricks() const {
+  std::vector<command::Zone> zones;
+  if (fruitless_views_ < config_.leave_after_views || is_leaving_given_up_) return zones;
+  bool is_any_untried = false;
+  for (const auto& [id, record] : ledger_.bricks()) {
+    if (!record.is_there || record.is_picked) continue;
+    if (record.plans_failed > 0 || record.picks_failed > 0) {
+      zones.push_back({record.seen.T_map_brick.translation().head<2>(), config_.leave_radius_m});
+    } else {
+      is_any_untried = true;
+    }
+  }
+  if (!is_any_untried) zones.clear();
+  return zones;
 }
 
 /// Once, when the places that are configured have been looked from: evenly round what was found, from where it stands on.
@@ -953,6 +978,7 @@ void MissionMachine::Impl::issue() {
       break;
     case State::kSelect:
       next.body = command::SelectView{info_.strategy, excluded_, map_stamp_s_};
+      for (const command::Zone& zone : zonesOfVainBricks()) std::get<command::SelectView>(next.body).excluded.push_back(zone);
       break;
     case State::kDrive:
       next.body = command::Drive{*goal_};

@@ -69,6 +69,8 @@ std::vector<Transition> makeTransitions() {
       {S::kLetGo, T::kLetGoAgain, G::kAlways, S::kLetGo},
       // The next view.
       {S::kSelect, T::kDone, G::kAlways, S::kDrive},
+      {S::kSelect, T::kVantage, G::kLeaves, S::kSelect},
+      {S::kSelect, T::kLowUtility, G::kLeaves, S::kSelect},
       {S::kSelect, T::kVantage, G::kSomeExcluded, S::kSelect},
       {S::kSelect, T::kVantage, G::kVantageLeft, S::kDrive},
       {S::kSelect, T::kVantage, G::kAlways, S::kEnded},
@@ -177,6 +179,8 @@ const char* toString(Guard guard) {
       return "too many fruitless views";
     case Guard::kMayRecover:
       return "not recovered too often, no protective stop or may unlock it";
+    case Guard::kLeaves:
+      return "bricks tried in vain are kept away from";
     case Guard::kSomeExcluded:
       return "places are excluded";
     case Guard::kUnseenWorth:

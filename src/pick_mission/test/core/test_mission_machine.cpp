@@ -637,6 +637,45 @@ TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {
   EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
 }
 
+TEST(MissionMachine, LeavesBricksThatNobodyReachesForThoseNotTried) {
+  MissionConfig config;
+  config.leave_radius_m = 0.8;  // of a toy: the three views before a brick
+  config.exclusion_radius_m = 0.0;
+  std::vector<ToyBrick> bricks{{0, 0, 0, false, true}, {1, 0, 0, false, true}, {2, 4, 0}};
+  ToyMission run(config, ToyWorld(bricks));
+  run.start();
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.world.stowed, 1) << tail(run);  // two stand where the selection would go again and again
+  int kept_away = 0;
+  for (const Command& command : run.commands) {
+    const auto* select = std::get_if<command::SelectView>(&command.body);
+    if (select == nullptr) continue;
+    kept_away += static_cast<int>(
+        std::any_of(select->excluded.begin(), select->excluded.end(), [](const command::Zone& z) { return z.radius_m > 0.0; }));
+  }
+  EXPECT_GT(kept_away, 0);
+
+  // Nothing but those: they stay what is gone to.
+  bricks.pop_back();
+  ToyMission alone(config, ToyWorld(bricks));
+  alone.start();
+  ASSERT_TRUE(alone.toEnd());
+  for (const Command& command : alone.commands) {
+    if (const auto* select = std::get_if<command::SelectView>(&command.body)) {
+      for (const command::Zone& zone : select->excluded) EXPECT_EQ(zone.radius_m, 0.0);
+    }
+  }
+
+  // Those not tried out of every view: as before, and not for ever.
+  run.inject = nullptr;
+  config.leave_radius_m = 10.0;
+  bricks.push_back({2, 4, 0});
+  ToyMission far(config, ToyWorld(bricks));
+  far.start();
+  ASSERT_TRUE(far.toEnd());
+  EXPECT_TRUE(far.isOver());
+}
+
 TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
   MissionConfig config;
   config.max_fruitless_views = 2;
