@@ -36,7 +36,7 @@ TEST(MissionConfig, EachNumberThatIsNoneOrFarOutIsNamed) {
     });
     EXPECT_THAT(config.validate(), Contains(testing::StartsWith(key + " = "))) << key;
   });
-  EXPECT_EQ(keys, 26);
+  EXPECT_EQ(keys, 29);
 }
 
 TEST(MissionConfig, SurveyNeedsAsManyOfEach) {
