@@ -193,22 +193,21 @@ class Mission:
         if not self.until(lambda: rosgraph.is_master_online() and rosgraph.Master("soak_mission").hasParam("/use_sim_time"), MASTER_S):
             raise NotUp(f"the mission does not begin; see {self.log.name}")
         rospy.init_node("soak_mission", anonymous=True, disable_signals=True, disable_rosout=True)
-        self.subscribers = {}
-        for name, topic, kind in (("state", "/pick_mission/state", MissionState), ("bridge", "/ur_driver_bridge/state", ArmBridgeState),
-                                  ("judge", "/simulated_world/judge", JudgeState)):
-            self.subscribers[name] = rospy.Subscriber(topic, kind, self.store_as(name), queue_size=100)
+        self.topics = {"state": ("/pick_mission/state", MissionState), "bridge": ("/ur_driver_bridge/state", ArmBridgeState),
+                       "judge": ("/simulated_world/judge", JudgeState)}
+        self.subscribers = {name: self.subscribe(name) for name in self.topics}
         for topic in ("/tf", "/tf_static"):
             rospy.Subscriber(topic, TFMessage, self.on_tf, queue_size=10)
 
-    def store_as(self, name):
-        return lambda message: self.store(name, message)
+    def subscribe(self, name):
+        return self.rospy.Subscriber(*self.topics[name], lambda message: self.store(name, message), queue_size=100)
 
     def subscribe_again(self, node):
         """rospy asks a publisher that has just come once, and if that is too early never again."""
-        for name, subscriber in self.subscribers.items():
-            if subscriber.name.split("/")[1] == node:
-                subscriber.unregister()
-                self.subscribers[name] = self.rospy.Subscriber(subscriber.name, subscriber.data_class, self.store_as(name), queue_size=100)
+        for name, (topic, _) in self.topics.items():
+            if topic.split("/")[1] == node:
+                self.subscribers[name].unregister()
+                self.subscribers[name] = self.subscribe(name)
 
     def store(self, name, message):
         with self.changed:
@@ -410,7 +409,7 @@ class Mission:
         finally:
             stop.set()
             if self.process.poll() is None:
-                self.process.send_signal(signal.SIGINT)
+                self.process.terminate()  # in the background an interrupt is ignored
                 self.process.wait()
             self.log.close()
         return self.rows(time.monotonic() - begun)
