@@ -156,30 +156,28 @@ class NotUp(Exception):
     """The mission's nodes do not come up."""
 
 
-class Mission:
-    """One mission, looked on and disturbed. Callbacks come in rospy's threads and only store; one thread does the rest."""
+class WatchedMission:
+    """One mission, looked on. Callbacks come in rospy's threads and only store; one thread does the rest."""
 
-    def __init__(self, cases, out, port, scene, label):
-        self.cases, self.port, self.scene, self.label = cases, port, scene, label
-        self.seed = 1 + cases[0].number  # of pile, noise, moments
-        self.folder = out / "mission" / f"{cases[0].number:03d}"
-        self.random = random.Random(self.seed)
+    def __init__(self, folder, port, scene, seed):
+        self.folder, self.port, self.scene, self.seed = folder, port, scene, seed
+        self.random = random.Random(seed)
         self.state, self.judge, self.bridge, self.tf = None, None, None, {}
-        self.memory = {}
-        self.facts = {case: {"happened": False, "at_s": None, "met_in": "", "on_s": None, "back_wall_s": None} for case in cases}
-        self.misses = collections.Counter()
-        self.taken_away = 0
         self.changed = threading.Condition()
         self.notes = []
 
-    def launch(self):
+    def launch(self, options, arguments):
         self.folder.parent.mkdir(parents=True, exist_ok=True)
-        arguments = [f"mission_config:={CONFIG}", f"wait_timeout_wall_s:={ANSWER_S:g}"]
-        arguments += ["autostart:=false"] if any(case.state == "idle" for case in self.cases) else []
         self.log = open(self.folder.with_suffix(".txt"), "w", encoding="utf-8")
-        self.process = subprocess.Popen([str(ROOT / "scripts/run_mission"), "--run", str(self.folder), "--overwrite", "--scene", self.scene, "--seed",
-                                         str(self.seed), "--no-pictures", "--no-page", "--port", str(self.port), "--wall-limit",
-                                         str(WALL_LIMIT_S), "--", *arguments], stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
+        self.process = subprocess.Popen([str(ROOT / "scripts/run_mission"), "--run", str(self.folder), "--overwrite", "--scene", self.scene, "--seed", str(self.seed),
+                                         "--no-pictures", "--no-page", "--port", str(self.port), *options, "--", *arguments],
+                                        stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
+
+    def end(self):
+        if self.process.poll() is None:
+            self.process.terminate()  # in the background an interrupt is ignored
+            self.process.wait()
+        self.log.close()
 
     def connect(self):
         import rosgraph
@@ -283,6 +281,25 @@ class Mission:
         with self.changed:
             return None if self.state is None else (self.state.state, self.state.since.to_sec())
 
+    def pid_of(self, node):
+        try:
+            with xmlrpc.client.ServerProxy(self.rosgraph.Master("soak_mission").lookupNode("/" + node)) as proxy:
+                return proxy.getPid("soak_mission")[2]
+        except (OSError, self.rosgraph.MasterException, xmlrpc.client.Error):
+            return None
+
+
+class DisturbedMission(WatchedMission):
+    """One that is disturbed by each of `cases`."""
+
+    def __init__(self, cases, out, port, scene, label):
+        super().__init__(out / "mission" / f"{cases[0].number:03d}", port, scene, seed=1 + cases[0].number)
+        self.cases, self.label = cases, label
+        self.memory = {}
+        self.facts = {case: {"happened": False, "at_s": None, "met_in": "", "on_s": None, "back_wall_s": None} for case in cases}
+        self.misses = collections.Counter()
+        self.taken_away = 0
+
     def lead(self, what):
         """Towards a state that the mission would not come to by itself."""
         if what in ("start", "pause", "resume"):
@@ -308,13 +325,6 @@ class Mission:
         self.until(lambda: not is_there() or self.now_s() >= since_s + delay_s)
         self.misses[case] += not is_there()
         return is_there()
-
-    def pid_of(self, node):
-        try:
-            with xmlrpc.client.ServerProxy(self.rosgraph.Master("soak_mission").lookupNode("/" + node)) as proxy:
-                return proxy.getPid("soak_mission")[2]
-        except (OSError, self.rosgraph.MasterException, xmlrpc.client.Error):
-            return None
 
     def kill(self, case):
         """Ends the node; true when it has come back."""
@@ -397,7 +407,8 @@ class Mission:
 
     def run(self):
         begun = time.monotonic()
-        self.launch()
+        autostart = ["autostart:=false"] if any(case.state == "idle" for case in self.cases) else []
+        self.launch(["--wall-limit", str(WALL_LIMIT_S)], [f"mission_config:={CONFIG}", f"wait_timeout_wall_s:={ANSWER_S:g}", *autostart])
         stop = threading.Event()
         try:
             self.connect()
@@ -408,10 +419,7 @@ class Mission:
             self.process.wait()
         finally:
             stop.set()
-            if self.process.poll() is None:
-                self.process.terminate()  # in the background an interrupt is ignored
-                self.process.wait()
-            self.log.close()
+            self.end()
         return self.rows(time.monotonic() - begun)
 
     def rows(self, wall_s):
@@ -506,6 +514,10 @@ def judged(rows, wanted, num_others=0):
     return 1 if "VIOLATION" in counts or not rows else 0 if met == wanted else 3
 
 
+def master_uri(port):
+    return urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", ""))
+
+
 def free_port():
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
@@ -568,9 +580,9 @@ def run_or_judge(arguments, cases, table):
     if arguments.only is not None:
         rows_of(table)  # rather now than after the mission
         port = free_port()
-        os.environ.update(ROS_MASTER_URI=urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", "")), ROS_HOSTNAME="localhost")
+        os.environ.update(ROS_MASTER_URI=master_uri(port), ROS_HOSTNAME="localhost")
         try:
-            rows = Mission([cases[number] for number in sorted(set(arguments.only))], arguments.out, port, arguments.scene, arguments.label or "").run()
+            rows = DisturbedMission([cases[number] for number in sorted(set(arguments.only))], arguments.out, port, arguments.scene, arguments.label or "").run()
         except NotUp as error:
             print(f"error: {error}", file=sys.stderr)
             return 2

@@ -163,7 +163,9 @@ class World {
   /// What a brick would be inside of at a pose, by more than 5 mm: "ground", a link or a brick; empty: it is free. Throws
   /// std::invalid_argument for an unknown id or a pose that is not finite or not within 100 m.
   std::string obstacleAt(int id, const Eigen::Isometry3d& T_map_brick);
-  /// Puts a brick somewhere, at rest. Throws std::invalid_argument for an unknown id or a pose that is not finite.
+  bool knowsBrick(int id) const;  ///< there, or taken away
+  /// Puts a brick somewhere, at rest; one that was taken away is there again. Throws std::invalid_argument for an unknown id
+  /// or a pose that is not finite.
   void moveBrick(int id, const Eigen::Isometry3d& T_map_brick);
   /// Takes a brick out of the world. Throws std::invalid_argument if it is not there.
   void takeAwayBrick(int id);

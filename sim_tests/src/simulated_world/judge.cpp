@@ -147,7 +147,9 @@ void Judge::observe(const WorldObservation& observation) {
   time_s_ = observation.time_s;
   const std::size_t num_events_before = events_.size();
   for (const BrickObservation& brick : observation.bricks) {
-    if (brick.status == BrickStatus::kStowed && stowed_ids_.insert(brick.id).second) {
+    if (brick.status != BrickStatus::kStowed) {
+      stowed_ids_.erase(brick.id);
+    } else if (stowed_ids_.insert(brick.id).second) {
       JudgeEvent event;
       event.kind = JudgeEventKind::kStow;
       event.time_s = time_s_;

@@ -639,9 +639,9 @@ void Simulation::observe(Tick* tick) {
 }
 
 void Simulation::addFault(const Fault& fault) {
-  if (fault.kind == FaultKind::kMoveBrick && !world_->brick(fault.brick_id)) {
+  if (fault.kind == FaultKind::kMoveBrick && !world_->knowsBrick(fault.brick_id)) {
     throw std::invalid_argument("fault move_brick: brick_id = " + std::to_string(fault.brick_id) +
-                                ", must be the id of a brick that is still there");
+                                ", must be the id of a brick of the scene");
   }
   if (fault.at_s <= now() && fault.validate().empty()) {
     const std::string problem = placeProblem(fault);
@@ -713,12 +713,14 @@ void Simulation::beginFault(const FaultSchedule::Change& change, Tick* tick) {
       }
       break;
     case FaultKind::kMoveBrick:
-      if (!world_->brick(fault.brick_id)) {
-        note += ": brick " + std::to_string(fault.brick_id) + " is no longer there";
-      } else if (const std::string problem = placeProblem(fault); !problem.empty()) {
+      if (const std::string problem = placeProblem(fault); !problem.empty()) {
         note += " refused: " + problem;
       } else {
         BrickRecord& brick = record(fault.brick_id);
+        if (brick.status == BrickStatus::kStowed) {
+          --stowed_;  // out of what the chute leads to
+          chute_was_full_ = false;
+        }
         brick.status = BrickStatus::kMovedByHand;
         brick.status_since_s = now();
         world_->moveBrick(fault.brick_id, fault.T_map_object);

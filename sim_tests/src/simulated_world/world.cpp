@@ -745,11 +745,16 @@ std::vector<int> World::bricksAtRestInChute() const {
 
 std::size_t World::indexOf(int id) const {
   for (std::size_t i = 0; i < slots_.size(); ++i) {
-    if (slots_[i].brick.placement.id == id && slots_[i].is_present) {
+    if (slots_[i].brick.placement.id == id) {
       return i;
     }
   }
   throw std::invalid_argument("there is no brick " + std::to_string(id) + " in the world");
+}
+
+bool World::knowsBrick(int id) const {
+  return std::any_of(slots_.begin(), slots_.end(),
+                     [id](const BrickSlot& slot) { return slot.brick.placement.id == id; });
 }
 
 std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
@@ -762,9 +767,12 @@ std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
   const DataPtr trial(mj_copyData(nullptr, model_.get(), data_.get()));
   std::copy_n(T_map_brick.translation().data(), 3, trial->qpos + slot.qpos);
   quaternionTo(Eigen::Quaterniond(T_map_brick.linear()).normalized(), trial->qpos + slot.qpos + 3);
+  const int contype = model_->geom_contype[slot.geom];
   const int conaffinity = model_->geom_conaffinity[slot.geom];
-  model_->geom_conaffinity[slot.geom] = 1;  // a sleeping brick collides with none that sleeps
+  // A sleeping brick collides with none that sleeps, one that was taken away with nothing.
+  model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = 1;
   mj_forward(model_.get(), trial.get());
+  model_->geom_contype[slot.geom] = contype;
   model_->geom_conaffinity[slot.geom] = conaffinity;
   for (int i = 0; i < trial->ncon; ++i) {
     const mjContact& contact = trial->contact[i];
@@ -779,8 +787,7 @@ std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
 }
 
 void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
-  const std::size_t index = indexOf(id);
-  const BrickSlot& slot = slots_[index];
+  BrickSlot& slot = slots_[indexOf(id)];
   if (!T_map_brick.matrix().allFinite()) {
     throw std::invalid_argument("brick " + std::to_string(id) + ": the pose to move it to is not finite");
   }
@@ -791,6 +798,8 @@ void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
   if (sleep_) {
     sleep_->wake(*model_, *data_, id);  // and what leaned on it
   }
+  slot.is_present = true;
+  model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = 1;
   std::copy_n(T_map_brick.translation().data(), 3, data_->qpos + slot.qpos);
   quaternionTo(Eigen::Quaterniond(T_map_brick.linear()).normalized(), data_->qpos + slot.qpos + 3);
   std::fill_n(data_->qvel + slot.dof, 6, 0.0);
@@ -867,6 +876,9 @@ std::vector<Obstacle> World::obstacles() const {
 }
 
 void World::takeAwayBrick(int id) {
+  if (!brick(id)) {
+    throw std::invalid_argument("there is no brick " + std::to_string(id) + " in the world any more");
+  }
   Eigen::Isometry3d away = Eigen::Isometry3d::Identity();
   away.translation() = kStoreroom;
   moveBrick(id, away);

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""What scripts/soak_mission.py runs, and how it judges; without a mission."""
+"""What scripts/soak_mission.py runs, and how it and scripts/soak_endurance.py judge; without a mission."""
 
 import csv
 import os
@@ -15,6 +15,7 @@ import rosunit
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "scripts"))
 
+import soak_endurance  # noqa: E402
 import soak_mission  # noqa: E402
 
 
@@ -254,7 +255,43 @@ class Table(unittest.TestCase):
         self.assertEqual(soak_mission.judged(rows + [self.row(1, "VIOLATION")], 2), 1)
 
 
-class SoakMission(Plan, NextStep, Verdict, Table):
+class Endurance(unittest.TestCase):
+    SUMMARY = {"end_reason": "time_up", "end_message": "", "bricks_stowed": 1, "falls": 0, "drops": 0, "collisions": 0}
+
+    def growth(self, samples):
+        """Of one node that holds so many MB at equal steps of time."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "memory.csv"
+            path.write_text("time_s,node,resident_mb\n" + "".join(f"{10.0 * (i + 1)},map,{mb}\n" for i, mb in enumerate(samples)), encoding="utf-8")
+            return soak_endurance.growth_of(path)
+
+    def problems(self, growth, put_back=59, **changes):
+        return soak_endurance.problems_of({**self.SUMMARY, **changes}, growth, put_back, 7200.0)
+
+    def test_second_and_last_quarter_are_compared(self):
+        self.assertEqual(self.growth([10.0] * 10 + [20.0] * 10 + [90.0] * 10 + [30.0] * 10), {"map": (20.0, 30.0)})
+        with self.assertRaisesRegex(ValueError, "no rows"):
+            self.growth([])
+        with self.assertRaisesRegex(ValueError, "map has not been there"):
+            self.growth([1.0])
+
+    def test_what_grows_is_named(self):
+        self.assertEqual(self.problems({"map": (400.0, 424.0)}), [])
+        self.assertEqual(self.problems({"map": (400.0, 426.0)}), ["map has grown from 400 to 426 MB"])
+        self.assertEqual(self.problems({"map": (400.0, 300.0), "small": (2.0, 7.0)}), [])
+
+    def test_mission_has_to_be_one(self):
+        for changes, words in (({"collisions": 1}, "1 collisions"), ({"drops": None}, "None drops"), ({"falls": 7}, "7 falls in 60 picks"),
+                               ({"falls": None}, "None falls"), ({"end_reason": "no_progress", "end_message": "x"}, "it ended no_progress, x"),
+                               ({"end_reason": None}, "it ended not by itself")):
+            problems = self.problems({}, **changes)
+            self.assertEqual(len(problems), 1, problems)
+            self.assertIn(words, problems[0])
+        self.assertEqual(self.problems({}, falls=6), [])
+        self.assertEqual(self.problems({}, put_back=20), ["21 picks, must be one in 180 s at least"])
+
+
+class SoakMission(Plan, NextStep, Verdict, Table, Endurance):
     """rosunit takes one."""
 
 

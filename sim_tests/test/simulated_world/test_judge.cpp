@@ -75,6 +75,17 @@ TEST_F(JudgeTest, CountsABrickAsStowedOnce) {
   EXPECT_EQ(report().totals.drops, 0);
 }
 
+TEST_F(JudgeTest, BrickThatWasBroughtBackIsNotStowed) {
+  hold(1.0);
+  take(2);
+  world.brick(2).status = BrickStatus::kMovedByHand;
+  hold(1.0);
+  EXPECT_EQ(report().totals.stowed, 0);
+  take(2);
+  EXPECT_EQ(report().totals.stowed, 1);
+  EXPECT_EQ(report().totals.falls, 0);
+}
+
 TEST_F(JudgeTest, AddsUpTheBasesWayAndNotItsTremor) {
   hold(0.5);
   for (int i = 0; i < 200; ++i) {

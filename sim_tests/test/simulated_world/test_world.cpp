@@ -352,8 +352,32 @@ TEST(World, BrickInTheChuteIsSeenThere) {
   world.takeAwayBrick(3);
   EXPECT_TRUE(world.bricksAtRestInChute().empty());
   EXPECT_TRUE(world.bricks().empty());
-  EXPECT_THROW(world.moveBrick(3, over), std::invalid_argument);
+  EXPECT_THROW(world.takeAwayBrick(3), std::invalid_argument);
   run(world, 1.0);
+}
+
+TEST(World, BrickThatWasTakenAwayCanBeBroughtBack) {
+  World world = makeWorld({brickAt(0, {2.0, 0.0, 0.1}), brickAt(1, {2.0, 1.0, 0.1})});
+  run(world, 2.0);  // they sleep
+  world.takeAwayBrick(1);
+  run(world, 2.0);
+  const auto at = [](double x, double y, double z) {
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    pose.translation() << x, y, z;
+    return pose;
+  };
+  EXPECT_EQ(world.obstacleAt(1, at(2.0, 0.05, 0.1)), "brick_0");
+  EXPECT_EQ(world.obstacleAt(1, at(2.0, 1.0, 0.12)), "");
+  EXPECT_TRUE(world.knowsBrick(1));
+  EXPECT_FALSE(world.knowsBrick(2));
+  // On the other one: it falls, is carried, and is met by what comes next, as one that never was away.
+  world.moveBrick(1, at(2.0, 0.0, 0.35));
+  ASSERT_EQ(world.bricks().size(), 2u);
+  run(world, 2.0);
+  EXPECT_NEAR(world.brick(1)->T_map_brick.translation().z(), 0.3, 0.01);
+  EXPECT_EQ(world.obstacleAt(0, at(2.0, 0.05, 0.3)), "brick_1");
+  run(world, 2.0);
+  EXPECT_NEAR(world.brick(1)->T_map_brick.translation().z(), 0.3, 0.01);
 }
 
 TEST(World, BricksThatAreGoneCostNothing) {

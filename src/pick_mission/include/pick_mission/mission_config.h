@@ -35,7 +35,7 @@ struct MissionConfig {
   int max_failures_in_a_row{5};        // of one kind of action: then the mission ends
   int max_recoveries_in_a_row{3};      // without a motion of the arm that succeeded in between
   int max_fruitless_views{8};          // in a row, without a pick and without a new brick
-  int leave_after_views{3};            // of these: away from the bricks tried in vain, if others have not been tried
+  int leave_after_views{3};            // of these: away from the bricks tried in vain, if others were tried less often
   double leave_radius_m{1.5};          // about such a brick: places from which the arm reaches it
   int max_low_utility_views{4};        // without a pick: to uncover what is unseen
   int max_vantage_drives{3};           // without a pick: back to a place of the survey

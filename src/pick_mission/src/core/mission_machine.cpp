@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pick_mission/mission_machine.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <deque>
 #include <iomanip>
+#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
@@ -748,7 +750,7 @@ std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
       break;
     case State::kSelect:
       text << "no brick is to be tried from here";
-      if (holds(Guard::kLeaves)) text << "; away from those tried in vain, others have not been tried";
+      if (holds(Guard::kLeaves)) text << "; away from those tried in vain, others were tried less often";
       break;
     case State::kDrive:
       if (drive_for_ == DriveFor::kSurvey) {
@@ -893,20 +895,23 @@ void MissionMachine::Impl::beforeChoosing() {
   reports_.push_back({{base_.x_m, base_.y_m, 0.0}, now_s_, "nothing could be picked from here"});
 }
 
-/// View after view at bricks that cannot be reached, and others that nobody has tried: those first.
+/// View after view at bricks that cannot be reached, and others that were tried less often: those first.
 std::vector<command::Zone> MissionMachine::Impl::zonesOfVainBricks() const {
   std::vector<command::Zone> zones;
   if (fruitless_views_ < config_.leave_after_views || is_leaving_given_up_) return zones;
-  bool is_any_untried = false;
+  const auto tries = [](const BrickRecord& record) { return record.plans_failed + record.picks_failed; };
+  const auto is_open = [this](const BrickRecord& record) {
+    return record.is_there && !record.is_picked && !ledger_.isExhausted(record);
+  };
+  int fewest = std::numeric_limits<int>::max();
   for (const auto& [id, record] : ledger_.bricks()) {
-    if (!record.is_there || record.is_picked) continue;
-    if (record.plans_failed > 0 || record.picks_failed > 0) {
+    if (is_open(record)) fewest = std::min(fewest, tries(record));
+  }
+  for (const auto& [id, record] : ledger_.bricks()) {
+    if (record.is_there && !record.is_picked && tries(record) > fewest) {
       zones.push_back({record.seen.T_map_brick.translation().head<2>(), config_.leave_radius_m});
-    } else {
-      is_any_untried = true;
     }
   }
-  if (!is_any_untried) zones.clear();
   return zones;
 }
 

@@ -639,7 +639,7 @@ TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {
   EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
 }
 
-TEST(MissionMachine, LeavesBricksThatNobodyReachesForThoseNotTried) {
+TEST(MissionMachine, LeavesBricksThatNobodyReachesForThoseTriedLessOften) {
   const auto isKeptAway = [](const Command& command) {
     const auto* select = std::get_if<command::SelectView>(&command.body);
     return select != nullptr && std::any_of(select->excluded.begin(), select->excluded.end(),
