@@ -560,11 +560,10 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
     return mp700_ur5e_description::Box{(held->size_m.array() - 2.0 * by_m).max(0.2 * held->size_m.array())};
   };
   const mp700_ur5e_description::Box whole{held->size_m};
-  auto part = std::make_shared<Part>(makeMovingPart(kBrick, state_->parts->tip_body,
-                                                    state_->parts->T_body_tip * held->T_tip_brick,
-                                                    may_touch ? smallerBy(less_m) : whole,
-                                                    smallerBy(std::max(0.0, -state_->held_padding_m)),
-                                                    std::max(0.0, state_->held_padding_m)));
+  auto part = std::make_shared<Part>(
+      makeMovingPart(kBrick, state_->parts->tip_body, state_->parts->T_body_tip * held->T_tip_brick,
+                     may_touch ? smallerBy(less_m) : whole, smallerBy(std::max(0.0, -state_->held_padding_m)),
+                     std::max(0.0, state_->held_padding_m)));
   part->is_tool = true;
   state_->held = std::move(part);
   state_->held_brick = held;

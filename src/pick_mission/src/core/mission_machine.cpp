@@ -983,7 +983,8 @@ void MissionMachine::Impl::issue() {
       break;
     case State::kSelect:
       next.body = command::SelectView{info_.strategy, excluded_, map_stamp_s_};
-      for (const command::Zone& zone : zonesOfVainBricks()) std::get<command::SelectView>(next.body).excluded.push_back(zone);
+      for (const command::Zone& zone : zonesOfVainBricks())
+        std::get<command::SelectView>(next.body).excluded.push_back(zone);
       break;
     case State::kDrive:
       next.body = command::Drive{*goal_};

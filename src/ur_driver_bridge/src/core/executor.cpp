@@ -264,8 +264,9 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   // Back the way the magnet came, from wherever the touch has ended.
   const auto retreat = [this](const Verdict&) {
     Items items;
-    items.push_back(motion("retreat", WatchPhase::kContact,
-                           [this] { return gentle(reversed(upTo(touched_.trajectory, touched_.at_s, config_.pick.ramp_s))); }));
+    items.push_back(motion("retreat", WatchPhase::kContact, [this] {
+      return gentle(reversed(upTo(touched_.trajectory, touched_.at_s, config_.pick.ramp_s)));
+    }));
     return items;
   };
   const auto offAndRetreat = [this, retreat](const Verdict& verdict) {
@@ -313,8 +314,9 @@ Items Executor::Impl::pickItems(const PickRequest& request) {
   items.push_back({std::make_unique<PayloadStep>("payload", payload, Duty::kUnlessStopped), {}});
   items.push_back({std::make_unique<HoldStep>("payload", request.brick_mass_kg), {}});
   if (weigh_s < request.lift.duration()) {
-    items.push_back(motion("lift", WatchPhase::kLift,
-                           [this, shared, weigh_s] { return gentle(resume(shared->lift, weigh_s, config_.pick.ramp_s)); }));
+    items.push_back(motion("lift", WatchPhase::kLift, [this, shared, weigh_s] {
+      return gentle(resume(shared->lift, weigh_s, config_.pick.ramp_s));
+    }));
   }
   if (!request.stow.empty()) {
     items.push_back(motion("stow", WatchPhase::kFree, [shared] { return shared->stow; }));
@@ -345,9 +347,20 @@ ExecutorOutput Executor::Impl::step(const ExecutorInputs& inputs) {
 
   bool is_first = true;
   while (!items_.empty()) {
-    StepContext context{config_,     model_,       gate_,   load_,   figures_,
-                        is_holding_, payload_kg_,  inputs,  now_s,   time_s_,
-                        is_first ? dt_s : 0.0,     stop_asked_, output.calls, last_id_};
+    StepContext context{config_,
+                        model_,
+                        gate_,
+                        load_,
+                        figures_,
+                        is_holding_,
+                        payload_kg_,
+                        inputs,
+                        now_s,
+                        time_s_,
+                        is_first ? dt_s : 0.0,
+                        stop_asked_,
+                        output.calls,
+                        last_id_};
     is_first = false;
     Item& item = items_.front();
     Verdict verdict;
