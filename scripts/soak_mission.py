@@ -42,6 +42,8 @@ LONGEST_S = {"clear": 4.0, "look": 2.0, "detect": 0.5, "pick": 10.0, "drive": 8.
 FAULTS = {"unreachable_brick": "idle", "camera_gone": "look", "localisation_gone": "drive", "protective_stop": "pick", "drop_brick": "pick",
           "move_brick": "look", "driver_gone": "pick", "obstacle": "drive"}
 FAULT_S = {"camera_gone": 8.0, "localisation_gone": 8.0, "driver_gone": 5.0, "obstacle": 20.0}
+# A person steps in so far before the base: braking_share of base_navigation.yaml times linear_m_per_s2 of base_profile.yaml.
+FREE_M, REACTION_S, BRAKING_M_S2 = 0.3, 0.5, 0.7 * 0.2
 FAULTS_EACH = 3
 CARRY_S = 5.0  # simulated; a brick hangs about so long before it is over the chute
 # Simulated, from the end of one disturbance to the next: what is judged is what comes of each, not of the sum.
@@ -162,7 +164,7 @@ class WatchedMission:
     def __init__(self, folder, port, scene, seed):
         self.folder, self.port, self.scene, self.seed = folder, port, scene, seed
         self.random = random.Random(seed)
-        self.state, self.judge, self.bridge, self.tf = None, None, None, {}
+        self.state, self.judge, self.bridge, self.odometry, self.tf = None, None, None, None, {}
         self.changed = threading.Condition()
         self.notes = []
 
@@ -183,6 +185,7 @@ class WatchedMission:
         import rosgraph
         import rospy
         from interactive_mapping_msgs.msg import ArmBridgeState, MissionState
+        from nav_msgs.msg import Odometry
         from sim_tests.msg import JudgeState
         from tf2_msgs.msg import TFMessage
         self.rospy, self.rosgraph = rospy, rosgraph
@@ -192,7 +195,7 @@ class WatchedMission:
             raise NotUp(f"the mission does not begin; see {self.log.name}")
         rospy.init_node("soak_mission", anonymous=True, disable_signals=True, disable_rosout=True)
         self.topics = {"state": ("/pick_mission/state", MissionState), "bridge": ("/ur_driver_bridge/state", ArmBridgeState),
-                       "judge": ("/simulated_world/judge", JudgeState)}
+                       "judge": ("/simulated_world/judge", JudgeState), "odometry": ("/odom", Odometry)}
         self.subscribers = {name: self.subscribe(name) for name in self.topics}
         for topic in ("/tf", "/tf_static"):
             rospy.Subscriber(topic, TFMessage, self.on_tf, queue_size=10)
@@ -362,19 +365,21 @@ class DisturbedMission(WatchedMission):
             brick = self.random.choice(sorted({brick.id for brick in self.state.bricks} - picked) or [0])
             return any(self.inject(kind, brick_id=brick, pose=self.pose(self.random.uniform(-0.7, 0.7), self.random.uniform(-0.8, 0.8), 0.1)) for _ in range(20))
         if kind == "obstacle":
-            # Front of the base 0.3 m before base_link, a person 0.2 m about its middle: half a metre is left to stop in.
-            return self.inject(kind, duration_s=FAULT_S[kind], pose=self.pose(*self.in_map(1.0, 0.0)))
+            # Nobody can stop for whoever steps in closer: front of the base 0.3 m before base_link, a person 0.2 m about its middle.
+            speed_m_s = abs(self.odometry.twist.twist.linear.x)
+            free_m = FREE_M + REACTION_S * speed_m_s + speed_m_s ** 2 / (2.0 * BRAKING_M_S2)
+            return self.inject(kind, duration_s=FAULT_S[kind], pose=self.pose(*self.in_map(0.5 + free_m, 0.0)))
         return self.inject(kind, duration_s=FAULT_S.get(kind, 0.0))
 
     def disturb(self):
-        """Each case when the mission comes to its state, until all were met or it is over."""
+        """Each case when the mission comes to its state, and what it waits for a person to do, until it is over."""
         pending, next_s, led, last = list(self.cases), 0.0, None, None
         while True:
             # Of the last: when the mission has gone on from where it met it.
             if last is not None and self.state is not None and self.visit() != last[1]:
                 self.facts[last[0]]["on_s"] = round(self.now_s() - self.facts[last[0]]["at_s"], 2)
                 last = None
-            if self.is_over() or not pending and last is None:
+            if self.is_over():
                 return
             visit = self.visit()
             case, lead = (None, None) if visit is None else next_step(self.names.get(visit[0], ""), self.is_carrying(), pending)
@@ -415,7 +420,6 @@ class DisturbedMission(WatchedMission):
             self.until(lambda: self.state is not None and self.judge is not None)
             threading.Thread(target=self.watch_memory, args=(stop,), daemon=True).start()
             self.disturb()
-            self.until(lambda: False)
             self.process.wait()
         finally:
             stop.set()
