@@ -518,6 +518,32 @@ def judged(rows, wanted, num_others=0):
     return 1 if "VIOLATION" in counts or not rows else 0 if met == wanted else 3
 
 
+def tables(rows):
+    """Markdown: kills as nodes by states, the simulated seconds until the mission went on; faults a line each; missions a line each."""
+    rows = list(latest(rows).values())
+    marks = {"recovered": "", "ended safely": " e", "VIOLATION": " **V**"}
+
+    def cell(row):
+        return "" if row is None else "-" if row["verdict"] == NOT_MET else (f"{float(row['on_s']):.1f}" if row["on_s"] else "0") + marks[row["verdict"]]
+
+    kills = {(row["node"], row["state"]): row for row in rows if row["disturbance"] == "kill"}
+    lines = ["| killed in | " + " | ".join(NODES) + " |", "| --- |" + " --: |" * len(NODES)]
+    lines += [f"| {state} | " + " | ".join(cell(kills.get((node, state))) for node in NODES) + " |" for state in STATES]
+    lines += ["", "| fault | in | went on after [s] |", "| --- | --- | --- |"]
+    for fault, state in FAULTS.items():
+        of_it = [row for row in rows if row["disturbance"] == fault]
+        lines.append(f"| {fault} | {state} | " + ", ".join(cell(row) for row in of_it) + " |")
+    lines += ["", "| mission | met | end reason | stowed | falls, drops, collisions | simulated [s] | wall [s] |", "| --- | --: | --- | --: | --- | --: | --: |"]
+    missions = {}
+    for row in rows:
+        missions.setdefault((row["mission"], row["seed"], row["sim_s"]), []).append(row)
+    for (name, _, sim_s), of_it in missions.items():
+        met, row = sum(row["verdict"] != NOT_MET for row in of_it), of_it[0]
+        lines.append(f"| {name} | {met} | {row['end_reason']} | {row['stowed']} | {row['falls']}, {row['drops']}, {row['collisions']} | "
+                     f"{float(sim_s or 'nan'):.0f} | {row['wall_s']} |")
+    return "\n".join(lines)
+
+
 def master_uri(port):
     return urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", ""))
 
@@ -539,6 +565,7 @@ def main():
     parser.add_argument("--mission", nargs="+", metavar="NAME", help="these of the plan's missions only")
     parser.add_argument("--fresh", action="store_true", help="forget what was run before")
     parser.add_argument("--judge", action="store_true", help="tell what came of those that were run")
+    parser.add_argument("--tables", action="store_true", help="the same as Markdown, for docs/results/mission_soak.md")
     arguments = parser.parse_args()
     cases = plan()
     if not (ROOT / f"sim_tests/worlds/{arguments.scene}.yaml").is_file():
@@ -573,6 +600,9 @@ def run_or_judge(arguments, cases, table):
         mine = of_this(rows, arguments.scene, arguments.label)
         return judged([row for row in mine if row["number"] in numbers], len(wanted), len(rows) - len(mine))
 
+    if arguments.tables:
+        print(tables(of_this(rows_of(table), arguments.scene, arguments.label)))
+        return 0
     if arguments.judge:
         return judge()
     try:

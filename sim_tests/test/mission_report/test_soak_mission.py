@@ -244,6 +244,21 @@ class Table(unittest.TestCase):
             path.write_bytes(b"")
             self.assertEqual(self.judge(folder).stdout, "0 of 186 disturbances: none\n")
 
+    def test_tables_have_each_kill_fault_and_mission(self):
+        rows = []
+        for case in soak_mission.plan():
+            row = {**self.row(str(case.number), "recovered"), "disturbance": case.disturbance, "node": case.node, "state": case.state, "mission": case.mission}
+            rows.append({**row, "on_s": "1.25", "sim_s": "100.0", "seed": "1"})
+        rows[0]["verdict"], rows[0]["on_s"] = "VIOLATION", ""
+        rows[1]["verdict"], rows[19]["verdict"] = "not met", "ended safely"
+        lines = soak_mission.tables(rows).splitlines()
+        self.assertEqual(lines[0].count("|"), len(soak_mission.NODES) + 2)
+        self.assertEqual(lines[2].split(" | ")[:3], ["| plan_clear", "0 **V**", "1.2"])
+        self.assertEqual(lines[3].split(" | ")[1:3], ["-", "1.2 e"])
+        self.assertIn("| obstacle | drive | 1.2, 1.2, 1.2 |", lines)
+        self.assertIn("| gpis_mapping | 18 | x | x | x, x, x | 100 | x |", lines)
+        self.assertIn("| pick_mission | 17 | x | x | x, x, x | 100 | x |", lines)
+
     def test_exit_code_tells_violation_all_and_some(self):
         rows = [self.row(0, "recovered"), self.row(1, "ended safely")]
         self.assertEqual(soak_mission.judged(rows, 2), 0)
