@@ -50,6 +50,8 @@ class CellGp {
 
   /// Posterior mean at one point.
   Mean mean(const Eigen::Vector3d& x_map) const;
+  /// The same to the bit, in half the time, with a gradient of zero.
+  Mean meanValue(const Eigen::Vector3d& x_map) const;
 
   /// Posterior variance [m^2] at N points and, when `gradient` is not null, its derivative [m]
   /// (sec. 7: -2 (grad k*)^T (K + K_x)^-1 k*). Shapes N and 3 x N.
@@ -64,7 +66,11 @@ class CellGp {
   std::size_t memoryBytes() const;
 
  private:
-  Mean priorMean(const Eigen::Vector3f& x) const;
+  // `squares`: squared distances of all points from x [m^2].
+  template <bool kWithGradient>
+  Mean priorMean(const Eigen::Vector3f& x, const Eigen::ArrayXf& squares) const;
+  template <bool kWithGradient>
+  Mean posteriorMean(const Eigen::Vector3d& x_map) const;
 
   LatticeKey key_;
   MaternKernel<float> kernel_;

@@ -39,9 +39,10 @@ class MeshExtractor {
 
  private:
   struct Piece;
+  class Contour;
   using Pieces = std::unordered_map<LatticeKey, Piece, LatticeKeyHash>;
 
-  void extract(const MapSnapshot& snapshot, const LatticeKey& key, Piece* piece) const;
+  void extract(const MapSnapshot& snapshot, const LatticeKey& key, Contour* contour, Piece* piece) const;
 
   GpisConfig config_;
   Pieces pieces_;

@@ -64,7 +64,11 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
       cholesky_(i, i) += noise_[i] + jitter;
     }
   };
-  for (Eigen::Index i = 0; i < rows; ++i) alpha_[i] = -priorMean({px_[i], py_[i], pz_[i]}).value;
+  ArrayX squares;
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    squares = (px_[i] - px_).square() + (py_[i] - py_).square() + (pz_[i] - pz_).square();
+    alpha_[i] = -priorMean<false>({px_[i], py_[i], pz_[i]}, squares).value;
+  }
   if (rows == 0) return;
   // Of points that coincide and claim to be exact, rounding may leave a matrix that is not positive definite. Noise of
   // the size of that rounding mends it; ten times as much each time it does not.
@@ -81,51 +85,65 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
   fail("covariance of " + std::to_string(rows) + " points is not positive definite");
 }
 
-CellGp::Mean CellGp::priorMean(const Eigen::Vector3f& x) const {
+template <bool kWithGradient>
+CellGp::Mean CellGp::priorMean(const Eigen::Vector3f& x, const Eigen::ArrayXf& squares) const {
   const float inverse_radius2 = 1.0f / (blend_radius_ * blend_radius_);
-  thread_local ArrayX base;
-  base = 1.0f - inverse_radius2 * ((x.x() - px_).square() + (x.y() - py_).square() + (x.z() - pz_).square());
   // Only a few points are within the radius: the sums run over those.
   float sum = 0.0f;
   float weighted = 0.0f;
   Eigen::Vector3f weighted_normal = Eigen::Vector3f::Zero();
   Eigen::Vector3f slope_along = Eigen::Vector3f::Zero();  // sum of dw/dx along, without its factor -6 / h^2
   Eigen::Vector3f slope = Eigen::Vector3f::Zero();        // sum of dw/dx, likewise
-  for (Eigen::Index i = 0; i < base.size(); ++i) {
-    if (base[i] <= 0.0f) continue;
+  for (Eigen::Index i = 0; i < squares.size(); ++i) {
+    const float base = 1.0f - inverse_radius2 * squares[i];
+    if (base <= 0.0f) continue;
     const Eigen::Vector3f r(x.x() - px_[i], x.y() - py_[i], x.z() - pz_[i]);
     const Eigen::Vector3f n(nx_[i], ny_[i], nz_[i]);
-    const float square = quality_[i] * base[i] * base[i];
-    const float weight = square * base[i];
+    const float square = quality_[i] * base * base;
+    const float weight = square * base;
     const float along = n.dot(r);
     sum += weight;
     weighted += weight * along;
-    weighted_normal += weight * n;
-    slope_along += square * along * r;
-    slope += square * r;
+    if constexpr (kWithGradient) {
+      weighted_normal += weight * n;
+      slope_along += square * along * r;
+      slope += square * r;
+    }
   }
   if (!(sum > 1e-12f)) return {0.0f, Eigen::Vector3f::Zero(), false};
   const float value = weighted / sum;
+  if constexpr (!kWithGradient) return {value, Eigen::Vector3f::Zero(), true};
   // Quotient rule; dw/dx = -(6 / h^2) (1 - d^2/h^2)^2 (x - p).
   return {value, (weighted_normal - 6.0f * inverse_radius2 * (slope_along - value * slope)) / sum, true};
 }
 
-CellGp::Mean CellGp::mean(const Eigen::Vector3d& x_map) const {
+template <bool kWithGradient>
+CellGp::Mean CellGp::posteriorMean(const Eigen::Vector3d& x_map) const {
   const Eigen::Vector3f x = (x_map - origin_).cast<float>();
-  Mean result = priorMean(x);
+  thread_local ArrayX squares, scaled, decay;
+  squares = (x.x() - px_).square() + (x.y() - py_).square() + (x.z() - pz_).square();
+  Mean result = priorMean<kWithGradient>(x, squares);
   if (!result.valid) return result;
   const Eigen::Index rows = alpha_.size();
   const float a = kernel_.decay();
-  thread_local ArrayX scaled, decay;
-  scaled =
-      a * ((x.x() - px_.head(rows)).square() + (x.y() - py_.head(rows)).square() + (x.z() - pz_.head(rows)).square())
-              .sqrt();
+  scaled = a * squares.head(rows).sqrt();
   decay = alpha_.array() * (-scaled).exp();
   result.value += kernel_.variance() * (decay * (1.0f + scaled)).sum();
-  result.gradient -= kernel_.variance() * a * a *
-                     Eigen::Vector3f((decay * (x.x() - px_.head(rows))).sum(), (decay * (x.y() - py_.head(rows))).sum(),
-                                     (decay * (x.z() - pz_.head(rows))).sum());
+  if constexpr (kWithGradient) {
+    result.gradient -=
+        kernel_.variance() * a * a *
+        Eigen::Vector3f((decay * (x.x() - px_.head(rows))).sum(), (decay * (x.y() - py_.head(rows))).sum(),
+                        (decay * (x.z() - pz_.head(rows))).sum());
+  }
   return result;
+}
+
+CellGp::Mean CellGp::mean(const Eigen::Vector3d& x_map) const {
+  return posteriorMean<true>(x_map);
+}
+
+CellGp::Mean CellGp::meanValue(const Eigen::Vector3d& x_map) const {
+  return posteriorMean<false>(x_map);
 }
 
 void CellGp::variance(const Points3d& x_map, Eigen::VectorXf* variance, Points3f* gradient) const {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <mutex>
 #include <unordered_set>
 
 #include <vtkCellArray.h>
@@ -15,6 +16,7 @@
 #include <vtkPointData.h>
 #include <vtkPoints.h>
 #include <vtkPolyData.h>
+#include <vtkSMPTools.h>
 
 #include "gpis_mapping/parallel_for.h"
 
@@ -47,8 +49,39 @@ struct MeshExtractor::Piece {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
+/// VTK's pipeline for the lattice of one cell: setting it up costs more than running it.
+class MeshExtractor::Contour {
+ public:
+  explicit Contour(int corners) {
+    image_->SetDimensions(corners, corners, corners);
+    image_->AllocateScalars(VTK_FLOAT, 1);
+    filter_->SetInputData(image_);
+    filter_->SetValue(0, 0.0);
+    filter_->ComputeNormalsOff();
+    filter_->ComputeScalarsOff();
+  }
+  /// Of the corners, x fastest.
+  float* values() { return static_cast<float*>(image_->GetScalarPointer()); }
+  /// Where they are zero [voxels]; valid until the next call.
+  vtkPolyData* surface() {
+    image_->GetPointData()->GetScalars()->Modified();
+    image_->Modified();
+    filter_->Update();
+    return filter_->GetOutput();
+  }
+  vtkIdList* ids() { return ids_; }
+
+ private:
+  vtkNew<vtkImageData> image_;
+  vtkNew<vtkFlyingEdges3D> filter_;
+  vtkNew<vtkIdList> ids_;
+};
+
 MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config) {
   requireValid(config_);
+  // For the whole process: VTK's own threads have nothing to do in lattices this small but wait for each other.
+  static std::once_flag is_serial;
+  std::call_once(is_serial, [] { vtkSMPTools::Initialize(1); });
 }
 
 MeshExtractor::~MeshExtractor() = default;
@@ -82,13 +115,14 @@ std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
     piece.gp = cell->second;
     jobs.emplace_back(key, &piece);
   }
-  parallelFor(jobs.size(), resolveThreadCount(config_.threads), 8, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) extract(snapshot, jobs[i].first, jobs[i].second);
+  parallelFor(jobs.size(), resolveThreadCount(config_.threads), 32, [&](std::size_t begin, std::size_t end) {
+    Contour contour(config_.mesh.voxels_per_cell + 1);
+    for (std::size_t i = begin; i < end; ++i) extract(snapshot, jobs[i].first, &contour, jobs[i].second);
   });
   return jobs.size();
 }
 
-void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, Piece* piece) const {
+void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, Contour* contour, Piece* piece) const {
   const int voxels = config_.mesh.voxels_per_cell;
   const int corners = voxels + 1;
   const double edge = config_.cells.size_m / voxels;
@@ -124,10 +158,7 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
   }
   if (!any) return;
 
-  vtkNew<vtkImageData> image;
-  image->SetDimensions(corners, corners, corners);
-  image->AllocateScalars(VTK_FLOAT, 1);
-  float* values = static_cast<float*>(image->GetScalarPointer());
+  float* values = contour->values();
   bool above = false;
   bool below = false;
   std::vector<std::uint8_t> valid(static_cast<std::size_t>(corners) * corners * corners, 0);
@@ -147,11 +178,11 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
         const Eigen::Vector3d p(edge * (static_cast<double>(key.x) * voxels + x),
                                 edge * (static_cast<double>(key.y) * voxels + y),
                                 edge * (static_cast<double>(key.z) * voxels + z));
-        const FieldSample f = snapshot.field(p);
-        if (!f.valid) continue;
+        const double f = snapshot.fieldValue(p);
+        if (std::isnan(f)) continue;
         valid[index] = 1;
         // An exact zero makes degenerate triangles.
-        const float value = static_cast<float>(f.value);
+        const float value = static_cast<float>(f);
         values[index] = std::abs(value) < 1e-7f ? 1e-7f : value;
         above = above || values[index] > 0.0f;
         below = below || values[index] <= 0.0f;
@@ -160,16 +191,9 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
   }
   if (!above || !below) return;
 
-  vtkNew<vtkFlyingEdges3D> contour;
-  contour->SetInputData(image);
-  contour->SetValue(0, 0.0);
-  contour->ComputeNormalsOff();
-  contour->ComputeScalarsOff();
-  contour->Update();
-  vtkPolyData* surface = contour->GetOutput();
-
+  vtkPolyData* surface = contour->surface();
   std::vector<std::uint32_t> kept(static_cast<std::size_t>(surface->GetNumberOfPoints()), UINT32_MAX);
-  vtkNew<vtkIdList> ids;
+  vtkIdList* ids = contour->ids();
   vtkCellArray* polygons = surface->GetPolys();
   polygons->InitTraversal();
   while (polygons->GetNextCell(ids)) {
