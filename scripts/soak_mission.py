@@ -48,6 +48,8 @@ FAULTS_EACH = 3
 CARRY_S = 5.0  # simulated; a brick hangs about so long before it is over the chute
 # Simulated, from the end of one disturbance to the next: what is judged is what comes of each, not of the sum.
 GAP_S = 5.0
+# Without the heartbeat, which a mission whose hold has reached nobody stops, the clock all but stands: then the wall's.
+STANDS_S = 20.0
 # For what a killed node owes the clock waits so long by the wall clock: a good deal longer than any answer takes.
 ANSWER_S = 8.0
 WALL_LIMIT_S = 3000.0  # a mission lasts 200 to 900 simulated seconds
@@ -325,7 +327,7 @@ class DisturbedMission(WatchedMission):
         def is_there():
             return self.in_state(case.state) and (self.is_carrying() or case.disturbance != "drop_brick")
 
-        self.until(lambda: not is_there() or self.now_s() >= since_s + delay_s)
+        self.until(lambda: not is_there() or self.now_s() >= since_s + delay_s, STANDS_S)
         self.misses[case] += not is_there()
         return is_there()
 
@@ -373,7 +375,7 @@ class DisturbedMission(WatchedMission):
 
     def disturb(self):
         """Each case when the mission comes to its state, and what it waits for a person to do, until it is over."""
-        pending, next_s, led, last = list(self.cases), 0.0, None, None
+        pending, next_s, next_wall_s, led, last = list(self.cases), 0.0, math.inf, None, None
         while True:
             # Of the last: when the mission has gone on from where it met it.
             if last is not None and self.state is not None and self.visit() != last[1]:
@@ -383,7 +385,8 @@ class DisturbedMission(WatchedMission):
                 return
             visit = self.visit()
             case, lead = (None, None) if visit is None else next_step(self.names.get(visit[0], ""), self.is_carrying(), pending)
-            if case is not None and self.now_s() >= next_s and (last is None or last[1] != visit):
+            is_due = self.now_s() >= next_s or time.monotonic() >= next_wall_s
+            if case is not None and is_due and (last is None or last[1] != visit):
                 if not self.meets(case):
                     continue
                 visit = self.visit()
@@ -396,7 +399,8 @@ class DisturbedMission(WatchedMission):
                     facts["happened"] = self.fault(case.disturbance)
                 pending.remove(case)
                 last = (case, visit)
-                next_s = self.now_s() + FAULT_S.get(case.disturbance, 0.0) + GAP_S
+                gap_s = FAULT_S.get(case.disturbance, 0.0) + GAP_S
+                next_s, next_wall_s = self.now_s() + gap_s, time.monotonic() + gap_s + STANDS_S
             elif lead is not None and (visit, lead) != led:
                 self.lead(lead)
                 led = (visit, lead)
