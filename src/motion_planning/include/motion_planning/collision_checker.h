@@ -95,6 +95,10 @@ class CollisionChecker {
   /// held_padding_m from it, or is smaller, by held_release_m at most. False: not even then; as before. Throws
   /// std::invalid_argument for angles that are not finite.
   bool yieldToRobotAt(const ArmVector& joints_rad);
+  /// An empty magnet that is in contact with the map there has come to a face, as in a pick: the place about its own face becomes
+  /// the target. False: it is not in contact, holds something, there is a target already, or other links are in contact,
+  /// too; nothing changes then. Throws std::invalid_argument for angles that are not finite.
+  bool yieldToMagnetAt(const ArmVector& joints_rad);
   const std::optional<HeldBrick>& held() const;
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all

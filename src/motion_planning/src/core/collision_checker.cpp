@@ -22,6 +22,7 @@ using mp700_ur5e_description::RobotModel;
 using mp700_ur5e_description::Shape;
 
 constexpr double kReleaseStep_m = 0.005;
+constexpr double kFacePlace_m = 0.12;  // about the magnet's face: with the padding what its margin reaches
 constexpr const char* kBrick = "brick";
 
 /// A shape of the robot, or the brick, with what the tests need of it.
@@ -502,6 +503,16 @@ bool CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVec
             true);
   if (releaseHeld(held, postures)) return true;
   *state_ = *before.state_;
+  return false;
+}
+
+bool CollisionChecker::yieldToMagnetAt(const ArmVector& joints_rad) {
+  if (!joints_rad.allFinite()) throw std::invalid_argument("yieldToMagnetAt: an angle that is not finite");
+  if (state_->held || state_->target || !check(joints_rad)) return false;
+  setTarget(
+      OrientedBox{state_->T_map_base * state_->arm->tipPose(joints_rad), Eigen::Vector3d::Constant(kFacePlace_m)});
+  if (!check(joints_rad)) return true;
+  setTarget(std::nullopt);
   return false;
 }
 

@@ -268,11 +268,21 @@ class MotionPlanner::Call {
     }
     if (isCancelled()) return cancelledFailure();
     if (const Contact contact = checker_->check(context_.start_rad)) {
-      return startInCollision(contact);
+      if (!backOff()) return startInCollision(contact);
     }
     return {};
   }
 
+  /// What was planned, from where the arm is: after the way back from a face, if it was at one.
+  ArmPlan fromStart(ArmPlan plan) const {
+    if (plan.status != PlanStatus::kSuccess || back_off_.size() < 2) return plan;
+    JointTrajectory whole = timedLine(back_off_, config_.lift_speed_m_s);
+    append(plan.trajectory, &whole);
+    plan.trajectory = std::move(whole);
+    return plan;
+  }
+
+  bool isBackedOff() const { return !back_off_.empty(); }
   ArmPlan planArm(const ArmGoal& goal);
   ArmPlan planInspect(const ViewFrustum& view, const std::vector<ArmVector>& postures);
   PickPlan planPick(const PickTarget& target, const std::vector<ArmGoal>& stow_goals);
@@ -338,6 +348,7 @@ class MotionPlanner::Call {
   std::optional<JointTrajectory> timed(const JointPath& path, const ArmVector& reach_m,
                                        const std::function<bool(const ArmVector&)>& is_valid) const;
   JointTrajectory timedLine(const JointPath& line, double speed_m_s) const;
+  bool backOff();
   JointPath liftOut(const Eigen::Vector3d& way_base) const;
   ArmPlan planFrom(const JointPath& line, const ArmGoal& goal);
   Goals findGoals(const ArmGoal& goal, const ArmVector& near, const CollisionChecker& checker,
@@ -360,7 +371,8 @@ class MotionPlanner::Call {
   const MotionPlanner& planner_;
   const MotionPlannerConfig& config_;
   const ArmKinematics& arm_;
-  const PlanningContext& context_;
+  PlanningContext context_;  // its start is where what is planned begins
+  JointPath back_off_;       // on the way there from a face that the empty magnet touches
   const Eigen::Isometry3d T_base_map_;
   MotionLimits limits_;
   bool is_among_others_{false};              // what is held, at the start
@@ -721,6 +733,23 @@ ArmPlan MotionPlanner::Call::planFrom(const JointPath& line, const ArmGoal& goal
 
 /// Straight from the start, by at most lift_m, until what is held is clear of what it hangs among, with room to all sides if
 /// it comes to that. Empty: it cannot be reached so.
+/// An empty magnet at a face, where a pick was broken off: straight back, as far as an approach begins. False: it is not that.
+bool MotionPlanner::Call::backOff() {
+  CollisionChecker touching(*checker_);
+  if (!touching.yieldToMagnetAt(context_.start_rad)) return false;
+  const Eigen::Isometry3d T_base_tip = arm_.tipPose(context_.start_rad);
+  JointPath line = followLine(context_.start_rad, T_base_tip, -config_.approach_m * T_base_tip.linear().col(2));
+  std::size_t end = 0;
+  for (std::size_t k = 1; k < line.size() && touching.isFree(line[k]); ++k) {
+    if (checker_->isFree(line[k])) end = k;
+  }
+  if (end == 0) return false;
+  line.resize(end + 1);
+  back_off_ = std::move(line);
+  context_.start_rad = back_off_.back();
+  return true;
+}
+
 JointPath MotionPlanner::Call::liftOut(const Eigen::Vector3d& way_base) const {
   JointPath line = followLine(context_.start_rad, arm_.tipPose(context_.start_rad), config_.lift_m * way_base);
   CollisionChecker among(*checker_);
@@ -1152,7 +1181,11 @@ MotionPlanner::MotionPlanner(std::shared_ptr<const ArmKinematics> arm, Manipulab
 PickPlan MotionPlanner::planPick(const PlanningContext& context, const PickTarget& target,
                                  const std::vector<ArmGoal>& stow_goals) const {
   Call call(*this, context);
-  const PlanFailure why = call.begin();
+  PlanFailure why = call.begin();
+  if (why.status == PlanStatus::kSuccess && call.isBackedOff()) {
+    why = failure(PlanStatus::kStartInCollision,
+                  "the arm's start is in collision: the magnet is at a face; plan a way out of there first");
+  }
   if (why.status == PlanStatus::kSuccess) return call.planPick(target, stow_goals);
   PickPlan plan;
   static_cast<PlanFailure&>(plan) = why;
@@ -1162,7 +1195,7 @@ PickPlan MotionPlanner::planPick(const PlanningContext& context, const PickTarge
 ArmPlan MotionPlanner::planArm(const PlanningContext& context, const ArmGoal& goal) const {
   Call call(*this, context);
   const PlanFailure why = call.begin();
-  if (why.status == PlanStatus::kSuccess) return call.planArm(goal);
+  if (why.status == PlanStatus::kSuccess) return call.fromStart(call.planArm(goal));
   ArmPlan plan;
   static_cast<PlanFailure&>(plan) = why;
   return plan;
@@ -1172,7 +1205,7 @@ ArmPlan MotionPlanner::planInspect(const PlanningContext& context, const ViewFru
                                    const std::vector<ArmVector>& postures) const {
   Call call(*this, context);
   const PlanFailure why = call.begin();
-  if (why.status == PlanStatus::kSuccess) return call.planInspect(view, postures);
+  if (why.status == PlanStatus::kSuccess) return call.fromStart(call.planInspect(view, postures));
   ArmPlan plan;
   static_cast<PlanFailure&>(plan) = why;
   return plan;

@@ -592,6 +592,7 @@ void MotionPlanningRos::monitor() {
         checker.freeUnknownAt(watch_->first_rad.front());
         checker.yieldToRobotAt(watch_->first_rad.front());
         if (held) checker.setHeldAt(held->brick, watch_->first_rad);
+        if (!held) checker.yieldToMagnetAt(watch_->first_rad.front());
         const motion_planning::PathVerdict verdict = path_monitor_.check(std::max(0.0, elapsed_s), checker);
         state.must_stop = verdict.must_stop ? 1 : 0;
         state.reason = verdict.reason;

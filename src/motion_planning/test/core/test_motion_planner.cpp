@@ -346,6 +346,73 @@ TEST(MotionPlanner, StartInCollisionSaysWithWhat) {
   EXPECT_THAT(plan.message, HasSubstr("start is in collision"));
 }
 
+// A pick that was broken off on its last centimetres, by a protective stop for one: nothing is held.
+TEST(MotionPlanner, EmptyMagnetAtAFaceGoesStraightBackFirst) {
+  const PickWorld pick = oneBrick();
+  const PickPlan broken_off = pickFrom(pick, 0);
+  ASSERT_EQ(broken_off.status, PlanStatus::kSuccess) << broken_off.message;
+  const MotionPlanner planner = makePlanner();
+  const ArmKinematics& arm = *shippedArm();
+  PlanningContext context = pick.context();
+  CollisionChecker checker(shippedArm(), context.scene, context.T_map_base, planner.config().collision);
+  context.start_rad = broken_off.contact.points.back().position_rad;
+  ASSERT_TRUE(checker.check(context.start_rad)) << "that is the case";
+  ArmGoal goal;
+  goal.joints_rad = pick.start_rad;
+  const ArmPlan plan = planner.planArm(context, goal);
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  EXPECT_EQ(plan.trajectory.points.front().position_rad, context.start_rad);
+  EXPECT_EQ(plan.trajectory.points.back().position_rad, pick.start_rad);
+
+  const Eigen::Isometry3d T_face = arm.tipPose(context.start_rad);
+  double back_m = 0.0;
+  bool is_out = false;
+  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.005) {
+    const ArmVector q = plan.trajectory.sample(t).position_rad;
+    is_out = is_out || checker.isFree(q);
+    if (is_out) {
+      EXPECT_TRUE(checker.isFree(q)) << "back into something at " << t << " s";
+      continue;
+    }
+    const Eigen::Vector3d moved = T_face.inverse() * arm.tipPose(q).translation();
+    EXPECT_LT(moved.head<2>().norm(), 0.003) << "aside at " << t << " s";
+    EXPECT_LT(moved.z(), -back_m + 1e-6) << "towards the face at " << t << " s";
+    back_m = -moved.z();
+  }
+  EXPECT_TRUE(is_out);
+  EXPECT_GT(back_m, 0.005);
+
+  // The next pick begins with a way out of there.
+  PickTarget target = pick.target(0);
+  EXPECT_EQ(planner.planPick(context, target, pick.chute(arm)).status, PlanStatus::kStartInCollision);
+  // And who watches it sees the same.
+  EXPECT_TRUE(checker.yieldToMagnetAt(context.start_rad));
+  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.02) {
+    EXPECT_TRUE(checker.isFree(plan.trajectory.sample(t).position_rad)) << t;
+  }
+}
+
+TEST(MotionPlanner, OtherLinksInCollisionAreNoMagnetAtAFace) {
+  const PickWorld pick = oneBrick();
+  const PickPlan broken_off = pickFrom(pick, 0);
+  ASSERT_EQ(broken_off.status, PlanStatus::kSuccess) << broken_off.message;
+  const ArmVector at_face = broken_off.contact.points.back().position_rad;
+  // The side of something goes through the wrist.
+  PickWorld beside = pick;
+  beside.add(shippedArm()->tipPose(at_face).translation() + Eigen::Vector3d(0.15, 0.0, 0.25));
+  beside.makeScene();
+  PlanningContext context = beside.context();
+  const MotionPlanner planner = makePlanner();
+  CollisionChecker checker(shippedArm(), context.scene, context.T_map_base, planner.config().collision);
+  ASSERT_TRUE(checker.check(at_face));
+  EXPECT_FALSE(checker.yieldToMagnetAt(at_face));
+  EXPECT_FALSE(checker.yieldToMagnetAt(pick.start_rad)) << "in contact with nothing";
+  context.start_rad = at_face;
+  ArmGoal goal;
+  goal.joints_rad = pick.start_rad;
+  EXPECT_EQ(planner.planArm(context, goal).status, PlanStatus::kStartInCollision);
+}
+
 TEST(MotionPlanner, BeyondTheJointsLimitsIsAReasonOfItsOwn) {
   const PickWorld pick = oneBrick();
   const auto expectBeyond = [](const PlanFailure& plan, const std::string& where, const std::string& joint) {
