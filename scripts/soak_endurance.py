@@ -10,6 +10,7 @@ it held in the second, when the map has had all the ground there is. Exit code: 
 import argparse
 import csv
 import json
+import math
 import os
 import pathlib
 import statistics
@@ -22,6 +23,11 @@ from soak_mission import ROOT
 SCENE = "four_bricks"
 CONFIG = ROOT / "sim_tests/config/soak_endurance.yaml"
 PLACE_X_M, PLACE_Y_M = 0.5, 0.6  # of a brick that is put back, from the middle of the pile, at most
+# Before the camera: nobody lays one where the robot has looked and does not look again before its arm goes by.
+FAR_M, BEARING_RAD = 2.4, 0.4
+AHEAD_M, ASIDE_M = (1.1, 1.8), 0.4  # of base_link, where the pile's place is out of sight
+# From base_link, at least: 0.60 m to the farthest corner of the base, half a brick's diagonal of 0.36 m, and a hand's breadth.
+FROM_BASE_M = 0.9
 TRIES = 20
 MOST_GROWTH, MOST_GROWTH_MB = 0.05, 5.0  # of what a process held; an allocator's step is a few MB
 LONGEST_PICK_S = 180.0  # simulated, of all picks in the mean: slower, and it has done something else
@@ -34,15 +40,24 @@ class Endurance(soak_mission.WatchedMission):
         self.limit_s = 3600.0 * hours
         self.put_back = 0
 
+    def is_in_view(self, x, y):
+        base, ahead = self.in_map(0.0, 0.0), self.in_map(1.0, 0.0)
+        bearing = math.atan2(y - base[1], x - base[0]) - math.atan2(ahead[1] - base[1], ahead[0] - base[0])
+        return FROM_BASE_M <= math.dist(base, (x, y)) <= FAR_M and abs(math.remainder(bearing, 2.0 * math.pi)) <= BEARING_RAD
+
+    def places(self):
+        """Points of the map where a brick may be laid: where the pile was, else right ahead."""
+        pile = [(self.random.uniform(-PLACE_X_M, PLACE_X_M), self.random.uniform(-PLACE_Y_M, PLACE_Y_M)) for _ in range(TRIES)]
+        return [place for place in pile if self.is_in_view(*place)] + [
+            self.in_map(self.random.uniform(*AHEAD_M), self.random.uniform(-ASIDE_M, ASIDE_M)) for _ in range(TRIES)]
+
     def lay_down(self):
         """Each brick that is in the chute, where there is a place for it."""
-        from geometry_msgs.msg import Point, Pose, Quaternion
         for brick in self.state.bricks:
             if brick.status != brick.PICKED:
                 continue
-            for _ in range(TRIES):
-                point = Point(self.random.uniform(-PLACE_X_M, PLACE_X_M), self.random.uniform(-PLACE_Y_M, PLACE_Y_M), 0.1)
-                if self.inject("move_brick", brick_id=brick.id, pose=Pose(position=point, orientation=Quaternion(0.0, 0.0, 0.0, 1.0))):
+            for x, y in self.places():
+                if self.inject("move_brick", brick_id=brick.id, pose=self.pose(x, y, 0.1)):
                     self.put_back += 1
                     break
 
@@ -114,6 +129,7 @@ def main():
         return 2
     folder = arguments.out.resolve() / "endurance"
     port = soak_mission.free_port()
+    soak_mission.end_in_order()
     os.environ.update(ROS_MASTER_URI=soak_mission.master_uri(port), ROS_HOSTNAME="localhost")
     mission = Endurance(folder, port, arguments.scene, arguments.seed, arguments.sim_hours)
     try:

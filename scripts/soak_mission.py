@@ -156,6 +156,23 @@ def rss_mb(pid):
     return None
 
 
+def end_in_order():
+    """A request to end is an exception, as Ctrl-C is: what was started is ended, too."""
+    def end(*_):
+        sys.exit(128 + signal.SIGTERM)
+    signal.signal(signal.SIGTERM, end)
+
+
+def run_child(command):
+    """Its exit code. Whatever ends this ends it first, and in order."""
+    with subprocess.Popen(command) as child:
+        try:
+            return child.wait()
+        except BaseException:
+            child.terminate()
+            raise
+
+
 class NotUp(Exception):
     """The mission's nodes do not come up."""
 
@@ -178,6 +195,7 @@ class WatchedMission:
                                         stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
 
     def end(self):
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
         if self.process.poll() is None:
             self.process.terminate()  # in the background an interrupt is ignored
             self.process.wait()
@@ -615,6 +633,7 @@ def run_or_judge(arguments, cases, table):
         print(f"error: {error}: source devel/setup.bash, or use scripts/soak mission", file=sys.stderr)
         return 2
     arguments.out.mkdir(parents=True, exist_ok=True)
+    end_in_order()
     if arguments.only is not None:
         rows_of(table)  # rather now than after the mission
         port = free_port()
@@ -649,7 +668,7 @@ def run_or_judge(arguments, cases, table):
                 return judge()
             num_before = len(rows_of(table))
             # rospy knows one master per process. One that breaks down exits with 1, too, and leaves no row.
-            code = subprocess.call([*command, "--only", *(str(case.number) for case in mission)])
+            code = run_child([*command, "--only", *(str(case.number) for case in mission)])
             if code not in (0, 1) or len(rows_of(table)) <= num_before:
                 return 2
 

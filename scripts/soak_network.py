@@ -21,6 +21,8 @@ import threading
 import time
 import urllib.parse
 
+import soak_mission
+
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 ROBOT, LAPTOP = "gpis_robot", "gpis_laptop"  # namespaces, and the ends of the cable
 ADDRESS = {ROBOT: "10.77.0.1", LAPTOP: "10.77.0.2"}
@@ -238,6 +240,7 @@ def main():
         parser.error(f"{error}: source devel/setup.bash, or use scripts/soak network")
     out = pathlib.Path(options.out)
     out.mkdir(parents=True, exist_ok=True)
+    soak_mission.end_in_order()
     if options.inside:
         wrong, rows = inside(options)
         (out / "network.json").write_text(json.dumps({"rows": rows, "wrong": wrong}, indent=2) + "\n", encoding="utf-8")
@@ -251,8 +254,7 @@ def main():
         return 2
     try:
         make_network()
-        return subprocess.run(["ip", "netns", "exec", ROBOT, sys.executable, __file__, "--inside", "--out", str(out), "--scene", options.scene],
-                              check=False).returncode
+        return soak_mission.run_child(["ip", "netns", "exec", ROBOT, sys.executable, __file__, "--inside", "--out", str(out), "--scene", options.scene])
     finally:
         remove_network()
 

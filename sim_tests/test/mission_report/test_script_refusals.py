@@ -69,6 +69,23 @@ class ScriptRefusals(unittest.TestCase):
             self.refused(1, "was not made by scripts/run_mission: not deleted", *mission(*fine))
         self.assertTrue((run / "kept").exists())
 
+    def test_run_mission_wants_every_node_built(self):
+        # Another launch file in a tree of its own, with a node that nobody has built.
+        tree, package = self.folder / "tree", self.folder / "tree/src/mp700_ur5e_bringup"
+        (tree / "scripts").mkdir(parents=True)
+        (package / "launch").mkdir(parents=True)
+        (tree / "sim_tests/worlds").mkdir(parents=True)
+        (tree / "sim_tests/worlds/toy.yaml").write_text("")
+        shutil.copy(SCRIPTS / "run_mission", tree / "scripts")
+        (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + "use_workspace() { :; }\n")
+        (package / "package.xml").write_text("<package format='2'><name>mp700_ur5e_bringup</name><version>0.0.0</version><description/>"
+                                             "<maintainer email='a@b.c'>a</maintainer><license>BSD</license><depend>rosout</depend></package>")
+        (package / "launch/simulation.launch").write_text('<launch><node pkg="rosout" type="not_built" name="not_built"/></launch>')
+        done = self.run_it(tree / "scripts/run_mission", "--run", self.folder / "run", "--scene", "toy")
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn("cannot find node [not_built] in package [rosout]", done.stderr)
+        self.assertFalse((self.folder / "run").exists())
+
     def test_slowest_camera_brings_the_images_of_a_look_in_time(self):
         look = yaml.safe_load((ROOT / "src/pick_mission/config/pick_mission.yaml").read_text())["look"]
         self.assertLess(look["images"] / 0.2, look["timeout_s"])

@@ -8,6 +8,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 import unittest.mock
 
@@ -211,7 +212,7 @@ class Table(unittest.TestCase):
             return 0
 
         arguments = ["soak_mission.py", "--out", os.path.relpath(folder), "--label", "new", *options]
-        with unittest.mock.patch("soak_mission.subprocess.call", mission), unittest.mock.patch("soak_mission.plan", lambda: cases), \
+        with unittest.mock.patch("soak_mission.run_child", mission), unittest.mock.patch("soak_mission.plan", lambda: cases), \
                 unittest.mock.patch("sys.argv", arguments):
             return begun, soak_mission.main()
 
@@ -270,6 +271,45 @@ class Table(unittest.TestCase):
         self.assertEqual(soak_mission.judged(rows + [self.row(1, "VIOLATION")], 2), 1)
 
 
+class Ending(unittest.TestCase):
+    FAKE = "#!/bin/bash\ntrap 'echo ended >>{0}; exit' TERM\necho begun >>{0}\nwhile true; do sleep 0.1; done\n"
+    MISSION = """
+import pathlib, sys
+sys.path.insert(0, {scripts!r})
+import soak_mission
+soak_mission.ROOT = pathlib.Path({tree!r})
+soak_mission.end_in_order()
+mission = soak_mission.WatchedMission(soak_mission.ROOT / "run", 1, "x", 1)
+mission.launch([], [])
+try:
+    mission.process.wait()
+finally:
+    mission.end()
+"""
+    PARENT = "import sys; sys.path.insert(0, {scripts!r}); import soak_mission; soak_mission.end_in_order(); soak_mission.run_child([sys.executable, {child!r}])"
+
+    def test_one_that_is_told_to_end_ends_its_mission(self):
+        scripts = str(pathlib.Path(soak_mission.__file__).parent)
+        with tempfile.TemporaryDirectory() as folder:
+            tree = pathlib.Path(folder)
+            said, child, fake = tree / "said", tree / "child.py", tree / "scripts/run_mission"
+            fake.parent.mkdir()
+            fake.write_text(self.FAKE.format(said), encoding="utf-8")
+            fake.chmod(0o755)
+            child.write_text(self.MISSION.format(scripts=scripts, tree=folder), encoding="utf-8")
+            for arguments in ([str(child)], ["-c", self.PARENT.format(scripts=scripts, child=str(child))]):
+                said.write_text("", encoding="utf-8")
+                process = subprocess.Popen(["/usr/bin/python3", *arguments], stdin=subprocess.DEVNULL)
+                self.addCleanup(process.kill)
+                end = time.monotonic() + 60.0
+                while not said.read_text(encoding="utf-8"):
+                    self.assertLess(time.monotonic(), end, "the mission does not begin")
+                    time.sleep(0.02)
+                process.terminate()
+                self.assertEqual(process.wait(60.0), 143)
+                self.assertEqual(said.read_text(encoding="utf-8"), "begun\nended\n")
+
+
 class Endurance(unittest.TestCase):
     SUMMARY = {"end_reason": "time_up", "end_message": "", "bricks_stowed": 1, "falls": 0, "drops": 0, "collisions": 0}
 
@@ -306,7 +346,7 @@ class Endurance(unittest.TestCase):
         self.assertEqual(self.problems({}, put_back=20), ["21 picks, must be one in 180 s at least"])
 
 
-class SoakMission(Plan, NextStep, Verdict, Table, Endurance):
+class SoakMission(Plan, NextStep, Verdict, Table, Ending, Endurance):
     """rosunit takes one."""
 
 
