@@ -28,6 +28,7 @@ FAR_M, BEARING_RAD = 2.4, 0.4
 AHEAD_M, ASIDE_M = (1.1, 1.8), 0.4  # of base_link, where the pile's place is out of sight
 # From base_link, at least: 0.60 m to the farthest corner of the base, half a brick's diagonal of 0.36 m, and a hand's breadth.
 FROM_BASE_M = 0.9
+APART_M = 0.45  # the middles of two bricks: a brick's diagonal, and a hand's breadth
 TRIES = 20
 MOST_GROWTH, MOST_GROWTH_MB = 0.05, 5.0  # of what a process held; an allocator's step is a few MB
 LONGEST_PICK_S = 180.0  # simulated, of all picks in the mean: slower, and it has done something else
@@ -53,11 +54,15 @@ class Endurance(soak_mission.WatchedMission):
 
     def lay_down(self):
         """Each brick that is in the chute, where there is a place for it."""
-        for brick in self.state.bricks:
+        bricks = list(self.state.bricks)
+        taken = [(brick.pose.position.x, brick.pose.position.y) for brick in bricks if brick.status not in (brick.PICKED, brick.AWAY)]
+        for brick in bricks:
             if brick.status != brick.PICKED:
                 continue
-            for x, y in self.places():
-                if self.inject("move_brick", brick_id=brick.id, pose=self.pose(x, y, 0.1)):
+            for place in self.places():
+                if all(math.dist(place, other) >= APART_M for other in taken) and self.inject("move_brick", brick_id=brick.id, pose=self.pose(*place, 0.1)):
+                    self.notes.append(f"brick {brick.id} to {place[0]:.3f}, {place[1]:.3f} at {self.now_s():.2f} s")
+                    taken.append(place)
                     self.put_back += 1
                     break
 
