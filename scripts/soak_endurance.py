@@ -22,10 +22,10 @@ from soak_mission import ROOT
 
 SCENE = "four_bricks"
 CONFIG = ROOT / "sim_tests/config/soak_endurance.yaml"
-PLACE_X_M, PLACE_Y_M = 0.5, 0.6  # of a brick that is put back, from the middle of the pile, at most
+PLACE_X_M, PLACE_Y_M = 0.5, 0.6  # of a brick that is put back, from the middle of the pile, at most: always there, or the map grows with new ground
 # Before the camera: nobody lays one where the robot has looked and does not look again before its arm goes by.
 FAR_M, BEARING_RAD = 2.4, 0.4
-AHEAD_M, ASIDE_M = (1.1, 1.8), 0.4  # of base_link, where the pile's place is out of sight
+ROUND_M, OUT_OF_REACH_M = 1.2, 1.6  # where the pile's place is out of sight: this far about its middle, and beyond arm and brick
 # From base_link, at least: 0.60 m to the farthest corner of the base, half a brick's diagonal of 0.36 m, and a hand's breadth.
 FROM_BASE_M = 0.9
 APART_M = 0.45  # the middles of two bricks: a brick's diagonal, and a hand's breadth
@@ -46,11 +46,15 @@ class Endurance(soak_mission.WatchedMission):
         bearing = math.atan2(y - base[1], x - base[0]) - math.atan2(ahead[1] - base[1], ahead[0] - base[0])
         return FROM_BASE_M <= math.dist(base, (x, y)) <= FAR_M and abs(math.remainder(bearing, 2.0 * math.pi)) <= BEARING_RAD
 
+    def is_out_of_reach(self, x, y):
+        return math.dist(self.in_map(0.0, 0.0), (x, y)) >= OUT_OF_REACH_M
+
     def places(self):
-        """Points of the map where a brick may be laid: where the pile was, else right ahead."""
-        pile = [(self.random.uniform(-PLACE_X_M, PLACE_X_M), self.random.uniform(-PLACE_Y_M, PLACE_Y_M)) for _ in range(TRIES)]
-        return [place for place in pile if self.is_in_view(*place)] + [
-            self.in_map(self.random.uniform(*AHEAD_M), self.random.uniform(-ASIDE_M, ASIDE_M)) for _ in range(TRIES)]
+        """Points of the map where a brick may be laid, the best first."""
+        def within(x_m, y_m):
+            return [(self.random.uniform(-x_m, x_m), self.random.uniform(-y_m, y_m)) for _ in range(TRIES)]
+        pile, about = within(PLACE_X_M, PLACE_Y_M), within(ROUND_M, ROUND_M)
+        return [place for place in pile if self.is_in_view(*place)] + [place for place in pile + about if self.is_out_of_reach(*place)]
 
     def lay_down(self):
         """Each brick that is in the chute, where there is a place for it."""
