@@ -1,119 +1,211 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""One mission that goes on for hours of simulated time, in the same processes: what is stowed somebody puts back.
+"""Mission after mission for hours of simulated time, in the same processes.
 
-The robot picks as it does in any mission; whenever it looks, the bricks in the chute are laid down between the others again.
-At the end, the time being up, no process may have grown: of each, what it holds in the last quarter is compared with what
-it held in the second, when the map has had all the ground there is. Exit code: 0 all as it should be, 1 it is not, 2 bad usage.
+When a mission has ended the base drives back to where it began, the bricks are laid down where they were, and the next mission is
+started: what the map knows is from the one before. At the end no process may have grown: of each, what it holds in the last
+quarter is compared with what it held in the second, when the map has had all the ground there is.
+Exit code: 0 all as it should be, 1 it is not, 2 bad usage.
 """
 
 import argparse
+import contextlib
 import csv
 import json
 import math
 import os
 import pathlib
+import shutil
+import signal
 import statistics
+import subprocess
 import sys
+import threading
 import time
 
 import soak_mission
 from soak_mission import ROOT
 
 SCENE = "four_bricks"
-CONFIG = ROOT / "sim_tests/config/soak_endurance.yaml"
-PLACE_X_M, PLACE_Y_M = 0.5, 0.6  # of a brick that is put back, from the middle of the pile, at most: always there, or the map grows with new ground
-# Before the camera: nobody lays one where the robot has looked and does not look again before its arm goes by.
-FAR_M, BEARING_RAD = 2.4, 0.4
-ROUND_M, OUT_OF_REACH_M = 1.2, 1.6  # where the pile's place is out of sight: this far about its middle, and beyond arm and brick
-# From base_link, at least: 0.60 m to the farthest corner of the base, half a brick's diagonal of 0.36 m, and a hand's breadth.
-FROM_BASE_M = 0.9
-APART_M = 0.45  # the middles of two bricks: a brick's diagonal, and a hand's breadth
-TRIES = 20
+JITTER_M = 0.03  # of a brick that is laid down again
+MISSION_S = 900.0  # simulated: time limit of one mission, several times what one takes
+DRIVE_BACK_WALL_S, LAUNCH_WALL_S, STALL_WALL_S = 600.0, 120.0, 120.0
+MEMORY_EVERY_S = 10.0  # of the wall clock
 MOST_GROWTH, MOST_GROWTH_MB = 0.05, 5.0  # of what a process held; an allocator's step is a few MB
-LONGEST_PICK_S = 180.0  # simulated, of all picks in the mean: slower, and it has done something else
-FALLS_IN_TEN = 1
+LEAST_STOWED, FALLS_IN_TEN = 0.95, 1  # of the bricks; of missions
+COLUMNS = ("time_s", "node", "resident_mb")
+END_REASONS = ("NO_BRICK_LEFT", "BRICKS_EXHAUSTED", "NOTHING_WORTH_GOING", "NO_PROGRESS", "TIME_UP", "STOPPED", "NEEDS_PERSON", "BRICK_IN_HAND", "PLANNING_FAILED",
+               "ARM_FAILED", "PICKS_FAILED", "LOOKS_FAILED", "DETECTION_FAILED", "SELECTION_FAILED", "DRIVES_FAILED", "RECOVERY_FAILED", "NOT_READY")
+
+
+def started_for(master_uri):
+    """Ids of the processes that were started with this master in their environment."""
+    for environment in pathlib.Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            if f"ROS_MASTER_URI={master_uri}".encode() in environment.read_bytes().split(b"\0"):
+                yield int(environment.parent.name)
 
 
 class Endurance(soak_mission.WatchedMission):
     def __init__(self, folder, port, scene, seed, hours):
         super().__init__(folder, port, scene, seed)
         self.limit_s = 3600.0 * hours
-        self.put_back = 0
+        self.truth, self.driven = None, None
+        self.rows = []  # a mission each
+        self.memory = []  # (simulated time, node, MB)
 
-    def is_in_view(self, x, y):
-        base, ahead = self.in_map(0.0, 0.0), self.in_map(1.0, 0.0)
-        bearing = math.atan2(y - base[1], x - base[0]) - math.atan2(ahead[1] - base[1], ahead[0] - base[0])
-        return FROM_BASE_M <= math.dist(base, (x, y)) <= FAR_M and abs(math.remainder(bearing, 2.0 * math.pi)) <= BEARING_RAD
+    def launch(self):
+        if self.folder.exists():
+            shutil.rmtree(self.folder)
+        self.folder.mkdir(parents=True)
+        self.log = open(self.folder / "roslaunch.log", "w", encoding="utf-8")
+        scene = [f"scene:={self.scene}", f"seed:={self.seed}", "clock:=lockstep", f"run_folder:={self.folder / 'run'}"]
+        self.process = subprocess.Popen(["roslaunch", "-p", str(self.port), "mp700_ur5e_bringup", "simulation.launch", *scene, "autostart:=true",
+                                         f"mission_config:={soak_mission.CONFIG}", f"time_limit_s:={MISSION_S:g}"],
+                                        env={**os.environ, "ROS_LOG_DIR": str(self.folder / "ros")}, stdin=subprocess.DEVNULL, stdout=self.log,
+                                        stderr=self.log, start_new_session=True)
 
-    def is_out_of_reach(self, x, y):
-        return math.dist(self.in_map(0.0, 0.0), (x, y)) >= OUT_OF_REACH_M
+    def end(self):
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        if self.process.poll() is None:
+            os.kill(self.process.pid, signal.SIGINT)  # roslaunch's handler: it ends its nodes in order
+            try:
+                self.process.wait(90.0)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        for pid in started_for(soak_mission.master_uri(self.port)):  # a node that roslaunch has left behind is in a session of its own
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self.log.close()
 
-    def places(self):
-        """Points of the map where a brick may be laid, the best first."""
-        def within(x_m, y_m):
-            return [(self.random.uniform(-x_m, x_m), self.random.uniform(-y_m, y_m)) for _ in range(TRIES)]
-        pile, about = within(PLACE_X_M, PLACE_Y_M), within(ROUND_M, ROUND_M)
-        return [place for place in pile if self.is_in_view(*place)] + [place for place in pile + about if self.is_out_of_reach(*place)]
+    def connect(self):
+        from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
+        from visualization_msgs.msg import MarkerArray
+        super().connect()
+        for name, topic in (("truth", ("/simulated_world/truth", MarkerArray)), ("driven", ("/move_base/result", MoveBaseActionResult))):
+            self.topics[name] = topic
+            self.subscribers[name] = self.subscribe(name)
+        self.goals = self.rospy.Publisher("/move_base/goal", MoveBaseActionGoal, queue_size=1)
 
-    def lay_down(self):
-        """Each brick that is in the chute, where there is a place for it."""
-        bricks = list(self.state.bricks)
-        taken = [(brick.pose.position.x, brick.pose.position.y) for brick in bricks if brick.status not in (brick.PICKED, brick.AWAY)]
-        for brick in bricks:
-            if brick.status != brick.PICKED:
+    def is_over(self):
+        return self.process.poll() is not None
+
+    def watch_memory(self, stop):
+        while not stop.wait(MEMORY_EVERY_S):
+            for node in (*soak_mission.NODES, "simulated_world"):
+                size = soak_mission.rss_mb(self.pid_of(node) or 0)
+                if size is not None:
+                    self.memory.append((self.now_s(), node, size))
+
+    def moves_on(self, condition):
+        """Waits for it as long as the simulated time moves on."""
+        seen_s = None
+        while not self.until(condition, STALL_WALL_S):
+            if self.is_over():
+                raise soak_mission.NotUp(f"roslaunch has ended; see {self.log.name}")
+            if self.now_s() == seen_s:
+                raise soak_mission.NotUp(f"the simulated clock stands at {seen_s:.1f} s; see {self.log.name}")
+            seen_s = self.now_s()
+
+    def drive_back(self, x, y, yaw):
+        from actionlib_msgs.msg import GoalStatus
+        from geometry_msgs.msg import Quaternion
+        from move_base_msgs.msg import MoveBaseActionGoal
+        message = MoveBaseActionGoal()
+        message.goal_id.id = f"back after {len(self.rows)} missions"
+        message.goal.target_pose.header.frame_id = "map"
+        message.goal.target_pose.pose = self.pose(x, y)
+        message.goal.target_pose.pose.orientation = Quaternion(0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+        self.goals.publish(message)
+        self.until(lambda: self.driven is not None and self.driven.status.goal_id.id == message.goal_id.id, DRIVE_BACK_WALL_S)
+        if self.driven is None or self.driven.status.goal_id.id != message.goal_id.id:
+            self.notes.append(f"{self.now_s():.1f} s: nobody tells whether the base is back")
+        elif self.driven.status.status != GoalStatus.SUCCEEDED:
+            self.notes.append(f"{self.now_s():.1f} s: the base did not get back: {self.driven.status.text}")
+
+    def lay_down(self, places):
+        """Bricks that were stowed, where they were at first. How many."""
+        state, laid = self.state, 0
+        for brick in state.bricks:
+            if brick.status != brick.PICKED or brick.id not in places:
                 continue
-            for place in self.places():
-                if all(math.dist(place, other) >= APART_M for other in taken) and self.inject("move_brick", brick_id=brick.id, pose=self.pose(*place, 0.1)):
-                    self.notes.append(f"brick {brick.id} to {place[0]:.3f}, {place[1]:.3f} at {self.now_s():.2f} s")
-                    taken.append(place)
-                    self.put_back += 1
+            pose = places[brick.id]
+            for _ in range(5):
+                if self.inject("move_brick", brick_id=brick.id, pose=self.pose_like(pose)):
+                    laid += 1
                     break
+        return laid
+
+    def pose_like(self, pose):
+        other = self.pose(pose.position.x + self.random.uniform(-JITTER_M, JITTER_M), pose.position.y + self.random.uniform(-JITTER_M, JITTER_M), pose.position.z)
+        other.orientation = pose.orientation
+        return other
+
+    def judged_now(self):
+        """What the judge has counted until now, not a second ago."""
+        now_s = self.now_s()
+        self.moves_on(lambda: self.judge.header.stamp.to_sec() >= now_s)
+        return self.judge
+
+    def row(self, before, after, num_lying, wall_s):
+        reason = next((name.lower() for name in END_REASONS if getattr(self.state, name) == self.state.end_reason), str(self.state.end_reason))
+        return {"begun_s": before.header.stamp.to_sec(), "ended_s": self.now_s(), "end_reason": reason, "end_message": self.state.end_message, "bricks": num_lying,
+                "wall_s": round(wall_s), **{key: getattr(after, key) - getattr(before, key) for key in ("stowed", "falls", "drops", "collisions")}}
 
     def run(self):
-        self.launch(["--time-limit", f"{self.limit_s:g}"], [f"mission_config:={CONFIG}"])
-        begun, visit, told_s = time.monotonic(), None, 0.0
+        self.launch()
+        begun, stop = time.monotonic(), threading.Event()
         try:
             self.connect()
-            self.until(lambda: self.state is not None and self.judge is not None)
-            while self.until(lambda seen=visit: self.in_state("look") and self.visit() != seen):
-                visit = self.visit()
-                # Whom the camera is to see next; the arm stands still, and nothing is planned.
-                if self.judge.stowed > 0:
-                    self.lay_down()
-                if self.now_s() >= told_s:
-                    told_s = self.now_s() + 300.0
-                    print(f"{self.now_s():7.0f} of {self.limit_s:.0f} s  put back {self.put_back}  falls {self.judge.falls}  drops {self.judge.drops}  "
-                          f"collisions {self.judge.collisions}  wall {time.monotonic() - begun:.0f} s", flush=True)
-            self.process.wait()
+            if not self.until(lambda: self.state is not None and self.judge is not None and self.truth is not None, LAUNCH_WALL_S):
+                raise soak_mission.NotUp(f"the nodes do not come up; see {self.log.name}")
+            places = {marker.id: marker.pose for marker in self.truth.markers if marker.ns == "bricks"}
+            self.moves_on(lambda: "odom" in self.tf and "base_link" in self.tf)
+            (x, y), ahead = self.in_map(0.0, 0.0), self.in_map(1.0, 0.0)
+            start, num_lying = (x, y, math.atan2(ahead[1] - y, ahead[0] - x)), len(places)
+            threading.Thread(target=self.watch_memory, args=(stop,), daemon=True).start()
+            while True:
+                before = self.judged_now()
+                self.moves_on(lambda: self.in_state("ended"))
+                row = self.row(before, self.judged_now(), num_lying, time.monotonic() - begun)
+                self.rows.append(row)
+                print(f"{row['ended_s']:7.0f} of {self.limit_s:.0f} s  mission {len(self.rows):3d}: {row['end_reason']}, {row['stowed']} of {row['bricks']} stowed, "
+                      f"{row['falls']} falls, {row['drops']} drops, {row['collisions']} collisions  wall {row['wall_s']} s", flush=True)
+                if self.now_s() >= self.limit_s:
+                    break
+                self.drive_back(*start)
+                num_lying += self.lay_down(places) - row["stowed"]
+                if not self.call("start") or not self.until(lambda: not self.in_state("ended"), LAUNCH_WALL_S):
+                    raise soak_mission.NotUp(f"mission {len(self.rows) + 1} does not begin: {self.notes[-1]}")
         finally:
+            stop.set()
             self.end()
+            with open(self.folder / "memory.csv", "w", newline="", encoding="utf-8") as stream:
+                csv.writer(stream).writerows([COLUMNS, *((f"{time_s:.2f}", node, size) for time_s, node, size in self.memory)])
 
 
-def growth_of(path):
-    """{node: (MB in the second quarter, MB in the last)}, medians. Raises OSError, ValueError."""
-    with open(path, newline="", encoding="utf-8") as stream:
-        rows = [(float(row["time_s"]), row["node"], float(row["resident_mb"])) for row in csv.DictReader(stream)]
-    if not rows:
-        raise ValueError(f"{path}: no rows")
-    end_s, growth = max(row[0] for row in rows), {}
-    for node in sorted({row[1] for row in rows}):
-        parts = [[mb for time_s, name, mb in rows if name == node and low * end_s < time_s <= high * end_s] for low, high in ((0.25, 0.5), (0.75, 1.0))]
+def growth_of(samples):
+    """{node: (MB in the second quarter, MB in the last)}, medians, of (time_s, node, MB). Raises ValueError."""
+    if not samples:
+        raise ValueError("nobody has looked at the memory")
+    end_s, growth = max(time_s for time_s, _, _ in samples), {}
+    for node in sorted({node for _, node, _ in samples}):
+        parts = [[mb for time_s, name, mb in samples if name == node and low * end_s < time_s <= high * end_s] for low, high in ((0.25, 0.5), (0.75, 1.0))]
         if not all(parts):
-            raise ValueError(f"{path}: {node} has not been there all the time")
+            raise ValueError(f"{node} has not been there all the time")
         growth[node] = tuple(statistics.median(part) for part in parts)
     return growth
 
 
-def problems_of(summary, growth, put_back, limit_s):
-    problems = [f"{summary.get(key)} {key}, must be 0" for key in ("drops", "collisions") if summary.get(key) != 0]
-    if summary.get("end_reason") != "time_up":
-        problems.append(f"it ended {summary.get('end_reason') or 'not by itself'}, {summary.get('end_message') or 'without a reason'}")
-    picks = put_back + (summary.get("bricks_stowed") or 0)
-    if summary.get("falls") is None or summary["falls"] * 10 > FALLS_IN_TEN * picks:
-        problems.append(f"{summary.get('falls')} falls in {picks} picks, may be {FALLS_IN_TEN} in ten")
-    if picks * LONGEST_PICK_S < limit_s:
-        problems.append(f"{picks} picks, must be one in {LONGEST_PICK_S:.0f} s at least")
+def problems_of(rows, growth):
+    """What is not as it should be, a sentence each; rows of missions, growth_of() the memory."""
+    problems = [f"{sum(row[key] for row in rows)} {key}, must be 0" for key in ("drops", "collisions") if any(row[key] for row in rows)]
+    falls, bricks, stowed = (sum(row[key] for row in rows) for key in ("falls", "bricks", "stowed"))
+    if falls * 10 > FALLS_IN_TEN * len(rows):
+        problems.append(f"{falls} falls in {len(rows)} missions, may be {FALLS_IN_TEN} in ten")
+    if stowed < LEAST_STOWED * bricks:
+        problems.append(f"{stowed} of {bricks} bricks stowed, must be {LEAST_STOWED:.0%} at least")
     for node, (before, after) in growth.items():
         if after > before * (1.0 + MOST_GROWTH) + MOST_GROWTH_MB:
             problems.append(f"{node} has grown from {before:.0f} to {after:.0f} MB")
@@ -125,7 +217,7 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of endurance.json and the run")
     parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/worlds (default {SCENE})")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--sim-hours", type=float, default=2.0, metavar="H", help="of simulated time (default 2), 0.1 to 24")
+    parser.add_argument("--sim-hours", type=float, default=2.0, metavar="H", help="of simulated time, then the mission that runs is the last (default 2), 0.1 to 24")
     arguments = parser.parse_args()
     if not (ROOT / f"sim_tests/worlds/{arguments.scene}.yaml").is_file():
         parser.error(f"--scene {arguments.scene}: no such file in sim_tests/worlds")
@@ -136,27 +228,29 @@ def main():
     except ImportError as error:
         print(f"error: {error}: source devel/setup.bash, or use scripts/soak endurance", file=sys.stderr)
         return 2
-    folder = arguments.out.resolve() / "endurance"
-    port = soak_mission.free_port()
     soak_mission.end_in_order()
+    port = soak_mission.free_port()
     os.environ.update(ROS_MASTER_URI=soak_mission.master_uri(port), ROS_HOSTNAME="localhost")
-    mission = Endurance(folder, port, arguments.scene, arguments.seed, arguments.sim_hours)
+    folder = arguments.out.resolve() / "endurance"
+    endurance, failed = Endurance(folder, port, arguments.scene, arguments.seed, arguments.sim_hours), []
     try:
-        mission.run()
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        growth = growth_of(folder / "memory.csv")
-    except (soak_mission.NotUp, OSError, ValueError) as error:
-        print(f"error: {error}; see {folder}.txt", file=sys.stderr)
-        return 1
-    problems = problems_of(summary, growth, mission.put_back, mission.limit_s)
+        endurance.run()
+    except soak_mission.NotUp as error:
+        failed.append(str(error))
+    try:
+        growth = growth_of(endurance.memory)
+    except ValueError as error:
+        growth, failed = {}, [*failed, str(error)]
+    rows, problems = endurance.rows, failed + problems_of(endurance.rows, growth)
     for node, (before, after) in growth.items():
         print(f"{node:20s} {before:6.0f} MB in the second quarter, {after:6.0f} in the last")
-    print(f"{mission.put_back + summary['bricks_stowed']} picks in {summary['sim_seconds']:.0f} s simulated, {summary['falls']} falls, {summary['drops']} drops, "
-          f"{summary['collisions']} collisions")
+    if rows:
+        print(f"{len(rows)} missions, {sum(row['stowed'] for row in rows)} of {sum(row['bricks'] for row in rows)} bricks stowed, {rows[-1]['ended_s']:.0f} s simulated, "
+              f"{sum(row['falls'] for row in rows)} falls, {sum(row['drops'] for row in rows)} drops, {sum(row['collisions'] for row in rows)} collisions")
     for problem in problems:
         print(f"PROBLEM: {problem}")
-    (arguments.out / "endurance.json").write_text(json.dumps({"summary": summary, "put_back": mission.put_back, "growth_mb": growth, "problems": problems,
-                                                              "notes": mission.notes}, indent=2) + "\n", encoding="utf-8")
+    (folder.parent / "endurance.json").write_text(json.dumps({"missions": rows, "growth_mb": growth, "problems": problems, "notes": endurance.notes}, indent=2) + "\n",
+                                                  encoding="utf-8")
     return 1 if problems else 0
 
 

@@ -311,21 +311,25 @@ finally:
 
 
 class Endurance(unittest.TestCase):
-    SUMMARY = {"end_reason": "time_up", "end_message": "", "bricks_stowed": 1, "falls": 0, "drops": 0, "collisions": 0}
-
     def growth(self, samples):
         """Of one node that holds so many MB at equal steps of time."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = pathlib.Path(folder) / "memory.csv"
-            path.write_text("time_s,node,resident_mb\n" + "".join(f"{10.0 * (i + 1)},map,{mb}\n" for i, mb in enumerate(samples)), encoding="utf-8")
-            return soak_endurance.growth_of(path)
+        return soak_endurance.growth_of([(10.0 * (i + 1), "map", mb) for i, mb in enumerate(samples)])
 
-    def problems(self, growth, put_back=59, **changes):
-        return soak_endurance.problems_of({**self.SUMMARY, **changes}, growth, put_back, 7200.0)
+    def problems(self, growth=None, missions=20, **changes):
+        """Of so many missions as they should be, the last with these changes."""
+        row = {"bricks": 4, "stowed": 4, "falls": 0, "drops": 0, "collisions": 0}
+        return soak_endurance.problems_of([row] * (missions - 1) + [{**row, **changes}], growth or {})
+
+    def test_what_a_launch_leaves_behind_is_found_by_its_master(self):
+        master = "http://localhost:1"
+        left = subprocess.Popen(["sleep", "60"], env={**os.environ, "ROS_MASTER_URI": master}, start_new_session=True)
+        self.addCleanup(left.kill)
+        self.assertEqual(list(soak_endurance.started_for(master)), [left.pid])
+        self.assertEqual(list(soak_endurance.started_for(master + "0")), [])
 
     def test_second_and_last_quarter_are_compared(self):
         self.assertEqual(self.growth([10.0] * 10 + [20.0] * 10 + [90.0] * 10 + [30.0] * 10), {"map": (20.0, 30.0)})
-        with self.assertRaisesRegex(ValueError, "no rows"):
+        with self.assertRaisesRegex(ValueError, "nobody has looked"):
             self.growth([])
         with self.assertRaisesRegex(ValueError, "map has not been there"):
             self.growth([1.0])
@@ -335,15 +339,13 @@ class Endurance(unittest.TestCase):
         self.assertEqual(self.problems({"map": (400.0, 426.0)}), ["map has grown from 400 to 426 MB"])
         self.assertEqual(self.problems({"map": (400.0, 300.0), "small": (2.0, 7.0)}), [])
 
-    def test_mission_has_to_be_one(self):
-        for changes, words in (({"collisions": 1}, "1 collisions"), ({"drops": None}, "None drops"), ({"falls": 7}, "7 falls in 60 picks"),
-                               ({"falls": None}, "None falls"), ({"end_reason": "no_progress", "end_message": "x"}, "it ended no_progress, x"),
-                               ({"end_reason": None}, "it ended not by itself")):
-            problems = self.problems({}, **changes)
+    def test_missions_have_to_be_as_they_should(self):
+        for changes, words in (({"collisions": 1}, "1 collisions, must be 0"), ({"drops": 2}, "2 drops, must be 0"), ({"falls": 3}, "3 falls in 20 missions"),
+                               ({"bricks": 8, "stowed": 3}, "79 of 84 bricks stowed, must be 95% at least")):
+            problems = self.problems(**changes)
             self.assertEqual(len(problems), 1, problems)
             self.assertIn(words, problems[0])
-        self.assertEqual(self.problems({}, falls=6), [])
-        self.assertEqual(self.problems({}, put_back=20), ["21 picks, must be one in 180 s at least"])
+        self.assertEqual(self.problems(falls=2, stowed=0), [])
 
 
 class SoakMission(Plan, NextStep, Verdict, Table, Ending, Endurance):
