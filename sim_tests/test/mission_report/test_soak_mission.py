@@ -323,6 +323,7 @@ class Endurance(unittest.TestCase):
     def test_what_a_launch_leaves_behind_is_found_by_its_master(self):
         master = "http://localhost:1"
         left = subprocess.Popen(["sleep", "60"], env={**os.environ, "ROS_MASTER_URI": master}, start_new_session=True)
+        self.addCleanup(left.wait)
         self.addCleanup(left.kill)
         self.assertEqual(list(soak_endurance.started_for(master)), [left.pid])
         self.assertEqual(list(soak_endurance.started_for(master + "0")), [])
