@@ -27,6 +27,8 @@ constexpr double kRestSpeed_m_s = 0.03;
 constexpr double kRestSpeed_rad_s = 0.3;
 // Of things put somewhere by hand: so much deeper than bricks at rest sink into each other is inside.
 constexpr double kInside_m = 0.005;
+// MuJoCo tells half of the depth of two boxes.
+constexpr double kInsideContact_m = 0.5 * kInside_m;
 constexpr double kFarthest_m = 100.0;
 
 int jointId(const mjModel& model, const std::string& name, mjtJoint type) {
@@ -776,7 +778,7 @@ std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
   model_->geom_conaffinity[slot.geom] = conaffinity;
   for (int i = 0; i < trial->ncon; ++i) {
     const mjContact& contact = trial->contact[i];
-    if ((contact.geom1 != slot.geom && contact.geom2 != slot.geom) || contact.dist > -kInside_m) {
+    if ((contact.geom1 != slot.geom && contact.geom2 != slot.geom) || contact.dist > -kInsideContact_m) {
       continue;
     }
     const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
@@ -827,7 +829,7 @@ std::string World::thingAt(const Eigen::Vector2d& xy_map) {
   model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = slot.is_present ? 1 : 0;
   for (int i = 0; i < trial->ncon; ++i) {
     const mjContact& contact = trial->contact[i];
-    if ((contact.geom1 == slot.geom || contact.geom2 == slot.geom) && contact.dist <= -kInside_m) {
+    if ((contact.geom1 == slot.geom || contact.geom2 == slot.geom) && contact.dist <= -kInsideContact_m) {
       const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
       return nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other]);
     }

@@ -368,6 +368,9 @@ TEST(World, BrickThatWasTakenAwayCanBeBroughtBack) {
   };
   EXPECT_EQ(world.obstacleAt(1, at(2.0, 0.05, 0.1)), "brick_0");
   EXPECT_EQ(world.obstacleAt(1, at(2.0, 1.0, 0.12)), "");
+  // Beside it, 20 cm from middle to middle: 6 mm deep is inside, 4 mm is not.
+  EXPECT_EQ(world.obstacleAt(1, at(2.0, 0.194, 0.1)), "brick_0");
+  EXPECT_EQ(world.obstacleAt(1, at(2.0, 0.196, 0.1)), "");
   EXPECT_TRUE(world.knowsBrick(1));
   EXPECT_FALSE(world.knowsBrick(2));
   // On the other one: it falls, is carried, and is met by what comes next, as one that never was away.
