@@ -30,6 +30,7 @@ SCENE = "four_bricks"
 JITTER_M = 0.03  # of a brick that is laid down again
 MISSION_S = 900.0  # simulated: time limit of one mission, several times what one takes
 DRIVE_BACK_WALL_S, LAUNCH_WALL_S, STALL_WALL_S = 600.0, 120.0, 120.0
+JUDGED_EVERY_S = 1.0  # simulated
 MEMORY_EVERY_S = 10.0  # of the wall clock
 MOST_GROWTH, MOST_GROWTH_MB = 0.05, 5.0  # of what a process held; an allocator's step is a few MB
 LEAST_STOWED, FALLS_IN_TEN = 0.95, 1  # of the bricks; of missions
@@ -92,11 +93,16 @@ class Endurance(soak_mission.WatchedMission):
         return self.process.poll() is not None
 
     def watch_memory(self, stop):
-        while not stop.wait(MEMORY_EVERY_S):
-            for node in (*soak_mission.NODES, "simulated_world"):
-                size = soak_mission.rss_mb(self.pid_of(node) or 0)
-                if size is not None:
-                    self.memory.append((self.now_s(), node, size))
+        with open(self.folder / "memory.csv", "w", newline="", encoding="utf-8") as stream:
+            table = csv.writer(stream)
+            table.writerow(COLUMNS)
+            while not stop.wait(MEMORY_EVERY_S):
+                for node in (*soak_mission.NODES, "simulated_world"):
+                    size = soak_mission.rss_mb(self.pid_of(node) or 0)
+                    if size is not None:
+                        self.memory.append((self.now_s(), node, size))
+                        table.writerow((f"{self.now_s():.2f}", node, size))
+                stream.flush()
 
     def moves_on(self, condition):
         """Waits for it as long as the simulated time moves on."""
@@ -143,9 +149,9 @@ class Endurance(soak_mission.WatchedMission):
         return other
 
     def judged_now(self):
-        """What the judge has counted until now, not a second ago."""
-        now_s = self.now_s()
-        self.moves_on(lambda: self.judge.header.stamp.to_sec() >= now_s)
+        """What the judge has counted until now: it counts once a second, and may tell between what it counted before."""
+        least_s = self.now_s() + 2.0 * JUDGED_EVERY_S
+        self.moves_on(lambda: self.judge.header.stamp.to_sec() >= least_s)
         return self.judge
 
     def row(self, before, after, num_lying, wall_s):
@@ -165,8 +171,8 @@ class Endurance(soak_mission.WatchedMission):
             (x, y), ahead = self.in_map(0.0, 0.0), self.in_map(1.0, 0.0)
             start, num_lying = (x, y, math.atan2(ahead[1] - y, ahead[0] - x)), len(places)
             threading.Thread(target=self.watch_memory, args=(stop,), daemon=True).start()
+            before = self.judged_now()
             while True:
-                before = self.judged_now()
                 self.moves_on(lambda: self.in_state("ended"))
                 row = self.row(before, self.judged_now(), num_lying, time.monotonic() - begun)
                 self.rows.append(row)
@@ -174,15 +180,21 @@ class Endurance(soak_mission.WatchedMission):
                       f"{row['falls']} falls, {row['drops']} drops, {row['collisions']} collisions  wall {row['wall_s']} s", flush=True)
                 if self.now_s() >= self.limit_s:
                     break
+                self.write()
                 self.drive_back(*start)
-                num_lying += self.lay_down(places) - row["stowed"]
+                num_laid = self.lay_down(places)
+                num_lying += num_laid - row["stowed"]
+                before = self.judged_now()
                 if not self.call("start") or not self.until(lambda: not self.in_state("ended"), LAUNCH_WALL_S):
                     raise soak_mission.NotUp(f"mission {len(self.rows) + 1} does not begin: {self.notes[-1]}")
         finally:
             stop.set()
             self.end()
-            with open(self.folder / "memory.csv", "w", newline="", encoding="utf-8") as stream:
-                csv.writer(stream).writerows([COLUMNS, *((f"{time_s:.2f}", node, size) for time_s, node, size in self.memory)])
+
+    def write(self, growth=None, problems=None):
+        """endurance.json, after each mission: what is cut off has told what there was."""
+        report = {"missions": self.rows, "growth_mb": growth or {}, "problems": ["it has not ended"] if problems is None else problems, "notes": self.notes}
+        (self.folder.parent / "endurance.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
 
 
 def growth_of(samples):
@@ -249,8 +261,7 @@ def main():
               f"{sum(row['falls'] for row in rows)} falls, {sum(row['drops'] for row in rows)} drops, {sum(row['collisions'] for row in rows)} collisions")
     for problem in problems:
         print(f"PROBLEM: {problem}")
-    (folder.parent / "endurance.json").write_text(json.dumps({"missions": rows, "growth_mb": growth, "problems": problems, "notes": endurance.notes}, indent=2) + "\n",
-                                                  encoding="utf-8")
+    endurance.write(growth, problems)
     return 1 if problems else 0
 
 
