@@ -31,7 +31,9 @@ struct BrickTrackerConfig {
   double floor_std_m{0.001};
   double floor_std_rad{0.002};
   double gate_chi2{22.5};  ///< six degrees of freedom, 99.9 %: a look that is farther off shows a brick that has moved
-  int moved_looks{2};      ///< looks that agree on another place, before the brick is believed to be there
+  /// Looks that agree on another place, before the brick is believed to be there; and that a second brick with an id needs
+  /// to outlast an image that shows only the first.
+  int moved_looks{2};
   /// Of a brick's inside that the map must have seen free before the brick is dropped. In the simulated pile at most a
   /// tenth of a brick that is there was called free, and two thirds of one that had been taken away: what else stands
   /// there hides the rest from any one standpoint.
@@ -56,6 +58,7 @@ struct TrackedBrick {
 
 /// Bricks over time, in the map. Static between looks; one that was moved is at its new place once enough looks agree, and
 /// nowhere twice; one whose place the map has seen free since is gone. A brick in view that is not decoded says nothing.
+/// A bad look beside a good one makes no second brick: instances of an id within each other are one, that with most looks.
 /// Not thread-safe.
 ///
 /// Of each brick the mean of the looks from each standpoint is kept, with the looks' own information. A standpoint's mean
@@ -138,6 +141,8 @@ class BrickTracker {
   double chi2(const Look& look, const Place& place) const;
   void addLooksOf(int id, double stamp_s, const std::vector<BrickSighting>& sightings, const std::vector<Look>& looks,
                   std::vector<std::pair<int, int>>* seen_as);
+  void dropUnconfirmed(int id, double stamp_s);
+  void dropImpossible(int id);
   int freeInstance(int id) const;
   void publish();
 

@@ -21,6 +21,8 @@ constexpr std::size_t kMaxStandpoints = 64;
 constexpr int kFusionSteps = 3;  // of Gauss-Newton: means differ by millimetres, the first step is nearly exact
 constexpr double kInsideMargin_m = 0.02;  // the map's resolution
 constexpr int kNoInstance = -1;
+// Of a brick's shortest edge, by which the middles of two bricks are apart at least; the rest is what looks may be off.
+constexpr double kClearance = 0.8;
 
 bool isRigid(const Eigen::Isometry3d& pose) {
   // A float's rounding, with room.
@@ -199,7 +201,10 @@ void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSig
         track->moved_to.reset();
         markSeen(i, 1, track);
       });
-  if (open_looks.empty()) return;
+  if (open_looks.empty()) {
+    if (num_looks == 1) dropUnconfirmed(id, stamp_s);
+    return;
+  }
 
   // What is in the hand, or was when the image was taken, is not part of the world.
   if (attached_ && attached_->id == id) return;
@@ -258,6 +263,36 @@ void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSig
   for (const std::size_t i : open_looks) addNew(i, freeInstance(id));
 }
 
+/// A brick that was seen where it is known to be, and no other: those that have hardly been seen were bad looks at it.
+void BrickTracker::dropUnconfirmed(int id, double stamp_s) {
+  const bool is_duplicate = std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
+    return track.brick.id == id && track.brick.last_seen_s == stamp_s && track.was_duplicate;
+  });
+  if (is_duplicate) return;
+  tracks_.erase(std::remove_if(tracks_.begin(), tracks_.end(),
+                               [&](const Track& track) {
+                                 return track.brick.id == id && track.brick.last_seen_s < stamp_s &&
+                                        track.brick.num_looks < config_.moved_looks;
+                               }),
+                tracks_.end());
+}
+
+/// Two bricks are never within each other: of instances that would be, the one that was seen most often is the brick.
+void BrickTracker::dropImpossible(int id) {
+  const double least_m = kClearance * catalogue_.typeOf(id).size_m.minCoeff();
+  const auto isWithinABetterOne = [&](const Track& track) {
+    return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& other) {
+      return other.brick.id == id && other.brick.num_looks > track.brick.num_looks &&
+             (other.place.T_map_brick.translation() - track.place.T_map_brick.translation()).norm() < least_m;
+    });
+  };
+  std::vector<Track> kept;
+  for (const Track& track : tracks_) {
+    if (track.brick.id != id || !isWithinABetterOne(track)) kept.push_back(track);
+  }
+  tracks_ = std::move(kept);
+}
+
 std::vector<std::optional<std::size_t>> BrickTracker::addLook(double stamp_s, const Eigen::Isometry3d& T_map_camera,
                                                               const std::vector<BrickSighting>& sightings) {
   if (!std::isfinite(stamp_s) || stamp_s < last_look_s_) {
@@ -283,7 +318,10 @@ std::vector<std::optional<std::size_t>> BrickTracker::addLook(double stamp_s, co
 
   last_look_s_ = stamp_s;
   std::vector<std::pair<int, int>> seen_as(sightings.size(), {0, kNoInstance});
-  for (const int id : ids) addLooksOf(id, stamp_s, sightings, looks, &seen_as);
+  for (const int id : ids) {
+    addLooksOf(id, stamp_s, sightings, looks, &seen_as);
+    dropImpossible(id);
+  }
   publish();
 
   std::vector<std::optional<std::size_t>> indices(sightings.size());

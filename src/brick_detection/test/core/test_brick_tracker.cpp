@@ -271,6 +271,47 @@ TEST_F(Tracker, ASecondCarrierThatAppearsLaterIsANewInstance) {
   EXPECT_TRUE(tracker_.bricks()[0].has_duplicate);
 }
 
+TEST_F(Tracker, ABadLookBesideTheBrickMakesNoSecondOne) {
+  // As it was seen: one face's tag half hidden, 107 mm off. Two bricks of 0.2 m are never that near to each other.
+  Vector6d off = Vector6d::Zero();
+  off.head<3>() << 0.052, -0.046, -0.082;
+  const Eigen::Isometry3d bad = moved(here_, off);
+  look(5, {here_});
+  look(5, {here_});
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_THAT(look(5, {here_, bad}), ElementsAre(Optional(0u), std::nullopt));
+    EXPECT_THAT(tracker_.bricks(), SizeIs(1));
+  }
+  look(5, {here_});
+  ASSERT_THAT(tracker_.bricks(), SizeIs(1));
+  EXPECT_FALSE(tracker_.bricks()[0].has_duplicate);
+  EXPECT_TRUE(tracker_.bricks()[0].T_map_brick.isApprox(here_, 1e-6));
+}
+
+TEST_F(Tracker, OfTwoWithinEachOtherInTheFirstImageTheOneThatIsSeenAgainStays) {
+  Vector6d off = Vector6d::Zero();
+  off(2) = -0.1;
+  look(5, {moved(here_, off), here_});
+  look(5, {here_});
+  ASSERT_THAT(tracker_.bricks(), SizeIs(1));
+  EXPECT_FALSE(tracker_.bricks()[0].has_duplicate);
+  EXPECT_TRUE(tracker_.bricks()[0].T_map_brick.isApprox(here_, 1e-6));
+}
+
+TEST_F(Tracker, ASecondCarrierThatIsNotSeenAgainBesideTheFirstIsNone) {
+  look(5, {here_});
+  look(5, {here_, there_});
+  EXPECT_THAT(tracker_.bricks(), SizeIs(2));
+  look(6, {elsewhere_});
+  EXPECT_THAT(tracker_.bricks(), SizeIs(3)) << "an image of others says nothing";
+  tracker_.addLook(now_s_ += 1.0, cameraFrom(0.0), {sight(5, here_, cameraFrom(0.0), true)});
+  EXPECT_THAT(tracker_.bricks(), SizeIs(3)) << "it was there, and was refused";
+  look(5, {here_});
+  ASSERT_THAT(tracker_.bricks(), SizeIs(2));
+  EXPECT_FALSE(tracker_.bricks()[0].has_duplicate);
+  EXPECT_TRUE(tracker_.bricks()[0].T_map_brick.isApprox(here_, 1e-6));
+}
+
 TEST_F(Tracker, OneThatIsSeenBesideARefusedCarrierIsANewInstance) {
   look(5, {here_});
   const auto indices = tracker_.addLook(now_s_ += 1.0, cameraFrom(0.0), {sight(5, there_, cameraFrom(0.0), true)});
@@ -308,7 +349,7 @@ TEST_F(Tracker, BricksAreInOrderOfIdAndInstance) {
   std::vector<std::pair<int, int>> order;
   for (const TrackedBrick& brick : tracker_.bricks()) order.emplace_back(brick.id, brick.instance);
   EXPECT_THAT(order, ElementsAre(std::make_pair(2, 0), std::make_pair(9, 0), std::make_pair(9, 1)));
-  EXPECT_THAT(look(9, {there_}), ElementsAre(Optional(2u)));
+  EXPECT_THAT(look(9, {there_, here_}), ElementsAre(Optional(2u), Optional(1u)));
 }
 
 TEST_F(Tracker, InsidePointsAreAGridBelowTheFaces) {

@@ -42,6 +42,9 @@ class BrickLedger {
   /// The highest that is there, graspable, in the arm's sector, alone with its id, with none lying on it, with attempts left
   /// and not tried in vain in this scene. Of two as high to a millimetre that of smaller id; those that were given up before come last.
   std::optional<SeenBrick> best(int scene) const;
+  /// Why best() does not take a brick, as what is said of it ("is out of the arm's sector"); empty where it may. Throws
+  /// std::out_of_range for an id that was never known.
+  std::string obstacleTo(int id, int scene) const;
 
   // Throw std::out_of_range for an id that was never known.
   void pickBegun(int id);

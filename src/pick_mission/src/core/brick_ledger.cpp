@@ -54,9 +54,7 @@ BrickLedger::Update BrickLedger::update(const std::vector<SeenBrick>& bricks) {
 std::optional<SeenBrick> BrickLedger::best(int scene) const {
   const BrickRecord* best = nullptr;
   for (const auto& [id, record] : bricks_) {
-    if (!record.is_there || record.is_picked || isExhausted(record) || record.scene_tried == scene) continue;
-    if (record.seen.has_duplicate || !record.seen.is_in_sector || record.seen.graspable_faces.empty()) continue;
-    if (carriesAnother(record)) continue;
+    if (!obstacleTo(id, scene).empty()) continue;
     const double height_m = record.seen.T_map_brick.translation().z();
     const bool is_last = record.attempts_back > 0;
     const bool is_best_last = best != nullptr && best->attempts_back > 0;
@@ -67,6 +65,19 @@ std::optional<SeenBrick> BrickLedger::best(int scene) const {
   }
   if (best == nullptr) return std::nullopt;
   return best->seen;
+}
+
+std::string BrickLedger::obstacleTo(int id, int scene) const {
+  const BrickRecord& record = bricks_.at(id);
+  if (record.is_picked) return "is picked";
+  if (!record.is_there) return "is not seen any more";
+  if (isExhausted(record)) return "has no attempts left";
+  if (record.scene_tried == scene) return "was tried in vain from here";
+  if (record.seen.has_duplicate) return "is not the only one with its id";
+  if (!record.seen.is_in_sector) return "is out of the arm's sector";
+  if (record.seen.graspable_faces.empty()) return "has no face that the magnet can come to";
+  if (carriesAnother(record)) return "carries another";
+  return "";
 }
 
 bool BrickLedger::carriesAnother(const BrickRecord& brick) const {

@@ -143,6 +143,7 @@ class MissionMachine::Impl {
   void requireFits(const event::Reply& reply) const;
   void end(EndReason reason, const std::string& message);
   EndReason reasonOfLeftovers() const;
+  std::string obstaclesInWords() const;
   std::string leftInWords() const;
   int numNeverFound() const;
   std::optional<State> stateToWaitIn() const;
@@ -749,7 +750,7 @@ std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
       text << "over the place where it may fall";
       break;
     case State::kSelect:
-      text << "no brick is to be tried from here";
+      text << "no brick is to be tried from here" << obstaclesInWords();
       if (holds(Guard::kLeaves)) text << "; away from those tried in vain, others were tried less often";
       break;
     case State::kDrive:
@@ -785,6 +786,17 @@ int MissionMachine::Impl::numNeverFound() const {
   return config_.bricks_total - counts().bricks_picked - ledger_.numExhausted() - ledger_.numLeft();
 }
 
+/// Why each brick that is there is left for now.
+std::string MissionMachine::Impl::obstaclesInWords() const {
+  std::string text;
+  for (const auto& [id, record] : ledger_.bricks()) {
+    const std::string obstacle = ledger_.obstacleTo(id, scene_);
+    if (record.is_picked || !record.is_there || obstacle.empty()) continue;
+    text += (text.empty() ? ": brick " : ", ") + std::to_string(id) + " " + obstacle;
+  }
+  return text;
+}
+
 /// Bricks that are neither picked nor given up. One that is not seen any more may lie anywhere, or have been stowed by a
 /// pick whose end nobody told.
 std::string MissionMachine::Impl::leftInWords() const {
@@ -792,7 +804,9 @@ std::string MissionMachine::Impl::leftInWords() const {
   const auto add = [&text](const std::string& one) { text += (text.empty() ? "; " : ", ") + one; };
   for (const auto& [id, record] : ledger_.bricks()) {
     if (record.is_picked || ledger_.isExhausted(record)) continue;
-    add("brick " + std::to_string(id) + (record.is_there ? " stands there" : " is not seen any more"));
+    const std::string obstacle = ledger_.obstacleTo(id, scene_);
+    add("brick " + std::to_string(id) + " " + (record.is_there && !obstacle.empty() ? "stands there and " : "") +
+        (obstacle.empty() ? "stands there" : obstacle));
   }
   if (numNeverFound() > 0) {
     add(std::to_string(numNeverFound()) + " of " + std::to_string(config_.bricks_total) + " bricks never found");

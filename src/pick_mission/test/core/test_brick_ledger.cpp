@@ -39,7 +39,12 @@ TEST(BrickLedger, LeavesWhatCannotBeTried) {
   without_face.graspable_faces.clear();
   ledger.update({duplicate, out_of_sector, without_face, seen(4, 0.1), seen(5, 0.05)});
   EXPECT_EQ(ledger.best(0)->id, 4);
+  EXPECT_EQ(ledger.obstacleTo(1, 0), "is not the only one with its id");
+  EXPECT_EQ(ledger.obstacleTo(2, 0), "is out of the arm's sector");
+  EXPECT_EQ(ledger.obstacleTo(3, 0), "has no face that the magnet can come to");
+  EXPECT_EQ(ledger.obstacleTo(4, 0), "");
   ledger.triedInVain(4, 0);
+  EXPECT_EQ(ledger.obstacleTo(4, 0), "was tried in vain from here");
   EXPECT_EQ(ledger.best(0)->id, 5);
   EXPECT_EQ(ledger.best(1)->id, 4) << "another scene";
   ledger.update({seen(5, 0.05)});
@@ -58,6 +63,7 @@ TEST(BrickLedger, WhatCarriesAnotherWaits) {
   ledger.update(pile);
   ledger.triedInVain(1, 0);
   EXPECT_EQ(ledger.best(0)->id, 3) << "2 is higher, and 1 lies on it";
+  EXPECT_EQ(ledger.obstacleTo(2, 0), "carries another");
   EXPECT_EQ(ledger.best(1)->id, 1);
   ledger.pickFailed(1, "in vain");
   EXPECT_EQ(ledger.best(1)->id, 3) << "given up, but still there";
