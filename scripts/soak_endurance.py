@@ -29,7 +29,7 @@ from soak_mission import ROOT
 SCENE = "four_bricks"
 JITTER_M = 0.03  # of a brick that is laid down again
 MISSION_S = 900.0  # simulated: time limit of one mission, several times what one takes
-DRIVE_BACK_WALL_S, LAUNCH_WALL_S, STALL_WALL_S = 600.0, 120.0, 120.0
+DRIVE_BACK_WALL_S, LAUNCH_WALL_S, STALL_WALL_S, MISSION_WALL_S = 600.0, 120.0, 120.0, 3600.0
 JUDGED_EVERY_S = 1.0  # simulated
 MEMORY_EVERY_S = 10.0  # of the wall clock
 MOST_GROWTH, MOST_GROWTH_MB = 0.05, 5.0  # of what a process held; an allocator's step is a few MB
@@ -54,11 +54,14 @@ class Endurance(soak_mission.WatchedMission):
         self.truth, self.driven = None, None
         self.rows = []  # a mission each
         self.memory = []  # (simulated time, node, MB)
+        self.pids = {}  # of the nodes, as they came up
+        self.problems = []
 
     def launch(self):
         if self.folder.exists():
             shutil.rmtree(self.folder)
         self.folder.mkdir(parents=True)
+        (self.folder.parent / "endurance.json").unlink(missing_ok=True)
         self.log = open(self.folder / "roslaunch.log", "w", encoding="utf-8")
         scene = [f"scene:={self.scene}", f"seed:={self.seed}", "clock:=lockstep", f"run_folder:={self.folder / 'run'}"]
         self.process = subprocess.Popen(["roslaunch", "-p", str(self.port), "mp700_ur5e_bringup", "simulation.launch", *scene, "autostart:=true",
@@ -98,20 +101,26 @@ class Endurance(soak_mission.WatchedMission):
             table.writerow(COLUMNS)
             while not stop.wait(MEMORY_EVERY_S):
                 for node in (*soak_mission.NODES, "simulated_world"):
-                    size = soak_mission.rss_mb(self.pid_of(node) or 0)
+                    pid = self.pid_of(node)
+                    size = soak_mission.rss_mb(pid or 0)
+                    if pid and self.pids.setdefault(node, pid) != pid:
+                        self.problems.append(f"{self.now_s():.0f} s: {node} was started anew")
+                        self.pids[node] = pid
                     if size is not None:
                         self.memory.append((self.now_s(), node, size))
                         table.writerow((f"{self.now_s():.2f}", node, size))
                 stream.flush()
 
-    def moves_on(self, condition):
-        """Waits for it as long as the simulated time moves on."""
-        seen_s = None
+    def moves_on(self, what, condition):
+        """Waits for it as long as the simulated time moves on, and MISSION_WALL_S at most."""
+        seen_s, end = None, time.monotonic() + MISSION_WALL_S
         while not self.until(condition, STALL_WALL_S):
             if self.is_over():
                 raise soak_mission.NotUp(f"roslaunch has ended; see {self.log.name}")
             if self.now_s() == seen_s:
                 raise soak_mission.NotUp(f"the simulated clock stands at {seen_s:.1f} s; see {self.log.name}")
+            if time.monotonic() > end:
+                raise soak_mission.NotUp(f"{what} has not come within {MISSION_WALL_S:.0f} s; see {self.log.name}")
             seen_s = self.now_s()
 
     def drive_back(self, x, y, yaw):
@@ -126,9 +135,9 @@ class Endurance(soak_mission.WatchedMission):
         self.goals.publish(message)
         self.until(lambda: self.driven is not None and self.driven.status.goal_id.id == message.goal_id.id, DRIVE_BACK_WALL_S)
         if self.driven is None or self.driven.status.goal_id.id != message.goal_id.id:
-            self.notes.append(f"{self.now_s():.1f} s: nobody tells whether the base is back")
+            self.problems.append(f"{self.now_s():.1f} s: nobody tells whether the base is back")
         elif self.driven.status.status != GoalStatus.SUCCEEDED:
-            self.notes.append(f"{self.now_s():.1f} s: the base did not get back: {self.driven.status.text}")
+            self.problems.append(f"{self.now_s():.1f} s: the base did not get back: {self.driven.status.text}")
 
     def lay_down(self, places):
         """Bricks that were stowed, where they were at first. How many."""
@@ -136,11 +145,16 @@ class Endurance(soak_mission.WatchedMission):
         for brick in state.bricks:
             if brick.status != brick.PICKED or brick.id not in places:
                 continue
-            pose = places[brick.id]
             for _ in range(5):
-                if self.inject("move_brick", brick_id=brick.id, pose=self.pose_like(pose)):
+                try:
+                    is_laid = self.inject("move_brick", brick_id=brick.id, pose=self.pose_like(places[brick.id]))
+                except (self.rospy.ROSException, self.rospy.ServiceException) as error:
+                    raise soak_mission.NotUp(f"the simulated world does not answer: {error}; see {self.log.name}") from error
+                if is_laid:
                     laid += 1
                     break
+            else:
+                self.problems.append(f"{self.now_s():.1f} s: brick {brick.id} cannot be laid down: {self.notes[-1]}")
         return laid
 
     def pose_like(self, pose):
@@ -151,13 +165,15 @@ class Endurance(soak_mission.WatchedMission):
     def judged_now(self):
         """What the judge has counted until now: it counts once a second, and may tell between what it counted before."""
         least_s = self.now_s() + 2.0 * JUDGED_EVERY_S
-        self.moves_on(lambda: self.judge.header.stamp.to_sec() >= least_s)
+        self.moves_on("the judge's count", lambda: self.judge.header.stamp.to_sec() >= least_s)
         return self.judge
 
-    def row(self, before, after, num_lying, wall_s):
+    def row(self, laid, before, after, num_lying, wall_s):
+        """Of a mission: what was stowed since `laid`, and what went wrong since `before`, the way back before it included."""
         reason = next((name.lower() for name in END_REASONS if getattr(self.state, name) == self.state.end_reason), str(self.state.end_reason))
-        return {"begun_s": before.header.stamp.to_sec(), "ended_s": self.now_s(), "end_reason": reason, "end_message": self.state.end_message, "bricks": num_lying,
-                "wall_s": round(wall_s), **{key: getattr(after, key) - getattr(before, key) for key in ("stowed", "falls", "drops", "collisions")}}
+        return {"begun_s": laid.header.stamp.to_sec(), "ended_s": self.now_s(), "end_reason": reason, "end_message": self.state.end_message, "bricks": num_lying,
+                "wall_s": round(wall_s), "stowed": after.stowed - laid.stowed,
+                **{key: getattr(after, key) - getattr(before, key) for key in ("falls", "drops", "collisions")}}
 
     def run(self):
         self.launch()
@@ -167,14 +183,15 @@ class Endurance(soak_mission.WatchedMission):
             if not self.until(lambda: self.state is not None and self.judge is not None and self.truth is not None, LAUNCH_WALL_S):
                 raise soak_mission.NotUp(f"the nodes do not come up; see {self.log.name}")
             places = {marker.id: marker.pose for marker in self.truth.markers if marker.ns == "bricks"}
-            self.moves_on(lambda: "odom" in self.tf and "base_link" in self.tf)
+            self.moves_on("tf", lambda: "odom" in self.tf and "base_link" in self.tf)
             (x, y), ahead = self.in_map(0.0, 0.0), self.in_map(1.0, 0.0)
             start, num_lying = (x, y, math.atan2(ahead[1] - y, ahead[0] - x)), len(places)
             threading.Thread(target=self.watch_memory, args=(stop,), daemon=True).start()
-            before = self.judged_now()
+            before = laid = self.judged_now()
             while True:
-                self.moves_on(lambda: self.in_state("ended"))
-                row = self.row(before, self.judged_now(), num_lying, time.monotonic() - begun)
+                self.moves_on("the mission's end", lambda: self.in_state("ended"))
+                after = self.judged_now()
+                row = self.row(laid, before, after, num_lying, time.monotonic() - begun)
                 self.rows.append(row)
                 print(f"{row['ended_s']:7.0f} of {self.limit_s:.0f} s  mission {len(self.rows):3d}: {row['end_reason']}, {row['stowed']} of {row['bricks']} stowed, "
                       f"{row['falls']} falls, {row['drops']} drops, {row['collisions']} collisions  wall {row['wall_s']} s", flush=True)
@@ -184,7 +201,7 @@ class Endurance(soak_mission.WatchedMission):
                 self.drive_back(*start)
                 num_laid = self.lay_down(places)
                 num_lying += num_laid - row["stowed"]
-                before = self.judged_now()
+                before, laid = after, self.judged_now()
                 if not self.call("start") or not self.until(lambda: not self.in_state("ended"), LAUNCH_WALL_S):
                     raise soak_mission.NotUp(f"mission {len(self.rows) + 1} does not begin: {self.notes[-1]}")
         finally:
@@ -193,7 +210,7 @@ class Endurance(soak_mission.WatchedMission):
 
     def write(self, growth=None, problems=None):
         """endurance.json, after each mission: what is cut off has told what there was."""
-        report = {"missions": self.rows, "growth_mb": growth or {}, "problems": ["it has not ended"] if problems is None else problems, "notes": self.notes}
+        report = {"missions": self.rows, "growth_mb": growth or {}, "problems": [*self.problems, "it has not ended"] if problems is None else problems, "notes": self.notes}
         (self.folder.parent / "endurance.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
 
 
@@ -253,7 +270,7 @@ def main():
         growth = growth_of(endurance.memory)
     except ValueError as error:
         growth, failed = {}, [*failed, str(error)]
-    rows, problems = endurance.rows, failed + problems_of(endurance.rows, growth)
+    rows, problems = endurance.rows, [*failed, *endurance.problems, *problems_of(endurance.rows, growth)]
     for node, (before, after) in growth.items():
         print(f"{node:20s} {before:6.0f} MB in the second quarter, {after:6.0f} in the last")
     if rows:

@@ -335,6 +335,47 @@ class Endurance(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "map has not been there"):
             self.growth([1.0])
 
+    def endurance(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        endurance = soak_endurance.Endurance(pathlib.Path(folder.name), 1, "four_bricks", 1, 0.1)
+        endurance.now_s = lambda: 5.0
+        return endurance
+
+    def test_a_node_that_was_started_anew_is_a_problem(self):
+        other = subprocess.Popen(["sleep", "60"])
+        self.addCleanup(other.wait)
+        self.addCleanup(other.kill)
+        endurance, pids, stop = self.endurance(), [os.getpid(), os.getpid(), None, other.pid, other.pid], unittest.mock.Mock()
+        stop.wait.side_effect = [False] * len(pids) + [True]
+        endurance.pid_of = lambda node: pids.pop(0) if node == "gpis_mapping" else None
+        endurance.watch_memory(stop)
+        self.assertEqual(endurance.problems, ["5 s: gpis_mapping was started anew"])
+        self.assertEqual(len(endurance.memory), 4)
+        self.assertEqual(len((endurance.folder / "memory.csv").read_text().splitlines()), 5)
+
+    def test_a_brick_that_cannot_be_laid_down_is_a_problem(self):
+        endurance = self.endurance()
+        endurance.rospy = unittest.mock.Mock(ROSException=OSError, ServiceException=OSError)
+        endurance.state = unittest.mock.Mock(bricks=[unittest.mock.Mock(id=i, status=status, PICKED=2) for i, status in enumerate((2, 1, 2, 2))])
+        endurance.pose_like = lambda pose: pose
+        endurance.notes.append("move_brick: brick_3 is there")
+        endurance.inject = lambda kind, brick_id, pose: brick_id == 0 and pose == "left"
+        self.assertEqual(endurance.lay_down({0: "left", 1: "middle", 2: "right"}), 1)
+        self.assertEqual(endurance.problems, ["5.0 s: brick 2 cannot be laid down: move_brick: brick_3 is there"])
+        endurance.inject = unittest.mock.Mock(side_effect=OSError("gone"))
+        endurance.log = unittest.mock.Mock()
+        with self.assertRaisesRegex(soak_mission.NotUp, "does not answer: gone"):
+            endurance.lay_down({0: "left"})
+
+    def test_what_went_wrong_on_the_way_back_counts_to_the_next_mission(self):
+        endurance = self.endurance()
+        endurance.state = unittest.mock.Mock(end_reason=1, NO_BRICK_LEFT=1, end_message="")
+        counts = [unittest.mock.Mock(stowed=stowed, falls=0, drops=0, collisions=hits) for stowed, hits in ((4, 0), (0, 1), (3, 1))]
+        before, laid, after = counts
+        row = endurance.row(laid, before, after, 4, 60.0)
+        self.assertEqual((row["stowed"], row["collisions"], row["end_reason"]), (3, 1, "no_brick_left"))
+
     def test_what_grows_is_named(self):
         self.assertEqual(self.problems({"map": (400.0, 424.0)}), [])
         self.assertEqual(self.problems({"map": (400.0, 426.0)}), ["map has grown from 400 to 426 MB"])
