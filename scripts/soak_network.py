@@ -216,6 +216,7 @@ def inside(options):
             wrong.append(f"{judge.falls} falls, {judge.drops} drops, {judge.collisions} collisions")
         return wrong, rows
     finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
         for group in reversed(groups):
             os.killpg(group.pid, signal.SIGINT)
         for group in groups:

@@ -27,8 +27,6 @@ constexpr double kRestSpeed_m_s = 0.03;
 constexpr double kRestSpeed_rad_s = 0.3;
 // Of things put somewhere by hand: so much deeper than bricks at rest sink into each other is inside.
 constexpr double kInside_m = 0.005;
-// MuJoCo tells half of the depth of two boxes.
-constexpr double kInsideContact_m = 0.5 * kInside_m;
 constexpr double kFarthest_m = 100.0;
 
 int jointId(const mjModel& model, const std::string& name, mjtJoint type) {
@@ -42,6 +40,12 @@ int jointId(const mjModel& model, const std::string& name, mjtJoint type) {
 std::string nameOf(const mjModel& model, mjtObj type, int id) {
   const char* name = mj_id2name(&model, type, id);
   return name != nullptr ? name : "";
+}
+
+// Of two boxes MuJoCo tells half of the depth, of a box and a cylinder or a plane all of it.
+bool isInside(const mjModel& model, const mjContact& contact) {
+  const bool are_boxes = model.geom_type[contact.geom1] == mjGEOM_BOX && model.geom_type[contact.geom2] == mjGEOM_BOX;
+  return contact.dist <= -kInside_m * (are_boxes ? 0.5 : 1.0);
 }
 
 // Entry (row, column) of the joint space inertia. MuJoCo stores, for every degree of freedom, the entries along the
@@ -778,7 +782,7 @@ std::string World::obstacleAt(int id, const Eigen::Isometry3d& T_map_brick) {
   model_->geom_conaffinity[slot.geom] = conaffinity;
   for (int i = 0; i < trial->ncon; ++i) {
     const mjContact& contact = trial->contact[i];
-    if ((contact.geom1 != slot.geom && contact.geom2 != slot.geom) || contact.dist > -kInsideContact_m) {
+    if ((contact.geom1 != slot.geom && contact.geom2 != slot.geom) || !isInside(*model_, contact)) {
       continue;
     }
     const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
@@ -829,7 +833,7 @@ std::string World::thingAt(const Eigen::Vector2d& xy_map) {
   model_->geom_contype[slot.geom] = model_->geom_conaffinity[slot.geom] = slot.is_present ? 1 : 0;
   for (int i = 0; i < trial->ncon; ++i) {
     const mjContact& contact = trial->contact[i];
-    if ((contact.geom1 == slot.geom || contact.geom2 == slot.geom) && contact.dist <= -kInsideContact_m) {
+    if ((contact.geom1 == slot.geom || contact.geom2 == slot.geom) && isInside(*model_, contact)) {
       const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
       return nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other]);
     }

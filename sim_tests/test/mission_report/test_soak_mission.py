@@ -176,12 +176,12 @@ class Table(unittest.TestCase):
             path = pathlib.Path(folder) / "mission.csv"
             self.write_all(path, "recovered", "four_bricks", "old")
             done = self.judge(folder, "--label", "old")
-            self.assertEqual((done.returncode, done.stdout), (0, "186 of 186 disturbances: 186 recovered\n"))
+            self.assertEqual((done.returncode, done.stdout), (0, "204 of 204 disturbances: 204 recovered\n"))
             self.assertEqual(self.judge(folder).returncode, 0, "without a label the scene alone is compared")
             for options in (("--label", "new"), ("--label", ""), ("--scene", "single_brick"), ("--scene", "single_brick", "--label", "old")):
                 done = self.judge(folder, *options)
                 self.assertEqual(done.returncode, 1, options)
-                self.assertEqual(done.stdout, "0 of 186 disturbances: none\n186 rows of another scene or state of the software are not counted\n")
+                self.assertEqual(done.stdout, "0 of 204 disturbances: none\n204 rows of another scene or state of the software are not counted\n")
             soak_mission.append(path, [self.row(0, "recovered", "four_bricks", "new")])
             self.assertEqual(self.judge(folder, "--label", "new").returncode, 3)
             rows, cases = soak_mission.rows_of(path), soak_mission.plan()
@@ -193,7 +193,7 @@ class Table(unittest.TestCase):
             path = pathlib.Path(folder) / "mission.csv"
             self.write_all(path, "not met", "four_bricks", "now")
             done = self.judge(folder, "--label", "now")
-            self.assertEqual((done.returncode, done.stdout), (3, "0 of 186 disturbances: 186 not met\n"))
+            self.assertEqual((done.returncode, done.stdout), (3, "0 of 204 disturbances: 204 not met\n"))
         cases = soak_mission.plan()[:4]
         rows = [self.row(str(number), verdict) for number, verdict in ((0, "not met"), (1, "recovered"), (2, "not met"), (2, "ended safely"))]
         self.assertEqual([case.number for case in soak_mission.left_of(cases, rows)], [0, 3])
@@ -243,7 +243,7 @@ class Table(unittest.TestCase):
                 self.assertIn(words, done.stderr)
                 self.assertEqual(path.read_bytes(), content)
             path.write_bytes(b"")
-            self.assertEqual(self.judge(folder).stdout, "0 of 186 disturbances: none\n")
+            self.assertEqual(self.judge(folder).stdout, "0 of 204 disturbances: none\n")
 
     def test_tables_have_each_kill_fault_and_mission(self):
         rows = []

@@ -371,6 +371,11 @@ TEST(World, BrickThatWasTakenAwayCanBeBroughtBack) {
   // Beside it, 20 cm from middle to middle: 6 mm deep is inside, 4 mm is not.
   EXPECT_EQ(world.obstacleAt(1, at(2.0, 0.194, 0.1)), "brick_0");
   EXPECT_EQ(world.obstacleAt(1, at(2.0, 0.196, 0.1)), "");
+  // In the ground, and of a cylinder in a brick, just so: its radius beyond the brick's face.
+  EXPECT_EQ(world.obstacleAt(1, at(2.0, 1.0, 0.094)), "ground");
+  EXPECT_EQ(world.obstacleAt(1, at(2.0, 1.0, 0.096)), "");
+  EXPECT_EQ(world.thingAt({2.0, 0.1 + kObstacleRadius_m - 0.006}), "brick_0");
+  EXPECT_EQ(world.thingAt({2.0, 0.1 + kObstacleRadius_m - 0.004}), "");
   EXPECT_TRUE(world.knowsBrick(1));
   EXPECT_FALSE(world.knowsBrick(2));
   // On the other one: it falls, is carried, and is met by what comes next, as one that never was away.
