@@ -244,6 +244,7 @@ class BringupLaunch(unittest.TestCase):
                 self.assertTrue(node.respawn, name)
                 self.assertEqual(node.respawn_delay, 1.0, name)
                 self.assertFalse(node.required, name)
+            self.assertTrue(load().nodes["/robot_state_publisher"].respawn)
             ending = load("required:=true").nodes  # roslaunch itself refuses both at once
             self.assertFalse(any(ending[name].respawn for name in OURS))
             for name in OURS - {"/depth_self_filter", "/system_diagnostics"}:
