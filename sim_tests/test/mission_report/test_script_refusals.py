@@ -80,10 +80,12 @@ class ScriptRefusals(unittest.TestCase):
         (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + "use_workspace() { :; }\n")
         (package / "package.xml").write_text("<package format='2'><name>mp700_ur5e_bringup</name><version>0.0.0</version><description/>"
                                              "<maintainer email='a@b.c'>a</maintainer><license>BSD</license><depend>rosout</depend></package>")
-        (package / "launch/simulation.launch").write_text('<launch><node pkg="rosout" type="not_built" name="not_built"/></launch>')
-        done = self.run_it(tree / "scripts/run_mission", "--run", self.folder / "run", "--scene", "toy")
+        # It is of the map that --strategy asks for.
+        (package / "launch/simulation.launch").write_text("""<launch><arg name="map" default="gpis"/><group if="$(eval map == 'octomap')">
+            <node pkg="rosout" type="not_built" name="not_built"/><node pkg="not_there" type="node" name="not_there"/></group></launch>""")
+        done = self.run_it(tree / "scripts/run_mission", "--run", self.folder / "run", "--scene", "toy", "--strategy", "octomap_random")
         self.assertEqual(done.returncode, 1, done.stderr)
-        self.assertIn("cannot find node [not_built] in package [rosout]", done.stderr)
+        self.assertIn("what is not there: not_there/node rosout/not_built", done.stderr)
         self.assertFalse((self.folder / "run").exists())
 
     def test_slowest_camera_brings_the_images_of_a_look_in_time(self):
