@@ -22,7 +22,8 @@ struct TriangleMesh {
 };
 
 /// Marching cubes on f in voxels that training points support; open borders where nothing was seen. Keeps the pieces
-/// of every cell and extracts again only those whose field changed since the last call. Not thread-safe.
+/// of every cell and extracts again only those whose field changed since the last call; of one whose neighbours alone
+/// changed, only what they have a say in. Not thread-safe.
 class MeshExtractor {
  public:
   explicit MeshExtractor(const GpisConfig& config);
@@ -42,7 +43,9 @@ class MeshExtractor {
   class Contour;
   using Pieces = std::unordered_map<LatticeKey, Piece, LatticeKeyHash>;
 
-  void extract(const MapSnapshot& snapshot, const LatticeKey& key, Contour* contour, Piece* piece) const;
+  /// `changed`: which of the 27 cells about and with the piece's are not what they were, as bits.
+  void extract(const MapSnapshot& snapshot, const LatticeKey& key, std::uint32_t changed, Contour* contour,
+               Piece* piece) const;
 
   GpisConfig config_;
   Pieces pieces_;

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <mutex>
-#include <unordered_set>
 
 #include <vtkCellArray.h>
 #include <vtkFloatArray.h>
@@ -38,10 +38,52 @@ struct VertexKeyHash {
   }
 };
 
+/// Of the 27 cells about one and with it, a bit each: 9 (dx + 1) + 3 (dy + 1) + (dz + 1).
+using Neighbours = std::uint32_t;
+constexpr Neighbours kNobody = 0;
+
+constexpr Neighbours neighbour(int dx, int dy, int dz) {
+  return Neighbours{1} << (9 * (dx + 1) + 3 * (dy + 1) + dz + 1);
+}
+
+/// The nine that are `offset` cells off along an axis.
+constexpr Neighbours layer(int axis, int offset) {
+  return axis == 0   ? Neighbours{0777} << 9 * (offset + 1)
+         : axis == 1 ? Neighbours{07007007} << 3 * (offset + 1)
+                     : Neighbours{0111111111} << (offset + 1);
+}
+
+/// Where in a cell's lattice f is not what it was, because cells have changed that have a say there.
+class ChangedField {
+ public:
+  ChangedField(const GpisConfig& config, Neighbours changed)
+      : changed_(changed),
+        last_(config.mesh.voxels_per_cell),
+        // Rounding must not hide a cell that has a say; one that has none costs time only.
+        band_((config.cells.blend_margin_m + 1e-6) / config.cells.size_m * last_) {}
+
+  bool isWhole() const { return (changed_ & neighbour(0, 0, 0)) != 0; }
+  /// In voxels from the cell's lower corner.
+  bool covers(double x, double y, double z) const {
+    return (changed_ & along(0, x) & along(1, y) & along(2, z)) != 0;
+  }
+
+ private:
+  /// The neighbours that have a say at a coordinate.
+  Neighbours along(int axis, double c) const {
+    return layer(axis, 0) | (c <= band_ ? layer(axis, -1) : kNobody) | (last_ - c <= band_ ? layer(axis, 1) : kNobody);
+  }
+
+  Neighbours changed_;
+  double last_;  // voxels of a cell
+  double band_;  // of the blend with the next cell [voxels]
+};
+
 }  // namespace
 
 struct MeshExtractor::Piece {
   std::shared_ptr<const CellGp> gp;  // the state it was extracted from; null for a cell without one
+  std::vector<float> corners;        // f at the corners of supported voxels, x fastest [m]; NaN: no answer there
   std::vector<VertexKey> lattice;    // relative to the cell's first voxel [voxels]
   std::vector<Eigen::Vector3d> vertices_map;
   std::vector<Eigen::Vector3f> normals_map;
@@ -87,12 +129,12 @@ MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config) {
 MeshExtractor::~MeshExtractor() = default;
 
 std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
-  // f near a cell's border depends on its neighbours: a change reaches the 26 pieces around it.
-  std::unordered_set<LatticeKey, LatticeKeyHash> stale;
+  // f near a cell's border depends on its neighbours: a change reaches the 26 pieces around it, as far as the blend.
+  std::unordered_map<LatticeKey, Neighbours, LatticeKeyHash> stale;
   const auto touch = [&stale](const LatticeKey& key) {
     for (int dx = -1; dx <= 1; ++dx) {
       for (int dy = -1; dy <= 1; ++dy) {
-        for (int dz = -1; dz <= 1; ++dz) stale.insert(key.offset(dx, dy, dz));
+        for (int dz = -1; dz <= 1; ++dz) stale[key.offset(dx, dy, dz)] |= neighbour(-dx, -dy, -dz);
       }
     }
   };
@@ -103,26 +145,42 @@ std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
   for (const auto& [key, piece] : pieces_) {
     if (piece.gp && snapshot.cells().count(key) == 0) touch(key);
   }
-  std::vector<std::pair<LatticeKey, Piece*>> jobs;
-  for (const LatticeKey& key : stale) {
+  struct Job {
+    LatticeKey key;
+    Neighbours changed;
+    Piece* piece;
+  };
+  std::vector<Job> jobs;
+  for (const auto& [key, changed] : stale) {
     const auto cell = snapshot.cells().find(key);
     if (cell == snapshot.cells().end()) {
       pieces_.erase(key);
       continue;
     }
     Piece& piece = pieces_[key];
-    piece = Piece{};
     piece.gp = cell->second;
-    jobs.emplace_back(key, &piece);
+    jobs.push_back({key, changed, &piece});
   }
-  parallelFor(jobs.size(), resolveThreadCount(config_.threads), 32, [&](std::size_t begin, std::size_t end) {
-    Contour contour(config_.mesh.voxels_per_cell + 1);
-    for (std::size_t i = begin; i < end; ++i) extract(snapshot, jobs[i].first, &contour, jobs[i].second);
-  });
+  try {
+    parallelFor(jobs.size(), resolveThreadCount(config_.threads), 32, [&](std::size_t begin, std::size_t end) {
+      Contour contour(config_.mesh.voxels_per_cell + 1);
+      for (std::size_t i = begin; i < end; ++i) {
+        extract(snapshot, jobs[i].key, jobs[i].changed, &contour, jobs[i].piece);
+      }
+    });
+  } catch (...) {
+    pieces_.clear();  // some are half done: all anew the next time
+    throw;
+  }
   return jobs.size();
 }
 
-void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, Contour* contour, Piece* piece) const {
+void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, std::uint32_t changed_cells,
+                            Contour* contour, Piece* piece) const {
+  const ChangedField changed(config_, changed_cells);
+  Piece before = std::move(*piece);
+  *piece = Piece{};
+  piece->gp = before.gp;
   const int voxels = config_.mesh.voxels_per_cell;
   const int corners = voxels + 1;
   const double edge = config_.cells.size_m / voxels;
@@ -159,6 +217,7 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
   if (!any) return;
 
   float* values = contour->values();
+  std::size_t num_needed = 0;
   bool above = false;
   bool below = false;
   std::vector<std::uint8_t> valid(static_cast<std::size_t>(corners) * corners * corners, 0);
@@ -174,15 +233,20 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
                    supported[voxelIndex(vx, vy, vz)];
         }
         if (!needed) continue;
-        // Corners in global lattice coordinates, so that neighbouring pieces evaluate f at the very same point.
-        const Eigen::Vector3d p(edge * (static_cast<double>(key.x) * voxels + x),
-                                edge * (static_cast<double>(key.y) * voxels + y),
-                                edge * (static_cast<double>(key.z) * voxels + z));
-        const double f = snapshot.fieldValue(p);
-        if (std::isnan(f)) continue;
+        // The same corners are needed as long as the cell is the same.
+        const bool is_known = !changed.isWhole() && !changed.covers(x, y, z);
+        float value = is_known ? before.corners.at(num_needed) : 0.0f;
+        ++num_needed;
+        if (!is_known) {
+          // Corners in global lattice coordinates, so that neighbouring pieces evaluate f at the very same point.
+          value = static_cast<float>(snapshot.fieldValue({edge * (static_cast<double>(key.x) * voxels + x),
+                                                          edge * (static_cast<double>(key.y) * voxels + y),
+                                                          edge * (static_cast<double>(key.z) * voxels + z)}));
+        }
+        piece->corners.push_back(value);
+        if (std::isnan(value)) continue;
         valid[index] = 1;
         // An exact zero makes degenerate triangles.
-        const float value = static_cast<float>(f);
         values[index] = std::abs(value) < 1e-7f ? 1e-7f : value;
         above = above || values[index] > 0.0f;
         below = below || values[index] <= 0.0f;
@@ -227,21 +291,44 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
   }
   if (piece->triangles.empty()) return;
 
+  // A vertex that was there, with the field about it as it was, keeps its normal and variance.
+  std::unordered_map<VertexKey, std::size_t, VertexKeyHash> known;
+  if (!changed.isWhole()) {
+    for (std::size_t i = 0; i < before.lattice.size(); ++i) {
+      const VertexKey& v = before.lattice[i];
+      if (!changed.covers(v.x, v.y, v.z)) known.emplace(v, i);
+    }
+  }
+  std::vector<std::size_t> unknown;
   Points3d points(3, static_cast<Eigen::Index>(piece->lattice.size()));
+  piece->vertices_map.reserve(piece->lattice.size());
+  piece->normals_map.reserve(piece->lattice.size());
+  piece->variance_m2.reserve(piece->lattice.size());
   for (std::size_t i = 0; i < piece->lattice.size(); ++i) {
     const VertexKey& v = piece->lattice[i];
+    const auto same = known.find(v);
+    if (same != known.end()) {
+      piece->vertices_map.push_back(before.vertices_map[same->second]);
+      piece->normals_map.push_back(before.normals_map[same->second]);
+      piece->variance_m2.push_back(before.variance_m2[same->second]);
+      continue;
+    }
     const Eigen::Vector3d p(edge * (static_cast<double>(key.x) * voxels + v.x),
                             edge * (static_cast<double>(key.y) * voxels + v.y),
                             edge * (static_cast<double>(key.z) * voxels + v.z));
     piece->vertices_map.push_back(p);
-    points.col(static_cast<Eigen::Index>(i)) = p;
+    points.col(static_cast<Eigen::Index>(unknown.size())) = p;
+    unknown.push_back(i);
     const FieldSample f = snapshot.field(p);
     const Eigen::Vector3d normal = f.valid ? Eigen::Vector3d(f.gradient.normalized()) : Eigen::Vector3d::UnitZ();
     piece->normals_map.push_back(normal.cast<float>());
+    piece->variance_m2.push_back(std::numeric_limits<float>::quiet_NaN());  // below, all at once
   }
   Eigen::VectorXf variance;
-  gp.variance(points, &variance, nullptr);
-  piece->variance_m2.assign(variance.data(), variance.data() + variance.size());
+  gp.variance(points.leftCols(static_cast<Eigen::Index>(unknown.size())), &variance, nullptr);
+  for (std::size_t i = 0; i < unknown.size(); ++i) {
+    piece->variance_m2[unknown[i]] = variance[static_cast<Eigen::Index>(i)];
+  }
   // VTK orders triangles so that their normal points to larger values where it does at all; make sure of it.
   for (std::array<std::uint32_t, 3>& t : piece->triangles) {
     const Eigen::Vector3d n = (piece->vertices_map[t[1]] - piece->vertices_map[t[0]])
