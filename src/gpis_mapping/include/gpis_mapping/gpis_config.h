@@ -76,9 +76,9 @@ struct GpisConfig {
   } dynamic;
 
   struct Retraining {           // a cell is trained at once when a point came or went; else when enough have changed
-    double moved_sigmas{0.5};   // a point has changed when it moved by more than this many standard deviations ...
-    double noise_ratio{0.8};    // ... or its standard deviation fell below this share of what it was
-    double changed_share{0.1};  // share of a cell's training points that must have changed
+    double moved_sigmas{0.5};    // a point has changed when it moved by more than this many standard deviations ...
+    double noise_ratio{0.8};     // ... or its standard deviation fell below this share of what it was
+    double changed_share{0.25};  // share of a cell's training points that must have changed
   } retraining;
 
   struct Observed {
