@@ -268,7 +268,7 @@ void BM_BlendWeights(benchmark::State& state) {
   Eigen::Index i = 0;
   for (auto _ : state) {
     i = (i + 1) % points.cols();
-    benchmark::DoNotOptimize(blendWeights(points.col(i), cells.size_m, cells.blend_margin_m, weights));
+    benchmark::DoNotOptimize(blendWeights(points.col(i), cells, weights));
     benchmark::ClobberMemory();
   }
   state.SetItemsProcessed(state.iterations());
@@ -278,7 +278,7 @@ BENCHMARK(BM_BlendWeights);
 /// A block of 3 x 3 x 3 cells round the floor under the camera's axis.
 void BM_MeshOfCellBlock(benchmark::State& state) {
   const MapSnapshot& whole = smallSnapshot();
-  const LatticeKey center = LatticeKey::of({1.0, 0.35, 0.0}, whole.config().cells.size_m);
+  const LatticeKey center = whole.config().cells.at({1.0, 0.35, 0.0});
   MapSnapshot::Cells cells;
   for (const auto& [key, cell] : whole.cells()) {
     const bool is_near =

@@ -6,6 +6,9 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include "gpis_mapping/types.h"
 
 namespace gpis_mapping {
 
@@ -67,6 +70,19 @@ struct GpisConfig {
     double size_m{0.10};
     double training_margin_m{0.03};  // points this far outside still train the cell
     double blend_margin_m{0.014};    // half width of the overlap in which neighbouring cells are blended
+
+    /// Cell k is the cube about k * size_m: the floor, usually z = 0 of the map, runs through the middle of one layer of
+    /// cells (and of voxels, whose number per cell is odd), not along the border of two.
+    LatticeKey at(const Eigen::Vector3d& p_map) const {
+      return LatticeKey::of((p_map.array() + 0.5 * size_m).matrix(), size_m);
+    }
+    Eigen::Vector3d center(const LatticeKey& key) const { return key.corner(size_m); }
+    /// The one with the least coordinates.
+    Eigen::Vector3d corner(const LatticeKey& key) const { return (center(key).array() - 0.5 * size_m).matrix(); }
+    Eigen::AlignedBox3d box(const LatticeKey& key) const {
+      const Eigen::Vector3d low = corner(key);
+      return {low, (low.array() + size_m).matrix()};
+    }
   } cells;
 
   struct Dynamic {                  // Algorithm 1

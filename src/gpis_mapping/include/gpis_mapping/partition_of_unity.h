@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 
+#include "gpis_mapping/gpis_config.h"
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping {
@@ -15,9 +16,9 @@ struct BlendWeight {
   Eigen::Vector3d gradient;  // d weight / dx [1/m]; all gradients of a point sum to 0
 };
 
-/// Smooth (C2) partition of unity over a lattice of cubes: inside a cube its own weight is 1, across a band of
-/// half width `margin_m` round each face the neighbours' weights rise. Writes up to 8 entries, returns how many.
-int blendWeights(const Eigen::Vector3d& x_map, double cell_size_m, double margin_m, BlendWeight result[8]);
+/// Smooth (C2) partition of unity over the lattice of cells: inside a cell its own weight is 1, across a band of
+/// half width `blend_margin_m` round each face the neighbours' weights rise. Writes up to 8 entries, returns how many.
+int blendWeights(const Eigen::Vector3d& x_map, const GpisConfig::Cells& cells, BlendWeight result[8]);
 
 }  // namespace gpis_mapping
 

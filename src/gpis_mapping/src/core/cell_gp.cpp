@@ -24,7 +24,7 @@ CellGp::CellGp(const LatticeKey& key, const GpisConfig& config, const std::vecto
     : key_(key),
       kernel_(static_cast<float>(config.surface.length_scale_m), static_cast<float>(config.signalStd())),
       blend_radius_(static_cast<float>(config.surface.blend_radius_m)),
-      origin_(key.center(config.cells.size_m)),
+      origin_(config.cells.center(key)),
       num_own_(num_own) {
   const Eigen::Index n = static_cast<Eigen::Index>(points.size());
   for (ArrayX* array : {&px_, &py_, &pz_, &nx_, &ny_, &nz_, &quality_, &noise_}) array->resize(n);

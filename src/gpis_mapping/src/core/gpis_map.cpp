@@ -130,7 +130,7 @@ GpisMap::GpisMap(MapContents contents)
       num_updates_(contents.num_updates) {
   requireValid(config_);
   for (const SurfacePoint& point : contents.points) {
-    const LatticeKey key = LatticeKey::of(point.position_map, config_.cells.size_m);
+    const LatticeKey key = config_.cells.at(point.position_map);
     cells_[key].entries.push_back({point, point.position_map, std::sqrt(point.variance_m2)});
   }
   std::vector<std::pair<LatticeKey, std::uint32_t>> touched;
@@ -303,7 +303,7 @@ void GpisMap::retune(const GpisConfig::Sensor& sensor, const GpisConfig::Dynamic
 std::uint32_t GpisMap::neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const {
   const double size = config_.cells.size_m;
   const double margin = config_.influenceMargin();
-  const Eigen::Vector3d local = p_map - key.corner(size);
+  const Eigen::Vector3d local = p_map - config_.cells.corner(key);
   // Per axis: does the point lie in the training region of the cell below, of its own, of the one above?
   bool reaches[3][3];
   for (int axis = 0; axis < 3; ++axis) {
@@ -333,15 +333,14 @@ void GpisMap::markTouched(const LatticeKey& key, std::uint32_t neighbour_mask) {
 }
 
 void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
-  const double size = config_.cells.size_m;
-  const double cell_radius = 0.5 * std::sqrt(3.0) * size;
+  const double cell_radius = 0.5 * std::sqrt(3.0) * config_.cells.size_m;
   const double stray = strayTolerance();
   std::vector<CellUpdate> jobs;
   const double slope_u = std::max(camera_.cx, camera_.width - camera_.cx) / camera_.fx;
   const double slope_v = std::max(camera_.cy, camera_.height - camera_.cy) / camera_.fy;
   for (auto& [key, cell] : cells_) {
     if (cell.entries.empty()) continue;
-    const Eigen::Vector3d c = frame.T_camera_map() * key.center(size);
+    const Eigen::Vector3d c = frame.T_camera_map() * config_.cells.center(key);
     if (c.z() < -cell_radius) continue;
     if (std::abs(c.x()) - slope_u * c.z() > cell_radius * std::hypot(1.0, slope_u)) continue;
     if (std::abs(c.y()) - slope_v * c.z() > cell_radius * std::hypot(1.0, slope_v)) continue;
@@ -371,8 +370,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
           ++job.fused;
           const double std_now = std::sqrt(entry.point.variance_m2);
           const double moved = (entry.point.position_map - entry.reported_position).norm();
-          const Eigen::Vector3d corner = job.key.corner(size);
-          const Eigen::AlignedBox3d home(corner, corner + Eigen::Vector3d::Constant(size));
+          const Eigen::AlignedBox3d home = config_.cells.box(job.key);
           const bool outside = home.squaredExteriorDistance(entry.point.position_map) > stray * stray;
           if (moved > config_.retraining.moved_sigmas * std_now ||
               std_now < config_.retraining.noise_ratio * entry.reported_std) {
@@ -410,7 +408,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     statistics->fused += job.fused;
     statistics->occluded += job.occluded;
     for (const Cell::Entry& entry : job.moved_out) {
-      const LatticeKey key = LatticeKey::of(entry.point.position_map, size);
+      const LatticeKey key = config_.cells.at(entry.point.position_map);
       cells_[key].entries.push_back(entry);
       markTouched(key, neighbourMask(key, entry.point.position_map));
     }
@@ -528,15 +526,14 @@ void GpisMap::thinOut(const std::vector<CellUpdate>& jobs) {
 
 bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
                            double spacings) const {
-  const double size = config_.cells.size_m;
   const double spacing = spacings * config_.surface.spacing_m;
   const double g2 = std::pow(config_.dynamic.tolerance_sigmas, 2);
   // Far away the noise exceeds the spacing: two points of one face that differ by noise alone are one point, or a
   // wall would be stored twice.
   const double own_reach = std::min(kMaxNoiseReach_m, std::max(spacing, std::sqrt(2.0 * g2 * variance_m2)));
   const Eigen::Vector3d reach = Eigen::Vector3d::Constant(own_reach + strayTolerance());
-  const LatticeKey low = LatticeKey::of(p_map - reach, size);
-  const LatticeKey high = LatticeKey::of(p_map + reach, size);
+  const LatticeKey low = config_.cells.at(p_map - reach);
+  const LatticeKey high = config_.cells.at(p_map + reach);
   for (LatticeKey key = low; key.x <= high.x; ++key.x) {
     for (key.y = low.y; key.y <= high.y; ++key.y) {
       for (key.z = low.z; key.z <= high.z; ++key.z) {
@@ -602,12 +599,11 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
   });
 
   // In image order, so that the result does not depend on the number of threads.
-  const double size = config_.cells.size_m;
   const double block = config_.observed.block_size_m;
   for (const std::vector<SurfacePoint>& row : candidates) {
     for (const SurfacePoint& point : row) {
       if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2, 1.0)) continue;
-      const LatticeKey key = LatticeKey::of(point.position_map, size);
+      const LatticeKey key = config_.cells.at(point.position_map);
       cells_[key].entries.push_back({point, point.position_map, std::sqrt(point.variance_m2)});
       markTouched(key, neighbourMask(key, point.position_map));
       ++statistics->inserted;
@@ -620,7 +616,6 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
 }
 
 void GpisMap::train(UpdateStatistics* statistics) {
-  const double size = config_.cells.size_m;
   const double margin = config_.influenceMargin();
   const double training_margin = config_.cells.training_margin_m;
   // A cell without points of its own still serves queries next to its neighbour's surface.
@@ -645,8 +640,7 @@ void GpisMap::train(UpdateStatistics* statistics) {
       mean_only.clear();
       for (const Cell::Entry& entry : job.cell->entries) points.push_back(&entry.point);
       const std::size_t num_own = points.size();
-      const Eigen::Vector3d corner = job.key.corner(size);
-      const Eigen::AlignedBox3d box(corner, corner + Eigen::Vector3d::Constant(size));
+      const Eigen::AlignedBox3d box = config_.cells.box(job.key);
       bool is_needed = num_own > 0;
       for (int dx = -1; dx <= 1; ++dx) {
         for (int dy = -1; dy <= 1; ++dy) {

@@ -157,7 +157,7 @@ std::size_t MapSnapshot::memoryBytes() const {
 
 double MapSnapshot::fieldValue(const Eigen::Vector3d& p_map) const {
   BlendWeight weights[8];
-  const int count = blendWeights(p_map, config_.cells.size_m, config_.cells.blend_margin_m, weights);
+  const int count = blendWeights(p_map, config_.cells, weights);
   double sum = 0.0;
   double value = 0.0;
   for (int i = 0; i < count; ++i) {
@@ -173,7 +173,7 @@ double MapSnapshot::fieldValue(const Eigen::Vector3d& p_map) const {
 
 FieldSample MapSnapshot::field(const Eigen::Vector3d& p_map) const {
   BlendWeight weights[8];
-  const int count = blendWeights(p_map, config_.cells.size_m, config_.cells.blend_margin_m, weights);
+  const int count = blendWeights(p_map, config_.cells, weights);
   // f = sum(w f_c) / sum(w) over the cells that have an answer here.
   double sum = 0.0;
   double value = 0.0;
@@ -220,7 +220,7 @@ void MapSnapshot::blendedVariance(const Points3d& points_map, const QueryOptions
   for (Eigen::Index i = 0; i < points_map.cols(); ++i) {
     if (!points_map.col(i).allFinite()) continue;
     BlendWeight weights[8];
-    const int count = blendWeights(points_map.col(i), config_.cells.size_m, config_.cells.blend_margin_m, weights);
+    const int count = blendWeights(points_map.col(i), config_.cells, weights);
     for (int j = 0; j < count; ++j) {
       shares.push_back({weights[j].key, i, weights[j].weight, weights[j].gradient, 0.0f, Eigen::Vector3f::Zero()});
     }

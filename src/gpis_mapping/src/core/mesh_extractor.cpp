@@ -184,7 +184,12 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
   const int voxels = config_.mesh.voxels_per_cell;
   const int corners = voxels + 1;
   const double edge = config_.cells.size_m / voxels;
-  const Eigen::Vector3d origin = key.corner(config_.cells.size_m);
+  const Eigen::Vector3d origin = config_.cells.corner(key);
+  // Points of the cell's lattice by whole steps from the map's origin, so that neighbouring pieces evaluate f at the very
+  // same points of their common border.
+  const auto pointAt = [&key, voxels, edge](double x, double y, double z) -> Eigen::Vector3d {
+    return edge * (voxels * (Eigen::Vector3d(key.x, key.y, key.z).array() - 0.5) + Eigen::Array3d(x, y, z)).matrix();
+  };
   const CellGp& gp = *piece->gp;
 
   // Voxels that a training point (of this cell or its margin) supports.
@@ -237,12 +242,7 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
         const bool is_known = !changed.isWhole() && !changed.covers(x, y, z);
         float value = is_known ? before.corners.at(num_needed) : 0.0f;
         ++num_needed;
-        if (!is_known) {
-          // Corners in global lattice coordinates, so that neighbouring pieces evaluate f at the very same point.
-          value = static_cast<float>(snapshot.fieldValue({edge * (static_cast<double>(key.x) * voxels + x),
-                                                          edge * (static_cast<double>(key.y) * voxels + y),
-                                                          edge * (static_cast<double>(key.z) * voxels + z)}));
-        }
+        if (!is_known) value = static_cast<float>(snapshot.fieldValue(pointAt(x, y, z)));
         piece->corners.push_back(value);
         if (std::isnan(value)) continue;
         valid[index] = 1;
@@ -313,9 +313,7 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
       piece->variance_m2.push_back(before.variance_m2[same->second]);
       continue;
     }
-    const Eigen::Vector3d p(edge * (static_cast<double>(key.x) * voxels + v.x),
-                            edge * (static_cast<double>(key.y) * voxels + v.y),
-                            edge * (static_cast<double>(key.z) * voxels + v.z));
+    const Eigen::Vector3d p = pointAt(v.x, v.y, v.z);
     piece->vertices_map.push_back(p);
     points.col(static_cast<Eigen::Index>(unknown.size())) = p;
     unknown.push_back(i);
@@ -340,11 +338,20 @@ void MeshExtractor::extract(const MapSnapshot& snapshot, const LatticeKey& key, 
 
 TriangleMesh MeshExtractor::mesh() const {
   std::vector<LatticeKey> keys;
+  std::size_t num_vertices = 0;
+  std::size_t num_triangles = 0;
   for (const auto& [key, piece] : pieces_) {
-    if (!piece.triangles.empty()) keys.push_back(key);
+    if (piece.triangles.empty()) continue;
+    keys.push_back(key);
+    num_vertices += piece.lattice.size();
+    num_triangles += piece.triangles.size();
   }
   std::sort(keys.begin(), keys.end());  // the same map gives the same file
   TriangleMesh mesh;
+  mesh.vertices_map.reserve(num_vertices);
+  mesh.normals_map.reserve(num_vertices);
+  mesh.variance_m2.reserve(num_vertices);
+  mesh.triangles.reserve(num_triangles);
   const int voxels = config_.mesh.voxels_per_cell;
   // Vertices on a border belong to up to four pieces; those inside to one.
   struct BorderKey {
@@ -358,9 +365,11 @@ TriangleMesh MeshExtractor::mesh() const {
     }
   };
   std::unordered_map<BorderKey, std::uint32_t, BorderHash> border;
+  border.reserve(num_vertices / 2);  // more than there are; growing costs more than all else here
+  std::vector<std::uint32_t> index;
   for (const LatticeKey& key : keys) {
     const Piece& piece = pieces_.at(key);
-    std::vector<std::uint32_t> index(piece.lattice.size());
+    index.resize(piece.lattice.size());
     for (std::size_t i = 0; i < piece.lattice.size(); ++i) {
       VertexKey v = piece.lattice[i];
       LatticeKey cell = key;

@@ -14,7 +14,8 @@ struct AxisBlend {
   double derivative[2];
 };
 
-AxisBlend blendAxis(double x, double size, double margin) {
+AxisBlend blendAxis(double x_map, double size, double margin) {
+  const double x = x_map + 0.5 * size;  // from the lower face of cell 0
   // Beyond the lattice (see LatticeKey::of), and for NaN, the cell at its border alone.
   constexpr double kLimit = 1 << 30;
   if (!(std::abs(x / size) < kLimit)) {
@@ -36,10 +37,10 @@ AxisBlend blendAxis(double x, double size, double margin) {
 
 }  // namespace
 
-int blendWeights(const Eigen::Vector3d& x_map, double cell_size_m, double margin_m, BlendWeight result[8]) {
-  const AxisBlend x = blendAxis(x_map.x(), cell_size_m, margin_m);
-  const AxisBlend y = blendAxis(x_map.y(), cell_size_m, margin_m);
-  const AxisBlend z = blendAxis(x_map.z(), cell_size_m, margin_m);
+int blendWeights(const Eigen::Vector3d& x_map, const GpisConfig::Cells& cells, BlendWeight result[8]) {
+  const AxisBlend x = blendAxis(x_map.x(), cells.size_m, cells.blend_margin_m);
+  const AxisBlend y = blendAxis(x_map.y(), cells.size_m, cells.blend_margin_m);
+  const AxisBlend z = blendAxis(x_map.z(), cells.size_m, cells.blend_margin_m);
   int count = 0;
   for (int i = 0; i < x.count; ++i) {
     for (int j = 0; j < y.count; ++j) {

@@ -218,13 +218,12 @@ nav_msgs::OccupancyGrid toOccupancyGrid(const gpis_mapping::GroundGrid& grid, co
 }
 
 SliceCells makeSlice(const MapSnapshot& snapshot, const GpisMappingParams::Slice& slice, std::size_t max_cells) {
-  const double cell_size = snapshot.config().cells.size_m;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
   for (const auto& entry : snapshot.cells()) {
-    const Eigen::Vector2d corner = entry.first.corner(cell_size).head<2>();
-    low = low.cwiseMin(corner);
-    high = high.cwiseMax(corner + Eigen::Vector2d::Constant(cell_size));
+    const Eigen::AlignedBox3d box = snapshot.config().cells.box(entry.first);
+    low = low.cwiseMin(box.min().head<2>());
+    high = high.cwiseMax(box.max().head<2>());
   }
   SliceCells cells;
   cells.cell_size_m = slice.cell_size_m;

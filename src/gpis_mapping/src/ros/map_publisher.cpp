@@ -269,13 +269,13 @@ void MapPublisher::placeSliceHandle(const MapState& state, double height_m) {
     return;
   }
   // In the middle of what the first image showed: where one looks.
-  const double cell_size = state.snapshot->config().cells.size_m;
+  const gpis_mapping::GpisConfig::Cells& cells = state.snapshot->config().cells;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
   for (const auto& entry : state.snapshot->cells()) {
-    const Eigen::Vector2d corner = entry.first.corner(cell_size).head<2>();
-    low = low.cwiseMin(corner);
-    high = high.cwiseMax(corner + Eigen::Vector2d::Constant(cell_size));
+    const Eigen::AlignedBox3d box = cells.box(entry.first);
+    low = low.cwiseMin(box.min().head<2>());
+    high = high.cwiseMax(box.max().head<2>());
   }
   const Eigen::Vector2d middle = 0.5 * (low + high);
   visualization_msgs::InteractiveMarker handle;

@@ -29,7 +29,7 @@ using gpis_mapping_test::randomVector;
 using gpis_mapping_test::selectPoints;
 using gpis_mapping_test::surfacePoint;
 
-/// A surface through the cell (0, 0, 0), [0, 0.1]^3 m, sampled every 2 cm, with its exact signed distance.
+/// A surface through the cell (0, 0, 0), [-0.05, 0.05]^3 m, sampled every 2 cm, with its exact signed distance.
 struct Scene {
   std::string name;
   std::vector<SurfacePoint> points;
@@ -41,21 +41,21 @@ Scene planeScene(double noise_std_m) {
   const Eigen::Vector3d n = Eigen::Vector3d(0.3, -0.2, 1.0).normalized();
   const Eigen::Vector3d u = n.unitOrthogonal();
   const Eigen::Vector3d v = n.cross(u);
-  const Eigen::Vector3d center(0.052, 0.047, 0.055);
+  const Eigen::Vector3d center(0.002, -0.003, 0.005);
   gpis_mapping_test::sampleRectangle(center - 0.16 * (u + v), 0.32 * u, 0.32 * v, 0.02, noise_std_m, &scene.points);
   scene.distance = [=](const Eigen::Vector3d& x) { return n.dot(x - center); };
   return scene;
 }
 
-constexpr double kEdgeX = 0.053;  // m
-constexpr double kEdgeZ = 0.061;  // m
+constexpr double kEdgeX = 0.003;  // m
+constexpr double kEdgeZ = 0.011;  // m
 
 Scene edgeScene(double noise_std_m) {
   Scene scene{"edge", {}, {}};
-  const Eigen::Vector3d low(-0.25, -0.25, -0.25);
-  const Eigen::Vector3d high(kEdgeX, 0.30, kEdgeZ);  // the edge runs along y through the cell
+  const Eigen::Vector3d low(-0.30, -0.30, -0.30);
+  const Eigen::Vector3d high(kEdgeX, 0.25, kEdgeZ);  // the edge runs along y through the cell
   for (const SurfacePoint& point : gpis_mapping_test::sampleBox(low, high, 0.02, true, noise_std_m)) {
-    if ((point.position_map - Eigen::Vector3d::Constant(0.05)).cwiseAbs().maxCoeff() < 0.16)
+    if (point.position_map.cwiseAbs().maxCoeff() < 0.16)
       scene.points.push_back(point);
   }
   scene.distance = [=](const Eigen::Vector3d& x) { return gpis_mapping_test::boxDistance(low, high, x); };
@@ -64,7 +64,7 @@ Scene edgeScene(double noise_std_m) {
 
 Scene sphereScene(double noise_std_m) {
   Scene scene{"sphere", {}, {}};
-  const Eigen::Vector3d center(0.045, 0.05, -0.09);
+  const Eigen::Vector3d center(-0.005, 0.0, -0.14);
   const double radius = 0.15;
   scene.points = gpis_mapping_test::sampleSphere(center, radius, 0.02, noise_std_m);
   scene.distance = [=](const Eigen::Vector3d& x) { return (x - center).norm() - radius; };
@@ -99,7 +99,8 @@ DenseCellGp makeDense(const GpisConfig& config, const std::vector<SurfacePoint>&
 
 /// Where the map asks a cell: inside it and in the overlap with its neighbours.
 Eigen::Vector3d randomQuery(const GpisConfig& config, std::mt19937* rng) {
-  return randomVector(rng, -config.cells.blend_margin_m, config.cells.size_m + config.cells.blend_margin_m);
+  const double reach_m = 0.5 * config.cells.size_m + config.cells.blend_margin_m;
+  return randomVector(rng, -reach_m, reach_m);
 }
 
 double varianceAt(const CellGp& cell, const Eigen::Vector3d& x) {
@@ -216,8 +217,8 @@ TEST(CellGp, VarianceIsSmallAtDataAndThePriorFarAway) {
       EXPECT_LE(variance, prior * (1.0 + 1e-6));
     }
     // 0.7 m are 14 length scales: exp(-14 sqrt 3) is 3e-11.
-    EXPECT_NEAR(varianceAt(cell, {0.05, 0.05, 0.9}), prior, 1e-6 * prior);
-    EXPECT_FALSE(cell.mean({0.05, 0.05, 0.9}).valid);
+    EXPECT_NEAR(varianceAt(cell, {0.0, 0.0, 0.85}), prior, 1e-6 * prior);
+    EXPECT_FALSE(cell.mean({0.0, 0.0, 0.85}).valid);
   }
 }
 
@@ -227,7 +228,7 @@ TEST(CellGp, VarianceGrowsAwayFromThePlane) {
   const CellGp cell = makeCell(config, scene.points);
   double before = 0.0;
   for (double height = 0.0; height < 0.045; height += 0.005) {
-    const double variance = varianceAt(cell, {0.052, 0.047, 0.055 + height});
+    const double variance = varianceAt(cell, {0.002, -0.003, 0.005 + height});
     EXPECT_GT(variance, before) << height;
     before = variance;
   }
@@ -290,7 +291,7 @@ TEST(CellGp, IsAsAccurateFarFromTheMapsOrigin) {
     SCOPED_TRACE(scene.name);
     const CellGp near = makeCell(config, scene.points);
     const LatticeKey far_key{1000000, -1000000, 600000};
-    const Eigen::Vector3d shift = far_key.corner(config.cells.size_m);  // 100 km: one float step is 8 mm there
+    const Eigen::Vector3d shift = config.cells.center(far_key);  // 100 km: one float step is 8 mm there
     const CellSelection selection = selectPoints(config, {}, scene.points);
     std::vector<SurfacePoint> moved;
     for (const SurfacePoint* point : selection.points) {
@@ -318,7 +319,7 @@ TEST(CellGp, RotatesWithItsPoints) {
   perturb(&scene.points, &rng);
   const CellSelection selection = selectPoints(config, {}, scene.points);
   const Eigen::Matrix3d R = Eigen::AngleAxisd(0.7, gpis_mapping_test::randomUnit(&rng)).toRotationMatrix();
-  const Eigen::Vector3d center = LatticeKey{}.center(config.cells.size_m);
+  const Eigen::Vector3d center = config.cells.center({});
   std::vector<SurfacePoint> turned;
   for (const SurfacePoint* point : selection.points) {
     turned.push_back(*point);
@@ -376,8 +377,8 @@ TEST(CellGp, BatchVarianceEqualsOneByOne) {
 TEST(CellGp, CellWithoutTrainingPointsHasThePrior) {
   const GpisConfig config;
   const CellGp empty({}, config, {}, 0, 0);
-  EXPECT_FALSE(empty.mean({0.05, 0.05, 0.05}).valid);
-  EXPECT_FLOAT_EQ(static_cast<float>(varianceAt(empty, {0.05, 0.05, 0.05})),
+  EXPECT_FALSE(empty.mean({0.0, 0.0, 0.0}).valid);
+  EXPECT_FLOAT_EQ(static_cast<float>(varianceAt(empty, {0.0, 0.0, 0.0})),
                   static_cast<float>(std::pow(config.signalStd(), 2)));
 }
 
@@ -402,10 +403,10 @@ TEST(CellGp, TakesPointsThatCoincideAndClaimToBeExact) {
   config.surface.signal_std_m = 1.0;
   std::vector<SurfacePoint> points;
   for (int i = 0; i < 40; ++i) {
-    points.push_back(surfacePoint({0.05 + 0.005 * (i % 4), 0.05, 0.05}, Eigen::Vector3d::UnitZ(), 0.0));
+    points.push_back(surfacePoint({0.005 * (i % 4), 0.0, 0.0}, Eigen::Vector3d::UnitZ(), 0.0));
   }
   const CellGp gp({0, 0, 0}, config, pointers(points), points.size(), points.size());
-  const CellGp::Mean mean = gp.mean({0.055, 0.05, 0.06});
+  const CellGp::Mean mean = gp.mean({0.005, 0.0, 0.01});
   ASSERT_TRUE(mean.valid);
   EXPECT_NEAR(mean.value, 0.01, 1e-4);  // all in one plane: the prior mean is exact
 }
@@ -479,10 +480,10 @@ TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
     int roots = 0;
     double squares = 0.0;
     for (int i = 0; i < 400; ++i) {
-      Eigen::Vector3d x = randomVector(&rng, 0.0, 0.1);
+      Eigen::Vector3d x = randomVector(&rng, -0.05, 0.05);
       const Eigen::Vector3d n = centralDifference(scene.distance, x, 1e-6);
       x -= scene.distance(x) * n;  // on the surface, between the training points
-      if ((x - Eigen::Vector3d::Constant(0.05)).cwiseAbs().maxCoeff() > 0.05) continue;
+      if (x.cwiseAbs().maxCoeff() > 0.05) continue;
       const double root_cell = rootAlong(f_cell, x, n, 0.015);
       const double root_gpis = rootAlong(f_gpis, x, n, 0.015);
       ASSERT_TRUE(std::isfinite(root_cell)) << x.transpose();
@@ -498,7 +499,7 @@ TEST(CellGp, HasTheZeroSetOfTheFullGpisWithDerivativeObservations) {
     EXPECT_LT(std::sqrt(squares / roots), 0.001);
     int signs = 0;
     for (int i = 0; i < 400; ++i) {
-      const Eigen::Vector3d x = randomVector(&rng, 0.0, 0.1);
+      const Eigen::Vector3d x = randomVector(&rng, -0.05, 0.05);
       const double d = scene.distance(x);
       if (std::abs(d) > config.surface.spacing_m || std::abs(d) < 0.001) continue;
       // What the rounded crest cuts off is outside for the map.
@@ -516,15 +517,15 @@ TEST(CellGp, KeepsItsSignDeeperThanTheFullGpis) {
   // plane; the cell reads "inside" as deep as its tangent planes reach.
   const GpisConfig config;
   std::vector<SurfacePoint> points;
-  gpis_mapping_test::sampleRectangle({-0.1, -0.1, 0.09}, {0.3, 0.0, 0.0}, {0.0, 0.3, 0.0}, 0.02, 0.001, &points);
+  gpis_mapping_test::sampleRectangle({-0.15, -0.15, 0.04}, {0.3, 0.0, 0.0}, {0.0, 0.3, 0.0}, 0.02, 0.001, &points);
   const CellGp cell = makeCell(config, points);
   const CellSelection selection = selectPoints(config, {}, points);
   const DenseGpis gpis(config, selection.points, config.signalStd());
-  const Eigen::Vector3d below(0.05, 0.05, 0.09 - 0.042);
+  const Eigen::Vector3d below(0.0, 0.0, 0.04 - 0.042);
   ASSERT_TRUE(cell.mean(below).valid);
   EXPECT_NEAR(cell.mean(below).value, -0.042, 1e-5);
   EXPECT_GT(gpis.mean(below), cell.mean(below).value + 0.02);
-  EXPECT_LT(gpis.mean({0.05, 0.05, 0.08}), 0.0);  // they agree in the band
+  EXPECT_LT(gpis.mean({0.0, 0.0, 0.03}), 0.0);  // they agree in the band
 }
 
 }  // namespace

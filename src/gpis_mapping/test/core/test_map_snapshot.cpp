@@ -97,9 +97,9 @@ QueryResult queryOne(const MapSnapshot& map, const Eigen::Vector3d& x) {
 
 /// Distance of x to the nearest face between cells [m].
 double toCellBorder(const MapSnapshot& map, const Eigen::Vector3d& x) {
-  const double size = map.config().cells.size_m;
-  const Eigen::Vector3d local = x - LatticeKey::of(x, size).corner(size);
-  return std::min(local.minCoeff(), size - local.maxCoeff());
+  const GpisConfig::Cells& cells = map.config().cells;
+  const Eigen::Vector3d local = x - cells.corner(cells.at(x));
+  return std::min(local.minCoeff(), cells.size_m - local.maxCoeff());
 }
 
 TEST(MapSnapshot, FieldMatchesTheAnalyticDistanceInItsBand) {

@@ -386,8 +386,8 @@ TEST(MeshExtractor, EmptyAndDegenerateMapsGiveNoTriangles) {
 }
 
 TEST(MeshExtractor, SurfaceOnLatticePlanesIsMeshedOnce) {
-  // z = 0 and z = 0.1 are borders between cells: f is exactly zero at the corners of both cells' voxels.
-  for (const double z : {0.0, 0.1, -0.1}) {
+  // z = 0.05 and z = -0.05 are borders between cells: f is exactly zero at the corners of both cells' voxels.
+  for (const double z : {0.05, -0.05, 0.15}) {
     SCOPED_TRACE(z);
     std::vector<SurfacePoint> points;
     gpis_mapping_test::sampleRectangle({-0.15, -0.15, z}, {0.3, 0.0, 0.0}, {0.0, 0.3, 0.0}, 0.02, 0.001, &points);
@@ -401,6 +401,33 @@ TEST(MeshExtractor, SurfaceOnLatticePlanesIsMeshedOnce) {
     EXPECT_LT(area, 0.36 * 0.36);
     for (const auto& entry : countEdges(mesh)) EXPECT_LE(entry.second, 2);
     for (const Eigen::Vector3d& v : mesh.vertices_map) EXPECT_NEAR(v.z(), z, 2e-6);
+  }
+}
+
+TEST(MeshExtractor, FloorIsOneSheetOfVertices) {
+  // z = 0, and the tops of bricks of whole decimetres, run through the middle of cells and voxels: of a lattice's edges only
+  // the upright ones meet them, in one layer of cells.
+  for (const double z : {0.0, 0.2}) {
+    SCOPED_TRACE(z);
+    std::vector<SurfacePoint> points;
+    gpis_mapping_test::sampleRectangle({-0.25, -0.25, z}, {0.5, 0.0, 0.0}, {0.0, 0.5, 0.0}, 0.02, 0.001, &points);
+    std::mt19937 rng(11);
+    std::normal_distribution<double> noise(0.0, 0.001);
+    for (SurfacePoint& point : points) point.position_map.z() += noise(rng);
+    const auto map = mapOf(points);
+    const double edge = map->config().cells.size_m / map->config().mesh.voxels_per_cell;
+    const TriangleMesh mesh = meshOf(*map);
+    ASSERT_GT(mesh.triangles.size(), 2 * 30 * 30u);
+    std::set<std::pair<long, long>> columns;
+    for (const Eigen::Vector3d& v : mesh.vertices_map) {
+      const Eigen::Vector2d column = v.head<2>() / edge - Eigen::Vector2d::Constant(0.5);
+      EXPECT_NEAR((column - column.array().round().matrix()).norm(), 0.0, 1e-4) << v.transpose();  // in float
+      EXPECT_TRUE(columns.emplace(std::lround(column.x()), std::lround(column.y())).second) << v.transpose();
+    }
+    for (const auto& entry : map->cells()) {
+      if (entry.second->numOwn() == 0) continue;
+      EXPECT_NEAR(map->config().cells.center(entry.first).z(), z, 1e-12);
+    }
   }
 }
 

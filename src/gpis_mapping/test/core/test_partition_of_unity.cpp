@@ -21,10 +21,11 @@ using gpis_mapping_test::randomVector;
 
 constexpr double kSize = 0.1;      // m
 constexpr double kMargin = 0.015;  // m
+const GpisConfig::Cells kCells{kSize, 0.03, kMargin};
 
 std::map<LatticeKey, double> weightsAt(const Eigen::Vector3d& x) {
   BlendWeight entries[8];
-  const int count = blendWeights(x, kSize, kMargin, entries);
+  const int count = blendWeights(x, kCells, entries);
   std::map<LatticeKey, double> weights;
   for (int i = 0; i < count; ++i) weights[entries[i].key] = entries[i].weight;
   return weights;
@@ -36,7 +37,7 @@ TEST(PartitionOfUnity, WeightsSumToOneAndGradientsToZero) {
   for (int i = 0; i < 20000; ++i) {
     const Eigen::Vector3d x = randomVector(&rng, -0.35, 0.35);
     BlendWeight entries[8];
-    const int count = blendWeights(x, kSize, kMargin, entries);
+    const int count = blendWeights(x, kCells, entries);
     counts.insert(count);
     double sum = 0.0;
     Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
@@ -60,7 +61,7 @@ TEST(PartitionOfUnity, BeyondTheLatticeTheCellAtItsBorderHasAllTheWeight) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinity = std::numeric_limits<double>::infinity();
   for (const double far : {1e300, -1e300, 1.2e8, -1.2e8, infinity, -infinity, nan}) {
-    const auto weights = weightsAt({0.05, far, 0.05});
+    const auto weights = weightsAt({0.0, far, 0.0});
     ASSERT_EQ(weights.size(), 1u) << far;
     EXPECT_EQ(weights.begin()->first, (LatticeKey{0, far > 0.0 ? 1 << 30 : -(1 << 30), 0})) << far;
     EXPECT_EQ(weights.begin()->second, 1.0) << far;
@@ -69,7 +70,7 @@ TEST(PartitionOfUnity, BeyondTheLatticeTheCellAtItsBorderHasAllTheWeight) {
 
 TEST(PartitionOfUnity, OwnCellHasAllTheWeightInsideItsCore) {
   for (const double offset : {-7.0, -1.0, 0.0, 3.0}) {
-    const Eigen::Vector3d x((offset + 0.5) * kSize, (offset + 0.2) * kSize, (offset + 0.84) * kSize);
+    const Eigen::Vector3d x(offset * kSize, (offset - 0.3) * kSize, (offset + 0.34) * kSize);
     const int index = static_cast<int>(offset);
     EXPECT_EQ(weightsAt(x), (std::map<LatticeKey, double>{{LatticeKey{index, index, index}, 1.0}}));
   }
@@ -82,12 +83,12 @@ TEST(PartitionOfUnity, EveryCellThatHasAWeightIsWithinTheMargin) {
     const auto weights = weightsAt(x);
     for (const auto& [key, weight] : weights) {
       for (int axis = 0; axis < 3; ++axis) {
-        const double from_center = std::abs(x[axis] - key.center(kSize)[axis]);
+        const double from_center = std::abs(x[axis] - kCells.center(key)[axis]);
         EXPECT_LE(from_center, 0.5 * kSize + kMargin + 1e-12);
       }
     }
     // The cell that holds the point has at least the largest weight of all.
-    const double own = weights.at(LatticeKey::of(x, kSize));
+    const double own = weights.at(kCells.at(x));
     for (const auto& entry : weights) EXPECT_GE(own, entry.second - 1e-12);
   }
 }
@@ -95,7 +96,7 @@ TEST(PartitionOfUnity, EveryCellThatHasAWeightIsWithinTheMargin) {
 TEST(PartitionOfUnity, NeighboursShareEquallyOnTheirCommonFace) {
   // Both sides of zero, and a face whose coordinate is no binary fraction.
   for (const int face : {-4, -1, 0, 1, 3}) {
-    const auto weights = weightsAt({face * kSize, 0.05, 0.05});
+    const auto weights = weightsAt({(face - 0.5) * kSize, 0.0, 0.0});
     ASSERT_EQ(weights.size(), 2u);
     EXPECT_NEAR(weights.at(LatticeKey{face - 1, 0, 0}), 0.5, 1e-12);
     EXPECT_NEAR(weights.at(LatticeKey{face, 0, 0}), 0.5, 1e-12);
@@ -107,7 +108,7 @@ TEST(PartitionOfUnity, GradientsMatchCentralDifferences) {
   for (int i = 0; i < 3000; ++i) {
     const Eigen::Vector3d x = randomVector(&rng, -0.25, 0.25);
     BlendWeight entries[8];
-    const int count = blendWeights(x, kSize, kMargin, entries);
+    const int count = blendWeights(x, kCells, entries);
     for (int j = 0; j < count; ++j) {
       const LatticeKey key = entries[j].key;
       const auto weight = [key](const Eigen::Vector3d& y) {
@@ -132,7 +133,7 @@ TEST(PartitionOfUnity, WeightsAndGradientsAreContinuousAcrossBorders) {
   std::map<LatticeKey, BlendWeight> before;
   for (double t = -0.3; t < 0.3; t += h) {
     BlendWeight entries[8];
-    const int count = blendWeights(t * direction, kSize, kMargin, entries);
+    const int count = blendWeights(t * direction, kCells, entries);
     std::map<LatticeKey, BlendWeight> now;
     for (int j = 0; j < count; ++j) now[entries[j].key] = entries[j];
     if (!before.empty()) {

@@ -118,11 +118,10 @@ inline CellSelection selectPoints(const GpisConfig& config, const LatticeKey& ke
   CellSelection selection;
   std::vector<const SurfacePoint*> training;
   std::vector<const SurfacePoint*> mean_only;
-  const Eigen::Vector3d corner = key.corner(config.cells.size_m);
-  const Eigen::AlignedBox3d box(corner, corner + Eigen::Vector3d::Constant(config.cells.size_m));
+  const Eigen::AlignedBox3d box = config.cells.box(key);
   for (const SurfacePoint& point : points) {
     const double outside = box.exteriorDistance(point.position_map);
-    if (LatticeKey::of(point.position_map, config.cells.size_m) == key) {
+    if (config.cells.at(point.position_map) == key) {
       selection.points.push_back(&point);
     } else if (outside < config.cells.training_margin_m) {
       training.push_back(&point);
@@ -141,7 +140,7 @@ inline CellSelection selectPoints(const GpisConfig& config, const LatticeKey& ke
 inline MapSnapshot::Cells buildCells(const GpisConfig& config, const std::vector<SurfacePoint>& points) {
   std::set<LatticeKey> keys;
   for (const SurfacePoint& point : points) {
-    const LatticeKey key = LatticeKey::of(point.position_map, config.cells.size_m);
+    const LatticeKey key = config.cells.at(point.position_map);
     for (int dx = -1; dx <= 1; ++dx) {
       for (int dy = -1; dy <= 1; ++dy) {
         for (int dz = -1; dz <= 1; ++dz) keys.insert(key.offset(dx, dy, dz));
@@ -152,8 +151,7 @@ inline MapSnapshot::Cells buildCells(const GpisConfig& config, const std::vector
   const double needed = std::min(config.influenceMargin(), 2.0 * config.surface.spacing_m);
   for (const LatticeKey& key : keys) {
     const CellSelection selection = selectPoints(config, key, points);
-    const Eigen::Vector3d corner = key.corner(config.cells.size_m);
-    const Eigen::AlignedBox3d box(corner, corner + Eigen::Vector3d::Constant(config.cells.size_m));
+    const Eigen::AlignedBox3d box = config.cells.box(key);
     bool is_needed = false;
     for (const SurfacePoint* point : selection.points) {
       is_needed = is_needed || box.exteriorDistance(point->position_map) < needed;
