@@ -112,8 +112,8 @@ TEST(DynamicMapBadInput, PointsThatCameTogetherBecomeOne) {
   const double half_spacing_m = 0.5 * contents.config.surface.spacing_m;
   const auto original = std::find_if(contents.points.begin(), contents.points.end(), [&](const SurfacePoint& p) {
     // On the box's top, well inside its cell, so that what is added belongs to that cell too.
-    const Eigen::Vector3d q = (p.position_map / contents.config.cells.size_m).array() -
-                              (p.position_map / contents.config.cells.size_m).array().floor() - 0.5;
+    const auto& cells = contents.config.cells;
+    const Eigen::Vector3d q = (p.position_map - cells.center(cells.at(p.position_map))) / cells.size_m;
     return p.position_map.z() > 0.19 && q.cwiseAbs().maxCoeff() < 0.3 && p.num_looks == 3;
   });
   ASSERT_NE(original, contents.points.end());

@@ -355,7 +355,7 @@ TEST(GpisScene, SurfaceIsTheMapsMesh) {
   int num_compared = 0;
   for (std::size_t i = 0; i < surface.points_map.size(); ++i) {
     const Eigen::Vector3d& p = surface.points_map[i];
-    const Eigen::Vector3d local = p - gpis_mapping::LatticeKey::of(p, cells.size_m).corner(cells.size_m);
+    const Eigen::Vector3d local = p - cells.corner(cells.at(p));
     if (local.minCoeff() < cells.blend_margin_m || local.maxCoeff() > cells.size_m - cells.blend_margin_m) continue;
     ++num_compared;
     const auto column = static_cast<Eigen::Index>(i);
