@@ -32,6 +32,19 @@ class MapView {
   virtual MapAnswers query(const gpis_mapping::Points3d& points_map) const = 0;
 };
 
+/// The same map, which is not asked twice in a row for the same points: for builders in step with each other, whose
+/// questions are the same. For one state of the map, and one thread.
+class AskedOnceView : public MapView {
+ public:
+  explicit AskedOnceView(const MapView& map) : map_(map) {}
+  MapAnswers query(const gpis_mapping::Points3d& points_map) const override;
+
+ private:
+  const MapView& map_;
+  mutable gpis_mapping::Points3d asked_map_;
+  mutable MapAnswers answers_;  // to asked_map_
+};
+
 /// A map in this process.
 class SnapshotView : public MapView {
  public:

@@ -65,25 +65,6 @@ class ServiceView : public motion_planning::MapView {
   std::string map_frame_;
 };
 
-/// Two builders in step with each other ask the same of one map: the second is told what the first was.
-class AskedOnce : public motion_planning::MapView {
- public:
-  explicit AskedOnce(const motion_planning::MapView& map) : map_(map) {}
-
-  motion_planning::MapAnswers query(const gpis_mapping::Points3d& points_map) const override {
-    if (points_map.cols() != asked_map_.cols() || points_map != asked_map_) {
-      answers_ = map_.query(points_map);
-      asked_map_ = points_map;
-    }
-    return answers_;
-  }
-
- private:
-  const motion_planning::MapView& map_;
-  mutable gpis_mapping::Points3d asked_map_;
-  mutable motion_planning::MapAnswers answers_;
-};
-
 }  // namespace
 
 SceneKeeper::SceneKeeper(const ros::NodeHandle& nh, const RobotState& robot, const MotionPlanningParams& params,
@@ -198,7 +179,7 @@ void SceneKeeper::work() {
                                    params_.map_frame + "'");
         }
         const ServiceView service(nh_, params_.map_frame);
-        const AskedOnce view(service);
+        const motion_planning::AskedOnceView view(service);  // the two builders are in step
         const motion_planning::Surface surface = toSurface(*mesh);
         watched_builder.update(surface, view, *T_map_base);
         made->statistics = builder.update(surface, view, *T_map_base);

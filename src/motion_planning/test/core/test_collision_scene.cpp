@@ -567,6 +567,60 @@ TEST(CollisionSceneBuilder, LooksNoFartherThanTheRegionAndFollowsTheRobot) {
                           [](const auto& chunk) { return chunk->bounds().max().x() > 3.0; }));
 }
 
+class CountingMap : public MapView {
+ public:
+  explicit CountingMap(const BoxWorld& world) : world_(world) {}
+  MapAnswers query(const gpis_mapping::Points3d& points_map) const override {
+    ++num_queries_;
+    return world_.query(points_map);
+  }
+  int numQueries() const { return num_queries_; }
+
+ private:
+  const BoxWorld& world_;
+  mutable int num_queries_{0};
+};
+
+TEST(CollisionSceneBuilder, TwoInStepAskTheMapOnce) {
+  BoxWorld world = bricksOnGround();
+  CollisionSceneConfig wider = sceneConfig();
+  wider.margin_m += 0.01;
+  CollisionSceneBuilder builder{sceneConfig()}, wide_builder{wider}, scratch{wider};
+  const CountingMap map(world);
+  for (int mesh = 1; mesh <= 2; ++mesh) {
+    const Surface surface = world.surface(0.02);
+    const AskedOnceView view(map);
+    builder.update(surface, view, kBaseAtOrigin);
+    wide_builder.update(surface, view, kBaseAtOrigin);
+    EXPECT_EQ(map.numQueries(), mesh);
+    scratch.update(surface, world, kBaseAtOrigin);
+    expectSameScene(*wide_builder.scene(), *scratch.scene());
+    world.boxes.pop_back();
+  }
+}
+
+TEST(AskedOnceView, AsksAgainForOtherPoints) {
+  const BoxWorld world = bricksOnGround();
+  const CountingMap map(world);
+  const AskedOnceView view(map);
+  gpis_mapping::Points3d points = 0.1 * gpis_mapping::Points3d::Random(3, 4);
+  points.colwise() += Eigen::Vector3d{0.7, 0.0, 0.5};  // over the bricks, where every distance is known
+  int expected = 0;
+  const auto expectAsked = [&] {
+    const MapAnswers answers = view.query(points);
+    EXPECT_EQ(map.numQueries(), ++expected);
+    EXPECT_EQ(answers.distance_m, world.query(points).distance_m);
+    EXPECT_EQ(answers.state, world.query(points).state);
+  };
+  expectAsked();
+  points(2, 3) += 0.1;
+  expectAsked();
+  points.conservativeResize(3, 3);
+  expectAsked();
+  view.query(points);
+  EXPECT_EQ(map.numQueries(), expected);
+}
+
 class BrokenMap : public MapView {
  public:
   bool answers_too_little{false};
