@@ -805,8 +805,9 @@ std::string MissionMachine::Impl::leftInWords() const {
   for (const auto& [id, record] : ledger_.bricks()) {
     if (record.is_picked || ledger_.isExhausted(record)) continue;
     const std::string obstacle = ledger_.obstacleTo(id, scene_);
-    add("brick " + std::to_string(id) + " " + (record.is_there && !obstacle.empty() ? "stands there and " : "") +
-        (obstacle.empty() ? "stands there" : obstacle));
+    const std::string stands = record.is_there || obstacle.empty() ? "stands there" : "";
+    const std::string both = stands.empty() || obstacle.empty() ? "" : " and ";
+    add("brick " + std::to_string(id) + " " + stands + both + obstacle);
   }
   if (numNeverFound() > 0) {
     add(std::to_string(numNeverFound()) + " of " + std::to_string(config_.bricks_total) + " bricks never found");
