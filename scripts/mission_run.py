@@ -273,6 +273,10 @@ def merged_summary(run):
         summary[key] = count_of(judged(name, column))
     for key, name in {"map_coverage": "coverage", "map_precision": "precision", "distance_m": "distance_m"}.items():
         summary[key] = judged(name)
+    # What an ideal camera on the mast, everywhere at once, would have covered by the same measure.
+    exposed_m2, coverable_m2 = run.judge.get("exposed_area_m2"), run.judge.get("coverable_area_m2")
+    if exposed_m2 and coverable_m2 is not None:
+        summary["map_coverable"] = coverable_m2 / exposed_m2
     precision = precision_with_bricks(run)
     if precision is not None:
         summary["map_precision"] = precision

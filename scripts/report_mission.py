@@ -91,7 +91,10 @@ def sentences(run, summary):
         words.append(text[0].upper() + text[1:] + ".")
     coverage, precision = share(summary.get("map_coverage")), share(summary.get("map_precision"))
     if coverage:
-        words.append(f"The map covered {coverage} of the bricks' surface that ever was exposed" + (f"; {precision} of what it holds of the pile is true." if precision else "."))
+        coverable = share(summary.get("map_coverable"))
+        words.append(f"The map covered {coverage} of the bricks' surface that ever was exposed" +
+                     (f" (a camera on the mast, everywhere at once, could have seen {coverable})" if coverable else "") +
+                     (f"; {precision} of what it holds of the pile is true." if precision else "."))
     reason = summary.get("end_reason")
     if reason == "crashed":
         words.append("The mission did not end by itself: its log breaks off.")

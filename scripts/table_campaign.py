@@ -68,14 +68,15 @@ def spread(values, scale=1.0, digits=0):
 
 def row(name, runs):
     shares = [picked_of(run) / run["bricks_total"] for run in runs if run.get("bricks_total") and run["bricks_total"] > 0]
-    return (f"| {name} | {len(runs)} | {spread(shares, 100)} | {spread([run.get('map_coverage') for run in runs], 100)} | "
+    return (f"| {name} | {len(runs)} | {spread(shares, 100)} | {spread([run.get('map_coverage') for run in runs], 100, 1)} | "
+            f"{spread([run.get('map_coverable') for run in runs], 100, 1)} | "
             f"{spread([run.get('falls') for run in runs], digits=1)} | {spread([run.get('collisions') for run in runs], digits=1)} | "
             f"{spread([run.get('sim_seconds') for run in runs])} | {spread([run.get('views') for run in runs], digits=1)} | "
             f"{', '.join(sorted({str(run.get('end_reason')) for run in runs}))} |")
 
 
 BROKEN = (ValueError, KeyError, TypeError, AttributeError)
-HEAD = "| | runs | bricks % | map % | falls | collisions | simulated s | views | ended by |\n|---|--:|--:|--:|--:|--:|--:|--:|---|"
+HEAD = "| | runs | bricks % | map % | coverable % | falls | collisions | simulated s | views | ended by |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|---|"
 
 
 def memory_rows(runs):

@@ -19,11 +19,22 @@
 
 namespace simulated_world {
 
+/// Where an ideal camera at the robot's camera's height would look at the pile from: all free places of a grid.
+struct LookoutConfig {
+  double height_m{1.5};     ///< of the camera over the ground; the simulation takes the robot's
+  double spacing_m{0.5};    ///< of the grid
+  double margin_m{1.5};     ///< the grid reaches so far round the bricks' places at the start
+  double clearance_m{0.5};  ///< a place is at least so far from every brick, on the ground
+
+  std::vector<std::string> validate() const;
+};
+
 struct JudgeConfig {
   FallConfig falls;
   CollisionConfig collisions;
   PileSurfaceConfig pile;
   ScoreConfig score;
+  LookoutConfig lookouts;
   double truth_period_s{0.5};      ///< the pile's true surface is renewed at most this often
   double surface_history_s{30.0};  ///< a strategy's surface whose data are older is not judged
   double row_period_s{1.0};        ///< of the history; an event makes a row of its own
@@ -50,7 +61,8 @@ struct JudgeReport {
   int bricks_total{0};  ///< at the first observation
   double max_collision_force_N{0.0};
   double exposed_area_m2{0.0};  ///< ever, of all bricks
-  double covered_area_m2{0.0};  ///< of it, ever covered while exposed
+  double coverable_area_m2{0.0};  ///< of it, ever in an ideal camera's view (LookoutConfig)
+  double covered_area_m2{0.0};    ///< of it, ever covered while exposed
   int surfaces_judged{0};
   int surfaces_refused{0};  ///< too old, or from before the run
   std::vector<JudgeRow> history;
@@ -65,6 +77,8 @@ enum class SurfaceVerdict { kJudged, kOutsideOfHistory };
 /// Coverage: of all the area of bricks at rest that was ever exposed (see PileSurface), the share that was ever within
 /// the tolerance of the strategy's surface at a time when it was exposed. Each surface is judged against the truth at
 /// its own stamp, once, on arrival. What was covered stays covered, whatever happens to the brick.
+/// What is exposed in a cleft may face no place where the robot's camera can be: the coverable area says how much could
+/// have been covered by one that is everywhere at once. A map may cover more, as a cleft's rim is near its floor.
 /// Precision: see surfacePrecision(), with the truth at the surface's stamp.
 class Judge {
  public:
@@ -102,6 +116,7 @@ class Judge {
   /// Per sample of a brick; sized at its first exposure.
   struct Ledger {
     std::vector<bool> was_exposed;
+    std::vector<bool> was_coverable;
     std::vector<bool> was_covered;
   };
 
@@ -109,6 +124,7 @@ class Judge {
   void start(const WorldObservation& observation);
   void count(const std::vector<JudgeEvent>& events);
   void renewTruth(const WorldObservation& observation);
+  std::vector<Eigen::Vector3d> lookouts(const PileTruth& truth) const;
   void renewObstacles(const WorldObservation& observation);
   void drive(const Eigen::Vector2d& base_xy_m);
 

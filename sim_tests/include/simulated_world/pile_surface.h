@@ -49,11 +49,17 @@ struct PileTruth {
     int brick_id;
     std::size_t index;  ///< of the sample on its brick
     Eigen::Vector3d p_map;
+    Eigen::Vector3d normal_map;  ///< unit, outward
     double area_m2;
   };
   std::vector<PileBrick> bricks;
   std::vector<Sample> exposed;  ///< of the bricks at rest; by brick in the order of `bricks`
 };
+
+/// Whether somebody at `eye_map` sees the sample: not flatter than `max_view_angle_rad` onto its face, with none of
+/// `truth.bricks` in between. Of things that are not bricks it knows nothing.
+bool isVisibleFrom(const Eigen::Vector3d& eye_map, const PileTruth::Sample& sample, const PileTruth& truth,
+                   double max_view_angle_rad);
 
 /// Which parts of the pile's surface could be seen from somewhere, now.
 ///

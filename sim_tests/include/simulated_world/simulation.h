@@ -40,7 +40,7 @@ struct SimulationConfig {
   WorldConfig world;
   UrControllerConfig arm_driver;
   RgbdCameraConfig camera;
-  JudgeConfig judge;
+  JudgeConfig judge;  ///< the height of its lookouts is the robot's camera's
   double scan_noise_std_m{0.0};
   // Of the base's odometry and of the localisation, which otherwise is ground truth.
   double odometry_scale_std{0.0};

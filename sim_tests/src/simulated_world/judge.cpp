@@ -22,12 +22,22 @@ bool isInPile(BrickStatus status) {
 
 }  // namespace
 
+std::vector<std::string> LookoutConfig::validate() const {
+  ConfigCheck check;
+  check.positive("height_m", height_m, "m");
+  check.require(spacing_m >= 0.1 && spacing_m <= 10.0, "spacing_m", spacing_m, "m", "in [0.1, 10] m");
+  check.require(margin_m >= 0.0 && margin_m <= 10.0, "margin_m", margin_m, "m", "in [0, 10] m");
+  check.notNegative("clearance_m", clearance_m, "m");
+  return check.problems();
+}
+
 std::vector<std::string> JudgeConfig::validate() const {
   ConfigCheck check;
   check.include("falls", falls.validate());
   check.include("collisions", collisions.validate());
   check.include("pile", pile.validate());
   check.include("score", score.validate());
+  check.include("lookouts", lookouts.validate());
   check.notNegative("truth_period_s", truth_period_s, "s");
   check.positive("surface_history_s", surface_history_s, "s");
   check.positive("row_period_s", row_period_s, "s");
@@ -88,6 +98,26 @@ void Judge::count(const std::vector<JudgeEvent>& events) {
   events_.insert(events_.end(), events.begin(), events.end());
 }
 
+std::vector<Eigen::Vector3d> Judge::lookouts(const PileTruth& truth) const {
+  const LookoutConfig& config = config_.lookouts;
+  const double height_m = config_.pile.ground_height_m + config.height_m;
+  const Eigen::Vector2d margin_m = Eigen::Vector2d::Constant(config.margin_m - config_.score.region_margin_m);
+  const Eigen::Vector2d low_m = region_.min_xy_m - margin_m;
+  const Eigen::Array2i steps = ((region_.max_xy_m + margin_m - low_m) / config.spacing_m).array().floor().cast<int>();
+  std::vector<Eigen::Vector3d> eyes_map;
+  for (int i = 0; i <= steps.x(); ++i) {
+    for (int j = 0; j <= steps.y(); ++j) {
+      const Eigen::Vector2d xy_m = low_m + config.spacing_m * Eigen::Vector2d(i, j);
+      const bool is_free = std::none_of(truth.bricks.begin(), truth.bricks.end(), [&](const PileBrick& brick) {
+        const double reach_m = 0.5 * brick.size_m.norm() + config.clearance_m;
+        return (brick.T_map_brick.translation().head<2>() - xy_m).squaredNorm() < reach_m * reach_m;
+      });
+      if (is_free) eyes_map.emplace_back(xy_m.x(), xy_m.y(), height_m);
+    }
+  }
+  return eyes_map;
+}
+
 void Judge::renewTruth(const WorldObservation& observation) {
   if (!truths_.empty() && observation.time_s - truth_checked_s_ < config_.truth_period_s) {
     return;
@@ -106,15 +136,25 @@ void Judge::renewTruth(const WorldObservation& observation) {
   while (truths_.size() > 1 && truths_[1].time_s <= observation.time_s - config_.surface_history_s) {
     truths_.pop_front();
   }
-  for (const PileTruth::Sample& sample : pile_.truth()->exposed) {
+  const PileTruth& truth = *pile_.truth();
+  const std::vector<Eigen::Vector3d> eyes_map = lookouts(truth);
+  for (const PileTruth::Sample& sample : truth.exposed) {
     Ledger& ledger = ledgers_[sample.brick_id];
     if (ledger.was_exposed.empty()) {
       ledger.was_exposed.resize(pile_.samplesOf(sample.brick_id).size());
+      ledger.was_coverable.resize(ledger.was_exposed.size());
       ledger.was_covered.resize(ledger.was_exposed.size());
     }
     if (!ledger.was_exposed[sample.index]) {
       ledger.was_exposed[sample.index] = true;
       report_.exposed_area_m2 += sample.area_m2;
+    }
+    if (!ledger.was_coverable[sample.index] &&
+        std::any_of(eyes_map.begin(), eyes_map.end(), [&](const Eigen::Vector3d& eye_map) {
+          return isVisibleFrom(eye_map, sample, truth, config_.pile.max_view_angle_rad);
+        })) {
+      ledger.was_coverable[sample.index] = true;
+      report_.coverable_area_m2 += sample.area_m2;
     }
   }
 }

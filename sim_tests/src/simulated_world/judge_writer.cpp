@@ -96,6 +96,7 @@ Json jsonOf(const JudgeReport& report) {
           {"coverage", jsonOf(report.totals.coverage)},
           {"precision", jsonOf(report.totals.precision)},
           {"exposed_area_m2", report.exposed_area_m2},
+          {"coverable_area_m2", report.coverable_area_m2},
           {"covered_area_m2", report.covered_area_m2},
           {"surfaces_judged", report.surfaces_judged},
           {"surfaces_refused", report.surfaces_refused},

@@ -16,8 +16,9 @@ constexpr double kPi = 3.14159265358979323846;
 /// A sample lower than this over the ground stands on it.
 constexpr double kGroundContact_m = 1e-3;
 
-/// Whether a ray that starts outside of or in the box goes through it. Sliding along a face is no hit.
-bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_map, const PileBrick& box) {
+/// Whether a ray of length `reach_m` that starts outside of or in the box goes through it. Sliding along a face is no hit.
+bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_map, const PileBrick& box,
+          double reach_m = std::numeric_limits<double>::infinity()) {
   const Eigen::Vector3d offset_map = box.T_map_brick.translation() - origin_map;
   const double radius_m = 0.5 * box.size_m.norm();
   const double along_m = offset_map.dot(direction_map);
@@ -27,7 +28,7 @@ bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_ma
   const Eigen::Vector3d origin = -(box.T_map_brick.linear().transpose() * offset_map);
   const Eigen::Vector3d direction = box.T_map_brick.linear().transpose() * direction_map;
   double enter_m = 0.0;
-  double leave_m = std::numeric_limits<double>::infinity();
+  double leave_m = reach_m;
   for (int axis = 0; axis < 3; ++axis) {
     const double half_m = 0.5 * box.size_m[axis];
     if (std::abs(direction[axis]) < 1e-12) {
@@ -89,6 +90,19 @@ std::vector<Eigen::Vector3d> upwardDirections(int count) {
     directions.emplace_back(radius * std::cos(i * golden_angle_rad), radius * std::sin(i * golden_angle_rad), z);
   }
   return directions;
+}
+
+bool isVisibleFrom(const Eigen::Vector3d& eye_map, const PileTruth::Sample& sample, const PileTruth& truth,
+                   double max_view_angle_rad) {
+  const Eigen::Vector3d to_eye_map = eye_map - sample.p_map;
+  const double distance_m = to_eye_map.norm();
+  if (!(to_eye_map.dot(sample.normal_map) >= distance_m * std::cos(max_view_angle_rad))) {
+    return false;
+  }
+  return std::none_of(truth.bricks.begin(), truth.bricks.end(), [&](const PileBrick& brick) {
+    // A brick is convex: it never hides its own faces.
+    return brick.id != sample.brick_id && hits(sample.p_map, to_eye_map / distance_m, brick, distance_m);
+  });
 }
 
 PileSurface::PileSurface(const PileSurfaceConfig& config) : config_(config), truth_(std::make_shared<PileTruth>()) {
@@ -223,7 +237,8 @@ bool PileSurface::update(const std::vector<PileBrick>& bricks) {
         tracked.witness[i] = findWitness(tracked, sample);
       }
       if (tracked.witness[i] >= 0) {
-        truth->exposed.push_back({id, i, tracked.brick.T_map_brick * sample.p_brick, sample.area_m2});
+        truth->exposed.push_back({id, i, tracked.brick.T_map_brick * sample.p_brick,
+                                  tracked.brick.T_map_brick.linear() * sample.normal_brick, sample.area_m2});
       }
     }
   }

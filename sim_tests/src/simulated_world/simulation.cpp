@@ -255,7 +255,9 @@ Simulation::Simulation(const SimulationConfig& config)
   scanner_frame_ = profile.scanner.frame;
   scan_rate_hz_ = profile.scanner.rate_hz;
 
-  judge_ = std::make_unique<Judge>(config.judge);
+  JudgeConfig judge = config.judge;
+  judge.lookouts.height_m = camera_->opticalPose(world_->data()).translation().z() - judge.pile.ground_height_m;
+  judge_ = std::make_unique<Judge>(judge);
   Tick nothing;
   observe(&nothing);
 }

@@ -201,7 +201,7 @@ def make_run_folder(folder, bricks=20, seed=1):
                                       "".join(f"{t:.3f},{s},{f},{d},{c},{cov},{pre},{dist:.3f}\n" for t, s, f, d, c, cov, pre, dist in table), encoding="utf-8")
     judge = {"start_time_s": START_S, "end_time_s": now[0] + 0.01, "bricks_total": bricks, "stowed": judged["stowed"], "falls": judged["falls"],
              "dropped": judged["dropped"], "collisions": judged["collisions"], "max_collision_force_N": 0.0, "coverage": judged["coverage"],
-             "precision": judged["precision"], "exposed_area_m2": 3.1, "covered_area_m2": 3.0, "surfaces_judged": 400, "surfaces_refused": 0,
+             "precision": judged["precision"], "exposed_area_m2": 3.1, "coverable_area_m2": 3.038, "covered_area_m2": 3.0, "surfaces_judged": 400, "surfaces_refused": 0,
              "distance_m": judged["distance"]}
     (folder / "judge.json").write_text(json.dumps(judge, indent=2), encoding="utf-8")
     summary = {"scene": "one_heap", "seed": seed, "strategy": "gpis", "removed_factor": "", "bricks_total": None, "bricks_picked": counts["bricks_picked"],

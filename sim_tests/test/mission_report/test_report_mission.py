@@ -105,6 +105,8 @@ class ReportMission(unittest.TestCase):
         self.assertEqual((summary["bricks_stowed"], summary["bricks_picked"], summary["bricks_total"]), (4, 4, 4))
         self.assertEqual((summary["falls"], summary["collisions"], summary["drops"]), (made.falls, 0, 0))
         self.assertAlmostEqual(summary["map_coverage"], made.coverage)
+        self.assertAlmostEqual(summary["map_coverable"], 0.98)  # of run_folder's areas
+        self.assertIn("could have seen 98.0 %", done.stdout)
         self.assertAlmostEqual(summary["map_precision"], made.precision, places=4)  # as the table has it
         self.assertEqual(sum(summary["failures"].values()), made.failures)
         self.assertEqual(summary["end_reason"], "no_brick_left")
@@ -128,6 +130,7 @@ class ReportMission(unittest.TestCase):
         table = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], stdout=subprocess.PIPE, text=True,
                                check=True).stdout
         self.assertIn("| map | 160 | 122 | 152 | +60 |", table)
+        self.assertIn("| 98.0 |", table)  # coverable
         # What is no summary is named, and the table is of the others.
         broken = {"list": "[]", "null": '{"bricks_picked": null, "bricks_total": 4}', "scene": '{"scene": ["one_heap"]}',
                   "factor": '{"removed_factor": {}}'}

@@ -113,6 +113,55 @@ TEST_F(JudgeTest, ExposedAreaIsWhatCanBeSeen) {
   EXPECT_NEAR(report().exposed_area_m2, 3.0 * kTop_m2 + 3.0 * kSides_m2, 1e-12);
 }
 
+TEST_F(JudgeTest, AllThatIsExposedOfBricksApartIsCoverable) {
+  hold(0.1);
+  EXPECT_NEAR(report().coverable_area_m2, report().exposed_area_m2, 1e-12);
+}
+
+TEST(JudgeLookouts, DepthOfACleftIsExposedAndNotCoverable) {
+  // Two rows of bricks, long faces 2 cm apart: from above one looks down between them, from a camera 3 m away not so
+  // deep.
+  ObservedWorld world;
+  JudgeConfig config;
+  config.lookouts.clearance_m = 3.0;
+  config.lookouts.margin_m = 4.0;
+  Judge judge(config);
+  for (int i = 0; i < 5; ++i) {
+    world.add(2 * i, {0.3 * i, 0.0, 0.05});
+    world.add(2 * i + 1, {0.3 * i, 0.17, 0.05});
+  }
+  world.now.time_s += 0.1;
+  judge.observe(world.now);
+  const JudgeReport before = judge.report();
+  const double deep_m2 = before.exposed_area_m2 - before.coverable_area_m2;
+  // Of ten faces of 0.3 m, 2 to 6 of 10 cm: 80 degrees onto a face at least, 24 degrees above the ground at most 5 cm of
+  // the cleft's depth, straight from above nearly all of it.
+  EXPECT_GT(deep_m2, 10.0 * 0.3 * 0.02);
+  EXPECT_LT(deep_m2, 10.0 * 0.3 * 0.06);
+  // With one row taken away the other's faces stand open: coverable is what ever was.
+  for (int i = 0; i < 5; ++i) world.brick(2 * i + 1).status = BrickStatus::kStowed;
+  for (int i = 0; i < 20; ++i) {
+    world.now.time_s += 0.1;
+    judge.observe(world.now);
+  }
+  const JudgeReport after = judge.report();
+  // Half of the deep faces; the grid does not lie evenly about the two rows.
+  EXPECT_NEAR(after.exposed_area_m2 - after.coverable_area_m2, 0.5 * deep_m2, 0.1 * deep_m2);
+}
+
+TEST(JudgeLookouts, NobodyStandsOnTheBricks) {
+  // No place is free within the grid: nobody sees anything.
+  ObservedWorld world;
+  JudgeConfig config;
+  config.lookouts.clearance_m = 20.0;
+  Judge judge(config);
+  world.add(1, {0.0, 0.0, 0.05});
+  world.now.time_s += 0.1;
+  judge.observe(world.now);
+  EXPECT_GT(judge.report().exposed_area_m2, 0.1);
+  EXPECT_EQ(judge.report().coverable_area_m2, 0.0);
+}
+
 TEST_F(JudgeTest, CoverageIsTheShareOfExposedAreaNearTheSurface) {
   hold(0.1);
   EXPECT_EQ(judge.judgeSurface(topOf({0.0, 0.0, 0.15}, 0.1)), SurfaceVerdict::kJudged);

@@ -178,6 +178,53 @@ TEST(PileSurface, AgreesWithWalkingAlongEveryLine) {
   EXPECT_LE(num_different, num_samples / 200);
 }
 
+TEST(IsVisibleFrom, AgreesWithWalkingToTheEye) {
+  SeededRandom random(11);
+  const double max_view_angle_rad = 1.4;
+  std::size_t num_seen = 0;
+  std::size_t num_in_the_way = 0;
+  std::size_t num_different = 0;
+  std::size_t num_asked = 0;
+  for (int repeat = 0; repeat < 3; ++repeat) {
+    PileSurface surface{PileSurfaceConfig()};
+    surface.update(tangle(10, random));
+    const PileTruth& truth = *surface.truth();
+    // One of the eyes stands close to the pile: what is behind it hides nothing.
+    for (const Eigen::Vector3d eye_map : {Eigen::Vector3d(1.2, 0.3, 0.9), Eigen::Vector3d(-0.1, -0.2, 0.8)}) {
+      for (std::size_t i = 0; i < truth.exposed.size(); i += 20) {
+        const PileTruth::Sample& sample = truth.exposed[i];
+        const Eigen::Vector3d way_map = eye_map - sample.p_map;
+        bool is_seen = std::acos(way_map.normalized().dot(sample.normal_map)) <= max_view_angle_rad;
+        bool is_in_the_way = false;
+        for (double s = 0.001; is_seen && !is_in_the_way && s < way_map.norm(); s += 0.002) {
+          for (const PileBrick& brick : truth.bricks) {
+            is_in_the_way = is_in_the_way ||
+                            (brick.id != sample.brick_id && isInside(brick, sample.p_map + s * way_map.normalized()));
+          }
+        }
+        is_seen = is_seen && !is_in_the_way;
+        ++num_asked;
+        num_seen += is_seen ? 1 : 0;
+        num_in_the_way += is_in_the_way ? 1 : 0;
+        num_different += is_seen != isVisibleFrom(eye_map, sample, truth, max_view_angle_rad) ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_GT(num_seen, num_asked / 10);
+  EXPECT_GT(num_in_the_way, num_asked / 10);
+  EXPECT_LE(num_different, num_asked / 200);  // a walk steps over corners shorter than its step
+}
+
+TEST(IsVisibleFrom, WhatIsBehindTheEyeHidesNothing) {
+  PileSurface surface{PileSurfaceConfig()};
+  surface.update({brickAt(0, {0.0, 0.0, 0.05}), brickAt(1, {0.5, 0.0, 0.05})});
+  for (const PileTruth::Sample& sample : surface.truth()->exposed) {
+    if (sample.brick_id != 0 || sample.normal_map.x() < 0.9) continue;
+    EXPECT_TRUE(isVisibleFrom({0.3, sample.p_map.y(), sample.p_map.z()}, sample, *surface.truth(), 1.4));
+    EXPECT_FALSE(isVisibleFrom({0.7, sample.p_map.y(), sample.p_map.z()}, sample, *surface.truth(), 1.4));
+  }
+}
+
 TEST(PileSurface, UpdatingGivesWhatANewSurfaceGives) {
   SeededRandom random(11);
   PileSurfaceConfig config;
