@@ -194,7 +194,9 @@ void addFailures(const MissionState& state, MissionView* view) {
     MissionView::Failure row;
     row.when = durationInWords((state.header.stamp - failure.stamp).toSec()) + " ago";
     row.what = stateInWords(failure.state) + ": " + failure.event;
-    row.then = failure.reason;
+    // Which face, joint or place it was stands in brackets, and in the log.
+    row.then = failure.reason.substr(0, failure.reason.find(" ("));
+    if (row.then != failure.reason) row.hint = failure.reason;
     view->failures.push_back(row);
   }
 }

@@ -38,7 +38,8 @@ struct MissionView {
   struct Failure {
     std::string when;  // "35 s ago"
     std::string what;  // state and what came back
-    std::string then;  // what followed, or why
+    std::string then;  // what followed, or why; short
+    std::string hint;  // the same as it was told; empty: `then` is all
   };
 
   bool is_live{false};  // else all but the buttons is greyed out

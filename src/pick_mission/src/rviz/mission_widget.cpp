@@ -8,6 +8,7 @@
 #include <QGridLayout>
 #include <QHBoxLayout>
 #include <QScrollArea>
+#include <QStringList>
 #include <QVBoxLayout>
 
 #include "brick_strip.h"
@@ -347,12 +348,15 @@ void MissionWidget::display(const MissionView& view) {
   view_text_->setText(text(view.view_text));
   bars_->setBars(view.bars);
   QString failures = html(view.failures_text);
+  QStringList hints;
   for (const MissionView::Failure& failure : view.failures) {
     failures += QString("<div style=\"margin-top:3px\"><b>%1</b>: %2").arg(html(failure.when), html(failure.what));
     if (!failure.then.empty()) failures += QString("<br/>&rarr; %1").arg(html(failure.then));
     failures += "</div>";
+    if (!failure.hint.empty()) hints += QString("<b>%1</b>: %2").arg(html(failure.when), html(failure.hint));
   }
   failures_->setText(failures);
+  failures_->setToolTip(hints.join("<br/>"));
   setVisibleIfAny(run_, view.run);
 }
 

@@ -314,7 +314,18 @@ TEST(MissionView, FailuresTellWhenWhatAndWhatFollowed) {
   EXPECT_EQ(view.failures[0].when, "1 min 15 s ago");
   EXPECT_EQ(view.failures[0].what, "planning a pick: no path found");
   EXPECT_EQ(view.failures[0].then, "no way found from here");
+  EXPECT_TRUE(view.failures[0].hint.empty());
   EXPECT_EQ(view.failures[1].when, "0 s ago");
+}
+
+TEST(MissionView, WhatAFailureHasInBracketsIsItsHint) {
+  MissionState state = stateOf(MissionState::LOOK);
+  state.last_failures.resize(1);
+  state.last_failures[0].reason = "the straight way is not free (face +z of brick 19 (self 216); one more)";
+  const MissionView view = fresh(state);
+  ASSERT_THAT(view.failures, SizeIs(1));
+  EXPECT_EQ(view.failures[0].then, "the straight way is not free");
+  EXPECT_EQ(view.failures[0].hint, state.last_failures[0].reason);
 }
 
 TEST(MissionView, TellsWhichRunItIs) {

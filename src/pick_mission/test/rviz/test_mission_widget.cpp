@@ -315,6 +315,7 @@ TEST_F(MissionWidgetTest, FitsItsWidthWhateverTheWords) {
   state.failures = 1;
   state.last_failures.resize(1);
   state.last_failures[0].event = "<b>" + std::string(100, 'z') + "</b>";
+  state.last_failures[0].reason = "not free (<i>of brick 3</i>)";
   for (int id = 0; id < 60; ++id) {
     MissionBrick brick;
     brick.id = id;
@@ -330,6 +331,7 @@ TEST_F(MissionWidgetTest, FitsItsWidthWhateverTheWords) {
   EXPECT_LE(strip->width(), 360);
   EXPECT_GE(strip->height(), 20 * (60 * 20 / 360));
   EXPECT_THAT(text("failures"), HasSubstr("&lt;b&gt;")) << "words are not markup";
+  EXPECT_THAT(widget_->findChild<QLabel*>("failures")->toolTip().toStdString(), HasSubstr("&lt;i&gt;of"));
   for (const char* name : {"start", "pause", "stop", "hold"}) {
     EXPECT_GE(button(name)->width(), button(name)->fontMetrics().horizontalAdvance(button(name)->text())) << name;
     EXPECT_TRUE(widget_->rect().contains(button(name)->geometry().translated(button(name)->parentWidget()->pos())));
