@@ -67,6 +67,11 @@ class ScriptRefusals(unittest.TestCase):
         for fine in (("--time-limit", "1"), ("--time-limit", "86400.0"), ("--seed", "0"), ("--seed", "2147483647"), ("--camera-rate", "0.2"),
                      ("--camera-rate", "60")):
             self.refused(1, "was not made by scripts/run_mission: not deleted", *mission(*fine))
+        for argument in ("a.*:=1", "sc:=x y", "x", ":=1", "Scene:=1"):
+            self.refused(2, f"{argument} after --, must be ARGUMENT:=VALUE" if argument != "sc:=x y" else "no argument sc", *mission("--", argument))
+        for name in ("run_folder", "scene", "seed", "strategy", "clock"):
+            self.refused(2, f"an option of this script sets {name}", *mission("--", f"{name}:=1"))
+        self.refused(1, "was not made by scripts/run_mission: not deleted", *mission("--", "record:=true"))
         self.assertTrue((run / "kept").exists())
 
     def test_run_mission_wants_every_node_built(self):

@@ -76,6 +76,15 @@ Pose2d poseFrom(const nlohmann::json& json) {
   return {json.at(0).get<double>(), json.at(1).get<double>(), json.at(2).get<double>()};
 }
 
+int countFrom(const nlohmann::json& saved, const char* key) {
+  const auto count = saved.at(key).get<std::int64_t>();
+  if (count < 0 || count > std::numeric_limits<int>::max()) {
+    throw std::invalid_argument(std::string(key) + " = " + std::to_string(count) + ", must be in [0, " +
+                                std::to_string(std::numeric_limits<int>::max()) + "]");
+  }
+  return static_cast<int>(count);
+}
+
 }  // namespace
 
 class MissionMachine::Impl {
@@ -714,7 +723,7 @@ std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
   switch (row.to) {
     case State::kBegin:
       if (state_ == State::kPick || state_ == State::kLetGo) {
-        text << counts().bricks_picked << " bricks picked so far: the arm out of the view, and a fresh look";
+        text << counts().bricks_picked << " picked so far: the arm out of the view, and a fresh look";
       } else {
         text << "the arm out of the view, and a fresh look";
       }
@@ -1104,22 +1113,23 @@ void MissionMachine::Impl::restore(const nlohmann::json& saved) {
     is_hold_given_ = saved.at("is_hold_given").get<bool>();
     is_let_go_open_ = saved.at("is_let_go_open").get<bool>();
     used_s_ = saved.at("used_s").get<double>();
+    if (!(used_s_ >= 0.0)) throw std::invalid_argument("used_s = " + std::to_string(used_s_) + " s, must be >= 0 s");
     if (!saved.at("start_pose").is_null()) start_pose_ = poseFrom(saved.at("start_pose"));
     base_ = poseFrom(saved.at("base"));
-    survey_index_ = saved.at("survey_index").get<std::size_t>();
+    survey_index_ = static_cast<std::size_t>(countFrom(saved, "survey_index"));
     is_round_planned_ = saved.at("is_round_planned").get<bool>();
     for (const nlohmann::json& place : saved.at("round")) round_.push_back(poseFrom(place));
     if (!saved.at("brick_in_hand").is_null()) brick_in_hand_ = saved.at("brick_in_hand").get<int>();
-    nameless_picked_ = saved.at("nameless_picked").get<int>();
-    scene_ = saved.at("scene").get<int>();
-    views_ = saved.at("views").get<int>();
-    picks_begun_ = saved.at("picks_begun").get<int>();
-    fruitless_views_ = saved.at("fruitless_views").get<int>();
-    low_utility_views_ = saved.at("low_utility_views").get<int>();
-    vantage_drives_ = saved.at("vantage_drives").get<int>();
-    fade_waits_ = saved.at("fade_waits").get<int>();
+    nameless_picked_ = countFrom(saved, "nameless_picked");
+    scene_ = countFrom(saved, "scene");
+    views_ = countFrom(saved, "views");
+    picks_begun_ = countFrom(saved, "picks_begun");
+    fruitless_views_ = countFrom(saved, "fruitless_views");
+    low_utility_views_ = countFrom(saved, "low_utility_views");
+    vantage_drives_ = countFrom(saved, "vantage_drives");
+    fade_waits_ = countFrom(saved, "fade_waits");
     streaks_ = saved.at("streaks").get<std::array<int, kNumStates>>();
-    last_id_ = saved.at("last_id").get<std::uint64_t>();
+    last_id_ = static_cast<std::uint64_t>(countFrom(saved, "last_id"));
     for (const nlohmann::json& zone : saved.at("excluded")) {
       excluded_.push_back({{zone.at(0).get<double>(), zone.at(1).get<double>()}, zone.at(2).get<double>()});
     }
