@@ -93,7 +93,7 @@ def sentences(run, summary):
     if coverage:
         coverable = share(summary.get("map_coverable"))
         words.append(f"The map covered {coverage} of the bricks' surface that ever was exposed" +
-                     (f" (a camera on the mast, everywhere at once, could have seen {coverable})" if coverable else "") +
+                     (f" ({coverable} could have been seen from the mast; what is within 2 cm of the map counts, too)" if coverable else "") +
                      (f"; {precision} of what it holds of the pile is true." if precision else "."))
     reason = summary.get("end_reason")
     if reason == "crashed":

@@ -22,7 +22,7 @@ sys.path[:0] = [str(HERE), str(SCRIPTS)]
 import mission_run  # noqa: E402
 import run_folder  # noqa: E402
 
-KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_picked", "bricks_stowed", "map_coverage", "map_precision", "falls",
+KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_picked", "bricks_stowed", "map_coverage", "map_coverable", "map_precision", "falls",
         "collisions", "sim_seconds", "wall_seconds", "views", "end_reason", "failures"}
 
 
@@ -106,7 +106,7 @@ class ReportMission(unittest.TestCase):
         self.assertEqual((summary["falls"], summary["collisions"], summary["drops"]), (made.falls, 0, 0))
         self.assertAlmostEqual(summary["map_coverage"], made.coverage)
         self.assertAlmostEqual(summary["map_coverable"], 0.98)  # of run_folder's areas
-        self.assertIn("could have seen 98.0 %", done.stdout)
+        self.assertIn("98.0 % could have been seen from the mast; what is within 2 cm of the map counts, too", done.stdout)
         self.assertAlmostEqual(summary["map_precision"], made.precision, places=4)  # as the table has it
         self.assertEqual(sum(summary["failures"].values()), made.failures)
         self.assertEqual(summary["end_reason"], "no_brick_left")
@@ -243,6 +243,57 @@ class ReportMission(unittest.TestCase):
         done = self.report()
         self.assertEqual(done.returncode, 0, done.stderr)
         self.page()
+
+    def test_judges_figures_that_are_none_are_unknown(self):
+        self.make_without_maps()
+        judge = json.loads((self.folder / "judge.json").read_text())
+        for exposed_m2, coverable_m2 in (("3.1", 3.0), (3.1, "3.0"), (0.0, 3.0), (-3.1, -3.0), (math.nan, 3.0), (3.1, math.inf), (3.1, None), ([], 1), (1e-300, 1e300)):
+            (self.folder / "judge.json").write_text(json.dumps({**judge, "exposed_area_m2": exposed_m2, "coverable_area_m2": coverable_m2}))
+            self.assertIsNone(mission_run.merged_summary(mission_run.Run(self.folder))["map_coverable"], (exposed_m2, coverable_m2))
+        (self.folder / "judge.json").write_text(json.dumps({**judge, "stowed": -1, "falls": -2, "collisions": 10**400, "coverage": "all", "distance_m": 10**400}))
+        done = self.report("--summary-only")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        summary = self.summary()
+        self.assertEqual([summary[key] for key in ("bricks_stowed", "falls", "collisions", "map_coverage", "distance_m")], [None] * 5)
+        self.assertIn("4 of 4 bricks picked, by the mission's own count", done.stdout)
+
+    def test_tables_that_are_damaged_give_the_rows_that_are_whole(self):
+        self.make_without_maps()
+        path, memory = self.folder / "judge.csv", self.folder / "memory.csv"
+        rows = path.read_text()
+        memory.write_text("time_s,node,resident_mb\n" + "".join(f"{time_s},map,{time_s}\n" for time_s in range(101)))
+        first = mission_run.merged_summary(mission_run.Run(self.folder))
+        self.assertIn("map", first["memory"])
+        for damage in (b"\0" * 200000, b"x" * 200000, b"nan,9,9,9,9,1,1,9", b"inf,9,9,9,9,1,1,9", b"1e999,9,9,9,9,1,1,9"):
+            for text in (rows.encode() + damage, rows.encode().replace(b"\n", b"\n" + damage + b"\n", 1)):
+                path.write_bytes(text)
+                run = mission_run.Run(self.folder)
+                self.assertIn(f"judge.csv: 1 of {len(rows.splitlines())} rows cannot be read", run.notes)
+                self.assertEqual(mission_run.merged_summary(run), first)
+        text = memory.read_bytes()
+        memory.write_bytes(text + b"\0" * 200000)
+        self.assertEqual(mission_run.merged_summary(mission_run.Run(self.folder)), first)
+        path.write_text(rows.replace("falls", "stowed", 1))
+        table = mission_run.Run(self.folder).table
+        self.assertEqual({len(column) for column in table.values()}, {len(rows.splitlines()) - 1})
+
+    def test_json_that_python_cannot_hold_is_named(self):
+        self.make_without_maps()
+        deep = {depth: "[" * depth + "]" * depth for depth in (100000, 900, 60)}
+        for depth, text in deep.items():
+            (self.folder / "mission_state.json").write_text(f'{{"bricks": {text}}}')
+            (self.folder / "events.jsonl").write_text(f'{{"event": "fall", "brick": {text}}}\n')
+            run = mission_run.Run(self.folder)
+            self.assertEqual((run.bricks, run.events), ([], []))
+            self.assertIn("mission_state.json cannot be read: nested too deeply", run.notes, depth)
+        row = {"time_s": 10**400, "state": ["look"], "event": "x", "bricks_picked": 10**400, "failures": 10**400}
+        with open(self.folder / "mission.jsonl", "a", encoding="utf-8") as log:
+            log.write(json.dumps(row) + "\n" + json.dumps({**row, "time_s": 1e4}) + "\n")
+        for name in ("world_1.2.3_001.png", "world_._001.png", "world_.5_001.png"):
+            (self.folder / "pictures" / name).write_bytes(b"")
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn("world_", done.stdout)
 
     def test_words_that_are_none_are_told_and_left_out(self):
         self.make_without_maps()
