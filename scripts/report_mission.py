@@ -137,18 +137,14 @@ def draw_maps(run, out):
     """[(seconds, count, picture)]: the map at the stages, all from one place and in one scale of colours."""
     drawn, reference = [], None
     for seconds, count, path in pick_stages(run.maps, "map"):
-        try:
-            mesh = render_mesh.read_ply(path)
-        except render_mesh.MeshError as error:
-            run.notes.append(f"a map cannot be drawn: {error}")
-            continue
-        if reference is None:
-            reference = mesh
-            middle, distance = pile_frame(mesh)
         picture = out / (path.stem + ".png")
         try:
+            mesh = render_mesh.read_ply(path)
+            if reference is None:
+                middle, distance = pile_frame(mesh)
+                reference = mesh
             render_mesh.render([mesh], [""], picture, reference, [*MAP_VIEW, distance], middle, "height", None, (800, 450), panel_may_shrink=False)
-        except (render_mesh.MeshError, ValueError) as error:
+        except (render_mesh.MeshError, ValueError, LookupError) as error:
             run.notes.append(f"{path.name} cannot be drawn: {error}")
             continue
         drawn.append((seconds, count, picture))

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 import rosunit
 
@@ -20,6 +21,7 @@ SCRIPTS = HERE.parents[2] / "scripts"
 sys.path[:0] = [str(HERE), str(SCRIPTS)]
 
 import mission_run  # noqa: E402
+import report_mission  # noqa: E402
 import run_folder  # noqa: E402
 
 KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_picked", "bricks_stowed", "map_coverage", "map_coverable", "map_precision", "falls",
@@ -133,7 +135,8 @@ class ReportMission(unittest.TestCase):
         self.assertIn("| 98.0 |", table)  # coverable
         # What is no summary is named, and the table is of the others.
         broken = {"list": "[]", "null": '{"bricks_picked": null, "bricks_total": 4}', "scene": '{"scene": ["one_heap"]}',
-                  "factor": '{"removed_factor": {}}'}
+                  "factor": '{"removed_factor": {}}', "deep": "[" * 100000, "large": '{"falls": 1' + "0" * 400 + "}",
+                  "picked": '{"bricks_total": 4, "bricks_picked": 1' + "0" * 400 + "}"}
         for name, text in broken.items():
             (self.folder.parent / name).mkdir()
             (self.folder.parent / name / "summary.json").write_text(text)
@@ -294,6 +297,27 @@ class ReportMission(unittest.TestCase):
         done = self.report()
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertNotIn("world_", done.stdout)
+
+    def test_map_whose_header_tells_more_than_there_is_is_left_out(self):
+        self.make(2)
+        first, *others = sorted((self.folder / "pictures").glob("*.ply"))
+        text = first.read_bytes()
+        count = text.split(b"element vertex ")[1].split()[0]
+        for other in others:
+            other.unlink()
+        ascii_header = b"ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
+        for number, broken in enumerate((text.replace(b"vertex " + count, b"vertex 99999999999", 1), text.replace(b"vertex " + count, b"vertex -5", 1), ascii_header,
+                                         text.replace(b"property float y", b"property float x", 1), text[:300])):
+            (first.parent / f"map_{number:09.3f}_000.ply").write_bytes(broken)
+        run = mission_run.Run(self.folder)
+        out = self.folder / "report"
+        out.mkdir()
+        with unittest.mock.patch("report_mission.pick_stages", lambda entries, wanted: entries):
+            drawn = report_mission.draw_maps(run, out)
+        self.assertEqual([picture.stem for _, _, picture in drawn], [first.stem])
+        self.assertEqual(len(run.notes), 5, run.notes)
+        for number, note in enumerate(run.notes):
+            self.assertIn(f"map_{number:09.3f}_000.ply", note)
 
     def test_words_that_are_none_are_told_and_left_out(self):
         self.make_without_maps()

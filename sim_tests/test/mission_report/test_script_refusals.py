@@ -116,7 +116,7 @@ class ScriptRefusals(unittest.TestCase):
         tree = self.folder / "tree"
         if not tree.exists():
             (tree / "scripts").mkdir(parents=True)
-            for name in ("campaign", "table_campaign.py"):
+            for name in ("campaign", "table_campaign.py", "mission_run.py"):
                 shutil.copy(SCRIPTS / name, tree / "scripts")
             nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))
             (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
