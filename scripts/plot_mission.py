@@ -100,6 +100,13 @@ def is_candidate(segment):
     return segment.get("verdict") in (0, "candidate", "CANDIDATE")
 
 
+def spot_of(segment):
+    """[x, y] of its midpoint [m], or None."""
+    midpoint = segment.get("midpoint") if isinstance(segment, dict) else None
+    spot = [number(value) for value in midpoint[:2]] if isinstance(midpoint, list) else []
+    return spot if len(spot) == 2 and np.all(np.isfinite(spot)) else None
+
+
 def plot_utilities(run, out):
     """What each choice of a view was made from. False if there was none."""
     if not run.selections:
@@ -120,7 +127,7 @@ def plot_utilities(run, out):
             upper.plot(index + 1 + spread, utilities, linestyle="none", marker="o", markersize=3.2, color="#8fb3c9", alpha=0.55, markeredgewidth=0)
             upper.plot([index + 0.72, index + 1.28], [np.median(utilities)] * 2, color=MUTED, linewidth=1.2)
         best = mission_run.count_of(selection.get("best"))
-        if best is not None and 0 <= best < len(segments):
+        if best is not None and best < len(segments):
             segment = segments[best]
             # The best of them is told also where it was not worth going to.
             (chosen if selection.get("outcome", 0) == 0 else refused).append((index + 1, number(segment.get("utility"))))
@@ -181,8 +188,11 @@ def plot_time(run, out):
                                          gridspec_kw={"height_ratios": [1.0, 0.42 * len(shown) + 0.2]})
     for from_s, to_s, index in periods:
         strip.axvspan((from_s - start_s) / divisor, (to_s - start_s) / divisor, color=ACTIVITY_COLOURS[index], linewidth=0)
-    stows = [number(event.get("time_s")) - start_s for event in run.events if event.get("event") == "stow"]
-    strip.plot(np.array(stows) / divisor, np.full(len(stows), 1.12), linestyle="none", marker="v", markersize=6, color=INK, clip_on=False)
+    stows = [number(event.get("time_s")) for event in run.events if event.get("event") == "stow"]
+    stows = [(time_s - start_s) / divisor for time_s in stows if start_s <= time_s <= end_s]
+    if stows:
+        triangles, = strip.plot(stows, np.full(len(stows), 1.12), linestyle="none", marker="v", markersize=6, color=INK, clip_on=False)
+        triangles.set_in_layout(False)
     strip.set_ylim(0, 1)
     strip.set_xlim(0, (end_s - start_s) / divisor)
     strip.set_yticks([])
@@ -208,32 +218,29 @@ def plot_time(run, out):
 
 def plot_places(run, out):
     """The outline of the pile from above at the first, a middle and the last choice. False if there was none."""
-    usable = [selection for selection in run.selections if any(is_candidate(s) for s in selection["segments"] if isinstance(s, dict))]
+    usable = [selection for selection in run.selections if any(spot_of(s) and is_candidate(s) for s in selection["segments"])]
     if not usable:
         return False
     picks = sorted({0, len(usable) // 2, len(usable) - 1})
     start_s = run.start_s()
-    spots = np.array([s["midpoint"][:2] for selection in usable for s in selection["segments"]
-                      if isinstance(s, dict) and isinstance(s.get("midpoint"), list) and len(s["midpoint"]) >= 2], dtype=float)
-    if not len(spots):
-        return False
+    spots = np.array([spot_of(s) for selection in usable for s in selection["segments"] if spot_of(s)])
     low, high = spots.min(axis=0) - 0.2, spots.max(axis=0) + 0.2
     highest = max(number(s.get("utility"), 0.0) for selection in usable for s in selection["segments"] if isinstance(s, dict) and is_candidate(s))
     figure, all_axes = plt.subplots(1, len(picks), figsize=(4.2 * len(picks) + 1.0, 4.4), constrained_layout=True, squeeze=False)
     points = None
     for axes, pick in zip(all_axes[0], picks):
         selection = usable[pick]
-        segments = [s for s in selection["segments"] if isinstance(s, dict) and isinstance(s.get("midpoint"), list) and len(s["midpoint"]) >= 2]
-        others = [s["midpoint"][:2] for s in segments if not is_candidate(s)]
+        segments = [s for s in selection["segments"] if spot_of(s)]
+        others = [spot_of(s) for s in segments if not is_candidate(s)]
         candidates = [s for s in segments if is_candidate(s)]
         if others:
             axes.plot(*np.transpose(others), linestyle="none", marker="o", markersize=5, markerfacecolor="white", markeredgecolor="#aaaaaa", label="cannot stand there, or unseen")
-        points = axes.scatter(*np.transpose([s["midpoint"][:2] for s in candidates]), c=[number(s.get("utility"), 0.0) for s in candidates],
+        points = axes.scatter(*np.transpose([spot_of(s) for s in candidates]), c=[number(s.get("utility"), 0.0) for s in candidates],
                               cmap="viridis", vmin=0.0, vmax=max(highest, 1e-6), s=42, zorder=3)
         best = mission_run.count_of(selection.get("best"))
-        if best is not None and 0 <= best < len(selection["segments"]) and isinstance(selection["segments"][best], dict):
-            spot = selection["segments"][best].get("midpoint", [math.nan, math.nan])
-            axes.plot(spot[0], spot[1], marker="o", markersize=15, markerfacecolor="none", markeredgecolor=RED, markeredgewidth=2.2, linestyle="none", label="chosen", zorder=4)
+        spot = spot_of(selection["segments"][best]) if best is not None and best < len(selection["segments"]) else None
+        if spot:
+            axes.plot(*spot, marker="o", markersize=15, markerfacecolor="none", markeredgecolor=RED, markeredgewidth=2.2, linestyle="none", label="chosen", zorder=4)
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         axes.set_aspect("equal")
@@ -254,6 +261,22 @@ def plot_places(run, out):
     return True
 
 
+def draw(run, summary, out):
+    """[path] of the plots there is something for. One that cannot be drawn is a note: the rest is of use without it."""
+    drawn = []
+    for name, plot in (("progress.png", lambda path: plot_progress(run, summary, path)), ("time.png", lambda path: plot_time(run, path)),
+                       ("utilities.png", lambda path: plot_utilities(run, path)), ("places.png", lambda path: plot_places(run, path))):
+        try:
+            if plot(out / name):
+                drawn.append(out / name)
+        except OSError:
+            raise  # nor can the page be written then
+        except Exception as error:  # pylint: disable=broad-except
+            plt.close("all")
+            run.notes.append(f"{name} cannot be drawn: {type(error).__name__}: {' '.join(str(error).split())}")
+    return drawn
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER")
@@ -264,14 +287,18 @@ def main():
         return 1
     run = mission_run.Run(arguments.folder)
     out = arguments.out or arguments.folder / "report"
-    drawn = [name for name, done in (("progress.png", plot_progress(run, mission_run.merged_summary(run), out / "progress.png")),
-                                     ("utilities.png", plot_utilities(run, out / "utilities.png")),
-                                     ("places.png", plot_places(run, out / "places.png")),
-                                     ("time.png", plot_time(run, out / "time.png"))) if done]
+    summary, num_read = mission_run.merged_summary(run), len(run.notes)
+    try:
+        drawn = draw(run, summary, out)
+    except OSError as error:
+        print(f"plot_mission: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    for note in run.notes[num_read:]:
+        print(f"plot_mission: {note}", file=sys.stderr)
     if not drawn:
         print(f"plot_mission: {arguments.folder}: no mission left anything to plot there", file=sys.stderr)
         return 1
-    print("\n".join(str(out / name) for name in drawn))
+    print(*drawn, sep="\n")
     return 0
 
 

@@ -304,11 +304,7 @@ def main():
         write_atomically(folder / "summary.json", json.dumps(json_safe(summary), indent=2) + "\n")
         if not arguments.summary_only:
             out = folder / "report"
-            plots = [out / name for name, done in (("progress.png", plot_mission.plot_progress(run, summary, out / "progress.png")),
-                                                   ("time.png", plot_mission.plot_time(run, out / "time.png")),
-                                                   ("utilities.png", plot_mission.plot_utilities(run, out / "utilities.png")),
-                                                   ("places.png", plot_mission.plot_places(run, out / "places.png"))) if done]
-            write_page(run, summary, plots, draw_maps(run, out), folder / "index.html")
+            write_page(run, summary, plot_mission.draw(run, summary, out), draw_maps(run, out), folder / "index.html")
     except OSError as error:
         print(f"report_mission: {error.filename}: {error.strerror}", file=sys.stderr)
         return 1

@@ -13,7 +13,11 @@ import sys
 import tempfile
 import unittest
 import unittest.mock
+import warnings
 
+import matplotlib.colors
+import matplotlib.image
+import numpy as np
 import rosunit
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -21,6 +25,7 @@ SCRIPTS = HERE.parents[2] / "scripts"
 sys.path[:0] = [str(HERE), str(SCRIPTS)]
 
 import mission_run  # noqa: E402
+import plot_mission  # noqa: E402
 import report_mission  # noqa: E402
 import run_folder  # noqa: E402
 
@@ -231,6 +236,51 @@ class ReportMission(unittest.TestCase):
         again = self.report("--summary-only")
         self.assertEqual(again.returncode, 0)
         self.assertEqual(self.summary(), summary)
+
+    def test_time_is_drawn_with_and_without_stowed_bricks(self):
+        self.make_without_maps()
+        path, out = self.folder / "events.jsonl", self.folder / "time.png"
+        lines = path.read_text()
+        for text in (lines, "", lines.replace('"time_s": ', '"time_s": 9'), lines.replace('"time_s": ', '"time_s": -')):
+            path.write_text(text)
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # that there is no room for anything
+                self.assertTrue(plot_mission.plot_time(mission_run.Run(self.folder), out))
+            picture = matplotlib.image.imread(out)[:, :, :3]
+            # The longest bar: as high as it ought to be, 0.72 of a row, which is 0.42 in of 110 pixels.
+            longest = mission_run.ACTIVITIES[0][0]
+            colour = matplotlib.colors.to_rgb(plot_mission.ACTIVITY_COLOURS[0])
+            self.assertEqual(longest, "drives")
+            bar = np.all(np.abs(picture[len(picture) // 2:] - colour) < 0.02, axis=2)
+            self.assertGreater(bar.any(axis=1).sum(), 15, text)
+
+    def test_plot_that_cannot_be_drawn_is_a_note(self):
+        self.make_without_maps()
+        run, out = mission_run.Run(self.folder), self.folder / "report"
+        with unittest.mock.patch("plot_mission.plot_utilities", side_effect=IndexError("no such\ncolumn")):
+            drawn = plot_mission.draw(run, mission_run.merged_summary(run), out)
+        self.assertEqual([path.name for path in drawn], ["progress.png", "time.png", "places.png"])
+        self.assertEqual(run.notes, ["utilities.png cannot be drawn: IndexError: no such column"])
+
+    def test_rows_and_places_that_are_none_are_not_drawn(self):
+        self.make_without_maps()
+        path = self.folder / "judge.csv"
+        header, *rows = path.read_text().splitlines()
+        path.write_text("\n".join((header.replace("falls", "dropped"), "nan" + rows[0][6:], *rows, "inf" + rows[-1][6:])) + "\n")
+        selections = [json.loads(line) for line in (self.folder / "selections.jsonl").read_text().splitlines()]
+        selections = [row for row in selections if row["segments"]]
+        for row in selections:
+            for segment, midpoint in zip(row["segments"], (["x", "y"], None, 3, [1.0], [None, 1.0], [math.nan, 0.0], {"x": 1.0}, [[0.0], 1.0])):
+                segment["midpoint"] = midpoint
+        for best, row in enumerate(selections):
+            row["best"] = best
+        for segment in selections[-1]["segments"]:
+            segment["midpoint"] = None
+        (self.folder / "selections.jsonl").write_text("".join(json.dumps(row) + "\n" for row in selections))
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn("cannot be drawn", done.stdout)
+        self.assertTrue((self.folder / "report/places.png").exists())
 
     def test_numbers_that_are_none_do_no_harm(self):
         self.make_without_maps()

@@ -200,6 +200,10 @@ class ScriptRefusals(unittest.TestCase):
         self.refused(1, f"{self.folder}: no mission left anything to plot there", "plot_mission.py", self.folder)
         run_folder.make_run_folder(self.folder / "run", 2)
         self.assertEqual(self.run_it(SCRIPTS / "plot_mission.py", self.folder / "run").returncode, 0)
+        shutil.rmtree(self.folder / "run/report")
+        (self.folder / "run/report").write_text("")
+        for script in ("plot_mission.py", "report_mission.py"):
+            self.refused(1, f"{self.folder / 'run/report'}: File exists", script, self.folder / "run")
 
 
 if __name__ == "__main__":
