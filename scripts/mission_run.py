@@ -145,21 +145,22 @@ def count_of(value):
 
 class Run:
     """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv;
-    events, log, selections: lines; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)]."""
+    events, log, selections: lines; is_simulated: or a robot's, which has no judge; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)]."""
 
     def __init__(self, folder):
         self.folder = pathlib.Path(folder)
         self.notes = []
         self.summary = read_json(self.folder / "summary.json", self.notes)
+        self.is_simulated = any((self.folder / name).exists() for name in (".run_mission", "judge.csv", "judge.json", "events.jsonl"))
         self.judge = read_json(self.folder / "judge.json", self.notes)
-        self.table = read_table(self.folder / "judge.csv", self.notes)
-        self.events = read_lines(self.folder / "events.jsonl", []) if (self.folder / "events.jsonl").exists() else []
+        self.table = read_table(self.folder / "judge.csv", self.notes if self.is_simulated else [])
+        self.events = read_lines(self.folder / "events.jsonl", [])
         self.log = [row for row in read_lines(self.folder / "mission.jsonl", self.notes) if math.isfinite(number(row.get("time_s")))]
         self.selections = [row for row in read_lines(self.folder / "selections.jsonl", self.notes) if isinstance(row.get("segments"), list)]
         self.bricks = self._bricks(read_json(self.folder / "mission_state.json", self.notes))
         self.world_pictures = self._pictures("world", "png")
         self.maps = self._pictures("map", "ply")
-        if not (self.folder / "judge.json").exists():
+        if self.is_simulated and not (self.folder / "judge.json").exists():
             self.notes.append("judge.json is missing: the simulator did not end by itself" + ("; its totals are from judge.csv" if self.table else ""))
 
     def _bricks(self, state):
@@ -188,6 +189,9 @@ class Run:
             return self.table["time_s"][0]
         begun = [number(row["time_s"]) for row in self.log]
         return number(self.judge.get("start_time_s"), begun[0] if begun else 0.0)
+
+    def clock(self):
+        return "simulated time" if self.is_simulated else "time"
 
     def mission_begun_s(self):
         """ROS time at which the mission was started."""

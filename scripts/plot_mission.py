@@ -40,27 +40,30 @@ def save(figure, out):
     plt.close(figure)
 
 
-def time_unit(seconds):
+def time_unit(seconds, clock):
     """(divisor, label) that make a nice axis."""
-    return (60.0, "simulated time [min]") if seconds > 180.0 else (1.0, "simulated time [s]")
+    return (60.0, f"{clock} [min]") if seconds > 180.0 else (1.0, f"{clock} [s]")
 
 
 def plot_progress(run, summary, out):
-    """As the paper's Fig. 7: bricks over time, and how much of the pile the map had. False if there is nothing to plot."""
-    table = run.table
-    if not table.get("time_s"):
+    """As the paper's Fig. 7: bricks over time, and how much of the pile the map had; without a judge what the mission counted. False if there
+    is nothing to plot."""
+    table, start_s = run.table, run.start_s()
+    is_judged = bool(table.get("time_s"))
+    told = [(number(row["time_s"]), number(row.get("bricks_picked"))) for row in run.log if math.isfinite(number(row.get("bricks_picked")))]
+    if not is_judged and not told:
         return False
-    start_s = run.start_s()
-    time = np.array(table["time_s"]) - start_s
-    divisor, label = time_unit(time[-1])
+    told_time, picked = np.reshape(told, (-1, 2)).T
+    time = np.array(table["time_s"] if is_judged else told_time) - start_s
+    divisor, label = time_unit(time.max(), run.clock())
     total = mission_run.count_of(summary.get("bricks_total"))
-    figure, (left, right) = plt.subplots(1, 2, figsize=(12.5, 4.6), constrained_layout=True)
+    figure, all_axes = plt.subplots(1, 1 + is_judged, figsize=(12.5, 4.6), constrained_layout=True, squeeze=False)
+    left, *others = all_axes[0]
 
-    stowed = np.array(table.get("stowed", np.zeros(len(time))))
-    left.step(time / divisor, stowed, where="post", color=BLUE, linewidth=2.4, label="stowed (judge)")
-    told = [(number(row["time_s"]) - start_s, number(row.get("bricks_picked"))) for row in run.log if math.isfinite(number(row.get("bricks_picked")))]
-    if told and told[-1][1] != stowed[-1]:
-        left.step([t / divisor for t, _ in told], [n for _, n in told], where="post", color=ORANGE, linewidth=1.4, linestyle="--", label="picked (mission)")
+    stowed = np.array(table.get("stowed", np.zeros(len(time)))) if is_judged else picked
+    left.step(time / divisor, stowed, where="post", color=BLUE, linewidth=2.4, label="stowed (judge)" if is_judged else "picked (mission)")
+    if told and picked[-1] != stowed[-1]:
+        left.step((told_time - start_s) / divisor, picked, where="post", color=ORANGE, linewidth=1.4, linestyle="--", label="picked (mission)")
     if total:
         left.axhline(total, color=MUTED, linewidth=1.0, linestyle=":")
         left.text(0.0, total, f" all {total}", ha="left", va="bottom", fontsize=11, color=MUTED)
@@ -70,11 +73,24 @@ def plot_progress(run, summary, out):
         if times:
             left.plot(np.array(times) / divisor, np.interp(times, time, stowed), linestyle="none", marker=marker, markersize=10, color=colour,
                       markeredgecolor="white", label=f"{words} ({len(times)})")
-    left.set_ylim(0, 1.12 * max(total or 0, stowed.max(), 1))
+    left.set_ylim(0, 1.12 * max(total or 0, 1, *stowed[np.isfinite(stowed)], *picked))
     left.yaxis.get_major_locator().set_params(integer=True)
     left.set_ylabel("bricks", fontsize=12)
     left.set_title("Bricks", fontsize=14, loc="left")
 
+    for right in others:
+        plot_map(table, time / divisor, right)
+    for axes in (left, *others):
+        tidy(axes)
+        axes.set_xlim(0, max(time.max() / divisor, 1e-6))
+        axes.set_xlabel(label, fontsize=12)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=10.5, frameon=False, loc="lower right")
+    save(figure, out)
+    return True
+
+
+def plot_map(table, time, right):
     for name, colour, words in (("coverage", GREEN, "coverage: mapped, of all that was ever exposed"), ("precision", MUTED, "precision: true, of all that is in the map")):
         values = 100.0 * np.array(table.get(name, np.full(len(time), np.nan)))
         if np.isfinite(values).any():
@@ -82,18 +98,10 @@ def plot_progress(run, summary, out):
             if name == "precision" and (values > 0.0).any():
                 there[np.flatnonzero(values > 0.0)[-1] + 1:] = False  # no brick is left: all that a map holds, a crumb, is false
             last = values[there][-1]
-            right.plot(time[there] / divisor, values[there], color=colour, linewidth=2.4 if name == "coverage" else 1.4, label=f"{words} (at the end {last:.1f} %)")
+            right.plot(time[there], values[there], color=colour, linewidth=2.4 if name == "coverage" else 1.4, label=f"{words} (at the end {last:.1f} %)")
     right.set_ylim(0, 105)
     right.set_ylabel("share of the surface [%]", fontsize=12)
     right.set_title("Map against the truth", fontsize=14, loc="left")
-    for axes in (left, right):
-        tidy(axes)
-        axes.set_xlim(0, max(time[-1] / divisor, 1e-6))
-        axes.set_xlabel(label, fontsize=12)
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize=10.5, frameon=False, loc="lower right")
-    save(figure, out)
-    return True
 
 
 def is_candidate(segment):
@@ -162,7 +170,7 @@ def plot_utilities(run, out):
     ticks = np.arange(1, count + 1, step)
     times = [mission_run.duration(number(run.selections[tick - 1].get("time_s")) - start_s).split()[0] for tick in ticks]
     lower.set_xticks(ticks, [f"{tick}\n{time}" for tick, time in zip(ticks, times)])
-    lower.set_xlabel("choice, and its simulated time [min:s]", fontsize=12)
+    lower.set_xlabel(f"choice, and its {run.clock()} [min:s]", fontsize=12)
     lower.set_xlim(0.3, count + 0.7)
     for axes in (upper, lower):
         tidy(axes)
@@ -179,7 +187,7 @@ def plot_time(run, out):
         return False
     start_s = run.start_s()
     end_s = max(to_s for _, to_s, _ in periods)
-    divisor, label = time_unit(end_s - start_s)
+    divisor, label = time_unit(end_s - start_s, run.clock())
     totals = np.zeros(len(ACTIVITIES))
     for from_s, to_s, index in periods:
         totals[index] += to_s - from_s

@@ -77,10 +77,10 @@ def sentences(run, summary):
     else:
         of_all = f" of {total}" if total is not None else ""
         percent = f" ({100.0 * done / total:.0f} %)" if total else ""
-        verb = "stowed" if stowed is not None else "picked, by the mission's own count"
-        time = f" in {duration(summary['sim_seconds'])} of simulated time" if summary.get("sim_seconds") is not None else ""
+        verb = f"stowed{percent}" if stowed is not None else f"picked{percent}, by the mission's own count,"
+        time = f" in {duration(summary['sim_seconds'])} of {run.clock()}" if summary.get("sim_seconds") is not None else ""
         wall = f", {duration(summary['wall_seconds'])} by the wall clock" if summary.get("wall_seconds") is not None else ""
-        words.append(f"{done}{of_all} brick{'' if done == 1 and total in (None, 1) else 's'} {verb}{percent}{time}{wall}.")
+        words.append(f"{done}{of_all} brick{'' if done == 1 and total in (None, 1) else 's'} {f'{verb}{time}{wall}'.rstrip(',')}.")
     if stowed is not None and picked is not None and stowed != picked:
         words.append(f"The mission's own count is {picked}: it differs from the judge's {stowed}.")
     if summary.get("falls") is not None:
@@ -234,7 +234,7 @@ def write_page(run, summary, plots, maps, out):
              card(share(summary.get("map_coverage")) or "?", "of the surface mapped"),
              card("?" if summary.get("falls") is None else summary["falls"], "bricks fell", bad=bool(summary.get("falls"))),
              card("?" if summary.get("collisions") is None else summary["collisions"], "collisions", bad=bool(summary.get("collisions"))),
-             card(duration(summary.get("sim_seconds")), "of simulated time"),
+             card(duration(summary.get("sim_seconds")), f"of {run.clock()}"),
              card("?" if summary.get("views") is None else summary["views"], "places it stood at")]
     body = [f"<h1>Mission {html.escape(name)}</h1>", f'<p class="sub">{html.escape(about or "nothing is known about what it was to do")}</p>',
             f'<p class="words">{html.escape(" ".join(sentences(run, summary)))}</p>', f'<div class="cards">{"".join(cards)}</div>', "<!-- notes -->"]
@@ -244,7 +244,7 @@ def write_page(run, summary, plots, maps, out):
         body.append(f'<details><summary>All pictures of the world ({len(run.world_pictures)})</summary><div class="thumbs">{thumbs}</div></details>')
     body.append("<h2>How it went</h2>")
     captions = {
-        "progress.png": "Left: bricks over time. Right: how much of the bricks' surface that ever was exposed is in the map, and how much of what the map holds of the pile is true.",
+        "progress.png": "Bricks over time." if not run.table else "Left: bricks over time. Right: how much of the bricks' surface that ever was exposed is in the map, and how much of what the map holds of the pile is true.",
         "time.png": "Where the time went.",
         "utilities.png": "Each choice of a place to stand at: what it was chosen from, and what spoke for the chosen one.",
         "places.png": "The pile's outline from above as three choices saw it; the colour is the utility of standing there."}

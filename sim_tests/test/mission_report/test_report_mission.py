@@ -68,9 +68,10 @@ class ReportMission(unittest.TestCase):
 
     def make_without_maps(self):
         """To draw a map takes a second or two."""
-        self.make()
+        made = self.make()
         for path in (self.folder / "pictures").glob("*.ply"):
             path.unlink()
+        return made
 
     def report(self, *options):
         environment = {**os.environ, "MPLCONFIGDIR": str(self.folder.parent / "matplotlib")}
@@ -237,6 +238,21 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(again.returncode, 0)
         self.assertEqual(self.summary(), summary)
 
+    def test_robots_run_without_a_judge_is_drawn_from_the_log(self):
+        made = self.make_without_maps()
+        for name in ("judge.json", "judge.csv", "events.jsonl"):
+            (self.folder / name).unlink()
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(f"{made.picked} bricks picked, by the mission's own count, in ", done.stdout)
+        page = self.page()
+        for word in ("simulat", "judge", "Missing", "Not everything"):
+            self.assertNotIn(word, done.stdout + page.text)
+        self.assertTrue((self.folder / "report/progress.png").exists())
+        self.assertIn("Bricks over time.", page.text)
+        (self.folder / ".run_mission").write_text("")
+        self.assertIn("the simulator did not end by itself", self.report("--summary-only").stdout)
+
     def test_time_is_drawn_with_and_without_stowed_bricks(self):
         self.make_without_maps()
         path, out = self.folder / "events.jsonl", self.folder / "time.png"
@@ -308,7 +324,7 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         summary = self.summary()
         self.assertEqual([summary[key] for key in ("bricks_stowed", "falls", "collisions", "map_coverage", "distance_m")], [None] * 5)
-        self.assertIn("4 of 4 bricks picked, by the mission's own count", done.stdout)
+        self.assertIn("4 of 4 bricks picked (100 %), by the mission's own count, in ", done.stdout)
 
     def test_tables_that_are_damaged_give_the_rows_that_are_whole(self):
         self.make_without_maps()
