@@ -144,24 +144,49 @@ def count_of(value):
 
 
 class Run:
-    """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv;
+    """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv; is_one_of_several: missions
+    of a run, then these are cut to what is this one's;
     events, log, selections: lines; is_simulated: or a robot's, which has no judge; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)]."""
 
     def __init__(self, folder):
         self.folder = pathlib.Path(folder)
         self.notes = []
         self.summary = read_json(self.folder / "summary.json", self.notes)
-        self.is_simulated = any((self.folder / name).exists() for name in (".run_mission", "judge.csv", "judge.json", "events.jsonl"))
-        self.judge = read_json(self.folder / "judge.json", self.notes)
-        self.table = read_table(self.folder / "judge.csv", self.notes if self.is_simulated else [])
-        self.events = read_lines(self.folder / "events.jsonl", [])
+        # The second mission of a run is in mission_2, and so on; the judge's files are of them all.
+        whole, is_later = self.folder, False
+        if re.fullmatch(r"mission_[0-9]+", self.folder.resolve().name) and not (self.folder / "judge.csv").exists():
+            is_later = (self.folder.resolve().parent / "judge.csv").exists()
+            whole = self.folder.resolve().parent if is_later else self.folder
+        self.is_one_of_several = is_later or (self.folder / "mission_2").is_dir()
+        self.is_simulated = any((whole / name).exists() for name in (".run_mission", "judge.csv", "judge.json", "events.jsonl"))
+        self.judge = read_json(whole / "judge.json", self.notes)
+        self.table = read_table(whole / "judge.csv", self.notes if self.is_simulated else [])
+        self.events = read_lines(whole / "events.jsonl", [])
         self.log = [row for row in read_lines(self.folder / "mission.jsonl", self.notes) if math.isfinite(number(row.get("time_s")))]
         self.selections = [row for row in read_lines(self.folder / "selections.jsonl", self.notes) if isinstance(row.get("segments"), list)]
         self.bricks = self._bricks(read_json(self.folder / "mission_state.json", self.notes))
-        self.world_pictures = self._pictures("world", "png")
-        self.maps = self._pictures("map", "ply")
-        if self.is_simulated and not (self.folder / "judge.json").exists():
-            self.notes.append("judge.json is missing: the simulator did not end by itself" + ("; its totals are from judge.csv" if self.table else ""))
+        self.world_pictures = self._pictures(whole, "world", "png")
+        self.maps = self._pictures(whole, "map", "ply")
+        if self.is_simulated and not (whole / "judge.json").exists():
+            self.notes.append("judge.json is missing: " + ("nothing tells how many bricks there were" if self.is_one_of_several else
+                                                           "the simulator did not end by itself" + ("; its totals are from judge.csv" if self.table else "")))
+        if self.is_one_of_several:
+            self._cut_to_mission()
+
+    def _cut_to_mission(self):
+        """Leaves of what is told of a whole run what is of this mission: counts begin with it, areas of the whole are left out."""
+        begin_s, end_s = (number(self.log[index]["time_s"]) for index in (0, -1)) if self.log else (math.inf, -math.inf)
+        times = self.table.get("time_s", [])
+        # From the last row before it: what happens makes a row at once, the first within may have counted already.
+        first = max((index for index, time_s in enumerate(times) if time_s <= begin_s), default=0)
+        rows = [index for index, time_s in enumerate(times) if index >= first and time_s <= end_s]
+        self.table = {name: [column[index] for index in rows] for name, column in self.table.items()}
+        before = {name: column[0] for name, column in self.table.items() if column}
+        for name in {"stowed", "falls", "dropped", "collisions", "distance_m"} & set(before):
+            self.table[name] = [round(value - before[name], 3) for value in self.table[name]]
+        self.judge = {"bricks_total": number(self.judge.get("bricks_total")) - before.get("stowed", math.nan)}
+        self.events = [event for event in self.events if begin_s <= number(event.get("time_s")) <= end_s]
+        self.world_pictures, self.maps = ([entry for entry in entries if begin_s <= entry[0] <= end_s] for entries in (self.world_pictures, self.maps))
 
     def _bricks(self, state):
         """The ledger of bricks, wherever in the mission's saved state it is."""
@@ -174,10 +199,11 @@ class Run:
                     return found
         return []
 
-    def _pictures(self, kind, suffix):
+    @staticmethod
+    def _pictures(folder, kind, suffix):
         pattern = re.compile(rf"{kind}_([0-9]+(?:\.[0-9]+)?)_([0-9]+)\.{suffix}")
         found = []
-        for path in (self.folder / "pictures").glob(f"{kind}_*.{suffix}"):
+        for path in (folder / "pictures").glob(f"{kind}_*.{suffix}"):
             match = pattern.fullmatch(path.name)
             if match:
                 found.append((float(match.group(1)), int(match.group(2)), path))

@@ -95,6 +95,8 @@ def sentences(run, summary):
         words.append(f"The map covered {coverage} of the bricks' surface that ever was exposed" +
                      (f" ({coverable} could have been seen from the mast; what is within 2 cm of the map counts, too)" if coverable else "") +
                      (f"; {precision} of what it holds of the pile is true." if precision else "."))
+    if run.is_one_of_several and run.table:
+        words.append("It is one of several missions of a run: the counts are its own, the coverage is the run's up to its end.")
     reason = summary.get("end_reason")
     if reason == "crashed":
         words.append("The mission did not end by itself: its log breaks off.")

@@ -253,6 +253,49 @@ class ReportMission(unittest.TestCase):
         (self.folder / ".run_mission").write_text("")
         self.assertIn("the simulator did not end by itself", self.report("--summary-only").stdout)
 
+    def test_missions_of_one_run_have_their_own_figures(self):
+        made = self.make_without_maps()
+        judge, rows = json.loads((self.folder / "judge.json").read_text()), (self.folder / "judge.csv").read_text().splitlines()
+        alone = mission_run.merged_summary(mission_run.Run(self.folder))
+        # The same once more, 1000 s later, in mission_2. Between the two the bricks are laid down again, and one falls.
+        later = self.folder / "mission_2"
+        later.mkdir()
+        for name in ("mission.jsonl", "selections.jsonl"):
+            entries = [json.loads(line) for line in (self.folder / name).read_text().splitlines()]
+            (later / name).write_text("".join(json.dumps({**entry, "time_s": entry["time_s"] + 1000.0}) + "\n" for entry in entries))
+        for name in ("summary.json", "mission_state.json"):
+            shutil.copy(self.folder / name, later)
+        events = [json.loads(line) for line in (self.folder / "events.jsonl").read_text().splitlines()]
+        with open(self.folder / "events.jsonl", "a", encoding="utf-8") as stream:
+            for event in ({"time_s": 1005.0, "event": "fall", "brick": 2}, *({**event, "time_s": event["time_s"] + 1000.0} for event in events)):
+                stream.write(json.dumps(event) + "\n")
+        with open(self.folder / "judge.csv", "a", encoding="utf-8") as stream:
+            for line in rows[1:]:
+                time_s, stowed, falls, dropped, collisions, coverage, precision, distance_m = line.split(",")
+                stream.write(f"{float(time_s) + 1000.0:.3f},{stowed},{int(falls) + made.falls + 1},{dropped},{collisions},{coverage or 0.5},{precision},"
+                             f"{float(distance_m) + judge['distance_m']:.3f}\n")
+        (self.folder / "judge.json").write_text(json.dumps({**judge, "falls": 2 * made.falls + 1, "distance_m": 2.0 * judge["distance_m"], "end_time_s": 2000.0}))
+        for folder in (self.folder, later):
+            run = mission_run.Run(folder)
+            summary = mission_run.merged_summary(run)
+            self.assertEqual(run.notes, [])
+            for key in ("bricks_stowed", "bricks_total", "falls", "drops", "collisions", "sim_seconds", "end_reason"):
+                self.assertEqual(summary[key], alone[key], (folder, key))
+            for key in ("distance_m", "map_coverage", "map_precision"):
+                self.assertAlmostEqual(summary[key], alone[key], places=3, msg=(folder, key))
+            self.assertIsNone(summary["map_coverable"], "of the whole run alone")
+            self.assertEqual([event["event"] for event in run.events], [event["event"] for event in events])
+        (self.folder / "judge.json").unlink()  # it is still running
+        self.folder = later
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("4 bricks stowed in ", done.stdout)
+        self.assertIn("one of several missions of a run", done.stdout)
+        self.assertNotIn("simulator", done.stdout)
+        self.assertEqual(len(self.page().addresses), 4, "plots; the pictures are of the first")
+        (later / "mission.jsonl").write_text("")
+        self.assertIn("4 bricks picked, by the mission's own count", self.report("--summary-only").stdout)
+
     def test_time_is_drawn_with_and_without_stowed_bricks(self):
         self.make_without_maps()
         path, out = self.folder / "events.jsonl", self.folder / "time.png"
