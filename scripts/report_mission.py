@@ -99,7 +99,8 @@ def sentences(run, summary):
         words.append("It is one of several missions of a run: the counts are its own, the coverage is the run's up to its end.")
     reason = summary.get("end_reason")
     if reason == "crashed":
-        words.append("The mission did not end by itself: its log breaks off.")
+        has_ended = run.log and run.log[-1].get("decision") == "ended"
+        words.append("It ended, but nothing tells why." if has_ended else "The mission did not end by itself: its log breaks off.")
     elif reason not in (None, "none"):
         message = str(summary.get("end_message") or "").split(" (")[0]  # what is in brackets is in the log
         words.append(f"It ended because {mission_run.END_WORDS.get(reason, reason)}" + (f" ({message})." if message else "."))
@@ -295,15 +296,24 @@ def main():
         return 1
     run = mission_run.Run(folder)
     if not (run.log or run.table or run.judge or run.summary):
-        print(f"report_mission: {folder}: no mission left anything there", file=sys.stderr)
+        print(f"report_mission: {folder}: no mission left anything there that can be read", file=sys.stderr)
         return 1
-    if not run.summary:
+    path, unreadable = folder / "summary.json", folder / "summary.json.unreadable"
+    try:
+        if not run.summary and path.exists():
+            os.replace(path, unreadable)
+    except OSError as error:
+        print(f"report_mission: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    if unreadable.exists():
+        run.notes.insert(0, f"the mission's summary cannot be read, {unreadable.name} is it: its counts are from mission.jsonl")
+    elif not run.summary:
         run.notes.insert(0, "summary.json is missing: the mission did not end by itself; its counts are from mission.jsonl")
     elif run.summary.get("end_reason") == "crashed":
         run.notes.insert(0, "the mission did not write a summary: its counts are from mission.jsonl")
     summary = mission_run.merged_summary(run)
     try:
-        write_atomically(folder / "summary.json", json.dumps(json_safe(summary), indent=2) + "\n")
+        write_atomically(path, json.dumps(json_safe(summary), indent=2) + "\n")
         if not arguments.summary_only:
             out = folder / "report"
             write_page(run, summary, plot_mission.draw(run, summary, out), draw_maps(run, out), folder / "index.html")

@@ -341,6 +341,20 @@ class ReportMission(unittest.TestCase):
         self.assertNotIn("cannot be drawn", done.stdout)
         self.assertTrue((self.folder / "report/places.png").exists())
 
+    def test_summary_that_cannot_be_read_is_kept(self):
+        for text in ('{"scene": "one_heap", "end_rea', "[]", "{}", '{"scene": "one_heap", "failures": ' + "[" * 100000):
+            self.make_without_maps()
+            (self.folder / "summary.json").write_text(text)
+            for _ in range(2):
+                done = self.report("--summary-only")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                self.assertIn("Missing: the mission's summary cannot be read, summary.json.unreadable is it", done.stdout)
+                self.assertNotIn("summary.json is missing", done.stdout)
+                self.assertIn("It ended, but nothing tells why.", done.stdout)
+                self.assertEqual((self.folder / "summary.json.unreadable").read_text(), text)
+                self.assertEqual(self.summary()["bricks_stowed"], 4)
+            shutil.rmtree(self.folder)
+
     def test_numbers_that_are_none_do_no_harm(self):
         self.make_without_maps()
         rows = [json.loads(line) for line in (self.folder / "selections.jsonl").read_text().splitlines()]
