@@ -107,6 +107,29 @@ class ScriptRefusals(unittest.TestCase):
         for fine in (("--removed", "all"), ("--removed", "frontier travel"), ("--removed", ""), ("--seeds", "0 2147483647")):
             self.refused(1, "no summary.json", *campaign, *fine)
 
+    def test_endurance_refuses_seeds_that_no_world_takes(self):
+        kept = self.folder / "endurance/kept"
+        kept.parent.mkdir()
+        kept.write_text("")
+        for seed in ("-5", "2147483648"):
+            done = self.run_it(SCRIPTS / "soak_endurance.py", "--out", self.folder, f"--seed={seed}", "--sim-hours", "0.05")
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(f"--seed {seed}, must be in [0, 2147483647]", done.stderr)
+        done = self.run_it(SCRIPTS / "soak_endurance.py", "--out", self.folder, "--seed", "2147483647", "--sim-hours", "0.05")
+        self.assertIn("--sim-hours 0.05, must be", done.stderr)
+        self.assertTrue(kept.exists())
+
+    def test_recorder_refuses_times_that_are_none(self):
+        for option in ("--wall-limit", "--begin-within", "--gone-after"):
+            for value in ("nan", "-1.0"):
+                done = self.run_it(SCRIPTS / "mission_recorder.py", self.folder / "nope", f"{option}={value}")
+                self.assertEqual(done.returncode, 2, done.stderr)
+                self.assertIn(f"{option} {value}, must be a number of seconds >= 0", done.stderr)
+
+    def test_soak_mission_tells_that_there_is_no_table(self):
+        for option in ("--judge", "--tables"):
+            self.refused(2, f"error: no mission.csv in {self.folder}", "soak_mission.py", "--out", self.folder, option)
+
     def test_soak_calls_a_missing_value_bad_usage(self):
         for option in ("--frames", "--plans", "--picks", "--hours"):
             self.refused(2, f"{option} needs a number", "soak", option)
