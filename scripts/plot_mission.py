@@ -275,8 +275,9 @@ def draw(run, summary, out):
     for name, plot in (("progress.png", lambda path: plot_progress(run, summary, path)), ("time.png", lambda path: plot_time(run, path)),
                        ("utilities.png", lambda path: plot_utilities(run, path)), ("places.png", lambda path: plot_places(run, path))):
         try:
-            if plot(out / name):
-                drawn.append(out / name)
+            with np.errstate(all="ignore"):
+                if plot(out / name):
+                    drawn.append(out / name)
         except OSError:
             raise  # nor can the page be written then
         except Exception as error:  # pylint: disable=broad-except
