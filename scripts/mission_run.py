@@ -144,19 +144,19 @@ def count_of(value):
 
 
 class Run:
-    """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv; is_one_of_several: missions
-    of a run, then these are cut to what is this one's;
-    events, log, selections: lines; is_simulated: or a robot's, which has no judge; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)]."""
+    """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv;
+    events, log, selections: lines; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)];
+    is_simulated: or a robot's, which has no judge; is_one_of_several: missions of a run, whose judge, table, events and pictures are cut to it."""
 
     def __init__(self, folder):
         self.folder = pathlib.Path(folder)
         self.notes = []
         self.summary = read_json(self.folder / "summary.json", self.notes)
         # The second mission of a run is in mission_2, and so on; the judge's files are of them all.
-        whole, is_later = self.folder, False
-        if re.fullmatch(r"mission_[0-9]+", self.folder.resolve().name) and not (self.folder / "judge.csv").exists():
-            is_later = (self.folder.resolve().parent / "judge.csv").exists()
-            whole = self.folder.resolve().parent if is_later else self.folder
+        above = self.folder.resolve().parent
+        has_name = re.fullmatch(r"mission_[0-9]+", self.folder.resolve().name) is not None
+        is_later = has_name and (above / "judge.csv").exists() and not (self.folder / "judge.csv").exists()
+        whole = above if is_later else self.folder
         self.is_one_of_several = is_later or (self.folder / "mission_2").is_dir()
         self.is_simulated = any((whole / name).exists() for name in (".run_mission", "judge.csv", "judge.json", "events.jsonl"))
         self.judge = read_json(whole / "judge.json", self.notes)
