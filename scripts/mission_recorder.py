@@ -308,6 +308,9 @@ def main():
     parser.add_argument("--gone-after", type=float, default=60.0, metavar="S", help="of the wall clock: so long the node may be away, as while it is started anew")
     arguments = parser.parse_args()
 
+    for option in ("wall_limit", "begin_within", "gone_after"):
+        if not getattr(arguments, option) >= 0.0:
+            parser.error(f"--{option.replace('_', '-')} {getattr(arguments, option)}, must be a number of seconds >= 0")
     if not arguments.folder.is_dir():
         parser.error(f"{arguments.folder} is no folder")
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Reads what a mission left in its run folder, however it ended. A module of report_mission.py and plot_mission.py."""
 
-import csv
 import json
 import math
 import pathlib
@@ -18,6 +17,7 @@ ACTIVITIES = (
     ("waits or recovers", ("wait", "recover", "halting")),
     ("is interrupted", ("paused", "held", "idle")),
 )
+MAX_DEPTH = 50  # of JSON; what the mission writes has 5 levels
 FACTORS = ("manipulability", "pick_order", "travel", "uncertainty", "frontier")
 END_WORDS = {
     "no_brick_left": "all bricks are picked and nothing stands above the ground",
@@ -40,9 +40,22 @@ END_WORDS = {
 }
 
 
+def loads(text):
+    """json.loads() that raises ValueError, too, for what is nested so deeply that nobody could walk through it."""
+    try:
+        level = [value := json.loads(text)]
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    for _ in range(MAX_DEPTH):
+        level = [inner for outer in level if isinstance(outer, (dict, list)) for inner in (outer.values() if isinstance(outer, dict) else outer)]
+    if level:
+        raise ValueError("nested too deeply")
+    return value
+
+
 def read_json(path, notes):
     try:
-        value = json.loads(path.read_text(encoding="utf-8", errors="replace"))
+        value = loads(path.read_text(encoding="utf-8", errors="replace"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:
@@ -66,7 +79,7 @@ def read_lines(path, notes):
         if not line.strip():
             continue
         try:
-            row = json.loads(line)
+            row = loads(line)
             if not isinstance(row, dict):
                 raise ValueError("no object")
             rows.append(row)
@@ -81,61 +94,99 @@ def read_lines(path, notes):
     return rows
 
 
+def cells_of(path):
+    """[[cell]] of a CSV file that has no quotes. Not by the csv module: that ends at a long run of NUL bytes, as a power cut leaves it."""
+    return [line.split(",") for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line]
+
+
 def read_table(path, notes):
-    """{column: [number or nan]} of judge.csv; a last line that is cut off is left out."""
+    """{column: [finite number or nan]} of judge.csv, time_s always a number; a last line that is cut off is left out."""
     try:
-        with open(path, newline="", encoding="utf-8", errors="replace") as stream:
-            rows = list(csv.reader(stream))
+        header, *lines = cells_of(path)
     except OSError:
         notes.append(f"{path.name} is missing")
         return {}
-    if len(rows) < 2:
+    except ValueError:
+        lines = []
+    if not lines:
         notes.append(f"{path.name} is empty")
         return {}
-    header, table, broken = rows[0], {name: [] for name in rows[0]}, 0
-    for row in rows[1:]:
+    rows = []
+    for cells in lines:
         try:
-            if len(row) != len(header):
-                raise ValueError("cut off")
-            values = [float(value) if value else math.nan for value in row]
+            row = {name: number(float(cell or "nan")) for name, cell in zip(header, cells)}
         except ValueError:
-            broken += 1
             continue
-        for name, value in zip(header, values):
-            table[name].append(value)
-    if broken:
-        notes.append(f"{path.name}: {broken} of {len(rows) - 1} rows cannot be read")
-    return table
+        if len(cells) == len(header) and math.isfinite(row.get("time_s", 0.0)):
+            rows.append(row)
+    if len(rows) < len(lines):
+        notes.append(f"{path.name}: {len(lines) - len(rows)} of {len(lines)} rows cannot be read")
+    return {name: [row[name] for row in rows] for name in header}
 
 
 def number(value, default=math.nan):
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else default
+    """A finite float, or the default."""
+    try:
+        return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) else default
+    except OverflowError:  # an int of hundreds of digits
+        return default
+
+
+def measure_of(value):
+    """A finite float, or None."""
+    return number(value, None)
 
 
 def count_of(value):
-    """An int, or None if it is none."""
-    value = number(value)
-    return int(value) if math.isfinite(value) else None
+    """An int from 0 on, or None."""
+    value = number(value, -1.0)
+    return int(value) if value >= 0.0 else None
 
 
 class Run:
     """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv;
-    events, log, selections: lines; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)]."""
+    events, log, selections: lines; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)];
+    is_simulated: or a robot's, which has no judge; is_one_of_several: missions of a run, whose judge, table, events and pictures are cut to it."""
 
     def __init__(self, folder):
         self.folder = pathlib.Path(folder)
         self.notes = []
         self.summary = read_json(self.folder / "summary.json", self.notes)
-        self.judge = read_json(self.folder / "judge.json", self.notes)
-        self.table = read_table(self.folder / "judge.csv", self.notes)
-        self.events = read_lines(self.folder / "events.jsonl", []) if (self.folder / "events.jsonl").exists() else []
+        # The second mission of a run is in mission_2, and so on; the judge's files are of them all.
+        above = self.folder.resolve().parent
+        has_name = re.fullmatch(r"mission_[0-9]+", self.folder.resolve().name) is not None
+        is_later = has_name and (above / "judge.csv").exists() and not (self.folder / "judge.csv").exists()
+        whole = above if is_later else self.folder
+        self.is_one_of_several = is_later or (self.folder / "mission_2").is_dir()
+        self.is_simulated = any((whole / name).exists() for name in (".run_mission", "judge.csv", "judge.json", "events.jsonl"))
+        self.judge = read_json(whole / "judge.json", self.notes)
+        self.table = read_table(whole / "judge.csv", self.notes if self.is_simulated else [])
+        self.events = read_lines(whole / "events.jsonl", [])
         self.log = [row for row in read_lines(self.folder / "mission.jsonl", self.notes) if math.isfinite(number(row.get("time_s")))]
         self.selections = [row for row in read_lines(self.folder / "selections.jsonl", self.notes) if isinstance(row.get("segments"), list)]
         self.bricks = self._bricks(read_json(self.folder / "mission_state.json", self.notes))
-        self.world_pictures = self._pictures("world", "png")
-        self.maps = self._pictures("map", "ply")
-        if not (self.folder / "judge.json").exists():
-            self.notes.append("judge.json is missing: the simulator did not end by itself" + ("; its totals are from judge.csv" if self.table else ""))
+        self.world_pictures = self._pictures(whole, "world", "png")
+        self.maps = self._pictures(whole, "map", "ply")
+        if self.is_simulated and not (whole / "judge.json").exists():
+            self.notes.append("judge.json is missing: " + ("nothing tells how many bricks there were" if self.is_one_of_several else
+                                                           "the simulator did not end by itself" + ("; its totals are from judge.csv" if self.table else "")))
+        if self.is_one_of_several:
+            self._cut_to_mission()
+
+    def _cut_to_mission(self):
+        """Leaves of what is told of a whole run what is of this mission: counts begin with it, areas of the whole are left out."""
+        begin_s, end_s = (number(self.log[index]["time_s"]) for index in (0, -1)) if self.log else (math.inf, -math.inf)
+        times = self.table.get("time_s", [])
+        # From the last row before it: what happens makes a row at once, the first within may have counted already.
+        first = max((index for index, time_s in enumerate(times) if time_s <= begin_s), default=0)
+        rows = [index for index, time_s in enumerate(times) if index >= first and time_s <= end_s]
+        self.table = {name: [column[index] for index in rows] for name, column in self.table.items()}
+        before = {name: column[0] for name, column in self.table.items() if column}
+        for name in {"stowed", "falls", "dropped", "collisions", "distance_m"} & set(before):
+            self.table[name] = [round(value - before[name], 3) for value in self.table[name]]
+        self.judge = {"bricks_total": number(self.judge.get("bricks_total")) - before.get("stowed", math.nan)}
+        self.events = [event for event in self.events if begin_s <= number(event.get("time_s")) <= end_s]
+        self.world_pictures, self.maps = ([entry for entry in entries if begin_s <= entry[0] <= end_s] for entries in (self.world_pictures, self.maps))
 
     def _bricks(self, state):
         """The ledger of bricks, wherever in the mission's saved state it is."""
@@ -148,10 +199,11 @@ class Run:
                     return found
         return []
 
-    def _pictures(self, kind, suffix):
-        pattern = re.compile(rf"{kind}_([0-9.]+)_([0-9]+)\.{suffix}")
+    @staticmethod
+    def _pictures(folder, kind, suffix):
+        pattern = re.compile(rf"{kind}_([0-9]+(?:\.[0-9]+)?)_([0-9]+)\.{suffix}")
         found = []
-        for path in (self.folder / "pictures").glob(f"{kind}_*.{suffix}"):
+        for path in (folder / "pictures").glob(f"{kind}_*.{suffix}"):
             match = pattern.fullmatch(path.name)
             if match:
                 found.append((float(match.group(1)), int(match.group(2)), path))
@@ -163,6 +215,9 @@ class Run:
             return self.table["time_s"][0]
         begun = [number(row["time_s"]) for row in self.log]
         return number(self.judge.get("start_time_s"), begun[0] if begun else 0.0)
+
+    def clock(self):
+        return "simulated time" if self.is_simulated else "time"
 
     def mission_begun_s(self):
         """ROS time at which the mission was started."""
@@ -177,7 +232,7 @@ class Run:
         activity_of = {state: index for index, (_, states) in enumerate(ACTIVITIES) for state in states}
         for row in self.log:
             time_s = number(row["time_s"])
-            index = activity_of.get(row.get("state"))
+            index = activity_of.get(str(row.get("state")))
             if previous_s is not None and time_s > previous_s and index is not None:
                 if periods and periods[-1][2] == index and periods[-1][1] == previous_s:
                     periods[-1] = (periods[-1][0], time_s, index)
@@ -212,15 +267,17 @@ def memory_of(folder):
     import statistics
     sizes = {}
     try:
-        with open(folder / "memory.csv", newline="", encoding="utf-8", errors="replace") as stream:
-            for row in csv.DictReader(stream):
-                try:
-                    time_s, size = float(row["time_s"]), float(row["resident_mb"])
-                    sizes.setdefault(row["node"], []).append((time_s, size))
-                except (KeyError, TypeError, ValueError):
-                    continue  # cut off
-    except OSError:
+        header, *lines = cells_of(folder / "memory.csv")
+    except (OSError, ValueError):
         return {}
+    for cells in lines:
+        row = dict(zip(header, cells))
+        try:
+            node, time_s, size = row["node"], number(float(row["time_s"])), number(float(row["resident_mb"]))
+        except (KeyError, ValueError):
+            continue  # cut off
+        if math.isfinite(time_s) and math.isfinite(size):
+            sizes.setdefault(node, []).append((time_s, size))
     found = {}
     for node, rows in sorted(sizes.items()):
         begin_s, end_s = rows[0][0], rows[-1][0]
@@ -272,11 +329,10 @@ def merged_summary(run):
                                 "collisions": ("collisions", None)}.items():
         summary[key] = count_of(judged(name, column))
     for key, name in {"map_coverage": "coverage", "map_precision": "precision", "distance_m": "distance_m"}.items():
-        summary[key] = judged(name)
+        summary[key] = measure_of(judged(name))
     # What an ideal camera on the mast, everywhere at once, would have covered by the same measure.
-    exposed_m2, coverable_m2 = run.judge.get("exposed_area_m2"), run.judge.get("coverable_area_m2")
-    if exposed_m2 and coverable_m2 is not None:
-        summary["map_coverable"] = coverable_m2 / exposed_m2
+    exposed_m2, coverable_m2 = number(run.judge.get("exposed_area_m2"), 0.0), number(run.judge.get("coverable_area_m2"), -1.0)
+    summary["map_coverable"] = measure_of(coverable_m2 / exposed_m2) if exposed_m2 > 0.0 and coverable_m2 >= 0.0 else None
     precision = precision_with_bricks(run)
     if precision is not None:
         summary["map_precision"] = precision

@@ -40,27 +40,30 @@ def save(figure, out):
     plt.close(figure)
 
 
-def time_unit(seconds):
+def time_unit(seconds, clock):
     """(divisor, label) that make a nice axis."""
-    return (60.0, "simulated time [min]") if seconds > 180.0 else (1.0, "simulated time [s]")
+    return (60.0, f"{clock} [min]") if seconds > 180.0 else (1.0, f"{clock} [s]")
 
 
 def plot_progress(run, summary, out):
-    """As the paper's Fig. 7: bricks over time, and how much of the pile the map had. False if there is nothing to plot."""
-    table = run.table
-    if not table.get("time_s"):
+    """As the paper's Fig. 7: bricks over time, and how much of the pile the map had; without a judge what the mission counted. False if there
+    is nothing to plot."""
+    table, start_s = run.table, run.start_s()
+    is_judged = bool(table.get("time_s"))
+    told = [(number(row["time_s"]), number(row.get("bricks_picked"))) for row in run.log if math.isfinite(number(row.get("bricks_picked")))]
+    if not is_judged and not told:
         return False
-    start_s = run.start_s()
-    time = np.array(table["time_s"]) - start_s
-    divisor, label = time_unit(time[-1])
+    told_time, picked = np.reshape(told, (-1, 2)).T
+    time = np.array(table["time_s"] if is_judged else told_time) - start_s
+    divisor, label = time_unit(time.max(), run.clock())
     total = mission_run.count_of(summary.get("bricks_total"))
-    figure, (left, right) = plt.subplots(1, 2, figsize=(12.5, 4.6), constrained_layout=True)
+    figure, all_axes = plt.subplots(1, 1 + is_judged, figsize=(12.5, 4.6), constrained_layout=True, squeeze=False)
+    left, *others = all_axes[0]
 
-    stowed = np.array(table.get("stowed", np.zeros(len(time))))
-    left.step(time / divisor, stowed, where="post", color=BLUE, linewidth=2.4, label="stowed (judge)")
-    told = [(number(row["time_s"]) - start_s, number(row.get("bricks_picked"))) for row in run.log if math.isfinite(number(row.get("bricks_picked")))]
-    if told and told[-1][1] != stowed[-1]:
-        left.step([t / divisor for t, _ in told], [n for _, n in told], where="post", color=ORANGE, linewidth=1.4, linestyle="--", label="picked (mission)")
+    stowed = np.array(table.get("stowed", np.zeros(len(time)))) if is_judged else picked
+    left.step(time / divisor, stowed, where="post", color=BLUE, linewidth=2.4, label="stowed (judge)" if is_judged else "picked (mission)")
+    if told and picked[-1] != stowed[-1]:
+        left.step((told_time - start_s) / divisor, picked, where="post", color=ORANGE, linewidth=1.4, linestyle="--", label="picked (mission)")
     if total:
         left.axhline(total, color=MUTED, linewidth=1.0, linestyle=":")
         left.text(0.0, total, f" all {total}", ha="left", va="bottom", fontsize=11, color=MUTED)
@@ -70,25 +73,16 @@ def plot_progress(run, summary, out):
         if times:
             left.plot(np.array(times) / divisor, np.interp(times, time, stowed), linestyle="none", marker=marker, markersize=10, color=colour,
                       markeredgecolor="white", label=f"{words} ({len(times)})")
-    left.set_ylim(0, 1.12 * max(total or 0, stowed.max(), 1))
+    left.set_ylim(0, 1.12 * max(total or 0, 1, *stowed[np.isfinite(stowed)], *picked))
     left.yaxis.get_major_locator().set_params(integer=True)
     left.set_ylabel("bricks", fontsize=12)
     left.set_title("Bricks", fontsize=14, loc="left")
 
-    for name, colour, words in (("coverage", GREEN, "coverage: mapped, of all that was ever exposed"), ("precision", MUTED, "precision: true, of all that is in the map")):
-        values = 100.0 * np.array(table.get(name, np.full(len(time), np.nan)))
-        if np.isfinite(values).any():
-            there = np.isfinite(values)
-            if name == "precision" and (values > 0.0).any():
-                there[np.flatnonzero(values > 0.0)[-1] + 1:] = False  # no brick is left: all that a map holds, a crumb, is false
-            last = values[there][-1]
-            right.plot(time[there] / divisor, values[there], color=colour, linewidth=2.4 if name == "coverage" else 1.4, label=f"{words} (at the end {last:.1f} %)")
-    right.set_ylim(0, 105)
-    right.set_ylabel("share of the surface [%]", fontsize=12)
-    right.set_title("Map against the truth", fontsize=14, loc="left")
-    for axes in (left, right):
+    for right in others:
+        plot_map(table, time / divisor, right)
+    for axes in (left, *others):
         tidy(axes)
-        axes.set_xlim(0, max(time[-1] / divisor, 1e-6))
+        axes.set_xlim(0, max(time.max() / divisor, 1e-6))
         axes.set_xlabel(label, fontsize=12)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(fontsize=10.5, frameon=False, loc="lower right")
@@ -96,8 +90,29 @@ def plot_progress(run, summary, out):
     return True
 
 
+def plot_map(table, time, right):
+    for name, colour, words in (("coverage", GREEN, "coverage: mapped, of all that was ever exposed"), ("precision", MUTED, "precision: true, of all that is in the map")):
+        values = 100.0 * np.array(table.get(name, np.full(len(time), np.nan)))
+        if np.isfinite(values).any():
+            there = np.isfinite(values)
+            if name == "precision" and (values > 0.0).any():
+                there[np.flatnonzero(values > 0.0)[-1] + 1:] = False  # no brick is left: all that a map holds, a crumb, is false
+            last = values[there][-1]
+            right.plot(time[there], values[there], color=colour, linewidth=2.4 if name == "coverage" else 1.4, label=f"{words} (at the end {last:.1f} %)")
+    right.set_ylim(0, 105)
+    right.set_ylabel("share of the surface [%]", fontsize=12)
+    right.set_title("Map against the truth", fontsize=14, loc="left")
+
+
 def is_candidate(segment):
     return segment.get("verdict") in (0, "candidate", "CANDIDATE")
+
+
+def spot_of(segment):
+    """[x, y] of its midpoint [m], or None."""
+    midpoint = segment.get("midpoint") if isinstance(segment, dict) else None
+    spot = [number(value) for value in midpoint[:2]] if isinstance(midpoint, list) else []
+    return spot if len(spot) == 2 and np.all(np.isfinite(spot)) else None
 
 
 def plot_utilities(run, out):
@@ -120,7 +135,7 @@ def plot_utilities(run, out):
             upper.plot(index + 1 + spread, utilities, linestyle="none", marker="o", markersize=3.2, color="#8fb3c9", alpha=0.55, markeredgewidth=0)
             upper.plot([index + 0.72, index + 1.28], [np.median(utilities)] * 2, color=MUTED, linewidth=1.2)
         best = mission_run.count_of(selection.get("best"))
-        if best is not None and 0 <= best < len(segments):
+        if best is not None and best < len(segments):
             segment = segments[best]
             # The best of them is told also where it was not worth going to.
             (chosen if selection.get("outcome", 0) == 0 else refused).append((index + 1, number(segment.get("utility"))))
@@ -155,7 +170,7 @@ def plot_utilities(run, out):
     ticks = np.arange(1, count + 1, step)
     times = [mission_run.duration(number(run.selections[tick - 1].get("time_s")) - start_s).split()[0] for tick in ticks]
     lower.set_xticks(ticks, [f"{tick}\n{time}" for tick, time in zip(ticks, times)])
-    lower.set_xlabel("choice, and its simulated time [min:s]", fontsize=12)
+    lower.set_xlabel(f"choice, and its {run.clock()} [min:s]", fontsize=12)
     lower.set_xlim(0.3, count + 0.7)
     for axes in (upper, lower):
         tidy(axes)
@@ -172,7 +187,7 @@ def plot_time(run, out):
         return False
     start_s = run.start_s()
     end_s = max(to_s for _, to_s, _ in periods)
-    divisor, label = time_unit(end_s - start_s)
+    divisor, label = time_unit(end_s - start_s, run.clock())
     totals = np.zeros(len(ACTIVITIES))
     for from_s, to_s, index in periods:
         totals[index] += to_s - from_s
@@ -181,8 +196,11 @@ def plot_time(run, out):
                                          gridspec_kw={"height_ratios": [1.0, 0.42 * len(shown) + 0.2]})
     for from_s, to_s, index in periods:
         strip.axvspan((from_s - start_s) / divisor, (to_s - start_s) / divisor, color=ACTIVITY_COLOURS[index], linewidth=0)
-    stows = [number(event.get("time_s")) - start_s for event in run.events if event.get("event") == "stow"]
-    strip.plot(np.array(stows) / divisor, np.full(len(stows), 1.12), linestyle="none", marker="v", markersize=6, color=INK, clip_on=False)
+    stows = [number(event.get("time_s")) for event in run.events if event.get("event") == "stow"]
+    stows = [(time_s - start_s) / divisor for time_s in stows if start_s <= time_s <= end_s]
+    if stows:
+        triangles, = strip.plot(stows, np.full(len(stows), 1.12), linestyle="none", marker="v", markersize=6, color=INK, clip_on=False)
+        triangles.set_in_layout(False)
     strip.set_ylim(0, 1)
     strip.set_xlim(0, (end_s - start_s) / divisor)
     strip.set_yticks([])
@@ -208,32 +226,29 @@ def plot_time(run, out):
 
 def plot_places(run, out):
     """The outline of the pile from above at the first, a middle and the last choice. False if there was none."""
-    usable = [selection for selection in run.selections if any(is_candidate(s) for s in selection["segments"] if isinstance(s, dict))]
+    usable = [selection for selection in run.selections if any(spot_of(s) and is_candidate(s) for s in selection["segments"])]
     if not usable:
         return False
     picks = sorted({0, len(usable) // 2, len(usable) - 1})
     start_s = run.start_s()
-    spots = np.array([s["midpoint"][:2] for selection in usable for s in selection["segments"]
-                      if isinstance(s, dict) and isinstance(s.get("midpoint"), list) and len(s["midpoint"]) >= 2], dtype=float)
-    if not len(spots):
-        return False
+    spots = np.array([spot_of(s) for selection in usable for s in selection["segments"] if spot_of(s)])
     low, high = spots.min(axis=0) - 0.2, spots.max(axis=0) + 0.2
     highest = max(number(s.get("utility"), 0.0) for selection in usable for s in selection["segments"] if isinstance(s, dict) and is_candidate(s))
     figure, all_axes = plt.subplots(1, len(picks), figsize=(4.2 * len(picks) + 1.0, 4.4), constrained_layout=True, squeeze=False)
     points = None
     for axes, pick in zip(all_axes[0], picks):
         selection = usable[pick]
-        segments = [s for s in selection["segments"] if isinstance(s, dict) and isinstance(s.get("midpoint"), list) and len(s["midpoint"]) >= 2]
-        others = [s["midpoint"][:2] for s in segments if not is_candidate(s)]
+        segments = [s for s in selection["segments"] if spot_of(s)]
+        others = [spot_of(s) for s in segments if not is_candidate(s)]
         candidates = [s for s in segments if is_candidate(s)]
         if others:
             axes.plot(*np.transpose(others), linestyle="none", marker="o", markersize=5, markerfacecolor="white", markeredgecolor="#aaaaaa", label="cannot stand there, or unseen")
-        points = axes.scatter(*np.transpose([s["midpoint"][:2] for s in candidates]), c=[number(s.get("utility"), 0.0) for s in candidates],
+        points = axes.scatter(*np.transpose([spot_of(s) for s in candidates]), c=[number(s.get("utility"), 0.0) for s in candidates],
                               cmap="viridis", vmin=0.0, vmax=max(highest, 1e-6), s=42, zorder=3)
         best = mission_run.count_of(selection.get("best"))
-        if best is not None and 0 <= best < len(selection["segments"]) and isinstance(selection["segments"][best], dict):
-            spot = selection["segments"][best].get("midpoint", [math.nan, math.nan])
-            axes.plot(spot[0], spot[1], marker="o", markersize=15, markerfacecolor="none", markeredgecolor=RED, markeredgewidth=2.2, linestyle="none", label="chosen", zorder=4)
+        spot = spot_of(selection["segments"][best]) if best is not None and best < len(selection["segments"]) else None
+        if spot:
+            axes.plot(*spot, marker="o", markersize=15, markerfacecolor="none", markeredgecolor=RED, markeredgewidth=2.2, linestyle="none", label="chosen", zorder=4)
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         axes.set_aspect("equal")
@@ -254,6 +269,23 @@ def plot_places(run, out):
     return True
 
 
+def draw(run, summary, out):
+    """[path] of the plots there is something for. One that cannot be drawn is a note: the rest is of use without it."""
+    drawn = []
+    for name, plot in (("progress.png", lambda path: plot_progress(run, summary, path)), ("time.png", lambda path: plot_time(run, path)),
+                       ("utilities.png", lambda path: plot_utilities(run, path)), ("places.png", lambda path: plot_places(run, path))):
+        try:
+            with np.errstate(all="ignore"):
+                if plot(out / name):
+                    drawn.append(out / name)
+        except OSError:
+            raise  # nor can the page be written then
+        except Exception as error:  # pylint: disable=broad-except
+            plt.close("all")
+            run.notes.append(f"{name} cannot be drawn: {type(error).__name__}: {' '.join(str(error).split())}")
+    return drawn
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER")
@@ -264,14 +296,18 @@ def main():
         return 1
     run = mission_run.Run(arguments.folder)
     out = arguments.out or arguments.folder / "report"
-    drawn = [name for name, done in (("progress.png", plot_progress(run, mission_run.merged_summary(run), out / "progress.png")),
-                                     ("utilities.png", plot_utilities(run, out / "utilities.png")),
-                                     ("places.png", plot_places(run, out / "places.png")),
-                                     ("time.png", plot_time(run, out / "time.png"))) if done]
+    summary, num_read = mission_run.merged_summary(run), len(run.notes)
+    try:
+        drawn = draw(run, summary, out)
+    except OSError as error:
+        print(f"plot_mission: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    for note in run.notes[num_read:]:
+        print(f"plot_mission: {note}", file=sys.stderr)
     if not drawn:
         print(f"plot_mission: {arguments.folder}: no mission left anything to plot there", file=sys.stderr)
         return 1
-    print("\n".join(str(out / name) for name in drawn))
+    print(*drawn, sep="\n")
     return 0
 
 

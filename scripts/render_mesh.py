@@ -89,6 +89,11 @@ def read_ply(path):
                 else:  # only triangles: then a row has a fixed size
                     dtype += [(key + "_count", order + length_kind), (key, order + kind, (3,))]
             dtype = np.dtype(dtype)
+            left = path.stat().st_size - stream.tell()
+            # Asked before memory is: a broken header may tell any number. A line of text is two bytes at least.
+            num_there = left // (2 if file_format == "ascii" else max(1, dtype.itemsize))
+            if not 0 <= count <= num_there:
+                raise MeshError(f"{path}: element {name}: the file ends after {num_there} of {count}")
             if file_format == "ascii":
                 rows = [stream.readline().split() for _ in range(count)]
                 width = sum(3 if kind.shape else 1 for kind, *_ in (dtype.fields[key] for key in dtype.names))
@@ -102,10 +107,7 @@ def read_ply(path):
                     table[key] = numbers[:, column:column + 3] if size == 3 else numbers[:, column]
                     column += size
             else:
-                data = stream.read(dtype.itemsize * count)
-                if len(data) != dtype.itemsize * count:
-                    raise MeshError(f"{path}: element {name}: the file ends after {len(data) // max(1, dtype.itemsize)} of {count}")
-                table = np.frombuffer(data, dtype)
+                table = np.frombuffer(stream.read(dtype.itemsize * count), dtype)
             tables[name] = table
 
     vertices, faces = tables.get("vertex"), tables.get("face")

@@ -77,10 +77,10 @@ def sentences(run, summary):
     else:
         of_all = f" of {total}" if total is not None else ""
         percent = f" ({100.0 * done / total:.0f} %)" if total else ""
-        verb = "stowed" if stowed is not None else "picked, by the mission's own count"
-        time = f" in {duration(summary['sim_seconds'])} of simulated time" if summary.get("sim_seconds") is not None else ""
+        verb = f"stowed{percent}" if stowed is not None else f"picked{percent}, by the mission's own count,"
+        time = f" in {duration(summary['sim_seconds'])} of {run.clock()}" if summary.get("sim_seconds") is not None else ""
         wall = f", {duration(summary['wall_seconds'])} by the wall clock" if summary.get("wall_seconds") is not None else ""
-        words.append(f"{done}{of_all} brick{'' if done == 1 and total in (None, 1) else 's'} {verb}{percent}{time}{wall}.")
+        words.append(f"{done}{of_all} brick{'' if done == 1 and total in (None, 1) else 's'} {f'{verb}{time}{wall}'.rstrip(',')}.")
     if stowed is not None and picked is not None and stowed != picked:
         words.append(f"The mission's own count is {picked}: it differs from the judge's {stowed}.")
     if summary.get("falls") is not None:
@@ -93,11 +93,14 @@ def sentences(run, summary):
     if coverage:
         coverable = share(summary.get("map_coverable"))
         words.append(f"The map covered {coverage} of the bricks' surface that ever was exposed" +
-                     (f" (a camera on the mast, everywhere at once, could have seen {coverable})" if coverable else "") +
+                     (f" ({coverable} could have been seen from the mast; what is within 2 cm of the map counts, too)" if coverable else "") +
                      (f"; {precision} of what it holds of the pile is true." if precision else "."))
+    if run.is_one_of_several and run.table:
+        words.append("It is one of several missions of a run: the counts are its own, the coverage is the run's up to its end.")
     reason = summary.get("end_reason")
     if reason == "crashed":
-        words.append("The mission did not end by itself: its log breaks off.")
+        has_ended = run.log and run.log[-1].get("decision") == "ended"
+        words.append("It ended, but nothing tells why." if has_ended else "The mission did not end by itself: its log breaks off.")
     elif reason not in (None, "none"):
         message = str(summary.get("end_message") or "").split(" (")[0]  # what is in brackets is in the log
         words.append(f"It ended because {mission_run.END_WORDS.get(reason, reason)}" + (f" ({message})." if message else "."))
@@ -137,18 +140,14 @@ def draw_maps(run, out):
     """[(seconds, count, picture)]: the map at the stages, all from one place and in one scale of colours."""
     drawn, reference = [], None
     for seconds, count, path in pick_stages(run.maps, "map"):
-        try:
-            mesh = render_mesh.read_ply(path)
-        except render_mesh.MeshError as error:
-            run.notes.append(f"a map cannot be drawn: {error}")
-            continue
-        if reference is None:
-            reference = mesh
-            middle, distance = pile_frame(mesh)
         picture = out / (path.stem + ".png")
         try:
+            mesh = render_mesh.read_ply(path)
+            if reference is None:
+                middle, distance = pile_frame(mesh)
+                reference = mesh
             render_mesh.render([mesh], [""], picture, reference, [*MAP_VIEW, distance], middle, "height", None, (800, 450), panel_may_shrink=False)
-        except (render_mesh.MeshError, ValueError) as error:
+        except (render_mesh.MeshError, ValueError, LookupError) as error:
             run.notes.append(f"{path.name} cannot be drawn: {error}")
             continue
         drawn.append((seconds, count, picture))
@@ -238,7 +237,7 @@ def write_page(run, summary, plots, maps, out):
              card(share(summary.get("map_coverage")) or "?", "of the surface mapped"),
              card("?" if summary.get("falls") is None else summary["falls"], "bricks fell", bad=bool(summary.get("falls"))),
              card("?" if summary.get("collisions") is None else summary["collisions"], "collisions", bad=bool(summary.get("collisions"))),
-             card(duration(summary.get("sim_seconds")), "of simulated time"),
+             card(duration(summary.get("sim_seconds")), f"of {run.clock()}"),
              card("?" if summary.get("views") is None else summary["views"], "places it stood at")]
     body = [f"<h1>Mission {html.escape(name)}</h1>", f'<p class="sub">{html.escape(about or "nothing is known about what it was to do")}</p>',
             f'<p class="words">{html.escape(" ".join(sentences(run, summary)))}</p>', f'<div class="cards">{"".join(cards)}</div>', "<!-- notes -->"]
@@ -248,7 +247,7 @@ def write_page(run, summary, plots, maps, out):
         body.append(f'<details><summary>All pictures of the world ({len(run.world_pictures)})</summary><div class="thumbs">{thumbs}</div></details>')
     body.append("<h2>How it went</h2>")
     captions = {
-        "progress.png": "Left: bricks over time. Right: how much of the bricks' surface that ever was exposed is in the map, and how much of what the map holds of the pile is true.",
+        "progress.png": "Bricks over time." if not run.table else "Left: bricks over time. Right: how much of the bricks' surface that ever was exposed is in the map, and how much of what the map holds of the pile is true.",
         "time.png": "Where the time went.",
         "utilities.png": "Each choice of a place to stand at: what it was chosen from, and what spoke for the chosen one.",
         "places.png": "The pile's outline from above as three choices saw it; the colour is the utility of standing there."}
@@ -297,22 +296,27 @@ def main():
         return 1
     run = mission_run.Run(folder)
     if not (run.log or run.table or run.judge or run.summary):
-        print(f"report_mission: {folder}: no mission left anything there", file=sys.stderr)
+        print(f"report_mission: {folder}: no mission left anything there that can be read", file=sys.stderr)
         return 1
-    if not run.summary:
+    path, unreadable = folder / "summary.json", folder / "summary.json.unreadable"
+    try:
+        if not run.summary and path.exists():
+            os.replace(path, unreadable)
+    except OSError as error:
+        print(f"report_mission: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    if unreadable.exists():
+        run.notes.insert(0, f"the mission's summary cannot be read, {unreadable.name} is it: its counts are from mission.jsonl")
+    elif not run.summary:
         run.notes.insert(0, "summary.json is missing: the mission did not end by itself; its counts are from mission.jsonl")
     elif run.summary.get("end_reason") == "crashed":
         run.notes.insert(0, "the mission did not write a summary: its counts are from mission.jsonl")
     summary = mission_run.merged_summary(run)
     try:
-        write_atomically(folder / "summary.json", json.dumps(json_safe(summary), indent=2) + "\n")
+        write_atomically(path, json.dumps(json_safe(summary), indent=2) + "\n")
         if not arguments.summary_only:
             out = folder / "report"
-            plots = [out / name for name, done in (("progress.png", plot_mission.plot_progress(run, summary, out / "progress.png")),
-                                                   ("time.png", plot_mission.plot_time(run, out / "time.png")),
-                                                   ("utilities.png", plot_mission.plot_utilities(run, out / "utilities.png")),
-                                                   ("places.png", plot_mission.plot_places(run, out / "places.png"))) if done]
-            write_page(run, summary, plots, draw_maps(run, out), folder / "index.html")
+            write_page(run, summary, plot_mission.draw(run, summary, out), draw_maps(run, out), folder / "index.html")
     except OSError as error:
         print(f"report_mission: {error.filename}: {error.strerror}", file=sys.stderr)
         return 1

@@ -250,6 +250,8 @@ def main():
     arguments = parser.parse_args()
     if not (ROOT / f"sim_tests/worlds/{arguments.scene}.yaml").is_file():
         parser.error(f"--scene {arguments.scene}: no such file in sim_tests/worlds")
+    if not 0 <= arguments.seed <= 2147483647:
+        parser.error(f"--seed {arguments.seed}, must be in [0, 2147483647]")
     if not 0.1 <= arguments.sim_hours <= 24.0:
         parser.error(f"--sim-hours {arguments.sim_hours}, must be in [0.1, 24]")
     try:

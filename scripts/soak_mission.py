@@ -620,6 +620,8 @@ def main():
 
 
 def run_or_judge(arguments, cases, table):
+    if (arguments.judge or arguments.tables) and not table.exists():
+        raise NoTable(f"no {table.name} in {table.parent}")
     wanted = [case for case in cases if not arguments.mission or case.mission in arguments.mission]
 
     def judge():

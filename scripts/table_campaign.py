@@ -4,12 +4,13 @@
 
 import argparse
 import collections
-import json
 import pathlib
 import sys
 
 import numpy as np
 import yaml
+
+import mission_run
 
 
 def time_limit(world):
@@ -32,7 +33,7 @@ def read_runs(folder):
     runs, told = [], []
     for path in sorted(folder.glob("*/summary.json")):
         try:
-            run = json.loads(path.read_text())
+            run = mission_run.loads(path.read_text())
             if not isinstance(run, dict):
                 raise ValueError("no summary of a mission")
             # All that the tables are made of: what cannot be counted is named, and left out.
@@ -59,7 +60,7 @@ def picked_of(run):
 
 
 def spread(values, scale=1.0, digits=0):
-    values = [scale * value for value in values if value is not None]
+    values = [float(scale) * value for value in values if value is not None]
     if not values:
         return "-"
     text = f"{np.mean(values):.{digits}f}"
@@ -75,7 +76,7 @@ def row(name, runs):
             f"{', '.join(sorted({str(run.get('end_reason')) for run in runs}))} |")
 
 
-BROKEN = (ValueError, KeyError, TypeError, AttributeError)
+BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 HEAD = "| | runs | bricks % | map % | coverable % | falls | collisions | simulated s | views | ended by |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|---|"
 
 

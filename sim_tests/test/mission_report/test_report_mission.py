@@ -12,7 +12,12 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
+import warnings
 
+import matplotlib.colors
+import matplotlib.image
+import numpy as np
 import rosunit
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -20,9 +25,11 @@ SCRIPTS = HERE.parents[2] / "scripts"
 sys.path[:0] = [str(HERE), str(SCRIPTS)]
 
 import mission_run  # noqa: E402
+import plot_mission  # noqa: E402
+import report_mission  # noqa: E402
 import run_folder  # noqa: E402
 
-KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_picked", "bricks_stowed", "map_coverage", "map_precision", "falls",
+KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_picked", "bricks_stowed", "map_coverage", "map_coverable", "map_precision", "falls",
         "collisions", "sim_seconds", "wall_seconds", "views", "end_reason", "failures"}
 
 
@@ -61,9 +68,10 @@ class ReportMission(unittest.TestCase):
 
     def make_without_maps(self):
         """To draw a map takes a second or two."""
-        self.make()
+        made = self.make()
         for path in (self.folder / "pictures").glob("*.ply"):
             path.unlink()
+        return made
 
     def report(self, *options):
         environment = {**os.environ, "MPLCONFIGDIR": str(self.folder.parent / "matplotlib")}
@@ -106,7 +114,7 @@ class ReportMission(unittest.TestCase):
         self.assertEqual((summary["falls"], summary["collisions"], summary["drops"]), (made.falls, 0, 0))
         self.assertAlmostEqual(summary["map_coverage"], made.coverage)
         self.assertAlmostEqual(summary["map_coverable"], 0.98)  # of run_folder's areas
-        self.assertIn("could have seen 98.0 %", done.stdout)
+        self.assertIn("98.0 % could have been seen from the mast; what is within 2 cm of the map counts, too", done.stdout)
         self.assertAlmostEqual(summary["map_precision"], made.precision, places=4)  # as the table has it
         self.assertEqual(sum(summary["failures"].values()), made.failures)
         self.assertEqual(summary["end_reason"], "no_brick_left")
@@ -133,7 +141,8 @@ class ReportMission(unittest.TestCase):
         self.assertIn("| 98.0 |", table)  # coverable
         # What is no summary is named, and the table is of the others.
         broken = {"list": "[]", "null": '{"bricks_picked": null, "bricks_total": 4}', "scene": '{"scene": ["one_heap"]}',
-                  "factor": '{"removed_factor": {}}'}
+                  "factor": '{"removed_factor": {}}', "deep": "[" * 100000, "large": '{"falls": 1' + "0" * 400 + "}",
+                  "picked": '{"bricks_total": 4, "bricks_picked": 1' + "0" * 400 + "}"}
         for name, text in broken.items():
             (self.folder.parent / name).mkdir()
             (self.folder.parent / name / "summary.json").write_text(text)
@@ -229,6 +238,123 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(again.returncode, 0)
         self.assertEqual(self.summary(), summary)
 
+    def test_robots_run_without_a_judge_is_drawn_from_the_log(self):
+        made = self.make_without_maps()
+        for name in ("judge.json", "judge.csv", "events.jsonl"):
+            (self.folder / name).unlink()
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(f"{made.picked} bricks picked, by the mission's own count, in ", done.stdout)
+        page = self.page()
+        for word in ("simulat", "judge", "Missing", "Not everything"):
+            self.assertNotIn(word, done.stdout + page.text)
+        self.assertTrue((self.folder / "report/progress.png").exists())
+        self.assertIn("Bricks over time.", page.text)
+        (self.folder / ".run_mission").write_text("")
+        self.assertIn("the simulator did not end by itself", self.report("--summary-only").stdout)
+
+    def test_missions_of_one_run_have_their_own_figures(self):
+        made = self.make_without_maps()
+        judge, rows = json.loads((self.folder / "judge.json").read_text()), (self.folder / "judge.csv").read_text().splitlines()
+        alone = mission_run.merged_summary(mission_run.Run(self.folder))
+        # The same once more, 1000 s later, in mission_2. Between the two the bricks are laid down again, and one falls.
+        later = self.folder / "mission_2"
+        later.mkdir()
+        for name in ("mission.jsonl", "selections.jsonl"):
+            entries = [json.loads(line) for line in (self.folder / name).read_text().splitlines()]
+            (later / name).write_text("".join(json.dumps({**entry, "time_s": entry["time_s"] + 1000.0}) + "\n" for entry in entries))
+        for name in ("summary.json", "mission_state.json"):
+            shutil.copy(self.folder / name, later)
+        events = [json.loads(line) for line in (self.folder / "events.jsonl").read_text().splitlines()]
+        with open(self.folder / "events.jsonl", "a", encoding="utf-8") as stream:
+            for event in ({"time_s": 1005.0, "event": "fall", "brick": 2}, *({**event, "time_s": event["time_s"] + 1000.0} for event in events)):
+                stream.write(json.dumps(event) + "\n")
+        with open(self.folder / "judge.csv", "a", encoding="utf-8") as stream:
+            for line in rows[1:]:
+                time_s, stowed, falls, dropped, collisions, coverage, precision, distance_m = line.split(",")
+                stream.write(f"{float(time_s) + 1000.0:.3f},{stowed},{int(falls) + made.falls + 1},{dropped},{collisions},{coverage or 0.5},{precision},"
+                             f"{float(distance_m) + judge['distance_m']:.3f}\n")
+        (self.folder / "judge.json").write_text(json.dumps({**judge, "falls": 2 * made.falls + 1, "distance_m": 2.0 * judge["distance_m"], "end_time_s": 2000.0}))
+        for folder in (self.folder, later):
+            run = mission_run.Run(folder)
+            summary = mission_run.merged_summary(run)
+            self.assertEqual(run.notes, [])
+            for key in ("bricks_stowed", "bricks_total", "falls", "drops", "collisions", "sim_seconds", "end_reason"):
+                self.assertEqual(summary[key], alone[key], (folder, key))
+            for key in ("distance_m", "map_coverage", "map_precision"):
+                self.assertAlmostEqual(summary[key], alone[key], places=3, msg=(folder, key))
+            self.assertIsNone(summary["map_coverable"], "of the whole run alone")
+            self.assertEqual([event["event"] for event in run.events], [event["event"] for event in events])
+        (self.folder / "judge.json").unlink()  # it is still running
+        self.folder = later
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("4 bricks stowed in ", done.stdout)
+        self.assertIn("one of several missions of a run", done.stdout)
+        self.assertNotIn("simulator", done.stdout)
+        self.assertEqual(len(self.page().addresses), 4, "plots; the pictures are of the first")
+        (later / "mission.jsonl").write_text("")
+        self.assertIn("4 bricks picked, by the mission's own count", self.report("--summary-only").stdout)
+
+    def test_time_is_drawn_with_and_without_stowed_bricks(self):
+        self.make_without_maps()
+        path, out = self.folder / "events.jsonl", self.folder / "time.png"
+        lines = path.read_text()
+        for text in (lines, "", lines.replace('"time_s": ', '"time_s": 9'), lines.replace('"time_s": ', '"time_s": -')):
+            path.write_text(text)
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # that there is no room for anything
+                self.assertTrue(plot_mission.plot_time(mission_run.Run(self.folder), out))
+            picture = matplotlib.image.imread(out)[:, :, :3]
+            # The longest bar: as high as it ought to be, 0.72 of a row, which is 0.42 in of 110 pixels.
+            longest = mission_run.ACTIVITIES[0][0]
+            colour = matplotlib.colors.to_rgb(plot_mission.ACTIVITY_COLOURS[0])
+            self.assertEqual(longest, "drives")
+            bar = np.all(np.abs(picture[len(picture) // 2:] - colour) < 0.02, axis=2)
+            self.assertGreater(bar.any(axis=1).sum(), 15, text)
+
+    def test_plot_that_cannot_be_drawn_is_a_note(self):
+        self.make_without_maps()
+        run, out = mission_run.Run(self.folder), self.folder / "report"
+        with unittest.mock.patch("plot_mission.plot_utilities", side_effect=IndexError("no such\ncolumn")):
+            drawn = plot_mission.draw(run, mission_run.merged_summary(run), out)
+        self.assertEqual([path.name for path in drawn], ["progress.png", "time.png", "places.png"])
+        self.assertEqual(run.notes, ["utilities.png cannot be drawn: IndexError: no such column"])
+
+    def test_rows_and_places_that_are_none_are_not_drawn(self):
+        self.make_without_maps()
+        path = self.folder / "judge.csv"
+        header, *rows = path.read_text().splitlines()
+        path.write_text("\n".join((header.replace("falls", "dropped"), "nan" + rows[0][6:], *rows, "inf" + rows[-1][6:])) + "\n")
+        selections = [json.loads(line) for line in (self.folder / "selections.jsonl").read_text().splitlines()]
+        selections = [row for row in selections if row["segments"]]
+        for row in selections:
+            for segment, midpoint in zip(row["segments"], (["x", "y"], None, 3, [1.0], [None, 1.0], [math.nan, 0.0], {"x": 1.0}, [[0.0], 1.0])):
+                segment["midpoint"] = midpoint
+        for best, row in enumerate(selections):
+            row["best"] = best
+        for segment in selections[-1]["segments"]:
+            segment["midpoint"] = None
+        (self.folder / "selections.jsonl").write_text("".join(json.dumps(row) + "\n" for row in selections))
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn("cannot be drawn", done.stdout)
+        self.assertTrue((self.folder / "report/places.png").exists())
+
+    def test_summary_that_cannot_be_read_is_kept(self):
+        for text in ('{"scene": "one_heap", "end_rea', "[]", "{}", '{"scene": "one_heap", "failures": ' + "[" * 100000):
+            self.make_without_maps()
+            (self.folder / "summary.json").write_text(text)
+            for _ in range(2):
+                done = self.report("--summary-only")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                self.assertIn("Missing: the mission's summary cannot be read, summary.json.unreadable is it", done.stdout)
+                self.assertNotIn("summary.json is missing", done.stdout)
+                self.assertIn("It ended, but nothing tells why.", done.stdout)
+                self.assertEqual((self.folder / "summary.json.unreadable").read_text(), text)
+                self.assertEqual(self.summary()["bricks_stowed"], 4)
+            shutil.rmtree(self.folder)
+
     def test_numbers_that_are_none_do_no_harm(self):
         self.make_without_maps()
         rows = [json.loads(line) for line in (self.folder / "selections.jsonl").read_text().splitlines()]
@@ -243,6 +369,78 @@ class ReportMission(unittest.TestCase):
         done = self.report()
         self.assertEqual(done.returncode, 0, done.stderr)
         self.page()
+
+    def test_judges_figures_that_are_none_are_unknown(self):
+        self.make_without_maps()
+        judge = json.loads((self.folder / "judge.json").read_text())
+        for exposed_m2, coverable_m2 in (("3.1", 3.0), (3.1, "3.0"), (0.0, 3.0), (-3.1, -3.0), (math.nan, 3.0), (3.1, math.inf), (3.1, None), ([], 1), (1e-300, 1e300)):
+            (self.folder / "judge.json").write_text(json.dumps({**judge, "exposed_area_m2": exposed_m2, "coverable_area_m2": coverable_m2}))
+            self.assertIsNone(mission_run.merged_summary(mission_run.Run(self.folder))["map_coverable"], (exposed_m2, coverable_m2))
+        (self.folder / "judge.json").write_text(json.dumps({**judge, "stowed": -1, "falls": -2, "collisions": 10**400, "coverage": "all", "distance_m": 10**400}))
+        done = self.report("--summary-only")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        summary = self.summary()
+        self.assertEqual([summary[key] for key in ("bricks_stowed", "falls", "collisions", "map_coverage", "distance_m")], [None] * 5)
+        self.assertIn("4 of 4 bricks picked (100 %), by the mission's own count, in ", done.stdout)
+
+    def test_tables_that_are_damaged_give_the_rows_that_are_whole(self):
+        self.make_without_maps()
+        path, memory = self.folder / "judge.csv", self.folder / "memory.csv"
+        rows = path.read_text()
+        memory.write_text("time_s,node,resident_mb\n" + "".join(f"{time_s},map,{time_s}\n" for time_s in range(101)))
+        first = mission_run.merged_summary(mission_run.Run(self.folder))
+        self.assertIn("map", first["memory"])
+        for damage in (b"\0" * 200000, b"x" * 200000, b"nan,9,9,9,9,1,1,9", b"inf,9,9,9,9,1,1,9", b"1e999,9,9,9,9,1,1,9"):
+            for text in (rows.encode() + damage, rows.encode().replace(b"\n", b"\n" + damage + b"\n", 1)):
+                path.write_bytes(text)
+                run = mission_run.Run(self.folder)
+                self.assertIn(f"judge.csv: 1 of {len(rows.splitlines())} rows cannot be read", run.notes)
+                self.assertEqual(mission_run.merged_summary(run), first)
+        text = memory.read_bytes()
+        memory.write_bytes(text + b"\0" * 200000)
+        self.assertEqual(mission_run.merged_summary(mission_run.Run(self.folder)), first)
+        path.write_text(rows.replace("falls", "stowed", 1))
+        table = mission_run.Run(self.folder).table
+        self.assertEqual({len(column) for column in table.values()}, {len(rows.splitlines()) - 1})
+
+    def test_json_that_python_cannot_hold_is_named(self):
+        self.make_without_maps()
+        deep = {depth: "[" * depth + "]" * depth for depth in (100000, 900, 60)}
+        for depth, text in deep.items():
+            (self.folder / "mission_state.json").write_text(f'{{"bricks": {text}}}')
+            (self.folder / "events.jsonl").write_text(f'{{"event": "fall", "brick": {text}}}\n')
+            run = mission_run.Run(self.folder)
+            self.assertEqual((run.bricks, run.events), ([], []))
+            self.assertIn("mission_state.json cannot be read: nested too deeply", run.notes, depth)
+        row = {"time_s": 10**400, "state": ["look"], "event": "x", "bricks_picked": 10**400, "failures": 10**400}
+        with open(self.folder / "mission.jsonl", "a", encoding="utf-8") as log:
+            log.write(json.dumps(row) + "\n" + json.dumps({**row, "time_s": 1e4}) + "\n")
+        for name in ("world_1.2.3_001.png", "world_._001.png", "world_.5_001.png"):
+            (self.folder / "pictures" / name).write_bytes(b"")
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn("world_", done.stdout)
+
+    def test_map_whose_header_tells_more_than_there_is_is_left_out(self):
+        self.make(2)
+        first, *others = sorted((self.folder / "pictures").glob("*.ply"))
+        text = first.read_bytes()
+        count = text.split(b"element vertex ")[1].split()[0]
+        for other in others:
+            other.unlink()
+        ascii_header = b"ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
+        for number, broken in enumerate((text.replace(b"vertex " + count, b"vertex 99999999999", 1), text.replace(b"vertex " + count, b"vertex -5", 1), ascii_header,
+                                         text.replace(b"property float y", b"property float x", 1), text[:300])):
+            (first.parent / f"map_{number:09.3f}_000.ply").write_bytes(broken)
+        run = mission_run.Run(self.folder)
+        out = self.folder / "report"
+        out.mkdir()
+        with unittest.mock.patch("report_mission.pick_stages", lambda entries, wanted: entries):
+            drawn = report_mission.draw_maps(run, out)
+        self.assertEqual([picture.stem for _, _, picture in drawn], [first.stem])
+        self.assertEqual(len(run.notes), 5, run.notes)
+        for number, note in enumerate(run.notes):
+            self.assertIn(f"map_{number:09.3f}_000.ply", note)
 
     def test_words_that_are_none_are_told_and_left_out(self):
         self.make_without_maps()

@@ -112,6 +112,29 @@ class ScriptRefusals(unittest.TestCase):
         for fine in (("--removed", "all"), ("--removed", "frontier travel"), ("--removed", ""), ("--seeds", "0 2147483647")):
             self.refused(1, "no summary.json", *campaign, *fine)
 
+    def test_endurance_refuses_seeds_that_no_world_takes(self):
+        kept = self.folder / "endurance/kept"
+        kept.parent.mkdir()
+        kept.write_text("")
+        for seed in ("-5", "2147483648"):
+            done = self.run_it(SCRIPTS / "soak_endurance.py", "--out", self.folder, f"--seed={seed}", "--sim-hours", "0.05")
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(f"--seed {seed}, must be in [0, 2147483647]", done.stderr)
+        done = self.run_it(SCRIPTS / "soak_endurance.py", "--out", self.folder, "--seed", "2147483647", "--sim-hours", "0.05")
+        self.assertIn("--sim-hours 0.05, must be", done.stderr)
+        self.assertTrue(kept.exists())
+
+    def test_recorder_refuses_times_that_are_none(self):
+        for option in ("--wall-limit", "--begin-within", "--gone-after"):
+            for value in ("nan", "-1.0"):
+                done = self.run_it(SCRIPTS / "mission_recorder.py", self.folder / "nope", f"{option}={value}")
+                self.assertEqual(done.returncode, 2, done.stderr)
+                self.assertIn(f"{option} {value}, must be a number of seconds >= 0", done.stderr)
+
+    def test_soak_mission_tells_that_there_is_no_table(self):
+        for option in ("--judge", "--tables"):
+            self.refused(2, f"error: no mission.csv in {self.folder}", "soak_mission.py", "--out", self.folder, option)
+
     def test_soak_calls_a_missing_value_bad_usage(self):
         for option in ("--frames", "--plans", "--picks", "--hours"):
             self.refused(2, f"{option} needs a number", "soak", option)
@@ -121,7 +144,7 @@ class ScriptRefusals(unittest.TestCase):
         tree = self.folder / "tree"
         if not tree.exists():
             (tree / "scripts").mkdir(parents=True)
-            for name in ("campaign", "table_campaign.py"):
+            for name in ("campaign", "table_campaign.py", "mission_run.py"):
                 shutil.copy(SCRIPTS / name, tree / "scripts")
             nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))
             (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
@@ -205,6 +228,10 @@ class ScriptRefusals(unittest.TestCase):
         self.refused(1, f"{self.folder}: no mission left anything to plot there", "plot_mission.py", self.folder)
         run_folder.make_run_folder(self.folder / "run", 2)
         self.assertEqual(self.run_it(SCRIPTS / "plot_mission.py", self.folder / "run").returncode, 0)
+        shutil.rmtree(self.folder / "run/report")
+        (self.folder / "run/report").write_text("")
+        for script in ("plot_mission.py", "report_mission.py"):
+            self.refused(1, f"{self.folder / 'run/report'}: File exists", script, self.folder / "run")
 
 
 if __name__ == "__main__":
