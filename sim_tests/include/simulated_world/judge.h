@@ -60,7 +60,7 @@ struct JudgeReport {
   double start_time_s{0.0};
   int bricks_total{0};  ///< at the first observation
   double max_collision_force_N{0.0};
-  double exposed_area_m2{0.0};  ///< ever, of all bricks
+  double exposed_area_m2{0.0};    ///< ever, of all bricks
   double coverable_area_m2{0.0};  ///< of it, ever in an ideal camera's view (LookoutConfig)
   double covered_area_m2{0.0};    ///< of it, ever covered while exposed
   int surfaces_judged{0};

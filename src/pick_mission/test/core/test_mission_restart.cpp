@@ -182,8 +182,12 @@ TEST(MissionRestart, WhatIsNoStateIsRefused) {
   bad["end_reason"] = 99;
   EXPECT_THROW(MissionMachine::fromJson(run.config, {}, bad), std::invalid_argument);
   EXPECT_THROW(MissionMachine::fromJson(run.config, {}, nlohmann::json::array()), std::invalid_argument);
-  for (const auto& [key, value] : {std::pair<const char*, double>{"used_s", -1e300}, {"survey_index", -1.0},
-                                   {"survey_index", 1e12}, {"last_id", -5.0}, {"views", -1.0}, {"picks_begun", 1e10}}) {
+  for (const auto& [key, value] : {std::pair<const char*, double>{"used_s", -1e300},
+                                   {"survey_index", -1.0},
+                                   {"survey_index", 1e12},
+                                   {"last_id", -5.0},
+                                   {"views", -1.0},
+                                   {"picks_begun", 1e10}}) {
     bad = good;
     if (std::string(key) == "used_s") {
       bad[key] = value;
