@@ -352,11 +352,13 @@ class Endurance(unittest.TestCase):
         self.addCleanup(other.kill)
         endurance, pids, stop = self.endurance(), [os.getpid(), os.getpid(), None, other.pid, other.pid], unittest.mock.Mock()
         stop.wait.side_effect = [False] * len(pids) + [True]
+        endurance.map = unittest.mock.Mock(map_points=123)
         endurance.pid_of = lambda node: pids.pop(0) if node == "gpis_mapping" else None
         endurance.watch_memory(stop)
         self.assertEqual(endurance.problems, ["5 s: gpis_mapping was started anew"])
         self.assertEqual(len(endurance.memory), 4)
         self.assertEqual(len((endurance.folder / "memory.csv").read_text().splitlines()), 5)
+        self.assertEqual((endurance.folder / "map.csv").read_text().split(), ["time_s,map_points", *["5.00,123"] * 5])
 
     def test_a_brick_that_cannot_be_laid_down_is_a_problem(self):
         endurance = self.endurance()
@@ -384,6 +386,15 @@ class Endurance(unittest.TestCase):
         self.assertEqual(self.problems({"map": (400.0, 424.0)}), [])
         self.assertEqual(self.problems({"map": (400.0, 426.0)}), ["map has grown from 400 to 426 MB"])
         self.assertEqual(self.problems({"map": (400.0, 300.0), "small": (2.0, 7.0)}), [])
+
+    def test_what_holds_the_map_may_grow_as_the_map_does(self):
+        def problems(node, before_mb, after_mb, *points):
+            return soak_endurance.problems_of([], {node: (before_mb, after_mb)}, *points)
+
+        self.assertEqual(problems("gpis_mapping", 400.0, 508.0, (100000, 120000)), [])
+        self.assertEqual(problems("gpis_mapping", 400.0, 510.0, (100000, 120000)), ["gpis_mapping has grown from 400 to 510 MB, the map by 20%"])
+        self.assertEqual(len(problems("gpis_mapping", 400.0, 426.0, (120000, 100000))), 1)
+        self.assertEqual(len(problems("pick_mission", 400.0, 508.0, (100000, 120000))), 1)
 
     def test_missions_have_to_be_as_they_should(self):
         for changes, words in (({"collisions": 1}, "1 collisions, must be 0"), ({"drops": 2}, "2 drops, must be 0"), ({"falls": 3}, "3 falls in 20 missions"),
