@@ -71,7 +71,8 @@ class ScriptRefusals(unittest.TestCase):
             self.refused(2, f"{argument} after --, must be ARGUMENT:=VALUE" if argument != "sc:=x y" else "no argument sc", *mission("--", argument))
         for name in ("run_folder", "scene", "seed", "strategy", "clock"):
             self.refused(2, f"an option of this script sets {name}", *mission("--", f"{name}:=1"))
-        self.refused(1, "was not made by scripts/run_mission: not deleted", *mission("--", "record:=true"))
+        for argument in ("record:=true", "autostart:=false"):
+            self.refused(1, "was not made by scripts/run_mission: not deleted", *mission("--", argument))
         self.assertTrue((run / "kept").exists())
 
     def test_run_mission_wants_every_node_built(self):
