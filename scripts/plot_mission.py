@@ -79,7 +79,7 @@ def plot_progress(run, summary, out):
     left.set_title("Bricks", fontsize=14, loc="left")
 
     for right in others:
-        plot_map(table, time / divisor, right)
+        plot_map(table, time / divisor, number(summary.get("map_coverable")), right)
     for axes in (left, *others):
         tidy(axes)
         axes.set_xlim(0, max(time.max() / divisor, 1e-6))
@@ -90,7 +90,7 @@ def plot_progress(run, summary, out):
     return True
 
 
-def plot_map(table, time, right):
+def plot_map(table, time, coverable, right):
     for name, colour, words in (("coverage", GREEN, "coverage: mapped, of all that was ever exposed"), ("precision", MUTED, "precision: true, of all that is in the map")):
         values = 100.0 * np.array(table.get(name, np.full(len(time), np.nan)))
         if np.isfinite(values).any():
@@ -99,6 +99,8 @@ def plot_map(table, time, right):
                 there[np.flatnonzero(values > 0.0)[-1] + 1:] = False  # no brick is left: all that a map holds, a crumb, is false
             last = values[there][-1]
             right.plot(time[there], values[there], color=colour, linewidth=2.4 if name == "coverage" else 1.4, label=f"{words} (at the end {last:.1f} %)")
+    if math.isfinite(coverable):
+        right.axhline(100.0 * coverable, color=GREEN, linewidth=1.0, linestyle=":", label=f"could have been seen from the mast ({100.0 * coverable:.1f} %)")
     right.set_ylim(0, 105)
     right.set_ylabel("share of the surface [%]", fontsize=12)
     right.set_title("Map against the truth", fontsize=14, loc="left")
