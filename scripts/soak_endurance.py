@@ -3,7 +3,8 @@
 """Mission after mission for hours of simulated time, in the same processes.
 
 When a mission has ended the base drives back to where it began, the bricks are laid down where they were, and the next mission is
-started: what the map knows is from the one before. At the end no process may have grown: of each, what it holds in the last
+started: what the map knows is from the one before. Each begins with the survey from round about, and the map is
+bounded to the place of work, so that it has all the ground there is from the first on. At the end no process may have grown: of each, what it holds in the last
 quarter is compared with what it held in the second, when the map has had all the ground there is. The map's points are told
 beside it: a view that no mission had before shows new ground.
 Exit code: 0 all as it should be, 1 it is not, 2 bad usage.
@@ -28,7 +29,9 @@ import soak_mission
 from soak_mission import ROOT
 
 SCENE = "four_bricks"
+MAP_CONFIG = ROOT / "sim_tests/config/endurance_map.yaml"
 JITTER_M = 0.03  # of a brick that is laid down again
+BACK_AHEAD_M = 0.3  # of where the robot stood at first: a place is come to straight on, over ground that the camera has seen
 MISSION_S = 900.0  # simulated: time limit of one mission, several times what one takes
 DRIVE_BACK_WALL_S, LAUNCH_WALL_S, STALL_WALL_S, MISSION_WALL_S = 600.0, 120.0, 120.0, 3600.0
 JUDGED_EVERY_S = 1.0  # simulated
@@ -68,7 +71,7 @@ class Endurance(soak_mission.WatchedMission):
         self.log = open(self.folder / "roslaunch.log", "w", encoding="utf-8")
         scene = [f"scene:={self.scene}", f"seed:={self.seed}", "clock:=lockstep", f"run_folder:={self.folder / 'run'}"]
         self.process = subprocess.Popen(["roslaunch", "-p", str(self.port), "mp700_ur5e_bringup", "simulation.launch", *scene, "autostart:=true",
-                                         f"mission_config:={soak_mission.CONFIG}", f"time_limit_s:={MISSION_S:g}"],
+                                         f"map_config:={MAP_CONFIG}", f"time_limit_s:={MISSION_S:g}"],
                                         env={**os.environ, "ROS_LOG_DIR": str(self.folder / "ros")}, stdin=subprocess.DEVNULL, stdout=self.log,
                                         stderr=self.log, start_new_session=True)
 
@@ -194,7 +197,7 @@ class Endurance(soak_mission.WatchedMission):
                 raise soak_mission.NotUp(f"the nodes do not come up; see {self.log.name}")
             places = {marker.id: marker.pose for marker in self.truth.markers if marker.ns == "bricks"}
             self.moves_on("tf", lambda: "odom" in self.tf and "base_link" in self.tf)
-            (x, y), ahead = self.in_map(0.0, 0.0), self.in_map(1.0, 0.0)
+            (x, y), ahead = self.in_map(BACK_AHEAD_M, 0.0), self.in_map(BACK_AHEAD_M + 1.0, 0.0)
             start, num_lying = (x, y, math.atan2(ahead[1] - y, ahead[0] - x)), len(places)
             threading.Thread(target=self.watch_memory, args=(stop,), daemon=True).start()
             before = laid = self.judged_now()
