@@ -27,6 +27,8 @@ PARTS = {"arm": {"/ur_hardware_interface", "/realsense", "/depth_self_filter", "
                  "/motion_planning", "/nbv_selection", "/ur_driver_bridge", "/pick_mission", "/robot_state_publisher",
                  "/system_diagnostics"},
          "base": {"/relayboard", "/kinematics", "/scanner", "/relay_wheels", "/localisation", "/base_navigation"}}
+PARTS["robot"] = PARTS["base"] | {"/ur_hardware_interface", "/realsense", "/ur_driver_bridge", "/robot_state_publisher"}
+PARTS["laptop"] = PARTS["arm"] - PARTS["robot"]
 OURS = PARTS["arm"] - {"/ur_hardware_interface", "/realsense", "/robot_state_publisher"} | {"/base_navigation"}
 
 
@@ -47,6 +49,12 @@ def launch_with(node, args):
     return f'<launch>{declared}<node pkg="{node[0]}" type="node" name="{node[1]}">{params}</node></launch>'
 
 
+def make_program(package):
+    path = package / "node"
+    write(path, "#!/bin/sh\n")
+    path.chmod(0o755)
+
+
 def make_drivers(folder):
     ur = make_package(folder, "ur_robot_driver")
     write(ur / "launch/ur_control.launch", launch_with(("ur_robot_driver", "ur_hardware_interface"), UR_CONTROL_ARGS))
@@ -56,6 +64,7 @@ def make_drivers(folder):
     write(camera / "launch/rs_camera.launch", launch_with(("realsense2_camera", "realsense"), RS_CAMERA_ARGS))
     write(make_package(folder, "azure_kinect_ros_driver") / "launch/driver.launch", SECOND_ROBOT)
     base = make_package(folder, "neo_mp_500")
+    make_program(base)
     write(base / "launch/bringup.launch", SECOND_ROBOT)
     for path, node in (("relayboard_v2/relayboard_v2", "relayboard"), ("kinematics/kinematics", "kinematics"),
                        ("lidar/sick/s300/sick_s300", "scanner")):
@@ -171,13 +180,73 @@ class BringupLaunch(unittest.TestCase):
         everything = set(self.robot().nodes)
         os.environ["ROS_IP"] = "192.168.57.1"  # two computers: not the loopback
         self.addCleanup(os.environ.__setitem__, "ROS_IP", "127.0.0.1")
-        arm, base = set(self.robot("machine:=arm").nodes), set(self.robot("machine:=base").nodes)
-        self.assertEqual(arm, PARTS["arm"])
-        self.assertEqual(base, PARTS["base"])
-        self.assertEqual(arm | base, everything)
+        for one, other in (("arm", "base"), ("laptop", "robot")):
+            here, there = set(self.robot(f"machine:={one}").nodes), set(self.robot(f"machine:={other}").nodes)
+            self.assertEqual(here, PARTS[one])
+            self.assertEqual(there, PARTS[other])
+            self.assertEqual(here | there, everything)
+            self.assertFalse(here & there)
+
+    def test_two_machines_hear_of_the_same_mission(self):
+        os.environ["ROS_IP"] = "192.168.57.1"  # two computers: not the loopback
+        self.addCleanup(os.environ.__setitem__, "ROS_IP", "127.0.0.1")
+        for one, base, bridge in (("laptop", "robot", "robot"), ("arm", "base", "arm")):
+            heartbeat = "/pick_mission/heartbeat"
+            self.assertIn("/pick_mission", self.robot(f"machine:={one}").nodes)
+            self.assertEqual(self.robot(f"machine:={base}").remaps("/base_navigation")["heartbeat"], heartbeat)
+            self.assertGreater(self.robot(f"machine:={base}").params["/base_navigation/drive/max_heartbeat_age_s"], 0.0)
+            loaded = self.robot(f"machine:={bridge}")
+            self.assertEqual(loaded.remaps("/ur_driver_bridge")["heartbeat"], heartbeat)
+            self.assertEqual(loaded.params["/ur_driver_bridge/gate/max_heartbeat_silence_s"], 0.25)
+
+    def test_a_robots_own_files_and_topics_reach_all_who_use_them(self):
+        own = {name: f"{self.folder}/{name}" for name in ("sectors", "bricks")}
+        empty = {name: str(self.folder / f"{name}.yaml") for name in ("map_config", "map_node_config", "detection_config", "planning_config")}
+        for name, path in empty.items():
+            write(pathlib.Path(path), f"seen_{name}: 1\n")
+        topics = {"joint_states": "/arm/joints", "odom": "/base/odom", "cmd_vel": "/base/cmd_vel", "color_topic": "/eye/color/image", "depth_topic": "/eye/depth/image"}
+        robot = self.robot(*[f"{name}:={value}" for name, value in {**own, **empty, **topics, "camera_frame": "eye"}.items()])
+        users = {"sectors": ("motion_planning", "nbv_selection", "pick_mission"), "bricks": ("brick_detection", "motion_planning", "ur_driver_bridge", "pick_mission")}
+        for name, nodes in users.items():
+            for node in nodes:
+                self.assertEqual(robot.params[f"/{node}/{name}_file"], own[name])
+        for key in ("gpis_mapping/map/seen_map_config", "gpis_mapping/seen_map_node_config", "brick_detection/seen_detection_config", "motion_planning/seen_planning_config"):
+            self.assertIn(f"/{key}", robot.params)
+        for node, name, topic in (("depth_self_filter", "joint_states", "joint_states"), ("motion_planning", "joint_states", "joint_states"),
+                                  ("ur_driver_bridge", "joint_states", "joint_states"), ("base_navigation", "odom", "odom"), ("base_navigation", "cmd_vel", "cmd_vel"),
+                                  ("brick_detection", "color/image_raw", "color_topic"), ("depth_self_filter", "depth/image_rect", "depth_topic")):
+            self.assertEqual(robot.remaps(f"/{node}")[name], topics[topic], node)
+        self.assertEqual(robot.params["/brick_detection/input/camera_frame"], "eye")
+        bounded = self.simulation(f"map_config:={empty['map_config']}")
+        self.assertIn("/gpis_mapping/map/seen_map_config", bounded.params)
+
+    def test_an_argument_that_there_is_not_ends_the_launch(self):
+        none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom"]
+        result = self.run_robot(none + ["wall_deadman:=0.1", "heartbeat:=/pick_mission/heartbeat"])
+        self.assertNotEqual(result.returncode, 0)
+        self.assertIn("robot.launch has no argument wall_deadman:", result.stdout)
+        self.assertNotIn("no argument heartbeat", result.stdout)
+
+    def test_shipped_sectors_with_another_urdf_are_spoken_of(self):
+        none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom", f"urdf:={self.folder}/own.urdf"]
+        write(self.folder / "own.urdf", "<robot name='own'><link name='base_link'/></robot>")
+        self.assertIn("sectors.yaml, then sectors:=", self.run_robot(none).stdout)
+        self.assertNotIn("sectors.yaml, then sectors:=", self.run_robot([*none, f"sectors:={self.folder}/sectors"]).stdout)
+
+    def test_a_base_whose_scanners_driver_is_missing_ends_the_launch(self):
+        path = self.folder / "neo_mp_500/configs/lidar/sick/s300/sick_s300.launch"
+        whole = path.read_text(encoding="utf-8")
+        self.addCleanup(path.write_text, whole, encoding="utf-8")
+        write(path, launch_with(("neo_sick_s300", "scanner"), ()))
+        with self.assertRaises(Exception):
+            self.robot()
+        checked = subprocess.run([f"{self.package}/scripts/check_parts", *self.robot_args("machine:=base")], env={**os.environ, "ROS_IP": "192.168.57.1"},
+                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, check=False)
+        self.assertEqual(checked.returncode, 1)
+        self.assertIn("neo_mp_500 starts neo_sick_s300/node, which is not installed", checked.stdout)
 
     def test_the_localisation_is_the_one_chosen(self):
-        self.assertIn("/nothing_corrects_odometry", self.robot("localisation:=odom").nodes)
+        self.assertTrue(self.robot("localisation:=odom").nodes["/nothing_corrects_odometry"].respawn)
         chosen = self.robot().nodes
         self.assertIn("/localisation", chosen)
         self.assertNotIn("/nothing_corrects_odometry", chosen)
@@ -244,7 +313,8 @@ class BringupLaunch(unittest.TestCase):
                 self.assertTrue(node.respawn, name)
                 self.assertEqual(node.respawn_delay, 1.0, name)
                 self.assertFalse(node.required, name)
-            self.assertTrue(load().nodes["/robot_state_publisher"].respawn)
+            for name in ("/robot_state_publisher", "/relay_wheels"):
+                self.assertTrue(load().nodes[name].respawn, name)
             ending = load("required:=true").nodes  # roslaunch itself refuses both at once
             self.assertFalse(any(ending[name].respawn for name in OURS))
             for name in OURS - {"/depth_self_filter", "/system_diagnostics"}:
