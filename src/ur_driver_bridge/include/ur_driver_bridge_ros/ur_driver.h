@@ -43,7 +43,8 @@ class CallThread {
 };
 
 /// The arm's driver as the executor's calls need it: trajectories through scaled_pos_joint_traj_controller, services of
-/// ur_hardware_interface. Answers come on threads of their own. Names below are relative to `nh`.
+/// ur_hardware_interface. Answers come on threads of their own. Names below are relative to `nh`. What the controller follows
+/// when it is first met was sent by another process, a bridge that has crashed, and is cancelled.
 class UrDriver {
  public:
   using OnReply = std::function<void(const ur_driver_bridge::CallReply&)>;
@@ -78,6 +79,7 @@ class UrDriver {
 
   ros::CallbackQueue queue_;  // of the action client
   std::unique_ptr<Client> client_;
+  bool is_old_cancelled_{false};  // of queue_'s thread
   std::mutex goals_mutex_;
   std::deque<Client::GoalHandle> goals_;  // the newest last; handles that go out of scope tell nothing any more
   std::atomic<bool> is_controller_there_{false};

@@ -58,7 +58,12 @@ UrDriver::UrDriver(const ros::NodeHandle& nh, int magnet_pin, OnReply on_reply, 
   own.setCallbackQueue(&queue_);
   client_ = std::make_unique<Client>(own, kController, &queue_);
   presence_timer_ = own.createWallTimer(ros::WallDuration(kPresencePeriod_s), [this](const ros::WallTimerEvent&) {
-    is_controller_there_ = client_->isServerConnected();
+    const bool is_there = client_->isServerConnected();
+    // What a bridge before this one sent goes on with nobody who watches it. By its time: the cancel must not overtake a
+    // goal that is sent after it, on another connection.
+    if (is_there && !is_old_cancelled_) client_->cancelGoalsAtAndBeforeTime(ros::Time::now());
+    is_old_cancelled_ = is_old_cancelled_ || is_there;
+    is_controller_there_ = is_there;
   });
   spinner_ = std::make_unique<ros::AsyncSpinner>(1, &queue_);
   spinner_->start();

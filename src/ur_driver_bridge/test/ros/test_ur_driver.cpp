@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The driver's client against services as other versions of the driver's messages have them.
 #include <atomic>
+#include <functional>
 #include <mutex>
 #include <string>
 #include <vector>
 
+#include <actionlib/client/action_client.h>
+#include <actionlib/server/action_server.h>
+#include <control_msgs/FollowJointTrajectoryAction.h>
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
@@ -97,6 +101,59 @@ TEST_F(UrDriverTest, TellsARefusalFromSilence) {
   EXPECT_FALSE(told.success);
   EXPECT_TRUE(told.is_gone);
   EXPECT_NE(told.message.find(nameOf("zero_ftsensor")), std::string::npos) << told.message;
+}
+
+/// A controller that follows whatever it is given until it is cancelled.
+class FollowingController {
+ public:
+  using Action = control_msgs::FollowJointTrajectoryAction;
+  using Server = actionlib::ActionServer<Action>;
+
+  explicit FollowingController(const std::string& ns)
+      : server_(
+            ros::NodeHandle(ns), "scaled_pos_joint_traj_controller/follow_joint_trajectory",
+            [this](Server::GoalHandle goal) {
+              goal.setAccepted();
+              goals_.push_back(goal);
+            },
+            [](Server::GoalHandle goal) { goal.setCanceled(); }, false) {
+    server_.start();
+  }
+
+  std::size_t numGoals() const { return goals_.size(); }
+  bool isFollowed(std::size_t number) const {
+    return goals_.at(number).getGoalStatus().status == actionlib_msgs::GoalStatus::ACTIVE;
+  }
+
+ private:
+  std::vector<Server::GoalHandle> goals_;  // of the thread that spins
+  Server server_;
+};
+
+/// Whether it comes true, while the global queue is served.
+bool comesTrue(const std::function<bool()>& condition) {
+  constexpr double kDeadline_s = 20.0;
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kDeadline_s);
+  while (!condition() && ros::WallTime::now() < end) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.005));
+  return condition();
+}
+
+// A bridge that is killed in mid-motion leaves the controller at work; the one that comes after it did not ask for that.
+TEST(UrDriverAfterACrash, CancelsWhatItFindsAndNotWhatItSends) {
+  const std::string ns = "/UrDriverAfterACrash";
+  FollowingController controller(ns);
+  actionlib::ActionClient<FollowingController::Action> crashed(
+      ros::NodeHandle(ns), "scaled_pos_joint_traj_controller/follow_joint_trajectory");
+  ASSERT_TRUE(comesTrue([&] { return crashed.isServerConnected(); }));
+  const auto left_behind = crashed.sendGoal({});
+  ASSERT_TRUE(comesTrue([&] { return controller.numGoals() == 1; }));
+  ASSERT_TRUE(controller.isFollowed(0));
+
+  UrDriver driver(ros::NodeHandle(ns), 0, [](const CallReply&) {}, [](const TrajectoryEvent&) {});
+  ASSERT_TRUE(comesTrue([&] { return driver.isControllerThere(); }));
+  driver.send(1, {});  // at once: the two are on their way together
+  ASSERT_TRUE(comesTrue([&] { return controller.numGoals() == 2 && !controller.isFollowed(0); }));
+  EXPECT_TRUE(controller.isFollowed(1));
 }
 
 }  // namespace
