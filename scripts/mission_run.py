@@ -316,7 +316,7 @@ def merged_summary(run):
         summary["failures"] = {kind: times for kind, times, _, _ in run.failures()}
     if summary["sim_seconds"] is None and run.log:
         summary["sim_seconds"] = round(number(last["time_s"]) - run.mission_begun_s(), 3)
-    if summary["end_reason"] is None:
+    if summary["end_reason"] in (None, "none"):  # the mission keeps its summary at each step, before it has ended with "none"
         summary["end_reason"] = "crashed" if run.log or run.table else None
 
     def judged(key, column=None):

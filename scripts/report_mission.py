@@ -309,6 +309,8 @@ def main():
         run.notes.insert(0, f"the mission's summary cannot be read, {unreadable.name} is it: its counts are from mission.jsonl")
     elif not run.summary:
         run.notes.insert(0, "summary.json is missing: the mission did not end by itself; its counts are from mission.jsonl")
+    elif run.summary.get("end_reason") == "none":
+        run.notes.insert(0, "the mission's end: its summary is of its last step")
     elif run.summary.get("end_reason") == "crashed":
         run.notes.insert(0, "the mission did not write a summary: its counts are from mission.jsonl")
     summary = mission_run.merged_summary(run)

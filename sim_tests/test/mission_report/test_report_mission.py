@@ -238,6 +238,19 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(again.returncode, 0)
         self.assertEqual(self.summary(), summary)
 
+    def test_mission_that_was_broken_off_is_not_told_as_one_that_ended(self):
+        self.make_without_maps()
+        path = self.folder / "summary.json"  # as the mission leaves it at each step
+        path.write_text(json.dumps({**json.loads(path.read_text()), "end_reason": "none", "end_message": ""}))
+        lines = (self.folder / "mission.jsonl").read_text().splitlines()
+        (self.folder / "mission.jsonl").write_text("\n".join(lines[:-2]) + "\n")
+        done = self.report()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.summary()["end_reason"], "crashed")
+        for words in ("The mission did not end by itself: its log breaks off.", "the mission's end: its summary is of its last step"):
+            self.assertIn(words, done.stdout)
+            self.assertIn(words, self.page().text)
+
     def test_robots_run_without_a_judge_is_drawn_from_the_log(self):
         made = self.make_without_maps()
         for name in ("judge.json", "judge.csv", "events.jsonl"):
