@@ -44,7 +44,7 @@ class ActionCaller {
     on_end_ = std::move(on_end);
     goal_ = goal;
     seen_ = ros::WallTime::now();
-    if (isConnected()) reallySend();
+    if (maySend()) reallySend();
   }
 
   void cancel() {
@@ -52,6 +52,15 @@ class ActionCaller {
     is_cancel_wanted_ = true;
     if (is_sent_) handle_.cancel();
   }
+
+  /// Cancels every goal that the server has, whoever sent it: now, or as soon as it is there.
+  void cancelAll() {
+    cancel();
+    is_cancel_all_wanted_ = true;
+    reallyCancelAll();
+  }
+  /// It has not reached the server yet.
+  bool isCancelAllWanted() const { return is_cancel_all_wanted_; }
 
   /// Cancels the goal, whose end is not told any more.
   void abandon() {
@@ -65,6 +74,7 @@ class ActionCaller {
   /// To be called now and then: gives up a goal whose server has been away for `timeout` of wall time, or does not say
   /// for as long that it has heard of it, or says that it has ended and not how.
   void watch(ros::WallDuration timeout) {
+    reallyCancelAll();
     cancelAbandoned();
     if (!isActive()) return;
     if (!is_sent_ && is_cancel_wanted_) {
@@ -75,9 +85,9 @@ class ActionCaller {
     }
     const ros::WallTime now = ros::WallTime::now();
     const bool is_connected = isConnected();
-    if (is_connected && !is_sent_) reallySend();
+    if (!is_sent_ && maySend()) reallySend();
     // A server that was started anew is there, and may not know the goal: actionlib tells that of running goals only.
-    if (is_connected && !isUnheard()) seen_ = now;
+    if (is_connected && (!is_sent_ || !isUnheard())) seen_ = now;
     if (now - seen_ < timeout) return;
     End end;
     end.why =
@@ -88,6 +98,21 @@ class ActionCaller {
   }
 
  private:
+  /// Goals and cancels go by different connections: one may overtake the other. Wall time
+  static constexpr double kOvertaking_s = 0.2;
+
+  bool maySend() {
+    reallyCancelAll();
+    return isConnected() && !is_cancel_all_wanted_ && (ros::WallTime::now() - cancelled_all_).toSec() > kOvertaking_s;
+  }
+
+  void reallyCancelAll() {
+    if (!is_cancel_all_wanted_ || !isConnected()) return;
+    client_.cancelAllGoals();
+    is_cancel_all_wanted_ = false;
+    cancelled_all_ = ros::WallTime::now();
+  }
+
   /// A server that has been away may still be at it.
   void cancelAbandoned() {
     if (abandoned_.isExpired() || !isConnected()) return;
@@ -135,6 +160,8 @@ class ActionCaller {
   OnEnd on_end_;
   bool is_sent_{false};
   bool is_cancel_wanted_{false};
+  bool is_cancel_all_wanted_{false};
+  ros::WallTime cancelled_all_;
   std::uint64_t number_{0};  // of the goal
   ros::WallTime seen_;       // when the server was last there and at the goal
   Client client_;

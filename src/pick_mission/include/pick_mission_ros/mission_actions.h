@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <actionlib_msgs/GoalStatusArray.h>
 #include <interactive_mapping_msgs/ArmBridgeState.h>
 #include <interactive_mapping_msgs/ArmOutcome.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
@@ -63,6 +64,13 @@ class MissionActions {
   /// Ends what goes on, which is then answered as it ended.
   void cancel();
   bool isIdle() const { return !running_; }
+
+  /// Ends every drive, also one that this process has not asked for.
+  void cancelDrives() { drive_.cancelAll(); }
+
+  /// Whether drives and motions of the arm that an earlier process has asked for have been cancelled. It is begun with the
+  /// construction, as soon as each server is there; false for as long as one is not.
+  bool areOldGoalsCancelled() const;
 
   /// A hold that nobody has taken: then the mission's heart must not beat.
   bool isHoldLost() const { return is_hold_lost_; }
@@ -141,6 +149,7 @@ class MissionActions {
   void onMapUpdate(const interactive_mapping_msgs::MapUpdateConstPtr& message);
   void onBricks(const interactive_mapping_msgs::BrickArrayConstPtr& message);
   void onNavigationOutcome(const interactive_mapping_msgs::NavigationOutcomeConstPtr& message);
+  void onDriveStatus(const actionlib_msgs::GoalStatusArrayConstPtr& message);
 
   const PickMissionParams params_;
   const std::shared_ptr<const motion_planning::ArmKinematics> arm_;
@@ -158,6 +167,8 @@ class MissionActions {
   std::optional<pick_mission::Pose2d> drive_goal_;
   std::optional<interactive_mapping_msgs::NavigationOutcome> drive_outcome_;  // heard before the action's result
   ros::Time drive_since_;
+  bool may_base_drive_{
+      true};  // by the last word of its server a goal goes on that nobody has cancelled; or none has come
   bool is_hold_wanted_{false};
   bool is_hold_lost_{false};
 

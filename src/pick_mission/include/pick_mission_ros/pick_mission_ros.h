@@ -49,6 +49,7 @@ class PickMissionRos {
   void keep();
   void publishState();
   void tick();
+  void letHeartBeat();
   void beat();
   double wallSeconds() const;
   std::optional<int> currentBrick() const;
@@ -91,6 +92,8 @@ class PickMissionRos {
   ros::WallTime watched_, published_, asked_;
   std::atomic<double> alive_s_{0.0};  // steady time of the last spinOnce()
   std::atomic<bool> is_hold_lost_{false};
+  std::atomic<bool> may_heart_beat_{false};
+  const ros::SteadyTime begun_{ros::SteadyTime::now()};
 
   ros::Publisher state_publisher_, marker_publisher_, heartbeat_publisher_;
   std::vector<ros::ServiceServer> servers_;

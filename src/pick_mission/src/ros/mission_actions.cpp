@@ -81,7 +81,18 @@ MissionActions::MissionActions(const ros::NodeHandle& nh, const PickMissionParam
       handle.subscribe(params.nodes.map + "/update", 20, &MissionActions::onMapUpdate, this, no_delay),
       handle.subscribe(params.nodes.detection + "/bricks", 2, &MissionActions::onBricks, this, no_delay),
       handle.subscribe(params.nodes.navigation + "/outcome", 5, &MissionActions::onNavigationOutcome, this, no_delay),
+      handle.subscribe(params.nodes.move_base + "/status", 5, &MissionActions::onDriveStatus, this, no_delay),
   };
+  // Of a process before this one: nobody would hear how they end, nor stop them. Letting go and recovering do not move the
+  // arm, and are better finished; their server says that it is busy until then.
+  drive_.cancelAll();
+  move_arm_.cancelAll();
+  pick_.cancelAll();
+}
+
+bool MissionActions::areOldGoalsCancelled() const {
+  return !drive_.isCancelAllWanted() && !move_arm_.isCancelAllWanted() && !pick_.isCancelAllWanted() &&
+         !may_base_drive_;
 }
 
 // --- The robot as it is -----------------------------------------------------------------------------------------------
@@ -532,7 +543,7 @@ void MissionActions::begin(const command::Cancel& /*cancel*/) {
 // a hold at once, and again after a release that was still under way.
 
 void MissionActions::begin(const command::Hold& /*hold*/) {
-  drive_.cancel();
+  cancelDrives();
   is_hold_wanted_ = true;
   callHold();
 }
@@ -615,6 +626,14 @@ void MissionActions::onNavigationOutcome(const NavigationOutcome::ConstPtr& mess
   }
   drive_outcome_ = *message;
   if (pending_drive_) finishDrive(&*drive_outcome_);
+}
+
+void MissionActions::onDriveStatus(const actionlib_msgs::GoalStatusArrayConstPtr& message) {
+  using actionlib_msgs::GoalStatus;
+  may_base_drive_ = false;
+  for (const GoalStatus& goal : message->status_list) {
+    if (goal.status == GoalStatus::PENDING || goal.status == GoalStatus::ACTIVE) may_base_drive_ = true;
+  }
 }
 
 }  // namespace pick_mission_ros

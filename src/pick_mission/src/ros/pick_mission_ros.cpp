@@ -27,6 +27,9 @@ constexpr double kWatchPeriod_s = 0.1;  // wall time
 constexpr double kPublishPeriod_s = 1.0;
 constexpr double kAskPeriod_s = 0.5;  // whether all is there to start; each time asks the master
 constexpr double kTickPeriod_s = 1.0;
+/// Wall time that the heart waits for old goals to be cancelled. Without it base and arm stand; more than the navigation's
+/// patience with that (2 s), so that what has not been cancelled by then has been given up.
+constexpr double kOldGoals_s = 3.0;
 constexpr double kCallsEnd_s = 2.0;  // for what ROS's end breaks off; takes milliseconds
 
 mp700_ur5e_description::BrickCatalogue catalogueFrom(const std::string& file) {
@@ -159,6 +162,7 @@ void PickMissionRos::tick() {
     watched_ = wall;
     actions_->watch();
   }
+  letHeartBeat();
   const ros::Time now = ros::Time::now();
   if (now < ticked_ || (now - ticked_).toSec() >= kTickPeriod_s) {
     ticked_ = now;
@@ -179,9 +183,24 @@ void PickMissionRos::autostart() {
   if (!why_not.empty()) ROS_INFO_STREAM_NAMED(kLog, "waits for " << why_not);
 }
 
+/// Not before what an earlier process has asked for is cancelled: with a heartbeat the base would go on with its drive. But
+/// in the end, for others wait for it: the clock of a simulation, and a server that is not there may never be.
+void PickMissionRos::letHeartBeat() {
+  if (may_heart_beat_) return;
+  const bool is_cancelled = actions_->areOldGoalsCancelled();
+  if (!is_cancelled && (ros::SteadyTime::now() - begun_).toSec() < kOldGoals_s) return;
+  if (!is_cancelled) {
+    ROS_WARN_STREAM_NAMED(kLog,
+                          "navigation or bridge have not cancelled what an earlier process may have asked for within "
+                              << kOldGoals_s << " s of wall time: it is cancelled when they are there");
+  }
+  may_heart_beat_ = true;
+  if (!ros::Time::now().isZero()) beat();  // at once: the clock may wait for it
+}
+
 /// The heart beats as long as the mission's thread does not hang, and no hold has been lost.
 void PickMissionRos::beat() {
-  if (is_hold_lost_ || ros::SteadyTime::now().toSec() - alive_s_ > params_.max_stall_s) return;
+  if (!may_heart_beat_ || is_hold_lost_ || ros::SteadyTime::now().toSec() - alive_s_ > params_.max_stall_s) return;
   std_msgs::Header header;
   header.stamp = ros::Time::now();
   header.frame_id = params_.map_frame;
@@ -367,6 +386,7 @@ bool PickMissionRos::onHold(std_srvs::Trigger::Request& /*request*/, std_srvs::T
 }
 
 bool PickMissionRos::onStop(std_srvs::Trigger::Request& /*request*/, std_srvs::Trigger::Response& response) {
+  actions_->cancelDrives();  // whoever asked for them: the machine knows of its own alone
   take(event::Stop{}, &response);
   return true;
 }

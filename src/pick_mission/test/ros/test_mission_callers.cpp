@@ -179,6 +179,36 @@ TEST_F(MissionCallers, NextGoalIsSentFromWithinTheEndOfTheLastOne) {
   EXPECT_FALSE(action_->isActive());
 }
 
+TEST_F(MissionCallers, CancelAllEndsGoalsOfOthersAsSoonAsTheServerIsThere) {
+  Caller other(nh_, name_ + "/action", &queue_);
+  startServer();
+  ASSERT_TRUE(until([&] { return other.isConnected(); }));
+  bool is_cancelled = false;
+  other.send(goalTo("wait"), [&](const Caller::End& end) { is_cancelled = end.is_cancelled; });
+  Caller next(nh_, name_ + "/action", &queue_);
+  next.cancelAll();
+  EXPECT_TRUE(next.isCancelAllWanted()) << "not connected yet";
+  EXPECT_TRUE(until([&] {
+    next.watch(ros::WallDuration(kLong_s));
+    return is_cancelled;
+  }));
+  EXPECT_FALSE(next.isCancelAllWanted());
+}
+
+// They go by different connections.
+TEST_F(MissionCallers, CancelAllDoesNotOvertakeTheGoalAfterIt) {
+  startServerAndConnect();
+  for (std::size_t number = 1; number <= 5; ++number) {
+    action_->cancelAll();
+    send("wait");
+    const ros::WallTime begin = ros::WallTime::now();
+    EXPECT_FALSE(until([&] { return !ends_.empty() || (ros::WallTime::now() - begin).toSec() > kShort_s; }) &&
+                 !ends_.empty())
+        << "cancelled with what was before it";
+    action_->abandon();
+  }
+}
+
 TEST_F(MissionCallers, GoalWithoutAServerIsGivenUp) {
   timeout_s_ = kShort_s;
   const ros::WallTime begin = ros::WallTime::now();

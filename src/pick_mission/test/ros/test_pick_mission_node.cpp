@@ -303,6 +303,7 @@ class Heart {
   Heart() {
     subscriber_ = ros::NodeHandle().subscribe<std_msgs::Header>("/pick_mission/heartbeat", 1000,
                                                                 [this](const std_msgs::Header::ConstPtr& beat) {
+                                                                  if (beats == 0 && on_first) on_first();
                                                                   ++beats;
                                                                   last = beat->stamp;
                                                                 });
@@ -316,9 +317,27 @@ class Heart {
   }
   int beats{0};
   ros::Time last;
+  std::function<void()> on_first;
 
  private:
   ros::Subscriber subscriber_;
+};
+
+/// Sends a drive that the mission's node does not know of.
+class OtherDriver {
+ public:
+  OtherDriver() : publisher_(ros::NodeHandle().advertise<move_base_msgs::MoveBaseActionGoal>("/move_base/goal", 1)) {}
+  void drive() {
+    ASSERT_TRUE(waitUntil([this] { return publisher_.getNumSubscribers() > 0; }));
+    move_base_msgs::MoveBaseActionGoal goal;
+    goal.goal_id.id = "other " + std::to_string(++number_);
+    goal.goal.target_pose.pose.orientation.w = 1.0;
+    publisher_.publish(goal);
+  }
+
+ private:
+  ros::Publisher publisher_;
+  int number_{0};
 };
 
 constexpr double kStill_s = 0.3;  // wall time: some sixty beats of the fast clock
@@ -459,6 +478,67 @@ TEST_F(PickMissionNode, KilledWhilePausedItWaitsForResumeThoughItStartsByItself)
   EXPECT_TRUE(tell("resume").success);
   expectEnd(MissionState::NO_BRICK_LEFT, "");
   EXPECT_EQ(state_.bricks_picked, 4u);
+}
+
+// With the heart beating again the navigation would go on with what it was told by a process that is no more.
+TEST_F(PickMissionNode, KilledInADriveTheNextNodeEndsItBeforeItsHeartBeats) {
+  setMode("drive", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("drive"));
+  endNode(SIGKILL);
+  const auto cancelled = [] { return world_->with([] { return world_->times_cancelled["drive"]; }); };
+  ASSERT_EQ(cancelled(), 0);
+  Heart heart;
+  int at_first = -1;
+  heart.on_first = [&] { at_first = cancelled(); };
+  startNode();
+  ASSERT_TRUE(until([&] { return heart.beats > 0; })) << "beats in the end";
+  EXPECT_EQ(at_first, 1);
+  EXPECT_EQ(state_.state, MissionState::IDLE);
+  setMode("drive", Mode::kAnswer);
+  startMission();
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  EXPECT_EQ(cancelled(), 1) << "of its own drives none";
+}
+
+TEST_F(PickMissionNode, KilledInAMotionOfTheArmTheNextNodeEndsIt) {
+  setMode("move", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("move"));
+  endNode(SIGKILL);
+  startNode();
+  EXPECT_TRUE(until([] { return world_->with([] { return world_->times_cancelled["move"]; }) == 1; }));
+}
+
+TEST_F(PickMissionNode, HeartBeatsInTheEndThoughTheNavigationIsNotThere) {
+  world_->stop("drive");
+  Heart heart;
+  startNode();
+  ASSERT_TRUE(until([&] { return heart.beats > 0; }));
+  // Late as it comes, what it goes on with is nobody's.
+  setMode("drive", Mode::kHang);
+  world_->start("drive");
+  OtherDriver other;
+  other.drive();
+  ASSERT_TRUE(untilCalled("drive"));
+  EXPECT_TRUE(until([] { return world_->with([] { return world_->times_cancelled["drive"]; }) == 1; }));
+}
+
+TEST_F(PickMissionNode, HoldAndStopEndADriveThatThisNodeDoesNotKnow) {
+  Heart heart;
+  OtherDriver other;
+  startNode();
+  ASSERT_TRUE(until([&] { return heart.beats > 0; })) << "it has cancelled what was before it";
+  setMode("drive", Mode::kHang);
+  int count = 0;
+  for (const char* what : {"hold", "stop"}) {
+    SCOPED_TRACE(what);
+    other.drive();
+    ASSERT_TRUE(untilCalled("drive", ++count));
+    tell(what);
+    EXPECT_TRUE(until([&] { return world_->with([] { return world_->times_cancelled["drive"]; }) == count; }));
+  }
+  EXPECT_EQ(state_.state, MissionState::IDLE);
 }
 
 TEST_F(PickMissionNode, StopEndsAMissionThatWasInterrupted) {
