@@ -11,18 +11,32 @@
 #include <std_srvs/Trigger.h>
 
 namespace pick_mission_rviz {
+namespace {
+
+/// Wall time after which a hold that has no answer may be lost: then another press gives another one.
+constexpr double kHoldAgain_s = 2.0;
+/// Wall time that closing leaves to a hold that is on its way.
+constexpr double kHoldOut_s = 0.5;
+constexpr double kPoll_s = 0.01;
+
+}  // namespace
 
 /// One request in its own thread.
 class MissionConnection::Call {
  public:
-  Call(Request request, std::string service, std::function<void(const Answer&)> done)
-      : request_(request), service_(std::move(service)), done_(std::move(done)), thread_([this] { run(); }) {}
+  Call(Request request, unsigned epoch, std::string service, std::function<void(const Answer&)> done)
+      : request_(request), epoch_(epoch), service_(std::move(service)), done_(std::move(done)), thread_([this] {
+          run();
+        }) {}
   ~Call() {
     breakOff();
     thread_.join();
   }
 
   Request request() const { return request_; }
+  unsigned epoch() const { return epoch_; }
+  double age() const { return (ros::SteadyTime::now() - begun_).toSec(); }
+  /// Its answer is told, or about to be.
   bool hasEnded() const { return has_ended_; }
 
   /// The answer is of no interest any more.
@@ -34,8 +48,10 @@ class MissionConnection::Call {
 
  private:
   void run() {
-    done_(ask());
+    const Answer answer = ask();
+    // Before it is told: whoever presses again after that gives a new one.
     has_ended_ = true;
+    done_(answer);
   }
 
   Answer ask() {
@@ -64,6 +80,8 @@ class MissionConnection::Call {
   }
 
   const Request request_;
+  const unsigned epoch_;
+  const ros::SteadyTime begun_{ros::SteadyTime::now()};
   const std::string service_;
   const std::function<void(const Answer&)> done_;
   std::mutex client_mutex_;  // guards the next two
@@ -82,6 +100,14 @@ MissionConnection::MissionConnection(StateCallback on_state, AnswerCallback on_a
 MissionConnection::~MissionConnection() {
   subscriber_.shutdown();
   spinner_.stop();
+  const auto isHoldOpen = [](const std::unique_ptr<Call>& call) {
+    return call->request() == Request::kHold && !call->hasEnded();
+  };
+  const ros::SteadyTime begin = ros::SteadyTime::now();
+  while ((ros::SteadyTime::now() - begin).toSec() < kHoldOut_s &&
+         std::any_of(calls_.begin(), calls_.end(), isHoldOpen)) {
+    ros::WallDuration(kPoll_s).sleep();
+  }
   for (const std::unique_ptr<Call>& call : calls_) call->breakOff();
   calls_.clear();  // joins
 }
@@ -94,7 +120,9 @@ void MissionConnection::connectTo(const std::string& node) {
   node_ = ros::names::resolve(node);
   const unsigned epoch = ++epoch_;
   subscriber_.shutdown();
-  for (const std::unique_ptr<Call>& call : calls_) call->breakOff();
+  for (const std::unique_ptr<Call>& call : calls_) {
+    if (call->request() != Request::kHold) call->breakOff();
+  }
   using interactive_mapping_msgs::MissionState;
   subscriber_ = nh_.subscribe<MissionState>(node_ + "/state", 1, [this, epoch](const MissionState::ConstPtr& state) {
     // Runs in the spinner's thread, what it hands on in this object's.
@@ -112,17 +140,27 @@ void MissionConnection::call(Request request) {
       std::remove_if(calls_.begin(), calls_.end(), [](const std::unique_ptr<Call>& call) { return call->hasEnded(); }),
       calls_.end());
   for (const std::unique_ptr<Call>& call : calls_) {
-    if (call->request() == request) call->breakOff();
+    if (call->request() != request || call->epoch() != epoch_) continue;
+    if (request != Request::kHold) {
+      call->breakOff();
+    } else if (last_request_ == request && call->age() < kHoldAgain_s) {
+      return;  // it is on its way, and nothing that may have taken it back
+    }
   }
+  last_request_ = request;
   const unsigned epoch = epoch_;
   const unsigned number = ++last_call_[static_cast<std::size_t>(request)];
   calls_.push_back(std::make_unique<Call>(
-      request, node_ + "/" + serviceOf(request), [this, request, epoch, number](const Answer& answer) {
+      request, epoch, node_ + "/" + serviceOf(request), [this, request, epoch, number](const Answer& answer) {
         QMetaObject::invokeMethod(
             this,
             [this, request, epoch, number, answer] {
-              const bool is_newest = number == last_call_[static_cast<std::size_t>(request)];
-              if (epoch == epoch_ && is_newest) on_answer_(request, answer);
+              unsigned& last = last_call_[static_cast<std::size_t>(request)];
+              // Of several holds one that is taken is enough: that another one fails after it is not told.
+              const bool is_hold_taken = request == Request::kHold && answer.success;
+              if (epoch != epoch_ || (number != last && !is_hold_taken)) return;
+              if (is_hold_taken) ++last;
+              on_answer_(request, answer);
             },
             Qt::QueuedConnection);
       }));

@@ -4,6 +4,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,14 +26,16 @@ class MissionConnection : public QObject {
   using AnswerCallback = std::function<void(Request, const Answer&)>;
 
   MissionConnection(StateCallback on_state, AnswerCallback on_answer);
-  /// Calls that have no answer yet are broken off; one that waits for the master (a cut network) is waited for.
+  /// Calls that have no answer yet are broken off, a hold after half a second; one that waits for the master (a cut
+  /// network) is waited for.
   ~MissionConnection() override;
 
-  /// Nothing of the node before comes any more. Throws std::invalid_argument unless it is the name of a node.
+  /// Nothing of the node before comes any more; a hold that is on its way there goes on. Throws std::invalid_argument unless it is the name of a node.
   void connectTo(const std::string& node);
   const std::string& node() const { return node_; }
 
-  /// At once, whatever else waits. The same request again breaks off the one before, which is then not answered.
+  /// At once, whatever else waits. The same request again breaks off the one before, which is then not answered. But a hold
+  /// is never broken off: the same again within 2 s, with nothing else in between, is one with it; else it goes out beside it.
   void call(Request request);
 
  private:
@@ -43,6 +46,7 @@ class MissionConnection : public QObject {
   std::string node_;
   unsigned epoch_{0};                               // counts the nodes: what comes late, of one before, is known by it
   std::array<unsigned, kNumRequests> last_call_{};  // the same for the calls of each request
+  std::optional<Request> last_request_;
   ros::NodeHandle nh_;
   ros::CallbackQueue queue_;
   ros::AsyncSpinner spinner_;

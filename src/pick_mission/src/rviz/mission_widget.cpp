@@ -287,9 +287,12 @@ void MissionWidget::setNode(const QString& node) {
 }
 
 void MissionWidget::request(Request request) {
-  waits_for_ = request;
-  since_request_.restart();
-  say(waitingInWords(request, 0.0, connection_.node()), false);
+  // Pressed again before there was an answer: how long it has been waited for is worth more than that it was pressed.
+  if (waits_for_ != request) {
+    waits_for_ = request;
+    since_request_.restart();
+    say(waitingInWords(request, 0.0, connection_.node()), false);
+  }
   connection_.call(request);
 }
 
@@ -326,8 +329,9 @@ void MissionWidget::display(const MissionView& view) {
   pause_->setEnabled(view.can_pause || view.can_resume);
   is_pause_for_resume_ = view.can_resume && !view.can_pause;
   pause_->setText(is_pause_for_resume_ ? tr("Resume") : tr("Pause"));
-  pause_->setToolTip(is_pause_for_resume_ ? tr("Goes on, after a fresh inspection.")
-                                          : tr("Pauses when what goes on has ended."));
+  pause_->setToolTip(is_pause_for_resume_
+                         ? tr("Goes on, after a fresh inspection.")
+                         : tr("Pauses when what goes on has ended."));
   stop_->setEnabled(view.can_stop);
   hold_->setEnabled(view.can_hold);
   if (!view.can_stop) stop_question_->hide();

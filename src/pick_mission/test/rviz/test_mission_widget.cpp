@@ -248,6 +248,53 @@ TEST_F(MissionWidgetTest, WithoutAnAnswerItSaysSo) {
   ASSERT_TRUE(waitForAnswer("Hold: done.")) << text("answer");
 }
 
+// Whoever is afraid presses again and again: that must neither break off what is on its way, nor begin the wait anew, nor
+// start a thread each time.
+TEST_F(MissionWidgetTest, HoldPressedAgainAndAgainIsOneHold) {
+  FakeNode node(name_);
+  node.offerAll();
+  node.holdBack("hold");
+  constexpr int kPress_ms = 50;
+  int presses = 0;
+  QElapsedTimer timer;
+  timer.start();
+  ASSERT_TRUE(waitUntil([&] {
+    if (timer.elapsed() < presses * kPress_ms) return false;
+    ++presses;
+    button("hold")->click();
+    return text("answer").find("no answer of") != std::string::npos;
+  })) << text("answer");
+  EXPECT_GT(presses, 10);
+  // One more where the last one is old: that one may be lost.
+  EXPECT_LE(node.called().size(), 1 + static_cast<std::size_t>(timer.elapsed()) / 2000);
+  node.letAnswer();
+  ASSERT_TRUE(waitForAnswer("Hold: done.")) << text("answer");
+}
+
+TEST_F(MissionWidgetTest, HoldAfterAResumeIsGivenAnew) {
+  FakeNode node(name_);
+  node.offerAll();
+  node.holdBack("hold");
+  node.publish(stateOf(MissionState::HELD));
+  ASSERT_TRUE(waitForTitle("Held"));
+  button("hold")->click();
+  ASSERT_TRUE(waitUntil([&] { return node.called().size() == 1; }));
+  button("pause")->click();
+  ASSERT_TRUE(waitForAnswer("Resume: done."));
+  button("hold")->click();
+  ASSERT_TRUE(waitUntil([&] { return node.called().size() == 3; })) << "taken for one with that before the resume";
+}
+
+TEST_F(MissionWidgetTest, HoldThatWasRefusedIsGivenAnew) {
+  FakeNode node(name_);
+  node.offer("hold", false, "the bridge is gone");
+  for (std::size_t press = 1; press <= 20; ++press) {
+    button("hold")->click();
+    ASSERT_TRUE(waitUntil([&] { return node.called().size() == press; })) << "taken for one with that which had ended";
+    ASSERT_TRUE(waitForAnswer("Hold was refused")) << text("answer");
+  }
+}
+
 TEST_F(MissionWidgetTest, ClosingDoesNotWaitForACallThatHangs) {
   FakeNode node(name_);
   node.offerAll();
