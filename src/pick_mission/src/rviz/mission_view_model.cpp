@@ -219,11 +219,14 @@ void addButtons(const MissionState& state, MissionView* view) {
   view->can_start = state.state == MissionState::IDLE || state.state == MissionState::ENDED;
   view->can_pause = is_active && !state.is_pause_wanted;
   // While it halts for a hold, resume takes that back.
-  view->can_resume = state.state == MissionState::PAUSED || state.state == MissionState::HELD ||
-                     state.state == MissionState::HALTING || (is_active && state.is_pause_wanted);
+  const bool is_interruption = state.state == MissionState::PAUSED || state.state == MissionState::HELD ||
+                               state.state == MissionState::HALTING || (is_active && state.is_pause_wanted);
+  // Before a mission and after it resume releases a hold, without which none starts if it has been lost. The state does not
+  // tell of one; where there is none, the node answers so.
+  view->can_resume = is_interruption || view->can_start;
   // One that waits to go on after a crash has used time.
   const bool is_interrupted = state.state == MissionState::IDLE && state.used_s > 0.0;
-  view->can_stop = is_active || view->can_resume || is_interrupted || !is_known;
+  view->can_stop = is_active || is_interruption || is_interrupted || !is_known;
 }
 
 }  // namespace

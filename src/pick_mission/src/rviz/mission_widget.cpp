@@ -330,7 +330,7 @@ void MissionWidget::display(const MissionView& view) {
   is_pause_for_resume_ = view.can_resume && !view.can_pause;
   pause_->setText(is_pause_for_resume_ ? tr("Resume") : tr("Pause"));
   pause_->setToolTip(is_pause_for_resume_
-                         ? tr("Goes on, after a fresh inspection.")
+                         ? tr("Goes on, after a fresh inspection; without a mission it releases a hold.")
                          : tr("Pauses when what goes on has ended."));
   stop_->setEnabled(view.can_stop);
   hold_->setEnabled(view.can_hold);

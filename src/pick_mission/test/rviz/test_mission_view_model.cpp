@@ -82,13 +82,13 @@ std::string buttonsOf(const MissionView& view) {
 
 TEST(MissionView, ButtonsAreThoseThatMakeSense) {
   MissionState idle = stateOf(MissionState::IDLE);
-  EXPECT_EQ(buttonsOf(fresh(idle)), "start stop hold") << "interrupted: it can go on or be ended";
+  EXPECT_EQ(buttonsOf(fresh(idle)), "start resume stop hold") << "interrupted: it can go on or be ended";
   idle.used_s = 0.0;
-  EXPECT_EQ(buttonsOf(fresh(idle)), "start hold") << "not begun";
+  EXPECT_EQ(buttonsOf(fresh(idle)), "start resume hold") << "not begun; it releases a hold that was given before";
   EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::PAUSED))), "resume stop hold");
   EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::HELD))), "resume stop hold");
   EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::HALTING))), "resume stop hold");
-  EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::ENDED))), "start hold");
+  EXPECT_EQ(buttonsOf(fresh(stateOf(MissionState::ENDED))), "start resume hold") << "the same after it";
   for (std::uint8_t value = MissionState::BEGIN; value < MissionState::NUM_STATES; ++value) {
     MissionState state = stateOf(value);
     EXPECT_EQ(buttonsOf(fresh(state)), "pause stop hold") << fresh(state).title;

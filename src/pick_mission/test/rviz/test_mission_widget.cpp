@@ -156,7 +156,8 @@ TEST_F(MissionWidgetTest, ShowsWhatThePublishedStateSays) {
   state.state = MissionState::IDLE;
   node.publish(state);
   ASSERT_TRUE(waitForTitle("Waiting for start"));
-  EXPECT_EQ(enabled(), "start hold ");
+  EXPECT_EQ(enabled(), "start pause hold ");
+  EXPECT_EQ(button("pause")->text(), "Resume") << "of a hold that is given before the mission";
 }
 
 TEST_F(MissionWidgetTest, EachButtonCallsItsService) {
