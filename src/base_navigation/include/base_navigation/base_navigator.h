@@ -59,8 +59,8 @@ const char* toString(NavigationStatus status);
 /// What the base knows at a step; stamps on one clock, negative: never came.
 struct NavigationInput {
   double now_s{0.0};
-  Pose2d T_map_base;
-  double pose_stamp_s{-1.0};
+  Pose2d T_map_base;          // by the newest localisation, at T_odom_base
+  double pose_stamp_s{-1.0};  // of that localisation; between two of them odometry carries the pose on
   Pose2d T_odom_base;
   Twist2d odometry_twist;
   double odometry_stamp_s{-1.0};
@@ -90,6 +90,7 @@ struct NavigationOutput {
   FollowCommand follow;
   GuardVerdict guard;
   double remaining_m{0.0};
+  bool has_jumped{false};  // localisation or odometry, in this step: what was entered in the map's frame before is void
 };
 
 /// Drives to one goal after another, a step at a time: plan, follow, stop for what the scanner sees, stop and plan anew

@@ -80,6 +80,8 @@ class BaseNavigationRos {
   void step(const ros::Time& now);
   void lookUpLocalisation(const ros::Time& stamp);
   void enterScans(const ros::Time& before);
+  /// What was entered with poses that were wrong: scans and the way driven.
+  void forgetScans();
   void takeRequests();
   /// Ends the current goal: outcome and the action's status.
   void finish(Status status, const std::string& message);
@@ -108,6 +110,7 @@ class BaseNavigationRos {
   base_navigation::Twist2d odometry_twist_;
   base_navigation::Pose2d T_map_odom_;
   ros::Time localisation_stamp_;  // zero: none has come
+  ros::Time jumped_;              // of the step in which localisation or odometry last did
   bool is_localisation_late_{false};
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>>> new_scans_;
   std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>> scan_;

@@ -237,14 +237,18 @@ struct BaseNavigator::State {
   Source heartbeat{"the heartbeat"};
   Pose2d T_odom_base;
   Twist2d odometry_twist;
-  Pose2d T_map_base;
-  Pose2d T_odom_base_at_pose;  // odometry when T_map_base came
+  Pose2d T_map_base;          // at the newest odometry
+  bool is_pose_known{false};  // since the clock last ran back, a new goal or not; then when the localisation came:
+  Pose2d T_map_base_at_pose;
+  Pose2d T_odom_base_at_pose;
   bool was_odometry_fresh_at_pose{false};
   std::deque<std::pair<double, Pose2d>> odometry_history;
   std::shared_ptr<const Scan> scan_now;
   std::shared_ptr<const NavigationGrid> grid_now;
   std::shared_ptr<const NavigationGrid> grid_checked;
-  std::string jump;  // of the localisation, in this step
+  std::string jump;  // of localisation or odometry, in this step
+  bool has_jumped{false};
+  double jumped_s{-std::numeric_limits<double>::infinity()};  // the last time
 
   double last_now_s{std::numeric_limits<double>::quiet_NaN()};
   std::optional<double> stale_since_s;
@@ -276,32 +280,57 @@ struct BaseNavigator::State {
 
   // ---------------------------------------------------------------------------------------------------------- data
 
+  void takeOdometry(const NavigationInput& input) {
+    const double before_s = odometry.stamp_s;
+    const bool is_finite = isFinite(input.T_odom_base) && std::isfinite(input.odometry_twist.linear_m_s) &&
+                           std::isfinite(input.odometry_twist.angular_rad_s);
+    if (!odometry.accept(input.odometry_stamp_s, input.now_s, is_finite)) return;
+    if (before_s >= 0.0) {
+      const double elapsed_s = input.odometry_stamp_s - before_s;
+      const double step_m = (input.T_odom_base.position() - T_odom_base.position()).norm();
+      const double step_rad = std::abs(wrapAngle(input.T_odom_base.yaw_rad - T_odom_base.yaw_rad));
+      const double max_m = config.max_pose_step_m + limits.forward_m_s * elapsed_s;
+      const double max_rad = config.max_pose_step_rad + limits.turn_rad_s * elapsed_s;
+      if (step_m > max_m || step_rad > max_rad) {
+        has_jumped = true;
+        jump = "odometry has jumped by " + number(step_m) + " m and " + number(step_rad) + " rad within " +
+               number(elapsed_s) + " s, may be " + number(max_m) + " m and " + number(max_rad) + " rad";
+        odometry_history.clear();
+      }
+    }
+    T_odom_base = input.T_odom_base;
+    odometry_twist = input.odometry_twist;
+    odometry_history.push_back({input.odometry_stamp_s, T_odom_base});
+    while (odometry_history.back().first - odometry_history.front().first > kHistory_s) odometry_history.pop_front();
+  }
+
   void take(const NavigationInput& input) {
     jump.clear();
-    const bool is_odometry_finite = isFinite(input.T_odom_base) && std::isfinite(input.odometry_twist.linear_m_s) &&
-                                    std::isfinite(input.odometry_twist.angular_rad_s);
-    if (odometry.accept(input.odometry_stamp_s, input.now_s, is_odometry_finite)) {
-      T_odom_base = input.T_odom_base;
-      odometry_twist = input.odometry_twist;
-      odometry_history.push_back({input.odometry_stamp_s, T_odom_base});
-      while (odometry_history.back().first - odometry_history.front().first > kHistory_s) odometry_history.pop_front();
-    }
-    // What odometry told while it was not there cannot be compared with.
+    has_jumped = false;
+    takeOdometry(input);
+    // What odometry told while it was not there is nothing to drive by, and no reason to stop.
     const bool is_odometry_fresh = isOdometryFresh(input.now_s);
-    const bool can_compare = pose.stamp_s >= 0.0 && is_odometry_fresh && was_odometry_fresh_at_pose;
+    const bool can_compare = is_odometry_fresh && was_odometry_fresh_at_pose;
+    const Pose2d expected = compose(T_map_base_at_pose, compose(inverse(T_odom_base_at_pose), T_odom_base));
     if (pose.accept(input.pose_stamp_s, input.now_s, isFinite(input.T_map_base))) {
-      const Pose2d expected = compose(T_map_base, compose(inverse(T_odom_base_at_pose), T_odom_base));
       const double step_m = (input.T_map_base.position() - expected.position()).norm();
       const double step_rad = std::abs(wrapAngle(input.T_map_base.yaw_rad - expected.yaw_rad));
-      if (can_compare && (step_m > config.max_pose_step_m || step_rad > config.max_pose_step_rad)) {
-        jump = "the localisation has jumped by " + number(step_m) + " m and " + number(step_rad) +
-               " rad against odometry, may be " + number(config.max_pose_step_m) + " m and " +
-               number(config.max_pose_step_rad) + " rad";
+      if (is_pose_known && (step_m > config.max_pose_step_m || step_rad > config.max_pose_step_rad)) {
+        has_jumped = true;
+        if (can_compare && jump.empty()) {
+          jump = "the localisation has jumped by " + number(step_m) + " m and " + number(step_rad) +
+                 " rad against odometry, may be " + number(config.max_pose_step_m) + " m and " +
+                 number(config.max_pose_step_rad) + " rad";
+        }
       }
-      T_map_base = input.T_map_base;
+      T_map_base = T_map_base_at_pose = input.T_map_base;
       T_odom_base_at_pose = T_odom_base;
       was_odometry_fresh_at_pose = is_odometry_fresh;
+      is_pose_known = true;
+    } else if (can_compare) {
+      T_map_base = expected;
     }
+    if (has_jumped) jumped_s = input.now_s;
     if (input.scan && scan.accept(input.scan_stamp_s, input.now_s, true)) scan_now = input.scan;
     if (input.grid) {
       const bool is_newer = grid.accept(input.grid_stamp_s, input.now_s, true);
@@ -463,14 +492,19 @@ struct BaseNavigator::State {
     return verdict;
   }
 
-  /// Enters what was commanded and measured. In words: what is stuck; empty: nothing.
-  std::string watchMotion(double now_s, double dt_s, const Twist2d& command) {
+  /// Enters what was commanded and measured.
+  void watchMotion(double now_s, double dt_s, const Twist2d& command) {
     commanded = moveAlongArc(commanded, command.linear_m_s * dt_s, command.angular_rad_s * dt_s);
     commanded_rad += command.angular_rad_s * dt_s;
-    motions.push_back({now_s, commanded, commanded_rad, T_odom_base, T_map_base});
+    // As the localisation told it: what odometry has carried on since says nothing of slip.
+    motions.push_back({now_s, commanded, commanded_rad, T_odom_base, T_map_base_at_pose});
     while (motions.size() > 1 && now_s - motions[1].now_s >= config.stuck_s) motions.pop_front();
+  }
+
+  /// In words: what is stuck, by so long at least; empty: nothing.
+  std::string stuck(double now_s, double least_s) const {
+    if (motions.empty() || now_s - motions.front().now_s < least_s) return {};
     const Motion& first = motions.front();
-    if (now_s - first.now_s < config.stuck_s) return {};
     // What was commanded last need not be seen yet: drives lag, and poses are as old as they may be.
     const Motion* last = &first;
     for (const Motion& one : motions) {
@@ -486,7 +520,7 @@ struct BaseNavigator::State {
         seen_m = std::max(seen_m, ((one.*measured).position() - (first.*measured).position()).norm());
         seen_rad = std::max(seen_rad, std::abs(wrapAngle((one.*measured).yaw_rad - (first.*measured).yaw_rad)));
       }
-      const std::string within = " within " + number(config.stuck_s, 1) + " s, ";
+      const std::string within = " within " + number(now_s - first.now_s, 1) + " s, ";
       if (told_m >= config.stuck_min_m && seen_m < config.stuck_share * told_m) {
         return std::string(what) + ": told to move " + number(told_m, 3) + " m" + within + by + " tells of " +
                number(seen_m, 3) + " m, must be at least " + number(config.stuck_share * told_m, 3) + " m";
@@ -498,9 +532,9 @@ struct BaseNavigator::State {
       }
       return {};
     };
-    std::string stuck = judge("odometry", "the wheels do not turn as told", &Motion::T_odom_base);
-    if (stuck.empty()) stuck = judge("the localisation", "the wheels slip", &Motion::T_map_base);
-    return stuck;
+    std::string found = judge("odometry", "the wheels do not turn as told", &Motion::T_odom_base);
+    if (found.empty()) found = judge("the localisation", "the wheels slip", &Motion::T_map_base);
+    return found;
   }
 
   // ---------------------------------------------------------------------------------------------------------- modes
@@ -557,6 +591,11 @@ struct BaseNavigator::State {
     }
     patience_until_s.reset();
     output->phase = NavigationPhase::kPlanning;
+    if (scan.stamp_s <= jumped_s) {
+      // What was seen before is in the wrong place, and where it has been forgotten nothing is known yet.
+      output->reason = "localisation or odometry has jumped: waits for the next scan";
+      return;
+    }
     plan(now_s, is_cancelled);
   }
 
@@ -608,6 +647,9 @@ struct BaseNavigator::State {
     const Twist2d command = output->follow.twist;
     if (output->follow.status == FollowStatus::kReached) return arrive(now_s);
     if (output->follow.status == FollowStatus::kLost) {
+      // Carried on with wheels that slip, the pose may be far off before stuck_s are over.
+      const std::string slips = stuck(now_s, 0.0);
+      if (!slips.empty()) return endWith(NavigationStatus::kStuck, slips);
       planAnew("the base is " + number(std::hypot(output->follow.error_across_m, output->follow.error_along_m)) +
                    " m and " + number(std::abs(output->follow.error_yaw_rad)) + " rad off its way",
                false);
@@ -637,8 +679,9 @@ struct BaseNavigator::State {
     if (std::abs(command.linear_m_s) >= kBlocked_m_s || std::abs(command.angular_rad_s) >= kBlocked_rad_s) {
       blocked_since_s.reset();
     }
-    const std::string stuck = watchMotion(now_s, dt_s, command);
-    if (!stuck.empty()) endWith(NavigationStatus::kStuck, stuck);
+    watchMotion(now_s, dt_s, command);
+    const std::string found = stuck(now_s, config.stuck_s);
+    if (!found.empty()) endWith(NavigationStatus::kStuck, found);
   }
 
   void arrive(double now_s) {
@@ -711,12 +754,15 @@ struct BaseNavigator::State {
     const double elapsed_s = std::isfinite(last_now_s) ? now_s - last_now_s : 0.02;
     if (elapsed_s == 0.0) {  // twice at one time: nothing new to command
       last_output.ended.reset();
+      last_output.has_jumped = false;
       return last_output;
     }
     last_now_s = now_s;
     if (elapsed_s < 0.0) {
       // What all stamps and times meant is void: a bag or a simulation began again.
       forgetData();
+      is_pose_known = was_odometry_fresh_at_pose = false;
+      jumped_s = -std::numeric_limits<double>::infinity();
       follower.halt();
       stale_since_s.reset();
       if (mode != Mode::kIdle) {
@@ -757,6 +803,7 @@ struct BaseNavigator::State {
         break;
     }
     output.command = follower.lastCommand();
+    output.has_jumped = has_jumped;
     output.remaining_m = way.path.motions.empty() ? 0.0 : std::max(0.0, way.path.length() - at_m);
     last_output = output;
     return output;

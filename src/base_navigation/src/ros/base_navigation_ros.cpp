@@ -200,10 +200,7 @@ void BaseNavigationRos::takeRequests() {
     is_forget_asked_ = false;
     is_stopping = is_stopping_;
   }
-  if (is_forget) {
-    fusion_.forget();
-    is_grid_old_ = true;
-  }
+  if (is_forget) forgetScans();
   if (newest) {
     if (waiting_) refuse(*waiting_, NavigationStatus::kCancelled, "replaced by a newer goal before it was begun");
     waiting_ = newest;
@@ -333,14 +330,13 @@ void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
   }
   if (!odometry_.add(stamp, T_odom_base)) {
     ROS_WARN_NAMED(kLog, "time ran back to %.3f s: scans and the way driven are forgotten", stamp.toSec());
-    fusion_.forget();
+    forgetScans();
     new_scans_.clear();
     new_ground_.clear();
     scan_ = {};
-    ground_stamp_ = grid_built_ = grid_published_ = markers_published_ = feedback_published_ = ros::Time();
+    ground_stamp_ = jumped_ = grid_published_ = markers_published_ = feedback_published_ = ros::Time();
     localisation_stamp_ = last_step_ = ros::Time();
     tf_.clear();
-    is_grid_old_ = true;
   }
   odometry_twist_ = {twist.linear.x, twist.angular.z};
   // The watchdog may have gone ahead of messages that wait here, after a long plan: time does not run back for that.
@@ -434,7 +430,8 @@ void BaseNavigationRos::enterScans(const ros::Time& before) {
   while (!new_scans_.empty() && new_scans_.front().first < before) {
     const auto& [stamp, scan] = new_scans_.front();
     if (scan_.second == nullptr || stamp >= scan_.first) scan_ = new_scans_.front();
-    const std::optional<Pose2d> T_odom_base = odometry_.at(stamp);
+    // From before a jump: odometry and localisation of one time need not go together.
+    const std::optional<Pose2d> T_odom_base = stamp < jumped_ ? std::nullopt : odometry_.at(stamp);
     if (T_odom_base && !localisation_stamp_.isZero() && (before - stamp).toSec() <= kMaxScanAge_s) {
       fusion_.addScan(*scan, compose(T_map_odom_, *T_odom_base), stamp.toSec());
       is_grid_old_ = true;
@@ -447,6 +444,12 @@ void BaseNavigationRos::enterScans(const ros::Time& before) {
     new_ground_.pop_front();
     is_grid_old_ = true;
   }
+}
+
+void BaseNavigationRos::forgetScans() {
+  fusion_.forget();
+  is_grid_old_ = true;
+  grid_built_ = ros::Time();  // at once, idle too: the services tell of it
 }
 
 // ------------------------------------------------------------------------------------------------------------ steps
@@ -501,6 +504,11 @@ void BaseNavigationRos::step(const ros::Time& now) {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     return is_stopping_ || !cancelled_ids_.empty();
   });
+  if (output.has_jumped) {
+    ROS_WARN_THROTTLE_NAMED(1.0, kLog, "localisation or odometry has jumped: scans and the way driven are forgotten");
+    jumped_ = now;
+    forgetScans();
+  }
   publish(output, now);
   if (output.ended && current_) finish(*output.ended, output.message);
 }

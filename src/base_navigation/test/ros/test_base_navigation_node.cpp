@@ -51,11 +51,18 @@ class BaseNavigationNode : public testing::Test {
     scanner.child_frame_id = "scanner";
     scanner.transform.translation.x = 0.244;
     scanner.transform.rotation.w = 1.0;
+    tf_.sendTransform(scanner);
+    localise(0.0);
+  }
+
+  /// Odometry's origin in the map, from now on.
+  void localise(double x_m) {
     geometry_msgs::TransformStamped localisation;
     localisation.header.frame_id = "map";
     localisation.child_frame_id = "odom";
+    localisation.transform.translation.x = x_m;
     localisation.transform.rotation.w = 1.0;
-    tf_.sendTransform({scanner, localisation});
+    tf_.sendTransform(localisation);
   }
 
   /// Goes on, with data of a robot that stands if there is to be any, until the condition holds; false: never did.
@@ -218,6 +225,37 @@ TEST_F(BaseNavigationNode, StandsWithoutTheHeartbeatOfItsMaster) {
   EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::STALE_HEARTBEAT)) << outcome.message;
   EXPECT_THAT(outcome.message, testing::HasSubstr("heartbeat is"));
   EXPECT_NEAR(outcome.base.position.x, kX_m, 1e-9);
+}
+
+// Beyond the map's ground, free as far as the scanner has looked across it. The last test: it puts the pose right again.
+TEST_F(BaseNavigationNode, ForgetsWhatItSawWithAPoseThatWasWrong) {
+  using Response = DrivingDistances::Response;
+  DrivingDistances distances;
+  geometry_msgs::Pose2D ahead;
+  ahead.x = 4.25;  // the footprint's front at 4.55: the map ends at 4, the scanner frees up to 4.74
+  distances.request.poses = {ahead};
+  const auto isAhead = [&distances](std::uint8_t state) {
+    return ros::service::call("base_navigation/driving_distances", distances) && distances.response.success != 0 &&
+           distances.response.state.at(0) == state;
+  };
+  ASSERT_TRUE(waitUntil([&] { return isAhead(Response::FREE); }));
+  localise(-0.2);  // less than a jump
+  nav_msgs::GetPlan there = planTo(kX_m - 0.2, 0.0);
+  ASSERT_TRUE(waitUntil([&] {  // where it stands: a plan of one pose
+    return ros::service::call("base_navigation/make_plan", there) && there.response.plan.poses.size() == 1;
+  }));
+  EXPECT_TRUE(isAhead(Response::FREE));
+  localise(-1.0);
+  EXPECT_TRUE(waitUntil([&] { return isAhead(Response::UNKNOWN); }));
+  // And it knows enough to go on.
+  const NavigationOutcome outcome = outcomeOf("map", kX_m - 1.0);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
+  EXPECT_NEAR(outcome.base.position.x, kX_m - 1.0, 1e-9);
+  nav_msgs::GetPlan plan = planTo(kX_m, 0.0);
+  ASSERT_TRUE(ros::service::call("base_navigation/make_plan", plan));
+  EXPECT_GT(plan.response.plan.poses.size(), 10U);
+  localise(0.0);
+  EXPECT_TRUE(waitUntil([&] { return isAhead(Response::FREE); }));
 }
 
 }  // namespace
