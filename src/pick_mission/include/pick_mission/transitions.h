@@ -44,6 +44,7 @@ const char* toString(Trigger trigger);
 enum class Guard {
   kAlways,
   kHandFull,
+  kStowBeforeEnd,  // the same, and nothing has been given up before: then it would be tried for ever
   kHandUnknown,
   kHandUnknownTooLong,
   kBegunBefore,  // by a process that is no more
@@ -68,7 +69,7 @@ enum class Guard {
   kForResume,
   kForEnd,
 };
-constexpr int kNumGuards = 24;
+constexpr int kNumGuards = 26;
 const char* toString(Guard guard);
 
 struct Transition {

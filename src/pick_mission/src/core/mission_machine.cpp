@@ -200,6 +200,7 @@ class MissionMachine::Impl {
   bool is_pause_wanted_{false};
   bool is_hold_given_{false};  // to the arm's bridge, and not released
   bool is_ending_{false};
+  bool was_ending_{false};  // before it was told so for the last time
   bool is_let_go_open_{false};  // the magnet was told to let go, and what came of it is not known
   std::deque<Failure> reports_;
   bool is_arm_clear_{false};
@@ -633,6 +634,8 @@ bool MissionMachine::Impl::holds(Guard guard) const {
       return true;
     case Guard::kHandFull:
       return hand_ == Hand::kHolding;
+    case Guard::kStowBeforeEnd:
+      return hand_ == Hand::kHolding && !was_ending_;
     case Guard::kHandUnknown:
       return hand_ == Hand::kUnknown;
     case Guard::kHandUnknownTooLong:
@@ -779,6 +782,7 @@ std::string MissionMachine::Impl::reasonFor(const Transition& row) const {
 }
 
 void MissionMachine::Impl::end(EndReason reason, const std::string& message) {
+  was_ending_ = is_ending_;
   is_ending_ = true;
   end_reason_ = reason;
   end_message_ = message;

@@ -30,7 +30,7 @@ std::vector<Transition> makeTransitions() {
       {S::kHalting, T::kHalted, G::kForHold, S::kHeld},
       {S::kHalting, T::kHalted, G::kForResume, S::kBegin},
       {S::kHalting, T::kHalted, G::kForEnd, S::kEnded},
-      {S::kHalting, T::kGiveUp, G::kHandFull, S::kBegin},
+      {S::kHalting, T::kGiveUp, G::kStowBeforeEnd, S::kBegin},
       {S::kHalting, T::kGiveUp, G::kAlways, S::kEnded},
       {S::kHalting, T::kWaitFirst, G::kAlways, S::kWait},
       {S::kHalting, T::kRetryHere, G::kAlways, S::kBegin},
@@ -153,6 +153,8 @@ const char* toString(Guard guard) {
       return "";
     case Guard::kHandFull:
       return "brick in the hand";
+    case Guard::kStowBeforeEnd:
+      return "brick in the hand, nothing given up before";
     case Guard::kHandUnknown:
       return "hand unknown";
     case Guard::kHandUnknownTooLong:

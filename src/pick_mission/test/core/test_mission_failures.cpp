@@ -136,6 +136,55 @@ TEST_P(EachAction, FailsAlwaysAndTheMissionEndsAndNamesIt) {
   }
 }
 
+/// What runs takes too long. `is_heard`: it ends when it is cancelled.
+void letItTakeTooLong(ToyMission& run, bool is_heard) {
+  run.now_s += run.config.action_timeout_s + 1.0;
+  run.tell(event::Tick{});
+  ASSERT_EQ(run.machine.state(), State::kHalting);
+  if (is_heard) return run.tell(run.world.finish(run.now_s));
+  run.world.abandon();
+  run.now_s += run.config.cancel_timeout_s + 1.0;
+  run.tell(event::Tick{});
+}
+
+TEST(BrickInTheHand, ThatCannotBePutDownInTimeEndsTheMission) {
+  for (const State target : {State::kPlanStow, State::kStow, State::kLetGo}) {
+    for (const bool is_heard : {true, false}) {
+      SCOPED_TRACE(std::string(toString(target)) + (is_heard ? "" : ", and is not even cancelled"));
+      ToyMission run = missionThatComesTo(target);
+      run.start();
+      int times = 0;
+      for (int i = 0; i < 500 && run.world.running; ++i) {
+        if (run.world.action == target) {
+          ++times;
+          letItTakeTooLong(run, is_heard);
+        } else {
+          ASSERT_TRUE(run.advance());
+        }
+      }
+      ASSERT_TRUE(run.isOver()) << "tried for ever\n" << tail(run);
+      EXPECT_EQ(run.machine.endReason(), EndReason::kBrickInHand) << tail(run);
+      // Once more than in a row, for a brick that some other action has left in the hand.
+      EXPECT_LE(times, run.config.max_failures_in_a_row + 1);
+      EXPECT_THAT(run.machine.endMessage(), HasSubstr(toString(target)));
+    }
+  }
+}
+
+// Whatever was given up with a brick in the hand: first it is put down.
+TEST(BrickInTheHand, AfterPicksThatTookTooLongIsPutDownBeforeTheEnd) {
+  ToyMission run = missionThatComesTo(State::kPick);
+  run.world.holds_when_pick_fails = true;
+  run.config.max_failures_in_a_row = 1;
+  run.machine = MissionMachine(run.config, MissionInfo{"toy", 1, "gpis", ""});
+  run.start();
+  while (run.world.action != State::kPick) ASSERT_TRUE(run.advance());
+  letItTakeTooLong(run, true);
+  ASSERT_TRUE(run.toEnd()) << tail(run);
+  EXPECT_EQ(run.machine.endReason(), EndReason::kPicksFailed) << tail(run);
+  EXPECT_EQ(run.world.stowed, 1) << tail(run);
+}
+
 INSTANTIATE_TEST_SUITE_P(Actions, EachAction, testing::ValuesIn(actions()),
                          [](const auto& tested) { return std::string(toString(tested.param)); });
 
