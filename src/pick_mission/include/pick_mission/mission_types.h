@@ -266,11 +266,14 @@ struct HandReport {
   Hand hand{Hand::kUnknown};
   std::optional<int> brick_in_hand;
 };
-struct Tick {};    // now and then, for limits of time
-struct Pause {};   // after what goes on now
-struct Resume {};  // from pause or hold, with a fresh inspection
-struct Hold {};    // at once: nothing moves until Resume
-struct Stop {};    // at once, and ends the mission
+struct Tick {};   // now and then, for limits of time
+struct Pause {};  // after what goes on now
+/// From pause or hold, with a fresh inspection: robot and pile may have been moved.
+struct Resume {
+  std::optional<Pose2d> T_map_base;  // where it stands now; nothing: that is not known
+};
+struct Hold {};  // at once: nothing moves until Resume
+struct Stop {};  // at once, and ends the mission
 }  // namespace event
 
 using Event = std::variant<event::Start, event::Reply, event::HandReport, event::Tick, event::Pause, event::Resume,

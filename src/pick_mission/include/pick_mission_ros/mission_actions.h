@@ -61,6 +61,9 @@ class MissionActions {
   /// Where it begins. Throws std::runtime_error if tf does not tell.
   pick_mission::event::Start start() const;
 
+  /// Where the robot stands in the map; nothing if tf does not tell.
+  std::optional<pick_mission::Pose2d> place() const;
+
   /// Ends what goes on, which is then answered as it ended.
   void cancel();
   bool isIdle() const { return !running_; }

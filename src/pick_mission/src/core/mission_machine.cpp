@@ -20,6 +20,10 @@ namespace {
 
 constexpr int kSavedVersion = 3;
 
+/// By how much the robot's pose in the map changes while it stands.
+constexpr double kSamePlace_m = 0.1;
+constexpr double kSamePlace_rad = 0.1;
+
 enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
 enum class DriveFor { kSurvey, kView, kVantage };
 
@@ -157,6 +161,7 @@ class MissionMachine::Impl {
   int numNeverFound() const;
   std::optional<State> stateToWaitIn() const;
   bool mayPause() const;
+  void beginAnewFrom(const std::optional<Pose2d>& T_map_base);
   void brickStowed();
   bool countsInARow(State action, const Reaction& reaction) const;
   bool isTooMany(State action, const Reaction& reaction) {
@@ -200,7 +205,7 @@ class MissionMachine::Impl {
   bool is_pause_wanted_{false};
   bool is_hold_given_{false};  // to the arm's bridge, and not released
   bool is_ending_{false};
-  bool was_ending_{false};  // before it was told so for the last time
+  bool was_ending_{false};      // before it was told so for the last time
   bool is_let_go_open_{false};  // the magnet was told to let go, and what came of it is not known
   std::deque<Failure> reports_;
   bool is_arm_clear_{false};
@@ -367,7 +372,23 @@ void MissionMachine::Impl::on(const event::Pause& /*pause*/) {
   note("pause", "when what goes on has ended");
 }
 
-void MissionMachine::Impl::on(const event::Resume& /*resume*/) {
+/// People may have moved robot and pile: what was tried in vain from here may be tried again. What is counted against the
+/// bricks stays, and a view from which nothing could be picked is not counted anew while the robot stands there.
+void MissionMachine::Impl::beginAnewFrom(const std::optional<Pose2d>& T_map_base) {
+  const bool stands_there = T_map_base && (T_map_base->position() - base_.position()).norm() < kSamePlace_m &&
+                            std::abs(std::remainder(T_map_base->yaw_rad - base_.yaw_rad, 2.0 * M_PI)) < kSamePlace_rad;
+  ++scene_;
+  is_arm_clear_ = false;
+  is_other_view_wanted_ = false;
+  pick_failures_here_ = plan_failures_here_ = 0;
+  if (!stands_there) {
+    is_at_view_ = is_view_noted_ = false;
+    picks_here_ = 0;
+  }
+  if (T_map_base) base_ = *T_map_base;
+}
+
+void MissionMachine::Impl::on(const event::Resume& resume) {
   if (is_pause_wanted_ && mayPause()) {
     is_pause_wanted_ = false;
     return note("resume", "goes on without a pause");
@@ -375,10 +396,11 @@ void MissionMachine::Impl::on(const event::Resume& /*resume*/) {
   if (state_ == State::kHalting && halt_for_ == HaltFor::kHold) {
     halt_for_ = HaltFor::kResume;
     release();
+    beginAnewFrom(resume.T_map_base);
     return note("resume", "when what goes on has ended");
   }
   if (state_ == State::kHeld) release();
-  is_arm_clear_ = false;  // people may have been at it
+  if (state_ == State::kPaused || state_ == State::kHeld) beginAnewFrom(resume.T_map_base);
   if (go(Trigger::kResume, "resume", "after a fresh inspection")) return;
   if (!is_hold_given_) return note("resume", "ignored: nothing is interrupted");
   release();  // of a hold before the mission or after it

@@ -43,6 +43,10 @@ std::string contradiction(bool is_cancelled, const std::string& why) {
          ", and its outcome does not tell why" + (why.empty() ? "" : ": " + why);
 }
 
+pick_mission::Pose2d toPlane(const Eigen::Isometry3d& T) {
+  return {T.translation().x(), T.translation().y(), std::atan2(T.linear()(1, 0), T.linear()(0, 0))};
+}
+
 ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) {
   ros::NodeHandle handle(nh);
   handle.setCallbackQueue(queue);
@@ -123,12 +127,19 @@ Hand MissionActions::hand() const {
 }
 
 pick_mission::event::Start MissionActions::start() const {
-  const Eigen::Isometry3d T = baseInMap();
   pick_mission::event::Start start;
-  start.T_map_base = {T.translation().x(), T.translation().y(), std::atan2(T.linear()(1, 0), T.linear()(0, 0))};
+  start.T_map_base = toPlane(baseInMap());
   start.hand = hand();
   if (attached_ && attached_->is_attached) start.brick_in_hand = attached_->id;
   return start;
+}
+
+std::optional<pick_mission::Pose2d> MissionActions::place() const {
+  try {
+    return toPlane(baseInMap());
+  } catch (const std::runtime_error&) {
+    return std::nullopt;
+  }
 }
 
 std::vector<std::string> MissionActions::missing() {

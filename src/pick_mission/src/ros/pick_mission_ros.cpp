@@ -376,7 +376,7 @@ bool PickMissionRos::onPause(std_srvs::Trigger::Request& /*request*/, std_srvs::
 }
 
 bool PickMissionRos::onResume(std_srvs::Trigger::Request& /*request*/, std_srvs::Trigger::Response& response) {
-  take(event::Resume{}, &response);
+  take(event::Resume{actions_->place()}, &response);
   return true;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Pause, resume, hold and stop at every step of a mission.
 #include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
 
 #include "support/toy_world.h"
 
@@ -180,6 +181,85 @@ TEST(MissionInterruptions, HoldResumedBeforeItHasHaltedGoesOn) {
     EXPECT_EQ(run.machine.state(), State::kHalting);
     ASSERT_TRUE(run.toEnd());
     expectWholeMission(run);
+  }
+}
+
+/// At a view from which its only brick could not be picked, before it goes on. The brick is out of reach until somebody
+/// moves it.
+ToyMission missionThatHasTriedInVain() {
+  ToyWorld world = ToyWorld::ofStacks({1});
+  world.bricks[0].is_out_of_reach = true;
+  ToyMission run({}, std::move(world));
+  run.start();
+  while (run.world.action != State::kSelect || run.world.commands_of[State::kPlanPick] == 0) {
+    if (!run.advance()) break;
+  }
+  return run;
+}
+
+TEST(MissionInterruptions, ResumeTriesFromHereWhatWasTriedInVain) {
+  for (const bool is_hold : {false, true}) {
+    for (const bool knows_place : {false, true}) {
+      SCOPED_TRACE(std::string(is_hold ? "hold" : "pause") + (knows_place ? ", place known" : ""));
+      ToyMission run = missionThatHasTriedInVain();
+      ASSERT_TRUE(run.world.running) << tail(run);
+      if (is_hold) {
+        run.tell(event::Hold{});
+      } else {
+        run.tell(event::Pause{});
+      }
+      ASSERT_TRUE(run.advance());
+      ASSERT_FALSE(run.world.running);
+      run.world.bricks[0].is_out_of_reach = false;
+      const int drives = run.world.commands_of[State::kDrive];
+      event::Resume resume;
+      if (knows_place) resume.T_map_base = viewPose(0);
+      run.tell(resume);
+      while (run.world.stowed == 0) ASSERT_TRUE(run.advance()) << tail(run);
+      EXPECT_EQ(run.world.commands_of[State::kDrive], drives) << "it had to go away first\n" << tail(run);
+    }
+  }
+}
+
+TEST(MissionInterruptions, ResumeReadsWhereTheRobotIs) {
+  const Pose2d elsewhere{4.0, -5.0, 0.5};
+  const auto saved = nlohmann::json{elsewhere.x_m, elsewhere.y_m, elsewhere.yaw_rad};
+  for (const std::string from : {"pause", "hold", "halting for a hold"}) {
+    SCOPED_TRACE(from);
+    ToyMission run = missionThatHasTriedInVain();
+    const int scene = run.machine.toJson().at("scene").get<int>();
+    if (from == "pause") {
+      run.tell(event::Pause{});
+    } else {
+      run.tell(event::Hold{});
+    }
+    if (from != "halting for a hold") {
+      ASSERT_TRUE(run.advance());
+    }
+    run.tell(event::Resume{elsewhere});
+    EXPECT_EQ(run.machine.toJson().at("base"), saved);
+    EXPECT_GT(run.machine.toJson().at("scene").get<int>(), scene);
+  }
+  ToyMission run = missionThatHasTriedInVain();
+  run.tell(event::Pause{});
+  run.tell(event::Resume{elsewhere});
+  EXPECT_NE(run.machine.toJson().at("base"), saved) << "it has not paused";
+}
+
+// Whoever pauses and resumes after each attempt: those of the brick are used up nevertheless.
+TEST(MissionInterruptions, ResumeAgainAndAgainTriesNothingForEver) {
+  for (const bool knows_place : {false, true}) {
+    ToyMission run = missionThatHasTriedInVain();
+    for (int step = 0; step < 3000 && !run.isOver(); ++step) {
+      if (run.world.action == State::kPlanPick) run.tell(event::Pause{});
+      if (run.machine.state() == State::kPaused) {
+        run.tell(knows_place ? event::Resume{viewPose(0)} : event::Resume{});
+      } else {
+        ASSERT_TRUE(run.advance());
+      }
+    }
+    ASSERT_TRUE(run.isOver()) << tail(run);
+    EXPECT_LE(run.world.commands_of[State::kPlanPick], run.config.max_plans_per_brick);
   }
 }
 

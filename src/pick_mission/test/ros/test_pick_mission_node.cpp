@@ -541,6 +541,24 @@ TEST_F(PickMissionNode, HoldAndStopEndADriveThatThisNodeDoesNotKnow) {
   EXPECT_EQ(state_.state, MissionState::IDLE);
 }
 
+TEST_F(PickMissionNode, ResumeGoesOnFromWhereTheRobotStandsNow) {
+  setMode("pick", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("pick 0"));
+  EXPECT_TRUE(tell("pause").success);
+  world_->finish("pick");
+  ASSERT_TRUE(untilState(MissionState::PAUSED));
+  const double pushed_to_m = 0.01;
+  world_->with([&] { world_->base_x_m = pushed_to_m; });
+  const ros::Time begin = ros::Time::now();
+  const double tf_has_come_s = 5.0;
+  ASSERT_TRUE(until([&] { return (ros::Time::now() - begin).toSec() > tf_has_come_s; }));
+  EXPECT_TRUE(tell("resume").success);
+  ASSERT_TRUE(untilCalled("pick 1"));
+  const auto saved = nlohmann::json::parse(readText(folder_.file("run/mission_state.json")));
+  EXPECT_EQ(saved["mission"]["base"][0].get<double>(), pushed_to_m);
+}
+
 TEST_F(PickMissionNode, StopEndsAMissionThatWasInterrupted) {
   setMode("pick", Mode::kHang);
   startAll();
