@@ -40,7 +40,7 @@ class MissionMachine {
   MissionMachine(MissionMachine&& other) noexcept;
   MissionMachine& operator=(MissionMachine&& other) noexcept;
 
-  /// Replies of commands before the running one change nothing. Throws std::invalid_argument for a time that is not finite
+  /// Replies of commands before the running one change nothing. Throws std::invalid_argument for times that are not finite
   /// and for a reply that the running action cannot give; nothing has changed then.
   MissionOutput step(const Event& event, double now_s);
 

@@ -274,9 +274,13 @@ struct Resume {
 };
 struct Hold {};  // at once: nothing moves until Resume
 struct Stop {};  // at once, and ends the mission
+/// The clock was set: what it jumped by is no time that has passed. A jump back is seen without.
+struct ClockJump {
+  double by_s{0.0};
+};
 }  // namespace event
 
 using Event = std::variant<event::Start, event::Reply, event::HandReport, event::Tick, event::Pause, event::Resume,
-                           event::Hold, event::Stop>;
+                           event::Hold, event::Stop, event::ClockJump>;
 
 }  // namespace pick_mission

@@ -55,6 +55,9 @@ class MissionActions {
   /// second of wall time.
   void watch();
 
+  /// The clock was set forward by so much: limits of time go with it.
+  void shiftTimes(ros::Duration by);
+
   /// What a mission cannot begin without and is not there, a phrase each.
   std::vector<std::string> missing();
 

@@ -15,6 +15,7 @@
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
 
+#include "pick_mission/clock_steps.h"
 #include "pick_mission/mission_machine.h"
 #include "pick_mission_ros/mission_actions.h"
 #include "pick_mission_ros/pick_mission_params.h"
@@ -50,6 +51,7 @@ class PickMissionRos {
   void publishState();
   void tick();
   void letHeartBeat();
+  double followClock();
   void beat();
   double wallSeconds() const;
   std::optional<int> currentBrick() const;
@@ -88,6 +90,7 @@ class PickMissionRos {
   std::string told_problem_;
   std::string waits_for_;  // before it can start
 
+  pick_mission::ClockSteps clock_steps_;
   ros::Time ticked_;
   ros::WallTime watched_, published_, asked_;
   std::atomic<double> alive_s_{0.0};  // steady time of the last spinOnce()

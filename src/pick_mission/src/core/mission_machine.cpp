@@ -138,6 +138,8 @@ class MissionMachine::Impl {
   void on(const event::Resume& resume);
   void on(const event::Hold& hold);
   void on(const event::Stop& stop);
+  void on(const event::ClockJump& jump);
+  void shiftTimes(double by_s);
 
   bool holds(Guard guard) const;
   bool go(Trigger trigger, const std::string& event, const std::string& reason);
@@ -271,21 +273,31 @@ void MissionMachine::Impl::note(const std::string& event, const std::string& rea
 MissionOutput MissionMachine::Impl::step(const Event& event, double now_s) {
   if (!std::isfinite(now_s)) throw std::invalid_argument("now = " + std::to_string(now_s) + " s, must be finite");
   if (const auto* reply = std::get_if<event::Reply>(&event)) requireFits(*reply);
+  const auto* jump = std::get_if<event::ClockJump>(&event);
+  if (jump != nullptr && !std::isfinite(jump->by_s)) {
+    throw std::invalid_argument("a clock's jump = " + std::to_string(jump->by_s) + " s, must be finite");
+  }
+  if (jump != nullptr && last_step_s_) {
+    shiftTimes(jump->by_s);
+    *last_step_s_ += jump->by_s;
+  }
   const bool is_active = isAction(state_) || state_ == State::kHalting;
   // A clock that is set back (a looped bag, a simulation begun anew) takes nothing back.
   if (is_active && last_step_s_ && now_s > *last_step_s_) used_s_ += now_s - *last_step_s_;
-  if (last_step_s_ && now_s < *last_step_s_) {
-    const double shift_s = now_s - *last_step_s_;
-    state_since_s_ += shift_s;
-    halted_since_s_ += shift_s;
-    if (running_) running_->since_s += shift_s;
-  }
+  if (last_step_s_ && now_s < *last_step_s_) shiftTimes(now_s - *last_step_s_);
   if (!last_step_s_) state_since_s_ = now_s;
   last_step_s_ = now_s;
   now_s_ = now_s;
   output_ = {};
   std::visit([this](const auto& e) { on(e); }, event);
   return std::move(output_);
+}
+
+/// What began before a jump of the clock, as if it had always stood where it stands now.
+void MissionMachine::Impl::shiftTimes(double by_s) {
+  state_since_s_ += by_s;
+  halted_since_s_ += by_s;
+  if (running_) running_->since_s += by_s;
 }
 
 void MissionMachine::Impl::requireFits(const event::Reply& reply) const {
@@ -427,6 +439,10 @@ void MissionMachine::Impl::on(const event::Stop& /*stop*/) {
   }
   if (isAction(state_)) halt_for_ = HaltFor::kStop;
   if (!go(Trigger::kStop, "stop", "of the operator")) note("stop", "ignored: nothing goes on");
+}
+
+void MissionMachine::Impl::on(const event::ClockJump& jump) {
+  note("clock", "was set by " + std::to_string(jump.by_s) + " s, which do not count");
 }
 
 /// What was halted has ended, or (`is_gone`) does not even do that.

@@ -299,6 +299,17 @@ void MissionActions::watch() {
   tellHand();
 }
 
+void MissionActions::shiftTimes(ros::Duration by) {
+  if (look_) {
+    look_->since += by;
+    look_->deadline += by;
+  }
+  if (wait_) {
+    wait_->since += by;
+    wait_->deadline += by;
+  }
+}
+
 // --- Commands ---------------------------------------------------------------------------------------------------------
 
 void MissionActions::carryOut(const pick_mission::Command& next) {

@@ -30,7 +30,8 @@ constexpr double kTickPeriod_s = 1.0;
 /// Wall time that the heart waits for old goals to be cancelled. Without it base and arm stand; more than the navigation's
 /// patience with that (2 s), so that what has not been cancelled by then has been given up.
 constexpr double kOldGoals_s = 3.0;
-constexpr double kCallsEnd_s = 2.0;  // for what ROS's end breaks off; takes milliseconds
+constexpr double kClockJump_s = 3.0;  // that a clock is set by; less is no matter for any limit of time
+constexpr double kCallsEnd_s = 2.0;   // for what ROS's end breaks off; takes milliseconds
 
 mp700_ur5e_description::BrickCatalogue catalogueFrom(const std::string& file) {
   try {
@@ -150,6 +151,7 @@ void PickMissionRos::makeAnother() {
 
 void PickMissionRos::spinOnce() {
   alive_s_ = ros::SteadyTime::now().toSec();
+  followClock();
   queue_.callAvailable(ros::WallDuration(kIdle_s));
   inbox_->empty();
   tick();
@@ -207,6 +209,21 @@ void PickMissionRos::beat() {
   heartbeat_publisher_.publish(header);
 }
 
+/// Now; before that, tells whoever counts times of a clock that was set forward (NTP): an hour that has not passed ends no
+/// mission. A simulated clock may go as it likes; one that is set back, each of them sees by itself.
+double PickMissionRos::followClock() {
+  const double now_s = ros::Time::now().toSec();
+  const double jump_s = clock_steps_.advance(now_s, ros::SteadyTime::now().toSec());
+  if (!ros::Time::isSystemTime() || jump_s < kClockJump_s) return now_s;
+  ROS_WARN_STREAM_NAMED(kLog, "the clock was set forward by " << jump_s << " s");
+  const ros::Duration jump(jump_s);
+  actions_->shiftTimes(jump);
+  if (!state_since_.isZero()) state_since_ += jump;
+  const pick_mission::MissionOutput output = machine_->step(event::ClockJump{jump_s}, now_s);
+  for (const pick_mission::LogEntry& entry : output.log) recorder_->log(entry);
+  return now_s;
+}
+
 void PickMissionRos::step(const pick_mission::Event& event) {
   if (is_stopping_) return;  // what comes now, the next node's fresh inspection will show
   events_.push_back(event);
@@ -218,7 +235,7 @@ void PickMissionRos::drain() {
   while (!events_.empty()) {
     const pick_mission::Event event = events_.front();
     events_.pop_front();
-    const double now_s = ros::Time::now().toSec();
+    const double now_s = followClock();
     const State before = machine_->state();
     pick_mission::MissionOutput output;
     try {

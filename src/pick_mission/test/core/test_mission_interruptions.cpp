@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Pause, resume, hold and stop at every step of a mission.
+// Pause, resume, hold and stop at every step of a mission; and a clock that is set.
+#include <limits>
+
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
 
+#include "pick_mission/clock_steps.h"
 #include "support/toy_world.h"
 
 namespace toy {
@@ -261,6 +264,61 @@ TEST(MissionInterruptions, ResumeAgainAndAgainTriesNothingForEver) {
     ASSERT_TRUE(run.isOver()) << tail(run);
     EXPECT_LE(run.world.commands_of[State::kPlanPick], run.config.max_plans_per_brick);
   }
+}
+
+// As NTP sets it when the network is there at last.
+TEST(MissionInterruptions, ClockThatIsSetForwardAtEveryStepCountsNothing) {
+  constexpr double kJump_s = 1e6;  // more than all limits
+  const int steps = numSteps();
+  ToyMission whole = eventfulMission();
+  whole.start();
+  ASSERT_TRUE(whole.toEnd());
+  for (const bool is_halting : {false, true}) {
+    for (int step = 0; step < steps; ++step) {
+      SCOPED_TRACE("step " + std::to_string(step) + (is_halting ? ", halting" : ""));
+      ToyMission run = eventfulMission();
+      ASSERT_TRUE(toStep(run, step));
+      if (is_halting) run.tell(event::Hold{});
+      const State before = run.machine.state();
+      const double used_s = run.machine.usedTime();
+      run.now_s += kJump_s;
+      run.tell(event::ClockJump{kJump_s});
+      EXPECT_DOUBLE_EQ(run.machine.usedTime(), used_s);
+      EXPECT_LT(run.log.back().state_s, run.config.action_timeout_s) << "in the state since before the jump";
+      run.tell(event::Tick{});
+      ASSERT_EQ(run.machine.state(), before) << tail(run);
+      if (is_halting) {
+        ASSERT_TRUE(run.advance());
+        ASSERT_EQ(run.machine.state(), State::kHeld) << tail(run);
+        run.tell(event::Resume{});
+      }
+      ASSERT_TRUE(run.toEnd());
+      expectWholeMission(run);
+      EXPECT_LT(run.machine.usedTime(), whole.machine.usedTime() + run.config.action_timeout_s);
+      ASSERT_FALSE(HasFailure()) << tail(run);
+    }
+  }
+}
+
+TEST(MissionInterruptions, LimitsOfTimeHoldAfterTheClockWasSet) {
+  ToyMission run = eventfulMission();
+  ASSERT_TRUE(toStep(run, 5));
+  run.now_s += 1000.0;
+  run.tell(event::ClockJump{999.0});
+  EXPECT_NEAR(run.machine.usedTime(), 1.0, 10.0) << "what has passed beside the jump";
+  run.now_s += run.config.action_timeout_s;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kHalting);
+  EXPECT_THROW(run.tell(event::ClockJump{std::numeric_limits<double>::infinity()}), std::invalid_argument);
+}
+
+TEST(ClockSteps, AreWhatTheSteadyClockDoesNotShow) {
+  ClockSteps steps;
+  EXPECT_EQ(steps.advance(1e9, 5.0), 0.0);
+  EXPECT_NEAR(steps.advance(1e9 + 2.0, 7.0), 0.0, 1e-6);
+  EXPECT_NEAR(steps.advance(1e9 + 3602.5, 7.5), 3600.0, 1e-6);
+  EXPECT_NEAR(steps.advance(1e9 + 3603.5, 8.5), 0.0, 1e-6) << "once";
+  EXPECT_NEAR(steps.advance(1e9 + 4.0, 9.0), -3600.0, 1e-6);
 }
 
 TEST(MissionInterruptions, StopWhilePausedOrHeldEnds) {
