@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "motion_planning/collision_checker.h"
 #include "motion_planning/joint_trajectory.h"
@@ -30,6 +31,29 @@ struct PathVerdict {
 
 constexpr double kMaxClearance_m = 0.5;
 
+/// The start of a way, and more each 0.05 s until the tip has left it by kAmongOthers_m: the last one is farther than that,
+/// or the end. So they cover what the planner looked at there, whose steps lie elsewhere. Throws std::invalid_argument if the
+/// trajectory is empty.
+std::vector<ArmVector> firstPostures(const ArmKinematics& arm, const JointTrajectory& trajectory);
+
+/// What is known of a running trajectory beside the scene.
+struct Watched {
+  std::optional<HeldBrick> held;
+  std::optional<OrientedBox> vacated;  // the place that it was taken from
+  std::optional<OrientedBox> target;   // of an approach or a lift; none: the arm moves freely
+  std::vector<ArmVector> first_rad;    // firstPostures(), at least one
+};
+
+/// With what a trajectory is checked: it may be what either allows, as the planner lets a held brick out of the place where
+/// it hangs by leave, and on from there without.
+struct WatchCheckers {
+  CollisionChecker from_start;
+  std::optional<CollisionChecker> beyond;
+};
+WatchCheckers watchCheckers(std::shared_ptr<const ArmKinematics> arm, std::shared_ptr<const CollisionScene> scene,
+                            const Eigen::Isometry3d& T_map_base, const CollisionCheckerConfig& config,
+                            const Watched& watched);
+
 /// Watches what remains of a running trajectory against the scene as it is now.
 class PathMonitor {
  public:
@@ -42,9 +66,9 @@ class PathMonitor {
   bool isActive() const;
 
   /// `elapsed_s` since the start of the trajectory; `checker` knows what is held and what may be touched in this phase,
-  /// and the scene as it is now. Once told to stop, always told to stop, until start(). Throws std::logic_error unless
+  /// and the scene as it is now; where it objects, `beyond` is asked, if there is one. Once told to stop, always told to stop, until start(). Throws std::logic_error unless
   /// active.
-  PathVerdict check(double elapsed_s, const CollisionChecker& checker);
+  PathVerdict check(double elapsed_s, const CollisionChecker& checker, const CollisionChecker* beyond = nullptr);
 
  private:
   PathMonitorConfig config_;

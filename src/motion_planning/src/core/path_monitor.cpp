@@ -35,6 +35,41 @@ std::string seconds(double time_s) {
 
 }  // namespace
 
+std::vector<ArmVector> firstPostures(const ArmKinematics& arm, const JointTrajectory& trajectory) {
+  if (trajectory.empty()) throw std::invalid_argument("trajectory has 0 points, must have at least 1");
+  constexpr double kSample_s = 0.05;
+  std::vector<ArmVector> postures = {trajectory.points.front().position_rad};
+  const Eigen::Vector3d from = arm.tipPose(postures.front()).translation();
+  for (double t = kSample_s; t <= trajectory.duration(); t += kSample_s) {
+    postures.push_back(trajectory.sample(t).position_rad);
+    if ((arm.tipPose(postures.back()).translation() - from).norm() > kAmongOthers_m) break;
+  }
+  return postures;
+}
+
+WatchCheckers watchCheckers(std::shared_ptr<const ArmKinematics> arm, std::shared_ptr<const CollisionScene> scene,
+                            const Eigen::Isometry3d& T_map_base, const CollisionCheckerConfig& config,
+                            const Watched& watched) {
+  const ArmVector& start_rad = watched.first_rad.at(0);
+  CollisionChecker hanging(std::move(arm), std::move(scene), T_map_base, config);
+  if (watched.held) hanging.setHeld(watched.held, false);
+  if (watched.target) {
+    hanging.setTarget(watched.target);
+  } else if (watched.held) {
+    hanging.setTarget(watched.vacated, true);
+  }
+  hanging.freeUnknownAt(start_rad);
+  hanging.yieldToRobotAt(start_rad);
+  WatchCheckers checkers{hanging, std::nullopt};
+  if (watched.held) {
+    checkers.from_start.setHeldAt(*watched.held, watched.first_rad);
+    if (!watched.target) checkers.beyond.emplace(hanging);
+  } else {
+    checkers.from_start.yieldToMagnetAt(start_rad);
+  }
+  return checkers;
+}
+
 std::vector<std::string> PathMonitorConfig::validate() const {
   gpis_mapping::RangeCheck check;
   check("stop_clearance_m", stop_clearance_m, 0.0, kMaxClearance_m, "m");
@@ -66,7 +101,7 @@ bool PathMonitor::isActive() const {
   return trajectory_.has_value();
 }
 
-PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker) {
+PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker, const CollisionChecker* beyond) {
   if (!trajectory_) throw std::logic_error("no trajectory is watched");
   if (stopped_) return *stopped_;
   if (!std::isfinite(elapsed_s)) throw std::invalid_argument("elapsed_s is not finite");
@@ -78,8 +113,12 @@ PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker
   verdict.time_to_contact_s = kInfinity;
   // Every state up to the first that is in the way: the stop must know how soon.
   double time_s = begin_s;
+  const auto contactAt = [&](const ArmVector& q) {
+    const Contact contact = checker.check(q);
+    return contact && beyond != nullptr && beyond->isFree(q) ? Contact() : contact;
+  };
   ArmVector last = trajectory_->sample(begin_s).position_rad;
-  verdict.contact = checker.check(last);
+  verdict.contact = contactAt(last);
   while (!verdict.contact && time_s < end_s) {
     double step_s = std::min(config_.sample_s, end_s - time_s);
     ArmVector next = trajectory_->sample(time_s + step_s).position_rad;
@@ -89,7 +128,7 @@ PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker
     }
     time_s = end_s - time_s <= step_s ? end_s : time_s + step_s;
     last = next;
-    verdict.contact = checker.check(last);
+    verdict.contact = contactAt(last);
   }
   if (verdict.contact) {
     verdict.must_stop = true;
@@ -106,7 +145,8 @@ PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker
   std::vector<Look> looks;
   const auto look = [&](double t) {
     const ArmVector q = trajectory_->sample(t).position_rad;
-    return Look{t, q, checker.clearance(q, kMaxClearance_m)};
+    const double clearance_m = checker.clearance(q, kMaxClearance_m);
+    return Look{t, q, beyond == nullptr ? clearance_m : std::max(clearance_m, beyond->clearance(q, kMaxClearance_m))};
   };
   const int parts = std::max(1, static_cast<int>(std::ceil(std::min((end_s - begin_s) / kCoarse_s, 0.5 * kMaxLooks))));
   for (int k = 0; k <= parts; ++k) looks.push_back(look(begin_s + (end_s - begin_s) * k / parts));

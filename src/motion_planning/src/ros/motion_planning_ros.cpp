@@ -102,19 +102,6 @@ std::string namesOf(const std::map<std::string, ArmVector>& postures) {
   return names;
 }
 
-/// The start, and more until the tip has left it by kAmongOthers_m.
-std::vector<ArmVector> firstPostures(const ArmKinematics& arm, const motion_planning::JointTrajectory& trajectory) {
-  constexpr double kSample_s = 0.05;
-  std::vector<ArmVector> postures = {trajectory.points.front().position_rad};
-  const Eigen::Vector3d from = arm.tipPose(postures.front()).translation();
-  for (double t = kSample_s; t <= trajectory.duration(); t += kSample_s) {
-    const ArmVector q = trajectory.sample(t).position_rad;
-    if ((arm.tipPose(q).translation() - from).norm() > motion_planning::kAmongOthers_m) break;
-    postures.push_back(q);
-  }
-  return postures;
-}
-
 }  // namespace
 
 MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
@@ -539,7 +526,7 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
       } else {
         watch.id = ++num_watches_;
         watch.duration_s = trajectory.duration();
-        watch.first_rad = firstPostures(*kinematics_, trajectory);
+        watch.first_rad = motion_planning::firstPostures(*kinematics_, trajectory);
         path_monitor_.start(std::move(trajectory), kinematics_);
         watch_ = watch;
         response.watch_id = watch.id;
@@ -581,19 +568,17 @@ void MotionPlanningRos::monitor() {
       const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
       if (!scene) why_not = "no map has come";
       if (scene && T_map_base) {
-        motion_planning::CollisionChecker checker(kinematics_, scene->watched, *T_map_base, params_.watchedRobot());
-        const std::optional<RobotState::Held> held = robot_.held();
-        if (held) checker.setHeld(held->brick);
-        if (watch_->target) {
-          checker.setTarget(watch_->target);
-        } else if (held) {
-          checker.setTarget(held->vacated, true);
+        motion_planning::Watched watched;
+        watched.target = watch_->target;
+        watched.first_rad = watch_->first_rad;
+        if (const std::optional<RobotState::Held> held = robot_.held()) {
+          watched.held = held->brick;
+          watched.vacated = held->vacated;
         }
-        checker.freeUnknownAt(watch_->first_rad.front());
-        checker.yieldToRobotAt(watch_->first_rad.front());
-        if (held) checker.setHeldAt(held->brick, watch_->first_rad);
-        if (!held) checker.yieldToMagnetAt(watch_->first_rad.front());
-        const motion_planning::PathVerdict verdict = path_monitor_.check(std::max(0.0, elapsed_s), checker);
+        const motion_planning::WatchCheckers checkers = motion_planning::watchCheckers(
+            kinematics_, scene->watched, *T_map_base, params_.watchedRobot(), watched);
+        const motion_planning::PathVerdict verdict =
+            path_monitor_.check(std::max(0.0, elapsed_s), checkers.from_start, checkers.beyond ? &*checkers.beyond : nullptr);
         state.must_stop = verdict.must_stop ? 1 : 0;
         state.reason = verdict.reason;
         state.clearance = static_cast<float>(verdict.clearance_m);

@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <mp700_ur5e_description/robot_names.h>
 
+#include "motion_planning/path_monitor.h"
 #include "support/exact_motion.h"
 #include "support/pick_world.h"
 
@@ -594,6 +595,23 @@ TEST(MotionPlanner, WhereTheArmIsCannotBeUnseen) {
   EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kGoalUnknown);
 }
 
+/// What was planned in a map must not be stopped in the same map, by margins that are smaller.
+void expectTheWatchLetsPass(const PickWorld& planned_in, const PlanningContext& context, const JointTrajectory& trajectory) {
+  CollisionSceneConfig margins;
+  margins.sigmas = 1.0;
+  margins.margin_m = 0.0;
+  PickWorld pick = planned_in;
+  pick.makeScene(margins);
+  CollisionCheckerConfig robot = MotionPlannerConfig().collision;
+  robot.self_padding_m = robot.held_padding_m = 0.0;
+  const Watched watched{context.held, context.vacated, std::nullopt, firstPostures(*shippedArm(), trajectory)};
+  const WatchCheckers checkers = watchCheckers(shippedArm(), pick.scene, pick.T_map_base, robot, watched);
+  PathMonitor monitor({});
+  monitor.start(trajectory, shippedArm());
+  const PathVerdict verdict = monitor.check(0.0, checkers.from_start, checkers.beyond ? &*checkers.beyond : nullptr);
+  EXPECT_FALSE(verdict.must_stop) << verdict.reason;
+}
+
 TEST(MotionPlanner, PlaceOfTheHeldBrickIsEmpty) {
   // Just taken: the map still has the brick where the hand holds it now.
   const PickWorld pick = oneBrick();
@@ -610,10 +628,47 @@ TEST(MotionPlanner, PlaceOfTheHeldBrickIsEmpty) {
   away.joints_rad = plan.stow.points.back().position_rad;
   const ArmPlan out = makePlanner().planArm(context, away);
   EXPECT_EQ(out.status, PlanStatus::kSuccess) << out.message;
+  expectTheWatchLetsPass(pick, context, out.trajectory);
   // ... unless that is known to be its place.
   context.vacated = pick.world.boxes[0];
   const ArmPlan lifted = makePlanner().planArm(context, goal);
   EXPECT_EQ(lifted.status, PlanStatus::kSuccess) << lifted.message;
+  expectTheWatchLetsPass(pick, context, lifted.trajectory);
+}
+
+TEST(MotionPlanner, WhatIsLiftedPastASheetThatLeansOverItIsNotStoppedThere) {
+  const Eigen::Vector3d middle(0.75, 0.0, 0.1);
+  PickWorld alone = emptyPickWorld();
+  alone.add(middle);
+  alone.makeScene();
+  const PickPlan taken = pickFrom(alone, 0);
+  ASSERT_EQ(taken.status, PlanStatus::kSuccess) << taken.message;
+  ASSERT_EQ(taken.face, BrickFace::kPlusZ);
+  ArmGoal goal;
+  goal.joints_rad = taken.stow.points.back().position_rad;
+  // From its top upwards by 6 cm, ever deeper over it: what leave it needs for the first 5 cm is just enough beyond, or not.
+  int num_planned = 0;
+  for (double lean_rad = 0.10; lean_rad < 0.42; lean_rad += 0.01) {
+    SCOPED_TRACE(lean_rad);
+    PickWorld pick = emptyPickWorld();
+    const double thickness_m = 0.02, height_m = 0.06;
+    OrientedBox sheet;
+    sheet.T_map_box = pick.T_map_base *
+                      Eigen::Translation3d(middle.x(), 0.5 * alone.type.size_m.y(), alone.type.size_m.z()) *
+                      Eigen::AngleAxisd(lean_rad, Eigen::Vector3d::UnitX()) *
+                      Eigen::Translation3d(0.0, 0.5 * thickness_m, 0.5 * height_m);
+    sheet.size_m = {0.5, thickness_m, height_m};
+    pick.world.boxes.push_back(sheet);
+    pick.makeScene();
+    PlanningContext context = pick.context();
+    context.held = taken.held;
+    context.start_rad = taken.lift.points.front().position_rad;
+    const ArmPlan plan = makePlanner().planArm(context, goal);
+    if (plan.status != PlanStatus::kSuccess) continue;
+    ++num_planned;
+    expectTheWatchLetsPass(pick, context, plan.trajectory);
+  }
+  EXPECT_GE(num_planned, 10);
 }
 
 TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
@@ -659,6 +714,7 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
       }
     }
     EXPECT_GT(over_m, pick.type.size_m.z());
+    expectTheWatchLetsPass(pick, context, plan.trajectory);
   }
 }
 

@@ -181,6 +181,35 @@ TEST(PathMonitor, StopsBelowTheClearanceAskedFor) {
   EXPECT_LT(verdict.time_to_contact_s, swing().duration());
 }
 
+TEST(PathMonitor, FirstPosturesReachBeyondWhereOthersAre) {
+  const ArmKinematics& arm = *shippedArm();
+  const JointTrajectory trajectory = swing();
+  const std::vector<ArmVector> first = firstPostures(arm, trajectory);
+  const auto wayTo = [&](const ArmVector& q) {
+    return (arm.tipPose(q).translation() - arm.tipPose(first.front()).translation()).norm();
+  };
+  EXPECT_EQ(first.front(), trajectory.points.front().position_rad);
+  ASSERT_GT(first.size(), 2U);
+  EXPECT_GT(wayTo(first.back()), kAmongOthers_m);
+  EXPECT_LE(wayTo(first[first.size() - 2]), kAmongOthers_m);
+  JointTrajectory standing = trajectory;
+  standing.points.resize(1);
+  EXPECT_THAT(firstPostures(arm, standing), SizeIs(1));
+  EXPECT_THROW(firstPostures(arm, {}), std::invalid_argument);
+}
+
+// What is planned with a leave for the place where a brick hangs, and without it from there on, is watched so.
+TEST(PathMonitor, MayBeWhatEitherCheckerAllows) {
+  const PickWorld pick = worldWith({plateAt(-0.6, 0.1), plateAt(0.5, 0.1)});
+  const PickWorld without_first = worldWith({plateAt(0.5, 0.1)});
+  const PickWorld without_second = worldWith({plateAt(-0.6, 0.1)});
+  const CollisionChecker all = checkerOf(pick), first_allowed = checkerOf(without_first), second_allowed = checkerOf(without_second);
+  EXPECT_TRUE(monitorOf(swing()).check(0.0, all, &first_allowed).must_stop);
+  const PathVerdict verdict = monitorOf(swing()).check(0.0, first_allowed, &second_allowed);
+  EXPECT_FALSE(verdict.must_stop) << verdict.reason;
+  EXPECT_GT(verdict.clearance_m, 0.0);
+}
+
 TEST(PathMonitor, RefusesWhatItCannotDo) {
   PathMonitor monitor{PathMonitorConfig()};
   const PickWorld pick = worldWith({});
