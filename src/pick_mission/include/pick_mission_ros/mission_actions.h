@@ -189,7 +189,7 @@ class MissionActions {
   ros::Time map_stamp_;
   pick_mission::Hand told_hand_{pick_mission::Hand::kUnknown};
 
-  tf2_ros::Buffer tf_;
+  mutable tf2_ros::Buffer tf_;  // forgets what a jump of the clock has left in it when somebody asks
   tf2_ros::TransformListener tf_listener_;
   ActionCaller<interactive_mapping_msgs::PlanArmAction> plan_arm_;
   ActionCaller<interactive_mapping_msgs::PlanPickAction> plan_pick_;

@@ -109,6 +109,13 @@ Eigen::Isometry3d MissionActions::baseInMap() const {
     throw std::runtime_error(std::string("tf does not tell where the robot is: ") + error.what());
   }
   const double age_s = (ros::Time::now() - transform.header.stamp).toSec();
+  if (age_s < -params_.max_tf_age_s) {
+    // On its way when the clock jumped back, it came after tf2 had forgotten what was before. As long as it is there, tf2 takes
+    // all that is newer for too old.
+    tf_.clear();
+    throw std::runtime_error("tf from " + params_.map_frame + " to " + params_.base_frame + " is from the future, by " +
+                             std::to_string(-age_s) + " s: of before the clock jumped back");
+  }
   if (age_s > params_.max_tf_age_s) {
     throw std::runtime_error("tf from " + params_.map_frame + " to " + params_.base_frame + " is " +
                              std::to_string(age_s) + " s old, must be at most " + std::to_string(params_.max_tf_age_s) +

@@ -247,6 +247,7 @@ class MissionWorld {
   // Guarded by the mutex; see with().
   std::vector<int> pile;
   double base_x_m{0.0};
+  bool is_tf_late{false};  // once: of half a minute ahead and elsewhere, as of before the clock jumped back
   std::optional<int> hand;
   std::vector<std::string> calls;     // in order
   std::map<std::string, Mode> modes;  // by name of the server
@@ -503,6 +504,12 @@ class MissionWorld {
     tf2_msgs::TFMessage tf;
     tf.transforms = {transform};
     tf_.publish(tf);
+    if (is_tf_late) {
+      tf.transforms.front().header.stamp = now + ros::Duration(30.0);
+      tf.transforms.front().transform.translation.x = 99.0;
+      tf_.publish(tf);
+      is_tf_late = false;
+    }
     if (has_bridge) {
       msgs::ArmBridgeState state;
       state.header.stamp = now;

@@ -778,6 +778,17 @@ TEST_F(PickMissionNode, ClockThatJumpsBackDoesNotStopIt) {
   EXPECT_EQ(state_.bricks_picked, 4u);
 }
 
+// On its way when the clock jumped, it comes after tf2 has forgotten what was before.
+TEST_F(PickMissionNode, TfOfBeforeAJumpOfTheClockIsForgotten) {
+  startAll();
+  for (const char* call : {"drive", "pick 0"}) {
+    ASSERT_TRUE(untilCalled(call));
+    world_->with([] { world_->is_tf_late = true; });
+  }
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  EXPECT_EQ(state_.bricks_picked, 4u);
+}
+
 /// As `rosnode kill` does.
 void askToShutDown(const std::string& node) {
   XmlRpc::XmlRpcValue request, response, uri;
