@@ -226,6 +226,13 @@ class BringupLaunch(unittest.TestCase):
         self.assertNotEqual(result.returncode, 0)
         self.assertIn("robot.launch has no argument wall_deadman:", result.stdout)
         self.assertNotIn("no argument heartbeat", result.stdout)
+        # Somebody's own file, of the same name even, has arguments of its own.
+        own = self.folder / "own/robot.launch"
+        write(own, """<launch><arg name="rig" default=""/><include file="$(find mp700_ur5e_bringup)/launch/robot.launch">"""
+              + "".join(f'<arg name="{name}" value="{value}"/>' for name, value in (word.split(":=") for word in none)) + "</include></launch>")
+        result = subprocess.run(["/usr/bin/roslaunch", "--nodes", str(own), "rig:=seven"], env={**self.plain_environment, "ROS_IP": "127.0.0.1"},
+                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, check=False)
+        self.assertEqual(result.returncode, 0, result.stdout)
 
     def test_shipped_sectors_with_another_urdf_are_spoken_of(self):
         none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom", f"urdf:={self.folder}/own.urdf"]

@@ -30,7 +30,8 @@ class MissionConnection : public QObject {
   /// network) is waited for.
   ~MissionConnection() override;
 
-  /// Nothing of the node before comes any more; a hold that is on its way there goes on. Throws std::invalid_argument unless it is the name of a node.
+  /// Nothing of the node before comes any more; a hold that is on its way there goes on. Throws std::invalid_argument
+  /// unless it is the name of a node.
   void connectTo(const std::string& node);
   const std::string& node() const { return node_; }
 
