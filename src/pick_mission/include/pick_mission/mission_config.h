@@ -24,7 +24,7 @@ struct MissionConfig {
   double time_limit_s{3600.0};     // of a mission, without pauses; then what moves the arm is ended in order
   double action_timeout_s{300.0};  // for one action: then it is cancelled and counts as no answer
   double cancel_timeout_s{15.0};   // for a cancelled one to end
-  double ready_timeout_s{60.0};    // for the arm to be ready again, or to end what it does
+  double ready_timeout_s{60.0};    // for the arm to be ready again or to end what it does; for tf to tell the place
   double retry_wait_s{2.0};        // before what was too old or not there is asked again
   double recover_wait_s{10.0};     // after a recovery that failed, for the arm to be ready by itself: then the next
 

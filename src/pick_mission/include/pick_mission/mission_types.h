@@ -138,8 +138,9 @@ const char* toString(EndReason reason);
 /// What ends a wait.
 enum class WaitUntil {
   kLimit,
-  kArmReady,  // idle, and it may move; fails if that is not so by the limit
-  kArmIdle,   // it has ended what it was told before, or the limit
+  kArmReady,    // idle, and it may move; fails if that is not so by the limit
+  kArmIdle,     // it has ended what it was told before, or the limit
+  kPlaceKnown,  // where the robot stands, or the limit
 };
 
 /// What is to be done. Each is answered by one Reply with its command's id, also after a Cancel.
@@ -192,6 +193,7 @@ struct Recover {
 struct Wait {
   double limit_s{0.0};
   WaitUntil until{WaitUntil::kLimit};
+  double at_least_s{0.0};  // of kPlaceKnown
 };
 // These are not answered.
 struct Cancel {};   // the running action

@@ -115,6 +115,7 @@ class MissionActions {
     pick_mission::WaitUntil until;
     ros::Time since;
     ros::Time deadline;
+    ros::Duration at_least;
   };
 
   void begin(const pick_mission::command::PlanArm& plan);

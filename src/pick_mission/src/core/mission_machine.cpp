@@ -929,7 +929,8 @@ void MissionMachine::Impl::affect(const Transition& row, const std::string& reas
     } else if (state_ == State::kClear || handlesBrick(state_)) {
       wait_ = {config_.ready_timeout_s, WaitUntil::kArmReady};
     } else {
-      wait_ = {config_.retry_wait_s, WaitUntil::kLimit};
+      // Whatever it is that is late: without a place nothing comes of asking for it again.
+      wait_ = {std::max(config_.ready_timeout_s, config_.retry_wait_s), WaitUntil::kPlaceKnown, config_.retry_wait_s};
     }
   }
 }

@@ -284,12 +284,18 @@ void MissionActions::watch() {
               std::to_string((look_->deadline - look_->since).toSec()) + " s" +
               (look_->refused.empty() ? "" : "; the last one was refused: " + look_->refused));
   }
+  using pick_mission::WaitUntil;
+  if (wait_ && wait_->until == WaitUntil::kPlaceKnown && now >= wait_->since + wait_->at_least && place()) {
+    reply(pick_mission::WaitResult{pick_mission::WaitStatus::kSuccess}, "", hand());
+  }
   if (wait_ && now >= wait_->deadline) {
-    if (wait_->until == pick_mission::WaitUntil::kArmReady) {
+    if (wait_->until == WaitUntil::kArmReady) {
       reply(pick_mission::WaitResult{pick_mission::WaitStatus::kNotReady},
             bridge_ ? "the arm may not move: " + bridge_->reason : "the arm's bridge does not tell", hand());
     } else {
-      reply(pick_mission::WaitResult{pick_mission::WaitStatus::kSuccess}, "", hand());
+      const bool is_lost = wait_->until == WaitUntil::kPlaceKnown;
+      reply(pick_mission::WaitResult{pick_mission::WaitStatus::kSuccess},
+            is_lost ? "still not known where the robot is" : "", hand());
     }
   }
   const ros::WallTime wall = ros::WallTime::now();
@@ -436,6 +442,7 @@ void MissionActions::begin(const command::Wait& wait) {
   work.until = wait.until;
   work.since = ros::Time::now();
   work.deadline = work.since + ros::Duration(wait.limit_s);
+  work.at_least = ros::Duration(wait.at_least_s);
   wait_ = work;
 }
 
@@ -613,7 +620,8 @@ void MissionActions::onBridgeState(const interactive_mapping_msgs::ArmBridgeStat
   finishArm();
   using pick_mission::WaitUntil;
   const bool is_idle = bridge_->phase == interactive_mapping_msgs::ArmBridgeState::IDLE;
-  if (wait_ && wait_->until != WaitUntil::kLimit && is_idle && bridge_->header.stamp >= wait_->since &&
+  const bool is_for_arm = wait_ && (wait_->until == WaitUntil::kArmReady || wait_->until == WaitUntil::kArmIdle);
+  if (is_for_arm && is_idle && bridge_->header.stamp >= wait_->since &&
       (bridge_->may_move || wait_->until == WaitUntil::kArmIdle)) {
     const Hand now = hand();
     told_hand_ = now;

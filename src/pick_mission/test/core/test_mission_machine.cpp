@@ -762,6 +762,36 @@ TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
   EXPECT_EQ(run.world.commands_of[State::kRecover], config.max_recoveries_in_a_row);
 }
 
+// Nothing that needs the robot's place is answered until somebody tells it again.
+TEST(MissionMachine, APlaceThatIsNotKnownIsWaitedForAndNotForEver) {
+  MissionConfig config;
+  for (const State first : {State::kPlanClear, State::kPlanPick, State::kDrive, State::kSelect}) {
+    const double longest_s = config.max_failures_in_a_row * config.ready_timeout_s;
+    for (const double outage_s : {50.0, longest_s - config.ready_timeout_s, longest_s + config.ready_timeout_s}) {
+      SCOPED_TRACE(std::string(toString(first)) + ", " + std::to_string(outage_s) + " s");
+      ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+      std::optional<double> back_s;
+      run.inject = [&](State action, int) -> std::optional<Result> {
+        if (action == first && !back_s) back_s = run.now_s + outage_s;
+        if (!back_s || run.now_s >= *back_s) return std::nullopt;
+        if (action == State::kPlanClear || action == State::kPlanPick) return PlanResult{PlanStatus::kNoRobotState};
+        if (action == State::kDrive) return NavigationResult{NavigationStatus::kStalePose};
+        if (action == State::kSelect) return SelectionResult{SelectionStatus::kNoPose};
+        if (action != State::kWait) return std::nullopt;
+        const command::Wait& wait = std::get<command::Wait>(run.world.running->body);
+        EXPECT_EQ(wait.until, WaitUntil::kPlaceKnown);
+        EXPECT_EQ(wait.at_least_s, config.retry_wait_s);
+        // The toy has let pass the least already.
+        run.now_s = std::max(run.now_s, std::min(*back_s, run.now_s - wait.at_least_s + wait.limit_s));
+        return WaitResult{};
+      };
+      run.start();
+      ASSERT_TRUE(run.toEnd());
+      EXPECT_EQ(run.machine.endReason() == EndReason::kNoBrickLeft, outage_s < longest_s) << tail(run);
+    }
+  }
+}
+
 TEST(MissionMachine, RecoveriesAreFarEnoughApartForADriverToComeBack) {
   const MissionConfig config;
   for (const ArmStatus status : {ArmStatus::kProgramStopped, ArmStatus::kNotReady, ArmStatus::kDriverGone}) {

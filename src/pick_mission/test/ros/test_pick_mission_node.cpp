@@ -592,6 +592,35 @@ TEST_F(PickMissionNode, ArmThatIsBusyIsWaitedFor) {
   EXPECT_EQ(summary()["failures"]["clear: BUSY"], 1);
 }
 
+// As with arm and camera at this computer and the base's driver at another whose cable is out.
+TEST_F(PickMissionNode, WhileNobodyTellsWhereTheRobotIsNothingIsAskedAgain) {
+  spoil("plan_arm", [](void* result, bool* is_success) {
+    if (world_->has_tf) return;
+    static_cast<msgs::PlanArmResult*>(result)->outcome.status = msgs::PlanOutcome::NO_ROBOT_STATE;
+    *is_success = false;
+  });
+  setMode("plan_arm", Mode::kHang);
+  set("time/ready_timeout_s", 250.0);
+  startAll();
+  ASSERT_TRUE(untilCalled("plan_arm clear"));
+  const auto passes = [this](double time_s) {
+    const ros::Time begin = ros::Time::now();
+    return until([&] { return (ros::Time::now() - begin).toSec() > time_s; });
+  };
+  world_->with([] { world_->has_tf = false; });
+  const double longer_than_tf_may_be_old_s = 25.0, many_retry_waits_s = 20.0;
+  ASSERT_TRUE(passes(longer_than_tf_may_be_old_s));
+  world_->release();
+  world_->finish("plan_arm");
+  ASSERT_TRUE(untilState(MissionState::WAIT));
+  ASSERT_TRUE(passes(many_retry_waits_s));
+  EXPECT_EQ(state_.state, MissionState::WAIT);
+  EXPECT_EQ(world_->numOf("plan_arm clear"), 1) << "asked again though it is not known where the robot is";
+  world_->with([] { world_->has_tf = true; });
+  expectEnd(MissionState::NO_BRICK_LEFT, "");
+  EXPECT_EQ(summary()["failures"]["plan_clear: no robot state"], 1);
+}
+
 TEST_F(PickMissionNode, RefusesToStartWithWhatCannotBe) {
   ASSERT_TRUE(std::filesystem::create_directory(folder_.file("run")));
   test_support::writeText(folder_.file("run/mission_state.json"), "{\"mission\": {");

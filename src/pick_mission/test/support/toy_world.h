@@ -120,6 +120,7 @@ class ToyWorld {
     if (std::holds_alternative<command::Drive>(running->body)) return 10.0;
     if (std::holds_alternative<command::Pick>(running->body)) return 20.0;
     if (const auto* wait = std::get_if<command::Wait>(&running->body)) {
+      if (wait->until == WaitUntil::kPlaceKnown) return wait->at_least_s;
       return wait->until != WaitUntil::kLimit ? std::min(1.0, wait->limit_s) : wait->limit_s;
     }
     return 1.0;
