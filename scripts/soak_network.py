@@ -39,7 +39,8 @@ ARM_STILL_RAD_S, BASE_STILL_M_S = 0.02, 0.02
 # laptop: 1 s of tf (state/max_tf_age_s of motion_planning), 0.1 s until that is looked at, 0.25 s until the bridge misses it.
 ARM_STOPS_WITHIN_S = {"robot": 1.0, "laptop": 1.5}
 BASE_STOPS_WITHIN_S = 6.0  # simulated: 0.5 s of the heartbeat, 4 s of braking from full speed (base_profile.yaml), and what the network holds
-BACK_S = 90.0  # wall time for the mission to be heard again: TCP tries again after ever longer waits
+BACK_S = 90.0  # wall time for the mission to be heard again: TCP tries again after ever longer waits, ...
+BACK_PER_CUT = 1.5  # ... which double
 ARM_JOINTS = ("shoulder_", "elbow_", "wrist_")
 START_S, WALL_LIMIT_S = 120.0, 1500.0
 
@@ -148,9 +149,10 @@ class Watcher:
         return self.rospy.get_time()
 
 
-def cut(watcher, state, arm_at):
+def cut(watcher, state, arm_at, cut_s):
     """One row of the report, and what is wrong with it."""
     row, wrong = {"state": state}, []
+    back_s = max(BACK_S, BACK_PER_CUT * cut_s)
     if not watcher.until(lambda: (watcher.in_state(state) and watcher.is_moving(state)) or watcher.in_state("ended"), WALL_LIMIT_S) \
             or watcher.in_state("ended"):
         return row, [f"no motion in {state} was met"]
@@ -159,28 +161,28 @@ def cut(watcher, state, arm_at):
     row["cut_at_s"] = round(since_s, 2)
     print(f"{since_s:8.1f} s  the link is cut in {state}", flush=True)
     try:
-        is_still = watcher.until(watcher.is_still, CUT_S)
+        is_still = watcher.until(watcher.is_still, cut_s)
         row["still_after_s"] = round(watcher.now_s() - since_s, 2) if is_still else None
         row["speeds"] = [round(watcher.arm_rad_s, 4), round(watcher.base_m_s, 4)]
         limit_s = ARM_STOPS_WITHIN_S[arm_at] if state == "pick" else BASE_STOPS_WITHIN_S
         if not is_still or row["still_after_s"] > limit_s:
             wrong.append(f"{state}: not still {limit_s} s after the cut")
         # And it stays so: nothing may begin without the laptop.
-        if is_still and watcher.until(lambda: not watcher.is_still(), max(0.0, CUT_S - (time.monotonic() - wall))):
+        if is_still and watcher.until(lambda: not watcher.is_still(), max(0.0, cut_s - (time.monotonic() - wall))):
             wrong.append(f"{state}: moves again while the link is down")
         row["bridge_says"] = watcher.bridge.reason
     finally:
         heard = watcher.mission_heard
         set_link("up")
     wall = time.monotonic()
-    is_back = watcher.until(lambda: watcher.mission_heard > heard, BACK_S)  # with the arm at the laptop it was never lost
+    is_back = watcher.until(lambda: watcher.mission_heard > heard, back_s)  # with the arm at the laptop it was never lost
     row["heard_again_after_wall_s"] = round(time.monotonic() - wall, 1) if is_back else None
     if not is_back:
-        wrong.append(f"{state}: the mission is not heard within {BACK_S} s of the link's return")
-    elif watcher.until(lambda: not watcher.is_still() or watcher.in_state("ended"), BACK_S):
+        wrong.append(f"{state}: the mission is not heard within {back_s} s of the link's return")
+    elif watcher.until(lambda: not watcher.is_still() or watcher.in_state("ended"), back_s):
         row["goes_on_after_wall_s"] = round(time.monotonic() - wall, 1)
     else:
-        wrong.append(f"{state}: nothing moves within {BACK_S} s of the mission's return")
+        wrong.append(f"{state}: nothing moves within {back_s} s of the mission's return")
     print(f"{watcher.now_s():8.1f} s  {json.dumps(row)}", flush=True)
     return row, wrong
 
@@ -238,7 +240,7 @@ def inside(options):
         if not watcher.until(lambda: watcher.mission is not None, START_S):
             return ["the mission does not come up"], rows
         for state in CUTS:
-            row, problems = cut(watcher, state, options.arm_at)
+            row, problems = cut(watcher, state, options.arm_at, options.cut_s)
             rows.append(row)
             wrong += problems
         if not watcher.until(lambda: watcher.in_state("ended"), WALL_LIMIT_S):
@@ -268,6 +270,7 @@ def main():
     parser.add_argument("--out", default=str(ROOT / "results/soak"), help="folder for network.json, network.txt and the run's folder; network_arm_at_laptop... with that")
     parser.add_argument("--arm-at", choices=list(ARM_STOPS_WITHIN_S), default="robot", help="the computer into which arm and camera are plugged")
     parser.add_argument("--scene", default="four_bricks")
+    parser.add_argument("--cut-s", type=float, default=CUT_S, help="how long the link stays down each time [s of wall time] (default %(default)s)")
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if not (ROOT / f"sim_tests/worlds/{options.scene}.yaml").is_file():
@@ -276,6 +279,8 @@ def main():
         import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
     except ImportError as error:
         parser.error(f"{error}: source devel/setup.bash, or use scripts/soak network")
+    if not 5.0 <= options.cut_s <= 600.0:
+        parser.error(f"--cut-s {options.cut_s}, must be in [5, 600] s")
     out = pathlib.Path(options.out)
     out.mkdir(parents=True, exist_ok=True)
     soak_mission.end_in_order()
@@ -293,7 +298,7 @@ def main():
     try:
         make_network(devices_at(options) == DEVICES)
         return soak_mission.run_child(["ip", "netns", "exec", devices_at(options), sys.executable, __file__, "--inside", "--out", str(out),
-                                       "--scene", options.scene, "--arm-at", options.arm_at])
+                                       "--scene", options.scene, "--arm-at", options.arm_at, "--cut-s", str(options.cut_s)])
     finally:
         remove_network()
 
