@@ -173,8 +173,8 @@ class Bench {
   double scan_noise_m_{0.0};
   Pose2d pose_jump_;
   Pose2d odometry_jump_;
-  int pose_every_{1};  // so many steps a localisation, ...
-  int pose_late_{0};   // ... known so many steps later
+  int pose_every_{1};                                    // so many steps a localisation, ...
+  int pose_late_{0};                                     // ... known so many steps later
   std::deque<std::pair<double, Pose2d>> localisations_;  // stamp and T_map_odom: the one that is known, and the next
   std::unique_ptr<GridFusion> fusion_;                   // none: the grid knows the world
   int num_jumps_{0};

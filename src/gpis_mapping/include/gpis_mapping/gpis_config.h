@@ -91,7 +91,7 @@ struct GpisConfig {
     double min_tolerance_m{0.012};  // floor of the tolerance across the surface: calibration and pose errors
   } dynamic;
 
-  struct Retraining {           // a cell is trained at once when a point came or went; else when enough have changed
+  struct Retraining {            // a cell is trained at once when a point came or went; else when enough have changed
     double moved_sigmas{0.5};    // a point has changed when it moved by more than this many standard deviations ...
     double noise_ratio{0.8};     // ... or its standard deviation fell below this share of what it was
     double changed_share{0.25};  // share of a cell's training points that must have changed

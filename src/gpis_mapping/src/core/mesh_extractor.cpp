@@ -64,9 +64,7 @@ class ChangedField {
 
   bool isWhole() const { return (changed_ & neighbour(0, 0, 0)) != 0; }
   /// In voxels from the cell's lower corner.
-  bool covers(double x, double y, double z) const {
-    return (changed_ & along(0, x) & along(1, y) & along(2, z)) != 0;
-  }
+  bool covers(double x, double y, double z) const { return (changed_ & along(0, x) & along(1, y) & along(2, z)) != 0; }
 
  private:
   /// The neighbours that have a say at a coordinate.

@@ -55,8 +55,7 @@ Scene edgeScene(double noise_std_m) {
   const Eigen::Vector3d low(-0.30, -0.30, -0.30);
   const Eigen::Vector3d high(kEdgeX, 0.25, kEdgeZ);  // the edge runs along y through the cell
   for (const SurfacePoint& point : gpis_mapping_test::sampleBox(low, high, 0.02, true, noise_std_m)) {
-    if (point.position_map.cwiseAbs().maxCoeff() < 0.16)
-      scene.points.push_back(point);
+    if (point.position_map.cwiseAbs().maxCoeff() < 0.16) scene.points.push_back(point);
   }
   scene.distance = [=](const Eigen::Vector3d& x) { return gpis_mapping_test::boxDistance(low, high, x); };
   return scene;

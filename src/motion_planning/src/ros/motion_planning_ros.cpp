@@ -575,10 +575,10 @@ void MotionPlanningRos::monitor() {
           watched.held = held->brick;
           watched.vacated = held->vacated;
         }
-        const motion_planning::WatchCheckers checkers = motion_planning::watchCheckers(
-            kinematics_, scene->watched, *T_map_base, params_.watchedRobot(), watched);
-        const motion_planning::PathVerdict verdict =
-            path_monitor_.check(std::max(0.0, elapsed_s), checkers.from_start, checkers.beyond ? &*checkers.beyond : nullptr);
+        const motion_planning::WatchCheckers checkers =
+            motion_planning::watchCheckers(kinematics_, scene->watched, *T_map_base, params_.watchedRobot(), watched);
+        const motion_planning::PathVerdict verdict = path_monitor_.check(std::max(0.0, elapsed_s), checkers.from_start,
+                                                                         checkers.beyond ? &*checkers.beyond : nullptr);
         state.must_stop = verdict.must_stop ? 1 : 0;
         state.reason = verdict.reason;
         state.clearance = static_cast<float>(verdict.clearance_m);

@@ -596,7 +596,8 @@ TEST(MotionPlanner, WhereTheArmIsCannotBeUnseen) {
 }
 
 /// What was planned in a map must not be stopped in the same map, by margins that are smaller.
-void expectTheWatchLetsPass(const PickWorld& planned_in, const PlanningContext& context, const JointTrajectory& trajectory) {
+void expectTheWatchLetsPass(const PickWorld& planned_in, const PlanningContext& context,
+                            const JointTrajectory& trajectory) {
   CollisionSceneConfig margins;
   margins.sigmas = 1.0;
   margins.margin_m = 0.0;

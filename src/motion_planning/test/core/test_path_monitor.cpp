@@ -203,7 +203,8 @@ TEST(PathMonitor, MayBeWhatEitherCheckerAllows) {
   const PickWorld pick = worldWith({plateAt(-0.6, 0.1), plateAt(0.5, 0.1)});
   const PickWorld without_first = worldWith({plateAt(0.5, 0.1)});
   const PickWorld without_second = worldWith({plateAt(-0.6, 0.1)});
-  const CollisionChecker all = checkerOf(pick), first_allowed = checkerOf(without_first), second_allowed = checkerOf(without_second);
+  const CollisionChecker all = checkerOf(pick), first_allowed = checkerOf(without_first),
+                         second_allowed = checkerOf(without_second);
   EXPECT_TRUE(monitorOf(swing()).check(0.0, all, &first_allowed).must_stop);
   const PathVerdict verdict = monitorOf(swing()).check(0.0, first_allowed, &second_allowed);
   EXPECT_FALSE(verdict.must_stop) << verdict.reason;

@@ -134,7 +134,8 @@ class FollowingController {
 bool comesTrue(const std::function<bool()>& condition) {
   constexpr double kDeadline_s = 20.0;
   const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kDeadline_s);
-  while (!condition() && ros::WallTime::now() < end) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.005));
+  while (!condition() && ros::WallTime::now() < end)
+    ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.005));
   return condition();
 }
 
@@ -149,7 +150,8 @@ TEST(UrDriverAfterACrash, CancelsWhatItFindsAndNotWhatItSends) {
   ASSERT_TRUE(comesTrue([&] { return controller.numGoals() == 1; }));
   ASSERT_TRUE(controller.isFollowed(0));
 
-  UrDriver driver(ros::NodeHandle(ns), 0, [](const CallReply&) {}, [](const TrajectoryEvent&) {});
+  UrDriver driver(
+      ros::NodeHandle(ns), 0, [](const CallReply&) {}, [](const TrajectoryEvent&) {});
   ASSERT_TRUE(comesTrue([&] { return driver.isControllerThere(); }));
   driver.send(1, {});  // at once: the two are on their way together
   ASSERT_TRUE(comesTrue([&] { return controller.numGoals() == 2 && !controller.isFollowed(0); }));
