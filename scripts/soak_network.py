@@ -39,8 +39,8 @@ ARM_STILL_RAD_S, BASE_STILL_M_S = 0.02, 0.02
 # laptop: 1 s of tf (state/max_tf_age_s of motion_planning), 0.1 s until that is looked at, 0.25 s until the bridge misses it.
 ARM_STOPS_WITHIN_S = {"robot": 1.0, "laptop": 1.5}
 BASE_STOPS_WITHIN_S = 6.0  # simulated: 0.5 s of the heartbeat, 4 s of braking from full speed (base_profile.yaml), and what the network holds
-BACK_S = 90.0  # wall time for the mission to be heard again: TCP tries again after ever longer waits, ...
-BACK_PER_CUT = 1.5  # ... which double
+# Wall time for the mission to be heard again, the longer of both: TCP's next try is at most as far away as the cut was long.
+BACK_S, BACK_PER_CUT = 90.0, 1.5
 ARM_JOINTS = ("shoulder_", "elbow_", "wrist_")
 START_S, WALL_LIMIT_S = 120.0, 1500.0
 
