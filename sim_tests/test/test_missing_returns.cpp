@@ -240,12 +240,16 @@ TEST(MissingReturns, GrazingPlaneIsNoEdgeAndItsHorizonIs) {
 }
 
 TEST(MissingReturns, SameSeedSameImageAndOtherSeedOtherImage) {
-  Scene scene = sceneWithAllDefects();
-  const cv::Mat first = missingOf(scene);
-  EXPECT_TRUE(isSame(missingOf(scene), first));
-  EXPECT_FALSE(isSame(missingOf(scene, 1), first));
-  scene.seed += 1;
-  EXPECT_FALSE(isSame(missingOf(scene), first));
+  for (const bool has_strips : {false, true}) {
+    Scene scene = makeScene({-1.0, 0.0, 1.0}, {0.0, 0.0, 0.0}, 2);
+    scene.boxes = {makeBox(0, {0.0, 0.0, 0.2}, {0.15, 0.15, 0.2})};
+    (has_strips ? scene.sensor.edge_loss_px : scene.sensor.min_return_per_m2) = has_strips ? 3.0 : 0.3;
+    const cv::Mat first = missingOf(scene);
+    EXPECT_TRUE(isSame(missingOf(scene), first));
+    EXPECT_FALSE(isSame(missingOf(scene, 1), first)) << "strips: " << has_strips;
+    scene.seed += 1;
+    EXPECT_FALSE(isSame(missingOf(scene), first)) << "strips: " << has_strips;
+  }
 }
 
 TEST(MissingReturns, LeaveTheOtherPixelsAsTheyWere) {
