@@ -42,7 +42,7 @@ class DepthSequence {
 
   virtual std::size_t size() const = 0;
 
-  /// The same for all frames.
+  /// The same for all frames: an ideal pinhole, to which the images of a camera with lens distortion are resampled.
   virtual const CameraModel& camera() const = 0;
 
   /// Frame `i`, or nothing and the reason when it has no pose. Throws DepthSequenceError if the image is missing or not
@@ -56,8 +56,8 @@ class DepthSequence {
   std::vector<std::string> notes_;
 };
 
-/// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional depth_units_per_metre, default
-/// 5000) or a 7-Scenes folder (frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt).
+/// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional distortion_model,
+/// distortion_coefficients, and depth_units_per_metre, default 5000) or a 7-Scenes folder (frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt).
 /// TUM poses are interpolated (linear, slerp) to the image's stamp when the poses around it are at most 0.1 s apart or
 /// one is within 0.02 s; before the first and after the last pose only the latter counts.
 /// Throws DepthSequenceError for everything else and for any malformed line.
