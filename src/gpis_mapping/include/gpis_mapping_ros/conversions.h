@@ -13,6 +13,7 @@
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
+#include "gpis_mapping/depth_rectifier.h"
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping_ros {
@@ -58,9 +59,15 @@ bool isDepthEncoding(const std::string& encoding);
 std::optional<gpis_mapping::DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre,
                                                      Refusal* refusal);
 
-/// Pinhole model of the image that `info` accompanies. Nothing, and the reason, when it cannot be one.
+/// Pinhole model of the image that `info` accompanies, its lens distortion left out: P of a rectified image, K of another,
+/// and the part of the full image that ROI and binning leave. Nothing, and the reason, when it cannot be one.
 std::optional<gpis_mapping::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
                                                        Refusal* refusal);
+
+/// Makes `rectifier` the one of the images that `info` accompanies, unless it is already. A rectified image is taken as it
+/// is. False, and the reason, when the camera or its distortion cannot be used; `rectifier` stays as it was.
+bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, gpis_mapping::DepthRectifier* rectifier,
+                      Refusal* refusal);
 
 /// Nothing, and the reason to those who ask for it, when a number is not finite or the quaternion's length is not 1
 /// within 1 %, which float32 sources keep to.

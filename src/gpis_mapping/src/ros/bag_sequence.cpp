@@ -59,7 +59,7 @@ class BagSequence : public DepthSequence {
   }
 
   std::size_t size() const override { return images_.size(); }
-  const CameraModel& camera() const override { return camera_; }
+  const CameraModel& camera() const override { return rectifier_.camera(); }
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     try {
@@ -141,7 +141,8 @@ class BagSequence : public DepthSequence {
       if (!first) {
         first = info;
       } else if (info->K != first->K || info->P != first->P || info->width != first->width ||
-                 info->height != first->height) {
+                 info->height != first->height || info->D != first->D || info->roi != first->roi ||
+                 info->binning_x != first->binning_x || info->binning_y != first->binning_y) {
         throw DepthSequenceError(path_ + ": " + topic + " changes during the recording, must stay the same");
       }
     }
@@ -151,13 +152,8 @@ class BagSequence : public DepthSequence {
 
   void takeCamera(const sensor_msgs::CameraInfo& info, const std::string& topic) {
     Refusal refusal;
-    const bool is_rectified = isRectifiedTopic(depth_topic_);
-    const std::optional<CameraModel> camera = toCameraModel(info, is_rectified, &refusal);
-    if (!camera) throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
-    camera_ = *camera;
-    const bool is_distorted = std::any_of(info.D.begin(), info.D.end(), [](double d) { return d != 0.0; });
-    if (is_distorted && !(is_rectified && info.P[0] > 0.0)) {
-      notes_.push_back(topic + ": distortion D is not zero; depth images are taken as rectified");
+    if (!toDepthRectifier(info, isRectifiedTopic(depth_topic_), &rectifier_, &refusal)) {
+      throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
     }
   }
 
@@ -227,12 +223,13 @@ class BagSequence : public DepthSequence {
     Refusal refusal;
     std::optional<DepthImage> image = toDepthImage(message, kUnitsPerMetre16, &refusal);
     if (!image) throw DepthSequenceError(frameName(i) + ": " + refusal.message);
-    if (image->width != camera_.width || image->height != camera_.height) {
+    const CameraModel& raw = rectifier_.rawCamera();
+    if (image->width != raw.width || image->height != raw.height) {
       throw DepthSequenceError(frameName(i) + ": is " + std::to_string(image->width) + " x " +
-                               std::to_string(image->height) + " px, must be " + std::to_string(camera_.width) + " x " +
-                               std::to_string(camera_.height) + " px as the camera info says");
+                               std::to_string(image->height) + " px, must be " + std::to_string(raw.width) + " x " +
+                               std::to_string(raw.height) + " px as the camera info says");
     }
-    return std::move(*image);
+    return rectifier_.rectify(std::move(*image));
   }
 
   std::string path_;
@@ -240,7 +237,7 @@ class BagSequence : public DepthSequence {
   std::map<std::string, std::string> types_;  // topic to message type
   std::string depth_topic_;
   std::string map_frame_;
-  CameraModel camera_;
+  gpis_mapping::DepthRectifier rectifier_;
   std::unique_ptr<tf2::BufferCore> buffer_;
   std::set<std::string> frames_;
   std::vector<rosbag::MessageInstance> images_;
