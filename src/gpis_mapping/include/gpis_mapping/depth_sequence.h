@@ -49,11 +49,27 @@ class DepthSequence {
   /// what it must be, std::out_of_range for i >= size().
   virtual std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) = 0;
 
+  /// T_map_camera of frame `i` when `time_offset_s` is added to its stamp, or nothing and the reason. Reads no image.
+  virtual std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) = 0;
+
+  /// Whether poses have stamps of their own, so that an image can be given that of another time.
+  virtual bool hasPoseStamps() const { return true; }
+
+  /// What is added to an image's stamp before its pose is looked up [s]: negative when the images are stamped too late.
+  /// frame() uses it from now on. Throws DepthSequenceError for anything but 0 when poses have no stamps.
+  void setTimeOffset(double time_offset_s) {
+    if (time_offset_s != 0.0 && !hasPoseStamps()) {
+      throw DepthSequenceError("the recording's poses have no stamps: a time offset cannot be applied");
+    }
+    time_offset_s_ = time_offset_s;
+  }
+
   /// What the user should know about the recording although it can be used. One sentence each.
   const std::vector<std::string>& notes() const { return notes_; }
 
  protected:
   std::vector<std::string> notes_;
+  double time_offset_s_{0.0};
 };
 
 /// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional distortion_model,

@@ -10,6 +10,7 @@
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
+#include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
@@ -47,6 +48,9 @@ struct Refusal {
 
 /// Frame names of tf2 have no leading slash; those of old bags do.
 std::string withoutSlash(const std::string& frame);
+
+/// `stamp` + `offset_s`, but never 0, which is "newest" to tf2, nor beyond what a stamp can hold.
+ros::Time shifted(const ros::Time& stamp, double offset_s);
 
 /// REP-104: the projection matrix P belongs to topics with rectified images (".../image_rect"), K to raw ones.
 bool isRectifiedTopic(const std::string& topic);

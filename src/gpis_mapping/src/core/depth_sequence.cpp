@@ -215,10 +215,14 @@ class TumSequence : public DepthSequence {
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    const std::optional<Eigen::Isometry3d> T_map_camera = poseAt(poses_, entry.stamp_s, reason);
+    const std::optional<Eigen::Isometry3d> T_map_camera = pose(i, time_offset_s_, reason);
     if (!T_map_camera) return std::nullopt;
     DepthImage raw = readDepthImage(entry.path, rectifier_.rawCamera(), units_per_metre_);
     return DepthFrame{rectifier_.rectify(std::move(raw)), *T_map_camera, entry.stamp_s, entry.path};
+  }
+
+  std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+    return poseAt(poses_, entries_.at(i).stamp_s + time_offset_s, reason);
   }
 
  private:
@@ -342,14 +346,20 @@ class SevenScenesSequence : public DepthSequence {
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    if (!fs::exists(entry.pose_path)) {
-      *reason = {"no pose file", entry.pose_path + ": is missing"};
-      return std::nullopt;
-    }
-    const Eigen::Isometry3d T_map_camera = readPoseMatrix(entry.pose_path);
-    return DepthFrame{readDepthImage(entry.image_path, camera_, kSevenScenesUnitsPerMetre), T_map_camera, entry.stamp_s,
-                      entry.image_path};
+    const std::optional<Eigen::Isometry3d> T_map_camera = pose(i, 0.0, reason);
+    if (!T_map_camera) return std::nullopt;
+    return DepthFrame{readDepthImage(entry.image_path, camera_, kSevenScenesUnitsPerMetre), *T_map_camera,
+                      entry.stamp_s, entry.image_path};
   }
+
+  std::optional<Eigen::Isometry3d> pose(std::size_t i, double /*time_offset_s*/, SkipReason* reason) override {
+    const Entry& entry = entries_.at(i);
+    if (fs::exists(entry.pose_path)) return readPoseMatrix(entry.pose_path);
+    *reason = {"no pose file", entry.pose_path + ": is missing"};
+    return std::nullopt;
+  }
+
+  bool hasPoseStamps() const override { return false; }
 
  private:
   struct Entry {

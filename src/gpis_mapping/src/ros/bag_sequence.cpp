@@ -71,6 +71,16 @@ class BagSequence : public DepthSequence {
     }
   }
 
+  std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+    auto known = headers_.find(i);  // an image is read from the file again each time
+    if (known == headers_.end()) {
+      const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
+      if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+      known = headers_.emplace(i, message->header).first;
+    }
+    return lookUp(known->second, time_offset_s, i, reason);
+  }
+
  private:
   std::string frameName(std::size_t i) const { return path_ + ": " + depth_topic_ + " image " + std::to_string(i); }
 
@@ -197,21 +207,28 @@ class BagSequence : public DepthSequence {
     throw DepthSequenceError(path_ + ": no frame '" + map_frame_ + "'; frames: " + join(frames_));
   }
 
-  std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
-    const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
-    if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
-    const std::string camera_frame = withoutSlash(message->header.frame_id);
+  std::optional<Eigen::Isometry3d> lookUp(const std_msgs::Header& header, double time_offset_s, std::size_t i,
+                                          SkipReason* reason) {
+    const std::string camera_frame = withoutSlash(header.frame_id);
     geometry_msgs::TransformStamped transform;
     try {
-      transform = buffer_->lookupTransform(map_frame_, camera_frame, message->header.stamp);
+      transform = buffer_->lookupTransform(map_frame_, camera_frame, shifted(header.stamp, time_offset_s));
     } catch (const tf2::TransformException& error) {
       *reason = {"no transform from '" + camera_frame + "' to '" + map_frame_ + "' at the image's stamp", error.what()};
       return std::nullopt;
     }
-    DepthFrame frame;
     Refusal refusal;
     const std::optional<Eigen::Isometry3d> T_map_camera = toIsometry(transform.transform, &refusal);
     if (!T_map_camera) throw DepthSequenceError(frameName(i) + ": its " + refusal.message);
+    return T_map_camera;
+  }
+
+  std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
+    const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
+    if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+    const std::optional<Eigen::Isometry3d> T_map_camera = lookUp(message->header, time_offset_s_, i, reason);
+    if (!T_map_camera) return std::nullopt;
+    DepthFrame frame;
     frame.T_map_camera = *T_map_camera;
     frame.image = readImage(*message, i);
     frame.stamp_s = message->header.stamp.toSec();
@@ -241,6 +258,7 @@ class BagSequence : public DepthSequence {
   std::unique_ptr<tf2::BufferCore> buffer_;
   std::set<std::string> frames_;
   std::vector<rosbag::MessageInstance> images_;
+  std::map<std::size_t, std_msgs::Header> headers_;  // of the images whose pose was asked for
 };
 
 }  // namespace

@@ -106,6 +106,15 @@ std::string withoutSlash(const std::string& frame) {
   return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
 }
 
+ros::Time shifted(const ros::Time& stamp, double offset_s) {
+  if (offset_s == 0.0) return stamp;
+  const auto latest_ns = static_cast<std::int64_t>(ros::TIME_MAX.toNSec());
+  const std::int64_t at_ns = static_cast<std::int64_t>(stamp.toNSec()) + std::llround(offset_s * 1e9);
+  ros::Time at;
+  at.fromNSec(static_cast<std::uint64_t>(std::clamp<std::int64_t>(at_ns, 1, latest_ns)));
+  return at;
+}
+
 bool isRectifiedTopic(const std::string& topic) {
   const std::size_t slash = topic.rfind('/');  // npos + 1 is 0: the whole name
   return topic.find("rect", slash + 1) != std::string::npos;

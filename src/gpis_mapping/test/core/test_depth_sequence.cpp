@@ -103,6 +103,18 @@ TEST_F(TumFolder, InterpolatesPoses) {
   EXPECT_NEAR((T.linear() - expected.toRotationMatrix()).norm(), 0.0, 1e-7);
 }
 
+TEST_F(TumFolder, LooksUpPosesAtTheStampPlusTheTimeOffset) {
+  const auto sequence = openDepthSequence(folder_.path());
+  SkipReason reason;
+  EXPECT_NEAR(sequence->pose(1, 0.02, &reason)->translation().x(), 1.6, 1e-9);
+  sequence->setTimeOffset(-0.01);
+  const auto frame = sequence->frame(1, &reason);
+  ASSERT_TRUE(frame);
+  EXPECT_NEAR(frame->T_map_camera.translation().x(), 1.3, 1e-9);
+  EXPECT_EQ(frame->stamp_s, 10.04) << "the image's own";
+  EXPECT_FALSE(sequence->pose(0, -0.5, &reason));
+}
+
 TEST_F(TumFolder, InterpolatesAlongTheShorterArc) {
   writeText(file("groundtruth.txt"), "10.00 0 0 0 0 0 0 1\n10.08 0 0 0 0 0 -0.0871557 -0.9961947\n");  // 10 deg
   const auto sequence = openDepthSequence(folder_.path());

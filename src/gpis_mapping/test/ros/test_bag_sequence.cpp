@@ -226,6 +226,26 @@ TEST_F(Bag, AsksWhenSeveralTopicsWouldDo) {
               AllOf(HasSubstr("no camera info topic /none"), HasSubstr("/other/camera_info")));
 }
 
+TEST_F(Bag, LooksUpPosesAtTheStampPlusTheTimeOffset) {
+  writeCameraInfo();
+  writeTransforms();
+  write(kDepthTopic, 0.5, image16(0.5));
+  const auto sequence = open();
+  SkipReason reason;
+  const auto x = [](const Eigen::Isometry3d& T) { return T.translation().x(); };
+  const double before = x(*sequence->pose(0, -0.25, &reason));
+  EXPECT_NE(before, x(sequence->frame(0, &reason)->T_map_camera));
+  sequence->setTimeOffset(-0.25);
+  const auto frame = sequence->frame(0, &reason);
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(x(frame->T_map_camera), before);
+  EXPECT_NEAR(before, 1.25 + 0.75 * std::cos(M_PI / 8.0), 1e-9);
+  EXPECT_NEAR(frame->stamp_s, 100.5, 1e-9) << "the image's own";
+  sequence->setTimeOffset(0.6);
+  EXPECT_FALSE(sequence->frame(0, &reason));
+  EXPECT_FALSE(sequence->pose(0, -0.6, &reason));
+}
+
 TEST_F(Bag, ListsFramesWhenTheMapFrameIsMissing) {
   writeCameraInfo();
   writeTransforms();

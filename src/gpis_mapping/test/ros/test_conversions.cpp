@@ -279,6 +279,15 @@ TEST(Conversions, PosesAreReadAsTransformsAre) {
   }
 }
 
+TEST(Conversions, ShiftedStampsAreNeverZero) {
+  EXPECT_EQ(shifted(ros::Time(100, 5), 0.0), ros::Time(100, 5));
+  EXPECT_EQ(shifted(ros::Time(1600000000, 10000000), -0.024), ros::Time(1599999999, 986000000));
+  EXPECT_EQ(shifted(ros::Time(1600000000, 990000000), 0.024), ros::Time(1600000001, 14000000));
+  EXPECT_EQ(shifted(ros::Time(0, 500000000), -0.5), ros::Time(0, 1));
+  EXPECT_EQ(shifted(ros::Time(0, 1), -1.0), ros::Time(0, 1));
+  EXPECT_EQ(shifted(ros::TIME_MAX, 1.0), ros::TIME_MAX);
+}
+
 TEST(Conversions, HoldMeasurementOnlyWithADepthOrNothingInReach) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
