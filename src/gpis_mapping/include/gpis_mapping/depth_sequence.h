@@ -42,22 +42,38 @@ class DepthSequence {
 
   virtual std::size_t size() const = 0;
 
-  /// The same for all frames.
+  /// The same for all frames: an ideal pinhole, to which the images of a camera with lens distortion are resampled.
   virtual const CameraModel& camera() const = 0;
 
   /// Frame `i`, or nothing and the reason when it has no pose. Throws DepthSequenceError if the image is missing or not
   /// what it must be, std::out_of_range for i >= size().
   virtual std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) = 0;
 
+  /// T_map_camera of frame `i` when `time_offset_s` is added to its stamp, or nothing and the reason. Reads no image.
+  virtual std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) = 0;
+
+  /// Whether poses have stamps of their own, so that an image can be given that of another time.
+  virtual bool hasPoseStamps() const { return true; }
+
+  /// What is added to an image's stamp before its pose is looked up [s]: negative when the images are stamped too late.
+  /// frame() uses it from now on. Throws DepthSequenceError for anything but 0 when poses have no stamps.
+  void setTimeOffset(double time_offset_s) {
+    if (time_offset_s != 0.0 && !hasPoseStamps()) {
+      throw DepthSequenceError("the recording's poses have no stamps: a time offset cannot be applied");
+    }
+    time_offset_s_ = time_offset_s;
+  }
+
   /// What the user should know about the recording although it can be used. One sentence each.
   const std::vector<std::string>& notes() const { return notes_; }
 
  protected:
   std::vector<std::string> notes_;
+  double time_offset_s_{0.0};
 };
 
-/// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional depth_units_per_metre, default
-/// 5000) or a 7-Scenes folder (frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt).
+/// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional distortion_model,
+/// distortion_coefficients, and depth_units_per_metre, default 5000) or a 7-Scenes folder (frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt).
 /// TUM poses are interpolated (linear, slerp) to the image's stamp when the poses around it are at most 0.1 s apart or
 /// one is within 0.02 s; before the first and after the last pose only the latter counts.
 /// Throws DepthSequenceError for everything else and for any malformed line.

@@ -15,6 +15,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <yaml-cpp/yaml.h>
 
+#include "gpis_mapping/depth_rectifier.h"
+
 namespace gpis_mapping {
 namespace {
 
@@ -209,13 +211,18 @@ class TumSequence : public DepthSequence {
   }
 
   std::size_t size() const override { return entries_.size(); }
-  const CameraModel& camera() const override { return camera_; }
+  const CameraModel& camera() const override { return rectifier_.camera(); }
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    const std::optional<Eigen::Isometry3d> T_map_camera = poseAt(poses_, entry.stamp_s, reason);
+    const std::optional<Eigen::Isometry3d> T_map_camera = pose(i, time_offset_s_, reason);
     if (!T_map_camera) return std::nullopt;
-    return DepthFrame{readDepthImage(entry.path, camera_, units_per_metre_), *T_map_camera, entry.stamp_s, entry.path};
+    DepthImage raw = readDepthImage(entry.path, rectifier_.rawCamera(), units_per_metre_);
+    return DepthFrame{rectifier_.rectify(std::move(raw)), *T_map_camera, entry.stamp_s, entry.path};
+  }
+
+  std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+    return poseAt(poses_, entries_.at(i).stamp_s + time_offset_s, reason);
   }
 
  private:
@@ -228,28 +235,28 @@ class TumSequence : public DepthSequence {
     if (!fs::exists(path)) {
       throw DepthSequenceError(path +
                                ": is missing; it must hold image_width, image_height and camera_matrix as written by "
-                               "camera_info_manager, and may hold depth_units_per_metre");
+                               "camera_info_manager, and may hold the distortion and depth_units_per_metre");
     }
+    CameraModel camera;
+    LensDistortion distortion;
     try {
       const YAML::Node root = YAML::LoadFile(path);
-      camera_.width = required(root, "image_width").as<int>();
-      camera_.height = required(root, "image_height").as<int>();
+      camera.width = required(root, "image_width").as<int>();
+      camera.height = required(root, "image_height").as<int>();
       const auto K = required(required(root, "camera_matrix"), "data").as<std::vector<double>>();
       if (K.size() != 9) {
         throw DepthSequenceError(path + ": camera_matrix/data has " + std::to_string(K.size()) +
                                  " numbers, must have 9");
       }
-      camera_.fx = K[0];
-      camera_.cx = K[2];
-      camera_.fy = K[4];
-      camera_.cy = K[5];
-      const YAML::Node distortion = root["distortion_coefficients"];
-      if (distortion && distortion.IsMap() && distortion["data"]) {
-        for (const double d : distortion["data"].as<std::vector<double>>()) {
-          if (d == 0.0) continue;
-          notes_.push_back(path + ": distortion_coefficients are not zero; depth images are taken as rectified");
-          break;
-        }
+      camera.fx = K[0];
+      camera.cx = K[2];
+      camera.fy = K[4];
+      camera.cy = K[5];
+      const YAML::Node model = root["distortion_model"];
+      distortion.model = model ? model.as<std::string>() : "plumb_bob";  // as camera_calibration_parsers does
+      const YAML::Node coefficients = root["distortion_coefficients"];
+      if (coefficients && coefficients.IsMap() && coefficients["data"]) {
+        distortion.coefficients = coefficients["data"].as<std::vector<double>>();
       }
       const YAML::Node units = root["depth_units_per_metre"];
       if (units) units_per_metre_ = units.as<double>();
@@ -261,7 +268,11 @@ class TumSequence : public DepthSequence {
     if (!(std::isfinite(units_per_metre_) && units_per_metre_ > 0.0)) {
       throw DepthSequenceError(path + ": depth_units_per_metre = " + format(units_per_metre_) + ", must be > 0");
     }
-    requireCamera(camera_, path);
+    try {
+      rectifier_ = DepthRectifier(camera, distortion);
+    } catch (const std::invalid_argument& error) {
+      throw DepthSequenceError(path + ": " + error.what());
+    }
   }
 
   static YAML::Node required(const YAML::Node& parent, const std::string& key) {
@@ -270,7 +281,7 @@ class TumSequence : public DepthSequence {
     return node;
   }
 
-  CameraModel camera_;
+  DepthRectifier rectifier_;
   double units_per_metre_{kTumUnitsPerMetre};
   std::vector<Entry> entries_;
   std::vector<StampedPose> poses_;
@@ -335,14 +346,20 @@ class SevenScenesSequence : public DepthSequence {
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    if (!fs::exists(entry.pose_path)) {
-      *reason = {"no pose file", entry.pose_path + ": is missing"};
-      return std::nullopt;
-    }
-    const Eigen::Isometry3d T_map_camera = readPoseMatrix(entry.pose_path);
-    return DepthFrame{readDepthImage(entry.image_path, camera_, kSevenScenesUnitsPerMetre), T_map_camera, entry.stamp_s,
-                      entry.image_path};
+    const std::optional<Eigen::Isometry3d> T_map_camera = pose(i, 0.0, reason);
+    if (!T_map_camera) return std::nullopt;
+    return DepthFrame{readDepthImage(entry.image_path, camera_, kSevenScenesUnitsPerMetre), *T_map_camera,
+                      entry.stamp_s, entry.image_path};
   }
+
+  std::optional<Eigen::Isometry3d> pose(std::size_t i, double /*time_offset_s*/, SkipReason* reason) override {
+    const Entry& entry = entries_.at(i);
+    if (fs::exists(entry.pose_path)) return readPoseMatrix(entry.pose_path);
+    *reason = {"no pose file", entry.pose_path + ": is missing"};
+    return std::nullopt;
+  }
+
+  bool hasPoseStamps() const override { return false; }
 
  private:
   struct Entry {

@@ -59,7 +59,7 @@ class BagSequence : public DepthSequence {
   }
 
   std::size_t size() const override { return images_.size(); }
-  const CameraModel& camera() const override { return camera_; }
+  const CameraModel& camera() const override { return rectifier_.camera(); }
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     try {
@@ -69,6 +69,16 @@ class BagSequence : public DepthSequence {
     } catch (const ros::Exception& error) {  // a message shorter than its fields say
       throw DepthSequenceError(frameName(i) + ": cannot be decoded: " + error.what());
     }
+  }
+
+  std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+    auto known = headers_.find(i);  // an image is read from the file again each time
+    if (known == headers_.end()) {
+      const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
+      if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+      known = headers_.emplace(i, message->header).first;
+    }
+    return lookUp(known->second, time_offset_s, i, reason);
   }
 
  private:
@@ -141,7 +151,8 @@ class BagSequence : public DepthSequence {
       if (!first) {
         first = info;
       } else if (info->K != first->K || info->P != first->P || info->width != first->width ||
-                 info->height != first->height) {
+                 info->height != first->height || info->D != first->D || info->roi != first->roi ||
+                 info->binning_x != first->binning_x || info->binning_y != first->binning_y) {
         throw DepthSequenceError(path_ + ": " + topic + " changes during the recording, must stay the same");
       }
     }
@@ -151,13 +162,8 @@ class BagSequence : public DepthSequence {
 
   void takeCamera(const sensor_msgs::CameraInfo& info, const std::string& topic) {
     Refusal refusal;
-    const bool is_rectified = isRectifiedTopic(depth_topic_);
-    const std::optional<CameraModel> camera = toCameraModel(info, is_rectified, &refusal);
-    if (!camera) throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
-    camera_ = *camera;
-    const bool is_distorted = std::any_of(info.D.begin(), info.D.end(), [](double d) { return d != 0.0; });
-    if (is_distorted && !(is_rectified && info.P[0] > 0.0)) {
-      notes_.push_back(topic + ": distortion D is not zero; depth images are taken as rectified");
+    if (!toDepthRectifier(info, isRectifiedTopic(depth_topic_), &rectifier_, &refusal)) {
+      throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
     }
   }
 
@@ -201,21 +207,28 @@ class BagSequence : public DepthSequence {
     throw DepthSequenceError(path_ + ": no frame '" + map_frame_ + "'; frames: " + join(frames_));
   }
 
-  std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
-    const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
-    if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
-    const std::string camera_frame = withoutSlash(message->header.frame_id);
+  std::optional<Eigen::Isometry3d> lookUp(const std_msgs::Header& header, double time_offset_s, std::size_t i,
+                                          SkipReason* reason) {
+    const std::string camera_frame = withoutSlash(header.frame_id);
     geometry_msgs::TransformStamped transform;
     try {
-      transform = buffer_->lookupTransform(map_frame_, camera_frame, message->header.stamp);
+      transform = buffer_->lookupTransform(map_frame_, camera_frame, shifted(header.stamp, time_offset_s));
     } catch (const tf2::TransformException& error) {
       *reason = {"no transform from '" + camera_frame + "' to '" + map_frame_ + "' at the image's stamp", error.what()};
       return std::nullopt;
     }
-    DepthFrame frame;
     Refusal refusal;
     const std::optional<Eigen::Isometry3d> T_map_camera = toIsometry(transform.transform, &refusal);
     if (!T_map_camera) throw DepthSequenceError(frameName(i) + ": its " + refusal.message);
+    return T_map_camera;
+  }
+
+  std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
+    const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
+    if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+    const std::optional<Eigen::Isometry3d> T_map_camera = lookUp(message->header, time_offset_s_, i, reason);
+    if (!T_map_camera) return std::nullopt;
+    DepthFrame frame;
     frame.T_map_camera = *T_map_camera;
     frame.image = readImage(*message, i);
     frame.stamp_s = message->header.stamp.toSec();
@@ -227,12 +240,13 @@ class BagSequence : public DepthSequence {
     Refusal refusal;
     std::optional<DepthImage> image = toDepthImage(message, kUnitsPerMetre16, &refusal);
     if (!image) throw DepthSequenceError(frameName(i) + ": " + refusal.message);
-    if (image->width != camera_.width || image->height != camera_.height) {
+    const CameraModel& raw = rectifier_.rawCamera();
+    if (image->width != raw.width || image->height != raw.height) {
       throw DepthSequenceError(frameName(i) + ": is " + std::to_string(image->width) + " x " +
-                               std::to_string(image->height) + " px, must be " + std::to_string(camera_.width) + " x " +
-                               std::to_string(camera_.height) + " px as the camera info says");
+                               std::to_string(image->height) + " px, must be " + std::to_string(raw.width) + " x " +
+                               std::to_string(raw.height) + " px as the camera info says");
     }
-    return std::move(*image);
+    return rectifier_.rectify(std::move(*image));
   }
 
   std::string path_;
@@ -240,10 +254,11 @@ class BagSequence : public DepthSequence {
   std::map<std::string, std::string> types_;  // topic to message type
   std::string depth_topic_;
   std::string map_frame_;
-  CameraModel camera_;
+  gpis_mapping::DepthRectifier rectifier_;
   std::unique_ptr<tf2::BufferCore> buffer_;
   std::set<std::string> frames_;
   std::vector<rosbag::MessageInstance> images_;
+  std::map<std::size_t, std_msgs::Header> headers_;  // of the images whose pose was asked for
 };
 
 }  // namespace

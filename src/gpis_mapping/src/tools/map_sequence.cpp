@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
@@ -53,6 +54,7 @@ struct Options {
   long long end{-1};  // -1: the last frame
   long long stride{1};
   long long mesh_every{0};  // 0: only at the end
+  double time_offset_s{0.0};
   bool is_quiet{false};
   gpis_mapping_ros::BagOptions bag;
 };
@@ -69,6 +71,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
       ("end", po::value(&options.end), "last frame, included (default: the last one)")                     //
       ("stride", po::value(&options.stride), "take every N-th frame (default 1)")                          //
       ("mesh-every", po::value(&options.mesh_every), "also write mesh_FRAME.ply after every N frames")     //
+      ("time-offset", po::value(&options.time_offset_s), "added to image stamps for their poses [s]")      //
       ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr")                             //
       ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")   //
       ("info-topic", po::value(&options.bag.info_topic), "bag: camera info (default: beside the images)")  //
@@ -98,6 +101,9 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   require("--start", options.start, 0);
   if (values.count("end") > 0) require("--end", options.end, options.start);
   require("--stride", options.stride, 1);
+  if (!(std::abs(options.time_offset_s) <= 1.0)) {  // NaN, too
+    throw UsageError("--time-offset = " + std::to_string(options.time_offset_s) + " s, must be in [-1, 1] s");
+  }
   if (values.count("mesh-every") > 0) require("--mesh-every", options.mesh_every, 1);
   return options;
 }
@@ -213,6 +219,7 @@ int mapSequence(int argc, char** argv) {
   const Options& options = *parsed;
   const GpisConfig config = options.config.empty() ? GpisConfig{} : loadGpisConfig(options.config);
   const std::unique_ptr<DepthSequence> sequence = openInput(options);
+  sequence->setTimeOffset(options.time_offset_s);
   for (const std::string& note : sequence->notes()) say(nullptr, "note: " + note);
   if (sequence->size() == 0) throw DepthSequenceError(options.input + ": holds no depth image");
   const auto start = static_cast<std::size_t>(options.start);
