@@ -151,9 +151,9 @@ TEST(DynamicMapInvalidPixels, TooNearDeletesNothing) {
   }
 }
 
-/// A wall of boxes fills the view at 1 m; a hole of zeros is `width_px` x 60 px in its middle.
+/// A wall fills the view at 1 m; a hole of zeros is `width_px` x 60 px in its middle.
 struct HoleLooks {
-  Scene scene = makeLooks(std::vector<Eigen::Vector3d>(8, {1.0, 0.0, 1.0}), {0.0, 0.0, 1.0});
+  Scene scene = makeLooks(std::vector<Eigen::Vector3d>(20, {1.0, 0.0, 1.0}), {0.0, 0.0, 1.0});
   GpisConfig config;
   int next_frame{0};
 
@@ -168,38 +168,41 @@ struct HoleLooks {
   }
 };
 
-// Default baseline 0.075 m: the widest shadow that anything at 1 m throws within 4 m is 262.5 * 0.075 * 3/4 = 14.8 px.
-// A hole of 13 px between equal depths may be a shadow of something thin or a look into the far: ambiguous.
-constexpr int kAmbiguousPx = 13;
-
-TEST(DynamicMapInvalidPixels, AmbiguousHoleDeletesOnlyAtTheSecondConsecutiveLook) {
+TEST(DynamicMapInvalidPixels, HoleInASurfaceThatIsStillSeenDeletesNothing) {
   HoleLooks looks;
   GpisMap map(looks.config);
   looks.see(&map, 0);
   looks.see(&map, 0);
-  EXPECT_EQ(looks.see(&map, kAmbiguousPx).deleted, 0u);
-  // 13 x 60 px at 1 m are 5 x 23 cm; without the 2 px at the rim that edges spare, 3.4 x 21 cm: about 18 points.
-  const UpdateStatistics second = looks.see(&map, kAmbiguousPx);
-  EXPECT_GE(second.deleted, 9u);
-  EXPECT_LT(second.deleted, 60u);
-}
-
-TEST(DynamicMapInvalidPixels, LookAtTheSurfaceBetweenTwoAmbiguousHolesStartsTheCountAgain) {
-  HoleLooks looks;
-  GpisMap map(looks.config);
-  looks.see(&map, 0);
-  for (int repetition = 0; repetition < 3; ++repetition) {
-    EXPECT_EQ(looks.see(&map, kAmbiguousPx).deleted, 0u) << "repetition " << repetition;
-    EXPECT_EQ(looks.see(&map, 0).deleted, 0u) << "repetition " << repetition;
+  for (const int width_px : {3, 13, 40, 150}) {
+    for (int look = 0; look < 3; ++look) EXPECT_EQ(looks.see(&map, width_px).deleted, 0u) << width_px << " px";
   }
 }
 
-TEST(DynamicMapInvalidPixels, WideHoleDeletesAtOnceAndSpeckleNever) {
+TEST(DynamicMapInvalidPixels, HoleAcrossTheWholeViewDeletesAtOnceWhatWasMeasuredFromThere) {
   HoleLooks looks;
+  looks.scene.boxes = {makeBox(0, {-0.5, 0.0, 1.0}, {0.5, 0.1, 0.1})};  // alone before nothing
+  looks.scene.has_ground = false;
   GpisMap map(looks.config);
   looks.see(&map, 0);
-  for (int look = 0; look < 4; ++look) EXPECT_EQ(looks.see(&map, 3).deleted, 0u) << "speckle, look " << look;
-  EXPECT_GT(looks.see(&map, 40).deleted, 50u);  // 15 x 23 cm: 80 points
+  EXPECT_GT(map.snapshot()->numPoints(), 50u);
+  EXPECT_EQ(looks.see(&map, 6).deleted, 0u) << "a part is missing";
+  looks.see(&map, 100);
+  EXPECT_EQ(map.snapshot()->numPoints(), 0u) << "the whole is";
+}
+
+TEST(DynamicMapInvalidPixels, HoleOutsideTheStatedFieldOfViewIsNoEvidence) {
+  HoleLooks looks;
+  looks.scene.boxes = {makeBox(0, {-0.05, 0.5, 1.0}, {0.05, 0.08, 0.08})};  // 27 degrees to the side
+  looks.scene.has_ground = false;
+  for (const double width_rad : {0.0, 0.7}) {
+    looks.config.sensor.fov_width_rad = width_rad;
+    GpisMap map(looks.config);
+    looks.see(&map, 0);
+    const std::size_t before = map.snapshot()->numPoints();
+    EXPECT_GT(before, 20u);
+    feed(&map, looks.scene, looks.next_frame++, constantImage(looks.scene, 0.0f));
+    EXPECT_EQ(map.snapshot()->numPoints(), width_rad == 0.0 ? 0u : before) << width_rad;
+  }
 }
 
 TEST(DynamicMapInvalidPixels, HolePolicyDecidesWhatZerosMean) {

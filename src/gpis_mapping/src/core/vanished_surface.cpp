@@ -22,7 +22,9 @@ struct Piece {
   std::size_t gone{0};
 
   HiddenFate fate() const {
-    if (2 * due < size || confirmed > gone) return HiddenFate::kStands;
+    // Where the rest of the face is seen past and nothing of it is confirmed, less must be due.
+    const std::size_t due_share = gone > 0 && confirmed == 0 ? 8 : 2;
+    if (due_share * due < size || confirmed > gone) return HiddenFate::kStands;
     return size >= kMinVanishedPoints || gone > 0 ? HiddenFate::kVanished : HiddenFate::kSuspect;
   }
 };

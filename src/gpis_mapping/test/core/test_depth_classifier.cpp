@@ -121,36 +121,32 @@ TEST(DepthClassifier, ShadowBesideADepthEdgeIsNoInformation) {
     EXPECT_EQ(holeKind(config, 2, left, right), PixelKind::kNoInformation);
     EXPECT_EQ(holeKind(config, 19, left, right), PixelKind::kNoInformation);
     EXPECT_EQ(holeKind(config, 21, left, right), PixelKind::kNoInformation);  // measured widths scatter
-    EXPECT_EQ(holeKind(config, 30, left, right), PixelKind::kWall);           // half as wide again: no shadow
-    EXPECT_EQ(holeKind(config, 150, left, right), PixelKind::kWall);
+    EXPECT_EQ(holeKind(config, 30, left, right), PixelKind::kHole);           // half as wide again: no shadow
+    EXPECT_EQ(holeKind(config, 150, left, right), PixelKind::kHole);
   }
   // A small step throws a small shadow: 39.4 (1/1.5 - 1/1.7) = 3.1 px.
   EXPECT_EQ(holeKind(config, 3, 1.5f, 1.7f), PixelKind::kNoInformation);
-  EXPECT_EQ(holeKind(config, 10, 1.5f, 1.7f), PixelKind::kWall);
+  EXPECT_EQ(holeKind(config, 10, 1.5f, 1.7f), PixelKind::kHole);
 }
 
 TEST(DepthClassifier, ShadowWidthFollowsBaselineAndFocalLength) {
   GpisConfig config;
   config.sensor.baseline_m = 0.15;
   EXPECT_EQ(holeKind(config, 38, 1.0f, 2.0f), PixelKind::kNoInformation);
-  EXPECT_EQ(holeKind(config, 60, 1.0f, 2.0f), PixelKind::kWall);
+  EXPECT_EQ(holeKind(config, 60, 1.0f, 2.0f), PixelKind::kHole);
   config.sensor.baseline_m = 0.0;  // time of flight: no shadows
-  EXPECT_EQ(holeKind(config, 10, 1.0f, 2.0f), PixelKind::kWall);
-  EXPECT_EQ(holeKind(config, 2, 1.0f, 2.0f), PixelKind::kWall);
+  EXPECT_EQ(holeKind(config, 10, 1.0f, 2.0f), PixelKind::kHole);
+  EXPECT_EQ(holeKind(config, 2, 1.0f, 2.0f), PixelKind::kHole);
 }
 
-TEST(DepthClassifier, HoleInOneSurfaceIsSpeckleAmbiguousOrWall) {
+TEST(DepthClassifier, HoleInOneSurfaceIsAHoleUnlessItIsSpeckle) {
   const GpisConfig config;
-  // The widest shadow that something 1.5 m away can throw within 4 m: 39.4 (1/1.5 - 1/4) = 16.4 px.
-  EXPECT_EQ(holeKind(config, 1, 1.5f, 1.5f), PixelKind::kNoInformation);
-  EXPECT_EQ(holeKind(config, 3, 1.5f, 1.5f), PixelKind::kNoInformation);
-  EXPECT_EQ(holeKind(config, 4, 1.5f, 1.5f), PixelKind::kAmbiguous);
-  EXPECT_EQ(holeKind(config, 16, 1.5f, 1.5f), PixelKind::kAmbiguous);
-  EXPECT_EQ(holeKind(config, 17, 1.5f, 1.5f), PixelKind::kWall);
-  EXPECT_EQ(holeKind(config, 120, 1.5f, 1.5f), PixelKind::kWall);
-  // Far away the shadow shrinks to nothing, but a dozen pixels stay ambiguous.
-  EXPECT_EQ(holeKind(config, 12, 3.8f, 3.8f), PixelKind::kAmbiguous);
-  EXPECT_EQ(holeKind(config, 13, 3.8f, 3.8f), PixelKind::kWall);
+  DepthImage image = flatImage(wideCamera(), 1.5f);
+  for (int u = 100; u < 103; ++u) image.depth_m[static_cast<std::size_t>(5 * 320 + u)] = 0.0f;
+  EXPECT_EQ(kindAt(config, image, 101, 5), PixelKind::kNoInformation) << "three pixels, one surface round them";
+  image.depth_m[static_cast<std::size_t>(6 * 320 + 101)] = 0.0f;
+  EXPECT_EQ(kindAt(config, image, 101, 5), PixelKind::kHole) << "four";
+  for (const int width : {4, 16, 120}) EXPECT_EQ(holeKind(config, width, 1.5f, 1.5f), PixelKind::kHole) << width;
 }
 
 TEST(DepthClassifier, HoleOfSomethingTooNearIsNoInformation) {
@@ -158,50 +154,29 @@ TEST(DepthClassifier, HoleOfSomethingTooNearIsNoInformation) {
   // The border of a gripper inside the minimum range (0.25 m, with a fifth of margin) round a wide hole.
   EXPECT_EQ(holeKind(config, 100, 0.28f, 1.5f), PixelKind::kNoInformation);
   EXPECT_EQ(holeKind(config, 100, 1.5f, 0.28f), PixelKind::kNoInformation);
-  // Beyond it, a hole wider than its shadow, 39.4 (1/0.35 - 1/1.5) = 86 px and a fifth, is wall.
-  EXPECT_EQ(holeKind(config, 120, 0.35f, 1.5f), PixelKind::kWall);
+  // Beyond it, a hole wider than its shadow, 39.4 (1/0.35 - 1/1.5) = 86 px and a fifth.
+  EXPECT_EQ(holeKind(config, 120, 0.35f, 1.5f), PixelKind::kHole);
   EXPECT_EQ(holeKind(config, 120, 0.28f, 1.5f), PixelKind::kNoInformation);
 }
 
-TEST(DepthClassifier, HoleAtTheImageBorder) {
+TEST(DepthClassifier, HoleAtTheImageBorderTellsNothingOfItsWidth) {
   const GpisConfig config;
-  const auto borderKind = [&](int width, float depth, bool left) {
-    DepthImage image = flatImage(wideCamera(), depth);
-    if (left) {
-      setColumns(&image, 0, width, 0.0f);
-    } else {
-      setColumns(&image, 320 - width, 320, 0.0f);
-    }
-    return kindAt(config, image, left ? 0 : 319);
-  };
   for (const bool left : {false, true}) {
-    // The far side is unseen: up to the shadow on infinity, 39.4 / 1 px, with the margin for scatter, 1.2 w + 2.
-    EXPECT_EQ(borderKind(10, 1.0f, left), PixelKind::kNoInformation);
-    EXPECT_EQ(borderKind(39, 1.0f, left), PixelKind::kNoInformation);
-    EXPECT_EQ(borderKind(60, 1.0f, left), PixelKind::kWall);
-    EXPECT_EQ(borderKind(200, 1.0f, left), PixelKind::kWall);
-    EXPECT_EQ(borderKind(200, 0.28f, left), PixelKind::kNoInformation);
+    for (const int width : {10, 60, 200}) {
+      DepthImage image = flatImage(wideCamera(), 1.0f);
+      setColumns(&image, left ? 0 : 320 - width, left ? width : 320, 0.0f);
+      EXPECT_EQ(kindAt(config, image, left ? 0 : 319), PixelKind::kHole) << width;
+    }
   }
 }
 
 TEST(DepthClassifier, HoleBesideOtherSpecialValues) {
   const GpisConfig config;
-  EXPECT_EQ(holeKind(config, 150, kInf, kInf), PixelKind::kWall);  // nothing on either side
-  EXPECT_EQ(holeKind(config, 150, kNaN, kNaN), PixelKind::kWall);
-  EXPECT_EQ(holeKind(config, 2, kInf, kInf), PixelKind::kWall);                   // however narrow
+  EXPECT_EQ(holeKind(config, 150, kInf, kInf), PixelKind::kHole);
+  EXPECT_EQ(holeKind(config, 150, kNaN, kNaN), PixelKind::kHole);
   EXPECT_EQ(holeKind(config, 10, 1.0f, kInf), PixelKind::kNoInformation);         // a shadow on the wall behind
   EXPECT_EQ(holeKind(config, 150, -kInf, 1.0f), PixelKind::kNoInformation);       // its border is too near
-  EXPECT_EQ(kindAt(config, flatImage(wideCamera(), 0.0f), 5), PixelKind::kWall);  // an image of holes only
-}
-
-TEST(DepthClassifier, HolesAreJudgedRowByRow) {
-  const GpisConfig config;
-  DepthImage image = flatImage(wideCamera(), 1.5f);
-  for (int u = 100; u < 102; ++u) image.depth_m[static_cast<std::size_t>(5 * 320 + u)] = 0.0f;
-  for (int u = 100; u < 200; ++u) image.depth_m[static_cast<std::size_t>(6 * 320 + u)] = 0.0f;
-  EXPECT_EQ(kindAt(config, image, 100, 5), PixelKind::kNoInformation);
-  EXPECT_EQ(kindAt(config, image, 100, 6), PixelKind::kWall);
-  EXPECT_EQ(kindAt(config, image, 100, 7), PixelKind::kSurface);
+  EXPECT_EQ(kindAt(config, flatImage(wideCamera(), 0.0f), 5), PixelKind::kHole);  // an image of holes only
 }
 
 TEST(DepthClassifier, FillsNoInformationFromItsRow) {
@@ -320,6 +295,7 @@ TEST(DepthClassifier, BlocksBesideAShadowAreToldFromOthers) {
   EXPECT_EQ(blockBeside(config, 13, -infinity, 1.5f), Block::kNoInformation) << "too near";
   EXPECT_EQ(blockBeside(config, 13, 0.1f, 1.5f), Block::kNoInformation) << "nearer than the least range";
   EXPECT_EQ(blockBeside(config, 13, 0.0f, 1.5f), Block::kNarrow) << "16-bit images";
+  EXPECT_EQ(blockBeside(config, 100, 0.0f, 1.0f), Block::kNarrow) << "a hole, however wide";
   EXPECT_EQ(blockBeside(config, 300, kNaN, 1.5f), Block::kNoInformation) << "open to the image border";
   config.sensor.baseline_m = 0.0;
   EXPECT_EQ(blockBeside(config, 13, kNaN, 1.5f), Block::kNoInformation) << "a sensor without baseline has no shadows";

@@ -459,7 +459,7 @@ TEST(FitLocalPlane, RefusesWhatIsNoSurface) {
   const auto frame = makeFrame(camera, [](int, int) { return 1.2; });
   LocalPlane plane;
   EXPECT_TRUE(fitLocalPlane(*frame, camera, config.sensor.noise, 30, 20, 0.02, &plane));
-  for (const PixelKind kind : {PixelKind::kWall, PixelKind::kAmbiguous, PixelKind::kNoInformation}) {
+  for (const PixelKind kind : {PixelKind::kWall, PixelKind::kHole, PixelKind::kNoInformation}) {
     ClassifiedFrame spoilt = *frame;
     spoilt.kind[spoilt.index(30, 20)] = kind;
     EXPECT_FALSE(fitLocalPlane(spoilt, camera, config.sensor.noise, 30, 20, 0.02, &plane));  // itself

@@ -150,8 +150,7 @@ TEST(ObservedLayer, PixelsWithoutInformationAndAmbiguousHolesAreNoEvidence) {
   const CameraModel camera{160, 120, 140.0, 140.0, 79.5, 59.5};
   const Eigen::Isometry3d identity = Eigen::Isometry3d::Identity();
   const Eigen::Vector3d p(0.02, 0.02, 1.02);  // seen near the image centre
-  for (const PixelKind kind :
-       {PixelKind::kSurface, PixelKind::kWall, PixelKind::kAmbiguous, PixelKind::kNoInformation}) {
+  for (const PixelKind kind : {PixelKind::kSurface, PixelKind::kWall, PixelKind::kHole, PixelKind::kNoInformation}) {
     const auto frame = makeFrame(camera, [](int, int) { return 2.0; });
     // A patch in the block's footprint (7 px wide there): however it lies on the 4 x 4 pixel grid, four of its pixels
     // share a square, more than count as speckle.
