@@ -11,6 +11,7 @@
 
 #include <Eigen/Geometry>
 
+#include "gpis_mapping/pose_guard.h"
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping {
@@ -49,6 +50,12 @@ class DepthSequence {
   /// what it must be, std::out_of_range for i >= size().
   virtual std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) = 0;
 
+  /// The pose of frame `i` without its image, where that is cheap and there is one. Does not throw.
+  virtual std::optional<StampedPose> pose(std::size_t /*i*/) const { return std::nullopt; }
+
+  /// Whether stamps come from a clock and frames in its order. Lists may repeat and reorder images.
+  virtual bool hasClock() const { return false; }
+
   /// What the user should know about the recording although it can be used. One sentence each.
   const std::vector<std::string>& notes() const { return notes_; }
 
@@ -57,11 +64,15 @@ class DepthSequence {
 };
 
 /// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional depth_units_per_metre, default
-/// 5000) or a 7-Scenes folder (frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt).
+/// 5000) or a 7-Scenes folder (frame-*.depth.png, default 1000, frame-*.pose.txt, camera-intrinsics.txt).
 /// TUM poses are interpolated (linear, slerp) to the image's stamp when the poses around it are at most 0.1 s apart or
 /// one is within 0.02 s; before the first and after the last pose only the latter counts.
+/// A TUM pose that is not finite or all 0 is a lost one, and left out. A camera with fy < 0 (y up, as in ICL-NUIM) has its
+/// images turned upside down; its poses stay.
+/// `units_per_metre` [1/m], if given, counts instead of the layout's and the file's.
 /// Throws DepthSequenceError for everything else and for any malformed line.
-std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path);
+std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path,
+                                                 std::optional<double> units_per_metre = std::nullopt);
 
 }  // namespace gpis_mapping
 
