@@ -41,7 +41,8 @@ TEST(DepthSelfFilterParams, CamerasAreThoseThatTheMapKnows) {
       EXPECT_EQ(value, flattened(kContract.default_yaml).at(key)) << name << " " << key;
     }
     if (std::string(name) == "generic") continue;
-    const auto of_map = gpis_mapping::loadGpisConfig(kPackage + "/../gpis_mapping/config/cameras/" + name + ".yaml").sensor;
+    const auto of_map =
+        gpis_mapping::loadGpisConfig(kPackage + "/../gpis_mapping/config/cameras/" + name + ".yaml").sensor;
     EXPECT_EQ(params.mask.baseline_m, of_map.baseline_m) << name;
     EXPECT_EQ(params.mask.noise.a_m, of_map.noise.a_m) << name;
     EXPECT_EQ(params.mask.noise.b, of_map.noise.b) << name;
