@@ -66,6 +66,14 @@ void readCamera(const YAML::Node& yaml, SimulationConfig* config) {
   sensor.edge_mixing_fraction = effects["edge_mixing_fraction"].as<double>();
   sensor.dropout_probability = effects["dropout_probability"].as<double>();
   sensor.lateral_jitter_px = effects["lateral_jitter_px"].as<double>();
+  sensor.border_left_px = effects["border_left_px"].as<int>();
+  sensor.border_right_px = effects["border_right_px"].as<int>();
+  sensor.border_top_px = effects["border_top_px"].as<int>();
+  sensor.border_bottom_px = effects["border_bottom_px"].as<int>();
+  sensor.has_hexagonal_view = effects["has_hexagonal_view"].as<bool>();
+  sensor.min_return_per_m2 = effects["min_return_per_m2"].as<double>();
+  sensor.return_flicker = effects["return_flicker"].as<double>();
+  sensor.edge_loss_px = effects["edge_loss_px"].as<double>();
 }
 
 SimulationConfig readConfig(const std::string& scene) {

@@ -64,6 +64,25 @@ TEST(SceneLoader, ReadsEveryKeyOfAGoodScene) {
   EXPECT_TRUE(scene.T_map_scene.isApprox(poseFromXyzRpy({0.1, 0.2, 0.3}, {0.01, 0.02, 0.03})));
 }
 
+TEST(SceneLoader, ReadsAlbedoAndMissingReturns) {
+  std::string text = replaced("id: 4", "id: 4, albedo: 0.05");
+  text.replace(
+      text.find("has_shadows: true"), 17,
+      "border_left_px: 1, border_right_px: 2, border_top_px: 3, border_bottom_px: 4, has_hexagonal_view: true, "
+      "min_return_per_m2: 0.02, return_flicker: 0.3, edge_loss_px: 2.5");
+  const Scene scene = parseScene(text, "test.yaml");
+  EXPECT_EQ(scene.boxes[0].albedo, 0.05);
+  EXPECT_EQ(scene.boxes[1].albedo, 1.0);
+  EXPECT_EQ(scene.sensor.border_left_px, 1);
+  EXPECT_EQ(scene.sensor.border_right_px, 2);
+  EXPECT_EQ(scene.sensor.border_top_px, 3);
+  EXPECT_EQ(scene.sensor.border_bottom_px, 4);
+  EXPECT_TRUE(scene.sensor.has_hexagonal_view);
+  EXPECT_EQ(scene.sensor.min_return_per_m2, 0.02);
+  EXPECT_EQ(scene.sensor.return_flicker, 0.3);
+  EXPECT_EQ(scene.sensor.edge_loss_px, 2.5);
+}
+
 TEST(SceneLoader, PutsTheSceneOffGridAndTiltedByDefault) {
   const Scene scene = parseScene("trajectory: {type: static, eye_m: [1, 0, 1], target_m: [0, 0, 0]}", "test.yaml");
   EXPECT_TRUE(scene.T_map_scene.isApprox(defaultMapScenePose()));
@@ -153,6 +172,15 @@ INSTANTIATE_TEST_SUITE_P(
         BadCase{"has_shadows: true", "edge_threshold_m: 0", "sensor/edge_threshold_m = 0 m"},
         BadCase{"has_shadows: true", "lateral_jitter_px: -1", "sensor/lateral_jitter_px = -1 px"},
         BadCase{"has_shadows: true", "disparity_step_px: -1", "sensor/disparity_step_px = -1 px"},
+        BadCase{"has_shadows: true", "border_left_px: 160",
+                "sensor/border_left_px = 160 px, must be in \\[0, 159\\] px"},
+        BadCase{"has_shadows: true", "border_top_px: -1", "sensor/border_top_px = -1 px"},
+        BadCase{"has_shadows: true", "has_hexagonal_view: 6", "sensor/has_hexagonal_view = 6, must be true or false"},
+        BadCase{"has_shadows: true", "min_return_per_m2: -1",
+                "sensor/min_return_per_m2 = -1 1/m\\^2, must be in \\[0, 100\\] 1/m\\^2"},
+        BadCase{"has_shadows: true", "return_flicker: 1.5", "sensor/return_flicker = 1.5, must be in \\[0, 1\\]"},
+        BadCase{"has_shadows: true", "edge_loss_px: 21", "sensor/edge_loss_px = 21 px, must be in \\[0, 20\\] px"},
+        BadCase{"id: 4", "id: 4, albedo: 1.1", "boxes\\[0\\]/albedo = 1.1, must be in \\[0, 1\\]"},
         BadCase{"has_shadows: true", "axial_noise_a_m: 5", "sensor/axial_noise_a_m = 5 m"},
         BadCase{"has_shadows: true", "axial_noise_b: 5", "sensor/axial_noise_b = 5"},
         BadCase{"has_shadows: true", "axial_noise_c_per_m: 5", "sensor/axial_noise_c_per_m = 5 1/m"},

@@ -23,7 +23,8 @@ struct RgbdCameraConfig {
   std::vector<std::string> validate() const;
 };
 
-/// RGB-D camera at a named camera of the model, of which the pose alone is used.
+/// RGB-D camera at a named camera of the model, of which the pose alone is used. What a geom sends back of the sensor's
+/// light is the luminance of its colour, or of its material's (Rec. 709); textures do not count, outlines are within a pixel.
 class RgbdCamera {
  public:
   struct Frame {
@@ -46,10 +47,12 @@ class RgbdCamera {
 
  private:
   void addNoise(cv::Mat& rgb, std::uint64_t frame_number) const;
+  cv::Mat albedo(const mjData& data);
 
   OffscreenRenderer& renderer_;
   RgbdCameraConfig config_;
   int camera_id_;
+  std::vector<float> albedo_of_geom_;  // empty if it does not matter
   std::vector<std::int8_t>
       noise_grey_;  // normal deviates to pick from: drawing each anew would cost more than rendering
 };

@@ -22,6 +22,7 @@ struct Box {
   int id{0};                                                        ///< unique in its scene, >= 0
   Eigen::Isometry3d T_scene_box{Eigen::Isometry3d::Identity()};     ///< pose of the box centre
   Eigen::Vector3d half_extents_m{Eigen::Vector3d::Constant(0.05)};  ///< > 0, along the axes of the box
+  double albedo{1.0};                                               ///< share of the camera's light sent back, 0 .. 1
   int appears_at_frame{0};                                          ///< first frame that has the box
   int vanishes_at_frame{kNever};                                    ///< first frame that no longer has it
 
@@ -52,6 +53,15 @@ struct SensorModel {
   double edge_threshold_m{0.05};     ///< jump between neighbours that makes a depth edge
   double dropout_probability{0.0};   ///< pixels lost at random become NaN
   double lateral_jitter_px{0.0};     ///< sigma of the ray's shift in u and in v
+  // Depth registered to a colour image that sees more has margins without depth.
+  int border_left_px{0};   ///< columns and rows that are NaN
+  int border_right_px{0};  ///< at most half of the image, as the others
+  int border_top_px{0};
+  int border_bottom_px{0};
+  bool has_hexagonal_view{false};  ///< of the rectangle within, the hexagon with corners left and right has depth
+  double min_return_per_m2{0.0};   ///< albedo cos(incidence) / range^2 below this is NaN; 0 = off
+  double return_flicker{0.1};      ///< largest relative change of that strength from frame to frame, in patches
+  double edge_loss_px{0.0};        ///< widest strip on either side of a depth edge that is NaN; 0 = off
 
   /// The same ranges with every other effect off.
   SensorModel withoutNoise() const;

@@ -7,6 +7,7 @@
 
 #include "simulated_world/mujoco_model.h"
 #include "simulated_world/stereo_shadow.h"
+#include "synthetic_depth/missing_returns.h"
 #include "synthetic_depth/seeded_random.h"
 #include "synthetic_depth/sensor.h"
 
@@ -16,6 +17,19 @@ namespace {
 constexpr std::size_t kNumDeviates = 1U << 16U;  // a 64-bit draw picks four
 // Random streams apart from the depth's, which has one per pixel index.
 constexpr std::uint64_t kRgbStream = ~std::uint64_t{0};
+
+std::vector<float> albedoOfGeoms(const mjModel& model) {
+  std::vector<float> albedo;
+  for (int geom = 0; geom < model.ngeom; ++geom) {
+    const int material = model.geom_matid[geom];
+    const float* rgb = model.geom_rgba + 4 * geom;
+    // As MuJoCo draws it: a colour of its own hides the material's, and the default colour stands for none.
+    const bool has_colour = rgb[0] != 0.5F || rgb[1] != 0.5F || rgb[2] != 0.5F || rgb[3] != 1.0F;
+    if (material >= 0 && !has_colour) rgb = model.mat_rgba + 4 * material;
+    albedo.push_back(0.2126F * rgb[0] + 0.7152F * rgb[1] + 0.0722F * rgb[2]);
+  }
+  return albedo;
+}
 
 }  // namespace
 
@@ -41,6 +55,8 @@ std::vector<std::string> RgbdCameraConfig::validate() const {
           "> 0 m with has_shadows");
   require(rgb_noise_std_grey >= 0.0 && rgb_noise_std_grey <= 25.0, "rgb_noise_std_grey", rgb_noise_std_grey, "",
           "in [0, 25]");
+  const std::vector<std::string> missing = synthetic_depth::missingReturnProblems(camera, sensor);
+  problems.insert(problems.end(), missing.begin(), missing.end());
   return problems;
 }
 
@@ -54,6 +70,7 @@ RgbdCamera::RgbdCamera(OffscreenRenderer& renderer, const std::string& camera_na
     }
     throw std::invalid_argument(message);
   }
+  if (config.sensor.min_return_per_m2 > 0.0) albedo_of_geom_ = albedoOfGeoms(renderer.model());
   if (config.rgb_noise_std_grey > 0.0) {
     synthetic_depth::SeededRandom random(config.seed, kRgbStream, kRgbStream);
     noise_grey_.resize(kNumDeviates);
@@ -83,8 +100,32 @@ RgbdCamera::Frame RgbdCamera::capture(const mjData& data, std::uint64_t frame_nu
     shadows = stereoShadowMask(config_.camera, config_.sensor.baseline_m, frame.exact_depth_m);
   }
   frame.depth_m = synthetic_depth::applySensor(config_.camera, config_.sensor, config_.seed, frame_number,
-                                               frame.exact_depth_m, shadows);
+                                               frame.exact_depth_m, shadows, albedo(data));
   return frame;
+}
+
+cv::Mat RgbdCamera::albedo(const mjData& data) {
+  if (albedo_of_geom_.empty()) {
+    return {};
+  }
+  // Every kStep_px-th ray of the image: all of them would make an image cost half as much again.
+  constexpr int kStep_px = 2;
+  synthetic_depth::CameraModel coarse = config_.camera;
+  coarse.width_px = (coarse.width_px - 1) / kStep_px + 1;
+  coarse.height_px = (coarse.height_px - 1) / kStep_px + 1;
+  for (double* const length_px : {&coarse.fx_px, &coarse.fy_px, &coarse.cx_px, &coarse.cy_px}) *length_px /= kStep_px;
+  cv::Mat geom_ids;
+  renderer_.segmentation(data, opticalPose(data), coarse, config_.render, &geom_ids);
+  cv::Mat albedo(config_.camera.height_px, config_.camera.width_px, CV_32FC1);
+  for (int v = 0; v < albedo.rows; ++v) {
+    const int* const geoms = geom_ids.ptr<int>(v / kStep_px);
+    float* const to = albedo.ptr<float>(v);
+    for (int u = 0; u < albedo.cols; ++u) {
+      const int geom = geoms[u / kStep_px];
+      to[u] = geom < 0 ? 1.0F : albedo_of_geom_[static_cast<std::size_t>(geom)];
+    }
+  }
+  return albedo;
 }
 
 void RgbdCamera::addNoise(cv::Mat& rgb, std::uint64_t frame_number) const {

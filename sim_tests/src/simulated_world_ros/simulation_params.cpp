@@ -304,6 +304,14 @@ SimulationParams loadSimulationParams(const ros::NodeHandle& private_nh) {
   reader.read("camera/sensor/edge_mixing_fraction", &sensor.edge_mixing_fraction);
   reader.read("camera/sensor/dropout_probability", &sensor.dropout_probability);
   reader.read("camera/sensor/lateral_jitter_px", &sensor.lateral_jitter_px);
+  reader.read("camera/sensor/border_left_px", &sensor.border_left_px);
+  reader.read("camera/sensor/border_right_px", &sensor.border_right_px);
+  reader.read("camera/sensor/border_top_px", &sensor.border_top_px);
+  reader.read("camera/sensor/border_bottom_px", &sensor.border_bottom_px);
+  reader.read("camera/sensor/has_hexagonal_view", &sensor.has_hexagonal_view);
+  reader.read("camera/sensor/min_return_per_m2", &sensor.min_return_per_m2);
+  reader.read("camera/sensor/return_flicker", &sensor.return_flicker);
+  reader.read("camera/sensor/edge_loss_px", &sensor.edge_loss_px);
 
   reader.read("judge/surface_topic", &params.surface_topic);
   reader.read("judge/pick_action", &params.pick_action);

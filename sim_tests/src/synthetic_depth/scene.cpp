@@ -7,6 +7,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "synthetic_depth/missing_returns.h"
+
 namespace synthetic_depth {
 namespace {
 
@@ -23,6 +25,7 @@ class Problems {
       lines_.push_back(text.str());
     }
   }
+  void add(const std::vector<std::string>& lines) { lines_.insert(lines_.end(), lines.begin(), lines.end()); }
   std::vector<std::string> take() { return std::move(lines_); }
 
  private:
@@ -164,6 +167,7 @@ std::vector<std::string> Scene::validate() const {
     problems.check(seen_ids.insert(box.id).second, key + "/id", box.id, "unique");
     problems.check(box.half_extents_m.allFinite() && (box.half_extents_m.array() > 0.0).all(), key + "/half_extents_m",
                    toText(box.half_extents_m), "> 0 m");
+    problems.check(box.albedo >= 0.0 && box.albedo <= 1.0, key + "/albedo", box.albedo, "in [0, 1]");
     problems.check(box.appears_at_frame < box.vanishes_at_frame, key + "/appears_at_frame", box.appears_at_frame,
                    "before the frame it vanishes at (" + std::to_string(box.vanishes_at_frame) + ")");
   }
@@ -180,6 +184,7 @@ std::vector<std::string> Scene::validate() const {
                  sensor.dropout_probability, "in [0, 1]");
   problems.check(sensor.lateral_jitter_px >= 0.0, "sensor/lateral_jitter_px", sensor.lateral_jitter_px, ">= 0 px");
   problems.check(sensor.disparity_step_px >= 0.0, "sensor/disparity_step_px", sensor.disparity_step_px, ">= 0 px");
+  problems.add(missingReturnProblems(camera, sensor));
   problems.check((roi.min_m.array() <= roi.max_m.array()).all(), "roi/min_m", toText(roi.min_m),
                  "<= max_m " + toText(roi.max_m) + " m");
 

@@ -133,6 +133,15 @@ SensorModel readSensor(Section section) {
   sensor.edge_threshold_m = section.number("edge_threshold_m", sensor.edge_threshold_m, kLength);
   sensor.dropout_probability = section.number("dropout_probability", sensor.dropout_probability, closed(0.0, 1.0));
   sensor.lateral_jitter_px = section.number("lateral_jitter_px", sensor.lateral_jitter_px, closed(0.0, 10.0, "px"));
+  const Range border = closed(0, 5000, "px");  // half of the image at most is Scene::validate()'s to check
+  sensor.border_left_px = section.integer("border_left_px", sensor.border_left_px, border);
+  sensor.border_right_px = section.integer("border_right_px", sensor.border_right_px, border);
+  sensor.border_top_px = section.integer("border_top_px", sensor.border_top_px, border);
+  sensor.border_bottom_px = section.integer("border_bottom_px", sensor.border_bottom_px, border);
+  sensor.has_hexagonal_view = section.flag("has_hexagonal_view", sensor.has_hexagonal_view);
+  sensor.min_return_per_m2 = section.number("min_return_per_m2", sensor.min_return_per_m2, closed(0.0, 100.0, "1/m^2"));
+  sensor.return_flicker = section.number("return_flicker", sensor.return_flicker, closed(0.0, 1.0));
+  sensor.edge_loss_px = section.number("edge_loss_px", sensor.edge_loss_px, closed(0.0, 20.0, "px"));
   section.finish();
   return sensor;
 }
@@ -144,6 +153,7 @@ Box readBox(Section& section) {
   section.require("xyz_m", "3 numbers");
   box.id = section.integer("id", 0, closed(0, 1e9));
   box.half_extents_m = section.vector<3>("half_extents_m", box.half_extents_m, kLength);
+  box.albedo = section.number("albedo", box.albedo, closed(0.0, 1.0));
   box.T_scene_box = readPose(section, Eigen::Isometry3d::Identity());
   section.finish();
   return box;

@@ -5,10 +5,12 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <stdexcept>
 #include <vector>
 
 #include "synthetic_depth/depth_renderer.h"
+#include "synthetic_depth/missing_returns.h"
 #include "synthetic_depth/parallel.h"
 #include "synthetic_depth/seeded_random.h"
 
@@ -207,6 +209,27 @@ cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint6
   return measured_m;
 }
 
+void lose(const cv::Mat& missing, cv::Mat* measured_m) {
+  if (!missing.empty()) measured_m->setTo(kNaN, missing);
+}
+
+/// Albedo of what each pixel sees; empty if it does not matter.
+cv::Mat albedoOf(const Scene& scene, const ViewCaster& view) {
+  std::map<int, float> albedo_of_box;
+  for (const Box& box : scene.boxes) {
+    if (box.albedo != 1.0) albedo_of_box[box.id] = static_cast<float>(box.albedo);
+  }
+  if (scene.sensor.min_return_per_m2 == 0.0 || albedo_of_box.empty()) return {};
+  cv::Mat albedo(scene.camera.height_px, scene.camera.width_px, CV_32FC1, cv::Scalar(1.0));
+  forEachInParallel(albedo.rows, [&](int v) {
+    for (int u = 0; u < albedo.cols; ++u) {
+      const auto found = albedo_of_box.find(view.cast(u, v).id);
+      if (found != albedo_of_box.end()) albedo.at<float>(v, u) = found->second;
+    }
+  });
+  return albedo;
+}
+
 }  // namespace
 
 double axialSigma(const SensorModel& sensor, double z_m) {
@@ -234,23 +257,32 @@ cv::Mat applySensor(const Scene& scene, int frame, const cv::Mat& exact_depth_m)
     constexpr double kFloatSteps = 4.0;  // exact_depth_m is rounded to float
     return !second_view.isVisible(p_second, 1e-6 + kFloatSteps * z * std::numeric_limits<float>::epsilon());
   };
-  return measure(
-      camera, sensor, scene.seed, static_cast<std::uint64_t>(frame), exact_depth_m,
+  const auto frame_number = static_cast<std::uint64_t>(frame);
+  cv::Mat measured_m = measure(
+      camera, sensor, scene.seed, frame_number, exact_depth_m,
       [&first_view](double u, double v) { return first_view.cast(u, v).z_m; }, isShadowed);
+  lose(missingReturns(camera, sensor, scene.seed, frame_number, exact_depth_m, albedoOf(scene, first_view)),
+       &measured_m);
+  return measured_m;
 }
 
 cv::Mat applySensor(const CameraModel& camera, const SensorModel& sensor, std::uint64_t seed, std::uint64_t frame,
-                    const cv::Mat& exact_depth_m, const cv::Mat& shadow_mask) {
+                    const cv::Mat& exact_depth_m, const cv::Mat& shadow_mask, const cv::Mat& albedo) {
   requireImage("depth image", exact_depth_m, camera, CV_32FC1, "CV_32FC1 (5)");
   if (!shadow_mask.empty()) {
     requireImage("shadow mask", shadow_mask, camera, CV_8UC1, "CV_8UC1 (0)");
   }
-  return measure(
+  if (!albedo.empty()) {
+    requireImage("albedo image", albedo, camera, CV_32FC1, "CV_32FC1 (5)");
+  }
+  cv::Mat measured_m = measure(
       camera, sensor, seed, frame, exact_depth_m,
       [&](double u, double v) { return depthBetweenPixels(exact_depth_m, u, v, sensor.edge_threshold_m); },
       [&shadow_mask](int u, int v, double /*ray_u*/, double /*ray_v*/, double /*z*/) {
         return !shadow_mask.empty() && shadow_mask.at<unsigned char>(v, u) != 0;
       });
+  lose(missingReturns(camera, sensor, seed, frame, exact_depth_m, albedo), &measured_m);
+  return measured_m;
 }
 
 cv::Mat measureDepth(const Scene& scene, int frame) {

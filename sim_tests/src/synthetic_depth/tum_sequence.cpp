@@ -136,6 +136,7 @@ std::string groundTruthYaml(const Scene& scene, int num_frames, bool apply_senso
     out << YAML::Key << "id" << YAML::Value << box.id;
     emitPose(out, box.T_scene_box);
     emitVector(out, "half_extents_m", box.half_extents_m);
+    out << YAML::Key << "albedo" << YAML::Value << box.albedo;
     out << YAML::Key << "appears_at_frame" << YAML::Value << box.appears_at_frame;
     out << YAML::Key << "vanishes_at_frame" << YAML::Value
         << (box.vanishes_at_frame < num_frames ? box.vanishes_at_frame : -1);
@@ -157,6 +158,14 @@ std::string groundTruthYaml(const Scene& scene, int num_frames, bool apply_senso
   out << YAML::Key << "edge_threshold_m" << YAML::Value << sensor.edge_threshold_m;
   out << YAML::Key << "dropout_probability" << YAML::Value << sensor.dropout_probability;
   out << YAML::Key << "lateral_jitter_px" << YAML::Value << sensor.lateral_jitter_px;
+  out << YAML::Key << "border_left_px" << YAML::Value << sensor.border_left_px;
+  out << YAML::Key << "border_right_px" << YAML::Value << sensor.border_right_px;
+  out << YAML::Key << "border_top_px" << YAML::Value << sensor.border_top_px;
+  out << YAML::Key << "border_bottom_px" << YAML::Value << sensor.border_bottom_px;
+  out << YAML::Key << "has_hexagonal_view" << YAML::Value << sensor.has_hexagonal_view;
+  out << YAML::Key << "min_return_per_m2" << YAML::Value << sensor.min_return_per_m2;
+  out << YAML::Key << "return_flicker" << YAML::Value << sensor.return_flicker;
+  out << YAML::Key << "edge_loss_px" << YAML::Value << sensor.edge_loss_px;
   out << YAML::EndMap << YAML::EndMap;
   return std::string(out.c_str()) + "\n";
 }

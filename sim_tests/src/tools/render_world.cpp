@@ -49,6 +49,14 @@ void readCamera(const std::string& file, simulated_world::RgbdCameraConfig* came
   camera->sensor.axial_noise_c_per_m = sensor["noise_c_per_m"].as<double>();
   camera->sensor.baseline_m = sensor["baseline_m"].as<double>();
   camera->sensor.has_shadows = sensor["has_shadows"].as<bool>();
+  camera->sensor.border_left_px = sensor["border_left_px"].as<int>();
+  camera->sensor.border_right_px = sensor["border_right_px"].as<int>();
+  camera->sensor.border_top_px = sensor["border_top_px"].as<int>();
+  camera->sensor.border_bottom_px = sensor["border_bottom_px"].as<int>();
+  camera->sensor.has_hexagonal_view = sensor["has_hexagonal_view"].as<bool>();
+  camera->sensor.min_return_per_m2 = sensor["min_return_per_m2"].as<double>();
+  camera->sensor.return_flicker = sensor["return_flicker"].as<double>();
+  camera->sensor.edge_loss_px = sensor["edge_loss_px"].as<double>();
 }
 
 simulated_world::RgbdCamera::Frame cameraFrame(simulated_world::Simulation& simulation) {

@@ -226,18 +226,37 @@ TEST(RgbdCamera, CastsShadowsToTheLeftOfNearThings) {
   EXPECT_NEAR(num_shadowed, 12.5, 1.0);  // whole pixels
 }
 
+TEST(RgbdCamera, LosesGeomsOfDarkColourOrMaterial) {
+  World world(R"(<mujoco><asset><material name="black" rgba="0.05 0.05 0.05 1"/></asset><worldbody>
+    <geom type="box" size="0.1 0.1 0.1" pos="0 0.3 0.1" rgba="1 1 1 1" material="black"/>
+    <geom type="box" size="0.1 0.1 0.1" pos="0 0 0.1" rgba="0.05 0.05 0.05 1"/>
+    <geom type="box" size="0.1 0.1 0.1" pos="0 -0.3 0.1" material="black"/>
+    <body pos="0 0 1.2"><camera name="down" euler="0 0 -90"/></body></worldbody></mujoco>)");
+  RgbdCameraConfig config = smallCamera();
+  config.sensor.min_return_per_m2 = 0.1;  // 1 m away: 1 and 0.05
+  const cv::Mat depth = RgbdCamera(world.renderer, "down", config).capture(*world.data, 0).depth_m;
+  // 150 px/m; the image's right is -y.
+  EXPECT_NEAR(depth.at<float>(60, 80 - 45), 1.0, 1e-4);
+  EXPECT_TRUE(std::isnan(depth.at<float>(60, 80)));
+  EXPECT_TRUE(std::isnan(depth.at<float>(60, 80 + 45)));
+  EXPECT_EQ(depth.at<float>(5, 80), kInfinity);
+}
+
 TEST(RgbdCamera, RefusesAnImpossibleConfig) {
   World world(kTwoColours);
   RgbdCameraConfig config = smallCamera();
   config.camera.fy_px = 151.0;
   config.sensor.max_range_m = -1.0;
   config.sensor.has_shadows = true;
+  config.sensor.border_left_px = 80;
+  config.sensor.edge_loss_px = -1.0;
   try {
     RgbdCamera(world.renderer, "down", config);
     FAIL() << "accepted";
   } catch (const std::invalid_argument& error) {
     const std::string message = error.what();
-    for (const char* key : {"down", "camera/fy_px = 151", "sensor/max_range_m = -1", "sensor/baseline_m = 0"}) {
+    for (const char* key : {"down", "camera/fy_px = 151", "sensor/max_range_m = -1", "sensor/baseline_m = 0",
+                            "sensor/border_left_px = 80 px, must be in [0, 79] px", "sensor/edge_loss_px = -1 px"}) {
       EXPECT_NE(message.find(key), std::string::npos) << message;
     }
   }

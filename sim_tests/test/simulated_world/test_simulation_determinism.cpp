@@ -75,6 +75,9 @@ SimulationConfig config(std::uint64_t seed) {
   sensor.edge_mixing_fraction = 0.2;
   sensor.dropout_probability = 0.01;
   sensor.lateral_jitter_px = 0.3;
+  sensor.border_left_px = 5;
+  sensor.min_return_per_m2 = 0.03;
+  sensor.edge_loss_px = 2.0;
   config.camera_delay_s = 0.05;
   config.camera_drop_probability = 0.1;
   config.scan_noise_std_m = 0.01;

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Targets that take ROS messages: built from odd values, and as bytes damaged on their way.
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <limits>
 
@@ -150,11 +152,13 @@ class ImageMessageTarget : public Target {
 
 class CameraInfoTarget : public Target {
  public:
+  static constexpr std::size_t kMaxRectified_px = 100 * 100;  // tables of larger ones take the time of many inputs
+
   Outcome feed(Random* random) override {
     sensor_msgs::CameraInfo message;
     message.header.frame_id = "camera";
-    message.width = static_cast<std::uint32_t>(random->between(16, 640));
-    message.height = static_cast<std::uint32_t>(random->between(16, 480));
+    message.width = static_cast<std::uint32_t>(random->between(16, random->chance(0.5) ? 100 : 640));
+    message.height = static_cast<std::uint32_t>(random->between(16, random->chance(0.5) ? 100 : 480));
     message.distortion_model = "plumb_bob";
     message.D.assign(random->pick({0U, 5U, 8U}), 0.0);
     message.K[0] = message.P[0] = 500.0;
@@ -162,7 +166,7 @@ class CameraInfoTarget : public Target {
     message.K[2] = message.P[2] = 0.5 * message.width;
     message.K[5] = message.P[6] = 0.5 * message.height;
     for (int i = random->between(0, 2); i > 0; --i) {
-      switch (random->below(4)) {
+      switch (random->below(7)) {
         case 0:
           message.K[random->below(9)] = random->oddDouble();
           break;
@@ -172,6 +176,21 @@ class CameraInfoTarget : public Target {
         case 2:
           message.width = oddSize(random);
           break;
+        case 3:
+          message.binning_x = random->pick({0U, 1U, 2U, 3U, 0xFFFFFFFFU});
+          message.binning_y = random->pick({0U, 1U, 2U, 5U, 0x80000000U});
+          break;
+        case 4:
+          message.roi.x_offset = oddSize(random);
+          message.roi.width = random->pick({oddSize(random), 40U, 200U});
+          message.roi.height = random->pick({oddSize(random), 30U});
+          break;
+        case 5:
+          message.distortion_model = random->pick({"plumb_bob", "rational_polynomial", "equidistant", "fisheye", "?"});
+          for (double& d : message.D)
+            d = random->chance(0.2) ? random->oddDouble() : 0.1 - 0.02 * random->between(0, 9);
+          message.D.resize(random->pick({4U, 5U, 8U, 12U, 14U}), 0.01);
+          break;
         default:
           message.height = oddSize(random);
       }
@@ -179,13 +198,32 @@ class CameraInfoTarget : public Target {
     if (random->chance(0.4) && !sendThroughDamage(kCameraInfoLayout, random, &message)) return Outcome::kRefused;
 
     Refusal refusal;
-    const auto camera = gpis_mapping_ros::toCameraModel(message, random->chance(0.5), &refusal);
+    const bool is_rectified = random->chance(0.5);
+    const auto camera = gpis_mapping_ros::toCameraModel(message, is_rectified, &refusal);
     if (!camera) {
       require(refusal.status == FrameStatus::kBadCameraInfo && !refusal.message.empty(), "refused without a reason");
       return Outcome::kRefused;
     }
     require(camera->validate().empty(), "an impossible camera was taken");
-    require(camera->width == static_cast<int>(message.width), "another width than the message's");
+    const bool is_whole = message.roi.width == 0 && message.roi.height == 0;
+    const std::uint32_t width = is_whole ? message.width : message.roi.width;
+    require(camera->width == static_cast<int>(width / std::max(1U, message.binning_x)),
+            "another width than the message's");
+    const auto size = static_cast<std::size_t>(camera->width) * static_cast<std::size_t>(camera->height);
+    if (size > kMaxRectified_px) return Outcome::kAccepted;
+    gpis_mapping::DepthRectifier rectifier;
+    if (!gpis_mapping_ros::toDepthRectifier(message, is_rectified, &rectifier, &refusal)) {
+      require(refusal.status == FrameStatus::kBadCameraInfo && refusal.message.size() < 300,
+              "refused without a reason");
+      return Outcome::kRefused;
+    }
+    const auto image = rectifier.rectify({camera->width, camera->height, std::vector<float>(size, 2.0f)});
+    require(rectifier.camera().validate().empty() && image.width == rectifier.camera().width &&
+                image.depth_m.size() == static_cast<std::size_t>(image.width) * image.height,
+            "the rectified image does not fit its camera");
+    require(std::all_of(image.depth_m.begin(), image.depth_m.end(),
+                        [](float z) { return std::isnan(z) || std::abs(z - 2.0f) < 1e-5f; }),
+            "the rectified image shows what was not there");
     return Outcome::kAccepted;
   }
 };

@@ -375,5 +375,29 @@ TEST_F(Tools, QueryMapRefusesABrokenMapInOneLine) {
   EXPECT_THAT(missing.errors[0], HasSubstr("No such file"));
 }
 
+TEST_F(Tools, TimeOffsetIsRefusedOutsideItsRangeOrWithoutPoseStamps) {
+  for (const char* value : {"1.5", "-1.5", "nan"}) {
+    const Result result = mapWall(std::string("--time-offset ") + value);
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_THAT(result.errors, ElementsAre(HasSubstr("must be in [-1, 1] s")));
+  }
+  const Result result = mapWall("--time-offset -0.02");
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_THAT(result.errors, ElementsAre(HasSubstr("poses have no stamps")));
+  EXPECT_EQ(mapWall("--time-offset 0").exit_code, 0);
+}
+
+TEST_F(Tools, EstimateTimeOffsetSaysWhyItCannot) {
+  const Result no_stamps = run(ESTIMATE_TIME_OFFSET " " + file("wall"));
+  EXPECT_EQ(no_stamps.exit_code, 1);
+  EXPECT_THAT(no_stamps.errors, ElementsAre(HasSubstr("no stamps of their own")));
+  EXPECT_THAT(no_stamps.out, IsEmpty());
+  EXPECT_EQ(run(ESTIMATE_TIME_OFFSET "").exit_code, 2);
+  EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " " + file("wall") + " --start 99").exit_code, 2);
+  EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " " + file("wall") + " --depth-units 0").exit_code, 2);
+  EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " " + file("nowhere")).exit_code, 1);
+  EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " --help").exit_code, 0);
+}
+
 }  // namespace
 }  // namespace gpis_mapping

@@ -7,9 +7,10 @@
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "octomap_baseline");
+  // Outside the block that may throw: with the last handle goes ROS's log, and with that the reason.
+  const ros::NodeHandle nh;
+  const ros::NodeHandle private_nh("~");
   try {
-    const ros::NodeHandle nh;
-    const ros::NodeHandle private_nh("~");
     octomap_baseline_ros::OctomapBaselineRos map(nh, private_nh);
     ros::AsyncSpinner spinner(3);  // image and camera info, services, timer
     spinner.start();

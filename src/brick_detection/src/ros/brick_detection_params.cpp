@@ -14,6 +14,7 @@ constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("input/map_frame", params.input.map_frame);
   visit("input/camera_frame", params.input.camera_frame);
   visit("input/tf_timeout_s", params.input.tf_timeout_s);
+  visit("input/time_offset_s", params.input.time_offset_s);
   visit("input/max_future_s", params.input.max_future_s);
   visit("input/pose_limits/max_step_m", params.input.pose_limits.max_step_m);
   visit("input/pose_limits/max_step_rad", params.input.pose_limits.max_step_rad);

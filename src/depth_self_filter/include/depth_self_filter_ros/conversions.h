@@ -36,8 +36,8 @@ depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::
 /// 32FC1, metres, in the machine's byte order; the header is the caller's.
 sensor_msgs::ImagePtr toMessage(const gpis_mapping::DepthImage& image);
 
-/// Camera info for an image of the same pixels on a topic that ends in "image_rect", whose readers take the projection matrix
-/// P: of an image that is not called rectified, P becomes its camera matrix K, since the mask was made with that.
-sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, bool is_rectified);
+/// Camera info for a rectified image of `camera`, made of one that `info` accompanied: K and P say the same, D is 0, and
+/// there is neither ROI nor binning, nor an offset to another camera in P.
+sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, const gpis_mapping::CameraModel& camera);
 
 }  // namespace depth_self_filter_ros

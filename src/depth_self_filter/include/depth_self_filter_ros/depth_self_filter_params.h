@@ -16,6 +16,7 @@ struct DepthSelfFilterParams {
   struct Input {
     std::string camera_frame;              // optical frame; empty: the image's frame_id
     double wait_s{0.2};                    // how long an image waits for what belongs to it, wall clock
+    double time_offset_s{0.0};             // added to an image's stamp before joint states and tf are looked up
     double max_future_s{0.5};              // how far a stamp may lie ahead of ROS time
     double depth_units_per_metre{1000.0};  // of 16UC1 images
     std::string image_transport{"raw"};

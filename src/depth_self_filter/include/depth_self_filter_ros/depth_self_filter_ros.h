@@ -52,8 +52,8 @@ class DepthSelfFilterRos {
   };
   /// All that belongs to an image.
   struct Frame {
-    gpis_mapping::DepthImage image;
-    gpis_mapping::CameraModel camera;
+    gpis_mapping::DepthImage image;    // rectified
+    gpis_mapping::CameraModel camera;  // of the rectified image
     sensor_msgs::CameraInfo info;
     Eigen::Isometry3d T_root_camera{Eigen::Isometry3d::Identity()};
     Eigen::VectorXd positions_rad;
@@ -91,6 +91,7 @@ class DepthSelfFilterRos {
   const std::shared_ptr<const mp700_ur5e_description::RobotModel> robot_;
   depth_self_filter::RobotMask mask_;  // the worker's
   bool is_rectified_{false};
+  gpis_mapping::DepthRectifier rectifier_;  // the worker's
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::condition_variable changed_;

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include <boost/make_shared.hpp>
+#include <sensor_msgs/distortion_models.h>
 #include <sensor_msgs/image_encodings.h>
 
 namespace depth_self_filter_ros {
@@ -135,13 +136,16 @@ sensor_msgs::ImagePtr toMessage(const gpis_mapping::DepthImage& image) {
   return message;
 }
 
-sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, bool is_rectified) {
-  sensor_msgs::CameraInfo output = info;
-  if (is_rectified) return output;
-  for (std::size_t row = 0; row < 3; ++row) {
-    for (std::size_t column = 0; column < 3; ++column) output.P[4 * row + column] = info.K[3 * row + column];
-    output.P[4 * row + 3] = 0.0;
-  }
+sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, const gpis_mapping::CameraModel& camera) {
+  sensor_msgs::CameraInfo output;
+  output.header = info.header;
+  output.width = static_cast<std::uint32_t>(camera.width);
+  output.height = static_cast<std::uint32_t>(camera.height);
+  output.distortion_model = sensor_msgs::distortion_models::PLUMB_BOB;
+  output.D.assign(5, 0.0);
+  output.K = {camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0};
+  output.R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+  output.P = {camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0};
   return output;
 }
 

@@ -12,6 +12,7 @@ namespace {
 constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("input/camera_frame", params.input.camera_frame);
   visit("input/wait_s", params.input.wait_s);
+  visit("input/time_offset_s", params.input.time_offset_s);
   visit("input/max_future_s", params.input.max_future_s);
   visit("input/depth_units_per_metre", params.input.depth_units_per_metre);
   visit("input/image_transport", params.input.image_transport);
@@ -37,6 +38,7 @@ std::vector<std::string> DepthSelfFilterParams::validate() const {
   }
   gpis_mapping::RangeCheck check("input/");
   check("wait_s", input.wait_s, 0.0, 10.0, "s");
+  check("time_offset_s", input.time_offset_s, -1.0, 1.0, "s");
   check("max_future_s", input.max_future_s, 0.0, 1e9, "s");
   check("depth_units_per_metre", input.depth_units_per_metre, 1.0, 1e6, "1/m");
   problems.insert(problems.end(), check.problems().begin(), check.problems().end());

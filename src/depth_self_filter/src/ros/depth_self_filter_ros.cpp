@@ -50,6 +50,7 @@ gpis_mapping_ros::CameraPoseParams poseParams(const DepthSelfFilterParams& param
   result.map_frame = robot.rootFrame();
   result.camera_frame = params.input.camera_frame;
   result.tf_timeout_s = params.input.wait_s;
+  result.time_offset_s = params.input.time_offset_s;
   result.max_future_s = params.input.max_future_s;
   return result;
 }
@@ -189,7 +190,7 @@ void DepthSelfFilterRos::work() {
         filtered->header = job.image->header;
         const SteadyTime end = std::chrono::steady_clock::now();
         // First the info: who gets the image finds it there.
-        sensor_msgs::CameraInfo info = toOutputInfo(frame->info, is_rectified_);
+        sensor_msgs::CameraInfo info = toOutputInfo(frame->info, frame->camera);
         info.header = job.image->header;
         info_publisher_.publish(info);
         image_publisher_.publish(sensor_msgs::ImageConstPtr(filtered));
@@ -285,17 +286,16 @@ std::optional<DepthSelfFilterRos::Frame> DepthSelfFilterRos::prepare(const senso
     return std::nullopt;
   }
   frame.info = *info;
-  const std::optional<gpis_mapping::CameraModel> camera =
-      gpis_mapping_ros::toCameraModel(*info, is_rectified_, &refusal);
-  if (!camera) return refused();
-  frame.camera = *camera;
-  if (frame.image.width != camera->width || frame.image.height != camera->height) {
+  if (!gpis_mapping_ros::toDepthRectifier(*info, is_rectified_, &rectifier_, &refusal)) return refused();
+  const gpis_mapping::CameraModel& raw = rectifier_.rawCamera();
+  if (frame.image.width != raw.width || frame.image.height != raw.height) {
     *drop = {Update::SIZE_MISMATCH, "image is " + sizeText(frame.image.width, frame.image.height) +
                                         ", camera info on " + info_subscriber_.getTopic() + " says " +
-                                        sizeText(camera->width, camera->height)};
+                                        sizeText(raw.width, raw.height)};
     return std::nullopt;
   }
-  const double stamp_s = message.header.stamp.toSec();
+  frame.camera = rectifier_.camera();
+  const double stamp_s = message.header.stamp.toSec() + params_.input.time_offset_s;  // by the robot's clock
   const JointHistory::Answer joints = waitForJoints(stamp_s, deadline);
   *drop = toDrop(joints);
   if (drop->status != Update::ACCEPTED) return std::nullopt;
@@ -313,6 +313,7 @@ std::optional<DepthSelfFilterRos::Frame> DepthSelfFilterRos::prepare(const senso
       cameraPose(*camera_frame, message.header.stamp, frame.positions_rad, deadline, drop);
   if (!pose) return std::nullopt;
   frame.T_root_camera = *pose;
+  frame.image = rectifier_.rectify(std::move(frame.image));
   return frame;
 }
 

@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "support/mask_oracle.h"
 #include "support/robots.h"
 
 namespace depth_self_filter_ros {
@@ -72,21 +73,85 @@ TEST(Conversions, AHoleOf16BitStaysTheHoleThatTheMapKnows) {
   EXPECT_THAT(back->depth_m, testing::ElementsAre(0.0F, 1.0F, 0.0F));
 }
 
-TEST(Conversions, InfoOfARawImageSaysTheSameByPAndK) {
+sensor_msgs::CameraInfo distortedInfo() {
   sensor_msgs::CameraInfo info;
-  info.width = 64;
-  info.height = 48;
-  info.K = {50.0, 0.0, 31.0, 0.0, 51.0, 23.0, 0.0, 0.0, 1.0};
-  info.P = {40.0, 0.0, 30.0, 0.5, 0.0, 41.0, 22.0, 0.0, 0.0, 0.0, 1.0, 0.0};
+  info.width = 192;
+  info.height = 144;
+  info.distortion_model = "plumb_bob";
+  info.D = {0.6, 0.0, 0.0, 0.0, 0.0};
+  info.K = {140.0, 0.0, 95.0, 0.0, 141.0, 72.0, 0.0, 0.0, 1.0};
+  info.P = {60.0, 0.0, 46.0, 0.5, 0.0, 61.0, 35.0, 0.0, 0.0, 0.0, 1.0, 0.0};
+  return info;
+}
+
+TEST(Conversions, OutputInfoIsThatOfTheRectifiedImage) {
+  sensor_msgs::CameraInfo info = distortedInfo();
+  info.header.frame_id = "eye";
+  info.roi.x_offset = 8;
+  info.roi.width = 80;
+  info.roi.height = 60;
+  info.binning_x = 2;
   gpis_mapping_ros::Refusal refusal;
   for (const bool is_rectified : {false, true}) {
-    const auto seen = gpis_mapping_ros::toCameraModel(info, is_rectified, &refusal);
-    // The output's topic is called image_rect.
-    const auto told = gpis_mapping_ros::toCameraModel(toOutputInfo(info, is_rectified), true, &refusal);
-    ASSERT_TRUE(seen && told);
-    EXPECT_TRUE(*seen == *told) << is_rectified;
+    gpis_mapping::DepthRectifier rectifier;
+    ASSERT_TRUE(gpis_mapping_ros::toDepthRectifier(info, is_rectified, &rectifier, &refusal)) << refusal.message;
+    const sensor_msgs::CameraInfo output = toOutputInfo(info, rectifier.camera());
+    EXPECT_EQ(output.header.frame_id, "eye");
+    EXPECT_EQ(output.P[3], 0.0);
+    EXPECT_EQ(output.R[0] * output.R[4] * output.R[8], 1.0);
+    for (const bool reads_P : {false, true}) {
+      gpis_mapping::DepthRectifier told;
+      ASSERT_TRUE(gpis_mapping_ros::toDepthRectifier(output, reads_P, &told, &refusal)) << refusal.message;
+      EXPECT_TRUE(told.distortion().isZero());
+      EXPECT_TRUE(told.camera() == rectifier.camera()) << is_rectified;
+    }
   }
-  EXPECT_EQ(toOutputInfo(info, false).P[3], 0.0);
+}
+
+TEST(Conversions, TheMaskFitsARectifiedImage) {
+  constexpr float kWall_m = 3.0F;
+  const auto robot = shippedRobot();
+  const Eigen::VectorXd q = depth_self_filter::test::positions(*robot, depth_self_filter::test::kArmInView);
+  // Turned until the arm is in a corner of the image, where distortion counts.
+  const Eigen::Isometry3d T_root_camera =
+      robot->framePose(mp700_ur5e_description::kDepthFrame, q) * Eigen::AngleAxisd(0.35, Eigen::Vector3d::UnitY());
+  const sensor_msgs::CameraInfo info = distortedInfo();
+  gpis_mapping::DepthRectifier rectifier;
+  gpis_mapping_ros::Refusal refusal;
+  ASSERT_TRUE(gpis_mapping_ros::toDepthRectifier(info, false, &rectifier, &refusal)) << refusal.message;
+  // The robot itself before a wall, through the lens.
+  const depth_self_filter::RobotMask bare(robot, depth_self_filter::test::exactConfig());
+  const auto shapes = depth_self_filter::test::oracleShapes(bare, T_root_camera, q, std::nullopt, 0.0);
+  const gpis_mapping::CameraModel& raw = rectifier.rawCamera();
+  gpis_mapping::DepthImage image{raw.width, raw.height, {}};
+  for (int v = 0; v < raw.height; ++v) {
+    for (int u = 0; u < raw.width; ++u) {
+      const Eigen::Vector2d seen((u - raw.cx) / raw.fx, (v - raw.cy) / raw.fy);
+      double r = seen.norm();
+      for (int i = 0; i < 50; ++i) r -= (r + info.D[0] * r * r * r - seen.norm()) / (1.0 + 3.0 * info.D[0] * r * r);
+      const Eigen::Vector2d ray = seen.norm() > 0.0 ? Eigen::Vector2d(seen * (r / seen.norm())) : seen;
+      double z = kWall_m;
+      for (const auto& shape : shapes) {
+        z = std::min(z, depth_self_filter::test::walk(shape, Eigen::Vector3d(ray.x(), ray.y(), 1.0), false));
+      }
+      image.depth_m.push_back(static_cast<float>(z));
+    }
+  }
+  depth_self_filter::RobotMask mask(robot, depth_self_filter::RobotMaskConfig());
+  const auto left = [&](const gpis_mapping::CameraModel& camera, gpis_mapping::DepthImage of) {
+    mask.apply(camera, T_root_camera, q, std::nullopt, &of);
+    std::size_t num_robot = 0;
+    std::size_t num_wall = 0;
+    for (const float z : of.depth_m) {
+      num_robot += z < 0.97F * kWall_m;
+      num_wall += std::abs(z - kWall_m) < 1e-3F;
+    }
+    return std::make_pair(num_robot, num_wall);
+  };
+  EXPECT_GT(left(raw, image).first, 10U) << "the distortion shows";
+  const auto [num_robot, num_wall] = left(rectifier.camera(), rectifier.rectify(image));
+  EXPECT_EQ(num_robot, 0U);
+  EXPECT_GT(num_wall, image.depth_m.size() / 4);
 }
 
 AttachedBrick attached() {

@@ -3,6 +3,7 @@
 #define GPIS_MAPPING_CELL_GP_H
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include <Eigen/Core>
@@ -20,6 +21,8 @@ struct SurfacePoint {
   float variance_m2{0.0f};      // of the position along the normal
   float normal_variance{0.0f};  // of each tangential component of the normal
   float last_seen_s{0.0f};      // since the map's epoch
+  // Where the camera stood when it last measured the point, map frame; NaN after a restore. Not saved.
+  Eigen::Vector3f seen_from_map = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
   std::uint16_t num_looks{1};
   std::uint16_t num_misses{0};  // looks since the last confirmation that spoke against it without deciding
 };

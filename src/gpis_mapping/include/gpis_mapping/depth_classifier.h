@@ -13,14 +13,19 @@ namespace gpis_mapping {
 enum class PixelKind : std::uint8_t {
   kSurface,        // a depth was measured
   kWall,           // nothing within reach: the virtual wall stands there
-  kAmbiguous,      // a hole that may be wall; what it sees through waits for a second look
-  kNoInformation,  // shadow, too close, masked
+  kHole,           // depth 0 with no reason in sight: no evidence by itself (see vanished_surface.h)
+  kNoInformation,  // shadow, too close, masked, a single dropout
 };
+
+/// Whether the sensor said what is at this pixel.
+inline bool isMeasured(PixelKind kind) {
+  return kind == PixelKind::kSurface || kind == PixelKind::kWall;
+}
 
 /// Whether a pixel lies beside pixels without information.
 enum class Block : std::uint8_t {
   kNone = 0,
-  kNarrow,         // only of narrow ones: the baseline's shadow at a depth edge, a few dropouts near one
+  kNarrow,         // only of holes, the baseline's shadow at a depth edge, a few dropouts near one
   kNoInformation,  // of anything else: the robot's own pixels, something too near
 };
 
@@ -29,9 +34,9 @@ struct ClassifiedFrame {
   int width{0};
   int height{0};
   std::vector<float> inverse_depth;  // 1/z [1/m]; 0 where nothing was measured
-  std::vector<float> inverse_range;  // 1/|x| [1/m], complete: wall pixels at the wall, no-information pixels filled
+  std::vector<float> inverse_range;  // 1/|x| [1/m], complete: wall pixels at the wall, unmeasured pixels filled
   std::vector<PixelKind> kind;
-  // Not 0 within one kernel length of a no-information pixel. Speckle does not count: a few dropouts with one surface
+  // Not kNone within one kernel length of an unmeasured pixel. Speckle does not count: a few dropouts with one surface
   // all round leave out nothing that the pixels beside them do not tell.
   std::vector<Block> blocked;
   std::size_t num_surface{0};
@@ -61,10 +66,10 @@ class DepthClassifier {
   double edgeDepth(double near_m) const;
   /// Widest strip, along the image row, that the near side of a depth edge can hide from the second viewpoint [px].
   double widestShadowPx(double near_m, double far_m) const;
-  /// Sets 1 where a run of no-information pixels is no wider than the shadow of the depth edge it lies at.
+  /// Sets 1 where a run of unmeasured pixels is no wider than the shadow of the depth edge it lies at.
   void markShadows(const DepthImage& image, int v, const ClassifiedFrame& frame,
                    std::vector<std::uint8_t>* is_shadow) const;
-  /// What a no-information pixel blocks around it: nothing if it is one of a few with one surface, or wall, all round.
+  /// What an unmeasured pixel blocks around it: nothing if it is one of a few with one surface, or wall, all round.
   Block blockOf(const ClassifiedFrame& frame, int u, int v, bool is_shadow) const;
 
   CameraModel camera_;

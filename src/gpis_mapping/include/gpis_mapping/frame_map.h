@@ -64,7 +64,7 @@ class FrameMap {
     bool smooth;           // the tile fits one surface: no depth edge, mean and normal can be used
   };
 
-  /// Conditions every tile on the frame's inverse ranges. `noise_scale(y)`: factor on the noise at inverse range y.
+  /// Conditions every tile on the frame's inverse ranges.
   FrameMap(std::shared_ptr<const FrameRegressor> regressor, std::shared_ptr<const ClassifiedFrame> frame,
            const DepthNoiseModel& noise, int num_threads);
 

@@ -28,7 +28,7 @@ struct DepthNoiseModel {
 
 /// What a pixel with depth 0 means (16-bit images have no other way to say "no value").
 enum class HolePolicy {
-  kAuto,           // shadows are no information, wide holes are wall, the rest waits for a second look
+  kAuto,           // not measured, but where a surface known there has vanished as a whole: seen past
   kWall,           // every hole is "nothing within reach"
   kNoInformation,  // every hole is "not measured"
 };
@@ -47,7 +47,11 @@ struct GpisConfig {
     double baseline_m{0.075};  // emitter/second camera to depth camera, along image x; 0: none (time of flight)
     HolePolicy hole_policy{HolePolicy::kAuto};
     DepthNoiseModel noise;
-    double pose_std_m{0.004};  // error of the camera position given by tf
+    double pose_std_m{0.004};    // error of the camera position given by tf
+    double pose_std_rad{0.002};  // error of its rotation: grows with range
+    double stamp_std_s{0.002};   // error of the images' stamps: grows with the camera's speed
+    double fov_width_rad{0.0};   // of the depth camera within the image, about its axis; 0: the whole image
+    double fov_height_rad{0.0};
   } sensor;
 
   struct FrameMap {  // 2.5D^-1 map, eqs 5 and 6

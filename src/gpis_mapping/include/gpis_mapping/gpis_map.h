@@ -3,6 +3,7 @@
 #define GPIS_MAPPING_GPIS_MAP_H
 
 #include <functional>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <unordered_map>
@@ -21,6 +22,7 @@
 namespace gpis_mapping {
 
 class Frame;
+struct CameraMotion;
 
 /// What one update did, and how long each stage took [ms].
 struct UpdateStatistics {
@@ -111,10 +113,20 @@ class GpisMap {
   /// Without publishing. `isInside`: in the map frame.
   std::vector<Eigen::Vector3d> removePoints(const std::function<bool(const Eigen::Vector3d&)>& isInside);
   void prepareCamera(const CameraModel& camera);
-  void fuseAndDelete(const Frame& frame, UpdateStatistics* statistics);
+  /// How fast the camera has moved to this pose since the last image; at rest if that was long ago.
+  CameraMotion motionTo(const Eigen::Isometry3d& T_map_camera, double stamp_s) const;
+  /// Lets the frame allow for its misalignment with the map, unless that lasts: then the map is wrong.
+  void allowForMisalignment(Frame* frame);
+  /// Remembers which pixels can measure a depth.
+  void learnView(const ClassifiedFrame& pixels);
+  /// `pixels`: the frame's; holes in which a surface has vanished become wall.
+  void fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics);
+  void rememberRemoved(const std::vector<CellUpdate>& jobs);
+  /// Decides which points in holes of the depth image are gone.
+  void judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vector<CellUpdate>* jobs);
   /// Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
   /// can: a point goes when more of its face was removed lately than is confirmed by this frame.
-  void decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics);
+  void decideDoubtful(const Frame& frame, std::vector<CellUpdate>* jobs);
   /// Of points that lie nearer than insertion would have let them, the less known one goes. Such points come about where
   /// things come and go: what was measured at the foot of an object is fused with the ground it stood on.
   void thinOut(const std::vector<CellUpdate>& jobs);
@@ -138,6 +150,12 @@ class GpisMap {
   CameraModel camera_;
   std::unique_ptr<DepthClassifier> classifier_;
   std::shared_ptr<const FrameRegressor> regressor_;
+  // Not 0 for pixels in the stated field of view that have measured a depth since the camera is known. Depth that is
+  // registered to a colour image has margins that never do.
+  std::vector<std::uint8_t> can_measure_;
+  Eigen::Isometry3d last_T_map_camera_{Eigen::Isometry3d::Identity()};
+  int num_displaced_{0};  // frames running that lay off the map as a whole
+  double last_stamp_s_{-std::numeric_limits<double>::infinity()};
 
   mutable std::mutex snapshot_mutex_;  // guards snapshot_
   std::shared_ptr<const MapSnapshot> snapshot_;

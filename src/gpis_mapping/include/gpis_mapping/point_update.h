@@ -2,8 +2,10 @@
 #ifndef GPIS_MAPPING_POINT_UPDATE_H
 #define GPIS_MAPPING_POINT_UPDATE_H
 
+#include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -31,15 +33,39 @@ enum class PointOutcome {
   kOccluded,  // something stands before it: left as it is
   kFused,     // the same surface
   kDeleted,   // seen past
+  kUnseen,    // its pixel is a hole, as it may well be from here
+  kMissing,   // its pixel is a hole, although the sensor measured the point from about here
+};
+
+/// How fast the camera moved when the image was taken.
+struct CameraMotion {
+  double speed_mps{0.0};
+  double turn_radps{0.0};
 };
 
 /// One depth image with everything derived from it, ready to be held against the map.
 class Frame {
  public:
-  /// `config` must outlive the frame.
+  /// `config` and `can_measure` must outlive the frame. `can_measure`: not 0 for pixels at which this camera can measure
+  /// a depth, row major.
   Frame(const GpisConfig& config, std::shared_ptr<const ClassifiedFrame> pixels,
-        std::shared_ptr<const FrameRegressor> regressor, const Eigen::Isometry3d& T_map_camera, float stamp_s,
-        int num_threads);
+        std::shared_ptr<const FrameRegressor> regressor, const std::vector<std::uint8_t>& can_measure,
+        const Eigen::Isometry3d& T_map_camera, const CameraMotion& motion, float stamp_s, int num_threads);
+
+  /// How the frame lies off the map as a whole: a point p of the map is seen at p + shift + turn x p, camera frame [m, rad].
+  /// One robust point-to-plane step over `points`; zero where they tell too little. What most surfaces say is an error of
+  /// the camera's pose. It is allowed for, not corrected: the pose is given.
+  struct Misalignment {
+    Eigen::Vector3d shift_m{Eigen::Vector3d::Zero()};
+    Eigen::Vector3d turn_rad{Eigen::Vector3d::Zero()};
+    Eigen::Matrix<double, 6, 6> covariance{
+        Eigen::Matrix<double, 6, 6>::Identity()};  // shift, turn: 1 m, 1 rad is unknown
+    double rms_m{0.0};                             // of the displacement across the surfaces
+  };
+  Misalignment measureMisalignment(const std::vector<const SurfacePoint*>& points) const;
+
+  /// Tolerances and variances allow for it from here on.
+  void allowFor(const Misalignment& misalignment) { misalignment_ = misalignment; }
 
   /// The surface at pixel coordinates (u, v): from the 2.5D^-1 map where that is smooth, else from the raw pixels on
   /// the near pixel's side of the depth edge. None where no single surface shows.
@@ -55,20 +81,33 @@ class Frame {
   const Eigen::Isometry3d& T_camera_map() const { return T_camera_map_; }
   float stamp() const { return stamp_s_; }  // [s since the map's epoch]
 
+  /// Pixel coordinates of a point in front of the camera; none outside the image.
+  std::optional<Eigen::Vector2i> pixelOf(const Eigen::Vector3d& p_map) const;
+
   /// Variance [m^2] of a depth at z_m that smoothing cannot remove: neighbouring pixels have it in common.
   double correlatedVariance(double z_m) const;
 
  private:
   PointOutcome fuse(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera, SurfacePoint* point) const;
+  /// Variance [m^2], across a surface of that normal at that point, that the camera's pose causes; camera frame.
+  double poseVariance(const Eigen::Vector3d& p_camera, const Eigen::Vector3d& normal_camera) const;
+  /// Would the sensor measure the point from here, as it did when it saw the point last?
+  bool isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera, std::size_t pixel) const;
+  /// A look that speaks against the point without deciding: several running do.
+  PointOutcome miss(SurfacePoint* point) const;
   bool isStray(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera,
                const Eigen::Vector3f& normal_camera) const;
 
   const GpisConfig& config_;
   std::shared_ptr<const ClassifiedFrame> pixels_;
-  FrameMap map_;
   Eigen::Isometry3d T_map_camera_;
   Eigen::Isometry3d T_camera_map_;
+  const std::vector<std::uint8_t>& can_measure_;
+  double motion_variance_;  // [m^2] of the camera's position by its speed and the error of stamps
+  double angle_variance_;   // [rad^2] of its rotation, by its turning as well
+  Misalignment misalignment_;
   float stamp_s_;
+  FrameMap map_;
 };
 
 /// Normals closer than this (60 degrees) belong to one face.

@@ -18,8 +18,8 @@ namespace gpis_mapping {
 /// recording: what is refused moved by more than the limits and by more than five times the median.
 class RecordingGuard {
  public:
-  /// `frames`: numbers of those that will be checked. Reads their poses, where that takes no image. `limits` are the live
-  /// node's; none: poses are not checked.
+  /// `frames`: numbers of those that will be checked. Of a folder it reads their poses, with the time offset that is set
+  /// by then. `limits` are the live node's; none: poses are not checked.
   RecordingGuard(DepthSequence* sequence, const std::vector<std::size_t>& frames, std::optional<PoseLimits> limits);
 
   /// Why this frame must not be mapped; nothing when it may.

@@ -18,8 +18,8 @@ struct BagOptions {
 };
 
 /// Opens a ROS bag (compressed or not) with depth images (16UC1, mono16 or 32FC1, raw or as compressedDepth), their
-/// sensor_msgs/CameraInfo (the first one; later ones may differ by 1e-3 px), and the camera's pose in /tf and /tf_static.
-/// Needs no roscore. Frames without a transform at their stamp, or without a stamp, are skipped.
+/// sensor_msgs/CameraInfo (the first one; K and P of later ones may differ by 1e-3 px), and the camera's pose in /tf
+/// and /tf_static. Needs no roscore. Frames without a transform at their stamp, or without a stamp, are skipped.
 /// Throws gpis_mapping::DepthSequenceError; the message lists the topics, encodings or frames there are.
 std::unique_ptr<gpis_mapping::DepthSequence> openBagSequence(const std::string& path, const BagOptions& options = {});
 

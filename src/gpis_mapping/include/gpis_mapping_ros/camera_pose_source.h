@@ -25,9 +25,10 @@ namespace gpis_mapping_ros {
 
 struct CameraPoseParams {
   std::string map_frame{"map"};
-  std::string camera_frame;  // empty: the image's own frame_id
-  double tf_timeout_s{0.2};  // how long an image waits for its pose and camera info, by the wall clock
-  double max_future_s{0.5};  // how far a stamp may lie ahead of ROS time
+  std::string camera_frame;   // empty: the image's own frame_id
+  double tf_timeout_s{0.2};   // how long an image waits for its pose and camera info, by the wall clock
+  double time_offset_s{0.0};  // added to an image's stamp before its pose is looked up
+  double max_future_s{0.5};   // how far a stamp may lie ahead of ROS time
   gpis_mapping::PoseLimits pose_limits;
 
   /// Every problem as "key = value unit, must be ...".
@@ -71,7 +72,7 @@ class CameraPoseSource {
   /// When to give up waiting for what belongs to an image that arrived then.
   SteadyTime deadline(SteadyTime arrival) const;
 
-  /// T_map_camera. Waits until tf can answer, or the deadline, or stop(). Nothing, and the reason, when there is no pose
+  /// T_map_camera at `stamp` + time_offset_s. Waits until tf can answer, or the deadline, or stop(). Nothing, and the reason, when there is no pose
   /// or the camera cannot have moved there.
   std::optional<Eigen::Isometry3d> poseAt(const std::string& camera_frame, const ros::Time& stamp, SteadyTime deadline,
                                           Refusal* refusal);

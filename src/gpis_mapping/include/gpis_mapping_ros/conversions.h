@@ -10,9 +10,11 @@
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
+#include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
+#include "gpis_mapping/depth_rectifier.h"
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping_ros {
@@ -50,6 +52,9 @@ std::string shownName(const std::string& name);
 /// Frame names of tf2 have no leading slash; those of old bags do.
 std::string withoutSlash(const std::string& frame);
 
+/// `stamp` + `offset_s`, but never 0, which is "newest" to tf2, nor beyond what a stamp can hold.
+ros::Time shifted(const ros::Time& stamp, double offset_s);
+
 /// REP-104: the projection matrix P belongs to topics with rectified images (".../image_rect"), K to raw ones.
 bool isRectifiedTopic(const std::string& topic);
 
@@ -62,9 +67,15 @@ bool isDepthEncoding(const std::string& encoding);
 std::optional<gpis_mapping::DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre,
                                                      Refusal* refusal);
 
-/// Pinhole model of the image that `info` accompanies. Nothing, and the reason, when it cannot be one.
+/// Pinhole model of the image that `info` accompanies, its lens distortion left out: P of a rectified image, K of another,
+/// and the part of the full image that ROI and binning leave. Nothing, and the reason, when it cannot be one.
 std::optional<gpis_mapping::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
                                                        Refusal* refusal);
+
+/// Makes `rectifier` the one of the images that `info` accompanies, unless it is already. A rectified image is taken as it
+/// is. False, and the reason, when the camera or its distortion cannot be used; `rectifier` stays as it was.
+bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, gpis_mapping::DepthRectifier* rectifier,
+                      Refusal* refusal);
 
 /// Nothing, and the reason to those who ask for it, when a number is not finite or the quaternion's length is not 1
 /// within 1 %, which float32 sources keep to.

@@ -38,7 +38,7 @@ struct DepthInputParams : CameraPoseParams {
   void read(const std::string& section, ParamReader* reader);
 };
 
-/// A depth image that passed every check.
+/// A depth image that passed every check, rectified.
 struct DepthInputFrame {
   gpis_mapping::DepthImage image;
   gpis_mapping::CameraModel camera;
@@ -111,6 +111,7 @@ class DepthInput {
   Consume consume_;
   Refuse refuse_;
   bool is_rectified_{false};
+  gpis_mapping::DepthRectifier rectifier_;  // the worker's
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::condition_variable changed_;

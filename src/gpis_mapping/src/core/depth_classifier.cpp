@@ -17,8 +17,6 @@ constexpr int kSpecklePx = 3;
 constexpr int kSpeckleWindowPx = 2;
 // How near the ends of a shadow its depth edge is.
 constexpr int kEdgeReachPx = 3;
-// Between equal depths, a hole narrower than this (or than the widest possible shadow) waits for a second look.
-constexpr int kWideHolePx = 12;
 
 /// 1 where any pixel of the ellipse with half axes (radius_u, radius_v) about a pixel of `source` is set.
 void dilate(const std::vector<std::uint8_t>& source, int width, int height, double radius_u, double radius_v,
@@ -76,39 +74,10 @@ void DepthClassifier::classifyHole(const float* depth, int begin, int end, Pixel
   const auto set = [&](PixelKind value) { std::fill(kind + begin, kind + end, value); };
   if (config_.sensor.hole_policy == HolePolicy::kWall) return set(PixelKind::kWall);
   if (config_.sensor.hole_policy == HolePolicy::kNoInformation) return set(PixelKind::kNoInformation);
-
-  const int width_px = end - begin;
-  const bool has_left = begin > 0;
-  const bool has_right = end < camera_.width;
-  const float left = has_left ? depth[begin - 1] : 0.0f;
-  const float right = has_right ? depth[end] : 0.0f;
   // A border nearer than the sensor can measure: the hole is that thing's own body.
   const float too_near = static_cast<float>(1.2 * config_.sensor.min_range_m);
-  if ((has_left && left < too_near) || (has_right && right < too_near)) return set(PixelKind::kNoInformation);
-
-  const auto isDepth = [](float z) { return std::isfinite(z) && z > 0.0f; };
-  double near_m = 1e9;
-  double far_m = 0.0;
-  for (const float z : {left, right}) {
-    if (!isDepth(z)) continue;
-    near_m = std::min<double>(near_m, z);
-    far_m = std::max<double>(far_m, z);
-  }
-  if (far_m == 0.0) return set(PixelKind::kWall);
-  const double focal_baseline = camera_.fx * config_.sensor.baseline_m;
-  const bool one_sided = !(isDepth(left) && isDepth(right));
-  const double edge_m = edgeDepth(near_m);
-  // Widest shadow that the near border can throw on the far one; on the image border the far side is unseen.
-  const double shadow_px = focal_baseline * (1.0 / near_m - (one_sided ? 0.0 : 1.0 / far_m));
-  if ((one_sided || far_m - near_m > edge_m) && config_.sensor.baseline_m > 0.0 && width_px <= 1.2 * shadow_px + 2.0) {
-    return set(PixelKind::kNoInformation);
-  }
-  if (!one_sided && far_m - near_m <= edge_m) {
-    if (width_px <= kSpecklePx) return set(PixelKind::kNoInformation);
-    const double widest_shadow_px = focal_baseline * (1.0 / near_m - 1.0 / config_.sensor.max_range_m);
-    if (width_px <= std::max<double>(kWideHolePx, widest_shadow_px)) return set(PixelKind::kAmbiguous);
-  }
-  set(PixelKind::kWall);
+  const bool is_body = (begin > 0 && depth[begin - 1] < too_near) || (end < camera_.width && depth[end] < too_near);
+  set(is_body ? PixelKind::kNoInformation : PixelKind::kHole);
 }
 
 void DepthClassifier::classifyRow(const DepthImage& image, int v, ClassifiedFrame* frame) const {
@@ -143,13 +112,13 @@ void DepthClassifier::classifyRow(const DepthImage& image, int v, ClassifiedFram
   // Filled for the GP only, so that the grid stays complete: the last value to the left, else the next to the right.
   float last = -1.0f;
   for (int u = 0; u < width; ++u) {
-    if (kind[u] != PixelKind::kNoInformation) {
+    if (isMeasured(kind[u])) {
       last = frame->inverse_range[row + u];
     } else if (last >= 0.0f) {
       frame->inverse_range[row + u] = last;
     } else {
       int next = u;
-      while (next < width && kind[next] == PixelKind::kNoInformation) ++next;
+      while (next < width && !isMeasured(kind[next])) ++next;
       if (next < width) frame->inverse_range[row + u] = frame->inverse_range[row + next];
     }
   }
@@ -163,7 +132,7 @@ double DepthClassifier::widestShadowPx(double near_m, double far_m) const {
 void DepthClassifier::markShadows(const DepthImage& image, int v, const ClassifiedFrame& frame,
                                   std::vector<std::uint8_t>* is_shadow) const {
   if (config_.sensor.baseline_m <= 0.0) return;
-  const auto isTold = [&](int u) { return frame.kind[frame.index(u, v)] != PixelKind::kNoInformation; };
+  const auto isTold = [&](int u) { return isMeasured(frame.kind[frame.index(u, v)]); };
   for (int begin = 0; begin < camera_.width; ++begin) {
     if (isTold(begin)) continue;
     int end = begin + 1;
@@ -181,7 +150,7 @@ void DepthClassifier::markShadows(const DepthImage& image, int v, const Classifi
         for (int y = std::max(0, v - kEdgeReachPx); y <= std::min(camera_.height - 1, v + kEdgeReachPx); ++y) {
           for (int x = std::max(0, first); x <= std::min(camera_.width - 1, last); ++x) {
             const std::size_t i = frame.index(x, y);
-            if (frame.kind[i] == PixelKind::kNoInformation) continue;
+            if (!isMeasured(frame.kind[i])) continue;
             high = std::max(high, frame.inverse_depth[i]);
             low = std::min(low, frame.inverse_depth[i]);
           }
@@ -200,15 +169,15 @@ void DepthClassifier::markShadows(const DepthImage& image, int v, const Classifi
 }
 
 Block DepthClassifier::blockOf(const ClassifiedFrame& frame, int u, int v, bool is_shadow) const {
-  const Block of_many = is_shadow ? Block::kNarrow : Block::kNoInformation;
+  const bool is_hole = frame.kind[frame.index(u, v)] == PixelKind::kHole;
+  const Block of_many = is_shadow || is_hole ? Block::kNarrow : Block::kNoInformation;
   int dropouts = 0;
   float low = std::numeric_limits<float>::infinity();
   float high = 0.0f;
   for (int y = std::max(0, v - kSpeckleWindowPx); y <= std::min(camera_.height - 1, v + kSpeckleWindowPx); ++y) {
     for (int x = std::max(0, u - kSpeckleWindowPx); x <= std::min(camera_.width - 1, u + kSpeckleWindowPx); ++x) {
       const std::size_t i = frame.index(x, y);
-      if (frame.kind[i] == PixelKind::kAmbiguous) return of_many;
-      if (frame.kind[i] == PixelKind::kNoInformation) {
+      if (!isMeasured(frame.kind[i])) {
         if (++dropouts > kSpecklePx) return of_many;
         continue;
       }
@@ -242,11 +211,14 @@ ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threa
     for (int u = 0; u < camera_.width; ++u) {
       const std::size_t i = frame.index(u, v);
       frame.num_surface += frame.kind[i] == PixelKind::kSurface;
-      if (frame.kind[i] != PixelKind::kNoInformation) continue;
+      if (isMeasured(frame.kind[i])) continue;
       const Block block = blockOf(frame, u, v, is_shadow[i] != 0);
       unknown[i] = block != Block::kNone;
       unexplained[i] = block == Block::kNoInformation;
     }
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    if (frame.kind[i] == PixelKind::kHole && (is_shadow[i] || !unknown[i])) frame.kind[i] = PixelKind::kNoInformation;
   }
   const double radius_u = config_.frame_map.kernel_length_rad * camera_.fx;
   const double radius_v = config_.frame_map.kernel_length_rad * camera_.fy;

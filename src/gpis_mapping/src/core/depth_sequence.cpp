@@ -16,6 +16,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <yaml-cpp/yaml.h>
 
+#include "gpis_mapping/depth_rectifier.h"
+
 namespace gpis_mapping {
 namespace {
 
@@ -108,11 +110,6 @@ void requireWords(const TextLine& line, std::size_t count, const std::string& pa
                            std::to_string(count) + ": " + layout);
 }
 
-void requireCamera(const CameraModel& camera, const std::string& path) {
-  const std::vector<std::string> problems = camera.validate();
-  if (!problems.empty()) throw DepthSequenceError(path + ": " + problems.front());
-}
-
 /// `rows` x `cols` finite numbers, one row per line.
 Eigen::MatrixXd readMatrix(const std::string& path, Eigen::Index rows, Eigen::Index cols) {
   const std::vector<TextLine> lines = readLines(path);
@@ -150,36 +147,48 @@ cv::Mat readRawImage(const std::string& path) {
   return raw;
 }
 
-DepthImage readDepthImage(const std::string& path, const CameraModel& camera, double units_per_metre,
-                          bool is_upside_down) {
-  cv::Mat raw = readRawImage(path);
-  if (raw.cols != camera.width || raw.rows != camera.height) {
-    throw DepthSequenceError(path + ": image is " + std::to_string(raw.cols) + " x " + std::to_string(raw.rows) +
-                             " px, must be " + std::to_string(camera.width) + " x " + std::to_string(camera.height) +
-                             " px as the camera");
-  }
-  if (is_upside_down) cv::flip(raw, raw, 0);
-  if (!raw.isContinuous()) raw = raw.clone();
-  return depthImageFromU16(raw.ptr<std::uint16_t>(), raw.cols, raw.rows, units_per_metre);
-}
-
 /// A folder of images and the camera they share.
 class FolderSequence : public DepthSequence {
  public:
-  const CameraModel& camera() const override { return camera_; }
+  const CameraModel& camera() const override { return rectifier_.camera(); }
 
  protected:
   /// A camera with y up sees what one with y down sees, upside down.
-  void turnUpright(const std::string& path) {
-    if (!(camera_.fy < 0.0)) return;
-    camera_.fy = -camera_.fy;
-    camera_.cy = camera_.height - 1 - camera_.cy;
-    is_upside_down_ = true;
-    notes_.push_back(path + ": fy < 0, so the camera's y axis points up; images are read upside down with fy = " +
-                     format(camera_.fy) + ", cy = " + format(camera_.cy));
+  void takeCamera(CameraModel camera, const LensDistortion& distortion, const std::string& path) {
+    if (camera.fy < 0.0) {
+      if (!distortion.isZero()) {
+        throw DepthSequenceError(path +
+                                 ": fy < 0 (the camera's y axis points up) and distortion other than 0 cannot be read "
+                                 "together: rectify the images and set the distortion to 0");
+      }
+      camera.fy = -camera.fy;
+      camera.cy = camera.height - 1 - camera.cy;
+      is_upside_down_ = true;
+      notes_.push_back(path + ": fy < 0, so the camera's y axis points up; images are read upside down with fy = " +
+                       format(camera.fy) + ", cy = " + format(camera.cy));
+    }
+    try {
+      rectifier_ = DepthRectifier(camera, distortion);
+    } catch (const std::invalid_argument& error) {
+      throw DepthSequenceError(path + ": " + error.what());
+    }
   }
 
-  CameraModel camera_;
+  DepthImage readImage(const std::string& path, double units_per_metre) const {
+    cv::Mat raw = readRawImage(path);
+    const CameraModel& camera = rectifier_.rawCamera();
+    if (raw.cols != camera.width || raw.rows != camera.height) {
+      throw DepthSequenceError(path + ": image is " + std::to_string(raw.cols) + " x " + std::to_string(raw.rows) +
+                               " px, must be " + std::to_string(camera.width) + " x " + std::to_string(camera.height) +
+                               " px as the camera");
+    }
+    if (is_upside_down_) cv::flip(raw, raw, 0);
+    if (!raw.isContinuous()) raw = raw.clone();
+    return rectifier_.rectify(depthImageFromU16(raw.ptr<std::uint16_t>(), raw.cols, raw.rows, units_per_metre));
+  }
+
+ private:
+  DepthRectifier rectifier_;
   bool is_upside_down_{false};
 };
 
@@ -260,19 +269,17 @@ class TumSequence : public FolderSequence {
 
   std::size_t size() const override { return entries_.size(); }
 
-  std::optional<StampedPose> pose(std::size_t i) const override {
-    SkipReason ignored;
-    const double stamp_s = entries_.at(i).stamp_s;
-    const std::optional<Eigen::Isometry3d> T_map_camera = poseAt(poses_, stamp_s, &ignored);
-    return T_map_camera ? std::make_optional(StampedPose{*T_map_camera, stamp_s}) : std::nullopt;
-  }
-
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    const std::optional<Eigen::Isometry3d> T_map_camera = poseAt(poses_, entry.stamp_s, reason);
-    if (!T_map_camera) return std::nullopt;
-    return DepthFrame{readDepthImage(entry.path, camera_, units_per_metre_, is_upside_down_), *T_map_camera,
-                      entry.stamp_s, entry.path};
+    const std::optional<StampedPose> at = pose(i, timeOffset(), reason);
+    if (!at) return std::nullopt;
+    return DepthFrame{readImage(entry.path, units_per_metre_), at->T_map_camera, at->stamp_s, entry.path};
+  }
+
+  std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+    const double stamp_s = entries_.at(i).stamp_s;
+    const std::optional<Eigen::Isometry3d> T_map_camera = poseAt(poses_, stamp_s + time_offset_s, reason);
+    return T_map_camera ? std::make_optional(StampedPose{*T_map_camera, stamp_s}) : std::nullopt;
   }
 
  private:
@@ -286,28 +293,28 @@ class TumSequence : public FolderSequence {
       throw DepthSequenceError(path +
                                ": is missing; it must hold image_width, image_height and camera_matrix as written by "
                                "camera_info_manager (or be what rostopic echo prints of a CameraInfo), and may hold "
-                               "depth_units_per_metre");
+                               "the distortion and depth_units_per_metre");
     }
+    CameraModel camera;
+    LensDistortion distortion;
     try {
       const YAML::Node root = withFileKeys(YAML::LoadFile(path));
-      camera_.width = required(root, "image_width").as<int>();
-      camera_.height = required(root, "image_height").as<int>();
+      camera.width = required(root, "image_width").as<int>();
+      camera.height = required(root, "image_height").as<int>();
       const auto K = required(required(root, "camera_matrix"), "data").as<std::vector<double>>();
       if (K.size() != 9) {
         throw DepthSequenceError(path + ": camera_matrix/data has " + std::to_string(K.size()) +
                                  " numbers, must have 9");
       }
-      camera_.fx = K[0];
-      camera_.cx = K[2];
-      camera_.fy = K[4];
-      camera_.cy = K[5];
-      const YAML::Node distortion = root["distortion_coefficients"];
-      if (distortion && distortion.IsMap() && distortion["data"]) {
-        for (const double d : distortion["data"].as<std::vector<double>>()) {
-          if (d == 0.0) continue;
-          notes_.push_back(path + ": distortion_coefficients are not zero; depth images are taken as rectified");
-          break;
-        }
+      camera.fx = K[0];
+      camera.cx = K[2];
+      camera.fy = K[4];
+      camera.cy = K[5];
+      const YAML::Node model = root["distortion_model"];
+      distortion.model = model ? model.as<std::string>() : "plumb_bob";  // as camera_calibration_parsers does
+      const YAML::Node coefficients = root["distortion_coefficients"];
+      if (coefficients && coefficients.IsMap() && coefficients["data"]) {
+        distortion.coefficients = coefficients["data"].as<std::vector<double>>();
       }
       const YAML::Node units = root["depth_units_per_metre"];
       if (units) units_per_metre_ = units.as<double>();
@@ -319,8 +326,7 @@ class TumSequence : public FolderSequence {
     if (!(std::isfinite(units_per_metre_) && units_per_metre_ > 0.0)) {
       throw DepthSequenceError(path + ": depth_units_per_metre = " + format(units_per_metre_) + ", must be > 0");
     }
-    turnUpright(path);
-    requireCamera(camera_, path);
+    takeCamera(camera, distortion, path);
   }
 
   /// What rostopic echo prints of a CameraInfo gets the keys of camera_info_manager.
@@ -402,24 +408,22 @@ class SevenScenesSequence : public FolderSequence {
 
   std::size_t size() const override { return entries_.size(); }
 
-  std::optional<StampedPose> pose(std::size_t i) const override {
-    try {
-      return StampedPose{readPoseMatrix(entries_.at(i).pose_path), entries_.at(i).stamp_s};
-    } catch (const DepthSequenceError&) {
-      return std::nullopt;
-    }
-  }
-
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    if (!fs::exists(entry.pose_path)) {
-      *reason = {"no pose file", entry.pose_path + ": is missing"};
-      return std::nullopt;
-    }
-    const Eigen::Isometry3d T_map_camera = readPoseMatrix(entry.pose_path);
-    return DepthFrame{readDepthImage(entry.image_path, camera_, units_per_metre_, is_upside_down_), T_map_camera,
-                      entry.stamp_s, entry.image_path};
+    const std::optional<StampedPose> known = pose(i, 0.0, reason);
+    if (!known) return std::nullopt;
+    return DepthFrame{readImage(entry.image_path, units_per_metre_), known->T_map_camera, known->stamp_s,
+                      entry.image_path};
   }
+
+  std::optional<StampedPose> pose(std::size_t i, double /*time_offset_s*/, SkipReason* reason) override {
+    const Entry& entry = entries_.at(i);
+    if (fs::exists(entry.pose_path)) return StampedPose{readPoseMatrix(entry.pose_path), entry.stamp_s};
+    *reason = {"no pose file", entry.pose_path + ": is missing"};
+    return std::nullopt;
+  }
+
+  bool hasPoseStamps() const override { return false; }
 
  private:
   struct Entry {
@@ -437,9 +441,7 @@ class SevenScenesSequence : public FolderSequence {
       throw DepthSequenceError(path + ": must be fx 0 cx / 0 fy cy / 0 0 1");
     }
     const cv::Mat first = readRawImage(entries_.front().image_path);  // the intrinsics carry no image size
-    camera_ = CameraModel{first.cols, first.rows, K(0, 0), K(1, 1), K(0, 2), K(1, 2)};
-    turnUpright(path);
-    requireCamera(camera_, path);
+    takeCamera({first.cols, first.rows, K(0, 0), K(1, 1), K(0, 2), K(1, 2)}, {}, path);
   }
 
   double units_per_metre_;

@@ -6,6 +6,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
+#include <opencv2/imgproc.hpp>
 
 #include "gpis_mapping/parallel_for.h"
 
@@ -19,34 +20,13 @@ constexpr float kSmoothRms = 1.35f;
 constexpr float kSmoothMax = 4.5f;
 constexpr int kEdgeRadiusPx = 2;  // reach of nearestAround
 
-/// Sliding maximum with radius kEdgeRadiusPx along rows, then columns.
-void slidingMaximum(const std::vector<float>& source, int width, int height, int num_threads,
-                    std::vector<float>* result) {
-  std::vector<float> rows(source.size());
-  parallelFor(static_cast<std::size_t>(height), num_threads, 64, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t v = begin; v < end; ++v) {
-      const float* in = &source[v * width];
-      float* out = &rows[v * width];
-      for (int u = kEdgeRadiusPx; u < width - kEdgeRadiusPx; ++u) {
-        out[u] = std::max(std::max(std::max(in[u - 2], in[u - 1]), std::max(in[u + 1], in[u + 2])), in[u]);
-      }
-      for (int u = 0; u < width; ++u) {
-        if (u == kEdgeRadiusPx) u = std::max(u, width - kEdgeRadiusPx);
-        out[u] = *std::max_element(in + std::max(0, u - kEdgeRadiusPx), in + std::min(width, u + kEdgeRadiusPx + 1));
-      }
-    }
-  });
-  result->resize(source.size());
-  parallelFor(static_cast<std::size_t>(height), num_threads, 64, [&](std::size_t begin, std::size_t end) {
-    for (int v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
-      float* out = &(*result)[static_cast<std::size_t>(v) * width];
-      std::copy_n(&rows[static_cast<std::size_t>(v) * width], width, out);
-      for (int w = std::max(0, v - kEdgeRadiusPx); w <= std::min(height - 1, v + kEdgeRadiusPx); ++w) {
-        const float* in = &rows[static_cast<std::size_t>(w) * width];
-        for (int u = 0; u < width; ++u) out[u] = std::max(out[u], in[u]);
-      }
-    }
-  });
+/// Largest value within `radius` pixels along each axis.
+std::vector<float> slidingMaximum(const std::vector<float>& source, int width, int height, int radius) {
+  std::vector<float> result(source.size());
+  const cv::Mat in(height, width, CV_32F, const_cast<float*>(source.data()));
+  cv::Mat out(height, width, CV_32F, result.data());
+  cv::dilate(in, out, cv::getStructuringElement(cv::MORPH_RECT, {2 * radius + 1, 2 * radius + 1}));
+  return result;
 }
 
 /// Running sums of the least-squares fit w = c0 + c1 du + c2 dv.
@@ -173,7 +153,7 @@ FrameMap::FrameMap(std::shared_ptr<const FrameRegressor> regressor, std::shared_
       }
     }
   });
-  slidingMaximum(frame_->inverse_range, width, height, num_threads, &nearest_);
+  nearest_ = slidingMaximum(frame_->inverse_range, width, height, kEdgeRadiusPx);
 }
 
 std::size_t FrameMap::tileIndex(double u, double v, int* start_u, int* start_v) const {

@@ -50,6 +50,10 @@ void visitConfig(Config& c, Visitor&& visit) {
   visit("sensor", "noise_b", c.sensor.noise.b, -0.1, 0.1, "m/m");
   visit("sensor", "noise_c_per_m", c.sensor.noise.c_per_m, 0.0, 0.1, "1/m");
   visit("sensor", "pose_std_m", c.sensor.pose_std_m, 0.0, 0.1, "m");
+  visit("sensor", "pose_std_rad", c.sensor.pose_std_rad, 0.0, 0.1, "rad");
+  visit("sensor", "stamp_std_s", c.sensor.stamp_std_s, 0.0, 0.1, "s");
+  visit("sensor", "fov_width_rad", c.sensor.fov_width_rad, 0.0, 3.0, "rad");
+  visit("sensor", "fov_height_rad", c.sensor.fov_height_rad, 0.0, 3.0, "rad");
   visit("frame_map", "tile_px", c.frame_map.tile_px, 4, 16, "px");
   visit("frame_map", "overlap_px", c.frame_map.overlap_px, 0, 6, "px");
   visit("frame_map", "kernel_length_rad", c.frame_map.kernel_length_rad, 1e-4, 0.1, "rad");

@@ -7,11 +7,13 @@
 #include <cmath>
 #include <iterator>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 
 #include "gpis_mapping/parallel_for.h"
 #include "gpis_mapping/point_update.h"
+#include "gpis_mapping/vanished_surface.h"
 
 namespace gpis_mapping {
 namespace {
@@ -25,7 +27,12 @@ constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks fo
 // that none comes and goes.
 constexpr double kLeastSpacings = 0.9;
 constexpr std::uint64_t kThinningPeriod = 8;  // each cell is looked through every so many updates; crowding takes hours
-constexpr double kMaxNoiseReach_m = 0.06;     // no noise makes one surface of two that are farther apart
+// A frame this far off the map as a whole is displaced. So many running are right, and the map is wrong.
+constexpr double kDisplaced_m = 0.02;
+constexpr int kMaxDisplaced = 5;
+constexpr int kMaxSuspectLooks = 2;        // a small piece that is missing goes at the second look running
+constexpr double kMaxMotionGap_s = 1.0;    // poses farther apart in time tell nothing about the camera's speed
+constexpr double kMaxNoiseReach_m = 0.06;  // no noise makes one surface of two that are farther apart
 
 class Stopwatch {
  public:
@@ -114,7 +121,11 @@ struct GpisMap::CellUpdate {
   std::size_t fused{0};
   std::size_t occluded{0};
   std::vector<SurfacePoint> removed;
-  std::vector<std::size_t> doubtful;  // indices of entries
+  // Indices of entries.
+  std::vector<std::size_t> doubtful;
+  std::vector<std::size_t> unseen;   // in holes of the image
+  std::vector<std::size_t> missing;  // of these: due
+  std::vector<std::size_t> gone;
   std::vector<Cell::Entry> moved_out;
 };
 
@@ -176,6 +187,7 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
   auto regressor = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
   classifier_ = std::make_unique<DepthClassifier>(camera, config_);
   regressor_ = std::move(regressor);
+  can_measure_.assign(static_cast<std::size_t>(camera.width) * camera.height, 0);
   camera_ = camera;
 }
 
@@ -200,10 +212,15 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   statistics.classify_ms = stage.lap();
 
   if (num_updates_ == 0) epoch_s_ = stamp_s;
-  const Frame frame(config_, classified, regressor_, T_map_camera, static_cast<float>(stamp_s - epoch_s_), threads);
+  Frame frame(config_, classified, regressor_, can_measure_, T_map_camera, motionTo(T_map_camera, stamp_s),
+              static_cast<float>(stamp_s - epoch_s_), threads);
+  last_T_map_camera_ = T_map_camera;
+  last_stamp_s_ = stamp_s;
   statistics.regress_ms = stage.lap();
 
-  fuseAndDelete(frame, &statistics);
+  allowForMisalignment(&frame);
+  fuseAndDelete(frame, classified.get(), &statistics);
+  learnView(*classified);
   statistics.fuse_ms = stage.lap();
   observed_.observe(*classified, camera_, T_map_camera, config_.sensor.max_range_m, frame.stamp(), threads);
   statistics.observe_ms = stage.lap();
@@ -332,7 +349,38 @@ void GpisMap::markTouched(const LatticeKey& key, std::uint32_t neighbour_mask) {
   }
 }
 
-void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
+CameraMotion GpisMap::motionTo(const Eigen::Isometry3d& T_map_camera, double stamp_s) const {
+  const double dt = stamp_s - last_stamp_s_;
+  if (!(dt > 0.0 && dt < kMaxMotionGap_s)) return {};
+  const Eigen::Isometry3d moved = last_T_map_camera_.inverse() * T_map_camera;
+  return {moved.translation().norm() / dt, Eigen::AngleAxisd(moved.linear()).angle() / dt};
+}
+
+void GpisMap::allowForMisalignment(Frame* frame) {
+  std::vector<const SurfacePoint*> points;  // one of each cell
+  for (const auto& [key, cell] : cells_) {
+    if (!cell.entries.empty()) points.push_back(&cell.entries.front().point);
+  }
+  const Frame::Misalignment misalignment = frame->measureMisalignment(points);
+  num_displaced_ = misalignment.rms_m > kDisplaced_m ? num_displaced_ + 1 : 0;
+  frame->allowFor(num_displaced_ <= kMaxDisplaced ? misalignment : Frame::Misalignment());
+}
+
+void GpisMap::learnView(const ClassifiedFrame& pixels) {
+  const double half_width = config_.sensor.fov_width_rad > 0.0 ? 0.5 * config_.sensor.fov_width_rad : M_PI_2;
+  const double half_height = config_.sensor.fov_height_rad > 0.0 ? 0.5 * config_.sensor.fov_height_rad : M_PI_2;
+  const double reach_u = std::tan(half_width) * camera_.fx;
+  const double reach_v = std::tan(half_height) * camera_.fy;
+  for (int v = 0; v < pixels.height; ++v) {
+    if (std::abs(v - camera_.cy) > reach_v) continue;
+    for (int u = 0; u < pixels.width; ++u) {
+      const std::size_t i = pixels.index(u, v);
+      can_measure_[i] |= pixels.kind[i] == PixelKind::kSurface && std::abs(u - camera_.cx) <= reach_u;
+    }
+  }
+}
+
+void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics) {
   const double cell_radius = 0.5 * std::sqrt(3.0) * config_.cells.size_m;
   const double stray = strayTolerance();
   std::vector<CellUpdate> jobs;
@@ -364,6 +412,9 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
           keep = false;
         } else if (outcome == PointOutcome::kDoubtful) {
           job.doubtful.push_back(kept);
+        } else if (outcome == PointOutcome::kUnseen || outcome == PointOutcome::kMissing) {
+          job.unseen.push_back(kept);
+          if (outcome == PointOutcome::kMissing) job.missing.push_back(kept);
         } else if (outcome == PointOutcome::kOccluded) {
           ++job.occluded;
         } else if (outcome == PointOutcome::kFused) {
@@ -414,15 +465,23 @@ void GpisMap::fuseAndDelete(const Frame& frame, UpdateStatistics* statistics) {
     }
   }
 
-  decideDoubtful(frame, jobs, statistics);
-  thinOut(jobs);
-  for (const CellUpdate& job : jobs) {
+  rememberRemoved(jobs);
+  judgeHoles(frame, pixels, &jobs);
+  decideDoubtful(frame, &jobs);
+  for (CellUpdate& job : jobs) {
+    std::sort(job.gone.begin(), job.gone.end());
+    std::vector<Cell::Entry>& entries = job.cell->entries;
+    for (auto index = job.gone.rbegin(); index != job.gone.rend(); ++index) {
+      markTouched(job.key, neighbourMask(job.key, entries[*index].point.position_map));
+      entries.erase(entries.begin() + static_cast<std::ptrdiff_t>(*index));
+    }
     for (const SurfacePoint& point : job.removed) statistics->removed_points_map.push_back(point.position_map);
   }
+  thinOut(jobs);
   statistics->deleted = statistics->removed_points_map.size();
 }
 
-void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& jobs, UpdateStatistics* statistics) {
+void GpisMap::rememberRemoved(const std::vector<CellUpdate>& jobs) {
   for (auto cell = recently_removed_.begin(); cell != recently_removed_.end();) {
     std::vector<RemovedPoint>& points = cell->second;
     points.erase(std::remove_if(points.begin(), points.end(),
@@ -433,8 +492,82 @@ void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& 
   for (const CellUpdate& job : jobs) {
     for (const SurfacePoint& point : job.removed) recently_removed_[job.key].push_back({num_updates_, point});
   }
+}
+
+void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vector<CellUpdate>* jobs) {
   const double reach = kFateSpacings * config_.surface.spacing_m;
-  for (const CellUpdate& job : jobs) {
+  std::vector<HiddenPoint> hidden;
+  std::vector<std::pair<CellUpdate*, std::size_t>> owners;
+  std::set<LatticeKey> around;  // sorted: the hash map's order depends on its history
+  for (CellUpdate& job : *jobs) {
+    auto missing = job.missing.begin();
+    for (const std::size_t index : job.unseen) {
+      const SurfacePoint& point = job.cell->entries[index].point;
+      const bool is_due = missing != job.missing.end() && *missing == index;
+      missing += is_due;
+      hidden.push_back({point.position_map, point.normal_map, is_due});
+      owners.emplace_back(&job, index);
+    }
+    if (job.unseen.empty()) continue;
+    for (int d = 0; d < 27; ++d) around.insert(job.key.offset(d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1));
+  }
+  if (hidden.empty()) return;
+  std::vector<Witness> witnesses;
+  for (const LatticeKey& key : around) {
+    const auto removed = recently_removed_.find(key);
+    if (removed != recently_removed_.end()) {
+      for (const RemovedPoint& gone : removed->second) {
+        if (gone.update == num_updates_) witnesses.push_back({gone.point.position_map, gone.point.normal_map, true});
+      }
+    }
+    const auto cell = cells_.find(key);
+    if (cell == cells_.end()) continue;
+    for (const Cell::Entry& entry : cell->second.entries) {
+      if (entry.point.last_seen_s == frame.stamp()) {
+        witnesses.push_back({entry.point.position_map, entry.point.normal_map, false});
+      }
+    }
+  }
+  const std::vector<HiddenFate> fates = judgeHidden(hidden, witnesses, reach);
+  std::vector<std::uint8_t> is_gone(hidden.size(), 0);
+  const auto remove = [&](std::size_t i) {
+    auto& [job, index] = owners[i];
+    const SurfacePoint& point = job->cell->entries[index].point;
+    is_gone[i] = 1;
+    job->removed.push_back(point);
+    job->gone.push_back(index);
+    recently_removed_[job->key].push_back({num_updates_, point});
+  };
+  // Where a surface has vanished in a hole, the hole is a look past it.
+  const float wall = static_cast<float>(1.0 / config_.frame_map.wall_range_m);
+  for (std::size_t i = 0; i < hidden.size(); ++i) {
+    auto& [job, index] = owners[i];
+    SurfacePoint& point = job->cell->entries[index].point;
+    if (fates[i] == HiddenFate::kStands) continue;
+    if (fates[i] == HiddenFate::kSuspect && ++point.num_misses < kMaxSuspectLooks) continue;
+    remove(i);
+    const Eigen::Vector3d p = frame.T_camera_map() * point.position_map;
+    const Eigen::Vector2i center = *frame.pixelOf(point.position_map);
+    const int radius = static_cast<int>(std::ceil(config_.surface.spacing_m * camera_.fx / p.z()));
+    for (int v = std::max(0, center.y() - radius); v <= std::min(camera_.height - 1, center.y() + radius); ++v) {
+      for (int u = std::max(0, center.x() - radius); u <= std::min(camera_.width - 1, center.x() + radius); ++u) {
+        const std::size_t pixel = pixels->index(u, v);
+        if (pixels->kind[pixel] != PixelKind::kHole) continue;
+        pixels->kind[pixel] = PixelKind::kWall;
+        pixels->inverse_range[pixel] = wall;
+      }
+    }
+  }
+  for (std::size_t i = 0; i < hidden.size(); ++i) {
+    if (is_gone[i]) continue;
+    const Eigen::Vector2i at = *frame.pixelOf(hidden[i].position_map);
+    if (pixels->kind[pixels->index(at.x(), at.y())] == PixelKind::kWall) remove(i);
+  }
+}
+
+void GpisMap::decideDoubtful(const Frame& frame, std::vector<CellUpdate>* jobs) {
+  const double reach = kFateSpacings * config_.surface.spacing_m;
+  for (CellUpdate& job : *jobs) {
     if (recently_removed_.empty()) break;
     std::vector<std::size_t> gone;
     for (const std::size_t index : job.doubtful) {
@@ -463,11 +596,9 @@ void GpisMap::decideDoubtful(const Frame& frame, const std::vector<CellUpdate>& 
       }
       if (num_removed > num_confirmed) gone.push_back(index);
     }
-    for (auto index = gone.rbegin(); index != gone.rend(); ++index) {
-      std::vector<Cell::Entry>& entries = job.cell->entries;
-      statistics->removed_points_map.push_back(entries[*index].point.position_map);
-      markTouched(job.key, neighbourMask(job.key, entries[*index].point.position_map));
-      entries.erase(entries.begin() + static_cast<std::ptrdiff_t>(*index));
+    for (const std::size_t index : gone) {
+      job.removed.push_back(job.cell->entries[index].point);
+      job.gone.push_back(index);
     }
   }
 }
@@ -592,6 +723,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
         point.variance_m2 = static_cast<float>(std::max(floor_variance, seen->variance_m2));
         point.normal_variance = static_cast<float>(seen->normal_variance);
         point.last_seen_s = frame.stamp();
+        point.seen_from_map = frame.T_map_camera().translation().cast<float>();
         if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2, 1.0)) continue;
         candidates[row].push_back(point);
       }

@@ -12,8 +12,21 @@ namespace {
 constexpr double kMinCosine = 0.15;
 // Bound on how much a grazing look widens the tolerance: what it sees past by a few centimetres is gone.
 constexpr double kMaxObliqueCosine = 0.5;
-constexpr int kMaxAmbiguousLooks = 2;  // a hole that may be wall deletes at the second look running
-constexpr int kMaxMisses = 4;          // consecutive looks that see past a point within the reach of a depth edge
+// The frame against the map.
+constexpr double kMinFitCosine = 0.3;        // flatter than 73 degrees, a pixel's own noise is all one sees
+constexpr double kMaxDisplacement_m = 0.25;  // more is another surface
+constexpr std::size_t kMinFitPoints = 40;
+constexpr int kFitPasses = 5;
+constexpr double kFitWidth_m = 0.01;  // of the robust loss in the last pass
+constexpr double kFitShift_m = 0.02;  // spread of misalignments
+constexpr double kFitTurn_rad = 0.01;
+constexpr double kMinDepth_m = 0.05;  // of a point that has a pixel
+// A view from the same direction within 10 degrees, and not much farther away, shows what the last one showed.
+constexpr double kSameViewCosine = 0.985;
+constexpr double kSameViewRange = 1.15;
+constexpr double kTooNear = 1.2;           // of the least range: there the sensor may fail
+constexpr double kDoubleTolerances = 2.5;  // so near behind a surface of its direction, a point is a double of it
+constexpr int kMaxMisses = 3;              // consecutive looks that see past a point within the reach of a depth edge
 // Of the least tolerance: so far before a face of another direction, look after look, a point belongs to nothing.
 constexpr double kStrayShare = 0.5;
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
@@ -24,14 +37,99 @@ constexpr double kCorrelatedShare = 0.15;
 }  // namespace
 
 Frame::Frame(const GpisConfig& config, std::shared_ptr<const ClassifiedFrame> pixels,
-             std::shared_ptr<const FrameRegressor> regressor, const Eigen::Isometry3d& T_map_camera, float stamp_s,
-             int num_threads)
+             std::shared_ptr<const FrameRegressor> regressor, const std::vector<std::uint8_t>& can_measure,
+             const Eigen::Isometry3d& T_map_camera, const CameraMotion& motion, float stamp_s, int num_threads)
     : config_(config),
       pixels_(std::move(pixels)),
-      map_(std::move(regressor), pixels_, config.sensor.noise, num_threads),
       T_map_camera_(T_map_camera),
       T_camera_map_(T_map_camera.inverse()),
-      stamp_s_(stamp_s) {}
+      can_measure_(can_measure),
+      motion_variance_(std::pow(motion.speed_mps * config.sensor.stamp_std_s, 2)),
+      angle_variance_(std::pow(config.sensor.pose_std_rad, 2) +
+                      std::pow(motion.turn_radps * config.sensor.stamp_std_s, 2)),
+      stamp_s_(stamp_s),
+      map_(std::move(regressor), pixels_, config.sensor.noise, num_threads) {}
+
+Frame::Misalignment Frame::measureMisalignment(const std::vector<const SurfacePoint*>& points) const {
+  struct Row {
+    Eigen::Matrix<double, 6, 1> jacobian;  // of the displacement across the surface
+    double displacement;
+    double variance;
+  };
+  std::vector<Row> rows;
+  for (const SurfacePoint* point : points) {
+    const std::optional<Eigen::Vector2i> at = pixelOf(point->position_map);
+    if (!at || !map_.isSmooth(at->x(), at->y())) continue;
+    const std::size_t pixel = pixels_->index(at->x(), at->y());
+    if (pixels_->kind[pixel] != PixelKind::kSurface || pixels_->blocked[pixel] != Block::kNone) continue;
+    const Eigen::Vector3d p = T_camera_map_ * point->position_map;
+    const Eigen::Vector3d n = T_camera_map_.linear() * point->normal_map.cast<double>();
+    const double cosine = -n.dot(p) / p.norm();
+    if (cosine < kMinFitCosine || map_.trendNormal(at->x(), at->y()).cast<double>().dot(n) < kSameFaceCosine) continue;
+    const double displacement = (p.norm() - 1.0 / pixels_->inverse_range[pixel]) * cosine;
+    if (std::abs(displacement) > kMaxDisplacement_m) continue;
+    Row row;
+    row.jacobian << n, p.cross(n);
+    row.displacement = displacement;
+    row.variance = point->variance_m2 + std::pow(config_.sensor.noise.sigma(p.z()) * cosine, 2);
+    rows.push_back(row);
+  }
+  if (rows.size() < kMinFitPoints) return {};
+  Misalignment result;
+  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
+  for (int pass = 0; pass < kFitPasses; ++pass) {
+    // What the surfaces leave open stays at zero.
+    Eigen::Matrix<double, 6, 6> information = Eigen::Matrix<double, 6, 6>::Zero();
+    information.diagonal().head<3>().setConstant(1.0 / (kFitShift_m * kFitShift_m));
+    information.diagonal().tail<3>().setConstant(1.0 / (kFitTurn_rad * kFitTurn_rad));
+    Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
+    for (const Row& row : rows) {
+      const double residual = row.displacement - row.jacobian.dot(twist);
+      // Geman-McClure: what came or went has no say in the end. Wide at first.
+      const double width2 = row.variance + std::pow(kFitWidth_m * (kFitPasses - pass), 2);
+      const double weight = std::pow(width2 / (width2 + residual * residual), 2) / row.variance;
+      information += weight * row.jacobian * row.jacobian.transpose();
+      gradient += weight * row.displacement * row.jacobian;
+    }
+    const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> solver(information);
+    twist = solver.solve(gradient);
+    result.covariance = solver.solve(Eigen::Matrix<double, 6, 6>::Identity());
+  }
+  result.shift_m = twist.head<3>();
+  result.turn_rad = twist.tail<3>();
+  double squares = 0.0;
+  for (const Row& row : rows) squares += std::pow(row.jacobian.dot(twist), 2);
+  result.rms_m = std::sqrt(squares / static_cast<double>(rows.size()));
+  return result;
+}
+
+double Frame::poseVariance(const Eigen::Vector3d& p_camera, const Eigen::Vector3d& normal_camera) const {
+  Eigen::Matrix<double, 6, 1> jacobian;
+  jacobian << normal_camera, p_camera.cross(normal_camera);
+  // Rotation and time are as uncertain as they are stated to be, or as the frame itself leaves them.
+  const double of_motion = motion_variance_ + angle_variance_ * jacobian.tail<3>().squaredNorm();
+  const double left_open = jacobian.dot(misalignment_.covariance * jacobian);
+  return std::pow(config_.sensor.pose_std_m, 2) + std::min(of_motion, left_open);
+}
+
+std::optional<Eigen::Vector2i> Frame::pixelOf(const Eigen::Vector3d& p_map) const {
+  const CameraModel& camera = this->camera();
+  const Eigen::Vector3d p = T_camera_map_ * p_map;
+  if (p.z() < kMinDepth_m) return std::nullopt;
+  const double u = camera.fx * p.x() / p.z() + camera.cx;
+  const double v = camera.fy * p.y() / p.z() + camera.cy;
+  if (!(u >= 0.0 && v >= 0.0 && u <= camera.width - 1.0 && v <= camera.height - 1.0)) return std::nullopt;
+  return Eigen::Vector2i(static_cast<int>(u + 0.5), static_cast<int>(v + 0.5));
+}
+
+bool Frame::isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera, std::size_t pixel) const {
+  if (!config_.dynamic.enabled || !can_measure_[pixel]) return false;
+  const double range = p_camera.norm();
+  if (range < kTooNear * config_.sensor.min_range_m || range > config_.sensor.max_range_m) return false;
+  const Eigen::Vector3d then = point.seen_from_map.cast<double>() - point.position_map;  // NaN: false below
+  const Eigen::Vector3d now = T_map_camera_.translation() - point.position_map;
+  return range < kSameViewRange * then.norm() && then.dot(now) > kSameViewCosine * then.norm() * range;
+}
 
 double Frame::correlatedVariance(double z_m) const {
   const double sigma = config_.sensor.noise.sigma(z_m);
@@ -74,7 +172,7 @@ std::optional<SurfaceMeasurement> Frame::measure(double u, double v) const {
   const double cosine2 = result.cosine * result.cosine;
   result.variance_m2 = (along_ray_variance + correlatedVariance(result.point_camera.z())) * cosine2 +
                        std::pow(kLateralPx * range / camera.fx, 2) * std::max(0.0, 1.0 - cosine2) +
-                       config_.sensor.pose_std_m * config_.sensor.pose_std_m;
+                       poseVariance(result.point_camera, result.normal_camera.cast<double>());
   result.normal_variance = std::max(kMinNormalVariance, result.normal_variance);
   return result;
 }
@@ -82,7 +180,7 @@ std::optional<SurfaceMeasurement> Frame::measure(double u, double v) const {
 PointOutcome Frame::apply(SurfacePoint* point) const {
   const CameraModel& camera = this->camera();
   const Eigen::Vector3d p = T_camera_map_ * point->position_map;
-  if (p.z() < 0.05) return PointOutcome::kNothing;
+  if (p.z() < kMinDepth_m) return PointOutcome::kNothing;
   const double u = camera.fx * p.x() / p.z() + camera.cx;
   const double v = camera.fy * p.y() / p.z() + camera.cy;
   if (!(u >= 0.0 && v >= 0.0 && u <= camera.width - 1.0 && v <= camera.height - 1.0)) return PointOutcome::kNothing;
@@ -92,6 +190,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const PixelKind kind = pixels_->kind[pixel];
   const Block block = pixels_->blocked[pixel];
   if (block == Block::kNoInformation) return PointOutcome::kNothing;
+  if (kind == PixelKind::kHole) return isDue(*point, p, pixel) ? PointOutcome::kMissing : PointOutcome::kUnseen;
 
   const double range = p.norm();
   const double inverse_range = 1.0 / range;
@@ -100,48 +199,54 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const double cosine = -n.cast<double>().dot(p) / range;
   const double across = std::max(kMaxObliqueCosine, std::abs(cosine));
   const FrameMap::Inference seen = map_.infer(u, v);
-  const double pose_variance = config_.sensor.pose_std_m * config_.sensor.pose_std_m;
-  const double own_variance = (point->variance_m2 + pose_variance) / (across * across) + correlatedVariance(p.z());
+  // A displaced look at one surface is as far off as its slope makes it: were it the same, both slopes would agree.
+  const Eigen::Vector3f seen_n = seen.smooth ? map_.trendNormal(u, v) : n;
+  const Eigen::Vector3d facing = (seen_n.dot(p.cast<float>()) < n.dot(p.cast<float>()) ? seen_n : n).cast<double>();
+  const double seen_off = facing.dot(misalignment_.shift_m + misalignment_.turn_rad.cross(p));
+  const double own_variance = (point->variance_m2 + poseVariance(p, facing) + seen_off * seen_off) / (across * across) +
+                              correlatedVariance(p.z());
   const double sigma = std::sqrt(seen.sigma * seen.sigma + own_variance * per_metre * per_metre);
   const double tolerance =
       std::max(config_.dynamic.tolerance_sigmas * sigma, config_.dynamic.min_tolerance_m / across * per_metre);
 
   if (block == Block::kNarrow) {
     // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look
-    // from here, and it would keep a piece of a removed object: what its own pixel sees past, or all pixels round a
-    // dropout, shares the fate of its neighbours.
-    const double seen_at =
-        kind == PixelKind::kNoInformation ? map_.nearestAround(pixel_u, pixel_v) : pixels_->inverse_range[pixel];
-    const bool is_past = kind != PixelKind::kAmbiguous && inverse_range - seen_at >= tolerance;
-    return config_.dynamic.enabled && is_past ? PointOutcome::kDoubtful : PointOutcome::kNothing;
+    // from here, and it would keep a piece of a removed object: what is in it shares the fate of its neighbours, and
+    // what its own pixel sees past, or all pixels round a dropout, goes after some looks.
+    const bool is_shadow = kind == PixelKind::kNoInformation;
+    const double seen_at = is_shadow ? map_.nearestAround(pixel_u, pixel_v) : pixels_->inverse_range[pixel];
+    if (inverse_range - seen_at >= tolerance) return miss(point);
+    return is_shadow && config_.dynamic.enabled ? PointOutcome::kDoubtful : PointOutcome::kNothing;
   }
   // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
   const double delta = inverse_range - seen.inverse_range;
   const double past =
       seen.smooth ? delta : std::min<double>(delta, inverse_range - map_.nearestAround(pixel_u, pixel_v));
   if (past >= tolerance) {
-    if (!config_.dynamic.enabled) return PointOutcome::kNothing;
-    if (kind != PixelKind::kAmbiguous) return PointOutcome::kDeleted;
-    return ++point->num_misses >= kMaxAmbiguousLooks ? PointOutcome::kDeleted : PointOutcome::kNothing;
+    return config_.dynamic.enabled ? PointOutcome::kDeleted : PointOutcome::kNothing;
   }
   // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours, and goes when
   // look after look finds it there without ever confirming it.
-  if (inverse_range - pixels_->inverse_range[pixel] >= tolerance) {
-    if (config_.dynamic.enabled && ++point->num_misses >= kMaxMisses) return PointOutcome::kDeleted;
-    return PointOutcome::kDoubtful;
+  if (inverse_range - pixels_->inverse_range[pixel] >= tolerance) return miss(point);
+  if (delta <= -tolerance && seen.smooth) {
+    // Just behind a surface that faces the same way, it is that surface, placed too far: as one too near, it goes.
+    const bool is_double = delta > -kDoubleTolerances * tolerance && seen_n.dot(n) > kSameFaceCosine;
+    return is_double ? miss(point) : PointOutcome::kOccluded;
   }
-  if (delta <= -tolerance && seen.smooth) return PointOutcome::kOccluded;
   if (kind != PixelKind::kSurface) return PointOutcome::kNothing;
   if (cosine < kMinCosine && std::abs(delta) >= tolerance) return PointOutcome::kNothing;
   const std::optional<SurfaceMeasurement> measurement = measure(u, v);
   const bool is_near = measurement && std::abs(1.0 / measurement->point_camera.norm() - inverse_range) < tolerance;
-  if (is_near && config_.dynamic.enabled && isStray(*measurement, p, n)) {
-    return ++point->num_misses >= kMaxMisses ? PointOutcome::kDeleted : PointOutcome::kDoubtful;
-  }
+  if (is_near && isStray(*measurement, p, n)) return miss(point);
   // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of an
   // object that is gone: the rest of the face knows.
   if (cosine < kMinCosine) return cosine < -kMinCosine ? PointOutcome::kDoubtful : PointOutcome::kNothing;
   return is_near ? fuse(*measurement, p, point) : PointOutcome::kNothing;
+}
+
+PointOutcome Frame::miss(SurfacePoint* point) const {
+  if (!config_.dynamic.enabled) return PointOutcome::kNothing;
+  return ++point->num_misses >= kMaxMisses ? PointOutcome::kDeleted : PointOutcome::kDoubtful;
 }
 
 /// A rim lies on what is seen there of another face. What hangs before it belongs to nothing, and the face would confirm
@@ -171,6 +276,7 @@ PointOutcome Frame::fuse(const SurfaceMeasurement& seen, const Eigen::Vector3d& 
     point->normal_variance = std::max(static_cast<float>(kMinNormalVariance), 1.0f / (w_old + w_new));
   }
   point->last_seen_s = stamp_s_;
+  point->seen_from_map = T_map_camera_.translation().cast<float>();
   point->num_misses = 0;
   if (point->num_looks < std::numeric_limits<std::uint16_t>::max()) ++point->num_looks;
   return PointOutcome::kFused;

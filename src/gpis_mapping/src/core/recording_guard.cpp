@@ -11,10 +11,15 @@ constexpr double kJumpMedians = 5.0;
 
 /// How much wider than `limits` must be for a recording in which the median step uses up this share of them.
 double paceOf(DepthSequence* sequence, const std::vector<std::size_t>& frames, const PoseLimits& limits) {
+  if (sequence->hasClock()) return 1.0;
   std::vector<StampedPose> poses;
   for (const std::size_t i : frames) {
-    const std::optional<StampedPose> pose = sequence->pose(i);
-    if (pose) poses.push_back(*pose);
+    try {
+      SkipReason ignored;
+      const std::optional<StampedPose> pose = sequence->pose(i, sequence->timeOffset(), &ignored);
+      if (pose) poses.push_back(*pose);
+    } catch (const DepthSequenceError&) {  // said when the frame is read
+    }
   }
   if (poses.size() < 2) return 1.0;
   std::sort(poses.begin(), poses.end(),

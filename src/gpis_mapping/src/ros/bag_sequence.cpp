@@ -32,6 +32,7 @@ using gpis_mapping::DepthImage;
 using gpis_mapping::DepthSequence;
 using gpis_mapping::DepthSequenceError;
 using gpis_mapping::SkipReason;
+using gpis_mapping::StampedPose;
 
 constexpr char kImageType[] = "sensor_msgs/Image";
 constexpr char kCompressedType[] = "sensor_msgs/CompressedImage";
@@ -78,7 +79,7 @@ class BagSequence : public DepthSequence {
   }
 
   std::size_t size() const override { return images_.size(); }
-  const CameraModel& camera() const override { return camera_; }
+  const CameraModel& camera() const override { return rectifier_.camera(); }
   bool hasClock() const override { return true; }
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
@@ -89,6 +90,12 @@ class BagSequence : public DepthSequence {
     } catch (const ros::Exception& error) {  // a message shorter than its fields say
       throw DepthSequenceError(frameName(i) + ": cannot be decoded: " + error.what());
     }
+  }
+
+  std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+    auto known = headers_.find(i);  // an image is read from the file again each time
+    if (known == headers_.end()) known = headers_.emplace(i, readHeader(i)).first;
+    return lookUp(known->second, time_offset_s, i, reason);
   }
 
  private:
@@ -172,9 +179,10 @@ class BagSequence : public DepthSequence {
       if (!first) {
         first = info;
       } else if (!isAlike(info->K, first->K) || !isAlike(info->P, first->P) || info->width != first->width ||
-                 info->height != first->height) {
+                 info->height != first->height || info->D != first->D || info->roi != first->roi ||
+                 info->binning_x != first->binning_x || info->binning_y != first->binning_y) {
         throw DepthSequenceError(path_ + ": " + topic +
-                                 " changes during the recording, must stay the same within 0.001 px");
+                                 " changes during the recording, must stay the same (K and P within 0.001 px)");
       }
     }
     if (!first) throw DepthSequenceError(path_ + ": " + topic + " holds no message");
@@ -183,13 +191,8 @@ class BagSequence : public DepthSequence {
 
   void takeCamera(const sensor_msgs::CameraInfo& info, const std::string& topic) {
     Refusal refusal;
-    const bool is_rectified = isRectifiedTopic(baseTopic(depth_topic_));
-    const std::optional<CameraModel> camera = toCameraModel(info, is_rectified, &refusal);
-    if (!camera) throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
-    camera_ = *camera;
-    const bool is_distorted = std::any_of(info.D.begin(), info.D.end(), [](double d) { return d != 0.0; });
-    if (is_distorted && !(is_rectified && info.P[0] > 0.0)) {
-      notes_.push_back(topic + ": distortion D is not zero; depth images are taken as rectified");
+    if (!toDepthRectifier(info, isRectifiedTopic(baseTopic(depth_topic_)), &rectifier_, &refusal)) {
+      throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
     }
   }
 
@@ -272,41 +275,50 @@ class BagSequence : public DepthSequence {
     return boost::make_shared<sensor_msgs::Image>(*image);
   }
 
-  std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
-    const sensor_msgs::ImageConstPtr message = readMessage(i);
-    if (message->header.stamp.isZero()) {  // tf would give its newest pose
+  std_msgs::Header readHeader(std::size_t i) const {
+    if (const auto message = images_.at(i).instantiate<sensor_msgs::Image>()) return message->header;
+    if (const auto message = images_.at(i).instantiate<sensor_msgs::CompressedImage>()) return message->header;
+    throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+  }
+
+  std::optional<StampedPose> lookUp(const std_msgs::Header& header, double time_offset_s, std::size_t i,
+                                    SkipReason* reason) {
+    if (header.stamp.isZero()) {  // tf would give its newest pose
       *reason = {"no stamp", "stamp is 0, must be the time of exposure"};
       return std::nullopt;
     }
-    const std::string camera_frame = withoutSlash(message->header.frame_id);
+    const std::string camera_frame = withoutSlash(header.frame_id);
     geometry_msgs::TransformStamped transform;
     try {
-      transform = buffer_->lookupTransform(map_frame_, camera_frame, message->header.stamp);
+      transform = buffer_->lookupTransform(map_frame_, camera_frame, shifted(header.stamp, time_offset_s));
     } catch (const tf2::TransformException& error) {
       *reason = {"no transform from '" + camera_frame + "' to '" + map_frame_ + "' at the image's stamp", error.what()};
       return std::nullopt;
     }
-    DepthFrame frame;
     Refusal refusal;
     const std::optional<Eigen::Isometry3d> T_map_camera = toIsometry(transform.transform, &refusal);
     if (!T_map_camera) throw DepthSequenceError(frameName(i) + ": its " + refusal.message);
-    frame.T_map_camera = *T_map_camera;
-    frame.image = readImage(*message, i);
-    frame.stamp_s = message->header.stamp.toSec();
-    frame.name = frameName(i);
-    return frame;
+    return StampedPose{*T_map_camera, header.stamp.toSec()};
+  }
+
+  std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
+    const sensor_msgs::ImageConstPtr message = readMessage(i);
+    const std::optional<StampedPose> pose = lookUp(message->header, timeOffset(), i, reason);
+    if (!pose) return std::nullopt;
+    return DepthFrame{readImage(*message, i), pose->T_map_camera, pose->stamp_s, frameName(i)};
   }
 
   DepthImage readImage(const sensor_msgs::Image& message, std::size_t i) const {
     Refusal refusal;
     std::optional<DepthImage> image = toDepthImage(message, units_per_metre_, &refusal);
     if (!image) throw DepthSequenceError(frameName(i) + ": " + refusal.message);
-    if (image->width != camera_.width || image->height != camera_.height) {
+    const CameraModel& raw = rectifier_.rawCamera();
+    if (image->width != raw.width || image->height != raw.height) {
       throw DepthSequenceError(frameName(i) + ": is " + std::to_string(image->width) + " x " +
-                               std::to_string(image->height) + " px, must be " + std::to_string(camera_.width) + " x " +
-                               std::to_string(camera_.height) + " px as the camera info says");
+                               std::to_string(image->height) + " px, must be " + std::to_string(raw.width) + " x " +
+                               std::to_string(raw.height) + " px as the camera info says");
     }
-    return std::move(*image);
+    return rectifier_.rectify(std::move(*image));
   }
 
   std::string path_;
@@ -315,12 +327,13 @@ class BagSequence : public DepthSequence {
   std::map<std::string, std::string> types_;  // topic to message type
   std::string depth_topic_;
   std::string map_frame_;
-  CameraModel camera_;
+  gpis_mapping::DepthRectifier rectifier_;
   std::unique_ptr<tf2::BufferCore> buffer_;
   std::set<std::string> frames_;
   std::size_t num_bad_transforms_{0};
   std::string first_bad_transform_;
   std::vector<rosbag::MessageInstance> images_;
+  std::map<std::size_t, std_msgs::Header> headers_;  // of the images whose pose was asked for
 };
 
 }  // namespace

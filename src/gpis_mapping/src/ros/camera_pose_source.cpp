@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping_ros/camera_pose_source.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <stdexcept>
 
@@ -43,6 +44,7 @@ std::vector<std::string> CameraPoseParams::validate() const {
     problems.push_back("camera_frame = '" + camera_frame + "', must be a tf2 frame other than map_frame, or empty");
   }
   check("tf_timeout_s", tf_timeout_s, 0.0, 10.0, "s");
+  check("time_offset_s", time_offset_s, -1.0, 1.0, "s");
   check("max_future_s", max_future_s, 0.0, 1e9, "s");
   for (const std::string& problem : pose_limits.validate()) problems.push_back("pose_limits/" + problem);
   return problems;
@@ -52,6 +54,7 @@ void CameraPoseParams::read(const std::string& section, ParamReader* reader) {
   reader->read(section + "/map_frame", &map_frame);
   reader->read(section + "/camera_frame", &camera_frame);
   reader->read(section + "/tf_timeout_s", &tf_timeout_s);
+  reader->read(section + "/time_offset_s", &time_offset_s);
   reader->read(section + "/max_future_s", &max_future_s);
   reader->read(section + "/pose_limits/max_step_m", &pose_limits.max_step_m);
   reader->read(section + "/pose_limits/max_step_rad", &pose_limits.max_step_rad);
@@ -100,8 +103,9 @@ CameraPoseCounters CameraPoseSource::counters() const {
 }
 
 CameraPoseSource::SteadyTime CameraPoseSource::deadline(SteadyTime arrival) const {
-  return arrival +
-         std::chrono::duration_cast<SteadyTime::duration>(std::chrono::duration<double>(params_.tf_timeout_s));
+  // A pose of later than the image comes later by as much.
+  const double wait_s = params_.tf_timeout_s + std::max(0.0, params_.time_offset_s);
+  return arrival + std::chrono::duration_cast<SteadyTime::duration>(std::chrono::duration<double>(wait_s));
 }
 
 CameraPoseSource::StampVerdict CameraPoseSource::checkStamp(const ros::Time& stamp, Refusal* refusal) {
@@ -195,7 +199,8 @@ std::optional<Eigen::Isometry3d> CameraPoseSource::lookUp(const std::string& cam
 
 std::optional<Eigen::Isometry3d> CameraPoseSource::poseAt(const std::string& camera_frame, const ros::Time& stamp,
                                                           SteadyTime deadline, Refusal* refusal) {
-  const std::optional<Eigen::Isometry3d> pose = lookUp(camera_frame, stamp, deadline, refusal);
+  const std::optional<Eigen::Isometry3d> pose =
+      lookUp(camera_frame, shifted(stamp, params_.time_offset_s), deadline, refusal);
   if (!pose) return std::nullopt;
   const std::lock_guard<std::mutex> lock(mutex_);
   if (new_limits_) guard_.setLimits(*new_limits_);

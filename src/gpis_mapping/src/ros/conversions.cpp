@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <stdexcept>
 #include <vector>
 
 namespace gpis_mapping_ros {
@@ -12,6 +13,8 @@ namespace {
 
 using gpis_mapping::CameraModel;
 using gpis_mapping::DepthImage;
+using gpis_mapping::DepthRectifier;
+using gpis_mapping::LensDistortion;
 
 constexpr std::size_t kMaxShownName = 40;
 
@@ -101,6 +104,15 @@ std::string withoutSlash(const std::string& frame) {
   return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
 }
 
+ros::Time shifted(const ros::Time& stamp, double offset_s) {
+  if (offset_s == 0.0) return stamp;
+  const auto latest_ns = static_cast<std::int64_t>(ros::TIME_MAX.toNSec());
+  const std::int64_t at_ns = static_cast<std::int64_t>(stamp.toNSec()) + std::llround(offset_s * 1e9);
+  ros::Time at;
+  at.fromNSec(static_cast<std::uint64_t>(std::clamp<std::int64_t>(at_ns, 1, latest_ns)));
+  return at;
+}
+
 bool isRectifiedTopic(const std::string& topic) {
   const std::size_t slash = topic.rfind('/');  // npos + 1 is 0: the whole name
   return topic.find("rect", slash + 1) != std::string::npos;
@@ -155,20 +167,63 @@ std::optional<DepthImage> toDepthImage(const sensor_msgs::Image& message, double
 }
 
 std::optional<CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified, Refusal* refusal) {
-  constexpr std::uint32_t kMaxSide = std::numeric_limits<int>::max();
-  if (info.width > kMaxSide || info.height > kMaxSide) {
-    *refusal = {FrameStatus::kBadCameraInfo, "camera info: size is " + sizeText(info.width, info.height)};
+  const auto refuse = [refusal](const std::string& why) {
+    *refusal = {FrameStatus::kBadCameraInfo, "camera info: " + why};
     return std::nullopt;
+  };
+  constexpr std::uint32_t kMaxSide = std::numeric_limits<int>::max();
+  if (info.width > kMaxSide || info.height > kMaxSide) return refuse("size is " + sizeText(info.width, info.height));
+  const bool uses_P = is_rectified && info.P[0] > 0.0;
+  const CameraModel full{static_cast<int>(info.width),   static_cast<int>(info.height),
+                         uses_P ? info.P[0] : info.K[0], uses_P ? info.P[5] : info.K[4],
+                         uses_P ? info.P[2] : info.K[2], uses_P ? info.P[6] : info.K[5]};
+  const std::vector<std::string> problems = full.validate();
+  if (!problems.empty()) return refuse(problems.front());
+
+  // Everything but binning and ROI is of the full image.
+  const sensor_msgs::RegionOfInterest& roi = info.roi;
+  const bool is_whole = roi.width == 0 && roi.height == 0;
+  const std::uint64_t width = is_whole ? info.width : roi.width;
+  const std::uint64_t height = is_whole ? info.height : roi.height;
+  if (width == 0 || height == 0 || roi.x_offset + width > info.width || roi.y_offset + height > info.height) {
+    return refuse("ROI is " + sizeText(width, height) + " at (" + std::to_string(roi.x_offset) + ", " +
+                  std::to_string(roi.y_offset) + "), must be within the full image of " +
+                  sizeText(info.width, info.height) + ", whose size width and height give");
   }
-  const int width = static_cast<int>(info.width);
-  const int height = static_cast<int>(info.height);
-  const CameraModel camera = is_rectified && info.P[0] > 0.0
-                                 ? CameraModel{width, height, info.P[0], info.P[5], info.P[2], info.P[6]}
-                                 : CameraModel{width, height, info.K[0], info.K[4], info.K[2], info.K[5]};
-  const std::vector<std::string> problems = camera.validate();
-  if (problems.empty()) return camera;
-  *refusal = {FrameStatus::kBadCameraInfo, "camera info: " + problems.front()};
-  return std::nullopt;
+  const std::uint64_t binning_x = std::max(1U, info.binning_x);
+  const std::uint64_t binning_y = std::max(1U, info.binning_y);
+  const auto bx = static_cast<double>(binning_x);
+  const auto by = static_cast<double>(binning_y);
+  // The image's pixel u' covers the full image's pixels u' b ... u' b + b - 1 of the ROI, its centre is the mean of those.
+  const CameraModel camera{
+      static_cast<int>(width / binning_x),       static_cast<int>(height / binning_y),     full.fx / bx, full.fy / by,
+      (full.cx - roi.x_offset + 0.5) / bx - 0.5, (full.cy - roi.y_offset + 0.5) / by - 0.5};
+  const std::vector<std::string> cut_problems = camera.validate();
+  if (!cut_problems.empty()) return refuse("with its ROI and binning, " + cut_problems.front());
+  return camera;
+}
+
+bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, DepthRectifier* rectifier,
+                      Refusal* refusal) {
+  const std::optional<CameraModel> camera = toCameraModel(info, is_rectified, refusal);
+  if (!camera) return false;
+  LensDistortion distortion;
+  if (!is_rectified) distortion = {info.distortion_model, info.D};
+  constexpr double kJitter_px = 1e-3;  // some drivers compute K anew for each image
+  const CameraModel& known = rectifier->rawCamera();
+  if (!distortion.isZero() && distortion == rectifier->distortion() && camera->width == known.width &&
+      camera->height == known.height && std::abs(camera->fx - known.fx) < kJitter_px &&
+      std::abs(camera->fy - known.fy) < kJitter_px && std::abs(camera->cx - known.cx) < kJitter_px &&
+      std::abs(camera->cy - known.cy) < kJitter_px) {
+    return true;
+  }
+  try {
+    *rectifier = DepthRectifier(*camera, distortion);
+  } catch (const std::invalid_argument& error) {
+    *refusal = {FrameStatus::kBadCameraInfo, std::string("camera info: ") + error.what()};
+    return false;
+  }
+  return true;
 }
 
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal) {

@@ -195,12 +195,12 @@ std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refus
     *refusal = {FrameStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
     return std::nullopt;
   }
-  const std::optional<CameraModel> camera = toCameraModel(*info, is_rectified_, refusal);
-  if (!camera) return std::nullopt;
-  if (image->width != camera->width || image->height != camera->height) {
+  if (!toDepthRectifier(*info, is_rectified_, &rectifier_, refusal)) return std::nullopt;
+  const CameraModel& raw = rectifier_.rawCamera();
+  if (image->width != raw.width || image->height != raw.height) {
     *refusal = {FrameStatus::kSizeMismatch, "image is " + sizeText(image->width, image->height) + ", camera info on " +
                                                 info_subscriber_.getTopic() + " says " +
-                                                sizeText(camera->width, camera->height)};
+                                                sizeText(raw.width, raw.height)};
     return std::nullopt;
   }
   const std::string info_frame = withoutSlash(info->header.frame_id);
@@ -217,8 +217,8 @@ std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refus
   }
   const std::optional<Eigen::Isometry3d> pose = pose_source_.poseAt(frame.camera_frame, frame.stamp, deadline, refusal);
   if (!pose) return std::nullopt;
-  frame.image = std::move(*image);
-  frame.camera = *camera;
+  frame.image = rectifier_.rectify(std::move(*image));
+  frame.camera = rectifier_.camera();
   frame.T_map_camera = *pose;
   return frame;
 }

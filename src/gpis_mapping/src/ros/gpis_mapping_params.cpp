@@ -61,6 +61,7 @@ std::string toYaml(const GpisMappingParams& params) {
   yaml["input"]["image_transport"] = input.image_transport;
   yaml["input"]["depth_units_per_metre"] = input.depth_units_per_metre;
   yaml["input"]["tf_timeout_s"] = input.tf_timeout_s;
+  yaml["input"]["time_offset_s"] = input.time_offset_s;
   yaml["input"]["max_future_s"] = input.max_future_s;
   YAML::Node limits = yaml["input"]["pose_limits"];
   limits["max_step_m"] = input.pose_limits.max_step_m;

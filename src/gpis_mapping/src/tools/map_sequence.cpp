@@ -62,6 +62,7 @@ struct Options {
   long long end{-1};  // -1: the last frame
   long long stride{1};
   long long mesh_every{0};  // 0: only at the end
+  double time_offset_s{0.0};
   bool is_quiet{false};
   bool trusts_poses{false};
   std::optional<double> units_per_metre;
@@ -85,6 +86,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
        "says, else 1000)")  //
       ("no-pose-check", po::bool_switch(&options.trusts_poses),
        "map frames whose pose the camera cannot have moved to")                                            //
+      ("time-offset", po::value(&options.time_offset_s), "added to image stamps for their poses [s]")      //
       ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr")                             //
       ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")   //
       ("info-topic", po::value(&options.bag.info_topic), "bag: camera info (default: beside the images)")  //
@@ -114,14 +116,13 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   require("--start", options.start, 0);
   if (values.count("end") > 0) require("--end", options.end, options.start);
   require("--stride", options.stride, 1);
+  if (!(std::abs(options.time_offset_s) <= 1.0)) {  // NaN, too
+    throw UsageError("--time-offset = " + std::to_string(options.time_offset_s) + " s, must be in [-1, 1] s");
+  }
   if (values.count("mesh-every") > 0) require("--mesh-every", options.mesh_every, 1);
   if (values.count("depth-units") > 0) {
-    const double units = values["depth-units"].as<double>();
-    if (!(units >= 1.0 && units <= 1e6)) {  // NaN, too
-      throw UsageError("--depth-units = " + onePrinted(units) + " 1/m, must be in [1, 1e+06] 1/m");
-    }
-    options.units_per_metre = units;
-    options.bag.units_per_metre = units;
+    options.units_per_metre = requireDepthUnits(values["depth-units"].as<double>());
+    options.bag.units_per_metre = *options.units_per_metre;
   }
   return options;
 }
@@ -263,6 +264,7 @@ int mapSequence(int argc, char** argv) {
   const Options& options = *parsed;
   const GpisConfig config = options.config.empty() ? GpisConfig{} : loadGpisConfig(options.config);
   const std::unique_ptr<DepthSequence> sequence = openInput(options);
+  sequence->setTimeOffset(options.time_offset_s);
   for (const std::string& note : sequence->notes()) say(nullptr, "note: " + note);
   if (sequence->size() == 0) throw DepthSequenceError(options.input + ": holds no depth image");
   const auto start = static_cast<std::size_t>(options.start);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping/depth_sequence.h"
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 
@@ -10,6 +11,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "../support/temporary_folder.h"
+#include "gpis_mapping/depth_rectifier.h"
 
 namespace gpis_mapping {
 namespace {
@@ -99,6 +101,18 @@ TEST_F(TumFolder, InterpolatesPoses) {
   EXPECT_NEAR((T.translation() - Eigen::Vector3d(1.4, 2, 3)).norm(), 0.0, 1e-9);
   // The trajectory has eight decimals.
   EXPECT_NEAR((T.linear() - expected.toRotationMatrix()).norm(), 0.0, 1e-7);
+}
+
+TEST_F(TumFolder, LooksUpPosesAtTheStampPlusTheTimeOffset) {
+  const auto sequence = openDepthSequence(folder_.path());
+  SkipReason reason;
+  EXPECT_NEAR(sequence->pose(1, 0.02, &reason)->T_map_camera.translation().x(), 1.6, 1e-9);
+  sequence->setTimeOffset(-0.01);
+  const auto frame = sequence->frame(1, &reason);
+  ASSERT_TRUE(frame);
+  EXPECT_NEAR(frame->T_map_camera.translation().x(), 1.3, 1e-9);
+  EXPECT_EQ(frame->stamp_s, 10.04) << "the image's own";
+  EXPECT_FALSE(sequence->pose(0, -0.5, &reason));
 }
 
 TEST_F(TumFolder, InterpolatesAlongTheShorterArc) {
@@ -192,7 +206,7 @@ TEST_F(TumFolder, SkipsLostPoses) {
     const auto sequence = openDepthSequence(folder_.path());
     SkipReason reason;
     EXPECT_FALSE(sequence->frame(0, &reason)) << lost;
-    EXPECT_FALSE(sequence->pose(0)) << lost;
+    EXPECT_FALSE(sequence->pose(0, 0.0, &reason)) << lost;
     EXPECT_TRUE(sequence->frame(2, &reason)) << lost;
   }
 }
@@ -250,8 +264,10 @@ TEST_F(TumFolder, ReadsACameraInfoAsRostopicEchoPrintsIt) {
       "D: [0.1, 0.0, 0.0, 0.0, 0.0]\nK: [30.0, 0.0, 15.5, 0.0, 31.0, 11.5, 0.0, 0.0, 1.0]\n---\n";
   writeText(file("camera_info.yaml"), text);
   const auto sequence = openDepthSequence(folder_.path());
-  EXPECT_EQ(sequence->camera(), (CameraModel{kWidth, kHeight, 30, 31, 15.5, 11.5}));
-  EXPECT_THAT(sequence->notes(), testing::ElementsAre(HasSubstr("distortion")));
+  const DepthRectifier rectifier({kWidth, kHeight, 30, 31, 15.5, 11.5}, {"plumb_bob", {0.1, 0.0, 0.0, 0.0, 0.0}});
+  EXPECT_EQ(sequence->camera(), rectifier.camera());
+  EXPECT_FALSE(sequence->camera() == rectifier.rawCamera());
+  EXPECT_THAT(sequence->notes(), testing::IsEmpty());
   writeText(file("camera_info.yaml"), text.substr(text.find("distortion_model")));
   EXPECT_THAT(refusalOf(folder_.path()), HasSubstr("key image_width is missing"));
 }
@@ -302,13 +318,46 @@ TEST_F(TumFolder, RefusesImpossibleCameras) {
   }
 }
 
-TEST_F(TumFolder, NotesDistortion) {
-  std::string text = cameraInfo();
-  text.replace(text.find("[0, 0, 0, 0, 0]"), 15, "[0.1, 0, 0, 0]");
-  writeText(file("camera_info.yaml"), text);
-  const auto sequence = openDepthSequence(folder_.path());
-  ASSERT_EQ(sequence->notes().size(), 1u);
-  EXPECT_THAT(sequence->notes()[0], HasSubstr("distortion"));
+/// camera_info.yaml with these coefficients, of this model if one is given.
+std::string distorted(std::string text, const std::string& coefficients, const std::string& model = "") {
+  text.replace(text.find("[0, 0, 0, 0, 0]"), 15, coefficients);
+  return text + (model.empty() ? "" : "distortion_model: " + model + "\n");
+}
+
+TEST_F(TumFolder, RectifiesDistortedImages) {
+  for (const char* model : {"", "plumb_bob"}) {
+    writeText(file("camera_info.yaml"), distorted(cameraInfo(), "[-0.2, 0.01, 0, 0, 0]", model));
+    const DepthRectifier rectifier({kWidth, kHeight, 30, 31, 15.5, 11.5}, {"plumb_bob", {-0.2, 0.01, 0.0, 0.0, 0.0}});
+    const auto sequence = openDepthSequence(folder_.path());
+    EXPECT_EQ(sequence->camera(), rectifier.camera());
+    EXPECT_GT(sequence->camera().width, kWidth);
+    SkipReason reason;
+    const DepthImage image = sequence->frame(0, &reason)->image;
+    DepthImage raw{kWidth, kHeight, std::vector<float>(kWidth * kHeight, 1.0f)};
+    raw.depth_m[0] = raw.depth_m[2 * kWidth + 1] = 0.0f;
+    EXPECT_THAT(image.depth_m, testing::Pointwise(testing::NanSensitiveFloatEq(), rectifier.rectify(raw).depth_m));
+    EXPECT_THAT(sequence->notes(), testing::IsEmpty());
+  }
+}
+
+TEST_F(TumFolder, RefusesDistortionOfACameraWithYUp) {
+  writeText(file("camera_info.yaml"),
+            distorted(cameraInfo("[30, 0, 15.5, 0, -31, 10.5, 0, 0, 1]"), "[0.1, 0, 0, 0, 0]"));
+  EXPECT_THAT(refusalOf(folder_.path()),
+              testing::AllOf(HasSubstr("camera_info.yaml: fy < 0"), HasSubstr("rectify the images")));
+}
+
+TEST_F(TumFolder, RefusesDistortionThatCannotBeInverted) {
+  const std::vector<std::array<std::string, 3>> cases = {
+      {"[0.1, 0, 0]", "plumb_bob", "camera_info.yaml: D has 3 coefficients"},
+      {"[0.1, 0, 0, 0]", "fancy", "camera_info.yaml: distortion_model is 'fancy'"},
+      {"[-3, 0, 0, 0]", "plumb_bob", "camera_info.yaml: D is not one to one"},
+      {"[much]", "plumb_bob", "camera_info.yaml"},
+  };
+  for (const auto& [coefficients, model, expected] : cases) {
+    writeText(file("camera_info.yaml"), distorted(cameraInfo(), coefficients, model));
+    EXPECT_THAT(refusalOf(folder_.path()), HasSubstr(expected));
+  }
 }
 
 // ---------------------------------------------------------------------------------------------------- 7-Scenes

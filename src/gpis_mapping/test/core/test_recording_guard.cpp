@@ -26,14 +26,17 @@ class Recording : public DepthSequence {
   std::size_t size() const override { return poses_.size(); }
   const CameraModel& camera() const override { return camera_; }
   bool hasClock() const override { return is_bag_; }
-  std::optional<StampedPose> pose(std::size_t i) const override {
-    return is_bag_ ? std::nullopt : std::make_optional(poses_.at(i));
+  std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* /*reason*/) override {
+    if (is_broken) throw DepthSequenceError("broken");
+    return time_offset_s == known_offset_s ? std::make_optional(poses_.at(i)) : std::nullopt;
   }
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* /*reason*/) override {
     return DepthFrame{{1, 1, {depth_m}}, poses_.at(i).T_map_camera, poses_.at(i).stamp_s, std::to_string(i)};
   }
 
   float depth_m{1.0f};
+  double known_offset_s{0.0};  // at any other there is no pose
+  bool is_broken{false};
 
  private:
   bool is_bag_;
@@ -106,6 +109,24 @@ TEST(RecordingGuard, FoldersMayHoldSeparateViews) {
   std::vector<StampedPose> far;
   for (int i = 0; i < 5; ++i) far.push_back({poseAt(0.8 * i), i / 30.0});
   EXPECT_THAT(refusedOf({false, far}), IsEmpty());
+}
+
+TEST(RecordingGuard, LimitsAreOfThePosesAtTheTimeOffsetThatIsSet) {
+  std::vector<StampedPose> far;
+  for (int i = 0; i < 5; ++i) far.push_back({poseAt(0.8 * i), i / 30.0});
+  Recording recording(false, far);
+  recording.known_offset_s = -0.024;
+  EXPECT_THAT(refusedOf(recording), ElementsAre(1u, 2u, 3u, 4u));
+  recording.setTimeOffset(-0.024);
+  EXPECT_THAT(refusedOf(recording), IsEmpty());
+  recording.is_broken = true;
+  EXPECT_THAT(refusedOf(recording), ElementsAre(1u, 2u, 3u, 4u)) << "the frame itself says what is broken";
+}
+
+TEST(RecordingGuard, LimitsOfABagAreTheLiveNodes) {
+  std::vector<StampedPose> far;
+  for (int i = 0; i < 5; ++i) far.push_back({poseAt(0.8 * i), 100.0 + i / 30.0});
+  EXPECT_THAT(refusedOf({true, far}), ElementsAre(1u, 2u, 3u, 4u));
 }
 
 TEST(RecordingGuard, LimitsGrowWithTheTimeBetweenFrames) {

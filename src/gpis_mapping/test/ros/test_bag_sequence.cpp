@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <functional>
 
 #include <geometry_msgs/TransformStamped.h>
 #include <gmock/gmock.h>
@@ -16,6 +17,7 @@
 
 #include "../support/compressed_images.h"
 #include "../support/temporary_folder.h"
+#include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {
 namespace {
@@ -98,7 +100,7 @@ class Bag : public testing::Test {
     transforms.transforms.push_back(message);
     bag_.write(topic, message.header.stamp, transforms);
   }
-  void writeCameraInfo(const std::string& topic = "/camera/depth/camera_info") {
+  static sensor_msgs::CameraInfo cameraInfo() {
     sensor_msgs::CameraInfo info;
     info.header.stamp = at(0.0);
     info.width = kWidth;
@@ -106,8 +108,9 @@ class Bag : public testing::Test {
     info.K = {{30, 0, 9.5, 0, 31, 7.5, 0, 0, 1}};
     info.P = {{28, 0, 9, 0, 0, 29, 7, 0, 0, 0, 1, 0}};
     info.D.assign(5, 0.0);
-    write(topic, 0.0, info);
+    return info;
   }
+  void writeCameraInfo(const std::string& topic = "/camera/depth/camera_info") { write(topic, 0.0, cameraInfo()); }
   /// map -> odom (moving and turning) -> base_link (static) -> camera (static, named with a leading slash).
   void writeTransforms() {
     writeTf("/tf_static", transform(0.0, "odom", "base_link", 0.5));
@@ -225,6 +228,26 @@ TEST_F(Bag, AsksWhenSeveralTopicsWouldDo) {
               AllOf(HasSubstr("no camera info topic /none"), HasSubstr("/other/camera_info")));
 }
 
+TEST_F(Bag, LooksUpPosesAtTheStampPlusTheTimeOffset) {
+  writeCameraInfo();
+  writeTransforms();
+  write(kDepthTopic, 0.5, image16(0.5));
+  const auto sequence = open();
+  SkipReason reason;
+  const auto x = [](const Eigen::Isometry3d& T) { return T.translation().x(); };
+  const double before = x(sequence->pose(0, -0.25, &reason)->T_map_camera);
+  EXPECT_NE(before, x(sequence->frame(0, &reason)->T_map_camera));
+  sequence->setTimeOffset(-0.25);
+  const auto frame = sequence->frame(0, &reason);
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(x(frame->T_map_camera), before);
+  EXPECT_NEAR(before, 1.25 + 0.75 * std::cos(M_PI / 8.0), 1e-9);
+  EXPECT_NEAR(frame->stamp_s, 100.5, 1e-9) << "the image's own";
+  sequence->setTimeOffset(0.6);
+  EXPECT_FALSE(sequence->frame(0, &reason));
+  EXPECT_FALSE(sequence->pose(0, -0.6, &reason));
+}
+
 TEST_F(Bag, ListsFramesWhenTheMapFrameIsMissing) {
   writeCameraInfo();
   writeTransforms();
@@ -281,6 +304,7 @@ TEST_F(Bag, SkipsImagesWithoutStamp) {
   SkipReason reason;
   EXPECT_FALSE(sequence->frame(0, &reason));
   EXPECT_EQ(reason.kind, "no stamp");
+  EXPECT_FALSE(sequence->pose(0, 0.5, &reason)) << "0 plus an offset is no stamp either";
 }
 
 TEST_F(Bag, UnitsCanBeGiven) {
@@ -329,6 +353,7 @@ TEST_F(Bag, ReadsCompressedDepth) {
     const auto frame = sequence->frame(0, &reason);
     ASSERT_TRUE(frame) << reason.detail;
     EXPECT_FLOAT_EQ(frame->image.at(3, 3), 1.25f);
+    EXPECT_EQ(sequence->pose(0, 0.0, &reason)->stamp_s, frame->stamp_s);
   }
   bag_.open(path_, rosbag::bagmode::Append);
   write("/camera/depth/image_rect", 0.2, image16(0.2));
@@ -350,6 +375,22 @@ TEST_F(Bag, CameraInfoMayJitter) {
   info.K[0] += 9e-4;
   write("/camera/depth/camera_info", 0.3, info);
   EXPECT_THAT(refusal(), HasSubstr("changes during the recording"));
+}
+
+TEST_F(Bag, RefusesACameraInfoWhoseDistortionOrCutChanges) {
+  bag_.close();
+  for (const auto& change : std::vector<std::function<void(sensor_msgs::CameraInfo*)>>{
+           [](auto* info) { info->D[0] = 1e-4; }, [](auto* info) { info->roi.width = kWidth; },
+           [](auto* info) { info->binning_x = 2; }, [](auto* info) { info->binning_y = 2; }}) {
+    bag_.open(path_, rosbag::bagmode::Write);
+    writeTransforms();
+    write(kDepthTopic, 0.1, image16(0.1));
+    sensor_msgs::CameraInfo info = cameraInfo();
+    write("/camera/depth/camera_info", 0.1, info);
+    change(&info);
+    write("/camera/depth/camera_info", 0.2, info);
+    EXPECT_THAT(refusal(), HasSubstr("changes during the recording"));
+  }
 }
 
 TEST_F(Bag, CountsTransformsThatAreNoRotation) {
@@ -380,6 +421,55 @@ TEST_F(Bag, RectifiedImagesTakeTheProjectionMatrix) {
   writeTransforms();
   write("/camera/depth/image_rect", 0.1, image16(0.1));
   EXPECT_EQ(open()->camera(), (CameraModel{kWidth, kHeight, 28, 29, 9, 7}));
+}
+
+TEST_F(Bag, RectifiesDistortedImages) {
+  sensor_msgs::CameraInfo info = cameraInfo();
+  info.distortion_model = "plumb_bob";
+  info.D = {-0.2, 0.01, 0.0, 0.0, 0.0};
+  write("/camera/depth/camera_info", 0.0, info);
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  const auto sequence = open();
+  const gpis_mapping::DepthRectifier rectifier({kWidth, kHeight, 30, 31, 9.5, 7.5}, {"plumb_bob", info.D});
+  EXPECT_EQ(sequence->camera(), rectifier.camera());
+  SkipReason reason;
+  const auto frame = sequence->frame(0, &reason);
+  ASSERT_TRUE(frame);
+  Refusal refusal;
+  const auto expected = rectifier.rectify(*toDepthImage(image16(0.1), 1000.0, &refusal));
+  EXPECT_THAT(frame->image.depth_m, testing::Pointwise(testing::NanSensitiveFloatEq(), expected.depth_m));
+  EXPECT_THAT(sequence->notes(), testing::IsEmpty());
+}
+
+TEST_F(Bag, TakesRoiAndBinningOfTheCameraInfo) {
+  sensor_msgs::CameraInfo info = cameraInfo();
+  info.width = 100;
+  info.roi.x_offset = 10;
+  info.roi.y_offset = 20;
+  info.roi.width = 2 * kWidth;
+  info.roi.height = 3 * kHeight;
+  info.binning_x = 2;
+  info.binning_y = 3;
+  info.height = 20 + 3 * kHeight;
+  write("/camera/depth/camera_info", 0.0, info);
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  const auto sequence = open();
+  EXPECT_EQ(sequence->camera(), (CameraModel{kWidth, kHeight, 15, 31.0 / 3.0, -0.5, -12.0 / 3.0 - 0.5}));
+  SkipReason reason;
+  EXPECT_TRUE(sequence->frame(0, &reason));
+}
+
+TEST_F(Bag, RefusesARoiBeyondTheFullImage) {
+  sensor_msgs::CameraInfo info = cameraInfo();
+  info.roi.x_offset = 3;
+  info.roi.width = kWidth;
+  info.roi.height = kHeight;
+  write("/camera/depth/camera_info", 0.0, info);
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  EXPECT_THAT(refusal(), HasSubstr("ROI is 20 x 16 px at (3, 0), must be within the full image of 20 x 16 px"));
 }
 
 TEST_F(Bag, RefusesBrokenFiles) {

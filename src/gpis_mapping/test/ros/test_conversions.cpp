@@ -118,6 +118,119 @@ TEST(ToCameraModel, TakesPForRectifiedTopicsAndKElse) {
   EXPECT_THAT(refusal.message, HasSubstr("4294967295 x 480"));
 }
 
+sensor_msgs::CameraInfo cutInfo(std::uint32_t x, std::uint32_t y, std::uint32_t width, std::uint32_t height,
+                                std::uint32_t binning_x, std::uint32_t binning_y) {
+  sensor_msgs::CameraInfo info;
+  info.width = 160;
+  info.height = 120;
+  info.K = {130, 0, 79.6, 0, 129, 57.3, 0, 0, 1};
+  info.P = {128, 0, 78.2, 0, 0, 127, 58.9, 0, 0, 0, 1, 0};
+  info.roi.x_offset = x;
+  info.roi.y_offset = y;
+  info.roi.width = width;
+  info.roi.height = height;
+  info.binning_x = binning_x;
+  info.binning_y = binning_y;
+  return info;
+}
+
+TEST(ToCameraModel, RoiAndBinningCutAndAverageTheFullImage) {
+  // 1/z of a plane is linear in the pixel: its mean over a block is that of the block's centre.
+  const Eigen::Vector3d n = Eigen::Vector3d(0.2, -0.3, 1.0).normalized();
+  const auto inverse_depth = [&n](const gpis_mapping::CameraModel& camera, double u, double v) {
+    return n.dot(Eigen::Vector3d((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0)) / 1.5;
+  };
+  Refusal refusal;
+  for (const bool is_rectified : {false, true}) {
+    const auto full = toCameraModel(cutInfo(0, 0, 0, 0, 0, 0), is_rectified, &refusal);
+    ASSERT_TRUE(full) << refusal.message;
+    for (const auto& info : {cutInfo(0, 0, 160, 120, 1, 1), cutInfo(20, 16, 120, 88, 0, 0), cutInfo(0, 0, 0, 0, 4, 2),
+                             cutInfo(21, 17, 99, 71, 3, 4)}) {
+      const auto camera = toCameraModel(info, is_rectified, &refusal);
+      ASSERT_TRUE(camera) << refusal.message;
+      const int bx = static_cast<int>(std::max(1U, info.binning_x));
+      const int by = static_cast<int>(std::max(1U, info.binning_y));
+      const int x = static_cast<int>(info.roi.x_offset);
+      const int y = static_cast<int>(info.roi.y_offset);
+      EXPECT_EQ(camera->width, static_cast<int>(info.roi.width == 0 ? 160 : info.roi.width) / bx);
+      EXPECT_EQ(camera->height, static_cast<int>(info.roi.height == 0 ? 120 : info.roi.height) / by);
+      for (const int v : {0, 5, camera->height - 1}) {
+        for (const int u : {0, 7, camera->width - 1}) {
+          double sum = 0.0;
+          for (int j = 0; j < by; ++j) {
+            for (int i = 0; i < bx; ++i) sum += inverse_depth(*full, x + bx * u + i, y + by * v + j);
+          }
+          EXPECT_NEAR(inverse_depth(*camera, u, v), sum / (bx * by), 1e-12);
+        }
+      }
+    }
+  }
+}
+
+TEST(ToCameraModel, RefusesARoiThatLeavesTheFullImage) {
+  struct Case {
+    sensor_msgs::CameraInfo info;
+    std::string says;
+  };
+  const std::vector<Case> cases = {
+      {cutInfo(50, 40, 120, 88, 0, 0), "ROI is 120 x 88 px at (50, 40), must be within the full image of 160 x 120 px"},
+      {cutInfo(20, 40, 120, 88, 0, 0), "at (20, 40)"},
+      {cutInfo(20, 16, 0, 0, 0, 0), "ROI is 160 x 120 px at (20, 16)"},
+      {cutInfo(0, 0, 0, 88, 0, 0), "ROI is 0 x 88 px"},
+      {cutInfo(0, 0, 100, 0, 0, 0), "ROI is 100 x 0 px"},
+      {cutInfo(0xFFFFFFFFU, 0, 120, 88, 0, 0), "at (4294967295, 0)"},
+      {cutInfo(0, 0, 0xFFFFFFFFU, 88, 0, 0), "ROI is 4294967295 x 88 px"},
+      {cutInfo(0, 0, 0, 0, 11, 1), "with its ROI and binning, camera width = 14 px"},
+      {cutInfo(0, 0, 0, 0, 0xFFFFFFFFU, 1), "with its ROI and binning, camera width = 0 px"},
+      {cutInfo(0, 0, 10, 10, 1, 1), "with its ROI and binning, camera width = 10 px"},
+  };
+  for (const Case& c : cases) {
+    Refusal refusal;
+    EXPECT_FALSE(toCameraModel(c.info, false, &refusal)) << c.says;
+    EXPECT_EQ(refusal.status, FrameStatus::kBadCameraInfo);
+    EXPECT_THAT(refusal.message, HasSubstr(c.says));
+  }
+}
+
+TEST(ToDepthRectifier, DistortsWhatIsNotCalledRectified) {
+  sensor_msgs::CameraInfo info = cutInfo(20, 16, 120, 88, 1, 2);
+  info.distortion_model = "plumb_bob";
+  info.D = {-0.2, 0.05, 0.001, 0.0, 0.0};
+  Refusal refusal;
+  gpis_mapping::DepthRectifier rectifier;
+  ASSERT_TRUE(toDepthRectifier(info, true, &rectifier, &refusal)) << refusal.message;
+  EXPECT_EQ(rectifier.camera(), *toCameraModel(info, true, &refusal));
+  EXPECT_EQ(rectifier.rawCamera(), rectifier.camera());
+  ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal)) << refusal.message;
+  EXPECT_EQ(rectifier.rawCamera(), *toCameraModel(info, false, &refusal));
+  EXPECT_EQ(rectifier.camera(), gpis_mapping::DepthRectifier(rectifier.rawCamera(), {"plumb_bob", info.D}).camera());
+  EXPECT_GT(rectifier.camera().width, rectifier.rawCamera().width);
+}
+
+TEST(ToDepthRectifier, KeepsItsTablesThroughJitterAndTheLastGoodOneThroughABadInfo) {
+  sensor_msgs::CameraInfo info = cutInfo(0, 0, 0, 0, 0, 0);
+  info.distortion_model = "plumb_bob";
+  info.D = {-0.2, 0.05, 0.001, 0.0, 0.0};
+  Refusal refusal;
+  gpis_mapping::DepthRectifier rectifier;
+  ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal));
+  info.K[0] += 1e-5;
+  ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal));
+  EXPECT_EQ(rectifier.rawCamera().fx, 130.0);
+  info.K[0] += 1.0;
+  ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal));
+  EXPECT_EQ(rectifier.rawCamera().fx, info.K[0]);
+  info.D[0] = -9.0;
+  EXPECT_FALSE(toDepthRectifier(info, false, &rectifier, &refusal));
+  EXPECT_EQ(refusal.status, FrameStatus::kBadCameraInfo);
+  EXPECT_THAT(refusal.message, HasSubstr("camera info: D is not one to one"));
+  EXPECT_EQ(rectifier.distortion().coefficients[0], -0.2);
+  info.D.assign(5, 0.0);
+  info.K[0] += 1e-5;
+  ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal));
+  EXPECT_EQ(rectifier.camera().fx, info.K[0]);
+}
+
 TEST(ToIsometry, RefusesWhatIsNoRigidMotion) {
   geometry_msgs::Transform transform;
   transform.translation.x = 1.0;
@@ -165,6 +278,15 @@ TEST(Conversions, PosesAreReadAsTransformsAre) {
     EXPECT_EQ(stretched.has_value(), std::abs(length - 1.0) < 0.01) << length;
     if (stretched) EXPECT_NEAR(stretched->linear().determinant(), 1.0, 1e-12);
   }
+}
+
+TEST(Conversions, ShiftedStampsAreNeverZero) {
+  EXPECT_EQ(shifted(ros::Time(100, 5), 0.0), ros::Time(100, 5));
+  EXPECT_EQ(shifted(ros::Time(1600000000, 10000000), -0.024), ros::Time(1599999999, 986000000));
+  EXPECT_EQ(shifted(ros::Time(1600000000, 990000000), 0.024), ros::Time(1600000001, 14000000));
+  EXPECT_EQ(shifted(ros::Time(0, 500000000), -0.5), ros::Time(0, 1));
+  EXPECT_EQ(shifted(ros::Time(0, 1), -1.0), ros::Time(0, 1));
+  EXPECT_EQ(shifted(ros::TIME_MAX, 1.0), ros::TIME_MAX);
 }
 
 TEST(Conversions, HoldMeasurementOnlyWithADepthOrNothingInReach) {

@@ -317,7 +317,7 @@ bool DynamicOctomap::isSeenThrough(const View& view, const OcTreeKey& key) const
       const std::size_t i = view.frame.index(column, row);
       ++all;
       const PixelKind kind = view.frame.kind[i];
-      if (kind == PixelKind::kNoInformation || kind == PixelKind::kAmbiguous) continue;
+      if (kind == PixelKind::kNoInformation) continue;
       const double inverse_range = view.frame.inverse_range[i];
       if (inverse_range <= far) {
         ++past;
