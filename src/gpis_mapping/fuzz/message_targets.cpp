@@ -141,7 +141,7 @@ class ImageMessageTarget : public Target {
                 image->depth_m.size() == static_cast<std::size_t>(image->width) * image->height,
             "the image has another size than its message");
     require(message.data.size() >= image->depth_m.size() * pixelBytes(message), "more pixels than bytes");
-    const bool holds = gpis_mapping_ros::holdsMeasurement(*image);
+    const bool holds = gpis_mapping::holdsMeasurement(*image);
     require(!holds || !image->depth_m.empty(), "nothing holds a measurement");
     return Outcome::kAccepted;
   }

@@ -8,6 +8,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
+#include <map>
 #include <sstream>
 #include <thread>
 
@@ -219,6 +220,32 @@ TEST_F(Tools, BrokenFramesAreSkippedAndCounted) {
   EXPECT_EQ(loadMap(file("out/map.gpis")).num_updates, 3u);
 }
 
+TEST_F(Tools, AMapThatStaysEmptyIsAFailureWithItsReason) {
+  const Result result = mapWall("--depth-units 50");
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_THAT(result.out, IsEmpty());
+  EXPECT_THAT(result.errors.back(),
+              AllOf(HasSubstr("no surface was mapped from 5 frame(s): no measurement in range"),
+                    HasSubstr("depths were 20 to 20 m"), HasSubstr("max_range_m 4"), HasSubstr("--depth-units")));
+  EXPECT_FALSE(fs::exists(file("out/map.gpis")));
+  EXPECT_EQ(mapWall("--depth-units 0").exit_code, 2);
+  EXPECT_EQ(mapWall("--depth-units nan").exit_code, 2);
+}
+
+TEST_F(Tools, FramesThatTheLiveNodeRefusesAreSkipped) {
+  cv::imwrite(file("wall/frame-000001.depth.png"), cv::Mat(60, 80, CV_16UC1, cv::Scalar(0)));
+  writeText(file("wall/frame-000003.pose.txt"), "1 0 0 0.9\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
+  const nlohmann::json summary = nlohmann::json::parse(mapWall().out.back());
+  std::map<std::string, int> first_frames;
+  for (const nlohmann::json& reason : summary.at("skip_reasons"))
+    first_frames[reason.at("reason")] = reason.at("first_frame");
+  EXPECT_THAT(first_frames, ElementsAre(testing::Pair("no pose file", 4), testing::Pair("nothing measured", 1),
+                                        testing::Pair("pose jump", 3)));
+  EXPECT_THAT(timedFrames(), ElementsAre(0, 2, 5));
+  ASSERT_EQ(mapWall("--no-pose-check").exit_code, 0);
+  EXPECT_THAT(timedFrames(), ElementsAre(0, 2, 3, 5));
+}
+
 TEST_F(Tools, InterruptSavesWhatThereIs) {
   for (int i = kNumFrames; i < 3000; ++i) {  // enough to be interrupted in the middle
     char stem[40];
@@ -367,6 +394,7 @@ TEST_F(Tools, EstimateTimeOffsetSaysWhyItCannot) {
   EXPECT_THAT(no_stamps.out, IsEmpty());
   EXPECT_EQ(run(ESTIMATE_TIME_OFFSET "").exit_code, 2);
   EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " " + file("wall") + " --start 99").exit_code, 2);
+  EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " " + file("wall") + " --depth-units 0").exit_code, 2);
   EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " " + file("nowhere")).exit_code, 1);
   EXPECT_EQ(run(ESTIMATE_TIME_OFFSET " --help").exit_code, 0);
 }

@@ -220,6 +220,57 @@ class BringupLaunch(unittest.TestCase):
         bounded = self.simulation(f"map_config:={empty['map_config']}")
         self.assertIn("/gpis_mapping/map/seen_map_config", bounded.params)
 
+    def test_a_users_file_counts_above_camera_and_defaults(self):
+        import rospkg
+        files = {"map": "sensor: {min_range_m: 0.9, baseline_m: 0.09, noise_preset: kinect_v2}\n",
+                 "node": "input: {camera_frame: eye, image_transport: compressedDepth}\n"
+                         "output: {every_image: true}\nstorage: {autosave_file: /a/b.gpis, autosave_period_s: 77.0}\n",
+                 "detection": "continuous: false\ninput: {use_depth: false, image_transport: compressed}\npose: {depth: {inverse_depth_std: 0.5}}\n",
+                 "filter": "mask: {baseline_m: 0.09}\ninput: {image_transport: compressedDepth}\n",
+                 "planning": "pick: {overtravel_m: 0.004}\n"}
+        for name, text in files.items():
+            write(self.folder / f"user_{name}.yaml", text)
+        own = {name: f"{self.folder}/user_{name}.yaml" for name in files}
+
+        def expect(loaded, node, **params):
+            for key, value in params.items():
+                self.assertEqual(loaded.params[f"/{node}/{key.replace('__', '/')}"], value, f"{node} {key}")
+
+        of_map = {"map__sensor__min_range_m": 0.9, "map__sensor__baseline_m": 0.09, "map__sensor__noise_preset": "kinect_v2",
+                  "input__camera_frame": "eye", "output__every_image": True}
+        for args in (["camera:=realsense"], ["camera:=azure_kinect", "manager:=m"]):
+
+            def load(package, *more, args=args):
+                launch = "mapping" if package == "gpis_mapping" else package
+                return Loaded(f"{rospkg.RosPack().get_path(package)}/launch/{launch}.launch", *args, *more)
+
+            for package in ("gpis_mapping", "octomap_baseline"):
+                loaded = load(package, f"config:={own['map']}", f"node_config:={own['node']}")
+                expect(loaded, package, **of_map, input__image_transport="compressedDepth")
+                # A coefficient would count above the user's preset.
+                self.assertFalse([key for key in loaded.params if f"{package}/map/sensor/noise_" in key and "preset" not in key])
+                given = load(package, f"node_config:={own['node']}", "camera_frame:=other", "image_transport:=raw")
+                expect(given, package, input__camera_frame="other", input__image_transport="raw")
+            expect(load("depth_self_filter", f"config:={own['filter']}"), "depth_self_filter", mask__baseline_m=0.09,
+                   input__image_transport="compressedDepth")
+            expect(load("brick_detection", f"config:={own['detection']}"), "brick_detection", continuous=False,
+                   input__use_depth=False, input__image_transport="compressed", pose__depth__inverse_depth_std=0.5)
+        robot = self.robot(f"map_config:={own['map']}", f"map_node_config:={own['node']}", f"detection_config:={own['detection']}",
+                           f"planning_config:={own['planning']}")
+        expect(robot, "gpis_mapping", **of_map, storage__autosave_file="/a/b.gpis", storage__autosave_period_s=77.0)
+        expect(robot, "brick_detection", continuous=False, pose__depth__inverse_depth_std=0.5)
+        expect(robot, "motion_planning", pick__overtravel_m=0.004)
+        expect(self.robot(f"planning_config:={own['planning']}", "overtravel_m:=0.02"), "motion_planning", pick__overtravel_m=0.02)
+        expect(self.simulation(f"map_config:={own['map']}"), "gpis_mapping", map__sensor__min_range_m=0.9)
+        # Without a file of the user's the camera's stands.
+        for loaded in (self.robot(), self.simulation()):
+            expect(loaded, "gpis_mapping", map__sensor__min_range_m=0.3, map__sensor__noise_preset="realsense_d435")
+
+    def test_a_played_bag_waits_for_the_map(self):
+        import rospkg
+        loaded = Loaded(f"{rospkg.RosPack().get_path('gpis_mapping')}/launch/mapping.launch", "bag:=/a.bag")
+        self.assertIn("--wait-for-subscribers", loaded.nodes["/bag"].args)
+
     def test_an_argument_that_there_is_not_ends_the_launch(self):
         none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom"]
         result = self.run_robot(none + ["wall_deadman:=0.1", "heartbeat:=/pick_mission/heartbeat"])
@@ -305,7 +356,7 @@ class BringupLaunch(unittest.TestCase):
         watched = self.simulation()
         self.assertEqual(watched.params["/simulated_world/camera/rate_hz"], 5.0)
         self.assertFalse(watched.params.get("/simulated_world/clock/wait_for"))
-        self.assertEqual(watched.params["/gpis_mapping/output/every_image"], False)
+        self.assertFalse(watched.params.get("/gpis_mapping/output/every_image", False))
 
     def test_simulation_and_robot_run_the_same_software_above_the_drivers(self):
         above = {name: (node.package, node.type) for name, node in Loaded(f"{self.package}/launch/common.launch").nodes.items()}
@@ -333,7 +384,7 @@ class BringupLaunch(unittest.TestCase):
         for load in (self.simulation, self.robot):
             self.assertEqual(load("run_folder:=/tmp/run").params["/gpis_mapping/storage/autosave_file"], "/tmp/run/map.gpis")
             self.assertEqual(load("run_folder:=/tmp/run").params["/pick_mission/run_folder"], "/tmp/run")
-            self.assertEqual(load().params["/gpis_mapping/storage/autosave_file"], "")
+            self.assertEqual(load().params.get("/gpis_mapping/storage/autosave_file", ""), "")
             self.assertLessEqual(load().params["/gpis_mapping/storage/autosave_period_s"], 10.0)
 
     def test_the_mission_is_told_what_it_is_about(self):

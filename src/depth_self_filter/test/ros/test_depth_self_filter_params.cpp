@@ -41,11 +41,12 @@ TEST(DepthSelfFilterParams, CamerasAreThoseThatTheMapKnows) {
       EXPECT_EQ(value, flattened(kContract.default_yaml).at(key)) << name << " " << key;
     }
     if (std::string(name) == "generic") continue;
-    const YAML::Node of_map = YAML::LoadFile(kPackage + "/../gpis_mapping/config/cameras/" + name + ".yaml")["sensor"];
-    EXPECT_EQ(params.mask.baseline_m, of_map["baseline_m"].as<double>()) << name;
-    EXPECT_EQ(params.mask.noise.a_m, of_map["noise_a_m"].as<double>()) << name;
-    EXPECT_EQ(params.mask.noise.b, of_map["noise_b"].as<double>()) << name;
-    EXPECT_EQ(params.mask.noise.c_per_m, of_map["noise_c_per_m"].as<double>()) << name;
+    const auto of_map =
+        gpis_mapping::loadGpisConfig(kPackage + "/../gpis_mapping/config/cameras/" + name + ".yaml").sensor;
+    EXPECT_EQ(params.mask.baseline_m, of_map.baseline_m) << name;
+    EXPECT_EQ(params.mask.noise.a_m, of_map.noise.a_m) << name;
+    EXPECT_EQ(params.mask.noise.b, of_map.noise.b) << name;
+    EXPECT_EQ(params.mask.noise.c_per_m, of_map.noise.c_per_m) << name;
   }
   EXPECT_EQ(DepthSelfFilterParams().mask.baseline_m, gpis_mapping::GpisConfig().sensor.baseline_m);
 }

@@ -11,6 +11,7 @@
 
 #include <Eigen/Geometry>
 
+#include "gpis_mapping/pose_guard.h"
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping {
@@ -49,8 +50,12 @@ class DepthSequence {
   /// what it must be, std::out_of_range for i >= size().
   virtual std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) = 0;
 
-  /// T_map_camera of frame `i` when `time_offset_s` is added to its stamp, or nothing and the reason. Reads no image.
-  virtual std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) = 0;
+  /// The pose of frame `i` when `time_offset_s` is added to its stamp, or nothing and the reason. Its stamp_s is the
+  /// frame's own. Reads no image. Throws DepthSequenceError if what holds the pose is malformed.
+  virtual std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* reason) = 0;
+
+  /// Whether stamps come from a clock and frames in its order. Lists may repeat and reorder images.
+  virtual bool hasClock() const { return false; }
 
   /// Whether poses have stamps of their own, so that an image can be given that of another time.
   virtual bool hasPoseStamps() const { return true; }
@@ -63,21 +68,29 @@ class DepthSequence {
     }
     time_offset_s_ = time_offset_s;
   }
+  double timeOffset() const { return time_offset_s_; }
 
   /// What the user should know about the recording although it can be used. One sentence each.
   const std::vector<std::string>& notes() const { return notes_; }
 
  protected:
   std::vector<std::string> notes_;
+
+ private:
   double time_offset_s_{0.0};
 };
 
 /// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional distortion_model,
-/// distortion_coefficients, and depth_units_per_metre, default 5000) or a 7-Scenes folder (frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt).
+/// distortion_coefficients and depth_units_per_metre, default 5000) or a 7-Scenes folder (frame-*.depth.png, default
+/// 1000, frame-*.pose.txt, camera-intrinsics.txt).
 /// TUM poses are interpolated (linear, slerp) to the image's stamp when the poses around it are at most 0.1 s apart or
 /// one is within 0.02 s; before the first and after the last pose only the latter counts.
+/// A TUM pose that is not finite or all 0 is a lost one, and left out. A camera with fy < 0 (y up, as in ICL-NUIM) has
+/// its images turned upside down; its poses stay. It must have no distortion.
+/// `units_per_metre` [1/m], if given, counts instead of the layout's and the file's.
 /// Throws DepthSequenceError for everything else and for any malformed line.
-std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path);
+std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path,
+                                                 std::optional<double> units_per_metre = std::nullopt);
 
 }  // namespace gpis_mapping
 

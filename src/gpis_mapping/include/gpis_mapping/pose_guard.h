@@ -10,6 +10,12 @@
 
 namespace gpis_mapping {
 
+/// Where a camera was, and when.
+struct StampedPose {
+  Eigen::Isometry3d T_map_camera{Eigen::Isometry3d::Identity()};
+  double stamp_s{0.0};
+};
+
 /// How far a camera pose may move between two images: step + speed * time between them.
 struct PoseLimits {
   double max_step_m{0.30};
@@ -20,6 +26,10 @@ struct PoseLimits {
 
   /// Every problem as "key = value unit, must be in [lo, hi] unit".
   std::vector<std::string> validate() const;
+
+  /// The motion between two poses, in either order, as a share of what is allowed; beyond 1 it is impossible. Infinite for
+  /// a motion where none is allowed.
+  double shareUsed(const StampedPose& from, const StampedPose& to) const;
 };
 
 /// Keeps poses out of the map that the camera cannot have moved to. A pose is compared with the last believed one. A
@@ -35,7 +45,7 @@ class PoseGuard {
 
   explicit PoseGuard(const PoseLimits& limits) : limits_(limits) {}
 
-  /// Stamps [s] rise from call to call.
+  /// `stamp_s` [s]: the time between two poses counts, not their order.
   Verdict check(const Eigen::Isometry3d& T_map_camera, double stamp_s);
 
   /// What the last kJump or kSettled saw and what is allowed.
@@ -47,17 +57,10 @@ class PoseGuard {
   void setLimits(const PoseLimits& limits) { limits_ = limits; }
 
  private:
-  struct Pose {
-    Eigen::Isometry3d T_map_camera;
-    double stamp_s;
-  };
-
-  bool agree(const Pose& from, const Pose& to) const;
-
   PoseLimits limits_;
-  std::optional<Pose> believed_;
-  std::optional<Pose> candidate_;  // the last pose refused
-  int num_agreeing_{0};            // poses in a row, candidate_ the last of them
+  std::optional<StampedPose> believed_;
+  std::optional<StampedPose> candidate_;  // the last pose refused
+  int num_agreeing_{0};                   // poses in a row, candidate_ the last of them
   std::string message_;
 };
 

@@ -51,6 +51,13 @@ struct DepthImage {
 /// Converts raw 16-bit depth (0 = hole, 65535 = the "no value" of some recorders, also a hole).
 DepthImage depthImageFromU16(const std::uint16_t* raw, int width, int height, double units_per_metre);
 
+/// Whether any pixel says something: a depth, or "nothing within reach" (+Inf). Zeros, NaN, -Inf and depths below zero
+/// say nothing: an image of these alone comes from a covered lens as well as from an empty scene.
+bool holdsMeasurement(const DepthImage& image);
+
+/// The sentence for an image that holds none.
+std::string nothingMeasured(const DepthImage& image);
+
 /// Index of a cube of a regular lattice; cube i covers [i, i + 1) * size along each axis.
 struct LatticeKey {
   std::int32_t x{0};

@@ -17,6 +17,7 @@
 #include <tf2_ros/transform_listener.h>
 
 #include "gpis_mapping/pose_guard.h"
+#include "gpis_mapping/stamp_guard.h"
 #include "gpis_mapping_ros/conversions.h"
 #include "gpis_mapping_ros/param_reader.h"
 
@@ -102,7 +103,7 @@ class CameraPoseSource {
 
   // Of the thread that asks.
   gpis_mapping::PoseGuard guard_;
-  ros::Time last_stamp_;
+  gpis_mapping::StampGuard stamps_;
   bool has_restarted_{false};  // time ran back, and tf has not answered since
 
   tf2_ros::Buffer buffer_;

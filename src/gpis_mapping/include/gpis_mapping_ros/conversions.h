@@ -46,6 +46,9 @@ struct Refusal {
   std::string message;
 };
 
+/// A name from outside in quotes, fit to print: at most 40 characters, '?' for what is not printable.
+std::string shownName(const std::string& name);
+
 /// Frame names of tf2 have no leading slash; those of old bags do.
 std::string withoutSlash(const std::string& frame);
 
@@ -55,9 +58,10 @@ ros::Time shifted(const ros::Time& stamp, double offset_s);
 /// REP-104: the projection matrix P belongs to topics with rectified images (".../image_rect"), K to raw ones.
 bool isRectifiedTopic(const std::string& topic);
 
+constexpr char kAllowedDepthEncodings[] = "16UC1 or mono16 (mm), 32FC1 (m)";
 bool isDepthEncoding(const std::string& encoding);
 
-/// Converts 16UC1 (`units_per_metre` for 1 m, 0: a hole) and 32FC1 (metres, REP-117) of either byte order. Nothing, and
+/// Converts 16UC1 and mono16 (`units_per_metre` for 1 m, 0: a hole) and 32FC1 (metres, REP-117) of either byte order. Nothing, and
 /// the reason, when encoding, step, size and data do not fit together. Never throws but for lack of memory, which it
 /// asks for only after the message has proved to hold that many pixels.
 std::optional<gpis_mapping::DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre,
@@ -77,10 +81,6 @@ bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, gp
 /// within 1 %, which float32 sources keep to.
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal = nullptr);
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Refusal* refusal = nullptr);
-
-/// Whether any pixel says something: a depth, or "nothing within reach" (+Inf). Zeros, NaN, -Inf and depths below zero
-/// say nothing: an image of these alone comes from a covered lens as well as from an empty scene.
-bool holdsMeasurement(const gpis_mapping::DepthImage& image);
 
 }  // namespace gpis_mapping_ros
 

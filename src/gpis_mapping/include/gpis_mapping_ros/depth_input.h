@@ -18,6 +18,7 @@
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
 #include "gpis_mapping/types.h"
@@ -58,7 +59,7 @@ struct DepthInputCounters {
 };
 
 /// Depth images with camera info and tf, checked, one at a time. Subscribes `depth/image_rect` and `depth/camera_info`
-/// relative to `nh`. A worker thread takes the newest image, waits for its pose, checks it and hands it to `consume`; an
+/// relative to `nh`; with image_transport compressedDepth `depth/image_rect/compressedDepth`. A worker thread takes the newest image, waits for its pose, checks it and hands it to `consume`; an
 /// image that comes meanwhile replaces the one that waits. Callbacks of subscriptions only store what they get; they
 /// may run in any callback queue. Neither `consume` nor `refuse` is called after the destructor has begun to return.
 class DepthInput {
@@ -82,7 +83,7 @@ class DepthInput {
 
   const DepthInputParams& params() const { return params_; }
   const tf2_ros::Buffer& tfBuffer() const { return pose_source_.buffer(); }
-  std::string imageTopic() const { return image_subscriber_.getTopic(); }
+  std::string imageTopic() const;
   std::string infoTopic() const { return info_subscriber_.getTopic(); }
 
  private:
@@ -90,10 +91,15 @@ class DepthInput {
 
   struct Waiting {
     sensor_msgs::ImageConstPtr image;
+    sensor_msgs::CompressedImageConstPtr compressed;  // one of the two
     SteadyTime arrival;
+
+    const std_msgs::Header& header() const { return image ? image->header : compressed->header; }
   };
 
   void onImage(const sensor_msgs::ImageConstPtr& image);
+  void onCompressedImage(const sensor_msgs::CompressedImageConstPtr& image);
+  void take(Waiting waiting);
   void onInfo(const sensor_msgs::CameraInfoConstPtr& info);
   void work();
   /// Everything between arrival and `consume`. Nothing, and the reason, when the image is left out.
@@ -117,6 +123,7 @@ class DepthInput {
   CameraPoseSource pose_source_;
   image_transport::ImageTransport transport_;
   image_transport::Subscriber image_subscriber_;
+  ros::Subscriber compressed_subscriber_;  // in its place for image_transport: compressedDepth
   ros::Subscriber info_subscriber_;
   std::thread worker_;  // last: everything it uses exists before it
 };

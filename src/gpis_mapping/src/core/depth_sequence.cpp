@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -29,6 +30,7 @@ constexpr double kSevenScenesRate_hz = 30.0;  // the recordings carry no stamps
 constexpr double kMaxPoseGap_s = 0.1;
 constexpr double kMaxPoseDistance_s = 0.02;
 constexpr double kStampRounding_s = 1e-6;      // stamps of 1.5e9 s are 2e-7 s apart
+constexpr double kMaxSeconds = 1e11;           // the year 5138; milliseconds since 1970 are beyond
 constexpr double kQuaternionTolerance = 0.01;  // four printed decimals leave 1e-4
 constexpr double kRotationTolerance = 0.01;    // largest entry of R^T R - I
 
@@ -43,6 +45,13 @@ std::string format(double value) {
   return text.str();
 }
 
+/// A moment [s], to the microsecond.
+std::string formatStamp(double stamp_s) {
+  char text[40];
+  std::snprintf(text, sizeof(text), "%.6f", stamp_s);
+  return text;
+}
+
 struct TextLine {
   std::size_t number;
   std::vector<std::string> words;
@@ -50,11 +59,14 @@ struct TextLine {
 
 /// Lines that are neither blank nor comments (#), split at blanks.
 std::vector<TextLine> readLines(const std::string& path) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) throw DepthSequenceError(path + ": is missing");
   std::ifstream in(path);
   if (!in) throw DepthSequenceError(path + ": cannot be read");
   std::vector<TextLine> lines;
   std::string text;
   for (std::size_t number = 1; std::getline(in, text); ++number) {
+    if (number == 1 && text.compare(0, 3, "\xEF\xBB\xBF") == 0) text.erase(0, 3);  // byte order mark of Windows editors
     std::istringstream words(text);
     TextLine line{number, {}};
     for (std::string word; words >> word;) line.words.push_back(word);
@@ -74,15 +86,28 @@ double parseNumber(const std::string& word, const std::string& path, std::size_t
   return value;
 }
 
+double parseStamp(const std::string& word, const std::string& path, std::size_t line) {
+  const double stamp_s = parseNumber(word, path, line);
+  if (std::abs(stamp_s) < kMaxSeconds) return stamp_s;
+  const auto [unit, divisor] = std::abs(stamp_s) < 1e14   ? std::make_pair("milliseconds", "1e3")
+                               : std::abs(stamp_s) < 1e17 ? std::make_pair("microseconds", "1e6")
+                                                          : std::make_pair("nanoseconds", "1e9");
+  throw DepthSequenceError(at(path, line) + "stamp " + word + " looks like " + unit +
+                           ", must be in seconds: divide by " + divisor + " in all lists");
+}
+
+/// Whether a recorder says "lost" in place of a number: not finite, as C or older Windows runtimes print it.
+bool isLost(const std::string& word) {
+  if (word.compare(word[0] == '-' || word[0] == '+' ? 1 : 0, 3, "1.#") == 0) return true;  // -1.#IND, 1.#QNAN, 1.#INF
+  char* end = nullptr;
+  const double value = std::strtod(word.c_str(), &end);
+  return end != word.c_str() && *end == '\0' && !std::isfinite(value);
+}
+
 void requireWords(const TextLine& line, std::size_t count, const std::string& path, const std::string& layout) {
   if (line.words.size() == count) return;
   throw DepthSequenceError(at(path, line.number) + "has " + std::to_string(line.words.size()) + " entries, must have " +
                            std::to_string(count) + ": " + layout);
-}
-
-void requireCamera(const CameraModel& camera, const std::string& path) {
-  const std::vector<std::string> problems = camera.validate();
-  if (!problems.empty()) throw DepthSequenceError(path + ": " + problems.front());
 }
 
 /// `rows` x `cols` finite numbers, one row per line.
@@ -122,38 +147,69 @@ cv::Mat readRawImage(const std::string& path) {
   return raw;
 }
 
-DepthImage readDepthImage(const std::string& path, const CameraModel& camera, double units_per_metre) {
-  cv::Mat raw = readRawImage(path);
-  if (raw.cols != camera.width || raw.rows != camera.height) {
-    throw DepthSequenceError(path + ": image is " + std::to_string(raw.cols) + " x " + std::to_string(raw.rows) +
-                             " px, must be " + std::to_string(camera.width) + " x " + std::to_string(camera.height) +
-                             " px as the camera");
+/// A folder of images and the camera they share.
+class FolderSequence : public DepthSequence {
+ public:
+  const CameraModel& camera() const override { return rectifier_.camera(); }
+
+ protected:
+  /// A camera with y up sees what one with y down sees, upside down.
+  void takeCamera(CameraModel camera, const LensDistortion& distortion, const std::string& path) {
+    if (camera.fy < 0.0) {
+      if (!distortion.isZero()) {
+        throw DepthSequenceError(path +
+                                 ": fy < 0 (the camera's y axis points up) and distortion other than 0 cannot be read "
+                                 "together: rectify the images and set the distortion to 0");
+      }
+      camera.fy = -camera.fy;
+      camera.cy = camera.height - 1 - camera.cy;
+      is_upside_down_ = true;
+      notes_.push_back(path + ": fy < 0, so the camera's y axis points up; images are read upside down with fy = " +
+                       format(camera.fy) + ", cy = " + format(camera.cy));
+    }
+    try {
+      rectifier_ = DepthRectifier(camera, distortion);
+    } catch (const std::invalid_argument& error) {
+      throw DepthSequenceError(path + ": " + error.what());
+    }
   }
-  if (!raw.isContinuous()) raw = raw.clone();
-  return depthImageFromU16(raw.ptr<std::uint16_t>(), raw.cols, raw.rows, units_per_metre);
-}
+
+  DepthImage readImage(const std::string& path, double units_per_metre) const {
+    cv::Mat raw = readRawImage(path);
+    const CameraModel& camera = rectifier_.rawCamera();
+    if (raw.cols != camera.width || raw.rows != camera.height) {
+      throw DepthSequenceError(path + ": image is " + std::to_string(raw.cols) + " x " + std::to_string(raw.rows) +
+                               " px, must be " + std::to_string(camera.width) + " x " + std::to_string(camera.height) +
+                               " px as the camera");
+    }
+    if (is_upside_down_) cv::flip(raw, raw, 0);
+    if (!raw.isContinuous()) raw = raw.clone();
+    return rectifier_.rectify(depthImageFromU16(raw.ptr<std::uint16_t>(), raw.cols, raw.rows, units_per_metre));
+  }
+
+ private:
+  DepthRectifier rectifier_;
+  bool is_upside_down_{false};
+};
 
 // ---------------------------------------------------------------------------------------------------- TUM RGB-D
 
-struct StampedPose {
+struct PoseLine {
   double stamp_s;
   Eigen::Vector3d t_map;
   Eigen::Quaterniond q_map_camera;
 };
 
-bool isNan(const std::string& word) {
-  return word == "nan" || word == "NaN" || word == "-nan" || word == "NAN";
-}
-
-std::vector<StampedPose> readTrajectory(const std::string& path) {
-  std::vector<StampedPose> poses;
+std::vector<PoseLine> readTrajectory(const std::string& path) {
+  std::vector<PoseLine> poses;
   for (const TextLine& line : readLines(path)) {
     requireWords(line, 8, path, "timestamp tx ty tz qx qy qz qw");
-    // Recorders write NaN where tracking was lost: the images near it have no pose and are skipped one by one.
-    if (std::any_of(line.words.begin() + 1, line.words.end(), isNan)) continue;
-    std::array<double, 8> n;
-    for (std::size_t i = 0; i < n.size(); ++i) n[i] = parseNumber(line.words[i], path, line.number);
+    std::array<double, 8> n{parseStamp(line.words[0], path, line.number)};
+    // Where tracking was lost the images have no pose and are skipped one by one.
+    if (std::any_of(line.words.begin() + 1, line.words.end(), isLost)) continue;
+    for (std::size_t i = 1; i < n.size(); ++i) n[i] = parseNumber(line.words[i], path, line.number);
     Eigen::Quaterniond q(n[7], n[4], n[5], n[6]);
+    if (q.norm() == 0.0) continue;  // lost, too
     if (std::abs(q.norm() - 1.0) > kQuaternionTolerance) {
       throw DepthSequenceError(at(path, line.number) + "quaternion has norm " + format(q.norm()) +
                                ", must be 1 within " + format(kQuaternionTolerance));
@@ -162,7 +218,7 @@ std::vector<StampedPose> readTrajectory(const std::string& path) {
   }
   if (poses.empty()) throw DepthSequenceError(path + ": holds no pose");
   std::stable_sort(poses.begin(), poses.end(),
-                   [](const StampedPose& a, const StampedPose& b) { return a.stamp_s < b.stamp_s; });
+                   [](const PoseLine& a, const PoseLine& b) { return a.stamp_s < b.stamp_s; });
   return poses;
 }
 
@@ -174,18 +230,18 @@ Eigen::Isometry3d isometry(const Eigen::Vector3d& t, const Eigen::Quaterniond& q
 }
 
 /// The pose at `stamp_s`, or nothing when the trajectory says too little about that moment.
-std::optional<Eigen::Isometry3d> poseAt(const std::vector<StampedPose>& poses, double stamp_s, SkipReason* reason) {
+std::optional<Eigen::Isometry3d> poseAt(const std::vector<PoseLine>& poses, double stamp_s, SkipReason* reason) {
   const auto after = std::lower_bound(poses.begin(), poses.end(), stamp_s,
-                                      [](const StampedPose& pose, double stamp) { return pose.stamp_s < stamp; });
-  const StampedPose* next = after == poses.end() ? nullptr : &*after;
-  const StampedPose* last = after == poses.begin() ? nullptr : &*(after - 1);
+                                      [](const PoseLine& pose, double stamp) { return pose.stamp_s < stamp; });
+  const PoseLine* next = after == poses.end() ? nullptr : &*after;
+  const PoseLine* last = after == poses.begin() ? nullptr : &*(after - 1);
   const double to_next = next ? next->stamp_s - stamp_s : std::numeric_limits<double>::infinity();
   const double to_last = last ? stamp_s - last->stamp_s : std::numeric_limits<double>::infinity();
   const double nearest = std::min(to_next, to_last);
   const bool is_near = nearest <= kMaxPoseDistance_s + kStampRounding_s;
   const bool is_bracketed = to_next + to_last <= kMaxPoseGap_s + kStampRounding_s;
   if (!is_near && !is_bracketed) {
-    *reason = {"no pose near enough in time", "nearest pose is " + format(nearest) + " s from " + format(stamp_s) +
+    *reason = {"no pose near enough in time", "nearest pose is " + format(nearest) + " s from " + formatStamp(stamp_s) +
                                                   " s, must be within " + format(kMaxPoseDistance_s) +
                                                   " s or between two at most " + format(kMaxPoseGap_s) + " s apart"};
     return std::nullopt;
@@ -197,32 +253,33 @@ std::optional<Eigen::Isometry3d> poseAt(const std::vector<StampedPose>& poses, d
                   last->q_map_camera.slerp(share, next->q_map_camera));
 }
 
-class TumSequence : public DepthSequence {
+class TumSequence : public FolderSequence {
  public:
-  explicit TumSequence(const fs::path& folder) {
+  TumSequence(const fs::path& folder, std::optional<double> units_per_metre) {
     readCameraInfo((folder / "camera_info.yaml").string());
+    if (units_per_metre) units_per_metre_ = *units_per_metre;
     const std::string list = (folder / "depth.txt").string();
     for (const TextLine& line : readLines(list)) {
       requireWords(line, 2, list, "timestamp file");
-      entries_.push_back({parseNumber(line.words[0], list, line.number), (folder / line.words[1]).string()});
+      entries_.push_back({parseStamp(line.words[0], list, line.number), (folder / line.words[1]).string()});
     }
     if (entries_.empty()) throw DepthSequenceError(list + ": lists no image");
     poses_ = readTrajectory((folder / "groundtruth.txt").string());
   }
 
   std::size_t size() const override { return entries_.size(); }
-  const CameraModel& camera() const override { return rectifier_.camera(); }
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    const std::optional<Eigen::Isometry3d> T_map_camera = pose(i, time_offset_s_, reason);
-    if (!T_map_camera) return std::nullopt;
-    DepthImage raw = readDepthImage(entry.path, rectifier_.rawCamera(), units_per_metre_);
-    return DepthFrame{rectifier_.rectify(std::move(raw)), *T_map_camera, entry.stamp_s, entry.path};
+    const std::optional<StampedPose> at = pose(i, timeOffset(), reason);
+    if (!at) return std::nullopt;
+    return DepthFrame{readImage(entry.path, units_per_metre_), at->T_map_camera, at->stamp_s, entry.path};
   }
 
-  std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
-    return poseAt(poses_, entries_.at(i).stamp_s + time_offset_s, reason);
+  std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+    const double stamp_s = entries_.at(i).stamp_s;
+    const std::optional<Eigen::Isometry3d> T_map_camera = poseAt(poses_, stamp_s + time_offset_s, reason);
+    return T_map_camera ? std::make_optional(StampedPose{*T_map_camera, stamp_s}) : std::nullopt;
   }
 
  private:
@@ -235,12 +292,13 @@ class TumSequence : public DepthSequence {
     if (!fs::exists(path)) {
       throw DepthSequenceError(path +
                                ": is missing; it must hold image_width, image_height and camera_matrix as written by "
-                               "camera_info_manager, and may hold the distortion and depth_units_per_metre");
+                               "camera_info_manager (or be what rostopic echo prints of a CameraInfo), and may hold "
+                               "the distortion and depth_units_per_metre");
     }
     CameraModel camera;
     LensDistortion distortion;
     try {
-      const YAML::Node root = YAML::LoadFile(path);
+      const YAML::Node root = withFileKeys(YAML::LoadFile(path));
       camera.width = required(root, "image_width").as<int>();
       camera.height = required(root, "image_height").as<int>();
       const auto K = required(required(root, "camera_matrix"), "data").as<std::vector<double>>();
@@ -268,11 +326,18 @@ class TumSequence : public DepthSequence {
     if (!(std::isfinite(units_per_metre_) && units_per_metre_ > 0.0)) {
       throw DepthSequenceError(path + ": depth_units_per_metre = " + format(units_per_metre_) + ", must be > 0");
     }
-    try {
-      rectifier_ = DepthRectifier(camera, distortion);
-    } catch (const std::invalid_argument& error) {
-      throw DepthSequenceError(path + ": " + error.what());
+    takeCamera(camera, distortion, path);
+  }
+
+  /// What rostopic echo prints of a CameraInfo gets the keys of camera_info_manager.
+  static YAML::Node withFileKeys(YAML::Node root) {
+    if (!root.IsMap() || !root["K"]) return root;
+    root["camera_matrix"]["data"] = root["K"];
+    for (const auto& [key, of_message] : {std::make_pair("image_width", "width"), {"image_height", "height"}}) {
+      if (root[of_message]) root[key] = root[of_message];
     }
+    if (root["D"]) root["distortion_coefficients"]["data"] = root["D"];
+    return root;
   }
 
   static YAML::Node required(const YAML::Node& parent, const std::string& key) {
@@ -281,10 +346,9 @@ class TumSequence : public DepthSequence {
     return node;
   }
 
-  DepthRectifier rectifier_;
   double units_per_metre_{kTumUnitsPerMetre};
   std::vector<Entry> entries_;
-  std::vector<StampedPose> poses_;
+  std::vector<PoseLine> poses_;
 };
 
 // ---------------------------------------------------------------------------------------------------- 7-Scenes
@@ -323,9 +387,10 @@ std::optional<long> frameNumber(const std::string& name) {
   return std::stol(digits);
 }
 
-class SevenScenesSequence : public DepthSequence {
+class SevenScenesSequence : public FolderSequence {
  public:
-  explicit SevenScenesSequence(const fs::path& folder) {
+  SevenScenesSequence(const fs::path& folder, std::optional<double> units_per_metre)
+      : units_per_metre_(units_per_metre.value_or(kSevenScenesUnitsPerMetre)) {
     std::set<std::pair<long, std::string>> found;
     for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
       const std::string name = file.path().filename().string();
@@ -342,19 +407,18 @@ class SevenScenesSequence : public DepthSequence {
   }
 
   std::size_t size() const override { return entries_.size(); }
-  const CameraModel& camera() const override { return camera_; }
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    const std::optional<Eigen::Isometry3d> T_map_camera = pose(i, 0.0, reason);
-    if (!T_map_camera) return std::nullopt;
-    return DepthFrame{readDepthImage(entry.image_path, camera_, kSevenScenesUnitsPerMetre), *T_map_camera,
-                      entry.stamp_s, entry.image_path};
+    const std::optional<StampedPose> known = pose(i, 0.0, reason);
+    if (!known) return std::nullopt;
+    return DepthFrame{readImage(entry.image_path, units_per_metre_), known->T_map_camera, known->stamp_s,
+                      entry.image_path};
   }
 
-  std::optional<Eigen::Isometry3d> pose(std::size_t i, double /*time_offset_s*/, SkipReason* reason) override {
+  std::optional<StampedPose> pose(std::size_t i, double /*time_offset_s*/, SkipReason* reason) override {
     const Entry& entry = entries_.at(i);
-    if (fs::exists(entry.pose_path)) return readPoseMatrix(entry.pose_path);
+    if (fs::exists(entry.pose_path)) return StampedPose{readPoseMatrix(entry.pose_path), entry.stamp_s};
     *reason = {"no pose file", entry.pose_path + ": is missing"};
     return std::nullopt;
   }
@@ -377,11 +441,10 @@ class SevenScenesSequence : public DepthSequence {
       throw DepthSequenceError(path + ": must be fx 0 cx / 0 fy cy / 0 0 1");
     }
     const cv::Mat first = readRawImage(entries_.front().image_path);  // the intrinsics carry no image size
-    camera_ = CameraModel{first.cols, first.rows, K(0, 0), K(1, 1), K(0, 2), K(1, 2)};
-    requireCamera(camera_, path);
+    takeCamera({first.cols, first.rows, K(0, 0), K(1, 1), K(0, 2), K(1, 2)}, {}, path);
   }
 
-  CameraModel camera_;
+  double units_per_metre_;
   std::vector<Entry> entries_;
 };
 
@@ -395,12 +458,12 @@ bool holdsSevenScenes(const fs::path& folder) {
 
 }  // namespace
 
-std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path) {
+std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path, std::optional<double> units_per_metre) {
   try {
     if (!fs::exists(path)) throw DepthSequenceError(path + ": no such file or folder");
     if (!fs::is_directory(path)) throw DepthSequenceError(path + ": is not a folder");
-    if (fs::exists(fs::path(path) / "depth.txt")) return std::make_unique<TumSequence>(path);
-    if (holdsSevenScenes(path)) return std::make_unique<SevenScenesSequence>(path);
+    if (fs::exists(fs::path(path) / "depth.txt")) return std::make_unique<TumSequence>(path, units_per_metre);
+    if (holdsSevenScenes(path)) return std::make_unique<SevenScenesSequence>(path, units_per_metre);
   } catch (const fs::filesystem_error& error) {
     throw DepthSequenceError(path + ": " + error.code().message());
   }

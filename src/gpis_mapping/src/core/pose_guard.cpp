@@ -2,6 +2,7 @@
 #include "gpis_mapping/pose_guard.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 namespace gpis_mapping {
@@ -29,25 +30,26 @@ std::vector<std::string> PoseLimits::validate() const {
   return problems;
 }
 
-bool PoseGuard::agree(const Pose& from, const Pose& to) const {
-  const double dt = std::max(0.0, to.stamp_s - from.stamp_s);
-  const double moved = (to.T_map_camera.translation() - from.T_map_camera.translation()).norm();
-  return moved <= limits_.max_step_m + limits_.max_speed_mps * dt &&
-         angleBetween(from.T_map_camera, to.T_map_camera) <= limits_.max_step_rad + limits_.max_turn_radps * dt;
+double PoseLimits::shareUsed(const StampedPose& from, const StampedPose& to) const {
+  const double dt = std::abs(to.stamp_s - from.stamp_s);
+  const auto share = [](double value, double allowed) { return value == 0.0 ? 0.0 : value / allowed; };
+  return std::max(
+      share((to.T_map_camera.translation() - from.T_map_camera.translation()).norm(), max_step_m + max_speed_mps * dt),
+      share(angleBetween(from.T_map_camera, to.T_map_camera), max_step_rad + max_turn_radps * dt));
 }
 
 PoseGuard::Verdict PoseGuard::check(const Eigen::Isometry3d& T_map_camera, double stamp_s) {
-  const Pose pose{T_map_camera, stamp_s};
-  if (!believed_ || agree(*believed_, pose)) {
+  const StampedPose pose{T_map_camera, stamp_s};
+  if (!believed_ || limits_.shareUsed(*believed_, pose) <= 1.0) {
     believed_ = pose;
     candidate_.reset();
     num_agreeing_ = 0;
     return Verdict::kBelieved;
   }
-  num_agreeing_ = candidate_ && agree(*candidate_, pose) ? num_agreeing_ + 1 : 1;
+  num_agreeing_ = candidate_ && limits_.shareUsed(*candidate_, pose) <= 1.0 ? num_agreeing_ + 1 : 1;
   candidate_ = pose;
 
-  const double dt = stamp_s - believed_->stamp_s;
+  const double dt = std::abs(stamp_s - believed_->stamp_s);
   const double moved = (T_map_camera.translation() - believed_->T_map_camera.translation()).norm();
   char text[240];
   std::snprintf(text, sizeof(text),

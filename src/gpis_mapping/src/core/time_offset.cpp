@@ -46,7 +46,7 @@ constexpr double kEdge = 0.03;  // of the depth, over 3 x 3 pixels
 constexpr double kPointsPerImage = 1500;
 constexpr double kMinShare = 0.25;  // of the points, that must be seen by both
 
-using Pose = std::optional<Eigen::Isometry3d>;
+using Pose = std::optional<StampedPose>;
 
 struct Pair {
   std::size_t first, second;
@@ -72,6 +72,11 @@ double changeOf(const Eigen::Isometry3d& T) {
   return T.translation().norm() + kLeverageDepth_m * Eigen::AngleAxisd(T.linear()).angle();
 }
 
+/// T_a_b.
+Eigen::Isometry3d between(const StampedPose& a, const StampedPose& b) {
+  return a.T_map_camera.inverse() * b.T_map_camera;
+}
+
 /// All pairs of images that see about the same, and whose relative pose changes with the offset.
 std::vector<Pair> findPairs(DepthSequence* sequence, std::size_t first, std::size_t last) {
   std::map<std::size_t, std::array<Pose, 3>> known;
@@ -90,10 +95,10 @@ std::vector<Pair> findPairs(DepthSequence* sequence, std::size_t first, std::siz
       const std::array<Pose, 3>& a = poses(i);
       const std::array<Pose, 3>& b = poses(j);
       if (!isComplete(b)) continue;
-      const Eigen::Isometry3d T = a[1]->inverse() * *b[1];
+      const Eigen::Isometry3d T = between(*a[1], *b[1]);
       if (T.translation().norm() > kMaxMove_m || Eigen::AngleAxisd(T.linear()).angle() > kMaxTurn_rad) continue;
-      const Eigen::Isometry3d early = a[0]->inverse() * *b[0];
-      const Eigen::Isometry3d late = a[2]->inverse() * *b[2];
+      const Eigen::Isometry3d early = between(*a[0], *b[0]);
+      const Eigen::Isometry3d late = between(*a[2], *b[2]);
       const double leverage_mps = changeOf(early.inverse() * late) / (2.0 * kLeverageStep_s);
       if (leverage_mps >= kMinLeverage_mps) pairs.push_back({i, j, leverage_mps});
     }
@@ -163,7 +168,7 @@ std::optional<Curve> differences(DepthSequence* sequence, const Pair& pair) {
     const Pose first = sequence->pose(pair.first, offsetOf(k), &reason);
     const Pose second = sequence->pose(pair.second, offsetOf(k), &reason);
     if (!first || !second) return std::nullopt;
-    T_second_first[k] = second->inverse() * *first;
+    T_second_first[k] = between(*second, *first);
   }
   const std::optional<DepthFrame> first = sequence->frame(pair.first, &reason);
   const std::optional<DepthFrame> second = sequence->frame(pair.second, &reason);

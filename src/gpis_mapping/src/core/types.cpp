@@ -50,6 +50,14 @@ DepthImage depthImageFromU16(const std::uint16_t* raw, int width, int height, do
   return image;
 }
 
+bool holdsMeasurement(const DepthImage& image) {
+  return std::any_of(image.depth_m.begin(), image.depth_m.end(), [](float z) { return z > 0.0f; });
+}
+
+std::string nothingMeasured(const DepthImage& image) {
+  return "none of " + std::to_string(image.depth_m.size()) + " pixels holds a depth or +Inf: is the lens covered?";
+}
+
 const char* toString(SpaceState state) {
   switch (state) {
     case SpaceState::kFree:

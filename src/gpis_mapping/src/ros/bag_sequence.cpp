@@ -2,21 +2,25 @@
 #include "gpis_mapping_ros/bag_sequence.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <map>
 #include <set>
 
-#include <boost/shared_ptr.hpp>
+#include <boost/array.hpp>
+#include <boost/make_shared.hpp>
 #include <rosbag/bag.h>
 #include <rosbag/query.h>
 #include <rosbag/view.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 #include <tf2/buffer_core.h>
 #include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "gpis_mapping_ros/compressed_depth.h"
 #include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {
@@ -28,14 +32,15 @@ using gpis_mapping::DepthImage;
 using gpis_mapping::DepthSequence;
 using gpis_mapping::DepthSequenceError;
 using gpis_mapping::SkipReason;
+using gpis_mapping::StampedPose;
 
 constexpr char kImageType[] = "sensor_msgs/Image";
 constexpr char kCompressedType[] = "sensor_msgs/CompressedImage";
 constexpr char kInfoType[] = "sensor_msgs/CameraInfo";
 constexpr char kTfType[] = "tf2_msgs/TFMessage";
 constexpr char kOldTfType[] = "tf/tfMessage";  // the same layout under its name of 2012
-constexpr char kAllowedEncodings[] = "16UC1 (mm), 32FC1 (m)";
-constexpr double kUnitsPerMetre16 = 1000.0;  // REP 118
+// Drivers that compute K and P anew for each message round them. 1e-3 px is 2 micrometres at 1 m and 500 px.
+constexpr double kInfoJitter_px = 1e-3;
 constexpr double kForever_s = 1e9;  // how long the buffer keeps a transform; stamps plus this stay below 2^32 s
 
 template <typename Container>
@@ -45,9 +50,24 @@ std::string join(const Container& items) {
   return text.empty() ? "none" : text;
 }
 
+/// A compressedDepth topic's name without the transport, or any other topic's.
+std::string baseTopic(const std::string& topic) {
+  const std::string suffix = kCompressedDepthSuffix;
+  const bool is_compressed =
+      topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
+  return is_compressed ? topic.substr(0, topic.size() - suffix.size()) : topic;
+}
+
+template <std::size_t N>
+bool isAlike(const boost::array<double, N>& a, const boost::array<double, N>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(),
+                    [](double x, double y) { return std::abs(x - y) <= kInfoJitter_px; });
+}
+
 class BagSequence : public DepthSequence {
  public:
-  BagSequence(const std::string& path, const BagOptions& options) : path_(path) {
+  BagSequence(const std::string& path, const BagOptions& options)
+      : path_(path), units_per_metre_(options.units_per_metre) {
     bag_.open(path, rosbag::bagmode::Read);
     readTopics();
     chooseDepthTopic(options.depth_topic);
@@ -60,6 +80,7 @@ class BagSequence : public DepthSequence {
 
   std::size_t size() const override { return images_.size(); }
   const CameraModel& camera() const override { return rectifier_.camera(); }
+  bool hasClock() const override { return true; }
 
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     try {
@@ -71,13 +92,9 @@ class BagSequence : public DepthSequence {
     }
   }
 
-  std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
+  std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* reason) override {
     auto known = headers_.find(i);  // an image is read from the file again each time
-    if (known == headers_.end()) {
-      const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
-      if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
-      known = headers_.emplace(i, message->header).first;
-    }
+    if (known == headers_.end()) known = headers_.emplace(i, readHeader(i)).first;
     return lookUp(known->second, time_offset_s, i, reason);
   }
 
@@ -102,31 +119,41 @@ class BagSequence : public DepthSequence {
   std::string firstEncoding(const std::string& topic) const {
     rosbag::View view(bag_, rosbag::TopicQuery(topic));
     for (const rosbag::MessageInstance& message : view) {
-      const sensor_msgs::ImageConstPtr image = message.instantiate<sensor_msgs::Image>();
-      if (image) return image->encoding;
+      if (const auto image = message.instantiate<sensor_msgs::Image>()) return image->encoding;
+      if (const auto image = message.instantiate<sensor_msgs::CompressedImage>()) {
+        const std::string encoding = compressedDepthEncoding(image->format);
+        const bool is_depth = topic != baseTopic(topic) && isDepthEncoding(encoding);
+        return is_depth ? encoding : "compressed, not read: " + shownName(image->format);
+      }
     }
     return "no message";
   }
 
   void chooseDepthTopic(const std::string& wanted) {
     std::vector<std::string> described;
-    std::vector<std::string> candidates;
-    for (const std::string& topic : topicsOf(kImageType)) {
-      const std::string encoding = firstEncoding(topic);
-      described.push_back(topic + " (" + encoding + ")");
-      if (isDepthEncoding(encoding)) candidates.push_back(topic);
+    std::map<std::string, std::string> depth;   // base name to topic: the raw one where there are both
+    std::map<std::string, std::string> mono16;  // of a depth or an infrared camera
+    for (const char* type : {kImageType, kCompressedType}) {
+      for (const std::string& topic : topicsOf(type)) {
+        const std::string encoding = firstEncoding(topic);
+        described.push_back(topic + " (" + encoding + ")");
+        if (isDepthEncoding(encoding)) (encoding == "mono16" ? mono16 : depth).emplace(baseTopic(topic), topic);
+      }
     }
-    for (const std::string& topic : topicsOf(kCompressedType)) described.push_back(topic + " (compressed, not read)");
     if (!wanted.empty()) {
-      const auto found = types_.find(wanted);
-      if (found == types_.end() || found->second != kImageType) {
+      depth_topic_ = wanted;
+      if (types_.count(depth_topic_) == 0) depth_topic_ += kCompressedDepthSuffix;
+      const auto found = types_.find(depth_topic_);
+      const bool is_compressed = baseTopic(depth_topic_) != depth_topic_;
+      if (found == types_.end() || found->second != (is_compressed ? kCompressedType : kImageType)) {
         throw DepthSequenceError(path_ + ": no image topic " + wanted + "; image topics: " + join(described));
       }
-      depth_topic_ = wanted;
       return;
     }
+    std::vector<std::string> candidates;
+    for (const auto& entry : depth.empty() ? mono16 : depth) candidates.push_back(entry.second);
     if (candidates.empty()) {
-      throw DepthSequenceError(path_ + ": no depth image topic; allowed encodings: " + kAllowedEncodings +
+      throw DepthSequenceError(path_ + ": no depth image topic; allowed encodings: " + kAllowedDepthEncodings +
                                "; image topics: " + join(described));
     }
     if (candidates.size() > 1) {
@@ -136,7 +163,8 @@ class BagSequence : public DepthSequence {
   }
 
   void readCameraInfo(const std::string& wanted) {
-    const std::string name_space = depth_topic_.substr(0, depth_topic_.rfind('/') + 1);
+    const std::string base = baseTopic(depth_topic_);
+    const std::string name_space = base.substr(0, base.rfind('/') + 1);
     const std::string topic = wanted.empty() ? name_space + "camera_info" : wanted;
     const auto found = types_.find(topic);
     if (found == types_.end() || found->second != kInfoType) {
@@ -150,10 +178,11 @@ class BagSequence : public DepthSequence {
       if (!info) continue;
       if (!first) {
         first = info;
-      } else if (info->K != first->K || info->P != first->P || info->width != first->width ||
+      } else if (!isAlike(info->K, first->K) || !isAlike(info->P, first->P) || info->width != first->width ||
                  info->height != first->height || info->D != first->D || info->roi != first->roi ||
                  info->binning_x != first->binning_x || info->binning_y != first->binning_y) {
-        throw DepthSequenceError(path_ + ": " + topic + " changes during the recording, must stay the same");
+        throw DepthSequenceError(path_ + ": " + topic +
+                                 " changes during the recording, must stay the same (K and P within 0.001 px)");
       }
     }
     if (!first) throw DepthSequenceError(path_ + ": " + topic + " holds no message");
@@ -162,7 +191,7 @@ class BagSequence : public DepthSequence {
 
   void takeCamera(const sensor_msgs::CameraInfo& info, const std::string& topic) {
     Refusal refusal;
-    if (!toDepthRectifier(info, isRectifiedTopic(depth_topic_), &rectifier_, &refusal)) {
+    if (!toDepthRectifier(info, isRectifiedTopic(baseTopic(depth_topic_)), &rectifier_, &refusal)) {
       throw DepthSequenceError(path_ + ": " + topic + ": " + refusal.message);
     }
   }
@@ -192,23 +221,72 @@ class BagSequence : public DepthSequence {
       for (geometry_msgs::TransformStamped& transform : transforms.transforms) {
         transform.header.frame_id = withoutSlash(transform.header.frame_id);
         transform.child_frame_id = withoutSlash(transform.child_frame_id);
+        if (!isRotation(&transform)) continue;
         if (buffer_->setTransform(transform, path_, is_static)) {
           frames_.insert(transform.header.frame_id);
           frames_.insert(transform.child_frame_id);
         }
       }
     }
-    if (frames_.empty()) throw DepthSequenceError(path_ + ": holds no usable transform on /tf or /tf_static");
+    if (num_bad_transforms_ > 0) notes_.push_back(badTransforms());
+    if (frames_.empty()) {
+      throw DepthSequenceError(path_ + ": holds no usable transform on /tf or /tf_static" +
+                               (num_bad_transforms_ > 0 ? "; " + badTransforms() : ""));
+    }
+  }
+
+  /// Whether tf2 would take it; it does so aloud for each one that it refuses. Rounding is taken out.
+  bool isRotation(geometry_msgs::TransformStamped* transform) {
+    Refusal refusal;
+    const std::optional<Eigen::Isometry3d> T = toIsometry(transform->transform, &refusal);
+    if (T) {
+      const Eigen::Quaterniond q(T->linear());
+      transform->transform.rotation.x = q.x();
+      transform->transform.rotation.y = q.y();
+      transform->transform.rotation.z = q.z();
+      transform->transform.rotation.w = q.w();
+      return true;
+    }
+    if (num_bad_transforms_++ == 0) {
+      first_bad_transform_ =
+          "'" + transform->header.frame_id + "' to '" + transform->child_frame_id + "': " + refusal.message;
+    }
+    return false;
+  }
+
+  std::string badTransforms() const {
+    return std::to_string(num_bad_transforms_) + " transforms were left out, the first from " + first_bad_transform_;
   }
 
   void chooseMapFrame(const std::string& wanted) {
     map_frame_ = withoutSlash(wanted);
     if (frames_.count(map_frame_) > 0) return;
-    throw DepthSequenceError(path_ + ": no frame '" + map_frame_ + "'; frames: " + join(frames_));
+    throw DepthSequenceError(path_ + ": no frame '" + map_frame_ + "'; frames: " + join(frames_) +
+                             (num_bad_transforms_ > 0 ? "; " + badTransforms() : ""));
   }
 
-  std::optional<Eigen::Isometry3d> lookUp(const std_msgs::Header& header, double time_offset_s, std::size_t i,
-                                          SkipReason* reason) {
+  sensor_msgs::ImageConstPtr readMessage(std::size_t i) const {
+    if (const auto message = images_.at(i).instantiate<sensor_msgs::Image>()) return message;
+    const auto compressed = images_.at(i).instantiate<sensor_msgs::CompressedImage>();
+    if (!compressed) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+    Refusal refusal;
+    const std::optional<sensor_msgs::Image> image = decodeCompressedDepth(*compressed, &refusal);
+    if (!image) throw DepthSequenceError(frameName(i) + ": " + refusal.message);
+    return boost::make_shared<sensor_msgs::Image>(*image);
+  }
+
+  std_msgs::Header readHeader(std::size_t i) const {
+    if (const auto message = images_.at(i).instantiate<sensor_msgs::Image>()) return message->header;
+    if (const auto message = images_.at(i).instantiate<sensor_msgs::CompressedImage>()) return message->header;
+    throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
+  }
+
+  std::optional<StampedPose> lookUp(const std_msgs::Header& header, double time_offset_s, std::size_t i,
+                                    SkipReason* reason) {
+    if (header.stamp.isZero()) {  // tf would give its newest pose
+      *reason = {"no stamp", "stamp is 0, must be the time of exposure"};
+      return std::nullopt;
+    }
     const std::string camera_frame = withoutSlash(header.frame_id);
     geometry_msgs::TransformStamped transform;
     try {
@@ -220,25 +298,19 @@ class BagSequence : public DepthSequence {
     Refusal refusal;
     const std::optional<Eigen::Isometry3d> T_map_camera = toIsometry(transform.transform, &refusal);
     if (!T_map_camera) throw DepthSequenceError(frameName(i) + ": its " + refusal.message);
-    return T_map_camera;
+    return StampedPose{*T_map_camera, header.stamp.toSec()};
   }
 
   std::optional<DepthFrame> readFrame(std::size_t i, SkipReason* reason) {
-    const sensor_msgs::ImageConstPtr message = images_.at(i).instantiate<sensor_msgs::Image>();
-    if (!message) throw DepthSequenceError(frameName(i) + ": is no " + kImageType);
-    const std::optional<Eigen::Isometry3d> T_map_camera = lookUp(message->header, time_offset_s_, i, reason);
-    if (!T_map_camera) return std::nullopt;
-    DepthFrame frame;
-    frame.T_map_camera = *T_map_camera;
-    frame.image = readImage(*message, i);
-    frame.stamp_s = message->header.stamp.toSec();
-    frame.name = frameName(i);
-    return frame;
+    const sensor_msgs::ImageConstPtr message = readMessage(i);
+    const std::optional<StampedPose> pose = lookUp(message->header, timeOffset(), i, reason);
+    if (!pose) return std::nullopt;
+    return DepthFrame{readImage(*message, i), pose->T_map_camera, pose->stamp_s, frameName(i)};
   }
 
   DepthImage readImage(const sensor_msgs::Image& message, std::size_t i) const {
     Refusal refusal;
-    std::optional<DepthImage> image = toDepthImage(message, kUnitsPerMetre16, &refusal);
+    std::optional<DepthImage> image = toDepthImage(message, units_per_metre_, &refusal);
     if (!image) throw DepthSequenceError(frameName(i) + ": " + refusal.message);
     const CameraModel& raw = rectifier_.rawCamera();
     if (image->width != raw.width || image->height != raw.height) {
@@ -250,6 +322,7 @@ class BagSequence : public DepthSequence {
   }
 
   std::string path_;
+  double units_per_metre_;
   rosbag::Bag bag_;
   std::map<std::string, std::string> types_;  // topic to message type
   std::string depth_topic_;
@@ -257,6 +330,8 @@ class BagSequence : public DepthSequence {
   gpis_mapping::DepthRectifier rectifier_;
   std::unique_ptr<tf2::BufferCore> buffer_;
   std::set<std::string> frames_;
+  std::size_t num_bad_transforms_{0};
+  std::string first_bad_transform_;
   std::vector<rosbag::MessageInstance> images_;
   std::map<std::size_t, std_msgs::Header> headers_;  // of the images whose pose was asked for
 };
@@ -269,7 +344,8 @@ std::unique_ptr<DepthSequence> openBagSequence(const std::string& path, const Ba
   } catch (const rosbag::BagUnindexedException&) {
     throw DepthSequenceError(path + ": has no index (recording was cut off); run `rosbag reindex` on it");
   } catch (const rosbag::BagException& error) {
-    throw DepthSequenceError(path + ": cannot be read as a ROS bag: " + error.what());
+    throw DepthSequenceError(path + ": cannot be read as a ROS bag: " + error.what() +
+                             (looksLikeBag(path) ? "; if the recording was cut off, run `rosbag reindex` on it" : ""));
   } catch (const ros::Exception& error) {
     throw DepthSequenceError(path + ": holds a message that cannot be decoded: " + error.what());
   }

@@ -11,9 +11,7 @@ namespace gpis_mapping_ros {
 namespace {
 
 using gpis_mapping::PoseGuard;
-
-/// Stamps that step back by less are images out of order, not time that runs anew.
-constexpr double kOutOfOrder_s = 1.0;
+using gpis_mapping::StampGuard;
 
 std::string seconds(double value) {
   char text[40];
@@ -111,35 +109,32 @@ CameraPoseSource::SteadyTime CameraPoseSource::deadline(SteadyTime arrival) cons
 }
 
 CameraPoseSource::StampVerdict CameraPoseSource::checkStamp(const ros::Time& stamp, Refusal* refusal) {
-  if (stamp.isZero()) {  // tf would take it for "newest"
-    *refusal = {FrameStatus::kMalformedImage, "stamp is 0, must be the time of exposure"};
-    return StampVerdict::kRefused;
-  }
   const ros::Time now = ros::Time::now();
   const double ahead = stamp.toSec() - now.toSec();  // a ros::Duration ends at 68 years
-  if (!now.isZero() && ahead > params_.max_future_s) {
+  if (!stamp.isZero() && !now.isZero() && ahead > params_.max_future_s) {
     *refusal = {FrameStatus::kStampInFuture, "stamp is " + seconds(ahead) + " ahead of ROS time, must be at most " +
                                                  seconds(params_.max_future_s) +
                                                  " (max_future_s); are the clocks in step?"};
     return StampVerdict::kRefused;
   }
-  if (!last_stamp_.isZero() && stamp <= last_stamp_) {
-    const double back = last_stamp_.toSec() - stamp.toSec();
-    if (back < kOutOfOrder_s) {
-      *refusal = {FrameStatus::kTimeRanBack, "stamp is " + seconds(back) + " before the last one, must be after it"};
+  switch (stamps_.check(stamp.toSec())) {
+    case StampGuard::Verdict::kGood:
+      return StampVerdict::kGood;
+    case StampGuard::Verdict::kZero:
+      *refusal = {FrameStatus::kMalformedImage, stamps_.message()};
       return StampVerdict::kRefused;
-    }
-    // What tf and the guard remember belongs to a time that is yet to come.
-    buffer_.clear();
-    guard_.reset();
-    has_restarted_ = true;
-    last_stamp_ = stamp;
-    *refusal = {FrameStatus::kTimeRanBack,
-                "time ran back by " + seconds(back) + " (a looped bag?): transforms and pose history are forgotten"};
-    return StampVerdict::kRestarted;
+    case StampGuard::Verdict::kOutOfOrder:
+      *refusal = {FrameStatus::kTimeRanBack, stamps_.message()};
+      return StampVerdict::kRefused;
+    case StampGuard::Verdict::kRestarted:
+      break;
   }
-  last_stamp_ = stamp;
-  return StampVerdict::kGood;
+  // What tf and the guard remember belongs to a time that is yet to come.
+  buffer_.clear();
+  guard_.reset();
+  has_restarted_ = true;
+  *refusal = {FrameStatus::kTimeRanBack, stamps_.message() + ": transforms and pose history are forgotten"};
+  return StampVerdict::kRestarted;
 }
 
 std::optional<std::string> CameraPoseSource::cameraFrame(const std::string& frame_id, Refusal* refusal) const {

@@ -16,7 +16,6 @@ using gpis_mapping::DepthImage;
 using gpis_mapping::DepthRectifier;
 using gpis_mapping::LensDistortion;
 
-constexpr char kAllowedEncodings[] = "16UC1 (mm), 32FC1 (m)";
 constexpr std::size_t kMaxShownName = 40;
 
 bool isLittleEndianMachine() {
@@ -35,14 +34,6 @@ T pixelAt(const std::uint8_t* data, bool swap) {
   T value;
   std::memcpy(&value, bytes, sizeof(T));
   return value;
-}
-
-/// Messages name foreign strings; those may be long, or hold anything.
-std::string shown(const std::string& name) {
-  std::string text = name.substr(0, kMaxShownName);
-  std::replace_if(
-      text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c > 0x7e; }, '?');
-  return "'" + text + (name.size() > kMaxShownName ? "..." : "") + "'";
 }
 
 std::string sizeText(std::uint64_t width, std::uint64_t height) {
@@ -102,6 +93,13 @@ const char* toString(FrameStatus status) {
   return "?";
 }
 
+std::string shownName(const std::string& name) {
+  std::string text = name.substr(0, kMaxShownName);
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c > 0x7e; }, '?');
+  return "'" + text + (name.size() > kMaxShownName ? "..." : "") + "'";
+}
+
 std::string withoutSlash(const std::string& frame) {
   return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
 }
@@ -121,13 +119,13 @@ bool isRectifiedTopic(const std::string& topic) {
 }
 
 bool isDepthEncoding(const std::string& encoding) {
-  return encoding == "16UC1" || encoding == "32FC1";
+  return encoding == "16UC1" || encoding == "mono16" || encoding == "32FC1";
 }
 
 std::optional<DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre, Refusal* refusal) {
   if (!isDepthEncoding(message.encoding)) {
     *refusal = {FrameStatus::kWrongEncoding,
-                "encoding is " + shown(message.encoding) + ", must be one of " + kAllowedEncodings};
+                "encoding is " + shownName(message.encoding) + ", must be one of " + kAllowedDepthEncodings};
     return std::nullopt;
   }
   const std::size_t width = message.width;
@@ -234,10 +232,6 @@ std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& tran
 
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Refusal* refusal) {
   return makeIsometry("pose", pose.position, pose.orientation, refusal);
-}
-
-bool holdsMeasurement(const DepthImage& image) {
-  return std::any_of(image.depth_m.begin(), image.depth_m.end(), [](float z) { return z > 0.0f; });
 }
 
 }  // namespace gpis_mapping_ros

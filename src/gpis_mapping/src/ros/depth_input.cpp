@@ -5,6 +5,8 @@
 #include <exception>
 #include <stdexcept>
 
+#include "gpis_mapping_ros/compressed_depth.h"
+
 namespace gpis_mapping_ros {
 namespace {
 
@@ -50,11 +52,17 @@ DepthInput::DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private
       transport_(nh) {
   info_subscriber_ = ros::NodeHandle(nh).subscribe("depth/camera_info", 2, &DepthInput::onInfo, this,
                                                    ros::TransportHints().tcpNoDelay());
-  image_subscriber_ = transport_.subscribe(
-      "depth/image_rect", 1, &DepthInput::onImage, this,
-      image_transport::TransportHints(params_.image_transport, ros::TransportHints().tcpNoDelay(), private_nh));
   // Remappings decide what the topic is called.
-  is_rectified_ = isRectifiedTopic(image_subscriber_.getTopic());
+  const std::string topic = nh.resolveName("depth/image_rect");
+  is_rectified_ = isRectifiedTopic(topic);
+  if (params_.image_transport == kCompressedDepthSuffix + 1) {  // not every distribution has its plugin
+    compressed_subscriber_ = ros::NodeHandle(nh).subscribe(
+        topic + kCompressedDepthSuffix, 1, &DepthInput::onCompressedImage, this, ros::TransportHints().tcpNoDelay());
+  } else {
+    image_subscriber_ = transport_.subscribe(
+        "depth/image_rect", 1, &DepthInput::onImage, this,
+        image_transport::TransportHints(params_.image_transport, ros::TransportHints().tcpNoDelay(), private_nh));
+  }
   worker_ = std::thread(&DepthInput::work, this);
 }
 
@@ -67,6 +75,7 @@ DepthInput::~DepthInput() {
   pose_source_.stop();
   worker_.join();
   image_subscriber_.shutdown();
+  compressed_subscriber_.shutdown();
   info_subscriber_.shutdown();
 }
 
@@ -88,12 +97,24 @@ void DepthInput::resetPoseGuard() {
   pose_source_.resetGuard();
 }
 
+std::string DepthInput::imageTopic() const {
+  return compressed_subscriber_ ? compressed_subscriber_.getTopic() : image_subscriber_.getTopic();
+}
+
 void DepthInput::onImage(const sensor_msgs::ImageConstPtr& image) {
+  take({image, nullptr, std::chrono::steady_clock::now()});
+}
+
+void DepthInput::onCompressedImage(const sensor_msgs::CompressedImageConstPtr& image) {
+  take({nullptr, image, std::chrono::steady_clock::now()});
+}
+
+void DepthInput::take(Waiting waiting) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     ++counters_.received;
     if (waiting_) ++counters_.replaced;
-    waiting_ = Waiting{image, std::chrono::steady_clock::now()};
+    waiting_ = std::move(waiting);
   }
   changed_.notify_all();
 }
@@ -134,7 +155,7 @@ void DepthInput::work() {
       refusal = {FrameStatus::kRefusedByMap, error.what()};
     }
     count(refusal);
-    if (!was_consumed) refuse_(job.image->header.stamp, refusal);
+    if (!was_consumed) refuse_(job.header().stamp, refusal);
   }
 }
 
@@ -153,17 +174,21 @@ sensor_msgs::CameraInfoConstPtr DepthInput::waitForInfo(SteadyTime deadline) {
 }
 
 std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refusal* refusal) {
-  const sensor_msgs::Image& message = *waiting.image;
+  const std_msgs::Header& header = waiting.header();
   const SteadyTime deadline = pose_source_.deadline(waiting.arrival);
-  const CameraPoseSource::StampVerdict verdict = pose_source_.checkStamp(message.header.stamp, refusal);
+  const CameraPoseSource::StampVerdict verdict = pose_source_.checkStamp(header.stamp, refusal);
   if (verdict == CameraPoseSource::StampVerdict::kRestarted) refusal->message += ", the map stays";
   if (verdict != CameraPoseSource::StampVerdict::kGood) return std::nullopt;
-  const std::optional<std::string> camera_frame = pose_source_.cameraFrame(message.header.frame_id, refusal);
+  const std::optional<std::string> camera_frame = pose_source_.cameraFrame(header.frame_id, refusal);
   if (!camera_frame) return std::nullopt;
   DepthInputFrame frame;
-  frame.stamp = message.header.stamp;
+  frame.stamp = header.stamp;
   frame.camera_frame = *camera_frame;
-  std::optional<gpis_mapping::DepthImage> image = toDepthImage(message, params_.depth_units_per_metre, refusal);
+  std::optional<sensor_msgs::Image> decoded;
+  if (waiting.compressed) decoded = decodeCompressedDepth(*waiting.compressed, refusal);
+  if (waiting.compressed && !decoded) return std::nullopt;
+  std::optional<gpis_mapping::DepthImage> image =
+      toDepthImage(decoded ? *decoded : *waiting.image, params_.depth_units_per_metre, refusal);
   if (!image) return std::nullopt;
   const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline);
   if (!info) {
@@ -181,14 +206,13 @@ std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refus
   const std::string info_frame = withoutSlash(info->header.frame_id);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    counters_.warning = info_frame == withoutSlash(message.header.frame_id)
+    counters_.warning = info_frame == withoutSlash(header.frame_id)
                             ? ""
                             : "camera info is of frame '" + info_frame + "', the image of '" +
-                                  withoutSlash(message.header.frame_id) + "': is it the right topic?";
+                                  withoutSlash(header.frame_id) + "': is it the right topic?";
   }
   if (!holdsMeasurement(*image)) {
-    *refusal = {FrameStatus::kNothingMeasured, "none of " + std::to_string(image->depth_m.size()) +
-                                                   " pixels holds a depth or +Inf: is the lens covered?"};
+    *refusal = {FrameStatus::kNothingMeasured, gpis_mapping::nothingMeasured(*image)};
     return std::nullopt;
   }
   const std::optional<Eigen::Isometry3d> pose = pose_source_.poseAt(frame.camera_frame, frame.stamp, deadline, refusal);

@@ -23,6 +23,7 @@ struct Options {
   std::string input;
   long long start{0};
   long long end{-1};  // -1: the last frame
+  std::optional<double> units_per_metre;
   gpis_mapping_ros::BagOptions bag;
 };
 
@@ -30,10 +31,12 @@ struct Options {
 std::optional<Options> parseCommandLine(int argc, char** argv) {
   Options options;
   po::options_description visible("Options");
-  visible.add_options()                                                                                    //
-      ("help,h", "show this text")                                                                         //
-      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")                      //
-      ("end", po::value(&options.end), "last frame, included (default: the last one)")                     //
+  visible.add_options()                                                                 //
+      ("help,h", "show this text")                                                      //
+      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")   //
+      ("end", po::value(&options.end), "last frame, included (default: the last one)")  //
+      ("depth-units", po::value<double>(),
+       "units per metre of 16-bit images (default: TUM 5000 or as its camera_info.yaml says, else 1000)")  //
       ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")   //
       ("info-topic", po::value(&options.bag.info_topic), "bag: camera info (default: beside the images)")  //
       ("map-frame", po::value(&options.bag.map_frame)->default_value(options.bag.map_frame), "bag: fixed frame");
@@ -58,6 +61,10 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   if (values.count("end") > 0 && options.end < options.start) {
     throw UsageError("--end = " + std::to_string(options.end) + ", must be at least " + std::to_string(options.start));
   }
+  if (values.count("depth-units") > 0) {
+    options.units_per_metre = requireDepthUnits(values["depth-units"].as<double>());
+    options.bag.units_per_metre = *options.units_per_metre;
+  }
   return options;
 }
 
@@ -66,7 +73,7 @@ int estimate(int argc, char** argv) {
   if (!options) return kExitOk;
   const std::unique_ptr<DepthSequence> sequence = gpis_mapping_ros::looksLikeBag(options->input)
                                                       ? gpis_mapping_ros::openBagSequence(options->input, options->bag)
-                                                      : openDepthSequence(options->input);
+                                                      : openDepthSequence(options->input, options->units_per_metre);
   if (sequence->size() == 0) throw DepthSequenceError(options->input + ": holds no depth image");
   const auto start = static_cast<std::size_t>(options->start);
   const std::size_t last = sequence->size() - 1;

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <filesystem>
 #include <iostream>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -25,6 +26,7 @@
 #include "gpis_mapping/map_io.h"
 #include "gpis_mapping/mesh_extractor.h"
 #include "gpis_mapping/ply.h"
+#include "gpis_mapping/recording_guard.h"
 #include "gpis_mapping_ros/bag_sequence.h"
 #include "tool_support.h"
 
@@ -46,6 +48,12 @@ double millisecondsSince(Clock::time_point begin) {
   return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
 }
 
+std::string onePrinted(double value) {
+  char text[40];
+  std::snprintf(text, sizeof(text), "%.4g", value);
+  return text;
+}
+
 struct Options {
   std::string input;
   std::string out;
@@ -56,6 +64,8 @@ struct Options {
   long long mesh_every{0};  // 0: only at the end
   double time_offset_s{0.0};
   bool is_quiet{false};
+  bool trusts_poses{false};
+  std::optional<double> units_per_metre;
   gpis_mapping_ros::BagOptions bag;
 };
 
@@ -63,14 +73,19 @@ struct Options {
 std::optional<Options> parseCommandLine(int argc, char** argv) {
   Options options;
   po::options_description visible("Options");
-  visible.add_options()                                                                                    //
-      ("help,h", "show this text")                                                                         //
-      ("out", po::value(&options.out), "folder for mesh.ply, map.gpis, timing.csv; made if missing")       //
-      ("config", po::value(&options.config), "map configuration (YAML); default: built-in values")         //
-      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")                      //
-      ("end", po::value(&options.end), "last frame, included (default: the last one)")                     //
-      ("stride", po::value(&options.stride), "take every N-th frame (default 1)")                          //
-      ("mesh-every", po::value(&options.mesh_every), "also write mesh_FRAME.ply after every N frames")     //
+  visible.add_options()                                                                                 //
+      ("help,h", "show this text")                                                                      //
+      ("out", po::value(&options.out), "folder for mesh.ply, map.gpis, timing.csv; made if missing")    //
+      ("config", po::value(&options.config), "map configuration (YAML); default: built-in values")      //
+      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")                   //
+      ("end", po::value(&options.end), "last frame, included (default: the last one)")                  //
+      ("stride", po::value(&options.stride), "take every N-th frame (default 1)")                       //
+      ("mesh-every", po::value(&options.mesh_every), "also write mesh_FRAME.ply after every N frames")  //
+      ("depth-units", po::value<double>(),
+       "units per metre of 16-bit images (default: TUM 5000 or as its camera_info.yaml "
+       "says, else 1000)")  //
+      ("no-pose-check", po::bool_switch(&options.trusts_poses),
+       "map frames whose pose the camera cannot have moved to")                                            //
       ("time-offset", po::value(&options.time_offset_s), "added to image stamps for their poses [s]")      //
       ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr")                             //
       ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")   //
@@ -105,6 +120,10 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
     throw UsageError("--time-offset = " + std::to_string(options.time_offset_s) + " s, must be in [-1, 1] s");
   }
   if (values.count("mesh-every") > 0) require("--mesh-every", options.mesh_every, 1);
+  if (values.count("depth-units") > 0) {
+    options.units_per_metre = requireDepthUnits(values["depth-units"].as<double>());
+    options.bag.units_per_metre = *options.units_per_metre;
+  }
   return options;
 }
 
@@ -186,7 +205,7 @@ void say(ProgressBar* progress, const std::string& text) {
 
 std::unique_ptr<DepthSequence> openInput(const Options& options) {
   std::error_code ignored;
-  if (!fs::is_regular_file(options.input, ignored)) return openDepthSequence(options.input);
+  if (!fs::is_regular_file(options.input, ignored)) return openDepthSequence(options.input, options.units_per_metre);
   if (!gpis_mapping_ros::looksLikeBag(options.input)) {
     throw DepthSequenceError(options.input +
                              ": is neither a ROS bag (#ROSBAG V2.0) nor a folder in TUM RGB-D or 7-Scenes layout");
@@ -213,6 +232,32 @@ std::string meshName(std::size_t frame) {
   return name;
 }
 
+/// Which depths were measured, for a map that stays empty.
+class DepthRange {
+ public:
+  void add(const DepthImage& image) {
+    for (const float z : image.depth_m) {
+      if (!(z > 0.0f) || std::isinf(z)) continue;
+      nearest_m_ = std::min(nearest_m_, z);
+      farthest_m_ = std::max(farthest_m_, z);
+    }
+  }
+  /// Why no frame of `frames` left a point in the map.
+  std::string whyNothingIsMapped(std::size_t frames, const GpisConfig& config) const {
+    std::string text = "no surface was mapped from " + std::to_string(frames) + " frame(s)";
+    if (nearest_m_ > farthest_m_) return text + ": no pixel holds a depth";
+    const bool is_in_range = farthest_m_ >= config.sensor.min_range_m && nearest_m_ <= config.sensor.max_range_m;
+    text += is_in_range ? ": no measurement within region, and connected;" : ": no measurement in range;";
+    return text + " depths were " + onePrinted(nearest_m_) + " to " + onePrinted(farthest_m_) +
+           " m, sensor/min_range_m is " + onePrinted(config.sensor.min_range_m) + ", max_range_m " +
+           onePrinted(config.sensor.max_range_m) + ". Are the units per metre (--depth-units) right?";
+  }
+
+ private:
+  float nearest_m_{std::numeric_limits<float>::infinity()};
+  float farthest_m_{0.0f};
+};
+
 int mapSequence(int argc, char** argv) {
   const std::optional<Options> parsed = parseCommandLine(argc, argv);
   if (!parsed) return kExitOk;
@@ -234,6 +279,10 @@ int mapSequence(int argc, char** argv) {
   }
   const auto stride = static_cast<std::size_t>(options.stride);
 
+  std::vector<std::size_t> frames;
+  for (std::size_t i = start; i <= end; i += stride) frames.push_back(i);
+  RecordingGuard guard(sequence.get(), frames, options.trusts_poses ? std::nullopt : std::make_optional(PoseLimits{}));
+
   makeFolder(options.out);
   const fs::path out(options.out);
   const std::string timing_path = (out / "timing.csv").string();
@@ -247,13 +296,17 @@ int mapSequence(int argc, char** argv) {
   std::string failure;
   std::signal(SIGINT, onInterrupt);
   std::signal(SIGTERM, onInterrupt);
-  ProgressBar progress((end - start) / stride + 1, options.is_quiet);
+  DepthRange depths;
+  ProgressBar progress(frames.size(), options.is_quiet);
   std::size_t done = 0;
-  for (std::size_t i = start; i <= end && interrupted == 0; i += stride) {
+  for (const std::size_t i : frames) {
+    if (interrupted != 0) break;
     try {
       SkipReason reason;
       const std::optional<DepthFrame> frame = sequence->frame(i, &reason);
-      if (frame) {
+      const std::optional<SkipReason> refusal = frame ? guard.check(*frame) : reason;
+      if (!refusal) {
+        depths.add(frame->image);
         const UpdateStatistics statistics =
             map.update(frame->image, sequence->camera(), frame->T_map_camera, frame->stamp_s);
         timing.add(i, statistics);
@@ -263,7 +316,7 @@ int mapSequence(int argc, char** argv) {
           writePly(extractor.mesh(), (out / meshName(i)).string());
         }
       } else {
-        skipped.add(i, reason);
+        skipped.add(i, *refusal);
       }
     } catch (const DepthSequenceError& error) {
       skipped.add(i, {"frame cannot be used", error.what()});  // one bad file does not end a recording
@@ -285,8 +338,15 @@ int mapSequence(int argc, char** argv) {
     throw DepthSequenceError(options.input + ": no frame could be used: " + skipped.text());
   }
   if (skipped.total() > 0) say(nullptr, "note: skipped " + skipped.text());
+  if (guard.numSettledJumps() > 0) {
+    say(nullptr, "note: " + std::to_string(guard.numSettledJumps()) +
+                     " pose jump(s) stayed and were believed: what was mapped before may stand beside what came after");
+  }
 
   const auto snapshot = map.snapshot();
+  if (snapshot->numPoints() == 0 && failure.empty() && interrupted == 0) {
+    throw DepthSequenceError(options.input + ": " + depths.whyNothingIsMapped(update_ms.size(), config));
+  }
   const double map_memory_mb = static_cast<double>(snapshot->memoryBytes()) / 1e6;
   const double update_peak_mb = peakMemoryMb();
   Clock::time_point begin = Clock::now();
@@ -304,6 +364,7 @@ int mapSequence(int argc, char** argv) {
       {"frames", update_ms.size()},
       {"skipped", skipped.total()},
       {"skip_reasons", skipped.json()},
+      {"settled_pose_jumps", guard.numSettledJumps()},
       {"interrupted", interrupted != 0},
       {"median_ms", quantile(update_ms, 0.5)},
       {"mean_ms", sum_ms / static_cast<double>(update_ms.size())},

@@ -36,14 +36,14 @@ class Room : public DepthSequence {
 
   std::size_t size() const override { return 200; }
   const CameraModel& camera() const override { return camera_; }
-  std::optional<Eigen::Isometry3d> pose(std::size_t i, double time_offset_s, SkipReason*) override {
-    return motion_(stamp(i) + time_offset_s);
+  std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason*) override {
+    return StampedPose{motion_(stamp(i) + time_offset_s), stamp(i)};
   }
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     std::mt19937 random(static_cast<unsigned>(i));
     std::normal_distribution<float> noise(0.0f, 0.003f);
     const Eigen::Isometry3d T = motion_(stamp(i) + offset_s_);
-    DepthFrame frame{{camera_.width, camera_.height, {}}, *pose(i, time_offset_s_, reason), stamp(i), ""};
+    DepthFrame frame{{camera_.width, camera_.height, {}}, pose(i, timeOffset(), reason)->T_map_camera, stamp(i), ""};
     for (int v = 0; v < camera_.height; ++v) {
       for (int u = 0; u < camera_.width; ++u) {
         const Eigen::Vector3d ray = T.linear() * pixelRay(camera_, u, v);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <functional>
 
 #include <geometry_msgs/TransformStamped.h>
 #include <gmock/gmock.h>
@@ -14,6 +15,7 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "../support/compressed_images.h"
 #include "../support/temporary_folder.h"
 #include "gpis_mapping_ros/conversions.h"
 
@@ -195,14 +197,14 @@ TEST_F(Bag, RefusesOtherEncodingsAndNamesTheAllowedOnes) {
   write(kDepthTopic, 0.1, colour);
   write("/camera/depth/image/compressedDepth", 0.1, sensor_msgs::CompressedImage());
   const std::string message = refusal();
-  EXPECT_THAT(message, HasSubstr("/camera/depth/image/compressedDepth (compressed, not read)"));
+  EXPECT_THAT(message, HasSubstr("/camera/depth/image/compressedDepth (compressed, not read: '')"));
   EXPECT_THAT(message, AllOf(HasSubstr("16UC1"), HasSubstr("32FC1"), HasSubstr("/camera/depth/image_raw (rgb8)")));
   BagOptions options;
   options.depth_topic = kDepthTopic;
   const auto sequence = openBagSequence(path_, options);
   SkipReason reason;
   EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(0, &reason); }),
-              AllOf(HasSubstr("encoding is 'rgb8'"), HasSubstr("16UC1 (mm), 32FC1 (m)")));
+              AllOf(HasSubstr("encoding is 'rgb8'"), HasSubstr("16UC1 or mono16 (mm), 32FC1 (m)")));
 }
 
 TEST_F(Bag, AsksWhenSeveralTopicsWouldDo) {
@@ -233,7 +235,7 @@ TEST_F(Bag, LooksUpPosesAtTheStampPlusTheTimeOffset) {
   const auto sequence = open();
   SkipReason reason;
   const auto x = [](const Eigen::Isometry3d& T) { return T.translation().x(); };
-  const double before = x(*sequence->pose(0, -0.25, &reason));
+  const double before = x(sequence->pose(0, -0.25, &reason)->T_map_camera);
   EXPECT_NE(before, x(sequence->frame(0, &reason)->T_map_camera));
   sequence->setTimeOffset(-0.25);
   const auto frame = sequence->frame(0, &reason);
@@ -289,6 +291,129 @@ TEST_F(Bag, RefusesImagesThatContradictThemselves) {
     EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(i, &reason); }), HasSubstr("bytes are too few"));
   }
   EXPECT_THAT(messageOf<DepthSequenceError>([&] { sequence->frame(2, &reason); }), HasSubstr("is 20 x 15 px"));
+}
+
+TEST_F(Bag, SkipsImagesWithoutStamp) {
+  writeCameraInfo();
+  writeTransforms();
+  sensor_msgs::Image image = image16(0.1);
+  image.header.stamp = ros::Time(0);
+  write(kDepthTopic, 0.1, image);
+  const auto sequence = open();
+  EXPECT_TRUE(sequence->hasClock());
+  SkipReason reason;
+  EXPECT_FALSE(sequence->frame(0, &reason));
+  EXPECT_EQ(reason.kind, "no stamp");
+  EXPECT_FALSE(sequence->pose(0, 0.5, &reason)) << "0 plus an offset is no stamp either";
+}
+
+TEST_F(Bag, UnitsCanBeGiven) {
+  writeCameraInfo();
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  write(kDepthTopic, 0.2, image32(0.2));
+  BagOptions options;
+  options.units_per_metre = 4000.0;
+  const auto sequence = open(options);
+  SkipReason reason;
+  EXPECT_FLOAT_EQ(sequence->frame(0, &reason)->image.at(0, 0), 0.25f);
+  EXPECT_FLOAT_EQ(sequence->frame(1, &reason)->image.at(0, 0), 1.0f) << "metres are metres";
+}
+
+TEST_F(Bag, Mono16IsDepthWhereThereIsNoOther) {
+  writeCameraInfo();
+  writeTransforms();
+  sensor_msgs::Image image = image16(0.1);
+  image.encoding = "mono16";
+  write("/camera/ir/image_raw", 0.1, image);
+  writeCameraInfo("/camera/ir/camera_info");
+  SkipReason reason;
+  const auto frame = open()->frame(0, &reason);
+  ASSERT_TRUE(frame);
+  EXPECT_FLOAT_EQ(frame->image.at(0, 0), 1.0f);
+  bag_.open(path_, rosbag::bagmode::Append);
+  write(kDepthTopic, 0.2, image16(0.2));
+  EXPECT_THAT(open()->frame(0, &reason)->name, HasSubstr(kDepthTopic));
+}
+
+TEST_F(Bag, ReadsCompressedDepth) {
+  writeCameraInfo();
+  writeTransforms();
+  sensor_msgs::CompressedImage message =
+      test_support::compressedDepth("16UC1; compressedDepth", cv::Mat(kHeight, kWidth, CV_16UC1, cv::Scalar(1250)));
+  message.header = image16(0.1).header;
+  const std::string topic = "/camera/depth/image_rect/compressedDepth";
+  write(topic, 0.1, message);
+  SkipReason reason;
+  for (const std::string& wanted : {std::string(), topic, std::string("/camera/depth/image_rect")}) {
+    BagOptions options;
+    options.depth_topic = wanted;
+    const auto sequence = open(options);
+    EXPECT_EQ(sequence->camera().fx, 28.0) << "rectified: P";
+    const auto frame = sequence->frame(0, &reason);
+    ASSERT_TRUE(frame) << reason.detail;
+    EXPECT_FLOAT_EQ(frame->image.at(3, 3), 1.25f);
+    EXPECT_EQ(sequence->pose(0, 0.0, &reason)->stamp_s, frame->stamp_s);
+  }
+  bag_.open(path_, rosbag::bagmode::Append);
+  write("/camera/depth/image_rect", 0.2, image16(0.2));
+  EXPECT_FLOAT_EQ(open()->frame(0, &reason)->image.at(0, 0), 1.0f) << "the raw ones of both";
+}
+
+TEST_F(Bag, CameraInfoMayJitter) {
+  writeTransforms();
+  write(kDepthTopic, 0.1, image16(0.1));
+  sensor_msgs::CameraInfo info;
+  info.width = kWidth;
+  info.height = kHeight;
+  info.K = {{30, 0, 9.5, 0, 31, 7.5, 0, 0, 1}};
+  write("/camera/depth/camera_info", 0.1, info);
+  info.K[0] += 9e-4;
+  write("/camera/depth/camera_info", 0.2, info);
+  EXPECT_EQ(open()->camera().fx, 30.0);
+  bag_.open(path_, rosbag::bagmode::Append);
+  info.K[0] += 9e-4;
+  write("/camera/depth/camera_info", 0.3, info);
+  EXPECT_THAT(refusal(), HasSubstr("changes during the recording"));
+}
+
+TEST_F(Bag, RefusesACameraInfoWhoseDistortionOrCutChanges) {
+  bag_.close();
+  for (const auto& change : std::vector<std::function<void(sensor_msgs::CameraInfo*)>>{
+           [](auto* info) { info->D[0] = 1e-4; }, [](auto* info) { info->roi.width = kWidth; },
+           [](auto* info) { info->binning_x = 2; }, [](auto* info) { info->binning_y = 2; }}) {
+    bag_.open(path_, rosbag::bagmode::Write);
+    writeTransforms();
+    write(kDepthTopic, 0.1, image16(0.1));
+    sensor_msgs::CameraInfo info = cameraInfo();
+    write("/camera/depth/camera_info", 0.1, info);
+    change(&info);
+    write("/camera/depth/camera_info", 0.2, info);
+    EXPECT_THAT(refusal(), HasSubstr("changes during the recording"));
+  }
+}
+
+TEST_F(Bag, CountsTransformsThatAreNoRotation) {
+  writeCameraInfo();
+  geometry_msgs::TransformStamped scaled = transform(0.0, "map", "camera_depth_optical_frame", 1.0);
+  scaled.transform.rotation.w = 1.03;
+  writeTf("/tf", scaled);
+  scaled.header.stamp = at(1.0);
+  writeTf("/tf", scaled);
+  write(kDepthTopic, 0.1, image16(0.1));
+  const std::string expected =
+      "2 transforms were left out, the first from 'map' to 'camera_depth_optical_frame': transform is not finite or no "
+      "rotation: |q| = 1.03";
+  testing::internal::CaptureStderr();
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("no usable transform"), HasSubstr(expected)));
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  bag_.open(path_, rosbag::bagmode::Append);
+  scaled.transform.rotation.w = 1.009;  // rounding, which tf2 does not take
+  writeTf("/tf_static", scaled);
+  SkipReason reason;
+  const auto sequence = open();
+  EXPECT_THAT(sequence->notes(), testing::ElementsAre(HasSubstr(expected)));
+  EXPECT_TRUE(sequence->frame(0, &reason)) << reason.detail;
 }
 
 TEST_F(Bag, RectifiedImagesTakeTheProjectionMatrix) {
@@ -358,6 +483,8 @@ TEST_F(Bag, RefusesBrokenFiles) {
     writeText(path_, whole.substr(0, length));
     EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(path_); }), HasSubstr(path_)) << length;
   }
+  writeText(path_, whole.substr(0, whole.size() / 2));
+  EXPECT_THAT(messageOf<DepthSequenceError>([&] { openBagSequence(path_); }), HasSubstr("rosbag reindex"));
   writeText(path_, "# depth\n");
   EXPECT_FALSE(looksLikeBag(path_));
   EXPECT_FALSE(looksLikeBag(folder_.file("none.bag")));

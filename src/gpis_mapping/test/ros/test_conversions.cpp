@@ -53,6 +53,7 @@ TEST(ToDepthImage, ReadsMillimetresAndMetresOfEitherByteOrderWithPaddedRows) {
     }
   }
   Refusal refusal;
+  EXPECT_FLOAT_EQ(toDepthImage(image("mono16", 3, 2, raw), 1000.0, &refusal)->at(1, 0), 1.5f);
   EXPECT_FLOAT_EQ(toDepthImage(image("16UC1", 3, 2, raw), 5000.0, &refusal)->at(1, 0), 0.3f);
 }
 
@@ -291,9 +292,9 @@ TEST(Conversions, ShiftedStampsAreNeverZero) {
 TEST(Conversions, HoldMeasurementOnlyWithADepthOrNothingInReach) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
-  EXPECT_FALSE(holdsMeasurement({2, 2, {nan, 0.0f, -inf, -1.0f}}));
-  EXPECT_TRUE(holdsMeasurement({2, 2, {nan, 0.0f, inf, -1.0f}}));
-  EXPECT_TRUE(holdsMeasurement({2, 2, {nan, 0.0f, -inf, 0.4f}}));
+  EXPECT_FALSE(gpis_mapping::holdsMeasurement({2, 2, {nan, 0.0f, -inf, -1.0f}}));
+  EXPECT_TRUE(gpis_mapping::holdsMeasurement({2, 2, {nan, 0.0f, inf, -1.0f}}));
+  EXPECT_TRUE(gpis_mapping::holdsMeasurement({2, 2, {nan, 0.0f, -inf, 0.4f}}));
 }
 
 TEST(Conversions, KnowRectifiedTopicsAndSlashes) {
