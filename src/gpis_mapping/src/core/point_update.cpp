@@ -125,7 +125,7 @@ std::optional<Eigen::Vector2i> Frame::pixelOf(const Eigen::Vector3d& p_map) cons
 bool Frame::isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera, std::size_t pixel) const {
   if (!config_.dynamic.enabled || !can_measure_[pixel]) return false;
   const double range = p_camera.norm();
-  if (range < kTooNear * config_.sensor.min_range_m || range > config_.sensor.max_range_m) return false;
+  if (range < kTooNear * config_.sensor.min_range_m || range > kTooFar * config_.sensor.max_range_m) return false;
   const Eigen::Vector3d then = point.seen_from_map.cast<double>() - point.position_map;  // NaN: false below
   const Eigen::Vector3d now = T_map_camera_.translation() - point.position_map;
   return range < kSameViewRange * then.norm() && then.dot(now) > kSameViewCosine * then.norm() * range;

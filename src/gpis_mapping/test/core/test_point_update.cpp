@@ -192,6 +192,11 @@ TEST_F(PointUpdate, HoleIsEvidenceOnlyWhereTheSensorMeasuredBefore) {
   EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, -0.5}), PointOutcome::kUnseen) << "a quarter farther";
   EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 0.9}), PointOutcome::kMissing) << "nearer";
   EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 1.75}), PointOutcome::kUnseen) << "too near to be measured";
+  EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 1.65}), PointOutcome::kMissing) << "35 cm away, the least range is 25 cm";
+  SurfacePoint far = seen;
+  far.seen_from_map = Eigen::Vector3f(0.0f, 0.0f, -1.5f);
+  EXPECT_EQ(outcomeAt(far, {0.0, 0.0, -1.1}), PointOutcome::kMissing) << "3.1 m away";
+  EXPECT_EQ(outcomeAt(far, {0.0, 0.0, -1.3}), PointOutcome::kUnseen) << "3.3 m away, the greatest range is 4 m";
   SurfacePoint restored = seen;
   restored.seen_from_map.setConstant(std::numeric_limits<float>::quiet_NaN());
   EXPECT_EQ(outcomeAt(restored, {0.0, 0.0, 0.0}), PointOutcome::kUnseen);
