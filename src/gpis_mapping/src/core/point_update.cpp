@@ -24,7 +24,9 @@ constexpr double kMinDepth_m = 0.05;  // of a point that has a pixel
 // A view from the same direction within 10 degrees, and not much farther away, shows what the last one showed.
 constexpr double kSameViewCosine = 0.985;
 constexpr double kSameViewRange = 1.15;
-constexpr double kTooNear = 1.2;           // of the least range: there the sensor may fail
+// Nearer than this share of the least range, and farther than that of the greatest, a sensor fails anywhere.
+constexpr double kTooNear = 1.2;
+constexpr double kTooFar = 0.8;
 constexpr double kDoubleTolerances = 2.5;  // so near behind a surface of its direction, a point is a double of it
 constexpr int kMaxMisses = 3;              // consecutive looks that see past a point within the reach of a depth edge
 // Of the least tolerance: so far before a face of another direction, look after look, a point belongs to nothing.
