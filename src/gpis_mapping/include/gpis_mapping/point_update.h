@@ -64,7 +64,7 @@ class Frame {
   };
   Misalignment measureMisalignment(const std::vector<const SurfacePoint*>& points) const;
 
-  /// Tolerances and variances allow for it from here on.
+  /// Tolerances allow for it from here on.
   void allowFor(const Misalignment& misalignment) { misalignment_ = misalignment; }
 
   /// The surface at pixel coordinates (u, v): from the 2.5D^-1 map where that is smooth, else from the raw pixels on
