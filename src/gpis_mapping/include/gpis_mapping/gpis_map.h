@@ -44,13 +44,25 @@ struct UpdateStatistics {
   std::vector<Eigen::Vector3d> removed_points_map;  // where points were deleted
 };
 
-/// Everything that is kept of a map: what save writes and load restores. GPs are trained anew from it.
+/// What is remembered of the camera from image to image.
+struct CameraView {
+  CameraModel camera;
+  // Row major; not 0 for pixels in the stated field of view that have measured a depth. Depth that is registered to a
+  // colour image has margins that never do.
+  std::vector<std::uint8_t> can_measure;
+  Eigen::Isometry3d T_map_camera{Eigen::Isometry3d::Identity()};  // of the last image
+  double stamp_s{-std::numeric_limits<double>::infinity()};
+  int num_displaced{0};  // images running that lay off the map as a whole
+};
+
+/// Everything that is kept of a map: what save writes and load restores, but for the view. GPs are trained from it.
 struct MapContents {
   GpisConfig config;
   double epoch_s{0.0};
   std::uint64_t num_updates{0};
   std::vector<SurfacePoint> points;
   ObservedLayer observed{0.05};
+  CameraView view;
 };
 
 /// The dynamic Gaussian-process implicit surface (Algorithm 1).
@@ -145,17 +157,12 @@ class GpisMap {
   ObservedLayer observed_;
   double epoch_s_{0.0};
   std::uint64_t num_updates_{0};
+  CameraView view_;
   std::unordered_map<LatticeKey, std::vector<RemovedPoint>, LatticeKeyHash> recently_removed_;
 
   CameraModel camera_;
   std::unique_ptr<DepthClassifier> classifier_;
   std::shared_ptr<const FrameRegressor> regressor_;
-  // Not 0 for pixels in the stated field of view that have measured a depth since the camera is known. Depth that is
-  // registered to a colour image has margins that never do.
-  std::vector<std::uint8_t> can_measure_;
-  Eigen::Isometry3d last_T_map_camera_{Eigen::Isometry3d::Identity()};
-  int num_displaced_{0};  // frames running that lay off the map as a whole
-  double last_stamp_s_{-std::numeric_limits<double>::infinity()};
 
   mutable std::mutex snapshot_mutex_;  // guards snapshot_
   std::shared_ptr<const MapSnapshot> snapshot_;

@@ -27,6 +27,8 @@ constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks fo
 // that none comes and goes.
 constexpr double kLeastSpacings = 0.9;
 constexpr std::uint64_t kThinningPeriod = 8;  // each cell is looked through every so many updates; crowding takes hours
+constexpr std::size_t kMisalignmentPoints = 3000;  // about so many tell how far a frame lies off the map
+constexpr double kFineLattice_m = 1e-5;            // to choose them by position; reaches 10 km
 // A frame this far off the map as a whole is displaced. So many running are right, and the map is wrong.
 constexpr double kDisplaced_m = 0.02;
 constexpr int kMaxDisplaced = 5;
@@ -138,7 +140,8 @@ GpisMap::GpisMap(MapContents contents)
     : config_(contents.config),
       observed_(std::move(contents.observed)),
       epoch_s_(contents.epoch_s),
-      num_updates_(contents.num_updates) {
+      num_updates_(contents.num_updates),
+      view_(std::move(contents.view)) {
   requireValid(config_);
   for (const SurfacePoint& point : contents.points) {
     const LatticeKey key = config_.cells.at(point.position_map);
@@ -168,6 +171,7 @@ MapContents GpisMap::contents() const {
   contents.config = config_;
   contents.epoch_s = epoch_s_;
   contents.num_updates = num_updates_;
+  contents.view = view_;
   contents.observed = snapshot()->observed();
   for (const auto& [key, cell] : cells_) {
     for (const Cell::Entry& entry : cell.entries) contents.points.push_back(entry.point);
@@ -187,7 +191,10 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
   auto regressor = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
   classifier_ = std::make_unique<DepthClassifier>(camera, config_);
   regressor_ = std::move(regressor);
-  can_measure_.assign(static_cast<std::size_t>(camera.width) * camera.height, 0);
+  if (!(camera == view_.camera)) {
+    view_.camera = camera;
+    view_.can_measure.assign(static_cast<std::size_t>(camera.width) * camera.height, 0);
+  }
   camera_ = camera;
 }
 
@@ -212,10 +219,10 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   statistics.classify_ms = stage.lap();
 
   if (num_updates_ == 0) epoch_s_ = stamp_s;
-  Frame frame(config_, classified, regressor_, can_measure_, T_map_camera, motionTo(T_map_camera, stamp_s),
+  Frame frame(config_, classified, regressor_, view_.can_measure, T_map_camera, motionTo(T_map_camera, stamp_s),
               static_cast<float>(stamp_s - epoch_s_), threads);
-  last_T_map_camera_ = T_map_camera;
-  last_stamp_s_ = stamp_s;
+  view_.T_map_camera = T_map_camera;
+  view_.stamp_s = stamp_s;
   statistics.regress_ms = stage.lap();
 
   allowForMisalignment(&frame);
@@ -350,20 +357,31 @@ void GpisMap::markTouched(const LatticeKey& key, std::uint32_t neighbour_mask) {
 }
 
 CameraMotion GpisMap::motionTo(const Eigen::Isometry3d& T_map_camera, double stamp_s) const {
-  const double dt = stamp_s - last_stamp_s_;
+  const double dt = stamp_s - view_.stamp_s;
   if (!(dt > 0.0 && dt < kMaxMotionGap_s)) return {};
-  const Eigen::Isometry3d moved = last_T_map_camera_.inverse() * T_map_camera;
+  const Eigen::Isometry3d moved = view_.T_map_camera.inverse() * T_map_camera;
   return {moved.translation().norm() / dt, Eigen::AngleAxisd(moved.linear()).angle() / dt};
 }
 
 void GpisMap::allowForMisalignment(Frame* frame) {
-  std::vector<const SurfacePoint*> points;  // one of each cell
+  // A sample by position: it must not depend on cells and their order, which the map's history decides.
+  std::size_t num_points = 0;
+  for (const auto& [key, cell] : cells_) num_points += cell.entries.size();
+  const std::size_t share = std::max<std::size_t>(1, num_points / kMisalignmentPoints);
+  std::vector<const SurfacePoint*> points;
   for (const auto& [key, cell] : cells_) {
-    if (!cell.entries.empty()) points.push_back(&cell.entries.front().point);
+    for (const Cell::Entry& entry : cell.entries) {
+      const LatticeKey fine = LatticeKey::of(entry.point.position_map, kFineLattice_m);
+      if (LatticeKeyHash()(fine) % share == 0) points.push_back(&entry.point);
+    }
   }
+  std::sort(points.begin(), points.end(), [](const SurfacePoint* a, const SurfacePoint* b) {
+    return std::lexicographical_compare(a->position_map.data(), a->position_map.data() + 3, b->position_map.data(),
+                                        b->position_map.data() + 3);
+  });
   const Frame::Misalignment misalignment = frame->measureMisalignment(points);
-  num_displaced_ = misalignment.rms_m > kDisplaced_m ? num_displaced_ + 1 : 0;
-  frame->allowFor(num_displaced_ <= kMaxDisplaced ? misalignment : Frame::Misalignment());
+  view_.num_displaced = misalignment.rms_m > kDisplaced_m ? view_.num_displaced + 1 : 0;
+  frame->allowFor(view_.num_displaced <= kMaxDisplaced ? misalignment : Frame::Misalignment());
 }
 
 void GpisMap::learnView(const ClassifiedFrame& pixels) {
@@ -375,7 +393,7 @@ void GpisMap::learnView(const ClassifiedFrame& pixels) {
     if (std::abs(v - camera_.cy) > reach_v) continue;
     for (int u = 0; u < pixels.width; ++u) {
       const std::size_t i = pixels.index(u, v);
-      can_measure_[i] |= pixels.kind[i] == PixelKind::kSurface && std::abs(u - camera_.cx) <= reach_u;
+      view_.can_measure[i] |= pixels.kind[i] == PixelKind::kSurface && std::abs(u - camera_.cx) <= reach_u;
     }
   }
 }

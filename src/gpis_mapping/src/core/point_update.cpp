@@ -102,6 +102,10 @@ Frame::Misalignment Frame::measureMisalignment(const std::vector<const SurfacePo
   double squares = 0.0;
   for (const Row& row : rows) squares += std::pow(row.jacobian.dot(twist), 2);
   result.rms_m = std::sqrt(squares / static_cast<double>(rows.size()));
+  if (result.rms_m < config_.sensor.pose_std_m) {  // that much is stated, and allowed for as it is
+    result.shift_m.setZero();
+    result.turn_rad.setZero();
+  }
   return result;
 }
 
