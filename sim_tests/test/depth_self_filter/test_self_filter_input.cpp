@@ -248,7 +248,7 @@ TEST_F(SelfFilterInput, BadImagesAreDroppedWithTheirReason) {
   };
   sensor_msgs::Image image = good;
   image.encoding = "rgb8";
-  lookAt(image, Update::WRONG_ENCODING, "encoding is 'rgb8', must be one of 16UC1 (mm), 32FC1 (m)");
+  lookAt(image, Update::WRONG_ENCODING, "encoding is 'rgb8', must be one of 16UC1 or mono16 (mm), 32FC1 (m)");
   image = good;
   image.data.resize(100);
   lookAt(image, Update::MALFORMED_IMAGE, "100 bytes are too few");

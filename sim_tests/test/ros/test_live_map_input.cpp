@@ -80,7 +80,7 @@ std::vector<BadFrame> badFrames() {
       {"an encoding that is no depth",
        [](LiveFrame* frame) { frame->image.encoding = "bgr8"; },
        MapUpdate::WRONG_ENCODING,
-       {"'bgr8'", "must be one of 16UC1 (mm), 32FC1 (m)"}},
+       {"'bgr8'", "must be one of 16UC1 or mono16 (mm), 32FC1 (m)"}},
       {"an image larger than the camera info",
        [](LiveFrame* frame) {
          frame->image.width = 164;
