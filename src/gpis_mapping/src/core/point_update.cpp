@@ -217,12 +217,13 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
 
   if (block == Block::kNarrow) {
     // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look
-    // from here, and it would keep a piece of a removed object: what is in it shares the fate of its neighbours, and
-    // what its own pixel sees past, or all pixels round a dropout, goes after some looks.
-    const bool is_shadow = kind == PixelKind::kNoInformation;
-    const double seen_at = is_shadow ? map_.nearestAround(pixel_u, pixel_v) : pixels_->inverse_range[pixel];
-    if (inverse_range - seen_at >= tolerance) return miss(point);
-    return is_shadow && config_.dynamic.enabled ? PointOutcome::kDoubtful : PointOutcome::kNothing;
+    // from here, and it would keep a piece of a removed object: what all pixels round a dropout see past shares the
+    // fate of its neighbours, and what its own pixel sees past goes after some looks.
+    if (kind == PixelKind::kNoInformation) {
+      const bool is_past = inverse_range - map_.nearestAround(pixel_u, pixel_v) >= tolerance;
+      return is_past && config_.dynamic.enabled ? PointOutcome::kDoubtful : PointOutcome::kNothing;
+    }
+    return inverse_range - pixels_->inverse_range[pixel] >= tolerance ? miss(point) : PointOutcome::kNothing;
   }
   // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
   const double delta = inverse_range - seen.inverse_range;
