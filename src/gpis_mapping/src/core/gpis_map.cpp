@@ -364,17 +364,19 @@ CameraMotion GpisMap::motionTo(const Eigen::Isometry3d& T_map_camera, double sta
 }
 
 void GpisMap::allowForMisalignment(Frame* frame) {
-  // A sample by position: it must not depend on cells and their order, which the map's history decides.
-  std::size_t num_points = 0;
-  for (const auto& [key, cell] : cells_) num_points += cell.entries.size();
-  const std::size_t share = std::max<std::size_t>(1, num_points / kMisalignmentPoints);
-  std::vector<const SurfacePoint*> points;
+  std::vector<const SurfacePoint*> points;  // in view
   for (const auto& [key, cell] : cells_) {
+    if ((frame->T_camera_map() * config_.cells.center(key)).z() < -config_.cells.size_m) continue;
     for (const Cell::Entry& entry : cell.entries) {
-      const LatticeKey fine = LatticeKey::of(entry.point.position_map, kFineLattice_m);
-      if (LatticeKeyHash()(fine) % share == 0) points.push_back(&entry.point);
+      if (frame->pixelOf(entry.point.position_map)) points.push_back(&entry.point);
     }
   }
+  // A sample by position: it must not depend on cells and their order, which the map's history decides.
+  const std::size_t share = std::max<std::size_t>(1, points.size() / kMisalignmentPoints);
+  const auto isLeftOut = [share](const SurfacePoint* point) {
+    return LatticeKeyHash()(LatticeKey::of(point->position_map, kFineLattice_m)) % share != 0;
+  };
+  points.erase(std::remove_if(points.begin(), points.end(), isLeftOut), points.end());
   std::sort(points.begin(), points.end(), [](const SurfacePoint* a, const SurfacePoint* b) {
     return std::lexicographical_compare(a->position_map.data(), a->position_map.data() + 3, b->position_map.data(),
                                         b->position_map.data() + 3);
