@@ -39,6 +39,9 @@ struct ClassifiedFrame {
   // Not kNone within one kernel length of an unmeasured pixel. Speckle does not count: a few dropouts with one surface
   // all round leave out nothing that the pixels beside them do not tell.
   std::vector<Block> blocked;
+  // Inverse range [1/m] of the nearer border of a gap of zeros that a depth edge explains: the ray is clear up to there.
+  // 0 at all other pixels.
+  std::vector<float> clear_to;
   std::size_t num_surface{0};
 
   std::size_t index(int u, int v) const { return static_cast<std::size_t>(v) * width + u; }
@@ -66,9 +69,9 @@ class DepthClassifier {
   double edgeDepth(double near_m) const;
   /// Widest strip, along the image row, that the near side of a depth edge can hide from the second viewpoint [px].
   double widestShadowPx(double near_m, double far_m) const;
-  /// Sets 1 where a run of unmeasured pixels is no wider than the shadow of the depth edge it lies at.
-  void markShadows(const DepthImage& image, int v, const ClassifiedFrame& frame,
-                   std::vector<std::uint8_t>* is_shadow) const;
+  /// Sets `is_shadow` where a run of unmeasured pixels in a row is no wider than the shadow of the depth edge it lies
+  /// at, and the frame's `clear_to` there and where a gap between the two sides of a depth edge is narrow.
+  void markGaps(const DepthImage& image, ClassifiedFrame* frame, std::vector<std::uint8_t>* is_shadow) const;
   /// What an unmeasured pixel blocks around it: nothing if it is one of a few with one surface, or wall, all round.
   Block blockOf(const ClassifiedFrame& frame, int u, int v, bool is_shadow) const;
 

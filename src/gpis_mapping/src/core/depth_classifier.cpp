@@ -6,6 +6,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include <opencv2/core/types.hpp>
+
 #include "gpis_mapping/parallel_for.h"
 
 namespace gpis_mapping {
@@ -17,6 +19,8 @@ constexpr int kSpecklePx = 3;
 constexpr int kSpeckleWindowPx = 2;
 // How near the ends of a shadow its depth edge is.
 constexpr int kEdgeReachPx = 3;
+// Sensors leave out up to that many pixels beside a depth edge.
+constexpr int kEdgeGapPx = 6;
 
 /// 1 where any pixel of the ellipse with half axes (radius_u, radius_v) about a pixel of `source` is set.
 void dilate(const std::vector<std::uint8_t>& source, int width, int height, double radius_u, double radius_v,
@@ -129,42 +133,62 @@ double DepthClassifier::widestShadowPx(double near_m, double far_m) const {
   return 1.2 * shadow_px + 2.0;  // depths at the border are noisy, and a pixel at each end is half hidden
 }
 
-void DepthClassifier::markShadows(const DepthImage& image, int v, const ClassifiedFrame& frame,
-                                  std::vector<std::uint8_t>* is_shadow) const {
-  if (config_.sensor.baseline_m <= 0.0) return;
-  const auto isTold = [&](int u) { return isMeasured(frame.kind[frame.index(u, v)]); };
-  for (int begin = 0; begin < camera_.width; ++begin) {
-    if (isTold(begin)) continue;
-    int end = begin + 1;
-    while (end < camera_.width && !isTold(end)) ++end;
-    if (begin > 0 && end < camera_.width) {
-      bool is_too_near = false;
-      for (int u = begin; u < end; ++u) {
-        const float z = image.at(u, v);  // -Inf, or a depth below the least range: a body, no shadow
-        is_too_near = is_too_near || (std::isinf(z) && z < 0.0f) || z > 0.0f;
-      }
-      // Round both ends: flying pixels and noise make the outline of a shadow ragged.
-      float high = 0.0f;
-      float low = std::numeric_limits<float>::infinity();
-      const auto look = [&](int first, int last) {
-        for (int y = std::max(0, v - kEdgeReachPx); y <= std::min(camera_.height - 1, v + kEdgeReachPx); ++y) {
-          for (int x = std::max(0, first); x <= std::min(camera_.width - 1, last); ++x) {
-            const std::size_t i = frame.index(x, y);
-            if (!isMeasured(frame.kind[i])) continue;
-            high = std::max(high, frame.inverse_depth[i]);
-            low = std::min(low, frame.inverse_depth[i]);
-          }
-        }
-      };
-      look(begin - kEdgeReachPx, begin - 1);
-      look(end, end + kEdgeReachPx - 1);
-      const double near_m = 1.0 / std::max(1e-9f, high);
-      const double far_m = 1.0 / std::max(1e-9f, low);
-      if (!is_too_near && far_m - near_m > edgeDepth(near_m) && end - begin <= widestShadowPx(near_m, far_m)) {
-        for (int u = begin; u < end; ++u) (*is_shadow)[frame.index(u, v)] = 1;
+void DepthClassifier::markGaps(const DepthImage& image, ClassifiedFrame* frame,
+                               std::vector<std::uint8_t>* is_shadow) const {
+  const cv::Rect whole(0, 0, camera_.width, camera_.height);
+  const auto isTold = [&](int u, int v) { return isMeasured(frame->kind[frame->index(u, v)]); };
+  const auto explain = [&](const cv::Rect& gap, bool is_row) {
+    bool is_zero = true;
+    for (int v = gap.y; v < gap.br().y; ++v) {
+      for (int u = gap.x; u < gap.br().x; ++u) {
+        const float z = image.at(u, v);
+        if ((std::isinf(z) && z < 0.0f) || z > 0.0f) return;  // -Inf, or a depth below the least range: a body
+        is_zero = is_zero && z == 0.0f;
       }
     }
-    begin = end;
+    // Round both ends: flying pixels and noise make the outline of a gap ragged.
+    constexpr int kWide = 2 * kEdgeReachPx + 1;
+    const cv::Size end_size = is_row ? cv::Size(kEdgeReachPx, kWide) : cv::Size(kWide, kEdgeReachPx);
+    const cv::Point before(gap.x - kEdgeReachPx, gap.y - kEdgeReachPx);
+    const cv::Point after = is_row ? cv::Point(gap.br().x, before.y) : cv::Point(before.x, gap.br().y);
+    float high = 0.0f;
+    float low = std::numeric_limits<float>::infinity();
+    float nearest = 0.0f;
+    for (const cv::Rect& end : {cv::Rect(before, end_size) & whole, cv::Rect(after, end_size) & whole}) {
+      for (int v = end.y; v < end.br().y; ++v) {
+        for (int u = end.x; u < end.br().x; ++u) {
+          const std::size_t i = frame->index(u, v);
+          if (!isTold(u, v)) continue;
+          high = std::max(high, frame->inverse_depth[i]);
+          low = std::min(low, frame->inverse_depth[i]);
+          nearest = std::max(nearest, frame->inverse_range[i]);
+        }
+      }
+    }
+    const double near_m = 1.0 / std::max(1e-9f, high);
+    const double far_m = 1.0 / std::max(1e-9f, low);
+    if (far_m - near_m <= edgeDepth(near_m)) return;
+    const bool is_of_baseline = is_row && config_.sensor.baseline_m > 0.0 && gap.width <= widestShadowPx(near_m, far_m);
+    if (!is_of_baseline && gap.area() > kEdgeGapPx) return;
+    for (int v = gap.y; v < gap.br().y; ++v) {
+      for (int u = gap.x; u < gap.br().x; ++u) {
+        const std::size_t i = frame->index(u, v);
+        if (is_of_baseline) (*is_shadow)[i] = 1;
+        if (is_zero) frame->clear_to[i] = std::max(frame->clear_to[i], nearest);
+      }
+    }
+  };
+  std::vector<int> begin_v(static_cast<std::size_t>(camera_.width), 0);  // of the gap above this row
+  for (int v = 0; v < camera_.height; ++v) {
+    int begin_u = 0;
+    for (int u = 0; u < camera_.width; ++u) {
+      if (!isTold(u, v)) continue;
+      if (begin_u > 0 && begin_u < u) explain({begin_u, v, u - begin_u, 1}, true);
+      begin_u = u + 1;
+      const int height = v - begin_v[u];
+      if (begin_v[u] > 0 && height > 0 && height <= kEdgeGapPx) explain({u, begin_v[u], 1, height}, false);
+      begin_v[u] = v + 1;
+    }
   }
 }
 
@@ -200,14 +224,15 @@ ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threa
   frame.inverse_depth.assign(size, 0.0f);
   frame.inverse_range.assign(size, 0.0f);
   frame.kind.assign(size, PixelKind::kNoInformation);
+  frame.clear_to.assign(size, 0.0f);
   parallelFor(static_cast<std::size_t>(camera_.height), num_threads, 32, [&](std::size_t begin, std::size_t end) {
     for (std::size_t v = begin; v < end; ++v) classifyRow(image, static_cast<int>(v), &frame);
   });
   std::vector<std::uint8_t> is_shadow(size, 0);
   std::vector<std::uint8_t> unknown(size, 0);
   std::vector<std::uint8_t> unexplained(size, 0);
+  markGaps(image, &frame, &is_shadow);
   for (int v = 0; v < camera_.height; ++v) {
-    markShadows(image, v, frame, &is_shadow);
     for (int u = 0; u < camera_.width; ++u) {
       const std::size_t i = frame.index(u, v);
       frame.num_surface += frame.kind[i] == PixelKind::kSurface;

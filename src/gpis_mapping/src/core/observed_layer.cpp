@@ -32,9 +32,10 @@ struct NearestPyramid {
       for (int u = 0; u < frame.width; ++u) {
         const std::size_t i = frame.index(u, v);
         const std::size_t cell = row + (u >> kBaseLevel);
-        // An ambiguous hole is not evidence of free space until it has been looked at again.
-        if (frame.kind[i] == PixelKind::kSurface || frame.kind[i] == PixelKind::kWall) {
+        if (isMeasured(frame.kind[i])) {
           base.nearest[cell] = std::max(base.nearest[cell], frame.inverse_range[i]);
+        } else if (frame.clear_to[i] > 0.0f) {
+          base.nearest[cell] = std::max(base.nearest[cell], frame.clear_to[i]);
         } else {
           ++unknown[cell];
         }

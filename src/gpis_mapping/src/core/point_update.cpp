@@ -196,7 +196,9 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const PixelKind kind = pixels_->kind[pixel];
   const Block block = pixels_->blocked[pixel];
   if (block == Block::kNoInformation) return PointOutcome::kNothing;
-  if (kind == PixelKind::kHole) return isDue(*point, p, pixel) ? PointOutcome::kMissing : PointOutcome::kUnseen;
+  const float clear_to = pixels_->clear_to[pixel];
+  const auto inHole = [&] { return isDue(*point, p, pixel) ? PointOutcome::kMissing : PointOutcome::kUnseen; };
+  if (kind == PixelKind::kHole && clear_to == 0.0f) return inHole();
 
   const double range = p.norm();
   const double inverse_range = 1.0 / range;
@@ -219,8 +221,10 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
     // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look
     // from here, and it would keep a piece of a removed object: what all pixels round a dropout see past shares the
     // fate of its neighbours, and what its own pixel sees past goes after some looks.
-    if (kind == PixelKind::kNoInformation) {
-      const bool is_past = inverse_range - map_.nearestAround(pixel_u, pixel_v) >= tolerance;
+    if (!isMeasured(kind)) {
+      const bool is_past = inverse_range - std::max(clear_to, map_.nearestAround(pixel_u, pixel_v)) >= tolerance;
+      if (is_past && clear_to > 0.0f) return miss(point);
+      if (kind == PixelKind::kHole) return inHole();
       return is_past && config_.dynamic.enabled ? PointOutcome::kDoubtful : PointOutcome::kNothing;
     }
     return inverse_range - pixels_->inverse_range[pixel] >= tolerance ? miss(point) : PointOutcome::kNothing;

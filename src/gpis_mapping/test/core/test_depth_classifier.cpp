@@ -139,6 +139,40 @@ TEST(DepthClassifier, ShadowWidthFollowsBaselineAndFocalLength) {
   EXPECT_EQ(holeKind(config, 2, 1.0f, 2.0f), PixelKind::kHole);
 }
 
+TEST(DepthClassifier, GapThatADepthEdgeExplainsIsClearUpToItsNearerSide) {
+  GpisConfig config;
+  DepthImage image;
+  const auto clearAt = [&](int u, int v) {
+    const ClassifiedFrame frame = DepthClassifier(wideCamera(), config).classify(image, 1);
+    const float range = 1.0f / frame.clear_to[frame.index(u, v)];
+    return range / DepthClassifier(wideCamera(), config).rayLength(u, v);  // the depth, but for a few pixels' slope
+  };
+  const auto clearOf = [&](int width_px, float left, float right, float value) {
+    image = flatImage(wideCamera(), left);
+    setColumns(&image, 100 + width_px, 320, right);
+    setColumns(&image, 100, 100 + width_px, value);
+    return clearAt(100 + width_px / 2, 8);
+  };
+  // 1 % for the slope of the rays: 20 px of 525 in tan, at 7 degrees.
+  for (const auto& [left, right] : {std::pair<float, float>{1.0f, 2.0f}, {2.0f, 1.0f}, {1.0f, kInf}}) {
+    EXPECT_NEAR(clearOf(19, left, right, 0.0f), 1.0f, 0.01f) << "the baseline's shadow";
+    EXPECT_EQ(clearOf(60, left, right, 0.0f), kInf) << "wider than any";
+    EXPECT_EQ(clearOf(6, left, right, kNaN), kInf) << "masked: something may stand there";
+  }
+  EXPECT_EQ(clearOf(5, 1.5f, 1.5f, 0.0f), kInf) << "one surface on both sides: a thin dark thing before it";
+  EXPECT_EQ(clearOf(5, 0.0f, 1.0f, 0.0f), kInf) << "one end only";
+  config.sensor.baseline_m = 0.0;
+  EXPECT_NEAR(clearOf(6, 1.0f, 2.0f, 0.0f), 1.0f, 0.01f) << "a strip beside the edge";
+  EXPECT_EQ(clearOf(7, 1.0f, 2.0f, 0.0f), kInf);
+  // Edges along the rows have strips too.
+  image = flatImage(wideCamera(), 2.0f);
+  std::fill(image.depth_m.begin(), image.depth_m.begin() + 4 * 320, 1.0f);
+  std::fill(image.depth_m.begin() + 4 * 320, image.depth_m.begin() + 10 * 320, 0.0f);
+  EXPECT_NEAR(clearAt(160, 7), 1.0f, 0.01f);
+  std::fill(image.depth_m.begin() + 10 * 320, image.depth_m.begin() + 11 * 320, 0.0f);
+  EXPECT_EQ(clearAt(160, 7), kInf);
+}
+
 TEST(DepthClassifier, HoleInOneSurfaceIsAHoleUnlessItIsSpeckle) {
   const GpisConfig config;
   DepthImage image = flatImage(wideCamera(), 1.5f);

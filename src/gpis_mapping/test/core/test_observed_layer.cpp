@@ -164,6 +164,21 @@ TEST(ObservedLayer, PixelsWithoutInformationAndAmbiguousHolesAreNoEvidence) {
   }
 }
 
+TEST(ObservedLayer, AnExplainedGapIsClearUpToItsNearerSide) {
+  const CameraModel camera{160, 120, 140.0, 140.0, 79.5, 59.5};
+  const auto frame = makeFrame(camera, [](int, int) { return 2.0; });
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 76; u < 90; ++u) {
+      frame->kind[frame->index(u, v)] = PixelKind::kHole;
+      frame->clear_to[frame->index(u, v)] = 1.0f / 1.5f;
+    }
+  }
+  ObservedLayer layer(kBlock);
+  layer.observe(*frame, camera, Eigen::Isometry3d::Identity(), kMaxRange, 1.0f, 1);
+  EXPECT_TRUE(layer.isFree({0.02, 0.02, 1.37}));
+  EXPECT_FALSE(layer.isFree({0.02, 0.02, 1.62}));
+}
+
 TEST(ObservedLayer, ADropoutOrTwoAmongSixteenPixelsIsSpeckle) {
   const CameraModel camera{160, 120, 140.0, 140.0, 79.5, 59.5};
   const auto frame = makeFrame(camera, [](int, int) { return 2.0; });

@@ -207,5 +207,27 @@ TEST_F(PointUpdate, HoleIsEvidenceOnlyWhereTheSensorMeasuredBefore) {
   EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 0.0}), PointOutcome::kUnseen) << "a static map";
 }
 
+TEST_F(PointUpdate, WhatAnExplainedGapIsSeenPastGoesAfterSomeLooks) {
+  pixels_ = makeFrame(kCamera, [](int, int) { return 2.5; });
+  std::fill(pixels_->blocked.begin(), pixels_->blocked.end(), Block::kNarrow);
+  const auto looksUntilGone = [&](PixelKind kind, float clear_to_m, double z) {
+    const double x = (80 - kCamera.cx) / kCamera.fx;
+    SurfacePoint point = surfacePoint(z * Eigen::Vector3d(x, 0.0, 1.0), {0.0, 0.0, -1.0}, 0.002);
+    std::fill(pixels_->kind.begin(), pixels_->kind.end(), kind);
+    std::fill(pixels_->clear_to.begin(), pixels_->clear_to.end(), clear_to_m > 0.0f ? 1.0f / clear_to_m : 0.0f);
+    const Frame frame = frameOf(Eigen::Isometry3d::Identity());
+    for (int look = 1; look <= 10; ++look) {
+      if (frame.apply(&point) == PointOutcome::kDeleted) return look;
+    }
+    return 0;
+  };
+  for (const PixelKind kind : {PixelKind::kHole, PixelKind::kNoInformation}) {
+    EXPECT_EQ(looksUntilGone(kind, 2.0f, 1.5), 3);
+    EXPECT_EQ(looksUntilGone(kind, 2.0f, 2.0), 0) << "the nearer side itself";
+    EXPECT_EQ(looksUntilGone(kind, 2.0f, 2.2), 0) << "behind it";
+    EXPECT_EQ(looksUntilGone(kind, 0.0f, 1.5), 0) << "no gap that an edge explains";
+  }
+}
+
 }  // namespace
 }  // namespace gpis_mapping

@@ -35,6 +35,7 @@ inline std::shared_ptr<gpis_mapping::ClassifiedFrame> makeFrame(const gpis_mappi
   frame->inverse_range.resize(size);
   frame->kind.assign(size, gpis_mapping::PixelKind::kSurface);
   frame->blocked.assign(size, gpis_mapping::Block::kNone);
+  frame->clear_to.assign(size, 0.0f);
   frame->num_surface = size;
   for (int v = 0; v < camera.height; ++v) {
     for (int u = 0; u < camera.width; ++u) {
