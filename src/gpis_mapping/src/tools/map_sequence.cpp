@@ -27,7 +27,7 @@
 #include "gpis_mapping/mesh_extractor.h"
 #include "gpis_mapping/ply.h"
 #include "gpis_mapping/recording_guard.h"
-#include "gpis_mapping_ros/bag_sequence.h"
+#include "sequence_input.h"
 #include "tool_support.h"
 
 namespace gpis_mapping {
@@ -55,18 +55,14 @@ std::string onePrinted(double value) {
 }
 
 struct Options {
-  std::string input;
+  SequenceInput input;
   std::string out;
   std::string config;
-  long long start{0};
-  long long end{-1};  // -1: the last frame
   long long stride{1};
   long long mesh_every{0};  // 0: only at the end
   double time_offset_s{0.0};
   bool is_quiet{false};
   bool trusts_poses{false};
-  std::optional<double> units_per_metre;
-  gpis_mapping_ros::BagOptions bag;
 };
 
 /// Nothing when only help was asked for.
@@ -77,53 +73,29 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
       ("help,h", "show this text")                                                                      //
       ("out", po::value(&options.out), "folder for mesh.ply, map.gpis, timing.csv; made if missing")    //
       ("config", po::value(&options.config), "map configuration (YAML); default: built-in values")      //
-      ("start", po::value(&options.start), "first frame, counted from 0 (default 0)")                   //
-      ("end", po::value(&options.end), "last frame, included (default: the last one)")                  //
       ("stride", po::value(&options.stride), "take every N-th frame (default 1)")                       //
       ("mesh-every", po::value(&options.mesh_every), "also write mesh_FRAME.ply after every N frames")  //
-      ("depth-units", po::value<double>(),
-       "units per metre of 16-bit images (default: TUM 5000 or as its camera_info.yaml "
-       "says, else 1000)")  //
       ("no-pose-check", po::bool_switch(&options.trusts_poses),
-       "map frames whose pose the camera cannot have moved to")                                            //
-      ("time-offset", po::value(&options.time_offset_s), "added to image stamps for their poses [s]")      //
-      ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr")                             //
-      ("depth-topic", po::value(&options.bag.depth_topic), "bag: depth images (default: the only ones)")   //
-      ("info-topic", po::value(&options.bag.info_topic), "bag: camera info (default: beside the images)")  //
-      ("map-frame", po::value(&options.bag.map_frame)->default_value(options.bag.map_frame), "bag: fixed frame");
-  po::options_description all;
-  all.add(visible).add_options()("input", po::value(&options.input));
-  po::positional_options_description positional;
-  positional.add("input", 1);
+       "map frames whose pose the camera cannot have moved to")                                        //
+      ("time-offset", po::value(&options.time_offset_s), "added to image stamps for their poses [s]")  //
+      ("quiet,q", po::bool_switch(&options.is_quiet), "no progress on stderr");
+  options.input.addOptions(&visible);
   po::variables_map values;
-  po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), values);
-  if (values.count("help") > 0) {
-    std::cout << "Usage: map_sequence INPUT --out DIR [options]\n"
-                 "Builds a map from recorded depth images. INPUT is a TUM RGB-D folder, a 7-Scenes folder or a ROS\n"
-                 "bag. Frames are counted from 0 in recorded order; --start and --end are both included. The last\n"
-                 "line of the output is a summary as one JSON object.\n"
-                 "Exit code: 0 done, 1 failure, 2 wrong usage, 130 interrupted (what there was is saved).\n\n"
-              << visible;
-    return std::nullopt;
-  }
-  po::notify(values);
-  if (options.input.empty()) throw UsageError("INPUT is missing");
+  const bool is_asked =
+      options.input.parse(argc, argv, visible,
+                          "Usage: map_sequence INPUT --out DIR [options]\n"
+                          "Builds a map from recorded depth images. INPUT is a TUM RGB-D folder, a 7-Scenes folder or "
+                          "a ROS\nbag. Frames are counted from 0 in recorded order; --start and --end are both "
+                          "included. The last\nline of the output is a summary as one JSON object.\n"
+                          "Exit code: 0 done, 1 failure, 2 wrong usage, 130 interrupted (what there was is saved).\n\n",
+                          &values);
+  if (!is_asked) return std::nullopt;
   if (options.out.empty()) throw UsageError("--out DIR is missing");
-  const auto require = [](const char* name, long long value, long long least) {
-    if (value >= least) return;
-    throw UsageError(std::string(name) + " = " + std::to_string(value) + ", must be at least " + std::to_string(least));
-  };
-  require("--start", options.start, 0);
-  if (values.count("end") > 0) require("--end", options.end, options.start);
-  require("--stride", options.stride, 1);
+  requireAtLeast("--stride", options.stride, 1);
   if (!(std::abs(options.time_offset_s) <= 1.0)) {  // NaN, too
     throw UsageError("--time-offset = " + std::to_string(options.time_offset_s) + " s, must be in [-1, 1] s");
   }
-  if (values.count("mesh-every") > 0) require("--mesh-every", options.mesh_every, 1);
-  if (values.count("depth-units") > 0) {
-    options.units_per_metre = requireDepthUnits(values["depth-units"].as<double>());
-    options.bag.units_per_metre = *options.units_per_metre;
-  }
+  if (values.count("mesh-every") > 0) requireAtLeast("--mesh-every", options.mesh_every, 1);
   return options;
 }
 
@@ -203,16 +175,6 @@ void say(ProgressBar* progress, const std::string& text) {
   std::fprintf(stderr, "map_sequence: %s\n", onOneLine(text).c_str());
 }
 
-std::unique_ptr<DepthSequence> openInput(const Options& options) {
-  std::error_code ignored;
-  if (!fs::is_regular_file(options.input, ignored)) return openDepthSequence(options.input, options.units_per_metre);
-  if (!gpis_mapping_ros::looksLikeBag(options.input)) {
-    throw DepthSequenceError(options.input +
-                             ": is neither a ROS bag (#ROSBAG V2.0) nor a folder in TUM RGB-D or 7-Scenes layout");
-  }
-  return gpis_mapping_ros::openBagSequence(options.input, options.bag);
-}
-
 void makeFolder(const std::string& path) {
   std::error_code error;
   fs::create_directories(path, error);
@@ -259,28 +221,17 @@ class DepthRange {
 };
 
 int mapSequence(int argc, char** argv) {
-  const std::optional<Options> parsed = parseCommandLine(argc, argv);
+  std::optional<Options> parsed = parseCommandLine(argc, argv);
   if (!parsed) return kExitOk;
-  const Options& options = *parsed;
+  Options& options = *parsed;
   const GpisConfig config = options.config.empty() ? GpisConfig{} : loadGpisConfig(options.config);
-  const std::unique_ptr<DepthSequence> sequence = openInput(options);
+  const std::unique_ptr<DepthSequence> sequence = options.input.open("map_sequence");
   sequence->setTimeOffset(options.time_offset_s);
   for (const std::string& note : sequence->notes()) say(nullptr, "note: " + note);
-  if (sequence->size() == 0) throw DepthSequenceError(options.input + ": holds no depth image");
-  const auto start = static_cast<std::size_t>(options.start);
-  const std::size_t last_frame = sequence->size() - 1;
-  if (start > last_frame) {
-    throw UsageError("--start = " + std::to_string(start) + ", must be in [0, " + std::to_string(last_frame) + "]");
-  }
-  std::size_t end = options.end < 0 ? last_frame : static_cast<std::size_t>(options.end);
-  if (end > last_frame) {
-    say(nullptr, "note: --end = " + std::to_string(end) + " is past the last frame, " + std::to_string(last_frame));
-    end = last_frame;
-  }
   const auto stride = static_cast<std::size_t>(options.stride);
 
   std::vector<std::size_t> frames;
-  for (std::size_t i = start; i <= end; i += stride) frames.push_back(i);
+  for (std::size_t i = options.input.first(); i <= options.input.last(); i += stride) frames.push_back(i);
   RecordingGuard guard(sequence.get(), frames, options.trusts_poses ? std::nullopt : std::make_optional(PoseLimits{}));
 
   makeFolder(options.out);
@@ -335,7 +286,7 @@ int mapSequence(int argc, char** argv) {
   if (update_ms.empty()) {
     if (!failure.empty()) throw std::runtime_error(failure);
     if (interrupted != 0) throw std::runtime_error("interrupted before the first frame; nothing was saved");
-    throw DepthSequenceError(options.input + ": no frame could be used: " + skipped.text());
+    throw DepthSequenceError(options.input.path() + ": no frame could be used: " + skipped.text());
   }
   if (skipped.total() > 0) say(nullptr, "note: skipped " + skipped.text());
   if (guard.numSettledJumps() > 0) {
@@ -345,7 +296,7 @@ int mapSequence(int argc, char** argv) {
 
   const auto snapshot = map.snapshot();
   if (snapshot->numPoints() == 0 && failure.empty() && interrupted == 0) {
-    throw DepthSequenceError(options.input + ": " + depths.whyNothingIsMapped(update_ms.size(), config));
+    throw DepthSequenceError(options.input.path() + ": " + depths.whyNothingIsMapped(update_ms.size(), config));
   }
   const double map_memory_mb = static_cast<double>(snapshot->memoryBytes()) / 1e6;
   const double update_peak_mb = peakMemoryMb();

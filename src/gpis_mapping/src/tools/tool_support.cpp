@@ -26,13 +26,6 @@ std::string onOneLine(const std::string& text) {
   return line;
 }
 
-double requireDepthUnits(double units_per_metre) {
-  if (units_per_metre >= 1.0 && units_per_metre <= 1e6) return units_per_metre;  // not NaN
-  char text[100];
-  std::snprintf(text, sizeof(text), "--depth-units = %.4g 1/m, must be in [1, 1e+06] 1/m", units_per_metre);
-  throw UsageError(text);
-}
-
 double quantile(std::vector<double> samples, double quantile) {
   if (samples.empty()) return 0.0;
   std::sort(samples.begin(), samples.end());

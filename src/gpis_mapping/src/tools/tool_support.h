@@ -25,9 +25,6 @@ class UsageError : public std::runtime_error {
 /// `text` on one line: line breaks and the indent after them become one blank.
 std::string onOneLine(const std::string& text);
 
-/// What --depth-units says, in [1, 1e6] 1/m; throws UsageError for anything else.
-double requireDepthUnits(double units_per_metre);
-
 /// Value below which the share `quantile` of the samples lies, interpolated between samples. 0 for no samples.
 double quantile(std::vector<double> samples, double quantile);
 
