@@ -29,16 +29,19 @@ class RunExamples(unittest.TestCase):
         return path
 
     def test_marks(self):
-        for fence, told in (("bash", "no mark"), ("python", "no mark"), ("console run", ""), ("bash walk", "no mark"),
-                            ("bash run now", "run takes no words"), ("bash stays", "stays takes the topics"),
-                            ("bash stays chatter", "stays takes the topics"), ("bash skip", "skip takes one of"),
-                            ("bash skip tired", "skip takes one of"), ("", "must be bash"), ("bash skip robot", ""),
-                            ("bash stays /chatter", ""), ("cpp", ""), ("text", "")):
-            code, output = run_it("--check", self.page(f"# A\n```{fence}\nrosrun a b\n```\n"))
-            self.assertEqual(code, 1 if told else 0, (fence, output))
-            self.assertIn(told, output)
-        code, output = run_it("--check", self.page("```\na picture ─► of arrows\n```\n"))
-        self.assertEqual(code, 0, output)
+        wrong = [("bash", "no mark"), ("python", "no mark"), ("console", "no mark"), ("bash walk", "no mark"),
+                 ("bash run now", "run takes no words"), ("bash stays", "stays takes the topics"),
+                 ("bash stays chatter", "stays takes the topics"), ("bash skip", "skip takes one of"),
+                 ("bash skip tired", "skip takes one of"), ("", "must be bash")]
+        right = ["bash run", "python run", "bash skip robot", "bash stays /chatter", "cpp", "text"]
+        blocks = [f"```{fence}\nrosrun a b\n```\n" for fence in [fence for fence, _ in wrong] + right]
+        code, output = run_it("--check", self.page("".join(blocks) + "```\na picture ─► of arrows\n```\n"))
+        self.assertEqual(code, 1)
+        lines = output.splitlines()
+        self.assertEqual(len(lines), len(wrong) + 1, output)
+        for i, (fence, told) in enumerate(wrong):
+            self.assertRegex(lines[i], f"^FAILED .*page.md:{3 * i + 1}: .*{told}", fence)
+        self.assertEqual(run_it("--check", self.page("".join(blocks[len(wrong):])))[0], 0)
 
     def test_what_fails_is_named_and_what_builds_on_it_is_not_run(self):
         code, output = run_it(self.page("# A\n```bash run\necho so; false\n```\n```bash run\ntouch later\n```\n"
