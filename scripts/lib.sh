@@ -107,7 +107,7 @@ install_packages() {
 }
 
 # build_workspace [TARGET...]: configures and builds; no argument: `all`.
-# Read from the caller: build_dir (default build), build_type (default Release), cmake_options (array).
+# Read from the caller: build_dir (default build), build_type (default Release), map_only (OFF or ON), cmake_options (array).
 build_workspace() {
   local dir=${build_dir:-build} devel=$root/devel generator options
   [ "$dir" = build ] || devel=$root/$dir/devel
@@ -117,7 +117,8 @@ build_workspace() {
     generator=$(sed -n 's/^CMAKE_GENERATOR:INTERNAL=//p' "$dir/CMakeCache.txt")
     [ -z "$generator" ] || [ "$generator" = Ninja ] || die "$dir/ was made by \"$generator\" and cannot be continued with Ninja: remove $dir/ and devel/."
   fi
-  options=(-G Ninja "-DCMAKE_BUILD_TYPE=${build_type:-Release}" "-DCATKIN_DEVEL_PREFIX=$devel")
+  options=(-G Ninja "-DCMAKE_BUILD_TYPE=${build_type:-Release}" "-DCATKIN_DEVEL_PREFIX=$devel"
+    "-DMAP_ONLY=${map_only:-OFF}")
   if command -v ccache >/dev/null; then
     options+=(-DCMAKE_C_COMPILER_LAUNCHER=ccache -DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
   fi

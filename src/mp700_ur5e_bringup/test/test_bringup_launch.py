@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import tempfile
 import unittest
+from xml.etree import ElementTree
 
 import rosunit
 
@@ -270,6 +271,19 @@ class BringupLaunch(unittest.TestCase):
         import rospkg
         loaded = Loaded(f"{rospkg.RosPack().get_path('gpis_mapping')}/launch/mapping.launch", "bag:=/a.bag")
         self.assertIn("--wait-for-subscribers", loaded.nodes["/bag"].args)
+
+    def test_an_argument_with_an_empty_default_says_what_that_means(self):
+        # roslaunch lists them as required.
+        import rospkg
+        packages = rospkg.RosPack()
+        count = 0
+        for name in sorted({node[1:] for node in OURS} | {"mp700_ur5e_bringup", "mp700_ur5e_description", "octomap_baseline", "sim_tests"}):
+            for path in sorted(pathlib.Path(packages.get_path(name)).glob("launch/**/*.launch")):
+                for arg in ElementTree.parse(path).getroot().iter("arg"):
+                    if arg.get("default") == "":
+                        self.assertRegex(arg.get("doc", ""), "empty: |there is no default", (str(path), arg.get("name")))
+                        count += 1
+        self.assertGreater(count, 50)
 
     def test_an_argument_that_there_is_not_ends_the_launch(self):
         none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom"]

@@ -39,7 +39,7 @@ FRONT_M, PILE_M = 0.296, -0.22  # base_profile.yaml; front of two_rows' lower ro
 
 
 class Action:
-    """A client without actionlib, whose Python side Debian does not have: goal by topic, result by its id."""
+    """A client without actionlib: goal by topic, result by its id."""
 
     def __init__(self, name, goal_type, result_type):
         self.name, self.goal_type = name, goal_type
