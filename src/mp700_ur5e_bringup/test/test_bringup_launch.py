@@ -302,9 +302,9 @@ class BringupLaunch(unittest.TestCase):
             self.assertIn(f"{name}.launch has no argument sceen, but scene: roslaunch --ros-args ", output)
             self.assertNotIn("no argument seed", output)
             self.assertNotIn(node, output)
-            code, output = self.nodes_of(*start, "scene:=two_rows", "seed:=3")
-            self.assertEqual(code, 0, output)
-            self.assertIn(node, output)
+        code, output = self.nodes_of(*simulation, "scene:=two_rows", "seed:=3")
+        self.assertEqual(code, 0, output)
+        self.assertIn("/pick_mission", output)
         # A file of the user's includes ours, and two files share a command line: their arguments are not ours to judge.
         own = self.folder / "rig.launch"
         write(own, f"""<launch><arg name="rig" default=""/><include file="{world}"/></launch>""")
