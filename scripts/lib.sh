@@ -131,6 +131,8 @@ build_workspace() {
 # use_workspace: makes rosrun and rospack know the packages built here.
 use_workspace() {
   [ -f "$root/devel/setup.bash" ] || die "devel/setup.bash is missing: build first."
+  # Sourced already, perhaps by a workspace on top of it: that one's packages stay known.
+  case ":${CMAKE_PREFIX_PATH-}:" in *":$root/devel:"*) return ;; esac
   set +u
   # shellcheck disable=SC1091
   . "$root/devel/setup.bash"

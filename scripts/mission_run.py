@@ -17,8 +17,17 @@ ACTIVITIES = (
     ("waits or recovers", ("wait", "recover", "halting")),
     ("is interrupted", ("paused", "held", "idle")),
 )
+ABOUT_A_BRICK = ("plan_pick", "pick", "plan_stow", "stow", "let_go")  # states
 MAX_DEPTH = 50  # of JSON; what the mission writes has 5 levels
 FACTORS = ("manipulability", "pick_order", "travel", "uncertainty", "frontier")
+# What the mission did next, by the decisions of mission.jsonl.
+DECISION_WORDS = {
+    "begin": "began another round", "choose": "went on with the next brick or view", "plan_clear": "planned the arm out of view",
+    "clear": "moved the arm out of view", "look": "looked again", "detect": "detected the bricks again", "report": "told the choice of views",
+    "plan_pick": "planned a pick", "pick": "picked", "plan_stow": "planned to stow", "stow": "stowed", "let_go": "let the brick go",
+    "select": "chose another view", "drive": "drove", "recover": "recovered the arm", "wait": "waited", "halting": "stopped arm and base",
+    "paused": "paused", "held": "held still", "idle": "waited for a start", "ended": "ended the mission",
+}
 END_WORDS = {
     "no_brick_left": "all bricks are picked and nothing stands above the ground",
     "bricks_exhausted": "every brick that is left has used up its attempts",
@@ -143,8 +152,25 @@ def count_of(value):
     return int(value) if value >= 0.0 else None
 
 
+def read_origin(path):
+    """{"command", "date", "host", "commit"} that scripts/run_mission has left; earlier versions left the command alone."""
+    try:
+        command, *lines = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
+    except OSError:
+        return {}
+    pairs = (line.partition(": ") for line in lines)
+    found = {"command": command.strip(), **{key: value.strip() for key, _, value in pairs if key in ("date", "host", "commit")}}
+    return {key: value for key, value in found.items() if value}
+
+
+def pose_of(value):
+    """(x [m], y [m], yaw [rad]), or None."""
+    numbers = [number(entry) for entry in value] if isinstance(value, list) else []
+    return tuple(numbers) if len(numbers) == 3 and all(map(math.isfinite, numbers)) else None
+
+
 class Run:
-    """folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv;
+    """origin: command, date, host and commit of the run, as far as they are known; folder, notes: sentences about what is missing; summary: the mission's; judge: judge.json; table: judge.csv;
     events, log, selections: lines; bricks: of mission_state.json; world_pictures, maps: [(seconds, count, path)];
     is_simulated: or a robot's, which has no judge; is_one_of_several: missions of a run, whose judge, table, events and pictures are cut to it."""
 
@@ -159,10 +185,12 @@ class Run:
         whole = above if is_later else self.folder
         self.is_one_of_several = is_later or (self.folder / "mission_2").is_dir()
         self.is_simulated = any((whole / name).exists() for name in (".run_mission", "judge.csv", "judge.json", "events.jsonl"))
+        self.origin = read_origin(whole / ".run_mission")
         self.judge = read_json(whole / "judge.json", self.notes)
         self.table = read_table(whole / "judge.csv", self.notes if self.is_simulated else [])
         self.events = read_lines(whole / "events.jsonl", [])
         self.log = [row for row in read_lines(self.folder / "mission.jsonl", self.notes) if math.isfinite(number(row.get("time_s")))]
+        self.path = [row for row in read_lines(self.folder / "path.jsonl", []) if math.isfinite(number(row.get("time_s"))) and pose_of(row.get("base"))]
         self.selections = [row for row in read_lines(self.folder / "selections.jsonl", self.notes) if isinstance(row.get("segments"), list)]
         self.bricks = self._bricks(read_json(self.folder / "mission_state.json", self.notes))
         self.world_pictures = self._pictures(whole, "world", "png")
@@ -241,24 +269,62 @@ class Run:
             previous_s = time_s if previous_s is not None or row.get("event") == "start" else None
         return periods
 
-    def failures(self):
-        """[(kind, times, seconds of the last, what followed)] in the order of how often; from the log where it tells."""
-        found, before = {}, 0
+    def failed_rows(self):
+        """Yields (row, how many failures the mission counted with it, the brick it was about or None)."""
+        before, brick = 0, None
         for row in self.log:
             failures = count_of(row.get("failures"))
-            if failures is None:
-                continue
-            if failures > before:
-                kind = f"{row.get('state', '?')}: {row.get('event', '?')}"
-                times = found.get(kind, (0, 0.0, ""))[0]
-                found[kind] = (times + failures - before, number(row["time_s"]), str(row.get("reason", "")))
-            before = failures
+            if failures is not None and failures > before:
+                yield row, failures - before, brick if row.get("state") in ABOUT_A_BRICK else None
+            before = before if failures is None else failures
+            named = re.search(r"\bbrick (\d{1,9})\b", str(row.get("reason", ""))) if row.get("decision") == "plan_pick" else None
+            brick = int(named.group(1)) if named else brick
+
+    def failures(self):
+        """[(kind, times, seconds of the last, why, {what it did then: times})] in the order of how often; from the log where it tells. All that
+        the mission counts: also that it found no pile when the last brick was picked."""
+        found = {}
+        for row, count, _ in self.failed_rows():
+            kind = f"{row.get('state', '?')}: {row.get('event', '?')}"
+            times, _, _, then = found.get(kind, (0, 0.0, "", {}))
+            decision = DECISION_WORDS.get(str(row.get("decision")), str(row.get("decision", "?")))
+            found[kind] = (times + count, number(row["time_s"]), str(row.get("reason", "")), {**then, decision: then.get(decision, 0) + 1})
         counted = self.summary.get("failures")
         for kind, times in (counted.items() if isinstance(counted, dict) else ()):
-            kind, times = str(kind), count_of(times) or 0
-            _, last_s, reason = found.get(kind, (0, math.nan, ""))
-            found[kind] = (times, last_s, reason)
+            found[str(kind)] = (count_of(times) or 0, *found.get(str(kind), (0, math.nan, "", {}))[1:])
         return sorted(((kind, *entry) for kind, entry in found.items()), key=lambda entry: (-entry[1], entry[0]))
+
+    def exceptions(self):
+        """failures() without the criterion of success: "no pile" of the choice of views ends a mission that has picked all."""
+        last = self.log[-1] if self.log else {}
+        is_success = self.summary.get("end_reason", "no_brick_left") == "no_brick_left" and last.get("decision") == "ended"
+        criterion = f"{last.get('state')}: {last.get('event')}" if is_success and last.get("event") == "no pile" else None
+        rest = ((kind, times - (kind == criterion), *entry) for kind, times, *entry in self.failures())
+        return [entry for entry in rest if entry[1] > 0]
+
+    def plans_failed(self):
+        """{brick: plans to pick it that failed in the whole mission}. The mission's own count begins anew with each pick."""
+        found = {}
+        for row, count, brick in self.failed_rows():
+            if row.get("state") == "plan_pick" and brick is not None:
+                found[brick] = found.get(brick, 0) + count
+        return found
+
+    def standing_poses(self):
+        """[(ROS time [s], (x [m], y [m], yaw [rad]))] at which a drive ended well: as measured, else as the log tells its goal."""
+        found, goal = [], None
+        for row in self.log:
+            time_s = number(row["time_s"])
+            if row.get("state") == "drive" and row.get("event") == "success":
+                measured = [pose_of(line["base"]) for line in self.path if number(line["time_s"]) <= time_s]
+                if measured or goal:
+                    found.append((time_s, measured[-1] if measured else goal))
+            told = re.search(r"at \((-?[\d.]+), (-?[\d.]+)\) m, (-?[\d.]+) rad", str(row.get("reason", ""))) if row.get("decision") == "drive" else None
+            try:
+                goal = pose_of([float(value) for value in told.groups()]) if told else goal
+            except ValueError:  # 1.2.3
+                pass
+        return found
 
 
 def memory_of(folder):
@@ -313,7 +379,7 @@ def merged_summary(run):
             run.notes.append(f"summary.json: {key} is no text")
             summary[key] = None
     if "failures" not in summary:
-        summary["failures"] = {kind: times for kind, times, _, _ in run.failures()}
+        summary["failures"] = {kind: times for kind, times, *_ in run.failures()}
     if summary["sim_seconds"] is None and run.log:
         summary["sim_seconds"] = round(number(last["time_s"]) - run.mission_begun_s(), 3)
     if summary["end_reason"] in (None, "none"):  # the mission keeps its summary at each step, before it has ended with "none"

@@ -91,7 +91,7 @@ def plot_progress(run, summary, out):
 
 
 def plot_map(table, time, coverable, right):
-    for name, colour, words in (("coverage", GREEN, "coverage: mapped, of all that was ever exposed"), ("precision", MUTED, "precision: true, of all that is in the map")):
+    for name, colour, words in (("coverage", GREEN, "coverage (mapped / exposed surface)"), ("precision", MUTED, "precision (true / mapped surface)")):
         values = 100.0 * np.array(table.get(name, np.full(len(time), np.nan)))
         if np.isfinite(values).any():
             there = np.isfinite(values)
@@ -271,10 +271,59 @@ def plot_places(run, out):
     return True
 
 
+def outline_of(selection):
+    """(x, y) of the pile's outline from above, broken where it has gaps."""
+    spots = np.array([spot_of(s) for s in selection["segments"] if spot_of(s)])
+    closed = np.vstack([spots, spots[:1]])
+    steps = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+    broken = np.flatnonzero(steps > 2.5 * max(np.median(steps), 1e-6))  # several piles, or a side that is not known
+    return np.insert(closed, broken + 1, np.nan, axis=0).T
+
+
+def plot_path(run, out):
+    """From above: the driven path, where the robot stood, the pile's outline. False if neither path nor poses are known."""
+    driven = np.array([mission_run.pose_of(row["base"])[:2] for row in run.path])
+    standing = run.standing_poses()
+    if len(driven) < 2 and not standing:
+        return False
+    figure, axes = plt.subplots(figsize=(12.5, 6.4), constrained_layout=True)
+    usable = [selection for selection in run.selections if any(map(spot_of, selection["segments"]))]
+    outlines = [(usable[0], "#c9a24a", "pile at the first choice")] if usable else []
+    outlines += [(usable[-1], RED, "pile at the last choice")] if len(usable) > 1 else []
+    for selection, colour, words in outlines:
+        axes.plot(*outline_of(selection), color=colour, linewidth=2.0, label=words)
+    if len(driven) > 1:
+        axes.plot(*driven.T, color="#7fa8c4", linewidth=1.6, label="driven path")
+        axes.plot(*driven[0], marker="o", markersize=8, color="#7fa8c4", linestyle="none", label="start")
+    if standing:
+        poses = np.array([pose for _, pose in standing])
+        if len(driven) < 2:
+            axes.plot(*poses[:, :2].T, color="#bbbbbb", linewidth=1.2, linestyle="--", label="order (the path is not known)")
+        length_m = 0.3
+        axes.quiver(*poses[:, :2].T, length_m * np.cos(poses[:, 2]), length_m * np.sin(poses[:, 2]), angles="xy", scale_units="xy", scale=1.0, color=BLUE,
+                    width=0.006, zorder=3)
+        axes.plot(*poses[:, :2].T, marker="o", markersize=5, color=BLUE, linestyle="none", label="standing poses, in their order", zorder=3)
+        last = {}  # of places that were stood at more than once, one label
+        for index, (x_m, y_m, _) in enumerate(poses):
+            last.setdefault((round(x_m, 1), round(y_m, 1)), []).append(index + 1)
+        for (x_m, y_m), numbers in last.items():
+            words = ", ".join(map(str, numbers[:4])) + (", ..." if len(numbers) > 4 else "")
+            axes.annotate(words, (x_m, y_m), xytext=(7, 7), textcoords="offset points", fontsize=10, color=INK, zorder=4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x in the map [m]", fontsize=11)
+    axes.set_ylabel("y in the map [m]", fontsize=11)
+    axes.set_title("From above", fontsize=14, loc="left")
+    tidy(axes)
+    axes.xaxis.grid(True, color=LIGHT)
+    axes.legend(fontsize=10, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    save(figure, out)
+    return True
+
+
 def draw(run, summary, out):
     """[path] of the plots there is something for. One that cannot be drawn is a note: the rest is of use without it."""
     drawn = []
-    for name, plot in (("progress.png", lambda path: plot_progress(run, summary, path)), ("time.png", lambda path: plot_time(run, path)),
+    for name, plot in (("progress.png", lambda path: plot_progress(run, summary, path)), ("path.png", lambda path: plot_path(run, path)), ("time.png", lambda path: plot_time(run, path)),
                        ("utilities.png", lambda path: plot_utilities(run, path)), ("places.png", lambda path: plot_places(run, path))):
         try:
             with np.errstate(all="ignore"):

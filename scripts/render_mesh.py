@@ -362,18 +362,22 @@ def nice_length(size_m):
     return float(max(step * decade for step in (1, 2, 5) if step * decade <= wanted * 1.001))
 
 
-def render(meshes, titles, out, reference, view, target, coloring, colour_range, panel, panel_may_shrink):
+def range_of(mesh, coloring):
+    """(low, high) of the colour scale that suits a mesh, in its colouring's unit."""
+    low, high = np.percentile(COLOURINGS[coloring][0](mesh)[np.unique(mesh.triangles)], [0.5, 99.8])
+    if coloring == "variance":
+        low = 0.0
+    return (low - 0.5e-3, high + 0.5e-3) if high - low < 1e-6 else (low, high)
+
+
+def render(meshes, titles, out, reference, view, target, coloring, colour_range, panel, panel_may_shrink, has_legend=True):
+    """Draws the meshes beside each other; without a legend the panels fill the picture."""
     value, label, colormap = COLOURINGS[coloring]
     used = np.unique(reference.triangles)
     points = reference.points[used]
     size_m = float(np.linalg.norm(np.subtract(*np.percentile(points, [99, 1], axis=0))))
     if colour_range is None:
-        low, high = np.percentile(value(reference)[used], [0.5, 99.8])
-        if coloring == "variance":
-            low = 0.0
-        if high - low < 1e-6:
-            low, high = low - 0.5e-3, high + 0.5e-3
-        colour_range = (low, high)
+        colour_range = range_of(reference, coloring)
     scale = matplotlib.colors.Normalize(*colour_range, clip=True)
     supersampling = 2
     camera = fit_camera(points, *view, target, (panel[0] * supersampling, panel[1] * supersampling))
@@ -387,7 +391,7 @@ def render(meshes, titles, out, reference, view, target, coloring, colour_range,
     colour_of = {"value": value, "map": lambda values: colormap(scale(values))[:, :3]}
 
     dpi = 100.0
-    head, foot, gap = 54 if any(titles) else 16, 84, 18
+    head, foot, gap = (54 if any(titles) else 16, 84, 18) if has_legend else (0, 0, 0)
     width = gap + len(meshes) * (panel[0] + gap)
     height = head + panel[1] + foot
     figure = plt.figure(figsize=(width / dpi, height / dpi), dpi=dpi, facecolor="white")
@@ -399,6 +403,16 @@ def render(meshes, titles, out, reference, view, target, coloring, colour_range,
         axes.set_axis_off()
         if title:
             figure.text((left + 0.5 * panel[0]) / width, 1.0 - 0.52 * head / height, title, ha="center", va="center", fontsize=17, color="#222222")
+    if has_legend:
+        draw_legend(figure, camera, scale, label, colormap, size_m, supersampling, (width, height, gap))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(out, dpi=dpi)
+    plt.close(figure)
+
+
+def draw_legend(figure, camera, scale, label, colormap, size_m, supersampling, layout):
+    """Colour scale and a length, below the panels. layout: width, height and gap of the figure [px]."""
+    width, height, gap = layout
     bar = figure.add_axes([gap / width + 0.02, 46 / height, min(0.42, 460 / width), 14 / height])
     colours = figure.colorbar(matplotlib.cm.ScalarMappable(scale, colormap), cax=bar, orientation="horizontal")
     colours.outline.set_linewidth(0.6)
@@ -415,9 +429,6 @@ def render(meshes, titles, out, reference, view, target, coloring, colour_range,
         side.set_visible(False)
     unit = f"{length:g} m" if length >= 1.0 else f"{100 * length:g} cm"
     figure.text(min(right - 0.5 * length_px, width - gap - 80) / width, 36 / height, f"{unit} at mid-distance", ha="center", va="center", fontsize=12, color="#333333")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=dpi)
-    plt.close(figure)
 
 
 def main():

@@ -8,6 +8,7 @@ Works with what there is: what is missing, as after a crash, is named.
 
 import argparse
 import base64
+import datetime
 import html
 import io
 import json
@@ -16,6 +17,7 @@ import os
 import pathlib
 import sys
 
+import matplotlib.colors
 import numpy as np
 from PIL import Image
 
@@ -33,6 +35,7 @@ main { max-width: 1120px; margin: 0 auto; padding: 28px 20px 60px; }
 h1 { font-size: 27px; margin: 0 0 4px; }
 h2 { font-size: 20px; margin: 40px 0 10px; }
 .sub { color: #6b7280; margin: 0 0 18px; }
+.sub + .sub { margin-top: -14px; }
 .words { font-size: 18px; margin: 0 0 18px; max-width: 60em; }
 .cards { display: flex; flex-wrap: wrap; gap: 12px; }
 .card { flex: 1 1 130px; background: #fff; border-radius: 8px; padding: 12px 16px; box-shadow: 0 1px 2px #0002; }
@@ -45,6 +48,10 @@ h2 { font-size: 20px; margin: 40px 0 10px; }
 @media (max-width: 640px) { .stages { grid-template-columns: 1fr; } }
 figure { margin: 0; background: #fff; border-radius: 8px; overflow: hidden; box-shadow: 0 1px 2px #0002; }
 figure img { display: block; width: 100%; height: auto; }
+.stages img { aspect-ratio: 16 / 9; object-fit: cover; }
+.scale { display: flex; align-items: center; gap: 8px; margin-top: 10px; font-size: 14px; color: #444; }
+.scale i { flex: 0 1 240px; height: 12px; border-radius: 3px; }
+details { margin-top: 10px; }
 figcaption { padding: 6px 12px 8px; font-size: 14px; color: #444; }
 .plot { padding: 14px; margin-bottom: 16px; }
 .plot figcaption { padding: 8px 2px 0; }
@@ -137,21 +144,21 @@ def pile_frame(mesh):
 
 
 def draw_maps(run, out):
-    """[(seconds, count, picture)]: the map at the stages, all from one place and in one scale of colours."""
-    drawn, reference = [], None
+    """([(seconds, count, picture)], range of the colours): the map at the stages, all from one place and in one scale of colours."""
+    drawn, reference, colour_range = [], None, None
     for seconds, count, path in pick_stages(run.maps, "map"):
         picture = out / (path.stem + ".png")
         try:
             mesh = render_mesh.read_ply(path)
             if reference is None:
                 middle, distance = pile_frame(mesh)
-                reference = mesh
-            render_mesh.render([mesh], [""], picture, reference, [*MAP_VIEW, distance], middle, "height", None, (800, 450), panel_may_shrink=False)
+                reference, colour_range = mesh, render_mesh.range_of(mesh, "height")
+            render_mesh.render([mesh], [""], picture, reference, [*MAP_VIEW, distance], middle, "height", colour_range, (800, 450), panel_may_shrink=False, has_legend=False)
         except (render_mesh.MeshError, ValueError, LookupError) as error:
             run.notes.append(f"{path.name} cannot be drawn: {error}")
             continue
         drawn.append((seconds, count, picture))
-    return drawn
+    return drawn, colour_range
 
 
 def embedded(path, width_px, run, lossless=False):
@@ -186,8 +193,8 @@ def table(header, rows, numeric=()):
 
 
 def brick_rows(run):
-    """A row per brick that mission or judge know of."""
-    start_s = run.start_s()
+    """[(cells, is it an exception)]: a row per brick that mission or judge know of, the exceptions first."""
+    start_s, plans_failed = run.start_s(), run.plans_failed()
     happened = {}
     for event in run.events:
         brick, kind = count_of(event.get("brick")), event.get("event")
@@ -199,11 +206,55 @@ def brick_rows(run):
         told, seen = ledger.get(brick, {}), happened.get(brick, {})
         stowed = f"stowed at {duration(seen['stow'][0])}" if "stow" in seen else "picked, by the mission alone" if told.get("is_picked") else "left"
         beside = [f"{words} at {', '.join(duration(t) for t in seen[kind])}" for kind, words in (("fall", "fell"), ("drop", "dropped")) if kind in seen]
-        rows.append((brick, stowed, "; ".join(beside), told.get("picks_begun", ""), told.get("picks_failed", ""), told.get("plans_failed", ""), told.get("last_failure", "")))
-    return rows
+        failed = (told.get("picks_failed", ""), plans_failed.get(brick, 0) if run.log else told.get("plans_failed", ""))
+        is_exception = stowed == "left" or bool(beside) or any(failed)
+        rows.append(((brick, stowed, "; ".join(beside), told.get("picks_begun", ""), *failed, told.get("last_failure", "")), is_exception))
+    return sorted(rows, key=lambda row: not row[1])
 
 
-def stage_grid(run, worlds, maps, start_s, strategy):
+def brick_tables(rows):
+    """The exceptions in sight, the others behind a click."""
+    if not rows:
+        return "<p>Nothing is known of single bricks.</p>"
+    header = ("brick", "what became of it", "on the way", "picks begun", "picks failed", "plans failed", "last failure")
+    exceptions, others = ([cells for cells, is_exception in rows if is_exception == wanted] for wanted in (True, False))
+    parts = [table(header, exceptions, numeric=(0, 3, 4, 5))] if exceptions else []
+    if others:
+        words = f"{plural(len(others), 'brick', 'bricks')} without a failure"
+        parts.append(f"<details><summary>{words[0].upper()}{words[1:]}</summary>{table(header, others, numeric=(0, 3, 4, 5))}</details>")
+    return "".join(parts)
+
+
+def colour_scale(colour_range):
+    """One for all pictures of the map."""
+    if colour_range is None:
+        return ""
+    _, label, colormap = render_mesh.COLOURINGS["height"]
+    stops = ", ".join(matplotlib.colors.to_hex(colormap(share)) for share in np.linspace(0.0, 1.0, 9))
+    low, high = (f"{value:.2f}" for value in colour_range)
+    return f'<div class="scale"><span>{html.escape(label)}: {low}</span><i style="background: linear-gradient(to right, {stops})"></i><span>{high}</span></div>'
+
+
+def failure_rows(run):
+    """what, times, last at, why, then; the last two of the last time, and of each time."""
+    start_s = run.start_s()
+    for kind, times, last_s, why, then in run.exceptions():
+        did = ", ".join(words if times == count else f"{words} ({count})" for words, count in sorted(then.items(), key=lambda entry: -entry[1]))
+        yield kind, times, duration(last_s - start_s) if math.isfinite(last_s) else "", why, did
+
+
+def origin_lines(run):
+    """Where the figures are from."""
+    origin = run.origin
+    date = origin.get("date", "").replace("T", " ").replace("Z", " UTC")
+    if not date and run.log and not run.is_simulated:
+        date = datetime.datetime.fromtimestamp(number(run.log[0]["time_s"]), datetime.timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+    known = [date, f"on {origin['host']}" if "host" in origin else "", f"commit {origin['commit']}" if "commit" in origin else ""]
+    lines = [html.escape(", ".join(filter(None, known))), f"<code>{html.escape(origin['command'])}</code>" if "command" in origin else ""]
+    return "".join(f'<p class="sub">{line}</p>' for line in lines if line)
+
+
+def stage_grid(run, worlds, maps, colour_range, start_s, strategy):
     """A row per stage, the world on the left, the map as it was then on the right; of one kind alone two beside each other."""
     # Coverage and precision are of the map that the strategy sees; the meshes that are kept, of the one that the arm moves by.
     map_name = "The arm's map" if strategy.startswith("octomap") else "The map"
@@ -216,17 +267,19 @@ def stage_grid(run, worlds, maps, start_s, strategy):
             drawn = ""
             if index < len(entries):
                 seconds, count, path = entries[index]
-                drawn = figure(path, f"{what} at {duration(seconds - start_s)}, {count} {verb}", run, 720)
+                # Beside the world the map needs no count of its own: it is a little older or newer.
+                number_of = f", {count} {verb}" if entries is kinds[0][0] else ""
+                drawn = figure(path, f"{what} at {duration(seconds - start_s)}{number_of}", run, 720)
             if drawn or len(kinds) > 1:
                 cells.append(drawn or "<span></span>")
-    return f'<div class="stages">{"".join(cells)}</div>'
+    return f'<div class="stages">{"".join(cells)}</div>{colour_scale(colour_range if maps else None)}'
 
 
 def card(value, words, bad=False):
     return f'<div class="card{" bad" if bad else ""}"><b>{html.escape(str(value))}</b><span>{html.escape(words)}</span></div>'
 
 
-def write_page(run, summary, plots, maps, out):
+def write_page(run, summary, plots, maps, colour_range, out):
     start_s = run.start_s()
     name = run.folder.resolve().name
     stowed, total = count_of(summary.get("bricks_stowed")), count_of(summary.get("bricks_total"))
@@ -239,28 +292,26 @@ def write_page(run, summary, plots, maps, out):
              card("?" if summary.get("collisions") is None else summary["collisions"], "collisions", bad=bool(summary.get("collisions"))),
              card(duration(summary.get("sim_seconds")), f"of {run.clock()}"),
              card("?" if summary.get("views") is None else summary["views"], "places it stood at")]
-    body = [f"<h1>Mission {html.escape(name)}</h1>", f'<p class="sub">{html.escape(about or "nothing is known about what it was to do")}</p>',
+    body = [f"<h1>Mission {html.escape(name)}</h1>", f'<p class="sub">{html.escape(about or "nothing is known about what it was to do")}</p>', origin_lines(run),
             f'<p class="words">{html.escape(" ".join(sentences(run, summary)))}</p>', f'<div class="cards">{"".join(cards)}</div>', "<!-- notes -->"]
-    body += ["<h2>Before, during, after</h2>", stage_grid(run, pick_stages(run.world_pictures, "world"), maps, start_s, str(summary.get("strategy") or ""))]
+    body += ["<h2>Before, during, after</h2>", stage_grid(run, pick_stages(run.world_pictures, "world"), maps, colour_range, start_s, str(summary.get("strategy") or ""))]
     if len(run.world_pictures) > MAX_STAGES:
         thumbs = "".join(figure(path, f"{duration(seconds - start_s)}, {count} stowed", run, 400) for seconds, count, path in run.world_pictures[:60])
         body.append(f'<details><summary>All pictures of the world ({len(run.world_pictures)})</summary><div class="thumbs">{thumbs}</div></details>')
     body.append("<h2>How it went</h2>")
     captions = {
         "progress.png": "Bricks over time." if not run.table else "Left: bricks over time. Right: how much of the bricks' surface that ever was exposed is in the map, and how much of what the map holds of the pile is true.",
+        "path.png": "Where the robot drove and stood, and the pile, from above. An arrow points to where the robot looked.",
         "time.png": "Where the time went.",
         "utilities.png": "Each choice of a place to stand at: what it was chosen from, and what spoke for the chosen one.",
         "places.png": "The pile's outline from above as three choices saw it; the colour is the utility of standing there."}
     body += [figure(path, captions[path.name], run, 1400, lossless=True, kind="plot") for path in plots] or ["<p>There is nothing to plot.</p>"]
-    rows = brick_rows(run)
-    body.append("<h2>Bricks</h2>")
-    body.append(table(("brick", "what became of it", "on the way", "picks begun", "failed", "plans failed", "last failure"), rows, numeric=(0, 3, 4, 5)) if rows else "<p>Nothing is known of single bricks.</p>")
-    body.append("<h2>What failed, and what was done about it</h2>")
-    failures = [(kind, times, duration(last_s - start_s) if math.isfinite(last_s) else "", reason) for kind, times, last_s, reason in run.failures()]
-    body.append(table(("what", "times", "last at", "what followed"), failures, numeric=(1,)) if failures else "<p>Nothing that is known of.</p>")
+    body += ["<h2>Bricks</h2>", brick_tables(brick_rows(run)), "<h2>What failed, and what was done about it</h2>"]
+    failures = list(failure_rows(run))
+    body.append(table(("what", "times", "last at", "why", "then"), failures, numeric=(1,)) if failures else "<p>Nothing that is known of.</p>")
     body.append("<h2>Files</h2>")
     files = [(f'<a href="{html.escape(name)}">{html.escape(name)}</a>', words) for name, words in (
-        ("summary.json", "the figures"), ("mission.jsonl", "each decision with its reason"), ("selections.jsonl", "each choice of a view with all candidates"),
+        ("summary.json", "the figures"), ("mission.jsonl", "each decision with its reason"), ("selections.jsonl", "each choice of a view with all candidates"), ("path.jsonl", "the driven path"),
         ("judge.csv", "what the judge saw, per second"), ("events.jsonl", "stowed, fallen, dropped, hit"), ("judge.json", "the judge's totals"),
         ("pictures", "of the world; maps as meshes (PLY)"), ("log", "of the nodes")) if (run.folder / name).exists()]
     body.append('<div class="scroll"><table>' + "".join(f"<tr><td>{link}</td><td>{html.escape(words)}</td></tr>" for link, words in files) + "</table></div>")
@@ -318,16 +369,16 @@ def main():
         write_atomically(path, json.dumps(json_safe(summary), indent=2) + "\n")
         if not arguments.summary_only:
             out = folder / "report"
-            write_page(run, summary, plot_mission.draw(run, summary, out), draw_maps(run, out), folder / "index.html")
+            write_page(run, summary, plot_mission.draw(run, summary, out), *draw_maps(run, out), folder / "index.html")
     except OSError as error:
         print(f"report_mission: {error.filename}: {error.strerror}", file=sys.stderr)
         return 1
     print("\n".join(sentences(run, summary)))
-    failures = run.failures()
+    failures = run.exceptions()
     if failures:
-        total = sum(times for _, times, _, _ in failures)
+        total = sum(times for _, times, *_ in failures)
         print(f"{plural(total, 'failure', 'failures')[0].upper()}{plural(total, 'failure', 'failures')[1:]} on the way: "
-              + ", ".join(f"{times} x {kind}" for kind, times, _, _ in failures[:4]) + (", ..." if len(failures) > 4 else "") + ".")
+              + ", ".join(f"{times} x {kind}" for kind, times, *_ in failures[:4]) + (", ..." if len(failures) > 4 else "") + ".")
     for note in run.notes:
         print(f"Missing: {note}.")
     if not arguments.summary_only:

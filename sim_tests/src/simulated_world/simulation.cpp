@@ -71,11 +71,11 @@ Eigen::Vector2d middleOf(const PileScene& scene) {
   return middle;
 }
 
-/// What a picture of a run has to show.
+/// What a picture of a run has to show: the pile, and of the robot the arm that picks.
 std::vector<Eigen::Vector3d> pointsOfInterest(const PileScene& scene) {
-  constexpr double kRobotHeight_m = 1.9;  // of the camera's mast, about
-  constexpr double kRobotRadius_m = 0.5;
-  constexpr double kRoom_m = 0.8;  // beside the pile: most of the base where it picks; its far end may be cut off
+  constexpr double kRoom_m = 0.6;       // beside the pile, on the ground: the front of the base
+  constexpr double kArmHeight_m = 1.0;  // of the elbow, about
+  constexpr double kRoomAbove_m = 0.2;  // beside the pile, at that height
   std::vector<Eigen::Vector3d> points;
   const auto addCircle = [&points](const Eigen::Vector2d& middle, double radius_m, double z_m) {
     constexpr int kCorners = 16;
@@ -90,9 +90,7 @@ std::vector<Eigen::Vector3d> pointsOfInterest(const PileScene& scene) {
     pile_radius_m = std::max(pile_radius_m, (brick.T_map_brick.translation().head<2>() - middle).norm());
   }
   addCircle(middle, pile_radius_m + kRoom_m, 0.0);
-  addCircle(middle, pile_radius_m + kRoom_m, kRobotHeight_m);
-  addCircle(scene.robot_start.xy_m, kRobotRadius_m, 0.0);
-  addCircle(scene.robot_start.xy_m, kRobotRadius_m, kRobotHeight_m);
+  addCircle(middle, pile_radius_m + kRoomAbove_m, kArmHeight_m);
   return points;
 }
 

@@ -27,6 +27,8 @@ class Made:
     def __init__(self):
         self.stowed = self.picked = self.falls = self.drops = self.failures = self.selections = 0
         self.coverage = self.precision = 0.0
+        self.plans_failed = {}  # by brick
+        self.standing = []  # poses
         self.seconds_of = {}  # by state
         self.end_s = START_S
 
@@ -80,7 +82,8 @@ def make_run_folder(folder, bricks=20, seed=1):
         middles += [((i - (columns - 1) / 2) * 0.24, (j - (rows - 1) / 2) * 0.26, 0.1 + 0.2 * layer) for i in range(columns) for j in range(rows)]
     middles = sorted(middles, key=lambda middle: -middle[2])
     middles = (middles * (bricks // len(middles) + 1))[:bricks]
-    log, selections, events, table = [], [], [], []
+    log, selections, events, table, path = [], [], [], [], []
+    base = [-3.0, 0.0, 0.0]
     counts = {"bricks_picked": 0, "bricks_open": bricks, "bricks_exhausted": 0, "picks_begun": 0, "views": 0, "failures": 0}
     kinds, ledger = {}, {}
     now = [START_S]
@@ -107,6 +110,21 @@ def make_run_folder(folder, bricks=20, seed=1):
         made.seconds_of[state] = made.seconds_of.get(state, 0.0) + end - begun
         log.append({"time_s": end, "state": state, "event": event, "decision": decision, "reason": reason, "state_s": round(end - begun, 3), **counts})
 
+    def drive(goal, event, decision, seconds, reason=""):
+        """The step before has told the goal; a failed drive stops half way."""
+        is_success = event == "success"
+        share = 1.0 if is_success else 0.5
+        for k in range(1, 11):
+            pose = [round(old + share * k / 10 * (new - old), 3) for old, new in zip(base, goal)]
+            path.append({"time_s": round(now[0] + seconds * k / 10, 3), "base": pose})
+        base[:] = path[-1]["base"]
+        step("drive", event, decision, seconds, reason, failed=not is_success)
+        if is_success:
+            made.standing.append(tuple(base))
+
+    def told(pose):
+        return f"at ({pose[0]:.2f}, {pose[1]:.2f}) m, {pose[2]:.2f} rad"
+
     def select():
         segments = []
         for k in range(40):
@@ -121,6 +139,10 @@ def make_run_folder(folder, bricks=20, seed=1):
                              "failure_penalty": penalty, "utility": (1 - penalty) * information})
         best = max((k for k in range(40) if segments[k]["verdict"] == 0), key=lambda k: segments[k]["utility"])
         selections.append({"time_s": now[0], "strategy": "gpis", "outcome": 0, "message": "", "best": best, "segments": segments})
+        angle = 2 * math.pi * best / 40
+        goal = (round(1.3 * math.cos(angle), 2), round(1.2 * math.sin(angle), 2), round(math.remainder(angle + math.pi, 2 * math.pi), 2))
+        step("select", "success", "drive", 0.3, f"the best view {told(goal)}")
+        return goal
 
     def world_picture():
         image = np.full((54, 96, 3), 0.55)
@@ -136,35 +158,35 @@ def make_run_folder(folder, bricks=20, seed=1):
     world_picture()
     step("idle", "hand", "idle", 3.0, "unknown, now empty")
     step("idle", "start", "begin", 0.5, "hand empty")
-    step("begin", "entered", "drive", 0.0, "survey")
+    survey = ((-2.4, 0.0, 0.0), (-1.8, 0.0, 0.0))
+    step("begin", "entered", "drive", 0.0, f"survey not finished; place 1 of 2 of the survey {told(survey[0])}")
     for place in range(2):
-        step("drive", "success", "look", 9.0)
+        drive(survey[place], "success", "look", 9.0)
         step("look", "success", "detect", 6.0)
-        step("detect", "success", "drive" if place == 0 else "choose", 1.0)
+        step("detect", "success", "drive" if place == 0 else "choose", 1.0, f"place 2 of 2 of the survey {told(survey[1])}" if place == 0 else "")
     map_mesh()
     brick = 0
     while brick < bricks:
         step("choose", "entered", "select", 0.0, "no brick in reach")
-        select()
-        step("select", "success", "drive", 0.3)
+        goal = select()
         if rng.random() < 0.2:
-            step("drive", "obstacle", "report", 6.0, "something is in the way and stays", failed=True)
+            drive(goal, "obstacle", "report", 6.0, "something is in the way and stays")
             step("report", "success", "select", 0.1)
-            select()
-            step("select", "success", "drive", 0.3)
+            goal = select()
         counts["views"] += 1
-        step("drive", "success", "look", 8.0 + 8.0 * rng.random())
+        drive(goal, "success", "look", 8.0 + 8.0 * rng.random())
         step("look", "success", "detect", 6.0)
         step("detect", "success", "choose", 1.0)
         for _ in range(rng.randint(1, 3)):
             if brick >= bricks:
                 break
-            step("choose", "entered", "plan_pick", 0.0, f"brick {brick}")
+            chosen = f"brick to be tried from here; brick {brick}, the highest that is graspable"
+            step("choose", "entered", "plan_pick", 0.0, chosen)
             ledger[brick] = {"id": brick, "is_picked": False, "picks_begun": 0, "picks_failed": 0, "plans_failed": 0, "failures": {}, "last_failure": ""}
             if rng.random() < 0.3:
-                step("plan_pick", "approach blocked", "choose", 0.5, "the next brick", failed=True)
-                ledger[brick]["plans_failed"] = 1
-                step("choose", "entered", "plan_pick", 0.0, f"brick {brick}")
+                step("plan_pick", "approach blocked", "choose", 0.5, "its neighbour is in the way", failed=True)
+                made.plans_failed[brick] = 1
+                step("choose", "entered", "plan_pick", 0.0, chosen)
             step("plan_pick", "success", "pick", 0.5)
             counts["picks_begun"] += 1
             ledger[brick]["picks_begun"] = 1
@@ -187,7 +209,7 @@ def make_run_folder(folder, bricks=20, seed=1):
             brick += 1
     step("choose", "entered", "select", 0.0, "no brick known")
     selections.append({"time_s": now[0], "strategy": "gpis", "outcome": 8, "message": "nothing above the ground", "best": -1, "segments": []})
-    step("select", "no pile", "ended", 0.3, "nothing left, or nothing seen")
+    step("select", "no pile", "ended", 0.3, "nothing left, or nothing seen", failed=True)  # as the mission counts it
     made.end_s = now[0]
     judge_row(now[0] + 0.01)
 
@@ -197,6 +219,9 @@ def make_run_folder(folder, bricks=20, seed=1):
     lines("mission.jsonl", log)
     lines("selections.jsonl", selections)
     lines("events.jsonl", events)
+    lines("path.jsonl", path)
+    (folder / ".run_mission").write_text("scripts/run_mission --run results/made --seed 1 \ndate: 2026-01-02T03:04:05Z\nhost: workbench\ncommit: 0123456789\n",
+                                         encoding="utf-8")
     (folder / "judge.csv").write_text("time_s,stowed,falls,dropped,collisions,coverage,precision,distance_m\n" +
                                       "".join(f"{t:.3f},{s},{f},{d},{c},{cov},{pre},{dist:.3f}\n" for t, s, f, d, c, cov, pre, dist in table), encoding="utf-8")
     judge = {"start_time_s": START_S, "end_time_s": now[0] + 0.01, "bricks_total": bricks, "stowed": judged["stowed"], "falls": judged["falls"],

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """report_mission.py on a run folder whose figures are known, and on broken ones."""
 
+import html
 import html.parser
 import json
 import math
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -122,8 +124,8 @@ class ReportMission(unittest.TestCase):
         self.assertNotIn("Missing", done.stdout)
         page = self.page()
         self.assertIn("4 of 4", page.text)
-        # 4 stages of world and of map, 4 plots, and all 5 pictures of the world once more.
-        self.assertEqual(len(page.addresses), 4 + 4 + 4 + 5)
+        # 4 stages of world and of map, 5 plots, and all 5 pictures of the world once more.
+        self.assertEqual(len(page.addresses), 4 + 4 + 5 + 5)
         first = (self.folder / "summary.json").read_text()
         self.report("--summary-only")
         self.assertEqual((self.folder / "summary.json").read_text(), first, "a second report changes nothing")
@@ -199,8 +201,100 @@ class ReportMission(unittest.TestCase):
         self.assertGreater(len(wanted), 1, "a run with several kinds")
         (self.folder / "summary.json").unlink()
         run = mission_run.Run(self.folder)
-        self.assertEqual({kind: times for kind, times, _, _ in run.failures()}, wanted)
+        self.assertEqual({kind: times for kind, times, *_ in run.failures()}, wanted)
         self.assertEqual(mission_run.merged_summary(run)["failures"], wanted)
+
+    def rows_of(self, page, heading):
+        """Cells of the tables below a heading of the page."""
+        part = (self.folder / "index.html").read_text().split(f"<h2>{heading}</h2>")[1].split("<h2>")[0]
+        return [[html.unescape(re.sub("<[^>]*>", "", cell)) for cell in re.findall("<td.*?</td>", row)] for row in re.findall("<tr>.*?</tr>", part)], part
+
+    def test_failed_plans_survive_the_next_pick(self):
+        made = self.make(8)
+        for path in (self.folder / "pictures").iterdir():
+            path.unlink()
+        self.assertGreaterEqual(sum(made.plans_failed.values()), 2, "a run with several")
+        # The mission's own count is since the last pick: 0 at the end.
+        self.assertFalse(any(brick["plans_failed"] for brick in json.loads((self.folder / "mission_state.json").read_text())["bricks"]))
+        self.assertEqual(mission_run.Run(self.folder).plans_failed(), made.plans_failed)
+        self.assertEqual(self.report().returncode, 0)
+        rows, _ = self.rows_of(self.page(), "Bricks")
+        self.assertEqual({int(row[0]): int(row[5]) for row in rows if row and row[5] != "0"}, made.plans_failed)
+
+    def test_uneventful_bricks_are_collapsed(self):
+        made = self.make(8)
+        for path in (self.folder / "pictures").iterdir():
+            path.unlink()
+        self.assertEqual(self.report().returncode, 0)
+        rows, part = self.rows_of(self.page(), "Bricks")
+        self.assertEqual(len([row for row in rows if row]), 8)
+        shown, hidden = part.split("<details>")
+        eventful = {*made.plans_failed, 7}  # 7 falls
+        self.assertEqual({int(brick) for brick in re.findall(r'<tr><td class="n">(\d+)', shown)}, eventful)
+        self.assertIn(f"{8 - len(eventful)} bricks without a failure", hidden)
+
+    def test_success_is_no_failure(self):
+        self.make_without_maps()
+        done = self.report()
+        rows, _ = self.rows_of(self.page(), "What failed, and what was done about it")
+        self.assertNotIn("no pile", done.stdout + str(rows))
+        self.assertEqual(self.summary()["failures"]["select: no pile"], 1, "the mission's own figures stay")
+        # It is one where bricks are left, and where it does not end the mission.
+        path = self.folder / "summary.json"
+        path.write_text(json.dumps({**self.summary(), "end_reason": "nothing_worth_going"}))
+        self.assertIn("1 x select: no pile", self.report("--summary-only").stdout)
+        path.write_text(json.dumps({**self.summary(), "end_reason": "no_brick_left", "failures": {"select: no pile": 3}}))
+        self.assertIn("2 x select: no pile", self.report("--summary-only").stdout)
+
+    def test_failures_have_a_cause_and_a_consequence(self):
+        self.make_without_maps()
+        self.assertEqual(self.report().returncode, 0)
+        rows, part = self.rows_of(self.page(), "What failed, and what was done about it")
+        self.assertEqual(re.findall("<th.*?>(.*?)</th>", part), ["what", "times", "last at", "why", "then"])
+        told = {row[0]: row[3:] for row in rows if row}
+        self.assertEqual(told["plan_pick: approach blocked"], ["its neighbour is in the way", "went on with the next brick or view"])
+        self.assertEqual(told["drive: obstacle"], ["something is in the way and stays", "told the choice of views"])
+
+    def test_page_tells_date_host_commit_and_command(self):
+        self.make_without_maps()
+        self.assertEqual(self.report().returncode, 0)
+        for words in ("2026-01-02 03:04:05 UTC, on workbench, commit 0123456789", "scripts/run_mission --run results/made --seed 1"):
+            self.assertIn(words, self.page().text)
+        for text, wanted in (("scripts/run_mission --seed 1\n", {"command": "scripts/run_mission --seed 1"}), ("", {}), ("x\nhost\ncommit: \ndate: d\nother: y", {"command": "x", "date": "d"})):
+            (self.folder / ".run_mission").write_text(text)
+            self.assertEqual(mission_run.Run(self.folder).origin, wanted)
+            self.assertEqual(self.report().returncode, 0)
+
+    def test_standing_poses_are_those_driven_to(self):
+        made = self.make_without_maps()
+        measured = [pose for _, pose in mission_run.Run(self.folder).standing_poses()]
+        self.assertEqual(measured, made.standing)
+        self.assertGreater(len(measured), 3)
+        out = self.folder / "path.png"
+        self.assertTrue(plot_mission.plot_path(mission_run.Run(self.folder), out))
+        # Without a path the log's goals are what is known, to a centimetre.
+        path = self.folder / "path.jsonl"
+        path.write_text('{"time_s": 1, "base": [1, 2]}\n{"time_s": null, "base": [1, 2, 3]}\n{"base": 3}\n')
+        told = [pose for _, pose in mission_run.Run(self.folder).standing_poses()]
+        np.testing.assert_allclose(told, made.standing, atol=0.006)
+        self.assertTrue(plot_mission.plot_path(mission_run.Run(self.folder), out))
+        (self.folder / "mission.jsonl").write_text('{"time_s": 1, "state": "select", "decision": "drive", "reason": "at (1.2.3, 4) m, 5 rad"}\n'
+                                                   '{"time_s": 2, "state": "drive", "event": "success"}\n')
+        self.assertEqual(mission_run.Run(self.folder).standing_poses(), [])
+        self.assertFalse(plot_mission.plot_path(mission_run.Run(self.folder), out))
+
+    def test_maps_share_one_colour_scale(self):
+        self.make(2)
+        self.assertEqual(self.report().returncode, 0)
+        page = (self.folder / "index.html").read_text()
+        self.assertEqual(page.count('class="scale"'), 1)
+        scale = page.split('class="scale">')[1].split("</div>")[0]
+        self.assertIn("0.00", scale)
+        self.assertEqual(scale.count("#"), 9, "colours")
+        pictures = sorted((self.folder / "report").glob("map_*.png"))
+        self.assertGreater(len(pictures), 1)
+        for path in pictures:  # the shape of the world's pictures
+            self.assertEqual(matplotlib.image.imread(path).shape[:2], (450, 800))
 
     def test_weights_of_the_factors_come_out_of_the_log(self):
         self.make()
@@ -253,7 +347,7 @@ class ReportMission(unittest.TestCase):
 
     def test_robots_run_without_a_judge_is_drawn_from_the_log(self):
         made = self.make_without_maps()
-        for name in ("judge.json", "judge.csv", "events.jsonl"):
+        for name in ("judge.json", "judge.csv", "events.jsonl", ".run_mission"):
             (self.folder / name).unlink()
         done = self.report()
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -263,6 +357,7 @@ class ReportMission(unittest.TestCase):
             self.assertNotIn(word, done.stdout + page.text)
         self.assertTrue((self.folder / "report/progress.png").exists())
         self.assertIn("Bricks over time.", page.text)
+        self.assertIn("1970-01-01 00:00:13 UTC", page.text, "the log's first line, by the robot's clock")
         (self.folder / ".run_mission").write_text("")
         self.assertIn("the simulator did not end by itself", self.report("--summary-only").stdout)
 
@@ -305,7 +400,7 @@ class ReportMission(unittest.TestCase):
         self.assertIn("4 bricks stowed in ", done.stdout)
         self.assertIn("one of several missions of a run", done.stdout)
         self.assertNotIn("simulator", done.stdout)
-        self.assertEqual(len(self.page().addresses), 4, "plots; the pictures are of the first")
+        self.assertEqual(len(self.page().addresses), 5, "plots; the pictures are of the first")
         (later / "mission.jsonl").write_text("")
         self.assertIn("4 bricks picked, by the mission's own count", self.report("--summary-only").stdout)
 
@@ -331,7 +426,7 @@ class ReportMission(unittest.TestCase):
         run, out = mission_run.Run(self.folder), self.folder / "report"
         with unittest.mock.patch("plot_mission.plot_utilities", side_effect=IndexError("no such\ncolumn")):
             drawn = plot_mission.draw(run, mission_run.merged_summary(run), out)
-        self.assertEqual([path.name for path in drawn], ["progress.png", "time.png", "places.png"])
+        self.assertEqual([path.name for path in drawn], ["progress.png", "path.png", "time.png", "places.png"])
         self.assertEqual(run.notes, ["utilities.png cannot be drawn: IndexError: no such column"])
 
     def test_rows_and_places_that_are_none_are_not_drawn(self):
@@ -449,7 +544,7 @@ class ReportMission(unittest.TestCase):
         out = self.folder / "report"
         out.mkdir()
         with unittest.mock.patch("report_mission.pick_stages", lambda entries, wanted: entries):
-            drawn = report_mission.draw_maps(run, out)
+            drawn, _ = report_mission.draw_maps(run, out)
         self.assertEqual([picture.stem for _, _, picture in drawn], [first.stem])
         self.assertEqual(len(run.notes), 5, run.notes)
         for number, note in enumerate(run.notes):

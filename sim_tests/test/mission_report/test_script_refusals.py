@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 import rosunit
 import yaml
@@ -40,6 +41,15 @@ class ScriptRefusals(unittest.TestCase):
                               stdin=subprocess.DEVNULL)
         self.assertNotIn("Traceback", done.stderr)
         return done
+
+    @staticmethod
+    def copy_strategies(tree):
+        """For a tree of its own: what is asked for the strategies that there are."""
+        shutil.copy(SCRIPTS / "strategies.py", tree / "scripts")
+        for name in ("package.xml", "strategy_plugins.xml", "config"):
+            source, copy = ROOT / "src/nbv_selection" / name, tree / "src/nbv_selection" / name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            (shutil.copytree if source.is_dir() else shutil.copy)(source, copy)
 
     def refused(self, code, words, script, *arguments):
         """With one line, and nothing else."""
@@ -82,6 +92,7 @@ class ScriptRefusals(unittest.TestCase):
         (package / "launch").mkdir(parents=True)
         (tree / "sim_tests/worlds").mkdir(parents=True)
         (tree / "sim_tests/worlds/toy.yaml").write_text("")
+        self.copy_strategies(tree)
         shutil.copy(SCRIPTS / "run_mission", tree / "scripts")
         (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + "use_workspace() { :; }\n")
         (package / "package.xml").write_text("<package format='2'><name>mp700_ur5e_bringup</name><version>0.0.0</version><description/>"
@@ -93,6 +104,41 @@ class ScriptRefusals(unittest.TestCase):
         self.assertEqual(done.returncode, 1, done.stderr)
         self.assertIn("what is not there: not_there/node rosout/not_built", done.stderr)
         self.assertFalse((self.folder / "run").exists())
+
+    def test_every_declared_strategy_is_taken(self):
+        # A package outside of ours, sourced as a user's workspace would be.
+        package = self.folder / "outside/my_views"
+        package.mkdir(parents=True)
+        (package / "package.xml").write_text("<package format='2'><name>my_views</name><version>0.0.0</version><description>d</description>"
+                                             "<maintainer email='a@example.org'>a</maintainer><license>BSD</license><depend>nbv_selection</depend>"
+                                             "<export><nbv_selection plugin='${prefix}/plugins.xml'/></export></package>")
+        (package / "plugins.xml").write_text("<library path='lib/libmy_views'><class name='my_views/Nearest' type='my_views::Nearest' "
+                                             "base_class_type='nbv_selection_ros::Strategy'/></library>")
+        config = self.folder / "views.yaml"
+        config.write_text("nearest: {plugin: my_views/Nearest}\nfarthest: {plugin: my_views/Farthest}\n")
+        run = self.folder / "run"
+        run.mkdir()
+        kept = ("run_mission", "--run", run, "--overwrite", "--scene", "two_rows", "--strategy")
+        table = ("campaign", "--table", "--out", self.folder / "nowhere", "--strategies")
+        shipped = "gpis, octomap_gradient_frontier, octomap_random"
+        refusals = ((), f"strategy nearest: must be one of {shipped}"), ((config,), "strategy nearest: its plugin my_views/Nearest is exported by no package on "
+                                                                                  f"ROS_PACKAGE_PATH; must be one of {shipped}")
+        for given, words in refusals:
+            self.refused(2, words, *kept, "nearest", *(("--", f"selection_config:={config}") if given else ()))
+            self.refused(2, words, *table, "gpis nearest", *(("--selection-config", config) if given else ()))
+        with unittest.mock.patch.dict(os.environ, ROS_PACKAGE_PATH=f"{package.parent}:{os.environ['ROS_PACKAGE_PATH']}"):
+            self.refused(1, "not deleted", *kept, "nearest", "--", f"selection_config:={config}")
+            self.refused(1, "no summary.json", *table, "gpis nearest", "--selection-config", config)
+            self.refused(2, "my_views/Farthest is exported by no package on ROS_PACKAGE_PATH; must be one of gpis, nearest, ", *kept, "farthest", "--",
+                         f"selection_config:={config}")
+        # Of the same environment the nodes are started: sourcing this workspace once more would hide the user's.
+        environment = {**os.environ, "ROS_PACKAGE_PATH": f"{package.parent}:/x", "CMAKE_PREFIX_PATH": f"{package.parent}/devel:{ROOT}/devel:/usr"}
+        told = subprocess.run(["bash", "-c", '. "$0"; use_workspace; echo "$ROS_PACKAGE_PATH"', str(SCRIPTS / "lib.sh")], env=environment,
+                              capture_output=True, text=True, check=True).stdout
+        self.assertEqual(told.strip(), environment["ROS_PACKAGE_PATH"])
+        for name in shipped.split(", "):
+            self.refused(1, "not deleted", *kept, name)
+        self.refused(2, "strategies cannot be read", *kept, "gpis", "--", f"selection_config:={self.folder / 'nope.yaml'}")
 
     def test_slowest_camera_brings_the_images_of_a_look_in_time(self):
         look = yaml.safe_load((ROOT / "src/pick_mission/config/pick_mission.yaml").read_text())["look"]
@@ -145,6 +191,7 @@ class ScriptRefusals(unittest.TestCase):
         tree = self.folder / "tree"
         if not tree.exists():
             (tree / "scripts").mkdir(parents=True)
+            self.copy_strategies(tree)
             for name in ("campaign", "table_campaign.py", "mission_run.py"):
                 shutil.copy(SCRIPTS / name, tree / "scripts")
             nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))

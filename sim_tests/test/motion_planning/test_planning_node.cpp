@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Node motion_planning among topics: every outcome, what it follows, its path monitor, bad input.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -580,6 +581,53 @@ TEST_F(PlanningNode, RvizGetsSceneAndPlan) {
   });
   client_->plan(pickOf(brickBefore(3.0)));
   plan.await([&](const auto& array) { return hasNamespace(array, "failure"); });
+}
+
+TEST_F(PlanningNode, AnOldPlanLeavesRviz) {
+  using visualization_msgs::MarkerArray;
+  const auto isEmpty = [](const MarkerArray& array) {
+    return std::none_of(array.markers.begin(), array.markers.end(),
+                        [](const auto& marker) { return marker.action == visualization_msgs::Marker::ADD; });
+  };
+  ArmVector away = kStowed;
+  away[5] += 0.5;
+  const PlanArmGoal goal = armTo(toJoints(away));
+  {
+    Latest<MarkerArray> plan("/motion_planning/plan");
+    const auto showPlan = [&] {
+      EXPECT_TRUE(waitUntil([&] {
+        bool is_shown = false;
+        if (client_->plan(goal).outcome.status != PlanOutcome::SUCCESS || !plan.hasCome()) return false;
+        plan.await([&](const MarkerArray& array) {
+          is_shown = !isEmpty(array);
+          return true;
+        });
+        return is_shown;
+      }));
+    };
+    showPlan();
+    robot_->setArm(away);  // carried out
+    plan.await(isEmpty);
+    robot_->setArm(kStowed);
+    robot_->awaitState();
+    showPlan();
+    robot_->setBase(Eigen::Isometry3d(Eigen::Translation3d(0.2, 0.0, 0.0)));  // driven off without it
+    plan.await(isEmpty);
+    robot_->setBase(Eigen::Isometry3d::Identity());
+    robot_->awaitState();
+    showPlan();
+  }
+  // A plan that one rviz has shown is not shown to the next one after others were made.
+  EXPECT_TRUE(waitUntil([&] {
+    client_->plan(goal);
+    Latest<MarkerArray> next("/motion_planning/plan");
+    bool is_empty = false;
+    next.await([&](const MarkerArray& array) {
+      is_empty = isEmpty(array);
+      return true;
+    });
+    return is_empty;
+  }));
 }
 
 TEST_F(PlanningNode, DiagnosticsTellOfMapRobotAndPlans) {

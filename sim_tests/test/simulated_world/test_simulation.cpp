@@ -190,16 +190,18 @@ TEST(Simulation, PictureShowsTheWorldAsItIs) {
   const cv::Mat before = robot.sim.picture();
   ASSERT_EQ(before.size(), cv::Size(PictureConfig().width_px, PictureConfig().height_px));
   EXPECT_EQ(difference(before, robot.sim.picture()), 0.0) << "nothing has changed";
-  // One brick less: of 960 x 540 px, some 6 m wide, a brick of 0.2 m fills 30 x 30 px and its shadow as much.
+  // One brick less: of 960 x 540 px, some 2 m wide, a brick of 0.2 x 0.3 m fills 100 x 150 px and its shadow as much.
   robot.moveBrick(1, at(robot.sim.world().linkPose("chute_drop").translation() + Eigen::Vector3d(0, 0, 0.05)));
   ASSERT_EQ(robot.sim.bricksStowed(), 1);
   const double gone = difference(before, robot.sim.picture());
-  EXPECT_GT(gone, 0.0005);
-  EXPECT_LT(gone, 0.02) << "the pile's other brick, ground and robot stay as they are";
-  // The robot drives off: its old place and its new one.
+  EXPECT_GT(gone, 0.01);
+  EXPECT_LT(gone, 0.2) << "the pile's other brick, ground and robot stay as they are";
+  // The robot drives up to the pile, from where no picture shows it.
   const cv::Mat one_brick = robot.sim.picture();
-  robot.sim.commandBase({0.4, 0.0});
-  robot.run(0.9);
+  for (int i = 0; i < 10; ++i) {  // the base stops by itself without commands
+    robot.sim.commandBase({0.4, 0.0});
+    robot.run(0.5);
+  }
   EXPECT_GT(difference(one_brick, robot.sim.picture()), 0.02);
   PictureConfig none;
   none.width_px = 0;

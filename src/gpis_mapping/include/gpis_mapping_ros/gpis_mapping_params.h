@@ -24,7 +24,7 @@ struct GpisMappingParams {
     double rate_hz{2.0};             // of mesh, points, ground and slice, at most; by the wall clock
     bool every_image{false};         // instead: after each image, and the next one waits for it
     double removed_display_s{10.0};  // how long removed points are shown, ROS time
-    MeshColor mesh_color{MeshColor::kUncertainty};
+    MeshColor mesh_color{MeshColor::kHeight};
     double color_max_std_m{0.01};  // the far end of the colour scale for uncertainty
   } output;
 

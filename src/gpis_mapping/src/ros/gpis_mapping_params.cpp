@@ -102,7 +102,9 @@ GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {
   reader.read("output/mesh_color", &color);
   if (color == toString(MeshColor::kHeight)) {
     params.output.mesh_color = MeshColor::kHeight;
-  } else if (color != toString(MeshColor::kUncertainty)) {
+  } else if (color == toString(MeshColor::kUncertainty)) {
+    params.output.mesh_color = MeshColor::kUncertainty;
+  } else {
     reader.report("output", {"mesh_color = '" + color + "', must be uncertainty or height"});
   }
   reader.read("slice/height_m", &params.slice.height_m);

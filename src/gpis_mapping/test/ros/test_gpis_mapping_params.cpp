@@ -33,7 +33,7 @@ const params_contract::Contract kContract = {
     {{"input/map_frame", "odom"},
      {"input/camera_frame", "eye"},
      {"input/image_transport", "compressedDepth"},
-     {"output/mesh_color", "height"},
+     {"output/mesh_color", "uncertainty"},
      {"storage/autosave_file", "/map.gpis"}}};
 
 TEST(GpisMappingParams, ShippedFileHasEveryKeyWithItsDefault) {

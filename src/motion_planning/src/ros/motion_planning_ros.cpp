@@ -145,8 +145,10 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
   });
   scenes_->start();
   watch_server_ = handle.advertiseService("watch", &MotionPlanningRos::onWatch, this);
-  monitor_timer_ =
-      handle.createTimer(ros::Duration(1.0 / params_.monitor.rate_hz), [this](const ros::TimerEvent&) { monitor(); });
+  monitor_timer_ = handle.createTimer(ros::Duration(1.0 / params_.monitor.rate_hz), [this](const ros::TimerEvent&) {
+    monitor();
+    markers_.clearOldPlan(robot_);
+  });
   monitor();
 
   diagnostics_.setHardwareID("none");

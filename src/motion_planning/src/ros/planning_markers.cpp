@@ -15,6 +15,11 @@ using visualization_msgs::Marker;
 using visualization_msgs::MarkerArray;
 
 constexpr double kWayStep_s = 0.05;  // between points of a drawn way
+// Of a plan that is carried out: what the arm's bridge allows between arm and trajectory.
+constexpr double kArmTolerance_rad = 0.02;
+// More than localisation corrects, less than any drive.
+constexpr double kBaseMoved_m = 0.05;
+constexpr double kBaseMoved_rad = 0.05;
 
 std_msgs::ColorRGBA color(double r, double g, double b, double a) {
   std_msgs::ColorRGBA c;
@@ -33,7 +38,32 @@ geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
   return point;
 }
 
+/// A failure, or no plan at all, has no end.
+std::optional<ArmVector> endOf(const JointTrajectory& trajectory) {
+  if (trajectory.empty()) return std::nullopt;
+  return trajectory.points.back().position_rad;
+}
+
 }  // namespace
+
+ShownPlan::ShownPlan(const ArmVector& start_rad, const std::optional<ArmVector>& end_rad,
+                     const Eigen::Isometry3d& T_map_base)
+    : start_rad_(start_rad), end_rad_(end_rad), T_map_base_(T_map_base) {}
+
+bool ShownPlan::isOver(const std::optional<ArmVector>& joints_rad, const std::optional<Eigen::Isometry3d>& T_map_base) {
+  if (T_map_base) {
+    const Eigen::Isometry3d moved = T_map_base_.inverse() * *T_map_base;
+    if (moved.translation().norm() > kBaseMoved_m) return true;
+    if (Eigen::AngleAxisd(moved.linear()).angle() > kBaseMoved_rad) return true;
+  }
+  if (!joints_rad || !end_rad_) return false;
+  const auto isAt = [&](const ArmVector& goal_rad) {
+    return (*joints_rad - goal_rad).lpNorm<Eigen::Infinity>() <= kArmTolerance_rad;
+  };
+  // A pick may end where it starts: the arm has to have left first.
+  if (!isAt(start_rad_)) has_begun_ = true;
+  return has_begun_ && isAt(*end_rad_);
+}
 
 PlanningMarkers::PlanningMarkers(ros::NodeHandle& private_nh, std::string map_frame,
                                  std::shared_ptr<const motion_planning::ArmKinematics> arm, int num_arms)
@@ -125,7 +155,7 @@ void PlanningMarkers::addArm(const ArmVector& joints_rad, const Eigen::Isometry3
 }
 
 void PlanningMarkers::show(const motion_planning::PickPlan& plan, const Eigen::Isometry3d& T_map_base) {
-  if (plan_publisher_.getNumSubscribers() == 0) return;
+  if (plan_publisher_.getNumSubscribers() == 0) return publishPlan(cleared(), std::nullopt);
   MarkerArray array = cleared();
   addWay(plan.approach, T_map_base, 0, color(0.2, 0.8, 1.0, 1.0), &array);
   addWay(plan.contact, T_map_base, 1, color(1.0, 0.9, 0.1, 1.0), &array);
@@ -145,22 +175,24 @@ void PlanningMarkers::show(const motion_planning::PickPlan& plan, const Eigen::I
   contact.scale.z = 0.035;
   contact.color = color(1.0, 0.2, 0.2, 1.0);
   array.markers.push_back(std::move(contact));
-  plan_publisher_.publish(array);
+  // The stow comes last, if the goal asked for one.
+  const JointTrajectory& last = plan.stow.empty() ? plan.lift : plan.stow;
+  publishPlan(array, ShownPlan(plan.approach.points.front().position_rad, endOf(last), T_map_base));
 }
 
 void PlanningMarkers::show(const motion_planning::ArmPlan& plan, const Eigen::Isometry3d& T_map_base) {
-  if (plan_publisher_.getNumSubscribers() == 0) return;
+  if (plan_publisher_.getNumSubscribers() == 0) return publishPlan(cleared(), std::nullopt);
   MarkerArray array = cleared();
   addWay(plan.trajectory, T_map_base, 0, color(0.2, 0.8, 1.0, 1.0), &array);
   for (int i = 0; i < num_arms_; ++i) {
     const double t = plan.trajectory.duration() * i / std::max(1, num_arms_ - 1);
     addArm(plan.trajectory.sample(t).position_rad, T_map_base, i, i + 1 == num_arms_ ? 0.8F : 0.12F, &array);
   }
-  plan_publisher_.publish(array);
+  publishPlan(array, ShownPlan(plan.trajectory.points.front().position_rad, endOf(plan.trajectory), T_map_base));
 }
 
 void PlanningMarkers::showFailure(const std::string& reason, const Eigen::Isometry3d& T_map_base) {
-  if (plan_publisher_.getNumSubscribers() == 0) return;
+  if (plan_publisher_.getNumSubscribers() == 0) return publishPlan(cleared(), std::nullopt);
   MarkerArray array = cleared();
   Marker text = marker("failure", 0, Marker::TEXT_VIEW_FACING);
   constexpr double kOverTheMast_m = 2.0;
@@ -169,7 +201,22 @@ void PlanningMarkers::showFailure(const std::string& reason, const Eigen::Isomet
   text.text = reason;
   text.color = color(1.0, 0.4, 0.3, 1.0);
   array.markers.push_back(std::move(text));
-  plan_publisher_.publish(array);
+  publishPlan(array, ShownPlan(ArmVector::Zero(), std::nullopt, T_map_base));
+}
+
+void PlanningMarkers::publishPlan(const MarkerArray& array, std::optional<ShownPlan> shown) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  // Latched: an old plan would come back with the next rviz.
+  if (shown || shown_) plan_publisher_.publish(array);
+  shown_ = std::move(shown);
+}
+
+void PlanningMarkers::clearOldPlan(const RobotState& robot) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::string why_not;
+  if (!shown_ || !shown_->isOver(robot.arm(&why_not), robot.base(&why_not))) return;
+  plan_publisher_.publish(cleared());
+  shown_.reset();
 }
 
 }  // namespace motion_planning_ros

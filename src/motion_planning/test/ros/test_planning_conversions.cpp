@@ -12,6 +12,8 @@
 #include <gtest/gtest.h>
 #include <mp700_ur5e_description/robot_names.h>
 
+#include "motion_planning_ros/planning_markers.h"
+
 namespace motion_planning_ros {
 namespace {
 
@@ -125,6 +127,37 @@ TEST(PlanningConversions, ArmVectorNeedsSixFiniteAngles) {
   EXPECT_EQ(toArmVector({1, 2, 3, 4, 5, 6}, "start")[5], 6.0);
   EXPECT_THAT(refusalOf([] { toArmVector({1, 2, 3}, "start"); }), HasSubstr("start has 3 joint angles, must be 6"));
   EXPECT_THAT(refusalOf([] { toArmVector({1, 2, 3, 4, 5, kNaN}, "start"); }), HasSubstr("start is not finite"));
+}
+
+TEST(ShownPlan, IsOverWhenTheArmHasLeftAndArrived) {
+  const ArmVector start = ArmVector::Zero();
+  ArmVector end = start;
+  end[3] = 1.0;
+  const Eigen::Isometry3d here = Eigen::Isometry3d::Identity();
+  ShownPlan plan(start, end, here);
+  EXPECT_FALSE(plan.isOver(start, here));
+  EXPECT_FALSE(plan.isOver(0.5 * end, here));
+  EXPECT_FALSE(plan.isOver(std::nullopt, std::nullopt)) << "nothing is known of the robot";
+  EXPECT_TRUE(plan.isOver(end, here));
+  // Back to where it began: not before it has left.
+  ShownPlan round(start, start, here);
+  EXPECT_FALSE(round.isOver(start, here));
+  EXPECT_FALSE(round.isOver(end, here));
+  EXPECT_TRUE(round.isOver(start, here));
+}
+
+TEST(ShownPlan, IsOverWhenTheBaseHasMoved) {
+  const Eigen::Isometry3d T_map_base =
+      Eigen::Translation3d(2.0, -1.0, 0.0) * Eigen::AngleAxisd(1.0, Eigen::Vector3d::UnitZ());
+  const auto after = [&](double x_m, double yaw_rad) {
+    ShownPlan failure(ArmVector::Zero(), std::nullopt, T_map_base);
+    return failure.isOver(ArmVector::Zero(), T_map_base * Eigen::Translation3d(x_m, 0.0, 0.0) *
+                                                 Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()));
+  };
+  EXPECT_FALSE(after(0.0, 0.0));
+  EXPECT_FALSE(after(0.04, 0.04)) << "a correction of the localisation";
+  EXPECT_TRUE(after(0.06, 0.0));
+  EXPECT_TRUE(after(0.0, -0.06));
 }
 
 }  // namespace

@@ -9,10 +9,11 @@
 #include <nlohmann/json.hpp>
 
 #include "pick_mission/mission_log.h"
+#include "pick_mission/mission_types.h"
 
 namespace pick_mission_ros {
 
-/// The files of a run: mission.jsonl and selections.jsonl grow by a line at a time, mission_state.json and summary.json are
+/// The files of a run: mission.jsonl, selections.jsonl and path.jsonl grow by a line at a time, mission_state.json and summary.json are
 /// replaced as a whole, so that whatever happens each is complete. What cannot be written is told once and again when it
 /// changes; the mission goes on.
 class RunRecorder {
@@ -28,6 +29,8 @@ class RunRecorder {
 
   void log(const pick_mission::LogEntry& entry);
   void selection(const nlohmann::ordered_json& selection);
+  /// Where the base is in the map, `time_s` in ROS time. Written if it has moved since the last line.
+  void base(double time_s, const pick_mission::Pose2d& T_map_base);
   void state(const nlohmann::json& state);
   void summary(const nlohmann::json& summary);
 
@@ -42,7 +45,8 @@ class RunRecorder {
   std::string replace(const std::string& name, const std::string& text);
 
   const std::string folder_;
-  std::ofstream log_, selections_;
+  std::ofstream log_, selections_, path_;
+  std::optional<pick_mission::Pose2d> last_base_;
   std::map<std::string, std::string> problems_;  // by file
 };
 

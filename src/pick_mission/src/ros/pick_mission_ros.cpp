@@ -163,6 +163,9 @@ void PickMissionRos::tick() {
   if ((wall - watched_).toSec() >= kWatchPeriod_s) {
     watched_ = wall;
     actions_->watch();
+    if (started_ && !ended_wall_s_) {
+      if (const auto base = actions_->place()) recorder_->base(ros::Time::now().toSec(), *base);
+    }
   }
   letHeartBeat();
   const ros::Time now = ros::Time::now();

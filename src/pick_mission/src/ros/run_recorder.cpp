@@ -2,6 +2,7 @@
 #include "pick_mission_ros/run_recorder.h"
 
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -16,6 +17,10 @@ constexpr char kStateFile[] = "mission_state.json";
 constexpr char kLogFile[] = "mission.jsonl";
 constexpr char kSummaryFile[] = "summary.json";
 constexpr char kSelectionsFile[] = "selections.jsonl";
+constexpr char kPathFile[] = "path.jsonl";
+// Between two lines of the path: finer than a picture of it shows.
+constexpr double kPathStep_m = 0.05;
+constexpr double kPathTurn_rad = 0.1;
 
 /// A crash or a full disk may have left half a line.
 bool endsInALine(const std::string& path) {
@@ -116,6 +121,17 @@ void RunRecorder::log(const pick_mission::LogEntry& entry) {
 void RunRecorder::selection(const nlohmann::ordered_json& selection) {
   problems_[kSelectionsFile] = append(&selections_, kSelectionsFile,
                                       selection.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+}
+
+void RunRecorder::base(double time_s, const pick_mission::Pose2d& T_map_base) {
+  if (last_base_ && (T_map_base.position() - last_base_->position()).norm() < kPathStep_m &&
+      std::abs(std::remainder(T_map_base.yaw_rad - last_base_->yaw_rad, 2.0 * M_PI)) < kPathTurn_rad) {
+    return;
+  }
+  last_base_ = T_map_base;
+  const nlohmann::ordered_json line = {{"time_s", time_s},
+                                       {"base", {T_map_base.x_m, T_map_base.y_m, T_map_base.yaw_rad}}};
+  problems_[kPathFile] = append(&path_, kPathFile, line.dump());
 }
 
 void RunRecorder::state(const nlohmann::json& state) {

@@ -216,6 +216,10 @@ TEST_F(PickMissionNode, ClearsThePileAndTellsOfIt) {
   ASSERT_EQ(selections.size(), 2u);
   EXPECT_EQ(nlohmann::json::parse(selections[0])["segments"][0]["utility"], 0.5);
   EXPECT_EQ(nlohmann::json::parse(selections[1])["outcome"], static_cast<int>(msgs::SelectionOutcome::NO_PILE));
+  const auto path = splitLines(readText(folder_.file("run/path.jsonl")));
+  ASSERT_FALSE(path.empty());
+  EXPECT_EQ(nlohmann::json::parse(path.front())["base"].size(), 3u);
+  EXPECT_GE(nlohmann::json::parse(path.front())["time_s"], lines.front()["time_s"]);
   const auto saved = nlohmann::json::parse(readText(folder_.file("run/mission_state.json")));
   EXPECT_TRUE(saved["mission"]["has_ended"].get<bool>());
 

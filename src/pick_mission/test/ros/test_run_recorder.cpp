@@ -40,10 +40,26 @@ TEST(RunRecorder, MakesItsFolderAndEachLineIsThereAtOnce) {
   EXPECT_EQ(recorder.problem(), "");
 }
 
+TEST(RunRecorder, PathHasALineForEachMove) {
+  const TemporaryFolder folder;
+  RunRecorder recorder(folder.path());
+  const auto lines = [&folder] { return splitLines(readText(folder.file("path.jsonl"))); };
+  recorder.base(1.0, {2.0, -1.0, 3.1});
+  EXPECT_EQ(lines(), std::vector<std::string>{R"({"time_s":1.0,"base":[2.0,-1.0,3.1]})"});
+  recorder.base(2.0, {2.04, -1.0, 3.1});
+  recorder.base(3.0, {2.0, -1.0, -3.1});  // turned by 0.08 rad, through pi
+  EXPECT_EQ(lines().size(), 1u) << "it has hardly moved";
+  recorder.base(4.0, {2.04, -1.04, 3.1});
+  recorder.base(5.0, {2.04, -1.04, -3.0});
+  EXPECT_EQ(lines().size(), 3u);
+  EXPECT_EQ(recorder.problem(), "");
+}
+
 TEST(RunRecorder, WithoutAFolderNothingIsWritten) {
   RunRecorder recorder("");
   recorder.log(entryWith(""));
   recorder.selection({});
+  recorder.base(0.0, {});
   recorder.state({{"a", 1}});
   recorder.summary({});
   EXPECT_EQ(recorder.problem(), "");
