@@ -13,8 +13,8 @@ RUN_EXAMPLES = pathlib.Path(__file__).resolve().parents[3] / "scripts/run_exampl
 
 
 def run_it(*arguments):
-    done = subprocess.run([str(RUN_EXAMPLES), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                          stdin=subprocess.DEVNULL, check=False)
+    done = subprocess.run([str(RUN_EXAMPLES), *map(str, arguments)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, text=True, check=False)
     return done.returncode, done.stdout
 
 
@@ -45,7 +45,8 @@ class RunExamples(unittest.TestCase):
 
     def test_what_fails_is_named_and_what_builds_on_it_is_not_run(self):
         code, output = run_it(self.page("# A\n```bash run\necho so; false\n```\n```bash run\ntouch later\n```\n"
-                                        "# B\n```bash run\n[ ! -e later ]\n[ -d src ]\n```\n```bash skip root\nfalse\n```\n"))
+                                        "# B\n```bash run\n[ ! -e later ]\n[ -d src ]\n```\n"
+                                        "```bash skip root\nfalse\n```\n"))
         self.assertEqual(code, 1)
         self.assertRegex(output, r"FAILED .*page.md:2: exit code 1\n +so\n")
         self.assertRegex(output, r"ok +.*page.md:9 run")
@@ -63,7 +64,8 @@ class RunExamples(unittest.TestCase):
 
     def test_a_terminal_is_listened_to_and_closed_at_the_heading(self):
         code, output = run_it(self.page(
-            "# A\n```bash stays /camera/depth/camera_info /tf\nsource devel/setup.bash\nroslaunch sim_tests synthetic_depth.launch\n```\n"
+            "# A\n```bash stays /camera/depth/camera_info /tf\nsource devel/setup.bash\n"
+            "roslaunch sim_tests synthetic_depth.launch\n```\n"
             "```bash run\nsource devel/setup.bash\nrostopic echo -n 1 /camera/depth/camera_info\n```\n"
             "# B\n```bash run\nsource devel/setup.bash\n! rostopic list\n```\n"))
         self.assertEqual(code, 0, output)

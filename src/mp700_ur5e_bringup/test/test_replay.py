@@ -149,7 +149,8 @@ class Replay(unittest.TestCase):
 
     def test_replay_shows_it(self):
         clock = Seen("/clock", Clock)
-        played = {topic: Seen(topic.replace("/record_mission/", "/gpis_mapping/"), rospy.AnyMsg) for topic in self.counts}
+        played = {topic: Seen(topic.replace("/record_mission/", "/gpis_mapping/"), rospy.AnyMsg)
+                  for topic in self.counts}
         replay = start("replay.launch", f"bag:={self.bag}", "rviz:=false", "rate:=2")
         try:
             clock.wait(1, [replay])
