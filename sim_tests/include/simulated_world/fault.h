@@ -14,6 +14,8 @@ namespace simulated_world {
 enum class FaultKind {
   kProtectiveStop,    ///< the arm's safety system stops it; stays until unlocked through the driver
   kEmergencyStop,     ///< button pressed: arm without power, base halted. With a duration: released after it
+  kBaseButton,        ///< the base's own emergency button; the arm goes on. With a duration: released after it
+  kBaseScanner,       ///< something in the safety scanner's field halts the base. With a duration: it goes away
   kDriverGone,        ///< the arm's driver loses the robot. With a duration: comes back after it
   kCameraGone,        ///< no images. With a duration: they come back after it
   kMagnetWeak,        ///< value: share of the holding force that is left, [0, 1]
@@ -43,9 +45,9 @@ struct Fault {
   std::vector<std::string> validate() const;
 };
 
-/// "protective_stop", "emergency_stop", "driver_gone", "camera_gone", "magnet_weak", "wheel_slip", "drop_brick",
-/// "move_brick", "scanner_gone", "odometry_gone", "localisation_gone", "localisation_jump", "obstacle", "force_noise",
-/// "io_refused".
+/// "protective_stop", "emergency_stop", "base_button", "base_scanner", "driver_gone", "camera_gone", "magnet_weak",
+/// "wheel_slip", "drop_brick", "move_brick", "scanner_gone", "odometry_gone", "localisation_gone", "localisation_jump",
+/// "obstacle", "force_noise", "io_refused".
 std::string faultName(FaultKind kind);
 std::optional<FaultKind> faultKind(const std::string& name);
 std::string allFaultNames();  ///< comma separated, for messages

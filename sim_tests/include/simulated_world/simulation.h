@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -78,6 +79,14 @@ struct PictureConfig {
   std::vector<std::string> validate() const;
 };
 
+/// Whether the base's relay board has stopped the drives, and by what.
+struct RelayBoard {
+  enum class State { kFree, kStopped, kConfirmed };  // as neo_msgs/EmergencyStopState
+  bool is_button_pressed{false};
+  bool is_scanner_blocked{false};
+  State state{State::kFree};
+};
+
 /// The whole simulated robot in its world, one clock tick at a time: drivers' behaviour on one side, physics on the
 /// other, and the judge who sees both. No ROS; threads only within a call, where each fills a place of its own: the same calls
 /// give the same bits. Must stay in the thread that made it, as its renderer does.
@@ -111,7 +120,7 @@ class Simulation {
 
   // The drivers' commands.
   UrController& armDriver() { return *arm_; }
-  /// False if the command is not finite or the base is halted by an emergency stop.
+  /// False if the command is not finite or the base is halted by its button or scanner.
   bool commandBase(const Twist2d& twist);
   /// One image at the next tick, whatever the rate. False while the camera is gone.
   bool requestImage();
@@ -131,6 +140,7 @@ class Simulation {
   // What the drivers tell.
   const World& world() const { return *world_; }
   const DifferentialDrive& drive() const { return *drive_; }
+  RelayBoard relayBoard() const;
   /// What the arm's driver tells: less what it was when the sensor was zeroed. In ur5e_tool0, N and N m.
   ToolWrench wrench() const;
   /// Of `odom` in `map`: ground truth and odometry put together, with the localisation's noise and error.
@@ -168,6 +178,8 @@ class Simulation {
   void endFault(const FaultSchedule::Change& change, Tick* tick);
   /// Why a fault's pose is not to be had now; empty: it is.
   std::string placeProblem(const Fault& fault);
+  void haltBase(FaultKind kind);
+  void releaseBase(FaultKind kind);
   void startArm();
   void declarePayload(const UrPayload& payload);
   void stepPhysics(double now_s, Tick* tick);
@@ -231,7 +243,8 @@ class Simulation {
   bool odometry_gone_{false};
   bool localisation_gone_{false};
   bool is_camera_used_{true};
-  bool is_base_halted_{false};
+  std::set<FaultKind> base_halts_;
+  double base_free_s_{0.0};
   bool chute_was_full_{false};
   int stowed_{0};
 };

@@ -13,9 +13,11 @@
 namespace simulated_world {
 namespace {
 
-constexpr std::array<std::pair<FaultKind, const char*>, 15> kNames{{
+constexpr std::array<std::pair<FaultKind, const char*>, 17> kNames{{
     {FaultKind::kProtectiveStop, "protective_stop"},
     {FaultKind::kEmergencyStop, "emergency_stop"},
+    {FaultKind::kBaseButton, "base_button"},
+    {FaultKind::kBaseScanner, "base_scanner"},
     {FaultKind::kDriverGone, "driver_gone"},
     {FaultKind::kCameraGone, "camera_gone"},
     {FaultKind::kMagnetWeak, "magnet_weak"},

@@ -21,7 +21,8 @@
 namespace simulated_world {
 namespace {
 
-constexpr double kHandTime_s = 2.0;  // a brick put somewhere by hand is left alone so long after
+constexpr double kBaseConfirmed_s = 1.0;  // the relay board says so for so long after a stop
+constexpr double kHandTime_s = 2.0;       // a brick put somewhere by hand is left alone so long after
 constexpr double kRestSpeed_m_s = 0.01;
 constexpr double kLifted_m = 0.05;  // a held brick is carried once it has been moved so far
 constexpr int kCollisionSteps = 3;  // a shorter spike is the solver's, not a force
@@ -685,8 +686,11 @@ void Simulation::beginFault(const FaultSchedule::Change& change, Tick* tick) {
       break;
     case FaultKind::kEmergencyStop:
       arm_->emergencyStop();
-      drive_->stop();
-      is_base_halted_ = true;
+      haltBase(fault.kind);
+      break;
+    case FaultKind::kBaseButton:
+    case FaultKind::kBaseScanner:
+      haltBase(fault.kind);
       break;
     case FaultKind::kDriverGone:
       arm_->setDriverConnected(false);
@@ -756,7 +760,11 @@ void Simulation::endFault(const FaultSchedule::Change& change, Tick* tick) {
   switch (fault.kind) {
     case FaultKind::kEmergencyStop:
       arm_->releaseEmergencyStop();
-      is_base_halted_ = false;
+      releaseBase(fault.kind);
+      break;
+    case FaultKind::kBaseButton:
+    case FaultKind::kBaseScanner:
+      releaseBase(fault.kind);
       break;
     case FaultKind::kDriverGone:
       arm_->setDriverConnected(true);
@@ -804,8 +812,32 @@ void Simulation::endFault(const FaultSchedule::Change& change, Tick* tick) {
   tick->incidents.push_back(sentence(now(), "fault " + faultName(fault.kind) + " is over"));
 }
 
+void Simulation::haltBase(FaultKind kind) {
+  drive_->stop();
+  base_halts_.insert(kind);
+}
+
+void Simulation::releaseBase(FaultKind kind) {
+  base_halts_.erase(kind);
+  if (base_halts_.empty()) base_free_s_ = now() + kBaseConfirmed_s;
+}
+
+RelayBoard Simulation::relayBoard() const {
+  RelayBoard board;
+  board.is_button_pressed =
+      base_halts_.count(FaultKind::kEmergencyStop) + base_halts_.count(FaultKind::kBaseButton) > 0;
+  board.is_scanner_blocked = base_halts_.count(FaultKind::kBaseScanner) > 0;
+  if (!base_halts_.empty()) {
+    board.state = RelayBoard::State::kStopped;
+  } else if (now() < base_free_s_) {
+    board.state = RelayBoard::State::kConfirmed;
+  }
+  return board;
+}
+
 bool Simulation::commandBase(const Twist2d& twist) {
-  return drive_->command(is_base_halted_ ? Twist2d{} : twist, now()) && !is_base_halted_;
+  const bool is_halted = !base_halts_.empty();
+  return drive_->command(is_halted ? Twist2d{} : twist, now()) && !is_halted;
 }
 
 const LaserScannerConfig& Simulation::scannerConfig() const {

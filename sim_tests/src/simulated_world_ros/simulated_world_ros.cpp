@@ -12,9 +12,11 @@
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/TwistStamped.h>
+#include <gpis_mapping_ros/conversions.h>
 #include <interactive_mapping_msgs/PickBrickActionGoal.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <nav_msgs/Odometry.h>
+#include <neo_msgs/EmergencyStopState.h>
 #include <rosgraph_msgs/Clock.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
@@ -196,6 +198,7 @@ void SimulatedWorldRos::advertiseDrivers() {
   const auto [odometry_heard, odometry_left] = counted(ClockEvent::kOdometry);
   odometry_publisher_ = nh_.advertise<nav_msgs::Odometry>("odom", kQueueSize, odometry_heard, odometry_left);
   wheels_publisher_ = nh_.advertise<sensor_msgs::JointState>("drives/joint_states", kQueueSize);
+  relay_publisher_ = nh_.advertise<neo_msgs::EmergencyStopState>("relayboard_v2/emergency_stop_state", kQueueSize);
   const auto [scan_heard, scan_left] = counted(ClockEvent::kScan);
   scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("lidar_1/scan", kQueueSize, scan_heard, scan_left);
   const auto connected = [this](const image_transport::SingleSubscriberPublisher& subscriber) {
@@ -455,6 +458,14 @@ void SimulatedWorldRos::publishBase() {
   namespace names = mp700_ur5e_description;
   const simulated_world::DifferentialDrive& drive = simulation_.drive();
   const ros::Time now = stamp();
+  const simulated_world::RelayBoard board = simulation_.relayBoard();
+  neo_msgs::EmergencyStopState relay;
+  relay.header.stamp = now;
+  relay.emergency_button_stop = board.is_button_pressed;
+  relay.scanner_stop = board.is_scanner_blocked;
+  relay.emergency_state = static_cast<std::int16_t>(board.state);
+  relay_publisher_.publish(relay);
+
   tf_.sendTransform(transform(now, params_.odom_frame, names::kBaseFrame, drive.odometry()));
   nav_msgs::Odometry odometry;
   odometry.header.stamp = now;
@@ -639,7 +650,7 @@ void SimulatedWorldRos::onSurface(const topic_tools::ShapeShifter::ConstPtr& mes
       throw std::invalid_argument("type " + type +
                                   ", must be interactive_mapping_msgs/SurfaceMesh or sensor_msgs/PointCloud2");
     }
-    if (frame != params_.map_frame) {
+    if (gpis_mapping_ros::withoutSlash(frame) != params_.map_frame) {
       throw std::invalid_argument("frame '" + frame + "', must be '" + params_.map_frame + "'");
     }
     simulation_.judgeSurface(surface);

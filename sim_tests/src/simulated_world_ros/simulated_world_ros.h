@@ -84,6 +84,7 @@ class SimulatedWorldRos {
   ros::Publisher clock_publisher_;
   ros::Publisher odometry_publisher_;
   ros::Publisher wheels_publisher_;
+  ros::Publisher relay_publisher_;
   ros::Publisher scan_publisher_;
   ros::Publisher truth_publisher_;
   ros::Publisher judge_publisher_;

@@ -173,11 +173,55 @@ TEST_F(NavigationFaults, CancelledItStands) {
   beginToDriveEast();
   ASSERT_FALSE(HasFatalFailure());
   world->cancel();
-  // Braked with 0.2 m/s^2, within its limits.
+  // Braked with stop_m_per_s2 of the base profile, 1 m/s^2, after a step and the lag of the drives.
   const double before_m_s = speed();
-  expectOutcome(world->finish(before_m_s / 0.2 + 1.0), NavigationOutcome::CANCELLED);
+  const Pose2d asked = world->pose;
+  expectOutcome(world->finish(before_m_s / 1.0 + 1.0), NavigationOutcome::CANCELLED);
+  EXPECT_LT(distanceTo(asked), 0.5 * before_m_s * before_m_s / 1.0 + 0.1 * before_m_s);
   EXPECT_LT(std::abs(speed()), 0.01);
   expectStands();
+}
+
+/// Until the fault is over the base stands and is told to.
+void waitForTheEndOf(NavigationWorld* world, const std::string& fault) {
+  world->goOn(0.1);  // the stop has been heard
+  EXPECT_TRUE(world->goOn(
+      20.0, [&] { return has(world->incidents, "fault " + fault + " is over"); },
+      [&] {
+        EXPECT_EQ(world->state.command.linear.x, 0.0);
+        EXPECT_EQ(world->state.command.angular.z, 0.0);
+      }));
+}
+
+TEST_F(NavigationFaults, GoesOnWhenTheBasesScannerLetsItGo) {
+  for (const double duration_s : {2.0, 10.0}) {
+    beginToDriveEast();
+    ASSERT_FALSE(HasFatalFailure());
+    world->incidents.clear();
+    ASSERT_EQ(world->inject("base_scanner", duration_s), "");
+    EXPECT_TRUE(world->goOn(1.0, [] { return world->state.phase == NavigationState::BLOCKED; }));
+    EXPECT_NE(world->state.reason.find("safety scanner"), std::string::npos) << world->state.reason;
+    waitForTheEndOf(world, "base_scanner");
+    expectOutcome(world->finish(60.0), NavigationOutcome::SUCCESS);
+    expectAt(kEast);
+  }
+}
+
+TEST_F(NavigationFaults, NothingMovesAfterTheBasesButton) {
+  for (const double duration_s : {2.0, 10.0}) {
+    beginToDriveEast();
+    ASSERT_FALSE(HasFatalFailure());
+    world->incidents.clear();
+    ASSERT_EQ(world->inject("base_button", duration_s), "");
+    const NavigationOutcome outcome = world->finish(1.5);
+    expectOutcome(outcome, NavigationOutcome::BASE_STOPPED);
+    EXPECT_NE(outcome.message.find("emergency button"), std::string::npos) << outcome.message;
+    waitForTheEndOf(world, "base_button");
+    const Pose2d released = world->pose;
+    world->goOn(3.0);
+    EXPECT_LT(distanceTo(released), 0.001);
+    expectOutcome(world->drive(kEast, 60.0), NavigationOutcome::SUCCESS);
+  }
 }
 
 TEST_F(NavigationFaults, SaysWhyAGoalCannotBe) {

@@ -399,6 +399,32 @@ TEST(Simulation, EmergencyStopHaltsArmAndBase) {
   EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.5), 3.0).outcome, GoalOutcome::kSucceeded);
 }
 
+TEST(Simulation, TheBasesOwnStopsLeaveTheArmAlone) {
+  for (const auto& [kind, is_button] :
+       {std::pair(FaultKind::kBaseButton, true), std::pair(FaultKind::kBaseScanner, false)}) {
+    Robot robot(configFor("single_brick"));
+    for (int i = 0; i < 100; ++i) {
+      robot.sim.commandBase({0.4, 0.0});
+      robot.step();
+    }
+    ASSERT_GT(robot.sim.world().baseTwist().linear_m_s, 0.3);
+    robot.sim.addFault(fault(kind, 1.0));
+    robot.run(0.5);
+    EXPECT_FALSE(robot.sim.commandBase({0.4, 0.0}));
+    EXPECT_NEAR(robot.sim.world().baseTwist().linear_m_s, 0.0, 0.01);
+    EXPECT_EQ(robot.sim.armDriver().robotMode(), RobotMode::kRunning);
+    EXPECT_EQ(robot.sim.relayBoard().is_button_pressed, is_button);
+    EXPECT_EQ(robot.sim.relayBoard().is_scanner_blocked, !is_button);
+    EXPECT_EQ(robot.sim.relayBoard().state, RelayBoard::State::kStopped);
+    robot.run(0.8);
+    EXPECT_EQ(robot.sim.relayBoard().state, RelayBoard::State::kConfirmed);
+    robot.run(1.0);
+    EXPECT_EQ(robot.sim.relayBoard().state, RelayBoard::State::kFree);
+    EXPECT_FALSE(robot.sim.relayBoard().is_button_pressed || robot.sim.relayBoard().is_scanner_blocked);
+    EXPECT_TRUE(robot.sim.commandBase({0.4, 0.0})) << "released";
+  }
+}
+
 TEST(Simulation, DriverGoneRefusesAndComesBack) {
   Robot robot(configFor("single_brick"));
   robot.sim.addFault(fault(FaultKind::kDriverGone, 2.0));

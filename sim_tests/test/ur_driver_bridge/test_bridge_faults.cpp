@@ -128,7 +128,7 @@ class BridgeFaults : public testing::Test {
     goal.brick.pose.position.x = kBrickX_m;
     goal.brick.pose.position.z = 0.1;
     goal.brick.pose.orientation.w = 1.0;
-    goal.contact.header.frame_id = "base_link";
+    goal.contact.header.frame_id = "/base_link";  // as others name it
     goal.contact.pose.position.x = kBrickX_m;
     goal.contact.pose.position.z = plate_m;
     goal.contact.pose.orientation.x = 1.0;  // z down

@@ -73,8 +73,23 @@ def make_drivers(folder):
     for name in ("controller_manager", "neo_relayboard_v2", "neo_kinematics_differential"):
         make_package(folder, name)
     write(folder / "localisation.launch", launch_with(("amcl", "localisation"), ()))
-    links = "".join(f"  {link}: {{x: 0}}\n" for link in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"))
-    write(folder / "ur5e.yaml", "kinematics:\n" + links + "  hash: calib_1\n")
+    write(folder / "ur5e.yaml", arm_calibration(0.0))
+
+
+# Where the shipped URDF has the joints: x, y, z [m], roll, pitch, yaw [rad].
+ARM = {"shoulder": (0, 0, 0.1625, 0, 0, 0), "upper_arm": (0, 0, 0, 1.570796327, 0, 0), "forearm": (-0.425, 0, 0, 0, 0, 0),
+       "wrist_1": (-0.3922, 0, 0.1333, 0, 0, 0), "wrist_2": (0, -0.0997, 0, 1.570796327, 0, 0),
+       "wrist_3": (0, 0.0996, 0, 1.570796326589793, 3.141592653589793, 3.141592653589793)}
+
+
+def arm_calibration(longer_m):
+    """As ur_calibration writes it, of an arm whose forearm is so much longer than the shipped URDF's."""
+    lines = ["kinematics:"]
+    for link, values in ARM.items():
+        lines.append(f"  {link}:")
+        for name, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), values):
+            lines.append(f"    {name}: {value - (longer_m if (link, name) == ('wrist_1', 'x') else 0.0)}")
+    return "\n".join([*lines, "  hash: calib_1", ""])
 
 
 class Loaded:
@@ -162,6 +177,62 @@ class BringupLaunch(unittest.TestCase):
         write(self.folder / "broken.yaml", "kinematics: {shoulder: {x: 0}}\n")
         with self.assertRaises(Exception):
             self.robot(f"kinematics_config:={self.folder}/broken.yaml")
+
+    def check_parts(self, *more):
+        return subprocess.run([f"{self.package}/scripts/check_parts", *self.robot_args(*more)], env=dict(os.environ),
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, check=False)
+
+    def test_a_calibration_that_is_not_in_the_urdf_is_spoken_of_with_its_size(self):
+        import rospkg
+        import roslib.packages
+        shipped = f"{rospkg.RosPack().get_path('mp700_ur5e_description')}/urdf/mp700_ur5e.urdf"
+        result = self.check_parts(f"urdf:={shipped}")
+        self.assertEqual(result.returncode, 0, result.stdout)
+        self.assertIn("the arm's calibration is in the URDF", result.stdout)
+        own = self.folder / "own_arm.yaml"
+        write(own, arm_calibration(0.002))  # of one link: the tip is off by as much in every posture
+        result = self.check_parts(f"urdf:={shipped}", f"kinematics_config:={own}")
+        self.assertEqual(result.returncode, 0, result.stdout)
+        self.assertIn("CALIBRATION IS NOT IN THE URDF: the magnet's tip is up to 2.00 mm and 0.00 degrees", result.stdout)
+        tool, = roslib.packages.find_node("mp700_ur5e_description", "calibrated_urdf")
+        with open(self.folder / "calibrated.urdf", "w", encoding="utf-8") as urdf:
+            subprocess.run([tool, shipped, "--arm", own], stdout=urdf, check=True)
+        result = self.check_parts(f"urdf:={self.folder}/calibrated.urdf", f"kinematics_config:={own}")
+        self.assertEqual(result.returncode, 0, result.stdout)
+        self.assertNotIn("NOT IN THE URDF", result.stdout)
+        write(own, arm_calibration(0.0).replace("    yaw: 0.0\n", "", 1))
+        result = self.check_parts(f"urdf:={shipped}", f"kinematics_config:={own}")
+        self.assertEqual(result.returncode, 1, result.stdout)
+        self.assertIn("kinematics/shoulder/yaw = (missing)", result.stdout)
+
+    def test_an_omnidirectional_base_is_refused_by_name(self):
+        path = self.folder / "neo_mp_500/configs/kinematics/kinematics.launch"
+        whole = path.read_text(encoding="utf-8")
+        self.addCleanup(path.write_text, whole, encoding="utf-8")
+        write(path, launch_with(("neo_kinematics_omnidrive", "kinematics"), ()))
+        result = self.check_parts()
+        self.assertEqual(result.returncode, 1, result.stdout)
+        self.assertIn("neo_mp_500 is an omnidirectional base", result.stdout)
+
+    def test_a_camera_driver_without_publish_tf_is_refused_by_its_version(self):
+        path = self.folder / "realsense2_camera/launch/rs_camera.launch"
+        whole = path.read_text(encoding="utf-8")
+        self.addCleanup(path.write_text, whole, encoding="utf-8")
+        write(path, whole.replace('<arg name="publish_tf" default=""/>', "").replace("publish_tf", "camera"))
+        result = self.check_parts()
+        self.assertEqual(result.returncode, 1, result.stdout)
+        self.assertIn("must be 2.2.11 or newer", result.stdout)
+
+    def test_the_right_wheel_turns_as_the_left_one(self):
+        relay = self.robot().nodes["/relay_wheels"]
+        self.assertEqual((relay.package, relay.type), ("mp700_ur5e_bringup", "relay_wheels"))
+        inverted = self.robot().params["/relay_wheels/inverted"].split()
+        import runpy
+        from sensor_msgs.msg import JointState
+        with_our_signs = runpy.run_path(f"{self.package}/scripts/relay_wheels")["with_our_signs"]
+        driven = JointState(name=["wheel_front_left_joint", "wheel_front_right_joint"], velocity=[3.74, -3.74], position=[1.0, -1.0])
+        turned = with_our_signs(driven, inverted)
+        self.assertEqual((turned.velocity, turned.position, list(turned.effort)), ([3.74, 3.74], [1.0, 1.0], []))
 
     def test_the_robot_has_one_description_and_one_publisher_of_it(self):
         robot = self.robot()

@@ -151,7 +151,7 @@ ManipulabilityScore score() {
           setup().surface,
           setup().selection.outline.ground,
           setup().config.outline.min_height_m,
-          setup().robot.sectors,
+          *setup().robot.sectors,
           setup().robot.T_base_armbase,
           setup().config.manipulability};
 }

@@ -18,9 +18,10 @@ struct BaseNavigatorConfig {
   double max_odometry_age_s{0.2};
   double max_pose_age_s{0.5};  // of the localisation
   double max_scan_age_s{0.4};
-  double max_grid_age_s{10.0};  // of the map's ground, while driving: it is asked for often enough, or the map is gone
+  double max_grid_age_s{10.0};      // of the map's ground, while driving; 0: it comes once and is never too old
   double max_heartbeat_age_s{0.0};  // of whoever sends the goals; 0: drives without one
   double stale_patience_s{2.0};     // stands and waits so long for what is too old, then gives up
+  double scanner_patience_s{30.0};  // likewise for the base's safety scanner to let it go
   double max_pose_step_m{0.25};  // farther between two steps, beyond what odometry tells: the localisation has jumped
   double max_pose_step_rad{0.2};
   double blocked_patience_s{3.0};  // stands so long before an obstacle that may go away, then plans anew
@@ -53,8 +54,19 @@ enum class NavigationStatus : std::uint8_t {  // as NavigationOutcome.msg
   kGoalMissed = 15,  // came to the end of the way, but not to the goal within the tolerance
   kTooManyPlans = 16,
   kStaleHeartbeat = 17,  // whoever sends the goals is gone, or out of reach
+  kBaseStopped = 18,     // by its own button, scanner or stop input
+  kBadInput = 19,        // odometry, scan or grid comes and cannot be used
 };
 const char* toString(NavigationStatus status);
+
+/// What stops the base itself, whatever it is commanded.
+enum class BaseStop : std::uint8_t {
+  kNone,
+  kScanner,  // its safety scanner's field is not free: ends by itself
+  kSignal,   // a stop input that does not tell who presses
+  kButton,   // an emergency button
+};
+const char* toString(BaseStop stop);
 
 /// What the base knows at a step; stamps on one clock, negative: never came.
 struct NavigationInput {
@@ -69,6 +81,9 @@ struct NavigationInput {
   std::shared_ptr<const NavigationGrid> grid;
   double grid_stamp_s{-1.0};  // of the map in it
   double heartbeat_stamp_s{-1.0};
+  // What was wrong with the newest of each; empty: nothing.
+  std::string odometry_problem, pose_problem, scan_problem, grid_problem;
+  std::optional<BaseStop> stop;  // nothing: nobody tells of stops
 };
 
 enum class NavigationPhase : std::uint8_t {
@@ -94,8 +109,10 @@ struct NavigationOutput {
 };
 
 /// Drives to one goal after another, a step at a time: plan, follow, stop for what the scanner sees, stop and plan anew
-/// when the grid changes under the way, give up with a reason. Every stop but for a vanished base brakes within the
-/// limits. Planning happens inside step(), while the base stands.
+/// when the grid changes under the way, give up with a reason. Stops brake within the limits, those after a cancel or a
+/// lost heartbeat with stop_m_s2; a base that stops by itself is commanded zero at once. After its button or stop input
+/// nothing moves without a new goal; one pressed between two goals refuses the next one, once, for who sends it may not
+/// know. Planning happens inside step(), while the base stands.
 class BaseNavigator {
  public:
   /// Throws std::invalid_argument listing every impossible value.
@@ -108,7 +125,7 @@ class BaseNavigator {
   /// A new goal takes the place of the one before, which ends without a word. The base brakes first if it moves. Throws
   /// std::invalid_argument for a goal that is not finite.
   void setGoal(const Pose2d& goal_map);
-  /// Brakes; the goal ends as cancelled once the base stands.
+  /// Brakes with stop_m_s2; the goal ends as cancelled once the base stands.
   void cancel();
   bool isActive() const;
 

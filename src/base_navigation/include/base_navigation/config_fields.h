@@ -69,6 +69,7 @@ void visitNavigatorFields(Config& config, Visitor&& visit) {
   visit("drive/max_grid_age_s", config.max_grid_age_s);
   visit("drive/max_heartbeat_age_s", config.max_heartbeat_age_s);
   visit("drive/stale_patience_s", config.stale_patience_s);
+  visit("drive/scanner_patience_s", config.scanner_patience_s);
   visit("drive/max_pose_step_m", config.max_pose_step_m);
   visit("drive/max_pose_step_rad", config.max_pose_step_rad);
   visit("drive/blocked_patience_s", config.blocked_patience_s);

@@ -76,6 +76,8 @@ class PathFollower {
   Twist2d brake(double dt_s);
   /// Brakes likewise, and resume() may follow.
   Twist2d pause(double dt_s);
+  /// As pause(), as hard as somebody who asks for a stop may want it: with stop_m_s2.
+  Twist2d stop(double dt_s);
   /// The base stands (motors off, or a stop that was not ours): the next command starts from zero.
   void halt();
 
@@ -114,6 +116,7 @@ class PathFollower {
   Error errorOf(const Pose2d& pose_map) const;
   Twist2d law(const Error& error, double speed) const;
   Twist2d limited(const Twist2d& wanted, double dt_s) const;
+  Twist2d slowDown(double dt_s, double share);
   void report(const Pose2d& pose_map, FollowCommand* command) const;
 
   PathFollowerConfig config_;

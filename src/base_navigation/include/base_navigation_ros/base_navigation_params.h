@@ -26,7 +26,8 @@ struct BaseNavigationParams {
   } pose;
 
   struct Ground {
-    bool required{true};  // drive only where the map has told of the ground; else the scanner will do
+    bool required{true};    // drive only where the map has told of the ground; else the scanner will do
+    int occupied_from{65};  // of the grid's values, 0 .. 100: less is free
   } ground;
 
   struct Output {

@@ -16,17 +16,20 @@
 #include <interactive_mapping_msgs/DrivingDistances.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
+#include <map_msgs/OccupancyGridUpdate.h>
 #include <move_base_msgs/MoveBaseAction.h>
 #include <mp700_ur5e_description/base_profile.h>
 #include <nav_msgs/GetPlan.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Odometry.h>
+#include <neo_msgs/EmergencyStopState.h>
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
 #include <ros/timer.h>
 #include <ros/wall_timer.h>
 #include <sensor_msgs/LaserScan.h>
+#include <std_msgs/Bool.h>
 #include <std_msgs/Header.h>
 #include <std_srvs/Trigger.h>
 #include <tf2_ros/buffer.h>
@@ -35,6 +38,7 @@
 #include "base_navigation/base_navigator.h"
 #include "base_navigation/grid_fusion.h"
 #include "base_navigation_ros/base_navigation_params.h"
+#include "base_navigation_ros/ground_input.h"
 #include "base_navigation_ros/navigation_markers.h"
 #include "base_navigation_ros/odometry_history.h"
 
@@ -75,6 +79,12 @@ class BaseNavigationRos {
   void onOdometry(const nav_msgs::OdometryConstPtr& message);
   void onScan(const sensor_msgs::LaserScanConstPtr& message);
   void onGround(const nav_msgs::OccupancyGridConstPtr& message);
+  void onGroundUpdate(const map_msgs::OccupancyGridUpdateConstPtr& message);
+  void enterGround(const GroundInput::Grid& grid, const ros::Time& stamp, const std::string& problem);
+  bool isGroundStatic() const { return params_.navigator.max_grid_age_s == 0.0; }
+  void onEmergencyStop(const neo_msgs::EmergencyStopStateConstPtr& message);
+  void onStop(const std_msgs::BoolConstPtr& message);
+  void tellStop();
   void onHeartbeat(const std_msgs::HeaderConstPtr& message);
   void onWatchdog();
   void step(const ros::Time& now);
@@ -114,7 +124,10 @@ class BaseNavigationRos {
   bool is_localisation_late_{false};
   std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>>> new_scans_;
   std::pair<ros::Time, std::shared_ptr<const base_navigation::Scan>> scan_;
-  std::deque<std::pair<ros::Time, std::shared_ptr<const base_navigation::NavigationGrid>>> new_ground_;
+  GroundInput ground_;
+  std::deque<std::pair<ros::Time, GroundInput::Grid>> new_ground_;
+  bool has_static_ground_{false};
+  std::optional<base_navigation::BaseStop> relay_stop_, signal_stop_, told_stop_;  // nothing: nobody tells
   ros::Time last_step_, ground_stamp_, heartbeat_stamp_, grid_built_, grid_published_, markers_published_,
       feedback_published_;
   bool is_grid_old_{true};
@@ -141,6 +154,7 @@ class BaseNavigationRos {
   ros::WallTime stepped_{ros::WallTime::now()};
   ros::Time odometry_seen_, localisation_seen_, scan_seen_, ground_seen_, heartbeat_seen_;
   std::string scan_problem_, ground_problem_, odometry_problem_, localisation_problem_;
+  std::string stop_;                               // why the base stands by itself; empty: it does not
   std::map<std::string, std::uint64_t> outcomes_;  // how often each
   std::string last_failure_;
   base_navigation::NavigationPhase phase_{base_navigation::NavigationPhase::kIdle};
@@ -156,7 +170,8 @@ class BaseNavigationRos {
   ros::ServiceServer distances_server_, plan_server_, forget_server_;
 
   ros::CallbackQueue control_queue_;
-  ros::Subscriber odometry_subscriber_, scan_subscriber_, ground_subscriber_, heartbeat_subscriber_;
+  ros::Subscriber odometry_subscriber_, scan_subscriber_, ground_subscriber_, heartbeat_subscriber_,
+      ground_update_subscriber_, emergency_stop_subscriber_, stop_subscriber_;
   ros::Timer watchdog_;
   std::unique_ptr<ros::AsyncSpinner> control_spinner_;  // last: its thread uses the rest
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -23,9 +24,11 @@ base_navigation::Pose2d toPlane(const Eigen::Isometry3d& T);
 /// Angle between the z axis of `T` and upright.
 double tilt(const Eigen::Isometry3d& T);
 
-/// 0 is free, 1 .. 100 is occupied, everything else unknown. Nothing, and why, for a message whose numbers do not fit
-/// together, or that is turned against its frame.
-std::optional<base_navigation::NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, std::string* why_not);
+/// Of a cell of an occupancy grid: 0 .. `occupied_from` - 1 is free, from there to 100 occupied, everything else unknown.
+base_navigation::SpaceState stateOf(std::int8_t value, int occupied_from);
+/// Nothing, and why, for a message whose numbers do not fit together, or that is turned against its frame.
+std::optional<base_navigation::NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int occupied_from,
+                                                      std::string* why_not);
 nav_msgs::OccupancyGrid toMessage(const base_navigation::NavigationGrid& grid, const std_msgs::Header& header);
 
 /// `T_base_scanner` from tf; the scanner may hang upside down. Nothing, and why, for impossible numbers, more than 10000

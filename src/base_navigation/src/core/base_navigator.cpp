@@ -70,9 +70,13 @@ NavigationStatus statusOf(BasePlanStatus status) {
 
 /// A source of data: its newest stamp that can be true, and what is wrong with what came since.
 struct Source {
-  const char* name;
+  const char* article;
+  const char* noun;
   double stamp_s{-1.0};
   std::string refused{};
+  std::string problem{};  // of what came last, told by who hears it
+
+  std::string name() const { return std::string(article) + noun; }
 
   void reset() {
     stamp_s = -1.0;
@@ -83,12 +87,12 @@ struct Source {
   bool accept(double stamp, double now_s, bool is_finite) {
     if (stamp < 0.0) return false;
     if (!is_finite || !std::isfinite(stamp)) {
-      refused = std::string(name) + " is not finite";
+      refused = name() + " is not finite";
     } else if (stamp > now_s + kFuture_s) {
-      refused = std::string(name) + " is stamped " + number(stamp - now_s) + " s ahead of the clock, may be " +
-                number(kFuture_s) + " s";
+      refused =
+          name() + " is stamped " + number(stamp - now_s) + " s ahead of the clock, may be " + number(kFuture_s) + " s";
     } else if (stamp < stamp_s) {
-      refused = "the stamps of " + std::string(name) + " ran back by " + number(stamp_s - stamp) + " s";
+      refused = "the stamps of " + name() + " ran back by " + number(stamp_s - stamp) + " s";
     } else {
       refused.clear();
       const bool is_new = stamp > stamp_s;
@@ -98,12 +102,13 @@ struct Source {
     return false;
   }
 
-  /// Why it cannot be used; empty: it can.
+  /// Why it cannot be used; empty: it can. `max_age_s` infinite: once it has come, it can.
   std::string stale(double now_s, double max_age_s) const {
     if (stamp_s >= 0.0 && now_s - stamp_s <= max_age_s) return {};
+    if (!problem.empty()) return problem;
     if (!refused.empty()) return refused;
-    if (stamp_s < 0.0) return std::string("there is no ") + name + " yet";
-    return std::string(name) + " is " + number(now_s - stamp_s) + " s old, may be " + number(max_age_s) + " s";
+    if (stamp_s < 0.0) return std::string("no ") + noun + " has come yet";
+    return name() + " is " + number(now_s - stamp_s) + " s old, may be " + number(max_age_s) + " s";
   }
 };
 
@@ -156,8 +161,26 @@ const char* toString(NavigationStatus status) {
       return "too many plans";
     case NavigationStatus::kStaleHeartbeat:
       return "stale heartbeat";
+    case NavigationStatus::kBaseStopped:
+      return "base stopped";
+    case NavigationStatus::kBadInput:
+      return "bad input";
   }
   return "unknown status";
+}
+
+const char* toString(BaseStop stop) {
+  switch (stop) {
+    case BaseStop::kNone:
+      return "nothing stops it";
+    case BaseStop::kScanner:
+      return "something stands in its safety scanner's field";
+    case BaseStop::kSignal:
+      return "its stop input is active";
+    case BaseStop::kButton:
+      return "its emergency button is pressed";
+  }
+  return "unknown stop";
 }
 
 const char* toString(NavigationPhase phase) {
@@ -183,9 +206,10 @@ std::vector<std::string> BaseNavigatorConfig::validate() const {
   check("max_odometry_age_s", max_odometry_age_s, 0.02, 5.0, "s");
   check("max_pose_age_s", max_pose_age_s, 0.02, 5.0, "s");
   check("max_scan_age_s", max_scan_age_s, 0.02, kHistory_s, "s");
-  check("max_grid_age_s", max_grid_age_s, 0.1, 3600.0, "s");
+  if (max_grid_age_s != 0.0) check("max_grid_age_s", max_grid_age_s, 0.1, 3600.0, "s; 0: static");
   check("max_heartbeat_age_s", max_heartbeat_age_s, 0.0, 60.0, "s");
   check("stale_patience_s", stale_patience_s, 0.0, 60.0, "s");
+  check("scanner_patience_s", scanner_patience_s, 0.0, 3600.0, "s");
   check("max_pose_step_m", max_pose_step_m, 0.02, 10.0, "m");
   check("max_pose_step_rad", max_pose_step_rad, 0.02, 3.2, "rad");
   check("blocked_patience_s", blocked_patience_s, 0.0, 600.0, "s");
@@ -230,11 +254,11 @@ struct BaseNavigator::State {
   std::string end_message;
 
   // Data, as far as it can be true.
-  Source odometry{"odometry"};
-  Source pose{"the pose in the map"};
-  Source scan{"the scan"};
-  Source grid{"the map"};
-  Source heartbeat{"the heartbeat"};
+  Source odometry{"", "odometry"};
+  Source pose{"the ", "pose in the map"};
+  Source scan{"the ", "scan"};
+  Source grid{"the ", "map"};
+  Source heartbeat{"the ", "heartbeat"};
   Pose2d T_odom_base;
   Twist2d odometry_twist;
   Pose2d T_map_base;          // at the newest odometry
@@ -250,6 +274,10 @@ struct BaseNavigator::State {
   bool has_jumped{false};
   double jumped_s{-std::numeric_limits<double>::infinity()};  // the last time
 
+  std::optional<BaseStop> stop;  // of the base itself
+  std::optional<double> stopped_since_s;
+  std::string pressed_unheard;  // what was pressed while there was no goal to end by it
+
   double last_now_s{std::numeric_limits<double>::quiet_NaN()};
   std::optional<double> stale_since_s;
   std::optional<double> blocked_since_s;
@@ -257,7 +285,8 @@ struct BaseNavigator::State {
   std::optional<double> ended_s;
   double planned_s{0.0};
   double at_m{0.0};
-  bool is_off_path{false};  // it was stopped without looking, or the localisation has jumped
+  bool is_off_path{false};       // it was stopped without looking, or the localisation has jumped
+  bool is_asked_to_stop{false};  // by a cancel, or by a heartbeat that stays away: brakes harder
   NavigationOutput last_output;
 
   // Arrival.
@@ -307,6 +336,10 @@ struct BaseNavigator::State {
   void take(const NavigationInput& input) {
     jump.clear();
     has_jumped = false;
+    odometry.problem = input.odometry_problem;
+    pose.problem = input.pose_problem;
+    scan.problem = input.scan_problem;
+    grid.problem = input.grid_problem;
     takeOdometry(input);
     // What odometry told while it was not there is nothing to drive by, and no reason to stop.
     const bool is_odometry_fresh = isOdometryFresh(input.now_s);
@@ -346,12 +379,16 @@ struct BaseNavigator::State {
                          NavigationStatus status) -> std::optional<std::pair<NavigationStatus, std::string>> {
       std::string reason = source.stale(now_s, max_age_s);
       if (reason.empty()) return std::nullopt;
-      return std::make_pair(status, std::move(reason));
+      // What comes and is wrong is not late; a pose that tf cannot give is.
+      const bool is_bad = !source.problem.empty() && status != NavigationStatus::kStalePose;
+      return std::make_pair(is_bad ? NavigationStatus::kBadInput : status, std::move(reason));
     };
     if (auto found = one(odometry, config.max_odometry_age_s, NavigationStatus::kStaleOdometry)) return found;
     if (auto found = one(pose, config.max_pose_age_s, NavigationStatus::kStalePose)) return found;
     if (auto found = one(scan, config.max_scan_age_s, NavigationStatus::kStaleScan)) return found;
-    if (auto found = one(grid, config.max_grid_age_s, NavigationStatus::kStaleGrid)) return found;
+    const double max_grid_age_s =
+        config.max_grid_age_s > 0.0 ? config.max_grid_age_s : std::numeric_limits<double>::infinity();
+    if (auto found = one(grid, max_grid_age_s, NavigationStatus::kStaleGrid)) return found;
     if (config.max_heartbeat_age_s <= 0.0) return std::nullopt;
     return one(heartbeat, config.max_heartbeat_age_s, NavigationStatus::kStaleHeartbeat);
   }
@@ -383,7 +420,10 @@ struct BaseNavigator::State {
   // -------------------------------------------------------------------------------------------------------- control
 
   void brake(double now_s, double dt_s) {
-    if (follower.isActive() && !is_off_path && isPoseFresh(now_s)) {
+    if (is_asked_to_stop) {
+      is_off_path = true;
+      follower.stop(dt_s);
+    } else if (follower.isActive() && !is_off_path && isPoseFresh(now_s)) {
       at_m = follower.update(T_map_base, dt_s, 0.0).at_m;
     } else {
       is_off_path = true;
@@ -403,6 +443,7 @@ struct BaseNavigator::State {
   void endWith(NavigationStatus status, const std::string& message) {
     end_status = status;
     end_message = message;
+    if (status == NavigationStatus::kCancelled) is_asked_to_stop = true;
     braking_since_s.reset();
     mode = Mode::kEnding;
   }
@@ -544,15 +585,56 @@ struct BaseNavigator::State {
     const auto missing = stale(now_s);
     if (!missing) {
       stale_since_s.reset();
+      is_asked_to_stop = false;
       return false;
     }
     if (!stale_since_s) stale_since_s = now_s;
+    is_asked_to_stop = missing->first == NavigationStatus::kStaleHeartbeat;
     brake(now_s, dt_s);
     motions.clear();
     output->phase = NavigationPhase::kWaitingForData;
     output->reason = missing->second;
     if (now_s - *stale_since_s >= config.stale_patience_s) {
       endWith(missing->first, missing->second + ", after waiting " + number(now_s - *stale_since_s, 1) + " s");
+    }
+    return true;
+  }
+
+  /// The base's own stop. True: there is nothing else to do in this step.
+  bool heedStop(double now_s, const std::optional<BaseStop>& told, NavigationOutput* output) {
+    const auto isPressed = [](const std::optional<BaseStop>& one) {
+      return one == BaseStop::kButton || one == BaseStop::kSignal;
+    };
+    // Pressed when it is first heard of: who starts the robot knows.
+    if (isPressed(told) && stop && !isPressed(stop)) pressed_unheard = toString(*told);
+    stop = told;
+    const bool is_active = mode != Mode::kIdle && mode != Mode::kEnding;
+    if (is_active && (isPressed(stop) || !pressed_unheard.empty())) {
+      endWith(NavigationStatus::kBaseStopped,
+              isPressed(stop)
+                  ? std::string("the base is stopped: ") + toString(*stop)
+                  : "the base was stopped before this goal (" + pressed_unheard + "): look, and send the goal again");
+      pressed_unheard.clear();
+    }
+    if (!stop || stop == BaseStop::kNone) {
+      stopped_since_s.reset();
+      return false;
+    }
+    // It stands by itself: what is commanded now would be driven at its release.
+    follower.halt();
+    is_off_path = true;
+    motions.clear();
+    if (mode == Mode::kIdle || mode == Mode::kEnding) return false;
+    if (!stopped_since_s) stopped_since_s = now_s;
+    output->phase = NavigationPhase::kBlocked;
+    output->reason = std::string("the base is stopped: ") + toString(*stop);
+    blocked_since_s.reset();
+    stale_since_s.reset();
+    if (!jump.empty()) planAnew(jump, false);
+    if (mode == Mode::kArriving) arrive(now_s);
+    if (now_s - *stopped_since_s >= config.scanner_patience_s) {
+      endWith(NavigationStatus::kBaseStopped, output->reason + ", for " + number(now_s - *stopped_since_s, 1) +
+                                                  " s, may be " + number(config.scanner_patience_s, 1) + " s");
     }
     return true;
   }
@@ -765,6 +847,7 @@ struct BaseNavigator::State {
       jumped_s = -std::numeric_limits<double>::infinity();
       follower.halt();
       stale_since_s.reset();
+      stopped_since_s.reset();
       if (mode != Mode::kIdle) {
         endWith(NavigationStatus::kStaleOdometry, "the clock ran back by " + number(-elapsed_s) + " s");
       }
@@ -774,39 +857,44 @@ struct BaseNavigator::State {
     take(input);
 
     NavigationOutput output;
-    switch (mode) {
-      case Mode::kIdle:
-        follower.halt();
-        // Zeros until the base stands, or nobody can tell.
-        if (ended_s && !stands(now_s) && now_s - *ended_s < kStandPatience_s) {
-          output.phase = NavigationPhase::kBraking;
-          output.reason = isOdometryFresh(now_s) ? "told to stand, and moves by odometry"
-                                                 : "told to stand, and without odometry nobody knows whether it does";
-        } else {
-          ended_s.reset();
-        }
-        break;
-      case Mode::kPlanning:
-        stepPlanning(now_s, dt_s, is_cancelled, &output);
-        break;
-      case Mode::kPlanned:
-        stepPlanned(now_s, dt_s, &output);
-        break;
-      case Mode::kDriving:
-        stepDriving(now_s, dt_s, &output);
-        break;
-      case Mode::kArriving:
-        stepArriving(now_s, dt_s, &output);
-        break;
-      case Mode::kEnding:
-        stepEnding(now_s, dt_s, &output);
-        break;
-    }
+    const bool is_stopped = heedStop(now_s, input.stop, &output);
+    if (!is_stopped) stepMode(now_s, dt_s, is_cancelled, &output);
     output.command = follower.lastCommand();
     output.has_jumped = has_jumped;
     output.remaining_m = way.path.motions.empty() ? 0.0 : std::max(0.0, way.path.length() - at_m);
     last_output = output;
     return output;
+  }
+
+  void stepMode(double now_s, double dt_s, const std::function<bool()>& is_cancelled, NavigationOutput* output) {
+    switch (mode) {
+      case Mode::kIdle:
+        follower.halt();
+        // Zeros until the base stands, or nobody can tell.
+        if (ended_s && !stands(now_s) && now_s - *ended_s < kStandPatience_s) {
+          output->phase = NavigationPhase::kBraking;
+          output->reason = isOdometryFresh(now_s) ? "told to stand, and moves by odometry"
+                                                  : "told to stand, and without odometry nobody knows whether it does";
+        } else {
+          ended_s.reset();
+        }
+        break;
+      case Mode::kPlanning:
+        stepPlanning(now_s, dt_s, is_cancelled, output);
+        break;
+      case Mode::kPlanned:
+        stepPlanned(now_s, dt_s, output);
+        break;
+      case Mode::kDriving:
+        stepDriving(now_s, dt_s, output);
+        break;
+      case Mode::kArriving:
+        stepArriving(now_s, dt_s, output);
+        break;
+      case Mode::kEnding:
+        stepEnding(now_s, dt_s, output);
+        break;
+    }
   }
 
   void forgetData() {
@@ -845,6 +933,8 @@ void BaseNavigator::setGoal(const Pose2d& goal_map) {
   state.misses = 0;
   state.stale_since_s.reset();
   state.ended_s.reset();
+  state.stopped_since_s.reset();
+  state.is_asked_to_stop = false;
   state.planAnew("", false);
 }
 

@@ -57,6 +57,7 @@ std::vector<std::string> MotionLimits::validate() const {
   check("turn_rad_s", turn_rad_s, 0.01, 10.0, "rad/s");
   check("linear_m_s2", linear_m_s2, 0.01, 20.0, "m/s2");
   check("turn_rad_s2", turn_rad_s2, 0.01, 50.0, "rad/s2");
+  check("stop_m_s2", stop_m_s2, std::max(0.01, linear_m_s2), 20.0, "m/s2");
   return check.problems();
 }
 

@@ -404,9 +404,19 @@ bool PathFollower::resume(const Pose2d& pose_map) {
 }
 
 Twist2d PathFollower::pause(double dt_s) {
+  return slowDown(dt_s, 1.0);
+}
+
+Twist2d PathFollower::stop(double dt_s) {
+  return slowDown(dt_s, limits_.stop_m_s2 / limits_.linear_m_s2);
+}
+
+/// Along the arc of the last command, with `share` of the limits of acceleration.
+Twist2d PathFollower::slowDown(double dt_s, double share) {
   requireStep(dt_s);
   const double time_s =
-      std::max(std::abs(last_.linear_m_s) / limits_.linear_m_s2, std::abs(last_.angular_rad_s) / limits_.turn_rad_s2);
+      std::max(std::abs(last_.linear_m_s) / limits_.linear_m_s2, std::abs(last_.angular_rad_s) / limits_.turn_rad_s2) /
+      share;
   const double left = time_s > dt_s ? 1.0 - dt_s / time_s : 0.0;
   last_ = left > 0.0 ? Twist2d{left * last_.linear_m_s, left * last_.angular_rad_s} : Twist2d{};
   reference_speed_ = 0.0;

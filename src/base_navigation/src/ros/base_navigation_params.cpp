@@ -23,6 +23,7 @@ constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("pose/wait_s", params.pose.wait_s);
   visit("pose/max_tilt_rad", params.pose.max_tilt_rad);
   visit("ground/required", params.ground.required);
+  visit("ground/occupied_from", params.ground.occupied_from);
   visit("output/grid_rate_hz", params.output.grid_rate_hz);
   visit("output/watchdog_rate_hz", params.output.watchdog_rate_hz);
   base_navigation::visitGridFields(params.grid, visit);
@@ -60,6 +61,7 @@ std::vector<std::string> BaseNavigationParams::validate() const {
   check("speed_share", speed_share, 0.05, 1.0, "");
   check("pose/wait_s", pose.wait_s, 0.0, 10.0, "s");
   check("pose/max_tilt_rad", pose.max_tilt_rad, 0.0, 1.5, "rad");
+  check("ground/occupied_from", ground.occupied_from, 1, 100, "");
   check("output/grid_rate_hz", output.grid_rate_hz, 0.1, 50.0, "Hz");
   check("output/watchdog_rate_hz", output.watchdog_rate_hz, 5.0, 200.0, "Hz");
   append("", check.problems());
@@ -92,6 +94,7 @@ base_navigation::MotionLimits BaseNavigationParams::limitsOf(const mp700_ur5e_de
   limits.turn_rad_s = speed_share * profile.limits.turn_rad_per_s;
   limits.linear_m_s2 = profile.limits.linear_m_per_s2;
   limits.turn_rad_s2 = profile.limits.turn_rad_per_s2;
+  limits.stop_m_s2 = profile.limits.stop_m_per_s2;
   return limits;
 }
 

@@ -21,6 +21,7 @@ namespace {
 
 using base_navigation::BasePlan;
 using base_navigation::BasePlanStatus;
+using base_navigation::BaseStop;
 using base_navigation::NavigationGrid;
 using base_navigation::NavigationInput;
 using base_navigation::NavigationOutput;
@@ -29,12 +30,13 @@ using base_navigation::NavigationStatus;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
 using gpis_mapping_ros::toIsometry;
+using gpis_mapping_ros::withoutSlash;
 using interactive_mapping_msgs::DrivingDistances;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
 
 constexpr char kLog[] = "base_navigation";
-constexpr std::size_t kMaxWaitingScans = 20;  // of 12.5 Hz, while no odometry comes
+constexpr std::size_t kMaxWaitingScans = 20;  // of 25 Hz, while no odometry comes
 constexpr double kMaxScanAge_s = 1.0;         // an older scan is not entered in the grid
 constexpr double kShowPeriod_s = 0.2;         // of markers and feedback
 constexpr double kPathStep_m = 0.05;          // between the poses of ~path
@@ -74,6 +76,7 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
       fusion_(params_.grid, profile_.body.footprint_m),
       navigator_(params_.navigator, params_.planner, params_.follower, params_.guard, limits_,
                  profile_.body.footprint_m),
+      ground_(params_.map_frame, params_.ground.occupied_from),
       markers_(private_nh, params_.map_frame, profile_.body.footprint_m),
       diagnostics_(nh, private_nh) {
   ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
@@ -108,6 +111,12 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
   odometry_subscriber_ = control.subscribe("odom", 20, &BaseNavigationRos::onOdometry, this, no_delay);
   scan_subscriber_ = control.subscribe("scan", 5, &BaseNavigationRos::onScan, this, no_delay);
   ground_subscriber_ = control.subscribe("map/ground", 2, &BaseNavigationRos::onGround, this);
+  // As costmap_2d names it.
+  ground_update_subscriber_ =
+      control.subscribe(ground_subscriber_.getTopic() + "_updates", 20, &BaseNavigationRos::onGroundUpdate, this);
+  emergency_stop_subscriber_ =
+      control.subscribe("emergency_stop_state", 10, &BaseNavigationRos::onEmergencyStop, this, no_delay);
+  stop_subscriber_ = control.subscribe("base_stop", 10, &BaseNavigationRos::onStop, this, no_delay);
   if (params_.navigator.max_heartbeat_age_s > 0.0) {
     heartbeat_subscriber_ = control.subscribe("heartbeat", 10, &BaseNavigationRos::onHeartbeat, this, no_delay);
   }
@@ -225,8 +234,9 @@ void BaseNavigationRos::takeRequests() {
   const geometry_msgs::PoseStamped& target = waiting_->getGoal()->target_pose;
   const bool is_late =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - waiting_since_).count() > kGoalTfWait_s;
-  if (!is_late && target.header.frame_id != params_.map_frame && !target.header.stamp.isZero() &&
-      !tf_.canTransform(params_.map_frame, target.header.frame_id, target.header.stamp)) {
+  const std::string frame = withoutSlash(target.header.frame_id);
+  if (!is_late && frame != params_.map_frame && !target.header.stamp.isZero() &&
+      !tf_.canTransform(params_.map_frame, frame, target.header.stamp)) {
     return;
   }
   std::optional<GoalHandle> goal;
@@ -301,7 +311,8 @@ void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
   const std::optional<Eigen::Isometry3d> T = toIsometry(message->pose.pose);
   const auto& twist = message->twist.twist;
   std::string problem;
-  if (message->header.frame_id != params_.odom_frame || message->child_frame_id != params_.base_frame) {
+  if (withoutSlash(message->header.frame_id) != params_.odom_frame ||
+      withoutSlash(message->child_frame_id) != params_.base_frame) {
     problem = "odometry of '" + message->child_frame_id + "' in '" + message->header.frame_id + "', must be of '" +
               params_.base_frame + "' in '" + params_.odom_frame + "'";
   } else if (!T || !std::isfinite(twist.linear.x) || !std::isfinite(twist.angular.z)) {
@@ -345,7 +356,7 @@ void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
 
 void BaseNavigationRos::onScan(const sensor_msgs::LaserScanConstPtr& message) {
   std::string problem;
-  const std::string& frame = message->header.frame_id;
+  const std::string frame = withoutSlash(message->header.frame_id);
   auto scanner = scanners_.find(frame);
   if (scanner == scanners_.end()) {
     try {
@@ -374,16 +385,58 @@ void BaseNavigationRos::onScan(const sensor_msgs::LaserScanConstPtr& message) {
 
 void BaseNavigationRos::onGround(const nav_msgs::OccupancyGridConstPtr& message) {
   std::string problem;
-  if (message->header.frame_id != params_.map_frame) {
-    problem = "in frame '" + message->header.frame_id + "', must be '" + params_.map_frame + "'";
-  } else if (const std::optional<NavigationGrid> grid = toGrid(*message, &problem)) {
-    new_ground_.emplace_back(message->header.stamp, std::make_shared<const NavigationGrid>(*grid));
+  const GroundInput::Grid grid = ground_.take(*message, &problem);
+  enterGround(grid, message->header.stamp, problem);
+}
+
+void BaseNavigationRos::onGroundUpdate(const map_msgs::OccupancyGridUpdateConstPtr& message) {
+  std::string problem;
+  const GroundInput::Grid grid = ground_.take(*message, &problem);
+  enterGround(grid, message->header.stamp, problem);
+}
+
+void BaseNavigationRos::enterGround(const GroundInput::Grid& grid, const ros::Time& stamp, const std::string& problem) {
+  if (grid && isGroundStatic()) {
+    fusion_.setMap(grid);  // whatever its stamp
+    has_static_ground_ = true;
+    is_grid_old_ = true;
+  } else if (grid) {
+    new_ground_.emplace_back(stamp, grid);
     if (new_ground_.size() > 2) new_ground_.pop_front();
+  } else {
+    ROS_WARN_THROTTLE_NAMED(10.0, kLog, "the map's ground ignored: %s", problem.c_str());
   }
-  if (!problem.empty()) ROS_WARN_THROTTLE_NAMED(10.0, kLog, "the map's ground ignored: %s", problem.c_str());
   const std::lock_guard<std::mutex> lock(shared_mutex_);
   ground_problem_ = problem;
-  if (problem.empty()) ground_seen_ = message->header.stamp;
+  if (grid) ground_seen_ = isGroundStatic() ? ros::Time::now() : stamp;
+}
+
+void BaseNavigationRos::onEmergencyStop(const neo_msgs::EmergencyStopStateConstPtr& message) {
+  if (message->emergency_button_stop) {
+    relay_stop_ = BaseStop::kButton;
+  } else if (message->scanner_stop) {
+    relay_stop_ = BaseStop::kScanner;
+  } else if (message->emergency_state == neo_msgs::EmergencyStopState::EMFREE) {
+    relay_stop_ = BaseStop::kNone;
+  } else if (!relay_stop_ || relay_stop_ == BaseStop::kNone) {
+    relay_stop_ = BaseStop::kButton;  // stopped, and it does not tell by what
+  }                                   // else being released: still what it was
+  tellStop();
+}
+
+void BaseNavigationRos::onStop(const std_msgs::BoolConstPtr& message) {
+  signal_stop_ = message->data != 0 ? BaseStop::kSignal : BaseStop::kNone;
+  tellStop();
+}
+
+void BaseNavigationRos::tellStop() {
+  const std::optional<BaseStop> stop = std::max(relay_stop_, signal_stop_);  // nothing is less than any
+  if (stop == told_stop_) return;
+  told_stop_ = stop;
+  const bool is_stopped = stop != BaseStop::kNone;
+  if (is_stopped) ROS_WARN_NAMED(kLog, "the base is stopped: %s", base_navigation::toString(*stop));
+  const std::lock_guard<std::mutex> lock(shared_mutex_);
+  stop_ = is_stopped ? base_navigation::toString(*stop) : "";
 }
 
 void BaseNavigationRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
@@ -498,7 +551,21 @@ void BaseNavigationRos::step(const ros::Time& now) {
   input.scan = scan_.second;
   input.scan_stamp_s = scan_.second ? scan_.first.toSec() : -1.0;
   input.grid = grid_;
-  input.grid_stamp_s = params_.ground.required ? toSec(ground_stamp_) : input.scan_stamp_s;
+  if (!params_.ground.required) {
+    input.grid_stamp_s = input.scan_stamp_s;
+  } else if (isGroundStatic()) {
+    input.grid_stamp_s = has_static_ground_ ? 0.0 : -1.0;
+  } else {
+    input.grid_stamp_s = toSec(ground_stamp_);
+  }
+  input.stop = told_stop_;
+  {
+    const std::lock_guard<std::mutex> lock(shared_mutex_);
+    input.odometry_problem = odometry_problem_;
+    input.pose_problem = localisation_problem_;
+    if (!scan_problem_.empty()) input.scan_problem = "the scan: " + scan_problem_;
+    if (!ground_problem_.empty()) input.grid_problem = "the map's ground: " + ground_problem_;
+  }
   input.heartbeat_stamp_s = toSec(heartbeat_stamp_);
   const NavigationOutput output = navigator_.step(input, [this] {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
@@ -571,8 +638,9 @@ void BaseNavigationRos::publish(const NavigationOutput& output, const ros::Time&
 
 // --------------------------------------------------------------------------------------------------------- requests
 
-std::optional<Eigen::Isometry3d> BaseNavigationRos::transformToMap(const std::string& frame, const ros::Time& stamp,
+std::optional<Eigen::Isometry3d> BaseNavigationRos::transformToMap(const std::string& name, const ros::Time& stamp,
                                                                    std::string* why_not) const {
+  const std::string frame = withoutSlash(name);
   if (frame == params_.map_frame) return Eigen::Isometry3d::Identity();
   if (frame.empty()) {
     *why_not = "no frame is given";
@@ -726,7 +794,9 @@ void BaseNavigationRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapp
       {"odometry", odometry_seen_, odometry_problem_, params_.navigator.max_odometry_age_s, true},
       {"localisation", localisation_seen_, localisation_problem_, params_.navigator.max_pose_age_s, true},
       {"scan", scan_seen_, scan_problem_, params_.navigator.max_scan_age_s, true},
-      {"ground", ground_seen_, ground_problem_, params_.navigator.max_grid_age_s, params_.ground.required},
+      {"ground", ground_seen_, ground_problem_,
+       isGroundStatic() ? std::numeric_limits<double>::infinity() : params_.navigator.max_grid_age_s,
+       params_.ground.required},
       {"heartbeat", heartbeat_seen_, none, params_.navigator.max_heartbeat_age_s,
        params_.navigator.max_heartbeat_age_s > 0.0}};
   status.summary(DiagnosticStatus::OK, "all inputs come");
@@ -746,6 +816,7 @@ void BaseNavigationRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapp
     }
     if (!input.seen.isZero()) status.add(std::string(input.name) + " age, s", (now - input.seen).toSec());
   }
+  if (!stop_.empty()) status.mergeSummary(DiagnosticStatus::WARN, "the base is stopped: " + stop_);
 }
 
 void BaseNavigationRos::diagnoseGoals(diagnostic_updater::DiagnosticStatusWrapper& status) {

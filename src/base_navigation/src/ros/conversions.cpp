@@ -45,7 +45,12 @@ double tilt(const Eigen::Isometry3d& T) {
   return std::atan2(T.linear().col(2).head<2>().norm(), T.linear()(2, 2));
 }
 
-std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, std::string* why_not) {
+SpaceState stateOf(std::int8_t value, int occupied_from) {
+  if (value < 0 || value > 100) return SpaceState::kUnknown;
+  return value < occupied_from ? SpaceState::kFree : SpaceState::kOccupied;
+}
+
+std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int occupied_from, std::string* why_not) {
   const auto& info = message.info;
   const double cells = static_cast<double>(info.width) * info.height;
   if (!(info.resolution > 0.0F) || !std::isfinite(info.resolution)) {
@@ -67,11 +72,7 @@ std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, std
       grid.width = static_cast<int>(info.width);
       grid.height = static_cast<int>(info.height);
       grid.state.reserve(message.data.size());
-      for (const std::int8_t value : message.data) {
-        grid.state.push_back(value == 0                  ? SpaceState::kFree
-                             : value > 0 && value <= 100 ? SpaceState::kOccupied
-                                                         : SpaceState::kUnknown);
-      }
+      for (const std::int8_t value : message.data) grid.state.push_back(stateOf(value, occupied_from));
       return grid;
     }
   }

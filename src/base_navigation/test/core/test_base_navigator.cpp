@@ -101,10 +101,14 @@ class Bench {
     output_ = navigator_.step(input_);
     num_jumps_ += output_.has_jumped ? 1 : 0;
     if (fusion_ && output_.has_jumped) fusion_->forget();
-    // Whatever happens, the command keeps to the limits.
+    // Whatever happens, the command keeps to the limits, and brakes no harder than the test allows.
     const MotionLimits limits = shippedLimits();
-    EXPECT_LE(std::abs(output_.command.linear_m_s - before.linear_m_s), limits.linear_m_s2 * kDt_s + 1e-9);
-    EXPECT_LE(std::abs(output_.command.angular_rad_s - before.angular_rad_s), limits.turn_rad_s2 * kDt_s + 1e-9);
+    const bool slows = std::abs(output_.command.linear_m_s) <= std::abs(before.linear_m_s) &&
+                       std::abs(output_.command.angular_rad_s) <= std::abs(before.angular_rad_s);
+    const double share = slows ? braking_m_s2_ / limits.linear_m_s2 : 1.0;
+    EXPECT_LE(std::abs(output_.command.linear_m_s - before.linear_m_s), share * limits.linear_m_s2 * kDt_s + 1e-9);
+    EXPECT_LE(std::abs(output_.command.angular_rad_s - before.angular_rad_s),
+              share * limits.turn_rad_s2 * kDt_s + 1e-9);
     phases_.insert(output_.phase);
     if (output_.ended) {
       EXPECT_FALSE(status_.has_value()) << "ended twice";
@@ -169,6 +173,7 @@ class Bench {
   bool has_grid_{true};
   bool has_heartbeat_{true};
   bool judge_always_{false};
+  double braking_m_s2_{shippedLimits().linear_m_s2};
   double odometry_ahead_s_{0.0};
   double scan_noise_m_{0.0};
   Pose2d pose_jump_;
@@ -273,7 +278,8 @@ TEST(BaseNavigator, WaitsForWhatIsMissingFromTheStartAndGivesUp) {
     ASSERT_TRUE(bench.run(10.0)) << one.name;
     EXPECT_EQ(*bench.status_, one.status) << bench.message_;
     EXPECT_NEAR(bench.now_s_ - 100.0, BaseNavigatorConfig{}.stale_patience_s, 0.2);
-    EXPECT_THAT(bench.message_, HasSubstr(one.name));
+    EXPECT_THAT(bench.message_, HasSubstr(std::string("no ") + one.name));
+    EXPECT_THAT(bench.message_, HasSubstr(" has come yet"));
     EXPECT_NEAR(bench.plant_.poseMap().x_m, 0.0, 1e-9);
   }
 }
@@ -284,6 +290,7 @@ TEST(BaseNavigator, BrakesWhenDataVanishesAndGivesUp) {
     bench.navigator_.setGoal({4.0, 0.0, 0.0});
     ASSERT_TRUE(bench.runUntilFast());
     bench.*one.has = false;
+    if (one.has == &Bench::has_heartbeat_) bench.braking_m_s2_ = shippedLimits().stop_m_s2;
     const double vanished_s = bench.now_s_;
     ASSERT_TRUE(bench.run(12.0, [&] { return bench.output_.phase == NavigationPhase::kWaitingForData; })) << one.name;
     EXPECT_LE(bench.now_s_ - vanished_s, one.noticed_s + (one.has == &Bench::has_grid_ ? 0.5 : 0.0));
@@ -345,6 +352,7 @@ TEST(BaseNavigator, GoesOnWhenDataIsBackInTime) {
     bench.navigator_.setGoal({4.0, 0.0, 0.0});
     ASSERT_TRUE(bench.runUntilFast());
     bench.*one.has = false;
+    if (one.has == &Bench::has_heartbeat_) bench.braking_m_s2_ = shippedLimits().stop_m_s2;
     ASSERT_TRUE(bench.run(12.0, [&] { return bench.output_.phase == NavigationPhase::kWaitingForData; })) << one.name;
     bench.run(1.5, [] { return false; });
     bench.*one.has = true;
@@ -352,6 +360,156 @@ TEST(BaseNavigator, GoesOnWhenDataIsBackInTime) {
     EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << one.name << ": " << bench.message_;
     expectAt(bench, {4.0, 0.0, 0.0});
     EXPECT_EQ(bench.navigator_.numPlans(), 2u) << one.name;  // the plan, and its end: the way was still good
+  }
+}
+
+TEST(BaseNavigator, SaysWhatIsWrongWithInputThatComes) {
+  const std::pair<std::string NavigationInput::*, bool Bench::*> inputs[] = {
+      {&NavigationInput::odometry_problem, &Bench::has_odometry_},
+      {&NavigationInput::scan_problem, &Bench::has_scan_},
+      {&NavigationInput::grid_problem, &Bench::has_grid_}};
+  for (const auto& [problem, has] : inputs) {
+    Bench bench;
+    bench.*has = false;
+    if (has == &Bench::has_grid_) bench.input_.grid.reset();
+    bench.input_.*problem = "its frame is 'x', must be 'y'";
+    bench.navigator_.setGoal({2.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.run(10.0));
+    EXPECT_EQ(*bench.status_, NavigationStatus::kBadInput) << toString(*bench.status_);
+    EXPECT_THAT(bench.message_, HasSubstr("its frame is 'x', must be 'y'"));
+  }
+  // A single bad message among good ones is no reason.
+  Bench bench;
+  bench.input_.scan_problem = "only 3 of 191 beams tell a range";
+  bench.navigator_.setGoal({1.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.run(60.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+}
+
+TEST(BaseNavigator, DrivesOnAGridThatComesOnce) {
+  for (const double max_age_s : {10.0, 0.0}) {
+    BaseNavigatorConfig config;
+    config.max_grid_age_s = max_age_s;
+    Bench bench({-1.0, 0.0, 0.0}, config);
+    bench.has_grid_ = false;
+    bench.input_.grid_stamp_s = 0.0;  // when a map server began
+    bench.navigator_.setGoal({1.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.run(60.0));
+    EXPECT_EQ(*bench.status_, max_age_s == 0.0 ? NavigationStatus::kSuccess : NavigationStatus::kStaleGrid)
+        << bench.message_;
+  }
+}
+
+/// Driving at 0.4 m/s to a goal 3 m away, and stopped by the base itself, which lets go after a while.
+std::unique_ptr<Bench> drivenAndStopped(BaseStop stop, double duration_s) {
+  auto made = std::make_unique<Bench>(Pose2d{-1.5, 0.0, 0.0});
+  Bench& bench = *made;
+  bench.input_.stop = BaseStop::kNone;
+  bench.navigator_.setGoal({1.5, 0.0, 0.0});
+  EXPECT_TRUE(bench.runUntilFast(0.4));
+  bench.input_.stop = stop;
+  bench.braking_m_s2_ = std::numeric_limits<double>::infinity();  // the base does that by itself
+  for (double t = 0.0; t < duration_s; t += kDt_s) {
+    bench.step();
+    EXPECT_EQ(bench.output_.command.linear_m_s, 0.0) << "after " << t << " s";
+    EXPECT_EQ(bench.output_.command.angular_rad_s, 0.0);
+    if (bench.navigator_.isActive()) {
+      EXPECT_THAT(bench.output_.reason, HasSubstr("the base is stopped"));
+    }
+  }
+  bench.input_.stop = BaseStop::kNone;
+  bench.braking_m_s2_ = shippedLimits().linear_m_s2;
+  return made;
+}
+
+TEST(BaseNavigator, GoesOnAfterAStopOfTheBasesScanner) {
+  for (const double duration_s : {2.0, 10.0}) {
+    const auto made = drivenAndStopped(BaseStop::kScanner, duration_s);
+    Bench& bench = *made;
+    EXPECT_THAT(bench.output_.reason, HasSubstr("safety scanner"));
+    ASSERT_FALSE(bench.status_) << bench.message_;
+    ASSERT_TRUE(bench.run(60.0));
+    EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+    expectAt(bench, {1.5, 0.0, 0.0});
+    EXPECT_EQ(bench.navigator_.numPlans(), 2u) << "the plan, and its end: the way was still good";
+  }
+}
+
+TEST(BaseNavigator, EndsAfterALongStopOfTheBasesScanner) {
+  const auto made = drivenAndStopped(BaseStop::kScanner, BaseNavigatorConfig().scanner_patience_s + 1.0);
+  const Bench& bench = *made;
+  ASSERT_TRUE(bench.status_);
+  EXPECT_EQ(*bench.status_, NavigationStatus::kBaseStopped);
+  EXPECT_THAT(bench.message_, HasSubstr("safety scanner's field, for 30.0 s"));
+}
+
+TEST(BaseNavigator, NothingMovesByItselfAfterAButton) {
+  for (const auto& [stop, text] :
+       {std::pair(BaseStop::kButton, "emergency button"), std::pair(BaseStop::kSignal, "stop input")}) {
+    for (const double duration_s : {0.5, 10.0}) {
+      const auto made = drivenAndStopped(stop, duration_s);
+      Bench& bench = *made;
+      ASSERT_TRUE(bench.status_);
+      EXPECT_EQ(*bench.status_, NavigationStatus::kBaseStopped);
+      EXPECT_THAT(bench.message_, HasSubstr(text));
+      const double stopped_m = bench.plant_.poseMap().x_m;
+      EXPECT_FALSE(bench.run(5.0, [&] { return bench.output_.command.linear_m_s != 0.0; }));
+      EXPECT_NEAR(bench.plant_.poseMap().x_m, stopped_m, 1e-3);
+      // A new goal is a person's word.
+      bench.status_.reset();
+      bench.navigator_.setGoal({1.5, 0.0, 0.0});
+      ASSERT_TRUE(bench.run(60.0));
+      EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+    }
+  }
+}
+
+TEST(BaseNavigator, AButtonBetweenGoalsRefusesTheNextOneOnce) {
+  Bench bench;
+  const auto press = [&](std::optional<BaseStop> before) {
+    for (const auto& stop : {before, std::optional(BaseStop::kButton), std::optional(BaseStop::kNone)}) {
+      bench.input_.stop = stop;
+      bench.run(0.5, [] { return false; });
+    }
+  };
+  const auto drive = [&] {
+    bench.status_.reset();
+    bench.navigator_.setGoal({0.5, 0.0, 0.0});
+    EXPECT_TRUE(bench.run(60.0));
+    return bench.status_.value_or(NavigationStatus::kStuck);
+  };
+  press(std::nullopt);
+  EXPECT_EQ(drive(), NavigationStatus::kSuccess) << "pressed when the robot was started: " << bench.message_;
+  press(BaseStop::kNone);
+  EXPECT_EQ(drive(), NavigationStatus::kBaseStopped);
+  EXPECT_THAT(bench.message_, HasSubstr("before this goal"));
+  EXPECT_EQ(drive(), NavigationStatus::kSuccess) << bench.message_;
+  // Still pressed: each one.
+  bench.input_.stop = BaseStop::kButton;
+  EXPECT_EQ(drive(), NavigationStatus::kBaseStopped);
+  EXPECT_EQ(drive(), NavigationStatus::kBaseStopped);
+  bench.input_.stop = BaseStop::kNone;
+  EXPECT_EQ(drive(), NavigationStatus::kSuccess) << bench.message_;
+}
+
+TEST(BaseNavigator, StopsSoonWhenSomebodyAsksForIt) {
+  // 0.5 m/s: 0.125 m with 1 m/s^2, 0.625 m with the comfortable 0.2 m/s^2. The drives lag by 0.1 s.
+  for (const bool is_cancelled : {true, false}) {
+    Bench bench({-3.0, 0.0, 0.0}, withHeartbeat());
+    bench.navigator_.setGoal({4.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.runUntilFast(0.5));
+    bench.braking_m_s2_ = shippedLimits().stop_m_s2;
+    if (is_cancelled) {
+      bench.navigator_.cancel();
+    } else {
+      bench.has_heartbeat_ = false;
+      ASSERT_TRUE(bench.run(2.0, [&] { return bench.output_.phase == NavigationPhase::kWaitingForData; }));
+    }
+    const double speed_m_s = bench.plant_.wheels().linear_m_s;
+    const double asked_m = bench.plant_.poseMap().x_m;
+    ASSERT_TRUE(bench.run(10.0));
+    EXPECT_EQ(*bench.status_, is_cancelled ? NavigationStatus::kCancelled : NavigationStatus::kStaleHeartbeat);
+    EXPECT_LT(bench.plant_.poseMap().x_m - asked_m, 0.5 * speed_m_s * speed_m_s + 0.12 * speed_m_s);
   }
 }
 
@@ -738,6 +896,7 @@ TEST(BaseNavigator, BrakesWhenCancelled) {
   Bench bench({-3.0, 0.0, 0.0});
   bench.navigator_.setGoal({4.0, 0.0, 0.0});
   ASSERT_TRUE(bench.runUntilFast(0.5));
+  bench.braking_m_s2_ = shippedLimits().stop_m_s2;
   bench.navigator_.cancel();
   bench.step();
   EXPECT_EQ(bench.output_.phase, NavigationPhase::kBraking);

@@ -13,7 +13,7 @@ namespace base_navigation {
 namespace {
 
 // The limits of the simulated base.
-const MotionLimits kLimits{0.8, 0.1, 0.6, 0.2, 0.6};
+const MotionLimits kLimits{0.8, 0.1, 0.6, 0.2, 0.6, 1.0};
 
 class Random {
  public:
@@ -281,7 +281,7 @@ TEST(BasePathDuration, CuttingMotionsCostsNothing) {
 
 TEST(MotionLimits, ListsEveryImpossibleValue) {
   EXPECT_TRUE(kLimits.validate().empty());
-  EXPECT_EQ(MotionLimits{}.validate().size(), 5u);
+  EXPECT_EQ(MotionLimits{}.validate().size(), 6u);
   MotionLimits limits = kLimits;
   limits.turn_rad_s = std::numeric_limits<double>::quiet_NaN();
   ASSERT_EQ(limits.validate().size(), 1u);

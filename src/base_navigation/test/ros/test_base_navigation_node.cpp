@@ -12,12 +12,15 @@
 #include <interactive_mapping_msgs/DrivingDistances.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
+#include <map_msgs/OccupancyGridUpdate.h>
 #include <move_base_msgs/MoveBaseAction.h>
 #include <nav_msgs/GetPlan.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Odometry.h>
+#include <neo_msgs/EmergencyStopState.h>
 #include <ros/ros.h>
 #include <sensor_msgs/LaserScan.h>
+#include <std_msgs/Bool.h>
 #include <std_msgs/Header.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
@@ -38,6 +41,8 @@ class BaseNavigationNode : public testing::Test {
     scan_publisher_ = nh_.advertise<sensor_msgs::LaserScan>("scan", 5);
     ground_publisher_ = nh_.advertise<nav_msgs::OccupancyGrid>("map/ground", 5);
     heartbeat_publisher_ = nh_.advertise<std_msgs::Header>("heartbeat", 5);
+    relay_publisher_ = nh_.advertise<neo_msgs::EmergencyStopState>("emergency_stop_state", 5);
+    stop_publisher_ = nh_.advertise<std_msgs::Bool>("base_stop", 5);
     goal_publisher_ = nh_.advertise<move_base_msgs::MoveBaseActionGoal>("move_base/goal", 5);
     subscribers_ = {
         nh_.subscribe<NavigationOutcome>(
@@ -45,6 +50,7 @@ class BaseNavigationNode : public testing::Test {
             [this](const NavigationOutcome::ConstPtr& message) { outcomes_.push_back(*message); }),
         nh_.subscribe<NavigationState>("base_navigation/state", 10, [this](const NavigationState::ConstPtr& message) {
           states_.insert(message->header.stamp);
+          state_ = *message;
         })};
     geometry_msgs::TransformStamped scanner;
     scanner.header.frame_id = "base_link";
@@ -82,13 +88,13 @@ class BaseNavigationNode : public testing::Test {
     const ros::Time between = now - ros::Duration(0.001);
     nav_msgs::Odometry odometry;
     odometry.header.stamp = now;
-    odometry.header.frame_id = "odom";
-    odometry.child_frame_id = "base_link";
+    odometry.header.frame_id = odom_frame_;
+    odometry.child_frame_id = slash_ + "base_link";
     odometry.pose.pose.position.x = kX_m;
     odometry.pose.pose.orientation.w = 1.0;
     sensor_msgs::LaserScan scan;
     scan.header.stamp = between;
-    scan.header.frame_id = "scanner";
+    scan.header.frame_id = scan_frame_;
     scan.angle_min = -1.6F;
     scan.angle_increment = 0.02F;
     scan.range_min = 0.01F;
@@ -96,13 +102,13 @@ class BaseNavigationNode : public testing::Test {
     scan.ranges.assign(161, 4.5F);
     nav_msgs::OccupancyGrid ground;
     ground.header.stamp = between;
-    ground.header.frame_id = "map";
+    ground.header.frame_id = map_frame_;
     ground.info.resolution = 0.05F;
     ground.info.width = ground.info.height = 160;
     ground.info.origin.position.x = ground.info.origin.position.y = -4.0;
     ground.info.origin.orientation.w = 1.0;
     ground.data.assign(160 * 160, 0);
-    ground_publisher_.publish(ground);
+    if (has_ground_) ground_publisher_.publish(ground);
     scan_publisher_.publish(scan);
     odometry_publisher_.publish(odometry);
     if (has_heartbeat_) heartbeat_publisher_.publish(odometry.header);
@@ -112,7 +118,8 @@ class BaseNavigationNode : public testing::Test {
   NavigationOutcome outcomeOf(const std::string& frame, double x_m) {
     EXPECT_TRUE(waitUntil([this] { return goal_publisher_.getNumSubscribers() > 0 && !states_.empty(); }));
     move_base_msgs::MoveBaseActionGoal goal;
-    goal.goal_id.id = "goal " + frame + " " + std::to_string(x_m) + (has_data_ ? "" : " blind");
+    static int number = 0;  // the server remembers ids for a while
+    goal.goal_id.id = "goal " + std::to_string(++number) + " " + frame + " " + std::to_string(x_m);
     goal.goal.target_pose.header.frame_id = frame;
     goal.goal.target_pose.pose.position.x = x_m;
     goal.goal.target_pose.pose.orientation.w = 1.0;
@@ -145,13 +152,17 @@ class BaseNavigationNode : public testing::Test {
   }
 
   ros::NodeHandle nh_;
-  ros::Publisher odometry_publisher_, scan_publisher_, ground_publisher_, goal_publisher_, heartbeat_publisher_;
+  ros::Publisher odometry_publisher_, scan_publisher_, ground_publisher_, goal_publisher_, heartbeat_publisher_,
+      relay_publisher_, stop_publisher_;
   tf2_ros::StaticTransformBroadcaster tf_;
   std::vector<ros::Subscriber> subscribers_;
   std::vector<NavigationOutcome> outcomes_;
   std::set<ros::Time> states_;
   std::set<ros::Time> odometry_stamps_;
+  NavigationState state_;
+  std::string slash_, odom_frame_{"odom"}, scan_frame_{"scanner"}, map_frame_{"map"};
   bool has_data_{true};
+  bool has_ground_{true};
   bool has_heartbeat_{true};
 };
 
@@ -225,6 +236,129 @@ TEST_F(BaseNavigationNode, StandsWithoutTheHeartbeatOfItsMaster) {
   EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::STALE_HEARTBEAT)) << outcome.message;
   EXPECT_THAT(outcome.message, testing::HasSubstr("heartbeat is"));
   EXPECT_NEAR(outcome.base.position.x, kX_m, 1e-9);
+}
+
+TEST_F(BaseNavigationNode, TakesFramesWithALeadingSlash) {
+  slash_ = "/";
+  for (std::string* frame : {&odom_frame_, &scan_frame_, &map_frame_}) frame->insert(0, slash_);
+  // As long as anything said before may be used, and longer than that.
+  const ros::Time begun = ros::Time::now();
+  ASSERT_TRUE(waitUntil([&] { return state_.header.stamp > begun + ros::Duration(1.0); }));
+  DrivingDistances distances;
+  distances.request.frame_id = "/odom";
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  NavigationOutcome outcome = outcomeOf("/map", kX_m);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
+  outcome = outcomeOf("/odom", kX_m);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
+  nav_msgs::GetPlan plan = planTo(kX_m + 1.0, 0.0);
+  plan.request.goal.header.frame_id = "/map";
+  ASSERT_TRUE(ros::service::call("base_navigation/make_plan", plan));
+  EXPECT_GT(plan.response.plan.poses.size(), 10U);
+}
+
+TEST_F(BaseNavigationNode, NamesAWrongFrameAndNotItsAge) {
+  DrivingDistances distances;
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  for (std::string* frame : {&odom_frame_, &scan_frame_}) {
+    const std::string before = *frame;
+    *frame = "nowhere";
+    const NavigationOutcome outcome = outcomeOf("map", frame == &odom_frame_ ? 1.2 : 1.3);
+    EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::BAD_INPUT)) << outcome.message;
+    EXPECT_THAT(outcome.message, testing::HasSubstr("'nowhere'"));
+    *frame = before;
+  }
+  // The map's may be 10 s old before it is missed: told by then by the diagnostics alone.
+}
+
+TEST_F(BaseNavigationNode, HearsTheBasesOwnStops) {
+  DrivingDistances distances;
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitUntil(
+      [this] { return relay_publisher_.getNumSubscribers() > 0 && stop_publisher_.getNumSubscribers() > 0; }));
+  neo_msgs::EmergencyStopState relay;
+  const auto tell = [&](bool is_button, bool is_scanner, int state) {
+    relay.emergency_button_stop = is_button;
+    relay.scanner_stop = is_scanner;
+    relay.emergency_state = static_cast<std::int16_t>(state);
+    relay_publisher_.publish(relay);
+    const ros::Time told = ros::Time::now();
+    // Two more steps: it has been heard.
+    EXPECT_TRUE(waitUntil([&] { return state_.header.stamp > told + ros::Duration(0.2); }));
+  };
+  tell(false, false, relay.EMFREE);
+  NavigationOutcome outcome = outcomeOf("map", kX_m);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
+  tell(true, false, relay.EMSTOP);
+  outcome = outcomeOf("map", kX_m + 0.6);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::BASE_STOPPED)) << outcome.message;
+  EXPECT_THAT(outcome.message, testing::HasSubstr("emergency button is pressed"));
+  tell(false, false, relay.EMCONFIRMED);  // not yet free
+  outcome = outcomeOf("map", kX_m + 0.7);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::BASE_STOPPED)) << outcome.message;
+  tell(false, false, relay.EMFREE);
+  outcome = outcomeOf("map", kX_m);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
+  // The scanner's: it waits, and is cancelled waiting.
+  tell(false, true, relay.EMSTOP);
+  move_base_msgs::MoveBaseActionGoal goal;
+  goal.goal_id.id = "waits";
+  goal.goal.target_pose.header.frame_id = "map";
+  goal.goal.target_pose.pose.position.x = kX_m + 0.8;
+  goal.goal.target_pose.pose.orientation.w = 1.0;
+  goal_publisher_.publish(goal);
+  EXPECT_TRUE(waitUntil([this] {
+    return state_.phase == NavigationState::BLOCKED && state_.reason.find("safety scanner") != std::string::npos;
+  })) << state_.reason;
+  tell(false, false, relay.EMFREE);
+  EXPECT_TRUE(waitUntil([this] { return state_.command.linear.x > 0.0; })) << "goes on";
+  std_msgs::Bool stop;
+  stop.data = 1;
+  stop_publisher_.publish(stop);
+  NavigationOutcome stopped;
+  EXPECT_TRUE(waitUntil([&] {
+    stopped = outcomes_.empty() ? NavigationOutcome() : outcomes_.back();
+    return stopped.goal_id == "waits";
+  }));
+  EXPECT_EQ(static_cast<int>(stopped.status), static_cast<int>(NavigationOutcome::BASE_STOPPED)) << stopped.message;
+  EXPECT_THAT(stopped.message, testing::HasSubstr("stop input"));
+  stop.data = 0;
+  stop_publisher_.publish(stop);
+}
+
+// Another node, whose grid comes once, with a stamp of long ago.
+TEST_F(BaseNavigationNode, StaticDrivesOnALatchedGrid) {
+  has_ground_ = false;
+  nav_msgs::OccupancyGrid ground;
+  ground.header.frame_id = "map";
+  ground.info.resolution = 0.05F;
+  ground.info.width = ground.info.height = 160;
+  ground.info.origin.position.x = ground.info.origin.position.y = -4.0;
+  ground.info.origin.orientation.w = 1.0;
+  ground.data.assign(160 * 160, 40);  // a costmap's inflation
+  ros::Publisher latched = nh_.advertise<nav_msgs::OccupancyGrid>("map/ground", 1, true);
+  latched.publish(ground);
+  DrivingDistances distances;
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  const NavigationOutcome outcome = outcomeOf("map", kX_m);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
+  geometry_msgs::Pose2D behind;  // which no scanner sees
+  behind.x = -2.0;
+  distances.request.poses = {behind};
+  const auto isBehind = [&](std::uint8_t state) {
+    return ros::service::call("base_navigation/driving_distances", distances) && distances.response.success != 0 &&
+           distances.response.state.at(0) == state;
+  };
+  EXPECT_TRUE(waitUntil([&] { return isBehind(DrivingDistances::Response::FREE); }));
+  ros::Publisher updates = nh_.advertise<map_msgs::OccupancyGridUpdate>("map/ground_updates", 1, true);
+  map_msgs::OccupancyGridUpdate update;
+  update.header.frame_id = "map";
+  update.x = 40;
+  update.y = 80;
+  update.width = update.height = 1;
+  update.data = {100};
+  updates.publish(update);
+  EXPECT_TRUE(waitUntil([&] { return isBehind(DrivingDistances::Response::OCCUPIED); }));
 }
 
 // Beyond the map's ground, free as far as the scanner has looked across it. The last test: it puts the pose right again.

@@ -17,7 +17,7 @@ const params_contract::Contract kContract = {
     "config/base_navigation.yaml",
     toYaml(BaseNavigationParams()),
     [](const ros::NodeHandle& nh) { return toYaml(loadBaseNavigationParams(nh)); },
-    {"plan/max_iterations", "plan/shortcut_rounds", "guard/min_echoes", "drive/max_plans"},
+    {"plan/max_iterations", "plan/shortcut_rounds", "guard/min_echoes", "drive/max_plans", "ground/occupied_from"},
     {{"map_frame", "world"},
      {"odom_frame", "wheels"},
      {"base_frame", "platform"},

@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 #include <gpis_mapping_ros/conversions.h>
 
+#include "base_navigation_ros/ground_input.h"
 #include "base_navigation_ros/odometry_history.h"
 
 namespace base_navigation_ros {
@@ -25,21 +26,21 @@ nav_msgs::OccupancyGrid twoByThree() {
   message.info.width = 3;
   message.info.height = 2;
   message.info.origin = toPoseMessage({1.0, -2.0, 0.0});
-  message.data = {0, 100, -1, 1, 50, 101};
+  message.data = {0, 100, -1, 64, 65, 101};
   return message;
 }
 
 TEST(NavigationConversions, OccupancyBecomesStates) {
   std::string why_not;
-  const auto grid = toGrid(twoByThree(), &why_not);
+  const auto grid = toGrid(twoByThree(), 65, &why_not);
   ASSERT_TRUE(grid) << why_not;
   EXPECT_DOUBLE_EQ(grid->cell_size_m, 0.05);
   EXPECT_EQ(grid->origin_m, Eigen::Vector2d(1.0, -2.0));
-  const std::vector<SpaceState> expected = {SpaceState::kFree,     SpaceState::kOccupied, SpaceState::kUnknown,
-                                            SpaceState::kOccupied, SpaceState::kOccupied, SpaceState::kUnknown};
+  const std::vector<SpaceState> expected = {SpaceState::kFree, SpaceState::kOccupied, SpaceState::kUnknown,
+                                            SpaceState::kFree, SpaceState::kOccupied, SpaceState::kUnknown};
   EXPECT_EQ(grid->state, expected);
   const nav_msgs::OccupancyGrid back = toMessage(*grid, {});
-  EXPECT_EQ(back.data, (std::vector<std::int8_t>{0, 100, -1, 100, 100, -1}));
+  EXPECT_EQ(back.data, (std::vector<std::int8_t>{0, 100, -1, 0, 100, -1}));
   EXPECT_EQ(back.info.width, 3U);
   EXPECT_FLOAT_EQ(back.info.resolution, 0.05F);
 }
@@ -47,7 +48,7 @@ TEST(NavigationConversions, OccupancyBecomesStates) {
 TEST(NavigationConversions, GridsThatDoNotFitTogetherAreRefused) {
   const auto refusal = [](const nav_msgs::OccupancyGrid& message) {
     std::string why_not;
-    EXPECT_FALSE(toGrid(message, &why_not));
+    EXPECT_FALSE(toGrid(message, 65, &why_not));
     return why_not;
   };
   nav_msgs::OccupancyGrid message = twoByThree();
@@ -64,6 +65,43 @@ TEST(NavigationConversions, GridsThatDoNotFitTogetherAreRefused) {
   message = twoByThree();
   message.info.width = message.info.height = 100000;
   EXPECT_THAT(refusal(message), HasSubstr("must be at most"));
+}
+
+TEST(GroundInput, UpdatesReplaceAPartOfTheGrid) {
+  GroundInput ground("map", 65);
+  std::string why_not;
+  map_msgs::OccupancyGridUpdate update;
+  update.header.frame_id = "/map";
+  update.x = 1;
+  update.width = 2;
+  update.height = 2;
+  update.data = {0, 0, 100, -1};
+  EXPECT_FALSE(ground.take(update, &why_not));
+  EXPECT_THAT(why_not, HasSubstr("no whole grid before it"));
+  nav_msgs::OccupancyGrid whole = twoByThree();
+  whole.header.frame_id = "/map";
+  const GroundInput::Grid before = ground.take(whole, &why_not);
+  ASSERT_TRUE(before) << why_not;
+  const GroundInput::Grid after = ground.take(update, &why_not);
+  ASSERT_TRUE(after) << why_not;
+  const auto F = SpaceState::kFree;
+  const auto O = SpaceState::kOccupied;
+  const auto U = SpaceState::kUnknown;
+  EXPECT_EQ(after->state, (std::vector<SpaceState>{F, F, F, F, O, U}));
+  EXPECT_EQ(after->origin_m, before->origin_m);
+  EXPECT_EQ(before->state, (std::vector<SpaceState>{F, O, U, F, O, U})) << "who has the old one keeps it";
+  update.x = 2;
+  EXPECT_FALSE(ground.take(update, &why_not));
+  EXPECT_THAT(why_not, HasSubstr("2 x 2 cells at (2, 0) with 4 values, must lie within the grid's 3 x 2"));
+  update.x = 0;
+  update.data.pop_back();
+  EXPECT_FALSE(ground.take(update, &why_not));
+  update.x = -1;
+  update.data.push_back(0);
+  EXPECT_FALSE(ground.take(update, &why_not));
+  whole.header.frame_id = "odom";
+  EXPECT_FALSE(ground.take(whole, &why_not));
+  EXPECT_THAT(why_not, HasSubstr("its frame is 'odom', must be 'map'"));
 }
 
 sensor_msgs::LaserScan threeBeams() {

@@ -14,7 +14,7 @@ namespace base_navigation {
 
 // The simulated base.
 const Polygon kBaseFootprint = {{0.296, 0.296}, {-0.527, 0.296}, {-0.527, -0.296}, {0.296, -0.296}};
-const MotionLimits kBaseLimits{0.8, 0.1, 0.6, 0.2, 0.6};
+const MotionLimits kBaseLimits{0.8, 0.1, 0.6, 0.2, 0.6, 1.0};
 
 inline void fillRectangle(NavigationGrid* grid, double x0_m, double y0_m, double x1_m, double y1_m, SpaceState state) {
   for (int row = 0; row < grid->height; ++row) {

@@ -19,7 +19,7 @@ inline Polygon shippedFootprint() {
   return {{0.296, 0.296}, {-0.527, 0.296}, {-0.527, -0.296}, {0.296, -0.296}};
 }
 inline MotionLimits shippedLimits() {
-  return {0.8, 0.1, 0.6, 0.2, 0.6};
+  return {0.8, 0.1, 0.6, 0.2, 0.6, 1.0};
 }
 
 inline double crossProduct(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {

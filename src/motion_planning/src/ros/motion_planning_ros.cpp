@@ -11,6 +11,7 @@
 #include <thread>
 
 #include <geometry_msgs/PoseStamped.h>
+#include <gpis_mapping_ros/conversions.h>
 #include <interactive_mapping_msgs/BrickFace.h>
 #include <mp700_ur5e_description/arm_pose.h>
 #include <mp700_ur5e_description/robot_names.h>
@@ -324,7 +325,7 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
       goal.T_map_tip = poseInMap(message.tip, "tip", is_cancelled);
       break;
     case ArmGoalMessage::PLACE:
-      goal = placeGoal(message.place_frame);
+      goal = placeGoal(gpis_mapping_ros::withoutSlash(message.place_frame));
       break;
     default:
       throw Refused{failureOf(PlanStatus::kBadRequest,

@@ -40,7 +40,7 @@ class RobotStateTest : public testing::Test {
   }
   void attach(const ros::Time& stamp) {
     AttachedBrick brick;
-    brick.header.frame_id = kMagnetTipFrame;
+    brick.header.frame_id = slash_ + kMagnetTipFrame;
     brick.header.stamp = stamp;
     brick.is_attached = 1;
     brick.id = 7;
@@ -58,9 +58,10 @@ class RobotStateTest : public testing::Test {
   }
   bool hasTip(const ros::Time& stamp) {
     std::string why_not;
-    return robot_->frameInMap(kMagnetTipFrame, stamp, nullptr, &why_not).has_value();
+    return robot_->frameInMap(slash_ + kMagnetTipFrame, stamp, nullptr, &why_not).has_value();
   }
 
+  std::string slash_;  // before frames that come from outside
   ros::NodeHandle nh_;
   MotionPlanningParams params_;
   tf2_ros::TransformBroadcaster broadcaster_;
@@ -78,6 +79,18 @@ TEST_F(RobotStateTest, PlaceTakenFromIsThatOfTheMessagesTimeWhenTheArmHasLiftedS
   const ros::Time later = taken_at_ + ros::Duration(0.4);
   tellTip(later, 0.5);
   ASSERT_TRUE(waitUntil([&] { return hasTip(later); }));
+  attach(taken_at_);
+  EXPECT_NEAR(awaitPlace(), place_m_, 1e-9);
+}
+
+TEST_F(RobotStateTest, TakesFramesWithALeadingSlash) {
+  slash_ = "/";
+  ASSERT_TRUE(waitUntil([this] {
+    tellTip(taken_at_, 0.3);
+    return hasTip(taken_at_);
+  }));
+  std::string why_not;
+  EXPECT_TRUE(robot_->frameInMap("/" + params_.map_frame, taken_at_, nullptr, &why_not)) << why_not;
   attach(taken_at_);
   EXPECT_NEAR(awaitPlace(), place_m_, 1e-9);
 }

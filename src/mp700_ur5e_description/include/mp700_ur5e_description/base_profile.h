@@ -22,6 +22,7 @@ struct BaseProfile {
     double turn_rad_per_s{0.0};
     double linear_m_per_s2{0.0};
     double turn_rad_per_s2{0.0};
+    double stop_m_per_s2{0.0};  ///< of a stop that somebody asks for
   };
   struct Rating {
     double linear_m_per_s{0.0};

@@ -2,6 +2,7 @@
 #include "mp700_ur5e_description/base_profile.h"
 
 #include <cmath>
+#include <utility>
 
 #include "yaml_file.h"
 
@@ -47,9 +48,19 @@ std::vector<std::string> BaseProfile::validate() const {
                          " m/s, must be at most rating/linear_m_per_s = " + toText(rating.linear_m_per_s) + " m/s");
     }
   }
-  if (limits.linear_m_per_s2 > rating.linear_m_per_s2) {
-    problems.push_back("limits/linear_m_per_s2 = " + toText(limits.linear_m_per_s2) +
-                       " m/s^2, must be at most rating/linear_m_per_s2 = " + toText(rating.linear_m_per_s2) + " m/s^2");
+  const std::pair<const char*, double> accelerations[] = {{"linear_m_per_s2", limits.linear_m_per_s2},
+                                                          {"stop_m_per_s2", limits.stop_m_per_s2}};
+  for (const auto& [key, value] : accelerations) {
+    if (value > rating.linear_m_per_s2) {
+      problems.push_back(std::string("limits/") + key + " = " + toText(value) +
+                         " m/s^2, must be at most rating/linear_m_per_s2 = " + toText(rating.linear_m_per_s2) +
+                         " m/s^2");
+    }
+  }
+  if (limits.stop_m_per_s2 < limits.linear_m_per_s2) {
+    problems.push_back("limits/stop_m_per_s2 = " + toText(limits.stop_m_per_s2) +
+                       " m/s^2, must be at least limits/linear_m_per_s2 = " + toText(limits.linear_m_per_s2) +
+                       " m/s^2");
   }
   // Left turns only, and a single time round: every corner lies left of every edge.
   const std::vector<Eigen::Vector2d>& corners = body.footprint_m;
@@ -71,6 +82,11 @@ BaseProfile parseBaseProfile(const std::string& text, const std::string& name) {
   BaseProfile profile;
   readYaml(text, name, [&](YamlMap& root, std::vector<std::string>& problems) {
     YamlMap drive = root.map("drive");
+    const std::string kind = drive.word("kind");
+    if (!kind.empty() && kind != "differential") {
+      drive.note("kind", kind,
+                 "differential: nothing here drives a base sideways; use its own navigation as move_base");
+    }
     profile.drive.wheel_radius_m = drive.number("wheel_radius_m", kLength);
     profile.drive.track_m = drive.number("track_m", kLength);
     profile.drive.encoder_ticks_per_wheel_turn = drive.integer("encoder_ticks_per_wheel_turn", {1, 1e9, ""});
@@ -81,6 +97,7 @@ BaseProfile parseBaseProfile(const std::string& text, const std::string& name) {
     profile.limits.turn_rad_per_s = limits.number("turn_rad_per_s", kTurnRate);
     profile.limits.linear_m_per_s2 = limits.number("linear_m_per_s2", kAcceleration);
     profile.limits.turn_rad_per_s2 = limits.number("turn_rad_per_s2", kTurnAcceleration);
+    profile.limits.stop_m_per_s2 = limits.number("stop_m_per_s2", kAcceleration);
     limits.finish();
     YamlMap rating = root.map("rating");
     profile.rating.linear_m_per_s = rating.number("linear_m_per_s", kSpeed);

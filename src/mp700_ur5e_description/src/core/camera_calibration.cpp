@@ -2,31 +2,18 @@
 #include "mp700_ur5e_description/camera_calibration.h"
 
 #include <cmath>
-#include <cstdio>
 #include <stdexcept>
 
 #include <tinyxml2.h>
 
+#include "urdf_origin.h"
 #include "yaml_file.h"
 
 namespace mp700_ur5e_description {
 namespace {
 
-/// Nanometres and nanoradians, a thousandth of what any camera's mount is known to.
-template <typename Vector>
-std::string digits(const Vector& values, const char* separator) {
-  std::string text;
-  for (Eigen::Index i = 0; i < values.size(); ++i) {
-    char number[40];
-    // Adding zero turns -0 into 0.
-    std::snprintf(number, sizeof(number), "%.10f", std::round(values[i] * 1e10) * 1e-10 + 0.0);
-    text += (i == 0 ? "" : separator) + std::string(number);
-  }
-  return text;
-}
-
 std::string digits(double value) {
-  return digits(Eigen::Matrix<double, 1, 1>(value), "");
+  return toDigits(Eigen::VectorXd::Constant(1, value), "");
 }
 
 Eigen::Matrix3d fromRpy(const Eigen::Vector3d& rpy) {
@@ -53,7 +40,7 @@ Eigen::Vector3d toRpy(const Eigen::Matrix3d& R) {
 
 std::string toYaml(const CameraCalibration& calibration) {
   const Eigen::Quaterniond q = Eigen::Quaterniond(calibration.T_parent_child.linear()).normalized();
-  const auto list = [](const auto& values) { return "[" + digits(values, ", ") + "]\n"; };
+  const auto list = [](const auto& values) { return "[" + toDigits(values, ", ") + "]\n"; };
   return "# Measured by calibrate_camera. To use it:\n"
          "#   roslaunch mp700_ur5e_description description.launch camera_calibration:=<absolute path of this file>\n"
          "parent_frame: " +
@@ -94,8 +81,8 @@ CameraCalibration parseCameraCalibration(const std::string& text, const std::str
       if (is_read) file.note("rotation_xyzw", "of length " + toText(q.norm()), "of length 1");
       q = Eigen::Quaterniond::Identity();
     } else if (q.angularDistance(Eigen::Quaterniond(fromRpy(rpy))) > kRounding) {
-      file.note("rpy_rad", digits(rpy, " "),
-                "the rotation of rotation_xyzw: " + digits(toRpy(q.toRotationMatrix()), " "));
+      file.note("rpy_rad", toDigits(rpy, " "),
+                "the rotation of rotation_xyzw: " + toDigits(toRpy(q.toRotationMatrix()), " "));
     }
     calibration.T_parent_child.linear() = q.normalized().toRotationMatrix();
     calibration.std_m = file.numbers("std_m", 3, error_m);
@@ -118,11 +105,7 @@ CameraCalibration loadCameraCalibration(const std::string& path) {
 
 std::string calibratedUrdf(const std::string& urdf, const CameraCalibration& calibration) {
   tinyxml2::XMLDocument document;
-  if (document.Parse(urdf.data(), urdf.size()) != tinyxml2::XML_SUCCESS) {
-    throw std::invalid_argument(std::string("the URDF is not XML: ") + document.ErrorStr());
-  }
-  tinyxml2::XMLElement* robot = document.FirstChildElement("robot");
-  if (robot == nullptr) throw std::invalid_argument("the URDF must have a <robot>");
+  tinyxml2::XMLElement* robot = parseUrdf(urdf, &document);
   const std::string edge = calibration.parent_frame + " -> " + calibration.child_frame;
   for (tinyxml2::XMLElement* joint = robot->FirstChildElement("joint"); joint != nullptr;
        joint = joint->NextSiblingElement("joint")) {
@@ -137,16 +120,8 @@ std::string calibratedUrdf(const std::string& urdf, const CameraCalibration& cal
       throw std::invalid_argument("the joint " + edge + " is " + (type == nullptr ? "without type" : type) +
                                   ", must be fixed to be calibrated");
     }
-    tinyxml2::XMLElement* origin = joint->FirstChildElement("origin");
-    if (origin == nullptr) {
-      origin = document.NewElement("origin");
-      joint->InsertEndChild(origin);
-    }
-    origin->SetAttribute("xyz", digits(calibration.T_parent_child.translation(), " ").c_str());
-    origin->SetAttribute("rpy", digits(toRpy(calibration.T_parent_child.linear()), " ").c_str());
-    tinyxml2::XMLPrinter printer;
-    document.Print(&printer);
-    return printer.CStr();
+    setOrigin(joint, calibration.T_parent_child.translation(), toRpy(calibration.T_parent_child.linear()));
+    return toText(document);
   }
   throw std::invalid_argument("the calibration is of " + edge + ", but no joint in the URDF has the child " +
                               calibration.child_frame);

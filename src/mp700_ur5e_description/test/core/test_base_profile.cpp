@@ -30,6 +30,7 @@ TEST(BaseProfile, ReadsShippedFile) {
   EXPECT_DOUBLE_EQ(profile.limits.turn_rad_per_s, 0.6);
   EXPECT_DOUBLE_EQ(profile.limits.linear_m_per_s2, 0.2);
   EXPECT_DOUBLE_EQ(profile.limits.turn_rad_per_s2, 0.6);
+  EXPECT_DOUBLE_EQ(profile.limits.stop_m_per_s2, 1.0);
   EXPECT_DOUBLE_EQ(profile.rating.linear_m_per_s, 1.5);
   EXPECT_DOUBLE_EQ(profile.rating.linear_m_per_s2, 2.4);
   EXPECT_DOUBLE_EQ(profile.body.mass_kg, 156.0);
@@ -48,6 +49,12 @@ TEST(BaseProfile, RefusesMissingKeyAndSection) {
       refusal(changed("  mass_kg: 156.0", "")).find("body/mass_kg = (missing), must be a number in (0, 10000] kg"),
       std::string::npos);
   EXPECT_NE(refusal("{}").find("drive = (missing), must be a map"), std::string::npos);
+}
+
+TEST(BaseProfile, RefusesAnOmnidirectionalBaseByName) {
+  EXPECT_NE(refusal(changed("kind: differential", "kind: omnidirectional"))
+                .find("drive/kind = omnidirectional, must be differential: nothing here drives a base sideways"),
+            std::string::npos);
 }
 
 TEST(BaseProfile, RefusesWrongTypes) {
@@ -73,6 +80,11 @@ TEST(BaseProfile, RefusesImpossibleValues) {
   EXPECT_NE(refusal(changed("forward_m_per_s: 0.8", "forward_m_per_s: 1.8")).find("at most rating/linear_m_per_s"),
             std::string::npos);
   EXPECT_NE(refusal(changed("linear_m_per_s2: 0.2", "linear_m_per_s2: 2.5")).find("at most rating/linear_m_per_s2"),
+            std::string::npos);
+  EXPECT_NE(refusal(changed("stop_m_per_s2: 1.0", "stop_m_per_s2: 0.1"))
+                .find("limits/stop_m_per_s2 = 0.1 m/s^2, must be at least limits/linear_m_per_s2 = 0.2"),
+            std::string::npos);
+  EXPECT_NE(refusal(changed("stop_m_per_s2: 1.0", "stop_m_per_s2: 2.5")).find("at most rating/linear_m_per_s2"),
             std::string::npos);
 }
 

@@ -49,8 +49,8 @@ ViewSelectorConfig octomapSelectorConfig();
 
 /// The robot as a selection needs it.
 struct RobotBody {
-  base_navigation::Polygon footprint;  // base_link
-  motion_planning::ManipulabilitySectors sectors;
+  base_navigation::Polygon footprint;                             // base_link
+  std::optional<motion_planning::ManipulabilitySectors> sectors;  // nothing: manipulability is 0 everywhere
   Eigen::Isometry3d T_base_armbase{Eigen::Isometry3d::Identity()};
 };
 

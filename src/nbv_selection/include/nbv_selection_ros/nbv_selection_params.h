@@ -13,13 +13,14 @@ struct NbvSelectionParams {
   std::string map_frame{"map"};
   std::string base_frame{"base_link"};
   std::string base_profile_file;  // absolute path of a base_profile.yaml: the footprint
-  std::string sectors_file;       // absolute path of what fit_manipulability made
+  std::string sectors_file;       // absolute path of what fit_manipulability made; empty: manipulability weighs nothing
   std::vector<std::string> strategies{
       "gpis"};  // each has a section of its own with its plugin; the first is the default
   int seed{0};  // of strategies that draw
 
   struct Input {
-    double max_grid_age_s{5.0};    // of the grid that the base drives on, ROS time
+    double max_grid_age_s{5.0};    // of the grid that the base drives on, ROS time; 0: a static grid
+    int occupied_from{65};         // of the grid's values, 0 .. 100: less is free
     double max_pose_age_s{1.0};    // of where tf says that the robot is, ROS time
     double map_wait_s{3.0};        // for a map as new as the goal wants, ROS time
     double answer_timeout_s{5.0};  // of a service of the map, wall time

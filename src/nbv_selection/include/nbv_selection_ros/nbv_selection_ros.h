@@ -9,9 +9,11 @@
 #include <string>
 #include <vector>
 
+#include <base_navigation_ros/ground_input.h>
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <interactive_mapping_msgs/ReportFailure.h>
 #include <interactive_mapping_msgs/SelectNextBestViewAction.h>
+#include <map_msgs/OccupancyGridUpdate.h>
 #include <motion_planning_ros/plan_server.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <pluginlib/class_loader.hpp>
@@ -60,6 +62,9 @@ class NbvSelectionRos {
   void note(const std::string& strategy, const interactive_mapping_msgs::SelectionOutcome& outcome, double wall_ms);
 
   void onGrid(const nav_msgs::OccupancyGridConstPtr& message);
+  void onGridUpdate(const map_msgs::OccupancyGridUpdateConstPtr& message);
+  void enterGrid(const base_navigation_ros::GroundInput::Grid& grid, const ros::Time& stamp, std::string problem);
+  bool isTooOld(double grid_age_s) const;
   bool onFailure(interactive_mapping_msgs::ReportFailure::Request& request,
                  interactive_mapping_msgs::ReportFailure::Response& response);
   bool onForget(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
@@ -74,6 +79,7 @@ class NbvSelectionRos {
   std::vector<Loaded> strategies_;
   SelectionMarkers markers_;
   ros::Publisher selection_publisher_, failure_publisher_;
+  base_navigation_ros::GroundInput ground_;  // of the subscribers' thread
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::shared_ptr<const base_navigation::NavigationGrid> grid_;
@@ -86,7 +92,7 @@ class NbvSelectionRos {
   double last_ms_{0.0};
   std::uint64_t num_selections_{0};
 
-  ros::Subscriber grid_subscriber_;
+  ros::Subscriber grid_subscriber_, grid_update_subscriber_;
   ros::ServiceServer failure_server_, forget_server_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;

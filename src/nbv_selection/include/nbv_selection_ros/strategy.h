@@ -32,6 +32,12 @@ class MapUnavailable : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Its map comes and cannot be used, being in another frame: what(), for the user.
+class MapUnusable : public MapUnavailable {
+ public:
+  using MapUnavailable::MapUnavailable;
+};
+
 /// The goal was cancelled while the map was waited for or asked.
 class SelectionCancelled : public std::runtime_error {
  public:

@@ -224,7 +224,14 @@ ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
   if (!robot_.T_base_armbase.matrix().allFinite()) {
     throw std::invalid_argument("T_base_armbase is not finite, must be a pose");
   }
-  num_reach_samples_ = countSamples(robot_.sectors, robot_.T_base_armbase, config_.manipulability.cell_m);
+  if (robot_.sectors) {
+    num_reach_samples_ = countSamples(*robot_.sectors, robot_.T_base_armbase, config_.manipulability.cell_m);
+  } else if (const double weight = config_.utility.of(Factor::kManipulability).weight;
+             config_.choice == Choice::kUtility && weight > 0.0) {
+    std::ostringstream text;
+    text << "weights/manipulability = " << weight << ", must be 0 without the arm's sectors";
+    throw std::invalid_argument(text.str());
+  }
 }
 
 Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
@@ -277,8 +284,11 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
       classify(segments, uncertainty, scene.priorUncertainty(), config_.imaginary_share);
 
   if (begin("manipulability")) return selection;
-  const ManipulabilityScore manipulability(scene, surface, *ground, config_.outline.min_height_m, robot_.sectors,
-                                           robot_.T_base_armbase, config_.manipulability, num_reach_samples_);
+  std::optional<ManipulabilityScore> manipulability;
+  if (robot_.sectors) {
+    manipulability.emplace(scene, surface, *ground, config_.outline.min_height_m, *robot_.sectors,
+                           robot_.T_base_armbase, config_.manipulability, num_reach_samples_);
+  }
 
   if (begin("travel")) return selection;
   const base_navigation::DistanceField distances(*request.ground, request.T_map_base.position(),
@@ -296,7 +306,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
       scored.verdict = SegmentVerdict::kImaginary;  // m, h and sigma^2 stay 0, and so does the utility
       continue;
     }
-    scored.attributes.manipulability = manipulability.at(segments[i].standing_map);
+    if (manipulability) scored.attributes.manipulability = manipulability->at(segments[i].standing_map);
     scored.attributes.height_m = pileHeight(segments[i]);
     scored.attributes.uncertainty = uncertainty[i].mean;
     scored.attributes.frontier = uncertainty[i].frontier;
@@ -347,7 +357,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
       reaching = &scored;
     }
   }
-  manipulability.at(reaching->segment.standing_map, &selection.reach_samples);
+  if (manipulability) manipulability->at(reaching->segment.standing_map, &selection.reach_samples);
   const ScoredSegment& best = selection.segments[*selection.best];
   if (config_.choice == Choice::kUtility && best.utility.utility < config_.utility.min_utility) {
     std::ostringstream text;

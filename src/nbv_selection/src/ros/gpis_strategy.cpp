@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 
+#include <gpis_mapping_ros/conversions.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <motion_planning_ros/plan_server.h>
@@ -161,9 +162,9 @@ class GpisStrategy : public Strategy {
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const SurfaceMeshConstPtr mesh = awaitMesh(min_map_stamp, is_cancelled);
     if (!mesh) throw SelectionCancelled("cancelled while waiting for the map");
-    if (mesh->header.frame_id != context_.map_frame) {
-      throw MapUnavailable("the mesh's frame is '" + mesh->header.frame_id + "', must be '" + context_.map_frame +
-                           "' (map_frame)");
+    if (gpis_mapping_ros::withoutSlash(mesh->header.frame_id) != context_.map_frame) {
+      throw MapUnusable("the mesh's frame is '" + mesh->header.frame_id + "', must be '" + context_.map_frame +
+                        "' (map_frame)");
     }
     auto query =
         std::make_shared<QueryClient>(context_.nh, context_.map_frame, context_.answer_timeout_s, is_cancelled);

@@ -19,6 +19,7 @@ constexpr auto kVisitParams = [](auto& params, auto&& visit) {
   visit("strategies", params.strategies);
   visit("seed", params.seed);
   visit("input/max_grid_age_s", params.input.max_grid_age_s);
+  visit("input/occupied_from", params.input.occupied_from);
   visit("input/max_pose_age_s", params.input.max_pose_age_s);
   visit("input/map_wait_s", params.input.map_wait_s);
   visit("input/answer_timeout_s", params.input.answer_timeout_s);
@@ -62,7 +63,8 @@ std::vector<std::string> NbvSelectionParams::validate() const {
   const std::pair<const char*, const std::string*> files[] = {{"base_profile_file", &base_profile_file},
                                                               {"sectors_file", &sectors_file}};
   for (const auto& [key, file] : files) {
-    if (file->empty() || file->front() != '/') {
+    const bool is_left_out = file->empty() && file == &sectors_file;
+    if (!is_left_out && (file->empty() || file->front() != '/')) {
       problems.push_back(std::string(key) + " = '" + *file + "', must be the absolute path of a file");
     }
   }
@@ -73,7 +75,8 @@ std::vector<std::string> NbvSelectionParams::validate() const {
     if (!names.insert(name).second) problems.push_back("strategies holds '" + name + "' twice, must be once");
   }
   gpis_mapping::RangeCheck check;
-  check("input/max_grid_age_s", input.max_grid_age_s, 0.1, 3600.0, "s");
+  if (input.max_grid_age_s != 0.0) check("input/max_grid_age_s", input.max_grid_age_s, 0.1, 3600.0, "s; 0: static");
+  check("input/occupied_from", input.occupied_from, 1, 100, "");
   check("input/max_pose_age_s", input.max_pose_age_s, 0.05, 60.0, "s");
   check("input/map_wait_s", input.map_wait_s, 0.0, 60.0, "s");
   check("input/answer_timeout_s", input.answer_timeout_s, 0.1, 600.0, "s");

@@ -41,10 +41,11 @@ auto loadedFrom(const char* key, const std::string& file, Load&& load) -> declty
 }
 
 nbv_selection::RobotBody bodyFrom(const ros::NodeHandle& nh, const NbvSelectionParams& params) {
-  const auto kinematics = motion_planning_ros::kinematicsFromServer(nh);
   nbv_selection::RobotBody body;
   body.footprint = loadedFrom("base_profile_file", params.base_profile_file, mp700_ur5e_description::loadBaseProfile)
                        .body.footprint_m;
+  if (params.sectors_file.empty()) return body;  // no arm is known, none is needed
+  const auto kinematics = motion_planning_ros::kinematicsFromServer(nh);
   body.sectors = loadedFrom("sectors_file", params.sectors_file, [&](const std::string& file) {
     return motion_planning::ManipulabilitySectors::load(file, kinematics->robot());
   });
@@ -74,6 +75,7 @@ NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandl
       tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()),
       loader_("nbv_selection", "nbv_selection_ros::Strategy"),
       markers_(private_nh),
+      ground_(params_.map_frame, params_.input.occupied_from),
       failures_(params_.failures.cell_m) {
   ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << toYaml(params_));
   for (const std::string& name : params_.strategies) {
@@ -112,6 +114,8 @@ NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandl
   selection_publisher_ = private_handle.advertise<interactive_mapping_msgs::NbvSelection>("selection", 1, true);
   failure_publisher_ = private_handle.advertise<visualization_msgs::MarkerArray>("markers/failures", 1, true);
   grid_subscriber_ = handle.subscribe("grid", 1, &NbvSelectionRos::onGrid, this);
+  grid_update_subscriber_ =
+      handle.subscribe(grid_subscriber_.getTopic() + "_updates", 20, &NbvSelectionRos::onGridUpdate, this);
   failure_server_ = private_handle.advertiseService("report_failure", &NbvSelectionRos::onFailure, this);
   forget_server_ = private_handle.advertiseService("forget_failures", &NbvSelectionRos::onForget, this);
   diagnostics_.setHardwareID("none");
@@ -190,12 +194,10 @@ nbv_selection::SelectionRequest NbvSelectionRos::makeRequest(const Server::Goal&
   }
 
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!grid_) {
-    throw Refused{SelectionOutcome::STALE_GROUND,
-                  grid_problem_.empty() ? "no grid has come on " + grid_subscriber_.getTopic() : grid_problem_};
-  }
+  if (!grid_ && !grid_problem_.empty()) throw Refused{SelectionOutcome::BAD_INPUT, grid_problem_};
+  if (!grid_) throw Refused{SelectionOutcome::STALE_GROUND, "no grid has come on " + grid_subscriber_.getTopic()};
   const double age_s = (ros::Time::now() - grid_stamp_).toSec();
-  if (age_s > params_.input.max_grid_age_s) {
+  if (isTooOld(age_s)) {
     throw Refused{SelectionOutcome::STALE_GROUND,
                   "the grid on " + grid_subscriber_.getTopic() + " is " + formatted("%.2f s old, ", age_s) +
                       formatted("must be within %.2f s (input/max_grid_age_s)", params_.input.max_grid_age_s)};
@@ -248,6 +250,9 @@ NbvSelectionRos::Server::Result NbvSelectionRos::select(const Server::Goal& goal
   } catch (const SelectionCancelled& error) {
     result.selection.outcome.status = SelectionOutcome::CANCELLED;
     result.selection.outcome.message = error.what();
+  } catch (const MapUnusable& error) {
+    result.selection.outcome.status = SelectionOutcome::BAD_INPUT;
+    result.selection.outcome.message = error.what();
   } catch (const MapUnavailable& error) {
     result.selection.outcome.status = SelectionOutcome::STALE_MAP;
     result.selection.outcome.message = error.what();
@@ -271,9 +276,9 @@ NbvSelectionRos::Server::Result NbvSelectionRos::select(const Server::Goal& goal
 }
 
 void NbvSelectionRos::note(const std::string& strategy, const SelectionOutcome& outcome, double wall_ms) {
-  static const char* const kNames[] = {"success",      "cancelled",    "bad goal",    "stale map",
-                                       "stale ground", "no pose",      "empty map",   "no ground",
-                                       "no pile",      "no candidate", "low utility", "map changed"};
+  static const char* const kNames[] = {"success",     "cancelled",   "bad goal",  "stale map", "stale ground",
+                                       "no pose",     "empty map",   "no ground", "no pile",   "no candidate",
+                                       "low utility", "map changed", "bad input"};
   static_assert(sizeof(kNames) / sizeof(kNames[0]) == SelectionOutcome::NUM_STATUS, "a name for each status");
   const std::string name = kNames[outcome.status];
   {
@@ -294,21 +299,32 @@ void NbvSelectionRos::note(const std::string& strategy, const SelectionOutcome& 
 
 void NbvSelectionRos::onGrid(const nav_msgs::OccupancyGridConstPtr& message) {
   std::string problem;
-  std::shared_ptr<const base_navigation::NavigationGrid> grid;
-  if (message->header.frame_id != params_.map_frame) {
-    problem = "the grid's frame on " + grid_subscriber_.getTopic() + " is '" + message->header.frame_id +
-              "', must be '" + params_.map_frame + "' (map_frame)";
-  } else if (auto made = base_navigation_ros::toGrid(*message, &problem)) {
-    grid = std::make_shared<const base_navigation::NavigationGrid>(std::move(*made));
-  } else {
+  const auto grid = ground_.take(*message, &problem);
+  enterGrid(grid, message->header.stamp, problem);
+}
+
+void NbvSelectionRos::onGridUpdate(const map_msgs::OccupancyGridUpdateConstPtr& message) {
+  std::string problem;
+  const auto grid = ground_.take(*message, &problem);
+  enterGrid(grid, message->header.stamp, problem);
+}
+
+void NbvSelectionRos::enterGrid(const base_navigation_ros::GroundInput::Grid& grid, const ros::Time& stamp,
+                                std::string problem) {
+  if (!problem.empty()) {
     problem = "the grid on " + grid_subscriber_.getTopic() + ": " + problem;
+    ROS_WARN_THROTTLE_NAMED(10.0, kLog, "%s", problem.c_str());
   }
-  if (!problem.empty()) ROS_WARN_THROTTLE_NAMED(10.0, kLog, "%s", problem.c_str());
   const std::lock_guard<std::mutex> lock(mutex_);
   grid_problem_ = problem;
   if (!grid) return;  // the last good one ages
   grid_ = grid;
-  grid_stamp_ = message->header.stamp;
+  grid_stamp_ = stamp;
+}
+
+bool NbvSelectionRos::isTooOld(double grid_age_s) const {
+  const double most_s = params_.input.max_grid_age_s;
+  return most_s > 0.0 && grid_age_s > most_s;  // 0: a static grid
 }
 
 bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::Response& response) {
@@ -393,7 +409,7 @@ void NbvSelectionRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper
   } else {
     const double age_s = (ros::Time::now() - grid_stamp_).toSec();
     status.add("grid: age [s]", age_s);
-    if (age_s > params_.input.max_grid_age_s) {
+    if (isTooOld(age_s)) {
       status.mergeSummary(diagnostic_msgs::DiagnosticStatus::WARN, "the grid is too old");
     }
   }

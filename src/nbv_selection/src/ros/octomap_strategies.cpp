@@ -4,6 +4,7 @@
 #include <mutex>
 #include <optional>
 
+#include <gpis_mapping_ros/conversions.h>
 #include <motion_planning_ros/plan_server.h>
 #include <octomap_baseline_ros/octomap_messages.h>
 #include <octomap_msgs/GetOctomap.h>
@@ -34,9 +35,9 @@ class OctomapStrategy : public Strategy {
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const std::optional<octomap_msgs::Octomap> map = awaitMap(min_map_stamp, is_cancelled);
     if (!map) throw SelectionCancelled("cancelled while waiting for the map");
-    if (map->header.frame_id != context_.map_frame) {
-      throw MapUnavailable("the octomap's frame is '" + map->header.frame_id + "', must be '" + context_.map_frame +
-                           "' (map_frame)");
+    if (gpis_mapping_ros::withoutSlash(map->header.frame_id) != context_.map_frame) {
+      throw MapUnusable("the octomap's frame is '" + map->header.frame_id + "', must be '" + context_.map_frame +
+                        "' (map_frame)");
     }
     std::string why_not;
     std::shared_ptr<const octomap::OcTree> tree = octomap_baseline_ros::toTree(*map, &why_not);

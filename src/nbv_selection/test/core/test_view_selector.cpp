@@ -228,13 +228,30 @@ TEST(ViewSelector, SamplesToBeShownAreThoseOfTheFarthestReachingCandidate) {
   const RobotBody robot = pickingRobot();
   const ViewSelectorConfig config;
   const ManipulabilityScore score(setup.scene, setup.scene.surface(), selection.outline.ground,
-                                  config.outline.min_height_m, robot.sectors, robot.T_base_armbase,
+                                  config.outline.min_height_m, *robot.sectors, robot.T_base_armbase,
                                   config.manipulability);
   double sum = 0.0;
   for (const ManipulabilitySample& sample : selection.reach_samples) sum += static_cast<double>(sample.share);
   // Shares are floats in [0, 1]: half a unit in the last place of each.
   EXPECT_NEAR(sum / score.numSamples(), largest, 6e-8 * sum / score.numSamples());
   EXPECT_GT(largest, 0.0);
+}
+
+TEST(ViewSelector, NeedsNoSectorsWhenManipulabilityHasNoWeight) {
+  const HeapSetup setup;
+  RobotBody armless = pickingRobot();
+  armless.sectors.reset();
+  EXPECT_THAT(messageOf([&] { ViewSelector({}, armless); }),
+              HasSubstr("weights/manipulability = 0.25, must be 0 without the arm's sectors"));
+  ViewSelectorConfig config;
+  config.utility = config.utility.without("manipulability");
+  const Selection with = select(setup.scene, setup.request, config);
+  const Selection without = ViewSelector(config, armless).select(setup.scene, kNoFailures, setup.request);
+  EXPECT_EQ(without.status, SelectionStatus::kSelected) << without.message;
+  EXPECT_EQ(without.best, with.best);
+  EXPECT_EQ(bestOf(without).utility.utility, bestOf(with).utility.utility);
+  EXPECT_EQ(bestOf(without).attributes.manipulability, 0.0);
+  EXPECT_THAT(without.reach_samples, IsEmpty());
 }
 
 TEST(ViewSelector, GroundIsFoundAmongMoreSamplesThanItLooksAt) {

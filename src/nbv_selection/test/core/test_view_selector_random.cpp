@@ -318,7 +318,7 @@ class World {
   void checkManipulability(const Selection& selection) const {
     const MappedSurface surface = scene_.surface();
     const ManipulabilityScore score(scene_, surface, selection.outline.ground, config_.outline.min_height_m,
-                                    robot_.sectors, robot_.T_base_armbase, config_.manipulability);
+                                    *robot_.sectors, robot_.T_base_armbase, config_.manipulability);
     for (const ScoredSegment& scored : selection.segments) {
       if (scored.kind == SegmentKind::kImaginary) continue;
       EXPECT_EQ(scored.attributes.manipulability, score.at(scored.segment.standing_map));

@@ -530,7 +530,7 @@ TEST_F(NbvSelectionNode, AMeshThatIsNoneIsNamed) {
     goal.min_map_stamp = world_->setMap(pile_, spoil);
     return main_->select(goal).outcome;
   };
-  EXPECT_OUTCOME(spoiled([](SurfaceMesh* mesh) { mesh->header.frame_id = "odom"; }), STALE_MAP,
+  EXPECT_OUTCOME(spoiled([](SurfaceMesh* mesh) { mesh->header.frame_id = "odom"; }), BAD_INPUT,
                  HasSubstr("the mesh's frame is 'odom', must be 'map' (map_frame)"));
   EXPECT_OUTCOME(spoiled([](SurfaceMesh* mesh) { mesh->normals.resize(6); }), STALE_MAP, HasSubstr("but 2 normals"));
   EXPECT_OUTCOME(spoiled([](SurfaceMesh* mesh) { mesh->variance.resize(5); }), STALE_MAP, HasSubstr("5 variances"));
@@ -548,7 +548,7 @@ TEST_F(NbvSelectionNode, AnOctomapThatIsNoneIsNamed) {
     world_->setOctomap(message);
     return main_->select(goalOf(kFrontier)).outcome;
   };
-  EXPECT_OUTCOME(spoiled([](auto* map) { map->header.frame_id = "odom"; }), STALE_MAP,
+  EXPECT_OUTCOME(spoiled([](auto* map) { map->header.frame_id = "odom"; }), BAD_INPUT,
                  HasSubstr("the octomap's frame is 'odom', must be 'map' (map_frame)"));
   EXPECT_OUTCOME(spoiled([](auto* map) { map->id = "ColorOcTree"; }), STALE_MAP,
                  AllOf(HasSubstr("/octomap_full: "), HasSubstr("'ColorOcTree'")));
@@ -942,18 +942,27 @@ TEST_F(NbvSelectionNode, WithoutPoseOrGroundItSaysWhatIsMissing) {
     if (spoil) spoil(&grid);
     grids.publish(grid);
   };
-  becomes([&] { publishGrid(0.0, [](auto* grid) { grid->header.frame_id = "odom"; }); }, SelectionOutcome::STALE_GROUND,
-          "the grid's frame on /lost/grid is 'odom', must be 'map' (map_frame)");
-  becomes([&] { publishGrid(0.0, [](auto* grid) { grid->data.pop_back(); }); }, SelectionOutcome::STALE_GROUND,
+  becomes([&] { publishGrid(0.0, [](auto* grid) { grid->header.frame_id = "odom"; }); }, SelectionOutcome::BAD_INPUT,
+          "the grid on /lost/grid: its frame is 'odom', must be 'map' (map_frame)");
+  becomes([&] { publishGrid(0.0, [](auto* grid) { grid->data.pop_back(); }); }, SelectionOutcome::BAD_INPUT,
           "the grid on /lost/grid: 14399 values for 120 x 120 cells");
   becomes([&] { publishGrid(0.0, [](auto* grid) { grid->info.origin.position.x = kNan; }); },
-          SelectionOutcome::STALE_GROUND, "the grid on /lost/grid: its origin is not finite");
+          SelectionOutcome::BAD_INPUT, "the grid on /lost/grid: its origin is not finite");
   diagnostics.await([](const auto& array) {
     return tellsOf(array, "lost: inputs", 2, {"the grid on /lost/grid: its origin is not finite"});
   });
   becomes([&] { publishGrid(10.0, nullptr); }, SelectionOutcome::STALE_GROUND,
           "must be within 5.00 s (input/max_grid_age_s)");
   becomes([&] { publishGrid(0.0, nullptr); }, SelectionOutcome::SUCCESS, "");
+  // As old web clients and bags name it; a costmap's inflation is free ground.
+  becomes(
+      [&] {
+        publishGrid(0.0, [](auto* grid) {
+          grid->header.frame_id = "/map";
+          std::replace(grid->data.begin(), grid->data.end(), std::int8_t{0}, std::int8_t{40});
+        });
+      },
+      SelectionOutcome::SUCCESS, "");
   // Nowhere to stand.
   becomes([&] { publishGrid(0.0, [](auto* grid) { std::fill(grid->data.begin(), grid->data.end(), -1); }); },
           SelectionOutcome::NO_CANDIDATE, "on unknown ground");
@@ -1010,6 +1019,38 @@ TEST_F(NbvSelectionProcess, ImpossibleParametersEndItWithOneMessage) {
   EXPECT_THAT(refusal("no_file", {{"sectors_file", "/no/such/file.yaml"}}),
               HasSubstr("sectors_file = '/no/such/file.yaml'"));
   EXPECT_THAT(refusal("wrong_file", {{"base_profile_file", SECTORS}}), HasSubstr("base_profile_file = '"));
+}
+
+TEST_F(NbvSelectionProcess, BesideAForeignNavigationItNeedsNoArm) {
+  const std::string name = "foreign";
+  setUp(name);
+  ros::param::set("/" + name + "/sectors_file", "");
+  {
+    Process node({NBV_SELECTION_NODE, "__name:=" + name}, logOf(name));
+    EXPECT_TRUE(waitUntil([&node] { return node.hasEnded(); }));
+    EXPECT_THAT(node.output(), HasSubstr("weights/manipulability = 0.25, must be 0 without the arm's sectors"));
+  }
+  ros::param::set("/" + name + "/gpis/removed_factor", "manipulability");
+  ros::param::set("/" + name + "/input/max_grid_age_s", 0.0);
+  // A map server's: it comes once, stamped long ago.
+  std_msgs::Header header;
+  header.frame_id = "map";
+  ros::Publisher grids = ros::NodeHandle().advertise<nav_msgs::OccupancyGrid>("/foreign/grid", 1, true);
+  grids.publish(base_navigation_ros::toMessage(groundAroundThePile(), header));
+  SelectionWorld world;
+  world.setMap(halfSeenPile());
+  Process node({NBV_SELECTION_NODE, "__name:=" + name, "robot_description:=/no_such_description", "grid:=/foreign/grid",
+                "map/mesh:=/map/mesh", "map/query:=/map/query"},
+               logOf(name));
+  SelectionClient client("/" + name);
+  ASSERT_TRUE(client.connect()) << node.output();
+  SelectionOutcome outcome;
+  EXPECT_TRUE(waitUntil([&] {
+    outcome = client.select(goalOf(kGpis)).outcome;
+    return outcome.status == SelectionOutcome::SUCCESS;
+  })) << describe(outcome);
+  node.signal(SIGTERM);
+  EXPECT_TRUE(waitUntil([&node] { return node.hasEnded(); }));
 }
 
 TEST_F(NbvSelectionProcess, EndsWithZeroWhenItIsToldTo) {

@@ -20,8 +20,9 @@ using base_navigation::SpaceState;
 inline RobotBody pickingRobot() {
   RobotBody robot;
   robot.footprint = {{0.296, 0.296}, {-0.527, 0.296}, {-0.527, -0.296}, {0.296, -0.296}};
-  robot.sectors.top = {0.2, 0.9, -0.5, 0.6, 1.5};
-  robot.sectors.side = {0.4, 1.0, -0.4, 0.75, 1.2};
+  robot.sectors.emplace();
+  robot.sectors->top = {0.2, 0.9, -0.5, 0.6, 1.5};
+  robot.sectors->side = {0.4, 1.0, -0.4, 0.75, 1.2};
   robot.T_base_armbase.translation() << 0.186, 0.0, 0.5;
   return robot;
 }

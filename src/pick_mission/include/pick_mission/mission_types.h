@@ -22,7 +22,7 @@ using motion_planning::PlanStatus;
 using ur_driver_bridge::ArmStatus;
 
 constexpr int kNumPlanStatus = 14;
-constexpr int kNumNavigationStatus = 18;
+constexpr int kNumNavigationStatus = 20;
 
 /// Values of interactive_mapping_msgs/SelectionOutcome.
 enum class SelectionStatus {
@@ -38,8 +38,9 @@ enum class SelectionStatus {
   kNoCandidate,
   kLowUtility,
   kMapChanged,
+  kBadInput,
 };
-constexpr int kNumSelectionStatus = 12;
+constexpr int kNumSelectionStatus = 13;
 const char* toString(SelectionStatus status);
 
 /// Values of interactive_mapping_msgs/DetectBricks.

@@ -29,6 +29,8 @@ const char* toString(SelectionStatus status) {
       return "low utility";
     case SelectionStatus::kMapChanged:
       return "map changed";
+    case SelectionStatus::kBadInput:
+      return "bad input";
   }
   return "?";
 }

@@ -240,10 +240,14 @@ Reaction toDrive(NavigationStatus status) {
     case NavigationStatus::kStaleGrid:
     case NavigationStatus::kStaleHeartbeat:
       return inARow(action, Trigger::kWaitFirst, "the base does not move until what is late has come");
+    case NavigationStatus::kBadInput:
+      return inARow(action, Trigger::kWaitFirst, "the base does not move until its input has been put right");
+    case NavigationStatus::kBaseStopped:
+      return giveUp(EndReason::kNeedsPerson, "the base was stopped by its button or scanner: a person has to look");
     case NavigationStatus::kGoalMissed:
       return other("it cannot get there exactly enough");
   }
-  throw std::invalid_argument("navigation status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 17]");
+  throw std::invalid_argument("navigation status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 19]");
 }
 
 Reaction toSelection(SelectionStatus status) {
@@ -276,8 +280,10 @@ Reaction toSelection(SelectionStatus status) {
       return notCounted(Trigger::kLowUtility, "no place is worth going to");
     case SelectionStatus::kMapChanged:
       return inARow(action, Trigger::kRetryHere, "the map has to come to rest");
+    case SelectionStatus::kBadInput:
+      return inARow(action, Trigger::kWaitFirst, "map or grid has to be put right");
   }
-  throw std::invalid_argument("selection status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 11]");
+  throw std::invalid_argument("selection status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 12]");
 }
 
 Reaction toDetection(DetectionStatus status) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include <gpis_mapping_ros/conversions.h>
 #include <motion_planning_ros/conversions.h>
 
 namespace pick_mission_ros {
@@ -44,7 +45,7 @@ nlohmann::ordered_json finite(double value) {
 std::vector<SeenBrick> toSeenBricks(const interactive_mapping_msgs::BrickArray& bricks,
                                     const std::vector<int>& seen_now, const std::string& map_frame, const Reach& reach,
                                     std::vector<std::string>* complaints) {
-  if (bricks.header.frame_id != map_frame) {
+  if (gpis_mapping_ros::withoutSlash(bricks.header.frame_id) != map_frame) {
     throw std::invalid_argument("bricks come in frame '" + bricks.header.frame_id + "', must be '" + map_frame + "'");
   }
   std::vector<SeenBrick> seen;

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <gpis_mapping_ros/conversions.h>
 #include <motion_planning_ros/conversions.h>
 #include <motion_planning_ros/robot_description.h>
 #include <mp700_ur5e_description/robot_names.h>
@@ -12,6 +13,7 @@
 
 namespace pick_mission_ros {
 
+using gpis_mapping_ros::withoutSlash;
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NbvSegment;
@@ -516,7 +518,7 @@ void MissionActions::begin(const command::SelectView& select) {
     selection.status = statusFrom<pick_mission::SelectionStatus>(
         result.outcome.status, pick_mission::kNumSelectionStatus, "outcome of the selection");
     if (result.selection.best >= 0) {
-      if (result.standing.header.frame_id != params_.map_frame) {
+      if (withoutSlash(result.standing.header.frame_id) != params_.map_frame) {
         throw std::invalid_argument("a place to stand in frame '" + result.standing.header.frame_id +
                                     "', must be in '" + params_.map_frame + "'");
       }
@@ -559,7 +561,7 @@ void MissionActions::finishDrive(const NavigationOutcome* outcome) {
         return noAnswer(contradiction(pending_drive_->is_cancelled, pending_drive_->why));
       }
       message = outcome->message;
-      if (outcome->header.frame_id == params_.map_frame) result.T_map_base = toPose2d(outcome->base);
+      if (withoutSlash(outcome->header.frame_id) == params_.map_frame) result.T_map_base = toPose2d(outcome->base);
     } else if (pending_drive_->is_cancelled) {
       result.status = pick_mission::NavigationStatus::kCancelled;
     } else if (!pending_drive_->is_succeeded) {

@@ -361,7 +361,7 @@ class MissionWorld {
             msgs::NbvSegment segment;
             segment.standing.orientation.w = 1.0;
             segment.utility = 0.5;
-            result->standing.header.frame_id = "map";
+            result->standing.header.frame_id = "/map";  // as others name it
             result->standing.pose = segment.standing;
             result->selection.best = 0;
             result->selection.segments = {segment};

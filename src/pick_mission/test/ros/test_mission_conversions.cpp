@@ -77,6 +77,7 @@ class MissionConversions : public testing::Test {
 };
 
 TEST_F(MissionConversions, BricksComeWithAllThatIsKnown) {
+  array_.header.frame_id = "/map";  // as others name it
   array_.bricks = {brickAt(7, p_base_), brickAt(9, p_base_ + Eigen::Vector3d(3.0, 0.0, 0.0))};
   array_.bricks[1].has_duplicate = true;
   const std::vector<SeenBrick> bricks = seen({9});

@@ -758,6 +758,15 @@ TEST_F(PickMissionNode, LeavesBricksThatItCannotTellApartOrWhosePoseIsNone) {
   EXPECT_THAT(node_->output(), HasSubstr("brick 1 has a pose that is none"));
 }
 
+TEST_F(PickMissionNode, AStopOfTheBaseItselfNeedsAPerson) {
+  spoil("outcome", [](void* r, bool* is_success) {
+    static_cast<msgs::NavigationOutcome*>(r)->status = msgs::NavigationOutcome::BASE_STOPPED;
+    *is_success = false;
+  });
+  startAll();
+  expectEnd(MissionState::NEEDS_PERSON, "");
+}
+
 TEST_F(PickMissionNode, OutcomesOfOtherDrivesAreNotThisOnes) {
   set("attempts/max_failures_in_a_row", 1);
   // Not a word of the navigation about this drive: the action's end counts.

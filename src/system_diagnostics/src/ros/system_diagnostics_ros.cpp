@@ -7,12 +7,14 @@
 
 #include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/TransformStamped.h>
+#include <gpis_mapping_ros/conversions.h>
 
 namespace system_diagnostics_ros {
 namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
+using gpis_mapping_ros::withoutSlash;
 using system_diagnostics::Level;
 using system_diagnostics::TimeOffsetEstimate;
 using system_diagnostics::TimeOffsetStatus;
@@ -21,10 +23,6 @@ using system_diagnostics::TimeOffsetStatus;
 constexpr int kTfQueue = 1000;
 constexpr int kImageQueue = 30;
 constexpr int kOdometryQueue = 1000;
-
-std::string withoutSlash(const std::string& frame) {
-  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
-}
 
 void summarise(const system_diagnostics::Verdict& verdict, DiagnosticStatusWrapper* status) {
   status->summary(static_cast<unsigned char>(verdict.level), verdict.message);

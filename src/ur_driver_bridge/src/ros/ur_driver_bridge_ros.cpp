@@ -6,6 +6,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include <gpis_mapping_ros/conversions.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/WatchTrajectory.h>
 #include <motion_planning_ros/conversions.h>
@@ -362,10 +363,10 @@ UrDriverBridgeRos::Request UrDriverBridgeRos::preparePick(const interactive_mapp
   if (pick.lets_go && pick.stow.empty()) throw std::invalid_argument("let_go without stow: the brick would fall");
 
   Eigen::Isometry3d T_base_contact = *T_frame_contact;
-  if (goal.contact.header.frame_id != params_.base_frame) {
+  const std::string frame = gpis_mapping_ros::withoutSlash(goal.contact.header.frame_id);
+  if (frame != params_.base_frame) {
     try {
-      const auto T =
-          toIsometry(tf_.lookupTransform(params_.base_frame, goal.contact.header.frame_id, ros::Time(0)).transform);
+      const auto T = toIsometry(tf_.lookupTransform(params_.base_frame, frame, ros::Time(0)).transform);
       if (!T) throw std::invalid_argument("contact: tf's pose of its frame is not finite, or no rotation");
       T_base_contact = *T * *T_frame_contact;
     } catch (const tf2::TransformException& error) {
