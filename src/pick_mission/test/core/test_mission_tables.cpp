@@ -131,7 +131,7 @@ TEST(Reactions, AreTotalAndHaveReasons) {
     }
   }
   // 3 kinds of plans, 5 of the arm, look, detect, report, select, drive, wait; and no answer for each.
-  EXPECT_EQ(count, 3u * 15 + 5u * 29 + 4 + 5 + 3 + 13 + 19 + 4);
+  EXPECT_EQ(count, 3u * 15 + 5u * 29 + 4 + 5 + 3 + 14 + 21 + 4);
 }
 
 TEST(Reactions, ResultsThatAnActionCannotHaveAreRefused) {
@@ -141,8 +141,8 @@ TEST(Reactions, ResultsThatAnActionCannotHaveAreRefused) {
   EXPECT_THROW(reactTo(State::kPick, ArmResult{static_cast<ArmStatus>(28)}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kPlanPick, PlanResult{static_cast<PlanStatus>(14)}), std::invalid_argument);
   EXPECT_THROW(reactTo(State::kPlanStow, PlanResult{static_cast<PlanStatus>(14)}), std::invalid_argument);
-  EXPECT_THROW(reactTo(State::kDrive, NavigationResult{static_cast<NavigationStatus>(18), {}}), std::invalid_argument);
-  EXPECT_THROW(reactTo(State::kSelect, SelectionResult{static_cast<SelectionStatus>(12), {}, false}),
+  EXPECT_THROW(reactTo(State::kDrive, NavigationResult{static_cast<NavigationStatus>(20), {}}), std::invalid_argument);
+  EXPECT_THROW(reactTo(State::kSelect, SelectionResult{static_cast<SelectionStatus>(13), {}, false}),
                std::invalid_argument);
   EXPECT_THROW(reactTo(State::kDetect, DetectionResult{static_cast<DetectionStatus>(4), {}}), std::invalid_argument);
 }
