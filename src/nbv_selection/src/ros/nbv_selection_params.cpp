@@ -75,7 +75,7 @@ std::vector<std::string> NbvSelectionParams::validate() const {
     if (!names.insert(name).second) problems.push_back("strategies holds '" + name + "' twice, must be once");
   }
   gpis_mapping::RangeCheck check;
-  if (input.max_grid_age_s != 0.0) check("input/max_grid_age_s", input.max_grid_age_s, 0.1, 3600.0, "s; 0: static");
+  if (input.max_grid_age_s != 0.0) check("input/max_grid_age_s", input.max_grid_age_s, 0.1, 3600.0, "s");
   check("input/occupied_from", input.occupied_from, 1, 100, "");
   check("input/max_pose_age_s", input.max_pose_age_s, 0.05, 60.0, "s");
   check("input/map_wait_s", input.map_wait_s, 0.0, 60.0, "s");

@@ -129,7 +129,7 @@ TEST(NbvSelectionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("strategies", listOf({"gpis", "a/b", "gpis", "9th"}));
   nh.setParam("colour", true);
   nh.setParam("seed", 1.5);
-  nh.setParam("input/max_grid_age_s", 0.0);
+  nh.setParam("input/max_grid_age_s", 0.05);  // 0: static
   nh.setParam("input/max_pose_age_s", "long");
   nh.setParam("input/map_weight_s", 1.0);
   nh.setParam("failures/radius_m", -1.0);
@@ -146,7 +146,7 @@ TEST(NbvSelectionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/strategies holds 'gpis' twice, must be once"));
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
   EXPECT_THAT(message, AllOf(HasSubstr("/wrong/seed = "), HasSubstr("must be a whole number")));
-  EXPECT_THAT(message, HasSubstr("/wrong/input/max_grid_age_s = 0 s, must be in [0.1, 3600] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/input/max_grid_age_s = 0.05 s, must be in [0.1, 3600] s"));
   EXPECT_THAT(message, HasSubstr("/wrong/input/max_pose_age_s"));
   EXPECT_THAT(message, HasSubstr("/wrong/input/map_weight_s is unknown"));
   EXPECT_THAT(message, HasSubstr("/wrong/failures/radius_m = -1 m"));
