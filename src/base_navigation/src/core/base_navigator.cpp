@@ -206,7 +206,7 @@ std::vector<std::string> BaseNavigatorConfig::validate() const {
   check("max_odometry_age_s", max_odometry_age_s, 0.02, 5.0, "s");
   check("max_pose_age_s", max_pose_age_s, 0.02, 5.0, "s");
   check("max_scan_age_s", max_scan_age_s, 0.02, kHistory_s, "s");
-  if (max_grid_age_s != 0.0) check("max_grid_age_s", max_grid_age_s, 0.1, 3600.0, "s; 0: static");
+  if (max_grid_age_s != 0.0) check("max_grid_age_s", max_grid_age_s, 0.1, 3600.0, "s");
   check("max_heartbeat_age_s", max_heartbeat_age_s, 0.0, 60.0, "s");
   check("stale_patience_s", stale_patience_s, 0.0, 60.0, "s");
   check("scanner_patience_s", scanner_patience_s, 0.0, 3600.0, "s");
