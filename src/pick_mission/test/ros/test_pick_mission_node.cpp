@@ -713,8 +713,8 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
       {"select",
        [](void* r, bool*) { static_cast<msgs::SelectNextBestViewResult*>(r)->standing.header.frame_id = "odom"; },
        MissionState::SELECTION_FAILED, "in frame 'odom', must be in 'map'"},
-      {"outcome", [](void* r, bool*) { static_cast<msgs::NavigationOutcome*>(r)->status = 18; },
-       MissionState::DRIVES_FAILED, "outcome of the drive = 18"},
+      {"outcome", [](void* r, bool*) { static_cast<msgs::NavigationOutcome*>(r)->status = 20; },
+       MissionState::DRIVES_FAILED, "outcome of the drive = 20"},
       // It tells success, and its action has failed.
       {"outcome", [](void*, bool* is_success) { *is_success = false; }, MissionState::DRIVES_FAILED,
        "does not tell why"},
