@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include <opencv2/core/types.hpp>
 
@@ -27,20 +28,26 @@ void dilate(const std::vector<std::uint8_t>& source, int width, int height, doub
             std::vector<std::uint8_t>* result) {
   result->assign(source.size(), 0);
   const int rows = static_cast<int>(radius_v);
+  std::vector<std::pair<int, int>> runs;  // of set pixels in a row
   for (int w = 0; w < height; ++w) {
     const std::uint8_t* in = &source[static_cast<std::size_t>(w) * width];
-    if (std::find(in, in + width, 1) == in + width) continue;
+    runs.clear();
+    for (const std::uint8_t* first = std::find(in, in + width, 1); first != in + width;) {
+      const std::uint8_t* last = std::find(first, in + width, 0);
+      runs.emplace_back(static_cast<int>(first - in), static_cast<int>(last - in));
+      first = std::find(last, in + width, 1);
+    }
+    if (runs.empty()) continue;
     for (int v = std::max(0, w - rows); v <= std::min(height - 1, w + rows); ++v) {
       const double share = (v - w) / radius_v;
       const int reach = static_cast<int>(radius_u * std::sqrt(std::max(0.0, 1.0 - share * share)));
       std::uint8_t* out = &(*result)[static_cast<std::size_t>(v) * width];
       int filled_to = 0;  // what this row of the source adds to out[0, filled_to) is there
-      for (int u = 0; u < width; ++u) {
-        if (!in[u]) continue;
-        const int begin = std::max(filled_to, u - reach);
-        const int end = std::min(width, u + reach + 1);
-        for (int i = begin; i < end; ++i) out[i] = 1;
-        filled_to = std::max(filled_to, end);
+      for (const auto& [first, last] : runs) {
+        const int end = std::min(width, last + reach);
+        const int begin = std::max(filled_to, first - reach);
+        if (begin < end) std::fill(out + begin, out + end, 1);
+        filled_to = end;
       }
     }
   }
