@@ -130,7 +130,10 @@ void DepthClassifier::classifyRow(const DepthImage& image, int v, ClassifiedFram
     } else {
       int next = u;
       while (next < width && !isMeasured(kind[next])) ++next;
-      if (next < width) frame->inverse_range[row + u] = frame->inverse_range[row + next];
+      if (next < width) {
+        std::fill(&frame->inverse_range[row + u], &frame->inverse_range[row + next], frame->inverse_range[row + next]);
+      }
+      u = next - 1;  // once for all of them: a wide hole must not be counted through for each of its pixels
     }
   }
 }
