@@ -241,7 +241,7 @@ TEST(HandEye, CovarianceHoldsForSamplesThatDependOnEachOther) {
     Random random(18);
     double nees = 0.0;
     double as_if_independent = 0.0;
-    constexpr int kDependentRuns = 100;
+    constexpr int kDependentRuns = 40;
     for (int run = 0; run < kDependentRuns; ++run) {
       Rig rig = exactRig(120, &random);
       addDependentNoise(&rig, kept, &random);
