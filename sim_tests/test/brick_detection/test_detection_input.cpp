@@ -248,6 +248,18 @@ TEST(DetectionInput, CameraInfoMustFit) {
   frame.info.height = 480;
   expectRefused(live.lookUntil(frame, DetectionUpdate::SIZE_MISMATCH), DetectionUpdate::SIZE_MISMATCH,
                 {"image is 480 x 360 px", "says 640 x 480 px", "/patient_in/color/camera_info"});
+  // The same image from a camera of twice the size that bins.
+  frame = frameOfTwo();
+  frame.info.binning_x = frame.info.binning_y = 2;
+  frame.info.width *= 2;
+  frame.info.height *= 2;
+  for (const std::size_t k : {0U, 4U}) frame.info.K[k] *= 2.0;
+  for (const std::size_t k : {2U, 5U}) frame.info.K[k] = 2.0 * frame.info.K[k] + 0.5;
+  BrickFrame other = frame;
+  other.info.binning_x = other.info.binning_y = 4;
+  expectRefused(live.lookUntil(other, DetectionUpdate::SIZE_MISMATCH), DetectionUpdate::SIZE_MISMATCH,
+                {"image is 480 x 360 px", "says 240 x 180 px, by its ROI and binning of 960 x 720 px"});
+  expectSeesBoth(live.lookUntil(frame, DetectionUpdate::ACCEPTED), "binned");
   frame = frameOfTwo();
   frame.info.K[0] = 0.0;
   expectRefused(live.lookUntil(frame, DetectionUpdate::BAD_CAMERA_INFO), DetectionUpdate::BAD_CAMERA_INFO,
@@ -273,8 +285,26 @@ TEST(DetectionInput, DepthMustBeRegisteredToTheColourImage) {
                 {"320 x 240 px", "480 x 360 px", "registers to the colour image"});
   frame = frameOfTwo();
   frame.depth.header.frame_id = "camera_depth_optical_frame";
-  expectRefused(live.look(frame), DetectionUpdate::SIZE_MISMATCH,
-                {"'camera_depth_optical_frame'", "registers to the colour image"});
+  const DetectionUpdate update = live.look(frame);
+  EXPECT_EQ(static_cast<int>(update.status), DetectionUpdate::ACCEPTED) << update.message;
+  EXPECT_FALSE(update.has_depth);
+  EXPECT_PRED2(has, update.message, "'camera_depth_optical_frame'");
+  EXPECT_PRED2(has, update.message, "registers to the colour image");
+  // Registered, and under a name of the driver's own: tf has it at the colour camera's place.
+  tf2_msgs::TFMessage edge;
+  edge.transforms.resize(1);
+  edge.transforms[0].header.frame_id = kCameraFrame;
+  edge.transforms[0].child_frame_id = "camera_aligned_depth_to_color_frame";
+  edge.transforms[0].transform.rotation.x = edge.transforms[0].transform.rotation.y = 0.5;
+  edge.transforms[0].transform.rotation.z = edge.transforms[0].transform.rotation.w = 0.5;
+  frame.depth.header.frame_id = edge.transforms[0].child_frame_id;
+  DetectionUpdate with_depth;
+  for (int i = 0; i < 200 && !with_depth.has_depth; ++i) {  // tf comes by a connection of its own
+    edge.transforms[0].header.stamp = live.nextStamp();
+    live.publish(edge);
+    with_depth = live.look(frame);
+  }
+  EXPECT_TRUE(with_depth.has_depth) << with_depth.message;
   expectSeesBoth(live.look(frameOfTwo()), "after all that");
 }
 

@@ -74,7 +74,7 @@ void BM_EstimatePoses(benchmark::State& state) {
   const cv::Mat depth_m = state.range(0) != 0 ? seen.depth_m : cv::Mat();
   std::size_t num_bricks = 0;
   for (auto _ : state) {
-    num_bricks = estimator.estimate(tags, camera, depth_m).bricks.size();
+    num_bricks = estimator.estimate(tags, camera, depth_m, seen.grey).bricks.size();
     benchmark::DoNotOptimize(num_bricks);
   }
   state.counters["bricks"] = static_cast<double>(num_bricks);

@@ -235,7 +235,7 @@ class Evaluation {
       const ProcessorTime time;
       const std::vector<TagObservation> tags = detector_->detect(grey);
       row.detect_ms.push_back(time.ms());
-      const auto result = estimator_.estimate(tags, vga(), cv::Mat());
+      const auto result = estimator_.estimate(tags, vga(), cv::Mat(), grey);
       row.false_tags += static_cast<int>(tags.size());
       row.false_bricks += static_cast<int>(result.bricks.size());
     }
@@ -270,7 +270,7 @@ class Evaluation {
         const std::vector<TagObservation> tags = (is_coarse ? coarse_detector_ : detector_)->detect(view.grey);
         row.detect_ms.push_back(detect_time.ms());
         const ProcessorTime pose_time;
-        const auto result = estimator_.estimate(tags, scene.camera, view.depth_m);
+        const auto result = estimator_.estimate(tags, scene.camera, view.depth_m, view.grey);
         row.pose_ms.push_back(pose_time.ms());
         std::vector<LibapriltagAlone::Tag> of_peer;
         if (peer_) {
@@ -402,7 +402,7 @@ class Evaluation {
         continue;
       }
       const ProcessorTime pose_time;
-      const auto result = estimator_.estimate(tags, scene.camera, row.has_depth ? view.depth_m : cv::Mat());
+      const auto result = estimator_.estimate(tags, scene.camera, row.has_depth ? view.depth_m : cv::Mat(), view.grey);
       row.pose_ms.push_back(pose_time.ms());
       row.detect_ms.push_back(detect_ms);
       Sample sample;

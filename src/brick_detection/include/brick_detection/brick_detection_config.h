@@ -39,8 +39,8 @@ void visitFields(Config& config, Visitor&& visit) {
   visit("pose/max_reprojection_px", config.pose.max_reprojection_px);
   visit("pose/ambiguity_chi2", config.pose.ambiguity_chi2);
   visit("pose/max_rotation_std_rad", config.pose.max_rotation_std_rad);
-  visit("pose/max_depth_angle_rad", config.pose.max_depth_angle_rad);
-  visit("pose/max_depth_offset_m", config.pose.max_depth_offset_m);
+  visit("pose/label_std_m", config.pose.label_std_m);
+  visit("pose/max_depth_sigmas", config.pose.max_depth_sigmas);
   visit("pose/same_brick_m", config.pose.same_brick_m);
   visit("pose/same_brick_rad", config.pose.same_brick_rad);
   visit("pose/depth/grow", config.pose.depth.grow);

@@ -59,8 +59,11 @@ struct BrickPoseConfig {
   double ambiguity_chi2{15.0};
   /// A pose must be known that well. Two poses nearer to each other are no ambiguity: the covariance then spans both.
   double max_rotation_std_rad{0.20};
-  double max_depth_angle_rad{0.26};  ///< between a tag's normal and its depth plane: more and they are not one thing
-  double max_depth_offset_m{0.05};
+  /// By how much a label may stand off its face, as a whole or at one side: of a brick that is seen by one tag only.
+  double label_std_m{0.002};
+  /// Between a tag and its depth plane, in distance and normal: standard deviations of the plane, systematic parts and
+  /// what the corners leave open included. The final pose is held to the plane's own.
+  double max_depth_sigmas{4.0};
   /// Tags of one id belong to one brick if their poses of it agree to that; else several bricks carry the id.
   double same_brick_m{0.04};
   double same_brick_rad{0.30};
@@ -95,9 +98,11 @@ class BrickPoseEstimator {
   BrickPoseEstimator(const mp700_ur5e_description::BrickCatalogue& catalogue, const BrickPoseConfig& config);
 
   /// `depth_m`: as fitDepthPlane() has it, registered to the colour camera; may be empty. The poses of all tags of a
-  /// brick are refined together: reprojection of every corner, and every tag's plane. Throws std::invalid_argument if
+  /// brick are refined together: reprojection of every corner, and every tag's plane. `grey`: CV_8UC1, the image that the
+  /// tags are of; their cells are compared with it. Empty: the corners are believed. Throws std::invalid_argument if
   /// the depth image is not of the camera's size, or the camera is impossible.
-  Result estimate(const std::vector<TagObservation>& tags, const CameraModel& camera, const cv::Mat& depth_m) const;
+  Result estimate(const std::vector<TagObservation>& tags, const CameraModel& camera, const cv::Mat& depth_m,
+                  const cv::Mat& grey = cv::Mat()) const;
 
   const mp700_ur5e_description::BrickCatalogue& catalogue() const { return catalogue_; }
   const BrickPoseConfig& config() const { return config_; }

@@ -64,6 +64,9 @@ struct HandEyeResult {
   double leave_one_out_rms_rad{0.0};
   /// Residuals as multiples of what the covariances promise; 1 is as promised. What it is beyond 1 is in `covariance`.
   double noise_factor{1.0};
+  /// By how much the deviations are larger because successive samples depend on each other, as those of one place may;
+  /// `covariance` has it in. Errors alike over more than a tenth of the samples do not show.
+  double dependence_factor{1.0};
 
   bool isGood() const { return failure == HandEyeFailure::kNone; }
 };

@@ -28,11 +28,12 @@ struct PointMeasurement {
   Eigen::Vector2d bearing{Eigen::Vector2d::Zero()};
   /// Of a difference of bearings, to pixels: the inverse of how the bearing changes with the pixel, distortion included.
   Eigen::Matrix2d px_per_bearing{Eigen::Matrix2d::Identity()};
+  double std_px{0.25};  ///< of each coordinate
 };
 
 /// Nothing where the lens model gives no finite bearing.
 std::optional<PointMeasurement> measurePoint(const Eigen::Vector3d& p_body, const Eigen::Vector2d& pixel,
-                                             const CameraModel& camera);
+                                             const CameraModel& camera, double std_px = 0.25);
 
 /// A known plane of the body, and what the depth image has of it.
 struct PlaneMeasurement {
@@ -52,7 +53,6 @@ Eigen::Vector2d pointResidual(const PointMeasurement& measurement, const Eigen::
 
 /// All that one image says about the pose of one body.
 struct PoseProblem {
-  double point_std_px{0.25};
   std::vector<PointMeasurement> points;
   std::vector<PlaneMeasurement> planes;
 };

@@ -20,6 +20,12 @@ struct TagObservation {
   int hamming{0};      ///< bits corrected
   double margin{0.0};  ///< how sure the bits are: mean contrast to the decision threshold [grey levels]
 
+  /// What was printed, CV_8UC1: 0 black, 255 white, kUnknownCell; upright, with one ring of cells or more about the
+  /// `border_cells` that lie between the corners. Empty: not known, and then not compared with the image.
+  cv::Mat cells;
+  int border_cells{0};
+  static constexpr int kUnknownCell = 128;
+
   double shortestSide() const;  ///< [px]
 };
 
@@ -28,8 +34,8 @@ struct TagDetectorConfig {
   int threads{1};
   double decimate{1.0};  ///< AprilTag: edges are looked for in an image smaller by this factor; 1 finds the smallest
   /// AprilTag: Gaussian blur before edges are looked for and bits are read. Corners are measured in the image as it is.
-  double blur_sigma_px{0.6};
-  double sharpening{0.25};  ///< AprilTag: of the bits' image
+  double blur_sigma_px{0.3};
+  double sharpening{0.5};  ///< AprilTag: of the bits' image
   /// Bits that may be corrected. Families of more than 10000 codes correct one at most: the table takes gigabytes for two.
   int max_hamming{2};
 

@@ -40,8 +40,9 @@ std::optional<cv::Mat> toColorImage(const sensor_msgs::Image& message, Refusal* 
 /// CV_32FC1 [m] as gpis_mapping_ros::toDepthImage() has it.
 std::optional<cv::Mat> toDepthMat(const sensor_msgs::Image& message, double units_per_metre, Refusal* refusal);
 
-/// Of the colour image that `info` goes with. Rectified: P without distortion; else K with D by distortion_model: "" and
-/// an empty D, plumb_bob, rational_polynomial, equidistant. Nothing, and the reason, for anything else.
+/// Of the colour image that `info` goes with, which binning and ROI may have made smaller than its full size. Rectified: P
+/// without distortion; else K with D by distortion_model: "" and an empty D, plumb_bob, rational_polynomial, equidistant
+/// or fisheye, which are one. Nothing, and the reason, for anything else.
 std::optional<brick_detection::CameraModel> cameraModelOf(const sensor_msgs::CameraInfo& info, bool is_rectified,
                                                           Refusal* refusal);
 

@@ -137,6 +137,7 @@ class ImageInput {
   std::optional<InputFrame> prepareMarkers(const Waiting& waiting, Refusal* refusal);
   sensor_msgs::CameraInfoConstPtr waitForInfo(SteadyTime deadline);
   Depth waitForDepth(const ros::Time& stamp, SteadyTime deadline);
+  bool isOneCamera(const std::string& frame, const std::string& other_frame) const;
   /// False, and the reason, when the depth image says that something is set up wrongly.
   bool addDepth(const sensor_msgs::Image& color, SteadyTime arrival, InputFrame* frame, Refusal* refusal);
 

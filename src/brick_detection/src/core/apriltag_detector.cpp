@@ -130,6 +130,8 @@ class AprilTagDetector : public TagDetector {
         tag.corners_px[corner] = {p[0] - 0.5, p[1] - 0.5};
       }
       tag.corners_px = refineBorder(grey, tag.corners_px, family_->width_at_border);
+      tag.border_cells = family_->width_at_border;
+      tag.cells = cellsOf(tag.id);
       tags.push_back(tag);
     }
     sortById(&tags);
@@ -137,6 +139,22 @@ class AprilTagDetector : public TagDetector {
   }
 
  private:
+  cv::Mat cellsOf(int id) const {
+    const int outside = (family_->total_width - family_->width_at_border) / 2;
+    const int width = family_->width_at_border;
+    cv::Mat cells(width + 2 * outside, width + 2 * outside, CV_8UC1, cv::Scalar(TagObservation::kUnknownCell));
+    const int inner = family_->reversed_border ? 255 : 0;
+    cells(cv::Rect(outside - 1, outside - 1, width + 2, width + 2)).setTo(255 - inner);
+    cells(cv::Rect(outside, outside, width, width)).setTo(inner);
+    cells(cv::Rect(outside + 1, outside + 1, width - 2, width - 2)).setTo(TagObservation::kUnknownCell);
+    for (std::uint32_t bit = 0; bit < family_->nbits; ++bit) {
+      const bool is_white = (family_->codes[id] >> (family_->nbits - bit - 1) & 1U) != 0;
+      cells.at<std::uint8_t>(static_cast<int>(family_->bit_y[bit]) + outside,
+                             static_cast<int>(family_->bit_x[bit]) + outside) = is_white ? 255 : 0;
+    }
+    return cells;
+  }
+
   /// Difference of brightness within 12 x 12 pixels below which the library takes them for one plain surface. Its own
   /// number, 5, lets noise of 2 grey levels through as edges everywhere: the search then takes ten times as long.
   int smallestStep(const cv::Mat& grey) const {

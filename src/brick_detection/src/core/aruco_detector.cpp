@@ -141,6 +141,10 @@ class ArucoDetector : public TagDetector {
         dictionary_->bytesList.rowRange(tag->id, tag->id + 1), dictionary_->markerSize);
     double sum[2] = {0.0, 0.0};
     int count[2] = {0, 0};
+    tag->border_cells = num_cells;
+    tag->cells = cv::Mat(num_cells + 2, num_cells + 2, CV_8UC1, cv::Scalar(255));
+    tag->cells(cv::Rect(1, 1, num_cells, num_cells)).setTo(0);
+    tag->cells(cv::Rect(2, 2, code.cols, code.rows)).setTo(255, code);
     tag->hamming = 0;
     for (int row = 0; row < code.rows; ++row) {
       for (int column = 0; column < code.cols; ++column) {

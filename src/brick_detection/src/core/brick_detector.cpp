@@ -74,7 +74,7 @@ BrickDetector::Look BrickDetector::look(const cv::Mat& image, const cv::Mat& dep
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
   const std::vector<TagObservation> tags = detector_->detect(grey);
   look.detect_ms = stopwatch.lap_ms();
-  look.found = estimator_.estimate(tags, camera, depth_m);
+  look.found = estimator_.estimate(tags, camera, depth_m, grey);
   look.has_depth = !depth_m.empty();
   look.pose_ms = stopwatch.lap_ms();
   track(T_map_camera, stamp_s, &look);

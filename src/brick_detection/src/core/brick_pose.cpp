@@ -8,6 +8,7 @@
 
 #include <Eigen/Dense>
 
+#include "cell_fit.h"
 #include "gpis_mapping/range_check.h"
 
 namespace brick_detection {
@@ -20,6 +21,8 @@ using mp700_ur5e_description::BrickTag;
 constexpr double kSigmas = 3.0;
 // Minima of one problem nearer to each other than that are one: refinePose() stops at steps far below.
 constexpr double kSameTurn_rad = 1e-4;
+// Of a tag's area that is neither black nor white where it should be.
+constexpr double kMostDamaged = 0.15;
 
 /// A tag that passed the gates, as a measurement of its brick.
 struct Candidate {
@@ -49,9 +52,8 @@ double rotationStd(const Matrix6d& covariance) {
   return largestStd(covariance.bottomRightCorner<3, 3>());
 }
 
-PoseProblem problemOf(const std::vector<const Candidate*>& members, double corner_std_px) {
+PoseProblem problemOf(const std::vector<const Candidate*>& members) {
   PoseProblem problem;
-  problem.point_std_px = corner_std_px;
   for (const Candidate* member : members) {
     problem.points.insert(problem.points.end(), member->corners.begin(), member->corners.end());
     if (member->plane) problem.planes.push_back(*member->plane);
@@ -65,15 +67,38 @@ double reprojectionRms(const std::vector<PointMeasurement>& points, const Eigen:
   return std::sqrt(sum_squares / static_cast<double>(points.size()));
 }
 
-bool contradicts(const PlaneMeasurement& plane, const RefinedPose& pose, const BrickPoseConfig& config) {
+/// What is left of a length in the image without what noise makes of nothing.
+double beyondNoise(double length_px, double std_px) {
+  constexpr double kNoiseSigmas = 2.5;  // of the largest of several
+  const double noise_px = kNoiseSigmas * std_px;
+  return std::sqrt(std::max(0.0, length_px * length_px - noise_px * noise_px));
+}
+
+/// Of a tag's corners, by how well its cells agree with them; nothing if they contradict each other.
+std::optional<double> cornerStd(const TagObservation& tag, const CameraModel& camera, const cv::Mat& grey,
+                                const BrickPoseConfig& config) {
+  if (grey.empty() || tag.cells.empty()) return config.corner_std_px;
+  const std::optional<CellFit> fit = fitCells(grey, camera, tag);
+  if (!fit) return std::nullopt;
+  double shift_px = 0.0;
+  for (const Eigen::Vector2d& shift : fit->shift_px) shift_px = std::max(shift_px, shift.norm());
+  // The middle goes half as far as a side that is shifted, or farther where the tag is bent.
+  const double off_px =
+      std::max(beyondNoise(shift_px, fit->shift_std_px), 2.0 * beyondNoise(fit->bend_px, fit->bend_std_px));
+  if (!(off_px < config.max_reprojection_px) || fit->damaged_share > kMostDamaged) return std::nullopt;
+  return std::hypot(config.corner_std_px, off_px);
+}
+
+/// Whether a pose is farther from its depth plane, in distance or normal, than the plane's own uncertainty and what
+/// the pose leaves open explain. `pose_covariance` zero: of a pose that the plane took part in.
+bool contradicts(const PlaneMeasurement& plane, const Eigen::Isometry3d& T_camera_brick,
+                 const Matrix6d& pose_covariance, double max_sigmas) {
   Eigen::Matrix<double, 3, 6> jacobian;
-  const Eigen::Vector3d residual = planeResidual(plane, pose.T_camera_body, &jacobian);
-  // The corners of a small tag seen from the front leave its tilt open: that much is no contradiction.
-  const Eigen::Matrix3d covariance = jacobian * pose.covariance * jacobian.transpose();
-  const double facing = (pose.T_camera_body.linear() * plane.n_body).dot(plane.plane.normal);
-  const double angle_rad = std::acos(std::clamp(facing, -1.0, 1.0));
-  return angle_rad > config.max_depth_angle_rad + kSigmas * largestStd(covariance.topLeftCorner<2, 2>()) ||
-         std::abs(residual.z()) > config.max_depth_offset_m + kSigmas * std::sqrt(covariance(2, 2));
+  const Eigen::Vector3d residual = planeResidual(plane, T_camera_brick, &jacobian);
+  const Eigen::Matrix3d covariance = plane.plane.covariance + jacobian * pose_covariance * jacobian.transpose();
+  const Eigen::Vector2d tilt = residual.head<2>();
+  return tilt.dot(covariance.topLeftCorner<2, 2>().ldlt().solve(tilt)) > max_sigmas * max_sigmas ||
+         std::abs(residual.z()) > max_sigmas * std::sqrt(covariance(2, 2));
 }
 
 /// Whether one of a group's poses has the brick's middle near a place.
@@ -101,8 +126,8 @@ double disagreement(const Candidate& candidate, const Eigen::Isometry3d& T_camer
 }
 
 /// All poses that fit the members together, best first.
-std::vector<RefinedPose> fits(const std::vector<const Candidate*>& members, const BrickPoseConfig& config) {
-  const PoseProblem problem = problemOf(members, config.corner_std_px);
+std::vector<RefinedPose> fits(const std::vector<const Candidate*>& members) {
+  const PoseProblem problem = problemOf(members);
   std::vector<RefinedPose> found;
   for (const Candidate* member : members) {
     for (const RefinedPose& hypothesis : member->hypotheses) {
@@ -138,14 +163,14 @@ std::vector<const Candidate*> gather(const std::vector<const Candidate*>& open, 
     if (!nearest) return members;
     members.push_back(nearest);
     taken.insert(nearest->tag_id);
-    if (const auto refined = refinePose(problemOf(members, config.corner_std_px), pose.T_camera_body)) pose = *refined;
+    if (const auto refined = refinePose(problemOf(members), pose.T_camera_body)) pose = *refined;
   }
 }
 
 /// Of a pose by tags of one face, by how much the variance must grow. Seen from the front a tag's image hardly changes with
 /// its tilt, and the information at the minimum says little of the cost away from it: it is compared with the cost's
 /// true rise for tilts by one and by three of the standard deviations that it claims, in eight directions.
-double flatness(const std::vector<const Candidate*>& members, const RefinedPose& pose, double corner_std_px) {
+double flatness(const std::vector<const Candidate*>& members, const RefinedPose& pose) {
   constexpr int kDirections = 8;
   constexpr double kPinned_rad = 1e-4;  // far below any tilt that is asked about
   constexpr double kLoose_m = 100.0;
@@ -177,7 +202,7 @@ double flatness(const std::vector<const Candidate*>& members, const RefinedPose&
       pinned.plane.axis_v = pinned.plane.normal.cross(pinned.plane.axis_u);
       pinned.plane.covariance =
           Eigen::Vector3d(kPinned_rad * kPinned_rad, kPinned_rad * kPinned_rad, kLoose_m * kLoose_m).asDiagonal();
-      PoseProblem problem = problemOf(members, corner_std_px);
+      PoseProblem problem = problemOf(members);
       problem.planes.push_back(pinned);
       if (const std::optional<RefinedPose> fit = refinePose(problem, tilted)) {
         // All of the rise may be one residual's.
@@ -189,6 +214,46 @@ double flatness(const std::vector<const Candidate*>& members, const RefinedPose&
   return factor;
 }
 
+/// A member of a group that its pose does not fit.
+struct Misfit {
+  const Candidate* member{nullptr};
+  TagStatus status{TagStatus::kInconsistent};
+};
+
+/// The member whose corners are farthest off the final pose, if too far; else one whose depth plane contradicts it.
+std::optional<Misfit> worstMisfit(const Group& group, const BrickPoseConfig& config) {
+  std::optional<Misfit> worst;
+  double largest_px = config.max_reprojection_px;
+  for (const Candidate* member : group.members) {
+    const double rms_px = reprojectionRms(member->corners, group.pose.T_camera_body);
+    if (rms_px <= largest_px) continue;
+    largest_px = rms_px;
+    worst = Misfit{member, TagStatus::kInconsistent};
+  }
+  if (worst) return worst;
+  for (const Candidate* member : group.members) {
+    if (member->plane &&
+        contradicts(*member->plane, group.pose.T_camera_body, Matrix6d::Zero(), config.max_depth_sigmas)) {
+      return Misfit{member, TagStatus::kContradictsDepth};
+    }
+  }
+  return std::nullopt;
+}
+
+/// How a label that is not quite flat, or not quite on its face, moves a brick that is seen by it alone: off the face by
+/// `label_std_m`, and tilted as if one side were.
+Matrix6d labelCovariance(const BrickTag& tag, const Eigen::Isometry3d& T_camera_brick, double label_std_m) {
+  const Eigen::Isometry3d T_camera_tag = T_camera_brick * tag.T_brick_tag;
+  const Eigen::Vector3d to_brick = T_camera_brick.translation() - T_camera_tag.translation();
+  Eigen::Matrix<double, 6, 3> moves = Eigen::Matrix<double, 6, 3>::Zero();
+  moves.col(2).head<3>() = label_std_m * T_camera_tag.linear().col(2);
+  for (int axis = 0; axis < 2; ++axis) {
+    const Eigen::Vector3d tilt = label_std_m / tag.black_border_edge_m * T_camera_tag.linear().col(axis);
+    moves.col(axis) << tilt.cross(to_brick), tilt;
+  }
+  return moves * moves.transpose();
+}
+
 /// The largest group that `first` is in, and its pose. Nothing if no pose fits.
 std::optional<Group> groupOf(const std::vector<const Candidate*>& open, const Candidate* first,
                              const BrickPoseConfig& config) {
@@ -196,7 +261,7 @@ std::optional<Group> groupOf(const std::vector<const Candidate*>& open, const Ca
   std::vector<RefinedPose> poses;
   for (const RefinedPose& hypothesis : first->hypotheses) {
     std::vector<const Candidate*> members = gather(open, first, hypothesis, config);
-    std::vector<RefinedPose> found = fits(members, config);
+    std::vector<RefinedPose> found = fits(members);
     // A member that the pose of all leaves aside is another brick's, or badly seen.
     while (members.size() > 1 && !found.empty()) {
       const auto worst = std::max_element(members.begin() + 1, members.end(), [&](const auto* a, const auto* b) {
@@ -205,7 +270,7 @@ std::optional<Group> groupOf(const std::vector<const Candidate*>& open, const Ca
       });
       if (disagreement(**worst, found.front().T_camera_body, config) <= 1.0) break;
       members.erase(worst);
-      found = fits(members, config);
+      found = fits(members);
     }
     if (found.empty()) continue;
     const bool is_better = poses.empty() || members.size() > group.members.size() ||
@@ -220,7 +285,7 @@ std::optional<Group> groupOf(const std::vector<const Candidate*>& open, const Ca
   const bool is_one_face = std::all_of(group.members.begin(), group.members.end(), [&group](const Candidate* member) {
     return member->tag.face == group.members.front()->tag.face;
   });
-  if (is_one_face) group.pose.covariance *= flatness(group.members, group.pose, config.corner_std_px);
+  if (is_one_face) group.pose.covariance *= flatness(group.members, group.pose);
   for (const RefinedPose& other : poses) {
     if (other.cost - poses.front().cost >= config.ambiguity_chi2) continue;
     group.possible_middles.emplace_back(other.T_camera_body.translation());
@@ -232,6 +297,9 @@ std::optional<Group> groupOf(const std::vector<const Candidate*>& open, const Ca
     }
   }
   group.is_ambiguous = group.is_ambiguous || rotationStd(group.pose.covariance) > config.max_rotation_std_rad;
+  if (group.members.size() == 1) {
+    group.pose.covariance += labelCovariance(group.members.front()->tag, group.pose.T_camera_body, config.label_std_m);
+  }
   return group;
 }
 
@@ -277,8 +345,8 @@ std::vector<std::string> BrickPoseConfig::validate() const {
   check("max_reprojection_px", max_reprojection_px, 0.01, 50.0, "px");
   check("ambiguity_chi2", ambiguity_chi2, 0.0, 1e4, "");
   check("max_rotation_std_rad", max_rotation_std_rad, 0.001, 1.0, "rad");
-  check("max_depth_angle_rad", max_depth_angle_rad, 0.01, 1.5, "rad");
-  check("max_depth_offset_m", max_depth_offset_m, 0.001, 1.0, "m");
+  check("label_std_m", label_std_m, 0.0, 0.1, "m");
+  check("max_depth_sigmas", max_depth_sigmas, 1.0, 100.0, "sigma");
   check("same_brick_m", same_brick_m, 0.001, 1.0, "m");
   check("same_brick_rad", same_brick_rad, 0.01, 1.5, "rad");
   std::vector<std::string> problems = check.problems();
@@ -292,7 +360,8 @@ BrickPoseEstimator::BrickPoseEstimator(const BrickCatalogue& catalogue, const Br
 }
 
 BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObservation>& tags,
-                                                        const CameraModel& camera, const cv::Mat& depth_m) const {
+                                                        const CameraModel& camera, const cv::Mat& depth_m,
+                                                        const cv::Mat& grey) const {
   gpis_mapping::throwIfAny(camera.validate());
   if (!depth_m.empty() &&
       (depth_m.type() != CV_32FC1 || depth_m.cols != camera.width_px || depth_m.rows != camera.height_px)) {
@@ -300,6 +369,13 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
                                 " of type " + std::to_string(depth_m.type()) + ", must be " +
                                 std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
                                 " of type CV_32FC1");
+  }
+
+  if (!grey.empty() && (grey.type() != CV_8UC1 || grey.cols != camera.width_px || grey.rows != camera.height_px)) {
+    throw std::invalid_argument("grey image = " + std::to_string(grey.cols) + " x " + std::to_string(grey.rows) +
+                                " of type " + std::to_string(grey.type()) + ", must be " +
+                                std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
+                                " of type CV_8UC1");
   }
 
   Result result;
@@ -334,16 +410,19 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
     candidate.tag_id = tag.id;
     candidate.side_px = tag.shortestSide();
     candidate.tag = *known;
-    const std::array<Eigen::Vector3d, 4> corners_tag = tagCorners(known->black_border_edge_m);
+    const std::optional<double> corner_std_px = cornerStd(tag, camera, grey, config_);
+    if (!corner_std_px) continue;  // kInconsistent
+    const double edge_m = catalogue_.tags.cornerEdge(known->black_border_edge_m);
+    const std::array<Eigen::Vector3d, 4> corners_tag = tagCorners(edge_m);
     for (std::size_t corner = 0; corner < 4; ++corner) {
-      const auto point = measurePoint(known->T_brick_tag * corners_tag[corner], tag.corners_px[corner], camera);
+      const auto point =
+          measurePoint(known->T_brick_tag * corners_tag[corner], tag.corners_px[corner], camera, *corner_std_px);
       if (point) candidate.corners.push_back(*point);
     }
     if (candidate.corners.size() < 4) continue;
     PoseProblem problem;
-    problem.point_std_px = config_.corner_std_px;
     problem.points = candidate.corners;
-    for (const TagPose& pose : tagPoses(tag.corners_px, known->black_border_edge_m, camera)) {
+    for (const TagPose& pose : tagPoses(tag.corners_px, edge_m, camera)) {
       if (pose.reprojection_rms_px > config_.max_reprojection_px) continue;
       if (const auto refined = refinePose(problem, pose.T_camera_tag * known->T_brick_tag.inverse())) {
         candidate.hypotheses.push_back(*refined);
@@ -353,8 +432,10 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
 
     if (const auto plane = fitDepthPlane(depth_m, camera, tag.corners_px, config_.depth)) {
       candidate.plane = PlaneMeasurement{known->T_brick_tag.translation(), known->T_brick_tag.linear().col(2), *plane};
-      const auto wrong = std::remove_if(candidate.hypotheses.begin(), candidate.hypotheses.end(),
-                                        [&](const auto& pose) { return contradicts(*candidate.plane, pose, config_); });
+      const auto wrong =
+          std::remove_if(candidate.hypotheses.begin(), candidate.hypotheses.end(), [&](const RefinedPose& pose) {
+            return contradicts(*candidate.plane, pose.T_camera_body, pose.covariance, config_.max_depth_sigmas);
+          });
       candidate.hypotheses.erase(wrong, candidate.hypotheses.end());
       if (candidate.hypotheses.empty()) {
         sighting.status = TagStatus::kContradictsDepth;
@@ -375,6 +456,12 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
     while (!open.empty()) {
       std::optional<Group> group = largestGroup(open, config_);
       if (!group) break;  // kInconsistent
+      // What the pose of all leaves aside took no part in it, or too much: it is found again without.
+      if (const auto misfit = worstMisfit(*group, config_)) {
+        result.tags[misfit->member->index].status = misfit->status;
+        open.erase(std::find(open.begin(), open.end(), misfit->member));
+        continue;
+      }
       open.erase(std::remove_if(open.begin(), open.end(),
                                 [&group](const Candidate* candidate) {
                                   return std::count(group->members.begin(), group->members.end(), candidate) > 0;
@@ -400,7 +487,7 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
       sighting.has_duplicate = std::any_of(groups.begin(), groups.end(), [&](const Group& other) {
         return &other != &group && !mayBeAt(other, group.pose.T_camera_body.translation(), clearance_m);
       });
-      const PoseProblem problem = problemOf(group.members, config_.corner_std_px);
+      const PoseProblem problem = problemOf(group.members);
       sighting.has_depth = !problem.planes.empty();
       sighting.reprojection_rms_px = reprojectionRms(problem.points, group.pose.T_camera_body);
       for (const Candidate* member : group.members) sighting.faces.push_back(member->tag.face);

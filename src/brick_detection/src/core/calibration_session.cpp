@@ -33,6 +33,12 @@ double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
   return Eigen::Quaterniond(a.linear()).angularDistance(Eigen::Quaterniond(b.linear()));
 }
 
+/// A target is made with care, and what its labels are off stays the same: the solution takes it up.
+BrickPoseConfig withFlatLabels(BrickPoseConfig config) {
+  config.label_std_m = 0.0;
+  return config;
+}
+
 TagDetectorConfig detectorOf(const BrickCatalogue& catalogue) {
   TagDetectorConfig config;
   config.family = catalogue.tags.family;
@@ -49,11 +55,12 @@ BrickCatalogue loneTag(const std::string& family, int tag_id, double edge_m) {
   BrickCatalogue catalogue;
   mp700_ur5e_description::BrickType board;
   board.name = "target";
-  board.size_m.setConstant(edge_m);  // of no meaning, but that the tag is inside
-  catalogue.types = {board};
   catalogue.tags.family = family;
   catalogue.tags.black_border_edge_m = edge_m;
   catalogue.tags.num_bricks = 0;
+  // Of no meaning, but that the tag is inside.
+  board.size_m.setConstant(2.0 * edge_m);
+  catalogue.types = {board};
   BrickTag tag;
   tag.face = BrickFace::kPlusZ;
   tag.black_border_edge_m = edge_m;
@@ -63,7 +70,9 @@ BrickCatalogue loneTag(const std::string& family, int tag_id, double edge_m) {
 }
 
 TargetFinder::TargetFinder(const BrickCatalogue& catalogue, int brick_id, const BrickPoseConfig& pose)
-    : brick_id_(brick_id), estimator_(catalogue, pose), detector_(makeTagDetector(detectorOf(catalogue))) {
+    : brick_id_(brick_id),
+      estimator_(catalogue, withFlatLabels(pose)),
+      detector_(makeTagDetector(detectorOf(catalogue))) {
   catalogue.typeOf(brick_id);  // throws if there is none
 }
 
@@ -71,7 +80,7 @@ std::optional<BrickSighting> TargetFinder::find(const cv::Mat& image, const cv::
                                                 std::string* why_not) {
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  const BrickPoseEstimator::Result found = estimator_.estimate(detector_->detect(grey), camera, depth_m);
+  const BrickPoseEstimator::Result found = estimator_.estimate(detector_->detect(grey), camera, depth_m, grey);
   std::optional<BrickSighting> target;
   int count = 0;
   for (const BrickSighting& brick : found.bricks) {

@@ -225,6 +225,13 @@ class Solver {
     return poses;
   }
 
+  /// Of half a sample's chi-square.
+  Vector12d gradient(std::size_t i, const Poses& poses) const {
+    Matrix6x12d J;
+    const Vector6d r = handEyeResidual(samples_[i], poses.T_base_camera, poses.T_tool_target, &J);
+    return J.transpose() * (information_[i] * r);
+  }
+
   const std::vector<HandEyeSample>& samples() const { return samples_; }
 
  private:
@@ -296,6 +303,33 @@ class Solver {
   HandEyeConfig config_;
   std::vector<Matrix6d> information_;
 };
+
+/// By how much the answer's deviation grows because successive samples depend on each other: the covariance by the sums
+/// over blocks of samples (the sandwich of Liang and Zeger 1986) against that of independent samples; at least 1.
+double dependenceFactor(const Solver& solver, const Poses& poses, const std::vector<char>& is_used,
+                        const Matrix12d& inverse, const Matrix6d& covariance) {
+  constexpr std::size_t kMostBlocks = 10;
+  constexpr std::size_t kLeastBlocks = 4;
+  std::vector<std::size_t> used;
+  for (std::size_t k = 0; k < is_used.size(); ++k) {
+    if (is_used[k] != 0) used.push_back(k);
+  }
+  const std::size_t num_blocks = std::clamp(used.size() / 3, kLeastBlocks, kMostBlocks);
+  Matrix12d sums = Matrix12d::Zero();
+  for (std::size_t block = 0; block < num_blocks; ++block) {
+    Vector12d gradient = Vector12d::Zero();
+    for (std::size_t i = block * used.size() / num_blocks; i < (block + 1) * used.size() / num_blocks; ++i) {
+      gradient += solver.gradient(used[i], poses);
+    }
+    sums += gradient * gradient.transpose();
+  }
+  // The fit takes its share of the residuals away, and one sum of all: usual corrections.
+  const double freedom = kPoseFreedom * static_cast<double>(used.size());
+  const double correction =
+      static_cast<double>(num_blocks) / static_cast<double>(num_blocks - 1) * (freedom - 1.0) / (freedom - kUnknowns);
+  const Matrix6d of_blocks = (correction * inverse * sums * inverse).topLeftCorner<6, 6>();
+  return std::sqrt(std::max(1.0, covariance.llt().solve(of_blocks).trace() / kPoseFreedom));
+}
 
 HandEyeResult::Residual residualOf(const HandEyeSample& sample, const Poses& poses) {
   const Eigen::Isometry3d difference =
@@ -433,6 +467,9 @@ HandEyeResult solveHandEye(const std::vector<HandEyeSample>& samples, const Hand
   result.noise_factor = std::sqrt(chi2_sum / freedom);
   const Matrix12d inverse = normal.ldlt().solve(Matrix12d::Identity());
   result.covariance = std::max(1.0, chi2_sum / freedom) * inverse.topLeftCorner<6, 6>();
+
+  result.dependence_factor = dependenceFactor(solver, poses, is_used, inverse, result.covariance);
+  result.covariance *= result.dependence_factor * result.dependence_factor;
 
   sum_m2 = 0.0;
   sum_rad2 = 0.0;

@@ -54,9 +54,9 @@ NormalEquations build(const PoseProblem& problem, const std::vector<Eigen::Matri
   NormalEquations sums;
   for (const PointMeasurement& point : problem.points) {
     Eigen::Matrix<double, 2, 6> by_pose;
-    const Eigen::Vector2d residual = pointResidual(point, T_camera_body, &by_pose) / problem.point_std_px;
+    const Eigen::Vector2d residual = pointResidual(point, T_camera_body, &by_pose) / point.std_px;
     Eigen::Matrix<double, 2, 7> jacobian = Eigen::Matrix<double, 2, 7>::Zero();
-    jacobian.leftCols<6>() = by_pose / problem.point_std_px;
+    jacobian.leftCols<6>() = by_pose / point.std_px;
     sums.add<2>(residual, jacobian);
   }
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
@@ -96,7 +96,7 @@ Vector6d stepBetween(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to)
 }
 
 std::optional<PointMeasurement> measurePoint(const Eigen::Vector3d& p_body, const Eigen::Vector2d& pixel,
-                                             const CameraModel& camera) {
+                                             const CameraModel& camera, double std_px) {
   if (!pixel.allFinite()) return std::nullopt;
   constexpr double kStep_px = 0.5;  // bearings are smooth over a pixel
   Eigen::Matrix2d bearing_per_px;
@@ -106,6 +106,7 @@ std::optional<PointMeasurement> measurePoint(const Eigen::Vector3d& p_body, cons
   }
   PointMeasurement point;
   point.p_body = p_body;
+  point.std_px = std_px;
   point.bearing = camera.bearing(pixel);
   // A lens model may fold the image over outside the range that it was fitted to.
   if (!point.bearing.allFinite() || !(bearing_per_px.determinant() > 0.0)) return std::nullopt;

@@ -11,6 +11,7 @@ namespace {
 
 // Two starts that end this close together have found the same minimum: refinePose() stops at steps far below.
 constexpr double kSameTurn_rad = 1e-4;
+constexpr double kPlain_px = 1.0;  // residuals far below it: plain least squares
 
 /// The square as a tag's printed side is seen: convex and going round clockwise (y down).
 bool isClockwise(const PoseProblem& problem) {
@@ -36,12 +37,11 @@ std::vector<TagPose> tagPoses(const std::array<Eigen::Vector2d, 4>& corners_px, 
     throw std::invalid_argument("edge_m = " + std::to_string(edge_m) + " m, must be positive");
   }
   PoseProblem problem;
-  problem.point_std_px = 1.0;                                             // residuals far below it: plain least squares
   const std::array<Eigen::Vector3d, 4> corners_tag = tagCorners(edge_m);  // the order that IPPE_SQUARE demands
   std::vector<cv::Point3d> object;
   std::vector<cv::Point2d> image;
   for (std::size_t i = 0; i < 4; ++i) {
-    const std::optional<PointMeasurement> point = measurePoint(corners_tag[i], corners_px[i], camera);
+    const std::optional<PointMeasurement> point = measurePoint(corners_tag[i], corners_px[i], camera, kPlain_px);
     if (!point) return {};
     problem.points.push_back(*point);
     object.emplace_back(corners_tag[i].x(), corners_tag[i].y(), 0.0);

@@ -56,6 +56,7 @@ std::optional<Distortion> distortionOf(const std::string& model) {
       {sensor_msgs::distortion_models::PLUMB_BOB, Distortion::kPlumbBob},
       {sensor_msgs::distortion_models::RATIONAL_POLYNOMIAL, Distortion::kRationalPolynomial},
       {"equidistant", Distortion::kEquidistant},  // a constant of later versions only
+      {"fisheye", Distortion::kEquidistant},      // OpenCV's word for the same
   };
   const auto found = kModels.find(model);
   if (found == kModels.end()) return std::nullopt;
@@ -155,25 +156,20 @@ std::optional<CameraModel> cameraModelOf(const sensor_msgs::CameraInfo& info, bo
   constexpr std::uint32_t kMaxSide_px = std::numeric_limits<std::int16_t>::max();
   if (info.width > kMaxSide_px || info.height > kMaxSide_px)
     return refuse("size is " + sizeText(info.width, info.height));
+  const std::optional<gpis_mapping::CameraModel> pinhole = gpis_mapping_ros::toCameraModel(info, is_rectified, refusal);
+  if (!pinhole) return std::nullopt;
   CameraModel camera;
-  camera.width_px = static_cast<int>(info.width);
-  camera.height_px = static_cast<int>(info.height);
-  if (is_rectified && info.P[0] > 0.0) {
-    camera.fx_px = info.P[0];
-    camera.fy_px = info.P[5];
-    camera.cx_px = info.P[2];
-    camera.cy_px = info.P[6];
-  } else {
-    camera.fx_px = info.K[0];
-    camera.fy_px = info.K[4];
-    camera.cx_px = info.K[2];
-    camera.cy_px = info.K[5];
-  }
+  camera.width_px = pinhole->width;
+  camera.height_px = pinhole->height;
+  camera.fx_px = pinhole->fx;
+  camera.fy_px = pinhole->fy;
+  camera.cx_px = pinhole->cx;
+  camera.cy_px = pinhole->cy;
   if (!is_rectified) {
     const std::optional<Distortion> distortion = distortionOf(info.distortion_model);
     if (!distortion) {
       return refuse("distortion_model is " + shown(info.distortion_model) +
-                    ", must be plumb_bob, rational_polynomial, equidistant, or empty");
+                    ", must be plumb_bob, rational_polynomial, equidistant (or fisheye), or empty");
     }
     if (*distortion == Distortion::kNone && !info.D.empty()) {
       return refuse("distortion_model is empty, but D has " + std::to_string(info.D.size()) + " coefficients");

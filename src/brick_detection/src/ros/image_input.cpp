@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include <tf2/exceptions.h>
+
 #include "gpis_mapping/range_check.h"
 
 namespace brick_detection_ros {
@@ -274,10 +276,15 @@ std::optional<InputFrame> ImageInput::prepareImage(const Waiting& waiting, Refus
   const std::optional<brick_detection::CameraModel> camera = cameraModelOf(*info, is_rectified_, refusal);
   if (!camera) return std::nullopt;
   frame.camera = *camera;
-  if (message.width != info->width || message.height != info->height) {
-    *refusal = {FrameStatus::kSizeMismatch, "image is " + sizeText(message.width, message.height) +
-                                                ", camera info on " + info_subscriber_.getTopic() + " says " +
-                                                sizeText(info->width, info->height)};
+  if (static_cast<int>(message.width) != camera->width_px || static_cast<int>(message.height) != camera->height_px) {
+    const bool is_cut = info->width != static_cast<std::uint32_t>(camera->width_px) ||
+                        info->height != static_cast<std::uint32_t>(camera->height_px);
+    *refusal = {
+        FrameStatus::kSizeMismatch,
+        "image is " + sizeText(message.width, message.height) + ", camera info on " + info_subscriber_.getTopic() +
+            " says " +
+            sizeText(static_cast<std::uint64_t>(camera->width_px), static_cast<std::uint64_t>(camera->height_px)) +
+            (is_cut ? ", by its ROI and binning of " + sizeText(info->width, info->height) : "")};
     return std::nullopt;
   }
   const std::string info_frame = withoutSlash(info->header.frame_id);
@@ -325,6 +332,18 @@ ImageInput::Depth ImageInput::waitForDepth(const ros::Time& stamp, SteadyTime de
                        " (max_depth_offset_s), the nearest is off by " + seconds(offset_s)};
 }
 
+/// Drivers name the frame of a registered depth image as they like; the camera's centre is then the colour camera's.
+bool ImageInput::isOneCamera(const std::string& frame, const std::string& other_frame) const {
+  constexpr double kSamePlace_m = 1e-3;  // a depth camera beside it is ten times as far away
+  try {
+    const auto transform = pose_source_.buffer().lookupTransform(frame, other_frame, ros::Time(0));  // fixed
+    const geometry_msgs::Vector3& t = transform.transform.translation;
+    return Eigen::Vector3d(t.x, t.y, t.z).norm() < kSamePlace_m;
+  } catch (const tf2::TransformException&) {
+    return false;
+  }
+}
+
 bool ImageInput::addDepth(const sensor_msgs::Image& color, SteadyTime arrival, InputFrame* frame, Refusal* refusal) {
   const Depth depth = waitForDepth(color.header.stamp, arrival + toSteady(params_.depth_timeout_s));
   if (!depth.image) {
@@ -341,10 +360,11 @@ bool ImageInput::addDepth(const sensor_msgs::Image& color, SteadyTime arrival, I
   }
   const std::string depth_frame = withoutSlash(depth.image->header.frame_id);
   const std::string color_frame = withoutSlash(color.header.frame_id);
-  if (depth_frame != color_frame) {
-    *refusal = {FrameStatus::kSizeMismatch, "depth image on " + depth_subscriber_.getTopic() + " is of frame '" +
-                                                depth_frame + "', the colour image of '" + color_frame + "'" + kAdvice};
-    return false;
+  if (depth_frame != color_frame && !isOneCamera(depth_frame, color_frame)) {
+    frame->remark = "without depth: the depth image on " + depth_subscriber_.getTopic() + " is of frame '" +
+                    depth_frame + "', the colour image of '" + color_frame + "', and by tf these are not at one place" +
+                    kAdvice;
+    return true;
   }
   Refusal why;
   const std::optional<cv::Mat> depth_m = toDepthMat(*depth.image, params_.depth_units_per_metre, &why);

@@ -255,9 +255,10 @@ TEST_F(NoisyBrickPose, ASmallTagSeenFromTheFrontIsRightWithDepthAndRefusedOrRigh
       const Campaign with_depth = look(draw, true, kTrials, 0.7);
       EXPECT_EQ(with_depth.num_wrong, 0) << z << " m, " << tilt;
       EXPECT_LT(with_depth.mean_normalised, kMostNormalised) << z << " m, " << tilt;
-      // Depth's noise grows with the distance's square: at 3.4 m a plane of 25 px is known to 0.1 rad.
+      // Depth's noise grows with the distance's square: at 3.4 m a plane of 25 px is known to 0.1 rad, which leaves two
+      // poses 0.4 rad apart ambiguous for every second tag.
       EXPECT_LT(with_depth.rms_rad, z < 2.0 ? 0.04 : z < 3.0 ? 0.09 : 0.17) << z << " m, " << tilt;
-      EXPECT_GE(with_depth.num_poses, z < 3.0 ? 38 : 20) << z << " m, " << tilt;
+      EXPECT_GE(with_depth.num_poses, z < 3.0 ? 38 : 16) << z << " m, " << tilt;
       const Campaign colour = look(draw, false, kTrials, 0.7);
       EXPECT_EQ(colour.num_wrong, 0) << z << " m, " << tilt;
       EXPECT_LE(colour.num_poses, kTrials / 2 + (tilt > 0.3 ? kTrials / 2 : 0)) << z << " m, " << tilt;
@@ -420,12 +421,13 @@ TEST_F(BrickPose, BricksComeInOrderOfTheirIds) {
 TEST_F(BrickPose, RefusesWhatItDoesNotKnowWellEnough) {
   const auto tags = observeBrick(catalogue_, 2, facing({0.0, 0.0, 1.0}, 0.6), camera_, 0.7);
   ASSERT_THAT(tags, SizeIs(1));
-  const auto usual = estimator_.estimate(tags, camera_, no_depth_);
+  BrickPoseConfig config;
+  config.label_std_m = 0.0;  // comes on top, and is no reason to refuse
+  const auto usual = BrickPoseEstimator(catalogue_, config).estimate(tags, camera_, no_depth_);
   ASSERT_THAT(usual.bricks, SizeIs(1));
   const Eigen::Matrix3d of_rotation = usual.bricks[0].covariance.bottomRightCorner<3, 3>();
   const double std_rad = std::sqrt(of_rotation.selfadjointView<Eigen::Lower>().eigenvalues().maxCoeff());
   for (const double share : {0.9, 1.1}) {
-    BrickPoseConfig config;
     config.max_rotation_std_rad = share * std_rad;
     const auto result = BrickPoseEstimator(catalogue_, config).estimate(tags, camera_, no_depth_);
     EXPECT_EQ(result.tags[0].status, share < 1.0 ? TagStatus::kAmbiguous : TagStatus::kUsed) << std_rad;

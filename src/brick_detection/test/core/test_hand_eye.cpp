@@ -222,6 +222,45 @@ TEST(HandEye, CovarianceHoldsTheArmsShare) {
   EXPECT_NEAR(mean.noise_factor, 1.0, 0.02);
 }
 
+/// An error of each sample that fades over the next ones (autoregressive), as a lens or an arm has it along a path.
+void addDependentNoise(Rig* rig, double kept, Random* random) {
+  Vector6d white = Vector6d::Zero();
+  for (std::size_t i = 0; i < rig->samples.size(); ++i) {
+    Vector6d fresh;
+    fresh << gaussian3(random, 1.0), gaussian3(random, 1.0);
+    white = i == 0 ? fresh : Vector6d(kept * white + std::sqrt(1.0 - kept * kept) * fresh);
+    Vector6d std;
+    std << 0.001, 0.001, 0.003, 0.006, 0.006, 0.003;
+    rig->samples[i].covariance = std.cwiseAbs2().asDiagonal();
+    rig->samples[i].T_camera_target = moved(rig->samples[i].T_camera_target, std.cwiseProduct(white));
+  }
+}
+
+TEST(HandEye, CovarianceHoldsForSamplesThatDependOnEachOther) {
+  for (const double kept : {0.0, 0.7, 0.8}) {
+    Random random(18);
+    double nees = 0.0;
+    double as_if_independent = 0.0;
+    constexpr int kDependentRuns = 40;
+    for (int run = 0; run < kDependentRuns; ++run) {
+      Rig rig = exactRig(120, &random);
+      addDependentNoise(&rig, kept, &random);
+      const HandEyeResult result = solveHandEye(rig.samples, tolerant(0.0, 0.0));
+      ASSERT_TRUE(result.isGood()) << result.reason;
+      const Vector6d error = difference(result.T_base_camera, rig.T_base_camera);
+      nees += error.dot(result.covariance.llt().solve(error)) / kDependentRuns;
+      as_if_independent +=
+          std::pow(result.dependence_factor, 2) * error.dot(result.covariance.llt().solve(error)) / kDependentRuns;
+    }
+    // Ten blocks know the variance to a third, and see only a part of what is alike over most of a block.
+    EXPECT_LT(nees, 6.0 * 2.0) << kept;
+    EXPECT_GT(nees, 6.0 * 0.7) << kept;
+    if (kept > 0.5) {
+      EXPECT_GT(as_if_independent, 6.0 * 1.3) << kept << ": a test that cannot fail";
+    }
+  }
+}
+
 TEST(HandEye, AnotherBaseFrameMovesTheAnswerWithIt) {
   Random random(6);
   Rig rig = exactRig(12, &random);

@@ -136,9 +136,8 @@ TEST(RefinePose, NoNumberOfPlanesRemovesTheOffsetThatTheyShare) {
   const CameraModel camera = testCamera();
   const Eigen::Isometry3d truth = makePose({0.0, 0.0, 1.2}, {M_PI, 0.0, 0.0});
   PoseProblem problem;
-  problem.point_std_px = 5.0;  // the planes decide
   for (const Eigen::Vector3d& corner : tagCorners(0.12)) {
-    problem.points.push_back(*measurePoint(corner, camera.project(truth * corner), camera));
+    problem.points.push_back(*measurePoint(corner, camera.project(truth * corner), camera, 5.0));  // the planes decide
   }
   PlaneMeasurement plane;
   plane.plane = planeAt(truth.translation(), truth.linear() * plane.n_body);
@@ -157,9 +156,8 @@ TEST(RefinePose, FollowsThePlaneWhereThePointsAreWeak) {
   const CameraModel camera = testCamera();
   const Eigen::Isometry3d truth = makePose({0.0, 0.0, 1.2}, {M_PI, 0.0, 0.0});
   PoseProblem problem;
-  problem.point_std_px = 5.0;
   for (const Eigen::Vector3d& corner : tagCorners(0.12)) {
-    problem.points.push_back(*measurePoint(corner, camera.project(truth * corner), camera));
+    problem.points.push_back(*measurePoint(corner, camera.project(truth * corner), camera, 5.0));
   }
   PlaneMeasurement plane;
   plane.plane = planeAt(truth.translation() + Eigen::Vector3d(0.0, 0.0, 0.004), truth.linear() * plane.n_body);

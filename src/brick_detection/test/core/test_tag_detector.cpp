@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iostream>
 #include <limits>
 #include <random>
 #include <set>
@@ -25,6 +26,8 @@ extern "C" {
 #include <apriltag/tagStandard52h13.h>
 }
 
+#include "brick_detection/brick_pose.h"
+#include "brick_detection/calibration_session.h"
 #include "support/hard_negatives.h"
 #include "support/tag_renderer.h"
 
@@ -61,7 +64,7 @@ RenderScene boards(const std::string& family, const std::vector<std::pair<int, E
   scene.camera = vga();
   scene.family = family;
   for (const auto& [id, T_camera_tag] : tags) {
-    const double edge_m = 0.12 * TagLayout::borderCells(family) / TagLayout::outerCells(family);
+    const double edge_m = 0.12 * TagLayout::blackCells(family) / TagLayout::outerCells(family);
     scene.bricks.push_back(tagBoard(id, edge_m, 0.17, T_camera_tag));
   }
   return scene;
@@ -86,8 +89,8 @@ double cornerError(const TagObservation& tag, const RenderedTag& truth) {
 
 /// Paints cells of a rendered tag in the other colour; rows and columns count data cells within the border.
 void flipCell(const RenderedTag& tag, int border_cells, int row, int column, bool to_white, cv::Mat* grey) {
-  const double half_m = 0.5 * tag.black_border_edge_m;
-  const double cell_m = tag.black_border_edge_m / border_cells;
+  const double half_m = 0.5 * tag.corner_edge_m;
+  const double cell_m = tag.corner_edge_m / border_cells;
   std::vector<cv::Point> polygon;
   for (const auto& [dx, dy] : {std::pair(0.1, 0.1), {0.9, 0.1}, {0.9, 0.9}, {0.1, 0.9}}) {
     const Eigen::Vector3d p(-half_m + (column + dx) * cell_m, half_m - (row + dy) * cell_m, 0.0);
@@ -259,6 +262,35 @@ TEST_P(EveryFamily, IsDrawnAndDecoded) {
   }
 }
 
+TEST_P(EveryFamily, IsSeenAtItsDistance) {
+  constexpr double kBlackBorder_m = 0.12;
+  const Eigen::Isometry3d T_camera_tag = poseSeenAt(vga(), {300.0, 250.0}, 0.8, 0.5, 1.0, 0.3);
+  RenderScene scene;
+  scene.camera = vga();
+  scene.family = GetParam();
+  scene.bricks = {tagBoard(1, kBlackBorder_m, 0.3, T_camera_tag)};
+  const RenderedView view = render(scene, realistic(), 3);
+  const std::vector<TagObservation> tags = makeTagDetector(ofFamily(GetParam()))->detect(view.grey);
+  ASSERT_THAT(idsOf(tags), ElementsAre(1));
+  const BrickPoseEstimator estimator(loneTag(GetParam(), 1, kBlackBorder_m), {});
+  const auto result = estimator.estimate(tags, vga(), cv::Mat(), view.grey);
+  ASSERT_EQ(result.bricks.size(), 1U) << toString(result.tags[0].status);
+  // 0.1 px of 50 are 2 mm; another edge would be 30 cm.
+  EXPECT_LT((result.bricks[0].T_camera_brick.translation() - T_camera_tag.translation()).norm(), 0.006);
+}
+
+TEST(TagFamilies, OpenCVPrintsAprilTagsTurnedByHalfATurn) {
+  const auto dictionary = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_APRILTAG_36h11);
+  cv::Mat marker;
+  dictionary->drawMarker(5, 80, marker, 1);
+  cv::Mat grey(160, 200, CV_8UC1, cv::Scalar(255));
+  marker.copyTo(grey(cv::Rect(60, 40, 80, 80)));
+  const std::vector<TagObservation> tags = makeTagDetector({})->detect(grey);
+  ASSERT_THAT(idsOf(tags), ElementsAre(5));
+  // What is the top left corner of the upright tag is at the bottom right.
+  EXPECT_LT((tags[0].corners_px[0] - Eigen::Vector2d(139.5, 119.5)).norm(), 0.5);
+}
+
 TEST(TagFamilies, TableOfTheCatalogueIsThatOfTheLibraries) {
   struct Functions {
     apriltag_family_t* (*create)();
@@ -278,6 +310,8 @@ TEST(TagFamilies, TableOfTheCatalogueIsThatOfTheLibraries) {
     apriltag_family_t* family = functions.create();
     EXPECT_EQ(TagLayout::numIds(name), static_cast<int>(family->ncodes)) << name;
     EXPECT_EQ(TagLayout::borderCells(name), family->width_at_border) << name;
+    // Corners are where black meets white: outside the black border, or inside it.
+    EXPECT_EQ(TagLayout::blackCells(name), family->width_at_border + (family->reversed_border ? 2 : 0)) << name;
     // Those with a black border count the white ring round it; the catalogue calls that margin.
     EXPECT_EQ(TagLayout::outerCells(name), family->reversed_border ? family->total_width : family->width_at_border)
         << name;
@@ -290,6 +324,7 @@ TEST(TagFamilies, TableOfTheCatalogueIsThatOfTheLibraries) {
     const auto dictionary = cv::aruco::getPredefinedDictionary(id);
     EXPECT_EQ(TagLayout::numIds(name), dictionary->bytesList.rows) << name;
     EXPECT_EQ(TagLayout::borderCells(name), dictionary->markerSize + 2) << name;
+    EXPECT_EQ(TagLayout::blackCells(name), dictionary->markerSize + 2) << name;
     EXPECT_EQ(TagLayout::outerCells(name), dictionary->markerSize + 2) << name;
   }
   EXPECT_EQ(april_tags.size() + dictionaries.size() + 1, TagLayout::families().size());
@@ -364,6 +399,71 @@ TEST(TagDetector, FindsSmallTagsAndTagsInTheDark) {
   RenderEffects dark = realistic();
   dark.exposure = 0.1;  // black to white are 22 grey levels
   EXPECT_EQ(detector->detect(render(boards("tag36h11", tags), dark, 3).grey).size(), 12U);
+}
+
+/// How many of twelve boards are found: by the shortest side, the lens' blur and the noise.
+class BlurSweep {
+ public:
+  static constexpr int kNumTags = 12;
+
+  BlurSweep(double side_px, double lens_px, double noise_std) {
+    constexpr double kEdge_m = 0.12;
+    std::vector<std::pair<int, Eigen::Isometry3d>> tags;
+    for (int i = 0; i < kNumTags; ++i) {
+      // Places between pixels, tilts and rolls of all kinds.
+      const Eigen::Vector2d pixel(80.37 + 160.21 * (i % 4), 80.61 + 159.83 * (i / 4));
+      const double distance_m = kEdge_m * vga().fx_px / side_px;
+      tags.emplace_back(i, poseSeenAt(vga(), pixel, distance_m, 0.04 * i, 0.5 * i, 0.7 * i));
+    }
+    RenderEffects effects;
+    effects.blur_sigma_px = lens_px;
+    effects.noise_std = noise_std;
+    grey_ = render(boards("tag36h11", tags), effects, static_cast<std::uint32_t>(10.0 * side_px)).grey;
+  }
+
+  int numFound(double blur_sigma_px) const {
+    TagDetectorConfig config;
+    config.blur_sigma_px = blur_sigma_px;
+    const std::vector<TagObservation> tags = makeTagDetector(config)->detect(grey_);
+    // With as many corrected bits as a tag may have that is used.
+    return static_cast<int>(std::count_if(tags.begin(), tags.end(), [](const auto& tag) { return tag.hamming <= 1; }));
+  }
+
+ private:
+  cv::Mat grey_;
+};
+
+// Prints the table of the README: ctest -R test_tag_detector -V.
+TEST(TagDetector, NoBlurFindsMoreThanTheDefault) {
+  const std::array<double, 6> blurs = {0.0, 0.3, 0.45, 0.6, 0.8, TagDetectorConfig().blur_sigma_px};
+  std::array<int, 6> found{};
+  int num_tags = 0;
+  std::cout << "side px, lens px, noise: found of 12 at blur_sigma_px 0, 0.3, 0.45, 0.6, 0.8, default\n";
+  for (const double side_px : {13.0, 15.0, 18.0, 25.0, 40.0}) {
+    for (const double lens_px : {0.3, 0.5, 0.8, 1.0}) {
+      for (const double noise_std : {1.0, 4.0, 8.0}) {
+        const BlurSweep sweep(side_px, lens_px, noise_std);
+        num_tags += BlurSweep::kNumTags;
+        std::cout << side_px << " " << lens_px << " " << noise_std << ":";
+        int of_default = 0;
+        for (std::size_t i = 0; i < blurs.size(); ++i) {
+          of_default = sweep.numFound(blurs[i]);
+          found[i] += of_default;
+          std::cout << " " << of_default;
+        }
+        std::cout << "\n";
+        // The reach that the README names.
+        if (side_px >= 25.0 || (side_px >= 18.0 && noise_std <= 4.0) || (side_px >= 15.0 && lens_px <= 0.8)) {
+          EXPECT_EQ(of_default, BlurSweep::kNumTags) << side_px << " px, " << lens_px << " px, " << noise_std;
+        }
+      }
+    }
+  }
+  std::cout << "all " << num_tags << ":";
+  for (const int count : found) std::cout << " " << count;
+  std::cout << "\n";
+  // Half a percent: a tag more or less is chance.
+  EXPECT_GE(found.back(), *std::max_element(found.begin(), found.end()) - num_tags / 200);
 }
 
 TEST(TagDetector, NoiseDoesNotHideTags) {

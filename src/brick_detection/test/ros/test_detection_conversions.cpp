@@ -126,6 +126,59 @@ TEST(CameraModelOf, KnowsTheModelsByTheirNames) {
   EXPECT_EQ(cameraModelOf(info, false, &refusal)->distortion, Distortion::kNone);
 }
 
+TEST(CameraModelOf, FisheyeIsEquidistant) {
+  Refusal refusal;
+  sensor_msgs::CameraInfo info = cameraInfo();
+  info.distortion_model = "fisheye";
+  info.D = {0.1, -0.02, 0.003, 0.001};
+  const auto camera = cameraModelOf(info, false, &refusal);
+  ASSERT_TRUE(camera) << refusal.message;
+  EXPECT_EQ(camera->distortion, Distortion::kEquidistant);
+  EXPECT_EQ(camera->coefficients, info.D);
+}
+
+TEST(CameraModelOf, IsOfThePartThatBinningAndRoiLeave) {
+  Refusal refusal;
+  sensor_msgs::CameraInfo info = cameraInfo();
+  info.width = 1280;
+  info.height = 960;
+  info.K = {1230.0, 0.0, 639.5, 0.0, 1220.0, 479.5, 0.0, 0.0, 1.0};
+  info.binning_x = info.binning_y = 2;
+  auto camera = cameraModelOf(info, false, &refusal);
+  ASSERT_TRUE(camera) << refusal.message;
+  EXPECT_EQ(camera->width_px, 640);
+  EXPECT_EQ(camera->height_px, 480);
+  EXPECT_DOUBLE_EQ(camera->fx_px, 615.0);
+  EXPECT_DOUBLE_EQ(camera->fy_px, 610.0);
+  EXPECT_DOUBLE_EQ(camera->cx_px, 319.5);  // pixel centres are at integers
+  EXPECT_DOUBLE_EQ(camera->cy_px, 239.5);
+  EXPECT_EQ(camera->coefficients, info.D) << "of bearings: no matter how large a pixel is";
+
+  info.binning_x = info.binning_y = 0;
+  info.roi.x_offset = 320;
+  info.roi.y_offset = 240;
+  info.roi.width = 640;
+  info.roi.height = 480;
+  camera = cameraModelOf(info, false, &refusal);
+  ASSERT_TRUE(camera) << refusal.message;
+  EXPECT_EQ(camera->width_px, 640);
+  EXPECT_DOUBLE_EQ(camera->fx_px, 1230.0);
+  EXPECT_DOUBLE_EQ(camera->cx_px, 319.5);
+  EXPECT_DOUBLE_EQ(camera->cy_px, 239.5);
+  // Where a point is seen follows the cut.
+  const Eigen::Vector3d p_camera(0.05, 0.03, 1.0);
+  sensor_msgs::CameraInfo whole = info;
+  whole.roi = sensor_msgs::RegionOfInterest();
+  const auto full = cameraModelOf(whole, false, &refusal);
+  ASSERT_TRUE(full) << refusal.message;
+  EXPECT_TRUE(camera->project(p_camera).isApprox(full->project(p_camera) - Eigen::Vector2d(320.0, 240.0), 1e-9));
+
+  info.roi.x_offset = 700;
+  EXPECT_FALSE(cameraModelOf(info, false, &refusal));
+  EXPECT_EQ(refusal.status, FrameStatus::kBadCameraInfo);
+  EXPECT_THAT(refusal.message, HasSubstr("ROI is 640 x 480 px at (700, 240)"));
+}
+
 TEST(CameraModelOf, RefusesWhatCannotBe) {
   const auto refusalOf = [](const sensor_msgs::CameraInfo& info) {
     Refusal refusal;

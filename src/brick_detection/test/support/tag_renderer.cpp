@@ -67,6 +67,20 @@ struct LaidTag {
   cv::Mat cells;
   double cell_m{0.0};
   double half_paper_m{0.0};
+  double bend_m{0.0};
+  Eigen::Vector2d bend_across{Eigen::Vector2d::UnitX()};
+
+  /// Where a ray that meets the face at p meets the label, in the tag's frame.
+  Eigen::Vector3d onLabel(const Eigen::Vector3d& p, const Eigen::Vector3d& direction) const {
+    if (bend_m == 0.0) return p;
+    Eigen::Vector3d on_label = p;
+    for (int i = 0; i < 8; ++i) {  // height and slope are small: converges by a factor of ten a round
+      const double s = std::clamp(on_label.head<2>().dot(bend_across) / half_paper_m, -1.5, 1.5);
+      const double height_m = bend_m > 0.0 ? bend_m * std::max(0.0, 1.0 - s * s) : -bend_m * s * s;
+      on_label = p + direction * (height_m / direction.z());
+    }
+    return on_label;
+  }
 };
 
 struct Face {
@@ -107,8 +121,10 @@ class Tracer {
         LaidTag laid;
         laid.T_tag_camera = (brick.T_camera_brick * tag.T_brick_tag).inverse();
         laid.cells = tagCells(scene.family, id);
-        laid.cell_m = tag.black_border_edge_m / TagLayout::borderCells(scene.family);
+        laid.cell_m = tag.black_border_edge_m / TagLayout::blackCells(scene.family);
         laid.half_paper_m = (0.5 * laid.cells.cols + scene.margin_cells) * laid.cell_m;
+        laid.bend_m = brick.label_bend_m;
+        laid.bend_across = {-std::sin(brick.label_bend_axis_rad), std::cos(brick.label_bend_axis_rad)};
         box.faces[static_cast<std::size_t>(tag.face)].tags.push_back(std::move(laid));
       }
       boxes_.push_back(std::move(box));
@@ -175,7 +191,8 @@ class Tracer {
       if (p.cwiseAbs().maxCoeff() < face.half_plate_m) color = kPlateRgb;
     }
     for (const LaidTag& tag : face.tags) {
-      const Eigen::Vector2d p = (tag.T_tag_camera * p_camera).head<2>();
+      const Eigen::Vector2d p =
+          tag.onLabel(tag.T_tag_camera * p_camera, tag.T_tag_camera.linear() * p_camera).head<2>();
       mix(sector(p.x(), tag.half_paper_m) * 3 + sector(p.y(), tag.half_paper_m), region);
       if (p.cwiseAbs().maxCoeff() >= tag.half_paper_m) continue;
       const double half_cells = 0.5 * tag.cells.cols;
@@ -186,6 +203,18 @@ class Tracer {
       color = is_cell && tag.cells.at<std::uint8_t>(row, column) == 0 ? kInkRgb : kPaperRgb;
     }
     return color * face.light;
+  }
+
+  /// Along the optical axis, to a bent label where there is one.
+  double depthOf(const Eigen::Vector2d& bearing, const Hit& hit) const {
+    if (hit.object < 0) return hit.z_m;
+    const Eigen::Vector3d p_camera = hit.z_m * bearing.homogeneous();
+    const Box& box = boxes_[static_cast<std::size_t>(hit.object)];
+    for (const LaidTag& tag : box.faces[static_cast<std::size_t>(hit.face)].tags) {
+      const Eigen::Vector3d p = tag.onLabel(tag.T_tag_camera * p_camera, tag.T_tag_camera.linear() * p_camera);
+      if (p.head<2>().cwiseAbs().maxCoeff() < tag.half_paper_m) return (tag.T_tag_camera.inverse() * p).z();
+    }
+    return hit.z_m;
   }
 
   const std::vector<Box>& boxes() const { return boxes_; }
@@ -318,8 +347,8 @@ void trace(const RenderScene& scene, const Tracer& tracer, cv::Mat_<cv::Vec3f>* 
       const Eigen::Vector2d bottom_right = bearingAt(row + 1, column + 1);
       const Eigen::Vector2d middle = 0.25 * (top_left + top_right + bottom_left + bottom_right);
       const Hit hit = tracer.cast(middle, &pixel);
-      (*depth_m)(row, column) =
-          std::isfinite(hit.z_m) ? static_cast<float>(hit.z_m) : std::numeric_limits<float>::quiet_NaN();
+      (*depth_m)(row, column) = std::isfinite(hit.z_m) ? static_cast<float>(tracer.depthOf(middle, hit))
+                                                       : std::numeric_limits<float>::quiet_NaN();
       std::uint64_t region = 0;
       Eigen::Vector3d color = tracer.look(middle, hit, &region);
       const bool is_even = has_tip(row, column) == 0 && regionAt(row, column) == region &&
@@ -381,7 +410,18 @@ cv::Mat toImage(cv::Mat_<cv::Vec3f> light, const RenderEffects& effects, cv::RNG
     for (int column = 0; column < light.cols; ++column) {
       const double gradient = 1.0 + effects.light_gradient.x() * ((column + 0.5) / light.cols - 0.5) +
                               effects.light_gradient.y() * ((row + 0.5) / light.rows - 0.5);
-      light(row, column) *= static_cast<float>(std::max(0.0, effects.exposure * gradient));
+      double factor = std::max(0.0, effects.exposure * gradient);
+      const Eigen::Vector2d pixel(column, row);
+      if (!effects.shadow_normal.isZero()) {
+        const double in_px = effects.shadow_normal.dot(pixel - effects.shadow_px);
+        const double share = std::clamp(0.5 + in_px / effects.shadow_width_px, 0.0, 1.0);
+        factor *= 1.0 - share * (1.0 - effects.shadow_factor);
+      }
+      light(row, column) *= static_cast<float>(factor);
+      if (effects.glare > 0.0) {
+        const double off = (pixel - effects.glare_px).squaredNorm() / std::pow(effects.glare_radius_px, 2);
+        light(row, column) += cv::Vec3f::all(static_cast<float>(255.0 * effects.glare * std::exp(-off)));
+      }
     }
   }
   if (!effects.motion_px.isZero()) cv::filter2D(light, light, -1, motionKernel(effects.motion_px));
@@ -441,9 +481,10 @@ std::vector<RenderedTag> visibleTags(const RenderScene& scene, const Tracer& tra
       tag.id = id;
       tag.brick_index = index;
       tag.T_camera_tag = scene.bricks[index].T_camera_brick * laid.T_brick_tag;
-      tag.black_border_edge_m = laid.black_border_edge_m;
+      tag.corner_edge_m =
+          laid.black_border_edge_m * TagLayout::borderCells(scene.family) / TagLayout::blackCells(scene.family);
       if (tag.T_camera_tag.linear().col(2).dot(tag.T_camera_tag.translation()) >= 0.0) continue;
-      const double half_m = 0.5 * laid.black_border_edge_m;
+      const double half_m = 0.5 * tag.corner_edge_m;
       const auto pixelOf = [&](double x, double y) {
         return scene.camera.project(tag.T_camera_tag * Eigen::Vector3d(x, y, 0.0));
       };

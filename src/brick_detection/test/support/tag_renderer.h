@@ -24,6 +24,9 @@ struct RenderBrick {
   mp700_ur5e_description::BrickType type;  ///< size, colour, plates
   std::map<int, mp700_ur5e_description::BrickTag> tags;
   Eigen::Isometry3d T_camera_brick{Eigen::Isometry3d::Identity()};
+  /// Of the labels, about an axis in their plane: by so much the middle stands off the face; negative: both ends do.
+  double label_bend_m{0.0};
+  double label_bend_axis_rad{0.0};
 };
 
 /// A brick of the catalogue with all its tags. Throws std::invalid_argument for an id that the catalogue does not have.
@@ -60,6 +63,13 @@ struct RenderScene {
 struct RenderEffects {
   Eigen::Vector2d light_gradient{0.0, 0.0};  ///< relative change of brightness across the image, along u and v
   double exposure{1.0};                      ///< factor on all light: 0.1 is a dark room
+  Eigen::Vector2d shadow_px{0.0, 0.0};       ///< a point on a shadow's edge
+  Eigen::Vector2d shadow_normal{0.0, 0.0};   ///< into the shadow, unit; zero: no shadow
+  double shadow_factor{0.5};                 ///< of the light in it
+  double shadow_width_px{1.0};               ///< of its edge
+  Eigen::Vector2d glare_px{0.0, 0.0};        ///< middle of a reflected lamp
+  double glare_radius_px{0.0};               ///< to a third of its light
+  double glare{0.0};                         ///< light there, of white paper's; 0: none
   Eigen::Vector2d motion_px{0.0, 0.0};       ///< the image moves by that during the exposure
   double blur_sigma_px{0.0};                 ///< lens
   double gamma{1.0};           ///< camera's tone curve, value^(1/gamma): above 1 blurred white eats into black
@@ -77,10 +87,10 @@ struct RenderedTag {
   int id{0};
   std::size_t brick_index{0};  ///< into RenderScene::bricks
   Eigen::Isometry3d T_camera_tag{Eigen::Isometry3d::Identity()};
-  double black_border_edge_m{0.0};
+  double corner_edge_m{0.0};                    ///< between the corners: TagLayout::cornerEdge()
   std::array<Eigen::Vector2d, 4> corners_px{};  ///< true ones, in the order of TagObservation
   double shortest_side_px{0.0};
-  double visible_share{0.0};  ///< of the area within the border's outer edge: in the image and not hidden
+  double visible_share{0.0};  ///< of the area between the corners: in the image and not hidden
 };
 
 struct RenderedView {

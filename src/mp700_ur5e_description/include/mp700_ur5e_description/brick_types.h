@@ -32,18 +32,22 @@ struct BrickType {
 /// Tags by the scheme: one in the middle of each face of each brick, numbered through.
 struct TagLayout {
   std::string family;               ///< see families()
-  double black_border_edge_m{0.0};  ///< edge of the border, the size that pose estimators ask for
-  double margin_cells{0.0};         ///< white ring round the tag [cells]
+  double black_border_edge_m{0.0};  ///< outer edge of the black border; of all families, see the README's drawing
+  double margin_cells{0.0};         ///< white ring round the tag and its data [cells]
   int first_id{0};
   std::optional<int> num_bricks;  ///< labelled by the scheme; nothing: as many as the family has ids for
 
   double cellEdge() const;   ///< edge of one cell of the tag's grid [m]
   double paperEdge() const;  ///< edge of the printed square, margin included [m]
+  /// Edge of the square whose corners detectors report [m], the size that pose estimators ask for: the black border's outer
+  /// edge, or its inner edge in families with data outside the border.
+  double cornerEdge(double of_black_border_edge_m) const;
   /// Names: of libapriltag (tag36h11 ...), of OpenCV's ArUco dictionaries (DICT_5X5_1000 ...), and ALVAR_5X5, the tags of
   /// ar_track_alvar.
   static std::vector<std::string> families();
   static int numIds(const std::string& family);       ///< 0: unknown family
-  static int borderCells(const std::string& family);  ///< cells along the border's outer edge; 0: unknown
+  static int borderCells(const std::string& family);  ///< cells between the corners that detectors report; 0: unknown
+  static int blackCells(const std::string& family);   ///< cells along the black border's outer edge; 0: unknown
   static int outerCells(const std::string& family);   ///< the same with data outside the border, which some have
 };
 
@@ -51,7 +55,7 @@ struct TagLayout {
 struct BrickTag {
   int brick_id{0};
   BrickFace face{BrickFace::kPlusX};
-  double black_border_edge_m{0.0};
+  double black_border_edge_m{0.0};  ///< as TagLayout's
   Eigen::Isometry3d T_brick_tag{Eigen::Isometry3d::Identity()};  ///< see tagPose()
 };
 

@@ -13,23 +13,25 @@ namespace {
 struct Family {
   const char* name;
   int num_ids;
-  int border_cells;
-  int outer_cells;  // with data outside the border
+  int border_cells;  // between the corners that detectors report
+  int black_cells;   // along the black border's outer edge
+  int outer_cells;   // with data outside the border
 };
-// As libapriltag and OpenCV have them; ALVAR_5X5 are 25 data bits in a border of two cells, ids of 16 bits.
-constexpr std::array<Family, 13> kFamilies = {{{"tag36h11", 587, 8, 8},
-                                               {"tag16h5", 30, 6, 6},
-                                               {"tag25h9", 35, 7, 7},
-                                               {"tag36h10", 2320, 8, 8},
-                                               {"tagCircle21h7", 38, 5, 9},
-                                               {"tagCircle49h12", 65535, 5, 11},
-                                               {"tagCustom48h12", 42211, 6, 10},
-                                               {"tagStandard41h12", 2115, 5, 9},
-                                               {"tagStandard52h13", 48714, 6, 10},
-                                               {"DICT_4X4_1000", 1000, 6, 6},
-                                               {"DICT_5X5_1000", 1000, 7, 7},
-                                               {"DICT_6X6_1000", 1000, 8, 8},
-                                               {"ALVAR_5X5", 65536, 9, 9}}};
+// As libapriltag and OpenCV have them. Where the corners lie on the border's inner edge, the border has white inside and data
+// outside. ALVAR_5X5 are 25 data bits in a border of two cells, ids of 16 bits.
+constexpr std::array<Family, 13> kFamilies = {{{"tag36h11", 587, 8, 8, 8},
+                                               {"tag16h5", 30, 6, 6, 6},
+                                               {"tag25h9", 35, 7, 7, 7},
+                                               {"tag36h10", 2320, 8, 8, 8},
+                                               {"tagCircle21h7", 38, 5, 7, 9},
+                                               {"tagCircle49h12", 65535, 5, 7, 11},
+                                               {"tagCustom48h12", 42211, 6, 8, 10},
+                                               {"tagStandard41h12", 2115, 5, 7, 9},
+                                               {"tagStandard52h13", 48714, 6, 8, 10},
+                                               {"DICT_4X4_1000", 1000, 6, 6, 6},
+                                               {"DICT_5X5_1000", 1000, 7, 7, 7},
+                                               {"DICT_6X6_1000", 1000, 8, 8, 8},
+                                               {"ALVAR_5X5", 65536, 9, 9, 9}}};
 
 const Family* findFamily(const std::string& name) {
   for (const Family& family : kFamilies) {
@@ -42,6 +44,13 @@ std::string join(const std::vector<std::string>& words) {
   std::string text;
   for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
   return text;
+}
+
+/// OpenCV's own names of AprilTag's families.
+std::string adviceFor(const std::string& family) {
+  if (family.rfind("DICT_APRILTAG_", 0) != 0) return "";
+  return ". OpenCV prints the tags of tag" + family.substr(std::string("DICT_APRILTAG_").size()) +
+         " turned by 180 degrees: name that family, and turn the labels, or list the bricks with turn_rad: 3.1416";
 }
 
 std::optional<BrickFace> faceOf(const std::string& name) {
@@ -118,7 +127,9 @@ TagLayout readTags(YamlMap map) {
   TagLayout tags;
   tags.family = map.word("family");
   tags.black_border_edge_m = map.number("black_border_edge_m", {0.0, 2.0, "m", true});
-  tags.margin_cells = map.number("margin_cells", {1.0, 10.0, "cells"});  // detectors need a ring of white
+  // Detectors need a ring of white about the black border; where data lies outside it, the white is inside.
+  const bool has_data_outside = TagLayout::outerCells(tags.family) > TagLayout::blackCells(tags.family);
+  tags.margin_cells = map.number("margin_cells", {has_data_outside ? 0.0 : 1.0, 10.0, "cells"});
   tags.first_id = map.integer("first_id", {0, kMaxId, ""});
   if (map.has("num_bricks")) tags.num_bricks = map.integer("num_bricks", {0, kMaxId, ""});
   map.finish();
@@ -143,13 +154,22 @@ int TagLayout::borderCells(const std::string& family) {
   return found ? found->border_cells : 0;
 }
 
+int TagLayout::blackCells(const std::string& family) {
+  const Family* found = findFamily(family);
+  return found ? found->black_cells : 0;
+}
+
 int TagLayout::outerCells(const std::string& family) {
   const Family* found = findFamily(family);
   return found ? found->outer_cells : 0;
 }
 
 double TagLayout::cellEdge() const {
-  return black_border_edge_m / borderCells(family);
+  return black_border_edge_m / blackCells(family);
+}
+
+double TagLayout::cornerEdge(double of_black_border_edge_m) const {
+  return of_black_border_edge_m * borderCells(family) / blackCells(family);
 }
 
 double TagLayout::paperEdge() const {
@@ -203,7 +223,8 @@ std::optional<BrickTag> BrickCatalogue::brickOfTag(int tag_id) const {
 std::vector<std::string> BrickCatalogue::validate() const {
   std::vector<std::string> problems;
   if (TagLayout::numIds(tags.family) == 0) {
-    problems.push_back("tags/family = " + tags.family + ", must be one of: " + join(TagLayout::families()));
+    problems.push_back("tags/family = " + tags.family + ", must be one of: " + join(TagLayout::families()) +
+                       adviceFor(tags.family));
     return problems;
   }
   const int num_ids = TagLayout::numIds(tags.family);
@@ -234,6 +255,8 @@ std::vector<std::string> BrickCatalogue::validate() const {
 void BrickCatalogue::validateList(int num_ids, std::vector<std::string>* problems) const {
   std::set<int> brick_ids;
   std::map<int, int> owner;  // of a tag: the brick
+  const double outer_per_black =
+      static_cast<double>(TagLayout::outerCells(tags.family)) / TagLayout::blackCells(tags.family);
   for (const LabelledBrick& brick : bricks) {
     const std::string where = "bricks: id = " + std::to_string(brick.id);
     if (!brick_ids.insert(brick.id).second) problems->push_back(where + ", must be unique");
@@ -255,9 +278,9 @@ void BrickCatalogue::validateList(int num_ids, std::vector<std::string>* problem
         problems->push_back(label + ", must be unique: by the scheme it is that of brick " +
                             std::to_string(index / kNumBrickFaces) + " (tags/num_bricks limits the scheme)");
       }
-      // The middle may be anywhere as long as the border lies on the face.
+      // The middle may be anywhere as long as the border, and what data lies outside it, is on the face.
       const Eigen::Vector3d half_size_m = 0.5 * type(brick.type).size_m;
-      const double half_m = 0.5 * tag.black_border_edge_m;
+      const double half_m = 0.5 * tag.black_border_edge_m * outer_per_black;
       bool is_on_face = true;
       for (const double x : {-half_m, half_m}) {
         for (const double y : {-half_m, half_m}) {
@@ -265,11 +288,13 @@ void BrickCatalogue::validateList(int num_ids, std::vector<std::string>* problem
           is_on_face = is_on_face && ((corner.cwiseAbs() - half_size_m).array() < 1e-9).all();
         }
       }
-      if (!is_on_face) problems->push_back(label + ", must lie on its face: a corner of its border is outside");
+      if (!is_on_face)
+        problems->push_back(label + ", must lie on its face: a corner of its " +
+                            (outer_per_black > 1.0 ? "data outside the border" : "border") + " is outside");
       for (const auto& [other_id, other_tag] : brick.tags) {
         const double distance_m = (other_tag.T_brick_tag.translation() - tag.T_brick_tag.translation()).norm();
         if (other_id < tag_id && other_tag.face == tag.face &&
-            distance_m < 0.5 * (other_tag.black_border_edge_m + tag.black_border_edge_m)) {
+            distance_m < 0.5 * outer_per_black * (other_tag.black_border_edge_m + tag.black_border_edge_m)) {
           problems->push_back(label + ", must lie beside tag " + std::to_string(other_id) + ", not on it");
         }
       }

@@ -213,15 +213,41 @@ TEST(BrickTypes, RefusesLabelsThatContradictEachOther) {
 
 // Families that carry data outside their border need paper for it.
 TEST(BrickTypes, PaperHoldsTheDataOutsideTheBorder) {
-  EXPECT_NEAR(
-      parseBrickTypes(changed("black_border_edge_m: 0.12", "black_border_edge_m: 0.06")
-                          .replace(changed("black_border_edge_m: 0.12", "black_border_edge_m: 0.06").find("tag36h11"),
-                                   8, "tagStandard41h12"),
-                      "text")
-          .tags.paperEdge(),
-      0.012 * (9 + 2), 1e-12);
-  EXPECT_NE(refusal(changed("tag36h11", "tagStandard41h12")).find("black border and margin = 0.264 m"),
+  const auto ofFamily = [](const std::string& family, const std::string& edge, const std::string& margin) {
+    std::string text = changed("tag36h11", family);
+    text.replace(text.find("black_border_edge_m: 0.12"), 25, "black_border_edge_m: " + edge);
+    return text.replace(text.find("margin_cells: 1"), 15, "margin_cells: " + margin);
+  };
+  // The border is seven cells wide, 5 between its inner corners, 9 with the data outside it.
+  const BrickCatalogue catalogue = parseBrickTypes(ofFamily("tagStandard41h12", "0.07", "1"), "text");
+  EXPECT_NEAR(catalogue.tags.cellEdge(), 0.01, 1e-12);
+  EXPECT_NEAR(catalogue.tags.cornerEdge(0.07), 0.05, 1e-12);
+  EXPECT_NEAR(catalogue.tags.paperEdge(), 0.01 * (9 + 2), 1e-12);
+  EXPECT_NE(refusal(ofFamily("tagStandard41h12", "0.14", "1")).find("black border and margin = 0.22 m"),
             std::string::npos);
+  // They have their white inside: no margin is needed, and then they fit.
+  EXPECT_EQ(parseBrickTypes(ofFamily("tagStandard41h12", "0.14", "0"), "text").tags.margin_cells, 0.0);
+  EXPECT_NE(refusal(ofFamily("DICT_5X5_1000", "0.05", "0")).find("tags/margin_cells = 0, must be "), std::string::npos);
+}
+
+TEST(BrickTypes, DataOutsideTheBorderMustLieOnTheFaceToo) {
+  const auto withEdge = [](const std::string& edge) {
+    std::string text =
+        withList("  - {id: 51, type: half, tags: [{id: 100, face: +x, black_border_edge_m: " + edge + "}]}\n");
+    text.replace(text.find("tag36h11"), 8, "tagCircle21h7");
+    text.replace(text.find("num_bricks: 10"), 14, "num_bricks: 0");
+    text.replace(text.find("id: 100"), 7, "id: 10");
+    return text.replace(text.find("black_border_edge_m: 0.12"), 25, "black_border_edge_m: 0.05");
+  };
+  // The face is 0.10 m high: 9 of 7 cells must fit.
+  EXPECT_EQ(parseBrickTypes(withEdge("0.077"), "text").bricks.size(), 1U);
+  EXPECT_NE(refusal(withEdge("0.079")).find("must lie on its face: a corner of its data outside the border"),
+            std::string::npos);
+}
+
+TEST(BrickTypes, NamesTheFamilyOfTagsPrintedByOpenCV) {
+  const std::string message = refusal(changed("tag36h11", "DICT_APRILTAG_36h11"));
+  EXPECT_NE(message.find("OpenCV prints the tags of tag36h11 turned by 180 degrees"), std::string::npos) << message;
 }
 
 TEST(BrickTypes, RefusesImpossibleValues) {
