@@ -55,7 +55,7 @@ struct TagLayout {
 struct BrickTag {
   int brick_id{0};
   BrickFace face{BrickFace::kPlusX};
-  double black_border_edge_m{0.0};  ///< as TagLayout's
+  double black_border_edge_m{0.0};                               ///< as TagLayout's
   Eigen::Isometry3d T_brick_tag{Eigen::Isometry3d::Identity()};  ///< see tagPose()
 };
 
