@@ -303,8 +303,8 @@ class Evaluation {
     }
     synthetic_depth::SeededRandom random(seed, 31, stand.looks);
     for (int found = 0, tried = 0; found < wanted && tried < 400 * wanted; ++tried) {
-      motion_planning::ArmVector q;
-      for (double& angle : q) angle = random.uniform(-M_PI, M_PI);
+      const motion_planning::ArmVector q =
+          motion_planning::ArmVector::NullaryExpr([&](Eigen::Index) { return random.uniform(-M_PI, M_PI); });
       const double clearance_m = exact.clearance(q, kFar_m);
       if (clearance_m >= kFar_m) continue;
       double depth_m = 0.0;

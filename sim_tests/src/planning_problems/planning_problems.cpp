@@ -60,10 +60,9 @@ Eigen::Isometry3d standing(const Eigen::Vector2d& xy, double yaw_rad) {
 }
 
 Eigen::Isometry3d shaken(const Eigen::Isometry3d& T, double std_m, double std_rad, SeededRandom* random) {
-  Eigen::Vector3d shift;
-  Eigen::Vector3d turn;
-  for (double& value : shift) value = std_m * random->normal();
-  for (double& value : turn) value = std_rad * random->normal();
+  const auto normal = [random](Eigen::Index) { return random->normal(); };
+  const Eigen::Vector3d shift = std_m * Eigen::Vector3d::NullaryExpr(normal);
+  const Eigen::Vector3d turn = std_rad * Eigen::Vector3d::NullaryExpr(normal);
   Eigen::Isometry3d result = T;
   result.translation() += shift;
   if (turn.norm() > 0.0) result.linear() = T.linear() * Eigen::AngleAxisd(turn.norm(), turn.normalized()).matrix();

@@ -14,8 +14,7 @@
 namespace simulated_world {
 namespace {
 
-/// Keeps the order in which keys are written: files are read by people, too.
-using Json = nlohmann::ordered_json;
+using Json = nlohmann::json;
 
 [[noreturn]] void fail(const std::string& path, const std::string& what) {
   throw std::runtime_error("judge: " + path + ": " + what +

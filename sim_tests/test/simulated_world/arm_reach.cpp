@@ -239,9 +239,7 @@ std::optional<Reach> ArmReach::find(const BrickPlacement& brick) {
         starts.push_back((ArmVector() << pan_rad, -1.2, 1.6, 1.2, M_PI_2, 0.0).finished());
         std::uniform_real_distribution<double> angle(-M_PI, M_PI);
         for (int i = 0; i < kRandomStarts; ++i) {
-          ArmVector start;
-          for (double& value : start) value = angle(random_);
-          starts.push_back(start);
+          starts.push_back(ArmVector::NullaryExpr([&](Eigen::Index) { return angle(random_); }));
         }
         for (const ArmVector& start_rad : starts) {
           const std::optional<ArmVector> arm_rad = solve(T_base_map * T_map_tip, start_rad);

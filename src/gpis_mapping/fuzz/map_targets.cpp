@@ -496,7 +496,7 @@ class QueryTarget : public Target {
     Eigen::Vector3d p(random->uniform(-1.0, 1.0), random->uniform(-1.0, 1.0), random->uniform(-0.2, 0.8));
     switch (random->below(8)) {
       case 0:
-        for (double& c : p) c = random->oddDouble();
+        p = Eigen::Vector3d::NullaryExpr([&](Eigen::Index) { return random->oddDouble(); });
         break;
       case 1:
         p[random->between(0, 2)] = random->oddDouble();

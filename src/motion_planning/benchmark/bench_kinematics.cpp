@@ -45,9 +45,7 @@ const std::vector<ArmVector>& postures() {
     std::mt19937_64 rng(1);
     std::uniform_real_distribution<double> angle(-M_PI, M_PI);
     std::vector<ArmVector> result(kPostures);
-    for (ArmVector& q : result) {
-      for (double& value : q) value = angle(rng);
-    }
+    for (ArmVector& q : result) q = ArmVector::NullaryExpr([&](Eigen::Index) { return angle(rng); });
     return result;
   }();
   return kResult;

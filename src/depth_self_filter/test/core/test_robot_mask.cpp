@@ -98,13 +98,13 @@ TEST(RobotMask, AgreesWithBruteForceOnTheRobot) {
   std::size_t pixels = 0;
   for (int frame = 0; frame < 16; ++frame) {
     Eigen::VectorXd q = positions(*robot, test::kArmInView);
-    for (double& value : q) value += offset(random);
+    q += Eigen::VectorXd::NullaryExpr(q.size(), [&](Eigen::Index) { return offset(random); });
     Eigen::Isometry3d T_root_camera = robot->framePose(mp700_ur5e_description::kDepthFrame, q);
     std::optional<HeldBrick> brick;
     if (frame % 2 == 1) {
       brick = HeldBrick{mp700_ur5e_description::kToolFrame, test::randomPose(&random, 0.2), {0.3, 0.2, 0.2}};
       // Any arm, seen from anywhere: looking at it from 0.3 m and more, turned about all axes a little.
-      for (double& value : q) value = angle(random);
+      q = Eigen::VectorXd::NullaryExpr(q.size(), [&](Eigen::Index) { return angle(random); });
       const Eigen::Isometry3d anywhere = test::randomPose(&random, 0.0);
       T_root_camera = Eigen::Translation3d(0.1, 0.0, 0.6) * anywhere *
                       Eigen::Translation3d(0.0, 0.0, -distance(random)) *

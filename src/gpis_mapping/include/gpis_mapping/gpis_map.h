@@ -108,7 +108,20 @@ class GpisMap {
   const GpisConfig& config() const { return config_; }
 
  private:
-  struct Cell;
+  /// A cell as the updating thread sees it. Defined here: GCC 9 has no map of an incomplete type.
+  struct Cell {
+    /// A training point, and where it stood when the cells around were last told of a change.
+    struct Entry {
+      SurfacePoint point;
+      Eigen::Vector3d reported_position;
+      float reported_std;
+    };
+
+    std::vector<Entry> entries;
+    std::shared_ptr<const CellGp> gp;
+    bool dirty{false};        // a point came or went: train in this update
+    float num_changes{0.0f};  // points that moved or firmed up since the last training
+  };
   struct CellUpdate;
 
   struct RemovedPoint {

@@ -5,7 +5,6 @@
 #include <array>
 #include <cstdint>
 #include <memory>
-#include <unordered_map>
 #include <vector>
 
 #include "gpis_mapping/map_snapshot.h"
@@ -36,19 +35,19 @@ class MeshExtractor {
   TriangleMesh mesh() const;
 
   /// Cells with a piece, also an empty one.
-  std::size_t numPieces() const { return pieces_.size(); }
+  std::size_t numPieces() const;
 
  private:
   struct Piece;
   class Contour;
-  using Pieces = std::unordered_map<LatticeKey, Piece, LatticeKeyHash>;
+  struct Pieces;
 
   /// `changed`: which of the 27 cells about and with the piece's are not what they were, as bits.
   void extract(const MapSnapshot& snapshot, const LatticeKey& key, std::uint32_t changed, Contour* contour,
                Piece* piece) const;
 
   GpisConfig config_;
-  Pieces pieces_;
+  std::unique_ptr<Pieces> pieces_;
 };
 
 }  // namespace gpis_mapping

@@ -99,21 +99,6 @@ auto inSweptBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_
 
 }  // namespace
 
-/// A cell as the updating thread sees it.
-struct GpisMap::Cell {
-  /// A training point, and where it stood when the cells around were last told of a change.
-  struct Entry {
-    SurfacePoint point;
-    Eigen::Vector3d reported_position;
-    float reported_std;
-  };
-
-  std::vector<Entry> entries;
-  std::shared_ptr<const CellGp> gp;
-  bool dirty{false};        // a point came or went: train in this update
-  float num_changes{0.0f};  // points that moved or firmed up since the last training
-};
-
 /// What a frame does to one cell.
 struct GpisMap::CellUpdate {
   LatticeKey key;

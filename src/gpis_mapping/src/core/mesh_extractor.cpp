@@ -6,6 +6,7 @@
 #include <cstring>
 #include <limits>
 #include <mutex>
+#include <unordered_map>
 
 #include <vtkCellArray.h>
 #include <vtkFloatArray.h>
@@ -89,13 +90,15 @@ struct MeshExtractor::Piece {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
+struct MeshExtractor::Pieces : std::unordered_map<LatticeKey, Piece, LatticeKeyHash> {};
+
 /// VTK's pipeline for the lattice of one cell: setting it up costs more than running it.
 class MeshExtractor::Contour {
  public:
   explicit Contour(int corners) {
     image_->SetDimensions(corners, corners, corners);
     image_->AllocateScalars(VTK_FLOAT, 1);
-    filter_->SetInputData(image_);
+    filter_->SetInputData(image_.Get());  // VTK 7 has no conversion
     filter_->SetValue(0, 0.0);
     filter_->ComputeNormalsOff();
     filter_->ComputeScalarsOff();
@@ -109,7 +112,7 @@ class MeshExtractor::Contour {
     filter_->Update();
     return filter_->GetOutput();
   }
-  vtkIdList* ids() { return ids_; }
+  vtkIdList* ids() { return ids_.Get(); }
 
  private:
   vtkNew<vtkImageData> image_;
@@ -117,7 +120,7 @@ class MeshExtractor::Contour {
   vtkNew<vtkIdList> ids_;
 };
 
-MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config) {
+MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config), pieces_(std::make_unique<Pieces>()) {
   requireValid(config_);
   // For the whole process: VTK's own threads have nothing to do in lattices this small but wait for each other.
   static std::once_flag is_serial;
@@ -125,6 +128,10 @@ MeshExtractor::MeshExtractor(const GpisConfig& config) : config_(config) {
 }
 
 MeshExtractor::~MeshExtractor() = default;
+
+std::size_t MeshExtractor::numPieces() const {
+  return pieces_->size();
+}
 
 std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
   // f near a cell's border depends on its neighbours: a change reaches the 26 pieces around it, as far as the blend.
@@ -137,10 +144,10 @@ std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
     }
   };
   for (const auto& [key, cell] : snapshot.cells()) {
-    const auto piece = pieces_.find(key);
-    if (piece == pieces_.end() || piece->second.gp != cell) touch(key);
+    const auto piece = pieces_->find(key);
+    if (piece == pieces_->end() || piece->second.gp != cell) touch(key);
   }
-  for (const auto& [key, piece] : pieces_) {
+  for (const auto& [key, piece] : *pieces_) {
     if (piece.gp && snapshot.cells().count(key) == 0) touch(key);
   }
   struct Job {
@@ -152,10 +159,10 @@ std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
   for (const auto& [key, changed] : stale) {
     const auto cell = snapshot.cells().find(key);
     if (cell == snapshot.cells().end()) {
-      pieces_.erase(key);
+      pieces_->erase(key);
       continue;
     }
-    Piece& piece = pieces_[key];
+    Piece& piece = (*pieces_)[key];
     piece.gp = cell->second;
     jobs.push_back({key, changed, &piece});
   }
@@ -167,7 +174,7 @@ std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
       }
     });
   } catch (...) {
-    pieces_.clear();  // some are half done: all anew the next time
+    pieces_->clear();  // some are half done: all anew the next time
     throw;
   }
   return jobs.size();
@@ -338,7 +345,7 @@ TriangleMesh MeshExtractor::mesh() const {
   std::vector<LatticeKey> keys;
   std::size_t num_vertices = 0;
   std::size_t num_triangles = 0;
-  for (const auto& [key, piece] : pieces_) {
+  for (const auto& [key, piece] : *pieces_) {
     if (piece.triangles.empty()) continue;
     keys.push_back(key);
     num_vertices += piece.lattice.size();
@@ -366,7 +373,7 @@ TriangleMesh MeshExtractor::mesh() const {
   border.reserve(num_vertices / 2);  // more than there are; growing costs more than all else here
   std::vector<std::uint32_t> index;
   for (const LatticeKey& key : keys) {
-    const Piece& piece = pieces_.at(key);
+    const Piece& piece = pieces_->at(key);
     index.resize(piece.lattice.size());
     for (std::size_t i = 0; i < piece.lattice.size(); ++i) {
       VertexKey v = piece.lattice[i];

@@ -119,8 +119,7 @@ ArmKinematics::ArmKinematics(std::shared_ptr<const mp700_ur5e_description::Robot
   std::mt19937_64 rng(1);
   std::uniform_real_distribution<double> angle_rad(-M_PI, M_PI);
   for (int i = 0; i < 100; ++i) {
-    ArmVector joints_rad;
-    for (double& value : joints_rad) value = angle_rad(rng);
+    const ArmVector joints_rad = ArmVector::NullaryExpr([&](Eigen::Index) { return angle_rad(rng); });
     const Pose exact = walk(joints_rad, nullptr, nullptr);
     const Eigen::Isometry3d closed = geometry_->tipPose(joints_rad);
     model_gap_m_ = std::max(model_gap_m_, 1.5 * (closed.translation() - exact.p).norm());

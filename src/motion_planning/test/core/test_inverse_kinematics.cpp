@@ -43,9 +43,7 @@ ArmKinematics calibratedArm(unsigned seed) {
 
 ArmVector randomJoints(std::mt19937_64& rng, double range_rad = M_PI) {
   std::uniform_real_distribution<double> angle(-range_rad, range_rad);
-  ArmVector q;
-  for (double& value : q) value = angle(rng);
-  return q;
+  return ArmVector::NullaryExpr([&](Eigen::Index) { return angle(rng); });
 }
 
 Eigen::Isometry3d toEigen(const KDL::Frame& frame) {
@@ -357,8 +355,7 @@ TEST(ArmKinematics, LimitsAreKept) {
   std::uniform_real_distribution<double> angle(-2.0, 1.0), last_angle(5.0, 6.0);
   std::size_t branches = 0;
   for (int i = 0; i < 1000; ++i) {
-    ArmVector q;
-    for (double& value : q) value = angle(rng);
+    ArmVector q = ArmVector::NullaryExpr([&](Eigen::Index) { return angle(rng); });
     q[5] = last_angle(rng);
     // The seed is anywhere, also beyond the limits.
     const std::vector<ArmVector> solutions = arm.inverse(arm.tipPose(q), randomJoints(rng, 6.0));

@@ -50,8 +50,7 @@ TEST_F(ArmKinematics, AgreesWithDhTable) {
   std::mt19937_64 rng(1);
   std::uniform_real_distribution<double> angle(-2.0 * M_PI, 2.0 * M_PI);
   for (int i = 0; i < 1000; ++i) {
-    ArmPose q;
-    for (double& value : q) value = angle(rng);
+    const ArmPose q = ArmPose::NullaryExpr([&](Eigen::Index) { return angle(rng); });
     // The published angles have ten digits; on a lever of 1 m that is less than 1e-8.
     ASSERT_LT((toolByUrdf(q).matrix() - toolByDh(q).matrix()).cwiseAbs().maxCoeff(), 1e-6) << q.transpose();
   }

@@ -56,7 +56,7 @@ geometry_msgs::Pose toPose(const pick_mission::Pose2d& pose);
 std::optional<pick_mission::Pose2d> toPose2d(const geometry_msgs::Pose& pose);
 
 /// For the file of all selections; numbers that are not finite become null.
-nlohmann::ordered_json toJson(const interactive_mapping_msgs::NbvSelection& selection, double time_s);
+nlohmann::json toJson(const interactive_mapping_msgs::NbvSelection& selection, double time_s);
 
 /// The mission's part of the message: header, view, decision, failures and what belongs to the run are the caller's.
 /// `current`: the brick that is being planned for, picked or carried.

@@ -28,7 +28,7 @@ class RunRecorder {
   std::optional<nlohmann::json> savedState() const;
 
   void log(const pick_mission::LogEntry& entry);
-  void selection(const nlohmann::ordered_json& selection);
+  void selection(const nlohmann::json& selection);
   /// Where the base is in the map, `time_s` in ROS time. Written if it has moved since the last line.
   void base(double time_s, const pick_mission::Pose2d& T_map_base);
   void state(const nlohmann::json& state);

@@ -13,19 +13,19 @@ std::string dumped(const nlohmann::json& json) {
 
 std::string toJsonLine(const LogEntry& entry) {
   const MissionCounts& counts = entry.counts;
-  nlohmann::ordered_json line = {{"time_s", entry.time_s},
-                                 {"state", toString(entry.state)},
-                                 {"event", entry.event},
-                                 {"decision", toString(entry.decision)},
-                                 {"reason", entry.reason},
-                                 {"state_s", entry.state_s},
-                                 {"bricks_picked", counts.bricks_picked},
-                                 {"bricks_open", counts.bricks_open},
-                                 {"bricks_exhausted", counts.bricks_exhausted},
-                                 {"picks_begun", counts.picks_begun},
-                                 {"views", counts.views},
-                                 {"failures", counts.failures}};
-  return line.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  nlohmann::json line = {{"time_s", entry.time_s},
+                         {"state", toString(entry.state)},
+                         {"event", entry.event},
+                         {"decision", toString(entry.decision)},
+                         {"reason", entry.reason},
+                         {"state_s", entry.state_s},
+                         {"bricks_picked", counts.bricks_picked},
+                         {"bricks_open", counts.bricks_open},
+                         {"bricks_exhausted", counts.bricks_exhausted},
+                         {"picks_begun", counts.picks_begun},
+                         {"views", counts.views},
+                         {"failures", counts.failures}};
+  return dumped(line);
 }
 
 nlohmann::json toJson(const MissionSummary& summary) {

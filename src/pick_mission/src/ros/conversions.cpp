@@ -35,7 +35,7 @@ bool isInReach(const interactive_mapping_msgs::Brick& brick, const Reach& reach)
   return false;
 }
 
-nlohmann::ordered_json finite(double value) {
+nlohmann::json finite(double value) {
   if (std::isfinite(value)) return value;
   return nullptr;
 }
@@ -120,8 +120,8 @@ std::optional<pick_mission::Pose2d> toPose2d(const geometry_msgs::Pose& pose) {
                               std::atan2(T->linear()(1, 0), T->linear()(0, 0))};
 }
 
-nlohmann::ordered_json toJson(const interactive_mapping_msgs::NbvSelection& selection, double time_s) {
-  nlohmann::ordered_json segments = nlohmann::ordered_json::array();
+nlohmann::json toJson(const interactive_mapping_msgs::NbvSelection& selection, double time_s) {
+  nlohmann::json segments = nlohmann::json::array();
   for (const auto& segment : selection.segments) {
     segments.push_back({{"midpoint", {finite(segment.midpoint.x), finite(segment.midpoint.y)}},
                         {"kind", segment.kind},

@@ -118,9 +118,9 @@ void RunRecorder::log(const pick_mission::LogEntry& entry) {
   problems_[kLogFile] = append(&log_, kLogFile, toJsonLine(entry));
 }
 
-void RunRecorder::selection(const nlohmann::ordered_json& selection) {
-  problems_[kSelectionsFile] = append(&selections_, kSelectionsFile,
-                                      selection.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+void RunRecorder::selection(const nlohmann::json& selection) {
+  problems_[kSelectionsFile] =
+      append(&selections_, kSelectionsFile, selection.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 void RunRecorder::base(double time_s, const pick_mission::Pose2d& T_map_base) {
@@ -129,8 +129,7 @@ void RunRecorder::base(double time_s, const pick_mission::Pose2d& T_map_base) {
     return;
   }
   last_base_ = T_map_base;
-  const nlohmann::ordered_json line = {{"time_s", time_s},
-                                       {"base", {T_map_base.x_m, T_map_base.y_m, T_map_base.yaw_rad}}};
+  const nlohmann::json line = {{"time_s", time_s}, {"base", {T_map_base.x_m, T_map_base.y_m, T_map_base.yaw_rad}}};
   problems_[kPathFile] = append(&path_, kPathFile, line.dump());
 }
 
