@@ -435,10 +435,11 @@ class BlurSweep {
 
 // Prints the table of the README: ctest -R test_tag_detector -V.
 TEST(TagDetector, NoBlurFindsMoreThanTheDefault) {
-  const std::array<double, 6> blurs = {0.0, 0.3, 0.45, 0.6, 0.8, TagDetectorConfig().blur_sigma_px};
-  std::array<int, 6> found{};
+  constexpr std::size_t kDefault = 1;
+  const std::array<double, 5> blurs = {0.0, TagDetectorConfig().blur_sigma_px, 0.45, 0.6, 0.8};
+  std::array<int, 5> found{};
   int num_tags = 0;
-  std::cout << "side px, lens px, noise: found of 12 at blur_sigma_px 0, 0.3, 0.45, 0.6, 0.8, default\n";
+  std::cout << "side px, lens px, noise: found of 12 at blur_sigma_px 0, default, 0.45, 0.6, 0.8\n";
   for (const double side_px : {13.0, 15.0, 18.0, 25.0, 40.0}) {
     for (const double lens_px : {0.3, 0.5, 0.8, 1.0}) {
       for (const double noise_std : {1.0, 4.0, 8.0}) {
@@ -447,9 +448,10 @@ TEST(TagDetector, NoBlurFindsMoreThanTheDefault) {
         std::cout << side_px << " " << lens_px << " " << noise_std << ":";
         int of_default = 0;
         for (std::size_t i = 0; i < blurs.size(); ++i) {
-          of_default = sweep.numFound(blurs[i]);
-          found[i] += of_default;
-          std::cout << " " << of_default;
+          const int count = sweep.numFound(blurs[i]);
+          if (i == kDefault) of_default = count;
+          found[i] += count;
+          std::cout << " " << count;
         }
         std::cout << "\n";
         // The reach that the README names.
@@ -463,7 +465,7 @@ TEST(TagDetector, NoBlurFindsMoreThanTheDefault) {
   for (const int count : found) std::cout << " " << count;
   std::cout << "\n";
   // Half a percent: a tag more or less is chance.
-  EXPECT_GE(found.back(), *std::max_element(found.begin(), found.end()) - num_tags / 200);
+  EXPECT_GE(found[kDefault], *std::max_element(found.begin(), found.end()) - num_tags / 200);
 }
 
 TEST(TagDetector, NoiseDoesNotHideTags) {
