@@ -775,8 +775,8 @@ TEST(MissionMachine, APlaceThatIsNotKnownIsWaitedForAndNotForEver) {
         if (action == first && !back_s) back_s = run.now_s + outage_s;
         if (!back_s || run.now_s >= *back_s) return std::nullopt;
         if (action == State::kPlanClear || action == State::kPlanPick) return PlanResult{PlanStatus::kNoRobotState};
-        if (action == State::kDrive) return NavigationResult{NavigationStatus::kStalePose};
-        if (action == State::kSelect) return SelectionResult{SelectionStatus::kNoPose};
+        if (action == State::kDrive) return NavigationResult{NavigationStatus::kStalePose, {}};
+        if (action == State::kSelect) return SelectionResult{SelectionStatus::kNoPose, {}};
         if (action != State::kWait) return std::nullopt;
         const command::Wait& wait = std::get<command::Wait>(run.world.running->body);
         EXPECT_EQ(wait.until, WaitUntil::kPlaceKnown);
