@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
-#include <nanoflann.hpp>
+#include <flann/algorithms/dist.h>
+#include <flann/algorithms/kdtree_single_index.h>
 
 #include "gpis_mapping/parallel_for.h"
 #include "gpis_mapping/partition_of_unity.h"
@@ -42,9 +44,7 @@ class MapSnapshot::NearestIndex {
   };
 
   explicit NearestIndex(const MapSnapshot& map)
-      : disc_radius_(0.5 * map.config_.surface.spacing_m),
-        sign_scale2_(std::pow(map.config_.surface.spacing_m, 2)),
-        tree_(3, *this, nanoflann::KDTreeSingleIndexAdaptorParams(12)) {
+      : disc_radius_(0.5 * map.config_.surface.spacing_m), sign_scale2_(std::pow(map.config_.surface.spacing_m, 2)) {
     for (const auto& [key, cell] : map.cells_) {
       for (std::size_t i = 0; i < cell->numOwn(); ++i) {
         discs_.push_back({cell->position(i), cell->normal(i), cell->noiseVariance(i)});
@@ -55,7 +55,11 @@ class MapSnapshot::NearestIndex {
       return std::lexicographical_compare(a.position.data(), a.position.data() + 3, b.position.data(),
                                           b.position.data() + 3);
     });
-    tree_.buildIndex();
+    if (discs_.empty()) return;
+    // FLANN reads rows of numbers, any distance apart.
+    tree_.emplace(flann::Matrix<double>(discs_[0].position.data(), discs_.size(), 3, sizeof(Disc)),
+                  flann::KDTreeSingleIndexParams(12));
+    tree_->buildIndex();
   }
 
   std::size_t size() const { return discs_.size(); }
@@ -65,8 +69,10 @@ class MapSnapshot::NearestIndex {
     if (discs_.empty()) return result;
     std::size_t index[kNeighbours];
     double squared[kNeighbours];
-    const std::size_t count = tree_.knnSearch(x.data(), kNeighbours, index, squared);
-    if (count == 0) return result;
+    flann::KNNSimpleResultSet<double> nearest(kNeighbours);
+    tree_->findNeighbors(nearest, x.data(), flann::SearchParams(flann::FLANN_CHECKS_UNLIMITED));
+    const std::size_t count = nearest.size();
+    nearest.copy(index, squared, count, true);
     result.found = true;
     result.nearest = std::sqrt(squared[0]);
     result.surface_std = std::sqrt(discs_[index[0]].variance);
@@ -101,17 +107,7 @@ class MapSnapshot::NearestIndex {
     return result;
   }
 
-  std::size_t memoryBytes() const { return discs_.size() * (sizeof(Disc) + 24); }
-
-  // Interface of nanoflann's dataset adaptor.
-  std::size_t kdtree_get_point_count() const { return discs_.size(); }  // NOLINT(readability-identifier-naming)
-  double kdtree_get_pt(std::size_t i, std::size_t axis) const {         // NOLINT(readability-identifier-naming)
-    return discs_[i].position[static_cast<Eigen::Index>(axis)];
-  }
-  template <class Box>
-  bool kdtree_get_bbox(Box&) const {  // NOLINT(readability-identifier-naming)
-    return false;
-  }
+  std::size_t memoryBytes() const { return discs_.size() * (sizeof(Disc) + 56); }  // 56: of the tree
 
  private:
   struct Disc {
@@ -119,13 +115,10 @@ class MapSnapshot::NearestIndex {
     Eigen::Vector3f normal;
     float variance;
   };
-  using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, NearestIndex>, NearestIndex, 3,
-                                                   std::size_t>;
-
   double disc_radius_;
   double sign_scale2_;
   std::vector<Disc> discs_;
-  Tree tree_;
+  std::optional<flann::KDTreeSingleIndex<flann::L2_3D<double>>> tree_;
 };
 
 MapSnapshot::MapSnapshot(const GpisConfig& config, Cells cells, ObservedLayer observed, double epoch_s,
