@@ -109,10 +109,15 @@ install_packages() {
 # build_workspace [TARGET...]: configures and builds; no argument: `all`.
 # Read from the caller: build_dir (default build), build_type (default Release), map_only (OFF or ON), cmake_options (array).
 build_workspace() {
-  local dir=${build_dir:-build} devel=$root/devel generator options
+  local dir=${build_dir:-build} devel=$root/devel generator options ignored name
   [ "$dir" = build ] || devel=$root/$dir/devel
   # shellcheck disable=SC1091
   if [ -f /opt/ros/noetic/setup.bash ]; then set +u; . /opt/ros/noetic/setup.bash; set -u; fi
+  /usr/bin/python3 scripts/vendor_msgs || return
+  for ignored in src/vendor_msgs/*/CATKIN_IGNORE; do
+    name=$(basename "$(dirname "$ignored")")
+    [ ! -e "$devel/share/$name/cmake" ] || die "$devel/ holds $name from an earlier build, which would hide the original: remove $dir/ and $devel/."
+  done
   if [ -f "$dir/CMakeCache.txt" ]; then
     generator=$(sed -n 's/^CMAKE_GENERATOR:INTERNAL=//p' "$dir/CMakeCache.txt")
     [ -z "$generator" ] || [ "$generator" = Ninja ] || die "$dir/ was made by \"$generator\" and cannot be continued with Ninja: remove $dir/ and devel/."

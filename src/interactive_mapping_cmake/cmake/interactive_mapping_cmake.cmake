@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# A dependent links the targets of a package by name, wherever that package was built: in the same CMake run
+# (catkin_make), in a workspace of its own, or in an install space.
+
+set(interactive_mapping_cmake_FOLDER ${CMAKE_CURRENT_LIST_DIR})
+
+# interactive_mapping_package([FIND_PACKAGE...])
+# Compiler settings of a package; call it before catkin_package(). FIND_PACKAGE: what dependents must find before they
+# can link the exported targets, e.g. Eigen3 for Eigen3::Eigen. Sets the CFG_EXTRAS of catkin_package():
+# interactive_mapping_EXTRAS.
+macro(interactive_mapping_package)
+  set(CMAKE_CXX_STANDARD 17)
+  set(CMAKE_CXX_STANDARD_REQUIRED ON)
+  set(CMAKE_CXX_EXTENSIONS OFF)
+  add_compile_options(-Wall -Wextra -Wpedantic -Wshadow)
+  if(NOT CMAKE_BUILD_TYPE)  # without optimisation an image takes 40 times longer; other packages keep their own choice
+    set(CMAKE_BUILD_TYPE Release)
+  endif()
+  set(interactive_mapping_FIND ${ARGN})
+  set(interactive_mapping_EXTRAS ${interactive_mapping_cmake_FOLDER}/interactive_mapping_targets.cmake)
+endmacro()
+
+# interactive_mapping_install(TARGET...)
+# Installs libraries and programs, and exports them to the packages that find this one. Call it once in a package.
+function(interactive_mapping_install)
+  foreach(target ${ARGN})
+    foreach(property INTERFACE_INCLUDE_DIRECTORIES INTERFACE_SYSTEM_INCLUDE_DIRECTORIES)
+      get_target_property(folders ${target} ${property})
+      if(folders)
+        # An install space holds none of the workspace's folders; its headers are all in one.
+        set(exported)
+        foreach(folder ${folders})
+          if("${folder}/" MATCHES "^(${CMAKE_SOURCE_DIR}|${CMAKE_BINARY_DIR}|${CATKIN_DEVEL_PREFIX})/")
+            set(folder $<BUILD_INTERFACE:${folder}>)
+          endif()
+          list(APPEND exported ${folder})
+        endforeach()
+        list(APPEND exported $<INSTALL_INTERFACE:${CATKIN_GLOBAL_INCLUDE_DESTINATION}>)
+        set_target_properties(${target} PROPERTIES ${property} "${exported}")
+      endif()
+    endforeach()
+  endforeach()
+  set(file ${PROJECT_NAME}Targets.cmake)
+  export(TARGETS ${ARGN} FILE ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_SHARE_DESTINATION}/cmake/${file})
+  install(TARGETS ${ARGN} EXPORT ${PROJECT_NAME}
+    ARCHIVE DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION}
+    LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION}
+    RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+  install(EXPORT ${PROJECT_NAME} FILE ${file} DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION}/cmake)
+  set_property(GLOBAL PROPERTY ${PROJECT_NAME}_IN_THIS_RUN TRUE)
+endfunction()
