@@ -171,7 +171,8 @@ def plot_utilities(run, out):
     step = max(1, int(np.ceil(count / 16)))
     ticks = np.arange(1, count + 1, step)
     times = [mission_run.duration(number(run.selections[tick - 1].get("time_s")) - start_s).split()[0] for tick in ticks]
-    lower.set_xticks(ticks, [f"{tick}\n{time}" for tick, time in zip(ticks, times)])
+    lower.set_xticks(ticks)  # the labels apart: matplotlib before 3.5 takes a second argument for "minor"
+    lower.set_xticklabels([f"{tick}\n{time}" for tick, time in zip(ticks, times)])
     lower.set_xlabel(f"choice, and its {run.clock()} [min:s]", fontsize=12)
     lower.set_xlim(0.3, count + 0.7)
     for axes in (upper, lower):
@@ -216,7 +217,8 @@ def plot_time(run, out):
     bars.barh(rows, totals[shown] / divisor, color=[ACTIVITY_COLOURS[index] for index in shown], height=0.72)
     for row, index in zip(rows, shown):
         bars.text(totals[index] / divisor, row, f"  {mission_run.duration(totals[index])}, {100 * totals[index] / totals.sum():.0f} %", va="center", fontsize=11, color=INK)
-    bars.set_yticks(rows, [ACTIVITIES[index][0] for index in shown])
+    bars.set_yticks(rows)
+    bars.set_yticklabels([ACTIVITIES[index][0] for index in shown])
     bars.tick_params(labelsize=11.5, length=0, labelcolor="#333333")
     bars.set_xticks([])
     bars.set_xlim(0, 1.18 * totals.max() / divisor)

@@ -22,7 +22,7 @@ struct Surface {
 /// The magnitude is the distance to the nearest triangle. The sign is the side of the surface: that of the pseudonormal
 /// of the nearest face, edge or vertex (Baerentzen and Aanaes, "Signed distance computation using the angle weighted
 /// pseudonormal", TVCG 2005); taking the nearest triangle's own normal is wrong wherever edges or corners are nearest.
-/// Points at exactly the same position count as one. Immutable once built: safe for concurrent use.
+/// Points at exactly the same position count as one. Not for concurrent use: VTK's locator marks what it has visited.
 class MeshDistance {
  public:
   struct Nearest {

@@ -9,11 +9,11 @@
 #include <utility>
 
 #include <vtkCellArray.h>
+#include <vtkCellLocator.h>
 #include <vtkGenericCell.h>
 #include <vtkNew.h>
 #include <vtkPoints.h>
 #include <vtkPolyData.h>
-#include <vtkStaticCellLocator.h>
 #include <Eigen/Geometry>
 
 #include "synthetic_depth/seeded_random.h"
@@ -160,15 +160,15 @@ struct MeshDistance::Locator {
       const std::array<vtkIdType, 3> ids{t[0], t[1], t[2]};
       cells->InsertNextCell(3, ids.data());
     }
-    mesh->SetPoints(points);
-    mesh->SetPolys(cells);
+    mesh->SetPoints(points.Get());  // VTK 7 has no conversion
+    mesh->SetPolys(cells.Get());
     mesh->BuildCells();
-    locator->SetDataSet(mesh);
+    locator->SetDataSet(mesh.Get());
     locator->BuildLocator();
   }
 
   vtkNew<vtkPolyData> mesh;
-  vtkNew<vtkStaticCellLocator> locator;
+  vtkNew<vtkCellLocator> locator;  // VTK 7 has no vtkStaticCellLocator
 };
 
 MeshDistance::MeshDistance(const Surface& surface) {
@@ -185,8 +185,9 @@ MeshDistance::Nearest MeshDistance::nearest(const Vector3d& p_map) const {
   vtkIdType id = -1;
   int part = 0;
   double squared = 0.0;
+  Vector3d query = p_map;  // VTK 7 takes no constant
   Vector3d found;
-  locator_->locator->FindClosestPoint(p_map.data(), found.data(), cell, id, part, squared);
+  locator_->locator->FindClosestPoint(query.data(), found.data(), cell.Get(), id, part, squared);
   const auto index = static_cast<std::size_t>(id);
   const Triangle& t = topology_->triangles[index];
   const auto [point, feature] =

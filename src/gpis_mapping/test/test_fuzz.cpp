@@ -77,5 +77,14 @@ TEST(FuzzEngine, MutationsChangeWhatTheyAreGiven) {
   EXPECT_GT(num_changed, 360);  // two lines swapped with themselves and the like change nothing
 }
 
+TEST(FuzzEngine, TextsHaveNoEndlessYaml) {
+  for (std::uint64_t i = 0; i < 200; ++i) {
+    Random random(1, 0, i);
+    const std::string text = mutateText("[1, 2]", {":"}, &random);
+    EXPECT_EQ(text.find(":]"), std::string::npos) << text;
+    EXPECT_TRUE(text.empty() || text.back() != ':') << text;
+  }
+}
+
 }  // namespace
 }  // namespace gpis_mapping_fuzz

@@ -262,8 +262,8 @@ TEST(ViewSelector, GroundIsFoundAmongMoreSamplesThanItLooksAt) {
   ASSERT_THAT(scene.surface().points_map, SizeIs(Gt(20000U)));
   const Selection selection = select(scene, requestOn(gridAround(pile), {-2.0, -1.5, 0.0}));
   ASSERT_EQ(selection.status, SelectionStatus::kSelected) << selection.message;
-  // PCL computes in floats: three points some centimetres apart, each off by 1e-7 m, give a slope of 1e-5.
-  EXPECT_NEAR(selection.outline.ground.heightOf(Eigen::Vector3d::Zero()), 0.0, 1e-5);
+  // PCL computes in floats: three points some centimetres apart, each off by 1e-7 m, give a slope of 1e-5; over two metres.
+  EXPECT_NEAR(selection.outline.ground.heightOf(Eigen::Vector3d::Zero()), 0.0, 5e-5);
   EXPECT_NEAR(selection.outline.ground.normal_map.z(), 1.0, 1e-6);
 }
 

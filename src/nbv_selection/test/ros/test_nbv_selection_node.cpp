@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Node nbv_selection among topics and services: every outcome, what it chooses, what it shows, bad input.
 #include <array>
+#include <atomic>
 #include <condition_variable>
 #include <cstdlib>
 #include <limits>
