@@ -404,6 +404,7 @@ void BaseNavigationRos::enterGround(const GroundInput::Grid& grid, const ros::Ti
     new_ground_.emplace_back(stamp, grid);
     if (new_ground_.size() > 2) new_ground_.pop_front();
   } else {
+    has_static_ground_ = false;  // it was to be replaced, and never grows old
     ROS_WARN_THROTTLE_NAMED(10.0, kLog, "the map's ground ignored: %s", problem.c_str());
   }
   const std::lock_guard<std::mutex> lock(shared_mutex_);

@@ -359,6 +359,20 @@ TEST_F(BaseNavigationNode, StaticDrivesOnALatchedGrid) {
   update.data = {100};
   updates.publish(update);
   EXPECT_TRUE(waitUntil([&] { return isBehind(DrivingDistances::Response::OCCUPIED); }));
+
+  // One that cannot be used was meant to replace it.
+  nav_msgs::OccupancyGrid elsewhere = ground;
+  elsewhere.header.frame_id = "nowhere";
+  latched.publish(elsewhere);
+  NavigationOutcome refused;
+  const auto ends = [&](std::uint8_t status) {
+    refused = outcomeOf("map", kX_m);
+    return refused.status == status;
+  };
+  EXPECT_TRUE(waitUntil([&] { return ends(NavigationOutcome::BAD_INPUT); })) << refused.message;
+  EXPECT_THAT(refused.message, testing::HasSubstr("'nowhere'"));
+  latched.publish(ground);
+  EXPECT_TRUE(waitUntil([&] { return ends(NavigationOutcome::SUCCESS); })) << refused.message;
 }
 
 // Beyond the map's ground, free as far as the scanner has looked across it. The last test: it puts the pose right again.
