@@ -72,6 +72,7 @@ class MapSnapshot::NearestIndex {
     flann::KNNSimpleResultSet<double> nearest(kNeighbours);
     tree_->findNeighbors(nearest, x.data(), flann::SearchParams(flann::FLANN_CHECKS_UNLIMITED));
     const std::size_t count = nearest.size();
+    if (count == 0) return result;  // so far away that the square is infinite
     nearest.copy(index, squared, count, true);
     result.found = true;
     result.nearest = std::sqrt(squared[0]);
