@@ -62,6 +62,9 @@ class ArucoDetector : public TagDetector {
     // Of two squares one in the other OpenCV keeps the outer one alone, which often is the paper: by the default, 0.05,
     // half of the tags of DICT_6X6_1000 with a margin of one cell are lost. What is then found twice is thinned out below.
     parameters_->minMarkerDistanceRate = 0.01;
+    // Grey levels below the mean around. The default, 7, loses a third of the tags at an exposure of 0.15, where black to
+    // white are 33 levels; 3 loses a ninth, and none more in good light.
+    parameters_->adaptiveThreshConstant = 3.0;
   }
 
   std::vector<TagObservation> detect(const cv::Mat& grey) override {
