@@ -45,7 +45,10 @@ class ScriptRefusals(unittest.TestCase):
     @staticmethod
     def copy_strategies(tree):
         """For a tree of its own: what is asked for the strategies that there are."""
-        shutil.copy(SCRIPTS / "strategies.py", tree / "scripts")
+        shutil.copytree(ROOT / "tools", tree / "tools")
+        (tree / "scripts").mkdir()
+        for name in ("run_mission", "campaign", "strategies.py", "table_campaign.py"):
+            shutil.copy(SCRIPTS / name, tree / "scripts", follow_symlinks=False)
         for name in ("package.xml", "strategy_plugins.xml", "config"):
             source, copy = ROOT / "src/nbv_selection" / name, tree / "src/nbv_selection" / name
             copy.parent.mkdir(parents=True, exist_ok=True)
@@ -88,12 +91,10 @@ class ScriptRefusals(unittest.TestCase):
     def test_run_mission_wants_every_node_built(self):
         # Another launch file in a tree of its own, with a node that nobody has built.
         tree, package = self.folder / "tree", self.folder / "tree/src/mp700_ur5e_bringup"
-        (tree / "scripts").mkdir(parents=True)
         (package / "launch").mkdir(parents=True)
         (tree / "sim_tests/worlds").mkdir(parents=True)
         (tree / "sim_tests/worlds/toy.yaml").write_text("")
         self.copy_strategies(tree)
-        shutil.copy(SCRIPTS / "run_mission", tree / "scripts")
         (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + "use_workspace() { :; }\n")
         (package / "package.xml").write_text("<package format='2'><name>mp700_ur5e_bringup</name><version>0.0.0</version><description/>"
                                              "<maintainer email='a@b.c'>a</maintainer><license>BSD</license><depend>rosout</depend></package>")
@@ -190,10 +191,7 @@ class ScriptRefusals(unittest.TestCase):
         """The real script in a tree where run_mission leaves this log and exits so; true if it was called."""
         tree = self.folder / "tree"
         if not tree.exists():
-            (tree / "scripts").mkdir(parents=True)
             self.copy_strategies(tree)
-            for name in ("campaign", "table_campaign.py", "mission_run.py"):
-                shutil.copy(SCRIPTS / name, tree / "scripts")
             nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))
             (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
             (tree / "sim_tests/worlds").mkdir(parents=True)
