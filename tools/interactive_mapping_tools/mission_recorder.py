@@ -6,7 +6,6 @@ Maps are kept as map_<seconds>_<picked>.ply: after the first look, before the fi
 pick, and at the end. Exit code: 0 the mission has ended, 1 it is gone, 2 bad usage, 3 the time is up.
 """
 
-import argparse
 import http.client
 import os
 import pathlib
@@ -19,6 +18,8 @@ import time
 import xmlrpc.client
 
 import numpy as np
+
+from .cli import parser_of
 
 MAX_MAPS = 60  # in a folder; those of a mission with more picks are left out, but for the last
 POLL_S = 0.2
@@ -297,7 +298,7 @@ END_REASONS = ("NO_BRICK_LEFT", "BRICKS_EXHAUSTED", "NOTHING_WORTH_GOING", "NO_P
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER")
     parser.add_argument("--mission", default="/pick_mission", help="node of the mission")
     parser.add_argument("--mesh", default="/gpis_mapping/mesh", help="topic of the map's mesh; empty: maps are not kept")

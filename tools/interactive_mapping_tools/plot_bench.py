@@ -5,18 +5,11 @@ The document keeps its text; what stands between `<!-- bench: begin -->` and `<!
 table of the simulated world between `<!-- world: begin -->` and `<!-- world: end -->`.
 """
 
-import argparse
-import json
-import pathlib
-import sys
-
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from .results import main_of, markdown, read_json, read_machine
+from .style import BLUE, GREY, RED, REST, SEQUENCE, plt, save, tidy
 
 STAGES = ("classify", "regress", "fuse", "observe", "insert", "train", "publish")
-STAGE_COLOURS = ("#3b6a8f", "#6ea6ab", "#8fbf7f", "#c8c8c8", "#dccb6e", "#e0914f", "#b9474b")
+STAGE_COLOURS = (*SEQUENCE[:3], REST, *SEQUENCE[3:6])
 BUSY_LOAD = 0.5
 WORLD_PARTS = ("physics", "camera", "scanner", "judge")
 CORE_LABELS = (
@@ -37,35 +30,8 @@ CORE_LABELS = (
 )
 
 
-class ResultError(Exception):
-    """A result is missing or not what it must be."""
-
-
-def read_json(path):
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ResultError(f"{path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ResultError(f"{path}: {error}") from None
-
-
-def read_machine(folder):
-    """{"date": ..., "commit": ...} of machine.txt; empty without it."""
-    path = folder / "machine.txt"
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    return {line.split(None, 1)[0]: line.split(None, 1)[1] for line in lines if len(line.split(None, 1)) == 2}
-
-
-def bare(axes):
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(labelsize=11)
-    axes.yaxis.grid(True, color="#e4e4e4")
-    axes.set_axisbelow(True)
-
-
-def plot(result, out):
+def plot(read, out):
+    result = read[0]
     maps = result["maps"]
     figure, (bars, curve) = plt.subplots(1, 2, figsize=(13.0, 5.2), constrained_layout=True, gridspec_kw={"width_ratios": [5, 6]})
 
@@ -83,20 +49,18 @@ def plot(result, out):
                 bars.bar(place, scale * value, bottom=base, width=0.62, color=colour, linewidth=0, label=stage if place == 0 else None)
                 base += scale * value
         else:
-            bars.bar(place, total, width=0.62, color="#5e5e5e", linewidth=0)
+            bars.bar(place, total, width=0.62, color=GREY, linewidth=0)
         bars.annotate(f"{total:.0f}" if total >= 10 else f"{total:.1f}", (place, total), ha="center", va="bottom", fontsize=13, xytext=(0, 2), textcoords="offset points")
     bars.set_xticks(range(len(shown)))
     bars.set_xticklabels([labels[key] for key in shown], fontsize=10.5)
-    bars.set_ylabel("median time per frame [ms]", fontsize=12)
-    bars.set_title("Time per frame by stage", fontsize=13, loc="left")
     handles, names = bars.get_legend_handles_labels()
-    bars.legend(handles[::-1], names[::-1], fontsize=10.5, frameon=False, loc="upper left")
-    bare(bars)
+    bars.legend(handles[::-1], names[::-1], fontsize=10.5, loc="upper left")
+    tidy(bars, "Time per frame by stage", y_label="median time per frame [ms]")
     bars.set_ylim(0.0, 1.08 * max(maps[key]["total_ms"]["median"] for key in shown))
 
-    curves = (("octomap_2cm", "OctoMap 2 cm", "#5e5e5e", "-"), ("octomap_2cm_region", "OctoMap 2 cm, our region", "#a0a0a0", "-"),
+    curves = (("octomap_2cm", "OctoMap 2 cm", GREY, "-"), ("octomap_2cm_region", "OctoMap 2 cm, our region", "#a0a0a0", "-"),
               ("gpis_1_thread", "gpis_mapping, 1 thread", "#7fa3bd", "-"),
-              ("gpis", f"gpis_mapping, {maps['gpis']['threads']} threads", "#1d4f76", "-"))
+              ("gpis", f"gpis_mapping, {maps['gpis']['threads']} threads", BLUE, "-"))
     highest = 0.0
     for key, label, colour, style in curves:
         if key not in maps:
@@ -107,18 +71,13 @@ def plot(result, out):
     removal = result["scene"]["removal_frame"]
     curve.set_ylim(0.0, 1.3 * highest)
     if removal > 0:
-        curve.axvline(removal, color="#b9474b", linewidth=1.2, linestyle="--")
+        curve.axvline(removal, color=RED, linewidth=1.2, linestyle="--")
         curve.annotate(f"{result['scene']['removed_boxes']} bricks are taken away", (removal, 1.0), xycoords=("data", "axes fraction"),
-                       xytext=(6, -4), textcoords="offset points", fontsize=10.5, color="#b9474b", va="top")
-    curve.set_xlabel("frame", fontsize=12)
-    curve.set_ylabel("time per frame [ms]", fontsize=12)
-    curve.set_title("Frame by frame", fontsize=13, loc="left")
+                       xytext=(6, -4), textcoords="offset points", fontsize=10.5, color=RED, va="top")
     curve.set_xlim(0, len(maps["gpis"]["total_ms"]["per_frame"]) - 1)
-    curve.legend(fontsize=10.5, frameon=False, loc="upper left")
-    bare(curve)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=110)
-    plt.close(figure)
+    curve.legend(fontsize=10.5, loc="upper left")
+    tidy(curve, "Frame by frame", "frame", "time per frame [ms]")
+    save(figure, out)
 
 
 def time_text(ms):
@@ -180,12 +139,6 @@ def core_rows(core):
             yield (label, time_text(times[name]), time_text(wall[name]))
 
 
-def markdown(rows):
-    rows = list(rows)
-    rule = ["---"] + ["---:"] * (len(rows[0]) - 1)
-    return "\n".join("| " + " | ".join(row) + " |" for row in (rows[0], rule, *rows[1:]))
-
-
 def table(result, core, machine):
     scene, ours = result["scene"], result["maps"]["gpis"]
     facts = result["machine"]
@@ -235,44 +188,16 @@ def world_table(result, machine):
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def replace_between_marks(path, name, text):
-    begin_mark, end_mark = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-    content = path.read_text(encoding="utf-8")
-    begin, end = content.find(begin_mark), content.find(end_mark)
-    if begin < 0 or end < begin:
-        raise ResultError(f"{path}: the marks {begin_mark} and {end_mark} are missing")
-    path.write_text(content[:begin + len(begin_mark)] + "\n" + text + content[end:], encoding="utf-8")
+def read(folder):
+    """(map's result, building blocks or None, world's result or None, machine)"""
+    others = (folder / name for name in ("bench_core.json", "bench_world.json"))
+    return (read_json(folder / "bench_map_vs_octomap.json"), *(read_json(path) if path.is_file() else None for path in others), read_machine(folder / "machine.txt"))
+
+
+def texts(read):
+    result, core, world, machine = read
+    return {"bench": table(result, core, machine), **({"world": world_table(world, machine)} if world else {})}
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=pathlib.Path, metavar="RESULTS", help="results/bench")
-    parser.add_argument("--plot", type=pathlib.Path, metavar="PNG")
-    parser.add_argument("--table", type=pathlib.Path, metavar="MD")
-    parser.add_argument("--document", type=pathlib.Path, metavar="MD", help="replace the part between the marks")
-    arguments = parser.parse_args()
-    try:
-        result = read_json(arguments.folder / "bench_map_vs_octomap.json")
-        core_path, world_path = (arguments.folder / name for name in ("bench_core.json", "bench_world.json"))
-        text = table(result, read_json(core_path) if core_path.is_file() else None, read_machine(arguments.folder))
-        if arguments.plot:
-            plot(result, arguments.plot)
-            print(arguments.plot)
-        if arguments.table:
-            arguments.table.write_text(text, encoding="utf-8")
-            print(arguments.table)
-        if arguments.document:
-            replace_between_marks(arguments.document, "bench", text)
-            if world_path.is_file():
-                replace_between_marks(arguments.document, "world", world_table(read_json(world_path), read_machine(arguments.folder)))
-            print(arguments.document)
-    except ResultError as error:
-        print(f"plot_bench: {error}", file=sys.stderr)
-        return 1
-    except KeyError as error:
-        print(f"plot_bench: a result lacks {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"plot_bench: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
-    return 0
+    return main_of(__doc__, {"plot": plot}, read, texts)()

@@ -4,37 +4,12 @@
 The document keeps its text; what stands between `<!-- detection: begin -->` and `<!-- detection: end -->` is replaced.
 """
 
-import argparse
-import csv
-import math
-import pathlib
-import sys
-
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
-from .plot_bench import ResultError, bare, markdown, read_machine, replace_between_marks
+from .results import holds, main_of, markdown, measured, number, read_machine, read_rows
+from .style import BLUE, GREY, RED, plt, save, tidy
 
 TILTS = (0, 30, 60)
-COLOURS = {0: "#b9474b", 30: "#1d4f76", 60: "#6ea6ab"}
+COLOURS = {0: RED, 30: BLUE, 60: "#6ea6ab"}
 LIMITS = {"position_mm": 5.0, "angle_deg": 1.5, "rate": 0.99, "ms": 30.0}
-
-
-def read_rows(path):
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except OSError as error:
-        raise ResultError(f"{path}: {error.strerror}") from None
-    for row in rows:
-        for key, value in row.items():
-            if key not in ("group", "name"):
-                row[key] = float(value)
-    if not rows:
-        raise ResultError(f"{path}: holds no row")
-    return rows
 
 
 def pick(rows, group, depth=None):
@@ -45,7 +20,8 @@ def rate(row):
     return row["detected"] / row["tags"]
 
 
-def plot(rows, out):
+def plot(result, out):
+    rows = result[0]
     grid = {depth: {(row["distance_m"], row["tilt_deg"]): row for row in pick(rows, "grid", depth)} for depth in (0.0, 1.0)}
     distances = sorted({key[0] for key in grid[1.0]})
     tilts = sorted({key[1] for key in grid[1.0]})
@@ -57,13 +33,11 @@ def plot(rows, out):
                 values = [grid[depth][(distance, tilt)][key] for distance in distances]
                 panel.plot(distances, values, style, marker="o", markersize=4, color=COLOURS[tilt],
                            label=f"tilt {tilt} degrees, {'with' if depth else 'without'} depth")
-        panel.plot([0.5, 1.5], [limit, limit], color="#5e5e5e", linewidth=1.2, linestyle="--")
-        panel.annotate("wanted to 1.5 m", (0.52, limit), xytext=(0, 3), textcoords="offset points", fontsize=10, color="#5e5e5e")
+        panel.plot([0.5, 1.5], [limit, limit], color=GREY, linewidth=1.2, linestyle="--")
+        panel.annotate("wanted to 1.5 m", (0.52, limit), xytext=(0, 3), textcoords="offset points", fontsize=10, color=GREY)
         panel.set_yscale("log")
-        panel.set_xlabel("distance [m]", fontsize=12)
-        panel.set_title(label, fontsize=13, loc="left")
-        bare(panel)
-    axes[0].legend(fontsize=9.5, frameon=False, loc="lower right")
+        tidy(panel, label, "distance [m]")
+    axes[0].legend(fontsize=9.5, loc="lower right")
     heat = axes[2]
     shares = [[100.0 * rate(grid[1.0][(distance, tilt)]) for distance in distances] for tilt in tilts]
     heat.imshow(shares, origin="lower", cmap="RdYlGn", vmin=0.0, vmax=100.0, aspect="auto")
@@ -76,16 +50,10 @@ def plot(rows, out):
     heat.set_xticklabels([f"{distance:g}" for distance in distances])
     heat.set_yticks(range(len(tilts)))
     heat.set_yticklabels([f"{tilt:g}" for tilt in tilts])
-    heat.set_xlabel("distance [m]", fontsize=12)
-    heat.set_ylabel("tilt [degrees]", fontsize=12)
-    heat.set_title("tags found [%], median shortest side", fontsize=13, loc="left")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=100)
-    plt.close(figure)
-
-
-def number(value, form):
-    return "-" if math.isnan(value) else format(value, form)
+    heat.set_xlabel("distance [m]")
+    heat.set_ylabel("tilt [degrees]")
+    heat.set_title("tags found [%], median shortest side", loc="left")
+    save(figure, out, 100)
 
 
 def result_cells(row):
@@ -104,31 +72,28 @@ def table_of(rows, group, head, label):
 
 def acceptance_rows(rows):
     """What was asked for, what was measured, and whether the one meets the other."""
-    def verdict(good):
-        return "yes" if good else "**no**"
-
     yield ("wanted", "measured", "holds")
     near = [row for row in pick(rows, "grid") if row["distance_m"] <= 1.5 and row["tilt_deg"] <= 60.0]
     for depth, text in ((1.0, "with depth"), (0.0, "without depth")):
         for key, unit, limit in (("position_median_mm", "mm", LIMITS["position_mm"]), ("angle_median_deg", "degrees", LIMITS["angle_deg"])):
             values = [row[key] for row in near if row["depth"] == depth and row["used"] > 0]
             what = "position" if unit == "mm" else "rotation"
-            yield (f"{what}: median at most {limit:g} {unit} in every cell of the grid to 1.5 m and 60 degrees, {text}", f"worst cell {max(values):.2f} {unit}", verdict(max(values) <= limit))
+            yield (f"{what}: median at most {limit:g} {unit} in every cell of the grid to 1.5 m and 60 degrees, {text}", f"worst cell {max(values):.2f} {unit}", holds(max(values) <= limit))
     for name in ("shortest side 30 px or more", "edge from the front 30 px or more"):
         row = next(row for row in pick(rows, "summary", 1.0) if row["name"] == name)
-        yield (f"99 % found: {name}", f"{row['detected']:.0f} of {row['tags']:.0f}", verdict(rate(row) >= LIMITS["rate"]))
+        yield (f"99 % found: {name}", f"{row['detected']:.0f} of {row['tags']:.0f}", holds(rate(row) >= LIMITS["rate"]))
     for depth, text in ((1.0, "with depth"), (0.0, "without depth")):
         used = pick(rows, "summary", depth)
         row = next(row for row in used if row["name"] == "everything")
-        yield (f"no wrong normal (off by more than 20 degrees) in the whole grid, {text}", f"{row['wrong_normals']:.0f} of {row['used']:.0f}", verdict(row["wrong_normals"] == 0))
+        yield (f"no wrong normal (off by more than 20 degrees) in the whole grid, {text}", f"{row['wrong_normals']:.0f} of {row['used']:.0f}", holds(row["wrong_normals"] == 0))
         bricks = pick(rows, "brick", depth)
         wrong = sum(brick["wrong_normals"] for brick in bricks)
-        yield (f"no wrong normal of whole bricks to {max(brick['distance_m'] for brick in bricks):g} m, {text}", f"{wrong:.0f} of {sum(brick['used'] for brick in bricks):.0f}", verdict(wrong == 0))
+        yield (f"no wrong normal of whole bricks to {max(brick['distance_m'] for brick in bricks):g} m, {text}", f"{wrong:.0f} of {sum(brick['used'] for brick in bricks):.0f}", holds(wrong == 0))
     tagless = pick(rows, "tagless")[0]
-    yield (f"no brick in {tagless['name']} without tags", f"{tagless['false_bricks']:.0f} bricks, {tagless['false_tags']:.0f} tags", verdict(tagless["false_bricks"] == 0))
+    yield (f"no brick in {tagless['name']} without tags", f"{tagless['false_bricks']:.0f} bricks, {tagless['false_tags']:.0f} tags", holds(tagless["false_bricks"] == 0))
     pile = next(row for row in pick(rows, "time") if row["name"].endswith("decimate 1"))
     total = pile["detect_p95_ms"] + pile["pose_p95_ms"]
-    yield (f"at most {LIMITS['ms']:g} ms a frame on one core (pile of 12 bricks, 95 %)", f"{total:.1f} ms", verdict(total <= LIMITS["ms"]))
+    yield (f"at most {LIMITS['ms']:g} ms a frame on one core (pile of 12 bricks, 95 %)", f"{total:.1f} ms", holds(total <= LIMITS["ms"]))
 
 
 def peer_rows(rows):
@@ -154,10 +119,10 @@ def time_rows(rows):
     yield (row["name"] + " without tags", f"{row['detect_ms']:.1f}", f"{row['detect_p95_ms']:.1f}", "-", "-", "-")
 
 
-def table(rows, machine):
+def table(result):
+    rows, machine = result
     parts = [
-        f"Measured {machine.get('date', 'at an unknown date')} on {machine.get('processor', 'an unknown machine')}; {machine.get('compiler', 'unknown compiler')}, "
-        f"{machine.get('build', 'unknown build')}; load {machine.get('load', 'unknown')}; commit {machine.get('commit', 'unknown')}.",
+        measured(machine),
         "**Wanted and measured**\n\n" + markdown(acceptance_rows(rows)),
         "**Summaries of the grid**\n\n" + markdown(table_of(rows, "summary", "one tag, alone", lambda row: row["name"])),
         "**Beside libapriltag alone** (its corners, its `estimate_tag_pose`, no depth, decimate 1), on the same images\n\n" + markdown(peer_rows(rows)),
@@ -169,32 +134,9 @@ def table(rows, machine):
     return "\n\n".join(parts) + "\n"
 
 
+def read(folder):
+    return read_rows(folder / "evaluate_detection.csv", ("group", "name")), read_machine(folder / "machine.txt")
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=pathlib.Path, metavar="RESULTS", help="results/bench")
-    parser.add_argument("--plot", type=pathlib.Path, metavar="PNG")
-    parser.add_argument("--table", type=pathlib.Path, metavar="MD")
-    parser.add_argument("--document", type=pathlib.Path, metavar="MD", help="replace the part between the marks")
-    arguments = parser.parse_args()
-    try:
-        rows = read_rows(arguments.folder / "evaluate_detection.csv")
-        text = table(rows, read_machine(arguments.folder))
-        if arguments.plot:
-            plot(rows, arguments.plot)
-            print(arguments.plot)
-        if arguments.table:
-            arguments.table.write_text(text, encoding="utf-8")
-            print(arguments.table)
-        if arguments.document:
-            replace_between_marks(arguments.document, "detection", text)
-            print(arguments.document)
-    except ResultError as error:
-        print(f"plot_detection: {error}", file=sys.stderr)
-        return 1
-    except (KeyError, StopIteration, ValueError) as error:
-        print(f"plot_detection: a result is missing or not a number: {error!r}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"plot_detection: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
-    return 0
+    return main_of(__doc__, {"plot": plot}, read, lambda result: {"detection": table(result)})()

@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The figure of scripts/fig8: each map before and after the removal, the signed distance on it, and its histogram."""
 
-import argparse
 import json
 import pathlib
-import sys
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.colors
-import matplotlib.pyplot as plt
 import numpy as np
 
 from . import render_mesh
+from .cli import Refusal, one_line_errors, parser_of
+from .style import plt, save
 
 SYSTEMS = (("gpis", "Dynamic GPIS"), ("gpis_static", "GPIS, dynamic: false"), ("octomap", "Dynamic OctoMap, 2 cm"))
 RANGE_CM = 1.0
@@ -78,19 +74,16 @@ def draw(folder, out):
     bar = figure.add_axes([0.37, 0.045, 0.24, 0.014])
     figure.colorbar(matplotlib.cm.ScalarMappable(scale, colormap), cax=bar, orientation="horizontal", extend="both")
     bar.set_xlabel("signed distance [cm]", fontsize=11)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=80)
-    plt.close(figure)
+    save(figure, out, 80)
 
 
+@one_line_errors
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path, help="of one run of fig8_experiment")
     parser.add_argument("--out", type=pathlib.Path, required=True)
     arguments = parser.parse_args()
     try:
         draw(arguments.folder, arguments.out)
-    except (OSError, ValueError, KeyError, TypeError, IndexError, render_mesh.MeshError) as error:
-        print(f"plot_fig8: {arguments.folder}: cannot be drawn, {type(error).__name__}: {error}", file=sys.stderr)
-        return 1
-    return 0
+    except (OSError, ValueError, KeyError, TypeError, IndexError, Refusal) as error:
+        raise Refusal(f"{arguments.folder}: cannot be drawn, {type(error).__name__}: {error}") from error

@@ -1,42 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plots of a mission's run folder: bricks and coverage over time, how views were chosen, where time went."""
 
-import argparse
 import math
 import pathlib
 import sys
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 
 from . import mission_run
+from .cli import Refusal, one_line_errors, parser_of
 from .mission_run import ACTIVITIES, FACTORS, number
+from .style import BLUE, GREEN, INK, LIGHT, MUTED, ORANGE, RED, plt, save, tidy
 
-INK, MUTED, LIGHT = "#222222", "#6b7280", "#e4e4e4"
-BLUE, RED, GREEN, ORANGE = "#1d4f76", "#b9474b", "#5c9a5a", "#e0914f"
 ACTIVITY_COLOURS = ("#1d4f76", "#5c9a5a", "#dccb6e", "#a9c8a4", "#6ea6ab", "#8c6bb1", "#b9474b", "#c8c8c8")
 FACTOR_COLOURS = ("#1d4f76", "#6ea6ab", "#5c9a5a", "#dccb6e", "#e0914f")
 FACTOR_WORDS = {"manipulability": "what the arm can reach", "pick_order": "height of the pile", "travel": "short way",
                 "uncertainty": "uncertain surface", "frontier": "border of the unseen"}
-
-
-def tidy(axes):
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#999999")
-    axes.tick_params(labelsize=11, color="#999999", labelcolor="#333333")
-    axes.yaxis.grid(True, color=LIGHT)
-    axes.set_axisbelow(True)
-
-
-def save(figure, out):
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=110, facecolor="white")
-    plt.close(figure)
 
 
 def time_unit(seconds, clock):
@@ -74,17 +53,17 @@ def plot_progress(run, summary, out):
                       markeredgecolor="white", label=f"{words} ({len(times)})")
     left.set_ylim(0, 1.12 * max(total or 0, 1, *stowed[np.isfinite(stowed)], *picked))
     left.yaxis.get_major_locator().set_params(integer=True)
-    left.set_ylabel("bricks", fontsize=12)
-    left.set_title("Bricks", fontsize=14, loc="left")
+    left.set_ylabel("bricks")
+    left.set_title("Bricks", loc="left", fontsize=14)
 
     for right in others:
         plot_map(table, time / divisor, number(summary.get("map_coverable")), right)
     for axes in (left, *others):
         tidy(axes)
         axes.set_xlim(0, max(time.max() / divisor, 1e-6))
-        axes.set_xlabel(label, fontsize=12)
+        axes.set_xlabel(label)
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize=10.5, frameon=False, loc="lower right")
+            axes.legend(loc="lower right")
     save(figure, out)
     return True
 
@@ -101,8 +80,8 @@ def plot_map(table, time, coverable, right):
     if math.isfinite(coverable):
         right.axhline(100.0 * coverable, color=GREEN, linewidth=1.0, linestyle=":", label=f"could have been seen from the mast ({100.0 * coverable:.1f} %)")
     right.set_ylim(0, 105)
-    right.set_ylabel("share of the surface [%]", fontsize=12)
-    right.set_title("Map against the truth", fontsize=14, loc="left")
+    right.set_ylabel("share of the surface [%]")
+    right.set_title("Map against the truth", loc="left", fontsize=14)
 
 
 def is_candidate(segment):
@@ -153,8 +132,8 @@ def plot_utilities(run, out):
     upper.plot([], [], color=MUTED, linewidth=1.2, label="their median")
     if none:
         upper.plot(none, np.zeros(len(none)), linestyle="none", marker="x", markersize=8, color=INK, label="nothing to choose", clip_on=False)
-    upper.set_ylabel("utility", fontsize=12)
-    upper.set_title("Utility of the places to stand at", fontsize=14, loc="left")
+    upper.set_ylabel("utility")
+    upper.set_title("Utility of the places to stand at", loc="left", fontsize=14)
 
     base = np.zeros(count)
     for name, colour in zip(FACTORS, FACTOR_COLOURS):
@@ -164,19 +143,20 @@ def plot_utilities(run, out):
     if weights and chosen + refused:
         lower.plot(*np.transpose(sorted(chosen + refused)), linestyle="none", marker="D", markersize=6, color=RED, markeredgecolor="white",
                    label="utility: less the failures nearby")
-    lower.set_ylabel("information" if weights else "factors, without weights", fontsize=12)
-    lower.set_title("What spoke for the best one", fontsize=14, loc="left")
+    lower.set_ylabel("information" if weights else "factors, without weights")
+    lower.set_title("What spoke for the best one", loc="left", fontsize=14)
     # Each choice with its time; of many, a few.
     step = max(1, int(np.ceil(count / 16)))
     ticks = np.arange(1, count + 1, step)
     times = [mission_run.duration(number(run.selections[tick - 1].get("time_s")) - start_s).split()[0] for tick in ticks]
-    lower.set_xticks(ticks, [f"{tick}\n{time}" for tick, time in zip(ticks, times)])
-    lower.set_xlabel(f"choice, and its {run.clock()} [min:s]", fontsize=12)
+    lower.set_xticks(ticks)
+    lower.set_xticklabels([f"{tick}\n{time}" for tick, time in zip(ticks, times)])
+    lower.set_xlabel(f"choice, and its {run.clock()} [min:s]")
     lower.set_xlim(0.3, count + 0.7)
     for axes in (upper, lower):
         tidy(axes)
         axes.set_ylim(bottom=0)
-        axes.legend(fontsize=10.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     save(figure, out)
     return True
 
@@ -205,9 +185,9 @@ def plot_time(run, out):
     strip.set_ylim(0, 1)
     strip.set_xlim(0, (end_s - start_s) / divisor)
     strip.set_yticks([])
-    strip.set_xlabel(label + (" (triangles: a brick is stowed)" if stows else ""), fontsize=12)
-    strip.set_title("What it did when", fontsize=14, loc="left", pad=14)
-    strip.tick_params(labelsize=11, color="#999999", labelcolor="#333333")
+    strip.set_xlabel(label + (" (triangles: a brick is stowed)" if stows else ""))
+    strip.set_title("What it did when", loc="left", fontsize=14, pad=14)
+    strip.tick_params(color="#999999", labelcolor="#333333")
     for side in strip.spines.values():
         side.set_visible(False)
 
@@ -215,8 +195,9 @@ def plot_time(run, out):
     bars.barh(rows, totals[shown] / divisor, color=[ACTIVITY_COLOURS[index] for index in shown], height=0.72)
     for row, index in zip(rows, shown):
         bars.text(totals[index] / divisor, row, f"  {mission_run.duration(totals[index])}, {100 * totals[index] / totals.sum():.0f} %", va="center", fontsize=11, color=INK)
-    bars.set_yticks(rows, [ACTIVITIES[index][0] for index in shown])
-    bars.tick_params(labelsize=11.5, length=0, labelcolor="#333333")
+    bars.set_yticks(rows)
+    bars.set_yticklabels([ACTIVITIES[index][0] for index in shown])
+    bars.tick_params(length=0, labelcolor="#333333")
     bars.set_xticks([])
     bars.set_xlim(0, 1.18 * totals.max() / divisor)
     for side in bars.spines.values():
@@ -260,13 +241,11 @@ def plot_places(run, out):
     all_axes[0][0].set_ylabel("y in the map [m]", fontsize=11)
     handles = {label: handle for axes in all_axes[0] for handle, label in zip(*axes.get_legend_handles_labels())}
     if handles:
-        figure.legend(handles.values(), handles.keys(), loc="lower left", fontsize=10, frameon=False, ncol=2, bbox_to_anchor=(0.04, -0.06))
+        figure.legend(handles.values(), handles.keys(), loc="lower left", ncol=2, bbox_to_anchor=(0.04, -0.06))
     bar = figure.colorbar(points, ax=list(all_axes[0]), shrink=0.8)
     bar.outline.set_visible(False)
     bar.set_label("utility", fontsize=11)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=110, facecolor="white", bbox_inches="tight")
-    plt.close(figure)
+    save(figure, out, bbox_inches="tight")
     return True
 
 
@@ -311,10 +290,10 @@ def plot_path(run, out):
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x in the map [m]", fontsize=11)
     axes.set_ylabel("y in the map [m]", fontsize=11)
-    axes.set_title("From above", fontsize=14, loc="left")
+    axes.set_title("From above", loc="left", fontsize=14)
     tidy(axes)
     axes.xaxis.grid(True, color=LIGHT)
-    axes.legend(fontsize=10, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     save(figure, out)
     return True
 
@@ -336,26 +315,19 @@ def draw(run, summary, out):
     return drawn
 
 
+@one_line_errors
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER")
     parser.add_argument("--out", type=pathlib.Path, metavar="FOLDER", help="default: RUN_FOLDER/report")
     arguments = parser.parse_args()
     if not arguments.folder.is_dir():
-        print(f"plot_mission: {arguments.folder}: no such folder", file=sys.stderr)
-        return 1
+        raise Refusal(f"{arguments.folder}: no such folder")
     run = mission_run.Run(arguments.folder)
-    out = arguments.out or arguments.folder / "report"
     summary, num_read = mission_run.merged_summary(run), len(run.notes)
-    try:
-        drawn = draw(run, summary, out)
-    except OSError as error:
-        print(f"plot_mission: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
+    drawn = draw(run, summary, arguments.out or arguments.folder / "report")
     for note in run.notes[num_read:]:
         print(f"plot_mission: {note}", file=sys.stderr)
     if not drawn:
-        print(f"plot_mission: {arguments.folder}: no mission left anything to plot there", file=sys.stderr)
-        return 1
+        raise Refusal(f"{arguments.folder}: no mission left anything to plot there")
     print(*drawn, sep="\n")
-    return 0

@@ -5,29 +5,26 @@ Several meshes are drawn side by side from one view point with one colour scale,
 Back faces, where the surface is seen from inside, are grey.
 """
 
-import argparse
 import copy
 import pathlib
-import sys
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.colors
-import matplotlib.pyplot as plt
 import numpy as np
+from PIL import Image, ImageDraw
 from scipy import ndimage
+
+from .cli import Refusal, one_line_errors, parser_of
+from .style import plt, save
 
 PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }
-PIXELS_PER_BATCH = 4_000_000  # bounds the memory of one rasterisation step to some 300 MB
 FIELD_OF_VIEW_RAD = np.deg2rad(28.0)
 
 
-class MeshError(Exception):
+class MeshError(Refusal):
     """The file is not a mesh this program can draw; the text says why."""
 
 
@@ -70,44 +67,24 @@ def read_header(stream, path):
 
 def read_ply(path):
     """Reads a triangle mesh; missing normals are computed, a missing variance is None."""
-    try:
-        stream = open(path, "rb")
-    except OSError as error:
-        raise MeshError(f"{path}: {error.strerror}") from None
-    with stream:
+    with open(path, "rb") as stream:
         file_format, elements = read_header(stream, path)
-        if file_format not in ("binary_little_endian", "binary_big_endian", "ascii"):
-            raise MeshError(f"{path}: unknown format {file_format}")
-        order = ">" if file_format == "binary_big_endian" else "<"
+        if file_format != "binary_little_endian":
+            raise MeshError(f"{path}: format {file_format}, must be binary_little_endian")
         tables = {}
         for name, count, properties in elements:
             dtype = []
             for key, kind, length_kind in properties:
                 if length_kind is None:
-                    dtype.append((key, order + kind))
+                    dtype.append((key, "<" + kind))
                 else:  # only triangles: then a row has a fixed size
-                    dtype += [(key + "_count", order + length_kind), (key, order + kind, (3,))]
+                    dtype += [(key + "_count", "<" + length_kind), (key, "<" + kind, (3,))]
             dtype = np.dtype(dtype)
-            left = path.stat().st_size - stream.tell()
-            # Asked before memory is: a broken header may tell any number. A line of text is two bytes at least.
-            num_there = left // (2 if file_format == "ascii" else max(1, dtype.itemsize))
+            # Asked before memory is: a broken header may tell any number.
+            num_there = (path.stat().st_size - stream.tell()) // max(1, dtype.itemsize)
             if not 0 <= count <= num_there:
                 raise MeshError(f"{path}: element {name}: the file ends after {num_there} of {count}")
-            if file_format == "ascii":
-                rows = [stream.readline().split() for _ in range(count)]
-                width = sum(3 if kind.shape else 1 for kind, *_ in (dtype.fields[key] for key in dtype.names))
-                if any(len(row) != width for row in rows):
-                    raise MeshError(f"{path}: element {name}: {width} numbers per line expected (only triangles are supported)")
-                numbers = np.array(rows, dtype=float).reshape(count, width)
-                table = np.zeros(count, dtype)
-                column = 0
-                for key in dtype.names:
-                    size = 3 if dtype.fields[key][0].shape else 1
-                    table[key] = numbers[:, column:column + 3] if size == 3 else numbers[:, column]
-                    column += size
-            else:
-                table = np.frombuffer(stream.read(dtype.itemsize * count), dtype)
-            tables[name] = table
+            tables[name] = np.frombuffer(stream.read(dtype.itemsize * count), dtype)
 
     vertices, faces = tables.get("vertex"), tables.get("face")
     if vertices is None or not {"x", "y", "z"} <= set(vertices.dtype.names):
@@ -194,71 +171,33 @@ def fit_camera(points, azimuth, elevation, distance, target, size, margin=1.06):
     return camera
 
 
-def rasterise(camera, points, triangles):
-    """Returns the index of the nearest triangle per pixel (-1: none) and its depth [m], both height x width."""
+def nearest_triangles(camera, points, triangles):
+    """The index of the nearest triangle per pixel (-1: none), height x width. The far ones are painted first: a map's are small beside their distances."""
     pixels, depth = camera.project(points)
-    near = 1e-3
-    visible = np.all(depth[triangles] > near, axis=1)
-    corner = pixels[triangles]
     with np.errstate(invalid="ignore"):
-        low = np.floor(np.nan_to_num(corner.min(axis=1), nan=-1e9)).astype(np.int64)
-        high = np.ceil(np.nan_to_num(corner.max(axis=1), nan=-1e9)).astype(np.int64)
-    limit = np.array([camera.width, camera.height])
-    low, high = np.maximum(low, 0), np.minimum(high, limit)
-    visible &= np.all(high > low, axis=1)
-    index = np.flatnonzero(visible)
-    low, extent = low[index], (high - low)[index]
-
-    nearest = np.full(camera.width * camera.height, np.inf)
-    owner = np.full(camera.width * camera.height, -1, dtype=np.int64)
-    # Triangles of like size go together: one rectangular block of candidate pixels each.
-    power = np.ceil(np.log2(np.maximum(extent, 1))).astype(np.int64)
-    for power_x, power_y in np.unique(power, axis=0):
-        members = np.flatnonzero((power[:, 0] == power_x) & (power[:, 1] == power_y))
-        block_x, block_y = np.meshgrid(np.arange(2 ** power_x), np.arange(2 ** power_y))
-        block = np.stack([block_x.ravel(), block_y.ravel()], axis=1)
-        step = max(1, PIXELS_PER_BATCH // len(block))
-        for start in range(0, len(members), step):
-            chosen = members[start:start + step]
-            triangle = triangles[index[chosen]]
-            position = low[chosen][:, None, :] + block[None, :, :]
-            a, b, c = (pixels[triangle[:, k]][:, None, :] for k in range(3))
-            sample = position + 0.5
-            weight_c = (b[..., 0] - a[..., 0]) * (sample[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (sample[..., 0] - a[..., 0])
-            weight_a = (c[..., 0] - b[..., 0]) * (sample[..., 1] - b[..., 1]) - (c[..., 1] - b[..., 1]) * (sample[..., 0] - b[..., 0])
-            weight_b = (a[..., 0] - c[..., 0]) * (sample[..., 1] - c[..., 1]) - (a[..., 1] - c[..., 1]) * (sample[..., 0] - c[..., 0])
-            area = weight_a + weight_b + weight_c
-            sign = np.sign(area)
-            inside = (weight_a * sign >= 0) & (weight_b * sign >= 0) & (weight_c * sign >= 0) & (np.abs(area) > 1e-12)
-            inside &= np.all(position < limit, axis=2)
-            row, column = np.nonzero(inside)
-            if len(row) == 0:
-                continue
-            total = area[row, column]
-            inverse = 1.0 / depth[triangle]
-            z = total / (weight_a[row, column] * inverse[row, 0] + weight_b[row, column] * inverse[row, 1] + weight_c[row, column] * inverse[row, 2])
-            where = position[row, column]
-            flat = where[:, 1] * camera.width + where[:, 0]
-            better = z < nearest[flat]
-            flat, z, who = flat[better], z[better], index[chosen][row[better]]
-            far_first = np.argsort(-z, kind="stable")  # of repeated pixels the last assignment stays: the nearest
-            nearest[flat[far_first]] = z[far_first]
-            owner[flat[far_first]] = who[far_first]
-    shape = (camera.height, camera.width)
-    return owner.reshape(shape), nearest.reshape(shape)
+        corners, margin_px = pixels[triangles], 1e4
+        is_drawn = np.all(depth[triangles] > 1e-3, axis=1) & np.all((corners > -margin_px) & (corners < margin_px), axis=(1, 2))
+    far_first = np.flatnonzero(is_drawn)
+    far_first = far_first[np.argsort(-depth[triangles[far_first]].mean(axis=1), kind="stable")]
+    image = Image.new("I", (camera.width, camera.height), -1)
+    draw = ImageDraw.Draw(image)
+    for index, triangle in zip(far_first.tolist(), corners[far_first].reshape(-1, 6).tolist()):
+        draw.polygon(triangle, fill=index)
+    return np.array(image)
 
 
 def interpolate(camera, mesh, owner, values):
-    """Values (N x k, per vertex) at the covered pixels, perspective-correct."""
+    """Row, column, position [m] and values (N x k, per vertex) of the covered pixels, perspective-correct."""
     row, column = np.nonzero(owner >= 0)
     triangle = mesh.triangles[owner[row, column]]
     ray = np.stack([column + 0.5, row + 0.5], axis=1) - camera.shift
     ray = np.concatenate([ray / camera.focal, np.ones((len(row), 1))], axis=1) @ camera.rows
     a, b, c = (mesh.points[triangle[:, k]] - camera.position for k in range(3))
     weights = np.stack([np.einsum("ij,ij->i", ray, np.cross(second, third)) for second, third in ((b, c), (c, a), (a, b))], axis=1)
-    weights /= np.where(np.abs(weights.sum(axis=1, keepdims=True)) > 1e-300, weights.sum(axis=1, keepdims=True), 1.0)
-    weights = np.clip(weights, 0.0, 1.0)
-    return row, column, -ray / np.linalg.norm(ray, axis=1, keepdims=True), np.einsum("ik,ikd->id", weights, values[triangle])
+    total = weights.sum(axis=1, keepdims=True)
+    weights = np.clip(weights / np.where(np.abs(total) > 1e-300, total, 1.0), 0.0, 1.0)
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-9)
+    return row, column, np.einsum("ik,ikd->id", weights, mesh.points[triangle]), np.einsum("ik,ikd->id", weights, values[triangle])
 
 
 def crevice_darkness(camera, position, normal, covered, radius_m):
@@ -289,13 +228,15 @@ def crevice_darkness(camera, position, normal, covered, radius_m):
 
 def shade(camera, mesh, colour_of, size_m):
     """Picture height x width x 3 (0..1); colour_of maps vertex values at pixels to RGB."""
-    owner, depth = rasterise(camera, mesh.points, mesh.triangles)
+    owner = nearest_triangles(camera, mesh.points, mesh.triangles)
     covered = owner >= 0
     picture = np.ones((camera.height, camera.width, 3))
     if not covered.any():
         return picture
     scalar = colour_of["value"](mesh)
-    row, column, to_eye, mixed = interpolate(camera, mesh, owner, np.concatenate([mesh.normals, scalar[:, None]], axis=1))
+    row, column, position, mixed = interpolate(camera, mesh, owner, np.concatenate([mesh.normals, scalar[:, None]], axis=1))
+    to_eye = camera.position - position
+    to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
     normal = mixed[:, :3] / np.maximum(np.linalg.norm(mixed[:, :3], axis=1, keepdims=True), 1e-9)
     facing = np.einsum("ij,ij->i", normal, to_eye)
     corners = mesh.points[mesh.triangles[owner[row, column]]]
@@ -315,8 +256,7 @@ def shade(camera, mesh, colour_of, size_m):
 
     half = (slice(None, None, 2), slice(None, None, 2))
     positions, normals = np.zeros((2, camera.height, camera.width, 3), dtype=np.float32)
-    view = -to_eye / (-to_eye @ forward)[:, None]
-    positions[row, column] = camera.position + depth[row, column][:, None] * view
+    positions[row, column] = position
     normals[row, column] = normal
     coarse = camera.at_half_size()
     darkness = np.zeros((coarse.height, coarse.width))
@@ -324,8 +264,10 @@ def shade(camera, mesh, colour_of, size_m):
         darkness += strength * crevice_darkness(coarse, positions[half], normals[half], covered[half], share * size_m)
     light = light * (1.0 - np.clip(darkness, 0.0, 0.8)[row // 2, column // 2])
     # A thin dark line where the surface in front ends before a farther one.
-    farther = ndimage.grey_dilation(np.where(covered, depth, 0.0), size=(3, 3)) - np.where(covered, depth, np.inf)
-    outline = np.clip((farther[row, column] - 0.012 * size_m) / (0.02 * size_m), 0.0, 1.0)
+    depth = np.zeros(owner.shape)
+    depth[row, column] = (position - camera.position) @ forward
+    farther = ndimage.grey_dilation(depth, size=(3, 3))[row, column] - depth[row, column]
+    outline = np.clip((farther - 0.012 * size_m) / (0.02 * size_m), 0.0, 1.0)
     light = light * (1.0 - 0.35 * outline)
     picture[row, column] = np.clip(colour * light[:, None], 0.0, 1.0)
     return picture
@@ -404,9 +346,7 @@ def render(meshes, titles, out, reference, view, target, coloring, colour_range,
             figure.text((left + 0.5 * panel[0]) / width, 1.0 - 0.52 * head / height, title, ha="center", va="center", fontsize=17, color="#222222")
     if has_legend:
         draw_legend(figure, camera, scale, label, colormap, size_m, supersampling, (width, height, gap))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=dpi)
-    plt.close(figure)
+    save(figure, out, dpi)
 
 
 def draw_legend(figure, camera, scale, label, colormap, size_m, supersampling, layout):
@@ -430,8 +370,9 @@ def draw_legend(figure, camera, scale, label, colormap, size_m, supersampling, l
     figure.text(min(right - 0.5 * length_px, width - gap - 80) / width, 36 / height, f"{unit} at mid-distance", ha="center", va="center", fontsize=12, color="#333333")
 
 
+@one_line_errors
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("meshes", nargs="+", type=pathlib.Path, metavar="MESH.ply")
     parser.add_argument("--out", required=True, type=pathlib.Path, metavar="PNG")
     parser.add_argument("--title", nargs="+", default=[], help="one per mesh")
@@ -458,17 +399,9 @@ def main():
         parser.error("--range: LOW must be below HIGH")
     view = arguments.view + [None] * (3 - len(arguments.view))
     panel = tuple(arguments.size or ((1200, 900) if len(arguments.meshes) == 1 else (800, 700)))
-    try:
-        meshes = [read_ply(path) for path in arguments.meshes]
-        reference = read_ply(arguments.like) if arguments.like else meshes[0]
-        titles = arguments.title or [""] * len(meshes)
-        render(meshes, titles, arguments.out, reference, view, arguments.target, arguments.color, arguments.range, panel,
-               panel_may_shrink=arguments.size is None and view[2] is None)
-    except MeshError as error:
-        print(f"render_mesh: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"render_mesh: {arguments.out}: {error.strerror}", file=sys.stderr)
-        return 1
+    meshes = [read_ply(path) for path in arguments.meshes]
+    reference = read_ply(arguments.like) if arguments.like else meshes[0]
+    titles = arguments.title or [""] * len(meshes)
+    render(meshes, titles, arguments.out, reference, view, arguments.target, arguments.color, arguments.range, panel,
+           panel_may_shrink=arguments.size is None and view[2] is None)
     print(arguments.out)
-    return 0

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Says in words what scripts/demo left in its folder."""
 
-import argparse
 import pathlib
-import sys
 
 import numpy as np
 
 from . import plot_timing
 from . import render_mesh
+from .cli import one_line_errors, parser_of
 
 
 def count_of(path, element):
@@ -17,20 +16,17 @@ def count_of(path, element):
     return next((count for name, count, _ in elements if name == element), 0)
 
 
+@one_line_errors
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--removal-frame", type=int, required=True, help="first frame without the boxes")
     arguments = parser.parse_args()
     folder = arguments.folder
-    try:
-        timing = plot_timing.read_timing(folder / "timing.csv")
-        before, after = folder / "mesh_before.ply", folder / "mesh_after.ply"
-        vertices = count_of(before, "vertex"), count_of(after, "vertex")
-        triangles = count_of(before, "face"), count_of(after, "face")
-    except (plot_timing.TableError, render_mesh.MeshError, OSError) as error:
-        print(f"report_demo: {error}", file=sys.stderr)
-        return 1
+    timing = plot_timing.read_timing(folder / "timing.csv")
+    before, after = folder / "mesh_before.ply", folder / "mesh_after.ply"
+    vertices = count_of(before, "vertex"), count_of(after, "vertex")
+    triangles = count_of(before, "face"), count_of(after, "face")
 
     total = timing["total_ms"]
     print(f"Frames            {len(total)}, {np.median(total):.0f} ms each in the median, {np.percentile(total, 95):.0f} ms at the 95th percentile")
@@ -45,4 +41,3 @@ def main():
     print()
     print(f"Look at           {folder / 'before_after.png'} and {folder / 'timing.png'}")
     print(f"Also there        {', '.join(path.name for path in sorted(folder.iterdir()) if path.suffix in ('.ply', '.gpis', '.csv', '.json'))}")
-    return 0

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Table of what scripts/fig8 measured, beside the paper's numbers and, if it is installed, CloudCompare's."""
 
-import argparse
 import json
 import os
 import pathlib
 import re
 import shutil
 import subprocess
-import sys
+
+from .cli import Refusal, one_line_errors, parser_of
 
 PAPER = {"gpis": (0.005, 0.012), "octomap": (0.033, 0.015)}  # mean and standard deviation [cm]
 
@@ -26,7 +26,7 @@ def judge_by_cloudcompare(program, folder, key):
 
 
 def read_rows(folder):
-    """[(folder of the run, system, title, its numbers as printed)]. Raises ValueError."""
+    """[(folder of the run, system, title, its numbers as printed)]. Raises Refusal."""
     rows = []
     for path in sorted(folder.glob("*/summary.json")):
         try:
@@ -36,21 +36,18 @@ def read_rows(folder):
                 rows.append((path.parent, key, entry["title"], f"{values}{s['count']:8d}{100.0 * entry['against_truth']['rms_m']:10.4f}"
                              f"{1e4 * entry['ghost_area_m2']:10.1f}{entry['outside_share']:8.3f}"))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"{path}: no summary of fig8_experiment, {type(error).__name__}: {error}") from error
+            raise Refusal(f"{path}: no summary of fig8_experiment, {type(error).__name__}: {error}") from error
     if not rows:
-        raise ValueError(f"{folder}: no folders with a summary.json of fig8_experiment")
+        raise Refusal(f"{folder}: no folders with a summary.json of fig8_experiment")
     return rows
 
 
+@one_line_errors
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path)
     folder = parser.parse_args().folder
-    try:
-        rows = read_rows(folder)
-    except (OSError, ValueError) as error:
-        print(f"report_fig8: {error}", file=sys.stderr)
-        return 1
+    rows = read_rows(folder)
     program = shutil.which("CloudCompare") or shutil.which("cloudcompare.CloudCompare")
     print("Map after the removal against a map of the last scan alone, signed, cm. Paper: real scene; ours: simulated.")
     if program is None:
@@ -61,4 +58,3 @@ def main():
         other = "{:.4f} {:.4f}".format(*other) if other else "-"
         paper = "{:.3f} {:.3f}".format(*PAPER[key]) if key in PAPER else "-"
         print(f"{run.name + ', ' + title:58}{values}  {other:13}  {paper}")
-    return 0

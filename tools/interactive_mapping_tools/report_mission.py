@@ -5,64 +5,36 @@ RUN_FOLDER/index.html, one file with all of it in it, and says it in words on th
 Works with what there is: what is missing, as after a crash, is named.
 """
 
-import argparse
 import base64
 import datetime
-import html
 import io
 import json
 import math
 import os
 import pathlib
-import sys
 
+import jinja2
 import matplotlib.colors
 import numpy as np
 from PIL import Image
 
-from . import mission_run
-from . import plot_mission
-from . import render_mesh
+from . import mission_run, plot_mission, render_mesh
+from .cli import Refusal, one_line_errors, parser_of
 from .mission_run import count_of, duration, number
 
+TEMPLATES = jinja2.Environment(loader=jinja2.FileSystemLoader(str(pathlib.Path(__file__).parent / "templates")), autoescape=True, trim_blocks=True,
+                               lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+CAPTIONS = {
+    "path.png": "Where the robot drove and stood, and the pile, from above. An arrow points to where the robot looked.",
+    "time.png": "Where the time went.",
+    "utilities.png": "Each choice of a place to stand at: what it was chosen from, and what spoke for the chosen one.",
+    "places.png": "The pile's outline from above as three choices saw it; the colour is the utility of standing there."}
+FILES = {
+    "summary.json": "the figures", "mission.jsonl": "each decision with its reason", "selections.jsonl": "each choice of a view with all candidates",
+    "path.jsonl": "the driven path", "judge.csv": "what the judge saw, per second", "events.jsonl": "stowed, fallen, dropped, hit",
+    "judge.json": "the judge's totals", "pictures": "of the world; maps as meshes (PLY)", "log": "of the nodes"}
 MAP_VIEW = (-146.0, 31.0)  # azimuth, elevation [deg]: that of the simulator's pictures when the robot starts on the -x side
 MAX_STAGES = 4  # pictures before, during, after
-STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; color: #222; background: #f4f5f6; margin: 0; }
-main { max-width: 1120px; margin: 0 auto; padding: 28px 20px 60px; }
-h1 { font-size: 27px; margin: 0 0 4px; }
-h2 { font-size: 20px; margin: 40px 0 10px; }
-.sub { color: #6b7280; margin: 0 0 18px; }
-.sub + .sub { margin-top: -14px; }
-.words { font-size: 18px; margin: 0 0 18px; max-width: 60em; }
-.cards { display: flex; flex-wrap: wrap; gap: 12px; }
-.card { flex: 1 1 130px; background: #fff; border-radius: 8px; padding: 12px 16px; box-shadow: 0 1px 2px #0002; }
-.card b { display: block; font-size: 25px; line-height: 1.2; color: #1d4f76; white-space: nowrap; }
-.card.bad b { color: #b9474b; }
-.card span { color: #6b7280; font-size: 14px; }
-.note { background: #fdf3d8; border-left: 4px solid #e0914f; padding: 10px 16px; margin: 18px 0; border-radius: 0 6px 6px 0; }
-.note ul { margin: 4px 0; padding-left: 20px; }
-.stages { display: grid; gap: 12px; grid-template-columns: 1fr 1fr; align-items: start; }
-@media (max-width: 640px) { .stages { grid-template-columns: 1fr; } }
-figure { margin: 0; background: #fff; border-radius: 8px; overflow: hidden; box-shadow: 0 1px 2px #0002; }
-figure img { display: block; width: 100%; height: auto; }
-.stages img { aspect-ratio: 16 / 9; object-fit: cover; }
-.scale { display: flex; align-items: center; gap: 8px; margin-top: 10px; font-size: 14px; color: #444; }
-.scale i { flex: 0 1 240px; height: 12px; border-radius: 3px; }
-details { margin-top: 10px; }
-figcaption { padding: 6px 12px 8px; font-size: 14px; color: #444; }
-.plot { padding: 14px; margin-bottom: 16px; }
-.plot figcaption { padding: 8px 2px 0; }
-.thumbs { display: grid; grid-template-columns: repeat(auto-fill, minmax(200px, 1fr)); gap: 10px; margin-top: 10px; }
-summary { cursor: pointer; color: #1d4f76; }
-.scroll { overflow-x: auto; background: #fff; border-radius: 8px; box-shadow: 0 1px 2px #0002; }
-table { border-collapse: collapse; width: 100%; font-size: 14.5px; }
-th, td { text-align: left; padding: 6px 12px; border-bottom: 1px solid #eceef0; vertical-align: top; }
-th { color: #6b7280; font-weight: 600; }
-td.n, th.n { text-align: right; }
-code { font-size: 14px; }
-"""
 
 
 def plural(count, one, many):
@@ -178,17 +150,10 @@ def embedded(path, width_px, run, lossless=False):
     return f"data:image/{'png' if lossless else 'jpeg'};base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
-def figure(path, caption, run, width_px, lossless=False, kind=""):
+def figure(path, caption, run, width_px, lossless=False):
+    """{"address", "caption"}, or None."""
     address = embedded(path, width_px, run, lossless)
-    if address is None:
-        return ""
-    return f'<figure class="{kind}"><img src="{address}" alt="{html.escape(caption)}"><figcaption>{html.escape(caption)}</figcaption></figure>'
-
-
-def table(header, rows, numeric=()):
-    def row(cells, tag):
-        return "<tr>" + "".join(f'<{tag} class="{"n" if column in numeric else ""}">{html.escape(str(cell))}</{tag}>' for column, cell in enumerate(cells)) + "</tr>"
-    return f'<div class="scroll"><table>{row(header, "th")}{"".join(row(cells, "td") for cells in rows)}</table></div>'
+    return address and {"address": address, "caption": caption}
 
 
 def brick_rows(run):
@@ -211,27 +176,13 @@ def brick_rows(run):
     return sorted(rows, key=lambda row: not row[1])
 
 
-def brick_tables(rows):
-    """The exceptions in sight, the others behind a click."""
-    if not rows:
-        return "<p>Nothing is known of single bricks.</p>"
-    header = ("brick", "what became of it", "on the way", "picks begun", "picks failed", "plans failed", "last failure")
-    exceptions, others = ([cells for cells, is_exception in rows if is_exception == wanted] for wanted in (True, False))
-    parts = [table(header, exceptions, numeric=(0, 3, 4, 5))] if exceptions else []
-    if others:
-        words = f"{plural(len(others), 'brick', 'bricks')} without a failure"
-        parts.append(f"<details><summary>{words[0].upper()}{words[1:]}</summary>{table(header, others, numeric=(0, 3, 4, 5))}</details>")
-    return "".join(parts)
-
-
 def colour_scale(colour_range):
-    """One for all pictures of the map."""
+    """One for all pictures of the map, or None."""
     if colour_range is None:
-        return ""
+        return None
     _, label, colormap = render_mesh.COLOURINGS["height"]
-    stops = ", ".join(matplotlib.colors.to_hex(colormap(share)) for share in np.linspace(0.0, 1.0, 9))
     low, high = (f"{value:.2f}" for value in colour_range)
-    return f'<div class="scale"><span>{html.escape(label)}: {low}</span><i style="background: linear-gradient(to right, {stops})"></i><span>{high}</span></div>'
+    return {"label": label, "stops": [matplotlib.colors.to_hex(colormap(share)) for share in np.linspace(0.0, 1.0, 9)], "low": low, "high": high}
 
 
 def failure_rows(run):
@@ -242,84 +193,62 @@ def failure_rows(run):
         yield kind, times, duration(last_s - start_s) if math.isfinite(last_s) else "", why, did
 
 
-def origin_lines(run):
-    """Where the figures are from."""
+def origin_of(run):
+    """Where the figures are from, in words."""
     origin = run.origin
     date = origin.get("date", "").replace("T", " ").replace("Z", " UTC")
     if not date and run.log and not run.is_simulated:
         date = datetime.datetime.fromtimestamp(number(run.log[0]["time_s"]), datetime.timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     known = [date, f"on {origin['host']}" if "host" in origin else "", f"commit {origin['commit']}" if "commit" in origin else ""]
-    lines = [html.escape(", ".join(filter(None, known))), f"<code>{html.escape(origin['command'])}</code>" if "command" in origin else ""]
-    return "".join(f'<p class="sub">{line}</p>' for line in lines if line)
+    return ", ".join(filter(None, known))
 
 
-def stage_grid(run, worlds, maps, colour_range, start_s, strategy):
-    """A row per stage, the world on the left, the map as it was then on the right; of one kind alone two beside each other."""
+def stages_of(run, worlds, maps, strategy):
+    """[figure or None], a row per stage, the world on the left, the map as it was then on the right; of one kind alone two beside each other."""
     # Coverage and precision are of the map that the strategy sees; the meshes that are kept, of the one that the arm moves by.
     map_name = "The arm's map" if strategy.startswith("octomap") else "The map"
     kinds = [(entries, what, verb) for entries, what, verb in ((worlds, "The world", "stowed"), (maps, map_name, "picked")) if entries]
-    if not kinds:
-        return "<p>No pictures were taken.</p>"
-    cells = []
-    for index in range(max(len(entries) for entries, _, _ in kinds)):
+    figures = []
+    for index in range(max((len(entries) for entries, _, _ in kinds), default=0)):
         for entries, what, verb in kinds:
-            drawn = ""
+            drawn = None
             if index < len(entries):
                 seconds, count, path = entries[index]
                 # Beside the world the map needs no count of its own: it is a little older or newer.
                 number_of = f", {count} {verb}" if entries is kinds[0][0] else ""
-                drawn = figure(path, f"{what} at {duration(seconds - start_s)}{number_of}", run, 720)
+                drawn = figure(path, f"{what} at {duration(seconds - run.start_s())}{number_of}", run, 720)
             if drawn or len(kinds) > 1:
-                cells.append(drawn or "<span></span>")
-    return f'<div class="stages">{"".join(cells)}</div>{colour_scale(colour_range if maps else None)}'
-
-
-def card(value, words, bad=False):
-    return f'<div class="card{" bad" if bad else ""}"><b>{html.escape(str(value))}</b><span>{html.escape(words)}</span></div>'
+                figures.append(drawn)
+    return figures
 
 
 def write_page(run, summary, plots, maps, colour_range, out):
-    start_s = run.start_s()
-    name = run.folder.resolve().name
     stowed, total = count_of(summary.get("bricks_stowed")), count_of(summary.get("bricks_total"))
     done = stowed if stowed is not None else count_of(summary.get("bricks_picked"))
+
+    def told(key):
+        return "?" if summary.get(key) is None else summary[key]
+
     known = [("scene", "scene"), ("seed", "seed"), ("strategy", "strategy"), ("removed factor", "removed_factor")]
-    about = ", ".join(f"{words} {summary[key]}" for words, key in known if summary.get(key) not in (None, "", "none"))
-    cards = [card(f"{'?' if done is None else done}{'' if total is None else f' of {total}'}", "bricks stowed" if stowed is not None else "bricks picked", bad=done is None or (total is not None and done < 0.95 * total)),
-             card(share(summary.get("map_coverage")) or "?", "of the surface mapped"),
-             card("?" if summary.get("falls") is None else summary["falls"], "bricks fell", bad=bool(summary.get("falls"))),
-             card("?" if summary.get("collisions") is None else summary["collisions"], "collisions", bad=bool(summary.get("collisions"))),
-             card(duration(summary.get("sim_seconds")), f"of {run.clock()}"),
-             card("?" if summary.get("views") is None else summary["views"], "places it stood at")]
-    body = [f"<h1>Mission {html.escape(name)}</h1>", f'<p class="sub">{html.escape(about or "nothing is known about what it was to do")}</p>', origin_lines(run),
-            f'<p class="words">{html.escape(" ".join(sentences(run, summary)))}</p>', f'<div class="cards">{"".join(cards)}</div>', "<!-- notes -->"]
-    body += ["<h2>Before, during, after</h2>", stage_grid(run, pick_stages(run.world_pictures, "world"), maps, colour_range, start_s, str(summary.get("strategy") or ""))]
-    if len(run.world_pictures) > MAX_STAGES:
-        thumbs = "".join(figure(path, f"{duration(seconds - start_s)}, {count} stowed", run, 400) for seconds, count, path in run.world_pictures[:60])
-        body.append(f'<details><summary>All pictures of the world ({len(run.world_pictures)})</summary><div class="thumbs">{thumbs}</div></details>')
-    body.append("<h2>How it went</h2>")
-    captions = {
-        "progress.png": "Bricks over time." if not run.table else "Left: bricks over time. Right: how much of the bricks' surface that ever was exposed is in the map, and how much of what the map holds of the pile is true.",
-        "path.png": "Where the robot drove and stood, and the pile, from above. An arrow points to where the robot looked.",
-        "time.png": "Where the time went.",
-        "utilities.png": "Each choice of a place to stand at: what it was chosen from, and what spoke for the chosen one.",
-        "places.png": "The pile's outline from above as three choices saw it; the colour is the utility of standing there."}
-    body += [figure(path, captions[path.name], run, 1400, lossless=True, kind="plot") for path in plots] or ["<p>There is nothing to plot.</p>"]
-    body += ["<h2>Bricks</h2>", brick_tables(brick_rows(run)), "<h2>What failed, and what was done about it</h2>"]
-    failures = list(failure_rows(run))
-    body.append(table(("what", "times", "last at", "why", "then"), failures, numeric=(1,)) if failures else "<p>Nothing that is known of.</p>")
-    body.append("<h2>Files</h2>")
-    files = [(f'<a href="{html.escape(name)}">{html.escape(name)}</a>', words) for name, words in (
-        ("summary.json", "the figures"), ("mission.jsonl", "each decision with its reason"), ("selections.jsonl", "each choice of a view with all candidates"), ("path.jsonl", "the driven path"),
-        ("judge.csv", "what the judge saw, per second"), ("events.jsonl", "stowed, fallen, dropped, hit"), ("judge.json", "the judge's totals"),
-        ("pictures", "of the world; maps as meshes (PLY)"), ("log", "of the nodes")) if (run.folder / name).exists()]
-    body.append('<div class="scroll"><table>' + "".join(f"<tr><td>{link}</td><td>{html.escape(words)}</td></tr>" for link, words in files) + "</table></div>")
-    notes = ""
-    if run.notes:
-        notes = '<div class="note"><b>Not everything is there.</b><ul>' + "".join(f"<li>{html.escape(note)}</li>" for note in run.notes) + "</ul></div>"
-    page = "\n".join(body).replace("<!-- notes -->", notes)
-    out.write_text(f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
-                   f"<title>Mission {html.escape(name)}</title><style>{STYLE}</style></head><body><main>\n{page}\n</main></body></html>\n", encoding="utf-8")
+    captions = {"progress.png": "Bricks over time." if not run.table else "Left: bricks over time. Right: how much of the bricks' surface that ever was "
+                "exposed is in the map, and how much of what the map holds of the pile is true.", **CAPTIONS}
+    thumbs = run.world_pictures[:60] if len(run.world_pictures) > MAX_STAGES else []
+    bricks = brick_rows(run)
+    page = {
+        "name": run.folder.resolve().name, "sentences": sentences(run, summary), "origin": origin_of(run), "command": run.origin.get("command"),
+        "about": ", ".join(f"{words} {summary[key]}" for words, key in known if summary.get(key) not in (None, "", "none")),
+        "cards": [("?" if done is None else done if total is None else f"{done} of {total}", "bricks stowed" if stowed is not None else "bricks picked",
+                   done is None or (total is not None and done < 0.95 * total)),
+                  (share(summary.get("map_coverage")) or "?", "of the surface mapped", False), (told("falls"), "bricks fell", bool(summary.get("falls"))),
+                  (told("collisions"), "collisions", bool(summary.get("collisions"))), (duration(summary.get("sim_seconds")), f"of {run.clock()}", False),
+                  (told("views"), "places it stood at", False)],
+        "stages": stages_of(run, pick_stages(run.world_pictures, "world"), maps, str(summary.get("strategy") or "")),
+        "scale": colour_scale(colour_range if maps else None), "num_pictures": len(run.world_pictures),
+        "thumbs": list(filter(None, (figure(path, f"{duration(seconds - run.start_s())}, {count} stowed", run, 400) for seconds, count, path in thumbs))),
+        "plots": list(filter(None, (figure(path, captions[path.name], run, 1400, lossless=True) for path in plots))),
+        "exceptions": [cells for cells, is_exception in bricks if is_exception], "others": [cells for cells, is_exception in bricks if not is_exception],
+        "failures": list(failure_rows(run)), "files": {name: words for name, words in FILES.items() if (run.folder / name).exists()}}
+    out.write_text(TEMPLATES.get_template("mission.html").render(page, notes=run.notes) + "\n", encoding="utf-8")
 
 
 def write_atomically(path, text):
@@ -335,51 +264,45 @@ def json_safe(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def what_is_known(run, unreadable):
+    """A note of the mission's own summary where it is not whole; it comes first."""
+    reason = run.summary.get("end_reason")
+    if unreadable.exists():
+        return [f"the mission's summary cannot be read, {unreadable.name} is it: its counts are from mission.jsonl"]
+    if not run.summary:
+        return ["summary.json is missing: the mission did not end by itself; its counts are from mission.jsonl"]
+    return {"none": ["the mission's end: its summary is of its last step"],
+            "crashed": ["the mission did not write a summary: its counts are from mission.jsonl"]}.get(reason if isinstance(reason, str) else "", [])
+
+
+@one_line_errors
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER", help="relative to the current folder")
     parser.add_argument("--summary-only", action="store_true", help="no plots and no page")
     arguments = parser.parse_args()
     folder = arguments.folder
     if not folder.is_dir():
-        print(f"report_mission: {folder}: no such folder", file=sys.stderr)
-        return 1
+        raise Refusal(f"{folder}: no such folder")
     run = mission_run.Run(folder)
     if not (run.log or run.table or run.judge or run.summary):
-        print(f"report_mission: {folder}: no mission left anything there that can be read", file=sys.stderr)
-        return 1
+        raise Refusal(f"{folder}: no mission left anything there that can be read")
     path, unreadable = folder / "summary.json", folder / "summary.json.unreadable"
-    try:
-        if not run.summary and path.exists():
-            os.replace(path, unreadable)
-    except OSError as error:
-        print(f"report_mission: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
-    if unreadable.exists():
-        run.notes.insert(0, f"the mission's summary cannot be read, {unreadable.name} is it: its counts are from mission.jsonl")
-    elif not run.summary:
-        run.notes.insert(0, "summary.json is missing: the mission did not end by itself; its counts are from mission.jsonl")
-    elif run.summary.get("end_reason") == "none":
-        run.notes.insert(0, "the mission's end: its summary is of its last step")
-    elif run.summary.get("end_reason") == "crashed":
-        run.notes.insert(0, "the mission did not write a summary: its counts are from mission.jsonl")
+    if not run.summary and path.exists():
+        os.replace(path, unreadable)
+    run.notes[:0] = what_is_known(run, unreadable)
     summary = mission_run.merged_summary(run)
-    try:
-        write_atomically(path, json.dumps(json_safe(summary), indent=2) + "\n")
-        if not arguments.summary_only:
-            out = folder / "report"
-            write_page(run, summary, plot_mission.draw(run, summary, out), *draw_maps(run, out), folder / "index.html")
-    except OSError as error:
-        print(f"report_mission: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
+    write_atomically(path, json.dumps(json_safe(summary), indent=2) + "\n")
+    if not arguments.summary_only:
+        out = folder / "report"
+        write_page(run, summary, plot_mission.draw(run, summary, out), *draw_maps(run, out), folder / "index.html")
     print("\n".join(sentences(run, summary)))
     failures = run.exceptions()
     if failures:
-        total = sum(times for _, times, *_ in failures)
-        print(f"{plural(total, 'failure', 'failures')[0].upper()}{plural(total, 'failure', 'failures')[1:]} on the way: "
+        total = plural(sum(times for _, times, *_ in failures), "failure", "failures")
+        print(f"{total[0].upper()}{total[1:]} on the way: "
               + ", ".join(f"{times} x {kind}" for kind, times, *_ in failures[:4]) + (", ..." if len(failures) > 4 else "") + ".")
     for note in run.notes:
         print(f"Missing: {note}.")
     if not arguments.summary_only:
         print(f"\nLook at {folder / 'index.html'}")
-    return 0

@@ -1,31 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plot and page of what scripts/soak measured in its parts loop and fuzz."""
 
-import argparse
 import csv
 import os
 import pathlib
-import sys
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from .cli import Refusal, one_line_errors, parser_of
+from .results import markdown, read_machine, read_rows
+from .style import BLUE, GREY, RED, plt, save, tidy
 
 PANELS = (("resident_mb", "heap_used_mb"), ("points",), ("ms_per_frame",))
 LABELS = {"resident_mb": "resident [MB]", "heap_used_mb": "heap in use [MB]", "points": "points in the map", "ms_per_frame": "map update [ms]"}
-COLOURS = {"resident_mb": "#1d4f76", "heap_used_mb": "#6ea6ab", "points": "#b9474b", "ms_per_frame": "#5e5e5e"}
-
-
-def read_rows(path):
-    with path.open(encoding="utf-8", newline="") as file:
-        return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
-
-
-def read_machine(path):
-    """{"date": ..., "commit": ...}; empty without the file."""
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    return {line.split(None, 1)[0]: line.split(None, 1)[1] for line in lines if len(line.split(None, 1)) == 2}
+COLOURS = {"resident_mb": BLUE, "heap_used_mb": "#6ea6ab", "points": RED, "ms_per_frame": GREY}
 
 
 def plot(rows, out):
@@ -36,13 +22,10 @@ def plot(rows, out):
             panel.plot(frames, [row[name] for row in rows], color=COLOURS[name], linewidth=1.2, label=LABELS[name])
         panel.set_ylim(bottom=0)
         panel.axvspan(0, 0.1 * frames[-1], color="#eeeeee", linewidth=0)
-        panel.legend(frameon=False, loc="lower right", fontsize=11)
-        for side in ("top", "right"):
-            panel.spines[side].set_visible(False)
-    axes[-1].set_xlabel("frame (grey: warm-up, not judged)", fontsize=12)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=90)
-    plt.close(figure)
+        panel.legend(loc="lower right", fontsize=11)
+        tidy(panel)
+    axes[-1].set_xlabel("frame (grey: warm-up, not judged)")
+    save(figure, out, 90)
 
 
 def origin(machine):
@@ -78,42 +61,39 @@ def fuzz_part(folder):
             entry["seconds"] += float(seconds)
             entry["failed"] += result != "passed"
     if not totals:
-        raise ValueError("fuzz.csv: no results")
-    rows = ["| target | inputs | accepted | refused | seconds | pieces failed |", "| --- | ---: | ---: | ---: | ---: | ---: |"]
-    for name, entry in sorted(totals.items()):
-        rows.append(f"| {name} | {entry['inputs']} | {entry['accepted']} | {entry['refused']} | {entry['seconds']:.0f} | {entry['failed']} |")
-    whole = {key: sum(entry[key] for entry in totals.values()) for key in ("inputs", "accepted", "refused", "seconds", "failed")}
-    rows.append(f"| **all** | {whole['inputs']} | {whole['accepted']} | {whole['refused']} | {whole['seconds']:.0f} | {whole['failed']} |")
+        raise Refusal("fuzz.csv: no results")
+    names = ("inputs", "accepted", "refused", "seconds", "failed")
+    whole = {name: sum(entry[name] for entry in totals.values()) for name in names}
+    rows = [("target", "inputs", "accepted", "refused", "seconds", "pieces failed")]
+    rows += [(target, *(f"{entry[name]:.0f}" for name in names)) for target, entry in (*sorted(totals.items()), ("**all**", whole))]
     seeds = ", ".join(sorted(set.union(*(entry["seeds"] for entry in totals.values()))))
     return (f"## Fuzzing: {whole['inputs']} inputs\n\n`scripts/soak fuzz`, address and undefined-behaviour sanitizers, seed {seeds}. "
-            f"{origin(read_machine(folder / 'fuzz-machine.txt'))}\n\n" + "\n".join(rows) + "\n")
+            f"{origin(read_machine(folder / 'fuzz-machine.txt'))}\n\n" + markdown(rows) + "\n")
 
 
+@one_line_errors
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path, metavar="RESULTS", help="results/soak")
     parser.add_argument("--plot", type=pathlib.Path, metavar="PNG", required=True)
     parser.add_argument("--table", type=pathlib.Path, metavar="MD", required=True)
     parser.add_argument("--note", help="what a reader must know about these runs")
     arguments = parser.parse_args()
+    loop, fuzz = (arguments.folder / name for name in ("loop.csv", "fuzz.csv"))
+    if not loop.is_file() and not fuzz.is_file():
+        raise Refusal(f"{arguments.folder}: neither loop.csv nor fuzz.csv")
     parts = ["# Long checks\n\nWritten by `scripts/soak --update-docs`; what the parts are: [testing.md](../testing.md#long-checks).\n"]
     if arguments.note:
         parts.append(arguments.note + "\n")
     try:
-        if not any((arguments.folder / name).is_file() for name in ("loop.csv", "fuzz.csv")):
-            raise ValueError(f"{arguments.folder}: neither loop.csv nor fuzz.csv")
-        if (arguments.folder / "loop.csv").is_file():
-            rows = read_rows(arguments.folder / "loop.csv")
-            if not rows:
-                raise ValueError("loop.csv: no readings")
+        if loop.is_file():
+            rows = read_rows(loop)
             plot(rows, arguments.plot)
             parts.append(loop_part(arguments.folder, rows, os.path.relpath(arguments.plot, arguments.table.parent)))
-        if (arguments.folder / "fuzz.csv").is_file():
+        if fuzz.is_file():
             parts.append(fuzz_part(arguments.folder))
-        arguments.table.parent.mkdir(parents=True, exist_ok=True)
-        arguments.table.write_text("\n".join(parts), encoding="utf-8")
-        print(arguments.table)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        print(f"report_soak: {error}", file=sys.stderr)
-        return 1
-    return 0
+    except (ValueError, KeyError, TypeError) as error:
+        raise Refusal(error) from error
+    arguments.table.parent.mkdir(parents=True, exist_ok=True)
+    arguments.table.write_text("\n".join(parts), encoding="utf-8")
+    print(arguments.table)

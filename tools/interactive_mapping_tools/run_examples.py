@@ -12,7 +12,6 @@ What differs from a user's terminals: rviz:=true is rviz:=false; HOME and the cu
 file, the latter with links to what is in the repository's root; the master has a port of its own.
 """
 
-import argparse
 import itertools
 import multiprocessing
 import os
@@ -29,6 +28,7 @@ import time
 import rospy
 
 from . import ROOT
+from .cli import parser_of
 
 REASONS = {"robot": "needs the robot or a part of it", "camera": "needs a camera", "mission": "a whole mission",
            "stack": "the whole simulation, which the mission's tests start, too", "build": "builds or tests everything",
@@ -258,8 +258,7 @@ def documents():
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__ % ", ".join(REASONS),
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__ % ", ".join(REASONS))
     parser.add_argument("files", nargs="*", type=pathlib.Path, help="Markdown files; none: all of the repository")
     parser.add_argument("--check", action="store_true", help="look at the marks only")
     parser.add_argument("--verbose", action="store_true", help="show what blocks marked `run` have printed")

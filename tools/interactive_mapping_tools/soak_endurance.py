@@ -9,7 +9,6 @@ beside it: a view that no mission had before shows new ground.
 Exit code: 0 all as it should be, 1 it is not, 2 bad usage.
 """
 
-import argparse
 import contextlib
 import csv
 import json
@@ -25,6 +24,7 @@ import threading
 import time
 
 from . import ROOT, soak_mission
+from .cli import parser_of
 
 SCENE = "four_bricks"
 MAP_CONFIG = ROOT / "sim_tests/config/endurance_map.yaml"
@@ -254,7 +254,7 @@ def problems_of(rows, growth, map_points=(1, 1)):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of endurance.json and the run")
     parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/worlds (default {SCENE})")
     parser.add_argument("--seed", type=int, default=1)

@@ -8,7 +8,6 @@ again whose moment did not come, as long as any of them comes.
 Exit code: 0 all met without a violation, 1 a violation, 2 bad usage, 3 no violation so far, but not all were run and met.
 """
 
-import argparse
 import collections
 import csv
 import dataclasses
@@ -28,6 +27,7 @@ import urllib.parse
 import xmlrpc.client
 
 from . import ROOT
+from .cli import parser_of
 
 SCENE = "four_bricks"
 CONFIG = ROOT / "sim_tests/config/soak_mission.yaml"
@@ -582,7 +582,7 @@ def free_port():
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of mission.csv and the runs")
     parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/worlds (default {SCENE})")
     parser.add_argument("--label", metavar="TEXT", help="state of the software: rows of others are not counted (default: rows of any are)")

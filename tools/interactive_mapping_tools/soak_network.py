@@ -10,7 +10,6 @@ is back the robot has to stand still, and then the mission has to go on to its e
 Exit code: 0 all as it should be, 1 it is not, 2 bad usage.
 """
 
-import argparse
 import json
 import math
 import os
@@ -24,6 +23,7 @@ import time
 import urllib.parse
 
 from . import ROOT, soak_mission
+from .cli import parser_of
 
 ROBOT, LAPTOP, DEVICES = "gpis_robot", "gpis_laptop", "gpis_devices"  # namespaces, and the ends of the cables
 ADDRESS = {ROBOT: "10.77.0.1", LAPTOP: "10.77.0.2", DEVICES: "10.77.1.1"}
@@ -264,12 +264,12 @@ def inside(options):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", default=str(ROOT / "results/soak"), help="folder for network.json, network.txt and the run's folder; network_arm_at_laptop... with that")
     parser.add_argument("--arm-at", choices=list(ARM_STOPS_WITHIN_S), default="robot", help="the computer into which arm and camera are plugged")
     parser.add_argument("--scene", default="four_bricks")
     parser.add_argument("--cut-s", type=float, default=CUT_S, help="how long the link stays down each time [s of wall time] (default %(default)s)")
-    parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--inside", action="store_true", help="the part in the namespace of the devices")
     options = parser.parse_args()
     if not (ROOT / f"sim_tests/worlds/{options.scene}.yaml").is_file():
         parser.error(f"--scene {options.scene}: no such file in sim_tests/worlds")

@@ -5,7 +5,6 @@ A strategy is a section with a `plugin` in nbv_selection's configuration or in -
 ROS_PACKAGE_PATH must export that plugin. Exit code 2: a strategy is not there; the message lists those that are.
 """
 
-import argparse
 import contextlib
 import pathlib
 import sys
@@ -15,6 +14,7 @@ import rospkg
 import yaml
 
 from . import ROOT
+from .cli import parser_of
 
 CONFIGS = ROOT / "src/nbv_selection/config"
 SHIPPED = ("octomap_strategies.yaml", "nbv_selection.yaml")  # nbv_selection.launch loads them in this order, then the user's
@@ -45,7 +45,7 @@ def exported_plugins():
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("strategy", nargs="+")
     parser.add_argument("--selection-config", type=pathlib.Path, metavar="FILE", help="the selection_config of simulation.launch")
     arguments = parser.parse_args()
