@@ -20,6 +20,7 @@ import xmlrpc.client
 import numpy as np
 
 from .cli import parser_of
+from .mission_run import END_WORDS
 
 MAX_MAPS = 60  # in a folder; those of a mission with more picks are left out, but for the last
 POLL_S = 0.2
@@ -197,7 +198,7 @@ class Recorder:
         if state.state == messages.DRIVE:
             return f"drives to a view of utility {state.view[0].utility:.2f}" if state.view else "drives to look at the pile"
         if state.state == messages.ENDED:
-            reasons = {value: name for name, value in vars(messages).items() if isinstance(value, int) and name in END_REASONS}
+            reasons = {value: name for name, value in vars(messages).items() if name.lower() in END_WORDS}
             reason = reasons.get(state.end_reason, "?").lower().replace("_", " ")
             return f"has ended: {reason}" + (f", {state.end_message}" if state.end_message else "")
         if state.state in (messages.PAUSED, messages.HELD, messages.RECOVER):
@@ -238,6 +239,11 @@ def is_of_run(process, mark):
     return f"RUN_MISSION_MARK={mark}".encode() in (process / "environ").read_bytes().split(b"\0")
 
 
+def rss_mb(process):
+    """Of a folder of /proc. Raises OSError or ValueError."""
+    return int(process.joinpath("status").read_text(encoding="utf-8", errors="replace").split("VmRSS:", 1)[-1].split()[0]) / 1024.0
+
+
 def resident_mb(mark, processes=pathlib.Path("/proc")):
     """{node: MB} of the run's nodes: processes with run_mission's mark that roslaunch has given a name."""
     found = {}
@@ -246,9 +252,7 @@ def resident_mb(mark, processes=pathlib.Path("/proc")):
             names = [word[len(b"__name:="):].decode() for word in (process / "cmdline").read_bytes().split(b"\0") if word.startswith(b"__name:=")]
             if not names or not is_of_run(process, mark):
                 continue
-            for line in (process / "status").read_text(encoding="utf-8", errors="replace").splitlines():
-                if line.startswith("VmRSS:"):
-                    found[names[-1]] = int(line.split()[1]) / 1024.0
+            found[names[-1]] = rss_mb(process)
         except (OSError, ValueError):
             pass  # it has just ended, or is somebody else's
     return found
@@ -290,11 +294,6 @@ def is_there(node):
         return code == 1 and xmlrpc.client.ServerProxy(uri, TimedTransport()).getPid("mission_recorder")[0] == 1
     except (OSError, xmlrpc.client.Error, http.client.HTTPException):
         return False
-
-
-END_REASONS = ("NO_BRICK_LEFT", "BRICKS_EXHAUSTED", "NOTHING_WORTH_GOING", "NO_PROGRESS", "TIME_UP", "STOPPED", "NEEDS_PERSON", "BRICK_IN_HAND",
-               "PLANNING_FAILED", "ARM_FAILED", "PICKS_FAILED", "LOOKS_FAILED", "DETECTION_FAILED", "SELECTION_FAILED", "DRIVES_FAILED",
-               "RECOVERY_FAILED", "NOT_READY")
 
 
 def main():

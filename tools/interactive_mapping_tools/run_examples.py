@@ -19,7 +19,6 @@ import pathlib
 import re
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -29,6 +28,7 @@ import rospy
 
 from . import ROOT
 from .cli import parser_of
+from .workspace import free_port
 
 REASONS = {"robot": "needs the robot or a part of it", "camera": "needs a camera", "mission": "a whole mission",
            "stack": "the whole simulation, which the mission's tests start, too", "build": "builds or tests everything",
@@ -80,12 +80,6 @@ def read_blocks(path, name):
         elif re.match(r"#+ ", line):
             section += 1
     return blocks
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("localhost", 0))
-        return probe.getsockname()[1]
 
 
 class Terminals:

@@ -25,6 +25,8 @@ import time
 
 from . import ROOT, soak_mission
 from .cli import parser_of
+from .mission_run import END_WORDS
+from .workspace import end_in_order, free_port
 
 SCENE = "four_bricks"
 MAP_CONFIG = ROOT / "sim_tests/config/endurance_map.yaml"
@@ -38,8 +40,6 @@ MOST_GROWTH, MOST_GROWTH_MB = 0.05, 5.0  # of what a process held; an allocator'
 LEAST_STOWED, FALLS_IN_TEN = 0.95, 1  # of the bricks; of missions
 HOLD_THE_MAP = ("gpis_mapping", "motion_planning", "nbv_selection")
 COLUMNS, MAP_COLUMNS = ("time_s", "node", "resident_mb"), ("time_s", "map_points")
-END_REASONS = ("NO_BRICK_LEFT", "BRICKS_EXHAUSTED", "NOTHING_WORTH_GOING", "NO_PROGRESS", "TIME_UP", "STOPPED", "NEEDS_PERSON", "BRICK_IN_HAND", "PLANNING_FAILED",
-               "ARM_FAILED", "PICKS_FAILED", "LOOKS_FAILED", "DETECTION_FAILED", "SELECTION_FAILED", "DRIVES_FAILED", "RECOVERY_FAILED", "NOT_READY")
 
 
 def started_for(master_uri):
@@ -181,7 +181,7 @@ class Endurance(soak_mission.WatchedMission):
 
     def row(self, laid, before, after, num_lying, wall_s):
         """Of a mission: what was stowed since `laid`, and what went wrong since `before`, the way back before it included."""
-        reason = next((name.lower() for name in END_REASONS if getattr(self.state, name) == self.state.end_reason), str(self.state.end_reason))
+        reason = next((name for name in END_WORDS if getattr(self.state, name.upper()) == self.state.end_reason), str(self.state.end_reason))
         return {"begun_s": laid.header.stamp.to_sec(), "ended_s": self.now_s(), "end_reason": reason, "end_message": self.state.end_message, "bricks": num_lying,
                 "wall_s": round(wall_s), "stowed": after.stowed - laid.stowed,
                 **{key: getattr(after, key) - getattr(before, key) for key in ("falls", "drops", "collisions")}}
@@ -271,8 +271,8 @@ def main():
     except ImportError as error:
         print(f"error: {error}: source devel/setup.bash, or use scripts/soak endurance", file=sys.stderr)
         return 2
-    soak_mission.end_in_order()
-    port = soak_mission.free_port()
+    end_in_order()
+    port = free_port()
     os.environ.update(ROS_MASTER_URI=soak_mission.master_uri(port), ROS_HOSTNAME="localhost")
     folder = arguments.out.resolve() / "endurance"
     endurance, failed = Endurance(folder, port, arguments.scene, arguments.seed, arguments.sim_hours), []

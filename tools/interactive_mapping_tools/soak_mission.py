@@ -18,7 +18,6 @@ import pathlib
 import random
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -26,8 +25,9 @@ import time
 import urllib.parse
 import xmlrpc.client
 
-from . import ROOT
+from . import ROOT, mission_recorder
 from .cli import parser_of
+from .workspace import end_in_order, free_port, run_child
 
 SCENE = "four_bricks"
 CONFIG = ROOT / "sim_tests/config/soak_mission.yaml"
@@ -151,31 +151,11 @@ def verdict(case, facts, cases=()):
 
 
 def rss_mb(pid):
+    """None: it is not there."""
     try:
-        for line in pathlib.Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines():
-            if line.startswith("VmRSS:"):
-                return round(int(line.split()[1]) / 1024.0)
+        return round(mission_recorder.rss_mb(pathlib.Path(f"/proc/{pid}")))
     except (OSError, ValueError):
-        pass
-    return None
-
-
-def end_in_order():
-    """A request to end is an exception, as Ctrl-C is: what was started is ended, too."""
-    def end(*_):
-        sys.exit(128 + signal.SIGTERM)
-    signal.signal(signal.SIGTERM, end)
-
-
-def run_child(command):
-    """Its exit code. Whatever ends this ends it first, and in order."""
-    with subprocess.Popen(command) as child:
-        try:
-            return child.wait()
-        except BaseException:
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
-            child.terminate()
-            raise
+        return None
 
 
 class NotUp(Exception):
@@ -573,12 +553,6 @@ def tables(rows):
 
 def master_uri(port):
     return urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", ""))
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("localhost", 0))
-        return probe.getsockname()[1]
 
 
 def main():

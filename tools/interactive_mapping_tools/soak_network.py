@@ -24,6 +24,7 @@ import urllib.parse
 
 from . import ROOT, soak_mission
 from .cli import parser_of
+from .workspace import end_in_order, run_child
 
 ROBOT, LAPTOP, DEVICES = "gpis_robot", "gpis_laptop", "gpis_devices"  # namespaces, and the ends of the cables
 ADDRESS = {ROBOT: "10.77.0.1", LAPTOP: "10.77.0.2", DEVICES: "10.77.1.1"}
@@ -281,7 +282,7 @@ def main():
         parser.error(f"--cut-s {options.cut_s}, must be in [5, 600] s")
     out = pathlib.Path(options.out)
     out.mkdir(parents=True, exist_ok=True)
-    soak_mission.end_in_order()
+    end_in_order()
     if options.inside:
         wrong, rows = inside(options)
         (out / f"{name_of(options)}.json").write_text(json.dumps({"rows": rows, "wrong": wrong}, indent=2) + "\n", encoding="utf-8")
@@ -295,7 +296,7 @@ def main():
         return 2
     try:
         make_network(devices_at(options) == DEVICES)
-        return soak_mission.run_child(["ip", "netns", "exec", devices_at(options), str(ROOT / "scripts/soak_network.py"), "--inside", "--out", str(out),
+        return run_child(["ip", "netns", "exec", devices_at(options), str(ROOT / "scripts/soak_network.py"), "--inside", "--out", str(out),
                                        "--scene", options.scene, "--arm-at", options.arm_at, "--cut-s", str(options.cut_s)])
     finally:
         remove_network()

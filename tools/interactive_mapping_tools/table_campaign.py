@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tables of what scripts/campaign has left: strategies by scene (the paper's Table II), factors removed (Table I)."""
 
-import argparse
 import collections
 import pathlib
 import sys
@@ -10,6 +9,7 @@ import numpy as np
 import yaml
 
 from . import mission_run
+from .cli import Refusal, one_line_errors, parser_of
 
 
 def time_limit(world):
@@ -91,26 +91,19 @@ def memory_rows(runs):
         yield f"| {node} | {most.max():.0f} | {early.mean():.0f} | {late.mean():.0f} | {(late - early).sum() / hours.sum():+.0f} |"
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=pathlib.Path, nargs="?")
-    parser.add_argument("--time-limit", type=pathlib.Path, metavar="WORLD", help="print a world's limit [s], nothing else")
-    arguments = parser.parse_args()
-    if arguments.time_limit:
-        try:
-            print(f"{time_limit(arguments.time_limit):g}")
-            return 0
-        except (OSError, yaml.YAMLError, *BROKEN) as error:
-            print(f"table_campaign: {arguments.time_limit}: no scene, {words_of(error)}", file=sys.stderr)
-            return 1
-    if arguments.folder is None:
-        parser.error("a folder is needed")
-    runs, told = read_runs(arguments.folder)
+def time_limit_of(world):
+    try:
+        return time_limit(world)
+    except (OSError, yaml.YAMLError, *BROKEN) as error:
+        raise Refusal(f"{world}: no scene, {words_of(error)}") from error
+
+
+def print_tables(folder):
+    runs, told = read_runs(folder)
     for line in told:
         print(f"table_campaign: {line}", file=sys.stderr)
     if not runs:
-        print(f"table_campaign: no summary.json that can be read in the folders of {arguments.folder}", file=sys.stderr)
-        return 1
+        raise Refusal(f"no summary.json that can be read in the folders of {folder}")
     whole, without = collections.defaultdict(list), collections.defaultdict(list)
     for run in runs:
         if run.get("removed_factor"):
@@ -118,18 +111,25 @@ def main():
         else:
             whole[(run.get("scene"), run.get("strategy") or "gpis")].append(run)
     print("Mean ± standard deviation over the runs; truth by the simulator's judge.\n")
-    print(HEAD)
-    for (scene, strategy), group in sorted(whole.items(), key=str):
-        print(row(f"{scene}, {strategy}", group))
+    print(HEAD, *(row(f"{scene}, {strategy}", group) for (scene, strategy), group in sorted(whole.items(), key=str)), sep="\n")
     memory = list(memory_rows(runs))
     if memory:
         print("\nResident memory in MB: the most of any mission; in the second and in the last quarter of the missions; growth between the two.\n")
-        print("| node | most | second quarter | last quarter | MB per simulated hour |\n|---|--:|--:|--:|--:|")
-        for line in memory:
-            print(line)
+        print("| node | most | second quarter | last quarter | MB per simulated hour |\n|---|--:|--:|--:|--:|", *memory, sep="\n")
     if without:
         print("\nWithout one factor of the utility:\n")
-        print(HEAD)
-        for factor, group in sorted(without.items()):
-            print(row(factor, group))
-    return 0
+        print(HEAD, *(row(factor, group) for factor, group in sorted(without.items())), sep="\n")
+
+
+@one_line_errors
+def main():
+    parser = parser_of(__doc__)
+    parser.add_argument("folder", type=pathlib.Path, nargs="?")
+    parser.add_argument("--time-limit", type=pathlib.Path, metavar="WORLD", help="print a world's limit [s], nothing else")
+    arguments = parser.parse_args()
+    if arguments.time_limit:
+        print(f"{time_limit_of(arguments.time_limit):g}")
+    elif arguments.folder is None:
+        parser.error("a folder is needed")
+    else:
+        print_tables(arguments.folder)

@@ -47,7 +47,7 @@ class ScriptRefusals(unittest.TestCase):
         """For a tree of its own: what is asked for the strategies that there are."""
         shutil.copytree(ROOT / "tools", tree / "tools")
         (tree / "scripts").mkdir()
-        for name in ("run_mission", "campaign", "strategies.py", "table_campaign.py"):
+        for name in ("run_mission", "campaign"):
             shutil.copy(SCRIPTS / name, tree / "scripts", follow_symlinks=False)
         for name in ("package.xml", "strategy_plugins.xml", "config"):
             source, copy = ROOT / "src/nbv_selection" / name, tree / "src/nbv_selection" / name
@@ -196,6 +196,7 @@ class ScriptRefusals(unittest.TestCase):
             (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
             (tree / "sim_tests/worlds").mkdir(parents=True)
             (tree / "sim_tests/worlds/toy.yaml").write_text("heaps: [{bricks: 2}]\n")
+            (tree / "scripts/run_mission").unlink()
             (tree / "scripts/run_mission").write_text('#!/bin/sh\ntouch called\nmkdir -p "$2"\ncp summary.json "$2"\ncp log "$2/mission.jsonl"\n'
                                                       'exit "$(cat code)"\n')
             (tree / "scripts/run_mission").chmod(0o755)
