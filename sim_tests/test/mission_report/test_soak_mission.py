@@ -5,6 +5,7 @@
 import csv
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 import tempfile
@@ -16,7 +17,7 @@ import rosunit
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "tools"))
 
-from interactive_mapping_tools import soak_endurance, soak_mission  # noqa: E402
+from interactive_mapping_tools import run_mission, soak_endurance, soak_mission  # noqa: E402
 
 
 def case_of(disturbance="kill", state="pick", number=0):
@@ -307,6 +308,23 @@ finally:
                 process.terminate()
                 self.assertEqual(process.wait(60.0), 143)
                 self.assertEqual(said.read_text(encoding="utf-8"), "begun\nended\n")
+
+    def test_run_mission_ends_what_carries_its_mark(self):
+        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch("signal.signal"):
+            launched = run_mission.Launched(pathlib.Path(folder), f"{os.getpid()}-1")
+
+            def start(mark):
+                process = subprocess.Popen(["bash", "-c", "trap '' TERM; echo; sleep 60 & wait"], env={**os.environ, "RUN_MISSION_MARK": mark}, start_new_session=True,
+                                           stdout=subprocess.PIPE)
+                self.addCleanup(process.wait)
+                self.addCleanup(process.kill)
+                process.stdout.read(1)  # it ignores the request from now on
+                return process
+            left, other = start(launched.mark), start(launched.mark + "0")
+            launched.end()
+            self.assertEqual(left.wait(60.0), -signal.SIGKILL)
+            self.assertEqual(list(launched.marked()), [])
+            self.assertIsNone(other.poll(), "it is of another run")
 
 
 class Endurance(unittest.TestCase):
