@@ -13,7 +13,7 @@ class Refusal(Exception):
 
 
 class UsageError(Exception):
-    """An option or its value is wrong."""
+    """The command cannot begin: an option is wrong, or something that it needs is not there."""
 
 
 class Parser(argparse.ArgumentParser):

@@ -24,9 +24,9 @@ import threading
 import time
 
 from . import ROOT, soak_mission
-from .cli import parser_of
+from .cli import one_line_errors, parser_of
 from .mission_run import END_WORDS
-from .workspace import end_in_order, free_port
+from .workspace import check_messages, check_world, end_in_order, free_port
 
 SCENE = "four_bricks"
 MAP_CONFIG = ROOT / "sim_tests/config/endurance_map.yaml"
@@ -253,6 +253,7 @@ def problems_of(rows, growth, map_points=(1, 1)):
     return problems
 
 
+@one_line_errors
 def main():
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of endurance.json and the run")
@@ -260,17 +261,12 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sim-hours", type=float, default=2.0, metavar="H", help="of simulated time, then the mission that runs is the last (default 2), 0.1 to 24")
     arguments = parser.parse_args()
-    if not (ROOT / f"sim_tests/worlds/{arguments.scene}.yaml").is_file():
-        parser.error(f"--scene {arguments.scene}: no such file in sim_tests/worlds")
+    check_world(arguments.scene)
     if not 0 <= arguments.seed <= 2147483647:
         parser.error(f"--seed {arguments.seed}, must be in [0, 2147483647]")
     if not 0.1 <= arguments.sim_hours <= 24.0:
         parser.error(f"--sim-hours {arguments.sim_hours}, must be in [0.1, 24]")
-    try:
-        import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
-    except ImportError as error:
-        print(f"error: {error}: source devel/setup.bash, or use scripts/soak endurance", file=sys.stderr)
-        return 2
+    check_messages("endurance")
     end_in_order()
     port = free_port()
     os.environ.update(ROS_MASTER_URI=soak_mission.master_uri(port), ROS_HOSTNAME="localhost")

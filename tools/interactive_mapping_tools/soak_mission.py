@@ -26,8 +26,8 @@ import urllib.parse
 import xmlrpc.client
 
 from . import ROOT, mission_recorder
-from .cli import parser_of
-from .workspace import end_in_order, free_port, run_child
+from .cli import UsageError, one_line_errors, parser_of
+from .workspace import check_messages, check_world, end_in_order, free_port, run_child
 
 SCENE = "four_bricks"
 CONFIG = ROOT / "sim_tests/config/soak_mission.yaml"
@@ -158,7 +158,7 @@ def rss_mb(pid):
         return None
 
 
-class NotUp(Exception):
+class NotUp(UsageError):
     """The mission's nodes do not come up."""
 
 
@@ -453,7 +453,7 @@ class DisturbedMission(WatchedMission):
         return rows
 
 
-class NoTable(Exception):
+class NoTable(UsageError):
     """mission.csv is something else."""
 
 
@@ -555,6 +555,7 @@ def master_uri(port):
     return urllib.parse.urlunsplit(("http", f"localhost:{port}", "", "", ""))
 
 
+@one_line_errors
 def main():
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of mission.csv and the runs")
@@ -569,8 +570,7 @@ def main():
     parser.add_argument("--tables", action="store_true", help="the same as Markdown, for docs/results/mission_soak.md")
     arguments = parser.parse_args()
     cases = plan()
-    if not (ROOT / f"sim_tests/worlds/{arguments.scene}.yaml").is_file():
-        parser.error(f"--scene {arguments.scene}: no such file in sim_tests/worlds")
+    check_world(arguments.scene)
     if not arguments.hours >= 0.0:
         parser.error(f"--hours {arguments.hours}, must be >= 0")
     if arguments.plan:
@@ -586,11 +586,7 @@ def main():
             parser.error(f"--mission {name}, must be of {', '.join(dict.fromkeys(case.mission for case in cases))}")
     arguments.out = arguments.out.resolve()
     table = arguments.out / "mission.csv"
-    try:
-        return run_or_judge(arguments, cases, table)
-    except NoTable as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return run_or_judge(arguments, cases, table)
 
 
 def run_or_judge(arguments, cases, table):
@@ -608,22 +604,14 @@ def run_or_judge(arguments, cases, table):
         return 0
     if arguments.judge:
         return judge()
-    try:
-        import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
-    except ImportError as error:
-        print(f"error: {error}: source devel/setup.bash, or use scripts/soak mission", file=sys.stderr)
-        return 2
+    check_messages("mission")
     arguments.out.mkdir(parents=True, exist_ok=True)
     end_in_order()
     if arguments.only is not None:
         rows_of(table)  # rather now than after the mission
         port = free_port()
         os.environ.update(ROS_MASTER_URI=master_uri(port), ROS_HOSTNAME="localhost")
-        try:
-            rows = DisturbedMission([cases[number] for number in sorted(set(arguments.only))], arguments.out, port, arguments.scene, arguments.label or "").run()
-        except NotUp as error:
-            print(f"error: {error}", file=sys.stderr)
-            return 2
+        rows = DisturbedMission([cases[number] for number in sorted(set(arguments.only))], arguments.out, port, arguments.scene, arguments.label or "").run()
         append(table, rows)
         for row in rows:
             print(f"{row['number']:3d}: {row['disturbance']} {row['node']} in {row['met_in'] or row['state']} at {row['at_s']} s: {row['verdict']}"

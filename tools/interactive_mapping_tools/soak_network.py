@@ -21,10 +21,11 @@ import sys
 import threading
 import time
 import urllib.parse
+from argparse import SUPPRESS
 
 from . import ROOT, soak_mission
-from .cli import parser_of
-from .workspace import end_in_order, run_child
+from .cli import one_line_errors, parser_of
+from .workspace import check_messages, check_world, end_in_order, run_child
 
 ROBOT, LAPTOP, DEVICES = "gpis_robot", "gpis_laptop", "gpis_devices"  # namespaces, and the ends of the cables
 ADDRESS = {ROBOT: "10.77.0.1", LAPTOP: "10.77.0.2", DEVICES: "10.77.1.1"}
@@ -264,20 +265,17 @@ def inside(options):
         log.close()
 
 
+@one_line_errors
 def main():
     parser = parser_of(__doc__)
     parser.add_argument("--out", default=str(ROOT / "results/soak"), help="folder for network.json, network.txt and the run's folder; network_arm_at_laptop... with that")
     parser.add_argument("--arm-at", choices=list(ARM_STOPS_WITHIN_S), default="robot", help="the computer into which arm and camera are plugged")
     parser.add_argument("--scene", default="four_bricks")
     parser.add_argument("--cut-s", type=float, default=CUT_S, help="how long the link stays down each time [s of wall time] (default %(default)s)")
-    parser.add_argument("--inside", action="store_true", help="the part in the namespace of the devices")
+    parser.add_argument("--inside", action="store_true", help=SUPPRESS)
     options = parser.parse_args()
-    if not (ROOT / f"sim_tests/worlds/{options.scene}.yaml").is_file():
-        parser.error(f"--scene {options.scene}: no such file in sim_tests/worlds")
-    try:
-        import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
-    except ImportError as error:
-        parser.error(f"{error}: source devel/setup.bash, or use scripts/soak network")
+    check_world(options.scene)
+    check_messages("network")
     if not 5.0 <= options.cut_s <= 600.0:
         parser.error(f"--cut-s {options.cut_s}, must be in [5, 600] s")
     out = pathlib.Path(options.out)

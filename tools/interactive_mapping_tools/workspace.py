@@ -46,6 +46,18 @@ def has_world(scene):
     return (ROOT / f"sim_tests/worlds/{scene}.yaml").is_file()
 
 
+def check_world(scene):
+    if not has_world(scene):
+        raise UsageError(f"--scene {scene}: no such file in sim_tests/worlds")
+
+
+def check_messages(part):
+    try:
+        import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
+    except ImportError as error:
+        raise UsageError(f"{error}: source devel/setup.bash, or use scripts/soak {part}") from error
+
+
 def free_port():
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
