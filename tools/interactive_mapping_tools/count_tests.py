@@ -7,7 +7,6 @@ in time): it counts only where that failed. MISSING-*.xml stands for a program t
 
 import argparse
 import pathlib
-import sys
 import xml.etree.ElementTree as ElementTree
 
 

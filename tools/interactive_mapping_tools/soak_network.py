@@ -23,7 +23,7 @@ import time
 import urllib.parse
 from argparse import SUPPRESS
 
-from . import ROOT, soak_mission
+from . import ROOT
 from .cli import one_line_errors, parser_of
 from .workspace import check_messages, check_world, end_in_order, run_child
 
