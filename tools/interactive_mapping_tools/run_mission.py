@@ -208,6 +208,8 @@ def main():
                         f"rviz:={str(options.rviz).lower()}", *launch_arguments]
     missing = not_built(launch_arguments)
     if missing:
+        with contextlib.suppress(OSError):
+            run.rmdir()  # the launch file has made it when it was read; an earlier run is not empty
         sys.exit(f"error: simulation.launch would start what is not there: {' '.join(missing)}; scripts/demo and scripts/test build it.")
     shutil.rmtree(run, ignore_errors=True)
     (run / "log").mkdir(parents=True)

@@ -99,7 +99,8 @@ class ScriptRefusals(unittest.TestCase):
         (package / "package.xml").write_text("<package format='2'><name>mp700_ur5e_bringup</name><version>0.0.0</version><description/>"
                                              "<maintainer email='a@b.c'>a</maintainer><license>BSD</license><depend>rosout</depend></package>")
         # It is of the map that --strategy asks for.
-        (package / "launch/simulation.launch").write_text("""<launch><arg name="map" default="gpis"/><group if="$(eval map == 'octomap')">
+        (package / "launch/simulation.launch").write_text("""<launch><arg name="map" default="gpis"/><arg name="run_folder"/>
+            <param name="made" command="mkdir -p '$(arg run_folder)'"/><group if="$(eval map == 'octomap')">
             <node pkg="rosout" type="not_built" name="not_built"/><node pkg="not_there" type="node" name="not_there"/></group></launch>""")
         done = self.run_it(tree / "scripts/run_mission", "--run", self.folder / "run", "--scene", "toy", "--strategy", "octomap_random")
         self.assertEqual(done.returncode, 1, done.stderr)
