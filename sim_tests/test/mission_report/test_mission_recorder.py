@@ -21,10 +21,9 @@ from shape_msgs.msg import MeshTriangle
 
 HERE = pathlib.Path(__file__).resolve().parent
 SCRIPTS = HERE.parents[2] / "scripts"
-sys.path.insert(0, str(SCRIPTS))
+sys.path.insert(0, str(HERE.parents[2] / "tools"))
 
-import mission_recorder  # noqa: E402
-import render_mesh  # noqa: E402
+from interactive_mapping_tools import mission_recorder, render_mesh  # noqa: E402
 
 DEADLINE_S = 30.0  # wall time of every wait; a loaded machine is slow
 

@@ -24,12 +24,10 @@ import rosunit
 
 HERE = pathlib.Path(__file__).resolve().parent
 SCRIPTS = HERE.parents[2] / "scripts"
-sys.path[:0] = [str(HERE), str(SCRIPTS)]
+sys.path[:0] = [str(HERE), str(HERE.parents[2] / "tools")]
 
-import mission_run  # noqa: E402
-import plot_mission  # noqa: E402
-import report_mission  # noqa: E402
 import run_folder  # noqa: E402
+from interactive_mapping_tools import mission_run, plot_mission, report_mission  # noqa: E402
 
 KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_picked", "bricks_stowed", "map_coverage", "map_coverable", "map_precision", "falls",
         "collisions", "sim_seconds", "wall_seconds", "views", "end_reason", "failures"}
@@ -424,7 +422,7 @@ class ReportMission(unittest.TestCase):
     def test_plot_that_cannot_be_drawn_is_a_note(self):
         self.make_without_maps()
         run, out = mission_run.Run(self.folder), self.folder / "report"
-        with unittest.mock.patch("plot_mission.plot_utilities", side_effect=IndexError("no such\ncolumn")):
+        with unittest.mock.patch("interactive_mapping_tools.plot_mission.plot_utilities", side_effect=IndexError("no such\ncolumn")):
             drawn = plot_mission.draw(run, mission_run.merged_summary(run), out)
         self.assertEqual([path.name for path in drawn], ["progress.png", "path.png", "time.png", "places.png"])
         self.assertEqual(run.notes, ["utilities.png cannot be drawn: IndexError: no such column"])
@@ -543,7 +541,7 @@ class ReportMission(unittest.TestCase):
         run = mission_run.Run(self.folder)
         out = self.folder / "report"
         out.mkdir()
-        with unittest.mock.patch("report_mission.pick_stages", lambda entries, wanted: entries):
+        with unittest.mock.patch("interactive_mapping_tools.report_mission.pick_stages", lambda entries, wanted: entries):
             drawn, _ = report_mission.draw_maps(run, out)
         self.assertEqual([picture.stem for _, _, picture in drawn], [first.stem])
         self.assertEqual(len(run.notes), 5, run.notes)

@@ -45,7 +45,10 @@ class ScriptRefusals(unittest.TestCase):
     @staticmethod
     def copy_strategies(tree):
         """For a tree of its own: what is asked for the strategies that there are."""
-        shutil.copy(SCRIPTS / "strategies.py", tree / "scripts")
+        shutil.copytree(ROOT / "tools", tree / "tools")
+        (tree / "scripts").mkdir()
+        for name in ("run_mission", "campaign"):
+            shutil.copy(SCRIPTS / name, tree / "scripts", follow_symlinks=False)
         for name in ("package.xml", "strategy_plugins.xml", "config"):
             source, copy = ROOT / "src/nbv_selection" / name, tree / "src/nbv_selection" / name
             copy.parent.mkdir(parents=True, exist_ok=True)
@@ -88,17 +91,16 @@ class ScriptRefusals(unittest.TestCase):
     def test_run_mission_wants_every_node_built(self):
         # Another launch file in a tree of its own, with a node that nobody has built.
         tree, package = self.folder / "tree", self.folder / "tree/src/mp700_ur5e_bringup"
-        (tree / "scripts").mkdir(parents=True)
         (package / "launch").mkdir(parents=True)
         (tree / "sim_tests/worlds").mkdir(parents=True)
         (tree / "sim_tests/worlds/toy.yaml").write_text("")
         self.copy_strategies(tree)
-        shutil.copy(SCRIPTS / "run_mission", tree / "scripts")
         (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + "use_workspace() { :; }\n")
         (package / "package.xml").write_text("<package format='2'><name>mp700_ur5e_bringup</name><version>0.0.0</version><description/>"
                                              "<maintainer email='a@b.c'>a</maintainer><license>BSD</license><depend>rosout</depend></package>")
         # It is of the map that --strategy asks for.
-        (package / "launch/simulation.launch").write_text("""<launch><arg name="map" default="gpis"/><group if="$(eval map == 'octomap')">
+        (package / "launch/simulation.launch").write_text("""<launch><arg name="map" default="gpis"/><arg name="run_folder"/>
+            <param name="made" command="mkdir -p '$(arg run_folder)'"/><group if="$(eval map == 'octomap')">
             <node pkg="rosout" type="not_built" name="not_built"/><node pkg="not_there" type="node" name="not_there"/></group></launch>""")
         done = self.run_it(tree / "scripts/run_mission", "--run", self.folder / "run", "--scene", "toy", "--strategy", "octomap_random")
         self.assertEqual(done.returncode, 1, done.stderr)
@@ -190,14 +192,12 @@ class ScriptRefusals(unittest.TestCase):
         """The real script in a tree where run_mission leaves this log and exits so; true if it was called."""
         tree = self.folder / "tree"
         if not tree.exists():
-            (tree / "scripts").mkdir(parents=True)
             self.copy_strategies(tree)
-            for name in ("campaign", "table_campaign.py", "mission_run.py"):
-                shutil.copy(SCRIPTS / name, tree / "scripts")
             nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))
             (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
             (tree / "sim_tests/worlds").mkdir(parents=True)
             (tree / "sim_tests/worlds/toy.yaml").write_text("heaps: [{bricks: 2}]\n")
+            (tree / "scripts/run_mission").unlink()
             (tree / "scripts/run_mission").write_text('#!/bin/sh\ntouch called\nmkdir -p "$2"\ncp summary.json "$2"\ncp log "$2/mission.jsonl"\n'
                                                       'exit "$(cat code)"\n')
             (tree / "scripts/run_mission").chmod(0o755)

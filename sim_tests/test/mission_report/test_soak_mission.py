@@ -5,6 +5,7 @@
 import csv
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 import tempfile
@@ -14,10 +15,9 @@ import unittest.mock
 
 import rosunit
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "scripts"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "tools"))
 
-import soak_endurance  # noqa: E402
-import soak_mission  # noqa: E402
+from interactive_mapping_tools import run_mission, soak_endurance, soak_mission  # noqa: E402
 
 
 def case_of(disturbance="kill", state="pick", number=0):
@@ -154,7 +154,7 @@ class Table(unittest.TestCase):
         soak_mission.append(path, [self.row(case.number, verdict, scene, label) for case in soak_mission.plan()])
 
     def judge(self, folder, *options):
-        return subprocess.run(["/usr/bin/python3", soak_mission.__file__, "--judge", "--out", str(folder), *options], capture_output=True, text=True,
+        return subprocess.run([str(soak_mission.ROOT / "scripts/soak_mission.py"), "--judge", "--out", str(folder), *options], capture_output=True, text=True,
                               timeout=60, check=False)
 
     def test_rows_come_back_but_for_one_that_was_cut_off(self):
@@ -212,7 +212,7 @@ class Table(unittest.TestCase):
             return 0
 
         arguments = ["soak_mission.py", "--out", os.path.relpath(folder), "--label", "new", *options]
-        with unittest.mock.patch("soak_mission.run_child", mission), unittest.mock.patch("soak_mission.plan", lambda: cases), \
+        with unittest.mock.patch("interactive_mapping_tools.soak_mission.run_child", mission), unittest.mock.patch("interactive_mapping_tools.soak_mission.plan", lambda: cases), \
                 unittest.mock.patch("sys.argv", arguments):
             return begun, soak_mission.main()
 
@@ -275,8 +275,8 @@ class Ending(unittest.TestCase):
     FAKE = "#!/bin/bash\ntrap 'echo ended >>{0}; exit' TERM\necho begun >>{0}\nwhile true; do sleep 0.1; done\n"
     MISSION = """
 import pathlib, sys
-sys.path.insert(0, {scripts!r})
-import soak_mission
+sys.path.insert(0, {tools!r})
+from interactive_mapping_tools import soak_mission
 soak_mission.ROOT = pathlib.Path({tree!r})
 soak_mission.end_in_order()
 mission = soak_mission.WatchedMission(soak_mission.ROOT / "run", 1, "x", 1)
@@ -286,18 +286,18 @@ try:
 finally:
     mission.end()
 """
-    PARENT = "import sys; sys.path.insert(0, {scripts!r}); import soak_mission; soak_mission.end_in_order(); soak_mission.run_child([sys.executable, {child!r}])"
+    PARENT = "import sys; sys.path.insert(0, {tools!r}); from interactive_mapping_tools import soak_mission; soak_mission.end_in_order(); soak_mission.run_child([sys.executable, {child!r}])"
 
     def test_one_that_is_told_to_end_ends_its_mission(self):
-        scripts = str(pathlib.Path(soak_mission.__file__).parent)
+        tools = str(pathlib.Path(soak_mission.__file__).parents[1])
         with tempfile.TemporaryDirectory() as folder:
             tree = pathlib.Path(folder)
             said, child, fake = tree / "said", tree / "child.py", tree / "scripts/run_mission"
             fake.parent.mkdir()
             fake.write_text(self.FAKE.format(said), encoding="utf-8")
             fake.chmod(0o755)
-            child.write_text(self.MISSION.format(scripts=scripts, tree=folder), encoding="utf-8")
-            for arguments in ([str(child)], ["-c", self.PARENT.format(scripts=scripts, child=str(child))]):
+            child.write_text(self.MISSION.format(tools=tools, tree=folder), encoding="utf-8")
+            for arguments in ([str(child)], ["-c", self.PARENT.format(tools=tools, child=str(child))]):
                 said.write_text("", encoding="utf-8")
                 process = subprocess.Popen(["/usr/bin/python3", *arguments], stdin=subprocess.DEVNULL)
                 self.addCleanup(process.kill)
@@ -308,6 +308,23 @@ finally:
                 process.terminate()
                 self.assertEqual(process.wait(60.0), 143)
                 self.assertEqual(said.read_text(encoding="utf-8"), "begun\nended\n")
+
+    def test_run_mission_ends_what_carries_its_mark(self):
+        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch("signal.signal"):
+            launched = run_mission.Launched(pathlib.Path(folder), f"{os.getpid()}-1")
+
+            def start(mark):
+                process = subprocess.Popen(["bash", "-c", "trap '' TERM; echo; sleep 60 & wait"], env={**os.environ, "RUN_MISSION_MARK": mark}, start_new_session=True,
+                                           stdout=subprocess.PIPE)
+                self.addCleanup(process.wait)
+                self.addCleanup(process.kill)
+                process.stdout.read(1)  # it ignores the request from now on
+                return process
+            left, other = start(launched.mark), start(launched.mark + "0")
+            launched.end()
+            self.assertEqual(left.wait(60.0), -signal.SIGKILL)
+            self.assertEqual(list(launched.marked()), [])
+            self.assertIsNone(other.poll(), "it is of another run")
 
 
 class Endurance(unittest.TestCase):

@@ -1,21 +1,20 @@
-#!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks strategies for the next best view before a mission starts: prints for each the map that it chooses by, gpis or octomap.
+"""Strategies for the next best view, checked before a mission starts.
 
-A strategy is a section with a `plugin` in nbv_selection's configuration or in --selection-config. A package on
-ROS_PACKAGE_PATH must export that plugin. Exit code 2: a strategy is not there; the message lists those that are.
+A strategy is a section with a `plugin` in nbv_selection's configuration or in the user's own. A package on
+ROS_PACKAGE_PATH must export that plugin.
 """
 
-import argparse
 import contextlib
 import pathlib
-import sys
 import xml.etree.ElementTree as ElementTree
 
 import rospkg
 import yaml
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+from . import ROOT
+from .cli import UsageError
+
 CONFIGS = ROOT / "src/nbv_selection/config"
 SHIPPED = ("octomap_strategies.yaml", "nbv_selection.yaml")  # nbv_selection.launch loads them in this order, then the user's
 BASE_CLASS = "nbv_selection_ros::Strategy"
@@ -44,29 +43,16 @@ def exported_plugins():
     return found
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("strategy", nargs="+")
-    parser.add_argument("--selection-config", type=pathlib.Path, metavar="FILE", help="the selection_config of simulation.launch")
-    arguments = parser.parse_args()
-    files = [CONFIGS / name for name in SHIPPED] + ([arguments.selection_config] if arguments.selection_config else [])
+def maps_of(strategies, selection_config=None):
+    """The maps, gpis or octomap, that they choose by. Raises UsageError with those that there are."""
     try:
-        plugins = read_plugins(files)
+        plugins = read_plugins([CONFIGS / name for name in SHIPPED] + ([pathlib.Path(selection_config)] if selection_config else []))
     except (OSError, ValueError, yaml.YAMLError) as error:
-        print(f"error: strategies cannot be read: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+        raise UsageError(f"strategies cannot be read: {' '.join(str(error).split())}") from error
     exported = exported_plugins()
     there = sorted(name for name, plugin in plugins.items() if plugin in exported)
-    for strategy in arguments.strategy:
-        if strategy in there:
-            continue
-        why = f"its plugin {plugins[strategy]} is exported by no package on ROS_PACKAGE_PATH; " if strategy in plugins else ""
-        print(f"error: strategy {strategy}: {why}must be one of {', '.join(there)}", file=sys.stderr)
-        return 2
-    for strategy in arguments.strategy:
-        print("octomap" if "Octomap" in plugins[strategy] else "gpis")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    for strategy in strategies:
+        if strategy not in there:
+            why = f"its plugin {plugins[strategy]} is exported by no package on ROS_PACKAGE_PATH; " if strategy in plugins else ""
+            raise UsageError(f"strategy {strategy}: {why}must be one of {', '.join(there)}")
+    return ["octomap" if "Octomap" in plugins[strategy] else "gpis" for strategy in strategies]

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Follows a running mission: says in the terminal what it does, keeps the map in RUN_FOLDER/pictures, and in
+RUN_FOLDER/memory.csv what each node occupies.
+
+Maps are kept as map_<seconds>_<picked>.ply: after the first look, before the first pick, after the look that follows a
+pick, and at the end. Exit code: 0 the mission has ended, 1 it is gone, 2 bad usage, 3 the time is up.
+"""
+
+import http.client
+import os
+import pathlib
+import shutil
+import signal
+import struct
+import sys
+import threading
+import time
+import xmlrpc.client
+
+import numpy as np
+
+from .cli import parser_of
+from .mission_run import END_WORDS
+
+MAX_MAPS = 60  # in a folder; those of a mission with more picks are left out, but for the last
+POLL_S = 0.2
+MEMORY_PERIOD_S = 10.0  # wall time
+SILENCE_S = 5.0  # of the mission, wall time: then its process is asked whether it is there
+PING_TIMEOUT_S = 3.0
+MAX_LINE = 200  # characters; the whole is in mission.jsonl
+PRINTED_FAILURES = 3  # at once: what comes in a burst
+
+
+class MeshError(Exception):
+    """Bytes that are no SurfaceMesh; the text says why."""
+
+
+def parse_surface_mesh(data):
+    """(points Nx3 [m], normals Nx3, variance N [m^2], triangles Mx3, stamp [s]) of a serialised
+    interactive_mapping_msgs/SurfaceMesh. By hand: rospy would make an object of each vertex, 100 000 of them a second."""
+    offset = 0
+
+    def take(size):
+        nonlocal offset
+        if offset + size > len(data):
+            raise MeshError(f"{len(data)} bytes, {offset + size} needed at least")
+        offset += size
+        return data[offset - size:offset]
+
+    def array(kind, width):
+        count, = struct.unpack("<I", take(4))
+        return np.frombuffer(take(count * width * np.dtype(kind).itemsize), kind).reshape(count, width)
+
+    _, seconds, nanoseconds, frame_length = struct.unpack("<IIII", take(16))
+    take(frame_length)
+    take(8)  # number of the update
+    triangles = array("<u4", 3)
+    points = array("<f8", 3)
+    normals = array("<f4", 1)
+    variance = array("<f4", 1)
+    if len(normals) != 3 * len(points) or len(variance) != len(points):
+        raise MeshError(f"{len(points)} vertices, {len(normals)} numbers of normals, {len(variance)} variances")
+    if len(triangles) and triangles.max() >= len(points):
+        raise MeshError("a triangle names a vertex that does not exist")
+    return points, normals.reshape(-1, 3), variance.ravel(), triangles, seconds + 1e-9 * nanoseconds
+
+
+def write_ply(path, mesh):
+    """Binary, in the form of the map's own tools. Under another name first: who reads sees whole files alone."""
+    points, normals, variance, triangles, _ = mesh
+    vertices = np.zeros(len(points), [("xyz", "<f4", 3), ("normal", "<f4", 3), ("variance", "<f4")])
+    vertices["xyz"], vertices["normal"], vertices["variance"] = points, normals, variance
+    faces = np.zeros(len(triangles), [("count", "u1"), ("indices", "<i4", 3)])
+    faces["count"], faces["indices"] = 3, triangles
+    names = ("x", "y", "z", "nx", "ny", "nz", "variance")
+    header = ["ply", "format binary_little_endian 1.0", "comment surface, metres, map frame", f"element vertex {len(vertices)}",
+              *(f"property float {name}" for name in names), f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    unfinished = path.with_suffix(".part")
+    with open(unfinished, "wb") as stream:
+        stream.write(("\n".join(header) + "\n").encode())
+        stream.write(vertices.tobytes())
+        stream.write(faces.tobytes())
+    os.replace(unfinished, path)
+
+
+def clock_text(seconds):
+    seconds = max(0, int(seconds))
+    return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}" if seconds >= 3600 else f"{seconds // 60:3d}:{seconds % 60:02d}"
+
+
+class Screen:
+    """Lines that stay, and on a terminal one below them that is written anew."""
+
+    def __init__(self, stream):
+        self.stream = stream
+        self.is_terminal = stream.isatty()
+        self.has_status = False
+
+    def line(self, text):
+        self._clear()
+        if len(text) > MAX_LINE:
+            text = text[:MAX_LINE - 3].rstrip() + "..."
+        self.stream.write(text + "\n")
+        self.stream.flush()
+
+    def status(self, text):
+        if not self.is_terminal:
+            return
+        width = shutil.get_terminal_size().columns - 1
+        self._clear()
+        self.stream.write(text[:width])
+        self.stream.flush()
+        self.has_status = True
+
+    def end(self):
+        self._clear()
+        self.stream.flush()
+
+    def _clear(self):
+        if self.has_status:
+            self.stream.write("\r\x1b[K")
+            self.has_status = False
+
+
+class Recorder:
+    """Callbacks come in rospy's threads; lock guards all."""
+
+    def __init__(self, folder, screen, messages):
+        self.lock = threading.Lock()
+        self.screen = screen
+        self.messages = messages
+        self.states = {value: name.lower().replace("_", " ") for name, value in vars(messages).items()
+                       if name in ("IDLE", "PAUSED", "HELD", "HALTING", "ENDED", "BEGIN", "CHOOSE", "PLAN_CLEAR", "CLEAR", "LOOK", "DETECT", "REPORT",
+                                   "PLAN_PICK", "PICK", "PLAN_STOW", "STOW", "LET_GO", "SELECT", "DRIVE", "RECOVER", "WAIT")}
+        self.mesh = None  # bytes of the newest one
+        self.mesh_number = 0
+        self.pictures = folder / "pictures"
+        self.num_maps = 0
+        self.saved = None  # (picked, has a pick begun) of the newest map kept
+        self.saved_number = None
+        self.state = None  # newest MissionState
+        self.judged = None  # newest JudgeState
+        self.shown_failures = 0
+        self.heard_s = None  # when the mission was last heard, time.monotonic()
+        self.ended = threading.Event()
+
+    def on_mesh(self, message):
+        with self.lock:
+            self.mesh, self.mesh_number = message._buff, self.mesh_number + 1  # pylint: disable=protected-access
+
+    def on_judge(self, message):
+        with self.lock:
+            self.judged = message
+
+    def on_state(self, message):
+        with self.lock:
+            before, self.state = self.state, message
+            self.heard_s = time.monotonic()
+            self._tell(before, message)
+            self._keep(before, message)
+            if message.state == self.messages.ENDED:
+                self.ended.set()
+
+    def _head(self, state):
+        total = state.bricks_total if state.bricks_total >= 0 else self.judged.bricks_total if self.judged is not None else -1
+        return f"{clock_text(state.used_s)}  {state.bricks_picked:2d}{f' of {total}' if total >= 0 else ''} bricks"
+
+    def _tell(self, before, state):
+        """A line for what a person wants to know; everything else on the line that is written anew."""
+        head = self._head(state)
+        entered = before is None or before.state != state.state or before.since != state.since
+        failed = state.failures - self.shown_failures
+        if failed > 0 and state.last_failures:
+            for failure in reversed(state.last_failures[:min(failed, PRINTED_FAILURES)]):
+                self.screen.line(f"{head}  ! {self.states.get(failure.state, '?')}: {failure.event}" + (f"; {failure.reason}" if failure.reason else ""))
+            if failed > PRINTED_FAILURES:
+                self.screen.line(f"{head}  ! and {failed - PRINTED_FAILURES} more failures")
+        self.shown_failures = max(self.shown_failures, state.failures)
+        if before is not None and state.bricks_picked > before.bricks_picked:
+            self.screen.line(f"{head}  brick {before.brick} is stowed" if before.brick >= 0 else f"{head}  a brick is stowed")
+        if entered:
+            text = self._what(state)
+            if text:
+                self.screen.line(f"{head}  {text}")
+        judged = ""
+        if self.judged is not None:
+            coverage = f", map {100 * self.judged.coverage:.0f} %" if self.judged.coverage == self.judged.coverage else ""
+            judged = f" | judge: {self.judged.stowed} stowed, {self.judged.falls} fell, {self.judged.collisions} hit{coverage}"
+        self.screen.status(f"{head}  {self.states.get(state.state, '?')}{judged} | {state.decision}")
+
+    def _what(self, state):
+        """In words, for the states that matter; else nothing."""
+        messages = self.messages
+        if state.state == messages.BEGIN:
+            return "begins"
+        if state.state == messages.PICK:
+            return f"picks brick {state.brick}"
+        if state.state == messages.DRIVE:
+            return f"drives to a view of utility {state.view[0].utility:.2f}" if state.view else "drives to look at the pile"
+        if state.state == messages.ENDED:
+            reasons = {value: name for name, value in vars(messages).items() if name.lower() in END_WORDS}
+            reason = reasons.get(state.end_reason, "?").lower().replace("_", " ")
+            return f"has ended: {reason}" + (f", {state.end_message}" if state.end_message else "")
+        if state.state in (messages.PAUSED, messages.HELD, messages.RECOVER):
+            return f"{self.states[state.state]}: {state.decision}"
+        return ""
+
+    def _keep(self, before, state):
+        """Keeps the map when it shows something new: a pick's effect is in it after the look that follows."""
+        if self.mesh is None:
+            return
+        stage = (state.bricks_picked, state.picks_begun > 0)
+        has_looked = before is not None and before.state == self.messages.LOOK and state.state != self.messages.LOOK
+        is_first_pick = state.picks_begun > 0 and self.saved == (0, False)
+        is_end = state.state == self.messages.ENDED and (before is None or before.state != self.messages.ENDED)
+        is_new = self.saved is None or (self.saved != stage and state.bricks_picked != self.saved[0])
+        if not (is_end or is_first_pick or (has_looked and is_new)):
+            return
+        if self.saved_number == self.mesh_number:
+            if is_first_pick:
+                self.saved = (0, True)
+            return
+        if self.num_maps >= MAX_MAPS and not is_end:
+            return
+        try:
+            mesh = parse_surface_mesh(self.mesh)
+            if len(mesh[3]) == 0:
+                return  # nothing seen yet
+            self.pictures.mkdir(parents=True, exist_ok=True)
+            write_ply(self.pictures / f"map_{state.header.stamp.to_sec():09.3f}_{state.bricks_picked:03d}.ply", mesh)
+        except (MeshError, OSError) as error:
+            self.screen.line(f"the map cannot be kept: {error}")
+            return
+        self.num_maps += 1
+        self.saved, self.saved_number = stage, self.mesh_number
+
+
+def is_of_run(process, mark):
+    return f"RUN_MISSION_MARK={mark}".encode() in (process / "environ").read_bytes().split(b"\0")
+
+
+def rss_mb(process):
+    """Of a folder of /proc. Raises OSError or ValueError."""
+    return int(process.joinpath("status").read_text(encoding="utf-8", errors="replace").split("VmRSS:", 1)[-1].split()[0]) / 1024.0
+
+
+def resident_mb(mark, processes=pathlib.Path("/proc")):
+    """{node: MB} of the run's nodes: processes with run_mission's mark that roslaunch has given a name."""
+    found = {}
+    for process in processes.glob("[0-9]*"):
+        try:
+            names = [word[len(b"__name:="):].decode() for word in (process / "cmdline").read_bytes().split(b"\0") if word.startswith(b"__name:=")]
+            if not names or not is_of_run(process, mark):
+                continue
+            found[names[-1]] = rss_mb(process)
+        except (OSError, ValueError):
+            pass  # it has just ended, or is somebody else's
+    return found
+
+
+class MemoryTable:
+    """memory.csv: a line for each node, every MEMORY_PERIOD_S."""
+
+    def __init__(self, path, mark):
+        self.path, self.mark, self.due_s = path, mark, 0.0
+
+    def update(self, time_s):
+        now = time.monotonic()
+        if not self.mark or now < self.due_s:
+            return
+        self.due_s = now + MEMORY_PERIOD_S
+        is_new = not self.path.exists()
+        with open(self.path, "a", encoding="utf-8") as stream:
+            if is_new:
+                stream.write("time_s,node,resident_mb\n")
+            for node, size in sorted(resident_mb(self.mark).items()):
+                stream.write(f"{time_s:.3f},{node},{size:.1f}\n")
+
+
+class TimedTransport(xmlrpc.client.Transport):
+    """Waits PING_TIMEOUT_S at most. Not by socket.setdefaulttimeout: that would hold for rospy's own connections, too."""
+
+    def make_connection(self, host):
+        connection = super().make_connection(host)
+        connection.timeout = PING_TIMEOUT_S
+        return connection
+
+
+def is_there(node):
+    """Whether the node's process answers: one that was killed stays registered, and its connections count on."""
+    import rosgraph
+    try:
+        code, _, uri = xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), TimedTransport()).lookupNode("mission_recorder", node)
+        return code == 1 and xmlrpc.client.ServerProxy(uri, TimedTransport()).getPid("mission_recorder")[0] == 1
+    except (OSError, xmlrpc.client.Error, http.client.HTTPException):
+        return False
+
+
+def main():
+    parser = parser_of(__doc__)
+    parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER")
+    parser.add_argument("--mission", default="/pick_mission", help="node of the mission")
+    parser.add_argument("--mesh", default="/gpis_mapping/mesh", help="topic of the map's mesh; empty: maps are not kept")
+    parser.add_argument("--judge", default="/simulated_world/judge", help="topic of the simulator's judge, for the terminal alone; empty: none")
+    parser.add_argument("--wall-limit", type=float, default=0.0, metavar="S", help="give up after this time of the wall clock; 0: never")
+    parser.add_argument("--begin-within", type=float, default=180.0, metavar="S", help="of the wall clock: the mission's node has to be there")
+    parser.add_argument("--gone-after", type=float, default=60.0, metavar="S", help="of the wall clock: so long the node may be away, as while it is started anew")
+    arguments = parser.parse_args()
+
+    for option in ("wall_limit", "begin_within", "gone_after"):
+        if not getattr(arguments, option) >= 0.0:
+            parser.error(f"--{option.replace('_', '-')} {getattr(arguments, option)}, must be a number of seconds >= 0")
+    if not arguments.folder.is_dir():
+        parser.error(f"{arguments.folder} is no folder")
+
+    import rosgraph  # late: --help needs no ROS
+    import rospy
+    try:
+        from interactive_mapping_msgs.msg import MissionState
+    except ImportError as error:
+        parser.error(f"{error}: source devel/setup.bash")
+    screen = Screen(sys.stdout)
+    is_told_to_end = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: is_told_to_end.set())
+    if not rosgraph.is_master_online():
+        parser.error(f"no ROS master answers at {os.environ.get('ROS_MASTER_URI')}")
+    rospy.init_node("mission_recorder", anonymous=True, disable_signals=True, disable_rosout=True)
+    recorder = Recorder(arguments.folder, screen, MissionState)
+    rospy.Subscriber(arguments.mission + "/state", MissionState, recorder.on_state, queue_size=100)
+    if arguments.mesh:
+        # Unparsed and only the newest: a mesh comes with each image and may be several MB.
+        rospy.Subscriber(arguments.mesh, rospy.AnyMsg, recorder.on_mesh, queue_size=1, buff_size=1 << 24)
+    if arguments.judge:
+        from sim_tests.msg import JudgeState
+        rospy.Subscriber(arguments.judge, JudgeState, recorder.on_judge, queue_size=1)
+
+    memory = MemoryTable(arguments.folder / "memory.csv", os.environ.get("RUN_MISSION_MARK", ""))
+    begun = last_there = time.monotonic()
+    code = None
+    while code is None:
+        recorder.ended.wait(POLL_S)
+        now = time.monotonic()
+        heard_s = recorder.heard_s
+        if recorder.state is not None:
+            try:
+                memory.update(recorder.state.header.stamp.to_sec())
+            except OSError as error:  # a full disk ends no mission
+                screen.line(f"memory.csv cannot be written: {error}")
+                memory.mark = ""
+        if heard_s is not None:
+            last_there = max(last_there, heard_s)
+            # A clock that stands still makes a mission silent, too: that is no reason to give it up.
+            if now - last_there > min(SILENCE_S, arguments.gone_after) and is_there(arguments.mission):
+                last_there = now = time.monotonic()
+        if recorder.ended.is_set():
+            code = 0
+        elif is_told_to_end.is_set() or rospy.is_shutdown():
+            screen.line("told to end before the mission has ended")
+            code = 1
+        elif heard_s is not None and now - last_there > arguments.gone_after:
+            screen.line(f"the mission's node {arguments.mission} has been gone for {arguments.gone_after:.0f} s")
+            code = 1
+        elif heard_s is None and now - begun > arguments.begin_within:
+            screen.line(f"the mission's node {arguments.mission} did not come within {arguments.begin_within:.0f} s")
+            code = 1
+        elif arguments.wall_limit > 0.0 and now - begun > arguments.wall_limit:
+            screen.line(f"the mission has not ended within {arguments.wall_limit:.0f} s of the wall clock")
+            code = 3
+    screen.end()
+    rospy.signal_shutdown("done")
+    return code
