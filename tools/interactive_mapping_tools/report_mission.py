@@ -28,7 +28,7 @@ CAPTIONS = {
     "path.png": "Where the robot drove and stood, and the pile, from above. An arrow points to where the robot looked.",
     "time.png": "Where the time went.",
     "utilities.png": "Each choice of a place to stand at: what it was chosen from, and what spoke for the chosen one.",
-    "places.png": "The pile's outline from above as three choices saw it; the colour is the utility of standing there."}
+    "places.png": "The pile's outline from above as up to three choices saw it; the colour is the utility of standing there."}
 FILES = {
     "summary.json": "the figures", "mission.jsonl": "each decision with its reason", "selections.jsonl": "each choice of a view with all candidates",
     "path.jsonl": "the driven path", "judge.csv": "what the judge saw, per second", "events.jsonl": "stowed, fallen, dropped, hit",
@@ -241,7 +241,7 @@ def write_page(run, summary, plots, maps, colour_range, out):
                    done is None or (total is not None and done < 0.95 * total)),
                   (share(summary.get("map_coverage")) or "?", "of the surface mapped", False), (told("falls"), "bricks fell", bool(summary.get("falls"))),
                   (told("collisions"), "collisions", bool(summary.get("collisions"))), (duration(summary.get("sim_seconds")), f"of {run.clock()}", False),
-                  (told("views"), "places it stood at", False)],
+                  (told("views"), "views", False)],
         "stages": stages_of(run, pick_stages(run.world_pictures, "world"), maps, str(summary.get("strategy") or "")),
         "scale": colour_scale(colour_range if maps else None), "num_pictures": len(run.world_pictures),
         "thumbs": list(filter(None, (figure(path, f"{duration(seconds - run.start_s())}, {count} stowed", run, 400) for seconds, count, path in thumbs))),
