@@ -255,11 +255,10 @@ TEST(DetectionInput, CameraInfoMustFit) {
   frame.info.height *= 2;
   for (const std::size_t k : {0U, 4U}) frame.info.K[k] *= 2.0;
   for (const std::size_t k : {2U, 5U}) frame.info.K[k] = 2.0 * frame.info.K[k] + 0.5;
-  BrickFrame other = frame;
-  other.info.binning_x = other.info.binning_y = 4;
-  expectRefused(live.lookUntil(other, DetectionUpdate::SIZE_MISMATCH), DetectionUpdate::SIZE_MISMATCH,
-                {"image is 480 x 360 px", "says 240 x 180 px, by its ROI and binning of 960 x 720 px"});
   expectSeesBoth(live.lookUntil(frame, DetectionUpdate::ACCEPTED), "binned");
+  frame.info.binning_x = frame.info.binning_y = 4;
+  expectRefused(live.lookUntil(frame, DetectionUpdate::SIZE_MISMATCH), DetectionUpdate::SIZE_MISMATCH,
+                {"image is 480 x 360 px", "says 240 x 180 px, by its ROI and binning of 960 x 720 px"});
   frame = frameOfTwo();
   frame.info.K[0] = 0.0;
   expectRefused(live.lookUntil(frame, DetectionUpdate::BAD_CAMERA_INFO), DetectionUpdate::BAD_CAMERA_INFO,

@@ -45,7 +45,7 @@ TEST(RunRecorder, PathHasALineForEachMove) {
   RunRecorder recorder(folder.path());
   const auto lines = [&folder] { return splitLines(readText(folder.file("path.jsonl"))); };
   recorder.base(1.0, {2.0, -1.0, 3.1});
-  EXPECT_EQ(lines(), std::vector<std::string>{R"({"time_s":1.0,"base":[2.0,-1.0,3.1]})"});
+  EXPECT_EQ(lines(), std::vector<std::string>{R"({"base":[2.0,-1.0,3.1],"time_s":1.0})"});
   recorder.base(2.0, {2.04, -1.0, 3.1});
   recorder.base(3.0, {2.0, -1.0, -3.1});  // turned by 0.08 rad, through pi
   EXPECT_EQ(lines().size(), 1u) << "it has hardly moved";
