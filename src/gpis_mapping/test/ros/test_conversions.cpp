@@ -276,7 +276,9 @@ TEST(Conversions, PosesAreReadAsTransformsAre) {
     pose.orientation.z = length;
     const auto stretched = toIsometry(pose);
     EXPECT_EQ(stretched.has_value(), std::abs(length - 1.0) < 0.01) << length;
-    if (stretched) EXPECT_NEAR(stretched->linear().determinant(), 1.0, 1e-12);
+    if (stretched) {
+      EXPECT_NEAR(stretched->linear().determinant(), 1.0, 1e-12);
+    }
   }
 }
 
