@@ -116,6 +116,7 @@ class MapSnapshot::NearestIndex {
     Eigen::Vector3f normal;
     float variance;
   };
+
   double disc_radius_;
   double sign_scale2_;
   std::vector<Disc> discs_;
