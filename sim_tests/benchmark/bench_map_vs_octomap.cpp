@@ -24,10 +24,10 @@
 #include <octomap/OcTree.h>
 #include <octomap/octomap.h>
 
+#include <interactive_mapping_common/threads/parallel_for.h>
 #include "gpis_mapping/gpis_config.h"
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/mesh_extractor.h"
-#include "gpis_mapping/parallel_for.h"
 #include "octomap_baseline/dynamic_octomap.h"
 #include "synthetic_depth/depth_renderer.h"
 #include "synthetic_depth/scene_distance.h"
@@ -440,7 +440,7 @@ class GpisContender : public Contender {
     result["training_points_per_cell"] =
         training / std::max<double>(1.0, static_cast<double>(snapshot->cells().size()));
     result["largest_cell"] = largest;
-    result["threads"] = gpis_mapping::resolveThreadCount(config_.threads);
+    result["threads"] = interactive_mapping::resolveThreadCount(config_.threads);
     result["cells_retrained"] = cells_retrained_.summary(true);
     return result;
   }
@@ -550,7 +550,7 @@ class ForgettingOctomapContender : public Contender {
     result["map_mb"] = static_cast<double>(map_->tree().memoryUsage()) / 1e6;
     result["nodes"] = map_->tree().size();
     result["resolution_m"] = config_.resolution_m;
-    result["threads"] = gpis_mapping::resolveThreadCount(config_.threads);
+    result["threads"] = interactive_mapping::resolveThreadCount(config_.threads);
     return result;
   }
 
@@ -751,7 +751,7 @@ int run(int argc, char** argv) {
   camera.cy = scene.camera.cy_px;
 
   std::vector<std::unique_ptr<Contender>> contenders;
-  const int threads = gpis_mapping::resolveThreadCount(config.threads);
+  const int threads = interactive_mapping::resolveThreadCount(config.threads);
   contenders.push_back(
       std::make_unique<GpisContender>("gpis", "gpis_mapping, " + std::to_string(threads) + " threads", config, true));
   auto& ours = static_cast<GpisContender&>(*contenders.back());

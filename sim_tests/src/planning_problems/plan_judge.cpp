@@ -6,7 +6,7 @@
 #include <functional>
 #include <sstream>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "exact_checker.h"
@@ -270,7 +270,7 @@ class Judge {
 }  // namespace
 
 std::vector<std::string> JudgeConfig::validate() const {
-  gpis_mapping::RangeCheck check("judge/");
+  interactive_mapping::RangeCheck check("judge/");
   check("step_rad", step_rad, 1e-5, 0.1, "rad");
   check("touch_m", touch_m, 0.0002, 0.01, "m");
   check("contact_m", contact_m, 0.0, 0.01, "m");
@@ -292,7 +292,7 @@ std::string PlanVerdict::describe() const {
 
 PlanVerdict judgePick(const ProblemMaker& maker, const PlanningProblem& problem, const motion_planning::PickPlan& plan,
                       const motion_planning::MotionPlannerConfig& planner, const JudgeConfig& config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   Judge judge(maker, problem, config);
   judge.judgePick(plan, planner, maker.chuteGoal());
   return judge.verdict();
@@ -300,7 +300,7 @@ PlanVerdict judgePick(const ProblemMaker& maker, const PlanningProblem& problem,
 
 PlanVerdict judgeReach(const ProblemMaker& maker, const PlanningProblem& problem,
                        const motion_planning::JointPath& path, const JudgeConfig& config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   Judge judge(maker, problem, config);
   judge.judgeReach(path);
   return judge.verdict();

@@ -10,7 +10,7 @@
 
 #include <gpis_mapping/gpis_map.h>
 #include <gpis_mapping/mesh_extractor.h>
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/arm_pose.h>
 #include <mp700_ur5e_description/robot_names.h>
 
@@ -213,7 +213,7 @@ std::vector<BrickFace> facesToTry(const Eigen::Isometry3d& T_base_brick) {
 }  // namespace
 
 std::vector<std::string> SurveyConfig::validate() const {
-  gpis_mapping::RangeCheck check("survey/");
+  interactive_mapping::RangeCheck check("survey/");
   check("approach_looks", approach_looks, 0, 100, "");
   check("arc_looks", arc_looks, 0, 100, "");
   check("half_arc_rad", half_arc_rad, 0.0, M_PI, "rad");
@@ -233,7 +233,7 @@ ProblemMaker::ProblemMaker(const ProblemFiles& files, const SurveyConfig& survey
       profile_(mp700_ur5e_description::loadBaseProfile(files.description + "/config/base_profile.yaml")),
       catalogue_(mp700_ur5e_description::loadBrickTypes(files.description + "/config/bricks.yaml")),
       stowed_(mp700_ur5e_description::loadArmPose(files.description + "/config/arm_poses/stowed.yaml")) {
-  gpis_mapping::throwIfAny(survey.validate());
+  interactive_mapping::throwIfAny(survey.validate());
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size()));
   T_base_camera_ = robot_->framePose(mp700_ur5e_description::kDepthFrame, zero);
   // Lift axis: where the second joint's body has its origin.

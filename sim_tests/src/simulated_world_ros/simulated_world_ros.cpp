@@ -12,7 +12,7 @@
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/TwistStamped.h>
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/PickBrickActionGoal.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <nav_msgs/Odometry.h>
@@ -650,7 +650,7 @@ void SimulatedWorldRos::onSurface(const topic_tools::ShapeShifter::ConstPtr& mes
       throw std::invalid_argument("type " + type +
                                   ", must be interactive_mapping_msgs/SurfaceMesh or sensor_msgs/PointCloud2");
     }
-    if (gpis_mapping_ros::withoutSlash(frame) != params_.map_frame) {
+    if (interactive_mapping_ros::withoutSlash(frame) != params_.map_frame) {
       throw std::invalid_argument("frame '" + frame + "', must be '" + params_.map_frame + "'");
     }
     simulation_.judgeSurface(surface);

@@ -11,12 +11,12 @@
 #include <ros/names.h>
 #include <yaml-cpp/yaml.h>
 
-#include <gpis_mapping_ros/param_reader.h>
+#include <interactive_mapping_common_ros/param_reader.h>
 
 namespace simulated_world_ros {
 namespace {
 
-using gpis_mapping_ros::ParamReader;
+using interactive_mapping_ros::ParamReader;
 using simulated_world::ClockEvent;
 
 const std::map<std::string, ClockMode> kClockModes{

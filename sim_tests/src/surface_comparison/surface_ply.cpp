@@ -7,7 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
 
 namespace surface_comparison {
 
@@ -32,7 +32,7 @@ void writePly(const Surface& surface, const PointScalars& scalars, const std::st
   }
   header += "end_header\n";
 
-  gpis_mapping::AtomicFile file(path);
+  interactive_mapping::AtomicFile file(path);
   file.write(header);
   for (std::size_t i = 0; i < count; ++i) {
     const Eigen::Vector3f position = surface.points_map[i].cast<float>();

@@ -18,7 +18,7 @@
 #include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
 
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/mesh_extractor.h"
 #include "octomap_baseline/dynamic_octomap.h"
@@ -321,7 +321,7 @@ void writeHistogram(const std::vector<std::pair<std::string, const std::vector<d
     for (const std::vector<std::size_t>& bins : counts) text += "," + std::to_string(bins[row]);
     text += "\n";
   }
-  gpis_mapping::AtomicFile file(path);
+  interactive_mapping::AtomicFile file(path);
   file.write(text);
   file.commit();
 }
@@ -568,7 +568,7 @@ int main(int argc, char** argv) {
       const Maps maps = runSystem(system, frames, scene.firstRemovalFrame(), other_scan);
       summary["systems"][system.key] = judge(system, maps, truth, frames.back(), options);
     }
-    gpis_mapping::AtomicFile file(options.out + "/summary.json");
+    interactive_mapping::AtomicFile file(options.out + "/summary.json");
     file.write(summary.dump(2) + "\n");
     file.commit();
     std::cout << summary.dump() << std::endl;

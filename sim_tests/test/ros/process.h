@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "../../../src/gpis_mapping/test/support/process.h"
+#include <interactive_mapping_common/testing/process.h>
 
 namespace sim_tests_ros {
 

@@ -4,8 +4,8 @@
 
 #include <rosbag/bag.h>
 
+#include <interactive_mapping_common/testing/process.h>
 #include "live_map.h"
-#include "process.h"
 
 namespace sim_tests_ros {
 namespace {

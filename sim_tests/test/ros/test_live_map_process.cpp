@@ -9,9 +9,9 @@
 #include <nodelet/NodeletLoad.h>
 #include <nodelet/NodeletUnload.h>
 
+#include <interactive_mapping_common/testing/process.h>
 #include "gpis_mapping/map_io.h"
 #include "live_map.h"
-#include "process.h"
 
 namespace sim_tests_ros {
 namespace {

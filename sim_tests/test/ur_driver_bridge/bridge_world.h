@@ -15,6 +15,7 @@
 #include <vector>
 
 #include <actionlib/client/action_client.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/ArmBridgeState.h>
 #include <interactive_mapping_msgs/ArmOutcome.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
@@ -25,7 +26,6 @@
 #include <interactive_mapping_msgs/RecoverArmAction.h>
 #include <interactive_mapping_msgs/WatchTrajectory.h>
 #include <motion_planning/joint_trajectory.h>
-#include <motion_planning_ros/conversions.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <nav_msgs/Odometry.h>
 #include <sensor_msgs/JointState.h>
@@ -203,7 +203,8 @@ class BridgeWorld {
   Eigen::Isometry3d robotInMap() const {
     Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
     EXPECT_TRUE(waitUntil([&] { return tf_.canTransform("map", "base_link", ros::Time(0)); }));
-    const auto found = motion_planning_ros::toIsometry(tf_.lookupTransform("map", "base_link", ros::Time(0)).transform);
+    const auto found =
+        interactive_mapping_ros::toIsometry(tf_.lookupTransform("map", "base_link", ros::Time(0)).transform);
     return found.value_or(T);
   }
 

@@ -1,26 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <csignal>
-#include <exception>
-
-#include <ros/ros.h>
+#include <interactive_mapping_common_ros/node_main.h>
 
 #include "depth_self_filter_ros/depth_self_filter_ros.h"
 
 int main(int argc, char** argv) {
-  ros::init(argc, argv, "depth_self_filter");
-  // ros::init sees to SIGINT only; service managers and containers end a program by SIGTERM.
-  std::signal(SIGTERM, [](int) { ros::requestShutdown(); });
-  // Outside the block that may throw: with the last handle goes ROS's log, and with that the reason.
-  const ros::NodeHandle nh;
-  const ros::NodeHandle private_nh("~");
-  try {
-    depth_self_filter_ros::DepthSelfFilterRos filter(nh, private_nh);
-    ros::AsyncSpinner spinner(3);  // images, joint states, tf
-    spinner.start();
-    ros::waitForShutdown();
-    return 0;
-  } catch (const std::exception& error) {
-    ROS_FATAL("%s", error.what());
-    return 1;
-  }
+  return interactive_mapping_ros::runNode<depth_self_filter_ros::DepthSelfFilterRos>(argc, argv, "depth_self_filter",
+                                                                                     3);  // images, joint states, tf
 }

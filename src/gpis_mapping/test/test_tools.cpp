@@ -18,8 +18,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include "gpis_mapping/map_io.h"
-#include "support/temporary_folder.h"
 
 namespace gpis_mapping {
 namespace {

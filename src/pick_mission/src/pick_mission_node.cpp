@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <pthread.h>
-
 #include <atomic>
-#include <csignal>
-#include <ctime>
 #include <exception>
 
+#include <interactive_mapping_common_ros/node_main.h>
 #include <ros/ros.h>
 #include <ros/xmlrpc_manager.h>
 
@@ -26,11 +23,7 @@ void onShutdown(XmlRpc::XmlRpcValue& /*parameters*/, XmlRpc::XmlRpcValue& result
 
 int main(int argc, char** argv) {
   // Every thread leaves these to the loop below: what goes on has to end before ROS is shut down.
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
-  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  interactive_mapping_ros::blockSignals();
   ros::init(argc, argv, "pick_mission", ros::init_options::NoSigintHandler);
   // Outside the block that may throw: with the last handle goes ROS's log, and with that the reason.
   const ros::NodeHandle nh;
@@ -39,8 +32,7 @@ int main(int argc, char** argv) {
   ros::XMLRPCManager::instance()->bind("shutdown", onShutdown);
   try {
     pick_mission_ros::PickMissionRos mission(nh, private_nh);
-    const timespec at_once{0, 0};
-    while (ros::ok() && !is_shutdown_asked && sigtimedwait(&signals, nullptr, &at_once) < 0) mission.spinOnce();
+    while (ros::ok() && !is_shutdown_asked && !interactive_mapping_ros::waitForSignal(0.0)) mission.spinOnce();
     mission.stop(ros::WallDuration(kStop_s));
     ros::shutdown();  // before the mission's own end, which waits for calls that this breaks off
     return 0;

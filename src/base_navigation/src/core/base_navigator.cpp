@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace base_navigation {
 namespace {
@@ -202,7 +202,7 @@ const char* toString(NavigationPhase phase) {
 }
 
 std::vector<std::string> BaseNavigatorConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("max_odometry_age_s", max_odometry_age_s, 0.02, 5.0, "s");
   check("max_pose_age_s", max_pose_age_s, 0.02, 5.0, "s");
   check("max_scan_age_s", max_scan_age_s, 0.02, kHistory_s, "s");
@@ -913,7 +913,7 @@ BaseNavigator::BaseNavigator(const BaseNavigatorConfig& config, const BasePlanne
        {planner.validate(), follower.validate(), guard.validate(), limits.validate(), guard.validateFor(limits)}) {
     problems.insert(problems.end(), more.begin(), more.end());
   }
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
   state_ = std::make_unique<State>(config, planner, follower, guard, limits, footprint);
 }
 

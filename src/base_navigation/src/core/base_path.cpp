@@ -5,7 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace base_navigation {
 namespace {
@@ -51,7 +51,7 @@ double trapezoidTime(double length_m, double v0, double v1, double v_max, double
 }  // namespace
 
 std::vector<std::string> MotionLimits::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("forward_m_s", forward_m_s, 0.01, 10.0, "m/s");
   check("backward_m_s", backward_m_s, 0.01, 10.0, "m/s");
   check("turn_rad_s", turn_rad_s, 0.01, 10.0, "rad/s");

@@ -11,7 +11,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <ompl/base/MotionValidator.h>
 #include <ompl/base/PlannerTerminationCondition.h>
 #include <ompl/base/ProblemDefinition.h>
@@ -957,7 +957,7 @@ void requireFinite(const char* what, const Pose2d& pose) {
 }  // namespace
 
 std::vector<std::string> BasePlannerConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("padding_m", padding_m, 0.0, kMaxPadding_m, "m");
   // Where a bound is impossible itself, it alone is what is wrong.
   const auto atMost = [](double bound, double lo, double hi) { return bound >= lo && bound <= hi ? bound : hi; };
@@ -1001,7 +1001,7 @@ BasePlanner::BasePlanner(const BasePlannerConfig& config, const MotionLimits& li
     : config_(config), limits_(limits), footprint_(std::move(footprint)) {
   std::vector<std::string> problems = config_.validate();
   for (const std::string& problem : limits_.validate()) problems.push_back(problem);
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
   padPolygon(footprint_, config_.padding_m);  // throws for what is no footprint
   inscribedRadius(footprint_);
 }

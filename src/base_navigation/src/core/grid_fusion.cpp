@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 #include "polygon_raster.h"
 
@@ -23,11 +23,11 @@ constexpr std::uint8_t kSeenFree = 1;
 constexpr std::uint8_t kEcho = 2;
 
 void requirePose(const Pose2d& pose) {
-  gpis_mapping::RangeCheck check("T_map_base.");
+  interactive_mapping::RangeCheck check("T_map_base.");
   check("x", pose.x_m, -kMaxCoordinate_m, kMaxCoordinate_m, "m");
   check("y", pose.y_m, -kMaxCoordinate_m, kMaxCoordinate_m, "m");
   check("yaw", pose.yaw_rad, -kMaxCoordinate_m, kMaxCoordinate_m, "rad");
-  gpis_mapping::throwIfAny(check.problems());
+  interactive_mapping::throwIfAny(check.problems());
 }
 
 void requireStamp(double stamp_s) {
@@ -99,7 +99,7 @@ Eigen::Vector2d Scan::echo(std::size_t beam) const {
 }
 
 std::vector<std::string> GridFusionConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("cell_size_m", cell_size_m, 0.01, 0.5, "m");
   check("scan_free_range_m", scan_free_range_m, 0.0, 30.0, "m");
   check("scan_obstacle_range_m", scan_obstacle_range_m, 0.0, 30.0, "m");
@@ -164,7 +164,7 @@ struct GridFusion::State {
 };
 
 GridFusion::GridFusion(const GridFusionConfig& config, Polygon footprint) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   state_ = std::make_unique<State>();
   state_->config = config;
   state_->standing = padPolygon(footprint, config.standing_padding_m);
@@ -180,13 +180,13 @@ GridFusion::~GridFusion() = default;
 
 void GridFusion::setMap(std::shared_ptr<const NavigationGrid> map) {
   if (map) {
-    gpis_mapping::RangeCheck check("map.");
+    interactive_mapping::RangeCheck check("map.");
     check("cell_size", map->cell_size_m, 0.01, 10.0, "m");
     check("origin.x", map->origin_m.x(), -kMaxCoordinate_m, kMaxCoordinate_m, "m");
     check("origin.y", map->origin_m.y(), -kMaxCoordinate_m, kMaxCoordinate_m, "m");
     check("width", map->width, 0, 1e5, "cells");
     check("height", map->height, 0, 1e5, "cells");
-    gpis_mapping::throwIfAny(check.problems());
+    interactive_mapping::throwIfAny(check.problems());
     const std::size_t cells = static_cast<std::size_t>(map->width) * map->height;
     if (map->state.size() != cells) {
       throw std::invalid_argument("map has " + std::to_string(map->state.size()) + " states, must be " +

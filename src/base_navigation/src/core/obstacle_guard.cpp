@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace base_navigation {
 namespace {
@@ -60,7 +60,7 @@ double stoppableSpeed(double free, double latency_s, double deceleration) {
 }  // namespace
 
 std::vector<std::string> ObstacleGuardConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("margin_m", margin_m, 0.001, 1.0, "m");
   check("latency_s", latency_s, 0.01, 2.0, "s");
   check("braking_share", braking_share, 0.05, 1.0, "");
@@ -76,7 +76,7 @@ std::vector<std::string> ObstacleGuardConfig::validateFor(const MotionLimits& li
   const auto stopping = [&](double speed, double deceleration) {
     return speed * latency_s + 0.5 * speed * speed / (braking_share * deceleration);
   };
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("look_ahead_m", look_ahead_m, stopping(std::max(limits.forward_m_s, limits.backward_m_s), limits.linear_m_s2),
         100.0, "m");
   check("look_ahead_rad", look_ahead_rad, stopping(limits.turn_rad_s, limits.turn_rad_s2), 6.283, "rad");
@@ -89,7 +89,7 @@ ObstacleGuard::ObstacleGuard(const ObstacleGuardConfig& config, const MotionLimi
   for (const std::vector<std::string>& more : {limits.validate(), config.validateFor(limits)}) {
     problems.insert(problems.end(), more.begin(), more.end());
   }
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
   padded_ = padPolygon(footprint, config.margin_m);
   radius_m_ = circumscribedRadius(padded_);
   inscribedRadius(footprint);  // throws if it does not hold the origin

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <string>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace base_navigation {
 namespace {
@@ -39,7 +39,7 @@ double endingSpeed(double left, double deceleration, double gain) {
 }  // namespace
 
 std::vector<std::string> PathFollowerConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("gain_along_1_s", gain_along_1_s, 0.1, 20.0, "1/s");
   check("gain_across_1_m2", gain_across_1_m2, 0.1, 1000.0, "1/m^2");
   check("gain_yaw_1_m", gain_yaw_1_m, 0.1, 100.0, "1/m");
@@ -62,7 +62,7 @@ PathFollower::PathFollower(const PathFollowerConfig& config, const MotionLimits&
     : config_(config), limits_(limits) {
   std::vector<std::string> problems = config.validate();
   for (const std::string& problem : limits.validate()) problems.push_back(problem);
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
 }
 
 void PathFollower::start(const BasePath& path) {

@@ -5,8 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common_ros/params.h>
 
 #include "base_navigation/config_fields.h"
 
@@ -57,7 +57,7 @@ std::vector<std::string> BaseNavigationParams::validate() const {
     problems.push_back("base_profile_file = '" + base_profile_file +
                        "', must be the absolute path of a base_profile.yaml");
   }
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("speed_share", speed_share, 0.05, 1.0, "");
   check("pose/wait_s", pose.wait_s, 0.0, 10.0, "s");
   check("pose/max_tilt_rad", pose.max_tilt_rad, 0.0, 1.5, "rad");
@@ -99,11 +99,11 @@ base_navigation::MotionLimits BaseNavigationParams::limitsOf(const mp700_ur5e_de
 }
 
 std::string toYaml(const BaseNavigationParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 BaseNavigationParams loadBaseNavigationParams(const ros::NodeHandle& private_nh) {
-  return gpis_mapping_ros::loadParams<BaseNavigationParams>(
+  return interactive_mapping_ros::loadParams<BaseNavigationParams>(
       private_nh, kVisitParams, {"diagnostic_period", "diagnostic_updater"}, [](const BaseNavigationParams& params) {
         std::vector<std::string> problems = params.validate();
         const std::string& file = params.base_profile_file;

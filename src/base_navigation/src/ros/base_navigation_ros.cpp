@@ -10,7 +10,7 @@
 #include <thread>
 
 #include <geometry_msgs/Twist.h>
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
 #include "base_navigation/distance_field.h"
@@ -29,11 +29,11 @@ using base_navigation::NavigationPhase;
 using base_navigation::NavigationStatus;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
-using gpis_mapping_ros::toIsometry;
-using gpis_mapping_ros::withoutSlash;
 using interactive_mapping_msgs::DrivingDistances;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
+using interactive_mapping_ros::toIsometry;
+using interactive_mapping_ros::withoutSlash;
 
 constexpr char kLog[] = "base_navigation";
 constexpr std::size_t kMaxWaitingScans = 20;  // of 25 Hz, while no odometry comes

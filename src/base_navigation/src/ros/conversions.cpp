@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 
 namespace base_navigation_ros {
 namespace {
@@ -60,7 +60,7 @@ std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int
   } else if (static_cast<double>(message.data.size()) != cells) {
     *why_not = formatted("%zu values for %u x %u cells", message.data.size(), info.width, info.height);
   } else {
-    const std::optional<Eigen::Isometry3d> T_frame_origin = gpis_mapping_ros::toIsometry(info.origin);
+    const std::optional<Eigen::Isometry3d> T_frame_origin = interactive_mapping_ros::toIsometry(info.origin);
     if (!T_frame_origin || T_frame_origin->linear().isApprox(Eigen::Matrix3d::Identity(), 1e-3) == false) {
       *why_not = "its origin is not finite, or turned against its frame";
     } else {

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 
 #include "base_navigation_ros/conversions.h"
 
@@ -15,7 +15,7 @@ GroundInput::GroundInput(std::string map_frame, int occupied_from)
     : map_frame_(std::move(map_frame)), occupied_from_(occupied_from) {}
 
 bool GroundInput::isInMap(const std::string& frame, std::string* why_not) const {
-  if (gpis_mapping_ros::withoutSlash(frame) == map_frame_) return true;
+  if (interactive_mapping_ros::withoutSlash(frame) == map_frame_) return true;
   *why_not = "its frame is '" + frame + "', must be '" + map_frame_ + "' (map_frame)";
   return false;
 }

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <ros/ros.h>
 
-#include "support/params_contract.h"
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 
 namespace base_navigation_ros {
 namespace {

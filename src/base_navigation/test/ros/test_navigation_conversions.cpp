@@ -5,7 +5,7 @@
 #include <limits>
 
 #include <gmock/gmock.h>
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 
 #include "base_navigation_ros/ground_input.h"
 #include "base_navigation_ros/odometry_history.h"
@@ -169,16 +169,16 @@ TEST(NavigationConversions, ScansThatCannotBeAreRefused) {
 
 TEST(NavigationConversions, PosesKeepTheirHeading) {
   for (const double yaw_rad : {0.0, 1.0, -3.0}) {
-    const auto T = gpis_mapping_ros::toIsometry(toPoseMessage({1.0, 2.0, yaw_rad}));
+    const auto T = interactive_mapping_ros::toIsometry(toPoseMessage({1.0, 2.0, yaw_rad}));
     ASSERT_TRUE(T);
     EXPECT_NEAR(toPlane(*T).yaw_rad, yaw_rad, 1e-12);
     EXPECT_NEAR(tilt(*T), 0.0, 1e-12);
   }
   geometry_msgs::Pose none;  // a quaternion of zeros, as a message is made
-  EXPECT_FALSE(gpis_mapping_ros::toIsometry(none));
+  EXPECT_FALSE(interactive_mapping_ros::toIsometry(none));
   none.orientation.w = 1.0;
   none.position.x = std::numeric_limits<double>::infinity();
-  EXPECT_FALSE(gpis_mapping_ros::toIsometry(none));
+  EXPECT_FALSE(interactive_mapping_ros::toIsometry(none));
   EXPECT_NEAR(tilt(upsideDown()), M_PI, 1e-12);
 }
 

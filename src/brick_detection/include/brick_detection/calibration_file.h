@@ -25,7 +25,7 @@ struct CalibratedEdge {
 mp700_ur5e_description::CameraCalibration toCameraCalibration(const HandEyeResult& result, const CalibratedEdge& edge,
                                                               const std::string& date);
 
-/// Writes the file completely or not at all. Throws gpis_mapping::FileError with path and reason.
+/// Writes the file completely or not at all. Throws interactive_mapping::FileError with path and reason.
 void saveCameraCalibration(const std::string& path, const mp700_ur5e_description::CameraCalibration& calibration);
 
 }  // namespace brick_detection

@@ -8,8 +8,8 @@
 
 #include <Eigen/Dense>
 
+#include <interactive_mapping_common/config/range_check.h>
 #include "cell_fit.h"
-#include "gpis_mapping/range_check.h"
 
 namespace brick_detection {
 namespace {
@@ -337,7 +337,7 @@ const char* toString(TagStatus status) {
 }
 
 std::vector<std::string> BrickPoseConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("corner_std_px", corner_std_px, 0.01, 10.0, "px");
   check("min_side_px", min_side_px, 1.0, 1000.0, "px");
   check("min_margin", min_margin, 0.0, 255.0, "grey levels");
@@ -356,13 +356,13 @@ std::vector<std::string> BrickPoseConfig::validate() const {
 
 BrickPoseEstimator::BrickPoseEstimator(const BrickCatalogue& catalogue, const BrickPoseConfig& config)
     : catalogue_(catalogue), config_(config) {
-  gpis_mapping::throwIfAny(config_.validate());
+  interactive_mapping::throwIfAny(config_.validate());
 }
 
 BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObservation>& tags,
                                                         const CameraModel& camera, const cv::Mat& depth_m,
                                                         const cv::Mat& grey) const {
-  gpis_mapping::throwIfAny(camera.validate());
+  interactive_mapping::throwIfAny(camera.validate());
   if (!depth_m.empty() &&
       (depth_m.type() != CV_32FC1 || depth_m.cols != camera.width_px || depth_m.rows != camera.height_px)) {
     throw std::invalid_argument("depth image = " + std::to_string(depth_m.cols) + " x " + std::to_string(depth_m.rows) +

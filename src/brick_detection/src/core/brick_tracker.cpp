@@ -8,7 +8,7 @@
 
 #include <Eigen/Dense>
 
-#include "gpis_mapping/range_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 #include "rotation.h"
 
 namespace brick_detection {
@@ -44,7 +44,7 @@ Matrix6d inverseOf(const Matrix6d& covariance) {
 }  // namespace
 
 std::vector<std::string> BrickTrackerConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("camera_std_m", camera_std_m, 0.0, 1.0, "m");
   check("camera_std_rad", camera_std_rad, 0.0, 1.0, "rad");
   check("standpoint_m", standpoint_m, 1e-3, 10.0, "m");
@@ -61,7 +61,7 @@ std::vector<std::string> BrickTrackerConfig::validate() const {
 
 BrickTracker::BrickTracker(const BrickCatalogue& catalogue, const BrickTrackerConfig& config)
     : catalogue_(catalogue), config_(config) {
-  gpis_mapping::throwIfAny(config_.validate());
+  interactive_mapping::throwIfAny(config_.validate());
   floor_ = diagonal(config_.floor_std_m, config_.floor_std_rad);
 }
 

@@ -3,7 +3,7 @@
 
 #include <stdexcept>
 
-#include <gpis_mapping/atomic_file.h>
+#include <interactive_mapping_common/files/atomic_file.h>
 
 namespace brick_detection {
 
@@ -39,7 +39,7 @@ mp700_ur5e_description::CameraCalibration toCameraCalibration(const HandEyeResul
 }
 
 void saveCameraCalibration(const std::string& path, const mp700_ur5e_description::CameraCalibration& calibration) {
-  gpis_mapping::AtomicFile file(path);
+  interactive_mapping::AtomicFile file(path);
   file.write(toYaml(calibration));
   file.commit();
 }

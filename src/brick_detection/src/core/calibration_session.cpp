@@ -8,7 +8,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "gpis_mapping/range_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace brick_detection {
 namespace {
@@ -65,7 +65,7 @@ BrickCatalogue loneTag(const std::string& family, int tag_id, double edge_m) {
   tag.face = BrickFace::kPlusZ;
   tag.black_border_edge_m = edge_m;
   catalogue.bricks = {{0, board.name, {{tag_id, tag}}}};
-  gpis_mapping::throwIfAny(catalogue.validate());
+  interactive_mapping::throwIfAny(catalogue.validate());
   return catalogue;
 }
 
@@ -105,7 +105,7 @@ std::optional<BrickSighting> TargetFinder::find(const cv::Mat& image, const cv::
 }
 
 std::vector<std::string> CalibrationSessionConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("min_step_m", min_step_m, 0.0, 1.0, "m");
   check("min_step_rad", min_step_rad, 0.0, M_PI, "rad");
   check("still_m", still_m, 1e-6, 0.1, "m");
@@ -116,7 +116,7 @@ std::vector<std::string> CalibrationSessionConfig::validate() const {
 }
 
 CalibrationSession::CalibrationSession(const CalibrationSessionConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
 }
 
 std::string CalibrationSession::whyNotStill(const std::vector<Eigen::Isometry3d>& T_base_tool) const {

@@ -7,8 +7,8 @@
 
 #include <Eigen/Dense>
 
+#include <interactive_mapping_common/config/range_check.h>
 #include "bearing_grid.h"
-#include "gpis_mapping/range_check.h"
 
 namespace brick_detection {
 namespace {
@@ -159,7 +159,7 @@ bool isCurved(const std::vector<Sample>& inliers, const Eigen::Vector3d& affine,
 }  // namespace
 
 std::vector<std::string> DepthPlaneConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("grow", grow, 0.1, 3.0, "");
   check("inverse_depth_std", inverse_depth_std, 1e-6, 0.1, "1/m");
   check("correlation_px", correlation_px, 1.0, 50.0, "px");

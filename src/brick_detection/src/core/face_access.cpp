@@ -5,14 +5,14 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "gpis_mapping/range_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace brick_detection {
 
 namespace description = mp700_ur5e_description;
 
 std::vector<std::string> FaceAccessConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("corridor_m", corridor_m, 0.01, 2.0, "m");
   check("tool_radius_m", tool_radius_m, 0.005, 0.5, "m");
   check("gap_m", gap_m, 0.0, 0.5, "m");

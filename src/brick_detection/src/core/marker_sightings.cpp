@@ -8,8 +8,8 @@
 #include <set>
 #include <stdexcept>
 
+#include <interactive_mapping_common/config/range_check.h>
 #include "brick_detection/pose_refinement.h"
-#include "gpis_mapping/range_check.h"
 #include "rotation.h"
 
 namespace brick_detection {
@@ -63,7 +63,7 @@ BrickSighting fuse(int brick_id, const Group& group) {
 }  // namespace
 
 std::vector<std::string> MarkerConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("position_std_m", position_std_m, 1e-5, 1.0, "m");
   check("rotation_std_rad", rotation_std_rad, 1e-4, 1.0, "rad");
   check("same_brick_m", same_brick_m, 1e-3, 1.0, "m");

@@ -9,10 +9,10 @@
 
 #include <mp700_ur5e_description/brick_types.h>
 
+#include <interactive_mapping_common/config/range_check.h>
 #include "apriltag_detector.h"
 #include "aruco_detector.h"
 #include "detector_support.h"
-#include "gpis_mapping/range_check.h"
 
 namespace brick_detection {
 namespace {
@@ -62,7 +62,7 @@ std::vector<std::string> TagDetectorConfig::validate() const {
 }
 
 std::unique_ptr<TagDetector> makeTagDetector(const TagDetectorConfig& config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   return isAprilTagFamily(config.family) ? makeAprilTagDetector(config) : makeArucoDetector(config);
 }
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "brick_detection_ros/brick_detection_params.h"
 
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common_ros/params.h>
 
-#include "gpis_mapping/range_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace brick_detection_ros {
 namespace {
@@ -41,7 +41,7 @@ constexpr auto kVisitParams = [](auto& params, auto&& visit) {
 
 std::vector<std::string> BrickDetectionParams::validate() const {
   std::vector<std::string> problems;
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   if (bricks_file.empty() || bricks_file.front() != '/') {
     problems.push_back("bricks_file = '" + bricks_file + "', must be the absolute path of a bricks.yaml");
   }
@@ -57,12 +57,12 @@ std::vector<std::string> BrickDetectionParams::validate() const {
 }
 
 std::string toYaml(const BrickDetectionParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 BrickDetectionParams loadBrickDetectionParams(const ros::NodeHandle& private_nh) {
   // Read by image_transport, whose publishers' settings are in ~image/compressed/..., and diagnostic_updater.
-  return gpis_mapping_ros::loadParams<BrickDetectionParams>(
+  return interactive_mapping_ros::loadParams<BrickDetectionParams>(
       private_nh, kVisitParams, {"image_transport", "image", "diagnostic_period", "diagnostic_updater"});
 }
 

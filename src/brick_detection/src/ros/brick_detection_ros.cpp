@@ -10,6 +10,7 @@
 #include <utility>
 
 #include <cv_bridge/cv_bridge.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 #include <sensor_msgs/image_encodings.h>
 #include <tf2/exceptions.h>
@@ -286,13 +287,13 @@ void BrickDetectionRos::onMapAnswer(const MapClient::MapQuestion& question,
 
 std::optional<Eigen::Vector3d> BrickDetectionRos::placeOf(
     const interactive_mapping_msgs::AttachedBrick& message) const {
-  const std::string frame = gpis_mapping_ros::withoutSlash(message.header.frame_id);
+  const std::string frame = interactive_mapping_ros::withoutSlash(message.header.frame_id);
   const Eigen::Vector3d p_tool(message.pose.position.x, message.pose.position.y, message.pose.position.z);
   // The newest, when tf has not come to the stamp yet: the tool has not moved far since.
   for (const ros::Time& stamp : {message.header.stamp, ros::Time(0)}) {
     try {
       Refusal ignored;
-      const auto T_map_tool = gpis_mapping_ros::toIsometry(
+      const auto T_map_tool = interactive_mapping_ros::toIsometry(
           input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, stamp).transform, &ignored);
       if (T_map_tool && p_tool.allFinite()) return *T_map_tool * p_tool;
     } catch (const tf2::TransformException&) {

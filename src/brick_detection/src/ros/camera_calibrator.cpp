@@ -10,6 +10,7 @@
 
 #include <geometry_msgs/PoseArray.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <mp700_ur5e_description/brick_types.h>
 #include <tf2/exceptions.h>
 
@@ -20,7 +21,7 @@ namespace {
 
 using brick_detection::CameraModel;
 using brick_detection::HandEyeResult;
-using gpis_mapping_ros::withoutSlash;
+using interactive_mapping_ros::withoutSlash;
 
 constexpr std::size_t kMaxDepths = 10;  // images of a third of a second at 30 Hz
 constexpr int kStillLooks = 11;         // at the arm, evenly over the time it has to stand still

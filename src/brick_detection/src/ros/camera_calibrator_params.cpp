@@ -4,9 +4,9 @@
 #include <stdexcept>
 
 #include <gpis_mapping_ros/gpis_mapping_params.h>
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common_ros/params.h>
 
-#include "gpis_mapping/range_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace brick_detection_ros {
 namespace {
@@ -51,7 +51,7 @@ constexpr auto kVisitParams = [](auto& params, auto&& visit) {
 
 std::vector<std::string> CameraCalibratorParams::validate() const {
   std::vector<std::string> problems;
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   const auto frame = [&problems](const char* key, const std::string& value) {
     if (!value.empty() && value.front() != '/') return;
     problems.push_back(std::string(key) + " = '" + value + "', must be a tf2 frame: not empty, no leading slash");
@@ -95,11 +95,11 @@ std::vector<std::string> CameraCalibratorParams::validate() const {
 }
 
 std::string toYaml(const CameraCalibratorParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 CameraCalibratorParams loadCameraCalibratorParams(const ros::NodeHandle& private_nh) {
-  return gpis_mapping_ros::loadParams<CameraCalibratorParams>(private_nh, kVisitParams, {"image_transport"});
+  return interactive_mapping_ros::loadParams<CameraCalibratorParams>(private_nh, kVisitParams, {"image_transport"});
 }
 
 }  // namespace brick_detection_ros

@@ -11,13 +11,13 @@
 
 #include <tf2/exceptions.h>
 
-#include "gpis_mapping/range_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace brick_detection_ros {
 namespace {
 
 using gpis_mapping_ros::CameraPoseSource;
-using gpis_mapping_ros::withoutSlash;
+using interactive_mapping_ros::withoutSlash;
 
 /// More than a camera sends while a colour image waits for tf.
 constexpr std::size_t kNumDepths = 30;
@@ -55,7 +55,7 @@ std_msgs::Header headerOf(const ar_track_alvar_msgs::AlvarMarkers& message) {
 
 std::vector<std::string> ImageInputParams::validate() const {
   std::vector<std::string> problems = CameraPoseParams::validate();
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("max_depth_offset_s", max_depth_offset_s, 0.0, 1.0, "s");
   check("depth_timeout_s", depth_timeout_s, 0.0, 10.0, "s");
   check("depth_units_per_metre", depth_units_per_metre, 1.0, 1e6, "1/m");

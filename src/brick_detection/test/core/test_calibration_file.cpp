@@ -8,7 +8,7 @@
 
 #include <Eigen/Cholesky>
 #include <gmock/gmock.h>
-#include <gpis_mapping/atomic_file.h>
+#include <interactive_mapping_common/files/atomic_file.h>
 
 namespace brick_detection {
 namespace {
@@ -110,7 +110,7 @@ TEST(CalibrationFile, IsReadBackAndReplacedWhole) {
   try {
     saveCameraCalibration(path, written);
     FAIL() << "saved into a folder that is not there";
-  } catch (const gpis_mapping::FileError& error) {
+  } catch (const interactive_mapping::FileError& error) {
     EXPECT_THAT(error.what(), HasSubstr(folder.string()));
   }
 }

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 
-#include "support/params_contract.h"
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 
 namespace brick_detection_ros {
 namespace {

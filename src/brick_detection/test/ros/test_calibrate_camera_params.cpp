@@ -7,8 +7,8 @@
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 #include "brick_detection_ros/camera_calibrator.h"
-#include "support/params_contract.h"
 
 namespace brick_detection_ros {
 namespace {

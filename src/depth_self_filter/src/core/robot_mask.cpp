@@ -8,8 +8,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include <interactive_mapping_common/config/range_check.h>
 #include "gpis_mapping/depth_classifier.h"
-#include "gpis_mapping/range_check.h"
 
 namespace depth_self_filter {
 namespace {
@@ -165,7 +165,7 @@ inline void enterRow(const RowRays& rays, int left, int right, float* entry, Cli
 }  // namespace
 
 std::vector<std::string> RobotMaskConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("padding_m", padding_m, 0.0, 0.5, "m");
   check("padding_rad", padding_rad, 0.0, 0.2, "rad");
   check("brick_padding_m", brick_padding_m, 0.0, 0.5, "m");
@@ -193,7 +193,7 @@ std::string whyNotHeld(const RobotModel& robot, const HeldBrick& brick) {
 
 RobotMask::RobotMask(std::shared_ptr<const RobotModel> robot, const RobotMaskConfig& config)
     : robot_(std::move(robot)), config_(config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   if (!robot_) throw std::invalid_argument("no robot");
 }
 
@@ -414,7 +414,7 @@ std::size_t RobotMask::blankShadows(const CameraModel& camera, DepthImage* image
 MaskStatistics RobotMask::apply(const CameraModel& camera, const Eigen::Isometry3d& T_root_camera,
                                 const Eigen::VectorXd& positions_rad, const std::optional<HeldBrick>& brick,
                                 DepthImage* image) {
-  gpis_mapping::throwIfAny(camera.validate());
+  interactive_mapping::throwIfAny(camera.validate());
   gpis_mapping::requireFits(*image, camera);
   const std::vector<PlacedShape> placed = place(T_root_camera, positions_rad, brick);
   stride_ = static_cast<std::size_t>(camera.width + 2 * config_.edge_px);

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include <boost/make_shared.hpp>
+#include <interactive_mapping_common_ros/poses.h>
 #include <sensor_msgs/distortion_models.h>
 #include <sensor_msgs/image_encodings.h>
 
@@ -106,7 +107,7 @@ depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::
   change.since_s = message.header.stamp.toSec();
   if (message.is_attached == 0) return change;
   depth_self_filter::HeldBrick brick;
-  brick.frame = gpis_mapping_ros::withoutSlash(message.header.frame_id);
+  brick.frame = interactive_mapping_ros::withoutSlash(message.header.frame_id);
   brick.size_m << message.size.x, message.size.y, message.size.z;
   gpis_mapping_ros::Refusal refusal;
   const auto T_frame_brick = gpis_mapping_ros::toIsometry(message.pose, &refusal);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth_self_filter_ros/depth_self_filter_params.h"
 
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common_ros/params.h>
 
-#include "gpis_mapping/range_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace depth_self_filter_ros {
 namespace {
@@ -36,7 +36,7 @@ std::vector<std::string> DepthSelfFilterParams::validate() const {
   if (!input.camera_frame.empty() && input.camera_frame.front() == '/') {
     problems.push_back("input/camera_frame = '" + input.camera_frame + "', must be a tf2 frame: no leading slash");
   }
-  gpis_mapping::RangeCheck check("input/");
+  interactive_mapping::RangeCheck check("input/");
   check("wait_s", input.wait_s, 0.0, 10.0, "s");
   check("time_offset_s", input.time_offset_s, -1.0, 1.0, "s");
   check("max_future_s", input.max_future_s, 0.0, 1e9, "s");
@@ -51,12 +51,12 @@ std::vector<std::string> DepthSelfFilterParams::validate() const {
 }
 
 std::string toYaml(const DepthSelfFilterParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 DepthSelfFilterParams loadDepthSelfFilterParams(const ros::NodeHandle& private_nh) {
   // Read by image_transport, whose publishers' settings are in ~image_rect/compressedDepth/..., and diagnostic_updater.
-  return gpis_mapping_ros::loadParams<DepthSelfFilterParams>(
+  return interactive_mapping_ros::loadParams<DepthSelfFilterParams>(
       private_nh, kVisitParams, {"image_transport", "image_rect", "diagnostic_period", "diagnostic_updater"});
 }
 

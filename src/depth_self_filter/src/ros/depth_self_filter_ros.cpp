@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
 namespace depth_self_filter_ros {
@@ -15,8 +16,8 @@ using depth_self_filter::JointHistory;
 using diagnostic_msgs::DiagnosticStatus;
 using gpis_mapping_ros::CameraPoseSource;
 using gpis_mapping_ros::Refusal;
-using gpis_mapping_ros::withoutSlash;
 using interactive_mapping_msgs::SelfFilterUpdate;
+using interactive_mapping_ros::withoutSlash;
 using mp700_ur5e_description::RobotModel;
 
 constexpr char kLog[] = "depth_self_filter";

@@ -6,8 +6,8 @@
 #include <ros/ros.h>
 #include <yaml-cpp/yaml.h>
 
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 #include "gpis_mapping/gpis_config.h"
-#include "support/params_contract.h"
 
 namespace depth_self_filter_ros {
 namespace {

@@ -16,10 +16,10 @@
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
 
+#include <interactive_mapping_common_ros/param_reader.h>
 #include "gpis_mapping/pose_guard.h"
 #include "gpis_mapping/stamp_guard.h"
 #include "gpis_mapping_ros/conversions.h"
-#include "gpis_mapping_ros/param_reader.h"
 
 namespace gpis_mapping_ros {
 
@@ -35,7 +35,7 @@ struct CameraPoseParams {
   std::vector<std::string> validate() const;
 
   /// Reads all of them from `section`.
-  void read(const std::string& section, ParamReader* reader);
+  void read(const std::string& section, interactive_mapping_ros::ParamReader* reader);
 };
 
 /// What tf said so far; for diagnostics.

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -18,6 +19,8 @@
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping_ros {
+
+using interactive_mapping_ros::withoutSlash;
 
 /// What became of a depth image; the constants of interactive_mapping_msgs/MapUpdate.
 enum class FrameStatus : std::uint8_t {
@@ -49,9 +52,6 @@ struct Refusal {
 /// A name from outside in quotes, fit to print: at most 40 characters, '?' for what is not printable.
 std::string shownName(const std::string& name);
 
-/// Frame names of tf2 have no leading slash; those of old bags do.
-std::string withoutSlash(const std::string& frame);
-
 /// `stamp` + `offset_s`, but never 0, which is "newest" to tf2, nor beyond what a stamp can hold.
 ros::Time shifted(const ros::Time& stamp, double offset_s);
 
@@ -77,8 +77,7 @@ std::optional<gpis_mapping::CameraModel> toCameraModel(const sensor_msgs::Camera
 bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, gpis_mapping::DepthRectifier* rectifier,
                       Refusal* refusal);
 
-/// Nothing, and the reason to those who ask for it, when a number is not finite or the quaternion's length is not 1
-/// within 1 %, which float32 sources keep to.
+/// As interactive_mapping_ros::toIsometry, with the reason as a refusal.
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal = nullptr);
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Refusal* refusal = nullptr);
 

@@ -35,7 +35,7 @@ struct DepthInputParams : CameraPoseParams {
   std::vector<std::string> validate() const;
 
   /// Reads all of them from `section`.
-  void read(const std::string& section, ParamReader* reader);
+  void read(const std::string& section, interactive_mapping_ros::ParamReader* reader);
 };
 
 /// A depth image that passed every check, rectified.

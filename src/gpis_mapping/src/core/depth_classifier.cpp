@@ -9,10 +9,12 @@
 
 #include <opencv2/core/types.hpp>
 
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::parallelFor;
 
 // A dropout this narrow between two pieces of one surface cannot be told from speckle.
 constexpr int kSpecklePx = 3;

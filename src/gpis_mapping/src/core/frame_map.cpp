@@ -8,10 +8,12 @@
 #include <Eigen/Dense>
 #include <opencv2/imgproc.hpp>
 
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::parallelFor;
 
 constexpr int kVarianceSteps = 4;  // per pixel; the variance is smooth at the scale of a pixel
 // A tile is one surface when what its linear trend leaves over is noise: 1.35 is six standard deviations of the

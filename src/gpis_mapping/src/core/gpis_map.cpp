@@ -11,12 +11,15 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 #include "gpis_mapping/point_update.h"
 #include "gpis_mapping/vanished_surface.h"
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::parallelFor;
+using interactive_mapping::resolveThreadCount;
 
 constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle than 86 degrees is not inserted
 // Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.

@@ -15,7 +15,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
 
 // File layout, all numbers little-endian:
 //   magic (8), format version u32, number of sections u32, length of the whole file u64,
@@ -28,6 +28,9 @@
 //   OBSV  block size f64, blocks per chunk side u32, count u64, per chunk: key 3 i32, last seen free f32 per block
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::AtomicFile;
+using interactive_mapping::FileError;
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "map files are read and written on little-endian machines only"

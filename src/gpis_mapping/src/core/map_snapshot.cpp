@@ -9,11 +9,14 @@
 #include <flann/algorithms/dist.h>
 #include <flann/algorithms/kdtree_single_index.h>
 
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 #include "gpis_mapping/partition_of_unity.h"
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::parallelFor;
+using interactive_mapping::resolveThreadCount;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr std::size_t kNeighbours = 8;

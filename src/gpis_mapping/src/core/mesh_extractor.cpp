@@ -19,10 +19,13 @@
 #include <vtkPolyData.h>
 #include <vtkSMPTools.h>
 
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::parallelFor;
+using interactive_mapping::resolveThreadCount;
 
 /// Lattice coordinates of a vertex [voxels]; pieces compute the vertices on their common border from the same numbers
 /// in the same way, so equality is exact.

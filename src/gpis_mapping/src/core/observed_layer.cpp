@@ -3,10 +3,12 @@
 
 #include <algorithm>
 
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::parallelFor;
 
 constexpr float kNoInformation = std::numeric_limits<float>::infinity();
 constexpr int kBaseLevel = 2;  // the finest level kept: 4 x 4 pixels

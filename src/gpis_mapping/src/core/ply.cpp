@@ -7,10 +7,12 @@
 #include <limits>
 #include <stdexcept>
 
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::AtomicFile;
 
 constexpr double kMaxFloatCoordinate_m = 1000.0;
 

@@ -10,6 +10,8 @@
 namespace gpis_mapping_ros {
 namespace {
 
+using interactive_mapping_ros::ParamReader;
+
 using gpis_mapping::PoseGuard;
 using gpis_mapping::StampGuard;
 

@@ -40,22 +40,12 @@ std::string sizeText(std::uint64_t width, std::uint64_t height) {
   return std::to_string(width) + " x " + std::to_string(height) + " px";
 }
 
-/// `Position`: geometry_msgs' Point or Vector3.
-template <typename Position>
-std::optional<Eigen::Isometry3d> makeIsometry(const char* what, const Position& position,
-                                              const geometry_msgs::Quaternion& orientation, Refusal* refusal) {
-  const Eigen::Quaterniond q(orientation.w, orientation.x, orientation.y, orientation.z);
-  const Eigen::Vector3d translation(position.x, position.y, position.z);
-  if (!translation.allFinite() || !(std::abs(q.norm() - 1.0) < 0.01)) {  // false for NaN
-    if (refusal != nullptr) {
-      *refusal = {FrameStatus::kBadTransform, std::string(what) + " is not finite or no rotation: |q| = " +
-                                                  std::to_string(q.norm()) + ", must be 1"};
-    }
-    return std::nullopt;
-  }
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = q.normalized().toRotationMatrix();
-  T.translation() = translation;
+/// As interactive_mapping_ros::toIsometry, with the reason as a refusal.
+template <typename Message>
+std::optional<Eigen::Isometry3d> makeIsometry(const Message& message, Refusal* refusal) {
+  std::string reason;
+  const auto T = interactive_mapping_ros::toIsometry(message, &reason);
+  if (!T && refusal != nullptr) *refusal = {FrameStatus::kBadTransform, reason};
   return T;
 }
 
@@ -98,10 +88,6 @@ std::string shownName(const std::string& name) {
   std::replace_if(
       text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c > 0x7e; }, '?');
   return "'" + text + (name.size() > kMaxShownName ? "..." : "") + "'";
-}
-
-std::string withoutSlash(const std::string& frame) {
-  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
 }
 
 ros::Time shifted(const ros::Time& stamp, double offset_s) {
@@ -227,11 +213,11 @@ bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, De
 }
 
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal) {
-  return makeIsometry("transform", transform.translation, transform.rotation, refusal);
+  return makeIsometry(transform, refusal);
 }
 
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Refusal* refusal) {
-  return makeIsometry("pose", pose.position, pose.orientation, refusal);
+  return makeIsometry(pose, refusal);
 }
 
 }  // namespace gpis_mapping_ros

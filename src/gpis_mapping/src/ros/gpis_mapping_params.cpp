@@ -8,9 +8,11 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "gpis_mapping_ros/param_reader.h"
+#include <interactive_mapping_common_ros/param_reader.h>
 
 namespace gpis_mapping_ros {
+
+using interactive_mapping_ros::ParamReader;
 
 const char* toString(MeshColor color) {
   return color == MeshColor::kHeight ? "height" : "uncertainty";

@@ -20,7 +20,7 @@
 #include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
 
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
 #include "gpis_mapping/depth_sequence.h"
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/map_io.h"
@@ -32,6 +32,8 @@
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::FileError;
 
 namespace fs = std::filesystem;
 namespace po = boost::program_options;

@@ -18,14 +18,19 @@
 
 #include <boost/program_options.hpp>
 
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
+#include <interactive_mapping_common/threads/parallel_for.h>
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/map_io.h"
-#include "gpis_mapping/parallel_for.h"
 #include "tool_support.h"
 
 namespace gpis_mapping {
 namespace {
+
+using interactive_mapping::AtomicFile;
+using interactive_mapping::FileError;
+using interactive_mapping::parallelFor;
+using interactive_mapping::resolveThreadCount;
 
 namespace po = boost::program_options;
 

@@ -9,8 +9,8 @@
 #include <gtest/gtest.h>
 #include <opencv2/calib3d.hpp>
 
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include "../support/depth_frames.h"
-#include "../support/temporary_folder.h"
 
 namespace gpis_mapping {
 namespace {

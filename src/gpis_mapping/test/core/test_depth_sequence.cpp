@@ -10,7 +10,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "../support/temporary_folder.h"
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include "gpis_mapping/depth_rectifier.h"
 
 namespace gpis_mapping {

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 #include <yaml-cpp/yaml.h>
 
-#include "../support/temporary_folder.h"
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace gpis_mapping {
 namespace {

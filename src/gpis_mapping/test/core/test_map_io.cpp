@@ -16,8 +16,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "../support/temporary_folder.h"
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace gpis_mapping {
 namespace {
@@ -306,29 +305,6 @@ TEST_F(MapFile, ReplacingKeepsThePermissions) {
   savedBytes();
   EXPECT_EQ(static_cast<unsigned>(std::filesystem::status(path_).permissions()), 0640u);
   EXPECT_EQ(folder_.numEntries(), 1u);
-}
-
-TEST(AtomicFile, NothingAppearsWithoutCommit) {
-  const TemporaryFolder folder;
-  writeText(folder.file("a"), "old");
-  {
-    AtomicFile file(folder.file("a"));
-    file.write(std::string(3 << 20, 'x'));  // past the buffer, so that the temporary file has bytes
-    EXPECT_EQ(readText(folder.file("a")), "old");
-  }
-  EXPECT_EQ(readText(folder.file("a")), "old");
-  EXPECT_EQ(folder.numEntries(), 1u);
-}
-
-TEST(AtomicFile, CommitPutsAllBytesInPlace) {
-  const TemporaryFolder folder;
-  std::string text;
-  for (int i = 0; i < 400000; ++i) text += std::to_string(i) + ' ';
-  AtomicFile file(folder.file("a"));
-  for (std::size_t at = 0; at < text.size(); at += 700001) file.write(text.substr(at, 700001));
-  file.commit();
-  EXPECT_EQ(readText(folder.file("a")), text);
-  EXPECT_EQ(file.bytesWritten(), text.size());
 }
 
 }  // namespace

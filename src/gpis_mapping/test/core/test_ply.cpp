@@ -6,8 +6,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "../support/temporary_folder.h"
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace gpis_mapping {
 namespace {

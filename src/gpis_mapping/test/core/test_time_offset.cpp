@@ -8,8 +8,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include "../support/depth_frames.h"
-#include "../support/temporary_folder.h"
 
 namespace gpis_mapping {
 namespace {

@@ -15,8 +15,8 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include "../support/compressed_images.h"
-#include "../support/temporary_folder.h"
 #include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {

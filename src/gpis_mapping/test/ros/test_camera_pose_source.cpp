@@ -8,7 +8,7 @@
 #include <ros/ros.h>
 #include <tf2_ros/transform_broadcaster.h>
 
-#include "../support/waiting.h"
+#include <interactive_mapping_common_ros/testing/waiting.h>
 
 namespace gpis_mapping_ros {
 namespace {

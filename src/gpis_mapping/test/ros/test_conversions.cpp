@@ -251,37 +251,6 @@ TEST(ToIsometry, RefusesWhatIsNoRigidMotion) {
   EXPECT_FALSE(toIsometry(geometry_msgs::Transform())) << "nobody asks for the reason";
 }
 
-TEST(Conversions, PosesAreReadAsTransformsAre) {
-  geometry_msgs::Pose pose;
-  pose.position.x = 1.0;
-  pose.position.y = -2.0;
-  pose.position.z = 0.5;
-  const Eigen::Quaterniond q(Eigen::AngleAxisd(2.5, Eigen::Vector3d(1.0, 2.0, -0.5).normalized()));
-  pose.orientation.w = q.w();
-  pose.orientation.x = q.x();
-  pose.orientation.y = q.y();
-  pose.orientation.z = q.z();
-  const auto T = toIsometry(pose);
-  ASSERT_TRUE(T);
-  EXPECT_LT((T->linear() - q.toRotationMatrix()).norm(), 1e-12);
-  EXPECT_EQ(T->translation(), Eigen::Vector3d(1.0, -2.0, 0.5));
-  Refusal refusal;
-  pose.position.y = std::numeric_limits<double>::infinity();
-  EXPECT_FALSE(toIsometry(pose, &refusal));
-  EXPECT_EQ(refusal.status, FrameStatus::kBadTransform);
-  EXPECT_NE(refusal.message.find("pose is not finite or no rotation"), std::string::npos);
-  pose.position.y = 0.0;
-  for (const double length : {1.009, 0.991, 1.02, 0.98}) {
-    pose.orientation.w = pose.orientation.x = pose.orientation.y = 0.0;
-    pose.orientation.z = length;
-    const auto stretched = toIsometry(pose);
-    EXPECT_EQ(stretched.has_value(), std::abs(length - 1.0) < 0.01) << length;
-    if (stretched) {
-      EXPECT_NEAR(stretched->linear().determinant(), 1.0, 1e-12);
-    }
-  }
-}
-
 TEST(Conversions, ShiftedStampsAreNeverZero) {
   EXPECT_EQ(shifted(ros::Time(100, 5), 0.0), ros::Time(100, 5));
   EXPECT_EQ(shifted(ros::Time(1600000000, 10000000), -0.024), ros::Time(1599999999, 986000000));
@@ -299,13 +268,10 @@ TEST(Conversions, HoldMeasurementOnlyWithADepthOrNothingInReach) {
   EXPECT_TRUE(gpis_mapping::holdsMeasurement({2, 2, {nan, 0.0f, -inf, 0.4f}}));
 }
 
-TEST(Conversions, KnowRectifiedTopicsAndSlashes) {
+TEST(Conversions, KnowRectifiedTopics) {
   EXPECT_TRUE(isRectifiedTopic("/camera/depth/image_rect"));
   EXPECT_TRUE(isRectifiedTopic("image_rect_raw"));
   EXPECT_FALSE(isRectifiedTopic("/rectified_camera/depth/image_raw"));
-  EXPECT_EQ(withoutSlash("/map"), "map");
-  EXPECT_EQ(withoutSlash("map"), "map");
-  EXPECT_EQ(withoutSlash(""), "");
 }
 
 TEST(Conversions, EveryStatusHasAName) {

@@ -6,8 +6,8 @@
 #include <sensor_msgs/CameraInfo.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include "../support/compressed_images.h"
-#include "../support/waiting.h"
 
 namespace gpis_mapping_ros {
 namespace {

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <optional>
 #include <string>
+#include <vector>
 
-#include <Eigen/Geometry>
-#include <geometry_msgs/Pose.h>
-#include <geometry_msgs/Transform.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/PlanOutcome.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <trajectory_msgs/JointTrajectory.h>
@@ -16,10 +14,9 @@
 
 namespace motion_planning_ros {
 
-/// Nothing when a number is not finite or the quaternion's length is not 1 within 1 %.
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose);
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform);
-geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);
+using interactive_mapping_ros::toIsometry;
+using interactive_mapping_ros::toPose;
+using interactive_mapping_ros::withoutSlash;
 
 /// Throws std::invalid_argument if normals and vertices differ in number. Bad triangles are left to the scene builder.
 motion_planning::Surface toSurface(const interactive_mapping_msgs::SurfaceMesh& mesh);

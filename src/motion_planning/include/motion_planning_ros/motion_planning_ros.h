@@ -21,10 +21,10 @@
 #include <ros/timer.h>
 #include <ros/wall_timer.h>
 
+#include <interactive_mapping_common_ros/worker_action_server.h>
 #include "motion_planning/motion_planner.h"
 #include "motion_planning/path_monitor.h"
 #include "motion_planning_ros/motion_planning_params.h"
-#include "motion_planning_ros/plan_server.h"
 #include "motion_planning_ros/planning_markers.h"
 #include "motion_planning_ros/robot_state.h"
 #include "motion_planning_ros/scene_keeper.h"
@@ -43,8 +43,8 @@ class MotionPlanningRos {
   MotionPlanningRos& operator=(const MotionPlanningRos&) = delete;
 
  private:
-  using PickServer = PlanServer<interactive_mapping_msgs::PlanPickAction>;
-  using ArmServer = PlanServer<interactive_mapping_msgs::PlanArmAction>;
+  using PickServer = WorkerActionServer<interactive_mapping_msgs::PlanPickAction>;
+  using ArmServer = WorkerActionServer<interactive_mapping_msgs::PlanArmAction>;
   using IsCancelled = std::function<bool()>;
 
   /// A request that cannot be planned for, with its reason.

@@ -9,7 +9,7 @@
 
 #include <fcl/narrowphase/collision.h>
 #include <fcl/narrowphase/distance.h>
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "collision_scene_data.h"
@@ -191,7 +191,7 @@ std::string Contact::describe() const {
 }
 
 std::vector<std::string> CollisionCheckerConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("self_padding_m", self_padding_m, 0.0, kMaxSelfPadding_m, "m");
   check("floor_margin_m", floor_margin_m, -0.1, 0.3, "m");
   check("held_padding_m", held_padding_m, 0.0, kMaxSelfPadding_m, "m");
@@ -467,7 +467,7 @@ CollisionChecker::CollisionChecker(std::shared_ptr<const ArmKinematics> arm,
                                    std::shared_ptr<const CollisionScene> scene, const Eigen::Isometry3d& T_map_base,
                                    const CollisionCheckerConfig& config)
     : state_(std::make_unique<State>()) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   if (!arm || !scene) throw std::invalid_argument("no arm or no scene");
   if (!isRigid(T_map_base)) throw std::invalid_argument("T_map_base is not a rigid transform");
   state_->parts = makeParts(*arm, config.self_padding_m);

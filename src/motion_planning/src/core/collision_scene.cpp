@@ -9,8 +9,8 @@
 #include <stdexcept>
 #include <unordered_map>
 
-#include <gpis_mapping/parallel_for.h>
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/threads/parallel_for.h>
 
 #include "collision_scene_data.h"
 #include "robot_shapes.h"
@@ -209,7 +209,7 @@ double CollisionScene::freeDistance(const Eigen::Vector3d& p_map) const {
 }
 
 std::vector<std::string> CollisionSceneConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("sigmas", sigmas, 0.0, kMaxSigmas, "");
   check("margin_m", margin_m, 0.0, kMaxMargin_m, "m");
   check("max_margin_m", max_margin_m, margin_m, 0.2, "m");
@@ -554,7 +554,7 @@ ChunkRecord makeChunk(const std::vector<std::uint32_t>& chosen,
 }  // namespace
 
 CollisionSceneBuilder::CollisionSceneBuilder(const CollisionSceneConfig& config) : state_(std::make_unique<State>()) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   state_->config = config;
 }
 
@@ -696,14 +696,14 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
         vertices[v] + (margin_m < config.max_margin_m ? margin_m : config.max_margin_m) * cleaned.directions[v];
   }
   std::vector<ChunkRecord> built(changed.size());
-  gpis_mapping::parallelFor(changed.size(), gpis_mapping::resolveThreadCount(0), 4,
-                            [&](std::size_t first, std::size_t end) {
-                              for (std::size_t i = first; i < end; ++i) {
-                                const Gathered& chunk = gathered.at(changed[i]);
-                                built[i] = makeChunk(chunk.triangles, cleaned.triangles, vertices, displaced, config);
-                                built[i].contents = chunk.contents;
-                              }
-                            });
+  interactive_mapping::parallelFor(
+      changed.size(), interactive_mapping::resolveThreadCount(0), 4, [&](std::size_t first, std::size_t end) {
+        for (std::size_t i = first; i < end; ++i) {
+          const Gathered& chunk = gathered.at(changed[i]);
+          built[i] = makeChunk(chunk.triangles, cleaned.triangles, vertices, displaced, config);
+          built[i].contents = chunk.contents;
+        }
+      });
   State::Chunks chunks;
   chunks.reserve(gathered.size());
   for (std::size_t i = 0; i < changed.size(); ++i) chunks.emplace(changed[i], std::move(built[i]));

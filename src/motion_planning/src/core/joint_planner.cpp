@@ -9,7 +9,7 @@
 #include <random>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <ompl/base/MotionValidator.h>
 #include <ompl/base/PlannerTerminationCondition.h>
 #include <ompl/base/ProblemDefinition.h>
@@ -300,7 +300,7 @@ void requireFinite(const char* what, const ArmVector& q) {
 }  // namespace
 
 std::vector<std::string> JointPlannerConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("max_iterations", max_iterations, 1, 1e7, "");
   check("range_rad", range_rad, 0.01, 10.0, "rad");
   check("check_step_rad", check_step_rad, 1e-4, 0.5, "rad");
@@ -312,7 +312,7 @@ std::vector<std::string> JointPlannerConfig::validate() const {
 
 JointPlanResult planJointPath(const JointSpace& space, const ArmVector& start, const std::vector<ArmVector>& goals,
                               const JointPlannerConfig& config, const std::function<bool()>& is_cancelled) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   if (!space.is_valid) throw std::invalid_argument("joint space has no validity test");
   if (goals.empty()) throw std::invalid_argument("goals: 0, must be at least 1");
   requireFinite("start", start);

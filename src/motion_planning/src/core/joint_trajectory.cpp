@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace motion_planning {
 namespace {
@@ -407,7 +407,7 @@ void stretch(const MotionLimits& limits, std::vector<TrajectoryPoint>* points) {
 }  // namespace
 
 std::vector<std::string> MotionLimits::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   for (int i = 0; i < 6; ++i) {
     const std::string index = "[" + std::to_string(i) + "]";
     check(("velocity_rad_s" + index).c_str(), velocity_rad_s[i], 1e-3, 100.0, "rad/s");
@@ -417,7 +417,7 @@ std::vector<std::string> MotionLimits::validate() const {
 }
 
 std::vector<std::string> TimingConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("max_deviation_rad", max_deviation_rad, 1e-6, 1.0, "rad");
   check("sample_s", sample_s, 1e-3, 1.0, "s");
   return check.problems();
@@ -459,13 +459,13 @@ PointSpeedLimit tipSpeedLimit(std::shared_ptr<const ArmKinematics> arm, double s
 
 JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limits, const TimingConfig& config,
                                 const std::optional<PointSpeedLimit>& speed_limit) {
-  gpis_mapping::throwIfAny(limits.validate());
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(limits.validate());
+  interactive_mapping::throwIfAny(config.validate());
   requireFinite(path);
   if (speed_limit) {
-    gpis_mapping::RangeCheck check;
+    interactive_mapping::RangeCheck check;
     check("speed_m_s", speed_limit->speed_m_s, 1e-4, 10.0, "m/s");
-    gpis_mapping::throwIfAny(check.problems());
+    interactive_mapping::throwIfAny(check.problems());
   }
   const JointPath waypoints = withoutRepetitions(path);
   JointTrajectory trajectory;
@@ -500,11 +500,11 @@ JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limit
 }
 
 JointPath roundedPath(const JointPath& path, double step_rad, const TimingConfig& config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   requireFinite(path);
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("step_rad", step_rad, 1e-6, 10.0, "rad");
-  gpis_mapping::throwIfAny(check.problems());
+  interactive_mapping::throwIfAny(check.problems());
   const JointPath waypoints = withoutRepetitions(path);
   JointPath dense = {waypoints.front()};
   if (waypoints.size() == 1) return dense;

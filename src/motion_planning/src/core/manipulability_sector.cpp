@@ -10,7 +10,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <yaml-cpp/yaml.h>
 
@@ -214,7 +214,7 @@ std::vector<Field> fieldsOf(ManipulabilityConfig* config) {
 std::vector<std::string> problemsOf(const AnnulusSector& sector, const std::string& prefix) {
   // An arm of two metres reaches nothing beyond.
   constexpr double kFar_m = 2.0;
-  gpis_mapping::RangeCheck check(prefix);
+  interactive_mapping::RangeCheck check(prefix);
   check("min_radius_m", sector.min_radius_m, 0.0, kFar_m, "m");
   check("max_radius_m", sector.max_radius_m, sector.min_radius_m, kFar_m, "m");
   check("min_height_m", sector.min_height_m, -kFar_m, kFar_m, "m");
@@ -278,7 +278,7 @@ double AnnulusSector::volume() const {
 }
 
 std::vector<std::string> ManipulabilityConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("joint_step_rad", joint_step_rad, 0.05, M_PI_4, "rad");  // finer takes hours, coarser leaves holes
   check("min_manipulability_m3", min_manipulability_m3, 0.0, 1.0, "m^3");
   check("cone_rad", cone_rad, 0.0, M_PI_4, "rad");  // wider, and a posture comes to tops and sides alike
@@ -293,7 +293,7 @@ std::vector<std::string> ManipulabilityConfig::validate() const {
 std::vector<ReachSample> sampleReach(const ArmKinematics& arm, const ManipulabilityConfig& config,
                                      const std::function<bool(const ArmVector&)>& is_free,
                                      const std::function<void(double)>& progress) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   const Eigen::Isometry3d T_armbase_base =
       arm.robot()
           .framePose(mp700_ur5e_description::kArmBaseFrame, arm.robotPositions(ArmVector::Zero()))
@@ -339,7 +339,7 @@ std::vector<ReachSample> sampleReach(const ArmKinematics& arm, const Manipulabil
 }
 
 SectorFit fitSector(const std::vector<ReachSample>& samples, ApproachKind kind, const ManipulabilityConfig& config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   const ReachGrid grid(samples, kind, config);
   const CellBox box = largestBox(grid, config.min_fill, config.max_half_angle_rad);
   if (box.bearings == 0) {
@@ -466,7 +466,7 @@ ManipulabilitySectors ManipulabilitySectors::parse(const std::string& yaml, cons
     }
   }
   for (std::string& problem : problems) problem.insert(0, name + ": ");
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
   return result;
 }
 

@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "arm_reach.h"
@@ -192,17 +192,17 @@ std::vector<std::string> MotionPlannerConfig::validate() const {
   };
   append("collision/", collision.validate());
   append("search/", planner.validate());
-  gpis_mapping::RangeCheck search("search/");
+  interactive_mapping::RangeCheck search("search/");
   search("verify_step_m", verify_step_m, 0.001, 0.1, "m");
   append("", search.problems());
   append("motion/", timing.validate());
-  gpis_mapping::RangeCheck motion("motion/");
+  interactive_mapping::RangeCheck motion("motion/");
   motion("velocity_scale", velocity_scale, 0.01, 1.0, "");
   motion("acceleration_rad_s2", acceleration_rad_s2, 0.05, 40.0, "rad/s^2");
   motion("contact_speed_m_s", contact_speed_m_s, 0.001, 0.25, "m/s");
   motion("lift_speed_m_s", lift_speed_m_s, 0.001, 1.0, "m/s");
   append("", motion.problems());
-  gpis_mapping::RangeCheck pick("pick/");
+  interactive_mapping::RangeCheck pick("pick/");
   pick("approach_m", approach_m, 0.01, 0.5, "m");
   pick("lift_m", lift_m, 0.01, 0.5, "m");
   pick("min_lift_m", min_lift_m, 0.005, std::max(0.005, lift_m), "m");
@@ -217,7 +217,7 @@ std::vector<std::string> MotionPlannerConfig::validate() const {
   pick("max_goals", max_goals, 1, 1000, "");
   pick("max_tilt_rad", max_tilt_rad, 0.05, 3.2, "rad");
   append("", pick.problems());
-  gpis_mapping::RangeCheck view("view/");
+  interactive_mapping::RangeCheck view("view/");
   view("clear_m", inspect_clear_m, 0.0, 1.0, "m");
   view("samples", inspect_samples, 0, 1e6, "");
   append("", view.problems());
@@ -1175,7 +1175,7 @@ MotionPlanner::MotionPlanner(std::shared_ptr<const ArmKinematics> arm, Manipulab
                              const MotionPlannerConfig& config)
     : arm_(std::move(arm)), sectors_(std::move(sectors)), config_(config) {
   if (!arm_) throw std::invalid_argument("no arm");
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
 }
 
 PickPlan MotionPlanner::planPick(const PlanningContext& context, const PickTarget& target,

@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 #include "arm_reach.h"
 
@@ -71,7 +71,7 @@ WatchCheckers watchCheckers(std::shared_ptr<const ArmKinematics> arm, std::share
 }
 
 std::vector<std::string> PathMonitorConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("stop_clearance_m", stop_clearance_m, 0.0, kMaxClearance_m, "m");
   check("sample_s", sample_s, 0.001, 1.0, "s");
   check("sample_rad", sample_rad, 0.001, 1.0, "rad");
@@ -81,7 +81,7 @@ std::vector<std::string> PathMonitorConfig::validate() const {
 }
 
 PathMonitor::PathMonitor(const PathMonitorConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
 }
 
 void PathMonitor::start(JointTrajectory trajectory, std::shared_ptr<const ArmKinematics> arm) {

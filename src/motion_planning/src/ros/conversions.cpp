@@ -34,16 +34,6 @@ static_assert(kSame<PlanStatus::kNoRobotState, PlanOutcome::NO_ROBOT_STATE>);
 static_assert(kSame<PlanStatus::kOutsideLimits, PlanOutcome::OUTSIDE_LIMITS>);
 static_assert(PlanOutcome::NUM_STATUS == PlanOutcome::OUTSIDE_LIMITS + 1);
 
-std::optional<Eigen::Isometry3d> toIsometry(const Eigen::Vector3d& translation, const geometry_msgs::Quaternion& q) {
-  const Eigen::Quaterniond rotation(q.w, q.x, q.y, q.z);
-  constexpr double kMaxStretch = 0.01;  // of float32 sources; more is no rotation
-  if (!translation.allFinite() || !(std::abs(rotation.norm() - 1.0) <= kMaxStretch)) return std::nullopt;
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = rotation.normalized().toRotationMatrix();
-  T.translation() = translation;
-  return T;
-}
-
 /// Sizes are checked by the caller.
 ArmVector pick(const std::vector<double>& values, const std::array<std::size_t, 6>& order) {
   ArmVector result;
@@ -52,27 +42,6 @@ ArmVector pick(const std::vector<double>& values, const std::array<std::size_t, 
 }
 
 }  // namespace
-
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose) {
-  return toIsometry({pose.position.x, pose.position.y, pose.position.z}, pose.orientation);
-}
-
-std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform) {
-  return toIsometry({transform.translation.x, transform.translation.y, transform.translation.z}, transform.rotation);
-}
-
-geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  geometry_msgs::Pose pose;
-  pose.position.x = T.translation().x();
-  pose.position.y = T.translation().y();
-  pose.position.z = T.translation().z();
-  pose.orientation.x = q.x();
-  pose.orientation.y = q.y();
-  pose.orientation.z = q.z();
-  pose.orientation.w = q.w();
-  return pose;
-}
 
 motion_planning::Surface toSurface(const interactive_mapping_msgs::SurfaceMesh& mesh) {
   const std::size_t num_vertices = mesh.mesh.vertices.size();

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 
-#include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/param_reader.h>
-#include <gpis_mapping_ros/param_writer.h>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common_ros/param_reader.h>
+#include <interactive_mapping_common_ros/param_writer.h>
 
 #include "motion_planning/config_fields.h"
 
@@ -61,7 +61,7 @@ std::vector<std::string> MotionPlanningParams::validate() const {
   absolute("bricks_file", bricks_file, "a bricks.yaml");
   absolute("sectors_file", sectors_file, "a file made by fit_manipulability");
   absolute("postures_dir", postures_dir, "a folder with postures of the arm");
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("place_above_m", place_above_m, 0.0, 1.0, "m");
   check("state/max_joint_age_s", state.max_joint_age_s, 0.01, 60.0, "s");
   check("state/max_tf_age_s", state.max_tf_age_s, 0.01, 600.0, "s");
@@ -104,14 +104,14 @@ motion_planning::CollisionCheckerConfig MotionPlanningParams::watchedRobot() con
 }
 
 std::string toYaml(const MotionPlanningParams& params) {
-  gpis_mapping_ros::ParamWriter writer;
+  interactive_mapping_ros::ParamWriter writer;
   visitParams(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
   return writer.text();
 }
 
 MotionPlanningParams loadMotionPlanningParams(const ros::NodeHandle& private_nh) {
   MotionPlanningParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
+  interactive_mapping_ros::ParamReader reader(private_nh);
   visitParams(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
   reader.ignore("diagnostic_period");  // read by diagnostic_updater
   reader.ignore("diagnostic_updater");

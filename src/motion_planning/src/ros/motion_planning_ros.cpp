@@ -11,7 +11,7 @@
 #include <thread>
 
 #include <geometry_msgs/PoseStamped.h>
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/BrickFace.h>
 #include <mp700_ur5e_description/arm_pose.h>
 #include <mp700_ur5e_description/robot_names.h>
@@ -325,7 +325,7 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
       goal.T_map_tip = poseInMap(message.tip, "tip", is_cancelled);
       break;
     case ArmGoalMessage::PLACE:
-      goal = placeGoal(gpis_mapping_ros::withoutSlash(message.place_frame));
+      goal = placeGoal(withoutSlash(message.place_frame));
       break;
     default:
       throw Refused{failureOf(PlanStatus::kBadRequest,
@@ -336,7 +336,7 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
 }
 
 void MotionPlanningRos::charge(double cost_s, const ros::Time& started, const IsCancelled& is_cancelled) {
-  if (!motion_planning_ros::charge(cost_s, started, params_.cost.stall_s, is_cancelled)) {
+  if (!interactive_mapping_ros::charge(cost_s, started, params_.cost.stall_s, is_cancelled)) {
     ROS_WARN_NAMED(kLog,
                    "the clock has stood still for %.1f s: a plan is not held back for its cost of %.2f s. Is the "
                    "clock's rule for planning shorter than cost/pick_s or cost/arm_s?",

@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <thread>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <ros/console.h>
 
@@ -116,7 +116,7 @@ std::optional<Eigen::Isometry3d> RobotState::base(std::string* why_not) const {
 std::optional<Eigen::Isometry3d> RobotState::frameInMap(const std::string& name, const ros::Time& stamp,
                                                         const std::function<bool()>& is_cancelled,
                                                         std::string* why_not) const {
-  const std::string frame = gpis_mapping_ros::withoutSlash(name);
+  const std::string frame = withoutSlash(name);
   if (frame == params_.map_frame) return Eigen::Isometry3d::Identity();
   // tf2's own wait is by ROS time, and a simulated clock may stand still until there is a plan.
   const ros::WallTime give_up = ros::WallTime::now() + ros::WallDuration(kTfWait_s);
@@ -149,7 +149,7 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
   std::string problem;
   if (message->is_attached != 0) {
     const auto& robot = kinematics_->robot();
-    const std::string frame = gpis_mapping_ros::withoutSlash(message->header.frame_id);
+    const std::string frame = withoutSlash(message->header.frame_id);
     const std::optional<Eigen::Isometry3d> T_frame_brick = toIsometry(message->pose);
     const Eigen::Vector3d size(message->size.x, message->size.y, message->size.z);
     if (!T_frame_brick || !size.allFinite() || size.minCoeff() <= 0.0) {

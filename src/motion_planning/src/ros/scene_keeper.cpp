@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <ros/console.h>
 #include <ros/service_client.h>
@@ -175,7 +175,7 @@ void SceneKeeper::work() {
         T_map_base = robot_.base(&failure);
       }
       if (T_map_base) {
-        if (gpis_mapping_ros::withoutSlash(mesh->header.frame_id) != params_.map_frame) {
+        if (withoutSlash(mesh->header.frame_id) != params_.map_frame) {
           throw std::runtime_error("the mesh's frame is '" + mesh->header.frame_id + "', must be '" +
                                    params_.map_frame + "'");
         }

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include <boost/program_options.hpp>
-#include <gpis_mapping/atomic_file.h>
+#include <interactive_mapping_common/files/atomic_file.h>
 #include <nlohmann/json.hpp>
 #include <ros/package.h>
 
@@ -84,7 +84,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
 constexpr std::size_t kMaxWritten = 400000;
 
 void writeSamples(const std::string& path, const std::vector<ReachSample>& samples) {
-  gpis_mapping::AtomicFile file(path);
+  interactive_mapping::AtomicFile file(path);
   file.write("kind,x,y,z,manipulability\n");
   std::vector<ReachSample> some;
   std::mt19937_64 rng(1);  // every n-th would beat with the steps of the joints
@@ -144,7 +144,7 @@ int run(int argc, char** argv) {
   sectors.urdf_checksum = robot->checksum();
   const std::string yaml = sectors.toYaml();
   ManipulabilitySectors::parse(yaml, options->out, *robot);  // what is written can be read
-  gpis_mapping::AtomicFile file(options->out);
+  interactive_mapping::AtomicFile file(options->out);
   file.write(yaml);
   file.commit();
 

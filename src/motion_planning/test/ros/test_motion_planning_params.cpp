@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 
-#include "support/params_contract.h"
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 
 namespace motion_planning_ros {
 namespace {

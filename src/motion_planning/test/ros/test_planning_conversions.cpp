@@ -46,29 +46,6 @@ std::string refusalOf(const std::function<void()>& call) {
   return "";
 }
 
-TEST(PlanningConversions, PoseGoesRoundTrip) {
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.translation() << 1.0, -2.0, 0.5;
-  T.rotate(Eigen::AngleAxisd(2.5, Eigen::Vector3d(1.0, 2.0, -0.5).normalized()));
-  const std::optional<Eigen::Isometry3d> back = toIsometry(toPose(T));
-  ASSERT_TRUE(back);
-  EXPECT_TRUE(back->isApprox(T, 1e-12));
-}
-
-TEST(PlanningConversions, PoseThatIsNoneIsRefused) {
-  geometry_msgs::Pose pose;  // a message that nobody has filled: quaternion of length 0
-  EXPECT_FALSE(toIsometry(pose));
-  pose.orientation.w = 1.0;
-  EXPECT_TRUE(toIsometry(pose));
-  pose.orientation.w = 1.02;  // beyond the 1 % that float32 sources never reach
-  EXPECT_FALSE(toIsometry(pose));
-  pose.orientation.w = kNaN;
-  EXPECT_FALSE(toIsometry(pose));
-  pose.orientation.w = 1.0;
-  pose.position.y = std::numeric_limits<double>::infinity();
-  EXPECT_FALSE(toIsometry(pose));
-}
-
 TEST(PlanningConversions, TrajectoryGoesRoundTripWhateverTheJointsOrder) {
   const JointTrajectory trajectory = someTrajectory();
   trajectory_msgs::JointTrajectory message = toMessage(trajectory);

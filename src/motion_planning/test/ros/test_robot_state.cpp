@@ -9,8 +9,8 @@
 #include <ros/ros.h>
 #include <tf2_ros/transform_broadcaster.h>
 
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include "support/urdf_text.h"
-#include "support/waiting.h"
 
 namespace motion_planning_ros {
 namespace {

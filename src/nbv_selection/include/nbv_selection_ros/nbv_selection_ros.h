@@ -11,10 +11,10 @@
 
 #include <base_navigation_ros/ground_input.h>
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <interactive_mapping_common_ros/worker_action_server.h>
 #include <interactive_mapping_msgs/ReportFailure.h>
 #include <interactive_mapping_msgs/SelectNextBestViewAction.h>
 #include <map_msgs/OccupancyGridUpdate.h>
-#include <motion_planning_ros/plan_server.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <pluginlib/class_loader.hpp>
 #include <ros/node_handle.h>
@@ -40,7 +40,7 @@ class NbvSelectionRos {
   NbvSelectionRos& operator=(const NbvSelectionRos&) = delete;
 
  private:
-  using Server = motion_planning_ros::PlanServer<interactive_mapping_msgs::SelectNextBestViewAction>;
+  using Server = interactive_mapping_ros::WorkerActionServer<interactive_mapping_msgs::SelectNextBestViewAction>;
   using IsCancelled = std::function<bool()>;
 
   /// A request that cannot be chosen for, with its reason.

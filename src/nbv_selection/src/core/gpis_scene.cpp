@@ -9,7 +9,7 @@
 #include <utility>
 
 #include <gpis_mapping/mesh_extractor.h>
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace nbv_selection {
 namespace {
@@ -29,7 +29,7 @@ void requireAnswers(Eigen::Index answers, Eigen::Index points) {
 }  // namespace
 
 std::vector<std::string> GpisScene::Config::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("alpha_1_m", alpha_1_m, 1.0, 1e4, "1/m");
   check("beta", beta, -10.0, 10.0, "");
   check("support_m", support_m, 0.001, 0.2, "m");
@@ -42,11 +42,11 @@ GpisScene::GpisScene(MappedSurface surface, double prior_std_m, Query query, con
       query_(std::move(query)),
       config_(config) {
   std::vector<std::string> problems = config_.validate();
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("prior_std_m", prior_std_m, 1e-6, 1e3, "m");
   problems.insert(problems.end(), check.problems().begin(), check.problems().end());
   if (!query_) problems.push_back("query is empty, must be a function");
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
 }
 
 UncertaintyField GpisScene::uncertainty(const gpis_mapping::Points3d& points_map) const {

@@ -9,7 +9,7 @@
 #include <string>
 #include <unordered_map>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace nbv_selection {
 namespace {
@@ -114,7 +114,7 @@ double countSamples(const motion_planning::ManipulabilitySectors& sectors, const
 }
 
 std::vector<std::string> ManipulabilityScoreConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("cell_m", cell_m, 0.02, 0.2, "m");
   // Less than half a cell, and a level surface between two layers of the lattice is missed.
   check("band_m", band_m, 0.5 * cell_m, 0.2, "m");
@@ -132,7 +132,7 @@ ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSu
     problems.push_back("min_height_m = " + std::to_string(min_height_m) + " m, must be finite");
   }
   if (!T_base_armbase_.matrix().allFinite()) problems.emplace_back("T_base_armbase is not finite, must be a pose");
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
   num_samples_ = num_samples ? *num_samples : countSamples(sectors_, T_base_armbase_, config_.cell_m);
 
   const std::vector<LatticeKey> keys = latticeNear(surface, ground, min_height_m, config_);

@@ -12,7 +12,7 @@
 #include <unordered_map>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace nbv_selection {
 namespace {
@@ -75,7 +75,7 @@ int nearestBorder(double position_voxels) {
 }
 
 std::string outOfRange(const char* key, double value, double low, double high, double resolution_m) {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check(key, value, low, high, "m");
   if (check.problems().empty()) return "";
   std::ostringstream text;
@@ -94,7 +94,7 @@ double voxelEntropy(double probability) {
 }
 
 std::vector<std::string> OctomapScene::Config::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("gradient_step_m", gradient_step_m, 0.01, 0.5, "m");
   check("surface_band_m", surface_band_m, 0.005, 0.3, "m");
   return check.problems();
@@ -345,7 +345,7 @@ OctomapScene::OctomapScene(std::shared_ptr<const octomap::OcTree> tree, std::uin
                                   kMaxSideVoxels * resolution_m, resolution_m));
     problems.erase(std::remove(problems.begin(), problems.end(), ""), problems.end());
   }
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
   auto state = std::make_unique<State>(std::move(tree), config);
   state->surface.update = update;
   state->surface.stamp_s = stamp_s;

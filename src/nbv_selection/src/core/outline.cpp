@@ -6,7 +6,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <opencv2/imgproc.hpp>
 
 namespace nbv_selection {
@@ -37,11 +37,11 @@ bool isBefore(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
 }
 
 void requireGround(const gpis_mapping::GroundPlane& ground) {
-  gpis_mapping::RangeCheck check("ground.");
+  interactive_mapping::RangeCheck check("ground.");
   check("normal.norm", ground.normal_map.norm(), 1.0 - kMaxUnitError, 1.0 + kMaxUnitError, "");
   check("normal.z", ground.normal_map.z(), kMinUp, 1.0 + kMaxUnitError, "");
   check("offset", ground.offset_m, -kMaxCoordinate_m, kMaxCoordinate_m, "m");
-  gpis_mapping::throwIfAny(check.problems());
+  interactive_mapping::throwIfAny(check.problems());
 }
 
 /// By how many cells the closing grows the pile and shrinks it again: gaps of up to twice as many are closed.
@@ -217,7 +217,7 @@ OutlinePolygon toPolygon(const std::vector<cv::Point>& contour_px, const PileGri
 }  // namespace
 
 std::vector<std::string> OutlineConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("cell_size_m", cell_size_m, 0.005, 0.5, "m");
   check("min_height_m", min_height_m, 0.0, 1.0, "m");
   // Where the bound is impossible itself, it alone is what is wrong.
@@ -240,7 +240,7 @@ Eigen::Vector2i PileGrid::cellOf(const Eigen::Vector2d& p_map) const {
 
 PileOutline outlinePile(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                         const OutlineConfig& config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   requireGround(ground);
   const std::size_t n = surface.points_map.size();
   if (surface.normals_map.size() != n || surface.uncertainty.size() != n) {

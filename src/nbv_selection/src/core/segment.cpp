@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace nbv_selection {
 namespace {
@@ -161,7 +161,7 @@ ClosedPath toPath(const OutlinePolygon& polygon, const PlaneChart& chart, std::s
 }  // namespace
 
 std::vector<std::string> SegmentConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("spacing_m", spacing_m, 0.02, 2.0, "m");
   check("standoff_m", standoff_m, 0.0, 2.0, "m");
   check("sample_spacing_m", sample_spacing_m, 0.005, 0.5, "m");
@@ -171,7 +171,7 @@ std::vector<std::string> SegmentConfig::validate() const {
 
 std::vector<Segment> cutSegments(const PileOutline& outline, const base_navigation::Polygon& footprint,
                                  const SegmentConfig& config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
   double front_m = -std::numeric_limits<double>::infinity();
   double left_m = front_m;
   double right_m = -front_m;

@@ -5,7 +5,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace nbv_selection {
 namespace {
@@ -120,7 +120,7 @@ std::vector<std::string> UtilityConfig::validate() const {
   if (!(gamma_per_s > 0.0 && gamma_per_s < 1.0)) {
     problems.push_back(problem("gamma_per_s", gamma_per_s, "in (0, 1)"));
   }
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("min_utility", min_utility, 0.0, 1.0, "");
   problems.insert(problems.end(), check.problems().begin(), check.problems().end());
   return problems;

@@ -12,7 +12,7 @@
 
 #include <base_navigation/distance_field.h>
 #include <base_navigation/footprint_checker.h>
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace nbv_selection {
 namespace {
@@ -196,7 +196,7 @@ std::vector<std::string> ViewSelectorConfig::validate() const {
   append("segments/", segments.validate());
   append("manipulability/", manipulability.validate());
   append("", utility.validate());
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("imaginary_share", imaginary_share, 0.01, 1.0, "");
   check("standing_padding_m", standing_padding_m, 0.0, 0.5, "m");
   check("max_lost_share", max_lost_share, 0.01, 1.0, "");
@@ -218,7 +218,7 @@ ViewSelectorConfig octomapSelectorConfig() {
 
 ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
     : config_(config), robot_(std::move(robot)) {
-  gpis_mapping::throwIfAny(config_.validate());
+  interactive_mapping::throwIfAny(config_.validate());
   cutSegments({}, robot_.footprint,
               config_.segments);  // throws for a bad footprint, and for one the segments do not fit
   if (!robot_.T_base_armbase.matrix().allFinite()) {

@@ -4,10 +4,10 @@
 #include <memory>
 #include <mutex>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_common_ros/worker_action_server.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
-#include <motion_planning_ros/plan_server.h>
 #include <pluginlib/class_list_macros.hpp>
 
 #include "nbv_selection_ros/service_call.h"
@@ -162,7 +162,7 @@ class GpisStrategy : public Strategy {
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const SurfaceMeshConstPtr mesh = awaitMesh(min_map_stamp, is_cancelled);
     if (!mesh) throw SelectionCancelled("cancelled while waiting for the map");
-    if (gpis_mapping_ros::withoutSlash(mesh->header.frame_id) != context_.map_frame) {
+    if (interactive_mapping_ros::withoutSlash(mesh->header.frame_id) != context_.map_frame) {
       throw MapUnusable("the mesh's frame is '" + mesh->header.frame_id + "', must be '" + context_.map_frame +
                         "' (map_frame)");
     }
@@ -210,7 +210,7 @@ class GpisStrategy : public Strategy {
       has_been_cancelled = is_cancelled && is_cancelled();
       return has_been_cancelled || isThere();
     };
-    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, isOver);
+    interactive_mapping_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, isOver);
     if (has_been_cancelled) return nullptr;
     if (isThere()) return mesh;
     if (!mesh) throw MapUnavailable("no mesh has come on " + mesh_subscriber_.getTopic());

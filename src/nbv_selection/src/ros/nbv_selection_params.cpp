@@ -4,8 +4,8 @@
 #include <set>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common_ros/params.h>
 
 namespace nbv_selection_ros {
 namespace {
@@ -74,7 +74,7 @@ std::vector<std::string> NbvSelectionParams::validate() const {
     if (!isName(name)) problems.push_back("strategies holds '" + name + "', must be letters, digits and underscores");
     if (!names.insert(name).second) problems.push_back("strategies holds '" + name + "' twice, must be once");
   }
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   if (input.max_grid_age_s != 0.0) check("input/max_grid_age_s", input.max_grid_age_s, 0.1, 3600.0, "s");
   check("input/occupied_from", input.occupied_from, 1, 100, "");
   check("input/max_pose_age_s", input.max_pose_age_s, 0.05, 60.0, "s");
@@ -90,12 +90,12 @@ std::vector<std::string> NbvSelectionParams::validate() const {
 }
 
 std::string toYaml(const NbvSelectionParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 NbvSelectionParams loadNbvSelectionParams(const ros::NodeHandle& private_nh) {
   NbvSelectionParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
+  interactive_mapping_ros::ParamReader reader(private_nh);
   kVisitParams(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
   for (const std::string& name : strategySections(private_nh)) reader.ignore(name);
   reader.ignore("diagnostic_period");

@@ -8,6 +8,7 @@
 
 #include <base_navigation_ros/conversions.h>
 #include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <motion_planning/arm_kinematics.h>
 #include <motion_planning_ros/robot_description.h>
 #include <mp700_ur5e_description/base_profile.h>
@@ -169,11 +170,11 @@ nbv_selection::SelectionRequest NbvSelectionRos::makeRequest(const Server::Goal&
   request.now_s = ros::Time::now().toSec();
 
   Eigen::Isometry3d T_map_zones = Eigen::Isometry3d::Identity();
-  const std::string frame = gpis_mapping_ros::withoutSlash(goal.frame_id);
+  const std::string frame = interactive_mapping_ros::withoutSlash(goal.frame_id);
   if (!frame.empty() && frame != params_.map_frame) {
     try {
       const auto T =
-          gpis_mapping_ros::toIsometry(tf_.lookupTransform(params_.map_frame, frame, ros::Time(0)).transform);
+          interactive_mapping_ros::toIsometry(tf_.lookupTransform(params_.map_frame, frame, ros::Time(0)).transform);
       if (!T) throw Refused{SelectionOutcome::BAD_GOAL, "frame_id '" + frame + "': no rigid transform"};
       T_map_zones = *T;
     } catch (const tf2::TransformException& error) {
@@ -266,7 +267,7 @@ NbvSelectionRos::Server::Result NbvSelectionRos::select(const Server::Goal& goal
   selection_publisher_.publish(result.selection);
   markers_.show(selection, robot_, result.selection.header);
   result.cost = ros::Time::isSystemTime() ? 0.0 : params_.cost.select_s;
-  if (!motion_planning_ros::charge(params_.cost.select_s, started, params_.cost.stall_s, is_cancelled)) {
+  if (!interactive_mapping_ros::charge(params_.cost.select_s, started, params_.cost.stall_s, is_cancelled)) {
     ROS_WARN_NAMED(kLog,
                    "the clock has stood still for %.1f s: a selection is not held back for its cost of %.2f s. Is the "
                    "clock's rule for selecting shorter than cost/select_s?",
@@ -330,11 +331,11 @@ bool NbvSelectionRos::isTooOld(double grid_age_s) const {
 bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::Response& response) {
   const ros::Time now = ros::Time::now();
   const ros::Time stamp = request.pose.header.stamp.isZero() ? now : request.pose.header.stamp;
-  const std::string frame = gpis_mapping_ros::withoutSlash(request.pose.header.frame_id);
+  const std::string frame = interactive_mapping_ros::withoutSlash(request.pose.header.frame_id);
   Eigen::Vector3d p(request.pose.pose.position.x, request.pose.pose.position.y, request.pose.pose.position.z);
   try {
     if (!frame.empty() && frame != params_.map_frame) {
-      const auto T = gpis_mapping_ros::toIsometry(
+      const auto T = interactive_mapping_ros::toIsometry(
           tf_.lookupTransform(params_.map_frame, frame, request.pose.header.stamp, kTfWait).transform);
       if (!T) throw std::invalid_argument("frame '" + frame + "': no rigid transform");
       p = *T * p;

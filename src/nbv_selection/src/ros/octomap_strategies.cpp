@@ -4,8 +4,8 @@
 #include <mutex>
 #include <optional>
 
-#include <gpis_mapping_ros/conversions.h>
-#include <motion_planning_ros/plan_server.h>
+#include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_common_ros/worker_action_server.h>
 #include <octomap_baseline_ros/octomap_messages.h>
 #include <octomap_msgs/GetOctomap.h>
 #include <pluginlib/class_list_macros.hpp>
@@ -35,7 +35,7 @@ class OctomapStrategy : public Strategy {
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const std::optional<octomap_msgs::Octomap> map = awaitMap(min_map_stamp, is_cancelled);
     if (!map) throw SelectionCancelled("cancelled while waiting for the map");
-    if (gpis_mapping_ros::withoutSlash(map->header.frame_id) != context_.map_frame) {
+    if (interactive_mapping_ros::withoutSlash(map->header.frame_id) != context_.map_frame) {
       throw MapUnusable("the octomap's frame is '" + map->header.frame_id + "', must be '" + context_.map_frame +
                         "' (map_frame)");
     }
@@ -90,7 +90,7 @@ class OctomapStrategy : public Strategy {
       ask();
       return is_there;
     };
-    motion_planning_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, isOver);
+    interactive_mapping_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, isOver);
     if (has_been_cancelled) return std::nullopt;
     if (!is_there) ask();
     if (!is_there) {

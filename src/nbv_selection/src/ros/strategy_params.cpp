@@ -3,7 +3,7 @@
 
 #include <stdexcept>
 
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common_ros/params.h>
 
 #include "nbv_selection/config_fields.h"
 
@@ -69,19 +69,19 @@ std::vector<std::string> OctomapStrategyParams::validate() const {
 }
 
 std::string toYaml(const GpisStrategyParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitGpis);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitGpis);
 }
 
 std::string toYaml(const OctomapStrategyParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitOctomap);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitOctomap);
 }
 
 GpisStrategyParams loadGpisStrategyParams(const ros::NodeHandle& private_nh) {
-  return gpis_mapping_ros::loadParams<GpisStrategyParams>(private_nh, kVisitGpis);
+  return interactive_mapping_ros::loadParams<GpisStrategyParams>(private_nh, kVisitGpis);
 }
 
 OctomapStrategyParams loadOctomapStrategyParams(const ros::NodeHandle& private_nh) {
-  return gpis_mapping_ros::loadParams<OctomapStrategyParams>(private_nh, kVisitOctomap);
+  return interactive_mapping_ros::loadParams<OctomapStrategyParams>(private_nh, kVisitOctomap);
 }
 
 }  // namespace nbv_selection_ros

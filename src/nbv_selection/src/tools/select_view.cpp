@@ -12,10 +12,10 @@
 #include <vector>
 
 #include <boost/program_options.hpp>
-#include <gpis_mapping/atomic_file.h>
 #include <gpis_mapping/depth_sequence.h>
 #include <gpis_mapping/gpis_map.h>
 #include <gpis_mapping/map_io.h>
+#include <interactive_mapping_common/files/atomic_file.h>
 #include <motion_planning/arm_kinematics.h>
 #include <mp700_ur5e_description/base_profile.h>
 #include <mp700_ur5e_description/robot_model.h>
@@ -251,7 +251,7 @@ int run(const Options& options) {
   if (!options.out.empty()) {
     json all = summary;
     all["segments"] = segments;
-    gpis_mapping::AtomicFile file(options.out);
+    interactive_mapping::AtomicFile file(options.out);
     file.write(all.dump(1) + "\n");
     file.commit();
   }

@@ -28,8 +28,8 @@
 #include <ros/spinner.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include "support/sampled_map.h"
-#include "support/waiting.h"
 
 namespace nbv_selection_ros {
 

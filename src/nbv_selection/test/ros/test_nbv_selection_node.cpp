@@ -13,6 +13,7 @@
 #include <actionlib_msgs/GoalStatusArray.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <gmock/gmock.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/ReportFailure.h>
 #include <motion_planning_ros/robot_description.h>
 #include <mp700_ur5e_description/base_profile.h>
@@ -21,12 +22,12 @@
 #include <std_srvs/Trigger.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include <interactive_mapping_common/testing/process.h>
 #include "nbv_selection/gpis_scene.h"
 #include "nbv_selection/octomap_scene.h"
 #include "nbv_selection/view_selector.h"
 #include "nbv_selection_ros/conversions.h"
 #include "ros/selection_world.h"
-#include "support/process.h"
 
 namespace nbv_selection_ros {
 namespace {
@@ -274,7 +275,7 @@ TEST_F(NbvSelectionNode, ChoosesInTheGpisMapWhatAViewSelectorChooses) {
   EXPECT_EQ(result.standing.header.frame_id, "map");
   EXPECT_EQ(result.selection.header.frame_id, "map");
   EXPECT_EQ(node_tests::bytesOf(result.standing.pose), node_tests::bytesOf(bestOf(result).standing));
-  const auto T_map_standing = gpis_mapping_ros::toIsometry(result.standing.pose);
+  const auto T_map_standing = interactive_mapping_ros::toIsometry(result.standing.pose);
   ASSERT_TRUE(T_map_standing);
   const Eigen::Vector3d ahead = T_map_standing->inverse() * midpointOf(bestOf(result));
   // The footprint's front is at 0.296 m, the standoff 0.12 m; the ground's plane is found to a millimetre.

@@ -4,8 +4,8 @@
 #include <gmock/gmock.h>
 #include <ros/ros.h>
 
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 #include "nbv_selection_ros/strategy_params.h"
-#include "support/params_contract.h"
 
 namespace nbv_selection_ros {
 namespace {

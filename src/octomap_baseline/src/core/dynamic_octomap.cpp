@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 
 namespace octomap_baseline {
 
@@ -85,7 +85,7 @@ struct DynamicOctomap::View {
 
 DynamicOctomap::DynamicOctomap(const OctomapConfig& config) : config_(config) {
   requireValid(config_);
-  threads_ = gpis_mapping::resolveThreadCount(config_.threads);
+  threads_ = interactive_mapping::resolveThreadCount(config_.threads);
   hits_.resize(threads_);
   ends_.resize(threads_);
   misses_.resize(threads_);
@@ -177,7 +177,7 @@ void DynamicOctomap::collectEnds(const View& view, VoxelSet* hits, VoxelSet* end
       }
     }
   };
-  gpis_mapping::parallelFor(hits_.size(), threads_, 1, [&](std::size_t begin, std::size_t end) {
+  interactive_mapping::parallelFor(hits_.size(), threads_, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t w = begin; w < end; ++w) {
       hits_[w].clear();
       ends_[w].clear();
@@ -201,7 +201,7 @@ void DynamicOctomap::castRays(const View& view, const VoxelSet& ends, VoxelSet* 
   }
   statistics->rays = targets.size();
   const octomap::point3d origin = toOctomap(view.T_map_camera.translation());
-  gpis_mapping::parallelFor(misses_.size(), threads_, 1, [&](std::size_t begin, std::size_t end) {
+  interactive_mapping::parallelFor(misses_.size(), threads_, 1, [&](std::size_t begin, std::size_t end) {
     octomap::KeyRay ray;
     for (std::size_t w = begin; w < end; ++w) {
       misses_[w].clear();
@@ -256,7 +256,7 @@ void DynamicOctomap::applyMisses(const View& view, const VoxelSet& misses, const
   const float freed = tree_->getOccupancyThresLog() + 0.5f * miss;
   std::vector<std::uint8_t> is_empty(occupied.size(), 0);
   if (config_.dynamic.policy == ForgetPolicy::kSeenThrough) {
-    gpis_mapping::parallelFor(occupied.size(), threads_, 256, [&](std::size_t begin, std::size_t end) {
+    interactive_mapping::parallelFor(occupied.size(), threads_, 256, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) is_empty[i] = isSeenThrough(view, occupied[i]);
     });
   }

@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "gpis_mapping_ros/param_reader.h"
+#include <interactive_mapping_common_ros/param_reader.h>
 
 namespace octomap_baseline_ros {
 
@@ -29,7 +29,7 @@ std::vector<std::string> OctomapBaselineParams::validate() const {
 
 OctomapBaselineParams loadOctomapBaselineParams(const ros::NodeHandle& private_nh) {
   OctomapBaselineParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
+  interactive_mapping_ros::ParamReader reader(private_nh);
   params.input.read("input", &reader);
   reader.read("output/rate_hz", &params.output.rate_hz);
   reader.read("output/every_image", &params.output.every_image);

@@ -9,7 +9,7 @@
 
 #include <ros/console.h>
 
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
 #include "gpis_mapping_ros/gpis_mapping_params.h"
 #include "octomap_baseline_ros/octomap_messages.h"
 
@@ -208,7 +208,7 @@ bool OctomapBaselineRos::onSave(interactive_mapping_msgs::SaveMap::Request& requ
       if (!is_good) throw std::runtime_error("the octree could not be written");
       response.num_points = map_.numOccupied();
     }
-    gpis_mapping::AtomicFile file(request.path);
+    interactive_mapping::AtomicFile file(request.path);
     file.write(stream.str());
     file.commit();
     response.success = true;

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace pick_mission {
 namespace {
@@ -16,7 +16,7 @@ constexpr int kMost = 1000;
 }  // namespace
 
 std::vector<std::string> MissionConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   for (const double x_m : survey_x_m) check("survey/x_m", x_m, -kFarthest_m, kFarthest_m, "m");
   for (const double y_m : survey_y_m) check("survey/y_m", y_m, -kFarthest_m, kFarthest_m, "m");
   for (const double yaw_rad : survey_yaw_rad) check("survey/yaw_rad", yaw_rad, -M_PI, M_PI, "rad");

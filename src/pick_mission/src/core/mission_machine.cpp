@@ -11,7 +11,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 #include "pick_mission/reactions.h"
 
@@ -126,7 +126,7 @@ class MissionMachine::Impl {
   };
   Eigen::Vector3d nearSideOf(const SeenBrick& brick) const;
   static BrickLedger makeLedger(const MissionConfig& config) {
-    gpis_mapping::throwIfAny(config.validate());
+    interactive_mapping::throwIfAny(config.validate());
     return {config.max_picks_per_brick, config.max_plans_per_brick};
   }
 

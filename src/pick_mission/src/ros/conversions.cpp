@@ -5,7 +5,7 @@
 #include <cmath>
 #include <map>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <motion_planning_ros/conversions.h>
 
 namespace pick_mission_ros {
@@ -26,7 +26,7 @@ namespace {
 bool isInReach(const interactive_mapping_msgs::Brick& brick, const Reach& reach) {
   const Eigen::Isometry3d T_base_map = reach.T_map_base.inverse();
   for (const auto& face : brick.graspable_faces) {
-    const auto T_map_face = motion_planning_ros::toIsometry(face.pose);
+    const auto T_map_face = interactive_mapping_ros::toIsometry(face.pose);
     if (!T_map_face) continue;
     const Eigen::Isometry3d T_base_face = T_base_map * *T_map_face;
     if (reach.sectors->admits(T_base_face.translation(), T_base_face.linear().col(2), reach.T_base_armbase))
@@ -45,13 +45,13 @@ nlohmann::json finite(double value) {
 std::vector<SeenBrick> toSeenBricks(const interactive_mapping_msgs::BrickArray& bricks,
                                     const std::vector<int>& seen_now, const std::string& map_frame, const Reach& reach,
                                     std::vector<std::string>* complaints) {
-  if (gpis_mapping_ros::withoutSlash(bricks.header.frame_id) != map_frame) {
+  if (interactive_mapping_ros::withoutSlash(bricks.header.frame_id) != map_frame) {
     throw std::invalid_argument("bricks come in frame '" + bricks.header.frame_id + "', must be '" + map_frame + "'");
   }
   std::vector<SeenBrick> seen;
   std::map<int, std::size_t> indices;  // by id
   for (const auto& brick : bricks.bricks) {
-    const auto T_map_brick = motion_planning_ros::toIsometry(brick.pose.pose);
+    const auto T_map_brick = interactive_mapping_ros::toIsometry(brick.pose.pose);
     if (!T_map_brick) {
       complaints->push_back("brick " + std::to_string(brick.id) + " has a pose that is none: left out");
       continue;
@@ -81,7 +81,7 @@ interactive_mapping_msgs::PlanPickGoal toGoal(const pick_mission::command::PlanP
   goal.brick_id = plan.brick.id;
   goal.type = plan.brick.type;
   goal.brick.header.frame_id = map_frame;
-  goal.brick.pose = motion_planning_ros::toPose(plan.brick.T_map_brick);
+  goal.brick.pose = interactive_mapping_ros::toPose(plan.brick.T_map_brick);
   goal.faces = plan.brick.graspable_faces;
   goal.min_map_stamp.fromSec(std::max(plan.min_map_stamp_s, 0.0));
   return goal;
@@ -93,7 +93,7 @@ interactive_mapping_msgs::PickBrickGoal toGoal(const SeenBrick& brick, const std
   goal.brick_id = brick.id;
   goal.type = brick.type;
   goal.brick.header.frame_id = map_frame;
-  goal.brick.pose = motion_planning_ros::toPose(brick.T_map_brick);
+  goal.brick.pose = interactive_mapping_ros::toPose(brick.T_map_brick);
   goal.contact = plan.contact;
   goal.held = plan.held;
   goal.approach = plan.approach;
@@ -114,7 +114,7 @@ geometry_msgs::Pose toPose(const pick_mission::Pose2d& pose) {
 }
 
 std::optional<pick_mission::Pose2d> toPose2d(const geometry_msgs::Pose& pose) {
-  const auto T = motion_planning_ros::toIsometry(pose);
+  const auto T = interactive_mapping_ros::toIsometry(pose);
   if (!T) return std::nullopt;
   return pick_mission::Pose2d{T->translation().x(), T->translation().y(),
                               std::atan2(T->linear()(1, 0), T->linear()(0, 0))};
@@ -169,7 +169,7 @@ MissionState toMessage(const pick_mission::MissionMachine& machine, std::optiona
     MissionBrick brick;
     brick.id = id;
     brick.type = record.seen.type;
-    brick.pose = motion_planning_ros::toPose(record.seen.T_map_brick);
+    brick.pose = interactive_mapping_ros::toPose(record.seen.T_map_brick);
     if (current && *current == id && !record.is_picked) {
       brick.status = MissionBrick::CURRENT;
     } else if (record.is_picked) {

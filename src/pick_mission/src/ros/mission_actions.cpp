@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <motion_planning_ros/conversions.h>
 #include <motion_planning_ros/robot_description.h>
 #include <mp700_ur5e_description/robot_names.h>
@@ -13,10 +13,10 @@
 
 namespace pick_mission_ros {
 
-using gpis_mapping_ros::withoutSlash;
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NbvSegment;
+using interactive_mapping_ros::withoutSlash;
 using pick_mission::ArmResult;
 using pick_mission::ArmStatus;
 using pick_mission::Hand;
@@ -123,7 +123,7 @@ Eigen::Isometry3d MissionActions::baseInMap() const {
                              std::to_string(age_s) + " s old, must be at most " + std::to_string(params_.max_tf_age_s) +
                              " s (input/max_tf_age_s)");
   }
-  const auto T = motion_planning_ros::toIsometry(transform.transform);
+  const auto T = interactive_mapping_ros::toIsometry(transform.transform);
   if (!T) throw std::runtime_error("tf from " + params_.map_frame + " to " + params_.base_frame + " is not finite");
   return *T;
 }

@@ -3,8 +3,8 @@
 
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common_ros/params.h>
 #include <ros/names.h>
 
 namespace pick_mission_ros {
@@ -78,7 +78,7 @@ std::vector<std::string> PickMissionParams::validate() const {
                          (why.empty() ? "" : ": " + why));
     }
   }
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("heartbeat/rate_hz", heartbeat_rate_hz, 1.0, 100.0, "Hz");
   check("heartbeat/max_stall_s", max_stall_s, 0.5, 60.0, "s");
   check("input/max_bridge_age_s", max_bridge_age_s, 0.05, 60.0, "s");
@@ -91,11 +91,11 @@ std::vector<std::string> PickMissionParams::validate() const {
 }
 
 std::string toYaml(const PickMissionParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 PickMissionParams loadPickMissionParams(const ros::NodeHandle& private_nh) {
-  return gpis_mapping_ros::loadParams<PickMissionParams>(private_nh, kVisitParams, {"diagnostic_period"});
+  return interactive_mapping_ros::loadParams<PickMissionParams>(private_nh, kVisitParams, {"diagnostic_period"});
 }
 
 }  // namespace pick_mission_ros

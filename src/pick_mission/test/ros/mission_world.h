@@ -20,6 +20,7 @@
 #include <actionlib/server/action_server.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <gtest/gtest.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/ArmBridgeState.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/BrickArray.h>
@@ -35,7 +36,6 @@
 #include <interactive_mapping_msgs/ReportFailure.h>
 #include <interactive_mapping_msgs/SelectNextBestViewAction.h>
 #include <motion_planning/manipulability_sector.h>
-#include <motion_planning_ros/conversions.h>
 #include <motion_planning_ros/robot_description.h>
 #include <move_base_msgs/MoveBaseAction.h>
 #include <mp700_ur5e_description/robot_names.h>
@@ -439,10 +439,10 @@ class MissionWorld {
       T.translation() = topOf(id, place_x_m_);
       msgs::BrickFace face;
       face.face = msgs::BrickFace::PLUS_Z;
-      face.pose = motion_planning_ros::toPose(T);
+      face.pose = interactive_mapping_ros::toPose(T);
       brick.graspable_faces = {face};
       T.translation().z() -= 0.05;
-      brick.pose.pose = motion_planning_ros::toPose(T);
+      brick.pose.pose = interactive_mapping_ros::toPose(T);
       array.bricks.push_back(brick);
       response.update.bricks_seen.push_back(id);
     }

@@ -12,10 +12,10 @@
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 
+#include <interactive_mapping_common/testing/process.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include "pick_mission_ros/action_caller.h"
 #include "pick_mission_ros/service_caller.h"
-#include "support/process.h"
-#include "support/temporary_folder.h"
 
 namespace pick_mission_ros {
 namespace {

@@ -4,12 +4,12 @@
 #include <limits>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <motion_planning/arm_kinematics.h>
-#include <motion_planning_ros/conversions.h>
 #include <mp700_ur5e_description/robot_model.h>
 #include <mp700_ur5e_description/robot_names.h>
 
-#include "support/temporary_folder.h"
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace pick_mission_ros {
 namespace {
@@ -20,7 +20,7 @@ using interactive_mapping_msgs::MissionBrick;
 using interactive_mapping_msgs::MissionState;
 using interactive_mapping_msgs::NbvSegment;
 using interactive_mapping_msgs::NbvSelection;
-using motion_planning_ros::toPose;
+using interactive_mapping_ros::toPose;
 using pick_mission::SeenBrick;
 using test_support::messageOf;
 using testing::ElementsAre;

@@ -16,10 +16,10 @@
 #include <std_msgs/Header.h>
 #include <xmlrpcpp/XmlRpcClient.h>
 
+#include <interactive_mapping_common/testing/process.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include "ros/mission_world.h"
-#include "support/process.h"
-#include "support/temporary_folder.h"
-#include "support/waiting.h"
 
 namespace mission_world {
 namespace {

@@ -5,7 +5,7 @@
 #include <ros/ros.h>
 #include <yaml-cpp/yaml.h>
 
-#include "support/params_contract.h"
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 
 namespace pick_mission_ros {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <gmock/gmock.h>
 
-#include "support/temporary_folder.h"
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace pick_mission_ros {
 namespace {

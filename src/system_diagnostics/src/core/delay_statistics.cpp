@@ -5,7 +5,7 @@
 #include <cmath>
 #include <sstream>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace system_diagnostics {
 namespace {
@@ -27,7 +27,7 @@ double quantile(const std::vector<double>& sorted, double share) {
 }  // namespace
 
 std::vector<std::string> DelayStatisticsConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("window_s", window_s, 1.0, 3600.0, "s");
   check("warn_ahead_s", warn_ahead_s, 0.0, 10.0, "s");
   check("error_ahead_s", error_ahead_s, warn_ahead_s, 10.0, "s");
@@ -37,7 +37,7 @@ std::vector<std::string> DelayStatisticsConfig::validate() const {
 }
 
 DelayStatistics::DelayStatistics(const DelayStatisticsConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config_.validate());
+  interactive_mapping::throwIfAny(config_.validate());
 }
 
 void DelayStatistics::add(double arrival_s, double stamp_s) {

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <opencv2/imgproc.hpp>
 
 namespace system_diagnostics {
@@ -15,7 +15,7 @@ constexpr int kLeast_px = 16;  // a smaller image has no room for a shift
 }
 
 std::vector<std::string> ImageShiftConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("width_px", width_px, kLeast_px, 4096, "px");
   check("min_response", min_response, 0.0, 1.0, "");
   check("min_contrast_grey", min_contrast_grey, 0.0, 255.0, "");
@@ -23,7 +23,7 @@ std::vector<std::string> ImageShiftConfig::validate() const {
 }
 
 ImageShiftMeter::ImageShiftMeter(const ImageShiftConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config_.validate());
+  interactive_mapping::throwIfAny(config_.validate());
 }
 
 std::optional<ImageShift> ImageShiftMeter::add(const cv::Mat& grey) {

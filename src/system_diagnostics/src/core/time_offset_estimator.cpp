@@ -6,7 +6,7 @@
 #include <tuple>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace system_diagnostics {
 namespace {
@@ -50,7 +50,7 @@ Fit fit(const std::vector<double>& turns, const std::vector<double>& shifts) {
 }  // namespace
 
 std::vector<std::string> TimeOffsetConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("window_s", window_s, 1.0, 3600.0, "s");
   check("max_offset_s", max_offset_s, 2.0 * kStep_s, 2.0, "s");
   check("min_turn_rad", min_turn_rad, 0.01, 100.0, "rad");
@@ -63,7 +63,7 @@ std::vector<std::string> TimeOffsetConfig::validate() const {
 }
 
 TimeOffsetEstimator::TimeOffsetEstimator(const TimeOffsetConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config_.validate());
+  interactive_mapping::throwIfAny(config_.validate());
 }
 
 void TimeOffsetEstimator::addYaw(double stamp_s, double yaw_rad) {

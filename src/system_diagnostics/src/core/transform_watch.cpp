@@ -6,7 +6,7 @@
 #include <sstream>
 #include <utility>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace system_diagnostics {
 namespace {
@@ -25,7 +25,7 @@ std::string text(double value, int digits) {
 }  // namespace
 
 std::vector<std::string> TransformWatchConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("min_rate_hz", min_rate_hz, 0.0, 1000.0, "Hz");
   check("max_age_s", max_age_s, 0.001, 1000.0, "s");
   check("max_ahead_s", max_ahead_s, 0.0, 10.0, "s");
@@ -40,7 +40,7 @@ std::vector<std::string> TransformWatchConfig::validate() const {
 
 TransformWatch::TransformWatch(std::string name, const TransformWatchConfig& config)
     : name_(std::move(name)), config_(config) {
-  gpis_mapping::throwIfAny(config_.validate());
+  interactive_mapping::throwIfAny(config_.validate());
 }
 
 void TransformWatch::add(double stamp_s, const Eigen::Isometry3d& pose) {

@@ -4,9 +4,9 @@
 #include <set>
 #include <sstream>
 
-#include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/param_reader.h>
-#include <gpis_mapping_ros/param_writer.h>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common_ros/param_reader.h>
+#include <interactive_mapping_common_ros/param_writer.h>
 
 namespace system_diagnostics_ros {
 namespace {
@@ -101,7 +101,7 @@ std::vector<std::string> SystemDiagnosticsParams::validate() const {
   const auto append = [&problems](const std::string& section, const std::vector<std::string>& more) {
     for (const std::string& problem : more) problems.push_back(section + problem);
   };
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("window_s", window_s, 1.0, 3600.0, "s");
   check("motion/warn_offset_s", motion.warn_offset_s, 0.0, 10.0, "s");
   check("motion/error_offset_s", motion.error_offset_s, motion.warn_offset_s, 10.0, "s");
@@ -124,7 +124,7 @@ std::vector<std::string> SystemDiagnosticsParams::validate() const {
 }
 
 std::string toYaml(const SystemDiagnosticsParams& params) {
-  gpis_mapping_ros::ParamWriter writer;
+  interactive_mapping_ros::ParamWriter writer;
   const auto write = [&writer](const std::string& key, const auto& value) { writer.write(key, value); };
   write("window_s", params.window_s);
   write("tf/watched", params.watched);
@@ -135,7 +135,7 @@ std::string toYaml(const SystemDiagnosticsParams& params) {
 
 SystemDiagnosticsParams loadSystemDiagnosticsParams(const ros::NodeHandle& private_nh) {
   SystemDiagnosticsParams params;
-  gpis_mapping_ros::ParamReader reader(private_nh);
+  interactive_mapping_ros::ParamReader reader(private_nh);
   const auto read = [&reader](const std::string& key, auto& value) { reader.read(key, &value); };
   read("window_s", params.window_s);
   read("tf/watched", params.watched);

@@ -7,14 +7,14 @@
 
 #include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/TransformStamped.h>
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 
 namespace system_diagnostics_ros {
 namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
-using gpis_mapping_ros::withoutSlash;
+using interactive_mapping_ros::withoutSlash;
 using system_diagnostics::Level;
 using system_diagnostics::TimeOffsetEstimate;
 using system_diagnostics::TimeOffsetStatus;

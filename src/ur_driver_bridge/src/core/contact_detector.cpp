@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace ur_driver_bridge {
 namespace {
@@ -13,7 +13,7 @@ constexpr double kRounding_s = 1e-6;  // of differences of ROS times, which have
 }  // namespace
 
 std::vector<std::string> ContactDetectorConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("threshold_N", threshold_N, 0.5, 200.0, "N");
   check("debounce_s", debounce_s, 0.0, 1.0, "s");
   check("sideways_N", sideways_N, 0.5, 500.0, "N");
@@ -22,7 +22,7 @@ std::vector<std::string> ContactDetectorConfig::validate() const {
 }
 
 ContactDetector::ContactDetector(const ContactDetectorConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
 }
 
 void ContactDetector::reset() {

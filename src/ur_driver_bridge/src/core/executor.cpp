@@ -10,7 +10,7 @@
 #include <set>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "motion_step.h"
@@ -35,7 +35,7 @@ std::string formatted(const char* format, ...) {
 }
 
 std::vector<std::string> MotionConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("start_tolerance_rad", start_tolerance_rad, 1e-4, 0.2, "rad");
   check("acceleration_rad_s2", acceleration_rad_s2, 0.1, 50.0, "rad/s^2");
   check("stop_s", stop_s, 0.02, 1.0, "s");
@@ -51,7 +51,7 @@ std::vector<std::string> MotionConfig::validate() const {
 }
 
 std::vector<std::string> PickConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("settle_s", settle_s, 0.0, 5.0, "s");
   check("early_m", early_m, 1e-3, 0.2, "m");
   check("contact_stop_s", contact_stop_s, 0.01, 0.5, "s");
@@ -73,7 +73,7 @@ std::vector<std::string> ExecutorConfig::validate() const {
   append("contact/", contact.validate());
   append("load/", load.validate());
   append("recovery/", recovery.validate());
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("magnet/digital_output", magnet_pin, 0, ArmState::kDigitalPins - 1.0, "");
   check("magnet/io_timeout_s", io_timeout_s, 0.1, 10.0, "s");
   append("", check.problems());
@@ -97,7 +97,7 @@ class Executor::Impl {
  public:
   Impl(const ExecutorConfig& config, const ArmModel& model)
       : config_(config), model_(model), gate_(config.gate), load_(config.load) {
-    gpis_mapping::throwIfAny(config.validate());
+    interactive_mapping::throwIfAny(config.validate());
     if (!model_.kinematics) throw std::invalid_argument("Executor: no kinematics");
     const mp700_ur5e_description::RobotModel& robot = model_.kinematics->robot();
     namespace names = mp700_ur5e_description;

@@ -7,7 +7,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace ur_driver_bridge {
 namespace {
@@ -25,7 +25,7 @@ double median(std::vector<double>* values) {
 }  // namespace
 
 std::vector<std::string> LoadCellConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("weigh_s", weigh_s, 0.01, 10.0, "s");
   check("min_samples", min_samples, 2, 10000, "");
   check("max_spread_N", max_spread_N, 0.01, 100.0, "N");
@@ -37,7 +37,7 @@ std::vector<std::string> LoadCellConfig::validate() const {
 }
 
 LoadCell::LoadCell(const LoadCellConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
 }
 
 void LoadCell::add(const Stamped<ToolForce>& sample, const Eigen::Matrix3d& R_world_tool) {

@@ -6,7 +6,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 #include "ur_driver_bridge/safety_gate.h"
 
@@ -46,7 +46,7 @@ struct Recovery::Need {
 };
 
 std::vector<std::string> RecoveryConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("unlock_wait_s", unlock_wait_s, 0.0, 60.0, "s");
   check("step_timeout_s", step_timeout_s, 0.1, 600.0, "s");
   check("max_commands", max_commands, 1, 100, "");
@@ -54,7 +54,7 @@ std::vector<std::string> RecoveryConfig::validate() const {
 }
 
 Recovery::Recovery(const RecoveryConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
 }
 
 void Recovery::begin(const RecoveryPermit& permit, double now_s) {

@@ -6,7 +6,7 @@
 #include <iomanip>
 #include <sstream>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace ur_driver_bridge {
 namespace {
@@ -70,7 +70,7 @@ bool saysToStop(const GateInputs& inputs, const GateDemand& demand) {
 }  // namespace
 
 std::vector<std::string> SafetyGateConfig::validate() const {
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("max_joint_age_s", max_joint_age_s, 0.005, 1.0, "s");
   check("max_force_age_s", max_force_age_s, 0.005, 1.0, "s");
   check("max_speed_scaling_age_s", max_speed_scaling_age_s, 0.005, 10.0, "s");
@@ -83,7 +83,7 @@ std::vector<std::string> SafetyGateConfig::validate() const {
 }
 
 SafetyGate::SafetyGate(const SafetyGateConfig& config) : config_(config) {
-  gpis_mapping::throwIfAny(config.validate());
+  interactive_mapping::throwIfAny(config.validate());
 }
 
 Verdict SafetyGate::checkRobot(const ArmState& arm, double now_s) const {

@@ -8,7 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <gpis_mapping/range_check.h>
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace ur_driver_bridge {
 namespace {
@@ -175,7 +175,7 @@ std::vector<std::string> TrajectoryLimits::validate() const {
     problems.push_back("joints = " + std::to_string(joints.size()) + " names, must be 6");
     return problems;
   }
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   for (int i = 0; i < 6; ++i) {
     const std::string of = "[" + joints[i] + "]";
     check(("lower_rad" + of).c_str(), lower_rad[i], -1e3, 1e3, "rad");
@@ -189,10 +189,10 @@ std::vector<std::string> TrajectoryLimits::validate() const {
 Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimits& limits, double tolerance,
                         StartSpeed start) {
   std::vector<std::string> problems = limits.validate();
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("tolerance", tolerance, 0.0, 1.0, "");
   problems.insert(problems.end(), check.problems().begin(), check.problems().end());
-  gpis_mapping::throwIfAny(problems);
+  interactive_mapping::throwIfAny(problems);
 
   const Verdict form = checkForm(trajectory, limits.joints, start);
   if (!form.isFine()) return form;

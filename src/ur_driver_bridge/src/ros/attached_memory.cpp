@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <XmlRpcException.h>
-#include <motion_planning_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
 namespace ur_driver_bridge_ros {
@@ -73,7 +73,7 @@ AttachedBrick fromParameter(XmlRpc::XmlRpcValue& value) {
   brick.pose.orientation.y = q[1];
   brick.pose.orientation.z = q[2];
   brick.pose.orientation.w = q[3];
-  if (!motion_planning_ros::toIsometry(brick.pose)) throw std::invalid_argument("a pose that is no rotation");
+  if (!interactive_mapping_ros::toIsometry(brick.pose)) throw std::invalid_argument("a pose that is no rotation");
   return brick;
 }
 

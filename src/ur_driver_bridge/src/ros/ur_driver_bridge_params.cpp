@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ur_driver_bridge_ros/ur_driver_bridge_params.h"
 
-#include <gpis_mapping/range_check.h>
-#include <gpis_mapping_ros/params.h>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common_ros/params.h>
 
 #include "ur_driver_bridge/config_fields.h"
 #include "ur_driver_bridge_ros/attached_memory.h"
@@ -31,7 +31,7 @@ std::vector<std::string> UrDriverBridgeParams::validate() const {
   if (bricks_file.empty() || bricks_file.front() != '/') {
     problems.push_back("bricks_file = '" + bricks_file + "', must be the absolute path of a bricks.yaml");
   }
-  gpis_mapping::RangeCheck check;
+  interactive_mapping::RangeCheck check;
   check("max_payload_kg", max_payload_kg, 0.1, 100.0, "kg");
   check("watchdog_rate_hz", watchdog_rate_hz, 10.0, 500.0, "Hz");
   check("lockstep_wait_s", lockstep_wait_s, 0.0, 60.0, "s");
@@ -42,11 +42,11 @@ std::vector<std::string> UrDriverBridgeParams::validate() const {
 }
 
 std::string toYaml(const UrDriverBridgeParams& params) {
-  return gpis_mapping_ros::paramsToYaml(params, kVisitParams);
+  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
 }
 
 UrDriverBridgeParams loadUrDriverBridgeParams(const ros::NodeHandle& private_nh) {
-  auto params = gpis_mapping_ros::loadParams<UrDriverBridgeParams>(
+  auto params = interactive_mapping_ros::loadParams<UrDriverBridgeParams>(
       private_nh, kVisitParams, {"diagnostic_period", "diagnostic_updater", AttachedMemory::kParam});
   if (params.unlocks_by_itself) {
     params.executor.recovery.protective_stop = ur_driver_bridge::ProtectiveStopPolicy::kAutomatic;

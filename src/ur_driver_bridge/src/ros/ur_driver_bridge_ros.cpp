@@ -6,7 +6,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/WatchTrajectory.h>
 #include <motion_planning_ros/conversions.h>
@@ -22,8 +22,8 @@ using interactive_mapping_msgs::ArmBridgeState;
 using interactive_mapping_msgs::ArmOutcome;
 using interactive_mapping_msgs::AttachedBrick;
 using interactive_mapping_msgs::WatchTrajectory;
+using interactive_mapping_ros::toIsometry;
 using motion_planning_ros::fromMessage;
-using motion_planning_ros::toIsometry;
 using ur_driver_bridge::ArmCall;
 using ur_driver_bridge::ArmModel;
 using ur_driver_bridge::ArmState;
@@ -363,7 +363,7 @@ UrDriverBridgeRos::Request UrDriverBridgeRos::preparePick(const interactive_mapp
   if (pick.lets_go && pick.stow.empty()) throw std::invalid_argument("let_go without stow: the brick would fall");
 
   Eigen::Isometry3d T_base_contact = *T_frame_contact;
-  const std::string frame = gpis_mapping_ros::withoutSlash(goal.contact.header.frame_id);
+  const std::string frame = interactive_mapping_ros::withoutSlash(goal.contact.header.frame_id);
   if (frame != params_.base_frame) {
     try {
       const auto T = toIsometry(tf_.lookupTransform(params_.base_frame, frame, ros::Time(0)).transform);

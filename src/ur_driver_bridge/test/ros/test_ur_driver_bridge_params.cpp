@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <ros/ros.h>
 
-#include "support/params_contract.h"
+#include <interactive_mapping_common_ros/testing/params_contract.h>
 #include "ur_driver_bridge_ros/attached_memory.h"
 
 namespace ur_driver_bridge_ros {

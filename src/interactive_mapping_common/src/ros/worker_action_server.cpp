@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "motion_planning_ros/plan_server.h"
+#include <interactive_mapping_common_ros/worker_action_server.h>
 
 #include <chrono>
 #include <thread>
 
 #include <ros/time.h>
 
-namespace motion_planning_ros {
+namespace interactive_mapping_ros {
 namespace {
 constexpr std::chrono::milliseconds kClockPeriod(2);  // how often a result that is held back looks at the clock
 }
@@ -33,4 +33,4 @@ bool charge(double cost_s, const ros::Time& started, double stall_s, const std::
          waitUntil(started + ros::Duration(cost_s), stall_s, is_cancelled);
 }
 
-}  // namespace motion_planning_ros
+}  // namespace interactive_mapping_ros

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#ifndef GPIS_MAPPING_ROS_PARAM_READER_H
-#define GPIS_MAPPING_ROS_PARAM_READER_H
+#pragma once
 
 #include <set>
 #include <string>
@@ -9,7 +8,7 @@
 #include <XmlRpcValue.h>
 #include <ros/node_handle.h>
 
-namespace gpis_mapping_ros {
+namespace interactive_mapping_ros {
 
 /// Reads a node's private parameters into structs: a missing key keeps its default; wrong types, unknown keys and the
 /// problems that `validate()` of the structs found are reported together by finish().
@@ -49,6 +48,4 @@ class ParamReader {
   std::vector<std::string> problems_;
 };
 
-}  // namespace gpis_mapping_ros
-
-#endif  // GPIS_MAPPING_ROS_PARAM_READER_H
+}  // namespace interactive_mapping_ros

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping_ros/param_writer.h"
+#include <interactive_mapping_common_ros/param_writer.h>
 
 #include <yaml-cpp/yaml.h>
 
-namespace gpis_mapping_ros {
+namespace interactive_mapping_ros {
 namespace {
 
 template <typename Value>
@@ -48,4 +48,4 @@ std::string ParamWriter::text() const {
   return YAML::Dump(state_->root);
 }
 
-}  // namespace gpis_mapping_ros
+}  // namespace interactive_mapping_ros

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace gpis_mapping {
+namespace interactive_mapping {
 
 /// Collects what is out of range as "key = value unit, must be in [lo, hi] unit".
 class RangeCheck {
@@ -36,4 +36,4 @@ inline void throwIfAny(const std::vector<std::string>& problems) {
   throw std::invalid_argument(text);
 }
 
-}  // namespace gpis_mapping
+}  // namespace interactive_mapping

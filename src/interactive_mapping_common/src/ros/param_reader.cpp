@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping_ros/param_reader.h"
+#include <interactive_mapping_common_ros/param_reader.h>
 
 #include <stdexcept>
 
@@ -7,7 +7,7 @@
 
 #include <ros/param.h>
 
-namespace gpis_mapping_ros {
+namespace interactive_mapping_ros {
 namespace {
 
 using XmlRpc::XmlRpcValue;
@@ -195,4 +195,4 @@ void ParamReader::finish() {
   throw std::invalid_argument(text);
 }
 
-}  // namespace gpis_mapping_ros
+}  // namespace interactive_mapping_ros

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping/atomic_file.h"
+#include <interactive_mapping_common/files/atomic_file.h>
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -10,7 +10,7 @@
 #include <cerrno>
 #include <cstring>
 
-namespace gpis_mapping {
+namespace interactive_mapping {
 namespace {
 
 constexpr std::size_t kBufferBytes = 1 << 20;
@@ -98,4 +98,4 @@ void AtomicFile::commit() {
   }
 }
 
-}  // namespace gpis_mapping
+}  // namespace interactive_mapping

@@ -6,11 +6,11 @@
 
 #include <ros/node_handle.h>
 
-#include "gpis_mapping_ros/param_reader.h"
-#include "gpis_mapping_ros/param_writer.h"
+#include <interactive_mapping_common_ros/param_reader.h>
+#include <interactive_mapping_common_ros/param_writer.h>
 
 /// Parameters of nodes whose one table of keys is visit_params(params, visit), which calls visit(key, value) for each.
-namespace gpis_mapping_ros {
+namespace interactive_mapping_ros {
 
 template <typename Params, typename VisitParams>
 std::string paramsToYaml(const Params& params, VisitParams&& visit_params) {
@@ -39,4 +39,4 @@ Params loadParams(const ros::NodeHandle& private_nh, VisitParams&& visit_params,
   return loadParams<Params>(private_nh, visit_params, ignored, [](const Params& params) { return params.validate(); });
 }
 
-}  // namespace gpis_mapping_ros
+}  // namespace interactive_mapping_ros

@@ -11,7 +11,7 @@
 #include <actionlib/server/action_server.h>
 #include <ros/node_handle.h>
 
-namespace motion_planning_ros {
+namespace interactive_mapping_ros {
 
 /// Waits until ROS time has come to `due`, or the clock has stood still for `stall_s` of wall time, or `is_cancelled`.
 /// False: the clock stood still.
@@ -25,7 +25,7 @@ bool charge(double cost_s, const ros::Time& started, double stall_s, const std::
 /// An action server that thinks about one goal at a time, on a thread of its own; a new goal cancels the one before. The
 /// result always carries an `outcome`, such as PlanOutcome: SUCCESS succeeds, CANCELLED is preempted, all others abort.
 template <typename Action>
-class PlanServer {
+class WorkerActionServer {
  public:
   using Server = actionlib::ActionServer<Action>;
   using GoalHandle = typename Server::GoalHandle;
@@ -38,15 +38,15 @@ class PlanServer {
       std::function<Result(const Goal& goal, const ros::Time& started, const std::function<bool()>& is_cancelled,
                            const std::function<void(const Feedback&)>& tell)>;
 
-  PlanServer(ros::NodeHandle& nh, const std::string& name, Plan plan)
+  WorkerActionServer(ros::NodeHandle& nh, const std::string& name, Plan plan)
       : plan_(std::move(plan)),
         server_(
             nh, name, [this](GoalHandle goal) { onGoal(goal); }, [this](GoalHandle goal) { onCancel(goal); }, false),
-        worker_(&PlanServer::work, this) {
+        worker_(&WorkerActionServer::work, this) {
     server_.start();
   }
 
-  ~PlanServer() {
+  ~WorkerActionServer() {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       is_stopping_ = true;
@@ -55,8 +55,8 @@ class PlanServer {
     worker_.join();
   }
 
-  PlanServer(const PlanServer&) = delete;
-  PlanServer& operator=(const PlanServer&) = delete;
+  WorkerActionServer(const WorkerActionServer&) = delete;
+  WorkerActionServer& operator=(const WorkerActionServer&) = delete;
 
  private:
   void onGoal(GoalHandle goal) {
@@ -132,4 +132,4 @@ class PlanServer {
   std::thread worker_;  // last: everything it uses exists before it
 };
 
-}  // namespace motion_planning_ros
+}  // namespace interactive_mapping_ros

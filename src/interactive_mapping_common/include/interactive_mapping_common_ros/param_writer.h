@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-namespace gpis_mapping_ros {
+namespace interactive_mapping_ros {
 
 /// Parameters as YAML, in the layout that ParamReader reads: "output/rate_hz" goes into the section "output".
 class ParamWriter {
@@ -29,4 +29,4 @@ class ParamWriter {
   std::unique_ptr<State> state_;
 };
 
-}  // namespace gpis_mapping_ros
+}  // namespace interactive_mapping_ros

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#ifndef GPIS_MAPPING_PARALLEL_FOR_H
-#define GPIS_MAPPING_PARALLEL_FOR_H
+#pragma once
 
 #include <algorithm>
 #include <atomic>
@@ -10,7 +9,7 @@
 #include <thread>
 #include <vector>
 
-namespace gpis_mapping {
+namespace interactive_mapping {
 
 /// Number of workers for a setting where 0 means "all cores".
 inline int resolveThreadCount(int requested) {
@@ -51,6 +50,4 @@ void parallelFor(std::size_t count, int num_threads, std::size_t chunk, const Fu
   if (error) std::rethrow_exception(error);
 }
 
-}  // namespace gpis_mapping
-
-#endif  // GPIS_MAPPING_PARALLEL_FOR_H
+}  // namespace interactive_mapping

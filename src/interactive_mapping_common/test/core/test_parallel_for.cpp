@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping/parallel_for.h"
+#include <interactive_mapping_common/threads/parallel_for.h>
 
 #include <atomic>
 #include <chrono>
@@ -11,7 +11,7 @@
 
 #include <gtest/gtest.h>
 
-namespace gpis_mapping {
+namespace interactive_mapping {
 namespace {
 
 TEST(ParallelFor, CoversEachIndexExactlyOnce) {
@@ -106,4 +106,4 @@ TEST(ResolveThreadCount, ZeroMeansAllCores) {
 }
 
 }  // namespace
-}  // namespace gpis_mapping
+}  // namespace interactive_mapping

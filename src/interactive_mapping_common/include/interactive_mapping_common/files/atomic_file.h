@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#ifndef GPIS_MAPPING_ATOMIC_FILE_H
-#define GPIS_MAPPING_ATOMIC_FILE_H
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -8,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace gpis_mapping {
+namespace interactive_mapping {
 
 /// A file that could not be written. what() names the path and the reason.
 class FileError : public std::runtime_error {
@@ -47,6 +46,4 @@ class AtomicFile {
   std::vector<char> buffer_;
 };
 
-}  // namespace gpis_mapping
-
-#endif  // GPIS_MAPPING_ATOMIC_FILE_H
+}  // namespace interactive_mapping

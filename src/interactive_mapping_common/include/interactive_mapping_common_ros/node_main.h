@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <string>
+
+#include <ros/console.h>
+#include <ros/init.h>
+#include <ros/node_handle.h>
+#include <ros/spinner.h>
+
+namespace interactive_mapping_ros {
+
+/// Leaves SIGINT and SIGTERM of every thread to waitForSignal(). Call it before ros::init and before any thread is made.
+void blockSignals();
+
+/// True if SIGINT or SIGTERM has come, or comes within `timeout_s` of wall time.
+bool waitForSignal(double timeout_s);
+
+/// The main() of a node: builds Node(nh, private_nh), serves its callbacks from `num_threads` threads until a signal or a shutdown by the master, then
+/// calls `stop` while ROS is still there. What the constructor throws is logged as fatal: exit code 1.
+template <typename Node>
+int runNode(int argc, char** argv, const std::string& name, int num_threads,
+            const std::function<void(Node&)>& stop = nullptr) {
+  blockSignals();
+  ros::init(argc, argv, name, ros::init_options::NoSigintHandler);
+  // Outside the block that may throw: with the last handle goes ROS's log, and with that the reason.
+  const ros::NodeHandle nh;
+  const ros::NodeHandle private_nh("~");
+  try {
+    Node node(nh, private_nh);
+    ros::AsyncSpinner spinner(static_cast<std::uint32_t>(num_threads));
+    spinner.start();
+    while (ros::ok() && !waitForSignal(0.1)) {  // so soon is a shutdown by the master noticed
+    }
+    if (stop) {
+      stop(node);
+      spinner.stop();
+    } else {
+      ros::shutdown();  // breaks off the calls that the node's threads may wait for
+    }
+    return 0;
+  } catch (const std::exception& error) {
+    ROS_FATAL("%s", error.what());
+    return 1;
+  }
+}
+
+}  // namespace interactive_mapping_ros

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <Eigen/Geometry>
+#include <geometry_msgs/Pose.h>
+#include <geometry_msgs/Transform.h>
+
+/// Poses of messages, checked: tf2_eigen takes what is no rotation, too.
+namespace interactive_mapping_ros {
+
+/// Frame names of tf2 have no leading slash; those of old bags do.
+std::string withoutSlash(const std::string& frame);
+
+/// Nothing, and the reason to those who ask for it, when a number is not finite or the quaternion's length is not 1
+/// within 1 %, which float32 sources keep to.
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, std::string* reason = nullptr);
+std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, std::string* reason = nullptr);
+
+geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);
+
+}  // namespace interactive_mapping_ros
