@@ -191,7 +191,7 @@ std::vector<std::string> ViewSelectorConfig::validate() const {
   const auto append = [&problems](const std::string& section, const std::vector<std::string>& more) {
     for (const std::string& problem : more) problems.push_back(section + problem);
   };
-  append("ground/", ground.validate());
+  append("ground/", interactive_mapping::problemsOf(ground));
   append("outline/", outline.validate());
   append("segments/", segments.validate());
   append("manipulability/", manipulability.validate());
