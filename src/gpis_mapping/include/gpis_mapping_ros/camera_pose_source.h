@@ -39,7 +39,7 @@ struct CameraPoseParams {
     f("time_offset_s", c.time_offset_s, -1.0, 1.0, "s",
       "added to the stamp of an image before its pose is looked up; negative when images are stamped too late");
     f("max_future_s", c.max_future_s, 0.0, 1e9, "s", "how far a stamp may lie ahead of ROS time");
-    f.section("pose_limits", c.pose_limits);
+    f.section("pose_limits", c.pose_limits, "a pose that moves farther than step + speed * time is refused");
     f.require(!c.map_frame.empty() && c.map_frame.front() != '/',
               "map_frame = '" + c.map_frame + "', must be a tf2 frame: not empty, no leading slash");
     f.require(c.camera_frame.empty() || (c.camera_frame.front() != '/' && c.camera_frame != c.map_frame),

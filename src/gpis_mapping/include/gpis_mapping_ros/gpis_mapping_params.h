@@ -60,9 +60,8 @@ struct GpisMappingParams {
     double pushed_m{0.05};
 
     static void fields(Attached& c, interactive_mapping::Fields& f) {
-      f("padding_m", c.padding_m, 0.0, 0.1, "m", "on each side of the place of a taken brick, which is cleared ...");
-      f("pushed_m", c.pushed_m, 0.0, 0.2, "m",
-        "... and this much more on the side of the tool: the touch may have pushed the brick");
+      f("padding_m", c.padding_m, 0.0, 0.1, "m", "on each side of the place of the brick, which is cleared");
+      f("pushed_m", c.pushed_m, 0.0, 0.2, "m", "beside, on the side of the tool: the touch may have pushed the brick");
     }
   } attached;
 
@@ -84,9 +83,9 @@ struct GpisMappingParams {
   static void fields(GpisMappingParams& c, interactive_mapping::Fields& f) {
     f.section("input", c.input);
     f.section("output", c.output);
-    f.section("slice", c.slice);
-    f.section("ground", c.ground);
-    f.section("attached", c.attached);
+    f.section("slice", c.slice, "the plane of distances");
+    f.section("ground", c.ground, "the projection from above");
+    f.section("attached", c.attached, "what the magnet took leaves the map");
     f.section("storage", c.storage);
   }
 

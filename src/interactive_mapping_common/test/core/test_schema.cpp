@@ -165,6 +165,23 @@ TEST(Schema, ShippedFileSaysUnitRangeAndMeaning) {
   EXPECT_THAT(text, HasSubstr("color: green                      # red, green: of the arrow\n"));
   EXPECT_THAT(text, HasSubstr("\ninner:\n  # wide: very"));
   EXPECT_THAT(toYaml(Example()), Not(HasSubstr("#")));
+  Example small;
+  small.inner.low = 1e-5;
+  EXPECT_THAT(toYaml(small), HasSubstr("low: 1.0e-05\n")) << "1e-05 is a text to rosparam";
+}
+
+TEST(Schema, LongCommentsGoOnInTheNextLine) {
+  struct Long {
+    double a{0.0};
+    static void fields(Long& c, Fields& f) {
+      f("a", c.a, 0.0, 1.0, "",
+        "one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen");
+    }
+  };
+  EXPECT_EQ(toYaml(Long(), true),
+            "a: 0                              # [0, 1]: one two three four five six seven eight nine ten eleven "
+            "twelve thirteen\n"
+            "                                  # fourteen fifteen\n");
 }
 
 struct Twice {

@@ -14,6 +14,7 @@ namespace interactive_mapping_ros {
 namespace {
 
 using interactive_mapping::Fields;
+using interactive_mapping::toYaml;
 using test_support::messageOf;
 using testing::ElementsAre;
 using testing::HasSubstr;

@@ -79,8 +79,11 @@ struct OctomapConfig {
 
   static void fields(OctomapConfig& c, interactive_mapping::Fields& f) {
     f("resolution_m", c.resolution_m, 0.002, 1.0, "m", "edge of a voxel");
-    f.section("sensor", c.sensor);
-    f.section("occupancy", c.occupancy);
+    f.section(
+        "sensor", c.sensor,
+        "as in gpis_mapping. Here hole_policy auto is wall, but for shadows; pose_std_rad, stamp_std_s and fov_* are "
+        "not used");
+    f.section("occupancy", c.occupancy, "OctoMap's sensor model");
     f.section("dynamic", c.dynamic);
     f.section("region", c.region);
     f("threads", c.threads, 0, 256, "threads", "0: one per core");

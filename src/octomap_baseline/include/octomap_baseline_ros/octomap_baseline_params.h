@@ -34,9 +34,9 @@ struct OctomapBaselineParams {
     }
   } output;
 
+  /// But for those of the map, which have a file of their own.
   static void fields(OctomapBaselineParams& c, interactive_mapping::Fields& f) {
     f.section("input", c.input);
-    f.section("map", c.map);
     f.section("output", c.output);
   }
 };

@@ -6,7 +6,16 @@
 namespace octomap_baseline_ros {
 
 OctomapBaselineParams loadOctomapBaselineParams(const ros::NodeHandle& private_nh) {
-  return interactive_mapping_ros::loadParams<OctomapBaselineParams>(private_nh, {"image_transport"});
+  OctomapBaselineParams params;
+  interactive_mapping_ros::ParamsReader reader(private_nh);
+  OctomapBaselineParams::fields(params, reader.fields());
+  reader.fields().section("map", params.map);
+  reader.fields().ignore("image_transport");  // read by image_transport
+  interactive_mapping::FieldChecker checker;
+  OctomapBaselineParams::fields(params, checker);
+  checker.section("map", params.map);
+  reader.finish(checker.problems);
+  return params;
 }
 
 }  // namespace octomap_baseline_ros

@@ -94,10 +94,11 @@ class Fields {
     }
   }
 
-  /// The fields of `config` below `key`.
+  /// The fields of `config` below `key`; `text`: what they are about.
   template <typename Config>
-  void section(const char* key, Config& config) {
+  void section(const char* key, Config& config, const char* text = "") {
     sections_.emplace_back(key);
+    section_text_ = text;
     Config::fields(config, *this);
     sections_.pop_back();
   }
@@ -116,6 +117,7 @@ class Fields {
   std::string pathOf(const std::string& key) const;
 
   std::vector<std::string> sections_;
+  std::string section_text_;  // of the last one opened
 };
 
 /// Ranges, finite numbers and the rules.

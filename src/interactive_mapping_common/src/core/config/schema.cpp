@@ -29,7 +29,7 @@ std::string join(const std::vector<std::string>& words, const char* between) {
   return text;
 }
 
-/// The shortest decimal that reads back as the same double.
+/// The shortest decimal that reads back as the same double, also for PyYAML, to which 1e-05 is a text.
 std::string shortest(double value) {
   std::ostringstream number;
   for (int digits = 6; digits <= 17; ++digits) {
@@ -38,7 +38,10 @@ std::string shortest(double value) {
     number << value;
     if (std::strtod(number.str().c_str(), nullptr) == value) break;  // stod throws for denormals
   }
-  return number.str();
+  std::string text = number.str();
+  const std::size_t exponent = text.find('e');
+  if (exponent != std::string::npos && text.find('.') == std::string::npos) text.insert(exponent, ".0");
+  return text;
 }
 
 std::string rangeOf(const Field& field) {
@@ -265,7 +268,8 @@ void FieldWriter::write(const std::string& line, const std::string& comment) {
   }
   if (commented_ && same == 0 && sections_ != written_sections_) lines_.emplace_back("", "");
   for (std::size_t i = same; i < sections_.size(); ++i) {
-    lines_.emplace_back(std::string(2 * i, ' ') + sections_[i] + ":", "");
+    const bool has_text = commented_ && i + 1 == sections_.size();
+    lines_.emplace_back(std::string(2 * i, ' ') + sections_[i] + ":", has_text ? section_text_ : "");
   }
   written_sections_ = sections_;
   lines_.emplace_back(std::string(2 * sections_.size(), ' ') + line, comment);
@@ -291,11 +295,23 @@ void FieldWriter::shorthand(const char* key, const std::function<void(const std:
 }
 
 std::string FieldWriter::text() const {
-  constexpr std::size_t kComments = 34;  // column, where the line before is not longer
+  constexpr std::size_t kComments = 34, kWidth = 120;  // columns
   std::string all;
   for (const auto& [line, comment] : lines_) {
     all += line;
-    if (!comment.empty()) all += std::string(std::max(line.size() + 2, kComments) - line.size(), ' ') + "# " + comment;
+    std::size_t column = line.size();
+    std::istringstream words(comment);
+    for (std::string word; words >> word;) {
+      const bool begins = column == line.size();
+      if (!begins && column + 1 + word.size() > kWidth) {
+        all += '\n';
+        column = 0;
+      }
+      const std::string mark =
+          begins || column == 0 ? std::string(std::max(column + 2, kComments) - column, ' ') + "# " : " ";
+      all += mark + word;
+      column += mark.size() + word.size();
+    }
     all += '\n';
   }
   return all;
