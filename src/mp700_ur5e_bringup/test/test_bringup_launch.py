@@ -596,6 +596,24 @@ class BringupLaunch(unittest.TestCase):
         # Drivers and world are not ours to start anew: what they stood for is gone.
         self.assertFalse(self.simulation().nodes["/simulated_world"].respawn)
 
+    def test_nodelets_do_what_the_nodes_do(self):
+        loads = {"/depth_self_filter", "/gpis_mapping", "/brick_detection", "/octomap_baseline"}
+        for args in (("map:=octomap", "clock:=lockstep"), ("map:=octomap", "required:=true")):
+            nodes, nodelets = self.simulation(*args), self.simulation(*args, "nodelets:=true")
+            self.assertEqual(nodes.params, nodelets.params)
+            self.assertEqual(set(nodelets.nodes) - set(nodes.nodes), {"/camera_nodelets"})
+            for name, node in nodes.nodes.items():
+                other = nodelets.nodes[name]
+                self.assertEqual((node.remap_args, node.respawn, node.required), (other.remap_args, other.respawn, other.required), name)
+                self.assertEqual(other.type == "nodelet", name in loads, name)
+            manager = nodelets.nodes["/camera_nodelets"]
+            self.assertEqual((manager.args, manager.respawn), ("manager", "required:=true" not in args))
+            for name in loads:
+                # Without a bond the loader would not hear that the manager has ended, and load nothing into the next one.
+                word, _, into, *rest = nodelets.nodes[name].args.split()
+                self.assertEqual((word, into, rest), ("load", "camera_nodelets", [] if manager.respawn else ["--no-bond"]))
+        self.assertIn("/camera_nodelets", self.robot("nodelets:=true").nodes)
+
     def test_the_map_of_a_run_outlives_a_crash(self):
         for load in (self.simulation, self.robot):
             self.assertEqual(load("run_folder:=/tmp/run").params["/gpis_mapping/storage/autosave_file"], "/tmp/run/map.gpis")
