@@ -28,7 +28,7 @@ from .cli import Parser, UsageError, one_line_errors
 from .mission_recorder import is_of_run
 
 LAUNCH_FILE = ROOT / "src/mp700_ur5e_bringup/launch/simulation.launch"
-CHECK = ROOT / "src/mp700_ur5e_description/scripts/check_launch_arguments"
+CHECK = ROOT / "src/interactive_mapping_common/scripts/check_launch_arguments"
 OWN_ARGUMENTS = {"scene", "seed", "clock", "run_folder", "map", "strategy", "pictures", "rviz"}  # each is set by an option
 POLL_S = 0.2
 ROSLAUNCH_ENDS_S = 60.0  # it ends its nodes by SIGINT, and those that do not within 15 s otherwise: the judge writes its report meanwhile

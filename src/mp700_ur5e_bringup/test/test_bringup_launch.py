@@ -434,6 +434,7 @@ class BringupLaunch(unittest.TestCase):
                 (simulation, "realtime_facter", "realtime_factor", "/pick_mission"), (simulation, "color_topics", "color_topic", "/pick_mission"),
                 (simulation, "deployment", "", "/pick_mission"), (common, "brigde", "bridge", "/pick_mission"),
                 (("mp700_ur5e_bringup", "replay.launch", "bag:=/a.bag"), "rates", "rate", "/play_mission"),
+                (("gpis_mapping", "mapping.launch"), "autosave_fil", "autosave_file", "/gpis_mapping"),
                 (("brick_detection", "brick_detection.launch"), "colour_topic", "color_topic", "/brick_detection")):
             code, output = self.nodes_of(*start, f"{wrong}:=two_rows", "rviz:=false")
             self.assertNotEqual(code, 0, output)
