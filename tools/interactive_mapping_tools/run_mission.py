@@ -14,6 +14,7 @@ import datetime
 import os
 import pathlib
 import re
+import runpy
 import shlex
 import shutil
 import signal
@@ -27,6 +28,7 @@ from .cli import Parser, UsageError, one_line_errors
 from .mission_recorder import is_of_run
 
 LAUNCH_FILE = ROOT / "src/mp700_ur5e_bringup/launch/simulation.launch"
+CHECK = ROOT / "src/interactive_mapping_common/scripts/check_launch_arguments"
 OWN_ARGUMENTS = {"scene", "seed", "clock", "run_folder", "map", "strategy", "pictures", "rviz"}  # each is set by an option
 POLL_S = 0.2
 ROSLAUNCH_ENDS_S = 60.0  # it ends its nodes by SIGINT, and those that do not within 15 s otherwise: the judge writes its report meanwhile
@@ -81,20 +83,20 @@ def parse(words):
             raise UsageError(f"--removed-factor {removed} is for --strategy gpis, not for {options.strategy}")
         launch_arguments.append(f"removed_factor:={removed}")
     # Before anything is deleted; simulation.launch would refuse it later.
-    known = set(re.findall('<arg name="([^"]*)"', LAUNCH_FILE.read_text(encoding="utf-8")))
     for argument in launch_arguments:
         name = argument.split(":=")[0]
         if not re.match("[a-z0-9_]+:=", argument):
             raise UsageError(f"{argument} after --, must be ARGUMENT:=VALUE")
         if name in OWN_ARGUMENTS:
             raise UsageError(f"{argument} after --: an option of this script sets {name}")
-        if name not in known:
-            raise UsageError(f"simulation.launch has no argument {name}: roslaunch --ros-args mp700_ur5e_bringup simulation.launch lists them")
+    if launch_arguments:
+        for problem in runpy.run_path(str(CHECK))["problems_of"](launch_arguments, "mp700_ur5e_bringup", LAUNCH_FILE, strategies.rospack()):
+            raise UsageError(problem)
     if options.clock not in ("lockstep", "realtime"):
         raise UsageError(f"--clock {options.clock}, must be lockstep or realtime")
     os.chdir(ROOT)
-    configs = [argument.split(":=", 1)[1] for argument in launch_arguments if argument.startswith("selection_config:=")]
-    options.map, = strategies.maps_of([options.strategy], configs[-1] if configs else None)
+    given = dict(argument.split(":=", 1) for argument in launch_arguments)
+    options.map, = strategies.maps_of([options.strategy], given.get("selection_config"), given.get("params"))
     if options.scene.startswith("/"):
         if not os.path.isfile(options.scene):
             raise UsageError(f"--scene {options.scene}: no such file")

@@ -28,7 +28,7 @@ from .mission_run import END_WORDS
 from .workspace import check_messages, check_world, end_in_order, free_port
 
 SCENE = "four_bricks"
-MAP_CONFIG = ROOT / "sim_tests/config/endurance_map.yaml"
+PARAMS = ROOT / "sim_tests/config/endurance_map.yaml"
 JITTER_M = 0.03  # of a brick that is laid down again
 BACK_AHEAD_M = 0.3  # of where the robot stood at first: a place is come to straight on, over ground that the camera has seen
 MISSION_S = 900.0  # simulated: time limit of one mission, several times what one takes
@@ -68,7 +68,7 @@ class Endurance(soak_mission.WatchedMission):
         self.log = open(self.folder / "roslaunch.log", "w", encoding="utf-8")
         scene = [f"scene:={self.scene}", f"seed:={self.seed}", "clock:=lockstep", f"run_folder:={self.folder / 'run'}"]
         self.process = subprocess.Popen(["roslaunch", "-p", str(self.port), "mp700_ur5e_bringup", "simulation.launch", *scene, "autostart:=true",
-                                         f"map_config:={MAP_CONFIG}", f"time_limit_s:={MISSION_S:g}"],
+                                         f"params:={PARAMS}", f"time_limit_s:={MISSION_S:g}"],
                                         env={**os.environ, "ROS_LOG_DIR": str(self.folder / "ros")}, stdin=subprocess.DEVNULL, stdout=self.log,
                                         stderr=self.log, start_new_session=True)
 

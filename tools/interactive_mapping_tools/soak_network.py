@@ -31,6 +31,7 @@ ROBOT, LAPTOP, DEVICES = "gpis_robot", "gpis_laptop", "gpis_devices"  # namespac
 ADDRESS = {ROBOT: "10.77.0.1", LAPTOP: "10.77.0.2", DEVICES: "10.77.1.1"}
 DEVICES_CABLES = {ROBOT: ("10.77.1.2", "10.77.1.1"), LAPTOP: ("10.77.2.2", "10.77.2.1")}  # the computer's end, the devices' end
 PORT = 11311
+PARAMS = ROOT / "sim_tests/config/soak_network.yaml"
 CUTS = ("pick", "drive")  # states of the mission, in this order
 REALTIME_FACTOR = 0.4  # of two cores that also draw, map and plan; at 1 joint states come too late for the arm's watch
 CUT_S = 40.0  # wall time
@@ -233,10 +234,9 @@ def inside(options):
             for topic in ("odom", "tf"):
                 start(ROBOT, "rosrun", "topic_tools", "relay", f"/base_driver/{topic}", f"/{topic}", f"__name:=base_driver_{topic}")
         bridge = {ROBOT: "true", LAPTOP: "false"} if options.arm_at == "robot" else {ROBOT: "false", LAPTOP: "true"}
-        launch(ROBOT, "mp700_ur5e_bringup", "common.launch", "arm:=false", "bridge:=" + bridge[ROBOT], "base:=true", "wall_deadman_s:=0.5",
-               "base_heartbeat:=/pick_mission/heartbeat")
+        launch(ROBOT, "mp700_ur5e_bringup", "common.launch", "arm:=false", "bridge:=" + bridge[ROBOT], "base:=true", f"params:={PARAMS}")
         launch(LAPTOP, "mp700_ur5e_bringup", "common.launch", "arm:=true", "bridge:=" + bridge[LAPTOP], "base:=false", "autostart:=true",
-               "wall_deadman_s:=0.5", "unlocks_protective_stop:=true", f"run_folder:={run_folder}", f"scene:={options.scene}")
+               f"params:={PARAMS}", f"run_folder:={run_folder}", f"scene:={options.scene}")
         if not watcher.until(lambda: watcher.mission is not None, START_S):
             return ["the mission does not come up"], rows
         for state in CUTS:

@@ -20,22 +20,30 @@ SHIPPED = ("octomap_strategies.yaml", "nbv_selection.yaml")  # nbv_selection.lau
 BASE_CLASS = "nbv_selection_ros::Strategy"
 
 
-def read_plugins(files):
-    """{strategy: its plugin}; a later file counts above an earlier one. Raises OSError, ValueError, yaml.YAMLError."""
+def read_plugins(files, params=None):
+    """{strategy: its plugin}; a later file counts above an earlier one, and the section of params above all. Raises OSError, ValueError,
+    yaml.YAMLError."""
     plugins = {}
-    for path in files:
+    for path in files + ([params] if params else []):
         sections = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+        if path == params and isinstance(sections, dict):
+            sections = sections.get("nbv_selection") or {}
         if not isinstance(sections, dict):
             raise ValueError("must hold sections of parameters")
         plugins.update({str(name): str(section["plugin"]) for name, section in sections.items() if isinstance(section, dict) and "plugin" in section})
     return plugins
 
 
+def rospack():
+    """The packages of this repository, built or not, and those on ROS_PACKAGE_PATH."""
+    return rospkg.RosPack(ros_paths=[str(ROOT / "src"), str(ROOT / "sim_tests"), *rospkg.get_ros_paths()])
+
+
 def exported_plugins():
     """Names of the strategies' classes that packages export. Packages that cannot be read export nothing."""
-    rospack = rospkg.RosPack(ros_paths=[str(ROOT / "src"), *rospkg.get_ros_paths()])
+    packages = rospack()
     found = set()
-    for folder in map(rospack.get_path, rospack.list()):
+    for folder in map(packages.get_path, packages.list()):
         with contextlib.suppress(OSError, ElementTree.ParseError):
             for export in ElementTree.parse(f"{folder}/package.xml").getroot().iterfind("export/nbv_selection"):
                 plugins = ElementTree.parse(export.get("plugin", "").replace("${prefix}", folder)).getroot()
@@ -43,10 +51,11 @@ def exported_plugins():
     return found
 
 
-def maps_of(strategies, selection_config=None):
+def maps_of(strategies, selection_config=None, params=None):
     """The maps, gpis or octomap, that they choose by. Raises UsageError with those that there are."""
     try:
-        plugins = read_plugins([CONFIGS / name for name in SHIPPED] + ([pathlib.Path(selection_config)] if selection_config else []))
+        plugins = read_plugins([CONFIGS / name for name in SHIPPED] + ([pathlib.Path(selection_config)] if selection_config else []),
+                               pathlib.Path(params) if params else None)
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise UsageError(f"strategies cannot be read: {' '.join(str(error).split())}") from error
     exported = exported_plugins()

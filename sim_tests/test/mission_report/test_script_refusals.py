@@ -82,6 +82,10 @@ class ScriptRefusals(unittest.TestCase):
             self.refused(1, "was not made by scripts/run_mission: not deleted", *mission(*fine))
         for argument in ("a.*:=1", "sc:=x y", "x", ":=1", "Scene:=1"):
             self.refused(2, f"{argument} after --, must be ARGUMENT:=VALUE" if argument != "sc:=x y" else "no argument sc", *mission("--", argument))
+        for argument, words in (("map_config:=/x", "simulation.launch has no argument map_config any more: write its keys below gpis_mapping/map"),
+                                ("color_topics:=/x", "simulation.launch has no argument color_topics, but color_topic: "),
+                                ("deployment:=robot", "simulation.launch has no argument deployment")):
+            self.refused(2, words, *mission("--", argument))
         for name in ("run_folder", "scene", "seed", "strategy", "clock"):
             self.refused(2, f"an option of this script sets {name}", *mission("--", f"{name}:=1"))
         for argument in ("record:=true", "autostart:=false"):
@@ -118,6 +122,8 @@ class ScriptRefusals(unittest.TestCase):
                                              "base_class_type='nbv_selection_ros::Strategy'/></library>")
         config = self.folder / "views.yaml"
         config.write_text("nearest: {plugin: my_views/Nearest}\nfarthest: {plugin: my_views/Farthest}\n")
+        params = self.folder / "params.yaml"
+        params.write_text("nbv_selection: {nearest: {plugin: my_views/Nearest}}\n")
         run = self.folder / "run"
         run.mkdir()
         kept = ("run_mission", "--run", run, "--overwrite", "--scene", "two_rows", "--strategy")
@@ -130,6 +136,7 @@ class ScriptRefusals(unittest.TestCase):
             self.refused(2, words, *table, "gpis nearest", *(("--selection-config", config) if given else ()))
         with unittest.mock.patch.dict(os.environ, ROS_PACKAGE_PATH=f"{package.parent}:{os.environ['ROS_PACKAGE_PATH']}"):
             self.refused(1, "not deleted", *kept, "nearest", "--", f"selection_config:={config}")
+            self.refused(1, "not deleted", *kept, "nearest", "--", f"params:={params}")
             self.refused(1, "no summary.json", *table, "gpis nearest", "--selection-config", config)
             self.refused(2, "my_views/Farthest is exported by no package on ROS_PACKAGE_PATH; must be one of gpis, nearest, ", *kept, "farthest", "--",
                          f"selection_config:={config}")

@@ -16,6 +16,7 @@ import unittest
 from xml.etree import ElementTree
 
 import rosunit
+import yaml
 
 UR_CONTROL_ARGS = ("use_tool_communication", "controller_config_file", "robot_ip", "reverse_ip", "reverse_port",
                    "script_sender_port", "trajectory_port", "kinematics_config", "tf_prefix", "controllers",
@@ -277,35 +278,89 @@ class BringupLaunch(unittest.TestCase):
             self.assertEqual(loaded.remaps("/ur_driver_bridge")["heartbeat"], heartbeat)
             self.assertEqual(loaded.params["/ur_driver_bridge/gate/max_heartbeat_silence_s"], 0.25)
 
-    def test_a_robots_own_files_and_topics_reach_all_who_use_them(self):
-        own = {name: f"{self.folder}/{name}" for name in ("sectors", "bricks")}
-        empty = {name: str(self.folder / f"{name}.yaml") for name in ("map_config", "map_node_config", "detection_config", "planning_config")}
-        for name, path in empty.items():
-            write(pathlib.Path(path), f"seen_{name}: 1\n")
-        topics = {"joint_states": "/arm/joints", "odom": "/base/odom", "cmd_vel": "/base/cmd_vel", "color_topic": "/eye/color/image", "depth_topic": "/eye/depth/image"}
-        robot = self.robot(*[f"{name}:={value}" for name, value in {**own, **empty, **topics, "camera_frame": "eye"}.items()])
-        users = {"sectors": ("motion_planning", "nbv_selection", "pick_mission"), "bricks": ("brick_detection", "motion_planning", "ur_driver_bridge", "pick_mission")}
-        for name, nodes in users.items():
-            for node in nodes:
-                self.assertEqual(robot.params[f"/{node}/{name}_file"], own[name])
-        for key in ("gpis_mapping/map/seen_map_config", "gpis_mapping/seen_map_node_config", "brick_detection/seen_detection_config", "motion_planning/seen_planning_config"):
-            self.assertIn(f"/{key}", robot.params)
-        for node, name, topic in (("depth_self_filter", "joint_states", "joint_states"), ("motion_planning", "joint_states", "joint_states"),
-                                  ("ur_driver_bridge", "joint_states", "joint_states"), ("base_navigation", "odom", "odom"), ("base_navigation", "cmd_vel", "cmd_vel"),
-                                  ("brick_detection", "color/image_raw", "color_topic"), ("depth_self_filter", "depth/image_rect", "depth_topic")):
-            self.assertEqual(robot.remaps(f"/{node}")[name], topics[topic], node)
-        self.assertEqual(robot.params["/brick_detection/input/camera_frame"], "eye")
-        bounded = self.simulation(f"map_config:={empty['map_config']}")
-        self.assertIn("/gpis_mapping/map/seen_map_config", bounded.params)
+    def params_file(self, text, name="params.yaml"):
+        path = self.folder / name
+        write(path, text)
+        return f"params:={path}"
 
-    def test_a_users_file_counts_above_camera_and_defaults(self):
-        import rospkg
+    def test_a_robots_own_files_and_topics_reach_all_who_use_them(self):
+        own = {name: f"{self.folder}/{name}" for name in ("sectors", "bricks", "base_profile")}
+        topics = {"joint_states": "/arm/joints", "odom": "/base/odom", "cmd_vel": "/base/cmd_vel", "color_topic": "/eye/color/image", "depth_topic": "/eye/depth/image"}
+        users = {"sectors": ("motion_planning", "nbv_selection", "pick_mission"), "bricks": ("brick_detection", "motion_planning", "ur_driver_bridge", "pick_mission"),
+                 "base_profile": ("base_navigation", "nbv_selection")}
+        given = [f"{name}:={value}" for name, value in {**own, **topics, "camera_frame": "eye"}.items()]
+        for loaded in (self.robot(*given), self.simulation(*given)):
+            for name, nodes in users.items():
+                for node in nodes:
+                    self.assertEqual(loaded.params[f"/{node}/{name}_file"], own[name])
+            for node, name, topic in (("depth_self_filter", "joint_states", "joint_states"), ("motion_planning", "joint_states", "joint_states"),
+                                      ("ur_driver_bridge", "joint_states", "joint_states"), ("base_navigation", "odom", "odom"), ("base_navigation", "cmd_vel", "cmd_vel"),
+                                      ("brick_detection", "color/image_raw", "color_topic"), ("depth_self_filter", "depth/image_rect", "depth_topic")):
+                self.assertEqual(loaded.remaps(f"/{node}")[name], topics[topic], node)
+            for node in ("depth_self_filter", "gpis_mapping", "brick_detection"):
+                self.assertEqual(loaded.params[f"/{node}/input/camera_frame"], "eye")
+
+    def test_a_users_params_count_above_all_else(self):
+        # One key that the camera's file sets, one of each of our files, and of each node one that its launch file or an argument sets.
+        theirs = {"gpis_mapping/map/sensor/min_range_m": 0.9, "gpis_mapping/map/sensor/noise_preset": "kinect_v2", "gpis_mapping/storage/autosave_period_s": 77.0,
+                  "gpis_mapping/storage/autosave_file": "/a/b.gpis", "gpis_mapping/output/every_image": False, "gpis_mapping/input/map_frame": "odom",
+                  "brick_detection/input/map_frame": "odom", "depth_self_filter/mask/baseline_m": 0.09, "motion_planning/pick/overtravel_m": 0.004,
+                  "motion_planning/map_frame": "odom", "ur_driver_bridge/gate/max_heartbeat_silence_s": 0.7, "ur_driver_bridge/lockstep_wait_s": 3.0,
+                  "base_navigation/drive/max_heartbeat_age_s": 0.9, "base_navigation/pose/wait_s": 2.0, "nbv_selection/strategies": ["mine"],
+                  "nbv_selection/seed": 99, "pick_mission/time/limit_s": 7.0, "pick_mission/unlocks_protective_stop": False, "pick_mission/strategy": "mine",
+                  "system_diagnostics/arrival/warn_ahead_s": 1.5}
+        simulated = {"simulated_world/camera/rate_hz": 3.0, "simulated_world/clock/wait_for": [], "simulated_world/clock/computing": [],
+                     "simulated_world/clock/wait_timeout_wall_s": 6.0, "simulated_world/judge/pick_action": "/mine", "simulated_world/seed": 98,
+                     "octomap_baseline/map/sensor/max_range_m": 2.0, "octomap_baseline/output/projected_min_z_m": 0.2}
+
+        def file_of(params):
+            sections = {}
+            for name, value in params.items():
+                *path, key = name.split("/")
+                section = sections
+                for part in path:
+                    section = section.setdefault(part, {})
+                section[key] = value
+            return self.params_file(yaml.safe_dump(sections))
+
+        run = ["time_limit_s:=450", f"run_folder:={self.folder}/run"]
+        for loaded, params in ((self.robot(file_of(theirs), *run), theirs),
+                               (self.simulation(file_of({**theirs, **simulated}), *run, "clock:=lockstep", "map:=octomap", "camera_rate_hz:=2"), {**theirs, **simulated})):
+            for name, value in params.items():
+                self.assertEqual(loaded.params[f"/{name}"], value, name)
+        # Without a file of the user's the camera's stands.
+        for loaded in (self.robot(), self.simulation()):
+            self.assertEqual(loaded.params["/gpis_mapping/map/sensor/min_range_m"], 0.3)
+            self.assertEqual(loaded.params["/gpis_mapping/map/sensor/noise_preset"], "realsense_d435")
+            self.assertNotIn("/bringup/params", loaded.params)
+
+    def test_params_of_an_unknown_node_end_the_launch(self):
+        start = ("mp700_ur5e_bringup", "simulation.launch")
+        for text, words in (("gpis_maping: {map: {}}\n", "section gpis_maping: no such node, but gpis_mapping; must be one of base_navigation, "),
+                            ("sensor: {min_range_m: 0.9}\n", "section sensor: no such node; must be one of"), ("gpis_mapping: 3\n", "gpis_mapping = 3, must hold parameters"),
+                            ("- gpis_mapping\n", "must hold sections, one per node"), ("gpis_mapping: {\n", "cannot be read: ")):
+            code, output = self.nodes_of(*start, self.params_file(text))
+            self.assertNotEqual(code, 0, text)
+            self.assertIn(words, output)
+            self.assertNotIn("/pick_mission", output)
+        for path, words in ((f"{self.folder}/none.yaml", "cannot be read: "), ("params.yaml", "must be an absolute path")):
+            code, output = self.nodes_of(*start, f"params:={path}")
+            self.assertNotEqual(code, 0)
+            self.assertIn(f"params:={path}: {words}", output)
+        self.assertEqual(self.nodes_of(*start, self.params_file("", "empty.yaml"))[0], 0)
+        example = pathlib.Path(f"{self.package}/README.md").read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
+        self.assertEqual(self.nodes_of(*start, self.params_file(example))[0], 0)
+        self.assertEqual(self.simulation(self.params_file(example)).params["/pick_mission/survey/round"], 0)
+        # A section for each node that reads parameters, the comparison's too.
+        import runpy
+        nodes = runpy.run_path(f"{self.package}/scripts/check_params", run_name="checked")["NODES"]
+        self.assertEqual({f"/{name}" for name in nodes}, OURS | {"/simulated_world", "/octomap_baseline"})
+
+    def test_a_users_file_counts_above_the_cameras(self):
         files = {"map": "sensor: {min_range_m: 0.9, baseline_m: 0.09, noise_preset: kinect_v2}\n",
-                 "node": "input: {camera_frame: eye, image_transport: compressedDepth}\n"
-                         "output: {every_image: true}\nstorage: {autosave_file: /a/b.gpis, autosave_period_s: 77.0}\n",
+                 "node": "input: {camera_frame: eye, image_transport: compressedDepth}\noutput: {every_image: true}\n",
                  "detection": "continuous: false\ninput: {use_depth: false, image_transport: compressed}\npose: {depth: {inverse_depth_std: 0.5}}\n",
-                 "filter": "mask: {baseline_m: 0.09}\ninput: {image_transport: compressedDepth}\n",
-                 "planning": "pick: {overtravel_m: 0.004}\n"}
+                 "filter": "mask: {baseline_m: 0.09}\ninput: {image_transport: compressedDepth}\n"}
         for name, text in files.items():
             write(self.folder / f"user_{name}.yaml", text)
         own = {name: f"{self.folder}/user_{name}.yaml" for name in files}
@@ -319,6 +374,7 @@ class BringupLaunch(unittest.TestCase):
         for args in (["camera:=realsense"], ["camera:=azure_kinect", "manager:=m"]):
 
             def load(package, *more, args=args):
+                import rospkg
                 launch = "mapping" if package == "gpis_mapping" else package
                 return Loaded(f"{rospkg.RosPack().get_path(package)}/launch/{launch}.launch", *args, *more)
 
@@ -333,16 +389,6 @@ class BringupLaunch(unittest.TestCase):
                    input__image_transport="compressedDepth")
             expect(load("brick_detection", f"config:={own['detection']}"), "brick_detection", continuous=False,
                    input__use_depth=False, input__image_transport="compressed", pose__depth__inverse_depth_std=0.5)
-        robot = self.robot(f"map_config:={own['map']}", f"map_node_config:={own['node']}", f"detection_config:={own['detection']}",
-                           f"planning_config:={own['planning']}")
-        expect(robot, "gpis_mapping", **of_map, storage__autosave_file="/a/b.gpis", storage__autosave_period_s=77.0)
-        expect(robot, "brick_detection", continuous=False, pose__depth__inverse_depth_std=0.5)
-        expect(robot, "motion_planning", pick__overtravel_m=0.004)
-        expect(self.robot(f"planning_config:={own['planning']}", "overtravel_m:=0.02"), "motion_planning", pick__overtravel_m=0.02)
-        expect(self.simulation(f"map_config:={own['map']}"), "gpis_mapping", map__sensor__min_range_m=0.9)
-        # Without a file of the user's the camera's stands.
-        for loaded in (self.robot(), self.simulation()):
-            expect(loaded, "gpis_mapping", map__sensor__min_range_m=0.3, map__sensor__noise_preset="realsense_d435")
 
     def test_a_played_bag_waits_for_the_map(self):
         import rospkg
@@ -364,10 +410,15 @@ class BringupLaunch(unittest.TestCase):
 
     def test_an_argument_that_there_is_not_ends_the_launch(self):
         none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom"]
-        result = self.run_robot(none + ["wall_deadman:=0.1", "heartbeat:=/pick_mission/heartbeat"])
+        # Arguments of common.launch and of the drivers' files count as its own, apart from those that robot.launch decides.
+        result = self.run_robot(none + ["headless:=true", "base_hartbeat:=none", "autostart:=true", "bridge:=false", "heartbeat:=/h", "reverse_ip:=::1"])
         self.assertNotEqual(result.returncode, 0)
-        self.assertIn("robot.launch has no argument wall_deadman, but wall_deadman_s:", result.stdout)
+        self.assertIn("robot.launch has no argument headless any more: the argument is headless_mode", result.stdout)
+        self.assertIn("robot.launch has no argument base_hartbeat, but base_heartbeat:", result.stdout)
+        self.assertIn("robot.launch has no argument autostart", result.stdout)
+        self.assertIn("robot.launch has no argument bridge", result.stdout)
         self.assertNotIn("no argument heartbeat", result.stdout)
+        self.assertNotIn("no argument reverse_ip", result.stdout)
         # Somebody's own file, of the same name even, has arguments of its own.
         own = self.folder / "own/robot.launch"
         write(own, """<launch><arg name="rig" default=""/><include file="$(find mp700_ur5e_bringup)/launch/robot.launch">"""
@@ -376,18 +427,25 @@ class BringupLaunch(unittest.TestCase):
                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, check=False)
         self.assertEqual(result.returncode, 0, result.stdout)
 
-    def test_simulation_refuses_unknown_arguments(self):
+    def test_launch_files_refuse_unknown_arguments(self):
         import rospkg
         world = f"{rospkg.RosPack().get_path('sim_tests')}/launch/simulated_world.launch"
-        simulation = ("mp700_ur5e_bringup", "simulation.launch")
-        for start, name, node in ((simulation, "simulation", "/pick_mission"), (("-p", "11399", *simulation), "simulation", "/pick_mission"),
-                                  (("sim_tests", "simulated_world.launch"), "simulated_world", "/relay_wheels"), ((world,), "simulated_world", "/relay_wheels")):
-            code, output = self.nodes_of(*start, "sceen:=two_rows", "seed:=3")
+        simulation, common = ("mp700_ur5e_bringup", "simulation.launch"), ("mp700_ur5e_bringup", "common.launch")
+        for start, wrong, right, node in (
+                (simulation, "sceen", "scene", "/pick_mission"), (("-p", "11399", *simulation), "sceen", "scene", "/pick_mission"),
+                (("sim_tests", "simulated_world.launch"), "sceen", "scene", "/relay_wheels"), ((world,), "sceen", "scene", "/relay_wheels"),
+                (simulation, "realtime_facter", "realtime_factor", "/pick_mission"), (simulation, "color_topics", "color_topic", "/pick_mission"),
+                (simulation, "deployment", "", "/pick_mission"), (common, "brigde", "bridge", "/pick_mission"),
+                (("mp700_ur5e_bringup", "replay.launch", "bag:=/a.bag"), "rates", "rate", "/play_mission"),
+                (("gpis_mapping", "mapping.launch"), "autosave_fil", "autosave_file", "/gpis_mapping"),
+                (("brick_detection", "brick_detection.launch"), "colour_topic", "color_topic", "/brick_detection")):
+            code, output = self.nodes_of(*start, f"{wrong}:=two_rows", "rviz:=false")
             self.assertNotEqual(code, 0, output)
-            self.assertIn(f"{name}.launch has no argument sceen, but scene: roslaunch --ros-args ", output)
-            self.assertNotIn("no argument seed", output)
-            self.assertNotIn(node, output)
-        code, output = self.nodes_of(*simulation, "scene:=two_rows", "seed:=3")
+            file = next(pathlib.Path(word).name for word in start if word.endswith(".launch"))
+            self.assertIn(f"{file} has no argument {wrong}" + (f", but {right}: roslaunch --ros-args " if right else ""), output)
+            self.assertNotIn("no argument rviz", output)
+            self.assertNotIn(node, output.split())
+        code, output = self.nodes_of(*simulation, "scene:=two_rows", "seed:=3", "realtime_factor:=0.5", "joint_states:=/j")
         self.assertEqual(code, 0, output)
         self.assertIn("/pick_mission", output)
         # A file of the user's includes ours, and two files share a command line: their arguments are not ours to judge.
@@ -395,6 +453,19 @@ class BringupLaunch(unittest.TestCase):
         write(own, f"""<launch><arg name="rig" default=""/><include file="{world}"/></launch>""")
         self.assertEqual(self.nodes_of(str(own), "rig:=seven")[0], 0)
         self.assertEqual(self.nodes_of(world, str(self.folder / "localisation.launch"), "rig:=seven")[0], 0)
+
+    def test_an_argument_of_old_names_what_stands_in(self):
+        stand_ins = yaml.safe_load(pathlib.Path(f"{self.package}/config/removed_arguments.yaml").read_text(encoding="utf-8"))
+        code, output = self.nodes_of("mp700_ur5e_bringup", "simulation.launch", *(f"{name}:=1" for name in stand_ins))
+        self.assertNotEqual(code, 0)
+        for name, text in stand_ins.items():
+            self.assertIn(f"simulation.launch has no argument {name} any more: {text}", output)
+        # The parameters that stand in exist: a file with all of them is taken, and each is what a node reads in some launch.
+        loaded = {**self.robot().params, **self.simulation("clock:=lockstep", "map:=octomap").params}
+        for text in stand_ins.values():
+            words = text.replace(",", "").split()
+            if "/" in words[1] and "below" not in words:
+                self.assertIn(f"/{words[1]}", {**loaded, "/depth_self_filter/input/image_transport": ""}, text)
 
     def test_own_robot_and_bricks_reach_all(self):
         own = {name: f"{self.folder}/{name}" for name in ("urdf", "base_profile", "bricks", "sectors")}
@@ -418,7 +489,6 @@ class BringupLaunch(unittest.TestCase):
 
     def test_rviz_fits_a_small_screen(self):
         import rospkg
-        import yaml
         rospack = rospkg.RosPack()
         files = sorted({path for name in ("mp700_ur5e_bringup", "gpis_mapping", "nbv_selection", "motion_planning", "base_navigation", "brick_detection", "sim_tests",
                                      "mp700_ur5e_description")
@@ -431,7 +501,6 @@ class BringupLaunch(unittest.TestCase):
             self.assertLessEqual(window["Height"], 800, path)
 
     def test_rviz_names_a_brick_once(self):
-        import yaml
         displays = yaml.safe_load(pathlib.Path(f"{self.package}/rviz/bringup.rviz").read_text(encoding="utf-8"))["Visualization Manager"]["Displays"]
         naming = [display["Name"] for display in displays if display["Enabled"] and display.get("Namespaces", {}).get("ids")]
         self.assertEqual(naming, ["Mission"])
@@ -531,6 +600,24 @@ class BringupLaunch(unittest.TestCase):
         # Drivers and world are not ours to start anew: what they stood for is gone.
         self.assertFalse(self.simulation().nodes["/simulated_world"].respawn)
 
+    def test_nodelets_do_what_the_nodes_do(self):
+        loads = {"/depth_self_filter", "/gpis_mapping", "/brick_detection", "/octomap_baseline"}
+        for args in (("map:=octomap", "clock:=lockstep"), ("map:=octomap", "required:=true")):
+            nodes, nodelets = self.simulation(*args), self.simulation(*args, "nodelets:=true")
+            self.assertEqual(nodes.params, nodelets.params)
+            self.assertEqual(set(nodelets.nodes) - set(nodes.nodes), {"/camera_nodelets"})
+            for name, node in nodes.nodes.items():
+                other = nodelets.nodes[name]
+                self.assertEqual((node.remap_args, node.respawn, node.required), (other.remap_args, other.respawn, other.required), name)
+                self.assertEqual(other.type == "nodelet", name in loads, name)
+            manager = nodelets.nodes["/camera_nodelets"]
+            self.assertEqual((manager.args, manager.respawn), ("manager", "required:=true" not in args))
+            for name in loads:
+                # Without a bond the loader would not hear that the manager has ended, and load nothing into the next one.
+                word, _, into, *rest = nodelets.nodes[name].args.split()
+                self.assertEqual((word, into, rest), ("load", "camera_nodelets", [] if manager.respawn else ["--no-bond"]))
+        self.assertIn("/camera_nodelets", self.robot("nodelets:=true").nodes)
+
     def test_the_map_of_a_run_outlives_a_crash(self):
         for load in (self.simulation, self.robot):
             self.assertEqual(load("run_folder:=/tmp/run").params["/gpis_mapping/storage/autosave_file"], "/tmp/run/map.gpis")
@@ -539,7 +626,8 @@ class BringupLaunch(unittest.TestCase):
             self.assertLessEqual(load().params["/gpis_mapping/storage/autosave_period_s"], 10.0)
 
     def test_the_mission_is_told_what_it_is_about(self):
-        mission = self.simulation("scene:=two_rows", "seed:=3", "autostart:=true", "time_limit_s:=450", "bricks_total:=10").params
+        mission = self.simulation("scene:=two_rows", "seed:=3", "autostart:=true", "time_limit_s:=450",
+                                  self.params_file("pick_mission: {bricks_total: 10}\n")).params
         for key, value in (("scene", "two_rows"), ("seed", 3), ("autostart", True), ("time/limit_s", 450.0), ("bricks_total", 10),
                            ("strategy", "gpis"), ("unlocks_protective_stop", True)):
             self.assertEqual(mission[f"/pick_mission/{key}"], value, key)
