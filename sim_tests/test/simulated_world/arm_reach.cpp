@@ -44,7 +44,10 @@ std::vector<Eigen::Isometry3d> tipPoses(const Grasp& grasp) {
   result.reserve(kToolTurns);
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   T.translation() = grasp.point_map;
-  T.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), -grasp.normal_map).toRotationMatrix();
+  // Not Eigen's FromTwoVectors: some 1e-6 rad from opposite, as a brick is that physics has laid down, it cancels.
+  T.linear().col(2) = -grasp.normal_map;
+  T.linear().col(0) = grasp.normal_map.unitOrthogonal();
+  T.linear().col(1) = T.linear().col(2).cross(T.linear().col(0));
   for (int turn = 0; turn < kToolTurns; ++turn) {
     result.push_back(T * Eigen::AngleAxisd(2.0 * M_PI * turn / kToolTurns, Eigen::Vector3d::UnitZ()));
   }
