@@ -15,6 +15,7 @@ namespace interactive_mapping {
 namespace {
 
 using test_support::messageOf;
+using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -90,6 +91,13 @@ TEST(Schema, WhatIsWrittenReadsBackTheSame) {
     EXPECT_EQ(back.inner.high, config.inner.high);
     EXPECT_EQ(back.color, config.color);
   }
+}
+
+TEST(Schema, LargeNumbersAreNumbersForRoslaunchToo) {
+  Example config;
+  config.reach_m = 1e9;
+  config.low_m.x() = 1e-5;
+  EXPECT_THAT(toYaml(config), AllOf(HasSubstr("reach_m: 1.0e+09\n"), HasSubstr("low_m: [1.0e-05, 0, 1]\n")));
 }
 
 TEST(Schema, MissingKeysKeepTheirDefault) {

@@ -43,8 +43,8 @@ class MotionPlanningRos {
   MotionPlanningRos& operator=(const MotionPlanningRos&) = delete;
 
  private:
-  using PickServer = WorkerActionServer<interactive_mapping_msgs::PlanPickAction>;
-  using ArmServer = WorkerActionServer<interactive_mapping_msgs::PlanArmAction>;
+  using PickServer = interactive_mapping_ros::WorkerActionServer<interactive_mapping_msgs::PlanPickAction>;
+  using ArmServer = interactive_mapping_ros::WorkerActionServer<interactive_mapping_msgs::PlanArmAction>;
   using IsCancelled = std::function<bool()>;
 
   /// A request that cannot be planned for, with its reason.

@@ -9,7 +9,6 @@
 
 #include <fcl/narrowphase/collision.h>
 #include <fcl/narrowphase/distance.h>
-#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "collision_scene_data.h"
@@ -188,17 +187,6 @@ std::string Contact::describe() const {
       return part + " is too near to the floor";
   }
   return "?";
-}
-
-std::vector<std::string> CollisionCheckerConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("self_padding_m", self_padding_m, 0.0, kMaxSelfPadding_m, "m");
-  check("floor_margin_m", floor_margin_m, -0.1, 0.3, "m");
-  check("held_padding_m", held_padding_m, 0.0, kMaxSelfPadding_m, "m");
-  check("held_shrink_m", held_shrink_m, 0.0, 0.05, "m");
-  check("held_release_m", held_release_m, 0.0, 0.1, "m");
-  check("target_padding_m", target_padding_m, 0.0, 0.1, "m");
-  return check.problems();
 }
 
 struct CollisionChecker::State {
@@ -467,7 +455,7 @@ CollisionChecker::CollisionChecker(std::shared_ptr<const ArmKinematics> arm,
                                    std::shared_ptr<const CollisionScene> scene, const Eigen::Isometry3d& T_map_base,
                                    const CollisionCheckerConfig& config)
     : state_(std::make_unique<State>()) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible collision checker:", config);
   if (!arm || !scene) throw std::invalid_argument("no arm or no scene");
   if (!isRigid(T_map_base)) throw std::invalid_argument("T_map_base is not a rigid transform");
   state_->parts = makeParts(*arm, config.self_padding_m);

@@ -9,7 +9,6 @@
 #include <stdexcept>
 #include <unordered_map>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/threads/parallel_for.h>
 
 #include "collision_scene_data.h"
@@ -206,19 +205,6 @@ double CollisionScene::freeDistance(const Eigen::Vector3d& p_map) const {
   if (free_distance_m.empty()) return kFarAway;
   // A point outside is no nearer to anything than the point of the lattice's box nearest to it.
   return static_cast<double>(free_distance_m[lattice.index(lattice.clamped(p_map))]);
-}
-
-std::vector<std::string> CollisionSceneConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("sigmas", sigmas, 0.0, kMaxSigmas, "");
-  check("margin_m", margin_m, 0.0, kMaxMargin_m, "m");
-  check("max_margin_m", max_margin_m, margin_m, 0.2, "m");
-  check("chunk_m", chunk_m, 0.05, 2.0, "m");
-  check("block_m", block_m, 0.01, 0.2, "m");
-  check("unknown_near_pile_m", unknown_near_pile_m, 0.0, 1.0, "m");
-  check("pile_min_height_m", pile_min_height_m, 0.0, 1.0, "m");
-  check("region_radius_m", region_radius_m, 0.5, 5.0, "m");
-  return check.problems();
 }
 
 struct CollisionSceneBuilder::State {
@@ -554,7 +540,7 @@ ChunkRecord makeChunk(const std::vector<std::uint32_t>& chosen,
 }  // namespace
 
 CollisionSceneBuilder::CollisionSceneBuilder(const CollisionSceneConfig& config) : state_(std::make_unique<State>()) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible collision scene:", config);
   state_->config = config;
 }
 

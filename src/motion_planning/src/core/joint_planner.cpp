@@ -9,7 +9,6 @@
 #include <random>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include <ompl/base/MotionValidator.h>
 #include <ompl/base/PlannerTerminationCondition.h>
 #include <ompl/base/ProblemDefinition.h>
@@ -299,20 +298,9 @@ void requireFinite(const char* what, const ArmVector& q) {
 
 }  // namespace
 
-std::vector<std::string> JointPlannerConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("max_iterations", max_iterations, 1, 1e7, "");
-  check("range_rad", range_rad, 0.01, 10.0, "rad");
-  check("check_step_rad", check_step_rad, 1e-4, 0.5, "rad");
-  check("shortcut_rounds", shortcut_rounds, 0, 1e5, "");
-  check("smooth_rounds", smooth_rounds, 0, 1e4, "");
-  check("joint_window_rad", joint_window_rad, 0.1, 20.0, "rad");
-  return check.problems();
-}
-
 JointPlanResult planJointPath(const JointSpace& space, const ArmVector& start, const std::vector<ArmVector>& goals,
                               const JointPlannerConfig& config, const std::function<bool()>& is_cancelled) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible joint planner:", config);
   if (!space.is_valid) throw std::invalid_argument("joint space has no validity test");
   if (goals.empty()) throw std::invalid_argument("goals: 0, must be at least 1");
   requireFinite("start", start);

@@ -416,13 +416,6 @@ std::vector<std::string> MotionLimits::validate() const {
   return check.problems();
 }
 
-std::vector<std::string> TimingConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("max_deviation_rad", max_deviation_rad, 1e-6, 1.0, "rad");
-  check("sample_s", sample_s, 1e-3, 1.0, "s");
-  return check.problems();
-}
-
 TrajectoryPoint JointTrajectory::sample(double time_s) const {
   if (points.empty()) throw std::logic_error("an empty trajectory has no point at " + std::to_string(time_s) + " s");
   const auto at_rest = [time_s](TrajectoryPoint point) {
@@ -460,7 +453,7 @@ PointSpeedLimit tipSpeedLimit(std::shared_ptr<const ArmKinematics> arm, double s
 JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limits, const TimingConfig& config,
                                 const std::optional<PointSpeedLimit>& speed_limit) {
   interactive_mapping::throwIfAny(limits.validate());
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible timing:", config);
   requireFinite(path);
   if (speed_limit) {
     interactive_mapping::RangeCheck check;
@@ -500,7 +493,7 @@ JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limit
 }
 
 JointPath roundedPath(const JointPath& path, double step_rad, const TimingConfig& config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible timing:", config);
   requireFinite(path);
   interactive_mapping::RangeCheck check;
   check("step_rad", step_rad, 1e-6, 10.0, "rad");

@@ -9,7 +9,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "arm_reach.h"
@@ -182,46 +181,6 @@ const char* toString(PlanStatus status) {
       return "outside limits";
   }
   return "unknown";
-}
-
-std::vector<std::string> MotionPlannerConfig::validate() const {
-  // Sections as in config_fields.h.
-  std::vector<std::string> problems;
-  const auto append = [&problems](const char* section, const std::vector<std::string>& more) {
-    for (const std::string& problem : more) problems.push_back(std::string(section) + problem);
-  };
-  append("collision/", collision.validate());
-  append("search/", planner.validate());
-  interactive_mapping::RangeCheck search("search/");
-  search("verify_step_m", verify_step_m, 0.001, 0.1, "m");
-  append("", search.problems());
-  append("motion/", timing.validate());
-  interactive_mapping::RangeCheck motion("motion/");
-  motion("velocity_scale", velocity_scale, 0.01, 1.0, "");
-  motion("acceleration_rad_s2", acceleration_rad_s2, 0.05, 40.0, "rad/s^2");
-  motion("contact_speed_m_s", contact_speed_m_s, 0.001, 0.25, "m/s");
-  motion("lift_speed_m_s", lift_speed_m_s, 0.001, 1.0, "m/s");
-  append("", motion.problems());
-  interactive_mapping::RangeCheck pick("pick/");
-  pick("approach_m", approach_m, 0.01, 0.5, "m");
-  pick("lift_m", lift_m, 0.01, 0.5, "m");
-  pick("min_lift_m", min_lift_m, 0.005, std::max(0.005, lift_m), "m");
-  pick("lift_room_m", lift_room_m, 0.0, 0.2, "m");
-  pick("overtravel_m", overtravel_m, 0.0, 0.03, "m");
-  pick("cartesian_step_m", cartesian_step_m, 5e-4, 0.02, "m");
-  pick("max_joint_jump_rad", max_joint_jump_rad, 0.01, 1.0, "rad");
-  pick("plate_margin_m", plate_margin_m, 0.0, 0.2, "m");
-  pick("magnet_radius_m", magnet_radius_m, 0.001, 0.2, "m");
-  pick("yaw_samples", yaw_samples, 1, 360, "");
-  pick("contact_grid_m", contact_grid_m, 0.005, 1.0, "m");
-  pick("max_goals", max_goals, 1, 1000, "");
-  pick("max_tilt_rad", max_tilt_rad, 0.05, 3.2, "rad");
-  append("", pick.problems());
-  interactive_mapping::RangeCheck view("view/");
-  view("clear_m", inspect_clear_m, 0.0, 1.0, "m");
-  view("samples", inspect_samples, 0, 1e6, "");
-  append("", view.problems());
-  return problems;
 }
 
 /// One request. Members are what all of its stages share.
@@ -401,7 +360,7 @@ JointPath MotionPlanner::Call::followLine(const ArmVector& from, const Eigen::Is
     T_base_tip.translation() += way_base * (static_cast<double>(k) / static_cast<double>(steps));
     const std::vector<ArmVector> branches = arm_.inverse(T_base_tip, line.back());
     if (branches.empty()) break;
-    if ((branches.front() - line.back()).lpNorm<Eigen::Infinity>() > config_.max_joint_jump_rad) break;
+    if ((branches.front() - line.back()).lpNorm<Eigen::Infinity>() > kMaxJointJump_rad) break;
     line.push_back(branches.front());
   }
   return line;
@@ -951,7 +910,7 @@ std::optional<MotionPlanner::Call::Pick> MotionPlanner::Call::examine(const Cand
   std::optional<JointPath> lift;
   for (const Eigen::Vector3d& way_base : lifts_base) {
     JointPath line = followLine(candidate.contact, grip.T_base_contact, way_base);
-    const std::size_t shortest = numSteps(config_.min_lift_m);
+    const std::size_t shortest = numSteps(kMinLift_m);
     if (line.size() <= shortest) {
       note(kLineStage, PlanStatus::kApproachBlocked, "the arm cannot follow the straight lift in one posture");
       continue;
@@ -1019,10 +978,10 @@ MotionPlanner::Call::FaceOutcome MotionPlanner::Call::planFace(const PickTarget&
                 name + ": the magnet does not fit on its plate of " + std::to_string(target.type->plate_edge_m) + " m");
   }
   // Middle first, then rings about it.
-  const int rings = static_cast<int>(std::floor(room_m / config_.contact_grid_m + 1e-9));
+  const int rings = static_cast<int>(std::floor(room_m / kContactGrid_m + 1e-9));
   std::vector<Eigen::Vector2d> offsets;
   for (int x = -rings; x <= rings; ++x) {
-    for (int y = -rings; y <= rings; ++y) offsets.push_back(config_.contact_grid_m * Eigen::Vector2d(x, y));
+    for (int y = -rings; y <= rings; ++y) offsets.push_back(kContactGrid_m * Eigen::Vector2d(x, y));
   }
   std::stable_sort(offsets.begin(), offsets.end(), [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
     return a.squaredNorm() < b.squaredNorm();
@@ -1175,7 +1134,7 @@ MotionPlanner::MotionPlanner(std::shared_ptr<const ArmKinematics> arm, Manipulab
                              const MotionPlannerConfig& config)
     : arm_(std::move(arm)), sectors_(std::move(sectors)), config_(config) {
   if (!arm_) throw std::invalid_argument("no arm");
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible motion planner:", config);
 }
 
 PickPlan MotionPlanner::planPick(const PlanningContext& context, const PickTarget& target,

@@ -8,8 +8,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 #include "arm_reach.h"
 
 namespace motion_planning {
@@ -70,18 +68,8 @@ WatchCheckers watchCheckers(std::shared_ptr<const ArmKinematics> arm, std::share
   return checkers;
 }
 
-std::vector<std::string> PathMonitorConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("stop_clearance_m", stop_clearance_m, 0.0, kMaxClearance_m, "m");
-  check("sample_s", sample_s, 0.001, 1.0, "s");
-  check("sample_rad", sample_rad, 0.001, 1.0, "rad");
-  check("horizon_s", horizon_s, 0.01, 1e9, "s");
-  check("clearance_step_m", clearance_step_m, 0.001, 0.5, "m");
-  return check.problems();
-}
-
 PathMonitor::PathMonitor(const PathMonitorConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible path monitor:", config);
 }
 
 void PathMonitor::start(JointTrajectory trajectory, std::shared_ptr<const ArmKinematics> arm) {

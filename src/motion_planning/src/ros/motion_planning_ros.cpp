@@ -136,7 +136,7 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
     throw std::invalid_argument("inspect_posture = '" + params_.inspect_posture +
                                 "', must be a posture: " + namesOf(postures_));
   }
-  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
+  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", interactive_mapping::toYaml(params_).c_str());
 
   ros::NodeHandle handle(private_nh);
   monitor_publisher_ = handle.advertise<PathMonitorState>("path_monitor", 10, true);
@@ -233,7 +233,7 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
 bool MotionPlanningRos::awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled, std::string* why_not) {
   if (min_stamp.isZero() || scenes_->meshStamp() >= min_stamp) return true;
   const ros::Time due = ros::Time::now() + ros::Duration(params_.state.map_wait_s);
-  const bool clock_runs = waitUntil(
+  const bool clock_runs = interactive_mapping_ros::waitUntil(
       due, params_.cost.stall_s, [&] { return scenes_->meshStamp() >= min_stamp || (is_cancelled && is_cancelled()); });
   const ros::Time newest = scenes_->meshStamp();
   if (newest >= min_stamp) return true;

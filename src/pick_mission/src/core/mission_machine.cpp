@@ -11,8 +11,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 #include "pick_mission/reactions.h"
 
 namespace pick_mission {
@@ -126,7 +124,7 @@ class MissionMachine::Impl {
   };
   Eigen::Vector3d nearSideOf(const SeenBrick& brick) const;
   static BrickLedger makeLedger(const MissionConfig& config) {
-    interactive_mapping::throwIfAny(config.validate());
+    interactive_mapping::requireValid("impossible mission:", config);
     return {config.max_picks_per_brick, config.max_plans_per_brick};
   }
 

@@ -44,6 +44,13 @@ std::string shortest(double value) {
   return text;
 }
 
+/// For a file: what roslaunch reads with takes 1e+09 for a text.
+std::string withPoint(std::string number) {
+  const std::size_t exponent = number.find('e');
+  if (exponent != std::string::npos && number.find('.') == std::string::npos) number.insert(exponent, ".0");
+  return number;
+}
+
 std::string rangeOf(const Field& field) {
   const std::string range = "[" + shortest(field.lo) + ", " + shortest(field.hi) + "]";
   return *field.unit == '\0' ? range : range + " " + field.unit;
@@ -148,11 +155,11 @@ std::string textOf(const Field& field) {
   const auto list = [](const auto* values) {
     std::vector<std::string> texts;
     for (Eigen::Index i = 0; i < static_cast<Eigen::Index>(values->size()); ++i) {
-      texts.push_back(shortest(values->data()[i]));
+      texts.push_back(withPoint(shortest(values->data()[i])));
     }
     return "[" + join(texts, ", ") + "]";
   };
-  return std::visit(Overloaded{[](const double* value) { return shortest(*value); },
+  return std::visit(Overloaded{[](const double* value) { return withPoint(shortest(*value)); },
                                [](const int* value) { return std::to_string(*value); },
                                [](const bool* value) { return std::string(*value ? "true" : "false"); },
                                [](const std::string* value) { return quoted(*value); },
