@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The tables of transitions and of reactions: complete, reachable, and as the README has them.
+// The tables of transitions and of reactions: complete, reachable, and as the documents have them.
 #include <fstream>
 #include <set>
 #include <sstream>
@@ -16,8 +16,8 @@ State stateAt(int i) {
   return static_cast<State>(i);
 }
 
-std::string readme() {
-  std::ifstream file(std::string(PICK_MISSION_DIR) + "/README.md");
+std::string textOf(const std::string& name) {
+  std::ifstream file(std::string(PICK_MISSION_DIR) + "/" + name);
   std::stringstream text;
   text << file.rdbuf();
   return text.str();
@@ -147,19 +147,20 @@ TEST(Reactions, ResultsThatAnActionCannotHaveAreRefused) {
   EXPECT_THROW(reactTo(State::kDetect, DetectionResult{static_cast<DetectionStatus>(4), {}}), std::invalid_argument);
 }
 
-TEST(Readme, HasTheTableOfTransitions) {
-  EXPECT_THAT(readme(), testing::HasSubstr(transitionsAsMarkdown())) << "write this into it:\n"
-                                                                     << transitionsAsMarkdown();
+TEST(Documents, HaveTheTableOfTransitions) {
+  EXPECT_THAT(textOf("docs/state_machine.md"), testing::HasSubstr(transitionsAsMarkdown())) << "write this into it:\n"
+                                                                                            << transitionsAsMarkdown();
 }
 
-TEST(Readme, HasTheTableOfReactions) {
-  EXPECT_THAT(readme(), testing::HasSubstr(reactionsAsMarkdown())) << "write this into it:\n" << reactionsAsMarkdown();
+TEST(Documents, HaveTheTableOfReactions) {
+  EXPECT_THAT(textOf("docs/state_machine.md"), testing::HasSubstr(reactionsAsMarkdown())) << "write this into it:\n"
+                                                                                          << reactionsAsMarkdown();
 }
 
-TEST(Readme, TellsEveryEndReason) {
+TEST(Documents, TellEveryEndReason) {
   for (int i = 1; i < kNumEndReasons; ++i) {
     const std::string row = std::string("| `") + toString(static_cast<EndReason>(i)) + "` |";
-    EXPECT_THAT(readme(), testing::HasSubstr(row));
+    EXPECT_THAT(textOf("README.md"), testing::HasSubstr(row));
   }
 }
 
