@@ -19,8 +19,8 @@ nlohmann::json savedFields(const Object& object) {
   return saved;
 }
 
-/// Whole numbers are counts: negative or larger than an int, they are refused. Throws nlohmann::json::exception for a key
-/// that is missing or of another type, std::invalid_argument for such a number.
+/// Throws nlohmann::json::exception for a key that is missing or of another type, and std::invalid_argument for a whole
+/// number that is no count: negative, or larger than an int.
 template <typename Object>
 void restoreFields(const nlohmann::json& saved, Object& object) {
   Object::visitFields(object, [&saved](const char* key, auto& member) {

@@ -84,12 +84,11 @@ void apply(Effect effect, const Cause& cause, Mission& mission);
 
 // --- results.cpp ----------------------------------------------------------------------------------------------------
 
-/// Records what the result of `action` says about robot, hand, bricks and views. `is_broken_off`: by the mission itself,
-/// so that a failure counts for nothing.
+/// Records what the result of `action` says about robot, hand, bricks and views. `is_broken_off`: the mission itself
+/// cancelled it, and a failure does not count.
 void record(State action, const event::Reply& reply, const Reaction& reaction, bool is_broken_off, Mission& mission);
 
-/// What the arm's bridge says. An empty hand closes an open let go: whatever else was answered, the brick fell where it was
-/// to fall.
+/// What the arm's bridge says. With an empty hand an open let go has succeeded, whatever else was answered.
 void setHand(Hand hand, Mission& mission);
 
 /// Failures of `action` in a row, if they are too many; else 0.
@@ -102,15 +101,15 @@ Command begin(Mission& mission);
 
 // --- places.cpp -----------------------------------------------------------------------------------------------------
 
-/// Poses of the survey: the configured ones, then those round the bricks. `index`: below their number.
+/// The configured poses of the survey, then those round the bricks. `index`: below their number.
 std::size_t numSurveyPoses(const Mission& mission);
 Pose2d surveyPose(const Mission& mission, std::size_t index);
 
 /// Once, when the configured poses are done: evenly round the bricks that were found, from where the robot stands on.
 void planRound(Mission& mission);
 
-/// After views without a pick: round the bricks that were tried more often than others. Empty if none was, or nothing else
-/// was worth it.
+/// After views without a pick: about the bricks that were tried more often than others. Empty if there are none, or
+/// nothing else was worth it.
 std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission);
 
 /// A view with no brick to be tried from it is excluded and reported to the selection, once.
@@ -119,8 +118,8 @@ void excludeFruitlessView(Mission& mission);
 /// Beside the brick, towards the robot: for a report of a failure, so that it may be tried from its other sides.
 Eigen::Vector3d nearSideOf(const SeenBrick& brick, const Pose2d& T_map_base);
 
-/// People may have moved robot and pile: what was tried from here may be tried again. What is counted against the bricks
-/// stays, and a view counts once while the robot stands there. `T_map_base`: where it stands now, if that is known.
+/// People may have moved robot and pile: what was tried from here may be tried again. Counts against the bricks stay,
+/// and a view counts once while the robot stays there. `T_map_base`: where it is now, if that is known.
 void forgetTries(Mission& mission, const std::optional<Pose2d>& T_map_base);
 
 }  // namespace pick_mission

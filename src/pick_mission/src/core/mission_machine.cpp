@@ -97,8 +97,8 @@ void MissionMachine::Impl::requireFits(const event::Reply& reply) const {
   }
 }
 
-/// A clock that is set does not change how long a state has lasted; one that is set back (a looped bag, a simulation begun
-/// anew) takes no used time back.
+/// A clock that is set does not change how long a state has lasted. One that is set back (a looped bag, a simulation
+/// that restarts) takes no used time back.
 void MissionMachine::Impl::advanceTime(const event::ClockJump* jump, double now_s) {
   mission_.now_s = now_s;
   if (!last_step_s_) {
@@ -140,8 +140,8 @@ void MissionMachine::Impl::on(const event::Reply& reply) {
 
 void MissionMachine::Impl::on(const event::HandReport& report) {
   if (report.brick_in_hand) mission_.memory.brick_in_hand = report.brick_in_hand;
-  // What an action does to the hand, its reply tells; where none came, that of the wait for the arm: a bridge that has just
-  // come back has not heard of its magnet yet.
+  // The reply of an action says what it did to the hand, or that of the wait for the arm after it: a bridge that has
+  // just come back has not heard of its magnet yet.
   if (mission_.memory.is_let_go_open || (mission_.running && handlesBrick(mission_.running->action))) return;
   if (report.hand == mission_.hand) return;
   const Hand before = mission_.hand;
