@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "ur_geometry.h"
+#include "kinematics/ur_geometry.h"
 
 #include <algorithm>
 #include <cmath>

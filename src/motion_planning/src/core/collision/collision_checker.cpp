@@ -12,8 +12,8 @@
 #include <gpis_mapping/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
-#include "collision_scene_data.h"
-#include "robot_shapes.h"
+#include "collision/collision_scene_data.h"
+#include "collision/robot_shapes.h"
 
 namespace motion_planning {
 namespace {

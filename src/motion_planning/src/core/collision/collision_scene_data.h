@@ -12,7 +12,7 @@
 #include <fcl/math/bv/OBB.h>
 #include <fcl/math/bv/RSS.h>
 
-#include "block_lattice.h"
+#include "collision/block_lattice.h"
 #include "motion_planning/collision_checker.h"
 #include "motion_planning/collision_scene.h"
 

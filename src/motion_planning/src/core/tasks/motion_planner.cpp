@@ -12,9 +12,9 @@
 #include <gpis_mapping/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
-#include "arm_reach.h"
-#include "camera_view.h"
-#include "robot_shapes.h"
+#include "collision/camera_view.h"
+#include "collision/robot_shapes.h"
+#include "kinematics/arm_reach.h"
 
 namespace motion_planning {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "robot_shapes.h"
+#include "collision/robot_shapes.h"
 
 #include <algorithm>
 #include <cmath>

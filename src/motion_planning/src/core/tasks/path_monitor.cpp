@@ -10,7 +10,7 @@
 
 #include <gpis_mapping/range_check.h>
 
-#include "arm_reach.h"
+#include "kinematics/arm_reach.h"
 
 namespace motion_planning {
 namespace {
