@@ -35,12 +35,6 @@ enum class PlanStatus {
 };
 const char* toString(PlanStatus status);
 
-/// While something hangs on the magnet: the direction that was up when it was taken stays within this of up.
-struct TiltConstraint {
-  Eigen::Vector3d up_tip{Eigen::Vector3d::UnitZ()};  // unit, in the tip's frame
-  double max_tilt_rad{0.0};
-};
-
 struct MotionPlannerConfig {
   CollisionCheckerConfig collision;
   JointPlannerConfig planner;
@@ -154,8 +148,6 @@ class MotionPlanner {
   const ArmKinematics& arm() const { return *arm_; }
 
  private:
-  class Call;
-
   std::shared_ptr<const ArmKinematics> arm_;
   ManipulabilitySectors sectors_;
   MotionPlannerConfig config_;

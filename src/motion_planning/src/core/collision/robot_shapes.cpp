@@ -22,6 +22,10 @@ bool isRigid(const Eigen::Isometry3d& T) {
          T.linear().determinant() > 0.0 && T.matrix().row(3) == Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0);
 }
 
+bool isBoxSize(const Eigen::Vector3d& size_m) {
+  return size_m.allFinite() && size_m.minCoeff() > 0.0;
+}
+
 std::vector<CoveringSphere> coverShape(const Shape& shape) {
   std::vector<CoveringSphere> spheres;
   if (const auto* box = std::get_if<Box>(&shape)) {
