@@ -60,7 +60,6 @@ class ArmKinematics {
   bool isWithinLimits(const ArmVector& joints_rad, double tolerance_rad = kLimitTolerance_rad) const;
 
   const mp700_ur5e_description::RobotModel& robot() const { return *robot_; }
-  std::shared_ptr<const mp700_ur5e_description::RobotModel> robotPtr() const { return robot_; }
   /// Where an arm joint stands in RobotModel::joints().
   const std::array<std::size_t, 6>& jointIndices() const { return joint_indices_; }
   /// All joints of the robot with the arm at `joints_rad` and the rest at zero: argument of RobotModel::bodyPoses.

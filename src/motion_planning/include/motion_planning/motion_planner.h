@@ -76,11 +76,17 @@ struct PlanFailure {
 };
 
 struct ArmPlan : PlanFailure {
+  ArmPlan() = default;
+  ArmPlan(const PlanFailure& why) : PlanFailure(why) {}
+
   JointTrajectory trajectory;
 };
 
 /// All four trajectories, or the reason of the face that got farthest.
 struct PickPlan : PlanFailure {
+  PickPlan() = default;
+  PickPlan(const PlanFailure& why) : PlanFailure(why) {}
+
   mp700_ur5e_description::BrickFace face{mp700_ur5e_description::BrickFace::kPlusZ};
   Eigen::Isometry3d T_map_contact{
       Eigen::Isometry3d::Identity()};  // of the tip on the plate, z against the face's normal

@@ -29,7 +29,6 @@ class SurfaceChunk {
   /// triangle.
   SurfaceChunk(std::vector<Eigen::Vector3d> mapped, std::vector<Eigen::Vector3d> displaced, Triangles triangles);
 
-  std::size_t numTriangles() const { return triangles_.size(); }
   const Triangles& triangles() const { return triangles_; }
   const std::vector<Eigen::Vector3d>& mapped() const { return mapped_; }
   const std::vector<Eigen::Vector3d>& displaced() const { return displaced_; }

@@ -14,8 +14,10 @@ namespace {
 
 /// The whole trajectory from the request's start, or why there is none.
 ArmPlan armPlan(const TaskContext& task, const StartState& start, const Result<JointTrajectory>& trajectory) {
-  if (!trajectory) return {trajectory.failure(), {}};
-  return {{}, start.withBackOff(task, *trajectory)};
+  if (!trajectory) return trajectory.failure();
+  ArmPlan plan;
+  plan.trajectory = start.withBackOff(task, *trajectory);
+  return plan;
 }
 
 }  // namespace
@@ -105,17 +107,14 @@ PickPlan MotionPlanner::planPick(const PlanningContext& context, const PickTarge
                                  const std::vector<ArmGoal>& stow_goals) const {
   const TaskContext task{arm_, sectors_, config_, context};
   const Result<StartState> start = findStart(task);
-  if (start) return motion_planning::planPick(task, *start, target, stow_goals);
-  PickPlan plan;
-  plan.status = start.failure().status;
-  plan.message = start.failure().message;
-  return plan;
+  if (!start) return start.failure();
+  return motion_planning::planPick(task, *start, target, stow_goals);
 }
 
 ArmPlan MotionPlanner::planArm(const PlanningContext& context, const ArmGoal& goal) const {
   const TaskContext task{arm_, sectors_, config_, context};
   const Result<StartState> start = findStart(task);
-  if (!start) return {start.failure(), {}};
+  if (!start) return start.failure();
   return armPlan(task, *start, planMove(task, *start, goal));
 }
 
@@ -123,7 +122,7 @@ ArmPlan MotionPlanner::planInspect(const PlanningContext& context, const ViewFru
                                    const std::vector<ArmVector>& postures) const {
   const TaskContext task{arm_, sectors_, config_, context};
   const Result<StartState> start = findStart(task);
-  if (!start) return {start.failure(), {}};
+  if (!start) return start.failure();
   return armPlan(task, *start, planClearView(task, *start, view, postures));
 }
 

@@ -227,30 +227,27 @@ std::optional<PlanFailure> refusal(const PlanningContext& request, const StartSt
 
 PickPlan planPick(const TaskContext& task, const StartState& start, const PickTarget& target,
                   const std::vector<ArmGoal>& stow_goals) {
-  PickPlan plan;
-  const auto fail = [&plan](const PlanFailure& why) {
-    plan.status = why.status;
-    plan.message = why.message;
-    return plan;
-  };
-  if (const auto why = refusal(task.request, start, target, stow_goals)) return fail(*why);
+  if (const auto why = refusal(task.request, start, target, stow_goals)) return *why;
   BrickInScene scene(start.checker, {target.T_map_brick, target.type->size_m}, task.config.lift_room_m);
-  std::optional<Stage> farthest;
+  std::optional<FaceFailure> farthest;
+  PickPlan failed;
   for (const BrickFace face : target.faces) {
     Result<PickPlan, FaceFailure> pick = FacePick(task, start, target, face, stow_goals, &scene).plan();
     if (pick) {
-      pick->tried = std::move(plan.tried);
+      pick->tried = std::move(failed.tried);
       return std::move(*pick);
     }
-    const auto& [stage, why] = pick.failure();
-    plan.tried.emplace_back(face, why);
-    if (why.status == PlanStatus::kCancelled) return fail(why);
-    if (farthest && stage <= *farthest) continue;
-    farthest = stage;
-    plan.face = face;
-    fail(why);
+    const FaceFailure& failure = pick.failure();
+    failed.tried.emplace_back(face, failure.why);
+    const bool is_cancelled = failure.why.status == PlanStatus::kCancelled;
+    if (!is_cancelled && farthest && failure.stage <= farthest->stage) continue;
+    farthest = failure;
+    if (is_cancelled) break;
+    failed.face = face;
   }
-  return plan;
+  failed.status = farthest->why.status;
+  failed.message = farthest->why.message;
+  return failed;
 }
 
 }  // namespace motion_planning
