@@ -36,12 +36,6 @@ enum class PlanStatus {
 };
 const char* toString(PlanStatus status);
 
-/// While something hangs on the magnet: the direction that was up when it was taken stays within this of up.
-struct TiltConstraint {
-  Eigen::Vector3d up_tip{Eigen::Vector3d::UnitZ()};  // unit, in the tip's frame
-  double max_tilt_rad{0.0};
-};
-
 struct PathCheckConfig {
   double verify_step_m{0.015};
 
@@ -138,11 +132,17 @@ struct PlanFailure {
 };
 
 struct ArmPlan : PlanFailure {
+  ArmPlan() = default;
+  ArmPlan(const PlanFailure& why) : PlanFailure(why) {}
+
   JointTrajectory trajectory;
 };
 
 /// All four trajectories, or the reason of the face that got farthest.
 struct PickPlan : PlanFailure {
+  PickPlan() = default;
+  PickPlan(const PlanFailure& why) : PlanFailure(why) {}
+
   mp700_ur5e_description::BrickFace face{mp700_ur5e_description::BrickFace::kPlusZ};
   Eigen::Isometry3d T_map_contact{
       Eigen::Isometry3d::Identity()};  // of the tip on the plate, z against the face's normal
@@ -210,8 +210,6 @@ class MotionPlanner {
   const ArmKinematics& arm() const { return *arm_; }
 
  private:
-  class Call;
-
   std::shared_ptr<const ArmKinematics> arm_;
   ManipulabilitySectors sectors_;
   MotionPlannerConfig config_;

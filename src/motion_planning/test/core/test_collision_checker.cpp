@@ -10,7 +10,7 @@
 #include <gmock/gmock.h>
 #include <mp700_ur5e_description/robot_names.h>
 
-#include "robot_shapes.h"
+#include "collision/robot_shapes.h"
 #include "support/box_world.h"
 #include "support/shape_samples.h"
 

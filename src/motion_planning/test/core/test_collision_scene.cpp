@@ -7,7 +7,7 @@
 
 #include <gmock/gmock.h>
 
-#include "collision_scene_data.h"
+#include "collision/collision_scene_data.h"
 #include "support/box_world.h"
 #include "support/shape_samples.h"
 

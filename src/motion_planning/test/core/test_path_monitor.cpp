@@ -9,7 +9,7 @@
 
 #include <gmock/gmock.h>
 
-#include "arm_reach.h"
+#include "kinematics/arm_reach.h"
 #include "support/exact_motion.h"
 #include "support/pick_world.h"
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+// Why not a library: neither toppra nor ruckig is packaged for Debian 12. Either could replace timeParametrize().
 #include "motion_planning/joint_trajectory.h"
 
 #include <algorithm>
@@ -8,6 +9,8 @@
 #include <utility>
 
 #include <interactive_mapping_common/config/range_check.h>
+
+#include "motion_planning/cubic_segment.h"
 
 namespace motion_planning {
 namespace {
@@ -289,33 +292,21 @@ class SpeedProfile {
   std::vector<Constraint> constraints_;
 };
 
-/// The cubic between two points, by the accelerations at its ends; between them acceleration is linear.
-struct Cubic {
-  double duration_s;
-  ArmVector begin_acceleration;
-  ArmVector end_acceleration;
-
-  Cubic(const TrajectoryPoint& a, const TrajectoryPoint& b) : duration_s(b.time_s - a.time_s) {
-    const ArmVector mean = (b.position_rad - a.position_rad) / duration_s;
-    begin_acceleration = (6.0 * mean - 4.0 * a.velocity_rad_s - 2.0 * b.velocity_rad_s) / duration_s;
-    end_acceleration = (-6.0 * mean + 2.0 * a.velocity_rad_s + 4.0 * b.velocity_rad_s) / duration_s;
+/// Largest share of the limits that the cubic between two points uses: of velocity, of acceleration.
+std::pair<double, double> loadOf(const TrajectoryPoint& a, const TrajectoryPoint& b, const MotionLimits& limits) {
+  const CubicSegment cubic(a, b);
+  double velocity = 0.0;
+  double acceleration = 0.0;
+  for (int i = 0; i < 6; ++i) {
+    const double a0 = cubic.acceleration_rad_s2[i];
+    const double a1 = cubic.end_acceleration_rad_s2[i];
+    acceleration = std::max(acceleration, std::max(std::abs(a0), std::abs(a1)) / limits.acceleration_rad_s2[i]);
+    double v = std::max(std::abs(a.velocity_rad_s[i]), std::abs(b.velocity_rad_s[i]));
+    if (a0 * a1 < 0.0) v = std::max(v, std::abs(a.velocity_rad_s[i] - a0 * a0 * cubic.duration_s / (2.0 * (a1 - a0))));
+    velocity = std::max(velocity, v / limits.velocity_rad_s[i]);
   }
-
-  /// Largest share of the limits that is used: of velocity, of acceleration.
-  std::pair<double, double> load(const TrajectoryPoint& a, const TrajectoryPoint& b, const MotionLimits& limits) const {
-    double velocity = 0.0;
-    double acceleration = 0.0;
-    for (int i = 0; i < 6; ++i) {
-      const double a0 = begin_acceleration[i];
-      const double a1 = end_acceleration[i];
-      acceleration = std::max(acceleration, std::max(std::abs(a0), std::abs(a1)) / limits.acceleration_rad_s2[i]);
-      double v = std::max(std::abs(a.velocity_rad_s[i]), std::abs(b.velocity_rad_s[i]));
-      if (a0 * a1 < 0.0) v = std::max(v, std::abs(a.velocity_rad_s[i] - a0 * a0 * duration_s / (2.0 * (a1 - a0))));
-      velocity = std::max(velocity, v / limits.velocity_rad_s[i]);
-    }
-    return {velocity, acceleration};
-  }
-};
+  return {velocity, acceleration};
+}
 
 /// Points at the cells' borders, and within cells that take longer than `sample_s`. `cell_of[i]`: cell that begins at
 /// point i or holds it.
@@ -362,9 +353,9 @@ std::vector<TrajectoryPoint> thinOut(const std::vector<TrajectoryPoint>& fine, c
   std::size_t i = 0;
   while (i + 1 < fine.size()) {
     std::size_t next = i + 1;
-    if (!withinLimits(Cubic(fine[i], fine[next]).load(fine[i], fine[next], limits))) too_fast->push_back(i);
+    if (!withinLimits(loadOf(fine[i], fine[next], limits))) too_fast->push_back(i);
     while (next + 1 < fine.size() && fine[next + 1].time_s - fine[i].time_s <= sample_s * (1.0 + 1e-9) &&
-           withinLimits(Cubic(fine[i], fine[next + 1]).load(fine[i], fine[next + 1], limits))) {
+           withinLimits(loadOf(fine[i], fine[next + 1], limits))) {
       ++next;
     }
     kept.push_back(fine[next]);
@@ -378,7 +369,7 @@ void slowDown(const std::vector<TrajectoryPoint>& fine, const std::vector<std::s
   std::vector<double> velocity(cells->size(), 1.0);
   std::vector<double> acceleration(cells->size(), 1.0);
   for (const std::size_t i : too_fast) {
-    const auto load = Cubic(fine[i], fine[i + 1]).load(fine[i], fine[i + 1], limits);
+    const auto load = loadOf(fine[i], fine[i + 1], limits);
     const std::size_t cell = cell_of[i];
     for (std::size_t k = cell == 0 ? 0 : cell - 1; k < std::min(cell + 2, cells->size()); ++k) {
       velocity[k] = std::min(velocity[k], load.first > 1.0 ? 0.99 / load.first : 1.0);
@@ -395,7 +386,7 @@ void slowDown(const std::vector<TrajectoryPoint>& fine, const std::vector<std::s
 void stretch(const MotionLimits& limits, std::vector<TrajectoryPoint>* points) {
   double factor = 1.0;
   for (std::size_t i = 0; i + 1 < points->size(); ++i) {
-    const auto load = Cubic((*points)[i], (*points)[i + 1]).load((*points)[i], (*points)[i + 1], limits);
+    const auto load = loadOf((*points)[i], (*points)[i + 1], limits);
     factor = std::max({factor, load.first, std::sqrt(load.second)});
   }
   for (TrajectoryPoint& point : *points) {
@@ -431,15 +422,9 @@ TrajectoryPoint JointTrajectory::sample(double time_s) const {
   const auto after = std::upper_bound(points.begin(), points.end(), time_s,
                                       [](double t, const TrajectoryPoint& point) { return t < point.time_s; });
   const TrajectoryPoint& a = *(after - 1);
-  const Cubic cubic(a, *after);
+  const CubicSegment cubic(a, *after);
   const double t = time_s - a.time_s;
-  const ArmVector jerk = (cubic.end_acceleration - cubic.begin_acceleration) / cubic.duration_s;
-  TrajectoryPoint point;
-  point.time_s = time_s;
-  point.position_rad = a.position_rad + t * (a.velocity_rad_s + t * (0.5 * cubic.begin_acceleration + t / 6.0 * jerk));
-  point.velocity_rad_s = a.velocity_rad_s + t * (cubic.begin_acceleration + 0.5 * t * jerk);
-  point.acceleration_rad_s2 = cubic.begin_acceleration + t * jerk;
-  return point;
+  return {time_s, cubic.positionAt(t), cubic.velocityAt(t), cubic.accelerationAt(t)};
 }
 
 PointSpeedLimit tipSpeedLimit(std::shared_ptr<const ArmKinematics> arm, double speed_m_s) {
@@ -486,7 +471,7 @@ JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limit
   points.back().position_rad = waypoints.back();
   stretch(limits, &points);
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
-    points[i].acceleration_rad_s2 = Cubic(points[i], points[i + 1]).begin_acceleration;
+    points[i].acceleration_rad_s2 = CubicSegment(points[i], points[i + 1]).acceleration_rad_s2;
   }
   trajectory.points = std::move(points);
   return trajectory;

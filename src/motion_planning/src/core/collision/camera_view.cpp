@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "camera_view.h"
+#include "collision/camera_view.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "robot_shapes.h"
+#include "collision/robot_shapes.h"
 
 #include <algorithm>
 #include <cmath>
@@ -20,6 +20,10 @@ bool isRigid(const Eigen::Isometry3d& T) {
   return T.matrix().allFinite() &&
          (T.linear().transpose() * T.linear() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < kTolerance &&
          T.linear().determinant() > 0.0 && T.matrix().row(3) == Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0);
+}
+
+bool isBoxSize(const Eigen::Vector3d& size_m) {
+  return size_m.allFinite() && size_m.minCoeff() > 0.0;
 }
 
 std::vector<CoveringSphere> coverShape(const Shape& shape) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "arm_reach.h"
+#include "kinematics/arm_reach.h"
 
 #include <mp700_ur5e_description/robot_names.h>
 

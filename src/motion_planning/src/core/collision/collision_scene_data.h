@@ -12,7 +12,7 @@
 #include <fcl/math/bv/OBB.h>
 #include <fcl/math/bv/RSS.h>
 
-#include "block_lattice.h"
+#include "collision/block_lattice.h"
 #include "motion_planning/collision_checker.h"
 #include "motion_planning/collision_scene.h"
 
@@ -29,7 +29,6 @@ class SurfaceChunk {
   /// triangle.
   SurfaceChunk(std::vector<Eigen::Vector3d> mapped, std::vector<Eigen::Vector3d> displaced, Triangles triangles);
 
-  std::size_t numTriangles() const { return triangles_.size(); }
   const Triangles& triangles() const { return triangles_; }
   const std::vector<Eigen::Vector3d>& mapped() const { return mapped_; }
   const std::vector<Eigen::Vector3d>& displaced() const { return displaced_; }

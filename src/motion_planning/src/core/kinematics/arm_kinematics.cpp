@@ -13,7 +13,7 @@
 #include <kdl/chain.hpp>
 #include <mp700_ur5e_description/robot_names.h>
 
-#include "ur_geometry.h"
+#include "kinematics/ur_geometry.h"
 
 namespace motion_planning {
 namespace {

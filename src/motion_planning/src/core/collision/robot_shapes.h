@@ -14,6 +14,9 @@ namespace motion_planning {
 /// Whether a pose is finite and its rotation is one, to what a pose rounded to floats fulfils.
 bool isRigid(const Eigen::Isometry3d& T);
 
+/// Whether a size is finite and positive along each axis.
+bool isBoxSize(const Eigen::Vector3d& size_m);
+
 /// A ball in the frame of a shape.
 struct CoveringSphere {
   Eigen::Vector3d center;

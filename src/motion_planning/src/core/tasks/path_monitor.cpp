@@ -3,12 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
 
-#include "arm_reach.h"
+#include "kinematics/arm_reach.h"
 
 namespace motion_planning {
 namespace {
@@ -29,6 +30,34 @@ std::string seconds(double time_s) {
   out.precision(2);
   out << std::fixed << time_s << " s";
   return out.str();
+}
+
+/// Looks from begin to end, more densely where the smallest clearance may be, by bisection. No point moves farther than
+/// reach * |dq| between two postures, so between two looks the clearance is at least the mean of theirs minus half of that.
+std::vector<Look> lookAlong(const std::function<Look(double)>& look, double begin_s, double end_s,
+                            const ArmVector& reach_m, const PathMonitorConfig& config) {
+  std::vector<Look> looks;
+  const int parts = std::max(1, static_cast<int>(std::ceil(std::min((end_s - begin_s) / kCoarse_s, 0.5 * kMaxLooks))));
+  for (int k = 0; k <= parts; ++k) looks.push_back(look(begin_s + (end_s - begin_s) * k / parts));
+  const auto lowerBound = [&](const Look& a, const Look& b) {
+    return 0.5 * (a.clearance_m + b.clearance_m - reach_m.dot((b.joints_rad - a.joints_rad).cwiseAbs()));
+  };
+  while (static_cast<int>(looks.size()) < kMaxLooks) {
+    double smallest_m = kMaxClearance_m;
+    for (const Look& one : looks) smallest_m = std::min(smallest_m, one.clearance_m);
+    std::size_t worst = 0;
+    double worst_m = kInfinity;
+    for (std::size_t k = 0; k + 1 < looks.size(); ++k) {
+      const double bound_m = lowerBound(looks[k], looks[k + 1]);
+      if (bound_m >= worst_m || looks[k + 1].time_s - looks[k].time_s < config.sample_s) continue;
+      worst_m = bound_m;
+      worst = k;
+    }
+    if (worst_m > smallest_m - config.clearance_step_m) break;
+    looks.insert(looks.begin() + static_cast<std::ptrdiff_t>(worst) + 1,
+                 look(0.5 * (looks[worst].time_s + looks[worst + 1].time_s)));
+  }
+  return looks;
 }
 
 }  // namespace
@@ -127,35 +156,12 @@ PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker
     return verdict;
   }
 
-  // Smallest clearance by bisection. No point moves farther than reach * |dq| between two postures, so between two looks
-  // the clearance is at least the mean of theirs minus half of that.
-  const ArmVector reach_m = armReach(*arm_, checker.held());
-  std::vector<Look> looks;
   const auto look = [&](double t) {
     const ArmVector q = trajectory_->sample(t).position_rad;
     const double clearance_m = checker.clearance(q, kMaxClearance_m);
     return Look{t, q, beyond == nullptr ? clearance_m : std::max(clearance_m, beyond->clearance(q, kMaxClearance_m))};
   };
-  const int parts = std::max(1, static_cast<int>(std::ceil(std::min((end_s - begin_s) / kCoarse_s, 0.5 * kMaxLooks))));
-  for (int k = 0; k <= parts; ++k) looks.push_back(look(begin_s + (end_s - begin_s) * k / parts));
-  const auto lowerBound = [&](const Look& a, const Look& b) {
-    return 0.5 * (a.clearance_m + b.clearance_m - reach_m.dot((b.joints_rad - a.joints_rad).cwiseAbs()));
-  };
-  while (static_cast<int>(looks.size()) < kMaxLooks) {
-    double smallest_m = kMaxClearance_m;
-    for (const Look& one : looks) smallest_m = std::min(smallest_m, one.clearance_m);
-    std::size_t worst = 0;
-    double worst_m = kInfinity;
-    for (std::size_t k = 0; k + 1 < looks.size(); ++k) {
-      const double bound_m = lowerBound(looks[k], looks[k + 1]);
-      if (bound_m >= worst_m || looks[k + 1].time_s - looks[k].time_s < config_.sample_s) continue;
-      worst_m = bound_m;
-      worst = k;
-    }
-    if (worst_m > smallest_m - config_.clearance_step_m) break;
-    looks.insert(looks.begin() + static_cast<std::ptrdiff_t>(worst) + 1,
-                 look(0.5 * (looks[worst].time_s + looks[worst + 1].time_s)));
-  }
+  const std::vector<Look> looks = lookAlong(look, begin_s, end_s, armReach(*arm_, checker.held()), config_);
   const auto nearest = std::min_element(looks.begin(), looks.end(),
                                         [](const Look& a, const Look& b) { return a.clearance_m < b.clearance_m; });
   verdict.clearance_m = nearest->clearance_m;

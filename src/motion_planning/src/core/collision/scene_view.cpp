@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "motion_planning/scene_view.h"
 
-#include "collision_scene_data.h"
+#include "collision/collision_scene_data.h"
 
 namespace motion_planning {
 

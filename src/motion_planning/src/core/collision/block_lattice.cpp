@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "block_lattice.h"
+#include "collision/block_lattice.h"
 
 #include <array>
 

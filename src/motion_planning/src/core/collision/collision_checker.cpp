@@ -11,8 +11,8 @@
 #include <fcl/narrowphase/distance.h>
 #include <mp700_ur5e_description/robot_names.h>
 
-#include "collision_scene_data.h"
-#include "robot_shapes.h"
+#include "collision/collision_scene_data.h"
+#include "collision/robot_shapes.h"
 
 namespace motion_planning {
 namespace {
@@ -124,10 +124,6 @@ std::shared_ptr<const RobotParts> makeParts(const ArmKinematics& arm, double sel
   parts->tip_body = robot.bodyOf(mp700_ur5e_description::kMagnetTipFrame);
   parts->T_body_tip = robot.poseInBody(mp700_ur5e_description::kMagnetTipFrame);
   return parts;
-}
-
-bool isValidSize(const Eigen::Vector3d& size_m) {
-  return size_m.allFinite() && size_m.minCoeff() > 0.0;
 }
 
 std::string describeSize(const Eigen::Vector3d& size_m) {
@@ -544,7 +540,7 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
     return;
   }
   if (!isRigid(held->T_tip_brick)) throw std::invalid_argument("pose of the held brick is not a rigid transform");
-  if (!isValidSize(held->size_m)) throw std::invalid_argument("size of the held brick " + describeSize(held->size_m));
+  if (!isBoxSize(held->size_m)) throw std::invalid_argument("size of the held brick " + describeSize(held->size_m));
   if (state_->held && state_->held_brick->size_m == held->size_m && state_->held_may_touch == may_touch &&
       state_->held_less_m == less_m && state_->held_made_for_m == state_->held_padding_m) {
     // The same brick, taken elsewhere: what depends on its size is there.
@@ -583,7 +579,7 @@ void CollisionChecker::setTarget(const std::optional<OrientedBox>& target, bool 
     return;
   }
   if (!isRigid(target->T_map_box)) throw std::invalid_argument("pose of the target is not a rigid transform");
-  if (!isValidSize(target->size_m)) throw std::invalid_argument("size of the target " + describeSize(target->size_m));
+  if (!isBoxSize(target->size_m)) throw std::invalid_argument("size of the target " + describeSize(target->size_m));
   state.target_for_all = for_all;
   OrientedBox padded = *target;
   padded.size_m.array() += 2.0 * state.config.target_padding_m;
@@ -614,9 +610,8 @@ Contact CollisionChecker::check(const ArmVector& joints_rad) const {
   State& state = *state_;
   const ArmLimits& limits = state.arm->limits();
   for (Eigen::Index j = 0; j < joints_rad.size(); ++j) {
-    constexpr double kTolerance_rad = 1e-9;  // as ArmKinematics::isWithinLimits
-    const bool is_within = joints_rad[j] >= limits.lower_rad[j] - kTolerance_rad &&
-                           joints_rad[j] <= limits.upper_rad[j] + kTolerance_rad;  // false for NaN
+    const bool is_within = joints_rad[j] >= limits.lower_rad[j] - kLimitTolerance_rad &&
+                           joints_rad[j] <= limits.upper_rad[j] + kLimitTolerance_rad;  // false for NaN
     if (!is_within) {
       return {CollisionKind::kLimits, mp700_ur5e_description::kArmJoints[static_cast<std::size_t>(j)], "",
               state.T_map_base.translation()};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "ur_geometry.h"
+#include "kinematics/ur_geometry.h"
 
 #include <algorithm>
 #include <cmath>
@@ -144,6 +144,7 @@ double UrGeometry::toReach(double theta, const Eigen::Vector3d& centre_1) const 
   return std::copysign(std::acos(std::clamp(cosine, least, most)), angle_rad) - angle_rad;
 }
 
+// One derivation from the shoulder to the elbow: its parts would have to hand on most of what they compute.
 void UrGeometry::solve(const Eigen::Isometry3d& T_base_tip, double wrist_3_rad, const Softness& softness,
                        Branches* branches) const {
   branches->fill(ArmVector::Constant(std::numeric_limits<double>::quiet_NaN()));

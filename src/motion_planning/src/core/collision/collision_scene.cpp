@@ -8,11 +8,12 @@
 #include <limits>
 #include <stdexcept>
 #include <unordered_map>
+#include <utility>
 
 #include <interactive_mapping_common/threads/parallel_for.h>
 
-#include "collision_scene_data.h"
-#include "robot_shapes.h"
+#include "collision/collision_scene_data.h"
+#include "collision/robot_shapes.h"
 
 namespace motion_planning {
 namespace {
@@ -40,10 +41,6 @@ constexpr double kRegionBottom_m = -0.2;
 /// How far from a surface the map's answer may change when that surface does: its depth of occupied space, see
 /// GpisConfig::Query::occupied_depth_m.
 constexpr double kReachOfChange_m = 0.20;
-
-double elapsedMs(std::chrono::steady_clock::time_point since) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - since).count();
-}
 
 std::uint64_t mix(std::uint64_t h) {  // finaliser of splitmix64
   h = (h ^ (h >> 30)) * 0xbf58476d1ce4e5b9ULL;
@@ -121,6 +118,8 @@ struct ChunkRecord {
   std::shared_ptr<const SurfaceChunk> chunk;
   std::vector<LatticeKey> blocks;  // that its triangles may touch, mapped or displaced
 };
+
+using Chunks = std::unordered_map<LatticeKey, ChunkRecord, LatticeKeyHash>;
 
 std::vector<LatticeKey> touchedBlocks(const SurfaceChunk& chunk, double block_m) {
   std::vector<LatticeKey> keys;
@@ -208,8 +207,6 @@ double CollisionScene::freeDistance(const Eigen::Vector3d& p_map) const {
 }
 
 struct CollisionSceneBuilder::State {
-  using Chunks = std::unordered_map<LatticeKey, ChunkRecord, LatticeKeyHash>;
-
   CollisionSceneConfig config;
   PointIndex vertices;              // of the last surface, where the map has them
   std::vector<double> surface_std;  // what was answered for each; NaN: no answer
@@ -537,6 +534,187 @@ ChunkRecord makeChunk(const std::vector<std::uint32_t>& chosen,
   return record;
 }
 
+/// The triangles of one chunk of a new surface.
+struct Gathered {
+  Contents contents;
+  std::vector<std::uint32_t> triangles;
+};
+using GatheredChunks = std::unordered_map<LatticeKey, Gathered, LatticeKeyHash>;
+
+/// Chunks by their contents. Margins are left out: they follow from position, direction and the sigma kept for a vertex.
+GatheredChunks gatherChunks(const CleanSurface& surface, double chunk_m) {
+  const std::vector<Eigen::Vector3d>& vertices = surface.vertices.points();
+  std::vector<std::array<std::uint64_t, 2>> vertex_hash(vertices.size());
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    for (std::size_t i = 0; i < 2; ++i) vertex_hash[v][i] = hashOf(surface.directions[v], hashOf(vertices[v], i + 1));
+  }
+  GatheredChunks gathered;
+  std::pair<const LatticeKey, Gathered>* last = nullptr;  // neighbours in the mesh are mostly in the same chunk
+  for (std::size_t t = 0; t < surface.triangles.size(); ++t) {
+    const auto& [a, b, c] = surface.triangles[t];
+    const LatticeKey key = LatticeKey::of((vertices[a] + vertices[b] + vertices[c]) / 3.0, chunk_m);
+    if (!last || last->first != key) last = &*gathered.try_emplace(key).first;
+    Gathered& chunk = last->second;
+    chunk.triangles.push_back(static_cast<std::uint32_t>(t));
+    ++chunk.contents.count;
+    for (std::size_t i = 0; i < 2; ++i) {
+      // A sum does not depend on the order, which in the map's mesh depends on its history.
+      chunk.contents.hash[i] +=
+          mix(vertex_hash[a][i] + mix(vertex_hash[b][i] + mix(vertex_hash[c][i] + 0x9e3779b97f4a7c15ULL)));
+    }
+  }
+  return gathered;
+}
+
+std::vector<LatticeKey> changedChunks(const GatheredChunks& gathered, const Chunks& last) {
+  std::vector<LatticeKey> changed;
+  for (const auto& [key, chunk] : gathered) {
+    const auto before = last.find(key);
+    if (before == last.end() || !(before->second.contents == chunk.contents)) changed.push_back(key);
+  }
+  return changed;
+}
+
+std::vector<LatticeKey> goneChunks(const GatheredChunks& gathered, const Chunks& last) {
+  std::vector<LatticeKey> gone;
+  for (const auto& [key, record] : last) {
+    if (gathered.count(key) == 0) gone.push_back(key);
+  }
+  return gone;
+}
+
+/// Blocks to ask the map about: those near or beneath the pile that are new, unknown or near a chunk in `touched`. The
+/// others are entered in the scene as the last scene has them.
+std::vector<std::uint32_t> blocksToAsk(const std::vector<Eigen::Vector3d>& vertices,
+                                       const std::vector<LatticeKey>& touched, const CollisionSceneConfig& config,
+                                       const CollisionScene& last_scene, CollisionScene* scene) {
+  const BlockLattice& lattice = scene->lattice;
+  const Eigen::Isometry3d T_base_map = scene->T_map_base.inverse();
+  const PileBlocks pile = findPile(lattice, vertices, T_base_map, config);
+  scene->flags.assign(lattice.count(), 0);
+  scene->distance_m.assign(lattice.count(), kNoDistance);
+  const bool is_same_lattice = lattice == last_scene.lattice;
+  std::vector<std::uint8_t> is_stale;
+  if (is_same_lattice) is_stale = blocksNear(lattice, touched, config);
+  std::vector<std::uint32_t> asked;
+  for (std::size_t at = 0; at < lattice.count(); ++at) {
+    if (!pile.is_near[at] && !pile.is_beneath[at]) continue;
+    // The floor test covers what is below the ground.
+    if ((T_base_map * lattice.center(lattice.position(at))).z() < 0.0) continue;
+    const bool is_known = is_same_lattice && (last_scene.flags[at] & kBlockObserved) != 0 &&
+                          (last_scene.flags[at] & (kBlockUnknown | kBlockSpeck)) == 0 && is_stale[at] == 0;
+    if (is_known) {
+      scene->flags[at] = last_scene.flags[at];
+      scene->distance_m[at] = last_scene.distance_m[at];
+    } else {
+      asked.push_back(static_cast<std::uint32_t>(at));
+    }
+  }
+  return asked;
+}
+
+/// Answers for the vertices, then for the blocks.
+MapAnswers ask(const MapView& map, const std::vector<Eigen::Vector3d>& vertices,
+               const std::vector<std::uint32_t>& asked_vertices, const BlockLattice& lattice,
+               const std::vector<std::uint32_t>& asked_blocks) {
+  const std::size_t num_asked = asked_vertices.size() + asked_blocks.size();
+  if (num_asked == 0) return {};
+  gpis_mapping::Points3d points(3, static_cast<Eigen::Index>(num_asked));
+  Eigen::Index column = 0;
+  for (const std::uint32_t v : asked_vertices) points.col(column++) = vertices[v];
+  for (const std::uint32_t at : asked_blocks) points.col(column++) = lattice.center(lattice.position(at));
+  MapAnswers answers = map.query(points);
+  if (answers.state.size() != num_asked || answers.distance_m.size() != points.cols() ||
+      answers.surface_std_m.size() != points.cols()) {
+    throw std::runtime_error("the map answered " + std::to_string(answers.state.size()) + " of " +
+                             std::to_string(num_asked) + " points");
+  }
+  return answers;
+}
+
+/// Vertices moved into free space by their margins: mean - k sigma of the surface's position, to first order.
+std::vector<Eigen::Vector3d> displace(const CleanSurface& surface, const std::vector<double>& surface_std,
+                                      const CollisionSceneConfig& config) {
+  std::vector<Eigen::Vector3d> displaced = surface.vertices.points();
+  for (std::size_t v = 0; v < displaced.size(); ++v) {
+    // Without a sigma nobody knows how good the surface is: NaN takes the largest margin.
+    const double margin_m = config.sigmas * surface_std[v] + config.margin_m;
+    displaced[v] += (margin_m < config.max_margin_m ? margin_m : config.max_margin_m) * surface.directions[v];
+  }
+  return displaced;
+}
+
+/// Builds the changed chunks; takes the others from the last ones.
+Chunks buildChunks(const GatheredChunks& gathered, const std::vector<LatticeKey>& changed, const CleanSurface& surface,
+                   const std::vector<Eigen::Vector3d>& displaced, const CollisionSceneConfig& config,
+                   const Chunks& last) {
+  std::vector<ChunkRecord> built(changed.size());
+  interactive_mapping::parallelFor(
+      changed.size(), interactive_mapping::resolveThreadCount(0), 4, [&](std::size_t first, std::size_t end) {
+        for (std::size_t i = first; i < end; ++i) {
+          const Gathered& chunk = gathered.at(changed[i]);
+          built[i] = makeChunk(chunk.triangles, surface.triangles, surface.vertices.points(), displaced, config);
+          built[i].contents = chunk.contents;
+        }
+      });
+  Chunks chunks;
+  chunks.reserve(gathered.size());
+  for (std::size_t i = 0; i < changed.size(); ++i) chunks.emplace(changed[i], std::move(built[i]));
+  for (const auto& [key, chunk] : gathered) {
+    if (chunks.count(key) == 0) chunks.emplace(key, last.at(key));
+  }
+  return chunks;
+}
+
+/// In the order of their keys: the hash map's order depends on its history; the contact found first must not.
+std::vector<std::shared_ptr<const SurfaceChunk>> inOrder(const Chunks& chunks) {
+  std::vector<LatticeKey> order;
+  for (const auto& [key, record] : chunks) order.push_back(key);
+  std::sort(order.begin(), order.end());
+  std::vector<std::shared_ptr<const SurfaceChunk>> result;
+  for (const LatticeKey& key : order) result.push_back(chunks.at(key).chunk);
+  return result;
+}
+
+/// Enters the answers for the blocks, which begin at `first_answer`.
+void enterAnswers(const MapAnswers& answers, std::size_t first_answer, const std::vector<std::uint32_t>& asked_blocks,
+                  CollisionScene* scene) {
+  for (std::size_t i = 0; i < asked_blocks.size(); ++i) {
+    const std::size_t at = asked_blocks[i];
+    const double distance_m = answers.distance_m[static_cast<Eigen::Index>(first_answer + i)];
+    const SpaceState state = answers.state[first_answer + i];
+    scene->distance_m[at] = static_cast<float>(distance_m);
+    scene->flags[at] = kBlockObserved;
+    if (state == SpaceState::kOccupied || distance_m < 0.0) {
+      scene->flags[at] |= kBlockInside;
+    } else if (state == SpaceState::kUnknown) {
+      scene->flags[at] |= kBlockUnknown;
+    }
+  }
+}
+
+/// CollisionScene::free_distance_m.
+std::vector<float> freeDistances(const CollisionScene& scene, const Chunks& chunks) {
+  const BlockLattice& lattice = scene.lattice;
+  std::vector<std::uint8_t> is_taken(lattice.count());
+  for (std::size_t at = 0; at < is_taken.size(); ++at) {
+    is_taken[at] = (scene.flags[at] & (kBlockInside | kBlockUnknown)) != 0;
+  }
+  for (const auto& [key, record] : chunks) {
+    for (const LatticeKey& block : record.blocks) {
+      is_taken[lattice.index(lattice.clamped(block.center(lattice.block())))] = 1;
+    }
+  }
+  // Between two blocks at offset d [blocks] no points are nearer than |max(0, |d| - 1)|: the distance between centres
+  // once one of the two is grown by a block to all sides.
+  std::vector<float> free_distance_m;
+  for (const std::int32_t squared : squaredDistances(lattice, dilate(lattice, std::move(is_taken)))) {
+    free_distance_m.push_back(
+        squared >= kNoBlock ? kFarAway : static_cast<float>(lattice.block() * std::sqrt(static_cast<double>(squared))));
+  }
+  return free_distance_m;
+}
+
 }  // namespace
 
 CollisionSceneBuilder::CollisionSceneBuilder(const CollisionSceneConfig& config) : state_(std::make_unique<State>()) {
@@ -561,57 +739,23 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
     throw std::invalid_argument(std::to_string(surface.normals_map.size()) + " normals, must be one for each of " +
                                 std::to_string(surface.vertices_map.size()) + " vertices");
   }
-  const auto begin = std::chrono::steady_clock::now();
+  auto since = std::chrono::steady_clock::now();
+  const auto lap_ms = [&since] {
+    const auto begin = std::exchange(since, std::chrono::steady_clock::now());
+    return std::chrono::duration<double, std::milli>(since - begin).count();
+  };
   const CollisionSceneConfig& config = state_->config;
-  const CollisionScene& last_scene = *state_->scene;
   SceneUpdate update;
   CleanSurface cleaned = clean(surface, T_map_base, config, &update.degenerate);
-  update.triangles = cleaned.triangles.size();
   const std::vector<Eigen::Vector3d>& vertices = cleaned.vertices.points();
-  const Eigen::Isometry3d T_base_map = T_map_base.inverse();
-
   auto scene = std::make_shared<CollisionScene>();
   scene->T_map_base = T_map_base;
-  if (!vertices.empty()) scene->lattice = latticeOf(vertices, T_map_base, config);
-  const BlockLattice& lattice = scene->lattice;
-
-  // Chunks by what is in them. Margins are left out: they follow from position, direction and the sigma kept for a place.
-  std::vector<std::array<std::uint64_t, 2>> vertex_hash(vertices.size());
-  for (std::size_t v = 0; v < vertices.size(); ++v) {
-    for (std::size_t i = 0; i < 2; ++i) vertex_hash[v][i] = hashOf(cleaned.directions[v], hashOf(vertices[v], i + 1));
-  }
-  struct Gathered {
-    Contents contents;
-    std::vector<std::uint32_t> triangles;
-  };
-  std::unordered_map<LatticeKey, Gathered, LatticeKeyHash> gathered;
-  std::pair<const LatticeKey, Gathered>* last = nullptr;  // neighbours in the mesh are mostly in the same chunk
-  for (std::size_t t = 0; t < cleaned.triangles.size(); ++t) {
-    const auto& [a, b, c] = cleaned.triangles[t];
-    const LatticeKey key = LatticeKey::of((vertices[a] + vertices[b] + vertices[c]) / 3.0, config.chunk_m);
-    if (!last || last->first != key) last = &*gathered.try_emplace(key).first;
-    Gathered& chunk = last->second;
-    chunk.triangles.push_back(static_cast<std::uint32_t>(t));
-    ++chunk.contents.count;
-    for (std::size_t i = 0; i < 2; ++i) {
-      // A sum does not depend on the order, which in the map's mesh depends on its history.
-      chunk.contents.hash[i] +=
-          mix(vertex_hash[a][i] + mix(vertex_hash[b][i] + mix(vertex_hash[c][i] + 0x9e3779b97f4a7c15ULL)));
-    }
-  }
-  std::vector<LatticeKey> changed;  // chunks to build
-  std::vector<LatticeKey> touched;  // those, and the ones that are gone
-  for (const auto& [key, chunk] : gathered) {
-    const auto before = state_->chunks.find(key);
-    if (before == state_->chunks.end() || !(before->second.contents == chunk.contents)) changed.push_back(key);
-  }
-  touched = changed;
-  for (const auto& [key, record] : state_->chunks) {
-    if (gathered.count(key) == 0) touched.push_back(key);
-  }
-
-  // What to ask the map. A vertex keeps the sigma it was first given for as long as it stays where it is: chunks that
-  // share it agree on it, and sigma of a surface that stays in place only falls, as more looks are fused.
+  const GatheredChunks gathered = gatherChunks(cleaned, config.chunk_m);
+  const std::vector<LatticeKey> changed = changedChunks(gathered, state_->chunks);
+  std::vector<LatticeKey> touched = goneChunks(gathered, state_->chunks);
+  touched.insert(touched.end(), changed.begin(), changed.end());
+  // A vertex keeps the sigma it was first given for as long as it stays where it is: chunks that share it agree on it, and
+  // sigma of a surface that stays in place only falls, as more images are fused.
   std::vector<double> surface_std(vertices.size());
   std::vector<std::uint32_t> asked_vertices;
   for (std::size_t v = 0; v < vertices.size(); ++v) {
@@ -622,127 +766,39 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
       surface_std[v] = state_->surface_std[before];
     }
   }
-  update.mesh_ms += elapsedMs(begin);
-  const auto lattice_begin = std::chrono::steady_clock::now();
-  PileBlocks pile;
+  update.mesh_ms += lap_ms();
+
   std::vector<std::uint32_t> asked_blocks;
   if (!vertices.empty()) {
-    pile = findPile(lattice, vertices, T_base_map, config);
-    scene->flags.assign(lattice.count(), 0);
-    scene->distance_m.assign(lattice.count(), kNoDistance);
-    const bool is_same_lattice = lattice == last_scene.lattice;
-    std::vector<std::uint8_t> is_stale;
-    if (is_same_lattice) is_stale = blocksNear(lattice, touched, config);
-    const Eigen::Vector3i size = lattice.size();
-    std::size_t at = 0;
-    for (int z = 0; z < size.z(); ++z) {
-      for (int y = 0; y < size.y(); ++y) {
-        for (int x = 0; x < size.x(); ++x, ++at) {
-          if (!pile.is_near[at] && !pile.is_beneath[at]) continue;
-          // What is below the ground is the floor test's.
-          if ((T_base_map * lattice.center({x, y, z})).z() < 0.0) continue;
-          const bool is_known = is_same_lattice && (last_scene.flags[at] & kBlockObserved) != 0 &&
-                                (last_scene.flags[at] & (kBlockUnknown | kBlockSpeck)) == 0 && is_stale[at] == 0;
-          if (is_known) {
-            scene->flags[at] = last_scene.flags[at];
-            scene->distance_m[at] = last_scene.distance_m[at];
-          } else {
-            asked_blocks.push_back(static_cast<std::uint32_t>(at));
-          }
-        }
-      }
-    }
+    scene->lattice = latticeOf(vertices, T_map_base, config);
+    asked_blocks = blocksToAsk(vertices, touched, config, *state_->scene, scene.get());
   }
-  update.lattice_ms += elapsedMs(lattice_begin);
+  update.lattice_ms += lap_ms();
 
-  const std::size_t num_asked = asked_vertices.size() + asked_blocks.size();
-  MapAnswers answers;
-  if (num_asked > 0) {
-    gpis_mapping::Points3d points(3, static_cast<Eigen::Index>(num_asked));
-    Eigen::Index column = 0;
-    for (const std::uint32_t v : asked_vertices) points.col(column++) = vertices[v];
-    for (const std::uint32_t at : asked_blocks) points.col(column++) = lattice.center(lattice.position(at));
-    answers = map.query(points);
-    if (answers.state.size() != num_asked || answers.distance_m.size() != points.cols() ||
-        answers.surface_std_m.size() != points.cols()) {
-      throw std::runtime_error("the map answered " + std::to_string(answers.state.size()) + " of " +
-                               std::to_string(num_asked) + " points");
-    }
-  }
+  const MapAnswers answers = ask(map, vertices, asked_vertices, scene->lattice, asked_blocks);
+  lap_ms();  // the map's own time is not the scene's
 
-  const auto mesh_begin = std::chrono::steady_clock::now();
   for (std::size_t i = 0; i < asked_vertices.size(); ++i) {
     surface_std[asked_vertices[i]] = answers.surface_std_m[static_cast<Eigen::Index>(i)];
   }
-  std::vector<Eigen::Vector3d> displaced(vertices.size());
-  for (std::size_t v = 0; v < vertices.size(); ++v) {
-    // mean - k sigma of the surface's position, to first order. Without a sigma nobody knows how good the surface is.
-    const double margin_m = config.sigmas * surface_std[v] + config.margin_m;
-    displaced[v] =
-        vertices[v] + (margin_m < config.max_margin_m ? margin_m : config.max_margin_m) * cleaned.directions[v];
+  Chunks chunks =
+      buildChunks(gathered, changed, cleaned, displace(cleaned, surface_std, config), config, state_->chunks);
+  scene->chunks = inOrder(chunks);
+  update.mesh_ms += lap_ms();
+
+  enterAnswers(answers, asked_vertices.size(), asked_blocks, scene.get());
+  if (!vertices.empty()) {
+    forgiveSpecks(T_map_base.inverse(), scene.get());
+    scene->free_distance_m = freeDistances(*scene, chunks);
   }
-  std::vector<ChunkRecord> built(changed.size());
-  interactive_mapping::parallelFor(
-      changed.size(), interactive_mapping::resolveThreadCount(0), 4, [&](std::size_t first, std::size_t end) {
-        for (std::size_t i = first; i < end; ++i) {
-          const Gathered& chunk = gathered.at(changed[i]);
-          built[i] = makeChunk(chunk.triangles, cleaned.triangles, vertices, displaced, config);
-          built[i].contents = chunk.contents;
-        }
-      });
-  State::Chunks chunks;
-  chunks.reserve(gathered.size());
-  for (std::size_t i = 0; i < changed.size(); ++i) chunks.emplace(changed[i], std::move(built[i]));
-  for (const auto& [key, chunk] : gathered) {
-    if (chunks.count(key) == 0) chunks.emplace(key, state_->chunks.at(key));
-  }
-  std::vector<LatticeKey> order;  // the hash map's depends on its history; what is found first must not
-  for (const auto& [key, record] : chunks) order.push_back(key);
-  std::sort(order.begin(), order.end());
-  for (const LatticeKey& key : order) scene->chunks.push_back(chunks.at(key).chunk);
+  update.lattice_ms += lap_ms();
+
   update.chunks = chunks.size();
   update.chunks_rebuilt = changed.size();
-  update.mesh_ms += elapsedMs(mesh_begin);
-
-  const auto field_begin = std::chrono::steady_clock::now();
+  update.triangles = cleaned.triangles.size();
   update.blocks_asked = asked_blocks.size();
-  for (std::size_t i = 0; i < asked_blocks.size(); ++i) {
-    const std::size_t at = asked_blocks[i];
-    const Eigen::Index answer = static_cast<Eigen::Index>(asked_vertices.size() + i);
-    const double distance_m = answers.distance_m[answer];
-    const SpaceState block_state = answers.state[asked_vertices.size() + i];
-    scene->distance_m[at] = static_cast<float>(distance_m);
-    scene->flags[at] = kBlockObserved;
-    if (block_state == SpaceState::kOccupied || distance_m < 0.0) {
-      scene->flags[at] |= kBlockInside;
-    } else if (block_state == SpaceState::kUnknown) {
-      scene->flags[at] |= kBlockUnknown;
-    }
-  }
-  if (!vertices.empty()) {
-    forgiveSpecks(T_base_map, scene.get());
-    std::vector<std::uint8_t> is_taken(lattice.count());
-    for (std::size_t at = 0; at < is_taken.size(); ++at) {
-      is_taken[at] = (scene->flags[at] & (kBlockInside | kBlockUnknown)) != 0;
-      if ((scene->flags[at] & kBlockUnknown) != 0) ++update.blocks_unknown;
-    }
-    for (const auto& [key, record] : chunks) {
-      for (const LatticeKey& block : record.blocks) {
-        is_taken[lattice.index(lattice.clamped(block.center(config.block_m)))] = 1;
-      }
-    }
-    // Between two blocks at offset d [blocks] no points are nearer than |max(0, |d| - 1)|: the distance between centres
-    // once one of the two is grown by a block to all sides.
-    const std::vector<std::int32_t> squared = squaredDistances(lattice, dilate(lattice, std::move(is_taken)));
-    scene->free_distance_m.resize(squared.size());
-    for (std::size_t at = 0; at < squared.size(); ++at) {
-      scene->free_distance_m[at] =
-          squared[at] >= kNoBlock ? kFarAway
-                                  : static_cast<float>(config.block_m * std::sqrt(static_cast<double>(squared[at])));
-    }
-  }
-  update.lattice_ms += elapsedMs(field_begin);
-
+  update.blocks_unknown = static_cast<std::size_t>(
+      std::count_if(scene->flags.begin(), scene->flags.end(), [](std::uint8_t f) { return (f & kBlockUnknown) != 0; }));
   state_->vertices = std::move(cleaned.vertices);
   state_->surface_std = std::move(surface_std);
   state_->chunks = std::move(chunks);
