@@ -159,12 +159,13 @@ TEST(VoxelEntropy, IsOneBitWhereNothingIsKnownAndNoneWhereAllIs) {
 }
 
 TEST(OctomapSceneConfig, SaysWhatIsImpossible) {
-  EXPECT_TRUE(OctomapScene::Config().validate().empty());
+  EXPECT_TRUE(interactive_mapping::problemsOf(OctomapScene::Config()).empty());
   OctomapScene::Config bad;
   bad.gradient_step_m = 0.0;
   bad.surface_band_m = kNan;
-  EXPECT_THAT(bad.validate(), testing::ElementsAre("gradient_step_m = 0 m, must be in [0.01, 0.5] m",
-                                                   "surface_band_m = nan m, must be in [0.005, 0.3] m"));
+  EXPECT_THAT(interactive_mapping::problemsOf(bad),
+              testing::ElementsAre("gradient_step_m = 0 m, must be in [0.01, 0.5] m",
+                                   "surface_band_m = nan m, must be in [0.005, 0.3] m"));
   EXPECT_THROW(sceneOf(boxTree(), bad), std::invalid_argument);
   EXPECT_THROW(sceneOf(nullptr), std::invalid_argument);
 }
