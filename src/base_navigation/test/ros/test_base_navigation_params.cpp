@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base_navigation_ros/base_navigation_params.h"
 
-#include <gmock/gmock.h>
-#include <ros/ros.h>
+#include <stdexcept>
+#include <string>
 
+#include <gmock/gmock.h>
 #include <interactive_mapping_common/testing/shipped_file.h>
+#include <ros/ros.h>
 
 namespace base_navigation_ros {
 namespace {

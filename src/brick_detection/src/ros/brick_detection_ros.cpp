@@ -292,9 +292,8 @@ std::optional<Eigen::Vector3d> BrickDetectionRos::placeOf(
   // The newest, when tf has not come to the stamp yet: the tool has not moved far since.
   for (const ros::Time& stamp : {message.header.stamp, ros::Time(0)}) {
     try {
-      Refusal ignored;
       const auto T_map_tool = interactive_mapping_ros::toIsometry(
-          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, stamp).transform, &ignored);
+          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, stamp).transform);
       if (T_map_tool && p_tool.allFinite()) return *T_map_tool * p_tool;
     } catch (const tf2::TransformException&) {
     }
