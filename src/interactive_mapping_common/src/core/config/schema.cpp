@@ -44,13 +44,6 @@ std::string shortest(double value) {
   return text;
 }
 
-/// For a file: what roslaunch reads with takes 1e+09 for a text.
-std::string withPoint(std::string number) {
-  const std::size_t exponent = number.find('e');
-  if (exponent != std::string::npos && number.find('.') == std::string::npos) number.insert(exponent, ".0");
-  return number;
-}
-
 std::string rangeOf(const Field& field) {
   const std::string range = "[" + shortest(field.lo) + ", " + shortest(field.hi) + "]";
   return *field.unit == '\0' ? range : range + " " + field.unit;
@@ -82,14 +75,21 @@ Type typeOf(const YAML::Node& node) {
   return found == kTags.end() ? Type::kAny : found->second;
 }
 
-/// For a message: texts in quotes.
-std::string shown(const YAML::Node& node) {
+/// For a message: texts in quotes; of a list or map the first entries, for an alias may contain itself.
+std::string shown(const YAML::Node& node, int depth = 0) {
+  constexpr std::size_t kMaxEntries = 6;
   if (node.IsScalar()) return typeOf(node) == Type::kText ? "'" + node.Scalar() + "'" : node.Scalar();
+  if (!node.IsSequence() && !node.IsMap()) return "null";
   std::vector<std::string> parts;
   for (const auto& entry : node) {
-    parts.push_back(node.IsMap() ? nameOf(entry.first) + ": " + shown(entry.second) : shown(entry));
+    if (depth == 2 || parts.size() == kMaxEntries) {
+      parts.emplace_back("...");
+      break;
+    }
+    parts.push_back(node.IsMap() ? nameOf(entry.first) + ": " + shown(entry.second, depth + 1)
+                                 : shown(entry, depth + 1));
   }
-  return node.IsMap() ? "{" + join(parts, ", ") + "}" : node.IsSequence() ? "[" + join(parts, ", ") + "]" : "null";
+  return node.IsMap() ? "{" + join(parts, ", ") + "}" : "[" + join(parts, ", ") + "]";
 }
 
 template <typename Value>
@@ -155,11 +155,11 @@ std::string textOf(const Field& field) {
   const auto list = [](const auto* values) {
     std::vector<std::string> texts;
     for (Eigen::Index i = 0; i < static_cast<Eigen::Index>(values->size()); ++i) {
-      texts.push_back(withPoint(shortest(values->data()[i])));
+      texts.push_back(shortest(values->data()[i]));
     }
     return "[" + join(texts, ", ") + "]";
   };
-  return std::visit(Overloaded{[](const double* value) { return withPoint(shortest(*value)); },
+  return std::visit(Overloaded{[](const double* value) { return shortest(*value); },
                                [](const int* value) { return std::to_string(*value); },
                                [](const bool* value) { return std::string(*value ? "true" : "false"); },
                                [](const std::string* value) { return quoted(*value); },
