@@ -147,8 +147,10 @@ INSTANTIATE_TEST_SUITE_P(
                     Mistake{"inner: 5", "inner = 5, must be a section with keys"},
                     Mistake{"inner: {lower: 5}", "inner/lower is unknown"}, Mistake{"reach: 1", "reach is unknown"},
                     Mistake{"{[1]: 1}", "(not a name) is unknown"},
-                    Mistake{"count: 1\ncount: 2", "count is given twice"}, Mistake{"[1]", "must be a map of keys"},
-                    Mistake{"a: [", "not YAML"}));
+                    Mistake{"count: 1\ncount: 2", "count is given twice"},
+                    Mistake{"reach_m: &x [1, *x]", "reach_m = [1, [1, [...]]], must be a number"},
+                    Mistake{"frame: [1, 2, 3, 4, 5, 6, 7]", "frame = [1, 2, 3, 4, 5, 6, ...], must be a text"},
+                    Mistake{"[1]", "must be a map of keys"}, Mistake{"a: [", "not YAML"}));
 
 TEST(Schema, EverythingWrongIsInOneMessage) {
   const std::string message = messageOf<std::invalid_argument>(
