@@ -5,7 +5,6 @@
 #include <stdexcept>
 #include <utility>
 
-
 #include "tasks/tasks.h"
 
 namespace motion_planning {
