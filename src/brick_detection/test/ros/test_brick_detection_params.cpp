@@ -60,7 +60,7 @@ TEST(BrickDetectionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/input/max_depth_offset_s = 2 s, must be in [0, 1] s"));
   EXPECT_THAT(message, HasSubstr("/wrong/tracker/moved_looks"));
   EXPECT_THAT(message, HasSubstr("/wrong/access/min_clear = 2, must be in [0, 1]"));
-  EXPECT_THAT(message, HasSubstr("/wrong/alvar/position_std_m = -0.01 m, must be in [1e-05, 1] m"));
+  EXPECT_THAT(message, HasSubstr("/wrong/alvar/position_std_m = -0.01 m, must be in [1.0e-05, 1] m"));
 }
 
 TEST(BrickDetectionParams, SettingsOfLibrariesAreNotUnknown) {

@@ -58,7 +58,7 @@ TEST(DepthSelfFilterParams, OneMessageNamesEveryProblemWithValueAndRange) {
   const std::string message = test_support::messageOf<std::invalid_argument>([&] { loadDepthSelfFilterParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/input/camera_frame = '/eye', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/input/wait_s"));
-  EXPECT_THAT(message, HasSubstr("/wrong/input/depth_units_per_metre = 0 1/m, must be in [1, 1e+06] 1/m"));
+  EXPECT_THAT(message, HasSubstr("/wrong/input/depth_units_per_metre = 0 1/m, must be in [1, 1.0e+06] 1/m"));
   EXPECT_THAT(message, HasSubstr("/wrong/input/image_transport = '', must name a transport"));
   EXPECT_THAT(message, HasSubstr("/wrong/joints/max_gap_s = 20 s, must be in [0, 10] s"));
   EXPECT_THAT(message, HasSubstr("/wrong/mask/edge_px"));

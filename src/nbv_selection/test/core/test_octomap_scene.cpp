@@ -181,7 +181,8 @@ TEST(OctomapSceneConfig, MustFitTheVoxelsOfTheTree) {
     sceneOf(tree, config);
     FAIL() << "3 cm do not reach the corners of a voxel of 5 cm";
   } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(), "surface_band_m = 0.03 m, must be in [0.0433013, 0.8] m for voxels of 0.05 m");
+    EXPECT_STREQ(error.what(),
+                 "impossible scene:\n  surface_band_m = 0.03 m, must be in [0.0433013, 0.8] m for voxels of 0.05 m");
   }
   config.surface_band_m = 0.05;
   EXPECT_EQ(sceneOf(tree, config).surface().points_map.size(), 64u);
