@@ -46,34 +46,8 @@ double median(std::vector<double> values) {
 /// The camera and its sensor of config/simulation.yaml, under the names of the node's parameters.
 void readCamera(const YAML::Node& yaml, SimulationConfig* config) {
   config->camera_rate_hz = yaml["rate_hz"].as<double>();
-  synthetic_depth::CameraModel& camera = config->camera.camera;
-  camera.width_px = yaml["width_px"].as<int>();
-  camera.height_px = yaml["height_px"].as<int>();
-  camera.fx_px = camera.fy_px = yaml["focal_length_px"].as<double>();
-  camera.cx_px = 0.5 * (camera.width_px - 1);
-  camera.cy_px = 0.5 * (camera.height_px - 1);
-  config->camera.rgb_noise_std_grey = yaml["rgb_noise_std_grey"].as<double>();
-  const YAML::Node effects = yaml["sensor"];
-  synthetic_depth::SensorModel& sensor = config->camera.sensor;
-  sensor.min_range_m = effects["min_range_m"].as<double>();
-  sensor.max_range_m = effects["max_range_m"].as<double>();
-  sensor.axial_noise_a_m = effects["noise_a_m"].as<double>();
-  sensor.axial_noise_b = effects["noise_b"].as<double>();
-  sensor.axial_noise_c_per_m = effects["noise_c_per_m"].as<double>();
-  sensor.baseline_m = effects["baseline_m"].as<double>();
-  sensor.has_shadows = effects["has_shadows"].as<bool>();
-  sensor.disparity_step_px = effects["disparity_step_px"].as<double>();
-  sensor.edge_mixing_fraction = effects["edge_mixing_fraction"].as<double>();
-  sensor.dropout_probability = effects["dropout_probability"].as<double>();
-  sensor.lateral_jitter_px = effects["lateral_jitter_px"].as<double>();
-  sensor.border_left_px = effects["border_left_px"].as<int>();
-  sensor.border_right_px = effects["border_right_px"].as<int>();
-  sensor.border_top_px = effects["border_top_px"].as<int>();
-  sensor.border_bottom_px = effects["border_bottom_px"].as<int>();
-  sensor.has_hexagonal_view = effects["has_hexagonal_view"].as<bool>();
-  sensor.min_return_per_m2 = effects["min_return_per_m2"].as<double>();
-  sensor.return_flicker = effects["return_flicker"].as<double>();
-  sensor.edge_loss_px = effects["edge_loss_px"].as<double>();
+  interactive_mapping::FieldReader reader(yaml);
+  simulated_world::RgbdCameraConfig::fields(config->camera, reader);
 }
 
 SimulationConfig readConfig(const std::string& scene) {

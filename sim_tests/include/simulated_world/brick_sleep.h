@@ -3,20 +3,26 @@
 
 #include <array>
 #include <map>
-#include <string>
 #include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <mujoco/mujoco.h>
 
 namespace simulated_world {
 
 struct BrickSleepConfig {
-  double rest_speed_m_per_s{0.002};  ///< of a brick's centre
+  double rest_speed_m_per_s{0.002};
   double rest_rate_rad_per_s{0.02};
-  double rest_time_s{0.5};  ///< all bricks that lean on each other slower than that for so long: they fall asleep
-  double moved_m{1e-7};     ///< a sleeping brick that the world moved by more in one step wakes up
+  double rest_time_s{0.5};
+  double moved_m{1e-7};  ///< a sleeping brick that the world moved by more in one step wakes up; no parameter
 
-  std::vector<std::string> validate() const;
+  static void fields(BrickSleepConfig& c, interactive_mapping::Fields& f) {
+    f("rest_speed_m_s", c.rest_speed_m_per_s, 1e-9, 1e3, "m/s", "speed of a brick's centre below which it is at rest");
+    f("rest_rate_rad_s", c.rest_rate_rad_per_s, 1e-9, 1e3, "rad/s", "turn rate below which a brick is at rest");
+    f("rest_time_s", c.rest_time_s, 1e-9, 1e6, "s",
+      "time at rest after which bricks that touch each other fall asleep");
+    f.require(c.moved_m > 0.0, "moved_m must be above 0 m");
+  }
 };
 
 /// Spares the computation of bricks that lie still, which is most of the cost of a pile.

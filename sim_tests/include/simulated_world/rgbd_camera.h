@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 #include <opencv2/core.hpp>
 
 #include "simulated_world/offscreen_renderer.h"
@@ -16,9 +17,12 @@ namespace simulated_world {
 struct RgbdCameraConfig {
   synthetic_depth::CameraModel camera;  ///< of both images: depth is registered to colour. fx = fy
   synthetic_depth::SensorModel sensor;
-  double rgb_noise_std_grey{0.0};  ///< of each colour channel, in grey levels of 256
+  double rgb_noise_std_grey{0.0};
   RenderOptions render;
   std::uint64_t seed{1};  ///< of all noise
+
+  /// Parameters have square pixels and the principal point in the middle.
+  static void fields(RgbdCameraConfig& c, interactive_mapping::Fields& f);
 
   std::vector<std::string> validate() const;
 };

@@ -50,23 +50,21 @@ struct SimulationConfig {
   double localisation_std_m{0.0};
   double localisation_std_rad{0.0};
 
-  double tick_s{0.01};  ///< step of the clock; a whole number of physics steps
+  double tick_s{0.01};
   double joint_state_rate_hz{100.0};
   double odometry_rate_hz{50.0};
-  double camera_rate_hz{5.0};           ///< 0: only on demand
-  double camera_delay_s{0.0};           ///< from capture, whose stamp the image carries, to delivery
-  double camera_drop_probability{0.0};  ///< of each image
+  double camera_rate_hz{5.0};
+  double camera_delay_s{0.0};
+  double camera_drop_probability{0.0};
 
-  int magnet_output{0};      ///< digital output of the arm's controller that switches the magnet
-  int chute_capacity{100};   ///< bricks that the chute takes before it is full
-  double chute_rest_s{0.3};  ///< a brick that has lain in the chute for so long is stowed
-  // The arm's safety system stops it when the surroundings push harder than this.
-  double collision_stop_N{200.0};     ///< on the tool
-  double collision_stop_effort{0.6};  ///< on a joint, as a share of what its motor can do
-  bool arm_starts_running{true};      ///< powered, brakes released, program running; else powered off
-  double start_time_s{10.0};          ///< what the clock shows at first: at 0, ROS takes time for not begun
+  int magnet_output{0};
+  int chute_capacity{100};
+  double chute_rest_s{0.3};
+  bool arm_starts_running{true};
+  double start_time_s{10.0};
 
-  std::vector<std::string> validate() const;
+  /// By the parameters' sections, from "clock" to "camera". Files and seed belong to the call.
+  static void fields(SimulationConfig& c, interactive_mapping::Fields& f);
 };
 
 /// A picture of the whole, for people.

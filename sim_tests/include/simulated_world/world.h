@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "simulated_world/brick_sleep.h"
 #include "simulated_world/differential_drive.h"
@@ -35,30 +36,42 @@ struct WorldBrick {
 
 /// Flat magnet with a round face at the frame `magnet_tip`, z out of the tool.
 struct MagnetConfig {
-  double holding_force_N{90.0};  ///< pull-off force when flat on the plate
-  double friction{0.35};         ///< of tool on plate: what it holds sideways, per newton of what is left of the pull
+  double holding_force_N{90.0};
+  double friction{0.35};
   double radius_m{0.03};
-  double max_tilt_rad{0.12};  ///< between tool axis and the face's normal; the force falls to zero there
+  double max_tilt_rad{0.12};
+
+  static void fields(MagnetConfig& c, interactive_mapping::Fields& f) {
+    f("holding_force_N", c.holding_force_N, 0.0, 1e4, "N", "pull-off force when the magnet is flat on the plate");
+    f("friction", c.friction, 0.0, 2.0, "", "friction of tool on plate: sideways force per newton of remaining pull");
+    f("radius_m", c.radius_m, 1e-3, 0.5, "m", "radius for the forces; the shape is the URDF's");
+    f("max_tilt_rad", c.max_tilt_rad, 1e-3, 1.0, "rad",
+      "angle between tool axis and the face's normal at which the force falls to zero");
+  }
 };
 
 /// How stiffly arm and base follow their references.
 struct ServoConfig {
-  double arm_bandwidth_rad_s{80.0};  ///< critically damped, on the arm's own inertia
+  double arm_bandwidth_rad_s{80.0};
   ArmVector arm_effort_Nm{(ArmVector() << 150.0, 150.0, 150.0, 28.0, 28.0, 28.0).finished()};
   double base_bandwidth_rad_s{50.0};
-  double traction_N{700.0};   ///< what the tyres take before they slide
-  double traction_Nm{300.0};  ///< the same about the vertical
-  double max_slide_m{0.01};   ///< the reference stays so close to the body: a blocked base spins its wheels
+  double traction_N{700.0};
+  double max_slide_m{0.01};  ///< the reference stays so close to the body: a blocked base spins its wheels
   double max_slide_rad{0.02};
 };
 
 struct WorldConfig {
   PhysicsOptions physics;
-  bool has_sleep{true};  ///< bricks at rest leave the dynamics, see BrickSleep
+  bool has_sleep{true};  ///< see BrickSleep
   BrickSleepConfig sleep;
   MagnetConfig magnet;
   ServoConfig servo;
   bool has_surroundings{false};  ///< sky, sun and a patterned ground for pictures, which cost drawing time; no physics
+
+  // The parameters, by the sections that they have there.
+  static void physicsFields(WorldConfig& c, interactive_mapping::Fields& f);
+  static void armFields(WorldConfig& c, interactive_mapping::Fields& f);
+  static void baseFields(WorldConfig& c, interactive_mapping::Fields& f);
 
   std::vector<std::string> validate() const;
 };

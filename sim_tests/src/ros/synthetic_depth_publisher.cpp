@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "synthetic_depth_publisher.h"
 
-#include <map>
-#include <sstream>
+#include <limits>
 #include <stdexcept>
-#include <vector>
 
-#include <XmlRpcException.h>
-#include <XmlRpcValue.h>
 #include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/TransformStamped.h>
+#include <interactive_mapping_common_ros/params.h>
 #include <rosgraph_msgs/Clock.h>
 #include <sensor_msgs/image_encodings.h>
 
@@ -22,123 +19,34 @@ namespace {
 
 constexpr double kMillimetresPerMetre = 1000.0;
 
-/// Takes values out of one parameter map and collects what is wrong with them.
-class ParamReader {
- public:
-  ParamReader(std::string name_space, XmlRpc::XmlRpcValue values)
-      : name_space_(std::move(name_space)), values_(std::move(values)) {}
-
-  void read(const std::string& key, std::string& value, const std::string& rule) {
-    if (XmlRpc::XmlRpcValue* found = take(key, {XmlRpc::XmlRpcValue::TypeString}, rule)) {
-      value = static_cast<std::string>(*found);
-    }
-  }
-  void read(const std::string& key, bool& value) {
-    if (XmlRpc::XmlRpcValue* found = take(key, {XmlRpc::XmlRpcValue::TypeBoolean}, "true or false")) {
-      value = static_cast<bool>(*found);
-    }
-  }
-  void read(const std::string& key, int& value, const std::string& rule) {
-    if (XmlRpc::XmlRpcValue* found = take(key, {XmlRpc::XmlRpcValue::TypeInt}, rule)) {
-      value = static_cast<int>(*found);
-    }
-  }
-  void read(const std::string& key, double& value, const std::string& rule) {
-    if (XmlRpc::XmlRpcValue* found = take(key, {XmlRpc::XmlRpcValue::TypeDouble, XmlRpc::XmlRpcValue::TypeInt}, rule)) {
-      value = found->getType() == XmlRpc::XmlRpcValue::TypeInt ? static_cast<int>(*found) : static_cast<double>(*found);
-    }
-  }
-
-  template <typename Value>
-  void check(bool is_good, const std::string& key, const Value& value, const std::string& rule) {
-    if (!is_good) {
-      std::ostringstream text;
-      text << name_space_ << "/" << key << " = " << value << ", must be " << rule;
-      problems_.push_back(text.str());
-    }
-  }
-
-  /// Throws if there was any problem or a key that nobody read.
-  void finish() {
-    for (auto& entry : values_) {
-      if (known_.count(entry.first) == 0) {
-        problems_.push_back(name_space_ + "/" + entry.first + " is unknown");
-      }
-    }
-    std::string text;
-    for (const std::string& problem : problems_) {
-      text += (text.empty() ? "" : "\n") + problem;
-    }
-    if (!text.empty()) {
-      throw std::invalid_argument(text);
-    }
-  }
-
- private:
-  XmlRpc::XmlRpcValue* take(const std::string& key, const std::vector<XmlRpc::XmlRpcValue::Type>& types,
-                            const std::string& rule) {
-    known_[key] = true;
-    if (!values_.hasMember(key)) {
-      return nullptr;
-    }
-    XmlRpc::XmlRpcValue& value = values_[key];
-    for (const XmlRpc::XmlRpcValue::Type type : types) {
-      if (value.getType() == type) {
-        return &value;
-      }
-    }
-    check(false, key, value.toXml(), rule);
-    return nullptr;
-  }
-
-  std::string name_space_;
-  XmlRpc::XmlRpcValue values_;
-  std::map<std::string, bool> known_;
-  std::vector<std::string> problems_;
-};
-
 }  // namespace
 
+void PublisherParams::fields(PublisherParams& c, interactive_mapping::Fields& f) {
+  constexpr int kMost = std::numeric_limits<int>::max();
+  f("scene_file", c.scene_file, "file of the scene");
+  f.require(!c.scene_file.empty(), "scene_file = '', must be the path of a scene file");
+  f("map_frame", c.map_frame, "fixed frame");
+  f.require(!c.map_frame.empty() && c.map_frame.front() != '/',
+            "map_frame = '" + c.map_frame + "', must be a frame name without leading slash");
+  f("camera_frame", c.camera_frame, "optical frame of the camera");
+  f.require(
+      !c.camera_frame.empty() && c.camera_frame.front() != '/' && c.camera_frame != c.map_frame,
+      "camera_frame = '" + c.camera_frame + "', must be a frame name without leading slash, other than map_frame");
+  f("encoding", c.encoding, "32FC1 [m] or 16UC1 [mm, 0 = invalid] (REP-118)");
+  f.require(c.encoding == "32FC1" || c.encoding == "16UC1", "encoding = '" + c.encoding + "', must be 32FC1 or 16UC1");
+  f("rate_hz", c.rate_hz, 0.0, 1000.0, "Hz", "frames per second of wall time; 0: the scene's own");
+  f("loop", c.loop, "true: starts again after the last frame");
+  f("first_frame", c.first_frame, 0, kMost, "", "frames before this one are left out");
+  f("last_frame", c.last_frame, -1, kMost, "", "frames after this one are left out; -1: none");
+  f("apply_sensor", c.apply_sensor, "false: exact depth within the range limits");
+  f("publish_clock", c.publish_clock, "true: publishes /clock and stamps with the scene's own time");
+  f("wait_for_subscriber", c.wait_for_subscriber,
+    "true: the first frame waits until image and info both have a subscriber");
+  f("seed", c.seed, -1, kMost, "", "seed of the sensor noise; -1: the scene's");
+}
+
 PublisherParams loadPublisherParams(const ros::NodeHandle& private_nh) {
-  PublisherParams params;
-  XmlRpc::XmlRpcValue values;
-  try {
-    if (!private_nh.getParam(private_nh.getNamespace(), values) ||
-        values.getType() != XmlRpc::XmlRpcValue::TypeStruct) {
-      values = XmlRpc::XmlRpcValue();
-      values.begin();  // makes it an empty map
-    }
-    ParamReader reader(private_nh.getNamespace(), values);
-    reader.read("scene_file", params.scene_file, "the path of a scene file");
-    reader.read("map_frame", params.map_frame, "a frame name");
-    reader.read("camera_frame", params.camera_frame, "a frame name");
-    reader.read("encoding", params.encoding, "32FC1 or 16UC1");
-    reader.read("rate_hz", params.rate_hz, "a number in [0, 1000] Hz");
-    reader.read("loop", params.loop);
-    reader.read("first_frame", params.first_frame, "an integer, 0 or more");
-    reader.read("last_frame", params.last_frame, "an integer, -1 or more");
-    reader.read("apply_sensor", params.apply_sensor);
-    reader.read("publish_clock", params.publish_clock);
-    reader.read("wait_for_subscriber", params.wait_for_subscriber);
-    reader.read("seed", params.seed, "an integer, -1 or more");
-    reader.check(!params.scene_file.empty(), "scene_file", "\"\"", "the path of a scene file");
-    reader.check(!params.map_frame.empty() && params.map_frame.front() != '/', "map_frame", params.map_frame,
-                 "a frame name without leading slash");
-    reader.check(
-        !params.camera_frame.empty() && params.camera_frame.front() != '/' && params.camera_frame != params.map_frame,
-        "camera_frame", params.camera_frame, "a frame name without leading slash, other than map_frame");
-    reader.check(params.encoding == "32FC1" || params.encoding == "16UC1", "encoding", params.encoding,
-                 "32FC1 or 16UC1");
-    reader.check(params.rate_hz >= 0.0 && params.rate_hz <= 1000.0, "rate_hz", params.rate_hz, "in [0, 1000] Hz");
-    reader.check(params.first_frame >= 0, "first_frame", params.first_frame, "0 or more");
-    reader.check(params.last_frame >= -1, "last_frame", params.last_frame, "-1 or more");
-    reader.check(params.seed >= -1, "seed", params.seed, "-1 or more");
-    reader.finish();
-  } catch (const XmlRpc::XmlRpcException& error) {
-    // Not derived from std::exception: would pass every handler of the caller.
-    throw std::invalid_argument(private_nh.getNamespace() + ": " + error.getMessage());
-  }
-  return params;
+  return interactive_mapping_ros::loadParams<PublisherParams>(private_nh);
 }
 
 SyntheticDepthPublisher::SyntheticDepthPublisher(const ros::NodeHandle& nh, const PublisherParams& params)

@@ -6,6 +6,7 @@
 
 #include <image_transport/image_transport.h>
 #include <image_transport/publisher.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <tf2_ros/transform_broadcaster.h>
@@ -15,18 +16,20 @@
 namespace sim_tests_ros {
 
 struct PublisherParams {
-  std::string scene_file;  ///< required
+  std::string scene_file;
   std::string map_frame{"map"};
   std::string camera_frame{"camera_depth_optical_frame"};
-  std::string encoding{"32FC1"};    ///< 32FC1 [m] or 16UC1 [mm, 0 = invalid] (REP-118)
-  double rate_hz{0.0};              ///< frames per second of wall time; 0 = the scene's fps
-  bool loop{true};                  ///< start again after the last frame
-  int first_frame{0};               ///< frames before this one are left out
-  int last_frame{-1};               ///< frames after this one are left out; -1 = none
-  bool apply_sensor{true};          ///< false: exact depth within the range limits
-  bool publish_clock{false};        ///< publish /clock and stamp with the scene's own time
-  bool wait_for_subscriber{false};  ///< hold the first frame back until image and info both have a subscriber
-  int seed{-1};                     ///< of the sensor noise; -1 = the scene's
+  std::string encoding{"32FC1"};
+  double rate_hz{0.0};
+  bool loop{true};
+  int first_frame{0};
+  int last_frame{-1};
+  bool apply_sensor{true};
+  bool publish_clock{false};
+  bool wait_for_subscriber{false};
+  int seed{-1};
+
+  static void fields(PublisherParams& c, interactive_mapping::Fields& f);
 };
 
 /// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and bad value.

@@ -7,7 +7,6 @@
 #include <set>
 #include <stdexcept>
 
-#include "config_check.h"
 #include "simulated_world/mujoco_model.h"
 #include "simulated_world/world_observation.h"
 
@@ -54,20 +53,10 @@ class Islands {
 
 }  // namespace
 
-std::vector<std::string> BrickSleepConfig::validate() const {
-  ConfigCheck check;
-  check.positive("rest_speed_m_per_s", rest_speed_m_per_s, "m/s");
-  check.positive("rest_rate_rad_per_s", rest_rate_rad_per_s, "rad/s");
-  check.positive("rest_time_s", rest_time_s, "s");
-  check.positive("moved_m", moved_m, "m");
-  return check.problems();
-}
-
 BrickSleep::BrickSleep(const mjModel& model, const std::vector<int>& brick_ids, const BrickSleepConfig& config)
-    : config_(config),
+    : config_(interactive_mapping::requireValid("BrickSleepConfig:", config)),
       ground_geom_(requireId(model, mjOBJ_GEOM, "ground")),
       brick_of_body_(static_cast<std::size_t>(model.nbody), -1) {
-  throwIfAny("BrickSleepConfig", config.validate());
   if (model.geom_conaffinity[ground_geom_] != 0) {
     throw std::invalid_argument(
         "BrickSleep: conaffinity of ground = " + std::to_string(model.geom_conaffinity[ground_geom_]) + ", must be 0");

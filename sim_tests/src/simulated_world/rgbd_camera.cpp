@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
+#include "simulated_world/field_section.h"
 #include "simulated_world/mujoco_model.h"
 #include "simulated_world/stereo_shadow.h"
 #include "synthetic_depth/missing_returns.h"
@@ -33,30 +35,60 @@ std::vector<float> albedoOfGeoms(const mjModel& model) {
 
 }  // namespace
 
+void RgbdCameraConfig::fields(RgbdCameraConfig& c, interactive_mapping::Fields& f) {
+  synthetic_depth::CameraModel& camera = c.camera;
+  f("width_px", camera.width_px, 16, 8192, "px", "width of the colour and the registered depth image");
+  f("height_px", camera.height_px, 16, 8192, "px", "height of both");
+  f("focal_length_px", camera.fx_px, 10.0, 1e5, "px", "focal length of both");
+  camera.fy_px = camera.fx_px;
+  camera.cx_px = 0.5 * (camera.width_px - 1);
+  camera.cy_px = 0.5 * (camera.height_px - 1);
+  f("rgb_noise_std_grey", c.rgb_noise_std_grey, 0.0, 25.0, "",
+    "standard deviation of each colour channel, in grey levels of 256");
+  fieldSection(f, "sensor", [&] {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    synthetic_depth::SensorModel& sensor = c.sensor;
+    f("min_range_m", sensor.min_range_m, 0.0, 1000.0, "m", "nearer is too close: depth is -inf");
+    f("max_range_m", sensor.max_range_m, 0.0, kInfinity, "m", "farther is no return: depth is inf");
+    f("noise_a_m", sensor.axial_noise_a_m, -1.0, 1.0, "m",
+      "axial noise sigma(z) = a + b z + c z^2 [m], z in metres: a");
+    f("noise_b", sensor.axial_noise_b, -1.0, 1.0, "m/m", "b");
+    f("noise_c_per_m", sensor.axial_noise_c_per_m, -1.0, 1.0, "1/m", "c");
+    f("baseline_m", sensor.baseline_m, 0.0, 10.0, "m", "distance of the second viewpoint, along image x");
+    f("has_shadows", sensor.has_shadows, "points that the second viewpoint cannot see have no depth");
+    f("disparity_step_px", sensor.disparity_step_px, 0.0, 10.0, "px", "step to which disparity is rounded; 0: off");
+    f("edge_mixing_fraction", sensor.edge_mixing_fraction, 0.0, 1.0, "",
+      "share of the pixels at depth edges that lie between both depths");
+    f("dropout_probability", sensor.dropout_probability, 0.0, 1.0, "", "share of pixels lost at random");
+    f("lateral_jitter_px", sensor.lateral_jitter_px, 0.0, 10.0, "px",
+      "standard deviation of a ray's shift in the image");
+    // Something must be left in the middle: half of the image less a pixel.
+    const int across = std::max(0, (camera.width_px - 1) / 2);
+    const int down = std::max(0, (camera.height_px - 1) / 2);
+    f("border_left_px", sensor.border_left_px, 0, across, "px",
+      "columns without depth: the colour camera sees more than the depth camera; at most half of the image");
+    f("border_right_px", sensor.border_right_px, 0, across, "px", "the same on the right");
+    f("border_top_px", sensor.border_top_px, 0, down, "px", "rows without depth");
+    f("border_bottom_px", sensor.border_bottom_px, 0, down, "px", "the same at the bottom");
+    f("has_hexagonal_view", sensor.has_hexagonal_view, "only a hexagon within these borders has depth");
+    f("min_return_per_m2", sensor.min_return_per_m2, 0.0, 100.0, "1/m^2",
+      "no depth where albedo cos(incidence) / range^2 is less; 0: off");
+    f("return_flicker", sensor.return_flicker, 0.0, 1.0, "", "largest relative change of it from image to image");
+    f("edge_loss_px", sensor.edge_loss_px, 0.0, 20.0, "px",
+      "widest strip without depth on either side of a depth edge; 0: off");
+    f.require(sensor.min_range_m == 0.0 || !(sensor.min_range_m < c.render.near_m),
+              "min_range_m must be 0 or at least 0.01 m, where drawing begins");
+    f.require(sensor.max_range_m > sensor.min_range_m, "max_range_m must be above sensor/min_range_m");
+    f.require(!sensor.has_shadows || sensor.baseline_m > 0.0, "baseline_m must be above 0 m with sensor/has_shadows");
+  });
+}
+
 std::vector<std::string> RgbdCameraConfig::validate() const {
-  std::vector<std::string> problems = render.validate();
-  const auto require = [&problems](bool is_good, const char* key, double value, const char* unit, const char* allowed) {
-    if (!is_good) {
-      problems.push_back(std::string(key) + " = " + std::to_string(value) + unit + ", must be " + allowed);
-    }
-  };
-  require(camera.width_px > 0, "camera/width_px", camera.width_px, " px", "> 0 px");
-  require(camera.height_px > 0, "camera/height_px", camera.height_px, " px", "> 0 px");
-  require(camera.fx_px > 0.0 && std::isfinite(camera.fx_px), "camera/fx_px", camera.fx_px, " px", "> 0 px");
-  require(std::abs(camera.fx_px - camera.fy_px) <= 1e-6 * std::abs(camera.fx_px), "camera/fy_px", camera.fy_px, " px",
-          "equal to camera/fx_px");
-  require(sensor.min_range_m >= render.near_m || sensor.min_range_m == 0.0, "sensor/min_range_m", sensor.min_range_m,
-          " m", "0 or at least render/near_m");
-  require(sensor.max_range_m > sensor.min_range_m, "sensor/max_range_m", sensor.max_range_m, " m",
-          "> sensor/min_range_m");
-  require(sensor.baseline_m >= 0.0 && std::isfinite(sensor.baseline_m), "sensor/baseline_m", sensor.baseline_m, " m",
-          ">= 0 m");
-  require(!sensor.has_shadows || sensor.baseline_m > 0.0, "sensor/baseline_m", sensor.baseline_m, " m",
-          "> 0 m with has_shadows");
-  require(rgb_noise_std_grey >= 0.0 && rgb_noise_std_grey <= 25.0, "rgb_noise_std_grey", rgb_noise_std_grey, "",
-          "in [0, 25]");
-  const std::vector<std::string> missing = synthetic_depth::missingReturnProblems(camera, sensor);
-  problems.insert(problems.end(), missing.begin(), missing.end());
+  std::vector<std::string> problems = interactive_mapping::problemsOf(*this);
+  for (const std::string& problem : render.validate()) problems.push_back(problem);
+  if (!(std::abs(camera.fx_px - camera.fy_px) <= 1e-6 * std::abs(camera.fx_px))) {
+    problems.push_back("camera/fy_px = " + std::to_string(camera.fy_px) + " px, must be equal to camera/fx_px");
+  }
   return problems;
 }
 

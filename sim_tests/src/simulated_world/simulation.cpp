@@ -13,6 +13,7 @@
 #include <urdf_parser/urdf_parser.h>
 
 #include "config_check.h"
+#include "simulated_world/field_section.h"
 #include "simulated_world/robot_mjcf.h"
 #include "simulated_world/scene_view.h"
 #include "simulated_world/settle.h"
@@ -26,6 +27,11 @@ constexpr double kHandTime_s = 2.0;       // a brick put somewhere by hand is le
 constexpr double kRestSpeed_m_s = 0.01;
 constexpr double kLifted_m = 0.05;  // a held brick is carried once it has been moved so far
 constexpr int kCollisionSteps = 3;  // a shorter spike is the solver's, not a force
+// The arm's safety system stops it when the surroundings push harder on the tool, or on a joint as a share of what its
+// motor can do.
+constexpr double kCollisionStop_N = 200.0;
+constexpr double kCollisionStopEffort = 0.6;
+constexpr double kLowestRate_hz = 1e-3;
 
 std::string sentence(double now_s, const std::string& text) {
   std::ostringstream line;
@@ -109,50 +115,57 @@ Eigen::Vector3d overviewDirection(const PileScene& scene) {
 
 }  // namespace
 
-std::vector<std::string> SimulationConfig::validate() const {
-  std::vector<std::string> problems = world.validate();
-  const auto require = [&problems](bool holds, const char* key, double value, const char* allowed) {
-    if (!holds) {
-      std::ostringstream line;
-      line << key << " = " << value << ", must be " << allowed;
-      problems.push_back(line.str());
-    }
-  };
-  const auto within = [&require](const char* key, double value, double low, double high, const char* allowed) {
-    require(value >= low && value <= high, key, value, allowed);
-  };
-  const double steps = tick_s / world.physics.timestep_s;
-  within("tick_s", tick_s, world.physics.timestep_s, 0.1, "in [world timestep, 0.1] s");
-  require(std::abs(steps - std::round(steps)) < 1e-6, "tick_s", tick_s, "a whole number of physics steps");
-  const double tick_rate_hz = 1.0 / tick_s;
-  for (const auto& [key, rate_hz] :
-       {std::pair("joint_state_rate_hz", joint_state_rate_hz), std::pair("odometry_rate_hz", odometry_rate_hz)}) {
-    require(rate_hz > 0.0 && rate_hz <= tick_rate_hz * (1 + 1e-9), key, rate_hz, "in (0, 1 / tick_s] Hz");
-  }
-  within("camera_rate_hz", camera_rate_hz, 0.0, 60.0, "in [0, 60] Hz; 0 = on demand");
-  within("camera_delay_s", camera_delay_s, 0.0, 5.0, "in [0, 5] s");
-  within("camera_drop_probability", camera_drop_probability, 0.0, 1.0, "in [0, 1]");
-  within("scan_noise_std_m", scan_noise_std_m, 0.0, 1.0, "in [0, 1] m");
-  within("odometry_scale_std", odometry_scale_std, 0.0, 0.5, "in [0, 0.5]");
-  within("odometry_walk_m_per_sqrt_m", odometry_walk_m_per_sqrt_m, 0.0, 0.5, "in [0, 0.5] m/sqrt(m)");
-  within("odometry_walk_rad_per_sqrt_m", odometry_walk_rad_per_sqrt_m, 0.0, 0.5, "in [0, 0.5] rad/sqrt(m)");
-  within("localisation_std_m", localisation_std_m, 0.0, 1.0, "in [0, 1] m");
-  within("localisation_std_rad", localisation_std_rad, 0.0, 1.0, "in [0, 1] rad");
-  within("magnet_output", magnet_output, 0, static_cast<double>(UrIo::kDigitalPins) - 1, "in [0, 17]");
-  within("chute_capacity", chute_capacity, 1, 10000, "in [1, 10000] bricks");
-  within("chute_rest_s", chute_rest_s, 0.0, 60.0, "in [0, 60] s");
-  within("collision_stop_N", collision_stop_N, 1.0, 1e5, "in [1, 1e5] N");
-  within("collision_stop_effort", collision_stop_effort, 0.05, 100.0, "in [0.05, 100]");
-  within("start_time_s", start_time_s, 1e-3, 1e9, "in [0.001, 1e9] s");
-  return problems;
+void SimulationConfig::fields(SimulationConfig& c, interactive_mapping::Fields& f) {
+  const double tick_rate_hz = 1.0 / c.tick_s;
+  fieldSection(f, "clock", [&] {
+    const double steps = c.tick_s / c.world.physics.timestep_s;
+    f("tick_s", c.tick_s, c.world.physics.timestep_s, 0.1, "s", "step of /clock: a whole number of physics steps");
+    f.require(std::abs(steps - std::round(steps)) < 1e-6, "tick_s must be a whole number of physics/timestep_s");
+    f("start_time_s", c.start_time_s, 1e-3, 1e9, "s", "first time on /clock: at 0, ROS takes time for not begun");
+  });
+  fieldSection(f, "physics", [&] { WorldConfig::physicsFields(c.world, f); });
+  fieldSection(f, "arm", [&] {
+    f("headless_mode", c.arm_driver.headless_mode, "true: the driver sends its program itself; false: it is played");
+    f("starts_running", c.arm_starts_running, "true: powered, brakes released, program running; false: powered off");
+    f("joint_state_rate_hz", c.joint_state_rate_hz, kLowestRate_hz, tick_rate_hz, "Hz",
+      "rate of the joint states, at most one per tick; the real driver: 500 Hz");
+    WorldConfig::armFields(c.world, f);
+  });
+  fieldSection(f, "magnet", [&] {
+    f("digital_output", c.magnet_output, 0, static_cast<int>(UrIo::kDigitalPins) - 1, "",
+      "output of the arm's controller that switches the magnet");
+    MagnetConfig::fields(c.world.magnet, f);
+  });
+  fieldSection(f, "chute", [&] {
+    f("capacity", c.chute_capacity, 1, 10000, "bricks", "bricks that the chute takes before it is full");
+    f("rest_s", c.chute_rest_s, 0.0, 60.0, "s", "a brick at rest in the chute for this time is stowed and taken away");
+  });
+  fieldSection(f, "base", [&] {
+    f("odometry_rate_hz", c.odometry_rate_hz, kLowestRate_hz, tick_rate_hz, "Hz",
+      "rate of odometry and localisation, at most one per tick");
+    WorldConfig::baseFields(c.world, f);
+    f("odometry_scale_std", c.odometry_scale_std, 0.0, 0.5, "",
+      "standard deviation of the relative error of distance and turn, drawn once");
+    f("odometry_walk_m_per_sqrt_m", c.odometry_walk_m_per_sqrt_m, 0.0, 0.5, "m/sqrt(m)", "random walk of the distance");
+    f("odometry_walk_rad_per_sqrt_m", c.odometry_walk_rad_per_sqrt_m, 0.0, 0.5, "rad/sqrt(m)",
+      "random walk of the heading");
+    f("localisation_std_m", c.localisation_std_m, 0.0, 1.0, "m", "noise of map -> odom; 0: ground truth");
+    f("localisation_std_rad", c.localisation_std_rad, 0.0, 1.0, "rad", "noise of its yaw");
+    f("scan_noise_std_m", c.scan_noise_std_m, 0.0, 1.0, "m", "standard deviation of the laser scanner's ranges");
+  });
+  fieldSection(f, "camera", [&] {
+    f("rate_hz", c.camera_rate_hz, 0.0, 60.0, "Hz", "rate of the images; 0: only on the service camera/capture");
+    f("delay_s", c.camera_delay_s, 0.0, 5.0, "s", "time from capture, which the stamp tells, to delivery");
+    f("drop_probability", c.camera_drop_probability, 0.0, 1.0, "", "share of images that are lost");
+    RgbdCameraConfig::fields(c.camera, f);
+  });
 }
 
 Simulation::Simulation(const SimulationConfig& config)
-    : config_(config),
+    : config_(interactive_mapping::requireValid("simulation:", config)),
       random_(config.seed, 1, 0),
       force_random_(config.seed, 2, 0),
       now_ns_(std::llround(config.start_time_s * 1e9)) {
-  throwIfAny("simulation", config.validate());
   tick_ns_ = std::llround(config.tick_s * 1e9);
   steps_per_tick_ = static_cast<int>(std::lround(config.tick_s / config.world.physics.timestep_s));
 
@@ -455,9 +468,9 @@ bool Simulation::isArmOnBrakes(double now_s) {
 }
 
 double Simulation::pushOnArm() const {
-  const double by_force = world_->toolPush() / config_.collision_stop_N;
+  const double by_force = world_->toolPush() / kCollisionStop_N;
   const double by_torque = world_->armPush().cwiseAbs().cwiseQuotient(world_->config().servo.arm_effort_Nm).maxCoeff() /
-                           config_.collision_stop_effort;
+                           kCollisionStopEffort;
   return std::max(by_force, by_torque);
 }
 
@@ -475,11 +488,11 @@ void Simulation::watchForCollision(double now_s, Tick* tick) {
   int joint = 0;
   const double share = effort.maxCoeff(&joint);
   std::ostringstream reason;
-  if (force_N > config_.collision_stop_N) {
-    reason << "collision: " << force_N << " N on the tool, allowed " << config_.collision_stop_N << " N";
+  if (force_N > kCollisionStop_N) {
+    reason << "collision: " << force_N << " N on the tool, allowed " << kCollisionStop_N << " N";
   } else {
     reason << "collision: " << kArmJointNames[joint] << " is pushed with " << share * 100.0
-           << " % of its motor's torque, allowed " << config_.collision_stop_effort * 100.0 << " %";
+           << " % of its motor's torque, allowed " << kCollisionStopEffort * 100.0 << " %";
   }
   arm_->protectiveStop(reason.str());
   tick->incidents.push_back(sentence(now_s, "protective stop, " + reason.str()));

@@ -8,7 +8,10 @@
 #include <stdexcept>
 #include <tuple>
 
+#include <interactive_mapping_common/config/range_check.h>
+
 #include "config_check.h"
+#include "simulated_world/field_section.h"
 #include "simulated_world/world_observation.h"
 #include "world_mjcf.h"
 
@@ -23,6 +26,7 @@ namespace {
 const Eigen::Vector3d kStoreroom(0.0, 0.0, 1000.0);
 // An overload shorter than this is one of the solver's spikes at a contact's first steps, not a force.
 constexpr double kOverloadTime_s = 0.01;
+constexpr double kTraction_Nm = 300.0;  // what the tyres take about the vertical before they slide
 constexpr double kRestSpeed_m_s = 0.03;
 constexpr double kRestSpeed_rad_s = 0.3;
 // Of things put somewhere by hand: so much deeper than bricks at rest sink into each other is inside.
@@ -109,31 +113,41 @@ std::vector<std::string> brickProblems(const std::vector<WorldBrick>& bricks) {
 
 }  // namespace
 
+void WorldConfig::physicsFields(WorldConfig& c, interactive_mapping::Fields& f) {
+  // Above 4 ms the arm's servo (80 rad/s) and contacts of a kilogram are no longer stable; MuJoCo does not keep a contact
+  // stiffer than two steps.
+  f("timestep_s", c.physics.timestep_s, 1e-4, std::min(0.004, 0.5 * c.physics.contact_time_constant_s), "s",
+    "step of the dynamics; at most half of the contacts' time constant");
+  fieldSection(f, "sleep", [&] {
+    f("enabled", c.has_sleep, "true: bricks at rest leave the dynamics until something touches them");
+    BrickSleepConfig::fields(c.sleep, f);
+  });
+}
+
+void WorldConfig::armFields(WorldConfig& c, interactive_mapping::Fields& f) {
+  f("bandwidth_rad_s", c.servo.arm_bandwidth_rad_s, 1.0, 0.25 / c.physics.timestep_s, "rad/s",
+    "bandwidth of the joints' servos, critically damped; at most 0.25 / physics/timestep_s");
+}
+
+void WorldConfig::baseFields(WorldConfig& c, interactive_mapping::Fields& f) {
+  f("bandwidth_rad_s", c.servo.base_bandwidth_rad_s, 1.0, 0.25 / c.physics.timestep_s, "rad/s",
+    "bandwidth of the base's servo; at most 0.25 / physics/timestep_s");
+  f("traction_N", c.servo.traction_N, 1.0, 1e5, "N", "force at which the tyres slide");
+}
+
 std::vector<std::string> WorldConfig::validate() const {
-  std::vector<std::string> problems = physics.validate();
-  for (const std::string& problem : sleep.validate()) {
-    problems.push_back("sleep/" + problem);
-  }
-  const auto require = [&problems](const char* key, double value, double low, double high, const char* unit) {
-    if (!(value >= low && value <= high)) {
-      std::ostringstream line;
-      line << key << " = " << value << ' ' << unit << ", must be in [" << low << ", " << high << "] " << unit;
-      problems.push_back(line.str());
-    }
-  };
-  // Above 4 ms the arm's servo (80 rad/s) and contacts of a kilogram are no longer stable.
-  require("physics/timestep_s", physics.timestep_s, 1e-4, 0.004, "s");
-  require("magnet/holding_force_N", magnet.holding_force_N, 0.0, 1e4, "N");
-  require("magnet/friction", magnet.friction, 0.0, 2.0, "");
-  require("magnet/radius_m", magnet.radius_m, 1e-3, 0.5, "m");
-  require("magnet/max_tilt_rad", magnet.max_tilt_rad, 1e-3, 1.0, "rad");
-  require("servo/arm_bandwidth_rad_s", servo.arm_bandwidth_rad_s, 1.0, 0.25 / physics.timestep_s, "rad/s");
-  require("servo/base_bandwidth_rad_s", servo.base_bandwidth_rad_s, 1.0, 0.25 / physics.timestep_s, "rad/s");
-  require("servo/arm_effort_Nm (least)", servo.arm_effort_Nm.minCoeff(), 0.1, 1e4, "N m");
-  require("servo/traction_N", servo.traction_N, 1.0, 1e5, "N");
-  require("servo/traction_Nm", servo.traction_Nm, 1.0, 1e5, "N m");
-  require("servo/max_slide_m", servo.max_slide_m, 1e-4, 1.0, "m");
-  require("servo/max_slide_rad", servo.max_slide_rad, 1e-4, 1.0, "rad");
+  WorldConfig copy = *this;
+  interactive_mapping::FieldChecker check;
+  fieldSection(check, "physics", [&] { physicsFields(copy, check); });
+  check.section("magnet", copy.magnet);
+  fieldSection(check, "arm", [&] { armFields(copy, check); });
+  fieldSection(check, "base", [&] { baseFields(copy, check); });
+  interactive_mapping::RangeCheck fixed("servo/");
+  fixed("arm_effort_Nm (least)", servo.arm_effort_Nm.minCoeff(), 0.1, 1e4, "N m");
+  fixed("max_slide_m", servo.max_slide_m, 1e-4, 1.0, "m");
+  fixed("max_slide_rad", servo.max_slide_rad, 1e-4, 1.0, "rad");
+  std::vector<std::string> problems = check.problems;
+  problems.insert(problems.end(), fixed.problems().begin(), fixed.problems().end());
   return problems;
 }
 
@@ -371,7 +385,7 @@ void World::commandBase() {
   if (pull > config_.servo.traction_N) {
     force.head<2>() *= config_.servo.traction_N / pull;
   }
-  force.z() = std::clamp(force.z(), -config_.servo.traction_Nm, config_.servo.traction_Nm);
+  force.z() = std::clamp(force.z(), -kTraction_Nm, kTraction_Nm);
   for (int i = 0; i < 3; ++i) {
     data->qfrc_applied[base_dof_[i]] = force[i];
   }

@@ -2,326 +2,204 @@
 #include "simulation_params.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <map>
-#include <sstream>
 #include <stdexcept>
 
+#include <XmlRpcValue.h>
 #include <ros/names.h>
-#include <yaml-cpp/yaml.h>
 
-#include <interactive_mapping_common_ros/param_reader.h>
+#include <interactive_mapping_common_ros/params.h>
+
+#include "simulated_world/field_section.h"
 
 namespace simulated_world_ros {
 namespace {
 
-using interactive_mapping_ros::ParamReader;
+using interactive_mapping::Fields;
 using simulated_world::ClockEvent;
+using simulated_world::fieldSection;
+using XmlRpc::XmlRpcValue;
 
-const std::map<std::string, ClockMode> kClockModes{
-    {"lockstep", ClockMode::kLockstep}, {"stepped", ClockMode::kStepped}, {"realtime", ClockMode::kRealtime}};
+constexpr interactive_mapping::Names<ClockMode> kClockModes = {
+    {"lockstep", ClockMode::kLockstep}, {"realtime", ClockMode::kRealtime}, {"stepped", ClockMode::kStepped}};
 const std::map<std::string, ClockEvent> kEvents{{"image", ClockEvent::kImage},
                                                 {"odometry", ClockEvent::kOdometry},
                                                 {"joint_states", ClockEvent::kJointStates},
                                                 {"scan", ClockEvent::kScan},
                                                 {"action_result", ClockEvent::kActionResult}};
 
-template <typename Value>
-std::string namesOf(const std::map<std::string, Value>& known) {
-  std::string names;
-  for (const auto& [name, value] : known) {
-    names += (names.empty() ? "" : ", ") + name;
-  }
-  return names;
+/// What forbids this name of a topic, an action or a node; empty: nothing, and nothing forbids an empty one.
+std::string problemOfName(const std::string& key, const std::string& name) {
+  std::string reason;
+  if (name.empty() || ros::names::validate(name, reason)) return "";
+  return key + " = '" + name + "', must be a name: " + reason;
 }
 
-// One rule of a list: a map of known keys with scalar values.
+std::string join(const std::vector<std::string>& words) {
+  std::string all;
+  for (const std::string& word : words) all += (all.empty() ? "" : ", ") + word;
+  return all;
+}
+
+/// One rule of a list: a map of known keys with texts and numbers.
 class Rule {
  public:
-  Rule(const YAML::Node& node, const std::string& where, std::vector<std::string>* problems)
-      : node_(node), where_(where), problems_(problems) {}
+  Rule(XmlRpcValue value, std::string where, std::vector<std::string>* problems)
+      : value_(std::move(value)), where_(std::move(where)), problems_(problems) {}
 
   bool requireKeys(const std::vector<std::string>& known) {
-    if (!node_.IsMap()) {
+    if (value_.getType() != XmlRpcValue::TypeStruct) {
       problems_->push_back(where_ + " must be a map of " + join(known));
       return false;
     }
-    for (const auto& entry : node_) {
-      const auto key = entry.first.as<std::string>();
-      if (std::find(known.begin(), known.end(), key) == known.end()) {
-        problems_->push_back(where_ + "/" + key + " is unknown; known: " + join(known));
+    for (const auto& entry : value_) {
+      if (std::find(known.begin(), known.end(), entry.first) == known.end()) {
+        problems_->push_back(where_ + "/" + entry.first + " is unknown; known: " + join(known));
       }
     }
     return true;
   }
 
   std::string text(const std::string& key, const std::string& fallback) {
-    return node_[key].IsDefined() && node_[key].IsScalar() ? node_[key].as<std::string>() : fallback;
+    if (!value_.hasMember(key)) return fallback;
+    XmlRpcValue& value = value_[key];
+    if (value.getType() == XmlRpcValue::TypeString) return static_cast<std::string>(value);
+    problems_->push_back(where_ + "/" + key + " must be a text");
+    return fallback;
+  }
+  std::string rosName(const std::string& key) {
+    std::string value = text(key, "");
+    const std::string problem = problemOfName(where_ + "/" + key, value);
+    if (!problem.empty()) problems_->push_back(problem);
+    return value;
   }
 
   double number(const std::string& key, double fallback) {
-    if (!node_[key].IsDefined()) {
-      return fallback;
-    }
-    try {
-      return node_[key].as<double>();
-    } catch (const YAML::Exception&) {
-      problems_->push_back(where_ + "/" + key + " must be a number");
-      return fallback;
-    }
+    if (!value_.hasMember(key)) return fallback;
+    XmlRpcValue& value = value_[key];
+    if (value.getType() == XmlRpcValue::TypeInt) return static_cast<int>(value);
+    if (value.getType() == XmlRpcValue::TypeDouble) return static_cast<double>(value);
+    problems_->push_back(where_ + "/" + key + " must be a number");
+    return fallback;
   }
 
  private:
-  static std::string join(const std::vector<std::string>& names) {
-    std::string all;
-    for (const std::string& name : names) {
-      all += (all.empty() ? "" : ", ") + name;
-    }
-    return all;
-  }
-
-  YAML::Node node_;
+  XmlRpcValue value_;
   std::string where_;
   std::vector<std::string>* problems_;
 };
 
-void readRules(const std::string& wait_for, const std::string& computing, SimulationParams* params,
-               std::vector<std::string>* problems) {
-  const YAML::Node waits = YAML::Load(wait_for);
-  if (waits.IsDefined() && !waits.IsNull() && !waits.IsSequence()) {
-    problems->push_back("wait_for must be a list");
-  } else {
-    for (std::size_t i = 0; i < waits.size(); ++i) {
-      const std::string where = "wait_for[" + std::to_string(i) + "]";
-      Rule rule(waits[i], where, problems);
-      if (!rule.requireKeys({"topic", "after", "cost_s", "while_action", "subscriber"})) {
-        continue;
-      }
-      simulated_world::WaitRule wait;
-      wait.topic = rule.text("topic", "");
-      wait.cost_s = rule.number("cost_s", 0.0);
-      wait.while_action = rule.text("while_action", "");
-      wait.subscriber = rule.text("subscriber", "");
-      const auto event = kEvents.find(rule.text("after", "image"));
-      if (event == kEvents.end()) {
-        problems->push_back(where + "/after = '" + rule.text("after", "") + "', must be one of " + namesOf(kEvents));
-      } else {
-        wait.after = event->second;
-      }
-      params->wait_for.push_back(wait);
-    }
+std::vector<Rule> rulesOf(const ros::NodeHandle& nh, const std::string& key, std::vector<std::string>* problems) {
+  std::vector<Rule> rules;
+  XmlRpcValue list;
+  if (!nh.getParam(key, list)) return rules;
+  if (list.getType() != XmlRpcValue::TypeArray) {
+    problems->push_back(key + " must be a list");
+    return rules;
   }
-  const YAML::Node actions = YAML::Load(computing);
-  if (actions.IsDefined() && !actions.IsNull() && !actions.IsSequence()) {
-    problems->push_back("computing must be a list");
-    return;
-  }
-  for (std::size_t i = 0; i < actions.size(); ++i) {
-    Rule rule(actions[i], "computing[" + std::to_string(i) + "]", problems);
-    if (rule.requireKeys({"action", "cost_s"})) {
-      params->computing.push_back({rule.text("action", ""), rule.number("cost_s", 0.0)});
+  for (int i = 0; i < list.size(); ++i) rules.emplace_back(list[i], key + "[" + std::to_string(i) + "]", problems);
+  return rules;
+}
+
+void readRules(const ros::NodeHandle& nh, SimulationParams* params, std::vector<std::string>* problems) {
+  for (Rule& rule : rulesOf(nh, "clock/wait_for", problems)) {
+    if (!rule.requireKeys({"topic", "after", "cost_s", "while_action", "subscriber"})) continue;
+    simulated_world::WaitRule wait;
+    wait.topic = rule.rosName("topic");
+    wait.cost_s = rule.number("cost_s", 0.0);
+    wait.while_action = rule.rosName("while_action");
+    wait.subscriber = rule.rosName("subscriber");
+    const std::string after = rule.text("after", "image");
+    const auto event = kEvents.find(after);
+    if (event == kEvents.end()) {
+      std::vector<std::string> known;
+      for (const auto& [name, value] : kEvents) known.push_back(name);
+      problems->push_back("clock/wait_for: after = '" + after + "', must be one of " + join(known));
+    } else {
+      wait.after = event->second;
     }
+    if (!wait.subscriber.empty() && wait.after == ClockEvent::kActionResult) {
+      problems->push_back("clock/wait_for: subscriber = '" + wait.subscriber +
+                          "' after action_result, must be after image, odometry, joint_states or scan");
+    }
+    params->wait_for.push_back(wait);
+  }
+  for (Rule& rule : rulesOf(nh, "clock/computing", problems)) {
+    if (!rule.requireKeys({"action", "cost_s"})) continue;
+    const std::string action = rule.rosName("action");
+    params->computing.push_back({action, rule.number("cost_s", 0.0)});
   }
   try {
     simulated_world::ClockGate(params->wait_for, params->computing);
   } catch (const std::invalid_argument& error) {
-    problems->emplace_back(error.what());
+    problems->push_back(std::string("clock/") + error.what());
   }
-}
-
-// The core's structs have other sections than the parameters: the first rule that fits renames a problem's key.
-std::vector<std::string> asParameters(std::vector<std::string> problems) {
-  static const std::vector<std::pair<std::string, std::string>> kRules{
-      {"servo/arm_", "arm/"},
-      {"servo/base_", "base/"},
-      {"servo/", "base/"},
-      {"sleep/rest_speed_m_per_s", "physics/sleep/rest_speed_m_s"},
-      {"sleep/rest_rate_rad_per_s", "physics/sleep/rest_rate_rad_s"},
-      {"sleep/", "physics/sleep/"},
-      {"timestep_s", "physics/timestep_s"},
-      {"tick_s", "clock/tick_s"},
-      {"start_time_s", "clock/start_time_s"},
-      {"joint_state_rate_hz", "arm/joint_state_rate_hz"},
-      {"collision_stop", "arm/collision_stop"},
-      {"magnet_output", "magnet/digital_output"},
-      {"chute_", "chute/"},
-      {"camera_", "camera/"},
-      {"odometry_", "base/odometry_"},
-      {"localisation_", "base/localisation_"},
-      {"scan_noise", "base/scan_noise"}};
-  for (std::string& problem : problems) {
-    for (const auto& [from, to] : kRules) {
-      if (problem.compare(0, from.size(), from) == 0) {
-        problem.replace(0, from.size(), to);
-        break;
-      }
-    }
-  }
-  return problems;
 }
 
 }  // namespace
 
-std::vector<std::string> SimulationParams::validate() const {
-  std::vector<std::string> problems = asParameters(simulation.validate());
-  const auto requireName = [&problems](const char* key, const std::string& name) {
-    std::string reason;
-    if (!name.empty() && !ros::names::validate(name, reason)) {
-      problems.push_back(std::string(key) + " = '" + name + "', must be a name: " + reason);
-    }
+void SimulationParams::fields(SimulationParams& c, Fields& f) {
+  simulated_world::SimulationConfig& simulation = c.simulation;
+  const auto given = [&f](const char* key, std::string& value, const char* text) {
+    f(key, value, text);
+    f.require(!value.empty(), std::string(key) + " is empty, must be given");
   };
-  requireName("judge/surface_topic", surface_topic);
-  requireName("judge/pick_action", pick_action);
-  for (const simulated_world::WaitRule& rule : wait_for) {
-    requireName("clock/wait_for: topic", rule.topic);
-    requireName("clock/wait_for: while_action", rule.while_action);
-    requireName("clock/wait_for: subscriber", rule.subscriber);
-    if (!rule.subscriber.empty() && rule.after == ClockEvent::kActionResult) {
-      problems.push_back("clock/wait_for: subscriber = '" + rule.subscriber +
-                         "' after action_result, must be after image, odometry, joint_states or scan");
-    }
-  }
-  for (const simulated_world::ComputingRule& rule : computing) {
-    requireName("clock/computing: action", rule.action);
-  }
-  const auto require = [&problems](const char* key, double value, double low, double high, const char* unit) {
-    if (!(value >= low && value <= high)) {
-      std::ostringstream line;
-      line << key << " = " << value << ' ' << unit << ", must be in [" << low << ", " << high << "] " << unit;
-      problems.push_back(line.str());
-    }
+  const auto name = [&f](const char* key, std::string& value, const char* text) {
+    f(key, value, text);
+    const std::string problem = problemOfName(key, value);
+    f.require(problem.empty(), problem);
   };
-  require("camera/focal_length_px", simulation.camera.camera.fx_px, 10.0, 1e5, "px");
-  require("camera/width_px", simulation.camera.camera.width_px, 16.0, 8192.0, "px");
-  require("camera/height_px", simulation.camera.camera.height_px, 16.0, 8192.0, "px");
-  require("clock/realtime_factor", realtime_factor, 0.01, 100.0, "");
-  require("clock/wait_timeout_wall_s", wait_timeout_wall_s, 0.1, 3600.0, "s");
-  if (has_pictures && run_folder.empty()) {
-    problems.push_back("judge/pictures = true without judge/run_folder, must be false, or the folder given");
-  }
-  if (depth_encoding != "16UC1" && depth_encoding != "32FC1") {
-    problems.push_back("camera/depth_encoding = '" + depth_encoding + "', must be 16UC1 (mm) or 32FC1 (m)");
-  }
-  for (const auto& [key, value] :
-       {std::pair("description/urdf", simulation.description.urdf),
-        std::pair("description/base_profile", simulation.description.base_profile),
-        std::pair("description/bricks", simulation.description.bricks),
-        std::pair("description/arm_pose", simulation.description.arm_pose), std::pair("scene", simulation.scene),
-        std::pair("frames/map", map_frame), std::pair("frames/odom", odom_frame)}) {
-    if (value.empty()) {
-      problems.push_back(std::string(key) + " is empty, must be given");
-    }
-  }
-  return problems;
+  given("scene", simulation.scene, "file of the pile; set by the launch file");
+  auto seed = static_cast<int>(simulation.seed);
+  f("seed", seed, 0, std::numeric_limits<int>::max(), "", "seed of pile, noise and drift");
+  simulation.seed = static_cast<std::uint64_t>(seed);
+  fieldSection(f, "description", [&] {
+    given("urdf", simulation.description.urdf, "file of the robot; this and the next three are set by the launch file");
+    given("base_profile", simulation.description.base_profile, "file of the base's profile");
+    given("bricks", simulation.description.bricks, "file of the bricks");
+    given("arm_pose", simulation.description.arm_pose, "file of the arm's pose at the start");
+  });
+  fieldSection(f, "clock", [&] {
+    f("mode", c.clock, kClockModes,
+      "as fast as the machine allows, waiting for what is due; by the wall clock; by the service ~advance alone");
+    f("realtime_factor", c.realtime_factor, 0.01, 100.0, "", "speed against the wall clock in mode realtime");
+    f("wait_timeout_wall_s", c.wait_timeout_wall_s, 0.1, 3600.0, "s",
+      "wall time after which an answer that is due is given up, with an error");
+  });
+  simulated_world::SimulationConfig::fields(simulation, f);  // from "clock" to "camera"
+  fieldSection(f, "camera", [&] {
+    f("depth_encoding", c.depth_encoding, "16UC1 [mm] or 32FC1 [m]");
+    f.require(c.depth_encoding == "16UC1" || c.depth_encoding == "32FC1",
+              "depth_encoding = '" + c.depth_encoding + "', must be 16UC1 (mm) or 32FC1 (m)");
+  });
+  fieldSection(f, "judge", [&] {
+    name("pick_action", c.pick_action,
+         "action PickBrick of the arm's bridge: the brick of its last goal is what the magnet may touch; empty: "
+         "~target");
+    name("surface_topic", c.surface_topic,
+         "the strategy's map: interactive_mapping_msgs/SurfaceMesh or sensor_msgs/PointCloud2");
+    f("run_folder", c.run_folder, "folder of judge.csv, events.jsonl and judge.json; empty: nothing is written");
+    f("pictures", c.has_pictures,
+      "pictures of the world in run_folder: at the start, after each stowed brick, at the end");
+    f.require(!c.has_pictures || !c.run_folder.empty(),
+              "pictures = true without judge/run_folder, must be false, or the folder given");
+  });
+  fieldSection(f, "frames", [&] {
+    given("map", c.map_frame, "fixed frame");
+    given("odom", c.odom_frame, "frame of the odometry");
+  });
 }
 
 SimulationParams loadSimulationParams(const ros::NodeHandle& private_nh) {
   SimulationParams params;
-  simulated_world::SimulationConfig& sim = params.simulation;
-  ParamReader reader(private_nh);
-  reader.read("description/urdf", &sim.description.urdf);
-  reader.read("description/base_profile", &sim.description.base_profile);
-  reader.read("description/bricks", &sim.description.bricks);
-  reader.read("description/arm_pose", &sim.description.arm_pose);
-  reader.read("scene", &sim.scene);
-  int seed = 1;
-  reader.read("seed", &seed);
-  if (seed < 0) {
-    reader.report("", {"seed = " + std::to_string(seed) + ", must be >= 0"});
-  }
-  sim.seed = static_cast<std::uint64_t>(std::max(seed, 0));
-
-  std::string clock = "lockstep";
-  reader.read("clock/mode", &clock);
-  const auto mode = kClockModes.find(clock);
-  if (mode == kClockModes.end()) {
-    reader.report("clock", {"mode = '" + clock + "', must be one of " + namesOf(kClockModes)});
-  } else {
-    params.clock = mode->second;
-  }
-  reader.read("clock/realtime_factor", &params.realtime_factor);
-  reader.read("clock/tick_s", &sim.tick_s);
-  reader.read("clock/start_time_s", &sim.start_time_s);
-  reader.read("clock/wait_timeout_wall_s", &params.wait_timeout_wall_s);
-  std::vector<std::string> rule_problems;
-  readRules(reader.yamlOf("clock/wait_for"), reader.yamlOf("clock/computing"), &params, &rule_problems);
-  reader.report("clock", rule_problems);
-
-  reader.read("physics/timestep_s", &sim.world.physics.timestep_s);
-  reader.read("physics/sleep/enabled", &sim.world.has_sleep);
-  reader.read("physics/sleep/rest_speed_m_s", &sim.world.sleep.rest_speed_m_per_s);
-  reader.read("physics/sleep/rest_rate_rad_s", &sim.world.sleep.rest_rate_rad_per_s);
-  reader.read("physics/sleep/rest_time_s", &sim.world.sleep.rest_time_s);
-
-  reader.read("arm/headless_mode", &sim.arm_driver.headless_mode);
-  reader.read("arm/starts_running", &sim.arm_starts_running);
-  reader.read("arm/joint_state_rate_hz", &sim.joint_state_rate_hz);
-  reader.read("arm/bandwidth_rad_s", &sim.world.servo.arm_bandwidth_rad_s);
-  reader.read("arm/collision_stop_N", &sim.collision_stop_N);
-  reader.read("arm/collision_stop_effort", &sim.collision_stop_effort);
-
-  reader.read("magnet/digital_output", &sim.magnet_output);
-  reader.read("magnet/holding_force_N", &sim.world.magnet.holding_force_N);
-  reader.read("magnet/friction", &sim.world.magnet.friction);
-  reader.read("magnet/radius_m", &sim.world.magnet.radius_m);
-  reader.read("magnet/max_tilt_rad", &sim.world.magnet.max_tilt_rad);
-  reader.read("chute/capacity", &sim.chute_capacity);
-  reader.read("chute/rest_s", &sim.chute_rest_s);
-
-  reader.read("base/odometry_rate_hz", &sim.odometry_rate_hz);
-  reader.read("base/bandwidth_rad_s", &sim.world.servo.base_bandwidth_rad_s);
-  reader.read("base/traction_N", &sim.world.servo.traction_N);
-  reader.read("base/traction_Nm", &sim.world.servo.traction_Nm);
-  reader.read("base/odometry_scale_std", &sim.odometry_scale_std);
-  reader.read("base/odometry_walk_m_per_sqrt_m", &sim.odometry_walk_m_per_sqrt_m);
-  reader.read("base/odometry_walk_rad_per_sqrt_m", &sim.odometry_walk_rad_per_sqrt_m);
-  reader.read("base/localisation_std_m", &sim.localisation_std_m);
-  reader.read("base/localisation_std_rad", &sim.localisation_std_rad);
-  reader.read("base/scan_noise_std_m", &sim.scan_noise_std_m);
-
-  synthetic_depth::CameraModel& camera = sim.camera.camera;
-  reader.read("camera/rate_hz", &sim.camera_rate_hz);
-  reader.read("camera/delay_s", &sim.camera_delay_s);
-  reader.read("camera/drop_probability", &sim.camera_drop_probability);
-  reader.read("camera/depth_encoding", &params.depth_encoding);
-  reader.read("camera/width_px", &camera.width_px);
-  reader.read("camera/height_px", &camera.height_px);
-  reader.read("camera/focal_length_px", &camera.fx_px);
-  camera.fy_px = camera.fx_px;
-  camera.cx_px = 0.5 * (camera.width_px - 1);
-  camera.cy_px = 0.5 * (camera.height_px - 1);
-  reader.read("camera/rgb_noise_std_grey", &sim.camera.rgb_noise_std_grey);
-  synthetic_depth::SensorModel& sensor = sim.camera.sensor;
-  reader.read("camera/sensor/min_range_m", &sensor.min_range_m);
-  reader.read("camera/sensor/max_range_m", &sensor.max_range_m);
-  reader.read("camera/sensor/noise_a_m", &sensor.axial_noise_a_m);
-  reader.read("camera/sensor/noise_b", &sensor.axial_noise_b);
-  reader.read("camera/sensor/noise_c_per_m", &sensor.axial_noise_c_per_m);
-  reader.read("camera/sensor/baseline_m", &sensor.baseline_m);
-  reader.read("camera/sensor/has_shadows", &sensor.has_shadows);
-  reader.read("camera/sensor/disparity_step_px", &sensor.disparity_step_px);
-  reader.read("camera/sensor/edge_mixing_fraction", &sensor.edge_mixing_fraction);
-  reader.read("camera/sensor/dropout_probability", &sensor.dropout_probability);
-  reader.read("camera/sensor/lateral_jitter_px", &sensor.lateral_jitter_px);
-  reader.read("camera/sensor/border_left_px", &sensor.border_left_px);
-  reader.read("camera/sensor/border_right_px", &sensor.border_right_px);
-  reader.read("camera/sensor/border_top_px", &sensor.border_top_px);
-  reader.read("camera/sensor/border_bottom_px", &sensor.border_bottom_px);
-  reader.read("camera/sensor/has_hexagonal_view", &sensor.has_hexagonal_view);
-  reader.read("camera/sensor/min_return_per_m2", &sensor.min_return_per_m2);
-  reader.read("camera/sensor/return_flicker", &sensor.return_flicker);
-  reader.read("camera/sensor/edge_loss_px", &sensor.edge_loss_px);
-
-  reader.read("judge/surface_topic", &params.surface_topic);
-  reader.read("judge/pick_action", &params.pick_action);
-  reader.read("judge/run_folder", &params.run_folder);
-  reader.read("judge/pictures", &params.has_pictures);
-  reader.read("frames/map", &params.map_frame);
-  reader.read("frames/odom", &params.odom_frame);
-  reader.ignore("image_transport");  // read by image_transport
-  reader.report("", params.validate());
-  reader.finish();
+  interactive_mapping_ros::ParamsReader reader(private_nh);
+  SimulationParams::fields(params, reader.fields());
+  for (const char* key : {"clock/wait_for", "clock/computing", "image_transport"}) reader.fields().ignore(key);
+  std::vector<std::string> problems = interactive_mapping::problemsOf(params);
+  readRules(private_nh, &params, &problems);
+  reader.finish(problems);
   return params;
 }
 

@@ -24,19 +24,20 @@ struct SimulationParams {
 
   ClockMode clock{ClockMode::kLockstep};
   double realtime_factor{1.0};
-  double wait_timeout_wall_s{60.0};  ///< wall time after which what is due is given up, loudly
+  double wait_timeout_wall_s{60.0};
   std::vector<simulated_world::WaitRule> wait_for;
   std::vector<simulated_world::ComputingRule> computing;
 
   std::string depth_encoding{"16UC1"};
-  std::string pick_action;    ///< of the arm's bridge, interactive_mapping_msgs/PickBrick: what the magnet may touch
-  std::string surface_topic;  ///< of the strategy: interactive_mapping_msgs/SurfaceMesh or sensor_msgs/PointCloud2
-  std::string run_folder;     ///< of the judge; empty: nothing is written
-  bool has_pictures{false};   ///< of the world, in the run folder
+  std::string pick_action;
+  std::string surface_topic;
+  std::string run_folder;
+  bool has_pictures{false};
   std::string map_frame{"map"};
   std::string odom_frame{"odom"};
 
-  std::vector<std::string> validate() const;
+  /// All but the lists clock/wait_for and clock/computing.
+  static void fields(SimulationParams& c, interactive_mapping::Fields& f);
 };
 
 /// Reads the private parameters. Throws one std::invalid_argument that names every problem.

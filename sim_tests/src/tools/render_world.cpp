@@ -34,29 +34,8 @@ Eigen::Vector3d vectorFrom(const po::variables_map& arguments, const char* name)
 
 /// The camera's part of the node's parameters, config/simulation.yaml.
 void readCamera(const std::string& file, simulated_world::RgbdCameraConfig* camera) {
-  const YAML::Node node = YAML::LoadFile(file)["camera"];
-  const YAML::Node sensor = node["sensor"];
-  camera->camera.width_px = node["width_px"].as<int>();
-  camera->camera.height_px = node["height_px"].as<int>();
-  camera->camera.fx_px = camera->camera.fy_px = node["focal_length_px"].as<double>();
-  camera->camera.cx_px = 0.5 * (camera->camera.width_px - 1);
-  camera->camera.cy_px = 0.5 * (camera->camera.height_px - 1);
-  camera->rgb_noise_std_grey = node["rgb_noise_std_grey"].as<double>();
-  camera->sensor.min_range_m = sensor["min_range_m"].as<double>();
-  camera->sensor.max_range_m = sensor["max_range_m"].as<double>();
-  camera->sensor.axial_noise_a_m = sensor["noise_a_m"].as<double>();
-  camera->sensor.axial_noise_b = sensor["noise_b"].as<double>();
-  camera->sensor.axial_noise_c_per_m = sensor["noise_c_per_m"].as<double>();
-  camera->sensor.baseline_m = sensor["baseline_m"].as<double>();
-  camera->sensor.has_shadows = sensor["has_shadows"].as<bool>();
-  camera->sensor.border_left_px = sensor["border_left_px"].as<int>();
-  camera->sensor.border_right_px = sensor["border_right_px"].as<int>();
-  camera->sensor.border_top_px = sensor["border_top_px"].as<int>();
-  camera->sensor.border_bottom_px = sensor["border_bottom_px"].as<int>();
-  camera->sensor.has_hexagonal_view = sensor["has_hexagonal_view"].as<bool>();
-  camera->sensor.min_return_per_m2 = sensor["min_return_per_m2"].as<double>();
-  camera->sensor.return_flicker = sensor["return_flicker"].as<double>();
-  camera->sensor.edge_loss_px = sensor["edge_loss_px"].as<double>();
+  interactive_mapping::FieldReader reader(YAML::LoadFile(file)["camera"]);
+  simulated_world::RgbdCameraConfig::fields(*camera, reader);
 }
 
 simulated_world::RgbdCamera::Frame cameraFrame(simulated_world::Simulation& simulation) {

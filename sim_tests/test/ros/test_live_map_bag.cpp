@@ -4,7 +4,7 @@
 
 #include <rosbag/bag.h>
 
-#include <interactive_mapping_common/testing/process.h>
+#include "process.h"
 #include "live_map.h"
 
 namespace sim_tests_ros {

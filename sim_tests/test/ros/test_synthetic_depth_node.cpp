@@ -204,18 +204,18 @@ TEST(PublisherParams, AreReadWithTheirDefaults) {
 TEST(PublisherParams, RefuseUnknownKeysWrongTypesAndBadValuesByName) {
   using Nh = ros::NodeHandle;
   const std::vector<std::pair<std::function<void(Nh&)>, std::string>> cases{
-      {[](Nh& nh) { nh.deleteParam("scene_file"); }, "candidate/scene_file = \"\", must be"},
+      {[](Nh& nh) { nh.deleteParam("scene_file"); }, "candidate/scene_file = '', must be"},
       {[](Nh& nh) { nh.setParam("scene", "a"); }, "candidate/scene is unknown"},
       {[](Nh& nh) { nh.setParam("rate_hz", "fast"); }, "candidate/rate_hz"},
-      {[](Nh& nh) { nh.setParam("rate_hz", -1.0); }, "candidate/rate_hz = -1, must be in [0, 1000] Hz"},
-      {[](Nh& nh) { nh.setParam("encoding", "mono8"); }, "candidate/encoding = mono8, must be 32FC1 or 16UC1"},
+      {[](Nh& nh) { nh.setParam("rate_hz", -1.0); }, "candidate/rate_hz = -1 Hz, must be in [0, 1000] Hz"},
+      {[](Nh& nh) { nh.setParam("encoding", "mono8"); }, "candidate/encoding = 'mono8', must be 32FC1 or 16UC1"},
       {[](Nh& nh) { nh.setParam("loop", "yes"); }, "candidate/loop"},
       {[](Nh& nh) { nh.setParam("loop", 1); }, "candidate/loop"},
       {[](Nh& nh) { nh.setParam("seed", -2); }, "candidate/seed = -2"},
-      {[](Nh& nh) { nh.setParam("first_frame", -1); }, "candidate/first_frame = -1, must be 0 or more"},
-      {[](Nh& nh) { nh.setParam("last_frame", -2); }, "candidate/last_frame = -2, must be -1 or more"},
-      {[](Nh& nh) { nh.setParam("map_frame", "/map"); }, "candidate/map_frame = /map"},
-      {[](Nh& nh) { nh.setParam("camera_frame", "map"); }, "candidate/camera_frame = map"},
+      {[](Nh& nh) { nh.setParam("first_frame", -1); }, "candidate/first_frame = -1, must be in [0, "},
+      {[](Nh& nh) { nh.setParam("last_frame", -2); }, "candidate/last_frame = -2, must be in [-1, "},
+      {[](Nh& nh) { nh.setParam("map_frame", "/map"); }, "candidate/map_frame = '/map"},
+      {[](Nh& nh) { nh.setParam("camera_frame", "map"); }, "candidate/camera_frame = 'map"},
   };
   for (const auto& [set_params, expected] : cases) {
     const std::string message = refusal(set_params);

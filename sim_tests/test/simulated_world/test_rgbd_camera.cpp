@@ -255,8 +255,9 @@ TEST(RgbdCamera, RefusesAnImpossibleConfig) {
     FAIL() << "accepted";
   } catch (const std::invalid_argument& error) {
     const std::string message = error.what();
-    for (const char* key : {"down", "camera/fy_px = 151", "sensor/max_range_m = -1", "sensor/baseline_m = 0",
-                            "sensor/border_left_px = 80 px, must be in [0, 79] px", "sensor/edge_loss_px = -1 px"}) {
+    for (const char* key :
+         {"down", "camera/fy_px = 151", "sensor/max_range_m = -1", "sensor/baseline_m must be above 0",
+          "sensor/border_left_px = 80 px, must be in [0, 79] px", "sensor/edge_loss_px = -1 px"}) {
       EXPECT_NE(message.find(key), std::string::npos) << message;
     }
   }

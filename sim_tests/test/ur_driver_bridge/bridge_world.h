@@ -26,6 +26,7 @@
 #include <interactive_mapping_msgs/RecoverArmAction.h>
 #include <interactive_mapping_msgs/WatchTrajectory.h>
 #include <motion_planning/joint_trajectory.h>
+#include <motion_planning_ros/conversions.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <nav_msgs/Odometry.h>
 #include <sensor_msgs/JointState.h>

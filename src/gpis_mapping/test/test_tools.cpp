@@ -195,7 +195,7 @@ TEST_F(Tools, FailuresAreCode1AndOneLine) {
       {file("wall") + " --out " + file("text"), "text: "},
       {file("wall") + " --out " + file("text") + "/below", "text/below: "},
       {file("wall") + " --out " + file("out") + " --config " + file("none.yaml"), "none.yaml: cannot be read"},
-      {file("wall") + " --out " + file("out") + " --config " + file("bad.yaml"), "unknown key sensor/wrong"},
+      {file("wall") + " --out " + file("out") + " --config " + file("bad.yaml"), "sensor/wrong is unknown"},
       {file("wall") + " --out " + file("out") + " --start 4 --end 4", "no frame could be used: 1 x no pose file"},
   };
   for (const auto& [arguments, expected] : cases) {

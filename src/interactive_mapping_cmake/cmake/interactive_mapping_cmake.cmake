@@ -49,3 +49,15 @@ function(interactive_mapping_install)
   install(EXPORT ${PROJECT_NAME} FILE ${file} DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION}/cmake)
   set_property(GLOBAL PROPERTY ${PROJECT_NAME}_IN_THIS_RUN TRUE)
 endfunction()
+
+# interactive_mapping_find_apriltag()
+# libapriltag as the target apriltag::apriltag.
+macro(interactive_mapping_find_apriltag)
+  if(NOT TARGET apriltag::apriltag)  # Debian's file cannot be read twice in one workspace
+    find_package(apriltag REQUIRED)
+  endif()
+  find_library(APRILTAG_UTILS_LIBRARY apriltag-utils)  # Debian's second half of the library
+  if(APRILTAG_UTILS_LIBRARY)
+    set_property(TARGET apriltag::apriltag APPEND PROPERTY INTERFACE_LINK_LIBRARIES ${APRILTAG_UTILS_LIBRARY})
+  endif()
+endmacro()

@@ -6,7 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <vector>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "base_navigation/base_planner.h"
 #include "base_navigation/obstacle_guard.h"
@@ -14,25 +14,42 @@
 
 namespace base_navigation {
 
+inline constexpr double kOdometryHistory_s = 2.0;  // kept, to know where a scan was taken
+
 struct BaseNavigatorConfig {
   double max_odometry_age_s{0.2};
-  double max_pose_age_s{0.5};  // of the localisation
+  double max_pose_age_s{0.5};
   double max_scan_age_s{0.4};
-  double max_grid_age_s{10.0};      // of the map's ground, while driving; 0: it comes once and is never too old
-  double max_heartbeat_age_s{0.0};  // of whoever sends the goals; 0: drives without one
-  double stale_patience_s{2.0};     // stands and waits so long for what is too old, then gives up
-  double scanner_patience_s{30.0};  // likewise for the base's safety scanner to let it go
-  double max_pose_step_m{0.25};  // farther between two steps, beyond what odometry tells: the localisation has jumped
-  double max_pose_step_rad{0.2};
-  double blocked_patience_s{3.0};  // stands so long before an obstacle that may go away, then plans anew
-  double stuck_s{3.0};             // commanded to move, and odometry or localisation tell of none, for so long
-  double stuck_share{0.2};         // of the commanded motion: less is none
-  double stuck_min_m{0.05};        // commanded motion within stuck_s that is judged
-  double stuck_min_rad{0.1};
-  int max_plans{12};        // for one goal, the first included
-  double plan_cost_s{0.2};  // simulated time that a plan is charged: the base stands so long
+  double max_grid_age_s{10.0};
+  double max_heartbeat_age_s{0.0};
+  double stale_patience_s{2.0};
+  double scanner_patience_s{30.0};
+  double blocked_patience_s{3.0};
+  double stuck_s{3.0};
+  int max_plans{12};
+  double plan_cost_s{0.2};
 
-  std::vector<std::string> validate() const;
+  static void fields(BaseNavigatorConfig& c, interactive_mapping::Fields& f) {
+    f("max_odometry_age_s", c.max_odometry_age_s, 0.02, 5.0, "s", "older odometry is stale: the base stops");
+    f("max_pose_age_s", c.max_pose_age_s, 0.02, 5.0, "s", "older localisation is stale: the base stops");
+    f("max_scan_age_s", c.max_scan_age_s, 0.02, kOdometryHistory_s, "s", "older scans are stale: the base stops");
+    f("max_grid_age_s", c.max_grid_age_s, c.max_grid_age_s == 0.0 ? 0.0 : 0.1, 3600.0, "s",
+      "older ground of the map is stale: the base stops; or 0: a static grid, which comes once");
+    f("max_heartbeat_age_s", c.max_heartbeat_age_s, 0.0, 60.0, "s",
+      "older heartbeats of the sender of goals are stale: the base stops; 0: drives without a heartbeat");
+    f("stale_patience_s", c.stale_patience_s, 0.0, 60.0, "s", "a goal fails when an input is stale for longer");
+    f("scanner_patience_s", c.scanner_patience_s, 0.0, 3600.0, "s",
+      "a goal fails when the base's own safety scanner stops it for longer");
+    f("blocked_patience_s", c.blocked_patience_s, 0.0, 600.0, "s",
+      "how long the base waits for an obstacle to go away before it plans again");
+    // An impossible age is reported alone, without what follows from it.
+    const double pose_age_s = c.max_pose_age_s >= 0.02 && c.max_pose_age_s <= 5.0 ? c.max_pose_age_s : 0.02;
+    f("stuck_s", c.stuck_s, pose_age_s + 0.5, 60.0, "s",
+      "the base is stuck when it was commanded to move for this long and did not; at least max_pose_age_s + 0.5 s");
+    f("max_plans", c.max_plans, 1, 1000, "",
+      "plans for one goal, the first included: the robot sees what is in its way bit by bit");
+    f("plan_cost_s", c.plan_cost_s, 0.0, 10.0, "s", "simulated time that the base stands for each plan");
+  }
 };
 
 enum class NavigationStatus : std::uint8_t {  // as NavigationOutcome.msg

@@ -7,25 +7,44 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
+
 #include "base_navigation/base_path.h"
 #include "base_navigation/footprint_checker.h"
 
 namespace base_navigation {
 
 struct BasePlannerConfig {
-  double padding_m{0.06};  // of the footprint on the way; more than the guard's margin, or it stops what was planned
-  double goal_padding_m{0.0};  // at the goal and on the last approach, where the robot comes near on purpose
-  double approach_m{0.4};      // the way ends with so much straight ahead, ...
-  double min_approach_m{0.1};  // ... or at least so much, where there is no room; more room to turn goes before length
-  double max_back_off_m{1.0};  // straight back before the first turn, until turning on the spot is free, at most
-  double turn_radius_m{0.35};  // of the curves planned with
-  int max_iterations{4000};    // of RRTConnect: it ends by these, never by the clock
+  double padding_m{0.06};
+  double goal_padding_m{0.0};
+  double approach_m{0.4};
+  double min_approach_m{0.1};
+  double max_back_off_m{1.0};
+  double turn_radius_m{0.35};
+  int max_iterations{4000};
   int shortcut_rounds{150};
-  double position_tolerance_m{0.02};  // a goal this near is reached
+  double position_tolerance_m{0.02};
   double yaw_tolerance_rad{0.03};
-  std::uint64_t seed{1};
+  std::uint64_t seed{1};  // no parameter: the same request gives the same path
 
-  std::vector<std::string> validate() const;
+  static void fields(BasePlannerConfig& c, interactive_mapping::Fields& f) {
+    // A bound that is impossible itself is reported alone.
+    const auto bound = [](double value, double lo, double hi) { return value >= lo && value <= hi ? value : hi; };
+    f("padding_m", c.padding_m, 0.0, 0.5, "m",
+      "padding of the footprint along the path; above guard/margin_m, or the guard stops planned motion");
+    f("goal_padding_m", c.goal_padding_m, 0.0, bound(c.padding_m, 0.0, 0.5), "m",
+      "padding at the goal and on the last approach, where the robot comes near on purpose; at most plan/padding_m");
+    f("approach_m", c.approach_m, 0.05, 5.0, "m", "length of the straight stretch before the goal");
+    f("min_approach_m", c.min_approach_m, 0.0, bound(c.approach_m, 0.05, 5.0), "m",
+      "least length of that stretch where obstacles leave no more; at most plan/approach_m");
+    f("max_back_off_m", c.max_back_off_m, 0.0, 5.0, "m",
+      "longest straight stretch backwards at the start, until the robot can turn on the spot");
+    f("turn_radius_m", c.turn_radius_m, 0.05, 5.0, "m", "radius of the curves in a plan");
+    f("max_iterations", c.max_iterations, 1, 10000000, "", "iterations of RRTConnect; no clock ends the search");
+    f("shortcut_rounds", c.shortcut_rounds, 0, 100000, "", "attempts to shorten the path that was found");
+    f("position_tolerance_m", c.position_tolerance_m, 0.0, 1.0, "m", "a goal this near counts as reached");
+    f("yaw_tolerance_rad", c.yaw_tolerance_rad, 0.0, 1.0, "rad", "the same of the heading");
+  }
 };
 
 enum class BasePlanStatus {

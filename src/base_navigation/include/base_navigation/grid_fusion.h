@@ -2,8 +2,9 @@
 #pragma once
 
 #include <memory>
-#include <string>
 #include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 #include "base_navigation/navigation_grid.h"
 #include "base_navigation/planar.h"
@@ -31,13 +32,23 @@ struct Scan {
 
 struct GridFusionConfig {
   double cell_size_m{0.05};
-  double scan_free_range_m{4.0};      // ground that the scanner has looked across is free so far from it; 0: never
-  double scan_obstacle_range_m{8.0};  // echoes farther away are not entered
-  double obstacle_memory_s{60.0};     // an echo that no later beam has passed through stands so long
-  double max_range_m{15.0};           // the grid reaches so far from the robot
-  double standing_padding_m{0.1};  // unknown ground so near to where the robot stands is free: it could not leave else
+  double scan_free_range_m{4.0};
+  double scan_obstacle_range_m{8.0};
+  double obstacle_memory_s{60.0};
+  double max_range_m{15.0};
+  double standing_padding_m{0.1};
 
-  std::vector<std::string> validate() const;
+  static void fields(GridFusionConfig& c, interactive_mapping::Fields& f) {
+    f("cell_size_m", c.cell_size_m, 0.01, 0.5, "m", "edge of a cell of the grid");
+    f("scan_free_range_m", c.scan_free_range_m, 0.0, 30.0, "m",
+      "ground that a beam of the scanner crosses within this range is free; 0: beams free nothing");
+    f("scan_obstacle_range_m", c.scan_obstacle_range_m, 0.0, 30.0, "m", "echoes farther away are ignored");
+    f("obstacle_memory_s", c.obstacle_memory_s, 0.0, 1e6, "s",
+      "how long an echo stays that no later beam passes through");
+    f("max_range_m", c.max_range_m, 1.0, 50.0, "m", "reach of the grid from the robot");
+    f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m",
+      "unknown ground this near to the robot's footprint is free, or the robot could not leave");
+  }
 };
 
 /// Free, occupied and unknown ground from four sources, in this order:

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "base_navigation/base_path.h"
 #include "base_navigation/grid_fusion.h"
@@ -13,17 +14,31 @@
 namespace base_navigation {
 
 struct ObstacleGuardConfig {
-  double margin_m{0.04};      // echoes stay so far off the footprint; less than the stand-off from a pile
-  double latency_s{0.25};     // from an echo to the first effect of a command: scan period, transport, drives
-  double braking_share{0.7};  // of the linear and turning deceleration that is counted on
-  double look_ahead_m{3.0};   // at least what it takes to stop from the highest speed
+  double margin_m{0.04};
+  double latency_s{0.25};
+  double braking_share{0.7};
+  double look_ahead_m{3.0};
   double look_ahead_rad{1.6};
-  int min_echoes{2};  // so many neighbouring echoes make an obstacle; one is dust or noise
+  int min_echoes{2};
 
-  std::vector<std::string> validate() const;
-  /// What the limits rule out beyond that: too little look_ahead to stop from the highest speed. Nothing while validate()
-  /// or the limits' own has something to say.
-  std::vector<std::string> validateFor(const MotionLimits& limits) const;
+  static void fields(ObstacleGuardConfig& c, interactive_mapping::Fields& f) {
+    f("margin_m", c.margin_m, 0.001, 1.0, "m",
+      "distance from echoes to the footprint that is kept; less than the distance at which the robot stands from a "
+      "pile");
+    f("latency_s", c.latency_s, 0.01, 2.0, "s",
+      "from an echo to the first effect of a command: scan period, transport, drives");
+    f("braking_share", c.braking_share, 0.05, 1.0, "", "share of the deceleration limits that the guard counts on");
+    f("look_ahead_m", c.look_ahead_m, 0.05, 100.0, "m",
+      "how far ahead the guard looks: at least the stopping distance from the highest speed");
+    f("look_ahead_rad", c.look_ahead_rad, 0.05, 6.283, "rad",
+      "the same of turns: at least the angle that a stop takes from the highest rate");
+    f("min_echoes", c.min_echoes, 1, 20, "",
+      "neighbouring echoes that make an obstacle; a single one is dust or noise");
+  }
+
+  /// Problems that only the base has: too little look_ahead to stop from its highest speed. None while the fields or the
+  /// limits have problems themselves.
+  std::vector<std::string> problemsFor(const MotionLimits& limits) const;
 };
 
 struct GuardVerdict {

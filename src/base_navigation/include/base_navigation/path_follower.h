@@ -2,35 +2,36 @@
 #pragma once
 
 #include <optional>
-#include <string>
 #include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 #include "base_navigation/base_path.h"
 
 namespace base_navigation {
 
-struct PathFollowerConfig {
-  // Kanayama et al. 1990, "A stable tracking control method for an autonomous mobile robot": error -> correction.
-  double gain_along_1_s{2.0};
-  double gain_across_1_m2{121.0};
-  double gain_yaw_1_m{17.5};
-  // The two gains above make an oscillator of sqrt(gain_across) * speed; where that is faster than this, which must be
-  // slow against the lag of drives and localisation, they are lowered, the damping kept.
-  double max_correction_1_s{2.0};
-  double gain_turn_1_s{2.0};  // of turns on the spot, angle error -> rate
-  double lag_s{0.09};         // of commands and drives: corrected is where the base will be after so long
-  double noise_share{
-      0.2};  // of the difference to the pose expected that is believed: averages the localisation's noise
-  double speed_reserve{0.9};         // of the limits of speed, for what is planned: the rest is for corrections
-  double acceleration_reserve{0.8};  // likewise of acceleration
-  double wait_m{0.05};       // the reference goes slower for a base that lags by half of this, and waits at all of it
-  double wait_rad{0.2};      // likewise in turns on the spot
-  double max_error_m{0.15};  // farther off the path: lost
-  double max_error_rad{0.5};
-  double settle_m{0.005};  // a stretch is over within this of its end, or when the end is passed
-  double settle_rad{0.006};
+/// Farther off the path, the base is lost.
+inline constexpr double kMaxError_m = 0.15;
+inline constexpr double kMaxError_rad = 0.5;
+/// A stretch is over within this of its end, or when the end is passed.
+inline constexpr double kSettle_m = 0.005;
+inline constexpr double kSettle_rad = 0.006;
 
-  std::vector<std::string> validate() const;
+struct PathFollowerConfig {
+  double gain_along_1_s{2.0};
+  double lag_s{0.09};
+  double speed_reserve{0.9};
+  double wait_m{0.05};
+
+  static void fields(PathFollowerConfig& c, interactive_mapping::Fields& f) {
+    f("gain_along_1_s", c.gain_along_1_s, 0.1, 20.0, "1/s", "Kanayama's gain of the error along the path");
+    f("lag_s", c.lag_s, 0.0, 0.5, "s",
+      "lag of commands and drives; the follower corrects the pose that the base will have after it");
+    f("speed_reserve", c.speed_reserve, 0.1, 1.0, "",
+      "share of the speed limits that plans use; the rest is left for corrections");
+    f("wait_m", c.wait_m, 2.0 * kSettle_m, kMaxError_m, "m",
+      "the reference slows down for a base that lags by half of this, and waits at all of it");
+  }
 };
 
 enum class FollowStatus { kRunning, kReached, kLost };

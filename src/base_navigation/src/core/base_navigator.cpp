@@ -10,8 +10,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace base_navigation {
 namespace {
 
@@ -23,9 +21,15 @@ constexpr double kBlocked_m_s = 0.01;  // the guard leaves less: the base is blo
 constexpr double kBlocked_rad_s = 0.01;
 constexpr double kStandPatience_s = 5.0;  // told to stand: from 0.8 m/s it takes 4 s, told or not
 constexpr double kArrival_s = 0.3;        // the pose at the goal is the mean over so long: its noise is not the base's
-constexpr double kHistory_s = 2.0;        // of odometry, to know where a scan was taken
-constexpr int kMaxMisses = 1;             // of the goal, that are tried again
-constexpr double kStoppingMore_m = 0.2;   // the arc of the present twist is looked at so much beyond the stop
+// Farther between two steps than odometry reports: the localisation has jumped.
+constexpr double kMaxPoseStep_m = 0.25;
+constexpr double kMaxPoseStep_rad = 0.2;
+// Stuck: less than this share of the commanded motion was measured. Less motion than this within stuck_s is not judged.
+constexpr double kStuckShare = 0.2;
+constexpr double kStuckMin_m = 0.05;
+constexpr double kStuckMin_rad = 0.1;
+constexpr int kMaxMisses = 1;            // of the goal, that are tried again
+constexpr double kStoppingMore_m = 0.2;  // the arc of the present twist is looked at so much beyond the stop
 
 bool isFinite(const Pose2d& pose) {
   return std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
@@ -201,29 +205,6 @@ const char* toString(NavigationPhase phase) {
   return "unknown phase";
 }
 
-std::vector<std::string> BaseNavigatorConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("max_odometry_age_s", max_odometry_age_s, 0.02, 5.0, "s");
-  check("max_pose_age_s", max_pose_age_s, 0.02, 5.0, "s");
-  check("max_scan_age_s", max_scan_age_s, 0.02, kHistory_s, "s");
-  if (max_grid_age_s != 0.0) check("max_grid_age_s", max_grid_age_s, 0.1, 3600.0, "s");
-  check("max_heartbeat_age_s", max_heartbeat_age_s, 0.0, 60.0, "s");
-  check("stale_patience_s", stale_patience_s, 0.0, 60.0, "s");
-  check("scanner_patience_s", scanner_patience_s, 0.0, 3600.0, "s");
-  check("max_pose_step_m", max_pose_step_m, 0.02, 10.0, "m");
-  check("max_pose_step_rad", max_pose_step_rad, 0.02, 3.2, "rad");
-  check("blocked_patience_s", blocked_patience_s, 0.0, 600.0, "s");
-  // An impossible age is what is wrong, and not what follows from it.
-  const double pose_age_s = max_pose_age_s >= 0.02 && max_pose_age_s <= 5.0 ? max_pose_age_s : 0.02;
-  check("stuck_s", stuck_s, pose_age_s + 0.5, 60.0, "s");
-  check("stuck_share", stuck_share, 0.01, 0.9, "");
-  check("stuck_min_m", stuck_min_m, 0.005, 1.0, "m");
-  check("stuck_min_rad", stuck_min_rad, 0.01, 1.0, "rad");
-  check("max_plans", max_plans, 1, 1000, "");
-  check("plan_cost_s", plan_cost_s, 0.0, 10.0, "s");
-  return check.problems();
-}
-
 struct BaseNavigator::State {
   State(const BaseNavigatorConfig& config_, const BasePlannerConfig& planner_, const PathFollowerConfig& follower_,
         const ObstacleGuardConfig& guard_, const MotionLimits& limits_, const Polygon& footprint_)
@@ -318,8 +299,8 @@ struct BaseNavigator::State {
       const double elapsed_s = input.odometry_stamp_s - before_s;
       const double step_m = (input.T_odom_base.position() - T_odom_base.position()).norm();
       const double step_rad = std::abs(wrapAngle(input.T_odom_base.yaw_rad - T_odom_base.yaw_rad));
-      const double max_m = config.max_pose_step_m + limits.forward_m_s * elapsed_s;
-      const double max_rad = config.max_pose_step_rad + limits.turn_rad_s * elapsed_s;
+      const double max_m = kMaxPoseStep_m + limits.forward_m_s * elapsed_s;
+      const double max_rad = kMaxPoseStep_rad + limits.turn_rad_s * elapsed_s;
       if (step_m > max_m || step_rad > max_rad) {
         has_jumped = true;
         jump = "odometry has jumped by " + number(step_m) + " m and " + number(step_rad) + " rad within " +
@@ -330,7 +311,8 @@ struct BaseNavigator::State {
     T_odom_base = input.T_odom_base;
     odometry_twist = input.odometry_twist;
     odometry_history.push_back({input.odometry_stamp_s, T_odom_base});
-    while (odometry_history.back().first - odometry_history.front().first > kHistory_s) odometry_history.pop_front();
+    while (odometry_history.back().first - odometry_history.front().first > kOdometryHistory_s)
+      odometry_history.pop_front();
   }
 
   void take(const NavigationInput& input) {
@@ -348,12 +330,12 @@ struct BaseNavigator::State {
     if (pose.accept(input.pose_stamp_s, input.now_s, isFinite(input.T_map_base))) {
       const double step_m = (input.T_map_base.position() - expected.position()).norm();
       const double step_rad = std::abs(wrapAngle(input.T_map_base.yaw_rad - expected.yaw_rad));
-      if (is_pose_known && (step_m > config.max_pose_step_m || step_rad > config.max_pose_step_rad)) {
+      if (is_pose_known && (step_m > kMaxPoseStep_m || step_rad > kMaxPoseStep_rad)) {
         has_jumped = true;
         if (can_compare && jump.empty()) {
           jump = "the localisation has jumped by " + number(step_m) + " m and " + number(step_rad) +
-                 " rad against odometry, may be " + number(config.max_pose_step_m) + " m and " +
-                 number(config.max_pose_step_rad) + " rad";
+                 " rad against odometry, may be " + number(kMaxPoseStep_m) + " m and " + number(kMaxPoseStep_rad) +
+                 " rad";
         }
       }
       T_map_base = T_map_base_at_pose = input.T_map_base;
@@ -562,14 +544,14 @@ struct BaseNavigator::State {
         seen_rad = std::max(seen_rad, std::abs(wrapAngle((one.*measured).yaw_rad - (first.*measured).yaw_rad)));
       }
       const std::string within = " within " + number(now_s - first.now_s, 1) + " s, ";
-      if (told_m >= config.stuck_min_m && seen_m < config.stuck_share * told_m) {
+      if (told_m >= kStuckMin_m && seen_m < kStuckShare * told_m) {
         return std::string(what) + ": told to move " + number(told_m, 3) + " m" + within + by + " tells of " +
-               number(seen_m, 3) + " m, must be at least " + number(config.stuck_share * told_m, 3) + " m";
+               number(seen_m, 3) + " m, must be at least " + number(kStuckShare * told_m, 3) + " m";
       }
       // Half a turn and more cannot be told from what remains of a whole one.
-      if (told_rad >= config.stuck_min_rad && told_rad < 0.9 * M_PI && seen_rad < config.stuck_share * told_rad) {
+      if (told_rad >= kStuckMin_rad && told_rad < 0.9 * M_PI && seen_rad < kStuckShare * told_rad) {
         return std::string(what) + ": told to turn " + number(told_rad, 3) + " rad" + within + by + " tells of " +
-               number(seen_rad, 3) + " rad, must be at least " + number(config.stuck_share * told_rad, 3) + " rad";
+               number(seen_rad, 3) + " rad, must be at least " + number(kStuckShare * told_rad, 3) + " rad";
       }
       return {};
     };
@@ -908,12 +890,13 @@ struct BaseNavigator::State {
 BaseNavigator::BaseNavigator(const BaseNavigatorConfig& config, const BasePlannerConfig& planner,
                              const PathFollowerConfig& follower, const ObstacleGuardConfig& guard,
                              const MotionLimits& limits, Polygon footprint) {
-  std::vector<std::string> problems = config.validate();
+  std::vector<std::string> problems = interactive_mapping::problemsOf(config);
   for (const std::vector<std::string>& more :
-       {planner.validate(), follower.validate(), guard.validate(), limits.validate(), guard.validateFor(limits)}) {
+       {interactive_mapping::problemsOf(planner), interactive_mapping::problemsOf(follower),
+        interactive_mapping::problemsOf(guard), limits.validate(), guard.problemsFor(limits)}) {
     problems.insert(problems.end(), more.begin(), more.end());
   }
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible navigator:", problems);
   state_ = std::make_unique<State>(config, planner, follower, guard, limits, footprint);
 }
 

@@ -11,7 +11,6 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include <ompl/base/MotionValidator.h>
 #include <ompl/base/PlannerTerminationCondition.h>
 #include <ompl/base/ProblemDefinition.h>
@@ -33,7 +32,6 @@ namespace {
 namespace ob = ompl::base;
 using State = ob::SE2StateSpace::StateType;
 
-constexpr double kMaxPadding_m = 0.5;
 constexpr double kStep_m = 0.05;     // of back-off and approach
 constexpr double kNothing = 1e-7;    // [m] or [rad]: pieces of curves that are left out
 constexpr double kSamePlace = 1e-6;  // [m] and [rad]: a curve that ends farther from where it should is none
@@ -956,23 +954,6 @@ void requireFinite(const char* what, const Pose2d& pose) {
 
 }  // namespace
 
-std::vector<std::string> BasePlannerConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("padding_m", padding_m, 0.0, kMaxPadding_m, "m");
-  // Where a bound is impossible itself, it alone is what is wrong.
-  const auto atMost = [](double bound, double lo, double hi) { return bound >= lo && bound <= hi ? bound : hi; };
-  check("goal_padding_m", goal_padding_m, 0.0, atMost(padding_m, 0.0, kMaxPadding_m), "m");
-  check("approach_m", approach_m, 0.05, 5.0, "m");
-  check("min_approach_m", min_approach_m, 0.0, atMost(approach_m, 0.05, 5.0), "m");
-  check("max_back_off_m", max_back_off_m, 0.0, 5.0, "m");
-  check("turn_radius_m", turn_radius_m, 0.05, 5.0, "m");
-  check("max_iterations", max_iterations, 1, 1e7, "");
-  check("shortcut_rounds", shortcut_rounds, 0, 1e5, "");
-  check("position_tolerance_m", position_tolerance_m, 0.0, 1.0, "m");
-  check("yaw_tolerance_rad", yaw_tolerance_rad, 0.0, 1.0, "rad");
-  return check.problems();
-}
-
 const char* toString(BasePlanStatus status) {
   switch (status) {
     case BasePlanStatus::kSolved:
@@ -999,9 +980,9 @@ const char* toString(BasePlanStatus status) {
 
 BasePlanner::BasePlanner(const BasePlannerConfig& config, const MotionLimits& limits, Polygon footprint)
     : config_(config), limits_(limits), footprint_(std::move(footprint)) {
-  std::vector<std::string> problems = config_.validate();
+  std::vector<std::string> problems = interactive_mapping::problemsOf(config_);
   for (const std::string& problem : limits_.validate()) problems.push_back(problem);
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible planner:", problems);
   padPolygon(footprint_, config_.padding_m);  // throws for what is no footprint
   inscribedRadius(footprint_);
 }

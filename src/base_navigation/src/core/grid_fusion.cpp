@@ -98,17 +98,6 @@ Eigen::Vector2d Scan::echo(std::size_t beam) const {
   return T_base_scanner.position() + ranges_m[beam] * direction(beam);
 }
 
-std::vector<std::string> GridFusionConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("cell_size_m", cell_size_m, 0.01, 0.5, "m");
-  check("scan_free_range_m", scan_free_range_m, 0.0, 30.0, "m");
-  check("scan_obstacle_range_m", scan_obstacle_range_m, 0.0, 30.0, "m");
-  check("obstacle_memory_s", obstacle_memory_s, 0.0, 1e6, "s");
-  check("max_range_m", max_range_m, 1.0, 50.0, "m");
-  check("standing_padding_m", standing_padding_m, 0.0, 0.5, "m");
-  return check.problems();
-}
-
 // What the robot has seen and driven over: a square window of the lattice of the map frame about the robot. The lattice's
 // corners are multiples of the cell size. The window is a torus: cell (x, y) of the lattice is kept in column x modulo
 // size, row y modulo size, and moving it forgets only what leaves.
@@ -164,7 +153,7 @@ struct GridFusion::State {
 };
 
 GridFusion::GridFusion(const GridFusionConfig& config, Polygon footprint) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible grid:", config);
   state_ = std::make_unique<State>();
   state_->config = config;
   state_->standing = padPolygon(footprint, config.standing_padding_m);

@@ -59,19 +59,8 @@ double stoppableSpeed(double free, double latency_s, double deceleration) {
 
 }  // namespace
 
-std::vector<std::string> ObstacleGuardConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("margin_m", margin_m, 0.001, 1.0, "m");
-  check("latency_s", latency_s, 0.01, 2.0, "s");
-  check("braking_share", braking_share, 0.05, 1.0, "");
-  check("look_ahead_m", look_ahead_m, 0.05, 100.0, "m");
-  check("look_ahead_rad", look_ahead_rad, 0.05, 6.283, "rad");
-  check("min_echoes", min_echoes, 1, 20, "");
-  return check.problems();
-}
-
-std::vector<std::string> ObstacleGuardConfig::validateFor(const MotionLimits& limits) const {
-  if (!validate().empty() || !limits.validate().empty()) return {};
+std::vector<std::string> ObstacleGuardConfig::problemsFor(const MotionLimits& limits) const {
+  if (!interactive_mapping::problemsOf(*this).empty() || !limits.validate().empty()) return {};
   // What is seen only within the distance that it takes to stop is seen too late.
   const auto stopping = [&](double speed, double deceleration) {
     return speed * latency_s + 0.5 * speed * speed / (braking_share * deceleration);
@@ -85,11 +74,11 @@ std::vector<std::string> ObstacleGuardConfig::validateFor(const MotionLimits& li
 
 ObstacleGuard::ObstacleGuard(const ObstacleGuardConfig& config, const MotionLimits& limits, const Polygon& footprint)
     : config_(config), limits_(limits) {
-  std::vector<std::string> problems = config.validate();
-  for (const std::vector<std::string>& more : {limits.validate(), config.validateFor(limits)}) {
+  std::vector<std::string> problems = interactive_mapping::problemsOf(config);
+  for (const std::vector<std::string>& more : {limits.validate(), config.problemsFor(limits)}) {
     problems.insert(problems.end(), more.begin(), more.end());
   }
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible obstacle guard:", problems);
   padded_ = padPolygon(footprint, config.margin_m);
   radius_m_ = circumscribedRadius(padded_);
   inscribedRadius(footprint);  // throws if it does not hold the origin

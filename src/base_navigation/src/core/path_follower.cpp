@@ -7,10 +7,20 @@
 #include <stdexcept>
 #include <string>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace base_navigation {
 namespace {
+
+// Kanayama et al. 1990, "A stable tracking control method for an autonomous mobile robot": error -> correction.
+constexpr double kGainAcross_1_m2 = 121.0;
+constexpr double kGainYaw_1_m = 17.5;
+// The two gains make an oscillator of sqrt(kGainAcross) * speed. Where that is faster than this, which must be slow
+// against the lag of drives and localisation, both are lowered and the damping is kept.
+constexpr double kMaxCorrection_1_s = 2.0;
+constexpr double kGainTurn_1_s = 2.0;  // of turns on the spot: angle error -> rate
+// Of the difference between the pose measured and the pose expected: averages the noise of the localisation.
+constexpr double kNoiseShare = 0.2;
+constexpr double kAccelerationReserve = 0.8;  // share of the acceleration limits that plans use
+constexpr double kWait_rad = 0.2;             // as PathFollowerConfig::wait_m, in turns on the spot
 
 constexpr double kSteepest_rad = 0.25;  // a base beside its path heads for it so steeply at most
 constexpr double kSwing = 0.5;          // share of the turning acceleration that such a correction counts on
@@ -38,31 +48,11 @@ double endingSpeed(double left, double deceleration, double gain) {
 
 }  // namespace
 
-std::vector<std::string> PathFollowerConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("gain_along_1_s", gain_along_1_s, 0.1, 20.0, "1/s");
-  check("gain_across_1_m2", gain_across_1_m2, 0.1, 1000.0, "1/m^2");
-  check("gain_yaw_1_m", gain_yaw_1_m, 0.1, 100.0, "1/m");
-  check("max_correction_1_s", max_correction_1_s, 0.1, 20.0, "1/s");
-  check("gain_turn_1_s", gain_turn_1_s, 0.1, 20.0, "1/s");
-  check("lag_s", lag_s, 0.0, 0.5, "s");
-  check("acceleration_reserve", acceleration_reserve, 0.1, 1.0, "");
-  check("noise_share", noise_share, 0.01, 1.0, "");
-  check("speed_reserve", speed_reserve, 0.1, 1.0, "");
-  check("wait_m", wait_m, 0.001, std::max(0.001, max_error_m), "m");
-  check("wait_rad", wait_rad, 0.001, std::max(0.001, max_error_rad), "rad");
-  check("max_error_m", max_error_m, 0.01, 5.0, "m");
-  check("max_error_rad", max_error_rad, 0.01, 1.5, "rad");
-  check("settle_m", settle_m, 1e-4, 0.5 * std::max(0.0002, wait_m), "m");
-  check("settle_rad", settle_rad, 1e-4, 0.5 * std::max(0.0002, wait_rad), "rad");
-  return check.problems();
-}
-
 PathFollower::PathFollower(const PathFollowerConfig& config, const MotionLimits& limits)
     : config_(config), limits_(limits) {
-  std::vector<std::string> problems = config.validate();
+  std::vector<std::string> problems = interactive_mapping::problemsOf(config);
   for (const std::string& problem : limits.validate()) problems.push_back(problem);
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible path follower:", problems);
 }
 
 void PathFollower::start(const BasePath& path) {
@@ -105,7 +95,7 @@ void PathFollower::beginStretch() {
     pieces_.push_back({at_m, at_m + length_m, curvature_1_m, config_.speed_reserve * speed_m_s});
     at_m += length_m;
   }
-  const double turning_rad_s2 = config_.acceleration_reserve * limits_.turn_rad_s2;
+  const double turning_rad_s2 = kAccelerationReserve * limits_.turn_rad_s2;
   for (std::size_t i = 1; i < pieces_.size(); ++i) {
     const double step_1_m = pieces_[i].curvature_1_m - pieces_[i - 1].curvature_1_m;
     const double step = std::abs(step_1_m);
@@ -138,7 +128,7 @@ std::size_t PathFollower::pieceAt(double at_m) const {
 /// Speed at a place of the stretch from which all that comes can be braked for.
 double PathFollower::plannedSpeed(double at_m) const {
   const std::size_t here = pieceAt(at_m);
-  const double deceleration = config_.acceleration_reserve * limits_.linear_m_s2;
+  const double deceleration = kAccelerationReserve * limits_.linear_m_s2;
   double speed_m_s = std::min(pieces_[here].max_speed_m_s,
                               endingSpeed(pieces_.back().end_m - at_m, deceleration, config_.gain_along_1_s));
   const auto brakeFor = [&](double to_speed_m_s, double left_m) {
@@ -196,8 +186,8 @@ void PathFollower::observe(const Pose2d& pose_map, double dt_s) {
     const Pose2d predicted = moveAlongArc(*smooth_map_, dt_s * last_.linear_m_s, dt_s * last_.angular_rad_s);
     const Eigen::Vector2d off = pose_map.position() - predicted.position();
     const double off_rad = wrapAngle(pose_map.yaw_rad - predicted.yaw_rad);
-    if (off.norm() < 0.5 * config_.max_error_m && std::abs(off_rad) < 0.5 * config_.max_error_rad) {
-      const double share = config_.noise_share;
+    if (off.norm() < 0.5 * kMaxError_m && std::abs(off_rad) < 0.5 * kMaxError_rad) {
+      const double share = kNoiseShare;
       smooth_map_ = Pose2d{predicted.x_m + share * off.x(), predicted.y_m + share * off.y(),
                            wrapAngle(predicted.yaw_rad + share * off_rad)};
       return;
@@ -218,17 +208,17 @@ PathFollower::Error PathFollower::errorOf(const Pose2d& pose_map) const {
 Twist2d PathFollower::law(const Error& error, double speed) const {
   const Stretch& stretch = stretches_[stretch_];
   if (stretch.is_turn) {
-    return {0.0, std::copysign(speed, stretch.turn_rad) + config_.gain_turn_1_s * error.yaw_rad};
+    return {0.0, std::copysign(speed, stretch.turn_rad) + kGainTurn_1_s * error.yaw_rad};
   }
   const double direction = stretch.is_forward ? 1.0 : -1.0;
-  const double frequency_1_s = speed * std::sqrt(config_.gain_across_1_m2);
-  const double scale = frequency_1_s > config_.max_correction_1_s ? config_.max_correction_1_s / frequency_1_s : 1.0;
+  const double frequency_1_s = speed * std::sqrt(kGainAcross_1_m2);
+  const double scale = frequency_1_s > kMaxCorrection_1_s ? kMaxCorrection_1_s / frequency_1_s : 1.0;
   Twist2d twist;
   twist.linear_m_s = direction * speed * std::cos(error.yaw_rad) + config_.gain_along_1_s * error.along_m;
   // The two corrections of the angle as one: the heading to take is the reference's, turned to the path, and never so
   // steep or so fast that the base, whose turning cannot change faster than its limit, would swing over.
-  const double gain_yaw_1_s = speed * scale * config_.gain_yaw_1_m;
-  const double towards_rad = scale * config_.gain_across_1_m2 / config_.gain_yaw_1_m * error.across_m;
+  const double gain_yaw_1_s = speed * scale * kGainYaw_1_m;
+  const double towards_rad = scale * kGainAcross_1_m2 / kGainYaw_1_m * error.across_m;
   const double off_rad = std::sin(error.yaw_rad) + direction * std::clamp(towards_rad, -kSteepest_rad, kSteepest_rad);
   const double brakeable_rad_s = std::sqrt(2.0 * kSwing * limits_.turn_rad_s2 * std::abs(off_rad));
   twist.angular_rad_s = speed * curvatureAt(progress_) +
@@ -311,7 +301,7 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
   }
   FollowCommand command;
   const Error off = errorOf(pose_map);
-  if (std::hypot(off.along_m, off.across_m) > config_.max_error_m || std::abs(off.yaw_rad) > config_.max_error_rad) {
+  if (std::hypot(off.along_m, off.across_m) > kMaxError_m || std::abs(off.yaw_rad) > kMaxError_rad) {
     report(pose_map, &command);
     command.status = FollowStatus::kLost;
     command.twist = brake(dt_s);
@@ -324,13 +314,13 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     const double sense = stretch.is_turn ? std::copysign(1.0, stretch.turn_rad) : stretch.is_forward ? 1.0 : -1.0;
     // The reference's speed: what is planned here, less for an obstacle, and never faster than it can brake or speed up.
     const double planned_acceleration =
-        config_.acceleration_reserve * (stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2);
+        kAccelerationReserve * (stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2);
     const double braking = stretch.is_turn ? limits_.turn_rad_s2 : limits_.linear_m_s2;
     double planned = 0.0;
     double cruise = 0.0;
     if (stretch.is_turn) {
       cruise = config_.speed_reserve * limits_.turn_rad_s;
-      planned = std::min(cruise, endingSpeed(length - progress_, planned_acceleration, config_.gain_turn_1_s));
+      planned = std::min(cruise, endingSpeed(length - progress_, planned_acceleration, kGainTurn_1_s));
     } else {
       cruise = pieces_[pieceAt(progress_)].max_speed_m_s;
       planned = plannedSpeed(progress_);
@@ -343,7 +333,7 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
     // As measured: a base that is held is not where it is expected.
     const double behind = stretch.is_turn ? sense * off.yaw_rad : sense * off.along_m;
     const double lag = behind - config_.lag_s * reference_speed_;
-    const double share = waiting(lag, stretch.is_turn ? config_.wait_rad : config_.wait_m);
+    const double share = waiting(lag, stretch.is_turn ? kWait_rad : config_.wait_m);
     progress_ = std::min(length, progress_ + share * reference_speed_ * dt_s);
     const Error error = errorOf(expected_map);
 
@@ -356,7 +346,7 @@ FollowCommand PathFollower::update(const Pose2d& pose_map, double dt_s, double s
 
     const double left =
         stretch.is_turn ? length - progress_ + sense * error.yaw_rad : length - progress_ + sense * error.along_m;
-    const double settle = stretch.is_turn ? config_.settle_rad : config_.settle_m;
+    const double settle = stretch.is_turn ? kSettle_rad : kSettle_m;
     is_over_ = (!stretch.is_turn && left <= settle) || (std::abs(left) <= settle && progress_ >= length - settle);
   } else {
     observe(pose_map, dt_s);
@@ -391,8 +381,8 @@ bool PathFollower::resume(const Pose2d& pose_map) {
   for (int i = 0; i <= steps; ++i) {
     progress_ = length * i / steps;
     const Error error = errorOf(pose_map);
-    const double off = std::hypot(error.along_m, error.across_m) / config_.max_error_m +
-                       std::abs(error.yaw_rad) / config_.max_error_rad;
+    const double off =
+        std::hypot(error.along_m, error.across_m) / kMaxError_m + std::abs(error.yaw_rad) / kMaxError_rad;
     if (off >= best) continue;
     best = off;
     best_progress = progress_;

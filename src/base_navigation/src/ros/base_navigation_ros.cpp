@@ -79,7 +79,7 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
       ground_(params_.map_frame, params_.ground.occupied_from),
       markers_(private_nh, params_.map_frame, profile_.body.footprint_m),
       diagnostics_(nh, private_nh) {
-  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
+  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", interactive_mapping::toYaml(params_).c_str());
   ros::NodeHandle handle(private_nh);
   ros::NodeHandle outer(nh);
   command_publisher_ = outer.advertise<geometry_msgs::Twist>("cmd_vel", 1);

@@ -17,6 +17,7 @@
 namespace base_navigation {
 namespace {
 
+using interactive_mapping::problemsOf;
 using testing::HasSubstr;
 
 // Poses between two looks of the planner's last check are within an eighth of a cell of one of them.
@@ -291,16 +292,16 @@ TEST(BasePlanner, RefusesBadArguments) {
 }
 
 TEST(BasePlanner, ListsEveryImpossibleValue) {
-  EXPECT_TRUE(BasePlannerConfig{}.validate().empty());
+  EXPECT_TRUE(problemsOf(BasePlannerConfig()).empty());
   BasePlannerConfig config;
   config.padding_m = -0.1;
   config.approach_m = std::numeric_limits<double>::quiet_NaN();
   config.max_iterations = 0;
-  EXPECT_GE(config.validate().size(), 3u);
+  EXPECT_EQ(problemsOf(config).size(), 3u);
   EXPECT_THROW(planner(config), std::invalid_argument);
   config = {};
   config.goal_padding_m = 0.1;  // more than on the way
-  EXPECT_EQ(config.validate().size(), 1u);
+  EXPECT_EQ(problemsOf(config).size(), 1u);
   EXPECT_THROW(BasePlanner({}, MotionLimits{}, kBaseFootprint), std::invalid_argument);
   EXPECT_THROW(BasePlanner({}, kBaseLimits, {{0.1, 0.1}, {0.2, 0.3}}), std::invalid_argument);
 }

@@ -462,14 +462,14 @@ TEST(GridFusion, WindowForgetsNothingInReach) {
 
 TEST(GridFusion, RefusesWhatIsImpossible) {
   GridFusionConfig config;
-  EXPECT_THAT(config.validate(), testing::IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(config), testing::IsEmpty());
   config.cell_size_m = 0.0;
   config.max_range_m = std::nan("");
   config.standing_padding_m = -0.1;
   config.obstacle_memory_s = -1.0;
   config.scan_free_range_m = -1.0;
   config.scan_obstacle_range_m = 1e9;
-  EXPECT_THAT(config.validate(), testing::SizeIs(6));
+  EXPECT_THAT(interactive_mapping::problemsOf(config), testing::SizeIs(6));
   EXPECT_THROW(GridFusion(config, kBody), std::invalid_argument);
   EXPECT_THROW(GridFusion(GridFusionConfig(), {{0.0, 0.0}, {1.0, 0.0}}), std::invalid_argument);
 

@@ -496,8 +496,8 @@ TEST(ObstacleGuard, RefusesWhatItCannotJudge) {
   config = {};
   config.look_ahead_m = 2.0;  // from 0.8 m/s it takes 2.49 m
   config.look_ahead_rad = 0.5;
-  EXPECT_TRUE(config.validate().empty());
-  EXPECT_THAT(config.validateFor(shippedLimits()), ElementsAre(HasSubstr("look_ahead_m = 2 m, must be in [2.48571, "),
+  EXPECT_TRUE(interactive_mapping::problemsOf(config).empty());
+  EXPECT_THAT(config.problemsFor(shippedLimits()), ElementsAre(HasSubstr("look_ahead_m = 2 m, must be in [2.48571, "),
                                                                HasSubstr("look_ahead_rad = 0.5 rad, must be in [")));
   EXPECT_THROW(guard(config), std::invalid_argument);
   config.look_ahead_m = 2.49;
@@ -507,7 +507,7 @@ TEST(ObstacleGuard, RefusesWhatItCannotJudge) {
   // Impossible values are reported by themselves, and have no stopping distance.
   config.look_ahead_m = 2.0;
   config.braking_share = 0.0;
-  EXPECT_TRUE(config.validateFor(shippedLimits()).empty());
+  EXPECT_TRUE(config.problemsFor(shippedLimits()).empty());
 }
 
 }  // namespace

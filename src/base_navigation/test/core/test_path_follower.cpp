@@ -412,7 +412,7 @@ TEST(PathFollower, RefusesWhatItCannotFollow) {
     FAIL();
   } catch (const std::invalid_argument& error) {
     EXPECT_THAT(error.what(), HasSubstr("gain_along_1_s = -1 1/s, must be in [0.1, 20] 1/s"));
-    EXPECT_THAT(error.what(), HasSubstr("wait_m = 0.5 m, must be in [0.001, 0.15] m"));
+    EXPECT_THAT(error.what(), HasSubstr("wait_m = 0.5 m, must be in [0.01, 0.15] m"));
     EXPECT_THAT(error.what(), HasSubstr("turn_rad_s = 0 rad/s"));
   }
 }

@@ -1,45 +1,32 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base_navigation_ros/base_navigation_params.h"
 
-#include <gmock/gmock.h>
-#include <ros/ros.h>
+#include <stdexcept>
+#include <string>
 
-#include <interactive_mapping_common_ros/testing/params_contract.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
+#include <ros/ros.h>
 
 namespace base_navigation_ros {
 namespace {
 
-using params_contract::messageOf;
+using interactive_mapping::problemsOf;
 using testing::HasSubstr;
 
-const params_contract::Contract kContract = {
-    BASE_NAVIGATION_DIR,
-    "config/base_navigation.yaml",
-    toYaml(BaseNavigationParams()),
-    [](const ros::NodeHandle& nh) { return toYaml(loadBaseNavigationParams(nh)); },
-    {"plan/max_iterations", "plan/shortcut_rounds", "guard/min_echoes", "drive/max_plans", "ground/occupied_from"},
-    {{"map_frame", "world"},
-     {"odom_frame", "wheels"},
-     {"base_frame", "platform"},
-     {"base_profile_file", BASE_PROFILE}}};
+std::string messageOf(const ros::NodeHandle& nh) {
+  return test_support::messageOf<std::invalid_argument>([&] { loadBaseNavigationParams(nh); });
+}
 
-TEST(BaseNavigationParams, ShippedFileHasEveryKeyWithItsDefault) {
-  params_contract::expectShippedFileHasEveryDefault(kContract);
+TEST(BaseNavigationParams, ShippedFileIsWhatTheFieldsSay) {
+  test_support::expectShippedFile<BaseNavigationParams>(BASE_NAVIGATION_DIR "/config/base_navigation.yaml");
 }
 
 TEST(BaseNavigationParams, ShippedFileLoadsAsTheDefaults) {
   const BaseNavigationParams loaded = loadBaseNavigationParams(ros::NodeHandle("~shipped"));
   BaseNavigationParams expected;
   expected.base_profile_file = loaded.base_profile_file;  // what a launch file has to give
-  EXPECT_EQ(toYaml(loaded), toYaml(expected));
-}
-
-TEST(BaseNavigationParams, EveryKeyIsReadIntoItsOwnField) {
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kContract, ros::NodeHandle("~changed"));
-}
-
-TEST(BaseNavigationParams, ReadmeTableHasEveryKeyWithItsDefault) {
-  params_contract::expectReadmeTableHasEveryDefault(kContract);
+  EXPECT_EQ(interactive_mapping::toYaml(loaded), interactive_mapping::toYaml(expected));
 }
 
 TEST(BaseNavigationParams, OneMessageNamesEveryProblemWithValueAndRange) {
@@ -54,7 +41,7 @@ TEST(BaseNavigationParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("follow/speed_reserve", 2.0);
   nh.setParam("guard/braking_share", 0.0);
   nh.setParam("drive/max_plans", 0);
-  const std::string message = messageOf(kContract, nh);
+  const std::string message = messageOf(nh);
   EXPECT_THAT(message, HasSubstr("/wrong/base_profile_file = 'profile.yaml', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/map_frame = '/map', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
@@ -73,7 +60,7 @@ TEST(BaseNavigationParams, WhatTheBaseRulesOutIsReportedWithAllTheRest) {
   nh.setParam("guard/look_ahead_m", 2.0);  // from 0.8 m/s it takes 0.8 * 0.25 + 0.8^2 / (2 * 0.7 * 0.2) = 2.486 m
   nh.setParam("guard/look_ahead_rad", 0.1);
   nh.setParam("drive/max_plans", 0);
-  const std::string message = messageOf(kContract, nh);
+  const std::string message = messageOf(nh);
   EXPECT_THAT(message, HasSubstr("/short_sighted/guard/look_ahead_m = 2 m, must be in [2.48571, 100] m"));
   EXPECT_THAT(message, HasSubstr("/short_sighted/guard/look_ahead_rad = 0.1 rad, must be in ["));
   EXPECT_THAT(message, HasSubstr("/short_sighted/drive/max_plans = 0"));
@@ -82,14 +69,14 @@ TEST(BaseNavigationParams, WhatTheBaseRulesOutIsReportedWithAllTheRest) {
   slow.setParam("base_profile_file", BASE_PROFILE);
   slow.setParam("guard/look_ahead_m", 2.0);
   slow.setParam("speed_share", 0.5);
-  EXPECT_EQ(messageOf(kContract, slow), "");
+  EXPECT_EQ(messageOf(slow), "");
 }
 
 TEST(BaseNavigationParams, AProfileThatCannotBeReadIsReportedWithAllTheRest) {
   ros::NodeHandle nh("~no_profile");
   nh.setParam("base_profile_file", "/no_such_profile.yaml");
   nh.setParam("drive/max_plans", 0);
-  const std::string message = messageOf(kContract, nh);
+  const std::string message = messageOf(nh);
   EXPECT_THAT(message, HasSubstr("/no_profile/base_profile_file: "));
   EXPECT_THAT(message, HasSubstr("/no_such_profile.yaml"));
   EXPECT_THAT(message, HasSubstr("/no_profile/drive/max_plans = 0"));
@@ -98,13 +85,13 @@ TEST(BaseNavigationParams, AProfileThatCannotBeReadIsReportedWithAllTheRest) {
 TEST(BaseNavigationParams, TheThreeFramesAreThree) {
   BaseNavigationParams params;
   params.base_profile_file = BASE_PROFILE;
-  EXPECT_THAT(params.validate(), testing::IsEmpty());
+  EXPECT_THAT(problemsOf(params), testing::IsEmpty());
   params.odom_frame = params.map_frame;
-  EXPECT_THAT(params.validate(), testing::ElementsAre("odom_frame = 'map', must be another frame than map_frame"));
+  EXPECT_THAT(problemsOf(params), testing::ElementsAre("odom_frame = 'map', must be another frame than map_frame"));
   for (const char* taken : {"map", "odom"}) {
     params.odom_frame = "odom";
     params.base_frame = taken;
-    EXPECT_THAT(params.validate(),
+    EXPECT_THAT(problemsOf(params),
                 testing::ElementsAre(HasSubstr("must be another frame than map_frame and odom_frame")));
   }
 }
@@ -113,20 +100,24 @@ TEST(BaseNavigationParams, AnImpossibleBoundIsTheOnlyProblemOfItself) {
   BaseNavigationParams params;
   params.base_profile_file = BASE_PROFILE;
   params.planner.padding_m = -1.0;
-  EXPECT_THAT(params.validate(), testing::ElementsAre("plan/padding_m = -1 m, must be in [0, 0.5] m"));
+  EXPECT_THAT(problemsOf(params), testing::ElementsAre("plan/padding_m = -1 m, must be in [0, 0.5] m"));
   params.planner.padding_m = 0.03;
-  EXPECT_THAT(params.validate(),
-              testing::ElementsAre("guard/margin_m = 0.04 m, must be below plan/padding_m = 0.03 m: the guard would "
-                                   "stop what was planned"));
+  EXPECT_THAT(
+      problemsOf(params),
+      testing::ElementsAre("guard/margin_m = 0.040000 m, must be below plan/padding_m = 0.030000 m, or the guard "
+                           "stops planned motion"));
   params.planner.padding_m = 0.06;
   params.planner.goal_padding_m = 0.07;
-  EXPECT_THAT(params.validate(), testing::ElementsAre("plan/goal_padding_m = 0.07 m, must be in [0, 0.06] m"));
+  EXPECT_THAT(problemsOf(params), testing::ElementsAre("plan/goal_padding_m = 0.07 m, must be in [0, 0.06] m"));
   params.planner.goal_padding_m = 0.0;
   params.planner.approach_m = -1.0;
-  EXPECT_THAT(params.validate(), testing::ElementsAre("plan/approach_m = -1 m, must be in [0.05, 5] m"));
+  EXPECT_THAT(problemsOf(params), testing::ElementsAre("plan/approach_m = -1 m, must be in [0.05, 5] m"));
   params.planner.approach_m = 0.4;
+  params.navigator.max_grid_age_s = 0.05;
+  EXPECT_THAT(problemsOf(params), testing::ElementsAre("drive/max_grid_age_s = 0.05 s, must be in [0.1, 3600] s"));
+  params.navigator.max_grid_age_s = 0.0;
   params.navigator.max_pose_age_s = 100.0;
-  EXPECT_THAT(params.validate(), testing::ElementsAre(HasSubstr("drive/max_pose_age_s = 100 s")));
+  EXPECT_THAT(problemsOf(params), testing::ElementsAre(HasSubstr("drive/max_pose_age_s = 100 s")));
 }
 
 }  // namespace

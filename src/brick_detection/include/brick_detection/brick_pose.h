@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/brick_types.h>
 #include <opencv2/core.hpp>
 
@@ -49,27 +50,35 @@ struct BrickSighting {
 };
 
 struct BrickPoseConfig {
-  double corner_std_px{0.25};  ///< of a corner's coordinates: detector, blur, what calibration leaves
-  double min_side_px{12.0};    ///< tags with a shorter side are not used
-  double min_margin{8.0};      ///< of the decision [grey levels]; a tenth of full light leaves some 10
+  double corner_std_px{0.25};
+  double min_side_px{12.0};
+  double min_margin{8.0};  // a tenth of full light leaves some 10
   int max_hamming{1};
-  double max_reprojection_px{1.5};  ///< root mean square of a tag's corners
-  /// Of the two poses that fit a flat square, the second may stand unless its corners fit worse than the first's by
-  /// this chi-square (one degree of freedom): below it, depth or another tag must decide.
-  double ambiguity_chi2{15.0};
-  /// A pose must be known that well. Two poses nearer to each other are no ambiguity: the covariance then spans both.
   double max_rotation_std_rad{0.20};
-  /// By how much a label may stand off its face, as a whole or at one side: of a brick that is seen by one tag only.
   double label_std_m{0.002};
-  /// Between a tag and its depth plane, in distance and normal: standard deviations of the plane, systematic parts and
-  /// what the corners leave open included. The final pose is held to the plane's own.
-  double max_depth_sigmas{4.0};
-  /// Tags of one id belong to one brick if their poses of it agree to that; else several bricks carry the id.
   double same_brick_m{0.04};
   double same_brick_rad{0.30};
   DepthPlaneConfig depth;
 
-  std::vector<std::string> validate() const;
+  static void cornerFields(BrickPoseConfig& c, interactive_mapping::Fields& f) {
+    f("corner_std_px", c.corner_std_px, 0.01, 10.0, "px",
+      "standard deviation of the coordinates of a corner, from detector, blur and calibration");
+    f("min_side_px", c.min_side_px, 1.0, 1000.0, "px", "tags with a shorter side are not used");
+  }
+
+  static void fields(BrickPoseConfig& c, interactive_mapping::Fields& f) {
+    cornerFields(c, f);
+    f("min_margin", c.min_margin, 0.0, 255.0, "grey levels", "tags decoded with a smaller margin are not used");
+    f("max_hamming", c.max_hamming, 0, 10, "bits", "tags with more corrected bits are not used");
+    f("max_rotation_std_rad", c.max_rotation_std_rad, 0.001, 1.0, "rad",
+      "tags whose rotation is known less well are not used; two poses nearer to each other are no ambiguity");
+    f("label_std_m", c.label_std_m, 0.0, 0.1, "m",
+      "standard deviation of a label off its face, as a whole or at one side: of bricks seen by one tag only");
+    f("same_brick_m", c.same_brick_m, 0.001, 1.0, "m",
+      "tags whose poses of a brick differ by more show several bricks with one id");
+    f("same_brick_rad", c.same_brick_rad, 0.01, 1.5, "rad", "the same of their orientation");
+    f.section("depth", c.depth);
+  }
 };
 
 /// Corners of a tag's black border in its frame, in the order of TagObservation.

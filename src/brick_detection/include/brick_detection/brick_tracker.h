@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/brick_types.h>
 
 #include "brick_detection/brick_pose.h"
@@ -17,30 +18,35 @@
 namespace brick_detection {
 
 struct BrickTrackerConfig {
-  // Of the camera's pose in the map, as tf gives it: an error that all looks from one standpoint share and that differs
-  // between standpoints.
   double camera_std_m{0.003};
   double camera_std_rad{0.003};
-  // Camera poses nearer to each other than that are one standpoint.
-  double standpoint_m{0.20};
-  double standpoint_rad{0.20};
-  /// Looks from one standpoint share what their light, lens and depth camera do to the image: more than so many improve
-  /// the mean, but add no certainty.
   int looks_per_standpoint{5};
-  // What no number of standpoints removes: calibration of camera and mast.
   double floor_std_m{0.001};
   double floor_std_rad{0.002};
-  double gate_chi2{22.5};  ///< six degrees of freedom, 99.9 %: a look that is farther off shows a brick that has moved
-  /// Looks that agree on another place, before the brick is believed to be there; and that a second brick with an id needs
-  /// to outlast an image that shows only the first.
+  double gate_chi2{22.5};  // 99.9 %
   int moved_looks{2};
-  /// Of a brick's inside that the map must have seen free before the brick is dropped. In the simulated pile at most a
-  /// tenth of a brick that is there was called free, and two thirds of one that had been taken away: what else stands
-  /// there hides the rest from any one standpoint.
+  // In the simulated pile at most a tenth of a brick that is there was called free, and two thirds of one that had been
+  // taken away: what else stands there hides the rest from any one standpoint.
   double free_share{0.5};
-  int inside_samples{4};  ///< points per edge of the inside, for that
+  int inside_samples{4};
 
-  std::vector<std::string> validate() const;
+  static void fields(BrickTrackerConfig& c, interactive_mapping::Fields& f) {
+    f("camera_std_m", c.camera_std_m, 0.0, 1.0, "m",
+      "standard deviation of the camera's position in tf, shared by all looks from one standpoint");
+    f("camera_std_rad", c.camera_std_rad, 0.0, 1.0, "rad", "the same of its rotation");
+    f("looks_per_standpoint", c.looks_per_standpoint, 1, 1000, "looks",
+      "more looks from one standpoint improve the mean and add no certainty: they share light, lens and depth camera");
+    f("floor_std_m", c.floor_std_m, 0.0, 1.0, "m",
+      "standard deviation that no number of standpoints removes: calibration of camera and mast");
+    f("floor_std_rad", c.floor_std_rad, 0.0, 1.0, "rad", "the same of the rotation");
+    f("gate_chi2", c.gate_chi2, 1.0, 1e4, "",
+      "a look with a larger chi-square, of six degrees of freedom, shows a brick that has moved");
+    f("moved_looks", c.moved_looks, 1, 100, "looks",
+      "looks that must agree on another pose before it is believed, and that a second brick with an id needs to stay");
+    f("free_share", c.free_share, 0.01, 1.0, "",
+      "a brick is dropped when the map has seen this share of its inside free");
+    f("inside_samples", c.inside_samples, 1, 50, "", "points per edge of the inside that the map is asked about");
+  }
 };
 
 /// A brick as known from all looks.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/brick_types.h>
 #include <opencv2/core.hpp>
 
@@ -38,15 +39,9 @@ class TargetFinder {
 };
 
 struct CalibrationSessionConfig {
-  /// A sample must be that far from each earlier one, or turned by that much: equal ones add confidence, not knowledge.
-  double min_step_m{0.05};
-  double min_step_rad{0.17};
-  /// Between looks at an arm that stands still. A UR5e repeats to 0.03 mm; the rest is for encoders' noise.
-  double still_m{0.0005};
-  double still_rad{0.001};
   HandEyeConfig hand_eye;
 
-  std::vector<std::string> validate() const;
+  static void fields(CalibrationSessionConfig& c, interactive_mapping::Fields& f) { f.section("hand_eye", c.hand_eye); }
 };
 
 /// The samples of one calibration, and what makes one worth taking. Not thread-safe.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <interactive_mapping_common/config/schema.h>
 #include <opencv2/core.hpp>
 
 #include "brick_detection/camera_model.h"
@@ -14,16 +15,28 @@
 namespace brick_detection {
 
 struct DepthPlaneConfig {
-  double grow{1.15};  ///< of the tag's quadrangle about its middle: the plate round the tag counts as well
-  double inverse_depth_std{0.003};  ///< noise of one pixel of a stereo camera [1/m]: z^2 times this in metres
-  double correlation_px{4.0};       ///< neighbouring pixels' noise is alike over so many pixels, edge of a square
-  double systematic_m{0.002};       ///< offset that no averaging removes, alike all over an image [m per m of depth]
-  double systematic_rad{0.005};     ///< tilt that no averaging removes, another for each plane
-  double min_coverage{0.5};         ///< share of the quadrangle's pixels that must hold a depth
-  double min_inlier_share{0.7};     ///< of those, on one plane
-  int min_pixels{60};               ///< on the plane
+  double grow{1.15};
+  double inverse_depth_std{0.003};
+  double correlation_px{4.0};
+  double systematic_m{0.002};
+  double systematic_rad{0.005};
+  double min_coverage{0.5};
+  double min_inlier_share{0.7};
+  int min_pixels{60};
 
-  std::vector<std::string> validate() const;
+  static void fields(DepthPlaneConfig& c, interactive_mapping::Fields& f) {
+    f("grow", c.grow, 0.1, 3.0, "",
+      "the quadrangle of the tag grows by this factor about its middle: the plate round the tag counts as well");
+    f("inverse_depth_std", c.inverse_depth_std, 1e-6, 0.1, "1/m",
+      "standard deviation of the inverse depth of one pixel; times z^2 it is that of the depth z");
+    f("correlation_px", c.correlation_px, 1.0, 50.0, "px", "the noise is alike over squares of this edge");
+    f("systematic_m", c.systematic_m, 1e-6, 0.1, "m per m",
+      "offset of all planes of an image that no averaging removes");
+    f("systematic_rad", c.systematic_rad, 1e-6, 0.5, "rad", "tilt of each plane that no averaging removes");
+    f("min_coverage", c.min_coverage, 0.0, 1.0, "", "share of the pixels of the quadrangle that must hold a depth");
+    f("min_inlier_share", c.min_inlier_share, 0.5, 1.0, "", "share of those that must lie on one plane");
+    f("min_pixels", c.min_pixels, 10, 300, "px", "pixels that must lie on the plane");
+  }
 };
 
 /// Plane n . p + d = 0 in the camera frame, n unit and towards the camera (d > 0).

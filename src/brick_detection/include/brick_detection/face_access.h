@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/brick_types.h>
 
 namespace brick_detection {
@@ -13,15 +14,25 @@ namespace brick_detection {
 enum class SpaceState { kUnknown, kFree, kOccupied };
 
 struct FaceAccessConfig {
-  double corridor_m{0.15};     ///< length of the way that must be clear before a face
-  double tool_radius_m{0.05};  ///< half the width of that way
-  double gap_m{0.03};          ///< nearest to the face is not asked about: the brick's own surface is there
-  double sample_m{0.03};       ///< spacing of the points asked about
-  double max_down_rad{0.20};   ///< faces whose normal points below the horizontal by more cannot be touched
-  double unknown_weight{0.5};  ///< what unseen space counts for, free being 1 and occupied 0
-  double min_clear{0.6};       ///< with less of the way clear a face cannot be reached
+  double corridor_m{0.15};
+  double tool_radius_m{0.05};
+  double gap_m{0.03};
+  double sample_m{0.03};
+  double max_down_rad{0.20};
+  double unknown_weight{0.5};
+  double min_clear{0.6};
 
-  std::vector<std::string> validate() const;
+  static void fields(FaceAccessConfig& c, interactive_mapping::Fields& f) {
+    f("corridor_m", c.corridor_m, 0.01, 2.0, "m", "length of the corridor that must be clear before a face");
+    f("tool_radius_m", c.tool_radius_m, 0.005, 0.5, "m", "half the width of the corridor");
+    f("gap_m", c.gap_m, 0.0, 0.5, "m",
+      "the map is not asked about points nearer to the face: the surface of the brick itself is there");
+    f("sample_m", c.sample_m, 0.005, 0.2, "m", "distance of the points that the map is asked about");
+    f("max_down_rad", c.max_down_rad, 0.0, 1.5707963267948966, "rad",
+      "a face that points farther below the horizontal cannot be touched");
+    f("unknown_weight", c.unknown_weight, 0.0, 1.0, "", "clear share of unseen space; free space counts 1, occupied 0");
+    f("min_clear", c.min_clear, 0.0, 1.0, "", "a face with a smaller clear share of its corridor cannot be reached");
+  }
 };
 
 /// How a magnet could come to a face.

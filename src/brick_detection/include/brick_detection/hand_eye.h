@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "brick_detection/brick_pose.h"
 
@@ -19,16 +20,28 @@ struct HandEyeSample {
 
 struct HandEyeConfig {
   int min_samples{8};
-  double min_rotation_rad{0.35};  ///< the tool must turn at least that much between some samples, about two axes
-  /// What forward kinematics gets wrong at the target, differing between poses: added to each sample's covariance. A
-  /// tag's covariance alone can be far below it, and would let one near sample outvote the rest.
+  double min_rotation_rad{0.35};
+  // A tag's covariance alone can be far below it, and would let one near sample outvote the rest.
   double arm_std_m{0.0005};
   double arm_std_rad{0.0005};
-  double max_residual_m{0.01};     ///< root mean square: above it the result is refused
-  double max_residual_rad{0.035};  ///< a lone tag seen frontally at 1.5 m has 0.02 by itself
-  double outlier_chi2{30.0};       ///< six degrees of freedom: a sample farther off is left out, and reported
+  double max_residual_m{0.01};
+  double max_residual_rad{0.035};  // a lone tag seen frontally at 1.5 m has 0.02 by itself
+  double outlier_chi2{30.0};
 
-  std::vector<std::string> validate() const;
+  static void fields(HandEyeConfig& c, interactive_mapping::Fields& f) {
+    // Three poses determine both unknowns; the fourth begins to check them.
+    f("min_samples", c.min_samples, 4, 1000, "", "samples that a solution needs");
+    f("min_rotation_rad", c.min_rotation_rad, 0.05, 3.0, "rad",
+      "rotation of the tool between some of the samples that a solution needs, about two axes");
+    f("arm_std_m", c.arm_std_m, 0.0, 0.1, "m",
+      "standard deviation of the forward kinematics at the target, which differs between poses");
+    f("arm_std_rad", c.arm_std_rad, 0.0, 0.1, "rad", "the same of the rotation");
+    f("max_residual_m", c.max_residual_m, 1e-6, 1.0, "m", "a larger root mean square of the residuals gives no result");
+    f("max_residual_rad", c.max_residual_rad, 1e-6, 1.0, "rad", "the same of the rotation");
+    // Below 12.6, one good sample in 20 would be left out.
+    f("outlier_chi2", c.outlier_chi2, 12.6, 1e6, "",
+      "a sample with a larger chi-square, of six degrees of freedom, is left out and reported");
+  }
 };
 
 /// Why there is no answer. The reason in words is HandEyeResult::reason.

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/brick_types.h>
 
 #include "brick_detection/brick_pose.h"
@@ -15,11 +16,16 @@ namespace brick_detection {
 struct MarkerConfig {
   double position_std_m{0.010};
   double rotation_std_rad{0.05};
-  /// Markers of one brick agree to that about the brick's pose; else several bricks carry the id.
   double same_brick_m{0.06};
   double same_brick_rad{0.30};
 
-  std::vector<std::string> validate() const;
+  static void fields(MarkerConfig& c, interactive_mapping::Fields& f) {
+    f("position_std_m", c.position_std_m, 1e-5, 1.0, "m", "standard deviation of a marker of ar_track_alvar");
+    f("rotation_std_rad", c.rotation_std_rad, 1e-4, 1.0, "rad", "the same of its rotation, about each axis");
+    f("same_brick_m", c.same_brick_m, 1e-3, 1.0, "m",
+      "markers whose poses of a brick differ by more show several bricks with one id");
+    f("same_brick_rad", c.same_brick_rad, 1e-3, 3.0, "rad", "the same of their orientation");
+  }
 };
 
 /// Frame of the marker: x right, y up, z out of it, as TagLayout's tags and those of ar_track_alvar.

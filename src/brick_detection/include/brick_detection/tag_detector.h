@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include <Eigen/Core>
+#include <interactive_mapping_common/config/schema.h>
 #include <opencv2/core.hpp>
 
 namespace brick_detection {
@@ -30,17 +32,27 @@ struct TagObservation {
 };
 
 struct TagDetectorConfig {
-  std::string family{"tag36h11"};  ///< a name that TagLayout::numIds() of mp700_ur5e_description knows
+  /// A name that TagLayout::numIds() of mp700_ur5e_description knows. No parameter: the tags have one.
+  std::string family{"tag36h11"};
   int threads{1};
-  double decimate{1.0};  ///< AprilTag: edges are looked for in an image smaller by this factor; 1 finds the smallest
-  /// AprilTag: Gaussian blur before edges are looked for and bits are read. Corners are measured in the image as it is.
+  double decimate{1.0};
   double blur_sigma_px{0.3};
-  double sharpening{0.5};  ///< AprilTag: of the bits' image
-  /// Bits that may be corrected. Families of more than 10000 codes correct one at most: the table takes gigabytes for two.
-  int max_hamming{2};
+  double sharpening{0.5};
+  int max_hamming{2};  // families of more than 10000 codes correct one at most: the table takes gigabytes for two
 
-  /// One sentence per problem with key, value and allowed range; empty: fine.
-  std::vector<std::string> validate() const;
+  static void fields(TagDetectorConfig& c, interactive_mapping::Fields& f) {
+    f("threads", c.threads, 1, 64, "", "threads of AprilTag's detector");
+    f("decimate", c.decimate, 1.0, 4.0, "",
+      "AprilTag searches edges in an image smaller by this factor; 1, 1.5, 2, 3 or 4, where 1 finds the smallest tags");
+    f("blur_sigma_px", c.blur_sigma_px, 0.0, 10.0, "px",
+      "AprilTag blurs the image by this much before it searches edges; more loses small tags");
+    f("sharpening", c.sharpening, 0.0, 10.0, "", "AprilTag sharpens the image of the bits by this much");
+    f("max_hamming", c.max_hamming, 0, 2, "", "bits that may be corrected when a tag is decoded");
+    const std::array<double, 5> factors = {1.0, 1.5, 2.0, 3.0, 4.0};  // what libapriltag knows
+    const bool is_known = std::find(factors.begin(), factors.end(), c.decimate) != factors.end();
+    f.require(is_known || !(c.decimate >= 1.0 && c.decimate <= 4.0),
+              "decimate = " + std::to_string(c.decimate) + ", must be 1, 1.5, 2, 3 or 4");
+  }
 };
 
 /// Finds tags of one family in grey images. Not thread-safe: one detector per thread.

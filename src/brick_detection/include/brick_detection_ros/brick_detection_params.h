@@ -2,8 +2,8 @@
 #pragma once
 
 #include <string>
-#include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <ros/node_handle.h>
 
 #include "brick_detection/brick_detection_config.h"
@@ -11,34 +11,46 @@
 
 namespace brick_detection_ros {
 
-/// All parameters of the node, with the only copy of the defaults. SI units.
+/// All parameters of the node. SI units.
 struct BrickDetectionParams {
-  std::string bricks_file;  // absolute path of a bricks.yaml
-  bool continuous{true};    // false: images are looked at only while a ~detect waits
+  std::string bricks_file;
+  bool continuous{true};
   ImageInputParams input;
   brick_detection::BrickDetectionConfig detection;
 
   struct Detect {
-    double timeout_s{5.0};      // ROS time, of a call that names none
-    double clock_stall_s{3.0};  // wall time after which a clock that stands still ends a call
+    double timeout_s{5.0};
+    double clock_stall_s{3.0};
+
+    static void fields(Detect& c, interactive_mapping::Fields& f) {
+      f("timeout_s", c.timeout_s, 0.01, 600.0, "s", "time limit of a call of ~detect that names none, ROS time");
+      f("clock_stall_s", c.clock_stall_s, 0.1, 600.0, "s",
+        "a clock that stands still for longer ends a call, wall time");
+    }
   } detect;
 
   struct Map {
-    bool use{true};            // ask it, where it is there
-    double answer_age_s{5.0};  // wall time without an answer, after which the diagnostics warn
+    bool use{true};
+    double answer_age_s{5.0};
+
+    static void fields(Map& c, interactive_mapping::Fields& f) {
+      f("use", c.use, "asks the map, where there is one");
+      f("answer_age_s", c.answer_age_s, 0.1, 600.0, "s",
+        "the diagnostics warn when the map has not answered for longer, wall time");
+    }
   } map;
 
-  struct Output {
-    double ellipsoid_sigmas{10.0};  // radius of the markers of uncertainty, in standard deviations
-    double arrow_m{0.12};           // length of the arrows to graspable faces
-  } output;
-
-  /// Every problem as "key = value unit, must be in [lo, hi] unit".
-  std::vector<std::string> validate() const;
+  static void fields(BrickDetectionParams& c, interactive_mapping::Fields& f) {
+    f("bricks_file", c.bricks_file, "absolute path of a bricks.yaml; the launch file gives it");
+    f("continuous", c.continuous, "false: images are processed only while a call of ~detect waits");
+    f.section("input", c.input);
+    brick_detection::BrickDetectionConfig::fields(c.detection, f);
+    f.section("detect", c.detect);
+    f.section("map", c.map);
+    f.require(!c.bricks_file.empty() && c.bricks_file.front() == '/',
+              "bricks_file = '" + c.bricks_file + "', must be the absolute path of a bricks.yaml");
+  }
 };
-
-/// In the layout of config/brick_detection.yaml.
-std::string toYaml(const BrickDetectionParams& params);
 
 /// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and impossible value.
 BrickDetectionParams loadBrickDetectionParams(const ros::NodeHandle& private_nh);

@@ -16,17 +16,13 @@ namespace brick_detection_ros {
 /// (ellipsoids of the position) and `faces` (arrows as a magnet would come, red: hardly, green: easily accessible).
 class BrickMarkers {
  public:
-  /// `ellipsoid_sigmas`: radii of the ellipsoids in standard deviations; `arrow_m`: length of the arrows.
-  BrickMarkers(const mp700_ur5e_description::BrickCatalogue& catalogue, double ellipsoid_sigmas, double arrow_m)
-      : catalogue_(catalogue), ellipsoid_sigmas_(ellipsoid_sigmas), arrow_m_(arrow_m) {}
+  explicit BrickMarkers(const mp700_ur5e_description::BrickCatalogue& catalogue) : catalogue_(catalogue) {}
 
   /// All that is to be seen now, and what is to be removed of what the last call showed.
   visualization_msgs::MarkerArray update(const interactive_mapping_msgs::BrickArray& bricks);
 
  private:
   mp700_ur5e_description::BrickCatalogue catalogue_;
-  double ellipsoid_sigmas_;
-  double arrow_m_;
   std::map<std::pair<int, int>, int> numbers_;   // of a brick's markers, by its id and instance; never given to another
   std::set<std::pair<std::string, int>> shown_;  // name space and id
 };

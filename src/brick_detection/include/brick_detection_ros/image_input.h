@@ -17,6 +17,7 @@
 #include <ar_track_alvar_msgs/AlvarMarkers.h>
 #include <gpis_mapping_ros/camera_pose_source.h>
 #include <image_transport/image_transport.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <opencv2/core.hpp>
 #include <ros/node_handle.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -30,14 +31,25 @@ namespace brick_detection_ros {
 
 struct ImageInputParams : gpis_mapping_ros::CameraPoseParams {
   bool use_depth{true};
-  double max_depth_offset_s{0.02};       // between the stamps of a colour and a depth image that belong together
-  double depth_timeout_s{0.15};          // how long a colour image waits for its depth, by the wall clock
-  double depth_units_per_metre{1000.0};  // of 16UC1 images
+  double max_depth_offset_s{0.02};
+  double depth_timeout_s{0.15};
+  double depth_units_per_metre{1000.0};
   std::string image_transport{"raw"};
   std::string depth_transport{"raw"};
 
-  /// Every problem as "key = value unit, must be ...".
-  std::vector<std::string> validate() const;
+  static void fields(ImageInputParams& c, interactive_mapping::Fields& f) {
+    CameraPoseParams::fields(c, f);
+    f("use_depth", c.use_depth, "false: no depth image is subscribed to");
+    f("max_depth_offset_s", c.max_depth_offset_s, 0.0, 1.0, "s",
+      "between the stamps of a colour and a depth image that belong together");
+    f("depth_timeout_s", c.depth_timeout_s, 0.0, 10.0, "s",
+      "how long a colour image waits for its depth before it goes without, by the wall clock");
+    f("depth_units_per_metre", c.depth_units_per_metre, 1.0, 1e6, "1/m", "of depth images of 16 bits");
+    f("image_transport", c.image_transport, "transport of the colour images");
+    f("depth_transport", c.depth_transport, "transport of the depth images");
+    f.require(!c.image_transport.empty(), "image_transport = '', must name a transport, such as raw");
+    f.require(!c.depth_transport.empty(), "depth_transport = '', must name a transport, such as raw");
+  }
 };
 
 /// A look that passed every check: an image with what belongs to it, or markers that another program has found.

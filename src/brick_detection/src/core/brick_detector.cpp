@@ -32,14 +32,6 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_{std::chrono::steady_clock::now()};
 };
 
-BrickDetectionConfig requireValid(const BrickDetectionConfig& config) {
-  const std::vector<std::string> problems = config.validate();
-  if (problems.empty()) return config;
-  std::string text = "impossible settings:";
-  for (const std::string& problem : problems) text += "\n  " + problem;
-  throw std::invalid_argument(text);
-}
-
 std::unique_ptr<TagDetector> makeDetector(const std::string& family, TagDetectorConfig config) {
   if (family == kAlvar) return nullptr;
   config.family = family;
@@ -54,7 +46,7 @@ bool isSamePlace(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
 }  // namespace
 
 BrickDetector::BrickDetector(const description::BrickCatalogue& catalogue, const BrickDetectionConfig& config)
-    : config_(requireValid(config)),
+    : config_(interactive_mapping::requireValid("impossible settings:", config)),
       detector_(makeDetector(catalogue.tags.family, config.detector)),
       estimator_(catalogue, config.pose),
       tracker_(catalogue, config.tracker) {}

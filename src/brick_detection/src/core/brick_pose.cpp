@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <set>
+#include <stdexcept>
 
 #include <Eigen/Dense>
 
@@ -21,6 +22,13 @@ using mp700_ur5e_description::BrickTag;
 constexpr double kSigmas = 3.0;
 // Minima of one problem nearer to each other than that are one: refinePose() stops at steps far below.
 constexpr double kSameTurn_rad = 1e-4;
+constexpr double kMaxReprojection_px = 1.5;  // root mean square of a tag's corners
+// Of the two poses that fit a flat square, the second may stand unless its corners fit worse than the first's by this
+// chi-square (one degree of freedom): below it, depth or another tag must decide.
+constexpr double kAmbiguityChi2 = 15.0;
+// Between a tag and its depth plane, in distance and normal: standard deviations of the plane, systematic parts and what
+// the corners leave open included. The final pose is held to the plane's own.
+constexpr double kMaxDepthSigmas = 4.0;
 // Of a tag's area that is neither black nor white where it should be.
 constexpr double kMostDamaged = 0.15;
 
@@ -85,7 +93,7 @@ std::optional<double> cornerStd(const TagObservation& tag, const CameraModel& ca
   // The middle goes half as far as a side that is shifted, or farther where the tag is bent.
   const double off_px =
       std::max(beyondNoise(shift_px, fit->shift_std_px), 2.0 * beyondNoise(fit->bend_px, fit->bend_std_px));
-  if (!(off_px < config.max_reprojection_px) || fit->damaged_share > kMostDamaged) return std::nullopt;
+  if (!(off_px < kMaxReprojection_px) || fit->damaged_share > kMostDamaged) return std::nullopt;
   return std::hypot(config.corner_std_px, off_px);
 }
 
@@ -221,9 +229,9 @@ struct Misfit {
 };
 
 /// The member whose corners are farthest off the final pose, if too far; else one whose depth plane contradicts it.
-std::optional<Misfit> worstMisfit(const Group& group, const BrickPoseConfig& config) {
+std::optional<Misfit> worstMisfit(const Group& group) {
   std::optional<Misfit> worst;
-  double largest_px = config.max_reprojection_px;
+  double largest_px = kMaxReprojection_px;
   for (const Candidate* member : group.members) {
     const double rms_px = reprojectionRms(member->corners, group.pose.T_camera_body);
     if (rms_px <= largest_px) continue;
@@ -232,8 +240,7 @@ std::optional<Misfit> worstMisfit(const Group& group, const BrickPoseConfig& con
   }
   if (worst) return worst;
   for (const Candidate* member : group.members) {
-    if (member->plane &&
-        contradicts(*member->plane, group.pose.T_camera_body, Matrix6d::Zero(), config.max_depth_sigmas)) {
+    if (member->plane && contradicts(*member->plane, group.pose.T_camera_body, Matrix6d::Zero(), kMaxDepthSigmas)) {
       return Misfit{member, TagStatus::kContradictsDepth};
     }
   }
@@ -287,7 +294,7 @@ std::optional<Group> groupOf(const std::vector<const Candidate*>& open, const Ca
   });
   if (is_one_face) group.pose.covariance *= flatness(group.members, group.pose);
   for (const RefinedPose& other : poses) {
-    if (other.cost - poses.front().cost >= config.ambiguity_chi2) continue;
+    if (other.cost - poses.front().cost >= kAmbiguityChi2) continue;
     group.possible_middles.emplace_back(other.T_camera_body.translation());
     const Vector6d step = stepBetween(poses.front().T_camera_body, other.T_camera_body);
     if (step.tail<3>().norm() > config.max_rotation_std_rad) {
@@ -336,27 +343,9 @@ const char* toString(TagStatus status) {
   return "unknown status";
 }
 
-std::vector<std::string> BrickPoseConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("corner_std_px", corner_std_px, 0.01, 10.0, "px");
-  check("min_side_px", min_side_px, 1.0, 1000.0, "px");
-  check("min_margin", min_margin, 0.0, 255.0, "grey levels");
-  check("max_hamming", max_hamming, 0, 10, "bits");
-  check("max_reprojection_px", max_reprojection_px, 0.01, 50.0, "px");
-  check("ambiguity_chi2", ambiguity_chi2, 0.0, 1e4, "");
-  check("max_rotation_std_rad", max_rotation_std_rad, 0.001, 1.0, "rad");
-  check("label_std_m", label_std_m, 0.0, 0.1, "m");
-  check("max_depth_sigmas", max_depth_sigmas, 1.0, 100.0, "sigma");
-  check("same_brick_m", same_brick_m, 0.001, 1.0, "m");
-  check("same_brick_rad", same_brick_rad, 0.01, 1.5, "rad");
-  std::vector<std::string> problems = check.problems();
-  for (const std::string& problem : depth.validate()) problems.push_back("depth/" + problem);
-  return problems;
-}
-
 BrickPoseEstimator::BrickPoseEstimator(const BrickCatalogue& catalogue, const BrickPoseConfig& config)
     : catalogue_(catalogue), config_(config) {
-  interactive_mapping::throwIfAny(config_.validate());
+  interactive_mapping::requireValid("impossible poses of bricks:", config_);
 }
 
 BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObservation>& tags,
@@ -423,7 +412,7 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
     PoseProblem problem;
     problem.points = candidate.corners;
     for (const TagPose& pose : tagPoses(tag.corners_px, edge_m, camera)) {
-      if (pose.reprojection_rms_px > config_.max_reprojection_px) continue;
+      if (pose.reprojection_rms_px > kMaxReprojection_px) continue;
       if (const auto refined = refinePose(problem, pose.T_camera_tag * known->T_brick_tag.inverse())) {
         candidate.hypotheses.push_back(*refined);
       }
@@ -434,7 +423,7 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
       candidate.plane = PlaneMeasurement{known->T_brick_tag.translation(), known->T_brick_tag.linear().col(2), *plane};
       const auto wrong =
           std::remove_if(candidate.hypotheses.begin(), candidate.hypotheses.end(), [&](const RefinedPose& pose) {
-            return contradicts(*candidate.plane, pose.T_camera_body, pose.covariance, config_.max_depth_sigmas);
+            return contradicts(*candidate.plane, pose.T_camera_body, pose.covariance, kMaxDepthSigmas);
           });
       candidate.hypotheses.erase(wrong, candidate.hypotheses.end());
       if (candidate.hypotheses.empty()) {
@@ -457,7 +446,7 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
       std::optional<Group> group = largestGroup(open, config_);
       if (!group) break;  // kInconsistent
       // What the pose of all leaves aside took no part in it, or too much: it is found again without.
-      if (const auto misfit = worstMisfit(*group, config_)) {
+      if (const auto misfit = worstMisfit(*group)) {
         result.tags[misfit->member->index].status = misfit->status;
         open.erase(std::find(open.begin(), open.end(), misfit->member));
         continue;

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <stdexcept>
 #include <tuple>
 
 #include <Eigen/Dense>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include "rotation.h"
 
 namespace brick_detection {
@@ -16,6 +16,9 @@ namespace {
 
 using mp700_ur5e_description::BrickCatalogue;
 
+// Camera poses nearer to each other than that are one standpoint.
+constexpr double kStandpoint_m = 0.20;
+constexpr double kStandpoint_rad = 0.20;
 // Enough for all sides of a pile; the oldest one goes, which can only cost certainty.
 constexpr std::size_t kMaxStandpoints = 64;
 constexpr int kFusionSteps = 3;  // of Gauss-Newton: means differ by millimetres, the first step is nearly exact
@@ -43,25 +46,9 @@ Matrix6d inverseOf(const Matrix6d& covariance) {
 
 }  // namespace
 
-std::vector<std::string> BrickTrackerConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("camera_std_m", camera_std_m, 0.0, 1.0, "m");
-  check("camera_std_rad", camera_std_rad, 0.0, 1.0, "rad");
-  check("standpoint_m", standpoint_m, 1e-3, 10.0, "m");
-  check("standpoint_rad", standpoint_rad, 1e-3, 3.2, "rad");
-  check("looks_per_standpoint", looks_per_standpoint, 1, 1000, "looks");
-  check("floor_std_m", floor_std_m, 0.0, 1.0, "m");
-  check("floor_std_rad", floor_std_rad, 0.0, 1.0, "rad");
-  check("gate_chi2", gate_chi2, 1.0, 1e4, "");
-  check("moved_looks", moved_looks, 1, 100, "looks");
-  check("free_share", free_share, 0.01, 1.0, "");
-  check("inside_samples", inside_samples, 1, 50, "");
-  return check.problems();
-}
-
 BrickTracker::BrickTracker(const BrickCatalogue& catalogue, const BrickTrackerConfig& config)
     : catalogue_(catalogue), config_(config) {
-  interactive_mapping::throwIfAny(config_.validate());
+  interactive_mapping::requireValid("impossible tracker:", config_);
   floor_ = diagonal(config_.floor_std_m, config_.floor_std_rad);
 }
 
@@ -83,7 +70,7 @@ BrickTracker::Look BrickTracker::makeLook(const Eigen::Isometry3d& T_map_camera,
 /// How far a look's camera was from a standpoint: 0 there, 1 and more elsewhere.
 double BrickTracker::separation(const Look& look, const Standpoint& standpoint) const {
   const Vector6d step = stepBetween(standpoint.mean.T_map_camera, look.T_map_camera);
-  return std::max(step.head<3>().norm() / config_.standpoint_m, step.tail<3>().norm() / config_.standpoint_rad);
+  return std::max(step.head<3>().norm() / kStandpoint_m, step.tail<3>().norm() / kStandpoint_rad);
 }
 
 void BrickTracker::add(const Look& look, Place* place) const {

@@ -18,6 +18,12 @@ using mp700_ur5e_description::BrickFace;
 using mp700_ur5e_description::BrickTag;
 
 constexpr double kToDeg = 180.0 / M_PI;
+// A sample must be that far from each earlier one, or turned by that much: equal ones add confidence, not knowledge.
+constexpr double kMinStep_m = 0.05;
+constexpr double kMinStep_rad = 0.17;
+// Between looks at an arm that stands still. A UR5e repeats to 0.03 mm; the rest is for encoders' noise.
+constexpr double kStill_m = 0.0005;
+constexpr double kStill_rad = 0.001;
 
 std::string apart(double distance_m, double angle_rad) {
   char text[80];
@@ -104,19 +110,8 @@ std::optional<BrickSighting> TargetFinder::find(const cv::Mat& image, const cv::
   return std::nullopt;
 }
 
-std::vector<std::string> CalibrationSessionConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("min_step_m", min_step_m, 0.0, 1.0, "m");
-  check("min_step_rad", min_step_rad, 0.0, M_PI, "rad");
-  check("still_m", still_m, 1e-6, 0.1, "m");
-  check("still_rad", still_rad, 1e-6, 0.1, "rad");
-  std::vector<std::string> problems = check.problems();
-  for (const std::string& problem : hand_eye.validate()) problems.push_back("hand_eye/" + problem);
-  return problems;
-}
-
 CalibrationSession::CalibrationSession(const CalibrationSessionConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible calibration:", config);
 }
 
 std::string CalibrationSession::whyNotStill(const std::vector<Eigen::Isometry3d>& T_base_tool) const {
@@ -127,8 +122,8 @@ std::string CalibrationSession::whyNotStill(const std::vector<Eigen::Isometry3d>
     step_m = std::max(step_m, distanceBetween(T, T_base_tool.back()));
     step_rad = std::max(step_rad, angleBetween(T, T_base_tool.back()));
   }
-  if (step_m <= config_.still_m && step_rad <= config_.still_rad) return "";
-  return "the arm moves: " + apart(step_m, step_rad) + ", at most " + apart(config_.still_m, config_.still_rad) +
+  if (step_m <= kStill_m && step_rad <= kStill_rad) return "";
+  return "the arm moves: " + apart(step_m, step_rad) + ", at most " + apart(kStill_m, kStill_rad) +
          " count as standing still";
 }
 
@@ -136,9 +131,9 @@ std::string CalibrationSession::whyNotNew(const Eigen::Isometry3d& T_base_tool) 
   for (std::size_t i = 0; i < samples_.size(); ++i) {
     const double step_m = distanceBetween(T_base_tool, samples_[i].T_base_tool);
     const double step_rad = angleBetween(T_base_tool, samples_[i].T_base_tool);
-    if (step_m < config_.min_step_m && step_rad < config_.min_step_rad) {
+    if (step_m < kMinStep_m && step_rad < kMinStep_rad) {
       return "too like sample " + std::to_string(i) + ": " + apart(step_m, step_rad) + " from it, at least " +
-             apart(config_.min_step_m, config_.min_step_rad) + " are needed";
+             apart(kMinStep_m, kMinStep_rad) + " are needed";
     }
   }
   return "";

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <stdexcept>
 
 #include <Eigen/Dense>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include "bearing_grid.h"
 
 namespace brick_detection {
@@ -157,19 +157,6 @@ bool isCurved(const std::vector<Sample>& inliers, const Eigen::Vector3d& affine,
 }
 
 }  // namespace
-
-std::vector<std::string> DepthPlaneConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("grow", grow, 0.1, 3.0, "");
-  check("inverse_depth_std", inverse_depth_std, 1e-6, 0.1, "1/m");
-  check("correlation_px", correlation_px, 1.0, 50.0, "px");
-  check("systematic_m", systematic_m, 1e-6, 0.1, "m per m");
-  check("systematic_rad", systematic_rad, 1e-6, 0.5, "rad");
-  check("min_coverage", min_coverage, 0.0, 1.0, "");
-  check("min_inlier_share", min_inlier_share, 0.5, 1.0, "");
-  check("min_pixels", min_pixels, 10, 300, "px");
-  return check.problems();
-}
 
 std::optional<DepthPlane> fitDepthPlane(const cv::Mat& depth_m, const CameraModel& camera, const Quad& quad_px,
                                         const DepthPlaneConfig& config, DepthPlaneFailure* failure) {

@@ -5,23 +5,9 @@
 #include <cmath>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace brick_detection {
 
 namespace description = mp700_ur5e_description;
-
-std::vector<std::string> FaceAccessConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("corridor_m", corridor_m, 0.01, 2.0, "m");
-  check("tool_radius_m", tool_radius_m, 0.005, 0.5, "m");
-  check("gap_m", gap_m, 0.0, 0.5, "m");
-  check("sample_m", sample_m, 0.005, 0.2, "m");
-  check("max_down_rad", max_down_rad, 0.0, 1.5707963267948966, "rad");
-  check("unknown_weight", unknown_weight, 0.0, 1.0, "");
-  check("min_clear", min_clear, 0.0, 1.0, "");
-  return check.problems();
-}
 
 Eigen::Matrix3Xd approachPoints(const Eigen::Isometry3d& T_map_plate, const FaceAccessConfig& config) {
   // A square grid cut to the circle, in layers; both ends of the way belong to it.
@@ -47,8 +33,7 @@ std::vector<FaceAccess> graspableFaces(const Eigen::Isometry3d& T_map_brick, con
                                        const std::vector<BrickBox>& others,
                                        const std::function<std::vector<SpaceState>(const Eigen::Matrix3Xd&)>& state,
                                        const FaceAccessConfig& config) {
-  const std::vector<std::string> problems = config.validate();
-  if (!problems.empty()) throw std::invalid_argument("access/" + problems.front());
+  interactive_mapping::requireValid("impossible access:", config);
 
   std::vector<FaceAccess> faces;
   for (const description::BrickFace face : description::kBrickFaces) {

@@ -342,23 +342,6 @@ HandEyeResult::Residual residualOf(const HandEyeSample& sample, const Poses& pos
 
 }  // namespace
 
-std::vector<std::string> HandEyeConfig::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double low, double high, const char* unit) {
-    if (value >= low && value <= high) return;  // false for NaN
-    problems.push_back(format("%s = %g%s, must be in [%g, %g]%s", key, value, unit, low, high, unit));
-  };
-  // Three poses determine both unknowns; the fourth begins to check them.
-  check("min_samples", min_samples, 4, 1000, "");
-  check("min_rotation_rad", min_rotation_rad, 0.05, 3.0, " rad");
-  check("arm_std_m", arm_std_m, 0.0, 0.1, " m");
-  check("arm_std_rad", arm_std_rad, 0.0, 0.1, " rad");
-  check("max_residual_m", max_residual_m, 1e-6, 1.0, " m");
-  check("max_residual_rad", max_residual_rad, 1e-6, 1.0, " rad");
-  check("outlier_chi2", outlier_chi2, 12.6, 1e6, "");  // below 12.6, one good sample in 20 would be left out
-  return problems;
-}
-
 Vector6d handEyeResidual(const HandEyeSample& sample, const Eigen::Isometry3d& T_base_camera,
                          const Eigen::Isometry3d& T_tool_target, Matrix6x12d* jacobian) {
   const Eigen::Matrix3d R_camera_base = T_base_camera.linear().transpose();
@@ -383,12 +366,7 @@ Vector6d handEyeResidual(const HandEyeSample& sample, const Eigen::Isometry3d& T
 }
 
 HandEyeResult solveHandEye(const std::vector<HandEyeSample>& samples, const HandEyeConfig& config) {
-  const std::vector<std::string> problems = config.validate();
-  if (!problems.empty()) {
-    std::string text = "impossible hand-eye parameters:";
-    for (const std::string& problem : problems) text += "\n  " + problem;
-    throw std::invalid_argument(text);
-  }
+  interactive_mapping::requireValid("impossible hand-eye parameters:", config);
   requireUsable(samples);
   HandEyeResult result;
   const auto min_samples = static_cast<std::size_t>(config.min_samples);

@@ -8,7 +8,6 @@
 #include <set>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include "brick_detection/pose_refinement.h"
 #include "rotation.h"
 
@@ -62,20 +61,10 @@ BrickSighting fuse(int brick_id, const Group& group) {
 
 }  // namespace
 
-std::vector<std::string> MarkerConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("position_std_m", position_std_m, 1e-5, 1.0, "m");
-  check("rotation_std_rad", rotation_std_rad, 1e-4, 1.0, "rad");
-  check("same_brick_m", same_brick_m, 1e-3, 1.0, "m");
-  check("same_brick_rad", same_brick_rad, 1e-3, 3.0, "rad");
-  return check.problems();
-}
-
 BrickPoseEstimator::Result sightingsOfMarkers(const std::vector<MarkerObservation>& markers,
                                               const description::BrickCatalogue& catalogue,
                                               const MarkerConfig& config) {
-  const std::vector<std::string> problems = config.validate();
-  if (!problems.empty()) throw std::invalid_argument("alvar/" + problems.front());
+  interactive_mapping::requireValid("impossible markers:", config);
 
   BrickPoseEstimator::Result result;
   std::map<int, std::vector<Group>> groups;  // by the brick's id

@@ -70,11 +70,11 @@ std::string contradictionOf(const brick_detection::BrickPoseEstimator::Result& f
 BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadBrickDetectionParams(private_nh)),
       detector_(mp700_ur5e_description::loadBrickTypes(params_.bricks_file), params_.detection),
-      markers_(detector_.catalogue(), params_.output.ellipsoid_sigmas, params_.output.arrow_m),
+      markers_(detector_.catalogue()),
       transport_(private_nh),
       detect_spinner_(kDetectThreads, &detect_queue_),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
-  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << toYaml(params_));
+  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << interactive_mapping::toYaml(params_));
   ros::NodeHandle public_nh(nh);
   ros::NodeHandle pnh(private_nh);
   bricks_publisher_ = pnh.advertise<BrickArray>("bricks", 1, true);
@@ -292,9 +292,8 @@ std::optional<Eigen::Vector3d> BrickDetectionRos::placeOf(
   // The newest, when tf has not come to the stamp yet: the tool has not moved far since.
   for (const ros::Time& stamp : {message.header.stamp, ros::Time(0)}) {
     try {
-      Refusal ignored;
       const auto T_map_tool = interactive_mapping_ros::toIsometry(
-          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, stamp).transform, &ignored);
+          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, stamp).transform);
       if (T_map_tool && p_tool.allFinite()) return *T_map_tool * p_tool;
     } catch (const tf2::TransformException&) {
     }

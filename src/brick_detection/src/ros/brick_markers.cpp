@@ -15,6 +15,8 @@ using visualization_msgs::Marker;
 namespace description = mp700_ur5e_description;
 
 constexpr double kTextHeight_m = 0.07;
+constexpr double kEllipsoidSigmas = 10.0;  // radius of the uncertainty: one standard deviation is too small to see
+constexpr double kArrow_m = 0.12;
 constexpr float kBrickAlpha = 0.75F;  // what is inside shows through
 constexpr double kTipGap_m = 0.01;    // between an arrow's tip and the face
 
@@ -77,7 +79,7 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
     const double half_height_m = T_map_brick.linear().row(2).cwiseAbs().dot(half);
     // Over the arrow from above.
     text.pose.position = toPoint(T_map_brick.translation() +
-                                 Eigen::Vector3d(0.0, 0.0, half_height_m + kTipGap_m + arrow_m_ + 0.5 * kTextHeight_m));
+                                 Eigen::Vector3d(0.0, 0.0, half_height_m + kTipGap_m + kArrow_m + 0.5 * kTextHeight_m));
     text.scale.z = kTextHeight_m;
     text.text = std::to_string(brick.id);
     if (brick.has_duplicate) text.text += " #" + std::to_string(brick.instance) + " (duplicate id)";
@@ -99,7 +101,7 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
     ellipsoid.pose = toPose(T_map_ellipsoid);
     // Scales are diameters. rviz refuses a scale of 0.
     const auto diameter = [&](int axis) {
-      return std::max(1e-4, 2.0 * ellipsoid_sigmas_ * std::sqrt(std::max(0.0, axes.eigenvalues()[axis])));
+      return std::max(1e-4, 2.0 * kEllipsoidSigmas * std::sqrt(std::max(0.0, axes.eigenvalues()[axis])));
     };
     ellipsoid.scale.x = diameter(0);
     ellipsoid.scale.y = diameter(1);
@@ -111,7 +113,7 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
       const Eigen::Isometry3d T_map_plate = toIsometry(face.pose);
       Marker arrow =
           makeMarker(bricks.header, "faces", description::kNumBrickFaces * number + face.face, Marker::ARROW);
-      arrow.points = {toPoint(T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m + arrow_m_)),
+      arrow.points = {toPoint(T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m + kArrow_m)),
                       toPoint(T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m))};
       arrow.scale.x = 0.012;  // shaft's diameter, head's diameter, head's length
       arrow.scale.y = 0.030;

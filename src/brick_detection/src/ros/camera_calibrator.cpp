@@ -29,12 +29,7 @@ constexpr double kTimer_s = 0.1;
 constexpr double kToDeg = 180.0 / M_PI;
 
 brick_detection::TargetFinder makeFinder(const CameraCalibratorParams& params) {
-  const std::vector<std::string> problems = params.validate();
-  if (!problems.empty()) {
-    std::string text = "impossible parameters:";
-    for (const std::string& problem : problems) text += "\n  " + problem;
-    throw std::invalid_argument(text);
-  }
+  interactive_mapping::requireValid("impossible parameters:", params);
   const CalibrationTargetParams& target = params.target;
   if (target.brick_id >= 0) {
     return {mp700_ur5e_description::loadBrickTypes(params.bricks_file), target.brick_id, params.pose};

@@ -11,8 +11,6 @@
 
 #include <tf2/exceptions.h>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace brick_detection_ros {
 namespace {
 
@@ -32,14 +30,6 @@ std::chrono::steady_clock::duration toSteady(double duration_s) {
   return std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(duration_s));
 }
 
-ImageInputParams requireValid(const ImageInputParams& params) {
-  const std::vector<std::string> problems = params.validate();
-  if (problems.empty()) return params;
-  std::string text = "impossible input parameters:";
-  for (const std::string& problem : problems) text += "\n  " + problem;
-  throw std::invalid_argument(text);
-}
-
 /// ar_track_alvar leaves the message's own header empty and fills in the markers'.
 std_msgs::Header headerOf(const ar_track_alvar_msgs::AlvarMarkers& message) {
   std_msgs::Header header = message.header;
@@ -53,23 +43,9 @@ std_msgs::Header headerOf(const ar_track_alvar_msgs::AlvarMarkers& message) {
 
 }  // namespace
 
-std::vector<std::string> ImageInputParams::validate() const {
-  std::vector<std::string> problems = CameraPoseParams::validate();
-  interactive_mapping::RangeCheck check;
-  check("max_depth_offset_s", max_depth_offset_s, 0.0, 1.0, "s");
-  check("depth_timeout_s", depth_timeout_s, 0.0, 10.0, "s");
-  check("depth_units_per_metre", depth_units_per_metre, 1.0, 1e6, "1/m");
-  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
-  for (const auto& [key, value] :
-       {std::make_pair("image_transport", image_transport), std::make_pair("depth_transport", depth_transport)}) {
-    if (value.empty()) problems.push_back(std::string(key) + " = '', must name a transport, such as raw");
-  }
-  return problems;
-}
-
 ImageInput::ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const ImageInputParams& params,
                        Source source, Callbacks callbacks)
-    : params_(requireValid(params)),
+    : params_(interactive_mapping::requireValid("impossible input parameters:", params)),
       source_(source),
       callbacks_(std::move(callbacks)),
       pose_source_(nh, params),

@@ -225,7 +225,7 @@ TEST(BrickDetectionConfig, NamesEveryProblemWithItsSection) {
   config.access.min_clear = 2.0;
   config.alvar.position_std_m = 0.0;
   config.pose.corner_std_px = -1.0;
-  EXPECT_THAT(config.validate(),
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
               testing::UnorderedElementsAre(HasSubstr("pose/corner_std_px"), HasSubstr("alvar/position_std_m"),
                                             HasSubstr("access/min_clear")));
   EXPECT_THROW(BrickDetector(catalogue(), config), std::invalid_argument);

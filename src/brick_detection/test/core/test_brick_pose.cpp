@@ -480,10 +480,11 @@ TEST_F(BrickPose, RefusesImpossibleInput) {
   BrickPoseConfig config;
   config.corner_std_px = 0.0;
   config.depth.grow = -1.0;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("corner_std_px = 0 px, must be in [0.01, 10] px"),
-                                             HasSubstr("depth/grow = -1, must be in [")));
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              ElementsAre(HasSubstr("corner_std_px = 0 px, must be in [0.01, 10] px"),
+                          HasSubstr("depth/grow = -1, must be in [")));
   EXPECT_THROW(BrickPoseEstimator(catalogue_, config), std::invalid_argument);
-  EXPECT_THAT(BrickPoseConfig().validate(), IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(BrickPoseConfig()), IsEmpty());
 }
 
 TEST(TagStatusNames, AreAllDifferent) {

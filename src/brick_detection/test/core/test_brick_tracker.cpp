@@ -526,14 +526,15 @@ TEST_F(Tracker, RefusesBadInputAndChangesNothing) {
 }
 
 TEST(BrickTrackerConfig, SaysWhatIsWrong) {
-  EXPECT_THAT(BrickTrackerConfig().validate(), IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(BrickTrackerConfig()), IsEmpty());
   BrickTrackerConfig config;
   config.camera_std_m = -0.1;
   config.gate_chi2 = kNan;
   config.moved_looks = 0;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("camera_std_m = -0.1 m, must be in [0, 1] m"),
-                                             HasSubstr("gate_chi2 = nan, must be in ["),
-                                             HasSubstr("moved_looks = 0 looks, must be in [1, 100] looks")));
+  EXPECT_THAT(
+      interactive_mapping::problemsOf(config),
+      ElementsAre(HasSubstr("camera_std_m = -0.1 m, must be in [0, 1] m"), HasSubstr("gate_chi2 = nan, must be in ["),
+                  HasSubstr("moved_looks = 0 looks, must be in [1, 100] looks")));
   EXPECT_THROW(BrickTracker(testCatalogue(), config), std::invalid_argument);
 }
 

@@ -138,9 +138,10 @@ TEST(CalibrationSession, ASampleMustDifferFromEachOther) {
 
 TEST(CalibrationSession, ImpossibleConfigIsRefusedWithEveryKey) {
   CalibrationSessionConfig config;
-  config.still_m = 0.0;
   config.hand_eye.min_samples = 1;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("still_m = 0 m"), HasSubstr("hand_eye/min_samples = 1")));
+  config.hand_eye.arm_std_m = -1.0;
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              ElementsAre(HasSubstr("hand_eye/min_samples = 1"), HasSubstr("hand_eye/arm_std_m = -1 m")));
   EXPECT_THROW(CalibrationSession{config}, std::invalid_argument);
 }
 

@@ -359,14 +359,15 @@ TEST(DepthPlane, RefusesADepthImageOfAnotherTypeOrSize) {
 }
 
 TEST(DepthPlaneConfig, SaysWhatIsWrong) {
-  EXPECT_THAT(DepthPlaneConfig().validate(), SizeIs(0));
+  EXPECT_THAT(interactive_mapping::problemsOf(DepthPlaneConfig()), SizeIs(0));
   DepthPlaneConfig config;
   config.inverse_depth_std = 0.0;
   config.min_coverage = std::nan("");
   config.min_pixels = 2;
-  EXPECT_THAT(config.validate(), testing::ElementsAre(HasSubstr("inverse_depth_std = 0 1/m, must be in ["),
-                                                      HasSubstr("min_coverage = nan, must be in [0, 1]"),
-                                                      HasSubstr("min_pixels = 2 px, must be in [10")));
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              testing::ElementsAre(HasSubstr("inverse_depth_std = 0 1/m, must be in ["),
+                                   HasSubstr("min_coverage = nan, must be in [0, 1]"),
+                                   HasSubstr("min_pixels = 2 px, must be in [10")));
 }
 
 }  // namespace

@@ -140,12 +140,12 @@ TEST(FaceAccess, RefusesImpossibleSettingsAndAnswers) {
       {"max_down_rad = 2 rad", [](FaceAccessConfig& c) { c.max_down_rad = 2.0; }},
       {"unknown_weight = 2", [](FaceAccessConfig& c) { c.unknown_weight = 2.0; }},
       {"min_clear = -1", [](FaceAccessConfig& c) { c.min_clear = -1.0; }}};
-  EXPECT_THAT(FaceAccessConfig().validate(), IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(FaceAccessConfig()), IsEmpty());
   for (const auto& [text, change] : table) {
     FaceAccessConfig config;
     change(config);
-    ASSERT_EQ(config.validate().size(), 1U) << text;
-    EXPECT_THAT(config.validate().front(), HasSubstr(text + ", must be in"));
+    ASSERT_EQ(interactive_mapping::problemsOf(config).size(), 1U) << text;
+    EXPECT_THAT(interactive_mapping::problemsOf(config).front(), HasSubstr(text + ", must be in"));
     EXPECT_THROW(graspableFaces(brickAt({0, 0, 0}), brickType(), {}, nullptr, config), std::invalid_argument);
   }
   const auto short_answer = [](const Eigen::Matrix3Xd&) { return std::vector<SpaceState>(1); };

@@ -458,8 +458,9 @@ TEST(HandEye, ImpossibleInputThrows) {
   config.min_samples = 3;
   config.outlier_chi2 = 1.0;
   EXPECT_THAT(refusal(rig.samples, config), HasSubstr("min_samples = 3, must be in [4, 1000]"));
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("min_samples"), HasSubstr("outlier_chi2")));
-  EXPECT_TRUE(HandEyeConfig().validate().empty());
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              ElementsAre(HasSubstr("min_samples"), HasSubstr("outlier_chi2")));
+  EXPECT_TRUE(interactive_mapping::problemsOf(HandEyeConfig()).empty());
 }
 
 }  // namespace

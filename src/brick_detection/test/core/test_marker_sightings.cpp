@@ -138,7 +138,8 @@ TEST(MarkerSightings, UnknownAndBrokenMarkersAreToldAndNotUsed) {
 TEST(MarkerSightings, ImpossibleSettingsAreNamed) {
   MarkerConfig config;
   config.rotation_std_rad = 0.0;
-  EXPECT_THAT(config.validate(), ElementsAre("rotation_std_rad = 0 rad, must be in [0.0001, 1] rad"));
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              ElementsAre("rotation_std_rad = 0 rad, must be in [0.0001, 1] rad"));
   EXPECT_THROW(sightingsOfMarkers({}, catalogue(), config), std::invalid_argument);
 }
 

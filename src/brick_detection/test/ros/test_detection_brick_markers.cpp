@@ -53,7 +53,7 @@ BrickArray arrayOf(const std::vector<Brick>& bricks) {
 }
 
 TEST(BrickMarkers, ShowEachBrickWhereItIs) {
-  BrickMarkers markers(catalogue(), 10.0, 0.12);
+  BrickMarkers markers(catalogue());
   const MarkerArray array = markers.update(arrayOf({brick(3, 0), brick(7, 0)}));
   const std::vector<Marker> cubes = select(array, "bricks");
   ASSERT_THAT(cubes, SizeIs(2));
@@ -68,7 +68,7 @@ TEST(BrickMarkers, ShowEachBrickWhereItIs) {
 }
 
 TEST(BrickMarkers, EllipsoidHasTheStatedNumberOfSigmas) {
-  BrickMarkers markers(catalogue(), 10.0, 0.12);
+  BrickMarkers markers(catalogue());
   const Marker ellipsoid = select(markers.update(arrayOf({brick(3, 0)})), "uncertainty").at(0);
   std::vector<double> diameters = {ellipsoid.scale.x, ellipsoid.scale.y, ellipsoid.scale.z};
   std::sort(diameters.begin(), diameters.end());
@@ -83,7 +83,7 @@ TEST(BrickMarkers, EllipsoidHasTheStatedNumberOfSigmas) {
 }
 
 TEST(BrickMarkers, ArrowsPointToTheFacesByTheirColour) {
-  BrickMarkers markers(catalogue(), 10.0, 0.12);
+  BrickMarkers markers(catalogue());
   const Marker arrow = select(markers.update(arrayOf({brick(3, 0)})), "faces").at(0);
   ASSERT_THAT(arrow.points, SizeIs(2));
   EXPECT_NEAR(arrow.points[0].z - arrow.points[1].z, 0.12, 1e-9);
@@ -94,7 +94,7 @@ TEST(BrickMarkers, ArrowsPointToTheFacesByTheirColour) {
 }
 
 TEST(BrickMarkers, WhatIsGoneIsDeletedOnce) {
-  BrickMarkers markers(catalogue(), 10.0, 0.12);
+  BrickMarkers markers(catalogue());
   const int kept = select(markers.update(arrayOf({brick(3, 0), brick(7, 0)})), "bricks")[1].id;
   const MarkerArray after = markers.update(arrayOf({brick(7, 0)}));
   ASSERT_THAT(select(after, "bricks"), SizeIs(1));
@@ -107,7 +107,7 @@ TEST(BrickMarkers, WhatIsGoneIsDeletedOnce) {
 }
 
 TEST(BrickMarkers, DuplicatesAreToldByTheirInstance) {
-  BrickMarkers markers(catalogue(), 10.0, 0.12);
+  BrickMarkers markers(catalogue());
   Brick one = brick(5, 0);
   Brick other = brick(5, 1);
   one.has_duplicate = other.has_duplicate = 1;

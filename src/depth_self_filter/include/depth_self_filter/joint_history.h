@@ -8,19 +8,22 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "mp700_ur5e_description/robot_model.h"
 
 namespace depth_self_filter {
 
 struct JointHistoryConfig {
-  /// Between two joint states that positions are interpolated from. What a joint that accelerates at 10 rad/s^2 leaves the
-  /// straight line by in that time, a (t/2)^2 / 2, is 13 mrad: about the padding at the end of the arm.
+  // What a joint that accelerates at 10 rad/s^2 leaves the straight line by in that time, a (t/2)^2 / 2, is 13 mrad: about
+  // the padding at the end of the arm.
   double max_gap_s{0.1};
-  double memory_s{5.0};  // joint states older than the newest by more are forgotten
+  double memory_s{5.0};
 
-  /// Every problem as "key = value unit, must be in [lo, hi] unit".
-  std::vector<std::string> validate() const;
+  static void fields(JointHistoryConfig& c, interactive_mapping::Fields& f) {
+    f("max_gap_s", c.max_gap_s, 0.0, 10.0, "s", "longest gap between the joint states before and after an image");
+    f("memory_s", c.memory_s, 0.1, 600.0, "s", "older joint states are forgotten");
+  }
 };
 
 /// Joint positions of the last seconds, and between them. Joints may come in any order, in several messages, and in the

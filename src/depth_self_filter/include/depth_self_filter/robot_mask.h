@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "gpis_mapping/gpis_config.h"
 #include "gpis_mapping/types.h"
@@ -20,24 +21,41 @@ constexpr double kNear_m = 0.001;
 
 /// How much more than the robot's shapes is taken out, and what the camera's measurements are like.
 struct RobotMaskConfig {
-  /// About every shape of the robot: joint angles, mounting, and what sticks out of the collision shapes.
   double padding_m{0.01};
-  /// More of it for each metre that the shape's farthest point is from the camera: error of the camera's direction.
   double padding_rad{0.004};
-  /// Instead of padding_m about the brick in the hand, which sits less exactly on the magnet than that on the arm.
   double brick_padding_m{0.015};
-  /// And so many pixels all round: where a depth jumps, cameras give pixels the depth of their neighbours.
   int edge_px{2};
-  /// A pixel is something before the robot if it is nearer by more than that many standard deviations of `noise`. Of a
-  /// million pixels of the robot, 5 leave less than one.
-  double noise_sigmas{5.0};
-  gpis_mapping::DepthNoiseModel noise{0.0005, 0.0, 0.0038};
-  /// Second viewpoint or emitter to depth camera, along the image's rows: beside the robot lie holes as wide as the
-  /// disparity, its shadows. 0: none.
   double baseline_m{0.075};
+  double noise_sigmas{5.0};  // of a million pixels of the robot, 5 leave less than one
+  gpis_mapping::DepthNoiseModel noise{0.0005, 0.0, 0.0038};
 
-  /// Every problem as "key = value unit, must be in [lo, hi] unit".
-  std::vector<std::string> validate() const;
+  struct Noise {
+    gpis_mapping::DepthNoiseModel& noise;
+
+    static void fields(Noise& c, interactive_mapping::Fields& f) {
+      f("a_m", c.noise.a_m, 0.0, 0.1, "m", "standard deviation of depth z: a + b z + c z^2 [m], z in metres: a");
+      f("b", c.noise.b, 0.0, 0.1, "", "b");
+      f("c_per_m", c.noise.c_per_m, 0.0, 0.1, "1/m", "c");
+    }
+  };
+
+  static void fields(RobotMaskConfig& c, interactive_mapping::Fields& f) {
+    f("padding_m", c.padding_m, 0.0, 0.5, "m",
+      "padding of every shape of the robot, for errors of joint angles and mounting and for what sticks out of the "
+      "shapes");
+    f("padding_rad", c.padding_rad, 0.0, 0.2, "rad",
+      "padding added per metre from the camera, for the error of its direction");
+    f("brick_padding_m", c.brick_padding_m, 0.0, 0.5, "m",
+      "padding of the brick in the hand, in place of padding_m: it sits less exactly");
+    f("edge_px", c.edge_px, 0, 20, "px",
+      "pixels added all round: where a depth jumps, cameras give pixels the depth of their neighbours");
+    f("baseline_m", c.baseline_m, 0.0, 1.0, "m",
+      "second viewpoint or emitter to depth camera, along image x, which makes shadows beside the robot; 0: none");
+    f("noise_sigmas", c.noise_sigmas, 0.0, 20.0, "sigma",
+      "a pixel nearer than the robot by more standard deviations shows something in front of it");
+    Noise noise{c.noise};
+    f.section("noise", noise);
+  }
 };
 
 /// What the magnet holds: a box, held by a link of the URDF.

@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include "depth_self_filter/robot_mask.h"
 
 namespace depth_self_filter {
@@ -33,17 +32,10 @@ std::string microseconds(double value) {
 
 }  // namespace
 
-std::vector<std::string> JointHistoryConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("max_gap_s", max_gap_s, 0.0, 10.0, "s");
-  check("memory_s", memory_s, 0.1, 600.0, "s");
-  return check.problems();
-}
-
 JointHistory::JointHistory(std::shared_ptr<const mp700_ur5e_description::RobotModel> robot,
                            const JointHistoryConfig& config)
     : robot_(std::move(robot)), config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible joint history:", config);
   if (!robot_) throw std::invalid_argument("no robot");
   samples_.resize(robot_->joints().size());
   for (std::size_t joint = 0; joint < samples_.size(); ++joint) is_needed_.push_back(movesShapes(*robot_, joint));

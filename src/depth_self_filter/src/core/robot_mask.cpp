@@ -164,20 +164,6 @@ inline void enterRow(const RowRays& rays, int left, int right, float* entry, Cli
 
 }  // namespace
 
-std::vector<std::string> RobotMaskConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("padding_m", padding_m, 0.0, 0.5, "m");
-  check("padding_rad", padding_rad, 0.0, 0.2, "rad");
-  check("brick_padding_m", brick_padding_m, 0.0, 0.5, "m");
-  check("edge_px", edge_px, 0, 20, "px");
-  check("noise_sigmas", noise_sigmas, 0.0, 20.0, "sigma");
-  check("noise/a_m", noise.a_m, 0.0, 0.1, "m");
-  check("noise/b", noise.b, 0.0, 0.1, "");
-  check("noise/c_per_m", noise.c_per_m, 0.0, 0.1, "1/m");
-  check("baseline_m", baseline_m, 0.0, 1.0, "m");
-  return check.problems();
-}
-
 std::string whyNotHeld(const RobotModel& robot, const HeldBrick& brick) {
   std::ostringstream text;
   if (!robot.hasFrame(brick.frame)) {
@@ -193,7 +179,7 @@ std::string whyNotHeld(const RobotModel& robot, const HeldBrick& brick) {
 
 RobotMask::RobotMask(std::shared_ptr<const RobotModel> robot, const RobotMaskConfig& config)
     : robot_(std::move(robot)), config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible mask:", config);
   if (!robot_) throw std::invalid_argument("no robot");
 }
 

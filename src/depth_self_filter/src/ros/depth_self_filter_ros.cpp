@@ -71,7 +71,7 @@ DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::Nod
       input_transport_(nh),
       output_transport_(private_nh),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
-  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << toYaml(params_));
+  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << interactive_mapping::toYaml(params_));
   ros::NodeHandle public_nh(nh);
   ros::NodeHandle pnh(private_nh);
   info_publisher_ = pnh.advertise<sensor_msgs::CameraInfo>("camera_info", 5);

@@ -180,8 +180,9 @@ TEST(JointHistory, ImpossibleConfigurationsAreRefused) {
   JointHistoryConfig config;
   config.max_gap_s = -1.0;
   config.memory_s = std::nan("");
-  EXPECT_THAT(config.validate(), testing::ElementsAre("max_gap_s = -1 s, must be in [0, 10] s",
-                                                      "memory_s = nan s, must be in [0.1, 600] s"));
+  EXPECT_THAT(
+      interactive_mapping::problemsOf(config),
+      testing::ElementsAre("max_gap_s = -1 s, must be in [0, 10] s", "memory_s = nan s, must be in [0.1, 600] s"));
   EXPECT_THROW(history(config), std::invalid_argument);
 }
 

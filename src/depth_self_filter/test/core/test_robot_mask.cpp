@@ -414,12 +414,12 @@ TEST(RobotMask, BadArgumentsAreNamedAndChangeNothing) {
 }
 
 TEST(RobotMask, ImpossibleConfigurationsAreRefused) {
-  EXPECT_THAT(RobotMaskConfig().validate(), IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(RobotMaskConfig()), IsEmpty());
   RobotMaskConfig config;
   config.padding_m = -0.01;
   config.edge_px = 21;
   config.noise.c_per_m = kNaN;
-  EXPECT_THAT(config.validate(),
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
               ElementsAre("padding_m = -0.01 m, must be in [0, 0.5] m", "edge_px = 21 px, must be in [0, 20] px",
                           "noise/c_per_m = nan 1/m, must be in [0, 0.1] 1/m"));
   EXPECT_THROW(RobotMask(shippedRobot(), config), std::invalid_argument);

@@ -29,13 +29,21 @@ struct GroundPlane {
 
 struct GroundOptions {
   double cell_size_m{0.05};
-  double max_tilt_rad{0.26};       // of the ground against the map's z axis
-  double plane_tolerance_m{0.02};  // a point this near belongs to the plane
+  double max_tilt_rad{0.26};
+  double plane_tolerance_m{0.02};
   double min_obstacle_height_m{0.05};
-  double max_obstacle_height_m{2.0};  // what is higher is driven under
+  double max_obstacle_height_m{2.0};
 
-  /// Every problem as "key = value unit, must be in [lo, hi] unit".
-  std::vector<std::string> validate() const;
+  static void fields(GroundOptions& c, interactive_mapping::Fields& f) {
+    f("cell_size_m", c.cell_size_m, 0.01, 1.0, "m", "of the projection from above");
+    f("max_tilt_rad", c.max_tilt_rad, 0.01, 0.8, "rad", "of the ground against the map's z axis");
+    f("plane_tolerance_m", c.plane_tolerance_m, 0.002, 0.2, "m", "a point this near belongs to the ground");
+    f("min_obstacle_height_m", c.min_obstacle_height_m, 0.01, 1.0, "m",
+      "above the ground; what is lower is driven over");
+    f("max_obstacle_height_m", c.max_obstacle_height_m, 0.05, 10.0, "m", "what is higher is driven under");
+    f.require(c.min_obstacle_height_m < c.max_obstacle_height_m,
+              "min_obstacle_height_m must be below max_obstacle_height_m");
+  }
 };
 
 /// The map seen from above: cell (column, row) covers x in origin_x + [column, column + 1) cell sizes, y likewise.

@@ -16,7 +16,7 @@
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
 
-#include <interactive_mapping_common_ros/param_reader.h>
+#include <interactive_mapping_common/config/schema.h>
 #include "gpis_mapping/pose_guard.h"
 #include "gpis_mapping/stamp_guard.h"
 #include "gpis_mapping_ros/conversions.h"
@@ -25,17 +25,26 @@ namespace gpis_mapping_ros {
 
 struct CameraPoseParams {
   std::string map_frame{"map"};
-  std::string camera_frame;   // empty: the image's own frame_id
-  double tf_timeout_s{0.2};   // how long an image waits for its pose and camera info, by the wall clock
-  double time_offset_s{0.0};  // added to an image's stamp before its pose is looked up
-  double max_future_s{0.5};   // how far a stamp may lie ahead of ROS time
+  std::string camera_frame;
+  double tf_timeout_s{0.2};
+  double time_offset_s{0.0};
+  double max_future_s{0.5};
   gpis_mapping::PoseLimits pose_limits;
 
-  /// Every problem as "key = value unit, must be ...".
-  std::vector<std::string> validate() const;
-
-  /// Reads all of them from `section`.
-  void read(const std::string& section, interactive_mapping_ros::ParamReader* reader);
+  static void fields(CameraPoseParams& c, interactive_mapping::Fields& f) {
+    f("map_frame", c.map_frame, "fixed frame of the map, z up");
+    f("camera_frame", c.camera_frame, "optical frame; empty: the frame_id of the image");
+    f("tf_timeout_s", c.tf_timeout_s, 0.0, 10.0, "s",
+      "how long an image waits for its pose and camera info, by the wall clock");
+    f("time_offset_s", c.time_offset_s, -1.0, 1.0, "s",
+      "added to the stamp of an image before its pose is looked up; negative when images are stamped too late");
+    f("max_future_s", c.max_future_s, 0.0, 1e9, "s", "how far a stamp may lie ahead of ROS time");
+    f.section("pose_limits", c.pose_limits, "a pose that moves farther than step + speed * time is refused");
+    f.require(!c.map_frame.empty() && c.map_frame.front() != '/',
+              "map_frame = '" + c.map_frame + "', must be a tf2 frame: not empty, no leading slash");
+    f.require(c.camera_frame.empty() || (c.camera_frame.front() != '/' && c.camera_frame != c.map_frame),
+              "camera_frame = '" + c.camera_frame + "', must be a tf2 frame other than map_frame, or empty");
+  }
 };
 
 /// What tf said so far; for diagnostics.

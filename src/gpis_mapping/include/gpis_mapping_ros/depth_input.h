@@ -29,13 +29,13 @@ namespace gpis_mapping_ros {
 
 struct DepthInputParams : CameraPoseParams {
   std::string image_transport{"raw"};
-  double depth_units_per_metre{1000.0};  // of 16UC1 images
+  double depth_units_per_metre{1000.0};
 
-  /// Every problem as "key = value unit, must be ...".
-  std::vector<std::string> validate() const;
-
-  /// Reads all of them from `section`.
-  void read(const std::string& section, interactive_mapping_ros::ParamReader* reader);
+  static void fields(DepthInputParams& c, interactive_mapping::Fields& f) {
+    CameraPoseParams::fields(c, f);
+    f("image_transport", c.image_transport, "or compressedDepth, which needs no plugin");
+    f("depth_units_per_metre", c.depth_units_per_metre, 1.0, 1e6, "1/m", "of images of 16 bits");
+  }
 };
 
 /// A depth image that passed every check, rectified.

@@ -14,48 +14,84 @@
 namespace gpis_mapping_ros {
 
 enum class MeshColor { kUncertainty, kHeight };
+inline constexpr interactive_mapping::Names<MeshColor> kMeshColorNames = {{"uncertainty", MeshColor::kUncertainty},
+                                                                          {"height", MeshColor::kHeight}};
+const char* toString(MeshColor color);
 
-/// All parameters of the node, with the only copy of the defaults. SI units.
+/// All parameters of the node. SI units.
 struct GpisMappingParams {
   DepthInputParams input;
   gpis_mapping::GpisConfig map;
 
   struct Output {
-    double rate_hz{2.0};             // of mesh, points, ground and slice, at most; by the wall clock
-    bool every_image{false};         // instead: after each image, and the next one waits for it
-    double removed_display_s{10.0};  // how long removed points are shown, ROS time
+    double rate_hz{2.0};
+    bool every_image{false};
+    double removed_display_s{10.0};
     MeshColor mesh_color{MeshColor::kHeight};
-    double color_max_std_m{0.01};  // the far end of the colour scale for uncertainty
+    double color_max_std_m{0.01};
+
+    static void fields(Output& c, interactive_mapping::Fields& f) {
+      f("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of mesh, points, ground and slice, at most; by the wall clock");
+      f("every_image", c.every_image,
+        "instead of a rate: after each image, refused ones too, before its ~update; the next image waits for it. For "
+        "simulation in lock step");
+      f("removed_display_s", c.removed_display_s, 0.0, 3600.0, "s", "how long removed points are shown, ROS time");
+      f("mesh_color", c.mesh_color, kMeshColorNames, "of ~mesh_marker");
+      f("color_max_std_m", c.color_max_std_m, 1e-4, 1.0, "m", "far end of the colour scale for uncertainty");
+    }
   } output;
 
   struct Slice {
-    double height_m{0.1};  // z of the plane of distances, map frame
+    double height_m{0.1};
     double cell_size_m{0.04};
-    double margin_m{0.3};  // round the mapped surface
+    double margin_m{0.3};
+
+    static void fields(Slice& c, interactive_mapping::Fields& f) {
+      f("height_m", c.height_m, -100.0, 100.0, "m", "z of the plane of distances, map frame");
+      f("cell_size_m", c.cell_size_m, 0.005, 1.0, "m", "distance of its points");
+      f("margin_m", c.margin_m, 0.0, 10.0, "m", "how far it reaches beyond the mapped surface");
+    }
   } slice;
 
   gpis_mapping::GroundOptions ground;
 
   struct Attached {
-    double padding_m{0.01};  // on each side of a taken brick's place, which is cleared
-    double pushed_m{0.05};   // ... and so much more on the tool's side: it may have been pushed by the touch
+    double padding_m{0.01};
+    double pushed_m{0.05};
+
+    static void fields(Attached& c, interactive_mapping::Fields& f) {
+      f("padding_m", c.padding_m, 0.0, 0.1, "m", "on each side of the place of the brick, which is cleared");
+      f("pushed_m", c.pushed_m, 0.0, 0.2, "m", "beside, on the side of the tool: the touch may have pushed the brick");
+    }
   } attached;
 
   struct Storage {
-    std::string autosave_file;       // absolute; empty: no autosave
-    double autosave_period_s{60.0};  // by the wall clock; only when the map has changed
-    bool restore_on_start{true};     // from autosave_file, when it exists
+    std::string autosave_file;
+    double autosave_period_s{60.0};
+    bool restore_on_start{true};
+
+    static void fields(Storage& c, interactive_mapping::Fields& f) {
+      f("autosave_file", c.autosave_file,
+        "absolute path, its folder is made if only that is missing; empty: no autosave");
+      f("autosave_period_s", c.autosave_period_s, 0.1, 86400.0, "s",
+        "by the wall clock; only when something has changed");
+      f("restore_on_start", c.restore_on_start, "from the autosave file, when it exists");
+    }
   } storage;
+
+  /// But for those of the map, which have a file of their own.
+  static void fields(GpisMappingParams& c, interactive_mapping::Fields& f) {
+    f.section("input", c.input);
+    f.section("output", c.output);
+    f.section("slice", c.slice, "the plane of distances");
+    f.section("ground", c.ground, "the projection from above");
+    f.section("attached", c.attached, "what the magnet took leaves the map");
+    f.section("storage", c.storage);
+  }
 
   /// Every problem as "key = value unit, must be in [lo, hi] unit".
   std::vector<std::string> validate() const;
 };
-
-/// "uncertainty", "height".
-const char* toString(MeshColor color);
-
-/// The node's own parameters in the layout of config/gpis_mapping_node.yaml; those of the map are not in it.
-std::string toYaml(const GpisMappingParams& params);
 
 /// Reads `~` parameters: `~map/...` in the layout of config/gpis_mapping.yaml, the rest in that of
 /// config/gpis_mapping_node.yaml. Throws one std::invalid_argument that lists every unknown key, wrong type and

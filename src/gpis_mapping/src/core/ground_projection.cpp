@@ -83,25 +83,6 @@ std::optional<GroundPlane> lowestPlane(const std::vector<Eigen::Vector3d>& point
 
 }  // namespace
 
-std::vector<std::string> GroundOptions::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
-    if (value >= lo && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
-    problems.push_back(text);
-  };
-  check("cell_size_m", cell_size_m, 0.01, 1.0, "m");
-  check("max_tilt_rad", max_tilt_rad, 0.01, 0.8, "rad");
-  check("plane_tolerance_m", plane_tolerance_m, 0.002, 0.2, "m");
-  check("min_obstacle_height_m", min_obstacle_height_m, 0.01, 1.0, "m");
-  check("max_obstacle_height_m", max_obstacle_height_m, 0.05, 10.0, "m");
-  if (!(min_obstacle_height_m < max_obstacle_height_m)) {
-    problems.emplace_back("min_obstacle_height_m must be below max_obstacle_height_m");
-  }
-  return problems;
-}
-
 std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const GroundOptions& options) {
   // In the order of their keys: the hash map's order depends on its history, the ground must not.
   std::vector<const CellGp*> cells;

@@ -14,22 +14,6 @@ double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
 
 }  // namespace
 
-std::vector<std::string> PoseLimits::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double hi, const char* unit) {
-    if (value >= 0.0 && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [0, %g] %s", key, value, unit, hi, unit);
-    problems.push_back(text);
-  };
-  check("max_step_m", max_step_m, 1e3, "m");
-  check("max_step_rad", max_step_rad, 4.0, "rad");
-  check("max_speed_mps", max_speed_mps, 1e3, "m/s");
-  check("max_turn_radps", max_turn_radps, 1e3, "rad/s");
-  check("settle_frames", settle_frames, 1000, "frames");
-  return problems;
-}
-
 double PoseLimits::shareUsed(const StampedPose& from, const StampedPose& to) const {
   const double dt = std::abs(to.stamp_s - from.stamp_s);
   const auto share = [](double value, double allowed) { return value == 0.0 ? 0.0 : value / allowed; };

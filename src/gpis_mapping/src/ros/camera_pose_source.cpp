@@ -10,8 +10,6 @@
 namespace gpis_mapping_ros {
 namespace {
 
-using interactive_mapping_ros::ParamReader;
-
 using gpis_mapping::PoseGuard;
 using gpis_mapping::StampGuard;
 
@@ -21,52 +19,10 @@ std::string seconds(double value) {
   return text;
 }
 
-CameraPoseParams requireValid(const CameraPoseParams& params) {
-  const std::vector<std::string> problems = params.validate();
-  if (problems.empty()) return params;
-  std::string text = "impossible parameters of the camera's pose:";
-  for (const std::string& problem : problems) text += "\n  " + problem;
-  throw std::invalid_argument(text);
-}
-
 }  // namespace
 
-std::vector<std::string> CameraPoseParams::validate() const {
-  std::vector<std::string> problems;
-  const auto check = [&problems](const char* key, double value, double lo, double hi, const char* unit) {
-    if (value >= lo && value <= hi) return;  // false for NaN
-    char text[160];
-    std::snprintf(text, sizeof(text), "%s = %g %s, must be in [%g, %g] %s", key, value, unit, lo, hi, unit);
-    problems.push_back(text);
-  };
-  if (map_frame.empty() || map_frame.front() == '/') {
-    problems.push_back("map_frame = '" + map_frame + "', must be a tf2 frame: not empty, no leading slash");
-  }
-  if (!camera_frame.empty() && (camera_frame.front() == '/' || camera_frame == map_frame)) {
-    problems.push_back("camera_frame = '" + camera_frame + "', must be a tf2 frame other than map_frame, or empty");
-  }
-  check("tf_timeout_s", tf_timeout_s, 0.0, 10.0, "s");
-  check("time_offset_s", time_offset_s, -1.0, 1.0, "s");
-  check("max_future_s", max_future_s, 0.0, 1e9, "s");
-  for (const std::string& problem : pose_limits.validate()) problems.push_back("pose_limits/" + problem);
-  return problems;
-}
-
-void CameraPoseParams::read(const std::string& section, ParamReader* reader) {
-  reader->read(section + "/map_frame", &map_frame);
-  reader->read(section + "/camera_frame", &camera_frame);
-  reader->read(section + "/tf_timeout_s", &tf_timeout_s);
-  reader->read(section + "/time_offset_s", &time_offset_s);
-  reader->read(section + "/max_future_s", &max_future_s);
-  reader->read(section + "/pose_limits/max_step_m", &pose_limits.max_step_m);
-  reader->read(section + "/pose_limits/max_step_rad", &pose_limits.max_step_rad);
-  reader->read(section + "/pose_limits/max_speed_mps", &pose_limits.max_speed_mps);
-  reader->read(section + "/pose_limits/max_turn_radps", &pose_limits.max_turn_radps);
-  reader->read(section + "/pose_limits/settle_frames", &pose_limits.settle_frames);
-}
-
 CameraPoseSource::CameraPoseSource(const ros::NodeHandle& nh, const CameraPoseParams& params)
-    : params_(requireValid(params)),
+    : params_(interactive_mapping::requireValid("impossible parameters of the camera's pose:", params)),
       guard_(params.pose_limits),
       listener_(buffer_, nh, true, ros::TransportHints().tcpNoDelay()) {
   connection_ = buffer_._addTransformsChangedListener([this] {

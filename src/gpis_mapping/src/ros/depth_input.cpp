@@ -10,44 +10,17 @@
 namespace gpis_mapping_ros {
 namespace {
 
-using interactive_mapping_ros::ParamReader;
-
 using gpis_mapping::CameraModel;
 
 std::string sizeText(int width, int height) {
   return std::to_string(width) + " x " + std::to_string(height) + " px";
 }
 
-DepthInputParams requireValid(const DepthInputParams& params) {
-  const std::vector<std::string> problems = params.validate();
-  if (problems.empty()) return params;
-  std::string text = "impossible input parameters:";
-  for (const std::string& problem : problems) text += "\n  " + problem;
-  throw std::invalid_argument(text);
-}
-
 }  // namespace
-
-std::vector<std::string> DepthInputParams::validate() const {
-  std::vector<std::string> problems = CameraPoseParams::validate();
-  if (!(depth_units_per_metre >= 1.0 && depth_units_per_metre <= 1e6)) {  // NaN, too
-    char text[120];
-    std::snprintf(text, sizeof(text), "depth_units_per_metre = %g 1/m, must be in [1, 1e+06] 1/m",
-                  depth_units_per_metre);
-    problems.push_back(text);
-  }
-  return problems;
-}
-
-void DepthInputParams::read(const std::string& section, ParamReader* reader) {
-  CameraPoseParams::read(section, reader);
-  reader->read(section + "/image_transport", &image_transport);
-  reader->read(section + "/depth_units_per_metre", &depth_units_per_metre);
-}
 
 DepthInput::DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const DepthInputParams& params,
                        Consume consume, Refuse refuse)
-    : params_(requireValid(params)),
+    : params_(interactive_mapping::requireValid("impossible input parameters:", params)),
       consume_(std::move(consume)),
       refuse_(std::move(refuse)),
       pose_source_(nh, params),

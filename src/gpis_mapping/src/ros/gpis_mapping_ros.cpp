@@ -71,7 +71,7 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
       publisher_(private_nh, params_),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
   ROS_INFO_STREAM_NAMED(kLog, "map configuration:\n" << gpis_mapping::toYaml(params_.map));
-  ROS_INFO_STREAM_NAMED(kLog, "node configuration:\n" << toYaml(params_));
+  ROS_INFO_STREAM_NAMED(kLog, "node configuration:\n" << interactive_mapping::toYaml(params_));
   {
     const std::lock_guard<std::mutex> lock(map_mutex_);
     takeState(ros::Time(), true, {});

@@ -200,12 +200,12 @@ TEST(ProjectToGround, RefusesAMapThatIsTooWide) {
 }
 
 TEST(GroundOptions, NameEveryImpossibleValue) {
-  EXPECT_TRUE(GroundOptions{}.validate().empty());
+  EXPECT_TRUE(interactive_mapping::problemsOf(GroundOptions{}).empty());
   GroundOptions bad;
   bad.cell_size_m = 0.0;
   bad.min_obstacle_height_m = 0.9;
   bad.max_obstacle_height_m = 0.8;
-  EXPECT_EQ(bad.validate().size(), 2u);
+  EXPECT_EQ(interactive_mapping::problemsOf(bad).size(), 2u);
 }
 
 }  // namespace

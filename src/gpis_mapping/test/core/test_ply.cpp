@@ -95,7 +95,7 @@ TEST(Ply, RefusesAMeshThatContradictsItself) {
 
 TEST(Ply, SaysWhyItCannotWrite) {
   const TemporaryFolder folder;
-  EXPECT_THAT(messageOf<FileError>([&] { writePly(TriangleMesh{}, folder.file("no/a.ply")); }),
+  EXPECT_THAT(messageOf<interactive_mapping::FileError>([&] { writePly(TriangleMesh{}, folder.file("no/a.ply")); }),
               HasSubstr("No such file or directory"));
 }
 

@@ -87,12 +87,12 @@ TEST(PoseGuard, BelievesAnyPoseAfterReset) {
 }
 
 TEST(PoseLimits, NameEveryImpossibleValue) {
-  EXPECT_TRUE(PoseLimits{}.validate().empty());
+  EXPECT_TRUE(interactive_mapping::problemsOf(PoseLimits{}).empty());
   PoseLimits bad;
   bad.max_step_m = -0.1;
   bad.max_turn_radps = std::numeric_limits<double>::quiet_NaN();
   bad.settle_frames = -1;
-  const auto problems = bad.validate();
+  const auto problems = interactive_mapping::problemsOf(bad);
   ASSERT_EQ(problems.size(), 3u);
   EXPECT_THAT(problems[0], HasSubstr("max_step_m = -0.1 m, must be in [0, 1000] m"));
   EXPECT_THAT(problems[1], HasSubstr("max_turn_radps = nan rad/s"));

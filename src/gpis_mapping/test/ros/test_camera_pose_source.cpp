@@ -59,8 +59,8 @@ TEST(CameraPoseSource, RefusesAnImpossibleTimeOffset) {
   CameraPoseParams params;
   for (const double offset_s : {1.01, -1.01, std::numeric_limits<double>::quiet_NaN()}) {
     params.time_offset_s = offset_s;
-    ASSERT_EQ(params.validate().size(), 1u);
-    EXPECT_THAT(params.validate()[0], testing::HasSubstr("s, must be in [-1, 1] s"));
+    ASSERT_EQ(interactive_mapping::problemsOf(params).size(), 1u);
+    EXPECT_THAT(interactive_mapping::problemsOf(params)[0], testing::HasSubstr("s, must be in [-1, 1] s"));
   }
 }
 

@@ -1,42 +1,47 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <initializer_list>
 #include <string>
+#include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <ros/node_handle.h>
 
-#include <interactive_mapping_common_ros/param_reader.h>
-#include <interactive_mapping_common_ros/param_writer.h>
-
-/// Parameters of nodes whose one table of keys is visit_params(params, visit), which calls visit(key, value) for each.
 namespace interactive_mapping_ros {
 
-template <typename Params, typename VisitParams>
-std::string paramsToYaml(const Params& params, VisitParams&& visit_params) {
-  ParamWriter writer;
-  visit_params(params, [&writer](const std::string& key, const auto& value) { writer.write(key, value); });
-  return writer.text();
-}
+/// Reads a node's private parameters into one struct, and what is wrong with them into one message.
+class ParamsReader {
+ public:
+  explicit ParamsReader(const ros::NodeHandle& private_nh);
 
-/// Reads `~` parameters but for the `ignored` ones, which others read. Throws one std::invalid_argument that lists every
-/// unknown key, every wrong type and all that `problems_of(params)` returns.
-template <typename Params, typename VisitParams, typename ProblemsOf>
-Params loadParams(const ros::NodeHandle& private_nh, VisitParams&& visit_params,
-                  std::initializer_list<const char*> ignored, ProblemsOf&& problems_of) {
+  interactive_mapping::FieldReader& fields() { return reader_; }
+
+  /// Throws one std::invalid_argument with every unknown key, wrong type and of `problems`, each by its full name.
+  void finish(const std::vector<std::string>& problems);
+
+ private:
+  std::string name_space_;
+  interactive_mapping::FieldReader reader_;
+};
+
+/// The `~` parameters in a struct with fields(), see interactive_mapping_common/config/schema.h; a missing one keeps its
+/// default. `ignored`: keys or sections that others read. `more`: problems beside those of the fields. Throws
+/// std::invalid_argument that lists everything wrong.
+template <typename Params>
+Params loadParams(const ros::NodeHandle& private_nh, std::initializer_list<const char*> ignored = {},
+                  const std::function<std::vector<std::string>(const Params&)>& more = nullptr) {
   Params params;
-  ParamReader reader(private_nh);
-  visit_params(params, [&reader](const std::string& key, auto& value) { reader.read(key, &value); });
-  for (const char* key : ignored) reader.ignore(key);
-  reader.report("", problems_of(params));
-  reader.finish();
+  ParamsReader reader(private_nh);
+  Params::fields(params, reader.fields());
+  for (const char* key : ignored) reader.fields().ignore(key);
+  std::vector<std::string> problems = interactive_mapping::problemsOf(params);
+  if (more) {
+    for (std::string& problem : more(params)) problems.push_back(std::move(problem));
+  }
+  reader.finish(problems);
   return params;
-}
-
-template <typename Params, typename VisitParams>
-Params loadParams(const ros::NodeHandle& private_nh, VisitParams&& visit_params,
-                  std::initializer_list<const char*> ignored = {}) {
-  return loadParams<Params>(private_nh, visit_params, ignored, [](const Params& params) { return params.validate(); });
 }
 
 }  // namespace interactive_mapping_ros

@@ -1,117 +1,84 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "interactive_mapping_common_ros/params.h"
+
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include <gmock/gmock.h>
 #include <ros/ros.h>
-#include <yaml-cpp/yaml.h>
 
 #include "interactive_mapping_common/testing/temporary_folder.h"
-#include "interactive_mapping_common_ros/param_reader.h"
-#include "interactive_mapping_common_ros/param_writer.h"
 
 namespace interactive_mapping_ros {
 namespace {
 
+using interactive_mapping::Fields;
+using interactive_mapping::toYaml;
 using test_support::messageOf;
-using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-TEST(ParamReader, ReadsAListOfTextsWholeOrNotAtAll) {
-  ros::NodeHandle nh("~lists");
-  const auto read = [&nh](std::string* complaint) {
-    ParamReader reader(nh);
-    std::vector<std::string> texts{"as", "before"};
-    reader.read("section/names", &texts);
-    *complaint = messageOf<std::invalid_argument>([&reader] { reader.finish(); });
-    return texts;
-  };
-  std::string complaint;
-  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
-  EXPECT_EQ(complaint, "");
-  nh.setParam("section/names", std::vector<std::string>{"one", "", "three 3"});
-  EXPECT_THAT(read(&complaint), ElementsAre("one", "", "three 3"));
-  EXPECT_EQ(complaint, "");
-  XmlRpc::XmlRpcValue none;
-  none.setSize(0);
-  nh.setParam("section/names", none);
-  EXPECT_THAT(read(&complaint), testing::IsEmpty());
-  EXPECT_EQ(complaint, "");
-  // Not one of these is a list of texts.
-  nh.setParam("section/names", "one");
-  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
-  EXPECT_THAT(complaint, AllOf(HasSubstr("/lists/section/names = "), HasSubstr("must be a list of texts")));
-  XmlRpc::XmlRpcValue mixed;
-  mixed.setSize(2);
-  mixed[0] = "one";
-  mixed[1] = 2;
-  nh.setParam("section/names", mixed);
-  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
-  EXPECT_THAT(complaint, AllOf(HasSubstr("/lists/section/names = "), HasSubstr("must be a list of texts")));
-  nh.deleteParam("section/names");
-  nh.setParam("section/names/one", "1");
-  EXPECT_THAT(read(&complaint), ElementsAre("as", "before"));
-  EXPECT_THAT(complaint, HasSubstr("must be a list of texts"));
-}
+struct Example {
+  double reach_m{0.5};
+  int count{3};
+  bool enabled{true};
+  std::string frame{"map"};
+  std::vector<std::string> names{"as", "before"};
+  std::vector<double> weights{1.5, 2.5};
 
-TEST(ParamWriter, WritesAListOfTextsAsOneValue) {
-  ParamWriter writer;
-  writer.write("section/names", std::vector<std::string>{"one", "", "three: 3"});
-  writer.write("section/none", std::vector<std::string>());
-  const YAML::Node yaml = YAML::Load(writer.text());
-  EXPECT_EQ(yaml["section"]["names"].as<std::vector<std::string>>(), (std::vector<std::string>{"one", "", "three: 3"}));
-  ASSERT_TRUE(yaml["section"]["none"].IsSequence()) << writer.text();
-  EXPECT_EQ(yaml["section"]["none"].size(), 0u);
-}
-
-TEST(ParamReader, ReadsAListOfNumbersWholeOrNotAtAll) {
-  ros::NodeHandle nh("~numbers");
-  const auto read = [&nh](std::string* complaint) {
-    ParamReader reader(nh);
-    std::vector<double> numbers{1.5, 2.5};
-    reader.read("section/numbers", &numbers);
-    *complaint = messageOf<std::invalid_argument>([&reader] { reader.finish(); });
-    return numbers;
-  };
-  std::string complaint;
-  EXPECT_THAT(read(&complaint), ElementsAre(1.5, 2.5));
-  EXPECT_EQ(complaint, "");
-  XmlRpc::XmlRpcValue numbers;
-  numbers.setSize(3);
-  numbers[0] = 0.25;
-  numbers[1] = -3;  // an integer will do
-  numbers[2] = 1e-9;
-  nh.setParam("section/numbers", numbers);
-  EXPECT_THAT(read(&complaint), ElementsAre(0.25, -3.0, 1e-9));
-  EXPECT_EQ(complaint, "");
-  XmlRpc::XmlRpcValue none;
-  none.setSize(0);
-  nh.setParam("section/numbers", none);
-  EXPECT_THAT(read(&complaint), testing::IsEmpty());
-  EXPECT_EQ(complaint, "");
-  // Not one of these is a list of numbers.
-  nh.setParam("section/numbers", 0.25);
-  EXPECT_THAT(read(&complaint), ElementsAre(1.5, 2.5));
-  EXPECT_THAT(complaint, AllOf(HasSubstr("/numbers/section/numbers = "), HasSubstr("must be a list of numbers")));
-  for (const XmlRpc::XmlRpcValue& bad : {XmlRpc::XmlRpcValue("1.0"), XmlRpc::XmlRpcValue(true)}) {
-    numbers[1] = bad;
-    nh.setParam("section/numbers", numbers);
-    EXPECT_THAT(read(&complaint), ElementsAre(1.5, 2.5));
-    EXPECT_THAT(complaint, AllOf(HasSubstr("/numbers/section/numbers = "), HasSubstr("must be a list of numbers")));
+  static void fields(Example& c, Fields& f) {
+    f("reach_m", c.reach_m, 0.1, 2.0, "m", "");
+    f("count", c.count, 1, 10, "", "");
+    f("enabled", c.enabled, "");
+    f("frame", c.frame, "");
+    f("names", c.names, "");
+    f("weights", c.weights, -10.0, 10.0, "", "");
   }
+};
+
+TEST(Params, MissingOnesKeepTheirDefault) {
+  EXPECT_EQ(toYaml(loadParams<Example>(ros::NodeHandle("~none"))), toYaml(Example()));
 }
 
-TEST(ParamWriter, WritesAListOfNumbersThatReadsBackTheSame) {
-  ParamWriter writer;
-  const std::vector<double> numbers{0.1, -3.0, 1.0 / 3.0, 1e-9};
-  writer.write("section/numbers", numbers);
-  writer.write("section/none", std::vector<double>());
-  const YAML::Node yaml = YAML::Load(writer.text());
-  EXPECT_EQ(yaml["section"]["numbers"].as<std::vector<double>>(), numbers) << writer.text();
-  ASSERT_TRUE(yaml["section"]["none"].IsSequence()) << writer.text();
-  EXPECT_EQ(yaml["section"]["none"].size(), 0u);
+TEST(Params, AreReadWithTheTypesOfTheServer) {
+  ros::NodeHandle nh("~good");
+  nh.setParam("reach_m", 1);  // an integer will do for a number
+  nh.setParam("count", 7);
+  nh.setParam("enabled", false);
+  nh.setParam("frame", "5");
+  nh.setParam("names", std::vector<std::string>{"one", "", "true"});
+  nh.setParam("weights", std::vector<double>{0.25, -3.0, 1e-9});
+  nh.setParam("diagnostic_period", 0.5);
+  nh.setParam("theirs/a", 1);
+  const Example params = loadParams<Example>(nh, {"theirs"});
+  EXPECT_EQ(params.reach_m, 1.0);
+  EXPECT_EQ(params.count, 7);
+  EXPECT_FALSE(params.enabled);
+  EXPECT_EQ(params.frame, "5");
+  EXPECT_THAT(params.names, ElementsAre("one", "", "true"));
+  EXPECT_THAT(params.weights, ElementsAre(0.25, -3.0, 1e-9));
+}
+
+TEST(Params, OneMessageNamesAllThatIsWrongByItsFullName) {
+  ros::NodeHandle nh("~wrong");
+  nh.setParam("reach_m", "1.0");
+  nh.setParam("count", 3.0);
+  nh.setParam("enabled", 1);
+  nh.setParam("frame", 5);
+  nh.setParam("names", "one");
+  nh.setParam("weights", std::vector<double>{0.5, 11.0});
+  nh.setParam("reach", 1.0);
+  const std::string message = messageOf<std::invalid_argument>([&nh] {
+    loadParams<Example>(nh, {}, [](const Example&) { return std::vector<std::string>{"frame is not known"}; });
+  });
+  const std::string ns = nh.getNamespace() + "/";
+  for (const std::string& problem : std::vector<std::string>{
+           "reach_m = '1.0', must be a number", "count = 3, must be a whole number",
+           "enabled = 1, must be true or false", "frame = 5, must be a text", "names = 'one', must be a list of texts",
+           "weights = [0.5, 11], must be in [-10, 10]", "reach is unknown", "frame is not known"}) {
+    EXPECT_THAT(message, HasSubstr(ns + problem));
+  }
 }
 
 }  // namespace

@@ -20,6 +20,8 @@ struct ArmLimits {
   ArmVector velocity_rad_s;
 };
 
+constexpr double kLimitTolerance_rad = 1e-9;  // of a posture at its limits: rounding
+
 class UrGeometry;  // the closed form
 
 /// Kinematics of the chain base_link -> magnet_tip. Frames: B = base_link, T = magnet_tip (z out of the tool).
@@ -55,10 +57,9 @@ class ArmKinematics {
   static constexpr double kIkRotationTolerance_rad = 1e-6;
 
   const ArmLimits& limits() const { return limits_; }
-  bool isWithinLimits(const ArmVector& joints_rad, double tolerance_rad = 1e-9) const;
+  bool isWithinLimits(const ArmVector& joints_rad, double tolerance_rad = kLimitTolerance_rad) const;
 
   const mp700_ur5e_description::RobotModel& robot() const { return *robot_; }
-  std::shared_ptr<const mp700_ur5e_description::RobotModel> robotPtr() const { return robot_; }
   /// Where an arm joint stands in RobotModel::joints().
   const std::array<std::size_t, 6>& jointIndices() const { return joint_indices_; }
   /// All joints of the robot with the arm at `joints_rad` and the rest at zero: argument of RobotModel::bodyPoses.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "motion_planning/arm_kinematics.h"
 #include "motion_planning/collision_scene.h"
@@ -49,20 +50,27 @@ struct HeldBrick {
 constexpr double kMaxSelfPadding_m = 0.05;  // that can be asked for
 
 struct CollisionCheckerConfig {
-  double self_padding_m{0.005};  // between links
-  /// Between links and what is held: detection, touch and grip leave it elsewhere than believed by as much. A millimetre
-  /// was seen in simulation in lock step, 10 mm at real time.
-  double held_padding_m{0.02};
-  double floor_margin_m{
-      0.02};                   // every moving link stays this far above the ground; what is held, shrunk, only above it
-  double held_shrink_m{0.01};  // a held brick is smaller by this on each side: it may touch what it lies on and beside
-  double held_release_m{0.06};  // at the start of its way at most by so much: what the map has nearer is not there
-  /// Of the box about the target that leaves the world for magnet and brick. With the shrinking at least half a block of
-  /// the scene, or a brick's unseen back would hold it in its place; and as far as the doubtful surface reaches that the
-  /// map grows before edges and half-seen faces, up to 3 cm.
+  double self_padding_m{0.005};
+  double held_padding_m{0.02};  // a millimetre was seen in simulation in lock step, 10 mm at real time
+  double floor_margin_m{0.02};
+  double held_shrink_m{0.01};
+  double held_release_m{0.06};
+  /// With the shrinking at least half a block of the scene, or a brick's unseen back would hold it in its place; and as
+  /// far as the doubtful surface reaches that the map grows before edges and half-seen faces, up to 3 cm.
   double target_padding_m{0.035};
 
-  std::vector<std::string> validate() const;
+  static void fields(CollisionCheckerConfig& c, interactive_mapping::Fields& f) {
+    f("self_padding_m", c.self_padding_m, 0.0, kMaxSelfPadding_m, "m", "distance that links keep from each other");
+    f("held_padding_m", c.held_padding_m, 0.0, kMaxSelfPadding_m, "m",
+      "distance between links and a held brick, for errors of detection, touch and grip");
+    f("floor_margin_m", c.floor_margin_m, -0.1, 0.3, "m", "distance of every moving link above the ground");
+    f("held_shrink_m", c.held_shrink_m, 0.0, 0.05, "m",
+      "a held brick is smaller by this on each side: it may touch what it lies on and beside");
+    f("held_release_m", c.held_release_m, 0.0, 0.1, "m",
+      "a held brick is smaller by up to this at the start of a lift; nearer surface is ignored there");
+    f("target_padding_m", c.target_padding_m, 0.0, 0.1, "m",
+      "padding of the box about the target that magnet and brick may enter");
+  }
 };
 
 /// So long is the first part of a held brick's way, in which it may still hang among its neighbours.

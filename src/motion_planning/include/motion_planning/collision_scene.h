@@ -3,10 +3,9 @@
 
 #include <cstdint>
 #include <memory>
-#include <string>
-#include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "motion_planning/surface.h"
 
@@ -16,17 +15,30 @@ constexpr double kMaxSigmas = 10.0;   // that can be asked for
 constexpr double kMaxMargin_m = 0.1;  // the same
 
 struct CollisionSceneConfig {
-  double sigmas{2.0};                // k: planned against is the surface mean - k sigma, sigma of its position
-  double margin_m{0.010};            // added to it: pose of the robot in the map, arm's accuracy
-  double max_margin_m{0.05};         // of both together: beyond, a surface is as good as unknown
-  double chunk_m{0.20};              // triangles are kept in cubes of this edge, rebuilt when their contents change
-  double block_m{0.05};              // edge of the lattice of free / occupied / unknown: the map's block size
-  double unknown_near_pile_m{0.15};  // unknown space this near to mapped surface above the ground is an obstacle
-  double pile_min_height_m{0.05};    // surface higher above the ground belongs to the pile
-  double region_radius_m{1.7};  // about base_link; the arm with a brick in hand ends at 1.65 m: what is farther is not
-                                // looked at
+  double sigmas{2.0};
+  double margin_m{0.010};
+  double max_margin_m{0.05};
+  double chunk_m{0.20};
+  double block_m{0.05};
+  double unknown_near_pile_m{0.15};
+  double pile_min_height_m{0.05};
+  double region_radius_m{1.7};
 
-  std::vector<std::string> validate() const;
+  static void fields(CollisionSceneConfig& c, interactive_mapping::Fields& f) {
+    f("sigmas", c.sigmas, 0.0, kMaxSigmas, "", "the surface is assumed nearer by this many standard deviations");
+    f("margin_m", c.margin_m, 0.0, kMaxMargin_m, "m",
+      "added to that, for edges that the map rounds, the robot's pose in the map and the arm's accuracy");
+    f("max_margin_m", c.max_margin_m, c.margin_m, 0.2, "m", "greatest sum of both; at least margin_m");
+    f("chunk_m", c.chunk_m, 0.05, 2.0, "m",
+      "edge of the cubes in which triangles are kept; a cube is rebuilt when its triangles change");
+    f("block_m", c.block_m, 0.01, 0.2, "m", "edge of the lattice of free, occupied and unknown space");
+    f("unknown_near_pile_m", c.unknown_near_pile_m, 0.0, 1.0, "m",
+      "unknown space this near to the pile is an obstacle, except one or two blocks alone in free space");
+    f("pile_min_height_m", c.pile_min_height_m, 0.0, 1.0, "m",
+      "surface higher than this above the ground belongs to the pile");
+    f("region_radius_m", c.region_radius_m, 0.5, 5.0, "m",
+      "obstacles farther from base_link are ignored; the arm with a brick reaches 1.65 m");
+  }
 };
 
 /// What is in the way, in the map frame. Surface in chunks (an FCL BVH each), displaced into free space by its margin: each

@@ -3,23 +3,32 @@
 
 #include <cstdint>
 #include <functional>
-#include <string>
 #include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 #include "motion_planning/joint_trajectory.h"
 
 namespace motion_planning {
 
 struct JointPlannerConfig {
-  int max_iterations{10000};     // of RRTConnect: planners end by iterations, never by the clock
-  double range_rad{0.6};         // longest edge of a tree
-  double check_step_rad{0.035};  // states on an edge are checked this near to each other (max norm); 2 degrees
+  int max_iterations{10000};
+  double range_rad{0.6};
+  double check_step_rad{0.035};
   int shortcut_rounds{60};
   int smooth_rounds{2};
-  double joint_window_rad{3.3};  // samples stay within this of start and goal: no needless whole turns
-  std::uint64_t seed{1};
+  double joint_window_rad{3.3};
+  std::uint64_t seed{1};  // belongs to the call, not to the parameters
 
-  std::vector<std::string> validate() const;
+  static void fields(JointPlannerConfig& c, interactive_mapping::Fields& f) {
+    f("max_iterations", c.max_iterations, 1, 10'000'000, "", "iterations of RRTConnect, which never ends by the clock");
+    f("range_rad", c.range_rad, 0.01, 10.0, "rad", "longest edge of a tree");
+    f("check_step_rad", c.check_step_rad, 1e-4, 0.5, "rad", "distance of the states that are checked along an edge");
+    f("shortcut_rounds", c.shortcut_rounds, 0, 100'000, "", "attempts to shorten a path");
+    f("smooth_rounds", c.smooth_rounds, 0, 10'000, "", "rounds of smoothing after that");
+    f("joint_window_rad", c.joint_window_rad, 0.1, 20.0, "rad",
+      "samples stay within this of start and goal: no needless whole turns");
+  }
 };
 
 /// What a path must fulfil everywhere; pure function of the joint vector.

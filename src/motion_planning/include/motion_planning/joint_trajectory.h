@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
+
 #include "motion_planning/arm_kinematics.h"
 
 namespace motion_planning {
@@ -41,10 +43,15 @@ struct JointTrajectory {
 };
 
 struct TimingConfig {
-  double max_deviation_rad{0.05};  // corners are rounded; the path leaves the straight one by at most this (max norm)
-  double sample_s{0.02};           // longest time between points of the result; shorter where the acceleration changes
+  double max_deviation_rad{0.05};
+  double sample_s{0.02};
 
-  std::vector<std::string> validate() const;
+  static void fields(TimingConfig& c, interactive_mapping::Fields& f) {
+    f("max_deviation_rad", c.max_deviation_rad, 1e-6, 1.0, "rad",
+      "greatest deviation of a joint where corners of the path are rounded");
+    f("sample_s", c.sample_s, 1e-3, 1.0, "s",
+      "longest time between points of a trajectory; shorter where the acceleration changes");
+  }
 };
 
 /// Holds the speed of a point on the arm. `position_jacobian`: its rows 0-2 of ArmKinematics::jacobian [m/rad].

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/brick_types.h>
 
 #include "motion_planning/collision_checker.h"
@@ -35,38 +36,87 @@ enum class PlanStatus {
 };
 const char* toString(PlanStatus status);
 
-/// While something hangs on the magnet: the direction that was up when it was taken stays within this of up.
-struct TiltConstraint {
-  Eigen::Vector3d up_tip{Eigen::Vector3d::UnitZ()};  // unit, in the tip's frame
-  double max_tilt_rad{0.0};
+struct PathCheckConfig {
+  double verify_step_m{0.015};
+
+  static void fields(PathCheckConfig& c, interactive_mapping::Fields& f) {
+    f("verify_step_m", c.verify_step_m, 0.001, 0.1, "m",
+      "greatest motion of any point of the arm between the last checks of a path");
+  }
 };
 
-struct MotionPlannerConfig {
+struct SpeedConfig {
+  double velocity_scale{0.35};
+  double acceleration_rad_s2{1.5};
+  double contact_speed_m_s{0.05};
+  double lift_speed_m_s{0.10};
+
+  static void fields(SpeedConfig& c, interactive_mapping::Fields& f) {
+    f("velocity_scale", c.velocity_scale, 0.01, 1.0, "", "share of the URDF's velocity limits");
+    f("acceleration_rad_s2", c.acceleration_rad_s2, 0.05, 40.0, "rad/s^2", "limit of every joint");
+    f("contact_speed_m_s", c.contact_speed_m_s, 0.001, 0.25, "m/s",
+      "speed of the tip on its last approach to the plate");
+    f("lift_speed_m_s", c.lift_speed_m_s, 0.001, 1.0, "m/s", "speed of the tip on the straight retreat with the brick");
+  }
+};
+
+constexpr double kMinLift_m = 0.05;         // a lift is no shorter; from here on it ends once the brick has room
+constexpr double kMaxJointJump_rad = 0.25;  // between neighbours on a straight line: more is a change of branch
+constexpr double kContactGrid_m = 0.04;     // spacing of the contact points that are tried beside the plate's middle
+
+struct PickMotionConfig {
+  double approach_m{0.10};
+  double lift_m{0.30};
+  double lift_room_m{0.03};
+  double overtravel_m{0.0};
+  double cartesian_step_m{0.005};
+  double plate_margin_m{0.01};
+  double magnet_radius_m{0.03};
+  int yaw_samples{12};
+  int max_goals{24};
+  double max_tilt_rad{0.5235987755982988};
+
+  static void fields(PickMotionConfig& c, interactive_mapping::Fields& f) {
+    f("approach_m", c.approach_m, 0.01, 0.5, "m", "length of the straight approach along the face's normal");
+    f("lift_m", c.lift_m, kMinLift_m, 0.5, "m",
+      "longest straight retreat with the brick; from a side face up and back");
+    f("lift_room_m", c.lift_room_m, 0.0, 0.2, "m", "clearance of the brick to all sides that ends the retreat earlier");
+    f("overtravel_m", c.overtravel_m, 0.0, 0.03, "m",
+      "length of the touch beyond the plate, for a guarded move that stops at contact");
+    f("cartesian_step_m", c.cartesian_step_m, 5e-4, 0.02, "m", "distance of the joint states on a straight line");
+    f("plate_margin_m", c.plate_margin_m, 0.0, 0.2, "m", "distance of the magnet's face from the plate's edges");
+    f("magnet_radius_m", c.magnet_radius_m, 0.001, 0.2, "m", "radius of the magnet's face");
+    f("yaw_samples", c.yaw_samples, 1, 360, "", "angles of the tool about the face's normal that are tried");
+    f("max_goals", c.max_goals, 1, 1000, "", "contact configurations passed to the planner, best first");
+    f("max_tilt_rad", c.max_tilt_rad, 0.05, 3.2, "rad", "greatest tilt of a carried brick against how it was taken");
+  }
+};
+
+struct InspectConfig {
+  double inspect_clear_m{0.05};
+  int inspect_samples{4000};
+
+  static void fields(InspectConfig& c, interactive_mapping::Fields& f) {
+    f("clear_m", c.inspect_clear_m, 0.0, 1.0, "m", "distance of the arm from the camera's view");
+    f("samples", c.inspect_samples, 0, 1'000'000, "", "postures sampled if no given one keeps the view free");
+  }
+};
+
+/// Keys lie in sections, members do not.
+struct MotionPlannerConfig : PathCheckConfig, SpeedConfig, PickMotionConfig, InspectConfig {
   CollisionCheckerConfig collision;
   JointPlannerConfig planner;
   TimingConfig timing;
-  double velocity_scale{0.35};      // of the URDF's velocity limits
-  double acceleration_rad_s2{1.5};  // all joints
-  double contact_speed_m_s{0.05};   // of the tip along the last approach
-  double lift_speed_m_s{0.10};
-  double approach_m{0.10};          // length of the straight approach along the face's normal
-  double lift_m{0.30};              // longest straight retreat with the brick; from a side face up and back
-  double min_lift_m{0.05};          // shortest; it ends where the brick ...
-  double lift_room_m{0.03};         // ... has so much room to all sides
-  double overtravel_m{0.0};         // that the touch goes on beyond the plate, for a guarded move that stops at contact
-  double cartesian_step_m{0.005};   // between IK solutions on a straight line
-  double max_joint_jump_rad{0.25};  // between neighbours on it: more is a change of branch
-  double plate_margin_m{0.01};      // the magnet's face stays this far within the plate's edges
-  double magnet_radius_m{0.03};
-  int yaw_samples{12};                      // turns of the tool about the face's normal
-  double contact_grid_m{0.04};              // spacing of contact points tried beside the plate's middle
-  int max_goals{24};                        // contact configurations handed to the planner, best first
-  double max_tilt_rad{0.5235987755982988};  // while carrying
-  double inspect_clear_m{0.05};             // the arm stays this far out of the camera's view of the pile
-  int inspect_samples{4000};                // postures drawn if none of the given ones keeps the view free
-  double verify_step_m{0.015};              // no point of the arm moves farther between the last checks of a path
 
-  std::vector<std::string> validate() const;
+  static void fields(MotionPlannerConfig& c, interactive_mapping::Fields& f) {
+    f.section("collision", c.collision);
+    f.section("search", c.planner);
+    f.section<PathCheckConfig>("search", c);
+    f.section<SpeedConfig>("motion", c);
+    f.section("motion", c.timing);
+    f.section<PickMotionConfig>("pick", c);
+    f.section<InspectConfig>("view", c);
+  }
 };
 
 struct PickTarget {
@@ -82,11 +132,17 @@ struct PlanFailure {
 };
 
 struct ArmPlan : PlanFailure {
+  ArmPlan() = default;
+  ArmPlan(const PlanFailure& why) : PlanFailure(why) {}
+
   JointTrajectory trajectory;
 };
 
 /// All four trajectories, or the reason of the face that got farthest.
 struct PickPlan : PlanFailure {
+  PickPlan() = default;
+  PickPlan(const PlanFailure& why) : PlanFailure(why) {}
+
   mp700_ur5e_description::BrickFace face{mp700_ur5e_description::BrickFace::kPlusZ};
   Eigen::Isometry3d T_map_contact{
       Eigen::Isometry3d::Identity()};  // of the tip on the plate, z against the face's normal
@@ -154,8 +210,6 @@ class MotionPlanner {
   const ArmKinematics& arm() const { return *arm_; }
 
  private:
-  class Call;
-
   std::shared_ptr<const ArmKinematics> arm_;
   ManipulabilitySectors sectors_;
   MotionPlannerConfig config_;

@@ -6,19 +6,31 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
+
 #include "motion_planning/collision_checker.h"
 #include "motion_planning/joint_trajectory.h"
 
 namespace motion_planning {
 
-struct PathMonitorConfig {
-  double stop_clearance_m{0.0};   // beyond the collision test's own margins; 0: the test alone decides
-  double sample_s{0.05};          // along the trajectory, and more densely where
-  double sample_rad{0.035};       // a joint would move farther than this in between
-  double horizon_s{1e9};          // looks ahead so far
-  double clearance_step_m{0.01};  // the clearance told is too large by no more, as far as 40 looks allow
+constexpr double kMaxClearance_m = 0.5;
 
-  std::vector<std::string> validate() const;
+struct PathMonitorConfig {
+  double stop_clearance_m{0.0};
+  double sample_s{0.05};
+  double sample_rad{0.035};
+  double clearance_step_m{0.01};
+  double horizon_s{1e9};
+
+  static void fields(PathMonitorConfig& c, interactive_mapping::Fields& f) {
+    f("stop_clearance_m", c.stop_clearance_m, 0.0, kMaxClearance_m, "m",
+      "clearance beyond the margins below which the arm stops; 0: it stops at a collision with the margins");
+    f("sample_s", c.sample_s, 0.001, 1.0, "s", "time between checked points of the trajectory");
+    f("sample_rad", c.sample_rad, 0.001, 1.0, "rad", "greatest motion of a joint between checked points");
+    f("clearance_step_m", c.clearance_step_m, 0.001, 0.5, "m",
+      "greatest excess of the reported clearance, where 40 samples suffice for it");
+    f("horizon_s", c.horizon_s, 0.01, 1e9, "s", "time ahead that is checked");
+  }
 };
 
 struct PathVerdict {
@@ -28,8 +40,6 @@ struct PathVerdict {
   double time_to_contact_s{0.0};  // from now; infinite unless must_stop
   Contact contact;
 };
-
-constexpr double kMaxClearance_m = 0.5;
 
 /// The start of a way, and more each 0.05 s until the tip has left it by kAmongOthers_m: the last one is farther than that,
 /// or the end. So they cover what the planner looked at there, whose steps lie elsewhere. Throws std::invalid_argument if the

@@ -43,25 +43,20 @@ class MotionPlanningRos {
   MotionPlanningRos& operator=(const MotionPlanningRos&) = delete;
 
  private:
-  using PickServer = WorkerActionServer<interactive_mapping_msgs::PlanPickAction>;
-  using ArmServer = WorkerActionServer<interactive_mapping_msgs::PlanArmAction>;
+  using PickServer = interactive_mapping_ros::WorkerActionServer<interactive_mapping_msgs::PlanPickAction>;
+  using ArmServer = interactive_mapping_ros::WorkerActionServer<interactive_mapping_msgs::PlanArmAction>;
   using IsCancelled = std::function<bool()>;
-
-  /// A request that cannot be planned for, with its reason.
-  struct Refused {
-    motion_planning::PlanFailure failure;
-  };
 
   PickServer::Result planPick(const PickServer::Goal& goal, const ros::Time& started, const IsCancelled& is_cancelled,
                               const std::function<void(const std::string&)>& tell);
   ArmServer::Result planArm(const ArmServer::Goal& goal, const ros::Time& started, const IsCancelled& is_cancelled,
                             const std::function<void(const std::string&)>& tell);
-  /// What all requests begin with. Throws Refused.
+  /// What all requests begin with. Throws PlanFailure.
   motion_planning::PlanningContext makeContext(const std::vector<double>& start_rad, const ros::Time& min_map_stamp,
                                                const IsCancelled& is_cancelled, std::uint64_t* map_update);
   /// Waits, up to state/map_wait_s, until a mesh as new as `min_stamp` has come. False, and why: it has not.
   bool awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled, std::string* why_not);
-  /// The next three throw Refused. Frames are looked up at the message's stamp.
+  /// The next three throw PlanFailure. Frames are looked up at the message's stamp.
   motion_planning::ArmGoal toArmGoal(const interactive_mapping_msgs::ArmGoal& message,
                                      const IsCancelled& is_cancelled) const;
   motion_planning::ArmGoal placeGoal(const std::string& frame) const;

@@ -52,9 +52,6 @@ class RobotState {
   /// Why the last message of attached_brick was refused; empty: it was not. Planning must not go on then.
   std::string heldProblem() const;
 
-  /// Rises with each change of what is held.
-  std::uint64_t heldChanges() const;
-
  private:
   void onJointState(const sensor_msgs::JointStateConstPtr& message);
   void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
@@ -71,7 +68,6 @@ class RobotState {
   std::optional<Held> held_;
   std::optional<ros::Time> taken_at_;  // what is held, and its place is still to be found
   std::string held_problem_;
-  std::uint64_t held_changes_{0};
 
   ros::Subscriber joint_subscriber_, attached_subscriber_;
 };

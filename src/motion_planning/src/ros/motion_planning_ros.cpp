@@ -71,13 +71,6 @@ std::string formatted(const char* format, double value) {
   return text;
 }
 
-PlanFailure failureOf(PlanStatus status, const std::string& message) {
-  PlanFailure failure;
-  failure.status = status;
-  failure.message = message;
-  return failure;
-}
-
 /// What `load` gives; its complaint names the parameter that the file is from.
 template <typename Load>
 auto loadedFrom(const char* key, const std::string& file, Load&& load) -> decltype(load(file)) {
@@ -136,7 +129,7 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
     throw std::invalid_argument("inspect_posture = '" + params_.inspect_posture +
                                 "', must be a posture: " + namesOf(postures_));
   }
-  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
+  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", interactive_mapping::toYaml(params_).c_str());
 
   ros::NodeHandle handle(private_nh);
   monitor_publisher_ = handle.advertise<PathMonitorState>("path_monitor", 10, true);
@@ -190,28 +183,28 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
   context.seed = searches_in_vain_;
   std::string why_not;
   const auto refuseMap = [&] {
-    throw Refused{failureOf(is_cancelled() ? PlanStatus::kCancelled : PlanStatus::kNoMap, why_not)};
+    throw PlanFailure{is_cancelled() ? PlanStatus::kCancelled : PlanStatus::kNoMap, why_not};
   };
   // First: where arm and base are has to be as new as the map when planning begins.
   if (!awaitMap(min_map_stamp, is_cancelled, &why_not)) refuseMap();
   if (start_rad.empty()) {
     const std::optional<ArmVector> joints = robot_.arm(&why_not);
-    if (!joints) throw Refused{failureOf(PlanStatus::kNoRobotState, why_not)};
+    if (!joints) throw PlanFailure{PlanStatus::kNoRobotState, why_not};
     context.start_rad = *joints;
   } else {
     try {
       context.start_rad = toArmVector(start_rad, "start");
     } catch (const std::invalid_argument& error) {
-      throw Refused{failureOf(PlanStatus::kBadRequest, error.what())};
+      throw PlanFailure{PlanStatus::kBadRequest, error.what()};
     }
   }
   const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
-  if (!T_map_base) throw Refused{failureOf(PlanStatus::kNoRobotState, why_not)};
+  if (!T_map_base) throw PlanFailure{PlanStatus::kNoRobotState, why_not};
   context.T_map_base = *T_map_base;
 
   const std::string held_problem = robot_.heldProblem();
   if (!held_problem.empty()) {
-    throw Refused{failureOf(PlanStatus::kNoRobotState, "what the magnet holds is not known: " + held_problem)};
+    throw PlanFailure{PlanStatus::kNoRobotState, "what the magnet holds is not known: " + held_problem};
   }
   if (const std::optional<RobotState::Held> held = robot_.held()) {
     context.held = held->brick;
@@ -233,7 +226,7 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
 bool MotionPlanningRos::awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled, std::string* why_not) {
   if (min_stamp.isZero() || scenes_->meshStamp() >= min_stamp) return true;
   const ros::Time due = ros::Time::now() + ros::Duration(params_.state.map_wait_s);
-  const bool clock_runs = waitUntil(
+  const bool clock_runs = interactive_mapping_ros::waitUntil(
       due, params_.cost.stall_s, [&] { return scenes_->meshStamp() >= min_stamp || (is_cancelled && is_cancelled()); });
   const ros::Time newest = scenes_->meshStamp();
   if (newest >= min_stamp) return true;
@@ -278,14 +271,14 @@ Eigen::Isometry3d MotionPlanningRos::poseInMap(const geometry_msgs::PoseStamped&
                                                const IsCancelled& is_cancelled) const {
   const std::optional<Eigen::Isometry3d> T_frame_pose = toIsometry(message.pose);
   if (!T_frame_pose) {
-    throw Refused{failureOf(PlanStatus::kBadRequest, what + ": its pose is not finite or no rotation")};
+    throw PlanFailure{PlanStatus::kBadRequest, what + ": its pose is not finite or no rotation"};
   }
   std::string why_not;
   const std::optional<Eigen::Isometry3d> T_map_frame =
       robot_.frameInMap(message.header.frame_id, message.header.stamp, is_cancelled, &why_not);
   if (!T_map_frame) {
     const bool was_cancelled = is_cancelled && is_cancelled();
-    throw Refused{failureOf(was_cancelled ? PlanStatus::kCancelled : PlanStatus::kBadRequest, what + ": " + why_not)};
+    throw PlanFailure{was_cancelled ? PlanStatus::kCancelled : PlanStatus::kBadRequest, what + ": " + why_not};
   }
   return *T_map_frame * *T_frame_pose;
 }
@@ -293,8 +286,8 @@ Eigen::Isometry3d MotionPlanningRos::poseInMap(const geometry_msgs::PoseStamped&
 motion_planning::ArmGoal MotionPlanningRos::placeGoal(const std::string& frame) const {
   const RobotModel& robot = kinematics_->robot();
   if (!robot.hasFrame(frame) || robot.bodyOf(frame) != 0) {
-    throw Refused{failureOf(PlanStatus::kBadRequest, "place_frame = '" + frame + "', must be a link fixed to " +
-                                                         robot.rootFrame() + ": " + fixedFramesOf(robot))};
+    throw PlanFailure{PlanStatus::kBadRequest, "place_frame = '" + frame + "', must be a link fixed to " +
+                                                   robot.rootFrame() + ": " + fixedFramesOf(robot)};
   }
   motion_planning::ArmGoal goal;
   goal.place = motion_planning::PlaceGoal{robot.poseInBody(frame), params_.place_above_m};
@@ -308,8 +301,8 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
     case ArmGoalMessage::POSTURE: {
       const auto found = postures_.find(message.posture);
       if (found == postures_.end()) {
-        throw Refused{failureOf(PlanStatus::kBadRequest,
-                                "posture = '" + message.posture + "', must be one of: " + namesOf(postures_))};
+        throw PlanFailure{PlanStatus::kBadRequest,
+                          "posture = '" + message.posture + "', must be one of: " + namesOf(postures_)};
       }
       goal.joints_rad = found->second;
       break;
@@ -318,7 +311,7 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
       try {
         goal.joints_rad = toArmVector(message.joints, "a goal");
       } catch (const std::invalid_argument& error) {
-        throw Refused{failureOf(PlanStatus::kBadRequest, error.what())};
+        throw PlanFailure{PlanStatus::kBadRequest, error.what()};
       }
       break;
     case ArmGoalMessage::TIP:
@@ -328,8 +321,8 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
       goal = placeGoal(withoutSlash(message.place_frame));
       break;
     default:
-      throw Refused{failureOf(PlanStatus::kBadRequest,
-                              "kind = " + std::to_string(message.kind) + " of a goal, must be in [0, 3]")};
+      throw PlanFailure{PlanStatus::kBadRequest,
+                        "kind = " + std::to_string(message.kind) + " of a goal, must be in [0, 3]"};
   }
   goal.keep_level = message.any_tilt == 0;
   return goal;
@@ -376,11 +369,11 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
     try {
       target.type = &catalogue_.type(goal.type);
     } catch (const std::invalid_argument& error) {
-      throw Refused{failureOf(PlanStatus::kBadRequest, error.what())};
+      throw PlanFailure{PlanStatus::kBadRequest, error.what()};
     }
     for (const std::uint8_t face : goal.faces) {
       if (face >= mp700_ur5e_description::kNumBrickFaces) {
-        throw Refused{failureOf(PlanStatus::kBadRequest, "face " + std::to_string(face) + ", must be in [0, 5]")};
+        throw PlanFailure{PlanStatus::kBadRequest, "face " + std::to_string(face) + ", must be in [0, 5]"};
       }
       target.faces.push_back(static_cast<BrickFace>(face));
     }
@@ -400,15 +393,15 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
         makeContext(goal.start, goal.min_map_stamp, is_cancelled, &result.map_update);
     T_map_base = context.T_map_base;
     if (const std::optional<RobotState::Held> held = robot_.held()) {
-      throw Refused{failureOf(PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
-                                                           ": it has to be let go before another is picked")};
+      throw PlanFailure{PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
+                                                     ": it has to be let go before another is picked"};
     }
     tell("planning");
     plan = planner_->planPick(context, target, stow);
-  } catch (const Refused& refused) {
-    static_cast<PlanFailure&>(plan) = refused.failure;
+  } catch (const PlanFailure& why) {
+    plan = why;
   } catch (const std::exception& error) {  // the planner's own checks
-    static_cast<PlanFailure&>(plan) = failureOf(PlanStatus::kBadRequest, error.what());
+    plan = PlanFailure{PlanStatus::kBadRequest, error.what()};
   }
   result.outcome = toMessage(plan);
   for (const auto& [face, failure] : plan.tried) {
@@ -449,7 +442,7 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
   std::optional<Eigen::Isometry3d> T_map_base;
   try {
     if (!goal.inspect && goal.goals.empty()) {
-      throw Refused{failureOf(PlanStatus::kBadRequest, "no goals, must be at least one unless inspect is set")};
+      throw PlanFailure{PlanStatus::kBadRequest, "no goals, must be at least one unless inspect is set"};
     }
     std::vector<motion_planning::ArmGoal> goals;
     for (const ArmGoalMessage& message : goal.goals) goals.push_back(toArmGoal(message, is_cancelled));
@@ -477,10 +470,10 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
         break;
       }
     }
-  } catch (const Refused& refused) {
-    static_cast<PlanFailure&>(plan) = refused.failure;
+  } catch (const PlanFailure& why) {
+    plan = why;
   } catch (const std::exception& error) {  // the planner's own checks
-    static_cast<PlanFailure&>(plan) = failureOf(PlanStatus::kBadRequest, error.what());
+    plan = PlanFailure{PlanStatus::kBadRequest, error.what()};
   }
   result.outcome = toMessage(plan);
   if (plan.status == PlanStatus::kSuccess) {
@@ -537,8 +530,8 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
     }
     monitor();
     response.success = 1;
-  } catch (const Refused& refused) {
-    response.message = refused.failure.message;
+  } catch (const PlanFailure& why) {
+    response.message = why.message;
   } catch (const std::invalid_argument& error) {
     response.message = error.what();
   }

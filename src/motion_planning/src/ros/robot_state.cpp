@@ -172,7 +172,6 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
   taken_at_.reset();
   if (held_) taken_at_ = message->header.stamp;
   held_problem_ = std::move(problem);
-  ++held_changes_;
 }
 
 std::optional<RobotState::Held> RobotState::held() {
@@ -213,11 +212,6 @@ void RobotState::findVacated() {
 std::string RobotState::heldProblem() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return held_problem_;
-}
-
-std::uint64_t RobotState::heldChanges() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return held_changes_;
 }
 
 }  // namespace motion_planning_ros

@@ -9,9 +9,9 @@
 #include <fcl/narrowphase/distance.h>
 #include <gmock/gmock.h>
 
-#include "block_lattice.h"
-#include "collision_scene_data.h"
-#include "robot_shapes.h"
+#include "collision/block_lattice.h"
+#include "collision/collision_scene_data.h"
+#include "collision/robot_shapes.h"
 #include "support/shape_samples.h"
 
 namespace motion_planning {

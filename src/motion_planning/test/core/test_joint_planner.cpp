@@ -258,14 +258,8 @@ TEST(JointPlanner, RefusesBadArguments) {
   unbounded.upper_rad[3] = std::numeric_limits<double>::infinity();
   EXPECT_THROW(planJointPath(unbounded, at(1, 0), {at(1, 0)}, {}), std::invalid_argument);
   JointPlannerConfig config;
-  config.max_iterations = 0;
-  config.range_rad = -1.0;
-  config.check_step_rad = 0.0;
   config.joint_window_rad = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(config.validate(), SizeIs(4));
-  EXPECT_THAT(config.validate()[1], HasSubstr("range_rad = -1 rad, must be in [0.01, 10] rad"));
   EXPECT_THROW(planJointPath(space, at(1, 0), {at(1, 0)}, config), std::invalid_argument);
-  EXPECT_THAT(JointPlannerConfig().validate(), IsEmpty());
 }
 
 }  // namespace

@@ -18,6 +18,7 @@ namespace {
 using mp700_ur5e_description::BrickFace;
 using ::testing::AllOf;
 using ::testing::AnyOf;
+using ::testing::ElementsAre;
 using ::testing::Eq;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -1143,12 +1144,12 @@ TEST(MotionPlanner, CancelledInAnyStageAtOnce) {
 
 TEST(MotionPlanner, RefusesImpossibleConfigurations) {
   MotionPlannerConfig config;
-  EXPECT_THAT(config.validate(), IsEmpty());
   config.velocity_scale = 2.0;
   config.planner.range_rad = 0.0;
   config.yaw_samples = 0;
-  EXPECT_THAT(config.validate(), SizeIs(3));
-  EXPECT_THAT(config.validate()[0], HasSubstr("search/range_rad = 0 rad, must be in"));
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              ElementsAre(HasSubstr("search/range_rad = 0 rad, must be in"), HasSubstr("motion/velocity_scale = 2"),
+                          HasSubstr("pick/yaw_samples = 0")));
   EXPECT_THROW(makePlanner(config), std::invalid_argument);
   EXPECT_THROW(MotionPlanner(nullptr, testSectors(), {}), std::invalid_argument);
 }

@@ -7,34 +7,21 @@
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 
-#include <interactive_mapping_common_ros/testing/params_contract.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
 
 namespace motion_planning_ros {
 namespace {
 
-using params_contract::messageOf;
+using interactive_mapping::problemsOf;
+using interactive_mapping::toYaml;
+using test_support::messageOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::UnorderedElementsAre;
 
-const params_contract::Contract kContract = {
-    MOTION_PLANNING_DIR,
-    "config/motion_planning.yaml",
-    toYaml(MotionPlanningParams()),
-    [](const ros::NodeHandle& nh) { return toYaml(loadMotionPlanningParams(nh)); },
-    {"search/max_iterations", "search/shortcut_rounds", "search/smooth_rounds", "pick/yaw_samples", "pick/max_goals",
-     "view/samples", "output/arm_markers"},
-    {{"map_frame", "odom"},
-     {"bricks_file", "/bricks.yaml"},
-     {"sectors_file", "/sectors.yaml"},
-     {"postures_dir", "/postures"},
-     {"stow", "stowed"},
-     {"inspect_posture", "aside"},
-     {"view/camera_frame", "eye"}}};
-
-TEST(MotionPlanningParams, ShippedFileHasEveryKeyWithItsDefault) {
-  params_contract::expectShippedFileHasEveryDefault(kContract);
+TEST(MotionPlanningParams, ShippedFileIsWhatTheFieldsSay) {
+  test_support::expectShippedFile<MotionPlanningParams>(MOTION_PLANNING_DIR "/config/motion_planning.yaml");
 }
 
 TEST(MotionPlanningParams, ShippedFileLoadsAsTheDefaults) {
@@ -43,14 +30,6 @@ TEST(MotionPlanningParams, ShippedFileLoadsAsTheDefaults) {
   expected.sectors_file = "/sectors.yaml";
   expected.postures_dir = "/postures";
   EXPECT_EQ(toYaml(loadMotionPlanningParams(ros::NodeHandle("~shipped"))), toYaml(expected));
-}
-
-TEST(MotionPlanningParams, EveryKeyIsReadIntoItsOwnField) {
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kContract, ros::NodeHandle("~changed"));
-}
-
-TEST(MotionPlanningParams, ReadmeTableHasEveryKeyWithItsDefault) {
-  params_contract::expectReadmeTableHasEveryDefault(kContract);
 }
 
 TEST(MotionPlanningParams, OneMessageNamesEveryProblemWithValueAndRange) {
@@ -63,7 +42,7 @@ TEST(MotionPlanningParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("pick/approach_m", "far");
   nh.setParam("motion/velocity_scale", 2.0);
   nh.setParam("monitor/rate_hz", 1000.0);
-  const std::string message = messageOf(kContract, nh);
+  const std::string message = messageOf<std::invalid_argument>([&] { loadMotionPlanningParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/bricks_file = 'bricks.yaml', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/sectors_file = '', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
@@ -79,27 +58,27 @@ TEST(MotionPlanningParams, OneMessageNamesEveryProblemWithValueAndRange) {
 TEST(MotionPlanningParams, AnImpossibleMarginIsOneProblemNotTwo) {
   MotionPlanningParams params;
   params.bricks_file = params.sectors_file = params.postures_dir = "/a";
-  EXPECT_THAT(params.validate(), IsEmpty());
+  EXPECT_THAT(problemsOf(params), IsEmpty());
   params.scene.sigmas = -1.0;
-  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/sigmas = -1, must be in [0, 10]")));
+  EXPECT_THAT(problemsOf(params), ElementsAre(HasSubstr("scene/sigmas = -1, must be in [0, 10]")));
   params.scene.sigmas = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/sigmas = nan")));
+  EXPECT_THAT(problemsOf(params), ElementsAre(HasSubstr("scene/sigmas = nan")));
   params.scene.sigmas = 20.0;
-  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/sigmas = 20")));
+  EXPECT_THAT(problemsOf(params), ElementsAre(HasSubstr("scene/sigmas = 20")));
   params.monitor.sigmas = -0.5;  // impossible itself
-  EXPECT_THAT(params.validate(), UnorderedElementsAre(HasSubstr("scene/sigmas = 20"),
-                                                      HasSubstr("monitor/sigmas = -0.5, must be in [0, 10]")));
+  EXPECT_THAT(problemsOf(params), UnorderedElementsAre(HasSubstr("scene/sigmas = 20"),
+                                                       HasSubstr("monitor/sigmas = -0.5, must be in [0, 10]")));
   params.scene.sigmas = 1.5;
   params.monitor.sigmas = 1.6;
-  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("monitor/sigmas = 1.6, must be in [0, 1.5]")));
+  EXPECT_THAT(problemsOf(params), ElementsAre("monitor/sigmas must be at most scene/sigmas"));
   params.monitor.sigmas = 1.5;
   params.scene.margin_m = -0.01;
   params.monitor.margin_m = 0.005;
-  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("scene/margin_m = -0.01 m")));
+  EXPECT_THAT(problemsOf(params), ElementsAre(HasSubstr("scene/margin_m = -0.01 m")));
   params.scene.margin_m = 0.01;
   params.planner.collision.self_padding_m = -0.01;
   params.monitor.self_padding_m = 0.005;
-  EXPECT_THAT(params.validate(), ElementsAre(HasSubstr("collision/self_padding_m = -0.01 m")));
+  EXPECT_THAT(problemsOf(params), ElementsAre(HasSubstr("collision/self_padding_m = -0.01 m")));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <string>
 
 #include <gpis_mapping/map_snapshot.h>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "nbv_selection/scene_model.h"
 
@@ -18,13 +19,16 @@ namespace nbv_selection {
 class GpisScene : public SceneModel {
  public:
   struct Config {
-    double alpha_1_m{100.0};  // of eq 14: steepness, 1 / sigma of a typical surface
-    double beta{0.0};         // of eq 14
-    /// A point farther from the mapped surface than this has no data support. Not less than the band_m of the
-    /// manipulability's samples, or many of them look as if the map had lost them.
+    double alpha_1_m{100.0};
+    double beta{0.0};
     double support_m{0.06};
 
-    std::vector<std::string> validate() const;
+    static void fields(Config& c, interactive_mapping::Fields& f) {
+      f("alpha_1_m", c.alpha_1_m, 1.0, 1e4, "1/m", "steepness of eq 14, about 1 / sigma of a surface");
+      f("beta", c.beta, -10.0, 10.0, "", "offset of eq 14");
+      f("support_m", c.support_m, 0.001, 0.2, "m",
+        "a point farther from the surface has no data; at least manipulability/band_m, or many samples seem lost");
+    }
   };
 
   /// What it asks the map: QueryResult with the options that are set. Throws std::runtime_error if the map is silent;

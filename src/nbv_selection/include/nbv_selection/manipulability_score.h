@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <base_navigation/planar.h>
 #include <gpis_mapping/ground_projection.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <motion_planning/manipulability_sector.h>
 
 #include "nbv_selection/scene_model.h"
@@ -21,12 +22,23 @@ enum class ApproachWeight {
   kFromArmBase,  // the paper's n . p / |p|, p from the arm's foot: a top face at shoulder height counts nothing
 };
 
+inline constexpr interactive_mapping::Names<ApproachWeight> kApproachWeightNames = {
+    {"sector", ApproachWeight::kSector}, {"from_arm_base", ApproachWeight::kFromArmBase}};
+
 struct ManipulabilityScoreConfig {
-  double cell_m{0.05};  // of the lattice of samples
-  double band_m{0.05};  // samples farther from every point of the surface than this have no data: they count 0
+  double cell_m{0.05};
+  double band_m{0.05};
   ApproachWeight weight{ApproachWeight::kSector};
 
-  std::vector<std::string> validate() const;
+  static void fields(ManipulabilityScoreConfig& c, interactive_mapping::Fields& f) {
+    f("approach", c.weight, kApproachWeightNames,
+      "samples are weighted by the directions that the sectors allow, or by the direction from the arm's foot as in "
+      "the paper, where a top face at shoulder height counts nothing");
+    f("cell_m", c.cell_m, 0.02, 0.2, "m", "cell of the lattice of samples");
+    // With less, a level surface between two layers of the lattice is missed.
+    f("band_m", c.band_m, 0.5 * c.cell_m, 0.2, "m",
+      "samples farther from the surface count 0; at least half of cell_m");
+  }
 };
 
 /// One of the samples of a standing place, for those who look.

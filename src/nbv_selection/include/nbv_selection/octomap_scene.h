@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <octomap/OcTree.h>
 
 #include "nbv_selection/scene_model.h"
@@ -24,11 +25,15 @@ namespace nbv_selection {
 class OctomapScene : public SceneModel {
  public:
   struct Config {
-    double gradient_step_m{0.1};  // side of a cell, rounded to voxels; 1 to 16 of them
-    double surface_band_m{0.06};  // a point farther from every surface voxel's middle has no data support; at least
-                                  // half a voxel's diagonal, at most 16 voxels
+    double gradient_step_m{0.1};
+    double surface_band_m{0.06};
 
-    std::vector<std::string> validate() const;
+    static void fields(Config& c, interactive_mapping::Fields& f) {
+      f("gradient_step_m", c.gradient_step_m, 0.01, 0.5, "m",
+        "side of the cells over which entropy is averaged, and distance of those compared; 1 to 16 voxels");
+      f("surface_band_m", c.surface_band_m, 0.005, 0.3, "m",
+        "a point farther from every occupied voxel has no data; from half the diagonal of a voxel to 16 voxels");
+    }
   };
 
   /// Reads every leaf once, a million in 0.1 to 0.2 s; then a point costs about 10 us. `tree` must not change from then

@@ -1,26 +1,37 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include <Eigen/Core>
 #include <gpis_mapping/ground_projection.h>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "nbv_selection/scene_model.h"
 
 namespace nbv_selection {
 
 struct OutlineConfig {
-  double cell_size_m{0.04};   // of the grids
-  double min_height_m{0.04};  // above the ground: what is lower is no pile
-  double max_height_m{2.0};   // what is higher is no pile either
-  double closing_m{0.12};     // gaps narrower than this are closed
-  double min_area_m2{0.02};   // outlines around less are left out: specks
-  double tolerance_m{0.03};   // of the polygon that replaces an outline (Douglas-Peucker)
+  double cell_size_m{0.04};
+  double min_height_m{0.04};
+  double max_height_m{2.0};
+  double closing_m{0.12};
+  double min_area_m2{0.02};
+  double tolerance_m{0.03};
 
-  std::vector<std::string> validate() const;
+  static void fields(OutlineConfig& c, interactive_mapping::Fields& f) {
+    f("cell_size_m", c.cell_size_m, 0.005, 0.5, "m", "cell of the grid of the pile from above");
+    f("min_height_m", c.min_height_m, 0.0, 1.0, "m", "lower surface is ground, not pile");
+    // A bound that is impossible itself is reported alone.
+    const double lowest_m = c.min_height_m >= 0.0 && c.min_height_m <= 1.0 ? c.min_height_m : 0.0;
+    f("max_height_m", c.max_height_m, std::max(0.05, lowest_m), 20.0, "m", "higher surface is no pile either");
+    f("closing_m", c.closing_m, 0.0, 0.5, "m", "narrower gaps are closed");
+    f("min_area_m2", c.min_area_m2, 0.0, 10.0, "m2", "smaller outlines are left out as specks");
+    f("tolerance_m", c.tolerance_m, 0.0, 0.5, "m", "largest error of the polygon that replaces a contour");
+  }
 };
 
 /// The pile from above, on a lattice of the map's x and y. Cell (column, row) covers x in origin + [column, column + 1)

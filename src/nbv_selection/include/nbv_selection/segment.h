@@ -8,18 +8,25 @@
 
 #include <Eigen/Core>
 #include <base_navigation/planar.h>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "nbv_selection/outline.h"
 
 namespace nbv_selection {
 
 struct SegmentConfig {
-  double spacing_m{0.16};         // of neighbours along the outline: about 50 round a pile of 4 m^2
-  double standoff_m{0.12};        // between the foremost edge of the footprint and the segment
-  double sample_spacing_m{0.03};  // of the samples along the outline
-  double profile_depth_m{0.25};   // the height profile looks so far into the pile, square to its outline
+  double spacing_m{0.16};
+  double standoff_m{0.12};
+  double sample_spacing_m{0.03};
+  double profile_depth_m{0.25};
 
-  std::vector<std::string> validate() const;
+  static void fields(SegmentConfig& c, interactive_mapping::Fields& f) {
+    f("spacing_m", c.spacing_m, 0.02, 2.0, "m",
+      "distance of neighbouring segments along the outline: 0.16 m makes about 50 round a pile of 4 m^2");
+    f("standoff_m", c.standoff_m, 0.0, 2.0, "m", "distance of the foremost edge of the footprint to the segment");
+    f("sample_spacing_m", c.sample_spacing_m, 0.005, 0.5, "m", "distance of the samples along the segment");
+    f("profile_depth_m", c.profile_depth_m, 0.02, 2.0, "m", "reach of the height profile into the pile");
+  }
 };
 
 /// A piece of the pile's outline, as long as the robot is wide: a place to stand at (method section 5).

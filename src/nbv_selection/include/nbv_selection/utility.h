@@ -2,8 +2,10 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <string>
-#include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 namespace nbv_selection {
 
@@ -34,6 +36,13 @@ struct Logistic {
   /// The one with l = 1 whose value is 0.1 at `low` and 0.9 at `high`. Throws std::invalid_argument unless low < high,
   /// both finite.
   static Logistic spanning(double low, double high);
+
+  static void fields(Logistic& c, interactive_mapping::Fields& f) {
+    f("l", c.l, 1e-6, 10.0, "", "largest value of l / (1 + exp(-a x + b)), x in the unit of the factor");
+    // A factor does not punish its own growth.
+    f("a", c.a, 0.0, 1e12, "", "steepness; 0: a constant");
+    f("b", c.b, -1e9, 1e9, "", "half of l is reached at x = b / a");
+  }
 };
 
 struct FactorConfig {
@@ -51,15 +60,56 @@ struct UtilityConfig {
       {0.10, {1.0, 28700.0, 2.85}},   // uncertainty: 2.3e-5 m^2 to 1.8e-4 m^2
       {0.25, {1.0, 401000.0, 2.78}},  // frontier: 1.4e-6 m^2 to 1.2e-5 m^2
   }};
-  double gamma_per_s{0.99};  // p = gamma^(t - t_f): after 69 s a failure counts half
-  double min_utility{0.05};  // U_min: a best segment below it is not worth going to
+  double gamma_per_s{0.99};
+  double min_utility{0.05};  // U_min
   bool use_failures{true};   // false: p = 0
 
   const FactorConfig& of(Factor factor) const { return factors[static_cast<std::size_t>(factor)]; }
   FactorConfig& of(Factor factor) { return factors[static_cast<std::size_t>(factor)]; }
 
-  /// Every problem as "key = value, must be ...": weights that are negative or do not sum to 1 within 1e-6 among them.
-  std::vector<std::string> validate() const;
+  struct Weights {
+    std::array<FactorConfig, kNumFactors>& factors;
+
+    static void fields(Weights& c, interactive_mapping::Fields& f) {
+      constexpr const char* kTexts[kNumFactors] = {
+          "weight of the surface that the arm can pick from; the five weights sum to 1",
+          "weight of the height of the pile [m]", "weight of minus the driving distance [m]",
+          "weight of the uncertainty of the map [m^2, or bit in an OctoMap]",
+          "weight of the squared slope of the uncertainty, per m^2"};
+      for (std::size_t i = 0; i < kNumFactors; ++i) {
+        f(toString(static_cast<Factor>(i)), c.factors[i].weight, 0.0, 1.0, "", kTexts[i]);
+      }
+    }
+  };
+
+  struct Logistics {
+    std::array<FactorConfig, kNumFactors>& factors;
+
+    static void fields(Logistics& c, interactive_mapping::Fields& f) {
+      for (std::size_t i = 0; i < kNumFactors; ++i) {
+        f.section(toString(static_cast<Factor>(i)), c.factors[i].logistic);
+      }
+    }
+  };
+
+  static void fields(UtilityConfig& c, interactive_mapping::Fields& f) {
+    f("gamma_per_s", c.gamma_per_s, 1e-6, 0.999999, "",
+      "a failure t seconds ago counts gamma_per_s^t: half after 69 s with 0.99");
+    f("min_utility", c.min_utility, 0.0, 1.0, "", "a best segment below it is not worth going to");
+    Weights weights{c.factors};
+    f.section("weights", weights);
+    Logistics logistics{c.factors};
+    f.section("logistic", logistics);
+    // Weights that are impossible themselves are reported alone. The tolerance takes thirds written with seven decimals.
+    double sum = 0.0;
+    bool are_possible = true;
+    for (const FactorConfig& factor : c.factors) {
+      sum += factor.weight;
+      are_possible = are_possible && factor.weight >= 0.0 && factor.weight <= 1.0;
+    }
+    f.require(!are_possible || std::abs(sum - 1.0) <= 1e-6,
+              "weights: their sum = " + std::to_string(sum) + ", must be 1 within 1e-06");
+  }
 
   /// Without a factor: its weight 0, the others scaled so that they sum to 1 (the ablation of Table I). `name` is one of
   /// toString(Factor), or "failure_penalty", or "none". Throws std::invalid_argument for another name, listing these, and

@@ -12,6 +12,7 @@
 #include <base_navigation/navigation_grid.h>
 #include <base_navigation/planar.h>
 #include <gpis_mapping/ground_projection.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <motion_planning/manipulability_sector.h>
 
 #include "nbv_selection/failure_memory.h"
@@ -37,11 +38,33 @@ struct ViewSelectorConfig {
   ManipulabilityScoreConfig manipulability;
   UtilityConfig utility;
   Choice choice{Choice::kUtility};
-  double imaginary_share{0.5};      // of the prior's uncertainty
-  double standing_padding_m{0.02};  // of the footprint at the standing pose
-  double max_lost_share{0.1};       // of the pile's surface without data in the end: more, and the map has changed
+  double imaginary_share{0.5};
+  double standing_padding_m{0.02};
+  double max_lost_share{0.1};
 
-  std::vector<std::string> validate() const;
+  /// What estimateGround() needs.
+  struct GroundPlaneOptions {
+    gpis_mapping::GroundOptions& ground;
+
+    static void fields(GroundPlaneOptions& c, interactive_mapping::Fields& f) {
+      f("max_tilt_rad", c.ground.max_tilt_rad, 0.01, 0.8, "rad", "largest tilt of the ground against the map's z axis");
+      f("plane_tolerance_m", c.ground.plane_tolerance_m, 0.002, 0.2, "m", "a point this near belongs to the ground");
+    }
+  };
+
+  static void fields(ViewSelectorConfig& c, interactive_mapping::Fields& f) {
+    f("imaginary_share", c.imaginary_share, 0.01, 1.0, "",
+      "a segment above this share of the prior's uncertainty was never seen");
+    f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m", "padding of the footprint at a standing pose");
+    f("max_lost_share", c.max_lost_share, 0.01, 1.0, "",
+      "the map has changed meanwhile when more than this share of the pile's surface has no data at the end");
+    UtilityConfig::fields(c.utility, f);
+    GroundPlaneOptions plane{c.ground};
+    f.section("ground", plane);
+    f.section("outline", c.outline);
+    f.section("segments", c.segments);
+    f.section("manipulability", c.manipulability);
+  }
 };
 
 /// Defaults for an OctomapScene, whose uncertainty has other units and values.

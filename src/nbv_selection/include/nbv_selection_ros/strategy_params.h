@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <stdexcept>
 #include <string>
-#include <vector>
 
-#include <ros/node_handle.h>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "nbv_selection/gpis_scene.h"
 #include "nbv_selection/octomap_scene.h"
@@ -12,36 +12,60 @@
 
 namespace nbv_selection_ros {
 
-/// Parameters that all strategies have.
+/// Parameters that all strategies have that leave the choice to a ViewSelector, in their section; to be read by
+/// interactive_mapping_ros::loadParams(). A strategy of another package may derive its own from them.
 struct StrategyParams {
-  std::string plugin;                  // class, for the node that loads it
-  std::string removed_factor{"none"};  // the ablation of Table I: see UtilityConfig::without()
-  std::string approach{"sector"};      // or from_arm_base: see ApproachWeight
+  std::string plugin;
+  std::string removed_factor{"none"};  // see UtilityConfig::without()
   nbv_selection::ViewSelectorConfig selector;
 
-  /// Every problem as "key = value unit, must be ...".
-  std::vector<std::string> validate() const;
-  /// The selector's with what the texts above change; validate() is empty.
-  nbv_selection::ViewSelectorConfig effective() const;
+  static void fields(StrategyParams& c, interactive_mapping::Fields& f) {
+    f("plugin", c.plugin, "class of the strategy, for pluginlib");
+    f("removed_factor", c.removed_factor,
+      "for ablations: none, manipulability, pick_order, travel, uncertainty or frontier, whose weight the others "
+      "share, or failure_penalty");
+    nbv_selection::ViewSelectorConfig::fields(c.selector, f);
+    const std::string problem = c.removalProblem();
+    f.require(problem.empty(), "removed_factor = '" + c.removed_factor + "': " + problem);
+  }
+
+  /// The selector's with what removed_factor changes. Throws std::invalid_argument if it cannot be removed.
+  nbv_selection::ViewSelectorConfig effective() const {
+    nbv_selection::ViewSelectorConfig config = selector;
+    config.utility = selector.utility.without(removed_factor);
+    return config;
+  }
+
+ private:
+  std::string removalProblem() const {
+    try {
+      // An impossible utility is reported by itself; whether there is such a factor can be told all the same.
+      const bool is_possible = interactive_mapping::problemsOf(selector.utility).empty();
+      (is_possible ? selector.utility : nbv_selection::UtilityConfig()).without(removed_factor);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "";
+  }
 };
 
 struct GpisStrategyParams : StrategyParams {
   nbv_selection::GpisScene::Config scene;
-  std::vector<std::string> validate() const;
+
+  static void fields(GpisStrategyParams& c, interactive_mapping::Fields& f) {
+    StrategyParams::fields(c, f);
+    f.section("occupancy", c.scene);
+  }
 };
 
 struct OctomapStrategyParams : StrategyParams {
   OctomapStrategyParams() { selector = nbv_selection::octomapSelectorConfig(); }
   nbv_selection::OctomapScene::Config scene;
-  std::vector<std::string> validate() const;
+
+  static void fields(OctomapStrategyParams& c, interactive_mapping::Fields& f) {
+    StrategyParams::fields(c, f);
+    f.section("octomap", c.scene);
+  }
 };
-
-/// In the layout of config/nbv_selection.yaml, a strategy's section.
-std::string toYaml(const GpisStrategyParams& params);
-std::string toYaml(const OctomapStrategyParams& params);
-
-/// Reads `private_nh`. Throws one std::invalid_argument that lists every unknown key, wrong type and impossible value.
-GpisStrategyParams loadGpisStrategyParams(const ros::NodeHandle& private_nh);
-OctomapStrategyParams loadOctomapStrategyParams(const ros::NodeHandle& private_nh);
 
 }  // namespace nbv_selection_ros

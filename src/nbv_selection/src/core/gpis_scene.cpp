@@ -28,25 +28,17 @@ void requireAnswers(Eigen::Index answers, Eigen::Index points) {
 
 }  // namespace
 
-std::vector<std::string> GpisScene::Config::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("alpha_1_m", alpha_1_m, 1.0, 1e4, "1/m");
-  check("beta", beta, -10.0, 10.0, "");
-  check("support_m", support_m, 0.001, 0.2, "m");
-  return check.problems();
-}
-
 GpisScene::GpisScene(MappedSurface surface, double prior_std_m, Query query, const Config& config)
     : surface_(std::move(surface)),
       prior_variance_(prior_std_m * prior_std_m),
       query_(std::move(query)),
       config_(config) {
-  std::vector<std::string> problems = config_.validate();
+  std::vector<std::string> problems = interactive_mapping::problemsOf(config_);
   interactive_mapping::RangeCheck check;
   check("prior_std_m", prior_std_m, 1e-6, 1e3, "m");
   problems.insert(problems.end(), check.problems().begin(), check.problems().end());
   if (!query_) problems.push_back("query is empty, must be a function");
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible scene:", problems);
 }
 
 UncertaintyField GpisScene::uncertainty(const gpis_mapping::Points3d& points_map) const {

@@ -9,8 +9,6 @@
 #include <string>
 #include <unordered_map>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace nbv_selection {
 namespace {
 
@@ -113,26 +111,18 @@ double countSamples(const motion_planning::ManipulabilitySectors& sectors, const
   return count;
 }
 
-std::vector<std::string> ManipulabilityScoreConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("cell_m", cell_m, 0.02, 0.2, "m");
-  // Less than half a cell, and a level surface between two layers of the lattice is missed.
-  check("band_m", band_m, 0.5 * cell_m, 0.2, "m");
-  return check.problems();
-}
-
 ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSurface& surface,
                                          const gpis_mapping::GroundPlane& ground, double min_height_m,
                                          const motion_planning::ManipulabilitySectors& sectors,
                                          const Eigen::Isometry3d& T_base_armbase,
                                          const ManipulabilityScoreConfig& config, std::optional<double> num_samples)
     : ground_(ground), sectors_(sectors), T_base_armbase_(T_base_armbase), config_(config) {
-  std::vector<std::string> problems = config_.validate();
+  std::vector<std::string> problems = interactive_mapping::problemsOf(config_);
   if (!std::isfinite(min_height_m)) {
     problems.push_back("min_height_m = " + std::to_string(min_height_m) + " m, must be finite");
   }
   if (!T_base_armbase_.matrix().allFinite()) problems.emplace_back("T_base_armbase is not finite, must be a pose");
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible manipulability:", problems);
   num_samples_ = num_samples ? *num_samples : countSamples(sectors_, T_base_armbase_, config_.cell_m);
 
   const std::vector<LatticeKey> keys = latticeNear(surface, ground, min_height_m, config_);

@@ -93,13 +93,6 @@ double voxelEntropy(double probability) {
   return -probability * std::log2(probability) - (1.0 - probability) * std::log2(1.0 - probability);
 }
 
-std::vector<std::string> OctomapScene::Config::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("gradient_step_m", gradient_step_m, 0.01, 0.5, "m");
-  check("surface_band_m", surface_band_m, 0.005, 0.3, "m");
-  return check.problems();
-}
-
 struct OctomapScene::State {
   using Range = std::pair<std::size_t, std::size_t>;
 
@@ -334,7 +327,7 @@ void OctomapScene::State::addSurfaceOf(const LatticeKey& block, const std::vecto
 
 OctomapScene::OctomapScene(std::shared_ptr<const octomap::OcTree> tree, std::uint64_t update, double stamp_s,
                            const Config& config) {
-  std::vector<std::string> problems = config.validate();
+  std::vector<std::string> problems = interactive_mapping::problemsOf(config);
   if (tree == nullptr) problems.emplace_back("tree = null, must be an octree");
   if (problems.empty()) {
     const double resolution_m = tree->getResolution();
@@ -345,7 +338,7 @@ OctomapScene::OctomapScene(std::shared_ptr<const octomap::OcTree> tree, std::uin
                                   kMaxSideVoxels * resolution_m, resolution_m));
     problems.erase(std::remove(problems.begin(), problems.end(), ""), problems.end());
   }
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible scene:", problems);
   auto state = std::make_unique<State>(std::move(tree), config);
   state->surface.update = update;
   state->surface.stamp_s = stamp_s;

@@ -216,19 +216,6 @@ OutlinePolygon toPolygon(const std::vector<cv::Point>& contour_px, const PileGri
 
 }  // namespace
 
-std::vector<std::string> OutlineConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("cell_size_m", cell_size_m, 0.005, 0.5, "m");
-  check("min_height_m", min_height_m, 0.0, 1.0, "m");
-  // Where the bound is impossible itself, it alone is what is wrong.
-  const double lowest_m = min_height_m >= 0.0 && min_height_m <= 1.0 ? min_height_m : 0.0;
-  check("max_height_m", max_height_m, std::max(0.05, lowest_m), 20.0, "m");
-  check("closing_m", closing_m, 0.0, 0.5, "m");
-  check("min_area_m2", min_area_m2, 0.0, 10.0, "m2");
-  check("tolerance_m", tolerance_m, 0.0, 0.5, "m");
-  return check.problems();
-}
-
 Eigen::Vector2i PileGrid::cellOf(const Eigen::Vector2d& p_map) const {
   // What is far outside, or not finite, becomes a cell outside instead of an overflow.
   const auto index = [this](double coordinate_m, double origin) {
@@ -240,7 +227,7 @@ Eigen::Vector2i PileGrid::cellOf(const Eigen::Vector2d& p_map) const {
 
 PileOutline outlinePile(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                         const OutlineConfig& config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible outline:", config);
   requireGround(ground);
   const std::size_t n = surface.points_map.size();
   if (surface.normals_map.size() != n || surface.uncertainty.size() != n) {

@@ -8,8 +8,6 @@
 #include <string>
 #include <utility>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace nbv_selection {
 namespace {
 
@@ -160,18 +158,9 @@ ClosedPath toPath(const OutlinePolygon& polygon, const PlaneChart& chart, std::s
 
 }  // namespace
 
-std::vector<std::string> SegmentConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("spacing_m", spacing_m, 0.02, 2.0, "m");
-  check("standoff_m", standoff_m, 0.0, 2.0, "m");
-  check("sample_spacing_m", sample_spacing_m, 0.005, 0.5, "m");
-  check("profile_depth_m", profile_depth_m, 0.02, 2.0, "m");
-  return check.problems();
-}
-
 std::vector<Segment> cutSegments(const PileOutline& outline, const base_navigation::Polygon& footprint,
                                  const SegmentConfig& config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::requireValid("impossible segments:", config);
   double front_m = -std::numeric_limits<double>::infinity();
   double left_m = front_m;
   double right_m = -front_m;

@@ -5,8 +5,6 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace nbv_selection {
 namespace {
 
@@ -14,16 +12,6 @@ constexpr std::array<Factor, kNumFactors> kFactors{Factor::kManipulability, Fact
                                                    Factor::kUncertainty, Factor::kFrontier};
 constexpr const char* kFailurePenalty = "failure_penalty";
 constexpr const char* kNone = "none";
-/// YAML has weights with a few decimals: thirds written with seven of them are accepted, slips are not.
-constexpr double kSumTolerance = 1e-6;
-
-std::string problem(const std::string& key, double value, const std::string& must) {
-  std::ostringstream text;
-  text.precision(9);  // more than kSumTolerance shows
-  text << key << " = " << value << ", must be " << must;
-  return text.str();
-}
-
 }  // namespace
 
 const char* toString(Factor factor) {
@@ -90,40 +78,6 @@ Logistic Logistic::spanning(double low, double high) {
     throw std::invalid_argument(text.str());
   }
   return result;
-}
-
-std::vector<std::string> UtilityConfig::validate() const {
-  std::vector<std::string> problems;
-  double sum = 0.0;
-  for (const Factor factor : kFactors) {
-    const double weight = of(factor).weight;
-    sum += weight;
-    if (!std::isfinite(weight) || weight < 0.0) {
-      problems.push_back(problem(std::string("weights/") + toString(factor), weight, "finite and >= 0"));
-    }
-  }
-  if (problems.empty() && !(std::abs(sum - 1.0) <= kSumTolerance)) {
-    problems.push_back(problem("weights: their sum", sum, "1 within 1e-06"));
-  }
-  for (const Factor factor : kFactors) {
-    const std::string prefix = std::string("logistic/") + toString(factor) + "/";
-    const Logistic& logistic = of(factor).logistic;
-    if (!(logistic.l > 0.0 && logistic.l <= 10.0)) {
-      problems.push_back(problem(prefix + "l", logistic.l, "in (0, 10]"));
-    }
-    // A factor does not punish its own growth.
-    if (!std::isfinite(logistic.a) || logistic.a < 0.0) {
-      problems.push_back(problem(prefix + "a", logistic.a, "finite and >= 0"));
-    }
-    if (!std::isfinite(logistic.b)) problems.push_back(problem(prefix + "b", logistic.b, "finite"));
-  }
-  if (!(gamma_per_s > 0.0 && gamma_per_s < 1.0)) {
-    problems.push_back(problem("gamma_per_s", gamma_per_s, "in (0, 1)"));
-  }
-  interactive_mapping::RangeCheck check;
-  check("min_utility", min_utility, 0.0, 1.0, "");
-  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
-  return problems;
 }
 
 UtilityConfig UtilityConfig::without(const std::string& name) const {

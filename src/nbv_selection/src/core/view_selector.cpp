@@ -12,7 +12,6 @@
 
 #include <base_navigation/distance_field.h>
 #include <base_navigation/footprint_checker.h>
-#include <interactive_mapping_common/config/range_check.h>
 
 namespace nbv_selection {
 namespace {
@@ -186,24 +185,6 @@ const char* toString(SelectionStatus status) {
   return "?";
 }
 
-std::vector<std::string> ViewSelectorConfig::validate() const {
-  std::vector<std::string> problems;
-  const auto append = [&problems](const std::string& section, const std::vector<std::string>& more) {
-    for (const std::string& problem : more) problems.push_back(section + problem);
-  };
-  append("ground/", ground.validate());
-  append("outline/", outline.validate());
-  append("segments/", segments.validate());
-  append("manipulability/", manipulability.validate());
-  append("", utility.validate());
-  interactive_mapping::RangeCheck check;
-  check("imaginary_share", imaginary_share, 0.01, 1.0, "");
-  check("standing_padding_m", standing_padding_m, 0.0, 0.5, "m");
-  check("max_lost_share", max_lost_share, 0.01, 1.0, "");
-  append("", check.problems());
-  return problems;
-}
-
 ViewSelectorConfig octomapSelectorConfig() {
   ViewSelectorConfig config;
   config.imaginary_share = 0.65;  // beside a seen surface half of what is averaged over is unknown ground
@@ -218,7 +199,7 @@ ViewSelectorConfig octomapSelectorConfig() {
 
 ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
     : config_(config), robot_(std::move(robot)) {
-  interactive_mapping::throwIfAny(config_.validate());
+  interactive_mapping::requireValid("impossible selection:", config_);
   cutSegments({}, robot_.footprint,
               config_.segments);  // throws for a bad footprint, and for one the segments do not fit
   if (!robot_.T_base_armbase.matrix().allFinite()) {

@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 
+#include <interactive_mapping_common_ros/params.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
 #include <interactive_mapping_msgs/QueryMap.h>
@@ -149,7 +150,7 @@ class GpisStrategy : public Strategy {
  public:
   void initialize(const StrategyContext& context) override {
     context_ = context;
-    params_ = loadGpisStrategyParams(context.private_nh);
+    params_ = interactive_mapping_ros::loadParams<GpisStrategyParams>(context.private_nh);
     selector_ = std::make_unique<nbv_selection::ViewSelector>(params_.effective(), context.robot);
     mesh_subscriber_ = context_.nh.subscribe<SurfaceMesh>("map/mesh", 1, [this](const SurfaceMeshConstPtr& mesh) {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -190,7 +191,7 @@ class GpisStrategy : public Strategy {
     status.add("mesh: vertices", mesh->mesh.vertices.size());
   }
 
-  std::string configuration() const override { return toYaml(params_); }
+  std::string configuration() const override { return interactive_mapping::toYaml(params_); }
 
  private:
   SurfaceMeshConstPtr lastMesh() const {

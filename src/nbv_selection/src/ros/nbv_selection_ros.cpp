@@ -78,7 +78,7 @@ NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandl
       markers_(private_nh),
       ground_(params_.map_frame, params_.input.occupied_from),
       failures_(params_.failures.cell_m) {
-  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << toYaml(params_));
+  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << interactive_mapping::toYaml(params_));
   for (const std::string& name : params_.strategies) {
     const ros::NodeHandle handle(private_nh, name);
     std::string plugin;

@@ -4,6 +4,7 @@
 #include <mutex>
 #include <optional>
 
+#include <interactive_mapping_common_ros/params.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
 #include <octomap_baseline_ros/octomap_messages.h>
@@ -23,7 +24,7 @@ class OctomapStrategy : public Strategy {
 
   void initialize(const StrategyContext& context) override {
     context_ = context;
-    params_ = loadOctomapStrategyParams(context.private_nh);
+    params_ = interactive_mapping_ros::loadParams<OctomapStrategyParams>(context.private_nh);
     nbv_selection::ViewSelectorConfig config = params_.effective();
     config.choice = choice_;
     selector_ = std::make_unique<nbv_selection::ViewSelector>(config, context.robot);
@@ -57,7 +58,7 @@ class OctomapStrategy : public Strategy {
     status.add("octomap: stamp [s]", last_stamp_.toSec());
   }
 
-  std::string configuration() const override { return toYaml(params_); }
+  std::string configuration() const override { return interactive_mapping::toYaml(params_); }
 
  private:
   /// None: cancelled. What asks for it may be asked once only: a goal that another replaces goes on if that is withdrawn.

@@ -396,15 +396,16 @@ TEST(GpisScene, EmptyMapHasNoSurfaceNoAnswerAndNoSupport) {
 }
 
 TEST(GpisScene, RefusesImpossibleConfigs) {
-  EXPECT_THAT(GpisScene::Config().validate(), IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(GpisScene::Config()), IsEmpty());
   Recorder recorder;
   GpisScene::Config config;
   config.alpha_1_m = 0.0;
   config.beta = kNaN;
   config.support_m = 0.3;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("alpha_1_m = 0 1/m, must be in [1, 10000] 1/m"),
-                                             HasSubstr("beta = nan, must be in [-10, 10]"),
-                                             HasSubstr("support_m = 0.3 m, must be in [0.001, 0.2] m")));
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              ElementsAre(HasSubstr("alpha_1_m = 0 1/m, must be in [1, 10000] 1/m"),
+                          HasSubstr("beta = nan, must be in [-10, 10]"),
+                          HasSubstr("support_m = 0.3 m, must be in [0.001, 0.2] m")));
   EXPECT_THROW(GpisScene({}, 0.03, recorder.query(), config), std::invalid_argument);
   EXPECT_THROW(makeGpisScene(boxMap(), config), std::invalid_argument);
   EXPECT_THROW(makeGpisScene(nullptr, GpisScene::Config()), std::invalid_argument);

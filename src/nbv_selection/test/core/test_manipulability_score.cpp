@@ -20,6 +20,7 @@ namespace {
 
 using base_navigation::Pose2d;
 using gpis_mapping::GroundPlane;
+using interactive_mapping::problemsOf;
 using motion_planning::AnnulusSector;
 using motion_planning::ManipulabilitySectors;
 using nbv_selection_test::FunctionScene;
@@ -464,15 +465,15 @@ TEST(StandOn, PutsTheBaseUprightOnThePlaneFacingItsHeading) {
 }
 
 TEST(ManipulabilityScore, RefusesImpossibleConfigs) {
-  EXPECT_THAT(ManipulabilityScoreConfig().validate(), IsEmpty());
+  EXPECT_THAT(problemsOf(ManipulabilityScoreConfig()), IsEmpty());
   ManipulabilityScoreConfig config;
   config.cell_m = 0.01;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("cell_m = 0.01 m, must be in [0.02, 0.2] m")));
+  EXPECT_THAT(problemsOf(config), ElementsAre(HasSubstr("cell_m = 0.01 m, must be in [0.02, 0.2] m")));
   config = {};
   config.band_m = 0.024;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("band_m = 0.024 m, must be in [0.025, 0.2] m")));
+  EXPECT_THAT(problemsOf(config), ElementsAre(HasSubstr("band_m = 0.024 m, must be in [0.025, 0.2] m")));
   config.band_m = kNaN;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("band_m = nan m")));
+  EXPECT_THAT(problemsOf(config), ElementsAre(HasSubstr("band_m = nan m")));
   const FunctionScene scene = senselessScene();
   EXPECT_THROW(ManipulabilityScore(scene, {}, GroundPlane(), kMinHeight_m, armSectors(), armFoot(), config),
                std::invalid_argument);

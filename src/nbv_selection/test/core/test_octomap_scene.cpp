@@ -159,12 +159,13 @@ TEST(VoxelEntropy, IsOneBitWhereNothingIsKnownAndNoneWhereAllIs) {
 }
 
 TEST(OctomapSceneConfig, SaysWhatIsImpossible) {
-  EXPECT_TRUE(OctomapScene::Config().validate().empty());
+  EXPECT_TRUE(interactive_mapping::problemsOf(OctomapScene::Config()).empty());
   OctomapScene::Config bad;
   bad.gradient_step_m = 0.0;
   bad.surface_band_m = kNan;
-  EXPECT_THAT(bad.validate(), testing::ElementsAre("gradient_step_m = 0 m, must be in [0.01, 0.5] m",
-                                                   "surface_band_m = nan m, must be in [0.005, 0.3] m"));
+  EXPECT_THAT(interactive_mapping::problemsOf(bad),
+              testing::ElementsAre("gradient_step_m = 0 m, must be in [0.01, 0.5] m",
+                                   "surface_band_m = nan m, must be in [0.005, 0.3] m"));
   EXPECT_THROW(sceneOf(boxTree(), bad), std::invalid_argument);
   EXPECT_THROW(sceneOf(nullptr), std::invalid_argument);
 }
@@ -180,7 +181,8 @@ TEST(OctomapSceneConfig, MustFitTheVoxelsOfTheTree) {
     sceneOf(tree, config);
     FAIL() << "3 cm do not reach the corners of a voxel of 5 cm";
   } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(), "surface_band_m = 0.03 m, must be in [0.0433013, 0.8] m for voxels of 0.05 m");
+    EXPECT_STREQ(error.what(),
+                 "impossible scene:\n  surface_band_m = 0.03 m, must be in [0.0433013, 0.8] m for voxels of 0.05 m");
   }
   config.surface_band_m = 0.05;
   EXPECT_EQ(sceneOf(tree, config).surface().points_map.size(), 64u);

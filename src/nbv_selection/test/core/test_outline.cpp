@@ -15,6 +15,7 @@
 namespace nbv_selection {
 namespace {
 
+using interactive_mapping::problemsOf;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
@@ -485,14 +486,14 @@ TEST(Outline, CellOfWhatIsNotThereIsOutside) {
 
 TEST(Outline, NamesWhatIsImpossible) {
   OutlineConfig config;
-  EXPECT_TRUE(config.validate().empty());
+  EXPECT_TRUE(problemsOf(config).empty());
   config.cell_size_m = 0.0;
   config.min_height_m = -0.1;
   config.max_height_m = kNan;
   config.closing_m = 0.6;
   config.min_area_m2 = -1.0;
   config.tolerance_m = kInfinity;
-  const std::vector<std::string> problems = config.validate();
+  const std::vector<std::string> problems = problemsOf(config);
   EXPECT_THAT(problems, SizeIs(6));
   for (const char* key : {"cell_size_m = 0 m", "min_height_m = -0.1 m", "max_height_m = nan m", "closing_m = 0.6 m",
                           "min_area_m2 = -1 m2", "tolerance_m = inf m"}) {
@@ -502,7 +503,7 @@ TEST(Outline, NamesWhatIsImpossible) {
   OutlineConfig crossed;
   crossed.min_height_m = 0.8;
   crossed.max_height_m = 0.7;
-  EXPECT_THAT(crossed.validate(), Contains(HasSubstr("max_height_m = 0.7 m, must be in [0.8, 20] m")));
+  EXPECT_THAT(problemsOf(crossed), Contains(HasSubstr("max_height_m = 0.7 m, must be in [0.8, 20] m")));
 
   MappedSurface uneven;
   uneven.points_map.resize(2, Eigen::Vector3d::Zero());

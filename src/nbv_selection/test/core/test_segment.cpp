@@ -525,12 +525,12 @@ TEST(Segment, OfNothingIsNone) {
 
 TEST(Segment, NamesWhatIsImpossible) {
   SegmentConfig config;
-  EXPECT_TRUE(config.validate().empty());
+  EXPECT_TRUE(interactive_mapping::problemsOf(config).empty());
   config.spacing_m = 0.0;
   config.standoff_m = -0.1;
   config.sample_spacing_m = kNan;
   config.profile_depth_m = 3.0;
-  const std::vector<std::string> problems = config.validate();
+  const std::vector<std::string> problems = interactive_mapping::problemsOf(config);
   EXPECT_THAT(problems, SizeIs(4));
   for (const char* key :
        {"spacing_m = 0 m", "standoff_m = -0.1 m", "sample_spacing_m = nan m", "profile_depth_m = 3 m"}) {

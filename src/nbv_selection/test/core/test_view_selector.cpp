@@ -1035,8 +1035,8 @@ TEST(ViewSelectorBadInput, ImpossibleRequestsAreRefusedByName) {
 
 TEST(ViewSelectorBadInput, ImpossibleConfigurationsAreRefusedByName) {
   ViewSelectorConfig config;
-  EXPECT_THAT(config.validate(), IsEmpty());
-  EXPECT_THAT(octomapSelectorConfig().validate(), IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(config), IsEmpty());
+  EXPECT_THAT(interactive_mapping::problemsOf(octomapSelectorConfig()), IsEmpty());
   config.ground.max_tilt_rad = 2.0;
   config.outline.cell_size_m = -1.0;
   config.segments.standoff_m = kNaN;

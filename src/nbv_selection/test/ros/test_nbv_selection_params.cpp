@@ -1,20 +1,25 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "nbv_selection_ros/nbv_selection_params.h"
 
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
+#include <interactive_mapping_common_ros/params.h>
 #include <ros/ros.h>
 
-#include <interactive_mapping_common_ros/testing/params_contract.h>
 #include "nbv_selection_ros/strategy_params.h"
 
 namespace nbv_selection_ros {
 namespace {
 
-using params_contract::Contract;
-using params_contract::flattened;
-using params_contract::messageOf;
-using params_contract::readText;
-using params_contract::Values;
+using interactive_mapping::Fields;
+using interactive_mapping::problemsOf;
+using interactive_mapping::toYaml;
+using interactive_mapping_ros::loadParams;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -30,56 +35,40 @@ XmlRpc::XmlRpcValue listOf(const std::vector<std::string>& texts) {
   return list;
 }
 
-const Contract kNodeContract = {NBV_SELECTION_DIR,
-                                "config/nbv_selection.yaml",
-                                toYaml(NbvSelectionParams()),
-                                [](const ros::NodeHandle& nh) { return toYaml(loadNbvSelectionParams(nh)); },
-                                {"seed", "max_attempts", "input/occupied_from"},
-                                {{"map_frame", "world"},
-                                 {"base_frame", "platform"},
-                                 {"base_profile_file", "/profile.yaml"},
-                                 {"sectors_file", "/sectors.yaml"},
-                                 {"strategies", listOf({"one", "other"})}}};
-
-// Other weights, each another, that sum to 1 as well.
-const std::map<std::string, XmlRpc::XmlRpcValue> kOtherThanDefault = {
-    {"plugin", "nbv_selection/Other"}, {"removed_factor", "frontier"}, {"manipulability/approach", "from_arm_base"},
-    {"weights/manipulability", 0.2},   {"weights/pick_order", 0.16},   {"weights/travel", 0.22},
-    {"weights/uncertainty", 0.12},     {"weights/frontier", 0.3}};
-
-const Contract kGpisContract = {NBV_SELECTION_DIR,
-                                "config/nbv_selection.yaml",
-                                toYaml(GpisStrategyParams()),
-                                [](const ros::NodeHandle& nh) { return toYaml(loadGpisStrategyParams(nh)); },
-                                {},
-                                kOtherThanDefault};
-
-const Contract kOctomapContract = {NBV_SELECTION_DIR,
-                                   "config/octomap_strategies.yaml",
-                                   toYaml(OctomapStrategyParams()),
-                                   [](const ros::NodeHandle& nh) { return toYaml(loadOctomapStrategyParams(nh)); },
-                                   {},
-                                   kOtherThanDefault};
-
-/// The values of one strategy's section as a file has them.
-Values inSection(const std::string& section, const std::string& plugin, const std::string& default_yaml) {
-  Values values;
-  for (const auto& [key, value] : flattened(default_yaml)) values[section + "/" + key] = value;
-  values[section + "/plugin"] = plugin;
-  return values;
+std::string messageOf(const std::function<void()>& load) {
+  return test_support::messageOf<std::invalid_argument>(load);
 }
 
-TEST(NbvSelectionParams, ShippedFileHasEveryKeyWithItsDefault) {
-  Values expected = flattened(toYaml(NbvSelectionParams()));
-  expected.merge(inSection("gpis", "nbv_selection/Gpis", toYaml(GpisStrategyParams())));
-  EXPECT_EQ(flattened(readText(kConfigDir + "nbv_selection.yaml")), expected);
-}
+/// The node with its default strategy.
+struct NodeFile {
+  NbvSelectionParams node;
+  GpisStrategyParams gpis;
 
-TEST(NbvSelectionParams, ShippedFileOfTheBaselinesHasEveryKeyWithItsDefault) {
-  const std::string defaults = toYaml(OctomapStrategyParams());
-  Values expected = inSection("octomap_gradient_frontier", "nbv_selection/OctomapGradientFrontier", defaults);
-  expected.merge(inSection("octomap_random", "nbv_selection/OctomapRandom", defaults));
-  EXPECT_EQ(flattened(readText(kConfigDir + "octomap_strategies.yaml")), expected);
+  static void fields(NodeFile& c, Fields& f) {
+    NbvSelectionParams::fields(c.node, f);
+    f.section("gpis", c.gpis);
+  }
+};
+
+/// The strategies this work is compared with.
+struct BaselinesFile {
+  OctomapStrategyParams gradient_frontier;
+  OctomapStrategyParams random;
+
+  static void fields(BaselinesFile& c, Fields& f) {
+    f.section("octomap_gradient_frontier", c.gradient_frontier);
+    f.section("octomap_random", c.random);
+  }
+};
+
+TEST(NbvSelectionParams, ShippedFilesAreWhatTheFieldsSay) {
+  NodeFile node;
+  node.gpis.plugin = "nbv_selection/Gpis";
+  test_support::expectShippedFile(kConfigDir + "nbv_selection.yaml", node);
+  BaselinesFile baselines;
+  baselines.gradient_frontier.plugin = "nbv_selection/OctomapGradientFrontier";
+  baselines.random.plugin = "nbv_selection/OctomapRandom";
+  test_support::expectShippedFile(kConfigDir + "octomap_strategies.yaml", baselines);
 }
 
 TEST(NbvSelectionParams, ShippedFilesLoadAsTheDefaults) {
@@ -89,35 +78,13 @@ TEST(NbvSelectionParams, ShippedFilesLoadAsTheDefaults) {
   EXPECT_EQ(toYaml(loadNbvSelectionParams(ros::NodeHandle("~shipped"))), toYaml(expected));
   GpisStrategyParams gpis;
   gpis.plugin = "nbv_selection/Gpis";
-  EXPECT_EQ(toYaml(loadGpisStrategyParams(ros::NodeHandle("~shipped/gpis"))), toYaml(gpis));
+  EXPECT_EQ(toYaml(loadParams<GpisStrategyParams>(ros::NodeHandle("~shipped/gpis"))), toYaml(gpis));
   OctomapStrategyParams octomap;
   octomap.plugin = "nbv_selection/OctomapGradientFrontier";
-  EXPECT_EQ(toYaml(loadOctomapStrategyParams(ros::NodeHandle("~shipped/octomap_gradient_frontier"))), toYaml(octomap));
+  EXPECT_EQ(toYaml(loadParams<OctomapStrategyParams>(ros::NodeHandle("~shipped/octomap_gradient_frontier"))),
+            toYaml(octomap));
   octomap.plugin = "nbv_selection/OctomapRandom";
-  EXPECT_EQ(toYaml(loadOctomapStrategyParams(ros::NodeHandle("~shipped/octomap_random"))), toYaml(octomap));
-}
-
-TEST(NbvSelectionParams, EveryKeyIsReadIntoItsOwnField) {
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kNodeContract, ros::NodeHandle("~changed"));
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kGpisContract, ros::NodeHandle("~changed_gpis"));
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kOctomapContract, ros::NodeHandle("~changed_octomap"));
-}
-
-TEST(NbvSelectionParams, ReadmeTablesHaveEveryKeyWithItsDefault) {
-  const std::string readme = readText(std::string(NBV_SELECTION_DIR) + "/README.md");
-  std::size_t rows = 0;
-  // The table of strategies has gpis' section, without its name.
-  params_contract::forEachScalar(
-      YAML::LoadFile(kConfigDir + "nbv_selection.yaml"), "", [&](const std::string& key, const YAML::Node& value) {
-        const std::string section = "gpis/";
-        const bool is_gpis = key.compare(0, section.size(), section) == 0;
-        const std::string text = params_contract::textOf(value);
-        const std::string row =
-            "| `" + (is_gpis ? key.substr(section.size()) : key) + "` | " + (text.empty() ? "\"\"" : text) + " |";
-        EXPECT_NE(readme.find(row), std::string::npos) << row;
-        ++rows;
-      });
-  EXPECT_EQ(rows, flattened(toYaml(NbvSelectionParams())).size() + flattened(toYaml(GpisStrategyParams())).size());
+  EXPECT_EQ(toYaml(loadParams<OctomapStrategyParams>(ros::NodeHandle("~shipped/octomap_random"))), toYaml(octomap));
 }
 
 TEST(NbvSelectionParams, OneMessageNamesEveryProblemWithValueAndRange) {
@@ -136,7 +103,7 @@ TEST(NbvSelectionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("cost/select_s", 61.0);
   nh.setParam("max_attempts", 0);
   nh.setParam("left_over/spacing_m", 0.1);  // no plugin: no strategy's section
-  const std::string message = messageOf(kNodeContract, nh);
+  const std::string message = messageOf([&] { loadNbvSelectionParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/base_profile_file = 'profile.yaml', must be the absolute path"));
   EXPECT_THAT(message, Not(HasSubstr("sectors_file")));
   EXPECT_THAT(message, HasSubstr("/wrong/map_frame = '/map', must be a tf2 frame"));
@@ -159,29 +126,31 @@ TEST(NbvSelectionParams, AStrategyIsWantedAndAListOfTexts) {
   ros::NodeHandle nh("~no_list");
   nh.setParam("base_profile_file", "/profile.yaml");
   nh.setParam("sectors_file", "/sectors.yaml");
-  EXPECT_EQ(messageOf(kNodeContract, nh), "");
+  const auto load = [&nh] { return messageOf([&nh] { loadNbvSelectionParams(nh); }); };
+  EXPECT_EQ(load(), "");
   nh.setParam("strategies", "gpis");
-  EXPECT_THAT(messageOf(kNodeContract, nh), AllOf(HasSubstr("/no_list/strategies"), HasSubstr("a list of texts")));
+  EXPECT_THAT(load(), AllOf(HasSubstr("/no_list/strategies"), HasSubstr("a list of texts")));
   XmlRpc::XmlRpcValue mixed = listOf({"gpis", ""});
   mixed[1] = 7;
   nh.setParam("strategies", mixed);
-  EXPECT_THAT(messageOf(kNodeContract, nh), AllOf(HasSubstr("/no_list/strategies"), HasSubstr("a list of texts")));
+  EXPECT_THAT(load(), AllOf(HasSubstr("/no_list/strategies"), HasSubstr("a list of texts")));
   XmlRpc::XmlRpcValue none;
   none.setSize(0);
   nh.setParam("strategies", none);
-  EXPECT_THAT(messageOf(kNodeContract, nh), HasSubstr("/no_list/strategies = [], must be at least one"));
+  EXPECT_THAT(load(), HasSubstr("/no_list/strategies = [], must be at least one"));
 }
 
 TEST(NbvSelectionParams, FramesMustDiffer) {
   NbvSelectionParams params;
   params.base_profile_file = params.sectors_file = "/file.yaml";
-  EXPECT_THAT(params.validate(), IsEmpty());
+  EXPECT_THAT(problemsOf(params), IsEmpty());
   params.base_frame = params.map_frame;
-  EXPECT_THAT(params.validate(), ElementsAre("base_frame = 'map', must be another frame than map_frame"));
+  EXPECT_THAT(problemsOf(params), ElementsAre("base_frame = 'map', must be another frame than map_frame"));
 }
 
 /// What the sections have in common, wrong in each of them.
-void expectWrongStrategyIsRefused(const Contract& contract, const std::string& name) {
+template <typename Params>
+void expectWrongStrategyIsRefused(const std::string& name) {
   ros::NodeHandle nh("~" + name);
   nh.setParam("plugin", "nbv_selection/Any");
   nh.setParam("removed_factor", "weather");
@@ -194,11 +163,11 @@ void expectWrongStrategyIsRefused(const Contract& contract, const std::string& n
   nh.setParam("segments/spacing_m", -0.1);
   nh.setParam("ground/max_tilt_rad", 3.0);
   nh.setParam("logistic/frontier/l", "one");
-  const std::string message = messageOf(contract, nh);
+  const std::string message = messageOf([&] { loadParams<Params>(nh); });
   EXPECT_THAT(message, HasSubstr("/" + name + "/removed_factor = 'weather'"));
   EXPECT_THAT(message, HasSubstr("manipulability, pick_order, travel, uncertainty, frontier, failure_penalty"));
   EXPECT_THAT(message,
-              HasSubstr("/" + name + "/manipulability/approach = 'sideways', must be sector or from_arm_base"));
+              HasSubstr("/" + name + "/manipulability/approach = 'sideways', must be one of sector, from_arm_base"));
   EXPECT_THAT(message, AllOf(HasSubstr("/" + name + "/manipulability/band_m = "), HasSubstr("must be a number")));
   EXPECT_THAT(message, HasSubstr("/" + name + "/weight is unknown"));
   EXPECT_THAT(message, HasSubstr("/" + name + "/imaginary_share = 1.5, must be in [0.01, 1]"));
@@ -210,34 +179,37 @@ void expectWrongStrategyIsRefused(const Contract& contract, const std::string& n
 }
 
 TEST(StrategyParams, OneMessageNamesEveryProblemWithValueAndRange) {
-  expectWrongStrategyIsRefused(kGpisContract, "wrong_gpis");
-  expectWrongStrategyIsRefused(kOctomapContract, "wrong_octomap");
+  expectWrongStrategyIsRefused<GpisStrategyParams>("wrong_gpis");
+  expectWrongStrategyIsRefused<OctomapStrategyParams>("wrong_octomap");
   ros::NodeHandle gpis("~other_gpis");
   gpis.setParam("occupancy/alpha_1_m", 0.0);
   gpis.setParam("octomap/gradient_step_m", 0.1);
-  EXPECT_THAT(messageOf(kGpisContract, gpis),
+  EXPECT_THAT(messageOf([&] { loadParams<GpisStrategyParams>(gpis); }),
               AllOf(HasSubstr("/other_gpis/occupancy/alpha_1_m = 0 1/m"), HasSubstr("/other_gpis/octomap is unknown")));
   ros::NodeHandle octomap("~other_octomap");
   octomap.setParam("octomap/surface_band_m", 0.0);
   octomap.setParam("occupancy/alpha_1_m", 100.0);
-  EXPECT_THAT(messageOf(kOctomapContract, octomap), AllOf(HasSubstr("/other_octomap/octomap/surface_band_m = 0 m"),
-                                                          HasSubstr("/other_octomap/occupancy is unknown")));
+  EXPECT_THAT(messageOf([&] { loadParams<OctomapStrategyParams>(octomap); }),
+              AllOf(HasSubstr("/other_octomap/octomap/surface_band_m = 0 m"),
+                    HasSubstr("/other_octomap/occupancy is unknown")));
 }
 
 TEST(StrategyParams, WeightsThatDoNotSumToOneAreRefusedWithTheirSum) {
   ros::NodeHandle nh("~heavy");
   nh.setParam("weights/travel", 0.5);  // 0.25 too much
-  EXPECT_THAT(messageOf(kGpisContract, nh), HasSubstr("/heavy/weights: their sum = 1.25, must be 1"));
-  EXPECT_THAT(messageOf(kOctomapContract, nh), HasSubstr("/heavy/weights: their sum = 1.25, must be 1"));
+  EXPECT_THAT(messageOf([&] { loadParams<GpisStrategyParams>(nh); }),
+              HasSubstr("/heavy/weights: their sum = 1.250000, must be 1"));
+  EXPECT_THAT(messageOf([&] { loadParams<OctomapStrategyParams>(nh); }),
+              HasSubstr("/heavy/weights: their sum = 1.250000, must be 1"));
   nh.setParam("weights/manipulability", 0.0);
-  EXPECT_EQ(messageOf(kGpisContract, nh), "");
+  EXPECT_EQ(messageOf([&] { loadParams<GpisStrategyParams>(nh); }), "");
 }
 
 TEST(StrategyParams, AFactorIsRemovedAndTheOthersShareItsWeight) {
   ros::NodeHandle nh("~ablation");
   nh.setParam("removed_factor", "travel");  // 0.25: the others grow by 1 / 0.75
   nh.setParam("manipulability/approach", "from_arm_base");
-  const GpisStrategyParams params = loadGpisStrategyParams(nh);
+  const GpisStrategyParams params = loadParams<GpisStrategyParams>(nh);
   using nbv_selection::Factor;
   EXPECT_EQ(params.selector.utility.of(Factor::kTravel).weight, 0.25) << "as read, for who prints it";
   const nbv_selection::ViewSelectorConfig effective = params.effective();
@@ -248,8 +220,9 @@ TEST(StrategyParams, AFactorIsRemovedAndTheOthersShareItsWeight) {
   EXPECT_TRUE(effective.utility.use_failures);
   nh.setParam("removed_factor", "failure_penalty");
   nh.setParam("manipulability/approach", "sector");
-  EXPECT_FALSE(loadGpisStrategyParams(nh).effective().utility.use_failures);
-  EXPECT_EQ(loadGpisStrategyParams(nh).effective().manipulability.weight, nbv_selection::ApproachWeight::kSector);
+  EXPECT_FALSE(loadParams<GpisStrategyParams>(nh).effective().utility.use_failures);
+  EXPECT_EQ(loadParams<GpisStrategyParams>(nh).effective().manipulability.weight,
+            nbv_selection::ApproachWeight::kSector);
 }
 
 TEST(StrategyParams, WhatHasAllTheWeightCannotBeRemoved) {
@@ -258,9 +231,34 @@ TEST(StrategyParams, WhatHasAllTheWeightCannotBeRemoved) {
     nh.setParam(std::string("weights/") + factor, 0.0);
   }
   nh.setParam("weights/travel", 1.0);
-  EXPECT_EQ(messageOf(kGpisContract, nh), "");
+  EXPECT_EQ(messageOf([&] { loadParams<GpisStrategyParams>(nh); }), "");
   nh.setParam("removed_factor", "travel");
-  EXPECT_THAT(messageOf(kGpisContract, nh), HasSubstr("/only/removed_factor = 'travel'"));
+  EXPECT_THAT(messageOf([&] { loadParams<GpisStrategyParams>(nh); }), HasSubstr("/only/removed_factor = 'travel'"));
+}
+
+/// A strategy of another package, with a map of its own.
+struct ForeignParams : StrategyParams {
+  double reach_m{2.0};
+
+  static void fields(ForeignParams& c, Fields& f) {
+    StrategyParams::fields(c, f);
+    f("reach_m", c.reach_m, 0.1, 10.0, "m", "of its map");
+  }
+};
+
+TEST(StrategyParams, ForeignStrategyAddsItsOwnKeys) {
+  ros::NodeHandle nh("~foreign");
+  nh.setParam("plugin", "my_views/Nearest");
+  nh.setParam("reach_m", 3.0);
+  nh.setParam("min_utility", 0.1);
+  const ForeignParams params = loadParams<ForeignParams>(nh);
+  EXPECT_EQ(params.reach_m, 3.0);
+  EXPECT_EQ(params.effective().utility.min_utility, 0.1);
+  nh.setParam("reach_m", 30.0);
+  nh.setParam("octomap/gradient_step_m", 0.1);
+  EXPECT_THAT(
+      messageOf([&] { loadParams<ForeignParams>(nh); }),
+      AllOf(HasSubstr("/foreign/reach_m = 30 m, must be in [0.1, 10] m"), HasSubstr("/foreign/octomap is unknown")));
 }
 
 }  // namespace

@@ -12,21 +12,33 @@
 
 namespace octomap_baseline_ros {
 
-/// All parameters of the node, with the only copy of the defaults. SI units.
+/// All parameters of the node. SI units.
 struct OctomapBaselineParams {
   gpis_mapping_ros::DepthInputParams input;
   octomap_baseline::OctomapConfig map;
 
   struct Output {
-    double rate_hz{2.0};             // of every topic but ~update, at most; by the wall clock
-    bool every_image{false};         // besides, after each image that changed the map, before its ~update
-    double projected_min_z_m{-1e4};  // voxels between these heights make the projected map
+    double rate_hz{2.0};
+    bool every_image{false};
+    double projected_min_z_m{-1e4};
     double projected_max_z_m{1e4};
-    bool filter_speckles{false};  // voxels without an occupied neighbour are left out of it
+    bool filter_speckles{false};
+
+    static void fields(Output& c, interactive_mapping::Fields& f) {
+      f("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of every topic but ~update, at most; by the wall clock");
+      f("every_image", c.every_image, "besides, after each image that changed the map, before its ~update");
+      f("projected_min_z_m", c.projected_min_z_m, -1e4, 1e4, "m", "voxels between these heights ...");
+      f("projected_max_z_m", c.projected_max_z_m, -1e4, 1e4, "m", "... make the projected map");
+      f("filter_speckles", c.filter_speckles, "voxels without an occupied neighbour are left out of it");
+      f.require(c.projected_min_z_m < c.projected_max_z_m, "projected_min_z_m must be below output/projected_max_z_m");
+    }
   } output;
 
-  /// Every problem as "key = value unit, must be in [lo, hi] unit".
-  std::vector<std::string> validate() const;
+  /// But for those of the map, which have a file of their own.
+  static void fields(OctomapBaselineParams& c, interactive_mapping::Fields& f) {
+    f.section("input", c.input);
+    f.section("output", c.output);
+  }
 };
 
 /// Reads `~` parameters: `~map/...` in the layout of config/octomap_baseline.yaml, the rest in that of

@@ -12,6 +12,7 @@
 #include <tuple>
 
 #include <gtest/gtest.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
 #include <octomap_msgs/BoundingBoxQuery.h>
 #include <octomap_msgs/GetOctomap.h>
 #include <octomap_msgs/OctomapWithPose.h>
@@ -19,10 +20,16 @@
 #include <ros/service_traits.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 
+#include "octomap_baseline_ros/octomap_baseline_params.h"
+
 namespace octomap_baseline_ros {
 namespace {
 
 using visualization_msgs::Marker;
+
+TEST(OctomapBaselineParams, ShippedFileIsWhatTheFieldsSay) {
+  test_support::expectShippedFile<OctomapBaselineParams>(OCTOMAP_CONFIG_DIR "/octomap_baseline_node.yaml");
+}
 
 /// What octomap_msgs::binaryMsgToMap and fullMsgToMap do.
 std::unique_ptr<octomap::OcTree> readBack(const octomap_msgs::Octomap& message) {

@@ -24,6 +24,18 @@ struct BrickRecord {
   std::optional<int> scene_tried;  // in vain; again when another
   std::map<std::string, int> failures;
   std::string last_failure;
+
+  /// visit(key, member) for what is saved: what was tried. What was seen has to be seen anew.
+  template <typename Self, typename Visitor>
+  static void visitFields(Self& self, Visitor&& visit) {
+    visit("is_picked", self.is_picked);
+    visit("picks_begun", self.picks_begun);
+    visit("picks_failed", self.picks_failed);
+    visit("attempts_back", self.attempts_back);
+    visit("plans_failed", self.plans_failed);
+    visit("failures", self.failures);
+    visit("last_failure", self.last_failure);
+  }
 };
 
 /// All bricks of a mission, which to try next and which no more. A "scene" is a number that changes when robot or pile do.
@@ -65,7 +77,8 @@ class BrickLedger {
   int numOpen() const;       // the same, and there
   const std::map<int, BrickRecord>& bricks() const { return bricks_; }
 
-  /// What was tried; what was seen has to be seen anew. restore() throws nlohmann::json::exception for anything else.
+  /// restore() throws nlohmann::json::exception for anything else, and std::invalid_argument for counts that are none;
+  /// nothing has changed then.
   nlohmann::json toJson() const;
   void restore(const nlohmann::json& json);
 

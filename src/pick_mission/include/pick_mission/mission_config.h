@@ -1,88 +1,162 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cmath>
 #include <string>
+#include <utility>
 #include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 namespace pick_mission {
 
-struct MissionConfig {
-  /// Places of base_link in the frame it stands in at the start, looked from one after the other before the first
-  /// selection: towards the pile, so that ground is known to stand on. As many of each; none: round the bricks alone.
+// More is a slip of the pen: a day, a hall.
+constexpr double kLongest_s = 86400.0;
+constexpr double kFarthest_m = 100.0;
+constexpr int kMost = 1000;
+
+/// Poses of base_link before the first selection. Those of the lists look towards the pile, so that ground is known to
+/// stand on.
+struct SurveyConfig {
   std::vector<double> survey_x_m{0.6, 1.2};
   std::vector<double> survey_y_m{0.0, 0.0};
   std::vector<double> survey_yaw_rad{0.0, 0.0};
-  /// Then so many more, evenly round the bricks that were found, each so far before the outermost brick in its direction;
-  /// 0, and none of the others: no survey.
   int survey_round{3};
   double survey_round_m{1.3};
 
-  int look_images{3};  // in the map before it is believed to show what is there
-  double look_timeout_s{20.0};
-  double detect_timeout_s{10.0};
-
-  double time_limit_s{3600.0};     // of a mission, without pauses; then what moves the arm is ended in order
-  double action_timeout_s{300.0};  // for one action: then it is cancelled and counts as no answer
-  double cancel_timeout_s{15.0};   // for a cancelled one to end
-  double ready_timeout_s{60.0};    // for the arm to be ready again or to end what it does; for tf to tell the place
-  double retry_wait_s{2.0};        // before what was too old or not there is asked again
-  double recover_wait_s{10.0};     // after a recovery that failed, for the arm to be ready by itself: then the next
-
-  int max_picks_per_brick{3};          // that failed: then it is left, but for one more for each that is taken away
-  int max_plans_per_brick{10};         // that failed since a brick was last taken away
-  int max_pick_failures_per_view{3};   // then the next view
-  int max_plan_failures_per_view{12};  // each costs time
-  int max_failures_in_a_row{5};        // of one kind of action: then the mission ends
-  int max_recoveries_in_a_row{3};      // without a motion of the arm that succeeded in between
-  int max_fruitless_views{8};          // in a row, without a pick and without a new brick
-  int leave_after_views{3};            // of these: away from the bricks tried in vain, if others were tried less often
-  double leave_radius_m{1.5};          // about such a brick: places from which the arm reaches it
-  int max_low_utility_views{4};        // without a pick: to uncover what is unseen
-  int max_vantage_drives{3};           // without a pick: back to a place of the survey
-  int max_fade_waits{3};               // without a pick: for reported failures to fade
-  double fade_wait_s{60.0};
-  double exclusion_radius_m{0.15};  // about a place where nothing could be done, until a brick was picked
-
-  bool unlocks_protective_stop{false};  // without a person who has looked: for simulation only
-  int bricks_total{-1};                 // -1: not known
-
-  /// "key = value unit, must be ..." for each value that is impossible.
-  std::vector<std::string> validate() const;
+  static void fields(SurveyConfig& c, interactive_mapping::Fields& f) {
+    f("x_m", c.survey_x_m, -kFarthest_m, kFarthest_m, "m",
+      "x of the poses of base_link before the first selection, in the frame of its pose at the start");
+    f("y_m", c.survey_y_m, -kFarthest_m, kFarthest_m, "m", "y, as many; none, and round 0: no survey");
+    f("yaw_rad", c.survey_yaw_rad, -M_PI, M_PI, "rad", "yaw, as many");
+    f("round", c.survey_round, 0, 12, "",
+      "poses after these, evenly round the bricks that were found, facing their middle; unreachable ones are left out");
+    f("round_m", c.survey_round_m, 0.5, 5.0, "m", "distance of such a pose from the outermost brick in its direction");
+    const auto size = [](const std::vector<double>& list) { return std::to_string(list.size()); };
+    f.require(c.survey_x_m.size() == c.survey_y_m.size() && c.survey_x_m.size() == c.survey_yaw_rad.size(),
+              "x_m, y_m, yaw_rad = " + size(c.survey_x_m) + ", " + size(c.survey_y_m) + ", " + size(c.survey_yaw_rad) +
+                  " values, must be as many of each");
+  }
 };
 
-/// visit(key, value) for each key, for whoever reads or writes configurations.
-template <typename Config, typename Visitor>
-void visitMissionFields(Config& config, Visitor&& visit) {
-  visit("survey/x_m", config.survey_x_m);
-  visit("survey/y_m", config.survey_y_m);
-  visit("survey/yaw_rad", config.survey_yaw_rad);
-  visit("survey/round", config.survey_round);
-  visit("survey/round_m", config.survey_round_m);
-  visit("look/images", config.look_images);
-  visit("look/timeout_s", config.look_timeout_s);
-  visit("detect/timeout_s", config.detect_timeout_s);
-  visit("time/limit_s", config.time_limit_s);
-  visit("time/action_timeout_s", config.action_timeout_s);
-  visit("time/cancel_timeout_s", config.cancel_timeout_s);
-  visit("time/ready_timeout_s", config.ready_timeout_s);
-  visit("time/retry_wait_s", config.retry_wait_s);
-  visit("time/recover_wait_s", config.recover_wait_s);
-  visit("attempts/max_picks_per_brick", config.max_picks_per_brick);
-  visit("attempts/max_plans_per_brick", config.max_plans_per_brick);
-  visit("attempts/max_pick_failures_per_view", config.max_pick_failures_per_view);
-  visit("attempts/max_plan_failures_per_view", config.max_plan_failures_per_view);
-  visit("attempts/max_failures_in_a_row", config.max_failures_in_a_row);
-  visit("attempts/max_recoveries_in_a_row", config.max_recoveries_in_a_row);
-  visit("views/max_fruitless", config.max_fruitless_views);
-  visit("views/leave_after", config.leave_after_views);
-  visit("views/leave_radius_m", config.leave_radius_m);
-  visit("views/max_low_utility", config.max_low_utility_views);
-  visit("views/max_vantage_drives", config.max_vantage_drives);
-  visit("views/max_fade_waits", config.max_fade_waits);
-  visit("views/fade_wait_s", config.fade_wait_s);
-  visit("views/exclusion_radius_m", config.exclusion_radius_m);
-  visit("unlocks_protective_stop", config.unlocks_protective_stop);
-  visit("bricks_total", config.bricks_total);
-}
+struct LookConfig {
+  int look_images{3};
+  double look_timeout_s{20.0};
+
+  static void fields(LookConfig& c, interactive_mapping::Fields& f) {
+    f("images", c.look_images, 1, kMost, "", "new images in the map before it shows what is there");
+    f("timeout_s", c.look_timeout_s, 0.1, kLongest_s, "s", "time for them; less than time/action_timeout_s");
+  }
+};
+
+struct DetectConfig {
+  double detect_timeout_s{10.0};
+
+  static void fields(DetectConfig& c, interactive_mapping::Fields& f) {
+    f("timeout_s", c.detect_timeout_s, 0.1, kLongest_s, "s", "time for a detection; less than time/action_timeout_s");
+  }
+};
+
+struct TimeLimits {
+  double time_limit_s{3600.0};
+  double action_timeout_s{300.0};
+  double cancel_timeout_s{15.0};
+  double ready_timeout_s{60.0};
+  double retry_wait_s{2.0};
+  double recover_wait_s{10.0};
+
+  static void fields(TimeLimits& c, interactive_mapping::Fields& f) {
+    f("limit_s", c.time_limit_s, 1.0, kLongest_s, "s",
+      "ROS time of a mission, without pauses; then what moves the arm is ended in order");
+    f("action_timeout_s", c.action_timeout_s, 1.0, kLongest_s, "s",
+      "time for one action; then it is cancelled and counts as unanswered");
+    f("cancel_timeout_s", c.cancel_timeout_s, 0.1, kLongest_s, "s", "time for a cancelled action to end");
+    f("ready_timeout_s", c.ready_timeout_s, 0.1, kLongest_s, "s",
+      "time for the arm to be ready again or to end a motion, and for tf to give the robot's pose; less than "
+      "action_timeout_s");
+    f("retry_wait_s", c.retry_wait_s, 0.0, kLongest_s, "s",
+      "wait before a request is repeated whose input was too old or missing; less than action_timeout_s");
+    f("recover_wait_s", c.recover_wait_s, 0.0, kLongest_s, "s",
+      "wait after a failed recovery for the arm to be ready by itself, before the next; less than action_timeout_s");
+  }
+};
+
+struct AttemptLimits {
+  int max_picks_per_brick{3};
+  int max_plans_per_brick{10};
+  int max_pick_failures_per_view{3};
+  int max_plan_failures_per_view{12};
+  int max_failures_in_a_row{5};
+  int max_recoveries_in_a_row{3};
+
+  static void fields(AttemptLimits& c, interactive_mapping::Fields& f) {
+    f("max_picks_per_brick", c.max_picks_per_brick, 1, kMost, "",
+      "failed picks after which a brick is left; it gets one more, after all others, for each brick taken away");
+    f("max_plans_per_brick", c.max_plans_per_brick, 1, kMost, "",
+      "failed plans for a brick since a brick was last taken away");
+    f("max_pick_failures_per_view", c.max_pick_failures_per_view, 1, kMost, "",
+      "failed picks after which the next view is selected");
+    f("max_plan_failures_per_view", c.max_plan_failures_per_view, 1, kMost, "",
+      "failed plans after which the next view is selected; each costs time");
+    f("max_failures_in_a_row", c.max_failures_in_a_row, 1, kMost, "",
+      "failures of one kind of action in a row that end the mission");
+    f("max_recoveries_in_a_row", c.max_recoveries_in_a_row, 1, kMost, "",
+      "recoveries without a successful motion of the arm in between");
+  }
+};
+
+struct ViewLimits {
+  int max_fruitless_views{8};
+  int leave_after_views{3};
+  double leave_radius_m{1.5};
+  int max_low_utility_views{4};
+  int max_vantage_drives{3};
+  int max_fade_waits{3};
+  double fade_wait_s{60.0};
+  double exclusion_radius_m{0.15};
+
+  static void fields(ViewLimits& c, interactive_mapping::Fields& f) {
+    f("max_fruitless", c.max_fruitless_views, 1, kMost, "", "views in a row without a pick and without a new brick");
+    f("leave_after", c.leave_after_views, 1, kMost, "",
+      "fruitless views after which bricks tried without success are left, if others were tried less often");
+    f("leave_radius_m", c.leave_radius_m, 0.0, kFarthest_m, "m",
+      "radius about such a brick within which the arm reaches it: no view is selected there");
+    f("max_low_utility", c.max_low_utility_views, 0, kMost, "", "views without a pick, to uncover unseen space");
+    f("max_vantage_drives", c.max_vantage_drives, 0, kMost, "", "drives without a pick, back to a pose of the survey");
+    f("max_fade_waits", c.max_fade_waits, 0, kMost, "", "waits without a pick, for reported failures to fade");
+    f("fade_wait_s", c.fade_wait_s, 0.0, kLongest_s, "s", "duration of such a wait; less than time/action_timeout_s");
+    f("exclusion_radius_m", c.exclusion_radius_m, 0.0, kFarthest_m, "m",
+      "radius about a pose without success that is excluded until a brick was picked");
+  }
+};
+
+/// Keys lie in sections, members do not.
+struct MissionConfig : SurveyConfig, LookConfig, DetectConfig, TimeLimits, AttemptLimits, ViewLimits {
+  bool unlocks_protective_stop{false};
+  int bricks_total{-1};
+
+  static void fields(MissionConfig& c, interactive_mapping::Fields& f) {
+    f("unlocks_protective_stop", c.unlocks_protective_stop,
+      "true: a protective stop is unlocked before a person has looked, for simulation only");
+    f("bricks_total", c.bricks_total, -1, 1'000'000, "",
+      "number of bricks: the mission ends when as many are picked or given up; -1: not known");
+    f.section<SurveyConfig>("survey", c);
+    f.section<LookConfig>("look", c);
+    f.section<DetectConfig>("detect", c);
+    f.section<TimeLimits>("time", c);
+    f.section<AttemptLimits>("attempts", c);
+    f.section<ViewLimits>("views", c);
+    // The machine would cancel a look, a detection or a wait that may still succeed.
+    for (const auto& [key, value_s] : {std::pair<const char*, double>{"look/timeout_s", c.look_timeout_s},
+                                       {"detect/timeout_s", c.detect_timeout_s},
+                                       {"time/ready_timeout_s", c.ready_timeout_s},
+                                       {"time/retry_wait_s", c.retry_wait_s},
+                                       {"time/recover_wait_s", c.recover_wait_s},
+                                       {"views/fade_wait_s", c.fade_wait_s}}) {
+      f.require(!(value_s >= c.action_timeout_s) || value_s > kLongest_s,
+                std::string(key) + " must be less than time/action_timeout_s");
+    }
+  }
+};
 
 }  // namespace pick_mission

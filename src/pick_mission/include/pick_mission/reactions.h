@@ -15,7 +15,6 @@ struct Reaction {
   bool counts_in_a_row{false};      // as a failure of this kind of action; too many end the mission
   bool blames_brick{false};         // uses up one of its attempts
   bool is_reported{false};          // to the selection: places near are less wanted
-  bool is_arm_busy{false};          // with something else: a wait ends with that
   EndReason end{EndReason::kNone};  // if it is given up, at once or after too many in a row
   std::string why;                  // next, in words
 };

@@ -21,6 +21,7 @@ enum class Trigger {
   kNoPile,      // nothing above the ground
   kLetGoAgain,
   kWaitFirst,       // until what is missing is there
+  kArmBusy,         // with something else: wait until it has ended that
   kRecover,         // the arm
   kHeldByOperator,  // at the arm's bridge
   kGiveUp,
@@ -37,7 +38,7 @@ enum class Trigger {
   kAtOnce,    // junctions
   kEntering,  // what goes before each action
 };
-constexpr int kNumTriggers = 22;
+constexpr int kNumTriggers = 23;
 const char* toString(Trigger trigger);
 
 /// What must hold for a transition to be taken.
@@ -51,14 +52,14 @@ enum class Guard {
   kEnding,       // the mission is over but for the brick in the hand
   kTimeUp,
   kPauseWanted,
-  kNotInOrder,  // the action needs an empty hand or the arm out of view, and it is not so
-  kReportLeft,  // a failure that the selection has not been told yet
+  kArmNotReady,  // the action needs an empty hand or the arm out of view, and it is not so
+  kReportLeft,   // a failure that the selection has not been told yet
   kSurveyLeft,
   kAllDealtWith,  // as many bricks as there are have been picked or have used their attempts
   kBrickHere,     // one to be tried from here
   kViewsSpent,    // too many views in a row without a pick or a new brick
   kMayRecover,    // not too often in a row; no protective stop, or the configuration lets the program unlock it
-  kLeaves,        // the selection passes over the surroundings of bricks that were tried in vain
+  kKeepsAway,     // the selection passes over the surroundings of bricks that were tried in vain
   kSomeExcluded,  // places are excluded from the selection
   kUnseenWorth,   // something unseen is left, and going there has not been tried too often
   kWorthWaiting,  // bricks have attempts left, and failures may fade
@@ -72,11 +73,52 @@ enum class Guard {
 constexpr int kNumGuards = 26;
 const char* toString(Guard guard);
 
+/// What a transition does besides leading to its state. What a result says is recorded before (results.h).
+enum class Effect {
+  kNone,
+  kForgetTries,  // made from this pose: robot and pile may have been moved by people
+  // Why the running action is cancelled.
+  kHaltForHold,
+  kHaltForStop,
+  kHaltForTimeUp,
+  kHaltForTimeout,
+  // Where to drive.
+  kGoToSurveyPose,
+  kGoToView,
+  kGoToUnseen,   // the best view, whose utility is low
+  kGoToVantage,  // back to a pose of the survey, the last one first
+  // What the selection of views passes over.
+  kAllowTriedBricks,
+  kClearExcluded,
+  kCountRecovery,
+  // What to wait for.
+  kWaitForHand,  // until the bridge says what hangs on the magnet
+  kWaitForArm,
+  kWaitForIdleArm,
+  kWaitAfterRecovery,
+  kWaitForPose,
+  kWaitForFading,  // of reported failures
+  // Why the mission ends. The first reason stands, but kGiveUp replaces it.
+  kGiveUp,
+  kEndStopped,
+  kEndTimeUp,
+  kEndHalted,  // as stopped or as time up, by what it was halted for
+  kEndHandUnknown,
+  kEndAllDealtWith,
+  kEndViewsSpent,
+  kEndNotRecovered,
+  kEndNoPile,
+  kEndNoView,
+};
+constexpr int kNumEffects = 29;
+const char* toString(Effect effect);
+
 struct Transition {
   std::optional<State> from;  // nothing: any action
   Trigger trigger;
   Guard guard;
   State to;
+  Effect effect{Effect::kNone};
 };
 
 /// All there are. Of those that fit, the first whose guard holds is taken; a trigger of operator or clock that none fits

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "json_fields.h"
 #include "pick_mission/stacking.h"
 
 namespace pick_mission {
@@ -147,14 +148,8 @@ int BrickLedger::numOpen() const {
 nlohmann::json BrickLedger::toJson() const {
   nlohmann::json json = nlohmann::json::array();
   for (const auto& [id, record] : bricks_) {
-    json.push_back({{"id", id},
-                    {"is_picked", record.is_picked},
-                    {"picks_begun", record.picks_begun},
-                    {"picks_failed", record.picks_failed},
-                    {"attempts_back", record.attempts_back},
-                    {"plans_failed", record.plans_failed},
-                    {"failures", record.failures},
-                    {"last_failure", record.last_failure}});
+    json.push_back(savedFields(record));
+    json.back()["id"] = id;
   }
   return json;
 }
@@ -163,15 +158,8 @@ void BrickLedger::restore(const nlohmann::json& json) {
   std::map<int, BrickRecord> bricks;
   for (const nlohmann::json& entry : json) {
     const int id = entry.at("id").get<int>();
-    BrickRecord& record = bricks[id];
-    record.seen.id = id;
-    record.is_picked = entry.at("is_picked").get<bool>();
-    record.picks_begun = entry.at("picks_begun").get<int>();
-    record.picks_failed = entry.at("picks_failed").get<int>();
-    record.attempts_back = entry.at("attempts_back").get<int>();
-    record.plans_failed = entry.at("plans_failed").get<int>();
-    record.failures = entry.at("failures").get<std::map<std::string, int>>();
-    record.last_failure = entry.at("last_failure").get<std::string>();
+    bricks[id].seen.id = id;
+    restoreFields(entry, bricks[id]);
   }
   bricks_ = std::move(bricks);
 }

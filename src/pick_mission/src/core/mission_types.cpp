@@ -1,146 +1,47 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pick_mission/mission_types.h"
 
+#include "enum_names.h"
+
 namespace pick_mission {
 
 const char* toString(SelectionStatus status) {
-  switch (status) {
-    case SelectionStatus::kSuccess:
-      return "success";
-    case SelectionStatus::kCancelled:
-      return "cancelled";
-    case SelectionStatus::kBadGoal:
-      return "bad goal";
-    case SelectionStatus::kStaleMap:
-      return "stale map";
-    case SelectionStatus::kStaleGround:
-      return "stale ground";
-    case SelectionStatus::kNoPose:
-      return "no pose";
-    case SelectionStatus::kEmptyMap:
-      return "empty map";
-    case SelectionStatus::kNoGround:
-      return "no ground";
-    case SelectionStatus::kNoPile:
-      return "no pile";
-    case SelectionStatus::kNoCandidate:
-      return "no candidate";
-    case SelectionStatus::kLowUtility:
-      return "low utility";
-    case SelectionStatus::kMapChanged:
-      return "map changed";
-    case SelectionStatus::kBadInput:
-      return "bad input";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {"success",     "cancelled",   "bad goal",  "stale map", "stale ground",
+                                           "no pose",     "empty map",   "no ground", "no pile",   "no candidate",
+                                           "low utility", "map changed", "bad input"};
+  return nameOf<kNumSelectionStatus>(kNames, status);
 }
 
 const char* toString(DetectionStatus status) {
-  switch (status) {
-    case DetectionStatus::kSuccess:
-      return "success";
-    case DetectionStatus::kNoImage:
-      return "no image";
-    case DetectionStatus::kRefused:
-      return "refused";
-    case DetectionStatus::kShuttingDown:
-      return "shutting down";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {"success", "no image", "refused", "shutting down"};
+  return nameOf<kNumDetectionStatus>(kNames, status);
 }
 
 const char* toString(LookStatus status) {
-  switch (status) {
-    case LookStatus::kSuccess:
-      return "success";
-    case LookStatus::kCancelled:
-      return "cancelled";
-    case LookStatus::kNoImage:
-      return "no image";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {"success", "cancelled", "no image"};
+  return nameOf<kNumLookStatus>(kNames, status);
 }
 
 const char* toString(WaitStatus status) {
-  switch (status) {
-    case WaitStatus::kSuccess:
-      return "success";
-    case WaitStatus::kCancelled:
-      return "cancelled";
-    case WaitStatus::kNotReady:
-      return "not ready";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {"success", "cancelled", "not ready"};
+  return nameOf<kNumWaitStatus>(kNames, status);
 }
 
 const char* toString(ReportStatus status) {
-  switch (status) {
-    case ReportStatus::kSuccess:
-      return "success";
-    case ReportStatus::kRefused:
-      return "refused";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {"success", "refused"};
+  return nameOf<kNumReportStatus>(kNames, status);
 }
 
 const char* toString(Hand hand) {
-  switch (hand) {
-    case Hand::kEmpty:
-      return "empty";
-    case Hand::kHolding:
-      return "holding";
-    case Hand::kUnknown:
-      return "unknown";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {"empty", "holding", "unknown"};
+  return nameOf(kNames, hand);
 }
 
 const char* toString(State state) {
-  switch (state) {
-    case State::kIdle:
-      return "idle";
-    case State::kPaused:
-      return "paused";
-    case State::kHeld:
-      return "held";
-    case State::kHalting:
-      return "halting";
-    case State::kEnded:
-      return "ended";
-    case State::kBegin:
-      return "begin";
-    case State::kChoose:
-      return "choose";
-    case State::kPlanClear:
-      return "plan_clear";
-    case State::kClear:
-      return "clear";
-    case State::kLook:
-      return "look";
-    case State::kDetect:
-      return "detect";
-    case State::kReport:
-      return "report";
-    case State::kPlanPick:
-      return "plan_pick";
-    case State::kPick:
-      return "pick";
-    case State::kPlanStow:
-      return "plan_stow";
-    case State::kStow:
-      return "stow";
-    case State::kLetGo:
-      return "let_go";
-    case State::kSelect:
-      return "select";
-    case State::kDrive:
-      return "drive";
-    case State::kRecover:
-      return "recover";
-    case State::kWait:
-      return "wait";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {"idle",       "paused", "held",   "halting", "ended",  "begin",     "choose",
+                                           "plan_clear", "clear",  "look",   "detect",  "report", "plan_pick", "pick",
+                                           "plan_stow",  "stow",   "let_go", "select",  "drive",  "recover",   "wait"};
+  return nameOf<kNumStates>(kNames, state);
 }
 
 bool isAction(State state) {
@@ -148,45 +49,11 @@ bool isAction(State state) {
 }
 
 const char* toString(EndReason reason) {
-  switch (reason) {
-    case EndReason::kNone:
-      return "none";
-    case EndReason::kNoBrickLeft:
-      return "no_brick_left";
-    case EndReason::kBricksExhausted:
-      return "bricks_exhausted";
-    case EndReason::kNothingWorthGoing:
-      return "nothing_worth_going";
-    case EndReason::kNoProgress:
-      return "no_progress";
-    case EndReason::kTimeUp:
-      return "time_up";
-    case EndReason::kStopped:
-      return "stopped";
-    case EndReason::kNeedsPerson:
-      return "needs_person";
-    case EndReason::kBrickInHand:
-      return "brick_in_hand";
-    case EndReason::kPlanningFailed:
-      return "planning_failed";
-    case EndReason::kArmFailed:
-      return "arm_failed";
-    case EndReason::kPicksFailed:
-      return "picks_failed";
-    case EndReason::kLooksFailed:
-      return "looks_failed";
-    case EndReason::kDetectionFailed:
-      return "detection_failed";
-    case EndReason::kSelectionFailed:
-      return "selection_failed";
-    case EndReason::kDrivesFailed:
-      return "drives_failed";
-    case EndReason::kRecoveryFailed:
-      return "recovery_failed";
-    case EndReason::kNotReady:
-      return "not_ready";
-  }
-  return "?";
+  static constexpr const char* kNames[] = {
+      "none",         "no_brick_left",    "bricks_exhausted", "nothing_worth_going", "no_progress",     "time_up",
+      "stopped",      "needs_person",     "brick_in_hand",    "planning_failed",     "arm_failed",      "picks_failed",
+      "looks_failed", "detection_failed", "selection_failed", "drives_failed",       "recovery_failed", "not_ready"};
+  return nameOf<kNumEndReasons>(kNames, reason);
 }
 
 bool isControl(const Command& command) {

@@ -2,68 +2,78 @@
 #include "pick_mission/reactions.h"
 
 #include <stdexcept>
+#include <type_traits>
+#include <utility>
 
 namespace pick_mission {
 namespace {
 
-EndReason endReasonOf(State action) {
-  switch (action) {
-    case State::kPlanClear:
-    case State::kPlanPick:
-      return EndReason::kPlanningFailed;
-    case State::kClear:
-      return EndReason::kArmFailed;
-    case State::kLook:
-      return EndReason::kLooksFailed;
-    case State::kDetect:
-      return EndReason::kDetectionFailed;
-    case State::kPick:
-      return EndReason::kPicksFailed;
-    case State::kPlanStow:
-    case State::kStow:
-    case State::kLetGo:
-      return EndReason::kBrickInHand;
-    case State::kSelect:
-      return EndReason::kSelectionFailed;
-    case State::kDrive:
-      return EndReason::kDrivesFailed;
-    case State::kRecover:
-      return EndReason::kRecoveryFailed;
-    case State::kWait:
-      return EndReason::kNotReady;
-    default:
-      return EndReason::kNone;
+/// The results that an action can have, and why a mission ends that gives it up.
+struct Kind {
+  State action;
+  Result result;  // one of them
+  int num_status;
+  EndReason end;
+};
+
+/// Null: no action.
+const Kind* kindOf(State action) {
+  using E = EndReason;
+  static const std::vector<Kind> kinds = {
+      {State::kPlanClear, PlanResult{}, kNumPlanStatus, E::kPlanningFailed},
+      {State::kClear, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kArmFailed},
+      {State::kLook, LookResult{}, kNumLookStatus, E::kLooksFailed},
+      {State::kDetect, DetectionResult{}, kNumDetectionStatus, E::kDetectionFailed},
+      {State::kReport, ReportResult{}, kNumReportStatus, E::kNone},
+      {State::kPlanPick, PlanResult{}, kNumPlanStatus, E::kPlanningFailed},
+      {State::kPick, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kPicksFailed},
+      {State::kPlanStow, PlanResult{}, kNumPlanStatus, E::kBrickInHand},
+      {State::kStow, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kBrickInHand},
+      {State::kLetGo, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kBrickInHand},
+      {State::kSelect, SelectionResult{}, kNumSelectionStatus, E::kSelectionFailed},
+      {State::kDrive, NavigationResult{}, kNumNavigationStatus, E::kDrivesFailed},
+      {State::kRecover, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kRecoveryFailed},
+      {State::kWait, WaitResult{}, kNumWaitStatus, E::kNotReady},
+  };
+  for (const Kind& kind : kinds) {
+    if (kind.action == action) return &kind;
   }
+  return nullptr;
+}
+
+EndReason endReasonOf(State action) {
+  return kindOf(action)->end;
 }
 
 Reaction done() {
   return {};
 }
 
-/// A failure that the place and the brick have nothing to do with.
-Reaction inARow(State action, Trigger next, const char* why) {
+Reaction notCounted(Trigger next, const char* why) {
   Reaction reaction;
   reaction.next = next;
+  reaction.why = why;
+  return reaction;
+}
+
+/// A failure that the place and the brick have nothing to do with.
+Reaction inARow(State action, Trigger next, const char* why) {
+  Reaction reaction = notCounted(next, why);
   reaction.counts_in_a_row = true;
   reaction.end = endReasonOf(action);
-  reaction.why = why;
   return reaction;
 }
 
 Reaction ofBrick(Trigger next, bool is_reported, const char* why) {
-  Reaction reaction;
-  reaction.next = next;
+  Reaction reaction = notCounted(next, why);
   reaction.blames_brick = true;
   reaction.is_reported = is_reported;
-  reaction.why = why;
   return reaction;
 }
 
 Reaction giveUp(EndReason end, const char* why) {
-  Reaction reaction;
-  reaction.next = Trigger::kGiveUp;
+  Reaction reaction = notCounted(Trigger::kGiveUp, why);
   reaction.end = end;
-  reaction.why = why;
   return reaction;
 }
 
@@ -128,7 +138,11 @@ Reaction toArmPlan(State action, PlanStatus status) {
   throw std::invalid_argument("plan status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 13]");
 }
 
-Reaction toArm(State action, ArmStatus status) {
+Reaction react(State action, PlanStatus status) {
+  return action == State::kPlanPick ? toPickPlan(status) : toArmPlan(action, status);
+}
+
+Reaction react(State action, ArmStatus status) {
   const bool is_pick = action == State::kPick;
   const bool is_recovery = action == State::kRecover;
   switch (status) {
@@ -155,18 +169,11 @@ Reaction toArm(State action, ArmStatus status) {
     case ArmStatus::kPathBlocked:
       if (is_pick) return ofBrick(Trigger::kRetryHere, true, "plan anew in the map as it is now");
       return inARow(action, Trigger::kRetryHere, "plan anew in the map as it is now");
-    case ArmStatus::kHeld: {
-      Reaction reaction;
-      reaction.next = Trigger::kHeldByOperator;
-      reaction.why = "the operator holds: wait for resume";
-      return reaction;
-    }
+    case ArmStatus::kHeld:
+      return notCounted(Trigger::kHeldByOperator, "the operator holds: wait for resume");
     case ArmStatus::kProtectiveStop:
       if (is_recovery) return giveUp(EndReason::kNeedsPerson, "a person has to look why it stopped");
-      {
-        Reaction reaction = inARow(action, Trigger::kRecover, "unlock, if that is allowed without a person");
-        return reaction;
-      }
+      return inARow(action, Trigger::kRecover, "unlock, if that is allowed without a person");
     case ArmStatus::kEmergencyStop:
       return giveUp(EndReason::kNeedsPerson, "a person has to look");
     case ArmStatus::kDriverGone:
@@ -197,17 +204,13 @@ Reaction toArm(State action, ArmStatus status) {
       return inARow(action, Trigger::kRetryHere, "the magnet is off and nothing hangs there: look");
     case ArmStatus::kFault:
       return giveUp(EndReason::kArmFailed, "the arm's bridge contradicts itself: it must not move on");
-    case ArmStatus::kBusy: {
-      Reaction reaction = inARow(action, Trigger::kWaitFirst, "the arm still does what it was told before");
-      reaction.is_arm_busy = true;
-      return reaction;
-    }
+    case ArmStatus::kBusy:
+      return inARow(action, Trigger::kArmBusy, "the arm still does what it was told before");
   }
   throw std::invalid_argument("arm status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 27]");
 }
 
-Reaction toDrive(NavigationStatus status) {
-  const State action = State::kDrive;
+Reaction react(State action, NavigationStatus status) {
   const auto other = [&](const char* why) {
     Reaction reaction = inARow(action, Trigger::kOtherView, why);
     reaction.is_reported = true;
@@ -250,14 +253,7 @@ Reaction toDrive(NavigationStatus status) {
   throw std::invalid_argument("navigation status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 19]");
 }
 
-Reaction toSelection(SelectionStatus status) {
-  const State action = State::kSelect;
-  const auto notCounted = [](Trigger next, const char* why) {
-    Reaction reaction;
-    reaction.next = next;
-    reaction.why = why;
-    return reaction;
-  };
+Reaction react(State action, SelectionStatus status) {
   switch (status) {
     case SelectionStatus::kSuccess:
       return done();
@@ -286,8 +282,7 @@ Reaction toSelection(SelectionStatus status) {
   throw std::invalid_argument("selection status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 12]");
 }
 
-Reaction toDetection(DetectionStatus status) {
-  const State action = State::kDetect;
+Reaction react(State action, DetectionStatus status) {
   switch (status) {
     case DetectionStatus::kSuccess:
       return done();
@@ -301,8 +296,7 @@ Reaction toDetection(DetectionStatus status) {
   throw std::invalid_argument("detection status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 3]");
 }
 
-Reaction toLook(LookStatus status) {
-  const State action = State::kLook;
+Reaction react(State action, LookStatus status) {
   switch (status) {
     case LookStatus::kSuccess:
       return done();
@@ -314,8 +308,7 @@ Reaction toLook(LookStatus status) {
   throw std::invalid_argument("look status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 2]");
 }
 
-Reaction toWait(WaitStatus status) {
-  const State action = State::kWait;
+Reaction react(State action, WaitStatus status) {
   switch (status) {
     case WaitStatus::kSuccess:
       return done();
@@ -327,16 +320,12 @@ Reaction toWait(WaitStatus status) {
   throw std::invalid_argument("wait status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 2]");
 }
 
-Reaction toReport(ReportStatus status) {
+Reaction react(State /*action*/, ReportStatus status) {
   switch (status) {
     case ReportStatus::kSuccess:
       return done();
-    case ReportStatus::kRefused: {
-      Reaction reaction;
-      reaction.next = Trigger::kRetryHere;
-      reaction.why = "goes on without the penalty; the place is excluded anyway";
-      return reaction;
-    }
+    case ReportStatus::kRefused:
+      return notCounted(Trigger::kRetryHere, "goes on without the penalty; the place is excluded anyway");
   }
   throw std::invalid_argument("report status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 1]");
 }
@@ -344,7 +333,7 @@ Reaction toReport(ReportStatus status) {
 Reaction toNoAnswer(State action) {
   switch (action) {
     case State::kReport:
-      return toReport(ReportStatus::kRefused);
+      return react(action, ReportStatus::kRefused);
     case State::kWait:
       return inARow(action, Trigger::kRetryHere, "try without");
     default:
@@ -352,136 +341,72 @@ Reaction toNoAnswer(State action) {
   }
 }
 
-enum class Kind { kNone, kArmPlan, kPickPlan, kArm, kLook, kDetection, kReport, kSelection, kDrive, kWait };
-
-Kind kindOf(State action) {
-  switch (action) {
-    case State::kPlanClear:
-    case State::kPlanStow:
-      return Kind::kArmPlan;
-    case State::kPlanPick:
-      return Kind::kPickPlan;
-    case State::kClear:
-    case State::kPick:
-    case State::kStow:
-    case State::kLetGo:
-    case State::kRecover:
-      return Kind::kArm;
-    case State::kLook:
-      return Kind::kLook;
-    case State::kDetect:
-      return Kind::kDetection;
-    case State::kReport:
-      return Kind::kReport;
-    case State::kSelect:
-      return Kind::kSelection;
-    case State::kDrive:
-      return Kind::kDrive;
-    case State::kWait:
-      return Kind::kWait;
-    case State::kIdle:
-    case State::kPaused:
-    case State::kHeld:
-    case State::kHalting:
-    case State::kEnded:
-    case State::kBegin:
-    case State::kChoose:
-      return Kind::kNone;
-  }
-  return Kind::kNone;
+/// visit(result) with the alternative that is there; NoAnswer is left out.
+template <typename Visitor>
+void visitAnswer(const Result& result, Visitor&& visit) {
+  std::visit(
+      [&visit](const auto& r) {
+        if constexpr (!std::is_same_v<std::decay_t<decltype(r)>, NoAnswer>) visit(r);
+      },
+      result);
 }
 
-template <typename ResultType, typename Status>
-void append(std::vector<Result>& results, int count) {
-  for (int i = 0; i < count; ++i) {
-    ResultType result;
-    result.status = static_cast<Status>(i);
-    results.emplace_back(result);
+using Rows = std::vector<std::pair<std::string, std::string>>;  // first cell, the others
+
+/// Rows that differ in the first cell alone are one.
+void add(const std::string& first, const std::string& others, Rows& rows) {
+  for (auto& [cell, same] : rows) {
+    if (same != others) continue;
+    cell += ", " + first;
+    return;
   }
+  rows.emplace_back(first, others);
 }
 
 }  // namespace
 
 Reaction reactTo(State action, const Result& result) {
-  const Kind kind = kindOf(action);
-  if (kind != Kind::kNone && std::holds_alternative<NoAnswer>(result)) return toNoAnswer(action);
-  if (kind == Kind::kPickPlan) {
-    if (const auto* plan = std::get_if<PlanResult>(&result)) return toPickPlan(plan->status);
-  } else if (kind == Kind::kArmPlan) {
-    if (const auto* plan = std::get_if<PlanResult>(&result)) return toArmPlan(action, plan->status);
-  } else if (kind == Kind::kArm) {
-    if (const auto* arm = std::get_if<ArmResult>(&result)) return toArm(action, arm->status);
-  } else if (kind == Kind::kLook) {
-    if (const auto* look = std::get_if<LookResult>(&result)) return toLook(look->status);
-  } else if (kind == Kind::kDetection) {
-    if (const auto* detection = std::get_if<DetectionResult>(&result)) return toDetection(detection->status);
-  } else if (kind == Kind::kReport) {
-    if (const auto* report = std::get_if<ReportResult>(&result)) return toReport(report->status);
-  } else if (kind == Kind::kSelection) {
-    if (const auto* selection = std::get_if<SelectionResult>(&result)) return toSelection(selection->status);
-  } else if (kind == Kind::kDrive) {
-    if (const auto* drive = std::get_if<NavigationResult>(&result)) return toDrive(drive->status);
-  } else if (kind == Kind::kWait) {
-    if (const auto* wait = std::get_if<WaitResult>(&result)) return toWait(wait->status);
+  const Kind* kind = kindOf(action);
+  const bool is_unanswered = std::holds_alternative<NoAnswer>(result);
+  if (kind == nullptr || (!is_unanswered && kind->result.index() != result.index())) {
+    throw std::invalid_argument(std::string("result \"") + toString(result) + "\" of kind " +
+                                std::to_string(result.index()) + " in state \"" + toString(action) +
+                                "\", must be one that its action can have");
   }
-  throw std::invalid_argument(std::string("result \"") + toString(result) + "\" of kind " +
-                              std::to_string(result.index()) + " in state \"" + toString(action) +
-                              "\", must be one that its action can have");
+  if (is_unanswered) return toNoAnswer(action);
+  Reaction reaction;
+  visitAnswer(result, [&](const auto& answer) { reaction = react(action, answer.status); });
+  return reaction;
 }
 
 std::vector<Result> possibleResults(State action) {
+  const Kind* kind = kindOf(action);
+  if (kind == nullptr) return {};
   std::vector<Result> results;
-  switch (kindOf(action)) {
-    case Kind::kNone:
-      return {};
-    case Kind::kArmPlan:
-    case Kind::kPickPlan:
-      append<PlanResult, PlanStatus>(results, kNumPlanStatus);
-      break;
-    case Kind::kArm:
-      append<ArmResult, ArmStatus>(results, ur_driver_bridge::kNumArmStatus);
-      break;
-    case Kind::kLook:
-      append<LookResult, LookStatus>(results, kNumLookStatus);
-      break;
-    case Kind::kDetection:
-      append<DetectionResult, DetectionStatus>(results, kNumDetectionStatus);
-      break;
-    case Kind::kReport:
-      append<ReportResult, ReportStatus>(results, kNumReportStatus);
-      break;
-    case Kind::kSelection:
-      append<SelectionResult, SelectionStatus>(results, kNumSelectionStatus);
-      break;
-    case Kind::kDrive:
-      append<NavigationResult, NavigationStatus>(results, kNumNavigationStatus);
-      break;
-    case Kind::kWait:
-      append<WaitResult, WaitStatus>(results, kNumWaitStatus);
-      break;
-  }
+  visitAnswer(kind->result, [&](auto answer) {
+    for (int i = 0; i < kind->num_status; ++i) {
+      answer.status = static_cast<decltype(answer.status)>(i);
+      results.emplace_back(answer);
+    }
+  });
   results.emplace_back(NoAnswer{});
   return results;
 }
 
 std::string reactionsAsMarkdown() {
-  std::string text = "| State | Result | Then | Why |\n|---|---|---|---|\n";
+  Rows rows;
   for (int i = 0; i < kNumStates; ++i) {
     const State action = static_cast<State>(i);
-    const std::vector<Result> results = possibleResults(action);
-    // Neighbours with the same reaction share a row.
-    for (std::size_t k = 0; k < results.size(); ++k) {
-      const Reaction reaction = reactTo(action, results[k]);
+    Rows own;
+    for (const Result& result : possibleResults(action)) {
+      const Reaction reaction = reactTo(action, result);
       if (reaction.next == Trigger::kDone) continue;
-      std::string names = toString(results[k]);
-      while (k + 1 < results.size() && reactTo(action, results[k + 1]).why == reaction.why &&
-             reactTo(action, results[k + 1]).next == reaction.next) {
-        names += std::string(", ") + toString(results[++k]);
-      }
-      text += std::string("| ") + toString(action) + " | " + names + " | " + toString(reaction.next) + " | " +
-              reaction.why + " |\n";
+      add(toString(result), std::string(toString(reaction.next)) + " | " + reaction.why, own);
     }
+    for (const auto& [results, reaction] : own) add(toString(action), results + " | " + reaction, rows);
   }
+  std::string text = "| State | Result | Then | Why |\n|---|---|---|---|\n";
+  for (const auto& [actions, rest] : rows) text += "| " + actions + " | " + rest + " |\n";
   return text;
 }
 

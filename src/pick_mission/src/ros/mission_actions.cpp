@@ -111,17 +111,17 @@ Eigen::Isometry3d MissionActions::baseInMap() const {
     throw std::runtime_error(std::string("tf does not tell where the robot is: ") + error.what());
   }
   const double age_s = (ros::Time::now() - transform.header.stamp).toSec();
-  if (age_s < -params_.max_tf_age_s) {
+  if (age_s < -params_.input.max_tf_age_s) {
     // On its way when the clock jumped back, it came after tf2 had forgotten what was before. As long as it is there, tf2 takes
     // all that is newer for too old.
     tf_.clear();
     throw std::runtime_error("tf from " + params_.map_frame + " to " + params_.base_frame + " is from the future, by " +
                              std::to_string(-age_s) + " s: of before the clock jumped back");
   }
-  if (age_s > params_.max_tf_age_s) {
+  if (age_s > params_.input.max_tf_age_s) {
     throw std::runtime_error("tf from " + params_.map_frame + " to " + params_.base_frame + " is " +
-                             std::to_string(age_s) + " s old, must be at most " + std::to_string(params_.max_tf_age_s) +
-                             " s (input/max_tf_age_s)");
+                             std::to_string(age_s) + " s old, must be at most " +
+                             std::to_string(params_.input.max_tf_age_s) + " s (input/max_tf_age_s)");
   }
   const auto T = interactive_mapping_ros::toIsometry(transform.transform);
   if (!T) throw std::runtime_error("tf from " + params_.map_frame + " to " + params_.base_frame + " is not finite");
@@ -131,7 +131,9 @@ Eigen::Isometry3d MissionActions::baseInMap() const {
 Hand MissionActions::hand() const {
   if (!bridge_) return Hand::kUnknown;
   // From the future: of before the clock jumped back.
-  if (std::abs((ros::Time::now() - bridge_->header.stamp).toSec()) > params_.max_bridge_age_s) return Hand::kUnknown;
+  if (std::abs((ros::Time::now() - bridge_->header.stamp).toSec()) > params_.input.max_bridge_age_s) {
+    return Hand::kUnknown;
+  }
   return bridge_->is_holding || bridge_->is_magnet_on ? Hand::kHolding : Hand::kEmpty;
 }
 
@@ -255,7 +257,7 @@ void MissionActions::forgetWork() {
 }
 
 void MissionActions::watch() {
-  const ros::WallDuration timeout(params_.server_timeout_s);
+  const ros::WallDuration timeout(params_.servers.timeout_s);
   plan_arm_.watch(timeout);
   plan_pick_.watch(timeout);
   move_arm_.watch(timeout);
@@ -452,7 +454,7 @@ void MissionActions::begin(const command::Detect& detect) {
   bricks_.reset();  // an older list is not of this look
   interactive_mapping_msgs::DetectBricks::Request request;
   request.timeout.fromSec(detect.timeout_s);
-  detect_.call(request, ros::WallDuration(params_.detect_stall_s),
+  detect_.call(request, ros::WallDuration(params_.servers.detect_stall_s),
                [this](const interactive_mapping_msgs::DetectBricks* service, const std::string& why) {
                  if (service == nullptr) return noAnswer(why);
                  pending_detection_ = PendingDetection{service->response, ros::WallTime::now()};
@@ -491,7 +493,7 @@ void MissionActions::begin(const command::ReportFailure& report) {
   request.pose.pose.position.z = report.position.z();
   request.pose.pose.orientation.w = 1.0;
   request.reason = report.reason;
-  report_.call(request, ros::WallDuration(params_.service_timeout_s),
+  report_.call(request, ros::WallDuration(params_.servers.service_timeout_s),
                [this](const interactive_mapping_msgs::ReportFailure* service, const std::string& why) {
                  if (service == nullptr) return noAnswer(why);
                  const bool is_taken = service->response.success != 0;
@@ -593,7 +595,7 @@ void MissionActions::begin(const command::Release& /*release*/) {
 }
 
 void MissionActions::callHold() {
-  hold_.call(std_srvs::Trigger::Request(), ros::WallDuration(params_.service_timeout_s),
+  hold_.call(std_srvs::Trigger::Request(), ros::WallDuration(params_.servers.service_timeout_s),
              [this](const std_srvs::Trigger* service, const std::string& why) {
                if (!is_hold_wanted_) return callRelease();
                if (service != nullptr && service->response.success) return;
@@ -606,7 +608,7 @@ void MissionActions::callHold() {
 }
 
 void MissionActions::callRelease() {
-  release_.call(std_srvs::Trigger::Request(), ros::WallDuration(params_.service_timeout_s),
+  release_.call(std_srvs::Trigger::Request(), ros::WallDuration(params_.servers.service_timeout_s),
                 [this](const std_srvs::Trigger* service, const std::string& why) {
                   if (is_hold_wanted_) return callHold();
                   if (service != nullptr && service->response.success) return;

@@ -1,101 +1,66 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pick_mission_ros/pick_mission_params.h"
 
-#include <utility>
+#include <limits>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common_ros/params.h>
 #include <ros/names.h>
 
 namespace pick_mission_ros {
-namespace {
 
-/// visit(key, value) for each key.
-constexpr auto kVisitParams = [](auto& params, auto&& visit) {
-  visit("map_frame", params.map_frame);
-  visit("base_frame", params.base_frame);
-  visit("sectors_file", params.sectors_file);
-  visit("bricks_file", params.bricks_file);
-  visit("run_folder", params.run_folder);
-  visit("autostart", params.autostart);
-  visit("scene", params.info.scene);
-  visit("seed", params.info.seed);
-  visit("strategy", params.info.strategy);
-  visit("removed_factor", params.info.removed_factor);
-  visit("stow", params.stow);
-  visit("heartbeat/rate_hz", params.heartbeat_rate_hz);
-  visit("heartbeat/max_stall_s", params.max_stall_s);
-  visit("input/max_bridge_age_s", params.max_bridge_age_s);
-  visit("input/max_tf_age_s", params.max_tf_age_s);
-  visit("servers/timeout_s", params.server_timeout_s);
-  visit("servers/service_timeout_s", params.service_timeout_s);
-  visit("servers/detect_stall_s", params.detect_stall_s);
-  visit("nodes/map", params.nodes.map);
-  visit("nodes/planner", params.nodes.planner);
-  visit("nodes/bridge", params.nodes.bridge);
-  visit("nodes/detection", params.nodes.detection);
-  visit("nodes/selection", params.nodes.selection);
-  visit("nodes/navigation", params.nodes.navigation);
-  visit("nodes/move_base", params.nodes.move_base);
-  pick_mission::visitMissionFields(params.mission, visit);
-};
+using interactive_mapping::Fields;
 
-}  // namespace
-
-std::vector<std::string> PickMissionParams::validate() const {
-  std::vector<std::string> problems = mission.validate();
-  const std::pair<const char*, const std::string*> frames[] = {
-      {"map_frame", &map_frame}, {"base_frame", &base_frame}, {"stow", &stow}};
-  for (const auto& [key, frame] : frames) {
-    if (frame->empty() || frame->front() == '/') {
-      problems.push_back(std::string(key) + " = '" + *frame + "', must be a tf2 frame: no leading slash");
-    }
-  }
-  if (base_frame == map_frame) {
-    problems.push_back("base_frame = '" + base_frame + "', must be another frame than map_frame");
-  }
-  const std::pair<const char*, const std::string*> files[] = {{"sectors_file", &sectors_file},
-                                                              {"bricks_file", &bricks_file}};
-  for (const auto& [key, file] : files) {
-    if (file->empty() || file->front() != '/') {
-      problems.push_back(std::string(key) + " = '" + *file + "', must be the absolute path of a file");
-    }
-  }
-  if (!run_folder.empty() && run_folder.front() != '/') {
-    problems.push_back("run_folder = '" + run_folder + "', must be the absolute path of a folder, or empty");
-  }
-  const std::pair<const char*, const std::string*> names[] = {{"nodes/map", &nodes.map},
-                                                              {"nodes/planner", &nodes.planner},
-                                                              {"nodes/bridge", &nodes.bridge},
-                                                              {"nodes/detection", &nodes.detection},
-                                                              {"nodes/selection", &nodes.selection},
-                                                              {"nodes/navigation", &nodes.navigation},
-                                                              {"nodes/move_base", &nodes.move_base}};
-  for (const auto& [key, name] : names) {
+void PickMissionParams::Nodes::fields(Nodes& c, Fields& f) {
+  const auto node = [&f](const char* key, std::string& name, const char* text) {
+    f(key, name, text);
     std::string why;
-    if (name->empty() || !ros::names::validate(*name, why)) {
-      problems.push_back(std::string(key) + " = '" + *name + "', must be a name of a node" +
-                         (why.empty() ? "" : ": " + why));
-    }
-  }
-  interactive_mapping::RangeCheck check;
-  check("heartbeat/rate_hz", heartbeat_rate_hz, 1.0, 100.0, "Hz");
-  check("heartbeat/max_stall_s", max_stall_s, 0.5, 60.0, "s");
-  check("input/max_bridge_age_s", max_bridge_age_s, 0.05, 60.0, "s");
-  check("input/max_tf_age_s", max_tf_age_s, 0.05, 60.0, "s");
-  check("servers/timeout_s", server_timeout_s, 0.5, 600.0, "s");
-  check("servers/service_timeout_s", service_timeout_s, 0.5, 600.0, "s");
-  check("servers/detect_stall_s", detect_stall_s, 1.0, 3600.0, "s");
-  problems.insert(problems.end(), check.problems().begin(), check.problems().end());
-  return problems;
+    const bool is_name = !name.empty() && ros::names::validate(name, why);
+    f.require(is_name,
+              std::string(key) + " = '" + name + "', must be a name of a node" + (why.empty() ? "" : ": " + why));
+  };
+  node("map", c.map, "its topic update is used");
+  node("planner", c.planner, "its actions plan_arm and plan_pick are used");
+  node("bridge", c.bridge, "its move, pick, let_go, recover, hold, release and its topic state are used");
+  node("detection", c.detection, "its service detect and its topic bricks are used");
+  node("selection", c.selection, "its action select and its service report_failure are used");
+  node("navigation", c.navigation, "its topic outcome is used; other navigations have none");
+  node("move_base", c.move_base, "the action itself");
 }
 
-std::string toYaml(const PickMissionParams& params) {
-  return interactive_mapping_ros::paramsToYaml(params, kVisitParams);
+void PickMissionParams::fields(PickMissionParams& c, Fields& f) {
+  const auto frame = [&f](const char* key, std::string& name, const char* text) {
+    f(key, name, text);
+    f.require(!name.empty() && name.front() != '/',
+              std::string(key) + " = '" + name + "', must be a tf2 frame: no leading slash");
+  };
+  const auto file = [&f](const char* key, std::string& path, const char* text) {
+    f(key, path, text);
+    f.require(!path.empty() && path.front() == '/',
+              std::string(key) + " = '" + path + "', must be the absolute path of a file");
+  };
+  frame("map_frame", c.map_frame, "fixed frame");
+  frame("base_frame", c.base_frame, "frame of the base");
+  f.require(c.base_frame != c.map_frame, "base_frame = '" + c.base_frame + "', must be another frame than map_frame");
+  file("sectors_file", c.sectors_file, "absolute path of a file made by fit_manipulability; set by the launch file");
+  file("bricks_file", c.bricks_file, "absolute path of a bricks.yaml, for the markers' sizes; set by the launch file");
+  f("run_folder", c.run_folder, "absolute path; empty: nothing is written, and nothing survives a restart");
+  f.require(c.run_folder.empty() || c.run_folder.front() == '/',
+            "run_folder = '" + c.run_folder + "', must be the absolute path of a folder, or empty");
+  f("autostart", c.autostart, "true: starts without the operator, after a crash too");
+  f("scene", c.info.scene, "name of the scene, for the summary");
+  f("seed", c.info.seed, 0, std::numeric_limits<int>::max(), "", "seed of the scene, for the summary");
+  f("strategy", c.info.strategy, "strategy of the view selection, also for the summary; empty: its default");
+  f("removed_factor", c.info.removed_factor, "factor that an ablation removes, for the summary");
+  frame("stow", c.stow, "frame over which a brick is let go that its pick did not let go");
+  pick_mission::MissionConfig::fields(c.mission, f);
+  f.section("heartbeat", c.heartbeat);
+  f.section("input", c.input);
+  f.section("servers", c.servers);
+  f.section("nodes", c.nodes);
 }
 
 PickMissionParams loadPickMissionParams(const ros::NodeHandle& private_nh) {
-  return interactive_mapping_ros::loadParams<PickMissionParams>(private_nh, kVisitParams, {"diagnostic_period"});
+  return interactive_mapping_ros::loadParams<PickMissionParams>(private_nh);
 }
 
 }  // namespace pick_mission_ros

@@ -54,7 +54,7 @@ PickMissionRos::PickMissionRos(const ros::NodeHandle& nh, const ros::NodeHandle&
     : params_(loadPickMissionParams(private_nh)),
       catalogue_(catalogueFrom(params_.bricks_file)),
       inbox_(std::make_shared<Inbox>()) {
-  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << toYaml(params_));
+  ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << interactive_mapping::toYaml(params_));
   makeMachine();
   actions_ = std::make_unique<MissionActions>(
       nh, params_, &queue_, inbox_, [this](const pick_mission::Event& event) { step(event); },
@@ -80,7 +80,7 @@ PickMissionRos::PickMissionRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   heart.setCallbackQueue(&heart_queue_);
   heartbeat_publisher_ = heart.advertise<std_msgs::Header>("heartbeat", 10);
   heart_timer_ =
-      heart.createTimer(ros::Duration(1.0 / params_.heartbeat_rate_hz), [this](const ros::TimerEvent&) { beat(); });
+      heart.createTimer(ros::Duration(1.0 / params_.heartbeat.rate_hz), [this](const ros::TimerEvent&) { beat(); });
   heart_ = std::make_unique<ros::AsyncSpinner>(1, &heart_queue_);
   heart_->start();
   publishState();
@@ -205,7 +205,9 @@ void PickMissionRos::letHeartBeat() {
 
 /// The heart beats as long as the mission's thread does not hang, and no hold has been lost.
 void PickMissionRos::beat() {
-  if (!may_heart_beat_ || is_hold_lost_ || ros::SteadyTime::now().toSec() - alive_s_ > params_.max_stall_s) return;
+  if (!may_heart_beat_ || is_hold_lost_ || ros::SteadyTime::now().toSec() - alive_s_ > params_.heartbeat.max_stall_s) {
+    return;
+  }
   std_msgs::Header header;
   header.stamp = ros::Time::now();
   header.frame_id = params_.map_frame;

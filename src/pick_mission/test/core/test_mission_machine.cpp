@@ -25,9 +25,7 @@ TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
   EXPECT_EQ(run.machine.counts().bricks_picked, 6);
   EXPECT_EQ(run.machine.counts().views, 3);
   std::vector<int> order;
-  for (const Command& command : run.commands) {
-    if (const auto* pick = std::get_if<command::Pick>(&command.body)) order.push_back(pick->brick.id);
-  }
+  for (const command::Pick& pick : run.sent<command::Pick>()) order.push_back(pick.brick.id);
   EXPECT_EQ(order, (std::vector<int>{2, 1, 0, 5, 4, 3}));
 }
 
@@ -48,9 +46,7 @@ TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
   for (const LogEntry& entry : run.log) {
     if (isAction(entry.decision) && entry.decision != entry.state) actions.push_back(entry.decision);
   }
-  for (const Command& command : run.commands) {
-    if (const auto* drive = std::get_if<command::Drive>(&command.body)) goals.push_back(drive->T_map_base);
-  }
+  for (const command::Drive& drive : run.sent<command::Drive>()) goals.push_back(drive.T_map_base);
   const std::vector<State> expected = {State::kPlanClear, State::kClear,  State::kLook,   State::kDetect,
                                        State::kDrive,     State::kLook,   State::kDetect, State::kDrive,
                                        State::kLook,      State::kDetect, State::kSelect, State::kDrive};
@@ -96,17 +92,9 @@ TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
   start.T_map_base = {1.0, -3.75, M_PI / 2.0};  // one metre on it stands at (1, -2.75): not before the middle
   start.hand = Hand::kEmpty;
   run.tell(start);
-  while (run.world.running && run.world.commands_of[State::kSelect] == 0) {
-    run.now_s += 1.0;
-    const std::optional<Result> forced = run.inject(run.world.action, run.world.commands_of[run.world.action]);
-    event::Reply reply = run.world.finish(run.now_s, forced);
-    if (forced) reply.result = *forced;
-    run.tell(reply);
-  }
+  while (run.world.running && run.world.commands_of[State::kSelect] == 0) run.advancePastTheWorld();
   std::vector<Pose2d> goals;
-  for (const Command& command : run.commands) {
-    if (const auto* drive = std::get_if<command::Drive>(&command.body)) goals.push_back(drive->T_map_base);
-  }
+  for (const command::Drive& drive : run.sent<command::Drive>()) goals.push_back(drive.T_map_base);
   ASSERT_EQ(goals.size(), 4u) << tail(run);
   EXPECT_EQ(lost, 1);
   const Eigen::Vector2d middle(2.0, 2.25);
@@ -140,9 +128,7 @@ TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
     if (is_survey) return NavigationResult{NavigationStatus::kGoalUnknown, std::nullopt};
     return std::nullopt;
   };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
   EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal unknown"), config.max_failures_in_a_row);
 }
 
@@ -156,9 +142,7 @@ TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow)
     if (is_back) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
     return std::nullopt;
   };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNothingWorthGoing));
   EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal occupied"), config.max_vantage_drives);
 }
 
@@ -190,11 +174,15 @@ TEST(MissionMachine, PlansAndSelectsInTheMapOfTheLastLook) {
   EXPECT_GE(seen, 5);
 }
 
-TEST(MissionMachine, StowsABrickThatIsInTheHandAtTheStartFirst) {
+ToyMission missionWithABrickInTheHand() {
   ToyWorld world = ToyWorld::ofStacks({2});
   world.bricks[1].is_gone = true;
   world.hand = 1;
-  ToyMission run({}, world);
+  return {{}, world};
+}
+
+TEST(MissionMachine, StowsABrickThatIsInTheHandAtTheStartFirst) {
+  ToyMission run = missionWithABrickInTheHand();
   run.start();
   EXPECT_EQ(run.machine.state(), State::kPlanStow);
   ASSERT_TRUE(run.toEnd());
@@ -205,10 +193,7 @@ TEST(MissionMachine, StowsABrickThatIsInTheHandAtTheStartFirst) {
 }
 
 TEST(MissionMachine, BrickThatStillHangsThereAfterItWasLetGoCountsOnceWhenItHasGone) {
-  ToyWorld world = ToyWorld::ofStacks({2});
-  world.bricks[1].is_gone = true;
-  world.hand = 1;
-  ToyMission run({}, world);
+  ToyMission run = missionWithABrickInTheHand();
   run.start();
   while (run.world.running && run.world.action != State::kLetGo) ASSERT_TRUE(run.advance());
   event::Reply reply;
@@ -241,14 +226,8 @@ TEST(MissionMachine, DoesNotMoveWhileItIsNotKnownWhetherTheHandIsEmpty) {
 }
 
 TEST(MissionMachine, BrickLostWhileStowedIsLookedForAndPickedAgain) {
-  ToyWorld world = ToyWorld::ofStacks({2});
-  world.bricks[1].is_gone = true;
-  world.hand = 1;
-  ToyMission run({}, world);
-  run.inject = [](State action, int count) -> std::optional<Result> {
-    if (action == State::kStow && count == 1) return ArmResult{ArmStatus::kLostOnTheWay};
-    return std::nullopt;
-  };
+  ToyMission run = missionWithABrickInTheHand();
+  run.inject = endAs(State::kStow, ArmResult{ArmStatus::kLostOnTheWay}, 1);
   run.start();
   ASSERT_TRUE(run.toEnd());
   EXPECT_EQ(run.world.stowed, 2);
@@ -264,9 +243,7 @@ TEST(MissionMachine, BrickThatCannotBeHeldIsLeftAfterItsAttempts) {
   config.max_picks_per_brick = 2;
   config.bricks_total = 2;
   ToyMission run(config, world);
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kBricksExhausted) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kBricksExhausted));
   EXPECT_EQ(run.world.picks[0], 2);
   EXPECT_EQ(run.machine.bricks().bricks().at(0).last_failure, "pick: NOT_ATTACHED");
   EXPECT_EQ(run.machine.counts().bricks_picked, 1);
@@ -281,11 +258,10 @@ TEST(MissionMachine, FailureIsReportedBeforeTheNextSelectionAndThePlaceExcluded)
   ASSERT_TRUE(run.toEnd());
   EXPECT_THAT(run.world.reports, testing::Contains("nothing could be picked from here"));
   bool was_excluded = false;
-  for (const Command& command : run.commands) {
-    const auto* select = std::get_if<command::SelectView>(&command.body);
-    if (select == nullptr || select->excluded.empty()) continue;
+  for (const command::SelectView& select : run.sent<command::SelectView>()) {
+    if (select.excluded.empty()) continue;
     was_excluded = true;
-    EXPECT_NEAR((select->excluded.front().center - viewPose(0).position()).norm(), 0.0, 1e-12);
+    EXPECT_NEAR((select.excluded.front().center - viewPose(0).position()).norm(), 0.0, 1e-12);
   }
   EXPECT_TRUE(was_excluded);
   EXPECT_EQ(run.world.stowed, 1);
@@ -296,13 +272,8 @@ TEST(MissionMachine, ProtectiveStopIsUnlockedByPolicyAlone) {
     MissionConfig config;
     config.unlocks_protective_stop = may_unlock;
     ToyMission run(config, ToyWorld::ofStacks({1}));
-    run.inject = [](State action, int count) -> std::optional<Result> {
-      if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kProtectiveStop};
-      return std::nullopt;
-    };
-    run.start();
-    ASSERT_TRUE(run.toEnd());
-    EXPECT_EQ(run.machine.endReason(), may_unlock ? EndReason::kNoBrickLeft : EndReason::kNeedsPerson) << tail(run);
+    run.inject = endAs(State::kPick, ArmResult{ArmStatus::kProtectiveStop}, 1);
+    EXPECT_TRUE(run.endsAs(may_unlock ? EndReason::kNoBrickLeft : EndReason::kNeedsPerson));
     EXPECT_EQ(run.world.commands_of[State::kRecover], may_unlock ? 1 : 0);
     if (!may_unlock) {
       EXPECT_THAT(run.machine.endMessage(), HasSubstr("PROTECTIVE_STOP"));
@@ -316,9 +287,7 @@ TEST(MissionMachine, EndsWhenTimeIsUpWithTheHandEmpty) {
     MissionConfig config;
     config.time_limit_s = limit_s;
     ToyMission run(config, ToyWorld::ofStacks({3, 3}));
-    run.start();
-    ASSERT_TRUE(run.toEnd());
-    EXPECT_EQ(run.machine.endReason(), EndReason::kTimeUp) << tail(run);
+    EXPECT_TRUE(run.endsAs(EndReason::kTimeUp));
     EXPECT_FALSE(run.world.hand);
     // The longest that is let end is a pick.
     EXPECT_LE(run.machine.usedTime(), limit_s + 21.0);
@@ -331,13 +300,8 @@ TEST(MissionMachine, StowsWhatItHoldsWhenTheMissionIsOver) {
   config.max_failures_in_a_row = 1;
   ToyMission run(config, ToyWorld::ofStacks({2}));
   run.world.holds_when_pick_fails = true;
-  run.inject = [](State action, int count) -> std::optional<Result> {
-    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kTrajectoryAborted};
-    return std::nullopt;
-  };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kPicksFailed) << tail(run);
+  run.inject = endAs(State::kPick, ArmResult{ArmStatus::kTrajectoryAborted}, 1);
+  EXPECT_TRUE(run.endsAs(EndReason::kPicksFailed));
   EXPECT_FALSE(run.world.hand);
   EXPECT_EQ(run.world.stowed, 1);
 }
@@ -361,17 +325,13 @@ TEST(MissionMachine, ActionThatNeverEndsIsCancelledAndCountsAsNoAnswer) {
   late.result = NavigationResult{};
   run.tell(late);
   EXPECT_EQ(run.machine.state(), State::kWait) << "a late reply changed something";
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
 }
 
 TEST(MissionMachine, PickWithoutAnAnswerWaitsUntilTheHandIsKnown) {
   ToyMission run({}, ToyWorld::ofStacks({2}));
   run.world.holds_when_pick_fails = true;
-  run.inject = [](State action, int count) -> std::optional<Result> {
-    if (action == State::kPick && count == 1) return NoAnswer{};
-    return std::nullopt;
-  };
+  run.inject = endAs(State::kPick, NoAnswer{}, 1);
   run.start();
   while (run.world.action != State::kPick) ASSERT_TRUE(run.advance());
   ASSERT_TRUE(run.advance());
@@ -401,8 +361,7 @@ TEST(MissionMachine, ArmThatIsBusyWithSomethingElseIsWaitedFor) {
     const auto& wait = std::get<command::Wait>(run.world.running->body);
     EXPECT_EQ(wait.until, WaitUntil::kArmIdle);
     EXPECT_EQ(wait.limit_s, config.ready_timeout_s);
-    ASSERT_TRUE(run.toEnd());
-    EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
     EXPECT_EQ(run.machine.counts().bricks_picked, 2);
   }
 }
@@ -414,18 +373,13 @@ TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenLooksOnceMoreThen
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kLowUtility, viewPose(5), count <= 2};
     return std::nullopt;
   };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNothingWorthGoing));
   EXPECT_THAT(run.machine.endMessage(), HasSubstr("low utility"));
   EXPECT_EQ(run.machine.counts().views, 2);
   EXPECT_EQ(run.world.commands_of[State::kDrive],
             static_cast<int>(config.survey_x_m.size()) + config.survey_round + 2 + config.max_vantage_drives);
   int fades = 0;
-  for (const Command& command : run.commands) {
-    const auto* wait = std::get_if<command::Wait>(&command.body);
-    fades += wait != nullptr && wait->limit_s == config.fade_wait_s;
-  }
+  for (const command::Wait& wait : run.sent<command::Wait>()) fades += wait.limit_s == config.fade_wait_s;
   EXPECT_EQ(fades, config.max_fade_waits);
 }
 
@@ -444,9 +398,7 @@ TEST(MissionMachine, BrickThatIsNotThereAnyMoreIsLookedForFromThePlacesOfTheSurv
       if (action == State::kSelect && !run.world.unseen.empty()) return SelectionResult{status, std::nullopt, false};
       return std::nullopt;
     };
-    run.start();
-    ASSERT_TRUE(run.toEnd());
-    EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
     EXPECT_EQ(run.machine.counts().bricks_picked, 1);
   }
 }
@@ -464,9 +416,7 @@ TEST(MissionMachine, BrickThatIsKnownAndNotSeenAnyMoreIsToldAtTheEnd) {
       if (is_gone) return SelectionResult{SelectionStatus::kNoPile, std::nullopt, false};
       return std::nullopt;
     };
-    run.start();
-    ASSERT_TRUE(run.toEnd());
-    EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+    EXPECT_TRUE(run.endsAs(EndReason::kNothingWorthGoing));
     EXPECT_THAT(run.machine.endMessage(), HasSubstr("brick 1 is not seen any more"));
     EXPECT_EQ(run.machine.counts().bricks_picked, 1);
   }
@@ -476,19 +426,14 @@ TEST(MissionMachine, BrickThatWasNeverFoundIsToldAtTheEnd) {
   MissionConfig config;
   config.bricks_total = 3;
   ToyMission run(config, ToyWorld::ofStacks({1, 1}));
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNothingWorthGoing) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNothingWorthGoing));
   EXPECT_THAT(run.machine.endMessage(), HasSubstr("1 of 3 bricks never found"));
 }
 
 /// A pick that does not let go, up to its being let go again, which nobody answers though the brick has fallen.
 ToyMission missionWithAnUnansweredLetGo() {
   ToyMission run({}, ToyWorld::ofStacks({2}));
-  run.inject = [](State action, int count) -> std::optional<Result> {
-    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNotLetGo};
-    return std::nullopt;
-  };
+  run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNotLetGo}, 1);
   run.start();
   while (run.world.action != State::kLetGo && run.advance()) {
   }
@@ -529,13 +474,8 @@ TEST(MissionMachine, BrickThatWasLetGoWhenTheProcessDiedCountsWhenTheHandIsEmpty
 
 TEST(MissionMachine, PicksThatAreEndedByLettingGoAgainAreNoFailuresInARow) {
   ToyMission run({}, ToyWorld::ofStacks({3, 3}));
-  run.inject = [](State action, int) -> std::optional<Result> {
-    if (action == State::kPick) return ArmResult{ArmStatus::kNotLetGo};
-    return std::nullopt;
-  };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNotLetGo});
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
   EXPECT_EQ(run.machine.counts().bricks_picked, 6);
 }
 
@@ -547,9 +487,7 @@ TEST(MissionMachine, FruitlessViewsEndTheMission) {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(1 + count % 5), true};
     return std::nullopt;
   };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNoProgress) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoProgress));
   EXPECT_EQ(run.machine.counts().views, 3);
 }
 
@@ -606,17 +544,13 @@ TEST(MissionMachine, WhatFailedIsReportedBesideTheBrickTowardsTheRobot) {
   };
   run.start();
   ASSERT_TRUE(run.toEnd());
-  for (const Command& command : run.commands) {
-    const auto* report = std::get_if<command::ReportFailure>(&command.body);
-    if (report == nullptr) continue;
-    const Eigen::Vector2d aside = (report->position - brick).head<2>();
-    const Eigen::Vector2d to_robot = stood.position() - brick.head<2>();
-    EXPECT_NEAR(aside.norm(), 0.3, 1e-9);
-    EXPECT_GT(aside.dot(to_robot), (1.0 - 1e-9) * 0.3 * to_robot.norm());
-    EXPECT_EQ(report->position.z(), brick.z());
-    return;
-  }
-  FAIL() << "nothing was reported: " << tail(run);
+  const std::vector<command::ReportFailure> reports = run.sent<command::ReportFailure>();
+  ASSERT_FALSE(reports.empty()) << tail(run);
+  const Eigen::Vector2d aside = (reports.front().position - brick).head<2>();
+  const Eigen::Vector2d to_robot = stood.position() - brick.head<2>();
+  EXPECT_NEAR(aside.norm(), 0.3, 1e-9);
+  EXPECT_GT(aside.dot(to_robot), (1.0 - 1e-9) * 0.3 * to_robot.norm());
+  EXPECT_EQ(reports.front().position.z(), brick.z());
 }
 
 TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {
@@ -629,10 +563,7 @@ TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {
   run.start();
   ASSERT_TRUE(run.toEnd());
   EXPECT_THAT(run.world.reports, testing::Contains(HasSubstr("drive: ")));
-  std::vector<command::SelectView> selections;
-  for (const Command& command : run.commands) {
-    if (const auto* select = std::get_if<command::SelectView>(&command.body)) selections.push_back(*select);
-  }
+  const std::vector<command::SelectView> selections = run.sent<command::SelectView>();
   ASSERT_GE(selections.size(), 2u);
   ASSERT_EQ(selections[1].excluded.size(), 1u);
   EXPECT_NEAR((selections[1].excluded[0].center - viewPose(0).position()).norm(), 0.0, 1e-12);
@@ -691,9 +622,7 @@ TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
     }
     return std::nullopt;
   };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
   EXPECT_EQ(run.machine.counts().views, 6);
 }
 
@@ -714,15 +643,8 @@ TEST(MissionMachine, ViewThatShowsANewBrickIsNotFruitless) {
     }
     return result;
   };
-  // As the toy world would fill in what it sees, the result is told past it.
   run.start();
-  while (run.world.running) {
-    run.now_s += 1.0;
-    const std::optional<Result> forced = run.inject(run.world.action, run.world.commands_of[run.world.action]);
-    event::Reply reply = run.world.finish(run.now_s, forced);
-    if (forced) reply.result = *forced;
-    run.tell(reply);
-  }
+  while (run.world.running) run.advancePastTheWorld();
   EXPECT_EQ(run.machine.endReason(), EndReason::kNoProgress) << tail(run);
   // The looks at the start and at two places of the survey, six views with a new brick each, one more fruitless view.
   EXPECT_EQ(run.machine.counts().views, 7) << tail(run);
@@ -752,13 +674,8 @@ TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
   MissionConfig config;
   config.max_failures_in_a_row = 100;
   ToyMission run(config, ToyWorld::ofStacks({1}));
-  run.inject = [](State action, int) -> std::optional<Result> {
-    if (action == State::kClear) return ArmResult{ArmStatus::kNotReady};
-    return std::nullopt;
-  };
-  run.start();
-  ASSERT_TRUE(run.toEnd());
-  EXPECT_EQ(run.machine.endReason(), EndReason::kRecoveryFailed) << tail(run);
+  run.inject = endAs(State::kClear, ArmResult{ArmStatus::kNotReady});
+  EXPECT_TRUE(run.endsAs(EndReason::kRecoveryFailed));
   EXPECT_EQ(run.world.commands_of[State::kRecover], config.max_recoveries_in_a_row);
 }
 
@@ -808,9 +725,7 @@ TEST(MissionMachine, RecoveriesAreFarEnoughApartForADriverToComeBack) {
       run.now_s += wait.limit_s;
       return WaitResult{WaitStatus::kNotReady};
     };
-    run.start();
-    ASSERT_TRUE(run.toEnd());
-    EXPECT_EQ(run.machine.endReason(), EndReason::kNoBrickLeft) << tail(run);
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
     EXPECT_EQ(run.world.commands_of[State::kRecover], 3);
   }
 }
@@ -843,10 +758,7 @@ TEST(MissionMachine, RepliesThatCannotBeAreRefusedAndChangeNothing) {
 
 TEST(MissionMachine, LogLinesParseAndFollowEachOther) {
   ToyMission run({}, ToyWorld::ofStacks({2, 1}));
-  run.inject = [](State action, int count) -> std::optional<Result> {
-    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNoContact};
-    return std::nullopt;
-  };
+  run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNoContact}, 1);
   run.start();
   ASSERT_TRUE(run.toEnd());
   double time_s = 0.0;
@@ -884,10 +796,7 @@ TEST(MissionMachine, SummaryTellsWhatTheMissionKnows) {
   MissionConfig config;
   config.bricks_total = 3;
   ToyMission run(config, ToyWorld::ofStacks({2, 1}));
-  run.inject = [](State action, int count) -> std::optional<Result> {
-    if (action == State::kPick && count == 1) return ArmResult{ArmStatus::kNoContact};
-    return std::nullopt;
-  };
+  run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNoContact}, 1);
   run.start();
   ASSERT_TRUE(run.toEnd());
   const nlohmann::json json = toJson(run.machine.summary(7.5));

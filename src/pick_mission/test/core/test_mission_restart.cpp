@@ -70,9 +70,7 @@ TEST(MissionRestart, AtEveryStepGoesOnAfterAFreshInspectionAndEnds) {
       EXPECT_LE(run.world.picks[1], whole.world.picks[1] + 1) << "the attempts began anew";
       EXPECT_LT(run.machine.usedTime(), used_s + run.now_s - 1000.0);
       // The survey is not driven twice.
-      int drives = 0;
-      for (const Command& command : run.commands) drives += std::holds_alternative<command::Drive>(command.body);
-      EXPECT_LE(drives, whole.world.commands_of[State::kDrive] + 1) << first;
+      EXPECT_LE(run.world.commands_of[State::kDrive], whole.world.commands_of[State::kDrive] + 1) << first;
       ASSERT_FALSE(HasFailure()) << tail(run);
     }
   }
@@ -128,8 +126,7 @@ TEST(MissionRestart, MissionThatItsOperatorHadInterruptedWaitsForThem) {
       run.tell(event::Resume{});
       EXPECT_FALSE(run.world.is_held);
     }
-    ASSERT_TRUE(run.toEnd());
-    EXPECT_EQ(run.machine.endReason(), EndReason::kBricksExhausted) << tail(run);
+    EXPECT_TRUE(run.endsAs(EndReason::kBricksExhausted));
     EXPECT_EQ(run.world.stowed, 3) << tail(run);
   }
 }
@@ -164,6 +161,44 @@ TEST(MissionRestart, SavedStateIsTheSameAfterARoundTrip) {
     }
     ASSERT_TRUE(run.advance());
   }
+}
+
+/// As version 3 of the form is on the disks of users: every field differs from that of a new mission.
+constexpr char kSavedState[] = R"json({"version": 3, "has_ended": false, "end_reason": 8, "is_ending": true,
+    "end_message": "plan_stow: no map; 5 times in a row; the map has to come", "waits_in": 1, "is_hold_given": true,
+    "is_let_go_open": true, "used_s": 1234.5, "start_pose": [-3.0, 0.25, 0.5], "base": [0.75, -0.5, 3.125],
+    "survey_index": 2, "round": [[1.5, 0.125, -3.0], [-0.25, 1.75, -1.5]], "is_round_planned": true,
+    "brick_in_hand": 7, "pick_running": null, "nameless_picked": 1, "scene": 13, "views": 2, "picks_begun": 5,
+    "fruitless_views": 1, "low_utility_views": 2, "vantage_drives": 1, "fade_waits": 3,
+    "streaks": [0, 0, 0, 0, 0, 0, 0, 1, 2, 0, 0, 0, 3, 4, 5, 0, 0, 0, 1, 0, 2], "last_id": 70,
+    "excluded": [[0.75, -0.5, 0.15]],
+    "reports": [[-0.7, 0.5, 0.25, 1669.0, "plan_pick: approach blocked (from \u00fcber)"]],
+    "failures": {"pick: NOT_ATTACHED": 1, "plan_pick: approach blocked": 2},
+    "bricks": [{"id": 3, "is_picked": true, "picks_begun": 1, "picks_failed": 0, "attempts_back": 0,
+                "plans_failed": 0, "failures": {}, "last_failure": ""},
+               {"id": 7, "is_picked": false, "picks_begun": 4, "picks_failed": 3, "attempts_back": 1,
+                "plans_failed": 2, "failures": {"pick: NOT_ATTACHED": 3}, "last_failure": "pick: NOT_ATTACHED"}]
+})json";
+
+TEST(MissionRestart, SavedStateOfVersion3IsReadAndKeepsItsForm) {
+  nlohmann::json saved = nlohmann::json::parse(kSavedState);
+  const MissionMachine machine = MissionMachine::fromJson({}, {}, saved);
+  EXPECT_EQ(machine.toJson(), saved);
+  EXPECT_EQ(machine.state(), State::kPaused);
+  EXPECT_EQ(machine.endReason(), EndReason::kBrickInHand);
+  EXPECT_EQ(machine.usedTime(), 1234.5);
+  EXPECT_EQ(machine.counts().bricks_picked, 2);
+  EXPECT_EQ(machine.bricks().bricks().at(7).picks_failed, 3);
+
+  // Nobody knows how a pick ended that was not answered.
+  saved["pick_running"] = 7;
+  const nlohmann::json again = MissionMachine::fromJson({}, {}, saved).toJson();
+  EXPECT_EQ(again.at("pick_running"), nullptr);
+  EXPECT_EQ(again.at("scene"), 14);
+  EXPECT_EQ(again.at("failures").at("pick: interrupted by a restart"), 1);
+  EXPECT_EQ(again.at("bricks").at(1).at("picks_failed"), 4);
+  saved["pick_running"] = 8;
+  EXPECT_THROW(MissionMachine::fromJson({}, {}, saved), std::invalid_argument) << "an unknown brick";
 }
 
 TEST(MissionRestart, WhatIsNoStateIsRefused) {

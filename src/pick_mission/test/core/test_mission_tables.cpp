@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The tables of transitions and of reactions: complete, reachable, and as the README has them.
+// The tables of transitions and of reactions: complete, reachable, and as the documents have them.
 #include <fstream>
 #include <set>
 #include <sstream>
@@ -16,8 +16,8 @@ State stateAt(int i) {
   return static_cast<State>(i);
 }
 
-std::string readme() {
-  std::ifstream file(std::string(PICK_MISSION_DIR) + "/README.md");
+std::string textOf(const std::string& name) {
+  std::ifstream file(std::string(PICK_MISSION_DIR) + "/" + name);
   std::stringstream text;
   text << file.rdbuf();
   return text.str();
@@ -87,17 +87,37 @@ TEST(Transitions, NoRowIsHiddenByOneBeforeIt) {
   }
 }
 
+TEST(Transitions, EffectsTellWhereToDriveWhatToWaitForAndWhyToEnd) {
+  const auto isBetween = [](Effect effect, Effect first, Effect last) { return effect >= first && effect <= last; };
+  for (const Transition& row : transitions()) {
+    const std::string where = std::string(toString(row.to)) + ", if " + toString(row.guard);
+    EXPECT_EQ(row.to == State::kHalting, isBetween(row.effect, Effect::kHaltForHold, Effect::kHaltForTimeout)) << where;
+    EXPECT_EQ(row.to == State::kDrive, isBetween(row.effect, Effect::kGoToSurveyPose, Effect::kGoToVantage)) << where;
+    EXPECT_EQ(row.to == State::kRecover, row.effect == Effect::kCountRecovery) << where;
+    EXPECT_EQ(row.to == State::kWait, isBetween(row.effect, Effect::kWaitForHand, Effect::kWaitForFading)) << where;
+    // A mission that is over already has its reason; one that gives up may have to stow a brick first.
+    const bool is_end = isBetween(row.effect, Effect::kGiveUp, Effect::kEndNoView);
+    if (row.trigger == Trigger::kGiveUp) {
+      EXPECT_EQ(row.effect, Effect::kGiveUp) << where;
+    } else {
+      EXPECT_EQ(row.to == State::kEnded && row.guard != Guard::kEnding, is_end) << where;
+    }
+  }
+}
+
 TEST(Transitions, NamesAreDifferent) {
-  std::set<std::string> states, triggers, guards, ends;
+  std::set<std::string> states, triggers, guards, effects, ends;
   for (int i = 0; i < kNumStates; ++i) states.insert(toString(stateAt(i)));
   for (int i = 0; i < kNumTriggers; ++i) triggers.insert(toString(static_cast<Trigger>(i)));
   for (int i = 0; i < kNumGuards; ++i) guards.insert(toString(static_cast<Guard>(i)));
+  for (int i = 0; i < kNumEffects; ++i) effects.insert(toString(static_cast<Effect>(i)));
   for (int i = 0; i < kNumEndReasons; ++i) ends.insert(toString(static_cast<EndReason>(i)));
   EXPECT_EQ(states.size(), static_cast<std::size_t>(kNumStates));
   EXPECT_EQ(triggers.size(), static_cast<std::size_t>(kNumTriggers));
   EXPECT_EQ(guards.size(), static_cast<std::size_t>(kNumGuards));
+  EXPECT_EQ(effects.size(), static_cast<std::size_t>(kNumEffects));
   EXPECT_EQ(ends.size(), static_cast<std::size_t>(kNumEndReasons));
-  for (const auto& names : {states, triggers, guards, ends}) EXPECT_EQ(names.count("?"), 0u);
+  for (const auto& names : {states, triggers, guards, effects, ends}) EXPECT_EQ(names.count("?"), 0u);
 }
 
 TEST(Transitions, DotHasEveryState) {
@@ -147,19 +167,20 @@ TEST(Reactions, ResultsThatAnActionCannotHaveAreRefused) {
   EXPECT_THROW(reactTo(State::kDetect, DetectionResult{static_cast<DetectionStatus>(4), {}}), std::invalid_argument);
 }
 
-TEST(Readme, HasTheTableOfTransitions) {
-  EXPECT_THAT(readme(), testing::HasSubstr(transitionsAsMarkdown())) << "write this into it:\n"
-                                                                     << transitionsAsMarkdown();
+TEST(Documents, HaveTheTableOfTransitions) {
+  EXPECT_THAT(textOf("docs/state_machine.md"), testing::HasSubstr(transitionsAsMarkdown())) << "write this into it:\n"
+                                                                                            << transitionsAsMarkdown();
 }
 
-TEST(Readme, HasTheTableOfReactions) {
-  EXPECT_THAT(readme(), testing::HasSubstr(reactionsAsMarkdown())) << "write this into it:\n" << reactionsAsMarkdown();
+TEST(Documents, HaveTheTableOfReactions) {
+  EXPECT_THAT(textOf("docs/state_machine.md"), testing::HasSubstr(reactionsAsMarkdown())) << "write this into it:\n"
+                                                                                          << reactionsAsMarkdown();
 }
 
-TEST(Readme, TellsEveryEndReason) {
+TEST(Documents, TellEveryEndReason) {
   for (int i = 1; i < kNumEndReasons; ++i) {
     const std::string row = std::string("| `") + toString(static_cast<EndReason>(i)) + "` |";
-    EXPECT_THAT(readme(), testing::HasSubstr(row));
+    EXPECT_THAT(textOf("README.md"), testing::HasSubstr(row));
   }
 }
 

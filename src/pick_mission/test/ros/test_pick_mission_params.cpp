@@ -3,59 +3,21 @@
 
 #include <gmock/gmock.h>
 #include <ros/ros.h>
-#include <yaml-cpp/yaml.h>
 
-#include <interactive_mapping_common_ros/testing/params_contract.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
 
 namespace pick_mission_ros {
 namespace {
 
-using params_contract::messageOf;
+using interactive_mapping::problemsOf;
+using interactive_mapping::toYaml;
+using test_support::messageOf;
 using testing::Contains;
 using testing::HasSubstr;
 using testing::StartsWith;
 
-constexpr char kSectors[] = "/some/sectors.yaml";  // not read here
-
-XmlRpc::XmlRpcValue listOf(double first, double second) {
-  XmlRpc::XmlRpcValue list;
-  list.setSize(2);
-  list[0] = first;
-  list[1] = second;
-  return list;
-}
-
-const params_contract::Contract kContract = {
-    PICK_MISSION_DIR,
-    "config/pick_mission.yaml",
-    toYaml(PickMissionParams()),
-    [](const ros::NodeHandle& nh) { return toYaml(loadPickMissionParams(nh)); },
-    {"survey/round", "look/images", "attempts/max_picks_per_brick", "attempts/max_plans_per_brick",
-     "attempts/max_pick_failures_per_view", "attempts/max_plan_failures_per_view", "attempts/max_failures_in_a_row",
-     "attempts/max_recoveries_in_a_row", "views/max_fruitless", "views/leave_after", "views/max_low_utility",
-     "views/max_vantage_drives", "views/max_fade_waits", "bricks_total", "seed"},
-    {{"survey/x_m", listOf(0.7, 1.3)},
-     {"survey/y_m", listOf(0.1, 0.2)},
-     {"survey/yaw_rad", listOf(0.3, 0.4)},
-     {"map_frame", "odom"},
-     {"base_frame", "platform"},
-     {"sectors_file", kSectors},
-     {"bricks_file", "/bricks.yaml"},
-     {"run_folder", "/some/run"},
-     {"scene", "two_rows"},
-     {"strategy", "gpis"},
-     {"removed_factor", "travel"},
-     {"stow", "bin"},
-     {"nodes/map", "/a"},
-     {"nodes/planner", "/b"},
-     {"nodes/bridge", "/c"},
-     {"nodes/detection", "/d"},
-     {"nodes/selection", "/e"},
-     {"nodes/navigation", "/f"},
-     {"nodes/move_base", "/g"}}};
-
-TEST(PickMissionParams, ShippedFileHasEveryKeyWithItsDefault) {
-  params_contract::expectShippedFileHasEveryDefault(kContract);
+TEST(PickMissionParams, ShippedFileIsWhatTheFieldsSay) {
+  test_support::expectShippedFile<PickMissionParams>(PICK_MISSION_DIR "/config/pick_mission.yaml");
 }
 
 TEST(PickMissionParams, ShippedFileLoadsAsTheDefaults) {
@@ -64,14 +26,6 @@ TEST(PickMissionParams, ShippedFileLoadsAsTheDefaults) {
   expected.sectors_file = loaded.sectors_file;  // what a launch file has to give
   expected.bricks_file = loaded.bricks_file;
   EXPECT_EQ(toYaml(loaded), toYaml(expected));
-}
-
-TEST(PickMissionParams, EveryKeyIsReadIntoItsOwnField) {
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kContract, ros::NodeHandle("~changed"));
-}
-
-TEST(PickMissionParams, ReadmeTableHasEveryKeyWithItsDefault) {
-  params_contract::expectReadmeTableHasEveryDefault(kContract);
 }
 
 TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
@@ -97,7 +51,7 @@ TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("servers/detect_stall_s", 0.5);
   nh.setParam("nodes/map", "");
   nh.setParam("nodes/planner", "two words");
-  const std::string message = messageOf(kContract, nh);
+  const std::string message = messageOf<std::invalid_argument>([&] { loadPickMissionParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
   EXPECT_THAT(message, HasSubstr("/wrong/map_frame = '/map', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/base_frame = '', must be a tf2 frame"));
@@ -124,11 +78,11 @@ TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
 TEST(PickMissionParams, FramesOfMapAndBaseAreTwo) {
   PickMissionParams params;
   params.base_frame = params.map_frame;
-  EXPECT_THAT(params.validate(), Contains(HasSubstr("must be another frame than map_frame")));
+  EXPECT_THAT(problemsOf(params), Contains(HasSubstr("must be another frame than map_frame")));
 }
 
 TEST(PickMissionParams, FilesOfSectorsAndBricksMustBeGiven) {
-  EXPECT_THAT(PickMissionParams().validate(),
+  EXPECT_THAT(problemsOf(PickMissionParams()),
               testing::ElementsAre(StartsWith("sectors_file = '', must be"), StartsWith("bricks_file = '', must be")));
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <map>
 #include <optional>
 #include <random>
@@ -386,7 +387,28 @@ class ToyMission {
     return true;
   }
 
+  /// The same with what is injected as it is: the world would fill in what it sees.
+  void advancePastTheWorld() {
+    now_s += 1.0;
+    const std::optional<Result> forced = inject(world.action, world.commands_of[world.action]);
+    event::Reply reply = world.finish(now_s, forced);
+    if (forced) reply.result = *forced;
+    tell(reply);
+  }
+
+  /// The commands of a kind until now.
+  template <typename Body>
+  std::vector<Body> sent() const {
+    std::vector<Body> bodies;
+    for (const Command& command : commands) {
+      if (const auto* body = std::get_if<Body>(&command.body)) bodies.push_back(*body);
+    }
+    return bodies;
+  }
+
   bool isOver() const { return machine.state() == State::kEnded; }
+  /// Started if it is not, it comes to its end, with this reason.
+  testing::AssertionResult endsAs(EndReason reason);
 
   /// To the end, or until nothing runs. False: it goes on and on.
   bool toEnd(int max_steps = 3000) {
@@ -405,12 +427,26 @@ class ToyMission {
   std::vector<Command> commands;
 };
 
+/// To be injected: this result for such an action, the first `times` that there are.
+inline ToyMission::Inject endAs(State which, Result result, int times = std::numeric_limits<int>::max()) {
+  return [=](State action, int count) {
+    return action == which && count <= times ? std::optional<Result>(result) : std::nullopt;
+  };
+}
+
 inline std::string tail(const ToyMission& run, std::size_t count = 25) {
   std::string text;
   for (std::size_t i = run.log.size() - std::min(count, run.log.size()); i < run.log.size(); ++i) {
     text += toJsonLine(run.log[i]) + "\n";
   }
   return text + "ended: " + toString(run.machine.endReason()) + ": " + run.machine.endMessage() + "\n";
+}
+
+inline testing::AssertionResult ToyMission::endsAs(EndReason reason) {
+  if (machine.state() == State::kIdle) start();
+  if (!toEnd()) return testing::AssertionFailure() << "it goes on and on\n" << tail(*this);
+  if (machine.endReason() == reason) return testing::AssertionSuccess();
+  return testing::AssertionFailure() << "must end as " << toString(reason) << "\n" << tail(*this);
 }
 
 }  // namespace toy

@@ -3,21 +3,27 @@
 
 #include <deque>
 #include <limits>
-#include <string>
-#include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 #include "system_diagnostics/level.h"
 
 namespace system_diagnostics {
 
 struct DelayStatisticsConfig {
-  double window_s{10.0};
-  double warn_ahead_s{0.02};  // a stamp that far in the future when it arrives: the camera's clock is ahead by more
+  double window_s{10.0};  // [1, 3600] s; no field: that of the whole node
+  double warn_ahead_s{0.02};
   double error_ahead_s{0.05};
-  double max_delay_s{0.5};  // median of the arrivals: warning; tf and joint states are kept for 10 s
-  double timeout_s{2.0};    // no image for so long: error
+  double max_delay_s{0.5};
+  double timeout_s{2.0};
 
-  std::vector<std::string> validate() const;
+  static void fields(DelayStatisticsConfig& c, interactive_mapping::Fields& f) {
+    f("warn_ahead_s", c.warn_ahead_s, 0.0, 10.0, "s",
+      "an image that arrives this long before its stamp gives a warning: the clock of the camera is ahead");
+    f("error_ahead_s", c.error_ahead_s, c.warn_ahead_s, 10.0, "s", "the same for an error; at least warn_ahead_s");
+    f("max_delay_s", c.max_delay_s, 0.0, 100.0, "s", "a larger median of the delays gives a warning");
+    f("timeout_s", c.timeout_s, 0.01, 1000.0, "s", "no image for this long gives an error");
+  }
 };
 
 struct DelayReport {

@@ -2,19 +2,21 @@
 #pragma once
 
 #include <optional>
-#include <string>
-#include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <opencv2/core/mat.hpp>
 
 namespace system_diagnostics {
 
-struct ImageShiftConfig {
-  int width_px{160};              // images are made as small as this: noise goes, speed comes
-  double min_response{0.1};       // of the phase correlation's peak, 1: nothing but shifted
-  double min_contrast_grey{2.0};  // standard deviation of the small image; less is a wall, and its noise stands still
+inline constexpr int kLeastImage_px = 16;  // a smaller image leaves no space for a shift
 
-  std::vector<std::string> validate() const;
+struct ImageShiftConfig {
+  int width_px{160};
+
+  static void fields(ImageShiftConfig& c, interactive_mapping::Fields& f) {
+    f("image_width_px", c.width_px, kLeastImage_px, 4096, "px",
+      "images are scaled down to this width, which removes noise and saves time");
+  }
 };
 
 struct ImageShift {

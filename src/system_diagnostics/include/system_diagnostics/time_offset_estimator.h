@@ -3,22 +3,27 @@
 
 #include <deque>
 #include <limits>
-#include <string>
 #include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 namespace system_diagnostics {
 
-struct TimeOffsetConfig {
-  double window_s{60.0};           // of what is used
-  double max_offset_s{0.2};        // looked for within +- this
-  double min_turn_rad{1.0};        // turned in the window, to and fro added up; less tells nothing
-  int min_images{20};              // pairs of images in the window
-  double min_correlation{0.8};     // of turning and shifts, at the best offset
-  double max_std_s{0.01};          // of the estimate: worse is not told
-  double max_odometry_gap_s{0.2};  // pairs of images beside a longer one are left out
-  double max_image_gap_s{0.5};     // pairs farther apart are left out
+inline constexpr double kMaxOffset_s = 0.2;      // the search spans offsets of both signs up to this
+inline constexpr double kMinTurn_rad = 1.0;      // turned in the window, to and fro added up; less determines no offset
+inline constexpr double kMaxOffsetStd_s = 0.01;  // of the estimate; a worse one is not reported
 
-  std::vector<std::string> validate() const;
+struct TimeOffsetConfig {
+  double window_s{60.0};
+  int min_images{20};
+  double min_correlation{0.8};
+
+  static void fields(TimeOffsetConfig& c, interactive_mapping::Fields& f) {
+    f("window_s", c.window_s, 1.0, 3600.0, "s", "images and odometry of this last time are used");
+    f("min_images", c.min_images, 5, 100000, "", "pairs of images in the window that an estimate needs");
+    f("min_correlation", c.min_correlation, 0.1, 1.0, "",
+      "least correlation of turning and shifts at the best offset; with less there is no estimate");
+  }
 };
 
 enum class TimeOffsetStatus {

@@ -4,27 +4,39 @@
 #include <deque>
 #include <limits>
 #include <string>
-#include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "system_diagnostics/level.h"
 
 namespace system_diagnostics {
 
 struct TransformWatchConfig {
-  bool may_be_static{false};  // a transform without time is all right: mounted parts
-  double min_rate_hz{5.0};    // fewer new poses: warning
-  double max_age_s{0.5};      // the newest pose is older: error, whoever looks it up fails or waits
-  double max_ahead_s{0.02};   // the newest pose is stamped so far in the future: warning, a clock is ahead
-  double max_gap_s{0.5};      // longer without a pose: warning
-  double step_m{0.05};        // from pose to pose it may move by this ...
-  double speed_m_s{0.0};      // ... and so much per second: farther is a jump, a warning
-  double step_rad{0.05};      // likewise the angle
+  bool may_be_static{false};
+  double min_rate_hz{5.0};
+  double max_age_s{0.5};
+  double max_ahead_s{0.02};
+  double max_gap_s{0.5};
+  double step_m{0.05};
+  double speed_m_s{0.0};
+  double step_rad{0.05};
   double speed_rad_s{0.0};
-  double window_s{10.0};  // of rate, gaps and jumps
+  double window_s{10.0};  // of rate, gaps and jumps, [1, 3600] s; no field: that of the whole node
 
-  std::vector<std::string> validate() const;
+  static void fields(TransformWatchConfig& c, interactive_mapping::Fields& f) {
+    f("may_be_static", c.may_be_static, "a transform without time is good, as of mounted parts");
+    f("min_rate_hz", c.min_rate_hz, 0.0, 1000.0, "Hz", "fewer new poses give a warning");
+    f("max_age_s", c.max_age_s, 0.001, 1000.0, "s", "an older newest pose gives an error");
+    f("max_ahead_s", c.max_ahead_s, 0.0, 10.0, "s",
+      "a newest pose stamped farther in the future gives a warning; amcl does so by 0.1 s on purpose");
+    f("max_gap_s", c.max_gap_s, 0.001, 1000.0, "s", "a longer time without a pose gives a warning");
+    f("step_m", c.step_m, 0.0, 100.0, "m",
+      "a motion from pose to pose of more than step_m + speed_m_s * time is a jump, which gives a warning");
+    f("speed_m_s", c.speed_m_s, 0.0, 100.0, "m/s", "see step_m");
+    f("step_rad", c.step_rad, 0.0, 4.0, "rad", "a turn of more than step_rad + speed_rad_s * time is a jump, too");
+    f("speed_rad_s", c.speed_rad_s, 0.0, 100.0, "rad/s", "see step_rad");
+  }
 };
 
 struct TransformReport {

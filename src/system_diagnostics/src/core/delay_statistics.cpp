@@ -5,8 +5,6 @@
 #include <cmath>
 #include <sstream>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace system_diagnostics {
 namespace {
 
@@ -26,18 +24,8 @@ double quantile(const std::vector<double>& sorted, double share) {
 
 }  // namespace
 
-std::vector<std::string> DelayStatisticsConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("window_s", window_s, 1.0, 3600.0, "s");
-  check("warn_ahead_s", warn_ahead_s, 0.0, 10.0, "s");
-  check("error_ahead_s", error_ahead_s, warn_ahead_s, 10.0, "s");
-  check("max_delay_s", max_delay_s, 0.0, 100.0, "s");
-  check("timeout_s", timeout_s, 0.01, 1000.0, "s");
-  return check.problems();
-}
-
 DelayStatistics::DelayStatistics(const DelayStatisticsConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config_.validate());
+  interactive_mapping::requireValid("impossible limits of delays:", config_);
 }
 
 void DelayStatistics::add(double arrival_s, double stamp_s) {

@@ -6,12 +6,12 @@
 #include <tuple>
 #include <utility>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace system_diagnostics {
 namespace {
 
-constexpr double kStep_s = 0.005;  // of the search; the peak of the correlation is wider by far
+constexpr double kMaxOdometryGap_s = 0.2;  // pairs of images beside a longer gap are left out
+constexpr double kMaxImageGap_s = 0.5;     // images farther apart are no pair
+constexpr double kStep_s = 0.005;          // of the search; the peak of the correlation is wider by far
 constexpr double kShiftNoise_px =
     0.05;  // phase correlation is hardly better than this: smaller residuals are no outliers
 constexpr double kOutlier_sigmas = 4.0;  // one in 16000 of normal ones
@@ -49,21 +49,8 @@ Fit fit(const std::vector<double>& turns, const std::vector<double>& shifts) {
 
 }  // namespace
 
-std::vector<std::string> TimeOffsetConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("window_s", window_s, 1.0, 3600.0, "s");
-  check("max_offset_s", max_offset_s, 2.0 * kStep_s, 2.0, "s");
-  check("min_turn_rad", min_turn_rad, 0.01, 100.0, "rad");
-  check("min_images", min_images, 5, 100000, "");
-  check("min_correlation", min_correlation, 0.1, 1.0, "");
-  check("max_std_s", max_std_s, 1e-5, 1.0, "s");
-  check("max_odometry_gap_s", max_odometry_gap_s, 0.001, 10.0, "s");
-  check("max_image_gap_s", max_image_gap_s, 0.001, 10.0, "s");
-  return check.problems();
-}
-
 TimeOffsetEstimator::TimeOffsetEstimator(const TimeOffsetConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config_.validate());
+  interactive_mapping::requireValid("impossible time offset estimator:", config_);
 }
 
 void TimeOffsetEstimator::addYaw(double stamp_s, double yaw_rad) {
@@ -73,13 +60,13 @@ void TimeOffsetEstimator::addYaw(double stamp_s, double yaw_rad) {
     yaw_rad = yaws_.back().yaw_rad + std::remainder(yaw_rad - yaws_.back().yaw_rad, 2.0 * M_PI);
   }
   yaws_.push_back({stamp_s, yaw_rad});
-  const double needed_s = stamp_s - config_.window_s - 2.0 * config_.max_offset_s - config_.max_image_gap_s;
+  const double needed_s = stamp_s - config_.window_s - 2.0 * kMaxOffset_s - kMaxImageGap_s;
   while (yaws_.front().stamp_s < needed_s) yaws_.pop_front();
 }
 
 void TimeOffsetEstimator::addShift(double start_stamp_s, double end_stamp_s, double shift_px) {
   if (!std::isfinite(start_stamp_s) || !std::isfinite(end_stamp_s) || !std::isfinite(shift_px)) return;
-  if (!(end_stamp_s > start_stamp_s) || end_stamp_s - start_stamp_s > config_.max_image_gap_s) return;
+  if (!(end_stamp_s > start_stamp_s) || end_stamp_s - start_stamp_s > kMaxImageGap_s) return;
   shifts_.push_back({start_stamp_s, end_stamp_s, shift_px});
   while (shifts_.front().end_s < end_stamp_s - config_.window_s) shifts_.pop_front();
 }
@@ -89,7 +76,7 @@ TimeOffsetEstimate TimeOffsetEstimator::estimate() const {
   // The same pairs at every offset, or correlations could not be compared.
   std::vector<Shift> used;
   for (const Shift& shift : shifts_) {
-    if (isCovered(shift.start_s - config_.max_offset_s, shift.end_s + config_.max_offset_s)) used.push_back(shift);
+    if (isCovered(shift.start_s - kMaxOffset_s, shift.end_s + kMaxOffset_s)) used.push_back(shift);
   }
   const auto turnsAt = [this, &used](double offset_s) {
     std::vector<double> turns;
@@ -104,7 +91,7 @@ TimeOffsetEstimate TimeOffsetEstimator::estimate() const {
     return shifts;
   };
 
-  const int steps = static_cast<int>(std::floor(config_.max_offset_s / kStep_s));
+  const int steps = static_cast<int>(std::floor(kMaxOffset_s / kStep_s));
   const auto best = [&turnsAt, &shiftsOf, steps] {
     const std::vector<double> shifts = shiftsOf();
     std::vector<double> correlations;
@@ -125,7 +112,7 @@ TimeOffsetEstimate TimeOffsetEstimator::estimate() const {
   result.images = static_cast<int>(used.size());
   if (result.images < config_.min_images) return result;
   for (const double turn : turnsAt(0.0)) result.turned_rad += std::abs(turn);
-  if (result.turned_rad < config_.min_turn_rad) {
+  if (result.turned_rad < kMinTurn_rad) {
     result.status = TimeOffsetStatus::kTooLittleTurning;
     return result;
   }
@@ -181,7 +168,7 @@ TimeOffsetEstimate TimeOffsetEstimator::estimate() const {
   const double variance = std::max(squares / std::max(1, result.images - kFitted), kShiftNoise_px * kShiftNoise_px);
   const double std_s = leverage > 0.0 ? std::sqrt(variance / leverage) : std::numeric_limits<double>::infinity();
   result.std_s = std_s;
-  if (!(std_s <= config_.max_std_s)) {
+  if (!(std_s <= kMaxOffsetStd_s)) {
     result.status = TimeOffsetStatus::kTooUncertain;
     return result;
   }
@@ -200,7 +187,7 @@ bool TimeOffsetEstimator::isCovered(double from_s, double to_s) const {
   auto next = std::upper_bound(yaws_.begin(), yaws_.end(), from_s,
                                [](double stamp_s, const Yaw& yaw) { return stamp_s < yaw.stamp_s; });
   for (; next != yaws_.end(); ++next) {
-    if (next->stamp_s - (next - 1)->stamp_s > config_.max_odometry_gap_s) return false;
+    if (next->stamp_s - (next - 1)->stamp_s > kMaxOdometryGap_s) return false;
     if (next->stamp_s >= to_s) return true;
   }
   return true;

@@ -6,8 +6,6 @@
 #include <sstream>
 #include <utility>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace system_diagnostics {
 namespace {
 
@@ -24,23 +22,9 @@ std::string text(double value, int digits) {
 
 }  // namespace
 
-std::vector<std::string> TransformWatchConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("min_rate_hz", min_rate_hz, 0.0, 1000.0, "Hz");
-  check("max_age_s", max_age_s, 0.001, 1000.0, "s");
-  check("max_ahead_s", max_ahead_s, 0.0, 10.0, "s");
-  check("max_gap_s", max_gap_s, 0.001, 1000.0, "s");
-  check("step_m", step_m, 0.0, 100.0, "m");
-  check("speed_m_s", speed_m_s, 0.0, 100.0, "m/s");
-  check("step_rad", step_rad, 0.0, 4.0, "rad");
-  check("speed_rad_s", speed_rad_s, 0.0, 100.0, "rad/s");
-  check("window_s", window_s, 1.0, 3600.0, "s");
-  return check.problems();
-}
-
 TransformWatch::TransformWatch(std::string name, const TransformWatchConfig& config)
     : name_(std::move(name)), config_(config) {
-  interactive_mapping::throwIfAny(config_.validate());
+  interactive_mapping::requireValid(name_ + ": impossible limits:", config_);
 }
 
 void TransformWatch::add(double stamp_s, const Eigen::Isometry3d& pose) {

@@ -54,7 +54,7 @@ system_diagnostics::Verdict judge(const TimeOffsetEstimate& estimate, const Syst
     }
     case TimeOffsetStatus::kTooLittleTurning:
       std::snprintf(text, sizeof(text), "no estimate: the base turned %.2f rad in %.0f s, must be at least %.2f rad",
-                    estimate.turned_rad, params.estimator.window_s, params.estimator.min_turn_rad);
+                    estimate.turned_rad, params.estimator.window_s, system_diagnostics::kMinTurn_rad);
       verdict.worsen(Level::kOk, text);
       break;
     case TimeOffsetStatus::kTooFewImages:
@@ -64,7 +64,7 @@ system_diagnostics::Verdict judge(const TimeOffsetEstimate& estimate, const Syst
       break;
     case TimeOffsetStatus::kTooUncertain:
       std::snprintf(text, sizeof(text), "no estimate: standard deviation %.0f ms, must be at most %.0f ms",
-                    1e3 * estimate.std_s, 1e3 * params.estimator.max_std_s);
+                    1e3 * estimate.std_s, 1e3 * system_diagnostics::kMaxOffsetStd_s);
       verdict.worsen(Level::kOk, text);
       break;
     case TimeOffsetStatus::kNoCorrelation:
@@ -76,7 +76,7 @@ system_diagnostics::Verdict judge(const TimeOffsetEstimate& estimate, const Syst
       break;
     case TimeOffsetStatus::kBeyondRange:
       std::snprintf(text, sizeof(text), "the camera's stamps are off by more than %.0f ms",
-                    1e3 * params.estimator.max_offset_s);
+                    1e3 * system_diagnostics::kMaxOffset_s);
       verdict.worsen(Level::kError, text);
       break;
   }
@@ -92,8 +92,8 @@ SystemDiagnosticsRos::SystemDiagnosticsRos(const ros::NodeHandle& nh, const ros:
       shift_meter_(params_.motion.image),
       estimator_(params_.motion.estimator),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
-  ROS_INFO("Parameters:\n%s", toYaml(params_).c_str());
-  for (const auto& [name, frames] : params_.transforms) {
+  ROS_INFO("Parameters:\n%s", interactive_mapping::toYaml(params_).c_str());
+  for (const auto& [name, frames] : params_.tf.transforms) {
     watches_.push_back(
         {frames, system_diagnostics::TransformWatch(frames.target + " -> " + frames.source, frames.limits)});
   }

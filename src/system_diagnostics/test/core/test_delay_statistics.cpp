@@ -56,7 +56,7 @@ TEST(DelayStatistics, SilenceIsAnErrorAndOldArrivalsAreForgotten) {
 TEST(DelayStatistics, ImpossibleLimitsAreRefused) {
   DelayStatisticsConfig config;
   config.error_ahead_s = 0.01;  // below the warning
-  EXPECT_THAT(config.validate(), testing::ElementsAre(HasSubstr("error_ahead_s = 0.01 s")));
+  EXPECT_THAT(interactive_mapping::problemsOf(config), testing::ElementsAre(HasSubstr("error_ahead_s = 0.01 s")));
   EXPECT_THROW(DelayStatistics{config}, std::invalid_argument);
 }
 

@@ -88,7 +88,7 @@ TEST(ImageShiftMeter, WrongImagesAndLimitsAreRefused) {
   EXPECT_THROW(meter.add(cv::Mat(120, 160, CV_8UC3)), std::invalid_argument);
   EXPECT_THROW(meter.add(cv::Mat()), std::invalid_argument);
   ImageShiftConfig config;
-  config.min_response = 2.0;
+  config.width_px = 8;
   EXPECT_THROW(ImageShiftMeter{config}, std::invalid_argument);
 }
 

@@ -243,7 +243,8 @@ TEST(TimeOffsetEstimator, BadValuesAreLeftOutAndImpossibleLimitsRefused) {
   TimeOffsetConfig config;
   config.window_s = -1.0;
   config.min_correlation = 2.0;
-  EXPECT_THAT(config.validate(), testing::ElementsAre(HasSubstr("window_s = -1 s"), HasSubstr("min_correlation = 2")));
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              testing::ElementsAre(HasSubstr("window_s = -1 s"), HasSubstr("min_correlation = 2")));
   EXPECT_THROW(TimeOffsetEstimator{config}, std::invalid_argument);
 }
 

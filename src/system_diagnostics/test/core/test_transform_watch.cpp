@@ -161,7 +161,8 @@ TEST(TransformWatch, ImpossibleLimitsAreRefusedTogether) {
   TransformWatchConfig config;
   config.max_age_s = 0.0;
   config.step_m = -1.0;
-  EXPECT_THAT(config.validate(), testing::ElementsAre(HasSubstr("max_age_s = 0 s"), HasSubstr("step_m = -1 m")));
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              testing::ElementsAre(HasSubstr("max_age_s = 0 s"), HasSubstr("step_m = -1 m")));
   EXPECT_THROW(TransformWatch("a", config), std::invalid_argument);
 }
 

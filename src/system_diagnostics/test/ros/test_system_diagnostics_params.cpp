@@ -1,50 +1,29 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "system_diagnostics_ros/system_diagnostics_params.h"
 
-#include <gmock/gmock.h>
-#include <ros/ros.h>
+#include <stdexcept>
+#include <string>
 
-#include <interactive_mapping_common_ros/testing/params_contract.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
+#include <ros/ros.h>
 
 namespace system_diagnostics_ros {
 namespace {
 
-using params_contract::messageOf;
+using interactive_mapping::toYaml;
 using testing::HasSubstr;
 
-const params_contract::Contract kContract = {
-    SYSTEM_DIAGNOSTICS_DIR,
-    "config/system_diagnostics.yaml",
-    toYaml(SystemDiagnosticsParams()),
-    [](const ros::NodeHandle& nh) { return toYaml(loadSystemDiagnosticsParams(nh)); },
-    {"motion/min_images", "motion/image_width_px"},
-    {{"tf/watched", "tool camera odometry localisation"},
-     {"tf/localisation/target", "world"},
-     {"tf/localisation/source", "wheels"},
-     {"tf/odometry/target", "wheels"},
-     {"tf/odometry/source", "platform"},
-     {"tf/camera/target", "platform"},
-     {"tf/camera/source", "eye"},
-     {"tf/tool/target", "platform_2"},
-     {"tf/tool/source", "hand"},
-     // Above the warnings' values whatever those are changed to.
-     {"arrival/error_ahead_s", 0.06},
-     {"motion/error_offset_s", 0.07}}};
+std::string messageOf(const ros::NodeHandle& nh) {
+  return test_support::messageOf<std::invalid_argument>([&] { loadSystemDiagnosticsParams(nh); });
+}
 
-TEST(SystemDiagnosticsParams, ShippedFileHasEveryKeyWithItsDefault) {
-  params_contract::expectShippedFileHasEveryDefault(kContract);
+TEST(SystemDiagnosticsParams, ShippedFileIsWhatTheFieldsSay) {
+  test_support::expectShippedFile<SystemDiagnosticsParams>(SYSTEM_DIAGNOSTICS_DIR "/config/system_diagnostics.yaml");
 }
 
 TEST(SystemDiagnosticsParams, ShippedFileLoadsAsTheDefaults) {
   EXPECT_EQ(toYaml(loadSystemDiagnosticsParams(ros::NodeHandle("~shipped"))), toYaml(SystemDiagnosticsParams()));
-}
-
-TEST(SystemDiagnosticsParams, EveryKeyIsReadIntoItsOwnField) {
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kContract, ros::NodeHandle("~changed"));
-}
-
-TEST(SystemDiagnosticsParams, ReadmeTableHasEveryKeyWithItsDefault) {
-  params_contract::expectReadmeTableHasEveryDefault(kContract);
 }
 
 TEST(SystemDiagnosticsParams, AFurtherTransformIsWatchedAndOthersMayBeLeftOut) {
@@ -55,11 +34,14 @@ TEST(SystemDiagnosticsParams, AFurtherTransformIsWatchedAndOthersMayBeLeftOut) {
   nh.setParam("tf/scanner/source", "lidar_1_link");
   nh.setParam("tf/tool/target", "base_link");  // of one that is not watched
   const SystemDiagnosticsParams params = loadSystemDiagnosticsParams(nh);
-  ASSERT_EQ(params.transforms.size(), 2u);
-  EXPECT_EQ(params.transforms.at("scanner").source, "lidar_1_link");
-  EXPECT_EQ(params.transforms.at("scanner").limits.window_s, 20.0);
-  EXPECT_EQ(params.transforms.at("odometry").limits.min_rate_hz, 20.0);
+  ASSERT_EQ(params.tf.transforms.size(), 2u);
+  EXPECT_EQ(params.tf.transforms.at("scanner").source, "lidar_1_link");
+  EXPECT_EQ(params.tf.transforms.at("scanner").limits.window_s, 20.0);
+  EXPECT_EQ(params.tf.transforms.at("odometry").limits.min_rate_hz, 20.0);
   EXPECT_EQ(params.arrival.window_s, 20.0);
+  nh.setParam("tf/watched", "odometry scanner odometry");
+  EXPECT_EQ(messageOf(nh), "refused parameters:\n  " + nh.getNamespace() +
+                               "/tf/watched = 'odometry scanner odometry', must name each once");
 }
 
 TEST(SystemDiagnosticsParams, OneMessageNamesEveryProblemWithValueAndRange) {
@@ -75,14 +57,14 @@ TEST(SystemDiagnosticsParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("motion/warn_offset_s", 0.5);
   nh.setParam("motion/min_images", 1.5);
   nh.setParam("motion/image_width_px", 1);
-  const std::string message = messageOf(kContract, nh);
+  const std::string message = messageOf(nh);
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
   EXPECT_THAT(message, HasSubstr("/wrong/window_s = 0 s"));
   EXPECT_THAT(message, HasSubstr("/wrong/tf/scanner/target = '/base_link', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/tf/scanner/source = '', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/tf/odometry/step_m = -1 m"));
   EXPECT_THAT(message, HasSubstr("/wrong/tf/odometry/min_rate_hz"));
-  EXPECT_THAT(message, HasSubstr("/wrong/tf/nobody"));
+  EXPECT_THAT(message, HasSubstr("/wrong/tf/nobody is unknown"));
   EXPECT_THAT(message, HasSubstr("/wrong/arrival/timeout_s = 0 s"));
   EXPECT_THAT(message, HasSubstr("/wrong/motion/error_offset_s = 0.05 s, must be in [0.5, 10] s"));
   EXPECT_THAT(message, HasSubstr("/wrong/motion/min_images"));

@@ -2,20 +2,27 @@
 #pragma once
 
 #include <optional>
-#include <string>
-#include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 #include "ur_driver_bridge/arm_state.h"
 
 namespace ur_driver_bridge {
 
 struct ContactDetectorConfig {
-  double threshold_N{8.0};  // of the force along the tool's axis
-  double debounce_s{0.02};  // above it so long, in samples without a gap below
-  double sideways_N{40.0};  // of the force across: something else is met; at once
-  double hard_N{60.0};      // of the force along: contact at once, without debounce
+  double threshold_N{8.0};
+  double debounce_s{0.02};
+  double sideways_N{40.0};
+  double hard_N{60.0};
 
-  std::vector<std::string> validate() const;
+  static void fields(ContactDetectorConfig& c, interactive_mapping::Fields& f) {
+    f("threshold_N", c.threshold_N, 0.5, 200.0, "N", "force along the tool's axis that is contact after debounce_s");
+    f("debounce_s", c.debounce_s, 0.0, 1.0, "s", "time above threshold_N, in samples without a gap below it");
+    f("sideways_N", c.sideways_N, 0.5, 500.0, "N",
+      "force across the axis that is contact with something else, at once");
+    f("hard_N", c.hard_N, c.threshold_N, 500.0, "N",
+      "force along the axis that is contact at once; at least threshold_N");
+  }
 };
 
 /// Decides from the tool's force whether the magnet has met something. The sensor has been zeroed at rest shortly before, in

@@ -18,43 +18,87 @@ namespace ur_driver_bridge {
 
 struct MotionConfig {
   double start_tolerance_rad{0.02};
-  double acceleration_rad_s2{4.0};  // of what is sent; a controlled stop may be harder
-  double stop_s{0.1};               // a controlled stop takes so long, on the path
-  double latency_s{0.005};          // from the controller's state until what is answered takes effect
-  double rest_rad_s{0.01};          // slower than this the arm stands
-  double rest_timeout_s{3.0};       // after a stop
-  double answer_timeout_s{1.0};     // of the controller and the monitor
-  double end_patience_s{2.0};       // beyond the trajectory's own time (that passes slower when the speed is scaled)
-  double stall_speed{0.01};         // speed scaling below this ...
-  double stall_patience_s{10.0};    // ... for longer: given up
-  double watch_drift_s{0.2};        // the monitor is told anew when the arm is so far behind what it believes
+  double acceleration_rad_s2{4.0};
+  double stop_s{0.1};
+  double latency_s{0.005};
+  double rest_rad_s{0.01};
+  double rest_timeout_s{3.0};
+  double answer_timeout_s{1.0};
+  double end_patience_s{2.0};
+  double stall_speed{0.01};
+  double stall_patience_s{10.0};
+  double watch_drift_s{0.2};
 
-  std::vector<std::string> validate() const;
+  static void fields(MotionConfig& c, interactive_mapping::Fields& f) {
+    f("start_tolerance_rad", c.start_tolerance_rad, 1e-4, 0.2, "rad",
+      "distance of each joint from the trajectory's first point");
+    f("acceleration_rad_s2", c.acceleration_rad_s2, 0.1, 50.0, "rad/s^2",
+      "limit of a trajectory that is accepted; a controlled stop may be harder");
+    f("stop_s", c.stop_s, 0.02, 1.0, "s", "duration of a controlled stop, on the path");
+    f("latency_s", c.latency_s, 0.0, 0.1, "s", "time from the controller's state until an answer to it takes effect");
+    f("rest_rad_s", c.rest_rad_s, 1e-4, 0.1, "rad/s", "an arm slower than this is at rest");
+    f("rest_timeout_s", c.rest_timeout_s, 0.5, 30.0, "s", "time to come to rest after a stop");
+    f("answer_timeout_s", c.answer_timeout_s, 0.05, 10.0, "s",
+      "time for an answer of controller, services and monitor");
+    f("end_patience_s", c.end_patience_s, 0.5, 60.0, "s",
+      "time beyond the trajectory's own, which passes slower when the speed is scaled");
+    f("stall_speed", c.stall_speed, 1e-4, 0.5, "", "speed scaling below which the arm is stalled");
+    f("stall_patience_s", c.stall_patience_s, 0.5, 600.0, "s", "a motion is given up when it is stalled for longer");
+    f("watch_drift_s", c.watch_drift_s, 0.05, 5.0, "s",
+      "the monitor is informed again when the arm is this far behind what the monitor assumes");
+  }
 };
 
 struct PickConfig {
-  double settle_s{0.2};         // at rest before the force sensor is zeroed or read
-  double early_m{0.02};         // contact so far before the plate is with something else
-  double contact_stop_s{0.04};  // stop at contact
-  double magnet_settle_s{0.3};  // from the switch until it holds, or has let go
-  double weigh_height_m{0.03};  // lifted so far to be weighed
-  double weigh_timeout_s{3.0};  // for a force that does not come to rest
-  double ramp_s{0.3};           // of the stop before weighing and the start after it
+  double settle_s{0.2};
+  double early_m{0.02};
+  double contact_stop_s{0.04};
+  double magnet_settle_s{0.3};
+  double weigh_height_m{0.03};
+  double weigh_timeout_s{3.0};
+  double ramp_s{0.3};
 
-  std::vector<std::string> validate() const;
+  static void fields(PickConfig& c, interactive_mapping::Fields& f) {
+    f("settle_s", c.settle_s, 0.0, 5.0, "s", "time at rest before the force sensor is zeroed or read");
+    f("early_m", c.early_m, 1e-3, 0.2, "m", "contact this far before the plate is with something else");
+    f("contact_stop_s", c.contact_stop_s, 0.01, 0.5, "s", "duration of the stop at contact");
+    f("magnet_settle_s", c.magnet_settle_s, 0.0, 5.0, "s",
+      "time from the switch until the magnet holds, or has let go");
+    f("weigh_height_m", c.weigh_height_m, 2e-3, 0.3, "m", "height to which the brick is lifted to be weighed");
+    f("weigh_timeout_s", c.weigh_timeout_s, 0.5, 30.0, "s", "time for the force to come to rest");
+    f("ramp_s", c.ramp_s, 0.02, 2.0, "s", "duration of the stop before weighing and of the start after it");
+  }
+};
+
+struct MagnetConfig {
+  int digital_output{0};
+  double io_timeout_s{1.0};
+
+  static void fields(MagnetConfig& c, interactive_mapping::Fields& f) {
+    f("digital_output", c.digital_output, 0, static_cast<int>(ArmState::kDigitalPins) - 1, "",
+      "output of the arm's controller: 0-7 standard, 8-15 configurable, 16 and 17 at the tool");
+    f("io_timeout_s", c.io_timeout_s, 0.1, 10.0, "s", "time for the driver to report that the output has changed");
+  }
 };
 
 struct ExecutorConfig {
   SafetyGateConfig gate;
   MotionConfig motion;
-  PickConfig pick;
   ContactDetectorConfig contact;
+  PickConfig pick;
   LoadCellConfig load;
+  MagnetConfig magnet;
   RecoveryConfig recovery;
-  int magnet_pin{0};         // digital output
-  double io_timeout_s{1.0};  // until the driver tells that the output has changed
 
-  std::vector<std::string> validate() const;
+  static void fields(ExecutorConfig& c, interactive_mapping::Fields& f) {
+    f.section("gate", c.gate);
+    f.section("motion", c.motion);
+    f.section("contact", c.contact);
+    f.section("pick", c.pick);
+    f.section("load", c.load);
+    f.section("magnet", c.magnet);
+    f.section("recovery", c.recovery);
+  }
 };
 
 /// What is fixed about this robot.

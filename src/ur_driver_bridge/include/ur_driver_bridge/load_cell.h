@@ -4,9 +4,9 @@
 #include <deque>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "ur_driver_bridge/arm_state.h"
 
@@ -15,15 +15,25 @@ namespace ur_driver_bridge {
 constexpr double kGravity_m_s2 = 9.81;
 
 struct LoadCellConfig {
-  double weigh_s{0.3};  // averaged over so long
+  double weigh_s{0.3};
   int min_samples{10};
-  double max_spread_N{3.0};  // standard deviation of the vertical force meanwhile; more: the arm does not stand still
-  double min_share{0.5};     // of the brick's mass, below: nothing hangs there
-  double max_share{1.8};     // above: more than the brick
-  double lost_share{0.5};    // of the brick's weight gone: it is lost ...
-  double lost_s{0.1};        // ... if for so long: by the median over twice this, for the arm shakes
+  double max_spread_N{3.0};
+  double min_share{0.5};
+  double max_share{1.8};
+  double lost_share{0.5};
+  double lost_s{0.1};
 
-  std::vector<std::string> validate() const;
+  static void fields(LoadCellConfig& c, interactive_mapping::Fields& f) {
+    f("weigh_s", c.weigh_s, 0.01, 10.0, "s", "time over which a weight is averaged");
+    f("min_samples", c.min_samples, 2, 10000, "", "samples of the force that a weight needs");
+    f("max_spread_N", c.max_spread_N, 0.01, 100.0, "N",
+      "standard deviation of the vertical force while weighing; with more the arm is not at rest");
+    f("min_share", c.min_share, 0.0, 1.0, "", "share of the brick's mass below which nothing hangs on the magnet");
+    f("max_share", c.max_share, 1.0, 10.0, "", "share of the brick's mass above which more than the brick hangs there");
+    f("lost_share", c.lost_share, 0.05, 1.0, "", "a brick is lost when this share of its weight is gone for lost_s");
+    f("lost_s", c.lost_s, 0.01, 2.0, "s",
+      "time that it must be gone, by the median over twice as long: the arm shakes");
+  }
 };
 
 /// Weighs what hangs on the magnet by the force that the robot tells. The robot itself takes tool and declared payload out

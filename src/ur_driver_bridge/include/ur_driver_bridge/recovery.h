@@ -5,24 +5,29 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/config/schema.h>
+
 #include "ur_driver_bridge/arm_state.h"
 #include "ur_driver_bridge/arm_status.h"
 
 namespace ur_driver_bridge {
 
-enum class ProtectiveStopPolicy {
-  kOperator,   // only on the operator's word
-  kAutomatic,  // the configuration allows it: for simulation and soak
-};
-
 struct RecoveryConfig {
-  bool is_headless{false};  // the driver sends its program (resend_robot_program); else play
-  ProtectiveStopPolicy protective_stop{ProtectiveStopPolicy::kOperator};
-  double unlock_wait_s{5.5};    // a protective stop can be unlocked 5 s after it
-  double step_timeout_s{15.0};  // for the robot to follow one command
-  int max_commands{12};         // in one recovery
+  bool is_headless{false};
+  bool unlocks_by_itself{false};
+  double unlock_wait_s{5.5};
+  double step_timeout_s{15.0};
+  int max_commands{12};
 
-  std::vector<std::string> validate() const;
+  static void fields(RecoveryConfig& c, interactive_mapping::Fields& f) {
+    f("is_headless", c.is_headless, "true: the driver sends its program itself (headless_mode); false: it is played");
+    f("unlocks_by_itself", c.unlocks_by_itself,
+      "true: a protective stop is unlocked without the operator's word, for simulation only");
+    f("unlock_wait_s", c.unlock_wait_s, 0.0, 60.0, "s",
+      "time from a protective stop until it is unlocked; the robot allows it after 5 s");
+    f("step_timeout_s", c.step_timeout_s, 0.1, 600.0, "s", "time for the robot to follow one command");
+    f("max_commands", c.max_commands, 1, 100, "", "commands in one recovery");
+  }
 };
 
 /// The operator's word of one request.

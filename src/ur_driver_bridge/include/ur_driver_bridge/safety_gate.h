@@ -4,7 +4,8 @@
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
 
 #include "ur_driver_bridge/arm_state.h"
 #include "ur_driver_bridge/arm_status.h"
@@ -13,15 +14,29 @@ namespace ur_driver_bridge {
 
 struct SafetyGateConfig {
   double max_joint_age_s{0.1};
-  double max_force_age_s{0.1};  // looked at while the force matters
+  double max_force_age_s{0.1};
   double max_speed_scaling_age_s{0.5};
-  double max_map_age_s{2.0};            // since the last image in the map; 0: the map is not asked
-  double max_monitor_age_s{0.5};        // of what the path monitor says; 0: motion without it
-  double max_heartbeat_age_s{0.13};     // of the mission, ROS time: one of 20 Hz may be lost; 0: motion without it
-  double max_heartbeat_silence_s{0.0};  // the same by the wall clock, for real hardware; 0: off
-  double max_future_s{0.5};             // a stamp this far ahead of the clock is no stamp
+  double max_map_age_s{2.0};
+  double max_monitor_age_s{0.5};
+  double max_heartbeat_age_s{0.13};
+  double max_heartbeat_silence_s{0.0};
+  double max_future_s{0.5};
 
-  std::vector<std::string> validate() const;
+  static void fields(SafetyGateConfig& c, interactive_mapping::Fields& f) {
+    f("max_joint_age_s", c.max_joint_age_s, 0.005, 1.0, "s", "greatest age of the newest joint state");
+    f("max_force_age_s", c.max_force_age_s, 0.005, 1.0, "s",
+      "greatest age of the force, checked during the touch and while a brick is held");
+    f("max_speed_scaling_age_s", c.max_speed_scaling_age_s, 0.005, 10.0, "s",
+      "greatest age of the speed scaling, by its arrival");
+    f("max_map_age_s", c.max_map_age_s, 0.0, 60.0, "s", "greatest age of the last image in the map; 0: not checked");
+    f("max_monitor_age_s", c.max_monitor_age_s, 0.0, 5.0, "s",
+      "greatest age of the path monitor's last message; 0: the arm moves without a monitor");
+    f("max_heartbeat_age_s", c.max_heartbeat_age_s, 0.0, 5.0, "s",
+      "greatest age of the mission's heartbeat, ROS time: one of 20 Hz may be lost; 0: the arm moves without it");
+    f("max_heartbeat_silence_s", c.max_heartbeat_silence_s, 0.0, 5.0, "s",
+      "longest time without a heartbeat by the wall clock, for real hardware; 0: not checked");
+    f("max_future_s", c.max_future_s, 0.0, 5.0, "s", "a stamp farther ahead of the clock is invalid");
+  }
 };
 
 struct MonitorWord {

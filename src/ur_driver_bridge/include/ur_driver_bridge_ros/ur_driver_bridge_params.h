@@ -2,7 +2,6 @@
 #pragma once
 
 #include <string>
-#include <vector>
 
 #include <ros/node_handle.h>
 
@@ -10,23 +9,30 @@
 
 namespace ur_driver_bridge_ros {
 
-/// All parameters of the node, with the only copy of the defaults. SI units.
+/// All parameters of the node. SI units.
 struct UrDriverBridgeParams {
   std::string base_frame{"base_link"};
-  std::string bricks_file;        // absolute path of a bricks.yaml: mass and size of what is picked
-  double max_payload_kg{5.0};     // UR5e
-  double watchdog_rate_hz{50.0};  // looks so often, in ROS time, when no joint states come
-  double lockstep_wait_s{0.0};  // wall time that a step waits for open calls before the clock may go on; 0: not at all
-
-  bool unlocks_by_itself{false};  // recovery: a protective stop without the operator's word; for simulation
+  std::string bricks_file;
+  double max_payload_kg{5.0};
+  double watchdog_rate_hz{50.0};
+  double lockstep_wait_s{0.0};
   ur_driver_bridge::ExecutorConfig executor;
 
-  /// Every problem as "key = value unit, must be ...".
-  std::vector<std::string> validate() const;
+  static void fields(UrDriverBridgeParams& c, interactive_mapping::Fields& f) {
+    f("base_frame", c.base_frame, "tf2 frame, z up: weights are measured along it");
+    f.require(!c.base_frame.empty() && c.base_frame.front() != '/',
+              "base_frame = '" + c.base_frame + "', must be a tf2 frame: no leading slash");
+    f("bricks_file", c.bricks_file, "absolute path of a bricks.yaml, with the bricks' masses; set by the launch file");
+    f.require(!c.bricks_file.empty() && c.bricks_file.front() == '/',
+              "bricks_file = '" + c.bricks_file + "', must be the absolute path of a bricks.yaml");
+    f("max_payload_kg", c.max_payload_kg, 0.1, 100.0, "kg", "tool and brick together; UR5e");
+    f("watchdog_rate_hz", c.watchdog_rate_hz, 10.0, 500.0, "Hz",
+      "rate of the checks, in ROS time, while no joint states come");
+    f("lockstep_wait_s", c.lockstep_wait_s, 0.0, 60.0, "s",
+      "wall time that a step waits for its calls before the clock may go on; 0: it does not wait");
+    ur_driver_bridge::ExecutorConfig::fields(c.executor, f);
+  }
 };
-
-/// In the layout of config/ur_driver_bridge.yaml.
-std::string toYaml(const UrDriverBridgeParams& params);
 
 /// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and impossible value.
 UrDriverBridgeParams loadUrDriverBridgeParams(const ros::NodeHandle& private_nh);

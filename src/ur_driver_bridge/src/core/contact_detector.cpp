@@ -3,8 +3,6 @@
 
 #include <cmath>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace ur_driver_bridge {
 namespace {
 
@@ -12,18 +10,8 @@ constexpr double kRounding_s = 1e-6;  // of differences of ROS times, which have
 
 }  // namespace
 
-std::vector<std::string> ContactDetectorConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("threshold_N", threshold_N, 0.5, 200.0, "N");
-  check("debounce_s", debounce_s, 0.0, 1.0, "s");
-  check("sideways_N", sideways_N, 0.5, 500.0, "N");
-  check("hard_N", hard_N, threshold_N, 500.0, "N");
-  return check.problems();
-}
-
-ContactDetector::ContactDetector(const ContactDetectorConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
-}
+ContactDetector::ContactDetector(const ContactDetectorConfig& config)
+    : config_(interactive_mapping::requireValid("impossible contact detector:", config)) {}
 
 void ContactDetector::reset() {
   contact_ = Contact{};

@@ -10,7 +10,6 @@
 #include <set>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "motion_step.h"
@@ -34,52 +33,6 @@ std::string formatted(const char* format, ...) {
   return text;
 }
 
-std::vector<std::string> MotionConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("start_tolerance_rad", start_tolerance_rad, 1e-4, 0.2, "rad");
-  check("acceleration_rad_s2", acceleration_rad_s2, 0.1, 50.0, "rad/s^2");
-  check("stop_s", stop_s, 0.02, 1.0, "s");
-  check("latency_s", latency_s, 0.0, 0.1, "s");
-  check("rest_rad_s", rest_rad_s, 1e-4, 0.1, "rad/s");
-  check("rest_timeout_s", rest_timeout_s, 0.5, 30.0, "s");
-  check("answer_timeout_s", answer_timeout_s, 0.05, 10.0, "s");
-  check("end_patience_s", end_patience_s, 0.5, 60.0, "s");
-  check("stall_speed", stall_speed, 1e-4, 0.5, "");
-  check("stall_patience_s", stall_patience_s, 0.5, 600.0, "s");
-  check("watch_drift_s", watch_drift_s, 0.05, 5.0, "s");
-  return check.problems();
-}
-
-std::vector<std::string> PickConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("settle_s", settle_s, 0.0, 5.0, "s");
-  check("early_m", early_m, 1e-3, 0.2, "m");
-  check("contact_stop_s", contact_stop_s, 0.01, 0.5, "s");
-  check("magnet_settle_s", magnet_settle_s, 0.0, 5.0, "s");
-  check("weigh_height_m", weigh_height_m, 2e-3, 0.3, "m");
-  check("weigh_timeout_s", weigh_timeout_s, 0.5, 30.0, "s");
-  check("ramp_s", ramp_s, 0.02, 2.0, "s");
-  return check.problems();
-}
-
-std::vector<std::string> ExecutorConfig::validate() const {
-  std::vector<std::string> problems;
-  const auto append = [&problems](const std::string& section, const std::vector<std::string>& more) {
-    for (const std::string& problem : more) problems.push_back(section + problem);
-  };
-  append("gate/", gate.validate());
-  append("motion/", motion.validate());
-  append("pick/", pick.validate());
-  append("contact/", contact.validate());
-  append("load/", load.validate());
-  append("recovery/", recovery.validate());
-  interactive_mapping::RangeCheck check;
-  check("magnet/digital_output", magnet_pin, 0, ArmState::kDigitalPins - 1.0, "");
-  check("magnet/io_timeout_s", io_timeout_s, 0.1, 10.0, "s");
-  append("", check.problems());
-  return problems;
-}
-
 namespace {
 
 using StepPointer = std::unique_ptr<Step>;
@@ -96,8 +49,10 @@ using Items = std::deque<Item>;
 class Executor::Impl {
  public:
   Impl(const ExecutorConfig& config, const ArmModel& model)
-      : config_(config), model_(model), gate_(config.gate), load_(config.load) {
-    interactive_mapping::throwIfAny(config.validate());
+      : config_(interactive_mapping::requireValid("impossible executor:", config)),
+        model_(model),
+        gate_(config.gate),
+        load_(config.load) {
     if (!model_.kinematics) throw std::invalid_argument("Executor: no kinematics");
     const mp700_ur5e_description::RobotModel& robot = model_.kinematics->robot();
     namespace names = mp700_ur5e_description;
@@ -439,7 +394,7 @@ void Executor::letGo() {
     // A magnet that may be on is switched off all the same: nobody knows what hung there when the node began.
     const auto check = [](const StepContext& context) {
       const auto& output = context.arm().digital_out;
-      const bool is_off = output && !output->value[static_cast<std::size_t>(context.config.magnet_pin)];
+      const bool is_off = output && !output->value[static_cast<std::size_t>(context.config.magnet.digital_output)];
       return is_off ? Verdict{ArmStatus::kNothingHeld, "the magnet is off, and holds nothing"} : Verdict{};
     };
     items.push_front({std::make_unique<CheckStep>("let_go", check), {}});

@@ -7,8 +7,6 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace ur_driver_bridge {
 namespace {
 
@@ -24,21 +22,8 @@ double median(std::vector<double>* values) {
 
 }  // namespace
 
-std::vector<std::string> LoadCellConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("weigh_s", weigh_s, 0.01, 10.0, "s");
-  check("min_samples", min_samples, 2, 10000, "");
-  check("max_spread_N", max_spread_N, 0.01, 100.0, "N");
-  check("min_share", min_share, 0.0, 1.0, "");
-  check("max_share", max_share, 1.0, 10.0, "");
-  check("lost_share", lost_share, 0.05, 1.0, "");
-  check("lost_s", lost_s, 0.01, 2.0, "s");
-  return check.problems();
-}
-
-LoadCell::LoadCell(const LoadCellConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
-}
+LoadCell::LoadCell(const LoadCellConfig& config)
+    : config_(interactive_mapping::requireValid("impossible load cell:", config)) {}
 
 void LoadCell::add(const Stamped<ToolForce>& sample, const Eigen::Matrix3d& R_world_tool) {
   const double vertical_N = R_world_tool.row(2).dot(sample.value.force_N);

@@ -6,8 +6,6 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 #include "ur_driver_bridge/safety_gate.h"
 
 namespace ur_driver_bridge {
@@ -45,17 +43,8 @@ struct Recovery::Need {
   bool is_hopeless{false};                // not even waiting helps; `wait_for` says what would
 };
 
-std::vector<std::string> RecoveryConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("unlock_wait_s", unlock_wait_s, 0.0, 60.0, "s");
-  check("step_timeout_s", step_timeout_s, 0.1, 600.0, "s");
-  check("max_commands", max_commands, 1, 100, "");
-  return check.problems();
-}
-
-Recovery::Recovery(const RecoveryConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
-}
+Recovery::Recovery(const RecoveryConfig& config)
+    : config_(interactive_mapping::requireValid("impossible recovery:", config)) {}
 
 void Recovery::begin(const RecoveryPermit& permit, double now_s) {
   if (!std::isfinite(now_s)) throw std::invalid_argument("now_s is not finite");
@@ -80,7 +69,7 @@ Recovery::Need Recovery::need(const ArmState& arm) const {
     case safety_mode::kProtectiveStop: {
       const bool is_given = std::find(done_.begin(), done_.end(), kUnlock) != done_.end();
       const bool is_followed = is_given && !(given_ && given_->command == kUnlock);
-      if (config_.protective_stop == ProtectiveStopPolicy::kAutomatic) {
+      if (config_.unlocks_by_itself) {
         return {ArmStatus::kProtectiveStop, safety, kUnlock};
       }
       if (!permit_.unlock_protective_stop) {

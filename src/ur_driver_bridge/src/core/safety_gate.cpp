@@ -6,8 +6,6 @@
 #include <iomanip>
 #include <sstream>
 
-#include <interactive_mapping_common/config/range_check.h>
-
 namespace ur_driver_bridge {
 namespace {
 
@@ -69,22 +67,8 @@ bool saysToStop(const GateInputs& inputs, const GateDemand& demand) {
 
 }  // namespace
 
-std::vector<std::string> SafetyGateConfig::validate() const {
-  interactive_mapping::RangeCheck check;
-  check("max_joint_age_s", max_joint_age_s, 0.005, 1.0, "s");
-  check("max_force_age_s", max_force_age_s, 0.005, 1.0, "s");
-  check("max_speed_scaling_age_s", max_speed_scaling_age_s, 0.005, 10.0, "s");
-  check("max_map_age_s", max_map_age_s, 0.0, 60.0, "s");
-  check("max_monitor_age_s", max_monitor_age_s, 0.0, 5.0, "s");
-  check("max_heartbeat_age_s", max_heartbeat_age_s, 0.0, 5.0, "s");
-  check("max_heartbeat_silence_s", max_heartbeat_silence_s, 0.0, 5.0, "s");
-  check("max_future_s", max_future_s, 0.0, 5.0, "s");
-  return check.problems();
-}
-
-SafetyGate::SafetyGate(const SafetyGateConfig& config) : config_(config) {
-  interactive_mapping::throwIfAny(config.validate());
-}
+SafetyGate::SafetyGate(const SafetyGateConfig& config)
+    : config_(interactive_mapping::requireValid("impossible safety gate:", config)) {}
 
 Verdict SafetyGate::checkRobot(const ArmState& arm, double now_s) const {
   if (!arm.joints && !arm.safety_mode && !arm.robot_mode && !arm.is_program_running) {

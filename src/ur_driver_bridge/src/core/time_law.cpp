@@ -8,8 +8,12 @@
 #include <stdexcept>
 #include <vector>
 
+#include "motion_planning/cubic_segment.h"
+
 namespace ur_driver_bridge {
 namespace {
+
+using motion_planning::CubicSegment;
 
 constexpr double kMinSpacing_s = 1e-5;   // between points: nearer, accelerations would be those of rounding
 constexpr double kSearchStep_s = 0.002;  // of timeOf: the arm does not turn round twice within it
@@ -71,22 +75,10 @@ std::vector<double> pointTimes(const JointTrajectory& trajectory, const LawPiece
   return times;
 }
 
-/// Of the cubic that joins two points, as it is sampled: just after the first.
-ArmVector beginAcceleration(const TrajectoryPoint& a, const TrajectoryPoint& b) {
-  const double h = b.time_s - a.time_s;
-  return (6.0 / h * (b.position_rad - a.position_rad) - 4.0 * a.velocity_rad_s - 2.0 * b.velocity_rad_s) / h;
-}
-
-/// ... and just before the second.
-ArmVector endAcceleration(const TrajectoryPoint& a, const TrajectoryPoint& b) {
-  const double h = b.time_s - a.time_s;
-  return (-6.0 / h * (b.position_rad - a.position_rad) + 2.0 * a.velocity_rad_s + 4.0 * b.velocity_rad_s) / h;
-}
-
 void setAccelerations(JointTrajectory* trajectory) {
   auto& points = trajectory->points;
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
-    points[i].acceleration_rad_s2 = beginAcceleration(points[i], points[i + 1]);
+    points[i].acceleration_rad_s2 = CubicSegment(points[i], points[i + 1]).acceleration_rad_s2;
   }
   points.back().acceleration_rad_s2.setZero();
 }
@@ -191,8 +183,9 @@ JointTrajectory withinAcceleration(const JointTrajectory& trajectory, double lim
   }
   double most_rad_s2 = 0.0;
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
-    most_rad_s2 = std::max({most_rad_s2, beginAcceleration(points[i], points[i + 1]).cwiseAbs().maxCoeff(),
-                            endAcceleration(points[i], points[i + 1]).cwiseAbs().maxCoeff()});
+    const CubicSegment cubic(points[i], points[i + 1]);
+    most_rad_s2 = std::max({most_rad_s2, cubic.acceleration_rad_s2.cwiseAbs().maxCoeff(),
+                            cubic.end_acceleration_rad_s2.cwiseAbs().maxCoeff()});
   }
   constexpr double kRounding = 1e-6;  // what is at the limit by computation is not beyond it when looked at
   const double slower = std::sqrt(most_rad_s2 * (1.0 + kRounding) / limit_rad_s2);

@@ -47,14 +47,14 @@ std::optional<Verdict> MagnetStep::awaitEffect(StepContext& context) {
   if (!answered_) answered_ = Answered{context.now_s, context.time_s};
   if (!changed_s_) {
     const auto& output = context.arm().digital_out;
-    const auto pin = static_cast<std::size_t>(context.config.magnet_pin);
+    const auto pin = static_cast<std::size_t>(context.config.magnet.digital_output);
     // A message from before the switch says nothing.
     if (output && output->stamp_s >= answered_->stamp_s && output->value[pin] == is_on_) {
       changed_s_ = context.time_s;
-    } else if (context.time_s - answered_->since_s > context.config.io_timeout_s) {
-      return Verdict{ArmStatus::kIoRefused,
-                     formatted("digital output %d is not %s %.2f s after the driver has set it",
-                               context.config.magnet_pin, is_on_ ? "on" : "off", context.config.io_timeout_s)};
+    } else if (context.time_s - answered_->since_s > context.config.magnet.io_timeout_s) {
+      return Verdict{ArmStatus::kIoRefused, formatted("digital output %d is not %s %.2f s after the driver has set it",
+                                                      context.config.magnet.digital_output, is_on_ ? "on" : "off",
+                                                      context.config.magnet.io_timeout_s)};
     } else {
       return std::nullopt;
     }

@@ -10,58 +10,42 @@
 
 #include <interactive_mapping_common/config/range_check.h>
 
+#include "motion_planning/cubic_segment.h"
+
 namespace ur_driver_bridge {
 namespace {
+
+using motion_planning::CubicSegment;
 
 constexpr double kRest_rad_s = 1e-6;          // slower is at rest: five hours for a degree
 constexpr double kPosition_rad = 1e-6;        // beyond a position limit: a thirtieth of the arm's repeatability
 constexpr double kTimeRounding_s = 1e-9;      // messages hold times in whole nanoseconds
 constexpr double kRoundingStep_rad_s = 2e-3;  // of velocity, the most that is put down to rounding: 3 rad/s over 10 us
 
-/// One joint between two points, as JointTrajectory::sample goes: by position and velocity at both ends.
-struct JointCubic {
-  double duration_s;
-  double position_rad;
-  double velocity_rad_s;
-  double acceleration_rad_s2;  // at the begin
-  double jerk_rad_s3;
+/// Times at which a joint's velocity is largest or smallest: the ends, and the vertex if it is between.
+std::array<double, 3> velocityExtremes(const CubicSegment& cubic, int joint) {
+  const double jerk = cubic.jerk()[joint];
+  const double vertex = jerk == 0.0 ? 0.0 : -cubic.acceleration_rad_s2[joint] / jerk;
+  return {0.0, cubic.duration_s, std::clamp(std::isfinite(vertex) ? vertex : 0.0, 0.0, cubic.duration_s)};
+}
 
-  JointCubic(const TrajectoryPoint& a, const TrajectoryPoint& b, int joint)
-      : duration_s(b.time_s - a.time_s), position_rad(a.position_rad[joint]), velocity_rad_s(a.velocity_rad_s[joint]) {
-    const double way = (b.position_rad[joint] - position_rad) / duration_s;
-    const double end_rad_s = b.velocity_rad_s[joint];
-    acceleration_rad_s2 = (6.0 * way - 4.0 * velocity_rad_s - 2.0 * end_rad_s) / duration_s;
-    const double end_rad_s2 = (-6.0 * way + 2.0 * velocity_rad_s + 4.0 * end_rad_s) / duration_s;
-    jerk_rad_s3 = (end_rad_s2 - acceleration_rad_s2) / duration_s;
-  }
-
-  double positionAt(double t) const {
-    return position_rad + t * (velocity_rad_s + t * (0.5 * acceleration_rad_s2 + t / 6.0 * jerk_rad_s3));
-  }
-  double velocityAt(double t) const { return velocity_rad_s + t * (acceleration_rad_s2 + 0.5 * t * jerk_rad_s3); }
-  double accelerationAt(double t) const { return acceleration_rad_s2 + t * jerk_rad_s3; }
-
-  /// Times at which velocity is largest or smallest: the ends, and the vertex if it is between.
-  std::array<double, 3> velocityExtremes() const {
-    const double vertex = jerk_rad_s3 == 0.0 ? 0.0 : -acceleration_rad_s2 / jerk_rad_s3;
-    return {0.0, duration_s, std::clamp(std::isfinite(vertex) ? vertex : 0.0, 0.0, duration_s)};
-  }
-
-  /// Times at which position is largest or smallest: the ends, and where velocity vanishes between.
-  std::array<double, 4> positionExtremes() const {
-    std::array<double, 4> times = {0.0, duration_s, 0.0, 0.0};
-    // 0.5 j t^2 + a t + v = 0, without cancellation: t = 2 v / -(a + sign(a) root) and its partner.
-    const double discriminant = acceleration_rad_s2 * acceleration_rad_s2 - 2.0 * jerk_rad_s3 * velocity_rad_s;
-    if (!(discriminant >= 0.0)) return times;
-    const double sum = acceleration_rad_s2 + std::copysign(std::sqrt(discriminant), acceleration_rad_s2);
-    if (sum == 0.0) return times;
-    const double first = -2.0 * velocity_rad_s / sum;
-    const double second = jerk_rad_s3 == 0.0 ? 0.0 : -sum / jerk_rad_s3;
-    if (first > 0.0 && first < duration_s) times[2] = first;
-    if (second > 0.0 && second < duration_s) times[3] = second;
-    return times;
-  }
-};
+/// Times at which a joint's position is largest or smallest: the ends, and where velocity vanishes between.
+std::array<double, 4> positionExtremes(const CubicSegment& cubic, int joint) {
+  const double v = cubic.velocity_rad_s[joint];
+  const double a = cubic.acceleration_rad_s2[joint];
+  const double jerk = cubic.jerk()[joint];
+  std::array<double, 4> times = {0.0, cubic.duration_s, 0.0, 0.0};
+  // 0.5 j t^2 + a t + v = 0, without cancellation: t = 2 v / -(a + sign(a) root) and its partner.
+  const double discriminant = a * a - 2.0 * jerk * v;
+  if (!(discriminant >= 0.0)) return times;
+  const double sum = a + std::copysign(std::sqrt(discriminant), a);
+  if (sum == 0.0) return times;
+  const double first = -2.0 * v / sum;
+  const double second = jerk == 0.0 ? 0.0 : -sum / jerk;
+  if (first > 0.0 && first < cubic.duration_s) times[2] = first;
+  if (second > 0.0 && second < cubic.duration_s) times[3] = second;
+  return times;
+}
 
 /// Acceleration that the rounding of both times may seem to be. Each is wrong by half of kTimeRounding_s; what that does
 /// to the mean velocity, six times as much over the duration does to the acceleration at the ends.
@@ -225,21 +209,21 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
     }
   }
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    const CubicSegment cubic(points[i], points[i + 1]);
     for (int joint = 0; joint < 6; ++joint) {
-      const JointCubic cubic(points[i], points[i + 1], joint);
-      for (const double t : cubic.positionExtremes()) {
-        Verdict verdict = position(i, t, joint, cubic.positionAt(t));
+      for (const double t : positionExtremes(cubic, joint)) {
+        Verdict verdict = position(i, t, joint, cubic.positionAt(t)[joint]);
         if (!verdict.isFine()) return verdict;
       }
-      for (const double t : cubic.velocityExtremes()) {
+      for (const double t : velocityExtremes(cubic, joint)) {
         Verdict verdict =
-            rate(i, t, joint, "velocity", cubic.velocityAt(t), limits.velocity_rad_s[joint], 0.0, "rad/s");
+            rate(i, t, joint, "velocity", cubic.velocityAt(t)[joint], limits.velocity_rad_s[joint], 0.0, "rad/s");
         if (!verdict.isFine()) return verdict;
       }
       const double rounding = roundingOf(points[i], points[i + 1], joint);
       for (const double t : {0.0, cubic.duration_s}) {
-        Verdict verdict = rate(i, t, joint, "acceleration", cubic.accelerationAt(t), limits.acceleration_rad_s2[joint],
-                               rounding, "rad/s^2");
+        Verdict verdict = rate(i, t, joint, "acceleration", cubic.accelerationAt(t)[joint],
+                               limits.acceleration_rad_s2[joint], rounding, "rad/s^2");
         if (!verdict.isFine()) return verdict;
       }
     }

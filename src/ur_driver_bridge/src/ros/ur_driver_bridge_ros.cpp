@@ -116,7 +116,7 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
       attached_memory_(private_nh),
       attached_before_(attached_memory_.recall()),
       diagnostics_(nh, private_nh) {
-  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", toYaml(params_).c_str());
+  ROS_DEBUG_NAMED(kLog, "parameters:\n%s", interactive_mapping::toYaml(params_).c_str());
   ros::NodeHandle handle(private_nh);
   state_publisher_ = handle.advertise<ArmBridgeState>("state", 50);
   marker_publisher_ = handle.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
@@ -125,7 +125,7 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
 
   planner_calls_ = std::make_unique<CallThread>();
   driver_ = std::make_unique<UrDriver>(
-      nh_, params_.executor.magnet_pin,
+      nh_, params_.executor.magnet.digital_output,
       [this](const ur_driver_bridge::CallReply& reply) {
         const std::lock_guard<std::mutex> lock(answers_mutex_);
         replies_.push_back(reply);
@@ -518,7 +518,7 @@ void UrDriverBridgeRos::onIoStates(const ur_msgs::IOStatesConstPtr& message) {
   }
   // Without a stamp of its own: as old as its arrival.
   inputs_.arm.digital_out = {timeOfArrival().toSec(), outputs};
-  is_magnet_on_ = outputs[static_cast<std::size_t>(params_.executor.magnet_pin)];
+  is_magnet_on_ = outputs[static_cast<std::size_t>(params_.executor.magnet.digital_output)];
   if (is_attached_known_) return;
   is_attached_known_ = true;
   if (is_magnet_on_ && attached_before_) {

@@ -1201,9 +1201,10 @@ TEST(ExecutorConfig, EveryProblemIsNamed) {
   ExecutorConfig config;
   config.motion.stop_s = 0.0;
   config.pick.ramp_s = -1.0;
-  config.magnet_pin = 18;
-  EXPECT_THAT(config.validate(), ElementsAre(HasSubstr("motion/stop_s = 0 s"), HasSubstr("pick/ramp_s = -1 s"),
-                                             HasSubstr("magnet/digital_output = 18")));
+  config.magnet.digital_output = 18;
+  EXPECT_THAT(interactive_mapping::problemsOf(config),
+              ElementsAre(HasSubstr("motion/stop_s = 0 s"), HasSubstr("pick/ramp_s = -1 s"),
+                          HasSubstr("magnet/digital_output = 18")));
   EXPECT_THROW(Executor(config, fakeModel()), std::invalid_argument);
   EXPECT_THROW(Executor(ExecutorConfig(), ArmModel()), std::invalid_argument);
 }

@@ -7,52 +7,26 @@
 #include <gmock/gmock.h>
 #include <ros/ros.h>
 
-#include <interactive_mapping_common_ros/testing/params_contract.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
 #include "ur_driver_bridge_ros/attached_memory.h"
 
 namespace ur_driver_bridge_ros {
 namespace {
 
-using params_contract::messageOf;
-using testing::ElementsAre;
+using test_support::messageOf;
 using testing::HasSubstr;
 
 constexpr char kBricks[] = "/some/bricks.yaml";  // not read here
 
-const params_contract::Contract kContract = {
-    UR_DRIVER_BRIDGE_DIR,
-    "config/ur_driver_bridge.yaml",
-    toYaml(UrDriverBridgeParams()),
-    [](const ros::NodeHandle& nh) { return toYaml(loadUrDriverBridgeParams(nh)); },
-    {"load/min_samples", "magnet/digital_output", "recovery/max_commands"},
-    {{"base_frame", "platform"}, {"bricks_file", kBricks}}};
-
-TEST(UrDriverBridgeParams, ShippedFileHasEveryKeyWithItsDefault) {
-  params_contract::expectShippedFileHasEveryDefault(kContract);
+TEST(UrDriverBridgeParams, ShippedFileIsWhatTheFieldsSay) {
+  test_support::expectShippedFile<UrDriverBridgeParams>(UR_DRIVER_BRIDGE_DIR "/config/ur_driver_bridge.yaml");
 }
 
 TEST(UrDriverBridgeParams, ShippedFileLoadsAsTheDefaults) {
   const UrDriverBridgeParams loaded = loadUrDriverBridgeParams(ros::NodeHandle("~shipped"));
   UrDriverBridgeParams expected;
   expected.bricks_file = loaded.bricks_file;  // what a launch file has to give
-  EXPECT_EQ(toYaml(loaded), toYaml(expected));
-  EXPECT_EQ(loaded.executor.recovery.protective_stop, ur_driver_bridge::ProtectiveStopPolicy::kOperator);
-}
-
-TEST(UrDriverBridgeParams, EveryKeyIsReadIntoItsOwnField) {
-  params_contract::expectEveryKeyIsReadIntoItsOwnField(kContract, ros::NodeHandle("~changed"));
-}
-
-TEST(UrDriverBridgeParams, ReadmeTableHasEveryKeyWithItsDefault) {
-  params_contract::expectReadmeTableHasEveryDefault(kContract);
-}
-
-TEST(UrDriverBridgeParams, UnlocksByItselfOnlyIfToldSo) {
-  ros::NodeHandle nh("~unlocks");
-  nh.setParam("bricks_file", kBricks);
-  nh.setParam("recovery/unlocks_by_itself", true);
-  EXPECT_EQ(loadUrDriverBridgeParams(nh).executor.recovery.protective_stop,
-            ur_driver_bridge::ProtectiveStopPolicy::kAutomatic);
+  EXPECT_EQ(interactive_mapping::toYaml(loaded), interactive_mapping::toYaml(expected));
 }
 
 interactive_mapping_msgs::AttachedBrick brickInHand() {
@@ -145,7 +119,7 @@ TEST(UrDriverBridgeParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("magnet/digital_output", 18);
   nh.setParam("magnet/io_timeout_s", 0.0);
   nh.setParam("recovery/max_commands", 0);
-  const std::string message = messageOf(kContract, nh);
+  const std::string message = messageOf<std::invalid_argument>([&] { loadUrDriverBridgeParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/bricks_file = 'bricks.yaml', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/base_frame = '/base_link', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
@@ -162,10 +136,6 @@ TEST(UrDriverBridgeParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/magnet/digital_output = 18, must be in [0, 17]"));
   EXPECT_THAT(message, HasSubstr("/wrong/magnet/io_timeout_s = 0 s, must be in [0.1, 10] s"));
   EXPECT_THAT(message, HasSubstr("/wrong/recovery/max_commands = 0, must be in [1, 100]"));
-}
-
-TEST(UrDriverBridgeParams, AFileOfBricksMustBeGiven) {
-  EXPECT_THAT(UrDriverBridgeParams().validate(), ElementsAre(HasSubstr("bricks_file = '', must be the absolute path")));
 }
 
 }  // namespace

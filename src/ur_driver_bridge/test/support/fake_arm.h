@@ -197,7 +197,7 @@ class FakeArm {
     if (!is_force_silent) gate.arm.force = Stamped<ToolForce>{now_s, {force(), Eigen::Vector3d::Zero()}};
     if (!is_joints_silent) gate.arm.speed_scaling = Stamped<double>{now_s, scaling};
     std::bitset<ArmState::kDigitalPins> output;
-    output[static_cast<std::size_t>(config_.magnet_pin)] = is_magnet_on && !is_pin_stuck;
+    output[static_cast<std::size_t>(config_.magnet.digital_output)] = is_magnet_on && !is_pin_stuck;
     gate.arm.digital_out = Stamped<std::bitset<ArmState::kDigitalPins>>{now_s, output};
     if (!is_map_silent) gate.map_stamp_s = now_s;
     if (!is_mission_silent) gate.heartbeat_s = now_s;

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "interactive_mapping_common_ros/params.h"
+
+#include <XmlRpcValue.h>
+#include <ros/param.h>
+#include <yaml-cpp/yaml.h>
+
+namespace interactive_mapping_ros {
+namespace {
+
+using XmlRpc::XmlRpcValue;
+
+template <typename Value>
+YAML::Node tagged(const Value& value, const char* tag) {
+  YAML::Node node(value);
+  node.SetTag(tag);
+  return node;
+}
+
+/// With the types that the parameter server tells. XmlRpcValue's accessors are not const.
+YAML::Node toYaml(XmlRpcValue value) {
+  switch (value.getType()) {
+    case XmlRpcValue::TypeBoolean:
+      return tagged(static_cast<bool>(value), "!!bool");
+    case XmlRpcValue::TypeInt:
+      return tagged(static_cast<int>(value), "!!int");
+    case XmlRpcValue::TypeDouble:
+      return tagged(static_cast<double>(value), "!!float");
+    case XmlRpcValue::TypeString:
+      return tagged(static_cast<std::string>(value), "!");
+    case XmlRpcValue::TypeArray: {
+      YAML::Node list(YAML::NodeType::Sequence);
+      for (int i = 0; i < value.size(); ++i) list.push_back(toYaml(value[i]));
+      return list;
+    }
+    case XmlRpcValue::TypeStruct: {
+      YAML::Node map(YAML::NodeType::Map);
+      for (auto& entry : value) map[entry.first] = toYaml(entry.second);
+      return map;
+    }
+    default:
+      return tagged(value.toXml(), "!");
+  }
+}
+
+YAML::Node treeBelow(const std::string& name_space) {
+  XmlRpcValue root;
+  return ros::param::get(name_space, root) ? toYaml(root) : YAML::Node(YAML::NodeType::Map);
+}
+
+}  // namespace
+
+ParamsReader::ParamsReader(const ros::NodeHandle& private_nh)
+    : name_space_(private_nh.getNamespace()), reader_(treeBelow(name_space_)) {
+  reader_.ignore("diagnostic_period");  // read by diagnostic_updater
+  reader_.ignore("diagnostic_updater");
+}
+
+void ParamsReader::finish(const std::vector<std::string>& problems) {
+  std::vector<std::string> all;
+  for (const std::string& problem : reader_.finish()) all.push_back(name_space_ + "/" + problem);
+  for (const std::string& problem : problems) all.push_back(name_space_ + "/" + problem);
+  interactive_mapping::refuseIfAny("refused parameters:", all);
+}
+
+}  // namespace interactive_mapping_ros

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <optional>
+
+#include "tasks/brick_in_scene.h"
+#include "tasks/failures.h"
+#include "tasks/free_motion.h"
+#include "tasks/goal_generator.h"
+#include "tasks/straight_line.h"
+#include "tasks/tasks.h"
+
+namespace motion_planning {
+namespace {
+
+constexpr double kBesideUp = 0.9;  // cosine: nearer to up, away from the face is up
+
+/// The held brick clear of where it hangs now: the allowed collision there has ended.
+CollisionChecker clearOfStart(const TaskContext& task, const StartState& start) {
+  CollisionChecker checker(start.checker);
+  checker.setTarget(task.request.vacated, true);
+  checker.setHeld(task.request.held, false);
+  return checker;
+}
+
+/// Straight from the start, by at most pick/lift_m, until what is held is clear of its surroundings, with room to all sides
+/// if it gets that far. Empty: it does not get clear.
+JointPath lineOut(const TaskContext& task, const StartState& start, const Eigen::Vector3d& direction_base) {
+  const MotionPlannerConfig& config = task.config;
+  JointPath line =
+      followLine(task, start.joints_rad, task.arm.tipPose(start.joints_rad), config.lift_m * direction_base);
+  CollisionChecker among(start.checker);
+  const std::size_t first = std::min(line.size(), numSteps(config, kAmongOthers_m) + 1);
+  among.setHeldAt(*task.request.held, {line.begin(), line.begin() + static_cast<std::ptrdiff_t>(first)});
+  const CollisionChecker clear = clearOfStart(task, start);
+  CollisionChecker with_room(clear);
+  with_room.setHeld(grown(*task.request.held, config.lift_room_m), false);
+  std::size_t end = 0;
+  for (std::size_t k = 1; k < line.size() && among.isFree(line[k]); ++k) {
+    if (clear.isFree(line[k])) end = k;
+    if (with_room.isFree(line[k])) break;
+  }
+  line.resize(end == 0 ? 0 : end + 1);
+  return line;
+}
+
+/// By search from the end of `line`, which begins at the start and may end there.
+Result<JointTrajectory> searchFrom(const TaskContext& task, const JointPath& line, const CollisionChecker& checker,
+                                   const ArmGoal& goal) {
+  const Result<Tilt> tilt = tiltOfHeld(task, goal.keep_level);
+  if (!tilt) return tilt.failure();
+  const auto goals = findGoals(task, goal, line.back(), checker, *tilt);
+  if (!goals) return goals.failure();
+  const auto motion = moveTo(task, line.back(), *goals, checker, *tilt, "the arm");
+  if (!motion) return motion.failure();
+  JointTrajectory trajectory;
+  if (line.size() > 1) trajectory = timedLine(task, line, task.config.lift_speed_m_s);
+  append(motion->trajectory, &trajectory);
+  return trajectory;
+}
+
+/// Directions of straight lines out: up, away from the held face, or both.
+std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const StartState& start) {
+  const Eigen::Vector3d up_base = task.T_base_map.linear() * Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d back_base = -task.arm.tipPose(start.joints_rad).linear().col(2);
+  if (back_base.dot(up_base) >= kBesideUp) return {up_base};
+  return {up_base, (up_base + back_base).normalized(), back_base};
+}
+
+}  // namespace
+
+Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& goal) {
+  Result<JointTrajectory> plan = startInCollision(start.wedged);
+  if (!start.is_among_others) {
+    plan = searchFrom(task, {start.joints_rad}, start.checker, goal);
+    if (plan || plan.failure().status != PlanStatus::kIterations || !task.request.held) return plan;
+  }
+  // Among its neighbours a search finds no path out where a straight line may.
+  bool has_line = false;
+  for (const Eigen::Vector3d& direction_base : directionsOut(task, start)) {
+    if (task.isCancelled()) break;
+    const JointPath line = lineOut(task, start, direction_base);
+    if (line.empty()) continue;
+    Result<JointTrajectory> from_there = searchFrom(task, line, clearOfStart(task, start), goal);
+    if (from_there) return from_there;
+    if (start.is_among_others && !has_line) plan = from_there;  // the reason reported: that of the first line
+    has_line = true;
+  }
+  if (start.is_among_others && !has_line && !start.wedged) {
+    return searchFrom(task, {start.joints_rad}, start.checker, goal);
+  }
+  if (task.isCancelled()) return cancelled();
+  return plan;
+}
+
+}  // namespace motion_planning

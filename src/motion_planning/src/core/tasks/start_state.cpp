@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "tasks/start_state.h"
+
+#include <optional>
+#include <utility>
+
+#include "collision/robot_shapes.h"
+#include "tasks/failures.h"
+#include "tasks/straight_line.h"
+
+namespace motion_planning {
+namespace {
+
+std::optional<PlanFailure> refusal(const TaskContext& task) {
+  const PlanningContext& request = task.request;
+  if (!request.scene) return PlanFailure{PlanStatus::kNoMap, "there is no collision scene yet"};
+  if (!isRigid(request.T_map_base)) return badRequest("pose of the base is not a finite rigid transform");
+  if (!request.start_rad.allFinite()) return badRequest("start has an angle that is not finite");
+  if (!task.arm.isWithinLimits(request.start_rad)) {
+    return outsideLimits("the arm's start", request.start_rad, task.arm.limits());
+  }
+  if (request.held && !(isRigid(request.held->T_tip_brick) && isBoxSize(request.held->size_m))) {
+    return badRequest("held brick: pose not a rigid transform, or size not positive");
+  }
+  if (request.vacated && !(isRigid(request.vacated->T_map_box) && isBoxSize(request.vacated->size_m))) {
+    return badRequest("vacated place: pose not a rigid transform, or size not positive");
+  }
+  return std::nullopt;
+}
+
+/// The way straight back for an empty magnet at a face, where a pick was broken off: as far as an approach begins. Empty:
+/// the magnet is not at a face, or the line is not free.
+JointPath backOff(const TaskContext& task, const CollisionChecker& checker) {
+  const ArmVector& start = task.request.start_rad;
+  CollisionChecker touching(checker);
+  if (!touching.yieldToMagnetAt(start)) return {};
+  const Eigen::Isometry3d T_base_tip = task.arm.tipPose(start);
+  JointPath line = followLine(task, start, T_base_tip, -task.config.approach_m * T_base_tip.linear().col(2));
+  std::size_t end = 0;
+  for (std::size_t k = 1; k < line.size() && touching.isFree(line[k]); ++k) {
+    if (checker.isFree(line[k])) end = k;
+  }
+  line.resize(end == 0 ? 0 : end + 1);
+  return line;
+}
+
+}  // namespace
+
+JointTrajectory StartState::withBackOff(const TaskContext& task, const JointTrajectory& trajectory) const {
+  if (back_off.empty()) return trajectory;
+  JointTrajectory whole = timedLine(task, back_off, task.config.lift_speed_m_s);
+  append(trajectory, &whole);
+  return whole;
+}
+
+Result<StartState> findStart(const TaskContext& task) {
+  if (const auto why = refusal(task)) return *why;
+  const PlanningContext& request = task.request;
+  StartState start{
+      request.start_rad, {}, {task.shared_arm, request.scene, request.T_map_base, task.config.collision}, false, {}};
+  CollisionChecker& checker = start.checker;
+  checker.setHeld(request.held, false);
+  if (request.vacated) checker.setTarget(request.vacated, true);
+  checker.freeUnknownAt(request.start_rad);
+  checker.yieldToRobotAt(request.start_rad);
+  if (request.held && checker.check(request.start_rad)) {
+    start.is_among_others = true;
+    checker.setHeld(request.held);
+    start.wedged = checker.check(request.start_rad);
+    if (start.wedged) checker.setHeldAt(*request.held, {request.start_rad});
+  }
+  if (task.isCancelled()) return cancelled();
+  if (const Contact contact = checker.check(request.start_rad)) {
+    start.back_off = backOff(task, checker);
+    if (start.back_off.empty()) return startInCollision(contact);
+    start.joints_rad = start.back_off.back();
+  }
+  return start;
+}
+
+}  // namespace motion_planning

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mission.h"
+
+#include <stdexcept>
+
+namespace pick_mission {
+namespace {
+
+command::SelectView selectView(const Mission& mission) {
+  command::SelectView select{mission.info.strategy, mission.memory.excluded, mission.map_stamp_s};
+  for (const command::Zone& zone : zonesToKeepAwayFrom(mission)) select.excluded.push_back(zone);
+  return select;
+}
+
+Command::Body bodyOf(State action, Mission& mission) {
+  const MissionConfig& config = mission.config;
+  Memory& memory = mission.memory;
+  switch (action) {
+    case State::kPlanClear:
+    case State::kPlanStow:
+      return command::PlanArm{action == State::kPlanStow};
+    case State::kClear:
+    case State::kStow:
+      mission.is_arm_clear = false;
+      return command::MoveArm{mission.plan_id};
+    case State::kLook:
+      return command::Look{config.look_images, config.look_timeout_s};
+    case State::kDetect:
+      return command::Detect{config.detect_timeout_s};
+    case State::kReport:
+      return memory.reports.front();
+    case State::kPlanPick:
+      mission.candidate = memory.ledger.best(memory.scene);
+      return command::PlanPick{*mission.candidate, mission.map_stamp_s};
+    case State::kPick:
+      mission.is_arm_clear = false;
+      ++memory.picks_begun;
+      memory.ledger.pickBegun(mission.candidate->id);
+      memory.pick_running = mission.candidate->id;
+      return command::Pick{*mission.candidate, mission.plan_id};
+    case State::kLetGo:
+      memory.is_let_go_open = true;
+      return command::LetGo{};
+    case State::kSelect:
+      return selectView(mission);
+    case State::kDrive:
+      return command::Drive{mission.goal.T_map_base};
+    case State::kRecover:
+      mission.is_arm_clear = false;
+      return command::Recover{config.unlocks_protective_stop};
+    case State::kWait:
+      return mission.wait;
+    default:
+      throw std::logic_error(std::string("state \"") + toString(action) + "\" has no action");
+  }
+}
+
+}  // namespace
+
+Command begin(Mission& mission) {
+  Command command;
+  command.id = ++mission.memory.last_id;
+  command.body = bodyOf(mission.state, mission);
+  mission.running = Mission::Running{command.id, mission.state};
+  return command;
+}
+
+}  // namespace pick_mission

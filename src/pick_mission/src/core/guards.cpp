@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mission.h"
+
+namespace pick_mission {
+namespace {
+
+/// Has to come to its end, for it moves the arm or a brick hangs on it.
+bool movesArm(State action) {
+  return handlesBrick(action) || action == State::kClear || action == State::kPlanStow || action == State::kRecover;
+}
+
+bool needsClearView(State action) {
+  return action == State::kLook || action == State::kDetect || action == State::kPlanPick || action == State::kPick ||
+         action == State::kSelect || action == State::kDrive;
+}
+
+bool isArmReady(State action, const Mission& mission) {
+  if (needsClearView(action)) return mission.hand == Hand::kEmpty && mission.is_arm_clear;
+  if (action == State::kPlanClear || action == State::kClear) return mission.hand == Hand::kEmpty;
+  if (action == State::kPlanStow || action == State::kStow) return mission.hand == Hand::kHolding;
+  if (action == State::kLetGo) return mission.hand != Hand::kEmpty;
+  return true;
+}
+
+}  // namespace
+
+bool handlesBrick(State action) {
+  return action == State::kPick || action == State::kStow || action == State::kLetGo;
+}
+
+bool holds(Guard guard, const Mission& mission) {
+  const MissionConfig& config = mission.config;
+  const Memory& memory = mission.memory;
+  switch (guard) {
+    case Guard::kAlways:
+      return true;
+    case Guard::kHandFull:
+      return mission.hand == Hand::kHolding;
+    case Guard::kStowBeforeEnd:
+      return mission.hand == Hand::kHolding && !memory.is_ending;
+    case Guard::kHandUnknown:
+      return mission.hand == Hand::kUnknown;
+    case Guard::kHandUnknownTooLong:
+      return mission.hand == Hand::kUnknown && mission.unknown_hand_waits >= config.max_failures_in_a_row;
+    case Guard::kBegunBefore:
+      return memory.start_pose.has_value();
+    case Guard::kEnding:
+      return memory.is_ending;
+    case Guard::kTimeUp:
+      return memory.used_s >= config.time_limit_s;
+    case Guard::kPauseWanted:
+      return mission.is_pause_wanted;
+    case Guard::kArmNotReady:
+      return !isArmReady(mission.state, mission);
+    case Guard::kReportLeft:
+      return !memory.reports.empty();
+    case Guard::kSurveyLeft:
+      return memory.survey_index < numSurveyPoses(mission);
+    case Guard::kAllDealtWith:
+      return config.bricks_total >= 0 && numPicked(memory) + memory.ledger.numExhausted() >= config.bricks_total;
+    case Guard::kBrickHere:
+      return mission.pick_failures_here < config.max_pick_failures_per_view &&
+             mission.plan_failures_here < config.max_plan_failures_per_view &&
+             memory.ledger.best(memory.scene).has_value();
+    case Guard::kViewsSpent:
+      return memory.fruitless_views >= config.max_fruitless_views;
+    case Guard::kMayRecover:
+      return mission.recoveries < config.max_recoveries_in_a_row &&
+             (!mission.is_protective_stop || config.unlocks_protective_stop);
+    case Guard::kKeepsAway:
+      return !zonesToKeepAwayFrom(mission).empty();
+    case Guard::kSomeExcluded:
+      return !memory.excluded.empty();
+    case Guard::kUnseenWorth:
+      return mission.selection.has_unseen && mission.selection.T_map_base &&
+             memory.low_utility_views < config.max_low_utility_views;
+    case Guard::kWorthWaiting:
+      return memory.ledger.numOpen() > 0 && memory.fade_waits < config.max_fade_waits;
+    case Guard::kVantageLeft:
+      return numSurveyPoses(mission) > 0 && memory.vantage_drives < config.max_vantage_drives;
+    case Guard::kBricksLeft:
+      return holds(Guard::kVantageLeft, mission) && memory.ledger.numLeft() > 0;
+    case Guard::kMayBreakOff:
+      return mission.hand == Hand::kEmpty && !movesArm(mission.state);
+    case Guard::kForHold:
+      return mission.halt_for == HaltFor::kHold;
+    case Guard::kForResume:
+      return mission.halt_for == HaltFor::kResume;
+    case Guard::kForEnd:
+      return mission.halt_for == HaltFor::kStop || mission.halt_for == HaltFor::kTimeUp;
+  }
+  return false;
+}
+
+}  // namespace pick_mission

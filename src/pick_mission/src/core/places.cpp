@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mission.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace pick_mission {
+namespace {
+
+/// A pose that changes by less is that of a robot at rest: localisation is no better.
+constexpr double kSamePlace_m = 0.1;
+constexpr double kSamePlace_rad = 0.1;
+
+bool isSamePlace(const Pose2d& a, const Pose2d& b) {
+  return (a.position() - b.position()).norm() < kSamePlace_m &&
+         std::abs(base_navigation::wrapAngle(a.yaw_rad - b.yaw_rad)) < kSamePlace_rad;
+}
+
+}  // namespace
+
+std::size_t numSurveyPoses(const Mission& mission) {
+  return mission.config.survey_x_m.size() + mission.memory.round.size();
+}
+
+Pose2d surveyPose(const Mission& mission, std::size_t index) {
+  const MissionConfig& config = mission.config;
+  if (index >= config.survey_x_m.size()) return mission.memory.round[index - config.survey_x_m.size()];
+  return base_navigation::compose(*mission.memory.start_pose,
+                                  {config.survey_x_m[index], config.survey_y_m[index], config.survey_yaw_rad[index]});
+}
+
+void planRound(Mission& mission) {
+  const MissionConfig& config = mission.config;
+  Memory& memory = mission.memory;
+  if (memory.is_round_planned || memory.survey_index < config.survey_x_m.size()) return;
+  std::vector<Eigen::Vector2d> bricks;
+  Eigen::AlignedBox2d extent;
+  for (const auto& [id, record] : memory.ledger.bricks()) {
+    if (!record.is_there || record.is_picked) continue;
+    bricks.emplace_back(record.seen.T_map_brick.translation().head<2>());
+    extent.extend(bricks.back());
+  }
+  if (bricks.empty()) return;
+  memory.is_round_planned = true;
+  const Eigen::Vector2d middle = extent.center();
+  const Eigen::Vector2d to_robot = memory.base.position() - middle;
+  const double first_rad = std::atan2(to_robot.y(), to_robot.x());
+  for (int k = 1; k <= config.survey_round; ++k) {
+    const double angle_rad = first_rad + 2.0 * M_PI * k / (config.survey_round + 1);
+    const Eigen::Vector2d outward(std::cos(angle_rad), std::sin(angle_rad));
+    double outermost_m = 0.0;
+    for (const Eigen::Vector2d& brick : bricks) outermost_m = std::max(outermost_m, outward.dot(brick - middle));
+    const Eigen::Vector2d place = middle + (outermost_m + config.survey_round_m) * outward;
+    memory.round.push_back({place.x(), place.y(), base_navigation::wrapAngle(angle_rad + M_PI)});
+  }
+}
+
+std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission) {
+  const BrickLedger& ledger = mission.memory.ledger;
+  std::vector<command::Zone> zones;
+  if (mission.memory.fruitless_views < mission.config.leave_after_views || mission.approaches_tried_bricks)
+    return zones;
+  const auto tries = [](const BrickRecord& record) { return record.plans_failed + record.picks_failed; };
+  int fewest = std::numeric_limits<int>::max();
+  for (const auto& [id, record] : ledger.bricks()) {
+    if (record.is_there && !record.is_picked && !ledger.isExhausted(record)) fewest = std::min(fewest, tries(record));
+  }
+  for (const auto& [id, record] : ledger.bricks()) {
+    if (record.is_there && !record.is_picked && tries(record) > fewest) {
+      zones.push_back({record.seen.T_map_brick.translation().head<2>(), mission.config.leave_radius_m});
+    }
+  }
+  return zones;
+}
+
+void excludeFruitlessView(Mission& mission) {
+  if (!mission.is_view_untried || holds(Guard::kBrickHere, mission)) return;
+  Memory& memory = mission.memory;
+  mission.is_view_untried = false;
+  ++memory.fruitless_views;
+  memory.excluded.push_back({memory.base.position(), mission.config.exclusion_radius_m});
+  memory.reports.push_back(
+      {{memory.base.x_m, memory.base.y_m, 0.0}, mission.now_s, "nothing could be picked from here"});
+}
+
+Eigen::Vector3d nearSideOf(const SeenBrick& brick, const Pose2d& T_map_base) {
+  constexpr double kBeside_m = 0.3;  // a brick's length: its far side is out of the radius that a report has by default
+  Eigen::Vector3d side = brick.T_map_brick.translation();
+  const Eigen::Vector2d to_robot = T_map_base.position() - side.head<2>();
+  const double distance_m = to_robot.norm();
+  if (distance_m > kBeside_m) side.head<2>() += kBeside_m / distance_m * to_robot;
+  return side;
+}
+
+void forgetTries(Mission& mission, const std::optional<Pose2d>& T_map_base) {
+  Memory& memory = mission.memory;
+  ++memory.scene;
+  mission.is_arm_clear = false;
+  mission.pick_failures_here = mission.plan_failures_here = 0;
+  if (!T_map_base || !isSamePlace(*T_map_base, memory.base)) mission.is_view_untried = false;
+  if (T_map_base) memory.base = *T_map_base;
+}
+
+}  // namespace pick_mission

@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mission.h"
+
+#include "wording.h"
+
+namespace pick_mission {
+namespace {
+
+int& streakOf(State action, Memory& memory) {
+  return memory.streaks[static_cast<std::size_t>(action)];
+}
+
+/// A place of the survey that cannot be driven to is left out, and there are only so many of them.
+bool countsInARow(State action, const Reaction& reaction, const Mission& mission) {
+  const bool is_left_out = action == State::kDrive && reaction.is_reported && mission.goal.why != DriveFor::kView;
+  return reaction.counts_in_a_row && !is_left_out;
+}
+
+std::string kindOf(State action, const Result& result) {
+  return std::string(toString(action)) + ": " + toString(result);
+}
+
+void brickStowed(Mission& mission) {
+  Memory& memory = mission.memory;
+  ++memory.scene;
+  if (memory.brick_in_hand && memory.ledger.isKnown(*memory.brick_in_hand)) {
+    memory.ledger.picked(*memory.brick_in_hand);
+  } else {
+    ++memory.picked_without_id;
+    memory.ledger.pileChanged();
+  }
+  // Whatever was answered on the way to it.
+  streakOf(State::kPick, memory) = streakOf(State::kLetGo, memory) = 0;
+  memory.fruitless_views = memory.low_utility_views = memory.vantage_drives = memory.fade_waits = 0;
+  memory.excluded.clear();
+  mission.is_view_untried = false;
+  mission.approaches_tried_bricks = false;
+}
+
+/// By the bridge; where it does not tell, by the result. Nothing: as before.
+std::optional<Hand> handAfter(State action, const event::Reply& reply) {
+  if (reply.hand || !handlesBrick(action)) return reply.hand;
+  const auto* arm = std::get_if<ArmResult>(&reply.result);
+  if (arm == nullptr) return Hand::kUnknown;
+  switch (arm->status) {
+    case ArmStatus::kSuccess:
+      return action == State::kStow ? Hand::kHolding : Hand::kEmpty;
+    case ArmStatus::kNothingHeld:
+    case ArmStatus::kLostOnTheWay:
+      return Hand::kEmpty;
+    case ArmStatus::kNotLetGo:
+      return Hand::kHolding;
+    default:
+      return Hand::kUnknown;
+  }
+}
+
+void recordArm(State action, const event::Reply& reply, Mission& mission) {
+  Memory& memory = mission.memory;
+  const std::optional<int> held_before = memory.brick_in_hand;
+  const auto* arm = std::get_if<ArmResult>(&reply.result);
+  mission.is_protective_stop = arm != nullptr && arm->status == ArmStatus::kProtectiveStop;
+  const bool is_lost =
+      arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
+  if (is_lost) memory.is_let_go_open = false;  // it fell before that
+  if (action == State::kPick) memory.brick_in_hand = mission.candidate->id;
+  if (const std::optional<Hand> hand = handAfter(action, reply)) setHand(*hand, mission);
+  if (!is_lost || !held_before || action == State::kPick) return;
+  // A pick after all that failed: it lies somewhere else now.
+  ++memory.scene;
+  if (memory.ledger.isKnown(*held_before)) memory.ledger.pickFailed(*held_before, kindOf(action, reply.result));
+}
+
+void recordDetection(const std::vector<SeenBrick>& bricks, Memory& memory) {
+  const BrickLedger::Update update = memory.ledger.update(bricks);
+  if (!update.found.empty()) memory.fruitless_views = 0;
+  for (const int id : update.came_back)
+    ++memory.failures["brick " + std::to_string(id) + ": seen again after its pick"];
+}
+
+void recordArrival(Mission& mission) {
+  const DriveFor why = mission.goal.why;
+  mission.memory.base = mission.goal.T_map_base;
+  mission.is_view_untried = why == DriveFor::kView;
+  mission.pick_failures_here = mission.plan_failures_here = 0;
+  if (why == DriveFor::kSurvey) ++mission.memory.survey_index;
+  if (why == DriveFor::kView) ++mission.memory.views;
+}
+
+void recordSuccess(State action, const event::Reply& reply, Mission& mission) {
+  Memory& memory = mission.memory;
+  streakOf(action, memory) = 0;
+  switch (action) {
+    case State::kPlanClear:
+    case State::kPlanStow:
+    case State::kPlanPick:
+      mission.plan_id = reply.id;
+      break;
+    case State::kClear:
+    case State::kStow:
+    case State::kPick:
+      mission.is_arm_clear = action == State::kClear;
+      mission.recoveries = 0;
+      // Still holding, against what the result says: it is stowed, and counts then.
+      if (action != State::kPick || mission.hand == Hand::kHolding) break;
+      memory.brick_in_hand = mission.candidate->id;
+      brickStowed(mission);
+      memory.brick_in_hand.reset();
+      break;
+    case State::kLook:
+      mission.map_stamp_s = std::get<LookResult>(reply.result).map_stamp_s;
+      break;
+    case State::kDetect:
+      recordDetection(std::get<DetectionResult>(reply.result).bricks, memory);
+      break;
+    case State::kSelect:
+      mission.selection = std::get<SelectionResult>(reply.result);
+      break;
+    case State::kDrive:
+      recordArrival(mission);
+      break;
+    default:
+      break;
+  }
+}
+
+void recordFailure(State action, const event::Reply& reply, const Reaction& reaction, Mission& mission) {
+  Memory& memory = mission.memory;
+  const std::string kind = kindOf(action, reply.result);
+  const std::string reason = withMessage(kind, reply.message);
+  ++memory.failures[kind];
+  if (countsInARow(action, reaction, mission)) ++streakOf(action, memory);
+  if (const auto* selection = std::get_if<SelectionResult>(&reply.result)) mission.selection = *selection;
+  if (action == State::kPlanPick && reaction.blames_brick) {
+    memory.ledger.planFailed(mission.candidate->id, kind);
+    memory.ledger.triedInVain(mission.candidate->id, memory.scene);
+    ++mission.plan_failures_here;
+  }
+  // A brick that hangs on the magnet nevertheless is stowed, and picked then.
+  if (action == State::kPick && reaction.blames_brick && mission.hand != Hand::kHolding) {
+    memory.ledger.pickFailed(mission.candidate->id, kind);
+    if (reaction.next == Trigger::kNextBrick) memory.ledger.triedInVain(mission.candidate->id, memory.scene);
+    ++mission.pick_failures_here;
+  }
+  if (!reaction.is_reported) return;
+  const Pose2d& goal = mission.goal.T_map_base;
+  if (action != State::kDrive) {
+    memory.reports.push_back({nearSideOf(*mission.candidate, memory.base), mission.now_s, reason});
+  } else if (mission.goal.why == DriveFor::kSurvey) {
+    ++memory.survey_index;
+  } else if (mission.goal.why == DriveFor::kView) {
+    memory.excluded.push_back({goal.position(), mission.config.exclusion_radius_m});
+    memory.reports.push_back({{goal.x_m, goal.y_m, 0.0}, mission.now_s, reason});
+  }
+}
+
+}  // namespace
+
+void record(State action, const event::Reply& reply, const Reaction& reaction, bool is_broken_off, Mission& mission) {
+  Memory& memory = mission.memory;
+  recordArm(action, reply, mission);
+  if (action == State::kReport) memory.reports.pop_front();
+  if (isSuccess(reply.result)) {
+    recordSuccess(action, reply, mission);
+  } else if (action == State::kReport || !is_broken_off) {
+    recordFailure(action, reply, reaction, mission);
+  }
+  if (action != State::kDrive) return;
+  // Also after a failure it stands somewhere else.
+  ++memory.scene;
+  const auto* drive = std::get_if<NavigationResult>(&reply.result);
+  if (drive != nullptr && drive->T_map_base) memory.base = *drive->T_map_base;
+}
+
+void setHand(Hand hand, Mission& mission) {
+  Memory& memory = mission.memory;
+  mission.hand = hand;
+  if (hand == Hand::kUnknown) return;
+  if (hand == Hand::kEmpty && memory.is_let_go_open) brickStowed(mission);
+  memory.is_let_go_open = false;
+  mission.unknown_hand_waits = 0;
+  if (hand == Hand::kEmpty) memory.brick_in_hand.reset();
+}
+
+int tooManyInARow(State action, const Reaction& reaction, const Mission& mission) {
+  const MissionConfig& config = mission.config;
+  const int most = action == State::kRecover ? config.max_recoveries_in_a_row : config.max_failures_in_a_row;
+  const int streak = mission.memory.streaks[static_cast<std::size_t>(action)];
+  return countsInARow(action, reaction, mission) && streak >= most ? streak : 0;
+}
+
+}  // namespace pick_mission

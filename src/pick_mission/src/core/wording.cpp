@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "wording.h"
+
+#include <iomanip>
+#include <sstream>
+
+namespace pick_mission {
+namespace {
+
+/// Why each brick that is there is left for now.
+std::string obstaclesInWords(const Memory& memory) {
+  std::string text;
+  for (const auto& [id, record] : memory.ledger.bricks()) {
+    const std::string obstacle = memory.ledger.obstacleTo(id, memory.scene);
+    if (record.is_picked || !record.is_there || obstacle.empty()) continue;
+    text += (text.empty() ? ": brick " : ", ") + std::to_string(id) + " " + obstacle;
+  }
+  return text;
+}
+
+std::string brickInWords(const std::optional<SeenBrick>& seen) {
+  return seen ? "brick " + std::to_string(seen->id) : "a brick";
+}
+
+std::string driveInWords(const Mission& mission) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(2);
+  if (mission.goal.why == DriveFor::kSurvey) {
+    text << "place " << mission.memory.survey_index + 1 << " of " << numSurveyPoses(mission) << " of the survey";
+  } else {
+    text << (mission.goal.why == DriveFor::kVantage ? "back to a place of the survey" : "the best view");
+  }
+  const Pose2d& goal = mission.goal.T_map_base;
+  text << " at (" << goal.x_m << ", " << goal.y_m << ") m, " << goal.yaw_rad << " rad";
+  return text.str();
+}
+
+std::string nextInWords(State next, const Mission& mission) {
+  const Memory& memory = mission.memory;
+  const std::string picked = std::to_string(numPicked(memory)) + " picked";
+  const bool has_picked = mission.state == State::kPick || mission.state == State::kLetGo;
+  switch (next) {
+    case State::kBegin:
+      return (has_picked ? picked + " so far: " : "") + "the arm out of the view, and a fresh look";
+    case State::kPlanClear:
+      return "the arm has to be out of the camera's view";
+    case State::kClear:
+      return "a way out of the camera's view is planned";
+    case State::kLook:
+      return "nothing is in the camera's view: " + std::to_string(mission.config.look_images) +
+             " new images into the map";
+    case State::kDetect:
+      return "the map has them: which bricks are there";
+    case State::kChoose:
+      return std::to_string(memory.ledger.numOpen()) + " bricks to be picked are there, " + picked;
+    case State::kReport:
+      return "that nothing could be done there";
+    case State::kPlanPick:
+      return brickInWords(memory.ledger.best(memory.scene)) +
+             ", the highest that is graspable, carries none and is in the arm's sector";
+    case State::kPick:
+      return brickInWords(mission.candidate) + ": its pick is planned";
+    case State::kStow:
+      return "a way to where it is let go is planned";
+    case State::kLetGo:
+      return "over the place where it may fall";
+    case State::kSelect:
+      return "no brick is to be tried from here" + obstaclesInWords(memory) +
+             (holds(Guard::kKeepsAway, mission) ? "; away from those tried in vain, others were tried less often" : "");
+    case State::kDrive:
+      return driveInWords(mission);
+    default:
+      return "";
+  }
+}
+
+std::string joined(const std::string& first, const std::string& second) {
+  return first + (first.empty() || second.empty() ? "" : "; ") + second;
+}
+
+}  // namespace
+
+std::string withMessage(const std::string& text, const std::string& message) {
+  if (text.empty() || message.empty()) return text + message;
+  return text + " (" + message + ")";
+}
+
+std::string reasonFor(const Transition& row, const std::string& reason, const Mission& mission) {
+  const std::string why = joined(reason, toString(row.guard));
+  const bool names_next = why.empty() || row.to == State::kPlanPick || row.to == State::kDrive;
+  return names_next ? joined(why, nextInWords(row.to, mission)) : why;
+}
+
+std::string leftInWords(const Mission& mission) {
+  const BrickLedger& ledger = mission.memory.ledger;
+  std::string text;
+  const auto add = [&text](const std::string& one) { text += (text.empty() ? "; " : ", ") + one; };
+  for (const auto& [id, record] : ledger.bricks()) {
+    if (record.is_picked || ledger.isExhausted(record)) continue;
+    const std::string obstacle = ledger.obstacleTo(id, mission.memory.scene);
+    const std::string stands = record.is_there || obstacle.empty() ? "stands there" : "";
+    const std::string both = stands.empty() || obstacle.empty() ? "" : " and ";
+    add("brick " + std::to_string(id) + " " + stands + both + obstacle);
+  }
+  if (numNeverFound(mission) > 0) {
+    add(std::to_string(numNeverFound(mission)) + " of " + std::to_string(mission.config.bricks_total) +
+        " bricks never found");
+  }
+  return text;
+}
+
+}  // namespace pick_mission
