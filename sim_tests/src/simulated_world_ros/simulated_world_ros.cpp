@@ -69,19 +69,6 @@ geometry_msgs::TransformStamped transform(const ros::Time& stamp, const std::str
   return tf;
 }
 
-geometry_msgs::Pose poseMessage(const Eigen::Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  geometry_msgs::Pose pose;
-  pose.position.x = T.translation().x();
-  pose.position.y = T.translation().y();
-  pose.position.z = T.translation().z();
-  pose.orientation.x = q.x();
-  pose.orientation.y = q.y();
-  pose.orientation.z = q.z();
-  pose.orientation.w = q.w();
-  return pose;
-}
-
 // A quaternion that is no rotation becomes NaN, which the fault's own check refuses.
 Eigen::Isometry3d poseFromMessage(const geometry_msgs::Pose& pose) {
   const Eigen::Quaterniond q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
@@ -530,7 +517,7 @@ void SimulatedWorldRos::publishTruth() {
     const std::optional<simulated_world::BrickMotion> brick = simulation_.world().brick(placement.id);
     if (brick) {
       marker.type = visualization_msgs::Marker::CUBE;
-      marker.pose = poseMessage(brick->T_map_brick);
+      marker.pose = interactive_mapping_ros::toPose(brick->T_map_brick);
       marker.scale.x = placement.type.size_m.x();
       marker.scale.y = placement.type.size_m.y();
       marker.scale.z = placement.type.size_m.z();

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <ar_track_alvar_msgs/AlvarMarkers.h>
 #include <gpis_mapping_ros/conversions.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/Brick.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
 #include <interactive_mapping_msgs/TagSighting.h>
@@ -49,7 +50,7 @@ std::optional<brick_detection::CameraModel> cameraModelOf(const sensor_msgs::Cam
 /// Not checked but for the rotation, which is NaN unless it is one: see brick_detection::sightingsOfMarkers().
 brick_detection::MarkerObservation toMarkerObservation(const ar_track_alvar_msgs::AlvarMarker& marker);
 
-geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);
+using interactive_mapping_ros::toPose;
 interactive_mapping_msgs::TagSighting toMessage(const brick_detection::TagSighting& sighting);
 interactive_mapping_msgs::Brick toMessage(const brick_detection::TrackedBrick& brick,
                                           const mp700_ur5e_description::BrickType& type,

@@ -197,19 +197,6 @@ brick_detection::MarkerObservation toMarkerObservation(const ar_track_alvar_msgs
   return observation;
 }
 
-geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  geometry_msgs::Pose pose;
-  pose.position.x = T.translation().x();
-  pose.position.y = T.translation().y();
-  pose.position.z = T.translation().z();
-  pose.orientation.w = q.w();
-  pose.orientation.x = q.x();
-  pose.orientation.y = q.y();
-  pose.orientation.z = q.z();
-  return pose;
-}
-
 interactive_mapping_msgs::TagSighting toMessage(const brick_detection::TagSighting& sighting) {
   interactive_mapping_msgs::TagSighting message;
   message.status = static_cast<std::uint8_t>(sighting.status);
