@@ -19,8 +19,9 @@ void blockSignals();
 /// True if SIGINT or SIGTERM has come, or comes within `timeout_s` of wall time.
 bool waitForSignal(double timeout_s);
 
-/// The main() of a node: builds Node(nh, private_nh), serves its callbacks from `num_threads` threads until a signal or a shutdown by the master, then
-/// calls `stop` while ROS is still there. What the constructor throws is logged as fatal: exit code 1.
+/// The main() of a node: builds Node(nh, private_nh) and serves its callbacks from `num_threads` threads until a signal or
+/// a shutdown by the master. Then it calls `stop` while ROS is still there, for what has to be brought to rest; without
+/// one it shuts ROS down. Returns the exit code: 1 if the constructor throws, which is logged as fatal.
 template <typename Node>
 int runNode(int argc, char** argv, const std::string& name, int num_threads,
             const std::function<void(Node&)>& stop = nullptr) {
