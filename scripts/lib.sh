@@ -12,6 +12,8 @@ export PATH="/usr/bin:$PATH"
 export ROS_HOSTNAME=localhost
 # Logs and test results of ROS stay out of the home folder.
 export ROS_HOME="$root/build/ros_home"
+# Message code for Lisp and JavaScript is used by nothing here.
+export ROS_LANG_DISABLE=genlisp:geneus:gennodejs
 jobs=${JOBS:-$(nproc)}
 log_dir=$root/build/log
 
