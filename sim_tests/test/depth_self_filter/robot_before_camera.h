@@ -209,7 +209,7 @@ inline gpis_mapping::DepthImage toDepthImage(const cv::Mat& depth_m) {
 /// The way a 16UC1 driver in millimetres would deliver it: 0 for everything that is no depth.
 inline gpis_mapping::DepthImage toDepthImage16(const cv::Mat& depth_m) {
   const cv::Mat units = synthetic_depth::encodeDepth16(depth_m, 1000.0);
-  return gpis_mapping::depthImageFromU16(units.ptr<std::uint16_t>(), units.cols, units.rows, 1000.0);
+  return depth_camera::depthImageFromU16(units.ptr<std::uint16_t>(), units.cols, units.rows, 1000.0);
 }
 
 inline depth_self_filter::RobotMaskConfig realsenseMask() {

@@ -67,8 +67,8 @@ class SelfFilterInput : public testing::Test {
   static DepthImage expected(const sensor_msgs::Image& image, const std::vector<double>& arm_rad,
                              const std::optional<depth_self_filter::HeldBrick>& brick,
                              depth_self_filter::MaskStatistics* statistics) {
-    gpis_mapping_ros::Refusal refusal;
-    DepthImage depth = *gpis_mapping_ros::toDepthImage(image, 1000.0, &refusal);
+    depth_camera_ros::Refusal refusal;
+    DepthImage depth = *depth_camera_ros::toDepthImage(image, 1000.0, &refusal);
     Eigen::VectorXd q = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size()));
     for (std::size_t i = 0; i < arm_rad.size(); ++i) {
       q[static_cast<Eigen::Index>(robot_->jointIndex(description::kArmJoints[i]))] = arm_rad[i];

@@ -68,9 +68,9 @@ class SelfFilterWorld : public testing::Test {
     Eigen::VectorXd q = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size()));
     for (const auto& [name, position] : joints->second)
       q[static_cast<Eigen::Index>(robot_->jointIndex(name))] = position;
-    gpis_mapping_ros::Refusal refusal;
-    const auto image = gpis_mapping_ros::toDepthImage(message, 1000.0, &refusal);
-    const auto camera = gpis_mapping_ros::toCameraModel(*info_, true, &refusal);
+    depth_camera_ros::Refusal refusal;
+    const auto image = depth_camera_ros::toDepthImage(message, 1000.0, &refusal);
+    const auto camera = depth_camera_ros::toCameraModel(*info_, true, &refusal);
     EXPECT_TRUE(image && camera) << refusal.message;
     if (!image || !camera) return -1;
     const Eigen::Isometry3d T_root_camera = robot_->framePose(description::kDepthFrame, q);

@@ -98,7 +98,7 @@ inline DepthImage toDepthImage(const cv::Mat& depth_m) {
 /// The way a 16UC1 driver in millimetres would deliver it: 0 for everything that is no depth.
 inline DepthImage toDepthImage16(const cv::Mat& depth_m) {
   const cv::Mat units = encodeDepth16(depth_m, 1000.0);
-  return gpis_mapping::depthImageFromU16(units.ptr<std::uint16_t>(), units.cols, units.rows, 1000.0);
+  return depth_camera::depthImageFromU16(units.ptr<std::uint16_t>(), units.cols, units.rows, 1000.0);
 }
 
 /// Every pixel the same.

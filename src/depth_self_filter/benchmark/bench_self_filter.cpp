@@ -12,7 +12,7 @@ struct Setup {
   std::shared_ptr<const test::RobotModel> robot{test::shippedRobot()};
   Eigen::VectorXd positions_rad{test::positions(*robot, test::kArmInView)};
   Eigen::Isometry3d T_root_camera{robot->framePose(mp700_ur5e_description::kDepthFrame, positions_rad)};
-  gpis_mapping::CameraModel camera{640, 480, 525.0, 525.0, 319.5, 239.5};
+  depth_camera::CameraModel camera{640, 480, 525.0, 525.0, 319.5, 239.5};
   std::optional<HeldBrick> brick;
   RobotMask mask{robot, RobotMaskConfig()};
 
@@ -28,8 +28,8 @@ void report(benchmark::State& state, const MaskStatistics& statistics) {
 
 void BM_Mask(benchmark::State& state) {
   Setup setup;
-  const gpis_mapping::DepthImage image = test::constantImage(setup.camera, 1.8F);
-  gpis_mapping::DepthImage masked = image;
+  const depth_camera::DepthImage image = test::constantImage(setup.camera, 1.8F);
+  depth_camera::DepthImage masked = image;
   MaskStatistics statistics;
   for (auto _ : state) {
     state.PauseTiming();
@@ -53,9 +53,9 @@ void BM_Frame(benchmark::State& state, const char* encoding) {
     for (int i = 0; i < 640 * 480; ++i) message.data.insert(message.data.end(), {0x08, 0x07});  // 1800 mm
   }
   MaskStatistics statistics;
-  gpis_mapping_ros::Refusal refusal;
+  depth_camera_ros::Refusal refusal;
   for (auto _ : state) {
-    auto image = gpis_mapping_ros::toDepthImage(message, 1000.0, &refusal);
+    auto image = depth_camera_ros::toDepthImage(message, 1000.0, &refusal);
     statistics = setup.mask.apply(setup.camera, setup.T_root_camera, setup.positions_rad, setup.brick, &*image);
     benchmark::DoNotOptimize(depth_self_filter_ros::toMessage(*image));
   }

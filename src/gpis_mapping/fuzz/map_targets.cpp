@@ -155,7 +155,7 @@ class ImageTarget : public Target {
           raw.push_back(z > 0.0f && z < 60.0f ? static_cast<std::uint16_t>(1000.0f * z)
                                               : random->pick<std::uint16_t>({0, 1, 65535, 65534}));
         }
-        *image = gpis_mapping::depthImageFromU16(raw.data(), image->width, image->height,
+        *image = depth_camera::depthImageFromU16(raw.data(), image->width, image->height,
                                                  random->pick({1000.0, 1000.0, 5000.0, 1.0, 1e-3, 1e300, 1e-300}));
         return;
       }

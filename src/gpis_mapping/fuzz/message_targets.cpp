@@ -10,17 +10,17 @@
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
+#include <depth_camera_ros/conversions.h>
 #include "fuzz/fuzz_engine.h"
 #include "fuzz/small_map.h"
 #include "fuzz/targets.h"
-#include "gpis_mapping_ros/conversions.h"
 #include "gpis_mapping_ros/map_messages.h"
 
 namespace gpis_mapping_fuzz {
 namespace {
 
-using gpis_mapping_ros::FrameStatus;
-using gpis_mapping_ros::Refusal;
+using depth_camera_ros::FrameStatus;
+using depth_camera_ros::Refusal;
 using interactive_mapping_msgs::QueryMap;
 
 // Fields of a message on the wire: n bytes (positive), a string (0), an array of elements of n bytes (-n).
@@ -131,7 +131,7 @@ class ImageMessageTarget : public Target {
     if (random->chance(0.4) && !sendThroughDamage(kImageLayout, random, &message)) return Outcome::kRefused;
 
     Refusal refusal;
-    const auto image = gpis_mapping_ros::toDepthImage(message, random->pick({1000.0, 1.0, 5000.0}), &refusal);
+    const auto image = depth_camera_ros::toDepthImage(message, random->pick({1000.0, 1.0, 5000.0}), &refusal);
     if (!image) {
       require(refusal.status != FrameStatus::kAccepted && !refusal.message.empty(), "refused without a reason");
       require(refusal.message.size() < 300, "a reason as long as a foreign string");
@@ -141,7 +141,7 @@ class ImageMessageTarget : public Target {
                 image->depth_m.size() == static_cast<std::size_t>(image->width) * image->height,
             "the image has another size than its message");
     require(message.data.size() >= image->depth_m.size() * pixelBytes(message), "more pixels than bytes");
-    const bool holds = gpis_mapping::holdsMeasurement(*image);
+    const bool holds = depth_camera::holdsMeasurement(*image);
     require(!holds || !image->depth_m.empty(), "nothing holds a measurement");
     return Outcome::kAccepted;
   }
@@ -199,7 +199,7 @@ class CameraInfoTarget : public Target {
 
     Refusal refusal;
     const bool is_rectified = random->chance(0.5);
-    const auto camera = gpis_mapping_ros::toCameraModel(message, is_rectified, &refusal);
+    const auto camera = depth_camera_ros::toCameraModel(message, is_rectified, &refusal);
     if (!camera) {
       require(refusal.status == FrameStatus::kBadCameraInfo && !refusal.message.empty(), "refused without a reason");
       return Outcome::kRefused;
@@ -211,8 +211,8 @@ class CameraInfoTarget : public Target {
             "another width than the message's");
     const auto size = static_cast<std::size_t>(camera->width) * static_cast<std::size_t>(camera->height);
     if (size > kMaxRectified_px) return Outcome::kAccepted;
-    gpis_mapping::DepthRectifier rectifier;
-    if (!gpis_mapping_ros::toDepthRectifier(message, is_rectified, &rectifier, &refusal)) {
+    depth_camera::DepthRectifier rectifier;
+    if (!depth_camera_ros::toDepthRectifier(message, is_rectified, &rectifier, &refusal)) {
       require(refusal.status == FrameStatus::kBadCameraInfo && refusal.message.size() < 300,
               "refused without a reason");
       return Outcome::kRefused;

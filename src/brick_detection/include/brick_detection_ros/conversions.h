@@ -8,7 +8,7 @@
 
 #include <Eigen/Geometry>
 #include <ar_track_alvar_msgs/AlvarMarkers.h>
-#include <gpis_mapping_ros/conversions.h>
+#include <depth_camera_ros/conversions.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/Brick.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
@@ -21,8 +21,8 @@
 
 namespace brick_detection_ros {
 
-using gpis_mapping_ros::FrameStatus;
-using gpis_mapping_ros::Refusal;
+using depth_camera_ros::FrameStatus;
+using depth_camera_ros::Refusal;
 
 /// The constant of interactive_mapping_msgs/BrickDetectionUpdate. What a depth image alone can be refused for, and errors
 /// within, are FAILED.
@@ -38,7 +38,7 @@ std::string sizeText(std::uint64_t width_px, std::uint64_t height_px);
 /// the reason, for another encoding and when step, size and data do not fit together.
 std::optional<cv::Mat> toColorImage(const sensor_msgs::Image& message, Refusal* refusal);
 
-/// CV_32FC1 [m] as gpis_mapping_ros::toDepthImage() has it.
+/// CV_32FC1 [m] as depth_camera_ros::toDepthImage() has it.
 std::optional<cv::Mat> toDepthMat(const sensor_msgs::Image& message, double units_per_metre, Refusal* refusal);
 
 /// Of the colour image that `info` goes with, which binning and ROI may have made smaller than its full size. Rectified: P

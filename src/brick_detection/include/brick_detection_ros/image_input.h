@@ -15,7 +15,7 @@
 
 #include <Eigen/Geometry>
 #include <ar_track_alvar_msgs/AlvarMarkers.h>
-#include <gpis_mapping_ros/camera_pose_source.h>
+#include <depth_camera_ros/camera_pose_source.h>
 #include <image_transport/image_transport.h>
 #include <interactive_mapping_common/config/schema.h>
 #include <opencv2/core.hpp>
@@ -29,7 +29,7 @@
 
 namespace brick_detection_ros {
 
-struct ImageInputParams : gpis_mapping_ros::CameraPoseParams {
+struct ImageInputParams : depth_camera_ros::CameraPoseParams {
   bool use_depth{true};
   double max_depth_offset_s{0.02};
   double depth_timeout_s{0.15};
@@ -81,7 +81,7 @@ struct ImageInputCounters {
   std::string last_refusal;
   std::string last_remark;
   std::string warning;  // of the kind that does not stop anything
-  gpis_mapping_ros::CameraPoseCounters pose;
+  depth_camera_ros::CameraPoseCounters pose;
 };
 
 /// Colour images with camera info, depth and tf, checked, one at a time; or markers of ar_track_alvar. Subscribes
@@ -166,7 +166,7 @@ class ImageInput {
   std::deque<sensor_msgs::ImageConstPtr> depths_;  // the last few, as they came
   ImageInputCounters counters_;
 
-  gpis_mapping_ros::CameraPoseSource pose_source_;
+  depth_camera_ros::CameraPoseSource pose_source_;
   image_transport::ImageTransport transport_;
   image_transport::Subscriber image_subscriber_, depth_subscriber_;
   ros::Subscriber info_subscriber_, marker_subscriber_;

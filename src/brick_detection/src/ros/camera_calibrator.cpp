@@ -177,7 +177,7 @@ std::optional<Eigen::Isometry3d> CameraCalibrator::lookUp(const std::string& tar
                                                           const ros::Time& stamp, std::string* why_not) const {
   try {
     Refusal refusal;
-    const auto T = gpis_mapping_ros::toIsometry(tf_buffer_.lookupTransform(target, source, stamp).transform, &refusal);
+    const auto T = depth_camera_ros::toIsometry(tf_buffer_.lookupTransform(target, source, stamp).transform, &refusal);
     if (!T) *why_not = "tf from " + target + " to " + source + ": " + refusal.message;
     return T;
   } catch (const tf2::TransformException& error) {
@@ -239,7 +239,7 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
     *message = "the image is of " + camera_frame + ", earlier samples of " + camera_frame_ + ": discard those first";
     return false;
   }
-  const bool is_rectified = gpis_mapping_ros::isRectifiedTopic(image_subscriber_.getTopic());
+  const bool is_rectified = depth_camera_ros::isRectifiedTopic(image_subscriber_.getTopic());
   Refusal refusal;
   const std::optional<CameraModel> camera = brick_detection_ros::cameraModelOf(*inputs.info, is_rectified, &refusal);
   if (!camera) {

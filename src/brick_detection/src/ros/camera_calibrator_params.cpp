@@ -4,7 +4,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include <gpis_mapping_ros/gpis_mapping_params.h>
+#include <interactive_mapping_common/files/atomic_file.h>
 #include <interactive_mapping_common_ros/params.h>
 
 namespace brick_detection_ros {
@@ -14,7 +14,7 @@ CameraCalibratorParams loadCameraCalibratorParams(const ros::NodeHandle& private
       private_nh, {"image_transport"}, [](const CameraCalibratorParams& params) {
         std::vector<std::string> problems;
         try {
-          if (!params.output_file.empty()) gpis_mapping_ros::requireUsablePath(params.output_file);
+          if (!params.output_file.empty()) interactive_mapping::requireUsablePath(params.output_file);
         } catch (const std::invalid_argument& error) {
           problems.push_back(std::string("output_file = ") + error.what());
         }

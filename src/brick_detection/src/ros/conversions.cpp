@@ -143,7 +143,7 @@ std::optional<cv::Mat> toColorImage(const sensor_msgs::Image& message, Refusal* 
 }
 
 std::optional<cv::Mat> toDepthMat(const sensor_msgs::Image& message, double units_per_metre, Refusal* refusal) {
-  std::optional<gpis_mapping::DepthImage> depth = gpis_mapping_ros::toDepthImage(message, units_per_metre, refusal);
+  std::optional<depth_camera::DepthImage> depth = depth_camera_ros::toDepthImage(message, units_per_metre, refusal);
   if (!depth) return std::nullopt;
   return cv::Mat(depth->height, depth->width, CV_32FC1, depth->depth_m.data()).clone();
 }
@@ -156,7 +156,7 @@ std::optional<CameraModel> cameraModelOf(const sensor_msgs::CameraInfo& info, bo
   constexpr std::uint32_t kMaxSide_px = std::numeric_limits<std::int16_t>::max();
   if (info.width > kMaxSide_px || info.height > kMaxSide_px)
     return refuse("size is " + sizeText(info.width, info.height));
-  const std::optional<gpis_mapping::CameraModel> pinhole = gpis_mapping_ros::toCameraModel(info, is_rectified, refusal);
+  const std::optional<depth_camera::CameraModel> pinhole = depth_camera_ros::toCameraModel(info, is_rectified, refusal);
   if (!pinhole) return std::nullopt;
   CameraModel camera;
   camera.width_px = pinhole->width;

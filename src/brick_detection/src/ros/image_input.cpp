@@ -14,7 +14,7 @@
 namespace brick_detection_ros {
 namespace {
 
-using gpis_mapping_ros::CameraPoseSource;
+using depth_camera_ros::CameraPoseSource;
 using interactive_mapping_ros::withoutSlash;
 
 /// More than a camera sends while a colour image waits for tf.
@@ -66,7 +66,7 @@ ImageInput::ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private
                                image_transport::TransportHints(params_.depth_transport, no_delay, private_nh));
     }
     // Remappings decide what the topic is called.
-    is_rectified_ = gpis_mapping_ros::isRectifiedTopic(image_subscriber_.getTopic());
+    is_rectified_ = depth_camera_ros::isRectifiedTopic(image_subscriber_.getTopic());
   }
 }
 

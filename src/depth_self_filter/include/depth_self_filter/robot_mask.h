@@ -10,8 +10,8 @@
 #include <Eigen/Geometry>
 #include <interactive_mapping_common/config/schema.h>
 
-#include "gpis_mapping/gpis_config.h"
-#include "gpis_mapping/types.h"
+#include <depth_camera/depth_image.h>
+#include <depth_camera/depth_noise.h>
 #include "mp700_ur5e_description/robot_model.h"
 
 namespace depth_self_filter {
@@ -27,10 +27,10 @@ struct RobotMaskConfig {
   int edge_px{2};
   double baseline_m{0.075};
   double noise_sigmas{5.0};  // of a million pixels of the robot, 5 leave less than one
-  gpis_mapping::DepthNoiseModel noise{0.0005, 0.0, 0.0038};
+  depth_camera::DepthNoiseModel noise{0.0005, 0.0, 0.0038};
 
   struct Noise {
-    gpis_mapping::DepthNoiseModel& noise;
+    depth_camera::DepthNoiseModel& noise;
 
     static void fields(Noise& c, interactive_mapping::Fields& f) {
       f("a_m", c.noise.a_m, 0.0, 0.1, "m", "standard deviation of depth z: a + b z + c z^2 [m], z in metres: a");
@@ -103,9 +103,9 @@ class RobotMask {
 
   /// Changes `image` in place. Throws std::invalid_argument as place() does, for an impossible camera, and if the image
   /// is not of the camera's size; it leaves the image as it was then. Some 3 ms for 640 x 480 px.
-  MaskStatistics apply(const gpis_mapping::CameraModel& camera, const Eigen::Isometry3d& T_root_camera,
+  MaskStatistics apply(const depth_camera::CameraModel& camera, const Eigen::Isometry3d& T_root_camera,
                        const Eigen::VectorXd& positions_rad, const std::optional<HeldBrick>& brick,
-                       gpis_mapping::DepthImage* image);
+                       depth_camera::DepthImage* image);
 
   const mp700_ur5e_description::RobotModel& robot() const { return *robot_; }
   const RobotMaskConfig& config() const { return config_; }
@@ -118,12 +118,12 @@ class RobotMask {
   };
 
   /// Into spans_: a superset of the pixels whose rays meet the shape. False: none does.
-  bool findSpans(const PlacedShape& placed, const gpis_mapping::CameraModel& camera);
-  void enter(const PlacedShape& placed, const gpis_mapping::CameraModel& camera);
+  bool findSpans(const PlacedShape& placed, const depth_camera::CameraModel& camera);
+  void enter(const PlacedShape& placed, const depth_camera::CameraModel& camera);
   float* entryRow(int v) { return &entry_m_[static_cast<std::size_t>(v) * stride_ + config_.edge_px]; }
   void spreadEntries(int width, int height);
-  MaskStatistics blank(const gpis_mapping::CameraModel& camera, gpis_mapping::DepthImage* image);
-  std::size_t blankShadows(const gpis_mapping::CameraModel& camera, gpis_mapping::DepthImage* image) const;
+  MaskStatistics blank(const depth_camera::CameraModel& camera, depth_camera::DepthImage* image);
+  std::size_t blankShadows(const depth_camera::CameraModel& camera, depth_camera::DepthImage* image) const;
 
   const std::shared_ptr<const mp700_ur5e_description::RobotModel> robot_;
   const RobotMaskConfig config_;

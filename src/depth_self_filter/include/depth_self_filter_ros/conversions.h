@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <string>
 
-#include <gpis_mapping_ros/conversions.h>
+#include <depth_camera_ros/conversions.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/SelfFilterUpdate.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -25,7 +25,7 @@ struct Drop {
 const char* statusName(std::uint8_t status);
 
 /// What the checks that the map has, too, found.
-Drop toDrop(const gpis_mapping_ros::Refusal& refusal);
+Drop toDrop(const depth_camera_ros::Refusal& refusal);
 /// ACCEPTED if the positions are known.
 Drop toDrop(const depth_self_filter::JointHistory::Answer& answer);
 
@@ -34,10 +34,10 @@ depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::
                                                 const mp700_ur5e_description::RobotModel& robot, std::string* problem);
 
 /// 32FC1, metres, in the machine's byte order; the header is the caller's.
-sensor_msgs::ImagePtr toMessage(const gpis_mapping::DepthImage& image);
+sensor_msgs::ImagePtr toMessage(const depth_camera::DepthImage& image);
 
 /// Camera info for a rectified image of `camera`, made of one that `info` accompanied: K and P say the same, D is 0, and
 /// there is neither ROI nor binning, nor an offset to another camera in P.
-sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, const gpis_mapping::CameraModel& camera);
+sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, const depth_camera::CameraModel& camera);
 
 }  // namespace depth_self_filter_ros

@@ -11,8 +11,8 @@
 #include <string>
 #include <thread>
 
+#include <depth_camera_ros/camera_pose_source.h>
 #include <diagnostic_updater/diagnostic_updater.h>
-#include <gpis_mapping_ros/camera_pose_source.h>
 #include <image_transport/image_transport.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/SelfFilterUpdate.h>
@@ -52,8 +52,8 @@ class DepthSelfFilterRos {
   };
   /// All that belongs to an image.
   struct Frame {
-    gpis_mapping::DepthImage image;    // rectified
-    gpis_mapping::CameraModel camera;  // of the rectified image
+    depth_camera::DepthImage image;    // rectified
+    depth_camera::CameraModel camera;  // of the rectified image
     sensor_msgs::CameraInfo info;
     Eigen::Isometry3d T_root_camera{Eigen::Isometry3d::Identity()};
     Eigen::VectorXd positions_rad;
@@ -91,7 +91,7 @@ class DepthSelfFilterRos {
   const std::shared_ptr<const mp700_ur5e_description::RobotModel> robot_;
   depth_self_filter::RobotMask mask_;  // the worker's
   bool is_rectified_{false};
-  gpis_mapping::DepthRectifier rectifier_;  // the worker's
+  depth_camera::DepthRectifier rectifier_;  // the worker's
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::condition_variable changed_;
@@ -103,7 +103,7 @@ class DepthSelfFilterRos {
   std::string hand_problem_;  // of the last message about the hand; empty: none
   Counters counters_;
 
-  gpis_mapping_ros::CameraPoseSource pose_source_;  // of cameras that the URDF does not have; checks the stamps of all
+  depth_camera_ros::CameraPoseSource pose_source_;  // of cameras that the URDF does not have; checks the stamps of all
   image_transport::ImageTransport input_transport_, output_transport_;
   image_transport::Publisher image_publisher_;
   ros::Publisher info_publisher_, update_publisher_;

@@ -9,13 +9,12 @@
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/range_check.h>
-#include "gpis_mapping/depth_classifier.h"
 
 namespace depth_self_filter {
 namespace {
 
-using gpis_mapping::CameraModel;
-using gpis_mapping::DepthImage;
+using depth_camera::CameraModel;
+using depth_camera::DepthImage;
 using mp700_ur5e_description::BodyShape;
 using mp700_ur5e_description::Box;
 using mp700_ur5e_description::Cylinder;
@@ -401,7 +400,7 @@ MaskStatistics RobotMask::apply(const CameraModel& camera, const Eigen::Isometry
                                 const Eigen::VectorXd& positions_rad, const std::optional<HeldBrick>& brick,
                                 DepthImage* image) {
   interactive_mapping::throwIfAny(camera.validate());
-  gpis_mapping::requireFits(*image, camera);
+  depth_camera::requireFits(*image, camera);
   const std::vector<PlacedShape> placed = place(T_root_camera, positions_rad, brick);
   stride_ = static_cast<std::size_t>(camera.width + 2 * config_.edge_px);
   const std::size_t size = stride_ * static_cast<std::size_t>(camera.height);

@@ -11,7 +11,7 @@
 
 namespace depth_self_filter_ros {
 
-using gpis_mapping_ros::FrameStatus;
+using depth_camera_ros::FrameStatus;
 using interactive_mapping_msgs::SelfFilterUpdate;
 
 const char* statusName(std::uint8_t status) {
@@ -53,7 +53,7 @@ const char* statusName(std::uint8_t status) {
   }
 }
 
-Drop toDrop(const gpis_mapping_ros::Refusal& refusal) {
+Drop toDrop(const depth_camera_ros::Refusal& refusal) {
   switch (refusal.status) {
     case FrameStatus::kAccepted:
       return {SelfFilterUpdate::ACCEPTED, refusal.message};
@@ -109,8 +109,8 @@ depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::
   depth_self_filter::HeldBrick brick;
   brick.frame = interactive_mapping_ros::withoutSlash(message.header.frame_id);
   brick.size_m << message.size.x, message.size.y, message.size.z;
-  gpis_mapping_ros::Refusal refusal;
-  const auto T_frame_brick = gpis_mapping_ros::toIsometry(message.pose, &refusal);
+  depth_camera_ros::Refusal refusal;
+  const auto T_frame_brick = depth_camera_ros::toIsometry(message.pose, &refusal);
   if (T_frame_brick) {
     brick.T_frame_brick = *T_frame_brick;
     *problem = depth_self_filter::whyNotHeld(robot, brick);
@@ -122,7 +122,7 @@ depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::
   return change;
 }
 
-sensor_msgs::ImagePtr toMessage(const gpis_mapping::DepthImage& image) {
+sensor_msgs::ImagePtr toMessage(const depth_camera::DepthImage& image) {
   const auto message = boost::make_shared<sensor_msgs::Image>();
   message->width = static_cast<std::uint32_t>(image.width);
   message->height = static_cast<std::uint32_t>(image.height);
@@ -137,7 +137,7 @@ sensor_msgs::ImagePtr toMessage(const gpis_mapping::DepthImage& image) {
   return message;
 }
 
-sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, const gpis_mapping::CameraModel& camera) {
+sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, const depth_camera::CameraModel& camera) {
   sensor_msgs::CameraInfo output;
   output.header = info.header;
   output.width = static_cast<std::uint32_t>(camera.width);

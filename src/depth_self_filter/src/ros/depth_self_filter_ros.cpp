@@ -12,10 +12,10 @@
 namespace depth_self_filter_ros {
 namespace {
 
+using depth_camera_ros::CameraPoseSource;
+using depth_camera_ros::Refusal;
 using depth_self_filter::JointHistory;
 using diagnostic_msgs::DiagnosticStatus;
-using gpis_mapping_ros::CameraPoseSource;
-using gpis_mapping_ros::Refusal;
 using interactive_mapping_msgs::SelfFilterUpdate;
 using interactive_mapping_ros::withoutSlash;
 using mp700_ur5e_description::RobotModel;
@@ -46,8 +46,8 @@ std::shared_ptr<const RobotModel> loadRobot(const ros::NodeHandle& nh) {
   return RobotModel::parse(urdf, key);
 }
 
-gpis_mapping_ros::CameraPoseParams poseParams(const DepthSelfFilterParams& params, const RobotModel& robot) {
-  gpis_mapping_ros::CameraPoseParams result;
+depth_camera_ros::CameraPoseParams poseParams(const DepthSelfFilterParams& params, const RobotModel& robot) {
+  depth_camera_ros::CameraPoseParams result;
   result.map_frame = robot.rootFrame();
   result.camera_frame = params.input.camera_frame;
   result.tf_timeout_s = params.input.wait_s;
@@ -86,7 +86,7 @@ DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::Nod
       input_transport_.subscribe("depth/image_rect", 1, &DepthSelfFilterRos::onImage, this,
                                  image_transport::TransportHints(params_.input.image_transport, no_delay, private_nh));
   // Remappings decide what the topic is called.
-  is_rectified_ = gpis_mapping_ros::isRectifiedTopic(image_subscriber_.getTopic());
+  is_rectified_ = depth_camera_ros::isRectifiedTopic(image_subscriber_.getTopic());
   // A simulation that waits for an update after each image may begin when it sees this: the images are subscribed to.
   update_publisher_ = pnh.advertise<Update>("update", 50);
   worker_ = std::thread(&DepthSelfFilterRos::work, this);
@@ -277,8 +277,8 @@ std::optional<DepthSelfFilterRos::Frame> DepthSelfFilterRos::prepare(const senso
   const std::optional<std::string> camera_frame = pose_source_.cameraFrame(message.header.frame_id, &refusal);
   if (!camera_frame) return refused();
   Frame frame;
-  std::optional<gpis_mapping::DepthImage> image =
-      gpis_mapping_ros::toDepthImage(message, params_.input.depth_units_per_metre, &refusal);
+  std::optional<depth_camera::DepthImage> image =
+      depth_camera_ros::toDepthImage(message, params_.input.depth_units_per_metre, &refusal);
   if (!image) return refused();
   frame.image = std::move(*image);
   const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline);
@@ -287,8 +287,8 @@ std::optional<DepthSelfFilterRos::Frame> DepthSelfFilterRos::prepare(const senso
     return std::nullopt;
   }
   frame.info = *info;
-  if (!gpis_mapping_ros::toDepthRectifier(*info, is_rectified_, &rectifier_, &refusal)) return refused();
-  const gpis_mapping::CameraModel& raw = rectifier_.rawCamera();
+  if (!depth_camera_ros::toDepthRectifier(*info, is_rectified_, &rectifier_, &refusal)) return refused();
+  const depth_camera::CameraModel& raw = rectifier_.rawCamera();
   if (frame.image.width != raw.width || frame.image.height != raw.height) {
     *drop = {Update::SIZE_MISMATCH, "image is " + sizeText(frame.image.width, frame.image.height) +
                                         ", camera info on " + info_subscriber_.getTopic() + " says " +

@@ -16,8 +16,8 @@
 namespace depth_self_filter {
 namespace {
 
-using gpis_mapping::CameraModel;
-using gpis_mapping::DepthImage;
+using depth_camera::CameraModel;
+using depth_camera::DepthImage;
 using mp700_ur5e_description::RobotModel;
 using test::constantImage;
 using test::exactConfig;

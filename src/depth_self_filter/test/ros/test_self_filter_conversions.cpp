@@ -14,8 +14,8 @@
 namespace depth_self_filter_ros {
 namespace {
 
+using depth_camera_ros::FrameStatus;
 using depth_self_filter::test::shippedRobot;
-using gpis_mapping_ros::FrameStatus;
 using interactive_mapping_msgs::AttachedBrick;
 using interactive_mapping_msgs::SelfFilterUpdate;
 using testing::HasSubstr;
@@ -47,12 +47,12 @@ TEST(Conversions, ReasonsOfTheMapsChecksKeepTheirMeaning) {
 
 TEST(Conversions, DepthBecomesAMessageThatReadsBackTheSame) {
   std::mt19937_64 random(1);
-  const gpis_mapping::DepthImage image = depth_self_filter::test::randomImage(37, 21, 4.0, &random);
+  const depth_camera::DepthImage image = depth_self_filter::test::randomImage(37, 21, 4.0, &random);
   const sensor_msgs::ImagePtr message = toMessage(image);
   EXPECT_EQ(message->encoding, "32FC1");
   EXPECT_EQ(message->step, 37U * 4U);
-  gpis_mapping_ros::Refusal refusal;
-  const auto back = gpis_mapping_ros::toDepthImage(*message, 1000.0, &refusal);
+  depth_camera_ros::Refusal refusal;
+  const auto back = depth_camera_ros::toDepthImage(*message, 1000.0, &refusal);
   ASSERT_TRUE(back) << refusal.message;
   ASSERT_EQ(back->depth_m.size(), image.depth_m.size());
   EXPECT_EQ(std::memcmp(back->depth_m.data(), image.depth_m.data(), image.depth_m.size() * sizeof(float)), 0);
@@ -65,10 +65,10 @@ TEST(Conversions, AHoleOf16BitStaysTheHoleThatTheMapKnows) {
   message.encoding = "16UC1";
   message.step = 6;
   message.data = {0, 0, 0xE8, 0x03, 0xFF, 0xFF};  // 0, 1000 mm, 65535
-  gpis_mapping_ros::Refusal refusal;
-  const auto image = gpis_mapping_ros::toDepthImage(message, 1000.0, &refusal);
+  depth_camera_ros::Refusal refusal;
+  const auto image = depth_camera_ros::toDepthImage(message, 1000.0, &refusal);
   ASSERT_TRUE(image) << refusal.message;
-  const auto back = gpis_mapping_ros::toDepthImage(*toMessage(*image), 1000.0, &refusal);
+  const auto back = depth_camera_ros::toDepthImage(*toMessage(*image), 1000.0, &refusal);
   ASSERT_TRUE(back) << refusal.message;
   EXPECT_THAT(back->depth_m, testing::ElementsAre(0.0F, 1.0F, 0.0F));
 }
@@ -91,17 +91,17 @@ TEST(Conversions, OutputInfoIsThatOfTheRectifiedImage) {
   info.roi.width = 80;
   info.roi.height = 60;
   info.binning_x = 2;
-  gpis_mapping_ros::Refusal refusal;
+  depth_camera_ros::Refusal refusal;
   for (const bool is_rectified : {false, true}) {
-    gpis_mapping::DepthRectifier rectifier;
-    ASSERT_TRUE(gpis_mapping_ros::toDepthRectifier(info, is_rectified, &rectifier, &refusal)) << refusal.message;
+    depth_camera::DepthRectifier rectifier;
+    ASSERT_TRUE(depth_camera_ros::toDepthRectifier(info, is_rectified, &rectifier, &refusal)) << refusal.message;
     const sensor_msgs::CameraInfo output = toOutputInfo(info, rectifier.camera());
     EXPECT_EQ(output.header.frame_id, "eye");
     EXPECT_EQ(output.P[3], 0.0);
     EXPECT_EQ(output.R[0] * output.R[4] * output.R[8], 1.0);
     for (const bool reads_P : {false, true}) {
-      gpis_mapping::DepthRectifier told;
-      ASSERT_TRUE(gpis_mapping_ros::toDepthRectifier(output, reads_P, &told, &refusal)) << refusal.message;
+      depth_camera::DepthRectifier told;
+      ASSERT_TRUE(depth_camera_ros::toDepthRectifier(output, reads_P, &told, &refusal)) << refusal.message;
       EXPECT_TRUE(told.distortion().isZero());
       EXPECT_TRUE(told.camera() == rectifier.camera()) << is_rectified;
     }
@@ -116,14 +116,14 @@ TEST(Conversions, TheMaskFitsARectifiedImage) {
   const Eigen::Isometry3d T_root_camera =
       robot->framePose(mp700_ur5e_description::kDepthFrame, q) * Eigen::AngleAxisd(0.35, Eigen::Vector3d::UnitY());
   const sensor_msgs::CameraInfo info = distortedInfo();
-  gpis_mapping::DepthRectifier rectifier;
-  gpis_mapping_ros::Refusal refusal;
-  ASSERT_TRUE(gpis_mapping_ros::toDepthRectifier(info, false, &rectifier, &refusal)) << refusal.message;
+  depth_camera::DepthRectifier rectifier;
+  depth_camera_ros::Refusal refusal;
+  ASSERT_TRUE(depth_camera_ros::toDepthRectifier(info, false, &rectifier, &refusal)) << refusal.message;
   // The robot itself before a wall, through the lens.
   const depth_self_filter::RobotMask bare(robot, depth_self_filter::test::exactConfig());
   const auto shapes = depth_self_filter::test::oracleShapes(bare, T_root_camera, q, std::nullopt, 0.0);
-  const gpis_mapping::CameraModel& raw = rectifier.rawCamera();
-  gpis_mapping::DepthImage image{raw.width, raw.height, {}};
+  const depth_camera::CameraModel& raw = rectifier.rawCamera();
+  depth_camera::DepthImage image{raw.width, raw.height, {}};
   for (int v = 0; v < raw.height; ++v) {
     for (int u = 0; u < raw.width; ++u) {
       const Eigen::Vector2d seen((u - raw.cx) / raw.fx, (v - raw.cy) / raw.fy);
@@ -138,7 +138,7 @@ TEST(Conversions, TheMaskFitsARectifiedImage) {
     }
   }
   depth_self_filter::RobotMask mask(robot, depth_self_filter::RobotMaskConfig());
-  const auto left = [&](const gpis_mapping::CameraModel& camera, gpis_mapping::DepthImage of) {
+  const auto left = [&](const depth_camera::CameraModel& camera, depth_camera::DepthImage of) {
     mask.apply(camera, T_root_camera, q, std::nullopt, &of);
     std::size_t num_robot = 0;
     std::size_t num_wall = 0;

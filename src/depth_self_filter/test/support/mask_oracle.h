@@ -95,9 +95,9 @@ inline double walk(const OracleShape& shape, const Eigen::Vector3d& direction, b
 }
 
 /// What is left of `image`, with all shapes grown by `more_m` (or shrunk). Growing can only take out more.
-inline gpis_mapping::DepthImage oracleMask(const RobotMask& mask, const gpis_mapping::CameraModel& camera,
+inline depth_camera::DepthImage oracleMask(const RobotMask& mask, const depth_camera::CameraModel& camera,
                                            const Eigen::Isometry3d& T_root_camera, const Eigen::VectorXd& positions_rad,
-                                           const std::optional<HeldBrick>& brick, const gpis_mapping::DepthImage& image,
+                                           const std::optional<HeldBrick>& brick, const depth_camera::DepthImage& image,
                                            double more_m) {
   const RobotMaskConfig& config = mask.config();
   const std::vector<OracleShape> shapes = oracleShapes(mask, T_root_camera, positions_rad, brick, more_m);
@@ -125,7 +125,7 @@ inline gpis_mapping::DepthImage oracleMask(const RobotMask& mask, const gpis_map
       spread.push_back(nearest);
     }
   }
-  gpis_mapping::DepthImage left = image;
+  depth_camera::DepthImage left = image;
   std::vector<bool> is_masked(left.depth_m.size(), false);
   for (std::size_t i = 0; i < left.depth_m.size(); ++i) {
     if (spread[i] == kInfinity) continue;

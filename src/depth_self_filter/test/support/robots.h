@@ -62,11 +62,11 @@ inline Eigen::Isometry3d randomPose(std::mt19937_64* random, double reach_m) {
 }
 
 /// Depths up to `max_m`, and every kind of value that is none.
-inline gpis_mapping::DepthImage randomImage(int width, int height, double max_m, std::mt19937_64* random) {
+inline depth_camera::DepthImage randomImage(int width, int height, double max_m, std::mt19937_64* random) {
   std::uniform_real_distribution<float> depth(0.05F, static_cast<float>(max_m));
   std::uniform_int_distribution<int> kind(0, 9);
   constexpr float kInf = std::numeric_limits<float>::infinity();
-  gpis_mapping::DepthImage image{width, height, {}};
+  depth_camera::DepthImage image{width, height, {}};
   for (int i = 0; i < width * height; ++i) {
     switch (kind(*random)) {
       case 0:
@@ -88,7 +88,7 @@ inline gpis_mapping::DepthImage randomImage(int width, int height, double max_m,
   return image;
 }
 
-inline gpis_mapping::DepthImage constantImage(const gpis_mapping::CameraModel& camera, float depth_m) {
+inline depth_camera::DepthImage constantImage(const depth_camera::CameraModel& camera, float depth_m) {
   return {
       camera.width, camera.height,
       std::vector<float>(static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height), depth_m)};

@@ -47,9 +47,6 @@ struct ClassifiedFrame {
   std::size_t index(int u, int v) const { return static_cast<std::size_t>(v) * width + u; }
 };
 
-/// Throws std::invalid_argument with both sizes if the image is not of the camera's.
-void requireFits(const DepthImage& image, const CameraModel& camera);
-
 /// Decides pixel by pixel what a depth image says (method: virtual wall, shadows, no information).
 class DepthClassifier {
  public:

@@ -11,7 +11,7 @@
 
 #include <Eigen/Geometry>
 
-#include "gpis_mapping/pose_guard.h"
+#include <depth_camera/pose_guard.h>
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping {
@@ -52,7 +52,7 @@ class DepthSequence {
 
   /// The pose of frame `i` when `time_offset_s` is added to its stamp, or nothing and the reason. Its stamp_s is the
   /// frame's own. Reads no image. Throws DepthSequenceError if what holds the pose is malformed.
-  virtual std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* reason) = 0;
+  virtual std::optional<depth_camera::StampedPose> pose(std::size_t i, double time_offset_s, SkipReason* reason) = 0;
 
   /// Whether stamps come from a clock and frames in its order. Lists may repeat and reorder images.
   virtual bool hasClock() const { return false; }

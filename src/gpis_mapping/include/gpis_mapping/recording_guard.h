@@ -6,9 +6,9 @@
 #include <optional>
 #include <vector>
 
+#include <depth_camera/pose_guard.h>
+#include <depth_camera/stamp_guard.h>
 #include "gpis_mapping/depth_sequence.h"
-#include "gpis_mapping/pose_guard.h"
-#include "gpis_mapping/stamp_guard.h"
 
 namespace gpis_mapping {
 
@@ -20,7 +20,8 @@ class RecordingGuard {
  public:
   /// `frames`: numbers of those that will be checked. Of a folder it reads their poses, with the time offset that is set
   /// by then. `limits` are the live node's; none: poses are not checked.
-  RecordingGuard(DepthSequence* sequence, const std::vector<std::size_t>& frames, std::optional<PoseLimits> limits);
+  RecordingGuard(DepthSequence* sequence, const std::vector<std::size_t>& frames,
+                 std::optional<depth_camera::PoseLimits> limits);
 
   /// Why this frame must not be mapped; nothing when it may.
   std::optional<SkipReason> check(const DepthFrame& frame);
@@ -30,8 +31,8 @@ class RecordingGuard {
 
  private:
   bool is_clock_;
-  StampGuard stamps_;
-  std::optional<PoseGuard> poses_;
+  depth_camera::StampGuard stamps_;
+  std::optional<depth_camera::PoseGuard> poses_;
   std::size_t num_settled_{0};
 };
 

@@ -12,6 +12,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <depth_camera/depth_image.h>
 
 namespace gpis_mapping {
 
@@ -21,42 +22,8 @@ using Points3d = Eigen::Matrix<double, 3, Eigen::Dynamic>;
 /// Stamps beyond this are taken for broken [s]: 30000 years.
 constexpr double kMaxStamp_s = 1e12;
 
-/// Pinhole model of a rectified depth image: pixel (u, v) sees bearing ((u - cx)/fx, (v - cy)/fy).
-struct CameraModel {
-  int width{0};   // [px]
-  int height{0};  // [px]
-  double fx{0.0};
-  double fy{0.0};
-  double cx{0.0};
-  double cy{0.0};
-
-  /// Empty when the model can be used; otherwise one sentence per problem with value and allowed range.
-  std::vector<std::string> validate() const;
-  bool operator==(const CameraModel& other) const {
-    return width == other.width && height == other.height && fx == other.fx && fy == other.fy && cx == other.cx &&
-           cy == other.cy;
-  }
-};
-
-/// Depth along the optical axis [m], row major, REP-117 values: +Inf no return, -Inf too close, NaN no information.
-/// 0 is the unexplained hole of 16-bit images; DepthClassifier decides what it is.
-struct DepthImage {
-  int width{0};
-  int height{0};
-  std::vector<float> depth_m;
-
-  float at(int u, int v) const { return depth_m[static_cast<std::size_t>(v) * width + u]; }
-};
-
-/// Converts raw 16-bit depth (0 = hole, 65535 = the "no value" of some recorders, also a hole).
-DepthImage depthImageFromU16(const std::uint16_t* raw, int width, int height, double units_per_metre);
-
-/// Whether any pixel says something: a depth, or "nothing within reach" (+Inf). Zeros, NaN, -Inf and depths below zero
-/// say nothing: an image of these alone comes from a covered lens as well as from an empty scene.
-bool holdsMeasurement(const DepthImage& image);
-
-/// The sentence for an image that holds none.
-std::string nothingMeasured(const DepthImage& image);
+using depth_camera::CameraModel;
+using depth_camera::DepthImage;
 
 /// Index of a cube of a regular lattice; cube i covers [i, i + 1) * size along each axis.
 struct LatticeKey {

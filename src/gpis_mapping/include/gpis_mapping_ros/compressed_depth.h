@@ -8,9 +8,12 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
-#include "gpis_mapping_ros/conversions.h"
+#include <depth_camera_ros/conversions.h>
 
 namespace gpis_mapping_ros {
+
+using depth_camera_ros::FrameStatus;
+using depth_camera_ros::Refusal;
 
 /// Last part of the topics on which compressed_depth_image_transport publishes.
 constexpr char kCompressedDepthSuffix[] = "/compressedDepth";

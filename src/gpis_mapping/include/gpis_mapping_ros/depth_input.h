@@ -21,11 +21,16 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
+#include <depth_camera_ros/camera_pose_source.h>
 #include "gpis_mapping/types.h"
-#include "gpis_mapping_ros/camera_pose_source.h"
-#include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {
+
+using depth_camera_ros::CameraPoseCounters;
+using depth_camera_ros::CameraPoseParams;
+using depth_camera_ros::CameraPoseSource;
+using depth_camera_ros::FrameStatus;
+using depth_camera_ros::Refusal;
 
 struct DepthInputParams : CameraPoseParams {
   std::string image_transport{"raw"};
@@ -52,7 +57,7 @@ struct DepthInputFrame {
 struct DepthInputCounters {
   std::uint64_t received{0};
   std::uint64_t replaced{0};  // by a newer image while they waited
-  std::array<std::uint64_t, kNumFrameStatus> by_status{};
+  std::array<std::uint64_t, depth_camera_ros::kNumFrameStatus> by_status{};
   std::string last_refusal;
   CameraPoseCounters pose;
   std::string warning;  // of the kind that does not stop anything
@@ -77,7 +82,7 @@ class DepthInput {
   DepthInput& operator=(const DepthInput&) = delete;
 
   DepthInputCounters counters() const;
-  void setPoseLimits(const gpis_mapping::PoseLimits& limits);
+  void setPoseLimits(const depth_camera::PoseLimits& limits);
   /// Believes the next pose, whatever it is: for a map that was cleared or loaded.
   void resetPoseGuard();
 
@@ -111,7 +116,7 @@ class DepthInput {
   Consume consume_;
   Refuse refuse_;
   bool is_rectified_{false};
-  gpis_mapping::DepthRectifier rectifier_;  // the worker's
+  depth_camera::DepthRectifier rectifier_;  // the worker's
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::condition_variable changed_;

@@ -98,9 +98,6 @@ struct GpisMappingParams {
 /// impossible value.
 GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh);
 
-/// The path when it can be used for a map: absolute, in a folder that exists; else throws std::invalid_argument.
-void requireUsablePath(const std::string& path);
-
 }  // namespace gpis_mapping_ros
 
 #endif  // GPIS_MAPPING_ROS_GPIS_MAPPING_PARAMS_H

@@ -57,17 +57,6 @@ void dilate(const std::vector<std::uint8_t>& source, int width, int height, doub
 
 }  // namespace
 
-void requireFits(const DepthImage& image, const CameraModel& camera) {
-  // A negative size has no number of pixels.
-  const bool fits = camera.width > 0 && camera.height > 0 && image.width == camera.width &&
-                    image.height == camera.height &&
-                    image.depth_m.size() == static_cast<std::size_t>(camera.width) * camera.height;
-  if (fits) return;
-  throw std::invalid_argument("depth image is " + std::to_string(image.width) + " x " + std::to_string(image.height) +
-                              " px with " + std::to_string(image.depth_m.size()) + " values, the camera model says " +
-                              std::to_string(camera.width) + " x " + std::to_string(camera.height) + " px");
-}
-
 DepthClassifier::DepthClassifier(const CameraModel& camera, const GpisConfig& config)
     : camera_(camera), config_(config), ray_length_(static_cast<std::size_t>(camera.width) * camera.height) {
   for (int v = 0; v < camera.height; ++v) {

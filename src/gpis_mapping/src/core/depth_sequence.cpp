@@ -16,10 +16,15 @@
 #include <opencv2/imgcodecs.hpp>
 #include <yaml-cpp/yaml.h>
 
-#include "gpis_mapping/depth_rectifier.h"
+#include <depth_camera/depth_rectifier.h>
 
 namespace gpis_mapping {
 namespace {
+
+using depth_camera::depthImageFromU16;
+using depth_camera::DepthRectifier;
+using depth_camera::LensDistortion;
+using depth_camera::StampedPose;
 
 namespace fs = std::filesystem;
 

@@ -6,6 +6,11 @@
 namespace gpis_mapping {
 namespace {
 
+using depth_camera::PoseGuard;
+using depth_camera::PoseLimits;
+using depth_camera::StampedPose;
+using depth_camera::StampGuard;
+
 // A jump stands out from the motion around it. Between rows of views an arm moves two to four times as far as in a row.
 constexpr double kJumpMedians = 5.0;
 

@@ -17,6 +17,8 @@
 namespace gpis_mapping {
 namespace {
 
+using depth_camera::StampedPose;
+
 constexpr double kStep_s = 0.005;
 constexpr int kHalfSteps = 40;  // kMaxEstimatedOffset_s
 constexpr int kNumSteps = 2 * kHalfSteps + 1;

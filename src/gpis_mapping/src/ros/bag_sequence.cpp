@@ -20,19 +20,31 @@
 #include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include <depth_camera_ros/conversions.h>
 #include "gpis_mapping_ros/compressed_depth.h"
-#include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {
 namespace {
 
+using depth_camera::StampedPose;
+using depth_camera_ros::FrameStatus;
+using depth_camera_ros::isDepthEncoding;
+using depth_camera_ros::isRectifiedTopic;
+using depth_camera_ros::kAllowedDepthEncodings;
+using depth_camera_ros::Refusal;
+using depth_camera_ros::shifted;
+using depth_camera_ros::shownName;
+using depth_camera_ros::toDepthImage;
+using depth_camera_ros::toDepthRectifier;
+using depth_camera_ros::toIsometry;
+
+using depth_camera::StampedPose;
 using gpis_mapping::CameraModel;
 using gpis_mapping::DepthFrame;
 using gpis_mapping::DepthImage;
 using gpis_mapping::DepthSequence;
 using gpis_mapping::DepthSequenceError;
 using gpis_mapping::SkipReason;
-using gpis_mapping::StampedPose;
 
 constexpr char kImageType[] = "sensor_msgs/Image";
 constexpr char kCompressedType[] = "sensor_msgs/CompressedImage";
@@ -219,8 +231,8 @@ class BagSequence : public DepthSequence {
       const bool is_static =
           topic.size() >= suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
       for (geometry_msgs::TransformStamped& transform : transforms.transforms) {
-        transform.header.frame_id = withoutSlash(transform.header.frame_id);
-        transform.child_frame_id = withoutSlash(transform.child_frame_id);
+        transform.header.frame_id = interactive_mapping_ros::withoutSlash(transform.header.frame_id);
+        transform.child_frame_id = interactive_mapping_ros::withoutSlash(transform.child_frame_id);
         if (!isRotation(&transform)) continue;
         if (buffer_->setTransform(transform, path_, is_static)) {
           frames_.insert(transform.header.frame_id);
@@ -259,7 +271,7 @@ class BagSequence : public DepthSequence {
   }
 
   void chooseMapFrame(const std::string& wanted) {
-    map_frame_ = withoutSlash(wanted);
+    map_frame_ = interactive_mapping_ros::withoutSlash(wanted);
     if (frames_.count(map_frame_) > 0) return;
     throw DepthSequenceError(path_ + ": no frame '" + map_frame_ + "'; frames: " + join(frames_) +
                              (num_bad_transforms_ > 0 ? "; " + badTransforms() : ""));
@@ -287,7 +299,7 @@ class BagSequence : public DepthSequence {
       *reason = {"no stamp", "stamp is 0, must be the time of exposure"};
       return std::nullopt;
     }
-    const std::string camera_frame = withoutSlash(header.frame_id);
+    const std::string camera_frame = interactive_mapping_ros::withoutSlash(header.frame_id);
     geometry_msgs::TransformStamped transform;
     try {
       transform = buffer_->lookupTransform(map_frame_, camera_frame, shifted(header.stamp, time_offset_s));
@@ -327,7 +339,7 @@ class BagSequence : public DepthSequence {
   std::map<std::string, std::string> types_;  // topic to message type
   std::string depth_topic_;
   std::string map_frame_;
-  gpis_mapping::DepthRectifier rectifier_;
+  depth_camera::DepthRectifier rectifier_;
   std::unique_ptr<tf2::BufferCore> buffer_;
   std::set<std::string> frames_;
   std::size_t num_bad_transforms_{0};

@@ -11,6 +11,9 @@
 namespace gpis_mapping_ros {
 namespace {
 
+using depth_camera_ros::isDepthEncoding;
+using depth_camera_ros::shownName;
+
 // ConfigHeader of compressed_depth_image_transport, as it lies in memory: compression format, and the two quantisation
 // parameters of 32FC1 images.
 constexpr std::size_t kHeaderBytes = sizeof(std::int32_t) + 2 * sizeof(float);

@@ -10,6 +10,9 @@
 namespace gpis_mapping_ros {
 namespace {
 
+using depth_camera_ros::isRectifiedTopic;
+using depth_camera_ros::toDepthImage;
+using depth_camera_ros::toDepthRectifier;
 using gpis_mapping::CameraModel;
 
 std::string sizeText(int width, int height) {
@@ -64,7 +67,7 @@ DepthInputCounters DepthInput::counters() const {
   return counters;
 }
 
-void DepthInput::setPoseLimits(const gpis_mapping::PoseLimits& limits) {
+void DepthInput::setPoseLimits(const depth_camera::PoseLimits& limits) {
   pose_source_.setLimits(limits);
 }
 
@@ -178,16 +181,16 @@ std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refus
                                                 sizeText(raw.width, raw.height)};
     return std::nullopt;
   }
-  const std::string info_frame = withoutSlash(info->header.frame_id);
+  const std::string info_frame = interactive_mapping_ros::withoutSlash(info->header.frame_id);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    counters_.warning = info_frame == withoutSlash(header.frame_id)
+    counters_.warning = info_frame == interactive_mapping_ros::withoutSlash(header.frame_id)
                             ? ""
                             : "camera info is of frame '" + info_frame + "', the image of '" +
-                                  withoutSlash(header.frame_id) + "': is it the right topic?";
+                                  interactive_mapping_ros::withoutSlash(header.frame_id) + "': is it the right topic?";
   }
   if (!holdsMeasurement(*image)) {
-    *refusal = {FrameStatus::kNothingMeasured, gpis_mapping::nothingMeasured(*image)};
+    *refusal = {FrameStatus::kNothingMeasured, depth_camera::nothingMeasured(*image)};
     return std::nullopt;
   }
   const std::optional<Eigen::Isometry3d> pose = pose_source_.poseAt(frame.camera_frame, frame.stamp, deadline, refusal);

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <stdexcept>
+#include <interactive_mapping_common/files/atomic_file.h>
 
 #include <interactive_mapping_common_ros/params.h>
 
@@ -23,7 +24,7 @@ std::vector<std::string> GpisMappingParams::validate() const {
       std::error_code ignored;
       const std::filesystem::path file(storage.autosave_file);
       if (file.is_absolute()) std::filesystem::create_directory(file.parent_path(), ignored);
-      requireUsablePath(storage.autosave_file);
+      interactive_mapping::requireUsablePath(storage.autosave_file);
     } catch (const std::invalid_argument& error) {
       checker.problems.push_back(std::string("storage/autosave_file = ") + error.what());
     }
@@ -40,20 +41,6 @@ GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {
   reader.fields().ignore("image_transport");  // read by image_transport
   reader.finish(params.validate());
   return params;
-}
-
-void requireUsablePath(const std::string& path) {
-  namespace fs = std::filesystem;
-  const fs::path file(path);
-  std::error_code ignored;
-  if (!file.is_absolute()) throw std::invalid_argument("'" + path + "', must be an absolute path");
-  if (!file.has_filename() || fs::is_directory(file, ignored)) {
-    throw std::invalid_argument("'" + path + "', must name a file, not a folder");
-  }
-  if (!fs::is_directory(file.parent_path(), ignored)) {
-    throw std::invalid_argument("'" + path + "', must be in a folder that exists; " + file.parent_path().string() +
-                                " does not");
-  }
 }
 
 }  // namespace gpis_mapping_ros

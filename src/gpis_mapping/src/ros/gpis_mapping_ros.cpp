@@ -8,6 +8,7 @@
 #include <limits>
 #include <sstream>
 #include <stdexcept>
+#include <interactive_mapping_common/files/atomic_file.h>
 
 #include <ros/console.h>
 #include <tf2/exceptions.h>
@@ -18,6 +19,7 @@
 namespace gpis_mapping_ros {
 namespace {
 
+using depth_camera_ros::toIsometry;
 using diagnostic_msgs::DiagnosticStatus;
 using gpis_mapping::GpisConfig;
 using gpis_mapping::GpisMap;
@@ -224,7 +226,7 @@ bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& reques
     const MapState now = state();
     Eigen::Isometry3d T_map_query = Eigen::Isometry3d::Identity();
     response.header.frame_id = params_.input.map_frame;
-    const std::string frame = withoutSlash(request.frame_id);
+    const std::string frame = interactive_mapping_ros::withoutSlash(request.frame_id);
     if (!frame.empty() && frame != params_.input.map_frame) {
       Refusal refusal;
       const auto T = toIsometry(
@@ -334,7 +336,7 @@ bool GpisMappingRos::onSave(interactive_mapping_msgs::SaveMap::Request& request,
   response.path = request.path.empty() ? params_.storage.autosave_file : request.path;
   try {
     if (response.path.empty()) throw std::invalid_argument("path is empty and storage/autosave_file is not set");
-    requireUsablePath(response.path);
+    interactive_mapping::requireUsablePath(response.path);
     const std::lock_guard<std::mutex> lock(file_mutex_);
     response.num_points = save(response.path);
     response.success = true;
@@ -352,7 +354,7 @@ bool GpisMappingRos::onLoad(interactive_mapping_msgs::LoadMap::Request& request,
   response.path = request.path.empty() ? params_.storage.autosave_file : request.path;
   try {
     if (response.path.empty()) throw std::invalid_argument("path is empty and storage/autosave_file is not set");
-    requireUsablePath(response.path);
+    interactive_mapping::requireUsablePath(response.path);
     const std::lock_guard<std::mutex> lock(file_mutex_);
     std::size_t num_points = 0;
     response.message = load(response.path, &num_points);
@@ -386,7 +388,7 @@ bool GpisMappingRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Res
 }
 
 Eigen::Isometry3d GpisMappingRos::boxInMap(const std_msgs::Header& header, const geometry_msgs::Pose& pose) const {
-  const std::string frame = withoutSlash(header.frame_id);
+  const std::string frame = interactive_mapping_ros::withoutSlash(header.frame_id);
   if (frame.empty()) throw std::invalid_argument("frame_id is empty, must name a frame");
   Refusal refusal;
   const auto T_frame_box = toIsometry(pose, &refusal);
@@ -454,7 +456,7 @@ void GpisMappingRos::onTune(TuneConfig& config) {
   // dynamic_reconfigure holds tune_mutex_ here. It clamps numbers to their range, but lets NaN and any text through.
   GpisMappingParams next = params_;
   next.storage.autosave_file.clear();  // not tuned; its folder may be gone meanwhile
-  gpis_mapping::PoseLimits& limits = next.input.pose_limits;
+  depth_camera::PoseLimits& limits = next.input.pose_limits;
   limits.max_step_m = config.max_step_m;
   limits.max_step_rad = config.max_step_rad;
   limits.settle_frames = config.settle_frames;

@@ -234,7 +234,8 @@ int mapSequence(int argc, char** argv) {
 
   std::vector<std::size_t> frames;
   for (std::size_t i = options.input.first(); i <= options.input.last(); i += stride) frames.push_back(i);
-  RecordingGuard guard(sequence.get(), frames, options.trusts_poses ? std::nullopt : std::make_optional(PoseLimits{}));
+  RecordingGuard guard(sequence.get(), frames,
+                       options.trusts_poses ? std::nullopt : std::make_optional(depth_camera::PoseLimits{}));
 
   makeFolder(options.out);
   const fs::path out(options.out);

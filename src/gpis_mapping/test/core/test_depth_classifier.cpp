@@ -18,6 +18,8 @@
 namespace gpis_mapping {
 namespace {
 
+using depth_camera::depthImageFromU16;
+
 constexpr float kInf = std::numeric_limits<float>::infinity();
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
@@ -83,7 +85,7 @@ TEST(DepthClassifier, ExplainsValuesOfSurfaceAndWallPixels) {
   EXPECT_EQ(frame.num_surface, static_cast<std::size_t>(16 * 300));
   for (const int u : {0, 100, 319}) {
     const std::size_t i = frame.index(u, 3);
-    const double length = gpis_mapping_test::pixelRay(camera, u, 3).norm();
+    const double length = camera.ray(u, 3).norm();
     EXPECT_NEAR(classifier.rayLength(u, 3), length, 1e-6);
     EXPECT_NEAR(frame.inverse_depth[i], 1.0 / 1.5, 1e-6);  // float
     EXPECT_NEAR(frame.inverse_range[i], 1.0 / (1.5 * length), 1e-6);

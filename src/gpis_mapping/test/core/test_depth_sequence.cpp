@@ -10,8 +10,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include <depth_camera/depth_rectifier.h>
 #include <interactive_mapping_common/testing/temporary_folder.h>
-#include "gpis_mapping/depth_rectifier.h"
 
 namespace gpis_mapping {
 namespace {
@@ -264,7 +264,8 @@ TEST_F(TumFolder, ReadsACameraInfoAsRostopicEchoPrintsIt) {
       "D: [0.1, 0.0, 0.0, 0.0, 0.0]\nK: [30.0, 0.0, 15.5, 0.0, 31.0, 11.5, 0.0, 0.0, 1.0]\n---\n";
   writeText(file("camera_info.yaml"), text);
   const auto sequence = openDepthSequence(folder_.path());
-  const DepthRectifier rectifier({kWidth, kHeight, 30, 31, 15.5, 11.5}, {"plumb_bob", {0.1, 0.0, 0.0, 0.0, 0.0}});
+  const depth_camera::DepthRectifier rectifier({kWidth, kHeight, 30, 31, 15.5, 11.5},
+                                               {"plumb_bob", {0.1, 0.0, 0.0, 0.0, 0.0}});
   EXPECT_EQ(sequence->camera(), rectifier.camera());
   EXPECT_FALSE(sequence->camera() == rectifier.rawCamera());
   EXPECT_THAT(sequence->notes(), testing::IsEmpty());
@@ -327,7 +328,8 @@ std::string distorted(std::string text, const std::string& coefficients, const s
 TEST_F(TumFolder, RectifiesDistortedImages) {
   for (const char* model : {"", "plumb_bob"}) {
     writeText(file("camera_info.yaml"), distorted(cameraInfo(), "[-0.2, 0.01, 0, 0, 0]", model));
-    const DepthRectifier rectifier({kWidth, kHeight, 30, 31, 15.5, 11.5}, {"plumb_bob", {-0.2, 0.01, 0.0, 0.0, 0.0}});
+    const depth_camera::DepthRectifier rectifier({kWidth, kHeight, 30, 31, 15.5, 11.5},
+                                                 {"plumb_bob", {-0.2, 0.01, 0.0, 0.0, 0.0}});
     const auto sequence = openDepthSequence(folder_.path());
     EXPECT_EQ(sequence->camera(), rectifier.camera());
     EXPECT_GT(sequence->camera().width, kWidth);

@@ -22,7 +22,6 @@ namespace {
 using gpis_mapping_test::DenseFrameTile;
 using gpis_mapping_test::isNear;
 using gpis_mapping_test::makeFrame;
-using gpis_mapping_test::pixelRay;
 using gpis_mapping_test::planeDepth;
 
 /// A small cut-out with the focal lengths of a real camera; not square on purpose.
@@ -239,7 +238,7 @@ TEST(FrameMap, PredictsHeldBackPixelsAsWellAsItsSigmaSays) {
     for (double v = 0.3; v < 47.0; v += 2.3) {
       for (double u = 0.4; u < 63.0; u += 2.3) {
         const FrameMap::Inference seen = map.infer(u, v);
-        chi2 += std::pow((seen.inverse_range - 1.0 / (z * pixelRay(camera, u, v).norm())) / seen.sigma, 2);
+        chi2 += std::pow((seen.inverse_range - 1.0 / (z * camera.ray(u, v).norm())) / seen.sigma, 2);
         ++count;
       }
     }
@@ -257,7 +256,7 @@ TEST(FrameMap, PlaneIsSmoothAndStepEdgeIsNot) {
   const Eigen::Vector3d n = Eigen::Vector3d(0.4, 0.2, -1.0).normalized();
   const auto noisy = [&](double z) { return z + config.sensor.noise.sigma(z) * normal(rng); };
   const auto plane_frame =
-      makeFrame(camera, [&](int u, int v) { return noisy(planeDepth(pixelRay(camera, u, v), n, n.z() * 1.5)); });
+      makeFrame(camera, [&](int u, int v) { return noisy(planeDepth(camera.ray(u, v), n, n.z() * 1.5)); });
   const FrameMap plane(regressor, plane_frame, config.sensor.noise, 1);
   int smooth = 0;
   for (int v = 4; v < 48; v += 8) {
@@ -306,8 +305,7 @@ TEST(FrameMap, TrendNormalMatchesPlanesUpToGrazing) {
       const double incidence = incidence_deg * M_PI / 180.0;
       const Eigen::Vector3d n(std::sin(incidence) * std::cos(turn), std::sin(incidence) * std::sin(turn),
                               -std::cos(incidence));  // towards the camera
-      const auto frame =
-          makeFrame(camera, [&](int u, int v) { return planeDepth(pixelRay(camera, u, v), n, n.z() * 1.2); });
+      const auto frame = makeFrame(camera, [&](int u, int v) { return planeDepth(camera.ray(u, v), n, n.z() * 1.2); });
       const FrameMap map(regressor, frame, config.sensor.noise, 1);
       for (double v = 2.0; v < 47.0; v += 7.3) {
         for (double u = 1.0; u < 63.0; u += 7.3) {
@@ -352,12 +350,11 @@ TEST(FitLocalPlane, RecoversPlanesExactlyWithoutNoise) {
   for (const double incidence_deg : {0.0, 30.0, 60.0, 75.0}) {
     const double incidence = incidence_deg * M_PI / 180.0;
     const Eigen::Vector3d n(std::sin(incidence) * 0.6, std::sin(incidence) * 0.8, -std::cos(incidence));
-    const auto frame =
-        makeFrame(camera, [&](int u, int v) { return planeDepth(pixelRay(camera, u, v), n, n.z() * 1.2); });
+    const auto frame = makeFrame(camera, [&](int u, int v) { return planeDepth(camera.ray(u, v), n, n.z() * 1.2); });
     for (const auto& [u, v] : {std::pair<int, int>{30, 20}, {3, 20}, {60, 30}, {30, 45}}) {
       LocalPlane plane;
       ASSERT_TRUE(fitLocalPlane(*frame, camera, config.sensor.noise, u, v, 0.02, &plane)) << u << ", " << v;
-      const Eigen::Vector3d ray = pixelRay(camera, u, v);
+      const Eigen::Vector3d ray = camera.ray(u, v);
       // Inverse depth is linear: only the floats of the image (6e-8 of 1 /m, times z^2) are left.
       EXPECT_TRUE(isNear(plane.point_camera, ray * planeDepth(ray, n, n.z() * 1.2), 1e-6));
       EXPECT_GT(plane.normal_camera.cast<double>().dot(n), 1.0 - 1e-6);
@@ -379,7 +376,7 @@ TEST(FitLocalPlane, ErrorsAreWhatItsStandardDeviationsSay) {
     SCOPED_TRACE(testing::Message() << c.u << ", " << c.v << ", " << c.incidence_deg << " deg, " << c.z << " m");
     const double incidence = c.incidence_deg * M_PI / 180.0;
     const Eigen::Vector3d n(std::sin(incidence), 0.0, -std::cos(incidence));
-    const Eigen::Vector3d ray = pixelRay(camera, c.u, c.v);
+    const Eigen::Vector3d ray = camera.ray(c.u, c.v);
     std::mt19937 rng(9);
     std::normal_distribution<double> normal;
     double depth_chi2 = 0.0;
@@ -388,7 +385,7 @@ TEST(FitLocalPlane, ErrorsAreWhatItsStandardDeviationsSay) {
     constexpr int kTrials = 400;
     for (int trial = 0; trial < kTrials; ++trial) {
       const auto frame = makeFrame(camera, [&](int u, int v) {
-        const double z = planeDepth(pixelRay(camera, u, v), n, n.z() * c.z);
+        const double z = planeDepth(camera.ray(u, v), n, n.z() * c.z);
         return z + config.sensor.noise.sigma(z) * normal(rng);
       });
       LocalPlane plane;

@@ -18,7 +18,6 @@ namespace gpis_mapping {
 namespace {
 
 using gpis_mapping_test::makeFrame;
-using gpis_mapping_test::pixelRay;
 
 constexpr double kBlock = 0.05;  // m
 constexpr double kMaxRange = 3.0;
@@ -40,7 +39,7 @@ Eigen::Isometry3d somePose() {
 }
 
 std::shared_ptr<ClassifiedFrame> render(const CameraModel& camera, const DepthFunction& depth) {
-  return makeFrame(camera, [&](int u, int v) { return depth(pixelRay(camera, u, v)); });
+  return makeFrame(camera, [&](int u, int v) { return depth(camera.ray(u, v)); });
 }
 
 /// Calls fn with the centre of every block within `reach` of the camera.

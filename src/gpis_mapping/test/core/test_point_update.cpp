@@ -17,7 +17,6 @@ namespace gpis_mapping {
 namespace {
 
 using gpis_mapping_test::makeFrame;
-using gpis_mapping_test::pixelRay;
 using gpis_mapping_test::planeDepth;
 using gpis_mapping_test::surfacePoint;
 
@@ -33,7 +32,7 @@ struct Plane {
 double roomDepth(const std::vector<Plane>& planes, int u, int v, const Plane** seen = nullptr) {
   double nearest = std::numeric_limits<double>::infinity();
   for (const Plane& plane : planes) {
-    const double z = planeDepth(pixelRay(kCamera, u, v), plane.n, plane.offset);
+    const double z = planeDepth(kCamera.ray(u, v), plane.n, plane.offset);
     if (!(z > 0.0) || z > nearest) continue;
     nearest = z;
     if (seen != nullptr) *seen = &plane;
@@ -70,8 +69,7 @@ std::vector<SurfacePoint> cornerPoints(const Eigen::Isometry3d& T_map_camera, in
     for (int u = 4; u < kCamera.width - 4; u += step) {
       const Plane* plane = nullptr;
       const double z = roomDepth(kCorner, u, v, &plane);
-      points.push_back(
-          surfacePoint(T_map_camera * (z * pixelRay(kCamera, u, v)), T_map_camera.linear() * plane->n, 0.002));
+      points.push_back(surfacePoint(T_map_camera * (z * kCamera.ray(u, v)), T_map_camera.linear() * plane->n, 0.002));
     }
   }
   return points;

@@ -11,6 +11,9 @@
 namespace gpis_mapping {
 namespace {
 
+using depth_camera::PoseLimits;
+using depth_camera::StampedPose;
+
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;

@@ -14,7 +14,6 @@
 namespace gpis_mapping {
 namespace {
 
-using gpis_mapping_test::pixelRay;
 using test_support::messageOf;
 using testing::HasSubstr;
 
@@ -36,8 +35,8 @@ class Room : public DepthSequence {
 
   std::size_t size() const override { return 200; }
   const CameraModel& camera() const override { return camera_; }
-  std::optional<StampedPose> pose(std::size_t i, double time_offset_s, SkipReason*) override {
-    return StampedPose{motion_(stamp(i) + time_offset_s), stamp(i)};
+  std::optional<depth_camera::StampedPose> pose(std::size_t i, double time_offset_s, SkipReason*) override {
+    return depth_camera::StampedPose{motion_(stamp(i) + time_offset_s), stamp(i)};
   }
   std::optional<DepthFrame> frame(std::size_t i, SkipReason* reason) override {
     std::mt19937 random(static_cast<unsigned>(i));
@@ -46,7 +45,7 @@ class Room : public DepthSequence {
     DepthFrame frame{{camera_.width, camera_.height, {}}, pose(i, timeOffset(), reason)->T_map_camera, stamp(i), ""};
     for (int v = 0; v < camera_.height; ++v) {
       for (int u = 0; u < camera_.width; ++u) {
-        const Eigen::Vector3d ray = T.linear() * pixelRay(camera_, u, v);
+        const Eigen::Vector3d ray = T.linear() * camera_.ray(u, v);
         const Eigen::Vector3d wall(ray.x() > 0.0 ? 1.3 : -1.1, ray.y() > 0.0 ? 0.9 : -1.2, ray.z() > 0.0 ? 2.2 : -2.0);
         const double z = ((wall - T.translation()).array() / ray.array()).minCoeff();
         frame.image.depth_m.push_back(static_cast<float>(z) + noise(random));

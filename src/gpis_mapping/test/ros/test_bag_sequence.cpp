@@ -15,13 +15,15 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include <depth_camera_ros/conversions.h>
 #include <interactive_mapping_common/testing/temporary_folder.h>
 #include "../support/compressed_images.h"
-#include "gpis_mapping_ros/conversions.h"
 
 namespace gpis_mapping_ros {
 namespace {
 
+using depth_camera_ros::Refusal;
+using depth_camera_ros::toDepthImage;
 using gpis_mapping::CameraModel;
 using gpis_mapping::DepthSequenceError;
 using gpis_mapping::SkipReason;
@@ -431,7 +433,7 @@ TEST_F(Bag, RectifiesDistortedImages) {
   writeTransforms();
   write(kDepthTopic, 0.1, image16(0.1));
   const auto sequence = open();
-  const gpis_mapping::DepthRectifier rectifier({kWidth, kHeight, 30, 31, 9.5, 7.5}, {"plumb_bob", info.D});
+  const depth_camera::DepthRectifier rectifier({kWidth, kHeight, 30, 31, 9.5, 7.5}, {"plumb_bob", info.D});
   EXPECT_EQ(sequence->camera(), rectifier.camera());
   SkipReason reason;
   const auto frame = sequence->frame(0, &reason);

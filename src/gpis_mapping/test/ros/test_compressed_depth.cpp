@@ -8,6 +8,7 @@
 namespace gpis_mapping_ros {
 namespace {
 
+using depth_camera_ros::toDepthImage;
 using test_support::compressedDepth;
 using testing::HasSubstr;
 

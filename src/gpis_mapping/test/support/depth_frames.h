@@ -14,11 +14,6 @@
 
 namespace gpis_mapping_test {
 
-/// Direction (theta, 1) of a pixel.
-inline Eigen::Vector3d pixelRay(const gpis_mapping::CameraModel& camera, double u, double v) {
-  return {(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0};
-}
-
 /// Depth along the optical axis at which the ray of a pixel meets the plane n . x = offset (camera frame).
 inline double planeDepth(const Eigen::Vector3d& ray, const Eigen::Vector3d& n, double offset) {
   return offset / n.dot(ray);
@@ -41,7 +36,7 @@ inline std::shared_ptr<gpis_mapping::ClassifiedFrame> makeFrame(const gpis_mappi
     for (int u = 0; u < camera.width; ++u) {
       const double z = depth(u, v);
       frame->inverse_depth[frame->index(u, v)] = static_cast<float>(1.0 / z);
-      frame->inverse_range[frame->index(u, v)] = static_cast<float>(1.0 / (z * pixelRay(camera, u, v).norm()));
+      frame->inverse_range[frame->index(u, v)] = static_cast<float>(1.0 / (z * camera.ray(u, v).norm()));
     }
   }
   return frame;

@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include <base_navigation_ros/conversions.h>
-#include <gpis_mapping_ros/conversions.h>
+#include <depth_camera_ros/conversions.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <motion_planning/arm_kinematics.h>
 #include <motion_planning_ros/robot_description.h>
@@ -155,8 +155,8 @@ base_navigation::Pose2d NbvSelectionRos::whereTheRobotIs() const {
                         formatted("%.2f s ago, ", age.toSec()) +
                         formatted("must be within %.2f s (input/max_pose_age_s)", params_.input.max_pose_age_s)};
     }
-    gpis_mapping_ros::Refusal refusal;
-    const auto T = gpis_mapping_ros::toIsometry(transform.transform, &refusal);
+    depth_camera_ros::Refusal refusal;
+    const auto T = depth_camera_ros::toIsometry(transform.transform, &refusal);
     if (!T) throw Refused{SelectionOutcome::NO_POSE, "tf: " + refusal.message};
     return base_navigation_ros::toPlane(*T);
   } catch (const tf2::TransformException& error) {

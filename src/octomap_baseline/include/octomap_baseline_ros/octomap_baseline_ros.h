@@ -45,8 +45,8 @@ class OctomapBaselineRos {
   template <typename Message, typename Convert>
   void addOutput(ros::NodeHandle* nh, const std::string& topic, Convert convert);
 
-  gpis_mapping_ros::Refusal consume(const gpis_mapping_ros::DepthInputFrame& frame);
-  void refuse(const ros::Time& stamp, const gpis_mapping_ros::Refusal& refusal);
+  depth_camera_ros::Refusal consume(const gpis_mapping_ros::DepthInputFrame& frame);
+  void refuse(const ros::Time& stamp, const depth_camera_ros::Refusal& refusal);
   void publishOutputs();
   std_msgs::Header headerAt(const ros::Time& stamp) const;
 

@@ -16,10 +16,10 @@
 namespace octomap_baseline_ros {
 namespace {
 
+using depth_camera_ros::FrameStatus;
+using depth_camera_ros::Refusal;
 using gpis_mapping_ros::DepthInput;
 using gpis_mapping_ros::DepthInputFrame;
-using gpis_mapping_ros::FrameStatus;
-using gpis_mapping_ros::Refusal;
 using interactive_mapping_msgs::MapUpdate;
 
 constexpr char kLog[] = "octomap_baseline";
@@ -196,7 +196,7 @@ bool OctomapBaselineRos::onSave(interactive_mapping_msgs::SaveMap::Request& requ
                                 interactive_mapping_msgs::SaveMap::Response& response) {
   response.path = request.path;
   try {
-    gpis_mapping_ros::requireUsablePath(request.path);
+    interactive_mapping::requireUsablePath(request.path);
     const std::string extension = std::filesystem::path(request.path).extension();
     if (extension != ".bt" && extension != ".ot") {
       throw std::invalid_argument("'" + request.path + "', must end in .bt (free and occupied) or .ot (log odds)");

@@ -46,4 +46,8 @@ class AtomicFile {
   std::vector<char> buffer_;
 };
 
+/// Throws std::invalid_argument unless `path` can be written to from any working directory: absolute, no folder, in a
+/// folder that exists.
+void requireUsablePath(const std::string& path);
+
 }  // namespace interactive_mapping

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 
 namespace interactive_mapping {
 namespace {
@@ -95,6 +96,20 @@ void AtomicFile::commit() {
   if (directory >= 0) {
     ::fsync(directory);
     ::close(directory);
+  }
+}
+
+void requireUsablePath(const std::string& path) {
+  namespace fs = std::filesystem;
+  const fs::path file(path);
+  std::error_code ignored;
+  if (!file.is_absolute()) throw std::invalid_argument("'" + path + "', must be an absolute path");
+  if (!file.has_filename() || fs::is_directory(file, ignored)) {
+    throw std::invalid_argument("'" + path + "', must name a file, not a folder");
+  }
+  if (!fs::is_directory(file.parent_path(), ignored)) {
+    throw std::invalid_argument("'" + path + "', must be in a folder that exists; " + file.parent_path().string() +
+                                " does not");
   }
 }
 

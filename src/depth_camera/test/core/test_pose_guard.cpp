@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping/pose_guard.h"
+#include "depth_camera/pose_guard.h"
 
 #include <cmath>
 #include <limits>
 
 #include <gmock/gmock.h>
 
-namespace gpis_mapping {
+namespace depth_camera {
 namespace {
 
 using testing::HasSubstr;
@@ -100,4 +100,4 @@ TEST(PoseLimits, NameEveryImpossibleValue) {
 }
 
 }  // namespace
-}  // namespace gpis_mapping
+}  // namespace depth_camera

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping_ros/camera_pose_source.h"
+#include "depth_camera_ros/camera_pose_source.h"
 
 #include <thread>
 
@@ -10,7 +10,7 @@
 
 #include <interactive_mapping_common_ros/testing/waiting.h>
 
-namespace gpis_mapping_ros {
+namespace depth_camera_ros {
 namespace {
 
 constexpr double kStep_s = 0.05;
@@ -65,7 +65,7 @@ TEST(CameraPoseSource, RefusesAnImpossibleTimeOffset) {
 }
 
 }  // namespace
-}  // namespace gpis_mapping_ros
+}  // namespace depth_camera_ros
 
 int main(int argc, char** argv) {
   testing::InitGoogleMock(&argc, argv);

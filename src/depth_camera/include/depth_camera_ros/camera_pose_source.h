@@ -17,11 +17,11 @@
 #include <tf2_ros/transform_listener.h>
 
 #include <interactive_mapping_common/config/schema.h>
-#include "gpis_mapping/pose_guard.h"
-#include "gpis_mapping/stamp_guard.h"
-#include "gpis_mapping_ros/conversions.h"
+#include "depth_camera/pose_guard.h"
+#include "depth_camera/stamp_guard.h"
+#include "depth_camera_ros/conversions.h"
 
-namespace gpis_mapping_ros {
+namespace depth_camera_ros {
 
 struct CameraPoseParams {
   std::string map_frame{"map"};
@@ -29,7 +29,7 @@ struct CameraPoseParams {
   double tf_timeout_s{0.2};
   double time_offset_s{0.0};
   double max_future_s{0.5};
-  gpis_mapping::PoseLimits pose_limits;
+  depth_camera::PoseLimits pose_limits;
 
   static void fields(CameraPoseParams& c, interactive_mapping::Fields& f) {
     f("map_frame", c.map_frame, "fixed frame of the map, z up");
@@ -89,7 +89,7 @@ class CameraPoseSource {
   /// Ends waiting, now and for good.
   void stop();
 
-  void setLimits(const gpis_mapping::PoseLimits& limits);
+  void setLimits(const depth_camera::PoseLimits& limits);
   /// Believes the next pose, whatever it is.
   void resetGuard();
   CameraPoseCounters counters() const;
@@ -106,13 +106,13 @@ class CameraPoseSource {
   std::condition_variable changed_;
   bool is_stopping_{false};
   std::uint64_t num_tf_messages_{0};
-  std::optional<gpis_mapping::PoseLimits> new_limits_;
+  std::optional<depth_camera::PoseLimits> new_limits_;
   bool reset_guard_{false};
   CameraPoseCounters counters_;
 
   // Of the thread that asks.
-  gpis_mapping::PoseGuard guard_;
-  gpis_mapping::StampGuard stamps_;
+  depth_camera::PoseGuard guard_;
+  depth_camera::StampGuard stamps_;
   bool has_restarted_{false};  // time ran back, and tf has not answered since
 
   tf2_ros::Buffer buffer_;
@@ -120,4 +120,4 @@ class CameraPoseSource {
   boost::signals2::connection connection_;
 };
 
-}  // namespace gpis_mapping_ros
+}  // namespace depth_camera_ros

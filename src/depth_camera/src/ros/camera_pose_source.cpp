@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping_ros/camera_pose_source.h"
+#include "depth_camera_ros/camera_pose_source.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -7,11 +7,11 @@
 
 #include <tf2/exceptions.h>
 
-namespace gpis_mapping_ros {
+namespace depth_camera_ros {
 namespace {
 
-using gpis_mapping::PoseGuard;
-using gpis_mapping::StampGuard;
+using depth_camera::PoseGuard;
+using depth_camera::StampGuard;
 
 std::string seconds(double value) {
   char text[40];
@@ -45,7 +45,7 @@ void CameraPoseSource::stop() {
   changed_.notify_all();
 }
 
-void CameraPoseSource::setLimits(const gpis_mapping::PoseLimits& limits) {
+void CameraPoseSource::setLimits(const depth_camera::PoseLimits& limits) {
   const std::lock_guard<std::mutex> lock(mutex_);
   new_limits_ = limits;
 }
@@ -174,4 +174,4 @@ std::optional<Eigen::Isometry3d> CameraPoseSource::poseAt(const std::string& cam
   return pose;
 }
 
-}  // namespace gpis_mapping_ros
+}  // namespace depth_camera_ros

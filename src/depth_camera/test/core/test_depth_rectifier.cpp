@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping/depth_rectifier.h"
+#include "depth_camera/depth_rectifier.h"
 
 #include <cmath>
 #include <functional>
@@ -10,13 +10,10 @@
 #include <opencv2/calib3d.hpp>
 
 #include <interactive_mapping_common/testing/temporary_folder.h>
-#include "../support/depth_frames.h"
 
-namespace gpis_mapping {
+namespace depth_camera {
 namespace {
 
-using gpis_mapping_test::pixelRay;
-using gpis_mapping_test::planeDepth;
 using test_support::messageOf;
 using testing::HasSubstr;
 
@@ -73,7 +70,7 @@ DepthImage render(const CameraModel& raw, const LensDistortion& distortion,
 
 TEST(DepthRectifier, ShowsAPlaneAsThePinholeSeesIt) {
   const Eigen::Vector3d n = Eigen::Vector3d(0.3, -0.4, 1.0).normalized();
-  const auto plane = [&n](const Eigen::Vector3d& ray) { return planeDepth(ray, n, 1.5); };
+  const auto plane = [&n](const Eigen::Vector3d& ray) { return 1.5 / n.dot(ray); };
   for (const Lens& lens : lenses()) {
     SCOPED_TRACE(lens.name);
     const DepthRectifier rectifier(kRaw, lens.distortion);
@@ -89,7 +86,7 @@ TEST(DepthRectifier, ShowsAPlaneAsThePinholeSeesIt) {
       for (int u = 0; u < image.width; ++u) {
         if (std::isnan(image.at(u, v))) continue;
         ++seen;
-        worst = std::max(worst, std::abs(image.at(u, v) / plane(pixelRay(camera, u, v)) - 1.0));
+        worst = std::max(worst, std::abs(image.at(u, v) / plane(camera.ray(u, v)) - 1.0));
       }
     }
     EXPECT_LT(worst, 2e-4);  // the curvature of distortion and perspective within a pixel
@@ -178,7 +175,7 @@ TEST(DepthRectifier, StaysBlindWhereAPolynomialTurnsBack) {
   for (int v = 0; v < image.height; ++v) {
     for (int u = 0; u < image.width; ++u) {
       if (std::isnan(image.at(u, v))) continue;
-      ASSERT_LT(pixelRay(camera, u, v).head<2>().norm(), 0.8165) << u << " " << v;
+      ASSERT_LT(camera.ray(u, v).head<2>().norm(), 0.8165) << u << " " << v;
     }
   }
 }
@@ -196,7 +193,7 @@ TEST(DepthRectifier, RectifiesACutOutBesideTheOpticalAxis) {
   const CameraModel cut{40, 30, kRaw.fx, kRaw.fy, kRaw.cx - 110.0, kRaw.cy - 80.0};
   const LensDistortion& lens = lenses()[0].distortion;
   const Eigen::Vector3d n = Eigen::Vector3d(0.3, -0.4, 1.0).normalized();
-  const auto plane = [&n](const Eigen::Vector3d& ray) { return planeDepth(ray, n, 1.5); };
+  const auto plane = [&n](const Eigen::Vector3d& ray) { return 1.5 / n.dot(ray); };
   const DepthRectifier rectifier(cut, lens);
   const DepthImage image = rectifier.rectify(render(cut, lens, plane));
   std::size_t seen = 0;
@@ -204,7 +201,7 @@ TEST(DepthRectifier, RectifiesACutOutBesideTheOpticalAxis) {
     for (int u = 0; u < image.width; ++u) {
       if (std::isnan(image.at(u, v))) continue;
       ++seen;
-      ASSERT_NEAR(image.at(u, v), plane(pixelRay(rectifier.camera(), u, v)), 0.006);
+      ASSERT_NEAR(image.at(u, v), plane(rectifier.camera().ray(u, v)), 0.006);
     }
   }
   EXPECT_GT(seen, 1000u);
@@ -245,4 +242,4 @@ TEST(DepthRectifier, RefusesAnImageOfAnotherSize) {
 }
 
 }  // namespace
-}  // namespace gpis_mapping
+}  // namespace depth_camera

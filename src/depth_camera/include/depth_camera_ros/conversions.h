@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#ifndef GPIS_MAPPING_ROS_CONVERSIONS_H
-#define GPIS_MAPPING_ROS_CONVERSIONS_H
+#pragma once
 
 #include <cstdint>
 #include <optional>
@@ -15,10 +14,10 @@
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
-#include "gpis_mapping/depth_rectifier.h"
-#include "gpis_mapping/types.h"
+#include "depth_camera/depth_image.h"
+#include "depth_camera/depth_rectifier.h"
 
-namespace gpis_mapping_ros {
+namespace depth_camera_ros {
 
 using interactive_mapping_ros::withoutSlash;
 
@@ -64,23 +63,21 @@ bool isDepthEncoding(const std::string& encoding);
 /// Converts 16UC1 and mono16 (`units_per_metre` for 1 m, 0: a hole) and 32FC1 (metres, REP-117) of either byte order. Nothing, and
 /// the reason, when encoding, step, size and data do not fit together. Never throws but for lack of memory, which it
 /// asks for only after the message has proved to hold that many pixels.
-std::optional<gpis_mapping::DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre,
+std::optional<depth_camera::DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre,
                                                      Refusal* refusal);
 
 /// Pinhole model of the image that `info` accompanies, its lens distortion left out: P of a rectified image, K of another,
 /// and the part of the full image that ROI and binning leave. Nothing, and the reason, when it cannot be one.
-std::optional<gpis_mapping::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
+std::optional<depth_camera::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
                                                        Refusal* refusal);
 
 /// Makes `rectifier` the one of the images that `info` accompanies, unless it is already. A rectified image is taken as it
 /// is. False, and the reason, when the camera or its distortion cannot be used; `rectifier` stays as it was.
-bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, gpis_mapping::DepthRectifier* rectifier,
+bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, depth_camera::DepthRectifier* rectifier,
                       Refusal* refusal);
 
 /// As interactive_mapping_ros::toIsometry, with the reason as a refusal.
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, Refusal* refusal = nullptr);
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Refusal* refusal = nullptr);
 
-}  // namespace gpis_mapping_ros
-
-#endif  // GPIS_MAPPING_ROS_CONVERSIONS_H
+}  // namespace depth_camera_ros

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#ifndef GPIS_MAPPING_POSE_GUARD_H
-#define GPIS_MAPPING_POSE_GUARD_H
+#pragma once
 
 #include <optional>
 #include <string>
@@ -9,7 +8,7 @@
 #include <Eigen/Geometry>
 #include <interactive_mapping_common/config/schema.h>
 
-namespace gpis_mapping {
+namespace depth_camera {
 
 /// Where a camera was, and when.
 struct StampedPose {
@@ -71,6 +70,4 @@ class PoseGuard {
   std::string message_;
 };
 
-}  // namespace gpis_mapping
-
-#endif  // GPIS_MAPPING_POSE_GUARD_H
+}  // namespace depth_camera

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping/pose_guard.h"
+#include "depth_camera/pose_guard.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 
-namespace gpis_mapping {
+namespace depth_camera {
 namespace {
 
 double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
@@ -54,4 +54,4 @@ void PoseGuard::reset() {
   num_agreeing_ = 0;
 }
 
-}  // namespace gpis_mapping
+}  // namespace depth_camera

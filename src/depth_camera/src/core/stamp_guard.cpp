@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping/stamp_guard.h"
+#include "depth_camera/stamp_guard.h"
 
 #include <cstdio>
 
-namespace gpis_mapping {
+namespace depth_camera {
 namespace {
 
 /// Stamps that step back by less are images out of order, not time that runs anew.
@@ -33,4 +33,4 @@ StampGuard::Verdict StampGuard::check(double stamp_s) {
   return Verdict::kRestarted;
 }
 
-}  // namespace gpis_mapping
+}  // namespace depth_camera

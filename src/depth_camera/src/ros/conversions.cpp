@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping_ros/conversions.h"
+#include "depth_camera_ros/conversions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,13 +8,13 @@
 #include <stdexcept>
 #include <vector>
 
-namespace gpis_mapping_ros {
+namespace depth_camera_ros {
 namespace {
 
-using gpis_mapping::CameraModel;
-using gpis_mapping::DepthImage;
-using gpis_mapping::DepthRectifier;
-using gpis_mapping::LensDistortion;
+using depth_camera::CameraModel;
+using depth_camera::DepthImage;
+using depth_camera::DepthRectifier;
+using depth_camera::LensDistortion;
 
 constexpr std::size_t kMaxShownName = 40;
 
@@ -148,7 +148,7 @@ std::optional<DepthImage> toDepthImage(const sensor_msgs::Image& message, double
       raw[v * width + u] = pixelAt<std::uint16_t>(row + u * sizeof(std::uint16_t), swap);
     }
   }
-  return gpis_mapping::depthImageFromU16(raw.data(), static_cast<int>(width), static_cast<int>(height),
+  return depth_camera::depthImageFromU16(raw.data(), static_cast<int>(width), static_cast<int>(height),
                                          units_per_metre);
 }
 
@@ -220,4 +220,4 @@ std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, Ref
   return makeIsometry(pose, refusal);
 }
 
-}  // namespace gpis_mapping_ros
+}  // namespace depth_camera_ros

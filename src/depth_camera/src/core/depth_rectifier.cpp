@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping/depth_rectifier.h"
+#include "depth_camera/depth_rectifier.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,7 +10,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 
-namespace gpis_mapping {
+namespace depth_camera {
 namespace {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
@@ -211,4 +211,4 @@ DepthImage DepthRectifier::rectify(DepthImage raw) const {
   return image;
 }
 
-}  // namespace gpis_mapping
+}  // namespace depth_camera

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "gpis_mapping_ros/conversions.h"
+#include "depth_camera_ros/conversions.h"
 
 #include <cmath>
 #include <cstring>
@@ -8,7 +8,7 @@
 
 #include <gmock/gmock.h>
 
-namespace gpis_mapping_ros {
+namespace depth_camera_ros {
 namespace {
 
 using testing::HasSubstr;
@@ -137,7 +137,7 @@ sensor_msgs::CameraInfo cutInfo(std::uint32_t x, std::uint32_t y, std::uint32_t 
 TEST(ToCameraModel, RoiAndBinningCutAndAverageTheFullImage) {
   // 1/z of a plane is linear in the pixel: its mean over a block is that of the block's centre.
   const Eigen::Vector3d n = Eigen::Vector3d(0.2, -0.3, 1.0).normalized();
-  const auto inverse_depth = [&n](const gpis_mapping::CameraModel& camera, double u, double v) {
+  const auto inverse_depth = [&n](const depth_camera::CameraModel& camera, double u, double v) {
     return n.dot(Eigen::Vector3d((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0)) / 1.5;
   };
   Refusal refusal;
@@ -197,13 +197,13 @@ TEST(ToDepthRectifier, DistortsWhatIsNotCalledRectified) {
   info.distortion_model = "plumb_bob";
   info.D = {-0.2, 0.05, 0.001, 0.0, 0.0};
   Refusal refusal;
-  gpis_mapping::DepthRectifier rectifier;
+  depth_camera::DepthRectifier rectifier;
   ASSERT_TRUE(toDepthRectifier(info, true, &rectifier, &refusal)) << refusal.message;
   EXPECT_EQ(rectifier.camera(), *toCameraModel(info, true, &refusal));
   EXPECT_EQ(rectifier.rawCamera(), rectifier.camera());
   ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal)) << refusal.message;
   EXPECT_EQ(rectifier.rawCamera(), *toCameraModel(info, false, &refusal));
-  EXPECT_EQ(rectifier.camera(), gpis_mapping::DepthRectifier(rectifier.rawCamera(), {"plumb_bob", info.D}).camera());
+  EXPECT_EQ(rectifier.camera(), depth_camera::DepthRectifier(rectifier.rawCamera(), {"plumb_bob", info.D}).camera());
   EXPECT_GT(rectifier.camera().width, rectifier.rawCamera().width);
 }
 
@@ -212,7 +212,7 @@ TEST(ToDepthRectifier, KeepsItsTablesThroughJitterAndTheLastGoodOneThroughABadIn
   info.distortion_model = "plumb_bob";
   info.D = {-0.2, 0.05, 0.001, 0.0, 0.0};
   Refusal refusal;
-  gpis_mapping::DepthRectifier rectifier;
+  depth_camera::DepthRectifier rectifier;
   ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal));
   info.K[0] += 1e-5;
   ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal));
@@ -263,9 +263,9 @@ TEST(Conversions, ShiftedStampsAreNeverZero) {
 TEST(Conversions, HoldMeasurementOnlyWithADepthOrNothingInReach) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
-  EXPECT_FALSE(gpis_mapping::holdsMeasurement({2, 2, {nan, 0.0f, -inf, -1.0f}}));
-  EXPECT_TRUE(gpis_mapping::holdsMeasurement({2, 2, {nan, 0.0f, inf, -1.0f}}));
-  EXPECT_TRUE(gpis_mapping::holdsMeasurement({2, 2, {nan, 0.0f, -inf, 0.4f}}));
+  EXPECT_FALSE(depth_camera::holdsMeasurement({2, 2, {nan, 0.0f, -inf, -1.0f}}));
+  EXPECT_TRUE(depth_camera::holdsMeasurement({2, 2, {nan, 0.0f, inf, -1.0f}}));
+  EXPECT_TRUE(depth_camera::holdsMeasurement({2, 2, {nan, 0.0f, -inf, 0.4f}}));
 }
 
 TEST(Conversions, KnowRectifiedTopics) {
@@ -281,4 +281,4 @@ TEST(Conversions, EveryStatusHasAName) {
 }
 
 }  // namespace
-}  // namespace gpis_mapping_ros
+}  // namespace depth_camera_ros

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#ifndef GPIS_MAPPING_DEPTH_RECTIFIER_H
-#define GPIS_MAPPING_DEPTH_RECTIFIER_H
+#pragma once
 
 #include <string>
 #include <vector>
 
-#include "gpis_mapping/types.h"
+#include "depth_camera/depth_image.h"
 
-namespace gpis_mapping {
+namespace depth_camera {
 
 /// Lens distortion with the names and the order of sensor_msgs/CameraInfo.
 struct LensDistortion {
@@ -52,6 +51,4 @@ class DepthRectifier {
   std::vector<float> raw_u_px_, raw_v_px_;  // for each rectified pixel; NaN outside the raw image; empty: no distortion
 };
 
-}  // namespace gpis_mapping
-
-#endif  // GPIS_MAPPING_DEPTH_RECTIFIER_H
+}  // namespace depth_camera

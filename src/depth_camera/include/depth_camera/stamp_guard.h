@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#ifndef GPIS_MAPPING_STAMP_GUARD_H
-#define GPIS_MAPPING_STAMP_GUARD_H
+#pragma once
 
 #include <optional>
 #include <string>
 
-namespace gpis_mapping {
+namespace depth_camera {
 
 /// Checks the stamps of images that a driver publishes: each is later than the one before.
 class StampGuard {
@@ -28,6 +27,4 @@ class StampGuard {
   std::string message_;
 };
 
-}  // namespace gpis_mapping
-
-#endif  // GPIS_MAPPING_STAMP_GUARD_H
+}  // namespace depth_camera
