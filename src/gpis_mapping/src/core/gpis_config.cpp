@@ -29,19 +29,6 @@ std::string join(const std::vector<std::string>& words) {
 
 }  // namespace
 
-const char* toString(HolePolicy policy) {
-  return interactive_mapping::nameOf(policy, kHolePolicyNames);
-}
-
-HolePolicy holePolicyFromString(const std::string& name) {
-  std::vector<std::string> known;
-  for (const auto& [word, policy] : kHolePolicyNames) {
-    if (name == word) return policy;
-    known.emplace_back(word);
-  }
-  throw std::invalid_argument("hole policy '" + name + "' is unknown, must be one of " + join(known));
-}
-
 DepthNoiseModel DepthNoiseModel::preset(const std::string& name) {
   const auto found = noisePresets().find(name);
   if (found != noisePresets().end()) return found->second;

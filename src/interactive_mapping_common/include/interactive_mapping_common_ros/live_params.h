@@ -55,9 +55,15 @@ class LiveParams {
     return params;
   }
 
-  /// For what the node itself changes: clients are told, `apply` is not called. Not from within `apply`.
+  /// For what the node itself changes: clients are told, `apply` is not called. An impossible change is ignored. Not from
+  /// within `apply`.
   void edit(const std::function<void(Params&)>& change) {
-    server_.exclusively([&] { change(params_); }, true);
+    const auto work = [&] {
+      Params next = params_;
+      change(next);
+      if (interactive_mapping::problemsOf(next).empty()) params_ = next;
+    };
+    server_.exclusively(work, true);
   }
 
  private:

@@ -65,6 +65,7 @@ class Node {
     timer_ = private_nh_.createWallTimer(ros::WallDuration(0.02), [this](const ros::WallTimerEvent&) {
       if (live_.get().written_by_the_node >= uses_) return;
       live_.edit([this](Example& params) { params.written_by_the_node = uses_; });
+      live_.edit([](Example& params) { params.reach_m = -1.0; });  // or the client could set nothing from now on
     });
   }
 

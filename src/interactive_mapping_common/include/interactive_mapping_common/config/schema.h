@@ -47,7 +47,7 @@ const char* nameOf(Enum value, Names<Enum> names) {
 /// Whether a field can change while a node runs.
 struct Live {
   bool is_live{false};
-  std::string name{};      // for clients; empty: the key, or if several live fields have that, the path with _ for /
+  std::string name{};       // for clients; empty: the key, or if several live fields have that, the path with _ for /
   bool is_together{false};  // a rule ties it to others of its section: clients change them in one go
 };
 
