@@ -146,6 +146,10 @@ class BaseNavigator {
   void cancel();
   bool isActive() const;
 
+  /// The guard keeps another margin from the next step on; other limits hold from the next plan on, while a path in
+  /// progress keeps its own. Throws std::invalid_argument listing every impossible value, and changes nothing then.
+  void retune(const ObstacleGuardConfig& guard, const MotionLimits& limits);
+
   /// To be called with each odometry, and when none comes. `is_cancelled` ends a plan that is being made.
   NavigationOutput step(const NavigationInput& input, const std::function<bool()>& is_cancelled = {});
 

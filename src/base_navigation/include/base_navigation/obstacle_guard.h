@@ -22,9 +22,10 @@ struct ObstacleGuardConfig {
   int min_echoes{2};
 
   static void fields(ObstacleGuardConfig& c, interactive_mapping::Fields& f) {
-    f("margin_m", c.margin_m, 0.001, 1.0, "m",
-      "distance from echoes to the footprint that is kept; less than the distance at which the robot stands from a "
-      "pile");
+    f.live("guard_margin_m")(
+        "margin_m", c.margin_m, 0.001, 1.0, "m",
+        "distance from echoes to the footprint that is kept; less than the distance at which the robot stands from a "
+        "pile");
     f("latency_s", c.latency_s, 0.01, 2.0, "s",
       "from an echo to the first effect of a command: scan period, transport, drives");
     f("braking_share", c.braking_share, 0.05, 1.0, "", "share of the deceleration limits that the guard counts on");

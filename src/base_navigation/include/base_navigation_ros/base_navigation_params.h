@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/base_profile.h>
@@ -65,7 +66,7 @@ struct BaseNavigationParams {
     f("odom_frame", c.odom_frame, "frame of the odometry");
     f("base_frame", c.base_frame, "frame of the base");
     f("base_profile_file", c.base_profile_file, "absolute path of a base_profile.yaml; the launch file gives it");
-    f("speed_share", c.speed_share, 0.05, 1.0, "", "share of the profile's speed limits");
+    f.live()("speed_share", c.speed_share, 0.05, 1.0, "", "share of the profile's speed limits");
     f.section("pose", c.pose);
     f.section("ground", c.ground);
     f.section("output", c.output);
@@ -93,6 +94,8 @@ struct BaseNavigationParams {
   }
 
   base_navigation::MotionLimits limitsOf(const mp700_ur5e_description::BaseProfile& profile) const;
+  /// Problems that only a base with this profile has.
+  std::vector<std::string> problemsFor(const mp700_ur5e_description::BaseProfile& profile) const;
 };
 
 /// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and impossible value,

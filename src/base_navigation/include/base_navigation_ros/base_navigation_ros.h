@@ -13,6 +13,7 @@
 
 #include <actionlib/server/action_server.h>
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_msgs/DrivingDistances.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
@@ -108,8 +109,6 @@ class BaseNavigationRos {
 
   const BaseNavigationParams params_;
   const mp700_ur5e_description::BaseProfile profile_;
-  const base_navigation::MotionLimits limits_;
-  const base_navigation::BasePlanner planner_;  // of ~make_plan
   tf2_ros::Buffer tf_;
   tf2_ros::TransformListener tf_listener_;
 
@@ -146,6 +145,7 @@ class BaseNavigationRos {
   std::vector<std::string> cancelled_ids_;
   bool is_forget_asked_{false};
   bool is_stopping_{false};
+  std::optional<BaseNavigationParams> tuned_;  // for the next step
 
   mutable std::mutex shared_mutex_;  // guards what follows, up to the blank line
   std::shared_ptr<const base_navigation::NavigationGrid> grid_;
@@ -167,6 +167,7 @@ class BaseNavigationRos {
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   std::unique_ptr<Server> server_;
+  std::unique_ptr<interactive_mapping_ros::LiveParams<BaseNavigationParams>> live_;
   ros::ServiceServer distances_server_, plan_server_, forget_server_;
 
   ros::CallbackQueue control_queue_;

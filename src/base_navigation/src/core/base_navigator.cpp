@@ -209,16 +209,21 @@ struct BaseNavigator::State {
   State(const BaseNavigatorConfig& config_, const BasePlannerConfig& planner_, const PathFollowerConfig& follower_,
         const ObstacleGuardConfig& guard_, const MotionLimits& limits_, const Polygon& footprint_)
       : config(config_),
+        follower_config(follower_),
+        footprint(footprint_),
         limits(limits_),
         planner(planner_, limits_, footprint_),
         follower(follower_, limits_),
         guard(guard_, limits_, footprint_) {}
 
   const BaseNavigatorConfig config;
-  const MotionLimits limits;
-  const BasePlanner planner;
+  const PathFollowerConfig follower_config;
+  const Polygon footprint;
+  MotionLimits limits;  // of the path that is driven
+  std::optional<MotionLimits> next_limits;
+  BasePlanner planner;
   PathFollower follower;
-  const ObstacleGuard guard;
+  ObstacleGuard guard;
 
   Mode mode{Mode::kIdle};
   Pose2d goal_map;
@@ -437,6 +442,12 @@ struct BaseNavigator::State {
       return endWith(is_obstacle_reason ? NavigationStatus::kObstacle : NavigationStatus::kTooManyPlans, message);
     }
     ++plans;
+    if (next_limits) {  // the base stands
+      limits = *next_limits;
+      planner = BasePlanner(planner.config(), limits, footprint);
+      follower = PathFollower(follower_config, limits);
+      next_limits.reset();
+    }
     BasePlan made = planner.plan(grid_now, T_map_base, goal_map, is_cancelled);
     grid_checked = grid_now;
     if (made.status != BasePlanStatus::kSolved) {
@@ -925,6 +936,11 @@ void BaseNavigator::cancel() {
   if (state_->mode == Mode::kIdle) return;
   if (state_->mode == Mode::kEnding && state_->end_status != NavigationStatus::kSuccess) return;
   state_->endWith(NavigationStatus::kCancelled, "cancelled");
+}
+
+void BaseNavigator::retune(const ObstacleGuardConfig& guard, const MotionLimits& limits) {
+  state_->guard = ObstacleGuard(guard, limits, state_->footprint);
+  state_->next_limits = limits;
 }
 
 bool BaseNavigator::isActive() const {

@@ -20,23 +20,24 @@ base_navigation::MotionLimits BaseNavigationParams::limitsOf(const mp700_ur5e_de
   return limits;
 }
 
+std::vector<std::string> BaseNavigationParams::problemsFor(const mp700_ur5e_description::BaseProfile& profile) const {
+  std::vector<std::string> problems;
+  // An impossible share is reported alone.
+  if (!(speed_share > 0.0 && speed_share <= 1.0)) return problems;
+  for (const std::string& problem : guard.problemsFor(limitsOf(profile))) problems.push_back("guard/" + problem);
+  return problems;
+}
+
 BaseNavigationParams loadBaseNavigationParams(const ros::NodeHandle& private_nh) {
   return interactive_mapping_ros::loadParams<BaseNavigationParams>(
-      private_nh, {}, [](const BaseNavigationParams& params) {
-        std::vector<std::string> problems;
+      private_nh, {}, [](const BaseNavigationParams& params) -> std::vector<std::string> {
         const std::string& file = params.base_profile_file;
-        if (file.empty() || file.front() != '/') return problems;
+        if (file.empty() || file.front() != '/') return {};
         try {
-          const mp700_ur5e_description::BaseProfile profile = mp700_ur5e_description::loadBaseProfile(file);
-          // An impossible share is reported alone.
-          if (!(params.speed_share > 0.0 && params.speed_share <= 1.0)) return problems;
-          for (const std::string& problem : params.guard.problemsFor(params.limitsOf(profile))) {
-            problems.push_back("guard/" + problem);
-          }
+          return params.problemsFor(mp700_ur5e_description::loadBaseProfile(file));
         } catch (const std::invalid_argument& error) {
-          problems.push_back(std::string("base_profile_file: ") + error.what());
+          return {std::string("base_profile_file: ") + error.what()};
         }
-        return problems;
       });
 }
 

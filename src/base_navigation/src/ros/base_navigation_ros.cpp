@@ -70,11 +70,9 @@ bool isFinite(const Pose2d& pose) {
 BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadBaseNavigationParams(private_nh)),
       profile_(mp700_ur5e_description::loadBaseProfile(params_.base_profile_file)),
-      limits_(params_.limitsOf(profile_)),
-      planner_(params_.planner, limits_, profile_.body.footprint_m),
       tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()),
       fusion_(params_.grid, profile_.body.footprint_m),
-      navigator_(params_.navigator, params_.planner, params_.follower, params_.guard, limits_,
+      navigator_(params_.navigator, params_.planner, params_.follower, params_.guard, params_.limitsOf(profile_),
                  profile_.body.footprint_m),
       ground_(params_.map_frame, params_.ground.occupied_from),
       markers_(private_nh, params_.map_frame, profile_.body.footprint_m),
@@ -93,6 +91,12 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
       false);
   goal_publisher_ = outer.advertise<move_base_msgs::MoveBaseActionGoal>("move_base/goal", 1);
   simple_goal_subscriber_ = outer.subscribe("move_base_simple/goal", 1, &BaseNavigationRos::onSimpleGoal, this);
+  live_ = std::make_unique<interactive_mapping_ros::LiveParams<BaseNavigationParams>>(
+      private_nh, params_, [this](const BaseNavigationParams& params) {
+        interactive_mapping::refuseIfAny("impossible:", params.problemsFor(profile_));
+        const std::lock_guard<std::mutex> lock(goal_mutex_);
+        tuned_ = params;
+      });
   distances_server_ = handle.advertiseService("driving_distances", &BaseNavigationRos::onDistances, this);
   plan_server_ = handle.advertiseService("make_plan", &BaseNavigationRos::onMakePlan, this);
   forget_server_ = handle.advertiseService("forget_scans", &BaseNavigationRos::onForget, this);
@@ -201,15 +205,18 @@ void BaseNavigationRos::takeRequests() {
   std::vector<std::string> cancelled_ids;
   bool is_forget = false;
   bool is_stopping = false;
+  std::optional<BaseNavigationParams> tuned;
   {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     newest.swap(next_);
+    tuned.swap(tuned_);
     cancelled_ids.swap(cancelled_ids_);
     is_forget = is_forget_asked_;
     is_forget_asked_ = false;
     is_stopping = is_stopping_;
   }
   if (is_forget) forgetScans();
+  if (tuned) navigator_.retune(tuned->guard, tuned->limitsOf(profile_));
   if (newest) {
     if (waiting_) refuse(*waiting_, NavigationStatus::kCancelled, "replaced by a newer goal before it was begun");
     waiting_ = newest;
@@ -747,7 +754,9 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
     ROS_WARN_NAMED(kLog, "make_plan: %s", why_not.c_str());
     return false;
   }
-  const BasePlan plan = planner_.plan(grid, *start, *goal, [this] {
+  const base_navigation::BasePlanner planner(params_.planner, live_->get().limitsOf(profile_),
+                                             profile_.body.footprint_m);
+  const BasePlan plan = planner.plan(grid, *start, *goal, [this] {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     return is_stopping_;
   });

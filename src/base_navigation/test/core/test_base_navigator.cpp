@@ -782,6 +782,66 @@ TEST(BaseNavigator, TakesFromTheScansDistancesWhatHasBeenDrivenSince) {
   }
 }
 
+TEST(BaseNavigator, OtherLimitsHoldFromTheNextPlanOn) {
+  MotionLimits slow = shippedLimits();
+  slow.forward_m_s = 0.25 * slow.forward_m_s;
+  Bench bench({-1.5, 0.0, 0.0});
+  bench.navigator_.setGoal({1.5, 0.0, 0.0});
+  ASSERT_TRUE(bench.runUntilFast(0.4));
+  bench.navigator_.retune(ObstacleGuardConfig{}, slow);
+  double path_m_s = 0.0;
+  ASSERT_TRUE(bench.run(30.0, [&] {
+    path_m_s = std::max(path_m_s, bench.output_.command.linear_m_s);
+    return bench.status_.has_value();
+  }));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+  EXPECT_GT(path_m_s, 0.4) << "the path in progress keeps its speed";
+  for (const double share : {0.25, 1.0}) {
+    MotionLimits limits = shippedLimits();
+    limits.forward_m_s = share * limits.forward_m_s;
+    bench.navigator_.retune(ObstacleGuardConfig{}, limits);
+    bench.status_.reset();
+    bench.navigator_.setGoal({share < 1.0 ? 3.5 : -1.5, 0.0, share < 1.0 ? 0.0 : 3.14});
+    double most_m_s = 0.0;
+    ASSERT_TRUE(bench.run(60.0, [&] {
+      most_m_s = std::max(most_m_s, bench.output_.command.linear_m_s);
+      return bench.status_.has_value();
+    }));
+    EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+    EXPECT_LE(most_m_s, limits.forward_m_s + 1e-9);
+    EXPECT_GT(most_m_s, 0.8 * limits.forward_m_s) << "reserve and rounding leave nine tenths";
+  }
+}
+
+TEST(BaseNavigator, AnotherMarginOfTheGuardHoldsFromTheNextStepOn) {
+  for (const double margin_m : {0.04, 0.3}) {
+    Bench bench({-3.0, 0.0, 0.0});
+    bench.navigator_.setGoal({3.0, 0.0, 0.0});
+    ASSERT_TRUE(bench.runUntilFast(0.5));
+    ObstacleGuardConfig guard;
+    guard.margin_m = margin_m;
+    bench.navigator_.retune(guard, shippedLimits());
+    bench.world_.push_back(box(bench.plant_.poseMap().x_m + 2.7, 0.0, 0.3, 3.0));  // the grid does not know it
+    ASSERT_TRUE(bench.run(20.0, [&] { return bench.output_.phase == NavigationPhase::kBlocked; }));
+    // It stops before the margin, but creeps up to it: within the centimetre below which the guard calls it blocked.
+    EXPECT_GE(bench.smallest_gap_m_, margin_m - 0.002);
+    EXPECT_LE(bench.smallest_gap_m_, margin_m + 0.02);
+  }
+}
+
+TEST(BaseNavigator, ImpossibleChangesAreRefusedAndChangeNothing) {
+  Bench bench({-3.0, 0.0, 0.0});
+  ObstacleGuardConfig guard;
+  guard.margin_m = 2.0;
+  EXPECT_THROW(bench.navigator_.retune(guard, shippedLimits()), std::invalid_argument);
+  MotionLimits too_fast = shippedLimits();
+  too_fast.forward_m_s = 5.0;  // cannot stop within the guard's look_ahead_m
+  EXPECT_THROW(bench.navigator_.retune(ObstacleGuardConfig{}, too_fast), std::invalid_argument);
+  bench.navigator_.setGoal({-1.0, 0.0, 0.0});
+  ASSERT_TRUE(bench.run(30.0));
+  EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
+}
+
 TEST(BaseNavigator, GoesRoundAnObstacleThatStays) {
   Bench bench({-3.0, 0.0, 0.0});
   bench.navigator_.setGoal({4.0, 0.0, 0.0});

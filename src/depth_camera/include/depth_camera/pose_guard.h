@@ -25,12 +25,12 @@ struct PoseLimits {
   int settle_frames{5};
 
   static void fields(PoseLimits& c, interactive_mapping::Fields& f) {
-    f("max_step_m", c.max_step_m, 0.0, 1e3, "m", "step between two images");
-    f("max_step_rad", c.max_step_rad, 0.0, 4.0, "rad", "the same of rotation");
+    f.live()("max_step_m", c.max_step_m, 0.0, 1e3, "m", "step between two images");
+    f.live()("max_step_rad", c.max_step_rad, 0.0, 4.0, "rad", "the same of rotation");
     f("max_speed_mps", c.max_speed_mps, 0.0, 1e3, "m/s", "speed");
     f("max_turn_radps", c.max_turn_radps, 0.0, 1e3, "rad/s", "the same of rotation");
-    f("settle_frames", c.settle_frames, 0, 1000, "images",
-      "this many poses in a row that agree with each other make a jump believed; 0: never");
+    f.live()("settle_frames", c.settle_frames, 0, 1000, "images",
+             "this many poses in a row that agree with each other make a jump believed; 0: never");
   }
 
   /// The motion between two poses, in either order, as a share of what is allowed; beyond 1 it is impossible. Infinite for

@@ -29,11 +29,6 @@ enum class HolePolicy {
 inline constexpr interactive_mapping::Names<HolePolicy> kHolePolicyNames = {
     {"auto", HolePolicy::kAuto}, {"wall", HolePolicy::kWall}, {"no_information", HolePolicy::kNoInformation}};
 
-const char* toString(HolePolicy policy);
-
-/// Throws std::invalid_argument naming the known ones.
-HolePolicy holePolicyFromString(const std::string& name);
-
 /// All settings of the map. SI units. What a field means and allows stands in the fields() of its section.
 struct GpisConfig {
   struct Sensor {
@@ -49,20 +44,21 @@ struct GpisConfig {
     double fov_height_rad{0.0};
 
     static void fields(Sensor& c, Fields& f) {
-      f("min_range_m", c.min_range_m, 0.01, 10.0, "m", "nearer measurements are no information");
-      f("max_range_m", c.max_range_m, 0.1, 50.0, "m",
-        "farther measurements insert nothing; they still delete what they see past");
+      f.live()("min_range_m", c.min_range_m, 0.01, 10.0, "m", "nearer measurements are no information");
+      f.live()("max_range_m", c.max_range_m, 0.1, 50.0, "m",
+               "farther measurements insert nothing; they still delete what they see past");
       f("baseline_m", c.baseline_m, 0.0, 1.0, "m",
         "emitter or second camera to depth camera, along image x; 0: none (time of flight)");
-      f("hole_policy", c.hole_policy, kHolePolicyNames,
-        "depth 0 means not measured, unless a known surface has vanished as a whole; nothing in reach; never measured");
+      f.live()("hole_policy", c.hole_policy, kHolePolicyNames,
+               "depth 0 means not measured, unless a known surface has vanished as a whole; nothing in reach; never "
+               "measured");
       f.shorthand(
           "noise_preset", [&c](const std::string& name) { c.noise = DepthNoiseModel::preset(name); },
           DepthNoiseModel::presetNames(), "instead of the three coefficients");
       f("noise_a_m", c.noise.a_m, 0.0, 0.1, "m", "axial noise sigma(z) = a + b z + c z^2 [m], z in metres: a");
       f("noise_b", c.noise.b, -0.1, 0.1, "m/m", "b");
       f("noise_c_per_m", c.noise.c_per_m, 0.0, 0.1, "1/m", "c");
-      f("pose_std_m", c.pose_std_m, 0.0, 0.1, "m", "standard deviation of the camera position that tf gives");
+      f.live()("pose_std_m", c.pose_std_m, 0.0, 0.1, "m", "standard deviation of the camera position that tf gives");
       f("pose_std_rad", c.pose_std_rad, 0.0, 0.1, "rad", "standard deviation of its rotation; grows with range");
       f("stamp_std_s", c.stamp_std_s, 0.0, 0.1, "s",
         "standard deviation of the image stamps against tf; grows with the camera's speed");
@@ -151,11 +147,11 @@ struct GpisConfig {
     double min_tolerance_m{0.012};
 
     static void fields(Dynamic& c, Fields& f) {
-      f("enabled", c.enabled, "false: nothing is ever deleted (Lee et al. 2019)");
-      f("tolerance_sigmas", c.tolerance_sigmas, 0.5, 10.0, "sigma",
-        "a point is deleted when it is seen past by more than this many standard deviations");
-      f("min_tolerance_m", c.min_tolerance_m, 0.0, 0.2, "m",
-        "least tolerance across the surface, for errors of calibration and pose");
+      f.live("dynamic")("enabled", c.enabled, "false: nothing is ever deleted (Lee et al. 2019)");
+      f.live()("tolerance_sigmas", c.tolerance_sigmas, 0.5, 10.0, "sigma",
+               "a point is deleted when it is seen past by more than this many standard deviations");
+      f.live()("min_tolerance_m", c.min_tolerance_m, 0.0, 0.2, "m",
+               "least tolerance across the surface, for errors of calibration and pose");
     }
   } dynamic;
 

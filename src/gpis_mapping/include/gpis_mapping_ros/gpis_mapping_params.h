@@ -16,7 +16,6 @@ namespace gpis_mapping_ros {
 enum class MeshColor { kUncertainty, kHeight };
 inline constexpr interactive_mapping::Names<MeshColor> kMeshColorNames = {{"uncertainty", MeshColor::kUncertainty},
                                                                           {"height", MeshColor::kHeight}};
-const char* toString(MeshColor color);
 
 /// All parameters of the node. SI units.
 struct GpisMappingParams {
@@ -31,13 +30,14 @@ struct GpisMappingParams {
     double color_max_std_m{0.01};
 
     static void fields(Output& c, interactive_mapping::Fields& f) {
-      f("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of mesh, points, ground and slice, at most; by the wall clock");
+      f.live()("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of mesh, points, ground and slice, at most; by the wall clock");
       f("every_image", c.every_image,
         "instead of a rate: after each image, refused ones too, before its ~update; the next image waits for it. For "
         "simulation in lock step");
-      f("removed_display_s", c.removed_display_s, 0.0, 3600.0, "s", "how long removed points are shown, ROS time");
-      f("mesh_color", c.mesh_color, kMeshColorNames, "of ~mesh_marker");
-      f("color_max_std_m", c.color_max_std_m, 1e-4, 1.0, "m", "far end of the colour scale for uncertainty");
+      f.live()("removed_display_s", c.removed_display_s, 0.0, 3600.0, "s",
+               "how long removed points are shown, ROS time");
+      f.live()("mesh_color", c.mesh_color, kMeshColorNames, "of ~mesh_marker");
+      f.live()("color_max_std_m", c.color_max_std_m, 1e-4, 1.0, "m", "far end of the colour scale for uncertainty");
     }
   } output;
 
@@ -47,7 +47,7 @@ struct GpisMappingParams {
     double margin_m{0.3};
 
     static void fields(Slice& c, interactive_mapping::Fields& f) {
-      f("height_m", c.height_m, -100.0, 100.0, "m", "z of the plane of distances, map frame");
+      f.live("slice_height_m")("height_m", c.height_m, -100.0, 100.0, "m", "z of the plane of distances, map frame");
       f("cell_size_m", c.cell_size_m, 0.005, 1.0, "m", "distance of its points");
       f("margin_m", c.margin_m, 0.0, 10.0, "m", "how far it reaches beyond the mapped surface");
     }
@@ -91,6 +91,14 @@ struct GpisMappingParams {
 
   /// Every problem as "key = value unit, must be in [lo, hi] unit".
   std::vector<std::string> validate() const;
+};
+
+/// In their layout on the parameter server, those of the map included.
+struct GpisMappingParamsWithMap : GpisMappingParams {
+  static void fields(GpisMappingParamsWithMap& c, interactive_mapping::Fields& f) {
+    GpisMappingParams::fields(c, f);
+    f.section("map", c.map);
+  }
 };
 
 /// Reads `~` parameters: `~map/...` in the layout of config/gpis_mapping.yaml, the rest in that of

@@ -8,7 +8,7 @@
 #include <string>
 
 #include <diagnostic_updater/diagnostic_updater.h>
-#include <dynamic_reconfigure/server.h>
+#include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/ClearBox.h>
 #include <interactive_mapping_msgs/LoadMap.h>
@@ -20,7 +20,6 @@
 #include <ros/wall_timer.h>
 #include <std_srvs/Trigger.h>
 
-#include "gpis_mapping/GpisMappingConfig.h"
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping_ros/depth_input.h"
 #include "gpis_mapping_ros/gpis_mapping_params.h"
@@ -42,7 +41,6 @@ class GpisMappingRos {
 
  private:
   using MapUpdate = interactive_mapping_msgs::MapUpdate;
-  using TuneConfig = gpis_mapping::GpisMappingConfig;
 
   struct FrameTimes {
     ros::WallTime done;
@@ -71,9 +69,8 @@ class GpisMappingRos {
   /// T_map_box of a pose in any frame. Throws std::invalid_argument and what tf throws.
   Eigen::Isometry3d boxInMap(const std_msgs::Header& header, const geometry_msgs::Pose& pose) const;
 
-  /// Leaves in `config` what is used from now on.
-  void onTune(TuneConfig& config);
-  void onSliceDragged(double height_m);
+  /// Throws for what the map cannot use with its present points.
+  void onTune(const GpisMappingParamsWithMap& params);
   void onAutosave();
 
   MapState state() const;
@@ -111,14 +108,12 @@ class GpisMappingRos {
 
   ros::Publisher update_publisher_;
   MapPublisher publisher_;
-  boost::recursive_mutex tune_mutex_;  // dynamic_reconfigure's own
-  std::unique_ptr<dynamic_reconfigure::Server<TuneConfig>> tune_server_;
-  TuneConfig tune_;  // as last set; guarded by tune_mutex_
   ros::ServiceServer query_server_, save_server_, load_server_, clear_server_, clear_box_server_;
   ros::Subscriber attached_subscriber_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_, autosave_timer_;
-  std::unique_ptr<DepthInput> input_;  // last: its thread uses the rest
+  std::unique_ptr<DepthInput> input_;  // its thread uses what is above
+  std::unique_ptr<interactive_mapping_ros::LiveParams<GpisMappingParamsWithMap>> live_;
 };
 
 }  // namespace gpis_mapping_ros

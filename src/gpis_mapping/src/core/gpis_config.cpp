@@ -3,33 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <stdexcept>
 
 namespace gpis_mapping {
-
-namespace {
-
-std::string join(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
-
-}  // namespace
-
-const char* toString(HolePolicy policy) {
-  return interactive_mapping::nameOf(policy, kHolePolicyNames);
-}
-
-HolePolicy holePolicyFromString(const std::string& name) {
-  std::vector<std::string> known;
-  for (const auto& [word, policy] : kHolePolicyNames) {
-    if (name == word) return policy;
-    known.emplace_back(word);
-  }
-  throw std::invalid_argument("hole policy '" + name + "' is unknown, must be one of " + join(known));
-}
 
 void GpisConfig::fields(GpisConfig& c, Fields& f) {
   f.section("sensor", c.sensor);

@@ -9,15 +9,8 @@
 
 namespace gpis_mapping_ros {
 
-const char* toString(MeshColor color) {
-  return interactive_mapping::nameOf(color, kMeshColorNames);
-}
-
 std::vector<std::string> GpisMappingParams::validate() const {
-  interactive_mapping::FieldChecker checker;
-  GpisMappingParams copy = *this;
-  fields(copy, checker);
-  checker.section("map", copy.map);
+  std::vector<std::string> problems = interactive_mapping::problemsOf(GpisMappingParamsWithMap{*this});
   if (!storage.autosave_file.empty()) {
     try {
       // The folder of a run may be new: who comes first makes it.
@@ -26,18 +19,16 @@ std::vector<std::string> GpisMappingParams::validate() const {
       if (file.is_absolute()) std::filesystem::create_directory(file.parent_path(), ignored);
       interactive_mapping::requireUsablePath(storage.autosave_file);
     } catch (const std::invalid_argument& error) {
-      checker.problems.push_back(std::string("storage/autosave_file = ") + error.what());
+      problems.push_back(std::string("storage/autosave_file = ") + error.what());
     }
   }
-  return checker.problems;
+  return problems;
 }
 
 GpisMappingParams loadGpisMappingParams(const ros::NodeHandle& private_nh) {
-  GpisMappingParams params;
+  GpisMappingParamsWithMap params;
   interactive_mapping_ros::ParamsReader reader(private_nh);
-  GpisMappingParams::fields(params, reader.fields());
-  reader.fields().section("map", params.map);
-  reader.fields().ignore("tune");             // dynamic_reconfigure
+  GpisMappingParamsWithMap::fields(params, reader.fields());
   reader.fields().ignore("image_transport");  // read by image_transport
   reader.finish(params.validate());
   return params;

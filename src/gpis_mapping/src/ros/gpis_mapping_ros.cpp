@@ -45,16 +45,6 @@ GpisConfig mergedConfig(const GpisConfig& of_node, const GpisConfig& of_file) {
   return config;
 }
 
-void toTune(const GpisConfig& config, gpis_mapping::GpisMappingConfig* tune) {
-  tune->min_range_m = config.sensor.min_range_m;
-  tune->max_range_m = config.sensor.max_range_m;
-  tune->hole_policy = gpis_mapping::toString(config.sensor.hole_policy);
-  tune->pose_std_m = config.sensor.pose_std_m;
-  tune->dynamic = config.dynamic.enabled;
-  tune->tolerance_sigmas = config.dynamic.tolerance_sigmas;
-  tune->min_tolerance_m = config.dynamic.min_tolerance_m;
-}
-
 /// A name beside `path` that no file has.
 std::string nameAside(const std::string& path) {
   for (int i = 0; i < 1000; ++i) {
@@ -84,27 +74,15 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
 
   ros::NodeHandle pnh(private_nh);
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
-  // A reader beside the parameters: dynamic_reconfigure takes its starting values from the server.
-  const ros::NodeHandle tune_nh(private_nh, "tune");
-  TuneConfig tune;
-  toTune(params_.map, &tune);
-  tune.max_step_m = params_.input.pose_limits.max_step_m;
-  tune.max_step_rad = params_.input.pose_limits.max_step_rad;
-  tune.settle_frames = params_.input.pose_limits.settle_frames;
-  tune.rate_hz = params_.output.rate_hz;
-  tune.removed_display_s = params_.output.removed_display_s;
-  tune.mesh_color = toString(params_.output.mesh_color);
-  tune.color_max_std_m = params_.output.color_max_std_m;
-  tune.slice_height_m = params_.slice.height_m;
-  tune.__toServer__(tune_nh);
-  tune_ = tune;
-  tune_server_ = std::make_unique<dynamic_reconfigure::Server<TuneConfig>>(tune_mutex_, tune_nh);
-  publisher_.onSliceDragged([this](double height_m) { onSliceDragged(height_m); });
-
   input_ = std::make_unique<DepthInput>(
       nh, private_nh, params_.input, [this](const DepthInputFrame& frame) { return consume(frame); },
       [this](const ros::Time& stamp, const Refusal& refusal) { refuse(stamp, refusal); });
-  tune_server_->setCallback([this](TuneConfig& config, std::uint32_t) { onTune(config); });
+  live_ = std::make_unique<interactive_mapping_ros::LiveParams<GpisMappingParamsWithMap>>(
+      private_nh, GpisMappingParamsWithMap{params_},
+      [this](const GpisMappingParamsWithMap& params) { onTune(params); });
+  publisher_.onSliceDragged([this](double height_m) {
+    live_->edit([height_m](GpisMappingParamsWithMap& params) { params.slice.height_m = height_m; });
+  });
 
   query_server_ = pnh.advertiseService("query", &GpisMappingRos::onQuery, this);
   save_server_ = pnh.advertiseService("save_map", &GpisMappingRos::onSave, this);
@@ -139,7 +117,7 @@ GpisMappingRos::~GpisMappingRos() {
   }
   attached_subscriber_.shutdown();
   publisher_.onSliceDragged(nullptr);
-  tune_server_.reset();
+  live_.reset();
   input_.reset();
   if (!params_.storage.autosave_file.empty()) onAutosave();
 }
@@ -299,6 +277,7 @@ std::string GpisMappingRos::load(const std::string& path, std::size_t* num_point
   auto map = std::make_unique<GpisMap>(std::move(contents));  // trains; readers and updates go on meanwhile
   {
     const std::lock_guard<std::mutex> lock(map_mutex_);
+    map->retune(tuned_.sensor, tuned_.dynamic);  // which may have changed meanwhile
     map_ = std::move(map);
     tuned_ = map_->config();
     takeState(stamp, true, {});
@@ -452,56 +431,20 @@ void GpisMappingRos::clearAttached() {
   taken_.reset();
 }
 
-void GpisMappingRos::onTune(TuneConfig& config) {
-  // dynamic_reconfigure holds tune_mutex_ here. It clamps numbers to their range, but lets NaN and any text through.
-  GpisMappingParams next = params_;
-  next.storage.autosave_file.clear();  // not tuned; its folder may be gone meanwhile
-  depth_camera::PoseLimits& limits = next.input.pose_limits;
-  limits.max_step_m = config.max_step_m;
-  limits.max_step_rad = config.max_step_rad;
-  limits.settle_frames = config.settle_frames;
-  next.output.rate_hz = config.rate_hz;
-  next.output.removed_display_s = config.removed_display_s;
-  next.output.color_max_std_m = config.color_max_std_m;
-  next.output.mesh_color =
-      config.mesh_color == toString(MeshColor::kHeight) ? MeshColor::kHeight : MeshColor::kUncertainty;
-  next.slice.height_m = config.slice_height_m;
-  try {
+void GpisMappingRos::onTune(const GpisMappingParamsWithMap& params) {
+  {
     const std::lock_guard<std::mutex> lock(map_mutex_);
-    next.map = tuned_;
-    next.map.sensor.min_range_m = config.min_range_m;
-    next.map.sensor.max_range_m = config.max_range_m;
-    next.map.sensor.hole_policy = gpis_mapping::holePolicyFromString(config.hole_policy);
-    next.map.sensor.pose_std_m = config.pose_std_m;
-    next.map.dynamic.enabled = config.dynamic;
-    next.map.dynamic.tolerance_sigmas = config.tolerance_sigmas;
-    next.map.dynamic.min_tolerance_m = config.min_tolerance_m;
-    if (config.mesh_color != toString(next.output.mesh_color)) {
-      throw std::invalid_argument("mesh_color = '" + config.mesh_color + "', must be uncertainty or height");
+    GpisConfig next = tuned_;
+    next.sensor = params.map.sensor;
+    next.dynamic = params.map.dynamic;
+    if (gpis_mapping::toYaml(next) != gpis_mapping::toYaml(tuned_)) {
+      map_->retune(next.sensor, next.dynamic);
+      tuned_ = next;
     }
-    const std::vector<std::string> problems = next.validate();
-    if (!problems.empty()) throw std::invalid_argument(problems.front());
-    if (gpis_mapping::toYaml(next.map) != gpis_mapping::toYaml(tuned_)) {
-      map_->retune(next.map.sensor, next.map.dynamic);
-      tuned_ = next.map;
-      ROS_INFO_NAMED(kLog, "map retuned");
-    }
-  } catch (const std::exception& error) {
-    ROS_ERROR_NAMED(kLog, "tuning refused, everything stays as it was: %s", error.what());
-    // Taken back where it is shown, too: it would be refused again with whatever is tuned next.
-    config = tune_;
-    return;
   }
-  tune_ = config;
-  input_->setPoseLimits(limits);
-  publisher_.setOutput(next.output);
-  publisher_.setSliceHeight(next.slice.height_m);
-}
-
-void GpisMappingRos::onSliceDragged(double height_m) {
-  const boost::recursive_mutex::scoped_lock lock(tune_mutex_);
-  tune_.slice_height_m = height_m;
-  tune_server_->updateConfig(tune_);
+  input_->setPoseLimits(params.input.pose_limits);
+  publisher_.setOutput(params.output);
+  publisher_.setSliceHeight(params.slice.height_m);
 }
 
 void GpisMappingRos::onAutosave() {

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "interactive_mapping_common_ros/params.h"
 
-#include <XmlRpcValue.h>
+#include <cmath>
+
 #include <ros/param.h>
-#include <yaml-cpp/yaml.h>
+
+#include "xmlrpc_yaml.h"
 
 namespace interactive_mapping_ros {
 namespace {
@@ -17,7 +19,21 @@ YAML::Node tagged(const Value& value, const char* tag) {
   return node;
 }
 
-/// With the types that the parameter server tells. XmlRpcValue's accessors are not const.
+/// yaml-cpp before 0.7 writes nan and inf as no YAML.
+YAML::Node tagged(double value) {
+  if (std::isnan(value)) return tagged(".nan", "!!float");
+  if (std::isinf(value)) return tagged(value > 0.0 ? ".inf" : "-.inf", "!!float");
+  return tagged(value, "!!float");
+}
+
+YAML::Node treeBelow(const std::string& name_space) {
+  XmlRpcValue root;
+  return ros::param::get(name_space, root) ? toYaml(root) : YAML::Node(YAML::NodeType::Map);
+}
+
+}  // namespace
+
+// XmlRpcValue's accessors are not const: a copy.
 YAML::Node toYaml(XmlRpcValue value) {
   switch (value.getType()) {
     case XmlRpcValue::TypeBoolean:
@@ -25,7 +41,7 @@ YAML::Node toYaml(XmlRpcValue value) {
     case XmlRpcValue::TypeInt:
       return tagged(static_cast<int>(value), "!!int");
     case XmlRpcValue::TypeDouble:
-      return tagged(static_cast<double>(value), "!!float");
+      return tagged(static_cast<double>(value));
     case XmlRpcValue::TypeString:
       return tagged(static_cast<std::string>(value), "!");
     case XmlRpcValue::TypeArray: {
@@ -42,13 +58,6 @@ YAML::Node toYaml(XmlRpcValue value) {
       return tagged(value.toXml(), "!");
   }
 }
-
-YAML::Node treeBelow(const std::string& name_space) {
-  XmlRpcValue root;
-  return ros::param::get(name_space, root) ? toYaml(root) : YAML::Node(YAML::NodeType::Map);
-}
-
-}  // namespace
 
 ParamsReader::ParamsReader(const ros::NodeHandle& private_nh)
     : name_space_(private_nh.getNamespace()), reader_(treeBelow(name_space_)) {

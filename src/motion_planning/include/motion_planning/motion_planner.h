@@ -52,7 +52,7 @@ struct SpeedConfig {
   double lift_speed_m_s{0.10};
 
   static void fields(SpeedConfig& c, interactive_mapping::Fields& f) {
-    f("velocity_scale", c.velocity_scale, 0.01, 1.0, "", "share of the URDF's velocity limits");
+    f.live()("velocity_scale", c.velocity_scale, 0.01, 1.0, "", "share of the URDF's velocity limits");
     f("acceleration_rad_s2", c.acceleration_rad_s2, 0.05, 40.0, "rad/s^2", "limit of every joint");
     f("contact_speed_m_s", c.contact_speed_m_s, 0.001, 0.25, "m/s",
       "speed of the tip on its last approach to the plate");

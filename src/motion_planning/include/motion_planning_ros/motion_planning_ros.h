@@ -21,6 +21,7 @@
 #include <ros/timer.h>
 #include <ros/wall_timer.h>
 
+#include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
 #include "motion_planning/motion_planner.h"
 #include "motion_planning/path_monitor.h"
@@ -64,6 +65,8 @@ class MotionPlanningRos {
                               const IsCancelled& is_cancelled) const;
   /// Simulated time that a plan is charged: its result is held back until then.
   void charge(double cost_s, const ros::Time& started, const IsCancelled& is_cancelled);
+  /// With the live values. A request asks once, so a change waits for the next one.
+  std::shared_ptr<const motion_planning::MotionPlanner> plannerInUse() const;
   void note(const std::string& what, const motion_planning::PlanFailure& failure, double wall_ms);
 
   bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
@@ -81,7 +84,9 @@ class MotionPlanningRos {
   const mp700_ur5e_description::BrickCatalogue catalogue_;
   const std::map<std::string, motion_planning::ArmVector> postures_;
   const std::shared_ptr<const motion_planning::ArmKinematics> kinematics_;
-  const std::unique_ptr<const motion_planning::MotionPlanner> planner_;
+  const motion_planning::ManipulabilitySectors sectors_;
+  mutable std::mutex planner_mutex_;  // guards planner_
+  std::shared_ptr<const motion_planning::MotionPlanner> planner_;
   RobotState robot_;
 
   struct Watch {
@@ -113,6 +118,7 @@ class MotionPlanningRos {
   ros::Timer monitor_timer_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
+  std::unique_ptr<interactive_mapping_ros::LiveParams<MotionPlanningParams>> live_;
   std::unique_ptr<PickServer> pick_server_;  // last: their threads use the rest
   std::unique_ptr<ArmServer> arm_server_;
 };

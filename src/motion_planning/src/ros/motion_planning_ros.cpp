@@ -103,13 +103,11 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
       catalogue_(loadedFrom("bricks_file", params_.bricks_file, mp700_ur5e_description::loadBrickTypes)),
       postures_(loadPostures(params_.postures_dir)),
       kinematics_(kinematicsFromServer(nh)),
-      planner_(std::make_unique<motion_planning::MotionPlanner>(
-          kinematics_,
-          loadedFrom("sectors_file", params_.sectors_file,
-                     [this](const std::string& file) {
-                       return motion_planning::ManipulabilitySectors::load(file, kinematics_->robot());
-                     }),
-          params_.planner)),
+      sectors_(loadedFrom("sectors_file", params_.sectors_file,
+                          [this](const std::string& file) {
+                            return motion_planning::ManipulabilitySectors::load(file, kinematics_->robot());
+                          })),
+      planner_(std::make_shared<const motion_planning::MotionPlanner>(kinematics_, sectors_, params_.planner)),
       robot_(nh, kinematics_, params_, maxHeldEdge(catalogue_)),
       path_monitor_(params_.path_monitor),
       markers_([&] {
@@ -156,6 +154,12 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
         diagnostics_.update();
       });
 
+  live_ = std::make_unique<interactive_mapping_ros::LiveParams<MotionPlanningParams>>(
+      private_nh, params_, [this](const MotionPlanningParams& params) {
+        auto next = std::make_shared<const motion_planning::MotionPlanner>(kinematics_, sectors_, params.planner);
+        const std::lock_guard<std::mutex> lock(planner_mutex_);
+        planner_ = std::move(next);
+      });
   pick_server_ = std::make_unique<PickServer>(
       handle, "plan_pick", [this](const auto& goal, const auto& started, const auto& is_cancelled, const auto& tell) {
         return planPick(goal, started, is_cancelled, tellStage<PickServer>(tell));
@@ -172,6 +176,11 @@ MotionPlanningRos::~MotionPlanningRos() {
   monitor_timer_.stop();
   watch_server_.shutdown();
   scenes_.reset();
+}
+
+std::shared_ptr<const motion_planning::MotionPlanner> MotionPlanningRos::plannerInUse() const {
+  const std::lock_guard<std::mutex> lock(planner_mutex_);
+  return planner_;
 }
 
 motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vector<double>& start_rad,
@@ -361,6 +370,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
                                                                   const std::function<void(const std::string&)>& tell) {
   const ros::WallTime wall_start = ros::WallTime::now();
   PickServer::Result result;
+  const auto planner = plannerInUse();
   motion_planning::PickPlan plan;
   std::optional<Eigen::Isometry3d> T_map_base;
   try {
@@ -397,7 +407,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
                                                      ": it has to be let go before another is picked"};
     }
     tell("planning");
-    plan = planner_->planPick(context, target, stow);
+    plan = planner->planPick(context, target, stow);
   } catch (const PlanFailure& why) {
     plan = why;
   } catch (const std::exception& error) {  // the planner's own checks
@@ -438,6 +448,7 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
   const ros::WallTime wall_start = ros::WallTime::now();
   ArmServer::Result result;
   result.goal = -1;
+  const auto planner = plannerInUse();
   motion_planning::ArmPlan plan;
   std::optional<Eigen::Isometry3d> T_map_base;
   try {
@@ -458,11 +469,11 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
       view.half_width_rad = params_.view.half_width_rad;
       view.half_height_rad = params_.view.half_height_rad;
       view.max_range_m = params_.view.range_m;
-      plan = planner_->planInspect(context, view, {postures_.at(params_.inspect_posture)});
+      plan = planner->planInspect(context, view, {postures_.at(params_.inspect_posture)});
     }
     for (std::size_t i = 0; i < goals.size() && !goal.inspect; ++i) {
       tell("planning to goal " + std::to_string(i + 1) + " of " + std::to_string(goals.size()));
-      plan = planner_->planArm(context, goals[i]);
+      plan = planner->planArm(context, goals[i]);
       if (plan.status == PlanStatus::kSuccess) result.goal = static_cast<std::int32_t>(i);
       // What is wrong with the start is wrong with all goals.
       if (plan.status == PlanStatus::kSuccess || plan.status == PlanStatus::kCancelled ||

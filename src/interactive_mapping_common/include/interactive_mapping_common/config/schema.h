@@ -28,7 +28,8 @@ class Node;
 ///     }
 ///   };
 ///
-/// From that come reading YAML and ROS parameters, one refusal of all that is wrong, and the shipped YAML file.
+/// From that come reading YAML and ROS parameters, one refusal of all that is wrong, and the shipped YAML file. With
+/// f.live()("reach_m", ...) the field can also change while a node runs: interactive_mapping_common_ros/live_params.h.
 namespace interactive_mapping {
 
 /// The names of an enumeration's values, for fields.
@@ -43,6 +44,13 @@ const char* nameOf(Enum value, Names<Enum> names) {
   return "?";
 }
 
+/// Whether a field can change while a node runs.
+struct Live {
+  bool is_live{false};
+  std::string name{};       // for clients; empty: the key, or if several live fields have that, the path with _ for /
+  bool is_together{false};  // a rule ties it to others of its section: clients change them in one go
+};
+
 /// A member of a configuration with what is known of it.
 struct Field {
   using Value = std::variant<double*, int*, bool*, std::string*, std::vector<std::string>*, std::vector<double>*,
@@ -53,6 +61,7 @@ struct Field {
   double lo{0.0}, hi{0.0};           // allowed numbers: [lo, hi] ...
   const char* unit{""};              // ... of this unit
   std::vector<std::string> words{};  // allowed texts; none: any
+  Live live{};
 };
 
 /// What is done with the fields of a configuration: reading, checking, writing.
@@ -62,23 +71,34 @@ class Fields {
   Fields(const Fields&) = delete;
   Fields& operator=(const Fields&) = delete;
 
+  /// The next field is a live one: a number, true or false, or a text. `name`: see Live.
+  Fields& live(const std::string& name = "") {
+    live_ = {true, name, false};
+    return *this;
+  }
+  /// The same, tied by a rule to others of its section.
+  Fields& liveTogether(const std::string& name = "") {
+    live_ = {true, name, true};
+    return *this;
+  }
+
   void operator()(const char* key, double& value, double lo, double hi, const char* unit, const char* text) {
-    visit({key, &value, text, lo, hi, unit, {}});
+    add({key, &value, text, lo, hi, unit, {}});
   }
   void operator()(const char* key, int& value, int lo, int hi, const char* unit, const char* text) {
-    visit({key, &value, text, static_cast<double>(lo), static_cast<double>(hi), unit, {}});
+    add({key, &value, text, static_cast<double>(lo), static_cast<double>(hi), unit, {}});
   }
   void operator()(const char* key, Eigen::Vector3d& value, double lo, double hi, const char* unit, const char* text) {
-    visit({key, &value, text, lo, hi, unit, {}});
+    add({key, &value, text, lo, hi, unit, {}});
   }
   /// Each of the list.
   void operator()(const char* key, std::vector<double>& value, double lo, double hi, const char* unit,
                   const char* text) {
-    visit({key, &value, text, lo, hi, unit, {}});
+    add({key, &value, text, lo, hi, unit, {}});
   }
-  void operator()(const char* key, bool& value, const char* text) { visit({key, &value, text}); }
-  void operator()(const char* key, std::string& value, const char* text) { visit({key, &value, text}); }
-  void operator()(const char* key, std::vector<std::string>& value, const char* text) { visit({key, &value, text}); }
+  void operator()(const char* key, bool& value, const char* text) { add({key, &value, text}); }
+  void operator()(const char* key, std::string& value, const char* text) { add({key, &value, text}); }
+  void operator()(const char* key, std::vector<std::string>& value, const char* text) { add({key, &value, text}); }
   /// One of the named values.
   template <typename Enum>
   void operator()(const char* key, Enum& value, Names<Enum> names, const char* text) {
@@ -88,7 +108,7 @@ class Fields {
       words.emplace_back(name);
       if (named == value) word = name;
     }
-    visit({key, &word, text, 0.0, 0.0, "", words});
+    add({key, &word, text, 0.0, 0.0, "", words});
     for (const auto& [name, named] : names) {
       if (word == name) value = named;
     }
@@ -118,6 +138,14 @@ class Fields {
 
   std::vector<std::string> sections_;
   std::string section_text_;  // of the last one opened
+
+ private:
+  void add(Field field) {
+    field.live = std::exchange(live_, Live());
+    visit(field);
+  }
+
+  Live live_;  // of the next field
 };
 
 /// Ranges, finite numbers and the rules.
