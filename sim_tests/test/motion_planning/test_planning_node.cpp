@@ -5,9 +5,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <limits>
+#include <map>
 #include <stdexcept>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <interactive_mapping_common_ros/testing/tuning.h>
 #include <interactive_mapping_msgs/BrickFace.h>
 #include <motion_planning/arm_kinematics.h>
 #include <visualization_msgs/MarkerArray.h>
@@ -148,6 +150,37 @@ TEST_F(PlanningNode, PlansAPickFromWhereTheArmIs) {
   }
   // The brick hangs by its top: half its height below the tip.
   EXPECT_NEAR(result.held.position.z, 0.10, 1e-6);
+}
+
+double fastestJoint(const trajectory_msgs::JointTrajectory& trajectory) {
+  double fastest_rad_s = 0.0;
+  for (const auto& point : trajectory.points) {
+    for (const double velocity_rad_s : point.velocities) {
+      fastest_rad_s = std::max(fastest_rad_s, std::abs(velocity_rad_s));
+    }
+  }
+  return fastest_rad_s;
+}
+
+TEST_F(PlanningNode, AnotherShareOfSpeedHoldsForTheNextPlan) {
+  const std::string server = "/motion_planning/tune";
+  const std::map<std::string, std::pair<double, double>> ranges{{"velocity_scale", {0.01, 1.0}}};
+  EXPECT_EQ(node_tests::liveFieldsOf(server), ranges);
+  constexpr double kLimit_rad_s = 3.1416;  // of every joint in the URDF
+  ArmVector away = kStowed;
+  away[5] += 0.5;
+  const PlanArmGoal goal = armTo(toJoints(away));
+  EXPECT_GT(fastestJoint(client_->plan(goal).trajectory), 0.2 * kLimit_rad_s) << "or it would show nothing";
+  node_tests::tune(server, "{velocity_scale: 0.1}");
+  PlanArmResult slow = client_->plan(goal);
+  ASSERT_EQ(static_cast<int>(slow.outcome.status), static_cast<int>(PlanOutcome::SUCCESS)) << nameOf(slow.outcome);
+  EXPECT_LE(fastestJoint(slow.trajectory), 0.1 * kLimit_rad_s + 1e-9);
+  EXPECT_GT(fastestJoint(slow.trajectory), 0.099 * kLimit_rad_s);
+  // Refused: as before.
+  EXPECT_EQ(node_tests::askForNumbers(server, {{"velocity_scale", 1.5}}).at("velocity_scale"), 0.1);
+  slow = client_->plan(goal);
+  EXPECT_LE(fastestJoint(slow.trajectory), 0.1 * kLimit_rad_s + 1e-9);
+  EXPECT_EQ(node_tests::askForNumbers(server, {{"velocity_scale", 0.35}}).at("velocity_scale"), 0.35);
 }
 
 TEST_F(PlanningNode, ImpossibleRequestsAreRefusedWithTheReason) {

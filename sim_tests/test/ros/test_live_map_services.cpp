@@ -6,8 +6,10 @@
 #include <fstream>
 #include <future>
 #include <limits>
+#include <map>
 
 #include <dynamic_reconfigure/Reconfigure.h>
+#include <interactive_mapping_common_ros/testing/tuning.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/ClearBox.h>
 #include <interactive_mapping_msgs/LoadMap.h>
@@ -381,6 +383,16 @@ TEST_F(LiveMapServices, APushedBrickLeavesNothingWhereItWasMapped) {
   EXPECT_EQ(rest.response.num_removed, 0u);
 }
 
+TEST_F(LiveMapServices, TellsWhatCanBeTuned) {
+  const std::map<std::string, std::pair<double, double>> live{
+      {"min_range_m", {0.01, 10.0}},    {"max_range_m", {0.1, 50.0}},     {"hole_policy", {0.0, 1.0}},
+      {"pose_std_m", {0.0, 0.1}},       {"dynamic", {0.0, 1.0}},          {"tolerance_sigmas", {0.5, 10.0}},
+      {"min_tolerance_m", {0.0, 0.2}},  {"max_step_m", {0.0, 1000.0}},    {"max_step_rad", {0.0, 4.0}},
+      {"settle_frames", {0.0, 1000.0}}, {"rate_hz", {0.05, 30.0}},        {"removed_display_s", {0.0, 3600.0}},
+      {"mesh_color", {0.0, 1.0}},       {"color_max_std_m", {1e-4, 1.0}}, {"slice_height_m", {-100.0, 100.0}}};
+  EXPECT_EQ(node_tests::liveFieldsOf("/served/tune"), live);
+}
+
 TEST_F(LiveMapServices, TunedToBeStaticItKeepsARemovedBox) {
   dynamic_reconfigure::Config config;
   config.bools.emplace_back();
@@ -444,9 +456,7 @@ TEST_F(LiveMapServices, ImpossibleTuningIsRefusedNamedAndTakenBack) {
 TEST_F(LiveMapServices, TheSliceMovesWhenTuned) {
   Latest<sensor_msgs::PointCloud2> slice("/served/slice");
   for (const double height_m : {0.15, 0.1}) {
-    dynamic_reconfigure::Config config;
-    set(&config, "slice_height_m", height_m);
-    tune(config);
+    node_tests::tune("/served/tune", "{slice_height_m: " + std::to_string(height_m) + "}");
     const sensor_msgs::PointCloud2& cloud = slice.await([height_m](const sensor_msgs::PointCloud2& message) {
       return message.width > 0 &&
              std::abs(*sensor_msgs::PointCloud2ConstIterator<float>(message, "z") - height_m) < 1e-6;  // float32

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The node alone, on open ground, with odometry, scan and map from here: what it tells while it does not know where the
 // robot is, and what its services answer once it does. How it drives is tested in the simulated world.
+#include <algorithm>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
+#include <geometry_msgs/Twist.h>
 #include <gmock/gmock.h>
+#include <interactive_mapping_common_ros/testing/tuning.h>
 #include <interactive_mapping_msgs/DrivingDistances.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
@@ -269,6 +273,37 @@ TEST_F(BaseNavigationNode, NamesAWrongFrameAndNotItsAge) {
     *frame = before;
   }
   // The map's may be 10 s old before it is missed: told by then by the diagnostics alone.
+}
+
+TEST_F(BaseNavigationNode, OffersSpeedAndMarginToChangeWhileItRuns) {
+  const std::string server = "/base_navigation/tune";
+  const std::map<std::string, std::pair<double, double>> ranges{{"guard_margin_m", {0.001, 1.0}},
+                                                                {"speed_share", {0.05, 1.0}}};
+  EXPECT_EQ(node_tests::liveFieldsOf(server), ranges);
+  const std::map<std::string, double> shipped{{"guard_margin_m", 0.04}, {"speed_share", 1.0}};
+  EXPECT_EQ(node_tests::askForNumbers(server, {}), shipped);
+  // What the guard would not let pass is not planned: refused as a whole.
+  EXPECT_EQ(node_tests::askForNumbers(server, {{"guard_margin_m", 0.06}, {"speed_share", 0.5}}), shipped);
+  EXPECT_EQ(node_tests::askForNumbers(server, {{"speed_share", 0.04}}), shipped);
+  EXPECT_EQ(node_tests::askForNumbers(server, {{"guard_margin_m", 0.05}}).at("guard_margin_m"), 0.05);
+  EXPECT_EQ(node_tests::askForNumbers(server, shipped), shipped);
+}
+
+TEST_F(BaseNavigationNode, ASmallerShareOfSpeedHoldsForTheNextGoal) {
+  DrivingDistances distances;
+  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  double most_m_s = 0.0;
+  const ros::Subscriber commands = nh_.subscribe<geometry_msgs::Twist>(
+      "cmd_vel", 100,
+      [&](const geometry_msgs::Twist::ConstPtr& command) { most_m_s = std::max(most_m_s, command->linear.x); });
+  ASSERT_TRUE(waitUntil([&] { return commands.getNumPublishers() > 0; }));
+  node_tests::tune("/base_navigation/tune", "{speed_share: 0.05}");
+  outcomeOf("map", kX_m + 1.0);  // in vain: this robot does not move
+  EXPECT_GT(most_m_s, 0.03);
+  EXPECT_LE(most_m_s, 0.05 * 0.8 + 1e-9) << "of the 0.8 m/s of the profile";
+  node_tests::tune("/base_navigation/tune", "{speed_share: 1.0}");
+  outcomeOf("map", kX_m + 1.0);
+  EXPECT_GT(most_m_s, 0.1);
 }
 
 TEST_F(BaseNavigationNode, HearsTheBasesOwnStops) {

@@ -38,10 +38,10 @@ struct Logistic {
   static Logistic spanning(double low, double high);
 
   static void fields(Logistic& c, interactive_mapping::Fields& f) {
-    f("l", c.l, 1e-6, 10.0, "", "largest value of l / (1 + exp(-a x + b)), x in the unit of the factor");
+    f.live()("l", c.l, 1e-6, 10.0, "", "largest value of l / (1 + exp(-a x + b)), x in the unit of the factor");
     // A factor does not punish its own growth.
-    f("a", c.a, 0.0, 1e12, "", "steepness; 0: a constant");
-    f("b", c.b, -1e9, 1e9, "", "half of l is reached at x = b / a");
+    f.live()("a", c.a, 0.0, 1e12, "", "steepness; 0: a constant");
+    f.live()("b", c.b, -1e9, 1e9, "", "half of l is reached at x = b / a");
   }
 };
 
@@ -77,7 +77,8 @@ struct UtilityConfig {
           "weight of the uncertainty of the map [m^2, or bit in an OctoMap]",
           "weight of the squared slope of the uncertainty, per m^2"};
       for (std::size_t i = 0; i < kNumFactors; ++i) {
-        f(toString(static_cast<Factor>(i)), c.factors[i].weight, 0.0, 1.0, "", kTexts[i]);
+        const char* factor = toString(static_cast<Factor>(i));
+        f.liveTogether(std::string("weight_") + factor)(factor, c.factors[i].weight, 0.0, 1.0, "", kTexts[i]);
       }
     }
   };

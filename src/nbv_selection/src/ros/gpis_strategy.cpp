@@ -11,9 +11,8 @@
 #include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <pluginlib/class_list_macros.hpp>
 
+#include "nbv_selection_ros/live_selector.h"
 #include "nbv_selection_ros/service_call.h"
-#include "nbv_selection_ros/strategy.h"
-#include "nbv_selection_ros/strategy_params.h"
 
 namespace nbv_selection_ros {
 namespace {
@@ -151,7 +150,7 @@ class GpisStrategy : public Strategy {
   void initialize(const StrategyContext& context) override {
     context_ = context;
     params_ = interactive_mapping_ros::loadParams<GpisStrategyParams>(context.private_nh);
-    selector_ = std::make_unique<nbv_selection::ViewSelector>(params_.effective(), context.robot);
+    selector_ = std::make_unique<LiveSelector<GpisStrategyParams>>(context, params_);
     mesh_subscriber_ = context_.nh.subscribe<SurfaceMesh>("map/mesh", 1, [this](const SurfaceMeshConstPtr& mesh) {
       const std::lock_guard<std::mutex> lock(mutex_);
       mesh_ = mesh;
@@ -161,6 +160,7 @@ class GpisStrategy : public Strategy {
   nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,
                                   const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
+    const auto selector = selector_->get();
     const SurfaceMeshConstPtr mesh = awaitMesh(min_map_stamp, is_cancelled);
     if (!mesh) throw SelectionCancelled("cancelled while waiting for the map");
     if (interactive_mapping_ros::withoutSlash(mesh->header.frame_id) != context_.map_frame) {
@@ -176,7 +176,7 @@ class GpisStrategy : public Strategy {
           return (*query)(points, options);
         },
         params_.scene);
-    return selector_->select(scene, failures, request, tell, is_cancelled);
+    return selector->select(scene, failures, request, tell, is_cancelled);
   }
 
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) const override {
@@ -222,7 +222,7 @@ class GpisStrategy : public Strategy {
 
   StrategyContext context_;
   GpisStrategyParams params_;
-  std::unique_ptr<nbv_selection::ViewSelector> selector_;
+  std::unique_ptr<LiveSelector<GpisStrategyParams>> selector_;
   mutable std::mutex mutex_;  // guards mesh_
   SurfaceMeshConstPtr mesh_;
   ros::Subscriber mesh_subscriber_;  // last: its callback uses the rest

@@ -11,9 +11,8 @@
 #include <octomap_msgs/GetOctomap.h>
 #include <pluginlib/class_list_macros.hpp>
 
+#include "nbv_selection_ros/live_selector.h"
 #include "nbv_selection_ros/service_call.h"
-#include "nbv_selection_ros/strategy.h"
-#include "nbv_selection_ros/strategy_params.h"
 
 namespace nbv_selection_ros {
 namespace {
@@ -25,15 +24,14 @@ class OctomapStrategy : public Strategy {
   void initialize(const StrategyContext& context) override {
     context_ = context;
     params_ = interactive_mapping_ros::loadParams<OctomapStrategyParams>(context.private_nh);
-    nbv_selection::ViewSelectorConfig config = params_.effective();
-    config.choice = choice_;
-    selector_ = std::make_unique<nbv_selection::ViewSelector>(config, context.robot);
+    selector_ = std::make_unique<LiveSelector<OctomapStrategyParams>>(context, params_, choice_);
     service_ = context_.nh.resolveName("octomap_full");
   }
 
   nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,
                                   const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
+    const auto selector = selector_->get();
     const std::optional<octomap_msgs::Octomap> map = awaitMap(min_map_stamp, is_cancelled);
     if (!map) throw SelectionCancelled("cancelled while waiting for the map");
     if (interactive_mapping_ros::withoutSlash(map->header.frame_id) != context_.map_frame) {
@@ -44,7 +42,7 @@ class OctomapStrategy : public Strategy {
     std::shared_ptr<const octomap::OcTree> tree = octomap_baseline_ros::toTree(*map, &why_not);
     if (!tree) throw MapUnavailable(service_ + ": " + why_not);
     const nbv_selection::OctomapScene scene(tree, 0, map->header.stamp.toSec(), params_.scene);
-    return selector_->select(scene, failures, request, tell, is_cancelled);
+    return selector->select(scene, failures, request, tell, is_cancelled);
   }
 
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) const override {
@@ -109,7 +107,7 @@ class OctomapStrategy : public Strategy {
   const nbv_selection::Choice choice_;
   StrategyContext context_;
   OctomapStrategyParams params_;
-  std::unique_ptr<nbv_selection::ViewSelector> selector_;
+  std::unique_ptr<LiveSelector<OctomapStrategyParams>> selector_;
   std::string service_;
   mutable std::mutex mutex_;  // guards what follows
   std::size_t last_bytes_{0};

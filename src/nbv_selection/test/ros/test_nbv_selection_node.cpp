@@ -19,10 +19,12 @@
 #include <mp700_ur5e_description/base_profile.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <ros/ros.h>
+#include <rosgraph_msgs/Log.h>
 #include <std_srvs/Trigger.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include <interactive_mapping_common/testing/process.h>
+#include <interactive_mapping_common_ros/testing/tuning.h>
 #include "nbv_selection/gpis_scene.h"
 #include "nbv_selection/octomap_scene.h"
 #include "nbv_selection/view_selector.h"
@@ -650,6 +652,96 @@ TEST_F(NbvSelectionNode, ANewGoalTakesTheOldOnesPlace) {
   EXPECT_OUTCOME(result.outcome, SUCCESS, "");
   EXPECT_EQ(result.selection.strategy, kFrontier);
   gate->open();
+}
+
+class TunedSelection : public NbvSelectionNode {
+ protected:
+  void TearDown() override {
+    const ViewSelectorConfig shipped;
+    std::map<std::string, double> numbers;
+    for (std::size_t i = 0; i < nbv_selection::kNumFactors; ++i) {
+      const nbv_selection::FactorConfig& factor = shipped.utility.factors[i];
+      const std::string name = toString(static_cast<nbv_selection::Factor>(i));
+      numbers["weight_" + name] = factor.weight;
+      numbers["logistic_" + name + "_l"] = factor.logistic.l;
+      numbers["logistic_" + name + "_a"] = factor.logistic.a;
+      numbers["logistic_" + name + "_b"] = factor.logistic.b;
+    }
+    EXPECT_EQ(node_tests::askForNumbers(kTune, numbers), numbers);
+    NbvSelectionNode::TearDown();
+  }
+
+  void expectChosenBy(const ViewSelectorConfig& config, const SelectNextBestViewResult& result) const {
+    const auto scene = nbv_selection::makeGpisScene(pile_, nbv_selection::GpisScene::Config());
+    ASSERT_EQ(main_->action.getState(), SimpleClientGoalState::SUCCEEDED) << describe(result.outcome);
+    expectSame(result.selection, chosenHere(*scene, config, world_->T_map_base));
+  }
+
+  static constexpr char kTune[] = "/nbv_selection/gpis/tune";
+};
+
+TEST_F(TunedSelection, EachStrategyOffersItsWeightsAndLogistics) {
+  std::map<std::string, std::pair<double, double>> expected;
+  for (const char* factor : {"manipulability", "pick_order", "travel", "uncertainty", "frontier"}) {
+    const std::string name = factor;
+    expected["weight_" + name] = {0.0, 1.0};
+    expected["logistic_" + name + "_l"] = {1e-6, 10.0};
+    expected["logistic_" + name + "_a"] = {0.0, 1e12};
+    expected["logistic_" + name + "_b"] = {-1e9, 1e9};
+  }
+  for (const char* strategy : {kGpis, kFrontier, kRandom}) {
+    EXPECT_EQ(node_tests::liveFieldsOf(std::string("/nbv_selection/") + strategy + "/tune"), expected) << strategy;
+  }
+}
+
+TEST_F(TunedSelection, WeightsAndLogisticsChangeTheNextSelection) {
+  const int untuned = main_->select(goalHere(kGpis)).selection.best;
+  node_tests::tune(kTune,
+                   "{weight_manipulability: 0.0, weight_pick_order: 1.0, weight_travel: 0.0, weight_uncertainty: 0.0, "
+                   "weight_frontier: 0.0, logistic_pick_order_a: 12.5}");
+  ViewSelectorConfig config;
+  for (nbv_selection::FactorConfig& factor : config.utility.factors) factor.weight = 0.0;
+  config.utility.of(nbv_selection::Factor::kPickOrder).weight = 1.0;
+  config.utility.of(nbv_selection::Factor::kPickOrder).logistic.a = 12.5;
+  const SelectNextBestViewResult tuned = main_->select(goalHere(kGpis));
+  expectChosenBy(config, tuned);
+  EXPECT_NE(tuned.selection.best, untuned) << "or it would show nothing";
+  EXPECT_EQ(node_tests::askForNumbers("/nbv_selection/octomap_gradient_frontier/tune", {}).at("weight_travel"), 0.25);
+}
+
+TEST_F(TunedSelection, ASelectionKeepsTheWeightsOfItsStart) {
+  const auto gate = std::make_shared<Gate>();
+  world_->setHook([gate](const auto&, auto*) { gate->pass(); });
+  main_->action.sendGoal(goalHere(kGpis));
+  EXPECT_TRUE(waitUntil([&gate] { return gate->hasCome(); }));
+  ViewSelectorConfig config;
+  config.utility.of(nbv_selection::Factor::kTravel).weight = 0.4;
+  config.utility.of(nbv_selection::Factor::kFrontier).weight = 0.1;
+  const auto in_use = node_tests::askForNumbers(kTune, {{"weight_travel", 0.4}, {"weight_frontier", 0.1}});
+  EXPECT_EQ(in_use.at("weight_travel"), 0.4);
+  gate->open();
+  expectChosenBy(ViewSelectorConfig(), main_->await());
+  world_->setHook(nullptr);
+  expectChosenBy(config, main_->select(goalHere(kGpis)));
+}
+
+TEST_F(TunedSelection, WeightsWithAnotherSumAreRefusedAsAWhole) {
+  std::vector<std::string> errors;
+  const ros::Subscriber log =
+      ros::NodeHandle().subscribe<rosgraph_msgs::Log>("/rosout", 100, [&](const rosgraph_msgs::LogConstPtr& message) {
+        if (message->name == "/nbv_selection" && message->level >= rosgraph_msgs::Log::ERROR) {
+          errors.push_back(message->msg);
+        }
+      });
+  const auto before = node_tests::askForNumbers(kTune, {});
+  // Until the node knows that somebody listens.
+  EXPECT_TRUE(waitUntil([&] {
+    EXPECT_EQ(node_tests::askForNumbers(kTune, {{"weight_travel", 0.75}, {"logistic_travel_a", 2.0}}), before);
+    return !errors.empty();
+  }));
+  EXPECT_THAT(errors, testing::Each(AllOf(HasSubstr("/nbv_selection/gpis/tune: tuning refused"),
+                                          HasSubstr("weights: their sum = 1.5"))));
+  expectChosenBy(ViewSelectorConfig(), main_->select(goalHere(kGpis)));
 }
 
 TEST_F(NbvSelectionNode, AMapThatHangsIsGivenUp) {
