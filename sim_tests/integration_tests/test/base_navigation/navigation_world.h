@@ -13,6 +13,7 @@
 
 #include <actionlib/client/action_client.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
 #include <move_base_msgs/MoveBaseAction.h>
@@ -23,12 +24,15 @@
 #include <tf2_ros/transform_listener.h>
 #include <visualization_msgs/MarkerArray.h>
 
-#include "ros/waiting.h"
 #include "simulated_world/InjectFault.h"
 #include "simulated_world/JudgeState.h"
 #include "simulated_world/differential_drive.h"
 
 namespace integration_tests {
+
+using node_tests::call;
+using node_tests::has;
+using node_tests::waitUntil;
 
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;

@@ -10,6 +10,7 @@
 #include <Eigen/Geometry>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/TransformStamped.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/BrickArray.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
 #include <interactive_mapping_msgs/DetectBricks.h>
@@ -20,10 +21,14 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "ros/waiting.h"
 #include "support/tag_renderer.h"
 
 namespace integration_tests {
+
+using node_tests::call;
+using node_tests::kDeadline_s;
+using node_tests::Latest;
+using node_tests::waitUntil;
 
 using brick_detection::CameraModel;
 using interactive_mapping_msgs::Brick;

@@ -3,6 +3,7 @@
 #include <future>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
 #include <interactive_mapping_msgs/DetectBricks.h>
 #include <rosgraph_msgs/Clock.h>
@@ -10,10 +11,11 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
-#include "ros/waiting.h"
-
 namespace integration_tests {
 namespace {
+
+using node_tests::call;
+using node_tests::waitUntil;
 
 using interactive_mapping_msgs::DetectBricks;
 

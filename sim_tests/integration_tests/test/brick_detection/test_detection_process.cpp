@@ -6,6 +6,7 @@
 #include <future>
 #include <sys/stat.h>
 
+#include <interactive_mapping_common/testing/process.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <nodelet/NodeletList.h>
@@ -14,10 +15,11 @@
 #include <ros/spinner.h>
 
 #include "brick_camera.h"
-#include "ros/process.h"
 
 namespace integration_tests {
 namespace {
+
+using node_tests::Process;
 
 namespace fs = std::filesystem;
 

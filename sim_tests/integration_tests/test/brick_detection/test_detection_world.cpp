@@ -10,6 +10,7 @@
 #include <set>
 
 #include <geometry_msgs/Twist.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/BrickArray.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
 #include <interactive_mapping_msgs/DetectBricks.h>
@@ -20,11 +21,13 @@
 #include <tf2_ros/transform_listener.h>
 #include <visualization_msgs/MarkerArray.h>
 
-#include "ros/waiting.h"
 #include "simulated_world/InjectFault.h"
 
 namespace integration_tests {
 namespace {
+
+using node_tests::call;
+using node_tests::waitUntil;
 
 using interactive_mapping_msgs::Brick;
 using interactive_mapping_msgs::BrickArray;

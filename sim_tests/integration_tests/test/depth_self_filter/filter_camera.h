@@ -11,6 +11,7 @@
 
 #include <depth_self_filter_ros/conversions.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/SelfFilterUpdate.h>
 #include <mp700_ur5e_description/robot_names.h>
@@ -19,9 +20,11 @@
 #include <sensor_msgs/JointState.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "ros/waiting.h"
-
 namespace integration_tests {
+
+using node_tests::has;
+using node_tests::Latest;
+using node_tests::waitUntil;
 
 namespace description = mp700_ur5e_description;
 using Update = interactive_mapping_msgs::SelfFilterUpdate;

@@ -7,12 +7,14 @@
 #include <limits>
 
 #include <depth_self_filter/robot_mask.h>
+#include <interactive_mapping_common/testing/process.h>
 
 #include "filter_camera.h"
-#include "ros/process.h"
 
 namespace integration_tests {
 namespace {
+
+using node_tests::Process;
 
 using gpis_mapping::DepthImage;
 using interactive_mapping_msgs::AttachedBrick;

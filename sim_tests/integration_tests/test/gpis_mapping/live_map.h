@@ -11,6 +11,7 @@
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <gtest/gtest.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <ros/callback_queue.h>
@@ -20,10 +21,16 @@
 #include <std_srvs/Trigger.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "ros/waiting.h"
 #include "support/map_on_scene.h"
 
 namespace integration_tests {
+
+using node_tests::bytesOf;
+using node_tests::call;
+using node_tests::has;
+using node_tests::kDeadline_s;
+using node_tests::Latest;
+using node_tests::waitUntil;
 
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::QueryMap;

@@ -10,6 +10,7 @@
 
 #include <actionlib/client/simple_action_client.h>
 #include <geometry_msgs/TransformStamped.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/PathMonitorState.h>
 #include <interactive_mapping_msgs/PlanArmAction.h>
@@ -24,10 +25,14 @@
 #include <sensor_msgs/JointState.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "ros/waiting.h"
 #include "support/box_world.h"
 
 namespace integration_tests {
+
+using node_tests::call;
+using node_tests::has;
+using node_tests::Latest;
+using node_tests::waitUntil;
 
 using interactive_mapping_msgs::PathMonitorState;
 using interactive_mapping_msgs::PlanArmAction;

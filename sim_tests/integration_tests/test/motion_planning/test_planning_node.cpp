@@ -8,15 +8,17 @@
 #include <stdexcept>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <interactive_mapping_common/testing/process.h>
 #include <interactive_mapping_msgs/BrickFace.h>
 #include <motion_planning/arm_kinematics.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include "planning_client.h"
-#include "ros/process.h"
 
 namespace integration_tests {
 namespace {
+
+using node_tests::Process;
 
 using interactive_mapping_msgs::AttachedBrick;
 using interactive_mapping_msgs::BrickFace;

@@ -16,6 +16,7 @@
 
 #include <actionlib/client/action_client.h>
 #include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/ArmBridgeState.h>
 #include <interactive_mapping_msgs/ArmOutcome.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
@@ -38,11 +39,14 @@
 #include <tf2_ros/transform_listener.h>
 #include <ur_msgs/SetSpeedSliderFraction.h>
 
-#include "ros/waiting.h"
 #include "simulated_world/InjectFault.h"
 #include "simulated_world/JudgeState.h"
 
 namespace integration_tests {
+
+using node_tests::call;
+using node_tests::has;
+using node_tests::waitUntil;
 
 using interactive_mapping_msgs::ArmBridgeState;
 using interactive_mapping_msgs::ArmOutcome;
