@@ -88,12 +88,12 @@ class Exercise {
   void moveArm(Simulation& simulation, bool is_out) const {
     simulated_world::TrajectoryGoal goal;
     goal.id = "exercise";
-    goal.joint_names.assign(simulated_world::kArmJointNames.begin(), simulated_world::kArmJointNames.end());
+    goal.joint_names.assign(simulated_world::kArmJoints.begin(), simulated_world::kArmJoints.end());
     simulated_world::TrajectoryPoint point;
-    for (int i = 0; i < simulated_world::kArmJoints; ++i) {
+    for (int i = 0; i < simulated_world::kNumArmJoints; ++i) {
       point.positions_rad.push_back(home_rad_[i] + (is_out ? 0.1 * (i + 1) : 0.0));
     }
-    point.velocities_rad_s.assign(simulated_world::kArmJoints, 0.0);
+    point.velocities_rad_s.assign(simulated_world::kNumArmJoints, 0.0);
     point.time_from_start_s = 0.9 * kSwing_s;
     goal.points.push_back(point);
     const simulated_world::GoalAnswer answer = simulation.armDriver().acceptGoal(goal);

@@ -143,7 +143,7 @@ TEST(ExactChecker, AgreesWithMuJoCoOnRandomPostures) {
     for (int i = 0; i < 6; ++i) {
       q[i] = random.uniform(-M_PI, M_PI);
       const int joint =
-          simulated_world::requireId(model, mjOBJ_JOINT, simulated_world::kArmJointNames[static_cast<std::size_t>(i)]);
+          simulated_world::requireId(model, mjOBJ_JOINT, simulated_world::kArmJoints[static_cast<std::size_t>(i)]);
       data->qpos[model.jnt_qposadr[joint]] = q[i];
     }
     mj_kinematics(&model, data.get());

@@ -49,11 +49,11 @@ class Robot {
   bool moveTo(const ArmVector& arm_rad, double seconds) {
     TrajectoryGoal goal;
     goal.id = "goal " + std::to_string(++goals_);
-    goal.joint_names.assign(kArmJointNames.begin(), kArmJointNames.end());
+    goal.joint_names.assign(kArmJoints.begin(), kArmJoints.end());
     TrajectoryPoint point;
-    point.positions_rad.assign(arm_rad.data(), arm_rad.data() + kArmJoints);
-    point.velocities_rad_s.assign(kArmJoints, 0.0);
-    point.accelerations_rad_s2.assign(kArmJoints, 0.0);
+    point.positions_rad.assign(arm_rad.data(), arm_rad.data() + kNumArmJoints);
+    point.velocities_rad_s.assign(kNumArmJoints, 0.0);
+    point.accelerations_rad_s2.assign(kNumArmJoints, 0.0);
     point.time_from_start_s = seconds;
     goal.points.push_back(point);
     if (!sim_.armDriver().acceptGoal(goal).accepted) return false;
@@ -148,7 +148,7 @@ TEST(CalibrateCamera, FindsTheCameraFromABrickInTheHand) {
   int unseen = 0;
   for (int i = 0; i < 18; ++i) {
     ArmVector arm_rad = robot.above();
-    for (int joint = 0; joint < kArmJoints; ++joint) arm_rad[joint] += offset(random) * span_rad[joint];
+    for (int joint = 0; joint < kNumArmJoints; ++joint) arm_rad[joint] += offset(random) * span_rad[joint];
     ASSERT_TRUE(robot.moveTo(arm_rad, 2.0)) << "pose " << i;
     robot.run(0.3);  // servos settle to a hundredth of a millimetre
     ASSERT_EQ(robot.sim().world().heldBrick(), kBrick) << "pose " << i;

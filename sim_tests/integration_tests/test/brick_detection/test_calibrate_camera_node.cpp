@@ -66,7 +66,7 @@ class CalibrateCameraNode : public testing::Test {
 
   bool moveTo(const ArmVector& arm_rad, double seconds) {
     control_msgs::FollowJointTrajectoryGoal goal;
-    goal.trajectory.joint_names.assign(simulated_world::kArmJointNames.begin(), simulated_world::kArmJointNames.end());
+    goal.trajectory.joint_names.assign(simulated_world::kArmJoints.begin(), simulated_world::kArmJoints.end());
     trajectory_msgs::JointTrajectoryPoint point;
     point.positions.assign(arm_rad.data(), arm_rad.data() + arm_rad.size());
     point.velocities.assign(point.positions.size(), 0.0);
@@ -160,7 +160,7 @@ TEST_F(CalibrateCameraNode, FindsAndSavesWhereTheCameraIs) {
   std::size_t taken = 0;
   for (int i = 0; i < 18 && taken < 12; ++i) {
     ArmVector arm_rad = above;
-    for (int joint = 0; joint < simulated_world::kArmJoints; ++joint) {
+    for (int joint = 0; joint < simulated_world::kNumArmJoints; ++joint) {
       arm_rad[joint] += offset(random) * span_rad[joint];
     }
     ASSERT_TRUE(moveTo(arm_rad, 2.0)) << "pose " << i;

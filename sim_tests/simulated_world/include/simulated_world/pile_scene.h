@@ -6,16 +6,11 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <mp700_ur5e_description/brick_types.h>
 
 namespace simulated_world {
 
-/// What physics needs to know of a brick.
-struct BrickType {
-  std::string name;
-  Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};  ///< full lengths along the brick's axes
-  double mass_kg{0.0};
-  double friction{0.0};  ///< sliding, brick on brick and on the ground
-};
+using mp700_ur5e_description::BrickType;  // physics uses name, size, mass and friction
 
 struct BrickPlacement {
   int id{0};

@@ -10,6 +10,8 @@
 
 #include <Eigen/Geometry>
 #include <interactive_mapping_common/config/schema.h>
+#include <mp700_ur5e_description/arm_pose.h>
+#include <mp700_ur5e_description/robot_names.h>
 
 #include "simulated_world/brick_sleep.h"
 #include "simulated_world/differential_drive.h"
@@ -20,11 +22,9 @@
 
 namespace simulated_world {
 
-constexpr int kArmJoints = 6;
-using ArmVector = Eigen::Matrix<double, kArmJoints, 1>;
-
-/// The arm's joints from base to tool, by the names that the driver uses.
-extern const std::array<std::string, kArmJoints> kArmJointNames;
+using ArmVector = mp700_ur5e_description::ArmPose;
+using mp700_ur5e_description::kArmJoints;
+constexpr int kNumArmJoints = static_cast<int>(kArmJoints.size());
 
 /// A brick as the world needs it: what physics does, and what is on its faces.
 struct WorldBrick {
@@ -235,8 +235,8 @@ class World {
   std::vector<int> slot_of_geom_;  // index into slots_, -1
   std::vector<char> is_robot_geom_;
   std::vector<char> is_magnet_geom_;
-  std::array<int, kArmJoints> arm_qpos_{};
-  std::array<int, kArmJoints> arm_dof_{};
+  std::array<int, kNumArmJoints> arm_qpos_{};
+  std::array<int, kNumArmJoints> arm_dof_{};
   std::array<int, 3> base_qpos_{};
   std::array<int, 3> base_dof_{};
   std::array<int, 2> wheel_qpos_{{-1, -1}};

@@ -50,7 +50,7 @@ urdf::ModelInterfaceSharedPtr readRobot(const std::string& file) {
 
 std::vector<JointLimits> armLimits(const urdf::ModelInterface& robot) {
   std::vector<JointLimits> limits;
-  for (const std::string& name : kArmJointNames) {
+  for (const std::string name : kArmJoints) {
     const urdf::JointConstSharedPtr joint = robot.getJoint(name);
     if (!joint || !joint->limits) {
       throw std::invalid_argument("robot description: no joint \"" + name + "\" with limits");
@@ -175,11 +175,7 @@ Simulation::Simulation(const SimulationConfig& config)
   const ArmVector arm_start = description::loadArmPose(config.description.arm_pose);
 
   // The pile.
-  std::vector<BrickType> types;
-  for (const description::BrickType& type : catalogue.types) {
-    types.push_back({type.name, type.size_m, type.mass_kg, type.friction});
-  }
-  const PileSceneConfig scene_config = loadPileScene(config.scene, types, catalogue.maxBricks());
+  const PileSceneConfig scene_config = loadPileScene(config.scene, catalogue.types, catalogue.maxBricks());
   SettleConfig settle_config;
   settle_config.physics = config.world.physics;
   scene_ = settlePile(scene_config, config.seed, settle_config).scene;
@@ -215,7 +211,7 @@ Simulation::Simulation(const SimulationConfig& config)
   const urdf::ModelInterfaceSharedPtr robot = readRobot(config.description.urdf);
   const std::vector<JointLimits> limits = armLimits(*robot);
   blueprint_.world = config.world;
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     blueprint_.world.servo.arm_effort_Nm[i] = limits[static_cast<std::size_t>(i)].effort_Nm;
   }
   RobotMjcfOptions robot_options;
@@ -491,7 +487,7 @@ void Simulation::watchForCollision(double now_s, Tick* tick) {
   if (force_N > kCollisionStop_N) {
     reason << "collision: " << force_N << " N on the tool, allowed " << kCollisionStop_N << " N";
   } else {
-    reason << "collision: " << kArmJointNames[joint] << " is pushed with " << share * 100.0
+    reason << "collision: " << kArmJoints[joint] << " is pushed with " << share * 100.0
            << " % of its motor's torque, allowed " << kCollisionStopEffort * 100.0 << " %";
   }
   arm_->protectiveStop(reason.str());

@@ -17,9 +17,6 @@
 
 namespace simulated_world {
 
-const std::array<std::string, kArmJoints> kArmJointNames{
-    {"shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"}};
-
 namespace {
 
 // Taken-away bricks and obstacles that are not there wait high up: out of sight of camera and scanner, touching nothing.
@@ -171,8 +168,8 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
     base_qpos_[i] = model_->jnt_qposadr[joint];
     base_dof_[i] = model_->jnt_dofadr[joint];
   }
-  for (int i = 0; i < kArmJoints; ++i) {
-    const int joint = jointId(*model_, kArmJointNames[i], mjJNT_HINGE);
+  for (int i = 0; i < kNumArmJoints; ++i) {
+    const int joint = jointId(*model_, kArmJoints[i], mjJNT_HINGE);
     arm_qpos_[i] = model_->jnt_qposadr[joint];
     arm_dof_[i] = model_->jnt_dofadr[joint];
   }
@@ -238,7 +235,7 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   data_->qpos[base_qpos_[0]] = robot_start.x_m;
   data_->qpos[base_qpos_[1]] = robot_start.y_m;
   data_->qpos[base_qpos_[2]] = robot_start.yaw_rad;
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     data_->qpos[arm_qpos_[i]] = arm_start_rad[i];
   }
   base_reference_ = robot_start;
@@ -399,9 +396,9 @@ void World::commandArm() {
   const ArmVector acceleration = arm_reference_acceleration_ + w * w * (arm_reference_ - armPosition()) +
                                  2.0 * w * (arm_reference_velocity_ - armVelocity());
   ArmVector torque;
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     torque[i] = data->qfrc_bias[arm_dof_[i]];
-    for (int j = 0; j < kArmJoints; ++j) {
+    for (int j = 0; j < kNumArmJoints; ++j) {
       torque[i] += inertiaEntry(*model_, *data, arm_dof_[i], arm_dof_[j]) * acceleration[j];
     }
   }
@@ -410,7 +407,7 @@ void World::commandArm() {
     const Eigen::Vector3d point =
         Eigen::Map<const Eigen::Vector3d>(data->site_xpos + 3 * wrist_site_) + R * payload_centre_m_;
     const Eigen::Vector3d weight = payload_kg_ * Eigen::Map<const Eigen::Vector3d>(model_->opt.gravity);
-    for (int i = 0; i < kArmJoints; ++i) {
+    for (int i = 0; i < kNumArmJoints; ++i) {
       const int joint = model_->dof_jntid[arm_dof_[i]];
       const Eigen::Map<const Eigen::Vector3d> axis(data->xaxis + 3 * joint);
       const Eigen::Map<const Eigen::Vector3d> anchor(data->xanchor + 3 * joint);
@@ -418,7 +415,7 @@ void World::commandArm() {
     }
   }
   arm_torque_ = torque.cwiseMin(config_.servo.arm_effort_Nm).cwiseMax(-config_.servo.arm_effort_Nm);
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     data->qfrc_applied[arm_dof_[i]] = arm_torque_[i];
   }
 }
@@ -665,7 +662,7 @@ std::optional<World::Release> World::takeRelease() {
 
 ArmVector World::armPosition() const {
   ArmVector position;
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     position[i] = data_->qpos[arm_qpos_[i]];
   }
   return position;
@@ -673,7 +670,7 @@ ArmVector World::armPosition() const {
 
 ArmVector World::armPush() const {
   ArmVector push;
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     push[i] = data_->qfrc_constraint[arm_dof_[i]];
   }
   return push;
@@ -681,7 +678,7 @@ ArmVector World::armPush() const {
 
 ArmVector World::armVelocity() const {
   ArmVector velocity;
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     velocity[i] = data_->qvel[arm_dof_[i]];
   }
   return velocity;

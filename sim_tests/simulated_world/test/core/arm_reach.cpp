@@ -174,7 +174,7 @@ void ArmReach::bend(const Reach& reach) {
   set("base_x", reach.base.x_m);
   set("base_y", reach.base.y_m);
   set("base_yaw", reach.base.yaw_rad);
-  for (int i = 0; i < kArmJoints; ++i) set(kArmJointNames[static_cast<std::size_t>(i)], reach.arm_rad[i]);
+  for (int i = 0; i < kNumArmJoints; ++i) set(kArmJoints[static_cast<std::size_t>(i)], reach.arm_rad[i]);
   mj_kinematics(&model, data_.get());
 }
 
@@ -205,12 +205,12 @@ Eigen::Isometry3d ArmReach::tip(const Reach& reach) {
 
 std::optional<ArmVector> ArmReach::solve(const Eigen::Isometry3d& T_base_tip, const ArmVector& start_rad) {
   KDL::ChainIkSolverPos_LMA solver(chain_, 1e-7, 60);
-  KDL::JntArray start(kArmJoints);
-  KDL::JntArray solution(kArmJoints);
+  KDL::JntArray start(kNumArmJoints);
+  KDL::JntArray solution(kNumArmJoints);
   start.data = start_rad;
   if (solver.CartToJnt(start, toKdl(T_base_tip), solution) < 0) return std::nullopt;
   ArmVector q;
-  for (int i = 0; i < kArmJoints; ++i) q[i] = std::remainder(solution(static_cast<unsigned>(i)), 2.0 * M_PI);
+  for (int i = 0; i < kNumArmJoints; ++i) q[i] = std::remainder(solution(static_cast<unsigned>(i)), 2.0 * M_PI);
   if ((q.array() < lower_rad_.array()).any() || (q.array() > upper_rad_.array()).any()) return std::nullopt;
   return q;
 }

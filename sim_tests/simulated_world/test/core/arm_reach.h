@@ -59,8 +59,8 @@ class ArmReach {
         !tree.getChain(mp700_ur5e_description::kBaseFrame, mp700_ur5e_description::kMagnetTipFrame, chain_)) {
       throw std::runtime_error("cannot read " + urdf);
     }
-    for (int i = 0; i < kArmJoints; ++i) {
-      const auto limits = robot->getJoint(kArmJointNames[static_cast<std::size_t>(i)])->limits;
+    for (int i = 0; i < kNumArmJoints; ++i) {
+      const auto limits = robot->getJoint(kArmJoints[static_cast<std::size_t>(i)])->limits;
       lower_rad_[i] = limits->lower + kLimitMargin_rad;
       upper_rad_[i] = limits->upper - kLimitMargin_rad;
     }

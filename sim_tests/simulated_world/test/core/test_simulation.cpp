@@ -75,13 +75,13 @@ class Robot {
   GoalAnswer sendArm(const ArmVector& goal_rad, double seconds) {
     TrajectoryGoal goal;
     goal.id = "goal " + std::to_string(++goals_);
-    for (const std::string& name : kArmJointNames) {
+    for (const char* name : kArmJoints) {
       goal.joint_names.push_back(name);
     }
     TrajectoryPoint point;
-    point.positions_rad.assign(goal_rad.data(), goal_rad.data() + kArmJoints);
-    point.velocities_rad_s.assign(kArmJoints, 0.0);
-    point.accelerations_rad_s2.assign(kArmJoints, 0.0);
+    point.positions_rad.assign(goal_rad.data(), goal_rad.data() + kNumArmJoints);
+    point.velocities_rad_s.assign(kNumArmJoints, 0.0);
+    point.accelerations_rad_s2.assign(kNumArmJoints, 0.0);
     point.time_from_start_s = seconds;
     goal.points.push_back(point);
     return sim.armDriver().acceptGoal(goal);
@@ -285,9 +285,9 @@ TEST(Simulation, FreeMotionNeverStopsTheArm) {
     goal[1] -= 0.4;
     TrajectoryGoal steps;
     steps.id = "steps " + std::to_string(speed_rad_s);
-    steps.joint_names.assign(kArmJointNames.begin(), kArmJointNames.end());
+    steps.joint_names.assign(kArmJoints.begin(), kArmJoints.end());
     TrajectoryPoint point;
-    point.positions_rad.assign(goal.data(), goal.data() + kArmJoints);
+    point.positions_rad.assign(goal.data(), goal.data() + kNumArmJoints);
     point.time_from_start_s = 0.4 / speed_rad_s;
     steps.points.push_back(point);
     const GoalAnswer answer = robot.sim.armDriver().acceptGoal(steps);

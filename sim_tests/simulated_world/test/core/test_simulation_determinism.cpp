@@ -92,12 +92,12 @@ SimulationConfig config(std::uint64_t seed) {
 void moveArm(Simulation& simulation) {
   TrajectoryGoal goal;
   goal.id = "out";
-  goal.joint_names.assign(kArmJointNames.begin(), kArmJointNames.end());
+  goal.joint_names.assign(kArmJoints.begin(), kArmJoints.end());
   TrajectoryPoint point;
-  for (int i = 0; i < kArmJoints; ++i) {
+  for (int i = 0; i < kNumArmJoints; ++i) {
     point.positions_rad.push_back(simulation.world().armPosition()[i] + 0.1 * (i + 1));
   }
-  point.velocities_rad_s.assign(kArmJoints, 0.0);
+  point.velocities_rad_s.assign(kNumArmJoints, 0.0);
   point.time_from_start_s = 2.0;
   goal.points.push_back(point);
   ASSERT_TRUE(simulation.armDriver().acceptGoal(goal).accepted);

@@ -179,7 +179,7 @@ class SimulatedWorldTest : public testing::Test {
 
   static control_msgs::FollowJointTrajectoryGoal goalFor(const simulated_world::ArmVector& arm_rad, double seconds) {
     control_msgs::FollowJointTrajectoryGoal goal;
-    goal.trajectory.joint_names.assign(simulated_world::kArmJointNames.begin(), simulated_world::kArmJointNames.end());
+    goal.trajectory.joint_names.assign(simulated_world::kArmJoints.begin(), simulated_world::kArmJoints.end());
     trajectory_msgs::JointTrajectoryPoint point;
     point.positions.assign(arm_rad.data(), arm_rad.data() + arm_rad.size());
     point.velocities.assign(point.positions.size(), 0.0);

@@ -240,11 +240,9 @@ ProblemMaker::ProblemMaker(const ProblemFiles& files, const SurveyConfig& survey
   std::vector<Eigen::Isometry3d> T_root_body;
   robot_->bodyPoses(zero, &T_root_body);
   shoulder_base_ = T_root_body[robot_->jointIndex(mp700_ur5e_description::kArmJoints[1]) + 1].translation();
-  std::vector<simulated_world::BrickType> types;
-  for (const auto& type : catalogue_.types) types.push_back({type.name, type.size_m, type.mass_kg, type.friction});
   for (const char* scene : kScenes) {
     scenes_.push_back(
-        simulated_world::loadPileScene(files.worlds + "/" + scene + ".yaml", types, catalogue_.maxBricks()));
+        simulated_world::loadPileScene(files.worlds + "/" + scene + ".yaml", catalogue_.types, catalogue_.maxBricks()));
     scenes_.back().name = scene;
   }
 }

@@ -55,8 +55,8 @@ class ToolDown {
   /// Tip of the magnet with the robot at the map's origin.
   Eigen::Vector3d tip(const ArmVector& arm_rad) {
     mj_resetData(&model_, data_.get());
-    for (int i = 0; i < kArmJoints; ++i) {
-      const int joint = requireId(model_, mjOBJ_JOINT, kArmJointNames[static_cast<std::size_t>(i)]);
+    for (int i = 0; i < kNumArmJoints; ++i) {
+      const int joint = requireId(model_, mjOBJ_JOINT, kArmJoints[static_cast<std::size_t>(i)]);
       data_->qpos[model_.jnt_qposadr[joint]] = arm_rad[i];
     }
     mj_kinematics(&model_, data_.get());
