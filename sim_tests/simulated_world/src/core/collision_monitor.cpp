@@ -3,7 +3,8 @@
 
 #include <algorithm>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
 namespace {
@@ -20,16 +21,20 @@ JudgeEvent eventOf(JudgeEventKind kind, const std::pair<std::string, std::string
 }  // namespace
 
 std::vector<std::string> CollisionConfig::validate() const {
-  ConfigCheck check;
-  check.notEmpty("ground_body", ground_body);
-  check.notEmpty("tool_body", tool_body);
-  check.notEmpty("chute_body", chute_body);
-  check.positive("end_gap_s", end_gap_s, "s");
-  return check.problems();
+  interactive_mapping::RangeCheck check;
+  check("end_gap_s", end_gap_s, 0.001, 60.0, "s");
+  std::vector<std::string> problems = check.problems();
+  const auto name = [&](const char* key, const std::string& body) {
+    if (body.empty()) problems.push_back(std::string(key) + " = \"\", must be a name");
+  };
+  name("ground_body", ground_body);
+  name("tool_body", tool_body);
+  name("chute_body", chute_body);
+  return problems;
 }
 
 CollisionMonitor::CollisionMonitor(const CollisionConfig& config) : config_(config) {
-  throwIfAny("CollisionConfig", config.validate());
+  interactive_mapping::refuseIfAny("CollisionConfig:", config.validate());
 }
 
 bool CollisionMonitor::isPermitted(const RobotContact& contact, const WorldObservation& observation) const {

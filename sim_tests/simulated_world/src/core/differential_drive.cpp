@@ -7,7 +7,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
 namespace {
@@ -71,7 +71,7 @@ std::vector<std::string> DifferentialDriveConfig::validate() const {
 
 DifferentialDrive::DifferentialDrive(const DifferentialDriveConfig& config)
     : config_(config), random_(config.seed), command_time_s_(-std::numeric_limits<double>::infinity()) {
-  throwIfAny("differential drive", config.validate());
+  interactive_mapping::refuseIfAny("differential drive:", config.validate());
   double first = 0.0;
   double second = 0.0;
   random_.normalPair(first, second);

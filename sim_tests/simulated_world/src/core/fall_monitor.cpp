@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
 namespace {
@@ -27,14 +28,15 @@ int touchedTarget(const WorldObservation& observation, const std::string& tool_b
 }  // namespace
 
 std::vector<std::string> FallConfig::validate() const {
-  ConfigCheck check;
-  check.positive("fall_distance_m", fall_distance_m, "m");
-  check.positive("fall_tilt_rad", fall_tilt_rad, "rad");
-  check.positive("rest_window_s", rest_window_s, "s");
-  check.positive("rest_speed_m_per_s", rest_speed_m_per_s, "m/s");
-  check.positive("rest_rate_rad_per_s", rest_rate_rad_per_s, "rad/s");
-  check.notEmpty("tool_body", tool_body);
-  return check.problems();
+  interactive_mapping::RangeCheck check;
+  check("fall_distance_m", fall_distance_m, 0.001, 10.0, "m");
+  check("fall_tilt_rad", fall_tilt_rad, 0.001, 3.15, "rad");
+  check("rest_window_s", rest_window_s, 0.001, 60.0, "s");
+  check("rest_speed_m_per_s", rest_speed_m_per_s, 1e-6, 1.0, "m/s");
+  check("rest_rate_rad_per_s", rest_rate_rad_per_s, 1e-6, 10.0, "rad/s");
+  std::vector<std::string> problems = check.problems();
+  if (tool_body.empty()) problems.emplace_back("tool_body = \"\", must be a name");
+  return problems;
 }
 
 double tiltBetween(const Eigen::Matrix3d& R_map_before, const Eigen::Matrix3d& R_map_now) {
@@ -43,7 +45,7 @@ double tiltBetween(const Eigen::Matrix3d& R_map_before, const Eigen::Matrix3d& R
 }
 
 FallMonitor::FallMonitor(const FallConfig& config) : config_(config) {
-  throwIfAny("FallConfig", config.validate());
+  interactive_mapping::refuseIfAny("FallConfig:", config.validate());
 }
 
 bool FallMonitor::isAtRest(int id) const {

@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
 namespace {
@@ -140,7 +140,7 @@ void FaultSchedule::insert(double at_s, const Change& change) {
 }
 
 void FaultSchedule::add(const Fault& fault) {
-  throwIfAny("fault " + faultName(fault.kind), fault.validate());
+  interactive_mapping::refuseIfAny("fault " + faultName(fault.kind) + ":", fault.validate());
   insert(fault.at_s, {fault, true, ++num_added_});
 }
 

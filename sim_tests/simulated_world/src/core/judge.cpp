@@ -7,7 +7,8 @@
 #include <limits>
 #include <stdexcept>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
 namespace {
@@ -23,31 +24,36 @@ bool isInPile(BrickStatus status) {
 }  // namespace
 
 std::vector<std::string> LookoutConfig::validate() const {
-  ConfigCheck check;
-  check.positive("height_m", height_m, "m");
-  check.require(spacing_m >= 0.1 && spacing_m <= 10.0, "spacing_m", spacing_m, "m", "in [0.1, 10] m");
-  check.require(margin_m >= 0.0 && margin_m <= 10.0, "margin_m", margin_m, "m", "in [0, 10] m");
-  check.notNegative("clearance_m", clearance_m, "m");
+  interactive_mapping::RangeCheck check;
+  check("height_m", height_m, 0.01, 10.0, "m");
+  check("spacing_m", spacing_m, 0.1, 10.0, "m");
+  check("margin_m", margin_m, 0.0, 10.0, "m");
+  check("clearance_m", clearance_m, 0.0, 100.0, "m");
   return check.problems();
 }
 
 std::vector<std::string> JudgeConfig::validate() const {
-  ConfigCheck check;
-  check.include("falls", falls.validate());
-  check.include("collisions", collisions.validate());
-  check.include("pile", pile.validate());
-  check.include("score", score.validate());
-  check.include("lookouts", lookouts.validate());
-  check.notNegative("truth_period_s", truth_period_s, "s");
-  check.positive("surface_history_s", surface_history_s, "s");
-  check.positive("row_period_s", row_period_s, "s");
-  check.notNegative("min_step_m", min_step_m, "m");
-  return check.problems();
+  std::vector<std::string> problems;
+  const auto add = [&](const std::string& section, const std::vector<std::string>& of_section) {
+    for (const std::string& problem : of_section) problems.push_back(section + problem);
+  };
+  add("falls/", falls.validate());
+  add("collisions/", collisions.validate());
+  add("pile/", pile.validate());
+  add("score/", score.validate());
+  add("lookouts/", lookouts.validate());
+  interactive_mapping::RangeCheck check;
+  check("truth_period_s", truth_period_s, 0.0, 3600.0, "s");
+  check("surface_history_s", surface_history_s, 0.001, 3600.0, "s");
+  check("row_period_s", row_period_s, 0.001, 3600.0, "s");
+  check("min_step_m", min_step_m, 0.0, 1.0, "m");
+  add("", check.problems());
+  return problems;
 }
 
 Judge::Judge(const JudgeConfig& config)
     : config_(config), falls_(config.falls), collisions_(config.collisions), pile_(config.pile) {
-  throwIfAny("JudgeConfig", config.validate());
+  interactive_mapping::refuseIfAny("JudgeConfig:", config.validate());
 }
 
 void Judge::check(const WorldObservation& observation) const {

@@ -7,22 +7,13 @@
 #include <limits>
 #include <stdexcept>
 
+#include <interactive_mapping_common/config/schema.h>
+
 #include "egl_context.h"
 #include "simulated_world/mujoco_model.h"
 
 namespace simulated_world {
 namespace {
-
-void throwIfAny(const char* where, const std::vector<std::string>& problems) {
-  if (problems.empty()) {
-    return;
-  }
-  std::string message = where;
-  for (const std::string& problem : problems) {
-    message += "\n  " + problem;
-  }
-  throw std::invalid_argument(message);
-}
 
 void copyTo(const Eigen::Vector3d& vector, float* out) {
   for (int i = 0; i < 3; ++i) {
@@ -223,7 +214,7 @@ class OffscreenRenderer::Context {
 
 OffscreenRenderer::OffscreenRenderer(const mjModel& model, const RendererConfig& config)
     : model_(model), config_(config) {
-  throwIfAny("off-screen rendering:", config.validate());
+  interactive_mapping::refuseIfAny("off-screen rendering:", config.validate());
   context_ = std::make_unique<Context>(model, config);
 }
 
@@ -242,7 +233,7 @@ void OffscreenRenderer::requireDrawable(const synthetic_depth::CameraModel& came
     problems.push_back("fx_px = " + std::to_string(camera.fx_px) + " px, fy_px = " + std::to_string(camera.fy_px) +
                        " px, must be equal and > 0 px");
   }
-  throwIfAny("off-screen rendering:", problems);
+  interactive_mapping::refuseIfAny("off-screen rendering:", problems);
 }
 
 void OffscreenRenderer::render(const mjData& data, const Eigen::Isometry3d& T_world_camera,
@@ -259,7 +250,8 @@ void OffscreenRenderer::segmentation(const mjData& data, const Eigen::Isometry3d
                                      cv::Mat* geom_ids) {
   requireDrawable(camera, options);
   if (config_.samples > 1) {
-    throwIfAny("segmentation:", {"samples = " + std::to_string(config_.samples) + ", must be 0 or 1"});
+    interactive_mapping::refuseIfAny("segmentation:",
+                                     {"samples = " + std::to_string(config_.samples) + ", must be 0 or 1"});
   }
   const mjrRect viewport{0, 0, camera.width_px, camera.height_px};
   RenderOptions plain = options;

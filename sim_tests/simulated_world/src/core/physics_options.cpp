@@ -4,7 +4,9 @@
 #include <limits>
 #include <sstream>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
+
 #include "simulated_world/obstacle.h"
 #include "simulated_world/world_observation.h"
 
@@ -28,21 +30,20 @@ std::string contactAttributes(const PhysicsOptions& options, double sliding_fric
 }  // namespace
 
 std::vector<std::string> PhysicsOptions::validate() const {
-  ConfigCheck check;
-  check.require(timestep_s > 0.0 && timestep_s <= 0.01, "timestep_s", timestep_s, "s", "in (0, 0.01] s");
-  check.require(impratio >= 1.0, "impratio", impratio, "", ">= 1");
-  check.require(solver_iterations >= 1, "solver_iterations", solver_iterations, "", ">= 1");
-  check.require(solver_tolerance >= 0.0, "solver_tolerance", solver_tolerance, "", ">= 0");
+  interactive_mapping::RangeCheck check;
+  check("timestep_s", timestep_s, 1e-5, 0.01, "s");
+  check("impratio", impratio, 1.0, 1000.0, "");
+  check("solver_iterations", solver_iterations, 1, 10000, "");
+  check("solver_tolerance", solver_tolerance, 0.0, 1.0, "");
   // MuJoCo does not keep a contact stiffer than two steps.
-  check.require(contact_time_constant_s >= 2.0 * timestep_s, "contact_time_constant_s", contact_time_constant_s, "s",
-                ">= 2 timestep_s");
-  check.require(max_contacts >= 1, "max_contacts", max_contacts, "", ">= 1");
-  check.require(max_constraints >= 1, "max_constraints", max_constraints, "", ">= 1");
+  check("contact_time_constant_s", contact_time_constant_s, 2.0 * timestep_s, 1.0, "s");
+  check("max_contacts", max_contacts, 1, 1000000, "");
+  check("max_constraints", max_constraints, 1, 1000000, "");
   return check.problems();
 }
 
 std::string physicsXml(const PhysicsOptions& options) {
-  throwIfAny("PhysicsOptions", options.validate());
+  interactive_mapping::refuseIfAny("PhysicsOptions:", options.validate());
   std::ostringstream text = exactText();
   // Conjugate gradients need 2 iterations for bricks in neat courses but 40 for heaps, where some corners bear nothing:
   // then Newton's method, which needs one for either, is the faster one. It also suits the robot's arm.

@@ -8,7 +8,9 @@
 #include <set>
 #include <sstream>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
+
 #include "simulated_world/box_separation.h"
 #include "synthetic_depth/scene.h"
 #include "synthetic_depth/seeded_random.h"
@@ -200,56 +202,66 @@ std::vector<std::string> faultsOf(const PileScene& scene, double min_robot_dista
   return faults;
 }
 
-void checkType(ConfigCheck& check, const std::string& key, const BrickType& type) {
-  check.positive(key + "/size_m", type.size_m.allFinite() ? type.size_m.minCoeff() : type.size_m.sum(), "m");
-  check.positive(key + "/mass_kg", type.mass_kg, "kg");
-  check.positive(key + "/friction", type.friction, "");
+/// Of a scene [m], rad: generous, to catch what is not finite.
+constexpr double kFarthest_m = 1000.0;
+constexpr double kMostTurn_rad = 100.0;
+
+std::vector<std::string> typeProblems(const std::string& key, const BrickType& type) {
+  interactive_mapping::RangeCheck check(key + "/");
+  check("size_m", type.size_m.allFinite() ? type.size_m.minCoeff() : type.size_m.sum(), 0.001, 10.0, "m");
+  check("mass_kg", type.mass_kg, 0.001, 1000.0, "kg");
+  check("friction", type.friction, 0.001, 100.0, "");
+  return check.problems();
 }
 
 }  // namespace
 
 std::vector<std::string> HeapConfig::validate() const {
-  ConfigCheck check;
-  check.require(center_m.allFinite(), "center_m", center_m.x(), "m", "finite");
-  check.require(true, "yaw_rad", yaw_rad, "rad", "finite");
-  check.positive("extent_m", extent_m.minCoeff(), "m");
-  check.require(bricks >= 1, "bricks", bricks, "", ">= 1");
-  check.require(layers >= 1 && layers <= bricks, "layers", layers, "", "in [1, bricks]");
+  interactive_mapping::RangeCheck check;
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
+  check("extent_m", extent_m.allFinite() ? extent_m.minCoeff() : extent_m.sum(), 0.001, kFarthest_m, "m");
+  check("bricks", bricks, 1, 10000, "");
+  check("layers", layers, 1, bricks, "");
   return check.problems();
 }
 
 std::vector<std::string> PileSceneConfig::validate() const {
-  ConfigCheck check;
-  if (!heaps.empty()) checkType(check, "brick", brick);
+  std::vector<std::string> problems;
+  const auto add = [&](const std::string& section, const std::vector<std::string>& of_section) {
+    for (const std::string& problem : of_section) problems.push_back(section + problem);
+  };
+  if (!heaps.empty()) add("", typeProblems("brick", brick));
   for (std::size_t i = 0; i < heaps.size(); ++i) {
-    check.include("heaps[" + std::to_string(i) + "]", heaps[i].validate());
+    add("heaps[" + std::to_string(i) + "]/", heaps[i].validate());
   }
   std::set<int> ids;
   for (const BrickPlacement& placement : bricks) {
     const std::string key = "bricks, id " + std::to_string(placement.id);
-    checkType(check, key, placement.type);
-    check.require(ids.insert(placement.id).second && placement.id >= 0, key, placement.id, "", "unique and >= 0");
-    check.require(placement.T_map_brick.matrix().allFinite(), key, placement.T_map_brick.translation().sum(), "m",
-                  "at a finite pose");
+    add("", typeProblems(key, placement.type));
+    if (placement.id < 0 || !ids.insert(placement.id).second) problems.push_back(key + ", must be unique and >= 0");
+    if (!placement.T_map_brick.matrix().allFinite()) problems.push_back(key + ", must be at a finite pose");
   }
-  check.require(heaps.empty() != bricks.empty(), "heaps", static_cast<double>(heaps.size()), "",
-                "given, or bricks, but not both");
-  check.require(position_jitter_m >= 0.0 && position_jitter_m <= 0.1, "position_jitter_m", position_jitter_m, "m",
-                "in [0, 0.1] m");
-  check.require(yaw_jitter_rad >= 0.0 && yaw_jitter_rad <= kPi / 4.0, "yaw_jitter_rad", yaw_jitter_rad, "rad",
-                "in [0, pi/4] rad");
-  check.require(drop_gap_m > 0.0 && drop_gap_m <= 0.1, "drop_gap_m", drop_gap_m, "m", "in (0, 0.1] m");
-  check.require(robot_start.xy_m.allFinite(), "robot_start/xy_m", robot_start.xy_m.x(), "m", "finite");
-  check.require(true, "robot_start/yaw_rad", robot_start.yaw_rad, "rad", "finite");
-  check.require(min_robot_distance_m >= 2.5, "min_robot_distance_m", min_robot_distance_m, "m", ">= 2.5 m");
-  check.positive("time_per_brick_s", time_per_brick_s, "s");
-  check.positive("max_shift_m", max_shift_m, "m");
-  return check.problems();
+  if (heaps.empty() == bricks.empty()) {
+    problems.push_back("heaps = " + std::to_string(heaps.size()) + ", must be given, or bricks, but not both");
+  }
+  interactive_mapping::RangeCheck check;
+  check("position_jitter_m", position_jitter_m, 0.0, 0.1, "m");
+  check("yaw_jitter_rad", yaw_jitter_rad, 0.0, kPi / 4.0, "rad");
+  check("drop_gap_m", drop_gap_m, 1e-6, 0.1, "m");
+  const Eigen::Vector2d& xy_m = robot_start.xy_m;
+  check("robot_start/xy_m", xy_m.allFinite() ? xy_m.cwiseAbs().maxCoeff() : xy_m.sum(), 0.0, kFarthest_m, "m");
+  check("robot_start/yaw_rad", robot_start.yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
+  check("min_robot_distance_m", min_robot_distance_m, 2.5, kFarthest_m, "m");
+  check("time_per_brick_s", time_per_brick_s, 0.001, 10000.0, "s");
+  check("max_shift_m", max_shift_m, 1e-6, 100.0, "m");
+  add("", check.problems());
+  return problems;
 }
 
 PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   const std::string what = "scene " + config.name;
-  throwIfAny(what, config.validate());
+  interactive_mapping::refuseIfAny(what + ":", config.validate());
   PileScene scene;
   scene.name = config.name;
   scene.seed = seed;
@@ -287,7 +299,7 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
       heap_of.push_back(h);
     }
   }
-  throwIfAny(what, faults);
+  interactive_mapping::refuseIfAny(what + ":", faults);
   // Which id is where must not give away what lies on top.
   for (std::size_t i = scene.bricks.size(); i > 1; --i) {
     const auto k = static_cast<std::size_t>(random.uniform() * static_cast<double>(i));
@@ -306,7 +318,7 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   std::sort(scene.bricks.begin(), scene.bricks.end(),
             [](const BrickPlacement& a, const BrickPlacement& b) { return a.id < b.id; });
   scene.time_limit_s = config.time_per_brick_s * static_cast<double>(scene.bricks.size());
-  throwIfAny(what, faultsOf(scene, config.min_robot_distance_m));
+  interactive_mapping::refuseIfAny(what + ":", faultsOf(scene, config.min_robot_distance_m));
   return scene;
 }
 

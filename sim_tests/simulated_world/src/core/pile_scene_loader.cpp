@@ -6,7 +6,8 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/schema.h>
+
 #include "simulated_world/pile_scene.h"
 #include "synthetic_depth/scene.h"
 #include "synthetic_depth/yaml_section.h"
@@ -113,17 +114,17 @@ PileSceneConfig parsePileScene(const std::string& text, const std::string& name,
   PileSceneConfig config;
   try {
     const YAML::Node root = YAML::Load(text);
-    if (!root.IsMap()) throwIfAny(name, {"is no map of keys"});
+    if (!root.IsMap()) interactive_mapping::refuseIfAny(name + ":", {"is no map of keys"});
     config = readScene(Section(root, "", problems), types, max_bricks);
   } catch (const YAML::Exception& error) {
     problems = {error.what()};
   }
-  throwIfAny(name, problems);
+  interactive_mapping::refuseIfAny(name + ":", problems);
   config.name = std::filesystem::path(name).stem().string();
   try {
     generateScene(config, 0);  // whether it can be at all
   } catch (const std::invalid_argument& error) {
-    throwIfAny(name, {error.what()});
+    interactive_mapping::refuseIfAny(name + ":", {error.what()});
   }
   return config;
 }
@@ -132,7 +133,7 @@ PileSceneConfig loadPileScene(const std::string& path, const std::vector<BrickTy
   std::ifstream file(path, std::ios::binary);
   std::ostringstream text;
   if (!file || !(text << file.rdbuf())) {
-    throwIfAny(path, {"cannot be read, or is empty"});
+    interactive_mapping::refuseIfAny(path + ":", {"cannot be read, or is empty"});
   }
   return parsePileScene(text.str(), path, types, max_bricks);
 }

@@ -7,7 +7,8 @@
 #include <set>
 #include <stdexcept>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
 namespace {
@@ -46,14 +47,13 @@ bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_ma
 }  // namespace
 
 std::vector<std::string> PileSurfaceConfig::validate() const {
-  ConfigCheck check;
-  check.require(sample_spacing_m >= 0.001, "sample_spacing_m", sample_spacing_m, "m", ">= 0.001 m");
-  check.require(max_view_angle_rad > 0.0 && max_view_angle_rad < 0.5 * kPi, "max_view_angle_rad", max_view_angle_rad,
-                "rad", "in (0, pi/2) rad");
-  check.require(num_directions >= 1 && num_directions <= 10000, "num_directions", num_directions, "", "in [1, 10000]");
-  check.require(true, "ground_height_m", ground_height_m, "m", "finite");
-  check.notNegative("moved_distance_m", moved_distance_m, "m");
-  check.notNegative("moved_angle_rad", moved_angle_rad, "rad");
+  interactive_mapping::RangeCheck check;
+  check("sample_spacing_m", sample_spacing_m, 0.001, 1.0, "m");
+  check("max_view_angle_rad", max_view_angle_rad, 0.001, 0.499 * kPi, "rad");
+  check("num_directions", num_directions, 1, 10000, "");
+  check("ground_height_m", ground_height_m, -1000.0, 1000.0, "m");
+  check("moved_distance_m", moved_distance_m, 0.0, 1.0, "m");
+  check("moved_angle_rad", moved_angle_rad, 0.0, kPi, "rad");
   return check.problems();
 }
 
@@ -106,7 +106,7 @@ bool isVisibleFrom(const Eigen::Vector3d& eye_map, const PileTruth::Sample& samp
 }
 
 PileSurface::PileSurface(const PileSurfaceConfig& config) : config_(config), truth_(std::make_shared<PileTruth>()) {
-  throwIfAny("PileSurfaceConfig", config.validate());
+  interactive_mapping::refuseIfAny("PileSurfaceConfig:", config.validate());
   directions_map_ = upwardDirections(config.num_directions);
 }
 

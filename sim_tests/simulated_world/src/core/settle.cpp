@@ -6,7 +6,9 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
+
 #include "simulated_world/world_observation.h"
 #include "synthetic_depth/seeded_random.h"
 
@@ -95,15 +97,16 @@ double BrickPhysics::maxRate() const {
 }
 
 std::vector<std::string> SettleConfig::validate() const {
-  ConfigCheck check;
-  check.include("physics", physics.validate());
-  check.positive("rest_speed_m_per_s", rest_speed_m_per_s, "m/s");
-  check.positive("rest_rate_rad_per_s", rest_rate_rad_per_s, "rad/s");
-  check.positive("rest_time_s", rest_time_s, "s");
-  check.require(max_time_s > rest_time_s, "max_time_s", max_time_s, "s", "> rest_time_s");
-  check.notNegative("extent_tolerance_m", extent_tolerance_m, "m");
-  check.require(max_attempts >= 1 && max_attempts <= 100, "max_attempts", max_attempts, "", "in [1, 100]");
-  return check.problems();
+  interactive_mapping::RangeCheck check;
+  check("rest_speed_m_per_s", rest_speed_m_per_s, 1e-6, 1.0, "m/s");
+  check("rest_rate_rad_per_s", rest_rate_rad_per_s, 1e-6, 10.0, "rad/s");
+  check("rest_time_s", rest_time_s, 0.001, 600.0, "s");
+  check("max_time_s", max_time_s, rest_time_s, 3600.0, "s");
+  check("extent_tolerance_m", extent_tolerance_m, 0.0, 10.0, "m");
+  check("max_attempts", max_attempts, 1, 100, "");
+  std::vector<std::string> problems = check.problems();
+  for (const std::string& problem : physics.validate()) problems.push_back("physics/" + problem);
+  return problems;
 }
 
 std::vector<std::string> faultsOfSettled(const PileScene& scene, const std::vector<BrickPlacement>& settled,
@@ -150,7 +153,7 @@ std::uint64_t seedOfAttempt(std::uint64_t seed, int attempt) {
 }
 
 SettledPile settlePile(const PileSceneConfig& scene_config, std::uint64_t seed, const SettleConfig& config) {
-  throwIfAny("SettleConfig", config.validate());
+  interactive_mapping::refuseIfAny("SettleConfig:", config.validate());
   SettledPile pile;
   for (int attempt = 0; attempt < config.max_attempts; ++attempt) {
     pile.attempts = attempt + 1;

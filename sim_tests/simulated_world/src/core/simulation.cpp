@@ -6,13 +6,13 @@
 #include <sstream>
 #include <stdexcept>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/arm_pose.h>
 #include <mp700_ur5e_description/base_profile.h>
 #include <mp700_ur5e_description/brick_types.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <urdf_parser/urdf_parser.h>
 
-#include "config_check.h"
 #include "simulated_world/field_section.h"
 #include "simulated_world/robot_mjcf.h"
 #include "simulated_world/scene_view.h"
@@ -307,7 +307,7 @@ struct Simulation::Stage {
 
 cv::Mat Simulation::picture(const PictureConfig& config) {
   if (!stage_) {
-    throwIfAny("picture", config.validate());
+    interactive_mapping::refuseIfAny("picture:", config.validate());
     auto stage = std::make_unique<Stage>();
     stage->config = config;
     Blueprint blueprint = blueprint_;

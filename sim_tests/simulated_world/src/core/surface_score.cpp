@@ -7,8 +7,7 @@
 #include <stdexcept>
 
 #include <Eigen/Geometry>
-
-#include "config_check.h"
+#include <interactive_mapping_common/config/range_check.h>
 
 namespace simulated_world {
 namespace {
@@ -180,11 +179,11 @@ std::vector<bool> isNearSurface(const std::vector<Eigen::Vector3d>& points_map, 
 }
 
 std::vector<std::string> ScoreConfig::validate() const {
-  ConfigCheck check;
-  check.positive("tolerance_m", tolerance_m, "m");
-  check.notNegative("min_height_m", min_height_m, "m");
-  check.notNegative("region_margin_m", region_margin_m, "m");
-  check.positive("patch_size_m", patch_size_m, "m");
+  interactive_mapping::RangeCheck check;
+  check("tolerance_m", tolerance_m, 1e-4, 1.0, "m");
+  check("min_height_m", min_height_m, 0.0, 1.0, "m");
+  check("region_margin_m", region_margin_m, 0.0, 100.0, "m");
+  check("patch_size_m", patch_size_m, 1e-4, 1.0, "m");
   return check.problems();
 }
 

@@ -9,8 +9,8 @@
 #include <tuple>
 
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
-#include "config_check.h"
 #include "simulated_world/field_section.h"
 #include "simulated_world/world_observation.h"
 #include "world_mjcf.h"
@@ -151,8 +151,8 @@ std::vector<std::string> WorldConfig::validate() const {
 World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<WorldBrick>& bricks,
              const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config)
     : config_(config) {
-  throwIfAny("world", config.validate());
-  throwIfAny("world", brickProblems(bricks));
+  interactive_mapping::refuseIfAny("world:", config.validate());
+  interactive_mapping::refuseIfAny("world:", brickProblems(bricks));
   model_ = compileModel(worldMjcf(robot_mjcf, assets_mjcf, bricks, config));
   data_ = makeData(*model_);
 

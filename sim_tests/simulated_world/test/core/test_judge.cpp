@@ -346,7 +346,7 @@ TEST(JudgeConfig, ListsEveryProblemWithItsSection) {
   config.row_period_s = 0.0;
   const std::vector<std::string> problems = config.validate();
   ASSERT_EQ(problems.size(), 3U);
-  EXPECT_EQ(problems[0], "falls/fall_distance_m = -1 m, must be > 0 m");
+  EXPECT_EQ(problems[0], "falls/fall_distance_m = -1 m, must be in [0.001, 10] m");
   EXPECT_THROW(Judge{config}, std::invalid_argument);
 }
 
