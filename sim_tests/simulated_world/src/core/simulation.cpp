@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/threads/parallel_for.h>
 #include <mp700_ur5e_description/arm_pose.h>
 #include <mp700_ur5e_description/base_profile.h>
 #include <mp700_ur5e_description/brick_types.h>
@@ -17,7 +18,6 @@
 #include "simulated_world/robot_mjcf.h"
 #include "simulated_world/scene_view.h"
 #include "simulated_world/settle.h"
-#include "synthetic_depth/parallel.h"
 
 namespace simulated_world {
 namespace {
@@ -276,11 +276,13 @@ std::unique_ptr<World> Simulation::makeWorld(const Blueprint& blueprint, std::ui
   auto world = std::make_unique<World>(blueprint.robot_mjcf, blueprint.assets_mjcf, blueprint.bricks, blueprint.start,
                                        blueprint.arm_start_rad, blueprint.world);
   // Each into a place of its own, from a seed of its own: the result is the same on any number of processors.
-  synthetic_depth::forEachInParallel(static_cast<int>(blueprint.bricks.size()), [&](int i) {
-    const int id = blueprint.bricks[static_cast<std::size_t>(i)].placement.id;
-    const BrickAppearance& look = blueprint.looks[static_cast<std::size_t>(i)];
-    uploadBrickTexture(world->mutableModel(), brickBodyName(id),
-                       drawBrickFaces(look, kBrickFace_px, seed + static_cast<std::uint64_t>(id)));
+  const int threads = interactive_mapping::resolveThreadCount(0);
+  interactive_mapping::parallelFor(blueprint.bricks.size(), threads, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const int id = blueprint.bricks[i].placement.id;
+      uploadBrickTexture(world->mutableModel(), brickBodyName(id),
+                         drawBrickFaces(blueprint.looks[i], kBrickFace_px, seed + static_cast<std::uint64_t>(id)));
+    }
   });
   return world;
 }

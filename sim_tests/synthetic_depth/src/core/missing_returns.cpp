@@ -5,15 +5,15 @@
 #include <cmath>
 #include <sstream>
 
+#include <interactive_mapping_common/threads/parallel_for.h>
 #include <opencv2/imgproc.hpp>
 
-#include "synthetic_depth/parallel.h"
 #include "synthetic_depth/seeded_random.h"
 
 namespace synthetic_depth {
 namespace {
 
-constexpr int kRowsAtATime = 16;
+constexpr std::size_t kRowsAtATime = 16;
 // Random streams apart from those of the pixels and of the colour noise.
 constexpr std::uint64_t kFlickerStream = ~std::uint64_t{1};
 constexpr std::uint64_t kStripStream = ~std::uint64_t{2};
@@ -47,10 +47,12 @@ class PatchNoise {
 
 template <typename Function>
 void forEachRow(int rows, const Function& function) {
-  forEachInParallel((rows + kRowsAtATime - 1) / kRowsAtATime, [&](int band) {
-    const int end = std::min((band + 1) * kRowsAtATime, rows);
-    for (int v = band * kRowsAtATime; v < end; ++v) function(v);
-  });
+  using interactive_mapping::parallelFor;
+  using interactive_mapping::resolveThreadCount;
+  parallelFor(static_cast<std::size_t>(rows), resolveThreadCount(0), kRowsAtATime,
+              [&](std::size_t begin, std::size_t end) {
+                for (std::size_t v = begin; v < end; ++v) function(static_cast<int>(v));
+              });
 }
 
 /// Outside of the rectangle within the margins, or of the hexagon in it.

@@ -9,13 +9,17 @@
 #include <stdexcept>
 #include <vector>
 
+#include <interactive_mapping_common/threads/parallel_for.h>
+
 #include "synthetic_depth/depth_renderer.h"
 #include "synthetic_depth/missing_returns.h"
-#include "synthetic_depth/parallel.h"
 #include "synthetic_depth/seeded_random.h"
 
 namespace synthetic_depth {
 namespace {
+
+using interactive_mapping::parallelFor;
+using interactive_mapping::resolveThreadCount;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
@@ -200,12 +204,12 @@ cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint6
       measured_m.at<float>(v, u) = static_cast<float>(z);
     }
   };
-  constexpr int kRowsAtATime = 16;
-  forEachInParallel((measured_m.rows + kRowsAtATime - 1) / kRowsAtATime, [&](int band) {
-    RowDraws draws(static_cast<std::size_t>(measured_m.cols), {has_jitter, has_axial_noise});
-    const int end = std::min((band + 1) * kRowsAtATime, measured_m.rows);
-    for (int v = band * kRowsAtATime; v < end; ++v) measureRow(v, draws);
-  });
+  constexpr std::size_t kRowsAtATime = 16;
+  parallelFor(static_cast<std::size_t>(measured_m.rows), resolveThreadCount(0), kRowsAtATime,
+              [&](std::size_t begin, std::size_t end) {
+                RowDraws draws(static_cast<std::size_t>(measured_m.cols), {has_jitter, has_axial_noise});
+                for (std::size_t v = begin; v < end; ++v) measureRow(static_cast<int>(v), draws);
+              });
   return measured_m;
 }
 
@@ -221,10 +225,12 @@ cv::Mat albedoOf(const Scene& scene, const ViewCaster& view) {
   }
   if (scene.sensor.min_return_per_m2 == 0.0 || albedo_of_box.empty()) return {};
   cv::Mat albedo(scene.camera.height_px, scene.camera.width_px, CV_32FC1, cv::Scalar(1.0));
-  forEachInParallel(albedo.rows, [&](int v) {
-    for (int u = 0; u < albedo.cols; ++u) {
-      const auto found = albedo_of_box.find(view.cast(u, v).id);
-      if (found != albedo_of_box.end()) albedo.at<float>(v, u) = found->second;
+  parallelFor(static_cast<std::size_t>(albedo.rows), resolveThreadCount(0), 1, [&](std::size_t begin, std::size_t end) {
+    for (int v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+      for (int u = 0; u < albedo.cols; ++u) {
+        const auto found = albedo_of_box.find(view.cast(u, v).id);
+        if (found != albedo_of_box.end()) albedo.at<float>(v, u) = found->second;
+      }
     }
   });
   return albedo;
