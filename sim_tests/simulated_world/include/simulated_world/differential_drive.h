@@ -5,22 +5,14 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/geometry/pose2d.h>
+
 #include "synthetic_depth/seeded_random.h"
 
 namespace simulated_world {
 
-/// Pose in the plane: metres and radians; the heading is not wrapped, so that turns can be counted.
-struct Pose2d {
-  double x_m{0.0};
-  double y_m{0.0};
-  double yaw_rad{0.0};
-};
-
-/// Velocity of a base that cannot move sideways.
-struct Twist2d {
-  double linear_m_s{0.0};
-  double angular_rad_s{0.0};
-};
+using interactive_mapping::Pose2d;  // here the heading is not wrapped: turns can be counted
+using interactive_mapping::Twist2d;
 
 /// Pose after moving with a constant twist for dt: a circular arc, or a line where the turn is too small to tell.
 Pose2d moveAlongArc(const Pose2d& pose, const Twist2d& twist, double dt_s);
