@@ -16,7 +16,7 @@ from .cli import Parser, UsageError, one_line_errors
 
 def parse():
     parser = Parser(__doc__)
-    parser.add_argument("--scenes", default="one_heap two_ridges three_heaps", metavar='"A B"', help="of sim_tests/worlds (default %(default)s)")
+    parser.add_argument("--scenes", default="one_heap two_ridges three_heaps", metavar='"A B"', help="of sim_tests/simulated_world/worlds (default %(default)s)")
     parser.add_argument("--seeds", default="1 2 3", metavar='"1 2 3"', help=f"whole numbers from 0 to {workspace.MAX_SEED} (default %(default)s)")
     parser.add_argument("--strategies", default="gpis octomap_gradient_frontier octomap_random", metavar='"X Y"',
                         help="default %(default)s, or your own, as in run_mission")
@@ -37,7 +37,7 @@ def parse():
             raise UsageError(f"--seeds: {seed}, must be whole numbers in [0, {workspace.MAX_SEED}]")
     for scene in options.scenes:
         if not workspace.has_world(scene):
-            raise UsageError(f"--scenes: {scene}: no such file in sim_tests/worlds")
+            raise UsageError(f"--scenes: {scene}: no such file in sim_tests/simulated_world/worlds")
     strategies.maps_of(options.strategies, options.selection_config)
     options.removed = list(workspace.REMOVED_FACTORS) if options.removed == "all" else options.removed.split()
     for factor in options.removed:
@@ -62,7 +62,7 @@ def mission(options, name, scene, seed, strategy, factor=None):
     if (folder / ".done").exists() and summary.exists() and summary.stat().st_size > 0 and has_logged(folder, "event", "start"):
         print(f"{name}: done before", flush=True)
         return
-    limit_s = table_campaign.time_limit_of(ROOT / f"sim_tests/worlds/{scene}.yaml")
+    limit_s = table_campaign.time_limit_of(ROOT / f"sim_tests/simulated_world/worlds/{scene}.yaml")
     print(f"\n{name}: at most {limit_s:g} simulated seconds ...", flush=True)
     command = [str(ROOT / "scripts/run_mission"), "--run", str(folder), "--overwrite", "--scene", scene, "--seed", seed, "--strategy", strategy, "--time-limit",
                f"{limit_s:g}", "--wall-limit", options.wall_limit, "--no-page", *(["--removed-factor", factor] if factor else []),

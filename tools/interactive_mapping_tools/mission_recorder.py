@@ -332,7 +332,7 @@ def main():
         # Unparsed and only the newest: a mesh comes with each image and may be several MB.
         rospy.Subscriber(arguments.mesh, rospy.AnyMsg, recorder.on_mesh, queue_size=1, buff_size=1 << 24)
     if arguments.judge:
-        from sim_tests.msg import JudgeState
+        from simulated_world.msg import JudgeState
         rospy.Subscriber(arguments.judge, JudgeState, recorder.on_judge, queue_size=1)
 
     memory = MemoryTable(arguments.folder / "memory.csv", os.environ.get("RUN_MISSION_MARK", ""))

@@ -245,9 +245,9 @@ def twins(files):
 
 
 def documents():
-    packages = ROOT.glob("src/**/package.xml")
+    packages = [*ROOT.glob("src/**/package.xml"), *ROOT.glob("sim_tests/*/package.xml")]
     readmes = {package.parent / "README.md" for package in packages} | {ROOT / name for name in (
-        "README.md", "CONTRIBUTING.md", "sim_tests/README.md", "docker/README.md")}
+        "README.md", "CONTRIBUTING.md", "docker/README.md")}
     return sorted(path for path in readmes | set(ROOT.glob("docs/**/*.md")) if path.exists())
 
 

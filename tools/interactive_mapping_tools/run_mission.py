@@ -42,7 +42,7 @@ def parse(words):
     parser = Parser(__doc__)
     parser.add_argument("--run", metavar="FOLDER", help="where everything goes, relative to the repository wherever this is called from; must not exist")
     parser.add_argument("--overwrite", action="store_true", help="an earlier run in FOLDER is deleted")
-    parser.add_argument("--scene", default="one_heap", metavar="NAME", help="of sim_tests/worlds, or the absolute path of a file (default %(default)s)")
+    parser.add_argument("--scene", default="one_heap", metavar="NAME", help="of sim_tests/simulated_world/worlds, or the absolute path of a file (default %(default)s)")
     parser.add_argument("--seed", default="1", metavar="N", help="of pile and noise, 0 to 2147483647 (default %(default)s)")
     parser.add_argument("--strategy", default="gpis", metavar="NAME", help="for the next best view: gpis (default), octomap_gradient_frontier, octomap_random, or your "
                         "own, with a section in the file of -- selection_config:=FILE and a package that exports its plugin")
@@ -101,7 +101,7 @@ def parse(words):
         if not os.path.isfile(options.scene):
             raise UsageError(f"--scene {options.scene}: no such file")
     elif not workspace.has_world(options.scene):
-        raise UsageError(f"--scene {options.scene}: no such file in sim_tests/worlds")
+        raise UsageError(f"--scene {options.scene}: no such file in sim_tests/simulated_world/worlds")
     options.run = ROOT / options.run
     if options.run.exists() and not options.overwrite:
         raise UsageError(f"{options.run} is there already; --overwrite deletes it")

@@ -28,7 +28,7 @@ from .mission_run import END_WORDS
 from .workspace import check_messages, check_world, end_in_order, free_port
 
 SCENE = "four_bricks"
-PARAMS = ROOT / "sim_tests/config/endurance_map.yaml"
+PARAMS = ROOT / "sim_tests/integration_tests/config/endurance_map.yaml"
 JITTER_M = 0.03  # of a brick that is laid down again
 BACK_AHEAD_M = 0.3  # of where the robot stood at first: a place is come to straight on, over ground that the camera has seen
 MISSION_S = 900.0  # simulated: time limit of one mission, several times what one takes
@@ -256,7 +256,7 @@ def problems_of(rows, growth, map_points=(1, 1)):
 def main():
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of endurance.json and the run")
-    parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/worlds (default {SCENE})")
+    parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/simulated_world/worlds (default {SCENE})")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sim-hours", type=float, default=2.0, metavar="H", help="of simulated time, then the mission that runs is the last (default 2), 0.1 to 24")
     arguments = parser.parse_args()

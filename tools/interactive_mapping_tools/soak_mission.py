@@ -29,7 +29,7 @@ from .cli import UsageError, one_line_errors, parser_of
 from .workspace import check_messages, check_world, end_in_order, free_port, run_child
 
 SCENE = "four_bricks"
-PARAMS = ROOT / "sim_tests/config/soak_mission.yaml"
+PARAMS = ROOT / "sim_tests/integration_tests/config/soak_mission.yaml"
 NODES = ("pick_mission", "gpis_mapping", "depth_self_filter", "brick_detection", "motion_planning", "ur_driver_bridge", "base_navigation",
          "nbv_selection", "system_diagnostics", "robot_state_publisher")
 # begin and choose are left at once: nobody can meet a mission in them. In ended nothing is left to be disturbed.
@@ -188,7 +188,7 @@ class WatchedMission:
         import rospy
         from interactive_mapping_msgs.msg import ArmBridgeState, MissionState
         from nav_msgs.msg import Odometry
-        from sim_tests.msg import JudgeState
+        from simulated_world.msg import JudgeState
         from tf2_msgs.msg import TFMessage
         self.rospy, self.rosgraph = rospy, rosgraph
         self.names = {value: name.lower() for name, value in vars(MissionState).items() if name in {state.upper() for state in STATES} | {"ENDED"}}
@@ -263,7 +263,7 @@ class WatchedMission:
         return False
 
     def inject(self, kind, **fields):
-        from sim_tests.srv import InjectFault, InjectFaultRequest
+        from simulated_world.srv import InjectFault, InjectFaultRequest
         self.rospy.wait_for_service("/simulated_world/inject_fault", 30.0)
         answer = self.rospy.ServiceProxy("/simulated_world/inject_fault", InjectFault)(InjectFaultRequest(kind=kind, **fields))
         self.notes.append(f"{kind}: {answer.message or 'injected'}")
@@ -556,7 +556,7 @@ def master_uri(port):
 def main():
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "results/soak", help="folder of mission.csv and the runs")
-    parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/worlds (default {SCENE})")
+    parser.add_argument("--scene", default=SCENE, help=f"of sim_tests/simulated_world/worlds (default {SCENE})")
     parser.add_argument("--label", metavar="TEXT", help="state of the software: rows of others are not counted (default: rows of any are)")
     parser.add_argument("--hours", type=float, default=math.inf, metavar="H", help="begin no other mission after this time of the wall clock")
     parser.add_argument("--plan", action="store_true", help="print what there is to meet and do nothing")

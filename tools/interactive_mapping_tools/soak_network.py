@@ -31,7 +31,7 @@ ROBOT, LAPTOP, DEVICES = "gpis_robot", "gpis_laptop", "gpis_devices"  # namespac
 ADDRESS = {ROBOT: "10.77.0.1", LAPTOP: "10.77.0.2", DEVICES: "10.77.1.1"}
 DEVICES_CABLES = {ROBOT: ("10.77.1.2", "10.77.1.1"), LAPTOP: ("10.77.2.2", "10.77.2.1")}  # the computer's end, the devices' end
 PORT = 11311
-PARAMS = ROOT / "sim_tests/config/soak_network.yaml"
+PARAMS = ROOT / "sim_tests/integration_tests/config/soak_network.yaml"
 CUTS = ("pick", "drive")  # states of the mission, in this order
 REALTIME_FACTOR = 0.4  # of two cores that also draw, map and plan; at 1 joint states come too late for the arm's watch
 CUT_S = 40.0  # wall time
@@ -95,7 +95,7 @@ class Watcher:
         from interactive_mapping_msgs.msg import ArmBridgeState, MissionState
         from nav_msgs.msg import Odometry
         from sensor_msgs.msg import JointState
-        from sim_tests.msg import JudgeState
+        from simulated_world.msg import JudgeState
         self.rospy, self.MissionState = rospy, MissionState
         self.changed = threading.Condition()
         self.mission = self.judge = self.bridge = None
@@ -217,7 +217,7 @@ def inside(options):
         run_folder = out / name_of(options)
         shutil.rmtree(run_folder, ignore_errors=True)
         start(ROBOT, "roscore", "-p", str(PORT))
-        launch(here, "sim_tests", "simulated_world.launch", f"scene:={options.scene}", "seed:=1", "clock:=realtime", f"realtime_factor:={REALTIME_FACTOR}",
+        launch(here, "simulated_world", "simulated_world.launch", f"scene:={options.scene}", "seed:=1", "clock:=realtime", f"realtime_factor:={REALTIME_FACTOR}",
                "pick_action:=/ur_driver_bridge/pick", "base_driver:=" + ("/base_driver" if here == DEVICES else ""),
                f"arm_pose:={ROOT}/src/mp700_ur5e_description/config/arm_poses/inspect.yaml", "surface_topic:=/gpis_mapping/mesh")
         import rosgraph

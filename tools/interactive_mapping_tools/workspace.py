@@ -43,17 +43,17 @@ def check_wall_limit(text):
 
 
 def has_world(scene):
-    return (ROOT / f"sim_tests/worlds/{scene}.yaml").is_file()
+    return (ROOT / f"sim_tests/simulated_world/worlds/{scene}.yaml").is_file()
 
 
 def check_world(scene):
     if not has_world(scene):
-        raise UsageError(f"--scene {scene}: no such file in sim_tests/worlds")
+        raise UsageError(f"--scene {scene}: no such file in sim_tests/simulated_world/worlds")
 
 
 def check_messages(part):
     try:
-        import interactive_mapping_msgs.msg, rospy, sim_tests.msg  # noqa: F401, E401
+        import interactive_mapping_msgs.msg, rospy, simulated_world.msg  # noqa: F401, E401
     except ImportError as error:
         raise UsageError(f"{error}: source devel/setup.bash, or use scripts/soak {part}") from error
 

@@ -400,7 +400,7 @@ class BringupLaunch(unittest.TestCase):
         import rospkg
         packages = rospkg.RosPack()
         count = 0
-        for name in sorted({node[1:] for node in OURS} | {"mp700_ur5e_bringup", "mp700_ur5e_description", "octomap_baseline", "sim_tests"}):
+        for name in sorted({node[1:] for node in OURS} | {"mp700_ur5e_bringup", "mp700_ur5e_description", "octomap_baseline", "simulated_world", "synthetic_depth"}):
             for path in sorted(pathlib.Path(packages.get_path(name)).glob("launch/**/*.launch")):
                 for arg in ElementTree.parse(path).getroot().iter("arg"):
                     if arg.get("default") == "":
@@ -429,11 +429,11 @@ class BringupLaunch(unittest.TestCase):
 
     def test_launch_files_refuse_unknown_arguments(self):
         import rospkg
-        world = f"{rospkg.RosPack().get_path('sim_tests')}/launch/simulated_world.launch"
+        world = f"{rospkg.RosPack().get_path('simulated_world')}/launch/simulated_world.launch"
         simulation, common = ("mp700_ur5e_bringup", "simulation.launch"), ("mp700_ur5e_bringup", "common.launch")
         for start, wrong, right, node in (
                 (simulation, "sceen", "scene", "/pick_mission"), (("-p", "11399", *simulation), "sceen", "scene", "/pick_mission"),
-                (("sim_tests", "simulated_world.launch"), "sceen", "scene", "/relay_wheels"), ((world,), "sceen", "scene", "/relay_wheels"),
+                (("simulated_world", "simulated_world.launch"), "sceen", "scene", "/relay_wheels"), ((world,), "sceen", "scene", "/relay_wheels"),
                 (simulation, "realtime_facter", "realtime_factor", "/pick_mission"), (simulation, "color_topics", "color_topic", "/pick_mission"),
                 (simulation, "deployment", "", "/pick_mission"), (common, "brigde", "bridge", "/pick_mission"),
                 (("mp700_ur5e_bringup", "replay.launch", "bag:=/a.bag"), "rates", "rate", "/play_mission"),
@@ -490,7 +490,7 @@ class BringupLaunch(unittest.TestCase):
     def test_rviz_fits_a_small_screen(self):
         import rospkg
         rospack = rospkg.RosPack()
-        files = sorted({path for name in ("mp700_ur5e_bringup", "gpis_mapping", "nbv_selection", "motion_planning", "base_navigation", "brick_detection", "sim_tests",
+        files = sorted({path for name in ("mp700_ur5e_bringup", "gpis_mapping", "nbv_selection", "motion_planning", "base_navigation", "brick_detection", "simulated_world",
                                      "mp700_ur5e_description")
                         for path in pathlib.Path(rospack.get_path(name)).glob("rviz/*.rviz")})
         self.assertEqual(len(files), 8)

@@ -27,7 +27,7 @@ from interactive_mapping_msgs.msg import (ArmBridgeState, ArmGoal, BrickArray, L
                                           SelectNextBestViewGoal, SelectionOutcome)
 from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult, MoveBaseGoal
 from rosgraph_msgs.msg import Clock
-from sim_tests.msg import JudgeState
+from simulated_world.msg import JudgeState
 from std_msgs.msg import Header, Int32
 
 NODES = ("/depth_self_filter", "/gpis_mapping", "/brick_detection", "/motion_planning", "/ur_driver_bridge",

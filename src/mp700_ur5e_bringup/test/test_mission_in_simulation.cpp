@@ -14,7 +14,7 @@
 #include <nlohmann/json.hpp>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
-#include <sim_tests/JudgeState.h>
+#include <simulated_world/JudgeState.h>
 #include <std_msgs/String.h>
 
 namespace {
@@ -34,8 +34,9 @@ class MissionInSimulation : public testing::Test {
     if (!pnh.getParam("wall_limit_s", wall_limit_s_)) throw std::runtime_error("~wall_limit_s is missing");
     subscribers_.push_back(nh_.subscribe<MissionState>(
         "/pick_mission/state", 100, [this](const MissionState::ConstPtr& message) { mission_ = *message; }));
-    subscribers_.push_back(nh_.subscribe<sim_tests::JudgeState>(
-        "/simulated_world/judge", 10, [this](const sim_tests::JudgeState::ConstPtr& message) { judge_ = *message; }));
+    subscribers_.push_back(nh_.subscribe<simulated_world::JudgeState>(
+        "/simulated_world/judge", 10,
+        [this](const simulated_world::JudgeState::ConstPtr& message) { judge_ = *message; }));
     subscribers_.push_back(nh_.subscribe<std_msgs::String>(
         "/simulated_world/incidents", 100,
         [this](const std_msgs::String::ConstPtr& message) { incidents_ += message->data + "\n"; }));
@@ -75,7 +76,7 @@ class MissionInSimulation : public testing::Test {
   std::string run_folder_, incidents_;
   double wall_limit_s_{0.0};
   MissionState mission_;
-  sim_tests::JudgeState judge_;
+  simulated_world::JudgeState judge_;
 };
 
 TEST_F(MissionInSimulation, ClearsThePileWithoutFallsAndCollisionsAndTellsTheTruthAboutIt) {

@@ -17,7 +17,7 @@
 #include <interactive_mapping_msgs/PlanPickAction.h>
 #include <move_base_msgs/MoveBaseAction.h>
 #include <ros/ros.h>
-#include <sim_tests/JudgeState.h>
+#include <simulated_world/JudgeState.h>
 #include <std_msgs/Header.h>
 #include <std_msgs/Int32.h>
 #include <std_msgs/String.h>
@@ -45,8 +45,9 @@ class PickInSimulation : public testing::Test {
         plan_arm_("/motion_planning/plan_arm", false),
         pick_("/ur_driver_bridge/pick", false),
         move_("/ur_driver_bridge/move", false) {
-    subscribers_.push_back(nh_.subscribe<sim_tests::JudgeState>(
-        "/simulated_world/judge", 10, [this](const sim_tests::JudgeState::ConstPtr& message) { judge_ = *message; }));
+    subscribers_.push_back(nh_.subscribe<simulated_world::JudgeState>(
+        "/simulated_world/judge", 10,
+        [this](const simulated_world::JudgeState::ConstPtr& message) { judge_ = *message; }));
     subscribers_.push_back(nh_.subscribe<std_msgs::String>(
         "/simulated_world/incidents", 50,
         [this](const std_msgs::String::ConstPtr& message) { incidents_ += message->data + "\n"; }));
@@ -117,7 +118,7 @@ class PickInSimulation : public testing::Test {
   Client<PlanArmAction> plan_arm_;
   Client<PickBrickAction> pick_;
   Client<MoveArmAction> move_;
-  sim_tests::JudgeState judge_;
+  simulated_world::JudgeState judge_;
   BrickArray bricks_;
   ArmBridgeState bridge_;
   std::string incidents_;

@@ -5,23 +5,12 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <interactive_mapping_common/geometry/pose2d.h>
 
 namespace base_navigation {
 
-/// Pose in the ground plane, in the frame that its name tells.
-struct Pose2d {
-  double x_m{0.0};
-  double y_m{0.0};
-  double yaw_rad{0.0};
-
-  Eigen::Vector2d position() const { return {x_m, y_m}; }
-};
-
-/// Velocity in base_link of a base that cannot move sideways.
-struct Twist2d {
-  double linear_m_s{0.0};
-  double angular_rad_s{0.0};
-};
+using interactive_mapping::Pose2d;
+using interactive_mapping::Twist2d;
 
 /// Convex, counter-clockwise.
 using Polygon = std::vector<Eigen::Vector2d>;

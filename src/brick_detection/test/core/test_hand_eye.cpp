@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Eye to hand against made-up robots whose answer is known. What images do to the samples is not here: sim_tests has it.
+// Eye to hand against made-up robots whose answer is known. What images do to the samples is not here: integration_tests has it.
 #include "brick_detection/hand_eye.h"
 
 #include <cmath>

@@ -134,7 +134,7 @@ void UrDriver::post(std::uint64_t id, const std::string& name, const std::string
     ros::ServiceClientOptions options;
     options.service = name;
     options.md5sum = md5sum;
-    options.persistent = true;  // see sim_tests' call(): what closes right after its answer looks like a failed call
+    options.persistent = true;  // a connection that closes right after its answer looks like a failed call
     ros::ServiceClient client = ros::NodeHandle(nh_).serviceClient(options);
     typename Service::Response response;
     CallReply reply;

@@ -1,0 +1,293 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the scripts about missions and long checks refuse, and that they say so before they do anything; what scripts/campaign takes for done."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+import unittest.mock
+
+import rosunit
+import yaml
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parents[3]
+SCRIPTS = ROOT / "scripts"
+sys.path.insert(0, str(HERE))
+
+import run_folder  # noqa: E402
+
+FIG8_SUMMARY = {"systems": {"gpis": {"title": "Dynamic GPIS", "ghost_area_m2": 0.0001, "outside_share": 0.01, "against_truth": {"rms_m": 0.001},
+                                     "against_last_scan": {"mean_m": 1e-5, "std_dev_m": 1e-4, "rms_m": 1e-4, "median_abs_m": 1e-4, "p95_abs_m": 2e-4,
+                                                           "count": 1000}}}}
+# Lines of a mission's log.
+START = '{"event":"start","decision":"begin"}\n'
+END = '{"event":"success","decision":"ended"}\n'
+
+
+class ScriptRefusals(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="script_refusals_"))
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def run_it(self, script, *arguments):
+        environment = {**os.environ, "MPLCONFIGDIR": str(self.folder / "matplotlib"), "SKIP_INSTALL": "1"}
+        done = subprocess.run([str(script), *map(str, arguments)], env=environment, capture_output=True, text=True, timeout=120, check=False,
+                              stdin=subprocess.DEVNULL)
+        self.assertNotIn("Traceback", done.stderr)
+        return done
+
+    @staticmethod
+    def copy_strategies(tree):
+        """For a tree of its own: what is asked for the strategies that there are."""
+        shutil.copytree(ROOT / "tools", tree / "tools")
+        (tree / "scripts").mkdir()
+        for name in ("run_mission", "campaign"):
+            shutil.copy(SCRIPTS / name, tree / "scripts", follow_symlinks=False)
+        for name in ("package.xml", "strategy_plugins.xml", "config"):
+            source, copy = ROOT / "src/nbv_selection" / name, tree / "src/nbv_selection" / name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            (shutil.copytree if source.is_dir() else shutil.copy)(source, copy)
+
+    def refused(self, code, words, script, *arguments):
+        """With one line, and nothing else."""
+        done = self.run_it(SCRIPTS / script, *arguments)
+        self.assertEqual(done.returncode, code, (arguments, done.stdout, done.stderr))
+        self.assertEqual(done.stdout, "", arguments)
+        self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
+        self.assertIn(words, done.stderr)
+
+    def test_run_mission_names_option_value_and_range_and_deletes_nothing(self):
+        run = self.folder / "run"
+        run.mkdir()
+        (run / "kept").write_text("")
+
+        def mission(*options):
+            # What is wrong with the usage comes first: this folder is never deleted, and nothing begins.
+            return ("run_mission", "--run", run, "--overwrite", *options)
+
+        for option, value, allowed in (("--time-limit", "0.5", "[1, 86400] s"), ("--time-limit", "90000", "[1, 86400] s"), ("--time-limit", "0", "[1, 86400] s"),
+                                       ("--time-limit", "1e3", "[1, 86400] s"), ("--seed", "99999999999", "[0, 2147483647]"), ("--seed", "2147483648", "[0, 2147483647]"),
+                                       ("--seed", "-1", "[0, 2147483647]"), ("--seed", "08", "[0, 2147483647]"), ("--camera-rate", "0.1", "[0.2, 60] Hz"),
+                                       ("--camera-rate", "61", "[0.2, 60] Hz")):
+            number = "whole number" if option == "--seed" else "number"
+            self.refused(2, f"{option} {value}, must be a {number} in {allowed}", *mission(option, value))
+        for fine in (("--time-limit", "1"), ("--time-limit", "86400.0"), ("--seed", "0"), ("--seed", "2147483647"), ("--camera-rate", "0.2"),
+                     ("--camera-rate", "60")):
+            self.refused(1, "was not made by scripts/run_mission: not deleted", *mission(*fine))
+        for argument in ("a.*:=1", "sc:=x y", "x", ":=1", "Scene:=1"):
+            self.refused(2, f"{argument} after --, must be ARGUMENT:=VALUE" if argument != "sc:=x y" else "no argument sc", *mission("--", argument))
+        for argument, words in (("map_config:=/x", "simulation.launch has no argument map_config any more: write its keys below gpis_mapping/map"),
+                                ("color_topics:=/x", "simulation.launch has no argument color_topics, but color_topic: "),
+                                ("deployment:=robot", "simulation.launch has no argument deployment")):
+            self.refused(2, words, *mission("--", argument))
+        for name in ("run_folder", "scene", "seed", "strategy", "clock"):
+            self.refused(2, f"an option of this script sets {name}", *mission("--", f"{name}:=1"))
+        for argument in ("record:=true", "autostart:=false"):
+            self.refused(1, "was not made by scripts/run_mission: not deleted", *mission("--", argument))
+        self.assertTrue((run / "kept").exists())
+
+    def test_run_mission_wants_every_node_built(self):
+        # Another launch file in a tree of its own, with a node that nobody has built.
+        tree, package = self.folder / "tree", self.folder / "tree/src/mp700_ur5e_bringup"
+        (package / "launch").mkdir(parents=True)
+        (tree / "sim_tests/simulated_world/worlds").mkdir(parents=True)
+        (tree / "sim_tests/simulated_world/worlds/toy.yaml").write_text("")
+        self.copy_strategies(tree)
+        (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + "use_workspace() { :; }\n")
+        (package / "package.xml").write_text("<package format='2'><name>mp700_ur5e_bringup</name><version>0.0.0</version><description/>"
+                                             "<maintainer email='a@b.c'>a</maintainer><license>BSD</license><depend>rosout</depend></package>")
+        # It is of the map that --strategy asks for.
+        (package / "launch/simulation.launch").write_text("""<launch><arg name="map" default="gpis"/><arg name="run_folder"/>
+            <param name="made" command="mkdir -p '$(arg run_folder)'"/><group if="$(eval map == 'octomap')">
+            <node pkg="rosout" type="not_built" name="not_built"/><node pkg="not_there" type="node" name="not_there"/></group></launch>""")
+        done = self.run_it(tree / "scripts/run_mission", "--run", self.folder / "run", "--scene", "toy", "--strategy", "octomap_random")
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn("what is not there: not_there/node rosout/not_built", done.stderr)
+        self.assertFalse((self.folder / "run").exists())
+
+    def test_every_declared_strategy_is_taken(self):
+        # A package outside of ours, sourced as a user's workspace would be.
+        package = self.folder / "outside/my_views"
+        package.mkdir(parents=True)
+        (package / "package.xml").write_text("<package format='2'><name>my_views</name><version>0.0.0</version><description>d</description>"
+                                             "<maintainer email='a@example.org'>a</maintainer><license>BSD</license><depend>nbv_selection</depend>"
+                                             "<export><nbv_selection plugin='${prefix}/plugins.xml'/></export></package>")
+        (package / "plugins.xml").write_text("<library path='lib/libmy_views'><class name='my_views/Nearest' type='my_views::Nearest' "
+                                             "base_class_type='nbv_selection_ros::Strategy'/></library>")
+        config = self.folder / "views.yaml"
+        config.write_text("nearest: {plugin: my_views/Nearest}\nfarthest: {plugin: my_views/Farthest}\n")
+        params = self.folder / "params.yaml"
+        params.write_text("nbv_selection: {nearest: {plugin: my_views/Nearest}}\n")
+        run = self.folder / "run"
+        run.mkdir()
+        kept = ("run_mission", "--run", run, "--overwrite", "--scene", "two_rows", "--strategy")
+        table = ("campaign", "--table", "--out", self.folder / "nowhere", "--strategies")
+        shipped = "gpis, octomap_gradient_frontier, octomap_random"
+        refusals = ((), f"strategy nearest: must be one of {shipped}"), ((config,), "strategy nearest: its plugin my_views/Nearest is exported by no package on "
+                                                                                  f"ROS_PACKAGE_PATH; must be one of {shipped}")
+        for given, words in refusals:
+            self.refused(2, words, *kept, "nearest", *(("--", f"selection_config:={config}") if given else ()))
+            self.refused(2, words, *table, "gpis nearest", *(("--selection-config", config) if given else ()))
+        with unittest.mock.patch.dict(os.environ, ROS_PACKAGE_PATH=f"{package.parent}:{os.environ['ROS_PACKAGE_PATH']}"):
+            self.refused(1, "not deleted", *kept, "nearest", "--", f"selection_config:={config}")
+            self.refused(1, "not deleted", *kept, "nearest", "--", f"params:={params}")
+            self.refused(1, "no summary.json", *table, "gpis nearest", "--selection-config", config)
+            self.refused(2, "my_views/Farthest is exported by no package on ROS_PACKAGE_PATH; must be one of gpis, nearest, ", *kept, "farthest", "--",
+                         f"selection_config:={config}")
+        # Of the same environment the nodes are started: sourcing this workspace once more would hide the user's.
+        environment = {**os.environ, "ROS_PACKAGE_PATH": f"{package.parent}:/x", "CMAKE_PREFIX_PATH": f"{package.parent}/devel:{ROOT}/devel:/usr"}
+        told = subprocess.run(["bash", "-c", '. "$0"; use_workspace; echo "$ROS_PACKAGE_PATH"', str(SCRIPTS / "lib.sh")], env=environment,
+                              capture_output=True, text=True, check=True).stdout
+        self.assertEqual(told.strip(), environment["ROS_PACKAGE_PATH"])
+        for name in shipped.split(", "):
+            self.refused(1, "not deleted", *kept, name)
+        self.refused(2, "strategies cannot be read", *kept, "gpis", "--", f"selection_config:={self.folder / 'nope.yaml'}")
+
+    def test_slowest_camera_brings_the_images_of_a_look_in_time(self):
+        look = yaml.safe_load((ROOT / "src/pick_mission/config/pick_mission.yaml").read_text())["look"]
+        self.assertLess(look["images"] / 0.2, look["timeout_s"])
+        self.assertGreaterEqual(look["images"] / 0.15, look["timeout_s"], "it could be slower")
+
+    def test_campaign_refuses_lists_that_make_no_sense(self):
+        # --table: nothing is built or run, whatever is let through.
+        campaign = ("campaign", "--table", "--out", self.folder / "nowhere")
+        for option in ("--scenes", "--seeds", "--strategies", "--out"):
+            for empty in ("", "  "):
+                self.refused(2, f"{option} is empty", *campaign, option, empty)
+            self.refused(2, f"{option} needs a value", *campaign, option)
+        for seeds in ("-1", "1 99999999999", "1.5"):
+            self.refused(2, "must be whole numbers in [0, 2147483647]", *campaign, "--seeds", seeds)
+        for removed in ("all frontier", "frontier all", "allfrontier", "all "):
+            self.refused(2, "--removed: all", *campaign, "--removed", removed)
+        for fine in (("--removed", "all"), ("--removed", "frontier travel"), ("--removed", ""), ("--seeds", "0 2147483647")):
+            self.refused(1, "no summary.json", *campaign, *fine)
+
+    def test_endurance_refuses_seeds_that_no_world_takes(self):
+        kept = self.folder / "endurance/kept"
+        kept.parent.mkdir()
+        kept.write_text("")
+        for seed in ("-5", "2147483648"):
+            done = self.run_it(SCRIPTS / "soak_endurance.py", "--out", self.folder, f"--seed={seed}", "--sim-hours", "0.05")
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(f"--seed {seed}, must be in [0, 2147483647]", done.stderr)
+        done = self.run_it(SCRIPTS / "soak_endurance.py", "--out", self.folder, "--seed", "2147483647", "--sim-hours", "0.05")
+        self.assertIn("--sim-hours 0.05, must be", done.stderr)
+        self.assertTrue(kept.exists())
+
+    def test_recorder_refuses_times_that_are_none(self):
+        for option in ("--wall-limit", "--begin-within", "--gone-after"):
+            for value in ("nan", "-1.0"):
+                done = self.run_it(SCRIPTS / "mission_recorder.py", self.folder / "nope", f"{option}={value}")
+                self.assertEqual(done.returncode, 2, done.stderr)
+                self.assertIn(f"{option} {value}, must be a number of seconds >= 0", done.stderr)
+
+    def test_soak_mission_tells_that_there_is_no_table(self):
+        for option in ("--judge", "--tables"):
+            self.refused(2, f"error: no mission.csv in {self.folder}", "soak_mission.py", "--out", self.folder, option)
+
+    def test_soak_calls_a_missing_value_bad_usage(self):
+        for option in ("--frames", "--plans", "--picks", "--hours"):
+            self.refused(2, f"{option} needs a number", "soak", option)
+
+    def campaign(self, code, *log):
+        """The real script in a tree where run_mission leaves this log and exits so; true if it was called."""
+        tree = self.folder / "tree"
+        if not tree.exists():
+            self.copy_strategies(tree)
+            nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))
+            (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
+            (tree / "sim_tests/simulated_world/worlds").mkdir(parents=True)
+            (tree / "sim_tests/simulated_world/worlds/toy.yaml").write_text("heaps: [{bricks: 2}]\n")
+            (tree / "scripts/run_mission").unlink()
+            (tree / "scripts/run_mission").write_text('#!/bin/sh\ntouch called\nmkdir -p "$2"\ncp summary.json "$2"\ncp log "$2/mission.jsonl"\n'
+                                                      'exit "$(cat code)"\n')
+            (tree / "scripts/run_mission").chmod(0o755)
+            (tree / "summary.json").write_text('{"scene": "toy", "wall_seconds": null}')
+        (tree / "called").unlink(missing_ok=True)
+        (tree / "log").write_text("".join(log))
+        (tree / "code").write_text(str(code))
+        done = self.run_it(tree / "scripts/campaign", "--scenes", "toy", "--seeds", "1", "--strategies", "gpis", "--out", "out")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return (tree / "called").exists()
+
+    def test_campaign_runs_again_what_never_began_or_broke_down(self):
+        for attempt in ((1,), (3,), (1, START), (3, '{"event":"hand","decision":"idle"}\n'), (0, START, END)):
+            self.assertTrue(self.campaign(*attempt), attempt)
+        self.assertFalse(self.campaign(1), "the last had ended")
+
+    def test_campaign_counts_what_ended_by_its_own_failure_or_was_given_up(self):
+        for attempt in ((1, START, END), (3, START)):
+            self.assertTrue(self.campaign(*attempt), attempt)
+            self.assertFalse(self.campaign(1), attempt)
+            shutil.rmtree(self.folder / "tree")
+
+    def test_campaign_does_not_believe_that_a_mission_is_done_that_left_no_log(self):
+        self.assertTrue(self.campaign(1))
+        (self.folder / "tree/out/toy-gpis-1/.done").touch()  # as earlier versions did
+        self.assertTrue(self.campaign(1))
+
+    def test_time_limit_of_what_is_no_scene(self):
+        world = self.folder / "world.yaml"
+        for text in ("", "[]", "3", "heaps: 3", "heaps: [{}]", "bricks: [\n", "{}", "time_per_brick_s: x\nbricks: [1]"):
+            world.write_text(text)
+            self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
+        world.write_bytes(b"\xff\xfe\x80")
+        self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
+        self.refused(1, "no such", "table_campaign.py", "--time-limit", self.folder / "no such")
+        world.write_text("heaps: [{bricks: 2}]\nbricks: [{}]\ntime_per_brick_s: 10")
+        self.assertEqual(self.run_it(SCRIPTS / "table_campaign.py", "--time-limit", world).stdout, "30\n")
+
+    def test_report_fig8_says_what_it_cannot_read(self):
+        self.refused(1, f"{self.folder / 'nope'}: no folders with a summary.json", "report_fig8.py", self.folder / "nope")
+        path = self.folder / "fig8_full/summary.json"
+        path.parent.mkdir()
+        for text in (json.dumps(FIG8_SUMMARY)[:100], "[]", '{"systems": []}', '{"systems": {"gpis": {}}}'):
+            path.write_text(text)
+            self.refused(1, str(path), "report_fig8.py", self.folder)
+        path.write_text(json.dumps(FIG8_SUMMARY))
+        done = self.run_it(SCRIPTS / "report_fig8.py", self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("fig8_full, Dynamic GPIS", done.stdout)
+
+    def test_plot_fig8_says_what_it_cannot_read(self):
+        out = self.folder / "fig8.png"
+        self.refused(1, "nope", "plot_fig8.py", self.folder / "nope", "--out", out)
+        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY)[:100])
+        self.refused(1, f"{self.folder}: cannot be drawn", "plot_fig8.py", self.folder, "--out", out)
+        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY))
+        self.refused(1, "gpis_before.ply", "plot_fig8.py", self.folder, "--out", out)
+        self.assertFalse(out.exists())
+
+    def test_report_soak_leaves_the_page_where_there_is_nothing(self):
+        page = self.folder / "soak.md"
+        page.write_text("what was measured")
+
+        def soak(folder):
+            return ("report_soak.py", folder, "--plot", self.folder / "soak.png", "--table", page)
+
+        self.refused(1, "neither loop.csv nor fuzz.csv", *soak(self.folder / "nope"))
+        self.refused(1, "neither loop.csv nor fuzz.csv", *soak(self.folder))
+        (self.folder / "fuzz.csv").write_text("")
+        self.refused(1, "fuzz.csv: no results", *soak(self.folder))
+        (self.folder / "loop.csv").write_text("frame,points\n1\n")
+        self.refused(1, "report_soak: ", *soak(self.folder))
+        self.assertEqual(page.read_text(), "what was measured")
+
+    def test_plot_mission_fails_where_there_is_nothing_to_plot(self):
+        self.refused(1, f"{self.folder}: no mission left anything to plot there", "plot_mission.py", self.folder)
+        run_folder.make_run_folder(self.folder / "run", 2)
+        self.assertEqual(self.run_it(SCRIPTS / "plot_mission.py", self.folder / "run").returncode, 0)
+        shutil.rmtree(self.folder / "run/report")
+        (self.folder / "run/report").write_text("")
+        for script in ("plot_mission.py", "report_mission.py"):
+            self.refused(1, f"{self.folder / 'run/report'}: File exists", script, self.folder / "run")
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("experiments", "test_script_refusals", ScriptRefusals)

@@ -1,0 +1,82 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""scripts/run_examples: what it refuses and what it finds failed, on made pages; then the pages of the repository."""
+
+import pathlib
+import subprocess
+import tempfile
+import unittest
+
+import rosunit
+
+RUN_EXAMPLES = pathlib.Path(__file__).resolve().parents[4] / "scripts/run_examples"
+
+
+def run_it(*arguments):
+    done = subprocess.run([str(RUN_EXAMPLES), *map(str, arguments)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, text=True, check=False)
+    return done.returncode, done.stdout
+
+
+class RunExamples(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+
+    def page(self, text):
+        path = pathlib.Path(self.folder.name) / "page.md"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def test_marks(self):
+        wrong = [("bash", "no mark"), ("python", "no mark"), ("console", "no mark"), ("bash walk", "no mark"),
+                 ("bash run now", "run takes no words"), ("bash stays", "stays takes the topics"),
+                 ("bash stays chatter", "stays takes the topics"), ("bash skip", "skip takes one of"),
+                 ("bash skip tired", "skip takes one of"), ("", "must be bash")]
+        right = ["bash run", "python run", "bash skip robot", "bash stays /chatter", "cpp", "text"]
+        blocks = [f"```{fence}\nrosrun a b\n```\n" for fence in [fence for fence, _ in wrong] + right]
+        code, output = run_it("--check", self.page("".join(blocks) + "```\na picture ─► of arrows\n```\n"))
+        self.assertEqual(code, 1)
+        lines = output.splitlines()
+        self.assertEqual(len(lines), len(wrong) + 1, output)
+        for i, (fence, told) in enumerate(wrong):
+            self.assertRegex(lines[i], f"^FAILED .*page.md:{3 * i + 1}: .*{told}", fence)
+        self.assertEqual(run_it("--check", self.page("".join(blocks[len(wrong):])))[0], 0)
+
+    def test_what_fails_is_named_and_what_builds_on_it_is_not_run(self):
+        code, output = run_it(self.page("# A\n```bash run\necho so; false\n```\n```bash run\ntouch later\n```\n"
+                                        "# B\n```bash run\n[ ! -e later ]\n[ -d src ]\n```\n"
+                                        "```bash skip root\nfalse\n```\n"))
+        self.assertEqual(code, 1)
+        self.assertRegex(output, r"FAILED .*page.md:2: exit code 1\n +so\n")
+        self.assertRegex(output, r"ok +.*page.md:9 run")
+        self.assertRegex(output, r"skip +.*page.md:13: needs root")
+        self.assertIn("3 blocks to run, 1 failed, 1 skipped", output)
+
+    def test_each_line_counts(self):
+        code, output = run_it(self.page("```bash run\nfalse\ntrue\n```\n```python run\nraise SystemExit(3)\n```\n"))
+        self.assertEqual(code, 1, output)
+
+    def test_a_terminal_that_ends(self):
+        code, output = run_it(self.page("```bash stays /chatter\necho no such thing; exit 3\n```\n"))
+        self.assertEqual(code, 1)
+        self.assertRegex(output, r"page.md:1: nothing on /chatter: a terminal has ended with 3\n +no such thing\n")
+
+    def test_a_terminal_is_listened_to_and_closed_at_the_heading(self):
+        code, output = run_it(self.page(
+            "# A\n```bash stays /camera/depth/camera_info /tf\nsource devel/setup.bash\n"
+            "roslaunch synthetic_depth synthetic_depth.launch\n```\n"
+            "```bash run\nsource devel/setup.bash\nrostopic echo -n 1 /camera/depth/camera_info\n```\n"
+            "# B\n```bash run\nsource devel/setup.bash\n! rostopic list\n```\n"))
+        self.assertEqual(code, 0, output)
+        self.assertIn("3 blocks to run, 0 failed, 0 skipped", output)
+
+    def test_the_repository(self):
+        code, output = run_it()
+        print(output)
+        self.assertEqual(code, 0, output)
+        self.assertRegex(output, r"\d\d blocks to run, 0 failed, \d+ skipped")
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("integration_tests", "test_run_examples", RunExamples)

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include <interactive_mapping_common/config/schema.h>
+
+#include "simulated_world/pile_scene.h"
+#include "synthetic_depth/scene.h"
+#include "synthetic_depth/yaml_section.h"
+
+namespace simulated_world {
+namespace {
+
+using synthetic_depth::above;
+using synthetic_depth::closed;
+using synthetic_depth::Range;
+using synthetic_depth::Section;
+
+// Farther than this is a slip of units.
+const Range kPosition = closed(-100.0, 100.0, "m");
+const Range kLength = above(0.0, 100.0, "m");
+const Range kAngle = closed(-6.2832, 6.2832, "rad");
+const Range kCount = closed(1, 10000);
+
+const BrickType* findType(const std::vector<BrickType>& types, const std::string& name) {
+  const auto found = std::find_if(types.begin(), types.end(), [&](const BrickType& type) { return type.name == name; });
+  return found == types.end() ? nullptr : &*found;
+}
+
+/// The type that `section` names at `key`, which is `fallback` if it has no such key.
+BrickType readType(Section& section, const std::string& key, const std::vector<BrickType>& types,
+                   const BrickType& fallback) {
+  std::set<std::string> names;
+  for (const BrickType& type : types) names.insert(type.name);
+  const BrickType* type = findType(types, section.choice(key, names, fallback.name));
+  return type == nullptr ? fallback : *type;
+}
+
+HeapConfig readHeap(Section section) {
+  HeapConfig heap;
+  for (const char* key : {"center_m", "extent_m", "bricks", "layers"}) {
+    section.require(key, "given for each heap");
+  }
+  heap.center_m = section.vector<2>("center_m", heap.center_m, kPosition);
+  heap.yaw_rad = section.number("yaw_rad", heap.yaw_rad, kAngle);
+  heap.extent_m = section.vector<2>("extent_m", heap.extent_m, kLength);
+  heap.bricks = section.integer("bricks", heap.bricks, kCount);
+  heap.layers = section.integer("layers", heap.layers, kCount);
+  section.finish();
+  return heap;
+}
+
+BrickPlacement readBrick(Section section, const std::vector<BrickType>& types, const BrickType& fallback) {
+  BrickPlacement brick;
+  section.require("id", "given for each brick");
+  section.require("xyz_m", "given for each brick");
+  brick.id = section.integer("id", 0, closed(0, 1e6));
+  brick.type = readType(section, "type", types, fallback);
+  const Eigen::Vector3d xyz_m = section.vector<3>("xyz_m", Eigen::Vector3d::Zero(), kPosition);
+  const double yaw_rad = section.number("yaw_rad", 0.0, kAngle);
+  brick.T_map_brick = synthetic_depth::poseFromXyzRpy(xyz_m, {0.0, 0.0, yaw_rad});
+  if (section.has("rpy_rad")) {
+    if (section.has("yaw_rad")) section.report("rpy_rad", "several orientations", "given, or yaw_rad, but not both");
+    brick.T_map_brick =
+        synthetic_depth::poseFromXyzRpy(xyz_m, section.vector<3>("rpy_rad", Eigen::Vector3d::Zero(), kAngle));
+  }
+  section.finish();
+  return brick;
+}
+
+PileSceneConfig readScene(Section section, const std::vector<BrickType>& types, int max_bricks) {
+  PileSceneConfig config;
+  section.require("brick_type", "the name of a type");
+  section.require("robot_start", "{xy_m, yaw_rad}");
+  config.brick = readType(section, "brick_type", types, BrickType());
+  for (const Section& heap : section.sections("heaps")) config.heaps.push_back(readHeap(heap));
+  for (const Section& brick : section.sections("bricks")) {
+    config.bricks.push_back(readBrick(brick, types, config.brick));
+  }
+  config.position_jitter_m = section.number("position_jitter_m", config.position_jitter_m, closed(0.0, 0.1, "m"));
+  config.yaw_jitter_rad = section.number("yaw_jitter_rad", config.yaw_jitter_rad, closed(0.0, 0.7854, "rad"));
+  config.drop_gap_m = section.number("drop_gap_m", config.drop_gap_m, above(0.0, 0.1, "m"));
+  config.max_shift_m = section.number("max_shift_m", config.max_shift_m, kLength);
+  config.time_per_brick_s = section.number("time_per_brick_s", config.time_per_brick_s, above(0.0, 1e4, "s"));
+  Section start = section.section("robot_start");
+  config.robot_start.xy_m = start.vector<2>("xy_m", config.robot_start.xy_m, kPosition);
+  config.robot_start.yaw_rad = start.number("yaw_rad", config.robot_start.yaw_rad, kAngle);
+  start.finish();
+
+  int num_bricks = static_cast<int>(config.bricks.size());
+  for (const HeapConfig& heap : config.heaps) num_bricks += heap.bricks;
+  if (num_bricks > max_bricks) {
+    section.report(config.heaps.empty() ? "bricks" : "heaps", std::to_string(num_bricks) + " bricks",
+                   "at most " + std::to_string(max_bricks) + ", for there are no more tags");
+  }
+  for (const BrickPlacement& brick : config.bricks) {
+    if (brick.id >= max_bricks) {
+      section.report("bricks", "id " + std::to_string(brick.id), "less than " + std::to_string(max_bricks));
+    }
+  }
+  section.finish();
+  return config;
+}
+
+}  // namespace
+
+PileSceneConfig parsePileScene(const std::string& text, const std::string& name, const std::vector<BrickType>& types,
+                               int max_bricks) {
+  std::vector<std::string> problems;
+  PileSceneConfig config;
+  try {
+    const YAML::Node root = YAML::Load(text);
+    if (!root.IsMap()) interactive_mapping::refuseIfAny(name + ":", {"is no map of keys"});
+    config = readScene(Section(root, "", problems), types, max_bricks);
+  } catch (const YAML::Exception& error) {
+    problems = {error.what()};
+  }
+  interactive_mapping::refuseIfAny(name + ":", problems);
+  config.name = std::filesystem::path(name).stem().string();
+  try {
+    generateScene(config, 0);  // whether it can be at all
+  } catch (const std::invalid_argument& error) {
+    interactive_mapping::refuseIfAny(name + ":", {error.what()});
+  }
+  return config;
+}
+
+PileSceneConfig loadPileScene(const std::string& path, const std::vector<BrickType>& types, int max_bricks) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  if (!file || !(text << file.rdbuf())) {
+    interactive_mapping::refuseIfAny(path + ":", {"cannot be read, or is empty"});
+  }
+  return parsePileScene(text.str(), path, types, max_bricks);
+}
+
+}  // namespace simulated_world
