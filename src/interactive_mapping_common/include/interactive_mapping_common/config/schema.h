@@ -2,7 +2,6 @@
 #pragma once
 
 #include <functional>
-#include <initializer_list>
 #include <memory>
 #include <set>
 #include <string>
@@ -11,6 +10,8 @@
 #include <vector>
 
 #include <Eigen/Core>
+
+#include "interactive_mapping_common/enums/enum_names.h"
 
 namespace YAML {
 class Node;
@@ -30,18 +31,6 @@ class Node;
 ///
 /// From that come reading YAML and ROS parameters, one refusal of all that is wrong, and the shipped YAML file.
 namespace interactive_mapping {
-
-/// The names of an enumeration's values, for fields.
-template <typename Enum>
-using Names = std::initializer_list<std::pair<const char*, Enum>>;
-
-template <typename Enum>
-const char* nameOf(Enum value, Names<Enum> names) {
-  for (const auto& [name, named] : names) {
-    if (named == value) return name;
-  }
-  return "?";
-}
 
 /// A member of a configuration with what is known of it.
 struct Field {
