@@ -40,7 +40,9 @@ enum class HolePolicy {
 inline constexpr interactive_mapping::Names<HolePolicy> kHolePolicyNames = {
     {"auto", HolePolicy::kAuto}, {"wall", HolePolicy::kWall}, {"no_information", HolePolicy::kNoInformation}};
 
-const char* toString(HolePolicy policy);
+constexpr const char* toString(HolePolicy policy) {
+  return interactive_mapping::nameOf(policy, kHolePolicyNames);
+}
 
 /// Throws std::invalid_argument naming the known ones.
 HolePolicy holePolicyFromString(const std::string& name);

@@ -12,6 +12,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <interactive_mapping_enums/query_map.h>
 
 namespace gpis_mapping {
 
@@ -94,10 +95,7 @@ struct LatticeKeyHash {
   }
 };
 
-enum class SpaceState : std::uint8_t { kUnknown = 0, kFree = 1, kOccupied = 2 };
-
-/// "unknown", "free" or "occupied".
-const char* toString(SpaceState state);
+using interactive_mapping::SpaceState;
 
 }  // namespace gpis_mapping
 

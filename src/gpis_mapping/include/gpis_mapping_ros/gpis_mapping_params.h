@@ -16,7 +16,9 @@ namespace gpis_mapping_ros {
 enum class MeshColor { kUncertainty, kHeight };
 inline constexpr interactive_mapping::Names<MeshColor> kMeshColorNames = {{"uncertainty", MeshColor::kUncertainty},
                                                                           {"height", MeshColor::kHeight}};
-const char* toString(MeshColor color);
+constexpr const char* toString(MeshColor color) {
+  return interactive_mapping::nameOf(color, kMeshColorNames);
+}
 
 /// All parameters of the node. SI units.
 struct GpisMappingParams {

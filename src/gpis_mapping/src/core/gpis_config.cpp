@@ -29,10 +29,6 @@ std::string join(const std::vector<std::string>& words) {
 
 }  // namespace
 
-const char* toString(HolePolicy policy) {
-  return interactive_mapping::nameOf(policy, kHolePolicyNames);
-}
-
 HolePolicy holePolicyFromString(const std::string& name) {
   std::vector<std::string> known;
   for (const auto& [word, policy] : kHolePolicyNames) {

@@ -58,16 +58,4 @@ std::string nothingMeasured(const DepthImage& image) {
   return "none of " + std::to_string(image.depth_m.size()) + " pixels holds a depth or +Inf: is the lens covered?";
 }
 
-const char* toString(SpaceState state) {
-  switch (state) {
-    case SpaceState::kFree:
-      return "free";
-    case SpaceState::kOccupied:
-      return "occupied";
-    case SpaceState::kUnknown:
-      break;
-  }
-  return "unknown";
-}
-
 }  // namespace gpis_mapping

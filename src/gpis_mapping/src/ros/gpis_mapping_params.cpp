@@ -8,10 +8,6 @@
 
 namespace gpis_mapping_ros {
 
-const char* toString(MeshColor color) {
-  return interactive_mapping::nameOf(color, kMeshColorNames);
-}
-
 std::vector<std::string> GpisMappingParams::validate() const {
   interactive_mapping::FieldChecker checker;
   GpisMappingParams copy = *this;
