@@ -193,7 +193,7 @@ constexpr const char* kHeader =
 
 std::string statusName(int status) {
   return status >= 0 && status < ur_driver_bridge::kNumArmStatus
-             ? ur_driver_bridge::toString(static_cast<ur_driver_bridge::ArmStatus>(status))
+             ? toString(static_cast<ur_driver_bridge::ArmStatus>(status))
              : "NO_OUTCOME";
 }
 

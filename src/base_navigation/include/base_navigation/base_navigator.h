@@ -6,7 +6,10 @@
 #include <memory>
 #include <optional>
 #include <string>
+
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_enums/navigation_outcome.h>
+#include <interactive_mapping_enums/navigation_state.h>
 
 #include "base_navigation/base_planner.h"
 #include "base_navigation/obstacle_guard.h"
@@ -52,29 +55,8 @@ struct BaseNavigatorConfig {
   }
 };
 
-enum class NavigationStatus : std::uint8_t {  // as NavigationOutcome.msg
-  kSuccess = 0,
-  kCancelled = 1,
-  kBadGoal = 2,
-  kStartBlocked = 3,  // something occupied or unknown under the robot's own padded footprint
-  kGoalOccupied = 4,
-  kGoalUnknown = 5,
-  kNoApproach = 6,
-  kNoPath = 7,
-  kIterations = 8,
-  kObstacle = 9,  // the scanner's obstacle did not go away, and there is no way round it
-  kStuck = 10,    // wheels turn or are told to, and the base does not move as told
-  kStaleOdometry = 11,
-  kStalePose = 12,  // tf
-  kStaleScan = 13,
-  kStaleGrid = 14,
-  kGoalMissed = 15,  // came to the end of the way, but not to the goal within the tolerance
-  kTooManyPlans = 16,
-  kStaleHeartbeat = 17,  // whoever sends the goals is gone, or out of reach
-  kBaseStopped = 18,     // by its own button, scanner or stop input
-  kBadInput = 19,        // odometry, scan or grid comes and cannot be used
-};
-const char* toString(NavigationStatus status);
+using interactive_mapping::NavigationPhase;
+using interactive_mapping::NavigationStatus;
 
 /// What stops the base itself, whatever it is commanded.
 enum class BaseStop : std::uint8_t {
@@ -83,7 +65,14 @@ enum class BaseStop : std::uint8_t {
   kSignal,   // a stop input that does not tell who presses
   kButton,   // an emergency button
 };
-const char* toString(BaseStop stop);
+inline constexpr interactive_mapping::Names<BaseStop> kBaseStopNames = {
+    {"nothing stops it", BaseStop::kNone},
+    {"something stands in its safety scanner's field", BaseStop::kScanner},
+    {"its stop input is active", BaseStop::kSignal},
+    {"its emergency button is pressed", BaseStop::kButton}};
+constexpr const char* toString(BaseStop stop) {
+  return interactive_mapping::nameOf(stop, kBaseStopNames);
+}
 
 /// What the base knows at a step; stamps on one clock, negative: never came.
 struct NavigationInput {
@@ -102,16 +91,6 @@ struct NavigationInput {
   std::string odometry_problem, pose_problem, scan_problem, grid_problem;
   std::optional<BaseStop> stop;  // nothing: nobody tells of stops
 };
-
-enum class NavigationPhase : std::uint8_t {
-  kIdle = 0,
-  kPlanning = 1,
-  kDriving = 2,
-  kBlocked = 3,
-  kWaitingForData = 4,
-  kBraking = 5
-};
-const char* toString(NavigationPhase phase);
 
 struct NavigationOutput {
   Twist2d command;  // to be sent, zeros too, unless idle

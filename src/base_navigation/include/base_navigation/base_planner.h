@@ -58,7 +58,19 @@ enum class BasePlanStatus {
   kIterations,  // there may be one: the search ended without
   kCancelled,
 };
-const char* toString(BasePlanStatus status);
+inline constexpr interactive_mapping::Names<BasePlanStatus> kBasePlanStatusNames = {
+    {"solved", BasePlanStatus::kSolved},
+    {"start occupied", BasePlanStatus::kStartOccupied},
+    {"start unknown", BasePlanStatus::kStartUnknown},
+    {"goal occupied", BasePlanStatus::kGoalOccupied},
+    {"goal unknown", BasePlanStatus::kGoalUnknown},
+    {"no approach", BasePlanStatus::kNoApproach},
+    {"no path", BasePlanStatus::kNoPath},
+    {"iterations", BasePlanStatus::kIterations},
+    {"cancelled", BasePlanStatus::kCancelled}};
+constexpr const char* toString(BasePlanStatus status) {
+  return interactive_mapping::nameOf(status, kBasePlanStatusNames);
+}
 
 struct BasePlan {
   BasePlanStatus status{BasePlanStatus::kIterations};

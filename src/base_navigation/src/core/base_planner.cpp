@@ -954,30 +954,6 @@ void requireFinite(const char* what, const Pose2d& pose) {
 
 }  // namespace
 
-const char* toString(BasePlanStatus status) {
-  switch (status) {
-    case BasePlanStatus::kSolved:
-      return "solved";
-    case BasePlanStatus::kStartOccupied:
-      return "start occupied";
-    case BasePlanStatus::kStartUnknown:
-      return "start unknown";
-    case BasePlanStatus::kGoalOccupied:
-      return "goal occupied";
-    case BasePlanStatus::kGoalUnknown:
-      return "goal unknown";
-    case BasePlanStatus::kNoApproach:
-      return "no approach";
-    case BasePlanStatus::kNoPath:
-      return "no path";
-    case BasePlanStatus::kIterations:
-      return "iterations";
-    case BasePlanStatus::kCancelled:
-      return "cancelled";
-  }
-  return "unknown";
-}
-
 BasePlanner::BasePlanner(const BasePlannerConfig& config, const MotionLimits& limits, Polygon footprint)
     : config_(config), limits_(limits), footprint_(std::move(footprint)) {
   std::vector<std::string> problems = interactive_mapping::problemsOf(config_);

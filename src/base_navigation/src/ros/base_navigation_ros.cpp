@@ -196,7 +196,7 @@ void BaseNavigationRos::refuse(GoalHandle& goal, Status status, const std::strin
   if (status == NavigationStatus::kCancelled) {
     goal.setCanceled(move_base_msgs::MoveBaseResult(), message);
   } else {
-    goal.setAborted(move_base_msgs::MoveBaseResult(), std::string(base_navigation::toString(status)) + ": " + message);
+    goal.setAborted(move_base_msgs::MoveBaseResult(), std::string(toString(status)) + ": " + message);
   }
 }
 
@@ -280,9 +280,9 @@ void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goa
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
     outcome.base = toPoseMessage(T_map_base_.value_or(kNoPose));
-    ++outcomes_[base_navigation::toString(status)];
+    ++outcomes_[toString(status)];
     if (status != NavigationStatus::kSuccess) {
-      last_failure_ = std::string(base_navigation::toString(status)) + ": " + message;
+      last_failure_ = std::string(toString(status)) + ": " + message;
     }
   }
   if (current_ && current_->getGoalID().id == outcome.goal_id) {
@@ -306,8 +306,8 @@ void BaseNavigationRos::finish(Status status, const std::string& message) {
   } else if (status == NavigationStatus::kCancelled) {
     goal.setCanceled(result, message);
   } else {
-    ROS_WARN_NAMED(kLog, "%s: %s", base_navigation::toString(status), message.c_str());
-    goal.setAborted(result, std::string(base_navigation::toString(status)) + ": " + message);
+    ROS_WARN_NAMED(kLog, "%s: %s", toString(status), message.c_str());
+    goal.setAborted(result, std::string(toString(status)) + ": " + message);
   }
   idle_.notify_all();
 }
@@ -442,9 +442,9 @@ void BaseNavigationRos::tellStop() {
   if (stop == told_stop_) return;
   told_stop_ = stop;
   const bool is_stopped = stop != BaseStop::kNone;
-  if (is_stopped) ROS_WARN_NAMED(kLog, "the base is stopped: %s", base_navigation::toString(*stop));
+  if (is_stopped) ROS_WARN_NAMED(kLog, "the base is stopped: %s", toString(*stop));
   const std::lock_guard<std::mutex> lock(shared_mutex_);
-  stop_ = is_stopped ? base_navigation::toString(*stop) : "";
+  stop_ = is_stopped ? toString(*stop) : "";
 }
 
 void BaseNavigationRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
@@ -773,7 +773,7 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
       response.plan.poses.push_back(pose);
     }
   } else {
-    ROS_WARN_NAMED(kLog, "make_plan: %s: %s", base_navigation::toString(plan.status), plan.message.c_str());
+    ROS_WARN_NAMED(kLog, "make_plan: %s: %s", toString(plan.status), plan.message.c_str());
   }
   return true;  // an empty plan says that there is none
 }
@@ -834,7 +834,7 @@ void BaseNavigationRos::diagnoseGoals(diagnostic_updater::DiagnosticStatusWrappe
   const std::lock_guard<std::mutex> lock(shared_mutex_);
   const bool stands = phase_ == NavigationPhase::kBlocked || phase_ == NavigationPhase::kWaitingForData;
   status.summary(stands ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
-                 base_navigation::toString(phase_) + (reason_.empty() ? std::string() : ": " + reason_));
+                 toString(phase_) + (reason_.empty() ? std::string() : ": " + reason_));
   for (const auto& [name, count] : outcomes_) status.add(name, count);
   if (!last_failure_.empty()) status.add("last failure", last_failure_);
 }

@@ -8,6 +8,7 @@
 
 #include <Eigen/Geometry>
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_enums/tag_sighting.h>
 #include <mp700_ur5e_description/brick_types.h>
 #include <opencv2/core.hpp>
 
@@ -18,17 +19,7 @@
 
 namespace brick_detection {
 
-/// What a decoded tag was good for; the constants of interactive_mapping_msgs/TagSighting.
-enum class TagStatus : std::uint8_t {
-  kUsed = 0,
-  kUnknownId = 1,
-  kTooSmall = 2,
-  kUnsure = 3,
-  kAmbiguous = 4,
-  kContradictsDepth = 5,
-  kInconsistent = 6
-};
-const char* toString(TagStatus status);
+using interactive_mapping::TagStatus;
 
 struct TagSighting {
   TagObservation tag;

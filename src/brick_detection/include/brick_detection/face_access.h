@@ -7,11 +7,12 @@
 
 #include <Eigen/Geometry>
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_enums/query_map.h>
 #include <mp700_ur5e_description/brick_types.h>
 
 namespace brick_detection {
 
-enum class SpaceState { kUnknown, kFree, kOccupied };
+using interactive_mapping::SpaceState;
 
 struct FaceAccessConfig {
   double corridor_m{0.15};

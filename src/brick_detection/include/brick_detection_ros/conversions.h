@@ -10,6 +10,7 @@
 #include <ar_track_alvar_msgs/AlvarMarkers.h>
 #include <depth_camera_ros/conversions.h>
 #include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_enums/brick_detection_update.h>
 #include <interactive_mapping_msgs/Brick.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
 #include <interactive_mapping_msgs/TagSighting.h>
@@ -23,13 +24,10 @@ namespace brick_detection_ros {
 
 using depth_camera_ros::FrameStatus;
 using depth_camera_ros::Refusal;
+using interactive_mapping::DetectionUpdateStatus;
 
-/// The constant of interactive_mapping_msgs/BrickDetectionUpdate. What a depth image alone can be refused for, and errors
-/// within, are FAILED.
-std::uint8_t toUpdateStatus(FrameStatus status);
-
-/// Of BrickDetectionUpdate, in words: "wrong encoding", "pose jump" ...
-const char* statusName(std::uint8_t update_status);
+/// What a depth image alone can be refused for, and errors within, are kFailed.
+DetectionUpdateStatus toUpdateStatus(FrameStatus status);
 
 /// "800 x 600 px".
 std::string sizeText(std::uint64_t width_px, std::uint64_t height_px);

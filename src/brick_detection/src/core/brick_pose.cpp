@@ -323,26 +323,6 @@ std::optional<Group> largestGroup(const std::vector<const Candidate*>& open, con
 
 }  // namespace
 
-const char* toString(TagStatus status) {
-  switch (status) {
-    case TagStatus::kUsed:
-      return "used";
-    case TagStatus::kUnknownId:
-      return "unknown id";
-    case TagStatus::kTooSmall:
-      return "too small";
-    case TagStatus::kUnsure:
-      return "unsure";
-    case TagStatus::kAmbiguous:
-      return "ambiguous";
-    case TagStatus::kContradictsDepth:
-      return "contradicts depth";
-    case TagStatus::kInconsistent:
-      return "inconsistent";
-  }
-  return "unknown status";
-}
-
 BrickPoseEstimator::BrickPoseEstimator(const BrickCatalogue& catalogue, const BrickPoseConfig& config)
     : catalogue_(catalogue), config_(config) {
   interactive_mapping::requireValid("impossible poses of bricks:", config_);

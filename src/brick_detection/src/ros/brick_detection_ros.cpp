@@ -206,7 +206,7 @@ void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, b
   Update& update = record.update;
   update.header.stamp = stamp;
   update.header.frame_id = params_.input.map_frame;
-  update.status = toUpdateStatus(refusal.status);
+  update.status = static_cast<std::uint8_t>(toUpdateStatus(refusal.status));
   update.message = refusal.message;
   {
     const std::lock_guard<std::mutex> lock(detector_mutex_);
@@ -218,8 +218,9 @@ void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, b
     update.bricks_dropped = std::move(dropped_);
     dropped_.clear();
   }
-  ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
-                                 "image left out, " << statusName(update.status) << ": " << update.message);
+  ROS_WARN_STREAM_THROTTLE_NAMED(
+      kWarnPeriod_s, kLog,
+      "image left out, " << toString(static_cast<DetectionUpdateStatus>(update.status)) << ": " << update.message);
   {
     const ros::WallTime now = ros::WallTime::now();
     const std::lock_guard<std::mutex> lock(report_mutex_);
@@ -390,7 +391,8 @@ bool BrickDetectionRos::onDetect(DetectBricks::Request& request, DetectBricks::R
       if (last_refused_ != refused_before) {
         response.update = last_refused_->update;
         answer(Response::REFUSED, "no image could be used, " + why + "; the last: " +
-                                      statusName(last_refused_->update.status) + ", " + last_refused_->update.message);
+                                      toString(static_cast<DetectionUpdateStatus>(last_refused_->update.status)) +
+                                      ", " + last_refused_->update.message);
       } else {
         answer(Response::NO_IMAGE, "no image on " + input_->topic() + ", " + why);
       }
@@ -465,7 +467,7 @@ void BrickDetectionRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrappe
   status.add("replaced by a newer one", counters.replaced);
   if (!params_.continuous) status.add("not asked for", counters.unwanted);
   for (std::size_t i = 0; i < counters.by_status.size(); ++i) {
-    const std::string name = statusName(static_cast<std::uint8_t>(i));
+    const std::string name = toString(static_cast<DetectionUpdateStatus>(i));
     status.add(i == 0 ? name : "left out: " + name, counters.by_status[i]);
   }
   status.add("without depth", counters.without_depth);

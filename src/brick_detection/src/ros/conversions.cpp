@@ -2,7 +2,6 @@
 #include "brick_detection_ros/conversions.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <exception>
 #include <limits>
@@ -17,19 +16,10 @@ namespace {
 
 using brick_detection::CameraModel;
 using brick_detection::Distortion;
-using interactive_mapping_msgs::BrickDetectionUpdate;
 namespace enc = sensor_msgs::image_encodings;
 
 constexpr char kAllowedEncodings[] = "rgb8, bgr8, rgba8, bgra8, mono8, bayer_*8";
 constexpr std::size_t kMaxShownName = 40;
-
-// The enums of the core are the constants of the messages.
-static_assert(static_cast<int>(brick_detection::TagStatus::kInconsistent) ==
-              interactive_mapping_msgs::TagSighting::INCONSISTENT);
-static_assert(interactive_mapping_msgs::TagSighting::NUM_STATUS ==
-              interactive_mapping_msgs::TagSighting::INCONSISTENT + 1);
-static_assert(static_cast<int>(mp700_ur5e_description::BrickFace::kMinusZ) ==
-              interactive_mapping_msgs::BrickFace::MINUS_Z);
 
 /// Messages name foreign strings; those may be long, or hold anything.
 std::string shown(const std::string& name) {
@@ -65,42 +55,35 @@ std::optional<Distortion> distortionOf(const std::string& model) {
 
 }  // namespace
 
-std::uint8_t toUpdateStatus(FrameStatus status) {
+DetectionUpdateStatus toUpdateStatus(FrameStatus status) {
   switch (status) {
     case FrameStatus::kAccepted:
-      return BrickDetectionUpdate::ACCEPTED;
+      return DetectionUpdateStatus::kAccepted;
     case FrameStatus::kWrongEncoding:
-      return BrickDetectionUpdate::WRONG_ENCODING;
+      return DetectionUpdateStatus::kWrongEncoding;
     case FrameStatus::kMalformedImage:
-      return BrickDetectionUpdate::MALFORMED_IMAGE;
+      return DetectionUpdateStatus::kMalformedImage;
     case FrameStatus::kSizeMismatch:
-      return BrickDetectionUpdate::SIZE_MISMATCH;
+      return DetectionUpdateStatus::kSizeMismatch;
     case FrameStatus::kBadCameraInfo:
-      return BrickDetectionUpdate::BAD_CAMERA_INFO;
+      return DetectionUpdateStatus::kBadCameraInfo;
     case FrameStatus::kNoCameraInfo:
-      return BrickDetectionUpdate::NO_CAMERA_INFO;
+      return DetectionUpdateStatus::kNoCameraInfo;
     case FrameStatus::kNoTransform:
-      return BrickDetectionUpdate::NO_TRANSFORM;
+      return DetectionUpdateStatus::kNoTransform;
     case FrameStatus::kBadTransform:
-      return BrickDetectionUpdate::BAD_TRANSFORM;
+      return DetectionUpdateStatus::kBadTransform;
     case FrameStatus::kPoseJump:
-      return BrickDetectionUpdate::POSE_JUMP;
+      return DetectionUpdateStatus::kPoseJump;
     case FrameStatus::kTimeRanBack:
-      return BrickDetectionUpdate::TIME_RAN_BACK;
+      return DetectionUpdateStatus::kTimeRanBack;
     case FrameStatus::kStampInFuture:
-      return BrickDetectionUpdate::STAMP_IN_FUTURE;
+      return DetectionUpdateStatus::kStampInFuture;
     case FrameStatus::kNothingMeasured:
     case FrameStatus::kRefusedByMap:
       break;
   }
-  return BrickDetectionUpdate::FAILED;
-}
-
-const char* statusName(std::uint8_t update_status) {
-  static constexpr std::array<const char*, BrickDetectionUpdate::NUM_STATUS> kNames = {
-      "accepted",     "wrong encoding", "malformed image", "size mismatch", "bad camera info",     "no camera info",
-      "no transform", "bad transform",  "pose jump",       "time ran back", "stamp in the future", "failed"};
-  return update_status < kNames.size() ? kNames[update_status] : "?";
+  return DetectionUpdateStatus::kFailed;
 }
 
 std::string sizeText(std::uint64_t width_px, std::uint64_t height_px) {

@@ -175,9 +175,10 @@ void ImageInput::work() {
     }
     {
       const std::lock_guard<std::mutex> lock(mutex_);
-      ++counters_.by_status[toUpdateStatus(refusal.status)];
+      const DetectionUpdateStatus status = toUpdateStatus(refusal.status);
+      ++counters_.by_status[static_cast<std::size_t>(status)];
       if (!frame) {
-        counters_.last_refusal = std::string(statusName(toUpdateStatus(refusal.status))) + ": " + refusal.message;
+        counters_.last_refusal = std::string(toString(status)) + ": " + refusal.message;
       } else if (frame->has_image && params_.use_depth && frame->depth_m.empty()) {
         ++counters_.without_depth;
         counters_.last_remark = frame->remark;

@@ -253,12 +253,14 @@ TEST(ToMessage, BrickHasPoseCovarianceAndFacesInTheirPlaces) {
 
 TEST(UpdateStatus, HasANameForEachAndAConstantForEachRefusal) {
   std::set<std::string> names;
-  for (std::uint8_t status = 0; status < BrickDetectionUpdate::NUM_STATUS; ++status) names.insert(statusName(status));
+  for (std::uint8_t status = 0; status < BrickDetectionUpdate::NUM_STATUS; ++status) {
+    names.insert(toString(static_cast<DetectionUpdateStatus>(status)));
+  }
   EXPECT_EQ(names.size(), static_cast<std::size_t>(BrickDetectionUpdate::NUM_STATUS));
-  EXPECT_STREQ(statusName(BrickDetectionUpdate::POSE_JUMP), "pose jump");
-  EXPECT_STREQ(statusName(toUpdateStatus(FrameStatus::kWrongEncoding)), "wrong encoding");
-  EXPECT_STREQ(statusName(toUpdateStatus(FrameStatus::kStampInFuture)), "stamp in the future");
-  EXPECT_EQ(toUpdateStatus(FrameStatus::kRefusedByMap), BrickDetectionUpdate::FAILED);
+  EXPECT_STREQ(toString(static_cast<DetectionUpdateStatus>(BrickDetectionUpdate::POSE_JUMP)), "pose jump");
+  EXPECT_STREQ(toString(toUpdateStatus(FrameStatus::kWrongEncoding)), "wrong encoding");
+  EXPECT_STREQ(toString(toUpdateStatus(FrameStatus::kStampInFuture)), "stamp in the future");
+  EXPECT_EQ(toUpdateStatus(FrameStatus::kRefusedByMap), DetectionUpdateStatus::kFailed);
 }
 
 }  // namespace

@@ -6,11 +6,6 @@
 
 namespace brick_detection {
 
-const char* toString(Spoilt kind) {
-  static constexpr std::array<const char*, kNumSpoilt> kNames = {"clean", "cover", "tape", "glare", "bend", "shadow"};
-  return kNames[static_cast<std::size_t>(kind)];
-}
-
 SpoiltTag drawSpoiltTag(Spoilt kind, std::uint32_t seed) {
   std::mt19937 engine(seed);
   const auto uniform = [&engine](double low, double high) {  // std's distributions differ between libraries

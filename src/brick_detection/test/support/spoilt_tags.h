@@ -3,6 +3,8 @@
 
 #include <cstdint>
 
+#include <interactive_mapping_common/enums/enum_names.h>
+
 #include "support/tag_renderer.h"
 
 namespace brick_detection {
@@ -16,8 +18,13 @@ enum class Spoilt {
   kBend,    ///< the label is not flat
   kShadow,  ///< the edge of a shadow on it
 };
-constexpr int kNumSpoilt = 6;
-const char* toString(Spoilt kind);
+inline constexpr interactive_mapping::Names<Spoilt> kSpoiltNames = {
+    {"clean", Spoilt::kClean}, {"cover", Spoilt::kCover}, {"tape", Spoilt::kTape},
+    {"glare", Spoilt::kGlare}, {"bend", Spoilt::kBend},   {"shadow", Spoilt::kShadow}};
+constexpr int kNumSpoilt = static_cast<int>(kSpoiltNames.size());
+constexpr const char* toString(Spoilt kind) {
+  return interactive_mapping::nameOf(kind, kSpoiltNames);
+}
 
 /// A camera of 640 x 480 px without distortion, tag36h11 of 0.12 m.
 struct SpoiltTag {

@@ -9,6 +9,7 @@
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
 #include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_enums/map_update.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -21,26 +22,8 @@ namespace depth_camera_ros {
 
 using interactive_mapping_ros::withoutSlash;
 
-/// What became of a depth image; the constants of interactive_mapping_msgs/MapUpdate.
-enum class FrameStatus : std::uint8_t {
-  kAccepted = interactive_mapping_msgs::MapUpdate::ACCEPTED,
-  kWrongEncoding = interactive_mapping_msgs::MapUpdate::WRONG_ENCODING,
-  kMalformedImage = interactive_mapping_msgs::MapUpdate::MALFORMED_IMAGE,
-  kSizeMismatch = interactive_mapping_msgs::MapUpdate::SIZE_MISMATCH,
-  kBadCameraInfo = interactive_mapping_msgs::MapUpdate::BAD_CAMERA_INFO,
-  kNoCameraInfo = interactive_mapping_msgs::MapUpdate::NO_CAMERA_INFO,
-  kNothingMeasured = interactive_mapping_msgs::MapUpdate::NOTHING_MEASURED,
-  kNoTransform = interactive_mapping_msgs::MapUpdate::NO_TRANSFORM,
-  kBadTransform = interactive_mapping_msgs::MapUpdate::BAD_TRANSFORM,
-  kPoseJump = interactive_mapping_msgs::MapUpdate::POSE_JUMP,
-  kTimeRanBack = interactive_mapping_msgs::MapUpdate::TIME_RAN_BACK,
-  kStampInFuture = interactive_mapping_msgs::MapUpdate::STAMP_IN_FUTURE,
-  kRefusedByMap = interactive_mapping_msgs::MapUpdate::REFUSED_BY_MAP,
-};
-constexpr std::size_t kNumFrameStatus = interactive_mapping_msgs::MapUpdate::NUM_STATUS;
-
-/// "wrong encoding", "pose jump" ...: the same words for all images with the same trouble.
-const char* toString(FrameStatus status);
+using interactive_mapping::FrameStatus;
+using interactive_mapping::kNumFrameStatus;
 
 /// Why an image was left out: what was seen, and what is allowed.
 struct Refusal {

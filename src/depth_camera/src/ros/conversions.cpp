@@ -51,38 +51,6 @@ std::optional<Eigen::Isometry3d> makeIsometry(const Message& message, Refusal* r
 
 }  // namespace
 
-const char* toString(FrameStatus status) {
-  switch (status) {
-    case FrameStatus::kAccepted:
-      return "accepted";
-    case FrameStatus::kWrongEncoding:
-      return "wrong encoding";
-    case FrameStatus::kMalformedImage:
-      return "malformed image";
-    case FrameStatus::kSizeMismatch:
-      return "size differs from camera info";
-    case FrameStatus::kBadCameraInfo:
-      return "bad camera info";
-    case FrameStatus::kNoCameraInfo:
-      return "no camera info";
-    case FrameStatus::kNothingMeasured:
-      return "nothing measured";
-    case FrameStatus::kNoTransform:
-      return "no transform";
-    case FrameStatus::kBadTransform:
-      return "bad transform";
-    case FrameStatus::kPoseJump:
-      return "pose jump";
-    case FrameStatus::kTimeRanBack:
-      return "time ran back";
-    case FrameStatus::kStampInFuture:
-      return "stamp in the future";
-    case FrameStatus::kRefusedByMap:
-      return "refused by the map";
-  }
-  return "?";
-}
-
 std::string shownName(const std::string& name) {
   std::string text = name.substr(0, kMaxShownName);
   std::replace_if(

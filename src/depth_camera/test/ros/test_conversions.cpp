@@ -275,7 +275,7 @@ TEST(Conversions, KnowRectifiedTopics) {
 }
 
 TEST(Conversions, EveryStatusHasAName) {
-  for (std::size_t i = 0; i < kNumFrameStatus; ++i) {
+  for (int i = 0; i < kNumFrameStatus; ++i) {
     EXPECT_STRNE(toString(static_cast<FrameStatus>(i)), "?") << i;
   }
 }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include <depth_camera_ros/conversions.h>
+#include <interactive_mapping_enums/self_filter_update.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/SelfFilterUpdate.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -15,18 +16,17 @@
 
 namespace depth_self_filter_ros {
 
-/// Why an image is dropped: a status of SelfFilterUpdate, and a sentence.
+using interactive_mapping::SelfFilterStatus;
+
+/// Why an image is dropped, and a sentence.
 struct Drop {
-  std::uint8_t status{interactive_mapping_msgs::SelfFilterUpdate::ACCEPTED};
+  SelfFilterStatus status{SelfFilterStatus::kAccepted};
   std::string message;
 };
 
-/// "wrong encoding", "joint states late" ...: the same words for all images with the same trouble.
-const char* statusName(std::uint8_t status);
-
 /// What the checks that the map has, too, found.
 Drop toDrop(const depth_camera_ros::Refusal& refusal);
-/// ACCEPTED if the positions are known.
+/// kAccepted if the positions are known.
 Drop toDrop(const depth_self_filter::JointHistory::Answer& answer);
 
 /// Something attached whose pose or size can be nobody's, by `robot`, is a change that is not clear; `problem` says why.

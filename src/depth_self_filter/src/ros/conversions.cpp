@@ -12,76 +12,36 @@
 namespace depth_self_filter_ros {
 
 using depth_camera_ros::FrameStatus;
-using interactive_mapping_msgs::SelfFilterUpdate;
-
-const char* statusName(std::uint8_t status) {
-  switch (status) {
-    case SelfFilterUpdate::ACCEPTED:
-      return "accepted";
-    case SelfFilterUpdate::WRONG_ENCODING:
-      return "wrong encoding";
-    case SelfFilterUpdate::MALFORMED_IMAGE:
-      return "malformed image";
-    case SelfFilterUpdate::SIZE_MISMATCH:
-      return "size differs from camera info";
-    case SelfFilterUpdate::BAD_CAMERA_INFO:
-      return "bad camera info";
-    case SelfFilterUpdate::NO_CAMERA_INFO:
-      return "no camera info";
-    case SelfFilterUpdate::NO_TRANSFORM:
-      return "no transform";
-    case SelfFilterUpdate::BAD_TRANSFORM:
-      return "bad transform";
-    case SelfFilterUpdate::POSE_JUMP:
-      return "pose jump";
-    case SelfFilterUpdate::TIME_RAN_BACK:
-      return "time ran back";
-    case SelfFilterUpdate::STAMP_IN_FUTURE:
-      return "stamp in the future";
-    case SelfFilterUpdate::NO_JOINT_STATES:
-      return "no joint states";
-    case SelfFilterUpdate::JOINT_STATES_LATE:
-      return "joint states late";
-    case SelfFilterUpdate::JOINT_STATES_MISSING:
-      return "joint states missing";
-    case SelfFilterUpdate::BAD_ATTACHED_BRICK:
-      return "bad attached brick";
-    case SelfFilterUpdate::FAILED:
-      return "failed";
-    default:
-      return "?";
-  }
-}
 
 Drop toDrop(const depth_camera_ros::Refusal& refusal) {
   switch (refusal.status) {
     case FrameStatus::kAccepted:
-      return {SelfFilterUpdate::ACCEPTED, refusal.message};
+      return {SelfFilterStatus::kAccepted, refusal.message};
     case FrameStatus::kWrongEncoding:
-      return {SelfFilterUpdate::WRONG_ENCODING, refusal.message};
+      return {SelfFilterStatus::kWrongEncoding, refusal.message};
     case FrameStatus::kMalformedImage:
-      return {SelfFilterUpdate::MALFORMED_IMAGE, refusal.message};
+      return {SelfFilterStatus::kMalformedImage, refusal.message};
     case FrameStatus::kSizeMismatch:
-      return {SelfFilterUpdate::SIZE_MISMATCH, refusal.message};
+      return {SelfFilterStatus::kSizeMismatch, refusal.message};
     case FrameStatus::kBadCameraInfo:
-      return {SelfFilterUpdate::BAD_CAMERA_INFO, refusal.message};
+      return {SelfFilterStatus::kBadCameraInfo, refusal.message};
     case FrameStatus::kNoCameraInfo:
-      return {SelfFilterUpdate::NO_CAMERA_INFO, refusal.message};
+      return {SelfFilterStatus::kNoCameraInfo, refusal.message};
     case FrameStatus::kNoTransform:
-      return {SelfFilterUpdate::NO_TRANSFORM, refusal.message};
+      return {SelfFilterStatus::kNoTransform, refusal.message};
     case FrameStatus::kBadTransform:
-      return {SelfFilterUpdate::BAD_TRANSFORM, refusal.message};
+      return {SelfFilterStatus::kBadTransform, refusal.message};
     case FrameStatus::kPoseJump:
-      return {SelfFilterUpdate::POSE_JUMP, refusal.message};
+      return {SelfFilterStatus::kPoseJump, refusal.message};
     case FrameStatus::kTimeRanBack:
-      return {SelfFilterUpdate::TIME_RAN_BACK, refusal.message};
+      return {SelfFilterStatus::kTimeRanBack, refusal.message};
     case FrameStatus::kStampInFuture:
-      return {SelfFilterUpdate::STAMP_IN_FUTURE, refusal.message};
+      return {SelfFilterStatus::kStampInFuture, refusal.message};
     case FrameStatus::kNothingMeasured:
     case FrameStatus::kRefusedByMap:
       break;
   }
-  return {SelfFilterUpdate::FAILED, refusal.message};
+  return {SelfFilterStatus::kFailed, refusal.message};
 }
 
 Drop toDrop(const depth_self_filter::JointHistory::Answer& answer) {
@@ -90,14 +50,14 @@ Drop toDrop(const depth_self_filter::JointHistory::Answer& answer) {
     case Verdict::kKnown:
       return {};
     case Verdict::kNotYet:
-      return {SelfFilterUpdate::JOINT_STATES_LATE, answer.message};
+      return {SelfFilterStatus::kJointStatesLate, answer.message};
     case Verdict::kNeverHeard:
-      return {SelfFilterUpdate::NO_JOINT_STATES, answer.message};
+      return {SelfFilterStatus::kNoJointStates, answer.message};
     case Verdict::kGap:
     case Verdict::kForgotten:
       break;
   }
-  return {SelfFilterUpdate::JOINT_STATES_MISSING, answer.message};
+  return {SelfFilterStatus::kJointStatesMissing, answer.message};
 }
 
 depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::AttachedBrick& message,

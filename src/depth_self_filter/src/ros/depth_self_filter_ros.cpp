@@ -203,23 +203,23 @@ void DepthSelfFilterRos::work() {
         update.wait_ms = static_cast<float>(millisecondsBetween(job.arrival, begin));
       }
     } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
-      drop = {Update::FAILED, error.what()};
+      drop = {SelfFilterStatus::kFailed, error.what()};
     }
-    update.status = drop.status;
+    update.status = static_cast<std::uint8_t>(drop.status);
     update.message = drop.message;
     {
       const std::lock_guard<std::mutex> lock(mutex_);
-      ++counters_.by_status.at(drop.status);
-      if (drop.status == Update::ACCEPTED) {
+      ++counters_.by_status.at(static_cast<std::size_t>(drop.status));
+      if (drop.status == SelfFilterStatus::kAccepted) {
         counters_.last_filter_ms = update.filter_ms;
         counters_.last_accepted = ros::WallTime::now();
       } else {
-        counters_.last_drop = std::string(statusName(drop.status)) + ": " + drop.message;
+        counters_.last_drop = std::string(toString(drop.status)) + ": " + drop.message;
       }
     }
-    if (drop.status != Update::ACCEPTED) {
+    if (drop.status != SelfFilterStatus::kAccepted) {
       ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
-                                     "image dropped, " << statusName(drop.status) << ": " << drop.message);
+                                     "image dropped, " << toString(drop.status) << ": " << drop.message);
     }
     update_publisher_.publish(update);
   }
@@ -283,29 +283,29 @@ std::optional<DepthSelfFilterRos::Frame> DepthSelfFilterRos::prepare(const senso
   frame.image = std::move(*image);
   const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline);
   if (!info) {
-    *drop = {Update::NO_CAMERA_INFO, "no camera info on " + info_subscriber_.getTopic()};
+    *drop = {SelfFilterStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
     return std::nullopt;
   }
   frame.info = *info;
   if (!depth_camera_ros::toDepthRectifier(*info, is_rectified_, &rectifier_, &refusal)) return refused();
   const depth_camera::CameraModel& raw = rectifier_.rawCamera();
   if (frame.image.width != raw.width || frame.image.height != raw.height) {
-    *drop = {Update::SIZE_MISMATCH, "image is " + sizeText(frame.image.width, frame.image.height) +
-                                        ", camera info on " + info_subscriber_.getTopic() + " says " +
-                                        sizeText(raw.width, raw.height)};
+    *drop = {SelfFilterStatus::kSizeMismatch, "image is " + sizeText(frame.image.width, frame.image.height) +
+                                                  ", camera info on " + info_subscriber_.getTopic() + " says " +
+                                                  sizeText(raw.width, raw.height)};
     return std::nullopt;
   }
   frame.camera = rectifier_.camera();
   const double stamp_s = message.header.stamp.toSec() + params_.input.time_offset_s;  // by the robot's clock
   const JointHistory::Answer joints = waitForJoints(stamp_s, deadline);
   *drop = toDrop(joints);
-  if (drop->status != Update::ACCEPTED) return std::nullopt;
+  if (drop->status != SelfFilterStatus::kAccepted) return std::nullopt;
   frame.positions_rad = joints.positions_rad;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const depth_self_filter::HandHistory::Change hand = hand_.at(stamp_s);
     if (!hand.is_clear) {
-      *drop = {Update::BAD_ATTACHED_BRICK, hand_problem_};
+      *drop = {SelfFilterStatus::kBadAttachedBrick, hand_problem_};
       return std::nullopt;
     }
     frame.brick = hand.brick;
@@ -338,7 +338,7 @@ void DepthSelfFilterRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapp
   status.add("received", counters.received);
   status.add("replaced while waiting", counters.replaced);
   for (std::size_t i = 0; i < counters.by_status.size(); ++i) {
-    status.add(statusName(static_cast<std::uint8_t>(i)), counters.by_status[i]);
+    status.add(toString(static_cast<SelfFilterStatus>(i)), counters.by_status[i]);
   }
   status.add("last drop", counters.last_drop);
   status.addf("last filtering [ms]", "%.2f", counters.last_filter_ms);

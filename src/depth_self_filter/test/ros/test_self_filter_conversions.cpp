@@ -23,25 +23,25 @@ using testing::HasSubstr;
 TEST(Conversions, EveryStatusHasItsOwnName) {
   std::set<std::string> names;
   for (int status = 0; status < SelfFilterUpdate::NUM_STATUS; ++status) {
-    names.insert(statusName(static_cast<std::uint8_t>(status)));
+    names.insert(toString(static_cast<SelfFilterStatus>(status)));
   }
   EXPECT_EQ(names.size(), std::size_t{SelfFilterUpdate::NUM_STATUS});
   EXPECT_EQ(names.count("?"), 0U);
-  EXPECT_STREQ(statusName(SelfFilterUpdate::NUM_STATUS), "?");
+  EXPECT_STREQ(toString(static_cast<SelfFilterStatus>(SelfFilterUpdate::NUM_STATUS)), "?");
 }
 
 TEST(Conversions, ReasonsOfTheMapsChecksKeepTheirMeaning) {
-  EXPECT_EQ(toDrop({FrameStatus::kWrongEncoding, "seen"}).status, SelfFilterUpdate::WRONG_ENCODING);
-  EXPECT_EQ(toDrop({FrameStatus::kMalformedImage, "seen"}).status, SelfFilterUpdate::MALFORMED_IMAGE);
-  EXPECT_EQ(toDrop({FrameStatus::kSizeMismatch, "seen"}).status, SelfFilterUpdate::SIZE_MISMATCH);
-  EXPECT_EQ(toDrop({FrameStatus::kBadCameraInfo, "seen"}).status, SelfFilterUpdate::BAD_CAMERA_INFO);
-  EXPECT_EQ(toDrop({FrameStatus::kNoCameraInfo, "seen"}).status, SelfFilterUpdate::NO_CAMERA_INFO);
-  EXPECT_EQ(toDrop({FrameStatus::kNoTransform, "seen"}).status, SelfFilterUpdate::NO_TRANSFORM);
-  EXPECT_EQ(toDrop({FrameStatus::kBadTransform, "seen"}).status, SelfFilterUpdate::BAD_TRANSFORM);
-  EXPECT_EQ(toDrop({FrameStatus::kPoseJump, "seen"}).status, SelfFilterUpdate::POSE_JUMP);
-  EXPECT_EQ(toDrop({FrameStatus::kTimeRanBack, "seen"}).status, SelfFilterUpdate::TIME_RAN_BACK);
-  EXPECT_EQ(toDrop({FrameStatus::kStampInFuture, "seen"}).status, SelfFilterUpdate::STAMP_IN_FUTURE);
-  EXPECT_EQ(toDrop({FrameStatus::kRefusedByMap, "seen"}).status, SelfFilterUpdate::FAILED);
+  EXPECT_EQ(toDrop({FrameStatus::kWrongEncoding, "seen"}).status, SelfFilterStatus::kWrongEncoding);
+  EXPECT_EQ(toDrop({FrameStatus::kMalformedImage, "seen"}).status, SelfFilterStatus::kMalformedImage);
+  EXPECT_EQ(toDrop({FrameStatus::kSizeMismatch, "seen"}).status, SelfFilterStatus::kSizeMismatch);
+  EXPECT_EQ(toDrop({FrameStatus::kBadCameraInfo, "seen"}).status, SelfFilterStatus::kBadCameraInfo);
+  EXPECT_EQ(toDrop({FrameStatus::kNoCameraInfo, "seen"}).status, SelfFilterStatus::kNoCameraInfo);
+  EXPECT_EQ(toDrop({FrameStatus::kNoTransform, "seen"}).status, SelfFilterStatus::kNoTransform);
+  EXPECT_EQ(toDrop({FrameStatus::kBadTransform, "seen"}).status, SelfFilterStatus::kBadTransform);
+  EXPECT_EQ(toDrop({FrameStatus::kPoseJump, "seen"}).status, SelfFilterStatus::kPoseJump);
+  EXPECT_EQ(toDrop({FrameStatus::kTimeRanBack, "seen"}).status, SelfFilterStatus::kTimeRanBack);
+  EXPECT_EQ(toDrop({FrameStatus::kStampInFuture, "seen"}).status, SelfFilterStatus::kStampInFuture);
+  EXPECT_EQ(toDrop({FrameStatus::kRefusedByMap, "seen"}).status, SelfFilterStatus::kFailed);
   EXPECT_EQ(toDrop({FrameStatus::kWrongEncoding, "seen"}).message, "seen");
 }
 

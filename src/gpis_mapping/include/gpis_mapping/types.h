@@ -13,6 +13,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <depth_camera/depth_image.h>
+#include <interactive_mapping_enums/query_map.h>
 
 namespace gpis_mapping {
 
@@ -61,10 +62,7 @@ struct LatticeKeyHash {
   }
 };
 
-enum class SpaceState : std::uint8_t { kUnknown = 0, kFree = 1, kOccupied = 2 };
-
-/// "unknown", "free" or "occupied".
-const char* toString(SpaceState state);
+using interactive_mapping::SpaceState;
 
 }  // namespace gpis_mapping
 

@@ -21,11 +21,6 @@ using gpis_mapping::SpaceState;
 using gpis_mapping::TriangleMesh;
 using interactive_mapping_msgs::QueryMap;
 
-static_assert(static_cast<int>(SpaceState::kUnknown) == QueryMap::Response::UNKNOWN &&
-                  static_cast<int>(SpaceState::kFree) == QueryMap::Response::FREE &&
-                  static_cast<int>(SpaceState::kOccupied) == QueryMap::Response::OCCUPIED,
-              "QueryMap.srv and SpaceState must agree");
-
 /// Two triangles, counter-clockwise seen from above.
 constexpr std::array<std::pair<int, int>, 6> kSquare = {{{-1, -1}, {1, -1}, {1, 1}, {-1, -1}, {1, 1}, {-1, 1}}};
 

@@ -8,6 +8,7 @@
 
 #include <Eigen/Geometry>
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/enums/enum_names.h>
 
 #include "motion_planning/arm_kinematics.h"
 #include "motion_planning/collision_scene.h"
@@ -23,7 +24,13 @@ enum class CollisionKind {
   kUnknown,  // space near the pile that nobody has seen
   kFloor,
 };
-const char* toString(CollisionKind kind);
+inline constexpr interactive_mapping::Names<CollisionKind> kCollisionKindNames = {
+    {"none", CollisionKind::kNone},       {"limits", CollisionKind::kLimits}, {"self", CollisionKind::kSelf},
+    {"surface", CollisionKind::kSurface}, {"inside", CollisionKind::kInside}, {"unknown", CollisionKind::kUnknown},
+    {"floor", CollisionKind::kFloor}};
+constexpr const char* toString(CollisionKind kind) {
+  return interactive_mapping::nameOf(kind, kCollisionKindNames);
+}
 
 struct Contact {
   CollisionKind kind{CollisionKind::kNone};

@@ -5,13 +5,19 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/enums/enum_names.h>
+
 #include "motion_planning/arm_kinematics.h"
 
 namespace motion_planning {
 
 /// How the tool comes to a face.
 enum class ApproachKind { kTop, kSide };
-const char* toString(ApproachKind kind);  // "top", "side"
+inline constexpr interactive_mapping::Names<ApproachKind> kApproachKindNames = {{"top", ApproachKind::kTop},
+                                                                                {"side", ApproachKind::kSide}};
+constexpr const char* toString(ApproachKind kind) {
+  return interactive_mapping::nameOf(kind, kApproachKindNames);
+}
 
 /// The part of a hollow cylinder about the arm's vertical axis that is good for picking with one kind of approach
 /// (method section 8, eqs 12-13). Frame: ur5e_base_link, x as base_link's.

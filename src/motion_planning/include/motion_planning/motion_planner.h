@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_enums/plan_outcome.h>
 #include <mp700_ur5e_description/brick_types.h>
 
 #include "motion_planning/collision_checker.h"
@@ -18,23 +19,7 @@
 namespace motion_planning {
 
 /// Why there is no plan. Same numbers as in interactive_mapping_msgs/PlanOutcome.
-enum class PlanStatus {
-  kSuccess = 0,
-  kBadRequest = 1,     // not finite, no face or one twice, unknown type
-  kNoMap = 2,          // no scene yet
-  kOutsideSector = 3,  // the manipulability filter rejects every face
-  kNoIk = 4,           // no joint angles reach the goal
-  kStartInCollision = 5,
-  kGoalInCollision = 6,
-  kGoalUnknown = 7,      // unseen space is in the way at the goal
-  kApproachBlocked = 8,  // the straight way to or from the face is not free
-  kIterations = 9,       // the planner ended without a path
-  kConstraint = 10,      // a goal or start that the constraint on carrying forbids
-  kCancelled = 11,
-  kNoRobotState = 12,   // where arm or base are is not known
-  kOutsideLimits = 13,  // start or goal beyond the joints' limits
-};
-const char* toString(PlanStatus status);
+using interactive_mapping::PlanStatus;
 
 struct PathCheckConfig {
   double verify_step_m{0.015};

@@ -16,24 +16,6 @@ using motion_planning::JointTrajectory;
 using motion_planning::PlanStatus;
 using mp700_ur5e_description::kArmJoints;
 
-template <PlanStatus kStatus, std::uint8_t kConstant>
-constexpr bool kSame = static_cast<std::uint8_t>(kStatus) == kConstant;
-static_assert(kSame<PlanStatus::kSuccess, PlanOutcome::SUCCESS>);
-static_assert(kSame<PlanStatus::kBadRequest, PlanOutcome::BAD_REQUEST>);
-static_assert(kSame<PlanStatus::kNoMap, PlanOutcome::NO_MAP>);
-static_assert(kSame<PlanStatus::kOutsideSector, PlanOutcome::OUTSIDE_SECTOR>);
-static_assert(kSame<PlanStatus::kNoIk, PlanOutcome::NO_IK>);
-static_assert(kSame<PlanStatus::kStartInCollision, PlanOutcome::START_IN_COLLISION>);
-static_assert(kSame<PlanStatus::kGoalInCollision, PlanOutcome::GOAL_IN_COLLISION>);
-static_assert(kSame<PlanStatus::kGoalUnknown, PlanOutcome::GOAL_UNKNOWN>);
-static_assert(kSame<PlanStatus::kApproachBlocked, PlanOutcome::APPROACH_BLOCKED>);
-static_assert(kSame<PlanStatus::kIterations, PlanOutcome::ITERATIONS>);
-static_assert(kSame<PlanStatus::kConstraint, PlanOutcome::CONSTRAINT>);
-static_assert(kSame<PlanStatus::kCancelled, PlanOutcome::CANCELLED>);
-static_assert(kSame<PlanStatus::kNoRobotState, PlanOutcome::NO_ROBOT_STATE>);
-static_assert(kSame<PlanStatus::kOutsideLimits, PlanOutcome::OUTSIDE_LIMITS>);
-static_assert(PlanOutcome::NUM_STATUS == PlanOutcome::OUTSIDE_LIMITS + 1);
-
 /// Sizes are checked by the caller.
 ArmVector pick(const std::vector<double>& values, const std::array<std::size_t, 6>& order) {
   ArmVector result;

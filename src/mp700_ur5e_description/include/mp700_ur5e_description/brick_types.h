@@ -8,12 +8,13 @@
 #include <vector>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_enums/brick_face.h>
 
 namespace mp700_ur5e_description {
 
 /// Faces of a brick, named after their outward normal in the brick's frame, in the order of their tag ids.
-enum class BrickFace { kPlusX, kMinusX, kPlusY, kMinusY, kPlusZ, kMinusZ };
-constexpr int kNumBrickFaces = 6;
+using interactive_mapping::BrickFace;
+constexpr int kNumBrickFaces = interactive_mapping::kNumBrickFace;
 constexpr std::array<BrickFace, kNumBrickFaces> kBrickFaces = {BrickFace::kPlusX, BrickFace::kMinusX,
                                                                BrickFace::kPlusY, BrickFace::kMinusY,
                                                                BrickFace::kPlusZ, BrickFace::kMinusZ};
@@ -93,9 +94,6 @@ struct BrickCatalogue {
  private:
   void validateList(int num_ids, std::vector<std::string>* problems) const;
 };
-
-/// "+x", "-x" ...
-const char* toString(BrickFace face);
 
 /// Outward normal in the brick's frame.
 Eigen::Vector3d faceNormal(BrickFace face);

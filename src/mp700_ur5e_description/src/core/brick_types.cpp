@@ -302,11 +302,6 @@ void BrickCatalogue::validateList(int num_ids, std::vector<std::string>* problem
   }
 }
 
-const char* toString(BrickFace face) {
-  constexpr std::array<const char*, kNumBrickFaces> kNames = {"+x", "-x", "+y", "-y", "+z", "-z"};
-  return kNames[static_cast<std::size_t>(face)];
-}
-
 Eigen::Vector3d faceNormal(BrickFace face) {
   const int index = static_cast<int>(face);
   return (index % 2 == 0 ? 1.0 : -1.0) * Eigen::Vector3d::Unit(index / 2);

@@ -3,6 +3,8 @@
 
 #include <vector>
 
+#include <interactive_mapping_enums/nbv_segment.h>
+
 #include "nbv_selection/scene_model.h"
 #include "nbv_selection/segment.h"
 
@@ -21,12 +23,7 @@ std::vector<SegmentUncertainty> segmentUncertainty(const SceneModel& scene, cons
 /// h: mean of the height profile [m].
 double pileHeight(const Segment& segment);
 
-enum class SegmentKind {
-  kReal,
-  kFrontier,   // real, and a neighbour on its outline is imaginary
-  kImaginary,  // mean uncertainty above `imaginary_share` of the prior: the side nobody has looked at
-};
-const char* toString(SegmentKind kind);
+using interactive_mapping::SegmentKind;  // kImaginary: mean uncertainty above `imaginary_share` of the prior
 
 std::vector<SegmentKind> classify(const std::vector<Segment>& segments,
                                   const std::vector<SegmentUncertainty>& uncertainty, double prior_uncertainty,

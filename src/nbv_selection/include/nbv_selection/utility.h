@@ -11,8 +11,15 @@ namespace nbv_selection {
 
 /// The factors of eq 9, in its order.
 enum class Factor { kManipulability, kPickOrder, kTravel, kUncertainty, kFrontier };
-constexpr std::size_t kNumFactors = 5;
-const char* toString(Factor factor);  // "manipulability", "pick_order", "travel", "uncertainty", "frontier"
+inline constexpr interactive_mapping::Names<Factor> kFactorNames = {{"manipulability", Factor::kManipulability},
+                                                                    {"pick_order", Factor::kPickOrder},
+                                                                    {"travel", Factor::kTravel},
+                                                                    {"uncertainty", Factor::kUncertainty},
+                                                                    {"frontier", Factor::kFrontier}};
+constexpr std::size_t kNumFactors = kFactorNames.size();
+constexpr const char* toString(Factor factor) {
+  return interactive_mapping::nameOf(factor, kFactorNames);
+}
 
 /// What eq 9 weighs.
 struct Attributes {

@@ -92,17 +92,7 @@ struct SelectionRequest {
 };
 
 /// Why a segment is a candidate, or is not; the first that applies.
-enum class SegmentVerdict {
-  kCandidate,
-  kImaginary,  // utility 0: nobody has looked at it
-  kExcluded,
-  kOccupied,       // the ground under the footprint
-  kUnknownGround,  // the same
-  kUnreachable,    // no known-free ground leads there
-  kBadAttribute,   // one is not finite
-};
-constexpr std::size_t kNumSegmentVerdicts = 7;
-const char* toString(SegmentVerdict verdict);
+using interactive_mapping::SegmentVerdict;
 
 struct ScoredSegment {
   Segment segment;
@@ -123,7 +113,14 @@ enum class SelectionStatus {
   kMapChanged,   // while it was asked: ask again with the surface of now
   kCancelled,
 };
-const char* toString(SelectionStatus status);
+inline constexpr interactive_mapping::Names<SelectionStatus> kSelectionStatusNames = {
+    {"selected", SelectionStatus::kSelected},        {"empty map", SelectionStatus::kEmptyMap},
+    {"no ground", SelectionStatus::kNoGround},       {"no pile", SelectionStatus::kNoPile},
+    {"no candidate", SelectionStatus::kNoCandidate}, {"low utility", SelectionStatus::kLowUtility},
+    {"map changed", SelectionStatus::kMapChanged},   {"cancelled", SelectionStatus::kCancelled}};
+constexpr const char* toString(SelectionStatus status) {
+  return interactive_mapping::nameOf(status, kSelectionStatusNames);
+}
 
 struct Selection {
   SelectionStatus status{SelectionStatus::kNoCandidate};

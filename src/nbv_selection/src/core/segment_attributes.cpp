@@ -56,18 +56,6 @@ double pileHeight(const Segment& segment) {
   return sum_m / static_cast<double>(segment.profile_m.size());
 }
 
-const char* toString(SegmentKind kind) {
-  switch (kind) {
-    case SegmentKind::kReal:
-      return "real";
-    case SegmentKind::kFrontier:
-      return "frontier";
-    case SegmentKind::kImaginary:
-      return "imaginary";
-  }
-  return "unknown";
-}
-
 std::vector<SegmentKind> classify(const std::vector<Segment>& segments,
                                   const std::vector<SegmentUncertainty>& uncertainty, double prior_uncertainty,
                                   double imaginary_share) {

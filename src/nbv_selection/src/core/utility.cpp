@@ -14,22 +14,6 @@ constexpr const char* kFailurePenalty = "failure_penalty";
 constexpr const char* kNone = "none";
 }  // namespace
 
-const char* toString(Factor factor) {
-  switch (factor) {
-    case Factor::kManipulability:
-      return "manipulability";
-    case Factor::kPickOrder:
-      return "pick_order";
-    case Factor::kTravel:
-      return "travel";
-    case Factor::kUncertainty:
-      return "uncertainty";
-    case Factor::kFrontier:
-      return "frontier";
-  }
-  return "unknown";
-}
-
 bool Attributes::isFinite() const {
   return std::isfinite(manipulability) && std::isfinite(height_m) && std::isfinite(distance_m) &&
          std::isfinite(uncertainty) && std::isfinite(frontier);

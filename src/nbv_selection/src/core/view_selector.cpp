@@ -93,7 +93,7 @@ void requirePossible(const SelectionRequest& request) {
 }
 
 std::string describeVerdicts(const std::vector<ScoredSegment>& segments) {
-  std::array<std::size_t, kNumSegmentVerdicts> counts{};
+  std::array<std::size_t, interactive_mapping::kNumSegmentVerdict> counts{};
   for (const ScoredSegment& scored : segments) ++counts[static_cast<std::size_t>(scored.verdict)];
   std::ostringstream text;
   text << "none of " << segments.size() << " segments can be gone to:";
@@ -142,48 +142,6 @@ std::optional<std::size_t> randomOf(const std::vector<ScoredSegment>& segments, 
 }
 
 }  // namespace
-
-const char* toString(SegmentVerdict verdict) {
-  switch (verdict) {
-    case SegmentVerdict::kCandidate:
-      return "candidate";
-    case SegmentVerdict::kImaginary:
-      return "imaginary";
-    case SegmentVerdict::kExcluded:
-      return "excluded";
-    case SegmentVerdict::kOccupied:
-      return "on occupied ground";
-    case SegmentVerdict::kUnknownGround:
-      return "on unknown ground";
-    case SegmentVerdict::kUnreachable:
-      return "without a known way there";
-    case SegmentVerdict::kBadAttribute:
-      return "with an attribute that is not finite";
-  }
-  return "?";
-}
-
-const char* toString(SelectionStatus status) {
-  switch (status) {
-    case SelectionStatus::kSelected:
-      return "selected";
-    case SelectionStatus::kEmptyMap:
-      return "empty map";
-    case SelectionStatus::kNoGround:
-      return "no ground";
-    case SelectionStatus::kNoPile:
-      return "no pile";
-    case SelectionStatus::kNoCandidate:
-      return "no candidate";
-    case SelectionStatus::kLowUtility:
-      return "low utility";
-    case SelectionStatus::kMapChanged:
-      return "map changed";
-    case SelectionStatus::kCancelled:
-      return "cancelled";
-  }
-  return "?";
-}
 
 ViewSelectorConfig octomapSelectorConfig() {
   ViewSelectorConfig config;
@@ -284,7 +242,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
     scored.mean_uncertainty = uncertainty[i].mean;
     scored.attributes.distance_m = distances.distance(segments[i].standing_map.position());
     if (scored.kind == SegmentKind::kImaginary) {
-      scored.verdict = SegmentVerdict::kImaginary;  // m, h and sigma^2 stay 0, and so does the utility
+      scored.verdict = SegmentVerdict::kIsImaginary;  // m, h and sigma^2 stay 0, and so does the utility
       continue;
     }
     if (manipulability) scored.attributes.manipulability = manipulability->at(segments[i].standing_map);

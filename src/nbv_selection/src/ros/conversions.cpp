@@ -9,23 +9,7 @@ namespace {
 using interactive_mapping_msgs::NbvSegment;
 using interactive_mapping_msgs::SelectionOutcome;
 using nbv_selection::Factor;
-using nbv_selection::SegmentKind;
-using nbv_selection::SegmentVerdict;
 using nbv_selection::SelectionStatus;
-
-static_assert(nbv_selection::kNumSegmentVerdicts == NbvSegment::NUM_VERDICTS &&
-                  static_cast<int>(SegmentVerdict::kCandidate) == NbvSegment::CANDIDATE &&
-                  static_cast<int>(SegmentVerdict::kImaginary) == NbvSegment::IS_IMAGINARY &&
-                  static_cast<int>(SegmentVerdict::kExcluded) == NbvSegment::EXCLUDED &&
-                  static_cast<int>(SegmentVerdict::kOccupied) == NbvSegment::OCCUPIED &&
-                  static_cast<int>(SegmentVerdict::kUnknownGround) == NbvSegment::UNKNOWN_GROUND &&
-                  static_cast<int>(SegmentVerdict::kUnreachable) == NbvSegment::UNREACHABLE &&
-                  static_cast<int>(SegmentVerdict::kBadAttribute) == NbvSegment::BAD_ATTRIBUTE,
-              "NbvSegment.msg and SegmentVerdict must agree");
-static_assert(static_cast<int>(SegmentKind::kReal) == NbvSegment::REAL &&
-                  static_cast<int>(SegmentKind::kFrontier) == NbvSegment::FRONTIER &&
-                  static_cast<int>(SegmentKind::kImaginary) == NbvSegment::IMAGINARY,
-              "NbvSegment.msg and SegmentKind must agree");
 
 geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
   geometry_msgs::Point point;

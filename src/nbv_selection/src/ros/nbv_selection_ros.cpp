@@ -9,6 +9,7 @@
 #include <base_navigation_ros/conversions.h>
 #include <depth_camera_ros/conversions.h>
 #include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_enums/selection_outcome.h>
 #include <motion_planning/arm_kinematics.h>
 #include <motion_planning_ros/robot_description.h>
 #include <mp700_ur5e_description/base_profile.h>
@@ -277,11 +278,7 @@ NbvSelectionRos::Server::Result NbvSelectionRos::select(const Server::Goal& goal
 }
 
 void NbvSelectionRos::note(const std::string& strategy, const SelectionOutcome& outcome, double wall_ms) {
-  static const char* const kNames[] = {"success",     "cancelled",   "bad goal",  "stale map", "stale ground",
-                                       "no pose",     "empty map",   "no ground", "no pile",   "no candidate",
-                                       "low utility", "map changed", "bad input"};
-  static_assert(sizeof(kNames) / sizeof(kNames[0]) == SelectionOutcome::NUM_STATUS, "a name for each status");
-  const std::string name = kNames[outcome.status];
+  const std::string name = toString(static_cast<interactive_mapping::SelectionStatus>(outcome.status));
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     ++num_selections_;

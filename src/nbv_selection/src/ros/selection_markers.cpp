@@ -147,7 +147,7 @@ MarkerArray toMarkers(const Selection& selection, const nbv_selection::RobotBody
   int id = 0;
   for (std::size_t i = 0; i < selection.segments.size(); ++i) {
     const ScoredSegment& scored = selection.segments[i];
-    if (scored.verdict == SegmentVerdict::kImaginary) {
+    if (scored.verdict == SegmentVerdict::kIsImaginary) {
       const double share =
           selection.prior_uncertainty > 0.0 ? scored.mean_uncertainty / selection.prior_uncertainty : 0.0;
       addBar(scored, ground, kGreyHeight_m * share, color(0.55F, 0.55F, 0.55F), &array, &bars, &id);

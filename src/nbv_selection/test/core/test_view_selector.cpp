@@ -191,7 +191,7 @@ TEST(ViewSelector, ImaginarySegmentsAreWorthNothing) {
   for (const ScoredSegment& scored : selection.segments) {
     if (scored.kind != SegmentKind::kImaginary) continue;
     ++num_imaginary;
-    EXPECT_EQ(scored.verdict, SegmentVerdict::kImaginary);
+    EXPECT_EQ(scored.verdict, SegmentVerdict::kIsImaginary);
     EXPECT_GT(scored.mean_uncertainty, 0.5 * scene.priorUncertainty());
     EXPECT_EQ(scored.attributes.manipulability, 0.0);
     EXPECT_EQ(scored.attributes.height_m, 0.0);

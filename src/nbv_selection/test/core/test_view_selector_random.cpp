@@ -279,7 +279,7 @@ class World {
 
   Selection select() const { return ViewSelector(config_, robot_).select(scene_, failures_, request_); }
 
-  void check(const Selection& selection, std::array<int, kNumSegmentVerdicts>* counts) {
+  void check(const Selection& selection, std::array<int, interactive_mapping::kNumSegmentVerdict>* counts) {
     const Ways ways = waysFrom(*request_.ground, request_.T_map_base.position(), 0.296);
     double largest = -kInf;
     for (std::size_t i = 0; i < selection.segments.size(); ++i) {
@@ -290,7 +290,7 @@ class World {
       expectDistance(scored, ways);
       EXPECT_EQ(scored.verdict, verdictOf(scored, ways));
       const Attributes& a = scored.attributes;
-      if (scored.verdict == SegmentVerdict::kImaginary) {
+      if (scored.verdict == SegmentVerdict::kIsImaginary) {
         EXPECT_EQ(a.manipulability + a.height_m + a.uncertainty + a.frontier, 0.0);
       }
       if (scored.verdict != SegmentVerdict::kCandidate) {
@@ -384,7 +384,7 @@ class World {
   }
 
   SegmentVerdict verdictOf(const ScoredSegment& scored, const Ways& ways) const {
-    if (scored.mean_uncertainty > 0.5 * scene_.priorUncertainty()) return SegmentVerdict::kImaginary;
+    if (scored.mean_uncertainty > 0.5 * scene_.priorUncertainty()) return SegmentVerdict::kIsImaginary;
     for (const ExcludedZone& zone : request_.excluded) {
       for (const Eigen::Vector2d& place :
            {scored.segment.standing_map.position(), Eigen::Vector2d(scored.segment.midpoint_map.head<2>())}) {
@@ -417,7 +417,7 @@ class World {
 };
 
 TEST(ViewSelectorRandom, ChoosesTheBestOfWhatMayBeGoneToInAThousandWorlds) {
-  std::array<int, kNumSegmentVerdicts> counts{};
+  std::array<int, interactive_mapping::kNumSegmentVerdict> counts{};
   int num_chosen = 0, num_without_pile = 0;
   for (int round = 0; round < 1000; ++round) {
     SCOPED_TRACE("round " + std::to_string(round));

@@ -115,8 +115,8 @@ Refusal OctomapBaselineRos::consume(const DepthInputFrame& frame) {
 }
 
 void OctomapBaselineRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
-  ROS_WARN_STREAM_THROTTLE_NAMED(
-      kWarnPeriod_s, kLog, "image left out, " << gpis_mapping_ros::toString(refusal.status) << ": " << refusal.message);
+  ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
+                                 "image left out, " << toString(refusal.status) << ": " << refusal.message);
   MapUpdate message;
   message.header = headerAt(stamp);
   message.status = static_cast<std::uint8_t>(refusal.status);

@@ -46,7 +46,7 @@ struct MissionSummary {
   MissionInfo info;
   int bricks_total{-1};  // -1: not known
   MissionCounts counts;
-  EndReason end_reason{EndReason::kNone};
+  EndReason end_reason{EndReason::kNotEnded};
   std::string end_message;
   std::map<std::string, int> failures;  // "state: status"
   double sim_seconds{0.0};              // ROS time, without pauses

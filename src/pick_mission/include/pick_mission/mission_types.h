@@ -8,67 +8,54 @@
 #include <vector>
 
 #include <Eigen/Geometry>
-#include <base_navigation/base_navigator.h>
 #include <base_navigation/planar.h>
-#include <motion_planning/motion_planner.h>
-#include <ur_driver_bridge/arm_status.h>
+#include <interactive_mapping_enums/arm_outcome.h>
+#include <interactive_mapping_enums/detect_bricks.h>
+#include <interactive_mapping_enums/mission_state.h>
+#include <interactive_mapping_enums/navigation_outcome.h>
+#include <interactive_mapping_enums/plan_outcome.h>
+#include <interactive_mapping_enums/selection_outcome.h>
 
 /// What a mission is told and what it says. Poses in the map unless the name tells another frame; times are ROS time.
 namespace pick_mission {
 
-using base_navigation::NavigationStatus;
 using base_navigation::Pose2d;
-using motion_planning::PlanStatus;
-using ur_driver_bridge::ArmStatus;
+using interactive_mapping::ArmStatus;
+using interactive_mapping::DetectionStatus;
+using interactive_mapping::EndReason;
+using interactive_mapping::Hand;
+using interactive_mapping::NavigationStatus;
+using interactive_mapping::PlanStatus;
+using interactive_mapping::SelectionStatus;
+using State = interactive_mapping::MissionState;
+constexpr int kNumStates = interactive_mapping::kNumMissionState;
+constexpr int kNumEndReasons = interactive_mapping::kNumEndReason;
 
-constexpr int kNumPlanStatus = 14;
-constexpr int kNumNavigationStatus = 20;
-
-/// Values of interactive_mapping_msgs/SelectionOutcome.
-enum class SelectionStatus {
-  kSuccess,
-  kCancelled,
-  kBadGoal,
-  kStaleMap,
-  kStaleGround,
-  kNoPose,
-  kEmptyMap,
-  kNoGround,
-  kNoPile,
-  kNoCandidate,
-  kLowUtility,
-  kMapChanged,
-  kBadInput,
-};
-constexpr int kNumSelectionStatus = 13;
-const char* toString(SelectionStatus status);
-
-/// Values of interactive_mapping_msgs/DetectBricks.
-enum class DetectionStatus { kSuccess, kNoImage, kRefused, kShuttingDown };
-constexpr int kNumDetectionStatus = 4;
-const char* toString(DetectionStatus status);
+bool isAction(State state);
 
 /// Of waiting for new images in the map.
 enum class LookStatus { kSuccess, kCancelled, kNoImage };
-constexpr int kNumLookStatus = 3;
-const char* toString(LookStatus status);
+inline constexpr interactive_mapping::Names<LookStatus> kLookStatusNames = {
+    {"success", LookStatus::kSuccess}, {"cancelled", LookStatus::kCancelled}, {"no image", LookStatus::kNoImage}};
+constexpr const char* toString(LookStatus status) {
+  return interactive_mapping::nameOf(status, kLookStatusNames);
+}
 
 /// Of waiting for the arm to take motion, or for time to pass.
 enum class WaitStatus { kSuccess, kCancelled, kNotReady };
-constexpr int kNumWaitStatus = 3;
-const char* toString(WaitStatus status);
+inline constexpr interactive_mapping::Names<WaitStatus> kWaitStatusNames = {
+    {"success", WaitStatus::kSuccess}, {"cancelled", WaitStatus::kCancelled}, {"not ready", WaitStatus::kNotReady}};
+constexpr const char* toString(WaitStatus status) {
+  return interactive_mapping::nameOf(status, kWaitStatusNames);
+}
 
 /// Of telling the selection of views about a failure.
 enum class ReportStatus { kSuccess, kRefused };
-constexpr int kNumReportStatus = 2;
-const char* toString(ReportStatus status);
-
-enum class Hand {
-  kEmpty,
-  kHolding,  // or the magnet is on and nobody knows what hangs there
-  kUnknown,  // the arm's bridge does not tell
-};
-const char* toString(Hand hand);
+inline constexpr interactive_mapping::Names<ReportStatus> kReportStatusNames = {{"success", ReportStatus::kSuccess},
+                                                                                {"refused", ReportStatus::kRefused}};
+constexpr const char* toString(ReportStatus status) {
+  return interactive_mapping::nameOf(status, kReportStatusNames);
+}
 
 /// A brick as brick_detection knows it.
 struct SeenBrick {
@@ -81,60 +68,6 @@ struct SeenBrick {
   bool is_in_sector{true};  // a graspable face lies in the arm's annulus sectors from where the robot stands
   bool is_seen_now{true};   // in the image of this look; else known from an earlier one
 };
-
-enum class State {
-  // Not begun, or interrupted.
-  kIdle,
-  kPaused,
-  kHeld,
-  kHalting,  // what goes on has been told to end
-  kEnded,
-  // Junctions: left at once.
-  kBegin,
-  kChoose,
-  // One action each.
-  kPlanClear,
-  kClear,
-  kLook,
-  kDetect,
-  kReport,
-  kPlanPick,
-  kPick,
-  kPlanStow,
-  kStow,
-  kLetGo,
-  kSelect,
-  kDrive,
-  kRecover,
-  kWait,
-};
-constexpr int kNumStates = 21;
-const char* toString(State state);
-bool isAction(State state);
-
-/// Why a mission ended.
-enum class EndReason {
-  kNone,
-  kNoBrickLeft,        // all are picked, nothing stands above the ground
-  kBricksExhausted,    // what is left has used its attempts
-  kNothingWorthGoing,  // no place to stand is worth it, nothing unseen is left; or what is left is not seen any more
-  kNoProgress,         // view after view without a pick or a new brick, though some have attempts left
-  kTimeUp,
-  kStopped,         // by the operator
-  kNeedsPerson,     // protective or emergency stop, or what no program may decide
-  kBrickInHand,     // cannot be stowed, or it is not known whether something is held
-  kPlanningFailed,  // again and again; these tell what
-  kArmFailed,
-  kPicksFailed,
-  kLooksFailed,
-  kDetectionFailed,
-  kSelectionFailed,
-  kDrivesFailed,
-  kRecoveryFailed,
-  kNotReady,  // what was waited for did not come
-};
-constexpr int kNumEndReasons = 18;
-const char* toString(EndReason reason);
 
 /// What ends a wait.
 enum class WaitUntil {
@@ -223,7 +156,7 @@ struct LookResult {
   double map_stamp_s{0.0};  // of the newest image
 };
 struct DetectionResult {
-  DetectionStatus status{DetectionStatus::kSuccess};
+  DetectionStatus status{DetectionStatus::kOk};
   std::vector<SeenBrick> bricks;  // all that are known now, in this look or before
 };
 struct ReportResult {

@@ -12,11 +12,11 @@ namespace pick_mission {
 /// What a result of an action leads to.
 struct Reaction {
   Trigger next{Trigger::kDone};
-  bool counts_in_a_row{false};      // as a failure of this kind of action; too many end the mission
-  bool blames_brick{false};         // uses up one of its attempts
-  bool is_reported{false};          // to the selection: places near are less wanted
-  EndReason end{EndReason::kNone};  // if it is given up, at once or after too many in a row
-  std::string why;                  // next, in words
+  bool counts_in_a_row{false};          // as a failure of this kind of action; too many end the mission
+  bool blames_brick{false};             // uses up one of its attempts
+  bool is_reported{false};              // to the selection: places near are less wanted
+  EndReason end{EndReason::kNotEnded};  // if it is given up, at once or after too many in a row
+  std::string why;                      // next, in words
 };
 
 /// For every action and every result that it can have; that it cannot have: std::invalid_argument.

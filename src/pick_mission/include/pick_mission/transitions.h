@@ -38,8 +38,35 @@ enum class Trigger {
   kAtOnce,    // junctions
   kEntering,  // what goes before each action
 };
-constexpr int kNumTriggers = 23;
-const char* toString(Trigger trigger);
+inline constexpr interactive_mapping::Names<Trigger> kTriggerNames = {
+    {"done", Trigger::kDone},
+    {"retry here", Trigger::kRetryHere},
+    {"next brick", Trigger::kNextBrick},
+    {"other view", Trigger::kOtherView},
+    {"look from afar", Trigger::kVantage},
+    {"low utility", Trigger::kLowUtility},
+    {"no pile", Trigger::kNoPile},
+    {"let go again", Trigger::kLetGoAgain},
+    {"wait first", Trigger::kWaitFirst},
+    {"wait while busy", Trigger::kArmBusy},
+    {"recover", Trigger::kRecover},
+    {"held by operator", Trigger::kHeldByOperator},
+    {"give up", Trigger::kGiveUp},
+    {"start", Trigger::kStart},
+    {"pause", Trigger::kPause},
+    {"resume", Trigger::kResume},
+    {"hold", Trigger::kHold},
+    {"stop", Trigger::kStop},
+    {"time is up", Trigger::kTimeUp},
+    {"takes too long", Trigger::kActionTimeout},
+    {"halted", Trigger::kHalted},
+    {"at once", Trigger::kAtOnce},
+    {"entering", Trigger::kEntering},
+};
+constexpr int kNumTriggers = static_cast<int>(kTriggerNames.size());
+constexpr const char* toString(Trigger trigger) {
+  return interactive_mapping::nameOf(trigger, kTriggerNames);
+}
 
 /// What must hold for a transition to be taken.
 enum class Guard {
@@ -70,8 +97,38 @@ enum class Guard {
   kForResume,
   kForEnd,
 };
-constexpr int kNumGuards = 26;
-const char* toString(Guard guard);
+inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
+    {"", Guard::kAlways},
+    {"brick in the hand", Guard::kHandFull},
+    {"brick in the hand, nothing given up before", Guard::kStowBeforeEnd},
+    {"hand unknown", Guard::kHandUnknown},
+    {"hand unknown too long", Guard::kHandUnknownTooLong},
+    {"begun by an earlier process", Guard::kBegunBefore},
+    {"mission over", Guard::kEnding},
+    {"time is up", Guard::kTimeUp},
+    {"pause wanted", Guard::kPauseWanted},
+    {"needs empty hand or arm out of view, and is not so", Guard::kArmNotReady},
+    {"failure not reported yet", Guard::kReportLeft},
+    {"survey not finished", Guard::kSurveyLeft},
+    {"every brick picked or exhausted", Guard::kAllDealtWith},
+    {"brick to be tried from here", Guard::kBrickHere},
+    {"too many fruitless views", Guard::kViewsSpent},
+    {"not recovered too often, no protective stop or may unlock it", Guard::kMayRecover},
+    {"bricks tried in vain are kept away from", Guard::kKeepsAway},
+    {"places are excluded", Guard::kSomeExcluded},
+    {"something unseen, not gone there too often", Guard::kUnseenWorth},
+    {"bricks with attempts left, not waited too often", Guard::kWorthWaiting},
+    {"survey place, not gone back too often", Guard::kVantageLeft},
+    {"bricks neither picked nor given up, survey place not gone back to too often", Guard::kBricksLeft},
+    {"hand empty, arm at rest", Guard::kMayBreakOff},
+    {"for hold", Guard::kForHold},
+    {"for hold, resumed since", Guard::kForResume},
+    {"for stop or time", Guard::kForEnd},
+};
+constexpr int kNumGuards = static_cast<int>(kGuardNames.size());
+constexpr const char* toString(Guard guard) {
+  return interactive_mapping::nameOf(guard, kGuardNames);
+}
 
 /// What a transition does besides leading to its state. What a result says is recorded before (results.h).
 enum class Effect {
@@ -110,8 +167,41 @@ enum class Effect {
   kEndNoPile,
   kEndNoView,
 };
-constexpr int kNumEffects = 29;
-const char* toString(Effect effect);
+inline constexpr interactive_mapping::Names<Effect> kEffectNames = {
+    {"", Effect::kNone},
+    {"forget what was tried from here", Effect::kForgetTries},
+    {"cancel, for hold", Effect::kHaltForHold},
+    {"cancel, for stop", Effect::kHaltForStop},
+    {"cancel, for time", Effect::kHaltForTimeUp},
+    {"cancel, as no answer", Effect::kHaltForTimeout},
+    {"goal: next survey place", Effect::kGoToSurveyPose},
+    {"goal: selected view", Effect::kGoToView},
+    {"goal: best view, count it", Effect::kGoToUnseen},
+    {"goal: survey place, count it", Effect::kGoToVantage},
+    {"allow places near bricks tried in vain", Effect::kAllowTriedBricks},
+    {"clear excluded places", Effect::kClearExcluded},
+    {"count recovery", Effect::kCountRecovery},
+    {"count, until arm is ready", Effect::kWaitForHand},
+    {"until arm is ready", Effect::kWaitForArm},
+    {"until arm is idle", Effect::kWaitForIdleArm},
+    {"recovery wait, until arm is ready", Effect::kWaitAfterRecovery},
+    {"until pose is known", Effect::kWaitForPose},
+    {"count, for failures to fade", Effect::kWaitForFading},
+    {"end reason of the failure", Effect::kGiveUp},
+    {"end: stopped", Effect::kEndStopped},
+    {"end: time_up", Effect::kEndTimeUp},
+    {"end: stopped or time_up", Effect::kEndHalted},
+    {"end: brick_in_hand", Effect::kEndHandUnknown},
+    {"end: no_brick_left or bricks_exhausted", Effect::kEndAllDealtWith},
+    {"end: no_progress or bricks_exhausted", Effect::kEndViewsSpent},
+    {"end: recovery_failed or needs_person", Effect::kEndNotRecovered},
+    {"end: no_brick_left, bricks_exhausted or nothing_worth_going", Effect::kEndNoPile},
+    {"end: nothing_worth_going or bricks_exhausted", Effect::kEndNoView},
+};
+constexpr int kNumEffects = static_cast<int>(kEffectNames.size());
+constexpr const char* toString(Effect effect) {
+  return interactive_mapping::nameOf(effect, kEffectNames);
+}
 
 struct Transition {
   std::optional<State> from;  // nothing: any action

@@ -58,12 +58,16 @@ namespace {
 
 constexpr int kVersion = 3;  // of the saved form
 
-void check(const Memory& memory) {
-  const int end_reason = static_cast<int>(memory.end_reason);
-  if (end_reason < 0 || end_reason >= kNumEndReasons) {
-    throw std::invalid_argument("end_reason = " + std::to_string(end_reason) + ", must be in [0, " +
-                                std::to_string(kNumEndReasons - 1) + "]");
+/// Of an enumeration with `count` values. Its eight bits would turn a larger number into one of them.
+void checkNumber(const nlohmann::json& saved, const char* key, int count) {
+  const auto number = saved.at(key).get<std::int64_t>();
+  if (number < 0 || number >= count) {
+    throw std::invalid_argument(std::string(key) + " = " + std::to_string(number) + ", must be in [0, " +
+                                std::to_string(count - 1) + "]");
   }
+}
+
+void check(const Memory& memory) {
   if (memory.waits_in && *memory.waits_in != State::kPaused && *memory.waits_in != State::kHeld) {
     throw std::invalid_argument("waits_in = " + std::to_string(static_cast<int>(*memory.waits_in)) +
                                 ", must be that of paused or held");
@@ -91,6 +95,8 @@ void restore(const nlohmann::json& saved, Memory& memory) {
       throw std::invalid_argument("a mission's state of version " + std::to_string(version) + ", must be " +
                                   std::to_string(kVersion));
     }
+    checkNumber(saved, "end_reason", kNumEndReasons);
+    if (!saved.at("waits_in").is_null()) checkNumber(saved, "waits_in", kNumStates);
     restoreFields(saved, memory);
   } catch (const nlohmann::json::exception& error) {
     throw std::invalid_argument(std::string("not a mission's state: ") + error.what());

@@ -21,7 +21,7 @@ namespace pick_mission {
 struct Memory {
   explicit Memory(BrickLedger empty_ledger) : ledger(std::move(empty_ledger)) {}
 
-  EndReason end_reason{EndReason::kNone};
+  EndReason end_reason{EndReason::kNotEnded};
   std::string end_message;
   bool is_ending{false};          // the mission is over, but a brick may have to be stowed first
   bool has_ended{false};          // that is done, too; this and the next follow the state

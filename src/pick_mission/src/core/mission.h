@@ -74,9 +74,9 @@ bool handlesBrick(State action);
 struct Cause {
   std::string event{};
   std::string reason{};
-  State action{State::kIdle};          // whose result it is
-  EndReason end{EndReason::kNone};     // if that action is given up
-  std::optional<Pose2d> T_map_base{};  // of a resume: where the robot stands, if that is known
+  State action{State::kIdle};           // whose result it is
+  EndReason end{EndReason::kNotEnded};  // if that action is given up
+  std::optional<Pose2d> T_map_base{};   // of a resume: where the robot stands, if that is known
 };
 
 /// What a transition from the mission's state does besides leading to the next one.

@@ -20,20 +20,20 @@ struct Kind {
 const Kind* kindOf(State action) {
   using E = EndReason;
   static const std::vector<Kind> kinds = {
-      {State::kPlanClear, PlanResult{}, kNumPlanStatus, E::kPlanningFailed},
-      {State::kClear, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kArmFailed},
-      {State::kLook, LookResult{}, kNumLookStatus, E::kLooksFailed},
-      {State::kDetect, DetectionResult{}, kNumDetectionStatus, E::kDetectionFailed},
-      {State::kReport, ReportResult{}, kNumReportStatus, E::kNone},
-      {State::kPlanPick, PlanResult{}, kNumPlanStatus, E::kPlanningFailed},
-      {State::kPick, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kPicksFailed},
-      {State::kPlanStow, PlanResult{}, kNumPlanStatus, E::kBrickInHand},
-      {State::kStow, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kBrickInHand},
-      {State::kLetGo, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kBrickInHand},
-      {State::kSelect, SelectionResult{}, kNumSelectionStatus, E::kSelectionFailed},
-      {State::kDrive, NavigationResult{}, kNumNavigationStatus, E::kDrivesFailed},
-      {State::kRecover, ArmResult{}, ur_driver_bridge::kNumArmStatus, E::kRecoveryFailed},
-      {State::kWait, WaitResult{}, kNumWaitStatus, E::kNotReady},
+      {State::kPlanClear, PlanResult{}, interactive_mapping::kNumPlanStatus, E::kPlanningFailed},
+      {State::kClear, ArmResult{}, interactive_mapping::kNumArmStatus, E::kArmFailed},
+      {State::kLook, LookResult{}, static_cast<int>(kLookStatusNames.size()), E::kLooksFailed},
+      {State::kDetect, DetectionResult{}, interactive_mapping::kNumDetectionStatus, E::kDetectionFailed},
+      {State::kReport, ReportResult{}, static_cast<int>(kReportStatusNames.size()), E::kNotEnded},
+      {State::kPlanPick, PlanResult{}, interactive_mapping::kNumPlanStatus, E::kPlanningFailed},
+      {State::kPick, ArmResult{}, interactive_mapping::kNumArmStatus, E::kPicksFailed},
+      {State::kPlanStow, PlanResult{}, interactive_mapping::kNumPlanStatus, E::kBrickInHand},
+      {State::kStow, ArmResult{}, interactive_mapping::kNumArmStatus, E::kBrickInHand},
+      {State::kLetGo, ArmResult{}, interactive_mapping::kNumArmStatus, E::kBrickInHand},
+      {State::kSelect, SelectionResult{}, interactive_mapping::kNumSelectionStatus, E::kSelectionFailed},
+      {State::kDrive, NavigationResult{}, interactive_mapping::kNumNavigationStatus, E::kDrivesFailed},
+      {State::kRecover, ArmResult{}, interactive_mapping::kNumArmStatus, E::kRecoveryFailed},
+      {State::kWait, WaitResult{}, static_cast<int>(kWaitStatusNames.size()), E::kNotReady},
   };
   for (const Kind& kind : kinds) {
     if (kind.action == action) return &kind;
@@ -284,7 +284,7 @@ Reaction react(State action, SelectionStatus status) {
 
 Reaction react(State action, DetectionStatus status) {
   switch (status) {
-    case DetectionStatus::kSuccess:
+    case DetectionStatus::kOk:
       return done();
     case DetectionStatus::kNoImage:
       return inARow(action, Trigger::kWaitFirst, "the camera has to come back");

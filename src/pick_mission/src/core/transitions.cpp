@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pick_mission/transitions.h"
 
-#include "enum_names.h"
-
 namespace pick_mission {
 namespace {
 
@@ -106,81 +104,6 @@ std::vector<Transition> makeTransitions() {
 }
 
 }  // namespace
-
-const char* toString(Trigger trigger) {
-  static constexpr const char* kNames[] = {
-      "done",       "retry here",     "next brick", "other view",      "look from afar", "low utility",
-      "no pile",    "let go again",   "wait first", "wait while busy", "recover",        "held by operator",
-      "give up",    "start",          "pause",      "resume",          "hold",           "stop",
-      "time is up", "takes too long", "halted",     "at once",         "entering"};
-  return nameOf<kNumTriggers>(kNames, trigger);
-}
-
-const char* toString(Guard guard) {
-  static constexpr const char* kNames[] = {
-      "",
-      "brick in the hand",
-      "brick in the hand, nothing given up before",
-      "hand unknown",
-      "hand unknown too long",
-      "begun by an earlier process",
-      "mission over",
-      "time is up",
-      "pause wanted",
-      "needs empty hand or arm out of view, and is not so",
-      "failure not reported yet",
-      "survey not finished",
-      "every brick picked or exhausted",
-      "brick to be tried from here",
-      "too many fruitless views",
-      "not recovered too often, no protective stop or may unlock it",
-      "bricks tried in vain are kept away from",
-      "places are excluded",
-      "something unseen, not gone there too often",
-      "bricks with attempts left, not waited too often",
-      "survey place, not gone back too often",
-      "bricks neither picked nor given up, survey place not gone back to too often",
-      "hand empty, arm at rest",
-      "for hold",
-      "for hold, resumed since",
-      "for stop or time"};
-  return nameOf<kNumGuards>(kNames, guard);
-}
-
-const char* toString(Effect effect) {
-  static constexpr const char* kNames[] = {
-      "",
-      "forget what was tried from here",
-      "cancel, for hold",
-      "cancel, for stop",
-      "cancel, for time",
-      "cancel, as no answer",
-      "goal: next survey place",
-      "goal: selected view",
-      "goal: best view, count it",
-      "goal: survey place, count it",
-      "allow places near bricks tried in vain",
-      "clear excluded places",
-      "count recovery",
-      "count, until arm is ready",
-      "until arm is ready",
-      "until arm is idle",
-      "recovery wait, until arm is ready",
-      "until pose is known",
-      "count, for failures to fade",
-      "end reason of the failure",
-      "end: stopped",
-      "end: time_up",
-      "end: stopped or time_up",
-      "end: brick_in_hand",
-      "end: no_brick_left or bricks_exhausted",
-      "end: no_progress or bricks_exhausted",
-      "end: recovery_failed or needs_person",
-      "end: no_brick_left, bricks_exhausted or nothing_worth_going",
-      "end: nothing_worth_going or bricks_exhausted",
-  };
-  return nameOf<kNumEffects>(kNames, effect);
-}
 
 const std::vector<Transition>& transitions() {
   static const std::vector<Transition> table = makeTransitions();

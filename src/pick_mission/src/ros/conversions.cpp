@@ -14,13 +14,6 @@ using interactive_mapping_msgs::MissionBrick;
 using interactive_mapping_msgs::MissionState;
 using pick_mission::SeenBrick;
 
-static_assert(MissionState::NUM_STATES == pick_mission::kNumStates, "as in the message");
-static_assert(MissionState::NUM_END_REASONS == pick_mission::kNumEndReasons, "as in the message");
-static_assert(static_cast<int>(pick_mission::State::kWait) == MissionState::WAIT, "in the same order");
-static_assert(static_cast<int>(pick_mission::State::kPick) == MissionState::PICK, "in the same order");
-static_assert(static_cast<int>(pick_mission::EndReason::kNotReady) == MissionState::NOT_READY, "in the same order");
-static_assert(static_cast<int>(pick_mission::Hand::kUnknown) == MissionState::UNKNOWN, "in the same order");
-
 namespace {
 
 bool isInReach(const interactive_mapping_msgs::Brick& brick, const Reach& reach) {

@@ -366,21 +366,21 @@ void MissionActions::begin(const command::PlanArm& plan) {
     arm_plan_ = result;
     arm_plan_id_ = id;
     const auto status =
-        statusFrom<PlanStatus>(result.outcome.status, pick_mission::kNumPlanStatus, "outcome of plan_arm");
+        statusFrom<PlanStatus>(result.outcome.status, interactive_mapping::kNumPlanStatus, "outcome of plan_arm");
     reply(PlanResult{status}, result.outcome.message);
   });
 }
 
 void MissionActions::begin(const command::PlanPick& plan) {
   const std::uint64_t id = *running_;
-  sendPlan(&plan_pick_, toGoal(plan, params_.map_frame),
-           [this, id](const interactive_mapping_msgs::PlanPickResult& result) {
-             pick_plan_ = result;
-             pick_plan_id_ = id;
-             const auto status =
-                 statusFrom<PlanStatus>(result.outcome.status, pick_mission::kNumPlanStatus, "outcome of plan_pick");
-             reply(PlanResult{status}, result.outcome.message);
-           });
+  sendPlan(
+      &plan_pick_, toGoal(plan, params_.map_frame), [this, id](const interactive_mapping_msgs::PlanPickResult& result) {
+        pick_plan_ = result;
+        pick_plan_id_ = id;
+        const auto status =
+            statusFrom<PlanStatus>(result.outcome.status, interactive_mapping::kNumPlanStatus, "outcome of plan_pick");
+        reply(PlanResult{status}, result.outcome.message);
+      });
 }
 
 template <typename Action>
@@ -388,7 +388,7 @@ void MissionActions::sendArm(ActionCaller<Action>* caller, const typename Action
   sendPlan(caller, goal, [this](const auto& result) {
     const ArmOutcome& outcome = result.outcome;
     PendingArm arm;
-    arm.status = statusFrom<ArmStatus>(outcome.status, ur_driver_bridge::kNumArmStatus, "outcome of the arm");
+    arm.status = statusFrom<ArmStatus>(outcome.status, interactive_mapping::kNumArmStatus, "outcome of the arm");
     arm.message = outcome.message;
     arm.stamp = outcome.header.stamp;
     arm.since = ros::WallTime::now();
@@ -467,9 +467,9 @@ void MissionActions::finishDetection() {
   const auto& response = pending_detection_->response;
   pick_mission::DetectionResult result;
   try {
-    result.status = statusFrom<pick_mission::DetectionStatus>(response.status, pick_mission::kNumDetectionStatus,
+    result.status = statusFrom<pick_mission::DetectionStatus>(response.status, interactive_mapping::kNumDetectionStatus,
                                                               "status of the detection");
-    if (result.status == pick_mission::DetectionStatus::kSuccess) {
+    if (result.status == pick_mission::DetectionStatus::kOk) {
       // The answer holds what this look shows; what is known beside it is in the list of all.
       if (!bricks_ || bricks_->header.stamp < response.update.header.stamp) return;
       const Reach reach{&sectors_, T_base_armbase_, baseInMap()};
@@ -518,7 +518,7 @@ void MissionActions::begin(const command::SelectView& select) {
   sendPlan(&select_, goal, [this](const interactive_mapping_msgs::SelectNextBestViewResult& result) {
     pick_mission::SelectionResult selection;
     selection.status = statusFrom<pick_mission::SelectionStatus>(
-        result.outcome.status, pick_mission::kNumSelectionStatus, "outcome of the selection");
+        result.outcome.status, interactive_mapping::kNumSelectionStatus, "outcome of the selection");
     if (result.selection.best >= 0) {
       if (withoutSlash(result.standing.header.frame_id) != params_.map_frame) {
         throw std::invalid_argument("a place to stand in frame '" + result.standing.header.frame_id +
@@ -557,8 +557,8 @@ void MissionActions::finishDrive(const NavigationOutcome* outcome) {
   std::string message = pending_drive_->why;
   try {
     if (outcome != nullptr) {
-      result.status = statusFrom<pick_mission::NavigationStatus>(outcome->status, pick_mission::kNumNavigationStatus,
-                                                                 "outcome of the drive");
+      result.status = statusFrom<pick_mission::NavigationStatus>(
+          outcome->status, interactive_mapping::kNumNavigationStatus, "outcome of the drive");
       if (result.status == pick_mission::NavigationStatus::kSuccess && !pending_drive_->is_succeeded) {
         return noAnswer(contradiction(pending_drive_->is_cancelled, pending_drive_->why));
       }

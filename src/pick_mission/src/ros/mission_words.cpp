@@ -1,61 +1,62 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pick_mission_ros/mission_words.h"
 
+#include <interactive_mapping_enums/mission_state.h>
 #include <interactive_mapping_msgs/MissionBrick.h>
 
 namespace pick_mission_ros {
 
+using interactive_mapping::EndReason;
 using interactive_mapping_msgs::MissionBrick;
 using interactive_mapping_msgs::MissionState;
+using State = interactive_mapping::MissionState;
 
 std::string stateInWords(std::uint8_t state) {
-  static_assert(MissionState::NUM_STATES == 21, "every state has its words here");
-  switch (state) {
-    case MissionState::IDLE:
+  switch (static_cast<State>(state)) {
+    case State::kIdle:
       return "waiting for start";
-    case MissionState::PAUSED:
+    case State::kPaused:
       return "paused";
-    case MissionState::HELD:
+    case State::kHeld:
       return "held";
-    case MissionState::HALTING:
+    case State::kHalting:
       return "coming to a halt";
-    case MissionState::ENDED:
+    case State::kEnded:
       return "ended";
-    case MissionState::BEGIN:
+    case State::kBegin:
       return "beginning anew";
-    case MissionState::CHOOSE:
+    case State::kChoose:
       return "choosing what is next";
-    case MissionState::PLAN_CLEAR:
+    case State::kPlanClear:
       return "planning the arm out of the view";
-    case MissionState::CLEAR:
+    case State::kClear:
       return "moving the arm out of the view";
-    case MissionState::LOOK:
+    case State::kLook:
       return "looking: new images into the map";
-    case MissionState::DETECT:
+    case State::kDetect:
       return "detecting bricks";
-    case MissionState::REPORT:
+    case State::kReport:
       return "reporting a failure";
-    case MissionState::PLAN_PICK:
+    case State::kPlanPick:
       return "planning a pick";
-    case MissionState::PICK:
+    case State::kPick:
       return "picking";
-    case MissionState::PLAN_STOW:
+    case State::kPlanStow:
       return "planning to stow";
-    case MissionState::STOW:
+    case State::kStow:
       return "stowing";
-    case MissionState::LET_GO:
+    case State::kLetGo:
       return "letting go";
-    case MissionState::SELECT:
+    case State::kSelect:
       return "selecting the next view";
-    case MissionState::DRIVE:
+    case State::kDrive:
       return "driving to the next view";
-    case MissionState::RECOVER:
+    case State::kRecover:
       return "recovering the arm";
-    case MissionState::WAIT:
+    case State::kWait:
       return "waiting";
-    default:
-      return "unknown state " + std::to_string(state);
   }
+  return "unknown state " + std::to_string(state);
 }
 
 std::string stateInWords(const MissionState& state) {
@@ -78,47 +79,45 @@ std::string stateInWords(const MissionState& state) {
 }
 
 std::string endReasonInWords(std::uint8_t reason) {
-  static_assert(MissionState::NUM_END_REASONS == 18, "every end reason has its words here");
-  switch (reason) {
-    case MissionState::NOT_ENDED:
+  switch (static_cast<EndReason>(reason)) {
+    case EndReason::kNotEnded:
       return "not ended";
-    case MissionState::NO_BRICK_LEFT:
+    case EndReason::kNoBrickLeft:
       return "no brick is left";
-    case MissionState::BRICKS_EXHAUSTED:
+    case EndReason::kBricksExhausted:
       return "what is left has used its attempts";
-    case MissionState::NOTHING_WORTH_GOING:
+    case EndReason::kNothingWorthGoing:
       return "no place is worth going to";
-    case MissionState::NO_PROGRESS:
+    case EndReason::kNoProgress:
       return "view after view without progress";
-    case MissionState::TIME_UP:
+    case EndReason::kTimeUp:
       return "time is up";
-    case MissionState::STOPPED:
+    case EndReason::kStopped:
       return "stopped by the operator";
-    case MissionState::NEEDS_PERSON:
+    case EndReason::kNeedsPerson:
       return "a person has to look at the robot";
-    case MissionState::BRICK_IN_HAND:
+    case EndReason::kBrickInHand:
       return "a brick in the hand cannot be stowed, or nobody knows whether one is held";
-    case MissionState::PLANNING_FAILED:
+    case EndReason::kPlanningFailed:
       return "planning failed again and again";
-    case MissionState::ARM_FAILED:
+    case EndReason::kArmFailed:
       return "the arm failed again and again";
-    case MissionState::PICKS_FAILED:
+    case EndReason::kPicksFailed:
       return "picks failed again and again";
-    case MissionState::LOOKS_FAILED:
+    case EndReason::kLooksFailed:
       return "the map gets no images";
-    case MissionState::DETECTION_FAILED:
+    case EndReason::kDetectionFailed:
       return "the detection failed again and again";
-    case MissionState::SELECTION_FAILED:
+    case EndReason::kSelectionFailed:
       return "the selection of views failed again and again";
-    case MissionState::DRIVES_FAILED:
+    case EndReason::kDrivesFailed:
       return "driving failed again and again";
-    case MissionState::RECOVERY_FAILED:
+    case EndReason::kRecoveryFailed:
       return "the arm could not be recovered";
-    case MissionState::NOT_READY:
+    case EndReason::kNotReady:
       return "what was waited for did not come";
-    default:
-      return "unknown reason " + std::to_string(reason);
   }
+  return "unknown reason " + std::to_string(reason);
 }
 
 std::string statusInWords(std::uint8_t status) {

@@ -213,9 +213,16 @@ TEST(MissionRestart, WhatIsNoStateIsRefused) {
   nlohmann::json bad = good;
   bad["version"] = 99;
   EXPECT_THROW(MissionMachine::fromJson(run.config, {}, bad), std::invalid_argument);
-  bad = good;
-  bad["end_reason"] = 99;
-  EXPECT_THROW(MissionMachine::fromJson(run.config, {}, bad), std::invalid_argument);
+  // The last of each are those of a value, but for their eight lowest bits alone.
+  for (const auto& [key, value] : {std::pair<const char*, int>{"end_reason", 99},
+                                   {"end_reason", -1},
+                                   {"end_reason", 256 + static_cast<int>(EndReason::kTimeUp)},
+                                   {"waits_in", static_cast<int>(State::kLook)},
+                                   {"waits_in", 256 + static_cast<int>(State::kPaused)}}) {
+    bad = good;
+    bad[key] = value;
+    EXPECT_THROW(MissionMachine::fromJson(run.config, {}, bad), std::invalid_argument) << key << " = " << value;
+  }
   EXPECT_THROW(MissionMachine::fromJson(run.config, {}, nlohmann::json::array()), std::invalid_argument);
   for (const auto& [key, value] : {std::pair<const char*, double>{"used_s", -1e300},
                                    {"survey_index", -1.0},

@@ -118,6 +118,11 @@ TEST(Transitions, NamesAreDifferent) {
   EXPECT_EQ(effects.size(), static_cast<std::size_t>(kNumEffects));
   EXPECT_EQ(ends.size(), static_cast<std::size_t>(kNumEndReasons));
   for (const auto& names : {states, triggers, guards, effects, ends}) EXPECT_EQ(names.count("?"), 0u);
+  for (const Transition& row : transitions()) {  // the last ones, too
+    EXPECT_STRNE(toString(row.trigger), "?");
+    EXPECT_STRNE(toString(row.guard), "?");
+    EXPECT_STRNE(toString(row.effect), "?");
+  }
 }
 
 TEST(Transitions, DotHasEveryState) {
@@ -146,7 +151,7 @@ TEST(Reactions, AreTotalAndHaveReasons) {
                                       reaction.next == Trigger::kNoPile || stateAt(i) == State::kReport;
       EXPECT_NE(is_counted, is_ended_otherwise) << toString(stateAt(i)) << ": " << toString(result);
       if (reaction.counts_in_a_row || reaction.next == Trigger::kGiveUp) {
-        EXPECT_NE(reaction.end, EndReason::kNone);
+        EXPECT_NE(reaction.end, EndReason::kNotEnded);
       }
     }
   }

@@ -112,7 +112,7 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
       case EndReason::kNoProgress:
         EXPECT_GT(run.world.numLeft(), 0) << tail(run);
         break;
-      case EndReason::kNone:
+      case EndReason::kNotEnded:
       case EndReason::kStopped:
         ADD_FAILURE() << tail(run);
         break;

@@ -6,6 +6,7 @@
 #include <variant>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_enums/watch_trajectory.h>
 
 #include "ur_driver_bridge/trajectory_check.h"
 
@@ -13,7 +14,7 @@
 /// CancelCall and AttachCall with a Reply, and tells of each trajectory sent with TrajectoryEvents.
 namespace ur_driver_bridge {
 
-enum class WatchPhase { kFree, kContact, kLift };  // as in interactive_mapping_msgs/WatchTrajectory
+using interactive_mapping::WatchPhase;
 
 /// The path monitor is to watch this from now on; an empty trajectory: nothing.
 struct WatchCall {

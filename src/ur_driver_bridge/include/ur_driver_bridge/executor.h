@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_enums/arm_bridge_state.h>
+
 #include "motion_planning/arm_kinematics.h"
 #include "ur_driver_bridge/arm_call.h"
 #include "ur_driver_bridge/contact_detector.h"
@@ -139,7 +141,7 @@ struct Finished {
   std::vector<std::string> recovery_commands;
 };
 
-enum class ExecutorPhase { kIdle, kStarting, kMoving, kStopping, kActing, kRecovering };
+using interactive_mapping::ExecutorPhase;
 
 struct ExecutorOutput {
   std::vector<ArmCall> calls;  // in this order

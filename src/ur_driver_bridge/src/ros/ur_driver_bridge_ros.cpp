@@ -29,7 +29,6 @@ using ur_driver_bridge::ArmModel;
 using ur_driver_bridge::ArmState;
 using ur_driver_bridge::ArmStatus;
 using ur_driver_bridge::ArmVector;
-using ur_driver_bridge::ExecutorPhase;
 using ur_driver_bridge::Finished;
 using ur_driver_bridge::Verdict;
 
@@ -43,10 +42,6 @@ constexpr double kMinSilence_s = 0.05;  // without joint states, before the watc
 constexpr double kFeedbackPeriod_s = 0.1;
 constexpr double kDueShare = 0.6;  // of a word's allowed age: later, the next one is on its way
 constexpr std::chrono::milliseconds kWordWait{50};
-
-static_assert(ArmOutcome::NUM_STATUS == ur_driver_bridge::kNumArmStatus, "the message has the core's statuses");
-static_assert(ArmOutcome::BUSY == static_cast<int>(ArmStatus::kBusy), "in the same order");
-static_assert(ArmBridgeState::RECOVERING == static_cast<int>(ExecutorPhase::kRecovering), "the message has its phases");
 
 double steadyNow() {
   return ros::WallTime::now().toSec();

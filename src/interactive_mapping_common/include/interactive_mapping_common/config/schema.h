@@ -2,7 +2,6 @@
 #pragma once
 
 #include <functional>
-#include <initializer_list>
 #include <memory>
 #include <set>
 #include <string>
@@ -11,6 +10,8 @@
 #include <vector>
 
 #include <Eigen/Core>
+
+#include "interactive_mapping_common/enums/enum_names.h"
 
 namespace YAML {
 class Node;
@@ -31,18 +32,6 @@ class Node;
 /// From that come reading YAML and ROS parameters, one refusal of all that is wrong, and the shipped YAML file. With
 /// f.live()("reach_m", ...) the field can also change while a node runs: interactive_mapping_common_ros/live_params.h.
 namespace interactive_mapping {
-
-/// The names of an enumeration's values, for fields.
-template <typename Enum>
-using Names = std::initializer_list<std::pair<const char*, Enum>>;
-
-template <typename Enum>
-const char* nameOf(Enum value, Names<Enum> names) {
-  for (const auto& [name, named] : names) {
-    if (named == value) return name;
-  }
-  return "?";
-}
 
 /// Whether a field can change while a node runs.
 struct Live {

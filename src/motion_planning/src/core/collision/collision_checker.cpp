@@ -141,26 +141,6 @@ bool overlap(const fcl::CollisionGeometryd& a, const Eigen::Isometry3d& T_a, con
 
 }  // namespace
 
-const char* toString(CollisionKind kind) {
-  switch (kind) {
-    case CollisionKind::kNone:
-      return "none";
-    case CollisionKind::kLimits:
-      return "limits";
-    case CollisionKind::kSelf:
-      return "self";
-    case CollisionKind::kSurface:
-      return "surface";
-    case CollisionKind::kInside:
-      return "inside";
-    case CollisionKind::kUnknown:
-      return "unknown";
-    case CollisionKind::kFloor:
-      return "floor";
-  }
-  return "?";
-}
-
 std::string Contact::describe() const {
   std::ostringstream at;
   at.precision(3);

@@ -263,10 +263,6 @@ class Reader {
 
 }  // namespace
 
-const char* toString(ApproachKind kind) {
-  return kind == ApproachKind::kTop ? "top" : "side";
-}
-
 bool AnnulusSector::contains(const Eigen::Vector3d& p) const {
   const double radius_m = p.head<2>().norm();
   return radius_m >= min_radius_m && radius_m <= max_radius_m && p.z() >= min_height_m && p.z() <= max_height_m &&

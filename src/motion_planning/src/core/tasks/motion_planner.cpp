@@ -20,40 +20,6 @@ ArmPlan armPlan(const TaskContext& task, const StartState& start, const Result<J
 
 }  // namespace
 
-const char* toString(PlanStatus status) {
-  switch (status) {
-    case PlanStatus::kSuccess:
-      return "success";
-    case PlanStatus::kBadRequest:
-      return "bad request";
-    case PlanStatus::kNoMap:
-      return "no map";
-    case PlanStatus::kOutsideSector:
-      return "outside sector";
-    case PlanStatus::kNoIk:
-      return "no inverse kinematics";
-    case PlanStatus::kStartInCollision:
-      return "start in collision";
-    case PlanStatus::kGoalInCollision:
-      return "goal in collision";
-    case PlanStatus::kGoalUnknown:
-      return "goal in unknown space";
-    case PlanStatus::kApproachBlocked:
-      return "approach blocked";
-    case PlanStatus::kIterations:
-      return "no path found";
-    case PlanStatus::kConstraint:
-      return "constraint";
-    case PlanStatus::kCancelled:
-      return "cancelled";
-    case PlanStatus::kNoRobotState:
-      return "no robot state";
-    case PlanStatus::kOutsideLimits:
-      return "outside limits";
-  }
-  return "unknown";
-}
-
 MotionPlanner::MotionPlanner(std::shared_ptr<const ArmKinematics> arm, ManipulabilitySectors sectors,
                              const MotionPlannerConfig& config)
     : arm_(std::move(arm)), sectors_(std::move(sectors)), config_(config) {

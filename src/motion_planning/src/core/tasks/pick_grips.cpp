@@ -12,7 +12,7 @@ namespace motion_planning {
 namespace description = mp700_ur5e_description;
 
 std::string nameOf(const PickTarget& target, description::BrickFace face) {
-  return std::string("face ") + description::toString(face) + " of brick " + std::to_string(target.brick_id);
+  return std::string("face ") + toString(face) + " of brick " + std::to_string(target.brick_id);
 }
 
 Eigen::Isometry3d facePose(const TaskContext& task, const PickTarget& target, description::BrickFace face) {

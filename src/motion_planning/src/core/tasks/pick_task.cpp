@@ -215,7 +215,7 @@ std::optional<PlanFailure> refusal(const PlanningContext& request, const StartSt
   }
   for (auto face = target.faces.begin(); face != target.faces.end(); ++face) {
     if (std::find(target.faces.begin(), face, *face) == face) continue;
-    return badRequest(std::string("face ") + description::toString(*face) +
+    return badRequest(std::string("face ") + toString(*face) +
                       " is given twice, must be once: what fails once fails again");
   }
   if (!isRigid(target.T_map_brick)) return badRequest("pose of the brick is not a finite rigid transform");
