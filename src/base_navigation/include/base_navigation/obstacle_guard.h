@@ -92,6 +92,12 @@ class ObstacleGuard {
     double reach_m;  // of the footprint, from the leg's start
   };
 
+  /// The way, as far as it is looked at.
+  std::vector<Leg> legsOf(const std::vector<BaseMotion>& ahead) const;
+  /// When the footprint meets an echo, as legs gone by plus share of the next.
+  double whenMet(const Eigen::Vector2d& p_base, const std::vector<Leg>& legs) const;
+  /// Along the way: what the wheels and, in curves, the turning allow, at the tightest place up to leg `last`.
+  double deceleration(const std::vector<Leg>& legs, std::size_t last) const;
   double distance(const Eigen::Vector2d& p_base) const;
   double approach(const Eigen::Vector2d& p_base, const Twist2d& twist) const;
   double meets(const Eigen::Vector2d& p_leg, const Leg& leg, double padding_m) const;

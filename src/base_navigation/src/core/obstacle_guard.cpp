@@ -57,6 +57,19 @@ double stoppableSpeed(double free, double latency_s, double deceleration) {
   return 2.0 * free * deceleration / (lost + std::sqrt(lost * lost + 2.0 * deceleration * free));
 }
 
+void requireOneDirection(const std::vector<BaseMotion>& ahead) {
+  for (const BaseMotion& motion : ahead) {
+    if (!std::isfinite(motion.length_m) || !std::isfinite(motion.turn_rad)) {
+      throw std::invalid_argument("a motion of the way ahead is not finite");
+    }
+    const BaseMotion& first = ahead.front();
+    if ((first.isTurn() && ahead.size() > 1) || motion.isTurn() != first.isTurn() ||
+        (motion.length_m > 0.0) != (first.length_m > 0.0)) {
+      throw std::invalid_argument("the way ahead must have one direction or be one turn on the spot");
+    }
+  }
+}
+
 }  // namespace
 
 std::vector<std::string> ObstacleGuardConfig::problemsFor(const MotionLimits& limits) const {
@@ -172,29 +185,14 @@ GuardVerdict ObstacleGuard::check(const Twist2d& wanted, const Scan& scan, const
   return check(wanted, ahead, scan, T_scan_base);
 }
 
-GuardVerdict ObstacleGuard::check(const Twist2d& wanted, const std::vector<BaseMotion>& ahead, const Scan& scan,
-                                  const Pose2d& T_scan_base) const {
-  if (!isFinite(wanted)) throw std::invalid_argument("wanted twist is not finite");
-  if (!isFinite(T_scan_base)) throw std::invalid_argument("pose of the base since the scan is not finite");
-  const bool is_turn = !ahead.empty() && ahead.front().isTurn();
-  for (const BaseMotion& motion : ahead) {
-    if (!std::isfinite(motion.length_m) || !std::isfinite(motion.turn_rad)) {
-      throw std::invalid_argument("a motion of the way ahead is not finite");
-    }
-    if ((is_turn && ahead.size() > 1) || motion.isTurn() != is_turn ||
-        (motion.length_m > 0.0) != (ahead.front().length_m > 0.0)) {
-      throw std::invalid_argument("the way ahead must have one direction or be one turn on the spot");
-    }
-  }
-
-  // The way, as far as it is looked at.
+std::vector<ObstacleGuard::Leg> ObstacleGuard::legsOf(const std::vector<BaseMotion>& ahead) const {
   std::vector<Leg> legs;
   Pose2d start;
   double way_m = 0.0;
   double way_rad = 0.0;
   for (BaseMotion motion : ahead) {
-    const double length = is_turn ? std::abs(motion.turn_rad) : std::abs(motion.length_m);
-    const double left = is_turn ? config_.look_ahead_rad - way_rad : config_.look_ahead_m - way_m;
+    const double length = motion.isTurn() ? std::abs(motion.turn_rad) : std::abs(motion.length_m);
+    const double left = motion.isTurn() ? config_.look_ahead_rad - way_rad : config_.look_ahead_m - way_m;
     if (left <= 0.0) break;
     if (length == 0.0) continue;
     const double share = std::min(1.0, left / length);
@@ -221,49 +219,66 @@ GuardVerdict ObstacleGuard::check(const Twist2d& wanted, const std::vector<BaseM
     way_m += std::abs(motion.length_m);
     way_rad += std::abs(motion.turn_rad);
   }
+  return legs;
+}
 
-  GuardVerdict verdict;
-  verdict.free_m = is_turn ? config_.look_ahead_m : way_m;
-  verdict.free_rad = way_rad;
-  if (legs.empty()) {
-    verdict.free_m = config_.look_ahead_m;
-    verdict.free_rad = config_.look_ahead_rad;
-    return verdict;
+double ObstacleGuard::whenMet(const Eigen::Vector2d& p_base, const std::vector<Leg>& legs) const {
+  const double distance_m = distance(p_base);
+  double padding_m = config_.margin_m;
+  if (distance_m < config_.margin_m) {
+    const Twist2d first{legs.front().motion.length_m, legs.front().motion.turn_rad};
+    if (approach(p_base, first) > 1e-9) return 0.0;
+    if (distance_m <= kRounding_m) return kInfinity;  // touched, and left behind
+    padding_m = distance_m - kRounding_m;
   }
+  for (std::size_t i = 0; i < legs.size(); ++i) {
+    const Eigen::Vector2d p_leg = legs[i].T_leg_base * p_base;
+    if (p_leg.squaredNorm() > legs[i].reach_m * legs[i].reach_m) continue;
+    const double share = meets(p_leg, legs[i], padding_m);
+    if (share <= 1.0) return static_cast<double>(i) + share;
+  }
+  return kInfinity;
+}
 
-  // When each beam's echo is met, as legs gone by plus share of the next.
+double ObstacleGuard::deceleration(const std::vector<Leg>& legs, std::size_t last) const {
+  const double turning_rad_s2 = config_.braking_share * limits_.turn_rad_s2;
+  if (legs.front().motion.isTurn()) return turning_rad_s2;
+  double along_m_s2 = config_.braking_share * limits_.linear_m_s2;
+  for (std::size_t i = 0; i <= last; ++i) {
+    const double turn_rad = std::abs(legs[i].motion.turn_rad);
+    if (turn_rad == 0.0) continue;
+    along_m_s2 = std::min(along_m_s2, turning_rad_s2 * std::abs(legs[i].motion.length_m) / turn_rad);
+  }
+  return along_m_s2;
+}
+
+GuardVerdict ObstacleGuard::check(const Twist2d& wanted, const std::vector<BaseMotion>& ahead, const Scan& scan,
+                                  const Pose2d& T_scan_base) const {
+  if (!isFinite(wanted)) throw std::invalid_argument("wanted twist is not finite");
+  if (!isFinite(T_scan_base)) throw std::invalid_argument("pose of the base since the scan is not finite");
+  requireOneDirection(ahead);
+  const std::vector<Leg> legs = legsOf(ahead);
+  GuardVerdict verdict;
+  verdict.free_m = config_.look_ahead_m;
+  verdict.free_rad = config_.look_ahead_rad;
+  if (legs.empty()) return verdict;
+  const bool is_turn = legs.front().motion.isTurn();
+  const double way_m = legs.back().before_m + std::abs(legs.back().motion.length_m);
+  if (!is_turn) verdict.free_m = way_m;
+  verdict.free_rad = legs.back().before_rad + std::abs(legs.back().motion.turn_rad);
+
   const Pose2d T_base_scan = inverse(T_scan_base);
-  const Twist2d first{legs.front().motion.length_m, legs.front().motion.turn_rad};
   const double reach_m = radius_m_ + way_m;
-  const std::size_t num_echoes = static_cast<std::size_t>(config_.min_echoes);
-  std::vector<double> met(scan.ranges_m.size(), kInfinity);
+  std::vector<double> met(scan.ranges_m.size(), kInfinity);  // of each beam's echo
   std::vector<Eigen::Vector2d> echoes(scan.ranges_m.size());
   for (std::size_t beam = 0; beam < met.size(); ++beam) {
     if (!scan.isEcho(beam)) continue;
     const Eigen::Vector2d p_scan = scan.echo(beam);
     if (distance(p_scan) <= 0.0) continue;  // the robot itself
-    const Eigen::Vector2d p = transform(T_base_scan, p_scan);
-    echoes[beam] = p;
-    if (p.squaredNorm() > reach_m * reach_m) continue;
-    const double distance_m = distance(p);
-    double padding_m = config_.margin_m;
-    if (distance_m < config_.margin_m) {
-      if (approach(p, first) > 1e-9) {
-        met[beam] = 0.0;
-        continue;
-      }
-      if (distance_m <= kRounding_m) continue;  // touched, and left behind
-      padding_m = distance_m - kRounding_m;
-    }
-    for (std::size_t i = 0; i < legs.size(); ++i) {
-      const Eigen::Vector2d p_leg = legs[i].T_leg_base * p;
-      if (p_leg.squaredNorm() > legs[i].reach_m * legs[i].reach_m) continue;
-      const double share = meets(p_leg, legs[i], padding_m);
-      if (share > 1.0) continue;
-      met[beam] = static_cast<double>(i) + share;
-      break;
-    }
+    echoes[beam] = transform(T_base_scan, p_scan);
+    if (echoes[beam].squaredNorm() <= reach_m * reach_m) met[beam] = whenMet(echoes[beam], legs);
   }
+  const std::size_t num_echoes = static_cast<std::size_t>(config_.min_echoes);
   double soonest = kInfinity;
   for (std::size_t begin = 0; begin + num_echoes <= met.size(); ++begin) {
     const auto last = std::max_element(met.begin() + begin, met.begin() + begin + num_echoes);
@@ -278,16 +293,9 @@ GuardVerdict ObstacleGuard::check(const Twist2d& wanted, const std::vector<BaseM
   const Leg& leg = legs[leg_index];
   verdict.free_rad = leg.before_rad + share * std::abs(leg.motion.turn_rad);
   if (!is_turn) verdict.free_m = leg.before_m + share * std::abs(leg.motion.length_m);
-  // The deceleration along the way is what the wheels and, in curves, the turning allow, at the tightest place.
-  const double turning_rad_s2 = config_.braking_share * limits_.turn_rad_s2;
-  double deceleration = is_turn ? turning_rad_s2 : config_.braking_share * limits_.linear_m_s2;
-  for (std::size_t i = 0; !is_turn && i <= leg_index; ++i) {
-    const double turn_rad = std::abs(legs[i].motion.turn_rad);
-    if (turn_rad == 0.0) continue;
-    deceleration = std::min(deceleration, turning_rad_s2 * std::abs(legs[i].motion.length_m) / turn_rad);
-  }
   const double speed = std::abs(is_turn ? wanted.angular_rad_s : wanted.linear_m_s);
-  const double allowed = stoppableSpeed(is_turn ? verdict.free_rad : verdict.free_m, config_.latency_s, deceleration);
+  const double allowed =
+      stoppableSpeed(is_turn ? verdict.free_rad : verdict.free_m, config_.latency_s, deceleration(legs, leg_index));
   verdict.speed_factor = allowed < speed ? allowed / speed : 1.0;
   if (allowed <= 0.0) verdict.speed_factor = 0.0;
   return verdict;
