@@ -8,11 +8,21 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common/enums/enum_names.h>
+
 namespace simulated_world {
 
 /// What the simulated drivers publish that somebody may have to answer.
 enum class ClockEvent { kImage, kOdometry, kJointStates, kScan, kActionResult };
-const char* toString(ClockEvent event);  ///< "image", "odometry", "joint_states", "scan", "action_result"
+inline constexpr interactive_mapping::Names<ClockEvent> kClockEventNames = {
+    {"image", ClockEvent::kImage},
+    {"odometry", ClockEvent::kOdometry},
+    {"joint_states", ClockEvent::kJointStates},
+    {"scan", ClockEvent::kScan},
+    {"action_result", ClockEvent::kActionResult}};
+constexpr const char* toString(ClockEvent event) {
+  return interactive_mapping::nameOf(event, kClockEventNames);
+}
 
 /// "After each <event> stamped t the clock waits at t + cost until <topic> has carried a stamp >= t."
 struct WaitRule {

@@ -3,9 +3,18 @@
 
 #include <string>
 
+#include <interactive_mapping_common/enums/enum_names.h>
+
 namespace simulated_world {
 
 enum class JudgeEventKind { kFall, kFallEnd, kDrop, kStow, kCollision, kCollisionEnd };
+inline constexpr interactive_mapping::Names<JudgeEventKind> kJudgeEventKindNames = {
+    {"fall", JudgeEventKind::kFall},           {"fall_end", JudgeEventKind::kFallEnd},
+    {"drop", JudgeEventKind::kDrop},           {"stow", JudgeEventKind::kStow},
+    {"collision", JudgeEventKind::kCollision}, {"collision_end", JudgeEventKind::kCollisionEnd}};
+constexpr const char* toString(JudgeEventKind kind) {
+  return interactive_mapping::nameOf(kind, kJudgeEventKindNames);
+}
 
 /// Something the judge counted, or the end of it. Members that do not belong to its kind keep their defaults.
 struct JudgeEvent {

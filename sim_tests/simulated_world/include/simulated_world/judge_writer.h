@@ -8,9 +8,6 @@
 
 namespace simulated_world {
 
-/// Name of a kind of event in files, e.g. "fall_end".
-std::string nameOf(JudgeEventKind kind);
-
 /// Keeps what a judge saw in a run's folder: judge.csv (a row per second and per event), events.jsonl (an object per
 /// event) and at the end judge.json. Every line is complete and with the system before the next one is begun, so the
 /// files can be used however the process ends. All members throw std::runtime_error with the path and the reason.

@@ -28,22 +28,6 @@ std::int64_t nanoseconds(double seconds) {
 
 }  // namespace
 
-const char* toString(ClockEvent event) {
-  switch (event) {
-    case ClockEvent::kImage:
-      return "image";
-    case ClockEvent::kOdometry:
-      return "odometry";
-    case ClockEvent::kJointStates:
-      return "joint_states";
-    case ClockEvent::kScan:
-      return "scan";
-    case ClockEvent::kActionResult:
-      return "action_result";
-  }
-  return "event";
-}
-
 ClockGate::ClockGate(const std::vector<WaitRule>& wait_rules, const std::vector<ComputingRule>& computing_rules)
     : wait_rules_(wait_rules), answered_ns_(wait_rules.size(), std::numeric_limits<std::int64_t>::min()) {
   for (const WaitRule& rule : wait_rules) {

@@ -2,36 +2,36 @@
 #include "simulated_world/fault.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
-#include <utility>
+
+#include <interactive_mapping_common/enums/enum_names.h>
 
 #include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
 namespace {
 
-constexpr std::array<std::pair<FaultKind, const char*>, 17> kNames{{
-    {FaultKind::kProtectiveStop, "protective_stop"},
-    {FaultKind::kEmergencyStop, "emergency_stop"},
-    {FaultKind::kBaseButton, "base_button"},
-    {FaultKind::kBaseScanner, "base_scanner"},
-    {FaultKind::kDriverGone, "driver_gone"},
-    {FaultKind::kCameraGone, "camera_gone"},
-    {FaultKind::kMagnetWeak, "magnet_weak"},
-    {FaultKind::kWheelSlip, "wheel_slip"},
-    {FaultKind::kDropBrick, "drop_brick"},
-    {FaultKind::kMoveBrick, "move_brick"},
-    {FaultKind::kScannerGone, "scanner_gone"},
-    {FaultKind::kOdometryGone, "odometry_gone"},
-    {FaultKind::kLocalisationGone, "localisation_gone"},
-    {FaultKind::kLocalisationJump, "localisation_jump"},
-    {FaultKind::kObstacle, "obstacle"},
-    {FaultKind::kForceNoise, "force_noise"},
-    {FaultKind::kIoRefused, "io_refused"},
-}};
+constexpr interactive_mapping::Names<FaultKind> kNames = {
+    {"protective_stop", FaultKind::kProtectiveStop},
+    {"emergency_stop", FaultKind::kEmergencyStop},
+    {"base_button", FaultKind::kBaseButton},
+    {"base_scanner", FaultKind::kBaseScanner},
+    {"driver_gone", FaultKind::kDriverGone},
+    {"camera_gone", FaultKind::kCameraGone},
+    {"magnet_weak", FaultKind::kMagnetWeak},
+    {"wheel_slip", FaultKind::kWheelSlip},
+    {"drop_brick", FaultKind::kDropBrick},
+    {"move_brick", FaultKind::kMoveBrick},
+    {"scanner_gone", FaultKind::kScannerGone},
+    {"odometry_gone", FaultKind::kOdometryGone},
+    {"localisation_gone", FaultKind::kLocalisationGone},
+    {"localisation_jump", FaultKind::kLocalisationJump},
+    {"obstacle", FaultKind::kObstacle},
+    {"force_noise", FaultKind::kForceNoise},
+    {"io_refused", FaultKind::kIoRefused},
+};
 
 constexpr double kFarthest_m = 100.0;
 constexpr double kLoudest_N = 100.0;
@@ -51,16 +51,11 @@ bool canEnd(FaultKind kind) {
 }  // namespace
 
 std::string faultName(FaultKind kind) {
-  for (const auto& [known, name] : kNames) {
-    if (known == kind) {
-      return name;
-    }
-  }
-  return "unknown";
+  return interactive_mapping::nameOf(kind, kNames);
 }
 
 std::optional<FaultKind> faultKind(const std::string& name) {
-  for (const auto& [kind, known] : kNames) {
+  for (const auto& [known, kind] : kNames) {
     if (name == known) {
       return kind;
     }
@@ -70,7 +65,7 @@ std::optional<FaultKind> faultKind(const std::string& name) {
 
 std::string allFaultNames() {
   std::string names;
-  for (const auto& [kind, name] : kNames) {
+  for (const auto& [name, kind] : kNames) {
     names += (names.empty() ? "" : ", ") + std::string(name);
   }
   return names;

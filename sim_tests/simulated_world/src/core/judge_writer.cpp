@@ -58,7 +58,7 @@ Json jsonOf(const std::optional<double>& value) {
 }
 
 Json jsonOf(const JudgeEvent& event) {
-  Json json{{"time_s", event.time_s}, {"event", nameOf(event.kind)}};
+  Json json{{"time_s", event.time_s}, {"event", toString(event.kind)}};
   switch (event.kind) {
     case JudgeEventKind::kFall:
     case JudgeEventKind::kFallEnd:
@@ -103,25 +103,6 @@ Json jsonOf(const JudgeReport& report) {
 }
 
 }  // namespace
-
-std::string nameOf(JudgeEventKind kind) {
-  switch (kind) {
-    case JudgeEventKind::kFall:
-      return "fall";
-    case JudgeEventKind::kFallEnd:
-      return "fall_end";
-    case JudgeEventKind::kDrop:
-      return "drop";
-    case JudgeEventKind::kStow:
-      return "stow";
-    case JudgeEventKind::kCollision:
-      return "collision";
-    case JudgeEventKind::kCollisionEnd:
-      return "collision_end";
-  }
-  throw std::invalid_argument("JudgeEventKind " + std::to_string(static_cast<int>(kind)) +
-                              ", must be one of its names");
-}
 
 JudgeWriter::JudgeWriter(const std::string& folder) : folder_(folder) {
   std::error_code error;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <limits>
-#include <map>
 #include <stdexcept>
 
 #include <XmlRpcValue.h>
@@ -24,11 +23,6 @@ using XmlRpc::XmlRpcValue;
 
 constexpr interactive_mapping::Names<ClockMode> kClockModes = {
     {"lockstep", ClockMode::kLockstep}, {"realtime", ClockMode::kRealtime}, {"stepped", ClockMode::kStepped}};
-const std::map<std::string, ClockEvent> kEvents{{"image", ClockEvent::kImage},
-                                                {"odometry", ClockEvent::kOdometry},
-                                                {"joint_states", ClockEvent::kJointStates},
-                                                {"scan", ClockEvent::kScan},
-                                                {"action_result", ClockEvent::kActionResult}};
 
 /// What forbids this name of a topic, an action or a node; empty: nothing, and nothing forbids an empty one.
 std::string problemOfName(const std::string& key, const std::string& name) {
@@ -112,13 +106,13 @@ void readRules(const ros::NodeHandle& nh, SimulationParams* params, std::vector<
     wait.while_action = rule.rosName("while_action");
     wait.subscriber = rule.rosName("subscriber");
     const std::string after = rule.text("after", "image");
-    const auto event = kEvents.find(after);
-    if (event == kEvents.end()) {
-      std::vector<std::string> known;
-      for (const auto& [name, value] : kEvents) known.push_back(name);
+    std::vector<std::string> known;
+    for (const auto& [name, event] : simulated_world::kClockEventNames) {
+      if (after == name) wait.after = event;
+      known.emplace_back(name);
+    }
+    if (after != toString(wait.after)) {
       problems->push_back("clock/wait_for: after = '" + after + "', must be one of " + join(known));
-    } else {
-      wait.after = event->second;
     }
     if (!wait.subscriber.empty() && wait.after == ClockEvent::kActionResult) {
       problems->push_back("clock/wait_for: subscriber = '" + wait.subscriber +
