@@ -76,6 +76,22 @@ class TimeOffsetEstimator {
     double shift_px;
   };
 
+  /// Where the correlation is highest; at an end of the search it may be higher beyond.
+  struct Peak {
+    double offset_s;
+    bool is_at_end;
+  };
+
+  /// By yaws at every offset of the search, or correlations could not be compared.
+  std::vector<Shift> coveredShifts() const;
+  std::vector<double> turnsAt(double offset_s, const std::vector<Shift>& used) const;
+  static std::vector<double> pixelsOf(const std::vector<Shift>& used);
+  Peak findPeak(const std::vector<Shift>& used) const;
+  /// Wrong shifts - somebody walks through the image - are far off what the others agree on.
+  std::vector<Shift> withoutOutliers(const std::vector<Shift>& used, double offset_s) const;
+  /// Least squares: the variance of a shift over what an offset would change of all of them. Mean and factor are fitted
+  /// too, so only the part of that change counts which they cannot explain.
+  double stdOf(double offset_s, const std::vector<Shift>& used) const;
   bool isCovered(double from_s, double to_s) const;
   double yawAt(double stamp_s) const;
 

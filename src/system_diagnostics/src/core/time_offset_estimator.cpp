@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <tuple>
 #include <utility>
 
 namespace system_diagnostics {
@@ -71,89 +70,68 @@ void TimeOffsetEstimator::addShift(double start_stamp_s, double end_stamp_s, dou
   while (shifts_.front().end_s < end_stamp_s - config_.window_s) shifts_.pop_front();
 }
 
-TimeOffsetEstimate TimeOffsetEstimator::estimate() const {
-  TimeOffsetEstimate result;
-  // The same pairs at every offset, or correlations could not be compared.
-  std::vector<Shift> used;
+std::vector<TimeOffsetEstimator::Shift> TimeOffsetEstimator::coveredShifts() const {
+  std::vector<Shift> covered;
   for (const Shift& shift : shifts_) {
-    if (isCovered(shift.start_s - kMaxOffset_s, shift.end_s + kMaxOffset_s)) used.push_back(shift);
+    if (isCovered(shift.start_s - kMaxOffset_s, shift.end_s + kMaxOffset_s)) covered.push_back(shift);
   }
-  const auto turnsAt = [this, &used](double offset_s) {
-    std::vector<double> turns;
-    turns.reserve(used.size());
-    for (const Shift& shift : used) turns.push_back(yawAt(shift.end_s - offset_s) - yawAt(shift.start_s - offset_s));
-    return turns;
-  };
-  const auto shiftsOf = [&used] {
-    std::vector<double> shifts;
-    shifts.reserve(used.size());
-    for (const Shift& shift : used) shifts.push_back(shift.shift_px);
-    return shifts;
-  };
+  return covered;
+}
 
+std::vector<double> TimeOffsetEstimator::turnsAt(double offset_s, const std::vector<Shift>& used) const {
+  std::vector<double> turns;
+  turns.reserve(used.size());
+  for (const Shift& shift : used) turns.push_back(yawAt(shift.end_s - offset_s) - yawAt(shift.start_s - offset_s));
+  return turns;
+}
+
+std::vector<double> TimeOffsetEstimator::pixelsOf(const std::vector<Shift>& used) {
+  std::vector<double> shifts;
+  shifts.reserve(used.size());
+  for (const Shift& shift : used) shifts.push_back(shift.shift_px);
+  return shifts;
+}
+
+TimeOffsetEstimator::Peak TimeOffsetEstimator::findPeak(const std::vector<Shift>& used) const {
   const int steps = static_cast<int>(std::floor(kMaxOffset_s / kStep_s));
-  const auto best = [&turnsAt, &shiftsOf, steps] {
-    const std::vector<double> shifts = shiftsOf();
-    std::vector<double> correlations;
-    for (int step = -steps; step <= steps; ++step) {
-      correlations.push_back(fit(turnsAt(step * kStep_s), shifts).correlation);
-    }
-    const auto peak = std::max_element(correlations.begin(), correlations.end());
-    const bool is_at_end = peak == correlations.begin() || peak + 1 == correlations.end();
-    double offset_s = kStep_s * (static_cast<double>(peak - correlations.begin()) - steps);
-    if (!is_at_end) {  // top of the parabola through the three highest
-      const double before = *(peak - 1), after = *(peak + 1);
-      const double bend = before - 2.0 * *peak + after;
-      if (bend < 0.0) offset_s += 0.5 * kStep_s * (before - after) / bend;
-    }
-    return std::make_pair(offset_s, is_at_end);
-  };
+  const std::vector<double> shifts = pixelsOf(used);
+  std::vector<double> correlations;
+  for (int step = -steps; step <= steps; ++step) {
+    correlations.push_back(fit(turnsAt(step * kStep_s, used), shifts).correlation);
+  }
+  const auto peak = std::max_element(correlations.begin(), correlations.end());
+  const bool is_at_end = peak == correlations.begin() || peak + 1 == correlations.end();
+  double offset_s = kStep_s * (static_cast<double>(peak - correlations.begin()) - steps);
+  if (!is_at_end) {  // top of the parabola through the three highest
+    const double before = *(peak - 1), after = *(peak + 1);
+    const double bend = before - 2.0 * *peak + after;
+    if (bend < 0.0) offset_s += 0.5 * kStep_s * (before - after) / bend;
+  }
+  return {offset_s, is_at_end};
+}
 
-  result.images = static_cast<int>(used.size());
-  if (result.images < config_.min_images) return result;
-  for (const double turn : turnsAt(0.0)) result.turned_rad += std::abs(turn);
-  if (result.turned_rad < kMinTurn_rad) {
-    result.status = TimeOffsetStatus::kTooLittleTurning;
-    return result;
+std::vector<TimeOffsetEstimator::Shift> TimeOffsetEstimator::withoutOutliers(const std::vector<Shift>& used,
+                                                                             double offset_s) const {
+  const std::vector<double> turns = turnsAt(offset_s, used);
+  const Fit line = fit(turns, pixelsOf(used));
+  std::vector<double> residuals;
+  for (std::size_t i = 0; i < used.size(); ++i) {
+    residuals.push_back(std::abs(used[i].shift_px - line.mean_shift - line.factor * (turns[i] - line.mean_turn)));
   }
+  std::vector<double> sorted = residuals;
+  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
+  const double limit_px = kOutlier_sigmas * std::max(kShiftNoise_px, kMadToSigma * sorted[sorted.size() / 2]);
+  std::vector<Shift> kept;
+  for (std::size_t i = 0; i < used.size(); ++i) {
+    if (residuals[i] <= limit_px) kept.push_back(used[i]);
+  }
+  return kept;
+}
 
-  auto [offset_s, is_at_end] = best();
-  // Wrong shifts - somebody walks through the image - are far off what the others agree on; once without them.
-  {
-    const std::vector<double> turns = turnsAt(offset_s);
-    const Fit line = fit(turns, shiftsOf());
-    std::vector<double> residuals;
-    for (std::size_t i = 0; i < used.size(); ++i) {
-      residuals.push_back(std::abs(used[i].shift_px - line.mean_shift - line.factor * (turns[i] - line.mean_turn)));
-    }
-    std::vector<double> sorted = residuals;
-    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
-    const double limit_px = kOutlier_sigmas * std::max(kShiftNoise_px, kMadToSigma * sorted[sorted.size() / 2]);
-    std::vector<Shift> kept;
-    for (std::size_t i = 0; i < used.size(); ++i) {
-      if (residuals[i] <= limit_px) kept.push_back(used[i]);
-    }
-    if (kept.size() < used.size() && static_cast<int>(kept.size()) >= config_.min_images) {
-      used = std::move(kept);
-      std::tie(offset_s, is_at_end) = best();
-    }
-  }
-
-  result.images = static_cast<int>(used.size());
-  const std::vector<double> turns = turnsAt(offset_s);
-  const Fit line = fit(turns, shiftsOf());
-  result.correlation = line.correlation;
-  if (line.correlation < config_.min_correlation) {
-    result.status = TimeOffsetStatus::kNoCorrelation;
-    return result;
-  }
-  if (is_at_end) {
-    result.status = TimeOffsetStatus::kBeyondRange;
-    return result;
-  }
-  // Least squares: the variance of a shift over what an offset would change of all of them. Mean and factor are fitted
-  // too, so only the part of that change counts which they cannot explain.
-  const std::vector<double> before = turnsAt(offset_s - kStep_s), after = turnsAt(offset_s + kStep_s);
+double TimeOffsetEstimator::stdOf(double offset_s, const std::vector<Shift>& used) const {
+  const std::vector<double> turns = turnsAt(offset_s, used);
+  const Fit line = fit(turns, pixelsOf(used));
+  const std::vector<double> before = turnsAt(offset_s - kStep_s, used), after = turnsAt(offset_s + kStep_s, used);
   std::vector<double> slopes;
   for (std::size_t i = 0; i < used.size(); ++i) slopes.push_back((after[i] - before[i]) / (2.0 * kStep_s));
   const Fit explained = fit(turns, slopes);
@@ -165,16 +143,37 @@ TimeOffsetEstimate TimeOffsetEstimator::estimate() const {
     squares += residual * residual;
     leverage += change * change;
   }
-  const double variance = std::max(squares / std::max(1, result.images - kFitted), kShiftNoise_px * kShiftNoise_px);
-  const double std_s = leverage > 0.0 ? std::sqrt(variance / leverage) : std::numeric_limits<double>::infinity();
-  result.std_s = std_s;
-  if (!(std_s <= kMaxOffsetStd_s)) {
-    result.status = TimeOffsetStatus::kTooUncertain;
+  const int freedoms = std::max(1, static_cast<int>(used.size()) - kFitted);
+  const double variance = std::max(squares / freedoms, kShiftNoise_px * kShiftNoise_px);
+  return leverage > 0.0 ? std::sqrt(variance / leverage) : std::numeric_limits<double>::infinity();
+}
+
+TimeOffsetEstimate TimeOffsetEstimator::estimate() const {
+  TimeOffsetEstimate result;
+  const auto end = [&result](TimeOffsetStatus status) {
+    result.status = status;
     return result;
+  };
+  std::vector<Shift> used = coveredShifts();
+  result.images = static_cast<int>(used.size());
+  if (result.images < config_.min_images) return result;
+  for (const double turn : turnsAt(0.0, used)) result.turned_rad += std::abs(turn);
+  if (result.turned_rad < kMinTurn_rad) return end(TimeOffsetStatus::kTooLittleTurning);
+
+  Peak peak = findPeak(used);
+  std::vector<Shift> kept = withoutOutliers(used, peak.offset_s);
+  if (kept.size() < used.size() && static_cast<int>(kept.size()) >= config_.min_images) {
+    used = std::move(kept);
+    peak = findPeak(used);
   }
-  result.offset_s = offset_s;
-  result.status = TimeOffsetStatus::kEstimated;
-  return result;
+  result.images = static_cast<int>(used.size());
+  result.correlation = fit(turnsAt(peak.offset_s, used), pixelsOf(used)).correlation;
+  if (result.correlation < config_.min_correlation) return end(TimeOffsetStatus::kNoCorrelation);
+  if (peak.is_at_end) return end(TimeOffsetStatus::kBeyondRange);
+  result.std_s = stdOf(peak.offset_s, used);
+  if (!(result.std_s <= kMaxOffsetStd_s)) return end(TimeOffsetStatus::kTooUncertain);
+  result.offset_s = peak.offset_s;
+  return end(TimeOffsetStatus::kEstimated);
 }
 
 void TimeOffsetEstimator::clear() {

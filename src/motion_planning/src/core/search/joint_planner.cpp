@@ -5,27 +5,21 @@
 #include <array>
 #include <cmath>
 #include <memory>
-#include <mutex>
-#include <random>
 #include <stdexcept>
 
-#include <ompl/base/MotionValidator.h>
-#include <ompl/base/PlannerTerminationCondition.h>
-#include <ompl/base/ProblemDefinition.h>
-#include <ompl/base/SpaceInformation.h>
-#include <ompl/base/StateSampler.h>
-#include <ompl/base/goals/GoalStates.h>
+#include <ompl/base/ScopedState.h>
 #include <ompl/base/spaces/RealVectorStateSpace.h>
 #include <ompl/datastructures/NearestNeighborsLinear.h>
-#include <ompl/geometric/PathGeometric.h>
-#include <ompl/geometric/planners/rrt/RRTConnect.h>
-#include <ompl/util/Console.h>
+
+#include <interactive_mapping_common/search/random.h>
+#include <interactive_mapping_common/search/rrt_connect.h>
 
 namespace motion_planning {
 namespace {
 
 namespace ob = ompl::base;
 using Space = ob::RealVectorStateSpace;
+using interactive_mapping::Random;
 
 constexpr double kSameState_rad = 1e-9;
 constexpr int kMaxRejectedSamples = 100;  // of JointSpace::sample outside the window, before one is taken uniformly
@@ -37,17 +31,6 @@ ArmVector fromOmpl(const ob::State* state) {
 void toOmpl(const ArmVector& q, ob::State* state) {
   Eigen::Map<ArmVector>(state->as<Space::StateType>()->values) = q;
 }
-
-/// Everything random in one call comes from here, never from OMPL's generators, whose seed is shared by the process.
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : engine_(seed) {}
-  double uniform01() { return static_cast<double>(engine_() >> 11) * 0x1.0p-53; }
-  double uniform(double lower, double upper) { return lower + (upper - lower) * uniform01(); }
-
- private:
-  std::mt19937_64 engine_;
-};
 
 /// Asks whether states and straight motions are valid; once cancelled, nothing is.
 class Validity {
@@ -89,64 +72,6 @@ class Validity {
   const std::function<bool()>& is_cancelled_;
   bool cancelled_{false};
   std::size_t states_checked_{0};
-};
-
-class StateValidity : public ob::StateValidityChecker {
- public:
-  StateValidity(const ob::SpaceInformationPtr& information, Validity* validity)
-      : ob::StateValidityChecker(information), validity_(validity) {}
-  bool isValid(const ob::State* state) const override { return validity_->isValid(fromOmpl(state)); }
-
- private:
-  Validity* validity_;
-};
-
-class MotionValidity : public ob::MotionValidator {
- public:
-  MotionValidity(const ob::SpaceInformationPtr& information, Validity* validity)
-      : ob::MotionValidator(information), validity_(validity) {}
-  bool checkMotion(const ob::State* from, const ob::State* to) const override {
-    return validity_->isMotionValid(fromOmpl(from), fromOmpl(to), true);
-  }
-  bool checkMotion(const ob::State*, const ob::State*, std::pair<ob::State*, double>&) const override {
-    throw std::logic_error("RRTConnect does not ask how far a motion is valid");
-  }
-
- private:
-  Validity* validity_;
-};
-
-/// Draws states, and counts them: RRTConnect draws one in each iteration.
-class Sampler : public ob::StateSampler {
- public:
-  Sampler(const ob::StateSpace* space, const JointSpace& joints, Random* random, int* drawn)
-      : ob::StateSampler(space), joints_(joints), random_(random), drawn_(drawn) {}
-
-  void sampleUniform(ob::State* state) override {
-    ++*drawn_;
-    const auto& bounds = space_->as<Space>()->getBounds();
-    if (joints_.sample) {
-      const std::function<double()> uniform01 = [this] { return random_->uniform01(); };
-      for (int attempt = 0; attempt < kMaxRejectedSamples; ++attempt) {
-        toOmpl(joints_.sample(uniform01), state);
-        if (space_->satisfiesBounds(state)) return;
-      }
-    }
-    ArmVector q;
-    for (int i = 0; i < 6; ++i) q[i] = random_->uniform(bounds.low[i], bounds.high[i]);
-    toOmpl(q, state);
-  }
-  void sampleUniformNear(ob::State*, const ob::State*, double) override {
-    throw std::logic_error("RRTConnect does not sample near a state");
-  }
-  void sampleGaussian(ob::State*, const ob::State*, double) override {
-    throw std::logic_error("RRTConnect does not sample near a state");
-  }
-
- private:
-  const JointSpace& joints_;
-  Random* random_;
-  int* drawn_;
 };
 
 double lengthOf(const JointPath& path) {
@@ -236,12 +161,23 @@ struct Tree {
   int iterations{0};
 };
 
+/// By the joint space's own samples as far as they lie within the bounds.
+void draw(const JointSpace& joints, Random* random, const ob::StateSpace* space, ob::State* state) {
+  const auto& bounds = space->as<Space>()->getBounds();
+  if (joints.sample) {
+    const std::function<double()> uniform01 = [random] { return random->uniform01(); };
+    for (int attempt = 0; attempt < kMaxRejectedSamples; ++attempt) {
+      toOmpl(joints.sample(uniform01), state);
+      if (space->satisfiesBounds(state)) return;
+    }
+  }
+  ArmVector q;
+  for (int i = 0; i < 6; ++i) q[i] = random->uniform(bounds.low[i], bounds.high[i]);
+  toOmpl(q, state);
+}
+
 Tree growTrees(const JointSpace& joints, const ArmVector& start, const std::vector<ArmVector>& goals,
                const JointPlannerConfig& config, Validity* validity, Random* random) {
-  // OMPL's messages go to one handler of the whole process; nothing here is to be printed.
-  static std::once_flag silence;
-  std::call_once(silence, [] { ompl::msg::noOutputHandler(); });
-
   ArmVector lower = start;
   ArmVector upper = start;
   for (const ArmVector& goal : goals) {
@@ -257,38 +193,30 @@ Tree growTrees(const JointSpace& joints, const ArmVector& start, const std::vect
     bounds.setHigh(static_cast<unsigned>(i), upper[i]);
   }
   space->setBounds(bounds);
-  const auto information = std::make_shared<ob::SpaceInformation>(space);
-  information->setStateValidityChecker(std::make_shared<StateValidity>(information, validity));
-  information->setMotionValidator(std::make_shared<MotionValidity>(information, validity));
-  information->setup();
-  Tree tree;
-  // After setup, which draws samples of its own to scale projections that nobody here uses.
-  space->setStateSamplerAllocator([&](const ob::StateSpace* allocated_for) {
-    return std::make_shared<Sampler>(allocated_for, joints, random, &tree.iterations);
-  });
 
-  const auto problem = std::make_shared<ob::ProblemDefinition>(information);
-  ob::ScopedState<Space> state(space);
-  toOmpl(start, state.get());
-  problem->addStartState(state);
-  const auto goal_states = std::make_shared<ob::GoalStates>(information);
-  for (const ArmVector& goal : goals) {
-    toOmpl(goal, state.get());
-    goal_states->addState(state);
+  interactive_mapping::TreeSearch search;
+  search.is_valid = [&](const ob::State* state) { return validity->isValid(fromOmpl(state)); };
+  search.is_motion_valid = [&](const ob::State* from, const ob::State* to) {
+    return validity->isMotionValid(fromOmpl(from), fromOmpl(to), true);
+  };
+  search.sample = [&](const ob::StateSpace* of, ob::State* state) { draw(joints, random, of, state); };
+  search.is_cancelled = [&] { return validity->isCancelled(); };
+  search.range = config.range_rad;
+  search.max_iterations = config.max_iterations;
+
+  std::vector<ob::ScopedState<Space>> ends(1 + goals.size(), ob::ScopedState<Space>(space));
+  std::vector<const ob::State*> goal_states;
+  toOmpl(start, ends[0].get());
+  for (std::size_t i = 0; i < goals.size(); ++i) {
+    toOmpl(goals[i], ends[i + 1].get());
+    goal_states.push_back(ends[i + 1].get());
   }
-  problem->setGoal(goal_states);
-
-  ompl::geometric::RRTConnect planner(information);
-  planner.setRange(config.range_rad);
-  // The default draws its pivots from OMPL's own generator.
-  planner.setNearestNeighbors<ompl::NearestNeighborsLinear>();
-  planner.setProblemDefinition(problem);
-  planner.setup();
-  const ob::PlannerTerminationCondition ends(
-      [&] { return tree.iterations >= config.max_iterations || validity->isCancelled(); });
-  if (planner.solve(ends) != ob::PlannerStatus::EXACT_SOLUTION) return tree;
-  auto& solution = *problem->getSolutionPath()->as<ompl::geometric::PathGeometric>();
-  for (const ob::State* waypoint : solution.getStates()) tree.path.push_back(fromOmpl(waypoint));
+  const auto found =
+      interactive_mapping::connectByTrees<ompl::NearestNeighborsLinear>(space, ends[0].get(), goal_states, search);
+  Tree tree;
+  tree.iterations = found.iterations;
+  if (!found.path) return tree;
+  for (const ob::State* waypoint : found.path->getStates()) tree.path.push_back(fromOmpl(waypoint));
   return tree;
 }
 
