@@ -161,7 +161,7 @@ double MapSnapshot::fieldValue(const Eigen::Vector3d& p_map) const {
   for (int i = 0; i < count; ++i) {
     const auto cell = cells_.find(weights[i].key);
     if (cell == cells_.end()) continue;
-    const CellGp::Mean mean = cell->second->meanValue(p_map);
+    const CellGp::Mean mean = cell->second->mean(p_map);
     if (!mean.valid) continue;
     sum += weights[i].weight;
     value += weights[i].weight * mean.value;
