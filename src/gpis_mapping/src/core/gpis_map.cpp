@@ -314,19 +314,16 @@ void GpisMap::retune(const GpisConfig::Sensor& sensor, const GpisConfig::Dynamic
 std::uint32_t GpisMap::neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const {
   const double size = config_.cells.size_m;
   const double margin = config_.influenceMargin();
-  const Eigen::Vector3d local = p_map - config_.cells.corner(key);
-  // Per axis: does the point lie in the training region of the cell below, of its own, of the one above?
-  bool reaches[3][3];
-  for (int axis = 0; axis < 3; ++axis) {
-    reaches[axis][0] = local[axis] < margin;
-    reaches[axis][1] = true;
-    reaches[axis][2] = local[axis] > size - margin;
-  }
-  std::uint32_t mask = 0;
+  const Eigen::Array3d local = (p_map - config_.cells.corner(key)).array();
+  // Per axis the square of how far outside the cell below, its own, the one above the point lies.
+  const Eigen::Array3d outside[3] = {local.max(0.0).square(), (-local).max(local - size).max(0.0).square(),
+                                     (size - local).max(0.0).square()};
+  std::uint32_t mask = 1u << neighbourBit(0, 0, 0);
   for (int dx = -1; dx <= 1; ++dx) {
     for (int dy = -1; dy <= 1; ++dy) {
       for (int dz = -1; dz <= 1; ++dz) {
-        if (reaches[0][dx + 1] && reaches[1][dy + 1] && reaches[2][dz + 1]) mask |= 1u << neighbourBit(dx, dy, dz);
+        const double distance2 = outside[dx + 1].x() + outside[dy + 1].y() + outside[dz + 1].z();
+        if (distance2 < margin * margin) mask |= 1u << neighbourBit(dx, dy, dz);
       }
     }
   }
@@ -781,13 +778,13 @@ void GpisMap::train(UpdateStatistics* statistics) {
             const auto found = cells_.find(job.key.offset(dx, dy, dz));
             if (found == cells_.end()) continue;
             for (const Cell::Entry& entry : found->second.entries) {
-              const double outside = box.exteriorDistance(entry.point.position_map);
-              if (outside < training_margin) {
+              const double outside2 = box.squaredExteriorDistance(entry.point.position_map);
+              if (outside2 < training_margin * training_margin) {
                 points.push_back(&entry.point);
-              } else if (outside < margin) {
+              } else if (outside2 < margin * margin) {
                 mean_only.push_back(&entry.point);
               }
-              is_needed = is_needed || outside < needed;
+              is_needed = is_needed || outside2 < needed * needed;
             }
           }
         }
