@@ -27,6 +27,12 @@ struct SurfacePoint {
   std::uint16_t num_misses{0};  // looks since the last confirmation that spoke against it without deciding
 };
 
+struct CellArrays;
+struct CellKernels;
+
+/// The arithmetic for this processor (src/core/cell_kernels.h).
+const CellKernels& cellKernels();
+
 /// The GP of one cell (eq 3): observations f(p_i) = 0 with noise, prior mean from the local normals
 ///   m(x) = sum_i w_i(x) n_i . (x - p_i) / sum_i w_i(x),   w_i = q_i (1 - |x - p_i|^2 / h^2)^3 inside h,
 /// and Matern 3/2 covariance: f(x) = m(x) - k*^T (K + K_x)^-1 m(X). The mean carries what derivative observations of
@@ -44,45 +50,41 @@ class CellGp {
   /// those that only shape the prior mean. Throws std::runtime_error naming the cell if a point is not finite or
   /// the covariance is not positive definite.
   CellGp(const LatticeKey& key, const GpisConfig& config, const std::vector<const SurfacePoint*>& points,
-         std::size_t num_own, std::size_t num_training);
+         std::size_t num_own, std::size_t num_training, const CellKernels& kernels = cellKernels());
 
   const LatticeKey& key() const { return key_; }
-  std::size_t size() const { return static_cast<std::size_t>(px_.size()); }
-  std::size_t numTraining() const { return static_cast<std::size_t>(alpha_.size()); }
-  std::size_t numOwn() const { return num_own_; }
+  std::size_t size() const { return static_cast<std::size_t>(num_points_); }
+  std::size_t numTraining() const { return static_cast<std::size_t>(num_training_); }
+  std::size_t numOwn() const { return static_cast<std::size_t>(num_own_); }
 
   /// Posterior mean at one point.
   Mean mean(const Eigen::Vector3d& x_map) const;
-  /// The same to the bit, in half the time, with a gradient of zero.
-  Mean meanValue(const Eigen::Vector3d& x_map) const;
+  /// Its value at N points relative to the cell's centre [m], NaN where it is not valid: a tenth of the time per point.
+  void meanValues(const Points3f& x, Eigen::VectorXf* values) const;
 
   /// Posterior variance [m^2] at N points and, when `gradient` is not null, its derivative [m]
   /// (sec. 7: -2 (grad k*)^T (K + K_x)^-1 k*). Shapes N and 3 x N.
   void variance(const Points3d& x_map, Eigen::VectorXf* variance, Points3f* gradient) const;
 
-  Eigen::Vector3d position(std::size_t i) const {
-    return origin_ + Eigen::Vector3f(px_[i], py_[i], pz_[i]).cast<double>();
-  }
-  Eigen::Vector3f normal(std::size_t i) const { return {nx_[i], ny_[i], nz_[i]}; }
-  float noiseVariance(std::size_t i) const { return noise_[i]; }
+  Eigen::Vector3d position(std::size_t i) const;
+  Eigen::Vector3f normal(std::size_t i) const;
+  float noiseVariance(std::size_t i) const;
 
   std::size_t memoryBytes() const;
 
  private:
-  // `squares`: squared distances of all points from x [m^2].
-  template <bool kWithGradient>
-  Mean priorMean(const Eigen::Vector3f& x, const Eigen::ArrayXf& squares) const;
-  template <bool kWithGradient>
-  Mean posteriorMean(const Eigen::Vector3d& x_map) const;
+  CellArrays arrays() const;
+  Eigen::Vector3f vectorAt(int first_array, std::size_t i) const;
 
   LatticeKey key_;
   MaternKernel<float> kernel_;
   float blend_radius_;
-  Eigen::Vector3d origin_;  // the cell's centre: positions below are relative to it, so that floats suffice anywhere
-  std::size_t num_own_;
-  Eigen::ArrayXf px_, py_, pz_, nx_, ny_, nz_, quality_, noise_;
-  Eigen::VectorXf alpha_;     // (K + K_x)^-1 (0 - m(X))
-  Eigen::MatrixXf cholesky_;  // lower factor of K + K_x
+  Eigen::Vector3d origin_;  // the cell's centre: positions are relative to it, so that floats suffice anywhere
+  int num_own_;
+  int num_training_;
+  int num_points_;
+  const CellKernels* kernels_;
+  std::vector<float> numbers_;  // arrays of the points, then the packed factor of K + K_x
 };
 
 }  // namespace gpis_mapping

@@ -35,11 +35,10 @@ class FrameRegressor {
   /// Posterior variance of inverse range [1/m^2] at window coordinates (pu, pv) [px]; depends on the position only.
   double variance(double pu, double pv) const;
 
-  const Eigen::MatrixXf& inverseCovariance() const { return inverse_covariance_; }
-  const Eigen::MatrixXf& trendBasis() const { return trend_basis_; }
-  const Eigen::MatrixXf& trendSolver() const { return trend_solver_; }
-  double priorVariance() const { return prior_variance_; }
-  double alpha() const { return alpha_; }
+  /// Posterior mean less the tile's linear trend [1/m] at window coordinates (pu, pv) [px]: the window's pixels, row by
+  /// row `stride` floats apart, weighted. The weights depend on the place in the window only and are interpolated
+  /// between tabulated ones, a quarter of a pixel apart.
+  float residual(const float* pixels, int stride, double pu, double pv) const;
 
  private:
   CameraModel camera_;
@@ -48,11 +47,10 @@ class FrameRegressor {
   double alpha_;
   double prior_variance_;
   double noise_std_;
-  Eigen::MatrixXf inverse_covariance_;  // (K + s_n^2 I)^-1, window^2 x window^2
-  Eigen::MatrixXf trend_basis_;         // window^2 x 3: 1, du, dv about the window's centre [px]
-  Eigen::MatrixXf trend_solver_;        // 3 x window^2: least squares
-  std::vector<float> variance_table_;   // posterior variance on a grid of kVarianceSteps per pixel
-  int variance_size_{0};
+  // Per place, from half a pixel before the window's first pixel to half a pixel past its last:
+  int table_size_{0};                  // places along each axis
+  Eigen::MatrixXf weight_table_;       // window^2 x places: (K + s_n^2 I)^-1 k* less what the trend takes
+  std::vector<float> variance_table_;  // posterior variance
 };
 
 /// One depth image as a continuous function of bearing: inverse range with uncertainty.
@@ -78,7 +76,7 @@ class FrameMap {
   Eigen::Vector3f trendNormal(double u, double v) const;
 
   /// Largest raw inverse range [1/m] of the 5 x 5 pixels round (u, v): the tolerance widens to it at depth edges.
-  float nearestAround(int u, int v) const { return nearest_[frame_->index(u, v)]; }
+  float nearestAround(int u, int v) const;
 
   const ClassifiedFrame& frame() const { return *frame_; }
   const FrameRegressor& regressor() const { return *regressor_; }
@@ -90,11 +88,9 @@ class FrameMap {
   std::shared_ptr<const ClassifiedFrame> frame_;
   int tiles_u_{0};
   int tiles_v_{0};
-  Eigen::MatrixXf alpha_;     // window^2 x tiles: (K + s_n^2 I)^-1 (y - trend)
   Eigen::Matrix3Xf trend_;    // 3 x tiles
   std::vector<float> scale_;  // noise of the tile over the regressor's
   std::vector<std::uint8_t> smooth_;
-  std::vector<float> nearest_;
 };
 
 /// Plane fitted to the raw pixels round one pixel, leaving out what lies across a depth edge.

@@ -77,7 +77,7 @@ struct GpisConfig {
   } sensor;
 
   struct FrameMap {  // 2.5D^-1 map, eqs 5 and 6
-    int tile_px{8};
+    int tile_px{4};
     int overlap_px{2};
     double kernel_length_rad{0.006};
     double prior_std_per_m{0.004};

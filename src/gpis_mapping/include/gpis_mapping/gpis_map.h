@@ -144,6 +144,8 @@ class GpisMap {
   void allowForMisalignment(Frame* frame);
   /// Remembers which pixels can measure a depth.
   void learnView(const ClassifiedFrame& pixels);
+  /// Whether the image may show a part of the cell.
+  bool isInView(const Frame& frame, const LatticeKey& key) const;
   /// `pixels`: the frame's; holes in which a surface has vanished become wall.
   void fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics);
   void rememberRemoved(const std::vector<CellUpdate>& jobs);

@@ -59,8 +59,6 @@ class MapSnapshot {
   QueryResult query(const Points3d& points_map, const QueryOptions& options = {}) const;
 
   FieldSample field(const Eigen::Vector3d& p_map) const;
-  /// field().value to the bit, in half the time; NaN where that is not valid.
-  double fieldValue(const Eigen::Vector3d& p_map) const;
 
   /// Free, occupied or unknown at a point whose signed distance is known (NaN: no surface near).
   SpaceState state(const Eigen::Vector3d& p_map, double distance_m) const;

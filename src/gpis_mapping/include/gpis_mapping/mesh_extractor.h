@@ -20,9 +20,11 @@ struct TriangleMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;  // counter-clockwise seen from free space
 };
 
+class MeshLattice;
+
 /// Marching cubes on f in voxels that training points support; open borders where nothing was seen. Keeps the pieces
-/// of every cell and extracts again only those whose field changed since the last call; of one whose neighbours alone
-/// changed, only what they have a say in. Not thread-safe.
+/// of every cell and what each cell alone says at the corners of its voxels; extracts again only those pieces whose field
+/// or variance changed since the last call. Normals are differences of f along the lattice. Not thread-safe.
 class MeshExtractor {
  public:
   explicit MeshExtractor(const GpisConfig& config);
@@ -39,14 +41,12 @@ class MeshExtractor {
 
  private:
   struct Piece;
-  class Contour;
   struct Pieces;
 
-  /// `changed`: which of the 27 cells about and with the piece's are not what they were, as bits.
-  void extract(const MapSnapshot& snapshot, const LatticeKey& key, std::uint32_t changed, Contour* contour,
-               Piece* piece) const;
+  void extract(const LatticeKey& key, Piece* piece) const;
 
   GpisConfig config_;
+  std::unique_ptr<const MeshLattice> lattice_;
   std::unique_ptr<Pieces> pieces_;
 };
 

@@ -69,7 +69,7 @@ class Frame {
 
   /// The surface at pixel coordinates (u, v): from the 2.5D^-1 map where that is smooth, else from the raw pixels on
   /// the near pixel's side of the depth edge. None where no single surface shows.
-  std::optional<SurfaceMeasurement> measure(double u, double v) const;
+  std::optional<SurfaceMeasurement> measure(double u, double v) const { return measure(u, v, map_.infer(u, v)); }
 
   /// Algorithm 1 for one point: compares it with the frame (eq 7), and moves it and firms it up if it is fused.
   PointOutcome apply(SurfacePoint* point) const;
@@ -88,6 +88,7 @@ class Frame {
   double correlatedVariance(double z_m) const;
 
  private:
+  std::optional<SurfaceMeasurement> measure(double u, double v, const FrameMap::Inference& inferred) const;
   PointOutcome fuse(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera, SurfacePoint* point) const;
   /// Variance [m^2], across a surface of that normal at that point, that the camera's pose causes; camera frame.
   double poseVariance(const Eigen::Vector3d& p_camera, const Eigen::Vector3d& normal_camera) const;

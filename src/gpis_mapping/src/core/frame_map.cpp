@@ -6,7 +6,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
-#include <opencv2/imgproc.hpp>
 
 #include <interactive_mapping_common/threads/parallel_for.h>
 
@@ -15,20 +14,56 @@ namespace {
 
 using interactive_mapping::parallelFor;
 
-constexpr int kVarianceSteps = 4;  // per pixel; the variance is smooth at the scale of a pixel
-// A tile is one surface when what its linear trend leaves over is noise: 1.35 is six standard deviations of the
-// rms of 144 samples, 4.5 passes one sample in 10^5.
+constexpr int kSteps = 4;          // of the tables per pixel; weights and variance are smooth at the scale of a pixel
+constexpr int kMaxWindow = 28;     // largest tile and twice the largest overlap [px]
+constexpr int kDefaultWindow = 8;  // of a size known to the compiler: half the time
+// A tile is one surface when what its linear trend leaves over is noise: 1.35 is four standard deviations of the
+// rms of 64 samples, 4.5 passes one sample in 10^5.
 constexpr float kSmoothRms = 1.35f;
 constexpr float kSmoothMax = 4.5f;
 constexpr int kEdgeRadiusPx = 2;  // reach of nearestAround
 
-/// Largest value within `radius` pixels along each axis.
-std::vector<float> slidingMaximum(const std::vector<float>& source, int width, int height, int radius) {
-  std::vector<float> result(source.size());
-  const cv::Mat in(height, width, CV_32F, const_cast<float*>(source.data()));
-  cv::Mat out(height, width, CV_32F, result.data());
-  cv::dilate(in, out, cv::getStructuringElement(cv::MORPH_RECT, {2 * radius + 1, 2 * radius + 1}));
-  return result;
+template <int kWindow>
+using WindowMap = Eigen::Map<const Eigen::Array<float, kWindow, kWindow>, 0, Eigen::OuterStride<>>;
+
+struct TileFit {
+  Eigen::Vector3f trend;  // of inverse range at the window's centre, per pixel along u, along v [1/m]
+  float squares;          // of what it leaves over, summed [1/m^2]
+  float largest;          // of what it leaves over [1/m]
+};
+
+/// Least-squares linear function of the pixels: on a regular grid the three normal equations separate.
+/// `pixels`: a column of it is a row of the image.
+template <int kWindow>
+TileFit fitTile(const WindowMap<kWindow>& pixels) {
+  using Line = Eigen::Array<float, kWindow, 1, 0, kWindow == Eigen::Dynamic ? kMaxWindow : kWindow, 1>;
+  const Eigen::Index n = pixels.rows();
+  const float middle = 0.5f * static_cast<float>(n - 1);
+  const Line du = Line::LinSpaced(n, -middle, middle);
+  const float reference = pixels(n / 2, n / 2);  // small sums round less
+  Line sum = Line::Zero(n);
+  Line sum_along = Line::Zero(n);
+  for (Eigen::Index v = 0; v < n; ++v) {
+    const Line line = pixels.col(v) - reference;
+    sum += line;
+    sum_along += (static_cast<float>(v) - middle) * line;
+  }
+  const float count = static_cast<float>(n);
+  const float spread = count * du.square().sum();
+  TileFit fit;
+  fit.trend = {sum.sum() / (count * count), (sum * du).sum() / spread, sum_along.sum() / spread};
+  Line squares = Line::Zero(n);
+  Line largest = Line::Zero(n);
+  for (Eigen::Index v = 0; v < n; ++v) {
+    const float at_center = fit.trend[0] + fit.trend[2] * (static_cast<float>(v) - middle) + reference;
+    const Line left_over = pixels.col(v) - at_center - fit.trend[1] * du;
+    squares += left_over.square();
+    largest = largest.max(left_over.abs());
+  }
+  fit.trend[0] += reference;
+  fit.squares = squares.sum();
+  fit.largest = largest.maxCoeff();
+  return fit;
 }
 
 /// Running sums of the least-squares fit w = c0 + c1 du + c2 dv.
@@ -76,28 +111,29 @@ FrameRegressor::FrameRegressor(const CameraModel& camera, const GpisConfig::Fram
     }
     covariance(i, i) += noise_std_ * noise_std_;
   }
-  const Eigen::MatrixXd inverse = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
-  inverse_covariance_ = inverse.cast<float>();
-
+  const Eigen::LLT<Eigen::MatrixXd> solver(covariance);
   Eigen::MatrixXd basis(n, 3);
   const double center = 0.5 * (window_ - 1);
   for (int i = 0; i < n; ++i) basis.row(i) << 1.0, i % window_ - center, i / window_ - center;
-  trend_basis_ = basis.cast<float>();
-  trend_solver_ = (basis.transpose() * basis).ldlt().solve(basis.transpose()).cast<float>();
+  const Eigen::Matrix3d moments = basis.transpose() * basis;
 
-  variance_size_ = (window_ - 1) * kVarianceSteps + 1;
-  variance_table_.resize(static_cast<std::size_t>(variance_size_) * variance_size_);
-  Eigen::MatrixXd cross(n, variance_size_);
-  for (int row = 0; row < variance_size_; ++row) {
-    for (int column = 0; column < variance_size_; ++column) {
-      for (int i = 0; i < n; ++i) {
-        cross(i, column) = kernel(static_cast<double>(column) / kVarianceSteps - i % window_,
-                                  static_cast<double>(row) / kVarianceSteps - i / window_);
-      }
+  // A tile answers for half a pixel round its own pixels, which at the image's border are the window's.
+  table_size_ = window_ * kSteps + 1;
+  const auto place = [](int index) { return static_cast<double>(index) / kSteps - 0.5; };
+  variance_table_.resize(static_cast<std::size_t>(table_size_) * table_size_);
+  weight_table_.resize(n, table_size_ * table_size_);
+  Eigen::MatrixXd cross(n, table_size_);
+  for (int row = 0; row < table_size_; ++row) {
+    for (int column = 0; column < table_size_; ++column) {
+      for (int i = 0; i < n; ++i) cross(i, column) = kernel(place(column) - i % window_, place(row) - i / window_);
     }
-    const Eigen::VectorXd explained = (inverse * cross).cwiseProduct(cross).colwise().sum();
-    for (int column = 0; column < variance_size_; ++column) {
-      variance_table_[static_cast<std::size_t>(row) * variance_size_ + column] =
+    const Eigen::MatrixXd weights = solver.solve(cross);
+    // They are to be applied to the pixels as they are: the trend's share in those gets no weight.
+    weight_table_.middleCols(row * table_size_, table_size_) =
+        (weights - basis * moments.ldlt().solve(basis.transpose() * weights)).cast<float>();
+    const Eigen::VectorXd explained = weights.cwiseProduct(cross).colwise().sum();
+    for (int column = 0; column < table_size_; ++column) {
+      variance_table_[static_cast<std::size_t>(row) * table_size_ + column] =
           static_cast<float>(std::max(0.0, prior_variance_ - explained(column)));
     }
   }
@@ -110,9 +146,28 @@ int FrameRegressor::windowStart(int tile_index, int image_size) const {
 
 double FrameRegressor::variance(double pu, double pv) const {
   const auto index = [this](double p) {
-    return std::max(0, std::min(variance_size_ - 1, static_cast<int>(std::lround(p * kVarianceSteps))));
+    return std::max(0, std::min(table_size_ - 1, static_cast<int>((p + 0.5) * kSteps + 0.5)));
   };
-  return variance_table_[static_cast<std::size_t>(index(pv)) * variance_size_ + index(pu)];
+  return variance_table_[static_cast<std::size_t>(index(pv)) * table_size_ + index(pu)];
+}
+
+float FrameRegressor::residual(const float* pixels, int stride, double pu, double pv) const {
+  Eigen::Array<float, Eigen::Dynamic, 1, 0, kMaxWindow * kMaxWindow, 1> y(window_ * window_);
+  for (int j = 0; j < window_; ++j)
+    std::copy_n(pixels + static_cast<std::ptrdiff_t>(j) * stride, window_, &y[j * window_]);
+  const float u = static_cast<float>((pu + 0.5) * kSteps);
+  const float v = static_cast<float>((pv + 0.5) * kSteps);
+  const int column = std::max(0, std::min(table_size_ - 2, static_cast<int>(u)));
+  const int row = std::max(0, std::min(table_size_ - 2, static_cast<int>(v)));
+  const float right = u - static_cast<float>(column);
+  const float below = v - static_cast<float>(row);
+  const auto along = [&](int r) {
+    const auto left_weights = weight_table_.col(static_cast<Eigen::Index>(r) * table_size_ + column).array();
+    const auto right_weights = weight_table_.col(static_cast<Eigen::Index>(r) * table_size_ + column + 1).array();
+    return ((left_weights + right * (right_weights - left_weights)) * y).sum();
+  };
+  const float above = along(row);
+  return above + below * (along(row + 1) - above);
 }
 
 FrameMap::FrameMap(std::shared_ptr<const FrameRegressor> regressor, std::shared_ptr<const ClassifiedFrame> frame,
@@ -122,40 +177,33 @@ FrameMap::FrameMap(std::shared_ptr<const FrameRegressor> regressor, std::shared_
   const int width = frame_->width;
   const int height = frame_->height;
   const int window = r.window();
-  const int n = window * window;
   tiles_u_ = (width + r.tile() - 1) / r.tile();
   tiles_v_ = (height + r.tile() - 1) / r.tile();
   const int num_tiles = tiles_u_ * tiles_v_;
-  alpha_.resize(n, num_tiles);
   trend_.resize(3, num_tiles);
   scale_.resize(num_tiles);
   smooth_.resize(num_tiles);
   parallelFor(static_cast<std::size_t>(tiles_v_), num_threads, 4, [&](std::size_t begin, std::size_t end) {
-    Eigen::MatrixXf y(n, tiles_u_);
     for (std::size_t tv = begin; tv < end; ++tv) {
       const int start_v = r.windowStart(static_cast<int>(tv), height);
       for (int tu = 0; tu < tiles_u_; ++tu) {
-        const int start_u = r.windowStart(tu, width);
-        for (int j = 0; j < window; ++j) {
-          std::copy_n(&frame_->inverse_range[frame_->index(start_u, start_v + j)], window, &y(j * window, tu));
-        }
-      }
-      const int first = static_cast<int>(tv) * tiles_u_;
-      trend_.middleCols(first, tiles_u_).noalias() = r.trendSolver() * y;
-      y.noalias() -= r.trendBasis() * trend_.middleCols(first, tiles_u_);
-      alpha_.middleCols(first, tiles_u_).noalias() = r.inverseCovariance() * y;
-      for (int tu = 0; tu < tiles_u_; ++tu) {
-        const double inverse_range = std::max(1e-3f, trend_(0, first + tu));
+        const std::size_t tile = tv * tiles_u_ + tu;
+        const float* pixels = &frame_->inverse_range[frame_->index(r.windowStart(tu, width), start_v)];
+        const Eigen::OuterStride<> stride(width);
+        const TileFit fit = window == kDefaultWindow
+                                ? fitTile<kDefaultWindow>(WindowMap<kDefaultWindow>(pixels, window, window, stride))
+                                : fitTile<Eigen::Dynamic>(WindowMap<Eigen::Dynamic>(pixels, window, window, stride));
+        trend_.col(static_cast<Eigen::Index>(tile)) = fit.trend;
+        const double inverse_range = std::max(1e-3f, fit.trend[0]);
         const double range = std::min(20.0, 1.0 / inverse_range);
-        const double scale = noise.sigma(range) / (range * range) / r.noiseStd();
-        const float expected = static_cast<float>(scale * r.noiseStd());
-        scale_[first + tu] = static_cast<float>(scale);
-        smooth_[first + tu] = y.col(tu).squaredNorm() < n * std::pow(kSmoothRms * expected, 2) &&
-                              y.col(tu).cwiseAbs().maxCoeff() < kSmoothMax * expected;
+        const float expected = static_cast<float>(noise.sigma(range) / (range * range));
+        const float rms_limit = kSmoothRms * expected;
+        scale_[tile] = expected / static_cast<float>(r.noiseStd());
+        smooth_[tile] = fit.squares < static_cast<float>(window * window) * rms_limit * rms_limit &&
+                        fit.largest < kSmoothMax * expected;
       }
     }
   });
-  nearest_ = slidingMaximum(frame_->inverse_range, width, height, kEdgeRadiusPx);
 }
 
 std::size_t FrameMap::tileIndex(double u, double v, int* start_u, int* start_v) const {
@@ -174,23 +222,22 @@ FrameMap::Inference FrameMap::infer(double u, double v) const {
   const int window = r.window();
   const double pu = u - start_u;
   const double pv = v - start_v;
-  // k* against the window's pixels; row by row so that the compiler can vectorise the distances.
-  const float decay_u = static_cast<float>(r.alpha() / r.camera().fx);
-  const float decay_v = static_cast<float>(r.alpha() / r.camera().fy);
-  Eigen::Array<float, Eigen::Dynamic, 1, 0, 28 * 28, 1> distance(window * window);
-  for (int j = 0; j < window; ++j) {
-    const float dv = decay_v * static_cast<float>(pv - j);
-    for (int i = 0; i < window; ++i) {
-      const float du = decay_u * static_cast<float>(pu - i);
-      distance[j * window + i] = du * du + dv * dv;
-    }
-  }
-  distance = (-distance.sqrt()).exp();
-  const float residual = static_cast<float>(r.priorVariance()) * alpha_.col(tile).dot(distance.matrix());
+  const float* pixels = &frame_->inverse_range[frame_->index(start_u, start_v)];
+  const float residual = r.residual(pixels, frame_->width, pu, pv);
   const double center = 0.5 * (window - 1);
   const Eigen::Vector3f& c = trend_.col(tile);
   const double trend = c[0] + c[1] * (pu - center) + c[2] * (pv - center);
   return {trend + residual, scale_[tile] * std::sqrt(r.variance(pu, pv)), smooth_[tile] != 0};
+}
+
+float FrameMap::nearestAround(int u, int v) const {
+  float largest = 0.0f;
+  for (int j = std::max(0, v - kEdgeRadiusPx); j <= std::min(frame_->height - 1, v + kEdgeRadiusPx); ++j) {
+    for (int i = std::max(0, u - kEdgeRadiusPx); i <= std::min(frame_->width - 1, u + kEdgeRadiusPx); ++i) {
+      largest = std::max(largest, frame_->inverse_range[frame_->index(i, j)]);
+    }
+  }
+  return largest;
 }
 
 bool FrameMap::isSmooth(double u, double v) const {
@@ -265,7 +312,7 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
         const double du = i * step;
         const double dv = j * step;
         const double residual = frame.inverse_depth[index] - w_center - (c[0] + c[1] * du + c[2] * dv);
-        const double gate = kInlier * (sigma_w + slope_std * std::hypot(du, dv));
+        const double gate = kInlier * (sigma_w + slope_std * std::sqrt(du * du + dv * dv));
         if (std::abs(residual) < gate) patch.add(du, dv, frame.inverse_depth[index] - w_center);
       }
     }

@@ -14,6 +14,7 @@
 #include <interactive_mapping_common/threads/parallel_for.h>
 #include "gpis_mapping/point_update.h"
 #include "gpis_mapping/vanished_surface.h"
+#include "insertion_grid.h"
 
 namespace gpis_mapping {
 namespace {
@@ -22,8 +23,7 @@ using interactive_mapping::parallelFor;
 using interactive_mapping::resolveThreadCount;
 
 constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle than 86 degrees is not inserted
-// Every so many pixels is a candidate for a new point. 3 px are 1.7 cm at 3 m with f = 525 px: below the spacing.
-constexpr int kCandidateStridePx = 3;
+constexpr double kKnownSpacings = 0.8;      // a pixel this near to a point of the map need not be measured
 constexpr double kFateSpacings = 2.5;       // neighbourhood in which the fate of doubtful points is decided
 constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
 // Points of one face nearer than this are too many, of two faces at half of it: a little less than insertion keeps, so
@@ -35,9 +35,8 @@ constexpr double kFineLattice_m = 1e-5;            // to choose them by position
 // A frame this far off the map as a whole is displaced. So many running are right, and the map is wrong.
 constexpr double kDisplaced_m = 0.02;
 constexpr int kMaxDisplaced = 5;
-constexpr int kMaxSuspectLooks = 2;        // a small piece that is missing goes at the second look running
-constexpr double kMaxMotionGap_s = 1.0;    // poses farther apart in time tell nothing about the camera's speed
-constexpr double kMaxNoiseReach_m = 0.06;  // no noise makes one surface of two that are farther apart
+constexpr int kMaxSuspectLooks = 2;      // a small piece that is missing goes at the second look running
+constexpr double kMaxMotionGap_s = 1.0;  // poses farther apart in time tell nothing about the camera's speed
 
 class Stopwatch {
  public:
@@ -315,19 +314,16 @@ void GpisMap::retune(const GpisConfig::Sensor& sensor, const GpisConfig::Dynamic
 std::uint32_t GpisMap::neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const {
   const double size = config_.cells.size_m;
   const double margin = config_.influenceMargin();
-  const Eigen::Vector3d local = p_map - config_.cells.corner(key);
-  // Per axis: does the point lie in the training region of the cell below, of its own, of the one above?
-  bool reaches[3][3];
-  for (int axis = 0; axis < 3; ++axis) {
-    reaches[axis][0] = local[axis] < margin;
-    reaches[axis][1] = true;
-    reaches[axis][2] = local[axis] > size - margin;
-  }
-  std::uint32_t mask = 0;
+  const Eigen::Array3d local = (p_map - config_.cells.corner(key)).array();
+  // Per axis the square of how far outside the cell below, its own, the one above the point lies.
+  const Eigen::Array3d outside[3] = {local.max(0.0).square(), (-local).max(local - size).max(0.0).square(),
+                                     (size - local).max(0.0).square()};
+  std::uint32_t mask = 1u << neighbourBit(0, 0, 0);
   for (int dx = -1; dx <= 1; ++dx) {
     for (int dy = -1; dy <= 1; ++dy) {
       for (int dz = -1; dz <= 1; ++dz) {
-        if (reaches[0][dx + 1] && reaches[1][dy + 1] && reaches[2][dz + 1]) mask |= 1u << neighbourBit(dx, dy, dz);
+        const double distance2 = outside[dx + 1].x() + outside[dy + 1].y() + outside[dz + 1].z();
+        if (distance2 < margin * margin) mask |= 1u << neighbourBit(dx, dy, dz);
       }
     }
   }
@@ -388,18 +384,20 @@ void GpisMap::learnView(const ClassifiedFrame& pixels) {
   }
 }
 
-void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics) {
-  const double cell_radius = 0.5 * std::sqrt(3.0) * config_.cells.size_m;
-  const double stray = strayTolerance();
-  std::vector<CellUpdate> jobs;
+bool GpisMap::isInView(const Frame& frame, const LatticeKey& key) const {
+  const double radius = 0.5 * std::sqrt(3.0) * config_.cells.size_m;
   const double slope_u = std::max(camera_.cx, camera_.width - camera_.cx) / camera_.fx;
   const double slope_v = std::max(camera_.cy, camera_.height - camera_.cy) / camera_.fy;
+  const Eigen::Vector3d c = frame.T_camera_map() * config_.cells.center(key);
+  return c.z() >= -radius && std::abs(c.x()) - slope_u * c.z() <= radius * std::sqrt(1.0 + slope_u * slope_u) &&
+         std::abs(c.y()) - slope_v * c.z() <= radius * std::sqrt(1.0 + slope_v * slope_v);
+}
+
+void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics) {
+  const double stray = strayTolerance();
+  std::vector<CellUpdate> jobs;
   for (auto& [key, cell] : cells_) {
-    if (cell.entries.empty()) continue;
-    const Eigen::Vector3d c = frame.T_camera_map() * config_.cells.center(key);
-    if (c.z() < -cell_radius) continue;
-    if (std::abs(c.x()) - slope_u * c.z() > cell_radius * std::hypot(1.0, slope_u)) continue;
-    if (std::abs(c.y()) - slope_v * c.z() > cell_radius * std::hypot(1.0, slope_v)) continue;
+    if (cell.entries.empty() || !isInView(frame, key)) continue;
     jobs.emplace_back();
     jobs.back().key = key;
     jobs.back().cell = &cell;
@@ -665,11 +663,8 @@ void GpisMap::thinOut(const std::vector<CellUpdate>& jobs) {
 
 bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
                            double spacings) const {
-  const double spacing = spacings * config_.surface.spacing_m;
-  const double g2 = std::pow(config_.dynamic.tolerance_sigmas, 2);
-  // Far away the noise exceeds the spacing: two points of one face that differ by noise alone are one point, or a
-  // wall would be stored twice.
-  const double own_reach = std::min(kMaxNoiseReach_m, std::max(spacing, std::sqrt(2.0 * g2 * variance_m2)));
+  const Crowding crowding{spacings * config_.surface.spacing_m, config_.dynamic.tolerance_sigmas};
+  const double own_reach = crowding.reach(variance_m2);
   const Eigen::Vector3d reach = Eigen::Vector3d::Constant(own_reach + strayTolerance());
   const LatticeKey low = config_.cells.at(p_map - reach);
   const LatticeKey high = config_.cells.at(p_map + reach);
@@ -680,15 +675,8 @@ bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& 
         if (found == cells_.end()) continue;
         for (const Cell::Entry& entry : found->second.entries) {
           const Eigen::Vector3d offset = p_map - entry.point.position_map;
-          const double distance2 = offset.squaredNorm();
-          if (distance2 > own_reach * own_reach) continue;
-          if (distance2 < 0.25 * spacing * spacing) return true;
-          // Two faces that meet at an edge both need points near it.
-          if (entry.point.normal_map.dot(normal_map) <= kSameFaceCosine) continue;
-          if (distance2 < spacing * spacing) return true;
-          const double along = offset.dot(entry.point.normal_map.cast<double>());
-          if (distance2 - along * along < spacing * spacing &&
-              along * along < g2 * (variance_m2 + entry.point.variance_m2)) {
+          if (crowding.leavesNoRoom<double>(offset, entry.point.normal_map, normal_map,
+                                            variance_m2 + entry.point.variance_m2, own_reach)) {
             return true;
           }
         }
@@ -699,29 +687,30 @@ bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& 
 }
 
 void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
-  const ClassifiedFrame& image = frame.pixels();
-  const int stride = kCandidateStridePx;
+  const int threads = resolveThreadCount(config_.threads);
   const double max_range = config_.sensor.max_range_m;
   const double floor_variance = std::pow(config_.surface.min_noise_std_m, 2);
   const Eigen::AlignedBox3d region(config_.region.min_m, config_.region.max_m);
   const Eigen::Matrix3f R_map_camera = frame.T_map_camera().linear().cast<float>();
-  std::vector<std::vector<SurfacePoint>> candidates(static_cast<std::size_t>((image.height + stride - 1) / stride));
+  InsertionGrid grid(frame, config_, {kKnownSpacings * config_.surface.spacing_m, config_.dynamic.tolerance_sigmas},
+                     threads);
+  std::vector<const Cell*> cells;
+  for (const auto& [key, cell] : cells_) {
+    if (!cell.entries.empty() && isInView(frame, key)) cells.push_back(&cell);
+  }
+  parallelFor(cells.size(), threads, 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      for (const Cell::Entry& entry : cells[i]->entries) grid.strikeOut(entry.point);
+    }
+  });
 
-  parallelFor(candidates.size(), resolveThreadCount(config_.threads), 4, [&](std::size_t begin, std::size_t end) {
+  std::vector<std::vector<SurfacePoint>> candidates(static_cast<std::size_t>(grid.rows()));
+  parallelFor(candidates.size(), threads, 4, [&](std::size_t begin, std::size_t end) {
     for (std::size_t row = begin; row < end; ++row) {
-      const int v = static_cast<int>(row) * stride;
-      for (int u = 0; u < image.width; u += stride) {
-        const std::size_t pixel = image.index(u, v);
-        if (image.kind[pixel] != PixelKind::kSurface || image.blocked[pixel] != Block::kNone) continue;
-        const Eigen::Vector3d ray((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy, 1.0);
-        const Eigen::Vector3d raw = ray / image.inverse_depth[pixel];
-        if (raw.norm() > 1.05 * max_range) continue;
-        // Cheap test first: most pixels show what the map has already. The raw depth is good enough for it.
-        if (frame.map().isSmooth(u, v) &&
-            hasNeighbour(frame.T_map_camera() * raw, R_map_camera * frame.map().trendNormal(u, v),
-                         frame.correlatedVariance(raw.z()), 0.8)) {
-          continue;
-        }
+      const int v = static_cast<int>(row) * InsertionGrid::kStridePx;
+      for (int column = 0; column < grid.columns(); ++column) {
+        if (!grid.isOpen(static_cast<int>(row), column)) continue;
+        const int u = column * InsertionGrid::kStridePx;
         const std::optional<SurfaceMeasurement> seen = frame.measure(u, v);
         if (!seen || seen->cosine < kMinInsertCosine || seen->point_camera.norm() > max_range) continue;
         SurfacePoint point;
@@ -789,13 +778,13 @@ void GpisMap::train(UpdateStatistics* statistics) {
             const auto found = cells_.find(job.key.offset(dx, dy, dz));
             if (found == cells_.end()) continue;
             for (const Cell::Entry& entry : found->second.entries) {
-              const double outside = box.exteriorDistance(entry.point.position_map);
-              if (outside < training_margin) {
+              const double outside2 = box.squaredExteriorDistance(entry.point.position_map);
+              if (outside2 < training_margin * training_margin) {
                 points.push_back(&entry.point);
-              } else if (outside < margin) {
+              } else if (outside2 < margin * margin) {
                 mean_only.push_back(&entry.point);
               }
-              is_needed = is_needed || outside < needed;
+              is_needed = is_needed || outside2 < needed * needed;
             }
           }
         }

@@ -153,22 +153,6 @@ std::size_t MapSnapshot::memoryBytes() const {
   return bytes + observed_.chunks().size() * sizeof(ObservedLayer::Chunk) + numPoints() * sizeof(SurfacePoint);
 }
 
-double MapSnapshot::fieldValue(const Eigen::Vector3d& p_map) const {
-  BlendWeight weights[8];
-  const int count = blendWeights(p_map, config_.cells, weights);
-  double sum = 0.0;
-  double value = 0.0;
-  for (int i = 0; i < count; ++i) {
-    const auto cell = cells_.find(weights[i].key);
-    if (cell == cells_.end()) continue;
-    const CellGp::Mean mean = cell->second->meanValue(p_map);
-    if (!mean.valid) continue;
-    sum += weights[i].weight;
-    value += weights[i].weight * mean.value;
-  }
-  return sum > 1e-9 ? value / sum : kNaN;
-}
-
 FieldSample MapSnapshot::field(const Eigen::Vector3d& p_map) const {
   BlendWeight weights[8];
   const int count = blendWeights(p_map, config_.cells, weights);

@@ -142,10 +142,9 @@ double Frame::correlatedVariance(double z_m) const {
   return kCorrelatedShare * sigma * sigma;
 }
 
-std::optional<SurfaceMeasurement> Frame::measure(double u, double v) const {
+std::optional<SurfaceMeasurement> Frame::measure(double u, double v, const FrameMap::Inference& inferred) const {
   const CameraModel& camera = this->camera();
   const Eigen::Vector3d ray((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0);
-  const FrameMap::Inference inferred = map_.infer(u, v);
   SurfaceMeasurement result;
   double along_ray_variance = 0.0;
   if (inferred.smooth) {
@@ -246,7 +245,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   }
   if (kind != PixelKind::kSurface) return PointOutcome::kNothing;
   if (cosine < kMinCosine && std::abs(delta) >= tolerance) return PointOutcome::kNothing;
-  const std::optional<SurfaceMeasurement> measurement = measure(u, v);
+  const std::optional<SurfaceMeasurement> measurement = measure(u, v, seen);
   const bool is_near = measurement && std::abs(1.0 / measurement->point_camera.norm() - inverse_range) < tolerance;
   if (is_near && isStray(*measurement, p, n)) return miss(point);
   // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of an

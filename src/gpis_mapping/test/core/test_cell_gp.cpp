@@ -12,6 +12,7 @@
 
 #include <gtest/gtest.h>
 
+#include "../../src/core/cell_kernels.h"
 #include "analytic_surfaces.h"
 #include "dense_gp.h"
 #include "eigen_asserts.h"
@@ -86,9 +87,17 @@ void perturb(std::vector<SurfacePoint>* points, std::mt19937* rng) {
   }
 }
 
-CellGp makeCell(const GpisConfig& config, const std::vector<SurfacePoint>& points, const LatticeKey& key = {}) {
+CellGp makeCell(const GpisConfig& config, const std::vector<SurfacePoint>& points, const LatticeKey& key = {},
+                const CellKernels& kernels = cellKernels()) {
   const CellSelection selection = selectPoints(config, key, points);
-  return CellGp(key, config, selection.points, selection.num_own, selection.num_training);
+  return CellGp(key, config, selection.points, selection.num_own, selection.num_training, kernels);
+}
+
+/// Those this processor can run.
+std::vector<const CellKernels*> allKernels() {
+  std::vector<const CellKernels*> result{&portableCellKernels()};
+  if (avx2CellKernels() != nullptr) result.push_back(avx2CellKernels());
+  return result;
 }
 
 DenseCellGp makeDense(const GpisConfig& config, const std::vector<SurfacePoint>& points, const LatticeKey& key = {}) {
@@ -108,7 +117,7 @@ double varianceAt(const CellGp& cell, const Eigen::Vector3d& x) {
   return variance[0];
 }
 
-TEST(CellGp, MatchesDenseGpInDoublePrecision) {
+void expectDenseGp(const CellKernels& kernels) {
   const GpisConfig config;
   const double prior = std::pow(config.signalStd(), 2);
   std::mt19937 rng(1);
@@ -116,7 +125,7 @@ TEST(CellGp, MatchesDenseGpInDoublePrecision) {
     for (Scene& scene : scenes(noise)) {
       SCOPED_TRACE(scene.name + ", noise " + std::to_string(noise) + " m");
       perturb(&scene.points, &rng);
-      const CellGp cell = makeCell(config, scene.points);
+      const CellGp cell = makeCell(config, scene.points, {}, kernels);
       const DenseCellGp dense = makeDense(config, scene.points);
       ASSERT_GT(cell.numOwn(), 15u);
       ASSERT_GT(cell.numTraining(), cell.numOwn());
@@ -144,12 +153,60 @@ TEST(CellGp, MatchesDenseGpInDoublePrecision) {
         if (!mean.valid || dense.weightSum(x) < 1e-3) continue;
         ++answered;
         EXPECT_NEAR(mean.value, dense.mean(x), 2e-6);  // m
+        Eigen::VectorXf value;
+        cell.meanValues((x - config.cells.center({})).cast<float>(), &value);
+        EXPECT_NEAR(value[0], dense.mean(x), 2e-6);
         const auto dense_mean = [&](const Eigen::Vector3d& y) { return dense.mean(y); };
         // A weight sum of 1e-3 is near the rim, where the quotient amplifies the rounding of 6e-8 by 1e3.
         EXPECT_TRUE(isNear(mean.gradient, centralDifference(dense_mean, x, 1e-6), 5e-4)) << x.transpose();
       }
       EXPECT_GT(answered, 100);
     }
+  }
+}
+
+TEST(CellGp, MatchesDenseGpInDoublePrecision) {
+  for (const CellKernels* kernels : allKernels()) {
+    SCOPED_TRACE(kernels == &portableCellKernels() ? "portable" : "AVX2");
+    expectDenseGp(*kernels);
+  }
+}
+
+TEST(CellGp, KernelsOfAllProcessorsGiveTheSameAnswers) {
+  if (avx2CellKernels() == nullptr) GTEST_SKIP() << "this processor has no AVX2";
+  const GpisConfig config;
+  const double prior = std::pow(config.signalStd(), 2);
+  std::mt19937 rng(12);
+  for (Scene& scene : scenes(0.001)) {
+    SCOPED_TRACE(scene.name);
+    perturb(&scene.points, &rng);
+    const CellGp portable = makeCell(config, scene.points, {}, portableCellKernels());
+    const CellGp avx2 = makeCell(config, scene.points, {}, *avx2CellKernels());
+    // 61: no multiple of either number of lanes.
+    Points3d x(3, 61);
+    for (Eigen::Index i = 0; i < x.cols(); ++i) x.col(i) = randomQuery(config, &rng);
+    Eigen::VectorXf values[2], variances[2];
+    Points3f gradients[2];
+    int side = 0;
+    for (const CellGp* cell : {&portable, &avx2}) {
+      cell->meanValues((x.colwise() - config.cells.center({})).cast<float>(), &values[side]);
+      cell->variance(x, &variances[side], &gradients[side]);
+      ++side;
+    }
+    int answered = 0;
+    for (Eigen::Index i = 0; i < x.cols(); ++i) {
+      // Products and sums rounded once or twice, in another order: as far apart as each may be from the oracle.
+      EXPECT_NEAR(variances[0][i], variances[1][i], 1e-4 * prior);
+      EXPECT_TRUE(isNear(gradients[0].col(i), gradients[1].col(i), 1e-4 * prior / config.surface.length_scale_m));
+      if (std::abs(scene.distance(x.col(i))) > 0.03) continue;
+      ++answered;
+      EXPECT_NEAR(values[0][i], values[1][i], 2e-6);
+      for (const CellGp* cell : {&portable, &avx2}) {
+        EXPECT_NEAR(cell->mean(x.col(i)).value, values[0][i], 2e-6);
+        EXPECT_TRUE(isNear(cell->mean(x.col(i)).gradient, portable.mean(x.col(i)).gradient, 5e-4));
+      }
+    }
+    EXPECT_GT(answered, 20);
   }
 }
 

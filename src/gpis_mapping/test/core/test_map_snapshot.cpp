@@ -119,29 +119,6 @@ TEST(MapSnapshot, FieldMatchesTheAnalyticDistanceInItsBand) {
   }
 }
 
-TEST(MapSnapshot, ValueAloneIsThatOfTheFieldToTheBit) {
-  std::mt19937 rng(9);
-  std::uniform_real_distribution<double> height(-0.15, 0.15);  // to where no point is within the blend radius
-  int valid = 0;
-  int invalid = 0;
-  for (const Scene& scene : scenes()) {
-    SCOPED_TRACE(scene.name);
-    for (int i = 0; i < 2000; ++i) {
-      const Eigen::Vector3d on = scene.on_surface(&rng);
-      const Eigen::Vector3d x = on + height(rng) * scene.normal(on);
-      const FieldSample f = scene.map->field(x);
-      const double value = scene.map->fieldValue(x);
-      EXPECT_EQ(std::isnan(value), !f.valid);
-      if (f.valid) {
-        EXPECT_EQ(value, f.value);
-      }
-      ++(f.valid ? valid : invalid);
-    }
-  }
-  EXPECT_GT(valid, 1000);
-  EXPECT_GT(invalid, 1000);
-}
-
 TEST(MapSnapshot, FieldSignIsRightOnBothSides) {
   std::mt19937 rng(2);
   for (const Scene& scene : scenes()) {

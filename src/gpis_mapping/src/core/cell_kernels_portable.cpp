@@ -1,0 +1,3 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#define GPIS_MAPPING_KERNELS portable
+#include "cell_kernels_impl.h"
