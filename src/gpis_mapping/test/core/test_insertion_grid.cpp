@@ -16,7 +16,6 @@ namespace gpis_mapping {
 namespace {
 
 using gpis_mapping_test::makeFrame;
-using gpis_mapping_test::pixelRay;
 using gpis_mapping_test::planeDepth;
 using gpis_mapping_test::surfacePoint;
 
@@ -30,7 +29,7 @@ TEST(InsertionGrid, StrikesOutWhatASearchOfAllPointsFinds) {
   const Eigen::Vector3d plane_n = Eigen::Vector3d(0.3, -0.2, -1.0).normalized();
   const double plane_offset = plane_n.z() * 1.6;
   const auto pixels =
-      makeFrame(kCamera, [&](int u, int v) { return planeDepth(pixelRay(kCamera, u, v), plane_n, plane_offset); });
+      makeFrame(kCamera, [&](int u, int v) { return planeDepth(kCamera.ray(u, v), plane_n, plane_offset); });
   // A hole: nothing to begin at.
   for (int u = 0; u < 30; ++u) pixels->kind[pixels->index(u, 60)] = PixelKind::kHole;
   Eigen::Isometry3d T_map_camera = Eigen::Isometry3d::Identity();
@@ -48,7 +47,7 @@ TEST(InsertionGrid, StrikesOutWhatASearchOfAllPointsFinds) {
   // On the plane, before and behind it, of the same and of other directions, in and out of the image, behind the camera.
   std::vector<SurfacePoint> points;
   for (int i = 0; i < 6000; ++i) {
-    const Eigen::Vector3d ray = pixelRay(kCamera, 80.0 + 120.0 * uniform(rng), 60.0 + 90.0 * uniform(rng));
+    const Eigen::Vector3d ray = kCamera.ray(80.0 + 120.0 * uniform(rng), 60.0 + 90.0 * uniform(rng));
     const Eigen::Vector3d on = ray * planeDepth(ray, plane_n, plane_offset);
     const Eigen::Vector3d n = i % 5 == 0 ? gpis_mapping_test::randomUnit(&rng) : plane_n;
     points.push_back(
@@ -70,7 +69,7 @@ TEST(InsertionGrid, StrikesOutWhatASearchOfAllPointsFinds) {
         EXPECT_TRUE(grid.isOpen(row, column));
         continue;
       }
-      const Eigen::Vector3d p_camera = pixelRay(kCamera, u, v) / pixels->inverse_depth[pixels->index(u, v)];
+      const Eigen::Vector3d p_camera = kCamera.ray(u, v) / pixels->inverse_depth[pixels->index(u, v)];
       const Eigen::Vector3d p = T_map_camera * p_camera;
       const Eigen::Vector3f n = T_map_camera.linear().cast<float>() * frame.map().trendNormal(u, v);
       const double variance = frame.correlatedVariance(p_camera.z());
