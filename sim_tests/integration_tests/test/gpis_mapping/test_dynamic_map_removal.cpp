@@ -52,8 +52,8 @@ TEST(DynamicMapRemoval, DeletesEveryPointOfARemovedBoxInTheUpdateThatSeesPastIt)
     const std::vector<SurfacePoint> before = pointsOf(map);
     const auto num_before = std::count_if(before.begin(), before.end(), isOnRemovedBox);
     // 0.3 x 0.16 m top and 0.27 m of four sides: 0.30 m^2 with discs of 2 cm packed
-    // at random (coverage 0.547: 1740 per m^2) are 520; less the lowest 3 cm, which is a tenth.
-    ASSERT_GT(num_before, 375);
+    // at random (coverage 0.547: 1740 per m^2) are 520; less the lowest 3 cm, which is a tenth. A few frames leave gaps.
+    ASSERT_GT(num_before, 350);
     const UpdateStatistics statistics = feedFrames(&map, scene, kRemovalFrame, kRemovalFrame);
     const std::vector<SurfacePoint> after = pointsOf(map);
     EXPECT_EQ(std::count_if(after.begin(), after.end(), isOnRemovedBox), 0) << "noise " << has_noise;
@@ -75,7 +75,7 @@ TEST(DynamicMapRemoval, DropoutsOfSinglePixelsSpareNothing) {
   };
   const std::vector<SurfacePoint> before = pointsOf(map);
   const auto num_before = std::count_if(before.begin(), before.end(), isOnRemovedBox);
-  ASSERT_GT(num_before, 375);
+  ASSERT_GT(num_before, 350);
   feedFrames(&map, scene, kRemovalFrame, kRemovalFrame);
   const std::vector<SurfacePoint> after = pointsOf(map);
   // A dropout that may hide a depth edge (within 2 px of the far box's outline) spares what is within 3 px of it: of
