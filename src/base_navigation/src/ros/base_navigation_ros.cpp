@@ -22,6 +22,7 @@ namespace {
 using base_navigation::BasePlan;
 using base_navigation::BasePlanStatus;
 using base_navigation::BaseStop;
+using base_navigation::compose;
 using base_navigation::NavigationGrid;
 using base_navigation::NavigationInput;
 using base_navigation::NavigationOutput;
