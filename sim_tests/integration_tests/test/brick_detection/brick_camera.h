@@ -26,6 +26,7 @@
 namespace integration_tests {
 
 using node_tests::call;
+using node_tests::has;
 using node_tests::kDeadline_s;
 using node_tests::Latest;
 using node_tests::waitUntil;

@@ -29,11 +29,11 @@ using node_tests::waitUntil;
 namespace description = mp700_ur5e_description;
 using Update = interactive_mapping_msgs::SelfFilterUpdate;
 
-inline gpis_mapping::CameraModel filterCameraModel() {
+inline depth_camera::CameraModel filterCameraModel() {
   return {160, 120, 131.25, 131.25, 79.5, 59.5};
 }
 
-inline sensor_msgs::CameraInfo infoOf(const gpis_mapping::CameraModel& camera) {
+inline sensor_msgs::CameraInfo infoOf(const depth_camera::CameraModel& camera) {
   sensor_msgs::CameraInfo info;
   info.header.frame_id = description::kDepthFrame;
   info.width = static_cast<std::uint32_t>(camera.width);
@@ -45,7 +45,7 @@ inline sensor_msgs::CameraInfo infoOf(const gpis_mapping::CameraModel& camera) {
 
 /// One depth everywhere, 32FC1.
 inline sensor_msgs::Image flatImage(float depth_m) {
-  const gpis_mapping::CameraModel camera = filterCameraModel();
+  const depth_camera::CameraModel camera = filterCameraModel();
   const auto pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   sensor_msgs::Image image =
       *depth_self_filter_ros::toMessage({camera.width, camera.height, std::vector<float>(pixels, depth_m)});

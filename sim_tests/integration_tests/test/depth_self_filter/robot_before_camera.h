@@ -153,11 +153,11 @@ class RobotBeforeCamera {
   }
 
   /// What the filter makes of a measured image.
-  depth_self_filter::MaskStatistics filter(depth_self_filter::RobotMask* mask, gpis_mapping::DepthImage* image) const {
+  depth_self_filter::MaskStatistics filter(depth_self_filter::RobotMask* mask, depth_camera::DepthImage* image) const {
     return mask->apply(camera(), T_root_camera(), positions_rad_, brick_, image);
   }
 
-  gpis_mapping::CameraModel camera() const {
+  depth_camera::CameraModel camera() const {
     const synthetic_depth::CameraModel& c = simulation_.config().camera.camera;
     return {c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px};
   }
@@ -202,12 +202,12 @@ class RobotBeforeCamera {
 };
 
 /// From a 32FC1 image of metres, as it is.
-inline gpis_mapping::DepthImage toDepthImage(const cv::Mat& depth_m) {
+inline depth_camera::DepthImage toDepthImage(const cv::Mat& depth_m) {
   return {depth_m.cols, depth_m.rows, std::vector<float>(depth_m.begin<float>(), depth_m.end<float>())};
 }
 
 /// The way a 16UC1 driver in millimetres would deliver it: 0 for everything that is no depth.
-inline gpis_mapping::DepthImage toDepthImage16(const cv::Mat& depth_m) {
+inline depth_camera::DepthImage toDepthImage16(const cv::Mat& depth_m) {
   const cv::Mat units = synthetic_depth::encodeDepth16(depth_m, 1000.0);
   return depth_camera::depthImageFromU16(units.ptr<std::uint16_t>(), units.cols, units.rows, 1000.0);
 }

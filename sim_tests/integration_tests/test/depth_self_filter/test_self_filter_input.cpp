@@ -16,7 +16,7 @@ namespace {
 
 using node_tests::Process;
 
-using gpis_mapping::DepthImage;
+using depth_camera::DepthImage;
 using interactive_mapping_msgs::AttachedBrick;
 
 const std::vector<double> kInView = {0.2, -0.9, 1.2, -1.9, -1.57, 0.0};

@@ -12,12 +12,12 @@
 namespace simulated_world {
 namespace {
 
+using depth_camera::DepthImage;
+using depth_camera::GpisConfig;
+using depth_camera::GpisMap;
+using depth_camera::SurfacePoint;
 using depth_self_filter::RobotMask;
 using depth_self_filter::RobotMaskConfig;
-using gpis_mapping::DepthImage;
-using gpis_mapping::GpisConfig;
-using gpis_mapping::GpisMap;
-using gpis_mapping::SurfacePoint;
 
 constexpr ArmAngles kStowed = {0.0, -2.5, 2.4, -1.5, -1.57, 0.0};
 constexpr ArmAngles kOverPile = {0.2, -0.9, 1.2, -1.9, -1.57, 0.0};
@@ -119,7 +119,7 @@ TEST_P(SelfFilterMap, NothingIsForgottenBehindTheArm) {
   // Where the robot's pixels are, or its shadow's: all that is NaN now.
   const auto countHidden = [&](const std::vector<SurfacePoint>& points) {
     int hidden = 0;
-    const gpis_mapping::CameraModel camera = robot_->camera();
+    const depth_camera::CameraModel camera = robot_->camera();
     for (const SurfacePoint& point : points) {
       const Eigen::Vector3d p = robot_->T_map_camera().inverse() * point.position_map;
       const int u = static_cast<int>(std::lround(camera.fx * p.x() / p.z() + camera.cx));

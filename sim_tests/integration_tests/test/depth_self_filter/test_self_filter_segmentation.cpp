@@ -15,9 +15,9 @@
 namespace simulated_world {
 namespace {
 
+using depth_camera::DepthImage;
 using depth_self_filter::HeldBrick;
 using depth_self_filter::RobotMask;
-using gpis_mapping::DepthImage;
 
 struct Posture {
   const char* name;
@@ -77,7 +77,7 @@ class SelfFilterSegmentation : public testing::Test {
     cv::Mat far_from_robot;  // pixels to the nearest of the robot
     cv::distanceTransform(255 - wide.is_robot, far_from_robot, cv::DIST_L2, cv::DIST_MASK_PRECISE);
     far_from_robot = robot_->inView(far_from_robot);
-    const gpis_mapping::CameraModel camera = robot_->camera();
+    const depth_camera::CameraModel camera = robot_->camera();
     Counts counts;
     for (int v = 0; v < truth.rows; ++v) {
       for (int u = 0; u < truth.cols; ++u) {

@@ -4,8 +4,8 @@
 
 #include <rosbag/bag.h>
 
+#include <interactive_mapping_common/testing/process.h>
 #include "live_map.h"
-#include "process.h"
 
 namespace integration_tests {
 namespace {
@@ -75,7 +75,7 @@ TEST(MappingLaunch, MapsABagOfAnAzureKinectByArgumentsAlone) {
       "/gpis_mapping/update", 100,
       [&](const boost::shared_ptr<const MapUpdate>& update) { updates.push_back(*update); });
   {
-    Process launch(
+    node_tests::Process launch(
         {"roslaunch", "gpis_mapping", "mapping.launch", "camera:=azure_kinect", "bag:=" + folder + "/run.bag"},
         folder + "/log");
     const ros::Time last(scene.stampSeconds(kNumFrames - 1));

@@ -9,9 +9,9 @@
 #include <nodelet/NodeletLoad.h>
 #include <nodelet/NodeletUnload.h>
 
+#include <interactive_mapping_common/testing/process.h>
 #include "gpis_mapping/map_io.h"
 #include "live_map.h"
-#include "process.h"
 
 namespace integration_tests {
 namespace {
@@ -38,10 +38,10 @@ class LiveMapProcess : public testing::Test {
     fs::remove_all(folder_, ignored);
   }
 
-  std::unique_ptr<Process> start() {
+  std::unique_ptr<node_tests::Process> start() {
     std::vector<std::string> arguments{GPIS_MAPPING_NODE, "__name:=" + node_.substr(1)};
     for (const std::string& remapping : LiveMap::remappings(node_)) arguments.push_back(remapping);
-    return std::make_unique<Process>(arguments, (folder_ / "log").string());
+    return std::make_unique<node_tests::Process>(arguments, (folder_ / "log").string());
   }
 
   void setAutosave(double period_s) {
@@ -86,7 +86,7 @@ TEST_F(LiveMapProcess, AnswersAsBeforeAfterBeingKilled) {
   QueryMap::Response before;
   std::size_t num_points = 0;
   {
-    const std::unique_ptr<Process> process = start();
+    const std::unique_ptr<node_tests::Process> process = start();
     LiveMap live(node_);
     ASSERT_TRUE(live.connect()) << process->output();
     num_points = feed(&live).map_points;
@@ -98,7 +98,7 @@ TEST_F(LiveMapProcess, AnswersAsBeforeAfterBeingKilled) {
     ASSERT_TRUE(waitUntil([&] { return process->hasEnded(); }));
     EXPECT_EQ(process->exitCode(), -SIGKILL);
   }
-  const std::unique_ptr<Process> process = start();
+  const std::unique_ptr<node_tests::Process> process = start();
   LiveMap live(node_);
   ASSERT_TRUE(live.connect()) << process->output();
   EXPECT_EQ(live.updates.back().map_points, num_points);
@@ -132,7 +132,7 @@ TEST_F(LiveMapProcess, SavesALastTimeWhenAskedToEnd) {
   for (const int number : {SIGTERM, SIGINT}) {
     SCOPED_TRACE(number == SIGTERM ? "SIGTERM" : "SIGINT");
     fs::remove(mapFile());
-    const std::unique_ptr<Process> process = start();
+    const std::unique_ptr<node_tests::Process> process = start();
     LiveMap live(node_);
     ASSERT_TRUE(live.connect()) << process->output();
     const std::size_t num_points = feed(&live).map_points;
@@ -148,7 +148,7 @@ TEST_F(LiveMapProcess, MovesAnUnreadableFileAsideAndStartsEmpty) {
   setAutosave(0.2);
   const std::string garbage(5000, 'x');
   std::ofstream(mapFile()) << garbage;
-  const std::unique_ptr<Process> process = start();
+  const std::unique_ptr<node_tests::Process> process = start();
   LiveMap live(node_);
   ASSERT_TRUE(live.connect()) << process->output();
   EXPECT_EQ(live.updates.back().map_points, 0u);
@@ -182,7 +182,7 @@ TEST_F(LiveMapProcess, RefusesImpossibleParametersByNameValueAndRange) {
       {"map/surface/spacing", 0.02, "surface/spacing"},
   };
   // All at once, each with a node of its own.
-  std::vector<std::unique_ptr<Process>> processes;
+  std::vector<std::unique_ptr<node_tests::Process>> processes;
   for (std::size_t i = 0; i <= cases.size(); ++i) {
     const std::string name = node_ + "_" + std::to_string(i);
     if (i < cases.size()) {
@@ -192,8 +192,8 @@ TEST_F(LiveMapProcess, RefusesImpossibleParametersByNameValueAndRange) {
         ros::param::set(name + "/" + cases[several].key, cases[several].value);
     }
     processes.push_back(
-        std::make_unique<Process>(std::vector<std::string>{GPIS_MAPPING_NODE, "__name:=" + name.substr(1)},
-                                  (folder_ / ("log" + std::to_string(i))).string()));
+        std::make_unique<node_tests::Process>(std::vector<std::string>{GPIS_MAPPING_NODE, "__name:=" + name.substr(1)},
+                                              (folder_ / ("log" + std::to_string(i))).string()));
   }
   const auto have_ended = [&] {
     return std::all_of(processes.begin(), processes.end(), [](const auto& process) { return process->hasEnded(); });

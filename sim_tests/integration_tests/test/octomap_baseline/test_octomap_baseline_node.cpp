@@ -30,6 +30,8 @@ namespace {
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::SaveMap;
 using synthetic_depth::Scene;
+using synthetic_depth_ros::PublisherParams;
+using synthetic_depth_ros::SyntheticDepthPublisher;
 
 /// Serves callbacks until the condition holds; false if it does not within 60 s.
 bool waitUntil(const std::function<bool()>& condition) {

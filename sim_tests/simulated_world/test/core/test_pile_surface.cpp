@@ -190,7 +190,7 @@ TEST(IsVisibleFrom, AgreesWithWalkingToTheEye) {
     surface.update(tangle(10, random));
     const PileTruth& truth = *surface.truth();
     // One of the eyes stands close to the pile: what is behind it hides nothing.
-    for (const Eigen::Vector3d eye_map : {Eigen::Vector3d(1.2, 0.3, 0.9), Eigen::Vector3d(-0.1, -0.2, 0.8)}) {
+    for (const Eigen::Vector3d& eye_map : {Eigen::Vector3d(1.2, 0.3, 0.9), Eigen::Vector3d(-0.1, -0.2, 0.8)}) {
       for (std::size_t i = 0; i < truth.exposed.size(); i += 20) {
         const PileTruth::Sample& sample = truth.exposed[i];
         const Eigen::Vector3d way_map = eye_map - sample.p_map;

@@ -24,7 +24,9 @@ std::vector<std::string> BaseNavigationParams::problemsFor(const mp700_ur5e_desc
   std::vector<std::string> problems;
   // An impossible share is reported alone.
   if (!(speed_share > 0.0 && speed_share <= 1.0)) return problems;
-  for (const std::string& problem : guard.problemsFor(limitsOf(profile))) problems.push_back("guard/" + problem);
+  const base_navigation::MotionLimits limits = limitsOf(profile);
+  for (const std::string& problem : limits.validate()) problems.push_back("speed_share: " + problem);
+  for (const std::string& problem : guard.problemsFor(limits)) problems.push_back("guard/" + problem);
   return problems;
 }
 

@@ -285,6 +285,7 @@ TEST_F(BaseNavigationNode, OffersSpeedAndMarginToChangeWhileItRuns) {
   // What the guard would not let pass is not planned: refused as a whole.
   EXPECT_EQ(node_tests::askForNumbers(server, {{"guard_margin_m", 0.06}, {"speed_share", 0.5}}), shipped);
   EXPECT_EQ(node_tests::askForNumbers(server, {{"speed_share", 0.04}}), shipped);
+  EXPECT_EQ(node_tests::askForNumbers(server, {{"speed_share", 0.05}}), shipped) << "5 mm/s backwards";
   EXPECT_EQ(node_tests::askForNumbers(server, {{"guard_margin_m", 0.05}}).at("guard_margin_m"), 0.05);
   EXPECT_EQ(node_tests::askForNumbers(server, shipped), shipped);
 }
@@ -297,10 +298,10 @@ TEST_F(BaseNavigationNode, ASmallerShareOfSpeedHoldsForTheNextGoal) {
       "cmd_vel", 100,
       [&](const geometry_msgs::Twist::ConstPtr& command) { most_m_s = std::max(most_m_s, command->linear.x); });
   ASSERT_TRUE(waitUntil([&] { return commands.getNumPublishers() > 0; }));
-  node_tests::tune("/base_navigation/tune", "{speed_share: 0.05}");
+  node_tests::tune("/base_navigation/tune", "{speed_share: 0.12}");
   outcomeOf("map", kX_m + 1.0);  // in vain: this robot does not move
   EXPECT_GT(most_m_s, 0.03);
-  EXPECT_LE(most_m_s, 0.05 * 0.8 + 1e-9) << "of the 0.8 m/s of the profile";
+  EXPECT_LE(most_m_s, 0.12 * 0.8 + 1e-9) << "of the 0.8 m/s of the profile";
   node_tests::tune("/base_navigation/tune", "{speed_share: 1.0}");
   outcomeOf("map", kX_m + 1.0);
   EXPECT_GT(most_m_s, 0.1);
