@@ -13,9 +13,9 @@ namespace simulated_world {
 namespace {
 
 using depth_camera::DepthImage;
-using depth_camera::GpisConfig;
-using depth_camera::GpisMap;
-using depth_camera::SurfacePoint;
+using gpis_mapping::GpisConfig;
+using gpis_mapping::GpisMap;
+using gpis_mapping::SurfacePoint;
 using depth_self_filter::RobotMask;
 using depth_self_filter::RobotMaskConfig;
 
