@@ -58,8 +58,9 @@ TEST(DynamicMapContents, RestoredMapAnswersTheSame) {
       EXPECT_EQ(std::isnan(expected.distance[i]), std::isnan(answers.distance[i]));
     }
     // Eager: float rounding of sums of 80 terms of some centimetres, and more where the sum is badly conditioned.
-    // Otherwise what the running map has not trained yet: half a sigma of 3 mm for a tenth of a cell's points.
-    EXPECT_LT(difference.max(), is_eager ? 1e-5 : 3e-3);
+    // Otherwise what the running map has not trained yet: most points have moved by less than half a sigma of 3 mm,
+    // but up to a quarter of a cell's points by more, which is seen far from data.
+    EXPECT_LT(difference.quantile(is_eager ? 1.0 : 0.99), is_eager ? 1e-5 : 1.5e-3);
   }
 }
 

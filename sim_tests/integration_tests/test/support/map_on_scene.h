@@ -175,7 +175,7 @@ inline Pixel project(const Scene& scene, int frame, const Eigen::Vector3d& p_map
   return pixel;
 }
 
-/// Whether any pixel within `radius_px` (along u and along v) of (u, v) satisfies the predicate on its depth.
+/// Whether any pixel within `radius_px` of (u, v) satisfies the predicate on its depth.
 template <typename Predicate>
 bool anyPixelNear(const DepthImage& image, const Pixel& pixel, double radius_px, Predicate predicate) {
   const int u0 = std::max(0, static_cast<int>(std::ceil(pixel.u - radius_px)));
@@ -184,7 +184,8 @@ bool anyPixelNear(const DepthImage& image, const Pixel& pixel, double radius_px,
   const int v1 = std::min(image.height - 1, static_cast<int>(std::floor(pixel.v + radius_px)));
   for (int v = v0; v <= v1; ++v) {
     for (int u = u0; u <= u1; ++u) {
-      if (predicate(image.at(u, v))) return true;
+      const bool is_near = std::hypot(u - pixel.u, v - pixel.v) <= radius_px;
+      if (is_near && predicate(image.at(u, v))) return true;
     }
   }
   return false;

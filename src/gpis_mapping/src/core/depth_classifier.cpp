@@ -246,8 +246,9 @@ ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threa
   for (std::size_t i = 0; i < size; ++i) {
     if (frame.kind[i] == PixelKind::kHole && (is_shadow[i] || !unknown[i])) frame.kind[i] = PixelKind::kNoInformation;
   }
-  const double radius_u = config_.frame_map.kernel_length_rad * camera_.fx;
-  const double radius_v = config_.frame_map.kernel_length_rad * camera_.fy;
+  // Of a point, which lies up to half a diagonal from the middle of its pixel.
+  const double radius_u = config_.frame_map.kernel_length_rad * camera_.fx + M_SQRT1_2;
+  const double radius_v = config_.frame_map.kernel_length_rad * camera_.fy + M_SQRT1_2;
   std::vector<std::uint8_t> beside_any;
   std::vector<std::uint8_t> beside_unexplained;
   dilate(unknown, camera_.width, camera_.height, radius_u, radius_v, &beside_any);

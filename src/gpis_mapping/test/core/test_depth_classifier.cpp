@@ -249,8 +249,8 @@ TEST(DepthClassifier, BlockedMatchesBruteForceDilation) {
   std::size_t num_blocked = 0;
   for (const double length : {0.002, 0.006, 0.03}) {
     config.frame_map.kernel_length_rad = length;
-    const double radius_u = length * camera.fx;
-    const double radius_v = length * camera.fy;
+    const double radius_u = length * camera.fx + M_SQRT1_2;  // of points anywhere in the pixel
+    const double radius_v = length * camera.fy + M_SQRT1_2;
     for (const double share : {0.0, 0.002, 0.05, 0.3}) {
       DepthImage image = flatImage(camera, 1.5f);
       std::bernoulli_distribution drop(share);
