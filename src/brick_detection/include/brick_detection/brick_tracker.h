@@ -140,13 +140,13 @@ class BrickTracker {
     double released_s{std::numeric_limits<double>::infinity()};
   };
 
+  class Assignment;
+
   Look makeLook(const Eigen::Isometry3d& T_map_camera, const BrickSighting& sighting) const;
   void add(const Look& look, Place* place) const;
   void fuse(Place* place) const;
   double separation(const Look& look, const Standpoint& standpoint) const;
   double chi2(const Look& look, const Place& place) const;
-  void addLooksOf(int id, double stamp_s, const std::vector<BrickSighting>& sightings, const std::vector<Look>& looks,
-                  std::vector<std::pair<int, int>>* seen_as);
   void dropUnconfirmed(int id, double stamp_s);
   void dropImpossible(int id);
   int freeInstance(int id) const;

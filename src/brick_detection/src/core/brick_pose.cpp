@@ -3,14 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <set>
-#include <stdexcept>
 
 #include <Eigen/Dense>
 
 #include <interactive_mapping_common/config/range_check.h>
 #include "cell_fit.h"
+#include "image_check.h"
 
 namespace brick_detection {
 namespace {
@@ -321,6 +322,107 @@ std::optional<Group> largestGroup(const std::vector<const Candidate*>& open, con
   return largest;
 }
 
+/// By what the decoder says of a tag alone.
+TagStatus gate(const TagObservation& tag, const BrickPoseConfig& config) {
+  const bool is_finite = std::all_of(tag.corners_px.begin(), tag.corners_px.end(),
+                                     [](const Eigen::Vector2d& corner) { return corner.allFinite(); });
+  if (!is_finite) return TagStatus::kInconsistent;
+  if (!(tag.margin >= config.min_margin) || tag.hamming > config.max_hamming) return TagStatus::kUnsure;
+  if (tag.shortestSide() < config.min_side_px) return TagStatus::kTooSmall;
+  return TagStatus::kUsed;
+}
+
+struct View {
+  const CameraModel& camera;
+  const cv::Mat& depth_m;  // may be empty
+  const cv::Mat& grey;     // may be empty
+};
+
+/// Corners, poses and depth plane of a candidate whose tag is known. kUsed, or why it is no candidate.
+TagStatus measure(const TagObservation& tag, double edge_m, const View& view, const BrickPoseConfig& config,
+                  Candidate* candidate) {
+  const TagStatus passed = gate(tag, config);
+  if (passed != TagStatus::kUsed) return passed;
+  candidate->side_px = tag.shortestSide();
+  const std::optional<double> corner_std_px = cornerStd(tag, view.camera, view.grey, config);
+  if (!corner_std_px) return TagStatus::kInconsistent;
+  const Eigen::Isometry3d& T_brick_tag = candidate->tag.T_brick_tag;
+  const std::array<Eigen::Vector3d, 4> corners_tag = tagCorners(edge_m);
+  for (std::size_t corner = 0; corner < 4; ++corner) {
+    const auto point =
+        measurePoint(T_brick_tag * corners_tag[corner], tag.corners_px[corner], view.camera, *corner_std_px);
+    if (point) candidate->corners.push_back(*point);
+  }
+  if (candidate->corners.size() < 4) return TagStatus::kInconsistent;
+  PoseProblem problem;
+  problem.points = candidate->corners;
+  for (const TagPose& pose : tagPoses(tag.corners_px, edge_m, view.camera)) {
+    if (pose.reprojection_rms_px > kMaxReprojection_px) continue;
+    if (const auto refined = refinePose(problem, pose.T_camera_tag * T_brick_tag.inverse())) {
+      candidate->hypotheses.push_back(*refined);
+    }
+  }
+  if (candidate->hypotheses.empty()) return TagStatus::kInconsistent;
+
+  const auto plane = fitDepthPlane(view.depth_m, view.camera, tag.corners_px, config.depth);
+  if (!plane) return TagStatus::kUsed;
+  candidate->plane = PlaneMeasurement{T_brick_tag.translation(), T_brick_tag.linear().col(2), *plane};
+  const auto wrong =
+      std::remove_if(candidate->hypotheses.begin(), candidate->hypotheses.end(), [&](const RefinedPose& pose) {
+        return contradicts(*candidate->plane, pose.T_camera_body, pose.covariance, kMaxDepthSigmas);
+      });
+  candidate->hypotheses.erase(wrong, candidate->hypotheses.end());
+  return candidate->hypotheses.empty() ? TagStatus::kContradictsDepth : TagStatus::kUsed;
+}
+
+/// The bricks that the candidates of one id show, and what became of their tags.
+std::vector<Group> groupsOf(const std::vector<Candidate>& candidates, double clearance_m, const BrickPoseConfig& config,
+                            std::vector<TagSighting>* tags) {
+  std::vector<const Candidate*> open;
+  for (const Candidate& candidate : candidates) open.push_back(&candidate);
+  std::stable_sort(open.begin(), open.end(),
+                   [](const Candidate* a, const Candidate* b) { return a->side_px > b->side_px; });
+  std::vector<Group> groups;
+  while (!open.empty()) {
+    std::optional<Group> group = largestGroup(open, config);
+    if (!group) break;  // kInconsistent
+    // What the pose of all leaves aside took no part in it, or too much: it is found again without.
+    if (const auto misfit = worstMisfit(*group)) {
+      (*tags)[misfit->member->index].status = misfit->status;
+      open.erase(std::find(open.begin(), open.end(), misfit->member));
+      continue;
+    }
+    open.erase(std::remove_if(open.begin(), open.end(),
+                              [&group](const Candidate* candidate) {
+                                return std::count(group->members.begin(), group->members.end(), candidate) > 0;
+                              }),
+               open.end());
+    // What stands where a brick of this id is already, but disagrees with it, is a badly seen tag and no second brick.
+    const bool is_in_another = std::any_of(groups.begin(), groups.end(), [&](const Group& other) {
+      return !other.is_ambiguous && mayBeAt(*group, other.pose.T_camera_body.translation(), clearance_m);
+    });
+    if (is_in_another) continue;  // kInconsistent
+    for (const Candidate* member : group->members) {
+      (*tags)[member->index].status = group->is_ambiguous ? TagStatus::kAmbiguous : TagStatus::kUsed;
+    }
+    groups.push_back(std::move(*group));
+  }
+  return groups;
+}
+
+BrickSighting sightingOf(const Group& group) {
+  BrickSighting sighting;
+  sighting.T_camera_brick = group.pose.T_camera_body;
+  sighting.covariance = group.pose.covariance;
+  const PoseProblem problem = problemOf(group.members);
+  sighting.has_depth = !problem.planes.empty();
+  sighting.reprojection_rms_px = reprojectionRms(problem.points, group.pose.T_camera_body);
+  for (const Candidate* member : group.members) sighting.faces.push_back(member->tag.face);
+  std::sort(sighting.faces.begin(), sighting.faces.end());
+  sighting.faces.erase(std::unique(sighting.faces.begin(), sighting.faces.end()), sighting.faces.end());
+  return sighting;
+}
+
 }  // namespace
 
 BrickPoseEstimator::BrickPoseEstimator(const BrickCatalogue& catalogue, const BrickPoseConfig& config)
@@ -332,137 +434,44 @@ BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObs
                                                         const CameraModel& camera, const cv::Mat& depth_m,
                                                         const cv::Mat& grey) const {
   interactive_mapping::throwIfAny(camera.validate());
-  if (!depth_m.empty() &&
-      (depth_m.type() != CV_32FC1 || depth_m.cols != camera.width_px || depth_m.rows != camera.height_px)) {
-    throw std::invalid_argument("depth image = " + std::to_string(depth_m.cols) + " x " + std::to_string(depth_m.rows) +
-                                " of type " + std::to_string(depth_m.type()) + ", must be " +
-                                std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
-                                " of type CV_32FC1");
-  }
-
-  if (!grey.empty() && (grey.type() != CV_8UC1 || grey.cols != camera.width_px || grey.rows != camera.height_px)) {
-    throw std::invalid_argument("grey image = " + std::to_string(grey.cols) + " x " + std::to_string(grey.rows) +
-                                " of type " + std::to_string(grey.type()) + ", must be " +
-                                std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
-                                " of type CV_8UC1");
-  }
+  if (!depth_m.empty()) requireImageOf(camera, "depth", depth_m, CV_32FC1, "CV_32FC1");
+  if (!grey.empty()) requireImageOf(camera, "grey", grey, CV_8UC1, "CV_8UC1");
 
   Result result;
   std::map<int, std::vector<Candidate>> candidates;  // by the brick's id
   for (std::size_t i = 0; i < tags.size(); ++i) {
-    const TagObservation& tag = tags[i];
-    result.tags.emplace_back();
-    TagSighting& sighting = result.tags.back();
-    sighting.tag = tag;
-    const std::optional<BrickTag> known = catalogue_.brickOfTag(tag.id);
-    if (!known) {
-      sighting.status = TagStatus::kUnknownId;
-      continue;
-    }
-    sighting.brick_id = known->brick_id;
-    sighting.face = known->face;
-    sighting.status = TagStatus::kInconsistent;
-    const bool is_finite = std::all_of(tag.corners_px.begin(), tag.corners_px.end(),
-                                       [](const Eigen::Vector2d& corner) { return corner.allFinite(); });
-    if (!is_finite) continue;
-    if (!(tag.margin >= config_.min_margin) || tag.hamming > config_.max_hamming) {
-      sighting.status = TagStatus::kUnsure;
-      continue;
-    }
-    if (tag.shortestSide() < config_.min_side_px) {
-      sighting.status = TagStatus::kTooSmall;
-      continue;
-    }
-
-    Candidate candidate;
-    candidate.index = i;
-    candidate.tag_id = tag.id;
-    candidate.side_px = tag.shortestSide();
-    candidate.tag = *known;
-    const std::optional<double> corner_std_px = cornerStd(tag, camera, grey, config_);
-    if (!corner_std_px) continue;  // kInconsistent
-    const double edge_m = catalogue_.tags.cornerEdge(known->black_border_edge_m);
-    const std::array<Eigen::Vector3d, 4> corners_tag = tagCorners(edge_m);
-    for (std::size_t corner = 0; corner < 4; ++corner) {
-      const auto point =
-          measurePoint(known->T_brick_tag * corners_tag[corner], tag.corners_px[corner], camera, *corner_std_px);
-      if (point) candidate.corners.push_back(*point);
-    }
-    if (candidate.corners.size() < 4) continue;
-    PoseProblem problem;
-    problem.points = candidate.corners;
-    for (const TagPose& pose : tagPoses(tag.corners_px, edge_m, camera)) {
-      if (pose.reprojection_rms_px > kMaxReprojection_px) continue;
-      if (const auto refined = refinePose(problem, pose.T_camera_tag * known->T_brick_tag.inverse())) {
-        candidate.hypotheses.push_back(*refined);
+    TagSighting sighting;
+    sighting.tag = tags[i];
+    sighting.status = TagStatus::kUnknownId;
+    if (const std::optional<BrickTag> known = catalogue_.brickOfTag(tags[i].id)) {
+      sighting.brick_id = known->brick_id;
+      sighting.face = known->face;
+      Candidate candidate;
+      candidate.index = i;
+      candidate.tag_id = tags[i].id;
+      candidate.tag = *known;
+      const double edge_m = catalogue_.tags.cornerEdge(known->black_border_edge_m);
+      sighting.status = measure(tags[i], edge_m, {camera, depth_m, grey}, config_, &candidate);
+      if (sighting.status == TagStatus::kUsed) {
+        sighting.status = TagStatus::kInconsistent;  // unless a group takes it
+        candidates[known->brick_id].push_back(std::move(candidate));
       }
     }
-    if (candidate.hypotheses.empty()) continue;
-
-    if (const auto plane = fitDepthPlane(depth_m, camera, tag.corners_px, config_.depth)) {
-      candidate.plane = PlaneMeasurement{known->T_brick_tag.translation(), known->T_brick_tag.linear().col(2), *plane};
-      const auto wrong =
-          std::remove_if(candidate.hypotheses.begin(), candidate.hypotheses.end(), [&](const RefinedPose& pose) {
-            return contradicts(*candidate.plane, pose.T_camera_body, pose.covariance, kMaxDepthSigmas);
-          });
-      candidate.hypotheses.erase(wrong, candidate.hypotheses.end());
-      if (candidate.hypotheses.empty()) {
-        sighting.status = TagStatus::kContradictsDepth;
-        continue;
-      }
-    }
-    candidates[known->brick_id].push_back(std::move(candidate));
+    result.tags.push_back(std::move(sighting));
   }
 
   for (const auto& [brick_id, of_brick] : candidates) {
-    std::vector<const Candidate*> open;
-    for (const Candidate& candidate : of_brick) open.push_back(&candidate);
-    std::stable_sort(open.begin(), open.end(),
-                     [](const Candidate* a, const Candidate* b) { return a->side_px > b->side_px; });
     // Two bricks' middles are at least this far apart, however they lie: half of it is nobody's brick.
     const double clearance_m = 0.5 * catalogue_.typeOf(brick_id).size_m.minCoeff();
-    std::vector<Group> groups;
-    while (!open.empty()) {
-      std::optional<Group> group = largestGroup(open, config_);
-      if (!group) break;  // kInconsistent
-      // What the pose of all leaves aside took no part in it, or too much: it is found again without.
-      if (const auto misfit = worstMisfit(*group)) {
-        result.tags[misfit->member->index].status = misfit->status;
-        open.erase(std::find(open.begin(), open.end(), misfit->member));
-        continue;
-      }
-      open.erase(std::remove_if(open.begin(), open.end(),
-                                [&group](const Candidate* candidate) {
-                                  return std::count(group->members.begin(), group->members.end(), candidate) > 0;
-                                }),
-                 open.end());
-      // What stands where a brick of this id is already, but disagrees with it, is a badly seen tag and no second brick.
-      const bool is_in_another = std::any_of(groups.begin(), groups.end(), [&](const Group& other) {
-        return !other.is_ambiguous && mayBeAt(*group, other.pose.T_camera_body.translation(), clearance_m);
-      });
-      if (is_in_another) continue;  // kInconsistent
-      for (const Candidate* member : group->members) {
-        result.tags[member->index].status = group->is_ambiguous ? TagStatus::kAmbiguous : TagStatus::kUsed;
-      }
-      groups.push_back(std::move(*group));
-    }
+    const std::vector<Group> groups = groupsOf(of_brick, clearance_m, config_, &result.tags);
     for (const Group& group : groups) {
       if (group.is_ambiguous) continue;
-      BrickSighting sighting;
-      sighting.brick_id = brick_id;
-      sighting.T_camera_brick = group.pose.T_camera_body;
-      sighting.covariance = group.pose.covariance;
+      result.bricks.push_back(sightingOf(group));
+      result.bricks.back().brick_id = brick_id;
       // One that cannot be told apart from this one is no evidence, one that is refused and stands elsewhere is.
-      sighting.has_duplicate = std::any_of(groups.begin(), groups.end(), [&](const Group& other) {
+      result.bricks.back().has_duplicate = std::any_of(groups.begin(), groups.end(), [&](const Group& other) {
         return &other != &group && !mayBeAt(other, group.pose.T_camera_body.translation(), clearance_m);
       });
-      const PoseProblem problem = problemOf(group.members);
-      sighting.has_depth = !problem.planes.empty();
-      sighting.reprojection_rms_px = reprojectionRms(problem.points, group.pose.T_camera_body);
-      for (const Candidate* member : group.members) sighting.faces.push_back(member->tag.face);
-      std::sort(sighting.faces.begin(), sighting.faces.end());
-      sighting.faces.erase(std::unique(sighting.faces.begin(), sighting.faces.end()), sighting.faces.end());
-      result.bricks.push_back(std::move(sighting));
     }
   }
   return result;

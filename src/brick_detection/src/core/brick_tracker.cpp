@@ -139,26 +139,44 @@ int BrickTracker::freeInstance(int id) const {
   return instance;
 }
 
-void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSighting>& sightings,
-                              const std::vector<Look>& looks, std::vector<std::pair<int, int>>* seen_as) {
-  std::vector<std::size_t> open_looks;
-  for (std::size_t i = 0; i < sightings.size(); ++i) {
-    if (sightings[i].brick_id == id) open_looks.push_back(i);
+/// Gives the looks at one id, all of one image, to the tracks of that id.
+class BrickTracker::Assignment {
+ public:
+  Assignment(BrickTracker* tracker, int id, double stamp_s, const std::vector<BrickSighting>& sightings,
+             const std::vector<Look>& looks, std::vector<std::pair<int, int>>* seen_as)
+      : tracker_(*tracker), id_(id), stamp_s_(stamp_s), sightings_(sightings), looks_(looks), seen_as_(*seen_as) {
+    for (std::size_t i = 0; i < sightings.size(); ++i) {
+      if (sightings[i].brick_id == id) open_looks_.push_back(i);
+    }
+    for (std::size_t i = 0; i < tracker->tracks_.size(); ++i) {
+      if (tracker->tracks_[i].brick.id == id) open_tracks_.push_back(i);
+    }
+    num_looks_ = open_looks_.size();
   }
-  std::vector<std::size_t> open_tracks;
-  for (std::size_t i = 0; i < tracks_.size(); ++i) {
-    if (tracks_[i].brick.id == id) open_tracks.push_back(i);
+
+  void run() {
+    pairKnown();
+    if (open_looks_.empty()) {
+      if (num_looks_ == 1) tracker_.dropUnconfirmed(id_, stamp_s_);
+      return;
+    }
+    // What is in the hand, or was when the image was taken, is not part of the world.
+    if (tracker_.attached_ && tracker_.attached_->id == id_) return;
+    if (!addReleased() || open_looks_.empty()) return;
+    pairMoved();
+    for (const std::size_t i : open_looks_) addNew(i, tracker_.freeInstance(id_));
   }
-  const std::size_t num_looks = open_looks.size();
-  // Takes the pair of least measure up to a limit out of those that are open, again and again.
-  std::size_t pairs_left = std::numeric_limits<std::size_t>::max();
-  const auto pairUp = [&](double limit, const auto& measure, const auto& use) {
-    for (; pairs_left > 0; --pairs_left) {
+
+ private:
+  /// Takes the pair of least measure up to a limit out of those that are open, again and again, `max_pairs` times at most.
+  template <typename Measure, typename Use>
+  void pairUp(double limit, const Measure& measure, const Use& use, std::size_t* max_pairs) {
+    for (; *max_pairs > 0; --*max_pairs) {
       std::tuple<double, std::size_t, std::size_t> best(limit, 0, 0);
       bool has_pair = false;
-      for (std::size_t i = 0; i < open_looks.size(); ++i) {
-        for (std::size_t k = 0; k < open_tracks.size(); ++k) {
-          const double value = measure(looks[open_looks[i]], tracks_[open_tracks[k]]);
+      for (std::size_t i = 0; i < open_looks_.size(); ++i) {
+        for (std::size_t k = 0; k < open_tracks_.size(); ++k) {
+          const double value = measure(looks_[open_looks_[i]], tracker_.tracks_[open_tracks_[k]]);
           if (!(value <= std::get<0>(best)) || (has_pair && value == std::get<0>(best))) continue;
           best = {value, i, k};
           has_pair = true;
@@ -166,89 +184,107 @@ void BrickTracker::addLooksOf(int id, double stamp_s, const std::vector<BrickSig
       }
       if (!has_pair) return;
       const auto [value, i, k] = best;
-      use(open_looks[i], &tracks_[open_tracks[k]]);
-      open_looks.erase(open_looks.begin() + static_cast<std::ptrdiff_t>(i));
-      open_tracks.erase(open_tracks.begin() + static_cast<std::ptrdiff_t>(k));
+      use(open_looks_[i], &tracker_.tracks_[open_tracks_[k]]);
+      open_looks_.erase(open_looks_.begin() + static_cast<std::ptrdiff_t>(i));
+      open_tracks_.erase(open_tracks_.begin() + static_cast<std::ptrdiff_t>(k));
     }
-  };
-  const auto markSeen = [&](std::size_t i, int num_agreeing, Track* track) {
-    TrackedBrick& brick = track->brick;
-    brick.num_looks += num_agreeing;
-    brick.last_seen_s = stamp_s;
-    for (const auto face : sightings[i].faces) brick.faces_seen[static_cast<std::size_t>(face)] = true;
-    track->was_duplicate = sightings[i].has_duplicate;
-    (*seen_as)[i] = {id, brick.instance};
-  };
-
-  // Where they are known to be.
-  pairUp(
-      config_.gate_chi2, [this](const Look& look, const Track& track) { return chi2(look, track.place); },
-      [&](std::size_t i, Track* track) {
-        add(looks[i], &track->place);
-        track->moved_to.reset();
-        markSeen(i, 1, track);
-      });
-  if (open_looks.empty()) {
-    if (num_looks == 1) dropUnconfirmed(id, stamp_s);
-    return;
   }
 
-  // What is in the hand, or was when the image was taken, is not part of the world.
-  if (attached_ && attached_->id == id) return;
-  const auto addNew = [&](std::size_t i, int instance) {
-    Track track;
-    track.brick.id = id;
-    track.brick.instance = instance;
-    track.brick.first_seen_s = stamp_s;
-    add(looks[i], &track.place);
-    markSeen(i, 1, &track);
-    tracks_.push_back(std::move(track));
-  };
-  while (true) {
-    const auto released =
-        std::find_if(released_.begin(), released_.end(), [id](const Held& held) { return held.id == id; });
-    if (released == released_.end()) break;
-    if (stamp_s < released->released_s) return;
-    const int instance = released->instance ? *released->instance : freeInstance(id);
-    released_.erase(released);
-    addNew(open_looks.front(), instance);
-    open_looks.erase(open_looks.begin());
-    if (open_looks.empty()) return;
+  /// Where they are known to be.
+  void pairKnown() {
+    std::size_t all = std::numeric_limits<std::size_t>::max();
+    pairUp(
+        tracker_.config_.gate_chi2,
+        [this](const Look& look, const Track& track) { return tracker_.chi2(look, track.place); },
+        [this](std::size_t i, Track* track) {
+          tracker_.add(looks_[i], &track->place);
+          track->moved_to.reset();
+          markSeen(i, 1, track);
+        },
+        &all);
   }
 
-  // Others in the image that carry the id are seen, too, or were refused: so many carriers there are at least. Those beyond
-  // the known ones are new, and the rest of what is left has moved.
-  const std::size_t num_tracks = static_cast<std::size_t>(
-      std::count_if(tracks_.begin(), tracks_.end(), [id](const Track& track) { return track.brick.id == id; }));
-  const bool is_lone_duplicate = num_looks == 1 && sightings[open_looks.front()].has_duplicate;
-  const std::size_t num_carriers = num_looks + (is_lone_duplicate ? 1 : 0);
-  const std::size_t num_new = num_carriers > num_tracks ? num_carriers - num_tracks : 0;
-  pairs_left = open_looks.size() - std::min(open_looks.size(), num_new);
+  /// What was let go is where it is first seen again. False while the image is older than that.
+  bool addReleased() {
+    std::vector<Held>& released = tracker_.released_;
+    while (!open_looks_.empty()) {
+      const auto held =
+          std::find_if(released.begin(), released.end(), [this](const Held& one) { return one.id == id_; });
+      if (held == released.end()) break;
+      if (stamp_s_ < held->released_s) return false;
+      const int instance = held->instance ? *held->instance : tracker_.freeInstance(id_);
+      released.erase(held);
+      addNew(open_looks_.front(), instance);
+      open_looks_.erase(open_looks_.begin());
+    }
+    return true;
+  }
 
-  // Where they may have moved to: once more there, or the nearest that is not seen where it was.
-  const auto addMoved = [&](std::size_t i, Track* track) {
-    if (!track->moved_to || chi2(looks[i], *track->moved_to) > config_.gate_chi2) track->moved_to = Place();
-    add(looks[i], &*track->moved_to);
-    if (track->moved_to->num_looks < config_.moved_looks) return;
+  /// Where they may have moved to: once more there, or the nearest that is not seen where it was.
+  void pairMoved() {
+    // Others in the image that carry the id are seen, too, or were refused: so many carriers there are at least. Those
+    // beyond the known ones are new, and the rest of what is left has moved.
+    const auto num_tracks =
+        static_cast<std::size_t>(std::count_if(tracker_.tracks_.begin(), tracker_.tracks_.end(),
+                                               [this](const Track& track) { return track.brick.id == id_; }));
+    const bool is_lone_duplicate = num_looks_ == 1 && sightings_[open_looks_.front()].has_duplicate;
+    const std::size_t num_carriers = num_looks_ + (is_lone_duplicate ? 1 : 0);
+    const std::size_t num_new = num_carriers > num_tracks ? num_carriers - num_tracks : 0;
+    std::size_t num_moved = open_looks_.size() - std::min(open_looks_.size(), num_new);
+    const auto use = [this](std::size_t i, Track* track) { addMoved(i, track); };
+    pairUp(
+        tracker_.config_.gate_chi2,
+        [this](const Look& look, const Track& track) {
+          return track.moved_to ? tracker_.chi2(look, *track.moved_to) : std::numeric_limits<double>::infinity();
+        },
+        use, &num_moved);
+    pairUp(
+        std::numeric_limits<double>::max(),
+        [](const Look& look, const Track& track) {
+          return (look.T_map_brick.translation() - track.place.T_map_brick.translation()).norm();
+        },
+        use, &num_moved);
+  }
+
+  void addMoved(std::size_t i, Track* track) {
+    const BrickTrackerConfig& config = tracker_.config_;
+    if (!track->moved_to || tracker_.chi2(looks_[i], *track->moved_to) > config.gate_chi2) track->moved_to = Place();
+    tracker_.add(looks_[i], &*track->moved_to);
+    if (track->moved_to->num_looks < config.moved_looks) return;
     track->place = std::move(*track->moved_to);
     track->moved_to.reset();
     markSeen(i, track->place.num_looks, track);
-  };
-  pairUp(
-      config_.gate_chi2,
-      [this](const Look& look, const Track& track) {
-        return track.moved_to ? chi2(look, *track.moved_to) : std::numeric_limits<double>::infinity();
-      },
-      addMoved);
-  pairUp(
-      std::numeric_limits<double>::max(),
-      [](const Look& look, const Track& track) {
-        return (look.T_map_brick.translation() - track.place.T_map_brick.translation()).norm();
-      },
-      addMoved);
+  }
 
-  for (const std::size_t i : open_looks) addNew(i, freeInstance(id));
-}
+  void addNew(std::size_t i, int instance) {
+    Track track;
+    track.brick.id = id_;
+    track.brick.instance = instance;
+    track.brick.first_seen_s = stamp_s_;
+    tracker_.add(looks_[i], &track.place);
+    markSeen(i, 1, &track);
+    tracker_.tracks_.push_back(std::move(track));
+  }
+
+  void markSeen(std::size_t i, int num_agreeing, Track* track) {
+    TrackedBrick& brick = track->brick;
+    brick.num_looks += num_agreeing;
+    brick.last_seen_s = stamp_s_;
+    for (const auto face : sightings_[i].faces) brick.faces_seen[static_cast<std::size_t>(face)] = true;
+    track->was_duplicate = sightings_[i].has_duplicate;
+    seen_as_[i] = {id_, brick.instance};
+  }
+
+  BrickTracker& tracker_;
+  int id_;
+  double stamp_s_;
+  const std::vector<BrickSighting>& sightings_;
+  const std::vector<Look>& looks_;             // of the same indices
+  std::vector<std::pair<int, int>>& seen_as_;  // id and instance, of the same indices
+  std::vector<std::size_t> open_looks_;
+  std::vector<std::size_t> open_tracks_;
+  std::size_t num_looks_{0};
+};
 
 /// A brick that was seen where it is known to be, and no other: those that have hardly been seen were bad looks at it.
 void BrickTracker::dropUnconfirmed(int id, double stamp_s) {
@@ -306,7 +342,7 @@ std::vector<std::optional<std::size_t>> BrickTracker::addLook(double stamp_s, co
   last_look_s_ = stamp_s;
   std::vector<std::pair<int, int>> seen_as(sightings.size(), {0, kNoInstance});
   for (const int id : ids) {
-    addLooksOf(id, stamp_s, sightings, looks, &seen_as);
+    Assignment(this, id, stamp_s, sightings, looks, &seen_as).run();
     dropImpossible(id);
   }
   publish();

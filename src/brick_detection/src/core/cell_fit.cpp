@@ -100,30 +100,26 @@ class CellImage {
     for (std::size_t i = 0; i < 4; ++i) bearings[i] = camera_.bearing(corners_px[i]);
     const Eigen::Matrix3d to_cells = squareTo(bearings, num_cells_).inverse();
     if (!to_cells.allFinite()) return false;
-    std::vector<Eigen::Vector2d> nodes(bearings_.size());
-    for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i] = (to_cells * bearings_[i].homogeneous()).hnormalized();
+    nodes_.resize(bearings_.size());
+    node_cells_.resize(bearings_.size());
+    for (std::size_t i = 0; i < nodes_.size(); ++i) {
+      nodes_[i] = (to_cells * bearings_[i].homogeneous()).hnormalized();
+      if (!nodes_[i].allFinite()) return false;
+      node_cells_[i] = cellOf(nodes_[i]);
+    }
     sharp_.create(image_.size());
-    at_.assign(image_.total(), Eigen::Vector2d::Zero());
+    at_.resize(image_.total());
     is_known_.assign(image_.total(), 1);
     const auto stride = static_cast<std::size_t>(image_.cols) + 1;
     for (int row = 0; row < image_.rows; ++row) {
       for (int column = 0; column < image_.cols; ++column) {
         const std::size_t first = static_cast<std::size_t>(row) * stride + static_cast<std::size_t>(column);
-        const std::size_t pixel = static_cast<std::size_t>(row * image_.cols + column);
-        at_[pixel] = 0.25 * (nodes[first] + nodes[first + 1] + nodes[first + stride] + nodes[first + stride + 1]);
-        if (!at_[pixel].allFinite()) return false;
-        int sum = 0;
-        for (int y = 0; y < kSubPixels; ++y) {
-          const double down = (y + 0.5) / kSubPixels;
-          const Eigen::Vector2d left = (1.0 - down) * nodes[first] + down * nodes[first + stride];
-          const Eigen::Vector2d right = (1.0 - down) * nodes[first + 1] + down * nodes[first + stride + 1];
-          for (int x = 0; x < kSubPixels; ++x) {
-            const double along = (x + 0.5) / kSubPixels;
-            const int value = cellAt((1.0 - along) * left + along * right);
-            if (value == TagObservation::kUnknownCell) is_known_[pixel] = 0;
-            sum += value;
-          }
-        }
+        const std::array<std::size_t, 4> around = {first, first + 1, first + stride, first + stride + 1};
+        const auto pixel = static_cast<std::size_t>(row * image_.cols + column);
+        at_[pixel] = 0.25 * (nodes_[around[0]] + nodes_[around[1]] + nodes_[around[2]] + nodes_[around[3]]);
+        const std::optional<int> uniform = uniformValue(around);
+        const int sum = uniform ? kSubPixels * kSubPixels * *uniform : sumOfSubPixels(around, &is_known_[pixel]);
+        if (uniform && *uniform == TagObservation::kUnknownCell) is_known_[pixel] = 0;
         sharp_(row, column) = static_cast<float>(sum / (255.0 * kSubPixels * kSubPixels));
       }
     }
@@ -148,11 +144,45 @@ class CellImage {
   bool isBeyond(std::size_t pixel) const { return depthInside(pixel) < -(outside_ - kHalf); }
 
  private:
-  int cellAt(const Eigen::Vector2d& q) const {
-    const int last = cells_.cols - 1;
-    const int column = std::clamp(static_cast<int>(std::floor(std::clamp(q.x(), -100.0, 100.0))) + outside_, 0, last);
-    const int row = std::clamp(static_cast<int>(std::floor(std::clamp(q.y(), -100.0, 100.0))) + outside_, 0, last);
-    return cells_(row, column);
+  /// Column and row; of the last ring for what is beyond it.
+  Eigen::Vector2i cellOf(const Eigen::Vector2d& q) const {
+    const double end = cells_.cols - kHalf;
+    return {static_cast<int>(std::clamp(q.x() + outside_, 0.0, end)),
+            static_cast<int>(std::clamp(q.y() + outside_, 0.0, end))};
+  }
+
+  /// Of a pixel between four nodes whose cells, and those between them, have one value: most pixels.
+  std::optional<int> uniformValue(const std::array<std::size_t, 4>& around) const {
+    Eigen::Vector2i low = node_cells_[around[0]];
+    Eigen::Vector2i high = low;
+    for (std::size_t i = 1; i < 4; ++i) {
+      low = low.cwiseMin(node_cells_[around[i]]);
+      high = high.cwiseMax(node_cells_[around[i]]);
+    }
+    const int value = cells_(low.y(), low.x());
+    for (int row = low.y(); row <= high.y(); ++row) {
+      for (int column = low.x(); column <= high.x(); ++column) {
+        if (cells_(row, column) != value) return std::nullopt;
+      }
+    }
+    return value;
+  }
+
+  int sumOfSubPixels(const std::array<std::size_t, 4>& around, char* is_known) const {
+    int sum = 0;
+    for (int y = 0; y < kSubPixels; ++y) {
+      const double down = (y + 0.5) / kSubPixels;
+      const Eigen::Vector2d left = (1.0 - down) * nodes_[around[0]] + down * nodes_[around[2]];
+      const Eigen::Vector2d right = (1.0 - down) * nodes_[around[1]] + down * nodes_[around[3]];
+      for (int x = 0; x < kSubPixels; ++x) {
+        const double along = (x + 0.5) / kSubPixels;
+        const Eigen::Vector2i cell = cellOf((1.0 - along) * left + along * right);
+        const int value = cells_(cell.y(), cell.x());
+        if (value == TagObservation::kUnknownCell) *is_known = 0;
+        sum += value;
+      }
+    }
+    return sum;
   }
 
   const CameraModel& camera_;
@@ -162,8 +192,10 @@ class CellImage {
   int factor_{1};
   Eigen::Vector2d origin_px_{Eigen::Vector2d::Zero()};
   cv::Mat_<float> image_;
-  std::vector<Eigen::Vector2d> bearings_;  // of the pixels' corners
-  cv::Mat_<float> sharp_;                  // 0 black, 1 white
+  std::vector<Eigen::Vector2d> bearings_;    // of the pixels' corners
+  std::vector<Eigen::Vector2d> nodes_;       // the same in cells
+  std::vector<Eigen::Vector2i> node_cells_;  // and which they are in
+  cv::Mat_<float> sharp_;                    // 0 black, 1 white
   std::vector<Eigen::Vector2d> at_;
   std::vector<char> is_known_;
 };
@@ -179,113 +211,166 @@ struct Solution {
   double damaged_share{0.0};
 };
 
-/// Fits the corners on the pixels of a zone; with a bend if `has_bend`.
-std::optional<Solution> fit(CellImage* cells, const Corners& start_px, Zone zone, bool has_bend) {
-  const cv::Mat_<float>& image = cells->image();
-  const int num_unknowns = kNumLight + kNumCorners + (has_bend ? kNumBends : 0);
-  const double n = cells->numCells();
-  Solution solution;
-  solution.corners_px = start_px;
-  double sigma_px = 0.8;
-  double variance = 0.0;                              // of the image's noise [grey levels^2]
-  Eigen::VectorXd light;                              // of the iteration before
-  std::vector<double> weight_of(image.total(), 1.0);  // of the iteration before, by Cauchy's function
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
-    if (!cells->draw(solution.corners_px)) return std::nullopt;
-    const cv::Mat_<float> drawn = cells->blurred(sigma_px);
-    constexpr double kStep_px = 0.1;
-    const cv::Mat_<float> softer = cells->blurred(sigma_px + kStep_px);
-    std::vector<std::size_t> pixels;
+/// Fits the corners on the pixels of a zone; with a bend if `has_bend`. Gauss-Newton, with the weights of the iteration
+/// before.
+class Fit {
+ public:
+  Fit(CellImage* cells, const Corners& start_px, Zone zone, bool has_bend)
+      : cells_(*cells),
+        zone_(zone),
+        has_bend_(has_bend),
+        jacobian_(kNumLight + kNumCorners + (has_bend ? kNumBends : 0), cells->image().total()),
+        values_(jacobian_.cols()),
+        root_weights_(cells->image().total(), 1.0) {
+    solution_.corners_px = start_px;
+  }
+
+  std::optional<Solution> run() {
+    for (int iteration = 0; iteration < kIterations; ++iteration) {
+      num_active_ = iteration == 0 ? kNumLight - 1 : jacobian_.rows();  // brightness first
+      if (!cells_.draw(solution_.corners_px) || !findPixels()) return std::nullopt;
+      linearize();
+      if (!solve()) return std::nullopt;
+      weigh();
+      if (!(unknowns_(3) > 0.0)) return std::nullopt;  // no contrast
+      if (iteration > 0) move();
+    }
+    judge();
+    return solution_;
+  }
+
+ private:
+  Eigen::Index numPixels() const { return static_cast<Eigen::Index>(pixels_.size()); }
+
+  bool findPixels() {
+    const cv::Mat_<float>& image = cells_.image();
+    const double least_inside = cells_.hasDataOutside() ? -1e9 : -kHalf;
+    pixels_.clear();
     for (int row = 1; row + 1 < image.rows; ++row) {
       for (int column = 1; column + 1 < image.cols; ++column) {
-        const std::size_t pixel = static_cast<std::size_t>(row * image.cols + column);
-        const double inside = cells->depthInside(pixel);
+        const auto pixel = static_cast<std::size_t>(row * image.cols + column);
+        const double inside = cells_.depthInside(pixel);
         const bool is_edge = std::abs(inside) < kHalf;
-        const bool is_outside = inside < (cells->hasDataOutside() ? -1e9 : -kHalf);
-        if (!cells->isKnown(pixel) || cells->isBeyond(pixel) || is_outside || (zone == Zone::kWithoutEdge && is_edge)) {
-          continue;
-        }
-        pixels.push_back(pixel);
+        if (!cells_.isKnown(pixel) || cells_.isBeyond(pixel) || inside < least_inside) continue;
+        if (zone_ == Zone::kWithoutEdge && is_edge) continue;
+        pixels_.push_back(pixel);
       }
     }
-    if (pixels.size() < kLeastPixels) return std::nullopt;
-    const auto num_rows = static_cast<Eigen::Index>(pixels.size());
-    Eigen::MatrixXd J(num_rows, num_unknowns);
-    Eigen::VectorXd values(num_rows);
-    for (Eigen::Index k = 0; k < num_rows; ++k) {
-      const std::size_t pixel = pixels[static_cast<std::size_t>(k)];
+    return pixels_.size() >= kLeastPixels;
+  }
+
+  /// A column for each pixel, times the root of its weight: what the unknowns change in the image there.
+  void linearize() {
+    const cv::Mat_<float>& image = cells_.image();
+    const bool is_light_only = num_active_ < kNumLight;
+    const cv::Mat_<float> drawn = cells_.blurred(sigma_px_);
+    constexpr double kStep_px = 0.1;
+    const cv::Mat_<float> softer = is_light_only ? drawn : cells_.blurred(sigma_px_ + kStep_px);
+    for (Eigen::Index k = 0; k < numPixels(); ++k) {
+      const std::size_t pixel = pixels_[static_cast<std::size_t>(k)];
       const int row = static_cast<int>(pixel) / image.cols;
       const int column = static_cast<int>(pixel) % image.cols;
       const double x = 2.0 * (column + 0.5) / image.cols - 1.0;
       const double y = 2.0 * (row + 0.5) / image.rows - 1.0;
       const double white = drawn(row, column);
-      const double contrast = light.size() > 0 ? light(3) + light(4) * x + light(5) * y : 0.0;
-      values(k) = image(row, column);
-      J.row(k).head<kNumLight>() << 1.0, x, y, white, white * x, white * y, white * (1.0 - white),
-          contrast * (softer(row, column) - white) / kStep_px;
+      const double root = root_weights_[pixel];
+      double* J = jacobian_.col(k).data();
+      values_(k) = root * image(row, column);
+      const std::array<double, kNumLight - 1> light = {1.0, x, y, white, white * x, white * y, white * (1.0 - white)};
+      for (std::size_t i = 0; i < light.size(); ++i) J[i] = root * light[i];
+      if (is_light_only) continue;
+      const double contrast = root * (unknowns_(3) + unknowns_(4) * x + unknowns_(5) * y);
+      J[kNumLight - 1] = contrast * (softer(row, column) - white) / kStep_px;
       // The image at a pixel that the cells move away from by d changes by -gradient . d.
-      const Eigen::Vector2d slope = -contrast / (2.0 * cells->factor()) *
-                                    Eigen::Vector2d(drawn(row, column + 1) - drawn(row, column - 1),
-                                                    drawn(row + 1, column) - drawn(row - 1, column));
-      const Eigen::Vector2d q = cells->at(pixel) / n;
-      const std::array<double, 4> weights = {(1.0 - q.x()) * (1.0 - q.y()), q.x() * (1.0 - q.y()), q.x() * q.y(),
-                                             (1.0 - q.x()) * q.y()};
-      for (int corner = 0; corner < 4; ++corner) {
-        J.row(k).segment<2>(kNumLight + 2 * corner) = weights[static_cast<std::size_t>(corner)] * slope.transpose();
-      }
-      if (has_bend) {
-        const Eigen::Vector2d bend = 4.0 * q.cwiseProduct(Eigen::Vector2d::Ones() - q);
-        J.row(k).segment<2>(kNumLight + kNumCorners) = bend.x() * slope.transpose();
-        J.row(k).segment<2>(kNumLight + kNumCorners + 2) = bend.y() * slope.transpose();
+      const double per_pixel = -contrast / (2.0 * cells_.factor());
+      const double slope_x = per_pixel * (drawn(row, column + 1) - drawn(row, column - 1));
+      const double slope_y = per_pixel * (drawn(row + 1, column) - drawn(row - 1, column));
+      const Eigen::Vector2d q = cells_.at(pixel) / cells_.numCells();
+      // How far each corner takes the pixel along, and then each bend.
+      const std::array<double, (kNumCorners + kNumBends) / 2> shares = {
+          (1.0 - q.x()) * (1.0 - q.y()), q.x() * (1.0 - q.y()),       q.x() * q.y(),
+          (1.0 - q.x()) * q.y(),         4.0 * q.x() * (1.0 - q.x()), 4.0 * q.y() * (1.0 - q.y())};
+      const std::size_t num_shares = has_bend_ ? shares.size() : kNumCorners / 2;
+      for (std::size_t i = 0; i < num_shares; ++i) {
+        J[kNumLight + 2 * i] = shares[i] * slope_x;
+        J[kNumLight + 2 * i + 1] = shares[i] * slope_y;
       }
     }
-    const bool is_first = light.size() == 0;
-    const int active = is_first ? kNumLight - 1 : num_unknowns;  // brightness first
-    Eigen::VectorXd weights(num_rows);
-    for (Eigen::Index k = 0; k < num_rows; ++k) weights(k) = weight_of[pixels[static_cast<std::size_t>(k)]];
-    const Eigen::MatrixXd weighted = weights.asDiagonal() * J.leftCols(active);
-    Eigen::MatrixXd information = J.leftCols(active).transpose() * weighted;
-    if (!is_first) information.diagonal().tail(active - kNumLight).array() += variance / (kPrior_px * kPrior_px);
+  }
+
+  bool solve() {
+    const auto J = jacobian_.topLeftCorner(num_active_, numPixels());
+    Eigen::MatrixXd information = Eigen::MatrixXd::Zero(num_active_, num_active_);
+    information.selfadjointView<Eigen::Lower>().rankUpdate(J);
+    if (num_active_ > kNumLight) {
+      information.diagonal().tail(num_active_ - kNumLight).array() += variance_ / (kPrior_px * kPrior_px);
+    }
     information.diagonal().array() += 1e-9 * information.diagonal().maxCoeff();
-    Eigen::VectorXd unknowns = Eigen::VectorXd::Zero(num_unknowns);
-    unknowns.head(active) = information.ldlt().solve(weighted.transpose() * values);
-    if (!unknowns.allFinite()) return std::nullopt;
-    const Eigen::VectorXd residuals = values - J.leftCols(active) * unknowns.head(active);
-    std::vector<double> sizes(pixels.size());
-    for (Eigen::Index k = 0; k < num_rows; ++k) sizes[static_cast<std::size_t>(k)] = std::abs(residuals(k));
+    factor_.compute(information);
+    unknowns_ = Eigen::VectorXd::Zero(jacobian_.rows());
+    unknowns_.head(num_active_) = factor_.solve(J * values_.head(numPixels()));
+    return unknowns_.allFinite();
+  }
+
+  /// By Cauchy's function of the residuals in units of their noise.
+  void weigh() {
+    Eigen::VectorXd residuals = values_.head(numPixels());
+    residuals.noalias() -= jacobian_.topLeftCorner(num_active_, numPixels()).transpose() * unknowns_.head(num_active_);
+    for (Eigen::Index k = 0; k < numPixels(); ++k) {
+      residuals(k) = std::abs(residuals(k)) / root_weights_[pixels_[static_cast<std::size_t>(k)]];
+    }
+    std::vector<double> sizes(residuals.data(), residuals.data() + residuals.size());
     const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
     std::nth_element(sizes.begin(), middle, sizes.end());
     constexpr double kMedianToSigma = 1.4826;
-    const double noise = std::max(kMedianToSigma * *middle, kLeastNoise * std::abs(unknowns(3)) + 1e-3);
-    variance = noise * noise;
+    const double noise = std::max(kMedianToSigma * *middle, kLeastNoise * std::abs(unknowns_(3)) + 1e-3);
+    variance_ = noise * noise;
     constexpr double kCauchy = 2.5;
     int num_damaged = 0;
-    for (Eigen::Index k = 0; k < num_rows; ++k) {
-      weight_of[pixels[static_cast<std::size_t>(k)]] = 1.0 / (1.0 + std::pow(residuals(k) / (kCauchy * noise), 2));
-      if (std::abs(residuals(k)) > kDamaged * std::abs(unknowns(3))) ++num_damaged;
+    for (Eigen::Index k = 0; k < numPixels(); ++k) {
+      root_weights_[pixels_[static_cast<std::size_t>(k)]] =
+          1.0 / std::sqrt(1.0 + std::pow(residuals(k) / (kCauchy * noise), 2));
+      if (residuals(k) > kDamaged * std::abs(unknowns_(3))) ++num_damaged;
     }
-    solution.damaged_share = static_cast<double>(num_damaged) / static_cast<double>(num_rows);
-    light = unknowns.head<kNumLight>();
-    if (!(light(3) > 0.0)) return std::nullopt;  // no contrast
-    if (is_first) continue;
-    sigma_px = std::clamp(sigma_px + std::clamp(unknowns(7), -0.3, 0.3), 0.4, 3.0);
+    solution_.damaged_share = static_cast<double>(num_damaged) / static_cast<double>(numPixels());
+  }
+
+  void move() {
+    sigma_px_ = std::clamp(sigma_px_ + std::clamp(unknowns_(7), -0.3, 0.3), 0.4, 3.0);
     for (int corner = 0; corner < 4; ++corner) {
-      Eigen::Vector2d step = unknowns.segment<2>(kNumLight + 2 * corner);
+      Eigen::Vector2d step = unknowns_.segment<2>(kNumLight + 2 * corner);
       constexpr double kLongest_px = 2.0;
-      if (step.norm() > kLongest_px * cells->factor()) step *= kLongest_px * cells->factor() / step.norm();
-      solution.corners_px[static_cast<std::size_t>(corner)] += step;
-    }
-    const Eigen::MatrixXd covariance = variance * information.ldlt().solve(Eigen::MatrixXd::Identity(active, active));
-    solution.shift_std_px = std::sqrt(covariance.diagonal().segment<kNumCorners>(kNumLight).maxCoeff());
-    if (has_bend) {
-      const Eigen::Vector2d along_x = unknowns.segment<2>(kNumLight + kNumCorners);
-      const Eigen::Vector2d along_y = unknowns.tail<2>();
-      solution.bend_px = std::max({along_x.norm(), along_y.norm(), (along_x + along_y).norm()});
-      solution.bend_std_px = std::sqrt(covariance.diagonal().tail<kNumBends>().maxCoeff());
+      if (step.norm() > kLongest_px * cells_.factor()) step *= kLongest_px * cells_.factor() / step.norm();
+      solution_.corners_px[static_cast<std::size_t>(corner)] += step;
     }
   }
-  return solution;
-}
+
+  /// The bend, and how well the last iteration knows it and the corners.
+  void judge() {
+    const Eigen::VectorXd variances =
+        variance_ * factor_.solve(Eigen::MatrixXd::Identity(num_active_, num_active_)).diagonal();
+    solution_.shift_std_px = std::sqrt(variances.segment<kNumCorners>(kNumLight).maxCoeff());
+    if (!has_bend_) return;
+    const Eigen::Vector2d along_x = unknowns_.segment<2>(kNumLight + kNumCorners);
+    const Eigen::Vector2d along_y = unknowns_.tail<2>();
+    solution_.bend_px = std::max({along_x.norm(), along_y.norm(), (along_x + along_y).norm()});
+    solution_.bend_std_px = std::sqrt(variances.tail<kNumBends>().maxCoeff());
+  }
+
+  CellImage& cells_;
+  Zone zone_;
+  bool has_bend_;
+  Solution solution_;
+  double sigma_px_{0.8};
+  std::vector<std::size_t> pixels_;
+  Eigen::MatrixXd jacobian_;          // transposed; like the values, with room for all pixels
+  Eigen::VectorXd values_;            // grey levels
+  std::vector<double> root_weights_;  // of all pixels
+  Eigen::Index num_active_{0};        // the first unknowns, which are solved for
+  Eigen::VectorXd unknowns_;
+  Eigen::LDLT<Eigen::MatrixXd> factor_;
+  double variance_{0.0};  // of the image's noise [grey levels^2]
+};
 
 }  // namespace
 
@@ -293,8 +378,8 @@ std::optional<CellFit> fitCells(const cv::Mat& grey, const CameraModel& camera, 
   if (tag.cells.empty()) return std::nullopt;
   CellImage cells(grey, camera, tag);
   if (cells.isEmpty()) return std::nullopt;
-  const std::optional<Solution> inner = fit(&cells, tag.corners_px, Zone::kWithoutEdge, false);
-  const std::optional<Solution> all = fit(&cells, tag.corners_px, Zone::kAll, true);
+  const std::optional<Solution> inner = Fit(&cells, tag.corners_px, Zone::kWithoutEdge, false).run();
+  const std::optional<Solution> all = Fit(&cells, tag.corners_px, Zone::kAll, true).run();
   if (!inner || !all) return std::nullopt;
   CellFit result;
   for (std::size_t i = 0; i < 4; ++i) result.shift_px[i] = inner->corners_px[i] - tag.corners_px[i];

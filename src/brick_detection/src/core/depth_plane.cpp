@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <stdexcept>
 
 #include <Eigen/Dense>
 
 #include "bearing_grid.h"
+#include "image_check.h"
 
 namespace brick_detection {
 namespace {
@@ -156,6 +156,95 @@ bool isCurved(const std::vector<Sample>& inliers, const Eigen::Vector3d& affine,
          sag_rms > kCurvedSystematics * config.systematic_m * mean_inverse_depth;
 }
 
+struct Samples {
+  std::vector<Sample> with_depth;
+  double num_pixels{0.0};  // looked at, with depth or without
+  int stride_px{0};        // 0: nothing of the quadrangle is in the image
+};
+
+/// A grid of pixels of the quadrangle, grown about its middle.
+Samples samplesOf(const cv::Mat& depth_m, const CameraModel& camera, const Quad& quad_px,
+                  const Eigen::Vector2d& middle_px, double grow) {
+  Samples samples;
+  Quad grown;
+  Eigen::AlignedBox2d box;
+  for (std::size_t i = 0; i < 4; ++i) {
+    grown[i] = middle_px + grow * (quad_px[i] - middle_px);
+    box.extend(grown[i]);
+  }
+  box = box.intersection(
+      Eigen::AlignedBox2d(Eigen::Vector2d::Zero(), Eigen::Vector2d(camera.width_px - 1.0, camera.height_px - 1.0)));
+  if (box.isEmpty()) return samples;
+  const double area_px = 0.5 * std::abs(cross(grown[2] - grown[0], grown[3] - grown[1]));
+  samples.stride_px = std::max(1, static_cast<int>(std::ceil(std::sqrt(area_px / kMaxSamples))));
+
+  const BearingGrid bearings(box, camera);
+  for (int v = static_cast<int>(std::ceil(box.min().y())); v <= box.max().y(); v += samples.stride_px) {
+    for (int u = static_cast<int>(std::ceil(box.min().x())); u <= box.max().x(); u += samples.stride_px) {
+      const Eigen::Vector2d pixel(u, v);
+      if (!isInside(grown, pixel)) continue;
+      samples.num_pixels += 1.0;
+      const double depth = depth_m.at<float>(v, u);
+      if (!(depth > 0.0) || !std::isfinite(depth)) continue;
+      const Eigen::Vector2d bearing = bearings.at(pixel);
+      if (bearing.allFinite()) samples.with_depth.push_back({bearing.homogeneous(), 1.0 / depth});
+    }
+  }
+  return samples;
+}
+
+struct AffineFit {
+  Eigen::Vector3d affine{Eigen::Vector3d::Zero()};
+  std::vector<Sample> inliers;
+  Eigen::Matrix3d information{Eigen::Matrix3d::Identity()};  // of `affine`, for noise of 1
+};
+
+/// The plane of most samples, fitted to its inliers until these stay the same.
+DepthPlaneFailure fitInliers(const std::vector<Sample>& samples, const DepthPlaneConfig& config, AffineFit* fit) {
+  fit->affine = drawAffine(samples, config);
+  const double least = std::max(config.min_inlier_share * static_cast<double>(samples.size()), 3.0);
+  for (int i = 0; i < kMaxRefits; ++i) {
+    const std::size_t num_before = fit->inliers.size();
+    fit->inliers = inliersOf(samples, fit->affine, config);
+    if (static_cast<double>(fit->inliers.size()) < least) return DepthPlaneFailure::kNotFlat;
+    const std::optional<Eigen::Vector3d> fitted = fitAffine(fit->inliers, &fit->information);
+    if (!fitted) return DepthPlaneFailure::kTooFewPixels;
+    fit->affine = *fitted;
+    if (fit->inliers.size() == num_before) break;
+  }
+  const bool is_enough = static_cast<double>(fit->inliers.size()) >= config.min_pixels;
+  return is_enough ? DepthPlaneFailure::kNone : DepthPlaneFailure::kTooFewPixels;
+}
+
+/// The plane in space with its covariance; `middle`: where the ray of the quadrangle's middle meets it. `variance`: of an
+/// inlier's inverse depth, times the number of inliers that count as one.
+DepthPlane planeOf(const AffineFit& fit, const Eigen::Vector3d& middle, double variance,
+                   const DepthPlaneConfig& config) {
+  DepthPlane plane;
+  // 1/z = affine . (x, y, 1) is n . p + d = 0 with affine = -n / d.
+  plane.d_m = 1.0 / fit.affine.norm();
+  plane.normal = -fit.affine * plane.d_m;
+  plane.middle = middle;
+  plane.axis_u = plane.normal.unitOrthogonal();
+  plane.axis_v = plane.normal.cross(plane.axis_u);
+  plane.num_pixels = static_cast<int>(fit.inliers.size());
+  // First order in a change of affine: normal -d (I - n n^T) da, hence the tilts; depth of the middle -z^2 da . (x, y, 1),
+  // which is d da . middle along the normal.
+  Eigen::Matrix3d by_affine;
+  by_affine.row(0) = plane.d_m * plane.axis_v.transpose();
+  by_affine.row(1) = -plane.d_m * plane.axis_u.transpose();
+  by_affine.row(2) = plane.d_m * plane.middle.transpose();
+  const Eigen::Matrix3d noise = variance * fit.information.inverse();
+  // The camera's offset is along its optical axis: systematic_m times the middle's depth, d / z of it along the normal.
+  plane.shared_offset_m = config.systematic_m * plane.d_m;
+  plane.covariance = by_affine * noise * by_affine.transpose();
+  plane.covariance = (0.5 * (plane.covariance + plane.covariance.transpose())).eval();
+  plane.covariance.diagonal() +=
+      Eigen::Vector3d(config.systematic_rad * config.systematic_rad, config.systematic_rad * config.systematic_rad,
+                      plane.shared_offset_m * plane.shared_offset_m);
+  return plane;
+}
+
 }  // namespace
 
 std::optional<DepthPlane> fitDepthPlane(const cv::Mat& depth_m, const CameraModel& camera, const Quad& quad_px,
@@ -166,103 +255,40 @@ std::optional<DepthPlane> fitDepthPlane(const cv::Mat& depth_m, const CameraMode
   };
   if (failure) *failure = DepthPlaneFailure::kNone;
   if (depth_m.empty()) return fail(DepthPlaneFailure::kNoDepth);
-  if (depth_m.type() != CV_32FC1 || depth_m.cols != camera.width_px || depth_m.rows != camera.height_px) {
-    throw std::invalid_argument("depth image = " + std::to_string(depth_m.cols) + " x " + std::to_string(depth_m.rows) +
-                                " of type " + std::to_string(depth_m.type()) + ", must be " +
-                                std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
-                                " of type CV_32FC1");
-  }
+  requireImageOf(camera, "depth", depth_m, CV_32FC1, "CV_32FC1");
   const std::optional<Eigen::Vector2d> middle_px = middleOf(quad_px);
   if (!middle_px) return fail(DepthPlaneFailure::kTooFewPixels);
 
-  Quad grown;
-  Eigen::AlignedBox2d box;
-  for (std::size_t i = 0; i < 4; ++i) {
-    grown[i] = *middle_px + config.grow * (quad_px[i] - *middle_px);
-    box.extend(grown[i]);
-  }
-  box = box.intersection(
-      Eigen::AlignedBox2d(Eigen::Vector2d::Zero(), Eigen::Vector2d(camera.width_px - 1.0, camera.height_px - 1.0)));
-  if (box.isEmpty()) return fail(DepthPlaneFailure::kTooFewPixels);
-  const double area_px = 0.5 * std::abs(cross(grown[2] - grown[0], grown[3] - grown[1]));
-  const int stride = std::max(1, static_cast<int>(std::ceil(std::sqrt(area_px / kMaxSamples))));
-
-  const BearingGrid bearings(box, camera);
-  std::vector<Sample> samples;
-  double num_looked_at = 0.0;
-  for (int v = static_cast<int>(std::ceil(box.min().y())); v <= box.max().y(); v += stride) {
-    for (int u = static_cast<int>(std::ceil(box.min().x())); u <= box.max().x(); u += stride) {
-      const Eigen::Vector2d pixel(u, v);
-      if (!isInside(grown, pixel)) continue;
-      num_looked_at += 1.0;
-      const double depth = depth_m.at<float>(v, u);
-      if (!(depth > 0.0) || !std::isfinite(depth)) continue;
-      const Eigen::Vector2d bearing = bearings.at(pixel);
-      if (bearing.allFinite()) samples.push_back({bearing.homogeneous(), 1.0 / depth});
-    }
-  }
-  const auto num_samples = static_cast<double>(samples.size());
-  if (samples.empty()) return fail(DepthPlaneFailure::kNoDepth);
-  if (num_samples < config.min_pixels || num_samples < config.min_coverage * num_looked_at) {
+  const Samples samples = samplesOf(depth_m, camera, quad_px, *middle_px, config.grow);
+  const auto num_samples = static_cast<double>(samples.with_depth.size());
+  if (samples.stride_px == 0) return fail(DepthPlaneFailure::kTooFewPixels);
+  if (samples.with_depth.empty()) return fail(DepthPlaneFailure::kNoDepth);
+  if (num_samples < config.min_pixels || num_samples < config.min_coverage * samples.num_pixels) {
     return fail(DepthPlaneFailure::kTooFewPixels);
   }
+  AffineFit fit;
+  const DepthPlaneFailure reason = fitInliers(samples.with_depth, config, &fit);
+  if (reason != DepthPlaneFailure::kNone) return fail(reason);
 
-  Eigen::Vector3d affine = drawAffine(samples, config);
-  std::vector<Sample> inliers;
-  Eigen::Matrix3d information = Eigen::Matrix3d::Identity();
-  for (int i = 0; i < kMaxRefits; ++i) {
-    const std::size_t num_before = inliers.size();
-    inliers = inliersOf(samples, affine, config);
-    if (static_cast<double>(inliers.size()) < std::max(config.min_inlier_share * num_samples, 3.0)) {
-      return fail(DepthPlaneFailure::kNotFlat);
-    }
-    const std::optional<Eigen::Vector3d> fitted = fitAffine(inliers, &information);
-    if (!fitted) return fail(DepthPlaneFailure::kTooFewPixels);
-    affine = *fitted;
-    if (inliers.size() == num_before) break;
-  }
-  if (static_cast<double>(inliers.size()) < config.min_pixels) return fail(DepthPlaneFailure::kTooFewPixels);
-
-  DepthPlane plane;
   double sum_squares = 0.0;    // of inverse depths
   double sum_squares_m = 0.0;  // along the rays
-  for (const Sample& sample : inliers) {
-    const double off = sample.inverse_depth - sample.direction.dot(affine);
+  for (const Sample& sample : fit.inliers) {
+    const double off = sample.inverse_depth - sample.direction.dot(fit.affine);
     const double off_m = off / (sample.inverse_depth * sample.inverse_depth) * sample.direction.norm();
     sum_squares += off * off;
     sum_squares_m += off_m * off_m;
   }
-  const auto num_inliers = static_cast<double>(inliers.size());
+  const auto num_inliers = static_cast<double>(fit.inliers.size());
   const double noise_std = std::max(config.inverse_depth_std, std::sqrt(sum_squares / num_inliers));
   // So many samples fall into one patch of like noise, and count as one.
-  const double inflation = std::max(1.0, std::pow(config.correlation_px / stride, 2));
-  if (isCurved(inliers, affine, noise_std, inflation, config)) return fail(DepthPlaneFailure::kNotFlat);
+  const double inflation = std::max(1.0, std::pow(config.correlation_px / samples.stride_px, 2));
+  if (isCurved(fit.inliers, fit.affine, noise_std, inflation, config)) return fail(DepthPlaneFailure::kNotFlat);
 
-  // 1/z = affine . (x, y, 1) is n . p + d = 0 with affine = -n / d.
   const Eigen::Vector3d direction = camera.bearing(*middle_px).homogeneous();
-  const double inverse_depth = affine.dot(direction);
+  const double inverse_depth = fit.affine.dot(direction);
   if (!(inverse_depth > 0.0) || !std::isfinite(inverse_depth)) return fail(DepthPlaneFailure::kNotFlat);
-  plane.d_m = 1.0 / affine.norm();
-  plane.normal = -affine * plane.d_m;
-  plane.middle = direction / inverse_depth;
-  plane.axis_u = plane.normal.unitOrthogonal();
-  plane.axis_v = plane.normal.cross(plane.axis_u);
-  plane.num_pixels = static_cast<int>(inliers.size());
+  DepthPlane plane = planeOf(fit, direction / inverse_depth, noise_std * noise_std * inflation, config);
   plane.rms_m = std::sqrt(sum_squares_m / num_inliers);
-  // First order in a change of affine: normal -d (I - n n^T) da, hence the tilts; depth of the middle -z^2 da . (x, y, 1),
-  // which is d da . middle along the normal.
-  Eigen::Matrix3d by_affine;
-  by_affine.row(0) = plane.d_m * plane.axis_v.transpose();
-  by_affine.row(1) = -plane.d_m * plane.axis_u.transpose();
-  by_affine.row(2) = plane.d_m * plane.middle.transpose();
-  const Eigen::Matrix3d noise = noise_std * noise_std * inflation * information.inverse();
-  // The camera's offset is along its optical axis: systematic_m times the middle's depth, d / z of it along the normal.
-  plane.shared_offset_m = config.systematic_m * plane.d_m;
-  plane.covariance = by_affine * noise * by_affine.transpose();
-  plane.covariance = (0.5 * (plane.covariance + plane.covariance.transpose())).eval();
-  plane.covariance.diagonal() +=
-      Eigen::Vector3d(config.systematic_rad * config.systematic_rad, config.systematic_rad * config.systematic_rad,
-                      plane.shared_offset_m * plane.shared_offset_m);
   return plane;
 }
 

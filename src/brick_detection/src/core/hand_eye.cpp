@@ -340,6 +340,110 @@ HandEyeResult::Residual residualOf(const HandEyeSample& sample, const Poses& pos
   return residual;
 }
 
+/// The poses that most samples agree with, and which those are.
+struct Agreement {
+  Poses poses;
+  std::vector<char> is_used;
+  Matrix12d normal;  // of the unknowns
+};
+
+Agreement agreementOf(const Solver& solver, double outlier_chi2) {
+  const std::size_t num_samples = solver.samples().size();
+  Agreement agreement;
+  Poses& poses = agreement.poses;
+  poses = solver.start();
+  std::vector<double> weights(num_samples, 1.0);
+  // The start is of three samples and as noisy; Geman-McClure weights bring all that agree in, far ones stay out.
+  for (int i = 0; i < 10; ++i) {
+    const std::vector<double> chi2s = solver.chi2s(poses);
+    const double limit = outlier_chi2 * solver.variance(chi2s);
+    for (std::size_t k = 0; k < num_samples; ++k) weights[k] = std::pow(1.0 + chi2s[k] / limit, -2.0);
+    poses = solver.refine(poses, weights, nullptr);
+  }
+  // Then each is in or out, until that settles.
+  for (int i = 0; i < 20; ++i) {
+    const std::vector<double> chi2s = solver.chi2s(poses);
+    const double limit = outlier_chi2 * solver.variance(chi2s);
+    std::vector<char> is_near(num_samples);
+    for (std::size_t k = 0; k < num_samples; ++k) is_near[k] = chi2s[k] <= limit ? 1 : 0;
+    if (i > 0 && is_near == agreement.is_used) break;
+    agreement.is_used = is_near;
+    for (std::size_t k = 0; k < num_samples; ++k) weights[k] = is_near[k];
+    poses = solver.refine(poses, weights, &agreement.normal);
+  }
+  return agreement;
+}
+
+/// Root mean squares, outliers left out.
+void setRms(const std::vector<HandEyeResult::Residual>& residuals, double* rms_m, double* rms_rad) {
+  double count = 0.0;
+  double sum_m2 = 0.0;
+  double sum_rad2 = 0.0;
+  for (const HandEyeResult::Residual& residual : residuals) {
+    if (residual.is_outlier) continue;
+    count += 1.0;
+    sum_m2 += residual.translation_m * residual.translation_m;
+    sum_rad2 += residual.rotation_rad * residual.rotation_rad;
+  }
+  *rms_m = std::sqrt(sum_m2 / count);
+  *rms_rad = std::sqrt(sum_rad2 / count);
+}
+
+/// The poses and each sample's residual. Returns the sum of the used ones' chi-squares.
+double addResiduals(const Solver& solver, const Agreement& agreement, HandEyeResult* result) {
+  double chi2_sum = 0.0;
+  for (std::size_t k = 0; k < agreement.is_used.size(); ++k) {
+    HandEyeResult::Residual residual = residualOf(solver.samples()[k], agreement.poses);
+    residual.is_outlier = agreement.is_used[k] == 0;
+    result->residuals.push_back(residual);
+    if (residual.is_outlier) continue;
+    ++result->num_used;
+    chi2_sum += solver.chi2(k, agreement.poses);
+  }
+  result->T_base_camera = agreement.poses.T_base_camera;
+  result->T_tool_target = agreement.poses.T_tool_target;
+  return chi2_sum;
+}
+
+/// Refusals by the residuals; true: fine.
+bool isAgreementEnough(const std::vector<HandEyeSample>& samples, const Agreement& agreement,
+                       const HandEyeConfig& config, HandEyeResult* result) {
+  if (result->num_used < config.min_samples) {
+    result->failure = HandEyeFailure::kSamplesDisagree;
+    result->reason = format(
+        "the samples disagree: only %d of %zu agree with each other, at least %d are needed: is the target loose on "
+        "the tool, was the base moved, is the tag's size right?",
+        result->num_used, samples.size(), config.min_samples);
+    return false;
+  }
+  setRms(result->residuals, &result->rms_m, &result->rms_rad);
+  if (!isMotionEnough(samples, agreement.is_used, config, result)) {
+    result->reason +=
+        format(" (%zu outliers were left out)", samples.size() - static_cast<std::size_t>(result->num_used));
+    return false;
+  }
+  if (result->rms_m <= config.max_residual_m && result->rms_rad <= config.max_residual_rad) return true;
+  result->failure = HandEyeFailure::kResidualTooBig;
+  result->reason = format(
+      "the residuals are too big: %.1f mm and %.2f deg, at most %.1f mm and %.2f deg are allowed: is the target loose "
+      "on the tool, does the arm stand still, are the camera's intrinsics and the tag's size right?",
+      1e3 * result->rms_m, kToDeg * result->rms_rad, 1e3 * config.max_residual_m, kToDeg * config.max_residual_rad);
+  return false;
+}
+
+/// Of each used sample against the poses of the others.
+void leaveOneOut(const Solver& solver, const Agreement& agreement, HandEyeResult* result) {
+  std::vector<HandEyeResult::Residual> residuals;
+  std::vector<double> weights(agreement.is_used.begin(), agreement.is_used.end());
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    if (agreement.is_used[k] == 0) continue;
+    weights[k] = 0.0;
+    residuals.push_back(residualOf(solver.samples()[k], solver.refine(agreement.poses, weights, nullptr)));
+    weights[k] = 1.0;
+  }
+  setRms(residuals, &result->leave_one_out_rms_m, &result->leave_one_out_rms_rad);
+}
+
 }  // namespace
 
 Vector6d handEyeResidual(const HandEyeSample& sample, const Eigen::Isometry3d& T_base_camera,
@@ -375,92 +479,21 @@ HandEyeResult solveHandEye(const std::vector<HandEyeSample>& samples, const Hand
     result.reason = format("too few samples: %zu, at least %zu are needed: take more", samples.size(), min_samples);
     return result;
   }
-  std::vector<double> weights(samples.size(), 1.0);
-  std::vector<char> is_used(samples.size(), 1);
-  if (!isMotionEnough(samples, is_used, config, &result)) return result;
+  if (!isMotionEnough(samples, std::vector<char>(samples.size(), 1), config, &result)) return result;
 
   const Solver solver(samples, config);
-  Poses poses = solver.start();
-  // The start is of three samples and as noisy; Geman-McClure weights bring all that agree in, far ones stay out.
-  for (int i = 0; i < 10; ++i) {
-    const std::vector<double> chi2s = solver.chi2s(poses);
-    const double limit = config.outlier_chi2 * solver.variance(chi2s);
-    for (std::size_t k = 0; k < samples.size(); ++k) weights[k] = std::pow(1.0 + chi2s[k] / limit, -2.0);
-    poses = solver.refine(poses, weights, nullptr);
-  }
-  // Then each is in or out, until that settles.
-  Matrix12d normal;
-  for (int i = 0; i < 20; ++i) {
-    const std::vector<double> chi2s = solver.chi2s(poses);
-    const double limit = config.outlier_chi2 * solver.variance(chi2s);
-    std::vector<char> is_near(samples.size());
-    for (std::size_t k = 0; k < samples.size(); ++k) is_near[k] = chi2s[k] <= limit ? 1 : 0;
-    if (i > 0 && is_near == is_used) break;
-    is_used = is_near;
-    for (std::size_t k = 0; k < samples.size(); ++k) weights[k] = is_used[k];
-    poses = solver.refine(poses, weights, &normal);
-  }
+  const Agreement agreement = agreementOf(solver, config.outlier_chi2);
+  const double chi2_sum = addResiduals(solver, agreement, &result);
+  if (!isAgreementEnough(samples, agreement, config, &result)) return result;
 
-  double chi2_sum = 0.0;
-  double sum_m2 = 0.0;
-  double sum_rad2 = 0.0;
-  for (std::size_t k = 0; k < samples.size(); ++k) {
-    HandEyeResult::Residual residual = residualOf(samples[k], poses);
-    residual.is_outlier = is_used[k] == 0;
-    result.residuals.push_back(residual);
-    if (residual.is_outlier) continue;
-    ++result.num_used;
-    chi2_sum += solver.chi2(k, poses);
-    sum_m2 += residual.translation_m * residual.translation_m;
-    sum_rad2 += residual.rotation_rad * residual.rotation_rad;
-  }
-  result.T_base_camera = poses.T_base_camera;
-  result.T_tool_target = poses.T_tool_target;
-  if (result.num_used < config.min_samples) {
-    result.failure = HandEyeFailure::kSamplesDisagree;
-    result.reason = format(
-        "the samples disagree: only %d of %zu agree with each other, at least %d are needed: is the target loose on "
-        "the "
-        "tool, was the base moved, is the tag's size right?",
-        result.num_used, samples.size(), config.min_samples);
-    return result;
-  }
-  result.rms_m = std::sqrt(sum_m2 / result.num_used);
-  result.rms_rad = std::sqrt(sum_rad2 / result.num_used);
-  if (!isMotionEnough(samples, is_used, config, &result)) {
-    result.reason +=
-        format(" (%zu outliers were left out)", samples.size() - static_cast<std::size_t>(result.num_used));
-    return result;
-  }
-  if (result.rms_m > config.max_residual_m || result.rms_rad > config.max_residual_rad) {
-    result.failure = HandEyeFailure::kResidualTooBig;
-    result.reason = format(
-        "the residuals are too big: %.1f mm and %.2f deg, at most %.1f mm and %.2f deg are allowed: is the target "
-        "loose "
-        "on the tool, does the arm stand still, are the camera's intrinsics and the tag's size right?",
-        1e3 * result.rms_m, kToDeg * result.rms_rad, 1e3 * config.max_residual_m, kToDeg * config.max_residual_rad);
-    return result;
-  }
   const double freedom = kPoseFreedom * result.num_used - kUnknowns;
   result.noise_factor = std::sqrt(chi2_sum / freedom);
-  const Matrix12d inverse = normal.ldlt().solve(Matrix12d::Identity());
+  const Matrix12d inverse = agreement.normal.ldlt().solve(Matrix12d::Identity());
   result.covariance = std::max(1.0, chi2_sum / freedom) * inverse.topLeftCorner<6, 6>();
 
-  result.dependence_factor = dependenceFactor(solver, poses, is_used, inverse, result.covariance);
+  result.dependence_factor = dependenceFactor(solver, agreement.poses, agreement.is_used, inverse, result.covariance);
   result.covariance *= result.dependence_factor * result.dependence_factor;
-
-  sum_m2 = 0.0;
-  sum_rad2 = 0.0;
-  for (std::size_t k = 0; k < samples.size(); ++k) {
-    if (is_used[k] == 0) continue;
-    std::vector<double> others = weights;
-    others[k] = 0.0;
-    const HandEyeResult::Residual residual = residualOf(samples[k], solver.refine(poses, others, nullptr));
-    sum_m2 += residual.translation_m * residual.translation_m;
-    sum_rad2 += residual.rotation_rad * residual.rotation_rad;
-  }
-  result.leave_one_out_rms_m = std::sqrt(sum_m2 / result.num_used);
-  result.leave_one_out_rms_rad = std::sqrt(sum_rad2 / result.num_used);
+  leaveOneOut(solver, agreement, &result);
   return result;
 }
 

