@@ -396,7 +396,7 @@ def merged_summary(run):
         summary[key] = count_of(judged(name, column))
     for key, name in {"map_coverage": "coverage", "map_precision": "precision", "distance_m": "distance_m"}.items():
         summary[key] = measure_of(judged(name))
-    # What an ideal camera on the mast, everywhere at once, would have covered by the same measure.
+    # What an ideal camera on the mast, everywhere at once, would have seen of what was exposed.
     exposed_m2, coverable_m2 = number(run.judge.get("exposed_area_m2"), 0.0), number(run.judge.get("coverable_area_m2"), -1.0)
     summary["map_coverable"] = measure_of(coverable_m2 / exposed_m2) if exposed_m2 > 0.0 and coverable_m2 >= 0.0 else None
     precision = precision_with_bricks(run)
@@ -405,6 +405,7 @@ def merged_summary(run):
     if count_of(run.judge.get("bricks_total")) is not None:
         summary["bricks_total"] = count_of(run.judge["bricks_total"])
     summary.setdefault("bricks_total", None)
+    summary["bricks_pickable"] = count_of(run.judge.get("bricks_pickable"))
     summary["memory"] = memory_of(run.folder)
     return summary
 

@@ -57,7 +57,7 @@ def plot_progress(run, summary, out):
     left.set_title("Bricks", loc="left", fontsize=14)
 
     for right in others:
-        plot_map(table, time / divisor, number(summary.get("map_coverable")), right)
+        plot_map(table, time / divisor, right)
     for axes in (left, *others):
         tidy(axes)
         axes.set_xlim(0, max(time.max() / divisor, 1e-6))
@@ -68,8 +68,8 @@ def plot_progress(run, summary, out):
     return True
 
 
-def plot_map(table, time, coverable, right):
-    for name, colour, words in (("coverage", GREEN, "coverage (mapped / exposed surface)"), ("precision", MUTED, "precision (true / mapped surface)")):
+def plot_map(table, time, right):
+    for name, colour, words in (("coverage", GREEN, "coverage (mapped / visible surface)"), ("precision", MUTED, "precision (true / mapped surface)")):
         values = 100.0 * np.array(table.get(name, np.full(len(time), np.nan)))
         if np.isfinite(values).any():
             there = np.isfinite(values)
@@ -77,8 +77,6 @@ def plot_map(table, time, coverable, right):
                 there[np.flatnonzero(values > 0.0)[-1] + 1:] = False  # no brick is left: all that a map holds, a crumb, is false
             last = values[there][-1]
             right.plot(time[there], values[there], color=colour, linewidth=2.4 if name == "coverage" else 1.4, label=f"{words} (at the end {last:.1f} %)")
-    if math.isfinite(coverable):
-        right.axhline(100.0 * coverable, color=GREEN, linewidth=1.0, linestyle=":", label=f"could have been seen from the mast ({100.0 * coverable:.1f} %)")
     right.set_ylim(0, 105)
     right.set_ylabel("share of the surface [%]")
     right.set_title("Map against the truth", loc="left", fontsize=14)

@@ -54,6 +54,9 @@ def sentences(run, summary):
         words.append("Nothing tells how many bricks were picked.")
     else:
         of_all = f" of {total}" if total is not None else ""
+        pickable = count_of(summary.get("bricks_pickable"))
+        if pickable is not None and pickable != total:
+            of_all += f" ({pickable} can be picked)"
         percent = f" ({100.0 * done / total:.0f} %)" if total else ""
         verb = f"stowed{percent}" if stowed is not None else f"picked{percent}, by the mission's own count,"
         time = f" in {duration(summary['sim_seconds'])} of {run.clock()}" if summary.get("sim_seconds") is not None else ""
@@ -70,8 +73,8 @@ def sentences(run, summary):
     coverage, precision = share(summary.get("map_coverage")), share(summary.get("map_precision"))
     if coverage:
         coverable = share(summary.get("map_coverable"))
-        words.append(f"The map covered {coverage} of the bricks' surface that ever was exposed" +
-                     (f" ({coverable} could have been seen from the mast; what is within 2 cm of the map counts, too)" if coverable else "") +
+        words.append(f"The map covered {coverage} of the bricks' surface that could have been seen from the mast" +
+                     (f", {coverable} of what ever was exposed" if coverable else "") +
                      (f"; {precision} of what it holds of the pile is true." if precision else "."))
     if run.is_one_of_several and run.table:
         words.append("It is one of several missions of a run: the counts are its own, the coverage is the run's up to its end.")

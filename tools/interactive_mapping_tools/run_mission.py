@@ -29,7 +29,7 @@ from .mission_recorder import is_of_run
 
 LAUNCH_FILE = ROOT / "src/mp700_ur5e_bringup/launch/simulation.launch"
 CHECK = ROOT / "src/interactive_mapping_common/scripts/check_launch_arguments"
-OWN_ARGUMENTS = {"scene", "seed", "clock", "run_folder", "map", "strategy", "pictures", "rviz"}  # each is set by an option
+OWN_ARGUMENTS = {"scene", "seed", "clock", "run_folder", "map", "strategy", "pictures", "rviz", "ideal"}  # each is set by an option
 POLL_S = 0.2
 ROSLAUNCH_ENDS_S = 60.0  # it ends its nodes by SIGINT, and those that do not within 15 s otherwise: the judge writes its report meanwhile
 NODE_ENDS_S = 5.0
@@ -51,6 +51,7 @@ def parse(words):
     parser.add_argument("--wall-limit", default="0", metavar="S", help="of the wall clock: then it is given up (default, and 0: none)")
     parser.add_argument("--clock", default="lockstep", metavar="MODE", help="lockstep (default: as fast as the machine allows, repeatable) or realtime")
     parser.add_argument("--camera-rate", metavar="HZ", help="images of the camera, 0.2 to 60 (default 1 in lock step, 5 in real time)")
+    parser.add_argument("--ideal", action="store_true", help="sensors, localisation and calibration without fault (default: as they are on the robot)")
     parser.add_argument("--port", metavar="N", help="of the master (default: a free one)")
     parser.add_argument("--rviz", action="store_true", help="show it")
     parser.add_argument("--no-pictures", action="store_true", help="none of the world")
@@ -207,7 +208,7 @@ def main():
     workspace.use()
     launch_arguments = [f"scene:={options.scene}", f"seed:={options.seed}", f"clock:={options.clock}", f"run_folder:={run}", f"map:={options.map}",
                         f"strategy:={options.strategy}", "autostart:=true", f"pictures:={str(not options.no_pictures).lower()}",
-                        f"rviz:={str(options.rviz).lower()}", *launch_arguments]
+                        f"rviz:={str(options.rviz).lower()}", f"ideal:={str(options.ideal).lower()}", *launch_arguments]
     missing = not_built(launch_arguments)
     if missing:
         with contextlib.suppress(OSError):

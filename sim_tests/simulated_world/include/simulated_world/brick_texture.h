@@ -16,13 +16,15 @@ namespace simulated_world {
 /// copies the renderer makes for a distance; with 256, say, they look up to 0.4 % too large or too small.
 constexpr int kBrickFace_px = 320;
 
-/// How a brick looks: on every face a square steel plate, unless it has none, with a tag on white paper, all in the middle. Faces are in the
+/// How a brick looks: on every face a square steel plate, unless it has none, with a tag on white paper, unless it has
+/// none, all in the middle. Faces are in the
 /// order +x, -x, +y, -y, +z, -z of their outward normals. Upright is the brick's +z on the four side faces, and +y on
 /// both +z and -z: the tag's frame has z out of the face, y up and x to the right of one who looks at it.
 struct BrickAppearance {
   Eigen::Vector3d size_m{0.30, 0.20, 0.20};
   double plate_edge_m{0.17};
   std::array<bool, 6> has_plate{{true, true, true, true, true, true}};
+  bool has_tags{true};
   double tag_edge_m{0.12};  ///< outer edge of the black border; a white margin of one cell surrounds it
   Eigen::Vector3d colour_rgb{0.62, 0.27, 0.20};  ///< each in [0, 1]
   std::string family{"tag36h11"};                ///< see tagCells()

@@ -50,7 +50,7 @@ struct JudgeRow {
   int falls{0};
   int drops{0};
   int collisions{0};
-  std::optional<double> coverage;   ///< in [0, 1]; nothing before a face was exposed
+  std::optional<double> coverage;   ///< in [0, 1]; nothing before a face was coverable
   std::optional<double> precision;  ///< in [0, 1], of the latest surface; nothing before one had a part to be judged
   double distance_m{0.0};           ///< driven by the base
 };
@@ -58,11 +58,12 @@ struct JudgeRow {
 struct JudgeReport {
   JudgeRow totals;  ///< at the last observation
   double start_time_s{0.0};
-  int bricks_total{0};  ///< at the first observation
+  int bricks_total{0};     ///< at the first observation
+  int bricks_pickable{0};  ///< of them; see unpickable()
   double max_collision_force_N{0.0};
   double exposed_area_m2{0.0};    ///< ever, of all bricks
   double coverable_area_m2{0.0};  ///< of it, ever in an ideal camera's view (LookoutConfig)
-  double covered_area_m2{0.0};    ///< of it, ever covered while exposed
+  double covered_area_m2{0.0};    ///< of the coverable area, ever covered while exposed
   int surfaces_judged{0};
   int surfaces_refused{0};  ///< too old, or from before the run
   std::vector<JudgeRow> history;
@@ -74,11 +75,12 @@ enum class SurfaceVerdict { kJudged, kOutsideOfHistory };
 /// Ground truth's view of a run: what was stowed, what fell, what was hit, how well the pile was mapped, how far the base
 /// drove. Knows nothing of the robot's software but the surface it is shown.
 ///
-/// Coverage: of all the area of bricks at rest that was ever exposed (see PileSurface), the share that was ever within
-/// the tolerance of the strategy's surface at a time when it was exposed. Each surface is judged against the truth at
-/// its own stamp, once, on arrival. What was covered stays covered, whatever happens to the brick.
-/// What is exposed in a cleft may face no place where the robot's camera can be: the coverable area says how much could
-/// have been covered by one that is everywhere at once. A map may cover more, as a cleft's rim is near its floor.
+/// Exposed: all the area of bricks at rest that somebody could ever have seen from somewhere (see PileSurface). In a cleft
+/// or against a wall it may face no place where the robot's camera can be; coverable is what one could have seen that is
+/// everywhere at once.
+/// Coverage: of the coverable area, the share that was ever within the tolerance of the strategy's surface at a time when
+/// it was exposed. Each surface is judged against the truth at its own stamp, once, on arrival. What was covered stays
+/// covered, whatever happens to the brick.
 /// Precision: see surfacePrecision(), with the truth at the surface's stamp.
 class Judge {
  public:

@@ -19,6 +19,9 @@ struct PhysicsOptions {
   int max_contacts{900};  ///< buffers of MuJoCo 2: 40 bricks at rest have up to 340 contacts of 3 constraints
   int max_constraints{2700};
 
+  /// The same with buffers for so many bricks.
+  PhysicsOptions forBricks(std::size_t count) const;
+
   std::vector<std::string> validate() const;
 };
 
@@ -27,6 +30,10 @@ std::string physicsXml(const PhysicsOptions& options);
 
 /// `<geom>` of the ground, an infinite plane at z = 0 named "ground". What slides on it slides with its own friction.
 std::string groundXml(const PhysicsOptions& options, const std::string& geom_attributes = "");
+
+/// `<geom>` of a wall, which is part of the ground; its name is wallName(index).
+std::string wallXml(std::size_t index, const Wall& wall, const PhysicsOptions& options,
+                    const std::string& geom_attributes = "");
 
 /// Free `<body>` with a box for a brick; body and geom are named brickBodyName(id), the joint with "_joint" after it.
 /// `geom_attributes` go into the geom, e.g. a material.

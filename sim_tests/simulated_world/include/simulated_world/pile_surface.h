@@ -11,7 +11,14 @@
 
 namespace simulated_world {
 
+/// A wall as the judge sees it: it hides what is behind it, and is no pile.
+struct PileWall {
+  Eigen::Isometry3d T_map_wall{Eigen::Isometry3d::Identity()};
+  Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
+};
+
 struct PileSurfaceConfig {
+  std::vector<PileWall> walls;
   double sample_spacing_m{0.02};         ///< at most this between the samples of a face
   double max_view_angle_rad{1.3962634};  ///< 80 deg: flatter than this onto a face, nobody sees it
   int num_directions{96};                ///< from which somebody could look, spread evenly over the upward hemisphere
@@ -53,18 +60,19 @@ struct PileTruth {
     double area_m2;
   };
   std::vector<PileBrick> bricks;
+  std::vector<PileWall> walls;
   std::vector<Sample> exposed;  ///< of the bricks at rest; by brick in the order of `bricks`
 };
 
 /// Whether somebody at `eye_map` sees the sample: not flatter than `max_view_angle_rad` onto its face, with none of
-/// `truth.bricks` in between. Of things that are not bricks it knows nothing.
+/// `truth.bricks` and `truth.walls` in between. Of other things it knows nothing.
 bool isVisibleFrom(const Eigen::Vector3d& eye_map, const PileTruth::Sample& sample, const PileTruth& truth,
                    double max_view_angle_rad);
 
 /// Which parts of the pile's surface could be seen from somewhere, now.
 ///
 /// A sample is exposed if it is above the ground and a straight line from it towards at least one of the directions,
-/// within the view angle of its normal, leaves the pile without meeting another brick. Exact for the given directions;
+/// within the view angle of its normal, leaves the pile without meeting another brick or a wall. Exact for the given directions;
 /// an update looks again only at samples whose answer a changed brick may have changed.
 class PileSurface {
  public:

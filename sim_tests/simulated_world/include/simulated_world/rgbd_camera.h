@@ -18,6 +18,8 @@ struct RgbdCameraConfig {
   synthetic_depth::CameraModel camera;  ///< of both images: depth is registered to colour. fx = fy
   synthetic_depth::SensorModel sensor;
   double rgb_noise_std_grey{0.0};
+  double exposure_std_stops{0.0};  ///< of each image: its colours are multiplied by a power of 2
+  double rgb_blur_px{0.0};         ///< standard deviation of a Gaussian, by focus and motion
   RenderOptions render;
   std::uint64_t seed{1};  ///< of all noise
 
@@ -50,6 +52,7 @@ class RgbdCamera {
   const RgbdCameraConfig& config() const { return config_; }
 
  private:
+  void expose(cv::Mat& rgb, std::uint64_t frame_number) const;
   void addNoise(cv::Mat& rgb, std::uint64_t frame_number) const;
   cv::Mat albedo(const mjData& data);
 

@@ -11,11 +11,12 @@
 
 namespace simulated_world {
 
-/// Bricks on the ground under gravity, and nothing else.
+/// Bricks on the ground, between walls, under gravity, and nothing else.
 class BrickPhysics {
  public:
   /// Throws std::invalid_argument for bad options, std::runtime_error if MuJoCo refuses the bricks.
-  BrickPhysics(const std::vector<BrickPlacement>& bricks, const PhysicsOptions& options);
+  BrickPhysics(const std::vector<BrickPlacement>& bricks, const PhysicsOptions& options,
+               const std::vector<Wall>& walls = {});
 
   /// Simulates at least `duration_s`, in whole steps. Throws std::runtime_error if MuJoCo reports a problem (a state that
   /// diverges, a full buffer): from there on it computes something else than this pile.
@@ -41,7 +42,7 @@ struct SettleConfig {
   double rest_speed_m_per_s{0.002};
   double rest_rate_rad_per_s{0.02};
   double rest_time_s{1.0};          ///< all slower than that for so long: settled
-  double max_time_s{10.0};          ///< a pile that takes longer is refused
+  double max_time_s{15.0};          ///< a pile that takes longer is refused
   double extent_tolerance_m{0.05};  ///< a heap may settle so far out of its rectangle, on each side
   int max_attempts{5};              ///< with different jitter
 
@@ -56,7 +57,7 @@ struct SettledPile {
 };
 
 /// What is wrong with a pile that was dropped as `scene` and came to rest as `settled`, one line each: bricks that rolled
-/// away, a heap that has spread or lost a layer.
+/// away, a heap that has spread or lost a layer, a stack that has not stood, a wedged brick that lies free.
 std::vector<std::string> faultsOfSettled(const PileScene& scene, const std::vector<BrickPlacement>& settled,
                                          double extent_tolerance_m);
 

@@ -49,6 +49,7 @@ struct SimulationConfig {
   double odometry_walk_rad_per_sqrt_m{0.0};
   double localisation_std_m{0.0};
   double localisation_std_rad{0.0};
+  double localisation_correlation_s{0.0};
 
   double tick_s{0.01};
   double joint_state_rate_hz{100.0};
@@ -164,6 +165,7 @@ class Simulation {
     std::string assets_mjcf;
     std::vector<WorldBrick> bricks;
     std::vector<BrickAppearance> looks;  ///< of the bricks
+    std::vector<Wall> walls;
     Pose2d start;
     ArmVector arm_start_rad;
     WorldConfig world;
@@ -198,6 +200,7 @@ class Simulation {
     Eigen::Isometry3d T_map_grasp;  // where it was when the magnet took it
     double status_since_s;
     double in_chute_since_s;  // < 0: it is not
+    bool is_pickable;
   };
   BrickRecord& record(int id);
 
@@ -223,7 +226,9 @@ class Simulation {
   std::vector<Tick::Image> images_on_their_way_;
   std::optional<ToolWrench> wrench_zero_;
   Pose2d map_to_odom_;
-  Pose2d localisation_error_;  // from the true map frame to the one that is told of
+  Pose2d localisation_error_;                                    // from the true map frame to the one that is told of
+  Eigen::Vector3d localisation_noise_{Eigen::Vector3d::Zero()};  // x, y, yaw, in standard deviations
+  bool has_localised_{false};
   std::map<std::uint64_t, int> obstacle_of_fault_;
   std::optional<int> target_;
   std::int64_t now_ns_;

@@ -56,9 +56,10 @@ struct ScoreConfig {
 
 /// Share of the surface's area (of its points, without triangles), over the ground and in the region, that is right.
 /// Nothing if there is no surface there. Faces between two bricks count as faces. What lies on an obstacle is neither
-/// right nor wrong: it shows what is there, which is not the pile.
+/// right nor wrong, on a wall likewise: it shows what is there, which is not the pile.
 std::optional<double> surfacePrecision(const StrategySurface& surface, const std::vector<PileBrick>& bricks,
                                        const GroundRegion& region, double ground_height_m, const ScoreConfig& config,
-                                       const std::vector<Obstacle>& obstacles = {});
+                                       const std::vector<Obstacle>& obstacles = {},
+                                       const std::vector<PileWall>& walls = {});
 
 }  // namespace simulated_world

@@ -66,6 +66,7 @@ struct WorldConfig {
   BrickSleepConfig sleep;
   MagnetConfig magnet;
   ServoConfig servo;
+  bool has_sun{false};           ///< light from one side, with shadows; else even light from the camera
   bool has_surroundings{false};  ///< sky, sun and a patterned ground for pictures, which cost drawing time; no physics
 
   // The parameters, by the sections that they have there.
@@ -110,7 +111,8 @@ class World {
   /// and materials, may be empty. Throws std::invalid_argument for an impossible configuration or brick and
   /// std::runtime_error with MuJoCo's message.
   World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<WorldBrick>& bricks,
-        const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config);
+        const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config,
+        const std::vector<Wall>& walls = {});
 
   /// One time step. Throws std::runtime_error when the state is no longer finite.
   void step();

@@ -26,6 +26,7 @@ struct BrickObservation {
   Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};  ///< of the brick's centre
   Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};               ///< full lengths along the brick's axes
   BrickStatus status{BrickStatus::kInPile};
+  bool is_pickable{true};  ///< at the start of the run, once nothing lies on it
 };
 
 /// One pair of bodies in contact, one of them the robot's. A simulator that observes less often than it steps reports

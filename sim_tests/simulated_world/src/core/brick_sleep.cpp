@@ -174,8 +174,9 @@ void BrickSleep::sleepResting(mjModel& model, mjData& data) {
     } else if (a >= 0 || b >= 0) {
       const auto brick = static_cast<std::size_t>(std::max(a, b));
       const bool is_ground = contact.geom1 == ground_geom_ || contact.geom2 == ground_geom_;
+      const bool is_fixed = model.geom_bodyid[a >= 0 ? contact.geom2 : contact.geom1] == 0;  // ground or wall
       is_on_ground[brick] = is_on_ground[brick] || is_ground;
-      may_sleep[brick] = may_sleep[brick] && is_ground;
+      may_sleep[brick] = may_sleep[brick] && is_fixed;
     }
   }
   for (const int body : constrainedBodies(model, data)) {

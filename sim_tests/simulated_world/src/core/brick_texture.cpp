@@ -93,7 +93,7 @@ cv::Mat drawFace(const BrickAppearance& brick, std::size_t face, int face_px, Se
           brick.colour_rgb * (1.0 + 0.05 * clouds.at<float>(v, u) + 0.04 * grain.at<float>(v, u));
       const double steel = kSteel * (1.0 + 0.05 * scratches.at<float>(v, u));
       const auto colourAt = [&](const Place& across, const Place& down) -> Eigen::Vector3d {
-        if (across.cell != kNoPaper && down.cell != kNoPaper) {
+        if (brick.has_tags && across.cell != kNoPaper && down.cell != kNoPaper) {
           const bool is_margin =
               across.cell < 0 || across.cell == cells.cols || down.cell < 0 || down.cell == cells.rows;
           const bool is_white = is_margin || cells.at<unsigned char>(down.cell, across.cell) != 0;

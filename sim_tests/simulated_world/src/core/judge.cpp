@@ -88,6 +88,9 @@ void Judge::start(const WorldObservation& observation) {
   has_started_ = true;
   report_.start_time_s = observation.time_s;
   report_.bricks_total = static_cast<int>(observation.bricks.size());
+  report_.bricks_pickable =
+      static_cast<int>(std::count_if(observation.bricks.begin(), observation.bricks.end(),
+                                     [](const BrickObservation& brick) { return brick.is_pickable; }));
   counted_base_xy_m_ = observation.base_xy_m;
   region_.min_xy_m.setConstant(std::numeric_limits<double>::infinity());
   region_.max_xy_m = -region_.min_xy_m;
@@ -161,6 +164,7 @@ void Judge::renewTruth(const WorldObservation& observation) {
         })) {
       ledger.was_coverable[sample.index] = true;
       report_.coverable_area_m2 += sample.area_m2;
+      if (ledger.was_covered[sample.index]) report_.covered_area_m2 += sample.area_m2;
     }
   }
 }
@@ -241,12 +245,13 @@ SurfaceVerdict Judge::judgeSurface(const StrategySurface& surface) {
   const std::vector<bool> is_near = isNearSurface(points_map, surface, config_.score.tolerance_m);
   for (std::size_t i = 0; i < open.size(); ++i) {
     if (is_near[i]) {
-      ledgers_.at(open[i]->brick_id).was_covered[open[i]->index] = true;
-      report_.covered_area_m2 += open[i]->area_m2;
+      Ledger& ledger = ledgers_.at(open[i]->brick_id);
+      ledger.was_covered[open[i]->index] = true;
+      if (ledger.was_coverable[open[i]->index]) report_.covered_area_m2 += open[i]->area_m2;
     }
   }
   const std::optional<double> precision = surfacePrecision(surface, truth.bricks, region_, config_.pile.ground_height_m,
-                                                           config_.score, obstacles->obstacles);
+                                                           config_.score, obstacles->obstacles, config_.pile.walls);
   if (precision) {
     report_.totals.precision = precision;
   }
@@ -267,8 +272,8 @@ JudgeRow Judge::totals() const {
   row.falls = falls_.falls();
   row.drops = falls_.drops();
   row.collisions = collisions_.collisions();
-  if (report_.exposed_area_m2 > 0.0) {
-    row.coverage = report_.covered_area_m2 / report_.exposed_area_m2;
+  if (report_.coverable_area_m2 > 0.0) {
+    row.coverage = report_.covered_area_m2 / report_.coverable_area_m2;
   }
   return row;
 }

@@ -87,6 +87,7 @@ Json jsonOf(const JudgeReport& report) {
   return {{"start_time_s", report.start_time_s},
           {"end_time_s", report.totals.time_s},
           {"bricks_total", report.bricks_total},
+          {"bricks_pickable", report.bricks_pickable},
           {"stowed", report.totals.stowed},
           {"falls", report.totals.falls},
           {"dropped", report.totals.drops},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "simulated_world/physics_options.h"
 
+#include <algorithm>
 #include <limits>
 #include <sstream>
 
@@ -42,6 +43,14 @@ std::vector<std::string> PhysicsOptions::validate() const {
   return check.problems();
 }
 
+PhysicsOptions PhysicsOptions::forBricks(std::size_t count) const {
+  constexpr int kContacts = 22;  // of a brick: a heap of 80 that falls in a jumble
+  PhysicsOptions options = *this;
+  options.max_contacts = std::max(max_contacts, kContacts * static_cast<int>(count));
+  options.max_constraints = std::max(max_constraints, 3 * options.max_contacts);
+  return options;
+}
+
 std::string physicsXml(const PhysicsOptions& options) {
   interactive_mapping::refuseIfAny("PhysicsOptions:", options.validate());
   std::ostringstream text = exactText();
@@ -60,6 +69,18 @@ std::string groundXml(const PhysicsOptions& options, const std::string& geom_att
   // Without conaffinity it collides with all but sleeping bricks (see BrickSleep), which have none either.
   return "<geom name=\"ground\" type=\"plane\" size=\"0 0 1\" conaffinity=\"0\" " + contactAttributes(options, 0.0) +
          " " + geom_attributes + "/>\n";
+}
+
+std::string wallXml(std::size_t index, const Wall& wall, const PhysicsOptions& options,
+                    const std::string& geom_attributes) {
+  constexpr double kFriction = 0.6;  // plaster
+  const Eigen::Vector3d p = wall.pose().translation();
+  std::ostringstream text = exactText();
+  text << "<geom name=\"" << wallName(index) << "\" type=\"box\" pos=\"" << p.x() << ' ' << p.y() << ' ' << p.z()
+       << "\" euler=\"0 0 " << wall.yaw_rad << "\" size=\"" << 0.5 * wall.size_m.x() << ' ' << 0.5 * wall.size_m.y()
+       << ' ' << 0.5 * wall.size_m.z() << "\" conaffinity=\"0\" " << contactAttributes(options, kFriction) << ' '
+       << geom_attributes << "/>\n";
+  return text.str();
 }
 
 std::string brickXml(const BrickPlacement& brick, const PhysicsOptions& options, const std::string& geom_attributes) {

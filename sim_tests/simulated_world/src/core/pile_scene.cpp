@@ -11,6 +11,7 @@
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
 
+#include "pile_generators.h"
 #include "simulated_world/box_separation.h"
 #include "synthetic_depth/scene.h"
 #include "synthetic_depth/seeded_random.h"
@@ -171,7 +172,7 @@ std::string nameOf(const BrickPlacement& brick) {
   return text.str();
 }
 
-std::vector<std::string> faultsOf(const PileScene& scene, double min_robot_distance_m) {
+std::vector<std::string> faultsOf(const PileScene& scene) {
   std::vector<std::string> faults;
   for (std::size_t i = 0; i < scene.bricks.size(); ++i) {
     const BrickPlacement& brick = scene.bricks[i];
@@ -189,15 +190,16 @@ std::vector<std::string> faultsOf(const PileScene& scene, double min_robot_dista
       }
     }
   }
-  double nearest_m = std::numeric_limits<double>::infinity();
-  for (const BrickPlacement& brick : scene.bricks) {
-    nearest_m = std::min(nearest_m, distanceTo(scene.robot_start.xy_m, brick));
-  }
-  if (nearest_m < min_robot_distance_m) {
-    std::ostringstream line;
-    line << "robot_start/xy_m is " << nearest_m << " m from a brick, must be at least " << min_robot_distance_m
-         << " m away";
-    faults.push_back(line.str());
+  for (std::size_t w = 0; w < scene.walls.size(); ++w) {
+    for (const BrickPlacement& brick : scene.bricks) {
+      const double separation_m =
+          boxSeparation(brick.T_map_brick, brick.type.size_m, scene.walls[w].pose(), scene.walls[w].size_m);
+      if (separation_m < -kTouch_m) {
+        std::ostringstream line;
+        line << nameOf(brick) << " and walls[" << w << "] overlap by " << -separation_m << " m, must not overlap";
+        faults.push_back(line.str());
+      }
+    }
   }
   return faults;
 }
@@ -216,6 +218,29 @@ std::vector<std::string> typeProblems(const std::string& key, const BrickType& t
 
 }  // namespace
 
+std::vector<std::string> faultsOfStart(const PileScene& scene, double min_robot_distance_m) {
+  constexpr double kWallDistance_m = 1.0;  // the base turns on the spot, with the arm stowed
+  std::vector<std::string> faults;
+  const auto report = [&faults](double distance_m, const char* what, double least_m) {
+    if (distance_m >= least_m) return;
+    std::ostringstream line;
+    line << "robot_start/xy_m is " << distance_m << " m from a " << what << ", must be at least " << least_m
+         << " m away";
+    faults.push_back(line.str());
+  };
+  double nearest_m = std::numeric_limits<double>::infinity();
+  for (const BrickPlacement& brick : scene.bricks) {
+    nearest_m = std::min(nearest_m, distanceTo(scene.robot_start.xy_m, brick));
+  }
+  report(nearest_m, "brick", min_robot_distance_m);
+  for (const Wall& wall : scene.walls) {
+    const Eigen::Vector2d p_wall = Eigen::Rotation2Dd(-wall.yaw_rad) * (scene.robot_start.xy_m - wall.center_m);
+    const Eigen::Vector2d excess_m = p_wall.cwiseAbs() - 0.5 * wall.size_m.head<2>();
+    report(excess_m.cwiseMax(0.0).norm(), "wall", kWallDistance_m);
+  }
+  return faults;
+}
+
 std::vector<std::string> HeapConfig::validate() const {
   interactive_mapping::RangeCheck check;
   check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
@@ -226,14 +251,107 @@ std::vector<std::string> HeapConfig::validate() const {
   return check.problems();
 }
 
+std::vector<std::string> TippedConfig::validate() const {
+  interactive_mapping::RangeCheck check;
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
+  check("extent_m", extent_m.allFinite() ? extent_m.minCoeff() : extent_m.sum(), 0.001, kFarthest_m, "m");
+  check("bricks", bricks, 1, 10000, "");
+  check("drop_height_m", drop_height_m, 0.01, 5.0, "m");
+  return check.problems();
+}
+
+std::vector<std::string> StackConfig::validate() const {
+  interactive_mapping::RangeCheck check;
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
+  check("bricks", bricks, 2, 10, "");
+  std::vector<std::string> problems = check.problems();
+  if (!(overhang >= 0.0 && overhang * bricks < 1.0)) {
+    problems.push_back("overhang = " + std::to_string(overhang) + ", must be in [0, 1 / bricks), or the stack falls");
+  }
+  return problems;
+}
+
+Eigen::Isometry3d Wall::pose() const {
+  return synthetic_depth::poseFromXyzRpy({center_m.x(), center_m.y(), 0.5 * size_m.z()}, {0.0, 0.0, yaw_rad});
+}
+
+std::vector<std::string> Wall::validate() const {
+  interactive_mapping::RangeCheck check;
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
+  check("size_m (least)", size_m.allFinite() ? size_m.minCoeff() : size_m.sum(), 0.01, 100.0, "m");
+  check("size_m (most)", size_m.allFinite() ? size_m.maxCoeff() : size_m.sum(), 0.01, 100.0, "m");
+  return check.problems();
+}
+
+DecoyConfig DecoyConfig::fromShare(double share, int bricks) {
+  const int total = static_cast<int>(std::lround(share * bricks));
+  DecoyConfig config;
+  config.untagged = (total + 3) / 4;
+  config.heavy = (total + 2) / 4;
+  config.two_plates = (total + 1) / 4;
+  config.wedged = total / 4;
+  return config;
+}
+
+std::vector<std::string> DecoyConfig::validate() const {
+  interactive_mapping::RangeCheck check;
+  check("untagged", untagged, 0, 10000, "");
+  check("heavy", heavy, 0, 10000, "");
+  check("two_plates", two_plates, 0, 10000, "");
+  check("wedged", wedged, 0, 10000, "");
+  check("heavy_mass_kg", heavy_mass_kg, 0.001, 1000.0, "kg");
+  std::vector<std::string> problems = check.problems();
+  if (wedged > heavy) {
+    problems.push_back("wedged = " + std::to_string(wedged) + ", must be at most heavy = " + std::to_string(heavy) +
+                       ": each lies under a heavy one of its own");
+  }
+  return problems;
+}
+
+int PileSceneConfig::numBricks() const {
+  auto total = static_cast<int>(bricks.size());
+  for (const HeapConfig& heap : heaps) total += heap.bricks;
+  for (const TippedConfig& heap : tipped) total += heap.bricks;
+  for (const StackConfig& stack : stacks) total += stack.bricks;
+  return total;
+}
+
 std::vector<std::string> PileSceneConfig::validate() const {
   std::vector<std::string> problems;
   const auto add = [&](const std::string& section, const std::vector<std::string>& of_section) {
     for (const std::string& problem : of_section) problems.push_back(section + problem);
   };
-  if (!heaps.empty()) add("", typeProblems("brick", brick));
+  const bool is_generated = !heaps.empty() || !tipped.empty() || !stacks.empty();
+  if (is_generated) add("", typeProblems("brick", brick));
   for (std::size_t i = 0; i < heaps.size(); ++i) {
     add("heaps[" + std::to_string(i) + "]/", heaps[i].validate());
+  }
+  for (std::size_t i = 0; i < tipped.size(); ++i) {
+    const std::string key = "tipped[" + std::to_string(i) + "]/";
+    add(key, tipped[i].validate());
+    const double turned_m = brick.size_m.norm();
+    if (!(tipped[i].extent_m.minCoeff() >= turned_m)) {
+      problems.push_back(key + "extent_m, must be at least " + std::to_string(turned_m) +
+                         " m, a brick's diagonal, on each side");
+    }
+  }
+  for (std::size_t i = 0; i < stacks.size(); ++i) {
+    add("stacks[" + std::to_string(i) + "]/", stacks[i].validate());
+  }
+  for (std::size_t i = 0; i < walls.size(); ++i) {
+    add("walls[" + std::to_string(i) + "]/", walls[i].validate());
+  }
+  add("decoys/", decoys.validate());
+  if (decoys.total() > numBricks()) {
+    problems.push_back("decoys = " + std::to_string(decoys.total()) + ", must be at most " +
+                       std::to_string(numBricks()) + ", the number of bricks");
+  }
+  if (decoys.wedged > 0 && (tipped.empty() || 2 * decoys.wedged > tipped.front().bricks)) {
+    problems.push_back("decoys/wedged = " + std::to_string(decoys.wedged) +
+                       ", must be at most half of the bricks of the first of tipped");
   }
   std::set<int> ids;
   for (const BrickPlacement& placement : bricks) {
@@ -242,8 +360,9 @@ std::vector<std::string> PileSceneConfig::validate() const {
     if (placement.id < 0 || !ids.insert(placement.id).second) problems.push_back(key + ", must be unique and >= 0");
     if (!placement.T_map_brick.matrix().allFinite()) problems.push_back(key + ", must be at a finite pose");
   }
-  if (heaps.empty() == bricks.empty()) {
-    problems.push_back("heaps = " + std::to_string(heaps.size()) + ", must be given, or bricks, but not both");
+  if (is_generated != bricks.empty()) {
+    problems.push_back("heaps = " + std::to_string(heaps.size()) +
+                       ", must be given, or tipped or stacks, or bricks, but not both");
   }
   interactive_mapping::RangeCheck check;
   check("position_jitter_m", position_jitter_m, 0.0, 0.1, "m");
@@ -266,11 +385,12 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   scene.name = config.name;
   scene.seed = seed;
   scene.heaps = config.heaps;
+  scene.walls = config.walls;
   scene.max_shift_m = config.max_shift_m;
   scene.robot_start = config.robot_start;
   SeededRandom random(seed);
   std::vector<std::string> faults;
-  std::vector<std::size_t> heap_of;
+  std::vector<std::size_t> heap_of;  // and beyond the heaps: the tipped ones, the stacks
   for (std::size_t h = 0; h < config.heaps.size(); ++h) {
     const HeapConfig& heap = config.heaps[h];
     const std::optional<std::vector<Cell>> cells = fillHeap(config, heap);
@@ -300,6 +420,20 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
     }
   }
   interactive_mapping::refuseIfAny(what + ":", faults);
+  const auto append = [&](const std::vector<BrickPlacement>& bricks, std::size_t group) {
+    scene.bricks.insert(scene.bricks.end(), bricks.begin(), bricks.end());
+    heap_of.resize(scene.bricks.size(), group);
+  };
+  const std::size_t tipped_group = config.heaps.size();
+  const std::size_t stack_group = tipped_group + 1;
+  for (std::size_t t = 0; t < config.tipped.size(); ++t) {
+    append(tippedBricks(config.tipped[t], config.brick, t == 0 ? config.decoys.wedged : 0, config.decoys.heavy_mass_kg,
+                        config.drop_gap_m, random),
+           tipped_group);
+  }
+  for (const StackConfig& stack : config.stacks) {
+    append(stackedBricks(stack, config.brick, config.drop_gap_m), stack_group);
+  }
   // Which id is where must not give away what lies on top.
   for (std::size_t i = scene.bricks.size(); i > 1; --i) {
     const auto k = static_cast<std::size_t>(random.uniform() * static_cast<double>(i));
@@ -309,7 +443,8 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   scene.heap_ids.resize(config.heaps.size());
   for (std::size_t i = 0; i < scene.bricks.size(); ++i) {
     scene.bricks[i].id = static_cast<int>(i);
-    scene.heap_ids[heap_of[i]].push_back(static_cast<int>(i));
+    if (heap_of[i] < config.heaps.size()) scene.heap_ids[heap_of[i]].push_back(static_cast<int>(i));
+    if (heap_of[i] == stack_group) scene.stack_ids.push_back(static_cast<int>(i));
   }
   for (BrickPlacement placement : config.bricks) {
     placement.T_map_brick = jittered(placement.T_map_brick, config, random);
@@ -318,7 +453,10 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   std::sort(scene.bricks.begin(), scene.bricks.end(),
             [](const BrickPlacement& a, const BrickPlacement& b) { return a.id < b.id; });
   scene.time_limit_s = config.time_per_brick_s * static_cast<double>(scene.bricks.size());
-  interactive_mapping::refuseIfAny(what + ":", faultsOf(scene, config.min_robot_distance_m));
+  drawDecoys(config.decoys, &scene.bricks, random);
+  std::vector<std::string> impossible = faultsOf(scene);
+  for (const std::string& fault : faultsOfStart(scene, config.min_robot_distance_m)) impossible.push_back(fault);
+  interactive_mapping::refuseIfAny(what + ":", impossible);
   return scene;
 }
 

@@ -54,6 +54,60 @@ HeapConfig readHeap(Section section) {
   return heap;
 }
 
+TippedConfig readTipped(Section section) {
+  TippedConfig heap;
+  for (const char* key : {"center_m", "extent_m", "bricks"}) {
+    section.require(key, "given for each of tipped");
+  }
+  heap.center_m = section.vector<2>("center_m", heap.center_m, kPosition);
+  heap.yaw_rad = section.number("yaw_rad", heap.yaw_rad, kAngle);
+  heap.extent_m = section.vector<2>("extent_m", heap.extent_m, kLength);
+  heap.bricks = section.integer("bricks", heap.bricks, kCount);
+  heap.drop_height_m = section.number("drop_height_m", heap.drop_height_m, closed(0.01, 5.0, "m"));
+  section.finish();
+  return heap;
+}
+
+StackConfig readStack(Section section) {
+  StackConfig stack;
+  section.require("center_m", "given for each stack");
+  stack.center_m = section.vector<2>("center_m", stack.center_m, kPosition);
+  stack.yaw_rad = section.number("yaw_rad", stack.yaw_rad, kAngle);
+  stack.bricks = section.integer("bricks", stack.bricks, closed(2, 10));
+  stack.overhang = section.number("overhang", stack.overhang, closed(0.0, 0.5));
+  section.finish();
+  return stack;
+}
+
+Wall readWall(Section section) {
+  Wall wall;
+  section.require("center_m", "given for each wall");
+  section.require("size_m", "given for each wall");
+  wall.center_m = section.vector<2>("center_m", wall.center_m, kPosition);
+  wall.yaw_rad = section.number("yaw_rad", wall.yaw_rad, kAngle);
+  wall.size_m = section.vector<3>("size_m", wall.size_m, closed(0.01, 100.0, "m"));
+  section.finish();
+  return wall;
+}
+
+DecoyConfig readDecoys(Section section, int num_bricks) {
+  DecoyConfig decoys;
+  const Range count = closed(0, 10000);
+  if (section.has("share")) {
+    decoys = DecoyConfig::fromShare(section.number("share", 0.0, closed(0.0, 1.0)), num_bricks);
+    for (const char* key : {"untagged", "heavy", "two_plates", "wedged"}) {
+      if (section.has(key)) section.report(key, "a number beside share", "given, or share, but not both");
+    }
+  }
+  decoys.untagged = section.integer("untagged", decoys.untagged, count);
+  decoys.heavy = section.integer("heavy", decoys.heavy, count);
+  decoys.two_plates = section.integer("two_plates", decoys.two_plates, count);
+  decoys.wedged = section.integer("wedged", decoys.wedged, count);
+  decoys.heavy_mass_kg = section.number("heavy_mass_kg", decoys.heavy_mass_kg, closed(0.001, 1000.0, "kg"));
+  section.finish();
+  return decoys;
+}
+
 BrickPlacement readBrick(Section section, const std::vector<BrickType>& types, const BrickType& fallback) {
   BrickPlacement brick;
   section.require("id", "given for each brick");
@@ -78,6 +132,9 @@ PileSceneConfig readScene(Section section, const std::vector<BrickType>& types, 
   section.require("robot_start", "{xy_m, yaw_rad}");
   config.brick = readType(section, "brick_type", types, BrickType());
   for (const Section& heap : section.sections("heaps")) config.heaps.push_back(readHeap(heap));
+  for (const Section& heap : section.sections("tipped")) config.tipped.push_back(readTipped(heap));
+  for (const Section& stack : section.sections("stacks")) config.stacks.push_back(readStack(stack));
+  for (const Section& wall : section.sections("walls")) config.walls.push_back(readWall(wall));
   for (const Section& brick : section.sections("bricks")) {
     config.bricks.push_back(readBrick(brick, types, config.brick));
   }
@@ -91,10 +148,13 @@ PileSceneConfig readScene(Section section, const std::vector<BrickType>& types, 
   config.robot_start.yaw_rad = start.number("yaw_rad", config.robot_start.yaw_rad, kAngle);
   start.finish();
 
-  int num_bricks = static_cast<int>(config.bricks.size());
-  for (const HeapConfig& heap : config.heaps) num_bricks += heap.bricks;
+  const int num_bricks = config.numBricks();
+  if (section.has("decoys")) config.decoys = readDecoys(section.section("decoys"), num_bricks);
   if (num_bricks > max_bricks) {
-    section.report(config.heaps.empty() ? "bricks" : "heaps", std::to_string(num_bricks) + " bricks",
+    section.report(!config.bricks.empty()  ? "bricks"
+                   : !config.heaps.empty() ? "heaps"
+                                           : "tipped",
+                   std::to_string(num_bricks) + " bricks",
                    "at most " + std::to_string(max_bricks) + ", for there are no more tags");
   }
   for (const BrickPlacement& brick : config.bricks) {
@@ -102,6 +162,7 @@ PileSceneConfig readScene(Section section, const std::vector<BrickType>& types, 
       section.report("bricks", "id " + std::to_string(brick.id), "less than " + std::to_string(max_bricks));
     }
   }
+  section.section("decoys");  // a known key, whether it is there or not
   section.finish();
   return config;
 }

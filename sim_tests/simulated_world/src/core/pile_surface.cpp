@@ -18,20 +18,20 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr double kGroundContact_m = 1e-3;
 
 /// Whether a ray of length `reach_m` that starts outside of or in the box goes through it. Sliding along a face is no hit.
-bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_map, const PileBrick& box,
-          double reach_m = std::numeric_limits<double>::infinity()) {
-  const Eigen::Vector3d offset_map = box.T_map_brick.translation() - origin_map;
-  const double radius_m = 0.5 * box.size_m.norm();
+bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_map, const Eigen::Isometry3d& T_map_box,
+          const Eigen::Vector3d& size_m, double reach_m = std::numeric_limits<double>::infinity()) {
+  const Eigen::Vector3d offset_map = T_map_box.translation() - origin_map;
+  const double radius_m = 0.5 * size_m.norm();
   const double along_m = offset_map.dot(direction_map);
   if (along_m < -radius_m || offset_map.squaredNorm() - along_m * along_m > radius_m * radius_m) {
     return false;  // misses the sphere around the box
   }
-  const Eigen::Vector3d origin = -(box.T_map_brick.linear().transpose() * offset_map);
-  const Eigen::Vector3d direction = box.T_map_brick.linear().transpose() * direction_map;
+  const Eigen::Vector3d origin = -(T_map_box.linear().transpose() * offset_map);
+  const Eigen::Vector3d direction = T_map_box.linear().transpose() * direction_map;
   double enter_m = 0.0;
   double leave_m = reach_m;
   for (int axis = 0; axis < 3; ++axis) {
-    const double half_m = 0.5 * box.size_m[axis];
+    const double half_m = 0.5 * size_m[axis];
     if (std::abs(direction[axis]) < 1e-12) {
       if (std::abs(origin[axis]) >= half_m) return false;
       continue;
@@ -42,6 +42,18 @@ bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_ma
     leave_m = std::min(leave_m, std::max(a, b));
   }
   return leave_m - enter_m > 1e-9;
+}
+
+bool hits(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_map, const PileBrick& box,
+          double reach_m = std::numeric_limits<double>::infinity()) {
+  return hits(origin_map, direction_map, box.T_map_brick, box.size_m, reach_m);
+}
+
+bool hitsAny(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction_map,
+             const std::vector<PileWall>& walls, double reach_m = std::numeric_limits<double>::infinity()) {
+  return std::any_of(walls.begin(), walls.end(), [&](const PileWall& wall) {
+    return hits(origin_map, direction_map, wall.T_map_wall, wall.size_m, reach_m);
+  });
 }
 
 }  // namespace
@@ -99,10 +111,11 @@ bool isVisibleFrom(const Eigen::Vector3d& eye_map, const PileTruth::Sample& samp
   if (!(to_eye_map.dot(sample.normal_map) >= distance_m * std::cos(max_view_angle_rad))) {
     return false;
   }
-  return std::none_of(truth.bricks.begin(), truth.bricks.end(), [&](const PileBrick& brick) {
+  const bool is_blocked = std::any_of(truth.bricks.begin(), truth.bricks.end(), [&](const PileBrick& brick) {
     // A brick is convex: it never hides its own faces.
     return brick.id != sample.brick_id && hits(sample.p_map, to_eye_map / distance_m, brick, distance_m);
   });
+  return !is_blocked && !hitsAny(sample.p_map, to_eye_map / distance_m, truth.walls, distance_m);
 }
 
 PileSurface::PileSurface(const PileSurfaceConfig& config) : config_(config), truth_(std::make_shared<PileTruth>()) {
@@ -144,7 +157,7 @@ int PileSurface::findWitness(const Tracked& tracked, const FaceSample& sample) c
     const bool is_blocked = std::any_of(bricks_.begin(), bricks_.end(), [&](const auto& entry) {
       return entry.first != tracked.brick.id && hits(p_map, direction, entry.second.brick);
     });
-    if (!is_blocked) {
+    if (!is_blocked && !hitsAny(p_map, direction, config_.walls)) {
       return static_cast<int>(d);
     }
   }
@@ -225,6 +238,7 @@ bool PileSurface::update(const std::vector<PileBrick>& bricks) {
   }
 
   auto truth = std::make_shared<PileTruth>();
+  truth->walls = config_.walls;
   for (auto& [id, tracked] : bricks_) {
     review(tracked, gone, come);
     truth->bricks.push_back(tracked.brick);

@@ -6,6 +6,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include <opencv2/imgproc.hpp>
+
 #include "simulated_world/field_section.h"
 #include "simulated_world/mujoco_model.h"
 #include "simulated_world/stereo_shadow.h"
@@ -19,6 +21,7 @@ namespace {
 constexpr std::size_t kNumDeviates = 1U << 16U;  // a 64-bit draw picks four
 // Random streams apart from the depth's, which has one per pixel index.
 constexpr std::uint64_t kRgbStream = ~std::uint64_t{0};
+constexpr std::uint64_t kExposureStream = kRgbStream - 1;
 
 std::vector<float> albedoOfGeoms(const mjModel& model) {
   std::vector<float> albedo;
@@ -45,6 +48,9 @@ void RgbdCameraConfig::fields(RgbdCameraConfig& c, interactive_mapping::Fields& 
   camera.cy_px = 0.5 * (camera.height_px - 1);
   f("rgb_noise_std_grey", c.rgb_noise_std_grey, 0.0, 25.0, "",
     "standard deviation of each colour channel, in grey levels of 256");
+  f("exposure_std_stops", c.exposure_std_stops, 0.0, 3.0, "",
+    "standard deviation of an image's exposure, in powers of 2: some are too dark, some overexposed");
+  f("rgb_blur_px", c.rgb_blur_px, 0.0, 10.0, "px", "standard deviation of the colour image's blur by focus and motion");
   fieldSection(f, "sensor", [&] {
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
     synthetic_depth::SensorModel& sensor = c.sensor;
@@ -126,6 +132,7 @@ Eigen::Isometry3d RgbdCamera::opticalPose(const mjData& data) const {
 RgbdCamera::Frame RgbdCamera::capture(const mjData& data, std::uint64_t frame_number) {
   Frame frame;
   renderer_.render(data, opticalPose(data), config_.camera, config_.render, &frame.rgb, &frame.exact_depth_m);
+  expose(frame.rgb, frame_number);
   addNoise(frame.rgb, frame_number);
   cv::Mat shadows;
   if (config_.sensor.has_shadows) {
@@ -158,6 +165,16 @@ cv::Mat RgbdCamera::albedo(const mjData& data) {
     }
   }
   return albedo;
+}
+
+void RgbdCamera::expose(cv::Mat& rgb, std::uint64_t frame_number) const {
+  if (config_.rgb_blur_px > 0.0) {
+    cv::GaussianBlur(rgb, rgb, cv::Size(), config_.rgb_blur_px);
+  }
+  if (config_.exposure_std_stops > 0.0) {
+    synthetic_depth::SeededRandom random(config_.seed, frame_number, kExposureStream);
+    rgb.convertTo(rgb, -1, std::exp2(config_.exposure_std_stops * random.normal()));
+  }
 }
 
 void RgbdCamera::addNoise(cv::Mat& rgb, std::uint64_t frame_number) const {

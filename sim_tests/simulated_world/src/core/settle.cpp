@@ -9,14 +9,19 @@
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
 
+#include "simulated_world/pickable.h"
 #include "simulated_world/world_observation.h"
 #include "synthetic_depth/seeded_random.h"
 
 namespace simulated_world {
 namespace {
 
-ModelPtr modelOf(const std::vector<BrickPlacement>& bricks, const PhysicsOptions& options) {
-  std::string mjcf = "<mujoco>\n" + physicsXml(options) + "<worldbody>\n" + groundXml(options);
+ModelPtr modelOf(const std::vector<BrickPlacement>& bricks, const PhysicsOptions& given,
+                 const std::vector<Wall>& walls) {
+  const PhysicsOptions options = given.forBricks(bricks.size());
+  std::string mjcf =
+      "<mujoco>\n<compiler angle=\"radian\"/>\n" + physicsXml(options) + "<worldbody>\n" + groundXml(options);
+  for (std::size_t i = 0; i < walls.size(); ++i) mjcf += wallXml(i, walls[i], options);
   for (const BrickPlacement& brick : bricks) mjcf += brickXml(brick, options);
   return compileModel(mjcf + "</worldbody>\n</mujoco>\n");
 }
@@ -37,6 +42,9 @@ Eigen::Vector2d reachOf(const BrickPlacement& brick, const HeapConfig& heap) {
   return center.cwiseAbs() + 0.5 * axes.cwiseAbs() * brick.type.size_m;
 }
 
+/// A stack drops by its layers' gaps; what moved farther was hit, or falls.
+constexpr double kStackShift_m = 0.05;
+
 /// Lets the bricks fall until all lie still; false if that takes longer than allowed.
 bool waitForRest(BrickPhysics& physics, const SettleConfig& config) {
   constexpr double kLook_s = 0.05;
@@ -54,8 +62,9 @@ bool waitForRest(BrickPhysics& physics, const SettleConfig& config) {
 
 }  // namespace
 
-BrickPhysics::BrickPhysics(const std::vector<BrickPlacement>& bricks, const PhysicsOptions& options)
-    : bricks_(bricks), model_(modelOf(bricks, options)), data_(makeData(*model_)) {
+BrickPhysics::BrickPhysics(const std::vector<BrickPlacement>& bricks, const PhysicsOptions& options,
+                           const std::vector<Wall>& walls)
+    : bricks_(bricks), model_(modelOf(bricks, options, walls)), data_(makeData(*model_)) {
   mj_forward(model_.get(), data_.get());
 }
 
@@ -145,6 +154,18 @@ std::vector<std::string> faultsOfSettled(const PileScene& scene, const std::vect
              heap.layers, " layers");
     }
   }
+  for (const int id : scene.stack_ids) {
+    const double shift_m =
+        (brickOf(settled, id).T_map_brick.translation() - brickOf(scene.bricks, id).T_map_brick.translation()).norm();
+    if (shift_m > kStackShift_m) {
+      report("stacks: brick ", id, " is ", shift_m, " m from its place, must be within ", kStackShift_m, " m");
+    }
+  }
+  for (const BrickPlacement& brick : settled) {
+    if (brick.decoy == Decoy::kWedged && carriedBy(brick.id, settled, Decoy::kHeavy).empty()) {
+      report("decoys/wedged: brick ", brick.id, " lies free, must be under a heavy one");
+    }
+  }
   return faults;
 }
 
@@ -158,7 +179,7 @@ SettledPile settlePile(const PileSceneConfig& scene_config, std::uint64_t seed, 
   for (int attempt = 0; attempt < config.max_attempts; ++attempt) {
     pile.attempts = attempt + 1;
     pile.scene = generateScene(scene_config, seedOfAttempt(seed, attempt));
-    BrickPhysics physics(pile.scene.bricks, config.physics);
+    BrickPhysics physics(pile.scene.bricks, config.physics, pile.scene.walls);
     std::vector<std::string> faults;
     if (!waitForRest(physics, config)) {
       faults.push_back("not at rest after " + std::to_string(config.max_time_s) + " s");
@@ -167,8 +188,11 @@ SettledPile settlePile(const PileSceneConfig& scene_config, std::uint64_t seed, 
     for (const std::string& fault : faultsOfSettled(pile.scene, settled, config.extent_tolerance_m)) {
       faults.push_back(fault);
     }
+    PileScene at_rest = pile.scene;
+    at_rest.bricks = settled;
+    for (const std::string& fault : faultsOfStart(at_rest, scene_config.min_robot_distance_m)) faults.push_back(fault);
     if (faults.empty()) {
-      pile.scene.bricks = settled;
+      pile.scene = at_rest;
       pile.settle_time_s = physics.time();
       return pile;
     }

@@ -15,6 +15,7 @@
 #include <urdf_parser/urdf_parser.h>
 
 #include "simulated_world/field_section.h"
+#include "simulated_world/pickable.h"
 #include "simulated_world/robot_mjcf.h"
 #include "simulated_world/scene_view.h"
 #include "simulated_world/settle.h"
@@ -151,12 +152,15 @@ void SimulationConfig::fields(SimulationConfig& c, interactive_mapping::Fields& 
       "random walk of the heading");
     f("localisation_std_m", c.localisation_std_m, 0.0, 1.0, "m", "noise of map -> odom; 0: ground truth");
     f("localisation_std_rad", c.localisation_std_rad, 0.0, 1.0, "rad", "noise of its yaw");
+    f("localisation_correlation_s", c.localisation_correlation_s, 0.0, 3600.0, "s",
+      "time in which this noise drifts from one value to another; 0: each value is another one");
     f("scan_noise_std_m", c.scan_noise_std_m, 0.0, 1.0, "m", "standard deviation of the laser scanner's ranges");
   });
   fieldSection(f, "camera", [&] {
     f("rate_hz", c.camera_rate_hz, 0.0, 60.0, "Hz", "rate of the images; 0: only on the service camera/capture");
     f("delay_s", c.camera_delay_s, 0.0, 5.0, "s", "time from capture, which the stamp tells, to delivery");
     f("drop_probability", c.camera_drop_probability, 0.0, 1.0, "", "share of images that are lost");
+    f("has_sun", c.world.has_sun, "true: light from one side, with shadows; false: even light from the camera");
     RgbdCameraConfig::fields(c.camera, f);
   });
 }
@@ -179,6 +183,7 @@ Simulation::Simulation(const SimulationConfig& config)
   SettleConfig settle_config;
   settle_config.physics = config.world.physics;
   scene_ = settlePile(scene_config, config.seed, settle_config).scene;
+  const std::map<int, std::string> reasons = unpickable(scene_.bricks, config.world.magnet.holding_force_N);
   for (const BrickPlacement& placement : scene_.bricks) {
     const description::BrickType& type = catalogue.typeOf(placement.id);
     if (placement.type.name != type.name) {
@@ -189,14 +194,15 @@ Simulation::Simulation(const SimulationConfig& config)
     WorldBrick brick;
     brick.placement = placement;
     brick.plate_edge_m = type.plate_edge_m;
-    brick.has_plate = platesOf(type);
+    brick.has_plate = platesOf(placement.type);
     brick.material = brickBodyName(placement.id);
     blueprint_.assets_mjcf += brickTextureXml(brick.material, kBrickFace_px);
     blueprint_.bricks.push_back(brick);
     BrickAppearance look;
     look.size_m = type.size_m;
     look.plate_edge_m = type.plate_edge_m;
-    look.has_plate = platesOf(type);
+    look.has_plate = platesOf(placement.type);
+    look.has_tags = placement.decoy != Decoy::kUntagged;
     look.tag_edge_m = catalogue.tags.black_border_edge_m;
     look.colour_rgb = type.color_rgb;
     look.family = catalogue.tags.family;
@@ -204,7 +210,8 @@ Simulation::Simulation(const SimulationConfig& config)
       look.tag_ids[face] = catalogue.tagId(placement.id, description::kBrickFaces[face]);
     }
     blueprint_.looks.push_back(look);
-    bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0});
+    bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0,
+                       reasons.count(placement.id) == 0});
   }
 
   // The robot in it.
@@ -220,6 +227,7 @@ Simulation::Simulation(const SimulationConfig& config)
   const Pose2d start{scene_.robot_start.xy_m.x(), scene_.robot_start.xy_m.y(), scene_.robot_start.yaw_rad};
   blueprint_.start = start;
   blueprint_.arm_start_rad = arm_start;
+  blueprint_.walls = scene_.walls;
   blueprint_.robot_mjcf = robotMjcf(*robot, robot_options);
   world_ = makeWorld(blueprint_, config.seed);
 
@@ -244,10 +252,12 @@ Simulation::Simulation(const SimulationConfig& config)
   startArm();
 
   RgbdCameraConfig camera = config.camera;
+  camera.render.has_shadows = config.world.has_sun;
   camera.seed = config.seed;
   RendererConfig renderer;
   renderer.max_width_px = camera.camera.width_px;
   renderer.max_height_px = camera.camera.height_px;
+  renderer.shadow_map_px = 1024;  // a quarter of the time of a picture's, and edges within two pixels
   renderer_ = std::make_unique<OffscreenRenderer>(world_->model(), renderer);
   camera_ = std::make_unique<RgbdCamera>(*renderer_, "rgbd", camera);
 
@@ -265,6 +275,7 @@ Simulation::Simulation(const SimulationConfig& config)
 
   JudgeConfig judge = config.judge;
   judge.lookouts.height_m = camera_->opticalPose(world_->data()).translation().z() - judge.pile.ground_height_m;
+  for (const Wall& wall : scene_.walls) judge.pile.walls.push_back({wall.pose(), wall.size_m});
   judge_ = std::make_unique<Judge>(judge);
   Tick nothing;
   observe(&nothing);
@@ -274,7 +285,7 @@ Simulation::~Simulation() = default;
 
 std::unique_ptr<World> Simulation::makeWorld(const Blueprint& blueprint, std::uint64_t seed) {
   auto world = std::make_unique<World>(blueprint.robot_mjcf, blueprint.assets_mjcf, blueprint.bricks, blueprint.start,
-                                       blueprint.arm_start_rad, blueprint.world);
+                                       blueprint.arm_start_rad, blueprint.world, blueprint.walls);
   // Each into a place of its own, from a seed of its own: the result is the same on any number of processors.
   const int threads = interactive_mapping::resolveThreadCount(0);
   interactive_mapping::parallelFor(blueprint.bricks.size(), threads, 1, [&](std::size_t begin, std::size_t end) {
@@ -397,10 +408,16 @@ Simulation::Tick Simulation::tick() {
     double y = 0.0;
     random_.normalPair(x, y);
     const double turn = random_.normal();
+    // A first-order Gauss-Markov process, whose deviation is the same at all times.
+    const double kept = config_.localisation_correlation_s > 0.0 && has_localised_
+                            ? std::exp(-1.0 / (config_.odometry_rate_hz * config_.localisation_correlation_s))
+                            : 0.0;
+    localisation_noise_ = kept * localisation_noise_ + std::sqrt(1.0 - kept * kept) * Eigen::Vector3d(x, y, turn);
+    has_localised_ = true;
     Pose2d seen = compose(localisation_error_, world_->basePose());
-    seen.x_m += config_.localisation_std_m * x;
-    seen.y_m += config_.localisation_std_m * y;
-    seen.yaw_rad += config_.localisation_std_rad * turn;
+    seen.x_m += config_.localisation_std_m * localisation_noise_.x();
+    seen.y_m += config_.localisation_std_m * localisation_noise_.y();
+    seen.yaw_rad += config_.localisation_std_rad * localisation_noise_.z();
     if (tick.has_odometry) {  // without, there is nothing to correct: it stays with what it said last
       map_to_odom_ = compose(seen, inverse(drive_->odometry()));
     }
@@ -626,6 +643,7 @@ void Simulation::observe(Tick* tick) {
     observation.id = brick.id;
     observation.size_m = brick.size_m;
     observation.status = brick.status;
+    observation.is_pickable = brick.is_pickable;
     observation.T_map_brick = motion != motions.end() ? motion->T_map_brick : brick.T_map_grasp;
     seen.bricks.push_back(observation);
   }

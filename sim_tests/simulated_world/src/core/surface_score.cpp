@@ -189,14 +189,19 @@ std::vector<std::string> ScoreConfig::validate() const {
 
 std::optional<double> surfacePrecision(const StrategySurface& surface, const std::vector<PileBrick>& bricks,
                                        const GroundRegion& region, double ground_height_m, const ScoreConfig& config,
-                                       const std::vector<Obstacle>& obstacles) {
+                                       const std::vector<Obstacle>& obstacles, const std::vector<PileWall>& walls) {
+  const auto isOnWall = [&](const Eigen::Vector3d& p_map) {
+    return std::any_of(walls.begin(), walls.end(), [&](const PileWall& wall) {
+      return distanceToFaces(p_map, {-1, wall.T_map_wall, wall.size_m}) <= config.tolerance_m;
+    });
+  };
   const double min_z_m = ground_height_m + config.min_height_m;
   double total = 0.0;
   double right = 0.0;
   const auto judge = [&](const Eigen::Vector3d& p, double weight, const std::vector<PileBrick>& candidates) {
     if (p.z() > min_z_m && region.contains(p.head<2>())) {
       const bool is_right = isRight(p, candidates, config.tolerance_m);
-      if (is_right || !isOnObstacle(p, obstacles, ground_height_m, config.tolerance_m)) {
+      if (is_right || (!isOnObstacle(p, obstacles, ground_height_m, config.tolerance_m) && !isOnWall(p))) {
         total += weight;
         right += is_right ? weight : 0.0;
       }

@@ -149,11 +149,12 @@ std::vector<std::string> WorldConfig::validate() const {
 }
 
 World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, const std::vector<WorldBrick>& bricks,
-             const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config)
+             const Pose2d& robot_start, const ArmVector& arm_start_rad, const WorldConfig& config,
+             const std::vector<Wall>& walls)
     : config_(config) {
   interactive_mapping::refuseIfAny("world:", config.validate());
   interactive_mapping::refuseIfAny("world:", brickProblems(bricks));
-  model_ = compileModel(worldMjcf(robot_mjcf, assets_mjcf, bricks, config));
+  model_ = compileModel(worldMjcf(robot_mjcf, assets_mjcf, bricks, walls, config));
   data_ = makeData(*model_);
 
   const int base = requireId(*model_, mjOBJ_BODY, "base_link");
@@ -846,7 +847,8 @@ std::string World::thingAt(const Eigen::Vector2d& xy_map) {
     const mjContact& contact = trial->contact[i];
     if ((contact.geom1 == slot.geom || contact.geom2 == slot.geom) && isInside(*model_, contact)) {
       const int other = contact.geom1 == slot.geom ? contact.geom2 : contact.geom1;
-      return nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other]);
+      return model_->geom_bodyid[other] == 0 ? nameOf(*model_, mjOBJ_GEOM, other)
+                                             : nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other]);
     }
   }
   return "";

@@ -10,27 +10,34 @@
 namespace simulated_world {
 
 std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_mjcf,
-                      const std::vector<WorldBrick>& bricks, const WorldConfig& config) {
+                      const std::vector<WorldBrick>& bricks, const std::vector<Wall>& walls,
+                      const WorldConfig& config) {
+  const PhysicsOptions physics = config.physics.forBricks(bricks.size());
   std::ostringstream xml;
   xml << "<mujoco model=\"pile\">\n"
       << "<compiler angle=\"radian\"/>\n"
-      << physicsXml(config.physics);
+      << physicsXml(physics);
   // What the robot's camera sees is lit from its own place: even, and the cheapest light there is.
-  if (!config.has_surroundings) {
+  if (config.has_sun && !config.has_surroundings) {
+    xml << "<visual>\n" << surroundingsVisualXml() << "</visual>\n";
+  } else if (!config.has_surroundings) {
     xml << "<visual><headlight ambient=\"0.4 0.4 0.4\" diffuse=\"0.45 0.45 0.45\" specular=\"0 0 0\"/></visual>\n";
   } else {
     xml << "<visual>\n" << surroundingsVisualXml() << "</visual>\n<asset>\n" << surroundingsAssetsXml() << "</asset>\n";
   }
   xml << "<asset>\n"
       << assets_mjcf << "</asset>\n<worldbody>\n"
-      << (config.has_surroundings ? surroundingsLightsXml() : "")
-      << groundXml(config.physics, config.has_surroundings ? "material=\"ground\"" : "") << robot_mjcf;
+      << (config.has_surroundings || config.has_sun ? surroundingsLightsXml() : "")
+      << groundXml(physics, config.has_surroundings ? "material=\"ground\"" : "") << robot_mjcf;
   for (const WorldBrick& brick : bricks) {
     const std::string material = brick.material.empty() ? "" : " material=\"" + brick.material + "\"";
-    xml << brickXml(brick.placement, config.physics, "group=\"1\"" + material);
+    xml << brickXml(brick.placement, physics, "group=\"1\"" + material);
+  }
+  for (std::size_t i = 0; i < walls.size(); ++i) {
+    xml << wallXml(i, walls[i], physics, "group=\"1\" rgba=\"0.72 0.71 0.68 1\"");
   }
   for (int i = 0; i < kMaxObstacles; ++i) {
-    xml << obstacleXml(i, config.physics, "group=\"1\" rgba=\"0.25 0.35 0.6 1\"");
+    xml << obstacleXml(i, physics, "group=\"1\" rgba=\"0.25 0.35 0.6 1\"");
   }
   xml << "</worldbody>\n";
   if (!bricks.empty()) {

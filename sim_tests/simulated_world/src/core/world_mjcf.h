@@ -8,8 +8,8 @@
 
 namespace simulated_world {
 
-/// The complete model: options, light, ground, robot, bricks, the magnet's weld and the wrist's sensors.
+/// The complete model: options, light, ground, walls, robot, bricks, the magnet's weld and the wrist's sensors.
 std::string worldMjcf(const std::string& robot_mjcf, const std::string& assets_mjcf,
-                      const std::vector<WorldBrick>& bricks, const WorldConfig& config);
+                      const std::vector<WorldBrick>& bricks, const std::vector<Wall>& walls, const WorldConfig& config);
 
 }  // namespace simulated_world

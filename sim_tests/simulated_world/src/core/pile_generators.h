@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "simulated_world/pile_scene.h"
+#include "synthetic_depth/seeded_random.h"
+
+namespace simulated_world {
+
+/// Bricks of a tipped heap before they drop, `wedged` of them flat on the ground with a heavy one across; ids are not set.
+std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const BrickType& type, int wedged,
+                                         double heavy_mass_kg, double gap_m, synthetic_depth::SeededRandom& random);
+
+/// Bricks of a stack, the lowest first, `gap_m` between them; ids are not set.
+std::vector<BrickPlacement> stackedBricks(const StackConfig& config, const BrickType& type, double gap_m);
+
+/// Makes decoys of as many of the bricks as `config` wants beyond those that are decoys already.
+void drawDecoys(const DecoyConfig& config, std::vector<BrickPlacement>* bricks, synthetic_depth::SeededRandom& random);
+
+}  // namespace simulated_world
