@@ -18,47 +18,47 @@ constexpr int kMost = 1000;
 /// Poses of base_link before the first selection. Those of the lists look towards the pile, so that ground is known to
 /// stand on.
 struct SurveyConfig {
-  std::vector<double> survey_x_m{0.6, 1.2};
-  std::vector<double> survey_y_m{0.0, 0.0};
-  std::vector<double> survey_yaw_rad{0.0, 0.0};
-  int survey_round{3};
-  double survey_round_m{1.3};
+  std::vector<double> x_m{0.6, 1.2};
+  std::vector<double> y_m{0.0, 0.0};
+  std::vector<double> yaw_rad{0.0, 0.0};
+  int round{3};
+  double round_m{1.3};
 
   static void fields(SurveyConfig& c, interactive_mapping::Fields& f) {
-    f("x_m", c.survey_x_m, -kFarthest_m, kFarthest_m, "m",
+    f("x_m", c.x_m, -kFarthest_m, kFarthest_m, "m",
       "x of the poses of base_link before the first selection, in the frame of its pose at the start");
-    f("y_m", c.survey_y_m, -kFarthest_m, kFarthest_m, "m", "y, as many; none, and round 0: no survey");
-    f("yaw_rad", c.survey_yaw_rad, -M_PI, M_PI, "rad", "yaw, as many");
-    f("round", c.survey_round, 0, 12, "",
+    f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y, as many; none, and round 0: no survey");
+    f("yaw_rad", c.yaw_rad, -M_PI, M_PI, "rad", "yaw, as many");
+    f("round", c.round, 0, 12, "",
       "poses after these, evenly round the bricks that were found, facing their middle; unreachable ones are left out");
-    f("round_m", c.survey_round_m, 0.5, 5.0, "m", "distance of such a pose from the outermost brick in its direction");
+    f("round_m", c.round_m, 0.5, 5.0, "m", "distance of such a pose from the outermost brick in its direction");
     const auto size = [](const std::vector<double>& list) { return std::to_string(list.size()); };
-    f.require(c.survey_x_m.size() == c.survey_y_m.size() && c.survey_x_m.size() == c.survey_yaw_rad.size(),
-              "x_m, y_m, yaw_rad = " + size(c.survey_x_m) + ", " + size(c.survey_y_m) + ", " + size(c.survey_yaw_rad) +
+    f.require(c.x_m.size() == c.y_m.size() && c.x_m.size() == c.yaw_rad.size(),
+              "x_m, y_m, yaw_rad = " + size(c.x_m) + ", " + size(c.y_m) + ", " + size(c.yaw_rad) +
                   " values, must be as many of each");
   }
 };
 
 struct LookConfig {
-  int look_images{3};
-  double look_timeout_s{20.0};
+  int images{3};
+  double timeout_s{20.0};
 
   static void fields(LookConfig& c, interactive_mapping::Fields& f) {
-    f("images", c.look_images, 1, kMost, "", "new images in the map before it shows what is there");
-    f("timeout_s", c.look_timeout_s, 0.1, kLongest_s, "s", "time for them; less than time/action_timeout_s");
+    f("images", c.images, 1, kMost, "", "new images in the map before it shows what is there");
+    f("timeout_s", c.timeout_s, 0.1, kLongest_s, "s", "time for them; less than time/action_timeout_s");
   }
 };
 
 struct DetectConfig {
-  double detect_timeout_s{10.0};
+  double timeout_s{10.0};
 
   static void fields(DetectConfig& c, interactive_mapping::Fields& f) {
-    f("timeout_s", c.detect_timeout_s, 0.1, kLongest_s, "s", "time for a detection; less than time/action_timeout_s");
+    f("timeout_s", c.timeout_s, 0.1, kLongest_s, "s", "time for a detection; less than time/action_timeout_s");
   }
 };
 
 struct TimeLimits {
-  double time_limit_s{3600.0};
+  double limit_s{3600.0};
   double action_timeout_s{300.0};
   double cancel_timeout_s{15.0};
   double ready_timeout_s{60.0};
@@ -66,7 +66,7 @@ struct TimeLimits {
   double recover_wait_s{10.0};
 
   static void fields(TimeLimits& c, interactive_mapping::Fields& f) {
-    f("limit_s", c.time_limit_s, 1.0, kLongest_s, "s",
+    f("limit_s", c.limit_s, 1.0, kLongest_s, "s",
       "ROS time of a mission, without pauses; then what moves the arm is ended in order");
     f("action_timeout_s", c.action_timeout_s, 1.0, kLongest_s, "s",
       "time for one action; then it is cancelled and counts as unanswered");
@@ -106,22 +106,22 @@ struct AttemptLimits {
 };
 
 struct ViewLimits {
-  int max_fruitless_views{8};
-  int leave_after_views{3};
+  int max_fruitless{8};
+  int leave_after{3};
   double leave_radius_m{1.5};
-  int max_low_utility_views{4};
+  int max_low_utility{4};
   int max_vantage_drives{3};
   int max_fade_waits{3};
   double fade_wait_s{60.0};
   double exclusion_radius_m{0.15};
 
   static void fields(ViewLimits& c, interactive_mapping::Fields& f) {
-    f("max_fruitless", c.max_fruitless_views, 1, kMost, "", "views in a row without a pick and without a new brick");
-    f("leave_after", c.leave_after_views, 1, kMost, "",
+    f("max_fruitless", c.max_fruitless, 1, kMost, "", "views in a row without a pick and without a new brick");
+    f("leave_after", c.leave_after, 1, kMost, "",
       "fruitless views after which bricks tried without success are left, if others were tried less often");
     f("leave_radius_m", c.leave_radius_m, 0.0, kFarthest_m, "m",
       "radius about such a brick within which the arm reaches it: no view is selected there");
-    f("max_low_utility", c.max_low_utility_views, 0, kMost, "", "views without a pick, to uncover unseen space");
+    f("max_low_utility", c.max_low_utility, 0, kMost, "", "views without a pick, to uncover unseen space");
     f("max_vantage_drives", c.max_vantage_drives, 0, kMost, "", "drives without a pick, back to a pose of the survey");
     f("max_fade_waits", c.max_fade_waits, 0, kMost, "", "waits without a pick, for reported failures to fade");
     f("fade_wait_s", c.fade_wait_s, 0.0, kLongest_s, "s", "duration of such a wait; less than time/action_timeout_s");
@@ -130,30 +130,35 @@ struct ViewLimits {
   }
 };
 
-/// Keys lie in sections, members do not.
-struct MissionConfig : SurveyConfig, LookConfig, DetectConfig, TimeLimits, AttemptLimits, ViewLimits {
+struct MissionConfig {
   bool unlocks_protective_stop{false};
   int bricks_total{-1};
+  SurveyConfig survey;
+  LookConfig look;
+  DetectConfig detect;
+  TimeLimits time;
+  AttemptLimits attempts;
+  ViewLimits views;
 
   static void fields(MissionConfig& c, interactive_mapping::Fields& f) {
     f("unlocks_protective_stop", c.unlocks_protective_stop,
       "true: a protective stop is unlocked before a person has looked, for simulation only");
     f("bricks_total", c.bricks_total, -1, 1'000'000, "",
       "number of bricks: the mission ends when as many are picked or given up; -1: not known");
-    f.section<SurveyConfig>("survey", c);
-    f.section<LookConfig>("look", c);
-    f.section<DetectConfig>("detect", c);
-    f.section<TimeLimits>("time", c);
-    f.section<AttemptLimits>("attempts", c);
-    f.section<ViewLimits>("views", c);
+    f.section("survey", c.survey);
+    f.section("look", c.look);
+    f.section("detect", c.detect);
+    f.section("time", c.time);
+    f.section("attempts", c.attempts);
+    f.section("views", c.views);
     // The machine would cancel a look, a detection or a wait that may still succeed.
-    for (const auto& [key, value_s] : {std::pair<const char*, double>{"look/timeout_s", c.look_timeout_s},
-                                       {"detect/timeout_s", c.detect_timeout_s},
-                                       {"time/ready_timeout_s", c.ready_timeout_s},
-                                       {"time/retry_wait_s", c.retry_wait_s},
-                                       {"time/recover_wait_s", c.recover_wait_s},
-                                       {"views/fade_wait_s", c.fade_wait_s}}) {
-      f.require(!(value_s >= c.action_timeout_s) || value_s > kLongest_s,
+    for (const auto& [key, value_s] : {std::pair<const char*, double>{"look/timeout_s", c.look.timeout_s},
+                                       {"detect/timeout_s", c.detect.timeout_s},
+                                       {"time/ready_timeout_s", c.time.ready_timeout_s},
+                                       {"time/retry_wait_s", c.time.retry_wait_s},
+                                       {"time/recover_wait_s", c.time.recover_wait_s},
+                                       {"views/fade_wait_s", c.views.fade_wait_s}}) {
+      f.require(!(value_s >= c.time.action_timeout_s) || value_s > kLongest_s,
                 std::string(key) + " must be less than time/action_timeout_s");
     }
   }

@@ -24,9 +24,9 @@ Command::Body bodyOf(State action, Mission& mission) {
       mission.is_arm_clear = false;
       return command::MoveArm{mission.plan_id};
     case State::kLook:
-      return command::Look{config.look_images, config.look_timeout_s};
+      return command::Look{config.look.images, config.look.timeout_s};
     case State::kDetect:
-      return command::Detect{config.detect_timeout_s};
+      return command::Detect{config.detect.timeout_s};
     case State::kReport:
       return memory.reports.front();
     case State::kPlanPick:

@@ -107,18 +107,18 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
       ++mission.unknown_hand_waits;
       [[fallthrough]];
     case Effect::kWaitForArm:
-      return waitFor({config.ready_timeout_s, WaitUntil::kArmReady});
+      return waitFor({config.time.ready_timeout_s, WaitUntil::kArmReady});
     case Effect::kWaitForIdleArm:
-      return waitFor({config.ready_timeout_s, WaitUntil::kArmIdle});
+      return waitFor({config.time.ready_timeout_s, WaitUntil::kArmIdle});
     case Effect::kWaitAfterRecovery:
-      return waitFor({config.recover_wait_s, WaitUntil::kArmReady});
+      return waitFor({config.time.recover_wait_s, WaitUntil::kArmReady});
     case Effect::kWaitForPose:
       // Whatever it is that is late: without a pose nothing comes of asking for it again.
-      return waitFor(
-          {std::max(config.ready_timeout_s, config.retry_wait_s), WaitUntil::kPlaceKnown, config.retry_wait_s});
+      return waitFor({std::max(config.time.ready_timeout_s, config.time.retry_wait_s), WaitUntil::kPlaceKnown,
+                      config.time.retry_wait_s});
     case Effect::kWaitForFading:
       ++memory.fade_waits;
-      return waitFor({config.fade_wait_s, WaitUntil::kLimit});
+      return waitFor({config.views.fade_wait_s, WaitUntil::kLimit});
     default:
       return applyEnd(effect, cause, mission);
   }

@@ -41,13 +41,13 @@ bool holds(Guard guard, const Mission& mission) {
     case Guard::kHandUnknown:
       return mission.hand == Hand::kUnknown;
     case Guard::kHandUnknownTooLong:
-      return mission.hand == Hand::kUnknown && mission.unknown_hand_waits >= config.max_failures_in_a_row;
+      return mission.hand == Hand::kUnknown && mission.unknown_hand_waits >= config.attempts.max_failures_in_a_row;
     case Guard::kBegunBefore:
       return memory.start_pose.has_value();
     case Guard::kEnding:
       return memory.is_ending;
     case Guard::kTimeUp:
-      return memory.used_s >= config.time_limit_s;
+      return memory.used_s >= config.time.limit_s;
     case Guard::kPauseWanted:
       return mission.is_pause_wanted;
     case Guard::kArmNotReady:
@@ -59,13 +59,13 @@ bool holds(Guard guard, const Mission& mission) {
     case Guard::kAllDealtWith:
       return config.bricks_total >= 0 && numPicked(memory) + memory.ledger.numExhausted() >= config.bricks_total;
     case Guard::kBrickHere:
-      return mission.pick_failures_here < config.max_pick_failures_per_view &&
-             mission.plan_failures_here < config.max_plan_failures_per_view &&
+      return mission.pick_failures_here < config.attempts.max_pick_failures_per_view &&
+             mission.plan_failures_here < config.attempts.max_plan_failures_per_view &&
              memory.ledger.best(memory.scene).has_value();
     case Guard::kViewsSpent:
-      return memory.fruitless_views >= config.max_fruitless_views;
+      return memory.fruitless_views >= config.views.max_fruitless;
     case Guard::kMayRecover:
-      return mission.recoveries < config.max_recoveries_in_a_row &&
+      return mission.recoveries < config.attempts.max_recoveries_in_a_row &&
              (!mission.is_protective_stop || config.unlocks_protective_stop);
     case Guard::kKeepsAway:
       return !zonesToKeepAwayFrom(mission).empty();
@@ -73,11 +73,11 @@ bool holds(Guard guard, const Mission& mission) {
       return !memory.excluded.empty();
     case Guard::kUnseenWorth:
       return mission.selection.has_unseen && mission.selection.T_map_base &&
-             memory.low_utility_views < config.max_low_utility_views;
+             memory.low_utility_views < config.views.max_low_utility;
     case Guard::kWorthWaiting:
-      return memory.ledger.numOpen() > 0 && memory.fade_waits < config.max_fade_waits;
+      return memory.ledger.numOpen() > 0 && memory.fade_waits < config.views.max_fade_waits;
     case Guard::kVantageLeft:
-      return numSurveyPoses(mission) > 0 && memory.vantage_drives < config.max_vantage_drives;
+      return numSurveyPoses(mission) > 0 && memory.vantage_drives < config.views.max_vantage_drives;
     case Guard::kBricksLeft:
       return holds(Guard::kVantageLeft, mission) && memory.ledger.numLeft() > 0;
     case Guard::kMayBreakOff:

@@ -14,7 +14,7 @@ namespace {
 
 Memory emptyMemory(const MissionConfig& config) {
   interactive_mapping::requireValid("impossible mission:", config);
-  return Memory({config.max_picks_per_brick, config.max_plans_per_brick});
+  return Memory({config.attempts.max_picks_per_brick, config.attempts.max_plans_per_brick});
 }
 
 /// A mission that its operator had interrupted, or was about to, must not go on by itself after a crash.
@@ -152,17 +152,17 @@ void MissionMachine::Impl::on(const event::Tick& /*tick*/) {
   const MissionConfig& config = mission_.config;
   const double lasts_s = mission_.now_s - mission_.state_since_s;
   if (mission_.state == State::kHalting) {
-    if (lasts_s < config.cancel_timeout_s) return;
+    if (lasts_s < config.time.cancel_timeout_s) return;
     event::Reply reply;
     reply.id = mission_.running->id;
     reply.result = NoAnswer{};
-    reply.message = "did not end within " + std::to_string(config.cancel_timeout_s) + " s of being cancelled";
+    reply.message = "did not end within " + std::to_string(config.time.cancel_timeout_s) + " s of being cancelled";
     return onEndAfterCancel(reply, false);
   }
   if (holds(Guard::kTimeUp, mission_) && holds(Guard::kMayBreakOff, mission_)) {
     fire(Trigger::kTimeUp, {"tick", "time is up"});
-  } else if (lasts_s >= config.action_timeout_s) {
-    fire(Trigger::kActionTimeout, {"tick", "no result within " + std::to_string(config.action_timeout_s) + " s"});
+  } else if (lasts_s >= config.time.action_timeout_s) {
+    fire(Trigger::kActionTimeout, {"tick", "no result within " + std::to_string(config.time.action_timeout_s) + " s"});
   }
 }
 

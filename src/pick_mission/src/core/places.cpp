@@ -20,20 +20,20 @@ bool isSamePlace(const Pose2d& a, const Pose2d& b) {
 }  // namespace
 
 std::size_t numSurveyPoses(const Mission& mission) {
-  return mission.config.survey_x_m.size() + mission.memory.round.size();
+  return mission.config.survey.x_m.size() + mission.memory.round.size();
 }
 
 Pose2d surveyPose(const Mission& mission, std::size_t index) {
   const MissionConfig& config = mission.config;
-  if (index >= config.survey_x_m.size()) return mission.memory.round[index - config.survey_x_m.size()];
+  if (index >= config.survey.x_m.size()) return mission.memory.round[index - config.survey.x_m.size()];
   return base_navigation::compose(*mission.memory.start_pose,
-                                  {config.survey_x_m[index], config.survey_y_m[index], config.survey_yaw_rad[index]});
+                                  {config.survey.x_m[index], config.survey.y_m[index], config.survey.yaw_rad[index]});
 }
 
 void planRound(Mission& mission) {
   const MissionConfig& config = mission.config;
   Memory& memory = mission.memory;
-  if (memory.is_round_planned || memory.survey_index < config.survey_x_m.size()) return;
+  if (memory.is_round_planned || memory.survey_index < config.survey.x_m.size()) return;
   std::vector<Eigen::Vector2d> bricks;
   Eigen::AlignedBox2d extent;
   for (const auto& [id, record] : memory.ledger.bricks()) {
@@ -46,12 +46,12 @@ void planRound(Mission& mission) {
   const Eigen::Vector2d middle = extent.center();
   const Eigen::Vector2d to_robot = memory.base.position() - middle;
   const double first_rad = std::atan2(to_robot.y(), to_robot.x());
-  for (int k = 1; k <= config.survey_round; ++k) {
-    const double angle_rad = first_rad + 2.0 * M_PI * k / (config.survey_round + 1);
+  for (int k = 1; k <= config.survey.round; ++k) {
+    const double angle_rad = first_rad + 2.0 * M_PI * k / (config.survey.round + 1);
     const Eigen::Vector2d outward(std::cos(angle_rad), std::sin(angle_rad));
     double outermost_m = 0.0;
     for (const Eigen::Vector2d& brick : bricks) outermost_m = std::max(outermost_m, outward.dot(brick - middle));
-    const Eigen::Vector2d place = middle + (outermost_m + config.survey_round_m) * outward;
+    const Eigen::Vector2d place = middle + (outermost_m + config.survey.round_m) * outward;
     memory.round.push_back({place.x(), place.y(), base_navigation::wrapAngle(angle_rad + M_PI)});
   }
 }
@@ -59,7 +59,7 @@ void planRound(Mission& mission) {
 std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission) {
   const BrickLedger& ledger = mission.memory.ledger;
   std::vector<command::Zone> zones;
-  if (mission.memory.fruitless_views < mission.config.leave_after_views || mission.approaches_tried_bricks)
+  if (mission.memory.fruitless_views < mission.config.views.leave_after || mission.approaches_tried_bricks)
     return zones;
   const auto tries = [](const BrickRecord& record) { return record.plans_failed + record.picks_failed; };
   int fewest = std::numeric_limits<int>::max();
@@ -68,7 +68,7 @@ std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission) {
   }
   for (const auto& [id, record] : ledger.bricks()) {
     if (record.is_there && !record.is_picked && tries(record) > fewest) {
-      zones.push_back({record.seen.T_map_brick.translation().head<2>(), mission.config.leave_radius_m});
+      zones.push_back({record.seen.T_map_brick.translation().head<2>(), mission.config.views.leave_radius_m});
     }
   }
   return zones;
@@ -79,7 +79,7 @@ void excludeFruitlessView(Mission& mission) {
   Memory& memory = mission.memory;
   mission.is_view_untried = false;
   ++memory.fruitless_views;
-  memory.excluded.push_back({memory.base.position(), mission.config.exclusion_radius_m});
+  memory.excluded.push_back({memory.base.position(), mission.config.views.exclusion_radius_m});
   memory.reports.push_back(
       {{memory.base.x_m, memory.base.y_m, 0.0}, mission.now_s, "nothing could be picked from here"});
 }

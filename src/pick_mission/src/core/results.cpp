@@ -149,7 +149,7 @@ void recordFailure(State action, const event::Reply& reply, const Reaction& reac
   } else if (mission.goal.why == DriveFor::kSurvey) {
     ++memory.survey_index;
   } else if (mission.goal.why == DriveFor::kView) {
-    memory.excluded.push_back({goal.position(), mission.config.exclusion_radius_m});
+    memory.excluded.push_back({goal.position(), mission.config.views.exclusion_radius_m});
     memory.reports.push_back({{goal.x_m, goal.y_m, 0.0}, mission.now_s, reason});
   }
 }
@@ -184,7 +184,8 @@ void setHand(Hand hand, Mission& mission) {
 
 int tooManyInARow(State action, const Reaction& reaction, const Mission& mission) {
   const MissionConfig& config = mission.config;
-  const int most = action == State::kRecover ? config.max_recoveries_in_a_row : config.max_failures_in_a_row;
+  const int most =
+      action == State::kRecover ? config.attempts.max_recoveries_in_a_row : config.attempts.max_failures_in_a_row;
   const int streak = mission.memory.streaks[static_cast<std::size_t>(action)];
   return countsInARow(action, reaction, mission) && streak >= most ? streak : 0;
 }

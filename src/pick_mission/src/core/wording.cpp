@@ -47,7 +47,7 @@ std::string nextInWords(State next, const Mission& mission) {
     case State::kClear:
       return "a way out of the camera's view is planned";
     case State::kLook:
-      return "nothing is in the camera's view: " + std::to_string(mission.config.look_images) +
+      return "nothing is in the camera's view: " + std::to_string(mission.config.look.images) +
              " new images into the map";
     case State::kDetect:
       return "the map has them: which bricks are there";

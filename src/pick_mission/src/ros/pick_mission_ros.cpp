@@ -335,7 +335,7 @@ void PickMissionRos::publishState() {
   state.strategy = params_.info.strategy;
   state.removed_factor = params_.info.removed_factor;
   state.run_folder = recorder_->folder();
-  state.limit_s = params_.mission.time_limit_s;
+  state.limit_s = params_.mission.time.limit_s;
   state.bricks_total = params_.mission.bricks_total;
   state.last_failures.assign(failures_.begin(), failures_.end());
   state_publisher_.publish(state);

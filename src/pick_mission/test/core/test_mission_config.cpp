@@ -16,19 +16,19 @@ TEST(MissionConfig, DefaultsAreValid) {
 
 TEST(MissionConfig, SurveyNeedsAsManyOfEach) {
   MissionConfig config;
-  config.survey_y_m.push_back(0.0);
+  config.survey.y_m.push_back(0.0);
   EXPECT_THAT(problemsOf(config), ElementsAre("survey/x_m, y_m, yaw_rad = 2, 3, 2 values, must be as many of each"));
-  config.survey_x_m.clear();
-  config.survey_y_m.clear();
-  config.survey_yaw_rad.clear();
+  config.survey.x_m.clear();
+  config.survey.y_m.clear();
+  config.survey.yaw_rad.clear();
   EXPECT_THAT(problemsOf(config), IsEmpty()) << "no survey is fine";
 }
 
 TEST(MissionConfig, WaitsAreShorterThanTheLimitOfAnAction) {
   MissionConfig config;
-  config.fade_wait_s = config.action_timeout_s;
+  config.views.fade_wait_s = config.time.action_timeout_s;
   EXPECT_THAT(problemsOf(config), ElementsAre("views/fade_wait_s must be less than time/action_timeout_s"));
-  config.fade_wait_s = config.action_timeout_s - 1.0;
+  config.views.fade_wait_s = config.time.action_timeout_s - 1.0;
   EXPECT_THAT(problemsOf(config), IsEmpty());
 }
 

@@ -138,12 +138,12 @@ TEST_P(EachAction, FailsAlwaysAndTheMissionEndsAndNamesIt) {
 
 /// What runs takes too long. `is_heard`: it ends when it is cancelled.
 void letItTakeTooLong(ToyMission& run, bool is_heard) {
-  run.now_s += run.config.action_timeout_s + 1.0;
+  run.now_s += run.config.time.action_timeout_s + 1.0;
   run.tell(event::Tick{});
   ASSERT_EQ(run.machine.state(), State::kHalting);
   if (is_heard) return run.tell(run.world.finish(run.now_s));
   run.world.abandon();
-  run.now_s += run.config.cancel_timeout_s + 1.0;
+  run.now_s += run.config.time.cancel_timeout_s + 1.0;
   run.tell(event::Tick{});
 }
 
@@ -165,7 +165,7 @@ TEST(BrickInTheHand, ThatCannotBePutDownInTimeEndsTheMission) {
       ASSERT_TRUE(run.isOver()) << "tried for ever\n" << tail(run);
       EXPECT_EQ(run.machine.endReason(), EndReason::kBrickInHand) << tail(run);
       // Once more than in a row, for a brick that some other action has left in the hand.
-      EXPECT_LE(times, run.config.max_failures_in_a_row + 1);
+      EXPECT_LE(times, run.config.attempts.max_failures_in_a_row + 1);
       EXPECT_THAT(run.machine.endMessage(), HasSubstr(toString(target)));
     }
   }
@@ -175,7 +175,7 @@ TEST(BrickInTheHand, ThatCannotBePutDownInTimeEndsTheMission) {
 TEST(BrickInTheHand, AfterPicksThatTookTooLongIsPutDownBeforeTheEnd) {
   ToyMission run = missionThatComesTo(State::kPick);
   run.world.holds_when_pick_fails = true;
-  run.config.max_failures_in_a_row = 1;
+  run.config.attempts.max_failures_in_a_row = 1;
   run.machine = MissionMachine(run.config, MissionInfo{"toy", 1, "gpis", ""});
   run.start();
   while (run.world.action != State::kPick) ASSERT_TRUE(run.advance());

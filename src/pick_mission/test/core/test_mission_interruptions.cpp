@@ -135,7 +135,7 @@ TEST(MissionInterruptions, StopEndsEvenWhatDoesNotEnd) {
     ToyMission run = eventfulMission();
     ASSERT_TRUE(toStep(run, step));
     run.tell(event::Stop{});
-    run.now_s += run.config.cancel_timeout_s - 0.1;
+    run.now_s += run.config.time.cancel_timeout_s - 0.1;
     run.tell(event::Tick{});
     EXPECT_EQ(run.machine.state(), State::kHalting);
     run.now_s += 0.2;
@@ -262,7 +262,7 @@ TEST(MissionInterruptions, ResumeAgainAndAgainTriesNothingForEver) {
       }
     }
     ASSERT_TRUE(run.isOver()) << tail(run);
-    EXPECT_LE(run.world.commands_of[State::kPlanPick], run.config.max_plans_per_brick);
+    EXPECT_LE(run.world.commands_of[State::kPlanPick], run.config.attempts.max_plans_per_brick);
   }
 }
 
@@ -284,7 +284,7 @@ TEST(MissionInterruptions, ClockThatIsSetForwardAtEveryStepCountsNothing) {
       run.now_s += kJump_s;
       run.tell(event::ClockJump{kJump_s});
       EXPECT_DOUBLE_EQ(run.machine.usedTime(), used_s);
-      EXPECT_LT(run.log.back().state_s, run.config.action_timeout_s) << "in the state since before the jump";
+      EXPECT_LT(run.log.back().state_s, run.config.time.action_timeout_s) << "in the state since before the jump";
       run.tell(event::Tick{});
       ASSERT_EQ(run.machine.state(), before) << tail(run);
       if (is_halting) {
@@ -294,7 +294,7 @@ TEST(MissionInterruptions, ClockThatIsSetForwardAtEveryStepCountsNothing) {
       }
       ASSERT_TRUE(run.toEnd());
       expectWholeMission(run);
-      EXPECT_LT(run.machine.usedTime(), whole.machine.usedTime() + run.config.action_timeout_s);
+      EXPECT_LT(run.machine.usedTime(), whole.machine.usedTime() + run.config.time.action_timeout_s);
       ASSERT_FALSE(HasFailure()) << tail(run);
     }
   }
@@ -306,7 +306,7 @@ TEST(MissionInterruptions, LimitsOfTimeHoldAfterTheClockWasSet) {
   run.now_s += 1000.0;
   run.tell(event::ClockJump{999.0});
   EXPECT_NEAR(run.machine.usedTime(), 1.0, 10.0) << "what has passed beside the jump";
-  run.now_s += run.config.action_timeout_s;
+  run.now_s += run.config.time.action_timeout_s;
   run.tell(event::Tick{});
   EXPECT_EQ(run.machine.state(), State::kHalting);
   EXPECT_THROW(run.tell(event::ClockJump{std::numeric_limits<double>::infinity()}), std::invalid_argument);

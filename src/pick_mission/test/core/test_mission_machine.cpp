@@ -31,10 +31,10 @@ TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
 
 TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
   MissionConfig config;
-  config.survey_x_m = {0.5, 1.0};
-  config.survey_y_m = {0.0, 0.25};
-  config.survey_yaw_rad = {0.0, 0.5};
-  config.survey_round = 0;
+  config.survey.x_m = {0.5, 1.0};
+  config.survey.y_m = {0.0, 0.25};
+  config.survey.yaw_rad = {0.0, 0.5};
+  config.survey.round = 0;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   event::Start start;
   start.T_map_base = {-3.0, 1.0, M_PI / 2.0};
@@ -64,10 +64,10 @@ TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
 
 TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
   MissionConfig config;
-  config.survey_x_m = {1.0};
-  config.survey_y_m = config.survey_yaw_rad = {0.0};
-  config.survey_round = 3;
-  config.survey_round_m = 1.5;
+  config.survey.x_m = {1.0};
+  config.survey.y_m = config.survey.yaw_rad = {0.0};
+  config.survey.round = 3;
+  config.survey.round_m = 1.5;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   int lost = 0;
   run.inject = [&](State action, int count) -> std::optional<Result> {
@@ -129,12 +129,12 @@ TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
     return std::nullopt;
   };
   EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
-  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal unknown"), config.max_failures_in_a_row);
+  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal unknown"), config.attempts.max_failures_in_a_row);
 }
 
 TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow) {
   MissionConfig config;
-  config.max_failures_in_a_row = 2;
+  config.attempts.max_failures_in_a_row = 2;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [&run](State action, int) -> std::optional<Result> {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kLowUtility, std::nullopt, false};
@@ -143,7 +143,7 @@ TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow)
     return std::nullopt;
   };
   EXPECT_TRUE(run.endsAs(EndReason::kNothingWorthGoing));
-  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal occupied"), config.max_vantage_drives);
+  EXPECT_EQ(run.machine.summary(0.0).failures.at("drive: goal occupied"), config.views.max_vantage_drives);
 }
 
 TEST(MissionMachine, PlansAndSelectsInTheMapOfTheLastLook) {
@@ -240,7 +240,7 @@ TEST(MissionMachine, BrickThatCannotBeHeldIsLeftAfterItsAttempts) {
   ToyWorld world = ToyWorld::ofStacks({1, 1});
   world.bricks[0].has_no_plate = true;
   MissionConfig config;
-  config.max_picks_per_brick = 2;
+  config.attempts.max_picks_per_brick = 2;
   config.bricks_total = 2;
   ToyMission run(config, world);
   EXPECT_TRUE(run.endsAs(EndReason::kBricksExhausted));
@@ -285,7 +285,7 @@ TEST(MissionMachine, EndsWhenTimeIsUpWithTheHandEmpty) {
   // The limit falls into everything once: into picks, drives, looks.
   for (double limit_s = 5.0; limit_s < 150.0; limit_s += 3.0) {
     MissionConfig config;
-    config.time_limit_s = limit_s;
+    config.time.limit_s = limit_s;
     ToyMission run(config, ToyWorld::ofStacks({3, 3}));
     EXPECT_TRUE(run.endsAs(EndReason::kTimeUp));
     EXPECT_FALSE(run.world.hand);
@@ -297,7 +297,7 @@ TEST(MissionMachine, EndsWhenTimeIsUpWithTheHandEmpty) {
 
 TEST(MissionMachine, StowsWhatItHoldsWhenTheMissionIsOver) {
   MissionConfig config;
-  config.max_failures_in_a_row = 1;
+  config.attempts.max_failures_in_a_row = 1;
   ToyMission run(config, ToyWorld::ofStacks({2}));
   run.world.holds_when_pick_fails = true;
   run.inject = endAs(State::kPick, ArmResult{ArmStatus::kTrajectoryAborted}, 1);
@@ -311,13 +311,13 @@ TEST(MissionMachine, ActionThatNeverEndsIsCancelledAndCountsAsNoAnswer) {
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.start();
   while (run.world.action != State::kDrive) ASSERT_TRUE(run.advance());
-  run.now_s += config.action_timeout_s + 1.0;
+  run.now_s += config.time.action_timeout_s + 1.0;
   run.tell(event::Tick{});
   EXPECT_TRUE(run.world.is_cancelled);
   EXPECT_EQ(run.machine.state(), State::kHalting);
   const std::uint64_t id = run.world.running->id;
   run.world.running.reset();  // its server does not even end it
-  run.now_s += config.cancel_timeout_s + 1.0;
+  run.now_s += config.time.cancel_timeout_s + 1.0;
   run.tell(event::Tick{});
   EXPECT_EQ(run.machine.state(), State::kWait);
   event::Reply late;
@@ -360,7 +360,7 @@ TEST(MissionMachine, ArmThatIsBusyWithSomethingElseIsWaitedFor) {
     ASSERT_EQ(run.machine.state(), State::kWait) << tail(run);
     const auto& wait = std::get<command::Wait>(run.world.running->body);
     EXPECT_EQ(wait.until, WaitUntil::kArmIdle);
-    EXPECT_EQ(wait.limit_s, config.ready_timeout_s);
+    EXPECT_EQ(wait.limit_s, config.time.ready_timeout_s);
     EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
     EXPECT_EQ(run.machine.counts().bricks_picked, 2);
   }
@@ -377,10 +377,10 @@ TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenLooksOnceMoreThen
   EXPECT_THAT(run.machine.endMessage(), HasSubstr("low utility"));
   EXPECT_EQ(run.machine.counts().views, 2);
   EXPECT_EQ(run.world.commands_of[State::kDrive],
-            static_cast<int>(config.survey_x_m.size()) + config.survey_round + 2 + config.max_vantage_drives);
+            static_cast<int>(config.survey.x_m.size()) + config.survey.round + 2 + config.views.max_vantage_drives);
   int fades = 0;
-  for (const command::Wait& wait : run.sent<command::Wait>()) fades += wait.limit_s == config.fade_wait_s;
-  EXPECT_EQ(fades, config.max_fade_waits);
+  for (const command::Wait& wait : run.sent<command::Wait>()) fades += wait.limit_s == config.views.fade_wait_s;
+  EXPECT_EQ(fades, config.views.max_fade_waits);
 }
 
 // As when a brick falls from the magnet: the place it was in is empty, and nothing is worth going to.
@@ -481,7 +481,7 @@ TEST(MissionMachine, PicksThatAreEndedByLettingGoAgainAreNoFailuresInARow) {
 
 TEST(MissionMachine, FruitlessViewsEndTheMission) {
   MissionConfig config;
-  config.max_fruitless_views = 3;
+  config.views.max_fruitless = 3;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(1 + count % 5), true};
@@ -513,8 +513,8 @@ TEST(MissionMachine, ViewWhereTooMuchFailsIsLeft) {
       world.bricks.push_back(brick);
     }
     MissionConfig config;
-    config.max_pick_failures_per_view = 2;
-    config.max_plan_failures_per_view = 4;
+    config.attempts.max_pick_failures_per_view = 2;
+    config.attempts.max_plan_failures_per_view = 4;
     ToyMission run(config, std::move(world));
     run.start();
     ASSERT_TRUE(run.toEnd());
@@ -579,9 +579,9 @@ TEST(MissionMachine, LeavesBricksThatNobodyReachesForThoseTriedLessOften) {
   // The brick of view 0 is worth most, whatever is told about it, unless its surroundings are.
   const auto missionWith = [](const std::vector<ToyBrick>& bricks, double leave_radius_m) {
     MissionConfig config;
-    config.survey_round = 0;
-    config.max_plans_per_brick = 100;
-    config.leave_radius_m = leave_radius_m;
+    config.survey.round = 0;
+    config.attempts.max_plans_per_brick = 100;
+    config.views.leave_radius_m = leave_radius_m;
     auto run = std::make_unique<ToyMission>(config, ToyWorld(bricks));
     run->inject = [world = &run->world](State action, int) -> std::optional<Result> {
       if (action != State::kSelect) return std::nullopt;
@@ -614,7 +614,7 @@ TEST(MissionMachine, LeavesBricksThatNobodyReachesForThoseTriedLessOften) {
 
 TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
   MissionConfig config;
-  config.max_fruitless_views = 2;
+  config.views.max_fruitless = 2;
   ToyMission run(config, ToyWorld::ofStacks({1, 1, 1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action == State::kSelect && count % 2 == 1 && count < 6) {
@@ -628,8 +628,8 @@ TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
 
 TEST(MissionMachine, ViewThatShowsANewBrickIsNotFruitless) {
   MissionConfig config;
-  config.max_fruitless_views = 2;
-  config.survey_round = 0;
+  config.views.max_fruitless = 2;
+  config.survey.round = 0;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(count % 8), true};
@@ -655,7 +655,7 @@ TEST(MissionMachine, ClockThatIsSetBackTakesNothingBack) {
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.start();
   while (run.world.action != State::kDrive) ASSERT_TRUE(run.advance());
-  run.now_s += config.action_timeout_s - 100.0;
+  run.now_s += config.time.action_timeout_s - 100.0;
   run.tell(event::Tick{});
   const double used_s = run.machine.usedTime();
   run.now_s -= 5000.0;
@@ -672,19 +672,20 @@ TEST(MissionMachine, ClockThatIsSetBackTakesNothingBack) {
 
 TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
   MissionConfig config;
-  config.max_failures_in_a_row = 100;
+  config.attempts.max_failures_in_a_row = 100;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = endAs(State::kClear, ArmResult{ArmStatus::kNotReady});
   EXPECT_TRUE(run.endsAs(EndReason::kRecoveryFailed));
-  EXPECT_EQ(run.world.commands_of[State::kRecover], config.max_recoveries_in_a_row);
+  EXPECT_EQ(run.world.commands_of[State::kRecover], config.attempts.max_recoveries_in_a_row);
 }
 
 // Nothing that needs the robot's place is answered until somebody tells it again.
 TEST(MissionMachine, APlaceThatIsNotKnownIsWaitedForAndNotForEver) {
   MissionConfig config;
   for (const State first : {State::kPlanClear, State::kPlanPick, State::kDrive, State::kSelect}) {
-    const double longest_s = config.max_failures_in_a_row * config.ready_timeout_s;
-    for (const double outage_s : {50.0, longest_s - config.ready_timeout_s, longest_s + config.ready_timeout_s}) {
+    const double longest_s = config.attempts.max_failures_in_a_row * config.time.ready_timeout_s;
+    for (const double outage_s :
+         {50.0, longest_s - config.time.ready_timeout_s, longest_s + config.time.ready_timeout_s}) {
       SCOPED_TRACE(std::string(toString(first)) + ", " + std::to_string(outage_s) + " s");
       ToyMission run(config, ToyWorld::ofStacks({1, 1}));
       std::optional<double> back_s;
@@ -697,7 +698,7 @@ TEST(MissionMachine, APlaceThatIsNotKnownIsWaitedForAndNotForEver) {
         if (action != State::kWait) return std::nullopt;
         const command::Wait& wait = std::get<command::Wait>(run.world.running->body);
         EXPECT_EQ(wait.until, WaitUntil::kPlaceKnown);
-        EXPECT_EQ(wait.at_least_s, config.retry_wait_s);
+        EXPECT_EQ(wait.at_least_s, config.time.retry_wait_s);
         // The toy has let pass the least already.
         run.now_s = std::max(run.now_s, std::min(*back_s, run.now_s - wait.at_least_s + wait.limit_s));
         return WaitResult{};
@@ -716,7 +717,7 @@ TEST(MissionMachine, RecoveriesAreFarEnoughApartForADriverToComeBack) {
     ToyMission run(config, ToyWorld::ofStacks({1}));
     double back_s = 0.0;
     run.inject = [&](State action, int) -> std::optional<Result> {
-      if (back_s == 0.0 && action == State::kPick) back_s = run.now_s + config.recover_wait_s + 5.0;
+      if (back_s == 0.0 && action == State::kPick) back_s = run.now_s + config.time.recover_wait_s + 5.0;
       if (run.now_s >= back_s) return std::nullopt;
       if (action == State::kPick || action == State::kRecover) return ArmResult{status};
       if (action != State::kWait) return std::nullopt;
@@ -816,8 +817,8 @@ TEST(MissionMachine, SummaryTellsWhatTheMissionKnows) {
 
 TEST(MissionMachine, BadConfigurationIsRefusedWithEveryProblem) {
   MissionConfig config;
-  config.look_images = 0;
-  config.time_limit_s = -1.0;
+  config.look.images = 0;
+  config.time.limit_s = -1.0;
   try {
     const MissionMachine machine(config, {});
     FAIL() << "accepted";

@@ -47,7 +47,7 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     MissionConfig config;
     config.unlocks_protective_stop = seed % 2 == 0;
-    config.time_limit_s = seed % 5 == 0 ? 600.0 : 20000.0;
+    config.time.limit_s = seed % 5 == 0 ? 600.0 : 20000.0;
     ToyWorld world = randomWorld(seed);
     const int total = static_cast<int>(world.bricks.size());
     if (seed % 3 == 0) config.bricks_total = total;
@@ -83,12 +83,12 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
     EXPECT_EQ(counts.bricks_picked, run.world.stowed) << tail(run);
     for (const auto& [id, failures] : run.world.blamed) {
       // One more for each other brick that was taken away.
-      EXPECT_LE(failures, config.max_picks_per_brick + counts.bricks_picked) << "brick " << id;
+      EXPECT_LE(failures, config.attempts.max_picks_per_brick + counts.bricks_picked) << "brick " << id;
       EXPECT_EQ(failures, run.machine.bricks().bricks().at(id).picks_failed) << "brick " << id;
     }
     for (const auto& [id, record] : run.machine.bricks().bricks()) {
-      EXPECT_LE(record.plans_failed, config.max_plans_per_brick);
-      EXPECT_LE(record.picks_failed - record.attempts_back, config.max_picks_per_brick);
+      EXPECT_LE(record.plans_failed, config.attempts.max_plans_per_brick);
+      EXPECT_LE(record.picks_failed - record.attempts_back, config.attempts.max_picks_per_brick);
       EXPECT_EQ(record.picks_begun, run.world.picks[id]);
     }
     EXPECT_FALSE(run.machine.endMessage().empty());
@@ -106,7 +106,7 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
         }
         break;
       case EndReason::kTimeUp:
-        EXPECT_GE(run.machine.usedTime(), config.time_limit_s);
+        EXPECT_GE(run.machine.usedTime(), config.time.limit_s);
         break;
       case EndReason::kNothingWorthGoing:
       case EndReason::kNoProgress:
