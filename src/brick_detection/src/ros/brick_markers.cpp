@@ -29,14 +29,6 @@ std_msgs::ColorRGBA color(double r, double g, double b, double a) {
   return c;
 }
 
-Eigen::Isometry3d toIsometry(const geometry_msgs::Pose& pose) {
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = Eigen::Quaterniond(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z)
-                   .toRotationMatrix();
-  T.translation() << pose.position.x, pose.position.y, pose.position.z;
-  return T;
-}
-
 geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
   geometry_msgs::Point point;
   point.x = p.x();
@@ -62,10 +54,11 @@ Marker makeMarker(const std_msgs::Header& header, const std::string& ns, int id,
 visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_msgs::BrickArray& bricks) {
   visualization_msgs::MarkerArray array;
   for (const interactive_mapping_msgs::Brick& brick : bricks.bricks) {
+    const auto T_map_brick = interactive_mapping_ros::toIsometry(brick.pose.pose);
+    if (!T_map_brick) continue;
     const int number =
         numbers_.emplace(std::make_pair(brick.id, static_cast<int>(brick.instance)), static_cast<int>(numbers_.size()))
             .first->second;
-    const Eigen::Isometry3d T_map_brick = toIsometry(brick.pose.pose);
 
     Marker cube = makeMarker(bricks.header, "bricks", number, Marker::CUBE);
     cube.pose = brick.pose.pose;
@@ -76,9 +69,9 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
 
     Marker text = makeMarker(bricks.header, "ids", number, Marker::TEXT_VIEW_FACING);
     const Eigen::Vector3d half(0.5 * brick.size.x, 0.5 * brick.size.y, 0.5 * brick.size.z);
-    const double half_height_m = T_map_brick.linear().row(2).cwiseAbs().dot(half);
+    const double half_height_m = T_map_brick->linear().row(2).cwiseAbs().dot(half);
     // Over the arrow from above.
-    text.pose.position = toPoint(T_map_brick.translation() +
+    text.pose.position = toPoint(T_map_brick->translation() +
                                  Eigen::Vector3d(0.0, 0.0, half_height_m + kTipGap_m + kArrow_m + 0.5 * kTextHeight_m));
     text.scale.z = kTextHeight_m;
     text.text = std::to_string(brick.id);
@@ -94,7 +87,7 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
     }
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance);
     Eigen::Isometry3d T_map_ellipsoid = Eigen::Isometry3d::Identity();
-    T_map_ellipsoid.translation() = T_map_brick.translation();
+    T_map_ellipsoid.translation() = T_map_brick->translation();
     T_map_ellipsoid.linear() = axes.eigenvectors();
     if (T_map_ellipsoid.linear().determinant() < 0.0) T_map_ellipsoid.linear().col(0) *= -1.0;
     Marker ellipsoid = makeMarker(bricks.header, "uncertainty", number, Marker::SPHERE);
@@ -110,11 +103,12 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
     array.markers.push_back(ellipsoid);
 
     for (const interactive_mapping_msgs::BrickFace& face : brick.graspable_faces) {
-      const Eigen::Isometry3d T_map_plate = toIsometry(face.pose);
+      const auto T_map_plate = interactive_mapping_ros::toIsometry(face.pose);
+      if (!T_map_plate) continue;
       Marker arrow =
           makeMarker(bricks.header, "faces", description::kNumBrickFaces * number + face.face, Marker::ARROW);
-      arrow.points = {toPoint(T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m + kArrow_m)),
-                      toPoint(T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m))};
+      arrow.points = {toPoint(*T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m + kArrow_m)),
+                      toPoint(*T_map_plate * Eigen::Vector3d(0.0, 0.0, kTipGap_m))};
       arrow.scale.x = 0.012;  // shaft's diameter, head's diameter, head's length
       arrow.scale.y = 0.030;
       arrow.scale.z = 0.035;

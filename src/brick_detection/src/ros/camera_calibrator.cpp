@@ -52,6 +52,26 @@ std::string fixed(double value, int digits) {
   return text;
 }
 
+/// The depth image that goes with a colour image. Nothing, and the reason, if it does not.
+std::optional<cv::Mat> registeredDepth(const sensor_msgs::Image& depth, const sensor_msgs::Image& color,
+                                       double units_per_metre, std::string* why_not) {
+  Refusal refusal;
+  std::optional<cv::Mat> depth_m = toDepthMat(depth, units_per_metre, &refusal);
+  if (!depth_m || depth.width != color.width || depth.height != color.height) {
+    *why_not = "the depth image cannot be used (use_depth: false does without): " +
+               (depth_m ? "it is of " + sizeText(depth.width, depth.height) + ", the colour image of " +
+                              sizeText(color.width, color.height)
+                        : refusal.message);
+    return std::nullopt;
+  }
+  const std::string depth_frame = withoutSlash(depth.header.frame_id);
+  const std::string color_frame = withoutSlash(color.header.frame_id);
+  if (depth_frame == color_frame) return depth_m;
+  *why_not = "the depth image is of frame '" + depth_frame + "', must be of the colour image's, '" + color_frame +
+             "': registered to it (use_depth: false does without)";
+  return std::nullopt;
+}
+
 }  // namespace
 
 CameraCalibrator::CameraCalibrator(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
@@ -260,20 +280,8 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
   }
   cv::Mat depth_m;
   if (inputs.depth) {
-    const std::optional<cv::Mat> depth = toDepthMat(*inputs.depth, params_.depth_units_per_metre, &refusal);
-    if (!depth || depth->size() != color->size()) {
-      *message = "the depth image cannot be used (use_depth: false does without): " +
-                 (depth ? "it is of " + sizeText(inputs.depth->width, inputs.depth->height) + ", the colour image of " +
-                              sizeText(image.width, image.height)
-                        : refusal.message);
-      return false;
-    }
-    const std::string depth_frame = withoutSlash(inputs.depth->header.frame_id);
-    if (depth_frame != withoutSlash(image.header.frame_id)) {
-      *message = "the depth image is of frame '" + depth_frame + "', must be of the colour image's, '" +
-                 withoutSlash(image.header.frame_id) + "': registered to it (use_depth: false does without)";
-      return false;
-    }
+    const std::optional<cv::Mat> depth = registeredDepth(*inputs.depth, image, params_.depth_units_per_metre, message);
+    if (!depth) return false;
     depth_m = *depth;
   }
   std::optional<brick_detection::BrickSighting> target;

@@ -20,8 +20,6 @@
 
 namespace depth_camera_ros {
 
-using interactive_mapping_ros::withoutSlash;
-
 using interactive_mapping::FrameStatus;
 using interactive_mapping::kNumFrameStatus;
 

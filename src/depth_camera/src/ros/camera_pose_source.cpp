@@ -96,7 +96,8 @@ CameraPoseSource::StampVerdict CameraPoseSource::checkStamp(const ros::Time& sta
 }
 
 std::optional<std::string> CameraPoseSource::cameraFrame(const std::string& frame_id, Refusal* refusal) const {
-  std::string frame = params_.camera_frame.empty() ? withoutSlash(frame_id) : params_.camera_frame;
+  std::string frame =
+      params_.camera_frame.empty() ? interactive_mapping_ros::withoutSlash(frame_id) : params_.camera_frame;
   if (frame.empty()) {
     *refusal = {FrameStatus::kMalformedImage,
                 "frame_id is empty, must name the camera's optical frame (or set camera_frame)"};
