@@ -35,8 +35,8 @@ class PlanJudge : public ::testing::Test {
     problem_.target.type = &types_.type("brick");
     problem_.target.faces = {mp700_ur5e_description::BrickFace::kPlusZ};
     for (int i = 0; i < 6; ++i) {
-      limits_.velocity_rad_s[i] = planner_.velocity_scale * arm_->limits().velocity_rad_s[i];
-      limits_.acceleration_rad_s2[i] = planner_.acceleration_rad_s2;
+      limits_.velocity_rad_s[i] = planner_.speed.velocity_scale * arm_->limits().velocity_rad_s[i];
+      limits_.acceleration_rad_s2[i] = planner_.speed.acceleration_rad_s2;
     }
     // Over the brick, down, up, and over the robot's back with the tool down all the way: tip poses on a way that leaves
     // mast and chute alone, and the branch that goes on from the last.

@@ -78,29 +78,32 @@ struct PickMotionConfig {
 };
 
 struct InspectConfig {
-  double inspect_clear_m{0.05};
-  int inspect_samples{4000};
+  double clear_m{0.05};
+  int samples{4000};
 
   static void fields(InspectConfig& c, interactive_mapping::Fields& f) {
-    f("clear_m", c.inspect_clear_m, 0.0, 1.0, "m", "distance of the arm from the camera's view");
-    f("samples", c.inspect_samples, 0, 1'000'000, "", "postures sampled if no given one keeps the view free");
+    f("clear_m", c.clear_m, 0.0, 1.0, "m", "distance of the arm from the camera's view");
+    f("samples", c.samples, 0, 1'000'000, "", "postures sampled if no given one keeps the view free");
   }
 };
 
-/// Keys lie in sections, members do not.
-struct MotionPlannerConfig : PathCheckConfig, SpeedConfig, PickMotionConfig, InspectConfig {
+struct MotionPlannerConfig {
   CollisionCheckerConfig collision;
   JointPlannerConfig planner;
+  PathCheckConfig check;
+  SpeedConfig speed;
   TimingConfig timing;
+  PickMotionConfig pick;
+  InspectConfig view;
 
   static void fields(MotionPlannerConfig& c, interactive_mapping::Fields& f) {
     f.section("collision", c.collision);
     f.section("search", c.planner);
-    f.section<PathCheckConfig>("search", c);
-    f.section<SpeedConfig>("motion", c);
+    f.section("search", c.check);
+    f.section("motion", c.speed);
     f.section("motion", c.timing);
-    f.section<PickMotionConfig>("pick", c);
-    f.section<InspectConfig>("view", c);
+    f.section("pick", c.pick);
+    f.section("view", c.view);
   }
 };
 

@@ -48,11 +48,11 @@ double tiltOf(const Eigen::Vector3d& up_tip, const ArmVector& q) {
 
 void expectWithinLimits(const JointTrajectory& trajectory, const MotionPlannerConfig& config) {
   ASSERT_GE(trajectory.points.size(), 2u);
-  const ArmVector velocity = config.velocity_scale * shippedArm()->limits().velocity_rad_s;
+  const ArmVector velocity = config.speed.velocity_scale * shippedArm()->limits().velocity_rad_s;
   for (const TrajectoryPoint& point : trajectory.points) {
     EXPECT_TRUE(shippedArm()->isWithinLimits(point.position_rad));
     EXPECT_LE((point.velocity_rad_s.array().abs() / velocity.array()).maxCoeff(), 1.0 + 1e-6);
-    EXPECT_LE(point.acceleration_rad_s2.cwiseAbs().maxCoeff(), config.acceleration_rad_s2 * (1.0 + 1e-6));
+    EXPECT_LE(point.acceleration_rad_s2.cwiseAbs().maxCoeff(), config.speed.acceleration_rad_s2 * (1.0 + 1e-6));
   }
   EXPECT_EQ(trajectory.points.front().velocity_rad_s, ArmVector::Zero());
   EXPECT_EQ(trajectory.points.back().velocity_rad_s, ArmVector::Zero());
@@ -93,20 +93,21 @@ void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& pl
       (pick.world.boxes[brick].T_map_box * mp700_ur5e_description::tagPose(pick.type, plan.face)).inverse() * T_map_tip;
   EXPECT_NEAR(T_face_tip.translation().z(), 0.0, 1e-5);
   EXPECT_NEAR(T_face_tip.linear()(2, 2), -1.0, 1e-6);
-  EXPECT_LE(T_face_tip.translation().head<2>().cwiseAbs().maxCoeff() + config.magnet_radius_m + config.plate_margin_m,
+  EXPECT_LE(T_face_tip.translation().head<2>().cwiseAbs().maxCoeff() + config.pick.magnet_radius_m +
+                config.pick.plate_margin_m,
             0.5 * pick.type.plate_edge_m + 1e-6);
   EXPECT_TRUE((plan.T_map_contact * plan.held.T_tip_brick).isApprox(pick.world.boxes[brick].T_map_box, 1e-9));
 
   const auto contact_line = straightness(plan.contact);
   EXPECT_LE(contact_line.first, 1e-3);
-  EXPECT_LE(contact_line.second, config.contact_speed_m_s * 1.005);
+  EXPECT_LE(contact_line.second, config.speed.contact_speed_m_s * 1.005);
   const auto lift_line = straightness(plan.lift);
   EXPECT_LE(lift_line.first, 1e-3);
-  EXPECT_LE(lift_line.second, config.lift_speed_m_s * 1.005);
+  EXPECT_LE(lift_line.second, config.speed.lift_speed_m_s * 1.005);
   EXPECT_NEAR((arm.tipPose(plan.contact.points.front().position_rad).translation() -
                arm.tipPose(plan.contact.points.back().position_rad).translation())
                   .norm(),
-              config.approach_m, 1e-5);
+              config.pick.approach_m, 1e-5);
 
   ExactMotion exact(arm, pick);
   EXPECT_EQ(exact.complaint(plan.approach, 0.0), "");
@@ -124,7 +125,7 @@ void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& pl
   for (double t = 0.0; t < plan.stow.duration(); t += 0.005) {
     tilt_rad = std::max(tilt_rad, tiltOf(up_tip, plan.stow.sample(t).position_rad));
   }
-  EXPECT_LE(tilt_rad, config.max_tilt_rad);
+  EXPECT_LE(tilt_rad, config.pick.max_tilt_rad);
 
   // Over the chute: as level as it lay, its lowest corner above the opening.
   const Eigen::Isometry3d T_base_held = arm.tipPose(plan.stow.points.back().position_rad) * plan.held.T_tip_brick;
@@ -160,7 +161,7 @@ TEST(MotionPlanner, PicksABrickByItsSide) {
 
 TEST(MotionPlanner, AGuardedTouchGoesOnBeyondThePlate) {
   MotionPlannerConfig guarded;
-  guarded.overtravel_m = 0.01;
+  guarded.pick.overtravel_m = 0.01;
   int solved = 0;
   for (const double x_m : {0.6, 0.8, 0.98, 1.02, 1.06, 1.1}) {  // out to where the arm just reaches the plate
     PickWorld pick = emptyPickWorld();
@@ -711,7 +712,7 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
       over_m = std::max(over_m, way.z());
       if (over_m < pick.type.size_m.z()) {
         EXPECT_LT(way.head<2>().norm(), 1e-3) << "after " << t << " s";
-      } else if (over_m > pick.type.size_m.z() + config.lift_room_m) {
+      } else if (over_m > pick.type.size_m.z() + config.pick.lift_room_m) {
         EXPECT_GT(exact.clearance(q, 0.0), 0.0) << "after " << t << " s";
       }
     }
@@ -773,7 +774,7 @@ TEST(MotionPlanner, WhatIsCarriedKeepsItsDistanceFromTheChute) {
       const ArmPlan plan = makePlanner(config).planArm(context, goal);
       ASSERT_EQ(plan.status, PlanStatus::kSuccess) << gap_m << ": " << plan.message;
       // Between the last checks of a path it may be nearer by half a step; and at its start it is yielded to in steps.
-      const double slack_m = 0.5 * config.verify_step_m;
+      const double slack_m = 0.5 * config.check.verify_step_m;
       EXPECT_GT(distanceToChute(*context.held, plan.trajectory),
                 std::min(gap_m - 0.005, config.collision.held_padding_m) - slack_m)
           << gap_m;
@@ -909,8 +910,8 @@ TEST(MotionPlanner, TheLiftEndsWhereTheBrickAsItHangsHasRoomToAllSides) {
     // Its underside over their tops: the room, the map's margin (2 sigma of 2 mm and 10 mm), less than a step of the line
     // and, where triangles turn about an edge, the mitre.
     const double over_m = rise_m - pick.type.size_m.z();
-    EXPECT_GE(over_m, config.lift_room_m) << yaw_rad;
-    EXPECT_LE(over_m, config.lift_room_m + 0.014 + config.cartesian_step_m + 0.006) << yaw_rad;
+    EXPECT_GE(over_m, config.pick.lift_room_m) << yaw_rad;
+    EXPECT_LE(over_m, config.pick.lift_room_m + 0.014 + config.pick.cartesian_step_m + 0.006) << yaw_rad;
   }
 }
 
@@ -940,7 +941,7 @@ TEST(MotionPlanner, StraightWaysAreFreeAllAlongNotOnlyAtTheirEnds) {
   // A small block where a link is halfway down a long approach, but at neither end of it.
   PickWorld pick = oneBrick();
   MotionPlannerConfig config;
-  config.approach_m = 0.3;
+  config.pick.approach_m = 0.3;
   const PickPlan before = pickFrom(pick, 0, config);
   ASSERT_EQ(before.status, PlanStatus::kSuccess) << before.message;
   const ExactMotion free(*shippedArm(), pick);
@@ -1039,7 +1040,7 @@ TEST(MotionPlanner, PlacesWhatItHoldsOverTheChute) {
   EXPECT_EQ(exact.complaint(plan.trajectory, 0.0), "");
   const Eigen::Vector3d up_tip(0.0, 0.0, -1.0);  // the tool looks down
   for (double t = 0.0; t < plan.trajectory.duration(); t += 0.01) {
-    EXPECT_LE(tiltOf(up_tip, plan.trajectory.sample(t).position_rad), MotionPlannerConfig().max_tilt_rad);
+    EXPECT_LE(tiltOf(up_tip, plan.trajectory.sample(t).position_rad), MotionPlannerConfig().pick.max_tilt_rad);
   }
 }
 
@@ -1108,7 +1109,7 @@ TEST(MotionPlanner, InspectSaysWhyThereIsNone) {
   view.T_base_camera = Eigen::Translation3d(0.2, 0.0, 5.0) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
   view.max_range_m = 6.0;  // from above it sees all of the robot
   MotionPlannerConfig config;
-  config.inspect_samples = 50;
+  config.view.samples = 50;
   const ArmPlan plan = makePlanner(config).planInspect(pick.context(), view, {pick.start_rad});
   EXPECT_EQ(plan.status, PlanStatus::kConstraint);
   EXPECT_THAT(plan.message, HasSubstr("1 postures given and 50 drawn: 51 in the camera's view"));
@@ -1144,9 +1145,9 @@ TEST(MotionPlanner, CancelledInAnyStageAtOnce) {
 
 TEST(MotionPlanner, RefusesImpossibleConfigurations) {
   MotionPlannerConfig config;
-  config.velocity_scale = 2.0;
+  config.speed.velocity_scale = 2.0;
   config.planner.range_rad = 0.0;
-  config.yaw_samples = 0;
+  config.pick.yaw_samples = 0;
   EXPECT_THAT(interactive_mapping::problemsOf(config),
               ElementsAre(HasSubstr("search/range_rad = 0 rad, must be in"), HasSubstr("motion/velocity_scale = 2"),
                           HasSubstr("pick/yaw_samples = 0")));

@@ -50,7 +50,7 @@ class Stages : public ::testing::Test {
     return arm->inverse(T_base_tip, pick.start_rad).at(0);
   }
   CollisionChecker checker() const { return {arm, request.scene, request.T_map_base, config.collision}; }
-  BrickInScene brickInScene() const { return {checker(), pick.world.boxes[0], config.lift_room_m}; }
+  BrickInScene brickInScene() const { return {checker(), pick.world.boxes[0], config.pick.lift_room_m}; }
   /// The best posture at the middle of the top, and its grip.
   std::pair<Grip, ArmVector> onTop() const {
     const PickTarget target = pick.target(0);
@@ -173,7 +173,7 @@ TEST_F(Stages, StartAtAFaceBacksOffStraight) {
   EXPECT_TRUE(start->checker.isFree(start->joints_rad));
   const Eigen::Vector3d moved = arm->tipPose(start->joints_rad).translation() - Eigen::Vector3d(0.85, 0.1, 0.2);
   EXPECT_LT(moved.head<2>().norm(), 1e-5);
-  EXPECT_NEAR(moved.z(), config.approach_m, 1e-5);
+  EXPECT_NEAR(moved.z(), config.pick.approach_m, 1e-5);
 }
 
 TEST_F(Stages, StartWithAHeldBrickAmongNeighbours) {
@@ -217,7 +217,7 @@ TEST_F(Stages, GripsHoldTheBrickAtItsPlate) {
   ASSERT_TRUE(points) << points.failure().message;
   EXPECT_EQ(points->front(), Eigen::Vector3d::Zero());
   const auto grips = gripsAt(task, target, facePose(task, target, BrickFace::kPlusZ), *points);
-  ASSERT_THAT(grips, SizeIs(points->size() * static_cast<std::size_t>(config.yaw_samples)));
+  ASSERT_THAT(grips, SizeIs(points->size() * static_cast<std::size_t>(config.pick.yaw_samples)));
   for (const Grip& grip : grips) {
     EXPECT_TRUE((pick.T_map_base * grip.T_base_contact * grip.held.T_tip_brick).isApprox(target.T_map_brick, 1e-9));
     EXPECT_NEAR(grip.T_base_contact.linear()(2, 2), -1.0, 1e-9);
@@ -233,7 +233,7 @@ TEST_F(Stages, GripsHoldTheBrickAtItsPlate) {
   }
   sectors.top.max_radius_m = 0.31;
   EXPECT_EQ(contactPoints(task, target, BrickFace::kPlusZ).failure().status, PlanStatus::kOutsideSector);
-  config.magnet_radius_m = 0.2;
+  config.pick.magnet_radius_m = 0.2;
   EXPECT_EQ(contactPoints(task, target, BrickFace::kPlusZ).failure().status, PlanStatus::kBadRequest);
 }
 
@@ -244,9 +244,9 @@ TEST_F(Stages, ContactLineEndsOnThePlateOrBeyond) {
   };
   const auto line = contactLine(task, brickInScene(), grip, contact_rad);
   ASSERT_TRUE(line) << line.failure().message;
-  EXPECT_NEAR(heights(*line).first, 0.2 + config.approach_m, 1e-5);
+  EXPECT_NEAR(heights(*line).first, 0.2 + config.pick.approach_m, 1e-5);
   EXPECT_EQ(line->back(), contact_rad);
-  config.overtravel_m = 0.01;
+  config.pick.overtravel_m = 0.01;
   EXPECT_NEAR(heights(*contactLine(task, brickInScene(), grip, contact_rad)).second, 0.2 - 0.01, 1e-5);
   addBox({0.85, 0.1, 0.26}, {0.3, 0.3, 0.02});
   const auto blocked = contactLine(task, brickInScene(), grip, contact_rad);
@@ -259,7 +259,7 @@ TEST_F(Stages, LiftLineEndsClearOfNeighbours) {
   const auto lift = [&, &grip = grip, &contact_rad = contact_rad] {
     BrickInScene scene = brickInScene();
     scene.hold(grip.held);
-    return liftLine(task, scene, grip, contact_rad, liftOffsets(Eigen::Vector3d::UnitZ(), config.lift_m));
+    return liftLine(task, scene, grip, contact_rad, liftOffsets(Eigen::Vector3d::UnitZ(), config.pick.lift_m));
   };
   const Result<JointPath> alone = lift();
   ASSERT_TRUE(alone) << alone.failure().message;

@@ -141,13 +141,13 @@ class Judge {
     for (int i = 0; i < 6; ++i) {
       const auto& joint =
           robot_->joints()[robot_->jointIndex(mp700_ur5e_description::kArmJoints[static_cast<std::size_t>(i)])];
-      velocity_limit[i] = planner.velocity_scale * joint.velocity_rad_s;
+      velocity_limit[i] = planner.speed.velocity_scale * joint.velocity_rad_s;
     }
     const std::pair<const char*, const JointTrajectory*> phases[] = {
         {"approach", &plan.approach}, {"contact", &plan.contact}, {"lift", &plan.lift}, {"stow", &plan.stow}};
     ArmVector end = stowed_;
     for (const auto& [phase, trajectory] : phases) {
-      judgeTiming(phase, *trajectory, velocity_limit, planner.acceleration_rad_s2);
+      judgeTiming(phase, *trajectory, velocity_limit, planner.speed.acceleration_rad_s2);
       judgeMeeting(phase, end, *trajectory);
       if (!trajectory->empty()) end = trajectory->points.back().position_rad;
     }
@@ -238,8 +238,8 @@ class Judge {
     });
     // Planned states keep the limit; rounded corners between them may cut through it by a little.
     constexpr double kSlack_rad = 0.02;
-    if (place.keep_level && !(tilt_rad < planner.max_tilt_rad + kSlack_rad)) {
-      fault(text("stow", "tilt", tilt_rad, "rad", planner.max_tilt_rad));
+    if (place.keep_level && !(tilt_rad < planner.pick.max_tilt_rad + kSlack_rad)) {
+      fault(text("stow", "tilt", tilt_rad, "rad", planner.pick.max_tilt_rad));
     }
     if (!place.place) return;
     const Eigen::Isometry3d T_opening_brick =

@@ -34,7 +34,8 @@ Eigen::Vector3d uprightEdge(const HeldBrick& held, const Eigen::Isometry3d& T_ba
 Result<Tilt> tiltOfHeld(const TaskContext& task, bool keep_level) {
   const PlanningContext& request = task.request;
   if (!request.held || !keep_level) return Tilt();
-  const TiltConstraint tilt{uprightEdge(*request.held, task.arm.tipPose(request.start_rad)), task.config.max_tilt_rad};
+  const TiltConstraint tilt{uprightEdge(*request.held, task.arm.tipPose(request.start_rad)),
+                            task.config.pick.max_tilt_rad};
   const double tilt_rad = tiltOf(task.arm, tilt, request.start_rad);
   if (tilt_rad <= tilt.max_tilt_rad) return Tilt(tilt);
   return PlanFailure{PlanStatus::kConstraint, "what is held is tilted by " + inDegrees(tilt_rad) +

@@ -31,7 +31,7 @@ class PostureFilter {
   bool accepts(const ArmVector& q) {
     if (!q.allFinite() || !task_.arm.isWithinLimits(q)) return false;
     if (tilt_ && tiltOf(task_.arm, *tilt_, q) > tilt_->max_tilt_rad) return false;
-    if (blocksView(task_.arm, q, checker_.held(), view_, task_.config.inspect_clear_m)) {
+    if (blocksView(task_.arm, q, checker_.held(), view_, task_.config.view.clear_m)) {
       ++in_view_;
       return false;
     }
@@ -42,7 +42,7 @@ class PostureFilter {
 
   PlanFailure whyNone(std::size_t given) const {
     const std::string tried = std::to_string(given) + " postures given and " +
-                              std::to_string(task_.config.inspect_samples) + " drawn: " + std::to_string(in_view_) +
+                              std::to_string(task_.config.view.samples) + " drawn: " + std::to_string(in_view_) +
                               " in the camera's view";
     if (rejections_.empty()) return {PlanStatus::kConstraint, tried + ", the others beyond limits or tilt"};
     return {rejections_.status(), tried + ", " + rejections_.describe()};
@@ -72,7 +72,7 @@ Result<std::vector<ArmVector>> drawPostures(const TaskContext& task, const ArmVe
   };
   const auto draw_level = tilt ? tiltSampler(task.arm, *tilt, {start_rad}) : nullptr;
   std::vector<ArmVector> found;
-  for (int n = 0; n < task.config.inspect_samples && found.size() < kEnoughPostures; ++n) {
+  for (int n = 0; n < task.config.view.samples && found.size() < kEnoughPostures; ++n) {
     if (task.isCancelled()) return cancelled();
     const ArmVector q = tilt ? draw_level(uniform01) : draw();
     if (filter->accepts(q)) found.push_back(q);
@@ -80,7 +80,7 @@ Result<std::vector<ArmVector>> drawPostures(const TaskContext& task, const ArmVe
   std::stable_sort(found.begin(), found.end(), [&](const ArmVector& one, const ArmVector& other) {
     return (one - start_rad).squaredNorm() < (other - start_rad).squaredNorm();
   });
-  found.resize(std::min(found.size(), static_cast<std::size_t>(task.config.max_goals)));
+  found.resize(std::min(found.size(), static_cast<std::size_t>(task.config.pick.max_goals)));
   return found;
 }
 

@@ -36,7 +36,7 @@ std::optional<JointTrajectory> timed(const TaskContext& task, const JointPath& p
   TimingConfig timing = task.config.timing;
   for (int round = 0; round < kRoundings; ++round) {
     if (round + 1 == kRoundings) timing.max_deviation_rad = std::min(timing.max_deviation_rad, kLineDeviation_rad);
-    if (isValidRounded(path, reach_m, task.config.verify_step_m, timing, is_valid)) {
+    if (isValidRounded(path, reach_m, task.config.check.verify_step_m, timing, is_valid)) {
       return timeParametrize(path, task.limits, timing);
     }
     if (task.isCancelled()) return std::nullopt;

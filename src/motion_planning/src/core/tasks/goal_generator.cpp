@@ -55,7 +55,7 @@ Result<TipGoal> tipGoal(const TaskContext& task, const ArmGoal& goal, const std:
   }
   const Eigen::Vector3d up_tip = tilt ? tilt->up_tip : uprightEdge(*held, task.arm.tipPose(task.request.start_rad));
   return TipGoal{"the brick over the opening at " + inMetres(place.T_base_opening.translation()) + " in base_link",
-                 placePoses(place, *held, up_tip, task.config.yaw_samples)};
+                 placePoses(place, *held, up_tip, task.config.pick.yaw_samples)};
 }
 
 /// All postures with the tip there, nearest to `near` first.
@@ -105,7 +105,7 @@ Result<std::vector<ArmVector>> freePostures(const TaskContext& task, const std::
     if (may_turn && std::abs(other_way[0] - near[0]) <= kLongestTurn_rad && task.arm.isWithinLimits(other_way)) {
       free.push_back(other_way);
     }
-    if (free.size() >= static_cast<std::size_t>(task.config.max_goals)) break;
+    if (free.size() >= static_cast<std::size_t>(task.config.pick.max_goals)) break;
   }
   if (!free.empty()) return free;
   if (rejections.empty()) {

@@ -27,13 +27,13 @@ CollisionChecker clearOfStart(const TaskContext& task, const StartState& start) 
 JointPath lineOut(const TaskContext& task, const StartState& start, const Eigen::Vector3d& direction_base) {
   const MotionPlannerConfig& config = task.config;
   JointPath line =
-      followLine(task, start.joints_rad, task.arm.tipPose(start.joints_rad), config.lift_m * direction_base);
+      followLine(task, start.joints_rad, task.arm.tipPose(start.joints_rad), config.pick.lift_m * direction_base);
   CollisionChecker among(start.checker);
   const std::size_t first = std::min(line.size(), numSteps(config, kAmongOthers_m) + 1);
   among.setHeldAt(*task.request.held, {line.begin(), line.begin() + static_cast<std::ptrdiff_t>(first)});
   const CollisionChecker clear = clearOfStart(task, start);
   CollisionChecker with_room(clear);
-  with_room.setHeld(grown(*task.request.held, config.lift_room_m), false);
+  with_room.setHeld(grown(*task.request.held, config.pick.lift_room_m), false);
   std::size_t end = 0;
   for (std::size_t k = 1; k < line.size() && among.isFree(line[k]); ++k) {
     if (clear.isFree(line[k])) end = k;
@@ -53,7 +53,7 @@ Result<JointTrajectory> searchFrom(const TaskContext& task, const JointPath& lin
   const auto motion = moveTo(task, line.back(), *goals, checker, *tilt, "the arm");
   if (!motion) return motion.failure();
   JointTrajectory trajectory;
-  if (line.size() > 1) trajectory = timedLine(task, line, task.config.lift_speed_m_s);
+  if (line.size() > 1) trajectory = timedLine(task, line, task.config.speed.lift_speed_m_s);
   append(motion->trajectory, &trajectory);
   return trajectory;
 }

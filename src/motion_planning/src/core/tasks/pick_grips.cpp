@@ -25,7 +25,7 @@ Result<std::vector<Eigen::Vector3d>> contactPoints(const TaskContext& task, cons
   const std::string name = nameOf(target, face);
   const auto& plates = target.type->plate_faces;
   if (std::find(plates.begin(), plates.end(), face) == plates.end()) return badRequest(name + " has no steel plate");
-  const double room_m = 0.5 * target.type->plate_edge_m - config.magnet_radius_m - config.plate_margin_m;
+  const double room_m = 0.5 * target.type->plate_edge_m - config.pick.magnet_radius_m - config.pick.plate_margin_m;
   if (room_m < 0.0) {
     return badRequest(name + ": the magnet does not fit on its plate of " + std::to_string(target.type->plate_edge_m) +
                       " m");
@@ -58,7 +58,7 @@ Result<std::vector<Eigen::Vector3d>> contactPoints(const TaskContext& task, cons
 std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, const Eigen::Isometry3d& T_base_face,
                           const std::vector<Eigen::Vector3d>& points_face) {
   std::vector<Grip> grips;
-  const int turns = task.config.yaw_samples;
+  const int turns = task.config.pick.yaw_samples;
   for (const Eigen::Vector3d& p_face : points_face) {
     for (int k = 0; k < turns; ++k) {
       Grip grip;
@@ -68,7 +68,7 @@ std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, con
       grip.held.T_tip_brick = grip.T_base_contact.inverse() * task.T_base_map * target.T_map_brick;
       grip.held.size_m = target.type->size_m;
       grip.tilt.up_tip = grip.T_base_contact.linear().transpose() * Eigen::Vector3d::UnitZ();
-      grip.tilt.max_tilt_rad = task.config.max_tilt_rad;
+      grip.tilt.max_tilt_rad = task.config.pick.max_tilt_rad;
       grips.push_back(grip);
     }
   }

@@ -31,7 +31,7 @@ Result<JointPath> liftAlong(const TaskContext& task, const BrickInScene& scene, 
       if (end + 1 == line.size()) highest = contact;
     } while (contact && end > shortest);
     if (contact) {
-      const double length_mm = 1000.0 * task.config.cartesian_step_m * static_cast<double>(line.size() - 1);
+      const double length_mm = 1000.0 * task.config.pick.cartesian_step_m * static_cast<double>(line.size() - 1);
       return blocked("at the end of the lift, " + std::to_string(std::lround(length_mm)) +
                      " mm on: " + highest.describe());
     }
@@ -49,19 +49,19 @@ Result<JointPath> contactLine(const TaskContext& task, const BrickInScene& scene
                               const ArmVector& contact_rad) {
   const MotionPlannerConfig& config = task.config;
   const Eigen::Vector3d back_base = -grip.T_base_contact.linear().col(2);
-  JointPath line = followLine(task, contact_rad, grip.T_base_contact, config.approach_m * back_base);
-  if (line.size() <= numSteps(config, config.approach_m)) {
+  JointPath line = followLine(task, contact_rad, grip.T_base_contact, config.pick.approach_m * back_base);
+  if (line.size() <= numSteps(config, config.pick.approach_m)) {
     return blocked("the arm cannot follow the straight approach in one posture");
   }
   Contact contact = scene.beforeTouch().check(line.back());
   if (!contact) contact = firstContact(scene.touching(), line);
   if (contact) return blocked("on the straight approach: " + contact.describe());
   std::reverse(line.begin(), line.end());
-  if (config.overtravel_m <= 0.0) return line;
+  if (config.pick.overtravel_m <= 0.0) return line;
   // On to where the plate may still be: the bridge stops the arm at the contact. If the arm reached no farther than the
   // believed plate, a plate a millimetre behind it would never be met.
-  const JointPath beyond = followLine(task, contact_rad, grip.T_base_contact, -config.overtravel_m * back_base);
-  if (beyond.size() <= numSteps(config, config.overtravel_m)) {
+  const JointPath beyond = followLine(task, contact_rad, grip.T_base_contact, -config.pick.overtravel_m * back_base);
+  if (beyond.size() <= numSteps(config, config.pick.overtravel_m)) {
     return blocked("the arm cannot follow the touch on beyond the plate");
   }
   contact = firstContact(scene.touching(), beyond);

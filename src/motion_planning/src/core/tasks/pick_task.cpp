@@ -48,7 +48,7 @@ class FacePick {
         scene_(*scene),
         name_(nameOf(target, face)),
         T_base_face_(facePose(task, target, face)),
-        lift_offsets_(liftOffsets(T_base_face_.linear().col(2), task.config.lift_m)) {}
+        lift_offsets_(liftOffsets(T_base_face_.linear().col(2), task.config.pick.lift_m)) {}
 
   Result<PickPlan, FaceFailure> plan() {
     const auto points = contactPoints(task_, target_, face_);
@@ -83,7 +83,7 @@ class FacePick {
       if (task_.isCancelled()) return false;
       auto pick = pickFrom(posture);
       if (pick) picks_.push_back(std::move(*pick));
-      if (picks_.size() >= static_cast<std::size_t>(task_.config.max_goals)) break;
+      if (picks_.size() >= static_cast<std::size_t>(task_.config.pick.max_goals)) break;
     }
     return true;
   }
@@ -176,8 +176,8 @@ class FacePick {
     plan.T_map_contact = task_.request.T_map_base * grip.T_base_contact;
     plan.held = grip.held;
     plan.approach = approach;
-    plan.contact = timedLine(task_, pick.contact, task_.config.contact_speed_m_s);
-    plan.lift = timedLine(task_, pick.lift, task_.config.lift_speed_m_s);
+    plan.contact = timedLine(task_, pick.contact, task_.config.speed.contact_speed_m_s);
+    plan.lift = timedLine(task_, pick.lift, task_.config.speed.lift_speed_m_s);
     plan.stow = stow;
     return plan;
   }
@@ -228,7 +228,7 @@ std::optional<PlanFailure> refusal(const PlanningContext& request, const StartSt
 PickPlan planPick(const TaskContext& task, const StartState& start, const PickTarget& target,
                   const std::vector<ArmGoal>& stow_goals) {
   if (const auto why = refusal(task.request, start, target, stow_goals)) return *why;
-  BrickInScene scene(start.checker, {target.T_map_brick, target.type->size_m}, task.config.lift_room_m);
+  BrickInScene scene(start.checker, {target.T_map_brick, target.type->size_m}, task.config.pick.lift_room_m);
   std::optional<FaceFailure> farthest;
   PickPlan failed;
   for (const BrickFace face : target.faces) {

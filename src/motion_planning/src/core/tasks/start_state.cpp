@@ -35,7 +35,7 @@ JointPath backOff(const TaskContext& task, const CollisionChecker& checker) {
   CollisionChecker touching(checker);
   if (!touching.yieldToMagnetAt(start)) return {};
   const Eigen::Isometry3d T_base_tip = task.arm.tipPose(start);
-  JointPath line = followLine(task, start, T_base_tip, -task.config.approach_m * T_base_tip.linear().col(2));
+  JointPath line = followLine(task, start, T_base_tip, -task.config.pick.approach_m * T_base_tip.linear().col(2));
   std::size_t end = 0;
   for (std::size_t k = 1; k < line.size() && touching.isFree(line[k]); ++k) {
     if (checker.isFree(line[k])) end = k;
@@ -48,7 +48,7 @@ JointPath backOff(const TaskContext& task, const CollisionChecker& checker) {
 
 JointTrajectory StartState::withBackOff(const TaskContext& task, const JointTrajectory& trajectory) const {
   if (back_off.empty()) return trajectory;
-  JointTrajectory whole = timedLine(task, back_off, task.config.lift_speed_m_s);
+  JointTrajectory whole = timedLine(task, back_off, task.config.speed.lift_speed_m_s);
   append(trajectory, &whole);
   return whole;
 }

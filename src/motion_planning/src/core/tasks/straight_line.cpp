@@ -7,7 +7,7 @@
 namespace motion_planning {
 
 std::size_t numSteps(const MotionPlannerConfig& config, double length_m) {
-  return static_cast<std::size_t>(std::max(1.0, std::ceil(length_m / config.cartesian_step_m - 1e-9)));
+  return static_cast<std::size_t>(std::max(1.0, std::ceil(length_m / config.pick.cartesian_step_m - 1e-9)));
 }
 
 JointPath followLine(const TaskContext& task, const ArmVector& from, const Eigen::Isometry3d& T_base_from,

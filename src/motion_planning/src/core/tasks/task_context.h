@@ -17,8 +17,8 @@ struct TaskContext {
 
   const ArmKinematics& arm{*shared_arm};
   Eigen::Isometry3d T_base_map{request.T_map_base.inverse()};
-  MotionLimits limits{config.velocity_scale * arm.limits().velocity_rad_s,
-                      ArmVector::Constant(config.acceleration_rad_s2)};
+  MotionLimits limits{config.speed.velocity_scale * arm.limits().velocity_rad_s,
+                      ArmVector::Constant(config.speed.acceleration_rad_s2)};
 
   bool isCancelled() const { return request.is_cancelled && request.is_cancelled(); }
 };
