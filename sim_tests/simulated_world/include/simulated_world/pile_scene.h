@@ -135,6 +135,7 @@ struct PileScene {
   std::vector<HeapConfig> heaps;           ///< what was asked for
   std::vector<std::vector<int>> heap_ids;  ///< the bricks of each heap
   std::vector<int> stack_ids;              ///< the bricks of all stacks
+  bool has_tipped{false};
   std::vector<Wall> walls;
   double max_shift_m{0.15};
   RobotStart robot_start;

@@ -27,6 +27,13 @@ class BrickPhysics {
   /// The bricks where they are now.
   std::vector<BrickPlacement> bricks() const;
 
+  /// How a brick moves now: of its centre [m/s], and [rad/s].
+  double speed(int id) const;
+  double rate(int id) const;
+
+  /// Puts a brick elsewhere, at rest; what leaned on it will fall.
+  void place(int id, const Eigen::Isometry3d& T_map_brick);
+
   /// Largest over all bricks.
   double maxSpeed() const;  ///< of the centre [m/s]
   double maxRate() const;   ///< [rad/s]
@@ -42,7 +49,9 @@ struct SettleConfig {
   double rest_speed_m_per_s{0.002};
   double rest_rate_rad_per_s{0.02};
   double rest_time_s{1.0};          ///< all slower than that for so long: settled
-  double max_time_s{15.0};          ///< a pile that takes longer is refused
+  double max_time_s{10.0};          ///< a pile that takes longer is refused
+  double patience_s{10.0};          ///< tipped bricks: the one that moves most after so long is dropped once more ...
+  double max_tipped_time_s{60.0};   ///< ... and the pile is refused only after this
   double extent_tolerance_m{0.05};  ///< a heap may settle so far out of its rectangle, on each side
   int max_attempts{5};              ///< with different jitter
 
@@ -64,8 +73,9 @@ std::vector<std::string> faultsOfSettled(const PileScene& scene, const std::vect
 /// Seed of an attempt; the first one, 0, has the run's own.
 std::uint64_t seedOfAttempt(std::uint64_t seed, int attempt);
 
-/// Drops the bricks of a scene and waits until they lie still, once more with other jitter if the pile is not what was
-/// asked for. The same arguments give the same bits. Throws std::invalid_argument for an impossible scene or config, and
+/// Drops the bricks of a scene and waits until they lie still. A brick of a tipped heap that does not come to rest is
+/// dropped a second time; all are, with other jitter, if the pile is not what was asked for. The same arguments give
+/// the same bits. Throws std::invalid_argument for an impossible scene or config, and
 /// std::runtime_error with the reasons of all attempts if none was good.
 SettledPile settlePile(const PileSceneConfig& scene, std::uint64_t seed, const SettleConfig& config = {});
 

@@ -44,8 +44,10 @@ std::vector<std::string> PhysicsOptions::validate() const {
 }
 
 PhysicsOptions PhysicsOptions::forBricks(std::size_t count) const {
-  constexpr int kContacts = 22;  // of a brick: a heap of 80 that falls in a jumble
+  constexpr int kContacts = 22;               // of a brick: a heap of 80 that falls in a jumble
+  constexpr std::size_t kDefaultBricks = 40;  // for which the buffers are made
   PhysicsOptions options = *this;
+  if (count <= kDefaultBricks) return options;
   options.max_contacts = std::max(max_contacts, kContacts * static_cast<int>(count));
   options.max_constraints = std::max(max_constraints, 3 * options.max_contacts);
   return options;

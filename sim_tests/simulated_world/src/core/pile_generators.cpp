@@ -23,7 +23,14 @@ void shuffle(std::vector<T>& items, SeededRandom& random) {
   for (std::size_t i = items.size(); i > 1; --i) std::swap(items[i - 1], items[pick(i, random)]);
 }
 
-/// Any orientation, all equally likely (Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
+void makeHeavy(BrickPlacement* brick, double mass_kg) {
+  brick->type.mass_kg = mass_kg;
+  brick->decoy = Decoy::kHeavy;
+}
+
+}  // namespace
+
+// Shoemake, "Uniform random rotations", Graphics Gems III, 1992.
 Eigen::Matrix3d anyOrientation(SeededRandom& random) {
   const double u = random.uniform();
   const double a = random.uniform(0.0, 2.0 * kPi);
@@ -34,13 +41,6 @@ Eigen::Matrix3d anyOrientation(SeededRandom& random) {
       .normalized()
       .toRotationMatrix();
 }
-
-void makeHeavy(BrickPlacement* brick, double mass_kg) {
-  brick->type.mass_kg = mass_kg;
-  brick->decoy = Decoy::kHeavy;
-}
-
-}  // namespace
 
 std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const BrickType& type, int wedged,
                                          double heavy_mass_kg, double gap_m, SeededRandom& random) {

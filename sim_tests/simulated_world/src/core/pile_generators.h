@@ -12,6 +12,9 @@ namespace simulated_world {
 std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const BrickType& type, int wedged,
                                          double heavy_mass_kg, double gap_m, synthetic_depth::SeededRandom& random);
 
+/// Any orientation, all equally likely.
+Eigen::Matrix3d anyOrientation(synthetic_depth::SeededRandom& random);
+
 /// Bricks of a stack, the lowest first, `gap_m` between them; ids are not set.
 std::vector<BrickPlacement> stackedBricks(const StackConfig& config, const BrickType& type, double gap_m);
 

@@ -386,6 +386,7 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   scene.seed = seed;
   scene.heaps = config.heaps;
   scene.walls = config.walls;
+  scene.has_tipped = !config.tipped.empty();
   scene.max_shift_m = config.max_shift_m;
   scene.robot_start = config.robot_start;
   SeededRandom random(seed);

@@ -9,6 +9,8 @@
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
 
+#include "pile_generators.h"
+#include "simulated_world/box_separation.h"
 #include "simulated_world/pickable.h"
 #include "simulated_world/world_observation.h"
 #include "synthetic_depth/seeded_random.h"
@@ -45,12 +47,52 @@ Eigen::Vector2d reachOf(const BrickPlacement& brick, const HeapConfig& heap) {
 /// A stack drops by its layers' gaps; what moved farther was hit, or falls.
 constexpr double kStackShift_m = 0.05;
 
+/// Shares of what counts as at rest, the larger one.
+double unrestOf(const BrickPhysics& physics, int id, const SettleConfig& config) {
+  return std::max(physics.speed(id) / config.rest_speed_m_per_s, physics.rate(id) / config.rest_rate_rad_per_s);
+}
+
+/// In a jumble a brick may rock or slide on edges for ever: it is dropped on the heap again, some other way round.
+void dropRestlessBrick(BrickPhysics& physics, const PileScene& scene, const SettleConfig& config,
+                       synthetic_depth::SeededRandom& random) {
+  const std::vector<BrickPlacement> bricks = physics.bricks();
+  const BrickPlacement* worst = nullptr;
+  double top_m = 0.0;
+  for (const BrickPlacement& brick : bricks) {
+    top_m = std::max(top_m, brick.T_map_brick.translation().z() + 0.5 * brick.type.size_m.norm());
+    const bool has_a_place =
+        brick.decoy == Decoy::kWedged || brick.decoy == Decoy::kHeavy ||
+        std::find(scene.stack_ids.begin(), scene.stack_ids.end(), brick.id) != scene.stack_ids.end();
+    if (!has_a_place &&
+        (worst == nullptr || unrestOf(physics, brick.id, config) > unrestOf(physics, worst->id, config))) {
+      worst = &brick;
+    }
+  }
+  if (worst == nullptr) return;
+  Eigen::Isometry3d T_map_brick = worst->T_map_brick;
+  T_map_brick.translation().z() = top_m + 0.5 * worst->type.size_m.norm();
+  T_map_brick.linear() = anyOrientation(random);
+  for (const Wall& wall : scene.walls) {
+    if (boxSeparation(T_map_brick, worst->type.size_m, wall.pose(), wall.size_m) < 0.0) {
+      T_map_brick.linear() = worst->T_map_brick.linear();  // straight up nothing is in the way
+    }
+  }
+  physics.place(worst->id, T_map_brick);
+}
+
 /// Lets the bricks fall until all lie still; false if that takes longer than allowed.
-bool waitForRest(BrickPhysics& physics, const SettleConfig& config) {
+bool waitForRest(BrickPhysics& physics, const PileScene& scene, const SettleConfig& config) {
   constexpr double kLook_s = 0.05;
+  synthetic_depth::SeededRandom random(scene.seed, 0, 1);
   double moved_s = 0.0;
-  while (physics.time() < config.max_time_s) {
+  double dropped_s = 0.0;
+  while (physics.time() < (scene.has_tipped ? config.max_tipped_time_s : config.max_time_s)) {
     physics.run(kLook_s);
+    if (scene.has_tipped && physics.time() - dropped_s > config.patience_s + config.rest_time_s &&
+        physics.time() - moved_s < config.rest_time_s) {
+      dropRestlessBrick(physics, scene, config, random);
+      dropped_s = physics.time();
+    }
     if (physics.maxSpeed() > config.rest_speed_m_per_s || physics.maxRate() > config.rest_rate_rad_per_s) {
       moved_s = physics.time();
     } else if (physics.time() - moved_s >= config.rest_time_s) {
@@ -89,6 +131,23 @@ std::vector<BrickPlacement> BrickPhysics::bricks() const {
   return now;
 }
 
+double BrickPhysics::speed(int id) const {
+  return Eigen::Map<const Eigen::Vector3d>(data_->qvel + dofOf(*model_, brickOf(bricks_, id))).norm();
+}
+
+double BrickPhysics::rate(int id) const {
+  return Eigen::Map<const Eigen::Vector3d>(data_->qvel + dofOf(*model_, brickOf(bricks_, id)) + 3).norm();
+}
+
+void BrickPhysics::place(int id, const Eigen::Isometry3d& T_map_brick) {
+  const int body = requireId(*model_, mjOBJ_BODY, brickBodyName(id));
+  mjtNum* const qpos = data_->qpos + model_->jnt_qposadr[model_->body_jntadr[body]];
+  std::copy_n(T_map_brick.translation().data(), 3, qpos);
+  quaternionTo(Eigen::Quaterniond(T_map_brick.linear()).normalized(), qpos + 3);
+  std::fill_n(data_->qvel + model_->body_dofadr[body], 6, 0.0);
+  mj_forward(model_.get(), data_.get());
+}
+
 double BrickPhysics::maxSpeed() const {
   double largest = 0.0;
   for (const BrickPlacement& brick : bricks_) {
@@ -111,6 +170,8 @@ std::vector<std::string> SettleConfig::validate() const {
   check("rest_rate_rad_per_s", rest_rate_rad_per_s, 1e-6, 10.0, "rad/s");
   check("rest_time_s", rest_time_s, 0.001, 600.0, "s");
   check("max_time_s", max_time_s, rest_time_s, 3600.0, "s");
+  check("patience_s", patience_s, 0.1, 3600.0, "s");
+  check("max_tipped_time_s", max_tipped_time_s, rest_time_s, 3600.0, "s");
   check("extent_tolerance_m", extent_tolerance_m, 0.0, 10.0, "m");
   check("max_attempts", max_attempts, 1, 100, "");
   std::vector<std::string> problems = check.problems();
@@ -181,8 +242,9 @@ SettledPile settlePile(const PileSceneConfig& scene_config, std::uint64_t seed, 
     pile.scene = generateScene(scene_config, seedOfAttempt(seed, attempt));
     BrickPhysics physics(pile.scene.bricks, config.physics, pile.scene.walls);
     std::vector<std::string> faults;
-    if (!waitForRest(physics, config)) {
-      faults.push_back("not at rest after " + std::to_string(config.max_time_s) + " s");
+    if (!waitForRest(physics, pile.scene, config)) {
+      faults.push_back("not at rest after " + std::to_string(physics.time()) + " s: " +
+                       std::to_string(physics.maxSpeed()) + " m/s, " + std::to_string(physics.maxRate()) + " rad/s");
     }
     const std::vector<BrickPlacement> settled = physics.bricks();
     for (const std::string& fault : faultsOfSettled(pile.scene, settled, config.extent_tolerance_m)) {

@@ -162,12 +162,12 @@ TEST(JudgeLookouts, NobodyStandsOnTheBricks) {
   EXPECT_EQ(judge.report().coverable_area_m2, 0.0);
 }
 
-TEST_F(JudgeTest, CoverageIsTheShareOfExposedAreaNearTheSurface) {
+TEST_F(JudgeTest, CoverageIsTheShareOfTheAreaNearTheSurface) {
   hold(0.1);
   EXPECT_EQ(judge.judgeSurface(topOf({0.0, 0.0, 0.15}, 0.1)), SurfaceVerdict::kJudged);
   // The top, and of the sides the uppermost of five rows of samples: 1 cm below the edge, the next being at 3 cm.
   EXPECT_NEAR(report().covered_area_m2, kTop_m2 + kSides_m2 / 5.0, 1e-12);
-  EXPECT_NEAR(report().totals.coverage.value(), report().covered_area_m2 / report().exposed_area_m2, 1e-12);
+  EXPECT_NEAR(report().totals.coverage.value(), report().covered_area_m2 / report().coverable_area_m2, 1e-12);
   const double before = report().covered_area_m2;
   judge.judgeSurface(topOf({0.0, 0.0, 0.15}, 0.1));
   EXPECT_EQ(report().covered_area_m2, before);        // nothing counts twice
@@ -238,6 +238,70 @@ TEST_F(JudgeTest, WhatLiesOnAnObstacleIsNeitherRightNorWrongWhileItStands) {
   world.now.obstacles = {{0, {std::nan(""), 0.0}}};
   world.now.time_s += 0.1;
   EXPECT_THROW(judge.observe(world.now), std::invalid_argument);
+}
+
+TEST(JudgeWalls, HideFacesAndAreNeitherRightNorWrong) {
+  ObservedWorld world;
+  world.add(1, {0.0, 0.0, 0.05});
+  world.now.time_s = 0.1;
+  Judge open{JudgeConfig()};
+  open.observe(world.now);
+  JudgeConfig config;
+  PileWall wall;
+  wall.T_map_wall.translation() = Eigen::Vector3d(0.25, 0.0, 1.0);  // its face touches the brick's, at x = 0.15
+  wall.size_m = {0.2, 3.0, 2.0};
+  config.pile.walls = {wall};
+  Judge judge(config);
+  judge.observe(world.now);
+  EXPECT_NEAR(judge.report().exposed_area_m2, open.report().exposed_area_m2 - 0.15 * 0.1, 1e-12);
+  EXPECT_NEAR(judge.report().coverable_area_m2, judge.report().exposed_area_m2, 1e-12);
+
+  // The brick's top, and a piece of the wall's face, or of what is 10 cm before it.
+  const auto precisionWith = [&](Judge& by, double x_m) {
+    StrategySurface surface = topOf({0.0, 0.0, 0.05}, 0.1);
+    for (const double y : {0.3, 0.4}) {
+      for (const double z : {0.3, 0.4}) surface.points_map.emplace_back(x_m, y, z);
+    }
+    surface.triangles.push_back({4, 5, 6});
+    surface.triangles.push_back({5, 7, 6});
+    by.judgeSurface(surface);
+    return by.report().totals.precision.value();
+  };
+  EXPECT_EQ(precisionWith(judge, 0.15), 1.0);
+  EXPECT_LT(precisionWith(judge, 0.05), 0.9);
+  EXPECT_LT(precisionWith(open, 0.15), 0.9);
+}
+
+TEST_F(JudgeTest, TellsHowManyBricksCanBePicked) {
+  world.brick(2).is_pickable = false;
+  hold(0.1);
+  EXPECT_EQ(report().bricks_total, 3);
+  EXPECT_EQ(report().bricks_pickable, 2);
+}
+
+TEST(JudgeLookouts, CoverageCountsOnlyWhatCanBeSeen) {
+  // As above: of the cleft between two rows a camera 3 m away sees the rim alone.
+  ObservedWorld world;
+  JudgeConfig config;
+  config.lookouts.clearance_m = 3.0;
+  config.lookouts.margin_m = 4.0;
+  Judge judge(config);
+  StrategySurface everything;  // a cloud
+  for (int i = 0; i < 5; ++i) {
+    for (const double y : {0.0, 0.17}) {
+      world.add(2 * i + (y > 0.0 ? 1 : 0), {0.3 * i, y, 0.05});
+      for (const FaceSample& sample : sampleFaces(kSize_m, 0.01)) {
+        everything.points_map.emplace_back(sample.p_brick + Eigen::Vector3d(0.3 * i, y, 0.05));
+      }
+    }
+  }
+  world.now.time_s = 0.1;
+  judge.observe(world.now);
+  ASSERT_LT(judge.report().coverable_area_m2, judge.report().exposed_area_m2);
+  everything.stamp_s = 0.1;
+  judge.judgeSurface(everything);
+  EXPECT_NEAR(judge.report().covered_area_m2, judge.report().coverable_area_m2, 1e-12);
+  EXPECT_NEAR(judge.totals().coverage.value(), 1.0, 1e-12);
 }
 
 TEST_F(JudgeTest, OldSurfacesAreNotJudged) {

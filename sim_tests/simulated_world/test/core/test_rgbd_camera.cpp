@@ -191,6 +191,48 @@ TEST(RgbdCamera, ColourNoiseHasTheStatedSigmaInEachChannel) {
   }
 }
 
+TEST(RgbdCamera, ExposureMultipliesAllColoursOfAnImage) {
+  World world(R"(<mujoco><visual><headlight ambient="0.3 0.3 0.3" diffuse="0 0 0"/></visual><worldbody>
+    <geom type="plane" size="0 0 1" rgba="1 0.8 0.6 1"/><camera name="down" pos="0 0 1"/></worldbody></mujoco>)");
+  RgbdCameraConfig config = smallCamera();
+  const cv::Scalar plain = cv::mean(RgbdCamera(world.renderer, "down", config).capture(*world.data, 0).rgb);
+  config.exposure_std_stops = 0.3;
+  RgbdCamera camera(world.renderer, "down", config);
+  double sum = 0.0;
+  double square = 0.0;
+  constexpr int kImages = 200;
+  for (int frame = 0; frame < kImages; ++frame) {
+    const cv::Scalar mean = cv::mean(camera.capture(*world.data, static_cast<std::uint64_t>(frame)).rgb);
+    const double stops = std::log2(mean[1] / plain[1]);
+    EXPECT_NEAR(std::log2(mean[0] / plain[0]), stops, 0.05);  // a grey level of some 60 is 0.02 stops
+    sum += stops;
+    square += stops * stops;
+  }
+  // Four standard errors.
+  EXPECT_NEAR(sum / kImages, 0.0, 4.0 * 0.3 / std::sqrt(kImages));
+  EXPECT_NEAR(std::sqrt(square / kImages), 0.3, 4.0 * 0.3 / std::sqrt(2.0 * kImages));
+  EXPECT_TRUE(isSame(camera.capture(*world.data, 7).rgb, camera.capture(*world.data, 7).rgb));
+}
+
+TEST(RgbdCamera, BlurWidensAnEdgeByItsDeviation) {
+  World world(kTwoColours);
+  RgbdCameraConfig config = smallCamera();
+  const cv::Mat sharp = RgbdCamera(world.renderer, "down", config).capture(*world.data, 0).rgb;
+  config.rgb_blur_px = 2.0;
+  const RgbdCamera::Frame blurred = RgbdCamera(world.renderer, "down", config).capture(*world.data, 0);
+  const auto steepest = [](const cv::Mat& rgb) {
+    int most = 0;
+    for (int v = 0; v < rgb.rows; ++v) {
+      for (int u = 0; u + 1 < rgb.cols; ++u) {
+        most = std::max(most, std::abs(rgb.at<cv::Vec3b>(v, u)[0] - rgb.at<cv::Vec3b>(v, u + 1)[0]));
+      }
+    }
+    return most;
+  };
+  // Of a step blurred by a Gaussian, the steepest pixel has 1 / (sqrt(2 pi) sigma) of it.
+  EXPECT_NEAR(steepest(blurred.rgb), steepest(sharp) / (std::sqrt(2.0 * M_PI) * 2.0), 0.02 * steepest(sharp));
+}
+
 TEST(RgbdCamera, MarksWhatItsSensorCannotMeasure) {
   World world(kTwoColours);
   RgbdCameraConfig config = smallCamera();

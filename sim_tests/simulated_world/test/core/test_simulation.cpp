@@ -3,10 +3,15 @@
 #include "simulated_world/simulation.h"
 
 #include <cmath>
+#include <cstdio>
+#include <fstream>
 #include <stdexcept>
+
+#include <unistd.h>
 
 #include <gtest/gtest.h>
 
+#include "simulated_world/box_separation.h"
 #include "simulated_world/scene_view.h"
 #include "simulated_world/testing/robot_in_world.h"
 #include "synthetic_depth/depth_renderer.h"
@@ -21,6 +26,27 @@ SimulationConfig configFor(const std::string& scene) {
   config.camera_rate_hz = 0.0;  // drawn only where a test looks
   return config;
 }
+
+/// A scene of the test's own, in a file of its own.
+class SceneFile {
+ public:
+  explicit SceneFile(const std::string& text)
+      : path_(testing::TempDir() + "scene_" + std::to_string(getpid()) + ".yaml") {
+    std::ofstream(path_) << text;
+  }
+  ~SceneFile() { std::remove(path_.c_str()); }
+  SceneFile(const SceneFile&) = delete;
+  SceneFile& operator=(const SceneFile&) = delete;
+
+  SimulationConfig config() const {
+    SimulationConfig config = configFor("single_brick");
+    config.scene = path_;
+    return config;
+  }
+
+ private:
+  std::string path_;
+};
 
 Eigen::Isometry3d at(const Eigen::Vector3d& xyz_map, double yaw_rad = 0.0) {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
@@ -340,6 +366,35 @@ TEST(Simulation, OdometryAndLocalisationAgreeWithTheTruth) {
   EXPECT_NEAR(localised.x_m, truth.x_m, 1e-9) << "ground truth is the default";
   // v^2 / 2a less than v t, on an arc: the judge measures the way, the truth its end.
   EXPECT_NEAR(robot.judged().distance_m, 0.4 * 4.0 - 0.4 * 0.4 / (2 * 2.4), 0.02);
+}
+
+TEST(Simulation, LocalisationDriftsWithItsDeviationAndCorrelation) {
+  constexpr double kStd_m = 0.01;
+  for (const double correlation_s : {0.0, 1.0}) {
+    SimulationConfig config = configFor("single_brick");
+    config.localisation_std_m = kStd_m;
+    config.localisation_correlation_s = correlation_s;
+    config.odometry_rate_hz = 10.0;
+    Robot robot(config);
+    std::vector<double> errors_m;
+    for (int i = 0; i < 12000; ++i) {
+      const Simulation::Tick tick = robot.sim.tick();
+      if (!tick.has_localisation) continue;
+      const Pose2d told = compose(robot.sim.mapToOdom(), robot.sim.drive().odometry());
+      errors_m.push_back(told.x_m - robot.sim.world().basePose().x_m);
+    }
+    double square = 0.0;
+    double product = 0.0;
+    for (std::size_t i = 1; i < errors_m.size(); ++i) {
+      square += errors_m[i] * errors_m[i];
+      product += errors_m[i] * errors_m[i - 1];
+    }
+    // 1200 values over 120 s: of two deviations of time each is a value of its own, 60 then. Four standard errors.
+    const double independent = correlation_s > 0.0 ? 60.0 : 1200.0;
+    EXPECT_NEAR(std::sqrt(square / static_cast<double>(errors_m.size())), kStd_m,
+                4.0 * kStd_m / std::sqrt(2.0 * independent));
+    EXPECT_NEAR(product / square, correlation_s > 0.0 ? std::exp(-0.1 / correlation_s) : 0.0, 4.0 / std::sqrt(1200.0));
+  }
 }
 
 TEST(Simulation, WheelSlipIsNotSeenByOdometry) {
@@ -718,6 +773,114 @@ TEST(Simulation, WeakMagnetLiftsNothing) {
   robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.5), 2.0);
   EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
   EXPECT_EQ(robot.judged().drops, 0) << "it never left the ground";
+}
+
+TEST(Simulation, AHeavyBrickStaysAndIsNotPickable) {
+  const SceneFile heavy(
+      "brick_type: brick\nrobot_start: {xy_m: [-3, 0]}\nbricks: [{id: 0, xyz_m: [0, 0, 0.1]}]\ndecoys: {heavy: 1}\n");
+  Robot robot(heavy.config());
+  EXPECT_EQ(robot.sim.judge().report().bricks_total, 1);
+  EXPECT_EQ(robot.sim.judge().report().bricks_pickable, 0);
+  robot.grasp(0);
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.5), 2.0);
+  EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
+  EXPECT_LT(robot.sim.world().brick(0)->T_map_brick.translation().z(), 0.11);
+  EXPECT_EQ(robot.judged().drops, 0) << "it never left the ground";
+}
+
+TEST(Simulation, AnUntaggedBoxHasNoPlateToHoldItBy) {
+  const SceneFile untagged(
+      "brick_type: brick\nrobot_start: {xy_m: [-3, 0]}\nbricks: [{id: 0, xyz_m: [0, 0, 0.1]}]\ndecoys: {untagged: "
+      "1}\n");
+  Robot robot(untagged.config());
+  EXPECT_EQ(robot.sim.judge().report().bricks_pickable, 0);
+  robot.grasp(0);
+  EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
+}
+
+const char* const kWallAhead =
+    "brick_type: brick\nrobot_start: {xy_m: [-3, 0]}\nbricks: [{id: 0, xyz_m: [0, 0, 0.1]}]\n"
+    "walls: [{center_m: [-1.5, 0.0], size_m: [0.2, 4.0, 2.0]}]\n";
+
+TEST(Simulation, WallIsSeenByScannerAndCamera) {
+  const SceneFile scene(kWallAhead);
+  Robot robot(scene.config());
+  ASSERT_TRUE(robot.sim.requestImage());
+  robot.run(0.1);  // a scan and an image
+  const Eigen::Vector3d scanner = robot.sim.world().linkPose("lidar_1_link").translation();
+  EXPECT_NEAR(robot.scan[robot.scan.size() / 2], -1.6 - scanner.x(), 1e-3) << "its face towards the robot";
+  const RgbdCamera::Frame& frame = robot.images.at(0).frame;
+  const auto& camera = robot.sim.config().camera.camera;
+  const Eigen::Isometry3d T_map_camera = robot.sim.world().linkPose("camera_depth_optical_frame");
+  int compared = 0;
+  for (int v = 0; v < frame.exact_depth_m.rows; v += 4) {
+    for (int u = 0; u < frame.exact_depth_m.cols; u += 4) {
+      const Eigen::Vector3d ray = T_map_camera.linear() * Eigen::Vector3d((u - camera.cx_px) / camera.fx_px,
+                                                                          (v - camera.cy_px) / camera.fy_px, 1);
+      const double depth_m = (-1.6 - T_map_camera.translation().x()) / ray.x();
+      const Eigen::Vector3d p_map = T_map_camera.translation() + depth_m * ray;
+      // On the wall, and not behind the robot's own arm, which is nearer by a lot.
+      if (depth_m < 0.0 || p_map.z() < 0.02 || frame.exact_depth_m.at<float>(v, u) < depth_m - 0.1) continue;
+      ++compared;
+      EXPECT_NEAR(frame.exact_depth_m.at<float>(v, u), depth_m, 0.003) << u << ", " << v;  // the depth buffer's steps
+    }
+  }
+  EXPECT_GT(compared, 1000);
+}
+
+TEST(Simulation, RunningIntoAWallIsACollisionWithIt) {
+  const SceneFile scene(kWallAhead);
+  Robot robot(scene.config());
+  for (int i = 0; i < 500; ++i) {
+    robot.sim.commandBase({0.4, 0.0});
+    robot.step();
+  }
+  EXPECT_LT(robot.sim.world().basePose().x_m, -1.6 - 0.29) << "the base's front is 0.296 m before base_link";
+  EXPECT_GE(robot.judged().collisions, 1);
+  EXPECT_TRUE(says(robot.incidents, "with wall_0"));
+}
+
+TEST(Simulation, BricksThatLeanOnAWallFallAsleep) {
+  Robot robot(configFor("in_corner"));
+  int leaning = 0;
+  const PileScene& scene = robot.sim.scene();
+  for (const BrickPlacement& brick : scene.bricks) {
+    for (const Wall& wall : scene.walls) {
+      const double gap_m = boxSeparation(brick.T_map_brick, brick.type.size_m, wall.pose(), wall.size_m);
+      leaning += gap_m < 0.001 ? 1 : 0;
+    }
+  }
+  ASSERT_GT(leaning, 0) << "no brick touches a wall";
+  robot.run(4.0);
+  EXPECT_EQ(robot.sim.world().numAwake(), 0);
+  EXPECT_EQ(robot.judged().falls, 0);
+}
+
+TEST(Simulation, TheSunCastsTheBricksShadow) {
+  for (const bool has_sun : {false, true}) {
+    SimulationConfig config = configFor("single_brick");
+    config.world.has_sun = has_sun;
+    Robot robot(config);
+    ASSERT_TRUE(robot.sim.requestImage());
+    robot.step();
+    const auto& camera = robot.sim.config().camera.camera;
+    const Eigen::Isometry3d T_map_camera = robot.sim.world().linkPose("camera_depth_optical_frame");
+    const auto greyAt = [&](const Eigen::Vector3d& p_map) {
+      const Eigen::Vector3d p = T_map_camera.inverse() * p_map;
+      const int u = static_cast<int>(std::lround(camera.fx_px * p.x() / p.z() + camera.cx_px));
+      const int v = static_cast<int>(std::lround(camera.fy_px * p.y() / p.z() + camera.cy_px));
+      const cv::Vec3b rgb = robot.images.at(0).frame.rgb.at<cv::Vec3b>(v, u);
+      return (rgb[0] + rgb[1] + rgb[2]) / 3.0;
+    };
+    // The sun is in the direction (-0.60, -0.30, 0.75): beside the brick, 0.2 m high, there is shadow as far as y = 0.18.
+    const double beside = greyAt({0.0, 0.14, 0.0});
+    const double open = greyAt({0.0, 0.5, 0.0});
+    if (has_sun) {
+      EXPECT_LT(beside, 0.7 * open);
+    } else {
+      EXPECT_NEAR(beside, open, 0.05 * open);
+    }
+  }
 }
 
 TEST(Simulation, LostBrickIsADropAndNoFall) {

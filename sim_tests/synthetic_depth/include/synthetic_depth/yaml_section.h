@@ -177,7 +177,7 @@ class Section {
   }
 
   void report(const std::string& key, const std::string& value, const std::string& rule) {
-    problems_.push_back(join(key) + " = " + value + ", must be " + rule);
+    problems_.push_back(join(key) + " = " + value + ", must be " + rule + lineOf(key));
   }
 
   /// Reports keys that no one asked for, and keys given twice. Call after the last value was taken.
@@ -195,7 +195,7 @@ class Section {
         for (const std::string& word : known_) {
           list += (list.empty() ? "" : ", ") + word;
         }
-        problems_.push_back(join(key) + " is unknown; known here: " + list);
+        problems_.push_back(join(key) + " is unknown; known here: " + list + lineOf(key));
       }
     }
   }
@@ -217,6 +217,14 @@ class Section {
   YAML::Node take(const std::string& key) {
     known_.insert(key);
     return node_.IsMap() ? node_[key] : YAML::Node(YAML::NodeType::Undefined);
+  }
+
+  /// Of the key, or where it is missing of the map that should have it.
+  std::string lineOf(const std::string& key) const {
+    const YAML::Node& map = node_;  // of a const one operator[] adds nothing
+    const YAML::Node node = map.IsMap() && map[key].IsDefined() ? map[key] : map;
+    const int line = node.IsDefined() ? node.Mark().line : -1;  // -1: it was made by a program
+    return line < 0 ? "" : " (line " + std::to_string(line + 1) + ")";
   }
 
   std::string join(const std::string& key) const {
