@@ -12,6 +12,11 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
+// Beyond its last points a surface is a guess: planes go on where the object ends. There the points lie all to one side.
+constexpr double kTrimReach = 2.0;        // [spacings] points that count
+constexpr double kTrimOffset = 0.8;       // [spacings] of their mean, along the surface
+constexpr float kLeastMeanNormal = 0.3f;  // shorter, and the faces look in opposite ways
+
 bool isSame(float a, float b) {
   return a == b || (std::isnan(a) && std::isnan(b));
 }
@@ -75,7 +80,44 @@ std::vector<std::uint8_t> MeshLattice::supportOf(const CellGp& gp) const {
       }
     }
   }
+  trim(gp, &supported);
   return supported;
+}
+
+void MeshLattice::trim(const CellGp& gp, std::vector<std::uint8_t>* supported) const {
+  const Eigen::Index n = static_cast<Eigen::Index>(gp.size());
+  Eigen::ArrayX3f position(n, 3), normal(n, 3);  // [voxels]
+  const Eigen::Vector3d first = config_.cells.corner(gp.key());
+  for (Eigen::Index i = 0; i < n; ++i) {
+    position.row(i) =
+        (((gp.position(static_cast<std::size_t>(i)) - first) / edge_).array() + (band_ + 0.5)).cast<float>();
+    normal.row(i) = gp.normal(static_cast<std::size_t>(i)).array();
+  }
+  const float reach = static_cast<float>(kTrimReach * config_.surface.spacing_m / edge_);
+  const float limit = static_cast<float>(kTrimOffset * config_.surface.spacing_m / edge_);
+  const int wide = side_ + 1;
+  Eigen::ArrayXf weight(n);
+  std::size_t at = 0;
+  for (int z = 0; z < wide; ++z) {
+    for (int y = 0; y < wide; ++y) {
+      for (int x = 0; x < wide; ++x, ++at) {
+        if (!(*supported)[at]) continue;
+        const Eigen::Array3f voxel(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z));
+        weight = (position.col(0) - voxel.x()).square() + (position.col(1) - voxel.y()).square() +
+                 (position.col(2) - voxel.z()).square();
+        weight = (1.0f - weight / (reach * reach)).max(0.0f).square();
+        const float sum = weight.sum();
+        Eigen::Vector3f offset, up;
+        for (int axis = 0; axis < 3; ++axis) {
+          offset[axis] = (weight * position.col(axis)).sum() / sum - voxel[axis];
+          up[axis] = (weight * normal.col(axis)).sum() / sum;
+        }
+        // At an edge the points of both faces lie to one side, too, but along the normal between them.
+        if (up.norm() > kLeastMeanNormal) offset -= offset.dot(up) / up.squaredNorm() * up;
+        if (offset.squaredNorm() > limit * limit) (*supported)[at] = 0;
+      }
+    }
+  }
 }
 
 CellField MeshLattice::evaluate(const CellGp& gp) const {

@@ -48,6 +48,8 @@ class MeshLattice {
   };
   Shares sharesAt(int corner) const;
   std::vector<std::uint8_t> supportOf(const CellGp& gp) const;
+  /// Takes back the support of voxels beyond the last points.
+  void trim(const CellGp& gp, std::vector<std::uint8_t>* supported) const;
   std::size_t fieldIndex(int x, int y, int z) const;
 
   const GpisConfig& config_;
