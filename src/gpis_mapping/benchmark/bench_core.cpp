@@ -235,6 +235,36 @@ void BM_MapUpdateSameView(benchmark::State& state) {
 }
 BENCHMARK(BM_MapUpdateSameView)->Unit(benchmark::kMillisecond);
 
+/// A map of a floor of that many m2, seen from its middle: what an update costs must not depend on what is out of view.
+void BM_MapUpdateOfAreaM2(benchmark::State& state) {
+  MapContents contents;
+  contents.config = oneThread();
+  const double spacing = contents.config.surface.spacing_m;
+  const double half = 0.5 * std::sqrt(static_cast<double>(state.range(0)));
+  for (double x = -half; x < half; x += spacing) {
+    for (double y = -half; y < half; y += spacing) {
+      SurfacePoint point;
+      point.position_map = {x, y, 0.0};
+      point.normal_map = {0.0f, 0.0f, 1.0f};
+      point.variance_m2 = 1e-6f;
+      point.normal_variance = 1e-3f;
+      contents.points.push_back(point);
+    }
+  }
+  GpisMap map(std::move(contents));
+  Eigen::Isometry3d pose = cameraPose();
+  pose.translation().x() -= 1.3;
+  DepthImage image = analyticImage();
+  double stamp = 0.0;
+  for (int i = 0; i < 5; ++i) map.update(image, vgaCamera(), pose, stamp += 0.1);
+  UpdateStatistics last;
+  for (auto _ : state) last = map.update(image, vgaCamera(), pose, stamp += 0.1);
+  state.counters["points"] = static_cast<double>(last.map_points);
+  state.counters["cells_looked_at"] = static_cast<double>(last.cells_looked_at);
+  state.counters["cells_copied"] = static_cast<double>(last.cells_copied);
+}
+BENCHMARK(BM_MapUpdateOfAreaM2)->Arg(10)->Arg(100)->Arg(1000)->Unit(benchmark::kMillisecond);
+
 /// Argument: 0 distance and gradient, 1 and variance, 2 and its gradient.
 void BM_SnapshotQuery(benchmark::State& state) {
   const MapSnapshot& snapshot = smallSnapshot();
@@ -279,13 +309,13 @@ BENCHMARK(BM_BlendWeights);
 void BM_MeshOfCellBlock(benchmark::State& state) {
   const MapSnapshot& whole = smallSnapshot();
   const LatticeKey center = whole.config().cells.at({1.0, 0.35, 0.0});
-  MapSnapshot::Cells cells;
+  std::vector<CellPages::value_type> cells;
   for (const auto& [key, cell] : whole.cells()) {
     const bool is_near =
         std::abs(key.x - center.x) <= 1 && std::abs(key.y - center.y) <= 1 && std::abs(key.z - center.z) <= 1;
-    if (is_near) cells.emplace(key, cell);
+    if (is_near) cells.emplace_back(key, cell);
   }
-  const MapSnapshot block(whole.config(), cells, ObservedLayer(0.05), 0.0, 1);
+  const MapSnapshot block(whole.config(), CellPages(cells), ObservedLayer(0.05), 0.0, 1);
   std::size_t triangles = 0;
   for (auto _ : state) {
     MeshExtractor extractor(whole.config());

@@ -72,8 +72,11 @@ class CellGp {
 
   std::size_t memoryBytes() const;
 
- private:
+  /// For the kernels; valid as long as the cell.
   CellArrays arrays() const;
+  const CellKernels& kernels() const { return *kernels_; }
+
+ private:
   Eigen::Vector3f vectorAt(int first_array, std::size_t i) const;
 
   LatticeKey key_;

@@ -68,7 +68,8 @@ class DepthClassifier {
   double widestShadowPx(double near_m, double far_m) const;
   /// Sets `is_shadow` where a run of unmeasured pixels in a row is no wider than the shadow of the depth edge it lies
   /// at, and the frame's `clear_to` there and where a gap between the two sides of a depth edge is narrow.
-  void markGaps(const DepthImage& image, ClassifiedFrame* frame, std::vector<std::uint8_t>* is_shadow) const;
+  void markGaps(const DepthImage& image, int num_threads, ClassifiedFrame* frame,
+                std::vector<std::uint8_t>* is_shadow) const;
   /// What an unmeasured pixel blocks around it: nothing if it is one of a few with one surface, or wall, all round.
   Block blockOf(const ClassifiedFrame& frame, int u, int v, bool is_shadow) const;
 

@@ -2,11 +2,13 @@
 #ifndef GPIS_MAPPING_GPIS_MAP_H
 #define GPIS_MAPPING_GPIS_MAP_H
 
+#include <algorithm>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <mutex>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -41,6 +43,8 @@ struct UpdateStatistics {
   std::size_t occluded{0};
   std::size_t map_points{0};
   std::size_t cells_retrained{0};
+  std::size_t cells_looked_at{0};                   // to find those in view; with each search counted
+  std::size_t cells_copied{0};                      // into pages of the snapshot
   std::vector<Eigen::Vector3d> removed_points_map;  // where points were deleted
 };
 
@@ -129,7 +133,59 @@ class GpisMap {
     SurfacePoint point;
   };
 
-  using CellMap = std::unordered_map<LatticeKey, Cell, LatticeKeyHash>;
+  /// The cells by place, and by blocks of 8 x 8 x 8 cells, so that what is far from an image costs nothing.
+  class CellMap {
+   public:
+    using Cells = std::unordered_map<LatticeKey, Cell, LatticeKeyHash>;
+    using value_type = Cells::value_type;
+
+    Cell& operator[](const LatticeKey& key) {
+      const auto [at, is_new] = cells_.try_emplace(key);
+      if (is_new) blocks_[blockOf(key)].push_back(&*at);
+      return at->second;
+    }
+    void erase(const LatticeKey& key);
+    Cells::iterator find(const LatticeKey& key) { return cells_.find(key); }
+    Cells::const_iterator find(const LatticeKey& key) const { return cells_.find(key); }
+    Cells::iterator begin() { return cells_.begin(); }
+    Cells::const_iterator begin() const { return cells_.begin(); }
+    Cells::iterator end() { return cells_.end(); }
+    Cells::const_iterator end() const { return cells_.end(); }
+    Cell& at(const LatticeKey& key) { return cells_.at(key); }
+
+    /// Of all blocks that pass `mayHold(center [cells], side [cells])` the cells that pass `isWanted(key)`, sorted by
+    /// place.
+    template <typename BlockTest, typename CellTest>
+    std::vector<value_type*> select(const BlockTest& mayHold, const CellTest& isWanted) {
+      std::vector<value_type*> selected;
+      for (const auto& [block, cells] : blocks_) {
+        const Eigen::Vector3d middle = block.corner(kBlockCells) + Eigen::Vector3d::Constant(0.5 * (kBlockCells - 1));
+        if (!mayHold(middle, kBlockCells)) continue;
+        for (value_type* const cell : cells) {
+          ++num_looked_at_;
+          if (isWanted(cell->first)) selected.push_back(cell);
+        }
+      }
+      // The hash maps' order depends on their history.
+      std::sort(selected.begin(), selected.end(),
+                [](const value_type* a, const value_type* b) { return a->first < b->first; });
+      return selected;
+    }
+
+    /// Cells that select() has tested since the last call.
+    std::size_t numLookedAt() { return std::exchange(num_looked_at_, 0); }
+
+   private:
+    static constexpr int kBlockShift = 3;
+    static constexpr int kBlockCells = 1 << kBlockShift;
+    static LatticeKey blockOf(const LatticeKey& key) {
+      return {key.x >> kBlockShift, key.y >> kBlockShift, key.z >> kBlockShift};
+    }
+
+    Cells cells_;  // pointers to its entries last as long as these
+    std::unordered_map<LatticeKey, std::vector<value_type*>, LatticeKeyHash> blocks_;
+    std::size_t num_looked_at_{0};
+  };
 
   /// How far a point may drift out of its cell before it changes hands [m]; without it points on a border would have
   /// their cells trained again in every update.
@@ -144,8 +200,8 @@ class GpisMap {
   void allowForMisalignment(Frame* frame);
   /// Remembers which pixels can measure a depth.
   void learnView(const ClassifiedFrame& pixels);
-  /// Whether the image may show a part of the cell.
-  bool isInView(const Frame& frame, const LatticeKey& key) const;
+  /// Cells with points of which the image may show a part, sorted by place.
+  std::vector<CellMap::value_type*> cellsInView(const Frame& frame);
   /// `pixels`: the frame's; holes in which a surface has vanished become wall.
   void fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics);
   void rememberRemoved(const std::vector<CellUpdate>& jobs);
@@ -169,6 +225,8 @@ class GpisMap {
 
   GpisConfig config_;
   CellMap cells_;
+  std::vector<LatticeKey> to_train_;  // cells that became dirty or changed since they were last looked at for training
+  CellPages trained_;                 // the cells of the next snapshot
   ObservedLayer observed_;
   double epoch_s_{0.0};
   std::uint64_t num_updates_{0};

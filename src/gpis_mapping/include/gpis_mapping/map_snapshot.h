@@ -5,12 +5,12 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
-#include <unordered_map>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include "gpis_mapping/cell_gp.h"
+#include "gpis_mapping/cell_pages.h"
 #include "gpis_mapping/gpis_config.h"
 #include "gpis_mapping/observed_layer.h"
 #include "gpis_mapping/types.h"
@@ -47,15 +47,15 @@ struct FieldSample {
 /// Immutable state of the map after one update; safe for any number of concurrent readers.
 class MapSnapshot {
  public:
-  using Cells = std::unordered_map<LatticeKey, std::shared_ptr<const CellGp>, LatticeKeyHash>;
-
-  MapSnapshot(const GpisConfig& config, Cells cells, ObservedLayer observed, double epoch_s, std::uint64_t num_updates);
+  MapSnapshot(const GpisConfig& config, CellPages cells, ObservedLayer observed, double epoch_s,
+              std::uint64_t num_updates);
   ~MapSnapshot();
   MapSnapshot(const MapSnapshot&) = delete;
   MapSnapshot& operator=(const MapSnapshot&) = delete;
 
   /// Answers at the columns of `points_map` [m]. Non-finite points get no answer and state unknown. Cost per point:
   /// one nearest-neighbour look-up plus O(n) for the field, O(n^2) for its variance, n = points per cell (about 80).
+  /// Many points at once cost less each; the answer at a point is the same to the bit whichever points come with it.
   QueryResult query(const Points3d& points_map, const QueryOptions& options = {}) const;
 
   FieldSample field(const Eigen::Vector3d& p_map) const;
@@ -64,25 +64,25 @@ class MapSnapshot {
   SpaceState state(const Eigen::Vector3d& p_map, double distance_m) const;
 
   const GpisConfig& config() const { return config_; }
-  const Cells& cells() const { return cells_; }
+  const CellPages& cells() const { return cells_; }
   const ObservedLayer& observed() const { return observed_; }
   double epoch() const { return epoch_s_; }  // stamp of the first update [s]
   std::uint64_t numUpdates() const { return num_updates_; }
-  std::size_t numPoints() const;
+  std::size_t numPoints() const { return cells_.numPoints(); }
   std::size_t memoryBytes() const;
 
  private:
   class NearestIndex;
+  class CellQuery;
 
   const NearestIndex& nearestIndex() const;
-  void blendedVariance(const Points3d& points_map, const QueryOptions& options, QueryResult* result) const;
 
   GpisConfig config_;
-  Cells cells_;
+  CellPages cells_;
   ObservedLayer observed_;
   double epoch_s_;
   std::uint64_t num_updates_;
-  mutable std::once_flag nearest_once_;  // the index is built by the first query, not by the update
+  mutable std::once_flag nearest_once_;  // the index is built by the first query far from all surfaces
   mutable std::unique_ptr<NearestIndex> nearest_;
 };
 

@@ -35,10 +35,46 @@ struct CellArrays {
   float signal_variance_m2;  // k(x, x)
 };
 
+/// The points that the cells about a place have of their own.
+struct NearbyPoints {
+  struct Cell {
+    int count;               // > 0
+    const float *x, *y, *z;  // relative to the cell's centre [m]
+    const float *nx, *ny, *nz;
+    float offset[3];  // of its centre from the middle cell's [m]
+    float side[3];    // on which side of the middle cell it lies: -1, 0 or 1
+  };
+  Cell cells[27];  // in the order of the search
+  int count;
+  float cell_reach;   // half a cell less what points may have strayed out of theirs [m]
+  float outer_reach;  // the same to the border of all 27 [m]
+  float disc_radius_m;
+  float inverse_vote_scale2;  // [1/m^2]
+};
+
+constexpr int kNearestPoints = 8;
+
+/// What the nearest of them, as discs, say of 8 places.
+struct NearestReadings {
+  int is_complete[kCellPad];  // 0: points outside of the 27 cells may be nearer than some of these
+  float distance[kCellPad];   // to the nearest disc, with the sign of the side that the near discs vote for [m]
+  float gx[kCellPad], gy[kCellPad], gz[kCellPad];
+  float nearest[kCellPad];              // to the nearest point [m]
+  float aside[kCellPad];                // of the nearest point's normal line [m]
+  int cell[kCellPad], point[kCellPad];  // the nearest: index in NearbyPoints::cells, and in that cell
+};
+
 struct CellKernels {
   /// f at `count` points, NaN where there is none; arrays of padded(count) floats. Without `with_residual` the prior mean.
   void (*means)(const CellArrays& cell, bool with_residual, const float* x, const float* y, const float* z, int count,
                 float* values);
+  /// The same with the gradient of f.
+  void (*meansWithGradient)(const CellArrays& cell, const float* x, const float* y, const float* z, int count,
+                            float* values, float* gx, float* gy, float* gz);
+  /// The nearest points of 8 places [m from the middle cell's centre], of those equally far the first in the order of
+  /// the search.
+  void (*readNearest)(const NearbyPoints& nearby, const float* x, const float* y, const float* z,
+                      NearestReadings* readings);
   /// f and its gradient at one point, in result[0] and result[1..3]; false where there is none.
   bool (*meanWithGradient)(const CellArrays& cell, float x, float y, float z, float* result);
   /// Cholesky factor of the training points' covariance with `noise` added to its diagonal; false if that is not positive

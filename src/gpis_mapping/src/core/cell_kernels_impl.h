@@ -38,6 +38,20 @@ GPIS_INLINE Vector splat(float x) {
 GPIS_INLINE Vector larger(Vector a, Vector b) {
   return a > b ? a : b;
 }
+GPIS_INLINE Vector smaller(Vector a, Vector b) {
+  return a < b ? a : b;
+}
+GPIS_INLINE bool any(Integers mask) {
+#if defined(__AVX2__)
+  return _mm256_movemask_ps(reinterpret_cast<__m256>(mask)) != 0;
+#elif defined(__SSE2__)
+  return _mm_movemask_ps(reinterpret_cast<__m128>(mask)) != 0;
+#else
+  int bits = 0;
+  for (int i = 0; i < kLanes; ++i) bits |= mask[i];
+  return bits != 0;
+#endif
+}
 GPIS_INLINE float total(Vector x) {
   float sum = x[0];
   for (int i = 1; i < kLanes; ++i) sum += x[i];
@@ -163,6 +177,175 @@ bool meanWithGradient(const CellArrays& c, float x, float y, float z, float* res
   return true;
 }
 
+void meansWithGradient(const CellArrays& c, const float* x, const float* y, const float* z, int count, float* values,
+                       float* gx, float* gy, float* gz) {
+  const float of_weights = -6.0f * c.inverse_radius2;
+  const float of_residual = c.signal_variance_m2 * c.decay * c.decay;
+  for (int q = 0; q < count; q += kLanes) {
+    const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
+    // As in meanWithGradient().
+    Vector weight{}, weighted{}, residual{};
+    Vector normal_x{}, normal_y{}, normal_z{}, along_x{}, along_y{}, along_z{}, slope_x{}, slope_y{}, slope_z{};
+    Vector residual_x{}, residual_y{}, residual_z{};
+    for (int i = 0; i < c.num_points; ++i) {
+      const Vector dx = qx - c.x[i], dy = qy - c.y[i], dz = qz - c.z[i];
+      const Vector square = dx * dx + dy * dy + dz * dz;
+      const Vector base = larger(1.0f - c.inverse_radius2 * square, Vector{});
+      if (any(base > 0.0f)) {
+        const Vector w2 = c.quality[i] * base * base;
+        const Vector w = w2 * base;
+        const Vector along = c.nx[i] * dx + c.ny[i] * dy + c.nz[i] * dz;
+        weight += w;
+        weighted += w * along;
+        normal_x += w * c.nx[i];
+        normal_y += w * c.ny[i];
+        normal_z += w * c.nz[i];
+        const Vector w2_along = w2 * along;
+        along_x += w2_along * dx;
+        along_y += w2_along * dy;
+        along_z += w2_along * dz;
+        slope_x += w2 * dx;
+        slope_y += w2 * dy;
+        slope_z += w2 * dz;
+      }
+      if (i >= c.num_training) continue;
+      const Correlation k = correlation(c.decay, square);
+      const Vector share = c.alpha[i] * k.decay;
+      residual += share * (1.0f + k.scaled);
+      residual_x += share * dx;
+      residual_y += share * dy;
+      residual_z += share * dz;
+    }
+    const Vector inverse = 1.0f / weight;
+    const Vector prior = weighted * inverse;
+    const Integers is_valid = weight > kLeastWeight;
+    const Vector nan = splat(__builtin_nanf(""));
+    const auto gradient = [&](Vector normal, Vector along, Vector slope, Vector of_rest) {
+      return (normal + of_weights * (along - prior * slope)) * inverse - of_residual * of_rest;
+    };
+    store(values + q, is_valid ? prior + c.signal_variance_m2 * residual : nan);
+    store(gx + q, is_valid ? gradient(normal_x, along_x, slope_x, residual_x) : nan);
+    store(gy + q, is_valid ? gradient(normal_y, along_y, slope_y, residual_y) : nan);
+    store(gz + q, is_valid ? gradient(normal_z, along_z, slope_z, residual_z) : nan);
+  }
+}
+
+/// The nearest points found so far, nearest first; one list per lane.
+struct NearestLists {
+  Vector squares[kNearestPoints];
+  Integers points[kNearestPoints];
+};
+
+constexpr int kCellShift = 24;  // a point's number: cell << 24 | index in the cell
+
+GPIS_INLINE void insert(Vector square, int point, NearestLists* lists) {
+  Integers is_before = square < lists->squares[kNearestPoints - 1];
+  for (int r = kNearestPoints - 1; r > 0; --r) {
+    const Integers is_before_next = square < lists->squares[r - 1];
+    lists->points[r] = is_before ? (is_before_next ? lists->points[r - 1] : Integers{} + point) : lists->points[r];
+    lists->squares[r] = smaller(lists->squares[r], larger(lists->squares[r - 1], square));
+    is_before = is_before_next;
+  }
+  lists->points[0] = is_before ? Integers{} + point : lists->points[0];
+  lists->squares[0] = smaller(lists->squares[0], square);
+}
+
+void readNearest(const NearbyPoints& nearby, const float* x, const float* y, const float* z,
+                 NearestReadings* readings) {
+  for (int q = 0; q < kCellPad; q += kLanes) {
+    const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
+    NearestLists lists;
+    for (int r = 0; r < kNearestPoints; ++r) {
+      lists.squares[r] = splat(__builtin_inff());
+      lists.points[r] = Integers{};
+    }
+    for (int n = 0; n < nearby.count; ++n) {
+      const NearbyPoints::Cell& cell = nearby.cells[n];
+      // A cell farther away than all lanes' lists reach would add nothing to any.
+      Vector outside2{};
+      const auto addGap = [&](Vector at, float side) {
+        if (side == 0.0f) return;
+        const Vector gap = larger(nearby.cell_reach - side * at, Vector{});
+        outside2 += gap * gap;
+      };
+      addGap(qx, cell.side[0]);
+      addGap(qy, cell.side[1]);
+      addGap(qz, cell.side[2]);
+      if (!any(outside2 < lists.squares[kNearestPoints - 1])) continue;
+      const Vector rx = qx - cell.offset[0], ry = qy - cell.offset[1], rz = qz - cell.offset[2];
+      for (int i = 0; i < cell.count; ++i) {
+        const Vector dx = rx - cell.x[i], dy = ry - cell.y[i], dz = rz - cell.z[i];
+        const Vector square = dx * dx + dy * dy + dz * dz;
+        if (any(square < lists.squares[kNearestPoints - 1])) insert(square, n << kCellShift | i, &lists);
+      }
+    }
+    const auto magnitude = [](Vector a) { return larger(a, -a); };
+    const Vector reach = nearby.outer_reach - larger(magnitude(qx), larger(magnitude(qy), magnitude(qz)));
+    const Integers is_complete = lists.squares[kNearestPoints - 1] < reach * reach;
+
+    struct Disc {
+      float nx[kLanes], ny[kLanes], nz[kLanes], dx[kLanes], dy[kLanes], dz[kLanes];
+    } discs[kNearestPoints];
+    Vector along[kNearestPoints];
+    Vector vote{};
+    for (int r = 0; r < kNearestPoints; ++r) {
+      Disc& disc = discs[r];
+      for (int lane = 0; lane < kLanes; ++lane) {
+        const int number = lists.points[r][lane];
+        const NearbyPoints::Cell& cell = nearby.cells[number >> kCellShift];
+        const int i = number & ((1 << kCellShift) - 1);
+        disc.nx[lane] = cell.nx[i];
+        disc.ny[lane] = cell.ny[i];
+        disc.nz[lane] = cell.nz[i];
+        disc.dx[lane] = x[q + lane] - cell.offset[0] - cell.x[i];
+        disc.dy[lane] = y[q + lane] - cell.offset[1] - cell.y[i];
+        disc.dz[lane] = z[q + lane] - cell.offset[2] - cell.z[i];
+      }
+      along[r] = load(disc.nx) * load(disc.dx) + load(disc.ny) * load(disc.dy) + load(disc.nz) * load(disc.dz);
+      vote += expOfMinus((lists.squares[r] - lists.squares[0]) * nearby.inverse_vote_scale2) * along[r];
+    }
+    const Vector sign = vote < 0.0f ? splat(-1.0f) : splat(1.0f);
+    Vector best = splat(__builtin_inff());
+    Vector best_nx{}, best_ny{}, best_nz{}, away_x{}, away_y{}, away_z{};
+    for (int r = 0; r < kNearestPoints; ++r) {
+      const Disc& disc = discs[r];
+      const Vector aside = squareRoot(larger(lists.squares[r] - along[r] * along[r], Vector{}));
+      const Vector beyond = larger(aside - nearby.disc_radius_m, Vector{});
+      Vector distance2 = along[r] * along[r] + beyond * beyond;
+      if (r == 0) {
+        store(readings->aside + q, aside);
+      } else {
+        distance2 = along[r] * sign < 0.0f ? splat(__builtin_inff()) : distance2;  // of the other side
+      }
+      const Integers is_best = distance2 < best;
+      if (!any(is_best)) continue;
+      best = is_best ? distance2 : best;
+      const Vector nx = load(disc.nx), ny = load(disc.ny), nz = load(disc.nz);
+      const Vector share = beyond > 0.0f ? beyond / aside : Vector{};
+      const Vector of_normal = along[r] * (1.0f - share);
+      best_nx = is_best ? nx : best_nx;
+      best_ny = is_best ? ny : best_ny;
+      best_nz = is_best ? nz : best_nz;
+      away_x = is_best ? of_normal * nx + share * load(disc.dx) : away_x;
+      away_y = is_best ? of_normal * ny + share * load(disc.dy) : away_y;
+      away_z = is_best ? of_normal * nz + share * load(disc.dz) : away_z;
+    }
+    const Vector length = squareRoot(away_x * away_x + away_y * away_y + away_z * away_z);
+    const Integers is_apart = length > 1e-9f;
+    const Vector scale = sign / length;
+    store(readings->gx + q, is_apart ? away_x * scale : best_nx);
+    store(readings->gy + q, is_apart ? away_y * scale : best_ny);
+    store(readings->gz + q, is_apart ? away_z * scale : best_nz);
+    store(readings->distance + q, sign * squareRoot(best));
+    store(readings->nearest + q, squareRoot(lists.squares[0]));
+    for (int lane = 0; lane < kLanes; ++lane) {
+      readings->is_complete[q + lane] = is_complete[lane];
+      readings->cell[q + lane] = lists.points[0][lane] >> kCellShift;
+      readings->point[q + lane] = lists.points[0][lane] & ((1 << kCellShift) - 1);
+    }
+  }
+}
+
 /// Left-looking, column by column from the diagonal's vector on; the rows finished so far are kept beside the columns, so
 /// that no access is strided.
 bool factorise(const CellArrays& c, const float* noise, float jitter, float* scratch, float* factor) {
@@ -266,7 +449,7 @@ void variances(const CellArrays& c, const float* x, const float* y, const float*
   }
 }
 
-constexpr CellKernels kKernels = {means, meanWithGradient, factorise, solve, variances};
+constexpr CellKernels kKernels = {means, meansWithGradient, readNearest, meanWithGradient, factorise, solve, variances};
 
 }  // namespace
 

@@ -2,7 +2,9 @@
 #include "gpis_mapping/depth_classifier.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <stdexcept>
 #include <utility>
@@ -27,32 +29,43 @@ constexpr int kEdgeGapPx = 6;
 
 /// 1 where any pixel of the ellipse with half axes (radius_u, radius_v) about a pixel of `source` is set.
 void dilate(const std::vector<std::uint8_t>& source, int width, int height, double radius_u, double radius_v,
-            std::vector<std::uint8_t>* result) {
+            int num_threads, std::vector<std::uint8_t>* result) {
   result->assign(source.size(), 0);
   const int rows = static_cast<int>(radius_v);
-  std::vector<std::pair<int, int>> runs;  // of set pixels in a row
-  for (int w = 0; w < height; ++w) {
-    const std::uint8_t* in = &source[static_cast<std::size_t>(w) * width];
-    runs.clear();
-    for (const std::uint8_t* first = std::find(in, in + width, 1); first != in + width;) {
-      const std::uint8_t* last = std::find(first, in + width, 0);
-      runs.emplace_back(static_cast<int>(first - in), static_cast<int>(last - in));
-      first = std::find(last, in + width, 1);
-    }
-    if (runs.empty()) continue;
-    for (int v = std::max(0, w - rows); v <= std::min(height - 1, w + rows); ++v) {
-      const double share = (v - w) / radius_v;
-      const int reach = static_cast<int>(radius_u * std::sqrt(std::max(0.0, 1.0 - share * share)));
-      std::uint8_t* out = &(*result)[static_cast<std::size_t>(v) * width];
-      int filled_to = 0;  // what this row of the source adds to out[0, filled_to) is there
-      for (const auto& [first, last] : runs) {
-        const int end = std::min(width, last + reach);
-        const int begin = std::max(filled_to, first - reach);
-        if (begin < end) std::fill(out + begin, out + end, 1);
-        filled_to = end;
+  using Runs = std::vector<std::pair<int, int>>;  // of set pixels in a row
+  std::vector<Runs> runs_of(static_cast<std::size_t>(height));
+  parallelFor(runs_of.size(), num_threads, 32, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t w = begin; w < end; ++w) {
+      const std::uint8_t* const in = &source[w * width];
+      const auto next = [&](const std::uint8_t* from, int value) {
+        const void* found = std::memchr(from, value, static_cast<std::size_t>(in + width - from));
+        return found != nullptr ? static_cast<const std::uint8_t*>(found) : in + width;
+      };
+      for (const std::uint8_t* first = next(in, 1); first != in + width;) {
+        const std::uint8_t* const last = next(first, 0);
+        runs_of[w].emplace_back(static_cast<int>(first - in), static_cast<int>(last - in));
+        first = next(last, 1);
       }
     }
-  }
+  });
+  parallelFor(runs_of.size(), num_threads, 32, [&](std::size_t begin, std::size_t end) {
+    for (int v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+      std::uint8_t* const out = &(*result)[static_cast<std::size_t>(v) * width];
+      for (int w = std::max(0, v - rows); w <= std::min(height - 1, v + rows); ++w) {
+        const Runs& runs = runs_of[static_cast<std::size_t>(w)];
+        if (runs.empty()) continue;
+        const double share = (v - w) / radius_v;
+        const int reach = static_cast<int>(radius_u * std::sqrt(std::max(0.0, 1.0 - share * share)));
+        int filled_to = 0;  // what this row of the source adds to out[0, filled_to) is there
+        for (const auto& [first, last] : runs) {
+          const int to = std::min(width, last + reach);
+          const int from = std::max(filled_to, first - reach);
+          if (from < to) std::fill(out + from, out + to, 1);
+          filled_to = to;
+        }
+      }
+    }
+  });
 }
 
 }  // namespace
@@ -134,7 +147,7 @@ double DepthClassifier::widestShadowPx(double near_m, double far_m) const {
   return 1.2 * shadow_px + 2.0;  // depths at the border are noisy, and a pixel at each end is half hidden
 }
 
-void DepthClassifier::markGaps(const DepthImage& image, ClassifiedFrame* frame,
+void DepthClassifier::markGaps(const DepthImage& image, int num_threads, ClassifiedFrame* frame,
                                std::vector<std::uint8_t>* is_shadow) const {
   const cv::Rect whole(0, 0, camera_.width, camera_.height);
   const auto isTold = [&](int u, int v) { return isMeasured(frame->kind[frame->index(u, v)]); };
@@ -179,18 +192,29 @@ void DepthClassifier::markGaps(const DepthImage& image, ClassifiedFrame* frame,
       }
     }
   };
-  std::vector<int> begin_v(static_cast<std::size_t>(camera_.width), 0);  // of the gap above this row
-  for (int v = 0; v < camera_.height; ++v) {
-    int begin_u = 0;
-    for (int u = 0; u < camera_.width; ++u) {
-      if (!isTold(u, v)) continue;
-      if (begin_u > 0 && begin_u < u) explain({begin_u, v, u - begin_u, 1}, true);
-      begin_u = u + 1;
-      const int height = v - begin_v[u];
-      if (begin_v[u] > 0 && height > 0 && height <= kEdgeGapPx) explain({u, begin_v[u], 1, height}, false);
-      begin_v[u] = v + 1;
+  // Those along rows first, then those along columns: threads write to rows or to columns of their own.
+  parallelFor(static_cast<std::size_t>(camera_.height), num_threads, 32, [&](std::size_t begin, std::size_t end) {
+    for (int v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+      int begin_u = 0;
+      for (int u = 0; u < camera_.width; ++u) {
+        if (!isTold(u, v)) continue;
+        if (begin_u > 0 && begin_u < u) explain({begin_u, v, u - begin_u, 1}, true);
+        begin_u = u + 1;
+      }
     }
-  }
+  });
+  parallelFor(static_cast<std::size_t>(camera_.width), num_threads, 64, [&](std::size_t begin, std::size_t end) {
+    std::vector<int> begin_v(end - begin, 0);  // of the gap above this row
+    for (int v = 0; v < camera_.height; ++v) {
+      for (int u = static_cast<int>(begin); u < static_cast<int>(end); ++u) {
+        if (!isTold(u, v)) continue;
+        int& gap = begin_v[static_cast<std::size_t>(u) - begin];
+        const int height = v - gap;
+        if (gap > 0 && height > 0 && height <= kEdgeGapPx) explain({u, gap, 1, height}, false);
+        gap = v + 1;
+      }
+    }
+  });
 }
 
 Block DepthClassifier::blockOf(const ClassifiedFrame& frame, int u, int v, bool is_shadow) const {
@@ -232,31 +256,46 @@ ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threa
   std::vector<std::uint8_t> is_shadow(size, 0);
   std::vector<std::uint8_t> unknown(size, 0);
   std::vector<std::uint8_t> unexplained(size, 0);
-  markGaps(image, &frame, &is_shadow);
-  for (int v = 0; v < camera_.height; ++v) {
-    for (int u = 0; u < camera_.width; ++u) {
-      const std::size_t i = frame.index(u, v);
-      frame.num_surface += frame.kind[i] == PixelKind::kSurface;
+  markGaps(image, num_threads, &frame, &is_shadow);
+  std::atomic<std::size_t> num_surface{0};
+  std::atomic<bool> is_any_unknown{false};
+  const auto height = static_cast<std::size_t>(camera_.height);
+  const auto width = static_cast<std::size_t>(camera_.width);
+  parallelFor(height, num_threads, 32, [&](std::size_t begin, std::size_t end) {
+    std::size_t num_here = 0;
+    bool is_any_here = false;
+    for (std::size_t i = begin * width; i < end * width; ++i) {
+      num_here += frame.kind[i] == PixelKind::kSurface;
       if (isMeasured(frame.kind[i])) continue;
-      const Block block = blockOf(frame, u, v, is_shadow[i] != 0);
+      const Block block = blockOf(frame, static_cast<int>(i % width), static_cast<int>(i / width), is_shadow[i] != 0);
       unknown[i] = block != Block::kNone;
       unexplained[i] = block == Block::kNoInformation;
+      is_any_here = is_any_here || unknown[i] != 0;
     }
-  }
-  for (std::size_t i = 0; i < size; ++i) {
-    if (frame.kind[i] == PixelKind::kHole && (is_shadow[i] || !unknown[i])) frame.kind[i] = PixelKind::kNoInformation;
-  }
+    num_surface += num_here;
+    if (is_any_here) is_any_unknown = true;
+  });
+  frame.num_surface = num_surface;
+  frame.blocked.assign(size, Block::kNone);
+  parallelFor(height, num_threads, 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin * width; i < end * width; ++i) {
+      const bool is_other = is_shadow[i] || !unknown[i];
+      if (frame.kind[i] == PixelKind::kHole && is_other) frame.kind[i] = PixelKind::kNoInformation;
+    }
+  });
+  if (!is_any_unknown) return frame;
   // Of a point, which lies up to half a diagonal from the middle of its pixel.
   const double radius_u = config_.frame_map.kernel_length_rad * camera_.fx + M_SQRT1_2;
   const double radius_v = config_.frame_map.kernel_length_rad * camera_.fy + M_SQRT1_2;
   std::vector<std::uint8_t> beside_any;
   std::vector<std::uint8_t> beside_unexplained;
-  dilate(unknown, camera_.width, camera_.height, radius_u, radius_v, &beside_any);
-  dilate(unexplained, camera_.width, camera_.height, radius_u, radius_v, &beside_unexplained);
-  frame.blocked.resize(size);
-  for (std::size_t i = 0; i < size; ++i) {
-    frame.blocked[i] = beside_unexplained[i] ? Block::kNoInformation : beside_any[i] ? Block::kNarrow : Block::kNone;
-  }
+  dilate(unknown, camera_.width, camera_.height, radius_u, radius_v, num_threads, &beside_any);
+  dilate(unexplained, camera_.width, camera_.height, radius_u, radius_v, num_threads, &beside_unexplained);
+  parallelFor(height, num_threads, 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin * width; i < end * width; ++i) {
+      frame.blocked[i] = beside_unexplained[i] ? Block::kNoInformation : beside_any[i] ? Block::kNarrow : Block::kNone;
+    }
+  });
   return frame;
 }
 

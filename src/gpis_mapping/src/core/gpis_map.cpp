@@ -225,7 +225,8 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   ++num_updates_;
   publish();
   statistics.publish_ms = stage.lap();
-  for (const auto& [key, cell] : cells_) statistics.map_points += cell.entries.size();
+  statistics.map_points = trained_.numPoints();
+  statistics.cells_looked_at = cells_.numLookedAt();
   statistics.total_ms = total.lap();
   return statistics;
 }
@@ -334,7 +335,11 @@ void GpisMap::markTouched(const LatticeKey& key, std::uint32_t neighbour_mask) {
   for (int dx = -1; dx <= 1; ++dx) {
     for (int dy = -1; dy <= 1; ++dy) {
       for (int dz = -1; dz <= 1; ++dz) {
-        if (neighbour_mask >> neighbourBit(dx, dy, dz) & 1u) cells_[key.offset(dx, dy, dz)].dirty = true;
+        if ((neighbour_mask >> neighbourBit(dx, dy, dz) & 1u) == 0) continue;
+        const LatticeKey neighbour = key.offset(dx, dy, dz);
+        Cell& cell = cells_[neighbour];
+        if (!cell.dirty) to_train_.push_back(neighbour);
+        cell.dirty = true;
       }
     }
   }
@@ -349,9 +354,8 @@ CameraMotion GpisMap::motionTo(const Eigen::Isometry3d& T_map_camera, double sta
 
 void GpisMap::allowForMisalignment(Frame* frame) {
   std::vector<const SurfacePoint*> points;  // in view
-  for (const auto& [key, cell] : cells_) {
-    if ((frame->T_camera_map() * config_.cells.center(key)).z() < -config_.cells.size_m) continue;
-    for (const Cell::Entry& entry : cell.entries) {
+  for (const CellMap::value_type* const cell : cellsInView(*frame)) {
+    for (const Cell::Entry& entry : cell->second.entries) {
       if (frame->pixelOf(entry.point.position_map)) points.push_back(&entry.point);
     }
   }
@@ -384,23 +388,44 @@ void GpisMap::learnView(const ClassifiedFrame& pixels) {
   }
 }
 
-bool GpisMap::isInView(const Frame& frame, const LatticeKey& key) const {
-  const double radius = 0.5 * std::sqrt(3.0) * config_.cells.size_m;
+std::vector<GpisMap::CellMap::value_type*> GpisMap::cellsInView(const Frame& frame) {
+  const double size = config_.cells.size_m;
   const double slope_u = std::max(camera_.cx, camera_.width - camera_.cx) / camera_.fx;
   const double slope_v = std::max(camera_.cy, camera_.height - camera_.cy) / camera_.fy;
-  const Eigen::Vector3d c = frame.T_camera_map() * config_.cells.center(key);
-  return c.z() >= -radius && std::abs(c.x()) - slope_u * c.z() <= radius * std::sqrt(1.0 + slope_u * slope_u) &&
-         std::abs(c.y()) - slope_v * c.z() <= radius * std::sqrt(1.0 + slope_v * slope_v);
+  const double widening_u = std::sqrt(1.0 + slope_u * slope_u);
+  const double widening_v = std::sqrt(1.0 + slope_v * slope_v);
+  const auto mayShow = [&](const Eigen::Vector3d& center_map, double radius) {
+    const Eigen::Vector3d c = frame.T_camera_map() * center_map;
+    return c.z() >= -radius && std::abs(c.x()) - slope_u * c.z() <= radius * widening_u &&
+           std::abs(c.y()) - slope_v * c.z() <= radius * widening_v;
+  };
+  const double half_diagonal = 0.5 * std::sqrt(3.0) * size;
+  std::vector<CellMap::value_type*> cells = cells_.select(
+      [&](const Eigen::Vector3d& center, int side) { return mayShow(size * center, half_diagonal * (side + 0.1)); },
+      [&](const LatticeKey& key) { return mayShow(config_.cells.center(key), half_diagonal); });
+  const auto isEmpty = [](const CellMap::value_type* cell) { return cell->second.entries.empty(); };
+  cells.erase(std::remove_if(cells.begin(), cells.end(), isEmpty), cells.end());
+  return cells;
+}
+
+void GpisMap::CellMap::erase(const LatticeKey& key) {
+  const auto found = cells_.find(key);
+  if (found == cells_.end()) return;
+  const auto block = blocks_.find(blockOf(key));
+  std::vector<value_type*>& cells = block->second;
+  *std::find(cells.begin(), cells.end(), &*found) = cells.back();
+  cells.pop_back();
+  if (cells.empty()) blocks_.erase(block);
+  cells_.erase(found);
 }
 
 void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics) {
   const double stray = strayTolerance();
   std::vector<CellUpdate> jobs;
-  for (auto& [key, cell] : cells_) {
-    if (cell.entries.empty() || !isInView(frame, key)) continue;
+  for (CellMap::value_type* const cell : cellsInView(frame)) {
     jobs.emplace_back();
-    jobs.back().key = key;
-    jobs.back().cell = &cell;
+    jobs.back().key = cell->first;
+    jobs.back().cell = &cell->second;
   }
 
   parallelFor(jobs.size(), resolveThreadCount(config_.threads), 8, [&](std::size_t begin, std::size_t end) {
@@ -458,7 +483,9 @@ void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateS
           const std::uint16_t changes = job.num_changes[static_cast<std::size_t>(neighbourBit(dx, dy, dz))];
           if (changes == 0) continue;
           const auto cell = cells_.find(job.key.offset(dx, dy, dz));
-          if (cell != cells_.end()) cell->second.num_changes += changes;
+          if (cell == cells_.end()) continue;
+          cell->second.num_changes += changes;
+          to_train_.push_back(cell->first);
         }
       }
     }
@@ -694,13 +721,10 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
   const Eigen::Matrix3f R_map_camera = frame.T_map_camera().linear().cast<float>();
   InsertionGrid grid(frame, config_, {kKnownSpacings * config_.surface.spacing_m, config_.dynamic.tolerance_sigmas},
                      threads);
-  std::vector<const Cell*> cells;
-  for (const auto& [key, cell] : cells_) {
-    if (!cell.entries.empty() && isInView(frame, key)) cells.push_back(&cell);
-  }
+  const std::vector<CellMap::value_type*> cells = cellsInView(frame);
   parallelFor(cells.size(), threads, 16, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      for (const Cell::Entry& entry : cells[i]->entries) grid.strikeOut(entry.point);
+      for (const Cell::Entry& entry : cells[i]->second.entries) grid.strikeOut(entry.point);
     }
   });
 
@@ -755,7 +779,12 @@ void GpisMap::train(UpdateStatistics* statistics) {
     bool empty{false};
   };
   std::vector<Job> jobs;
-  for (auto& [key, cell] : cells_) {
+  std::sort(to_train_.begin(), to_train_.end());
+  to_train_.erase(std::unique(to_train_.begin(), to_train_.end()), to_train_.end());
+  for (const LatticeKey& key : to_train_) {
+    const auto found = cells_.find(key);
+    if (found == cells_.end()) continue;
+    Cell& cell = found->second;
     const bool changed_enough =
         cell.gp && cell.num_changes > config_.retraining.changed_share * static_cast<double>(cell.gp->size());
     if (cell.dirty || changed_enough) jobs.push_back({key, &cell});
@@ -797,22 +826,21 @@ void GpisMap::train(UpdateStatistics* statistics) {
       job.cell->num_changes = 0.0f;
     }
   });
+  std::vector<CellPages::value_type> changes;
   for (const Job& job : jobs) {
+    changes.emplace_back(job.key, job.cell->gp);
     if (job.empty) {
       cells_.erase(job.key);
       continue;
     }
     ++statistics->cells_retrained;
   }
+  to_train_.clear();  // not before: what could not be trained is tried again
+  statistics->cells_copied = trained_.replace(std::move(changes));
 }
 
 void GpisMap::publish() {
-  MapSnapshot::Cells cells;
-  cells.reserve(cells_.size());
-  for (const auto& [key, cell] : cells_) {
-    if (cell.gp) cells.emplace(key, cell.gp);
-  }
-  auto next = std::make_shared<const MapSnapshot>(config_, std::move(cells), observed_.share(), epoch_s_, num_updates_);
+  auto next = std::make_shared<const MapSnapshot>(config_, trained_, observed_.share(), epoch_s_, num_updates_);
   const std::lock_guard<std::mutex> lock(snapshot_mutex_);
   snapshot_ = std::move(next);
 }

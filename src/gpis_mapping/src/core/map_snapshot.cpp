@@ -2,6 +2,7 @@
 #include "gpis_mapping/map_snapshot.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -10,6 +11,7 @@
 #include <flann/algorithms/kdtree_single_index.h>
 
 #include <interactive_mapping_common/threads/parallel_for.h>
+#include "cell_kernels.h"
 #include "gpis_mapping/partition_of_unity.h"
 
 namespace gpis_mapping {
@@ -19,8 +21,24 @@ using interactive_mapping::parallelFor;
 using interactive_mapping::resolveThreadCount;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr std::size_t kNeighbours = 8;
-constexpr std::size_t kQueryChunk = 512;
+constexpr std::size_t kNeighbours = kNearestPoints;
+constexpr int kMaxTogether = 128;  // points of one cell that are answered together
+
+/// The 27 cells about a cell, itself first, then those with which it shares a face, an edge, a corner.
+struct Offset {
+  int dx, dy, dz;
+};
+std::array<Offset, 27> searchOrder() {
+  std::array<Offset, 27> order;
+  std::size_t count = 0;
+  for (int steps = 0; steps <= 3; ++steps) {
+    for (int d = 0; d < 27; ++d) {
+      const Offset o{d / 9 - 1, d / 3 % 3 - 1, d % 3 - 1};
+      if (std::abs(o.dx) + std::abs(o.dy) + std::abs(o.dz) == steps) order[count++] = o;
+    }
+  }
+  return order;
+}
 
 double smoothStep(double t) {
   t = std::max(0.0, std::min(1.0, t));
@@ -32,20 +50,85 @@ double normalCdf(double x) {
   return x < -8.0 ? 0.0 : 0.5 * std::erfc(-x / std::sqrt(2.0));
 }
 
+/// What the training points say of a place.
+struct Reading {
+  bool found;
+  double distance;           // signed [m]
+  double nearest;            // to the nearest training point [m]
+  double aside;              // of the nearest training point's normal line [m]
+  Eigen::Vector3d gradient;  // of the signed distance
+  double surface_std;        // [m]
+};
+
+/// Columns of a matrix of points by the cell they lie in.
+class CellGroups {
+ public:
+  CellGroups(const Points3d& points_map, const GpisConfig::Cells& cells) {
+    const auto count = static_cast<std::size_t>(points_map.cols());
+    std::vector<std::uint32_t> group_of(count);
+    std::vector<std::uint32_t> table(64, 0);  // group + 1 by hash, open addressing
+    std::uint32_t last = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const Eigen::Vector3d p = points_map.col(static_cast<Eigen::Index>(i));
+      if (!p.allFinite()) {
+        group_of[i] = kNone;
+        without_cell_.push_back(static_cast<std::uint32_t>(i));
+        continue;
+      }
+      const LatticeKey key = cells.at(p);
+      if (keys_.empty() || keys_[last] != key) last = find(key, &table);
+      group_of[i] = last;
+      ++begins_[last + 1];
+    }
+    for (std::size_t g = 0; g < keys_.size(); ++g) begins_[g + 1] += begins_[g];
+    order_.resize(count);
+    std::vector<std::uint32_t> next = begins_;
+    for (std::size_t i = 0; i < count; ++i) {
+      if (group_of[i] != kNone) order_[next[group_of[i]]++] = static_cast<std::uint32_t>(i);
+    }
+  }
+
+  std::size_t size() const { return keys_.size(); }
+  const LatticeKey& key(std::size_t g) const { return keys_[g]; }
+  const std::uint32_t* points(std::size_t g) const { return order_.data() + begins_[g]; }
+  int count(std::size_t g) const { return static_cast<int>(begins_[g + 1] - begins_[g]); }
+  const std::vector<std::uint32_t>& withoutCell() const { return without_cell_; }
+
+ private:
+  static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+
+  std::uint32_t find(const LatticeKey& key, std::vector<std::uint32_t>* table) {
+    if (2 * (keys_.size() + 1) > table->size()) {
+      table->assign(2 * table->size(), 0);
+      for (std::size_t g = 0; g < keys_.size(); ++g) *slot(keys_[g], table) = static_cast<std::uint32_t>(g + 1);
+    }
+    std::uint32_t* const found = slot(key, table);
+    if (*found == 0) {
+      keys_.push_back(key);
+      begins_.push_back(0);
+      *found = static_cast<std::uint32_t>(keys_.size());
+    }
+    return *found - 1;
+  }
+  /// Where the key's group is, or would be.
+  std::uint32_t* slot(const LatticeKey& key, std::vector<std::uint32_t>* table) const {
+    std::size_t at = LatticeKeyHash()(key) & (table->size() - 1);
+    while ((*table)[at] != 0 && keys_[(*table)[at] - 1] != key) at = (at + 1) & (table->size() - 1);
+    return &(*table)[at];
+  }
+
+  std::vector<LatticeKey> keys_;
+  std::vector<std::uint32_t> begins_{0};
+  std::vector<std::uint32_t> order_;
+  std::vector<std::uint32_t> without_cell_;
+};
+
 }  // namespace
 
-/// The mapped surface as discs about the training points: distance to it from anywhere, with a sign.
+/// The mapped surface as discs about the training points: distance to it from anywhere, with a sign. For places whose
+/// nearest points may lie beyond the cells around; near the surface CellQuery reads the same from those.
 class MapSnapshot::NearestIndex {
  public:
-  struct Reading {
-    bool found{false};
-    double distance{0.0};      // signed [m]
-    double nearest{0.0};       // to the nearest training point [m]
-    double aside{0.0};         // of the nearest training point's normal line [m]
-    Eigen::Vector3d gradient;  // of the signed distance
-    double surface_std{0.0};   // [m]
-  };
-
   explicit NearestIndex(const MapSnapshot& map)
       : disc_radius_(0.5 * map.config_.surface.spacing_m), sign_scale2_(std::pow(map.config_.surface.spacing_m, 2)) {
     for (const auto& [key, cell] : map.cells_) {
@@ -53,7 +136,7 @@ class MapSnapshot::NearestIndex {
         discs_.push_back({cell->position(i), cell->normal(i), cell->noiseVariance(i)});
       }
     }
-    // The hash map's order depends on its history; ties between neighbours must not.
+    // By place, so that ties between neighbours depend on nothing else.
     std::sort(discs_.begin(), discs_.end(), [](const Disc& a, const Disc& b) {
       return std::lexicographical_compare(a.position.data(), a.position.data() + 3, b.position.data(),
                                           b.position.data() + 3);
@@ -69,6 +152,7 @@ class MapSnapshot::NearestIndex {
 
   Reading read(const Eigen::Vector3d& x) const {
     Reading result;
+    result.found = false;
     if (discs_.empty()) return result;
     std::size_t index[kNeighbours];
     double squared[kNeighbours];
@@ -126,7 +210,7 @@ class MapSnapshot::NearestIndex {
   std::optional<flann::KDTreeSingleIndex<flann::L2_3D<double>>> tree_;
 };
 
-MapSnapshot::MapSnapshot(const GpisConfig& config, Cells cells, ObservedLayer observed, double epoch_s,
+MapSnapshot::MapSnapshot(const GpisConfig& config, CellPages cells, ObservedLayer observed, double epoch_s,
                          std::uint64_t num_updates)
     : config_(config),
       cells_(std::move(cells)),
@@ -139,12 +223,6 @@ MapSnapshot::~MapSnapshot() = default;
 const MapSnapshot::NearestIndex& MapSnapshot::nearestIndex() const {
   std::call_once(nearest_once_, [this] { nearest_ = std::make_unique<NearestIndex>(*this); });
   return *nearest_;
-}
-
-std::size_t MapSnapshot::numPoints() const {
-  std::size_t count = 0;
-  for (const auto& [key, cell] : cells_) count += cell->numOwn();
-  return count;
 }
 
 std::size_t MapSnapshot::memoryBytes() const {
@@ -162,9 +240,9 @@ FieldSample MapSnapshot::field(const Eigen::Vector3d& p_map) const {
   Eigen::Vector3d sum_gradient = Eigen::Vector3d::Zero();
   Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
   for (int i = 0; i < count; ++i) {
-    const auto cell = cells_.find(weights[i].key);
-    if (cell == cells_.end()) continue;
-    const CellGp::Mean mean = cell->second->mean(p_map);
+    const CellGp* const cell = cells_.get(weights[i].key);
+    if (cell == nullptr) continue;
+    const CellGp::Mean mean = cell->mean(p_map);
     if (!mean.valid) continue;
     sum += weights[i].weight;
     value += weights[i].weight * mean.value;
@@ -188,146 +266,366 @@ SpaceState MapSnapshot::state(const Eigen::Vector3d& p_map, double distance_m) c
   return distance_m < kNear_blocks * observed_.blockSize() ? SpaceState::kFree : SpaceState::kUnknown;
 }
 
-void MapSnapshot::blendedVariance(const Points3d& points_map, const QueryOptions& options, QueryResult* result) const {
-  // Grouped by cell, so that each cell solves for all its points at once.
+/// Answers at points that lie in one cell: each cell around is asked once for all of them.
+class MapSnapshot::CellQuery {
+ public:
+  CellQuery(const MapSnapshot& map, const Points3d& points_map, const QueryOptions& options, QueryResult* result)
+      : map_(map),
+        config_(map.config_),
+        points_map_(points_map),
+        with_variance_(options.variance),
+        with_variance_gradient_(options.variance_gradient),
+        prior_(static_cast<float>(std::pow(map.config_.signalStd(), 2))),
+        result_(*result) {
+    // Points stray out of their cell by a quarter of the spacing at most; the rest is for rounding.
+    const double stray = 0.25 * config_.surface.spacing_m + 1e-6;
+    nearby_.cell_reach = static_cast<float>(0.5 * config_.cells.size_m - stray);
+    nearby_.outer_reach = static_cast<float>(1.5 * config_.cells.size_m - stray);
+    nearby_.disc_radius_m = static_cast<float>(0.5 * config_.surface.spacing_m);
+    nearby_.inverse_vote_scale2 = static_cast<float>(std::pow(config_.surface.spacing_m, -2));
+  }
+
+  void answer(const LatticeKey& key, const std::uint32_t* points, int count) {
+    findCells(key);
+    for (int first = 0; first < count; first += kMaxTogether) {
+      count_ = std::min(kMaxTogether, count - first);
+      answerSome(points + first);
+    }
+  }
+
+  /// At a place that has no answer.
+  void answerNone(Eigen::Index i) {
+    result_.distance[i] = kNaN;
+    result_.gradient.col(i).setConstant(kNaN);
+    result_.euclidean_distance[i] = kNaN;
+    result_.euclidean_gradient.col(i).setConstant(kNaN);
+    result_.surface_std[i] = kNaN;
+    result_.variance[i] = kNaN;
+    result_.occupancy[i] = kNaN;
+    if (with_variance_gradient_) result_.variance_gradient.col(i).setConstant(kNaN);
+    result_.state[static_cast<std::size_t>(i)] = SpaceState::kUnknown;
+  }
+
+ private:
   struct Share {
-    LatticeKey key;
-    Eigen::Index point;
+    int point;
     double weight;
-    Eigen::Vector3d weight_gradient;
-    float variance;
-    Eigen::Vector3f gradient;
+    Eigen::Vector3d gradient;
   };
-  std::vector<Share> shares;
-  for (Eigen::Index i = 0; i < points_map.cols(); ++i) {
-    if (!points_map.col(i).allFinite()) continue;
-    BlendWeight weights[8];
-    const int count = blendWeights(points_map.col(i), config_.cells, weights);
-    for (int j = 0; j < count; ++j) {
-      shares.push_back({weights[j].key, i, weights[j].weight, weights[j].gradient, 0.0f, Eigen::Vector3f::Zero()});
+
+  static int indexOf(int dx, int dy, int dz) { return (dx + 1) * 9 + (dy + 1) * 3 + dz + 1; }
+
+  void findCells(const LatticeKey& key) {
+    key_ = key;
+    center_ = config_.cells.center(key);
+    nearby_.count = 0;
+    const float size = static_cast<float>(config_.cells.size_m);
+    static const std::array<Offset, 27> kOrder = searchOrder();
+    map_.cells_.getAround(key, &around_);
+    num_nearby_ = 0;
+    for (const Offset& o : kOrder) {
+      const CellGp* const gp = around_[static_cast<std::size_t>(indexOf(o.dx, o.dy, o.dz))];
+      if (gp == nullptr || gp->numOwn() == 0) continue;
+      num_nearby_ += gp->numOwn();
+      const CellArrays arrays = gp->arrays();
+      NearbyPoints::Cell& cell = nearby_.cells[nearby_.count];
+      cell = {static_cast<int>(gp->numOwn()), arrays.x, arrays.y, arrays.z, arrays.nx, arrays.ny, arrays.nz, {}, {}};
+      const int step[3] = {o.dx, o.dy, o.dz};
+      for (int axis = 0; axis < 3; ++axis) {
+        cell.side[axis] = static_cast<float>(step[axis]);
+        cell.offset[axis] = size * cell.side[axis];
+      }
+      owners_[nearby_.count++] = gp;
     }
   }
-  std::sort(shares.begin(), shares.end(),
-            [](const Share& a, const Share& b) { return a.key != b.key ? a.key < b.key : a.point < b.point; });
-  constexpr std::size_t kMaxGroup = 256;
-  std::vector<std::size_t> groups;
-  for (std::size_t i = 0; i < shares.size(); ++i) {
-    if (i == 0 || shares[i].key != shares[i - 1].key || i - groups.back() >= kMaxGroup) groups.push_back(i);
+
+  void answerSome(const std::uint32_t* points) {
+    sortByPlace(points);
+    read();
+    int num_field = 0;
+    for (int i = 0; i < count_; ++i) {
+      needs_field_[i] = readings_[i].found && readings_[i].nearest < config_.surface.blend_radius_m;
+      num_field += needs_field_[i];
+    }
+    if (num_field > 0) {
+      share(needs_field_);
+      blendMean();
+    }
+    for (int i = 0; i < count_; ++i) has_answer_[i] = finish(i);
+    if (!with_variance_ && !with_variance_gradient_) return;
+    if (num_field == 0 || !std::equal(has_answer_, has_answer_ + count_, needs_field_)) share(has_answer_);
+    blendVariance();
   }
-  groups.push_back(shares.size());
-  const float prior = static_cast<float>(std::pow(config_.signalStd(), 2));
-  parallelFor(groups.size() - 1, resolveThreadCount(options.threads), 8, [&](std::size_t begin, std::size_t end) {
-    Points3d group_points;
-    Points3f gradients;
-    Eigen::VectorXf variances;
-    for (std::size_t g = begin; g < end; ++g) {
-      const auto cell = cells_.find(shares[groups[g]].key);
-      if (cell == cells_.end()) {
-        for (std::size_t i = groups[g]; i < groups[g + 1]; ++i) shares[i].variance = prior;
-        continue;
-      }
-      group_points.resize(3, static_cast<Eigen::Index>(groups[g + 1] - groups[g]));
-      for (std::size_t i = groups[g]; i < groups[g + 1]; ++i) {
-        group_points.col(static_cast<Eigen::Index>(i - groups[g])) = points_map.col(shares[i].point);
-      }
-      cell->second->variance(group_points, &variances, options.variance_gradient ? &gradients : nullptr);
-      for (std::size_t i = groups[g]; i < groups[g + 1]; ++i) {
-        const Eigen::Index local = static_cast<Eigen::Index>(i - groups[g]);
-        shares[i].variance = variances[local];
-        if (options.variance_gradient) shares[i].gradient = gradients.col(local);
+
+  /// Neighbours together, so that eight at a time have about the same nearest points.
+  void sortByPlace(const std::uint32_t* points) {
+    if (count_ <= kCellPad) {
+      std::copy(points, points + count_, order_);
+      return;
+    }
+    const double to_bins = 4.0 / config_.cells.size_m;
+    const auto binOf = [&](std::uint32_t point) {
+      const Eigen::Array3i at = ((points_map_.col(point) - center_).array() * to_bins + 2.0).cast<int>().max(0).min(3);
+      return (at.x() * 4 + (at.x() & 1 ? 3 - at.y() : at.y())) * 4 + at.z();
+    };
+    int begins[65] = {};
+    std::uint8_t bins[kMaxTogether];
+    for (int i = 0; i < count_; ++i) {
+      bins[i] = static_cast<std::uint8_t>(binOf(points[i]));
+      ++begins[bins[i] + 1];
+    }
+    for (int b = 0; b < 64; ++b) begins[b + 1] += begins[b];
+    for (int i = 0; i < count_; ++i) order_[begins[bins[i]]++] = points[i];
+  }
+
+  const Eigen::Vector3d at(int i) const { return points_map_.col(order_[i]); }
+
+  /// Writes places of the `count` points relative to `center`, whole vectors of them.
+  template <typename PointOf>
+  void place(int count, const Eigen::Vector3d& center, const PointOf& pointOf) {
+    for (int i = 0; i < count; ++i) {
+      const Eigen::Vector3f p = (pointOf(i) - center).template cast<float>();
+      x_[i] = p.x();
+      y_[i] = p.y();
+      z_[i] = p.z();
+    }
+    for (int i = count; i < padded(count); ++i) {
+      x_[i] = x_[count - 1];
+      y_[i] = y_[count - 1];
+      z_[i] = z_[count - 1];
+    }
+  }
+
+  void read() {
+    bool is_complete[kMaxTogether] = {};
+    if (num_nearby_ >= kNeighbours) {
+      const CellKernels& kernels = owners_[0]->kernels();
+      place(count_, center_, [this](int i) { return at(i); });
+      NearestReadings eight;
+      for (int first = 0; first < count_; first += kCellPad) {
+        kernels.readNearest(nearby_, x_ + first, y_ + first, z_ + first, &eight);
+        for (int i = first; i < std::min(count_, first + kCellPad); ++i) {
+          const int lane = i - first;
+          is_complete[i] = eight.is_complete[lane] != 0;
+          Reading& reading = readings_[i];
+          reading.found = true;
+          reading.distance = eight.distance[lane];
+          reading.nearest = eight.nearest[lane];
+          reading.aside = eight.aside[lane];
+          reading.gradient = {eight.gx[lane], eight.gy[lane], eight.gz[lane]};
+          const CellGp& owner = *owners_[eight.cell[lane]];
+          reading.surface_std = std::sqrt(owner.noiseVariance(static_cast<std::size_t>(eight.point[lane])));
+        }
       }
     }
-  });
-  for (const Share& share : shares) {
-    result->variance[share.point] += share.weight * share.variance;
-    if (options.variance_gradient) {
-      result->variance_gradient.col(share.point) +=
-          share.weight * share.gradient.cast<double>() + share.weight_gradient * share.variance;
+    for (int i = 0; i < count_; ++i) {
+      if (!is_complete[i]) readings_[i] = map_.nearestIndex().read(at(i));
     }
   }
-}
+
+  /// Which cells have a say at the points that are `wanted`: shares_[begins_[c]] to shares_[begins_[c + 1]] those of c.
+  void share(const bool* wanted) {
+    int cells[8 * kMaxTogether];
+    Share all[8 * kMaxTogether];
+    int count = 0;
+    begins_.fill(0);
+    for (int i = 0; i < count_; ++i) {
+      if (!wanted[i]) continue;
+      BlendWeight weights[8];
+      const int num_weights = blendWeights(at(i), config_.cells, weights);
+      for (int w = 0; w < num_weights; ++w) {
+        const LatticeKey& key = weights[w].key;
+        cells[count] = indexOf(key.x - key_.x, key.y - key_.y, key.z - key_.z);
+        ++begins_[static_cast<std::size_t>(cells[count]) + 1];
+        all[count++] = {i, weights[w].weight, weights[w].gradient};
+      }
+    }
+    for (std::size_t c = 0; c < 27; ++c) begins_[c + 1] += begins_[c];
+    std::array<int, 28> next = begins_;
+    for (int s = 0; s < count; ++s) shares_[next[static_cast<std::size_t>(cells[s])]++] = all[s];
+  }
+
+  /// Calls fn(cell, shares, count) for whole vectors of the shares of each cell that exists, else with a null cell.
+  template <typename Function>
+  void forEachCell(const Function& fn) {
+    for (std::size_t c = 0; c < 27; ++c) {
+      for (int first = begins_[c]; first < begins_[c + 1]; first += kMaxTogether) {
+        const int count = std::min(kMaxTogether, begins_[c + 1] - first);
+        const Share* const shares = shares_ + first;
+        if (around_[c] != nullptr) {
+          const Eigen::Vector3d center = config_.cells.center(around_[c]->key());
+          place(count, center, [&](int i) { return at(shares[i].point); });
+        }
+        fn(around_[c], shares, count);
+      }
+    }
+  }
+
+  /// f = sum(w f_c) / sum(w) over the cells that have an answer here.
+  void blendMean() {
+    for (int i = 0; i < count_; ++i) {
+      Blend& blend = blends_[i];
+      blend.weight = blend.value = 0.0;
+      blend.weight_gradient.setZero();
+      blend.gradient.setZero();
+    }
+    forEachCell([this](const CellGp* cell, const Share* shares, int count) {
+      if (cell == nullptr) return;
+      cell->kernels().meansWithGradient(cell->arrays(), x_, y_, z_, count, value_, gx_, gy_, gz_);
+      for (int i = 0; i < count; ++i) {
+        if (std::isnan(value_[i])) continue;
+        const Share& share = shares[i];
+        Blend& blend = blends_[share.point];
+        blend.weight += share.weight;
+        blend.value += share.weight * value_[i];
+        blend.weight_gradient += share.gradient;
+        blend.gradient += share.weight * Eigen::Vector3d(gx_[i], gy_[i], gz_[i]) + share.gradient * value_[i];
+      }
+    });
+  }
+
+  /// Everything but the variance of one point; false if there is no answer that could have one.
+  bool finish(int i) {
+    const Eigen::Index point = order_[i];
+    const Eigen::Vector3d x = at(i);
+    const Reading& reading = readings_[i];
+    answerNone(point);
+    SpaceState& state = result_.state[static_cast<std::size_t>(point)];
+    if (!reading.found || reading.nearest > config_.query.max_distance_m) {
+      state = map_.observed_.isFree(x) ? SpaceState::kFree : SpaceState::kUnknown;
+      return state != SpaceState::kUnknown && (reading.found || map_.nearestIndex().size() > 0);
+    }
+    double distance = reading.distance;
+    Eigen::Vector3d gradient = reading.gradient;
+    // Seen free beats the vote of surfaces far away: such a block holds no object. Its corners may: they are a
+    // quarter of a block outside the sphere that was seen through; as much again for noise.
+    if (distance < -0.5 * map_.observed_.blockSize() && map_.observed_.isFree(x)) {
+      distance = -distance;
+      gradient = -gradient;
+    }
+    const Blend& f = blends_[i];
+    if (needs_field_[i] && f.weight > 1e-9) {
+      const double value = f.value / f.weight;
+      const Eigen::Vector3d f_gradient = (f.gradient - value * f.weight_gradient) / f.weight;
+      // f is exact near its points and no distance far from them: hand over to the discs between these two.
+      const double band_begin = config_.surface.spacing_m;
+      const double band_end = 0.9 * config_.surface.blend_radius_m;
+      const double t = (std::abs(distance) - band_begin) / (band_end - band_begin);
+      const double share = smoothStep(t);
+      // d share / dx, through |distance|
+      const double inside = t > 0.0 && t < 1.0 ? 6.0 * t * (1.0 - t) / (band_end - band_begin) : 0.0;
+      const Eigen::Vector3d share_gradient = inside * (distance < 0.0 ? -1.0 : 1.0) * gradient;
+      gradient = (1.0 - share) * f_gradient + share * gradient + (distance - value) * share_gradient;
+      distance = (1.0 - share) * value + share * distance;
+    }
+    state = map_.state(x, distance);
+    // The ray that saw the nearest surface did not go through here if that lies aside.
+    if (state == SpaceState::kFree && reading.aside > 1.5 * config_.surface.spacing_m && !map_.observed_.isFree(x)) {
+      state = SpaceState::kUnknown;
+    }
+    result_.euclidean_distance[point] = std::abs(distance);
+    result_.euclidean_gradient.col(point) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
+    // Deep behind a seen surface nobody knows how thick the object is.
+    const bool has_answer =
+        state != SpaceState::kUnknown || (distance >= 0.0 && reading.nearest <= config_.query.unknown_reach_m);
+    if (!has_answer) return false;
+    result_.distance[point] = distance;
+    result_.gradient.col(point) = gradient;
+    result_.surface_std[point] = reading.surface_std;
+    return true;
+  }
+
+  void blendVariance() {
+    for (int i = 0; i < count_; ++i) {
+      blends_[i].value = 0.0;
+      blends_[i].gradient.setZero();
+    }
+    forEachCell([this](const CellGp* cell, const Share* shares, int count) {
+      if (cell != nullptr) {
+        scratch_.resize(static_cast<std::size_t>(varianceScratch(static_cast<int>(cell->numTraining()))));
+        cell->kernels().variances(cell->arrays(), x_, y_, z_, count, scratch_.data(), value_,
+                                  with_variance_gradient_ ? gx_ : nullptr, gy_, gz_);
+      }
+      for (int i = 0; i < count; ++i) {
+        const Share& share = shares[i];
+        Blend& blend = blends_[share.point];
+        const float variance = cell != nullptr ? value_[i] : prior_;
+        blend.value += share.weight * variance;
+        if (!with_variance_gradient_) continue;
+        blend.gradient += share.gradient * variance;
+        if (cell != nullptr) blend.gradient += share.weight * Eigen::Vector3d(gx_[i], gy_[i], gz_[i]);
+      }
+    });
+    for (int i = 0; i < count_; ++i) {
+      if (!has_answer_[i]) continue;
+      const Eigen::Index point = order_[i];
+      if (with_variance_gradient_) result_.variance_gradient.col(point) = blends_[i].gradient;
+      if (!with_variance_) continue;
+      result_.variance[point] = blends_[i].value;
+      if (result_.state[static_cast<std::size_t>(point)] == SpaceState::kUnknown) continue;
+      result_.occupancy[point] = normalCdf(-result_.distance[point] / std::sqrt(std::max(1e-12, blends_[i].value)));
+    }
+  }
+
+  struct Blend {
+    double weight, value;
+    Eigen::Vector3d weight_gradient, gradient;
+  };
+
+  const MapSnapshot& map_;
+  const GpisConfig& config_;
+  const Points3d& points_map_;
+  bool with_variance_, with_variance_gradient_;
+  float prior_;
+  QueryResult& result_;
+  LatticeKey key_;
+  Eigen::Vector3d center_;
+  std::array<const CellGp*, 27> around_;
+  NearbyPoints nearby_;
+  std::array<const CellGp*, 27> owners_;  // of nearby_.cells
+  std::size_t num_nearby_{0};             // points in these
+  int count_{0};
+  std::uint32_t order_[kMaxTogether];  // columns of points_map_
+  Reading readings_[kMaxTogether];
+  bool needs_field_[kMaxTogether];
+  bool has_answer_[kMaxTogether];
+  Blend blends_[kMaxTogether];
+  std::array<int, 28> begins_;
+  Share shares_[8 * kMaxTogether];
+  alignas(32) float x_[kMaxTogether], y_[kMaxTogether], z_[kMaxTogether];
+  alignas(32) float value_[kMaxTogether], gx_[kMaxTogether], gy_[kMaxTogether], gz_[kMaxTogether];
+  std::vector<float> scratch_;
+};
 
 QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& options) const {
   const Eigen::Index count = points_map.cols();
   QueryResult result;
-  result.distance = Eigen::VectorXd::Constant(count, kNaN);
-  result.gradient = Points3d::Constant(3, count, kNaN);
-  result.euclidean_distance = Eigen::VectorXd::Constant(count, kNaN);
-  result.euclidean_gradient = Points3d::Constant(3, count, kNaN);
-  result.surface_std = Eigen::VectorXd::Constant(count, kNaN);
-  result.variance = Eigen::VectorXd::Constant(count, options.variance ? 0.0 : kNaN);
-  result.occupancy = Eigen::VectorXd::Constant(count, kNaN);
+  result.distance.resize(count);
+  result.gradient.resize(3, count);
+  result.euclidean_distance.resize(count);
+  result.euclidean_gradient.resize(3, count);
+  result.surface_std.resize(count);
+  result.variance.resize(count);
+  result.occupancy.resize(count);
   result.variance_gradient.resize(3, options.variance_gradient ? count : 0);
-  result.variance_gradient.setZero();
-  result.state.assign(static_cast<std::size_t>(count), SpaceState::kUnknown);
-  const NearestIndex& nearest = nearestIndex();
-
-  // f is exact near its points and no distance far from them: hand over to the discs between these two.
-  const double band_begin = config_.surface.spacing_m;
-  const double band_end = 0.9 * config_.surface.blend_radius_m;
-  parallelFor(
-      static_cast<std::size_t>(count), resolveThreadCount(options.threads), kQueryChunk,
-      [&](std::size_t begin, std::size_t end) {
-        for (Eigen::Index i = static_cast<Eigen::Index>(begin); i < static_cast<Eigen::Index>(end); ++i) {
-          const Eigen::Vector3d x = points_map.col(i);
-          if (!x.allFinite()) continue;
-          SpaceState& state = result.state[static_cast<std::size_t>(i)];
-          NearestIndex::Reading reading = nearest.read(x);
-          if (!reading.found || reading.nearest > config_.query.max_distance_m) {
-            state = observed_.isFree(x) ? SpaceState::kFree : SpaceState::kUnknown;
-            continue;
-          }
-          double distance = reading.distance;
-          Eigen::Vector3d gradient = reading.gradient;
-          // Seen free beats the vote of surfaces far away: such a block holds no object. Its corners may: they are a
-          // quarter of a block outside the sphere that was seen through; as much again for noise.
-          if (distance < -0.5 * observed_.blockSize() && observed_.isFree(x)) {
-            distance = -distance;
-            gradient = -gradient;
-          }
-          if (reading.nearest < config_.surface.blend_radius_m) {
-            const FieldSample f = field(x);
-            if (f.valid) {
-              const double t = (std::abs(distance) - band_begin) / (band_end - band_begin);
-              const double share = smoothStep(t);
-              // d share / dx, through |distance|
-              const double inside = t > 0.0 && t < 1.0 ? 6.0 * t * (1.0 - t) / (band_end - band_begin) : 0.0;
-              const Eigen::Vector3d share_gradient = inside * (distance < 0.0 ? -1.0 : 1.0) * gradient;
-              gradient = (1.0 - share) * f.gradient + share * gradient + (distance - f.value) * share_gradient;
-              distance = (1.0 - share) * f.value + share * distance;
-            }
-          }
-          state = this->state(x, distance);
-          // The ray that saw the nearest surface did not go through here if that lies aside.
-          if (state == SpaceState::kFree && reading.aside > 1.5 * config_.surface.spacing_m && !observed_.isFree(x)) {
-            state = SpaceState::kUnknown;
-          }
-          result.euclidean_distance[i] = std::abs(distance);
-          result.euclidean_gradient.col(i) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
-          // Deep behind a seen surface nobody knows how thick the object is.
-          const bool has_answer =
-              state != SpaceState::kUnknown || (distance >= 0.0 && reading.nearest <= config_.query.unknown_reach_m);
-          if (!has_answer) continue;
-          result.distance[i] = distance;
-          result.gradient.col(i) = gradient;
-          result.surface_std[i] = reading.surface_std;
-        }
-      });
-  if (!options.variance && !options.variance_gradient) return result;
-  blendedVariance(points_map, options, &result);
-  for (Eigen::Index i = 0; i < count; ++i) {
-    const bool no_answer =
-        !points_map.col(i).allFinite() || nearest.size() == 0 ||
-        (std::isnan(result.distance[i]) && result.state[static_cast<std::size_t>(i)] == SpaceState::kUnknown);
-    if (no_answer) {
-      result.variance[i] = kNaN;
-      if (options.variance_gradient) result.variance_gradient.col(i).setConstant(kNaN);
-      continue;
+  result.state.resize(static_cast<std::size_t>(count));
+  if (count == 1) {  // without what it takes to sort many
+    const Eigen::Vector3d p = points_map.col(0);
+    CellQuery query(*this, points_map, options, &result);
+    const std::uint32_t only = 0;
+    if (p.allFinite()) {
+      query.answer(config_.cells.at(p), &only, 1);
+    } else {
+      query.answerNone(only);
     }
-    if (options.variance && result.state[static_cast<std::size_t>(i)] != SpaceState::kUnknown) {
-      result.occupancy[i] = normalCdf(-result.distance[i] / std::sqrt(std::max(1e-12, result.variance[i])));
-    }
+    return result;
   }
+  const CellGroups groups(points_map, config_.cells);
+  for (const std::uint32_t i : groups.withoutCell()) CellQuery(*this, points_map, options, &result).answerNone(i);
+  parallelFor(groups.size(), resolveThreadCount(options.threads), 8, [&](std::size_t begin, std::size_t end) {
+    CellQuery query(*this, points_map, options, &result);
+    for (std::size_t g = begin; g < end; ++g) query.answer(groups.key(g), groups.points(g), groups.count(g));
+  });
   return result;
 }
 

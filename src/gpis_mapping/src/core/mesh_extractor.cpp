@@ -106,7 +106,7 @@ std::size_t MeshExtractor::update(const MapSnapshot& snapshot) {
       cell.piece->field = std::move(cell.field);
     }
     for (auto piece = pieces_->begin(); piece != pieces_->end();) {
-      const bool is_gone = snapshot.cells().count(piece->first) == 0;
+      const bool is_gone = snapshot.cells().get(piece->first) == nullptr;
       if (is_gone) touch(piece->first, piece->second.field, {});
       piece = is_gone ? pieces_->erase(piece) : std::next(piece);
     }

@@ -23,6 +23,8 @@ namespace gpis_mapping {
 namespace {
 
 using gpis_mapping_test::buildCells;
+using gpis_mapping_test::CellTable;
+using gpis_mapping_test::pagesOf;
 using gpis_mapping_test::sampleBox;
 using gpis_mapping_test::sampleSphere;
 
@@ -294,9 +296,8 @@ TEST(MeshExtractor, DoesNotDependOnTheNumberOfThreads) {
 }
 
 /// Cells of `points`; those whose points are all among the unchanged ones are taken over from `old`.
-MapSnapshot::Cells update(const GpisConfig& config, const MapSnapshot::Cells& old,
-                          const std::vector<SurfacePoint>& points) {
-  MapSnapshot::Cells cells = buildCells(config, points);
+CellTable update(const GpisConfig& config, const CellTable& old, const std::vector<SurfacePoint>& points) {
+  CellTable cells = buildCells(config, points);
   for (auto& [key, cell] : cells) {
     const auto before = old.find(key);
     if (before == old.end() || before->second->size() != cell->size()) continue;
@@ -307,8 +308,8 @@ MapSnapshot::Cells update(const GpisConfig& config, const MapSnapshot::Cells& ol
   return cells;
 }
 
-std::unique_ptr<const MapSnapshot> snapshotOf(const GpisConfig& config, const MapSnapshot::Cells& cells) {
-  return std::make_unique<const MapSnapshot>(config, cells, ObservedLayer(0.05), 0.0, 1);
+std::unique_ptr<const MapSnapshot> snapshotOf(const GpisConfig& config, const CellTable& cells) {
+  return std::make_unique<const MapSnapshot>(config, pagesOf(cells), ObservedLayer(0.05), 0.0, 1);
 }
 
 TEST(MeshExtractor, IncrementalUpdateEqualsExtractionFromScratch) {
@@ -316,7 +317,7 @@ TEST(MeshExtractor, IncrementalUpdateEqualsExtractionFromScratch) {
   std::vector<SurfacePoint> points;
   gpis_mapping_test::sampleRectangle({-0.45, -0.45, 0.004}, {0.9, 0.0, 0.0}, {0.0, 0.9, 0.0}, 0.02, 0.001, &points);
   MeshExtractor extractor(config);
-  MapSnapshot::Cells cells = buildCells(config, points);
+  CellTable cells = buildCells(config, points);
   EXPECT_EQ(extractor.update(*snapshotOf(config, cells)), cells.size());
   EXPECT_EQ(extractor.update(*snapshotOf(config, cells)), 0u) << "nothing changed";
   const auto before = triangleSet(extractor.mesh());
@@ -364,7 +365,7 @@ TEST(MeshExtractor, ManyIncrementalUpdatesEqualExtractionFromScratch) {
     config.cells.blend_margin_m = blend_margin_m;
     std::vector<SurfacePoint> points = sampleSphere({0.05, 0.03, 0.02}, 0.17, 0.02);
     MeshExtractor extractor(config);
-    MapSnapshot::Cells cells = buildCells(config, points);
+    CellTable cells = buildCells(config, points);
     extractor.update(*snapshotOf(config, cells));
     std::mt19937 random(3);
     for (int round = 0; round < 15; ++round) {
@@ -436,10 +437,10 @@ TEST(MeshExtractor, RemovedCellsVanish) {
   std::vector<SurfacePoint> both = left;
   both.insert(both.end(), right.begin(), right.end());
   MeshExtractor extractor(config);
-  const MapSnapshot::Cells cells = buildCells(config, both);
+  const CellTable cells = buildCells(config, both);
   extractor.update(*snapshotOf(config, cells));
   const std::size_t all = extractor.mesh().triangles.size();
-  const MapSnapshot::Cells rest = update(config, cells, left);
+  const CellTable rest = update(config, cells, left);
   extractor.update(*snapshotOf(config, rest));
   const TriangleMesh mesh = extractor.mesh();
   EXPECT_GT(mesh.triangles.size(), 0u);

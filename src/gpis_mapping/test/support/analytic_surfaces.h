@@ -8,6 +8,7 @@
 #include <memory>
 #include <random>
 #include <set>
+#include <unordered_map>
 #include <vector>
 
 #include <Eigen/Core>
@@ -136,8 +137,11 @@ inline CellSelection selectPoints(const GpisConfig& config, const LatticeKey& ke
   return selection;
 }
 
+using CellTable = std::unordered_map<LatticeKey, std::shared_ptr<const CellGp>, gpis_mapping::LatticeKeyHash>;
+
 /// Cells with points of their own and those a point is near, as the map keeps them. Slow and plain.
-inline MapSnapshot::Cells buildCells(const GpisConfig& config, const std::vector<SurfacePoint>& points) {
+inline CellTable buildCells(const GpisConfig& config, const std::vector<SurfacePoint>& points,
+                            const gpis_mapping::CellKernels& kernels = gpis_mapping::cellKernels()) {
   std::set<LatticeKey> keys;
   for (const SurfacePoint& point : points) {
     const LatticeKey key = config.cells.at(point.position_map);
@@ -147,7 +151,7 @@ inline MapSnapshot::Cells buildCells(const GpisConfig& config, const std::vector
       }
     }
   }
-  MapSnapshot::Cells cells;
+  CellTable cells;
   const double needed = std::min(config.influenceMargin(), 2.0 * config.surface.spacing_m);
   for (const LatticeKey& key : keys) {
     const CellSelection selection = selectPoints(config, key, points);
@@ -157,10 +161,14 @@ inline MapSnapshot::Cells buildCells(const GpisConfig& config, const std::vector
       is_needed = is_needed || box.exteriorDistance(point->position_map) < needed;
     }
     if (!is_needed) continue;
-    cells.emplace(
-        key, std::make_shared<const CellGp>(key, config, selection.points, selection.num_own, selection.num_training));
+    cells.emplace(key, std::make_shared<const CellGp>(key, config, selection.points, selection.num_own,
+                                                      selection.num_training, kernels));
   }
   return cells;
+}
+
+inline gpis_mapping::CellPages pagesOf(const CellTable& cells) {
+  return gpis_mapping::CellPages({cells.begin(), cells.end()});
 }
 
 }  // namespace gpis_mapping_test

@@ -7,7 +7,8 @@
 #include <exception>
 #include <mutex>
 #include <thread>
-#include <vector>
+
+#include <interactive_mapping_common/threads/thread_pool.h>
 
 namespace interactive_mapping {
 
@@ -17,7 +18,8 @@ inline int resolveThreadCount(int requested) {
 }
 
 /// Calls fn(begin, end) on disjoint chunks of [0, count) from up to num_threads threads; rethrows the first exception.
-/// Plain threads rather than OpenMP: ThreadSanitizer understands them, and starting two costs about 30 us a call.
+/// Where threads cannot be started the calling one does it all. Own threads rather than OpenMP's: ThreadSanitizer
+/// understands them.
 /// fn must write to its own indices only.
 template <typename Function>
 void parallelFor(std::size_t count, int num_threads, std::size_t chunk, const Function& fn) {
@@ -42,11 +44,7 @@ void parallelFor(std::size_t count, int num_threads, std::size_t chunk, const Fu
       }
     }
   };
-  std::vector<std::thread> threads;
-  threads.reserve(workers - 1);
-  for (std::size_t i = 1; i < workers; ++i) threads.emplace_back(work);
-  work();
-  for (std::thread& thread : threads) thread.join();
+  ThreadPool::shared().run(workers - 1, work);
   if (error) std::rethrow_exception(error);
 }
 
