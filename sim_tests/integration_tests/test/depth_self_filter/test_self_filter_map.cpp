@@ -13,11 +13,11 @@ namespace simulated_world {
 namespace {
 
 using depth_camera::DepthImage;
+using depth_self_filter::RobotMask;
+using depth_self_filter::RobotMaskConfig;
 using gpis_mapping::GpisConfig;
 using gpis_mapping::GpisMap;
 using gpis_mapping::SurfacePoint;
-using depth_self_filter::RobotMask;
-using depth_self_filter::RobotMaskConfig;
 
 constexpr ArmAngles kStowed = {0.0, -2.5, 2.4, -1.5, -1.57, 0.0};
 constexpr ArmAngles kOverPile = {0.2, -0.9, 1.2, -1.9, -1.57, 0.0};
