@@ -16,9 +16,8 @@ namespace simulated_world {
 /// copies the renderer makes for a distance; with 256, say, they look up to 0.4 % too large or too small.
 constexpr int kBrickFace_px = 320;
 
-/// How a brick looks: on every face a square steel plate, unless it has none, with a tag on white paper, unless it has
-/// none, all in the middle. Faces are in the
-/// order +x, -x, +y, -y, +z, -z of their outward normals. Upright is the brick's +z on the four side faces, and +y on
+/// How a brick looks: in the middle of every face a square steel plate and on it a tag on white paper, if it has them.
+/// Faces are in the order +x, -x, +y, -y, +z, -z of their outward normals. Upright is the brick's +z on the four side faces, and +y on
 /// both +z and -z: the tag's frame has z out of the face, y up and x to the right of one who looks at it.
 struct BrickAppearance {
   Eigen::Vector3d size_m{0.30, 0.20, 0.20};

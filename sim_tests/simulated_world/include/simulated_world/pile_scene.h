@@ -86,8 +86,7 @@ struct StackConfig {
   Eigen::Vector2d center_m{0.0, 0.0};  ///< of the lowest brick
   double yaw_rad{0.0};
   int bricks{3};
-  double overhang{
-      0.3};  ///< of each over the one below, as a share of a brick's length: less than 1 / bricks, or it falls
+  double overhang{0.3};  ///< of each over the one below, share of a brick's length: less than 1 / bricks, or it falls
 
   std::vector<std::string> validate() const;
 };

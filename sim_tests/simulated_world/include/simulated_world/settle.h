@@ -49,7 +49,7 @@ struct SettleConfig {
   double rest_speed_m_per_s{0.002};
   double rest_rate_rad_per_s{0.02};
   double rest_time_s{1.0};          ///< all slower than that for so long: settled
-  double max_time_s{10.0};          ///< a pile that takes longer is refused
+  double max_time_s{15.0};          ///< a pile that takes longer is refused
   double patience_s{10.0};          ///< tipped bricks: the one that moves most after so long is dropped once more ...
   double max_tipped_time_s{60.0};   ///< ... and the pile is refused only after this
   double extent_tolerance_m{0.05};  ///< a heap may settle so far out of its rectangle, on each side
