@@ -604,7 +604,12 @@ class BringupLaunch(unittest.TestCase):
         loads = {"/depth_self_filter", "/gpis_mapping", "/brick_detection", "/octomap_baseline"}
         for args in (("map:=octomap", "clock:=lockstep"), ("map:=octomap", "required:=true")):
             nodes, nodelets = self.simulation(*args), self.simulation(*args, "nodelets:=true")
-            self.assertEqual(nodes.params, nodelets.params)
+            waits = "/simulated_world/clock/wait_for"
+            other_params = [{name: value for name, value in loaded.params.items() if name != waits} for loaded in (nodes, nodelets)]
+            self.assertEqual(*other_params)
+            # The clock begins when these have subscribed, and a process that only loads a nodelet never does.
+            waited_for = [{rule.get("subscriber") for rule in loaded.params.get(waits, [])} for loaded in (nodes, nodelets)]
+            self.assertEqual(waited_for[1], {"/camera_nodelets" if name in loads else name for name in waited_for[0]})
             self.assertEqual(set(nodelets.nodes) - set(nodes.nodes), {"/camera_nodelets"})
             for name, node in nodes.nodes.items():
                 other = nodelets.nodes[name]
