@@ -14,6 +14,7 @@
 #include <iostream>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <unordered_map>
@@ -36,6 +37,8 @@
 #include "synthetic_depth/sensor.h"
 
 namespace {
+
+namespace po = boost::program_options;
 
 using gpis_mapping::LatticeKey;
 using gpis_mapping::LatticeKeyHash;
@@ -694,141 +697,169 @@ void printReport(const json& report) {
   std::printf("  OctoMap occupancy look-ups, one thread %12.0f\n", report["octomap_lookups_per_s"].get<double>());
 }
 
-int run(int argc, char** argv) {
-  namespace po = boost::program_options;
-  po::options_description options("Options");
+struct Options {
   std::string scene_path;
   std::string config_path;
   std::string out_path;
-  int repeat = 1;
-  int num_frames = 0;
-  Eigen::Index num_queries = 0;
+  int repeat{1};
+  int num_frames{0};  // 0: all
+  Eigen::Index num_queries{0};
+  bool is_only_ours{false};
+  bool has_forgetting{false};
+  bool has_1cm{false};
+  bool has_every_ray{false};
+};
+
+/// Nothing when only help was asked for. Throws po::error.
+std::optional<Options> parseCommandLine(int argc, char** argv) {
+  Options wanted;
+  po::options_description options("Options");
   // clang-format off
   options.add_options()
     ("help,h", "show this text")
-    ("scene", po::value(&scene_path)->default_value(BENCH_SCENES "/bench_pile.yaml", "bench_pile.yaml"), "scene file")
-    ("config", po::value(&config_path)->default_value(BENCH_MAP_CONFIG, "bench.yaml"), "settings of the map")
-    ("out,o", po::value(&out_path), "JSON file to write")
-    ("repeat,n", po::value(&repeat)->default_value(1), "run the sequence so often and take medians")
-    ("frames", po::value(&num_frames)->default_value(0), "only the first so many; 0: all")
-    ("queries", po::value(&num_queries)->default_value(100000), "points per band")
-    ("only-ours", "no OctoMap beside the 2 cm one, no run with one thread")
-    ("octomap-forgets", "also octomap_baseline, 2 cm, our region")
-    ("octomap-1cm", "also OctoMap at 1 cm (slow)")
-    ("octomap-every-ray", "also OctoMap as octomap_server feeds it: one ray per pixel, not one per end voxel (slow)");
+    ("scene", po::value(&wanted.scene_path)->default_value(BENCH_SCENES "/bench_pile.yaml", "bench_pile.yaml"), "scene file")
+    ("config", po::value(&wanted.config_path)->default_value(BENCH_MAP_CONFIG, "bench.yaml"), "settings of the map")
+    ("out,o", po::value(&wanted.out_path), "JSON file to write")
+    ("repeat,n", po::value(&wanted.repeat)->default_value(1), "run the sequence so often and take medians")
+    ("frames", po::value(&wanted.num_frames)->default_value(0), "only the first so many; 0: all")
+    ("queries", po::value(&wanted.num_queries)->default_value(100000), "points per band")
+    ("only-ours", po::bool_switch(&wanted.is_only_ours), "no OctoMap beside the 2 cm one, no run with one thread")
+    ("octomap-forgets", po::bool_switch(&wanted.has_forgetting), "also octomap_baseline, 2 cm, our region")
+    ("octomap-1cm", po::bool_switch(&wanted.has_1cm), "also OctoMap at 1 cm (slow)")
+    ("octomap-every-ray", po::bool_switch(&wanted.has_every_ray),
+     "also OctoMap as octomap_server feeds it: one ray per pixel, not one per end voxel (slow)");
   // clang-format on
   po::variables_map arguments;
   po::store(po::parse_command_line(argc, argv, options), arguments);
   po::notify(arguments);
   if (arguments.count("help") != 0) {
     std::cout << "Usage: bench_map_vs_octomap [options]\n" << options;
-    return 0;
+    return std::nullopt;
   }
-  if (repeat < 1 || num_frames < 0 || num_queries < 1)
+  if (wanted.repeat < 1 || wanted.num_frames < 0 || wanted.num_queries < 1) {
     throw po::error("--repeat, --frames and --queries must be positive");
+  }
+  return wanted;
+}
 
-  Scene scene = synthetic_depth::loadScene(scene_path);
-  if (num_frames > 0 && num_frames < scene.numFrames())
-    scene.T_scene_camera.resize(static_cast<std::size_t>(num_frames));
-  const gpis_mapping::GpisConfig config = gpis_mapping::loadGpisConfig(config_path);
-  json report = {{"benchmark", "bench_map_vs_octomap"}, {"machine", machine()}, {"repeat", repeat}};
-  std::fprintf(stderr, "rendering %d frames of %zu boxes ...\n", scene.numFrames(), scene.boxes.size());
-  const std::vector<RecordedFrame> frames = record(scene);
-  const GroundTruth truth(scene);
-  report["scene"] = {{"boxes", scene.boxes.size()},
-                     {"frames", scene.numFrames()},
-                     {"removal_frame", truth.hasRemoval() ? truth.lastBefore() + 1 : -1},
-                     {"removed_boxes", scene.removedIds().size()},
-                     {"ghost_points", truth.numGhosts()},
-                     {"width_px", scene.camera.width_px},
-                     {"height_px", scene.camera.height_px}};
-  gpis_mapping::CameraModel camera;
-  camera.width = scene.camera.width_px;
-  camera.height = scene.camera.height_px;
-  camera.fx = scene.camera.fx_px;
-  camera.fy = scene.camera.fy_px;
-  camera.cx = scene.camera.cx_px;
-  camera.cy = scene.camera.cy_px;
+struct Contenders {
+  std::vector<std::unique_ptr<Contender>> all;
+  GpisContender* ours;
+  OctomapContender* octomap_2cm;
+};
 
-  std::vector<std::unique_ptr<Contender>> contenders;
-  const int threads = interactive_mapping::resolveThreadCount(config.threads);
-  contenders.push_back(
-      std::make_unique<GpisContender>("gpis", "gpis_mapping, " + std::to_string(threads) + " threads", config, true));
-  auto& ours = static_cast<GpisContender&>(*contenders.back());
-  contenders.push_back(std::make_unique<OctomapContender>("octomap_2cm", "OctoMap 2 cm", OctomapContender::Options{}));
-  auto& octomap_2cm = static_cast<OctomapContender&>(*contenders.back());
-  if (arguments.count("only-ours") == 0) {
+Contenders makeContenders(const Options& options, const gpis_mapping::GpisConfig& config, int threads) {
+  Contenders made;
+  auto ours =
+      std::make_unique<GpisContender>("gpis", "gpis_mapping, " + std::to_string(threads) + " threads", config, true);
+  made.ours = ours.get();
+  made.all.push_back(std::move(ours));
+  auto octomap_2cm = std::make_unique<OctomapContender>("octomap_2cm", "OctoMap 2 cm", OctomapContender::Options{});
+  made.octomap_2cm = octomap_2cm.get();
+  made.all.push_back(std::move(octomap_2cm));
+  if (!options.is_only_ours) {
     gpis_mapping::GpisConfig single = config;
     single.threads = 1;
-    contenders.push_back(std::make_unique<GpisContender>("gpis_1_thread", "gpis_mapping, 1 thread", single, false));
+    made.all.push_back(std::make_unique<GpisContender>("gpis_1_thread", "gpis_mapping, 1 thread", single, false));
     OctomapContender::Options same_region;
     same_region.region = &config.region;
-    contenders.push_back(
+    made.all.push_back(
         std::make_unique<OctomapContender>("octomap_2cm_region", "OctoMap 2 cm, our region", same_region));
   }
-  if (arguments.count("octomap-forgets") != 0) {
-    contenders.push_back(
+  if (options.has_forgetting) {
+    made.all.push_back(
         std::make_unique<ForgettingOctomapContender>("octomap_baseline_2cm", "octomap_baseline 2 cm", config));
   }
-  if (arguments.count("octomap-1cm") != 0) {
+  if (options.has_1cm) {
     OctomapContender::Options fine;
     fine.resolution_m = 0.01;
-    contenders.push_back(std::make_unique<OctomapContender>("octomap_1cm", "OctoMap 1 cm", fine));
+    made.all.push_back(std::make_unique<OctomapContender>("octomap_1cm", "OctoMap 1 cm", fine));
   }
-  if (arguments.count("octomap-every-ray") != 0) {
+  if (options.has_every_ray) {
     OctomapContender::Options every_ray;
     every_ray.every_ray = true;
-    contenders.push_back(
+    made.all.push_back(
         std::make_unique<OctomapContender>("octomap_2cm_every_ray", "OctoMap 2 cm, every ray", every_ray));
   }
+  return made;
+}
 
-  std::shared_ptr<const gpis_mapping::MapSnapshot> before;  // what the exact distances belong to
-  for (int repetition = 0; repetition < repeat; ++repetition) {
-    for (const auto& contender : contenders) contender->restart();
-    for (std::size_t k = 0; k < frames.size(); ++k) {
-      // Whoever comes first finds the caches as the last one left them: take turns.
-      for (std::size_t i = 0; i < contenders.size(); ++i) {
-        contenders[(i + k) % contenders.size()]->insert(k, frames[k], camera);
-      }
-      if (static_cast<int>(k) == truth.lastBefore()) before = ours.snapshot();
-      if (repetition == 0) {
-        for (const auto& contender : contenders) contender->judge(truth, static_cast<int>(k));
-      }
-    }
-    std::fprintf(stderr, "run %d of %d done\n", repetition + 1, repeat);
-  }
-
-  for (const auto& contender : contenders) report["maps"][contender->key()] = contender->report();
-  report["ratios"]["processor_gpis_to_octomap_2cm"] = ours.medianProcessorMs() / octomap_2cm.medianProcessorMs();
-  report["ratios"]["gpis_to_octomap_2cm"] = ours.medianMs() / octomap_2cm.medianMs();
-  for (const auto& contender : contenders) {
-    report["ratios"]["median_ms_over_octomap_2cm"][contender->key()] = contender->medianMs() / octomap_2cm.medianMs();
-  }
-
+json measureMesh(const gpis_mapping::GpisConfig& config, const gpis_mapping::MapSnapshot& snapshot) {
   std::vector<double> mesh_ms;
   gpis_mapping::TriangleMesh mesh;
   for (int i = 0; i < 3; ++i) {
     gpis_mapping::MeshExtractor mesher(config);
     const Stopwatch watch;
-    mesher.update(*ours.snapshot());
+    mesher.update(snapshot);
     mesh = mesher.mesh();
     mesh_ms.push_back(watch.ms());
   }
-  report["mesh"] = {
-      {"full_ms", median(mesh_ms)}, {"triangles", mesh.triangles.size()}, {"vertices", mesh.vertices_map.size()}};
+  return {{"full_ms", median(mesh_ms)}, {"triangles", mesh.triangles.size()}, {"vertices", mesh.vertices_map.size()}};
+}
+
+int run(int argc, char** argv) {
+  const std::optional<Options> options = parseCommandLine(argc, argv);
+  if (!options) return 0;
+  Scene scene = synthetic_depth::loadScene(options->scene_path);
+  if (options->num_frames > 0 && options->num_frames < scene.numFrames()) {
+    scene.T_scene_camera.resize(static_cast<std::size_t>(options->num_frames));
+  }
+  const gpis_mapping::GpisConfig config = gpis_mapping::loadGpisConfig(options->config_path);
+  json report = {{"benchmark", "bench_map_vs_octomap"}, {"machine", machine()}, {"repeat", options->repeat}};
+  std::fprintf(stderr, "rendering %d frames of %zu boxes ...\n", scene.numFrames(), scene.boxes.size());
+  const std::vector<RecordedFrame> frames = record(scene);
+  const GroundTruth truth(scene);
+  const auto& c = scene.camera;
+  report["scene"] = {{"boxes", scene.boxes.size()},
+                     {"frames", scene.numFrames()},
+                     {"removal_frame", truth.hasRemoval() ? truth.lastBefore() + 1 : -1},
+                     {"removed_boxes", scene.removedIds().size()},
+                     {"ghost_points", truth.numGhosts()},
+                     {"width_px", c.width_px},
+                     {"height_px", c.height_px}};
+  const gpis_mapping::CameraModel camera{c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px};
+
+  const int threads = interactive_mapping::resolveThreadCount(config.threads);
+  const Contenders contenders = makeContenders(*options, config, threads);
+  std::shared_ptr<const gpis_mapping::MapSnapshot> before;  // what the exact distances belong to
+  for (int repetition = 0; repetition < options->repeat; ++repetition) {
+    for (const auto& contender : contenders.all) contender->restart();
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+      // Whoever comes first finds the caches as the last one left them: take turns.
+      for (std::size_t i = 0; i < contenders.all.size(); ++i) {
+        contenders.all[(i + k) % contenders.all.size()]->insert(k, frames[k], camera);
+      }
+      if (static_cast<int>(k) == truth.lastBefore()) before = contenders.ours->snapshot();
+      if (repetition == 0) {
+        for (const auto& contender : contenders.all) contender->judge(truth, static_cast<int>(k));
+      }
+    }
+    std::fprintf(stderr, "run %d of %d done\n", repetition + 1, options->repeat);
+  }
+
+  const double octomap_ms = contenders.octomap_2cm->medianMs();
+  for (const auto& contender : contenders.all) {
+    report["maps"][contender->key()] = contender->report();
+    report["ratios"]["median_ms_over_octomap_2cm"][contender->key()] = contender->medianMs() / octomap_ms;
+  }
+  report["ratios"]["processor_gpis_to_octomap_2cm"] =
+      contenders.ours->medianProcessorMs() / contenders.octomap_2cm->medianProcessorMs();
+  report["ratios"]["gpis_to_octomap_2cm"] = contenders.ours->medianMs() / octomap_ms;
+  report["mesh"] = measureMesh(config, *contenders.ours->snapshot());
 
   std::vector<Band> bands(2);
   bands[0].name = "0 to 5 cm";
-  truth.freePoints(0.0, 0.05, num_queries, 1, &bands[0].points, &bands[0].exact);
+  truth.freePoints(0.0, 0.05, options->num_queries, 1, &bands[0].points, &bands[0].exact);
   bands[1].name = "5 to 30 cm";
-  truth.freePoints(0.05, 0.30, num_queries, 2, &bands[1].points, &bands[1].exact);
+  truth.freePoints(0.05, 0.30, options->num_queries, 2, &bands[1].points, &bands[1].exact);
   report["queries"] = measureQueries(*before, bands, threads);
+  const octomap::OcTree& tree = contenders.octomap_2cm->tree();
   std::size_t occupied = 0;
-  report["octomap_lookups_per_s"] = throughput(num_queries, [&] {
-    for (Eigen::Index i = 0; i < num_queries; ++i) {
+  report["octomap_lookups_per_s"] = throughput(options->num_queries, [&] {
+    for (Eigen::Index i = 0; i < options->num_queries; ++i) {
       const auto p = bands[0].points.col(i);
-      const octomap::OcTreeNode* node = octomap_2cm.tree().search(p.x(), p.y(), p.z());
-      occupied += node != nullptr && octomap_2cm.tree().isNodeOccupied(node);
+      const octomap::OcTreeNode* node = tree.search(p.x(), p.y(), p.z());
+      occupied += node != nullptr && tree.isNodeOccupied(node);
     }
   });
   report["octomap_lookups_occupied"] = occupied;
@@ -837,10 +868,10 @@ int run(int argc, char** argv) {
   report["peak_rss_mb"] = static_cast<double>(usage.ru_maxrss) / 1e3;
 
   printReport(report);
-  if (!out_path.empty()) {
-    std::ofstream out(out_path);
+  if (!options->out_path.empty()) {
+    std::ofstream out(options->out_path);
     out << report.dump(1) << "\n";
-    if (!out.flush()) throw std::runtime_error(out_path + ": cannot be written");
+    if (!out.flush()) throw std::runtime_error(options->out_path + ": cannot be written");
   }
   return 0;
 }

@@ -167,6 +167,37 @@ int judgeFile(const std::string& path) {
   return report(soak::fromCsv(text.str()));
 }
 
+void checkAnswers(const MapSnapshot& snapshot, int threads, std::uint64_t frame, SeededRandom* random) {
+  gpis_mapping::QueryOptions query;
+  query.variance_gradient = true;
+  query.threads = threads;
+  const gpis_mapping::QueryResult answers = snapshot.query(randomPoints(random, 200), query);
+  for (Eigen::Index i = 0; i < answers.distance.size(); ++i) {
+    require(!std::isinf(answers.distance[i]), "a distance is infinite", frame);
+    // Within the range of the Euclidean distance there is always a nearest surface.
+    require(std::isfinite(answers.euclidean_distance[i]), "no Euclidean distance beside the pile", frame);
+  }
+}
+
+/// Sizes after `frame`; what was counted since the start is the caller's.
+soak::Reading readingOf(const MapSnapshot& snapshot, const gpis_mapping::MeshExtractor& extractor,
+                        std::uint64_t frame) {
+  const gpis_mapping::TriangleMesh mesh = extractor.mesh();
+  for (const Eigen::Vector3d& vertex : mesh.vertices_map) require(vertex.allFinite(), "a vertex is not finite", frame);
+  const struct mallinfo2 heap = mallinfo2();
+  soak::Reading reading;
+  reading.frame = frame + 1;
+  reading.resident_mb = residentMb();
+  reading.heap_used_mb = static_cast<double>(heap.uordblks + heap.hblkhd) / 1e6;
+  reading.heap_free_mb = static_cast<double>(heap.fordblks) / 1e6;
+  reading.points = snapshot.numPoints();
+  reading.cells = snapshot.cells().size();
+  reading.chunks = snapshot.observed().chunks().size();
+  reading.mesh_pieces = extractor.numPieces();
+  reading.triangles = mesh.triangles.size();
+  return reading;
+}
+
 int run(const Options& options) {
   std::filesystem::create_directories(options.out);
   const std::string map_path = options.out + "/soak_map.gpis";
@@ -200,36 +231,13 @@ int run(const Options& options) {
     held.push_back(map.snapshot());
     if (held.size() > kHeldSnapshots) held.pop_front();
 
-    if (frame % options.query_every == 0) {
-      gpis_mapping::QueryOptions query;
-      query.variance_gradient = true;
-      query.threads = options.threads;
-      const gpis_mapping::QueryResult answers = held.front()->query(randomPoints(&random, 200), query);
-      for (Eigen::Index i = 0; i < answers.distance.size(); ++i) {
-        require(!std::isinf(answers.distance[i]), "a distance is infinite", frame);
-        // Within the range of the Euclidean distance there is always a nearest surface.
-        require(std::isfinite(answers.euclidean_distance[i]), "no Euclidean distance beside the pile", frame);
-      }
-    }
+    if (frame % options.query_every == 0) checkAnswers(*held.front(), options.threads, frame, &random);
     if (frame % options.mesh_every == 0) extractor.update(*held.back());
     if (options.save_every > 0 && (frame + 1) % options.save_every == 0) saveAndLoad(map, map_path, frame);
     if ((frame + 1) % options.record_every != 0) continue;
 
     extractor.update(*held.back());
-    const gpis_mapping::TriangleMesh mesh = extractor.mesh();
-    for (const Eigen::Vector3d& vertex : mesh.vertices_map)
-      require(vertex.allFinite(), "a vertex is not finite", frame);
-    const struct mallinfo2 heap = mallinfo2();
-    soak::Reading reading;
-    reading.frame = frame + 1;
-    reading.resident_mb = residentMb();
-    reading.heap_used_mb = static_cast<double>(heap.uordblks + heap.hblkhd) / 1e6;
-    reading.heap_free_mb = static_cast<double>(heap.fordblks) / 1e6;
-    reading.points = statistics.map_points;
-    reading.cells = held.back()->cells().size();
-    reading.chunks = held.back()->observed().chunks().size();
-    reading.mesh_pieces = extractor.numPieces();
-    reading.triangles = mesh.triangles.size();
+    soak::Reading reading = readingOf(*held.back(), extractor, frame);
     reading.inserted = inserted;
     reading.deleted = deleted;
     reading.ms_per_frame = update_ms / static_cast<double>(options.record_every);

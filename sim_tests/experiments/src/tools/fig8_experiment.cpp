@@ -31,6 +31,8 @@
 
 namespace {
 
+namespace po = boost::program_options;
+
 using Eigen::Vector3d;
 using experiments::MeshDistance;
 using experiments::Statistics;
@@ -38,6 +40,7 @@ using experiments::Surface;
 using nlohmann::json;
 using synthetic_depth::Scene;
 
+constexpr const char* kUsage = "Usage: fig8_experiment SCENE.yaml --out DIR [options]\n";
 constexpr int kFailed = 1;
 constexpr int kBadUsage = 2;
 constexpr int kBadScene = 3;
@@ -332,59 +335,55 @@ struct Options {
   std::uint64_t seed;
 };
 
-/// Compares, writes `<key>_*.ply` and `<key>_histogram.csv`, returns the system's part of the summary.
-json judge(const System& system, const Maps& maps, const GroundTruth& truth, const Recorded& last_scan,
-           const Options& options) {
-  const std::string prefix = options.out + "/" + system.key;
-  const MeshDistance reference(maps.last_scan);
+/// Points of a system's map after the removal, and how far they are off.
+struct Comparison {
+  std::size_t cloud_points{0};
+  Surface common;                                        // judged: the last scan's map has them, too
+  Surface outside;                                       // not judged
+  std::vector<double> to_reference, to_other, to_truth;  // signed [m], of the common points
+  std::vector<double> faces, edges, uncovered;           // to_reference by zone
+  std::size_t hidden{0}, border{0}, gap{0};              // why outside
+  std::size_t ghosts{0}, ghosts_seen_past{0}, common_ghosts{0};
+};
+
+Comparison compare(const Maps& maps, const MeshDistance& reference, const GroundTruth& truth, const Recorded& last_scan,
+                   const Options& options) {
   std::optional<MeshDistance> other;
   if (maps.other_scan) other.emplace(*maps.other_scan);
-
-  std::vector<Vector3d> cloud = experiments::sampleEvenly(maps.after, options.spacing_m, options.seed);
-  cloud.erase(std::remove_if(cloud.begin(), cloud.end(), [&](const Vector3d& p) { return !truth.isInRegion(p); }),
-              cloud.end());
-  Surface common;
-  Surface outside;
-  std::vector<double> to_reference;
-  std::vector<double> to_other;
-  std::vector<double> to_truth;
-  std::vector<double> faces;
-  std::vector<double> edges;
-  std::vector<double> uncovered;
-  std::size_t hidden = 0;
-  std::size_t border = 0;
-  std::size_t gap = 0;
-  std::size_t ghosts_seen_past = 0;
-  std::size_t ghosts = 0;
-  std::size_t common_ghosts = 0;
-  for (const Vector3d& p : cloud) {
+  Comparison result;
+  for (const Vector3d& p : experiments::sampleEvenly(maps.after, options.spacing_m, options.seed)) {
+    if (!truth.isInRegion(p)) continue;
+    ++result.cloud_points;
     const bool is_ghost = truth.isGhost(p);
-    ghosts += is_ghost;
-    ghosts_seen_past += is_ghost && truth.isSeenPast(last_scan, p);
+    result.ghosts += is_ghost;
+    result.ghosts_seen_past += is_ghost && truth.isSeenPast(last_scan, p);
     const bool is_judged = truth.isJudgedByLast(p);
     const MeshDistance::Nearest nearest = reference.nearest(p);
     const double exact = truth.signedDistance(p);
     const bool is_gap = std::abs(exact) < kReferenceGap_m && std::abs(nearest.signed_distance_m) > kReferenceGap_m;
     if (!is_judged || nearest.on_border || is_gap) {
-      ++(!is_judged ? hidden : nearest.on_border ? border : gap);
-      outside.points_map.push_back(p);
+      ++(!is_judged ? result.hidden : nearest.on_border ? result.border : result.gap);
+      result.outside.points_map.push_back(p);
       continue;
     }
-    common_ghosts += is_ghost;
-    common.points_map.push_back(p);
-    to_reference.push_back(nearest.signed_distance_m);
-    to_truth.push_back(exact);
-    (!truth.wasSeenBefore(p) ? uncovered : truth.isNearEdge(p) ? edges : faces).push_back(nearest.signed_distance_m);
+    result.common_ghosts += is_ghost;
+    result.common.points_map.push_back(p);
+    result.to_reference.push_back(nearest.signed_distance_m);
+    result.to_truth.push_back(exact);
+    std::vector<double>& zone = !truth.wasSeenBefore(p) ? result.uncovered
+                                : truth.isNearEdge(p)   ? result.edges
+                                                        : result.faces;
+    zone.push_back(nearest.signed_distance_m);
     if (!other) continue;
     const MeshDistance::Nearest in_other = other->nearest(p);
-    if (!in_other.on_border) to_other.push_back(in_other.signed_distance_m);
+    if (!in_other.on_border) result.to_other.push_back(in_other.signed_distance_m);
   }
-  // The same yardstick on the map of the last scan: what a single scan is off by.
-  std::vector<double> reference_to_truth;
-  for (const Vector3d& p : experiments::sampleEvenly(maps.last_scan, options.spacing_m, options.seed)) {
-    if (truth.isInRegion(p) && truth.isJudgedByLast(p)) reference_to_truth.push_back(truth.signedDistance(p));
-  }
+  return result;
+}
 
+/// `<prefix>_*.ply` and `<prefix>_histogram.csv`.
+void writeComparison(const Comparison& found, const Maps& maps, const MeshDistance& reference, const GroundTruth& truth,
+                     const std::string& prefix) {
   std::vector<double> colours;
   for (const Vector3d& p : maps.after.points_map) {
     const MeshDistance::Nearest nearest = reference.nearest(p);
@@ -394,34 +393,49 @@ json judge(const System& system, const Maps& maps, const GroundTruth& truth, con
   experiments::writePly(maps.before, {}, prefix + "_before.ply");
   experiments::writePly(maps.after, {{"distance", colours}}, prefix + "_after.ply");
   experiments::writePly(maps.last_scan, {}, prefix + "_last_scan.ply");
-  experiments::writePly(common, {{"distance", to_reference}, {"truth", to_truth}}, prefix + "_common.ply");
-  experiments::writePly(outside, {}, prefix + "_outside.ply");
-  writeHistogram({{"last_scan", &to_reference}, {"other_scan", &to_other}, {"truth", &to_truth}},
+  experiments::writePly(found.common, {{"distance", found.to_reference}, {"truth", found.to_truth}},
+                        prefix + "_common.ply");
+  experiments::writePly(found.outside, {}, prefix + "_outside.ply");
+  writeHistogram({{"last_scan", &found.to_reference}, {"other_scan", &found.to_other}, {"truth", &found.to_truth}},
                  prefix + "_histogram.csv");
+}
 
+/// Compares, writes `<key>_*.ply` and `<key>_histogram.csv`, returns the system's part of the summary.
+json judge(const System& system, const Maps& maps, const GroundTruth& truth, const Recorded& last_scan,
+           const Options& options) {
+  const MeshDistance reference(maps.last_scan);
+  const Comparison found = compare(maps, reference, truth, last_scan, options);
+  writeComparison(found, maps, reference, truth, options.out + "/" + system.key);
+  // The same yardstick on the map of the last scan: what a single scan is off by.
+  std::vector<double> reference_to_truth;
+  for (const Vector3d& p : experiments::sampleEvenly(maps.last_scan, options.spacing_m, options.seed)) {
+    if (truth.isInRegion(p) && truth.isJudgedByLast(p)) reference_to_truth.push_back(truth.signedDistance(p));
+  }
   const double area_per_point = options.spacing_m * options.spacing_m;
+  const auto share = [&](std::size_t part) { return shareOf(part, found.cloud_points); };
+  const auto statistics = [](const std::vector<double>& values) { return toJson(experiments::statisticsOf(values)); };
   json result = {
       {"title", system.title},
-      {"cloud_points", cloud.size()},
-      {"cloud_area_m2", static_cast<double>(cloud.size()) * area_per_point},
-      {"outside_share", shareOf(outside.points_map.size(), cloud.size())},
-      {"outside_hidden_share", shareOf(hidden, cloud.size())},
-      {"outside_border_share", shareOf(border, cloud.size())},
-      {"ghost_share", shareOf(ghosts, cloud.size())},
-      {"ghost_area_m2", static_cast<double>(ghosts) * area_per_point},
-      {"outside_gap_share", shareOf(gap, cloud.size())},
-      {"ghost_points", ghosts},
-      {"ghost_points_measured_past", ghosts_seen_past},
-      {"ghost_points_in_common", common_ghosts},
-      {"against_last_scan", toJson(experiments::statisticsOf(to_reference))},
-      {"against_truth", toJson(experiments::statisticsOf(to_truth))},
-      {"last_scan_against_truth", toJson(experiments::statisticsOf(reference_to_truth))},
+      {"cloud_points", found.cloud_points},
+      {"cloud_area_m2", static_cast<double>(found.cloud_points) * area_per_point},
+      {"outside_share", share(found.outside.points_map.size())},
+      {"outside_hidden_share", share(found.hidden)},
+      {"outside_border_share", share(found.border)},
+      {"ghost_share", share(found.ghosts)},
+      {"ghost_area_m2", static_cast<double>(found.ghosts) * area_per_point},
+      {"outside_gap_share", share(found.gap)},
+      {"ghost_points", found.ghosts},
+      {"ghost_points_measured_past", found.ghosts_seen_past},
+      {"ghost_points_in_common", found.common_ghosts},
+      {"against_last_scan", statistics(found.to_reference)},
+      {"against_truth", statistics(found.to_truth)},
+      {"last_scan_against_truth", statistics(reference_to_truth)},
       {"zones_against_last_scan",
-       {{"faces", toJson(experiments::statisticsOf(faces))},
-        {"edges", toJson(experiments::statisticsOf(edges))},
-        {"uncovered", toJson(experiments::statisticsOf(uncovered))}}},
+       {{"faces", statistics(found.faces)},
+        {"edges", statistics(found.edges)},
+        {"uncovered", statistics(found.uncovered)}}},
   };
-  if (other) result["against_other_scan"] = toJson(experiments::statisticsOf(to_other));
+  if (maps.other_scan) result["against_other_scan"] = statistics(found.to_other);
   return result;
 }
 
@@ -449,10 +463,8 @@ std::string unfitness(const Scene& scene) {
   return {};
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
-  namespace po = boost::program_options;
+/// Nothing when only help was asked for. Throws po::error.
+std::optional<po::variables_map> parseArguments(int argc, char** argv) {
   po::options_description visible("Options");
   // clang-format off
   visible.add_options()
@@ -468,110 +480,123 @@ int main(int argc, char** argv) {
   all.add(visible).add_options()("scene", po::value<std::string>());
   po::positional_options_description positional;
   positional.add("scene", 1);
-  const std::string usage = "Usage: fig8_experiment SCENE.yaml --out DIR [options]\n";
-
   po::variables_map arguments;
-  try {
-    po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), arguments);
-    po::notify(arguments);
-    if (arguments.count("help") != 0) {
-      std::cout << usage
-                << "Maps a scene in which boxes are taken away and compares the map with one of the last scan alone.\n"
-                << visible << "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 scene or settings refused.\n";
-      return 0;
-    }
-    if (arguments.count("scene") == 0 || arguments.count("out") == 0) {
-      throw po::error("a scene file and --out are needed");
-    }
-    if (arguments.count("seed") != 0 && arguments["seed"].as<std::int64_t>() < 0) {
-      throw po::error("--seed = " + std::to_string(arguments["seed"].as<std::int64_t>()) + ", must be >= 0");
-    }
-    const std::string sensor = arguments["sensor"].as<std::string>();
-    if (sensor != "full" && sensor != "complete" && sensor != "exact") {
-      throw po::error("--sensor = " + sensor + ", must be full, complete or exact");
-    }
-    const double spacing_m = arguments["spacing"].as<double>();
-    if (!(spacing_m >= 0.0005 && spacing_m <= 0.1)) {
-      throw po::error("--spacing = " + std::to_string(spacing_m) + " m, must be in [0.0005, 0.1] m");
-    }
-  } catch (const po::error& error) {
-    std::cerr << "fig8_experiment: " << error.what() << "\n" << usage;
-    return kBadUsage;
+  po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), arguments);
+  po::notify(arguments);
+  if (arguments.count("help") != 0) {
+    std::cout << kUsage
+              << "Maps a scene in which boxes are taken away and compares the map with one of the last scan alone.\n"
+              << visible << "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 scene or settings refused.\n";
+    return std::nullopt;
   }
-
-  Scene scene;
-  gpis_mapping::GpisConfig config;
-  try {
-    const std::string path = arguments["scene"].as<std::string>();
-    scene = synthetic_depth::loadScene(path);
-    const std::string problem = unfitness(scene);
-    if (!problem.empty()) throw std::invalid_argument(path + ": " + problem);
-    config = arguments.count("config") != 0 ? gpis_mapping::loadGpisConfig(arguments["config"].as<std::string>())
-                                            : configFor(scene);
-  } catch (const std::invalid_argument& error) {
-    std::cerr << error.what() << "\n";
-    return kBadScene;
+  if (arguments.count("scene") == 0 || arguments.count("out") == 0) {
+    throw po::error("a scene file and --out are needed");
   }
-  if (arguments.count("seed") != 0) scene.seed = static_cast<std::uint64_t>(arguments["seed"].as<std::int64_t>());
+  if (arguments.count("seed") != 0 && arguments["seed"].as<std::int64_t>() < 0) {
+    throw po::error("--seed = " + std::to_string(arguments["seed"].as<std::int64_t>()) + ", must be >= 0");
+  }
   const std::string sensor = arguments["sensor"].as<std::string>();
-  const bool noise_free = sensor == "exact";
-  if (noise_free) scene.sensor = scene.sensor.withoutNoise();
+  if (sensor != "full" && sensor != "complete" && sensor != "exact") {
+    throw po::error("--sensor = " + sensor + ", must be full, complete or exact");
+  }
+  const double spacing_m = arguments["spacing"].as<double>();
+  if (!(spacing_m >= 0.0005 && spacing_m <= 0.1)) {
+    throw po::error("--spacing = " + std::to_string(spacing_m) + " m, must be in [0.0005, 0.1] m");
+  }
+  return arguments;
+}
+
+/// With the seed and the sensor that were asked for. Throws std::invalid_argument.
+Scene sceneFrom(const po::variables_map& arguments) {
+  const std::string path = arguments["scene"].as<std::string>();
+  Scene scene = synthetic_depth::loadScene(path);
+  const std::string problem = unfitness(scene);
+  if (!problem.empty()) throw std::invalid_argument(path + ": " + problem);
+  if (arguments.count("seed") != 0) scene.seed = static_cast<std::uint64_t>(arguments["seed"].as<std::int64_t>());
+  return scene;
+}
+
+std::vector<System> systemsToCompare(const gpis_mapping::GpisConfig& config, const gpis_mapping::CameraModel& camera) {
+  gpis_mapping::GpisConfig dynamic = config;
+  dynamic.dynamic.enabled = true;
+  gpis_mapping::GpisConfig never_deletes = config;
+  never_deletes.dynamic.enabled = false;
+  octomap_baseline::OctomapConfig octomap;
+  octomap.sensor = config.sensor;
+  return {
+      {"gpis", "Dynamic GPIS", [=] { return std::make_unique<GpisMapper>(dynamic, camera); }},
+      {"gpis_static", "GPIS, dynamic: false", [=] { return std::make_unique<GpisMapper>(never_deletes, camera); }},
+      {"octomap", "Dynamic OctoMap", [=] { return std::make_unique<OctomapMapper>(octomap, camera); }},
+  };
+}
+
+void runExperiment(const po::variables_map& arguments, Scene scene, const gpis_mapping::GpisConfig& config) {
+  const std::string sensor = arguments["sensor"].as<std::string>();
+  const bool is_noise_free = sensor == "exact";
+  if (is_noise_free) scene.sensor = scene.sensor.withoutNoise();
   if (sensor == "complete") {
     scene.sensor.has_shadows = false;
     scene.sensor.dropout_probability = 0.0;
   }
+  const Options options{arguments["out"].as<std::string>(), arguments["spacing"].as<double>(), scene.seed};
+  boost::filesystem::create_directories(options.out);
+  std::vector<Recorded> frames;
+  for (int k = 0; k < scene.numFrames(); ++k) frames.push_back(record(scene, k));
+  std::optional<Recorded> other_scan;
+  if (!is_noise_free) {
+    Scene other = scene;
+    other.seed = scene.seed + 1;
+    other_scan = record(other, scene.numFrames() - 1);
+  }
 
+  json summary = {{"scene", arguments["scene"].as<std::string>()},
+                  {"out", options.out},
+                  {"frames", frames.size()},
+                  {"removal_frame", scene.firstRemovalFrame()},
+                  {"removed_ids", scene.removedIds()},
+                  {"seed", scene.seed},
+                  {"sensor", sensor},
+                  {"spacing_m", options.spacing_m},
+                  {"T_map_camera_last", json::array()},
+                  {"systems", json::object()}};
+  const Eigen::Matrix4d last_pose = frames.back().T_map_camera.matrix();
+  for (int row = 0; row < 4; ++row) {
+    summary["T_map_camera_last"].push_back(
+        {last_pose(row, 0), last_pose(row, 1), last_pose(row, 2), last_pose(row, 3)});
+  }
+  const GroundTruth truth(scene);
+  const synthetic_depth::CameraModel& c = scene.camera;
+  for (const System& system : systemsToCompare(config, {c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px})) {
+    std::cerr << system.title << " ...\n";
+    const Maps maps = runSystem(system, frames, scene.firstRemovalFrame(), other_scan);
+    summary["systems"][system.key] = judge(system, maps, truth, frames.back(), options);
+  }
+  interactive_mapping::AtomicFile file(options.out + "/summary.json");
+  file.write(summary.dump(2) + "\n");
+  file.commit();
+  std::cout << summary.dump() << std::endl;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
   try {
-    const Options options{arguments["out"].as<std::string>(), arguments["spacing"].as<double>(), scene.seed};
-    boost::filesystem::create_directories(options.out);
-    std::vector<Recorded> frames;
-    for (int k = 0; k < scene.numFrames(); ++k) frames.push_back(record(scene, k));
-    std::optional<Recorded> other_scan;
-    if (!noise_free) {
-      Scene other = scene;
-      other.seed = scene.seed + 1;
-      other_scan = record(other, scene.numFrames() - 1);
+    const std::optional<po::variables_map> arguments = parseArguments(argc, argv);
+    if (!arguments) return 0;
+    Scene scene;
+    gpis_mapping::GpisConfig config;
+    try {
+      scene = sceneFrom(*arguments);
+      config = arguments->count("config") != 0 ? gpis_mapping::loadGpisConfig((*arguments)["config"].as<std::string>())
+                                               : configFor(scene);
+    } catch (const std::invalid_argument& error) {
+      std::cerr << error.what() << "\n";
+      return kBadScene;
     }
-
-    const synthetic_depth::CameraModel& c = scene.camera;
-    const gpis_mapping::CameraModel camera{c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px};
-    gpis_mapping::GpisConfig dynamic = config;
-    dynamic.dynamic.enabled = true;
-    gpis_mapping::GpisConfig never_deletes = config;
-    never_deletes.dynamic.enabled = false;
-    octomap_baseline::OctomapConfig octomap;
-    octomap.sensor = config.sensor;
-    const std::vector<System> systems = {
-        {"gpis", "Dynamic GPIS", [&] { return std::make_unique<GpisMapper>(dynamic, camera); }},
-        {"gpis_static", "GPIS, dynamic: false", [&] { return std::make_unique<GpisMapper>(never_deletes, camera); }},
-        {"octomap", "Dynamic OctoMap", [&] { return std::make_unique<OctomapMapper>(octomap, camera); }},
-    };
-
-    const GroundTruth truth(scene);
-    json summary = {{"scene", arguments["scene"].as<std::string>()},
-                    {"out", options.out},
-                    {"frames", frames.size()},
-                    {"removal_frame", scene.firstRemovalFrame()},
-                    {"removed_ids", scene.removedIds()},
-                    {"seed", scene.seed},
-                    {"sensor", sensor},
-                    {"spacing_m", options.spacing_m},
-                    {"T_map_camera_last", json::array()},
-                    {"systems", json::object()}};
-    const Eigen::Matrix4d last_pose = frames.back().T_map_camera.matrix();
-    for (int row = 0; row < 4; ++row) {
-      summary["T_map_camera_last"].push_back(
-          {last_pose(row, 0), last_pose(row, 1), last_pose(row, 2), last_pose(row, 3)});
-    }
-    for (const System& system : systems) {
-      std::cerr << system.title << " ...\n";
-      const Maps maps = runSystem(system, frames, scene.firstRemovalFrame(), other_scan);
-      summary["systems"][system.key] = judge(system, maps, truth, frames.back(), options);
-    }
-    interactive_mapping::AtomicFile file(options.out + "/summary.json");
-    file.write(summary.dump(2) + "\n");
-    file.commit();
-    std::cout << summary.dump() << std::endl;
+    runExperiment(*arguments, scene, config);
+  } catch (const po::error& error) {
+    std::cerr << "fig8_experiment: " << error.what() << "\n" << kUsage;
+    return kBadUsage;
   } catch (const std::exception& error) {
     std::cerr << "fig8_experiment: " << error.what() << "\n";
     return kFailed;

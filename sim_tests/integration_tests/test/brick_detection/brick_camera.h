@@ -21,6 +21,7 @@
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "support/await_update.h"
 #include "support/tag_renderer.h"
 
 namespace integration_tests {
@@ -245,20 +246,7 @@ class BrickCamera {
   void publishDepth(const sensor_msgs::Image& depth) { depth_.publish(depth); }
 
   /// What the node says about the image of this stamp that was published when `updates` had `since` entries.
-  DetectionUpdate await(const ros::Time& stamp, std::size_t since) {
-    std::size_t found = 0;
-    const bool has_come = waitUntil([&] {
-      for (found = since; found < updates.size(); ++found) {
-        if (updates[found].header.stamp == stamp) return true;
-      }
-      return false;
-    });
-    if (has_come) return updates[found];
-    ADD_FAILURE() << node_ << " did not say what became of the image of stamp " << stamp;
-    DetectionUpdate none;
-    none.status = DetectionUpdate::NUM_STATUS;
-    return none;
-  }
+  DetectionUpdate await(const ros::Time& stamp, std::size_t since) { return awaitUpdate(updates, stamp, since, node_); }
 
   /// Publishes all of the frame as it is, and waits for what becomes of it.
   DetectionUpdate lookAsIs(const BrickFrame& frame) {

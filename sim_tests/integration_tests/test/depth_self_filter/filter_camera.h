@@ -20,6 +20,8 @@
 #include <sensor_msgs/JointState.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "support/await_update.h"
+
 namespace integration_tests {
 
 using node_tests::has;
@@ -125,20 +127,7 @@ class FilterCamera {
   }
 
   /// What the node says about the image of this stamp.
-  Update await(const ros::Time& stamp, std::size_t since) {
-    std::size_t found = 0;
-    const bool has_come = waitUntil([&] {
-      for (found = since; found < updates.size(); ++found) {
-        if (updates[found].header.stamp == stamp) return true;
-      }
-      return false;
-    });
-    if (has_come) return updates[found];
-    ADD_FAILURE() << node_ << " did not say what became of the image of stamp " << stamp;
-    Update none;
-    none.status = Update::NUM_STATUS;
-    return none;
-  }
+  Update await(const ros::Time& stamp, std::size_t since) { return awaitUpdate(updates, stamp, since, node_); }
 
   /// Publishes the image as it is, with joint states of 10 ms before and after it, and waits for what becomes of it.
   Update lookAsIs(const sensor_msgs::Image& image, const std::vector<double>& arm_rad) {

@@ -21,6 +21,7 @@
 #include <std_srvs/Trigger.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "support/await_update.h"
 #include "support/map_on_scene.h"
 
 namespace integration_tests {
@@ -168,20 +169,7 @@ class LiveMap {
   }
 
   /// What the node says about the image of this stamp that was published when `updates` had `since` entries.
-  MapUpdate await(const ros::Time& stamp, std::size_t since) {
-    std::size_t found = 0;
-    const bool has_come = waitUntil([&] {
-      for (found = since; found < updates.size(); ++found) {
-        if (updates[found].header.stamp == stamp) return true;
-      }
-      return false;
-    });
-    if (has_come) return updates[found];
-    ADD_FAILURE() << node_ << " did not say what became of the image of stamp " << stamp;
-    MapUpdate none;
-    none.status = MapUpdate::NUM_STATUS;
-    return none;
-  }
+  MapUpdate await(const ros::Time& stamp, std::size_t since) { return awaitUpdate(updates, stamp, since, node_); }
 
   /// Publishes the image alone and waits for what becomes of it.
   MapUpdate look(const sensor_msgs::Image& image) {

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <iomanip>
 #include <limits>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 
@@ -215,6 +216,61 @@ double toDouble(const std::string& word, const boost::filesystem::path& path) {
   return value;
 }
 
+int countMeasured(const cv::Mat& depth_m) {
+  return static_cast<int>(
+      std::count_if(depth_m.begin<float>(), depth_m.end<float>(), [](float z_m) { return std::isfinite(z_m); }));
+}
+
+void writeDepthPng(const cv::Mat& depth_m, const boost::filesystem::path& path) {
+  bool is_written = false;
+  try {
+    // Level 1: depth noise does not compress, and higher levels only cost time.
+    is_written =
+        cv::imwrite(path.string(), encodeDepth16(depth_m, kTumUnitsPerMetre), {cv::IMWRITE_PNG_COMPRESSION, 1});
+  } catch (const cv::Exception&) {
+    is_written = false;
+  }
+  if (!is_written) throw std::runtime_error(path.string() + ": cannot be written");
+}
+
+void writePose(std::ofstream& out, double stamp_s, const Eigen::Isometry3d& T_map_camera) {
+  const Eigen::Quaterniond q = quaternionOf(T_map_camera);
+  writeStamp(out, stamp_s);
+  out << std::setprecision(9);
+  for (const double value : {T_map_camera.translation().x(), T_map_camera.translation().y(),
+                             T_map_camera.translation().z(), q.x(), q.y(), q.z(), q.w()}) {
+    out << ' ' << value;
+  }
+  out << '\n';
+}
+
+/// The same frames without PNG's rounding: float32 depths, float64 poses.
+class RawFiles {
+ public:
+  explicit RawFiles(const boost::filesystem::path& root)
+      : root_(root),
+        frames_(openForWriting(root / kFrames, std::ios::binary)),
+        poses_(openForWriting(root / kPoses, std::ios::binary)) {}
+  void write(const cv::Mat& depth_m, const Eigen::Isometry3d& T_map_camera) {
+    for (int v = 0; v < depth_m.rows; ++v) {
+      frames_.write(reinterpret_cast<const char*>(depth_m.ptr<float>(v)),
+                    static_cast<std::streamsize>(sizeof(float)) * depth_m.cols);
+    }
+    const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = T_map_camera.matrix();
+    poses_.write(reinterpret_cast<const char*>(matrix.data()), sizeof(double) * 16);
+  }
+  void close() {
+    closeChecked(frames_, root_ / kFrames);
+    closeChecked(poses_, root_ / kPoses);
+  }
+
+ private:
+  static constexpr const char* kFrames = "frames.f32";
+  static constexpr const char* kPoses = "poses.f64";
+  boost::filesystem::path root_;
+  std::ofstream frames_, poses_;
+};
+
 }  // namespace
 
 SequenceStatistics writeTumSequence(const Scene& scene, const std::string& directory, const SequenceOptions& options) {
@@ -245,12 +301,8 @@ SequenceStatistics writeTumSequence(const Scene& scene, const std::string& direc
   depth_list << "# timestamp filename\n";
   std::ofstream pose_list = openForWriting(root / "groundtruth.txt");
   pose_list << "# timestamp tx ty tz qx qy qz qw\n";
-  std::ofstream raw_frames;
-  std::ofstream raw_poses;
-  if (options.write_raw) {
-    raw_frames = openForWriting(root / "frames.f32", std::ios::binary);
-    raw_poses = openForWriting(root / "poses.f64", std::ios::binary);
-  }
+  std::optional<RawFiles> raw;
+  if (options.write_raw) raw.emplace(root);
 
   SequenceStatistics statistics;
   double num_valid = 0.0;
@@ -261,53 +313,22 @@ SequenceStatistics writeTumSequence(const Scene& scene, const std::string& direc
     const auto sensor_start = std::chrono::steady_clock::now();
     const cv::Mat depth_m = applySensor(measured_scene, frame, exact_m);
     statistics.sensor_ms += millisecondsSince(sensor_start) / num_frames;
-    for (int v = 0; v < depth_m.rows; ++v) {
-      for (int u = 0; u < depth_m.cols; ++u) {
-        num_valid += std::isfinite(depth_m.at<float>(v, u)) ? 1.0 : 0.0;
-      }
-    }
+    num_valid += countMeasured(depth_m);
 
     const std::string name = frameName(frame);
-    bool is_written = false;
-    try {
-      // Level 1: depth noise does not compress, and higher levels only cost time.
-      is_written = cv::imwrite((root / name).string(), encodeDepth16(depth_m, kTumUnitsPerMetre),
-                               {cv::IMWRITE_PNG_COMPRESSION, 1});
-    } catch (const cv::Exception&) {
-      is_written = false;
-    }
-    if (!is_written) {
-      throw std::runtime_error((root / name).string() + ": cannot be written");
-    }
+    writeDepthPng(depth_m, root / name);
     const Eigen::Isometry3d T_map_camera = scene.cameraInMap(frame);
-    const Eigen::Quaterniond q = quaternionOf(T_map_camera);
     writeStamp(depth_list, scene.stampSeconds(frame));
     depth_list << ' ' << name << '\n';
-    writeStamp(pose_list, scene.stampSeconds(frame));
-    pose_list << std::setprecision(9);
-    for (const double value : {T_map_camera.translation().x(), T_map_camera.translation().y(),
-                               T_map_camera.translation().z(), q.x(), q.y(), q.z(), q.w()}) {
-      pose_list << ' ' << value;
-    }
-    pose_list << '\n';
-    if (options.write_raw) {
-      for (int v = 0; v < depth_m.rows; ++v) {
-        raw_frames.write(reinterpret_cast<const char*>(depth_m.ptr<float>(v)),
-                         static_cast<std::streamsize>(sizeof(float)) * depth_m.cols);
-      }
-      const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = T_map_camera.matrix();
-      raw_poses.write(reinterpret_cast<const char*>(matrix.data()), sizeof(double) * 16);
-    }
+    writePose(pose_list, scene.stampSeconds(frame), T_map_camera);
+    if (raw) raw->write(depth_m, T_map_camera);
     if (options.on_progress) {
       options.on_progress(frame + 1, num_frames);
     }
   }
   closeChecked(depth_list, root / "depth.txt");
   closeChecked(pose_list, root / "groundtruth.txt");
-  if (options.write_raw) {
-    closeChecked(raw_frames, root / "frames.f32");
-    closeChecked(raw_poses, root / "poses.f64");
-  }
+  if (raw) raw->close();
   statistics.num_frames = num_frames;
   statistics.valid_fraction =
       num_valid / (static_cast<double>(num_frames) * scene.camera.width_px * scene.camera.height_px);

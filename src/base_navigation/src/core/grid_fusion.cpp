@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "polygon_raster.h"
 
@@ -27,7 +28,7 @@ void requirePose(const Pose2d& pose) {
   check("x", pose.x_m, -kMaxCoordinate_m, kMaxCoordinate_m, "m");
   check("y", pose.y_m, -kMaxCoordinate_m, kMaxCoordinate_m, "m");
   check("yaw", pose.yaw_rad, -kMaxCoordinate_m, kMaxCoordinate_m, "rad");
-  interactive_mapping::throwIfAny(check.problems());
+  interactive_mapping::refuseIfAny("impossible pose of the base:", check.problems());
 }
 
 void requireStamp(double stamp_s) {
@@ -175,7 +176,7 @@ void GridFusion::setMap(std::shared_ptr<const NavigationGrid> map) {
     check("origin.y", map->origin_m.y(), -kMaxCoordinate_m, kMaxCoordinate_m, "m");
     check("width", map->width, 0, 1e5, "cells");
     check("height", map->height, 0, 1e5, "cells");
-    interactive_mapping::throwIfAny(check.problems());
+    interactive_mapping::refuseIfAny("impossible grid:", check.problems());
     const std::size_t cells = static_cast<std::size_t>(map->width) * map->height;
     if (map->state.size() != cells) {
       throw std::invalid_argument("map has " + std::to_string(map->state.size()) + " states, must be " +

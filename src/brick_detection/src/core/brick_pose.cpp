@@ -9,7 +9,7 @@
 
 #include <Eigen/Dense>
 
-#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 #include "cell_fit.h"
 #include "image_check.h"
 
@@ -433,7 +433,7 @@ BrickPoseEstimator::BrickPoseEstimator(const BrickCatalogue& catalogue, const Br
 BrickPoseEstimator::Result BrickPoseEstimator::estimate(const std::vector<TagObservation>& tags,
                                                         const CameraModel& camera, const cv::Mat& depth_m,
                                                         const cv::Mat& grey) const {
-  interactive_mapping::throwIfAny(camera.validate());
+  interactive_mapping::refuseIfAny("impossible camera:", camera.validate());
   if (!depth_m.empty()) requireImageOf(camera, "depth", depth_m, CV_32FC1, "CV_32FC1");
   if (!grey.empty()) requireImageOf(camera, "grey", grey, CV_8UC1, "CV_8UC1");
 

@@ -8,7 +8,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 namespace brick_detection {
 namespace {
@@ -71,7 +71,7 @@ BrickCatalogue loneTag(const std::string& family, int tag_id, double edge_m) {
   tag.face = BrickFace::kPlusZ;
   tag.black_border_edge_m = edge_m;
   catalogue.bricks = {{0, board.name, {{tag_id, tag}}}};
-  interactive_mapping::throwIfAny(catalogue.validate());
+  interactive_mapping::refuseIfAny("impossible brick catalogue:", catalogue.validate());
   return catalogue;
 }
 

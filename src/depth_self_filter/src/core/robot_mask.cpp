@@ -8,7 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 namespace depth_self_filter {
 namespace {
@@ -399,7 +399,7 @@ std::size_t RobotMask::blankShadows(const CameraModel& camera, DepthImage* image
 MaskStatistics RobotMask::apply(const CameraModel& camera, const Eigen::Isometry3d& T_root_camera,
                                 const Eigen::VectorXd& positions_rad, const std::optional<HeldBrick>& brick,
                                 DepthImage* image) {
-  interactive_mapping::throwIfAny(camera.validate());
+  interactive_mapping::refuseIfAny("impossible camera:", camera.validate());
   depth_camera::requireFits(*image, camera);
   const std::vector<PlacedShape> placed = place(T_root_camera, positions_rad, brick);
   stride_ = static_cast<std::size_t>(camera.width + 2 * config_.edge_px);

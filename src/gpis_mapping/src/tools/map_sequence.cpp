@@ -13,6 +13,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <vector>
@@ -38,6 +39,8 @@ using interactive_mapping::FileError;
 namespace fs = std::filesystem;
 namespace po = boost::program_options;
 using Clock = std::chrono::steady_clock;
+
+constexpr const char* kTimingFile = "timing.csv";
 
 volatile std::sig_atomic_t interrupted = 0;
 
@@ -222,37 +225,30 @@ class DepthRange {
   float farthest_m_{0.0f};
 };
 
-int mapSequence(int argc, char** argv) {
-  std::optional<Options> parsed = parseCommandLine(argc, argv);
-  if (!parsed) return kExitOk;
-  Options& options = *parsed;
-  const GpisConfig config = options.config.empty() ? GpisConfig{} : loadGpisConfig(options.config);
-  const std::unique_ptr<DepthSequence> sequence = options.input.open("map_sequence");
-  sequence->setTimeOffset(options.time_offset_s);
-  for (const std::string& note : sequence->notes()) say(nullptr, "note: " + note);
-  const auto stride = static_cast<std::size_t>(options.stride);
+/// What the frames of a recording gave.
+struct Mapped {
+  explicit Mapped(const GpisConfig& config) : map(config), extractor(config) {}
 
-  std::vector<std::size_t> frames;
-  for (std::size_t i = options.input.first(); i <= options.input.last(); i += stride) frames.push_back(i);
-  RecordingGuard guard(sequence.get(), frames,
-                       options.trusts_poses ? std::nullopt : std::make_optional(depth_camera::PoseLimits{}));
-
-  makeFolder(options.out);
-  const fs::path out(options.out);
-  const std::string timing_path = (out / "timing.csv").string();
-  const std::string mesh_path = (out / "mesh.ply").string();
-  const std::string map_path = (out / "map.gpis").string();
-  TimingTable timing(timing_path);
-  GpisMap map(config);
-  MeshExtractor extractor(config);
-  SkipCounter skipped;
+  GpisMap map;
+  MeshExtractor extractor;
   std::vector<double> update_ms;
-  std::string failure;
-  std::signal(SIGINT, onInterrupt);
-  std::signal(SIGTERM, onInterrupt);
+  SkipCounter skipped;
   DepthRange depths;
+  std::size_t num_settled_jumps{0};
+  std::size_t num_read{0};
+  std::string failure;  // after which nothing more was read; empty: none
+};
+
+/// Until the last frame, a signal, or a failure that is more than one bad frame.
+void mapFrames(const Options& options, DepthSequence* sequence, TimingTable* timing, Mapped* mapped) {
+  std::vector<std::size_t> frames;
+  for (std::size_t i = options.input.first(); i <= options.input.last();
+       i += static_cast<std::size_t>(options.stride)) {
+    frames.push_back(i);
+  }
+  RecordingGuard guard(sequence, frames,
+                       options.trusts_poses ? std::nullopt : std::make_optional(depth_camera::PoseLimits{}));
   ProgressBar progress(frames.size(), options.is_quiet);
-  std::size_t done = 0;
   for (const std::size_t i : frames) {
     if (interrupted != 0) break;
     try {
@@ -260,65 +256,75 @@ int mapSequence(int argc, char** argv) {
       const std::optional<DepthFrame> frame = sequence->frame(i, &reason);
       const std::optional<SkipReason> refusal = frame ? guard.check(*frame) : reason;
       if (!refusal) {
-        depths.add(frame->image);
+        mapped->depths.add(frame->image);
         const UpdateStatistics statistics =
-            map.update(frame->image, sequence->camera(), frame->T_map_camera, frame->stamp_s);
-        timing.add(i, statistics);
-        update_ms.push_back(statistics.total_ms);
-        if (options.mesh_every > 0 && update_ms.size() % static_cast<std::size_t>(options.mesh_every) == 0) {
-          extractor.update(*map.snapshot());
-          writePly(extractor.mesh(), (out / meshName(i)).string());
+            mapped->map.update(frame->image, sequence->camera(), frame->T_map_camera, frame->stamp_s);
+        timing->add(i, statistics);
+        mapped->update_ms.push_back(statistics.total_ms);
+        if (options.mesh_every > 0 && mapped->update_ms.size() % static_cast<std::size_t>(options.mesh_every) == 0) {
+          mapped->extractor.update(*mapped->map.snapshot());
+          writePly(mapped->extractor.mesh(), (fs::path(options.out) / meshName(i)).string());
         }
       } else {
-        skipped.add(i, *refusal);
+        mapped->skipped.add(i, *refusal);
       }
     } catch (const DepthSequenceError& error) {
-      skipped.add(i, {"frame cannot be used", error.what()});  // one bad file does not end a recording
+      mapped->skipped.add(i, {"frame cannot be used", error.what()});  // one bad file does not end a recording
     } catch (const std::invalid_argument& error) {
-      skipped.add(i, {"frame refused by the map", error.what()});
+      mapped->skipped.add(i, {"frame refused by the map", error.what()});
     } catch (const std::exception& error) {
-      failure = "frame " + std::to_string(i) + ": " + error.what();
+      mapped->failure = "frame " + std::to_string(i) + ": " + error.what();
       break;
     }
-    progress.update(++done);
+    progress.update(++mapped->num_read);
   }
   progress.finish();
+  mapped->num_settled_jumps = guard.numSettledJumps();
+}
+
+/// Says what went wrong with some of the frames. Throws if there is nothing to save.
+void reportTrouble(const Mapped& mapped, const std::string& input, const GpisConfig& config) {
   if (interrupted != 0) {
-    say(nullptr, "interrupted after " + std::to_string(done) + " frames; saving what there is");
+    say(nullptr, "interrupted after " + std::to_string(mapped.num_read) + " frames; saving what there is");
   }
-  if (update_ms.empty()) {
-    if (!failure.empty()) throw std::runtime_error(failure);
+  if (mapped.update_ms.empty()) {
+    if (!mapped.failure.empty()) throw std::runtime_error(mapped.failure);
     if (interrupted != 0) throw std::runtime_error("interrupted before the first frame; nothing was saved");
-    throw DepthSequenceError(options.input.path() + ": no frame could be used: " + skipped.text());
+    throw DepthSequenceError(input + ": no frame could be used: " + mapped.skipped.text());
   }
-  if (skipped.total() > 0) say(nullptr, "note: skipped " + skipped.text());
-  if (guard.numSettledJumps() > 0) {
-    say(nullptr, "note: " + std::to_string(guard.numSettledJumps()) +
+  if (mapped.skipped.total() > 0) say(nullptr, "note: skipped " + mapped.skipped.text());
+  if (mapped.num_settled_jumps > 0) {
+    say(nullptr, "note: " + std::to_string(mapped.num_settled_jumps) +
                      " pose jump(s) stayed and were believed: what was mapped before may stand beside what came after");
   }
-
-  const auto snapshot = map.snapshot();
-  if (snapshot->numPoints() == 0 && failure.empty() && interrupted == 0) {
-    throw DepthSequenceError(options.input.path() + ": " + depths.whyNothingIsMapped(update_ms.size(), config));
+  if (mapped.map.snapshot()->numPoints() == 0 && mapped.failure.empty() && interrupted == 0) {
+    throw DepthSequenceError(input + ": " + mapped.depths.whyNothingIsMapped(mapped.update_ms.size(), config));
   }
+}
+
+/// Writes mesh and map; the summary of all.
+nlohmann::json save(const fs::path& out, Mapped* mapped) {
+  const std::string mesh_path = (out / "mesh.ply").string();
+  const std::string map_path = (out / "map.gpis").string();
+  const auto snapshot = mapped->map.snapshot();
   const double map_memory_mb = static_cast<double>(snapshot->memoryBytes()) / 1e6;
   const double update_peak_mb = peakMemoryMb();
   Clock::time_point begin = Clock::now();
-  extractor.update(*snapshot);
-  const TriangleMesh mesh = extractor.mesh();
+  mapped->extractor.update(*snapshot);
+  const TriangleMesh mesh = mapped->extractor.mesh();
   const double mesh_ms = millisecondsSince(begin);
   begin = Clock::now();
-  saveMap(map.contents(), map_path);
+  saveMap(mapped->map.contents(), map_path);
   const double save_ms = millisecondsSince(begin);
   writePly(mesh, mesh_path);
 
-  double sum_ms = 0.0;
-  for (const double ms : update_ms) sum_ms += ms;
-  const nlohmann::json summary = {
+  const std::vector<double>& update_ms = mapped->update_ms;
+  const double sum_ms = std::accumulate(update_ms.begin(), update_ms.end(), 0.0);
+  return {
       {"frames", update_ms.size()},
-      {"skipped", skipped.total()},
-      {"skip_reasons", skipped.json()},
-      {"settled_pose_jumps", guard.numSettledJumps()},
+      {"skipped", mapped->skipped.total()},
+      {"skip_reasons", mapped->skipped.json()},
+      {"settled_pose_jumps", mapped->num_settled_jumps},
       {"interrupted", interrupted != 0},
       {"median_ms", quantile(update_ms, 0.5)},
       {"mean_ms", sum_ms / static_cast<double>(update_ms.size())},
@@ -334,11 +340,29 @@ int mapSequence(int argc, char** argv) {
       {"mesh_triangles", mesh.triangles.size()},
       {"mesh_ms", mesh_ms},
       {"save_ms", save_ms},
-      {"outputs", {{"mesh", mesh_path}, {"map", map_path}, {"timing", timing_path}}},
+      {"outputs", {{"mesh", mesh_path}, {"map", map_path}, {"timing", (out / kTimingFile).string()}}},
   };
+}
+
+int mapSequence(int argc, char** argv) {
+  std::optional<Options> options = parseCommandLine(argc, argv);
+  if (!options) return kExitOk;
+  const GpisConfig config = options->config.empty() ? GpisConfig{} : loadGpisConfig(options->config);
+  const std::unique_ptr<DepthSequence> sequence = options->input.open("map_sequence");
+  sequence->setTimeOffset(options->time_offset_s);
+  for (const std::string& note : sequence->notes()) say(nullptr, "note: " + note);
+
+  makeFolder(options->out);
+  TimingTable timing((fs::path(options->out) / kTimingFile).string());
+  std::signal(SIGINT, onInterrupt);
+  std::signal(SIGTERM, onInterrupt);
+  Mapped mapped(config);
+  mapFrames(*options, sequence.get(), &timing, &mapped);
+  reportTrouble(mapped, options->input.path(), config);
+  const nlohmann::json summary = save(options->out, &mapped);
   std::cout << summary.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
-  if (failure.empty()) return interrupted == 0 ? kExitOk : kExitInterrupted;
-  say(nullptr, failure + " (stopped there; what came before is saved)");
+  if (mapped.failure.empty()) return interrupted == 0 ? kExitOk : kExitInterrupted;
+  say(nullptr, mapped.failure + " (stopped there; what came before is saved)");
   return kExitFailure;
 }
 

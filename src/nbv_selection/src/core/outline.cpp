@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <opencv2/imgproc.hpp>
 
 namespace nbv_selection {
@@ -41,7 +42,7 @@ void requireGround(const gpis_mapping::GroundPlane& ground) {
   check("normal.norm", ground.normal_map.norm(), 1.0 - kMaxUnitError, 1.0 + kMaxUnitError, "");
   check("normal.z", ground.normal_map.z(), kMinUp, 1.0 + kMaxUnitError, "");
   check("offset", ground.offset_m, -kMaxCoordinate_m, kMaxCoordinate_m, "m");
-  interactive_mapping::throwIfAny(check.problems());
+  interactive_mapping::refuseIfAny("impossible ground:", check.problems());
 }
 
 /// By how many cells the closing grows the pile and shrinks it again: gaps of up to twice as many are closed.

@@ -67,6 +67,10 @@ class UrDriverBridgeRos {
     geometry_msgs::Vector3 target_size;
   };
 
+  void startCalls();
+  void subscribeAll();
+  void startActions(ros::NodeHandle handle);
+
   template <typename Action>
   using Server = actionlib::ActionServer<Action>;
   template <typename Action, typename Prepare>

@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "motion_planning/cubic_segment.h"
 
@@ -176,7 +177,7 @@ Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimit
   interactive_mapping::RangeCheck check;
   check("tolerance", tolerance, 0.0, 1.0, "");
   problems.insert(problems.end(), check.problems().begin(), check.problems().end());
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny("impossible limits:", problems);
 
   const Verdict form = checkForm(trajectory, limits.joints, start);
   if (!form.isFine()) return form;

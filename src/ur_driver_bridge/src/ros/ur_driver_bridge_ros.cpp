@@ -117,7 +117,21 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   marker_publisher_ = handle.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
   outcome_publisher_ = handle.advertise<ArmOutcome>("outcome", 10, true);
   attached_publisher_ = nh_.advertise<AttachedBrick>("attached_brick", 1, true);
+  startCalls();
+  subscribeAll();
+  hold_server_ = handle.advertiseService("hold", &UrDriverBridgeRos::onHold, this);
+  release_server_ = handle.advertiseService("release", &UrDriverBridgeRos::onRelease, this);
+  stop_server_ = handle.advertiseService("stop", &UrDriverBridgeRos::onStop, this);
+  startActions(handle);
+  diagnostics_.setHardwareID("none");
+  diagnostics_.add("arm", this, &UrDriverBridgeRos::diagnoseArm);
+  diagnostics_.add("requests", this, &UrDriverBridgeRos::diagnoseRequests);
+  // By the wall clock: a clock that stands still is something to report.
+  diagnostics_timer_ = handle.createWallTimer(ros::WallDuration(1.0),
+                                              [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+}
 
+void UrDriverBridgeRos::startCalls() {
   planner_calls_ = std::make_unique<CallThread>();
   driver_ = std::make_unique<UrDriver>(
       nh_, params_.executor.magnet.digital_output,
@@ -131,8 +145,10 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
         events_.push_back(event);
         answered_.notify_all();
       });
+}
 
-  ros::NodeHandle control(nh);
+void UrDriverBridgeRos::subscribeAll() {
+  ros::NodeHandle control(nh_);
   control.setCallbackQueue(&control_queue_);
   // What is acted on must not be held back by Nagle's algorithm.
   const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
@@ -165,17 +181,15 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   control_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &control_queue_);
   control_spinner_->start();
   // A thread of its own: in lock step, control waits for what is on its way.
-  ros::NodeHandle mission(nh);
+  ros::NodeHandle mission(nh_);
   mission.setCallbackQueue(&mission_queue_);
   subscribers_.push_back(mission.subscribe("heartbeat", 10, &UrDriverBridgeRos::onHeartbeat, this, no_delay));
   subscribers_.push_back(mission.subscribe("planner/path_monitor", 10, &UrDriverBridgeRos::onMonitor, this, no_delay));
   mission_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &mission_queue_);
   mission_spinner_->start();
+}
 
-  hold_server_ = handle.advertiseService("hold", &UrDriverBridgeRos::onHold, this);
-  release_server_ = handle.advertiseService("release", &UrDriverBridgeRos::onRelease, this);
-  stop_server_ = handle.advertiseService("stop", &UrDriverBridgeRos::onStop, this);
-
+void UrDriverBridgeRos::startActions(ros::NodeHandle handle) {
   using namespace interactive_mapping_msgs;
   move_server_ = std::make_unique<Server<MoveArmAction>>(
       handle, "move",
@@ -219,13 +233,6 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   pick_server_->start();
   let_go_server_->start();
   recover_server_->start();
-
-  diagnostics_.setHardwareID("none");
-  diagnostics_.add("arm", this, &UrDriverBridgeRos::diagnoseArm);
-  diagnostics_.add("requests", this, &UrDriverBridgeRos::diagnoseRequests);
-  // By the wall clock: a clock that stands still is something to report.
-  diagnostics_timer_ = handle.createWallTimer(ros::WallDuration(1.0),
-                                              [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
 }
 
 UrDriverBridgeRos::~UrDriverBridgeRos() {

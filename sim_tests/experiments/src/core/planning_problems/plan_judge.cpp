@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "planning_problems/exact_checker.h"
@@ -292,7 +293,7 @@ std::string PlanVerdict::describe() const {
 
 PlanVerdict judgePick(const ProblemMaker& maker, const PlanningProblem& problem, const motion_planning::PickPlan& plan,
                       const motion_planning::MotionPlannerConfig& planner, const JudgeConfig& config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::refuseIfAny("impossible judge:", config.validate());
   Judge judge(maker, problem, config);
   judge.judgePick(plan, planner, maker.chuteGoal());
   return judge.verdict();
@@ -300,7 +301,7 @@ PlanVerdict judgePick(const ProblemMaker& maker, const PlanningProblem& problem,
 
 PlanVerdict judgeReach(const ProblemMaker& maker, const PlanningProblem& problem,
                        const motion_planning::JointPath& path, const JudgeConfig& config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::refuseIfAny("impossible judge:", config.validate());
   Judge judge(maker, problem, config);
   judge.judgeReach(path);
   return judge.verdict();

@@ -11,6 +11,7 @@
 #include <gpis_mapping/gpis_map.h>
 #include <gpis_mapping/mesh_extractor.h>
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/arm_pose.h>
 #include <mp700_ur5e_description/robot_names.h>
 
@@ -85,6 +86,18 @@ bool isTopmost(const BrickPlacement& brick, const std::vector<BrickPlacement>& a
   return true;
 }
 
+/// Those on which nothing lies, highest first.
+std::vector<BrickPlacement> topmostOf(const std::vector<BrickPlacement>& bricks) {
+  std::vector<BrickPlacement> topmost;
+  std::copy_if(bricks.begin(), bricks.end(), std::back_inserter(topmost),
+               [&](const BrickPlacement& brick) { return isTopmost(brick, bricks); });
+  std::stable_sort(topmost.begin(), topmost.end(), [](const BrickPlacement& a, const BrickPlacement& b) {
+    // Lying side by side is the same height; they come to rest some tenths of a millimetre apart.
+    return std::round(a.T_map_brick.translation().z() / 0.02) > std::round(b.T_map_brick.translation().z() / 0.02);
+  });
+  return topmost;
+}
+
 /// Where bricks begin for a robot that drives along x of `T_world_lane`: smallest x of any brick within
 /// [right_m, left_m]. Nothing: the lane is empty.
 std::optional<double> firstInLane(const std::vector<BrickPlacement>& bricks, const Eigen::Isometry3d& T_world_lane,
@@ -156,6 +169,30 @@ class Surveyor {
                 shaken(scene_.cameraInMap(0), config_.pose_error_m, config_.pose_error_rad, &random),
                 100.0 + static_cast<double>(looks_));
     ++looks_;
+  }
+
+  /// The way a robot comes: straight on, then along an arc with its face to the pile.
+  void comeFrom(double from_rad) {
+    Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+    for (const synthetic_depth::Box& brick : scene_.boxes) {
+      middle += brick.T_scene_box.translation().head<2>() / static_cast<double>(scene_.boxes.size());
+    }
+    double extent_m = 0.0;
+    for (const synthetic_depth::Box& brick : scene_.boxes) {
+      extent_m = std::max(extent_m, (brick.T_scene_box.translation().head<2>() - middle).norm());
+    }
+    const auto lookFrom = [&](double distance_m, double bearing_rad) {
+      const Eigen::Vector2d out(std::cos(bearing_rad), std::sin(bearing_rad));
+      look(standing(middle + distance_m * out, bearing_rad + M_PI));
+    };
+    const double arc_radius_m = extent_m + 1.1;
+    for (int i = 0; i < config_.approach_looks; ++i) {
+      lookFrom(arc_radius_m + 0.5 * (config_.approach_looks - i), from_rad);
+    }
+    for (int i = 0; i < config_.arc_looks; ++i) {
+      const double share = config_.arc_looks == 1 ? 0.0 : 2.0 * i / (config_.arc_looks - 1.0) - 1.0;
+      lookFrom(arc_radius_m, from_rad + share * config_.half_arc_rad);
+    }
   }
 
   void report(Stand* stand) {
@@ -233,7 +270,7 @@ ProblemMaker::ProblemMaker(const ProblemFiles& files, const SurveyConfig& survey
       profile_(mp700_ur5e_description::loadBaseProfile(files.description + "/config/base_profile.yaml")),
       catalogue_(mp700_ur5e_description::loadBrickTypes(files.description + "/config/bricks.yaml")),
       stowed_(mp700_ur5e_description::loadArmPose(files.description + "/config/arm_poses/stowed.yaml")) {
-  interactive_mapping::throwIfAny(survey.validate());
+  interactive_mapping::refuseIfAny("impossible survey:", survey.validate());
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size()));
   T_base_camera_ = robot_->framePose(mp700_ur5e_description::kDepthFrame, zero);
   // Lift axis: where the second joint's body has its origin.
@@ -256,6 +293,40 @@ motion_planning::ArmGoal ProblemMaker::chuteGoal() const {
   return goal;
 }
 
+bool ProblemMaker::isInReach(const BrickPlacement& brick, const Eigen::Isometry3d& T_base_world) const {
+  const Eigen::Isometry3d T_base_brick = T_base_world * brick.T_map_brick;
+  const std::vector<BrickFace> faces = facesToTry(T_base_brick);
+  return std::any_of(faces.begin(), faces.end(), [&](BrickFace face) {
+    const Eigen::Vector3d normal = mp700_ur5e_description::faceNormal(face);
+    const Eigen::Vector3d wrist = 0.5 * brick.type.size_m.cwiseProduct(normal) + kWristToTip_m * normal;
+    return (T_base_brick * wrist - shoulder_base_).norm() < kReach_m;
+  });
+}
+
+std::optional<ProblemMaker::Standing> ProblemMaker::drawStanding(const std::vector<BrickPlacement>& bricks,
+                                                                 const BrickPlacement& aim, double from_rad,
+                                                                 SeededRandom* random) const {
+  double front_m = 0.0;
+  double half_width_m = 0.0;
+  for (const Eigen::Vector2d& corner : profile_.body.footprint_m) {
+    front_m = std::max(front_m, corner.x());
+    half_width_m = std::max(half_width_m, std::abs(corner.y()));
+  }
+  for (int attempt = 0; attempt < 30; ++attempt) {
+    const double yaw_rad = from_rad + M_PI + random->uniform(-1.0, 1.0) * survey_.half_arc_rad;
+    const double offset_m = random->uniform(-0.2, 0.2);
+    const double standoff_m = random->uniform(kMinStandoff_m, kMaxStandoff_m);
+    const Eigen::Isometry3d T_world_lane =
+        standing(aim.T_map_brick.translation().head<2>(), yaw_rad) * Eigen::Translation3d(0.0, offset_m, 0.0);
+    const std::optional<double> first_m =
+        firstInLane(bricks, T_world_lane, -half_width_m - kSideGap_m, half_width_m + kSideGap_m);
+    if (!first_m) continue;
+    const Eigen::Isometry3d T = T_world_lane * Eigen::Translation3d(*first_m - standoff_m - front_m, 0.0, 0.0);
+    if (isInReach(aim, T.inverse())) return Standing{T, standoff_m};
+  }
+  return std::nullopt;
+}
+
 std::vector<PlanningProblem> ProblemMaker::problemsOfPile(std::uint64_t seed, int max_stands, int max_targets) const {
   const simulated_world::PileSceneConfig& scene = scenes_[(seed - 1) % scenes_.size()];
   std::vector<BrickPlacement> bricks;
@@ -265,90 +336,34 @@ std::vector<PlanningProblem> ProblemMaker::problemsOfPile(std::uint64_t seed, in
     return {};  // five attempts, and none came to rest as it should
   }
   SeededRandom random(seed, 17, 0);
-  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
-  for (const BrickPlacement& brick : bricks) {
-    middle += brick.T_map_brick.translation().head<2>() / static_cast<double>(bricks.size());
-  }
-  double extent_m = 0.0;
-  for (const BrickPlacement& brick : bricks) {
-    extent_m = std::max(extent_m, (brick.T_map_brick.translation().head<2>() - middle).norm());
-  }
-  const auto at = [&](double distance_m, double bearing_rad) {
-    const Eigen::Vector2d out(std::cos(bearing_rad), std::sin(bearing_rad));
-    return standing(middle + distance_m * out, bearing_rad + M_PI);
-  };
-
-  // The way a robot comes: straight on, then along an arc with its face to the pile.
   const double from_rad = random.uniform(-M_PI, M_PI);
-  const double arc_radius_m = extent_m + 1.1;
   Surveyor surveyor(survey_, bricks, T_base_camera_, seed);
-  for (int i = 0; i < survey_.approach_looks; ++i) {
-    surveyor.look(at(arc_radius_m + 0.5 * (survey_.approach_looks - i), from_rad));
-  }
-  for (int i = 0; i < survey_.arc_looks; ++i) {
-    const double share = survey_.arc_looks == 1 ? 0.0 : 2.0 * i / (survey_.arc_looks - 1.0) - 1.0;
-    surveyor.look(at(arc_radius_m, from_rad + share * survey_.half_arc_rad));
-  }
-
-  double front_m = 0.0;
-  double half_width_m = 0.0;
-  for (const Eigen::Vector2d& corner : profile_.body.footprint_m) {
-    front_m = std::max(front_m, corner.x());
-    half_width_m = std::max(half_width_m, std::abs(corner.y()));
-  }
-  std::vector<BrickPlacement> topmost;
-  std::copy_if(bricks.begin(), bricks.end(), std::back_inserter(topmost),
-               [&](const BrickPlacement& brick) { return isTopmost(brick, bricks); });
-  std::stable_sort(topmost.begin(), topmost.end(), [](const BrickPlacement& a, const BrickPlacement& b) {
-    // Lying side by side is the same height; they come to rest some tenths of a millimetre apart.
-    return std::round(a.T_map_brick.translation().z() / 0.02) > std::round(b.T_map_brick.translation().z() / 0.02);
-  });
-
-  const auto isInReach = [&](const BrickPlacement& brick, const Eigen::Isometry3d& T_base_world) {
-    const Eigen::Isometry3d T_base_brick = T_base_world * brick.T_map_brick;
-    for (const BrickFace face : facesToTry(T_base_brick)) {
-      const Eigen::Vector3d normal = mp700_ur5e_description::faceNormal(face);
-      const Eigen::Vector3d wrist = 0.5 * brick.type.size_m.cwiseProduct(normal) + kWristToTip_m * normal;
-      if ((T_base_brick * wrist - shoulder_base_).norm() < kReach_m) return true;
-    }
-    return false;
-  };
+  surveyor.comeFrom(from_rad);
+  const std::vector<BrickPlacement> topmost = topmostOf(bricks);
 
   std::vector<PlanningProblem> problems;
   for (int s = 0; s < max_stands; ++s) {
     // Before a brick that lies on top: it is the one the robot came for, and whatever else is in reach from there.
     const BrickPlacement& aim = topmost[random.next() % topmost.size()];
-    std::optional<Eigen::Isometry3d> T_world_base;
-    double standoff_m = 0.0;
-    for (int attempt = 0; attempt < 30 && !T_world_base; ++attempt) {
-      const double yaw_rad = from_rad + M_PI + random.uniform(-1.0, 1.0) * survey_.half_arc_rad;
-      const double offset_m = random.uniform(-0.2, 0.2);
-      standoff_m = random.uniform(kMinStandoff_m, kMaxStandoff_m);
-      const Eigen::Isometry3d T_world_lane =
-          standing(aim.T_map_brick.translation().head<2>(), yaw_rad) * Eigen::Translation3d(0.0, offset_m, 0.0);
-      const std::optional<double> first_m =
-          firstInLane(bricks, T_world_lane, -half_width_m - kSideGap_m, half_width_m + kSideGap_m);
-      if (!first_m) continue;
-      const Eigen::Isometry3d T = T_world_lane * Eigen::Translation3d(*first_m - standoff_m - front_m, 0.0, 0.0);
-      if (isInReach(aim, T.inverse())) T_world_base = T;
-    }
-    if (!T_world_base) continue;
+    const std::optional<Standing> place = drawStanding(bricks, aim, from_rad, &random);
+    if (!place) continue;
+    const Eigen::Isometry3d T_base_world = place->T_world_base.inverse();
 
     auto stand = std::make_shared<Stand>();
     stand->scene = scene.name;
     stand->seed = seed;
-    stand->T_map_base = mapFromWorld() * *T_world_base;
-    stand->standoff_m = standoff_m;
+    stand->T_map_base = mapFromWorld() * place->T_world_base;
+    stand->standoff_m = place->standoff_m;
     stand->bricks = bricks;
     for (BrickPlacement& brick : stand->bricks) brick.T_map_brick = mapFromWorld() * brick.T_map_brick;
-    if (survey_.stand_looks > 1) surveyor.look(*T_world_base * Eigen::Translation3d(-1.0, 0.0, 0.0));
-    if (survey_.stand_looks > 0) surveyor.look(*T_world_base);
+    if (survey_.stand_looks > 1) surveyor.look(place->T_world_base * Eigen::Translation3d(-1.0, 0.0, 0.0));
+    if (survey_.stand_looks > 0) surveyor.look(place->T_world_base);
     surveyor.report(stand.get());
 
     int taken = 0;
     for (const BrickPlacement& brick : topmost) {
       if (taken == max_targets) break;
-      if (!isInReach(brick, T_world_base->inverse())) continue;
+      if (!isInReach(brick, T_base_world)) continue;
       PlanningProblem problem;
       problem.name =
           scene.name + "_" + std::to_string(seed) + "_stand" + std::to_string(s) + "_brick" + std::to_string(brick.id);
@@ -356,7 +371,7 @@ std::vector<PlanningProblem> ProblemMaker::problemsOfPile(std::uint64_t seed, in
       problem.target.brick_id = brick.id;
       problem.target.T_map_brick = mapFromWorld() * brick.T_map_brick;
       problem.target.type = &catalogue_.type(brick.type.name);
-      problem.target.faces = facesToTry(T_world_base->inverse() * brick.T_map_brick);
+      problem.target.faces = facesToTry(T_base_world * brick.T_map_brick);
       problems.push_back(problem);
       ++taken;
     }

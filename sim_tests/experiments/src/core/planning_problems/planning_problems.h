@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@
 #include <mp700_ur5e_description/robot_model.h>
 
 #include "simulated_world/pile_scene.h"
+#include "synthetic_depth/seeded_random.h"
 
 namespace experiments {
 
@@ -88,6 +90,16 @@ class ProblemMaker {
   motion_planning::ArmGoal chuteGoal() const;
 
  private:
+  struct Standing {
+    Eigen::Isometry3d T_world_base;
+    double standoff_m;
+  };
+  bool isInReach(const simulated_world::BrickPlacement& brick, const Eigen::Isometry3d& T_base_world) const;
+  /// Before the pile, with `aim` in reach. Nothing: 30 draws were in vain.
+  std::optional<Standing> drawStanding(const std::vector<simulated_world::BrickPlacement>& bricks,
+                                       const simulated_world::BrickPlacement& aim, double from_rad,
+                                       synthetic_depth::SeededRandom* random) const;
+
   SurveyConfig survey_;
   std::shared_ptr<const mp700_ur5e_description::RobotModel> robot_;
   mp700_ur5e_description::BaseProfile profile_;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <sstream>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -27,13 +26,5 @@ class RangeCheck {
   std::string prefix_;
   std::vector<std::string> problems_;
 };
-
-/// Throws std::invalid_argument with a line for each problem.
-inline void throwIfAny(const std::vector<std::string>& problems) {
-  if (problems.empty()) return;
-  std::string text;
-  for (const std::string& problem : problems) text += (text.empty() ? "" : "\n") + problem;
-  throw std::invalid_argument(text);
-}
 
 }  // namespace interactive_mapping

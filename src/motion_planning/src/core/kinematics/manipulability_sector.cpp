@@ -11,6 +11,7 @@
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <yaml-cpp/yaml.h>
 
@@ -289,7 +290,7 @@ std::vector<std::string> ManipulabilityConfig::validate() const {
 std::vector<ReachSample> sampleReach(const ArmKinematics& arm, const ManipulabilityConfig& config,
                                      const std::function<bool(const ArmVector&)>& is_free,
                                      const std::function<void(double)>& progress) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::refuseIfAny("impossible fit:", config.validate());
   const Eigen::Isometry3d T_armbase_base =
       arm.robot()
           .framePose(mp700_ur5e_description::kArmBaseFrame, arm.robotPositions(ArmVector::Zero()))
@@ -335,7 +336,7 @@ std::vector<ReachSample> sampleReach(const ArmKinematics& arm, const Manipulabil
 }
 
 SectorFit fitSector(const std::vector<ReachSample>& samples, ApproachKind kind, const ManipulabilityConfig& config) {
-  interactive_mapping::throwIfAny(config.validate());
+  interactive_mapping::refuseIfAny("impossible fit:", config.validate());
   const ReachGrid grid(samples, kind, config);
   const CellBox box = largestBox(grid, config.min_fill, config.max_half_angle_rad);
   if (box.bearings == 0) {
@@ -461,8 +462,7 @@ ManipulabilitySectors ManipulabilitySectors::parse(const std::string& yaml, cons
                          name);
     }
   }
-  for (std::string& problem : problems) problem.insert(0, name + ": ");
-  interactive_mapping::throwIfAny(problems);
+  interactive_mapping::refuseIfAny(name + ":", problems);
   return result;
 }
 

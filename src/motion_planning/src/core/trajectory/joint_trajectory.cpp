@@ -9,6 +9,7 @@
 #include <utility>
 
 #include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 #include "motion_planning/cubic_segment.h"
 
@@ -437,13 +438,13 @@ PointSpeedLimit tipSpeedLimit(std::shared_ptr<const ArmKinematics> arm, double s
 
 JointTrajectory timeParametrize(const JointPath& path, const MotionLimits& limits, const TimingConfig& config,
                                 const std::optional<PointSpeedLimit>& speed_limit) {
-  interactive_mapping::throwIfAny(limits.validate());
+  interactive_mapping::refuseIfAny("impossible limits:", limits.validate());
   interactive_mapping::requireValid("impossible timing:", config);
   requireFinite(path);
   if (speed_limit) {
     interactive_mapping::RangeCheck check;
     check("speed_m_s", speed_limit->speed_m_s, 1e-4, 10.0, "m/s");
-    interactive_mapping::throwIfAny(check.problems());
+    interactive_mapping::refuseIfAny("impossible speed limit:", check.problems());
   }
   const JointPath waypoints = withoutRepetitions(path);
   JointTrajectory trajectory;
@@ -482,7 +483,7 @@ JointPath roundedPath(const JointPath& path, double step_rad, const TimingConfig
   requireFinite(path);
   interactive_mapping::RangeCheck check;
   check("step_rad", step_rad, 1e-6, 10.0, "rad");
-  interactive_mapping::throwIfAny(check.problems());
+  interactive_mapping::refuseIfAny("impossible step:", check.problems());
   const JointPath waypoints = withoutRepetitions(path);
   JointPath dense = {waypoints.front()};
   if (waypoints.size() == 1) return dense;
