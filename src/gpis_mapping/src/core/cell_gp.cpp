@@ -118,9 +118,12 @@ CellArrays CellGp::arrays() const {
 
 CellGp::Mean CellGp::mean(const Eigen::Vector3d& x_map) const {
   const Eigen::Vector3f x = (x_map - origin_).cast<float>();
-  float result[4];
-  if (!kernels_->meanWithGradient(arrays(), x.x(), x.y(), x.z(), result)) return {0.0f, Eigen::Vector3f::Zero(), false};
-  return {result[0], {result[1], result[2], result[3]}, true};
+  float place[3][kCellPad];
+  for (int axis = 0; axis < 3; ++axis) std::fill_n(place[axis], kCellPad, x[axis]);
+  float f[4][kCellPad];
+  kernels_->meansWithGradient(arrays(), place[0], place[1], place[2], 1, f[0], f[1], f[2], f[3]);
+  if (std::isnan(f[0][0])) return {0.0f, Eigen::Vector3f::Zero(), false};
+  return {f[0][0], {f[1][0], f[2][0], f[3][0]}, true};
 }
 
 void CellGp::meanValues(const Points3f& x, Eigen::VectorXf* values) const {

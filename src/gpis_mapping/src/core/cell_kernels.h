@@ -37,8 +37,9 @@ struct CellArrays {
 
 /// The points that the cells about a place have of their own.
 struct NearbyPoints {
+  static constexpr int kUnread = -1;
   struct Cell {
-    int count;               // > 0
+    int count;               // of its points; kUnread: not filled in yet, nor is what follows up to nz
     const float *x, *y, *z;  // relative to the cell's centre [m]
     const float *nx, *ny, *nz;
     float offset[3];  // of its centre from the middle cell's [m]
@@ -46,8 +47,9 @@ struct NearbyPoints {
   };
   Cell cells[27];  // in the order of the search
   int count;
-  float cell_reach;   // half a cell less what points may have strayed out of theirs [m]
-  float outer_reach;  // the same to the border of all 27 [m]
+  void (*read)(NearbyPoints* nearby, int cell);  // fills a cell in when the search comes to it
+  float cell_reach;                              // half a cell less what points may have strayed out of theirs [m]
+  float outer_reach;                             // the same to the border of all 27 [m]
   float disc_radius_m;
   float inverse_vote_scale2;  // [1/m^2]
 };
@@ -56,7 +58,7 @@ constexpr int kNearestPoints = 8;
 
 /// What the nearest of them, as discs, say of 8 places.
 struct NearestReadings {
-  int is_complete[kCellPad];  // 0: points outside of the 27 cells may be nearer than some of these
+  int is_complete[kCellPad];  // 0: points outside of the 27 cells may be nearer than some; the rest is undefined
   float distance[kCellPad];   // to the nearest disc, with the sign of the side that the near discs vote for [m]
   float gx[kCellPad], gy[kCellPad], gz[kCellPad];
   float nearest[kCellPad];              // to the nearest point [m]
@@ -71,12 +73,10 @@ struct CellKernels {
   /// The same with the gradient of f.
   void (*meansWithGradient)(const CellArrays& cell, const float* x, const float* y, const float* z, int count,
                             float* values, float* gx, float* gy, float* gz);
-  /// The nearest points of 8 places [m from the middle cell's centre], of those equally far the first in the order of
-  /// the search.
-  void (*readNearest)(const NearbyPoints& nearby, const float* x, const float* y, const float* z,
+  /// The nearest points of `count` <= 8 places [m from the middle cell's centre], of those equally far the first in the
+  /// order of the search.
+  void (*readNearest)(NearbyPoints* nearby, const float* x, const float* y, const float* z, int count,
                       NearestReadings* readings);
-  /// f and its gradient at one point, in result[0] and result[1..3]; false where there is none.
-  bool (*meanWithGradient)(const CellArrays& cell, float x, float y, float z, float* result);
   /// Cholesky factor of the training points' covariance with `noise` added to its diagonal; false if that is not positive
   /// definite. `scratch`: factorScratch(num_training) floats.
   bool (*factorise)(const CellArrays& cell, const float* noise, float jitter, float* scratch, float* factor);

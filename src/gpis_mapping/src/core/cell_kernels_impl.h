@@ -129,61 +129,13 @@ void means(const CellArrays& c, bool with_residual, const float* x, const float*
   }
 }
 
-bool meanWithGradient(const CellArrays& c, float x, float y, float z, float* result) {
-  // Quotient rule; dw/dx = -(6 / h^2) (1 - d^2/h^2)^2 (x - p), whose factor -6 / h^2 comes last.
-  Vector weight{}, weighted{}, residual{};
-  Vector normal_x{}, normal_y{}, normal_z{}, along_x{}, along_y{}, along_z{}, slope_x{}, slope_y{}, slope_z{};
-  Vector residual_x{}, residual_y{}, residual_z{};
-  for (int i = 0; i < c.num_points; i += kLanes) {
-    const Vector dx = x - load(c.x + i), dy = y - load(c.y + i), dz = z - load(c.z + i);
-    const Vector square = dx * dx + dy * dy + dz * dz;
-    const Vector base = larger(1.0f - c.inverse_radius2 * square, Vector{});
-    const Vector w2 = load(c.quality + i) * base * base;
-    const Vector w = w2 * base;
-    const Vector nx = load(c.nx + i), ny = load(c.ny + i), nz = load(c.nz + i);
-    const Vector along = nx * dx + ny * dy + nz * dz;
-    weight += w;
-    weighted += w * along;
-    normal_x += w * nx;
-    normal_y += w * ny;
-    normal_z += w * nz;
-    const Vector w2_along = w2 * along;
-    along_x += w2_along * dx;
-    along_y += w2_along * dy;
-    along_z += w2_along * dz;
-    slope_x += w2 * dx;
-    slope_y += w2 * dy;
-    slope_z += w2 * dz;
-    if (i >= c.num_training) continue;
-    const Correlation k = correlation(c.decay, square);
-    const Vector share = load(c.alpha + i) * k.decay;
-    residual += share * (1.0f + k.scaled);
-    residual_x += share * dx;
-    residual_y += share * dy;
-    residual_z += share * dz;
-  }
-  const float sum = total(weight);
-  if (!(sum > kLeastWeight)) return false;
-  const float prior = total(weighted) / sum;
-  const float of_weights = -6.0f * c.inverse_radius2;
-  const float of_residual = c.signal_variance_m2 * c.decay * c.decay;
-  result[0] = prior + c.signal_variance_m2 * total(residual);
-  result[1] = (total(normal_x) + of_weights * (total(along_x) - prior * total(slope_x))) / sum -
-              of_residual * total(residual_x);
-  result[2] = (total(normal_y) + of_weights * (total(along_y) - prior * total(slope_y))) / sum -
-              of_residual * total(residual_y);
-  result[3] = (total(normal_z) + of_weights * (total(along_z) - prior * total(slope_z))) / sum -
-              of_residual * total(residual_z);
-  return true;
-}
-
 void meansWithGradient(const CellArrays& c, const float* x, const float* y, const float* z, int count, float* values,
                        float* gx, float* gy, float* gz) {
   const float of_weights = -6.0f * c.inverse_radius2;
   const float of_residual = c.signal_variance_m2 * c.decay * c.decay;
   for (int q = 0; q < count; q += kLanes) {
     const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
-    // As in meanWithGradient().
+    // Quotient rule; dw/dx = -(6 / h^2) (1 - d^2/h^2)^2 (x - p), whose factor -6 / h^2 comes last.
     Vector weight{}, weighted{}, residual{};
     Vector normal_x{}, normal_y{}, normal_z{}, along_x{}, along_y{}, along_z{}, slope_x{}, slope_y{}, slope_z{};
     Vector residual_x{}, residual_y{}, residual_z{};
@@ -250,9 +202,10 @@ GPIS_INLINE void insert(Vector square, int point, NearestLists* lists) {
   lists->squares[0] = smaller(lists->squares[0], square);
 }
 
-void readNearest(const NearbyPoints& nearby, const float* x, const float* y, const float* z,
+void readNearest(NearbyPoints* nearby_points, const float* x, const float* y, const float* z, int count,
                  NearestReadings* readings) {
-  for (int q = 0; q < kCellPad; q += kLanes) {
+  const NearbyPoints& nearby = *nearby_points;
+  for (int q = 0; q < count; q += kLanes) {
     const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
     NearestLists lists;
     for (int r = 0; r < kNearestPoints; ++r) {
@@ -272,6 +225,7 @@ void readNearest(const NearbyPoints& nearby, const float* x, const float* y, con
       addGap(qy, cell.side[1]);
       addGap(qz, cell.side[2]);
       if (!any(outside2 < lists.squares[kNearestPoints - 1])) continue;
+      if (cell.count == NearbyPoints::kUnread) nearby.read(nearby_points, n);
       const Vector rx = qx - cell.offset[0], ry = qy - cell.offset[1], rz = qz - cell.offset[2];
       for (int i = 0; i < cell.count; ++i) {
         const Vector dx = rx - cell.x[i], dy = ry - cell.y[i], dz = rz - cell.z[i];
@@ -282,15 +236,16 @@ void readNearest(const NearbyPoints& nearby, const float* x, const float* y, con
     const auto magnitude = [](Vector a) { return larger(a, -a); };
     const Vector reach = nearby.outer_reach - larger(magnitude(qx), larger(magnitude(qy), magnitude(qz)));
     const Integers is_complete = lists.squares[kNearestPoints - 1] < reach * reach;
+    for (int lane = 0; lane < kLanes; ++lane) readings->is_complete[q + lane] = is_complete[lane];
+    if (!any(is_complete)) continue;
 
     struct Disc {
       float nx[kLanes], ny[kLanes], nz[kLanes], dx[kLanes], dy[kLanes], dz[kLanes];
-    } discs[kNearestPoints];
-    Vector along[kNearestPoints];
-    Vector vote{};
+    } discs[kNearestPoints] = {};
     for (int r = 0; r < kNearestPoints; ++r) {
       Disc& disc = discs[r];
-      for (int lane = 0; lane < kLanes; ++lane) {
+      for (int lane = 0; lane < kLanes && q + lane < count; ++lane) {
+        if (!is_complete[lane]) continue;
         const int number = lists.points[r][lane];
         const NearbyPoints::Cell& cell = nearby.cells[number >> kCellShift];
         const int i = number & ((1 << kCellShift) - 1);
@@ -301,6 +256,11 @@ void readNearest(const NearbyPoints& nearby, const float* x, const float* y, con
         disc.dy[lane] = y[q + lane] - cell.offset[1] - cell.y[i];
         disc.dz[lane] = z[q + lane] - cell.offset[2] - cell.z[i];
       }
+    }
+    Vector along[kNearestPoints];
+    Vector vote{};
+    for (int r = 0; r < kNearestPoints; ++r) {
+      const Disc& disc = discs[r];
       along[r] = load(disc.nx) * load(disc.dx) + load(disc.ny) * load(disc.dy) + load(disc.nz) * load(disc.dz);
       vote += expOfMinus((lists.squares[r] - lists.squares[0]) * nearby.inverse_vote_scale2) * along[r];
     }
@@ -339,7 +299,6 @@ void readNearest(const NearbyPoints& nearby, const float* x, const float* y, con
     store(readings->distance + q, sign * squareRoot(best));
     store(readings->nearest + q, squareRoot(lists.squares[0]));
     for (int lane = 0; lane < kLanes; ++lane) {
-      readings->is_complete[q + lane] = is_complete[lane];
       readings->cell[q + lane] = lists.points[0][lane] >> kCellShift;
       readings->point[q + lane] = lists.points[0][lane] & ((1 << kCellShift) - 1);
     }
@@ -419,14 +378,13 @@ void variances(const CellArrays& c, const float* x, const float* y, const float*
       const Correlation k = correlation(c.decay, dx * dx + dy * dy + dz * dz);
       store(decays + kLanes * j, k.decay);
       const float* const row = c.factor + packedSize(j);
-      Vector a = c.signal_variance_m2 * (1.0f + k.scaled) * k.decay, b{};
+      Vector rest[4] = {c.signal_variance_m2 * (1.0f + k.scaled) * k.decay};  // four sums: one would wait for itself
       int i = 0;
-      for (; i + 2 <= j; i += 2) {
-        a -= row[i] * load(solved + kLanes * i);
-        b -= row[i + 1] * load(solved + kLanes * (i + 1));
+      for (; i + 4 <= j; i += 4) {
+        for (int s = 0; s < 4; ++s) rest[s] -= row[i + s] * load(solved + kLanes * (i + s));
       }
-      if (i < j) a -= row[i] * load(solved + kLanes * i);
-      const Vector v = (a + b) / row[j];
+      for (; i < j; ++i) rest[0] -= row[i] * load(solved + kLanes * i);
+      const Vector v = (rest[0] + rest[1] + (rest[2] + rest[3])) / row[j];
       store(solved + kLanes * j, v);
       squares += v * v;
     }
@@ -449,7 +407,7 @@ void variances(const CellArrays& c, const float* x, const float* y, const float*
   }
 }
 
-constexpr CellKernels kKernels = {means, meansWithGradient, readNearest, meanWithGradient, factorise, solve, variances};
+constexpr CellKernels kKernels = {means, meansWithGradient, readNearest, factorise, solve, variances};
 
 }  // namespace
 

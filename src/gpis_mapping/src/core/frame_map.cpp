@@ -68,7 +68,7 @@ TileFit fitTile(const WindowMap<kWindow>& pixels) {
 
 /// Running sums of the least-squares fit w = c0 + c1 du + c2 dv.
 struct PlaneSums {
-  double n{0}, u{0}, v{0}, uu{0}, uv{0}, vv{0}, w{0}, wu{0}, wv{0};
+  double n{0}, u{0}, v{0}, uu{0}, uv{0}, vv{0}, w{0}, wu{0}, wv{0}, ww{0};
 
   void add(double du, double dv, double value) {
     n += 1;
@@ -80,6 +80,7 @@ struct PlaneSums {
     w += value;
     wu += value * du;
     wv += value * dv;
+    ww += value * value;
   }
   bool solve(Eigen::Vector3d* c) const {
     Eigen::Matrix3d a;
@@ -89,6 +90,8 @@ struct PlaneSums {
     *c = a.inverse() * Eigen::Vector3d(w, wu, wv);
     return true;
   }
+  /// Mean square of what the fit leaves over.
+  double leftOver(const Eigen::Vector3d& c) const { return (ww - c.dot(Eigen::Vector3d(w, wu, wv))) / n; }
 };
 
 }  // namespace
@@ -270,6 +273,7 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
   constexpr int kPatchSteps = 3;     // the patch: 7 x 7 samples
   constexpr double kSeedRms = 2.5;   // [sigma] a seed that straddles an edge is no seed
   constexpr double kInlier = 3.0;    // [sigma]
+  constexpr double kPatchRms = 1.3;  // [sigma] a plane through two surfaces leaves more over
   constexpr double kMinShare = 0.4;  // a pixel right beside a straight edge sees its surface in half the patch
   const std::size_t center = frame.index(u, v);
   if (frame.kind[center] != PixelKind::kSurface) return false;
@@ -281,19 +285,15 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
   const double sigma_w = noise.sigma(z) * w_center * w_center;  // of inverse depth [1/m]
 
   PlaneSums seed;
-  double squares = 0.0;
   for (int dv = -kSeedRadius; dv <= kSeedRadius; ++dv) {
     for (int du = -kSeedRadius; du <= kSeedRadius; ++du) {
       const std::size_t i = frame.index(u + du, v + dv);
       if (frame.kind[i] != PixelKind::kSurface) return false;
       seed.add(du, dv, frame.inverse_depth[i] - w_center);
-      squares += std::pow(frame.inverse_depth[i] - w_center, 2);
     }
   }
   Eigen::Vector3d c;
-  if (!seed.solve(&c)) return false;
-  const double left_over = squares - c.dot(Eigen::Vector3d(seed.w, seed.wu, seed.wv));
-  if (left_over > seed.n * std::pow(kSeedRms * sigma_w, 2)) return false;
+  if (!seed.solve(&c) || seed.leftOver(c) > std::pow(kSeedRms * sigma_w, 2)) return false;
 
   const int step = std::max(1, std::min(8, static_cast<int>(std::lround(radius_m * camera.fx / z / kPatchSteps))));
   for (int pass = 0; pass < 2; ++pass) {
@@ -319,6 +319,7 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
     if (patch.n < kMinShare * looked || !patch.solve(&c)) return false;
     seed = patch;
   }
+  if (seed.leftOver(c) > std::pow(kPatchRms * sigma_w, 2)) return false;
   const double w = w_center + c[0];
   if (!(w > 0.0)) return false;
   const double tu = (u - camera.cx) / camera.fx;

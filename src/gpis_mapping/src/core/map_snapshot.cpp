@@ -279,6 +279,7 @@ class MapSnapshot::CellQuery {
         result_(*result) {
     // Points stray out of their cell by a quarter of the spacing at most; the rest is for rounding.
     const double stray = 0.25 * config_.surface.spacing_m + 1e-6;
+    nearby_.read = &Nearby::readCell;
     nearby_.cell_reach = static_cast<float>(0.5 * config_.cells.size_m - stray);
     nearby_.outer_reach = static_cast<float>(1.5 * config_.cells.size_m - stray);
     nearby_.disc_radius_m = static_cast<float>(0.5 * config_.surface.spacing_m);
@@ -313,6 +314,23 @@ class MapSnapshot::CellQuery {
     Eigen::Vector3d gradient;
   };
 
+  struct Nearby : NearbyPoints {
+    std::array<const CellGp*, 27> owners;  // of `cells`
+
+    static void readCell(NearbyPoints* nearby, int n) {
+      const CellGp& gp = *static_cast<Nearby*>(nearby)->owners[static_cast<std::size_t>(n)];
+      const CellArrays arrays = gp.arrays();
+      Cell& cell = nearby->cells[n];
+      cell.count = static_cast<int>(gp.numOwn());
+      cell.x = arrays.x;
+      cell.y = arrays.y;
+      cell.z = arrays.z;
+      cell.nx = arrays.nx;
+      cell.ny = arrays.ny;
+      cell.nz = arrays.nz;
+    }
+  };
+
   static int indexOf(int dx, int dy, int dz) { return (dx + 1) * 9 + (dy + 1) * 3 + dz + 1; }
 
   void findCells(const LatticeKey& key) {
@@ -322,20 +340,17 @@ class MapSnapshot::CellQuery {
     const float size = static_cast<float>(config_.cells.size_m);
     static const std::array<Offset, 27> kOrder = searchOrder();
     map_.cells_.getAround(key, &around_);
-    num_nearby_ = 0;
     for (const Offset& o : kOrder) {
       const CellGp* const gp = around_[static_cast<std::size_t>(indexOf(o.dx, o.dy, o.dz))];
-      if (gp == nullptr || gp->numOwn() == 0) continue;
-      num_nearby_ += gp->numOwn();
-      const CellArrays arrays = gp->arrays();
+      if (gp == nullptr) continue;
       NearbyPoints::Cell& cell = nearby_.cells[nearby_.count];
-      cell = {static_cast<int>(gp->numOwn()), arrays.x, arrays.y, arrays.z, arrays.nx, arrays.ny, arrays.nz, {}, {}};
+      cell.count = NearbyPoints::kUnread;
       const int step[3] = {o.dx, o.dy, o.dz};
       for (int axis = 0; axis < 3; ++axis) {
         cell.side[axis] = static_cast<float>(step[axis]);
         cell.offset[axis] = size * cell.side[axis];
       }
-      owners_[nearby_.count++] = gp;
+      nearby_.owners[nearby_.count++] = gp;
     }
   }
 
@@ -398,22 +413,23 @@ class MapSnapshot::CellQuery {
 
   void read() {
     bool is_complete[kMaxTogether] = {};
-    if (num_nearby_ >= kNeighbours) {
-      const CellKernels& kernels = owners_[0]->kernels();
+    if (nearby_.count > 0) {
+      const CellKernels& kernels = nearby_.owners[0]->kernels();
       place(count_, center_, [this](int i) { return at(i); });
       NearestReadings eight;
       for (int first = 0; first < count_; first += kCellPad) {
-        kernels.readNearest(nearby_, x_ + first, y_ + first, z_ + first, &eight);
-        for (int i = first; i < std::min(count_, first + kCellPad); ++i) {
-          const int lane = i - first;
-          is_complete[i] = eight.is_complete[lane] != 0;
-          Reading& reading = readings_[i];
+        const int count = std::min(kCellPad, count_ - first);
+        kernels.readNearest(&nearby_, x_ + first, y_ + first, z_ + first, count, &eight);
+        for (int lane = 0; lane < count; ++lane) {
+          if (eight.is_complete[lane] == 0) continue;
+          is_complete[first + lane] = true;
+          Reading& reading = readings_[first + lane];
           reading.found = true;
           reading.distance = eight.distance[lane];
           reading.nearest = eight.nearest[lane];
           reading.aside = eight.aside[lane];
           reading.gradient = {eight.gx[lane], eight.gy[lane], eight.gz[lane]};
-          const CellGp& owner = *owners_[eight.cell[lane]];
+          const CellGp& owner = *nearby_.owners[static_cast<std::size_t>(eight.cell[lane])];
           reading.surface_std = std::sqrt(owner.noiseVariance(static_cast<std::size_t>(eight.point[lane])));
         }
       }
@@ -581,9 +597,7 @@ class MapSnapshot::CellQuery {
   LatticeKey key_;
   Eigen::Vector3d center_;
   std::array<const CellGp*, 27> around_;
-  NearbyPoints nearby_;
-  std::array<const CellGp*, 27> owners_;  // of nearby_.cells
-  std::size_t num_nearby_{0};             // points in these
+  Nearby nearby_;
   int count_{0};
   std::uint32_t order_[kMaxTogether];  // columns of points_map_
   Reading readings_[kMaxTogether];

@@ -136,7 +136,9 @@ void MeshExtractor::extract(const LatticeKey& key, Piece* piece) const {
     const auto found = pieces_->find(key.offset(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1));
     if (found != pieces_->end()) around[d] = &found->second.field;
   }
-  piece->contour = contourOf(lattice_->blend(around), piece->field.supported, lattice_->voxels());
+  std::vector<float> values = lattice_->blend(around);
+  const std::vector<std::uint8_t> wanted = lattice_->trim(*piece->gp, values, piece->field.supported);
+  piece->contour = contourOf(std::move(values), wanted, lattice_->voxels());
   Contour& contour = piece->contour;
   if (contour.triangles.empty()) return;
   Points3d points(3, static_cast<Eigen::Index>(contour.vertices.size()));

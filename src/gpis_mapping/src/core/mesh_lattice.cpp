@@ -80,28 +80,32 @@ std::vector<std::uint8_t> MeshLattice::supportOf(const CellGp& gp) const {
       }
     }
   }
-  trim(gp, &supported);
   return supported;
 }
 
-void MeshLattice::trim(const CellGp& gp, std::vector<std::uint8_t>* supported) const {
+std::vector<std::uint8_t> MeshLattice::trim(const CellGp& gp, const std::vector<float>& values,
+                                            std::vector<std::uint8_t> supported) const {
   const Eigen::Index n = static_cast<Eigen::Index>(gp.size());
   Eigen::ArrayX3f position(n, 3), normal(n, 3);  // [voxels]
   const Eigen::Vector3d first = config_.cells.corner(gp.key());
   for (Eigen::Index i = 0; i < n; ++i) {
-    position.row(i) =
-        (((gp.position(static_cast<std::size_t>(i)) - first) / edge_).array() + (band_ + 0.5)).cast<float>();
+    position.row(i) = (((gp.position(static_cast<std::size_t>(i)) - first) / edge_).array() - 0.5).cast<float>();
     normal.row(i) = gp.normal(static_cast<std::size_t>(i)).array();
   }
   const float reach = static_cast<float>(kTrimReach * config_.surface.spacing_m / edge_);
   const float limit = static_cast<float>(kTrimOffset * config_.surface.spacing_m / edge_);
-  const int wide = side_ + 1;
   Eigen::ArrayXf weight(n);
   std::size_t at = 0;
-  for (int z = 0; z < wide; ++z) {
-    for (int y = 0; y < wide; ++y) {
-      for (int x = 0; x < wide; ++x, ++at) {
-        if (!(*supported)[at]) continue;
+  for (int z = 0; z < voxels_; ++z) {
+    for (int y = 0; y < voxels_; ++y) {
+      for (int x = 0; x < voxels_; ++x, ++at) {
+        if (!supported[at]) continue;
+        int num_inside = 0;
+        for (int c = 0; c < 8; ++c) {
+          const int corner = ((z + (c >> 2)) * corners() + y + (c >> 1 & 1)) * corners() + x + (c & 1);
+          num_inside += values[static_cast<std::size_t>(corner)] < 0.0f;
+        }
+        if (num_inside == 0 || num_inside == 8) continue;  // no surface
         const Eigen::Array3f voxel(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z));
         weight = (position.col(0) - voxel.x()).square() + (position.col(1) - voxel.y()).square() +
                  (position.col(2) - voxel.z()).square();
@@ -114,10 +118,11 @@ void MeshLattice::trim(const CellGp& gp, std::vector<std::uint8_t>* supported) c
         }
         // At an edge the points of both faces lie to one side, too, but along the normal between them.
         if (up.norm() > kLeastMeanNormal) offset -= offset.dot(up) / up.squaredNorm() * up;
-        if (offset.squaredNorm() > limit * limit) (*supported)[at] = 0;
+        if (offset.squaredNorm() > limit * limit) supported[at] = 0;
       }
     }
   }
+  return supported;
 }
 
 CellField MeshLattice::evaluate(const CellGp& gp) const {

@@ -37,6 +37,11 @@ class MeshLattice {
   /// null for a cell that is not there. Neighbours get the same bits on their common border.
   std::vector<float> blend(const std::array<const CellField*, 27>& around) const;
 
+  /// The `supported` voxels of a cell without those that the surface runs through beyond its last points. `values`: f at
+  /// the cell's corners.
+  std::vector<std::uint8_t> trim(const CellGp& gp, const std::vector<float>& values,
+                                 std::vector<std::uint8_t> supported) const;
+
  private:
   struct Share {
     int offset;  // of the cell along the axis
@@ -48,8 +53,6 @@ class MeshLattice {
   };
   Shares sharesAt(int corner) const;
   std::vector<std::uint8_t> supportOf(const CellGp& gp) const;
-  /// Takes back the support of voxels beyond the last points.
-  void trim(const CellGp& gp, std::vector<std::uint8_t>* supported) const;
   std::size_t fieldIndex(int x, int y, int z) const;
 
   const GpisConfig& config_;
