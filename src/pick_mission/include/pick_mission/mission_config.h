@@ -21,10 +21,10 @@ constexpr int kMost = 1000;
 /// Poses of base_link before the first selection. Those of the lists look towards the pile, so that ground is known to
 /// stand on.
 struct SurveyConfig {
-  std::vector<double> x_m{};
-  std::vector<double> y_m{};
-  std::vector<double> yaw_rad{};
-  int round{0};
+  std::vector<double> x_m{0.6, 1.2};
+  std::vector<double> y_m{0.0, 0.0};
+  std::vector<double> yaw_rad{0.0, 0.0};
+  int round{3};
   double round_m{1.3};
 
   static void fields(SurveyConfig& c, interactive_mapping::Fields& f) {
@@ -109,7 +109,7 @@ struct AttemptLimits {
 };
 
 struct ViewLimits {
-  bool choose_after_each_pick{true};
+  bool choose_after_each_pick{false};
   int max_fruitless{8};
   int leave_after{3};
   double leave_radius_m{1.5};
@@ -145,8 +145,8 @@ inline constexpr interactive_mapping::Names<WorkspaceFrame> kWorkspaceFrameNames
 /// What is to be cleared of bricks: its ground is looked at before the mission says that no brick is left.
 struct WorkspaceConfig {
   WorkspaceFrame frame{WorkspaceFrame::kStart};
-  std::vector<double> x_m{1.0, 7.0, 7.0, 1.0};
-  std::vector<double> y_m{-2.5, -2.5, 2.5, 2.5};
+  std::vector<double> x_m{};
+  std::vector<double> y_m{};
 
   static void fields(WorkspaceConfig& c, interactive_mapping::Fields& f) {
     f("frame", c.frame, kWorkspaceFrameNames, "of the corners: map, or start, the robot's pose at the start");

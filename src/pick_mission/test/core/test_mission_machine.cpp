@@ -15,12 +15,10 @@ namespace {
 
 using testing::HasSubstr;
 
-/// Two poses on the way to the pile, three round it.
-MissionConfig surveying() {
+/// A selection after every pick and every failure.
+MissionConfig choosing() {
   MissionConfig config;
-  config.survey.x_m = {0.6, 1.2};
-  config.survey.y_m = config.survey.yaw_rad = {0.0, 0.0};
-  config.survey.round = 3;
+  config.views.choose_after_each_pick = true;
   return config;
 }
 
@@ -53,7 +51,7 @@ TEST(MissionMachine, ChoosesAgainAfterEachPickOnlyIfConfigured) {
 }
 
 TEST(MissionMachine, LeavesAPlaceWithBricksWhenTheSelectionSaysSo) {
-  ToyMission run({}, ToyWorld::ofStacks({2, 1}));
+  ToyMission run(choosing(), ToyWorld::ofStacks({2, 1}));
   // After the first pick the other stack is better.
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action != State::kSelect || count != 2) return std::nullopt;
@@ -67,7 +65,7 @@ TEST(MissionMachine, LeavesAPlaceWithBricksWhenTheSelectionSaysSo) {
 }
 
 TEST(MissionMachine, ChoosesAgainAfterAFailedPlan) {
-  ToyMission run({}, ToyWorld::ofStacks({2}));
+  ToyMission run(choosing(), ToyWorld::ofStacks({2}));
   run.inject = endAs(State::kPlanPick, PlanResult{PlanStatus::kGoalUnknown}, 1);
   run.start();
   while (!run.isOver() && run.world.commands_of[State::kPlanPick] == 0) ASSERT_TRUE(run.advance());
@@ -80,7 +78,7 @@ TEST(MissionMachine, ChoosesAgainAfterAFailedPlan) {
 TEST(MissionMachine, PicksFromHereWhenTheSelectionHasNoAnswer) {
   for (const SelectionStatus status : {SelectionStatus::kLowUtility, SelectionStatus::kNoCandidate,
                                        SelectionStatus::kNoPile, SelectionStatus::kNoGround}) {
-    ToyMission run({}, ToyWorld::ofStacks({2}));
+    ToyMission run(choosing(), ToyWorld::ofStacks({2}));
     run.inject = [status](State action, int count) -> std::optional<Result> {
       if (action != State::kSelect || count != 2) return std::nullopt;
       return SelectionResult{status, std::nullopt, false};
@@ -92,7 +90,7 @@ TEST(MissionMachine, PicksFromHereWhenTheSelectionHasNoAnswer) {
 }
 
 TEST(MissionMachine, StayingWithNothingToPickIsAFruitlessView) {
-  MissionConfig config;
+  MissionConfig config = choosing();
   config.views.max_fruitless = 3;
   config.views.exclusion_radius_m = 0.0;
   ToyWorld world = ToyWorld::ofStacks({1});
@@ -230,7 +228,7 @@ TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
 
 // As many as the failures in a row that end a mission.
 TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
-  const MissionConfig config = surveying();
+  const MissionConfig config;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [&run](State action, int) -> std::optional<Result> {
     const bool is_survey = action == State::kDrive && run.world.commands_of[State::kSelect] == 0;
@@ -242,7 +240,7 @@ TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
 }
 
 TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow) {
-  MissionConfig config = surveying();
+  MissionConfig config;
   config.attempts.max_failures_in_a_row = 2;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [&run](State action, int) -> std::optional<Result> {
@@ -476,7 +474,7 @@ TEST(MissionMachine, ArmThatIsBusyWithSomethingElseIsWaitedFor) {
 }
 
 TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenLooksOnceMoreThenEnds) {
-  const MissionConfig config = surveying();
+  MissionConfig config;
   ToyMission run(config, ToyWorld::ofStacks({1, 1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kLowUtility, viewPose(5), count <= 2};
@@ -622,7 +620,6 @@ TEST(MissionMachine, ViewWhereTooMuchFailsIsLeft) {
       world.bricks.push_back(brick);
     }
     MissionConfig config;
-    config.views.choose_after_each_pick = false;  // else a selection follows each of them
     config.attempts.max_pick_failures_per_view = 2;
     config.attempts.max_plan_failures_per_view = 4;
     ToyMission run(config, std::move(world));

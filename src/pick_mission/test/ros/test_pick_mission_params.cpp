@@ -47,6 +47,15 @@ TEST(PickMissionParams, PaperLeavesTheChoiceToTheUtility) {
               testing::Each(pick_mission::kMost));
 }
 
+TEST(PickMissionParams, ExploreHasAWorkspaceAndNoTour) {
+  const pick_mission::MissionConfig explore = loadPickMissionParams(ros::NodeHandle("~explore")).mission;
+  EXPECT_TRUE(explore.survey.x_m.empty());
+  EXPECT_EQ(explore.survey.round, 0);
+  EXPECT_TRUE(explore.views.choose_after_each_pick);
+  EXPECT_EQ(explore.workspace.frame, pick_mission::WorkspaceFrame::kStart);
+  EXPECT_EQ(explore.workspace.corners().size(), 4U);
+}
+
 TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   ros::NodeHandle nh("~wrong");
   nh.setParam("colour", true);
