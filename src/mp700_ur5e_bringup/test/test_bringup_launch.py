@@ -637,6 +637,13 @@ class BringupLaunch(unittest.TestCase):
                            ("strategy", "gpis"), ("unlocks_protective_stop", True)):
             self.assertEqual(mission[f"/pick_mission/{key}"], value, key)
         self.assertEqual(mission["/nbv_selection/strategies"], ["gpis"])
+        # The paper's cycle by its name, a file of one's own by its path.
+        self.assertEqual(mission["/pick_mission/bricks/order"], "highest")
+        self.assertEqual(self.simulation("mission_config:=paper").params["/pick_mission/bricks/order"], "nearest")
+        with open(f"{self.folder}/mission.yaml", "w", encoding="utf-8") as own:
+            own.write("bricks: {order: nearest}\n")
+        own = self.simulation(f"mission_config:={self.folder}/mission.yaml").params
+        self.assertEqual((own["/pick_mission/bricks/order"], own["/pick_mission/bricks/spare_carriers"]), ("nearest", True))
         # A robot does not begin by itself, nor go on after a protective stop that nobody has looked at.
         robot = self.robot().params
         self.assertFalse(robot["/pick_mission/autostart"])

@@ -16,6 +16,7 @@
 #include <motion_planning/manipulability_sector.h>
 
 #include "nbv_selection/failure_memory.h"
+#include "nbv_selection/ground_frontier.h"
 #include "nbv_selection/manipulability_score.h"
 #include "nbv_selection/outline.h"
 #include "nbv_selection/scene_model.h"
@@ -37,10 +38,12 @@ struct ViewSelectorConfig {
   SegmentConfig segments;
   ManipulabilityScoreConfig manipulability;
   UtilityConfig utility;
+  GroundFrontierConfig exploration;
   Choice choice{Choice::kUtility};
   double imaginary_share{0.5};
   double standing_padding_m{0.02};
   double max_lost_share{0.1};
+  double start_m{2.0};
 
   /// What estimateGround() needs.
   struct GroundPlaneOptions {
@@ -58,12 +61,15 @@ struct ViewSelectorConfig {
     f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m", "padding of the footprint at a standing pose");
     f("max_lost_share", c.max_lost_share, 0.01, 1.0, "",
       "the map has changed meanwhile when more than this share of the pile's surface has no data at the end");
+    f("start_m", c.start_m, 0.0, 100.0, "m",
+      "that a drive counts beside its length, where the robot may stay: it has to turn, to stop and to look again");
     UtilityConfig::fields(c.utility, f);
     GroundPlaneOptions plane{c.ground};
     f.section("ground", plane);
     f.section("outline", c.outline);
     f.section("segments", c.segments);
     f.section("manipulability", c.manipulability);
+    f.section("exploration", c.exploration);
   }
 };
 
@@ -75,6 +81,7 @@ struct RobotBody {
   base_navigation::Polygon footprint;                             // base_link
   std::optional<motion_planning::ManipulabilitySectors> sectors;  // nothing: manipulability is 0 everywhere
   Eigen::Isometry3d T_base_armbase{Eigen::Isometry3d::Identity()};
+  std::optional<Eigen::Isometry3d> T_base_camera;  // optical frame; nothing: no workspace can be asked for
 };
 
 /// No segment whose midpoint or standing place is in it is a candidate.
@@ -87,6 +94,9 @@ struct SelectionRequest {
   std::shared_ptr<const base_navigation::NavigationGrid> ground;  // where the robot can stand and drive
   base_navigation::Pose2d T_map_base;                             // where it is
   std::vector<ExcludedZone> excluded;
+  std::vector<Eigen::Vector2d>
+      workspace_map;      // corners: poses that show its unseen ground are candidates, too; or empty
+  bool may_stay{false};   // T_map_base is a candidate, too, while the arm reaches something from there
   double now_s{0.0};      // t of eq 8
   std::uint64_t seed{0};  // of Choice::kRandom
 };
@@ -129,7 +139,10 @@ struct Selection {
   std::vector<ScoredSegment> segments;
   std::vector<ManipulabilitySample> reach_samples;  // of the candidate with the largest manipulability, to be shown
   PileOutline outline;
-  double prior_uncertainty{0.0};  // where nothing was ever seen
+  std::vector<Eigen::Vector2d> workspace_map;  // of the request
+  std::vector<Eigen::Vector2d> unseen_map;     // middles of the cells of the workspace's unseen ground (GroundFrontier)
+  double unseen_m2{0.0};                       // of it, in patches of which a candidate shows a part
+  double prior_uncertainty{0.0};               // where nothing was ever seen
   std::uint64_t map_update{0};
   double map_stamp_s{0.0};
 };

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iomanip>
 #include <limits>
 #include <random>
 #include <sstream>
@@ -12,6 +13,7 @@
 
 #include <base_navigation/distance_field.h>
 #include <base_navigation/footprint_checker.h>
+#include <interactive_mapping_common/geometry/polygon.h>
 
 namespace nbv_selection {
 namespace {
@@ -20,6 +22,9 @@ namespace {
 constexpr std::size_t kMaxGroundSamples = 20000;
 /// A share is known from so many to 3 %.
 constexpr std::size_t kMaxProbes = 300;
+/// Poses from which unseen ground is looked for: half of what a camera sees at once lies between neighbours.
+constexpr double kLookStep_m = 0.5;
+constexpr int kNumLookHeadings = 8;
 
 void requireSameLengths(const MappedSurface& surface) {
   const std::size_t n = surface.points_map.size();
@@ -79,6 +84,8 @@ void requirePossible(const SelectionRequest& request) {
   requireFinite("T_map_base.x_m", request.T_map_base.x_m, "m");
   requireFinite("T_map_base.y_m", request.T_map_base.y_m, "m");
   requireFinite("T_map_base.yaw_rad", request.T_map_base.yaw_rad, "rad");
+  const std::string workspace = interactive_mapping::problemOfPolygon(request.workspace_map);
+  if (!request.workspace_map.empty() && !workspace.empty()) throw std::invalid_argument("workspace_map " + workspace);
   requireFinite("now_s", request.now_s, "s");
   for (std::size_t i = 0; i < request.excluded.size(); ++i) {
     const ExcludedZone& zone = request.excluded[i];
@@ -169,6 +176,7 @@ SegmentVerdict verdictOf(const ScoredSegment& scored, const std::vector<Excluded
 /// What segments are scored by.
 struct Scoring {
   const UtilityConfig& utility;
+  double start_m;  // of each drive
   const SelectionRequest& request;
   const FailureMemory& failures;
   const std::optional<ManipulabilityScore>& manipulability;
@@ -180,22 +188,150 @@ struct Scoring {
     scored.segment = segment;
     scored.kind = kind;
     scored.mean_uncertainty = uncertainty.mean;
-    scored.attributes.distance_m = distances.distance(segment.standing_map.position());
+    scored.attributes.distance_m = start_m + distances.distance(segment.standing_map.position());
     if (kind == SegmentKind::kImaginary) {
       scored.verdict = SegmentVerdict::kIsImaginary;  // m, h and sigma^2 stay 0, and so does the utility
       return scored;
     }
     if (manipulability) scored.attributes.manipulability = manipulability->at(segment.standing_map);
-    scored.attributes.height_m = pileHeight(segment);
-    scored.attributes.uncertainty = uncertainty.mean;
-    scored.attributes.frontier = uncertainty.frontier;
-    const double since_failure_s = request.now_s - failures.lastFailure(placesOf(segment));
-    scored.utility = computeUtility(scored.attributes, since_failure_s, utility);
-    scored.verdict = verdictOf(scored, request.excluded, standing.check(segment.standing_map).state);
-    if (scored.verdict != SegmentVerdict::kCandidate) scored.utility.utility = 0.0;
+    setAlong(segment, uncertainty, &scored.attributes);
+    weigh(standing.check(segment.standing_map).state, &scored);
     return scored;
   }
+
+  /// The robot's own pose before `segment`, the stretch of outline that is the nearest. Its ground is not asked: the robot
+  /// stands there. Nothing: the arm reaches nothing from there, so that staying is of no use.
+  std::optional<ScoredSegment> scoreHere(const Segment& segment, SegmentKind kind,
+                                         const SegmentUncertainty& uncertainty) const {
+    ScoredSegment scored;
+    scored.segment = segment;
+    scored.segment.standing_map = request.T_map_base;
+    scored.kind = SegmentKind::kHere;
+    scored.mean_uncertainty = uncertainty.mean;
+    if (manipulability) scored.attributes.manipulability = manipulability->at(request.T_map_base);
+    if (!(scored.attributes.manipulability > 0.0)) return std::nullopt;
+    if (kind != SegmentKind::kImaginary) setAlong(segment, uncertainty, &scored.attributes);
+    weigh(base_navigation::SpaceState::kFree, &scored);
+    return scored;
+  }
+
+  /// For each patch of unseen ground the pose that shows some of it with the largest utility: m = h = sigma^2 = 0, f by the
+  /// area of all patches that it shows. A patch that no reachable pose shows is unreachable.
+  std::vector<ScoredSegment> scoreGround(const GroundFrontier& frontier, const gpis_mapping::GroundPlane& ground,
+                                         const GroundFrontierConfig& config) const {
+    std::vector<ScoredSegment> best;
+    Eigen::AlignedBox2d box;
+    for (const GroundFrontier::Patch& patch : frontier.patches()) {
+      for (const Eigen::Vector2d& cell : patch.cells_map) box.extend(cell);
+      ScoredSegment none;
+      none.kind = SegmentKind::kGround;
+      none.verdict = SegmentVerdict::kUnreachable;
+      none.attributes.distance_m = std::numeric_limits<double>::infinity();
+      const Eigen::Vector2d& middle = patch.cells_map[patch.cells_map.size() / 2];
+      none.segment.midpoint_map << middle, ground.zAt(middle.x(), middle.y());
+      none.segment.standing_map = request.T_map_base;
+      best.push_back(none);
+    }
+    if (best.empty()) return best;
+    const Eigen::Vector2d from = box.min() - Eigen::Vector2d::Constant(config.max_range_m);
+    const Eigen::Vector2d to = box.max() + Eigen::Vector2d::Constant(config.max_range_m);
+    for (double y_m = from.y(); y_m <= to.y(); y_m += kLookStep_m) {
+      for (double x_m = from.x(); x_m <= to.x(); x_m += kLookStep_m) {
+        if (!std::isfinite(distances.distance({x_m, y_m}))) continue;
+        for (int k = 0; k < kNumLookHeadings; ++k) {
+          lookFrom({x_m, y_m, base_navigation::wrapAngle(2.0 * M_PI * k / kNumLookHeadings)}, frontier, config, &best);
+        }
+      }
+    }
+    return best;
+  }
+
+ private:
+  /// Takes the place of the best of each patch that it shows some of, if its utility is larger.
+  void lookFrom(const base_navigation::Pose2d& T_map_base, const GroundFrontier& frontier,
+                const GroundFrontierConfig& config, std::vector<ScoredSegment>* best) const {
+    const std::vector<double> areas_m2 = frontier.areasSeenFrom(T_map_base);
+    double area_m2 = 0.0;
+    for (const double one_m2 : areas_m2) area_m2 += one_m2;
+    // A patch of which less is left to be seen is too small to be gone to.
+    const double least_m2 = 0.5 * config.min_area_m2;
+    if (area_m2 < least_m2) return;
+    ScoredSegment scored;
+    scored.kind = SegmentKind::kGround;
+    scored.segment.standing_map = T_map_base;
+    scored.attributes.distance_m = start_m + distances.distance(T_map_base.position());
+    scored.attributes.frontier = frontierOfArea(area_m2, config.full_area_m2, utility.of(Factor::kFrontier).logistic);
+    std::optional<base_navigation::SpaceState> below;  // asked for the few that are better
+    for (std::size_t i = 0; i < areas_m2.size(); ++i) {
+      if (areas_m2[i] < least_m2) continue;
+      ScoredSegment& other = (*best)[i];
+      scored.segment.midpoint_map = other.segment.midpoint_map;
+      weigh(base_navigation::SpaceState::kFree, &scored);
+      const bool is_first = other.verdict != SegmentVerdict::kCandidate;
+      if (scored.verdict != SegmentVerdict::kCandidate) continue;
+      if (!is_first && scored.utility.utility <= other.utility.utility) continue;
+      if (!below) below = standing.check(T_map_base).state;
+      if (*below != base_navigation::SpaceState::kFree) return;
+      other = scored;
+    }
+  }
+
+  static void setAlong(const Segment& segment, const SegmentUncertainty& uncertainty, Attributes* attributes) {
+    attributes->height_m = pileHeight(segment);
+    attributes->uncertainty = uncertainty.mean;
+    attributes->frontier = uncertainty.frontier;
+  }
+
+  /// Utility and verdict of what has its attributes.
+  void weigh(base_navigation::SpaceState below, ScoredSegment* scored) const {
+    const double since_failure_s = request.now_s - failures.lastFailure(placesOf(scored->segment));
+    scored->utility = computeUtility(scored->attributes, since_failure_s, utility);
+    scored->verdict = verdictOf(*scored, request.excluded, below);
+    if (scored->verdict != SegmentVerdict::kCandidate) scored->utility.utility = 0.0;
+  }
 };
+
+/// The segment whose standing pose is nearest to the robot. Nothing: there are no segments.
+std::optional<std::size_t> nearestTo(const base_navigation::Pose2d& T_map_base, const std::vector<Segment>& segments) {
+  std::optional<std::size_t> nearest;
+  double least_m = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const double distance_m = (segments[i].standing_map.position() - T_map_base.position()).norm();
+    if (distance_m >= least_m) continue;
+    least_m = distance_m;
+    nearest = i;
+  }
+  return nearest;
+}
+
+/// The selection's segments of unseen ground: one for each patch, in their order, the last ones.
+std::size_t firstGround(const Selection& selection, const GroundFrontier& frontier) {
+  return selection.segments.size() - frontier.patches().size();
+}
+
+void noteUnseen(const GroundFrontier& frontier, Selection* selection) {
+  for (std::size_t i = 0; i < frontier.patches().size(); ++i) {
+    const GroundFrontier::Patch& patch = frontier.patches()[i];
+    selection->unseen_map.insert(selection->unseen_map.end(), patch.cells_map.begin(), patch.cells_map.end());
+    const ScoredSegment& view = selection->segments[firstGround(*selection, frontier) + i];
+    if (view.verdict == SegmentVerdict::kCandidate) selection->unseen_m2 += patch.area_m2;
+  }
+}
+
+/// What of the workspace cannot be seen; empty: nothing.
+std::string describeHidden(const Selection& selection, const std::optional<GroundFrontier>& frontier) {
+  if (!frontier) return "";
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(1);
+  for (std::size_t i = 0; i < frontier->patches().size(); ++i) {
+    const ScoredSegment& view = selection.segments[firstGround(selection, *frontier) + i];
+    if (view.verdict == SegmentVerdict::kCandidate) continue;
+    const Eigen::Vector3d& p_map = view.segment.midpoint_map;
+    text << (text.tellp() > 0 ? ", " : "; no reachable pose shows the unseen ground of the workspace: ")
+         << frontier->patches()[i].area_m2 << " m^2 at (" << p_map.x() << ", " << p_map.y() << ") m";
+  }
+  return text.str();
+}
 
 /// Of at least one candidate.
 const ScoredSegment& mostManipulable(const std::vector<ScoredSegment>& segments) {
@@ -266,6 +402,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
                                const std::function<bool()>& is_cancelled) const {
   requirePossible(request);
   Selection selection;
+  selection.workspace_map = request.workspace_map;
   std::size_t num_segments = 0;
   /// Tells the next stage; true: the selection is over.
   const auto begin = [&](const char* stage) {
@@ -297,7 +434,16 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
 
   if (begin("outline")) return selection;
   selection.outline = outlinePile(surface, *ground, config_.outline);
-  if (selection.outline.polygons.empty()) return end(SelectionStatus::kNoPile, describeNoPile(config_));
+  const bool has_pile = !selection.outline.polygons.empty();
+  std::optional<GroundFrontier> frontier;
+  if (!request.workspace_map.empty()) {
+    if (!robot_.T_base_camera) throw std::invalid_argument("T_base_camera is not known, must be for a workspace");
+    frontier.emplace(surface, *ground, request.workspace_map, *request.ground, *robot_.T_base_camera,
+                     config_.exploration);
+  }
+  if (!has_pile && (!frontier || frontier->patches().empty())) {
+    return end(SelectionStatus::kNoPile, describeNoPile(config_));
+  }
   const std::vector<Segment> segments = cutSegments(selection.outline, robot_.footprint, config_.segments);
   num_segments = segments.size();
 
@@ -308,7 +454,7 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
 
   if (begin("manipulability")) return selection;
   std::optional<ManipulabilityScore> manipulability;
-  if (robot_.sectors) {
+  if (robot_.sectors && has_pile) {
     manipulability.emplace(scene, surface, *ground, config_.outline.min_height_m, *robot_.sectors,
                            robot_.T_base_armbase, config_.manipulability, num_reach_samples_);
   }
@@ -318,26 +464,45 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
                                                  base_navigation::inscribedRadius(robot_.footprint));
   const base_navigation::FootprintChecker standing(request.ground, robot_.footprint, config_.standing_padding_m);
 
-  const Scoring scoring{config_.utility, request, failures, manipulability, distances, standing};
+  const Scoring scoring{
+      config_.utility, request.may_stay ? config_.start_m : 0.0, request, failures, manipulability, distances,
+      standing};
   std::vector<ScoredSegment> scored_segments;
+  const std::optional<std::size_t> ahead = nearestTo(request.T_map_base, segments);
+  if (request.may_stay && ahead) {  // first: of equal ones it is preferred
+    if (auto here = scoring.scoreHere(segments[*ahead], kinds[*ahead], uncertainty[*ahead])) {
+      scored_segments.push_back(std::move(*here));
+    }
+  }
   for (std::size_t i = 0; i < segments.size(); ++i) {
     scored_segments.push_back(scoring.score(segments[i], kinds[i], uncertainty[i]));
+  }
+  if (frontier) {
+    if (begin("exploration")) return selection;
+    for (ScoredSegment& view : scoring.scoreGround(*frontier, *ground, config_.exploration)) {
+      scored_segments.push_back(std::move(view));
+    }
   }
 
   if (begin("choice")) return selection;
   const double lost = lostShare(scene, surface, *ground, config_.outline);
   if (lost > config_.max_lost_share) return end(SelectionStatus::kMapChanged, describeLoss(lost, config_));
   selection.segments = std::move(scored_segments);
+  if (frontier) noteUnseen(*frontier, &selection);
   selection.best =
       config_.choice == Choice::kRandom ? randomOf(selection.segments, request.seed) : bestOf(selection.segments);
-  if (!selection.best) return end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments));
+  const std::string hidden = describeHidden(selection, frontier);
+  if (!selection.best) {
+    return has_pile ? end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments) + hidden)
+                    : end(SelectionStatus::kNoPile, describeNoPile(config_) + hidden);
+  }
   if (manipulability) {
     const Segment& reaching = mostManipulable(selection.segments).segment;
     manipulability->at(reaching.standing_map, &selection.reach_samples);
   }
   const ScoredSegment& best = selection.segments[*selection.best];
   if (config_.choice == Choice::kUtility && best.utility.utility < config_.utility.min_utility) {
-    return end(SelectionStatus::kLowUtility, describeLowUtility(best, config_));
+    return end(SelectionStatus::kLowUtility, describeLowUtility(best, config_) + hidden);
   }
   return end(SelectionStatus::kSelected, "");
 }

@@ -99,6 +99,7 @@ interactive_mapping_msgs::NbvSelection toMessage(const nbv_selection::Selection&
   message.strategy = strategy;
   message.outcome.status = toStatus(selection.status);
   message.outcome.message = selection.message;
+  message.unseen_area = selection.unseen_m2;
   message.best = selection.best ? static_cast<std::int32_t>(*selection.best) : -1;
   const gpis_mapping::GroundPlane& ground = selection.outline.ground;
   for (const nbv_selection::ScoredSegment& scored : selection.segments) {

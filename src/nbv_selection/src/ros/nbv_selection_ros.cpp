@@ -8,6 +8,7 @@
 
 #include <base_navigation_ros/conversions.h>
 #include <depth_camera_ros/conversions.h>
+#include <interactive_mapping_common/geometry/polygon.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_enums/selection_outcome.h>
 #include <motion_planning/arm_kinematics.h>
@@ -51,8 +52,9 @@ nbv_selection::RobotBody bodyFrom(const ros::NodeHandle& nh, const NbvSelectionP
   body.sectors = loadedFrom("sectors_file", params.sectors_file, [&](const std::string& file) {
     return motion_planning::ManipulabilitySectors::load(file, kinematics->robot());
   });
-  body.T_base_armbase = kinematics->robot().framePose(mp700_ur5e_description::kArmBaseFrame,
-                                                      kinematics->robotPositions(motion_planning::ArmVector::Zero()));
+  const auto at_rest = kinematics->robotPositions(motion_planning::ArmVector::Zero());
+  body.T_base_armbase = kinematics->robot().framePose(mp700_ur5e_description::kArmBaseFrame, at_rest);
+  body.T_base_camera = kinematics->robot().framePose(mp700_ur5e_description::kColorFrame, at_rest);
   return body;
 }
 
@@ -182,6 +184,14 @@ nbv_selection::SelectionRequest NbvSelectionRos::makeRequest(const Server::Goal&
       throw Refused{SelectionOutcome::BAD_GOAL, "frame_id '" + frame + "': " + error.what()};
     }
   }
+  for (const geometry_msgs::Point& corner : goal.workspace) {
+    request.workspace_map.push_back((T_map_zones * Eigen::Vector3d(corner.x, corner.y, corner.z)).head<2>());
+  }
+  if (!request.workspace_map.empty()) {
+    std::string problem = interactive_mapping::problemOfPolygon(request.workspace_map);
+    if (!robot_.T_base_camera) problem = "needs the camera's pose: give sectors_file";
+    if (!problem.empty()) throw Refused{SelectionOutcome::BAD_GOAL, "workspace " + problem};
+  }
   for (const interactive_mapping_msgs::ExcludedZone& message : goal.excluded) {
     nbv_selection::ExcludedZone zone;
     zone.center_map = (T_map_zones * Eigen::Vector3d(message.center.x, message.center.y, message.center.z)).head<2>();
@@ -194,6 +204,8 @@ nbv_selection::SelectionRequest NbvSelectionRos::makeRequest(const Server::Goal&
     }
     request.excluded.push_back(zone);
   }
+
+  request.may_stay = goal.may_stay != 0;
 
   const std::lock_guard<std::mutex> lock(mutex_);
   if (!grid_ && !grid_problem_.empty()) throw Refused{SelectionOutcome::BAD_INPUT, grid_problem_};

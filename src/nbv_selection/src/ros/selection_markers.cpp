@@ -82,6 +82,30 @@ Marker outlineMarker(const Selection& selection, const std_msgs::Header& header)
   return lines;
 }
 
+Marker workspaceMarker(const Selection& selection, const std_msgs::Header& header) {
+  Marker line = makeMarker(header, "workspace", 0, Marker::LINE_STRIP);
+  line.scale.x = kLineWidth_m;
+  line.color = color(0.35F, 0.35F, 0.6F);
+  for (std::size_t i = 0; i <= selection.workspace_map.size(); ++i) {
+    const Eigen::Vector2d& corner = selection.workspace_map[i % selection.workspace_map.size()];
+    line.points.push_back(
+        toPoint({corner.x(), corner.y(), selection.outline.ground.zAt(corner.x(), corner.y()) + kAbove_m}));
+  }
+  return line;
+}
+
+/// The workspace's ground that was never seen.
+Marker unseenMarker(const Selection& selection, const std_msgs::Header& header) {
+  Marker cells = makeMarker(header, "unseen", 0, Marker::CUBE_LIST);
+  cells.scale.x = cells.scale.y = 0.9 * nbv_selection::GroundFrontier::kCell_m;
+  cells.scale.z = 0.005;
+  cells.color = color(0.35F, 0.35F, 0.6F, 0.5F);
+  for (const Eigen::Vector2d& cell : selection.unseen_map) {
+    cells.points.push_back(toPoint({cell.x(), cell.y(), selection.outline.ground.zAt(cell.x(), cell.y())}));
+  }
+  return cells;
+}
+
 /// A bar on the ground plane at the segment.
 void addBar(const ScoredSegment& scored, const gpis_mapping::GroundPlane& ground, double height_m,
             const std_msgs::ColorRGBA& tint, MarkerArray* array, Marker* bars, int* id) {
@@ -136,7 +160,11 @@ MarkerArray toMarkers(const Selection& selection, const nbv_selection::RobotBody
   Marker clear = makeMarker(header, "", 0, Marker::CUBE);
   clear.action = Marker::DELETEALL;
   array.markers.push_back(clear);
-  if (selection.outline.polygons.empty()) return array;
+  if (!selection.workspace_map.empty() && (view == kUtility || factorOf(view) == Factor::kFrontier)) {
+    array.markers.push_back(workspaceMarker(selection, header));
+    if (!selection.unseen_map.empty()) array.markers.push_back(unseenMarker(selection, header));
+  }
+  if (selection.segments.empty()) return array;
   array.markers.push_back(outlineMarker(selection, header));
 
   const gpis_mapping::GroundPlane& ground = selection.outline.ground;
@@ -153,6 +181,8 @@ MarkerArray toMarkers(const Selection& selection, const nbv_selection::RobotBody
       addBar(scored, ground, kGreyHeight_m * share, color(0.55F, 0.55F, 0.55F), &array, &bars, &id);
       continue;
     }
+    // It stands where another segment's bar is.
+    if (scored.kind == nbv_selection::SegmentKind::kHere && best != i) continue;
     double value = scored.utility.utility;
     if (is_order) {
       value = scored.attributes.height_m;

@@ -24,6 +24,11 @@ inline RobotBody pickingRobot() {
   robot.sectors->top = {0.2, 0.9, -0.5, 0.6, 1.5};
   robot.sectors->side = {0.4, 1.0, -0.4, 0.75, 1.2};
   robot.T_base_armbase.translation() << 0.186, 0.0, 0.5;
+  // On its mast it looks down at 45 degrees and a little to the right; x right, y down, z ahead.
+  Eigen::Matrix3d optical;
+  optical << 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0;
+  robot.T_base_camera = Eigen::Translation3d(0.05, 0.24, 1.6) * Eigen::AngleAxisd(-0.0873, Eigen::Vector3d::UnitZ()) *
+                        Eigen::AngleAxisd(0.25 * M_PI, Eigen::Vector3d::UnitY()) * Eigen::Isometry3d(optical);
   return robot;
 }
 

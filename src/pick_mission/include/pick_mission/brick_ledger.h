@@ -8,6 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "pick_mission/brick_rules.h"
 #include "pick_mission/mission_types.h"
 
 namespace pick_mission {
@@ -42,7 +43,7 @@ struct BrickRecord {
 class BrickLedger {
  public:
   /// Throws std::invalid_argument unless both are at least 1.
-  BrickLedger(int max_picks, int max_plans);
+  BrickLedger(int max_picks, int max_plans, const BrickRules& rules = {});
 
   struct Update {
     std::vector<int> found;      // ids never known before
@@ -51,9 +52,10 @@ class BrickLedger {
   /// `bricks`: all that are known now; those that are not in it are not there any more.
   Update update(const std::vector<SeenBrick>& bricks);
 
-  /// The highest that is there, graspable, in the arm's sector, alone with its id, with none lying on it, with attempts left
-  /// and not tried in vain in this scene. Of two as high to a millimetre that of smaller id; those that were given up before come last.
-  std::optional<SeenBrick> best(int scene) const;
+  /// The first, by the rules, of the bricks that are there, graspable, in the arm's sector, alone with their id, with attempts
+  /// left and not tried in vain in this scene: the highest, or the nearest to the base at `base_map`. Of two that are equal to
+  /// a millimetre it is that of smaller id. Bricks that were given up before come last.
+  std::optional<SeenBrick> best(int scene, const Eigen::Vector2d& base_map = Eigen::Vector2d::Zero()) const;
   /// Why best() does not take a brick, as what is said of it ("is out of the arm's sector"); empty where it may. Throws
   /// std::out_of_range for an id that was never known.
   std::string obstacleTo(int id, int scene) const;
@@ -87,6 +89,7 @@ class BrickLedger {
 
   int max_picks_;
   int max_plans_;
+  BrickRules rules_;
   std::map<int, BrickRecord> bricks_;  // by id
 };
 

@@ -7,6 +7,9 @@
 #include <vector>
 
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/geometry/polygon.h>
+
+#include "pick_mission/brick_rules.h"
 
 namespace pick_mission {
 
@@ -106,6 +109,7 @@ struct AttemptLimits {
 };
 
 struct ViewLimits {
+  bool choose_after_each_pick{false};
   int max_fruitless{8};
   int leave_after{3};
   double leave_radius_m{1.5};
@@ -116,17 +120,50 @@ struct ViewLimits {
   double exclusion_radius_m{0.15};
 
   static void fields(ViewLimits& c, interactive_mapping::Fields& f) {
+    f("choose_after_each_pick", c.choose_after_each_pick,
+      "true: a view is selected after every pick and every failure, and staying is one of the candidates; false: only "
+      "when no brick can be tried from here");
     f("max_fruitless", c.max_fruitless, 1, kMost, "", "views in a row without a pick and without a new brick");
     f("leave_after", c.leave_after, 1, kMost, "",
       "fruitless views after which bricks tried without success are left, if others were tried less often");
     f("leave_radius_m", c.leave_radius_m, 0.0, kFarthest_m, "m",
-      "radius about such a brick within which the arm reaches it: no view is selected there");
+      "radius about such a brick within which the arm reaches it: no view is selected there; 0: none is left");
     f("max_low_utility", c.max_low_utility, 0, kMost, "", "views without a pick, to uncover unseen space");
     f("max_vantage_drives", c.max_vantage_drives, 0, kMost, "", "drives without a pick, back to a pose of the survey");
     f("max_fade_waits", c.max_fade_waits, 0, kMost, "", "waits without a pick, for reported failures to fade");
     f("fade_wait_s", c.fade_wait_s, 0.0, kLongest_s, "s", "duration of such a wait; less than time/action_timeout_s");
     f("exclusion_radius_m", c.exclusion_radius_m, 0.0, kFarthest_m, "m",
-      "radius about a pose without success that is excluded until a brick was picked");
+      "radius about a pose without success that is excluded until a brick was picked; 0: none is excluded");
+  }
+};
+
+/// In which frame the corners of the workspace are.
+enum class WorkspaceFrame { kStart, kMap };
+inline constexpr interactive_mapping::Names<WorkspaceFrame> kWorkspaceFrameNames = {{"start", WorkspaceFrame::kStart},
+                                                                                    {"map", WorkspaceFrame::kMap}};
+
+/// What is to be cleared of bricks: its ground is looked at before the mission says that no brick is left.
+struct WorkspaceConfig {
+  WorkspaceFrame frame{WorkspaceFrame::kStart};
+  std::vector<double> x_m{};
+  std::vector<double> y_m{};
+
+  static void fields(WorkspaceConfig& c, interactive_mapping::Fields& f) {
+    f("frame", c.frame, kWorkspaceFrameNames, "of the corners: map, or start, the robot's pose at the start");
+    f("x_m", c.x_m, -kFarthest_m, kFarthest_m, "m", "x of the corners of the polygon; none: no ground is explored");
+    f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y, as many");
+    const bool is_paired = c.x_m.size() == c.y_m.size();
+    f.require(is_paired, "x_m, y_m = " + std::to_string(c.x_m.size()) + ", " + std::to_string(c.y_m.size()) +
+                             " values, must be as many of each");
+    if (!is_paired || c.x_m.empty()) return;
+    const std::string problem = interactive_mapping::problemOfPolygon(c.corners());
+    f.require(problem.empty(), "x_m, y_m: the workspace " + problem);
+  }
+
+  std::vector<Eigen::Vector2d> corners() const {
+    std::vector<Eigen::Vector2d> corners;
+    for (std::size_t i = 0; i < x_m.size(); ++i) corners.emplace_back(x_m[i], y_m[i]);
+    return corners;
   }
 };
 
@@ -139,6 +176,8 @@ struct MissionConfig {
   TimeLimits time;
   AttemptLimits attempts;
   ViewLimits views;
+  BrickRules bricks;
+  WorkspaceConfig workspace;
 
   static void fields(MissionConfig& c, interactive_mapping::Fields& f) {
     f("unlocks_protective_stop", c.unlocks_protective_stop,
@@ -151,6 +190,8 @@ struct MissionConfig {
     f.section("time", c.time);
     f.section("attempts", c.attempts);
     f.section("views", c.views);
+    f.section("bricks", c.bricks);
+    f.section("workspace", c.workspace);
     // The machine would cancel a look, a detection or a wait that may still succeed.
     for (const auto& [key, value_s] : {std::pair<const char*, double>{"look/timeout_s", c.look.timeout_s},
                                        {"detect/timeout_s", c.detect.timeout_s},

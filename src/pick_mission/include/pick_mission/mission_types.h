@@ -117,6 +117,8 @@ struct SelectView {
   std::string strategy;
   std::vector<Zone> excluded;
   double min_map_stamp_s{0.0};
+  std::vector<Eigen::Vector2d> workspace;  // corners; empty: no ground is explored
+  bool may_stay{false};                    // where the robot stands is a candidate, too
 };
 struct Drive {
   Pose2d T_map_base;
@@ -166,6 +168,8 @@ struct SelectionResult {
   SelectionStatus status{SelectionStatus::kSuccess};
   std::optional<Pose2d> T_map_base;  // of the best segment, also with kLowUtility
   bool has_unseen{false};            // imaginary or frontier segments are left
+  bool stays{false};                 // the best is where the robot stands
+  double unseen_m2{0.0};             // ground of the workspace that can still be seen
 };
 struct NavigationResult {
   NavigationStatus status{NavigationStatus::kSuccess};

@@ -83,7 +83,9 @@ enum class Guard {
   kReportLeft,   // a failure that the selection has not been told yet
   kSurveyLeft,
   kAllDealtWith,  // as many bricks as there are have been picked or have used their attempts
+  kChoiceDue,     // a view is to be selected before the next pick
   kBrickHere,     // one to be tried from here
+  kStays,         // the selected view is where the robot stands
   kViewsSpent,    // too many views in a row without a pick or a new brick
   kMayRecover,    // not too often in a row; no protective stop, or the configuration lets the program unlock it
   kKeepsAway,     // the selection passes over the surroundings of bricks that were tried in vain
@@ -111,7 +113,9 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"failure not reported yet", Guard::kReportLeft},
     {"survey not finished", Guard::kSurveyLeft},
     {"every brick picked or exhausted", Guard::kAllDealtWith},
+    {"a pick or a failure since the last selection", Guard::kChoiceDue},
     {"brick to be tried from here", Guard::kBrickHere},
+    {"best where the robot stands", Guard::kStays},
     {"too many fruitless views", Guard::kViewsSpent},
     {"not recovered too often, no protective stop or may unlock it", Guard::kMayRecover},
     {"bricks tried in vain are kept away from", Guard::kKeepsAway},
@@ -144,6 +148,7 @@ enum class Effect {
   kGoToView,
   kGoToUnseen,   // the best view, whose utility is low
   kGoToVantage,  // back to a pose of the survey, the last one first
+  kStayHere,
   // What the selection of views passes over.
   kAllowTriedBricks,
   kClearExcluded,
@@ -178,6 +183,7 @@ inline constexpr interactive_mapping::Names<Effect> kEffectNames = {
     {"goal: selected view", Effect::kGoToView},
     {"goal: best view, count it", Effect::kGoToUnseen},
     {"goal: survey place, count it", Effect::kGoToVantage},
+    {"pick from here", Effect::kStayHere},
     {"allow places near bricks tried in vain", Effect::kAllowTriedBricks},
     {"clear excluded places", Effect::kClearExcluded},
     {"count recovery", Effect::kCountRecovery},

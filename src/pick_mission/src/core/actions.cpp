@@ -7,7 +7,8 @@ namespace pick_mission {
 namespace {
 
 command::SelectView selectView(const Mission& mission) {
-  command::SelectView select{mission.info.strategy, mission.memory.excluded, mission.map_stamp_s};
+  command::SelectView select{mission.info.strategy, mission.memory.excluded, mission.map_stamp_s, workspaceOf(mission),
+                             mission.config.views.choose_after_each_pick};
   for (const command::Zone& zone : zonesToKeepAwayFrom(mission)) select.excluded.push_back(zone);
   return select;
 }
@@ -30,7 +31,7 @@ Command::Body bodyOf(State action, Mission& mission) {
     case State::kReport:
       return memory.reports.front();
     case State::kPlanPick:
-      mission.candidate = memory.ledger.best(memory.scene);
+      mission.candidate = memory.ledger.best(memory.scene, memory.base.position());
       return command::PlanPick{*mission.candidate, mission.map_stamp_s};
     case State::kPick:
       mission.is_arm_clear = false;

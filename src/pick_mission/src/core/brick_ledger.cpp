@@ -11,7 +11,7 @@ namespace pick_mission {
 namespace {
 
 /// Bricks of one layer are measured to a few millimetres; below one there is no order.
-constexpr double kSameHeight_m = 0.001;
+constexpr double kSame_m = 0.001;
 
 template <typename Predicate>
 int countOf(const std::map<int, BrickRecord>& bricks, Predicate&& predicate) {
@@ -21,7 +21,8 @@ int countOf(const std::map<int, BrickRecord>& bricks, Predicate&& predicate) {
 
 }  // namespace
 
-BrickLedger::BrickLedger(int max_picks, int max_plans) : max_picks_(max_picks), max_plans_(max_plans) {
+BrickLedger::BrickLedger(int max_picks, int max_plans, const BrickRules& rules)
+    : max_picks_(max_picks), max_plans_(max_plans), rules_(rules) {
   if (max_picks < 1 || max_plans < 1) {
     throw std::invalid_argument("attempts per brick = " + std::to_string(max_picks) + " picks, " +
                                 std::to_string(max_plans) + " plans, must be at least 1");
@@ -52,15 +53,18 @@ BrickLedger::Update BrickLedger::update(const std::vector<SeenBrick>& bricks) {
   return update;
 }
 
-std::optional<SeenBrick> BrickLedger::best(int scene) const {
+std::optional<SeenBrick> BrickLedger::best(int scene, const Eigen::Vector2d& base_map) const {
+  const auto rankOf = [&](const BrickRecord& record) {
+    const Eigen::Vector3d& p_map = record.seen.T_map_brick.translation();
+    return rules_.order == BrickOrder::kHighest ? p_map.z() : -(p_map.head<2>() - base_map).norm();
+  };
   const BrickRecord* best = nullptr;
   for (const auto& [id, record] : bricks_) {
     if (!obstacleTo(id, scene).empty()) continue;
-    const double height_m = record.seen.T_map_brick.translation().z();
     const bool is_last = record.attempts_back > 0;
     const bool is_best_last = best != nullptr && best->attempts_back > 0;
     if (best == nullptr || (is_best_last && !is_last) ||
-        (is_best_last == is_last && height_m > best->seen.T_map_brick.translation().z() + kSameHeight_m)) {
+        (is_best_last == is_last && rankOf(record) > rankOf(*best) + kSame_m)) {
       best = &record;
     }
   }
@@ -77,7 +81,7 @@ std::string BrickLedger::obstacleTo(int id, int scene) const {
   if (record.seen.has_duplicate) return "is not the only one with its id";
   if (!record.seen.is_in_sector) return "is out of the arm's sector";
   if (record.seen.graspable_faces.empty()) return "has no face that the magnet can come to";
-  if (carriesAnother(record)) return "carries another";
+  if (rules_.spare_carriers && carriesAnother(record)) return "carries another";
   return "";
 }
 

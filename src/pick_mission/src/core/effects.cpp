@@ -90,6 +90,9 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
       [[fallthrough]];
     case Effect::kGoToView:
       return goTo(*mission.selection.T_map_base, DriveFor::kView);
+    case Effect::kStayHere:
+      mission.is_place_chosen = mission.is_view_untried = true;
+      return;
     case Effect::kGoToVantage: {
       // The last one first: it is the nearest to the pile.
       const std::size_t back = static_cast<std::size_t>(memory.vantage_drives++) % numSurveyPoses(mission);
@@ -99,7 +102,8 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
       mission.approaches_tried_bricks = true;
       return;
     case Effect::kClearExcluded:
-      return memory.excluded.clear();
+      memory.excluded.clear();
+      return tryAgainFromHere(mission);
     case Effect::kCountRecovery:
       ++mission.recoveries;
       return;
@@ -118,6 +122,7 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
                       config.time.retry_wait_s});
     case Effect::kWaitForFading:
       ++memory.fade_waits;
+      tryAgainFromHere(mission);
       return waitFor({config.views.fade_wait_s, WaitUntil::kLimit});
     default:
       return applyEnd(effect, cause, mission);

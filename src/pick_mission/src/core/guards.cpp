@@ -58,10 +58,14 @@ bool holds(Guard guard, const Mission& mission) {
       return memory.survey_index < numSurveyPoses(mission);
     case Guard::kAllDealtWith:
       return config.bricks_total >= 0 && numPicked(memory) + memory.ledger.numExhausted() >= config.bricks_total;
+    case Guard::kChoiceDue:
+      return config.views.choose_after_each_pick && !mission.is_place_chosen;
+    case Guard::kStays:
+      return mission.selection.stays;
     case Guard::kBrickHere:
       return mission.pick_failures_here < config.attempts.max_pick_failures_per_view &&
              mission.plan_failures_here < config.attempts.max_plan_failures_per_view &&
-             memory.ledger.best(memory.scene).has_value();
+             memory.ledger.best(memory.scene, memory.base.position()).has_value();
     case Guard::kViewsSpent:
       return memory.fruitless_views >= config.views.max_fruitless;
     case Guard::kMayRecover:
@@ -72,7 +76,7 @@ bool holds(Guard guard, const Mission& mission) {
     case Guard::kSomeExcluded:
       return !memory.excluded.empty();
     case Guard::kUnseenWorth:
-      return mission.selection.has_unseen && mission.selection.T_map_base &&
+      return mission.selection.has_unseen && mission.selection.T_map_base && !mission.selection.stays &&
              memory.low_utility_views < config.views.max_low_utility;
     case Guard::kWorthWaiting:
       return memory.ledger.numOpen() > 0 && memory.fade_waits < config.views.max_fade_waits;

@@ -45,7 +45,8 @@ struct Mission {
 
   double map_stamp_s{0.0};
   std::optional<SeenBrick> candidate{};
-  SelectionResult selection{};  // the last one
+  SelectionResult selection{};              // the last one
+  std::optional<double> least_unseen_m2{};  // ground of the workspace, of all selections
   struct Goal {
     DriveFor why{DriveFor::kSurvey};
     Pose2d T_map_base;
@@ -53,6 +54,7 @@ struct Mission {
   bool approaches_tried_bricks{false};  // nothing else was worth it since a brick was last stowed
 
   // From where the robot stands.
+  bool is_place_chosen{false};  // by a selection, with no pick and no failure since
   bool is_view_untried{false};  // a selected view from which nothing has been picked and that is not excluded yet
   int pick_failures_here{0};
   int plan_failures_here{0};
@@ -105,6 +107,9 @@ Command begin(Mission& mission);
 std::size_t numSurveyPoses(const Mission& mission);
 Pose2d surveyPose(const Mission& mission, std::size_t index);
 
+/// Corners in the map.
+std::vector<Eigen::Vector2d> workspaceOf(const Mission& mission);
+
 /// Once, when the configured poses are done: evenly round the bricks that were found, from where the robot stands on.
 void planRound(Mission& mission);
 
@@ -112,11 +117,17 @@ void planRound(Mission& mission);
 /// nothing else was worth it.
 std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission);
 
+/// From selections, until a brick is picked, unless the configuration excludes nothing.
+void exclude(const Eigen::Vector2d& p_map, Mission& mission);
+
 /// A view with no brick to be tried from it is excluded and reported to the selection, once.
 void excludeFruitlessView(Mission& mission);
 
 /// Beside the brick, towards the robot: for a report of a failure, so that it may be tried from its other sides.
 Eigen::Vector3d nearSideOf(const SeenBrick& brick, const Pose2d& T_map_base);
+
+/// What was tried in vain from here may be tried again.
+void tryAgainFromHere(Mission& mission);
 
 /// People may have moved robot and pile: what was tried from here may be tried again. Counts against the bricks stay,
 /// and a view counts once while the robot stays there. `T_map_base`: where it is now, if that is known.

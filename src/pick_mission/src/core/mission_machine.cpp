@@ -14,7 +14,7 @@ namespace {
 
 Memory emptyMemory(const MissionConfig& config) {
   interactive_mapping::requireValid("impossible mission:", config);
-  return Memory({config.attempts.max_picks_per_brick, config.attempts.max_plans_per_brick});
+  return Memory({config.attempts.max_picks_per_brick, config.attempts.max_plans_per_brick, config.bricks});
 }
 
 /// A mission that its operator had interrupted, or was about to, must not go on by itself after a crash.

@@ -30,6 +30,14 @@ Pose2d surveyPose(const Mission& mission, std::size_t index) {
                                   {config.survey.x_m[index], config.survey.y_m[index], config.survey.yaw_rad[index]});
 }
 
+std::vector<Eigen::Vector2d> workspaceOf(const Mission& mission) {
+  const WorkspaceConfig& workspace = mission.config.workspace;
+  std::vector<Eigen::Vector2d> corners = workspace.corners();
+  if (workspace.frame == WorkspaceFrame::kMap) return corners;
+  for (Eigen::Vector2d& corner : corners) corner = base_navigation::transform(*mission.memory.start_pose, corner);
+  return corners;
+}
+
 void planRound(Mission& mission) {
   const MissionConfig& config = mission.config;
   Memory& memory = mission.memory;
@@ -59,8 +67,9 @@ void planRound(Mission& mission) {
 std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission) {
   const BrickLedger& ledger = mission.memory.ledger;
   std::vector<command::Zone> zones;
-  if (mission.memory.fruitless_views < mission.config.views.leave_after || mission.approaches_tried_bricks)
-    return zones;
+  const ViewLimits& views = mission.config.views;
+  const bool is_early = mission.memory.fruitless_views < views.leave_after;
+  if (is_early || mission.approaches_tried_bricks || views.leave_radius_m == 0.0) return zones;
   const auto tries = [](const BrickRecord& record) { return record.plans_failed + record.picks_failed; };
   int fewest = std::numeric_limits<int>::max();
   for (const auto& [id, record] : ledger.bricks()) {
@@ -68,10 +77,15 @@ std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission) {
   }
   for (const auto& [id, record] : ledger.bricks()) {
     if (record.is_there && !record.is_picked && tries(record) > fewest) {
-      zones.push_back({record.seen.T_map_brick.translation().head<2>(), mission.config.views.leave_radius_m});
+      zones.push_back({record.seen.T_map_brick.translation().head<2>(), views.leave_radius_m});
     }
   }
   return zones;
+}
+
+void exclude(const Eigen::Vector2d& p_map, Mission& mission) {
+  const double radius_m = mission.config.views.exclusion_radius_m;
+  if (radius_m > 0.0) mission.memory.excluded.push_back({p_map, radius_m});
 }
 
 void excludeFruitlessView(Mission& mission) {
@@ -79,7 +93,7 @@ void excludeFruitlessView(Mission& mission) {
   Memory& memory = mission.memory;
   mission.is_view_untried = false;
   ++memory.fruitless_views;
-  memory.excluded.push_back({memory.base.position(), mission.config.views.exclusion_radius_m});
+  exclude(memory.base.position(), mission);
   memory.reports.push_back(
       {{memory.base.x_m, memory.base.y_m, 0.0}, mission.now_s, "nothing could be picked from here"});
 }
@@ -93,11 +107,15 @@ Eigen::Vector3d nearSideOf(const SeenBrick& brick, const Pose2d& T_map_base) {
   return side;
 }
 
+void tryAgainFromHere(Mission& mission) {
+  ++mission.memory.scene;
+  mission.pick_failures_here = mission.plan_failures_here = 0;
+}
+
 void forgetTries(Mission& mission, const std::optional<Pose2d>& T_map_base) {
   Memory& memory = mission.memory;
-  ++memory.scene;
-  mission.is_arm_clear = false;
-  mission.pick_failures_here = mission.plan_failures_here = 0;
+  tryAgainFromHere(mission);
+  mission.is_arm_clear = mission.is_place_chosen = false;
   if (!T_map_base || !isSamePlace(*T_map_base, memory.base)) mission.is_view_untried = false;
   if (T_map_base) memory.base = *T_map_base;
 }

@@ -78,10 +78,20 @@ void recordDetection(const std::vector<SeenBrick>& bricks, Memory& memory) {
     ++memory.failures["brick " + std::to_string(id) + ": seen again after its pick"];
 }
 
+/// A view that showed new ground was not fruitless.
+void recordSelection(const SelectionResult& selection, Mission& mission) {
+  constexpr double kNew_m2 = 0.05;  // the map's edge of seen ground moves by so much between two looks from one pose
+  mission.selection = selection;
+  std::optional<double>& least_m2 = mission.least_unseen_m2;
+  if (least_m2 && selection.unseen_m2 > *least_m2 - kNew_m2) return;
+  if (least_m2) mission.memory.fruitless_views = 0;
+  least_m2 = selection.unseen_m2;
+}
+
 void recordArrival(Mission& mission) {
   const DriveFor why = mission.goal.why;
   mission.memory.base = mission.goal.T_map_base;
-  mission.is_view_untried = why == DriveFor::kView;
+  mission.is_view_untried = mission.is_place_chosen = why == DriveFor::kView;
   mission.pick_failures_here = mission.plan_failures_here = 0;
   if (why == DriveFor::kSurvey) ++mission.memory.survey_index;
   if (why == DriveFor::kView) ++mission.memory.views;
@@ -114,7 +124,7 @@ void recordSuccess(State action, const event::Reply& reply, Mission& mission) {
       recordDetection(std::get<DetectionResult>(reply.result).bricks, memory);
       break;
     case State::kSelect:
-      mission.selection = std::get<SelectionResult>(reply.result);
+      recordSelection(std::get<SelectionResult>(reply.result), mission);
       break;
     case State::kDrive:
       recordArrival(mission);
@@ -149,7 +159,7 @@ void recordFailure(State action, const event::Reply& reply, const Reaction& reac
   } else if (mission.goal.why == DriveFor::kSurvey) {
     ++memory.survey_index;
   } else if (mission.goal.why == DriveFor::kView) {
-    memory.excluded.push_back({goal.position(), mission.config.views.exclusion_radius_m});
+    exclude(goal.position(), mission);
     memory.reports.push_back({{goal.x_m, goal.y_m, 0.0}, mission.now_s, reason});
   }
 }
@@ -159,6 +169,8 @@ void recordFailure(State action, const event::Reply& reply, const Reaction& reac
 void record(State action, const event::Reply& reply, const Reaction& reaction, bool is_broken_off, Mission& mission) {
   Memory& memory = mission.memory;
   recordArm(action, reply, mission);
+  const bool was_a_pick = action == State::kPick || action == State::kLetGo;
+  if (was_a_pick || !isSuccess(reply.result)) mission.is_place_chosen = false;
   if (action == State::kReport) memory.reports.pop_front();
   if (isSuccess(reply.result)) {
     recordSuccess(action, reply, mission);

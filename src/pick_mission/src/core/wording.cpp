@@ -56,8 +56,9 @@ std::string nextInWords(State next, const Mission& mission) {
     case State::kReport:
       return "that nothing could be done there";
     case State::kPlanPick:
-      return brickInWords(memory.ledger.best(memory.scene)) +
-             ", the highest that is graspable, carries none and is in the arm's sector";
+      return brickInWords(memory.ledger.best(memory.scene, memory.base.position())) + ", the " +
+             (mission.config.bricks.order == BrickOrder::kHighest ? "highest" : "nearest") + " that is graspable" +
+             (mission.config.bricks.spare_carriers ? ", carries none" : "") + " and is in the arm's sector";
     case State::kPick:
       return brickInWords(mission.candidate) + ": its pick is planned";
     case State::kStow:

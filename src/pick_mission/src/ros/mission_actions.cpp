@@ -514,6 +514,13 @@ void MissionActions::begin(const command::SelectView& select) {
     message.radius = zone.radius_m;
     goal.excluded.push_back(message);
   }
+  for (const Eigen::Vector2d& corner : select.workspace) {
+    geometry_msgs::Point message;
+    message.x = corner.x();
+    message.y = corner.y();
+    goal.workspace.push_back(message);
+  }
+  goal.may_stay = select.may_stay ? 1 : 0;
   goal.min_map_stamp.fromSec(std::max(select.min_map_stamp_s, 0.0));
   sendPlan(&select_, goal, [this](const interactive_mapping_msgs::SelectNextBestViewResult& result) {
     pick_mission::SelectionResult selection;
@@ -525,9 +532,13 @@ void MissionActions::begin(const command::SelectView& select) {
                                     "', must be in '" + params_.map_frame + "'");
       }
       selection.T_map_base = toPose2d(result.standing.pose);
+      const auto best = static_cast<std::size_t>(result.selection.best);
+      selection.stays =
+          best < result.selection.segments.size() && result.selection.segments[best].kind == NbvSegment::HERE;
     }
+    if (std::isfinite(result.selection.unseen_area)) selection.unseen_m2 = result.selection.unseen_area;
     for (const NbvSegment& segment : result.selection.segments) {
-      if (segment.kind != NbvSegment::REAL) selection.has_unseen = true;
+      if (segment.kind != NbvSegment::REAL && segment.kind != NbvSegment::HERE) selection.has_unseen = true;
     }
     if (selection.status == pick_mission::SelectionStatus::kSuccess && !selection.T_map_base) {
       throw std::invalid_argument("a selection that succeeded, without a place to stand");

@@ -184,6 +184,8 @@ std::string viewTextOf(const MissionState& state) {
   std::string text =
       "at " + number(segment.standing.position.x, 2) + ", " + number(segment.standing.position.y, 2) + " m";
   if (segment.kind == NbvSegment::FRONTIER) text += ", beside what is unseen";
+  if (segment.kind == NbvSegment::HERE) text += ", where the robot stood";
+  if (segment.kind == NbvSegment::GROUND) text += ", to see unseen ground";
   if (segment.kind == NbvSegment::IMAGINARY) text += ", where nobody has looked";
   return text;
 }

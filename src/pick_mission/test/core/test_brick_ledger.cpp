@@ -77,6 +77,27 @@ TEST(BrickLedger, WhatCarriesAnotherWaits) {
   EXPECT_EQ(ledger.best(1)->id, 2);
 }
 
+TEST(BrickLedger, NearestBrickFirstByTheRules) {
+  BrickLedger ledger(3, 3, {BrickOrder::kNearest, true});
+  std::vector<SeenBrick> bricks{seen(1, 0.05), seen(2, 0.25), seen(3, 0.05)};
+  for (std::size_t i = 0; i < bricks.size(); ++i) bricks[i].T_map_brick.translation().x() = static_cast<double>(i);
+  ledger.update(bricks);
+  EXPECT_EQ(ledger.best(0, {-0.1, 0.0})->id, 1) << "2 is higher";
+  EXPECT_EQ(ledger.best(0, {1.4, 0.0})->id, 2);
+  EXPECT_EQ(ledger.best(0, {1.6, 0.0})->id, 3);
+}
+
+TEST(BrickLedger, CarrierIsTakenWhereTheRulesDoNotSpareIt) {
+  for (const bool spares : {true, false}) {
+    BrickLedger ledger(3, 3, {BrickOrder::kNearest, spares});
+    SeenBrick lower = seen(1, 0.1), upper = seen(2, 0.3);
+    lower.size_m = upper.size_m = {0.3, 0.2, 0.2};
+    upper.T_map_brick.translation().x() = 0.05;
+    ledger.update({lower, upper});
+    EXPECT_EQ(ledger.best(0, {-1.0, 0.0})->id, spares ? 2 : 1);
+  }
+}
+
 TEST(BrickLedger, TwoBricksOfOneIdAreBothLeftEvenIfNobodySaysSo) {
   BrickLedger ledger(3, 3);
   ledger.update({seen(1, 0.3), seen(1, 0.2), seen(2, 0.1)});

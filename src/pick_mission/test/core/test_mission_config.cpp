@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pick_mission/mission_config.h"
 
+#include <limits>
+
 #include <gmock/gmock.h>
 
 namespace pick_mission {
@@ -22,6 +24,23 @@ TEST(MissionConfig, SurveyNeedsAsManyOfEach) {
   config.survey.y_m.clear();
   config.survey.yaw_rad.clear();
   EXPECT_THAT(problemsOf(config), IsEmpty()) << "no survey is fine";
+}
+
+TEST(MissionConfig, WorkspaceIsAPolygonOrNone) {
+  MissionConfig config;
+  WorkspaceConfig& workspace = config.workspace;
+  workspace.x_m = {0.0, 1.0};
+  EXPECT_THAT(problemsOf(config), ElementsAre("workspace/x_m, y_m = 2, 0 values, must be as many of each"));
+  workspace.y_m = {0.0, 1.0};
+  EXPECT_THAT(problemsOf(config), ElementsAre("workspace/x_m, y_m: the workspace has 2 corners, must have at least 3"));
+  workspace.x_m = {0.0, 1.0, 1.0, 0.0};
+  workspace.y_m = {0.0, 1.0, 0.0, 1.0};
+  EXPECT_THAT(problemsOf(config), ElementsAre(testing::HasSubstr("the workspace crosses itself")));
+  workspace.y_m[1] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(problemsOf(config), testing::Contains(testing::HasSubstr("workspace/y_m")));
+  workspace.x_m.clear();
+  workspace.y_m.clear();
+  EXPECT_THAT(problemsOf(config), IsEmpty()) << "none is fine";
 }
 
 TEST(MissionConfig, WaitsAreShorterThanTheLimitOfAnAction) {

@@ -15,6 +15,13 @@ namespace {
 
 using testing::HasSubstr;
 
+/// A selection after every pick and every failure.
+MissionConfig choosing() {
+  MissionConfig config;
+  config.views.choose_after_each_pick = true;
+  return config;
+}
+
 TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
   ToyMission run({}, ToyWorld::ofStacks({3, 1, 2}));
   run.start();
@@ -27,6 +34,106 @@ TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
   std::vector<int> order;
   for (const command::Pick& pick : run.sent<command::Pick>()) order.push_back(pick.brick.id);
   EXPECT_EQ(order, (std::vector<int>{2, 1, 0, 5, 4, 3}));
+}
+
+TEST(MissionMachine, ChoosesAgainAfterEachPickOnlyIfConfigured) {
+  for (const bool each : {true, false}) {
+    MissionConfig config;
+    config.views.choose_after_each_pick = each;
+    ToyMission run(config, ToyWorld::ofStacks({3, 1}));
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+    EXPECT_EQ(run.world.stowed, 4);
+    for (const command::SelectView& select : run.sent<command::SelectView>()) EXPECT_EQ(select.may_stay, each);
+    // One before each pick, and the last, which finds no pile. Otherwise: one per place, and the last.
+    EXPECT_EQ(run.world.commands_of[State::kSelect], each ? 5 : 3) << tail(run);
+    EXPECT_EQ(run.machine.counts().views, 2) << "the robot stays where the selection says so";
+  }
+}
+
+TEST(MissionMachine, LeavesAPlaceWithBricksWhenTheSelectionSaysSo) {
+  ToyMission run(choosing(), ToyWorld::ofStacks({2, 1}));
+  // After the first pick the other stack is better.
+  run.inject = [](State action, int count) -> std::optional<Result> {
+    if (action != State::kSelect || count != 2) return std::nullopt;
+    return SelectionResult{SelectionStatus::kSuccess, viewPose(2), true, false};
+  };
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  std::vector<int> order;
+  for (const command::Pick& pick : run.sent<command::Pick>()) order.push_back(pick.brick.id);
+  EXPECT_EQ(order, (std::vector<int>{1, 2, 0})) << tail(run);
+  EXPECT_EQ(run.machine.counts().views, 3);
+}
+
+TEST(MissionMachine, ChoosesAgainAfterAFailedPlan) {
+  ToyMission run(choosing(), ToyWorld::ofStacks({2}));
+  run.inject = endAs(State::kPlanPick, PlanResult{PlanStatus::kGoalUnknown}, 1);
+  run.start();
+  while (!run.isOver() && run.world.commands_of[State::kPlanPick] == 0) ASSERT_TRUE(run.advance());
+  ASSERT_TRUE(run.advance());  // the plan fails
+  EXPECT_EQ(run.machine.state(), State::kReport) << "the selection is told first";
+  ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.state(), State::kSelect) << tail(run);
+}
+
+TEST(MissionMachine, PicksFromHereWhenTheSelectionHasNoAnswer) {
+  for (const SelectionStatus status : {SelectionStatus::kLowUtility, SelectionStatus::kNoCandidate,
+                                       SelectionStatus::kNoPile, SelectionStatus::kNoGround}) {
+    ToyMission run(choosing(), ToyWorld::ofStacks({2}));
+    run.inject = [status](State action, int count) -> std::optional<Result> {
+      if (action != State::kSelect || count != 2) return std::nullopt;
+      return SelectionResult{status, std::nullopt, false};
+    };
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+    EXPECT_EQ(run.world.stowed, 2);
+    EXPECT_EQ(run.machine.counts().views, 1) << toString(status) << "\n" << tail(run);
+  }
+}
+
+TEST(MissionMachine, StayingWithNothingToPickIsAFruitlessView) {
+  MissionConfig config = choosing();
+  config.views.max_fruitless = 3;
+  config.views.exclusion_radius_m = 0.0;
+  ToyWorld world = ToyWorld::ofStacks({1});
+  world.bricks[0].is_out_of_reach = true;
+  ToyMission run(config, world);
+  // A selection that knows of no failures stays for ever.
+  EXPECT_TRUE(run.endsAs(EndReason::kNoProgress));
+  EXPECT_EQ(run.machine.counts().views, 1) << tail(run);
+  EXPECT_THAT(run.world.reports, testing::Contains("nothing could be picked from here"));
+}
+
+TEST(MissionMachine, WorkspaceIsToldInTheMap) {
+  for (const WorkspaceFrame frame : {WorkspaceFrame::kStart, WorkspaceFrame::kMap}) {
+    MissionConfig config;
+    config.workspace = {frame, {1.0, 4.0, 4.0}, {0.0, 0.0, 2.0}};
+    ToyMission run(config, ToyWorld::ofStacks({1}));
+    event::Start start;
+    start.T_map_base = {-3.0, 1.0, M_PI / 2.0};
+    start.hand = Hand::kEmpty;
+    run.tell(start);
+    ASSERT_TRUE(run.toEnd());
+    const std::vector<Eigen::Vector2d> corners = run.sent<command::SelectView>().at(0).workspace;
+    ASSERT_EQ(corners.size(), 3u);
+    // A quarter turn to the left: forward is +y, left is -x.
+    const Eigen::Vector2d expected =
+        frame == WorkspaceFrame::kMap ? Eigen::Vector2d(4.0, 2.0) : Eigen::Vector2d(-5.0, 5.0);
+    EXPECT_NEAR((corners[2] - expected).norm(), 0.0, 1e-12) << corners[2].transpose();
+  }
+}
+
+TEST(MissionMachine, ViewsThatShowNewGroundAreNotFruitless) {
+  for (const bool shows_ground : {true, false}) {
+    MissionConfig config;
+    config.views.max_fruitless = 3;
+    ToyMission run(config, ToyWorld::ofStacks({1}));
+    run.inject = [&](State action, int count) -> std::optional<Result> {
+      if (action != State::kSelect || count > 6) return std::nullopt;
+      return SelectionResult{SelectionStatus::kSuccess, viewPose(1 + count % 2 * 2), true, false,
+                             shows_ground ? 7.0 - count : 7.0};
+    };
+    EXPECT_TRUE(run.endsAs(shows_ground ? EndReason::kNoBrickLeft : EndReason::kNoProgress));
+    EXPECT_EQ(run.machine.counts().views, shows_ground ? 7 : 3) << tail(run);
+  }
 }
 
 TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {

@@ -47,6 +47,7 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     MissionConfig config;
     config.unlocks_protective_stop = seed % 2 == 0;
+    config.views.choose_after_each_pick = seed % 4 < 2;
     config.time.limit_s = seed % 5 == 0 ? 600.0 : 20000.0;
     ToyWorld world = randomWorld(seed);
     const int total = static_cast<int>(world.bricks.size());

@@ -249,13 +249,15 @@ class ToyWorld {
       if (is_excluded) continue;
       const int count = static_cast<int>(
           std::count_if(bricks.begin(), bricks.end(), [v](const ToyBrick& b) { return !b.is_gone && b.view == v; }));
-      if (count > most) {
-        most = count;
+      // Staying costs no travel.
+      const bool stays = wanted.may_stay && view == v;
+      if (count > most || (count > 0 && stays)) {
+        most = stays ? static_cast<int>(bricks.size()) : count;
         best = v;
       }
     }
     if (!best) return SelectionResult{SelectionStatus::kNoCandidate, std::nullopt, false};
-    return SelectionResult{SelectionStatus::kSuccess, viewPose(*best), true};
+    return SelectionResult{SelectionStatus::kSuccess, viewPose(*best), true, wanted.may_stay && best == view};
   }
 
   void succeed(Result& result, double now_s) {
