@@ -84,12 +84,14 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
     live_->edit([height_m](GpisMappingParamsWithMap& params) { params.slice.height_m = height_m; });
   });
 
+  if (params_.attached.clear) {
+    attached_subscriber_ = ros::NodeHandle(nh).subscribe("attached_brick", 5, &GpisMappingRos::onAttached, this);
+  }
   query_server_ = pnh.advertiseService("query", &GpisMappingRos::onQuery, this);
   save_server_ = pnh.advertiseService("save_map", &GpisMappingRos::onSave, this);
   load_server_ = pnh.advertiseService("load_map", &GpisMappingRos::onLoad, this);
   clear_server_ = pnh.advertiseService("clear_map", &GpisMappingRos::onClear, this);
   clear_box_server_ = pnh.advertiseService("clear_box", &GpisMappingRos::onClearBox, this);
-  attached_subscriber_ = ros::NodeHandle(nh).subscribe("attached_brick", 5, &GpisMappingRos::onAttached, this);
 
   diagnostics_.setHardwareID("none");
   diagnostics_.add("input", this, &GpisMappingRos::diagnoseInput);
