@@ -301,12 +301,13 @@ visualization_msgs::MarkerArray toMarkers(const gpis_mapping::FrameBlanket& blan
   struct Layer {
     const char* name;
     const Eigen::Vector3f Knot::*place;
-    std::array<float, 4> color;
+    std::array<float, 3> color;
+    float alpha;  // 1 throughout: rviz draws a list with one transparent corner after and over all others
   };
-  static constexpr std::array<float, 4> kWallColor{0.25f, 0.25f, 0.3f, 0.5f};
-  static const std::array<Layer, 3> kLayers{{{"seen", &Knot::seen, {0.85f, 0.85f, 0.85f, 1.0f}},
-                                             {"nearer", &Knot::nearer, {0.95f, 0.6f, 0.1f, 0.35f}},
-                                             {"farther", &Knot::farther, {0.2f, 0.45f, 0.9f, 0.35f}}}};
+  static constexpr std::array<float, 3> kWallColor{0.25f, 0.25f, 0.3f};
+  static const std::array<Layer, 3> kLayers{{{"seen", &Knot::seen, {0.85f, 0.85f, 0.85f}, 1.0f},
+                                             {"nearer", &Knot::nearer, {0.95f, 0.6f, 0.1f}, 0.35f},
+                                             {"farther", &Knot::farther, {0.2f, 0.45f, 0.9f}, 0.35f}}};
   const auto columns = static_cast<std::size_t>(blanket.columns);
   visualization_msgs::MarkerArray markers;
   for (const Layer& layer : kLayers) {
@@ -318,14 +319,16 @@ visualization_msgs::MarkerArray toMarkers(const gpis_mapping::FrameBlanket& blan
     marker.color.a = 1.0f;
     const auto add = [&](const Knot& a, const Knot& b, const Knot& c) {
       if (!isSheet(a, b) || !isSheet(b, c) || !isSheet(c, a)) return;
+      const Eigen::Vector3f normal = (b.seen - a.seen).cross(c.seen - a.seen).normalized();
+      const float light = lightOn(normal.dot(eye_map - a.seen) < 0.0f ? -normal : normal);
       for (const Knot* knot : {&a, &b, &c}) {
-        const auto& [red, green, blue, alpha] = knot->is_wall ? kWallColor : layer.color;
+        const auto& [red, green, blue] = knot->is_wall ? kWallColor : layer.color;
         marker.points.push_back(toPoint((knot->*layer.place).cast<double>()));
         marker.colors.emplace_back();
-        marker.colors.back().r = red;
-        marker.colors.back().g = green;
-        marker.colors.back().b = blue;
-        marker.colors.back().a = alpha;
+        marker.colors.back().r = light * red;
+        marker.colors.back().g = light * green;
+        marker.colors.back().b = light * blue;
+        marker.colors.back().a = layer.alpha;
       }
     };
     for (std::size_t i = columns; i < blanket.knots.size(); ++i) {
