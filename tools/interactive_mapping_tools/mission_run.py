@@ -210,7 +210,7 @@ class Run:
         rows = [index for index, time_s in enumerate(times) if index >= first and time_s <= end_s]
         self.table = {name: [column[index] for index in rows] for name, column in self.table.items()}
         before = {name: column[0] for name, column in self.table.items() if column}
-        for name in {"stowed", "falls", "dropped", "collisions", "distance_m"} & set(before):
+        for name in {"stowed", "falls", "dropped", "collisions", "load_contacts", "distance_m"} & set(before):
             self.table[name] = [round(value - before[name], 3) for value in self.table[name]]
         self.judge = {"bricks_total": number(self.judge.get("bricks_total")) - before.get("stowed", math.nan)}
         self.events = [event for event in self.events if begin_s <= number(event.get("time_s")) <= end_s]
@@ -392,7 +392,7 @@ def merged_summary(run):
         return values[-1] if values else None
 
     for key, (name, column) in {"bricks_stowed": ("stowed", None), "falls": ("falls", None), "drops": ("dropped", None),
-                                "collisions": ("collisions", None)}.items():
+                                "collisions": ("collisions", None), "load_contacts": ("load_contacts", None)}.items():
         summary[key] = count_of(judged(name, column))
     for key, name in {"map_coverage": "coverage", "map_precision": "precision", "distance_m": "distance_m"}.items():
         summary[key] = measure_of(judged(name))

@@ -66,6 +66,8 @@ def sentences(run, summary):
         words.append(f"The mission's own count is {picked}: it differs from the judge's {stowed}.")
     if summary.get("falls") is not None:
         counted = [plural(summary["falls"], "fall", "falls"), plural(summary["collisions"] or 0, "collision", "collisions")]
+        if summary.get("load_contacts"):
+            counted.append(plural(summary["load_contacts"], "contact of a carried brick", "contacts of carried bricks"))
         if summary.get("drops"):
             counted.append(plural(summary["drops"], "brick dropped", "bricks dropped"))
         text = ", ".join(counted)

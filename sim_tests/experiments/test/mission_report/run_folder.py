@@ -90,7 +90,7 @@ def make_run_folder(folder, bricks=20, seed=1):
     judged = {"stowed": 0, "falls": 0, "dropped": 0, "collisions": 0, "coverage": 0.0, "precision": 0.0, "distance": 0.0}
 
     def judge_row(time_s):
-        table.append((time_s, judged["stowed"], judged["falls"], judged["dropped"], judged["collisions"],
+        table.append((time_s, judged["stowed"], judged["falls"], judged["dropped"], judged["collisions"], 0,
                       f"{judged['coverage']:.5f}" if judged["coverage"] else "", f"{judged['precision']:.5f}" if judged["precision"] else "", judged["distance"]))
 
     def step(state, event, decision, seconds, reason="", failed=False):
@@ -222,10 +222,10 @@ def make_run_folder(folder, bricks=20, seed=1):
     lines("path.jsonl", path)
     (folder / ".run_mission").write_text("scripts/run_mission --run results/made --seed 1 \ndate: 2026-01-02T03:04:05Z\nhost: workbench\ncommit: 0123456789\n",
                                          encoding="utf-8")
-    (folder / "judge.csv").write_text("time_s,stowed,falls,dropped,collisions,coverage,precision,distance_m\n" +
-                                      "".join(f"{t:.3f},{s},{f},{d},{c},{cov},{pre},{dist:.3f}\n" for t, s, f, d, c, cov, pre, dist in table), encoding="utf-8")
+    (folder / "judge.csv").write_text("time_s,stowed,falls,dropped,collisions,load_contacts,coverage,precision,distance_m\n" +
+                                      "".join(f"{t:.3f},{s},{f},{d},{c},{load},{cov},{pre},{dist:.3f}\n" for t, s, f, d, c, load, cov, pre, dist in table), encoding="utf-8")
     judge = {"start_time_s": START_S, "end_time_s": now[0] + 0.01, "bricks_total": bricks, "stowed": judged["stowed"], "falls": judged["falls"],
-             "dropped": judged["dropped"], "collisions": judged["collisions"], "max_collision_force_N": 0.0, "coverage": judged["coverage"],
+             "dropped": judged["dropped"], "collisions": judged["collisions"], "load_contacts": 0, "max_collision_force_N": 0.0, "coverage": judged["coverage"],
              "precision": judged["precision"], "exposed_area_m2": 3.1, "coverable_area_m2": 3.038, "covered_area_m2": 3.0, "surfaces_judged": 400, "surfaces_refused": 0,
              "distance_m": judged["distance"]}
     (folder / "judge.json").write_text(json.dumps(judge, indent=2), encoding="utf-8")

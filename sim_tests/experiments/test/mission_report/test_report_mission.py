@@ -30,7 +30,7 @@ import run_folder  # noqa: E402
 from interactive_mapping_tools import mission_run, plot_mission, report_mission  # noqa: E402
 
 KEYS = {"scene", "seed", "strategy", "removed_factor", "bricks_total", "bricks_pickable", "bricks_picked", "bricks_stowed", "map_coverage", "map_coverable", "map_precision", "falls",
-        "collisions", "sim_seconds", "wall_seconds", "views", "end_reason", "failures"}
+        "collisions", "load_contacts", "sim_seconds", "wall_seconds", "views", "end_reason", "failures"}
 
 
 class Page(html.parser.HTMLParser):
@@ -377,8 +377,8 @@ class ReportMission(unittest.TestCase):
                 stream.write(json.dumps(event) + "\n")
         with open(self.folder / "judge.csv", "a", encoding="utf-8") as stream:
             for line in rows[1:]:
-                time_s, stowed, falls, dropped, collisions, coverage, precision, distance_m = line.split(",")
-                stream.write(f"{float(time_s) + 1000.0:.3f},{stowed},{int(falls) + made.falls + 1},{dropped},{collisions},{coverage or 0.5},{precision},"
+                time_s, stowed, falls, dropped, collisions, load_contacts, coverage, precision, distance_m = line.split(",")
+                stream.write(f"{float(time_s) + 1000.0:.3f},{stowed},{int(falls) + made.falls + 1},{dropped},{collisions},{load_contacts},{coverage or 0.5},{precision},"
                              f"{float(distance_m) + judge['distance_m']:.3f}\n")
         (self.folder / "judge.json").write_text(json.dumps({**judge, "falls": 2 * made.falls + 1, "distance_m": 2.0 * judge["distance_m"], "end_time_s": 2000.0}))
         for folder in (self.folder, later):

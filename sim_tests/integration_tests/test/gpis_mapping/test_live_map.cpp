@@ -308,6 +308,15 @@ INSTANTIATE_TEST_SUITE_P(NodeAndNodelet, LiveMapTest,
                            return std::string(std::get<0>(instance.param) + 1) + "_" + std::get<1>(instance.param);
                          });
 
+TEST(LiveMapDefaults, AreNotToldWhatTheMagnetTakes) {
+  ASSERT_TRUE(ros::service::waitForService("/plain/query", ros::Duration(60.0)));  // offered after all subscriptions
+  XmlRpc::XmlRpcValue request(ros::this_node::getName()), response, state;
+  ASSERT_TRUE(ros::master::execute("getSystemState", request, response, state, true));
+  const XmlRpc::XmlRpcValue& subscribed = state[1];
+  ASSERT_GT(subscribed.size(), 0);
+  for (int i = 0; i < subscribed.size(); ++i) EXPECT_NE(std::string(subscribed[i][0]), "/attached_brick");
+}
+
 TEST(LiveMapWithGenerator, MapsWhatTheSyntheticCameraPublishes) {
   LiveMap live("/generated");
   // Its box comes and goes: taken away at the third of four frames, and back when the sequence starts anew. In so small

@@ -28,7 +28,8 @@ struct CollisionConfig {
 ///
 /// Permitted are: a wheel and the ground; the tool and the target, or a brick that it holds or has just released; the
 /// chute and a brick that the tool holds, has released or has dropped, as long as it has that status. (The chute's job is
-/// with carried bricks; one that ploughs through the pile is a collision.) Everything else counts.
+/// with carried bricks; one that ploughs through the pile is a collision.) Everything else counts. Contacts of a carried
+/// brick are of a kind of their own, counted in the same way.
 class CollisionMonitor {
  public:
   /// Throws std::invalid_argument with all that is wrong with `config`.
@@ -41,6 +42,7 @@ class CollisionMonitor {
   std::vector<JudgeEvent> finish();
 
   int collisions() const { return collisions_; }
+  int loadContacts() const { return load_contacts_; }
 
   /// Largest force of any collision so far, 0 without one.
   double maxForce() const { return max_force_N_; }
@@ -50,14 +52,17 @@ class CollisionMonitor {
     double begin_s;
     double last_s;
     double max_force_N;
+    bool is_of_load;
   };
   using Pair = std::pair<std::string, std::string>;
 
+  static JudgeEvent eventOf(const std::pair<const Pair, Episode>& entry, bool has_ended, double time_s);
   bool isPermitted(const RobotContact& contact, const WorldObservation& observation) const;
 
   CollisionConfig config_;
   std::map<Pair, Episode> open_;
   int collisions_{0};
+  int load_contacts_{0};
   double max_force_N_{0.0};
 };
 

@@ -50,6 +50,7 @@ struct JudgeRow {
   int falls{0};
   int drops{0};
   int collisions{0};
+  int load_contacts{0};             ///< of a brick in the hand with anything but the robot
   std::optional<double> coverage;   ///< in [0, 1]; nothing before a face was coverable
   std::optional<double> precision;  ///< in [0, 1], of the latest surface; nothing before one had a part to be judged
   double distance_m{0.0};           ///< driven by the base

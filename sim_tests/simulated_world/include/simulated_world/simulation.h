@@ -203,6 +203,7 @@ class Simulation {
     bool is_pickable;
   };
   BrickRecord& record(int id);
+  bool isCarried(const BrickRecord& brick) const;  ///< farther than a lift from where it was grasped
 
   SimulationConfig config_;
   PileScene scene_;

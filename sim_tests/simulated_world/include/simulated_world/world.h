@@ -79,9 +79,10 @@ struct WorldConfig {
 
 /// Contact between a part of the robot and something else, the strongest since it was last asked for.
 struct RobotTouch {
-  std::string robot_body;
+  std::string robot_body;  ///< a link, or the brick on the magnet
   std::string other_body;  ///< "ground", "brick_<id>" or another link
   int brick_id{-1};        ///< of other_body, or -1
+  int load_id{-1};         ///< of robot_body, if that is the brick on the magnet, or -1
   double force_N{0.0};
 };
 

@@ -29,12 +29,14 @@ struct BrickObservation {
   bool is_pickable{true};  ///< at the start of the run, once nothing lies on it
 };
 
-/// One pair of bodies in contact, one of them the robot's. A simulator that observes less often than it steps reports
-/// the largest force since the last observation.
+/// One pair of bodies in contact, one of them the robot's or a brick that it carries. A simulator that observes less often
+/// than it steps reports the largest force since the last observation.
 struct RobotContact {
   std::string robot_body;
   std::string other_body;
   double force_N{0.0};
+  bool is_of_load{
+      false};  ///< robot_body is a brick in the hand, off the place where it was taken; other_body is not the robot's
 };
 
 /// Ground truth at one moment: all that the judge sees of the world, and nothing that the mission may see.

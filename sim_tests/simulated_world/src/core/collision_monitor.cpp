@@ -7,19 +7,6 @@
 #include <interactive_mapping_common/config/schema.h>
 
 namespace simulated_world {
-namespace {
-
-JudgeEvent eventOf(JudgeEventKind kind, const std::pair<std::string, std::string>& bodies, double time_s) {
-  JudgeEvent event;
-  event.kind = kind;
-  event.time_s = time_s;
-  event.robot_body = bodies.first;
-  event.other_body = bodies.second;
-  return event;
-}
-
-}  // namespace
-
 std::vector<std::string> CollisionConfig::validate() const {
   interactive_mapping::RangeCheck check;
   check("end_gap_s", end_gap_s, 0.001, 60.0, "s");
@@ -55,34 +42,43 @@ bool CollisionMonitor::isPermitted(const RobotContact& contact, const WorldObser
          brick->status != BrickStatus::kMovedByHand;
 }
 
+JudgeEvent CollisionMonitor::eventOf(const std::pair<const Pair, Episode>& entry, bool has_ended, double time_s) {
+  const auto& [bodies, episode] = entry;
+  JudgeEvent event;
+  event.kind = episode.is_of_load ? has_ended ? JudgeEventKind::kLoadContactEnd : JudgeEventKind::kLoadContact
+               : has_ended        ? JudgeEventKind::kCollisionEnd
+                                  : JudgeEventKind::kCollision;
+  event.time_s = time_s;
+  event.robot_body = bodies.first;
+  event.other_body = bodies.second;
+  event.max_force_N = episode.max_force_N;
+  if (has_ended) event.duration_s = episode.last_s - episode.begin_s;
+  return event;
+}
+
 std::vector<JudgeEvent> CollisionMonitor::observe(const WorldObservation& observation) {
   std::vector<JudgeEvent> events;
   for (auto it = open_.begin(); it != open_.end();) {
-    const Episode& episode = it->second;
-    if (observation.time_s - episode.last_s > config_.end_gap_s) {
-      JudgeEvent event = eventOf(JudgeEventKind::kCollisionEnd, it->first, observation.time_s);
-      event.max_force_N = episode.max_force_N;
-      event.duration_s = episode.last_s - episode.begin_s;
-      events.push_back(event);
+    if (observation.time_s - it->second.last_s > config_.end_gap_s) {
+      events.push_back(eventOf(*it, true, observation.time_s));
       it = open_.erase(it);
     } else {
       ++it;
     }
   }
   for (const RobotContact& contact : observation.contacts) {
-    if (isPermitted(contact, observation)) {
+    if (!contact.is_of_load && isPermitted(contact, observation)) {
       continue;
     }
-    const Pair bodies(contact.robot_body, contact.other_body);
-    const auto [it, is_new] = open_.emplace(bodies, Episode{observation.time_s, observation.time_s, contact.force_N});
+    const auto [it, is_new] =
+        open_.emplace(Pair(contact.robot_body, contact.other_body),
+                      Episode{observation.time_s, observation.time_s, contact.force_N, contact.is_of_load});
     it->second.last_s = observation.time_s;
     it->second.max_force_N = std::max(it->second.max_force_N, contact.force_N);
-    max_force_N_ = std::max(max_force_N_, contact.force_N);
+    if (!contact.is_of_load) max_force_N_ = std::max(max_force_N_, contact.force_N);
     if (is_new) {
-      ++collisions_;
-      JudgeEvent event = eventOf(JudgeEventKind::kCollision, bodies, observation.time_s);
-      event.max_force_N = contact.force_N;
-      events.push_back(event);
+      ++(contact.is_of_load ? load_contacts_ : collisions_);
+      events.push_back(eventOf(*it, false, observation.time_s));
     }
   }
   return events;
@@ -90,12 +86,7 @@ std::vector<JudgeEvent> CollisionMonitor::observe(const WorldObservation& observ
 
 std::vector<JudgeEvent> CollisionMonitor::finish() {
   std::vector<JudgeEvent> events;
-  for (const auto& [bodies, episode] : open_) {
-    JudgeEvent event = eventOf(JudgeEventKind::kCollisionEnd, bodies, episode.last_s);
-    event.max_force_N = episode.max_force_N;
-    event.duration_s = episode.last_s - episode.begin_s;
-    events.push_back(event);
-  }
+  for (const auto& entry : open_) events.push_back(eventOf(entry, true, entry.second.last_s));
   open_.clear();
   return events;
 }

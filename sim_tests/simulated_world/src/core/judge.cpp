@@ -272,6 +272,7 @@ JudgeRow Judge::totals() const {
   row.falls = falls_.falls();
   row.drops = falls_.drops();
   row.collisions = collisions_.collisions();
+  row.load_contacts = collisions_.loadContacts();
   if (report_.coverable_area_m2 > 0.0) {
     row.coverage = report_.covered_area_m2 / report_.coverable_area_m2;
   }

@@ -45,7 +45,7 @@ std::ofstream openNew(const std::string& path) {
 std::string textOf(const JudgeRow& row) {
   std::ostringstream text;
   text << std::fixed << std::setprecision(3) << row.time_s << ',' << row.stowed << ',' << row.falls << ',' << row.drops
-       << ',' << row.collisions << ',' << std::setprecision(5);
+       << ',' << row.collisions << ',' << row.load_contacts << ',' << std::setprecision(5);
   if (row.coverage) text << *row.coverage;
   text << ',';
   if (row.precision) text << *row.precision;
@@ -72,12 +72,15 @@ Json jsonOf(const JudgeEvent& event) {
       break;
     case JudgeEventKind::kCollision:
     case JudgeEventKind::kCollisionEnd:
+    case JudgeEventKind::kLoadContact:
+    case JudgeEventKind::kLoadContactEnd:
       json["robot_body"] = event.robot_body;
       json["other_body"] = event.other_body;
       json["max_force_N"] = event.max_force_N;
       break;
   }
-  if (event.kind == JudgeEventKind::kFallEnd || event.kind == JudgeEventKind::kCollisionEnd) {
+  if (event.kind == JudgeEventKind::kFallEnd || event.kind == JudgeEventKind::kCollisionEnd ||
+      event.kind == JudgeEventKind::kLoadContactEnd) {
     json["duration_s"] = event.duration_s;
   }
   return json;
@@ -92,6 +95,7 @@ Json jsonOf(const JudgeReport& report) {
           {"falls", report.totals.falls},
           {"dropped", report.totals.drops},
           {"collisions", report.totals.collisions},
+          {"load_contacts", report.totals.load_contacts},
           {"max_collision_force_N", report.max_collision_force_N},
           {"coverage", jsonOf(report.totals.coverage)},
           {"precision", jsonOf(report.totals.precision)},
@@ -113,7 +117,8 @@ JudgeWriter::JudgeWriter(const std::string& folder) : folder_(folder) {
   }
   rows_ = openNew(folder_ + "/judge.csv");
   events_ = openNew(folder_ + "/events.jsonl");
-  append(rows_, folder_ + "/judge.csv", "time_s,stowed,falls,dropped,collisions,coverage,precision,distance_m");
+  append(rows_, folder_ + "/judge.csv",
+         "time_s,stowed,falls,dropped,collisions,load_contacts,coverage,precision,distance_m");
 }
 
 void JudgeWriter::write(const Judge& judge) {

@@ -517,6 +517,11 @@ Simulation::BrickRecord& Simulation::record(int id) {
   return *std::find_if(bricks_.begin(), bricks_.end(), [id](const BrickRecord& brick) { return brick.id == id; });
 }
 
+bool Simulation::isCarried(const BrickRecord& brick) const {
+  const Eigen::Vector3d now_map = world_->brick(brick.id)->T_map_brick.translation();
+  return (now_map - brick.T_map_grasp.translation()).norm() > kLifted_m;
+}
+
 bool Simulation::isOverChute(int brick_id) const {
   const std::optional<BrickMotion> brick = world_->brick(brick_id);
   const Eigen::Isometry3d T_map_drop = world_->linkPose(mp700_ur5e_description::kChuteDropFrame);
@@ -531,10 +536,9 @@ void Simulation::followMagnet(double now_s, Tick* tick) {
     const std::optional<BrickMotion> motion = world_->brick(release->brick_id);
     const std::string name = "brick " + std::to_string(release->brick_id);
     if (brick.status == BrickStatus::kHeld && motion) {
-      const double carried_m = (motion->T_map_brick.translation() - brick.T_map_grasp.translation()).norm();
       if (release->reason == ReleaseReason::kSwitchedOff && isOverChute(brick.id)) {
         brick.status = BrickStatus::kReleased;
-      } else if (carried_m > kLifted_m) {
+      } else if (isCarried(brick)) {
         brick.status = BrickStatus::kDropped;
         tick->incidents.push_back(sentence(now_s, "the magnet lost " + name));
       } else {
@@ -649,7 +653,9 @@ void Simulation::observe(Tick* tick) {
   }
   seen.target_id = target_;
   for (const RobotTouch& touch : world_->takeTouches()) {
-    seen.contacts.push_back({touch.robot_body, touch.other_body, touch.force_N});
+    const bool is_of_load = touch.load_id >= 0;
+    if (is_of_load && !isCarried(record(touch.load_id))) continue;  // it may lean on others until it has left them
+    seen.contacts.push_back({touch.robot_body, touch.other_body, touch.force_N, is_of_load});
   }
   seen.obstacles = world_->obstacles();
   const Pose2d base = world_->basePose();
@@ -660,9 +666,10 @@ void Simulation::observe(Tick* tick) {
     const JudgeEvent& event = judge_->events()[i];
     if (event.kind == JudgeEventKind::kFall) {
       tick->incidents.push_back(sentence(event.time_s, "brick " + std::to_string(event.brick_id) + " falls"));
-    } else if (event.kind == JudgeEventKind::kCollision) {
+    } else if (event.kind == JudgeEventKind::kCollision || event.kind == JudgeEventKind::kLoadContact) {
       std::ostringstream text;
-      text << "collision of " << event.robot_body << " with " << event.other_body << ", " << event.max_force_N << " N";
+      text << (event.kind == JudgeEventKind::kCollision ? "collision of " : "contact of the carried ")
+           << event.robot_body << " with " << event.other_body << ", " << event.max_force_N << " N";
       tick->incidents.push_back(sentence(event.time_s, text.str()));
     }
   }

@@ -609,9 +609,9 @@ void World::collectTouches() {
   Eigen::Vector3d on_tool = Eigen::Vector3d::Zero();
   for (int i = 0; i < data->ncon; ++i) {
     const mjContact& contact = data->contact[i];
-    const bool first = is_robot_geom_[contact.geom1] != 0;
-    const bool second = is_robot_geom_[contact.geom2] != 0;
-    if ((!first && !second) || contact.efc_address < 0) {
+    const bool is_of_robot = is_robot_geom_[contact.geom1] != 0 || is_robot_geom_[contact.geom2] != 0;
+    const bool first = is_robot_geom_[contact.geom1] != 0 || (!is_of_robot && contact.geom1 == held_geom);
+    if ((!first && !is_of_robot && contact.geom2 != held_geom) || contact.efc_address < 0) {
       continue;
     }
     mjtNum force[6];
@@ -627,6 +627,7 @@ void World::collectTouches() {
     }
     RobotTouch touch;
     touch.robot_body = nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[robot_geom]);
+    if (!is_of_robot) touch.load_id = slots_[static_cast<std::size_t>(held_)].brick.placement.id;
     const int slot = slot_of_geom_[other_geom];
     touch.brick_id = slot >= 0 ? slots_[static_cast<std::size_t>(slot)].brick.placement.id : -1;
     touch.other_body = slot >= 0 ? brickBodyName(touch.brick_id)

@@ -565,6 +565,7 @@ void SimulatedWorldRos::publishJudge() {
   state.falls = totals.falls;
   state.drops = totals.drops;
   state.collisions = totals.collisions;
+  state.load_contacts = totals.load_contacts;
   state.coverage = totals.coverage.value_or(std::numeric_limits<double>::quiet_NaN());
   state.precision = totals.precision.value_or(std::numeric_limits<double>::quiet_NaN());
   state.distance_m = totals.distance_m;

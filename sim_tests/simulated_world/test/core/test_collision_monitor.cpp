@@ -69,6 +69,25 @@ TEST_F(CollisionMonitorTest, TheChuteMayTouchCarriedBricksButNotThePile) {
   EXPECT_EQ(collisionsOf("chute", "ground"), 1);
 }
 
+TEST_F(CollisionMonitorTest, WhatTheLoadTouchesIsCountedApart) {
+  for (const char* other : {"brick_2", "ground", "wall_0"}) {
+    world.now.contacts = {{"brick_1", other, 30.0, true}};
+    CollisionMonitor fresh{CollisionConfig()};
+    const auto begin = world.hold(fresh, 0.2);
+    world.now.contacts.clear();
+    const auto end = world.hold(fresh, 1.0);
+    EXPECT_EQ(fresh.collisions(), 0) << other;
+    EXPECT_EQ(fresh.loadContacts(), 1) << other;
+    EXPECT_EQ(fresh.maxForce(), 0.0) << "of collisions alone";
+    ASSERT_EQ(begin.size(), 1U);
+    EXPECT_EQ(begin[0].kind, JudgeEventKind::kLoadContact);
+    ASSERT_EQ(end.size(), 1U);
+    EXPECT_EQ(end[0].kind, JudgeEventKind::kLoadContactEnd);
+    EXPECT_EQ(end[0].max_force_N, 30.0);
+    EXPECT_NEAR(end[0].duration_s, 0.15, 1e-9);  // observed every 0.05 s
+  }
+}
+
 TEST_F(CollisionMonitorTest, UnknownBodiesCount) {
   EXPECT_EQ(collisionsOf("forearm", "wall"), 1);
   EXPECT_EQ(collisionsOf("magnet", "brick_99"), 1);

@@ -47,8 +47,9 @@ class JudgeWriterTest : public testing::Test {
 
 TEST_F(JudgeWriterTest, LinesAreOnDiskBeforeTheRunEnds) {
   JudgeWriter writer(folder);
-  EXPECT_EQ(linesOf("judge.csv"),
-            std::vector<std::string>{"time_s,stowed,falls,dropped,collisions,coverage,precision,distance_m"});
+  EXPECT_EQ(
+      linesOf("judge.csv"),
+      std::vector<std::string>{"time_s,stowed,falls,dropped,collisions,load_contacts,coverage,precision,distance_m"});
   hold(3.0);
   world.touch("forearm", "brick_1", 12.5);
   world.brick(2).T_map_brick.translation().x() = 1.1;
@@ -56,7 +57,7 @@ TEST_F(JudgeWriterTest, LinesAreOnDiskBeforeTheRunEnds) {
   writer.write(judge);
   const std::vector<std::string> rows = linesOf("judge.csv");
   ASSERT_EQ(rows.size(), 1 + judge.history().size());
-  EXPECT_EQ(rows.back(), "3.100,0,1,0,1,0.00000,,0.000");
+  EXPECT_EQ(rows.back(), "3.100,0,1,0,1,0,0.00000,,0.000");
   const std::vector<std::string> events = linesOf("events.jsonl");
   ASSERT_EQ(events.size(), 2U);
   const nlohmann::json fall = nlohmann::json::parse(events[0]);

@@ -281,6 +281,21 @@ TEST(Simulation, TouchingAnythingButTheTargetIsACollision) {
   EXPECT_TRUE(says(robot.incidents, "collision of magnet with brick_0"));
 }
 
+TEST(Simulation, LoadThatTouchesAnotherBrickIsALoadContact) {
+  Robot robot(configFor("two_stacked"));
+  robot.moveBrick(1, at({3.0, 3.0, 0.1}));
+  robot.grasp(0);
+  ASSERT_EQ(robot.sim.world().heldBrick(), 0);
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.6), 3.0);
+  robot.moveBrick(1, at(robot.underTool(Robot::kReach_m, 0.1), 0.3));
+  EXPECT_EQ(robot.judged().load_contacts, 0) << "with the ground that it was taken from";
+  robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.3995), 3.0);  // both are 0.2 m high
+  robot.run(0.5);
+  EXPECT_EQ(robot.judged().load_contacts, 1);
+  EXPECT_EQ(robot.judged().collisions, 0);
+  EXPECT_TRUE(says(robot.incidents, "contact of the carried brick_0 with brick_1"));
+}
+
 TEST(Simulation, PressingHardStopsTheArm) {
   Robot robot(configFor("single_brick"));
   robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.05), 3.0);

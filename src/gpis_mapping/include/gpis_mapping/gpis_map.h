@@ -25,6 +25,7 @@ namespace gpis_mapping {
 
 class Frame;
 struct CameraMotion;
+struct FrameBlanket;
 
 /// What one update did, and how long each stage took [ms].
 struct UpdateStatistics {
@@ -81,9 +82,9 @@ class GpisMap {
 
   /// Takes in one depth image seen from `T_map_camera` (optical frame to map) at `stamp_s` [s].
   /// Throws std::invalid_argument, and leaves the map as it was, if the image does not fit the camera, the camera is
-  /// impossible, or pose or stamp are not finite or the pose is no rigid motion.
+  /// impossible, or pose or stamp are not finite or the pose is no rigid motion. `blanket`: filled, unless null.
   UpdateStatistics update(const DepthImage& image, const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
-                          double stamp_s);
+                          double stamp_s, FrameBlanket* blanket = nullptr);
 
   /// Forgets what lies inside the box: points, and that space was seen free there. `T_map_box` is the pose of its centre,
   /// `size_m` its edge lengths. Returns the points removed [m, map frame]. Throws std::invalid_argument, and leaves the map

@@ -37,6 +37,19 @@ enum class PointOutcome {
   kMissing,   // its pixel is a hole, although the sensor measured the point from about here
 };
 
+/// A frame's 2.5D^-1 map with eq 7's tolerance about it, for display. A row-major grid over the image.
+struct FrameBlanket {
+  /// On one ray, map frame [m]: the mean, and where a point of the map known best would be deleted or occluded. No farther
+  /// than `max_range_m`, where the virtual wall so stands. NaN: the frame says nothing here.
+  struct Knot {
+    Eigen::Vector3f nearer, seen, farther;
+    bool is_wall;
+  };
+  int columns{0};
+  std::vector<Knot> knots;
+  Eigen::Vector3d camera_map{Eigen::Vector3d::Zero()};
+};
+
 /// How fast the camera moved when the image was taken.
 struct CameraMotion {
   double speed_mps{0.0};
@@ -71,6 +84,9 @@ class Frame {
   /// the near pixel's side of the depth edge. None where no single surface shows.
   std::optional<SurfaceMeasurement> measure(double u, double v) const { return measure(u, v, map_.infer(u, v)); }
 
+  /// Every `stride_px`-th pixel.
+  FrameBlanket blanket(int stride_px) const;
+
   /// Algorithm 1 for one point: compares it with the frame (eq 7), and moves it and firms it up if it is fused.
   PointOutcome apply(SurfacePoint* point) const;
 
@@ -92,6 +108,9 @@ class Frame {
   PointOutcome fuse(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera, SurfacePoint* point) const;
   /// Variance [m^2], across a surface of that normal at that point, that the camera's pose causes; camera frame.
   double poseVariance(const Eigen::Vector3d& p_camera, const Eigen::Vector3d& normal_camera) const;
+  /// Eq 7's g sigma [1/m] at a point of this variance. `facing`: the flatter normal there; `across`: cosine of incidence.
+  double tolerance(const Eigen::Vector3d& p_camera, const Eigen::Vector3d& facing, double across, double variance_m2,
+                   double seen_sigma) const;
   /// Would the sensor measure the point from here, as it did when it saw the point last?
   bool isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera, std::size_t pixel) const;
   /// A look that speaks against the point without deciding: several running do.

@@ -56,10 +56,12 @@ struct GpisMappingParams {
   gpis_mapping::GroundOptions ground;
 
   struct Attached {
+    bool clear{false};
     double padding_m{0.01};
     double pushed_m{0.05};
 
     static void fields(Attached& c, interactive_mapping::Fields& f) {
+      f("clear", c.clear, "true: clear the place of a brick when the magnet takes it; false: images alone do it");
       f("padding_m", c.padding_m, 0.0, 0.1, "m", "on each side of the place of the brick, which is cleared");
       f("pushed_m", c.pushed_m, 0.0, 0.2, "m", "beside, on the side of the tool: the touch may have pushed the brick");
     }
@@ -85,7 +87,7 @@ struct GpisMappingParams {
     f.section("output", c.output);
     f.section("slice", c.slice, "the plane of distances");
     f.section("ground", c.ground, "the projection from above");
-    f.section("attached", c.attached, "what the magnet took leaves the map");
+    f.section("attached", c.attached, "what the magnet takes; for comparison");
     f.section("storage", c.storage);
   }
 

@@ -75,7 +75,8 @@ class GpisMappingRos {
 
   MapState state() const;
   /// Publishes the map's present snapshot as the state. Call with map_mutex_ held.
-  void takeState(const ros::Time& stamp, bool is_new_map, const std::vector<Eigen::Vector3d>& removed);
+  void takeState(const ros::Time& stamp, bool is_new_map, const std::vector<Eigen::Vector3d>& removed,
+                 std::shared_ptr<const gpis_mapping::FrameBlanket> blanket = nullptr);
   /// Writes the map to `path`; returns its number of points. Throws gpis_mapping::MapFileError.
   std::size_t save(const std::string& path);
   /// Replaces the map by the file's. Returns what the caller should know, or nothing. Throws MapFileError and

@@ -14,11 +14,13 @@
 #include <std_msgs/ColorRGBA.h>
 #include <std_msgs/Header.h>
 #include <visualization_msgs/Marker.h>
+#include <visualization_msgs/MarkerArray.h>
 
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/ground_projection.h"
 #include "gpis_mapping/map_snapshot.h"
 #include "gpis_mapping/mesh_extractor.h"
+#include "gpis_mapping/point_update.h"
 #include "gpis_mapping_ros/gpis_mapping_params.h"
 
 namespace gpis_mapping_ros {
@@ -60,6 +62,10 @@ sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::H
 /// A square per cell: blue outside, white on the surface, red inside; full at kSliceColorRange_m.
 visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Header& header);
 constexpr double kSliceColorRange_m = 0.25;
+
+/// Triangle lists `seen` (the virtual wall dark), `nearer` and `farther`. None spans a depth edge, kBlanketEdge of the range.
+visualization_msgs::MarkerArray toMarkers(const gpis_mapping::FrameBlanket& blanket, const std_msgs::Header& header);
+constexpr float kBlanketEdge = 0.1f;
 
 interactive_mapping_msgs::MapUpdate toMapUpdate(const gpis_mapping::UpdateStatistics& statistics,
                                                 const std_msgs::Header& header, std::uint64_t update, double wait_ms);

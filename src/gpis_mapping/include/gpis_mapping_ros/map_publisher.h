@@ -21,6 +21,7 @@
 
 #include "gpis_mapping/map_snapshot.h"
 #include "gpis_mapping/mesh_extractor.h"
+#include "gpis_mapping/point_update.h"
 #include "gpis_mapping_ros/gpis_mapping_params.h"
 
 namespace gpis_mapping_ros {
@@ -28,14 +29,16 @@ namespace gpis_mapping_ros {
 /// The map after an update, as all readers see it.
 struct MapState {
   std::shared_ptr<const gpis_mapping::MapSnapshot> snapshot;
+  std::shared_ptr<const gpis_mapping::FrameBlanket>
+      blanket;                  // of the last image; null: nobody asked, or it was no image
   ros::Time stamp;              // of the last image in it
   std::uint64_t generation{0};  // rises when the map is replaced: cleared, loaded
   std::uint64_t revision{0};    // rises with every change
 };
 
 /// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
-/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~ground`, `~slice`, `~slice_marker`. Whoever subscribes gets the current state
-/// at once. With `every_image` nothing is left out: setState() returns when its state has been published. All methods
+/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~frame_map`, `~ground`, `~slice`, `~slice_marker`. A new
+/// subscriber gets the current state at once. With `every_image` nothing is left out: setState() returns when its state has been published. All methods
 /// may be called from any thread.
 class MapPublisher {
  public:
@@ -46,6 +49,8 @@ class MapPublisher {
 
   /// `removed_points_map`: what the update deleted.
   void setState(const MapState& state, const std::vector<Eigen::Vector3d>& removed_points_map);
+  /// Whether somebody subscribes to `~frame_map`, for which a state needs its `blanket`.
+  bool wantsBlanket() const;
   void setOutput(const GpisMappingParams::Output& output);
   void setSliceHeight(double height_m);
   /// Called, from a callback thread, when somebody drags the slice in rviz.
@@ -85,7 +90,7 @@ class MapPublisher {
   std::deque<std::pair<ros::Time, std::vector<Eigen::Vector3d>>> removed_;  // with the time they were removed
   std::function<void(double)> on_slice_dragged_;
   std::string last_error_;
-  Output mesh_, marker_, points_, removed_points_, ground_, slice_cloud_, slice_marker_;
+  Output mesh_, marker_, points_, removed_points_, frame_map_, ground_, slice_cloud_, slice_marker_;
 
   // Of the worker alone.
   std::unique_ptr<gpis_mapping::MeshExtractor> extractor_;

@@ -36,6 +36,7 @@ constexpr double kFineLattice_m = 1e-5;            // to choose them by position
 constexpr double kDisplaced_m = 0.02;
 constexpr int kMaxDisplaced = 5;
 constexpr int kMaxSuspectLooks = 2;      // a small piece that is missing goes at the second look running
+constexpr int kBlanketStride_px = 4;     // a tile of the 2.5D^-1 map
 constexpr double kMaxMotionGap_s = 1.0;  // poses farther apart in time tell nothing about the camera's speed
 
 class Stopwatch {
@@ -186,7 +187,7 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
 }
 
 UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& camera,
-                                 const Eigen::Isometry3d& T_map_camera, double stamp_s) {
+                                 const Eigen::Isometry3d& T_map_camera, double stamp_s, FrameBlanket* blanket) {
   requireRigid(T_map_camera, "camera pose");
   if (!(std::abs(stamp_s) <= kMaxStamp_s)) {  // true for NaN
     std::ostringstream text;
@@ -213,6 +214,7 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   statistics.regress_ms = stage.lap();
 
   allowForMisalignment(&frame);
+  if (blanket != nullptr) *blanket = frame.blanket(kBlanketStride_px);
   fuseAndDelete(frame, classified.get(), &statistics);
   learnView(*classified);
   statistics.fuse_ms = stage.lap();

@@ -182,6 +182,50 @@ std::optional<SurfaceMeasurement> Frame::measure(double u, double v, const Frame
   return result;
 }
 
+double Frame::tolerance(const Eigen::Vector3d& p_camera, const Eigen::Vector3d& facing, double across,
+                        double variance_m2, double seen_sigma) const {
+  const double per_metre = 1.0 / p_camera.squaredNorm();  // change of inverse range per metre of range
+  const double seen_off = facing.dot(misalignment_.shift_m + misalignment_.turn_rad.cross(p_camera));
+  const double own_variance = (variance_m2 + poseVariance(p_camera, facing) + seen_off * seen_off) / (across * across) +
+                              correlatedVariance(p_camera.z());
+  const double sigma = std::sqrt(seen_sigma * seen_sigma + own_variance * per_metre * per_metre);
+  return std::max(config_.dynamic.tolerance_sigmas * sigma, config_.dynamic.min_tolerance_m / across * per_metre);
+}
+
+FrameBlanket Frame::blanket(int stride_px) const {
+  const CameraModel& camera = this->camera();
+  const double variance_m2 = config_.surface.min_noise_std_m * config_.surface.min_noise_std_m;
+  FrameBlanket blanket;
+  blanket.columns = (camera.width - 1) / stride_px + 1;
+  blanket.camera_map = T_map_camera_.translation();
+  for (int v = 0; v < camera.height; v += stride_px) {
+    for (int u = 0; u < camera.width; u += stride_px) {
+      const std::size_t pixel = pixels_->index(u, v);
+      const Eigen::Vector3d ray = camera.ray(u, v).normalized();
+      const FrameMap::Inference seen = map_.infer(u, v);
+      const double least_inverse_range = 1.0 / config_.sensor.max_range_m;
+      const Eigen::Vector3d p = ray / std::max(seen.inverse_range, least_inverse_range);
+      Eigen::Vector3d n = -ray;
+      double nearest = seen.inverse_range;
+      if (seen.smooth) {
+        n = map_.trendNormal(u, v).cast<double>();
+      } else {
+        nearest = std::max<double>(nearest, map_.nearestAround(u, v));
+      }
+      const double tolerance =
+          this->tolerance(p, n, std::max(kMaxObliqueCosine, std::abs(n.dot(ray))), variance_m2, seen.sigma);
+      const bool is_told = isMeasured(pixels_->kind[pixel]) && pixels_->blocked[pixel] == Block::kNone;
+      const auto at = [&](double inverse_range) -> Eigen::Vector3f {
+        if (!is_told) return Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
+        return (T_map_camera_ * (ray / std::max(inverse_range, least_inverse_range))).cast<float>();
+      };
+      blanket.knots.push_back({at(nearest + tolerance), at(seen.inverse_range), at(seen.inverse_range - tolerance),
+                               pixels_->kind[pixel] == PixelKind::kWall});
+    }
+  }
+  return blanket;
+}
+
 PointOutcome Frame::apply(SurfacePoint* point) const {
   const CameraModel& camera = this->camera();
   const Eigen::Vector3d p = T_camera_map_ * point->position_map;
@@ -201,7 +245,6 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
 
   const double range = p.norm();
   const double inverse_range = 1.0 / range;
-  const double per_metre = inverse_range * inverse_range;  // change of inverse range per metre of range
   const Eigen::Vector3f n = (T_camera_map_.linear() * point->normal_map.cast<double>()).cast<float>();
   const double cosine = -n.cast<double>().dot(p) / range;
   const double across = std::max(kMaxObliqueCosine, std::abs(cosine));
@@ -209,12 +252,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   // A displaced look at one surface is as far off as its slope makes it: were it the same, both slopes would agree.
   const Eigen::Vector3f seen_n = seen.smooth ? map_.trendNormal(u, v) : n;
   const Eigen::Vector3d facing = (seen_n.dot(p.cast<float>()) < n.dot(p.cast<float>()) ? seen_n : n).cast<double>();
-  const double seen_off = facing.dot(misalignment_.shift_m + misalignment_.turn_rad.cross(p));
-  const double own_variance = (point->variance_m2 + poseVariance(p, facing) + seen_off * seen_off) / (across * across) +
-                              correlatedVariance(p.z());
-  const double sigma = std::sqrt(seen.sigma * seen.sigma + own_variance * per_metre * per_metre);
-  const double tolerance =
-      std::max(config_.dynamic.tolerance_sigmas * sigma, config_.dynamic.min_tolerance_m / across * per_metre);
+  const double tolerance = this->tolerance(p, facing, across, point->variance_m2, seen.sigma);
 
   if (block == Block::kNarrow) {
     // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look

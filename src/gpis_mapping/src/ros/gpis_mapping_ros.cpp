@@ -84,12 +84,14 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
     live_->edit([height_m](GpisMappingParamsWithMap& params) { params.slice.height_m = height_m; });
   });
 
+  if (params_.attached.clear) {
+    attached_subscriber_ = ros::NodeHandle(nh).subscribe("attached_brick", 5, &GpisMappingRos::onAttached, this);
+  }
   query_server_ = pnh.advertiseService("query", &GpisMappingRos::onQuery, this);
   save_server_ = pnh.advertiseService("save_map", &GpisMappingRos::onSave, this);
   load_server_ = pnh.advertiseService("load_map", &GpisMappingRos::onLoad, this);
   clear_server_ = pnh.advertiseService("clear_map", &GpisMappingRos::onClear, this);
   clear_box_server_ = pnh.advertiseService("clear_box", &GpisMappingRos::onClearBox, this);
-  attached_subscriber_ = ros::NodeHandle(nh).subscribe("attached_brick", 5, &GpisMappingRos::onAttached, this);
 
   diagnostics_.setHardwareID("none");
   diagnostics_.add("input", this, &GpisMappingRos::diagnoseInput);
@@ -128,13 +130,15 @@ Refusal GpisMappingRos::consume(const DepthInputFrame& frame) {
     const std::lock_guard<std::mutex> lock(map_mutex_);
     clearAttached();
     gpis_mapping::UpdateStatistics statistics;
+    std::shared_ptr<gpis_mapping::FrameBlanket> blanket;
+    if (publisher_.wantsBlanket()) blanket = std::make_shared<gpis_mapping::FrameBlanket>();
     try {
-      statistics = map_->update(frame.image, frame.camera, frame.T_map_camera, frame.stamp.toSec());
+      statistics = map_->update(frame.image, frame.camera, frame.T_map_camera, frame.stamp.toSec(), blanket.get());
     } catch (const std::exception& error) {
       // What the update had done before it failed is part of the map; readers see a consistent snapshot either way.
       return {FrameStatus::kRefusedByMap, error.what()};
     }
-    takeState(frame.stamp, false, statistics.removed_points_map);
+    takeState(frame.stamp, false, statistics.removed_points_map, std::move(blanket));
     std_msgs::Header header;
     header.stamp = frame.stamp;
     header.frame_id = params_.input.map_frame;
@@ -180,11 +184,13 @@ MapState GpisMappingRos::state() const {
   return state_;
 }
 
-void GpisMappingRos::takeState(const ros::Time& stamp, bool is_new_map, const std::vector<Eigen::Vector3d>& removed) {
+void GpisMappingRos::takeState(const ros::Time& stamp, bool is_new_map, const std::vector<Eigen::Vector3d>& removed,
+                               std::shared_ptr<const gpis_mapping::FrameBlanket> blanket) {
   MapState next;
   {
     const std::lock_guard<std::mutex> lock(state_mutex_);
     state_.snapshot = map_->snapshot();
+    state_.blanket = std::move(blanket);
     state_.stamp = stamp;
     if (is_new_map) ++state_.generation;
     ++state_.revision;

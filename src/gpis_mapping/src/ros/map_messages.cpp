@@ -291,6 +291,59 @@ visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Hea
   return marker;
 }
 
+visualization_msgs::MarkerArray toMarkers(const gpis_mapping::FrameBlanket& blanket, const std_msgs::Header& header) {
+  using Knot = gpis_mapping::FrameBlanket::Knot;
+  const Eigen::Vector3f eye_map = blanket.camera_map.cast<float>();
+  const auto isSheet = [&](const Knot& a, const Knot& b) {
+    const float range_a = (a.seen - eye_map).norm(), range_b = (b.seen - eye_map).norm();
+    return std::abs(range_a - range_b) <= kBlanketEdge * std::min(range_a, range_b);  // false for NaN
+  };
+  struct Layer {
+    const char* name;
+    const Eigen::Vector3f Knot::*place;
+    std::array<float, 3> color;
+    float alpha;  // 1 throughout: rviz draws a list with one transparent corner after and over all others
+  };
+  static constexpr std::array<float, 3> kWallColor{0.25f, 0.25f, 0.3f};
+  static const std::array<Layer, 3> kLayers{{{"seen", &Knot::seen, {0.85f, 0.85f, 0.85f}, 1.0f},
+                                             {"nearer", &Knot::nearer, {0.95f, 0.6f, 0.1f}, 0.35f},
+                                             {"farther", &Knot::farther, {0.2f, 0.45f, 0.9f}, 0.35f}}};
+  const auto columns = static_cast<std::size_t>(blanket.columns);
+  visualization_msgs::MarkerArray markers;
+  for (const Layer& layer : kLayers) {
+    visualization_msgs::Marker marker;
+    marker.header = header;
+    marker.ns = layer.name;
+    marker.type = visualization_msgs::Marker::TRIANGLE_LIST;
+    marker.pose.orientation.w = marker.scale.x = marker.scale.y = marker.scale.z = 1.0;
+    marker.color.a = 1.0f;
+    const auto add = [&](const Knot& a, const Knot& b, const Knot& c) {
+      if (!isSheet(a, b) || !isSheet(b, c) || !isSheet(c, a)) return;
+      const Eigen::Vector3f normal = (b.seen - a.seen).cross(c.seen - a.seen).normalized();
+      const float light = lightOn(normal.dot(eye_map - a.seen) < 0.0f ? -normal : normal);
+      for (const Knot* knot : {&a, &b, &c}) {
+        const auto& [red, green, blue] = knot->is_wall ? kWallColor : layer.color;
+        marker.points.push_back(toPoint((knot->*layer.place).cast<double>()));
+        marker.colors.emplace_back();
+        marker.colors.back().r = light * red;
+        marker.colors.back().g = light * green;
+        marker.colors.back().b = light * blue;
+        marker.colors.back().a = layer.alpha;
+      }
+    };
+    for (std::size_t i = columns; i < blanket.knots.size(); ++i) {
+      if (i % columns == 0) continue;
+      const Knot &here = blanket.knots[i], &left = blanket.knots[i - 1];
+      const Knot &above = blanket.knots[i - columns], &corner = blanket.knots[i - columns - 1];
+      add(corner, left, here);
+      add(corner, here, above);
+    }
+    if (marker.points.empty()) marker.action = visualization_msgs::Marker::DELETE;
+    markers.markers.push_back(std::move(marker));
+  }
+  return markers;
+}
+
 interactive_mapping_msgs::MapUpdate toMapUpdate(const gpis_mapping::UpdateStatistics& statistics,
                                                 const std_msgs::Header& header, std::uint64_t update, double wait_ms) {
   interactive_mapping_msgs::MapUpdate message;

@@ -9,6 +9,7 @@
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/InteractiveMarker.h>
 #include <visualization_msgs/Marker.h>
+#include <visualization_msgs/MarkerArray.h>
 
 #include "gpis_mapping/ground_projection.h"
 #include "gpis_mapping_ros/map_messages.h"
@@ -49,6 +50,7 @@ MapPublisher::MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingP
   advertise(&marker_, visualization_msgs::Marker(), "mesh_marker");
   advertise(&points_, sensor_msgs::PointCloud2(), "points");
   advertise(&removed_points_, sensor_msgs::PointCloud2(), "removed_points");
+  advertise(&frame_map_, visualization_msgs::MarkerArray(), "frame_map");
   advertise(&ground_, nav_msgs::OccupancyGrid(), "ground");
   advertise(&slice_cloud_, sensor_msgs::PointCloud2(), "slice");
   advertise(&slice_marker_, visualization_msgs::Marker(), "slice_marker");
@@ -62,7 +64,8 @@ MapPublisher::~MapPublisher() {
   }
   changed_.notify_all();
   worker_.join();
-  for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_, &slice_marker_}) {
+  for (Output* output :
+       {&mesh_, &marker_, &points_, &removed_points_, &frame_map_, &ground_, &slice_cloud_, &slice_marker_}) {
     output->publisher.shutdown();  // no callback of theirs may find this object gone
   }
 }
@@ -82,7 +85,8 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
       total -= removed_.front().second.size();
       removed_.pop_front();
     }
-    for (Output* output : {&mesh_, &marker_, &points_, &removed_points_, &ground_, &slice_cloud_, &slice_marker_}) {
+    for (Output* output :
+         {&mesh_, &marker_, &points_, &removed_points_, &frame_map_, &ground_, &slice_cloud_, &slice_marker_}) {
       output->is_stale = true;
     }
     has_news_ = true;
@@ -93,6 +97,11 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
   if (!waits) return;
   std::unique_lock<std::mutex> lock(mutex_);
   changed_.wait(lock, [this, number] { return is_stopping_ || num_states_published_ >= number; });
+}
+
+bool MapPublisher::wantsBlanket() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return frame_map_.publisher.getNumSubscribers() > 0;
 }
 
 void MapPublisher::setOutput(const GpisMappingParams::Output& output) {
@@ -189,6 +198,7 @@ void MapPublisher::publish() {
   bool wants_marker = false;
   bool wants_points = false;
   bool wants_removed_points = false;
+  bool wants_frame_map = false;
   bool wants_ground = false;
   bool wants_slice_cloud = false;
   bool wants_slice_marker = false;
@@ -205,6 +215,7 @@ void MapPublisher::publish() {
     wants_marker = takeWanted(&marker_);
     wants_points = takeWanted(&points_);
     wants_removed_points = takeWanted(&removed_points_);
+    wants_frame_map = state.blanket && takeWanted(&frame_map_);
     wants_ground = takeWanted(&ground_);
     wants_slice_cloud = takeWanted(&slice_cloud_);
     wants_slice_marker = takeWanted(&slice_marker_);
@@ -235,6 +246,10 @@ void MapPublisher::publish() {
   if (wants_removed_points) {
     removed_points_.publisher.publish(
         boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(removed, header)));
+  }
+  if (wants_frame_map) {
+    frame_map_.publisher.publish(
+        boost::make_shared<const visualization_msgs::MarkerArray>(toMarkers(*state.blanket, header)));
   }
   if (wants_ground) {
     const auto grid = gpis_mapping::projectToGround(*state.snapshot, ground_options_);

@@ -227,5 +227,45 @@ TEST_F(PointUpdate, WhatAnExplainedGapIsSeenPastGoesAfterSomeLooks) {
   }
 }
 
+TEST_F(PointUpdate, BlanketIsWherePointsAreDeletedAndKept) {
+  constexpr int kStride = 4, kU = 80, kV = 60;
+  const Eigen::Isometry3d T_map_camera = motionBy({0.3, -0.2, 1.0}, {0.1, 0.9, -0.3});
+  for (const Plane& plane : {kFacing, kSlanted}) {
+    const Frame frame = frameOf({plane}, T_map_camera);
+    const FrameBlanket blanket = frame.blanket(kStride);
+    ASSERT_EQ(blanket.columns, 40);
+    ASSERT_EQ(blanket.knots.size(), 40u * 30u);
+    const FrameBlanket::Knot& knot = blanket.knots[kV / kStride * 40 + kU / kStride];
+    EXPECT_FALSE(knot.is_wall);
+    const auto outcome = [&](const Eigen::Vector3f& border, double share) {
+      const Eigen::Vector3f p = knot.seen + static_cast<float>(share) * (border - knot.seen);
+      SurfacePoint point =
+          surfacePoint(p.cast<double>(), T_map_camera.linear() * plane.n, config_.surface.min_noise_std_m);
+      return frame.apply(&point);
+    };
+    // Inverse range is not linear in range, and the point's pixel may be the next one: some per cent of the tolerance.
+    EXPECT_EQ(outcome(knot.nearer, 0.9), PointOutcome::kFused);
+    EXPECT_EQ(outcome(knot.nearer, 1.1), PointOutcome::kDeleted);
+    EXPECT_EQ(outcome(knot.farther, 0.9), PointOutcome::kFused);
+    EXPECT_NE(outcome(knot.farther, 1.1), PointOutcome::kFused);
+  }
+}
+
+TEST_F(PointUpdate, BlanketEndsAtWallAndWhereNothingIsTold) {
+  pixels_ = makeFrame(kCamera, [this](int u, int) { return u < 80 ? config_.frame_map.wall_range_m : 2.0; });
+  for (int v = 0; v < kCamera.height; ++v) {
+    for (int u = 0; u < 80; ++u) pixels_->kind[pixels_->index(u, v)] = PixelKind::kWall;
+    pixels_->blocked[pixels_->index(120, v)] = Block::kNoInformation;
+  }
+  const FrameBlanket blanket = frameOf(Eigen::Isometry3d::Identity()).blanket(4);
+  EXPECT_TRUE(blanket.knots[5].is_wall);
+  EXPECT_NEAR(blanket.knots[5].seen.norm(), config_.sensor.max_range_m, 1e-5);
+  EXPECT_FALSE(blanket.knots[25].is_wall);
+  EXPECT_TRUE(blanket.knots[25].seen.allFinite());
+  EXPECT_FALSE(blanket.knots[30].seen.allFinite());
+  // The left border of what is near: up to there the raw depths spread.
+  EXPECT_LT(blanket.knots[20].nearer.z(), blanket.knots[25].nearer.z() + 0.01f);
+}
+
 }  // namespace
 }  // namespace gpis_mapping

@@ -85,6 +85,32 @@ TEST(MapMessages, MarkerTellsTheSidesOfABoxFromItsTopAndFromEachOther) {
   EXPECT_EQ(colors[3].g, colors[0].g) << "without a normal: the scale's own colour";
 }
 
+TEST(MapMessages, BlanketHasThreeSheetsWithoutTrianglesAcrossEdges) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  const auto knotAt = [](float x, float y, float z, bool is_wall) {
+    return gpis_mapping::FrameBlanket::Knot{{x, y, z - 0.1f}, {x, y, z}, {x, y, z + 0.1f}, is_wall};
+  };
+  gpis_mapping::FrameBlanket blanket;
+  blanket.columns = 5;  // a square of two triangles, an edge, a square of wall, and one without a corner
+  for (const float y : {0.0f, 0.1f}) {
+    blanket.knots.push_back(knotAt(0.0f, y, 1.0f, false));
+    blanket.knots.push_back(knotAt(0.1f, y, 1.0f, false));
+    blanket.knots.push_back(knotAt(0.2f, y, 1.5f, true));
+    blanket.knots.push_back(knotAt(0.3f, y, 1.5f, true));
+    blanket.knots.push_back(knotAt(0.4f, y, y == 0.0f ? kNan : 1.5f, true));
+  }
+  const visualization_msgs::MarkerArray array = toMarkers(blanket, header());
+  ASSERT_EQ(array.markers.size(), 3u);
+  for (const visualization_msgs::Marker& marker : array.markers) {
+    ASSERT_EQ(marker.points.size(), 15u) << marker.ns;
+    ASSERT_EQ(marker.colors.size(), 15u) << marker.ns;
+    const double offset_m = marker.ns == "nearer" ? -0.1 : marker.ns == "farther" ? 0.1 : 0.0;
+    for (std::size_t i = 0; i < 15; ++i) EXPECT_NEAR(marker.points[i].z, (i < 6 ? 1.0 : 1.5) + offset_m, 1e-6);
+    EXPECT_NE(marker.colors.front(), marker.colors.back()) << "the wall is another colour";
+  }
+  EXPECT_EQ(toMarkers({}, header()).markers.at(0).action, visualization_msgs::Marker::DELETE);
+}
+
 TEST(MapMessages, MarkerOfNothingDeletes) {
   EXPECT_EQ(toMarker(TriangleMesh(), header(), MeshColor::kHeight, 0.01).action, visualization_msgs::Marker::DELETE);
 }
