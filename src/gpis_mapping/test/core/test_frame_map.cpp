@@ -440,6 +440,29 @@ TEST(FitLocalPlane, StaysOnItsOwnSideOfAStepEdge) {
   }
 }
 
+TEST(FitLocalPlane, RefusesAPlaneThroughTwoSurfaces) {
+  // A step of five sigma is within the gate of three sigma on both sides of the plane between.
+  const GpisConfig config;
+  const CameraModel camera = smallCamera(64, 48);
+  const double sigma = config.sensor.noise.sigma(2.0);
+  std::mt19937 rng(12);
+  std::normal_distribution<double> normal;
+  const auto countFitted = [&](double step_m) {
+    int fitted = 0;
+    for (int trial = 0; trial < 100; ++trial) {
+      const auto frame =
+          makeFrame(camera, [&](int u, int) { return (u < 30 ? 2.0 : 2.0 + step_m) + sigma * normal(rng); });
+      for (int u = 24; u < 36; ++u) {  // the step within their patch
+        LocalPlane plane;
+        fitted += fitLocalPlane(*frame, camera, config.sensor.noise, u, 20, 0.02, &plane);
+      }
+    }
+    return fitted;
+  };
+  EXPECT_EQ(countFitted(0.0), 1200);  // a wall is never refused
+  EXPECT_LT(countFitted(5.0 * sigma), 600);
+}
+
 TEST(FitLocalPlane, RefusesTextureRougherThanTheNoise) {
   const GpisConfig config;
   const CameraModel camera = smallCamera(64, 48);
