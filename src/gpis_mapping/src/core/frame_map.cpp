@@ -273,7 +273,7 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
   constexpr int kPatchSteps = 3;     // the patch: 7 x 7 samples
   constexpr double kSeedRms = 2.5;   // [sigma] a seed that straddles an edge is no seed
   constexpr double kInlier = 3.0;    // [sigma]
-  constexpr double kPatchRms = 1.3;  // [sigma] a plane through two surfaces leaves more over
+  constexpr double kPatchRms = 1.5;  // [sigma] a plane through two surfaces leaves more over
   constexpr double kMinShare = 0.4;  // a pixel right beside a straight edge sees its surface in half the patch
   const std::size_t center = frame.index(u, v);
   if (frame.kind[center] != PixelKind::kSurface) return false;
