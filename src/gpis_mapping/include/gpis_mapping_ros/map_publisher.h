@@ -29,8 +29,8 @@ namespace gpis_mapping_ros {
 /// The map after an update, as all readers see it.
 struct MapState {
   std::shared_ptr<const gpis_mapping::MapSnapshot> snapshot;
-  std::shared_ptr<const gpis_mapping::FrameBlanket>
-      blanket;                  // of the last image; null: nobody asked, or it was no image
+  // Of the last image; null: nobody asked, or it was no image.
+  std::shared_ptr<const gpis_mapping::FrameBlanket> blanket;
   ros::Time stamp;              // of the last image in it
   std::uint64_t generation{0};  // rises when the map is replaced: cleared, loaded
   std::uint64_t revision{0};    // rises with every change
@@ -38,8 +38,8 @@ struct MapState {
 
 /// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
 /// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~frame_map`, `~ground`, `~slice`, `~slice_marker`. A new
-/// subscriber gets the current state at once. With `every_image` nothing is left out: setState() returns when its state has been published. All methods
-/// may be called from any thread.
+/// subscriber gets the current state at once. With `every_image` nothing is left out: setState() returns when its state
+/// has been published. All methods may be called from any thread.
 class MapPublisher {
  public:
   MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params);
