@@ -2,7 +2,7 @@
 """Mission after mission for hours of simulated time, in the same processes.
 
 When a mission has ended the base drives back to where it began, the bricks are laid down where they were, and the next mission is
-started: what the map knows is from the one before. Each begins with the survey from round about, and the map is
+started: what the map knows is from the one before. The map is
 bounded to the place of work, so that it has all the ground there is from the first on. At the end no process may have grown: of each, what it holds in the last
 quarter is compared with what it held in the second, when the map has had all the ground there is. The map's points are told
 beside it: a view that no mission had before shows new ground.

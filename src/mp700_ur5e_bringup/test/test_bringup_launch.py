@@ -350,7 +350,7 @@ class BringupLaunch(unittest.TestCase):
         self.assertEqual(self.nodes_of(*start, self.params_file("", "empty.yaml"))[0], 0)
         example = pathlib.Path(f"{self.package}/README.md").read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
         self.assertEqual(self.nodes_of(*start, self.params_file(example))[0], 0)
-        self.assertEqual(self.simulation(self.params_file(example)).params["/pick_mission/survey/round"], 0)
+        self.assertEqual(self.simulation(self.params_file(example)).params["/pick_mission/views/exclusion_radius_m"], 0.3)
         # A section for each node that reads parameters, the comparison's too.
         import runpy
         nodes = runpy.run_path(f"{self.package}/scripts/check_params", run_name="checked")["NODES"]

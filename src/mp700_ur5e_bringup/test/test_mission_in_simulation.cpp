@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The whole, from survey to the last brick: simulation.launch with its mission on four bricks. The mission says what it
+// The whole, from the first look to the last brick: simulation.launch with its mission on four bricks. The mission says what it
 // believes, the judge what is true, and the files of the run have to tell the same to whoever comes later.
 #include <algorithm>
 #include <fstream>

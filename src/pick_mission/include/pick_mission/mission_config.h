@@ -18,23 +18,17 @@ constexpr double kLongest_s = 86400.0;
 constexpr double kFarthest_m = 100.0;
 constexpr int kMost = 1000;
 
-/// Poses of base_link before the first selection. Those of the lists look towards the pile, so that ground is known to
-/// stand on.
+/// Poses of base_link before the first selection, where nothing is seen from the start that a view can be selected by.
 struct SurveyConfig {
-  std::vector<double> x_m{0.6, 1.2};
-  std::vector<double> y_m{0.0, 0.0};
-  std::vector<double> yaw_rad{0.0, 0.0};
-  int round{3};
-  double round_m{1.3};
+  std::vector<double> x_m{};
+  std::vector<double> y_m{};
+  std::vector<double> yaw_rad{};
 
   static void fields(SurveyConfig& c, interactive_mapping::Fields& f) {
     f("x_m", c.x_m, -kFarthest_m, kFarthest_m, "m",
       "x of the poses of base_link before the first selection, in the frame of its pose at the start");
-    f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y, as many; none, and round 0: no survey");
+    f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y, as many; none: one look from the start");
     f("yaw_rad", c.yaw_rad, -M_PI, M_PI, "rad", "yaw, as many");
-    f("round", c.round, 0, 12, "",
-      "poses after these, evenly round the bricks that were found, facing their middle; unreachable ones are left out");
-    f("round_m", c.round_m, 0.5, 5.0, "m", "distance of such a pose from the outermost brick in its direction");
     const auto size = [](const std::vector<double>& list) { return std::to_string(list.size()); };
     f.require(c.x_m.size() == c.y_m.size() && c.x_m.size() == c.yaw_rad.size(),
               "x_m, y_m, yaw_rad = " + size(c.x_m) + ", " + size(c.y_m) + ", " + size(c.yaw_rad) +
@@ -109,7 +103,7 @@ struct AttemptLimits {
 };
 
 struct ViewLimits {
-  bool choose_after_each_pick{false};
+  bool choose_after_each_pick{true};
   int max_fruitless{8};
   int leave_after{3};
   double leave_radius_m{1.5};
@@ -145,8 +139,8 @@ inline constexpr interactive_mapping::Names<WorkspaceFrame> kWorkspaceFrameNames
 /// What is to be cleared of bricks: its ground is looked at before the mission says that no brick is left.
 struct WorkspaceConfig {
   WorkspaceFrame frame{WorkspaceFrame::kStart};
-  std::vector<double> x_m{};
-  std::vector<double> y_m{};
+  std::vector<double> x_m{1.0, 7.0, 7.0, 1.0};  // a box before the robot that holds each shipped scene
+  std::vector<double> y_m{-2.5, -2.5, 2.5, 2.5};
 
   static void fields(WorkspaceConfig& c, interactive_mapping::Fields& f) {
     f("frame", c.frame, kWorkspaceFrameNames, "of the corners: map, or start, the robot's pose at the start");

@@ -33,8 +33,6 @@ struct Memory {
   std::optional<Pose2d> start_pose;
   Pose2d base;
   std::size_t survey_index{0};
-  std::vector<Pose2d> round;  // survey poses round the bricks
-  bool is_round_planned{false};
 
   BrickLedger ledger;
   std::optional<int> brick_in_hand;
@@ -70,8 +68,6 @@ struct Memory {
     visit("start_pose", self.start_pose);
     visit("base", self.base);
     visit("survey_index", self.survey_index);
-    visit("round", self.round);
-    visit("is_round_planned", self.is_round_planned);
     visit("bricks", self.ledger);
     visit("brick_in_hand", self.brick_in_hand);
     visit("pick_running", self.pick_running);

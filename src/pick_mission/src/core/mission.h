@@ -103,15 +103,13 @@ Command begin(Mission& mission);
 
 // --- places.cpp -----------------------------------------------------------------------------------------------------
 
-/// The configured poses of the survey, then those round the bricks. `index`: below their number.
+/// `index`: below their number.
 std::size_t numSurveyPoses(const Mission& mission);
 Pose2d surveyPose(const Mission& mission, std::size_t index);
 
 /// Corners in the map.
 std::vector<Eigen::Vector2d> workspaceOf(const Mission& mission);
 
-/// Once, when the configured poses are done: evenly round the bricks that were found, from where the robot stands on.
-void planRound(Mission& mission);
 
 /// After views without a pick: about the bricks that were tried more often than others. Empty if there are none, or
 /// nothing else was worth it.

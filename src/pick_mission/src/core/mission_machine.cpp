@@ -271,7 +271,6 @@ void MissionMachine::Impl::fireFor(const Reaction& reaction, Cause cause) {
 void MissionMachine::Impl::enter() {
   switch (mission_.state) {
     case State::kChoose:
-      planRound(mission_);
       excludeFruitlessView(mission_);
       [[fallthrough]];
     case State::kBegin:

@@ -20,12 +20,11 @@ bool isSamePlace(const Pose2d& a, const Pose2d& b) {
 }  // namespace
 
 std::size_t numSurveyPoses(const Mission& mission) {
-  return mission.config.survey.x_m.size() + mission.memory.round.size();
+  return mission.config.survey.x_m.size();
 }
 
 Pose2d surveyPose(const Mission& mission, std::size_t index) {
   const MissionConfig& config = mission.config;
-  if (index >= config.survey.x_m.size()) return mission.memory.round[index - config.survey.x_m.size()];
   return base_navigation::compose(*mission.memory.start_pose,
                                   {config.survey.x_m[index], config.survey.y_m[index], config.survey.yaw_rad[index]});
 }
@@ -36,32 +35,6 @@ std::vector<Eigen::Vector2d> workspaceOf(const Mission& mission) {
   if (workspace.frame == WorkspaceFrame::kMap) return corners;
   for (Eigen::Vector2d& corner : corners) corner = base_navigation::transform(*mission.memory.start_pose, corner);
   return corners;
-}
-
-void planRound(Mission& mission) {
-  const MissionConfig& config = mission.config;
-  Memory& memory = mission.memory;
-  if (memory.is_round_planned || memory.survey_index < config.survey.x_m.size()) return;
-  std::vector<Eigen::Vector2d> bricks;
-  Eigen::AlignedBox2d extent;
-  for (const auto& [id, record] : memory.ledger.bricks()) {
-    if (!record.is_there || record.is_picked) continue;
-    bricks.emplace_back(record.seen.T_map_brick.translation().head<2>());
-    extent.extend(bricks.back());
-  }
-  if (bricks.empty()) return;
-  memory.is_round_planned = true;
-  const Eigen::Vector2d middle = extent.center();
-  const Eigen::Vector2d to_robot = memory.base.position() - middle;
-  const double first_rad = std::atan2(to_robot.y(), to_robot.x());
-  for (int k = 1; k <= config.survey.round; ++k) {
-    const double angle_rad = first_rad + 2.0 * M_PI * k / (config.survey.round + 1);
-    const Eigen::Vector2d outward(std::cos(angle_rad), std::sin(angle_rad));
-    double outermost_m = 0.0;
-    for (const Eigen::Vector2d& brick : bricks) outermost_m = std::max(outermost_m, outward.dot(brick - middle));
-    const Eigen::Vector2d place = middle + (outermost_m + config.survey.round_m) * outward;
-    memory.round.push_back({place.x(), place.y(), base_navigation::wrapAngle(angle_rad + M_PI)});
-  }
 }
 
 std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission) {

@@ -29,7 +29,7 @@ ToyMission missionThatComesTo(State target) {
     world.bricks[1].is_gone = true;
     world.hand = 1;
   }
-  return {MissionConfig{}, std::move(world)};
+  return {surveying(), std::move(world)};
 }
 
 /// A stand-in for the world where results have contents.

@@ -17,13 +17,13 @@ using testing::HasSubstr;
 
 /// A selection after every pick and every failure.
 MissionConfig choosing() {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.views.choose_after_each_pick = true;
   return config;
 }
 
 TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
-  ToyMission run({}, ToyWorld::ofStacks({3, 1, 2}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({3, 1, 2}));
   run.start();
   ASSERT_TRUE(run.toEnd());
   EXPECT_EQ(run.machine.state(), State::kEnded);
@@ -38,7 +38,7 @@ TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
 
 TEST(MissionMachine, ChoosesAgainAfterEachPickOnlyIfConfigured) {
   for (const bool each : {true, false}) {
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.views.choose_after_each_pick = each;
     ToyMission run(config, ToyWorld::ofStacks({3, 1}));
     EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
@@ -104,7 +104,7 @@ TEST(MissionMachine, StayingWithNothingToPickIsAFruitlessView) {
 
 TEST(MissionMachine, WorkspaceIsToldInTheMap) {
   for (const WorkspaceFrame frame : {WorkspaceFrame::kStart, WorkspaceFrame::kMap}) {
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.workspace = {frame, {1.0, 4.0, 4.0}, {0.0, 0.0, 2.0}};
     ToyMission run(config, ToyWorld::ofStacks({1}));
     event::Start start;
@@ -123,7 +123,7 @@ TEST(MissionMachine, WorkspaceIsToldInTheMap) {
 
 TEST(MissionMachine, ViewsThatShowNewGroundAreNotFruitless) {
   for (const bool shows_ground : {true, false}) {
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.views.max_fruitless = 3;
     ToyMission run(config, ToyWorld::ofStacks({1}));
     run.inject = [&](State action, int count) -> std::optional<Result> {
@@ -136,12 +136,24 @@ TEST(MissionMachine, ViewsThatShowNewGroundAreNotFruitless) {
   }
 }
 
+TEST(MissionMachine, LooksOnceFromTheStartAndThenSelectsByDefault) {
+  ToyMission run({}, ToyWorld::ofStacks({1}));
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  std::vector<State> actions;
+  for (const LogEntry& entry : run.log) {
+    if (isAction(entry.decision) && entry.decision != entry.state) actions.push_back(entry.decision);
+  }
+  ASSERT_GE(actions.size(), 6U);
+  actions.resize(6);
+  EXPECT_THAT(actions, testing::ElementsAre(State::kPlanClear, State::kClear, State::kLook, State::kDetect,
+                                            State::kSelect, State::kDrive));
+}
+
 TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.survey.x_m = {0.5, 1.0};
   config.survey.y_m = {0.0, 0.25};
   config.survey.yaw_rad = {0.0, 0.5};
-  config.survey.round = 0;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   event::Start start;
   start.T_map_base = {-3.0, 1.0, M_PI / 2.0};
@@ -169,66 +181,11 @@ TEST(MissionMachine, SurveysFromADistanceBeforeItSelects) {
   EXPECT_NEAR(goals[1].yaw_rad, M_PI / 2.0 + 0.5, 1e-12);
 }
 
-TEST(MissionMachine, SurveysFromRoundAboutWhatItFound) {
-  MissionConfig config;
-  config.survey.x_m = {1.0};
-  config.survey.y_m = config.survey.yaw_rad = {0.0};
-  config.survey.round = 3;
-  config.survey.round_m = 1.5;
-  ToyMission run(config, ToyWorld::ofStacks({1}));
-  int lost = 0;
-  run.inject = [&](State action, int count) -> std::optional<Result> {
-    // The second of the round cannot be driven to.
-    if (action == State::kDrive && count == 3 && ++lost > 0)
-      return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
-    if (action != State::kDetect) return std::nullopt;
-    DetectionResult result;
-    // Nothing is found before the first place: the round is planned there.
-    if (count == 1) return result;
-    for (const Eigen::Vector2d& at :
-         {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
-      SeenBrick brick;
-      brick.id = static_cast<int>(result.bricks.size());
-      brick.T_map_brick.translation().head<2>() = at;
-      brick.is_in_sector = false;
-      result.bricks.push_back(brick);
-    }
-    return result;
-  };
-  event::Start start;
-  start.T_map_base = {1.0, -3.75, M_PI / 2.0};  // one metre on it stands at (1, -2.75): not before the middle
-  start.hand = Hand::kEmpty;
-  run.tell(start);
-  while (run.world.running && run.world.commands_of[State::kSelect] == 0) run.advancePastTheWorld();
-  std::vector<Pose2d> goals;
-  for (const command::Drive& drive : run.sent<command::Drive>()) goals.push_back(drive.T_map_base);
-  ASSERT_EQ(goals.size(), 4u) << tail(run);
-  EXPECT_EQ(lost, 1);
-  const Eigen::Vector2d middle(2.0, 2.25);
-  const double first_rad = std::atan2(-2.75 - 2.25, 1.0 - 2.0);
-  for (int k = 1; k <= 3; ++k) {
-    const Pose2d& goal = goals[static_cast<std::size_t>(k)];
-    const double angle_rad = first_rad + k * M_PI / 2.0;
-    const Eigen::Vector2d outward(std::cos(angle_rad), std::sin(angle_rad));
-    const Eigen::Vector2d way = goal.position() - middle;
-    EXPECT_NEAR(outward.dot(way.normalized()), 1.0, 1e-9) << k;
-    double outermost_m = 0.0;
-    for (const Eigen::Vector2d& at :
-         {Eigen::Vector2d(1.0, 2.0), Eigen::Vector2d(3.0, 2.0), Eigen::Vector2d(2.0, 2.5)}) {
-      outermost_m = std::max(outermost_m, outward.dot(at - middle));
-    }
-    EXPECT_NEAR(way.norm(), outermost_m + 1.5, 1e-9) << k;
-    EXPECT_NEAR(std::cos(goal.yaw_rad), -outward.x(), 1e-9) << "looks at the middle";
-    EXPECT_NEAR(std::sin(goal.yaw_rad), -outward.y(), 1e-9);
-  }
-  // It is the survey of a mission that goes on after a crash, too.
-  const MissionMachine again = MissionMachine::fromJson(config, {}, run.machine.toJson());
-  EXPECT_EQ(again.toJson().at("round"), run.machine.toJson().at("round"));
-}
-
 // As many as the failures in a row that end a mission.
 TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
-  const MissionConfig config;
+  MissionConfig config = surveying();
+  config.survey.x_m.assign(static_cast<std::size_t>(config.attempts.max_failures_in_a_row), 0.6);
+  config.survey.y_m = config.survey.yaw_rad = std::vector<double>(config.survey.x_m.size(), 0.0);
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [&run](State action, int) -> std::optional<Result> {
     const bool is_survey = action == State::kDrive && run.world.commands_of[State::kSelect] == 0;
@@ -240,7 +197,7 @@ TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeDrivenToAreLeftOut) {
 }
 
 TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.attempts.max_failures_in_a_row = 2;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [&run](State action, int) -> std::optional<Result> {
@@ -254,7 +211,7 @@ TEST(MissionMachine, PlacesOfTheSurveyThatCannotBeGoneBackToAreNoFailuresInARow)
 }
 
 TEST(MissionMachine, PlansAndSelectsInTheMapOfTheLastLook) {
-  ToyMission run({}, ToyWorld::ofStacks({2, 1}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({2, 1}));
   run.start();
   double stamp_s = -1.0;
   int seen = 0;
@@ -318,7 +275,7 @@ TEST(MissionMachine, BrickThatStillHangsThereAfterItWasLetGoCountsOnceWhenItHasG
 }
 
 TEST(MissionMachine, DoesNotMoveWhileItIsNotKnownWhetherTheHandIsEmpty) {
-  ToyMission run({}, ToyWorld::ofStacks({1}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({1}));
   event::Start start;
   run.tell(start);
   EXPECT_EQ(run.machine.state(), State::kWait);
@@ -346,7 +303,7 @@ TEST(MissionMachine, BrickLostWhileStowedIsLookedForAndPickedAgain) {
 TEST(MissionMachine, BrickThatCannotBeHeldIsLeftAfterItsAttempts) {
   ToyWorld world = ToyWorld::ofStacks({1, 1});
   world.bricks[0].has_no_plate = true;
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.attempts.max_picks_per_brick = 2;
   config.bricks_total = 2;
   ToyMission run(config, world);
@@ -360,7 +317,7 @@ TEST(MissionMachine, BrickThatCannotBeHeldIsLeftAfterItsAttempts) {
 TEST(MissionMachine, FailureIsReportedBeforeTheNextSelectionAndThePlaceExcluded) {
   ToyWorld world = ToyWorld::ofStacks({1, 1});
   world.bricks[0].is_out_of_reach = true;
-  ToyMission run({}, world);
+  ToyMission run(surveying(), world);
   run.start();
   ASSERT_TRUE(run.toEnd());
   EXPECT_THAT(run.world.reports, testing::Contains("nothing could be picked from here"));
@@ -376,7 +333,7 @@ TEST(MissionMachine, FailureIsReportedBeforeTheNextSelectionAndThePlaceExcluded)
 
 TEST(MissionMachine, ProtectiveStopIsUnlockedByPolicyAlone) {
   for (const bool may_unlock : {false, true}) {
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.unlocks_protective_stop = may_unlock;
     ToyMission run(config, ToyWorld::ofStacks({1}));
     run.inject = endAs(State::kPick, ArmResult{ArmStatus::kProtectiveStop}, 1);
@@ -391,7 +348,7 @@ TEST(MissionMachine, ProtectiveStopIsUnlockedByPolicyAlone) {
 TEST(MissionMachine, EndsWhenTimeIsUpWithTheHandEmpty) {
   // The limit falls into everything once: into picks, drives, looks.
   for (double limit_s = 5.0; limit_s < 150.0; limit_s += 3.0) {
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.time.limit_s = limit_s;
     ToyMission run(config, ToyWorld::ofStacks({3, 3}));
     EXPECT_TRUE(run.endsAs(EndReason::kTimeUp));
@@ -403,7 +360,7 @@ TEST(MissionMachine, EndsWhenTimeIsUpWithTheHandEmpty) {
 }
 
 TEST(MissionMachine, StowsWhatItHoldsWhenTheMissionIsOver) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.attempts.max_failures_in_a_row = 1;
   ToyMission run(config, ToyWorld::ofStacks({2}));
   run.world.holds_when_pick_fails = true;
@@ -414,7 +371,7 @@ TEST(MissionMachine, StowsWhatItHoldsWhenTheMissionIsOver) {
 }
 
 TEST(MissionMachine, ActionThatNeverEndsIsCancelledAndCountsAsNoAnswer) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.start();
   while (run.world.action != State::kDrive) ASSERT_TRUE(run.advance());
@@ -436,7 +393,7 @@ TEST(MissionMachine, ActionThatNeverEndsIsCancelledAndCountsAsNoAnswer) {
 }
 
 TEST(MissionMachine, PickWithoutAnAnswerWaitsUntilTheHandIsKnown) {
-  ToyMission run({}, ToyWorld::ofStacks({2}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({2}));
   run.world.holds_when_pick_fails = true;
   run.inject = endAs(State::kPick, NoAnswer{}, 1);
   run.start();
@@ -452,7 +409,7 @@ TEST(MissionMachine, PickWithoutAnAnswerWaitsUntilTheHandIsKnown) {
 TEST(MissionMachine, ArmThatIsBusyWithSomethingElseIsWaitedFor) {
   for (const State busy : {State::kClear, State::kPick, State::kStow, State::kRecover}) {
     SCOPED_TRACE(toString(busy));
-    MissionConfig config;
+    MissionConfig config = surveying();
     ToyMission run(config, ToyWorld::ofStacks({2}));
     run.inject = [busy](State action, int count) -> std::optional<Result> {
       if (action == busy && count == 1) return ArmResult{ArmStatus::kBusy};
@@ -474,7 +431,7 @@ TEST(MissionMachine, ArmThatIsBusyWithSomethingElseIsWaitedFor) {
 }
 
 TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenLooksOnceMoreThenEnds) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   ToyMission run(config, ToyWorld::ofStacks({1, 1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kLowUtility, viewPose(5), count <= 2};
@@ -484,7 +441,7 @@ TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenLooksOnceMoreThen
   EXPECT_THAT(run.machine.endMessage(), HasSubstr("low utility"));
   EXPECT_EQ(run.machine.counts().views, 2);
   EXPECT_EQ(run.world.commands_of[State::kDrive],
-            static_cast<int>(config.survey.x_m.size()) + config.survey.round + 2 + config.views.max_vantage_drives);
+            static_cast<int>(config.survey.x_m.size()) + 2 + config.views.max_vantage_drives);
   int fades = 0;
   for (const command::Wait& wait : run.sent<command::Wait>()) fades += wait.limit_s == config.views.fade_wait_s;
   EXPECT_EQ(fades, config.views.max_fade_waits);
@@ -494,7 +451,7 @@ TEST(MissionMachine, LowUtilityLeadsToWhatIsUnseenThenWaitsThenLooksOnceMoreThen
 TEST(MissionMachine, BrickThatIsNotThereAnyMoreIsLookedForFromThePlacesOfTheSurvey) {
   for (const SelectionStatus status : {SelectionStatus::kLowUtility, SelectionStatus::kNoPile}) {
     SCOPED_TRACE(static_cast<int>(status));
-    MissionConfig config;
+    MissionConfig config = surveying();
     ToyMission run(config, ToyWorld::ofStacks({1}));
     run.inject = [&](State action, int count) -> std::optional<Result> {
       if (action == State::kPick && count == 1) {
@@ -514,7 +471,7 @@ TEST(MissionMachine, BrickThatIsNotThereAnyMoreIsLookedForFromThePlacesOfTheSurv
 TEST(MissionMachine, BrickThatIsKnownAndNotSeenAnyMoreIsToldAtTheEnd) {
   for (const int total : {-1, 2}) {
     SCOPED_TRACE(total);
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.bricks_total = total;
     ToyMission run(config, ToyWorld::ofStacks({1, 1}));
     run.inject = [&run](State action, int) -> std::optional<Result> {
@@ -530,7 +487,7 @@ TEST(MissionMachine, BrickThatIsKnownAndNotSeenAnyMoreIsToldAtTheEnd) {
 }
 
 TEST(MissionMachine, BrickThatWasNeverFoundIsToldAtTheEnd) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.bricks_total = 3;
   ToyMission run(config, ToyWorld::ofStacks({1, 1}));
   EXPECT_TRUE(run.endsAs(EndReason::kNothingWorthGoing));
@@ -539,7 +496,7 @@ TEST(MissionMachine, BrickThatWasNeverFoundIsToldAtTheEnd) {
 
 /// A pick that does not let go, up to its being let go again, which nobody answers though the brick has fallen.
 ToyMission missionWithAnUnansweredLetGo() {
-  ToyMission run({}, ToyWorld::ofStacks({2}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({2}));
   run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNotLetGo}, 1);
   run.start();
   while (run.world.action != State::kLetGo && run.advance()) {
@@ -580,14 +537,14 @@ TEST(MissionMachine, BrickThatWasLetGoWhenTheProcessDiedCountsWhenTheHandIsEmpty
 }
 
 TEST(MissionMachine, PicksThatAreEndedByLettingGoAgainAreNoFailuresInARow) {
-  ToyMission run({}, ToyWorld::ofStacks({3, 3}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({3, 3}));
   run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNotLetGo});
   EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
   EXPECT_EQ(run.machine.counts().bricks_picked, 6);
 }
 
 TEST(MissionMachine, FruitlessViewsEndTheMission) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.views.max_fruitless = 3;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
@@ -619,7 +576,7 @@ TEST(MissionMachine, ViewWhereTooMuchFailsIsLeft) {
       brick.is_out_of_reach = !of_picks;
       world.bricks.push_back(brick);
     }
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.attempts.max_pick_failures_per_view = 2;
     config.attempts.max_plan_failures_per_view = 4;
     ToyMission run(config, std::move(world));
@@ -634,7 +591,7 @@ TEST(MissionMachine, ViewWhereTooMuchFailsIsLeft) {
 }
 
 TEST(MissionMachine, WhatFailedIsReportedBesideTheBrickTowardsTheRobot) {
-  ToyMission run({}, ToyWorld::ofStacks({1, 1}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({1, 1}));
   bool has_failed = false;
   Pose2d stood;
   Eigen::Vector3d brick = Eigen::Vector3d::Zero();
@@ -661,7 +618,7 @@ TEST(MissionMachine, WhatFailedIsReportedBesideTheBrickTowardsTheRobot) {
 }
 
 TEST(MissionMachine, PlaceThatCannotBeDrivenToIsExcludedFromTheNextSelection) {
-  ToyMission run({}, ToyWorld::ofStacks({1, 1}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({1, 1}));
   run.inject = [&run](State action, int) -> std::optional<Result> {
     const bool is_to_view = action == State::kDrive && run.world.commands_of[State::kSelect] == 1;
     if (is_to_view) return NavigationResult{NavigationStatus::kGoalOccupied, std::nullopt};
@@ -685,8 +642,7 @@ TEST(MissionMachine, LeavesBricksThatNobodyReachesForThoseTriedLessOften) {
   };
   // The brick of view 0 is worth most, whatever is told about it, unless its surroundings are.
   const auto missionWith = [](const std::vector<ToyBrick>& bricks, double leave_radius_m) {
-    MissionConfig config;
-    config.survey.round = 0;
+    MissionConfig config = surveying();
     config.attempts.max_plans_per_brick = 100;
     config.views.leave_radius_m = leave_radius_m;
     auto run = std::make_unique<ToyMission>(config, ToyWorld(bricks));
@@ -720,7 +676,7 @@ TEST(MissionMachine, LeavesBricksThatNobodyReachesForThoseTriedLessOften) {
 }
 
 TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.views.max_fruitless = 2;
   ToyMission run(config, ToyWorld::ofStacks({1, 1, 1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
@@ -734,9 +690,8 @@ TEST(MissionMachine, FruitlessViewsCountInARowAlone) {
 }
 
 TEST(MissionMachine, ViewThatShowsANewBrickIsNotFruitless) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.views.max_fruitless = 2;
-  config.survey.round = 0;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = [](State action, int count) -> std::optional<Result> {
     if (action == State::kSelect) return SelectionResult{SelectionStatus::kSuccess, viewPose(count % 8), true};
@@ -758,7 +713,7 @@ TEST(MissionMachine, ViewThatShowsANewBrickIsNotFruitless) {
 }
 
 TEST(MissionMachine, ClockThatIsSetBackTakesNothingBack) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.start();
   while (run.world.action != State::kDrive) ASSERT_TRUE(run.advance());
@@ -778,7 +733,7 @@ TEST(MissionMachine, ClockThatIsSetBackTakesNothingBack) {
 }
 
 TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.attempts.max_failures_in_a_row = 100;
   ToyMission run(config, ToyWorld::ofStacks({1}));
   run.inject = endAs(State::kClear, ArmResult{ArmStatus::kNotReady});
@@ -788,7 +743,7 @@ TEST(MissionMachine, RecoveriesAreCountedUntilTheArmMoves) {
 
 // Nothing that needs the robot's place is answered until somebody tells it again.
 TEST(MissionMachine, APlaceThatIsNotKnownIsWaitedForAndNotForEver) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   for (const State first : {State::kPlanClear, State::kPlanPick, State::kDrive, State::kSelect}) {
     const double longest_s = config.attempts.max_failures_in_a_row * config.time.ready_timeout_s;
     for (const double outage_s :
@@ -818,7 +773,7 @@ TEST(MissionMachine, APlaceThatIsNotKnownIsWaitedForAndNotForEver) {
 }
 
 TEST(MissionMachine, RecoveriesAreFarEnoughApartForADriverToComeBack) {
-  const MissionConfig config;
+  const MissionConfig config = surveying();
   for (const ArmStatus status : {ArmStatus::kProgramStopped, ArmStatus::kNotReady, ArmStatus::kDriverGone}) {
     SCOPED_TRACE(toString(status));
     ToyMission run(config, ToyWorld::ofStacks({1}));
@@ -839,7 +794,7 @@ TEST(MissionMachine, RecoveriesAreFarEnoughApartForADriverToComeBack) {
 }
 
 TEST(MissionMachine, HandThatIsSuddenlyFullIsStowedBeforeAnythingElse) {
-  ToyMission run({}, ToyWorld::ofStacks({1, 1}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({1, 1}));
   run.start();
   while (run.world.action != State::kSelect) ASSERT_TRUE(run.advance());
   run.world.hand = 1;
@@ -852,7 +807,7 @@ TEST(MissionMachine, HandThatIsSuddenlyFullIsStowedBeforeAnythingElse) {
 }
 
 TEST(MissionMachine, RepliesThatCannotBeAreRefusedAndChangeNothing) {
-  ToyMission run({}, ToyWorld::ofStacks({1}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({1}));
   run.start();
   event::Reply reply;
   reply.id = run.world.running->id;
@@ -865,7 +820,7 @@ TEST(MissionMachine, RepliesThatCannotBeAreRefusedAndChangeNothing) {
 }
 
 TEST(MissionMachine, LogLinesParseAndFollowEachOther) {
-  ToyMission run({}, ToyWorld::ofStacks({2, 1}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({2, 1}));
   run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNoContact}, 1);
   run.start();
   ASSERT_TRUE(run.toEnd());
@@ -901,7 +856,7 @@ TEST(MissionMachine, LogLineOfAMessageThatIsNoUtf8Parses) {
 }
 
 TEST(MissionMachine, SummaryTellsWhatTheMissionKnows) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.bricks_total = 3;
   ToyMission run(config, ToyWorld::ofStacks({2, 1}));
   run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNoContact}, 1);
@@ -923,7 +878,7 @@ TEST(MissionMachine, SummaryTellsWhatTheMissionKnows) {
 }
 
 TEST(MissionMachine, BadConfigurationIsRefusedWithEveryProblem) {
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.look.images = 0;
   config.time.limit_s = -1.0;
   try {

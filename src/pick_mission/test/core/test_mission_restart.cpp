@@ -12,7 +12,7 @@ ToyMission mission() {
   ToyWorld world = ToyWorld::ofStacks({3, 1});
   world.bricks[1].has_no_plate = true;
   world.bricks[1].layer = -1;  // under the others
-  MissionConfig config;
+  MissionConfig config = surveying();
   config.bricks_total = 4;
   return {config, std::move(world)};
 }
@@ -167,7 +167,7 @@ TEST(MissionRestart, SavedStateIsTheSameAfterARoundTrip) {
 constexpr char kSavedState[] = R"json({"version": 3, "has_ended": false, "end_reason": 8, "is_ending": true,
     "end_message": "plan_stow: no map; 5 times in a row; the map has to come", "waits_in": 1, "is_hold_given": true,
     "is_let_go_open": true, "used_s": 1234.5, "start_pose": [-3.0, 0.25, 0.5], "base": [0.75, -0.5, 3.125],
-    "survey_index": 2, "round": [[1.5, 0.125, -3.0], [-0.25, 1.75, -1.5]], "is_round_planned": true,
+    "survey_index": 2,
     "brick_in_hand": 7, "pick_running": null, "nameless_picked": 1, "scene": 13, "views": 2, "picks_begun": 5,
     "fruitless_views": 1, "low_utility_views": 2, "vantage_drives": 1, "fade_waits": 3,
     "streaks": [0, 0, 0, 0, 0, 0, 0, 1, 2, 0, 0, 0, 3, 4, 5, 0, 0, 0, 1, 0, 2], "last_id": 70,

@@ -45,7 +45,7 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
   std::map<EndReason, int> ends;
   for (unsigned seed = 0; seed < kNumMissions / 4; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
-    MissionConfig config;
+    MissionConfig config = surveying();
     config.unlocks_protective_stop = seed % 2 == 0;
     config.views.choose_after_each_pick = seed % 4 < 2;
     config.time.limit_s = seed % 5 == 0 ? 600.0 : 20000.0;

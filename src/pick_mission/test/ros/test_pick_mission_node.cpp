@@ -59,7 +59,9 @@ class PickMissionNode : public testing::Test {
     set("survey/x_m", std::vector<double>{0.5});
     set("survey/y_m", std::vector<double>{0.0});
     set("survey/yaw_rad", std::vector<double>{0.0});
-    set("survey/round", 0);
+    set("views/choose_after_each_pick", false);
+    set("workspace/x_m", std::vector<double>{});
+    set("workspace/y_m", std::vector<double>{});
     set("look/images", 2);
     set("look/timeout_s", 20.0);
     // Of this machine, in wall time: the clock here is fast, and the machine may be busy.

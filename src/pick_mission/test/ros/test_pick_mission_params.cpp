@@ -32,7 +32,6 @@ TEST(PickMissionParams, PaperLeavesTheChoiceToTheUtility) {
   const pick_mission::MissionConfig paper = loadPickMissionParams(ros::NodeHandle("~paper")).mission;
   EXPECT_THAT(paper.survey.x_m, testing::ElementsAre(1.2));
   EXPECT_TRUE(paper.workspace.x_m.empty());
-  EXPECT_EQ(paper.survey.round, 0);
   EXPECT_EQ(paper.bricks.order, pick_mission::BrickOrder::kNearest);
   EXPECT_FALSE(paper.bricks.spare_carriers);
   EXPECT_TRUE(paper.views.choose_after_each_pick);
@@ -45,15 +44,6 @@ TEST(PickMissionParams, PaperLeavesTheChoiceToTheUtility) {
                                 paper.attempts.max_picks_per_brick, paper.attempts.max_plans_per_brick,
                                 paper.attempts.max_pick_failures_per_view, paper.attempts.max_plan_failures_per_view}),
               testing::Each(pick_mission::kMost));
-}
-
-TEST(PickMissionParams, ExploreHasAWorkspaceAndNoTour) {
-  const pick_mission::MissionConfig explore = loadPickMissionParams(ros::NodeHandle("~explore")).mission;
-  EXPECT_TRUE(explore.survey.x_m.empty());
-  EXPECT_EQ(explore.survey.round, 0);
-  EXPECT_TRUE(explore.views.choose_after_each_pick);
-  EXPECT_EQ(explore.workspace.frame, pick_mission::WorkspaceFrame::kStart);
-  EXPECT_EQ(explore.workspace.corners().size(), 4U);
 }
 
 TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {

@@ -30,6 +30,15 @@ inline Pose2d viewPose(int view) {
   return {kViewRadius_m * std::cos(angle), kViewRadius_m * std::sin(angle), angle + M_PI};
 }
 
+/// With a survey, and a selection only when no brick can be tried here. Most tests are of neither.
+inline MissionConfig surveying() {
+  MissionConfig config;
+  config.survey.x_m = {0.6, 1.2};
+  config.survey.y_m = config.survey.yaw_rad = {0.0, 0.0};
+  config.views.choose_after_each_pick = false;
+  return config;
+}
+
 struct ToyBrick {
   int id{0};
   int view{0};               // it can be reached from this place alone
