@@ -236,7 +236,8 @@ def make_run_folder(folder, bricks=20, seed=1):
     (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     (folder / "mission_state.json").write_text(json.dumps({"version": 1, "has_ended": True, "bricks": list(ledger.values())}), encoding="utf-8")
     made.stowed, made.picked, made.falls, made.drops = judged["stowed"], counts["bricks_picked"], judged["falls"], judged["dropped"]
-    made.coverage, made.precision, made.failures, made.selections = judged["coverage"], judged["precision"], counts["failures"], len(selections)
+    precisions = [float(row[7]) for row in table if row[7]]
+    made.coverage, made.precision, made.failures, made.selections = judged["coverage"], sum(precisions) / len(precisions), counts["failures"], len(selections)
     return made
 
 

@@ -97,7 +97,7 @@ class ReportMission(unittest.TestCase):
         path = self.folder / "judge.csv"
         lines = path.read_text().splitlines()
         last = lines[-1].split(",")
-        last[6] = "0.0"
+        last[7] = "0.0"
         path.write_text("\n".join([*lines, ",".join(last)]) + "\n")
         judge = json.loads((self.folder / "judge.json").read_text())
         (self.folder / "judge.json").write_text(json.dumps({**judge, "precision": 0.0}))
@@ -115,7 +115,7 @@ class ReportMission(unittest.TestCase):
         self.assertAlmostEqual(summary["map_coverage"], made.coverage)
         self.assertAlmostEqual(summary["map_coverable"], 0.98)  # of run_folder's areas
         self.assertIn("98.0 % of what ever was exposed", done.stdout)
-        self.assertAlmostEqual(summary["map_precision"], made.precision, places=4)  # as the table has it
+        self.assertAlmostEqual(summary["map_precision"], made.precision, places=4)
         self.assertEqual(sum(summary["failures"].values()), made.failures)
         self.assertEqual(summary["end_reason"], "no_brick_left")
         self.assertIn("4 of 4 bricks stowed (100 %)", done.stdout)
