@@ -567,7 +567,7 @@ class BringupLaunch(unittest.TestCase):
         self.assertEqual(waited_for(simulated), answers | {"/pick_mission/heartbeat"})
         self.assertEqual(waited_for(self.simulation("clock:=lockstep", "mission:=false")), answers)
         self.assertEqual(waited_for(self.simulation("clock:=lockstep", "map:=octomap", "mission:=false")),
-                         answers | {"/octomap_baseline/update"})
+                         answers - {"/gpis_mapping/mesh"} | {"/octomap_baseline/mesh"})
         # Who publishes what the clock waits for has to be started: it would not begin otherwise.
         for topic in waited_for(self.simulation("clock:=lockstep", "map:=octomap")):
             self.assertIn(topic.rsplit("/", 1)[0], self.simulation("clock:=lockstep", "map:=octomap").nodes)
@@ -656,6 +656,13 @@ class BringupLaunch(unittest.TestCase):
             loaded = self.simulation("map:=octomap", "clock:=lockstep", "seed:=3", *args)
             self.assertEqual(loaded.remaps("/octomap_baseline")["depth/image_rect"], "/depth_self_filter/image_rect")
             self.assertEqual(loaded.remaps("/base_navigation")["map/ground"], "/projected_map")
+            # Nobody asks our map: it does not run.
+            self.assertNotIn("/gpis_mapping", loaded.nodes)
+            self.assertEqual(loaded.remaps("/motion_planning")["map/mesh"], "/octomap_baseline/mesh")
+            self.assertEqual(loaded.remaps("/motion_planning")["map/query"], "/octomap_baseline/query")
+            self.assertEqual(loaded.remaps("/brick_detection")["map/query"], "/octomap_baseline/query")
+            self.assertEqual(loaded.remaps("/ur_driver_bridge")["map/update"], "/octomap_baseline/update")
+            self.assertEqual(loaded.params["/pick_mission/nodes/map"], "/octomap_baseline")
             self.assertEqual(loaded.params["/simulated_world/judge/surface_topic"], "/octomap_point_cloud_centers")
             self.assertEqual(loaded.params["/nbv_selection/strategies"], [strategy])
             self.assertEqual(loaded.params["/pick_mission/strategy"], strategy)

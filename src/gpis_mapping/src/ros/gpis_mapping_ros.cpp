@@ -15,6 +15,7 @@
 
 #include "gpis_mapping/map_io.h"
 #include "gpis_mapping_ros/map_messages.h"
+#include "gpis_mapping_ros/query_service.h"
 
 namespace gpis_mapping_ros {
 namespace {
@@ -201,48 +202,16 @@ void GpisMappingRos::takeState(const ros::Time& stamp, bool is_new_map, const st
 
 bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                              interactive_mapping_msgs::QueryMap::Response& response) {
-  if (request.with_variance_gradient && !request.with_variance) {
-    // Not silently one or the other: who forgot a flag would read arrays that are not there.
-    response.message = "with_variance_gradient = true needs with_variance = true";
-    return true;
-  }
-  try {
+  const auto map = [this] {
     const MapState now = state();
-    Eigen::Isometry3d T_map_query = Eigen::Isometry3d::Identity();
-    response.header.frame_id = params_.input.map_frame;
-    const std::string frame = interactive_mapping_ros::withoutSlash(request.frame_id);
-    if (!frame.empty() && frame != params_.input.map_frame) {
-      Refusal refusal;
-      const auto T = toIsometry(
-          input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, ros::Time(0)).transform, &refusal);
-      if (!T) {
-        response.message = "frame_id '" + frame + "': " + refusal.message;
-        return true;
-      }
-      T_map_query = *T;
-      response.header.frame_id = frame;
-    }
-    response.header.stamp = now.stamp;
-    response.update = now.snapshot->numUpdates();
     const double prior_std = now.snapshot->config().signalStd();
-    response.prior_variance = prior_std * prior_std;
-    const gpis_mapping::Points3d points = T_map_query * toPoints(request.points);
-    for (Eigen::Index i = 0; i < points.cols(); ++i) response.num_invalid += points.col(i).allFinite() ? 0u : 1u;
-    gpis_mapping::QueryOptions options;
-    options.variance = request.with_variance != 0;
-    options.variance_gradient = request.with_variance_gradient != 0;
-    fillAnswer(now.snapshot->query(points, options), T_map_query.linear().transpose(), options.variance, &response);
-    response.success = true;
-    if (now.snapshot->cells().empty()) {
-      response.message = "the map is empty";
-    } else if (response.num_invalid > 0) {
-      response.message = std::to_string(response.num_invalid) + " of " + std::to_string(points.cols()) +
-                         " points are not finite and got no answer";
-    }
-  } catch (const std::exception& error) {  // tf, or out of memory
-    response = interactive_mapping_msgs::QueryMap::Response();
-    response.message = error.what();
-  }
+    return QueriedMap{
+        now.stamp, now.snapshot->numUpdates(), now.snapshot->cells().empty(), prior_std * prior_std,
+        [snapshot = now.snapshot](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
+          return snapshot->query(points, options);
+        }};
+  };
+  answerQuery(request, params_.input.map_frame, input_->tfBuffer(), map, &response);
   return true;
 }
 

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <vector>
 
+#include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SaveMap.h>
 #include <octomap_msgs/BoundingBoxQuery.h>
 #include <octomap_msgs/GetOctomap.h>
@@ -20,6 +21,7 @@
 
 #include "gpis_mapping_ros/depth_input.h"
 #include "octomap_baseline/dynamic_octomap.h"
+#include "octomap_baseline/voxel_surface.h"
 #include "octomap_baseline_ros/octomap_baseline_params.h"
 
 namespace octomap_baseline_ros {
@@ -50,6 +52,17 @@ class OctomapBaselineRos {
   void publishOutputs();
   std_msgs::Header headerAt(const ros::Time& stamp) const;
 
+  /// The map's surface at one moment; made when somebody asks and the map has changed.
+  struct Surface {
+    std::uint64_t revision{0};
+    ros::Time stamp;
+    std::uint64_t num_updates{0};
+    std::shared_ptr<const octomap_baseline::VoxelSurface> voxels;
+  };
+  Surface surface();
+
+  bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
+               interactive_mapping_msgs::QueryMap::Response& response);
   bool onGetBinary(octomap_msgs::GetOctomap::Request& request, octomap_msgs::GetOctomap::Response& response);
   bool onGetFull(octomap_msgs::GetOctomap::Request& request, octomap_msgs::GetOctomap::Response& response);
   bool onClearBox(octomap_msgs::BoundingBoxQuery::Request& request, octomap_msgs::BoundingBoxQuery::Response& response);
@@ -64,10 +77,13 @@ class OctomapBaselineRos {
   ros::Time stamp_;            // of the last image
   std::uint64_t revision_{1};  // rises with every change
 
+  std::mutex surface_mutex_;  // guards surface_
+  Surface surface_;
+
   std::mutex output_mutex_;  // guards outputs_: a slow conversion may outlast the timer's period
   std::vector<Output> outputs_;
   ros::Publisher update_publisher_;
-  ros::ServiceServer binary_server_, full_server_, clear_box_server_, reset_server_, save_server_;
+  ros::ServiceServer query_server_, binary_server_, full_server_, clear_box_server_, reset_server_, save_server_;
   ros::WallTimer output_timer_;
   std::unique_ptr<gpis_mapping_ros::DepthInput> input_;  // last: its thread uses the rest
 };

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
@@ -11,6 +12,8 @@
 
 #include <interactive_mapping_common/files/atomic_file.h>
 #include "gpis_mapping_ros/gpis_mapping_params.h"
+#include "gpis_mapping_ros/map_messages.h"
+#include "gpis_mapping_ros/query_service.h"
 #include "octomap_baseline_ros/octomap_messages.h"
 
 namespace octomap_baseline_ros {
@@ -59,12 +62,19 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
                                                              output.filter_speckles),
                                header);
       });
+  const auto publish_mesh = [this](ros::Publisher* publisher, const octomap::OcTree&, const std_msgs::Header&) {
+    const Surface now = surface();
+    publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(
+        gpis_mapping_ros::toSurfaceMesh(now.voxels->mesh(), headerAt(now.stamp), now.num_updates)));
+  };
+  outputs_.push_back({pnh.advertise<interactive_mapping_msgs::SurfaceMesh>("mesh", 1, true), publish_mesh, 0});
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
 
   input_ = std::make_unique<DepthInput>(
       nh, private_nh, params_.input, [this](const DepthInputFrame& frame) { return consume(frame); },
       [this](const ros::Time& stamp, const Refusal& refusal) { refuse(stamp, refusal); });
 
+  query_server_ = pnh.advertiseService("query", &OctomapBaselineRos::onQuery, this);
   binary_server_ = public_nh.advertiseService("octomap_binary", &OctomapBaselineRos::onGetBinary, this);
   full_server_ = public_nh.advertiseService("octomap_full", &OctomapBaselineRos::onGetFull, this);
   clear_box_server_ = pnh.advertiseService("clear_bbx", &OctomapBaselineRos::onClearBox, this);
@@ -80,7 +90,7 @@ OctomapBaselineRos::~OctomapBaselineRos() {
   // Each of these waits for its callback in progress; then nobody uses the input any more.
   output_timer_.stop();
   for (ros::ServiceServer* server :
-       {&binary_server_, &full_server_, &clear_box_server_, &reset_server_, &save_server_}) {
+       {&query_server_, &binary_server_, &full_server_, &clear_box_server_, &reset_server_, &save_server_}) {
     server->shutdown();
   }
   input_.reset();
@@ -153,6 +163,35 @@ void OctomapBaselineRos::publishOutputs() {
     output.publish(&output.publisher, *tree, header);
     output.published_revision = revision;
   }
+}
+
+OctomapBaselineRos::Surface OctomapBaselineRos::surface() {
+  const std::lock_guard<std::mutex> surface_lock(surface_mutex_);
+  std::unique_ptr<octomap::OcTree> tree;
+  Surface now;
+  {
+    const std::lock_guard<std::mutex> lock(map_mutex_);
+    if (surface_.revision == revision_) return surface_;
+    tree = std::make_unique<octomap::OcTree>(map_.tree());
+    now = {revision_, stamp_, map_.numUpdates(), nullptr};
+  }
+  now.voxels = std::make_shared<const octomap_baseline::VoxelSurface>(*tree);
+  surface_ = now;
+  return now;
+}
+
+bool OctomapBaselineRos::onQuery(interactive_mapping_msgs::QueryMap::Request& request,
+                                 interactive_mapping_msgs::QueryMap::Response& response) {
+  const auto map = [this] {
+    const Surface now = surface();
+    return gpis_mapping_ros::QueriedMap{
+        now.stamp, now.num_updates, now.voxels->mesh().triangles.empty(), std::numeric_limits<double>::quiet_NaN(),
+        [voxels = now.voxels](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
+          return voxels->query(points, options);
+        }};
+  };
+  gpis_mapping_ros::answerQuery(request, params_.input.map_frame, input_->tfBuffer(), map, &response);
+  return true;
 }
 
 bool OctomapBaselineRos::onGetBinary(octomap_msgs::GetOctomap::Request&, octomap_msgs::GetOctomap::Response& response) {

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef OCTOMAP_BASELINE_VOXEL_SURFACE_H
+#define OCTOMAP_BASELINE_VOXEL_SURFACE_H
+
+#include <memory>
+
+#include <octomap/OcTree.h>
+
+#include "gpis_mapping/map_snapshot.h"
+#include "gpis_mapping/mesh_extractor.h"
+
+namespace octomap_baseline {
+
+/// The surface that an OctoMap stands for: the sides that occupied voxels share with free ones. It answers what the GPIS
+/// map is asked, so that planner and detection can use either. Of one moment; threads may ask at the same time.
+class VoxelSurface {
+ public:
+  explicit VoxelSurface(const octomap::OcTree& tree);
+  ~VoxelSurface();
+  VoxelSurface(const VoxelSurface&) = delete;
+  VoxelSurface& operator=(const VoxelSurface&) = delete;
+
+  /// Two triangles per side, open where nothing was seen. Corners are shared, their normals the mean of the sides'.
+  const gpis_mapping::TriangleMesh& mesh() const;
+
+  /// 3 x n points [m], map frame. State and occupancy are the voxel's (unknown: NaN). Distances are to the nearest side,
+  /// with the sign of the state, in unknown space that of the side's front or back; NaN if there is no side or the point is
+  /// not finite. `surface_std` is that of a uniform distribution over a voxel. Variances are NaN: an OctoMap has none.
+  gpis_mapping::QueryResult query(const gpis_mapping::Points3d& points_map,
+                                  const gpis_mapping::QueryOptions& options) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<const Impl> impl_;
+};
+
+}  // namespace octomap_baseline
+
+#endif  // OCTOMAP_BASELINE_VOXEL_SURFACE_H
