@@ -90,6 +90,12 @@ struct PlaneSums {
     *c = a.inverse() * Eigen::Vector3d(w, wu, wv);
     return true;
   }
+  double spreadU() const { return std::max(1.0, uu - u * u / n); }
+  double spreadV() const { return std::max(1.0, vv - v * v / n); }
+  /// Of the plane at (du, dv), for values of variance 1; grows with the distance from their centroid.
+  double variance(double du, double dv) const {
+    return 1.0 / n + std::pow(du - u / n, 2) / spreadU() + std::pow(dv - v / n, 2) / spreadV();
+  }
   /// Mean square of what the fit leaves over.
   double leftOver(const Eigen::Vector3d& c) const { return (ww - c.dot(Eigen::Vector3d(w, wu, wv))) / n; }
 };
@@ -272,8 +278,8 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
   constexpr int kSeedRadius = 2;     // the seed: 5 x 5 pixels
   constexpr int kPatchSteps = 3;     // the patch: 7 x 7 samples
   constexpr double kSeedRms = 2.5;   // [sigma] a seed that straddles an edge is no seed
-  constexpr double kInlier = 3.0;    // [sigma]
-  constexpr double kPatchRms = 1.5;  // [sigma] a plane through two surfaces leaves more over
+  constexpr double kInlier = 2.0;    // [sigma]
+  constexpr double kPatchRms = 1.1;  // [sigma] noise within the gate leaves 0.88 over, a plane between surfaces more
   constexpr double kMinShare = 0.4;  // a pixel right beside a straight edge sees its surface in half the patch
   const std::size_t center = frame.index(u, v);
   if (frame.kind[center] != PixelKind::kSurface) return false;
@@ -284,42 +290,42 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
   const double z = 1.0 / w_center;
   const double sigma_w = noise.sigma(z) * w_center * w_center;  // of inverse depth [1/m]
 
-  PlaneSums seed;
+  PlaneSums patch;  // of the seed at first
   for (int dv = -kSeedRadius; dv <= kSeedRadius; ++dv) {
     for (int du = -kSeedRadius; du <= kSeedRadius; ++du) {
       const std::size_t i = frame.index(u + du, v + dv);
       if (frame.kind[i] != PixelKind::kSurface) return false;
-      seed.add(du, dv, frame.inverse_depth[i] - w_center);
+      patch.add(du, dv, frame.inverse_depth[i] - w_center);
     }
   }
   Eigen::Vector3d c;
-  if (!seed.solve(&c) || seed.leftOver(c) > std::pow(kSeedRms * sigma_w, 2)) return false;
+  if (!patch.solve(&c) || patch.leftOver(c) > std::pow(kSeedRms * sigma_w, 2)) return false;
 
   const int step = std::max(1, std::min(8, static_cast<int>(std::lround(radius_m * camera.fx / z / kPatchSteps))));
-  for (int pass = 0; pass < 2; ++pass) {
-    // The seed's slope is uncertain: the gate opens with the distance from the centre in the first pass.
-    const double slope_std = pass == 0 ? sigma_w / std::sqrt(seed.uu) : 0.0;
-    PlaneSums patch;
-    int looked = 0;
-    for (int j = -kPatchSteps; j <= kPatchSteps; ++j) {
-      for (int i = -kPatchSteps; i <= kPatchSteps; ++i) {
+  // Ring by ring: far from the few pixels it is fitted to, a plane is so uncertain that the gate would let in a second
+  // surface.
+  for (int reach = 1; reach <= kPatchSteps; ++reach) {
+    PlaneSums grown;
+    for (int j = -reach; j <= reach; ++j) {
+      for (int i = -reach; i <= reach; ++i) {
         const int pu = u + i * step;
         const int pv = v + j * step;
-        ++looked;
         if (pu < 0 || pv < 0 || pu >= frame.width || pv >= frame.height) continue;
         const std::size_t index = frame.index(pu, pv);
         if (frame.kind[index] != PixelKind::kSurface) continue;
         const double du = i * step;
         const double dv = j * step;
-        const double residual = frame.inverse_depth[index] - w_center - (c[0] + c[1] * du + c[2] * dv);
-        const double gate = kInlier * (sigma_w + slope_std * std::sqrt(du * du + dv * dv));
-        if (std::abs(residual) < gate) patch.add(du, dv, frame.inverse_depth[index] - w_center);
+        const double value = frame.inverse_depth[index] - w_center;
+        const double residual = value - (c[0] + c[1] * du + c[2] * dv);
+        const double gate2 = std::pow(kInlier * sigma_w, 2) * (1.0 + patch.variance(du, dv));
+        if (residual * residual < gate2) grown.add(du, dv, value);
       }
     }
-    if (patch.n < kMinShare * looked || !patch.solve(&c)) return false;
-    seed = patch;
+    if (!grown.solve(&c)) return false;
+    patch = grown;
   }
-  if (seed.leftOver(c) > std::pow(kPatchRms * sigma_w, 2)) return false;
+  constexpr int kSide = 2 * kPatchSteps + 1;
+  if (patch.n < kMinShare * kSide * kSide || patch.leftOver(c) > std::pow(kPatchRms * sigma_w, 2)) return false;
   const double w = w_center + c[0];
   if (!(w > 0.0)) return false;
   const double tu = (u - camera.cx) / camera.fx;
@@ -331,15 +337,8 @@ bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, cons
   if (!(norm > 0.0)) return false;
   plane->point_camera = Eigen::Vector3d(tu, tv, 1.0) / w;
   plane->normal_camera = (-n / norm).cast<float>();
-  // An off-centre patch extrapolates: the variance at the centre follows from the sums' centroid.
-  const double mean_u = seed.u / seed.n;
-  const double mean_v = seed.v / seed.n;
-  const double spread_u = std::max(1.0, seed.uu - seed.n * mean_u * mean_u);
-  const double spread_v = std::max(1.0, seed.vv - seed.n * mean_v * mean_v);
-  const double w_variance =
-      sigma_w * sigma_w * (1.0 / seed.n + mean_u * mean_u / spread_u + mean_v * mean_v / spread_v);
-  plane->depth_std_m = std::sqrt(w_variance) / (w * w);
-  plane->normal_var = std::pow(sigma_w * camera.fx / norm, 2) / std::min(spread_u, spread_v);
+  plane->depth_std_m = sigma_w * std::sqrt(patch.variance(0.0, 0.0)) / (w * w);
+  plane->normal_var = std::pow(sigma_w * camera.fx / norm, 2) / std::min(patch.spreadU(), patch.spreadV());
   return true;
 }
 
