@@ -173,6 +173,7 @@ class Simulation {
   static std::unique_ptr<World> makeWorld(const Blueprint& blueprint, std::uint64_t seed);
   struct Stage;
 
+  void layPile();  ///< the scene at rest: into the blueprint and the records
   void applyFaults(Tick* tick);
   void beginFault(const FaultSchedule::Change& change, Tick* tick);
   void endFault(const FaultSchedule::Change& change, Tick* tick);

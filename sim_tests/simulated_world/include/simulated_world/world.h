@@ -216,6 +216,14 @@ class World {
     bool is_present{false};
   };
 
+  // Of the constructor: ids and addresses in the model, then the start.
+  void findRobot();
+  void findBricks(const std::vector<WorldBrick>& bricks);
+  void findObstacles();
+  void findChute();  ///< there may be none
+  void standAt(const Pose2d& robot_start, const ArmVector& arm_start_rad);
+  void weighTool();  ///< of all that hangs on the wrist's sensor
+
   void commandBase();
   void commandArm();
   void updateMagnet();

@@ -23,6 +23,8 @@
 namespace simulated_world {
 namespace {
 
+namespace description = mp700_ur5e_description;
+
 constexpr double kBaseConfirmed_s = 1.0;  // the relay board says so for so long after a stop
 constexpr double kHandTime_s = 2.0;       // a brick put somewhere by hand is left alone so long after
 constexpr double kRestSpeed_m_s = 0.01;
@@ -62,11 +64,55 @@ std::vector<JointLimits> armLimits(const urdf::ModelInterface& robot) {
   return limits;
 }
 
-std::array<bool, 6> platesOf(const mp700_ur5e_description::BrickType& type) {
+std::array<bool, 6> platesOf(const description::BrickType& type) {
   std::array<bool, 6> has_plate{};
-  for (const mp700_ur5e_description::BrickFace face : type.plate_faces)
-    has_plate[static_cast<std::size_t>(face)] = true;
+  for (const description::BrickFace face : type.plate_faces) has_plate[static_cast<std::size_t>(face)] = true;
   return has_plate;
+}
+
+BrickAppearance appearanceOf(const BrickPlacement& placement, const description::BrickCatalogue& catalogue) {
+  const description::BrickType& type = catalogue.typeOf(placement.id);
+  BrickAppearance look;
+  look.size_m = type.size_m;
+  look.plate_edge_m = type.plate_edge_m;
+  look.has_plate = platesOf(placement.type);
+  look.has_tags = placement.decoy != Decoy::kUntagged;
+  look.tag_edge_m = catalogue.tags.black_border_edge_m;
+  look.colour_rgb = type.color_rgb;
+  look.family = catalogue.tags.family;
+  for (std::size_t face = 0; face < look.tag_ids.size(); ++face) {
+    look.tag_ids[face] = catalogue.tagId(placement.id, description::kBrickFaces[face]);
+  }
+  return look;
+}
+
+DifferentialDriveConfig driveOf(const description::BaseProfile& profile, const SimulationConfig& config) {
+  DifferentialDriveConfig drive;
+  drive.wheel_radius_m = profile.drive.wheel_radius_m;
+  drive.track_m = profile.drive.track_m;
+  // What the drives are able to do, not what a planner should ask for; turning follows from the wheels.
+  drive.max_forward_m_s = profile.rating.linear_m_per_s;
+  drive.max_backward_m_s = profile.rating.linear_m_per_s;
+  drive.max_angular_rad_s = 2.0 * profile.rating.linear_m_per_s / profile.drive.track_m;
+  drive.linear_acceleration_m_s2 = profile.rating.linear_m_per_s2;
+  drive.angular_acceleration_rad_s2 = 2.0 * profile.rating.linear_m_per_s2 / profile.drive.track_m;
+  drive.odometry_scale_std = config.odometry_scale_std;
+  drive.odometry_walk_m_per_sqrt_m = config.odometry_walk_m_per_sqrt_m;
+  drive.odometry_walk_rad_per_sqrt_m = config.odometry_walk_rad_per_sqrt_m;
+  drive.seed = config.seed;
+  return drive;
+}
+
+LaserScannerConfig scannerOf(const description::BaseProfile::Scanner& profile, const SimulationConfig& config) {
+  LaserScannerConfig scanner;
+  scanner.angle_min_rad = profile.min_angle_rad;
+  scanner.angle_max_rad = profile.max_angle_rad;
+  scanner.angle_increment_rad = profile.increment_rad;
+  scanner.range_min_m = profile.range_min_m;
+  scanner.range_max_m = profile.range_max_m;
+  scanner.range_noise_std_m = config.scan_noise_std_m;
+  scanner.seed = config.seed;
+  return scanner;
 }
 
 constexpr double kPictureMargin = 0.03;  // share of the picture that stays free at each border
@@ -173,48 +219,10 @@ Simulation::Simulation(const SimulationConfig& config)
   tick_ns_ = std::llround(config.tick_s * 1e9);
   steps_per_tick_ = static_cast<int>(std::lround(config.tick_s / config.world.physics.timestep_s));
 
-  namespace description = mp700_ur5e_description;
   const description::BaseProfile profile = description::loadBaseProfile(config.description.base_profile);
-  const description::BrickCatalogue catalogue = description::loadBrickTypes(config.description.bricks);
   const ArmVector arm_start = description::loadArmPose(config.description.arm_pose);
 
-  // The pile.
-  const PileSceneConfig scene_config = loadPileScene(config.scene, catalogue.types, catalogue.maxBricks());
-  SettleConfig settle_config;
-  settle_config.physics = config.world.physics;
-  scene_ = settlePile(scene_config, config.seed, settle_config).scene;
-  const std::map<int, std::string> reasons = unpickable(scene_.bricks, config.world.magnet.holding_force_N);
-  for (const BrickPlacement& placement : scene_.bricks) {
-    const description::BrickType& type = catalogue.typeOf(placement.id);
-    if (placement.type.name != type.name) {
-      throw std::invalid_argument(config.scene + ": brick " + std::to_string(placement.id) + " is of type " +
-                                  placement.type.name + ", must be " + type.name + ", as " + config.description.bricks +
-                                  " labels it");
-    }
-    WorldBrick brick;
-    brick.placement = placement;
-    brick.plate_edge_m = type.plate_edge_m;
-    brick.has_plate = platesOf(placement.type);
-    brick.material = brickBodyName(placement.id);
-    blueprint_.assets_mjcf += brickTextureXml(brick.material, kBrickFace_px);
-    blueprint_.bricks.push_back(brick);
-    BrickAppearance look;
-    look.size_m = type.size_m;
-    look.plate_edge_m = type.plate_edge_m;
-    look.has_plate = platesOf(placement.type);
-    look.has_tags = placement.decoy != Decoy::kUntagged;
-    look.tag_edge_m = catalogue.tags.black_border_edge_m;
-    look.colour_rgb = type.color_rgb;
-    look.family = catalogue.tags.family;
-    for (std::size_t face = 0; face < look.tag_ids.size(); ++face) {
-      look.tag_ids[face] = catalogue.tagId(placement.id, description::kBrickFaces[face]);
-    }
-    blueprint_.looks.push_back(look);
-    bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0,
-                       reasons.count(placement.id) == 0});
-  }
-
-  // The robot in it.
+  layPile();
   const urdf::ModelInterfaceSharedPtr robot = readRobot(config.description.urdf);
   const std::vector<JointLimits> limits = armLimits(*robot);
   blueprint_.world = config.world;
@@ -231,20 +239,7 @@ Simulation::Simulation(const SimulationConfig& config)
   blueprint_.robot_mjcf = robotMjcf(*robot, robot_options);
   world_ = makeWorld(blueprint_, config.seed);
 
-  DifferentialDriveConfig drive;
-  drive.wheel_radius_m = profile.drive.wheel_radius_m;
-  drive.track_m = profile.drive.track_m;
-  // What the drives are able to do, not what a planner should ask for; turning follows from the wheels.
-  drive.max_forward_m_s = profile.rating.linear_m_per_s;
-  drive.max_backward_m_s = profile.rating.linear_m_per_s;
-  drive.max_angular_rad_s = 2.0 * profile.rating.linear_m_per_s / profile.drive.track_m;
-  drive.linear_acceleration_m_s2 = profile.rating.linear_m_per_s2;
-  drive.angular_acceleration_rad_s2 = 2.0 * profile.rating.linear_m_per_s2 / profile.drive.track_m;
-  drive.odometry_scale_std = config.odometry_scale_std;
-  drive.odometry_walk_m_per_sqrt_m = config.odometry_walk_m_per_sqrt_m;
-  drive.odometry_walk_rad_per_sqrt_m = config.odometry_walk_rad_per_sqrt_m;
-  drive.seed = config.seed;
-  drive_ = std::make_unique<DifferentialDrive>(drive);
+  drive_ = std::make_unique<DifferentialDrive>(driveOf(profile, config));
   map_to_odom_ = start;
 
   arm_ = std::make_unique<UrController>(limits, config.arm_driver);
@@ -261,15 +256,7 @@ Simulation::Simulation(const SimulationConfig& config)
   renderer_ = std::make_unique<OffscreenRenderer>(world_->model(), renderer);
   camera_ = std::make_unique<RgbdCamera>(*renderer_, "rgbd", camera);
 
-  LaserScannerConfig scanner;
-  scanner.angle_min_rad = profile.scanner.min_angle_rad;
-  scanner.angle_max_rad = profile.scanner.max_angle_rad;
-  scanner.angle_increment_rad = profile.scanner.increment_rad;
-  scanner.range_min_m = profile.scanner.range_min_m;
-  scanner.range_max_m = profile.scanner.range_max_m;
-  scanner.range_noise_std_m = config.scan_noise_std_m;
-  scanner.seed = config.seed;
-  scanner_ = std::make_unique<LaserScanner>(world_->model(), profile.scanner.frame, scanner);
+  scanner_ = std::make_unique<LaserScanner>(world_->model(), profile.scanner.frame, scannerOf(profile.scanner, config));
   scanner_frame_ = profile.scanner.frame;
   scan_rate_hz_ = profile.scanner.rate_hz;
 
@@ -282,6 +269,33 @@ Simulation::Simulation(const SimulationConfig& config)
 }
 
 Simulation::~Simulation() = default;
+
+void Simulation::layPile() {
+  const description::BrickCatalogue catalogue = description::loadBrickTypes(config_.description.bricks);
+  const PileSceneConfig scene_config = loadPileScene(config_.scene, catalogue.types, catalogue.maxBricks());
+  SettleConfig settle_config;
+  settle_config.physics = config_.world.physics;
+  scene_ = settlePile(scene_config, config_.seed, settle_config).scene;
+  const std::map<int, std::string> reasons = unpickable(scene_.bricks, config_.world.magnet.holding_force_N);
+  for (const BrickPlacement& placement : scene_.bricks) {
+    const description::BrickType& type = catalogue.typeOf(placement.id);
+    if (placement.type.name != type.name) {
+      throw std::invalid_argument(config_.scene + ": brick " + std::to_string(placement.id) + " is of type " +
+                                  placement.type.name + ", must be " + type.name + ", as " +
+                                  config_.description.bricks + " labels it");
+    }
+    WorldBrick brick;
+    brick.placement = placement;
+    brick.plate_edge_m = type.plate_edge_m;
+    brick.has_plate = platesOf(placement.type);
+    brick.material = brickBodyName(placement.id);
+    blueprint_.assets_mjcf += brickTextureXml(brick.material, kBrickFace_px);
+    blueprint_.bricks.push_back(brick);
+    blueprint_.looks.push_back(appearanceOf(placement, catalogue));
+    bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0,
+                       reasons.count(placement.id) == 0});
+  }
+}
 
 std::unique_ptr<World> Simulation::makeWorld(const Blueprint& blueprint, std::uint64_t seed) {
   auto world = std::make_unique<World>(blueprint.robot_mjcf, blueprint.assets_mjcf, blueprint.bricks, blueprint.start,

@@ -157,6 +157,17 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   model_ = compileModel(worldMjcf(robot_mjcf, assets_mjcf, bricks, walls, config));
   data_ = makeData(*model_);
 
+  findRobot();
+  findBricks(bricks);
+  findObstacles();
+  findChute();
+  standAt(robot_start, arm_start_rad);
+  for (ObstacleSlot& slot : obstacles_) placeObstacle(slot, false, kStoreroom);
+  mj_forward(model_.get(), data_.get());
+  weighTool();
+}
+
+void World::findRobot() {
   const int base = requireId(*model_, mjOBJ_BODY, "base_link");
   magnet_body_ = requireId(*model_, mjOBJ_BODY, "magnet");
   tip_site_ = requireId(*model_, mjOBJ_SITE, "magnet_tip");
@@ -184,13 +195,16 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   }
   is_robot_geom_.assign(model_->ngeom, 0);
   is_magnet_geom_.assign(model_->ngeom, 0);
-  slot_of_geom_.assign(model_->ngeom, -1);
   for (int geom = 0; geom < model_->ngeom; ++geom) {
     for (int body = model_->geom_bodyid[geom]; body > 0; body = model_->body_parentid[body]) {
       is_robot_geom_[geom] |= body == base;
       is_magnet_geom_[geom] |= body == magnet_body_;
     }
   }
+}
+
+void World::findBricks(const std::vector<WorldBrick>& bricks) {
+  slot_of_geom_.assign(model_->ngeom, -1);
   for (const WorldBrick& brick : bricks) {
     BrickSlot slot{};
     slot.brick = brick;
@@ -206,19 +220,26 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     slot_of_geom_[slots_[i].geom] = static_cast<int>(i);
   }
-  if (config.has_sleep && !slots_.empty()) {
+  if (config_.has_sleep && !slots_.empty()) {
     std::vector<int> ids;
     for (const BrickSlot& slot : slots_) {
       ids.push_back(slot.brick.placement.id);
     }
-    sleep_ = std::make_unique<BrickSleep>(*model_, ids, config.sleep);
+    sleep_ = std::make_unique<BrickSleep>(*model_, ids, config_.sleep);
   }
+  weld_ = slots_.empty() ? -1 : requireId(*model_, mjOBJ_EQUALITY, "magnet_hold");
+}
+
+void World::findObstacles() {
   for (int i = 0; i < kMaxObstacles; ++i) {
     ObstacleSlot slot{};
     slot.geom = requireId(*model_, mjOBJ_GEOM, obstacleBodyName(i));
     slot.mocap = model_->body_mocapid[requireId(*model_, mjOBJ_BODY, obstacleBodyName(i))];
     obstacles_.push_back(slot);
   }
+}
+
+void World::findChute() {
   chute_body_ = mj_name2id(model_.get(), mjOBJ_BODY, "chute");
   // Its walls are its extent.
   for (int geom = 0; geom < model_->ngeom; ++geom) {
@@ -231,8 +252,9 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
     chute_inside_.extend(centre + reach);
     chute_inside_.extend(centre - reach);
   }
-  weld_ = slots_.empty() ? -1 : requireId(*model_, mjOBJ_EQUALITY, "magnet_hold");
+}
 
+void World::standAt(const Pose2d& robot_start, const ArmVector& arm_start_rad) {
   data_->qpos[base_qpos_[0]] = robot_start.x_m;
   data_->qpos[base_qpos_[1]] = robot_start.y_m;
   data_->qpos[base_qpos_[2]] = robot_start.yaw_rad;
@@ -241,10 +263,9 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   }
   base_reference_ = robot_start;
   arm_reference_ = arm_start_rad;
-  for (ObstacleSlot& slot : obstacles_) placeObstacle(slot, false, kStoreroom);
-  mj_forward(model_.get(), data_.get());
+}
 
-  // The tool is everything that hangs on the wrist's sensor.
+void World::weighTool() {
   const int tool = model_->site_bodyid[wrist_site_];
   Eigen::Vector3d moment = Eigen::Vector3d::Zero();
   for (int body = tool; body < model_->nbody; ++body) {
