@@ -57,15 +57,15 @@ struct FactorConfig {
   Logistic logistic;
 };
 
-/// All of eqs 8 and 9 but the attributes. The logistic functions span what the attributes are on maps of gpis_mapping (the
-/// README says how): 0.1 at the 10th percentile, 0.9 at the 90th.
+/// All of eqs 8 and 9 but the attributes. The logistic functions span what the attributes are in missions (the README says
+/// how): 0.1 at the 10th percentile, 0.9 at the 90th.
 struct UtilityConfig {
   std::array<FactorConfig, kNumFactors> factors{{
-      {0.25, {1.0, 263.0, 3.42}},     // manipulability: 0.0046 to 0.0213
-      {0.15, {1.0, 28.2, 5.46}},      // pick order: 0.12 m to 0.27 m
+      {0.20, {1.0, 417.0, 4.06}},     // manipulability: 0.0045 to 0.0150
+      {0.10, {1.0, 44.0, 10.2}},      // pick order: 0.18 m to 0.28 m
       {0.25, {1.0, 1.56, -3.6}},      // travel: 3.7 m to 0.90 m
-      {0.10, {1.0, 28700.0, 2.85}},   // uncertainty: 2.3e-5 m^2 to 1.8e-4 m^2
-      {0.25, {1.0, 401000.0, 2.78}},  // frontier: 1.4e-6 m^2 to 1.2e-5 m^2
+      {0.15, {1.0, 46700.0, 3.11}},   // uncertainty: 2.0e-5 m^2 to 1.1e-4 m^2
+      {0.30, {1.0, 732000.0, 3.25}},  // frontier: 1.4e-6 m^2 to 7.4e-6 m^2
   }};
   double gamma_per_s{0.99};
   double min_utility{0.05};  // U_min

@@ -43,7 +43,7 @@ struct ViewSelectorConfig {
   double imaginary_share{0.5};
   double standing_padding_m{0.02};
   double max_lost_share{0.1};
-  double start_m{2.0};
+  double start_m{1.5};
 
   /// What estimateGround() needs.
   struct GroundPlaneOptions {
