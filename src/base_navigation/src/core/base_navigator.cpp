@@ -9,8 +9,11 @@
 #include <utility>
 
 #include "driving/arrival.h"
+#include "driving/base_stop_input.h"
 #include "driving/drive_data.h"
 #include "driving/look_ahead.h"
+#include "driving/path_drive.h"
+#include "driving/plan_attempts.h"
 #include "driving/stuck_detector.h"
 #include "text.h"
 
@@ -24,44 +27,13 @@ constexpr double kBlocked_rad_s = 0.01;
 constexpr double kStandPatience_s = 5.0;  // told to stand: from 0.8 m/s it takes 4 s, told or not
 constexpr int kMaxMisses = 1;             // of the goal, that are tried again
 
-bool isZero(const Twist2d& twist) {
-  return twist.linear_m_s == 0.0 && twist.angular_rad_s == 0.0;
-}
-
 bool isMoving(const Twist2d& command) {
   return std::abs(command.linear_m_s) >= kBlocked_m_s || std::abs(command.angular_rad_s) >= kBlocked_rad_s;
-}
-
-bool isPressed(const std::optional<BaseStop>& stop) {
-  return stop == BaseStop::kButton || stop == BaseStop::kSignal;
 }
 
 /// ", for 3.1 s, may be 3.0 s"
 std::string forLong(double passed_s, double limit_s) {
   return ", for " + text(passed_s, 1) + " s, may be " + text(limit_s, 1) + " s";
-}
-
-NavigationStatus statusOf(BasePlanStatus status) {
-  switch (status) {
-    case BasePlanStatus::kSolved:
-      return NavigationStatus::kSuccess;
-    case BasePlanStatus::kStartOccupied:
-    case BasePlanStatus::kStartUnknown:
-      return NavigationStatus::kStartBlocked;
-    case BasePlanStatus::kGoalOccupied:
-      return NavigationStatus::kGoalOccupied;
-    case BasePlanStatus::kGoalUnknown:
-      return NavigationStatus::kGoalUnknown;
-    case BasePlanStatus::kNoApproach:
-      return NavigationStatus::kNoApproach;
-    case BasePlanStatus::kNoPath:
-      return NavigationStatus::kNoPath;
-    case BasePlanStatus::kIterations:
-      return NavigationStatus::kIterations;
-    case BasePlanStatus::kCancelled:
-      return NavigationStatus::kCancelled;
-  }
-  return NavigationStatus::kNoPath;
 }
 
 enum class Mode {
@@ -75,9 +47,7 @@ enum class Mode {
 
 struct Goal {
   Pose2d pose_map;
-  int plans{0};
   int misses{0};
-  bool has_been_patient{false};  // since the last plan: a plan that failed waits once for what may go away
 };
 
 std::string offGoal(double off_m, double off_rad, const BasePlannerConfig& allowed) {
@@ -85,27 +55,9 @@ std::string offGoal(double off_m, double off_rad, const BasePlannerConfig& allow
          text(allowed.position_tolerance_m, 3) + " m and " + text(allowed.yaw_tolerance_rad, 3) + " rad";
 }
 
-/// The base's own stop.
-struct StopInput {
-  std::optional<BaseStop> now;
-  std::string unheard;  // what was pressed while there was no goal to end by it
-
-  void hear(const std::optional<BaseStop>& told) {
-    // Pressed when it is first heard of: who starts the robot knows.
-    if (isPressed(told) && now && !isPressed(now)) unheard = toString(*told);
-    now = told;
-  }
-  bool isActive() const { return now && *now != BaseStop::kNone; }
-  bool endsGoal() const { return isPressed(now) || !unheard.empty(); }
-  std::string words() const {
-    if (isPressed(now) || unheard.empty()) return std::string("the base is stopped: ") + toString(*now);
-    return "the base was stopped before this goal (" + unheard + "): look, and send the goal again";
-  }
-};
-
 /// Since when [s]. Nothing: it is not so.
 struct Since {
-  std::optional<double> stopped, stale, blocked, braking, ended;
+  std::optional<double> stopped, stale, blocked, ended;
 };
 
 /// The guard leaves nothing to speak of, and the base has come to it.
@@ -126,23 +78,23 @@ struct BaseNavigator::State {
   State(const BaseNavigatorConfig& config_, const BasePlannerConfig& planner_, const PathFollowerConfig& follower_,
         const ObstacleGuardConfig& guard_, const MotionLimits& limits_, const Polygon& footprint_)
       : config(config_),
-        follower_config(follower_),
         footprint(footprint_),
         limits(limits_),
         planner(planner_, limits_, footprint_),
-        follower(follower_, limits_),
+        drive(follower_, limits_),
         guard(guard_, limits_, footprint_) {}
 
   const BaseNavigatorConfig config;
-  const PathFollowerConfig follower_config;
   const Polygon footprint;
   MotionLimits limits;  // of the path that is driven
   std::optional<MotionLimits> next_limits;
   BasePlanner planner;
-  PathFollower follower;
+  PathDrive drive;
   ObstacleGuard guard;
   DriveData data{config, limits};
   StuckDetector stuck{config};
+  PlanAttempts attempts{config};
+  BaseStopInput stop;
   Arrival arrival;
 
   // This step.
@@ -154,10 +106,6 @@ struct BaseNavigator::State {
   Mode mode{Mode::kIdle};
   Goal goal;
   Since since;
-  std::optional<double> patience_until_s;
-  std::string patience_reason;
-  std::string replan_reason;       // of the plan that comes next
-  bool is_obstacle_reason{false};  // it is the scanner's obstacle
   Ending ending;
 
   // The way being driven.
@@ -165,11 +113,6 @@ struct BaseNavigator::State {
   std::uint64_t num_plans{0};  // ever
   std::shared_ptr<const NavigationGrid> grid_checked;
   double planned_s{0.0};
-  double at_m{0.0};
-  bool is_off_path{false};       // it was stopped without looking, or the localisation has jumped
-  bool is_asked_to_stop{false};  // by a cancel, or by a heartbeat that stays away: brakes harder
-
-  StopInput stop;
 
   double passedSince(std::optional<double>* since_s) const {
     if (!*since_s) *since_s = now_s;
@@ -183,32 +126,9 @@ struct BaseNavigator::State {
 
   bool isActive() const { return mode != Mode::kIdle && mode != Mode::kEnding; }
 
-  /// Told to stand, and odometry says that it does.
-  bool stands() const { return isZero(follower.lastCommand()) && data.isOdometryFresh(now_s) && data.stands(); }
-
-  void brake() {
-    if (is_asked_to_stop) {
-      is_off_path = true;
-      follower.stop(dt_s);
-    } else if (follower.isActive() && !is_off_path && data.isPoseFresh(now_s)) {
-      at_m = follower.update(data.T_map_base, dt_s, 0.0).at_m;
-    } else {
-      is_off_path = true;
-      follower.pause(dt_s);
-    }
-  }
-
   /// Brakes. True: the base stands.
   bool comeToStand() {
-    if (stands()) {
-      since.braking.reset();
-      return true;
-    }
-    if (!since.braking) since.braking = now_s;
-    if (!isZero(follower.lastCommand())) {
-      brake();
-      if (!isZero(follower.lastCommand())) since.braking = now_s;
-    }
+    if (drive.comeToStand(data)) return true;
     output.phase = NavigationPhase::kBraking;
     return false;
   }
@@ -218,35 +138,34 @@ struct BaseNavigator::State {
     if (mode == Mode::kIdle) data.forget();
     goal = {goal_map};
     since = {};
-    is_asked_to_stop = false;
+    drive.setHard(false);
+    attempts.start();
     planAnew("");
   }
 
   void planAnew(const std::string& reason, bool is_obstacle = false) {
-    replan_reason = reason;
-    is_obstacle_reason = is_obstacle;
+    attempts.request(reason, is_obstacle);
     since.blocked.reset();
-    since.braking.reset();
-    patience_until_s.reset();
+    drive.restartBraking();
     mode = Mode::kPlanning;
   }
 
   void brakeToPlanAnew(const std::string& reason) {
     planAnew(reason);
-    brake();
+    drive.brake(data);
     report(NavigationPhase::kBraking, reason);
   }
 
   void arrive() {
     mode = Mode::kArriving;
-    since.braking.reset();
+    drive.restartBraking();
     arrival.start(now_s);
   }
 
   void endWith(NavigationStatus status, const std::string& message) {
     ending = {status, message};
-    if (status == NavigationStatus::kCancelled) is_asked_to_stop = true;
-    since.braking.reset();
+    if (status == NavigationStatus::kCancelled) drive.setHard(true);
+    drive.restartBraking();
     mode = Mode::kEnding;
   }
 
@@ -261,18 +180,19 @@ struct BaseNavigator::State {
     now_s = input.now_s;
     dt_s = elapsed_s < 0.0 ? kFirstStep_s : std::min(elapsed_s, kMaxStep_s);
     output = {};
+    drive.setTime(now_s, dt_s);
     if (elapsed_s < 0.0) clockRanBack(-elapsed_s);
     data.take(input);
     if (!heedStop(input.stop)) stepMode(is_cancelled);
-    output.command = follower.lastCommand();
+    output.command = drive.command();
     output.has_jumped = data.has_jumped;
-    output.remaining_m = way.path.motions.empty() ? 0.0 : std::max(0.0, way.path.length() - at_m);
+    output.remaining_m = way.path.motions.empty() ? 0.0 : std::max(0.0, way.path.length() - drive.at());
     return output;
   }
 
   void clockRanBack(double by_s) {
     data.forgetTimes();
-    follower.halt();
+    drive.halt();
     since.stale.reset();
     since.stopped.reset();
     if (mode != Mode::kIdle) {
@@ -282,19 +202,19 @@ struct BaseNavigator::State {
   }
 
   /// The base's own stop. True: there is nothing else to do in this step.
-  bool heedStop(const std::optional<BaseStop>& told) {
-    stop.hear(told);
+  bool heedStop(const std::optional<BaseStop>& reported) {
+    stop.take(reported);
     if (isActive() && stop.endsGoal()) {
       endWith(NavigationStatus::kBaseStopped, stop.words());
-      stop.unheard.clear();
+      stop.goalHasEnded();
     }
     if (!stop.isActive()) {
       since.stopped.reset();
       return false;
     }
     // It stands by itself: what is commanded now would be driven at its release.
-    follower.halt();
-    is_off_path = true;
+    drive.halt();
+    drive.leavePath();
     stuck.reset();
     if (!isActive()) return false;
     const double stopped_s = passedSince(&since.stopped);
@@ -314,12 +234,12 @@ struct BaseNavigator::State {
     const std::optional<Ending> missing = data.stale(now_s);
     if (!missing) {
       since.stale.reset();
-      is_asked_to_stop = false;
+      drive.setHard(false);
       return false;
     }
     const double stale_s = passedSince(&since.stale);
-    is_asked_to_stop = missing->status == NavigationStatus::kStaleHeartbeat;
-    brake();
+    drive.setHard(missing->status == NavigationStatus::kStaleHeartbeat);
+    drive.brake(data);
     stuck.reset();
     report(NavigationPhase::kWaitingForData, missing->message);
     if (stale_s >= config.stale_patience_s) {
@@ -332,9 +252,9 @@ struct BaseNavigator::State {
   std::optional<std::string> blockedWay() {
     if (data.grid == grid_checked) return std::nullopt;
     grid_checked = data.grid;
-    const FootprintVerdict verdict = planner.recheck(way, at_m, data.grid);
+    const FootprintVerdict verdict = planner.recheck(way, drive.at(), data.grid);
     if (verdict.isFree()) return std::nullopt;
-    return groundAhead(verdict, at_m);
+    return groundAhead(verdict, drive.at());
   }
 
   void stepMode(const std::function<bool()>& is_cancelled) {
@@ -355,27 +275,26 @@ struct BaseNavigator::State {
   }
 
   void stepIdle() {
-    follower.halt();
+    drive.halt();
     // Zeros until the base stands, or nobody can tell.
-    if (!since.ended || stands() || now_s - *since.ended >= kStandPatience_s) return since.ended.reset();
+    if (!since.ended || drive.stands(data) || now_s - *since.ended >= kStandPatience_s) return since.ended.reset();
     report(NavigationPhase::kBraking, data.isOdometryFresh(now_s)
                                           ? "told to stand, and moves by odometry"
                                           : "told to stand, and without odometry nobody knows whether it does");
   }
 
   void stepPlanning(const std::function<bool()>& is_cancelled) {
-    if (!data.jump.empty()) is_off_path = true;
+    if (!data.jump.empty()) drive.leavePath();
     if (waitForData()) return;
-    output.reason = replan_reason;
+    output.reason = attempts.reason();
     if (!comeToStand()) {
-      if (now_s - *since.braking < kStandPatience_s) return;
+      if (drive.brakingTime() < kStandPatience_s) return;
       const Twist2d& twist = data.odometry_twist;
       return endWith(NavigationStatus::kStuck, "the base moves at " + text(twist.linear_m_s) + " m/s and " +
                                                    text(twist.angular_rad_s) + " rad/s by odometry, " +
                                                    text(kStandPatience_s, 1) + " s after it was told to stand");
     }
-    if (patience_until_s && now_s < *patience_until_s) return report(NavigationPhase::kBlocked, patience_reason);
-    patience_until_s.reset();
+    if (const auto reason = attempts.waiting(now_s)) return report(NavigationPhase::kBlocked, *reason);
     output.phase = NavigationPhase::kPlanning;
     if (data.isScanFromBeforeJump()) {
       output.reason = "localisation or odometry has jumped: waits for the next scan";
@@ -385,16 +304,11 @@ struct BaseNavigator::State {
   }
 
   void plan(const std::function<bool()>& is_cancelled) {
-    if (goal.plans >= config.max_plans) {
-      return endWith(is_obstacle_reason ? NavigationStatus::kObstacle : NavigationStatus::kTooManyPlans,
-                     "planned " + std::to_string(goal.plans) + " times, may be " + std::to_string(config.max_plans) +
-                         ": " + replan_reason);
-    }
-    ++goal.plans;
+    if (const auto end = attempts.begin()) return endWith(end->status, end->message);
     if (next_limits) {  // the base stands
       limits = *next_limits;
       planner = BasePlanner(planner.config(), limits, footprint);
-      follower = PathFollower(follower_config, limits);
+      drive.setLimits(limits);
       next_limits.reset();
     }
     BasePlan made = planner.plan(data.grid, data.T_map_base, goal.pose_map, is_cancelled);
@@ -402,24 +316,13 @@ struct BaseNavigator::State {
     ++num_plans;
     if (made.status == BasePlanStatus::kSolved) return begin(std::move(made));
     way = {};
-    const bool is_cancel = made.status == BasePlanStatus::kCancelled;
-    std::string message = made.message;
-    if (!replan_reason.empty()) message = replan_reason + "; planning anew: " + message;
-    if (replan_reason.empty() || is_cancel || goal.has_been_patient) {
-      return endWith(is_obstacle_reason && !is_cancel ? NavigationStatus::kObstacle : statusOf(made.status), message);
-    }
-    // What came into the way may go again: once more after a while.
-    goal.has_been_patient = true;
-    patience_until_s = now_s + config.blocked_patience_s;
-    patience_reason = std::move(message);
+    if (const auto end = attempts.fail(made, now_s)) endWith(end->status, end->message);
   }
 
   void begin(BasePlan plan) {
     way = std::move(plan);
-    goal.has_been_patient = false;
-    follower.start(way.path);
-    is_off_path = false;
-    at_m = 0.0;
+    attempts.succeed();
+    drive.start(way.path);
     planned_s = now_s;
     stuck.reset();
     mode = Mode::kPlanned;
@@ -427,7 +330,7 @@ struct BaseNavigator::State {
 
   void stepPlanned() {
     if (waitForData()) return;
-    report(NavigationPhase::kPlanning, replan_reason);
+    report(NavigationPhase::kPlanning, attempts.reason());
     if (!data.jump.empty()) return planAnew(data.jump);
     if (const auto reason = blockedWay()) return planAnew(*reason);
     if (now_s - planned_s >= config.plan_cost_s) mode = Mode::kDriving;
@@ -435,29 +338,27 @@ struct BaseNavigator::State {
 
   void stepDriving() {
     if (!data.jump.empty()) {
-      is_off_path = true;
+      drive.leavePath();
       return brakeToPlanAnew(data.jump);
     }
     if (waitForData()) return;
-    if (is_off_path) {  // the data is back
+    if (drive.isOffPath()) {  // the data is back
       if (!comeToStand()) {
         output.reason = "stops where data was missing";
         return;
       }
-      if (!follower.resume(data.T_map_base)) return planAnew("the base came off its way while data was missing");
-      is_off_path = false;
+      if (!drive.resume(data.T_map_base)) return planAnew("the base came off its way while data was missing");
     }
     if (const auto reason = blockedWay()) return brakeToPlanAnew(*reason);
-    if (!follower.isActive()) return arrive();  // came to the end while it braked
-    drive();
+    if (!drive.isActive()) return arrive();  // came to the end while it braked
+    driveOn();
   }
 
-  void drive() {
+  void driveOn() {
     output.phase = NavigationPhase::kDriving;
-    output.guard = lookAhead(guard, follower, limits, data);
-    const Twist2d wanted = follower.wanted(data.T_map_base);
-    output.follow = follower.update(data.T_map_base, dt_s, output.guard.speed_factor);
-    at_m = output.follow.at_m;
+    output.guard = lookAhead(guard, drive.follower(), limits, data);
+    const Twist2d wanted = drive.follower().wanted(data.T_map_base);
+    output.follow = drive.follow(data.T_map_base, output.guard.speed_factor);
     if (output.follow.status == FollowStatus::kReached) return arrive();
     if (output.follow.status == FollowStatus::kLost) return leaveWay();
     const Twist2d& command = output.follow.twist;
@@ -475,7 +376,7 @@ struct BaseNavigator::State {
     const FollowCommand& follow = output.follow;
     planAnew("the base is " + text(std::hypot(follow.error_across_m, follow.error_along_m)) + " m and " +
              text(std::abs(follow.error_yaw_rad)) + " rad off its way");
-    report(NavigationPhase::kBraking, replan_reason);
+    report(NavigationPhase::kBraking, attempts.reason());
   }
 
   void waitForObstacle() {
@@ -491,7 +392,7 @@ struct BaseNavigator::State {
 
   void stepArriving() {
     if (!data.jump.empty()) {
-      is_off_path = true;
+      drive.leavePath();
       return planAnew(data.jump);
     }
     if (waitForData()) return;
@@ -515,18 +416,18 @@ struct BaseNavigator::State {
   }
 
   void stepEnding() {
-    if (!data.jump.empty()) is_off_path = true;
+    if (!data.jump.empty()) drive.leavePath();
     output.reason = ending.message;
     bool has_ended = comeToStand();
     // Without odometry nobody knows; and what does not stand when told so is not waited for.
-    if (!has_ended && isZero(follower.lastCommand())) {
-      has_ended = !data.isOdometryFresh(now_s) || now_s - *since.braking >= kStandPatience_s;
+    if (!has_ended && isZero(drive.command())) {
+      has_ended = !data.isOdometryFresh(now_s) || drive.brakingTime() >= kStandPatience_s;
     }
     if (!has_ended) return;
     output.ended = ending.status;
     output.message = ending.message;
-    report(stands() ? NavigationPhase::kIdle : NavigationPhase::kBraking, "");
-    follower.brake(dt_s);  // no path any more
+    report(drive.stands(data) ? NavigationPhase::kIdle : NavigationPhase::kBraking, "");
+    drive.finish();
     way = {};
     ++num_plans;
     since.ended = now_s;
@@ -581,7 +482,7 @@ const BasePath& BaseNavigator::path() const {
 }
 
 int BaseNavigator::plansForGoal() const {
-  return state_->goal.plans;
+  return state_->attempts.count();
 }
 
 std::uint64_t BaseNavigator::numPlans() const {

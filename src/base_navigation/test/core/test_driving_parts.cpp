@@ -5,7 +5,10 @@
 #include <gmock/gmock.h>
 
 #include "driving/arrival.h"
+#include "driving/base_stop_input.h"
 #include "driving/drive_data.h"
+#include "driving/path_drive.h"
+#include "driving/plan_attempts.h"
 #include "driving/stuck_detector.h"
 
 namespace base_navigation {
@@ -119,6 +122,121 @@ TEST(StuckDetector, FindsNothingWhereAFifthIsMeasured) {
     detector.add(10.0 + 0.02 * i, 0.02, {0.2, 0.0}, data);
   }
   EXPECT_EQ(detector.find(14.0, config.stuck_s), "");
+}
+
+TEST(BaseStopInput, EndsTheNextGoalOnce) {
+  BaseStopInput stop;
+  stop.take(BaseStop::kNone);
+  stop.take(BaseStop::kButton);
+  stop.take(BaseStop::kNone);
+  EXPECT_FALSE(stop.isActive());
+  EXPECT_TRUE(stop.endsGoal());
+  EXPECT_THAT(stop.words(), HasSubstr("before this goal (its emergency button is pressed)"));
+  stop.goalHasEnded();
+  EXPECT_FALSE(stop.endsGoal());
+}
+
+TEST(BaseStopInput, ScannerAndFirstReportEndNothing) {
+  BaseStopInput stop;
+  stop.take(BaseStop::kButton);  // at the start
+  stop.take(BaseStop::kNone);
+  stop.take(BaseStop::kScanner);
+  EXPECT_TRUE(stop.isActive());
+  EXPECT_FALSE(stop.endsGoal());
+}
+
+BasePlan failedPlan() {
+  BasePlan plan;
+  plan.status = BasePlanStatus::kGoalOccupied;
+  plan.message = "the goal is occupied";
+  return plan;
+}
+
+TEST(PlanAttempts, FirstFailureEndsTheGoal) {
+  const BaseNavigatorConfig config;
+  PlanAttempts attempts(config);
+  attempts.start();
+  ASSERT_FALSE(attempts.begin());
+  const auto end = attempts.fail(failedPlan(), 10.0);
+  ASSERT_TRUE(end);
+  EXPECT_EQ(end->status, NavigationStatus::kGoalOccupied);
+  EXPECT_EQ(end->message, "the goal is occupied");
+}
+
+TEST(PlanAttempts, WaitsOnceBeforeAReplanEndsTheGoal) {
+  const BaseNavigatorConfig config;
+  PlanAttempts attempts(config);
+  attempts.start();
+  ASSERT_FALSE(attempts.begin());
+  attempts.succeed();
+  attempts.request("an obstacle", true);
+  EXPECT_FALSE(attempts.waiting(10.0));
+  ASSERT_FALSE(attempts.begin());
+  ASSERT_FALSE(attempts.fail(failedPlan(), 10.0));
+  const auto reason = attempts.waiting(10.0 + 0.9 * config.blocked_patience_s);
+  ASSERT_TRUE(reason);
+  EXPECT_EQ(*reason, "an obstacle; planning anew: the goal is occupied");
+  EXPECT_FALSE(attempts.waiting(10.0 + config.blocked_patience_s));
+  ASSERT_FALSE(attempts.begin());
+  const auto end = attempts.fail(failedPlan(), 14.0);
+  ASSERT_TRUE(end);
+  EXPECT_EQ(end->status, NavigationStatus::kObstacle);
+}
+
+TEST(PlanAttempts, EndsAtTheMostPlans) {
+  BaseNavigatorConfig config;
+  config.max_plans = 2;
+  PlanAttempts attempts(config);
+  attempts.start();
+  EXPECT_FALSE(attempts.begin());
+  EXPECT_FALSE(attempts.begin());
+  attempts.request("the way is blocked", false);
+  const auto end = attempts.begin();
+  ASSERT_TRUE(end);
+  EXPECT_EQ(end->status, NavigationStatus::kTooManyPlans);
+  EXPECT_EQ(end->message, "planned 2 times, may be 2: the way is blocked");
+  EXPECT_EQ(attempts.count(), 2);
+}
+
+/// The commanded speed after braking for `num_steps` from 0.2 m/s.
+double speedAfterBraking(bool is_hard, int num_steps) {
+  const BaseNavigatorConfig config;
+  DriveData data(config, kLimits);
+  data.take(freshInput(10.0));
+  PathDrive drive({}, kLimits);
+  BasePath path;
+  path.motions.push_back({2.0, 0.0});
+  drive.setTime(10.0, 0.02);
+  drive.start(path);
+  while (drive.command().linear_m_s < 0.2) {
+    data.T_map_base.x_m += 0.02 * drive.command().linear_m_s;
+    drive.follow(data.T_map_base, 1.0);
+  }
+  drive.setHard(is_hard);
+  for (int i = 0; i < num_steps; ++i) drive.brake(data);
+  EXPECT_EQ(drive.isOffPath(), is_hard);
+  return drive.command().linear_m_s;
+}
+
+TEST(PathDrive, BrakesHarderOnRequestAndLeavesThePath) {
+  EXPECT_LT(speedAfterBraking(true, 5), speedAfterBraking(false, 5));
+}
+
+TEST(PathDrive, MeasuresBrakingTimeFromCommandedZero) {
+  const BaseNavigatorConfig config;
+  DriveData data(config, kLimits);
+  PathDrive drive({}, kLimits);
+  NavigationInput input = freshInput(10.0);
+  input.odometry_twist = {0.3, 0.0};
+  data.take(input);
+  drive.setTime(10.0, 0.02);
+  EXPECT_FALSE(drive.comeToStand(data)) << "commanded zero, and moves by odometry";
+  drive.setTime(10.1, 0.1);
+  EXPECT_FALSE(drive.comeToStand(data));
+  EXPECT_NEAR(drive.brakingTime(), 0.1, 1e-12);
+  data.take(freshInput(10.1));
+  EXPECT_TRUE(drive.comeToStand(data));
+  EXPECT_EQ(drive.brakingTime(), 0.0);
 }
 
 }  // namespace
