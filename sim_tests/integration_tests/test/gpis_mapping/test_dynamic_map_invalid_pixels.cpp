@@ -190,6 +190,15 @@ TEST(DynamicMapInvalidPixels, HoleAcrossTheWholeViewDeletesAtOnceWhatWasMeasured
   EXPECT_EQ(map.snapshot()->numPoints(), 0u) << "the whole is";
 }
 
+TEST(DynamicMapInvalidPixels, ImageWithoutAnyDepthAfterAFullOneDeletesNothing) {
+  HoleLooks looks;
+  GpisMap map(looks.config);
+  looks.see(&map, 0);
+  const std::vector<SurfacePoint> before = pointsOf(map);
+  for (int look = 0; look < 3; ++look) feed(&map, looks.scene, looks.next_frame++, constantImage(looks.scene, 0.0f));
+  EXPECT_TRUE(areIdentical(before, pointsOf(map)));
+}
+
 TEST(DynamicMapInvalidPixels, HoleOutsideTheStatedFieldOfViewIsNoEvidence) {
   HoleLooks looks;
   looks.scene.boxes = {makeBox(0, {-0.05, 0.5, 1.0}, {0.05, 0.08, 0.08})};  // 27 degrees to the side

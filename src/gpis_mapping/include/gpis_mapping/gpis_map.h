@@ -57,7 +57,8 @@ struct CameraView {
   std::vector<std::uint8_t> can_measure;
   Eigen::Isometry3d T_map_camera{Eigen::Isometry3d::Identity()};  // of the last image
   double stamp_s{-std::numeric_limits<double>::infinity()};
-  int num_displaced{0};  // images running that lay off the map as a whole
+  int num_displaced{0};        // images running that lay off the map as a whole
+  std::size_t num_surface{0};  // pixels with a depth in the last image that had any
 };
 
 /// Everything that is kept of a map: what save writes and load restores, but for the view. GPs are trained from it.

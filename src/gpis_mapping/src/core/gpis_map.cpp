@@ -182,6 +182,7 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
   if (!(camera == view_.camera)) {
     view_.camera = camera;
     view_.can_measure.assign(static_cast<std::size_t>(camera.width) * camera.height, 0);
+    view_.num_surface = 0;
   }
   camera_ = camera;
 }
@@ -377,6 +378,7 @@ void GpisMap::allowForMisalignment(Frame* frame) {
 }
 
 void GpisMap::learnView(const ClassifiedFrame& pixels) {
+  if (pixels.num_surface > 0) view_.num_surface = pixels.num_surface;
   const double half_width = config_.sensor.fov_width_rad > 0.0 ? 0.5 * config_.sensor.fov_width_rad : M_PI_2;
   const double half_height = config_.sensor.fov_height_rad > 0.0 ? 0.5 * config_.sensor.fov_height_rad : M_PI_2;
   const double reach_u = std::tan(half_width) * camera_.fx;
@@ -530,6 +532,8 @@ void GpisMap::rememberRemoved(const std::vector<CellUpdate>& jobs) {
 }
 
 void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vector<CellUpdate>* jobs) {
+  // Objects leave; a whole view does not. The sensor has failed.
+  if (pixels->num_surface == 0 && 2 * view_.num_surface > pixels->kind.size()) return;
   const double reach = kFateSpacings * config_.surface.spacing_m;
   std::vector<HiddenPoint> hidden;
   std::vector<std::pair<CellUpdate*, std::size_t>> owners;
