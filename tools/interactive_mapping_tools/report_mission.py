@@ -208,11 +208,9 @@ def origin_of(run):
     return ", ".join(filter(None, known))
 
 
-def stages_of(run, worlds, maps, strategy):
+def stages_of(run, worlds, maps):
     """[figure or None], a row per stage, the world on the left, the map as it was then on the right; of one kind alone two beside each other."""
-    # Coverage and precision are of the map that the strategy sees; the meshes that are kept, of the one that the arm moves by.
-    map_name = "The arm's map" if strategy.startswith("octomap") else "The map"
-    kinds = [(entries, what, verb) for entries, what, verb in ((worlds, "The world", "stowed"), (maps, map_name, "picked")) if entries]
+    kinds = [(entries, what, verb) for entries, what, verb in ((worlds, "The world", "stowed"), (maps, "The map", "picked")) if entries]
     figures = []
     for index in range(max((len(entries) for entries, _, _ in kinds), default=0)):
         for entries, what, verb in kinds:
@@ -247,7 +245,7 @@ def write_page(run, summary, plots, maps, colour_range, out):
                   (share(summary.get("map_coverage")) or "?", "of the surface mapped", False), (told("falls"), "bricks fell", bool(summary.get("falls"))),
                   (told("collisions"), "collisions", bool(summary.get("collisions"))), (duration(summary.get("sim_seconds")), f"of {run.clock()}", False),
                   (told("views"), "views", False)],
-        "stages": stages_of(run, pick_stages(run.world_pictures, "world"), maps, str(summary.get("strategy") or "")),
+        "stages": stages_of(run, pick_stages(run.world_pictures, "world"), maps),
         "scale": colour_scale(colour_range if maps else None), "num_pictures": len(run.world_pictures),
         "thumbs": list(filter(None, (figure(path, f"{duration(seconds - run.start_s())}, {count} stowed", run, 400) for seconds, count, path in thumbs))),
         "plots": list(filter(None, (figure(path, captions[path.name], run, 1400, lossless=True) for path in plots))),

@@ -177,7 +177,7 @@ class Launched:
                 is_gone_within(NODE_ENDS_S, lambda: not list(self.marked()))
 
 
-def follow(launched, wall_limit):
+def follow(launched, mesh, wall_limit):
     """The recorder's exit code when the mission has ended; 1 if roslaunch has ended before, None if interrupted."""
     import rosgraph
     while not rosgraph.is_master_online():  # the recorder asks for the master when it starts
@@ -188,7 +188,7 @@ def follow(launched, wall_limit):
         if launched.is_interrupted:
             sys.exit(130)
         time.sleep(POLL_S)  # nobody tells of a master that has come
-    launched.start("recorder", [str(ROOT / "scripts/mission_recorder.py"), str(launched.run), "--mesh", "/gpis_mapping/mesh", "--wall-limit", wall_limit])
+    launched.start("recorder", [str(ROOT / "scripts/mission_recorder.py"), str(launched.run), "--mesh", mesh, "--wall-limit", wall_limit])
     while not launched.is_interrupted:
         with contextlib.suppress(subprocess.TimeoutExpired):
             return launched.processes["recorder"].wait(POLL_S)
@@ -230,7 +230,7 @@ def main():
     try:
         # Its own session: Ctrl-C in the terminal is for this script, which ends things in order.
         launched.start("roslaunch", ["roslaunch", "-p", port, "mp700_ur5e_bringup", "simulation.launch", *launch_arguments], start_new_session=True)
-        code = follow(launched, options.wall_limit)
+        code = follow(launched, "/octomap_baseline/mesh" if options.map == "octomap" else "/gpis_mapping/mesh", options.wall_limit)
         if launched.is_interrupted:
             print("Interrupted: ending everything ...", flush=True)
     finally:
