@@ -601,8 +601,9 @@ class BringupLaunch(unittest.TestCase):
         self.assertFalse(self.simulation().nodes["/simulated_world"].respawn)
 
     def test_nodelets_do_what_the_nodes_do(self):
-        loads = {"/depth_self_filter", "/gpis_mapping", "/brick_detection", "/octomap_baseline"}
-        for args in (("map:=octomap", "clock:=lockstep"), ("map:=octomap", "required:=true")):
+        for mapping, args in (("/gpis_mapping", ("clock:=lockstep",)), ("/octomap_baseline", ("map:=octomap", "clock:=lockstep")),
+                              ("/octomap_baseline", ("map:=octomap", "required:=true"))):
+            loads = {"/depth_self_filter", mapping, "/brick_detection"}
             nodes, nodelets = self.simulation(*args), self.simulation(*args, "nodelets:=true")
             waits = "/simulated_world/clock/wait_for"
             other_params = [{name: value for name, value in loaded.params.items() if name != waits} for loaded in (nodes, nodelets)]
