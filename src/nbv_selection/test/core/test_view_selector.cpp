@@ -242,7 +242,7 @@ TEST(ViewSelector, NeedsNoSectorsWhenManipulabilityHasNoWeight) {
   RobotBody armless = pickingRobot();
   armless.sectors.reset();
   EXPECT_THAT(messageOf([&] { ViewSelector({}, armless); }),
-              HasSubstr("weights/manipulability = 0.25, must be 0 without the arm's sectors"));
+              HasSubstr("weights/manipulability = 0.2, must be 0 without the arm's sectors"));
   ViewSelectorConfig config;
   config.utility = config.utility.without("manipulability");
   const Selection with = select(setup.scene, setup.request, config);

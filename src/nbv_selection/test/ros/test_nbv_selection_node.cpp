@@ -698,11 +698,11 @@ TEST_F(TunedSelection, WeightsAndLogisticsChangeTheNextSelection) {
   const int untuned = main_->select(goalHere(kGpis)).selection.best;
   node_tests::tune(kTune,
                    "{weight_manipulability: 0.0, weight_pick_order: 1.0, weight_travel: 0.0, weight_uncertainty: 0.0, "
-                   "weight_frontier: 0.0, logistic_pick_order_a: 12.5}");
+                   "weight_frontier: 0.0, logistic_pick_order_a: 23.3}");
   ViewSelectorConfig config;
   for (nbv_selection::FactorConfig& factor : config.utility.factors) factor.weight = 0.0;
   config.utility.of(nbv_selection::Factor::kPickOrder).weight = 1.0;
-  config.utility.of(nbv_selection::Factor::kPickOrder).logistic.a = 12.5;
+  config.utility.of(nbv_selection::Factor::kPickOrder).logistic.a = 23.3;
   const SelectNextBestViewResult tuned = main_->select(goalHere(kGpis));
   expectChosenBy(config, tuned);
   EXPECT_NE(tuned.selection.best, untuned) << "or it would show nothing";
@@ -716,8 +716,8 @@ TEST_F(TunedSelection, ASelectionKeepsTheWeightsOfItsStart) {
   EXPECT_TRUE(waitUntil([&gate] { return gate->hasCome(); }));
   ViewSelectorConfig config;
   config.utility.of(nbv_selection::Factor::kTravel).weight = 0.4;
-  config.utility.of(nbv_selection::Factor::kFrontier).weight = 0.1;
-  const auto in_use = node_tests::askForNumbers(kTune, {{"weight_travel", 0.4}, {"weight_frontier", 0.1}});
+  config.utility.of(nbv_selection::Factor::kFrontier).weight = 0.15;
+  const auto in_use = node_tests::askForNumbers(kTune, {{"weight_travel", 0.4}, {"weight_frontier", 0.15}});
   EXPECT_EQ(in_use.at("weight_travel"), 0.4);
   gate->open();
   expectChosenBy(ViewSelectorConfig(), main_->await());
@@ -1122,7 +1122,7 @@ TEST_F(NbvSelectionProcess, BesideAForeignNavigationItNeedsNoArm) {
   {
     Process node({NBV_SELECTION_NODE, "__name:=" + name}, logOf(name));
     EXPECT_TRUE(waitUntil([&node] { return node.hasEnded(); }));
-    EXPECT_THAT(node.output(), HasSubstr("weights/manipulability = 0.25, must be 0 without the arm's sectors"));
+    EXPECT_THAT(node.output(), HasSubstr("weights/manipulability = 0.2, must be 0 without the arm's sectors"));
   }
   ros::param::set("/" + name + "/gpis/removed_factor", "manipulability");
   ros::param::set("/" + name + "/input/max_grid_age_s", 0.0);

@@ -201,7 +201,7 @@ TEST(StrategyParams, WeightsThatDoNotSumToOneAreRefusedWithTheirSum) {
               HasSubstr("/heavy/weights: their sum = 1.250000, must be 1"));
   EXPECT_THAT(messageOf([&] { loadParams<OctomapStrategyParams>(nh); }),
               HasSubstr("/heavy/weights: their sum = 1.250000, must be 1"));
-  nh.setParam("weights/manipulability", 0.0);
+  nh.setParam("weights/frontier", 0.05);  // 0.25 less
   EXPECT_EQ(messageOf([&] { loadParams<GpisStrategyParams>(nh); }), "");
 }
 
@@ -214,8 +214,8 @@ TEST(StrategyParams, AFactorIsRemovedAndTheOthersShareItsWeight) {
   EXPECT_EQ(params.selector.utility.of(Factor::kTravel).weight, 0.25) << "as read, for who prints it";
   const nbv_selection::ViewSelectorConfig effective = params.effective();
   EXPECT_EQ(effective.utility.of(Factor::kTravel).weight, 0.0);
-  EXPECT_NEAR(effective.utility.of(Factor::kFrontier).weight, 1.0 / 3.0, 1e-12);
-  EXPECT_NEAR(effective.utility.of(Factor::kPickOrder).weight, 0.2, 1e-12);
+  EXPECT_NEAR(effective.utility.of(Factor::kFrontier).weight, 0.3 / 0.75, 1e-12);
+  EXPECT_NEAR(effective.utility.of(Factor::kPickOrder).weight, 0.1 / 0.75, 1e-12);
   EXPECT_EQ(effective.manipulability.weight, nbv_selection::ApproachWeight::kFromArmBase);
   EXPECT_TRUE(effective.utility.use_failures);
   nh.setParam("removed_factor", "failure_penalty");

@@ -92,6 +92,7 @@ class MissionActions {
     std::string message;
     ros::Time stamp;
     ros::WallTime since;
+    bool lets_go;
   };
   struct PendingDetection {  // until the list of all bricks has come
     interactive_mapping_msgs::DetectBricks::Response response;
@@ -137,8 +138,9 @@ class MissionActions {
   void reply(const pick_mission::Result& result, const std::string& message,
              std::optional<pick_mission::Hand> hand = std::nullopt);
   void noAnswer(const std::string& why) { reply(pick_mission::NoAnswer{}, why); }
+  /// `lets_go`: it succeeds when what was held is let go.
   template <typename Action>
-  void sendArm(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal);
+  void sendArm(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal, bool lets_go);
   template <typename Action, typename OnResult>
   void sendPlan(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal, OnResult on_result);
   void abandon();

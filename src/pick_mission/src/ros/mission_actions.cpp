@@ -30,6 +30,7 @@ constexpr char kLog[] = "pick_mission";
 
 /// What a result is followed by comes on another topic; wall time until it is done without.
 constexpr double kFollowUp_s = 2.0;
+constexpr double kMagnetLag_s = 0.5;  // ROS time; a driver tells of its outputs at 10 Hz or more
 /// That clocks of two computers, or of two nodes that hear a simulated one, may differ.
 constexpr double kClocksApart_s = 0.5;
 /// Goals are told back as they were given, but for the rounding of yaw to a quaternion.
@@ -384,14 +385,16 @@ void MissionActions::begin(const command::PlanPick& plan) {
 }
 
 template <typename Action>
-void MissionActions::sendArm(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal) {
-  sendPlan(caller, goal, [this](const auto& result) {
+void MissionActions::sendArm(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal,
+                             bool lets_go) {
+  sendPlan(caller, goal, [this, lets_go](const auto& result) {
     const ArmOutcome& outcome = result.outcome;
     PendingArm arm;
     arm.status = statusFrom<ArmStatus>(outcome.status, interactive_mapping::kNumArmStatus, "outcome of the arm");
     arm.message = outcome.message;
     arm.stamp = outcome.header.stamp;
     arm.since = ros::WallTime::now();
+    arm.lets_go = lets_go;
     pending_arm_ = arm;
     finishArm();
   });
@@ -402,6 +405,10 @@ void MissionActions::sendArm(ActionCaller<Action>* caller, const typename Action
 void MissionActions::finishArm() {
   if (!pending_arm_ || !bridge_ || bridge_->header.stamp <= pending_arm_->stamp) return;
   const PendingArm arm = *pending_arm_;
+  // The driver tells that the magnet's output is off some steps after it was switched.
+  const bool has_let_go = arm.lets_go && arm.status == ArmStatus::kSuccess;
+  const double after_s = (bridge_->header.stamp - arm.stamp).toSec();
+  if (has_let_go && hand() == Hand::kHolding && after_s < kMagnetLag_s) return;
   const Hand now = hand();
   told_hand_ = now;
   reply(ArmResult{arm.status}, arm.message, now);
@@ -413,24 +420,24 @@ void MissionActions::begin(const command::MoveArm& move) {
   }
   interactive_mapping_msgs::MoveArmGoal goal;
   goal.trajectory = arm_plan_.trajectory;
-  sendArm(&move_arm_, goal);
+  sendArm(&move_arm_, goal, false);
 }
 
 void MissionActions::begin(const command::Pick& pick) {
   if (pick.plan != pick_plan_id_) {
     return reply(ArmResult{ArmStatus::kBadRequest}, "plan " + std::to_string(pick.plan) + " is not kept");
   }
-  sendArm(&pick_, toGoal(pick.brick, params_.map_frame, pick_plan_));
+  sendArm(&pick_, toGoal(pick.brick, params_.map_frame, pick_plan_), true);
 }
 
 void MissionActions::begin(const command::LetGo& /*let_go*/) {
-  sendArm(&let_go_, interactive_mapping_msgs::LetGoBrickGoal());
+  sendArm(&let_go_, interactive_mapping_msgs::LetGoBrickGoal(), true);
 }
 
 void MissionActions::begin(const command::Recover& recover) {
   interactive_mapping_msgs::RecoverArmGoal goal;
   goal.unlock_protective_stop = recover.unlocks_protective_stop;
-  sendArm(&recover_, goal);
+  sendArm(&recover_, goal, false);
 }
 
 void MissionActions::begin(const command::Look& look) {

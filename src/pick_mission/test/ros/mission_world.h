@@ -187,6 +187,7 @@ class MissionWorld {
     pile = {0, 1, 2, 3};
     base_x_m = -3.0;
     hand.reset();
+    magnet_lag = 0;
     calls.clear();
     modes.clear();
     spoilers.clear();
@@ -249,6 +250,7 @@ class MissionWorld {
   double base_x_m{0.0};
   bool is_tf_late{false};  // once: of half a minute ahead and elsewhere, as of before the clock jumped back
   std::optional<int> hand;
+  int magnet_lag{0};                  // states of the bridge after a pick in which the magnet is still on
   std::vector<std::string> calls;     // in order
   std::map<std::string, Mode> modes;  // by name of the server
   std::map<std::string, int> times_cancelled;
@@ -341,6 +343,7 @@ class MissionWorld {
         [this](const auto& goal, bool is_cancelled, auto* result, bool*) {
           fillArm(is_cancelled, result);
           if (!is_cancelled) pile.erase(std::remove(pile.begin(), pile.end(), goal.brick_id), pile.end());
+          magnet_lag_left_ = magnet_lag;
         });
     let_go_ = make<msgs::LetGoBrickAction>(
         "let_go", "/ur_driver_bridge/let_go", [](const auto&) { return "let_go"; },
@@ -515,7 +518,9 @@ class MissionWorld {
       state.header.stamp = now;
       state.may_move = !is_held;
       state.phase = arm_phase;
-      state.is_magnet_on = state.is_holding = hand.has_value();
+      state.is_holding = hand.has_value();
+      state.is_magnet_on = hand.has_value() || magnet_lag_left_ > 0;
+      magnet_lag_left_ = std::max(0, magnet_lag_left_ - 1);
       bridge_.publish(state);
       if (!told_hand_ || *told_hand_ != hand) {
         msgs::AttachedBrick attached;
@@ -538,6 +543,7 @@ class MissionWorld {
   std::condition_variable changed_;
   std::vector<std::string> gone_;
   std::optional<std::optional<int>> told_hand_;
+  int magnet_lag_left_{0};
   int ticks_{0};
 
   double place_x_m_{0.0};
