@@ -110,7 +110,6 @@ Pose2d surveyPose(const Mission& mission, std::size_t index);
 /// Corners in the map.
 std::vector<Eigen::Vector2d> workspaceOf(const Mission& mission);
 
-
 /// After views without a pick: about the bricks that were tried more often than others. Empty if there are none, or
 /// nothing else was worth it.
 std::vector<command::Zone> zonesToKeepAwayFrom(const Mission& mission);
