@@ -20,9 +20,13 @@ struct TreeProjection {
   std::vector<gpis_mapping::SpaceState> state;
 };
 
+/// An occupied voxel of the smallest size none of whose 26 neighbours is occupied: noise, as octomap_server's filter_speckles
+/// has it.
+bool isSpeck(const octomap::OcTree& tree, const octomap::OcTreeKey& key);
+
 /// A column is occupied when any of its voxels with z in [min_z_m, max_z_m] is, else free when any is, else unknown.
-/// The grid is as large as what is known in that range; empty when nothing is. With `without_specks` an occupied voxel of the
-/// smallest size none of whose 26 neighbours is occupied counts as free: noise, as octomap_server's filter_speckles has it.
+/// The grid is as large as what is known in that range; empty when nothing is. With `without_specks` specks
+/// count as free.
 TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m, bool without_specks = false);
 
 }  // namespace octomap_baseline

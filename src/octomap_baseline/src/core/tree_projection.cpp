@@ -9,9 +9,6 @@ namespace octomap_baseline {
 
 using gpis_mapping::SpaceState;
 
-namespace {
-
-/// Of a voxel of the smallest size.
 bool isSpeck(const octomap::OcTree& tree, const octomap::OcTreeKey& key) {
   octomap::OcTreeKey other;
   for (int dz = -1; dz <= 1; ++dz) {
@@ -28,8 +25,6 @@ bool isSpeck(const octomap::OcTree& tree, const octomap::OcTreeKey& key) {
   }
   return true;
 }
-
-}  // namespace
 
 TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m, bool without_specks) {
   struct Leaf {

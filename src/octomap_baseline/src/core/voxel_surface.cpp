@@ -12,6 +12,8 @@
 #include <flann/algorithms/dist.h>
 #include <flann/algorithms/kdtree_single_index.h>
 
+#include "octomap_baseline/tree_projection.h"
+
 namespace octomap_baseline {
 
 using gpis_mapping::SpaceState;
@@ -34,9 +36,12 @@ SpaceState stateOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node)
 }  // namespace
 
 struct VoxelSurface::Impl {
-  explicit Impl(const octomap::OcTree& the_tree) : tree(the_tree), half_m(0.5 * the_tree.getResolution()) {
+  Impl(const octomap::OcTree& the_tree, bool without_specks) : tree(the_tree), half_m(0.5 * the_tree.getResolution()) {
     for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
-      if (tree.isNodeOccupied(*leaf)) addSidesOf(leaf.getIndexKey(), 1U << (tree.getTreeDepth() - leaf.getDepth()));
+      if (!tree.isNodeOccupied(*leaf)) continue;
+      const bool is_smallest = leaf.getDepth() == tree.getTreeDepth();
+      if (without_specks && is_smallest && isSpeck(tree, leaf.getKey())) continue;
+      addSidesOf(leaf.getIndexKey(), 1U << (tree.getTreeDepth() - leaf.getDepth()));
     }
     for (Eigen::Vector3f& normal : mesh.normals_map) normal.normalize();
     mesh.variance_m2.assign(mesh.vertices_map.size(), std::numeric_limits<float>::quiet_NaN());
@@ -133,7 +138,8 @@ struct VoxelSurface::Impl {
   std::optional<flann::KDTreeSingleIndex<flann::L2_3D<double>>> index;
 };
 
-VoxelSurface::VoxelSurface(const octomap::OcTree& tree) : impl_(std::make_unique<Impl>(tree)) {}
+VoxelSurface::VoxelSurface(const octomap::OcTree& tree, bool without_specks)
+    : impl_(std::make_unique<Impl>(tree, without_specks)) {}
 
 VoxelSurface::~VoxelSurface() = default;
 

@@ -175,7 +175,7 @@ OctomapBaselineRos::Surface OctomapBaselineRos::surface() {
     tree = std::make_unique<octomap::OcTree>(map_.tree());
     now = {revision_, stamp_, map_.numUpdates(), nullptr};
   }
-  now.voxels = std::make_shared<const octomap_baseline::VoxelSurface>(*tree);
+  now.voxels = std::make_shared<const octomap_baseline::VoxelSurface>(*tree, params_.output.filter_speckles);
   surface_ = now;
   return now;
 }

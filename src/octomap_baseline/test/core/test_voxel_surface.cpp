@@ -153,5 +153,15 @@ TEST(VoxelSurface, WithoutASideThereIsNoDistance) {
   EXPECT_GT(result.occupancy[0], 0.5);
 }
 
+TEST(VoxelSurface, SpecksHaveNoSidesIfTheyAreLeftOut) {
+  octomap::OcTree tree(kVoxel_m);
+  for (int x = -3; x <= 3; ++x)
+    tree.updateNode(octomap::point3d(static_cast<float>(x) * 0.05F + 0.01F, 0.01F, 0.01F), x == 0);
+  EXPECT_EQ(VoxelSurface(tree).mesh().triangles.size(), 4U);
+  EXPECT_TRUE(VoxelSurface(tree, true).mesh().triangles.empty());
+  tree.updateNode(octomap::point3d(0.06F, 0.06F, 0.06F), true);  // they touch at a corner
+  EXPECT_EQ(VoxelSurface(tree, true).mesh().triangles.size(), 4U);
+}
+
 }  // namespace
 }  // namespace octomap_baseline
