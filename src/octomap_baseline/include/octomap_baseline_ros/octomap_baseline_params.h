@@ -29,7 +29,7 @@ struct OctomapBaselineParams {
       f("every_image", c.every_image, "besides, after each image that changed the map, before its ~update");
       f("projected_min_z_m", c.projected_min_z_m, -1e4, 1e4, "m", "voxels between these heights ...");
       f("projected_max_z_m", c.projected_max_z_m, -1e4, 1e4, "m", "... make the projected map");
-      f("filter_speckles", c.filter_speckles, "voxels without an occupied neighbour are left out of it");
+      f("filter_speckles", c.filter_speckles, "voxels without an occupied neighbour are left out of it and of ~mesh");
       f.require(c.projected_min_z_m < c.projected_max_z_m, "projected_min_z_m must be below output/projected_max_z_m");
     }
   } output;
