@@ -19,7 +19,7 @@ struct PickMissionParams {
   std::string run_folder;
   bool autostart{false};
   pick_mission::MissionInfo info;
-  std::string stow{"chute_drop"};
+  std::string stow{"container_place_1"};
   pick_mission::MissionConfig mission;
 
   struct Heartbeat {
