@@ -83,6 +83,8 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
       return haltFor(HaltFor::kTimeUp);
     case Effect::kHaltForTimeout:
       return haltFor(HaltFor::kTimeout);
+    case Effect::kGoToDepot:
+      return goTo(base_navigation::compose(*memory.start_pose, config.depot.pose()), DriveFor::kDepot);
     case Effect::kGoToSurveyPose:
       return goTo(surveyPose(mission, memory.survey_index), DriveFor::kSurvey);
     case Effect::kGoToUnseen:

@@ -54,6 +54,11 @@ bool holds(Guard guard, const Mission& mission) {
       return !isArmReady(mission.state, mission);
     case Guard::kReportLeft:
       return !memory.reports.empty();
+    case Guard::kUnloadDue:
+      return memory.places_used > 0 && memory.end_reason <= EndReason::kNoProgress &&
+             (memory.is_ending || memory.places_used >= capacityOf(config));
+    case Guard::kAtDepot:
+      return mission.goal.why == DriveFor::kDepot;
     case Guard::kSurveyLeft:
       return memory.survey_index < numSurveyPoses(mission);
     case Guard::kAllDealtWith:

@@ -14,7 +14,7 @@
 namespace pick_mission {
 
 enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
-enum class DriveFor { kSurvey, kView, kVantage };
+enum class DriveFor { kSurvey, kView, kVantage, kDepot };
 
 /// All data of a mission. What works on it is declared below, by its file.
 struct Mission {

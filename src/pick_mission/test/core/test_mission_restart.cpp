@@ -163,14 +163,14 @@ TEST(MissionRestart, SavedStateIsTheSameAfterARoundTrip) {
   }
 }
 
-/// As version 3 of the form is on the disks of users: every field differs from that of a new mission.
-constexpr char kSavedState[] = R"json({"version": 3, "has_ended": false, "end_reason": 8, "is_ending": true,
+/// As version 4 of the form is on the disks of users: every field differs from that of a new mission.
+constexpr char kSavedState[] = R"json({"version": 4, "has_ended": false, "end_reason": 8, "is_ending": true,
     "end_message": "plan_stow: no map; 5 times in a row; the map has to come", "waits_in": 1, "is_hold_given": true,
     "is_let_go_open": true, "used_s": 1234.5, "start_pose": [-3.0, 0.25, 0.5], "base": [0.75, -0.5, 3.125],
     "survey_index": 2, "round": [[1.5, 0.125, -3.0], [-0.25, 1.75, -1.5]], "is_round_planned": true,
-    "brick_in_hand": 7, "pick_running": null, "nameless_picked": 1, "scene": 13, "views": 2, "picks_begun": 5,
+    "brick_in_hand": 7, "pick_running": null, "nameless_picked": 1, "scene": 13, "places_used": 2, "views": 2, "picks_begun": 5,
     "fruitless_views": 1, "low_utility_views": 2, "vantage_drives": 1, "fade_waits": 3,
-    "streaks": [0, 0, 0, 0, 0, 0, 0, 1, 2, 0, 0, 0, 3, 4, 5, 0, 0, 0, 1, 0, 2], "last_id": 70,
+    "streaks": [0, 0, 0, 0, 0, 0, 0, 1, 2, 0, 0, 0, 3, 4, 5, 0, 0, 0, 1, 0, 2, 0], "last_id": 70,
     "excluded": [[0.75, -0.5, 0.15]],
     "reports": [[-0.7, 0.5, 0.25, 1669.0, "plan_pick: approach blocked (from \u00fcber)"]],
     "failures": {"pick: NOT_ATTACHED": 1, "plan_pick: approach blocked": 2},

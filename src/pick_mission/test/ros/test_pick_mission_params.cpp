@@ -61,7 +61,7 @@ TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("colour", true);
   nh.setParam("map_frame", "/map");
   nh.setParam("base_frame", "");
-  nh.setParam("stow", "/container");
+  nh.setParam("stow", std::vector<std::string>{"container", "/container"});
   nh.setParam("sectors_file", "sectors.yaml");
   nh.setParam("bricks_file", "bricks.yaml");
   nh.setParam("run_folder", "run");
