@@ -131,7 +131,7 @@ class Recorder:
         self.messages = messages
         self.states = {value: name.lower().replace("_", " ") for name, value in vars(messages).items()
                        if name in ("IDLE", "PAUSED", "HELD", "HALTING", "ENDED", "BEGIN", "CHOOSE", "PLAN_CLEAR", "CLEAR", "LOOK", "DETECT", "REPORT",
-                                   "PLAN_PICK", "PICK", "PLAN_STOW", "STOW", "LET_GO", "SELECT", "DRIVE", "RECOVER", "WAIT")}
+                                   "PLAN_PICK", "PICK", "PLAN_STOW", "STOW", "LET_GO", "SELECT", "DRIVE", "RECOVER", "WAIT", "UNLOAD")}
         self.mesh = None  # bytes of the newest one
         self.mesh_number = 0
         self.pictures = folder / "pictures"

@@ -12,6 +12,7 @@ ACTIVITIES = (
     ("picks and stows", ("pick", "stow", "let_go")),
     ("plans the arm's motions", ("plan_pick", "plan_stow", "plan_clear")),
     ("moves the arm out of view", ("clear",)),
+    ("is unloaded", ("unload",)),
     ("looks", ("look", "detect")),
     ("chooses where to go", ("select", "report")),
     ("waits or recovers", ("wait", "recover", "halting")),
@@ -25,7 +26,7 @@ DECISION_WORDS = {
     "begin": "began another round", "choose": "went on with the next brick or view", "plan_clear": "planned the arm out of view",
     "clear": "moved the arm out of view", "look": "looked again", "detect": "detected the bricks again", "report": "told the choice of views",
     "plan_pick": "planned a pick", "pick": "picked", "plan_stow": "planned to stow", "stow": "stowed", "let_go": "let the brick go",
-    "select": "chose another view", "drive": "drove", "recover": "recovered the arm", "wait": "waited", "halting": "stopped arm and base",
+    "select": "chose another view", "drive": "drove", "recover": "recovered the arm", "wait": "waited", "unload": "was unloaded", "halting": "stopped arm and base",
     "paused": "paused", "held": "held still", "idle": "waited for a start", "ended": "ended the mission",
 }
 END_WORDS = {

@@ -111,7 +111,7 @@ def acceptance_rows(result):
     yield (f"planPick: median at most {LIMITS['median_ms']:g} ms", f"{entry['plan_ms_median']:.0f} ms", holds(entry["plan_ms_median"] <= LIMITS["median_ms"]))
     yield (f"planPick: 95 % within {LIMITS['p95_ms']:g} ms", f"{entry['plan_ms_p95']:.0f} ms", holds(entry["plan_ms_p95"] <= LIMITS["p95_ms"]))
     yield ("no planned motion through the exact scene, at ten times the planner's resolution", f"{entry['colliding']} of {entry['solved']}", holds(entry["colliding"] == 0))
-    yield ("limits, meeting of phases, contact, tilt, place over the chute", f"{entry['faulty']} faults in {entry['solved']}", holds(entry["faulty"] == 0))
+    yield ("limits, meeting of phases, contact, tilt, place over the container", f"{entry['faulty']} faults in {entry['solved']}", holds(entry["faulty"] == 0))
 
 
 def failure_rows(result):

@@ -44,7 +44,7 @@ FAULT_S = {"camera_gone": 8.0, "localisation_gone": 8.0, "driver_gone": 5.0, "ob
 # A person steps in so far before the base: braking_share of base_navigation.yaml times linear_m_per_s2 of base_profile.yaml.
 FREE_M, REACTION_S, BRAKING_M_S2 = 0.3, 0.5, 0.7 * 0.2
 FAULTS_EACH = 3
-CARRY_S = 5.0  # simulated; a brick hangs about so long before it is over the chute
+CARRY_S = 5.0  # simulated; a brick hangs about so long before it is over the container
 # Simulated, from the end of one disturbance to the next: what is judged is what comes of each, not of the sum.
 GAP_S = 5.0
 # Without the heartbeat, which a mission whose hold has reached nobody stops, the clock all but stands: then the wall's.

@@ -35,7 +35,7 @@ void BM_PlanPick(benchmark::State& state) {
     for (const PickWorld& pile : piles) {
       for (const std::size_t brick : pile.open) {
         const double start_ms = processorMilliseconds();
-        const PickPlan plan = planner.planPick(pile.context(), pile.target(brick), pile.chute(*shippedArm()));
+        const PickPlan plan = planner.planPick(pile.context(), pile.target(brick), pile.container(*shippedArm()));
         all_ms.push_back(processorMilliseconds() - start_ms);
         if (plan.status == PlanStatus::kSuccess) solved_ms.push_back(all_ms.back());
         ++count[plan.status];
@@ -65,7 +65,7 @@ void BM_MonitorApproach(benchmark::State& state) {
   const MotionPlanner planner(shippedArm(), testSectors(), {});
   PickPlan plan;
   for (const std::size_t brick : pile.open) {
-    plan = planner.planPick(pile.context(), pile.target(brick), pile.chute(*shippedArm()));
+    plan = planner.planPick(pile.context(), pile.target(brick), pile.container(*shippedArm()));
     if (plan.status == PlanStatus::kSuccess) break;
   }
   if (plan.status != PlanStatus::kSuccess) return state.SkipWithError("no plan");

@@ -222,13 +222,13 @@ class CrashInSimulation(unittest.TestCase):
         state = self.latest["/ur_driver_bridge/state"]
         self.assertTrue(state.is_magnet_on)
         self.images_in_map(rospy.Time.now())
-        plan = self.answer(self.plan, PlanArmGoal(goals=[ArmGoal(kind=ArmGoal.PLACE, place_frame="chute_drop")])).result
+        plan = self.answer(self.plan, PlanArmGoal(goals=[ArmGoal(kind=ArmGoal.PLACE, place_frame="container_place_1")])).result
         self.assertEqual(plan.outcome.status, PlanOutcome.SUCCESS, plan.outcome.message)
         moved = self.answer(self.move, MoveArmGoal(trajectory=plan.trajectory))
         self.assertEqual(moved.status.status, GoalStatus.SUCCEEDED, moved.status.text)
         let_go = self.answer(self.let_go, LetGoBrickGoal())
         self.assertEqual(let_go.status.status, GoalStatus.SUCCEEDED, let_go.status.text)
-        self.until(lambda: self.latest["/simulated_world/judge"].stowed == 1, ANSWER_S, "the brick in the chute")
+        self.until(lambda: self.latest["/simulated_world/judge"].stowed == 1, ANSWER_S, "the brick in the container")
         self.use_everything()
 
         judge = self.latest["/simulated_world/judge"]

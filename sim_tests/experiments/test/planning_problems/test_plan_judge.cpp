@@ -39,7 +39,7 @@ class PlanJudge : public ::testing::Test {
       limits_.acceleration_rad_s2[i] = planner_.speed.acceleration_rad_s2;
     }
     // Over the brick, down, up, and over the robot's back with the tool down all the way: tip poses on a way that leaves
-    // mast and chute alone, and the branch that goes on from the last.
+    // mast and container alone, and the branch that goes on from the last.
     ArmVector q = maker_->stowed();
     const JointPath above = path({tip(0.60, 0.0, kTipHeight_m + 0.10)}, &q, 1);
     plan_.approach = timed({maker_->stowed(), above.back()});
@@ -49,15 +49,16 @@ class PlanJudge : public ::testing::Test {
     const ArmVector up = q;
     // High enough for the brick to pass over the deck.
     JointPath carry = path({tip(0.60, 0.0, 1.00)}, &q, 40, up);
-    const Eigen::Isometry3d T_base_chute = maker_->chuteGoal().place->T_base_opening;
+    const Eigen::Isometry3d T_base_container = maker_->containerGoal().place->T_base_place;
     ArmVector turned = q;
-    turned[0] -= M_PI;  // about the right side: the mast is on the left
-    turned[5] += M_PI;
+    turned[0] -= M_PI;    // about the right side: the mast is on the left
+    turned[5] += M_PI_2;  // the brick crosswise, as it lies in its place
     carry.push_back(turned);
     q = turned;
-    const Eigen::Vector3d chute = T_base_chute.translation();
-    for (const ArmVector& next : path({tip(chute.x(), chute.y(), chute.z() + 0.2 + 0.03)}, &q, 40, turned))
-      carry.push_back(next);
+    const Eigen::Vector3d place = T_base_container.translation();
+    Eigen::Isometry3d over = tip(place.x(), place.y(), place.z() + 0.2 + 0.03);
+    over.rotate(Eigen::AngleAxisd(-M_PI_2, Eigen::Vector3d::UnitZ()));
+    for (const ArmVector& next : path({over}, &q, 40, turned)) carry.push_back(next);
     plan_.stow = timed(carry);
   }
 
@@ -252,12 +253,12 @@ TEST_F(PlanJudge, SeesATiltedLoad) {
   EXPECT_THAT(judge().faults, Contains(HasSubstr("stow: tilt")));
 }
 
-TEST_F(PlanJudge, SeesABrickThatEndsBesideTheChute) {
+TEST_F(PlanJudge, SeesABrickThatEndsBesideTheContainer) {
   plan_.stow = timed({plan_.stow.points.front().position_rad});
-  EXPECT_THAT(judge().faults, Contains(HasSubstr("beside the opening")));
+  EXPECT_THAT(judge().faults, Contains(HasSubstr("beside its place")));
 }
 
-TEST_F(PlanJudge, SeesABrickThatEndsTooLowOverTheChute) {
+TEST_F(PlanJudge, SeesABrickThatEndsTooLowOverTheContainer) {
   ArmVector q = plan_.stow.points.back().position_rad;
   const ArmVector from = q;
   Eigen::Isometry3d T = arm_->tipPose(q);

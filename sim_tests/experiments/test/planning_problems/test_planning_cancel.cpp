@@ -48,7 +48,7 @@ TEST(PlanningCancel, WithoutASceneThereIsNoMap) {
   motion_planning::PlanningContext context;
   context.T_map_base = problem.stand->T_map_base;
   context.start_rad = maker.stowed();
-  const auto plan = planner.planner().planPick(context, problem.target, {maker.chuteGoal()});
+  const auto plan = planner.planner().planPick(context, problem.target, {maker.containerGoal()});
   EXPECT_EQ(plan.status, PlanStatus::kNoMap);
   EXPECT_FALSE(plan.message.empty());
 }

@@ -213,7 +213,7 @@ TEST_F(PlanningNode, ImpossibleRequestsAreRefusedWithTheReason) {
   place.kind = ArmGoalMessage::PLACE;
   place.place_frame = "magnet_tip";  // moves with the arm
   expectOutcome(armTo(place), Outcome::BAD_REQUEST, "must be a link fixed to base_link: ");
-  expectOutcome(armTo(place), Outcome::BAD_REQUEST, ", chute_drop, ");
+  expectOutcome(armTo(place), Outcome::BAD_REQUEST, ", container_place_1, ");
 }
 
 TEST_F(PlanningNode, GoalsThatCannotBeReachedSayWhy) {
@@ -434,7 +434,7 @@ TEST_F(PlanningNode, WhatTheMagnetHoldsIsPartOfTheRobot) {
   expectOutcome(pickOf(kBrick), PlanOutcome::BAD_REQUEST, "holds brick 3");
   ArmGoalMessage place;
   place.kind = ArmGoalMessage::PLACE;
-  place.place_frame = "chute_drop";
+  place.place_frame = "container_place_1";
   const PlanArmResult placed = client_->plan(armTo(place));
   EXPECT_EQ(static_cast<int>(placed.outcome.status), static_cast<int>(PlanOutcome::SUCCESS)) << nameOf(placed.outcome);
   // Where the tip alone could be, the brick would be in the ground.

@@ -17,7 +17,7 @@ struct CollisionConfig {
   std::set<std::string> wheel_bodies{"wheel_front_left_link", "wheel_front_right_link"};
   std::string ground_body{"ground"};
   std::string tool_body{"magnet"};
-  std::string chute_body{"chute"};
+  std::string container_body{"container"};
   double end_gap_s{0.5};  ///< without contact for so long, an episode is over
 
   std::vector<std::string> validate() const;
@@ -27,8 +27,8 @@ struct CollisionConfig {
 /// however often they lose touch for a moment.
 ///
 /// Permitted are: a wheel and the ground; the tool and the target, or a brick that it holds or has just released; the
-/// chute and a brick that the tool holds, has released or has dropped, as long as it has that status. (The chute's job is
-/// with carried bricks; one that ploughs through the pile is a collision.) Everything else counts. Contacts of a carried
+/// container and a brick that the tool holds, has released or has dropped, or that is stowed. (The container's job is with
+/// carried bricks; one that ploughs through the pile is a collision.) Everything else counts. Contacts of a carried
 /// brick are of a kind of their own, counted in the same way.
 class CollisionMonitor {
  public:

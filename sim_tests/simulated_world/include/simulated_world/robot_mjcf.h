@@ -35,7 +35,7 @@ struct RobotMjcfOptions {
 /// Every link of the URDF is a body of its name, with the URDF's mass and inertia; fixed joints nest without a joint.
 /// The root link gets the joints base_x, base_y (slides) and base_yaw (hinge); the others keep the URDF's names and
 /// ranges. Shapes: "<link>/c0", ... collide (group 3), "<link>/v0", ... are seen (group 2). Camera "rgbd" in
-/// camera_depth_optical_frame. Sites at the frames magnet_tip, ur5e_tool0 (named "wrist_ft"), lidar_1_link, chute_drop.
+/// camera_depth_optical_frame. Sites at the frames magnet_tip, ur5e_tool0 (named "wrist_ft"), lidar_1_link.
 ///
 /// Throws std::invalid_argument for impossible options, for joints that are not fixed, revolute, continuous or prismatic,
 /// for meshes, and if a link that is named here or in the options is missing.

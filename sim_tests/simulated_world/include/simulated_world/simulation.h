@@ -59,8 +59,7 @@ struct SimulationConfig {
   double camera_drop_probability{0.0};
 
   int magnet_output{0};
-  int chute_capacity{100};
-  double chute_rest_s{0.3};
+  double container_rest_s{0.3};
   bool arm_starts_running{true};
   double start_time_s{10.0};
 
@@ -130,6 +129,8 @@ class Simulation {
   /// Throws std::invalid_argument with what is wrong.
   void addFault(const Fault& fault);
   void clearFaults() { faults_.clear(); }
+  /// Takes all bricks out of the container, as somebody at the depot would. How many.
+  int unload();
   /// The brick that the tool is about to touch; contact of tool and brick is a collision otherwise.
   void setTarget(std::optional<int> brick_id) { target_ = brick_id; }
   /// In the map frame. Throws std::invalid_argument for a broken surface.
@@ -192,7 +193,6 @@ class Simulation {
   void takeImages(Tick* tick);
   void observe(Tick* tick);
   bool isDue(double rate_hz) const;
-  bool isOverChute(int brick_id) const;
 
   struct BrickRecord {
     int id;
@@ -200,10 +200,11 @@ class Simulation {
     BrickStatus status;
     Eigen::Isometry3d T_map_grasp;  // where it was when the magnet took it
     double status_since_s;
-    double in_chute_since_s;  // < 0: it is not
+    double rests_since_s;  // in the container; < 0: it does not
     bool is_pickable;
   };
   BrickRecord& record(int id);
+  void drop(BrickRecord* brick);
   bool isCarried(const BrickRecord& brick) const;  ///< farther than a lift from where it was grasped
 
   SimulationConfig config_;
@@ -250,7 +251,6 @@ class Simulation {
   bool is_camera_used_{true};
   std::set<FaultKind> base_halts_;
   double base_free_s_{0.0};
-  bool chute_was_full_{false};
   int stowed_{0};
 };
 

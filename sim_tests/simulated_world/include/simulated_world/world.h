@@ -172,8 +172,14 @@ class World {
   std::vector<RobotTouch> takeTouches();
   int numAwake() const;     ///< bricks that take part in the dynamics now
   int numContacts() const;  ///< points of contact that the last step has solved
-  /// Bricks that lie at rest inside the chute, not held.
-  std::vector<int> bricksAtRestInChute() const;
+  /// A brick whose middle is over the container's floor, less than half a metre over the rim.
+  struct StowedBrick {
+    int id;
+    bool is_at_rest;  ///< with respect to the container
+    bool is_seated;   ///< lies flat on its floor; at rest and not seated: on the rim, or on other bricks
+  };
+  /// Those that are not held.
+  std::vector<StowedBrick> bricksInContainer() const;
 
   // What a person or a fault does.
   /// What a brick would be inside of at a pose, by more than 5 mm: "ground", a link or a brick; empty: it is free. Throws
@@ -220,7 +226,7 @@ class World {
   void findRobot();
   void findBricks(const std::vector<WorldBrick>& bricks);
   void findObstacles();
-  void findChute();  ///< there may be none
+  void findContainer();  ///< there may be none
   void standAt(const Pose2d& robot_start, const ArmVector& arm_start_rad);
   void weighTool();  ///< of all that hangs on the wrist's sensor
 
@@ -253,8 +259,8 @@ class World {
   std::array<int, 2> wheel_qpos_{{-1, -1}};
   std::array<int, 2> wheel_dof_{{-1, -1}};
   int magnet_body_{-1};
-  int chute_body_{-1};
-  Eigen::AlignedBox3d chute_inside_;  // hull of its walls, in the chute's frame
+  int container_body_{-1};
+  Eigen::AlignedBox3d container_inside_;  // hull of its walls, in the container's frame
   int tip_site_{-1};
   int wrist_site_{-1};
   int force_sensor_{-1};

@@ -15,9 +15,9 @@ namespace simulated_world {
 enum class BrickStatus {
   kInPile,       ///< nobody has it; the state in which it can fall
   kHeld,         ///< on the magnet
-  kReleased,     ///< let go on purpose over the chute, on its way into it
+  kReleased,     ///< let go on purpose over the container, on its way into it
   kDropped,      ///< lost by the magnet; lies wherever it fell and belongs to the pile again once at rest
-  kStowed,       ///< taken away through the chute
+  kStowed,       ///< lies in the container, or was unloaded
   kMovedByHand,  ///< being moved by somebody else than the robot (fault injection)
 };
 

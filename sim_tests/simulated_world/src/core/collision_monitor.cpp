@@ -16,7 +16,7 @@ std::vector<std::string> CollisionConfig::validate() const {
   };
   name("ground_body", ground_body);
   name("tool_body", tool_body);
-  name("chute_body", chute_body);
+  name("container_body", container_body);
   return problems;
 }
 
@@ -38,7 +38,7 @@ bool CollisionMonitor::isPermitted(const RobotContact& contact, const WorldObser
     return brick->id == observation.target_id || brick->status == BrickStatus::kHeld ||
            brick->status == BrickStatus::kReleased;
   }
-  return contact.robot_body == config_.chute_body && brick->status != BrickStatus::kInPile &&
+  return contact.robot_body == config_.container_body && brick->status != BrickStatus::kInPile &&
          brick->status != BrickStatus::kMovedByHand;
 }
 

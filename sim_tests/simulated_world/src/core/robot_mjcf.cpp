@@ -20,10 +20,8 @@ struct Site {
   const char* name;
   const char* frame;
 };
-constexpr std::array<Site, 4> kSites = {{{"magnet_tip", "magnet_tip"},
-                                         {"wrist_ft", "ur5e_tool0"},
-                                         {"lidar_1_link", "lidar_1_link"},
-                                         {"chute_drop", "chute_drop"}}};
+constexpr std::array<Site, 3> kSites = {
+    {{"magnet_tip", "magnet_tip"}, {"wrist_ft", "ur5e_tool0"}, {"lidar_1_link", "lidar_1_link"}}};
 
 /// Attributes of an element; doubles keep every digit.
 class Element {

@@ -183,9 +183,9 @@ void SimulationConfig::fields(SimulationConfig& c, interactive_mapping::Fields& 
       "output of the arm's controller that switches the magnet");
     MagnetConfig::fields(c.world.magnet, f);
   });
-  fieldSection(f, "chute", [&] {
-    f("capacity", c.chute_capacity, 1, 10000, "bricks", "bricks that the chute takes before it is full");
-    f("rest_s", c.chute_rest_s, 0.0, 60.0, "s", "a brick at rest in the chute for this time is stowed and taken away");
+  fieldSection(f, "container", [&] {
+    f("rest_s", c.container_rest_s, 0.0, 60.0, "s",
+      "a brick that lies flat on the container's floor, at rest for this time, is stowed");
   });
   fieldSection(f, "base", [&] {
     f("odometry_rate_hz", c.odometry_rate_hz, kLowestRate_hz, tick_rate_hz, "Hz",
@@ -536,24 +536,20 @@ bool Simulation::isCarried(const BrickRecord& brick) const {
   return (now_map - brick.T_map_grasp.translation()).norm() > kLifted_m;
 }
 
-bool Simulation::isOverChute(int brick_id) const {
-  const std::optional<BrickMotion> brick = world_->brick(brick_id);
-  const Eigen::Isometry3d T_map_drop = world_->linkPose(mp700_ur5e_description::kChuteDropFrame);
-  // Over the opening: whoever lets go here means the chute, and the brick's fall decides whether it gets there.
-  const Eigen::Vector3d p_drop = T_map_drop.inverse() * brick->T_map_brick.translation();
-  return p_drop.head<2>().cwiseAbs().maxCoeff() < 0.3 && p_drop.z() > -0.2;
-}
-
 void Simulation::followMagnet(double now_s, Tick* tick) {
   if (const std::optional<World::Release> release = world_->takeRelease()) {
     BrickRecord& brick = record(release->brick_id);
     const std::optional<BrickMotion> motion = world_->brick(release->brick_id);
     const std::string name = "brick " + std::to_string(release->brick_id);
     if (brick.status == BrickStatus::kHeld && motion) {
-      if (release->reason == ReleaseReason::kSwitchedOff && isOverChute(brick.id)) {
+      // Whoever lets go over the container means it, and the brick's fall decides whether it gets there.
+      const std::vector<World::StowedBrick> inside = world_->bricksInContainer();
+      const bool is_over_container =
+          std::any_of(inside.begin(), inside.end(), [&](const World::StowedBrick& one) { return one.id == brick.id; });
+      if (release->reason == ReleaseReason::kSwitchedOff && is_over_container) {
         brick.status = BrickStatus::kReleased;
       } else if (isCarried(brick)) {
-        brick.status = BrickStatus::kDropped;
+        drop(&brick);
         tick->incidents.push_back(sentence(now_s, "the magnet lost " + name));
       } else {
         brick.status = BrickStatus::kInPile;
@@ -567,6 +563,7 @@ void Simulation::followMagnet(double now_s, Tick* tick) {
   if (const std::optional<int> held = world_->heldBrick()) {
     BrickRecord& brick = record(*held);
     if (brick.status != BrickStatus::kHeld) {
+      if (brick.status == BrickStatus::kStowed) --stowed_;
       brick.status = BrickStatus::kHeld;
       brick.status_since_s = now_s;
       brick.T_map_grasp = world_->brick(*held)->T_map_brick;
@@ -575,34 +572,54 @@ void Simulation::followMagnet(double now_s, Tick* tick) {
 }
 
 void Simulation::stowBricks(Tick* tick) {
-  const std::vector<int> resting = world_->bricksAtRestInChute();
+  const std::vector<World::StowedBrick> inside = world_->bricksInContainer();
   for (BrickRecord& brick : bricks_) {
-    if (std::find(resting.begin(), resting.end(), brick.id) == resting.end()) {
-      brick.in_chute_since_s = -1.0;
+    const std::string name = "brick " + std::to_string(brick.id);
+    const auto found =
+        std::find_if(inside.begin(), inside.end(), [&](const World::StowedBrick& one) { return one.id == brick.id; });
+    if (brick.status == BrickStatus::kStowed) {
+      if (found != inside.end() || !world_->brick(brick.id)) continue;
+      --stowed_;
+      drop(&brick);
+      tick->incidents.push_back(sentence(now(), name + " fell out of the container"));
+    }
+    if (found == inside.end() || !found->is_at_rest) {
+      brick.rests_since_s = -1.0;
       continue;
     }
-    if (brick.in_chute_since_s < 0.0) {
-      brick.in_chute_since_s = now();
+    if (brick.rests_since_s < 0.0) {
+      brick.rests_since_s = now();
     }
-    if (now() - brick.in_chute_since_s < config_.chute_rest_s) {
+    if (now() - brick.rests_since_s < config_.container_rest_s) {
       continue;
     }
-    if (stowed_ >= config_.chute_capacity) {
-      if (!chute_was_full_) {
-        chute_was_full_ = true;
-        tick->incidents.push_back(sentence(
-            now(), "the chute is full: " + std::to_string(stowed_) + " bricks; the next one stays in its opening"));
-      }
-      continue;
+    if (found->is_seated) {
+      brick.status = BrickStatus::kStowed;
+      brick.status_since_s = now();
+      ++stowed_;
+      tick->incidents.push_back(sentence(now(), name + " stowed, " + std::to_string(stowed_) + " in all"));
+    } else if (brick.status != BrickStatus::kDropped) {
+      drop(&brick);
+      tick->incidents.push_back(
+          sentence(now(), name + " is jammed: it rests on the container's rim or on other bricks"));
     }
-    world_->takeAwayBrick(brick.id);
-    brick.status = BrickStatus::kStowed;
-    brick.status_since_s = now();
-    brick.in_chute_since_s = -1.0;
-    ++stowed_;
-    tick->incidents.push_back(
-        sentence(now(), "brick " + std::to_string(brick.id) + " stowed, " + std::to_string(stowed_) + " in all"));
   }
+}
+
+void Simulation::drop(BrickRecord* brick) {
+  brick->status = BrickStatus::kDropped;
+  brick->status_since_s = now();
+}
+
+int Simulation::unload() {
+  const std::vector<World::StowedBrick> inside = world_->bricksInContainer();
+  for (const World::StowedBrick& one : inside) {
+    BrickRecord& brick = record(one.id);
+    if (brick.status != BrickStatus::kStowed) ++stowed_;  // jammed, or still on its way
+    brick.status = BrickStatus::kStowed;
+    world_->takeAwayBrick(one.id);
+  }
+  return static_cast<int>(inside.size());
 }
 
 bool Simulation::requestImage() {
@@ -651,9 +668,9 @@ void Simulation::observe(Tick* tick) {
     }
     const auto motion = std::find_if(motions.begin(), motions.end(),
                                      [&brick](const BrickMotion& other) { return other.id == brick.id; });
-    // What was lost or missed the chute belongs to the pile again where it lies.
+    // What was lost or missed the container belongs to the pile again where it lies.
     const bool was_let_go = brick.status == BrickStatus::kDropped || brick.status == BrickStatus::kReleased;
-    if (was_let_go && brick.in_chute_since_s < 0.0 && now() - brick.status_since_s > kHandTime_s &&
+    if (was_let_go && brick.rests_since_s < 0.0 && now() - brick.status_since_s > kHandTime_s &&
         motion != motions.end() && motion->velocity_m_s.norm() < kRestSpeed_m_s) {
       brick.status = BrickStatus::kInPile;
     }
@@ -772,8 +789,7 @@ void Simulation::beginFault(const FaultSchedule::Change& change, Tick* tick) {
       } else {
         BrickRecord& brick = record(fault.brick_id);
         if (brick.status == BrickStatus::kStowed) {
-          --stowed_;  // out of what the chute leads to
-          chute_was_full_ = false;
+          --stowed_;
         }
         brick.status = BrickStatus::kMovedByHand;
         brick.status_since_s = now();

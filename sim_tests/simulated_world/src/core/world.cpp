@@ -160,7 +160,7 @@ World::World(const std::string& robot_mjcf, const std::string& assets_mjcf, cons
   findRobot();
   findBricks(bricks);
   findObstacles();
-  findChute();
+  findContainer();
   standAt(robot_start, arm_start_rad);
   for (ObstacleSlot& slot : obstacles_) placeObstacle(slot, false, kStoreroom);
   mj_forward(model_.get(), data_.get());
@@ -239,18 +239,18 @@ void World::findObstacles() {
   }
 }
 
-void World::findChute() {
-  chute_body_ = mj_name2id(model_.get(), mjOBJ_BODY, "chute");
+void World::findContainer() {
+  container_body_ = mj_name2id(model_.get(), mjOBJ_BODY, "container");
   // Its walls are its extent.
   for (int geom = 0; geom < model_->ngeom; ++geom) {
-    if (chute_body_ < 0 || model_->geom_bodyid[geom] != chute_body_ || model_->geom_contype[geom] == 0) {
+    if (container_body_ < 0 || model_->geom_bodyid[geom] != container_body_ || model_->geom_contype[geom] == 0) {
       continue;
     }
     const Eigen::Map<const Eigen::Vector3d> centre(model_->geom_pos + 3 * geom);
     const Eigen::Matrix3d R = quaternionFrom(model_->geom_quat + 4 * geom).toRotationMatrix();
     const Eigen::Vector3d reach = R.cwiseAbs() * Eigen::Map<const Eigen::Vector3d>(model_->geom_size + 3 * geom);
-    chute_inside_.extend(centre + reach);
-    chute_inside_.extend(centre - reach);
+    container_inside_.extend(centre + reach);
+    container_inside_.extend(centre - reach);
   }
 }
 
@@ -758,27 +758,33 @@ std::optional<int> World::heldBrick() const {
   return held_ < 0 ? std::nullopt : std::optional<int>(slots_[static_cast<std::size_t>(held_)].brick.placement.id);
 }
 
-std::vector<int> World::bricksAtRestInChute() const {
-  std::vector<int> result;
-  if (chute_body_ < 0) {
+std::vector<World::StowedBrick> World::bricksInContainer() const {
+  constexpr double kOverRim_m = 0.5;  // a brick that is let go hangs lower
+  constexpr double kSeated_m = 0.03;  // of the lowest corner over the floor's underside; the floor has 1 cm
+  constexpr double kSeated_cosine =
+      0.99;  // of an upright edge: 8 degrees, less than a brick leans that lies on another
+  std::vector<StowedBrick> result;
+  if (container_body_ < 0) {
     return result;
   }
-  const Eigen::Isometry3d T_chute_map = bodyPose(*data_, chute_body_).inverse();
+  const Eigen::Isometry3d T_container_map = bodyPose(*data_, container_body_).inverse();
   const Twist2d base = baseTwist();
+  Eigen::AlignedBox3d space = container_inside_;
+  space.max().z() += kOverRim_m;
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     const BrickSlot& slot = slots_[i];
-    if (!slot.is_present || static_cast<int>(i) == held_) {
+    const Eigen::Isometry3d T_container_brick = T_container_map * bodyPose(*data_, slot.body);
+    if (!slot.is_present || static_cast<int>(i) == held_ || !space.contains(T_container_brick.translation())) {
       continue;
     }
     const Eigen::Map<const Eigen::Vector3d> velocity(data_->qvel + slot.dof);
     const Eigen::Map<const Eigen::Vector3d> spin(data_->qvel + slot.dof + 3);
-    // At rest means: with respect to the chute, which may be driven about.
     const double allowed_m_s = kRestSpeed_m_s + std::abs(base.linear_m_s) + std::abs(base.angular_rad_s);
     const double allowed_rad_s = kRestSpeed_rad_s + std::abs(base.angular_rad_s);
-    if (chute_inside_.contains(T_chute_map * bodyPose(*data_, slot.body).translation()) &&
-        velocity.norm() < allowed_m_s && spin.norm() < allowed_rad_s) {
-      result.push_back(slot.brick.placement.id);
-    }
+    const Eigen::RowVector3d up = T_container_brick.linear().row(2).cwiseAbs();
+    const double lowest_m = T_container_brick.translation().z() - 0.5 * up.dot(slot.brick.placement.type.size_m);
+    result.push_back({slot.brick.placement.id, velocity.norm() < allowed_m_s && spin.norm() < allowed_rad_s,
+                      lowest_m < container_inside_.min().z() + kSeated_m && up.maxCoeff() > kSeated_cosine});
   }
   return result;
 }

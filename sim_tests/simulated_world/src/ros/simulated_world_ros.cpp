@@ -219,6 +219,12 @@ void SimulatedWorldRos::advertiseExperiment() {
         response.message = "faults that have not begun are forgotten";
         return true;
       }));
+  services_.push_back(private_nh_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
+      "unload", [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
+        response.success = true;
+        response.message = std::to_string(simulation_.unload()) + " bricks taken out of the container";
+        return true;
+      }));
   subscribers_.push_back(
       private_nh_.subscribe<std_msgs::Int32>("target", kQueueSize, [this](const std_msgs::Int32::ConstPtr& message) {
         simulation_.setTarget(message->data < 0 ? std::nullopt : std::optional<int>(message->data));

@@ -36,7 +36,7 @@ TEST_F(CollisionMonitorTest, WheelsMayTouchTheGroundAndNothingElse) {
 }
 
 TEST_F(CollisionMonitorTest, NothingOfTheRobotMayTouchAnObstacle) {
-  for (const char* body : {"wheel_front_left_link", "base_link", "magnet", "chute"}) {
+  for (const char* body : {"wheel_front_left_link", "base_link", "magnet", "container"}) {
     EXPECT_EQ(collisionsOf(body, obstacleBodyName(0)), 1) << body;
   }
 }
@@ -59,14 +59,14 @@ TEST_F(CollisionMonitorTest, TheToolMayTouchWhatItHoldsOrHasReleased) {
   EXPECT_EQ(collisionsOf("magnet", brickBodyName(1)), 1);
 }
 
-TEST_F(CollisionMonitorTest, TheChuteMayTouchCarriedBricksButNotThePile) {
+TEST_F(CollisionMonitorTest, TheContainerMayTouchCarriedBricksButNotThePile) {
   for (const BrickStatus status :
        {BrickStatus::kHeld, BrickStatus::kReleased, BrickStatus::kStowed, BrickStatus::kDropped}) {
     world.brick(1).status = status;
-    EXPECT_EQ(collisionsOf("chute", brickBodyName(1)), 0);
+    EXPECT_EQ(collisionsOf("container", brickBodyName(1)), 0);
   }
-  EXPECT_EQ(collisionsOf("chute", brickBodyName(2)), 1);
-  EXPECT_EQ(collisionsOf("chute", "ground"), 1);
+  EXPECT_EQ(collisionsOf("container", brickBodyName(2)), 1);
+  EXPECT_EQ(collisionsOf("container", "ground"), 1);
 }
 
 TEST_F(CollisionMonitorTest, WhatTheLoadTouchesIsCountedApart) {

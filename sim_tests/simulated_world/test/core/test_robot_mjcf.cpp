@@ -240,10 +240,8 @@ TEST_F(RobotMjcf, CameraLooksAlongTheOpticalAxis) {
 
 TEST_F(RobotMjcf, SitesAreTheirFrames) {
   mj_forward(model_.get(), data_.get());
-  const std::map<std::string, std::string> frames = {{"magnet_tip", "magnet_tip"},
-                                                     {"wrist_ft", "ur5e_tool0"},
-                                                     {"lidar_1_link", "lidar_1_link"},
-                                                     {"chute_drop", "chute_drop"}};
+  const std::map<std::string, std::string> frames = {
+      {"magnet_tip", "magnet_tip"}, {"wrist_ft", "ur5e_tool0"}, {"lidar_1_link", "lidar_1_link"}};
   for (const auto& [name, frame] : frames) {
     const int site = requireId(*model_, mjOBJ_SITE, name);
     EXPECT_EQ(model_->site_bodyid[site], requireId(*model_, mjOBJ_BODY, frame));

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <gtest/gtest.h>
+#include <mp700_ur5e_description/robot_names.h>
 
 #include "simulated_world/box_separation.h"
 #include "simulated_world/scene_view.h"
@@ -174,7 +175,7 @@ TEST(Simulation, PicksABrickAndStowsIt) {
   ASSERT_EQ(robot.sim.world().heldBrick(), 0);
   EXPECT_TRUE(robot.sim.armDriver().setPayload({1.5, {0.0, 0.0, 0.15}}).success);
   EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.9), 3.0).outcome, GoalOutcome::kSucceeded);
-  // Over the chute: 0.511 m behind the arm's axis, clockwise so that the mast is not in the way.
+  // Over the container: 0.511 m behind the arm's axis, clockwise so that the mast is not in the way.
   const ArmVector over = robot.tool.angles(0.68, 0.85);
   ASSERT_LT(robot.tool.tipError(), 1e-6);
   const Eigen::Vector3d tip = robot.tool.tip(over);
@@ -194,7 +195,7 @@ TEST(Simulation, PicksABrickAndStowsIt) {
     EXPECT_EQ(incident.find("collision"), std::string::npos) << incident;
   }
   EXPECT_EQ(row.collisions, 0);
-  EXPECT_TRUE(robot.sim.world().bricks().empty());
+  EXPECT_EQ(robot.sim.world().bricks().size(), 1U) << "it stays";
 }
 
 /// Pixels that two pictures do not share, as a share of all.
@@ -217,8 +218,9 @@ TEST(Simulation, PictureShowsTheWorldAsItIs) {
   ASSERT_EQ(before.size(), cv::Size(PictureConfig().width_px, PictureConfig().height_px));
   EXPECT_EQ(difference(before, robot.sim.picture()), 0.0) << "nothing has changed";
   // One brick less: of 960 x 540 px, some 2 m wide, a brick of 0.2 x 0.3 m fills 100 x 150 px and its shadow as much.
-  robot.moveBrick(1, at(robot.sim.world().linkPose("chute_drop").translation() + Eigen::Vector3d(0, 0, 0.05)));
+  robot.moveBrick(1, at(robot.sim.world().linkPose("container_place_3").translation() + Eigen::Vector3d(0, 0, 0.05)));
   ASSERT_EQ(robot.sim.bricksStowed(), 1);
+  ASSERT_EQ(robot.sim.unload(), 1);
   const double gone = difference(before, robot.sim.picture());
   EXPECT_GT(gone, 0.01);
   EXPECT_LT(gone, 0.2) << "the pile's other brick, ground and robot stay as they are";
@@ -255,16 +257,64 @@ TEST(Simulation, PicturesChangeNothingThatTheRobotMeasures) {
   EXPECT_EQ(cv::norm(with.images.back().frame.rgb, without.images.back().frame.rgb, cv::NORM_INF), 0.0);
 }
 
-TEST(Simulation, ChuteTakesNoMoreThanItsCapacity) {
-  SimulationConfig config = configFor("two_stacked");
-  config.chute_capacity = 1;
-  Robot robot(config);
-  for (const int id : {0, 1}) {
-    robot.moveBrick(id, at(robot.sim.world().linkPose("chute_drop").translation() + Eigen::Vector3d(0, 0, 0.05)));
+/// Brick `id` let go over its place of the container, as the arm does.
+void stow(Robot* robot, int id, const char* place, double above_m = 0.03) {
+  Eigen::Isometry3d T_map_brick = robot->sim.world().linkPose(place);
+  T_map_brick.translate(Eigen::Vector3d(0.0, 0.0, above_m + 0.1));
+  robot->moveBrick(id, T_map_brick);
+}
+
+TEST(Simulation, BricksStayInTheContainerWhileTheBaseDrivesUntilUnloaded) {
+  Robot robot(configFor("four_bricks"));
+  for (std::size_t i = 0; i < mp700_ur5e_description::kContainerPlaces.size(); ++i)
+    stow(&robot, static_cast<int>(i), mp700_ur5e_description::kContainerPlaces[i]);
+  ASSERT_EQ(robot.sim.bricksStowed(), 3);
+  const JudgeRow before = robot.judged();  // a brick in somebody's hand must not touch the robot
+  // As hard as the drives are able to: backwards, stop, turn to both sides, stop in an emergency.
+  for (const auto& [linear_m_s, angular_rad_s] : {std::pair(-0.8, 0.0), std::pair(0.0, 0.0), std::pair(0.4, 0.6),
+                                                  std::pair(0.0, -0.6), std::pair(-0.5, 0.0), std::pair(0.8, 0.6)}) {
+    for (int i = 0; i < 4; ++i) {
+      robot.sim.commandBase({linear_m_s, angular_rad_s});
+      robot.run(0.5);
+    }
   }
+  robot.sim.addFault(fault(FaultKind::kEmergencyStop));
+  robot.run(2.0);
+  EXPECT_EQ(robot.sim.bricksStowed(), 3);
+  EXPECT_EQ(robot.sim.world().bricksInContainer().size(), 3U);
+  const JudgeRow row = robot.judged();
+  EXPECT_GT(row.distance_m, 1.0);
+  EXPECT_EQ(row.drops + row.falls, 0);
+  EXPECT_EQ(row.collisions, before.collisions);
+  EXPECT_EQ(robot.sim.unload(), 3);
+  robot.run(0.1);
+  EXPECT_EQ(robot.sim.bricksStowed(), 3);
+  EXPECT_EQ(robot.sim.world().bricks().size(), 1U);
+}
+
+TEST(Simulation, ABrickOnAnotherInTheContainerIsADrop) {
+  Robot robot(configFor("four_bricks"));
+  stow(&robot, 0, mp700_ur5e_description::kContainerPlaces[2]);
+  stow(&robot, 1, mp700_ur5e_description::kContainerPlaces[2]);
   EXPECT_EQ(robot.sim.bricksStowed(), 1);
-  EXPECT_TRUE(says(robot.incidents, "chute is full"));
-  EXPECT_EQ(robot.sim.world().bricks().size(), 1U) << "the second one stays where everybody sees it";
+  EXPECT_TRUE(says(robot.incidents, "brick 1 is jammed"));
+  EXPECT_EQ(robot.judged().drops, 1);
+}
+
+TEST(Simulation, ABrickThatLeavesTheContainerIsADrop) {
+  Robot robot(configFor("four_bricks"));
+  stow(&robot, 0, mp700_ur5e_description::kContainerPlaces[2]);
+  ASSERT_EQ(robot.sim.bricksStowed(), 1);
+  // Thrown out: nothing that the robot can do does that.
+  auto& data = const_cast<mjData&>(robot.sim.world().data());
+  const mjModel& model = robot.sim.world().model();
+  const int joint = model.body_jntadr[mj_name2id(&model, mjOBJ_BODY, "brick_0")];
+  data.qvel[model.jnt_dofadr[joint]] = -2.0;
+  data.qvel[model.jnt_dofadr[joint] + 2] = 4.0;
+  robot.run(3.0);
+  EXPECT_EQ(robot.sim.bricksStowed(), 0);
+  EXPECT_TRUE(says(robot.incidents, "brick 0 fell out of the container"));
+  EXPECT_EQ(robot.judged().drops, 1);
 }
 
 TEST(Simulation, TouchingAnythingButTheTargetIsACollision) {

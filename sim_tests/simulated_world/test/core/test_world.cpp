@@ -340,17 +340,21 @@ TEST(World, SameCallsSameBits) {
   EXPECT_NE(other.digest(), digests[0]);
 }
 
-TEST(World, BrickInTheChuteIsSeenThere) {
+TEST(World, BrickInTheContainerIsSeenThere) {
   World world = makeWorld({brickAt(3, {2.0, 0.0, 0.1})});
-  EXPECT_TRUE(world.bricksAtRestInChute().empty());
+  EXPECT_TRUE(world.bricksInContainer().empty());
   Eigen::Isometry3d over = Eigen::Isometry3d::Identity();
-  over.translation() = world.linkPose("chute_drop").translation() + Eigen::Vector3d(0.0, 0.0, 0.05);
+  over.translation() = world.linkPose("container_place_3").translation() + Eigen::Vector3d(0.0, 0.0, 0.05);
   world.moveBrick(3, over);
-  EXPECT_TRUE(world.bricksAtRestInChute().empty()) << "not there yet";
+  ASSERT_EQ(world.bricksInContainer().size(), 1U);
+  EXPECT_FALSE(world.bricksInContainer().front().is_seated) << "not there yet";
   run(world, 2.0);
-  ASSERT_EQ(world.bricksAtRestInChute(), std::vector<int>{3});
+  ASSERT_EQ(world.bricksInContainer().size(), 1U);
+  EXPECT_EQ(world.bricksInContainer().front().id, 3);
+  EXPECT_TRUE(world.bricksInContainer().front().is_at_rest);
+  EXPECT_TRUE(world.bricksInContainer().front().is_seated);
   world.takeAwayBrick(3);
-  EXPECT_TRUE(world.bricksAtRestInChute().empty());
+  EXPECT_TRUE(world.bricksInContainer().empty());
   EXPECT_TRUE(world.bricks().empty());
   EXPECT_THROW(world.takeAwayBrick(3), std::invalid_argument);
   run(world, 1.0);

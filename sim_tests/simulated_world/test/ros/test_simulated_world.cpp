@@ -95,15 +95,15 @@ class Latest {
   ros::Subscriber subscriber_;
 };
 
-/// Middle of the chute's opening, in the map.
-Eigen::Vector3d chuteOfRobotAt(double x_m) {
+/// A place of the container whose brick lies along the robot, in the map.
+Eigen::Vector3d containerOfRobotAt(double x_m) {
   const simulated_world::RobotMjcfOptions options;
   const simulated_world::ModelPtr model = simulated_world::compileModel(
       "<mujoco><compiler angle=\"radian\"/><worldbody>" +
       simulated_world::robotMjcfFromFile(simulated_world::descriptionFiles().urdf, options) + "</worldbody></mujoco>");
   const simulated_world::DataPtr data = simulated_world::makeData(*model);
   mj_kinematics(model.get(), data.get());
-  const mjtNum* const drop = data->xpos + 3 * mj_name2id(model.get(), mjOBJ_BODY, "chute_drop");
+  const mjtNum* const drop = data->xpos + 3 * mj_name2id(model.get(), mjOBJ_BODY, "container_place_3");
   return {x_m + drop[0], drop[1], drop[2]};
 }
 
@@ -607,16 +607,16 @@ TEST_F(SimulatedWorldTest, LeavesItsRunInAFolder) {
   set("judge/pictures", true);
   start();
   advance(2.0);
-  // A brick stowed by hand: put into the chute of the robot, which stands at (-3, 0).
-  simulated_world::InjectFault::Request into_chute;
-  into_chute.kind = "move_brick";
-  into_chute.brick_id = 0;
-  const Eigen::Vector3d chute = chuteOfRobotAt(-3.0);
-  into_chute.pose.position.x = chute.x();
-  into_chute.pose.position.y = chute.y();
-  into_chute.pose.position.z = chute.z() + 0.05;
-  into_chute.pose.orientation.w = 1.0;
-  ASSERT_TRUE(inject(into_chute).success);
+  // A brick stowed by hand: put into the container of the robot, which stands at (-3, 0).
+  simulated_world::InjectFault::Request into_container;
+  into_container.kind = "move_brick";
+  into_container.brick_id = 0;
+  const Eigen::Vector3d container = containerOfRobotAt(-3.0);
+  into_container.pose.position.x = container.x();
+  into_container.pose.position.y = container.y();
+  into_container.pose.position.z = container.z() + 0.05;
+  into_container.pose.orientation.w = 1.0;
+  ASSERT_TRUE(inject(into_container).success);
   advance(4.0);
   stop();
   EXPECT_EQ(world_->exitCode(), 0) << world_->output();

@@ -152,11 +152,11 @@ struct PlanningContext {
   std::function<bool()> is_cancelled;
 };
 
-/// Where the held brick is to hang, ready to be let go: over an opening of the robot, at any turn about the vertical that
-/// is free.
+/// Where the held brick is to hang, ready to be let go: over its place on the robot, its longer level edge along the
+/// place's x, either way round; with level edges of one length at any quarter turn.
 struct PlaceGoal {
-  Eigen::Isometry3d T_base_opening{Eigen::Isometry3d::Identity()};  // its middle, z up, x and y along its edges
-  double above_m{0.03};                                             // the brick's lowest point over it
+  Eigen::Isometry3d T_base_place{Eigen::Isometry3d::Identity()};  // its middle, z up
+  double above_m{0.03};                                           // the brick's lowest point over it
 };
 
 /// Where the arm is to go: exactly one of the three.

@@ -17,7 +17,7 @@ struct MotionPlanningParams {
   std::string bricks_file;
   std::string sectors_file;
   std::string postures_dir;
-  std::string stow{"chute_drop"};
+  std::string stow{"container_place_1"};
   std::string inspect_posture{"inspect"};
   double place_above_m{0.03};
 

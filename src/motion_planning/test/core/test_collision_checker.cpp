@@ -450,10 +450,10 @@ TEST(CollisionChecker, HeldBrickAvoidsRobotSurfaceAndFloor) {
     CollisionKind kind;
     const char* second;
   };
-  // Brick: 0.15 to both sides along the tip's x, 0.10 along y, 0.2 below the tip. Chute: x -0.525 ... -0.125, rim at 0.548.
+  // Brick: 0.15 to both sides along the tip's x, 0.10 along y, 0.2 below the tip. Container: x -0.525 ... -0.045, rim at 0.578.
   // Mast: radius 0.02 at (0.02, 0.24).
   for (const Case& c : {Case{"free", {0.75, 0.1, 0.5}, 0.0, CollisionKind::kNone, ""},
-                        Case{"chute", {-0.30, -0.35, 0.70}, 0.0, CollisionKind::kSelf, "chute"},
+                        Case{"container", {-0.30, -0.35, 0.70}, 0.0, CollisionKind::kSelf, "container"},
                         Case{"mast", {0.25, 0.35, 0.90}, 0.0, CollisionKind::kNone, ""},
                         Case{"mast", {0.14, 0.33, 0.90}, 0.0, CollisionKind::kSelf, "camera_mast"},
                         Case{"surface", {0.75, -0.5, 0.79}, 0.0, CollisionKind::kSurface, ""},
@@ -477,13 +477,13 @@ TEST(CollisionChecker, WhatIsHeldKeepsAwayFromTheRobotAndYieldsWhereItIsNearer) 
   CollisionChecker empty(arm(), CollisionSceneBuilder{{}}.scene(), T_map_base, config);
   CollisionChecker holding = empty;
   holding.setHeld(heldFromAbove(), false);
-  // The brick's lower half beside the chute, so far from its outer face; the same way round each time.
-  const auto tipBeside = [](double gap_m) { return toolDown({-0.30, -0.37 - gap_m, 0.62}); };
+  // The brick's lower half beside the container, so far from its outer face; the same way round each time.
+  const auto tipBeside = [](double gap_m) { return toolDown({-0.30, -0.395 - gap_m, 0.62}); };
   const ArmVector first = jointsAt(tipBeside(0.04), [&](const ArmVector& q) { return holding.isFree(q); });
   const auto beside = [&](double gap_m) { return arm()->inverse(tipBeside(gap_m), first).at(0); };
   const auto isMet = [&](const CollisionChecker& checker, double gap_m) {
     const Contact contact = checker.check(beside(gap_m));
-    EXPECT_TRUE(!contact || (contact.first == "brick" && contact.second == "chute")) << contact.describe();
+    EXPECT_TRUE(!contact || (contact.first == "brick" && contact.second == "container")) << contact.describe();
     return static_cast<bool>(contact);
   };
   EXPECT_FALSE(isMet(holding, config.held_padding_m + 0.002));
@@ -791,8 +791,9 @@ TEST(CollisionChecker, RefusesBadArguments) {
 }
 
 TEST(Contact, DescribesItselfInASentence) {
-  Contact contact{CollisionKind::kSelf, "ur5e_forearm_link", "chute", {1.0, 2.0, 3.0}};
-  EXPECT_EQ(contact.describe(), "ur5e_forearm_link, its middle at (1.000, 2.000, 3.000) m in the map, touches chute");
+  Contact contact{CollisionKind::kSelf, "ur5e_forearm_link", "container", {1.0, 2.0, 3.0}};
+  EXPECT_EQ(contact.describe(),
+            "ur5e_forearm_link, its middle at (1.000, 2.000, 3.000) m in the map, touches container");
   for (const CollisionKind kind :
        {CollisionKind::kNone, CollisionKind::kLimits, CollisionKind::kSelf, CollisionKind::kSurface,
         CollisionKind::kInside, CollisionKind::kUnknown, CollisionKind::kFloor}) {

@@ -39,7 +39,7 @@ PickWorld oneBrick(double yaw_rad = 0.3) {
 }
 
 PickPlan pickFrom(const PickWorld& pick, std::size_t brick, const MotionPlannerConfig& config = {}) {
-  return makePlanner(config).planPick(pick.context(), pick.target(brick), pick.chute(*shippedArm()));
+  return makePlanner(config).planPick(pick.context(), pick.target(brick), pick.container(*shippedArm()));
 }
 
 double tiltOf(const Eigen::Vector3d& up_tip, const ArmVector& q) {
@@ -75,7 +75,7 @@ std::pair<double, double> straightness(const JointTrajectory& trajectory) {
 
 /// All that a pick promises, against the exact boxes.
 void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& plan,
-                    const MotionPlannerConfig& config = {}) {
+                    const MotionPlannerConfig& config = {}, std::size_t place = 0) {
   ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
   const ArmKinematics& arm = *shippedArm();
   for (const JointTrajectory* trajectory : {&plan.approach, &plan.contact, &plan.lift, &plan.stow}) {
@@ -127,10 +127,10 @@ void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& pl
   }
   EXPECT_LE(tilt_rad, config.pick.max_tilt_rad);
 
-  // Over the chute: as level as it lay, its lowest corner above the opening.
+  // Over its place: as level as it lay, its lowest corner above the rim, its longer edge along the place.
   const Eigen::Isometry3d T_base_held = arm.tipPose(plan.stow.points.back().position_rad) * plan.held.T_tip_brick;
   const Eigen::Isometry3d T_base_drop =
-      arm.robot().framePose(mp700_ur5e_description::kChuteDropFrame, arm.robotPositions(ArmVector::Zero()));
+      arm.robot().framePose(mp700_ur5e_description::kContainerPlaces[place], arm.robotPositions(ArmVector::Zero()));
   double lowest_m = 1.0;
   for (int corner = 0; corner < 8; ++corner) {
     const Eigen::Vector3d sign(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
@@ -139,9 +139,13 @@ void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& pl
   EXPECT_NEAR(lowest_m, T_base_drop.translation().z() + PlaceGoal().above_m, 1e-5);
   EXPECT_LE((T_base_held.translation() - T_base_drop.translation()).head<2>().norm(), 1e-5);
   EXPECT_NEAR(tiltOf(up_tip, plan.stow.points.back().position_rad), 0.0, 1e-5);
+  const Eigen::Vector3d hull_m =
+      (T_base_drop.linear().transpose() * T_base_held.linear()).cwiseAbs() * pick.type.size_m;
+  EXPECT_NEAR(hull_m.x(), 0.3, 1e-4);
+  EXPECT_NEAR(hull_m.y(), 0.2, 1e-4);
 }
 
-TEST(MotionPlanner, PicksABrickByItsTopAndCarriesItToTheChute) {
+TEST(MotionPlanner, PicksABrickByItsTopAndCarriesItToTheContainer) {
   const PickWorld pick = oneBrick();
   const PickPlan plan = pickFrom(pick, 0);
   expectGoodPick(pick, 0, plan);
@@ -154,9 +158,25 @@ TEST(MotionPlanner, PicksABrickByItsSide) {
   PickTarget target = pick.target(0);
   target.faces.erase(target.faces.begin());
   MotionPlannerConfig config;
-  const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.chute(*shippedArm()));
+  const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.container(*shippedArm()));
   expectGoodPick(pick, 0, plan, config);
   EXPECT_NE(plan.face, BrickFace::kPlusZ);
+}
+
+// By its top, an end and a long side.
+TEST(MotionPlanner, StowsAtEachPlace) {
+  for (const BrickFace face : {BrickFace::kPlusZ, BrickFace::kMinusX, BrickFace::kMinusY}) {
+    PickWorld pick = emptyPickWorld();
+    pick.add({0.85, 0.1, 0.1}, face == BrickFace::kMinusY ? -M_PI_2 : 0.0);
+    pick.makeScene();
+    PickTarget target = pick.target(0);
+    target.faces = {face};
+    for (std::size_t place = 0; place < mp700_ur5e_description::kContainerPlaces.size(); ++place) {
+      SCOPED_TRACE(std::string(toString(face)) + " at place " + std::to_string(place + 1));
+      const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm(), place));
+      expectGoodPick(pick, 0, plan, {}, place);
+    }
+  }
 }
 
 TEST(MotionPlanner, AGuardedTouchGoesOnBeyondThePlate) {
@@ -169,7 +189,7 @@ TEST(MotionPlanner, AGuardedTouchGoesOnBeyondThePlate) {
     pick.makeScene();
     PickTarget target = pick.target(0);
     target.faces = {BrickFace::kPlusZ};
-    const PickPlan plan = makePlanner(guarded).planPick(pick.context(), target, pick.chute(*shippedArm()));
+    const PickPlan plan = makePlanner(guarded).planPick(pick.context(), target, pick.container(*shippedArm()));
     if (plan.status != PlanStatus::kSuccess) continue;
     ++solved;
     const Eigen::Isometry3d T_contact_end =
@@ -224,7 +244,7 @@ TEST(MotionPlanner, ABrickUnderAnotherIsNotTakenByItsTop) {
   pick.makeScene();
   PickTarget target = pick.target(0);
   target.faces = {BrickFace::kPlusZ};
-  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
+  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
   EXPECT_THAT(plan.status, AnyOf(PlanStatus::kGoalInCollision, PlanStatus::kApproachBlocked)) << plan.message;
   ASSERT_THAT(plan.tried, SizeIs(1));
   EXPECT_EQ(plan.tried[0].first, BrickFace::kPlusZ);
@@ -240,7 +260,7 @@ TEST(MotionPlanner, ReportsTheFaceThatGotFarthest) {
   PickTarget target = pick.target(0);
   // +x looks away from the robot, -z into the ground.
   target.faces = {BrickFace::kPlusX, BrickFace::kPlusZ, BrickFace::kMinusZ};
-  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
+  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
   ASSERT_THAT(plan.tried, SizeIs(3));
   EXPECT_EQ(plan.tried[0].second.status, PlanStatus::kOutsideSector);
   EXPECT_EQ(plan.face, BrickFace::kPlusZ);
@@ -251,7 +271,7 @@ TEST(MotionPlanner, ReportsTheFaceThatGotFarthest) {
 TEST(MotionPlanner, BadRequestsAreNamed) {
   const PickWorld pick = oneBrick();
   const MotionPlanner planner = makePlanner();
-  const auto stow = pick.chute(*shippedArm());
+  const auto stow = pick.container(*shippedArm());
   const auto expectBad = [](const PlanFailure& plan, const std::string& part) {
     EXPECT_EQ(plan.status, PlanStatus::kBadRequest);
     EXPECT_THAT(plan.message, HasSubstr(part));
@@ -332,7 +352,7 @@ TEST(MotionPlanner, UnreachableFaceAndTipHaveNoIk) {
   const MotionPlanner planner(shippedArm(), wide, {});
   PickTarget target = pick.target(0);
   target.faces = {BrickFace::kPlusZ};
-  const PickPlan plan = planner.planPick(pick.context(), target, pick.chute(*shippedArm()));
+  const PickPlan plan = planner.planPick(pick.context(), target, pick.container(*shippedArm()));
   EXPECT_EQ(plan.status, PlanStatus::kNoIk) << plan.message;
   ArmGoal goal;
   goal.T_map_tip = pick.T_map_base * Eigen::Translation3d(3.0, 0.0, 1.0);
@@ -387,7 +407,7 @@ TEST(MotionPlanner, EmptyMagnetAtAFaceGoesStraightBackFirst) {
 
   // The next pick begins with a way out of there.
   PickTarget target = pick.target(0);
-  EXPECT_EQ(planner.planPick(context, target, pick.chute(arm)).status, PlanStatus::kStartInCollision);
+  EXPECT_EQ(planner.planPick(context, target, pick.container(arm)).status, PlanStatus::kStartInCollision);
   // And who watches it sees the same.
   EXPECT_TRUE(checker.yieldToMagnetAt(context.start_rad));
   for (double t = 0.0; t < plan.trajectory.duration(); t += 0.02) {
@@ -431,7 +451,7 @@ TEST(MotionPlanner, BeyondTheJointsLimitsIsAReasonOfItsOwn) {
       "shoulder_pan_joint = 20.000 rad, must be in [-6.283, 6.283] rad; elbow_joint = -3.500 rad, must be in "
       "[-3.142, 3.142] rad";
   expectBeyond(makePlanner().planArm(context, goal), "start: ", joints);
-  expectBeyond(makePlanner().planPick(context, pick.target(0), pick.chute(*shippedArm())), "start: ", joints);
+  expectBeyond(makePlanner().planPick(context, pick.target(0), pick.container(*shippedArm())), "start: ", joints);
   // At a limit is within it.
   context = pick.context();
   context.start_rad[5] = shippedArm()->limits().upper_rad[5];
@@ -455,7 +475,7 @@ TEST(MotionPlanner, ASurfaceWithoutAreaIsNoneAtAll) {
     empty.scene = builder.scene();
     return pickFrom(empty, 0);
   }();
-  // The chute's way is free, the magnet may stand on a brick that no map has seen.
+  // The container's way is free, the magnet may stand on a brick that no map has seen.
   ASSERT_EQ(floor_alone.status, PlanStatus::kSuccess) << floor_alone.message;
 
   const Surface good = pick.world.surface();
@@ -721,8 +741,8 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
   }
 }
 
-/// Nearest that a held brick's surface comes to the chute on a way [m]; negative: it is in it.
-double distanceToChute(const HeldBrick& held, const JointTrajectory& way) {
+/// Nearest that a held brick's surface comes to the container on a way [m]; negative: it is in it.
+double distanceToContainer(const HeldBrick& held, const JointTrajectory& way) {
   const ArmKinematics& arm = *shippedArm();
   std::vector<Eigen::Isometry3d> T_base_body;
   double nearest_m = std::numeric_limits<double>::infinity();
@@ -730,7 +750,7 @@ double distanceToChute(const HeldBrick& held, const JointTrajectory& way) {
     const ArmVector q = way.sample(t).position_rad;
     arm.robot().bodyPoses(arm.robotPositions(q), &T_base_body);
     for (const auto& part : arm.robot().shapes()) {
-      if (part.link != mp700_ur5e_description::kChuteLink) continue;
+      if (part.link != mp700_ur5e_description::kContainerLink) continue;
       const auto& wall = std::get<mp700_ur5e_description::Box>(part.shape);
       const Eigen::Isometry3d T_base_wall = T_base_body[part.body] * part.T_body_shape;
       // A brick is larger than what it may meet here is thick: points of each on the other.
@@ -751,19 +771,19 @@ double distanceToChute(const HeldBrick& held, const JointTrajectory& way) {
   return nearest_m;
 }
 
-// What hangs a centimetre elsewhere than believed must not meet the chute's rim; what is nearer already may go away from it.
-TEST(MotionPlanner, WhatIsCarriedKeepsItsDistanceFromTheChute) {
+// What hangs a centimetre elsewhere than believed must not meet the container's rim; what is nearer already may go away from it.
+TEST(MotionPlanner, WhatIsCarriedKeepsItsDistanceFromTheContainer) {
   PickWorld pick = emptyPickWorld();
   pick.makeScene();
   const MotionPlannerConfig config;
   PlanningContext context = pick.context();
   context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), {0.3, 0.2, 0.2}};
-  const auto beside = [&](double gap_m) {  // the chute ends at y = -0.27, its rim is at z = 0.548
-    Eigen::Isometry3d T_base_tip(Eigen::Translation3d(-0.30, -0.37 - gap_m, 0.70));
+  const auto beside = [&](double gap_m) {  // the container ends at y = -0.295, its rim is at z = 0.578
+    Eigen::Isometry3d T_base_tip(Eigen::Translation3d(-0.30, -0.395 - gap_m, 0.73));
     T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
     return T_base_tip;
   };
-  ArmGoal goal = pick.chute(*shippedArm()).front();
+  ArmGoal goal = pick.container(*shippedArm()).front();
   int num_ways = 0;
   // Two searches at two gaps: free, and nearer than planned with, by belief even within the rim.
   for (const double gap_m : {0.04, 0.01, -0.01}) {
@@ -775,7 +795,7 @@ TEST(MotionPlanner, WhatIsCarriedKeepsItsDistanceFromTheChute) {
       ASSERT_EQ(plan.status, PlanStatus::kSuccess) << gap_m << ": " << plan.message;
       // Between the last checks of a path it may be nearer by half a step; and at its start it is yielded to in steps.
       const double slack_m = 0.5 * config.check.verify_step_m;
-      EXPECT_GT(distanceToChute(*context.held, plan.trajectory),
+      EXPECT_GT(distanceToContainer(*context.held, plan.trajectory),
                 std::min(gap_m - 0.005, config.collision.held_padding_m) - slack_m)
           << gap_m;
       ++num_ways;
@@ -845,7 +865,7 @@ TEST(MotionPlanner, AnotherSeedSearchesOtherPaths) {
   PlanningContext context = pick.context();
   const auto pathOf = [&](std::uint64_t seed) {
     context.seed = seed;
-    const PickPlan plan = makePlanner().planPick(context, pick.target(2), pick.chute(*shippedArm()));
+    const PickPlan plan = makePlanner().planPick(context, pick.target(2), pick.container(*shippedArm()));
     EXPECT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
     std::vector<double> all;
     for (const JointTrajectory* part : {&plan.approach, &plan.stow}) {
@@ -902,7 +922,7 @@ TEST(MotionPlanner, TheLiftEndsWhereTheBrickAsItHangsHasRoomToAllSides) {
     PickTarget target = pick.target(0);
     target.faces = {BrickFace::kPlusZ};
     const MotionPlannerConfig config;
-    const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.chute(*shippedArm()));
+    const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.container(*shippedArm()));
     ASSERT_EQ(plan.status, PlanStatus::kSuccess) << yaw_rad << ": " << plan.message;
     const double rise_m = (shippedArm()->tipPose(plan.lift.points.back().position_rad).translation() -
                            shippedArm()->tipPose(plan.lift.points.front().position_rad).translation())
@@ -932,7 +952,7 @@ TEST(MotionPlanner, LiftThatIsBlockedIsAnApproachBlocked) {
   pick.makeScene();
   PickTarget target = pick.target(0);
   target.faces = {BrickFace::kPlusZ};
-  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.chute(*shippedArm()));
+  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
   EXPECT_EQ(plan.status, PlanStatus::kApproachBlocked) << plan.message;
   EXPECT_THAT(plan.message, HasSubstr("lift: "));
 }
@@ -1027,13 +1047,13 @@ TEST(MotionPlanner, HeldBrickStaysLevelUnlessToldOtherwise) {
   EXPECT_THAT(start.message, HasSubstr("at the start"));
 }
 
-TEST(MotionPlanner, PlacesWhatItHoldsOverTheChute) {
+TEST(MotionPlanner, PlacesWhatItHoldsOverTheContainer) {
   PickWorld pick = emptyPickWorld();
   pick.makeScene();
   PlanningContext context = pick.context();
   context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
   context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
-  const ArmPlan plan = makePlanner().planArm(context, pick.chute(*shippedArm()).front());
+  const ArmPlan plan = makePlanner().planArm(context, pick.container(*shippedArm()).front());
   ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
   ExactMotion exact(*shippedArm(), pick);
   exact.setHeld(context.held);
@@ -1124,7 +1144,7 @@ TEST(MotionPlanner, CancelledInAnyStageAtOnce) {
     return false;
   };
   const auto plan = [&] {
-    return makePlanner().planPick(context, pick.target(pick.open.back()), pick.chute(*shippedArm()));
+    return makePlanner().planPick(context, pick.target(pick.open.back()), pick.container(*shippedArm()));
   };
   plan();
   const std::size_t all = asked;

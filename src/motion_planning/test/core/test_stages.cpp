@@ -142,7 +142,7 @@ TEST_F(Stages, GoalsSayWhyThereIsNone) {
   EXPECT_EQ(whyNot(goal).status, PlanStatus::kGoalInCollision);
   goal.T_map_tip = pick.T_map_base * downAt({3.0, 0.0, 0.5});
   EXPECT_EQ(whyNot(goal).status, PlanStatus::kNoIk);
-  EXPECT_THAT(whyNot(pick.chute(*arm).front()).message, HasSubstr("nothing is held"));
+  EXPECT_THAT(whyNot(pick.container(*arm).front()).message, HasSubstr("nothing is held"));
 }
 
 TEST_F(Stages, FreeMotionReachesOneOfTheGoals) {

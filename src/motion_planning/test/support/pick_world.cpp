@@ -52,9 +52,10 @@ PickTarget PickWorld::target(std::size_t brick) const {
   return target;
 }
 
-std::vector<ArmGoal> PickWorld::chute(const ArmKinematics& arm) const {
+std::vector<ArmGoal> PickWorld::container(const ArmKinematics& arm, std::size_t index) const {
   PlaceGoal place;
-  place.T_base_opening = arm.robot().framePose(description::kChuteDropFrame, arm.robotPositions(ArmVector::Zero()));
+  place.T_base_place =
+      arm.robot().framePose(description::kContainerPlaces.at(index), arm.robotPositions(ArmVector::Zero()));
   ArmGoal goal;
   goal.place = place;
   return {goal};

@@ -26,8 +26,8 @@ struct PickWorld {
   PlanningContext context() const;
   /// Brick i, faces by default: the top, then those towards the robot first.
   PickTarget target(std::size_t brick) const;
-  /// Over the chute.
-  std::vector<ArmGoal> chute(const ArmKinematics& arm) const;
+  /// Over one of the places in the container.
+  std::vector<ArmGoal> container(const ArmKinematics& arm, std::size_t place = 0) const;
 };
 
 /// The arm of the shipped URDF.

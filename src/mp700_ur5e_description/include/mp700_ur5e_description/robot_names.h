@@ -22,7 +22,8 @@ constexpr const char* kMagnetLink = "magnet";
 constexpr const char* kMagnetTipFrame = "magnet_tip";  // middle of the magnet's end face, z out of the tool
 constexpr const char* kColorFrame = "camera_color_optical_frame";
 constexpr const char* kDepthFrame = "camera_depth_optical_frame";
-constexpr const char* kChuteLink = "chute";
-constexpr const char* kChuteDropFrame = "chute_drop";  // middle of the chute's opening, z up
+constexpr const char* kContainerLink = "container";
+/// Places of bricks in the container, level with its rim: z up, x along the brick's longer side.
+constexpr std::array<const char*, 3> kContainerPlaces = {"container_place_1", "container_place_2", "container_place_3"};
 
 }  // namespace mp700_ur5e_description

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the arm can do on this base: fold away, and lay a brick into the chute.
+// What the arm can do on this base: fold away, and lay a brick into the container.
 #include <cmath>
 #include <optional>
 #include <random>
@@ -79,18 +79,17 @@ TEST(ArmWorkspace, StowedToolPointsDown) {
   EXPECT_LT((tool_z + Eigen::Vector3d::UnitZ()).norm(), 1e-6);  // digits of the file
 }
 
-// The magnet holds a brick by its top; the brick's underside is level with the opening, 5 cm below it, and 15 cm above.
-TEST(ArmWorkspace, LaysBricksIntoTheChuteFromAbove) {
+// The magnet holds a brick by its top; the brick's underside is level with the rim, 5 cm below it, and 15 cm above.
+TEST(ArmWorkspace, LaysBricksIntoTheContainerFromAbove) {
   const UrdfRobot robot;
   const double brick_height_m = loadBrickTypes(DESCRIPTION_DIR "/config/bricks.yaml").types.front().size_m.z();
   std::mt19937_64 rng(3);
   for (const double height_m : {-0.05, 0.0, 0.15}) {
-    for (const double yaw_rad : {0.0, M_PI_4, M_PI_2}) {
+    for (const char* place : kContainerPlaces) {
       Eigen::Isometry3d T_drop_tip = Eigen::Isometry3d::Identity();
       T_drop_tip.translation().z() = brick_height_m + height_m;
-      T_drop_tip.rotate(Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()));
       T_drop_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
-      const Eigen::Isometry3d T_base_tip = robot.linkPose(kChuteDropFrame, ArmPose::Zero()) * T_drop_tip;
+      const Eigen::Isometry3d T_base_tip = robot.linkPose(place, ArmPose::Zero()) * T_drop_tip;
       bool is_reached = false;
       std::string failures;
       for (int attempt = 0; attempt < 200 && !is_reached; ++attempt) {
@@ -101,7 +100,7 @@ TEST(ArmWorkspace, LaysBricksIntoTheChuteFromAbove) {
         failures = contacts(robot, *q);
         is_reached = failures.empty();
       }
-      EXPECT_TRUE(is_reached) << "height " << height_m << " m, yaw " << yaw_rad << " rad; last: " << failures;
+      EXPECT_TRUE(is_reached) << "height " << height_m << " m, " << place << "; last: " << failures;
     }
   }
 }

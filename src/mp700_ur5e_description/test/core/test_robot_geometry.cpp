@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the URDF promises about base, mast, chute and frames; and that base_profile.yaml says the same.
+// What the URDF promises about base, mast, container and frames; and that base_profile.yaml says the same.
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
@@ -34,28 +35,12 @@ TEST_F(RobotGeometry, PassesCheckUrdf) {
 }
 
 TEST_F(RobotGeometry, HasEveryFramePromised) {
-  for (const std::string name : {kBaseFrame,
-                                 kFootprintFrame,
-                                 kScannerFrame,
-                                 kArmBaseFrame,
-                                 kArmControllerFrame,
-                                 kToolFrame,
-                                 kMagnetLink,
-                                 kMagnetTipFrame,
-                                 kColorFrame,
-                                 kDepthFrame,
-                                 kChuteLink,
-                                 kChuteDropFrame,
-                                 "ur5e_base_link_inertia",
-                                 "ur5e_shoulder_link",
-                                 "ur5e_upper_arm_link",
-                                 "ur5e_forearm_link",
-                                 "ur5e_wrist_1_link",
-                                 "ur5e_wrist_2_link",
-                                 "ur5e_wrist_3_link",
-                                 "ur5e_flange",
-                                 "camera_mast",
-                                 "camera_link"}) {
+  for (const std::string name :
+       {kBaseFrame,           kFootprintFrame,       kScannerFrame,       kArmBaseFrame,       kArmControllerFrame,
+        kToolFrame,           kMagnetLink,           kMagnetTipFrame,     kColorFrame,         kDepthFrame,
+        kContainerLink,       kContainerPlaces[0],   kContainerPlaces[1], kContainerPlaces[2], "ur5e_base_link_inertia",
+        "ur5e_shoulder_link", "ur5e_upper_arm_link", "ur5e_forearm_link", "ur5e_wrist_1_link", "ur5e_wrist_2_link",
+        "ur5e_wrist_3_link",  "ur5e_flange",         "camera_mast",       "camera_link"}) {
     EXPECT_TRUE(robot_.urdf().getLink(name)) << name;
   }
   EXPECT_EQ(robot_.urdf().getRoot()->name, kBaseFrame);
@@ -90,7 +75,7 @@ TEST_F(RobotGeometry, InertiasArePossible) {
     EXPECT_GT(moments[0], 0.0) << name;
     EXPECT_GE(moments[0] + moments[1], moments[2]) << name << ": no body has these moments";
   }
-  // Base 150 + 2 x 3, pedestal 8, arm 21.7, magnet 0.5, mast 1.5, camera 0.072, chute 6.
+  // Base 150 + 2 x 3, pedestal 8, arm 21.7, magnet 0.5, mast 1.5, camera 0.072, container 6.
   EXPECT_NEAR(total_kg, 156.0 + 8.0 + 21.7 + 0.5 + 1.5 + 0.072 + 6.0, 1e-9);
 }
 
@@ -222,37 +207,53 @@ TEST_F(RobotGeometry, MagnetEndsTenCentimetresBeyondTheFlange) {
   EXPECT_TRUE(T_tool_tip.linear().isIdentity(kExact));
 }
 
-// A brick held level, lowered 15 cm deep at the middle of the opening.
-TEST_F(RobotGeometry, ChuteTakesABrickAtAnyYaw) {
-  const Eigen::Vector3d brick_m = loadBrickTypes(DESCRIPTION_DIR "/config/bricks.yaml").types.front().size_m;
+/// A brick over a place, its longer edge along it, its underside `above_m` over the rim.
+Solid brickAt(const Eigen::Isometry3d& T_base_place, double above_m) {
+  const Eigen::Vector3d size_m = loadBrickTypes(DESCRIPTION_DIR "/config/bricks.yaml").types.front().size_m;
+  Solid brick{"brick", std::make_shared<urdf::Box>(), T_base_place};
+  static_cast<urdf::Box&>(*brick.geometry).dim = urdf::Vector3(size_m.x(), size_m.y(), size_m.z());
+  brick.T_base_shape.translate(Eigen::Vector3d(0.0, 0.0, above_m + 0.5 * size_m.z()));
+  return brick;
+}
+
+// As deep as it lies. The picking and the fall move it by up to 1.5 cm, and 5 mm are left for what sheet bends.
+TEST_F(RobotGeometry, EachPlaceTakesABrickBesideTheOthers) {
+  constexpr double kBeside_m = 0.0199;
   const std::vector<Solid> solids = solidsOf(robot_, loadArmPose(DESCRIPTION_DIR "/config/arm_poses/stowed.yaml"));
-  for (int degrees = 0; degrees < 180; degrees += 5) {
-    Solid brick{"brick", std::make_shared<urdf::Box>(), pose(kChuteDropFrame)};
-    static_cast<urdf::Box&>(*brick.geometry).dim = urdf::Vector3(brick_m.x(), brick_m.y(), brick_m.z());
-    brick.T_base_shape.translate(Eigen::Vector3d(0.0, 0.0, 0.5 * brick_m.z() - 0.15));
-    brick.T_base_shape.rotate(Eigen::AngleAxisd(degrees * M_PI / 180.0, Eigen::Vector3d::UnitZ()));
-    for (const Eigen::Vector3d& p : brick.points(0.02)) {
-      for (const Solid& solid : solids) {
-        ASSERT_FALSE(solid.contains(p)) << solid.link << " at yaw " << degrees << " degrees, " << p.transpose();
+  std::vector<Solid> bricks;
+  for (const char* place : kContainerPlaces) bricks.push_back(brickAt(pose(place), -0.2099));
+  for (std::size_t i = 0; i < bricks.size(); ++i) {
+    for (const double x : {-kBeside_m, 0.0, kBeside_m}) {
+      for (const double y : {-kBeside_m, 0.0, kBeside_m}) {
+        Solid moved = bricks[i];
+        moved.T_base_shape.pretranslate(Eigen::Vector3d(x, y, 0.0));
+        for (const Eigen::Vector3d& p : moved.points(0.02)) {
+          for (const Solid& solid : solids) ASSERT_FALSE(solid.contains(p)) << solid.link << " at place " << i;
+          for (std::size_t k = 0; k < bricks.size(); ++k)
+            ASSERT_FALSE(k != i && bricks[k].contains(p)) << i << " " << k;
+        }
       }
     }
   }
 }
 
-TEST_F(RobotGeometry, ChuteIsOpenAboveAndClosedBelow) {
-  const Eigen::Isometry3d T_base_drop = pose(kChuteDropFrame);
+TEST_F(RobotGeometry, ContainerIsDeeperThanABrickOpenAboveAndClosedBelow) {
+  const Eigen::Vector3d size_m = loadBrickTypes(DESCRIPTION_DIR "/config/bricks.yaml").types.front().size_m;
+  EXPECT_LT(size_m.z(), 0.21) << "the next brick is carried over it, and nobody knows that it is there";
   const std::vector<Solid> solids = solidsOf(robot_, ArmPose::Zero());
-  const auto isSolid = [&](const Eigen::Vector3d& p_drop) {
-    for (const Solid& solid : solids) {
-      if (solid.link == kChuteLink && solid.contains(T_base_drop * p_drop)) return true;
-    }
-    return false;
+  const auto isSolid = [&](const Eigen::Vector3d& p_base) {
+    return std::any_of(solids.begin(), solids.end(),
+                       [&](const Solid& solid) { return solid.link == kContainerLink && solid.contains(p_base); });
   };
-  for (double z = -0.175; z < 0.5; z += 0.01) EXPECT_FALSE(isSolid({0.0, 0.0, z})) << z;
-  EXPECT_TRUE(isSolid({0.0, 0.0, -0.185}));
+  for (const char* place : kContainerPlaces) {
+    const Eigen::Vector3d p_base = pose(place).translation();
+    for (double z = -0.205; z < 0.5; z += 0.01) EXPECT_FALSE(isSolid(p_base + Eigen::Vector3d(0.0, 0.0, z))) << z;
+    EXPECT_TRUE(isSolid(p_base - Eigen::Vector3d(0.0, 0.0, 0.215)));
+  }
+  const Eigen::Vector3d rim = pose(kContainerLink).translation() + Eigen::Vector3d(0.0, 0.0, 0.22 - 0.005);
   for (const Eigen::Vector2d& wall :
-       {Eigen::Vector2d(0.195, 0), Eigen::Vector2d(-0.195, 0), Eigen::Vector2d(0, 0.265), Eigen::Vector2d(0, -0.265)}) {
-    EXPECT_TRUE(isSolid({wall.x(), wall.y(), -0.005})) << wall.transpose();
+       {Eigen::Vector2d(0.235, 0), Eigen::Vector2d(-0.235, 0), Eigen::Vector2d(0, 0.29), Eigen::Vector2d(0, -0.29)}) {
+    EXPECT_TRUE(isSolid(rim + Eigen::Vector3d(wall.x(), wall.y(), 0.0))) << wall.transpose();
   }
 }
 

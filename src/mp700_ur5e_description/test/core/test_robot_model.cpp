@@ -126,7 +126,7 @@ TEST(RobotModel, BodiesAreWhatMovesTogether) {
   EXPECT_EQ(robot->rootFrame(), kBaseFrame);
   ASSERT_EQ(robot->joints().size(), 8u) << "six of the arm, two wheels";
   ASSERT_EQ(robot->numBodies(), 9u);
-  for (const char* fixed : {kBaseFrame, "chassis_link", kArmBaseFrame, kChuteLink, "camera_mast", kDepthFrame}) {
+  for (const char* fixed : {kBaseFrame, "chassis_link", kArmBaseFrame, kContainerLink, "camera_mast", kDepthFrame}) {
     EXPECT_EQ(robot->bodyOf(fixed), 0u) << fixed;
   }
   const std::size_t hand = robot->bodyOf("ur5e_wrist_3_link");

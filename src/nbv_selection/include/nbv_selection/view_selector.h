@@ -26,11 +26,15 @@
 
 namespace nbv_selection {
 
-/// How the best of the candidates is found.
+/// How the best is found.
 enum class Choice {
-  kUtility,  // largest utility; of equal ones the nearest
-  kRandom,   // any candidate, with a probability in proportion to 1 - p
+  kUtility,          // the candidate of largest utility; of equal ones the nearest
+  kRandomCandidate,  // any candidate, with a probability in proportion to 1 - p
+  kRandomSegment,    // any segment of an outline, whatever its verdict
 };
+inline constexpr interactive_mapping::Names<Choice> kChoiceNames = {{"utility", Choice::kUtility},
+                                                                    {"random_candidate", Choice::kRandomCandidate},
+                                                                    {"random_segment", Choice::kRandomSegment}};
 
 struct ViewSelectorConfig {
   gpis_mapping::GroundOptions ground;  // only the options of estimateGround() matter
@@ -56,6 +60,9 @@ struct ViewSelectorConfig {
   };
 
   static void fields(ViewSelectorConfig& c, interactive_mapping::Fields& f) {
+    f("choice", c.choice, kChoiceNames,
+      "the largest utility; or, to compare with, drawn: any candidate, those of late failures less often, or any "
+      "segment of an outline, also one that cannot be gone to");
     f("imaginary_share", c.imaginary_share, 0.01, 1.0, "",
       "a segment above this share of the prior's uncertainty was never seen");
     f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m", "padding of the footprint at a standing pose");
@@ -98,7 +105,7 @@ struct SelectionRequest {
       workspace_map;      // corners: poses that show its unseen ground are candidates, too; or empty
   bool may_stay{false};   // T_map_base is a candidate, too, while the arm reaches something from there
   double now_s{0.0};      // t of eq 8
-  std::uint64_t seed{0};  // of Choice::kRandom
+  std::uint64_t seed{0};  // of what is drawn
 };
 
 /// Why a segment is a candidate, or is not; the first that applies.

@@ -17,10 +17,8 @@ template <typename Params>
 class LiveSelector {
  public:
   /// Throws std::invalid_argument for parameters that the robot does not allow.
-  LiveSelector(const StrategyContext& context, const Params& params,
-               nbv_selection::Choice choice = nbv_selection::Choice::kUtility)
+  LiveSelector(const StrategyContext& context, const Params& params)
       : robot_(context.robot),
-        choice_(choice),
         selector_(makeSelector(params)),
         live_(context.private_nh, params, [this](const Params& changed) {
           auto next = makeSelector(changed);
@@ -36,13 +34,10 @@ class LiveSelector {
 
  private:
   std::shared_ptr<const nbv_selection::ViewSelector> makeSelector(const Params& params) const {
-    nbv_selection::ViewSelectorConfig config = params.effective();
-    config.choice = choice_;
-    return std::make_shared<const nbv_selection::ViewSelector>(config, robot_);
+    return std::make_shared<const nbv_selection::ViewSelector>(params.effective(), robot_);
   }
 
   const nbv_selection::RobotBody robot_;
-  const nbv_selection::Choice choice_;
   mutable std::mutex mutex_;  // guards selector_
   std::shared_ptr<const nbv_selection::ViewSelector> selector_;
   interactive_mapping_ros::LiveParams<Params> live_;  // last: its callback uses the rest

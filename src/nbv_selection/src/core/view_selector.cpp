@@ -130,14 +130,18 @@ std::optional<std::size_t> bestOf(const std::vector<ScoredSegment>& segments) {
   return best;
 }
 
-/// Any candidate, those of late failures less often.
-std::optional<std::size_t> randomOf(const std::vector<ScoredSegment>& segments, std::uint64_t seed) {
+/// Draws. Of candidates those of late failures less often.
+std::optional<std::size_t> randomOf(const std::vector<ScoredSegment>& segments, Choice choice, std::uint64_t seed) {
   std::vector<std::size_t> candidates;
   std::vector<double> weights;
   for (std::size_t i = 0; i < segments.size(); ++i) {
-    if (segments[i].verdict != SegmentVerdict::kCandidate) continue;
+    if (choice == Choice::kRandomSegment) {
+      if (segments[i].kind != SegmentKind::kReal) continue;
+    } else if (segments[i].verdict != SegmentVerdict::kCandidate) {
+      continue;
+    }
     candidates.push_back(i);
-    weights.push_back(1.0 - segments[i].utility.failure_penalty);
+    weights.push_back(choice == Choice::kRandomSegment ? 1.0 : 1.0 - segments[i].utility.failure_penalty);
   }
   if (candidates.empty()) return std::nullopt;
   double total = 0.0;
@@ -489,8 +493,8 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   if (lost > config_.max_lost_share) return end(SelectionStatus::kMapChanged, describeLoss(lost, config_));
   selection.segments = std::move(scored_segments);
   if (frontier) noteUnseen(*frontier, &selection);
-  selection.best =
-      config_.choice == Choice::kRandom ? randomOf(selection.segments, request.seed) : bestOf(selection.segments);
+  selection.best = config_.choice == Choice::kUtility ? bestOf(selection.segments)
+                                                      : randomOf(selection.segments, config_.choice, request.seed);
   const std::string hidden = describeHidden(selection, frontier);
   if (!selection.best) {
     return has_pile ? end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments) + hidden)

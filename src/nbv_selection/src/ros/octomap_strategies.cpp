@@ -19,12 +19,10 @@ namespace {
 
 class OctomapStrategy : public Strategy {
  public:
-  explicit OctomapStrategy(nbv_selection::Choice choice) : choice_(choice) {}
-
   void initialize(const StrategyContext& context) override {
     context_ = context;
     params_ = interactive_mapping_ros::loadParams<OctomapStrategyParams>(context.private_nh);
-    selector_ = std::make_unique<LiveSelector<OctomapStrategyParams>>(context, params_, choice_);
+    selector_ = std::make_unique<LiveSelector<OctomapStrategyParams>>(context, params_);
     service_ = context_.nh.resolveName("octomap_full");
   }
 
@@ -104,7 +102,6 @@ class OctomapStrategy : public Strategy {
     return call.response.map;
   }
 
-  const nbv_selection::Choice choice_;
   StrategyContext context_;
   OctomapStrategyParams params_;
   std::unique_ptr<LiveSelector<OctomapStrategyParams>> selector_;
@@ -114,18 +111,7 @@ class OctomapStrategy : public Strategy {
   ros::Time last_stamp_;
 };
 
-class OctomapGradientFrontier : public OctomapStrategy {
- public:
-  OctomapGradientFrontier() : OctomapStrategy(nbv_selection::Choice::kUtility) {}
-};
-
-class OctomapRandom : public OctomapStrategy {
- public:
-  OctomapRandom() : OctomapStrategy(nbv_selection::Choice::kRandom) {}
-};
-
 }  // namespace
 }  // namespace nbv_selection_ros
 
-PLUGINLIB_EXPORT_CLASS(nbv_selection_ros::OctomapGradientFrontier, nbv_selection_ros::Strategy)
-PLUGINLIB_EXPORT_CLASS(nbv_selection_ros::OctomapRandom, nbv_selection_ros::Strategy)
+PLUGINLIB_EXPORT_CLASS(nbv_selection_ros::OctomapStrategy, nbv_selection_ros::Strategy)

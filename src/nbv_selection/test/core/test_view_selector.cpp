@@ -1144,7 +1144,7 @@ struct SmallSetup {
   ViewSelectorConfig config;
 
   SmallSetup() {
-    config.choice = Choice::kRandom;
+    config.choice = Choice::kRandomCandidate;
     config.outline.cell_size_m = 0.1;
     config.segments.spacing_m = 0.2;
     config.segments.sample_spacing_m = 0.1;
@@ -1207,6 +1207,39 @@ TEST(ViewSelectorRandomChoice, DrawsCandidatesEvenlyAndLateFailuresLess) {
     EXPECT_EQ(num_late > 0, has_failed);
     EXPECT_LT(chi_square, chiSquareLimit(num_possible - 1));
   }
+}
+
+TEST(ViewSelectorRandomChoice, AnySegmentIsDrawnWhateverSpeaksAgainstIt) {
+  constexpr int kDraws = 2000;
+  SmallSetup setup;
+  setup.config.choice = Choice::kRandomSegment;
+  setup.request.may_stay = true;
+  FailureMemory failures(0.1);
+  failures.add({0.0, -0.5}, 0.2, setup.request.now_s);
+  const ViewSelector selector(setup.config, pickingRobot());
+  std::map<std::size_t, int> drawn;
+  Selection selection;
+  for (int seed = 0; seed < kDraws; ++seed) {
+    setup.request.seed = static_cast<std::uint64_t>(seed);
+    selection = selector.select(setup.scene, failures, setup.request);
+    ASSERT_EQ(selection.status, SelectionStatus::kSelected) << selection.message;
+    ++drawn[*selection.best];
+  }
+  std::size_t num_real = 0;
+  for (const ScoredSegment& scored : selection.segments) num_real += scored.kind == SegmentKind::kReal ? 1 : 0;
+  double chi_square = 0.0;
+  bool has_excluded = false;
+  const double expected = kDraws / static_cast<double>(num_real);
+  for (std::size_t i = 0; i < selection.segments.size(); ++i) {
+    if (selection.segments[i].kind != SegmentKind::kReal) {
+      EXPECT_EQ(drawn.count(i), 0U) << i;
+      continue;
+    }
+    has_excluded |= selection.segments[i].verdict == SegmentVerdict::kExcluded;
+    chi_square += std::pow(drawn[i] - expected, 2) / expected;
+  }
+  EXPECT_TRUE(has_excluded);
+  EXPECT_LT(chi_square, chiSquareLimit(num_real - 1));
 }
 
 TEST(ViewSelectorRandomChoice, IsTheSameForASeed) {

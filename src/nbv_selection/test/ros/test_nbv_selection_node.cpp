@@ -302,7 +302,7 @@ TEST_F(NbvSelectionNode, ChoosesInTheOctomapWhatAViewSelectorChooses) {
 TEST_F(NbvSelectionNode, DrawsAtRandomFromTheCandidatesOneSeedAfterTheOther) {
   const nbv_selection::OctomapScene scene(tree_, 0, tree_stamp_.toSec(), nbv_selection::OctomapScene::Config());
   ViewSelectorConfig config = nbv_selection::octomapSelectorConfig();
-  config.choice = nbv_selection::Choice::kRandom;
+  config.choice = nbv_selection::Choice::kRandomCandidate;
   std::vector<int> drawn;
   for (int i = 0; i < 6; ++i) {
     const SelectNextBestViewResult result = main_->select(goalHere(kRandom));
@@ -1105,8 +1105,7 @@ TEST_F(NbvSelectionProcess, ImpossibleParametersEndItWithOneMessage) {
               HasSubstr("strategies holds 'dowsing', but /no_plugin/dowsing/plugin is not set"));
   EXPECT_THAT(refusal("bad_plugin", {{"gpis/plugin", "nbv_selection/Dowsing"}}),
               AllOf(HasSubstr("/bad_plugin/gpis/plugin = 'nbv_selection/Dowsing', must be one of "),
-                    HasSubstr("nbv_selection/Gpis"), HasSubstr("nbv_selection/OctomapGradientFrontier"),
-                    HasSubstr("nbv_selection/OctomapRandom")));
+                    HasSubstr("nbv_selection/Gpis"), HasSubstr("nbv_selection/Octomap")));
   EXPECT_THAT(
       refusal("bad_weights", {{"gpis/weights/travel", 0.5}, {"gpis/gamma_per_s", 2.0}}),
       AllOf(HasSubstr("/bad_weights/gpis/weights: their sum = 1.25"), HasSubstr("/bad_weights/gpis/gamma_per_s")));

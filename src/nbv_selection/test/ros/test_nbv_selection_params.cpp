@@ -66,8 +66,8 @@ TEST(NbvSelectionParams, ShippedFilesAreWhatTheFieldsSay) {
   node.gpis.plugin = "nbv_selection/Gpis";
   test_support::expectShippedFile(kConfigDir + "nbv_selection.yaml", node);
   BaselinesFile baselines;
-  baselines.gradient_frontier.plugin = "nbv_selection/OctomapGradientFrontier";
-  baselines.random.plugin = "nbv_selection/OctomapRandom";
+  baselines.gradient_frontier.plugin = baselines.random.plugin = "nbv_selection/Octomap";
+  baselines.random.selector.choice = nbv_selection::Choice::kRandomCandidate;
   test_support::expectShippedFile(kConfigDir + "octomap_strategies.yaml", baselines);
 }
 
@@ -80,10 +80,10 @@ TEST(NbvSelectionParams, ShippedFilesLoadAsTheDefaults) {
   gpis.plugin = "nbv_selection/Gpis";
   EXPECT_EQ(toYaml(loadParams<GpisStrategyParams>(ros::NodeHandle("~shipped/gpis"))), toYaml(gpis));
   OctomapStrategyParams octomap;
-  octomap.plugin = "nbv_selection/OctomapGradientFrontier";
+  octomap.plugin = "nbv_selection/Octomap";
   EXPECT_EQ(toYaml(loadParams<OctomapStrategyParams>(ros::NodeHandle("~shipped/octomap_gradient_frontier"))),
             toYaml(octomap));
-  octomap.plugin = "nbv_selection/OctomapRandom";
+  octomap.selector.choice = nbv_selection::Choice::kRandomCandidate;
   EXPECT_EQ(toYaml(loadParams<OctomapStrategyParams>(ros::NodeHandle("~shipped/octomap_random"))), toYaml(octomap));
 }
 

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include <base_navigation/planar.h>
 #include <interactive_mapping_common/config/schema.h>
 #include <interactive_mapping_common/geometry/polygon.h>
 
@@ -161,7 +162,24 @@ struct WorkspaceConfig {
   }
 };
 
+/// Where the container is unloaded.
+struct DepotConfig {
+  double x_m{0.0};
+  double y_m{0.0};
+  double yaw_rad{0.0};
+
+  base_navigation::Pose2d pose() const { return {x_m, y_m, yaw_rad}; }
+
+  static void fields(DepotConfig& c, interactive_mapping::Fields& f) {
+    f("x_m", c.x_m, -kFarthest_m, kFarthest_m, "m",
+      "x of the pose of base_link where the container is unloaded, in the frame of its pose at the start");
+    f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y");
+    f("yaw_rad", c.yaw_rad, -M_PI, M_PI, "rad", "yaw");
+  }
+};
+
 struct MissionConfig {
+  std::vector<std::string> stow{"container_place_1", "container_place_2", "container_place_3"};
   bool unlocks_protective_stop{false};
   int bricks_total{-1};
   SurveyConfig survey;
@@ -172,8 +190,17 @@ struct MissionConfig {
   ViewLimits views;
   BrickRules bricks;
   WorkspaceConfig workspace;
+  DepotConfig depot;
 
   static void fields(MissionConfig& c, interactive_mapping::Fields& f) {
+    f("stow", c.stow,
+      "frames over which bricks are let go, in this order, one brick each; when all are used the robot drives to the "
+      "depot");
+    f.require(!c.stow.empty(), "stow is empty, must be a frame at least");
+    for (const std::string& frame : c.stow) {
+      f.require(!frame.empty() && frame.front() != '/',
+                "stow = '" + frame + "', must be a tf2 frame: no leading slash");
+    }
     f("unlocks_protective_stop", c.unlocks_protective_stop,
       "true: a protective stop is unlocked before a person has looked, for simulation only");
     f("bricks_total", c.bricks_total, -1, 1'000'000, "",
@@ -186,6 +213,7 @@ struct MissionConfig {
     f.section("views", c.views);
     f.section("bricks", c.bricks);
     f.section("workspace", c.workspace);
+    f.section("depot", c.depot);
     // The machine would cancel a look, a detection or a wait that may still succeed.
     for (const auto& [key, value_s] : {std::pair<const char*, double>{"look/timeout_s", c.look.timeout_s},
                                        {"detect/timeout_s", c.detect.timeout_s},
@@ -198,5 +226,10 @@ struct MissionConfig {
     }
   }
 };
+
+/// Bricks that the container takes.
+inline int capacityOf(const MissionConfig& config) {
+  return static_cast<int>(config.stow.size());
+}
 
 }  // namespace pick_mission

@@ -50,6 +50,7 @@ class MissionMachine {
   const std::string& endMessage() const;
   const BrickLedger& bricks() const;
   MissionCounts counts() const;
+  int placesUsed() const;      // in the container
   bool isPauseWanted() const;  // it pauses when what goes on has ended
   double usedTime() const;     // [s], without pauses
   MissionSummary summary(double wall_s) const;

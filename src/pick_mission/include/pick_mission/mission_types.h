@@ -81,7 +81,7 @@ enum class WaitUntil {
 namespace command {
 /// Out of the camera's view, or with what is held to where it is let go.
 struct PlanArm {
-  bool to_stow{false};
+  std::string place;  // frame over which what is held is let go; empty: out of the view
 };
 struct MoveArm {
   std::uint64_t plan{0};  // id of the PlanArm whose trajectory it is
@@ -97,6 +97,7 @@ struct Detect {
 struct PlanPick {
   SeenBrick brick;
   double min_map_stamp_s{0.0};
+  std::string place;  // frame over which it is let go
 };
 /// With letting go at the end.
 struct Pick {
@@ -193,6 +194,7 @@ struct Start {
   Pose2d T_map_base;
   Hand hand{Hand::kUnknown};
   std::optional<int> brick_in_hand;
+  int places_used{0};  // in the container, by an earlier mission
 };
 /// PlanArm, PlanPick: PlanResult. MoveArm, Pick, LetGo, Recover: ArmResult. The others as their names say. Any: NoAnswer.
 struct Reply {
@@ -212,8 +214,9 @@ struct Pause {};  // after what goes on now
 struct Resume {
   std::optional<Pose2d> T_map_base;  // where it stands now; nothing: that is not known
 };
-struct Hold {};  // at once: nothing moves until Resume
-struct Stop {};  // at once, and ends the mission
+struct Hold {};      // at once: nothing moves until Resume
+struct Stop {};      // at once, and ends the mission
+struct Unloaded {};  // somebody has emptied the container
 /// The clock was set: what it jumped by is no time that has passed. A jump back is seen without.
 struct ClockJump {
   double by_s{0.0};
@@ -221,6 +224,6 @@ struct ClockJump {
 }  // namespace event
 
 using Event = std::variant<event::Start, event::Reply, event::HandReport, event::Tick, event::Pause, event::Resume,
-                           event::Hold, event::Stop, event::ClockJump>;
+                           event::Hold, event::Stop, event::Unloaded, event::ClockJump>;
 
 }  // namespace pick_mission

@@ -34,6 +34,7 @@ enum class Trigger {
   kTimeUp,
   kActionTimeout,  // the running action takes too long
   kHalted,         // it has ended, or does not even do that
+  kUnloaded,       // the container is empty
   // Of the machine itself.
   kAtOnce,    // junctions
   kEntering,  // what goes before each action
@@ -60,6 +61,7 @@ inline constexpr interactive_mapping::Names<Trigger> kTriggerNames = {
     {"time is up", Trigger::kTimeUp},
     {"takes too long", Trigger::kActionTimeout},
     {"halted", Trigger::kHalted},
+    {"unloaded", Trigger::kUnloaded},
     {"at once", Trigger::kAtOnce},
     {"entering", Trigger::kEntering},
 };
@@ -81,6 +83,8 @@ enum class Guard {
   kPauseWanted,
   kArmNotReady,  // the action needs an empty hand or the arm out of view, and it is not so
   kReportLeft,   // a failure that the selection has not been told yet
+  kUnloadDue,    // every place in the container is used, or the mission is over and some are; nothing was given up
+  kAtDepot,
   kSurveyLeft,
   kAllDealtWith,  // as many bricks as there are have been picked or have used their attempts
   kChoiceDue,     // a view is to be selected before the next pick
@@ -111,6 +115,8 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"pause wanted", Guard::kPauseWanted},
     {"needs empty hand or arm out of view, and is not so", Guard::kArmNotReady},
     {"failure not reported yet", Guard::kReportLeft},
+    {"container full, or mission over and container not empty", Guard::kUnloadDue},
+    {"at the depot", Guard::kAtDepot},
     {"survey not finished", Guard::kSurveyLeft},
     {"every brick picked or exhausted", Guard::kAllDealtWith},
     {"a pick or a failure since the last selection", Guard::kChoiceDue},
@@ -144,6 +150,7 @@ enum class Effect {
   kHaltForTimeUp,
   kHaltForTimeout,
   // Where to drive.
+  kGoToDepot,
   kGoToSurveyPose,
   kGoToView,
   kGoToUnseen,   // the best view, whose utility is low
@@ -179,6 +186,7 @@ inline constexpr interactive_mapping::Names<Effect> kEffectNames = {
     {"cancel, for stop", Effect::kHaltForStop},
     {"cancel, for time", Effect::kHaltForTimeUp},
     {"cancel, as no answer", Effect::kHaltForTimeout},
+    {"goal: depot", Effect::kGoToDepot},
     {"goal: next survey place", Effect::kGoToSurveyPose},
     {"goal: selected view", Effect::kGoToView},
     {"goal: best view, count it", Effect::kGoToUnseen},

@@ -9,6 +9,7 @@
 
 #include <Eigen/Geometry>
 #include <geometry_msgs/Pose.h>
+#include <interactive_mapping_msgs/ArmGoal.h>
 #include <interactive_mapping_msgs/BrickArray.h>
 #include <interactive_mapping_msgs/MissionState.h>
 #include <interactive_mapping_msgs/NbvSelection.h>
@@ -44,6 +45,8 @@ std::vector<pick_mission::SeenBrick> toSeenBricks(const interactive_mapping_msgs
                                                   const std::vector<int>& seen_now, const std::string& map_frame,
                                                   const Reach& reach, std::vector<std::string>* complaints);
 
+/// What is held over a frame of the robot.
+interactive_mapping_msgs::ArmGoal placeGoal(const std::string& frame);
 interactive_mapping_msgs::PlanPickGoal toGoal(const pick_mission::command::PlanPick& plan,
                                               const std::string& map_frame);
 

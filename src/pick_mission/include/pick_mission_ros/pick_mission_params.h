@@ -19,7 +19,6 @@ struct PickMissionParams {
   std::string run_folder;
   bool autostart{false};
   pick_mission::MissionInfo info;
-  std::string stow{"chute_drop"};
   pick_mission::MissionConfig mission;
 
   struct Heartbeat {
@@ -67,6 +66,7 @@ struct PickMissionParams {
     std::string selection{"/nbv_selection"};
     std::string navigation{"/base_navigation"};
     std::string move_base{"/move_base"};
+    std::string unload;
 
     static void fields(Nodes& c, interactive_mapping::Fields& f);
   } nodes;

@@ -50,6 +50,7 @@ class PickMissionRos {
   void keep();
   void publishState();
   void tick();
+  void unload();
   void letHeartBeat();
   double followClock();
   void beat();
@@ -62,6 +63,7 @@ class PickMissionRos {
   bool onResume(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   bool onHold(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   bool onStop(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
+  bool onUnloaded(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   const PickMissionParams params_;
@@ -71,7 +73,8 @@ class PickMissionRos {
   std::unique_ptr<RunRecorder> recorder_;
   std::unique_ptr<pick_mission::MissionMachine> machine_;
   std::unique_ptr<MissionActions> actions_;
-  int num_missions_{1};  // of this run, the present one included
+  std::unique_ptr<ServiceCaller<std_srvs::Trigger>> unload_;  // null: a person unloads
+  int num_missions_{1};                                       // of this run, the present one included
 
   std::deque<pick_mission::Event> events_;  // to be stepped through
   bool is_draining_{false};

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mission.h"
 
+#include <algorithm>
 #include <stdexcept>
+#include <string>
 
 namespace pick_mission {
 namespace {
@@ -13,13 +15,20 @@ command::SelectView selectView(const Mission& mission) {
   return select;
 }
 
+/// Where the next brick goes. A brick that hangs on the magnet has a place, even if it was counted as lost with its pick.
+const std::string& freePlace(const Mission& mission) {
+  const int index = std::min(mission.memory.places_used, capacityOf(mission.config) - 1);
+  return mission.config.stow[static_cast<std::size_t>(index)];
+}
+
 Command::Body bodyOf(State action, Mission& mission) {
   const MissionConfig& config = mission.config;
   Memory& memory = mission.memory;
   switch (action) {
     case State::kPlanClear:
+      return command::PlanArm{};
     case State::kPlanStow:
-      return command::PlanArm{action == State::kPlanStow};
+      return command::PlanArm{freePlace(mission)};
     case State::kClear:
     case State::kStow:
       mission.is_arm_clear = false;
@@ -32,7 +41,7 @@ Command::Body bodyOf(State action, Mission& mission) {
       return memory.reports.front();
     case State::kPlanPick:
       mission.candidate = memory.ledger.best(memory.scene, memory.base.position());
-      return command::PlanPick{*mission.candidate, mission.map_stamp_s};
+      return command::PlanPick{*mission.candidate, mission.map_stamp_s, freePlace(mission)};
     case State::kPick:
       mission.is_arm_clear = false;
       ++memory.picks_begun;

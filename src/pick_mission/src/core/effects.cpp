@@ -27,7 +27,10 @@ void applyEnd(Effect effect, const Cause& cause, Mission& mission) {
   if (effect == Effect::kGiveUp) {
     setEnd(memory, cause.end, std::string(toString(cause.action)) + ": " + cause.event + "; " + cause.reason);
   }
-  if (memory.is_ending) return;
+  // A mission whose bricks are only to be unloaded yet can still be stopped.
+  const bool is_stop =
+      effect == Effect::kEndStopped || (effect == Effect::kEndHalted && mission.halt_for == HaltFor::kStop);
+  if (memory.is_ending && !(is_stop && isOverOfItself(memory))) return;
   const bool has_exhausted = memory.ledger.numExhausted() > 0;
   switch (effect) {
     case Effect::kEndHalted:
@@ -83,6 +86,8 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
       return haltFor(HaltFor::kTimeUp);
     case Effect::kHaltForTimeout:
       return haltFor(HaltFor::kTimeout);
+    case Effect::kGoToDepot:
+      return goTo(base_navigation::compose(*memory.start_pose, config.depot.pose()), DriveFor::kDepot);
     case Effect::kGoToSurveyPose:
       return goTo(surveyPose(mission, memory.survey_index), DriveFor::kSurvey);
     case Effect::kGoToUnseen:

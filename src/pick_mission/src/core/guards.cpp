@@ -28,6 +28,10 @@ bool handlesBrick(State action) {
   return action == State::kPick || action == State::kStow || action == State::kLetGo;
 }
 
+bool isOverOfItself(const Memory& memory) {
+  return memory.is_ending && memory.end_reason <= EndReason::kNoProgress;
+}
+
 bool holds(Guard guard, const Mission& mission) {
   const MissionConfig& config = mission.config;
   const Memory& memory = mission.memory;
@@ -54,6 +58,11 @@ bool holds(Guard guard, const Mission& mission) {
       return !isArmReady(mission.state, mission);
     case Guard::kReportLeft:
       return !memory.reports.empty();
+    case Guard::kUnloadDue:
+      return memory.places_used > 0 &&
+             (memory.is_ending ? isOverOfItself(memory) : memory.places_used >= capacityOf(config));
+    case Guard::kAtDepot:
+      return mission.goal.why == DriveFor::kDepot;
     case Guard::kSurveyLeft:
       return memory.survey_index < numSurveyPoses(mission);
     case Guard::kAllDealtWith:

@@ -56,7 +56,7 @@ struct adl_serializer<pick_mission::command::ReportFailure> {
 namespace pick_mission {
 namespace {
 
-constexpr int kVersion = 3;  // of the saved form
+constexpr int kVersion = 4;  // of the saved form
 
 /// Of an enumeration with `count` values. Its eight bits would turn a larger number into one of them.
 void checkNumber(const nlohmann::json& saved, const char* key, int count) {
@@ -74,6 +74,9 @@ void check(const Memory& memory) {
   }
   if (!(memory.used_s >= 0.0)) {
     throw std::invalid_argument("used_s = " + std::to_string(memory.used_s) + " s, must be >= 0 s");
+  }
+  if (memory.places_used < 0) {
+    throw std::invalid_argument("places_used = " + std::to_string(memory.places_used) + ", must be >= 0");
   }
   if (memory.pick_running && !memory.ledger.isKnown(*memory.pick_running)) {
     throw std::invalid_argument("pick_running = " + std::to_string(*memory.pick_running) + ", must be known");
@@ -110,6 +113,7 @@ void restore(const nlohmann::json& saved, Memory& memory) {
   memory.brick_in_hand = memory.pick_running;
   memory.pick_running.reset();
   ++memory.scene;
+  ++memory.places_used;  // it may lie in its place
 }
 
 }  // namespace pick_mission

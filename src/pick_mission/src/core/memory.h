@@ -39,6 +39,7 @@ struct Memory {
   std::optional<int> pick_running;  // the brick of a pick that has not been answered
   int picked_without_id{0};         // stowed bricks of which nobody knew the id
   int scene{0};                     // changes with robot and pile
+  int places_used{0};               // in the container, since it was unloaded
 
   int views{0};  // selected and reached
   int picks_begun{0};
@@ -73,6 +74,7 @@ struct Memory {
     visit("pick_running", self.pick_running);
     visit("nameless_picked", self.picked_without_id);
     visit("scene", self.scene);
+    visit("places_used", self.places_used);
     visit("views", self.views);
     visit("picks_begun", self.picks_begun);
     visit("fruitless_views", self.fruitless_views);

@@ -14,7 +14,7 @@
 namespace pick_mission {
 
 enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
-enum class DriveFor { kSurvey, kView, kVantage };
+enum class DriveFor { kSurvey, kView, kVantage, kDepot };
 
 /// All data of a mission. What works on it is declared below, by its file.
 struct Mission {
@@ -67,6 +67,8 @@ int numNeverFound(const Mission& mission);  // of `bricks_total`; 0 if that is n
 // --- guards.cpp -----------------------------------------------------------------------------------------------------
 
 bool holds(Guard guard, const Mission& mission);
+/// It ended because nothing is left to do, not because something failed or somebody stopped it.
+bool isOverOfItself(const Memory& memory);
 /// With the magnet in play: without an answer nobody knows what hangs there.
 bool handlesBrick(State action);
 

@@ -53,6 +53,7 @@ class MissionMachine::Impl {
   void on(const event::Resume& resume);
   void on(const event::Hold& hold);
   void on(const event::Stop& stop);
+  void on(const event::Unloaded& unloaded);
   void on(const event::ClockJump& jump);
   void onEndAfterCancel(const event::Reply& reply, bool is_broken_off);
   bool mayPause() const;
@@ -119,6 +120,7 @@ void MissionMachine::Impl::on(const event::Start& start) {
   Memory& memory = mission_.memory;
   memory.base = start.T_map_base;
   if (!memory.start_pose) memory.start_pose = start.T_map_base;
+  memory.places_used = std::max(memory.places_used, start.places_used);
   if (start.brick_in_hand) memory.brick_in_hand = start.brick_in_hand;
   setHand(start.hand, mission_);
   mission_.is_arm_clear = false;
@@ -167,7 +169,8 @@ void MissionMachine::Impl::on(const event::Tick& /*tick*/) {
 }
 
 bool MissionMachine::Impl::mayPause() const {
-  return isAction(mission_.state) || (mission_.state == State::kHalting && mission_.halt_for == HaltFor::kTimeout);
+  return isAction(mission_.state) || mission_.state == State::kUnload ||
+         (mission_.state == State::kHalting && mission_.halt_for == HaltFor::kTimeout);
 }
 
 void MissionMachine::Impl::on(const event::Pause& /*pause*/) {
@@ -214,6 +217,14 @@ void MissionMachine::Impl::on(const event::Stop& /*stop*/) {
     return note("stop", "when what goes on has ended");
   }
   if (!fire(Trigger::kStop, {"stop", "of the operator"})) note("stop", "ignored: nothing goes on");
+}
+
+void MissionMachine::Impl::on(const event::Unloaded& /*unloaded*/) {
+  if (isAction(mission_.state) || mission_.state == State::kHalting) {
+    return note("unloaded", "ignored: the robot may move; pause it before");
+  }
+  mission_.memory.places_used = 0;
+  if (!fire(Trigger::kUnloaded, {"unloaded", ""})) note("unloaded", "the container is empty");
 }
 
 void MissionMachine::Impl::on(const event::ClockJump& jump) {
@@ -278,6 +289,8 @@ void MissionMachine::Impl::enter() {
       return;
     case State::kHalting:
       return control(mission_.running->id, command::Cancel{});
+    case State::kUnload:
+      return;
     case State::kEnded:
       mission_.memory.is_let_go_open = false;  // nothing counts any more
       [[fallthrough]];
@@ -355,6 +368,10 @@ const BrickLedger& MissionMachine::bricks() const {
 
 MissionCounts MissionMachine::counts() const {
   return countsOf(impl_->mission());
+}
+
+int MissionMachine::placesUsed() const {
+  return impl_->mission().memory.places_used;
 }
 
 bool MissionMachine::isPauseWanted() const {

@@ -4,7 +4,7 @@
 namespace pick_mission {
 
 bool isAction(State state) {
-  return state >= State::kPlanClear;
+  return state >= State::kPlanClear && state != State::kUnload;
 }
 
 bool isControl(const Command& command) {

@@ -12,7 +12,8 @@ int& streakOf(State action, Memory& memory) {
 
 /// A place of the survey that cannot be driven to is left out, and there are only so many of them.
 bool countsInARow(State action, const Reaction& reaction, const Mission& mission) {
-  const bool is_left_out = action == State::kDrive && reaction.is_reported && mission.goal.why != DriveFor::kView;
+  const bool is_left_out = action == State::kDrive && reaction.is_reported && mission.goal.why != DriveFor::kView &&
+                           mission.goal.why != DriveFor::kDepot;
   return reaction.counts_in_a_row && !is_left_out;
 }
 
@@ -20,10 +21,21 @@ std::string kindOf(State action, const Result& result) {
   return std::string(toString(action)) + ": " + toString(result);
 }
 
+/// Its longest edge upright: it rises over the rim, and nothing may be carried over it.
+bool isOnEnd(const SeenBrick& brick) {
+  int upright = 0;
+  brick.T_map_brick.linear().row(2).cwiseAbs().maxCoeff(&upright);
+  constexpr double kLonger_m = 0.01;  // than the next edge: more than types of bricks are measured wrong by
+  const Eigen::Vector2d others(brick.size_m[(upright + 1) % 3], brick.size_m[(upright + 2) % 3]);
+  return brick.size_m[upright] > others.maxCoeff() + kLonger_m;
+}
+
 void brickStowed(Mission& mission) {
   Memory& memory = mission.memory;
   ++memory.scene;
+  ++memory.places_used;
   if (memory.brick_in_hand && memory.ledger.isKnown(*memory.brick_in_hand)) {
+    if (isOnEnd(memory.ledger.bricks().at(*memory.brick_in_hand).seen)) memory.places_used = capacityOf(mission.config);
     memory.ledger.picked(*memory.brick_in_hand);
   } else {
     ++memory.picked_without_id;
@@ -140,6 +152,8 @@ void recordFailure(State action, const event::Reply& reply, const Reaction& reac
   const std::string reason = withMessage(kind, reply.message);
   ++memory.failures[kind];
   if (countsInARow(action, reaction, mission)) ++streakOf(action, memory);
+  // The brick may lie in its place.
+  if (action == State::kPick && std::holds_alternative<NoAnswer>(reply.result)) ++memory.places_used;
   if (const auto* selection = std::get_if<SelectionResult>(&reply.result)) mission.selection = *selection;
   if (action == State::kPlanPick && reaction.blames_brick) {
     memory.ledger.planFailed(mission.candidate->id, kind);

@@ -28,7 +28,9 @@ std::string driveInWords(const Mission& mission) {
   if (mission.goal.why == DriveFor::kSurvey) {
     text << "place " << mission.memory.survey_index + 1 << " of " << numSurveyPoses(mission) << " of the survey";
   } else {
-    text << (mission.goal.why == DriveFor::kVantage ? "back to a place of the survey" : "the best view");
+    text << (mission.goal.why == DriveFor::kDepot     ? "the depot"
+             : mission.goal.why == DriveFor::kVantage ? "back to a place of the survey"
+                                                      : "the best view");
   }
   const Pose2d& goal = mission.goal.T_map_base;
   text << " at (" << goal.x_m << ", " << goal.y_m << ") m, " << goal.yaw_rad << " rad";
@@ -70,6 +72,8 @@ std::string nextInWords(State next, const Mission& mission) {
              (holds(Guard::kKeepsAway, mission) ? "; away from those tried in vain, others were tried less often" : "");
     case State::kDrive:
       return driveInWords(mission);
+    case State::kUnload:
+      return std::to_string(memory.places_used) + " places of the container are used";
     default:
       return "";
   }

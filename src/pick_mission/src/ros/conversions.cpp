@@ -68,6 +68,13 @@ std::vector<SeenBrick> toSeenBricks(const interactive_mapping_msgs::BrickArray& 
   return seen;
 }
 
+interactive_mapping_msgs::ArmGoal placeGoal(const std::string& frame) {
+  interactive_mapping_msgs::ArmGoal place;
+  place.kind = interactive_mapping_msgs::ArmGoal::PLACE;
+  place.place_frame = frame;
+  return place;
+}
+
 interactive_mapping_msgs::PlanPickGoal toGoal(const pick_mission::command::PlanPick& plan,
                                               const std::string& map_frame) {
   interactive_mapping_msgs::PlanPickGoal goal;
@@ -76,6 +83,7 @@ interactive_mapping_msgs::PlanPickGoal toGoal(const pick_mission::command::PlanP
   goal.brick.header.frame_id = map_frame;
   goal.brick.pose = interactive_mapping_ros::toPose(plan.brick.T_map_brick);
   goal.faces = plan.brick.graspable_faces;
+  goal.stow = {placeGoal(plan.place)};
   goal.min_map_stamp.fromSec(std::max(plan.min_map_stamp_s, 0.0));
   return goal;
 }
@@ -152,6 +160,7 @@ MissionState toMessage(const pick_mission::MissionMachine& machine, std::optiona
   state.used_s = machine.usedTime();
   const pick_mission::MissionCounts counts = machine.counts();
   state.bricks_picked = static_cast<std::uint32_t>(counts.bricks_picked);
+  state.places_used = static_cast<std::uint32_t>(machine.placesUsed());
   state.bricks_open = static_cast<std::uint32_t>(counts.bricks_open);
   state.bricks_exhausted = static_cast<std::uint32_t>(counts.bricks_exhausted);
   state.picks_begun = static_cast<std::uint32_t>(counts.picks_begun);

@@ -355,13 +355,8 @@ void MissionActions::sendPlan(ActionCaller<Action>* caller, const typename Actio
 
 void MissionActions::begin(const command::PlanArm& plan) {
   interactive_mapping_msgs::PlanArmGoal goal;
-  goal.inspect = !plan.to_stow;
-  if (plan.to_stow) {
-    interactive_mapping_msgs::ArmGoal place;
-    place.kind = interactive_mapping_msgs::ArmGoal::PLACE;
-    place.place_frame = params_.stow;
-    goal.goals = {place};
-  }
+  goal.inspect = plan.place.empty();
+  if (!goal.inspect) goal.goals = {placeGoal(plan.place)};
   const std::uint64_t id = *running_;
   sendPlan(&plan_arm_, goal, [this, id](const interactive_mapping_msgs::PlanArmResult& result) {
     arm_plan_ = result;

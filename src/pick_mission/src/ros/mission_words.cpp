@@ -55,6 +55,8 @@ std::string stateInWords(std::uint8_t state) {
       return "recovering the arm";
     case State::kWait:
       return "waiting";
+    case State::kUnload:
+      return "at the depot: unload the container";
   }
   return "unknown state " + std::to_string(state);
 }
@@ -144,6 +146,7 @@ bool isActive(std::uint8_t state) {
     case MissionState::HELD:
     case MissionState::HALTING:
     case MissionState::ENDED:
+    case MissionState::UNLOAD:
       return false;
     default:
       return state < MissionState::NUM_STATES;

@@ -25,6 +25,7 @@ void PickMissionParams::Nodes::fields(Nodes& c, Fields& f) {
   node("selection", c.selection, "its action select and its service report_failure are used");
   node("navigation", c.navigation, "its topic outcome is used; other navigations have none");
   node("move_base", c.move_base, "the action itself");
+  f("unload", c.unload, "service that empties the container at the depot; empty: a person does, and calls ~unloaded");
 }
 
 void PickMissionParams::fields(PickMissionParams& c, Fields& f) {
@@ -51,7 +52,6 @@ void PickMissionParams::fields(PickMissionParams& c, Fields& f) {
   f("seed", c.info.seed, 0, std::numeric_limits<int>::max(), "", "seed of the scene, for the summary");
   f("strategy", c.info.strategy, "strategy of the view selection, also for the summary; empty: its default");
   f("removed_factor", c.info.removed_factor, "factor that an ablation removes, for the summary");
-  frame("stow", c.stow, "frame over which a brick is let go that its pick did not let go");
   pick_mission::MissionConfig::fields(c.mission, f);
   f.section("heartbeat", c.heartbeat);
   f.section("input", c.input);

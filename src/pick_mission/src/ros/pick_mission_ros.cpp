@@ -60,15 +60,17 @@ PickMissionRos::PickMissionRos(const ros::NodeHandle& nh, const ros::NodeHandle&
       nh, params_, &queue_, inbox_, [this](const pick_mission::Event& event) { step(event); },
       [this](const interactive_mapping_msgs::NbvSelection& selection) { onSelection(selection); });
 
+  if (!params_.nodes.unload.empty()) {
+    unload_ = std::make_unique<ServiceCaller<std_srvs::Trigger>>(nh, params_.nodes.unload, inbox_);
+  }
   ros::NodeHandle handle(private_nh);
   handle.setCallbackQueue(&queue_);
   state_publisher_ = handle.advertise<MissionState>("state", 10, true);
   marker_publisher_ = handle.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
-  const std::pair<const char*, Service> services[] = {{"start", &PickMissionRos::onStart},
-                                                      {"pause", &PickMissionRos::onPause},
-                                                      {"resume", &PickMissionRos::onResume},
-                                                      {"hold", &PickMissionRos::onHold},
-                                                      {"stop", &PickMissionRos::onStop}};
+  const std::pair<const char*, Service> services[] = {
+      {"start", &PickMissionRos::onStart},   {"pause", &PickMissionRos::onPause},
+      {"resume", &PickMissionRos::onResume}, {"hold", &PickMissionRos::onHold},
+      {"stop", &PickMissionRos::onStop},     {"unloaded", &PickMissionRos::onUnloaded}};
   for (const auto& [name, service] : services) servers_.push_back(handle.advertiseService(name, service, this));
   diagnostics_.setHardwareID("none");
   diagnostics_.add("mission", this, &PickMissionRos::diagnose);
@@ -172,12 +174,26 @@ void PickMissionRos::tick() {
   if (now < ticked_ || (now - ticked_).toSec() >= kTickPeriod_s) {
     ticked_ = now;
     if (started_) step(event::Tick{});
+    unload();
   }
   if (params_.autostart && !is_stopping_ && (wall - asked_).toSec() >= kAskPeriod_s) {
     asked_ = wall;
     autostart();
   }
   if ((wall - published_).toSec() >= kPublishPeriod_s) publishState();
+}
+
+/// Asks for it until it is done.
+void PickMissionRos::unload() {
+  if (!unload_) return;
+  unload_->watch();
+  if (machine_->state() != State::kUnload || unload_->isActive()) return;
+  unload_->call({}, ros::WallDuration(params_.servers.service_timeout_s),
+                [this](const std_srvs::Trigger* service, const std::string& why) {
+                  if (service != nullptr && service->response.success != 0) return step(event::Unloaded{});
+                  ROS_WARN_STREAM_NAMED(kLog, "the container is not unloaded: "
+                                                  << (service == nullptr ? why : service->response.message));
+                });
 }
 
 void PickMissionRos::autostart() {
@@ -359,7 +375,8 @@ std::string PickMissionRos::start() {
   for (const std::string& one : actions_->missing()) why_not += (why_not.empty() ? "" : ", ") + one;
   if (!why_not.empty()) return why_not;
   try {
-    const event::Start begin = actions_->start();
+    event::Start begin = actions_->start();
+    begin.places_used = machine_->placesUsed();
     if (machine_->state() == State::kEnded) makeAnother();
     if (!started_) started_ = ros::SteadyTime::now();
     waits_for_.clear();
@@ -413,6 +430,11 @@ bool PickMissionRos::onStop(std_srvs::Trigger::Request& /*request*/, std_srvs::T
   return true;
 }
 
+bool PickMissionRos::onUnloaded(std_srvs::Trigger::Request& /*request*/, std_srvs::Trigger::Response& response) {
+  take(event::Unloaded{}, &response);
+  return true;
+}
+
 void PickMissionRos::onSelection(const interactive_mapping_msgs::NbvSelection& selection) {
   recorder_->selection(toJson(selection, ros::Time::now().toSec()));
   selected_.reset();
@@ -435,6 +457,7 @@ void PickMissionRos::diagnose(diagnostic_updater::DiagnosticStatusWrapper& statu
   status.add("bricks picked", counts.bricks_picked);
   status.add("bricks open", counts.bricks_open);
   status.add("bricks exhausted", counts.bricks_exhausted);
+  status.add("places used in the container", machine_->placesUsed());
   status.add("views", counts.views);
   status.add("failures", counts.failures);
   status.add("hand", toString(machine_->hand()));

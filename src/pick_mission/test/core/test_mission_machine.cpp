@@ -36,6 +36,99 @@ TEST(MissionMachine, PicksAllBricksHighestFirstAndEndsBecauseNoneIsLeft) {
   EXPECT_EQ(order, (std::vector<int>{2, 1, 0, 5, 4, 3}));
 }
 
+TEST(MissionMachine, DrivesToTheDepotWhenTheContainerIsFullAndAtTheEnd) {
+  MissionConfig config;
+  config.stow = {"a", "b"};
+  config.depot = {1.0, 0.5, 0.25};
+  ToyMission run(config, ToyWorld::ofStacks({3, 2}));
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_EQ(run.world.stowed, 5);
+  EXPECT_EQ(run.world.unloaded, 3) << "after the second, the fourth and the last\n" << tail(run);
+  EXPECT_TRUE(run.world.used.empty());
+  std::vector<std::string> places;
+  for (const command::PlanPick& plan : run.sent<command::PlanPick>()) places.push_back(plan.place);
+  EXPECT_EQ(places, (std::vector<std::string>{"a", "b", "a", "b", "a"}));
+  // The mission starts at (-3, 0).
+  const Pose2d& last = run.sent<command::Drive>().back().T_map_base;
+  EXPECT_EQ((std::vector<double>{last.x_m, last.y_m, last.yaw_rad}), (std::vector<double>{-2.0, 0.5, 0.25}));
+}
+
+TEST(MissionMachine, WaitsAtTheDepotForAsLongAsItTakes) {
+  MissionConfig config;
+  config.stow = {"a"};
+  ToyMission run(config, ToyWorld::ofStacks({1}));
+  run.unloads = false;
+  run.start();
+  while (run.machine.state() != State::kUnload) ASSERT_TRUE(run.advance()) << tail(run);
+  const double used_s = run.machine.usedTime();
+  const std::size_t commands = run.commands.size();
+  run.now_s += 10.0 * config.time.limit_s;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kUnload);
+  EXPECT_EQ(run.machine.usedTime(), used_s) << "it is a person's time";
+  EXPECT_EQ(run.commands.size(), commands);
+  // A node that died here comes back to the depot.
+  run.machine = MissionMachine::fromJson(config, {}, run.machine.toJson());
+  EXPECT_EQ(run.machine.placesUsed(), 1);
+  run.start();
+  while (run.machine.state() != State::kUnload) ASSERT_TRUE(run.advance()) << tail(run);
+  run.tell(event::Hold{});
+  EXPECT_EQ(run.machine.state(), State::kHeld);
+  run.tell(event::Unloaded{});
+  EXPECT_EQ(run.machine.state(), State::kHeld) << "nothing moves before resume";
+  EXPECT_EQ(run.machine.placesUsed(), 0);
+  run.world.used.clear();
+  run.tell(event::Resume{});
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_EQ(run.world.unloaded, 0) << "the container was empty";
+}
+
+TEST(MissionMachine, NobodyUnloadsARobotThatMayMove) {
+  ToyMission run({}, ToyWorld::ofStacks({2}));
+  run.start();
+  while (run.machine.placesUsed() == 0) ASSERT_TRUE(run.advance());
+  run.tell(event::Unloaded{});
+  EXPECT_EQ(run.machine.placesUsed(), 1);
+  EXPECT_THAT(run.log.back().reason, testing::StartsWith("ignored"));
+}
+
+TEST(MissionMachine, ADepotThatCannotBeReachedEndsTheMission) {
+  ToyMission run({}, ToyWorld::ofStacks({1}));
+  run.inject = [&](State action, int) -> std::optional<Result> {
+    if (action != State::kDrive || run.machine.placesUsed() == 0) return std::nullopt;
+    return NavigationResult{NavigationStatus::kNoPath, std::nullopt};
+  };
+  EXPECT_TRUE(run.endsAs(EndReason::kDrivesFailed));
+  EXPECT_EQ(run.machine.counts().bricks_picked, 1);
+}
+
+TEST(MissionMachine, ABrickStowedOnEndIsTheLastOfItsLoad) {
+  ToyWorld world = ToyWorld::ofStacks({2});
+  world.is_upright = true;
+  ToyMission run({}, world);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_EQ(run.world.unloaded, 2) << tail(run);
+}
+
+TEST(MissionMachine, APickWithoutAnAnswerMayHaveUsedItsPlace) {
+  ToyMission run({}, ToyWorld::ofStacks({2}));
+  run.inject = endAs(State::kPick, NoAnswer{}, 1);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  std::vector<std::string> places;
+  for (const command::PlanPick& plan : run.sent<command::PlanPick>()) places.push_back(plan.place);
+  EXPECT_EQ(places, (std::vector<std::string>{"container_place_1", "container_place_2", "container_place_3"}));
+}
+
+TEST(MissionMachine, TheNextMissionKnowsWhatIsInTheContainer) {
+  ToyMission run({}, ToyWorld::ofStacks({1}));
+  event::Start start;
+  start.hand = Hand::kEmpty;
+  start.places_used = 2;
+  run.tell(start);
+  ASSERT_TRUE(run.toEnd());
+  EXPECT_EQ(run.sent<command::PlanPick>().at(0).place, "container_place_3");
+}
+
 TEST(MissionMachine, ChoosesAgainAfterEachPickOnlyIfConfigured) {
   for (const bool each : {true, false}) {
     MissionConfig config = surveying();

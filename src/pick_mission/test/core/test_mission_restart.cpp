@@ -69,8 +69,9 @@ TEST(MissionRestart, AtEveryStepGoesOnAfterAFreshInspectionAndEnds) {
       // An interrupted pick may use up the last attempt before the last other brick is taken: that gives one back.
       EXPECT_LE(run.world.picks[1], whole.world.picks[1] + 1) << "the attempts began anew";
       EXPECT_LT(run.machine.usedTime(), used_s + run.now_s - 1000.0);
-      // The survey is not driven twice.
-      EXPECT_LE(run.world.commands_of[State::kDrive], whole.world.commands_of[State::kDrive] + 1) << first;
+      // The survey is not driven twice. The brick of a pick that was going on may lie in its place, so that the container
+      // is full sooner: once more to the depot and back.
+      EXPECT_LE(run.world.commands_of[State::kDrive], whole.world.commands_of[State::kDrive] + 3) << first;
       ASSERT_FALSE(HasFailure()) << tail(run);
     }
   }
@@ -163,14 +164,14 @@ TEST(MissionRestart, SavedStateIsTheSameAfterARoundTrip) {
   }
 }
 
-/// As version 3 of the form is on the disks of users: every field differs from that of a new mission.
-constexpr char kSavedState[] = R"json({"version": 3, "has_ended": false, "end_reason": 8, "is_ending": true,
+/// As version 4 of the form is on the disks of users: every field differs from that of a new mission.
+constexpr char kSavedState[] = R"json({"version": 4, "has_ended": false, "end_reason": 8, "is_ending": true,
     "end_message": "plan_stow: no map; 5 times in a row; the map has to come", "waits_in": 1, "is_hold_given": true,
     "is_let_go_open": true, "used_s": 1234.5, "start_pose": [-3.0, 0.25, 0.5], "base": [0.75, -0.5, 3.125],
     "survey_index": 2,
-    "brick_in_hand": 7, "pick_running": null, "nameless_picked": 1, "scene": 13, "views": 2, "picks_begun": 5,
+    "brick_in_hand": 7, "pick_running": null, "nameless_picked": 1, "scene": 13, "places_used": 2, "views": 2, "picks_begun": 5,
     "fruitless_views": 1, "low_utility_views": 2, "vantage_drives": 1, "fade_waits": 3,
-    "streaks": [0, 0, 0, 0, 0, 0, 0, 1, 2, 0, 0, 0, 3, 4, 5, 0, 0, 0, 1, 0, 2], "last_id": 70,
+    "streaks": [0, 0, 0, 0, 0, 0, 0, 1, 2, 0, 0, 0, 3, 4, 5, 0, 0, 0, 1, 0, 2, 0], "last_id": 70,
     "excluded": [[0.75, -0.5, 0.15]],
     "reports": [[-0.7, 0.5, 0.25, 1669.0, "plan_pick: approach blocked (from \u00fcber)"]],
     "failures": {"pick: NOT_ATTACHED": 1, "plan_pick: approach blocked": 2},
@@ -180,7 +181,7 @@ constexpr char kSavedState[] = R"json({"version": 3, "has_ended": false, "end_re
                 "plans_failed": 2, "failures": {"pick: NOT_ATTACHED": 3}, "last_failure": "pick: NOT_ATTACHED"}]
 })json";
 
-TEST(MissionRestart, SavedStateOfVersion3IsReadAndKeepsItsForm) {
+TEST(MissionRestart, SavedStateOfVersion4IsReadAndKeepsItsForm) {
   nlohmann::json saved = nlohmann::json::parse(kSavedState);
   const MissionMachine machine = MissionMachine::fromJson({}, {}, saved);
   EXPECT_EQ(machine.toJson(), saved);

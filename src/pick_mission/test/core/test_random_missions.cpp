@@ -93,6 +93,9 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
       EXPECT_EQ(record.picks_begun, run.world.picks[id]);
     }
     EXPECT_FALSE(run.machine.endMessage().empty());
+    if (reason <= EndReason::kNoProgress && run.machine.usedTime() < config.time.limit_s) {
+      EXPECT_TRUE(run.world.used.empty()) << "not unloaded\n" << tail(run);
+    }
     switch (reason) {
       case EndReason::kNoBrickLeft:
         EXPECT_EQ(run.world.numLeft(), 0) << tail(run);

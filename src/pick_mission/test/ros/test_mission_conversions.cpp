@@ -142,14 +142,17 @@ TEST(MissionStatus, IsRefusedBeyondItsRange) {
 TEST_F(MissionConversions, GoalsOfPlanAndPickAreOfTheSameBrick) {
   array_.bricks = {brickAt(7, p_base_)};
   const SeenBrick brick = seen().front();
-  const auto plan = toGoal(pick_mission::command::PlanPick{brick, 12.25}, "map");
+  const auto plan = toGoal(pick_mission::command::PlanPick{brick, 12.25, "place"}, "map");
   EXPECT_EQ(plan.brick_id, 7);
   EXPECT_EQ(plan.type, "small");
   EXPECT_EQ(plan.brick.header.frame_id, "map");
   EXPECT_TRUE(plan.brick.header.stamp.isZero()) << "the map's frame needs no tf of a moment";
   EXPECT_EQ(plan.faces, brick.graspable_faces);
+  ASSERT_THAT(plan.stow, SizeIs(1));
+  EXPECT_EQ(plan.stow[0].kind, interactive_mapping_msgs::ArmGoal::PLACE);
+  EXPECT_EQ(plan.stow[0].place_frame, "place");
   EXPECT_EQ(plan.min_map_stamp, ros::Time(12.25));
-  EXPECT_TRUE(toGoal(pick_mission::command::PlanPick{brick, -1.0}, "map").min_map_stamp.isZero());
+  EXPECT_TRUE(toGoal(pick_mission::command::PlanPick{brick, -1.0, "place"}, "map").min_map_stamp.isZero());
 
   interactive_mapping_msgs::PlanPickResult result;
   result.contact.header.frame_id = "map";

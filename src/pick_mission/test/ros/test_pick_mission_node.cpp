@@ -450,7 +450,7 @@ TEST_F(PickMissionNode, KilledInAPickGoesOnAndStowsWhatHangsThere) {
   const auto calls = world_->callsSoFar();
   ASSERT_GE(calls.size(), 5u);
   EXPECT_THAT(std::vector<std::string>(calls.begin(), calls.begin() + 5),
-              ElementsAre("plan_arm chute_drop", "move", "let_go", "plan_arm clear", "move"));
+              ElementsAre("plan_arm container_place_1", "move", "let_go", "plan_arm clear", "move"));
   EXPECT_EQ(std::count(calls.begin(), calls.end(), "drive"), 0) << "it stands where it stood, all can be picked";
   const nlohmann::json json = summary();
   EXPECT_EQ(json["bricks_picked"], 4);

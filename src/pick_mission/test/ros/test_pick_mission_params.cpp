@@ -51,7 +51,7 @@ TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("colour", true);
   nh.setParam("map_frame", "/map");
   nh.setParam("base_frame", "");
-  nh.setParam("stow", "/chute");
+  nh.setParam("stow", std::vector<std::string>{"container", "/container"});
   nh.setParam("sectors_file", "sectors.yaml");
   nh.setParam("bricks_file", "bricks.yaml");
   nh.setParam("run_folder", "run");
@@ -73,7 +73,7 @@ TEST(PickMissionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/colour is unknown"));
   EXPECT_THAT(message, HasSubstr("/wrong/map_frame = '/map', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/base_frame = '', must be a tf2 frame"));
-  EXPECT_THAT(message, HasSubstr("/wrong/stow = '/chute', must be a tf2 frame"));
+  EXPECT_THAT(message, HasSubstr("/wrong/stow = '/container', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/sectors_file = 'sectors.yaml', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/bricks_file = 'bricks.yaml', must be the absolute path"));
   EXPECT_THAT(message, HasSubstr("/wrong/run_folder = 'run', must be the absolute path"));

@@ -100,6 +100,11 @@ class ToyWorld {
       EXPECT_TRUE(is_arm_clear) << "looks with the arm in the view";
       plans.clear();
       looked = true;
+    } else if (const auto* arm = std::get_if<command::PlanArm>(&command.body)) {
+      if (!arm->place.empty()) stow_place = arm->place;
+    } else if (const auto* plan = std::get_if<command::PlanPick>(&command.body)) {
+      EXPECT_EQ(used.count(plan->place), 0u) << "plans to lay a brick on another";
+      stow_place = plan->place;
     } else if (const auto* pick = std::get_if<command::Pick>(&command.body)) {
       EXPECT_EQ(plans.count(pick->plan), 1u) << "picks without a plan made since the last look";
       if (plans.count(pick->plan) > 0) {
@@ -188,6 +193,10 @@ class ToyWorld {
   std::map<int, int> blamed;  // failures that are the brick's, by this world's own judgement
   std::map<State, int> commands_of;
   int stowed{0};
+  int unloaded{0};             // times
+  std::string stow_place;      // of the last plan that stows
+  std::set<std::string> used;  // places in the container
+  bool is_upright{false};      // each brick stands on its end
   std::vector<std::string> reports;
 
  private:
@@ -279,10 +288,10 @@ class ToyWorld {
     } else if (const auto* pick = std::get_if<command::Pick>(&running->body)) {
       is_arm_clear = false;
       take(pick->brick.id);
-      ++stowed;
+      stow();
       hand.reset();
     } else if (std::holds_alternative<command::LetGo>(running->body)) {
-      if (hand) ++stowed;
+      if (hand) stow();
       hand.reset();
     } else if (const auto* drive = std::get_if<command::Drive>(&running->body)) {
       view.reset();
@@ -336,6 +345,11 @@ class ToyWorld {
 
   void take(int id) { brick(id).is_gone = true; }
 
+  void stow() {
+    ++stowed;
+    EXPECT_TRUE(used.insert(stow_place).second) << "two bricks at " << stow_place;
+  }
+
   std::vector<SeenBrick> detect() {
     std::vector<SeenBrick> seen;
     for (const ToyBrick& b : bricks) {
@@ -353,6 +367,7 @@ class ToyWorld {
       const Pose2d place = viewPose(b.view);
       brick_seen.T_map_brick.translation() = Eigen::Vector3d(0.5 * place.x_m, 0.5 * place.y_m, 0.1 * b.layer + 0.05);
       brick_seen.graspable_faces = {4};
+      if (is_upright) brick_seen.size_m = {0.2, 0.2, 0.3};
       brick_seen.is_in_sector = view == b.view;
       brick_seen.is_seen_now = is_visible;
       seen.push_back(brick_seen);
@@ -395,7 +410,14 @@ class ToyMission {
     const std::optional<Result> forced =
         inject && !world.is_cancelled ? inject(world.action, world.commands_of[world.action]) : std::nullopt;
     tell(world.finish(now_s, forced));
+    if (machine.state() == State::kUnload && unloads) unload();
     return true;
+  }
+
+  void unload() {
+    world.used.clear();
+    ++world.unloaded;
+    tell(event::Unloaded{});
   }
 
   /// The same with what is injected as it is: the world would fill in what it sees.
@@ -433,6 +455,7 @@ class ToyMission {
   MissionMachine machine;
   ToyWorld world;
   Inject inject;
+  bool unloads{true};  // somebody, at the depot
   double now_s{100.0};
   std::vector<LogEntry> log;
   std::vector<Command> commands;

@@ -244,18 +244,17 @@ class Judge {
     }
     if (!place.place) return;
     const Eigen::Isometry3d T_opening_brick =
-        place.place->T_base_opening.inverse() * checker_.heldPose(plan.stow.points.back().position_rad);
+        place.place->T_base_place.inverse() * checker_.heldPose(plan.stow.points.back().position_rad);
     const Eigen::Vector3d half_m =
         T_opening_brick.linear().cwiseAbs() * (0.5 * problem_.target.type->size_m);  // of its axis-aligned hull
     constexpr double kAbove_m = 0.002;
     const double above_m = T_opening_brick.translation().z() - half_m.z();
     if (!(above_m > place.place->above_m - kAbove_m))
       fault(text("stow", "height over the opening", above_m, "m", place.place->above_m));
-    // Inside of the chute by its URDF: 0.38 m x 0.52 m. A brick's outline is smaller than its hull.
-    const Eigen::Vector2d opening_m(0.19, 0.26);
-    const Eigen::Vector2d aside_m = T_opening_brick.translation().head<2>().cwiseAbs();
-    if (!((aside_m - opening_m).maxCoeff() < 0.0))
-      fault(text("stow", "middle beside the opening", aside_m.maxCoeff(), "m", 0.19));
+    // A place of the URDF has 2 cm of air round a brick of 0.30 m x 0.20 m: 1 cm to its neighbour's air.
+    const Eigen::Vector2d place_m(0.16, 0.11);
+    const Eigen::Vector2d out_m = T_opening_brick.translation().head<2>().cwiseAbs() + half_m.head<2>() - place_m;
+    if (!(out_m.maxCoeff() < 0.0)) fault(text("stow", "edge beside its place", out_m.maxCoeff(), "m", 0.0));
   }
 
   static constexpr double kMagnetRadius_m = 0.03;  // of the URDF
@@ -295,7 +294,7 @@ PlanVerdict judgePick(const ProblemMaker& maker, const PlanningProblem& problem,
                       const motion_planning::MotionPlannerConfig& planner, const JudgeConfig& config) {
   interactive_mapping::refuseIfAny("impossible judge:", config.validate());
   Judge judge(maker, problem, config);
-  judge.judgePick(plan, planner, maker.chuteGoal());
+  judge.judgePick(plan, planner, maker.containerGoal());
   return judge.verdict();
 }
 

@@ -284,10 +284,10 @@ ProblemMaker::ProblemMaker(const ProblemFiles& files, const SurveyConfig& survey
   }
 }
 
-motion_planning::ArmGoal ProblemMaker::chuteGoal() const {
+motion_planning::ArmGoal ProblemMaker::containerGoal() const {
   motion_planning::PlaceGoal place;
-  place.T_base_opening = robot_->framePose(mp700_ur5e_description::kChuteDropFrame,
-                                           Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size())));
+  place.T_base_place = robot_->framePose(mp700_ur5e_description::kContainerPlaces[0],
+                                         Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size())));
   motion_planning::ArmGoal goal;
   goal.place = place;
   return goal;

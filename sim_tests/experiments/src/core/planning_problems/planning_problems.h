@@ -86,8 +86,8 @@ class ProblemMaker {
   std::shared_ptr<const mp700_ur5e_description::RobotModel> robot() const { return robot_; }
   /// Where the arm starts, all joints in the order of kArmJoints.
   const motion_planning::ArmVector& stowed() const { return stowed_; }
-  /// Over the chute's opening.
-  motion_planning::ArmGoal chuteGoal() const;
+  /// Over the first place in the container.
+  motion_planning::ArmGoal containerGoal() const;
 
  private:
   struct Standing {

@@ -51,7 +51,7 @@ ProblemPlanner::Answer ProblemPlanner::plan(const PlanningProblem& problem, cons
   answer.scene = update_;
   const auto begin = std::chrono::steady_clock::now();
   const double begin_ms = threadTime_ms();
-  answer.plan = planner_->planPick(context, problem.target, {maker_.chuteGoal()});
+  answer.plan = planner_->planPick(context, problem.target, {maker_.containerGoal()});
   answer.plan_ms = threadTime_ms() - begin_ms;
   answer.plan_wall_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
   return answer;

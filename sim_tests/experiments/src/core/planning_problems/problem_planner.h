@@ -12,7 +12,7 @@
 
 namespace experiments {
 
-/// Puts problems to the planner: scene from the stand's map, start at rest with the arm stowed, brick to the chute.
+/// Puts problems to the planner: scene from the stand's map, start at rest with the arm stowed, brick to the container.
 class ProblemPlanner {
  public:
   struct Answer {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "collision/robot_shapes.h"
 #include "tasks/failures.h"
@@ -19,23 +20,28 @@ struct TipGoal {
   std::vector<Eigen::Isometry3d> T_base_tips;  // any of them
 };
 
-/// Poses of the tip that hold the brick over the opening. The brick's edges are along the opening's in some of them.
-std::vector<Eigen::Isometry3d> placePoses(const PlaceGoal& place, const HeldBrick& held, const Eigen::Vector3d& up_tip,
-                                          int yaw_samples) {
+/// Poses of the tip that hold the brick over its place, its longer level edge along the place's x.
+std::vector<Eigen::Isometry3d> placePoses(const PlaceGoal& place, const HeldBrick& held,
+                                          const Eigen::Vector3d& up_tip) {
+  constexpr double kSameEdge_m = 0.005;  // a quarter of the air beside a brick in its place
   const Eigen::Matrix3d R_level = turning(up_tip, Eigen::Vector3d::UnitZ());
   const Eigen::Matrix3d R_level_brick = R_level * held.T_tip_brick.linear();
-  int edge = 0;  // the one nearest to level
-  R_level_brick.row(2).cwiseAbs().minCoeff(&edge);
-  const double brick_yaw = std::atan2(R_level_brick(1, edge), R_level_brick(0, edge));
-  const Eigen::Matrix3d& R_opening = place.T_base_opening.linear();
-  const double opening_yaw = std::atan2(R_opening(1, 0), R_opening(0, 0));
+  int upright = 0;
+  R_level_brick.row(2).cwiseAbs().maxCoeff(&upright);
+  int longer = (upright + 1) % 3;
+  int shorter = (upright + 2) % 3;
+  if (held.size_m[longer] < held.size_m[shorter]) std::swap(longer, shorter);
+  const int turns = held.size_m[longer] - held.size_m[shorter] < kSameEdge_m ? 4 : 2;
+  const double brick_yaw = std::atan2(R_level_brick(1, longer), R_level_brick(0, longer));
+  const Eigen::Matrix3d& R_place = place.T_base_place.linear();
+  const double place_yaw = std::atan2(R_place(1, 0), R_place(0, 0));
   std::vector<Eigen::Isometry3d> T_base_tips;
-  for (int k = 0; k < yaw_samples; ++k) {
+  for (int k = 0; k < turns; ++k) {
     Eigen::Isometry3d T_base_brick = Eigen::Isometry3d::Identity();
-    T_base_brick.linear() = aboutZ(opening_yaw - brick_yaw + 2.0 * M_PI * k / yaw_samples) * R_level_brick;
+    T_base_brick.linear() = aboutZ(place_yaw - brick_yaw + 2.0 * M_PI * k / turns) * R_level_brick;
     const double half_height_m = 0.5 * T_base_brick.linear().row(2).cwiseAbs().dot(held.size_m);
     T_base_brick.translation() =
-        place.T_base_opening.translation() + Eigen::Vector3d(0.0, 0.0, place.above_m + half_height_m);
+        place.T_base_place.translation() + Eigen::Vector3d(0.0, 0.0, place.above_m + half_height_m);
     T_base_tips.push_back(T_base_brick * held.T_tip_brick.inverse());
   }
   return T_base_tips;
@@ -50,12 +56,12 @@ Result<TipGoal> tipGoal(const TaskContext& task, const ArmGoal& goal, const std:
   }
   const PlaceGoal& place = *goal.place;
   if (!held) return badRequest("nothing is held that could be placed");
-  if (!isRigid(place.T_base_opening) || !std::isfinite(place.above_m)) {
-    return badRequest("place: the opening's pose is not rigid, or above_m is not finite");
+  if (!isRigid(place.T_base_place) || !std::isfinite(place.above_m)) {
+    return badRequest("place: its pose is not rigid, or above_m is not finite");
   }
   const Eigen::Vector3d up_tip = tilt ? tilt->up_tip : uprightEdge(*held, task.arm.tipPose(task.request.start_rad));
-  return TipGoal{"the brick over the opening at " + inMetres(place.T_base_opening.translation()) + " in base_link",
-                 placePoses(place, *held, up_tip, task.config.pick.yaw_samples)};
+  return TipGoal{"the brick over its place at " + inMetres(place.T_base_place.translation()) + " in base_link",
+                 placePoses(place, *held, up_tip)};
 }
 
 /// All postures with the tip there, nearest to `near` first.
