@@ -196,7 +196,9 @@ class Recorder:
         if state.state == messages.PICK:
             return f"picks brick {state.brick}"
         if state.state == messages.DRIVE:
-            return f"drives to a view of utility {state.view[0].utility:.2f}" if state.view else "drives to look at the pile"
+            return f"drives to a view of utility {state.view[0].utility:.2f}" if state.view else state.decision
+        if state.state == messages.UNLOAD:
+            return "unloads"
         if state.state == messages.ENDED:
             reasons = {value: name for name, value in vars(messages).items() if name.lower() in END_WORDS}
             reason = reasons.get(state.end_reason, "?").lower().replace("_", " ")

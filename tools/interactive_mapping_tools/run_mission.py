@@ -51,7 +51,7 @@ def parse(words):
     parser.add_argument("--wall-limit", default="0", metavar="S", help="of the wall clock: then it is given up (default, and 0: none)")
     parser.add_argument("--clock", default="lockstep", metavar="MODE", help="lockstep (default: as fast as the machine allows, repeatable) or realtime")
     parser.add_argument("--camera-rate", metavar="HZ", help="images of the camera, 0.2 to 60 (default 1 in lock step, 5 in real time)")
-    parser.add_argument("--realistic", action="store_true", help="sensors, localisation and calibration with faults, as they are on the robot (default: without)")
+    parser.add_argument("--ideal", action="store_true", help="sensors, localisation and calibration without the faults that they have on the robot (default: with)")
     parser.add_argument("--port", metavar="N", help="of the master (default: a free one)")
     parser.add_argument("--rviz", action="store_true", help="show it")
     parser.add_argument("--no-pictures", action="store_true", help="none of the world")
@@ -208,7 +208,7 @@ def main():
     workspace.use()
     launch_arguments = [f"scene:={options.scene}", f"seed:={options.seed}", f"clock:={options.clock}", f"run_folder:={run}", f"map:={options.map}",
                         f"strategy:={options.strategy}", "autostart:=true", f"pictures:={str(not options.no_pictures).lower()}",
-                        f"rviz:={str(options.rviz).lower()}", f"ideal:={str(not options.realistic).lower()}", *launch_arguments]
+                        f"rviz:={str(options.rviz).lower()}", f"ideal:={str(options.ideal).lower()}", *launch_arguments]
     missing = not_built(launch_arguments)
     if missing:
         with contextlib.suppress(OSError):

@@ -94,7 +94,7 @@ class Replay(unittest.TestCase):
         marker = Seen("/record_mission/mesh_marker", Marker, lambda mesh: len(mesh.points) > 0)
         state = Seen("/pick_mission/state", MissionState)
         command = Seen("/cmd_vel", Twist)
-        mission = start("simulation.launch", "scene:=single_brick", "clock:=lockstep", "autostart:=true",
+        mission = start("simulation.launch", "scene:=single_brick", "clock:=lockstep", "ideal:=true", "autostart:=true",
                         f"run_folder:={run}", "record:=true", "required:=true")
         try:
             for seen, count in ((images, IMAGES), (marker, 1), (state, 1), (command, 1)):

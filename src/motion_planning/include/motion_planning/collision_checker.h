@@ -102,10 +102,10 @@ class CollisionChecker {
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch = true);
   /// As in a lift, and made smaller still, up to held_release_m, until it is free in all these postures, the first of its
   /// way: where it hangs can be nothing else, so that the map is wrong by as much. If that does not do, the place where it
-  /// hangs in the first of them becomes the target, for all links: what the map has there is not there, however deep. False:
-  /// not even then; it is as in a lift, and the target is as before. Throws as setHeld(); std::invalid_argument too for
-  /// angles that are not finite.
-  bool setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures);
+  /// hangs in the first of them becomes the target, for all links: what the map has there is not there, however deep. None:
+  /// it is free. Else what even then is touched; it is as in a lift, and the target is as before. Throws as setHeld();
+  /// std::invalid_argument too for angles that are not finite.
+  Contact setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures);
   /// What is held may be as near to the robot as it is in this posture, the start of its way: from now on it keeps less than
   /// held_padding_m from it, or is smaller, by held_release_m at most. False: not even then; as before. Throws
   /// std::invalid_argument for angles that are not finite.
@@ -141,7 +141,7 @@ class CollisionChecker {
 
  private:
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch, double less_m);
-  bool releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures);
+  Contact releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures);
 
   struct State;
   std::unique_ptr<State> state_;

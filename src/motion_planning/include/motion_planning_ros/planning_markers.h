@@ -41,6 +41,7 @@ class PlanningMarkers {
                   std::shared_ptr<const motion_planning::ArmKinematics> arm, int num_arms);
 
   void show(const MapScene& scene);
+  bool isSceneShown() const { return scene_publisher_.getNumSubscribers() > 0; }
   void show(const motion_planning::PickPlan& plan, const Eigen::Isometry3d& T_map_base);
   void show(const motion_planning::ArmPlan& plan, const Eigen::Isometry3d& T_map_base);
   /// A plan that failed: the last one's markers go, the reason stands over the robot.

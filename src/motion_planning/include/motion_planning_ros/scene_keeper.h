@@ -29,8 +29,9 @@ struct MapScene {
   motion_planning::SceneUpdate statistics;
 };
 
-/// Follows the map: each mesh (`map/mesh`) becomes a scene, on a thread of its own that asks the map (`map/query`) about
-/// uncertainty and unknown space. Meshes that come meanwhile replace each other.
+/// Makes scenes of the map's meshes (`map/mesh`), on a thread of its own that asks the map (`map/query`) about uncertainty and
+/// unknown space: when one is asked for, and while it follows the map of each mesh. Meshes that come meanwhile replace each
+/// other.
 class SceneKeeper {
  public:
   struct Counters {
@@ -49,6 +50,9 @@ class SceneKeeper {
 
   /// Begins to listen. Once.
   void start();
+
+  /// Whether each mesh becomes a scene, from now on; the first one always does. Returns what was before.
+  bool follow(bool is_followed);
 
   /// The scene of the newest mesh heard of, with the robot at `T_map_base`: waits until it is made. Nothing, and why: no
   /// mesh yet, the map does not answer, cancelled.
@@ -77,6 +81,7 @@ class SceneKeeper {
   bool is_stopping_{false};
   interactive_mapping_msgs::SurfaceMeshConstPtr mesh_;  // the newest
   std::uint64_t mesh_number_{0};                        // of mesh_, 0: none
+  bool is_followed_{false};
   std::uint64_t asked_number_{0};                       // a scene was asked for at asked_pose_; counts such requests
   Eigen::Isometry3d asked_pose_{Eigen::Isometry3d::Identity()};
   std::uint64_t done_mesh_number_{0};

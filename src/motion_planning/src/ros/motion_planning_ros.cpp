@@ -525,6 +525,7 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
       }
       watch.target = target;
     }
+    const bool was_followed = trajectory.empty() || scenes_->follow(true);
     {
       const std::lock_guard<std::mutex> lock(monitor_mutex_);
       if (trajectory.empty()) {
@@ -540,6 +541,9 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
       }
     }
     monitor();
+    std::string why_not;
+    const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
+    if (!was_followed && T_map_base) scenes_->current(*T_map_base, nullptr, &why_not);  // the last may be of long ago
     response.success = 1;
   } catch (const PlanFailure& why) {
     response.message = why.message;
@@ -599,6 +603,7 @@ void MotionPlanningRos::monitor() {
       }
     }
   }
+  scenes_->follow(watch_.has_value() || markers_.isSceneShown());
   // Also when nothing is watched: a simulated clock may wait for it.
   monitor_publisher_.publish(state);
 }

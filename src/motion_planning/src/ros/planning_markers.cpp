@@ -91,7 +91,7 @@ MarkerArray PlanningMarkers::cleared() const {
 }
 
 void PlanningMarkers::show(const MapScene& scene) {
-  if (scene_publisher_.getNumSubscribers() == 0) return;
+  if (!isSceneShown()) return;
   MarkerArray array = cleared();
 
   const motion_planning::Surface surface = motion_planning::obstacleSurface(*scene.scene);

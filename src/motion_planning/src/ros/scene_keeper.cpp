@@ -97,6 +97,16 @@ SceneKeeper::~SceneKeeper() {
   if (worker_.joinable()) worker_.join();
 }
 
+bool SceneKeeper::follow(bool is_followed) {
+  bool was_followed = is_followed;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    std::swap(was_followed, is_followed_);
+  }
+  changed_.notify_all();
+  return was_followed;
+}
+
 std::shared_ptr<const MapScene> SceneKeeper::last() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return last_;
@@ -157,7 +167,8 @@ void SceneKeeper::work() {
     {
       std::unique_lock<std::mutex> lock(mutex_);
       changed_.wait(lock, [this] {
-        return is_stopping_ || (mesh_ && (mesh_number_ > done_mesh_number_ || asked_number_ > done_asked_number_));
+        const bool is_next_due = mesh_number_ > done_mesh_number_ && (is_followed_ || !last_);
+        return is_stopping_ || (mesh_ && (is_next_due || asked_number_ > done_asked_number_));
       });
       if (is_stopping_) return;
       mesh = mesh_;

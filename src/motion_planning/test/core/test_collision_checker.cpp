@@ -663,7 +663,7 @@ TEST(CollisionChecker, ABrickIsSmallerWhereItHangsByWhatTheMapHasTooMuch) {
     }
     // Deeper than that only its own place helps, and there the other reaches over it.
     const bool may_be = overlap_m < CollisionCheckerConfig{}.held_release_m;
-    EXPECT_EQ(checker.setHeldAt(held, {at_rest, among_others}), may_be) << overlap_m;
+    EXPECT_EQ(!checker.setHeldAt(held, {at_rest, among_others}), may_be) << overlap_m;
     EXPECT_EQ(checker.isFree(at_rest), may_be) << overlap_m << ": " << checker.check(at_rest).describe();
     EXPECT_EQ(checker.isFree(among_others), may_be) << overlap_m << ": " << checker.check(among_others).describe();
     // Moved by 6 cm more, the magnet itself is in the other where that reaches farthest.
@@ -691,7 +691,7 @@ TEST(CollisionChecker, WhereABrickHangsTheMapHasNothingHoweverDeep) {
   CollisionChecker checker(arm(), sceneOf(world, T_map_base), T_map_base);
   checker.setHeld(held);
   ASSERT_EQ(checker.check(at_rest).first, "brick");
-  ASSERT_TRUE(checker.setHeldAt(held, {at_rest, among_others})) << checker.check(at_rest).describe();
+  ASSERT_FALSE(checker.setHeldAt(held, {at_rest, among_others})) << checker.check(at_rest).describe();
   EXPECT_TRUE(checker.isFree(at_rest));
   EXPECT_TRUE(checker.isFree(among_others));
   // What stands beyond its place is still there.
@@ -704,7 +704,7 @@ TEST(CollisionChecker, WhereABrickHangsTheMapHasNothingHoweverDeep) {
   blocked.setTarget(elsewhere, true);
   blocked.setHeld(held);
   const double clearance_m = blocked.clearance(aside, 0.2);
-  EXPECT_FALSE(blocked.setHeldAt(held, {at_rest, among_others}));
+  EXPECT_EQ(blocked.setHeldAt(held, {at_rest, among_others}).first, "magnet") << "not the brick, whose place is free";
   EXPECT_FALSE(blocked.isFree(at_rest));
   EXPECT_EQ(blocked.clearance(aside, 0.2), clearance_m);
 }

@@ -30,7 +30,7 @@ namespace nbv_selection {
 enum class Choice {
   kUtility,          // the candidate of largest utility; of equal ones the nearest
   kRandomCandidate,  // any candidate, with a probability in proportion to 1 - p
-  kRandomSegment,    // any segment of an outline, whatever its verdict
+  kRandomSegment,    // any segment of an outline, and any place that shows unseen ground, whatever its verdict
 };
 inline constexpr interactive_mapping::Names<Choice> kChoiceNames = {{"utility", Choice::kUtility},
                                                                     {"random_candidate", Choice::kRandomCandidate},
@@ -62,7 +62,7 @@ struct ViewSelectorConfig {
   static void fields(ViewSelectorConfig& c, interactive_mapping::Fields& f) {
     f("choice", c.choice, kChoiceNames,
       "the largest utility; or, to compare with, drawn: any candidate, those of late failures less often, or any "
-      "segment of an outline, also one that cannot be gone to");
+      "segment of an outline or place that shows unseen ground, also one that cannot be gone to");
     f("imaginary_share", c.imaginary_share, 0.01, 1.0, "",
       "a segment above this share of the prior's uncertainty was never seen");
     f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m", "padding of the footprint at a standing pose");

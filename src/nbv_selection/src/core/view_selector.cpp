@@ -136,7 +136,7 @@ std::optional<std::size_t> randomOf(const std::vector<ScoredSegment>& segments, 
   std::vector<double> weights;
   for (std::size_t i = 0; i < segments.size(); ++i) {
     if (choice == Choice::kRandomSegment) {
-      if (segments[i].kind != SegmentKind::kReal) continue;
+      if (segments[i].kind != SegmentKind::kReal && segments[i].kind != SegmentKind::kGround) continue;
     } else if (segments[i].verdict != SegmentVerdict::kCandidate) {
       continue;
     }

@@ -162,11 +162,12 @@ struct WorkspaceConfig {
   }
 };
 
-/// Where the container is unloaded.
+/// Where the container is unloaded. By default the place of the start, facing away from the pile: the robot comes from there
+/// and sees the ground that it drives on.
 struct DepotConfig {
   double x_m{0.0};
   double y_m{0.0};
-  double yaw_rad{0.0};
+  double yaw_rad{M_PI};
 
   base_navigation::Pose2d pose() const { return {x_m, y_m, yaw_rad}; }
 

@@ -459,15 +459,14 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
   setHeld(held, may_touch, may_touch ? state_->config.held_shrink_m : 0.0);
 }
 
-bool CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures) {
-  if (releaseHeld(held, postures)) return true;
-  if (postures.empty()) return false;
+Contact CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures) {
+  if (!releaseHeld(held, postures) || postures.empty()) return {};
   const CollisionChecker before(*this);
   setTarget(OrientedBox{state_->T_map_base * state_->arm->tipPose(postures.front()) * held.T_tip_brick, held.size_m},
             true);
-  if (releaseHeld(held, postures)) return true;
-  *state_ = *before.state_;
-  return false;
+  const Contact contact = releaseHeld(held, postures);
+  if (contact) *state_ = *before.state_;
+  return contact;
 }
 
 bool CollisionChecker::yieldToMagnetAt(const ArmVector& joints_rad) {
@@ -498,19 +497,22 @@ bool CollisionChecker::yieldToRobotAt(const ArmVector& joints_rad) {
   return false;
 }
 
-/// True: smaller by at most held_release_m it is free in all of them. False: it is as in a lift.
-bool CollisionChecker::releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures) {
+/// None: smaller by at most held_release_m it is free in all of them. Else it is as in a lift, and this is what the smallest
+/// one touches.
+Contact CollisionChecker::releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures) {
   const CollisionCheckerConfig& config = state_->config;
+  Contact contact;
   const auto are_free = [&] {
-    return std::all_of(postures.begin(), postures.end(), [this](const ArmVector& q) { return isFree(q); });
+    contact = {};
+    return std::all_of(postures.begin(), postures.end(), [&](const ArmVector& q) { return !(contact = check(q)); });
   };
   for (double less_m = config.held_shrink_m;; less_m += kReleaseStep_m) {
     setHeld(held, true, std::min(less_m, std::max(config.held_release_m, config.held_shrink_m)));
-    if (are_free()) return true;
+    if (are_free()) return {};
     if (less_m >= config.held_release_m) break;
   }
   setHeld(held);
-  return false;
+  return contact;
 }
 
 void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_touch, double less_m) {

@@ -67,7 +67,9 @@ Result<StartState> findStart(const TaskContext& task) {
     start.is_among_others = true;
     checker.setHeld(request.held);
     start.wedged = checker.check(request.start_rad);
-    if (start.wedged) checker.setHeldAt(*request.held, {request.start_rad});
+    if (start.wedged) {
+      if (const Contact contact = checker.setHeldAt(*request.held, {request.start_rad})) return startInCollision(contact);
+    }
   }
   if (task.isCancelled()) return cancelled();
   if (const Contact contact = checker.check(request.start_rad)) {
