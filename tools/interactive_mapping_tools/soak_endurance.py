@@ -66,7 +66,7 @@ class Endurance(soak_mission.WatchedMission):
         self.folder.mkdir(parents=True)
         (self.folder.parent / "endurance.json").unlink(missing_ok=True)
         self.log = open(self.folder / "roslaunch.log", "w", encoding="utf-8")
-        scene = [f"scene:={self.scene}", f"seed:={self.seed}", "clock:=lockstep", f"run_folder:={self.folder / 'run'}"]
+        scene = [f"scene:={self.scene}", f"seed:={self.seed}", "clock:=lockstep", "ideal:=true", f"run_folder:={self.folder / 'run'}"]
         self.process = subprocess.Popen(["roslaunch", "-p", str(self.port), "mp700_ur5e_bringup", "simulation.launch", *scene, "autostart:=true",
                                          f"params:={PARAMS}", f"time_limit_s:={MISSION_S:g}"],
                                         env={**os.environ, "ROS_LOG_DIR": str(self.folder / "ros")}, stdin=subprocess.DEVNULL, stdout=self.log,

@@ -173,7 +173,7 @@ class WatchedMission:
         self.folder.parent.mkdir(parents=True, exist_ok=True)
         self.log = open(self.folder.with_suffix(".txt"), "w", encoding="utf-8")
         self.process = subprocess.Popen([str(ROOT / "scripts/run_mission"), "--run", str(self.folder), "--overwrite", "--scene", self.scene, "--seed", str(self.seed),
-                                         "--no-pictures", "--no-page", "--port", str(self.port), *options, "--", *arguments],
+                                         "--ideal", "--no-pictures", "--no-page", "--port", str(self.port), *options, "--", *arguments],
                                         stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
 
     def end(self):

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The whole, from the first look to the last brick: simulation.launch with its mission on four bricks. The mission says what it
+// The whole, from the first look to the last brick: simulation.launch with its mission on a small pile. The mission says what it
 // believes, the judge what is true, and the files of the run have to tell the same to whoever comes later.
 #include <algorithm>
 #include <fstream>
@@ -21,7 +21,7 @@ namespace {
 
 using interactive_mapping_msgs::MissionState;
 
-constexpr int kBricks = 4;                // of four_bricks.yaml
+constexpr int kBricks = 5;                // of tipped_stack.yaml
 constexpr double kLeastCoverage = 0.6;    // 0.69 to 0.86 were measured
 constexpr double kLeastPrecision = 0.85;  // 0.95 was measured
 constexpr double kStart_s = 180.0;        // wall time until mission and judge are heard, on a busy machine
@@ -133,7 +133,7 @@ TEST_F(MissionInSimulation, LeavesFilesThatTellTheSame) {
                           "sim_seconds", "wall_seconds", "map_coverage", "map_precision", "falls", "collisions"}) {
     EXPECT_EQ(summary.count(key), 1U) << key;
   }
-  EXPECT_EQ(summary.value("scene", ""), "four_bricks");
+  EXPECT_EQ(summary.value("scene", ""), "tipped_stack");
   EXPECT_EQ(summary.value("strategy", ""), "gpis");
   EXPECT_EQ(summary.value("end_reason", ""), "no_brick_left");
   EXPECT_EQ(summary.value("bricks_picked", -1), judge_.stowed);

@@ -47,12 +47,12 @@ struct GridFusionConfig {
       "how long an echo stays that no later beam passes through");
     f("max_range_m", c.max_range_m, 1.0, 50.0, "m", "reach of the grid from the robot");
     f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m",
-      "unknown ground this near to the robot's footprint is free, or the robot could not leave");
+      "unknown ground this near to where the robot stands or stood is free, or it could neither leave nor come back");
   }
 };
 
 /// Free, occupied and unknown ground from four sources, in this order:
-/// 1. where the robot stands is free; unknown ground within standing_padding_m of it, too;
+/// 1. where the robot stands is free; unknown ground within standing_padding_m of where it stands or stood, too;
 /// 2. the map (surface above the estimated ground) or the scanner sees something: occupied;
 /// 3. the map or the scanner has seen free ground, or the robot has been there: free;
 /// 4. unknown.
@@ -72,7 +72,8 @@ class GridFusion {
   /// Enters a scan taken at `T_map_base`. Cost: O(beams * range / cell).
   void addScan(const Scan& scan, const Pose2d& T_map_base, double stamp_s);
 
-  /// The robot stands here: what it touches is known free from now on; of echoes, those in cells entirely under it go.
+  /// The robot stands here: what it touches with its padding is known free from now on; of echoes, those in cells entirely
+  /// under it go.
   void addFootprint(const Pose2d& T_map_base);
 
   /// Forgets scans and own tracks (not the map): what was entered with poses that were wrong.

@@ -263,15 +263,21 @@ void GridFusion::addFootprint(const Pose2d& T_map_base) {
   requirePose(T_map_base);
   State& state = *state_;
   state.moveTo(state.cellOf(T_map_base.position()));
-  const PolygonRaster raster(Eigen::Vector2d::Zero(), state.config.cell_size_m, state.footprint, T_map_base);
-  for (int y = raster.firstRow(); y <= raster.lastRow(); ++y) {
-    int first, last;
-    raster.covered(y, &first, &last);
+  const auto raster = [&](const Polygon& place) {
+    return PolygonRaster(Eigen::Vector2d::Zero(), state.config.cell_size_m, place, T_map_base);
+  };
+  int first, last;
+  const PolygonRaster under = raster(state.footprint);
+  for (int y = under.firstRow(); y <= under.lastRow(); ++y) {
+    under.covered(y, &first, &last);
     for (int x = first; x <= last; ++x) {
       if (state.isKept({x, y})) state.flags[state.slot({x, y})] = kSeenFree;
     }
-    // Cells at the edge, too: the footprint on its own track must touch nothing else. An echo there stays.
-    raster.touched(y, &first, &last);
+  }
+  // Beside it, and in cells at its edge, an echo stays.
+  const PolygonRaster around = raster(state.standing);
+  for (int y = around.firstRow(); y <= around.lastRow(); ++y) {
+    around.touched(y, &first, &last);
     for (int x = first; x <= last; ++x) {
       if (!state.isKept({x, y})) continue;
       std::uint8_t& flags = state.flags[state.slot({x, y})];

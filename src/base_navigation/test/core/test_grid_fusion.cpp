@@ -290,8 +290,9 @@ TEST(GridFusion, EchoOfTheRobotItselfIsLeftOut) {
   EXPECT_THAT(grid->state, testing::Not(testing::Contains(SpaceState::kOccupied)));
 }
 
-TEST(GridFusion, TrackIsFreeWhereItWasTouched) {
+TEST(GridFusion, TrackIsFreeWithItsPadding) {
   std::mt19937 engine(14);
+  const double padding_m = GridFusionConfig().standing_padding_m;
   std::uniform_real_distribution<double> place(-2.0, 2.0), yaw(-M_PI, M_PI);
   for (int round = 0; round < 50; ++round) {
     const Pose2d pose{place(engine), place(engine), yaw(engine)};
@@ -299,16 +300,16 @@ TEST(GridFusion, TrackIsFreeWhereItWasTouched) {
     fusion.addFootprint(pose);
     const Pose2d away{pose.x_m + 3.0, pose.y_m, 0.0};
     const auto grid = fusion.build(away, 0.0);
-    EXPECT_TRUE(FootprintChecker(grid, kBody, 0.0).isFree(pose)) << "it may come back";
-    EXPECT_EQ(FootprintChecker(grid, kBody, 0.0708).check(pose).state, SpaceState::kUnknown)
+    EXPECT_TRUE(FootprintChecker(grid, kBody, padding_m).isFree(pose)) << "it may come back";
+    EXPECT_EQ(FootprintChecker(grid, kBody, padding_m + 0.0708).check(pose).state, SpaceState::kUnknown)
         << "a cell's diagonal more";
     for (int row = 0; row < grid->height; ++row) {
       for (int column = 0; column < grid->width; ++column) {
         const Eigen::Vector2d p = grid->centerOf(column, row);
         if ((p - pose.position()).norm() > 1.0) continue;
-        // Nearer than half a cell inside: surely touched; farther than half a diagonal outside: surely not.
+        // A middle inside: surely touched; farther than half a diagonal outside, and from a corner: surely not.
         const Eigen::Vector2d q = transform(inverse(pose), p);
-        const double outside_m = std::max({q.x() - 0.296, -0.527 - q.x(), std::abs(q.y()) - 0.296});
+        const double outside_m = std::max({q.x() - 0.296, -0.527 - q.x(), std::abs(q.y()) - 0.296}) - padding_m;
         if (outside_m < 0.0) {
           ASSERT_EQ(grid->at(column, row), SpaceState::kFree) << p.transpose();
         } else if (outside_m > 0.0354) {
