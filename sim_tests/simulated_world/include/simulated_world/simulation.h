@@ -60,6 +60,7 @@ struct SimulationConfig {
 
   int magnet_output{0};
   double container_rest_s{0.3};
+  double unload_s{15.0};
   bool arm_starts_running{true};
   double start_time_s{10.0};
 
@@ -129,8 +130,9 @@ class Simulation {
   /// Throws std::invalid_argument with what is wrong.
   void addFault(const Fault& fault);
   void clearFaults() { faults_.clear(); }
-  /// Takes all bricks out of the container, as somebody at the depot would. How many.
-  int unload();
+  /// Somebody at the depot takes all bricks out of the container, unload_s after they were first asked to. How many; nothing:
+  /// not yet.
+  std::optional<int> unload();
   /// The brick that the tool is about to touch; contact of tool and brick is a collision otherwise.
   void setTarget(std::optional<int> brick_id) { target_ = brick_id; }
   /// In the map frame. Throws std::invalid_argument for a broken surface.
@@ -244,6 +246,7 @@ class Simulation {
   std::uint64_t scan_number_{0};
   double scan_rate_hz_{0.0};
   bool image_wanted_{false};
+  std::optional<double> unload_asked_s_;  // of the container
   bool camera_gone_{false};
   bool scanner_gone_{false};
   bool odometry_gone_{false};

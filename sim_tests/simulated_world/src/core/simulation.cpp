@@ -186,6 +186,7 @@ void SimulationConfig::fields(SimulationConfig& c, interactive_mapping::Fields& 
   fieldSection(f, "container", [&] {
     f("rest_s", c.container_rest_s, 0.0, 60.0, "s",
       "a brick that lies flat on the container's floor, at rest for this time, is stowed");
+    f("unload_s", c.unload_s, 0.0, 3600.0, "s", "that somebody takes to empty it at the depot");
   });
   fieldSection(f, "base", [&] {
     f("odometry_rate_hz", c.odometry_rate_hz, kLowestRate_hz, tick_rate_hz, "Hz",
@@ -611,7 +612,10 @@ void Simulation::drop(BrickRecord* brick) {
   brick->status_since_s = now();
 }
 
-int Simulation::unload() {
+std::optional<int> Simulation::unload() {
+  if (!unload_asked_s_) unload_asked_s_ = now();
+  if (now() - *unload_asked_s_ < config_.unload_s) return std::nullopt;
+  unload_asked_s_.reset();
   const std::vector<World::StowedBrick> inside = world_->bricksInContainer();
   for (const World::StowedBrick& one : inside) {
     BrickRecord& brick = record(one.id);

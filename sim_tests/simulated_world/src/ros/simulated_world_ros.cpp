@@ -221,8 +221,9 @@ void SimulatedWorldRos::advertiseExperiment() {
       }));
   services_.push_back(private_nh_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       "unload", [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
-        response.success = true;
-        response.message = std::to_string(simulation_.unload()) + " bricks taken out of the container";
+        const std::optional<int> taken = simulation_.unload();
+        response.success = taken.has_value();
+        response.message = taken ? std::to_string(*taken) + " bricks taken out of the container" : "being unloaded";
         return true;
       }));
   subscribers_.push_back(

@@ -220,6 +220,8 @@ TEST(Simulation, PictureShowsTheWorldAsItIs) {
   // One brick less: of 960 x 540 px, some 2 m wide, a brick of 0.2 x 0.3 m fills 100 x 150 px and its shadow as much.
   robot.moveBrick(1, at(robot.sim.world().linkPose("container_place_3").translation() + Eigen::Vector3d(0, 0, 0.05)));
   ASSERT_EQ(robot.sim.bricksStowed(), 1);
+  ASSERT_FALSE(robot.sim.unload());
+  robot.run(SimulationConfig().unload_s + 0.1);
   ASSERT_EQ(robot.sim.unload(), 1);
   const double gone = difference(before, robot.sim.picture());
   EXPECT_GT(gone, 0.01);
@@ -286,7 +288,13 @@ TEST(Simulation, BricksStayInTheContainerWhileTheBaseDrivesUntilUnloaded) {
   EXPECT_GT(row.distance_m, 1.0);
   EXPECT_EQ(row.drops + row.falls, 0);
   EXPECT_EQ(row.collisions, before.collisions);
+  EXPECT_FALSE(robot.sim.unload());
+  robot.run(SimulationConfig().unload_s - 0.1);
+  EXPECT_FALSE(robot.sim.unload());
+  EXPECT_EQ(robot.sim.world().bricksInContainer().size(), 3U);
+  robot.run(0.2);
   EXPECT_EQ(robot.sim.unload(), 3);
+  EXPECT_FALSE(robot.sim.unload()) << "the next time it lasts as long";
   robot.run(0.1);
   EXPECT_EQ(robot.sim.bricksStowed(), 3);
   EXPECT_EQ(robot.sim.world().bricks().size(), 1U);

@@ -24,7 +24,7 @@ struct BasePlannerConfig {
   int max_iterations{4000};
   int shortcut_rounds{150};
   double position_tolerance_m{0.02};
-  double yaw_tolerance_rad{0.03};
+  double yaw_tolerance_rad{0.05};
   std::uint64_t seed{1};  // no parameter: the same request gives the same path
 
   static void fields(BasePlannerConfig& c, interactive_mapping::Fields& f) {

@@ -191,8 +191,9 @@ void PickMissionRos::unload() {
   unload_->call({}, ros::WallDuration(params_.servers.service_timeout_s),
                 [this](const std_srvs::Trigger* service, const std::string& why) {
                   if (service != nullptr && service->response.success != 0) return step(event::Unloaded{});
-                  ROS_WARN_STREAM_NAMED(kLog, "the container is not unloaded: "
-                                                  << (service == nullptr ? why : service->response.message));
+                  ROS_INFO_STREAM_THROTTLE_NAMED(
+                      10.0, kLog,
+                      "the container is not unloaded yet: " << (service == nullptr ? why : service->response.message));
                 });
 }
 

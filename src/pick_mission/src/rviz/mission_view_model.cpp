@@ -83,6 +83,7 @@ Rgb fillOf(const MissionState& state) {
     case MissionState::PAUSED:
     case MissionState::HALTING:
     case MissionState::WAIT:
+    case MissionState::UNLOAD:
     case MissionState::RECOVER:
       return kWaiting;
     case MissionState::HELD:
@@ -215,20 +216,20 @@ std::string runOf(const MissionState& state) {
 }
 
 void addButtons(const MissionState& state, MissionView* view) {
-  const bool is_active = pick_mission_ros::isActive(state.state);
+  const bool goes_on = pick_mission_ros::isActive(state.state) || state.state == MissionState::UNLOAD;
   const bool is_known = state.state < MissionState::NUM_STATES;
   // After one that has ended: another.
   view->can_start = state.state == MissionState::IDLE || state.state == MissionState::ENDED;
-  view->can_pause = is_active && !state.is_pause_wanted;
+  view->can_pause = goes_on && !state.is_pause_wanted;
   // While it halts for a hold, resume takes that back.
   const bool is_interruption = state.state == MissionState::PAUSED || state.state == MissionState::HELD ||
-                               state.state == MissionState::HALTING || (is_active && state.is_pause_wanted);
+                               state.state == MissionState::HALTING || (goes_on && state.is_pause_wanted);
   // Before a mission and after it resume releases a hold, without which none starts if it has been lost. The state does not
   // tell of one; where there is none, the node answers so.
   view->can_resume = is_interruption || view->can_start;
   // One that waits to go on after a crash has used time.
   const bool is_interrupted = state.state == MissionState::IDLE && state.used_s > 0.0;
-  view->can_stop = is_active || is_interruption || is_interrupted || !is_known;
+  view->can_stop = goes_on || is_interruption || is_interrupted || !is_known;
 }
 
 }  // namespace

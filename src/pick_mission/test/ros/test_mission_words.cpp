@@ -47,7 +47,7 @@ TEST(MissionWords, EveryEndReasonHasItsOwn) {
 }
 
 TEST(MissionWords, NewerValuesAreToldByTheirNumber) {
-  EXPECT_EQ(stateInWords(MissionState::NUM_STATES), "unknown state 21");
+  EXPECT_EQ(stateInWords(MissionState::NUM_STATES), "unknown state 22");
   EXPECT_EQ(endReasonInWords(MissionState::NUM_END_REASONS), "unknown reason 18");
   EXPECT_EQ(statusInWords(200), "unknown status 200");
 }
