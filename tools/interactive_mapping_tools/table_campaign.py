@@ -15,8 +15,9 @@ from .cli import Refusal, one_line_errors, parser_of
 def time_limit(world):
     """Simulated seconds that a world allows: time_per_brick_s for each brick."""
     scene = yaml.safe_load(world.read_text())
-    bricks = sum(heap["bricks"] for heap in scene.get("heaps", [])) + len(scene.get("bricks", []))
-    limit_s = scene.get("time_per_brick_s", 45) * bricks
+    stacks = sum(stack.get("bricks", 3) for stack in scene.get("stacks", []))
+    heaps = sum(heap["bricks"] for kind in ("heaps", "tipped") for heap in scene.get(kind, []))
+    limit_s = scene.get("time_per_brick_s", 120) * (heaps + stacks + len(scene.get("bricks", [])))
     if not limit_s > 0.0:
         raise ValueError("no bricks")
     return limit_s

@@ -234,14 +234,14 @@ class ScriptRefusals(unittest.TestCase):
 
     def test_time_limit_of_what_is_no_scene(self):
         world = self.folder / "world.yaml"
-        for text in ("", "[]", "3", "heaps: 3", "heaps: [{}]", "bricks: [\n", "{}", "time_per_brick_s: x\nbricks: [1]"):
+        for text in ("", "[]", "3", "heaps: 3", "heaps: [{}]", "stacks: [1]", "bricks: [\n", "{}", "time_per_brick_s: x\nbricks: [1]"):
             world.write_text(text)
             self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
         world.write_bytes(b"\xff\xfe\x80")
         self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
         self.refused(1, "no such", "table_campaign.py", "--time-limit", self.folder / "no such")
-        world.write_text("heaps: [{bricks: 2}]\nbricks: [{}]\ntime_per_brick_s: 10")
-        self.assertEqual(self.run_it(SCRIPTS / "table_campaign.py", "--time-limit", world).stdout, "30\n")
+        world.write_text("heaps: [{bricks: 2}]\ntipped: [{bricks: 4}]\nstacks: [{}]\nbricks: [{}]\ntime_per_brick_s: 10")
+        self.assertEqual(self.run_it(SCRIPTS / "table_campaign.py", "--time-limit", world).stdout, "100\n")
 
     def test_report_fig8_says_what_it_cannot_read(self):
         self.refused(1, f"{self.folder / 'nope'}: no folders with a summary.json", "report_fig8.py", self.folder / "nope")

@@ -120,7 +120,7 @@ struct PileSceneConfig {
   double drop_gap_m{0.01};        ///< heaps: so far apart are the layers before they drop
   RobotStart robot_start;
   double min_robot_distance_m{2.5};  ///< from the middle of its base to the nearest part of any brick, on the ground
-  double time_per_brick_s{45.0};     ///< simulated
+  double time_per_brick_s{120.0};    ///< simulated
   double max_shift_m{0.15};          ///< a brick that settles farther than this from its place has rolled away
 
   int numBricks() const;

@@ -80,7 +80,7 @@ TEST(ShippedWorlds, StartWithoutOverlapsOnTheGroundAndFarFromTheRobotWithEverySe
     const PileSceneConfig config = world(name);
     for (std::uint64_t seed = 0; seed < 30; ++seed) {
       const PileScene scene = generateScene(config, seed);
-      EXPECT_EQ(scene.time_limit_s, 45.0 * static_cast<double>(scene.bricks.size()));
+      EXPECT_EQ(scene.time_limit_s, 120.0 * static_cast<double>(scene.bricks.size()));
       for (std::size_t i = 0; i < scene.bricks.size(); ++i) {
         const BrickPlacement& brick = scene.bricks[i];
         EXPECT_EQ(brick.id, static_cast<int>(i));
