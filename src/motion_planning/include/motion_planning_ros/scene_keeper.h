@@ -82,7 +82,7 @@ class SceneKeeper {
   interactive_mapping_msgs::SurfaceMeshConstPtr mesh_;  // the newest
   std::uint64_t mesh_number_{0};                        // of mesh_, 0: none
   bool is_followed_{false};
-  std::uint64_t asked_number_{0};                       // a scene was asked for at asked_pose_; counts such requests
+  std::uint64_t asked_number_{0};  // a scene was asked for at asked_pose_; counts such requests
   Eigen::Isometry3d asked_pose_{Eigen::Isometry3d::Identity()};
   std::uint64_t done_mesh_number_{0};
   std::uint64_t done_asked_number_{0};

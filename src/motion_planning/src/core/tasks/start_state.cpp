@@ -68,7 +68,8 @@ Result<StartState> findStart(const TaskContext& task) {
     checker.setHeld(request.held);
     start.wedged = checker.check(request.start_rad);
     if (start.wedged) {
-      if (const Contact contact = checker.setHeldAt(*request.held, {request.start_rad})) return startInCollision(contact);
+      if (const Contact contact = checker.setHeldAt(*request.held, {request.start_rad}))
+        return startInCollision(contact);
     }
   }
   if (task.isCancelled()) return cancelled();
