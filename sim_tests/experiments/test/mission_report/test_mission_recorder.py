@@ -173,9 +173,9 @@ class MissionRecorder(unittest.TestCase):
     def test_says_so_when_the_mission_is_gone(self):
         self.start("--gone-after", "1.0")
         self.connect()
-        self.say(MissionState.DRIVE)
+        self.say(MissionState.DRIVE, decision="drive: the depot")
         # A publisher that goes takes with it what is not yet sent.
-        self.wait_until(lambda: "drives to look at the pile" in self.output(), "the recorder has heard of the mission")
+        self.wait_until(lambda: "drive: the depot" in self.output(), "the recorder has heard of the mission")
         self.states.unregister()
         code, output = self.finish()
         self.assertEqual(code, 1)
