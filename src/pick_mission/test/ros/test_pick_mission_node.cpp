@@ -462,7 +462,8 @@ TEST_F(PickMissionNode, KilledInAPickGoesOnAndStowsWhatHangsThere) {
   ASSERT_GE(calls.size(), 5u);
   EXPECT_THAT(std::vector<std::string>(calls.begin(), calls.begin() + 5),
               ElementsAre("plan_arm container_place_1", "move", "let_go", "plan_arm clear", "move"));
-  EXPECT_EQ(std::count(calls.begin(), calls.end(), "drive"), 1) << "to the depot: it stands where it stood, all can be picked";
+  EXPECT_EQ(std::count(calls.begin(), calls.end(), "drive"), 1)
+      << "to the depot: it stands where it stood, all can be picked";
   const nlohmann::json json = summary();
   EXPECT_EQ(json["bricks_picked"], 4);
   EXPECT_EQ(json["picks_begun"], 4);
