@@ -30,8 +30,8 @@ struct MapScene {
 };
 
 /// Makes scenes of the map's meshes (`map/mesh`), on a thread of its own that asks the map (`map/query`) about uncertainty and
-/// unknown space: when one is asked for, and while it follows the map of each mesh. Meshes that come meanwhile replace each
-/// other.
+/// unknown space: of the newest when one is asked for, of each while it follows the map. Meshes that come meanwhile replace
+/// each other.
 class SceneKeeper {
  public:
   struct Counters {

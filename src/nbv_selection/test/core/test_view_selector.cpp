@@ -1159,6 +1159,19 @@ struct SmallSetup {
   }
 };
 
+/// Counts what is chosen with the seeds 0, 1 and so on. The last selection.
+Selection drawOften(SmallSetup setup, const FailureMemory& failures, int num_draws, std::map<std::size_t, int>* drawn) {
+  const ViewSelector selector(setup.config, pickingRobot());
+  Selection selection;
+  for (int seed = 0; seed < num_draws; ++seed) {
+    setup.request.seed = static_cast<std::uint64_t>(seed);
+    selection = selector.select(setup.scene, failures, setup.request);
+    EXPECT_EQ(selection.status, SelectionStatus::kSelected) << selection.message;
+    if (selection.best) ++(*drawn)[*selection.best];
+  }
+  return selection;
+}
+
 /// Of a chi-square with so many degrees of freedom, exceeded once in a million (Wilson and Hilferty 1931): the seeds are
 /// fixed, so that a test that passes will pass again.
 double chiSquareLimit(std::size_t degrees) {
@@ -1176,15 +1189,8 @@ TEST(ViewSelectorRandomChoice, DrawsCandidatesEvenlyAndLateFailuresLess) {
       failures.add({-0.5, 0.0}, 0.3, 40.0);   // 0.99^60 = 0.55
       failures.add({0.0, -0.5}, 0.2, 100.0);  // this very moment: never
     }
-    const ViewSelector selector(setup.config, pickingRobot());
     std::map<std::size_t, int> drawn;
-    Selection selection;
-    for (int seed = 0; seed < num_draws; ++seed) {
-      setup.request.seed = static_cast<std::uint64_t>(seed);
-      selection = selector.select(setup.scene, failures, setup.request);
-      ASSERT_EQ(selection.status, SelectionStatus::kSelected) << selection.message;
-      ++drawn[*selection.best];
-    }
+    const Selection selection = drawOften(setup, failures, num_draws, &drawn);
     double total = 0.0;
     for (const ScoredSegment* scored : candidatesOf(selection)) total += 1.0 - scored->utility.failure_penalty;
     double chi_square = 0.0;
@@ -1216,15 +1222,8 @@ TEST(ViewSelectorRandomChoice, AnySegmentIsDrawnWhateverSpeaksAgainstIt) {
   setup.request.may_stay = true;
   FailureMemory failures(0.1);
   failures.add({0.0, -0.5}, 0.2, setup.request.now_s);
-  const ViewSelector selector(setup.config, pickingRobot());
   std::map<std::size_t, int> drawn;
-  Selection selection;
-  for (int seed = 0; seed < kDraws; ++seed) {
-    setup.request.seed = static_cast<std::uint64_t>(seed);
-    selection = selector.select(setup.scene, failures, setup.request);
-    ASSERT_EQ(selection.status, SelectionStatus::kSelected) << selection.message;
-    ++drawn[*selection.best];
-  }
+  const Selection selection = drawOften(setup, failures, kDraws, &drawn);
   std::size_t num_real = 0;
   for (const ScoredSegment& scored : selection.segments) num_real += scored.kind == SegmentKind::kReal ? 1 : 0;
   double chi_square = 0.0;

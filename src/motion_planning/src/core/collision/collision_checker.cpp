@@ -460,7 +460,7 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
 }
 
 Contact CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures) {
-  if (!releaseHeld(held, postures) || postures.empty()) return {};
+  if (!releaseHeld(held, postures)) return {};
   const CollisionChecker before(*this);
   setTarget(OrientedBox{state_->T_map_base * state_->arm->tipPose(postures.front()) * held.T_tip_brick, held.size_m},
             true);
