@@ -50,6 +50,8 @@ class SceneKeeper {
 
   /// Begins to listen. Once.
   void start();
+  /// No `on_scene` runs any more when it returns.
+  void stop();
 
   /// Whether each mesh becomes a scene, from now on; the first one always does. Returns what was before.
   bool follow(bool is_followed);

@@ -175,7 +175,7 @@ MotionPlanningRos::~MotionPlanningRos() {
   arm_server_.reset();
   monitor_timer_.stop();
   watch_server_.shutdown();
-  scenes_.reset();
+  scenes_->stop();  // before it goes: its thread calls monitor(), which asks it
 }
 
 std::shared_ptr<const motion_planning::MotionPlanner> MotionPlanningRos::plannerInUse() const {

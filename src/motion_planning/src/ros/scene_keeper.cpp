@@ -88,6 +88,10 @@ void SceneKeeper::start() {
 }
 
 SceneKeeper::~SceneKeeper() {
+  stop();
+}
+
+void SceneKeeper::stop() {
   mesh_subscriber_.shutdown();
   {
     const std::lock_guard<std::mutex> lock(mutex_);
