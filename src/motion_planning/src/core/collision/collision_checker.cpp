@@ -369,9 +369,10 @@ struct CollisionChecker::State {
       const SurfaceChunk* chunk = chunkFor(c, is_exempt);
       if (!chunk) continue;
       // A neighbour is doubted by more than the gap to it, and yet cannot be where the brick lies.
-      const fcl::CollisionGeometryd* surface = &chunk->bvh();
-      if (&part == held.get() && held_may_touch) surface = &chunk->mappedBvh();
-      if (overlap(*surface, Eigen::Isometry3d::Identity(), *part.world_fcl, T)) return true;
+      const bool is_mapped = &part == held.get() && held_may_touch;
+      const fcl::CollisionGeometryd& surface =
+          is_mapped ? static_cast<const fcl::CollisionGeometryd&>(chunk->mappedBvh()) : chunk->bvh();
+      if (overlap(surface, Eigen::Isometry3d::Identity(), *part.world_fcl, T)) return true;
     }
     return false;
   }

@@ -158,16 +158,16 @@ SurfaceChunk::SurfaceChunk(std::vector<Eigen::Vector3d> mapped, std::vector<Eige
     : mapped_(std::move(mapped)), displaced_(std::move(displaced)), triangles_(std::move(triangles)) {
   for (const Eigen::Vector3d& p : mapped_) mapped_bounds_.extend(p);
   for (const Eigen::Vector3d& p : displaced_) bounds_.extend(p);
-  build(&bvh_, displaced_, triangles_);
+}
+
+const SurfaceChunk::Bvh& SurfaceChunk::bvh() const {
+  std::call_once(once_, [this] { build(&bvh_, displaced_, triangles_); });
+  return bvh_;
 }
 
 const SurfaceChunk::MappedBvh& SurfaceChunk::mappedBvh() const {
-  std::call_once(mapped_once_, [this] {
-    auto bvh = std::make_unique<MappedBvh>();
-    build(bvh.get(), mapped_, triangles_);
-    mapped_bvh_ = std::move(bvh);
-  });
-  return *mapped_bvh_;
+  std::call_once(mapped_once_, [this] { build(&mapped_bvh_, mapped_, triangles_); });
+  return mapped_bvh_;
 }
 
 std::shared_ptr<const SurfaceChunk> SurfaceChunk::without(const std::shared_ptr<const SurfaceChunk>& self,

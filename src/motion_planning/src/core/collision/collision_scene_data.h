@@ -35,8 +35,9 @@ class SurfaceChunk {
   const Eigen::AlignedBox3d& bounds() const { return bounds_; }               // of what is displaced
   const Eigen::AlignedBox3d& mappedBounds() const { return mapped_bounds_; }  // of what is mapped
 
-  const Bvh& bvh() const { return bvh_; }  // of what is displaced
-  const MappedBvh& mappedBvh() const;      // built when first asked for
+  // Built when first asked for: most chunks are never near the arm.
+  const Bvh& bvh() const;              // of what is displaced
+  const MappedBvh& mappedBvh() const;  // of what is mapped
 
   /// Without the triangles whose mapped vertices all lie in the box. This chunk itself if that changes nothing
   /// (`self`), null if nothing is left.
@@ -49,9 +50,10 @@ class SurfaceChunk {
   Triangles triangles_;
   Eigen::AlignedBox3d bounds_;
   Eigen::AlignedBox3d mapped_bounds_;
-  Bvh bvh_;
+  mutable std::once_flag once_;
+  mutable Bvh bvh_;
   mutable std::once_flag mapped_once_;
-  mutable std::unique_ptr<MappedBvh> mapped_bvh_;
+  mutable MappedBvh mapped_bvh_;
 };
 
 /// What a block of the lattice is.
