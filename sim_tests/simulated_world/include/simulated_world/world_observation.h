@@ -16,6 +16,7 @@ enum class BrickStatus {
   kInPile,       ///< nobody has it; the state in which it can fall
   kHeld,         ///< on the magnet
   kReleased,     ///< let go on purpose over the container, on its way into it
+  kJammed,       ///< rests on the container's rim or on other bricks in it: counts as dropped, and rides along
   kDropped,      ///< lost by the magnet; lies wherever it fell and belongs to the pile again once at rest
   kStowed,       ///< lies in the container, or was unloaded
   kMovedByHand,  ///< being moved by somebody else than the robot (fault injection)

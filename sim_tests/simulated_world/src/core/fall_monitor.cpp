@@ -11,8 +11,11 @@ namespace simulated_world {
 namespace {
 
 bool isHandledStatus(BrickStatus status) {
-  return status == BrickStatus::kHeld || status == BrickStatus::kReleased || status == BrickStatus::kStowed ||
-         status == BrickStatus::kMovedByHand;
+  return status != BrickStatus::kInPile && status != BrickStatus::kDropped;
+}
+
+bool isLost(BrickStatus status) {
+  return status == BrickStatus::kDropped || status == BrickStatus::kJammed;
 }
 
 /// The brick that the tool touches and may touch, or -1.
@@ -94,7 +97,7 @@ std::vector<JudgeEvent> FallMonitor::observe(const WorldObservation& observation
       event.tilt_rad = tiltBetween(brick.reference.linear(), observed.T_map_brick.linear());
     };
 
-    const bool is_new_drop = observed.status == BrickStatus::kDropped && brick.status != BrickStatus::kDropped;
+    const bool is_new_drop = isLost(observed.status) && !isLost(brick.status);
     brick.status = observed.status;
     if (is_new_drop) {
       ++drops_;

@@ -578,12 +578,13 @@ void Simulation::stowBricks(Tick* tick) {
     const std::string name = "brick " + std::to_string(brick.id);
     const auto found =
         std::find_if(inside.begin(), inside.end(), [&](const World::StowedBrick& one) { return one.id == brick.id; });
-    if (brick.status == BrickStatus::kStowed) {
-      if (found != inside.end() || !world_->brick(brick.id)) continue;
-      --stowed_;
+    const bool is_aboard = brick.status == BrickStatus::kStowed || brick.status == BrickStatus::kJammed;
+    if (is_aboard && found == inside.end() && world_->brick(brick.id)) {
+      if (brick.status == BrickStatus::kStowed) --stowed_;
       drop(&brick);
       tick->incidents.push_back(sentence(now(), name + " fell out of the container"));
     }
+    if (brick.status == BrickStatus::kStowed) continue;
     if (found == inside.end() || !found->is_at_rest) {
       brick.rests_since_s = -1.0;
       continue;
@@ -599,8 +600,9 @@ void Simulation::stowBricks(Tick* tick) {
       brick.status_since_s = now();
       ++stowed_;
       tick->incidents.push_back(sentence(now(), name + " stowed, " + std::to_string(stowed_) + " in all"));
-    } else if (brick.status != BrickStatus::kDropped) {
-      drop(&brick);
+    } else if (brick.status != BrickStatus::kJammed) {
+      brick.status = BrickStatus::kJammed;
+      brick.status_since_s = now();
       tick->incidents.push_back(
           sentence(now(), name + " is jammed: it rests on the container's rim or on other bricks"));
     }
