@@ -81,7 +81,9 @@ enum class Guard {
   kEnding,       // the mission is over but for the brick in the hand
   kTimeUp,
   kPauseWanted,
-  kArmNotReady,  // the action needs an empty hand or the arm out of view, and it is not so
+  kArmNotReady,  // the action needs an empty hand, or the arm out of view or folded, and it is not so
+  kViewClear,    // the arm is out of the camera's view
+  kDriveDue,     // somewhere was chosen to drive to
   kReportLeft,   // a failure that the selection has not been told yet
   kUnloadDue,    // every place in the container is used, or the mission is over and some are; nothing was given up
   kAtDepot,
@@ -113,7 +115,9 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"mission over", Guard::kEnding},
     {"time is up", Guard::kTimeUp},
     {"pause wanted", Guard::kPauseWanted},
-    {"needs empty hand or arm out of view, and is not so", Guard::kArmNotReady},
+    {"needs empty hand, or arm out of view or folded, and is not so", Guard::kArmNotReady},
+    {"arm out of the camera's view", Guard::kViewClear},
+    {"drive due", Guard::kDriveDue},
     {"failure not reported yet", Guard::kReportLeft},
     {"container full, or mission over and container not empty", Guard::kUnloadDue},
     {"at the depot", Guard::kAtDepot},

@@ -31,7 +31,7 @@ Command::Body bodyOf(State action, Mission& mission) {
       return command::PlanArm{freePlace(mission)};
     case State::kClear:
     case State::kStow:
-      mission.is_arm_clear = false;
+      mission.arm = ArmIs::kAnywhere;
       return command::MoveArm{mission.plan_id};
     case State::kLook:
       return command::Look{config.look.images, config.look.timeout_s};
@@ -43,7 +43,7 @@ Command::Body bodyOf(State action, Mission& mission) {
       mission.candidate = memory.ledger.best(memory.scene, memory.base.position());
       return command::PlanPick{*mission.candidate, mission.map_stamp_s, freePlace(mission)};
     case State::kPick:
-      mission.is_arm_clear = false;
+      mission.arm = ArmIs::kAnywhere;
       ++memory.picks_begun;
       memory.ledger.pickBegun(mission.candidate->id);
       memory.pick_running = mission.candidate->id;
@@ -54,9 +54,10 @@ Command::Body bodyOf(State action, Mission& mission) {
     case State::kSelect:
       return selectView(mission);
     case State::kDrive:
+      mission.is_drive_due = false;
       return command::Drive{mission.goal.T_map_base};
     case State::kRecover:
-      mission.is_arm_clear = false;
+      mission.arm = ArmIs::kAnywhere;
       return command::Recover{config.unlocks_protective_stop};
     case State::kWait:
       return mission.wait;

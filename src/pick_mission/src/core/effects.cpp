@@ -71,7 +71,10 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
   const MissionConfig& config = mission.config;
   Memory& memory = mission.memory;
   const auto haltFor = [&](HaltFor why) { mission.halt_for = why; };
-  const auto goTo = [&](const Pose2d& T_map_base, DriveFor why) { mission.goal = {why, T_map_base}; };
+  const auto goTo = [&](const Pose2d& T_map_base, DriveFor why) {
+    mission.goal = {why, T_map_base};
+    mission.is_drive_due = true;
+  };
   const auto waitFor = [&](const command::Wait& wait) { mission.wait = wait; };
   switch (effect) {
     case Effect::kNone:

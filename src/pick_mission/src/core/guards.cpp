@@ -11,11 +11,12 @@ bool movesArm(State action) {
 
 bool needsClearView(State action) {
   return action == State::kLook || action == State::kDetect || action == State::kPlanPick || action == State::kPick ||
-         action == State::kSelect || action == State::kDrive;
+         action == State::kSelect;
 }
 
 bool isArmReady(State action, const Mission& mission) {
-  if (needsClearView(action)) return mission.hand == Hand::kEmpty && mission.is_arm_clear;
+  if (needsClearView(action)) return mission.hand == Hand::kEmpty && mission.arm != ArmIs::kAnywhere;
+  if (action == State::kDrive) return mission.hand == Hand::kEmpty && mission.arm == ArmIs::kFolded;
   if (action == State::kPlanClear || action == State::kClear) return mission.hand == Hand::kEmpty;
   if (action == State::kPlanStow || action == State::kStow) return mission.hand == Hand::kHolding;
   if (action == State::kLetGo) return mission.hand != Hand::kEmpty;
@@ -56,6 +57,10 @@ bool holds(Guard guard, const Mission& mission) {
       return mission.is_pause_wanted;
     case Guard::kArmNotReady:
       return !isArmReady(mission.state, mission);
+    case Guard::kViewClear:
+      return mission.arm != ArmIs::kAnywhere;
+    case Guard::kDriveDue:
+      return mission.is_drive_due;
     case Guard::kReportLeft:
       return !memory.reports.empty();
     case Guard::kUnloadDue:

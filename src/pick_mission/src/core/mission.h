@@ -15,6 +15,8 @@ namespace pick_mission {
 
 enum class HaltFor { kHold, kResume, kStop, kTimeUp, kTimeout };
 enum class DriveFor { kSurvey, kView, kVantage, kDepot };
+/// kOverPlace: over the place where it let a brick go, out of the camera's view; kFolded: out of it and fit to drive.
+enum class ArmIs { kAnywhere, kOverPlace, kFolded };
 
 /// All data of a mission. What works on it is declared below, by its file.
 struct Mission {
@@ -37,7 +39,7 @@ struct Mission {
 
   Hand hand{Hand::kUnknown};
   int unknown_hand_waits{0};
-  bool is_arm_clear{false};        // out of the camera's view
+  ArmIs arm{ArmIs::kAnywhere};
   bool is_protective_stop{false};  // says the last reply
   int recoveries{0};               // since the arm last moved
   std::uint64_t plan_id{0};        // of the last plan that succeeded
@@ -51,6 +53,7 @@ struct Mission {
     DriveFor why{DriveFor::kSurvey};
     Pose2d T_map_base;
   } goal{};
+  bool is_drive_due{false};             // to the goal, as soon as the arm is folded
   bool approaches_tried_bricks{false};  // nothing else was worth it since a brick was last stowed
 
   // From where the robot stands.

@@ -123,7 +123,7 @@ void MissionMachine::Impl::on(const event::Start& start) {
   memory.places_used = std::max(memory.places_used, start.places_used);
   if (start.brick_in_hand) memory.brick_in_hand = start.brick_in_hand;
   setHand(start.hand, mission_);
-  mission_.is_arm_clear = false;
+  mission_.arm = ArmIs::kAnywhere;
   fire(Trigger::kStart, {"start", std::string("hand ") + toString(mission_.hand)});
 }
 

@@ -88,7 +88,8 @@ void tryAgainFromHere(Mission& mission) {
 void forgetTries(Mission& mission, const std::optional<Pose2d>& T_map_base) {
   Memory& memory = mission.memory;
   tryAgainFromHere(mission);
-  mission.is_arm_clear = mission.is_place_chosen = false;
+  mission.arm = ArmIs::kAnywhere;
+  mission.is_place_chosen = mission.is_drive_due = false;
   if (!T_map_base || !isSamePlace(*T_map_base, memory.base)) mission.is_view_untried = false;
   if (T_map_base) memory.base = *T_map_base;
 }

@@ -121,7 +121,7 @@ void recordSuccess(State action, const event::Reply& reply, Mission& mission) {
     case State::kClear:
     case State::kStow:
     case State::kPick:
-      mission.is_arm_clear = action == State::kClear;
+      mission.arm = action == State::kClear ? ArmIs::kFolded : ArmIs::kOverPlace;
       mission.recoveries = 0;
       // Still holding, against what the result says: it is stowed, and counts then.
       if (action != State::kPick || mission.hand == Hand::kHolding) break;
@@ -151,6 +151,7 @@ void recordFailure(State action, const event::Reply& reply, const Reaction& reac
   const std::string kind = kindOf(action, reply.result);
   const std::string reason = withMessage(kind, reply.message);
   ++memory.failures[kind];
+  mission.is_drive_due = false;
   if (countsInARow(action, reaction, mission)) ++streakOf(action, memory);
   // The brick may lie in its place.
   if (action == State::kPick && std::holds_alternative<NoAnswer>(reply.result)) ++memory.places_used;

@@ -26,6 +26,7 @@ std::vector<Transition> makeTransitions() {
       {S::kUnload, T::kStop, G::kAlways, S::kEnded, E::kEndStopped},
       // What goes before each action, and what ends one before its time.
       {kAnyAction, T::kEntering, G::kPauseWanted, S::kPaused},
+      {S::kDrive, T::kEntering, G::kArmNotReady, S::kPlanClear},
       {kAnyAction, T::kEntering, G::kArmNotReady, S::kBegin},
       {kAnyAction, T::kHold, G::kAlways, S::kHalting, E::kHaltForHold},
       {kAnyAction, T::kStop, G::kAlways, S::kHalting, E::kHaltForStop},
@@ -39,15 +40,17 @@ std::vector<Transition> makeTransitions() {
       {S::kHalting, T::kGiveUp, G::kAlways, S::kEnded, E::kGiveUp},
       {S::kHalting, T::kWaitFirst, G::kAlways, S::kWait, E::kWaitForPose},
       {S::kHalting, T::kRetryHere, G::kAlways, S::kBegin},
-      // The arm empty and out of view, then a look.
+      // The arm empty and out of view, then a look. It is folded before a drive, not between two picks from one place.
       {S::kBegin, T::kAtOnce, G::kHandUnknownTooLong, S::kEnded, E::kEndHandUnknown},
       {S::kBegin, T::kAtOnce, G::kHandUnknown, S::kWait, E::kWaitForHand},
       {S::kBegin, T::kAtOnce, G::kHandFull, S::kPlanStow},
       {S::kBegin, T::kAtOnce, G::kTimeUp, S::kEnded, E::kEndTimeUp},
       {S::kBegin, T::kAtOnce, G::kUnloadDue, S::kPlanClear},
       {S::kBegin, T::kAtOnce, G::kEnding, S::kEnded},
+      {S::kBegin, T::kAtOnce, G::kViewClear, S::kLook},
       {S::kBegin, T::kAtOnce, G::kAlways, S::kPlanClear},
       {S::kPlanClear, T::kDone, G::kAlways, S::kClear},
+      {S::kClear, T::kDone, G::kDriveDue, S::kDrive},
       {S::kClear, T::kDone, G::kAlways, S::kLook},
       {S::kLook, T::kDone, G::kAlways, S::kDetect},
       {S::kDetect, T::kDone, G::kAlways, S::kChoose},

@@ -92,7 +92,9 @@ TEST(Transitions, EffectsTellWhereToDriveWhatToWaitForAndWhyToEnd) {
   for (const Transition& row : transitions()) {
     const std::string where = std::string(toString(row.to)) + ", if " + toString(row.guard);
     EXPECT_EQ(row.to == State::kHalting, isBetween(row.effect, Effect::kHaltForHold, Effect::kHaltForTimeout)) << where;
-    EXPECT_EQ(row.to == State::kDrive, isBetween(row.effect, Effect::kGoToDepot, Effect::kGoToVantage)) << where;
+    EXPECT_EQ(row.to == State::kDrive && row.guard != Guard::kDriveDue,
+              isBetween(row.effect, Effect::kGoToDepot, Effect::kGoToVantage))
+        << where;
     EXPECT_EQ(row.to == State::kRecover, row.effect == Effect::kCountRecovery) << where;
     EXPECT_EQ(row.to == State::kWait, isBetween(row.effect, Effect::kWaitForHand, Effect::kWaitForFading)) << where;
     // A mission that is over already has its reason; others may have to stow a brick or to unload first.

@@ -95,7 +95,7 @@ class ToyWorld {
   void check(const Command& command) {
     if (std::holds_alternative<command::Drive>(command.body)) {
       EXPECT_FALSE(hand) << "drives with a brick in the hand";
-      EXPECT_TRUE(is_arm_clear) << "drives with the arm not out of the way";
+      EXPECT_TRUE(is_arm_folded) << "drives with the arm not folded";
     } else if (std::holds_alternative<command::Look>(command.body)) {
       EXPECT_TRUE(is_arm_clear) << "looks with the arm in the view";
       plans.clear();
@@ -178,7 +178,8 @@ class ToyWorld {
   State action{State::kIdle};
   bool is_cancelled{false};
   bool is_held{false};
-  bool is_arm_clear{false};
+  bool is_arm_clear{false};   // out of the view
+  bool is_arm_folded{false};  // and fit to drive
   bool holds_when_pick_fails{false};
   std::optional<int> hand;
   std::optional<int> view;  // where it stands; nothing: elsewhere
@@ -284,9 +285,11 @@ class ToyWorld {
     } else if (const auto* plan = std::get_if<command::PlanPick>(&running->body)) {
       plans[running->id] = plan->brick.id;
     } else if (std::holds_alternative<command::MoveArm>(running->body)) {
-      is_arm_clear = action == State::kClear;
+      is_arm_clear = true;
+      is_arm_folded = action == State::kClear;
     } else if (const auto* pick = std::get_if<command::Pick>(&running->body)) {
-      is_arm_clear = false;
+      is_arm_clear = true;
+      is_arm_folded = false;
       take(pick->brick.id);
       stow();
       hand.reset();
@@ -314,9 +317,9 @@ class ToyWorld {
   void fail(const Result& result) {
     const auto* arm = std::get_if<ArmResult>(&result);
     if (std::holds_alternative<command::Drive>(running->body)) view.reset();
-    if (std::holds_alternative<command::MoveArm>(running->body)) is_arm_clear = false;
+    if (std::holds_alternative<command::MoveArm>(running->body)) is_arm_clear = is_arm_folded = false;
     if (const auto* pick = std::get_if<command::Pick>(&running->body)) {
-      is_arm_clear = false;
+      is_arm_clear = is_arm_folded = false;
       const int id = pick->brick.id;
       const ToyBrick& wanted = brick(id);
       const bool is_not_let_go = arm != nullptr && arm->status == ArmStatus::kNotLetGo;
