@@ -17,7 +17,7 @@ namespace nbv_selection {
 struct OutlineConfig {
   double cell_size_m{0.04};
   double min_height_m{0.04};
-  double max_height_m{2.0};
+  double max_height_m{1.0};
   double closing_m{0.12};
   double min_area_m2{0.02};
   double tolerance_m{0.03};
@@ -27,7 +27,8 @@ struct OutlineConfig {
     f("min_height_m", c.min_height_m, 0.0, 1.0, "m", "lower surface is ground, not pile");
     // A bound that is impossible itself is reported alone.
     const double lowest_m = c.min_height_m >= 0.0 && c.min_height_m <= 1.0 ? c.min_height_m : 0.0;
-    f("max_height_m", c.max_height_m, std::max(0.05, lowest_m), 20.0, "m", "higher surface is no pile either");
+    f("max_height_m", c.max_height_m, std::max(0.05, lowest_m), 20.0, "m",
+      "where the surface reaches higher is a wall, a post or a person, and no pile from top to bottom");
     f("closing_m", c.closing_m, 0.0, 0.5, "m", "narrower gaps are closed");
     f("min_area_m2", c.min_area_m2, 0.0, 10.0, "m2", "smaller outlines are left out as specks");
     f("tolerance_m", c.tolerance_m, 0.0, 0.5, "m", "largest error of the polygon that replaces a contour");
@@ -64,7 +65,8 @@ struct PileOutline {
 
 /// Projects the surface above the ground along z (method section 5): occupancy and uncertainty grids, closing, outer
 /// contours, polygons. A polygon holds the middles of all its cells; a tolerance above 1.5 cells may cut some off, by
-/// less than itself. Samples whose position is not finite are left out; one without an uncertainty counts for all but
+/// less than itself. Cells that reach above the largest height, or touch one that does, hold no pile: walls. Samples
+/// whose position is not finite are left out; one without an uncertainty counts for all but
 /// the mean. The grid covers the pile and has an empty border wide enough for the closing, so that a pile at the
 /// border of the map has a whole outline; without a pile it has no cells. Throws std::invalid_argument for an
 /// impossible config or ground, or a surface whose arrays differ in length; std::runtime_error if the pile spans more

@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <stdexcept>
+#include <utility>
 
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
@@ -46,11 +48,34 @@ void requireGround(const gpis_mapping::GroundPlane& ground) {
 }
 
 /// By how many cells the closing grows the pile and shrinks it again: gaps of up to twice as many are closed.
+/// By multiples of the cell size; the position must be finite.
+std::pair<int, int> latticeCell(const Eigen::Vector3d& p_map, const OutlineConfig& config) {
+  const auto index = [&](double x_m) {
+    return static_cast<int>(std::floor(std::clamp(x_m, -kMaxCoordinate_m, kMaxCoordinate_m) / config.cell_size_m));
+  };
+  return {index(p_map.x()), index(p_map.y())};
+}
+
 int closingRadius(const OutlineConfig& config) {
   return static_cast<int>(std::ceil(0.5 * config.closing_m / config.cell_size_m - 1e-9));
 }
 
+/// The cells that are too high for a pile, with all that touch them.
+std::set<std::pair<int, int>> tallCells(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
+                                        const OutlineConfig& config) {
+  std::set<std::pair<int, int>> tall;
+  std::set<std::pair<int, int>> cells;
+  for (const Eigen::Vector3d& p : surface.points_map) {
+    if (!(p.allFinite() && ground.heightOf(p) > config.max_height_m)) continue;
+    const auto [column, row] = latticeCell(p, config);
+    if (!tall.emplace(column, row).second) continue;
+    for (int i = 0; i < 9; ++i) cells.emplace(column + i % 3 - 1, row + i / 3 - 1);
+  }
+  return cells;
+}
+
 PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground, const OutlineConfig& config) {
+  const std::set<std::pair<int, int>> tall = tallCells(surface, ground, config);
   std::vector<std::size_t> kept;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
@@ -59,6 +84,7 @@ PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& 
     const double height_m = ground.heightOf(p);
     // A position that is not finite has no finite height: false for it.
     if (!(height_m >= config.min_height_m && height_m <= config.max_height_m)) continue;
+    if (tall.count(latticeCell(p, config)) > 0) continue;
     kept.push_back(i);
     low = low.cwiseMin(p.head<2>());
     high = high.cwiseMax(p.head<2>());

@@ -396,6 +396,20 @@ TEST(Outline, KeepsWhatIsBetweenTheHeights) {
   EXPECT_EQ(turnsAround(outline.polygons[0], {1.2, 0.0}) + turnsAround(outline.polygons[1], {1.2, 0.0}), 1);
 }
 
+TEST(Outline, AWallIsNoPileAndAPileAtItsFootIs) {
+  BoxPile pile;
+  pile.add({0.6, 0.0}, {0.2, 2.0, 1.5});
+  pile.add({0.2, 0.1}, {0.4, 0.4, 0.3});    // 10 cm from the wall
+  pile.add({0.44, 0.8}, {0.12, 0.3, 0.2});  // at it
+  const PileOutline outline = outlineOf(pile);
+  ASSERT_THAT(outline.polygons, SizeIs(2));
+  EXPECT_EQ(turnsAround(outline.polygons[0], {0.2, 0.1}), 1);
+  EXPECT_EQ(turnsAround(outline.polygons[1], {0.41, 0.8}), 1);
+  for (const OutlinePolygon& polygon : outline.polygons) EXPECT_EQ(turnsAround(polygon, {0.6, 0.0}), 0);
+  const PileGrid& grid = outline.grid;
+  for (const float height_m : grid.height_m) EXPECT_FALSE(height_m > 0.31F) << height_m;
+}
+
 TEST(Outline, GridsAreThoseOfBruteForce) {
   std::mt19937 engine(4);
   const gpis_mapping::GroundPlane ground = tiltedGround(0.15, 0.6, -0.3);
