@@ -45,7 +45,7 @@ std::string nextInWords(State next, const Mission& mission) {
     case State::kBegin:
       return (has_picked ? picked + " so far: " : "") + "the arm out of the view, and a fresh look";
     case State::kPlanClear:
-      return "the arm has to be out of the camera's view";
+      return mission.is_drive_due ? "the arm is folded before the drive" : "the arm has to be out of the camera's view";
     case State::kClear:
       return "a way out of the camera's view is planned";
     case State::kLook:
