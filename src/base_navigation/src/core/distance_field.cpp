@@ -106,7 +106,6 @@ struct PassedCells {
         if (clearance.at(column, row) >= at_start + kLeaveGain * away - 1e-9) *at(column, row) = 1;
       }
     }
-    *at(start.x(), start.y()) = 1;
   }
 
   std::size_t index(int column, int row) const { return static_cast<std::size_t>(row + 1) * stride + column + 1; }
