@@ -5,7 +5,7 @@
 set(interactive_mapping_cmake_FOLDER ${CMAKE_CURRENT_LIST_DIR})
 
 # interactive_mapping_package([FIND_PACKAGE...])
-# Compiler settings of a package; call it before catkin_package(). FIND_PACKAGE: what dependents must find before they
+# Compiler settings and options of a package; call it before catkin_package(). FIND_PACKAGE: what dependents must find before they
 # can link the exported targets, e.g. Eigen3 for Eigen3::Eigen. Sets the CFG_EXTRAS of catkin_package():
 # interactive_mapping_EXTRAS.
 macro(interactive_mapping_package)
@@ -16,6 +16,8 @@ macro(interactive_mapping_package)
   if(NOT CMAKE_BUILD_TYPE)  # without optimisation an image takes 40 times longer; other packages keep their own choice
     set(CMAKE_BUILD_TYPE Release)
   endif()
+  option(GPIS_BUILD_BENCHMARKS "Build the programs bench_*, collected in the target benchmarks" OFF)
+  option(GPIS_BUILD_SOAK "Build the programs of scripts/soak, collected in the target soak_programs" OFF)
   set(interactive_mapping_FIND ${ARGN})
   set(interactive_mapping_EXTRAS ${interactive_mapping_cmake_FOLDER}/interactive_mapping_targets.cmake)
 endmacro()
@@ -26,6 +28,41 @@ endmacro()
 macro(interactive_mapping_tests)
   add_compile_options($<$<CONFIG:Release>:-O1>)
 endmacro()
+
+# interactive_mapping_add_tests(FOLDER UNIT... [ROSTEST] [INCLUDES FOLDER...] [SYSTEM_INCLUDES FOLDER...]
+#   [LIBRARIES LIBRARY...] [DEFINITIONS NAME=VALUE...] [PROGRAMS TARGET...])
+# For each unit a test test_UNIT from FOLDER/test_UNIT.cpp. ROSTEST: it has a main() and runs in FOLDER/UNIT.test.
+# PROGRAMS: built before it.
+function(interactive_mapping_add_tests folder)
+  cmake_parse_arguments(tests "ROSTEST" "" "INCLUDES;SYSTEM_INCLUDES;LIBRARIES;DEFINITIONS;PROGRAMS" ${ARGN})
+  foreach(unit ${tests_UNPARSED_ARGUMENTS})
+    if(tests_ROSTEST)
+      add_rostest_gmock(test_${unit} ${folder}/${unit}.test ${folder}/test_${unit}.cpp)
+      set(gmock ${GMOCK_LIBRARIES} ${GTEST_LIBRARIES})
+    else()
+      catkin_add_gmock(test_${unit} ${folder}/test_${unit}.cpp)
+      set(gmock ${GMOCK_MAIN_LIBRARIES})
+    endif()
+    if(TARGET test_${unit})
+      target_include_directories(test_${unit} PRIVATE ${tests_INCLUDES})
+      target_include_directories(test_${unit} SYSTEM PRIVATE ${tests_SYSTEM_INCLUDES})
+      target_link_libraries(test_${unit} ${tests_LIBRARIES} ${gmock})
+      target_compile_definitions(test_${unit} PRIVATE ${tests_DEFINITIONS})
+      if(tests_PROGRAMS)
+        add_dependencies(test_${unit} ${tests_PROGRAMS})
+      endif()
+    endif()
+  endforeach()
+endfunction()
+
+# interactive_mapping_collect(TARGET PROGRAM...)
+# Adds the programs to what `benchmarks` or `soak_programs` builds.
+function(interactive_mapping_collect target)
+  if(NOT TARGET ${target})
+    add_custom_target(${target})
+  endif()
+  add_dependencies(${target} ${ARGN})
+endfunction()
 
 # interactive_mapping_install(TARGET...)
 # Installs libraries and programs, and exports them to the packages that find this one. Call it once in a package.

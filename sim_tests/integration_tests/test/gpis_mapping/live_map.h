@@ -243,7 +243,6 @@ class LiveMap {
     return "";
   }
   long count(const std::string& key) const { return std::atol(diagnosticValue("input", key).c_str()); }
-  void forgetDiagnostics() { diagnostics_.clear(); }
 
   const std::string& node() const { return node_; }
 

@@ -216,6 +216,43 @@ std::vector<std::string> typeProblems(const std::string& key, const BrickType& t
   return check.problems();
 }
 
+/// Adds the bricks of the heaps; of each the number of its heap. Throws std::invalid_argument if a heap does not fit.
+std::vector<std::size_t> addHeaps(const PileSceneConfig& config, const std::string& what, SeededRandom& random,
+                                  std::vector<BrickPlacement>* bricks) {
+  std::vector<std::string> faults;
+  std::vector<std::size_t> heap_of;
+  for (std::size_t h = 0; h < config.heaps.size(); ++h) {
+    const HeapConfig& heap = config.heaps[h];
+    const std::optional<std::vector<Cell>> cells = fillHeap(config, heap);
+    if (!cells) {
+      std::ostringstream line;
+      line << "heaps[" << h << "] = " << heap.bricks << " bricks, must fit into " << heap.layers << " layers within "
+           << heap.extent_m.transpose() << " m";
+      faults.push_back(line.str());
+      continue;
+    }
+    const Eigen::Vector2d span_m = spanOf(*cells, config.brick.size_m);
+    if ((span_m - kLeastSpan * heap.extent_m).minCoeff() < 0.0) {
+      std::ostringstream line;
+      line << "heaps[" << h << "] = " << heap.bricks << " bricks in " << heap.layers << " layers, must span "
+           << 100.0 * kLeastSpan << " % of " << heap.extent_m.transpose() << " m, span " << span_m.transpose() << " m";
+      faults.push_back(line.str());
+      continue;
+    }
+    const Eigen::Isometry3d T_map_heap =
+        synthetic_depth::poseFromXyzRpy({heap.center_m.x(), heap.center_m.y(), 0.0}, {0.0, 0.0, heap.yaw_rad});
+    for (const Cell& cell : *cells) {
+      const double z_m = (cell.layer + 0.5) * config.brick.size_m.z() + (cell.layer + 1) * config.drop_gap_m;
+      const Eigen::Isometry3d T_heap_brick = synthetic_depth::poseFromXyzRpy(
+          {cell.center_m.x(), cell.center_m.y(), z_m}, {0.0, 0.0, cell.is_crosswise ? 0.5 * kPi : 0.0});
+      bricks->push_back({0, config.brick, T_map_heap * jittered(T_heap_brick, config, random)});
+      heap_of.push_back(h);
+    }
+  }
+  interactive_mapping::refuseIfAny(what + ":", faults);
+  return heap_of;
+}
+
 }  // namespace
 
 std::vector<std::string> faultsOfStart(const PileScene& scene, double min_robot_distance_m) {
@@ -390,37 +427,8 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   scene.max_shift_m = config.max_shift_m;
   scene.robot_start = config.robot_start;
   SeededRandom random(seed);
-  std::vector<std::string> faults;
-  std::vector<std::size_t> heap_of;  // and beyond the heaps: the tipped ones, the stacks
-  for (std::size_t h = 0; h < config.heaps.size(); ++h) {
-    const HeapConfig& heap = config.heaps[h];
-    const std::optional<std::vector<Cell>> cells = fillHeap(config, heap);
-    if (!cells) {
-      std::ostringstream line;
-      line << "heaps[" << h << "] = " << heap.bricks << " bricks, must fit into " << heap.layers << " layers within "
-           << heap.extent_m.transpose() << " m";
-      faults.push_back(line.str());
-      continue;
-    }
-    const Eigen::Vector2d span_m = spanOf(*cells, config.brick.size_m);
-    if ((span_m - kLeastSpan * heap.extent_m).minCoeff() < 0.0) {
-      std::ostringstream line;
-      line << "heaps[" << h << "] = " << heap.bricks << " bricks in " << heap.layers << " layers, must span "
-           << 100.0 * kLeastSpan << " % of " << heap.extent_m.transpose() << " m, span " << span_m.transpose() << " m";
-      faults.push_back(line.str());
-      continue;
-    }
-    const Eigen::Isometry3d T_map_heap =
-        synthetic_depth::poseFromXyzRpy({heap.center_m.x(), heap.center_m.y(), 0.0}, {0.0, 0.0, heap.yaw_rad});
-    for (const Cell& cell : *cells) {
-      const double z_m = (cell.layer + 0.5) * config.brick.size_m.z() + (cell.layer + 1) * config.drop_gap_m;
-      const Eigen::Isometry3d T_heap_brick = synthetic_depth::poseFromXyzRpy(
-          {cell.center_m.x(), cell.center_m.y(), z_m}, {0.0, 0.0, cell.is_crosswise ? 0.5 * kPi : 0.0});
-      scene.bricks.push_back({0, config.brick, T_map_heap * jittered(T_heap_brick, config, random)});
-      heap_of.push_back(h);
-    }
-  }
-  interactive_mapping::refuseIfAny(what + ":", faults);
+  // And beyond the heaps: the tipped ones, the stacks.
+  std::vector<std::size_t> heap_of = addHeaps(config, what, random, &scene.bricks);
   const auto append = [&](const std::vector<BrickPlacement>& bricks, std::size_t group) {
     scene.bricks.insert(scene.bricks.end(), bricks.begin(), bricks.end());
     heap_of.resize(scene.bricks.size(), group);

@@ -101,6 +101,20 @@ bool isInsideBy(const Polygon& hull, const Eigen::Vector2d& p, double margin) {
   return hull.size() >= 3;
 }
 
+using Overlaps = std::vector<std::pair<const Brick*, Polygon>>;
+
+/// Where a brick at this height rests on those below: corners and area.
+std::pair<Polygon, double> contactAt(double resting_height, const Overlaps& overlaps) {
+  std::pair<Polygon, double> contact;
+  for (const auto& [below, overlap] : overlaps) {
+    if (std::abs(below->top - resting_height) < kSameHeight_m) {
+      contact.first.insert(contact.first.end(), overlap.begin(), overlap.end());
+      contact.second += area(overlap);
+    }
+  }
+  return contact;
+}
+
 }  // namespace
 
 std::vector<std::string> PileConfig::validate() const {
@@ -149,7 +163,7 @@ std::vector<Box> makePile(const PileConfig& config) {
     const Polygon base = footprint(center, yaw, half_length, half_width);
 
     double resting_height = 0.0;
-    std::vector<std::pair<const Brick*, Polygon>> overlaps;
+    Overlaps overlaps;
     for (const Brick& below : bricks) {
       Polygon overlap = intersection(base, below.base);
       if (overlap.size() >= 3 && area(overlap) > 1e-10) {
@@ -163,14 +177,7 @@ std::vector<Box> makePile(const PileConfig& config) {
       continue;
     }
     if (resting_height > 0.0) {
-      Polygon contact_points;
-      double contact_area = 0.0;
-      for (const auto& [below, overlap] : overlaps) {
-        if (std::abs(below->top - resting_height) < kSameHeight_m) {
-          contact_points.insert(contact_points.end(), overlap.begin(), overlap.end());
-          contact_area += area(overlap);
-        }
-      }
+      const auto [contact_points, contact_area] = contactAt(resting_height, overlaps);
       if (contact_area < kLeastContactShare * base_area ||
           !isInsideBy(convexHull(contact_points), center, kBalanceMargin * 2.0 * half_width)) {
         continue;

@@ -89,6 +89,33 @@ class Clearance {
   std::vector<std::uint16_t> reach_;
 };
 
+/// Cells that the disc may pass, with a ring around them that it may not: no neighbour needs a look at the border.
+struct PassedCells {
+  PassedCells(const NavigationGrid& grid, const Eigen::Vector2i& start, double radius_m)
+      : stride(grid.width + 2), is_passed(static_cast<std::size_t>(stride) * (grid.height + 2), 0) {
+    const Clearance clearance(grid, radius_m);
+    for (int row = 0; row < grid.height; ++row) clearance.clearCells(row, at(0, row));
+    if (*at(start.x(), start.y()) != 0) return;
+    const double at_start = clearance.at(start.x(), start.y());
+    const int reach = static_cast<int>((clearance.radius() - at_start) / kLeaveGain) + 1;
+    for (int row = std::max(start.y() - reach, 0); row <= std::min(start.y() + reach, grid.height - 1); ++row) {
+      for (int column = std::max(start.x() - reach, 0); column <= std::min(start.x() + reach, grid.width - 1);
+           ++column) {
+        // What is not free has no clearance at all, so that only the start itself may be.
+        const double away = std::hypot(column - start.x(), row - start.y());
+        if (clearance.at(column, row) >= at_start + kLeaveGain * away - 1e-9) *at(column, row) = 1;
+      }
+    }
+  }
+
+  std::size_t index(int column, int row) const { return static_cast<std::size_t>(row + 1) * stride + column + 1; }
+  std::uint8_t* at(int column, int row) { return &is_passed[index(column, row)]; }
+  const std::uint8_t* at(int column, int row) const { return &is_passed[index(column, row)]; }
+
+  int stride;
+  std::vector<std::uint8_t> is_passed;
+};
+
 }  // namespace
 
 DistanceField::DistanceField(const NavigationGrid& grid, const Eigen::Vector2d& from_map, double radius_m) {
@@ -105,26 +132,8 @@ DistanceField::DistanceField(const NavigationGrid& grid, const Eigen::Vector2d& 
   const Eigen::Vector2i start = grid.cellOf(from_map);
   if (!grid.contains(start.x(), start.y())) return;
 
-  // With a ring of cells around that are not passed: no neighbour needs a look at the border.
-  const int stride = grid.width + 2;
-  std::vector<std::uint8_t> is_passed(static_cast<std::size_t>(stride) * (grid.height + 2), 0);
-  const auto padded = [stride](int column, int row) { return static_cast<std::size_t>(row + 1) * stride + column + 1; };
-  const Clearance clearance(grid, radius_m);
-  for (int row = 0; row < grid.height; ++row) clearance.clearCells(row, &is_passed[padded(0, row)]);
-  if (is_passed[padded(start.x(), start.y())] == 0) {
-    const double at_start = clearance.at(start.x(), start.y());
-    const int reach = static_cast<int>((clearance.radius() - at_start) / kLeaveGain) + 1;
-    for (int row = std::max(start.y() - reach, 0); row <= std::min(start.y() + reach, grid.height - 1); ++row) {
-      for (int column = std::max(start.x() - reach, 0); column <= std::min(start.x() + reach, grid.width - 1);
-           ++column) {
-        // What is not free has no clearance at all, so that only the start itself may be.
-        const double away = std::hypot(column - start.x(), row - start.y());
-        if (clearance.at(column, row) >= at_start + kLeaveGain * away - 1e-9) is_passed[padded(column, row)] = 1;
-      }
-    }
-    is_passed[padded(start.x(), start.y())] = 1;
-  }
-
+  const PassedCells passed(grid, start, radius_m);
+  const int stride = passed.stride;
   // Dijkstra. Steps have two lengths only, and cells are settled by rising distance: what they append to the queue of each
   // length rises too, and the smaller of the two heads is the smallest of all. That is the heap, in constant time.
   struct Entry {
@@ -149,7 +158,7 @@ DistanceField::DistanceField(const NavigationGrid& grid, const Eigen::Vector2d& 
     const Entry entry = queue.entries[queue.head++];
     if (entry.distance > distance_m_[entry.cell]) continue;  // has been reached on a shorter way since
     const int row = entry.cell / grid.width;
-    const std::uint8_t* here = &is_passed[padded(entry.cell - row * grid.width, row)];
+    const std::uint8_t* here = passed.at(entry.cell - row * grid.width, row);
     const auto relax = [&](Queue& to, int cell, float distance) {
       if (distance >= distance_m_[cell]) return;
       distance_m_[cell] = distance;

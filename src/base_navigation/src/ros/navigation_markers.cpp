@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include <interactive_mapping_common_ros/markers.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include "base_navigation_ros/conversions.h"
@@ -12,23 +13,11 @@ namespace {
 
 using base_navigation::NavigationPhase;
 using base_navigation::Pose2d;
+using interactive_mapping_ros::color;
 using visualization_msgs::Marker;
 
-std_msgs::ColorRGBA color(float r, float g, float b, float a) {
-  std_msgs::ColorRGBA result;
-  result.r = r;
-  result.g = g;
-  result.b = b;
-  result.a = a;
-  return result;
-}
-
 geometry_msgs::Point point(const Eigen::Vector2d& p, double z_m) {
-  geometry_msgs::Point result;
-  result.x = p.x();
-  result.y = p.y();
-  result.z = z_m;
-  return result;
+  return interactive_mapping_ros::toPoint({p.x(), p.y(), z_m});
 }
 
 }  // namespace
@@ -44,14 +33,10 @@ void NavigationMarkers::show(const base_navigation::NavigationOutput& output, co
                              const std::optional<Pose2d>& goal_map, const ros::Time& stamp) {
   visualization_msgs::MarkerArray markers;
   const auto make = [&](const char* name, int type) {
-    Marker marker;
-    marker.header.frame_id = map_frame_;
-    marker.header.stamp = stamp;
-    marker.ns = name;
-    marker.type = type;
-    marker.action = Marker::ADD;
-    marker.pose.orientation.w = 1.0;
-    return marker;
+    std_msgs::Header header;
+    header.frame_id = map_frame_;
+    header.stamp = stamp;
+    return interactive_mapping_ros::makeMarker(header, name, 0, type);
   };
   const auto outline = [&](const char* name, const Pose2d& pose, const std_msgs::ColorRGBA& line_color) {
     Marker marker = make(name, Marker::LINE_STRIP);

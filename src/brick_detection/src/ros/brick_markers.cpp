@@ -5,12 +5,16 @@
 #include <cmath>
 
 #include <Eigen/Eigenvalues>
+#include <interactive_mapping_common_ros/markers.h>
 
 #include "brick_detection_ros/conversions.h"
 
 namespace brick_detection_ros {
 namespace {
 
+using interactive_mapping_ros::color;
+using interactive_mapping_ros::makeMarker;
+using interactive_mapping_ros::toPoint;
 using visualization_msgs::Marker;
 namespace description = mp700_ur5e_description;
 
@@ -19,35 +23,6 @@ constexpr double kEllipsoidSigmas = 10.0;  // radius of the uncertainty: one sta
 constexpr double kArrow_m = 0.12;
 constexpr float kBrickAlpha = 0.75F;  // what is inside shows through
 constexpr double kTipGap_m = 0.01;    // between an arrow's tip and the face
-
-std_msgs::ColorRGBA color(double r, double g, double b, double a) {
-  std_msgs::ColorRGBA c;
-  c.r = static_cast<float>(r);
-  c.g = static_cast<float>(g);
-  c.b = static_cast<float>(b);
-  c.a = static_cast<float>(a);
-  return c;
-}
-
-geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
-  geometry_msgs::Point point;
-  point.x = p.x();
-  point.y = p.y();
-  point.z = p.z();
-  return point;
-}
-
-Marker makeMarker(const std_msgs::Header& header, const std::string& ns, int id, int type) {
-  Marker marker;
-  marker.header = header;
-  marker.header.stamp = ros::Time();  // shown where it is, whatever tf's age: the frame is the map's
-  marker.ns = ns;
-  marker.id = id;
-  marker.type = type;
-  marker.action = Marker::ADD;
-  marker.pose.orientation.w = 1.0;
-  return marker;
-}
 
 }  // namespace
 
@@ -125,6 +100,8 @@ visualization_msgs::MarkerArray BrickMarkers::update(const interactive_mapping_m
     gone.action = Marker::DELETE;
     array.markers.push_back(gone);
   }
+  // Shown where it is, whatever tf's age: the frame is the map's.
+  for (Marker& marker : array.markers) marker.header.stamp = ros::Time();
   shown_ = now;
   return array;
 }

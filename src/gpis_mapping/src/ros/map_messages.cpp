@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include <interactive_mapping_common_ros/markers.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "gpis_mapping/cell_gp.h"
@@ -20,16 +21,17 @@ using gpis_mapping::Points3d;
 using gpis_mapping::SpaceState;
 using gpis_mapping::TriangleMesh;
 using interactive_mapping_msgs::QueryMap;
+using interactive_mapping_ros::toPoint;
 
 /// Two triangles, counter-clockwise seen from above.
 constexpr std::array<std::pair<int, int>, 6> kSquare = {{{-1, -1}, {1, -1}, {1, 1}, {-1, -1}, {1, 1}, {-1, 1}}};
 
-geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
-  geometry_msgs::Point point;
-  point.x = p.x();
-  point.y = p.y();
-  point.z = p.z();
-  return point;
+visualization_msgs::Marker triangleList(const std_msgs::Header& header, const std::string& ns) {
+  using visualization_msgs::Marker;
+  Marker marker = interactive_mapping_ros::makeMarker(header, ns, 0, Marker::TRIANGLE_LIST);
+  marker.scale.x = marker.scale.y = marker.scale.z = 1.0;
+  marker.color.a = 1.0f;
+  return marker;
 }
 
 std::vector<geometry_msgs::Vector3> toVectors(const Points3d& vectors, const Eigen::Matrix3d& R_out_map) {
@@ -135,15 +137,9 @@ interactive_mapping_msgs::SurfaceMesh toSurfaceMesh(const TriangleMesh& mesh, co
 
 visualization_msgs::Marker toMarker(const TriangleMesh& mesh, const std_msgs::Header& header, MeshColor color,
                                     double color_max_std_m) {
-  visualization_msgs::Marker marker;
-  marker.header = header;
-  marker.ns = "mesh";
-  marker.type = visualization_msgs::Marker::TRIANGLE_LIST;
+  visualization_msgs::Marker marker = triangleList(header, "mesh");
   // rviz refuses a triangle list without triangles.
-  marker.action = mesh.triangles.empty() ? visualization_msgs::Marker::DELETE : visualization_msgs::Marker::ADD;
-  marker.pose.orientation.w = 1.0;
-  marker.scale.x = marker.scale.y = marker.scale.z = 1.0;
-  marker.color.a = 1.0f;
+  if (mesh.triangles.empty()) marker.action = visualization_msgs::Marker::DELETE;
   double low = std::numeric_limits<double>::infinity();
   double high = -low;
   for (const Eigen::Vector3d& v : mesh.vertices_map) {
@@ -263,15 +259,8 @@ sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::H
 }
 
 visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Header& header) {
-  visualization_msgs::Marker marker;
-  marker.header = header;
-  marker.ns = "slice";
-  marker.type = visualization_msgs::Marker::TRIANGLE_LIST;
-  // rviz refuses a triangle list without triangles.
-  marker.action = slice.distance.size() == 0 ? visualization_msgs::Marker::DELETE : visualization_msgs::Marker::ADD;
-  marker.pose.orientation.w = 1.0;
-  marker.scale.x = marker.scale.y = marker.scale.z = 1.0;
-  marker.color.a = 1.0f;
+  visualization_msgs::Marker marker = triangleList(header, "slice");
+  if (slice.distance.size() == 0) marker.action = visualization_msgs::Marker::DELETE;
   const Eigen::Vector3f inside(0.70f, 0.09f, 0.17f);  // ends of ColorBrewer's RdBu
   const Eigen::Vector3f outside(0.13f, 0.40f, 0.67f);
   for (Eigen::Index i = 0; i < slice.distance.size(); ++i) {
@@ -311,12 +300,7 @@ visualization_msgs::MarkerArray toMarkers(const gpis_mapping::FrameBlanket& blan
   const auto columns = static_cast<std::size_t>(blanket.columns);
   visualization_msgs::MarkerArray markers;
   for (const Layer& layer : kLayers) {
-    visualization_msgs::Marker marker;
-    marker.header = header;
-    marker.ns = layer.name;
-    marker.type = visualization_msgs::Marker::TRIANGLE_LIST;
-    marker.pose.orientation.w = marker.scale.x = marker.scale.y = marker.scale.z = 1.0;
-    marker.color.a = 1.0f;
+    visualization_msgs::Marker marker = triangleList(header, layer.name);
     const auto add = [&](const Knot& a, const Knot& b, const Knot& c) {
       if (!isSheet(a, b) || !isSheet(b, c) || !isSheet(c, a)) return;
       const Eigen::Vector3f normal = (b.seen - a.seen).cross(c.seen - a.seen).normalized();

@@ -3,12 +3,16 @@
 
 #include <algorithm>
 
+#include <interactive_mapping_common_ros/markers.h>
+
 #include "motion_planning/scene_view.h"
 #include "motion_planning_ros/conversions.h"
 
 namespace motion_planning_ros {
 namespace {
 
+using interactive_mapping_ros::color;
+using interactive_mapping_ros::toPoint;
 using motion_planning::ArmVector;
 using motion_planning::JointTrajectory;
 using visualization_msgs::Marker;
@@ -20,23 +24,6 @@ constexpr double kArmTolerance_rad = 0.02;
 // More than localisation corrects, less than any drive.
 constexpr double kBaseMoved_m = 0.05;
 constexpr double kBaseMoved_rad = 0.05;
-
-std_msgs::ColorRGBA color(double r, double g, double b, double a) {
-  std_msgs::ColorRGBA c;
-  c.r = static_cast<float>(r);
-  c.g = static_cast<float>(g);
-  c.b = static_cast<float>(b);
-  c.a = static_cast<float>(a);
-  return c;
-}
-
-geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
-  geometry_msgs::Point point;
-  point.x = p.x();
-  point.y = p.y();
-  point.z = p.z();
-  return point;
-}
 
 /// A failure, or no plan at all, has no end.
 std::optional<ArmVector> endOf(const JointTrajectory& trajectory) {
@@ -73,14 +60,9 @@ PlanningMarkers::PlanningMarkers(ros::NodeHandle& private_nh, std::string map_fr
 }
 
 Marker PlanningMarkers::marker(const std::string& ns, int id, int type) const {
-  Marker marker;
-  marker.header.frame_id = map_frame_;  // stamp zero: shown where it is, whatever tf's age
-  marker.ns = ns;
-  marker.id = id;
-  marker.type = type;
-  marker.action = Marker::ADD;
-  marker.pose.orientation.w = 1.0;
-  return marker;
+  std_msgs::Header header;
+  header.frame_id = map_frame_;  // stamp zero: shown where it is, whatever tf's age
+  return interactive_mapping_ros::makeMarker(header, ns, id, type);
 }
 
 MarkerArray PlanningMarkers::cleared() const {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "nbv_selection_ros/conversions.h"
 
+#include <interactive_mapping_common_ros/markers.h>
+
 #include "nbv_selection/manipulability_score.h"
 
 namespace nbv_selection_ros {
@@ -8,16 +10,9 @@ namespace {
 
 using interactive_mapping_msgs::NbvSegment;
 using interactive_mapping_msgs::SelectionOutcome;
+using interactive_mapping_ros::toPoint;
 using nbv_selection::Factor;
 using nbv_selection::SelectionStatus;
-
-geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
-  geometry_msgs::Point point;
-  point.x = p.x();
-  point.y = p.y();
-  point.z = p.z();
-  return point;
-}
 
 geometry_msgs::Vector3 toVector(const Eigen::Vector3d& v) {
   geometry_msgs::Vector3 vector;

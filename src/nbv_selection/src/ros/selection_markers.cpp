@@ -6,11 +6,16 @@
 #include <cmath>
 #include <cstdio>
 
+#include <interactive_mapping_common_ros/markers.h>
+
 #include "nbv_selection_ros/conversions.h"
 
 namespace nbv_selection_ros {
 namespace {
 
+using interactive_mapping_ros::color;
+using interactive_mapping_ros::makeMarker;
+using interactive_mapping_ros::toPoint;
 using nbv_selection::Factor;
 using nbv_selection::ScoredSegment;
 using nbv_selection::SegmentVerdict;
@@ -25,15 +30,6 @@ constexpr double kBarWidth_m = 0.05;
 constexpr double kLineWidth_m = 0.025;
 constexpr double kAbove_m = 0.01;  // lines lie on the ground and must not vanish in it
 
-std_msgs::ColorRGBA color(float r, float g, float b, float a = 1.0F) {
-  std_msgs::ColorRGBA out;
-  out.r = r;
-  out.g = g;
-  out.b = b;
-  out.a = a;
-  return out;
-}
-
 std::vector<std::string> views() {
   std::vector<std::string> out{kUtility};
   for (std::size_t i = 0; i < nbv_selection::kNumFactors; ++i) out.emplace_back(toString(static_cast<Factor>(i)));
@@ -46,25 +42,6 @@ std::optional<Factor> factorOf(const std::string& view) {
     if (view == toString(static_cast<Factor>(i))) return static_cast<Factor>(i);
   }
   return std::nullopt;
-}
-
-geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
-  geometry_msgs::Point point;
-  point.x = p.x();
-  point.y = p.y();
-  point.z = p.z();
-  return point;
-}
-
-Marker makeMarker(const std_msgs::Header& header, const std::string& ns, int id, int type) {
-  Marker marker;
-  marker.header = header;
-  marker.ns = ns;
-  marker.id = id;
-  marker.type = type;
-  marker.action = Marker::ADD;
-  marker.pose.orientation.w = 1.0;
-  return marker;
 }
 
 Marker outlineMarker(const Selection& selection, const std_msgs::Header& header) {

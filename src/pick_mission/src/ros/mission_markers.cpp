@@ -8,6 +8,8 @@
 #include <string>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common_ros/markers.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/MissionBrick.h>
 
 #include "pick_mission_ros/mission_words.h"
@@ -17,6 +19,9 @@ namespace {
 
 using interactive_mapping_msgs::MissionBrick;
 using interactive_mapping_msgs::MissionState;
+using interactive_mapping_ros::makeMarker;
+using interactive_mapping_ros::toIsometry;
+using interactive_mapping_ros::toPoint;
 using visualization_msgs::Marker;
 using visualization_msgs::MarkerArray;
 namespace description = mp700_ur5e_description;
@@ -35,16 +40,9 @@ constexpr std::size_t kTextWidth = 36;  // letters in a line
 constexpr double kArrowLength_m = 0.6;
 constexpr double kArrowWidth_m = 0.3;
 constexpr double kArrowThickness_m = 0.02;
-constexpr double kUnitTolerance =
-    0.01;  // of a quaternion that came by a message of float64: anything near 1 is a rotation
 
 std_msgs::ColorRGBA color(const Rgb& rgb, float alpha) {
-  std_msgs::ColorRGBA out;
-  out.r = static_cast<float>(rgb.r) / 255.0F;
-  out.g = static_cast<float>(rgb.g) / 255.0F;
-  out.b = static_cast<float>(rgb.b) / 255.0F;
-  out.a = alpha;
-  return out;
+  return interactive_mapping_ros::color(rgb.r / 255.0, rgb.g / 255.0, rgb.b / 255.0, alpha);
 }
 
 /// Half way to white: a thin line of a dark colour is not seen on a dark ground.
@@ -53,41 +51,11 @@ Rgb lightened(const Rgb& rgb) {
   return {half(rgb.r), half(rgb.g), half(rgb.b)};
 }
 
-Marker makeMarker(const std_msgs::Header& header, const std::string& ns, int id, int type) {
-  Marker marker;
-  marker.header = header;
-  marker.header.stamp = ros::Time();  // shown where it is, whatever tf's age: the frame is the map's
-  marker.ns = ns;
-  marker.id = id;
-  marker.type = type;
-  marker.action = Marker::ADD;
-  marker.pose.orientation.w = 1.0;
-  return marker;
-}
-
-std::optional<Eigen::Isometry3d> placeOf(const geometry_msgs::Pose& pose) {
-  const Eigen::Quaterniond q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
-  const Eigen::Vector3d p(pose.position.x, pose.position.y, pose.position.z);
-  if (!p.allFinite() || !(std::abs(q.norm() - 1.0) < kUnitTolerance)) return std::nullopt;
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = q.normalized().toRotationMatrix();
-  T.translation() = p;
-  return T;
-}
-
 std::optional<Eigen::Vector3d> sizeOf(const std::string& type, const description::BrickCatalogue& catalogue) {
   for (const description::BrickType& known : catalogue.types) {
     if (known.name == type) return known.size_m;
   }
   return std::nullopt;
-}
-
-geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
-  geometry_msgs::Point point;
-  point.x = p.x();
-  point.y = p.y();
-  point.z = p.z();
-  return point;
 }
 
 /// The twelve edges of a box about the marker's own origin.
@@ -185,7 +153,7 @@ MarkerArray toMarkers(const MissionState& state, const description::BrickCatalog
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   int num_placed = 0;
   for (const MissionBrick& brick : state.bricks) {
-    const std::optional<Eigen::Isometry3d> T_map_brick = placeOf(brick.pose);
+    const std::optional<Eigen::Isometry3d> T_map_brick = toIsometry(brick.pose);
     if (!T_map_brick) continue;
     sum += T_map_brick->translation();
     ++num_placed;
@@ -195,7 +163,7 @@ MarkerArray toMarkers(const MissionState& state, const description::BrickCatalog
   Eigen::Vector3d below = num_placed > 0 ? Eigen::Vector3d(sum / num_placed) : Eigen::Vector3d::Zero();
   if (!state.view.empty()) {
     const geometry_msgs::Pose& standing = state.view.front().standing;
-    if (const std::optional<Eigen::Isometry3d> T_map_base = placeOf(standing)) {
+    if (const std::optional<Eigen::Isometry3d> T_map_base = toIsometry(standing)) {
       below = T_map_base->translation();
       Marker arrow = makeMarker(state.header, "view", 0, Marker::ARROW);
       arrow.pose = standing;
@@ -216,6 +184,8 @@ MarkerArray toMarkers(const MissionState& state, const description::BrickCatalog
   if (!why.empty()) text.text += "\n" + wrapped(why, kTextWidth);
   text.color = color({255, 255, 255}, 1.0F);
   array.markers.push_back(text);
+  // Shown where it is, whatever tf's age: the frame is the map's.
+  for (Marker& marker : array.markers) marker.header.stamp = ros::Time();
   return array;
 }
 

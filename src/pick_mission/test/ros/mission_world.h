@@ -84,9 +84,18 @@ enum class Mode {
   kDeaf,  // not even then
 };
 
-/// An action server that can be taken away.
+/// An action server that can be taken away. In the thread of its queue.
+class AnyServer {
+ public:
+  virtual ~AnyServer() = default;
+  virtual void start() = 0;
+  virtual void stop() = 0;
+  /// What hangs ends, as if it had never been cancelled.
+  virtual void finish() = 0;
+};
+
 template <typename Action>
-class FakeServer {
+class FakeServer : public AnyServer {
  public:
   using Server = actionlib::ActionServer<Action>;
   using GoalHandle = typename Server::GoalHandle;
@@ -102,19 +111,17 @@ class FakeServer {
   FakeServer(const ros::NodeHandle& nh, std::string name, Begin begin, Finish finish)
       : nh_(nh), name_(std::move(name)), begin_(std::move(begin)), finish_(std::move(finish)) {}
 
-  // In the thread of the handle's queue.
-  void start() {
+  void start() override {
     if (server_) return;
     server_ = std::make_unique<Server>(
         nh_, name_, [this](GoalHandle goal) { onGoal(goal); }, [this](GoalHandle goal) { onCancel(goal); }, false);
     server_->start();
   }
-  void stop() {
+  void stop() override {
     current_.reset();
     server_.reset();
   }
-  /// What hangs ends, as if it had never been cancelled.
-  void finish() {
+  void finish() override {
     if (current_) end(false);
   }
 
@@ -219,12 +226,7 @@ class MissionWorld {
   void start(const std::string& name) { change(name, true); }
   void stop(const std::string& name) { change(name, false); }
   void finish(const std::string& name) {
-    run([this, &name] {
-      if (name == "plan_arm") plan_arm_->finish();
-      if (name == "move") move_->finish();
-      if (name == "pick") pick_->finish();
-      if (name == "drive") drive_->finish();
-    });
+    run([this, &name] { actions_.at(name)->finish(); });
   }
   /// Services that hang answer.
   void release() {
@@ -282,14 +284,13 @@ class MissionWorld {
   static Eigen::Vector3d topOf(int id, double x_m) { return {x_m, 0.04 * (id - 1.5), 0.3 - 0.01 * id}; }
 
   template <typename Action>
-  std::unique_ptr<FakeServer<Action>> make(
-      const std::string& key, const std::string& name,
-      std::function<std::string(const typename FakeServer<Action>::Goal&)> describe,
-      std::function<void(const typename FakeServer<Action>::Goal&, bool is_cancelled,
-                         typename FakeServer<Action>::Result*, bool* is_success)>
-          act) {
+  void make(const std::string& key, const std::string& name,
+            std::function<std::string(const typename FakeServer<Action>::Goal&)> describe,
+            std::function<void(const typename FakeServer<Action>::Goal&, bool is_cancelled,
+                               typename FakeServer<Action>::Result*, bool* is_success)>
+                act) {
     using Fake = FakeServer<Action>;
-    return std::make_unique<Fake>(
+    actions_[key] = std::make_unique<Fake>(
         nh_, name,
         [this, key, describe](const typename Fake::Goal& goal) {
           const std::lock_guard<std::mutex> lock(mutex_);
@@ -321,40 +322,40 @@ class MissionWorld {
   }
 
   void makeServers() {
-    plan_arm_ = make<msgs::PlanArmAction>(
+    make<msgs::PlanArmAction>(
         "plan_arm", "/motion_planning/plan_arm",
         [](const auto& goal) { return goal.inspect ? "plan_arm clear" : "plan_arm " + goal.goals.at(0).place_frame; },
         [](const auto&, bool is_cancelled, auto* result, bool*) {
           fill(is_cancelled, msgs::PlanOutcome::CANCELLED, result);
           result->trajectory.joint_names = {"planned"};
         });
-    plan_pick_ = make<msgs::PlanPickAction>(
+    make<msgs::PlanPickAction>(
         "plan_pick", "/motion_planning/plan_pick",
         [](const auto& goal) { return "plan_pick " + std::to_string(goal.brick_id); },
         [](const auto&, bool is_cancelled, auto* result, bool*) {
           fill(is_cancelled, msgs::PlanOutcome::CANCELLED, result);
         });
-    move_ = make<msgs::MoveArmAction>(
+    make<msgs::MoveArmAction>(
         "move", "/ur_driver_bridge/move",
         [](const auto& goal) { return goal.trajectory.joint_names.empty() ? "move nowhere" : "move"; },
         [this](const auto&, bool is_cancelled, auto* result, bool*) { fillArm(is_cancelled, result); });
-    pick_ = make<msgs::PickBrickAction>(
+    make<msgs::PickBrickAction>(
         "pick", "/ur_driver_bridge/pick", [](const auto& goal) { return "pick " + std::to_string(goal.brick_id); },
         [this](const auto& goal, bool is_cancelled, auto* result, bool*) {
           fillArm(is_cancelled, result);
           if (!is_cancelled) pile.erase(std::remove(pile.begin(), pile.end(), goal.brick_id), pile.end());
           magnet_lag_left_ = magnet_lag;
         });
-    let_go_ = make<msgs::LetGoBrickAction>(
+    make<msgs::LetGoBrickAction>(
         "let_go", "/ur_driver_bridge/let_go", [](const auto&) { return "let_go"; },
         [this](const auto&, bool is_cancelled, auto* result, bool*) {
           fillArm(is_cancelled, result);
           hand.reset();
         });
-    recover_ = make<msgs::RecoverArmAction>(
+    make<msgs::RecoverArmAction>(
         "recover", "/ur_driver_bridge/recover", [](const auto&) { return "recover"; },
         [this](const auto&, bool is_cancelled, auto* result, bool*) { fillArm(is_cancelled, result); });
-    select_ = make<msgs::SelectNextBestViewAction>(
+    make<msgs::SelectNextBestViewAction>(
         "select", "/nbv_selection/select", [](const auto&) { return "select"; },
         [this](const auto&, bool is_cancelled, auto* result, bool*) {
           fill(is_cancelled, msgs::SelectionOutcome::CANCELLED, result);
@@ -372,7 +373,7 @@ class MissionWorld {
           result->selection.strategy = "gpis";
           result->selection.outcome = result->outcome;
         });
-    drive_ = make<move_base_msgs::MoveBaseAction>(
+    make<move_base_msgs::MoveBaseAction>(
         "drive", "/move_base", [](const auto&) { return "drive"; },
         [this](const auto& goal, bool is_cancelled, auto*, bool* is_success) {
           if (!is_cancelled) base_x_m = goal.target_pose.pose.position.x;
@@ -390,33 +391,24 @@ class MissionWorld {
 
   void change(const std::string& name, bool is_there) {
     run([&] {
-      const auto set = [is_there](auto& server) { is_there ? server->start() : server->stop(); };
-      if (name == "plan_arm") set(plan_arm_);
-      if (name == "plan_pick") set(plan_pick_);
-      if (name == "move") set(move_);
-      if (name == "pick") set(pick_);
-      if (name == "let_go") set(let_go_);
-      if (name == "recover") set(recover_);
-      if (name == "select") set(select_);
-      if (name == "drive") set(drive_);
-      ros::ServiceServer* server = name == "detect"    ? &detect_
-                                   : name == "report"  ? &report_
-                                   : name == "hold"    ? &hold_
-                                   : name == "release" ? &release_
-                                                       : nullptr;
-      if (server == nullptr) return;
-      if (!is_there) return server->shutdown();
-      if (*server) return;
-      if (name == "detect") {
-        *server = service_nh_.advertiseService("/brick_detection/detect", &MissionWorld::onDetect, this);
-      } else if (name == "report") {
-        *server = service_nh_.advertiseService("/nbv_selection/report_failure", &MissionWorld::onReport, this);
-      } else if (name == "hold") {
-        *server = service_nh_.advertiseService("/ur_driver_bridge/hold", &MissionWorld::onHold, this);
-      } else {
-        *server = service_nh_.advertiseService("/ur_driver_bridge/release", &MissionWorld::onRelease, this);
+      const auto action = actions_.find(name);
+      if (action != actions_.end()) return is_there ? action->second->start() : action->second->stop();
+      ros::ServiceServer& server = services_[name];
+      if (!is_there) {
+        server.shutdown();
+      } else if (!server) {
+        server = advertise(name);
       }
     });
+  }
+
+  ros::ServiceServer advertise(const std::string& name) {
+    if (name == "detect") return service_nh_.advertiseService("/brick_detection/detect", &MissionWorld::onDetect, this);
+    if (name == "hold") return service_nh_.advertiseService("/ur_driver_bridge/hold", &MissionWorld::onHold, this);
+    if (name == "release") {
+      return service_nh_.advertiseService("/ur_driver_bridge/release", &MissionWorld::onRelease, this);
+    }
+    return service_nh_.advertiseService("/nbv_selection/report_failure", &MissionWorld::onReport, this);
   }
 
   /// With the lock held.
@@ -487,14 +479,7 @@ class MissionWorld {
       const std::lock_guard<std::mutex> lock(mutex_);
       gone.swap(gone_);
     }
-    for (const std::string& name : gone) {
-      if (name == "plan_arm") plan_arm_->stop();
-      if (name == "plan_pick") plan_pick_->stop();
-      if (name == "move") move_->stop();
-      if (name == "pick") pick_->stop();
-      if (name == "select") select_->stop();
-      if (name == "drive") drive_->stop();
-    }
+    for (const std::string& name : gone) actions_.at(name)->stop();
     const ros::Time now = ros::Time::now();
     if (now.isZero()) return;
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -550,15 +535,8 @@ class MissionWorld {
   ros::CallbackQueue queue_, service_queue_;
   ros::NodeHandle nh_, service_nh_;
   ros::Publisher tf_, bridge_, attached_, map_, bricks_, outcome_;
-  std::unique_ptr<FakeServer<msgs::PlanArmAction>> plan_arm_;
-  std::unique_ptr<FakeServer<msgs::PlanPickAction>> plan_pick_;
-  std::unique_ptr<FakeServer<msgs::MoveArmAction>> move_;
-  std::unique_ptr<FakeServer<msgs::PickBrickAction>> pick_;
-  std::unique_ptr<FakeServer<msgs::LetGoBrickAction>> let_go_;
-  std::unique_ptr<FakeServer<msgs::RecoverArmAction>> recover_;
-  std::unique_ptr<FakeServer<msgs::SelectNextBestViewAction>> select_;
-  std::unique_ptr<FakeServer<move_base_msgs::MoveBaseAction>> drive_;
-  ros::ServiceServer detect_, report_, hold_, release_;
+  std::map<std::string, std::unique_ptr<AnyServer>> actions_;
+  std::map<std::string, ros::ServiceServer> services_;
   ros::WallTimer timer_;
   ros::AsyncSpinner spinner_, service_spinner_;
 };

@@ -379,13 +379,4 @@ std::vector<PlanningProblem> ProblemMaker::problemsOfPile(std::uint64_t seed, in
   return problems;
 }
 
-std::vector<PlanningProblem> ProblemMaker::firstProblems(int count) const {
-  std::vector<PlanningProblem> problems;
-  for (std::uint64_t seed = 1; static_cast<int>(problems.size()) < count; ++seed) {
-    for (PlanningProblem& problem : problemsOfPile(seed)) problems.push_back(std::move(problem));
-  }
-  problems.resize(static_cast<std::size_t>(count));
-  return problems;
-}
-
 }  // namespace experiments

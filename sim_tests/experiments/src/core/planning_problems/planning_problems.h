@@ -80,9 +80,6 @@ class ProblemMaker {
   /// first. Faces: the one that looks up first, then those towards the robot. A scene that does not settle gives none.
   std::vector<PlanningProblem> problemsOfPile(std::uint64_t seed, int max_stands = 4, int max_targets = 4) const;
 
-  /// The first `count` problems of the piles 1, 2, ...
-  std::vector<PlanningProblem> firstProblems(int count) const;
-
   std::shared_ptr<const mp700_ur5e_description::RobotModel> robot() const { return robot_; }
   /// Where the arm starts, all joints in the order of kArmJoints.
   const motion_planning::ArmVector& stowed() const { return stowed_; }
