@@ -63,9 +63,9 @@ struct UtilityConfig {
   std::array<FactorConfig, kNumFactors> factors{{
       {0.20, {1.0, 417.0, 4.06}},     // manipulability: 0.0045 to 0.0150
       {0.10, {1.0, 44.0, 10.2}},      // pick order: 0.18 m to 0.28 m
-      {0.25, {1.0, 1.56, -3.6}},      // travel: 3.7 m to 0.90 m
-      {0.15, {1.0, 46700.0, 3.11}},   // uncertainty: 2.0e-5 m^2 to 1.1e-4 m^2
-      {0.30, {1.0, 732000.0, 3.25}},  // frontier: 1.4e-6 m^2 to 7.4e-6 m^2
+      {0.40, {1.0, 1.56, -3.6}},      // travel: 3.7 m to 0.90 m
+      {0.10, {1.0, 46700.0, 3.11}},   // uncertainty: 2.0e-5 m^2 to 1.1e-4 m^2
+      {0.20, {1.0, 732000.0, 3.25}},  // frontier: 1.4e-6 m^2 to 7.4e-6 m^2
   }};
   double gamma_per_s{0.99};
   double min_utility{0.05};  // U_min

@@ -706,7 +706,7 @@ TEST_F(TunedSelection, WeightsAndLogisticsChangeTheNextSelection) {
   const SelectNextBestViewResult tuned = main_->select(goalHere(kGpis));
   expectChosenBy(config, tuned);
   EXPECT_NE(tuned.selection.best, untuned) << "or it would show nothing";
-  EXPECT_EQ(node_tests::askForNumbers("/nbv_selection/octomap_gradient_frontier/tune", {}).at("weight_travel"), 0.25);
+  EXPECT_EQ(node_tests::askForNumbers("/nbv_selection/octomap_gradient_frontier/tune", {}).at("weight_travel"), 0.4);
 }
 
 TEST_F(TunedSelection, ASelectionKeepsTheWeightsOfItsStart) {
@@ -715,10 +715,10 @@ TEST_F(TunedSelection, ASelectionKeepsTheWeightsOfItsStart) {
   main_->action.sendGoal(goalHere(kGpis));
   EXPECT_TRUE(waitUntil([&gate] { return gate->hasCome(); }));
   ViewSelectorConfig config;
-  config.utility.of(nbv_selection::Factor::kTravel).weight = 0.4;
-  config.utility.of(nbv_selection::Factor::kFrontier).weight = 0.15;
-  const auto in_use = node_tests::askForNumbers(kTune, {{"weight_travel", 0.4}, {"weight_frontier", 0.15}});
-  EXPECT_EQ(in_use.at("weight_travel"), 0.4);
+  config.utility.of(nbv_selection::Factor::kTravel).weight = 0.5;
+  config.utility.of(nbv_selection::Factor::kFrontier).weight = 0.1;
+  const auto in_use = node_tests::askForNumbers(kTune, {{"weight_travel", 0.5}, {"weight_frontier", 0.1}});
+  EXPECT_EQ(in_use.at("weight_travel"), 0.5);
   gate->open();
   expectChosenBy(ViewSelectorConfig(), main_->await());
   world_->setHook(nullptr);
@@ -736,7 +736,7 @@ TEST_F(TunedSelection, WeightsWithAnotherSumAreRefusedAsAWhole) {
   const auto before = node_tests::askForNumbers(kTune, {});
   // Until the node knows that somebody listens.
   EXPECT_TRUE(waitUntil([&] {
-    EXPECT_EQ(node_tests::askForNumbers(kTune, {{"weight_travel", 0.75}, {"logistic_travel_a", 2.0}}), before);
+    EXPECT_EQ(node_tests::askForNumbers(kTune, {{"weight_travel", 0.9}, {"logistic_travel_a", 2.0}}), before);
     return !errors.empty();
   }));
   EXPECT_THAT(errors, testing::Each(AllOf(HasSubstr("/nbv_selection/gpis/tune: tuning refused"),
@@ -1108,7 +1108,7 @@ TEST_F(NbvSelectionProcess, ImpossibleParametersEndItWithOneMessage) {
                     HasSubstr("nbv_selection/Gpis"), HasSubstr("nbv_selection/Octomap")));
   EXPECT_THAT(
       refusal("bad_weights", {{"gpis/weights/travel", 0.5}, {"gpis/gamma_per_s", 2.0}}),
-      AllOf(HasSubstr("/bad_weights/gpis/weights: their sum = 1.25"), HasSubstr("/bad_weights/gpis/gamma_per_s")));
+      AllOf(HasSubstr("/bad_weights/gpis/weights: their sum = 1.1"), HasSubstr("/bad_weights/gpis/gamma_per_s")));
   EXPECT_THAT(refusal("no_file", {{"sectors_file", "/no/such/file.yaml"}}),
               HasSubstr("sectors_file = '/no/such/file.yaml'"));
   EXPECT_THAT(refusal("wrong_file", {{"base_profile_file", SECTORS}}), HasSubstr("base_profile_file = '"));

@@ -196,12 +196,12 @@ TEST(StrategyParams, OneMessageNamesEveryProblemWithValueAndRange) {
 
 TEST(StrategyParams, WeightsThatDoNotSumToOneAreRefusedWithTheirSum) {
   ros::NodeHandle nh("~heavy");
-  nh.setParam("weights/travel", 0.5);  // 0.25 too much
+  nh.setParam("weights/travel", 0.5);  // 0.1 too much
   EXPECT_THAT(messageOf([&] { loadParams<GpisStrategyParams>(nh); }),
-              HasSubstr("/heavy/weights: their sum = 1.250000, must be 1"));
+              HasSubstr("/heavy/weights: their sum = 1.100000, must be 1"));
   EXPECT_THAT(messageOf([&] { loadParams<OctomapStrategyParams>(nh); }),
-              HasSubstr("/heavy/weights: their sum = 1.250000, must be 1"));
-  nh.setParam("weights/frontier", 0.05);  // 0.25 less
+              HasSubstr("/heavy/weights: their sum = 1.100000, must be 1"));
+  nh.setParam("weights/frontier", 0.1);  // 0.1 less
   EXPECT_EQ(messageOf([&] { loadParams<GpisStrategyParams>(nh); }), "");
 }
 
