@@ -59,6 +59,9 @@ motion_planning::CollisionCheckerConfig MotionPlanningParams::watchedRobot() con
   motion_planning::CollisionCheckerConfig watched = planner.collision;
   watched.self_padding_m = monitor.self_padding_m;
   watched.held_padding_m = monitor.self_padding_m;
+  // Localisation moves the arm in the map by a centimetre and, at its reach, 0.3 degrees by half of one. A plan keeps no
+  // distance from unseen blocks: without this the arm would stop beside them, plan the same path again, and stop again.
+  watched.unknown_tolerance_m = 0.015;
   return watched;
 }
 

@@ -358,6 +358,18 @@ TEST(CollisionChecker, UnknownSpaceNearThePileIsInTheWayUntilTheArmWasThere) {
   // What the arm did not fill stays unknown.
   EXPECT_EQ(checker.check(jointsAt(toolDown({0.93, 0.15, 0.15}))).kind, CollisionKind::kUnknown);
 
+  // A watched path may come nearer to it by the tolerance, and no more.
+  CollisionCheckerConfig watched;
+  watched.unknown_tolerance_m = 0.015;
+  const CollisionChecker watching(arm(), sceneOf(world, T_map_base), T_map_base, watched);
+  double first_m = 1.0, watched_first_m = 1.0;
+  for (double x_m = 0.70; x_m < 0.93; x_m += 0.001) {
+    const ArmVector joints = jointsAt(toolDown({x_m, 0.0, 0.25}));
+    if (untouched.check(joints).kind == CollisionKind::kUnknown) first_m = std::min(first_m, x_m);
+    if (watching.check(joints).kind == CollisionKind::kUnknown) watched_first_m = std::min(watched_first_m, x_m);
+  }
+  EXPECT_NEAR(watched_first_m - first_m, 0.015, 0.005);  // blocks count as balls, and the tool is round
+
   // Wherever the arm is, it may be.
   std::mt19937 engine(5);
   int num_unknown = 0;

@@ -312,7 +312,8 @@ struct CollisionChecker::State {
       if ((scene->flags[index] & kBlockInside) != 0) {
         if (distance_m > 0.0) return false;
         kind = CollisionKind::kInside;
-      } else if (!is_freed.empty() && is_freed[index] != 0) {
+      } else if ((!is_freed.empty() && is_freed[index] != 0) ||
+                 distance_m >= 0.5 * scene->lattice.block() - config.unknown_tolerance_m) {
         return false;
       } else {
         kind = CollisionKind::kUnknown;
