@@ -96,9 +96,9 @@ struct GpisConfig {
 
   struct Surface {  // eqs 3 and 4
     double spacing_m{0.02};
-    double length_scale_m{0.03};
+    double length_scale_m{0.05};
     double signal_std_m{0.0};
-    double blend_radius_m{0.04};
+    double blend_radius_m{0.045};
     double min_noise_std_m{0.001};
 
     static void fields(Surface& c, Fields& f) {
@@ -180,7 +180,7 @@ struct GpisConfig {
 
   struct Mesh {
     int voxels_per_cell{7};
-    double support_spacings{1.4};
+    double support_spacings{1.25};
 
     static void fields(Mesh& c, Fields& f) {
       f("voxels_per_cell", c.voxels_per_cell, 2, 32, "",

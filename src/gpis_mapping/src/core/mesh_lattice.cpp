@@ -14,7 +14,7 @@ constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // Beyond its last points a surface is a guess: planes go on where the object ends. There the points lie all to one side.
 constexpr double kTrimReach = 2.0;        // [spacings] points that count
-constexpr double kTrimOffset = 1.0;       // [spacings] of their mean, along the surface
+constexpr double kTrimOffset = 0.8;       // [spacings] of their mean, along the surface
 constexpr float kLeastMeanNormal = 0.3f;  // shorter, and the faces look in opposite ways
 
 bool isSame(float a, float b) {

@@ -197,7 +197,7 @@ Errors errorsOfRod(double diameter_m) {
 }
 
 TEST(Shapes, RodsOfASpacingAndMoreAreMapped) {
-  // The prior mean of 4 cm takes in both sides of a rod and pulls its surface inwards: by 2.5 mm at 2 and 3 cm.
+  // The prior mean of 4.5 cm takes in both sides of a rod and pulls its surface inwards: by 2.5 mm at 2 and 3 cm.
   for (const double diameter : {0.02, 0.03, 0.05}) {
     SCOPED_TRACE(diameter);
     const Errors errors = errorsOfRod(diameter);
