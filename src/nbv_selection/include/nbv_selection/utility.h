@@ -68,7 +68,7 @@ struct UtilityConfig {
       {0.20, {1.0, 732000.0, 3.25}},  // frontier: 1.4e-6 m^2 to 7.4e-6 m^2
   }};
   double gamma_per_s{0.99};
-  double min_utility{0.05};  // U_min
+  double min_utility{0.02};  // U_min
   bool use_failures{true};   // false: p = 0
 
   const FactorConfig& of(Factor factor) const { return factors[static_cast<std::size_t>(factor)]; }
