@@ -97,8 +97,8 @@ void expectAccurate(const Scene& scene, const MapSnapshot& snapshot, int first, 
   const SurfaceSamples samples = visibleSurfaceSamples(scene, first, last, 0.02);
   const Eigen::VectorXd to_mesh = distancesToMesh(samples.points_map, mesh, 0.06);
   const Errors holes(to_mesh);
-  // Samples that only one look grazes, or in gaps of a brick's width between bricks, stay unmapped.
-  EXPECT_LT(holes.shareAbove(0.02), 0.06);
+  // Samples that only one look grazes, beside edges, or in gaps of a brick's width between bricks, stay unmapped.
+  EXPECT_LT(holes.shareAbove(0.02), 0.07);
   // Signed distance within reach of f, from 1 cm inside to 3 cm outside, where the surface is mapped.
   SeededRandom random(41);
   std::vector<Eigen::Vector3d> near_surface;

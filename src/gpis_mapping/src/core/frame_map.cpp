@@ -275,10 +275,11 @@ Eigen::Vector3f FrameMap::trendNormal(double u, double v) const {
 
 bool fitLocalPlane(const ClassifiedFrame& frame, const CameraModel& camera, const DepthNoiseModel& noise, int u, int v,
                    double radius_m, LocalPlane* plane) {
-  constexpr int kSeedRadius = 2;     // the seed: 5 x 5 pixels
-  constexpr int kPatchSteps = 3;     // the patch: 7 x 7 samples
-  constexpr double kSeedRms = 1.4;   // [sigma] noise exceeds it once in 1000 seeds, a step of 5 sigma nearly always
-  constexpr double kInlier = 2.0;    // [sigma]
+  constexpr int kSeedRadius = 2;  // the seed: 5 x 5 pixels
+  constexpr int kPatchSteps = 3;  // the patch: 7 x 7 samples
+  constexpr double kSeedRms =
+      1.7;                         // [sigma] less loses more pixels beside edges, more puts planes between two surfaces
+  constexpr double kInlier = 2.0;  // [sigma]
   constexpr double kPatchRms = 1.1;  // [sigma] noise within the gate leaves 0.88 over, a plane between surfaces more
   constexpr double kMinShare = 0.4;  // a pixel right beside a straight edge sees its surface in half the patch
   const std::size_t center = frame.index(u, v);
