@@ -466,7 +466,10 @@ TEST(ViewSelectorFailures, MoveTheChoiceAwayForTheTimeThatGammaImplies) {
 
 TEST(ViewSelectorFailures, SurviveThatTheOutlineIsCutAnew) {
   HeapSetup setup;
-  const Selection before = select(setup.scene, setup.request);
+  ViewSelectorConfig config;  // the best place is where it was, although the pile has changed
+  config.utility.of(Factor::kTravel).weight = 0.25;
+  config.utility.of(Factor::kFrontier).weight = 0.35;
+  const Selection before = select(setup.scene, setup.request, config);
   ASSERT_TRUE(before.best);
   const Eigen::Vector2d failed_map = bestOf(before).segment.standing_map.position();
   FailureMemory failures(0.1);
@@ -483,14 +486,14 @@ TEST(ViewSelectorFailures, SurviveThatTheOutlineIsCutAnew) {
   pile.add({at.x(), at.y() + std::copysign(0.2, at.y())}, kBrick);
   const BoxScene changed(pile, eyesAround(8));
   SelectionRequest request = requestOn(gridAround(pile), setup.request.T_map_base);
-  const Selection now = select(changed, request);
+  const Selection now = select(changed, request, config);
   ASSERT_TRUE(now.best);
   for (const ScoredSegment& scored : before.segments) {
     EXPECT_GT((scored.segment.standing_map.position() - bestOf(now).segment.standing_map.position()).norm(), 1e-3)
         << "the outline must be cut anew";
   }
   ASSERT_LT((bestOf(now).segment.standing_map.position() - failed_map).norm(), 0.2);  // but there is the best still
-  expectFailureMovesTheChoiceAndFades(changed, request, failures, 100.0, bestOf(now), {});
+  expectFailureMovesTheChoiceAndFades(changed, request, failures, 100.0, bestOf(now), config);
 }
 
 TEST(ViewSelectorFailures, DoNotMatterWithoutTheirPenalty) {

@@ -207,15 +207,15 @@ TEST(StrategyParams, WeightsThatDoNotSumToOneAreRefusedWithTheirSum) {
 
 TEST(StrategyParams, AFactorIsRemovedAndTheOthersShareItsWeight) {
   ros::NodeHandle nh("~ablation");
-  nh.setParam("removed_factor", "travel");  // 0.25: the others grow by 1 / 0.75
+  nh.setParam("removed_factor", "travel");  // 0.4: the others grow by 1 / 0.6
   nh.setParam("manipulability/approach", "from_arm_base");
   const GpisStrategyParams params = loadParams<GpisStrategyParams>(nh);
   using nbv_selection::Factor;
-  EXPECT_EQ(params.selector.utility.of(Factor::kTravel).weight, 0.25) << "as read, for who prints it";
+  EXPECT_EQ(params.selector.utility.of(Factor::kTravel).weight, 0.4) << "as read, for who prints it";
   const nbv_selection::ViewSelectorConfig effective = params.effective();
   EXPECT_EQ(effective.utility.of(Factor::kTravel).weight, 0.0);
-  EXPECT_NEAR(effective.utility.of(Factor::kFrontier).weight, 0.3 / 0.75, 1e-12);
-  EXPECT_NEAR(effective.utility.of(Factor::kPickOrder).weight, 0.1 / 0.75, 1e-12);
+  EXPECT_NEAR(effective.utility.of(Factor::kFrontier).weight, 0.2 / 0.6, 1e-12);
+  EXPECT_NEAR(effective.utility.of(Factor::kPickOrder).weight, 0.1 / 0.6, 1e-12);
   EXPECT_EQ(effective.manipulability.weight, nbv_selection::ApproachWeight::kFromArmBase);
   EXPECT_TRUE(effective.utility.use_failures);
   nh.setParam("removed_factor", "failure_penalty");
