@@ -65,7 +65,7 @@ struct CollisionCheckerConfig {
   /// With the shrinking at least half a block of the scene, or a brick's unseen back would hold it in its place; and as
   /// far as the doubtful surface reaches that the map grows before edges and half-seen faces, up to 3 cm.
   double target_padding_m{0.035};
-  double unknown_tolerance_m{0.0};  // so far a part may be in an unseen block: for a path that was planned without
+  double unknown_tolerance_m{0.0};  // a part may reach so far into an unseen block: for watching
 
   static void fields(CollisionCheckerConfig& c, interactive_mapping::Fields& f) {
     f("self_padding_m", c.self_padding_m, 0.0, kMaxSelfPadding_m, "m", "distance that links keep from each other");
