@@ -68,8 +68,6 @@ class ClockGate {
   /// Gives up on everything that is due now, so that the clock runs on; says what it was.
   std::vector<std::string> giveUp();
 
-  const std::vector<WaitRule>& waitRules() const { return wait_rules_; }
-
  private:
   struct Due {
     std::size_t rule;

@@ -32,7 +32,6 @@ class JointSpline {
   /// Before the start and after the end: at rest at that end.
   JointMotion sample(double time_s) const;
 
-  double startTime() const { return start_s_; }
   double endTime() const { return end_s_; }
 
  private:

@@ -99,7 +99,6 @@ class UrController {
   void safetyFault(SafetyMode mode);
   /// How far the robot slows itself down, [0, 1].
   void setInternalSpeedFactor(double factor);
-  void setDigitalInput(std::size_t pin, bool state);
   /// false: every command is refused and the program ends. After true it has to be started again.
   void setDriverConnected(bool connected);
   /// true: setIo() is refused.

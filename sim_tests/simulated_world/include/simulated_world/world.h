@@ -97,7 +97,6 @@ struct BrickMotion {
   int id{0};
   Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
   Eigen::Vector3d velocity_m_s{Eigen::Vector3d::Zero()};
-  Eigen::Vector3d angular_velocity_rad_s{Eigen::Vector3d::Zero()};  ///< in the brick's frame
 };
 
 /// Why a magnet let go.

@@ -285,10 +285,6 @@ void UrController::setInternalSpeedFactor(double factor) {
   internal_speed_factor_ = factor;
 }
 
-void UrController::setDigitalInput(std::size_t pin, bool state) {
-  io_.digital_in.at(pin) = state;
-}
-
 void UrController::setDriverConnected(bool connected) {
   if (connected_ && !connected) {
     endProgram(ProgramState::kStopped, kDriverGone);

@@ -738,8 +738,7 @@ std::vector<BrickMotion> World::bricks() const {
   for (const BrickSlot& slot : slots_) {
     if (slot.is_present) {
       result.push_back({slot.brick.placement.id, bodyPose(*data_, slot.body),
-                        Eigen::Map<const Eigen::Vector3d>(data_->qvel + slot.dof),
-                        Eigen::Map<const Eigen::Vector3d>(data_->qvel + slot.dof + 3)});
+                        Eigen::Map<const Eigen::Vector3d>(data_->qvel + slot.dof)});
     }
   }
   return result;

@@ -40,9 +40,6 @@ struct Logistic {
   double b{0.0};
 
   double operator()(double x) const;
-  /// The one with l = 1 whose value is 0.1 at `low` and 0.9 at `high`. Throws std::invalid_argument unless low < high,
-  /// both finite.
-  static Logistic spanning(double low, double high);
 
   static void fields(Logistic& c, interactive_mapping::Fields& f) {
     f.live()("l", c.l, 1e-6, 10.0, "", "largest value of l / (1 + exp(-a x + b)), x in the unit of the factor");

@@ -2,7 +2,6 @@
 #include "nbv_selection/utility.h"
 
 #include <cmath>
-#include <sstream>
 #include <stdexcept>
 
 namespace nbv_selection {
@@ -43,25 +42,6 @@ double Logistic::operator()(double x) const {
   if (exponent <= 0.0) return l / (1.0 + std::exp(exponent));
   const double decay = std::exp(-exponent);
   return l * decay / (1.0 + decay);
-}
-
-Logistic Logistic::spanning(double low, double high) {
-  if (!std::isfinite(low) || !std::isfinite(high) || !(low < high)) {
-    std::ostringstream text;
-    text << "low = " << low << ", high = " << high << ", must be finite and low < high";
-    throw std::invalid_argument(text.str());
-  }
-  // L(low) = 0.1 and L(high) = 0.9: -a low + b = ln 9 and -a high + b = -ln 9. Halves first: the sum of two large
-  // numbers may overflow, their halves' does not.
-  const double half_width = 0.5 * high - 0.5 * low;
-  const double middle = 0.5 * high + 0.5 * low;
-  const Logistic result{1.0, std::log(9.0) / half_width, std::log(9.0) / half_width * middle};
-  if (!std::isfinite(result.a) || !std::isfinite(result.b)) {
-    std::ostringstream text;
-    text << "low = " << low << ", high = " << high << ", must be farther apart";
-    throw std::invalid_argument(text.str());
-  }
-  return result;
 }
 
 UtilityConfig UtilityConfig::without(const std::string& name) const {

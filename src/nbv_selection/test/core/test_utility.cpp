@@ -90,38 +90,6 @@ TEST(Logistic, WithoutSlopeIsAConstantAlsoAtInfinity) {
   for (const double x : {0.0, 5.0, kInfinity, -kInfinity}) EXPECT_NEAR(logistic(x), 0.25, 1e-15) << x;
 }
 
-TEST(Logistic, SpanningGoesFromATenthToNineTenths) {
-  std::mt19937 rng(2);
-  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  for (const double scale : {1e-6, 1.0, 1e6}) {
-    for (int i = 0; i < 200; ++i) {
-      const double low = scale * uniform(rng), high = low + scale * (1.01 + uniform(rng));
-      const Logistic logistic = Logistic::spanning(low, high);
-      EXPECT_EQ(logistic.l, 1.0);
-      // The range may be a 200th of its distance from 0: a (x - middle) loses that factor and a few roundings.
-      EXPECT_NEAR(logistic(low), 0.1, 1e-12);
-      EXPECT_NEAR(logistic(high), 0.9, 1e-12);
-      EXPECT_NEAR(logistic(0.5 * (low + high)), 0.5, 1e-12);
-    }
-  }
-  EXPECT_NEAR(Logistic::spanning(-kHuge, kHuge)(-kHuge), 0.1, 1e-12);
-}
-
-TEST(Logistic, SpanningRefusesARangeThatIsNone) {
-  EXPECT_THROW(Logistic::spanning(1.0, 1.0), std::invalid_argument);
-  EXPECT_THROW(Logistic::spanning(2.0, 1.0), std::invalid_argument);
-  EXPECT_THROW(Logistic::spanning(kNaN, 1.0), std::invalid_argument);
-  EXPECT_THROW(Logistic::spanning(0.0, kNaN), std::invalid_argument);
-  EXPECT_THROW(Logistic::spanning(-kInfinity, 1.0), std::invalid_argument);
-  EXPECT_THROW(Logistic::spanning(0.0, kInfinity), std::invalid_argument);
-  EXPECT_THROW(Logistic::spanning(0.0, std::numeric_limits<double>::denorm_min()), std::invalid_argument);
-  try {
-    Logistic::spanning(2.0, 1.0);
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("low = 2, high = 1, must be finite and low < high"));
-  }
-}
-
 TEST(Utility, MatchesTheSumsDoneByHand) {
   const Utility utility = computeUtility(handAttributes(), 2.0, handConfig());
   EXPECT_THAT(utility.factor_values,

@@ -44,6 +44,12 @@ std::string messageOf(const Function& function) {
   return "nothing was thrown";
 }
 
+/// 0.1 at `low`, 0.9 at `high`.
+Logistic spanning(double low, double high) {
+  const double steepness = 2.0 * std::log(9.0) / (high - low);
+  return {1.0, steepness, 0.5 * (low + high) * steepness};
+}
+
 Selection select(const SceneModel& scene, const SelectionRequest& request, const ViewSelectorConfig& config = {},
                  const FailureMemory& failures = kNoFailures) {
   return ViewSelector(config, pickingRobot()).select(scene, failures, request);
@@ -552,7 +558,7 @@ TEST(ViewSelectorFactors, EachAloneChoosesItsLargestAttribute) {
     ViewSelectorConfig config;
     for (FactorConfig& other : config.utility.factors) other.weight = 0.0;
     config.utility.of(factor).weight = 1.0;
-    config.utility.of(factor).logistic = Logistic::spanning(low, high);  // rises all the way between them
+    config.utility.of(factor).logistic = spanning(low, high);  // rises all the way between them
     const Selection selection = select(setup.scene, setup.request, config);
     ASSERT_TRUE(selection.best);
     EXPECT_EQ(bestOf(selection).attributes.of(factor), high);
@@ -687,8 +693,8 @@ TEST(ViewSelectorGround, TiltedByATenthOfARadianSegmentsLieOnItAndTheChoiceStays
   // The tower is high, and near: what no lattice has a say in decides, and by much.
   ViewSelectorConfig config;
   for (FactorConfig& factor : config.utility.factors) factor.weight = 0.0;
-  config.utility.of(Factor::kPickOrder) = {0.7, Logistic::spanning(0.2, 0.5)};
-  config.utility.of(Factor::kTravel) = {0.3, Logistic::spanning(-4.0, -1.0)};
+  config.utility.of(Factor::kPickOrder) = {0.7, spanning(0.2, 0.5)};
+  config.utility.of(Factor::kTravel) = {0.3, spanning(-4.0, -1.0)};
   const Selection level = select(BoxScene(rowWithTower(), eyesAround(8)), request, config);
   ASSERT_TRUE(level.best);
   const auto place = [](const ScoredSegment& scored) { return scored.segment.midpoint_map.head<2>().eval(); };
