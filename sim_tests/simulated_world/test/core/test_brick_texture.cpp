@@ -9,7 +9,8 @@
 #include <optional>
 #include <stdexcept>
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include <opencv2/aruco.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -26,6 +27,10 @@ extern "C" {
 
 namespace simulated_world {
 namespace {
+
+using test_support::messageOf;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
 
 const synthetic_depth::CameraModel kCamera{640, 480, 525.0, 525.0, 319.5, 239.5};
 const synthetic_depth::CameraModel kSharpCamera{1280, 960, 1050.0, 1050.0, 639.5, 479.5};
@@ -242,13 +247,8 @@ TEST(BrickTexture, RefusesWhatDoesNotFit) {
   appearance.tag_edge_m = 0.14;  // 0.175 m with its margin, on a plate of 0.17 m
   appearance.plate_edge_m = 0.17;
   appearance.colour_rgb.x() = 1.5;
-  try {
-    drawBrickFaces(appearance, kBrickFace_px, 1);
-    FAIL() << "accepted";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find("tag_edge_m = 0.14"), std::string::npos) << error.what();
-    EXPECT_NE(std::string(error.what()).find("colour_rgb[0] = 1.5"), std::string::npos) << error.what();
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { drawBrickFaces(appearance, kBrickFace_px, 1); }),
+              AllOf(HasSubstr("tag_edge_m = 0.14"), HasSubstr("colour_rgb[0] = 1.5")));
   appearance = {};
   appearance.plate_edge_m = 0.25;
   EXPECT_THROW(drawBrickFaces(appearance, kBrickFace_px, 1), std::invalid_argument);

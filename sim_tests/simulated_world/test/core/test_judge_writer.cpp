@@ -8,13 +8,18 @@
 #include <string>
 #include <vector>
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include <nlohmann/json.hpp>
 
 #include "observation_builder.h"
 
 namespace simulated_world {
 namespace {
+
+using test_support::messageOf;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
 
 class JudgeWriterTest : public testing::Test {
  protected:
@@ -106,13 +111,8 @@ TEST_F(JudgeWriterTest, AFullDiskIsReported) {
   JudgeWriter writer(folder);
   hold(2.0);
   std::filesystem::create_symlink("/dev/full", folder + "/judge.json.part");
-  try {
-    writer.finish(judge);
-    FAIL() << "nothing was reported";
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("judge.json.part"), std::string::npos) << error.what();
-    EXPECT_NE(std::string(error.what()).find("No space left"), std::string::npos) << error.what();
-  }
+  EXPECT_THAT(messageOf<std::runtime_error>([&] { writer.finish(judge); }),
+              AllOf(HasSubstr("judge.json.part"), HasSubstr("No space left")));
   EXPECT_FALSE(std::filesystem::exists(folder + "/judge.json"));
 }
 

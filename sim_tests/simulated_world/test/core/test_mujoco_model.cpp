@@ -3,10 +3,14 @@
 
 #include <stdexcept>
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace simulated_world {
 namespace {
+
+using test_support::messageOf;
+using ::testing::HasSubstr;
 
 constexpr const char* kTwoBodies = R"(
 <mujoco>
@@ -37,23 +41,16 @@ TEST(MujocoModel, QuaternionsGoThereAndBack) {
 }
 
 TEST(MujocoModel, RefusesWhatIsNoModel) {
-  try {
-    compileModel("<mujoco><worldbody><geom size='-1'/></worldbody></mujoco>");
-    FAIL() << "a sphere of negative radius was accepted";
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("size"), std::string::npos) << error.what();
-  }
+  EXPECT_THAT(
+      messageOf<std::runtime_error>([&] { compileModel("<mujoco><worldbody><geom size='-1'/></worldbody></mujoco>"); }),
+      HasSubstr("size"));
   EXPECT_THROW(compileModel(""), std::runtime_error);
 }
 
 TEST(MujocoModel, NamesTheMissingObject) {
   const ModelPtr model = compileModel(kTwoBodies);
-  try {
-    requireId(*model, mjOBJ_BODY, "brick_7");
-    FAIL() << "found a body that is not there";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find("body \"brick_7\""), std::string::npos) << error.what();
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { requireId(*model, mjOBJ_BODY, "brick_7"); }),
+              HasSubstr("body \"brick_7\""));
 }
 
 }  // namespace

@@ -6,7 +6,8 @@
 #include <map>
 #include <stdexcept>
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 #include "mjcf_of_scene.h"
 #include "simulated_world/mujoco_model.h"
@@ -16,6 +17,10 @@
 
 namespace simulated_world {
 namespace {
+
+using test_support::messageOf;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
 
 const synthetic_depth::CameraModel kCamera{160, 120, 150.0, 150.0, 79.5, 59.5};
 const Eigen::Isometry3d kDown = synthetic_depth::lookAt({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
@@ -112,13 +117,8 @@ TEST(OffscreenRenderer, RefusesWhatItCannotDraw) {
   RendererConfig bad_config;
   bad_config.max_width_px = 0;
   bad_config.samples = -1;
-  try {
-    OffscreenRenderer renderer(*model, bad_config);
-    FAIL() << "accepted";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find("max_width_px = 0 px"), std::string::npos) << error.what();
-    EXPECT_NE(std::string(error.what()).find("samples = -1"), std::string::npos) << error.what();
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { OffscreenRenderer renderer(*model, bad_config); }),
+              AllOf(HasSubstr("max_width_px = 0 px"), HasSubstr("samples = -1")));
   OffscreenRenderer renderer(*model);
   cv::Mat depth_m;
   synthetic_depth::CameraModel camera = kCamera;

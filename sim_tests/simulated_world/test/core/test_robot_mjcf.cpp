@@ -8,7 +8,8 @@
 #include <sstream>
 #include <stdexcept>
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include <kdl/tree.hpp>
 #include <kdl/treefksolverpos_recursive.hpp>
 #include <kdl_parser/kdl_parser.hpp>
@@ -21,6 +22,10 @@
 
 namespace simulated_world {
 namespace {
+
+using test_support::messageOf;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
 
 const std::string kDescription = MP700_UR5E_DESCRIPTION_DIR;
 const std::string kUrdfFile = kDescription + "/urdf/mp700_ur5e.urdf";
@@ -277,15 +282,10 @@ TEST_F(RobotMjcf, RefusesImpossibleOptionsAllAtOnce) {
   options.arm.damping = -1.0;
   options.camera_fovy_rad = 4.0;
   options.links_without_contact.push_back("fifth_wheel");
-  try {
-    robotMjcf(*urdf_, options);
-    FAIL() << "accepted";
-  } catch (const std::invalid_argument& error) {
-    const std::string message = error.what();
-    EXPECT_NE(message.find("arm.damping = -1, must be finite and at least 0"), std::string::npos) << message;
-    EXPECT_NE(message.find("camera_fovy_rad = 4, must be in (0, pi) rad"), std::string::npos) << message;
-    EXPECT_NE(message.find("link fifth_wheel is missing"), std::string::npos) << message;
-  }
+  EXPECT_THAT(
+      messageOf<std::invalid_argument>([&] { robotMjcf(*urdf_, options); }),
+      AllOf(HasSubstr("arm.damping = -1, must be finite and at least 0"),
+            HasSubstr("camera_fovy_rad = 4, must be in (0, pi) rad"), HasSubstr("link fifth_wheel is missing")));
 }
 
 TEST(RobotMjcfOfUrdf, RefusesMeshesAndOddJoints) {
@@ -313,12 +313,8 @@ TEST(RobotMjcfOfUrdf, RefusesMeshesAndOddJoints) {
 }
 
 TEST(RobotMjcfOfUrdf, NamesTheFileThatIsNotThere) {
-  try {
-    robotMjcfFromFile("/nowhere/robot.urdf");
-    FAIL() << "accepted";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find("/nowhere/robot.urdf"), std::string::npos);
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { robotMjcfFromFile("/nowhere/robot.urdf"); }),
+              HasSubstr("/nowhere/robot.urdf"));
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 #include "base_navigation/grid_fusion.h"
 #include "support/plant.h"
@@ -20,6 +21,8 @@
 namespace base_navigation {
 namespace {
 
+using test_support::messageOf;
+using ::testing::AllOf;
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
 
@@ -1092,14 +1095,12 @@ TEST(BaseNavigator, RefusesWhatIsNoGoalAndNoConfiguration) {
   BaseNavigatorConfig config;
   config.max_plans = 0;
   config.stuck_s = 0.1;
-  try {
-    BaseNavigator(config, BasePlannerConfig{}, PathFollowerConfig{}, ObstacleGuardConfig{}, shippedLimits(),
-                  shippedFootprint());
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("max_plans = 0, must be in [1, 1000]"));
-    EXPECT_THAT(error.what(), HasSubstr("stuck_s = 0.1 s, must be in [1, 60] s"));
-  }
+  EXPECT_THAT(
+      messageOf<std::invalid_argument>([&] {
+        BaseNavigator(config, BasePlannerConfig{}, PathFollowerConfig{}, ObstacleGuardConfig{}, shippedLimits(),
+                      shippedFootprint());
+      }),
+      AllOf(HasSubstr("max_plans = 0, must be in [1, 1000]"), HasSubstr("stuck_s = 0.1 s, must be in [1, 60] s")));
 }
 
 }  // namespace

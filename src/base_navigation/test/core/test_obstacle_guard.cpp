@@ -9,12 +9,15 @@
 #include <string>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 #include "support/plant.h"
 
 namespace base_navigation {
 namespace {
 
+using test_support::messageOf;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
@@ -486,13 +489,9 @@ TEST(ObstacleGuard, RefusesWhatItCannotJudge) {
   ObstacleGuardConfig config;
   config.margin_m = -1.0;
   config.min_echoes = 0;
-  try {
-    guard(config);
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("margin_m = -1 m, must be in [0.001, 1] m"));
-    EXPECT_THAT(error.what(), HasSubstr("min_echoes = 0, must be in [1, 20]"));
-  }
+  EXPECT_THAT(
+      messageOf<std::invalid_argument>([&] { guard(config); }),
+      AllOf(HasSubstr("margin_m = -1 m, must be in [0.001, 1] m"), HasSubstr("min_echoes = 0, must be in [1, 20]")));
   config = {};
   config.look_ahead_m = 2.0;  // from 0.8 m/s it takes 2.49 m
   config.look_ahead_rad = 0.5;

@@ -9,12 +9,15 @@
 #include <string>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 #include "support/plant.h"
 
 namespace base_navigation {
 namespace {
 
+using test_support::messageOf;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 constexpr double kDt_s = 0.02;  // odometry's 50 Hz
@@ -407,14 +410,11 @@ TEST(PathFollower, RefusesWhatItCannotFollow) {
   config.wait_m = 0.5;
   MotionLimits limits = shippedLimits();
   limits.turn_rad_s = 0.0;
-  try {
-    PathFollower{config, limits};
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("gain_along_1_s = -1 1/s, must be in [0.1, 20] 1/s"));
-    EXPECT_THAT(error.what(), HasSubstr("wait_m = 0.5 m, must be in [0.01, 0.15] m"));
-    EXPECT_THAT(error.what(), HasSubstr("turn_rad_s = 0 rad/s"));
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] {
+                PathFollower{config, limits};
+              }),
+              AllOf(HasSubstr("gain_along_1_s = -1 1/s, must be in [0.1, 20] 1/s"),
+                    HasSubstr("wait_m = 0.5 m, must be in [0.01, 0.15] m"), HasSubstr("turn_rad_s = 0 rad/s")));
 }
 
 }  // namespace

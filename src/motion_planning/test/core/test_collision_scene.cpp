@@ -6,6 +6,7 @@
 #include <set>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 #include "collision/collision_scene_data.h"
 #include "support/box_world.h"
@@ -14,6 +15,8 @@
 namespace motion_planning {
 namespace {
 
+using test_support::messageOf;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
@@ -72,13 +75,9 @@ TEST(CollisionSceneBuilder, RefusesImpossibleValuesAllAtOnce) {
   config.max_margin_m = 0.001;  // below the margin
   config.block_m = std::numeric_limits<double>::quiet_NaN();
   config.region_radius_m = 0.0;
-  try {
-    CollisionSceneBuilder builder(config);
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("sigmas = -1, must be in [0, 10]"));
-    EXPECT_THAT(error.what(), HasSubstr("max_margin_m = 0.001 m, must be in [0.005, 0.2] m"));
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { CollisionSceneBuilder builder(config); }),
+              AllOf(HasSubstr("sigmas = -1, must be in [0, 10]"),
+                    HasSubstr("max_margin_m = 0.001 m, must be in [0.005, 0.2] m")));
 }
 
 TEST(CollisionSceneBuilder, DisplacesEachFaceByNoLessThanItsMargin) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <kdl/chainiksolverpos_lma.hpp>
 #include <kdl/chainjnttojacsolver.hpp>
@@ -20,6 +21,7 @@ namespace motion_planning {
 namespace {
 
 using mp700_ur5e_description::RobotModel;
+using test_support::messageOf;
 using testing::HasSubstr;
 
 // Largest residual that ArmKinematics promises, per part.
@@ -563,12 +565,7 @@ TEST(ArmKinematics, ThreadsGetTheSameAnswers) {
 }
 
 std::string refusalOf(const std::string& urdf) {
-  try {
-    parse(urdf);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
+  return messageOf<std::invalid_argument>([&] { parse(urdf); });
 }
 
 TEST(ArmKinematics, OtherArmsAreRefused) {

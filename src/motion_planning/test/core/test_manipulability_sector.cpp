@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "motion_planning/collision_checker.h"
@@ -19,6 +20,7 @@ namespace motion_planning {
 namespace {
 
 using mp700_ur5e_description::RobotModel;
+using test_support::messageOf;
 using testing::AllOf;
 using testing::HasSubstr;
 
@@ -154,13 +156,9 @@ TEST(FitSector, RefusesNothingAndNonsense) {
   bad.cell_m = 0.0;
   bad.min_fill = 1.0;
   bad.joint_step_rad = std::numeric_limits<double>::quiet_NaN();
-  try {
-    fitSector(samplesIn(knownSector(), 1000, rng), ApproachKind::kTop, bad);
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(),
-                AllOf(HasSubstr("cell_m = 0 m"), HasSubstr("min_fill = 1,"), HasSubstr("joint_step_rad")));
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>(
+                  [&] { fitSector(samplesIn(knownSector(), 1000, rng), ApproachKind::kTop, bad); }),
+              AllOf(HasSubstr("cell_m = 0 m"), HasSubstr("min_fill = 1,"), HasSubstr("joint_step_rad")));
 }
 
 TEST(AnnulusSector, ContainsItsInside) {
@@ -376,12 +374,7 @@ TEST_F(Admits, NoOtherFaces) {
 }
 
 std::string refusalOf(const std::string& yaml) {
-  try {
-    ManipulabilitySectors::parse(yaml, "sectors.yaml", *shippedRobot());
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
+  return messageOf<std::invalid_argument>([&] { ManipulabilitySectors::parse(yaml, "sectors.yaml", *shippedRobot()); });
 }
 
 std::string replaced(std::string text, const std::string& what, const std::string& with) {
@@ -404,15 +397,11 @@ TEST(SectorsFile, SurvivesARoundTrip) {
 TEST(SectorsFile, StaleIsRefusedWithTheCommand) {
   const std::string urdf = readFile(kUrdfFile);
   const auto longer = RobotModel::parse(replaced(urdf, "xyz=\"-0.425 0 0\"", "xyz=\"-0.426 0 0\""), "longer arm");
-  try {
-    ManipulabilitySectors::load(kSectorsFile, *longer);
-    FAIL() << "a longer arm";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), AllOf(HasSubstr("urdf_checksum"), HasSubstr(longer->checksum()),
-                                    HasSubstr("rosparam get -p robot_description > robot.urdf"),
-                                    HasSubstr("rosrun motion_planning fit_manipulability --urdf robot.urdf --out " +
-                                              std::string(kSectorsFile))));
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { ManipulabilitySectors::load(kSectorsFile, *longer); }),
+              AllOf(HasSubstr("urdf_checksum"), HasSubstr(longer->checksum()),
+                    HasSubstr("rosparam get -p robot_description > robot.urdf"),
+                    HasSubstr("rosrun motion_planning fit_manipulability --urdf robot.urdf --out " +
+                              std::string(kSectorsFile))));
 }
 
 TEST(SectorsFile, EveryKeyIsChecked) {

@@ -9,7 +9,7 @@
 #include <string>
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "motion_planning_ros/planning_markers.h"
@@ -19,6 +19,7 @@ namespace {
 
 using motion_planning::ArmVector;
 using motion_planning::JointTrajectory;
+using test_support::messageOf;
 using testing::HasSubstr;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
@@ -38,12 +39,7 @@ JointTrajectory someTrajectory() {
 }
 
 std::string refusalOf(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
+  return messageOf<std::invalid_argument>([&] { call(); });
 }
 
 TEST(PlanningConversions, TrajectoryGoesRoundTripWhateverTheJointsOrder) {

@@ -3,12 +3,16 @@
 
 #include <stdexcept>
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 #include "support/shipped_file.h"
 
 namespace mp700_ur5e_description {
 namespace {
+
+using test_support::messageOf;
+using ::testing::HasSubstr;
 
 const std::string kFile = DESCRIPTION_DIR "/config/base_profile.yaml";
 
@@ -109,12 +113,8 @@ TEST(BaseProfile, ListsEveryProblemWithTheFilesName) {
 }
 
 TEST(BaseProfile, NamesTheFileThatIsNotThere) {
-  try {
-    loadBaseProfile("/nowhere/profile.yaml");
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find("/nowhere/profile.yaml: cannot be read"), std::string::npos);
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { loadBaseProfile("/nowhere/profile.yaml"); }),
+              HasSubstr("/nowhere/profile.yaml: cannot be read"));
 }
 
 }  // namespace

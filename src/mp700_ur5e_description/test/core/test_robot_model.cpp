@@ -11,7 +11,8 @@
 #include <string>
 #include <vector>
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 #include <kdl/treefksolverpos_recursive.hpp>
 #include <kdl_parser/kdl_parser.hpp>
 #include <urdf_parser/urdf_parser.h>
@@ -20,6 +21,8 @@
 
 namespace mp700_ur5e_description {
 namespace {
+
+using test_support::messageOf;
 
 const std::string kUrdf = DESCRIPTION_DIR "/urdf/mp700_ur5e.urdf";
 
@@ -46,12 +49,7 @@ std::string replacedAfter(std::string text, const std::string& where, const std:
 }
 
 std::string refusalOf(const std::string& urdf) {
-  try {
-    RobotModel::parse(urdf, "test.urdf");
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
+  return messageOf<std::invalid_argument>([&] { RobotModel::parse(urdf, "test.urdf"); });
 }
 
 /// A two-link robot; `joint` is what stands between the links.

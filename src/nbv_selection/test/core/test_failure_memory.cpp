@@ -11,10 +11,12 @@
 #include <utility>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace nbv_selection {
 namespace {
 
+using test_support::messageOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
@@ -266,12 +268,10 @@ TEST(FailureMemory, RefusesWhatIsNoPlaceOrTime) {
   }
   EXPECT_EQ(memory.numNodes(), 0u);
   EXPECT_THROW(memory.forgetBefore(kNaN), std::invalid_argument);
-  try {
-    memory.add({0.0, 0.0}, 11.0, 1.0);
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("radius_m = 11 m, must be in [0, 10] m"));
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] {
+                memory.add({0.0, 0.0}, 11.0, 1.0);
+              }),
+              HasSubstr("radius_m = 11 m, must be in [0, 10] m"));
   memory.add({0.0, 0.0}, 1.0, 1.0);
   EXPECT_EQ(memory.lastFailure(Eigen::Vector2d(kNaN, 0.0)), -kInfinity);
   EXPECT_EQ(memory.lastFailure(Eigen::Vector2d(0.0, kNaN)), -kInfinity);

@@ -15,12 +15,14 @@
 #include <Eigen/Geometry>
 #include <gmock/gmock.h>
 #include <gpis_mapping/ground_projection.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace nbv_selection {
 namespace {
 
 using gpis_mapping::Points3d;
 using gpis_mapping::SpaceState;
+using test_support::messageOf;
 using testing::HasSubstr;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -177,13 +179,8 @@ TEST(OctomapSceneConfig, MustFitTheVoxelsOfTheTree) {
   const auto tree = coarse.pruned();
   OctomapScene::Config config;
   config.surface_band_m = 0.03;
-  try {
-    sceneOf(tree, config);
-    FAIL() << "3 cm do not reach the corners of a voxel of 5 cm";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(),
-                 "impossible scene:\n  surface_band_m = 0.03 m, must be in [0.0433013, 0.8] m for voxels of 0.05 m");
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { sceneOf(tree, config); }),
+              "impossible scene:\n  surface_band_m = 0.03 m, must be in [0.0433013, 0.8] m for voxels of 0.05 m");
   config.surface_band_m = 0.05;
   EXPECT_EQ(sceneOf(tree, config).surface().points_map.size(), 64u);
   config.gradient_step_m = 0.04;

@@ -10,7 +10,7 @@
 #include <tuple>
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace octomap_baseline {
 namespace {
@@ -18,6 +18,8 @@ namespace {
 using gpis_mapping::CameraModel;
 using gpis_mapping::DepthImage;
 using octomap::OcTreeKey;
+using test_support::messageOf;
+using ::testing::AllOf;
 using testing::HasSubstr;
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
@@ -455,13 +457,9 @@ TEST(DynamicOctomap, RefusesAnImpossibleConfiguration) {
   OctomapConfig config;
   config.resolution_m = 0.0;
   config.occupancy.prob_miss = 0.6;
-  try {
-    DynamicOctomap map(config);
-    FAIL() << "no exception";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("resolution_m = 0 m, must be in [0.002, 1] m"));
-    EXPECT_THAT(error.what(), HasSubstr("occupancy/prob_miss = 0.6, must be in [0.001, 0.499]"));
-  }
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { DynamicOctomap map(config); }),
+              AllOf(HasSubstr("resolution_m = 0 m, must be in [0.002, 1] m"),
+                    HasSubstr("occupancy/prob_miss = 0.6, must be in [0.001, 0.499]")));
 }
 
 }  // namespace
