@@ -85,7 +85,7 @@ enum class Guard {
   kViewClear,    // the arm is out of the camera's view
   kDriveDue,     // somewhere was chosen to drive to
   kReportLeft,   // a failure that the selection has not been told yet
-  kUnloadDue,    // every place in the container is used, or the mission is over and some are; nothing was given up
+  kUnloadDue,    // no place in the container is left, or the mission is over and some are used; nothing was given up
   kAtDepot,
   kSurveyLeft,
   kAllDealtWith,  // as many bricks as there are have been picked or have used their attempts
@@ -119,7 +119,7 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"arm out of the camera's view", Guard::kViewClear},
     {"drive due", Guard::kDriveDue},
     {"failure not reported yet", Guard::kReportLeft},
-    {"container full, or mission over and container not empty", Guard::kUnloadDue},
+    {"container full or in the way, or mission over and container not empty", Guard::kUnloadDue},
     {"at the depot", Guard::kAtDepot},
     {"survey not finished", Guard::kSurveyLeft},
     {"every brick picked or exhausted", Guard::kAllDealtWith},

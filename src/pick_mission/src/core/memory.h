@@ -39,7 +39,7 @@ struct Memory {
   std::optional<int> pick_running;  // the brick of a pick that has not been answered
   int picked_without_id{0};         // stowed bricks of which nobody knew the id
   int scene{0};                     // changes with robot and pile
-  int places_used{0};               // in the container, since it was unloaded
+  int places_used{0};               // in the container, since it was unloaded; all: nothing more may go there
 
   int views{0};  // selected and reached
   int picks_begun{0};

@@ -110,6 +110,21 @@ TEST(MissionMachine, ABrickStowedOnEndIsTheLastOfItsLoad) {
   EXPECT_EQ(run.world.unloaded, 2) << tail(run);
 }
 
+TEST(MissionMachine, UnloadsAfterAProtectiveStopIfSomethingIsInTheContainer) {
+  for (const int pick : {1, 2}) {
+    MissionConfig config = surveying();
+    config.unlocks_protective_stop = true;
+    ToyMission run(config, ToyWorld::ofStacks({2}));
+    run.inject = [pick](State action, int count) -> std::optional<Result> {
+      if (action != State::kPick || count != pick) return std::nullopt;
+      return ArmResult{ArmStatus::kProtectiveStop};
+    };
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+    EXPECT_EQ(run.world.stowed, 2);
+    EXPECT_EQ(run.world.unloaded, pick) << "at the end, and after the second pick's stop\n" << tail(run);
+  }
+}
+
 TEST(MissionMachine, APickWithoutAnAnswerMayHaveUsedItsPlace) {
   ToyMission run({}, ToyWorld::ofStacks({2}));
   run.inject = endAs(State::kPick, NoAnswer{}, 1);
