@@ -281,6 +281,24 @@ TEST_F(Stages, ASideIsLiftedUpAndBackFirst) {
   EXPECT_LT((offsets[0] - 0.3 * Eigen::Vector3d(-M_SQRT1_2, 0.0, M_SQRT1_2)).norm(), 1e-12);
 }
 
+TEST_F(Stages, AFaceThatLeansToAWallIsLiftedStraightUp) {
+  const double edge_x_m =
+      kMiddle.x() + 0.5 * (std::cos(kYaw_rad) * pick.type.size_m.x() + std::sin(kYaw_rad) * pick.type.size_m.y());
+  addBox({edge_x_m + 0.02 + 0.05, 0.1, 0.2}, {0.1, 0.8, 0.4});  // a little farther than the map's margin
+  const auto [grip, contact_rad] = onTop();
+  BrickInScene scene = brickInScene();
+  scene.hold(grip.held);
+  const Eigen::Vector3d normal(0.5, 0.0, std::sqrt(0.75));
+  const Eigen::Vector3d along_normal = config.pick.lift_m * normal;
+  EXPECT_FALSE(liftLine(task, scene, grip, contact_rad, {along_normal})) << "there is the wall";
+  const auto offsets = liftOffsets(normal, config.pick.lift_m);
+  EXPECT_EQ(offsets[0], along_normal) << "its neighbours' sides are parallel to it: tried first";
+  const auto line = liftLine(task, scene, grip, contact_rad, offsets);
+  ASSERT_TRUE(line) << line.failure().message;
+  const Eigen::Vector3d moved = arm->tipPose(line->back()).translation() - arm->tipPose(contact_rad).translation();
+  EXPECT_LT(moved.head<2>().norm(), 1e-3) << "the inverse kinematics' accuracy on a line";
+}
+
 TEST(Rejections, UnknownSpaceIsTheReason) {
   Rejections rejections;
   rejections.add({CollisionKind::kSurface, "forearm", "", Eigen::Vector3d::Zero()});

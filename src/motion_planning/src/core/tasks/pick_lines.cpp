@@ -71,7 +71,8 @@ Result<JointPath> contactLine(const TaskContext& task, const BrickInScene& scene
 }
 
 std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, double lift_m) {
-  if (normal_base.z() >= std::cos(0.25 * M_PI)) return {lift_m * normal_base};
+  if (normal_base.z() >= 0.99) return {lift_m * normal_base};  // within 8 degrees both are one line
+  if (normal_base.z() >= std::cos(0.25 * M_PI)) return {lift_m * normal_base, lift_m * Eigen::Vector3d::UnitZ()};
   const Eigen::Vector3d up_and_back = (normal_base + Eigen::Vector3d::UnitZ()).normalized();
   return {lift_m * up_and_back, lift_m * Eigen::Vector3d::UnitZ(), lift_m * normal_base};
 }

@@ -47,7 +47,8 @@ std::vector<ContactPosture> contactPostures(const TaskContext& task, const std::
 Result<JointPath> contactLine(const TaskContext& task, const BrickInScene& scene, const Grip& grip,
                               const ArmVector& contact_rad);
 
-/// Lines to lift along [m, base_link], best first: a brick taken by its side is lifted off what it lies on, not dragged.
+/// Lines to lift along [m, base_link], best first: a brick taken by its side is lifted off what it lies on, not dragged; one
+/// whose top leans to a wall goes straight up where its normal does not.
 std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, double lift_m);
 
 /// From the contact posture straight away with the brick, until it is clear of its neighbours. `scene` holds the brick.
