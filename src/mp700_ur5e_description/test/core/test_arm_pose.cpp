@@ -3,15 +3,10 @@
 
 #include <stdexcept>
 
-#include <gmock/gmock.h>
-#include <interactive_mapping_common/testing/temporary_folder.h>
+#include <gtest/gtest.h>
 
 namespace mp700_ur5e_description {
 namespace {
-
-using test_support::messageOf;
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 
 const std::string kInAnotherOrder =
     "{wrist_3_joint: 6, shoulder_pan_joint: 1, elbow_joint: 3, wrist_1_joint: 4, shoulder_lift_joint: 2, "
@@ -27,9 +22,16 @@ TEST(ArmPose, RefusesMissingUnknownAndImpossibleJoints) {
   std::string text = kInAnotherOrder;
   text.replace(text.find("wrist_3_joint"), 13, "wrist_4_joint");
   text.replace(text.find(": 3"), 3, ": 300");
-  EXPECT_THAT(messageOf<std::invalid_argument>([&] { parseArmPose(text, "test"); }),
-              AllOf(HasSubstr("test: wrist_3_joint = (missing)"), HasSubstr("test: wrist_4_joint is unknown"),
-                    HasSubstr("test: elbow_joint = 300, must be a number in [-6.2832, 6.2832] rad")));
+  try {
+    parseArmPose(text, "test");
+    FAIL() << "accepted: " << text;
+  } catch (const std::invalid_argument& error) {
+    const std::string message = error.what();
+    EXPECT_NE(message.find("test: wrist_3_joint = (missing)"), std::string::npos) << message;
+    EXPECT_NE(message.find("test: wrist_4_joint is unknown"), std::string::npos) << message;
+    EXPECT_NE(message.find("test: elbow_joint = 300, must be a number in [-6.2832, 6.2832] rad"), std::string::npos)
+        << message;
+  }
 }
 
 }  // namespace

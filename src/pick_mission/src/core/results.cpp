@@ -74,8 +74,6 @@ void recordArm(State action, const event::Reply& reply, Mission& mission) {
   mission.is_protective_stop = arm != nullptr && arm->status == ArmStatus::kProtectiveStop;
   // What the arm met may be a brick that rises over the container's rim, where no camera looks: it would meet it again.
   if (mission.is_protective_stop && memory.places_used > 0) memory.places_used = capacityOf(mission.config);
-  // What the arm met may be a brick that rises over the container's rim, where no camera looks: it would meet it again.
-  if (mission.is_protective_stop && memory.places_used > 0) memory.places_used = capacityOf(mission.config);
   const bool is_lost =
       arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
   if (is_lost) memory.is_let_go_open = false;  // it fell before that
