@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
@@ -28,7 +30,9 @@ struct OutlineConfig {
     // A bound that is impossible itself is reported alone.
     const double lowest_m = c.min_height_m >= 0.0 && c.min_height_m <= 1.0 ? c.min_height_m : 0.0;
     f("max_height_m", c.max_height_m, std::max(0.05, lowest_m), 20.0, "m",
-      "where the surface reaches higher is a wall, a post or a person, and no pile from top to bottom");
+      "where the surface reaches higher, or higher than half of it without a top, is a wall, a post or a person, and "
+      "no pile "
+      "from top to bottom");
     f("closing_m", c.closing_m, 0.0, 0.5, "m", "narrower gaps are closed");
     f("min_area_m2", c.min_area_m2, 0.0, 10.0, "m2", "smaller outlines are left out as specks");
     f("tolerance_m", c.tolerance_m, 0.0, 0.5, "m", "largest error of the polygon that replaces a contour");
@@ -61,12 +65,17 @@ struct PileOutline {
   gpis_mapping::GroundPlane ground;
   PileGrid grid;
   std::vector<OutlinePolygon> polygons;  // outer outlines, the one of largest area first; equal ones by first corner
+  std::set<std::pair<int, int>> walls;   // columns and rows, by multiples of the cell size from the map's origin
+
+  /// Whether the straight line between two points [m, map x and y] passes a wall.
+  bool isWallBetween(const Eigen::Vector2d& a_map, const Eigen::Vector2d& b_map) const;
 };
 
 /// Projects the surface above the ground along z (method section 5): occupancy and uncertainty grids, closing, outer
 /// contours, polygons. A polygon holds the middles of all its cells; a tolerance above 1.5 cells may cut some off, by
-/// less than itself. Cells that reach above the largest height, or touch one that does, hold no pile: walls. Samples
-/// whose position is not finite are left out; one without an uncertainty counts for all but
+/// less than itself. Cells that reach above the largest height are walls. So are those that reach above half of it and
+/// whose highest samples and those of their neighbours all face sidewards: of a pile one sees the top. Walls, and cells that
+/// touch them, hold no pile. Samples whose position is not finite are left out; one without an uncertainty counts for all but
 /// the mean. The grid covers the pile and has an empty border wide enough for the closing, so that a pile at the
 /// border of the map has a whole outline; without a pile it has no cells. Throws std::invalid_argument for an
 /// impossible config or ground, or a surface whose arrays differ in length; std::runtime_error if the pile spans more

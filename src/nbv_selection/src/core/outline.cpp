@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <set>
 #include <stdexcept>
 #include <utility>
@@ -21,6 +22,10 @@ constexpr double kMaxUnitError = 1e-6;    // of the normal's length: a caller's 
 constexpr double kMinUp = 0.5;            // of the normal's z: steeper than 60 degrees is no ground
 constexpr double kSameCorner_m = 1e-9;    // well above rounding at kMaxCoordinate_m, well below a cell
 constexpr std::uint8_t kSet = 255;        // of a pixel
+// Of maps of a simulated corner with a pile up to 0.8 m (3 maps, 266 to 570 cells of walls): 96 % of the walls' cells and
+// 3 to 8 of 850 of the pile's.
+constexpr double kTop_m = 0.05;   // below the highest sample, belongs to the top
+constexpr double kFacesUp = 0.5;  // of the normal's z: leans less than 60 degrees
 
 double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -49,9 +54,9 @@ void requireGround(const gpis_mapping::GroundPlane& ground) {
 
 /// By how many cells the closing grows the pile and shrinks it again: gaps of up to twice as many are closed.
 /// By multiples of the cell size; the position must be finite.
-std::pair<int, int> latticeCell(const Eigen::Vector3d& p_map, const OutlineConfig& config) {
+std::pair<int, int> latticeCell(const Eigen::Vector2d& p_map, double cell_size_m) {
   const auto index = [&](double x_m) {
-    return static_cast<int>(std::floor(std::clamp(x_m, -kMaxCoordinate_m, kMaxCoordinate_m) / config.cell_size_m));
+    return static_cast<int>(std::floor(std::clamp(x_m, -kMaxCoordinate_m, kMaxCoordinate_m) / cell_size_m));
   };
   return {index(p_map.x()), index(p_map.y())};
 }
@@ -60,22 +65,45 @@ int closingRadius(const OutlineConfig& config) {
   return static_cast<int>(std::ceil(0.5 * config.closing_m / config.cell_size_m - 1e-9));
 }
 
-/// The cells that are too high for a pile, with all that touch them.
-std::set<std::pair<int, int>> tallCells(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
+/// See outlinePile().
+std::set<std::pair<int, int>> wallCells(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                                         const OutlineConfig& config) {
-  std::set<std::pair<int, int>> tall;
-  std::set<std::pair<int, int>> cells;
-  for (const Eigen::Vector3d& p : surface.points_map) {
-    if (!(p.allFinite() && ground.heightOf(p) > config.max_height_m)) continue;
-    const auto [column, row] = latticeCell(p, config);
-    if (!tall.emplace(column, row).second) continue;
-    for (int i = 0; i < 9; ++i) cells.emplace(column + i % 3 - 1, row + i / 3 - 1);
+  struct Column {
+    double top_m{0.0};
+    std::vector<double> tops_m;  // of the samples that face up
+  };
+  std::map<std::pair<int, int>, Column> columns;
+  const double low_m = 0.5 * config.max_height_m;
+  for (std::size_t i = 0; i < surface.points_map.size(); ++i) {
+    const Eigen::Vector3d& p = surface.points_map[i];
+    const double height_m = ground.heightOf(p);
+    if (!p.allFinite() || height_m < low_m - kTop_m) continue;
+    Column& column = columns[latticeCell(p.head<2>(), config.cell_size_m)];
+    column.top_m = std::max(column.top_m, height_m);
+    if (surface.normals_map[i].cast<double>().dot(ground.normal_map) > kFacesUp) column.tops_m.push_back(height_m);
   }
-  return cells;
+  std::set<std::pair<int, int>> walls;
+  for (const auto& [cell, column] : columns) {
+    if (column.top_m <= low_m) continue;
+    double top_m = 0.0;
+    double seen_top_m = 0.0;
+    for (int i = 0; i < 9; ++i) {
+      const auto near = columns.find({cell.first + i % 3 - 1, cell.second + i / 3 - 1});
+      if (near == columns.end()) continue;
+      top_m = std::max(top_m, near->second.top_m);
+      for (const double height_m : near->second.tops_m) seen_top_m = std::max(seen_top_m, height_m);
+    }
+    if (column.top_m > config.max_height_m || seen_top_m < top_m - kTop_m) walls.insert(cell);
+  }
+  return walls;
 }
 
-PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground, const OutlineConfig& config) {
-  const std::set<std::pair<int, int>> tall = tallCells(surface, ground, config);
+PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground, const OutlineConfig& config,
+                 const std::set<std::pair<int, int>>& walls) {
+  std::set<std::pair<int, int>> no_pile;  // and what touches them
+  for (const auto& [column, row] : walls) {
+    for (int i = 0; i < 9; ++i) no_pile.emplace(column + i % 3 - 1, row + i / 3 - 1);
+  }
   std::vector<std::size_t> kept;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
@@ -84,7 +112,7 @@ PileGrid project(const MappedSurface& surface, const gpis_mapping::GroundPlane& 
     const double height_m = ground.heightOf(p);
     // A position that is not finite has no finite height: false for it.
     if (!(height_m >= config.min_height_m && height_m <= config.max_height_m)) continue;
-    if (tall.count(latticeCell(p, config)) > 0) continue;
+    if (no_pile.count(latticeCell(p.head<2>(), config.cell_size_m)) > 0) continue;
     kept.push_back(i);
     low = low.cwiseMin(p.head<2>());
     high = high.cwiseMax(p.head<2>());
@@ -252,6 +280,17 @@ Eigen::Vector2i PileGrid::cellOf(const Eigen::Vector2d& p_map) const {
   return {index(p_map.x(), origin_m.x()), index(p_map.y(), origin_m.y())};
 }
 
+bool PileOutline::isWallBetween(const Eigen::Vector2d& a_map, const Eigen::Vector2d& b_map) const {
+  const Eigen::Vector2d way = b_map - a_map;
+  const auto steps =
+      static_cast<int>(std::ceil(way.norm() / (0.5 * grid.cell_size_m)));  // a wall is a cell thick at least
+  for (int i = 0; i <= steps; ++i) {
+    if (walls.count(latticeCell(a_map + way * (static_cast<double>(i) / std::max(steps, 1)), grid.cell_size_m)) > 0)
+      return true;
+  }
+  return false;
+}
+
 PileOutline outlinePile(const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                         const OutlineConfig& config) {
   interactive_mapping::requireValid("impossible outline:", config);
@@ -265,7 +304,8 @@ PileOutline outlinePile(const MappedSurface& surface, const gpis_mapping::Ground
 
   PileOutline outline;
   outline.ground = ground;
-  outline.grid = project(surface, ground, config);
+  outline.walls = wallCells(surface, ground, config);
+  outline.grid = project(surface, ground, config, outline.walls);
   PileGrid& grid = outline.grid;
   if (grid.width == 0) return outline;
 

@@ -161,7 +161,7 @@ std::vector<Eigen::Vector2d> placesOf(const Segment& segment) {
 
 /// Of a segment whose attributes and utility are known.
 SegmentVerdict verdictOf(const ScoredSegment& scored, const std::vector<ExcludedZone>& excluded,
-                         base_navigation::SpaceState below) {
+                         base_navigation::SpaceState below, const PileOutline& outline) {
   const Eigen::Vector2d standing_map = scored.segment.standing_map.position();
   const Eigen::Vector2d midpoint_map = scored.segment.midpoint_map.head<2>();
   const bool is_excluded = std::any_of(excluded.begin(), excluded.end(), [&](const ExcludedZone& zone) {
@@ -171,6 +171,9 @@ SegmentVerdict verdictOf(const ScoredSegment& scored, const std::vector<Excluded
   if (below == base_navigation::SpaceState::kOccupied) return SegmentVerdict::kOccupied;
   if (below == base_navigation::SpaceState::kUnknown) return SegmentVerdict::kUnknownGround;
   if (std::isinf(scored.attributes.distance_m)) return SegmentVerdict::kUnreachable;
+  // The middle of unseen ground may be elsewhere than what is seen of it.
+  const bool faces_middle = scored.kind != SegmentKind::kGround;
+  if (faces_middle && outline.isWallBetween(standing_map, midpoint_map)) return SegmentVerdict::kBehindWall;
   Attributes but_travel = scored.attributes;
   but_travel.distance_m = 0.0;
   const bool is_finite = but_travel.isFinite() && std::isfinite(scored.utility.utility);
@@ -186,6 +189,7 @@ struct Scoring {
   const std::optional<ManipulabilityScore>& manipulability;
   const base_navigation::DistanceField& distances;
   const base_navigation::FootprintChecker& standing;
+  const PileOutline& outline;
 
   ScoredSegment score(const Segment& segment, SegmentKind kind, const SegmentUncertainty& uncertainty) const {
     ScoredSegment scored;
@@ -290,7 +294,7 @@ struct Scoring {
   void weigh(base_navigation::SpaceState below, ScoredSegment* scored) const {
     const double since_failure_s = request.now_s - failures.lastFailure(placesOf(scored->segment));
     scored->utility = computeUtility(scored->attributes, since_failure_s, utility);
-    scored->verdict = verdictOf(*scored, request.excluded, below);
+    scored->verdict = verdictOf(*scored, request.excluded, below, outline);
     if (scored->verdict != SegmentVerdict::kCandidate) scored->utility.utility = 0.0;
   }
 };
@@ -468,9 +472,10 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
                                                  base_navigation::inscribedRadius(robot_.footprint));
   const base_navigation::FootprintChecker standing(request.ground, robot_.footprint, config_.standing_padding_m);
 
-  const Scoring scoring{
-      config_.utility, request.may_stay ? config_.start_m : 0.0, request, failures, manipulability, distances,
-      standing};
+  const Scoring scoring{config_.utility, request.may_stay ? config_.start_m : 0.0,
+                        request,         failures,
+                        manipulability,  distances,
+                        standing,        selection.outline};
   std::vector<ScoredSegment> scored_segments;
   const std::optional<std::size_t> ahead = nearestTo(request.T_map_base, segments);
   if (request.may_stay && ahead) {  // first: of equal ones it is preferred

@@ -408,6 +408,25 @@ TEST(Outline, AWallIsNoPileAndAPileAtItsFootIs) {
   for (const OutlinePolygon& polygon : outline.polygons) EXPECT_EQ(turnsAround(polygon, {0.6, 0.0}), 0);
   const PileGrid& grid = outline.grid;
   for (const float height_m : grid.height_m) EXPECT_FALSE(height_m > 0.31F) << height_m;
+  EXPECT_TRUE(outline.isWallBetween({0.2, 0.1}, {1.2, -0.3}));
+  EXPECT_TRUE(outline.isWallBetween({1.2, -0.3}, {0.2, 0.1}));
+  EXPECT_FALSE(outline.isWallBetween({-1.0, 0.1}, {0.4, 0.1})) << "over the pile, before the wall";
+  EXPECT_FALSE(outline.isWallBetween({0.2, 1.3}, {1.2, 1.1})) << "past its end";
+}
+
+TEST(Outline, AWallOfWhichTheTopWasNotSeenIsNoPileAndATowerIs) {
+  BoxPile pile;
+  pile.add({0.6, 0.0}, {0.2, 2.0, 1.5});
+  pile.add({0.2, 0.1}, {0.3, 0.2, 0.6});
+  MappedSurface surface = sampleSurface(pile);
+  for (Eigen::Vector3d& p : surface.points_map) {
+    if (p.z() > 0.7) p.setConstant(kNan);
+  }
+  const PileOutline outline = outlinePile(surface, pile.ground, {});
+  ASSERT_THAT(outline.polygons, SizeIs(1));
+  EXPECT_EQ(turnsAround(outline.polygons[0], {0.2, 0.1}), 1);
+  EXPECT_TRUE(outline.isWallBetween({0.2, 0.1}, {1.2, 0.1}));
+  EXPECT_FALSE(outline.isWallBetween({-0.5, 0.1}, {0.4, 0.1})) << "over the tower";
 }
 
 TEST(Outline, GridsAreThoseOfBruteForce) {

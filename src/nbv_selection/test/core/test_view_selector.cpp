@@ -426,6 +426,25 @@ TEST(ViewSelectorTravel, OfAPileInTheWallOnlyTheNearSideIsReachable) {
   EXPECT_GE(num_behind, 2);
 }
 
+TEST(ViewSelectorTravel, BehindAWallNobodyStandsForAPile) {
+  // A screen as thin as a cell, so close that the robot has room behind it.
+  BoxPile pile = heap();
+  pile.add({0.53, 0.0}, {0.02, 3.0, 1.5});
+  const BoxScene scene(pile, eyesAround(8));
+  ViewSelectorConfig config;
+  config.segments.standoff_m = 0.3;
+  config.standing_padding_m = 0.0;
+  const Selection selection = select(scene, requestOn(gridAround(pile), {-2.0, -1.5, 0.3}), config);
+  ASSERT_EQ(selection.status, SelectionStatus::kSelected) << selection.message;
+  int num_behind = 0;
+  for (const ScoredSegment& scored : selection.segments) {
+    if (scored.segment.standing_map.x_m < 0.53) continue;
+    EXPECT_NE(scored.verdict, SegmentVerdict::kCandidate);
+    if (scored.verdict == SegmentVerdict::kBehindWall) ++num_behind;
+  }
+  EXPECT_GE(num_behind, 1);
+}
+
 // ---- Failures
 
 /// Where the choice goes while a failure at the best segment is fresh, and when it comes back.
