@@ -561,13 +561,13 @@ class BringupLaunch(unittest.TestCase):
     def test_in_lock_step_the_clock_waits_for_all_who_answer(self):
         def waited_for(loaded):
             return {rule["topic"] for rule in loaded.params["/simulated_world/clock/wait_for"]}
-        answers = {"/gpis_mapping/mesh", "/brick_detection/update", "/base_navigation/state", "/ur_driver_bridge/state",
+        answers = {"/gpis_mapping/update", "/brick_detection/update", "/base_navigation/state", "/ur_driver_bridge/state",
                    "/motion_planning/path_monitor"}
         simulated = self.simulation("clock:=lockstep")
         self.assertEqual(waited_for(simulated), answers | {"/pick_mission/heartbeat"})
         self.assertEqual(waited_for(self.simulation("clock:=lockstep", "mission:=false")), answers)
         self.assertEqual(waited_for(self.simulation("clock:=lockstep", "map:=octomap", "mission:=false")),
-                         answers - {"/gpis_mapping/mesh"} | {"/octomap_baseline/mesh"})
+                         answers - {"/gpis_mapping/update"} | {"/octomap_baseline/update"})
         # Who publishes what the clock waits for has to be started: it would not begin otherwise.
         for topic in waited_for(self.simulation("clock:=lockstep", "map:=octomap")):
             self.assertIn(topic.rsplit("/", 1)[0], self.simulation("clock:=lockstep", "map:=octomap").nodes)
@@ -659,7 +659,8 @@ class BringupLaunch(unittest.TestCase):
             self.assertEqual(loaded.remaps("/base_navigation")["map/ground"], "/projected_map")
             # Nobody asks our map: it does not run.
             self.assertNotIn("/gpis_mapping", loaded.nodes)
-            self.assertEqual(loaded.remaps("/motion_planning")["map/mesh"], "/octomap_baseline/mesh")
+            self.assertEqual(loaded.remaps("/motion_planning")["map/get_mesh"], "/octomap_baseline/get_mesh")
+            self.assertEqual(loaded.remaps("/motion_planning")["map/update"], "/octomap_baseline/update")
             self.assertEqual(loaded.remaps("/motion_planning")["map/query"], "/octomap_baseline/query")
             self.assertEqual(loaded.remaps("/brick_detection")["map/query"], "/octomap_baseline/query")
             self.assertEqual(loaded.remaps("/ur_driver_bridge")["map/update"], "/octomap_baseline/update")

@@ -12,8 +12,10 @@
 #include <interactive_mapping_common_ros/testing/tuning.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/ClearBox.h>
+#include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_mapping_msgs/LoadMap.h>
 #include <interactive_mapping_msgs/SaveMap.h>
+#include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <rosgraph_msgs/Log.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
@@ -26,8 +28,10 @@ namespace {
 namespace fs = std::filesystem;
 using dynamic_reconfigure::Reconfigure;
 using interactive_mapping_msgs::ClearBox;
+using interactive_mapping_msgs::GetMesh;
 using interactive_mapping_msgs::LoadMap;
 using interactive_mapping_msgs::SaveMap;
+using interactive_mapping_msgs::SurfaceMesh;
 using synthetic_depth::Box;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -163,6 +167,39 @@ TEST_F(LiveMapServices, QueryAnswersEachPointOrSaysWhyNot) {
   EXPECT_NEAR(in_camera.distance[0], answer.distance[0], 1e-9);  // rounding of two transforms
   const auto vector = [](const geometry_msgs::Vector3& v) { return Eigen::Vector3d(v.x, v.y, v.z); };
   EXPECT_LT((T_map_camera.linear() * vector(in_camera.gradient[0]) - vector(answer.gradient[0])).norm(), 1e-6);
+}
+
+TEST_F(LiveMapServices, GivesTheMeshOfTheMapAsItIsUnlessTheCallerHasIt) {
+  Latest<SurfaceMesh> published("/served/mesh");
+  const std::string service = "/served/get_mesh";
+  GetMesh first;
+  ASSERT_TRUE(call(service, first));
+  EXPECT_EQ(first.response.mesh.header.stamp, live_.stamp());
+  EXPECT_EQ(first.response.mesh.update, last_.update);
+  EXPECT_GT(first.response.mesh.mesh.triangles.size(), 1000u);
+  EXPECT_EQ(bytesOf(first.response.mesh), bytesOf(published.awaitStamp(live_.stamp())));
+
+  GetMesh known;
+  known.request.revision = first.response.revision;
+  ASSERT_TRUE(call(service, known));
+  EXPECT_EQ(known.response.revision, first.response.revision);
+  EXPECT_TRUE(known.response.mesh.mesh.vertices.empty());
+  EXPECT_EQ(known.response.mesh.header.stamp, live_.stamp());
+
+  // At once after an image, and after a change without one.
+  last_ = feed(kRemovalFrame, kRemovalFrame);
+  GetMesh next = known;
+  ASSERT_TRUE(call(service, next));
+  EXPECT_NE(next.response.revision, known.response.revision);
+  EXPECT_EQ(next.response.mesh.header.stamp, live_.stamp());
+  EXPECT_LT(next.response.mesh.mesh.vertices.size(), first.response.mesh.mesh.vertices.size());
+  ASSERT_TRUE(live_.clear());
+  GetMesh cleared = next;
+  cleared.request.revision = next.response.revision;
+  ASSERT_TRUE(call(service, cleared));
+  EXPECT_NE(cleared.response.revision, next.response.revision);
+  EXPECT_TRUE(cleared.response.mesh.mesh.vertices.empty());
+  EXPECT_EQ(cleared.response.mesh.header.frame_id, "map");
 }
 
 TEST_F(LiveMapServices, QueryAnswersTheDerivativeOfTheVarianceItAnswers) {

@@ -12,6 +12,8 @@
 #include <geometry_msgs/TransformStamped.h>
 #include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
+#include <interactive_mapping_msgs/GetMesh.h>
+#include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/PathMonitorState.h>
 #include <interactive_mapping_msgs/PlanArmAction.h>
 #include <interactive_mapping_msgs/PlanPickAction.h>
@@ -47,13 +49,7 @@ using motion_planning::ArmVector;
 using motion_planning::BoxWorld;
 using ArmGoalMessage = interactive_mapping_msgs::ArmGoal;
 
-/// Names under which the topics of one robot and one map are found.
-struct PlanningTopics {
-  std::string mesh{"/map/mesh"};
-  std::string query{"/map/query"};
-};
-
-/// Joint states and tf of a robot that stands still, mesh and answers of a map of boxes: from a thread of its own, so that
+/// Joint states and tf of a robot that stands still, mesh and answers of a map of boxes: from threads of its own, so that
 /// a test may wait.
 class TopicRobot {
  public:
@@ -61,9 +57,10 @@ class TopicRobot {
     nh_.setCallbackQueue(&queue_);
     joints_ = nh_.advertise<sensor_msgs::JointState>("/joint_states", 10);
     tf_ = nh_.advertise<tf2_msgs::TFMessage>("/tf", 10);
-    mesh_ = nh_.advertise<interactive_mapping_msgs::SurfaceMesh>("/map/mesh", 1, true);
+    updates_ = nh_.advertise<interactive_mapping_msgs::MapUpdate>("/map/update", 10, true);
     attached_ = nh_.advertise<interactive_mapping_msgs::AttachedBrick>("/attached_brick", 1, true);
     query_ = nh_.advertiseService("/map/query", &TopicRobot::onQuery, this);
+    get_mesh_ = nh_.advertiseService("/map/get_mesh", &TopicRobot::onGetMesh, this);
     timer_ = nh_.createWallTimer(ros::WallDuration(0.02), [this](const ros::WallTimerEvent&) { publishState(); });
     spinner_.start();
   }
@@ -91,10 +88,15 @@ class TopicRobot {
     const std::lock_guard<std::mutex> lock(mutex_);
     return state_stamp_;
   }
-  /// Of the newest mesh.
-  ros::Time meshStamp() {
+  /// Of the newest image in the map.
+  ros::Time mapStamp() {
     const std::lock_guard<std::mutex> lock(mutex_);
-    return mesh_stamp_;
+    return mesh_.header.stamp;
+  }
+  /// How many meshes were handed out.
+  int numMeshes() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return num_meshes_;
   }
   /// The map is another one from now on; returns its number. `spoil` may change the mesh, not what the map answers.
   std::uint64_t setWorld(const BoxWorld& world,
@@ -117,14 +119,16 @@ class TopicRobot {
     message.header.frame_id = "map";
     message.header.stamp = ros::Time::now();
     if (spoil) spoil(message);
+    interactive_mapping_msgs::MapUpdate update;
+    update.header = message.header;
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       world_ = world;
-      mesh_stamp_ = message.header.stamp;
-      message.update = ++num_updates_;
+      update.update = message.update = mesh_.update + 1;
+      mesh_ = message;
     }
-    mesh_.publish(message);
-    return message.update;
+    updates_.publish(update);
+    return update.update;
   }
   void setAttached(const interactive_mapping_msgs::AttachedBrick& brick) { attached_.publish(brick); }
   /// The map refuses to answer, with this reason; empty: it answers.
@@ -193,19 +197,31 @@ class TopicRobot {
     return true;
   }
 
+  bool onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
+                 interactive_mapping_msgs::GetMesh::Response& response) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    response.revision = mesh_.update;
+    response.mesh.header = mesh_.header;
+    if (request.revision == response.revision) return true;
+    response.mesh = mesh_;
+    ++num_meshes_;
+    return true;
+  }
+
   std::mutex mutex_;  // guards what follows, up to the blank line
   ArmVector arm_rad_;
   Eigen::Isometry3d T_map_base_{Eigen::Isometry3d::Identity()};
   BoxWorld world_;
-  std::uint64_t num_updates_{0};
+  interactive_mapping_msgs::SurfaceMesh mesh_;
+  int num_meshes_{0};
   std::uint64_t num_states_{0};
-  ros::Time state_stamp_, mesh_stamp_;
+  ros::Time state_stamp_;
   std::string refusal_;
 
   ros::CallbackQueue queue_;
   ros::NodeHandle nh_;
-  ros::Publisher joints_, tf_, mesh_, attached_;
-  ros::ServiceServer query_;
+  ros::Publisher joints_, tf_, updates_, attached_;
+  ros::ServiceServer query_, get_mesh_;
   ros::WallTimer timer_;
   ros::AsyncSpinner spinner_;
 };

@@ -269,9 +269,22 @@ TEST_F(PlanningNode, AMapWithoutSurfaceIsPlannedIn) {
   EXPECT_PRED2(has, outcome.message, "numbers in normals, must be 3 x");
 }
 
+TEST_F(PlanningNode, TheMeshIsFetchedForAPlanIfTheMapHasChanged) {
+  const PlanArmGoal goal = armTo(toJoints(kStowed));
+  client_->plan(goal);
+  const int fetched = robot_->numMeshes();
+  client_->plan(goal);
+  EXPECT_EQ(robot_->numMeshes(), fetched);
+  // Nobody plans or watches: nobody needs it.
+  const std::uint64_t newest = robot_->setWorld(worldOf({kBrick}));
+  EXPECT_EQ(robot_->numMeshes(), fetched);
+  EXPECT_EQ(client_->plan(goal).map_update, newest);
+  EXPECT_EQ(robot_->numMeshes(), fetched + 1);
+}
+
 TEST_F(PlanningNode, AGoalMayAskForAMapThatIsNewEnough) {
   PlanPickGoal goal = pickOf(kBrick);
-  goal.min_map_stamp = robot_->meshStamp();
+  goal.min_map_stamp = robot_->mapStamp();
   const PlanPickResult now = client_->plan(goal);
   EXPECT_EQ(static_cast<int>(now.outcome.status), static_cast<int>(PlanOutcome::SUCCESS)) << nameOf(now.outcome);
   EXPECT_EQ(now.map_update, update_);
@@ -293,10 +306,10 @@ TEST_F(PlanningNode, AGoalMayAskForAMapThatIsNewEnough) {
     return std::string(text);
   };
   PlanArmGoal arm = armTo(toJoints(kStowed));
-  arm.min_map_stamp = robot_->meshStamp() + ros::Duration(0.001);
+  arm.min_map_stamp = robot_->mapStamp() + ros::Duration(0.001);
   const ros::Time asked = ros::Time::now();
   expectOutcome(arm, PlanOutcome::NO_MAP,
-                "the newest mesh is of " + stampOf(robot_->meshStamp()) + ", asked for is one of " +
+                "the map's newest image is of " + stampOf(robot_->mapStamp()) + ", asked for is one of " +
                     stampOf(arm.min_map_stamp) + " or later (waited 2.000 s, state/map_wait_s)");
   EXPECT_GE((ros::Time::now() - asked).toSec(), 2.0);
 
@@ -482,7 +495,7 @@ TEST_F(PlanningNode, WithoutMapOrJointStatesNothingIsPlanned) {
   ASSERT_TRUE(blind.connect());
   const PlanOutcome no_map = blind.plan(pickOf(kBrick)).outcome;
   EXPECT_EQ(static_cast<int>(no_map.status), static_cast<int>(PlanOutcome::NO_MAP)) << nameOf(no_map);
-  EXPECT_PRED2(has, no_map.message, "no mesh has come on /nowhere/mesh");
+  EXPECT_PRED2(has, no_map.message, "no service /nowhere/get_mesh");
   PlanningClient numb("/numb");
   ASSERT_TRUE(numb.connect());
   const PlanOutcome no_arm = numb.plan(pickOf(kBrick)).outcome;
@@ -678,7 +691,7 @@ TEST_F(PlanningNode, DiagnosticsTellOfMapRobotAndPlans) {
   diagnostics.await(tells("motion_planning: map", "follows the map"));
   diagnostics.await(tells("motion_planning: robot", "arm and base are known"));
   diagnostics.await(tells("motion_planning: plans", "ready"));
-  diagnostics.await(tells("blind: map", "no mesh of the map has come"));
+  diagnostics.await(tells("blind: map", "the map has taken in no image"));
   diagnostics.await(tells("numb: robot", "no joint state"));
 }
 
@@ -716,19 +729,18 @@ TEST_F(PlanningNode, TheLogTellsWhatIsMissingAndOnceThatAllIsThere) {
     ASSERT_TRUE(ros::param::get("/motion_planning/" + key, value));
     ros::param::set(std::string("/late/").append(key), value);
   }
-  Latest<interactive_mapping_msgs::SurfaceMesh> mesh("/map/mesh");
   Latest<diagnostic_msgs::DiagnosticArray> diagnostics("/diagnostics");
-  Process node({MOTION_PLANNING_NODE, "__name:=late", "map/mesh:=/late/mesh", "map/query:=/map/query",
-                "joint_states:=/late/joint_states"},
+  Process node({MOTION_PLANNING_NODE, "__name:=late", "map/update:=/late/update", "map/get_mesh:=/map/get_mesh",
+                "map/query:=/map/query", "joint_states:=/late/joint_states"},
                std::string(::testing::TempDir()) + "late.log");
   const std::string missing =
-      "motion_planning is not ready: no joint state of shoulder_pan_joint has come on /late/joint_states; no mesh has "
-      "come on /late/mesh";
+      "motion_planning is not ready: no joint state of shoulder_pan_joint has come on /late/joint_states; the map "
+      "has taken in no image (/late/update)";
   ASSERT_TRUE(waitUntil([&] { return has(node.output(), missing); }, 30.0)) << node.output();
   ros::NodeHandle nh;
   ros::Publisher joints = nh.advertise<sensor_msgs::JointState>("/late/joint_states", 10);
-  ros::Publisher meshes = nh.advertise<interactive_mapping_msgs::SurfaceMesh>("/late/mesh", 1, true);
-  meshes.publish(mesh.await([](const auto&) { return true; }));
+  ros::Publisher updates = nh.advertise<interactive_mapping_msgs::MapUpdate>("/late/update", 1, true);
+  updates.publish(interactive_mapping_msgs::MapUpdate());
   EXPECT_FALSE(has(node.output(), "motion_planning is ready")) << "no joint state yet";
   const auto publishJoints = [&joints] {
     sensor_msgs::JointState state;

@@ -8,6 +8,7 @@
 #include <string>
 
 #include <gtest/gtest.h>
+#include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/SaveMap.h>
 #include <nav_msgs/OccupancyGrid.h>
@@ -27,6 +28,7 @@
 namespace integration_tests {
 namespace {
 
+using interactive_mapping_msgs::GetMesh;
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::SaveMap;
 using synthetic_depth::Scene;
@@ -150,6 +152,17 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
   EXPECT_FALSE(free.message->markers.back().points.empty());
   EXPECT_GT(std::count(grid.message->data.begin(), grid.message->data.end(), 100), 100);
 
+  // The mesh, for who does not have it.
+  GetMesh mesh;
+  ASSERT_TRUE(ros::service::call("octomap_baseline/get_mesh", mesh));
+  EXPECT_GT(mesh.response.mesh.mesh.triangles.size(), 600u);  // two a voxel of the floor at least
+  EXPECT_EQ(mesh.response.mesh.header.stamp, last_stamp);
+  GetMesh known;
+  known.request.revision = mesh.response.revision;
+  ASSERT_TRUE(ros::service::call("octomap_baseline/get_mesh", known));
+  EXPECT_EQ(known.response.revision, mesh.response.revision);
+  EXPECT_TRUE(known.response.mesh.mesh.vertices.empty());
+
   // The services answer with the same tree.
   EXPECT_EQ(getMap("octomap_binary").data, binary->data);
   EXPECT_EQ(getMap("octomap_full").data, full.message->data);
@@ -194,6 +207,9 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
   EXPECT_GT(outside, 300);
   box.request.max.x = -1.0;
   EXPECT_FALSE(ros::service::call("octomap_baseline/clear_bbx", box)) << "min above max";
+  ASSERT_TRUE(ros::service::call("octomap_baseline/get_mesh", known));
+  EXPECT_GT(known.response.revision, mesh.response.revision);
+  EXPECT_LT(known.response.mesh.mesh.vertices.size(), mesh.response.mesh.mesh.vertices.size());
 
   // Everything cleared; who listens is told.
   std_srvs::Empty reset;

@@ -25,6 +25,7 @@ struct GpisMappingParams {
   struct Output {
     double rate_hz{2.0};
     bool every_image{false};
+    double mesh_period_s{0.0};
     double removed_display_s{10.0};
     MeshColor mesh_color{MeshColor::kHeight};
     double color_max_std_m{0.01};
@@ -32,8 +33,11 @@ struct GpisMappingParams {
     static void fields(Output& c, interactive_mapping::Fields& f) {
       f.live()("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of mesh, points, ground and slice, at most; by the wall clock");
       f("every_image", c.every_image,
-        "instead of a rate: after each image, refused ones too, before its ~update; the next image waits for it. For "
+        "instead of a rate: after each image, before its ~update; the next image waits for it. For "
         "simulation in lock step");
+      f("mesh_period_s", c.mesh_period_s, 0.0, 3600.0, "s",
+        "between two of ~mesh and ~mesh_marker, at least, by the stamps of the images; ~get_mesh has each image at "
+        "once");
       f.live()("removed_display_s", c.removed_display_s, 0.0, 3600.0, "s",
                "how long removed points are shown, ROS time");
       f.live()("mesh_color", c.mesh_color, kMeshColorNames, "of ~mesh_marker");

@@ -11,6 +11,7 @@
 #include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/ClearBox.h>
+#include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_mapping_msgs/LoadMap.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SaveMap.h>
@@ -55,6 +56,8 @@ class GpisMappingRos {
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                interactive_mapping_msgs::QueryMap::Response& response);
+  bool onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
+                 interactive_mapping_msgs::GetMesh::Response& response);
   bool onSave(interactive_mapping_msgs::SaveMap::Request& request,
               interactive_mapping_msgs::SaveMap::Response& response);
   bool onLoad(interactive_mapping_msgs::LoadMap::Request& request,
@@ -109,7 +112,7 @@ class GpisMappingRos {
 
   ros::Publisher update_publisher_;
   MapPublisher publisher_;
-  ros::ServiceServer query_server_, save_server_, load_server_, clear_server_, clear_box_server_;
+  ros::ServiceServer query_server_, mesh_server_, save_server_, load_server_, clear_server_, clear_box_server_;
   ros::Subscriber attached_subscriber_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_, autosave_timer_;

@@ -15,6 +15,7 @@
 
 #include <Eigen/Core>
 #include <geometry_msgs/Pose.h>
+#include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_markers/interactive_marker_server.h>
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
@@ -39,7 +40,7 @@ struct MapState {
 /// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
 /// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~frame_map`, `~ground`, `~slice`, `~slice_marker`. A new
 /// subscriber gets the current state at once. With `every_image` nothing is left out: setState() returns when its state
-/// has been published. All methods may be called from any thread.
+/// has been published; `~mesh` and `~mesh_marker` may keep a period. All methods may be called from any thread.
 class MapPublisher {
  public:
   MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params);
@@ -55,6 +56,10 @@ class MapPublisher {
   void setSliceHeight(double height_m);
   /// Called, from a callback thread, when somebody drags the slice in rviz.
   void onSliceDragged(std::function<void(double height_m)> callback);
+
+  /// The surface of the newest state. Extracts what changed since it was last looked at; throws if that fails.
+  void getMesh(const interactive_mapping_msgs::GetMesh::Request& request,
+               interactive_mapping_msgs::GetMesh::Response* response);
 
   /// Why the last try to publish failed; empty when it did not.
   std::string lastError() const;
@@ -74,9 +79,13 @@ class MapPublisher {
   /// Call with mutex_ held.
   bool removedHaveExpired(const ros::Time& now);
   void placeSliceHandle(const MapState& state, double height_m);
+  std_msgs::Header headerOf(const MapState& state) const;
+  /// Call with mesh_mutex_ held; valid as long.
+  const gpis_mapping::TriangleMesh& surfaceOf(const MapState& state);
 
   std::string map_frame_;
   gpis_mapping::GroundOptions ground_options_;
+  const std::uint64_t first_revision_{ros::WallTime::now().toNSec()};  // no two runs of a node have the same
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::condition_variable changed_;
@@ -85,6 +94,7 @@ class MapPublisher {
   std::uint64_t num_states_{0};
   std::uint64_t num_states_published_{0};
   MapState state_;
+  ros::Time mesh_stamp_;  // of the last state whose mesh was due
   GpisMappingParams::Output output_;
   GpisMappingParams::Slice slice_;
   std::deque<std::pair<ros::Time, std::vector<Eigen::Vector3d>>> removed_;  // with the time they were removed
@@ -92,9 +102,13 @@ class MapPublisher {
   std::string last_error_;
   Output mesh_, marker_, points_, removed_points_, frame_map_, ground_, slice_cloud_, slice_marker_;
 
-  // Of the worker alone.
+  std::mutex mesh_mutex_;  // guards what follows, up to the blank line
   std::unique_ptr<gpis_mapping::MeshExtractor> extractor_;
   std::uint64_t extractor_generation_{0};
+  gpis_mapping::TriangleMesh surface_;
+  std::uint64_t surface_revision_{0};  // 0: none
+
+  // Of the worker alone.
   bool has_handle_{false};
   double handle_height_m_{0.0};
   geometry_msgs::Pose handle_pose_;  // as inserted

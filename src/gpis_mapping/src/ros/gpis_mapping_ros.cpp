@@ -89,6 +89,7 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
     attached_subscriber_ = ros::NodeHandle(nh).subscribe("attached_brick", 5, &GpisMappingRos::onAttached, this);
   }
   query_server_ = pnh.advertiseService("query", &GpisMappingRos::onQuery, this);
+  mesh_server_ = pnh.advertiseService("get_mesh", &GpisMappingRos::onGetMesh, this);
   save_server_ = pnh.advertiseService("save_map", &GpisMappingRos::onSave, this);
   load_server_ = pnh.advertiseService("load_map", &GpisMappingRos::onLoad, this);
   clear_server_ = pnh.advertiseService("clear_map", &GpisMappingRos::onClear, this);
@@ -115,7 +116,7 @@ GpisMappingRos::~GpisMappingRos() {
   autosave_timer_.stop();
   diagnostics_timer_.stop();
   for (ros::ServiceServer* server :
-       {&query_server_, &save_server_, &load_server_, &clear_server_, &clear_box_server_}) {
+       {&query_server_, &mesh_server_, &save_server_, &load_server_, &clear_server_, &clear_box_server_}) {
     server->shutdown();
   }
   attached_subscriber_.shutdown();
@@ -163,11 +164,6 @@ void GpisMappingRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
   message.status = static_cast<std::uint8_t>(refusal.status);
   message.message = refusal.message;
   const MapState now = state();
-  if (params_.output.every_image && !stamp.isZero()) {
-    MapState as_before = now;
-    as_before.stamp = stamp;  // the map at that time, which the image has not changed
-    publisher_.setState(as_before, {});
-  }
   message.update = now.snapshot->numUpdates();
   message.map_points = static_cast<std::uint32_t>(now.snapshot->numPoints());
   update_publisher_.publish(message);
@@ -213,6 +209,17 @@ bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& reques
   };
   answerQuery(request, params_.input.map_frame, input_->tfBuffer(), map, &response);
   return true;
+}
+
+bool GpisMappingRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
+                               interactive_mapping_msgs::GetMesh::Response& response) {
+  try {
+    publisher_.getMesh(request, &response);
+    return true;
+  } catch (const std::exception& error) {
+    ROS_ERROR_NAMED(kLog, "no mesh could be made: %s", error.what());
+    return false;
+  }
 }
 
 std::size_t GpisMappingRos::save(const std::string& path) {

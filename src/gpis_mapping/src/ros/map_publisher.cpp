@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/InteractiveMarker.h>
@@ -76,6 +75,13 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
   bool waits = false;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
+    const double mesh_age_s = (state.stamp - mesh_stamp_).toSec();  // negative: time ran back
+    const bool is_mesh_due =
+        state.generation != state_.generation || mesh_age_s < 0.0 || mesh_age_s >= output_.mesh_period_s;
+    if (is_mesh_due) {
+      mesh_stamp_ = state.stamp;
+      mesh_.is_stale = marker_.is_stale = true;
+    }
     if (state.generation != state_.generation) removed_.clear();
     state_ = state;
     if (!removed_points_map.empty()) removed_.emplace_back(now, removed_points_map);
@@ -85,8 +91,7 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
       total -= removed_.front().second.size();
       removed_.pop_front();
     }
-    for (Output* output :
-         {&mesh_, &marker_, &points_, &removed_points_, &frame_map_, &ground_, &slice_cloud_, &slice_marker_}) {
+    for (Output* output : {&points_, &removed_points_, &frame_map_, &ground_, &slice_cloud_, &slice_marker_}) {
       output->is_stale = true;
     }
     has_news_ = true;
@@ -129,6 +134,43 @@ void MapPublisher::setSliceHeight(double height_m) {
 void MapPublisher::onSliceDragged(std::function<void(double height_m)> callback) {
   const std::lock_guard<std::mutex> lock(mutex_);
   on_slice_dragged_ = std::move(callback);
+}
+
+std_msgs::Header MapPublisher::headerOf(const MapState& state) const {
+  std_msgs::Header header;
+  header.frame_id = map_frame_;
+  header.stamp = state.stamp;
+  return header;
+}
+
+const gpis_mapping::TriangleMesh& MapPublisher::surfaceOf(const MapState& state) {
+  if (surface_revision_ == state.revision) return surface_;
+  if (!extractor_ || extractor_generation_ != state.generation) {
+    extractor_ = std::make_unique<gpis_mapping::MeshExtractor>(state.snapshot->config());
+    extractor_generation_ = state.generation;
+  }
+  surface_revision_ = 0;
+  extractor_->update(*state.snapshot);
+  surface_ = extractor_->mesh();
+  surface_revision_ = state.revision;
+  return surface_;
+}
+
+void MapPublisher::getMesh(const interactive_mapping_msgs::GetMesh::Request& request,
+                           interactive_mapping_msgs::GetMesh::Response* response) {
+  MapState state;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    state = state_;
+  }
+  response->revision = first_revision_ + state.revision;
+  if (request.revision == response->revision) {
+    response->mesh.header = headerOf(state);
+    response->mesh.update = state.snapshot->numUpdates();
+    return;
+  }
+  const std::lock_guard<std::mutex> lock(mesh_mutex_);
+  response->mesh = toSurfaceMesh(surfaceOf(state), headerOf(state), state.snapshot->numUpdates());
 }
 
 std::string MapPublisher::lastError() const {
@@ -220,16 +262,10 @@ void MapPublisher::publish() {
     wants_slice_cloud = takeWanted(&slice_cloud_);
     wants_slice_marker = takeWanted(&slice_marker_);
   }
-  std_msgs::Header header;
-  header.frame_id = map_frame_;
-  header.stamp = state.stamp;
+  const std_msgs::Header header = headerOf(state);
   if (wants_mesh || wants_marker) {
-    if (!extractor_ || extractor_generation_ != state.generation) {
-      extractor_ = std::make_unique<gpis_mapping::MeshExtractor>(state.snapshot->config());
-      extractor_generation_ = state.generation;
-    }
-    extractor_->update(*state.snapshot);
-    const gpis_mapping::TriangleMesh mesh = extractor_->mesh();
+    const std::lock_guard<std::mutex> lock(mesh_mutex_);
+    const gpis_mapping::TriangleMesh& mesh = surfaceOf(state);
     if (wants_mesh) {
       mesh_.publisher.publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(
           toSurfaceMesh(mesh, header, state.snapshot->numUpdates())));

@@ -10,8 +10,8 @@
 #include <thread>
 
 #include <Eigen/Geometry>
-#include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <ros/node_handle.h>
+#include <ros/subscriber.h>
 
 #include "motion_planning/collision_scene.h"
 #include "motion_planning_ros/motion_planning_params.h"
@@ -29,16 +29,15 @@ struct MapScene {
   motion_planning::SceneUpdate statistics;
 };
 
-/// Makes scenes of the map's meshes (`map/mesh`), on a thread of its own that asks the map (`map/query`) about uncertainty and
-/// unknown space: of the newest when one is asked for, of each while it follows the map. Meshes that come meanwhile replace
-/// each other.
+/// Makes scenes of the map, on a thread of its own that gets its mesh (`map/get_mesh`) and asks it about uncertainty and
+/// unknown space (`map/query`): when a scene is asked for, and after each image (`map/update`) while it follows the map.
 class SceneKeeper {
  public:
   struct Counters {
-    std::uint64_t meshes{0};
+    std::uint64_t images{0};  // in the map, heard of
     std::uint64_t scenes{0};
     std::string last_failure;  // empty since the last scene
-    ros::WallTime last_mesh;   // zero: none yet
+    ros::WallTime last_image;  // zero: none yet
   };
 
   /// `on_scene` runs on this keeper's thread after each new scene.
@@ -53,17 +52,17 @@ class SceneKeeper {
   /// No `on_scene` runs any more when it returns.
   void stop();
 
-  /// Whether each mesh becomes a scene, from now on; the first one always does. Returns what was before.
+  /// Whether each image in the map leads to a scene, from now on; the first one always does. Returns what was before.
   bool follow(bool is_followed);
 
-  /// The scene of the newest mesh heard of, with the robot at `T_map_base`: waits until it is made. Nothing, and why: no
-  /// mesh yet, the map does not answer, cancelled.
+  /// The scene of the map as it is now, with the robot at `T_map_base`: waits until it is made. Nothing, and why: the map
+  /// does not answer, cancelled.
   std::shared_ptr<const MapScene> current(const Eigen::Isometry3d& T_map_base,
                                           const std::function<bool()>& is_cancelled, std::string* why_not);
 
-  /// Of the newest mesh heard of; zero: none yet.
-  ros::Time meshStamp() const;
-  std::string meshTopic() const { return mesh_subscriber_.getTopic(); }
+  /// Of the newest image in the map heard of; zero: none yet.
+  ros::Time imageStamp() const;
+  std::string updateTopic() const { return update_subscriber_.getTopic(); }
 
   /// The last one made; null: none yet.
   std::shared_ptr<const MapScene> last() const;
@@ -81,18 +80,16 @@ class SceneKeeper {
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::condition_variable changed_;
   bool is_stopping_{false};
-  interactive_mapping_msgs::SurfaceMeshConstPtr mesh_;  // the newest
-  std::uint64_t mesh_number_{0};                        // of mesh_, 0: none
+  ros::Time image_stamp_;
   bool is_followed_{false};
   std::uint64_t asked_number_{0};  // a scene was asked for at asked_pose_; counts such requests
   Eigen::Isometry3d asked_pose_{Eigen::Isometry3d::Identity()};
-  std::uint64_t done_mesh_number_{0};
+  std::uint64_t done_images_{0};  // counters_.images that were tried
   std::uint64_t done_asked_number_{0};
   std::shared_ptr<const MapScene> last_;
-  std::uint64_t last_mesh_number_{0};  // that last_ was made from
   Counters counters_;
 
-  ros::Subscriber mesh_subscriber_;
+  ros::Subscriber update_subscriber_;
   std::thread worker_;  // last: everything it uses exists before it
 };
 

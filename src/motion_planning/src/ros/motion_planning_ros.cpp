@@ -222,8 +222,8 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
 
   const std::shared_ptr<const MapScene> scene = scenes_->current(*T_map_base, is_cancelled, &why_not);
   if (!scene) refuseMap();
-  if (scene->stamp < min_map_stamp) {  // loaded, or begun anew, meanwhile
-    why_not = "the newest mesh is of " + formatted("%.3f s", scene->stamp.toSec()) + ", asked for is one of " +
+  if (scene->stamp < min_map_stamp) {  // loaded, or cleared, meanwhile
+    why_not = "the map's newest image is of " + formatted("%.3f s", scene->stamp.toSec()) + ", asked for is one of " +
               formatted("%.3f s", min_map_stamp.toSec()) + " or later: it was newer before";
     refuseMap();
   }
@@ -233,18 +233,19 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
 }
 
 bool MotionPlanningRos::awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled, std::string* why_not) {
-  if (min_stamp.isZero() || scenes_->meshStamp() >= min_stamp) return true;
+  if (min_stamp.isZero() || scenes_->imageStamp() >= min_stamp) return true;
   const ros::Time due = ros::Time::now() + ros::Duration(params_.state.map_wait_s);
-  const bool clock_runs = interactive_mapping_ros::waitUntil(
-      due, params_.cost.stall_s, [&] { return scenes_->meshStamp() >= min_stamp || (is_cancelled && is_cancelled()); });
-  const ros::Time newest = scenes_->meshStamp();
+  const bool clock_runs = interactive_mapping_ros::waitUntil(due, params_.cost.stall_s, [&] {
+    return scenes_->imageStamp() >= min_stamp || (is_cancelled && is_cancelled());
+  });
+  const ros::Time newest = scenes_->imageStamp();
   if (newest >= min_stamp) return true;
   if (is_cancelled && is_cancelled()) {
     *why_not = "cancelled while waiting for a newer map";
     return false;
   }
-  *why_not = newest.isZero() ? "no mesh has come on " + scenes_->meshTopic()
-                             : "the newest mesh is of " + formatted("%.3f s", newest.toSec());
+  *why_not = newest.isZero() ? "the map has taken in no image (" + scenes_->updateTopic() + ")"
+                             : "the map's newest image is of " + formatted("%.3f s", newest.toSec());
   *why_not += ", asked for is one of " + formatted("%.3f s", min_stamp.toSec()) + " or later";
   *why_not += clock_runs ? " (waited " + formatted("%.3f s", params_.state.map_wait_s) + ", state/map_wait_s)"
                          : " (the clock has stood still for " + formatted("%.1f s", params_.cost.stall_s) + ")";
@@ -261,8 +262,8 @@ void MotionPlanningRos::reportReadiness() {
   const std::shared_ptr<const MapScene> scene = scenes_->last();
   if (!scene) {
     const SceneKeeper::Counters counters = scenes_->counters();
-    if (counters.meshes == 0) {
-      lack("no mesh has come on " + scenes_->meshTopic());
+    if (counters.images == 0) {
+      lack("the map has taken in no image (" + scenes_->updateTopic() + ")");
     } else {
       lack("no scene of the map" + (counters.last_failure.empty() ? " yet" : ": " + counters.last_failure));
     }
@@ -612,17 +613,16 @@ void MotionPlanningRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper&
   using diagnostic_msgs::DiagnosticStatus;
   const SceneKeeper::Counters counters = scenes_->counters();
   const std::shared_ptr<const MapScene> last = scenes_->last();
-  if (counters.meshes == 0) {
-    status.summary(DiagnosticStatus::WARN, "no mesh of the map has come");
+  if (counters.images == 0) {
+    status.summary(DiagnosticStatus::WARN, "the map has taken in no image");
   } else if (!counters.last_failure.empty()) {
     status.summary(DiagnosticStatus::ERROR, counters.last_failure);
-  } else if ((ros::WallTime::now() - counters.last_mesh).toSec() > kQuietMap_s) {
-    status.summary(DiagnosticStatus::WARN,
-                   formatted("the last mesh came %.0f s ago", (ros::WallTime::now() - counters.last_mesh).toSec()));
+  } else if (const double age_s = (ros::WallTime::now() - counters.last_image).toSec(); age_s > kQuietMap_s) {
+    status.summary(DiagnosticStatus::WARN, formatted("the map took in its last image %.0f s ago", age_s));
   } else {
     status.summary(DiagnosticStatus::OK, "follows the map");
   }
-  status.add("meshes", counters.meshes);
+  status.add("images since the start", counters.images);
   status.add("scenes", counters.scenes);
   if (!last) return;
   status.add("images in the map", last->map_update);

@@ -7,6 +7,8 @@
 #include <utility>
 
 #include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_msgs/GetMesh.h>
+#include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <ros/console.h>
 #include <ros/service_client.h>
@@ -17,6 +19,8 @@ namespace motion_planning_ros {
 namespace {
 
 using gpis_mapping::SpaceState;
+using interactive_mapping_msgs::GetMesh;
+using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::QueryMap;
 
 constexpr char kLog[] = "motion_planning";
@@ -25,6 +29,12 @@ constexpr std::chrono::milliseconds kCancelPeriod(10);  // how soon a waiting re
 SpaceState toSpaceState(std::uint8_t state) {
   if (state == QueryMap::Response::FREE) return SpaceState::kFree;
   return state == QueryMap::Response::OCCUPIED ? SpaceState::kOccupied : SpaceState::kUnknown;
+}
+
+template <typename Service>
+void call(ros::ServiceClient& client, Service* service) {
+  if (!client.isValid()) throw std::runtime_error("no service " + client.getService());
+  if (!client.call(*service)) throw std::runtime_error("call of " + client.getService() + " failed");
 }
 
 /// The map in another process.
@@ -44,8 +54,7 @@ class ServiceView : public motion_planning::MapView {
       query.request.points[i].y = points_map(1, column);
       query.request.points[i].z = points_map(2, column);
     }
-    if (!client_.isValid()) throw std::runtime_error("no service " + client_.getService());
-    if (!client_.call(query)) throw std::runtime_error("call of " + client_.getService() + " failed");
+    call(client_, &query);
     const QueryMap::Response& response = query.response;
     if (!response.success || response.state.size() != count || response.distance.size() != count ||
         response.surface_std.size() != count) {
@@ -73,17 +82,16 @@ SceneKeeper::SceneKeeper(const ros::NodeHandle& nh, const RobotState& robot, con
     : nh_(nh), robot_(robot), params_(params), on_scene_(std::move(on_scene)) {}
 
 void SceneKeeper::start() {
-  mesh_subscriber_ = nh_.subscribe<interactive_mapping_msgs::SurfaceMesh>(
-      "map/mesh", 1, [this](const interactive_mapping_msgs::SurfaceMeshConstPtr& mesh) {
-        {
-          const std::lock_guard<std::mutex> lock(mutex_);
-          mesh_ = mesh;
-          ++mesh_number_;
-          ++counters_.meshes;
-          counters_.last_mesh = ros::WallTime::now();
-        }
-        changed_.notify_all();
-      });
+  update_subscriber_ = nh_.subscribe<MapUpdate>("map/update", 10, [this](const MapUpdate::ConstPtr& update) {
+    if (update->status != MapUpdate::ACCEPTED) return;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      image_stamp_ = update->header.stamp;
+      ++counters_.images;
+      counters_.last_image = ros::WallTime::now();
+    }
+    changed_.notify_all();
+  });
   worker_ = std::thread(&SceneKeeper::work, this);
 }
 
@@ -92,7 +100,7 @@ SceneKeeper::~SceneKeeper() {
 }
 
 void SceneKeeper::stop() {
-  mesh_subscriber_.shutdown();
+  update_subscriber_.shutdown();
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     is_stopping_ = true;
@@ -116,9 +124,9 @@ std::shared_ptr<const MapScene> SceneKeeper::last() const {
   return last_;
 }
 
-ros::Time SceneKeeper::meshStamp() const {
+ros::Time SceneKeeper::imageStamp() const {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return mesh_ ? mesh_->header.stamp : ros::Time();
+  return image_stamp_;
 }
 
 SceneKeeper::Counters SceneKeeper::counters() const {
@@ -135,94 +143,90 @@ bool SceneKeeper::isNear(const Eigen::Isometry3d& T_map_base, const Eigen::Isome
 std::shared_ptr<const MapScene> SceneKeeper::current(const Eigen::Isometry3d& T_map_base,
                                                      const std::function<bool()>& is_cancelled, std::string* why_not) {
   std::unique_lock<std::mutex> lock(mutex_);
-  if (mesh_number_ == 0) {
-    *why_not = "no mesh has come on " + mesh_subscriber_.getTopic();
-    return nullptr;
-  }
-  const std::uint64_t wanted = mesh_number_;
-  const auto isCurrent = [&] { return last_mesh_number_ >= wanted && last_ && isNear(T_map_base, last_->T_map_base); };
-  std::uint64_t asked = 0;  // what to wait for; 0: not asked yet
-  while (!isCurrent()) {
+  asked_pose_ = T_map_base;
+  const std::uint64_t asked = ++asked_number_;
+  changed_.notify_all();
+  while (done_asked_number_ < asked) {
     if (is_stopping_ || (is_cancelled && is_cancelled())) {
       *why_not = "cancelled while the scene was being made";
       return nullptr;
     }
-    if (asked == 0) {
-      asked_pose_ = T_map_base;
-      asked = ++asked_number_;
-      changed_.notify_all();
-    } else if (done_asked_number_ >= asked) {  // it was tried since, and this is not it
-      *why_not = counters_.last_failure.empty() ? "another request moved the scene" : counters_.last_failure;
-      return nullptr;
-    }
     changed_.wait_for(lock, kCancelPeriod);
   }
-  return last_;
+  if (counters_.last_failure.empty() && isNear(T_map_base, last_->T_map_base)) return last_;
+  *why_not = counters_.last_failure.empty() ? "another request moved the scene" : counters_.last_failure;
+  return nullptr;
 }
 
 void SceneKeeper::work() {
   motion_planning::CollisionSceneBuilder builder(params_.scene);
   motion_planning::CollisionSceneBuilder watched_builder(params_.watchedScene());
+  std::uint64_t revision = 0;  // of the map that the last scene was made from
   while (true) {
-    interactive_mapping_msgs::SurfaceMeshConstPtr mesh;
-    std::uint64_t mesh_number = 0;
+    std::uint64_t images = 0;
     std::uint64_t asked_number = 0;
-    Eigen::Isometry3d asked_pose;
+    std::optional<Eigen::Isometry3d> T_map_base;
+    std::shared_ptr<const MapScene> last;
     {
       std::unique_lock<std::mutex> lock(mutex_);
       changed_.wait(lock, [this] {
-        const bool is_next_due = mesh_number_ > done_mesh_number_ && (is_followed_ || !last_);
-        return is_stopping_ || (mesh_ && (is_next_due || asked_number_ > done_asked_number_));
+        const bool is_next_due = counters_.images > done_images_ && (is_followed_ || !last_);
+        return is_stopping_ || is_next_due || asked_number_ > done_asked_number_;
       });
       if (is_stopping_) return;
-      mesh = mesh_;
-      mesh_number = mesh_number_;
+      images = counters_.images;
       asked_number = asked_number_;
-      asked_pose = asked_pose_;
+      if (asked_number_ > done_asked_number_) T_map_base = asked_pose_;
+      last = last_;
     }
-    auto made = std::make_shared<MapScene>();
+    std::shared_ptr<MapScene> made;
     std::string failure;
     try {
-      std::optional<Eigen::Isometry3d> T_map_base;
-      if (asked_number > done_asked_number_) {
-        T_map_base = asked_pose;
-      } else {
-        T_map_base = robot_.base(&failure);
-      }
+      if (!T_map_base) T_map_base = robot_.base(&failure);
       if (T_map_base) {
-        if (withoutSlash(mesh->header.frame_id) != params_.map_frame) {
-          throw std::runtime_error("the mesh's frame is '" + mesh->header.frame_id + "', must be '" +
-                                   params_.map_frame + "'");
+        GetMesh map;
+        map.request.revision = last && isNear(*T_map_base, last->T_map_base) ? revision : 0;
+        auto client = nh_.serviceClient<GetMesh>("map/get_mesh", true);
+        call(client, &map);
+        const interactive_mapping_msgs::SurfaceMesh& mesh = map.response.mesh;
+        if (withoutSlash(mesh.header.frame_id) != params_.map_frame) {
+          throw std::runtime_error("the mesh's frame is '" + mesh.header.frame_id + "', must be '" + params_.map_frame +
+                                   "'");
         }
-        const ServiceView service(nh_, params_.map_frame);
-        const motion_planning::AskedOnceView view(service);  // the two builders are in step
-        const motion_planning::Surface surface = toSurface(*mesh);
-        watched_builder.update(surface, view, *T_map_base);
-        made->statistics = builder.update(surface, view, *T_map_base);
-        made->watched = watched_builder.scene();
-        made->scene = builder.scene();
-        made->T_map_base = *T_map_base;
-        made->stamp = mesh->header.stamp;
-        made->map_update = mesh->update;
+        if (map.request.revision == 0 || map.request.revision != map.response.revision) {
+          made = std::make_shared<MapScene>();
+          const ServiceView service(nh_, params_.map_frame);
+          const motion_planning::AskedOnceView view(service);  // the two builders are in step
+          const motion_planning::Surface surface = toSurface(mesh);
+          watched_builder.update(surface, view, *T_map_base);
+          made->statistics = builder.update(surface, view, *T_map_base);
+          made->watched = watched_builder.scene();
+          made->scene = builder.scene();
+          made->T_map_base = *T_map_base;
+          made->stamp = mesh.header.stamp;
+          made->map_update = mesh.update;
+          revision = map.response.revision;
+        }
       }
     } catch (const std::exception& error) {
       failure = error.what();
+      made.reset();
+      revision = 0;  // the builders may be half way
     }
     if (!failure.empty()) ROS_WARN_THROTTLE_NAMED(10.0, kLog, "no scene of the newest map: %s", failure.c_str());
     {
       const std::lock_guard<std::mutex> lock(mutex_);
-      // A mesh that failed is not tried again by itself: the next one is, or the next request.
-      done_mesh_number_ = mesh_number;
+      // A map that failed is not tried again by itself: the next image's is, or the next request.
+      done_images_ = images;
       done_asked_number_ = asked_number;
       counters_.last_failure = failure;
-      if (made->scene) {
+      if (made) {
         last_ = made;
-        last_mesh_number_ = mesh_number;
         ++counters_.scenes;
       }
     }
     changed_.notify_all();
-    if (made->scene) on_scene_(*made);
+    if (made) on_scene_(*made);
   }
 }
 

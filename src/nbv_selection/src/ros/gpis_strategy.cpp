@@ -7,8 +7,9 @@
 #include <interactive_mapping_common_ros/params.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
+#include <interactive_mapping_msgs/GetMesh.h>
+#include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/QueryMap.h>
-#include <interactive_mapping_msgs/SurfaceMesh.h>
 #include <pluginlib/class_list_macros.hpp>
 
 #include "nbv_selection_ros/live_selector.h"
@@ -17,9 +18,10 @@
 namespace nbv_selection_ros {
 namespace {
 
+using interactive_mapping_msgs::GetMesh;
+using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::QueryMap;
 using interactive_mapping_msgs::SurfaceMesh;
-using interactive_mapping_msgs::SurfaceMeshConstPtr;
 
 nbv_selection::MappedSurface toSurface(const SurfaceMesh& mesh) {
   const std::size_t count = mesh.mesh.vertices.size();
@@ -54,6 +56,23 @@ Eigen::VectorXd toVector(const std::vector<double>& numbers) {
   return Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(numbers.size()));
 }
 
+/// Fills in the response. Throws MapUnavailable; SelectionCancelled.
+template <typename Service>
+void call(ros::ServiceClient client, Service* service, double timeout_s, const std::function<bool()>& is_cancelled) {
+  if (!client.isValid()) throw MapUnavailable("no service " + client.getService());
+  switch (callWithin(client, service, timeout_s, is_cancelled)) {
+    case CallEnd::kAnswered:
+      return;
+    case CallEnd::kFailed:
+      throw MapUnavailable("the call of " + client.getService() + " failed");
+    case CallEnd::kTimedOut:
+      throw MapUnavailable(client.getService() + " has not answered for " + std::to_string(timeout_s) +
+                           " s (input/answer_timeout_s)");
+    case CallEnd::kCancelled:
+      throw SelectionCancelled("cancelled while " + client.getService() + " was asked");
+  }
+}
+
 /// The map's answers through one connection.
 class QueryClient {
  public:
@@ -65,7 +84,7 @@ class QueryClient {
 
   /// sigma_f squared.
   double priorVariance() {
-    const QueryMap::Response response = call({}, {});
+    const QueryMap::Response response = ask({}, {});
     if (!(response.prior_variance > 0.0)) {
       throw MapUnavailable(client_.getService() + " says that the prior's variance is " +
                            std::to_string(response.prior_variance) + " m^2, must be above 0");
@@ -75,7 +94,7 @@ class QueryClient {
 
   gpis_mapping::QueryResult operator()(const gpis_mapping::Points3d& points_map,
                                        const gpis_mapping::QueryOptions& options) {
-    const QueryMap::Response response = call(points_map, options);
+    const QueryMap::Response response = ask(points_map, options);
     const auto count = static_cast<std::size_t>(points_map.cols());
     const auto require = [&](const char* what, std::size_t size) {
       if (size == count) return;
@@ -111,7 +130,7 @@ class QueryClient {
   }
 
  private:
-  QueryMap::Response call(const gpis_mapping::Points3d& points_map, const gpis_mapping::QueryOptions& options) {
+  QueryMap::Response ask(const gpis_mapping::Points3d& points_map, const gpis_mapping::QueryOptions& options) {
     QueryMap query;
     query.request.frame_id = map_frame_;
     query.request.with_variance = options.variance ? 1 : 0;
@@ -123,18 +142,7 @@ class QueryClient {
       query.request.points[i].y = points_map(1, column);
       query.request.points[i].z = points_map(2, column);
     }
-    if (!client_.isValid()) throw MapUnavailable("no service " + client_.getService());
-    switch (callWithin(client_, &query, timeout_s_, is_cancelled_)) {
-      case CallEnd::kAnswered:
-        break;
-      case CallEnd::kFailed:
-        throw MapUnavailable("the call of " + client_.getService() + " failed");
-      case CallEnd::kTimedOut:
-        throw MapUnavailable(client_.getService() + " has not answered for " + std::to_string(timeout_s_) +
-                             " s (input/answer_timeout_s)");
-      case CallEnd::kCancelled:
-        throw SelectionCancelled("cancelled while " + client_.getService() + " was asked");
-    }
+    call(client_, &query, timeout_s_, is_cancelled_);
     if (!query.response.success) throw MapUnavailable(client_.getService() + ": " + query.response.message);
     return query.response;
   }
@@ -151,9 +159,10 @@ class GpisStrategy : public Strategy {
     context_ = context;
     params_ = interactive_mapping_ros::loadParams<GpisStrategyParams>(context.private_nh);
     selector_ = std::make_unique<LiveSelector<GpisStrategyParams>>(context, params_);
-    mesh_subscriber_ = context_.nh.subscribe<SurfaceMesh>("map/mesh", 1, [this](const SurfaceMeshConstPtr& mesh) {
+    update_subscriber_ = context_.nh.subscribe<MapUpdate>("map/update", 10, [this](const MapUpdate::ConstPtr& update) {
+      if (update->status != MapUpdate::ACCEPTED) return;
       const std::lock_guard<std::mutex> lock(mutex_);
-      mesh_ = mesh;
+      image_stamp_ = update->header.stamp;
     });
   }
 
@@ -161,17 +170,16 @@ class GpisStrategy : public Strategy {
                                   const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
                                   const Tell& tell, const IsCancelled& is_cancelled) override {
     const auto selector = selector_->get();
-    const SurfaceMeshConstPtr mesh = awaitMesh(min_map_stamp, is_cancelled);
-    if (!mesh) throw SelectionCancelled("cancelled while waiting for the map");
-    if (interactive_mapping_ros::withoutSlash(mesh->header.frame_id) != context_.map_frame) {
-      throw MapUnusable("the mesh's frame is '" + mesh->header.frame_id + "', must be '" + context_.map_frame +
+    const SurfaceMesh mesh = awaitMesh(min_map_stamp, is_cancelled);
+    if (interactive_mapping_ros::withoutSlash(mesh.header.frame_id) != context_.map_frame) {
+      throw MapUnusable("the mesh's frame is '" + mesh.header.frame_id + "', must be '" + context_.map_frame +
                         "' (map_frame)");
     }
     auto query =
         std::make_shared<QueryClient>(context_.nh, context_.map_frame, context_.answer_timeout_s, is_cancelled);
     const double prior_std_m = std::sqrt(query->priorVariance());
     const nbv_selection::GpisScene scene(
-        toSurface(*mesh), prior_std_m,
+        toSurface(mesh), prior_std_m,
         [query](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
           return (*query)(points, options);
         },
@@ -180,52 +188,51 @@ class GpisStrategy : public Strategy {
   }
 
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) const override {
-    const SurfaceMeshConstPtr mesh = lastMesh();
-    if (!mesh) {
-      status.summary(diagnostic_msgs::DiagnosticStatus::WARN, "no mesh has come on " + mesh_subscriber_.getTopic());
+    const ros::Time newest = imageStamp();
+    if (newest.isZero()) {
+      status.summary(diagnostic_msgs::DiagnosticStatus::WARN, noImage());
       return;
     }
     status.summary(diagnostic_msgs::DiagnosticStatus::OK, "ready");
-    status.add("mesh: images", mesh->update);
-    status.add("mesh: age [s]", (ros::Time::now() - mesh->header.stamp).toSec());
-    status.add("mesh: vertices", mesh->mesh.vertices.size());
+    status.add("age of the map's newest image [s]", (ros::Time::now() - newest).toSec());
   }
 
   std::string configuration() const override { return interactive_mapping::toYaml(params_); }
 
  private:
-  SurfaceMeshConstPtr lastMesh() const {
+  ros::Time imageStamp() const {
     const std::lock_guard<std::mutex> lock(mutex_);
-    return mesh_;
+    return image_stamp_;
   }
 
-  /// None: cancelled. What asks for it may be asked once only: a goal that another replaces goes on if that is withdrawn.
-  SurfaceMeshConstPtr awaitMesh(const ros::Time& min_stamp, const IsCancelled& is_cancelled) const {
-    SurfaceMeshConstPtr mesh;
-    bool has_been_cancelled = false;
-    const auto isThere = [&] {
-      mesh = lastMesh();
-      return mesh && mesh->header.stamp >= min_stamp;
-    };
-    const auto isOver = [&] {
+  std::string noImage() const { return "the map has taken in no image (" + update_subscriber_.getTopic() + ")"; }
+
+  /// The map's surface, with an image of `min_stamp` or later in it.
+  SurfaceMesh awaitMesh(const ros::Time& min_stamp, const IsCancelled& is_cancelled) const {
+    bool has_been_cancelled =
+        false;  // may be asked once only: a goal that another replaces goes on if that is withdrawn
+    interactive_mapping_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, [&] {
       has_been_cancelled = is_cancelled && is_cancelled();
-      return has_been_cancelled || isThere();
-    };
-    interactive_mapping_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, isOver);
-    if (has_been_cancelled) return nullptr;
-    if (isThere()) return mesh;
-    if (!mesh) throw MapUnavailable("no mesh has come on " + mesh_subscriber_.getTopic());
-    throw MapUnavailable("the newest mesh is of " + std::to_string(mesh->header.stamp.toSec()) +
-                         " s, asked for is one of " + std::to_string(min_stamp.toSec()) + " s or later (waited " +
+      return has_been_cancelled || imageStamp() >= min_stamp;
+    });
+    if (has_been_cancelled) throw SelectionCancelled("cancelled while waiting for the map");
+    GetMesh map;
+    ros::NodeHandle nh = context_.nh;  // a client is made by one that may change
+    call(nh.serviceClient<GetMesh>("map/get_mesh", true), &map, context_.answer_timeout_s, is_cancelled);
+    const ros::Time& stamp = map.response.mesh.header.stamp;
+    if (stamp >= min_stamp) return std::move(map.response.mesh);
+    if (stamp.isZero()) throw MapUnavailable(noImage());
+    throw MapUnavailable("the map's newest image is of " + std::to_string(stamp.toSec()) + " s, asked for is one of " +
+                         std::to_string(min_stamp.toSec()) + " s or later (waited " +
                          std::to_string(context_.map_wait_s) + " s, input/map_wait_s)");
   }
 
   StrategyContext context_;
   GpisStrategyParams params_;
   std::unique_ptr<LiveSelector<GpisStrategyParams>> selector_;
-  mutable std::mutex mutex_;  // guards mesh_
-  SurfaceMeshConstPtr mesh_;
-  ros::Subscriber mesh_subscriber_;  // last: its callback uses the rest
+  mutable std::mutex mutex_;           // guards image_stamp_
+  ros::Time image_stamp_;              // of the newest image in the map
+  ros::Subscriber update_subscriber_;  // last: its callback uses the rest
 };
 
 }  // namespace

@@ -17,6 +17,8 @@
 #include <geometry_msgs/TransformStamped.h>
 #include <gpis_mapping/mesh_extractor.h>
 #include <gpis_mapping_ros/map_messages.h>
+#include <interactive_mapping_msgs/GetMesh.h>
+#include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SelectNextBestViewAction.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
@@ -33,6 +35,8 @@
 
 namespace nbv_selection_ros {
 
+using interactive_mapping_msgs::GetMesh;
+using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::NbvSelection;
 using interactive_mapping_msgs::QueryMap;
 using interactive_mapping_msgs::SelectionOutcome;
@@ -169,7 +173,8 @@ class SelectionWorld {
     nh_.setCallbackQueue(&queue_);
     tf_ = nh_.advertise<tf2_msgs::TFMessage>("/tf", 10);
     grid_ = nh_.advertise<nav_msgs::OccupancyGrid>("/grid", 1, true);
-    mesh_ = nh_.advertise<SurfaceMesh>("/map/mesh", 1, true);
+    updates_ = nh_.advertise<MapUpdate>("/map/update", 10, true);
+    get_mesh_ = nh_.advertiseService("/map/get_mesh", &SelectionWorld::onGetMesh, this);
     query_ = nh_.advertiseService("/map/query", &SelectionWorld::onQuery, this);
     octomap_ = nh_.advertiseService("/octomap_full", &SelectionWorld::onOctomap, this);
     timer_ = nh_.createWallTimer(ros::WallDuration(0.02), [this](const ros::WallTimerEvent&) { publishState(); });
@@ -209,8 +214,14 @@ class SelectionWorld {
     SurfaceMesh mesh = meshOf(snapshot, ros::Time::now());
     if (spoil) spoil(&mesh);
     answerFrom(snapshot);
-    mesh_.publish(mesh);
-    return mesh.header.stamp;
+    MapUpdate update;
+    update.header = mesh.header;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      mesh_ = std::move(mesh);
+    }
+    updates_.publish(update);
+    return update.header.stamp;
   }
   /// Queries alone are answered from it.
   void answerFrom(const Snapshot& snapshot) {
@@ -266,6 +277,12 @@ class SelectionWorld {
     return true;
   }
 
+  bool onGetMesh(GetMesh::Request&, GetMesh::Response& response) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    response.mesh = mesh_;
+    return true;
+  }
+
   bool onOctomap(octomap_msgs::GetOctomap::Request&, octomap_msgs::GetOctomap::Response& response) {
     const std::lock_guard<std::mutex> lock(mutex_);
     response.map = octomap_message_;
@@ -274,13 +291,14 @@ class SelectionWorld {
 
   std::mutex mutex_;  // guards what follows, up to the blank line
   Snapshot snapshot_;
+  SurfaceMesh mesh_;
   octomap_msgs::Octomap octomap_message_;
   Hook hook_;
 
   ros::CallbackQueue queue_;
   ros::NodeHandle nh_;
-  ros::Publisher tf_, grid_, mesh_;
-  ros::ServiceServer query_, octomap_;
+  ros::Publisher tf_, grid_, updates_;
+  ros::ServiceServer query_, get_mesh_, octomap_;
   ros::WallTimer timer_;
   ros::AsyncSpinner spinner_;
 };

@@ -604,7 +604,7 @@ TEST_F(NbvSelectionNode, AMapThatChangesAgainAndAgainIsGivenUp) {
   world_->setHook([&](const QueryMap::Request& request, QueryMap::Response*) {
     if (!request.points.empty()) world_->answerFrom(empty);
   });
-  EXPECT_OUTCOME(main_->select(goalHere(kGpis)).outcome, STALE_MAP, HasSubstr("the newest mesh is of "));
+  EXPECT_OUTCOME(main_->select(goalHere(kGpis)).outcome, STALE_MAP, HasSubstr("the map's newest image is of "));
 }
 
 TEST_F(NbvSelectionNode, IsCancelledWhileItWaits) {
@@ -968,24 +968,27 @@ TEST_F(NbvSelectionNode, WithoutAMapItSaysWhichTopicAndServiceAreMissing) {
   ASSERT_TRUE(blind.connect());
   // The grid and tf are the same as the others'.
   ASSERT_TRUE(waitUntil([&] { return blind.select(goalOf(kGpis)).outcome.status == SelectionOutcome::STALE_MAP; }));
-  EXPECT_OUTCOME(blind.select(goalOf(kGpis)).outcome, STALE_MAP, "no mesh has come on /blind/mesh");
+  EXPECT_OUTCOME(blind.select(goalOf(kGpis)).outcome, STALE_MAP, "no service /blind/get_mesh");
   EXPECT_OUTCOME(blind.select(goalOf(kRandom)).outcome, STALE_MAP,
                  HasSubstr("no service /blind/octomap_full, or it does not answer"));
   diagnostics.await([](const auto& array) {
-    return tellsOf(array, "blind: inputs", 1,
-                   {"gpis: no mesh has come on /blind/mesh", "octomap_random: no service /blind/octomap_full"});
+    return tellsOf(
+        array, "blind: inputs", 1,
+        {"gpis: the map has taken in no image (/blind/update)", "octomap_random: no service /blind/octomap_full"});
   });
-  ros::NodeHandle nh;
-  ros::Publisher meshes = nh.advertise<SurfaceMesh>("/blind/mesh", 1, true);
-  meshes.publish(SelectionWorld::meshOf(pile_, ros::Time::now()));
-  ASSERT_TRUE(waitUntil(
-      [&] { return node_tests::has(blind.select(goalOf(kGpis)).outcome.message, "no service /blind/query"); }));
-  // The map's node ends.
   ros::CallbackQueue queue;
   ros::NodeHandle map_nh;
   map_nh.setCallbackQueue(&queue);
   ros::AsyncSpinner spinner(1, &queue);
   spinner.start();
+  const boost::function<bool(GetMesh::Request&, GetMesh::Response&)> get_mesh = [](GetMesh::Request&,
+                                                                                   GetMesh::Response& response) {
+    response.mesh = SelectionWorld::meshOf(pile_, ros::Time::now());
+    return true;
+  };
+  const ros::ServiceServer mesh = map_nh.advertiseService("/blind/get_mesh", get_mesh);
+  EXPECT_OUTCOME(blind.select(goalOf(kGpis)).outcome, STALE_MAP, HasSubstr("no service /blind/query"));
+  // The map's node ends.
   const boost::function<bool(QueryMap::Request&, QueryMap::Response&)> answer = [](QueryMap::Request& request,
                                                                                    QueryMap::Response& response) {
     SelectionWorld::answerFrom(*pile_, request, &response);
@@ -1133,7 +1136,7 @@ TEST_F(NbvSelectionProcess, BesideAForeignNavigationItNeedsNoArm) {
   SelectionWorld world;
   world.setMap(halfSeenPile());
   Process node({NBV_SELECTION_NODE, "__name:=" + name, "robot_description:=/no_such_description", "grid:=/foreign/grid",
-                "map/mesh:=/map/mesh", "map/query:=/map/query"},
+                "map/get_mesh:=/map/get_mesh", "map/query:=/map/query"},
                logOf(name));
   SelectionClient client("/" + name);
   ASSERT_TRUE(client.connect()) << node.output();
@@ -1159,7 +1162,7 @@ TEST_F(NbvSelectionProcess, EndsWithZeroWhenItIsToldTo) {
   }
   // While a goal waits for a map that does not come.
   ros::param::set("/ended_at_work/input/map_wait_s", 60.0);
-  Process node({NBV_SELECTION_NODE, "__name:=ended_at_work", "map/mesh:=/nowhere/mesh"}, logOf("ended_at_work"));
+  Process node({NBV_SELECTION_NODE, "__name:=ended_at_work"}, logOf("ended_at_work"));
   SelectionClient client("/ended_at_work");
   ASSERT_TRUE(client.connect()) << node.output();
   const SelectionWorld world;

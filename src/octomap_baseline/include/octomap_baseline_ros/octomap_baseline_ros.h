@@ -8,6 +8,7 @@
 #include <mutex>
 #include <vector>
 
+#include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SaveMap.h>
 #include <octomap_msgs/BoundingBoxQuery.h>
@@ -60,9 +61,12 @@ class OctomapBaselineRos {
     std::shared_ptr<const octomap_baseline::VoxelSurface> voxels;
   };
   Surface surface();
+  interactive_mapping_msgs::SurfaceMesh toMessage(const Surface& surface) const;
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                interactive_mapping_msgs::QueryMap::Response& response);
+  bool onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
+                 interactive_mapping_msgs::GetMesh::Response& response);
   bool onGetBinary(octomap_msgs::GetOctomap::Request& request, octomap_msgs::GetOctomap::Response& response);
   bool onGetFull(octomap_msgs::GetOctomap::Request& request, octomap_msgs::GetOctomap::Response& response);
   bool onClearBox(octomap_msgs::BoundingBoxQuery::Request& request, octomap_msgs::BoundingBoxQuery::Response& response);
@@ -71,6 +75,7 @@ class OctomapBaselineRos {
               interactive_mapping_msgs::SaveMap::Response& response);
 
   const OctomapBaselineParams params_;
+  const std::uint64_t first_revision_{ros::WallTime::now().toNSec()};  // no two runs of a node have the same
 
   mutable std::mutex map_mutex_;  // guards what follows, up to the blank line; held while an image is taken in
   octomap_baseline::DynamicOctomap map_;
@@ -83,7 +88,8 @@ class OctomapBaselineRos {
   std::mutex output_mutex_;  // guards outputs_: a slow conversion may outlast the timer's period
   std::vector<Output> outputs_;
   ros::Publisher update_publisher_;
-  ros::ServiceServer query_server_, binary_server_, full_server_, clear_box_server_, reset_server_, save_server_;
+  ros::ServiceServer query_server_, mesh_server_, binary_server_, full_server_, clear_box_server_, reset_server_,
+      save_server_;
   ros::WallTimer output_timer_;
   std::unique_ptr<gpis_mapping_ros::DepthInput> input_;  // last: its thread uses the rest
 };

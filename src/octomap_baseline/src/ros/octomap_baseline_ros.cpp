@@ -63,9 +63,7 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
                                header);
       });
   const auto publish_mesh = [this](ros::Publisher* publisher, const octomap::OcTree&, const std_msgs::Header&) {
-    const Surface now = surface();
-    publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(
-        gpis_mapping_ros::toSurfaceMesh(now.voxels->mesh(), headerAt(now.stamp), now.num_updates)));
+    publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(toMessage(surface())));
   };
   outputs_.push_back({pnh.advertise<interactive_mapping_msgs::SurfaceMesh>("mesh", 1, true), publish_mesh, 0});
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
@@ -75,6 +73,7 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
       [this](const ros::Time& stamp, const Refusal& refusal) { refuse(stamp, refusal); });
 
   query_server_ = pnh.advertiseService("query", &OctomapBaselineRos::onQuery, this);
+  mesh_server_ = pnh.advertiseService("get_mesh", &OctomapBaselineRos::onGetMesh, this);
   binary_server_ = public_nh.advertiseService("octomap_binary", &OctomapBaselineRos::onGetBinary, this);
   full_server_ = public_nh.advertiseService("octomap_full", &OctomapBaselineRos::onGetFull, this);
   clear_box_server_ = pnh.advertiseService("clear_bbx", &OctomapBaselineRos::onClearBox, this);
@@ -89,8 +88,8 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
 OctomapBaselineRos::~OctomapBaselineRos() {
   // Each of these waits for its callback in progress; then nobody uses the input any more.
   output_timer_.stop();
-  for (ros::ServiceServer* server :
-       {&query_server_, &binary_server_, &full_server_, &clear_box_server_, &reset_server_, &save_server_}) {
+  for (ros::ServiceServer* server : {&query_server_, &mesh_server_, &binary_server_, &full_server_, &clear_box_server_,
+                                     &reset_server_, &save_server_}) {
     server->shutdown();
   }
   input_.reset();
@@ -178,6 +177,23 @@ OctomapBaselineRos::Surface OctomapBaselineRos::surface() {
   now.voxels = std::make_shared<const octomap_baseline::VoxelSurface>(*tree, params_.output.filter_speckles);
   surface_ = now;
   return now;
+}
+
+interactive_mapping_msgs::SurfaceMesh OctomapBaselineRos::toMessage(const Surface& surface) const {
+  return gpis_mapping_ros::toSurfaceMesh(surface.voxels->mesh(), headerAt(surface.stamp), surface.num_updates);
+}
+
+bool OctomapBaselineRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
+                                   interactive_mapping_msgs::GetMesh::Response& response) {
+  const Surface now = surface();
+  response.revision = first_revision_ + now.revision;
+  if (request.revision != response.revision) {
+    response.mesh = toMessage(now);
+  } else {
+    response.mesh.header = headerAt(now.stamp);
+    response.mesh.update = now.num_updates;
+  }
+  return true;
 }
 
 bool OctomapBaselineRos::onQuery(interactive_mapping_msgs::QueryMap::Request& request,
