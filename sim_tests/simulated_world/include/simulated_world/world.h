@@ -165,6 +165,7 @@ class World {
   struct Release {
     int brick_id;
     ReleaseReason reason;
+    std::string load;  // of kPulledOff: what was more than the magnet holds
   };
   std::optional<Release> takeRelease();
   /// Contacts of the robot since the last call, one per pair of bodies, in a fixed order.
@@ -234,7 +235,7 @@ class World {
   void updateMagnet();
   void collectTouches();
   void keepStoredBricks();
-  void letGo(ReleaseReason reason);
+  void letGo(ReleaseReason reason, const std::string& load = "");
   /// Net force [N] and moment about the tip [N m] that the tool exerts on the held brick, in the map frame.
   void toolOnBrick(const BrickSlot& slot, Eigen::Vector3d& force, Eigen::Vector3d& moment) const;
   double holdFactor(const BrickSlot& slot) const;

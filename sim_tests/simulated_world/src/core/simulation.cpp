@@ -551,7 +551,8 @@ void Simulation::followMagnet(double now_s, Tick* tick) {
         brick.status = BrickStatus::kReleased;
       } else if (isCarried(brick)) {
         drop(&brick);
-        tick->incidents.push_back(sentence(now_s, "the magnet lost " + name));
+        const std::string why = release->load.empty() ? "" : ": " + release->load;
+        tick->incidents.push_back(sentence(now_s, "the magnet lost " + name + why));
       } else {
         brick.status = BrickStatus::kInPile;
         if (release->reason != ReleaseReason::kSwitchedOff) {

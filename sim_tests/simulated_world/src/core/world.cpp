@@ -2,7 +2,9 @@
 #include "simulated_world/world.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdio>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -107,6 +109,20 @@ std::vector<std::string> brickProblems(const std::vector<WorldBrick>& bricks) {
   }
   return problems;
 }
+
+/// On the magnet.
+struct Load {
+  const char* name;
+  double value;
+  double held;  // as much, and no more
+  const char* unit;
+
+  std::string describe() const {
+    char text[128];
+    std::snprintf(text, sizeof text, "%s of %.2f %s, held are %.2f %s", name, value, unit, std::max(0.0, held), unit);
+    return text;
+  }
+};
 
 }  // namespace
 
@@ -502,8 +518,8 @@ void World::setWeld(bool is_active) {
   quaternionTo(Eigen::Quaterniond(T_magnet_brick.linear()), values + 6);
 }
 
-void World::letGo(ReleaseReason reason) {
-  release_ = Release{slots_[static_cast<std::size_t>(held_)].brick.placement.id, reason};
+void World::letGo(ReleaseReason reason, const std::string& load) {
+  release_ = Release{slots_[static_cast<std::size_t>(held_)].brick.placement.id, reason, load};
   setWeld(false);
   held_ = -1;
   overload_steps_ = 0;
@@ -569,12 +585,15 @@ void World::updateMagnet() {
     const double shear_N = (force - axis.dot(force) * axis).norm();
     const double tilt_Nm = (moment - axis.dot(moment) * axis).norm();
     const double twist_Nm = std::abs(axis.dot(moment));
-    const bool is_overloaded = pull_N < 0.0 || shear_N > magnet.friction * pull_N ||
-                               tilt_Nm > magnet.radius_m * pull_N ||
-                               twist_Nm > 2.0 / 3.0 * magnet.friction * magnet.radius_m * pull_N;
-    overload_steps_ = is_overloaded ? overload_steps_ + 1 : 0;
+    const std::array<Load, 4> loads{
+        {{"pull", -axis.dot(force), magnet.holding_force_N * magnet_strength_ * hold_factor_, "N"},
+         {"shear", shear_N, magnet.friction * pull_N, "N"},
+         {"tilting moment", tilt_Nm, magnet.radius_m * pull_N, "Nm"},
+         {"twisting moment", twist_Nm, 2.0 / 3.0 * magnet.friction * magnet.radius_m * pull_N, "Nm"}}};
+    const auto over = std::find_if(loads.begin(), loads.end(), [](const Load& load) { return load.value > load.held; });
+    overload_steps_ = over != loads.end() ? overload_steps_ + 1 : 0;
     if (overload_steps_ * config_.physics.timestep_s > kOverloadTime_s) {
-      letGo(ReleaseReason::kPulledOff);
+      letGo(ReleaseReason::kPulledOff, over->describe());
       is_magnet_spent_ = true;
     }
     return;
