@@ -153,6 +153,7 @@ struct PlanResult {
 };
 struct ArmResult {
   ArmStatus status{ArmStatus::kSuccess};
+  bool was_lifted{false};  // a brick that was lost: after the retreat from the pile
 };
 struct LookResult {
   LookStatus status{LookStatus::kSuccess};

@@ -72,8 +72,12 @@ void recordArm(State action, const event::Reply& reply, Mission& mission) {
   const std::optional<int> held_before = memory.brick_in_hand;
   const auto* arm = std::get_if<ArmResult>(&reply.result);
   mission.is_protective_stop = arm != nullptr && arm->status == ArmStatus::kProtectiveStop;
-  // What the arm met may be a brick that rises over the container's rim, where no camera looks: it would meet it again.
-  if (mission.is_protective_stop && memory.places_used > 0) memory.places_used = capacityOf(mission.config);
+  // No camera looks into the container. What the arm met may be a brick that rises over its rim: it would meet it again. A
+  // brick that was lost may have fallen into it, where the next one is to lie.
+  const bool is_lost_over_robot = arm != nullptr && arm->status == ArmStatus::kLostOnTheWay && arm->was_lifted;
+  if ((mission.is_protective_stop && memory.places_used > 0) || is_lost_over_robot) {
+    memory.places_used = capacityOf(mission.config);
+  }
   const bool is_lost =
       arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
   if (is_lost) memory.is_let_go_open = false;  // it fell before that

@@ -125,6 +125,15 @@ TEST(MissionMachine, UnloadsAfterAProtectiveStopIfSomethingIsInTheContainer) {
   }
 }
 
+TEST(MissionMachine, UnloadsAfterABrickWasLostWhereItMayHaveFallenIntoTheContainer) {
+  for (const bool was_lifted : {false, true}) {
+    ToyMission run(surveying(), ToyWorld::ofStacks({2}));
+    run.inject = endAs(State::kPick, ArmResult{ArmStatus::kLostOnTheWay, was_lifted}, 1);
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+    EXPECT_EQ(run.world.unloaded, was_lifted ? 2 : 1) << tail(run);
+  }
+}
+
 TEST(MissionMachine, APickWithoutAnAnswerMayHaveUsedItsPlace) {
   ToyMission run({}, ToyWorld::ofStacks({2}));
   run.inject = endAs(State::kPick, NoAnswer{}, 1);
