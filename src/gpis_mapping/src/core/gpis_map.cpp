@@ -97,6 +97,8 @@ struct GpisMap::CellUpdate {
   std::vector<std::size_t> missing;  // of these: due
   std::vector<std::size_t> gone;
   std::vector<Cell::Entry> moved_out;
+
+  void fuse(const GpisMap& map, const Frame& frame);
 };
 
 GpisMap::GpisMap(const GpisConfig& config) : config_(config), observed_(config.observed.block_size_m) {
@@ -403,8 +405,54 @@ void GpisMap::CellMap::erase(const LatticeKey& key) {
   cells_.erase(found);
 }
 
+/// What the image tells of each point of the cell; keeps those that stay in it.
+void GpisMap::CellUpdate::fuse(const GpisMap& map, const Frame& frame) {
+  std::vector<Cell::Entry>& entries = cell->entries;
+  const double stray = map.strayTolerance();
+  std::size_t kept = 0;
+  for (std::size_t e = 0; e < entries.size(); ++e) {
+    Cell::Entry& entry = entries[e];
+    const PointOutcome outcome = frame.apply(&entry.point);
+    bool keep = true;
+    if (outcome == PointOutcome::kDeleted) {
+      removed.push_back(entry.point);
+      neighbour_mask |= map.neighbourMask(key, entry.point.position_map);
+      keep = false;
+    } else if (outcome == PointOutcome::kDoubtful) {
+      doubtful.push_back(kept);
+    } else if (outcome == PointOutcome::kUnseen || outcome == PointOutcome::kMissing) {
+      unseen.push_back(kept);
+      if (outcome == PointOutcome::kMissing) missing.push_back(kept);
+    } else if (outcome == PointOutcome::kOccluded) {
+      ++occluded;
+    } else if (outcome == PointOutcome::kFused) {
+      ++fused;
+      const double std_now = std::sqrt(entry.point.variance_m2);
+      const double moved = (entry.point.position_map - entry.reported_position).norm();
+      const Eigen::AlignedBox3d home = map.config_.cells.box(key);
+      const bool outside = home.squaredExteriorDistance(entry.point.position_map) > stray * stray;
+      if (moved > map.config_.retraining.moved_sigmas * std_now ||
+          std_now < map.config_.retraining.noise_ratio * entry.reported_std) {
+        const std::uint32_t mask = map.neighbourMask(key, entry.point.position_map);
+        for (std::size_t bit = 0; bit < num_changes.size(); ++bit) num_changes[bit] += mask >> bit & 1u;
+        entry.reported_position = entry.point.position_map;
+        entry.reported_std = static_cast<float>(std_now);
+      }
+      if (outside) {
+        neighbour_mask |= map.neighbourMask(key, entry.point.position_map);
+        moved_out.push_back(entry);
+        keep = false;
+      }
+    }
+    if (keep) {
+      if (kept != e) entries[kept] = entry;
+      ++kept;
+    }
+  }
+  entries.resize(kept);
+}
+
 void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics) {
-  const double stray = strayTolerance();
   std::vector<CellUpdate> jobs;
   for (CellMap::value_type* const cell : cellsInView(frame)) {
     jobs.emplace_back();
@@ -413,51 +461,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateS
   }
 
   parallelFor(jobs.size(), resolveThreadCount(config_.threads), 8, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      CellUpdate& job = jobs[i];
-      std::vector<Cell::Entry>& entries = job.cell->entries;
-      std::size_t kept = 0;
-      for (std::size_t e = 0; e < entries.size(); ++e) {
-        Cell::Entry& entry = entries[e];
-        const PointOutcome outcome = frame.apply(&entry.point);
-        bool keep = true;
-        if (outcome == PointOutcome::kDeleted) {
-          job.removed.push_back(entry.point);
-          job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
-          keep = false;
-        } else if (outcome == PointOutcome::kDoubtful) {
-          job.doubtful.push_back(kept);
-        } else if (outcome == PointOutcome::kUnseen || outcome == PointOutcome::kMissing) {
-          job.unseen.push_back(kept);
-          if (outcome == PointOutcome::kMissing) job.missing.push_back(kept);
-        } else if (outcome == PointOutcome::kOccluded) {
-          ++job.occluded;
-        } else if (outcome == PointOutcome::kFused) {
-          ++job.fused;
-          const double std_now = std::sqrt(entry.point.variance_m2);
-          const double moved = (entry.point.position_map - entry.reported_position).norm();
-          const Eigen::AlignedBox3d home = config_.cells.box(job.key);
-          const bool outside = home.squaredExteriorDistance(entry.point.position_map) > stray * stray;
-          if (moved > config_.retraining.moved_sigmas * std_now ||
-              std_now < config_.retraining.noise_ratio * entry.reported_std) {
-            const std::uint32_t mask = neighbourMask(job.key, entry.point.position_map);
-            for (std::size_t bit = 0; bit < job.num_changes.size(); ++bit) job.num_changes[bit] += mask >> bit & 1u;
-            entry.reported_position = entry.point.position_map;
-            entry.reported_std = static_cast<float>(std_now);
-          }
-          if (outside) {
-            job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
-            job.moved_out.push_back(entry);
-            keep = false;
-          }
-        }
-        if (keep) {
-          if (kept != e) entries[kept] = entry;
-          ++kept;
-        }
-      }
-      entries.resize(kept);
-    }
+    for (std::size_t i = begin; i < end; ++i) jobs[i].fuse(*this, frame);
   });
   for (CellUpdate& job : jobs) {
     markTouched(job.key, job.neighbour_mask);
