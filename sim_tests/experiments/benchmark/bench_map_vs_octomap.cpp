@@ -5,7 +5,6 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
@@ -25,6 +24,7 @@
 #include <octomap/OcTree.h>
 #include <octomap/octomap.h>
 
+#include <interactive_mapping_common/stopwatch.h>
 #include <interactive_mapping_common/threads/parallel_for.h>
 #include "gpis_mapping/gpis_config.h"
 #include "gpis_mapping/gpis_map.h"
@@ -42,6 +42,7 @@ namespace po = boost::program_options;
 
 using gpis_mapping::LatticeKey;
 using gpis_mapping::LatticeKeyHash;
+using interactive_mapping::Stopwatch;
 using nlohmann::json;
 using synthetic_depth::Scene;
 
@@ -49,16 +50,6 @@ constexpr double kMaxRange_m = 3.5;
 constexpr double kGhostClearance_m = 0.05;  // a ghost point is this far from everything that is still there
 constexpr double kGhostReach_m = 0.02;      // a ghost point with surface this near is a ghost
 constexpr double kFreeMargin_m = 0.01;      // a point is seen as free when the frame sees this far past it
-
-class Stopwatch {
- public:
-  double ms() const {
-    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start_).count();
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_{std::chrono::steady_clock::now()};
-};
 
 /// Processor time of all threads, which other programs on the machine disturb less than they do the wall's.
 double processorMs() {
@@ -450,9 +441,9 @@ class GpisContender : public Contender {
 
  protected:
   double take(std::size_t k, const RecordedFrame& frame, const gpis_mapping::CameraModel& camera) override {
-    const Stopwatch watch;
+    Stopwatch watch;
     const gpis_mapping::UpdateStatistics s = map_->update(frame.image, camera, frame.T_map_camera, frame.stamp_s);
-    const double ms = watch.ms();
+    const double ms = watch.lapMs();
     stages_["classify"].add(k, s.classify_ms);
     stages_["regress"].add(k, s.regress_ms);
     stages_["fuse"].add(k, s.fuse_ms);
@@ -467,9 +458,9 @@ class GpisContender : public Contender {
   void afterFrame(std::size_t k) override {
     if (!with_mesh_) return;
     const auto snapshot = map_->snapshot();
-    const Stopwatch watch;
+    Stopwatch watch;
     const std::size_t cells = mesher_->update(*snapshot);
-    mesh_ms_.add(k, watch.ms());
+    mesh_ms_.add(k, watch.lapMs());
     mesh_cells_.add(k, static_cast<double>(cells));
   }
 
@@ -523,9 +514,9 @@ class OctomapContender : public Contender {
 
   double take(std::size_t, const RecordedFrame& frame, const gpis_mapping::CameraModel&) override {
     const octomap::point3d origin = toOctomap(frame.T_map_camera.translation());
-    const Stopwatch watch;
+    Stopwatch watch;
     tree_->insertPointCloud(frame.cloud, origin, kMaxRange_m, false, !options_.every_ray);
-    return watch.ms();
+    return watch.lapMs();
   }
 
  private:
@@ -559,9 +550,9 @@ class ForgettingOctomapContender : public Contender {
 
  protected:
   double take(std::size_t, const RecordedFrame& frame, const gpis_mapping::CameraModel& camera) override {
-    const Stopwatch watch;
+    Stopwatch watch;
     map_->update(frame.image, camera, frame.T_map_camera, frame.stamp_s);
-    return watch.ms();
+    return watch.lapMs();
   }
 
  private:
@@ -573,9 +564,9 @@ class ForgettingOctomapContender : public Contender {
 double throughput(Eigen::Index count, const std::function<void()>& ask) {
   std::vector<double> rates;
   for (int i = 0; i < 3; ++i) {
-    const Stopwatch watch;
+    Stopwatch watch;
     ask();
-    rates.push_back(1e3 * static_cast<double>(count) / watch.ms());
+    rates.push_back(1e3 * static_cast<double>(count) / watch.lapMs());
   }
   return median(rates);
 }
@@ -590,9 +581,9 @@ json measureQueries(const gpis_mapping::MapSnapshot& snapshot, const std::vector
   json result;
   gpis_mapping::QueryOptions distance_only;
   distance_only.variance = false;
-  const Stopwatch watch;
+  Stopwatch watch;
   snapshot.query(bands.front().points.leftCols(1), distance_only);
-  result["first_query_ms"] = watch.ms();  // builds the nearest-point index
+  result["first_query_ms"] = watch.lapMs();  // builds the nearest-point index
   for (const Band& band : bands) {
     json entry = {{"points", band.points.cols()}};
     for (const int threads : {1, max_threads}) {
@@ -789,10 +780,10 @@ json measureMesh(const gpis_mapping::GpisConfig& config, const gpis_mapping::Map
   gpis_mapping::TriangleMesh mesh;
   for (int i = 0; i < 3; ++i) {
     gpis_mapping::MeshExtractor mesher(config);
-    const Stopwatch watch;
+    Stopwatch watch;
     mesher.update(snapshot);
     mesh = mesher.mesh();
-    mesh_ms.push_back(watch.ms());
+    mesh_ms.push_back(watch.lapMs());
   }
   return {{"full_ms", median(mesh_ms)}, {"triangles", mesh.triangles.size()}, {"vertices", mesh.vertices_map.size()}};
 }

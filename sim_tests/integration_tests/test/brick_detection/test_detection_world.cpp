@@ -36,7 +36,6 @@ using interactive_mapping_msgs::DetectBricks;
 using Update = interactive_mapping_msgs::BrickDetectionUpdate;
 namespace description = mp700_ur5e_description;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kDrive_s = 120.0;  // wall time for 25 images with map and physics on a busy machine
 
 Eigen::Isometry3d toIsometry(const geometry_msgs::Pose& pose) {
@@ -130,7 +129,7 @@ class DetectionWorld : public testing::Test {
       const double distance_m = (T_truth.translation() - T_map_camera.translation()).norm();
       const double coarser = std::pow(std::max(1.0, distance_m / 1.5), 2);
       EXPECT_LT(T_error.translation().norm(), 0.010 * coarser) << "brick " << brick.id << " at " << distance_m << " m";
-      EXPECT_LT(Eigen::AngleAxisd(T_error.linear()).angle(), coarser * 2.0 * kPi / 180.0)
+      EXPECT_LT(Eigen::AngleAxisd(T_error.linear()).angle(), coarser * 2.0 * M_PI / 180.0)
           << "brick " << brick.id << " at " << distance_m << " m";
     }
   }

@@ -18,6 +18,7 @@ double rampTowards(double value, double target, double max_step) {
 
 }  // namespace
 
+// base_navigation predicts with an arc of its own: with one formula for both, an error in it would not show.
 Pose2d moveAlongArc(const Pose2d& pose, const Twist2d& twist, double dt_s) {
   const double turn = twist.angular_rad_s * dt_s;
   const double path = twist.linear_m_s * dt_s;

@@ -12,8 +12,6 @@ namespace {
 
 using synthetic_depth::SeededRandom;
 
-constexpr double kPi = 3.14159265358979323846;
-
 std::size_t pick(std::size_t count, SeededRandom& random) {
   return static_cast<std::size_t>(random.uniform() * static_cast<double>(count));
 }
@@ -33,8 +31,8 @@ void makeHeavy(BrickPlacement* brick, double mass_kg) {
 // Shoemake, "Uniform random rotations", Graphics Gems III, 1992.
 Eigen::Matrix3d anyOrientation(SeededRandom& random) {
   const double u = random.uniform();
-  const double a = random.uniform(0.0, 2.0 * kPi);
-  const double b = random.uniform(0.0, 2.0 * kPi);
+  const double a = random.uniform(0.0, 2.0 * M_PI);
+  const double b = random.uniform(0.0, 2.0 * M_PI);
   const double low = std::sqrt(1.0 - u);
   const double high = std::sqrt(u);
   return Eigen::Quaterniond(high * std::cos(b), low * std::sin(a), low * std::cos(a), high * std::sin(b))
@@ -76,14 +74,14 @@ std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const Brick
     if (is_new_layer && i > 0) {
       throw std::invalid_argument("tipped/extent_m has no room for " + std::to_string(wedged) + " wedged bricks");
     }
-    const double yaw_rad = random.uniform(-kPi, kPi);
+    const double yaw_rad = random.uniform(-M_PI, M_PI);
     const double half_m = 0.5 * type.size_m.z();
     BrickPlacement below{0, type, {}, Decoy::kWedged};
     below.T_map_brick = T_map_heap * synthetic_depth::poseFromXyzRpy({xy_m.x(), xy_m.y(), half_m}, {0.0, 0.0, yaw_rad});
     BrickPlacement lid{0, type, {}};
     makeHeavy(&lid, heavy_mass_kg);
     lid.T_map_brick = T_map_heap * synthetic_depth::poseFromXyzRpy({xy_m.x(), xy_m.y(), 3.0 * half_m + gap_m},
-                                                                   {0.0, 0.0, yaw_rad + 0.5 * kPi});
+                                                                   {0.0, 0.0, yaw_rad + 0.5 * M_PI});
     bricks.push_back(below);
     bricks.push_back(lid);
     base_m = std::max(base_m, 4.0 * half_m + 2.0 * gap_m);

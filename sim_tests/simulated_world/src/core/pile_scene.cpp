@@ -21,7 +21,6 @@ namespace {
 
 using synthetic_depth::SeededRandom;
 
-constexpr double kPi = 3.14159265358979323846;
 /// A heap that spans less than this share of its rectangle, on either side, is not the heap that was asked for.
 constexpr double kLeastSpan = 0.7;
 /// Bricks that touch do not overlap; a file has few decimals.
@@ -244,7 +243,7 @@ std::vector<std::size_t> addHeaps(const PileSceneConfig& config, const std::stri
     for (const Cell& cell : *cells) {
       const double z_m = (cell.layer + 0.5) * config.brick.size_m.z() + (cell.layer + 1) * config.drop_gap_m;
       const Eigen::Isometry3d T_heap_brick = synthetic_depth::poseFromXyzRpy(
-          {cell.center_m.x(), cell.center_m.y(), z_m}, {0.0, 0.0, cell.is_crosswise ? 0.5 * kPi : 0.0});
+          {cell.center_m.x(), cell.center_m.y(), z_m}, {0.0, 0.0, cell.is_crosswise ? 0.5 * M_PI : 0.0});
       bricks->push_back({0, config.brick, T_map_heap * jittered(T_heap_brick, config, random)});
       heap_of.push_back(h);
     }
@@ -403,7 +402,7 @@ std::vector<std::string> PileSceneConfig::validate() const {
   }
   interactive_mapping::RangeCheck check;
   check("position_jitter_m", position_jitter_m, 0.0, 0.1, "m");
-  check("yaw_jitter_rad", yaw_jitter_rad, 0.0, kPi / 4.0, "rad");
+  check("yaw_jitter_rad", yaw_jitter_rad, 0.0, M_PI / 4.0, "rad");
   check("drop_gap_m", drop_gap_m, 1e-6, 0.1, "m");
   const Eigen::Vector2d& xy_m = robot_start.xy_m;
   check("robot_start/xy_m", xy_m.allFinite() ? xy_m.cwiseAbs().maxCoeff() : xy_m.sum(), 0.0, kFarthest_m, "m");

@@ -13,7 +13,6 @@
 namespace simulated_world {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 /// A sample lower than this over the ground stands on it.
 constexpr double kGroundContact_m = 1e-3;
 
@@ -61,11 +60,11 @@ bool hitsAny(const Eigen::Vector3d& origin_map, const Eigen::Vector3d& direction
 std::vector<std::string> PileSurfaceConfig::validate() const {
   interactive_mapping::RangeCheck check;
   check("sample_spacing_m", sample_spacing_m, 0.001, 1.0, "m");
-  check("max_view_angle_rad", max_view_angle_rad, 0.001, 0.499 * kPi, "rad");
+  check("max_view_angle_rad", max_view_angle_rad, 0.001, 0.499 * M_PI, "rad");
   check("num_directions", num_directions, 1, 10000, "");
   check("ground_height_m", ground_height_m, -1000.0, 1000.0, "m");
   check("moved_distance_m", moved_distance_m, 0.0, 1.0, "m");
-  check("moved_angle_rad", moved_angle_rad, 0.0, kPi, "rad");
+  check("moved_angle_rad", moved_angle_rad, 0.0, M_PI, "rad");
   return check.problems();
 }
 
@@ -94,7 +93,7 @@ std::vector<FaceSample> sampleFaces(const Eigen::Vector3d& size_m, double spacin
 }
 
 std::vector<Eigen::Vector3d> upwardDirections(int count) {
-  const double golden_angle_rad = kPi * (3.0 - std::sqrt(5.0));
+  const double golden_angle_rad = M_PI * (3.0 - std::sqrt(5.0));
   std::vector<Eigen::Vector3d> directions;
   for (int i = 0; i < count; ++i) {
     const double z = (i + 0.5) / count;  // bands of equal height on a sphere have equal areas

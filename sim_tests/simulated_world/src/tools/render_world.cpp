@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <exception>
 #include <iostream>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -20,6 +21,7 @@ namespace {
 
 namespace po = boost::program_options;
 
+constexpr char kUsage[] = "Usage: render_world SCENE.yaml --out FILE.png [options]\n";
 constexpr int kFailed = 1;
 constexpr int kBadUsage = 2;
 constexpr int kSamples = 8;  // per pixel: smooth edges
@@ -95,10 +97,26 @@ cv::Mat toBgr(const cv::Mat& rgb) {
   return bgr;
 }
 
-}  // namespace
+cv::Mat overview(const po::variables_map& arguments, const simulated_world::Simulation& simulation) {
+  const int width_px = arguments["width"].as<int>();
+  const int height_px = arguments["height"].as<int>();
+  simulated_world::RendererConfig renderer_config;
+  renderer_config.max_width_px = width_px;
+  renderer_config.max_height_px = height_px;
+  renderer_config.samples = kSamples;
+  renderer_config.quads_per_edge = 4;
+  simulated_world::OffscreenRenderer renderer(simulation.world().model(), renderer_config);
+  // By default from behind the robot's right, over its shoulder to the pile.
+  const Eigen::Vector3d eye_m =
+      arguments.count("eye") != 0 ? vectorFrom(arguments, "eye") : Eigen::Vector3d(-4.2, -4.6, 2.6);
+  const Eigen::Vector3d target_m =
+      arguments.count("target") != 0 ? vectorFrom(arguments, "target") : Eigen::Vector3d(-1.4, 0.0, 0.35);
+  return toBgr(simulated_world::renderView(renderer, simulation.world().data(), eye_m, target_m,
+                                           arguments["fovy"].as<double>() * M_PI / 180.0, width_px, height_px));
+}
 
-int main(int argc, char** argv) {
-  const std::string usage = "Usage: render_world SCENE.yaml --out FILE.png [options]\n";
+/// Nothing where only the help was asked for. Throws po::error for wrong usage.
+std::optional<po::variables_map> parse(int argc, char** argv) {
   po::options_description visible("Options");
   // clang-format off
   visible.add_options()
@@ -120,26 +138,35 @@ int main(int argc, char** argv) {
   all.add(visible).add_options()("scene", po::value<std::string>());
   po::positional_options_description positional;
   positional.add("scene", 1);
+  po::variables_map arguments;
+  const int style = po::command_line_style::unix_style ^ po::command_line_style::allow_short;  // -1.5 is a number
+  po::store(po::command_line_parser(argc, argv).options(all).positional(positional).style(style).run(), arguments);
+  po::notify(arguments);
+  if (arguments.count("help") != 0) {
+    std::cout << kUsage << visible << "Exit codes: 0 done, 1 cannot be done, 2 wrong usage.\n";
+    return std::nullopt;
+  }
+  if (arguments.count("scene") == 0 || arguments.count("out") == 0) {
+    throw po::error("a scene file and --out are needed");
+  }
+  const auto view = arguments["view"].as<std::string>();
+  if (view != "overview" && view != "camera" && view != "depth") {
+    throw po::error("--view = '" + view + "', must be overview, camera or depth");
+  }
+  if (arguments["seed"].as<std::int64_t>() < 0) {
+    throw po::error("--seed = " + std::to_string(arguments["seed"].as<std::int64_t>()) + ", must be >= 0");
+  }
+  return arguments;
+}
 
+}  // namespace
+
+int main(int argc, char** argv) {
   try {
-    po::variables_map arguments;
-    const int style = po::command_line_style::unix_style ^ po::command_line_style::allow_short;  // -1.5 is a number
-    po::store(po::command_line_parser(argc, argv).options(all).positional(positional).style(style).run(), arguments);
-    po::notify(arguments);
-    if (arguments.count("help") != 0) {
-      std::cout << usage << visible << "Exit codes: 0 done, 1 cannot be done, 2 wrong usage.\n";
-      return 0;
-    }
-    if (arguments.count("scene") == 0 || arguments.count("out") == 0) {
-      throw po::error("a scene file and --out are needed");
-    }
+    const std::optional<po::variables_map> parsed = parse(argc, argv);
+    if (!parsed) return 0;
+    const po::variables_map& arguments = *parsed;
     const auto view = arguments["view"].as<std::string>();
-    if (view != "overview" && view != "camera" && view != "depth") {
-      throw po::error("--view = '" + view + "', must be overview, camera or depth");
-    }
-    if (arguments["seed"].as<std::int64_t>() < 0) {
-      throw po::error("--seed = " + std::to_string(arguments["seed"].as<std::int64_t>()) + ", must be >= 0");
-    }
     const auto description = arguments["description"].as<std::string>();
 
     simulated_world::SimulationConfig config;
@@ -155,28 +182,13 @@ int main(int argc, char** argv) {
 
     const auto out = arguments["out"].as<std::string>();
     if (view == "overview") {
-      const int width_px = arguments["width"].as<int>();
-      const int height_px = arguments["height"].as<int>();
-      simulated_world::RendererConfig renderer_config;
-      renderer_config.max_width_px = width_px;
-      renderer_config.max_height_px = height_px;
-      renderer_config.samples = kSamples;
-      renderer_config.quads_per_edge = 4;
-      simulated_world::OffscreenRenderer renderer(simulation.world().model(), renderer_config);
-      // By default from behind the robot's right, over its shoulder to the pile.
-      const Eigen::Vector3d eye_m =
-          arguments.count("eye") != 0 ? vectorFrom(arguments, "eye") : Eigen::Vector3d(-4.2, -4.6, 2.6);
-      const Eigen::Vector3d target_m =
-          arguments.count("target") != 0 ? vectorFrom(arguments, "target") : Eigen::Vector3d(-1.4, 0.0, 0.35);
-      savePicture(
-          out, toBgr(simulated_world::renderView(renderer, simulation.world().data(), eye_m, target_m,
-                                                 arguments["fovy"].as<double>() * M_PI / 180.0, width_px, height_px)));
+      savePicture(out, overview(arguments, simulation));
     } else {
       const simulated_world::RgbdCamera::Frame frame = cameraFrame(simulation);
       savePicture(out, view == "camera" ? toBgr(frame.rgb) : depthPicture(frame.depth_m));
     }
   } catch (const po::error& error) {
-    std::cerr << "render_world: " << error.what() << "\n" << usage;
+    std::cerr << "render_world: " << error.what() << "\n" << kUsage;
     return kBadUsage;
   } catch (const std::exception& error) {
     std::cerr << "render_world: " << error.what() << "\n";

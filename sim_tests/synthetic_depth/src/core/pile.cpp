@@ -11,7 +11,6 @@
 namespace synthetic_depth {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kSameHeight_m = 1e-6;
 // The centre of mass must be this far inside the hull of the contacts, as a share of the brick's short side.
 constexpr double kBalanceMargin = 0.1;
@@ -157,8 +156,8 @@ std::vector<Box> makePile(const PileConfig& config) {
       break;
     }
     const double radius = center_radius * std::sqrt(random.uniform());
-    const double bearing = random.uniform(-kPi, kPi);
-    const double yaw = random.uniform(-kPi, kPi);
+    const double bearing = random.uniform(-M_PI, M_PI);
+    const double yaw = random.uniform(-M_PI, M_PI);
     const Eigen::Vector2d center = config.center_m + radius * Eigen::Vector2d(std::cos(bearing), std::sin(bearing));
     const Polygon base = footprint(center, yaw, half_length, half_width);
 

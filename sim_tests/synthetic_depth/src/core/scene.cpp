@@ -12,8 +12,6 @@
 namespace synthetic_depth {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
-
 /// Same texts as the loader's range checks, for scenes that were not loaded from a file.
 class Problems {
  public:
@@ -58,7 +56,7 @@ Eigen::Isometry3d poseFromXyzRpy(const Eigen::Vector3d& xyz_m, const Eigen::Vect
 }
 
 Eigen::Isometry3d defaultMapScenePose() {
-  return poseFromXyzRpy({0.0137, -0.0213, 0.0171}, Eigen::Vector3d(2.3, -1.7, 7.0) * kPi / 180.0);
+  return poseFromXyzRpy({0.0137, -0.0213, 0.0171}, Eigen::Vector3d(2.3, -1.7, 7.0) * M_PI / 180.0);
 }
 
 Eigen::Isometry3d lookAt(const Eigen::Vector3d& eye_m, const Eigen::Vector3d& target_m) {
@@ -84,7 +82,7 @@ std::vector<Eigen::Isometry3d> orbitPoses(const OrbitConfig& config) {
   std::vector<Eigen::Isometry3d> poses;
   poses.reserve(static_cast<std::size_t>(std::max(0, config.frames)));
   for (int frame = 0; frame < config.frames; ++frame) {
-    const double angle = config.start_angle_rad + 2.0 * kPi * config.turns * frame / config.frames;
+    const double angle = config.start_angle_rad + 2.0 * M_PI * config.turns * frame / config.frames;
     const Eigen::Vector3d eye(config.look_at_m.x() + config.radius_m * std::cos(angle),
                               config.look_at_m.y() + config.radius_m * std::sin(angle), config.height_m);
     poses.push_back(lookAt(eye, config.look_at_m));

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <exception>
 #include <iostream>
+#include <optional>
 #include <string>
 
 #include <boost/program_options.hpp>
@@ -14,6 +15,9 @@
 
 namespace {
 
+namespace po = boost::program_options;
+
+constexpr char kUsage[] = "Usage: generate_depth_sequence SCENE.yaml --out DIR [options]\n";
 constexpr int kFailed = 1;
 constexpr int kBadUsage = 2;
 constexpr int kBadScene = 3;
@@ -36,10 +40,8 @@ class ProgressBar {
   bool is_terminal_{isatty(STDERR_FILENO) == 1};
 };
 
-}  // namespace
-
-int main(int argc, char** argv) {
-  namespace po = boost::program_options;
+/// Nothing where only the help was asked for. Throws po::error for wrong usage.
+std::optional<po::variables_map> parse(int argc, char** argv) {
   po::options_description visible("Options");
   // clang-format off
   visible.add_options()
@@ -54,27 +56,35 @@ int main(int argc, char** argv) {
   all.add(visible).add_options()("scene", po::value<std::string>());
   po::positional_options_description positional;
   positional.add("scene", 1);
-  const std::string usage = "Usage: generate_depth_sequence SCENE.yaml --out DIR [options]\n";
-
   po::variables_map arguments;
+  po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), arguments);
+  po::notify(arguments);
+  if (arguments.count("help") != 0) {
+    std::cout << kUsage << "Writes a synthetic depth sequence in TUM RGB-D layout.\n"
+              << visible << "Exit codes: 0 done, 1 cannot write, 2 wrong usage, 3 scene refused.\n";
+    return std::nullopt;
+  }
+  if (arguments.count("scene") == 0 || arguments.count("out") == 0) {
+    throw po::error("a scene file and --out are needed");
+  }
+  if (arguments.count("seed") != 0 && arguments["seed"].as<std::int64_t>() < 0) {
+    throw po::error("--seed = " + std::to_string(arguments["seed"].as<std::int64_t>()) + ", must be >= 0");
+  }
+  return arguments;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::optional<po::variables_map> parsed;
   try {
-    po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), arguments);
-    po::notify(arguments);
-    if (arguments.count("help") != 0) {
-      std::cout << usage << "Writes a synthetic depth sequence in TUM RGB-D layout.\n"
-                << visible << "Exit codes: 0 done, 1 cannot write, 2 wrong usage, 3 scene refused.\n";
-      return 0;
-    }
-    if (arguments.count("scene") == 0 || arguments.count("out") == 0) {
-      throw po::error("a scene file and --out are needed");
-    }
-    if (arguments.count("seed") != 0 && arguments["seed"].as<std::int64_t>() < 0) {
-      throw po::error("--seed = " + std::to_string(arguments["seed"].as<std::int64_t>()) + ", must be >= 0");
-    }
+    parsed = parse(argc, argv);
   } catch (const po::error& error) {
-    std::cerr << "generate_depth_sequence: " << error.what() << "\n" << usage;
+    std::cerr << "generate_depth_sequence: " << error.what() << "\n" << kUsage;
     return kBadUsage;
   }
+  if (!parsed) return 0;
+  const po::variables_map& arguments = *parsed;
 
   synthetic_depth::Scene scene;
   synthetic_depth::SequenceOptions options;

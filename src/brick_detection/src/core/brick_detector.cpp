@@ -2,9 +2,9 @@
 #include "brick_detection/brick_detector.h"
 
 #include <algorithm>
-#include <chrono>
 #include <stdexcept>
 
+#include <interactive_mapping_common/stopwatch.h>
 #include <opencv2/imgproc.hpp>
 
 namespace brick_detection {
@@ -18,19 +18,6 @@ constexpr char kAlvar[] = "ALVAR_5X5";
 /// What the map said of a brick holds while its pose is still that well known: half the sampling of its inside.
 constexpr double kSamePlace_m = 0.02;
 constexpr double kSamePlace_rad = 0.1;
-
-class Stopwatch {
- public:
-  double lap_ms() {
-    const auto now = std::chrono::steady_clock::now();
-    const double elapsed_ms = std::chrono::duration<double, std::milli>(now - start_).count();
-    start_ = now;
-    return elapsed_ms;
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_{std::chrono::steady_clock::now()};
-};
 
 std::unique_ptr<TagDetector> makeDetector(const std::string& family, TagDetectorConfig config) {
   if (family == kAlvar) return nullptr;
@@ -61,27 +48,27 @@ BrickDetector::Look BrickDetector::look(const cv::Mat& image, const cv::Mat& dep
                                 ", must be CV_8UC1 or CV_8UC3");
   }
   Look look;
-  Stopwatch stopwatch;
+  interactive_mapping::Stopwatch stopwatch;
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
   const std::vector<TagObservation> tags = detector_->detect(grey);
-  look.detect_ms = stopwatch.lap_ms();
+  look.detect_ms = stopwatch.lapMs();
   look.found = estimator_.estimate(tags, camera, depth_m, grey);
   look.has_depth = !depth_m.empty();
-  look.pose_ms = stopwatch.lap_ms();
+  look.pose_ms = stopwatch.lapMs();
   track(T_map_camera, stamp_s, &look);
-  look.track_ms = stopwatch.lap_ms();
+  look.track_ms = stopwatch.lapMs();
   return look;
 }
 
 BrickDetector::Look BrickDetector::addMarkers(const std::vector<MarkerObservation>& markers,
                                               const Eigen::Isometry3d& T_map_camera, double stamp_s) {
   Look look;
-  Stopwatch stopwatch;
+  interactive_mapping::Stopwatch stopwatch;
   look.found = sightingsOfMarkers(markers, catalogue(), config_.alvar);
-  look.pose_ms = stopwatch.lap_ms();
+  look.pose_ms = stopwatch.lapMs();
   track(T_map_camera, stamp_s, &look);
-  look.track_ms = stopwatch.lap_ms();
+  look.track_ms = stopwatch.lapMs();
   return look;
 }
 

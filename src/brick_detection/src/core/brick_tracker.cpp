@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include <Eigen/Dense>
+#include <interactive_mapping_common/geometry/rigid_motion.h>
 
 #include "rotation.h"
 
@@ -26,13 +27,6 @@ constexpr double kInsideMargin_m = 0.02;  // the map's resolution
 constexpr int kNoInstance = -1;
 // Of a brick's shortest edge, by which the middles of two bricks are apart at least; the rest is what looks may be off.
 constexpr double kClearance = 0.8;
-
-bool isRigid(const Eigen::Isometry3d& pose) {
-  // A float's rounding, with room.
-  return pose.matrix().allFinite() &&
-         (pose.linear() * pose.linear().transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-4 &&
-         pose.linear().determinant() > 0.0;
-}
 
 Matrix6d diagonal(double std_m, double std_rad) {
   Vector6d variances;
@@ -322,13 +316,14 @@ std::vector<std::optional<std::size_t>> BrickTracker::addLook(double stamp_s, co
     throw std::invalid_argument("stamp_s = " + std::to_string(stamp_s) + " s, must be finite and at least " +
                                 std::to_string(last_look_s_) + " s, the last look's");
   }
-  if (!isRigid(T_map_camera)) throw std::invalid_argument("T_map_camera must be finite, and a rotation and a shift");
+  if (!interactive_mapping::isRigid(T_map_camera))
+    throw std::invalid_argument("T_map_camera must be finite, and a rotation and a shift");
   std::set<int> ids;
   std::vector<Look> looks;
   for (const BrickSighting& sighting : sightings) {
     catalogue_.typeOf(sighting.brick_id);  // throws
     ids.insert(sighting.brick_id);
-    if (!isRigid(sighting.T_camera_brick)) {
+    if (!interactive_mapping::isRigid(sighting.T_camera_brick)) {
       throw std::invalid_argument("T_camera_brick of brick " + std::to_string(sighting.brick_id) +
                                   " must be finite, and a rotation and a shift");
     }

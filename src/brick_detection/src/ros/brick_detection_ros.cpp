@@ -16,6 +16,7 @@
 #include <tf2/exceptions.h>
 
 #include "brick_detection/annotated_image.h"
+#include "depth_camera_ros/pose_diagnostics.h"
 
 namespace brick_detection_ros {
 namespace {
@@ -481,22 +482,9 @@ void BrickDetectionRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrappe
 
 void BrickDetectionRos::diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status) {
   const ImageInputCounters counters = input_->counters();
-  if (counters.pose.has_tf_age && counters.pose.last_tf_age_s > params_.input.tf_timeout_s) {
-    status.summary(DiagnosticStatus::WARN,
-                   "newest transform is " + formatted("%.3f s", counters.pose.last_tf_age_s) + " older than the image");
-  } else if (counters.pose.settled_jumps > 0) {
-    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " +
-                                               std::to_string(counters.pose.settled_jumps) +
-                                               " times: bricks seen before may be off; ~clear forgets them");
-  } else {
-    status.summary(DiagnosticStatus::OK, "");
-  }
-  status.add("map frame", params_.input.map_frame);
-  status.add("age at the last image [s]",
-             counters.pose.has_tf_age ? formatted("%.3f", counters.pose.last_tf_age_s) : "static or none");
-  status.add("images left out for a jump", counters.by_status[Update::POSE_JUMP]);
-  status.add("jumps that stayed", counters.pose.settled_jumps);
-  status.add("time ran back", counters.by_status[Update::TIME_RAN_BACK]);
+  depth_camera_ros::diagnosePoses(params_.input, counters.pose, counters.by_status[Update::POSE_JUMP],
+                                  counters.by_status[Update::TIME_RAN_BACK],
+                                  "bricks seen before may be off; ~clear forgets them", &status);
 }
 
 void BrickDetectionRos::diagnoseBricks(diagnostic_updater::DiagnosticStatusWrapper& status) {

@@ -15,7 +15,6 @@ namespace {
 constexpr double kOutOfOrder_s = 1.0;
 /// Of seconds since 1970 as doubles, 2.4e-7 s apart, and of their differences.
 constexpr double kStampRounding_s = 1e-6;
-constexpr double kPi = 3.14159265358979323846;
 
 std::string seconds(double value) {
   char text[40];
@@ -135,7 +134,7 @@ JointHistory::Answer JointHistory::at(double stamp_s) const {
       double change_rad = after->position_rad - before.position_rad;
       // A joint without ends may be reported within one turn: it takes the shorter way.
       const bool is_endless = !std::isfinite(joint.lower_rad) && !std::isfinite(joint.upper_rad);
-      if (is_endless) change_rad = std::remainder(change_rad, 2.0 * kPi);
+      if (is_endless) change_rad = std::remainder(change_rad, 2.0 * M_PI);
       position_rad = before.position_rad + change_rad * (stamp_s - before.stamp_s) / gap_s;
     }
     answer.positions_rad[static_cast<Eigen::Index>(i)] = position_rad;

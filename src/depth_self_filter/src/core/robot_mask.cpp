@@ -24,7 +24,6 @@ using mp700_ur5e_description::Sphere;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr double kPi = 3.14159265358979323846;
 
 /// Padding leaves at least this share of the gap between a shape and the optical centre.
 constexpr double kGapShare = 0.5;
@@ -85,9 +84,9 @@ Hull hullOf(const Shape& shape) {
   if (const auto* sphere = std::get_if<Sphere>(&shape)) return boxHull(Eigen::Vector3d::Constant(sphere->radius_m));
   const auto& cylinder = std::get<Cylinder>(shape);
   Hull hull;
-  const double corner_m = cylinder.radius_m / std::cos(kPi / kPrismSides);
+  const double corner_m = cylinder.radius_m / std::cos(M_PI / kPrismSides);
   for (int i = 0; i < kPrismSides; ++i) {
-    const double angle = 2.0 * kPi * i / kPrismSides;
+    const double angle = 2.0 * M_PI * i / kPrismSides;
     for (const double side : {-0.5, 0.5}) {
       hull.corners.emplace_back(corner_m * std::cos(angle), corner_m * std::sin(angle), side * cylinder.length_m);
     }

@@ -20,7 +20,6 @@ using test::shippedRobot;
 using testing::HasSubstr;
 using Verdict = JointHistory::Verdict;
 
-constexpr double kPi = 3.14159265358979323846;
 const std::vector<std::string> kArm(kArmJoints.begin(), kArmJoints.end());
 
 JointHistory history(const JointHistoryConfig& config = {}) {
@@ -166,13 +165,13 @@ TEST(JointHistory, AnEndlessJointTakesTheShorterWay) {
       "</link><joint name='j' type='continuous'><parent link='a'/><child link='b'/><axis xyz='0 0 1'/></joint></robot>",
       "r");
   JointHistory joints(robot, {});
-  joints.add(10.0, {"j"}, {kPi - 0.1});
-  joints.add(10.1, {"j"}, {-kPi + 0.1});
-  EXPECT_NEAR(std::remainder(joints.at(10.05).positions_rad[0] - kPi, 2.0 * kPi), 0.0, 1e-9);
+  joints.add(10.0, {"j"}, {M_PI - 0.1});
+  joints.add(10.1, {"j"}, {-M_PI + 0.1});
+  EXPECT_NEAR(std::remainder(joints.at(10.05).positions_rad[0] - M_PI, 2.0 * M_PI), 0.0, 1e-9);
   // An arm's joint has ends, and knows its turns.
   JointHistory arm = history();
-  arm.add(10.0, kArm, all(kPi - 0.1));
-  arm.add(10.1, kArm, all(-kPi + 0.1));
+  arm.add(10.0, kArm, all(M_PI - 0.1));
+  arm.add(10.1, kArm, all(-M_PI + 0.1));
   EXPECT_NEAR(positionOf(arm.at(10.05), "wrist_3_joint"), 0.0, 1e-9);
 }
 

@@ -202,46 +202,56 @@ GPIS_INLINE void insert(Vector square, int point, NearestLists* lists) {
   lists->squares[0] = smaller(lists->squares[0], square);
 }
 
+/// The nearest points of one vector of places.
+GPIS_INLINE NearestLists findNearest(NearbyPoints* nearby_points, Vector qx, Vector qy, Vector qz) {
+  const NearbyPoints& nearby = *nearby_points;
+  NearestLists lists;
+  for (int r = 0; r < kNearestPoints; ++r) {
+    lists.squares[r] = splat(__builtin_inff());
+    lists.points[r] = Integers{};
+  }
+  for (int n = 0; n < nearby.count; ++n) {
+    const NearbyPoints::Cell& cell = nearby.cells[n];
+    // A cell farther away than all lanes' lists reach would add nothing to any.
+    Vector outside2{};
+    const auto addGap = [&](Vector at, float side) {
+      if (side == 0.0f) return;
+      const Vector gap = larger(nearby.cell_reach - side * at, Vector{});
+      outside2 += gap * gap;
+    };
+    addGap(qx, cell.side[0]);
+    addGap(qy, cell.side[1]);
+    addGap(qz, cell.side[2]);
+    if (!any(outside2 < lists.squares[kNearestPoints - 1])) continue;
+    if (cell.count == NearbyPoints::kUnread) nearby.read(nearby_points, n);
+    const Vector rx = qx - cell.offset[0], ry = qy - cell.offset[1], rz = qz - cell.offset[2];
+    for (int i = 0; i < cell.count; ++i) {
+      const Vector dx = rx - cell.x[i], dy = ry - cell.y[i], dz = rz - cell.z[i];
+      const Vector square = dx * dx + dy * dy + dz * dz;
+      if (any(square < lists.squares[kNearestPoints - 1])) insert(square, n << kCellShift | i, &lists);
+    }
+  }
+  return lists;
+}
+
+/// A point's normal, and where the place lies from it; one per lane.
+struct Disc {
+  float nx[kLanes], ny[kLanes], nz[kLanes], dx[kLanes], dy[kLanes], dz[kLanes];
+};
+
 void readNearest(NearbyPoints* nearby_points, const float* x, const float* y, const float* z, int count,
                  NearestReadings* readings) {
   const NearbyPoints& nearby = *nearby_points;
   for (int q = 0; q < count; q += kLanes) {
     const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
-    NearestLists lists;
-    for (int r = 0; r < kNearestPoints; ++r) {
-      lists.squares[r] = splat(__builtin_inff());
-      lists.points[r] = Integers{};
-    }
-    for (int n = 0; n < nearby.count; ++n) {
-      const NearbyPoints::Cell& cell = nearby.cells[n];
-      // A cell farther away than all lanes' lists reach would add nothing to any.
-      Vector outside2{};
-      const auto addGap = [&](Vector at, float side) {
-        if (side == 0.0f) return;
-        const Vector gap = larger(nearby.cell_reach - side * at, Vector{});
-        outside2 += gap * gap;
-      };
-      addGap(qx, cell.side[0]);
-      addGap(qy, cell.side[1]);
-      addGap(qz, cell.side[2]);
-      if (!any(outside2 < lists.squares[kNearestPoints - 1])) continue;
-      if (cell.count == NearbyPoints::kUnread) nearby.read(nearby_points, n);
-      const Vector rx = qx - cell.offset[0], ry = qy - cell.offset[1], rz = qz - cell.offset[2];
-      for (int i = 0; i < cell.count; ++i) {
-        const Vector dx = rx - cell.x[i], dy = ry - cell.y[i], dz = rz - cell.z[i];
-        const Vector square = dx * dx + dy * dy + dz * dz;
-        if (any(square < lists.squares[kNearestPoints - 1])) insert(square, n << kCellShift | i, &lists);
-      }
-    }
+    const NearestLists lists = findNearest(nearby_points, qx, qy, qz);
     const auto magnitude = [](Vector a) { return larger(a, -a); };
     const Vector reach = nearby.outer_reach - larger(magnitude(qx), larger(magnitude(qy), magnitude(qz)));
     const Integers is_complete = lists.squares[kNearestPoints - 1] < reach * reach;
     for (int lane = 0; lane < kLanes; ++lane) readings->is_complete[q + lane] = is_complete[lane];
     if (!any(is_complete)) continue;
 
-    struct Disc {
-      float nx[kLanes], ny[kLanes], nz[kLanes], dx[kLanes], dy[kLanes], dz[kLanes];
-    } discs[kNearestPoints] = {};
+    Disc discs[kNearestPoints] = {};
     for (int r = 0; r < kNearestPoints; ++r) {
       Disc& disc = discs[r];
       for (int lane = 0; lane < kLanes && q + lane < count; ++lane) {

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <iterator>
 #include <optional>
@@ -11,6 +10,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include <interactive_mapping_common/geometry/rigid_motion.h>
+#include <interactive_mapping_common/stopwatch.h>
 #include <interactive_mapping_common/threads/parallel_for.h>
 #include "gpis_mapping/point_update.h"
 #include "gpis_mapping/vanished_surface.h"
@@ -20,7 +21,9 @@ namespace gpis_mapping {
 namespace {
 
 using interactive_mapping::parallelFor;
+using interactive_mapping::requireRigid;
 using interactive_mapping::resolveThreadCount;
+using interactive_mapping::Stopwatch;
 
 constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle than 86 degrees is not inserted
 constexpr double kKnownSpacings = 0.8;      // a pixel this near to a point of the map need not be measured
@@ -39,31 +42,8 @@ constexpr int kMaxSuspectLooks = 2;      // a small piece that is missing goes a
 constexpr int kBlanketStride_px = 4;     // a tile of the 2.5D^-1 map
 constexpr double kMaxMotionGap_s = 1.0;  // poses farther apart in time tell nothing about the camera's speed
 
-class Stopwatch {
- public:
-  /// Milliseconds since the last call.
-  double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const double ms = std::chrono::duration<double, std::milli>(now - last_).count();
-    last_ = now;
-    return ms;
-  }
-
- private:
-  std::chrono::steady_clock::time_point last_{std::chrono::steady_clock::now()};
-};
-
 constexpr int neighbourBit(int dx, int dy, int dz) {
   return (dx + 1) * 9 + (dy + 1) * 3 + (dz + 1);
-}
-
-void requireRigid(const Eigen::Isometry3d& pose, const char* what) {
-  const Eigen::Matrix3d r = pose.linear();
-  if (!pose.matrix().allFinite()) throw std::invalid_argument(std::string(what) + " is not finite");
-  if (!(r.transpose() * r).isApprox(Eigen::Matrix3d::Identity(), 1e-4) || r.determinant() < 0.0) {
-    throw std::invalid_argument(std::string(what) + " is no rigid motion: R^T R deviates from the identity by " +
-                                std::to_string((r.transpose() * r - Eigen::Matrix3d::Identity()).norm()));
-  }
 }
 
 void requireBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m) {
@@ -117,6 +97,8 @@ struct GpisMap::CellUpdate {
   std::vector<std::size_t> missing;  // of these: due
   std::vector<std::size_t> gone;
   std::vector<Cell::Entry> moved_out;
+
+  void fuse(const GpisMap& map, const Frame& frame);
 };
 
 GpisMap::GpisMap(const GpisConfig& config) : config_(config), observed_(config.observed.block_size_m) {
@@ -205,32 +187,32 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   prepareCamera(camera);
   auto classified = std::make_shared<ClassifiedFrame>(classifier_->classify(image, threads));
   statistics.points_in = classified->num_surface;
-  statistics.classify_ms = stage.lap();
+  statistics.classify_ms = stage.lapMs();
 
   if (num_updates_ == 0) epoch_s_ = stamp_s;
   Frame frame(config_, classified, regressor_, view_.can_measure, T_map_camera, motionTo(T_map_camera, stamp_s),
               static_cast<float>(stamp_s - epoch_s_), threads);
   view_.T_map_camera = T_map_camera;
   view_.stamp_s = stamp_s;
-  statistics.regress_ms = stage.lap();
+  statistics.regress_ms = stage.lapMs();
 
   allowForMisalignment(&frame);
   if (blanket != nullptr) *blanket = frame.blanket(kBlanketStride_px);
   fuseAndDelete(frame, classified.get(), &statistics);
   learnView(*classified);
-  statistics.fuse_ms = stage.lap();
+  statistics.fuse_ms = stage.lapMs();
   observed_.observe(*classified, camera_, T_map_camera, config_.sensor.max_range_m, frame.stamp(), threads);
-  statistics.observe_ms = stage.lap();
+  statistics.observe_ms = stage.lapMs();
   insertNew(frame, &statistics);
-  statistics.insert_ms = stage.lap();
+  statistics.insert_ms = stage.lapMs();
   train(&statistics);
-  statistics.train_ms = stage.lap();
+  statistics.train_ms = stage.lapMs();
   ++num_updates_;
   publish();
-  statistics.publish_ms = stage.lap();
+  statistics.publish_ms = stage.lapMs();
   statistics.map_points = trained_.numPoints();
   statistics.cells_looked_at = cells_.numLookedAt();
-  statistics.total_ms = total.lap();
+  statistics.total_ms = total.lapMs();
   return statistics;
 }
 
@@ -423,8 +405,54 @@ void GpisMap::CellMap::erase(const LatticeKey& key) {
   cells_.erase(found);
 }
 
+/// What the image tells of each point of the cell; keeps those that stay in it.
+void GpisMap::CellUpdate::fuse(const GpisMap& map, const Frame& frame) {
+  std::vector<Cell::Entry>& entries = cell->entries;
+  const double stray = map.strayTolerance();
+  std::size_t kept = 0;
+  for (std::size_t e = 0; e < entries.size(); ++e) {
+    Cell::Entry& entry = entries[e];
+    const PointOutcome outcome = frame.apply(&entry.point);
+    bool keep = true;
+    if (outcome == PointOutcome::kDeleted) {
+      removed.push_back(entry.point);
+      neighbour_mask |= map.neighbourMask(key, entry.point.position_map);
+      keep = false;
+    } else if (outcome == PointOutcome::kDoubtful) {
+      doubtful.push_back(kept);
+    } else if (outcome == PointOutcome::kUnseen || outcome == PointOutcome::kMissing) {
+      unseen.push_back(kept);
+      if (outcome == PointOutcome::kMissing) missing.push_back(kept);
+    } else if (outcome == PointOutcome::kOccluded) {
+      ++occluded;
+    } else if (outcome == PointOutcome::kFused) {
+      ++fused;
+      const double std_now = std::sqrt(entry.point.variance_m2);
+      const double moved = (entry.point.position_map - entry.reported_position).norm();
+      const Eigen::AlignedBox3d home = map.config_.cells.box(key);
+      const bool outside = home.squaredExteriorDistance(entry.point.position_map) > stray * stray;
+      if (moved > map.config_.retraining.moved_sigmas * std_now ||
+          std_now < map.config_.retraining.noise_ratio * entry.reported_std) {
+        const std::uint32_t mask = map.neighbourMask(key, entry.point.position_map);
+        for (std::size_t bit = 0; bit < num_changes.size(); ++bit) num_changes[bit] += mask >> bit & 1u;
+        entry.reported_position = entry.point.position_map;
+        entry.reported_std = static_cast<float>(std_now);
+      }
+      if (outside) {
+        neighbour_mask |= map.neighbourMask(key, entry.point.position_map);
+        moved_out.push_back(entry);
+        keep = false;
+      }
+    }
+    if (keep) {
+      if (kept != e) entries[kept] = entry;
+      ++kept;
+    }
+  }
+  entries.resize(kept);
+}
+
 void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateStatistics* statistics) {
-  const double stray = strayTolerance();
   std::vector<CellUpdate> jobs;
   for (CellMap::value_type* const cell : cellsInView(frame)) {
     jobs.emplace_back();
@@ -433,51 +461,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateS
   }
 
   parallelFor(jobs.size(), resolveThreadCount(config_.threads), 8, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      CellUpdate& job = jobs[i];
-      std::vector<Cell::Entry>& entries = job.cell->entries;
-      std::size_t kept = 0;
-      for (std::size_t e = 0; e < entries.size(); ++e) {
-        Cell::Entry& entry = entries[e];
-        const PointOutcome outcome = frame.apply(&entry.point);
-        bool keep = true;
-        if (outcome == PointOutcome::kDeleted) {
-          job.removed.push_back(entry.point);
-          job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
-          keep = false;
-        } else if (outcome == PointOutcome::kDoubtful) {
-          job.doubtful.push_back(kept);
-        } else if (outcome == PointOutcome::kUnseen || outcome == PointOutcome::kMissing) {
-          job.unseen.push_back(kept);
-          if (outcome == PointOutcome::kMissing) job.missing.push_back(kept);
-        } else if (outcome == PointOutcome::kOccluded) {
-          ++job.occluded;
-        } else if (outcome == PointOutcome::kFused) {
-          ++job.fused;
-          const double std_now = std::sqrt(entry.point.variance_m2);
-          const double moved = (entry.point.position_map - entry.reported_position).norm();
-          const Eigen::AlignedBox3d home = config_.cells.box(job.key);
-          const bool outside = home.squaredExteriorDistance(entry.point.position_map) > stray * stray;
-          if (moved > config_.retraining.moved_sigmas * std_now ||
-              std_now < config_.retraining.noise_ratio * entry.reported_std) {
-            const std::uint32_t mask = neighbourMask(job.key, entry.point.position_map);
-            for (std::size_t bit = 0; bit < job.num_changes.size(); ++bit) job.num_changes[bit] += mask >> bit & 1u;
-            entry.reported_position = entry.point.position_map;
-            entry.reported_std = static_cast<float>(std_now);
-          }
-          if (outside) {
-            job.neighbour_mask |= neighbourMask(job.key, entry.point.position_map);
-            job.moved_out.push_back(entry);
-            keep = false;
-          }
-        }
-        if (keep) {
-          if (kept != e) entries[kept] = entry;
-          ++kept;
-        }
-      }
-      entries.resize(kept);
-    }
+    for (std::size_t i = begin; i < end; ++i) jobs[i].fuse(*this, frame);
   });
   for (CellUpdate& job : jobs) {
     markTouched(job.key, job.neighbour_mask);

@@ -185,6 +185,42 @@ class SeenThrough {
   NearestPyramid pyramid_;
 };
 
+/// The cubes of an edge of `chunk_size` in which the camera may see something.
+std::vector<LatticeKey> chunksInView(const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
+                                     double max_range_m, double chunk_size) {
+  const Eigen::Isometry3d T_camera_map = T_map_camera.inverse();
+  // Those touched by the frustum's bounding box.
+  Eigen::AlignedBox3d box(T_map_camera.translation());
+  for (const double u : {0.0, camera.width - 1.0}) {
+    for (const double v : {0.0, camera.height - 1.0}) {
+      const Eigen::Vector3d ray((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0);
+      box.extend(T_map_camera * (ray * max_range_m));
+    }
+  }
+  // Only what is within range can be marked; a wide image's corners are many times as far.
+  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(max_range_m);
+  box = box.intersection(Eigen::AlignedBox3d(T_map_camera.translation() - reach, T_map_camera.translation() + reach));
+  const LatticeKey low = LatticeKey::of(box.min(), chunk_size);
+  const LatticeKey high = LatticeKey::of(box.max(), chunk_size);
+  std::vector<LatticeKey> keys;
+  const double chunk_radius = 0.5 * std::sqrt(3.0) * chunk_size;
+  const double slope_u = std::max(camera.cx, camera.width - camera.cx) / camera.fx;
+  const double slope_v = std::max(camera.cy, camera.height - camera.cy) / camera.fy;
+  for (LatticeKey key = low; key.x <= high.x; ++key.x) {
+    for (key.y = low.y; key.y <= high.y; ++key.y) {
+      for (key.z = low.z; key.z <= high.z; ++key.z) {
+        const Eigen::Vector3d c = T_camera_map * key.center(chunk_size);
+        if (c.z() < -chunk_radius || c.norm() > max_range_m + chunk_radius) continue;
+        // Distance to the frustum's side planes, by the widest half angle on either side.
+        if (std::abs(c.x()) - slope_u * c.z() > chunk_radius * std::hypot(1.0, slope_u)) continue;
+        if (std::abs(c.y()) - slope_v * c.z() > chunk_radius * std::hypot(1.0, slope_v)) continue;
+        keys.push_back(key);
+      }
+    }
+  }
+  return keys;
+}
+
 }  // namespace
 
 ObservedLayer::ObservedLayer(const ObservedLayer& other)
@@ -224,35 +260,7 @@ void ObservedLayer::observe(const ClassifiedFrame& frame, const CameraModel& cam
   const SeenThrough seen_through(frame, camera, block_size_m_, max_range_m, num_threads);
   const double chunk_size = block_size_m_ * kChunkBlocks;
   const Eigen::Isometry3d T_camera_map = T_map_camera.inverse();
-  // Chunks touched by the frustum's bounding box.
-  Eigen::AlignedBox3d box(T_map_camera.translation());
-  for (const double u : {0.0, camera.width - 1.0}) {
-    for (const double v : {0.0, camera.height - 1.0}) {
-      const Eigen::Vector3d ray((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0);
-      box.extend(T_map_camera * (ray * max_range_m));
-    }
-  }
-  // Only what is within range can be marked; a wide image's corners are many times as far.
-  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(max_range_m);
-  box = box.intersection(Eigen::AlignedBox3d(T_map_camera.translation() - reach, T_map_camera.translation() + reach));
-  const LatticeKey low = LatticeKey::of(box.min(), chunk_size);
-  const LatticeKey high = LatticeKey::of(box.max(), chunk_size);
-  std::vector<LatticeKey> keys;
-  const double chunk_radius = 0.5 * std::sqrt(3.0) * chunk_size;
-  const double slope_u = std::max(camera.cx, camera.width - camera.cx) / camera.fx;
-  const double slope_v = std::max(camera.cy, camera.height - camera.cy) / camera.fy;
-  for (LatticeKey key = low; key.x <= high.x; ++key.x) {
-    for (key.y = low.y; key.y <= high.y; ++key.y) {
-      for (key.z = low.z; key.z <= high.z; ++key.z) {
-        const Eigen::Vector3d c = T_camera_map * key.center(chunk_size);
-        if (c.z() < -chunk_radius || c.norm() > max_range_m + chunk_radius) continue;
-        // Distance to the frustum's side planes, by the widest half angle on either side.
-        if (std::abs(c.x()) - slope_u * c.z() > chunk_radius * std::hypot(1.0, slope_u)) continue;
-        if (std::abs(c.y()) - slope_v * c.z() > chunk_radius * std::hypot(1.0, slope_v)) continue;
-        keys.push_back(key);
-      }
-    }
-  }
+  const std::vector<LatticeKey> keys = chunksInView(camera, T_map_camera, max_range_m, chunk_size);
   using Verdict = SeenThrough::Verdict;
   struct Seen {
     bool all{false};

@@ -7,10 +7,12 @@
 #include <stdexcept>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 namespace motion_planning {
 namespace {
 
+using test_support::messageOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
@@ -312,34 +314,27 @@ TEST(JointTrajectory, AtRestBeforeAndAfter) {
   EXPECT_THROW(JointTrajectory().sample(0.0), std::logic_error);
 }
 
-template <typename Call>
-std::string messageOf(const Call& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "nothing thrown";
-}
-
 TEST(JointTrajectory, RefusesBadArguments) {
   const JointPath path = {ArmVector::Zero(), ArmVector::Constant(1.0)};
-  EXPECT_THAT(messageOf([] { timeParametrize({}, urLimits()); }), HasSubstr("path has 0 points"));
-  EXPECT_THAT(messageOf([&] {
+  EXPECT_THAT(messageOf<std::invalid_argument>([] { timeParametrize({}, urLimits()); }),
+              HasSubstr("path has 0 points"));
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] {
                 timeParametrize({path[0], ArmVector::Constant(kNaN)}, urLimits());
               }),
               HasSubstr("path[1] has an angle that is not finite"));
   MotionLimits limits = urLimits();
   limits.velocity_rad_s[2] = 0.0;
   limits.acceleration_rad_s2[4] = kNaN;
-  const std::string text = messageOf([&] { timeParametrize(path, limits); });
+  const std::string text = messageOf<std::invalid_argument>([&] { timeParametrize(path, limits); });
   EXPECT_THAT(text, HasSubstr("velocity_rad_s[2] = 0 rad/s, must be in [0.001, 100] rad/s"));
   EXPECT_THAT(text, HasSubstr("acceleration_rad_s2[4] = nan"));
   TimingConfig config;
   config.sample_s = 0.0;
-  EXPECT_THAT(messageOf([&] { timeParametrize(path, urLimits(), config); }), HasSubstr("sample_s = 0 s"));
-  EXPECT_THAT(messageOf([&] { roundedPath(path, 0.0); }), HasSubstr("step_rad = 0 rad"));
-  EXPECT_THAT(messageOf([&] { timeParametrize(path, urLimits(), {}, toyPoint(0.0)); }), HasSubstr("speed_m_s = 0 m/s"));
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { timeParametrize(path, urLimits(), config); }),
+              HasSubstr("sample_s = 0 s"));
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { roundedPath(path, 0.0); }), HasSubstr("step_rad = 0 rad"));
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { timeParametrize(path, urLimits(), {}, toyPoint(0.0)); }),
+              HasSubstr("speed_m_s = 0 m/s"));
   EXPECT_THAT(MotionLimits().validate(), IsEmpty());
 }
 

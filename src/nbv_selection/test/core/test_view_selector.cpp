@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include <gmock/gmock.h>
+#include <interactive_mapping_common/testing/temporary_folder.h>
 
 #include "support/box_scene.h"
 #include "support/function_scene.h"
@@ -19,6 +20,7 @@ namespace nbv_selection {
 namespace {
 
 using nbv_selection_test::FunctionScene;
+using test_support::messageOf;
 using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::Each;
@@ -33,16 +35,6 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
 const Eigen::Vector3d kBrick(0.3, 0.2, 0.2);  // [m]
 const FailureMemory kNoFailures(0.1);
-
-template <typename Function>
-std::string messageOf(const Function& function) {
-  try {
-    function();
-  } catch (const std::exception& error) {
-    return error.what();
-  }
-  return "nothing was thrown";
-}
 
 /// 0.1 at `low`, 0.9 at `high`.
 Logistic spanning(double low, double high) {
@@ -247,7 +239,7 @@ TEST(ViewSelector, NeedsNoSectorsWhenManipulabilityHasNoWeight) {
   const HeapSetup setup;
   RobotBody armless = pickingRobot();
   armless.sectors.reset();
-  EXPECT_THAT(messageOf([&] { ViewSelector({}, armless); }),
+  EXPECT_THAT(messageOf<std::exception>([&] { ViewSelector({}, armless); }),
               HasSubstr("weights/manipulability = 0.2, must be 0 without the arm's sectors"));
   ViewSelectorConfig config;
   config.utility = config.utility.without("manipulability");
@@ -994,7 +986,7 @@ TEST(ViewSelectorBadInput, ErrorsOfTheMapReachTheCaller) {
         if (number == question - 2) throw silent;
       };
     }
-    EXPECT_EQ(messageOf([&] { select(scene, good.request); }), "the map is silent") << question;
+    EXPECT_EQ(messageOf<std::exception>([&] { select(scene, good.request); }), "the map is silent") << question;
   }
 }
 
@@ -1002,7 +994,7 @@ TEST(ViewSelectorBadInput, AnswersOfTheWrongLengthAreErrors) {
   const SpoiltSetup good;
   const auto expectRefused = [&](const SpoiltScene& scene, const std::string& text) {
     EXPECT_THROW(select(scene, good.request), std::runtime_error);
-    EXPECT_THAT(messageOf([&] { select(scene, good.request); }), HasSubstr(text));
+    EXPECT_THAT(messageOf<std::exception>([&] { select(scene, good.request); }), HasSubstr(text));
   };
   SpoiltScene scene = good.scene;
   scene.spoil_surface = [](MappedSurface* surface) { surface->normals_map.pop_back(); };
@@ -1027,7 +1019,7 @@ TEST(ViewSelectorBadInput, AnswersOfTheWrongLengthAreErrors) {
       if (question == bad) field->is_supported.resize(2);
     };
     scene.num_occupancy_questions = 0;
-    EXPECT_THAT(messageOf([&] { select(scene, good.request); }), HasSubstr("answered for 2 of"));
+    EXPECT_THAT(messageOf<std::exception>([&] { select(scene, good.request); }), HasSubstr("answered for 2 of"));
   }
 }
 
@@ -1035,7 +1027,7 @@ TEST(ViewSelectorBadInput, PriorThatIsNoneIsRefused) {
   SpoiltSetup setup;
   for (const double bad : {0.0, -1.0, kNaN, kInf}) {
     setup.scene.prior = bad;
-    EXPECT_THAT(messageOf([&] { setup.select(); }), HasSubstr("prior_uncertainty"));
+    EXPECT_THAT(messageOf<std::exception>([&] { setup.select(); }), HasSubstr("prior_uncertainty"));
   }
 }
 
@@ -1045,7 +1037,9 @@ TEST(ViewSelectorBadInput, ImpossibleRequestsAreRefusedByName) {
     SelectionRequest request = setup.request;
     change(&request);
     EXPECT_THROW(select(setup.scene, request), std::invalid_argument) << key;
-    EXPECT_THAT(messageOf([&] { select(setup.scene, request); }), AllOf(HasSubstr(key), HasSubstr("must be"))) << key;
+    EXPECT_THAT(messageOf<std::exception>([&] { select(setup.scene, request); }),
+                AllOf(HasSubstr(key), HasSubstr("must be")))
+        << key;
   };
   expectRefused("ground", [](SelectionRequest* r) { r->ground.reset(); });
   for (const double bad : {kNaN, kInf}) {
@@ -1075,7 +1069,7 @@ TEST(ViewSelectorBadInput, ImpossibleConfigurationsAreRefusedByName) {
   config.standing_padding_m = -0.01;
   config.max_lost_share = 0.0;
   // All of them in one message.
-  const std::string message = messageOf([&] { ViewSelector(config, pickingRobot()); });
+  const std::string message = messageOf<std::exception>([&] { ViewSelector(config, pickingRobot()); });
   EXPECT_THROW(ViewSelector(config, pickingRobot()), std::invalid_argument);
   for (const char* key : {"ground/max_tilt_rad = 2", "outline/cell_size_m = -1", "segments/standoff_m = nan",
                           "manipulability/cell_m = 3", "weights/travel = -0.5", "gamma_per_s = 1",
@@ -1085,13 +1079,13 @@ TEST(ViewSelectorBadInput, ImpossibleConfigurationsAreRefusedByName) {
 
   RobotBody robot = pickingRobot();
   std::reverse(robot.footprint.begin(), robot.footprint.end());
-  EXPECT_THAT(messageOf([&] { ViewSelector({}, robot); }), HasSubstr("footprint"));
+  EXPECT_THAT(messageOf<std::exception>([&] { ViewSelector({}, robot); }), HasSubstr("footprint"));
   robot = pickingRobot();
   for (Eigen::Vector2d& corner : robot.footprint) corner *= 0.2;  // 0.12 m wide, segments every 0.16 m
-  EXPECT_THAT(messageOf([&] { ViewSelector({}, robot); }), HasSubstr("spacing_m"));
+  EXPECT_THAT(messageOf<std::exception>([&] { ViewSelector({}, robot); }), HasSubstr("spacing_m"));
   robot = pickingRobot();
   robot.T_base_armbase.translation().x() = kNaN;
-  EXPECT_THAT(messageOf([&] { ViewSelector({}, robot); }), HasSubstr("T_base_armbase"));
+  EXPECT_THAT(messageOf<std::exception>([&] { ViewSelector({}, robot); }), HasSubstr("T_base_armbase"));
 }
 
 TEST(ViewSelectorBadInput, RobotOutsideOfTheGridReachesNothing) {

@@ -2,37 +2,26 @@
 #include "octomap_baseline/dynamic_octomap.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 
+#include <interactive_mapping_common/geometry/rigid_motion.h>
+#include <interactive_mapping_common/stopwatch.h>
 #include <interactive_mapping_common/threads/parallel_for.h>
 
 namespace octomap_baseline {
 
 using gpis_mapping::PixelKind;
+using interactive_mapping::Stopwatch;
 using octomap::OcTreeKey;
 
 namespace {
 
 constexpr unsigned kBlockDepth = 14;  // of the octree's 16 levels: nodes of 4 x 4 x 4 voxels
 constexpr int kKeyOrigin = 32768;     // key of the voxel that starts at coordinate 0
-
-class StageTimer {
- public:
-  double lapMs() {
-    const auto now = std::chrono::steady_clock::now();
-    const double ms = std::chrono::duration<double, std::milli>(now - last_).count();
-    last_ = now;
-    return ms;
-  }
-
- private:
-  std::chrono::steady_clock::time_point last_{std::chrono::steady_clock::now()};
-};
 
 octomap::point3d toOctomap(const Eigen::Vector3d& p) {
   return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
@@ -55,16 +44,8 @@ std::unique_ptr<octomap::OcTree> makeTree(const OctomapConfig& config) {
 }
 
 void requireUsablePose(const Eigen::Isometry3d& pose, double stamp_s, double max_range_m, double resolution_m) {
-  if (!pose.matrix().allFinite() || !std::isfinite(stamp_s)) {
-    throw std::invalid_argument("camera pose or stamp is not finite");
-  }
-  const Eigen::Matrix3d r = pose.linear();
-  if (!(r.transpose() * r).isApprox(Eigen::Matrix3d::Identity(), 1e-4) || r.determinant() < 0.0) {
-    std::ostringstream out;
-    out << "camera pose is no rigid motion: R^T R deviates from the identity by "
-        << (r.transpose() * r - Eigen::Matrix3d::Identity()).norm() << ", must be < 1e-4, with determinant +1";
-    throw std::invalid_argument(out.str());
-  }
+  if (!std::isfinite(stamp_s)) throw std::invalid_argument("stamp is not finite");
+  interactive_mapping::requireRigid(pose, "camera pose");
   const double reach_m = (kKeyOrigin - 4) * resolution_m - max_range_m;
   if (pose.translation().cwiseAbs().maxCoeff() > reach_m) {
     std::ostringstream out;
@@ -123,7 +104,7 @@ OctomapUpdateStatistics DynamicOctomap::update(const gpis_mapping::DepthImage& i
                                                const gpis_mapping::CameraModel& camera,
                                                const Eigen::Isometry3d& T_map_camera, double stamp_s) {
   OctomapUpdateStatistics statistics;
-  StageTimer timer;
+  Stopwatch timer;
   requireUsablePose(T_map_camera, stamp_s, config_.sensor.max_range_m, config_.resolution_m);
   prepareCamera(camera);
   const View view{classifier_->classify(image, threads_), T_map_camera, T_map_camera.inverse()};

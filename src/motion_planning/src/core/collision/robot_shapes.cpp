@@ -7,6 +7,7 @@
 #include <fcl/geometry/shape/box.h>
 #include <fcl/geometry/shape/cylinder.h>
 #include <fcl/geometry/shape/sphere.h>
+#include <interactive_mapping_common/geometry/rigid_motion.h>
 
 namespace motion_planning {
 
@@ -16,10 +17,7 @@ using mp700_ur5e_description::Shape;
 using mp700_ur5e_description::Sphere;
 
 bool isRigid(const Eigen::Isometry3d& T) {
-  constexpr double kTolerance = 1e-5;
-  return T.matrix().allFinite() &&
-         (T.linear().transpose() * T.linear() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < kTolerance &&
-         T.linear().determinant() > 0.0 && T.matrix().row(3) == Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0);
+  return interactive_mapping::isRigid(T, 1e-5);  // tighter: these come in doubles
 }
 
 bool isBoxSize(const Eigen::Vector3d& size_m) {
