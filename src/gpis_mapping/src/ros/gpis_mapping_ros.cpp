@@ -13,6 +13,7 @@
 #include <ros/console.h>
 #include <tf2/exceptions.h>
 
+#include "depth_camera_ros/pose_diagnostics.h"
 #include "gpis_mapping/map_io.h"
 #include "gpis_mapping_ros/map_messages.h"
 #include "gpis_mapping_ros/query_service.h"
@@ -488,23 +489,10 @@ void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& 
 
 void GpisMappingRos::diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status) {
   const DepthInputCounters counters = input_->counters();
-  const auto jumps = counters.by_status[static_cast<std::size_t>(FrameStatus::kPoseJump)];
-  if (counters.pose.has_tf_age && counters.pose.last_tf_age_s > params_.input.tf_timeout_s) {
-    status.summary(DiagnosticStatus::WARN,
-                   "newest transform is " + formatted("%.3f s", counters.pose.last_tf_age_s) + " older than the image");
-  } else if (counters.pose.settled_jumps > 0) {
-    status.summary(DiagnosticStatus::WARN, "the pose jumped and stayed, " +
-                                               std::to_string(counters.pose.settled_jumps) +
-                                               " times: what was mapped before may stand beside what is mapped now");
-  } else {
-    status.summary(DiagnosticStatus::OK, "");
-  }
-  status.add("map frame", params_.input.map_frame);
-  status.add("age at the last image [s]",
-             counters.pose.has_tf_age ? formatted("%.3f", counters.pose.last_tf_age_s) : "static or none");
-  status.add("images left out for a jump", jumps);
-  status.add("jumps that stayed", counters.pose.settled_jumps);
-  status.add("time ran back", counters.by_status[static_cast<std::size_t>(FrameStatus::kTimeRanBack)]);
+  const auto count = [&](FrameStatus refusal) { return counters.by_status[static_cast<std::size_t>(refusal)]; };
+  depth_camera_ros::diagnosePoses(params_.input, counters.pose, count(FrameStatus::kPoseJump),
+                                  count(FrameStatus::kTimeRanBack),
+                                  "what was mapped before may stand beside what is mapped now", &status);
 }
 
 void GpisMappingRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status) {
