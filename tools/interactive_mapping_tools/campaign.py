@@ -146,7 +146,7 @@ def run_all(options, missions):
     before = signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches Snakemake and the missions, too, which end in order
     workspace.run_child([sys.executable, "-m", "snakemake", "--snakefile", str(FILES / "Snakefile"), "--directory", str(options.out), "--configfile",
                          str(options.out / "campaign.json"), "--rerun-triggers", "mtime", "--rerun-incomplete", "--retries", "2", "--keep-going", "--scheduler", "greedy",
-                         "--quiet", "rules", "--log-handler-script", str(FILES / "progress.py"), *options.snakemake])
+                         "--log-handler-script", str(FILES / "progress.py"), *options.snakemake])
     signal.signal(signal.SIGINT, before)
 
 
