@@ -1,99 +1,190 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Missions in the simulated world for the paper's tables: strategies in three scenes, and the utility without each factor.
+"""Runs the missions of a definition file in the simulated world, as many at a time as cores allow, and prints their tables.
 
-A mission lasts as long as its scene allows, time_per_brick_s for each brick. Resumable: a mission that has ended, however, or was
-given up at --wall-limit is not run again; one that broke down is. Days of computing on a laptop.
+  scripts/campaign [options] [-- OPTION OF SNAKEMAKE ...]
+
+It can be interrupted: the next call runs what is missing. A mission counts if it has ended by itself, on this state of the software,
+with these arguments, and no node restarted, no input was stale and no answer was given up. Others are run again, up to three times a call.
+Exit code: 0 all missions count; 1 some do not, each is named; 2 bad usage.
 """
 
-import os
+import csv
+import json
+import pathlib
 import re
+import shlex
 import signal
 import sys
+from importlib import metadata
 
-from . import ROOT, strategies, table_campaign, workspace
+import yaml
+
+from . import ROOT, mission_run, run_mission, table_campaign, workspace
 from .cli import Parser, UsageError, one_line_errors
 
+FILES = ROOT / "tools/campaign"
+STALE = re.compile(r'"event": *"(stale [a-z]+|STALE_[A-Z]+|MONITOR_GONE|HEARTBEAT_LOST)"')
+NODE_ENDED = re.compile(r"\[([^\]\s]+)\] process has (?:died|finished)")
+GIVEN_UP = "this run cannot be repeated exactly"  # simulated_world: an answer did not come
 
-def parse():
+
+def parse(words):
+    split = words.index("--") if "--" in words else len(words)
     parser = Parser(__doc__)
-    parser.add_argument("--scenes", default="one_heap two_ridges three_heaps", metavar='"A B"', help="of sim_tests/simulated_world/worlds (default %(default)s)")
-    parser.add_argument("--seeds", default="1 2 3", metavar='"1 2 3"', help=f"whole numbers from 0 to {workspace.MAX_SEED} (default %(default)s)")
-    parser.add_argument("--strategies", default="gpis octomap_gradient_frontier octomap_random", metavar='"X Y"',
-                        help="default %(default)s, or your own, as in run_mission")
-    parser.add_argument("--selection-config", metavar="FILE", help="absolute path of a file with sections of your own strategies")
-    parser.add_argument("--removed", default="", metavar='"F G"', help="factors of gpis' utility to do without, one at a time, in the first scene "
-                        "(default: none; all: Table I)")
-    parser.add_argument("--wall-limit", default="5400", metavar="S", help="of each mission [s of the wall clock] (default %(default)s): then it is given up, and "
-                        "counts with what it reached")
-    parser.add_argument("--out", default="results/campaign", metavar="DIR", help="folder, relative to the repository (default %(default)s)")
-    parser.add_argument("--table", action="store_true", help="print the tables of what there is, run nothing")
-    options = parser.parse_args()
-    for name, value in vars(options).items():
-        if name != "removed" and isinstance(value, str) and not value.strip():
-            raise UsageError(f"--{name.replace('_', '-')} is empty")
-    options.scenes, options.seeds, options.strategies = options.scenes.split(), options.seeds.split(), options.strategies.split()
-    for seed in options.seeds:
-        if not workspace.is_seed(seed):
-            raise UsageError(f"--seeds: {seed}, must be whole numbers in [0, {workspace.MAX_SEED}]")
-    for scene in options.scenes:
-        if not workspace.has_world(scene):
-            raise UsageError(f"--scenes: {scene}: no such file in sim_tests/simulated_world/worlds")
-    strategies.maps_of(options.strategies, options.selection_config)
-    options.removed = list(workspace.REMOVED_FACTORS) if options.removed == "all" else options.removed.split()
-    for factor in options.removed:
-        if factor not in workspace.REMOVED_FACTORS:
-            raise UsageError(f"--removed: {factor}, must be all alone, or some of {', '.join(workspace.REMOVED_FACTORS)}")
-    workspace.check_wall_limit(options.wall_limit)
+    parser.add_argument("--definition", type=pathlib.Path, default=FILES / "paper.yaml", metavar="FILE", help="cycles, variants and tables (default tools/campaign/paper.yaml)")
+    parser.add_argument("--scenes", metavar='"A B"', help="only these of the definition's")
+    parser.add_argument("--seeds", metavar='"1 2 3"', help="in place of the definition's, for pilots")
+    parser.add_argument("--out", default="results/campaign", metavar="DIR", help="folder, absolute or relative to the repository (default %(default)s)")
+    parser.add_argument("--list", action="store_true", help="print each mission and its state, run nothing")
+    parser.add_argument("--table", action="store_true", help="print the tables of what counts, run nothing")
+    parser.add_argument("--no-build", action="store_true", help="install and build nothing: the workspace is built already")
+    parser.add_argument("--prefix", default="", metavar='"COMMAND"', help='before each mission\'s command, such as "apptainer exec /shared/mission.sif"')
+    parser.add_argument("--mission", metavar="NAME", help="run this one of DIR/campaign.json here: what Snakemake calls")
+    options = parser.parse_args(words[:split])
+    options.snakemake, options.out = words[split + 1:] or ["--profile", str(FILES / "local")], ROOT / options.out
     return options
 
 
-def has_logged(folder, key, value):
-    try:
-        log = (folder / "mission.jsonl").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return False
-    return re.search(f'"{key}": *"{value}"', log) is not None
-
-
-def mission(options, name, scene, seed, strategy, factor=None):
-    folder = ROOT / options.out / name
-    # The log, too: earlier versions took missions for done that never began.
-    summary = folder / "summary.json"
-    if (folder / ".done").exists() and summary.exists() and summary.stat().st_size > 0 and has_logged(folder, "event", "start"):
-        print(f"{name}: done before", flush=True)
-        return
+def words_of(scene, seed, cycle, variant, wall_limit_s):
+    """For run_mission."""
+    arguments = {**cycle, **variant}
+    chosen = [word for key in ("strategy", "removed_factor") if key in arguments for word in ("--" + key.replace("_", "-"), arguments.pop(key))]
     limit_s = table_campaign.time_limit_of(ROOT / f"sim_tests/simulated_world/worlds/{scene}.yaml")
-    print(f"\n{name}: at most {limit_s:g} simulated seconds ...", flush=True)
-    command = [str(ROOT / "scripts/run_mission"), "--run", str(folder), "--overwrite", "--scene", scene, "--seed", seed, "--strategy", strategy, "--time-limit",
-               f"{limit_s:g}", "--wall-limit", options.wall_limit, "--no-page", *(["--removed-factor", factor] if factor else []),
-               *(["--", f"selection_config:={options.selection_config}"] if options.selection_config else [])]
-    code = workspace.run_child(command)
-    if code == 130:
-        sys.exit(130)
-    if code == 2:
-        sys.exit(f"error: scripts/run_mission refuses what it was given for {name}")
-    if code == 0 or has_logged(folder, "decision", "ended") or (code == 3 and has_logged(folder, "event", "start")):
-        (folder / ".done").touch()
-    else:
-        print(f"{name}: broken off; the next call runs it again", flush=True)
+    return ["--scene", scene, "--seed", seed, "--time-limit", f"{limit_s:g}", "--wall-limit", str(wall_limit_s), "--no-page", *chosen,
+            *(["--", *(f"{key}:={value}" for key, value in arguments.items())] if arguments else [])]
+
+
+def missions_of(options):
+    """{name: what it is, its command and the fingerprints that its result has to have}, in the order of the seeds. Raises UsageError."""
+    lists = {name: given and given.split() for name, given in (("scenes", options.scenes), ("seeds", options.seeds))}
+    for name, given in lists.items():
+        if given == []:
+            raise UsageError(f"--{name} is empty")
+    try:
+        definition = yaml.safe_load(options.definition.read_text(encoding="utf-8"))
+        cells = dict.fromkeys((scene, cycle, variant, str(seed)) for table in definition["tables"].values() for seed in lists["seeds"] or table["seeds"]
+                              for scene in table["scenes"] for cycle in table["cycles"] for variant in table["variants"]
+                              if lists["scenes"] is None or scene in lists["scenes"])
+        commands = {(scene, cycle, variant, seed): words_of(scene, seed, definition["cycles"][cycle], definition["variants"][variant], definition["wall_limit_s"])
+                    for scene, cycle, variant, seed in sorted(cells, key=lambda cell: cell[3].zfill(10))}  # the seeds one by one: a part of a campaign is balanced
+    except (KeyError, TypeError, AttributeError, ValueError, yaml.YAMLError) as error:
+        raise UsageError(f"{options.definition}: {table_campaign.words_of(error)}") from error
+    if not commands:
+        raise UsageError(f"{options.definition} has no mission" + (f" in {options.scenes}" if options.scenes else ""))
+    software, parsed, found = workspace.software(), {}, {}
+    for cell, words in commands.items():
+        folder = options.out / "-".join(cell)
+        if not workspace.is_seed(cell[3]):
+            raise UsageError(f"seed {cell[3]}, must be a whole number in [0, {workspace.MAX_SEED}]")
+        if cell[:3] not in parsed:  # the seed changes nothing in what it refuses
+            parsed[cell[:3]] = run_mission.parse(["--run", str(folder), "--overwrite", *words])
+        mission_options, arguments = parsed[cell[:3]]
+        mission_options.seed = cell[3]
+        command = [*shlex.split(options.prefix), str(ROOT / "scripts/run_mission"), "--run", str(folder), "--overwrite", *words]
+        found[folder.name] = {**dict(zip(table_campaign.CELL, cell)), "folder": str(folder), "command": command, "software": software,
+                              "configuration": workspace.configuration(run_mission.arguments_of(mission_options, arguments))}
+    return found
+
+
+def state_of(mission):
+    """(why the result does not count, None if it does; its summary)."""
+    folder = pathlib.Path(mission["folder"])
+
+    def text_of(name):
+        return (folder / name).read_text(encoding="utf-8", errors="replace")
+
+    try:
+        summary = table_campaign.checked(mission_run.loads(text_of("summary.json")))
+        origin = summary["origin"]
+        if origin["software"] != mission["software"]:
+            return f"stale: of commit {origin.get('commit')}", summary
+        if origin["configuration"] != mission["configuration"]:
+            return "stale: of another configuration", summary
+        log, launch = text_of("mission.jsonl"), text_of("log/roslaunch.log")
+    except FileNotFoundError as error:
+        return "missing" if error.filename.endswith("summary.json") else f"broken: no {pathlib.Path(error.filename).name}", None
+    except (OSError, *table_campaign.BROKEN) as error:
+        return f"broken: {table_campaign.words_of(error)}", None
+    if re.search('"decision": *"ended"', log) is None:
+        return "the mission did not end by itself", summary
+    for pattern, words in ((STALE, "stale input"), (NODE_ENDED, "a node ended")):
+        match = pattern.search(log if pattern is STALE else launch)
+        if match:
+            return f"{words}: {match.group(1)}", summary
+    return ("an answer was given up" if GIVEN_UP in launch else None), summary
+
+
+def run(mission):
+    """The exit code of the Snakefile's rule: if it is 1, Snakemake runs the mission again."""
+    workspace.run_child(mission["command"])
+    problem, _ = state_of(mission)
+    if problem:
+        print(f"campaign: {pathlib.Path(mission['folder']).name}: {problem}", file=sys.stderr)
+    return 1 if problem else 0
+
+
+def check_snakemake():
+    try:
+        version = metadata.version("snakemake")
+    except metadata.PackageNotFoundError:
+        raise UsageError("Snakemake is missing: apt-get install --no-install-recommends snakemake") from None
+    if not (7, 7) <= tuple(int(number) for number in version.split(".")[:2]) < (8, 0):
+        raise UsageError(f"Snakemake {version} is installed, must be 7.7 or a later 7: Debian 12 has it")
+
+
+def run_all(options, missions):
+    """Snakemake's marks say what counts; it runs all missions without one."""
+    (options.out / "complete").mkdir(parents=True, exist_ok=True)
+    for name, mission in missions.items():
+        mark = options.out / "complete" / name
+        if state_of(mission)[0]:
+            mark.unlink(missing_ok=True)
+        else:
+            mark.touch()
+    command = shlex.join([sys.executable, str(ROOT / "tools/run"), "campaign", "--out", str(options.out)])
+    (options.out / "campaign.json").write_text(json.dumps({"command": command, "missions": missions}), encoding="utf-8")
+    before = signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches Snakemake and the missions, too, which end in order
+    workspace.run_child([sys.executable, "-m", "snakemake", "--snakefile", str(FILES / "Snakefile"), "--directory", str(options.out), "--configfile",
+                         str(options.out / "campaign.json"), "--rerun-triggers", "mtime", "--rerun-incomplete", "--retries", "2", "--keep-going", "--scheduler", "greedy",
+                         "--log-handler-script", str(FILES / "progress.py"), *options.snakemake])
+    signal.signal(signal.SIGINT, before)
+
+
+def report(options, missions):
+    """Writes missions.csv, prints the tables; the exit code."""
+    rows = []
+    for name, mission in missions.items():
+        problem, summary = state_of(mission)
+        if problem:
+            print(f"campaign: {name}: {problem}", file=sys.stderr)
+        else:
+            rows.append(table_campaign.row_of(mission, summary))
+    if rows:
+        with (options.out / "missions.csv").open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.DictWriter(stream, table_campaign.COLUMNS)
+            writer.writeheader()
+            writer.writerows(rows)
+        table_campaign.print_tables(options.out / "missions.csv")
+    print(f"\n{len(rows)} of {len(missions)} missions count", flush=True)
+    return 0 if len(rows) == len(missions) else 1
 
 
 @one_line_errors
 def main():
-    options = parse()
-    os.chdir(ROOT)
-    if not options.table:
-        workspace.library("install_packages; build_workspace all")
-        workspace.use()
+    options = parse(sys.argv[1:])
+    if options.mission is not None:
         workspace.end_in_order()
-        signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches the mission, too: its exit code says so
-        (ROOT / options.out).mkdir(parents=True, exist_ok=True)
-        for seed in options.seeds:
-            for scene in options.scenes:
-                for strategy in options.strategies:
-                    mission(options, f"{scene}-{strategy}-{seed}", scene, seed, strategy)
-            first = options.scenes[0]
-            for factor in options.removed:
-                mission(options, f"{first}-without_{factor}-{seed}", first, seed, "gpis", factor)
-        print(flush=True)
-    return table_campaign.print_tables(ROOT / options.out)
+        missions = json.loads((options.out / "campaign.json").read_text(encoding="utf-8"))["missions"]
+        return run(missions[options.mission])
+    missions = missions_of(options)
+    if options.list:
+        for name, mission in missions.items():
+            print(f"{name}: {state_of(mission)[0] or 'counts'}")
+        return 0
+    if not options.table:
+        if not options.no_build:
+            workspace.library("install_packages; install_packages campaign; build_workspace all")
+        check_snakemake()
+        workspace.end_in_order()
+        run_all(options, missions)
+    return report(options, missions)

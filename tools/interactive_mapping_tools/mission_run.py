@@ -154,13 +154,13 @@ def count_of(value):
 
 
 def read_origin(path):
-    """{"command", "date", "host", "commit"} that scripts/run_mission has left; earlier versions left the command alone."""
+    """{"command", "date", "host", "commit", "software", "configuration", "machine"} that scripts/run_mission has left; earlier versions left less."""
     try:
         command, *lines = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
     except OSError:
         return {}
     pairs = (line.partition(": ") for line in lines)
-    found = {"command": command.strip(), **{key: value.strip() for key, _, value in pairs if key in ("date", "host", "commit")}}
+    found = {"command": command.strip(), **{key: value.strip() for key, _, value in pairs if key in ("date", "host", "commit", "software", "configuration", "machine")}}
     return {key: value for key, value in found.items() if value}
 
 
@@ -409,6 +409,7 @@ def merged_summary(run):
     summary.setdefault("bricks_total", None)
     summary["bricks_pickable"] = count_of(run.judge.get("bricks_pickable"))
     summary["memory"] = memory_of(run.folder)
+    summary["origin"] = run.origin
     return summary
 
 

@@ -109,6 +109,12 @@ def parse(words):
     return options, launch_arguments
 
 
+def arguments_of(options, launch_arguments):
+    """All arguments of the launch file but run_folder."""
+    return [f"scene:={options.scene}", f"seed:={options.seed}", f"clock:={options.clock}", f"map:={options.map}", f"strategy:={options.strategy}", "autostart:=true",
+            f"pictures:={str(not options.no_pictures).lower()}", f"rviz:={str(options.rviz).lower()}", f"ideal:={str(options.ideal).lower()}", *launch_arguments]
+
+
 def not_built(launch_arguments):
     """Nodes of the launch file that are not there: roslaunch goes on without them, and the clock waits for them for ever."""
     import roslaunch.config
@@ -206,9 +212,7 @@ def main():
     if run.exists() and not (run / ".run_mission").is_file():  # nothing but a run is ever deleted
         sys.exit(f"error: {run} was not made by scripts/run_mission: not deleted.")
     workspace.use()
-    launch_arguments = [f"scene:={options.scene}", f"seed:={options.seed}", f"clock:={options.clock}", f"run_folder:={run}", f"map:={options.map}",
-                        f"strategy:={options.strategy}", "autostart:=true", f"pictures:={str(not options.no_pictures).lower()}",
-                        f"rviz:={str(options.rviz).lower()}", f"ideal:={str(options.ideal).lower()}", *launch_arguments]
+    launch_arguments = [f"run_folder:={run}", *arguments_of(options, launch_arguments)]
     missing = not_built(launch_arguments)
     if missing:
         with contextlib.suppress(OSError):
@@ -219,7 +223,8 @@ def main():
     commit = subprocess.run(["git", "describe", "--always", "--dirty", "--abbrev=10"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
     now = datetime.datetime.now(datetime.timezone.utc)
     (run / ".run_mission").write_text(f"{shlex.join(['scripts/run_mission', *words])}\ndate: {now:%Y-%m-%dT%H:%M:%SZ}\nhost: {os.uname().nodename}\n"
-                                      f"commit: {commit.stdout.strip() or 'unknown'}\n", encoding="utf-8")
+                                      f"commit: {commit.stdout.strip() or 'unknown'}\nsoftware: {workspace.software()}\n"
+                                      f"configuration: {workspace.configuration(launch_arguments[1:])}\nmachine: {workspace.machine()}\n", encoding="utf-8")
     port = options.port or str(workspace.free_port())
     mark = f"{os.getpid()}-{port}"
     scheme = os.environ["ROS_MASTER_URI"].split(":")[0]

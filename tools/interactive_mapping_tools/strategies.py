@@ -6,6 +6,7 @@ ROS_PACKAGE_PATH must export that plugin.
 """
 
 import contextlib
+import functools
 import pathlib
 import xml.etree.ElementTree as ElementTree
 
@@ -34,11 +35,13 @@ def read_plugins(files, params=None):
     return plugins
 
 
+@functools.lru_cache(None)
 def rospack():
     """The packages of this repository, built or not, and those on ROS_PACKAGE_PATH."""
     return rospkg.RosPack(ros_paths=[str(ROOT / "src"), str(ROOT / "sim_tests"), *rospkg.get_ros_paths()])
 
 
+@functools.lru_cache(None)
 def exported_plugins():
     """Names of the strategies' classes that packages export. Packages that cannot be read export nothing."""
     packages = rospack()

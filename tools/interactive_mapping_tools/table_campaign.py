@@ -1,15 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of what scripts/campaign has left: strategies by scene (the paper's Table II), factors removed (Table I)."""
+"""Tables of a campaign's missions.csv: for each scene and cycle the mean of each variant and its difference to the first variant.
 
-import collections
+Brackets hold 95 % bootstrap intervals of the mean. A difference is that of missions with the same seed. Where its interval holds 0 it
+shows nothing.
+"""
+
+import csv
+import math
 import pathlib
-import sys
+import statistics
 
 import numpy as np
 import yaml
 
-from . import mission_run
 from .cli import Refusal, one_line_errors, parser_of
+
+CELL = ("scene", "cycle", "variant", "seed")
+MEASURES = ("bricks_stowed", "bricks_total", "map_coverage", "map_precision", "falls", "drops", "collisions", "load_contacts", "sim_seconds", "views", "distance_m",
+            "wall_seconds")
+ORIGIN = ("date", "commit", "software", "configuration", "host", "machine")
+COLUMNS = (*CELL, *MEASURES, "end_reason", *ORIGIN)
+BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
+NUM_RESAMPLES = 10000
 
 
 def time_limit(world):
@@ -28,70 +40,6 @@ def words_of(error):
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def read_runs(folder):
-    """(summaries, what is to be told of others)"""
-    runs, told = [], []
-    for path in sorted(folder.glob("*/summary.json")):
-        try:
-            run = mission_run.loads(path.read_text())
-            if not isinstance(run, dict):
-                raise ValueError("no summary of a mission")
-            # All that the tables are made of: what cannot be counted is named, and left out.
-            row("", [run])
-            for key in ("scene", "strategy", "removed_factor"):
-                if not isinstance(run.get(key), (str, type(None))):
-                    raise ValueError(f"{key} is no text")
-        except (OSError, *BROKEN) as error:
-            told.append(f"{path}: {words_of(error)}")
-            continue
-        try:
-            list(memory_rows([run]))
-        except BROKEN as error:
-            told.append(f"{path}: left out of the memory's table, {words_of(error)}: scripts/report_mission.py {path.parent} --summary-only makes it anew")
-            run = {**run, "memory": {}}
-        runs.append(run)
-    return runs, told
-
-
-def picked_of(run):
-    """By the judge; without one by the mission's own count."""
-    stowed = run.get("bricks_stowed")
-    return run.get("bricks_picked", 0) if stowed is None else stowed
-
-
-def spread(values, scale=1.0, digits=0):
-    values = [float(scale) * value for value in values if value is not None]
-    if not values:
-        return "-"
-    text = f"{np.mean(values):.{digits}f}"
-    return text if len(values) == 1 else f"{text} ± {np.std(values, ddof=1):.{digits}f}"
-
-
-def row(name, runs):
-    shares = [picked_of(run) / run["bricks_total"] for run in runs if run.get("bricks_total") and run["bricks_total"] > 0]
-    return (f"| {name} | {len(runs)} | {spread(shares, 100)} | {spread([run.get('map_coverage') for run in runs], 100, 1)} | "
-            f"{spread([run.get('map_coverable') for run in runs], 100, 1)} | "
-            f"{spread([run.get('falls') for run in runs], digits=1)} | {spread([run.get('collisions') for run in runs], digits=1)} | "
-            f"{spread([run.get('sim_seconds') for run in runs])} | {spread([run.get('views') for run in runs], digits=1)} | "
-            f"{', '.join(sorted({str(run.get('end_reason')) for run in runs}))} |")
-
-
-BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
-HEAD = "| | runs | bricks % | map % | coverable % | falls | collisions | simulated s | views | ended by |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|---|"
-
-
-def memory_rows(runs):
-    """Resident memory of each node over all the missions, and how fast it grows: the rows' sums, so that long missions weigh more."""
-    nodes = collections.defaultdict(list)
-    for run in runs:
-        for node, sizes in (run.get("memory") or {}).items():
-            if sizes["hours"] > 0.0:
-                nodes[node].append((sizes["most_mb"], sizes["early_mb"], sizes["late_mb"], sizes["hours"]))
-    for node, sizes in sorted(nodes.items()):
-        most, early, late, hours = np.array(sizes).T
-        yield f"| {node} | {most.max():.0f} | {early.mean():.0f} | {late.mean():.0f} | {(late - early).sum() / hours.sum():+.0f} |"
-
-
 def time_limit_of(world):
     try:
         return time_limit(world)
@@ -99,38 +47,72 @@ def time_limit_of(world):
         raise Refusal(f"{world}: no scene, {words_of(error)}") from error
 
 
-def print_tables(folder):
-    runs, told = read_runs(folder)
-    for line in told:
-        print(f"table_campaign: {line}", file=sys.stderr)
-    if not runs:
-        raise Refusal(f"no summary.json that can be read in the folders of {folder}")
-    whole, without = collections.defaultdict(list), collections.defaultdict(list)
-    for run in runs:
-        if run.get("removed_factor"):
-            without[run["removed_factor"]].append(run)
-        else:
-            whole[(run.get("scene"), run.get("strategy") or "gpis")].append(run)
-    print("Mean ± standard deviation over the runs; truth by the simulator's judge.\n")
-    print(HEAD, *(row(f"{scene}, {strategy}", group) for (scene, strategy), group in sorted(whole.items(), key=str)), sep="\n")
-    memory = list(memory_rows(runs))
-    if memory:
-        print("\nResident memory in MB: the most of any mission; in the second and in the last quarter of the missions; growth between the two.\n")
-        print("| node | most | second quarter | last quarter | MB per simulated hour |\n|---|--:|--:|--:|--:|", *memory, sep="\n")
-    if without:
-        print("\nWithout one factor of the utility:\n")
-        print(HEAD, *(row(factor, group) for factor, group in sorted(without.items())), sep="\n")
+def checked(summary):
+    """The summary of a mission; raises one of BROKEN if the tables cannot be made of it."""
+    numbers = [summary[key] for key in MEASURES if summary[key] is not None]
+    if not all(math.isfinite(float(number)) for number in numbers) or summary["bricks_stowed"] is None or not summary["bricks_total"] > 0:
+        raise ValueError("no judged mission")
+    return summary
+
+
+def row_of(cell, summary):
+    return {**{key: cell[key] for key in CELL}, **{key: summary[key] for key in (*MEASURES, "end_reason")}, **{key: summary["origin"].get(key) for key in ORIGIN}}
+
+
+def read_rows(path):
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        for row in rows:
+            row.update({key: float(row[key]) if row[key] != "" else math.nan for key in MEASURES}, bricks=100.0 * float(row["bricks_stowed"]) / float(row["bricks_total"]))
+        states = sorted({row["software"] for row in rows})
+        if len(states) != 1:
+            raise ValueError(f"missions of {len(states)} states of the software: {', '.join(states) or 'none'}; must be of one")
+        cells = [tuple(row[key] for key in CELL) for row in rows]
+        if len(set(cells)) != len(cells):
+            raise ValueError(f"{statistics.mode(cells)} is there twice")
+    except BROKEN as error:
+        raise Refusal(f"{path}: {words_of(error)}") from error
+    return rows
+
+
+def interval(values):
+    """95 % bootstrap interval of the mean (percentiles), the same in each call."""
+    values = np.asarray(values, dtype=float)
+    means = values[np.random.default_rng(1).integers(len(values), size=(NUM_RESAMPLES, len(values)))].mean(axis=1)
+    return np.percentile(means, (2.5, 97.5), method="inverted_cdf")
+
+
+def with_interval(values, form=".1f"):
+    values = [value for value in values if not math.isnan(value)]
+    if not values:
+        return "-"
+    mean = format(statistics.fmean(values), form)
+    return mean if len(values) == 1 else "{} [{}, {}]".format(mean, *(format(end, form) for end in interval(values)))
+
+
+def print_tables(path):
+    rows = read_rows(path)
+    for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows):
+        of_scene = [row for row in rows if (row["scene"], row["cycle"]) == (scene, cycle)]
+        print(f"\n{scene}, cycle {cycle}\n\n| | n | bricks % | difference | map % | precision % | falls | collisions | load contacts | simulated s | views | ended by |\n"
+              "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|")
+        first = None
+        for variant in dict.fromkeys(row["variant"] for row in of_scene):
+            runs = {row["seed"]: row for row in of_scene if row["variant"] == variant}
+            first = first or runs
+            pairs = [] if first is runs else [runs[seed]["bricks"] - first[seed]["bricks"] for seed in runs if seed in first]
+
+            def column(key, scale=1.0, runs=runs):
+                return with_interval([scale * row[key] for row in runs.values()])
+
+            print(f"| {variant} | {len(runs)} | {column('bricks')} | {with_interval(pairs, '+.1f')} | {column('map_coverage', 100)} | {column('map_precision', 100)} | "
+                  f"{column('falls')} | {column('collisions')} | {column('load_contacts')} | {column('sim_seconds')} | {column('views')} | "
+                  f"{', '.join(sorted({row['end_reason'] for row in runs.values()}))} |")
 
 
 @one_line_errors
 def main():
     parser = parser_of(__doc__)
-    parser.add_argument("folder", type=pathlib.Path, nargs="?")
-    parser.add_argument("--time-limit", type=pathlib.Path, metavar="WORLD", help="print a world's limit [s], nothing else")
-    arguments = parser.parse_args()
-    if arguments.time_limit:
-        print(f"{time_limit_of(arguments.time_limit):g}")
-    elif arguments.folder is None:
-        parser.error("a folder is needed")
-    else:
-        print_tables(arguments.folder)
+    parser.add_argument("csv", type=pathlib.Path, help="missions.csv of a campaign's folder")
+    print_tables(parser.parse_args().csv)

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The workspace around the tools: what scripts/lib.sh does, its environment, values of options that several commands take."""
 
+import hashlib
 import os
+import pathlib
 import re
 import signal
 import socket
@@ -27,6 +29,26 @@ def use():
     """Makes the packages built here known to this process and what it starts."""
     told = library("use_workspace; env -0", stdout=subprocess.PIPE).decode(errors="surrogateescape")
     os.environ.update(entry.split("=", 1) for entry in told.split("\0") if "=" in entry)
+
+
+def software():
+    """The state of what a mission runs: src and sim_tests as they are, committed or not. "unknown" without git."""
+    script = "git rev-parse -q HEAD:src HEAD:sim_tests && git diff HEAD -- src sim_tests && git ls-files -z --others --exclude-standard src sim_tests | xargs -0 -r sha1sum"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", script], cwd=ROOT, capture_output=True, check=False)
+    return hashlib.sha1(done.stdout).hexdigest()[:12] if done.returncode == 0 else "unknown"
+
+
+def configuration(arguments):
+    """Of a mission: the launch file's arguments, and the files that they name."""
+    values = (argument.split(":=", 1)[1] for argument in arguments)
+    files = [pathlib.Path(value).read_bytes() for value in values if value.startswith("/") and os.path.isfile(value)]
+    return hashlib.sha1(b"\0".join([*map(str.encode, sorted(arguments)), *files])).hexdigest()[:12]
+
+
+def machine():
+    with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as stream:
+        name = re.search("model name.*: (.*)", stream.read())
+    return f"{name.group(1) if name else 'unknown processor'}, {os.cpu_count()} cores"
 
 
 def is_number(text):

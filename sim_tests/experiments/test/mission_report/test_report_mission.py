@@ -135,45 +135,6 @@ class ReportMission(unittest.TestCase):
         (self.folder / "memory.csv").write_text("time_s,node,resident_mb\n" + "\n".join(rows) + "\n3660.0,ma")
         self.assertEqual(self.report("--summary-only").returncode, 0)
         self.assertEqual(self.summary()["memory"], {"map": {"most_mb": 160.0, "early_mb": 122.5, "late_mb": 152.5, "hours": 0.5}})
-        table = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], stdout=subprocess.PIPE, text=True,
-                               check=True).stdout
-        self.assertIn("| map | 160 | 122 | 152 | +60 |", table)
-        self.assertIn("| 98.0 |", table)  # coverable
-        # What is no summary is named, and the table is of the others.
-        broken = {"list": "[]", "null": '{"bricks_picked": null, "bricks_total": 4}', "scene": '{"scene": ["one_heap"]}',
-                  "factor": '{"removed_factor": {}}', "deep": "[" * 100000, "large": '{"falls": 1' + "0" * 400 + "}",
-                  "picked": '{"bricks_total": 4, "bricks_picked": 1' + "0" * 400 + "}"}
-        for name, text in broken.items():
-            (self.folder.parent / name).mkdir()
-            (self.folder.parent / name / "summary.json").write_text(text)
-        again = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], capture_output=True, text=True,
-                               check=True)
-        self.assertEqual(again.stdout, table)
-        self.assertEqual(len(again.stderr.splitlines()), len(broken), again.stderr)
-        for name in broken:
-            self.assertIn(f"{name}/summary.json", again.stderr)
-
-    def test_summary_without_most_memory_counts_but_for_memory(self):
-        self.make_without_maps()
-        (self.folder / "memory.csv").write_text("time_s,node,resident_mb\n" + "\n".join(f"{time_s},map,{time_s}" for time_s in range(101)) + "\n")
-
-        def table():
-            done = subprocess.run(["/usr/bin/python3", str(SCRIPTS / "table_campaign.py"), str(self.folder.parent)], capture_output=True, text=True,
-                                  check=True)
-            return done.stdout, done.stderr
-
-        self.assertEqual(self.report("--summary-only").returncode, 0)
-        whole = table()
-        self.assertIn("| map | 100 |", whole[0])
-        summary = self.summary()
-        del summary["memory"]["map"]["most_mb"]
-        (self.folder / "summary.json").write_text(json.dumps(summary))
-        rows, told = table()
-        self.assertEqual(rows, whole[0].split("\nResident memory")[0])
-        self.assertEqual(len(told.splitlines()), 1, told)
-        self.assertIn(f"{self.folder}/summary.json: left out of the memory's table, KeyError: 'most_mb': scripts/report_mission.py {self.folder} --summary-only", told)
-        self.assertEqual(self.report("--summary-only").returncode, 0)
-        self.assertEqual(table(), whole)
 
     def test_counts_that_differ_are_told(self):
         self.make()

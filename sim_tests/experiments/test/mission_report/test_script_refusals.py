@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the scripts about missions and long checks refuse, and that they say so before they do anything; what scripts/campaign takes for done."""
+"""What the scripts about missions and long checks refuse, and that they say so before they do anything."""
 
 import json
 import os
@@ -25,9 +25,6 @@ import run_folder  # noqa: E402
 FIG8_SUMMARY = {"systems": {"gpis": {"title": "Dynamic GPIS", "ghost_area_m2": 0.0001, "outside_share": 0.01, "against_truth": {"rms_m": 0.001},
                                      "against_last_scan": {"mean_m": 1e-5, "std_dev_m": 1e-4, "rms_m": 1e-4, "median_abs_m": 1e-4, "p95_abs_m": 2e-4,
                                                            "count": 1000}}}}
-# Lines of a mission's log.
-START = '{"event":"start","decision":"begin"}\n'
-END = '{"event":"success","decision":"ended"}\n'
 
 
 class ScriptRefusals(unittest.TestCase):
@@ -47,8 +44,7 @@ class ScriptRefusals(unittest.TestCase):
         """For a tree of its own: what is asked for the strategies that there are."""
         shutil.copytree(ROOT / "tools", tree / "tools")
         (tree / "scripts").mkdir()
-        for name in ("run_mission", "campaign"):
-            shutil.copy(SCRIPTS / name, tree / "scripts", follow_symlinks=False)
+        shutil.copy(SCRIPTS / "run_mission", tree / "scripts", follow_symlinks=False)
         for name in ("package.xml", "strategy_plugins.xml", "config"):
             source, copy = ROOT / "src/nbv_selection" / name, tree / "src/nbv_selection" / name
             copy.parent.mkdir(parents=True, exist_ok=True)
@@ -127,17 +123,14 @@ class ScriptRefusals(unittest.TestCase):
         run = self.folder / "run"
         run.mkdir()
         kept = ("run_mission", "--run", run, "--overwrite", "--scene", "two_rows", "--strategy")
-        table = ("campaign", "--table", "--out", self.folder / "nowhere", "--strategies")
         shipped = "gpis, octomap_gradient_frontier, octomap_random"
         refusals = ((), f"strategy nearest: must be one of {shipped}"), ((config,), "strategy nearest: its plugin my_views/Nearest is exported by no package on "
                                                                                   f"ROS_PACKAGE_PATH; must be one of {shipped}")
         for given, words in refusals:
             self.refused(2, words, *kept, "nearest", *(("--", f"selection_config:={config}") if given else ()))
-            self.refused(2, words, *table, "gpis nearest", *(("--selection-config", config) if given else ()))
         with unittest.mock.patch.dict(os.environ, ROS_PACKAGE_PATH=f"{package.parent}:{os.environ['ROS_PACKAGE_PATH']}"):
             self.refused(1, "not deleted", *kept, "nearest", "--", f"selection_config:={config}")
             self.refused(1, "not deleted", *kept, "nearest", "--", f"params:={params}")
-            self.refused(1, "no summary.json", *table, "gpis nearest", "--selection-config", config)
             self.refused(2, "my_views/Farthest is exported by no package on ROS_PACKAGE_PATH; must be one of gpis, nearest, ", *kept, "farthest", "--",
                          f"selection_config:={config}")
         # Of the same environment the nodes are started: sourcing this workspace once more would hide the user's.
@@ -153,20 +146,6 @@ class ScriptRefusals(unittest.TestCase):
         look = yaml.safe_load((ROOT / "src/pick_mission/config/pick_mission.yaml").read_text())["look"]
         self.assertLess(look["images"] / 0.2, look["timeout_s"])
         self.assertGreaterEqual(look["images"] / 0.15, look["timeout_s"], "it could be slower")
-
-    def test_campaign_refuses_lists_that_make_no_sense(self):
-        # --table: nothing is built or run, whatever is let through.
-        campaign = ("campaign", "--table", "--out", self.folder / "nowhere")
-        for option in ("--scenes", "--seeds", "--strategies", "--out"):
-            for empty in ("", "  "):
-                self.refused(2, f"{option} is empty", *campaign, option, empty)
-            self.refused(2, f"{option} needs a value", *campaign, option)
-        for seeds in ("-1", "1 99999999999", "1.5"):
-            self.refused(2, "must be whole numbers in [0, 2147483647]", *campaign, "--seeds", seeds)
-        for removed in ("all frontier", "frontier all", "allfrontier", "all "):
-            self.refused(2, "--removed: all", *campaign, "--removed", removed)
-        for fine in (("--removed", "all"), ("--removed", "frontier travel"), ("--removed", ""), ("--seeds", "0 2147483647")):
-            self.refused(1, "no summary.json", *campaign, *fine)
 
     def test_endurance_refuses_seeds_that_no_world_takes(self):
         kept = self.folder / "endurance/kept"
@@ -194,54 +173,6 @@ class ScriptRefusals(unittest.TestCase):
     def test_soak_calls_a_missing_value_bad_usage(self):
         for option in ("--frames", "--plans", "--picks", "--hours"):
             self.refused(2, f"{option} needs a number", "soak", option)
-
-    def campaign(self, code, *log):
-        """The real script in a tree where run_mission leaves this log and exits so; true if it was called."""
-        tree = self.folder / "tree"
-        if not tree.exists():
-            self.copy_strategies(tree)
-            nothing = "".join(f"{name}() {{ :; }}\n" for name in ("install_packages", "build_workspace", "use_workspace"))
-            (tree / "scripts/lib.sh").write_text((SCRIPTS / "lib.sh").read_text() + nothing)
-            (tree / "sim_tests/simulated_world/worlds").mkdir(parents=True)
-            (tree / "sim_tests/simulated_world/worlds/toy.yaml").write_text("heaps: [{bricks: 2}]\n")
-            (tree / "scripts/run_mission").unlink()
-            (tree / "scripts/run_mission").write_text('#!/bin/sh\ntouch called\nmkdir -p "$2"\ncp summary.json "$2"\ncp log "$2/mission.jsonl"\n'
-                                                      'exit "$(cat code)"\n')
-            (tree / "scripts/run_mission").chmod(0o755)
-            (tree / "summary.json").write_text('{"scene": "toy", "wall_seconds": null}')
-        (tree / "called").unlink(missing_ok=True)
-        (tree / "log").write_text("".join(log))
-        (tree / "code").write_text(str(code))
-        done = self.run_it(tree / "scripts/campaign", "--scenes", "toy", "--seeds", "1", "--strategies", "gpis", "--out", "out")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        return (tree / "called").exists()
-
-    def test_campaign_runs_again_what_never_began_or_broke_down(self):
-        for attempt in ((1,), (3,), (1, START), (3, '{"event":"hand","decision":"idle"}\n'), (0, START, END)):
-            self.assertTrue(self.campaign(*attempt), attempt)
-        self.assertFalse(self.campaign(1), "the last had ended")
-
-    def test_campaign_counts_what_ended_by_its_own_failure_or_was_given_up(self):
-        for attempt in ((1, START, END), (3, START)):
-            self.assertTrue(self.campaign(*attempt), attempt)
-            self.assertFalse(self.campaign(1), attempt)
-            shutil.rmtree(self.folder / "tree")
-
-    def test_campaign_does_not_believe_that_a_mission_is_done_that_left_no_log(self):
-        self.assertTrue(self.campaign(1))
-        (self.folder / "tree/out/toy-gpis-1/.done").touch()  # as earlier versions did
-        self.assertTrue(self.campaign(1))
-
-    def test_time_limit_of_what_is_no_scene(self):
-        world = self.folder / "world.yaml"
-        for text in ("", "[]", "3", "heaps: 3", "heaps: [{}]", "stacks: [1]", "bricks: [\n", "{}", "time_per_brick_s: x\nbricks: [1]"):
-            world.write_text(text)
-            self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
-        world.write_bytes(b"\xff\xfe\x80")
-        self.refused(1, f"{world}: no scene", "table_campaign.py", "--time-limit", world)
-        self.refused(1, "no such", "table_campaign.py", "--time-limit", self.folder / "no such")
-        world.write_text("heaps: [{bricks: 2}]\ntipped: [{bricks: 4}]\nstacks: [{}]\nbricks: [{}]\ntime_per_brick_s: 10")
-        self.assertEqual(self.run_it(SCRIPTS / "table_campaign.py", "--time-limit", world).stdout, "100\n")
 
     def test_report_fig8_says_what_it_cannot_read(self):
         self.refused(1, f"{self.folder / 'nope'}: no folders with a summary.json", "report_fig8.py", self.folder / "nope")

@@ -1,0 +1,207 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""scripts/campaign on made results: which of them count, which missions Snakemake runs, and the tables of a known CSV."""
+
+import argparse
+import contextlib
+import csv
+import io
+import json
+import pathlib
+import shutil
+import sys
+import tempfile
+import unittest
+import unittest.mock
+
+import numpy as np
+import rosunit
+import scipy.stats
+
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+sys.path.insert(0, str(ROOT / "tools"))
+
+from interactive_mapping_tools import campaign, table_campaign, workspace  # noqa: E402
+from interactive_mapping_tools.cli import Refusal, UsageError  # noqa: E402
+
+ENDED = '{"event":"start","decision":"begin"}\n{"event":"success","decision":"ended"}\n'
+SUMMARY = {**dict.fromkeys(table_campaign.MEASURES, 1), "bricks_stowed": 3, "bricks_total": 4, "end_reason": "no_brick_left",
+           "origin": {"software": "now", "configuration": "this", "commit": "c0ffee"}}
+DEFINITION = """
+wall_limit_s: 60
+cycles: {shipped: {}, paper: {mission_config: paper}}
+variants: {complete: {}, no_travel: {removed_factor: travel}, random: {strategy: octomap_random}}
+tables:
+  one: {cycles: [paper, shipped], scenes: [two_rows], variants: [complete, no_travel], seeds: [101, 9]}
+  two: {cycles: [paper], scenes: [two_rows, wall], variants: [complete, random], seeds: [101]}
+"""
+# Fails as often as the file of attempts says, then leaves a result that counts.
+MISSION = """import pathlib, shutil, sys
+folder, made, attempts = map(pathlib.Path, sys.argv[1:])
+left = int(attempts.read_text())
+attempts.write_text(str(left - 1))
+if left <= 1:
+    shutil.copytree(made, folder)
+"""
+
+
+class Campaign(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="campaign_"))
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def make(self, name="run", summary=SUMMARY, log=ENDED, launch=""):
+        """A result's folder, and the mission that it should be of."""
+        folder = self.folder / name
+        (folder / "log").mkdir(parents=True)
+        (folder / "summary.json").write_text(summary if isinstance(summary, str) else json.dumps(summary))
+        (folder / "mission.jsonl").write_text(log)
+        (folder / "log/roslaunch.log").write_text(launch)
+        return {"scene": "one_heap", "cycle": "paper", "variant": "complete", "seed": "1", "folder": str(folder), "software": "now", "configuration": "this"}
+
+    def test_a_whole_result_counts(self):
+        self.assertEqual(campaign.state_of(self.make()), (None, SUMMARY))
+
+    def test_what_does_not_count_is_named(self):
+        def of(**origin):
+            return {**SUMMARY, "origin": {**SUMMARY["origin"], **origin}}
+
+        cases = (({"summary": of(software="before")}, "stale: of commit c0ffee"), ({"summary": of(configuration="other")}, "stale: of another configuration"),
+                 ({"summary": json.dumps(SUMMARY)[:80]}, "broken: JSONDecodeError"), ({"summary": "[]"}, "broken: TypeError"),
+                 ({"summary": "[" * 100000}, "broken: "), ({"summary": {**SUMMARY, "falls": 10**400}}, "broken: OverflowError"),
+                 ({"summary": {**SUMMARY, "bricks_stowed": None}}, "broken: ValueError"), ({"summary": {**SUMMARY, "falls": []}}, "broken: TypeError"),
+                 ({"summary": {key: SUMMARY[key] for key in SUMMARY if key != "origin"}}, "broken: KeyError"),
+                 ({"log": ENDED.splitlines()[0]}, "the mission did not end by itself"),
+                 ({"log": '{"event":"STALE_MAP"}\n' + ENDED}, "stale input: STALE_MAP"), ({"log": '{"event": "stale scan"}\n' + ENDED}, "stale input: stale scan"),
+                 ({"launch": "[gpis_mapping-3] process has died [pid 1, exit code -9]"}, "a node ended: gpis_mapping-3"),
+                 ({"launch": "clock: waited 60 s for x in vain and go on without; this run cannot be repeated exactly"}, "an answer was given up"))
+        for number, (changes, words) in enumerate(cases):
+            problem, _ = campaign.state_of(self.make(str(number), **changes))
+            self.assertTrue(problem and problem.startswith(words), (words, problem))
+        whole = self.make()
+        for name in ("log/roslaunch.log", "mission.jsonl"):
+            (self.folder / "run" / name).unlink()
+            self.assertEqual(campaign.state_of(whole)[0], f"broken: no {pathlib.Path(name).name}")
+        (self.folder / "run/summary.json").unlink()
+        self.assertEqual(campaign.state_of(whole)[0], "missing")
+
+    def options(self, *words):
+        path = self.folder / "definition.yaml"
+        if not path.exists():
+            path.write_text(DEFINITION)
+        return campaign.parse(["--definition", str(path), "--out", str(self.folder / "out"), *words])
+
+    def test_a_combination_of_several_tables_is_one_mission(self):
+        missions = campaign.missions_of(self.options())
+        self.assertEqual(list(missions)[:4], [f"two_rows-{cycle}-{variant}-9" for cycle in ("paper", "shipped") for variant in ("complete", "no_travel")])
+        self.assertEqual(len(missions), 2 * 2 * 2 + 3)
+        self.assertEqual(len({mission["configuration"] for mission in missions.values()}), len(missions))
+        command = missions["two_rows-paper-no_travel-101"]["command"]
+        self.assertEqual(command[4:], ["--scene", "two_rows", "--seed", "101", "--time-limit", "1200", "--wall-limit", "60", "--no-page", "--removed-factor", "travel",
+                                       "--", "mission_config:=paper"])
+        self.assertEqual(len(campaign.missions_of(self.options("--seeds", "1 2", "--scenes", "wall"))), 4)
+
+    def test_a_definition_is_refused_before_anything_runs(self):
+        for options, words in ((("--seeds", " "), "--seeds is empty"), (("--seeds", "1.5"), "seed 1.5, must be"), (("--scenes", "nope"), "no mission in nope")):
+            with self.assertRaisesRegex(UsageError, words):
+                campaign.missions_of(self.options(*options))
+        for text, replaced, words in (("octomap_random", "nope", "strategy nope: must be one of"), ("travel}", "nope}", "--removed-factor nope"), ("[101, 9]", "9", "TypeError"),
+                                      ("mission_config:", "mission_confi:", "no argument mission_confi"), ("variants: {complete: {}", "variants: {other: {}", "complete")):
+            (self.folder / "definition.yaml").write_text(DEFINITION.replace(text, replaced))
+            with self.assertRaisesRegex(UsageError, words):
+                campaign.missions_of(self.options())
+
+    def test_the_shipped_definition_is_taken(self):
+        missions = campaign.missions_of(campaign.parse([]))
+        self.assertEqual(len(missions), 259)
+        self.assertTrue(all(int(mission["seed"]) > 100 for mission in missions.values()))
+        self.assertIn(f"```yaml\n{(ROOT / 'tools/campaign/paper.yaml').read_text()}```", (ROOT / "docs/results/design.md").read_text())
+
+    def test_a_world_without_bricks_has_no_time_limit(self):
+        world = self.folder / "world.yaml"
+        for text in ("", "[]", "3", "heaps: 3", "heaps: [{}]", "stacks: [1]", "bricks: [\n", "{}", "time_per_brick_s: x\nbricks: [1]", b"\xff\xfe\x80"):
+            world.write_bytes(text if isinstance(text, bytes) else text.encode())
+            with self.assertRaisesRegex(Refusal, f"{world}: no scene"):
+                table_campaign.time_limit_of(world)
+        with self.assertRaisesRegex(Refusal, "no scene"):
+            table_campaign.time_limit_of(self.folder / "nope")
+        world.write_text("heaps: [{bricks: 2}]\ntipped: [{bricks: 4}]\nstacks: [{}]\nbricks: [{}]\ntime_per_brick_s: 10")
+        self.assertEqual(table_campaign.time_limit_of(world), 100.0)
+
+    def test_configuration_holds_what_is_in_the_files(self):
+        path = self.folder / "params.yaml"
+        path.write_text("a: 1")
+        before = workspace.configuration([f"params:={path}", "seed:=1"])
+        self.assertEqual(workspace.configuration(["seed:=1", f"params:={path}"]), before)
+        self.assertNotEqual(workspace.configuration([f"params:={path}", "seed:=2"]), before)
+        path.write_text("a: 2")
+        self.assertNotEqual(workspace.configuration([f"params:={path}", "seed:=1"]), before)
+
+    def test_snakemake_runs_what_does_not_count_up_to_three_times(self):
+        try:
+            campaign.check_snakemake()
+        except UsageError as error:
+            self.skipTest(str(error))
+        script = self.folder / "mission.py"
+        script.write_text(MISSION)
+        good = self.make("made")["folder"]
+        options, missions = argparse.Namespace(out=self.folder / "out", snakemake=["--cores", "2"]), {}
+        for name, attempts in (("first", 1), ("third", 3), ("fourth", 4)):
+            (self.folder / name).write_text(str(attempts))
+            missions[name] = {**self.make(f"unused_{name}"), "folder": str(self.folder / "out" / name), "variant": name,
+                              "command": ["/usr/bin/python3", str(script), str(self.folder / "out" / name), good, str(self.folder / name)]}
+
+        def left_after_a_call():
+            campaign.run_all(options, missions)
+            return [int((self.folder / name).read_text()) for name in missions], campaign.report(options, missions)
+
+        self.assertEqual(left_after_a_call(), ([0, 0, 1], 1))
+        # Only the one that is missing; this time by a command that submits jobs, as on a cluster.
+        options.snakemake = ["--cluster-sync", "bash", "--jobs", "2"]
+        self.assertEqual(left_after_a_call(), ([0, 0, 0], 0))
+        options.snakemake = ["--cores", "2"]
+        missions["first"]["software"] = "later"
+        (self.folder / "first").write_text("9")
+        self.assertEqual(left_after_a_call(), ([6, 0, 0], 1))
+
+    def table(self, *rows):
+        path = self.folder / "missions.csv"
+        with path.open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, table_campaign.COLUMNS)
+            writer.writeheader()
+            writer.writerows(table_campaign.row_of(cell, {**SUMMARY, **summary}) for cell, summary in rows)
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            table_campaign.print_tables(path)
+        return printed.getvalue()
+
+    def test_table_has_means_and_paired_differences(self):
+        def row(variant, seed, stowed, **summary):
+            return {"scene": "one_heap", "cycle": "paper", "variant": variant, "seed": seed}, {"bricks_stowed": stowed, "bricks_total": 4, **summary}
+
+        # Bricks vary from seed to seed, the difference does not: seed 3 has no partner.
+        rows = [row("complete", 1, 4, falls=0), row("no_travel", 1, 3), row("complete", 2, 2, falls=2, map_coverage=None), row("no_travel", 2, 1), row("no_travel", 3, 4)]
+        lines = self.table(*rows).splitlines()
+        self.assertEqual(lines[1], "one_heap, cycle paper")
+        self.assertEqual(lines[5], "| complete | 2 | 75.0 [50.0, 100.0] | - | 100.0 | 100.0 [100.0, 100.0] | 1.0 [0.0, 2.0] | 1.0 [1.0, 1.0] | 1.0 [1.0, 1.0] | 1.0 [1.0, 1.0] | "
+                         "1.0 [1.0, 1.0] | no_brick_left |")
+        self.assertTrue(lines[6].startswith("| no_travel | 3 | 66.7 [25.0, 100.0] | -25.0 [-25.0, -25.0] |"), lines[6])
+
+    def test_states_of_the_software_are_not_mixed(self):
+        cell = {"scene": "one_heap", "cycle": "paper", "variant": "complete", "seed": 1}
+        other = {"origin": {**SUMMARY["origin"], "software": "before"}}
+        with self.assertRaisesRegex(Refusal, "of 2 states of the software: before, now"):
+            self.table((cell, {}), ({**cell, "seed": 2}, other))
+        with self.assertRaisesRegex(Refusal, "is there twice"):
+            self.table((cell, {}), (cell, {}))
+        with self.assertRaisesRegex(Refusal, "of 0 states"):
+            self.table()
+
+    def test_interval_of_yes_and_no_is_the_binomial(self):
+        for successes, total in ((3, 8), (5, 10), (1, 5)):
+            values = [1.0] * successes + [0.0] * (total - successes)
+            expected = scipy.stats.binom.ppf((0.025, 0.975), total, successes / total) / total
+            np.testing.assert_allclose(table_campaign.interval(values), expected, atol=1e-12)  # both are whole numbers over the total
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("experiments", "test_campaign", Campaign)
