@@ -1,30 +1,26 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/files/yaml_map.h>
 
 #include "simulated_world/pile_scene.h"
 #include "synthetic_depth/scene.h"
-#include "synthetic_depth/yaml_section.h"
 
 namespace simulated_world {
 namespace {
 
-using synthetic_depth::above;
-using synthetic_depth::closed;
-using synthetic_depth::Range;
-using synthetic_depth::Section;
+using interactive_mapping::Interval;
+using interactive_mapping::YamlMap;
 
 // Farther than this is a slip of units.
-const Range kPosition = closed(-100.0, 100.0, "m");
-const Range kLength = above(0.0, 100.0, "m");
-const Range kAngle = closed(-6.2832, 6.2832, "rad");
-const Range kCount = closed(1, 10000);
+const Interval kPosition{-100.0, 100.0, "m"};
+const Interval kLength{0.0, 100.0, "m", true};
+const Interval kAngle{-6.2832, 6.2832, "rad"};
+const Interval kCount{1, 10000};
 
 const BrickType* findType(const std::vector<BrickType>& types, const std::string& name) {
   const auto found = std::find_if(types.begin(), types.end(), [&](const BrickType& type) { return type.name == name; });
@@ -32,7 +28,7 @@ const BrickType* findType(const std::vector<BrickType>& types, const std::string
 }
 
 /// The type that `section` names at `key`, which is `fallback` if it has no such key.
-BrickType readType(Section& section, const std::string& key, const std::vector<BrickType>& types,
+BrickType readType(YamlMap& section, const std::string& key, const std::vector<BrickType>& types,
                    const BrickType& fallback) {
   std::set<std::string> names;
   for (const BrickType& type : types) names.insert(type.name);
@@ -40,129 +36,129 @@ BrickType readType(Section& section, const std::string& key, const std::vector<B
   return type == nullptr ? fallback : *type;
 }
 
-HeapConfig readHeap(Section section) {
+HeapConfig readHeap(YamlMap section) {
   HeapConfig heap;
   for (const char* key : {"center_m", "extent_m", "bricks", "layers"}) {
     section.require(key, "given for each heap");
   }
-  heap.center_m = section.vector<2>("center_m", heap.center_m, kPosition);
+  heap.center_m = section.numbers("center_m", heap.center_m, kPosition);
   heap.yaw_rad = section.number("yaw_rad", heap.yaw_rad, kAngle);
-  heap.extent_m = section.vector<2>("extent_m", heap.extent_m, kLength);
+  heap.extent_m = section.numbers("extent_m", heap.extent_m, kLength);
   heap.bricks = section.integer("bricks", heap.bricks, kCount);
   heap.layers = section.integer("layers", heap.layers, kCount);
   section.finish();
   return heap;
 }
 
-TippedConfig readTipped(Section section) {
+TippedConfig readTipped(YamlMap section) {
   TippedConfig heap;
   for (const char* key : {"center_m", "extent_m", "bricks"}) {
     section.require(key, "given for each of tipped");
   }
-  heap.center_m = section.vector<2>("center_m", heap.center_m, kPosition);
+  heap.center_m = section.numbers("center_m", heap.center_m, kPosition);
   heap.yaw_rad = section.number("yaw_rad", heap.yaw_rad, kAngle);
-  heap.extent_m = section.vector<2>("extent_m", heap.extent_m, kLength);
+  heap.extent_m = section.numbers("extent_m", heap.extent_m, kLength);
   heap.bricks = section.integer("bricks", heap.bricks, kCount);
-  heap.drop_height_m = section.number("drop_height_m", heap.drop_height_m, closed(0.01, 5.0, "m"));
+  heap.drop_height_m = section.number("drop_height_m", heap.drop_height_m, {0.01, 5.0, "m"});
   section.finish();
   return heap;
 }
 
-StackConfig readStack(Section section) {
+StackConfig readStack(YamlMap section) {
   StackConfig stack;
   section.require("center_m", "given for each stack");
-  stack.center_m = section.vector<2>("center_m", stack.center_m, kPosition);
+  stack.center_m = section.numbers("center_m", stack.center_m, kPosition);
   stack.yaw_rad = section.number("yaw_rad", stack.yaw_rad, kAngle);
-  stack.bricks = section.integer("bricks", stack.bricks, closed(2, 10));
-  stack.overhang = section.number("overhang", stack.overhang, closed(0.0, 0.5));
+  stack.bricks = section.integer("bricks", stack.bricks, {2, 10});
+  stack.overhang = section.number("overhang", stack.overhang, {0.0, 0.5});
   section.finish();
   return stack;
 }
 
-Wall readWall(Section section) {
+Wall readWall(YamlMap section) {
   Wall wall;
   section.require("center_m", "given for each wall");
   section.require("size_m", "given for each wall");
-  wall.center_m = section.vector<2>("center_m", wall.center_m, kPosition);
+  wall.center_m = section.numbers("center_m", wall.center_m, kPosition);
   wall.yaw_rad = section.number("yaw_rad", wall.yaw_rad, kAngle);
-  wall.size_m = section.vector<3>("size_m", wall.size_m, closed(0.01, 100.0, "m"));
+  wall.size_m = section.numbers("size_m", wall.size_m, {0.01, 100.0, "m"});
   section.finish();
   return wall;
 }
 
-DecoyConfig readDecoys(Section section, int num_bricks) {
+DecoyConfig readDecoys(YamlMap section, int num_bricks) {
   DecoyConfig decoys;
-  const Range count = closed(0, 10000);
+  const Interval count{0, 10000};
   if (section.has("share")) {
-    decoys = DecoyConfig::fromShare(section.number("share", 0.0, closed(0.0, 1.0)), num_bricks);
+    decoys = DecoyConfig::fromShare(section.number("share", 0.0, {0.0, 1.0}), num_bricks);
     for (const char* key : {"untagged", "heavy", "two_plates", "wedged"}) {
-      if (section.has(key)) section.report(key, "a number beside share", "given, or share, but not both");
+      if (section.has(key)) section.note(key, "a number beside share", "given, or share, but not both");
     }
   }
   decoys.untagged = section.integer("untagged", decoys.untagged, count);
   decoys.heavy = section.integer("heavy", decoys.heavy, count);
   decoys.two_plates = section.integer("two_plates", decoys.two_plates, count);
   decoys.wedged = section.integer("wedged", decoys.wedged, count);
-  decoys.heavy_mass_kg = section.number("heavy_mass_kg", decoys.heavy_mass_kg, closed(0.001, 1000.0, "kg"));
+  decoys.heavy_mass_kg = section.number("heavy_mass_kg", decoys.heavy_mass_kg, {0.001, 1000.0, "kg"});
   section.finish();
   return decoys;
 }
 
-BrickPlacement readBrick(Section section, const std::vector<BrickType>& types, const BrickType& fallback) {
+BrickPlacement readBrick(YamlMap section, const std::vector<BrickType>& types, const BrickType& fallback) {
   BrickPlacement brick;
   section.require("id", "given for each brick");
   section.require("xyz_m", "given for each brick");
-  brick.id = section.integer("id", 0, closed(0, 1e6));
+  brick.id = section.integer("id", 0, {0, 1e6});
   brick.type = readType(section, "type", types, fallback);
-  const Eigen::Vector3d xyz_m = section.vector<3>("xyz_m", Eigen::Vector3d::Zero(), kPosition);
+  const Eigen::Vector3d xyz_m = section.numbers("xyz_m", Eigen::Vector3d::Zero(), kPosition);
   const double yaw_rad = section.number("yaw_rad", 0.0, kAngle);
   brick.T_map_brick = synthetic_depth::poseFromXyzRpy(xyz_m, {0.0, 0.0, yaw_rad});
   if (section.has("rpy_rad")) {
-    if (section.has("yaw_rad")) section.report("rpy_rad", "several orientations", "given, or yaw_rad, but not both");
+    if (section.has("yaw_rad")) section.note("rpy_rad", "several orientations", "given, or yaw_rad, but not both");
     brick.T_map_brick =
-        synthetic_depth::poseFromXyzRpy(xyz_m, section.vector<3>("rpy_rad", Eigen::Vector3d::Zero(), kAngle));
+        synthetic_depth::poseFromXyzRpy(xyz_m, section.numbers("rpy_rad", Eigen::Vector3d::Zero(), kAngle));
   }
   section.finish();
   return brick;
 }
 
-PileSceneConfig readScene(Section section, const std::vector<BrickType>& types, int max_bricks) {
+PileSceneConfig readScene(YamlMap section, const std::vector<BrickType>& types, int max_bricks) {
   PileSceneConfig config;
   section.require("brick_type", "the name of a type");
   section.require("robot_start", "{xy_m, yaw_rad}");
   config.brick = readType(section, "brick_type", types, BrickType());
-  for (const Section& heap : section.sections("heaps")) config.heaps.push_back(readHeap(heap));
-  for (const Section& heap : section.sections("tipped")) config.tipped.push_back(readTipped(heap));
-  for (const Section& stack : section.sections("stacks")) config.stacks.push_back(readStack(stack));
-  for (const Section& wall : section.sections("walls")) config.walls.push_back(readWall(wall));
-  for (const Section& brick : section.sections("bricks")) {
+  for (const YamlMap& heap : section.optionalMaps("heaps")) config.heaps.push_back(readHeap(heap));
+  for (const YamlMap& heap : section.optionalMaps("tipped")) config.tipped.push_back(readTipped(heap));
+  for (const YamlMap& stack : section.optionalMaps("stacks")) config.stacks.push_back(readStack(stack));
+  for (const YamlMap& wall : section.optionalMaps("walls")) config.walls.push_back(readWall(wall));
+  for (const YamlMap& brick : section.optionalMaps("bricks")) {
     config.bricks.push_back(readBrick(brick, types, config.brick));
   }
-  config.position_jitter_m = section.number("position_jitter_m", config.position_jitter_m, closed(0.0, 0.1, "m"));
-  config.yaw_jitter_rad = section.number("yaw_jitter_rad", config.yaw_jitter_rad, closed(0.0, 0.7854, "rad"));
-  config.drop_gap_m = section.number("drop_gap_m", config.drop_gap_m, above(0.0, 0.1, "m"));
+  config.position_jitter_m = section.number("position_jitter_m", config.position_jitter_m, {0.0, 0.1, "m"});
+  config.yaw_jitter_rad = section.number("yaw_jitter_rad", config.yaw_jitter_rad, {0.0, 0.7854, "rad"});
+  config.drop_gap_m = section.number("drop_gap_m", config.drop_gap_m, {0.0, 0.1, "m", true});
   config.max_shift_m = section.number("max_shift_m", config.max_shift_m, kLength);
-  config.time_per_brick_s = section.number("time_per_brick_s", config.time_per_brick_s, above(0.0, 1e4, "s"));
-  Section start = section.section("robot_start");
-  config.robot_start.xy_m = start.vector<2>("xy_m", config.robot_start.xy_m, kPosition);
+  config.time_per_brick_s = section.number("time_per_brick_s", config.time_per_brick_s, {0.0, 1e4, "s", true});
+  YamlMap start = section.optionalMap("robot_start");
+  config.robot_start.xy_m = start.numbers("xy_m", config.robot_start.xy_m, kPosition);
   config.robot_start.yaw_rad = start.number("yaw_rad", config.robot_start.yaw_rad, kAngle);
   start.finish();
 
   const int num_bricks = config.numBricks();
-  if (section.has("decoys")) config.decoys = readDecoys(section.section("decoys"), num_bricks);
+  if (section.has("decoys")) config.decoys = readDecoys(section.optionalMap("decoys"), num_bricks);
   if (num_bricks > max_bricks) {
-    section.report(!config.bricks.empty()  ? "bricks"
-                   : !config.heaps.empty() ? "heaps"
-                                           : "tipped",
-                   std::to_string(num_bricks) + " bricks",
-                   "at most " + std::to_string(max_bricks) + ", for there are no more tags");
+    section.note(!config.bricks.empty()  ? "bricks"
+                 : !config.heaps.empty() ? "heaps"
+                                         : "tipped",
+                 std::to_string(num_bricks) + " bricks",
+                 "at most " + std::to_string(max_bricks) + ", for there are no more tags");
   }
   for (const BrickPlacement& brick : config.bricks) {
     if (brick.id >= max_bricks) {
-      section.report("bricks", "id " + std::to_string(brick.id), "less than " + std::to_string(max_bricks));
+      section.note("bricks", "id " + std::to_string(brick.id), "less than " + std::to_string(max_bricks));
     }
   }
-  section.section("decoys");  // a known key, whether it is there or not
+  section.optionalMap("decoys");  // a known key, whether it is there or not
   section.finish();
   return config;
 }
@@ -176,7 +172,7 @@ PileSceneConfig parsePileScene(const std::string& text, const std::string& name,
   try {
     const YAML::Node root = YAML::Load(text);
     if (!root.IsMap()) interactive_mapping::refuseIfAny(name + ":", {"is no map of keys"});
-    config = readScene(Section(root, "", problems), types, max_bricks);
+    config = readScene(YamlMap(root, "", problems), types, max_bricks);
   } catch (const YAML::Exception& error) {
     problems = {error.what()};
   }
@@ -191,12 +187,7 @@ PileSceneConfig parsePileScene(const std::string& text, const std::string& name,
 }
 
 PileSceneConfig loadPileScene(const std::string& path, const std::vector<BrickType>& types, int max_bricks) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  if (!file || !(text << file.rdbuf())) {
-    interactive_mapping::refuseIfAny(path + ":", {"cannot be read, or is empty"});
-  }
-  return parsePileScene(text.str(), path, types, max_bricks);
+  return parsePileScene(interactive_mapping::readTextFile(path), path, types, max_bricks);
 }
 
 }  // namespace simulated_world

@@ -8,14 +8,19 @@
 
 #include <tinyxml2.h>
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/files/yaml_map.h>
 
 #include "mp700_ur5e_description/robot_model.h"
 #include "mp700_ur5e_description/robot_names.h"
 #include "urdf_origin.h"
-#include "yaml_file.h"
 
 namespace mp700_ur5e_description {
 namespace {
+
+using interactive_mapping::Interval;
+using interactive_mapping::readYaml;
+using interactive_mapping::YamlMap;
 
 constexpr std::array<const char*, 6> kLinks = {"shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"};
 constexpr int kPostures = 2000;
@@ -43,7 +48,7 @@ ArmCalibration parseArmCalibration(const std::string& text, const std::string& n
 }
 
 ArmCalibration loadArmCalibration(const std::string& path) {
-  return parseArmCalibration(readText(path), path);
+  return parseArmCalibration(interactive_mapping::readTextFile(path), path);
 }
 
 std::string calibratedUrdf(const std::string& urdf, const ArmCalibration& calibration) {

@@ -4,10 +4,16 @@
 #include <cmath>
 #include <utility>
 
-#include "yaml_file.h"
+#include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/files/yaml_map.h>
 
 namespace mp700_ur5e_description {
 namespace {
+
+using interactive_mapping::Interval;
+using interactive_mapping::readYaml;
+using interactive_mapping::toText;
+using interactive_mapping::YamlMap;
 
 // Anything beyond is a slip of units: a room's size, a fast vehicle's speed, a lorry's mass.
 const Interval kLength{0.0, 10.0, "m", true};
@@ -123,7 +129,7 @@ BaseProfile parseBaseProfile(const std::string& text, const std::string& name) {
 }
 
 BaseProfile loadBaseProfile(const std::string& path) {
-  return parseBaseProfile(readText(path), path);
+  return parseBaseProfile(interactive_mapping::readTextFile(path), path);
 }
 
 }  // namespace mp700_ur5e_description

@@ -5,10 +5,16 @@
 #include <set>
 #include <stdexcept>
 
-#include "yaml_file.h"
+#include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/files/yaml_map.h>
 
 namespace mp700_ur5e_description {
 namespace {
+
+using interactive_mapping::Interval;
+using interactive_mapping::readYaml;
+using interactive_mapping::toText;
+using interactive_mapping::YamlMap;
 
 struct Family {
   const char* name;
@@ -334,7 +340,7 @@ BrickCatalogue parseBrickTypes(const std::string& text, const std::string& name)
 }
 
 BrickCatalogue loadBrickTypes(const std::string& path) {
-  return parseBrickTypes(readText(path), path);
+  return parseBrickTypes(interactive_mapping::readTextFile(path), path);
 }
 
 }  // namespace mp700_ur5e_description

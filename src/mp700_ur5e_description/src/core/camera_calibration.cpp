@@ -5,12 +5,18 @@
 #include <stdexcept>
 
 #include <tinyxml2.h>
+#include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/files/yaml_map.h>
 
 #include "urdf_origin.h"
-#include "yaml_file.h"
 
 namespace mp700_ur5e_description {
 namespace {
+
+using interactive_mapping::Interval;
+using interactive_mapping::readYaml;
+using interactive_mapping::toText;
+using interactive_mapping::YamlMap;
 
 std::string digits(double value) {
   return toDigits(Eigen::VectorXd::Constant(1, value), "");
@@ -100,7 +106,7 @@ CameraCalibration parseCameraCalibration(const std::string& text, const std::str
 }
 
 CameraCalibration loadCameraCalibration(const std::string& path) {
-  return parseCameraCalibration(readText(path), path);
+  return parseCameraCalibration(interactive_mapping::readTextFile(path), path);
 }
 
 std::string calibratedUrdf(const std::string& urdf, const CameraCalibration& calibration) {
