@@ -325,7 +325,7 @@ class BringupLaunch(unittest.TestCase):
 
         run = ["time_limit_s:=450", f"run_folder:={self.folder}/run"]
         for loaded, params in ((self.robot(file_of(theirs), *run), theirs),
-                               (self.simulation(file_of({**theirs, **simulated}), *run, "clock:=lockstep", "map:=octomap", "camera_rate_hz:=2"), {**theirs, **simulated})):
+                               (self.simulation(file_of({**theirs, **simulated}), *run, "clock:=lockstep", "map:=octomap"), {**theirs, **simulated})):
             for name, value in params.items():
                 self.assertEqual(loaded.params[f"/{name}"], value, name)
         # Without a file of the user's the camera's stands.
