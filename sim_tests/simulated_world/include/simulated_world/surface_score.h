@@ -54,9 +54,12 @@ struct ScoreConfig {
   std::vector<std::string> validate() const;
 };
 
+constexpr double kWallTolerance_m = 0.05;
+
 /// Share of the surface's area (of its points, without triangles), over the ground and in the region, that is right.
 /// Nothing if there is no surface there. Faces between two bricks count as faces. What lies on an obstacle is neither
-/// right nor wrong, on a wall likewise: it shows what is there, which is not the pile.
+/// right nor wrong, on a wall likewise: it shows what is there, which is not the pile. A wall has a wider tolerance
+/// (kWallTolerance_m): the map has it from farther away, where errors of localisation and calibration move it by more.
 std::optional<double> surfacePrecision(const StrategySurface& surface, const std::vector<PileBrick>& bricks,
                                        const GroundRegion& region, double ground_height_m, const ScoreConfig& config,
                                        const std::vector<Obstacle>& obstacles = {},

@@ -192,7 +192,7 @@ std::optional<double> surfacePrecision(const StrategySurface& surface, const std
                                        const std::vector<Obstacle>& obstacles, const std::vector<PileWall>& walls) {
   const auto isOnWall = [&](const Eigen::Vector3d& p_map) {
     return std::any_of(walls.begin(), walls.end(), [&](const PileWall& wall) {
-      return distanceToFaces(p_map, {-1, wall.T_map_wall, wall.size_m}) <= config.tolerance_m;
+      return distanceToFaces(p_map, {-1, wall.T_map_wall, wall.size_m}) <= kWallTolerance_m;
     });
   };
   const double min_z_m = ground_height_m + config.min_height_m;
