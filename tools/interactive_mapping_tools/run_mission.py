@@ -50,7 +50,6 @@ def parse(words):
     parser.add_argument("--time-limit", metavar="S", help="of the mission, simulated, 1 to 86400 (default: as configured)")
     parser.add_argument("--wall-limit", default="0", metavar="S", help="of the wall clock: then it is given up (default, and 0: none)")
     parser.add_argument("--clock", default="lockstep", metavar="MODE", help="lockstep (default: as fast as the machine allows, repeatable) or realtime")
-    parser.add_argument("--camera-rate", metavar="HZ", help="images of the camera, 0.2 to 60 (default 1 in lock step, 5 in real time)")
     parser.add_argument("--ideal", action="store_true", help="sensors, localisation and calibration without the faults that they have on the robot (default: with)")
     parser.add_argument("--port", metavar="N", help="of the master (default: a free one)")
     parser.add_argument("--rviz", action="store_true", help="show it")
@@ -69,13 +68,11 @@ def parse(words):
         with socket.socket() as probe:
             if probe.connect_ex(("localhost", int(options.port))) == 0:
                 raise UsageError(f"--port {options.port}: something listens there, and the mission needs a master of its own")
-    # The mission gives a look up that brings no look/images, 3, within look/timeout_s, 20 s: hence the slowest camera.
-    for name, argument, low, high, unit in (("time_limit", "time_limit_s", 1, 86400, "s"), ("camera_rate", "camera_rate_hz", 0.2, 60, "Hz")):
-        value = getattr(options, name)
-        if value is not None:
-            if not workspace.is_number(value) or not low <= float(value) <= high:
-                raise UsageError(f"--{name.replace('_', '-')} {value}, must be a number in [{low}, {high}] {unit}")
-            launch_arguments.append(f"{argument}:={value}")
+    limit_s = options.time_limit
+    if limit_s is not None:
+        if not workspace.is_number(limit_s) or not 1 <= float(limit_s) <= 86400:
+            raise UsageError(f"--time-limit {limit_s}, must be a number in [1, 86400] s")
+        launch_arguments.append(f"time_limit_s:={limit_s}")
     removed = options.removed_factor
     if removed:
         if removed not in workspace.REMOVED_FACTORS:
