@@ -209,8 +209,8 @@ class GpisStrategy : public Strategy {
 
   /// The map's surface, with an image of `min_stamp` or later in it.
   SurfaceMesh awaitMesh(const ros::Time& min_stamp, const IsCancelled& is_cancelled) const {
-    bool has_been_cancelled =
-        false;  // may be asked once only: a goal that another replaces goes on if that is withdrawn
+    // May be asked once only: a goal that another replaces goes on if that is withdrawn.
+    bool has_been_cancelled = false;
     interactive_mapping_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, [&] {
       has_been_cancelled = is_cancelled && is_cancelled();
       return has_been_cancelled || imageStamp() >= min_stamp;
