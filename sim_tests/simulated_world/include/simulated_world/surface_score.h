@@ -54,12 +54,13 @@ struct ScoreConfig {
   std::vector<std::string> validate() const;
 };
 
+/// Surface this near to a wall is taken for it. In a mission in a corner 94 % of the map's points of walls were within 2 cm of
+/// them, 99.7 % within 4 cm: the map has walls from farther away than the pile, where localisation and calibration err more.
 constexpr double kWallTolerance_m = 0.05;
 
 /// Share of the surface's area (of its points, without triangles), over the ground and in the region, that is right.
 /// Nothing if there is no surface there. Faces between two bricks count as faces. What lies on an obstacle is neither
-/// right nor wrong, on a wall likewise: it shows what is there, which is not the pile. A wall has a wider tolerance
-/// (kWallTolerance_m): the map has it from farther away, where errors of localisation and calibration move it by more.
+/// right nor wrong, on a wall likewise (kWallTolerance_m): it shows what is there, which is not the pile.
 std::optional<double> surfacePrecision(const StrategySurface& surface, const std::vector<PileBrick>& bricks,
                                        const GroundRegion& region, double ground_height_m, const ScoreConfig& config,
                                        const std::vector<Obstacle>& obstacles = {},

@@ -31,8 +31,7 @@ struct OutlineConfig {
     const double lowest_m = c.min_height_m >= 0.0 && c.min_height_m <= 1.0 ? c.min_height_m : 0.0;
     f("max_height_m", c.max_height_m, std::max(0.05, lowest_m), 20.0, "m",
       "where the surface reaches higher, or higher than half of it without a top, is a wall, a post or a person, and "
-      "no pile "
-      "from top to bottom");
+      "no pile from top to bottom");
     f("closing_m", c.closing_m, 0.0, 0.5, "m", "narrower gaps are closed");
     f("min_area_m2", c.min_area_m2, 0.0, 10.0, "m2", "smaller outlines are left out as specks");
     f("tolerance_m", c.tolerance_m, 0.0, 0.5, "m", "largest error of the polygon that replaces a contour");

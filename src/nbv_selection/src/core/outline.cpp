@@ -52,7 +52,6 @@ void requireGround(const gpis_mapping::GroundPlane& ground) {
   interactive_mapping::refuseIfAny("impossible ground:", check.problems());
 }
 
-/// By how many cells the closing grows the pile and shrinks it again: gaps of up to twice as many are closed.
 /// By multiples of the cell size; the position must be finite.
 std::pair<int, int> latticeCell(const Eigen::Vector2d& p_map, double cell_size_m) {
   const auto index = [&](double x_m) {
@@ -61,6 +60,7 @@ std::pair<int, int> latticeCell(const Eigen::Vector2d& p_map, double cell_size_m
   return {index(p_map.x()), index(p_map.y())};
 }
 
+/// By how many cells the closing grows the pile and shrinks it again: gaps of up to twice as many are closed.
 int closingRadius(const OutlineConfig& config) {
   return static_cast<int>(std::ceil(0.5 * config.closing_m / config.cell_size_m - 1e-9));
 }
@@ -70,7 +70,7 @@ std::set<std::pair<int, int>> wallCells(const MappedSurface& surface, const gpis
                                         const OutlineConfig& config) {
   struct Column {
     double top_m{0.0};
-    std::vector<double> tops_m;  // of the samples that face up
+    double seen_top_m{0.0};  // of the samples that face up
   };
   std::map<std::pair<int, int>, Column> columns;
   const double low_m = 0.5 * config.max_height_m;
@@ -80,7 +80,9 @@ std::set<std::pair<int, int>> wallCells(const MappedSurface& surface, const gpis
     if (!p.allFinite() || height_m < low_m - kTop_m) continue;
     Column& column = columns[latticeCell(p.head<2>(), config.cell_size_m)];
     column.top_m = std::max(column.top_m, height_m);
-    if (surface.normals_map[i].cast<double>().dot(ground.normal_map) > kFacesUp) column.tops_m.push_back(height_m);
+    if (surface.normals_map[i].cast<double>().dot(ground.normal_map) > kFacesUp) {
+      column.seen_top_m = std::max(column.seen_top_m, height_m);
+    }
   }
   std::set<std::pair<int, int>> walls;
   for (const auto& [cell, column] : columns) {
@@ -91,7 +93,7 @@ std::set<std::pair<int, int>> wallCells(const MappedSurface& surface, const gpis
       const auto near = columns.find({cell.first + i % 3 - 1, cell.second + i / 3 - 1});
       if (near == columns.end()) continue;
       top_m = std::max(top_m, near->second.top_m);
-      for (const double height_m : near->second.tops_m) seen_top_m = std::max(seen_top_m, height_m);
+      seen_top_m = std::max(seen_top_m, near->second.seen_top_m);
     }
     if (column.top_m > config.max_height_m || seen_top_m < top_m - kTop_m) walls.insert(cell);
   }
@@ -282,11 +284,11 @@ Eigen::Vector2i PileGrid::cellOf(const Eigen::Vector2d& p_map) const {
 
 bool PileOutline::isWallBetween(const Eigen::Vector2d& a_map, const Eigen::Vector2d& b_map) const {
   const Eigen::Vector2d way = b_map - a_map;
-  const auto steps =
-      static_cast<int>(std::ceil(way.norm() / (0.5 * grid.cell_size_m)));  // a wall is a cell thick at least
+  // By half cells: a wall is a cell thick at least.
+  const int steps = std::max(1, static_cast<int>(std::ceil(way.norm() / (0.5 * grid.cell_size_m))));
   for (int i = 0; i <= steps; ++i) {
-    if (walls.count(latticeCell(a_map + way * (static_cast<double>(i) / std::max(steps, 1)), grid.cell_size_m)) > 0)
-      return true;
+    const Eigen::Vector2d at_map = a_map + way * (static_cast<double>(i) / steps);
+    if (walls.count(latticeCell(at_map, grid.cell_size_m)) > 0) return true;
   }
   return false;
 }

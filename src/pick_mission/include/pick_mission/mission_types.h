@@ -153,7 +153,7 @@ struct PlanResult {
 };
 struct ArmResult {
   ArmStatus status{ArmStatus::kSuccess};
-  bool was_lifted{false};  // a brick that was lost: after the retreat from the pile
+  bool is_lost_over_robot{false};  // the brick was, after the retreat from the pile: it may lie in the container
 };
 struct LookResult {
   LookStatus status{LookStatus::kSuccess};

@@ -93,7 +93,7 @@ class MissionActions {
     ros::Time stamp;
     ros::WallTime since;
     bool lets_go;
-    bool was_lifted;
+    bool is_lost_over_robot;
   };
   struct PendingDetection {  // until the list of all bricks has come
     interactive_mapping_msgs::DetectBricks::Response response;

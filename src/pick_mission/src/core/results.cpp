@@ -74,8 +74,7 @@ void recordArm(State action, const event::Reply& reply, Mission& mission) {
   mission.is_protective_stop = arm != nullptr && arm->status == ArmStatus::kProtectiveStop;
   // No camera looks into the container. What the arm met may be a brick that rises over its rim: it would meet it again. A
   // brick that was lost may have fallen into it, where the next one is to lie.
-  const bool is_lost_over_robot = arm != nullptr && arm->status == ArmStatus::kLostOnTheWay && arm->was_lifted;
-  if ((mission.is_protective_stop && memory.places_used > 0) || is_lost_over_robot) {
+  if ((mission.is_protective_stop && memory.places_used > 0) || (arm != nullptr && arm->is_lost_over_robot)) {
     memory.places_used = capacityOf(mission.config);
   }
   const bool is_lost =

@@ -308,7 +308,7 @@ void MissionActions::watch() {
     // The bridge has fallen silent: what hangs on the magnet is not known.
     const PendingArm arm = *pending_arm_;
     told_hand_ = Hand::kUnknown;
-    reply(ArmResult{arm.status, arm.was_lifted}, arm.message, Hand::kUnknown);
+    reply(ArmResult{arm.status, arm.is_lost_over_robot}, arm.message, Hand::kUnknown);
   }
   if (pending_detection_ && (wall - pending_detection_->since).toSec() > kFollowUp_s) {
     noAnswer("the detection has looked, but its list of bricks does not come");
@@ -387,7 +387,9 @@ void MissionActions::sendArm(ActionCaller<Action>* caller, const typename Action
     PendingArm arm;
     arm.status = statusFrom<ArmStatus>(outcome.status, interactive_mapping::kNumArmStatus, "outcome of the arm");
     arm.message = outcome.message;
-    arm.was_lifted = outcome.stage != "payload" && outcome.stage != "lift";  // the stages of a pick before "stow"
+    const bool is_at_pile =
+        outcome.stage == "payload" || outcome.stage == "lift";  // the stages of a pick before "stow"
+    arm.is_lost_over_robot = arm.status == ArmStatus::kLostOnTheWay && !is_at_pile;
     arm.stamp = outcome.header.stamp;
     arm.since = ros::WallTime::now();
     arm.lets_go = lets_go;
@@ -407,7 +409,7 @@ void MissionActions::finishArm() {
   if (has_let_go && hand() == Hand::kHolding && after_s < kMagnetLag_s) return;
   const Hand now = hand();
   told_hand_ = now;
-  reply(ArmResult{arm.status, arm.was_lifted}, arm.message, now);
+  reply(ArmResult{arm.status, arm.is_lost_over_robot}, arm.message, now);
 }
 
 void MissionActions::begin(const command::MoveArm& move) {

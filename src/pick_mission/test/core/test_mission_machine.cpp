@@ -126,11 +126,11 @@ TEST(MissionMachine, UnloadsAfterAProtectiveStopIfSomethingIsInTheContainer) {
 }
 
 TEST(MissionMachine, UnloadsAfterABrickWasLostWhereItMayHaveFallenIntoTheContainer) {
-  for (const bool was_lifted : {false, true}) {
+  for (const bool is_over_robot : {false, true}) {
     ToyMission run(surveying(), ToyWorld::ofStacks({2}));
-    run.inject = endAs(State::kPick, ArmResult{ArmStatus::kLostOnTheWay, was_lifted}, 1);
+    run.inject = endAs(State::kPick, ArmResult{ArmStatus::kLostOnTheWay, is_over_robot}, 1);
     EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
-    EXPECT_EQ(run.world.unloaded, was_lifted ? 2 : 1) << tail(run);
+    EXPECT_EQ(run.world.unloaded, is_over_robot ? 2 : 1) << tail(run);
   }
 }
 
