@@ -445,6 +445,14 @@ TEST_F(PlanningNode, WhatTheMagnetHoldsIsPartOfTheRobot) {
   robot_->setArm(holding);
   attach(brick, PlanOutcome::BAD_REQUEST);
   expectOutcome(pickOf(kBrick), PlanOutcome::BAD_REQUEST, "holds brick 3");
+  // While it is carried away the next one may be planned, from where that ends.
+  PlanPickGoal next = pickOf(kBrick);
+  next.after_let_go = 1;
+  next.start.assign(kStowed.data(), kStowed.data() + 6);
+  const PlanPickResult planned = client_->plan(next);
+  ASSERT_EQ(static_cast<int>(planned.outcome.status), static_cast<int>(PlanOutcome::SUCCESS))
+      << nameOf(planned.outcome);
+  EXPECT_EQ(planned.approach.points.front().positions, next.start);
   ArmGoalMessage place;
   place.kind = ArmGoalMessage::PLACE;
   place.place_frame = "container_place_1";

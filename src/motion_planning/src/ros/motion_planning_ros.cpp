@@ -400,13 +400,16 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
       }
     }
     tell("waiting for the newest map");
-    const motion_planning::PlanningContext context =
+    motion_planning::PlanningContext context =
         makeContext(goal.start, goal.min_map_stamp, is_cancelled, &result.map_update);
     T_map_base = context.T_map_base;
-    if (const std::optional<RobotState::Held> held = robot_.held()) {
+    const std::optional<RobotState::Held> held = robot_.held();
+    if (held && goal.after_let_go == 0) {
       throw PlanFailure{PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
                                                      ": it has to be let go before another is picked"};
     }
+    context.held.reset();
+    context.vacated.reset();
     tell("planning");
     plan = planner->planPick(context, target, stow);
   } catch (const PlanFailure& why) {

@@ -40,10 +40,13 @@ struct SurveyConfig {
 struct LookConfig {
   int images{3};
   double timeout_s{20.0};
+  bool while_carrying{true};
 
   static void fields(LookConfig& c, interactive_mapping::Fields& f) {
     f("images", c.images, 1, kMost, "", "new images in the map before it shows what is there");
     f("timeout_s", c.timeout_s, 0.1, kLongest_s, "s", "time for them; less than time/action_timeout_s");
+    f("while_carrying", c.while_carrying,
+      "true: while the arm carries a brick away, the next one is looked for, chosen and planned; false: after it");
   }
 };
 

@@ -77,7 +77,8 @@ enum class WaitUntil {
   kPlaceKnown,  // where the robot stands, or the limit
 };
 
-/// What is to be done. Each is answered by one Reply with its command's id, also after a Cancel.
+/// What is to be done. Each is answered by one Reply with its command's id, also after a Cancel. One at a time, but for
+/// what looks for the next brick while a pick carries one away.
 namespace command {
 /// Out of the camera's view, or with what is held to where it is let go.
 struct PlanArm {
@@ -97,7 +98,8 @@ struct Detect {
 struct PlanPick {
   SeenBrick brick;
   double min_map_stamp_s{0.0};
-  std::string place;  // frame over which it is let go
+  std::string place;          // frame over which it is let go
+  bool is_after_pick{false};  // from where the pick that goes on will end, with an empty hand
 };
 /// With letting go at the end.
 struct Pick {
@@ -144,6 +146,7 @@ struct Command {
                             command::Recover, command::Wait, command::Cancel, command::Hold, command::Release>;
   std::uint64_t id{0};  // of a Cancel: that of the action; 0: Hold and Release
   Body body;
+  bool is_beside_pick{false};  // a pick goes on, and is answered for itself
 };
 bool isControl(const Command& command);  // Cancel, Hold, Release
 
@@ -209,6 +212,10 @@ struct HandReport {
   Hand hand{Hand::kUnknown};
   std::optional<int> brick_in_hand;
 };
+/// The running pick has its brick away from the pile, and the arm is on its way out of the camera's view.
+struct PileLeft {
+  std::uint64_t id{0};  // of the command
+};
 struct Tick {};   // now and then, for limits of time
 struct Pause {};  // after what goes on now
 /// From pause or hold, with a fresh inspection: robot and pile may have been moved.
@@ -224,7 +231,7 @@ struct ClockJump {
 };
 }  // namespace event
 
-using Event = std::variant<event::Start, event::Reply, event::HandReport, event::Tick, event::Pause, event::Resume,
-                           event::Hold, event::Stop, event::Unloaded, event::ClockJump>;
+using Event = std::variant<event::Start, event::Reply, event::HandReport, event::PileLeft, event::Tick, event::Pause,
+                           event::Resume, event::Hold, event::Stop, event::Unloaded, event::ClockJump>;
 
 }  // namespace pick_mission

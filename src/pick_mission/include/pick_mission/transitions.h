@@ -20,6 +20,7 @@ enum class Trigger {
   kLowUtility,  // the best view is not worth much
   kNoPile,      // nothing above the ground
   kLetGoAgain,
+  kPileLeft,        // the brick is away from the pile
   kWaitFirst,       // until what is missing is there
   kArmBusy,         // with something else: wait until it has ended that
   kRecover,         // the arm
@@ -48,6 +49,7 @@ inline constexpr interactive_mapping::Names<Trigger> kTriggerNames = {
     {"low utility", Trigger::kLowUtility},
     {"no pile", Trigger::kNoPile},
     {"let go again", Trigger::kLetGoAgain},
+    {"pile left", Trigger::kPileLeft},
     {"wait first", Trigger::kWaitFirst},
     {"wait while busy", Trigger::kArmBusy},
     {"recover", Trigger::kRecover},
@@ -81,6 +83,10 @@ enum class Guard {
   kEnding,       // the mission is over but for the brick in the hand
   kTimeUp,
   kPauseWanted,
+  kLooksAhead,   // the next brick may be looked for while this one is carried away
+  kCarries,      // that goes on
+  kPickDue,      // the same, and the action needs the arm, or a pause is wanted
+  kNextPlanned,  // the pick of the next brick
   kArmNotReady,  // the action needs an empty hand, or the arm out of view or folded, and it is not so
   kViewClear,    // the arm is out of the camera's view
   kDriveDue,     // somewhere was chosen to drive to
@@ -115,6 +121,10 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"mission over", Guard::kEnding},
     {"time is up", Guard::kTimeUp},
     {"pause wanted", Guard::kPauseWanted},
+    {"a place is free after this brick, no pause wanted", Guard::kLooksAhead},
+    {"a brick is being carried away", Guard::kCarries},
+    {"a brick is being carried away; needs the arm, or pause wanted", Guard::kPickDue},
+    {"next pick planned", Guard::kNextPlanned},
     {"needs empty hand, or arm out of view or folded, and is not so", Guard::kArmNotReady},
     {"arm out of the camera's view", Guard::kViewClear},
     {"drive due", Guard::kDriveDue},
@@ -160,6 +170,10 @@ enum class Effect {
   kGoToUnseen,   // the best view, whose utility is low
   kGoToVantage,  // back to a pose of the survey, the last one first
   kStayHere,
+  // Of a pick that carries its brick away.
+  kLookAhead,
+  kAwaitPick,
+  kAwaitPickWithPlan,  // of the next one
   // What the selection of views passes over.
   kAllowTriedBricks,
   kClearExcluded,
@@ -196,6 +210,9 @@ inline constexpr interactive_mapping::Names<Effect> kEffectNames = {
     {"goal: best view, count it", Effect::kGoToUnseen},
     {"goal: survey place, count it", Effect::kGoToVantage},
     {"pick from here", Effect::kStayHere},
+    {"the pick goes on beside", Effect::kLookAhead},
+    {"await the pick that goes on", Effect::kAwaitPick},
+    {"await the pick that goes on, keep the plan", Effect::kAwaitPickWithPlan},
     {"allow places near bricks tried in vain", Effect::kAllowTriedBricks},
     {"clear excluded places", Effect::kClearExcluded},
     {"count recovery", Effect::kCountRecovery},

@@ -69,7 +69,7 @@ class MissionActions {
 
   /// Ends what goes on, which is then answered as it ended.
   void cancel();
-  bool isIdle() const { return !running_; }
+  bool isIdle() const { return !running_ && !carrying_; }
 
   /// Ends every drive, also one that this process has not asked for.
   void cancelDrives() { drive_.cancelAll(); }
@@ -88,6 +88,7 @@ class MissionActions {
   using ArmOutcome = interactive_mapping_msgs::ArmOutcome;
 
   struct PendingArm {  // until the bridge has told about the magnet after it
+    std::uint64_t id;  // of the command
     pick_mission::ArmStatus status;
     std::string message;
     ros::Time stamp;
@@ -136,16 +137,21 @@ class MissionActions {
   void begin(const pick_mission::command::Hold& hold);
   void begin(const pick_mission::command::Release& release);
 
-  void reply(const pick_mission::Result& result, const std::string& message,
+  void reply(std::uint64_t id, const pick_mission::Result& result, const std::string& message,
              std::optional<pick_mission::Hand> hand = std::nullopt);
+  void reply(const pick_mission::Result& result, const std::string& message,
+             std::optional<pick_mission::Hand> hand = std::nullopt) {
+    if (running_) reply(*running_, result, message, hand);
+  }
   void noAnswer(const std::string& why) { reply(pick_mission::NoAnswer{}, why); }
   /// `lets_go`: it succeeds when what was held is let go.
   template <typename Action>
   void sendArm(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal, bool lets_go);
   template <typename Action, typename OnResult>
   void sendPlan(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal, OnResult on_result);
-  void abandon();
+  void abandon(bool keeps_pick);
   void forgetWork();
+  void tellPileLeft();
   void callHold();
   void callRelease();
   void finishArm();
@@ -168,7 +174,9 @@ class MissionActions {
   const Post post_;
   const OnSelection on_selection_;
 
-  std::optional<std::uint64_t> running_;  // id of the command that has not been answered
+  std::optional<std::uint64_t> running_;   // id of the command that has not been answered
+  std::optional<std::uint64_t> carrying_;  // of a pick beside it
+  std::uint64_t pile_left_by_{0};          // the pick of which that was told
   std::optional<PendingArm> pending_arm_;
   std::optional<PendingDetection> pending_detection_;
   std::optional<PendingDrive> pending_drive_;
@@ -186,6 +194,7 @@ class MissionActions {
   std::uint64_t arm_plan_id_{0}, pick_plan_id_{0};
   interactive_mapping_msgs::PlanArmResult arm_plan_;
   interactive_mapping_msgs::PlanPickResult pick_plan_;
+  std::vector<double> pick_end_rad_;  // joints at the end of the pick that was begun last
 
   interactive_mapping_msgs::ArmBridgeStateConstPtr bridge_;
   interactive_mapping_msgs::AttachedBrickConstPtr attached_;

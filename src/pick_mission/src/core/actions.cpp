@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace pick_mission {
 namespace {
@@ -17,7 +18,8 @@ command::SelectView selectView(const Mission& mission) {
 
 /// Where the next brick goes. A brick that hangs on the magnet has a place, even if it was counted as lost with its pick.
 const std::string& freePlace(const Mission& mission) {
-  const int index = std::min(mission.memory.places_used, capacityOf(mission.config) - 1);
+  const int used = mission.memory.places_used + (mission.carrying ? 1 : 0);
+  const int index = std::min(used, capacityOf(mission.config) - 1);
   return mission.config.stow[static_cast<std::size_t>(index)];
 }
 
@@ -34,6 +36,7 @@ Command::Body bodyOf(State action, Mission& mission) {
       mission.arm = ArmIs::kAnywhere;
       return command::MoveArm{mission.plan_id};
     case State::kLook:
+      mission.is_next_planned = false;  // if at all, it is of an older look
       return command::Look{config.look.images, config.look.timeout_s};
     case State::kDetect:
       return command::Detect{config.detect.timeout_s};
@@ -41,9 +44,11 @@ Command::Body bodyOf(State action, Mission& mission) {
       return memory.reports.front();
     case State::kPlanPick:
       mission.candidate = memory.ledger.best(memory.scene, memory.base.position());
-      return command::PlanPick{*mission.candidate, mission.map_stamp_s, freePlace(mission)};
+      return command::PlanPick{*mission.candidate, mission.map_stamp_s, freePlace(mission),
+                               mission.carrying.has_value()};
     case State::kPick:
       mission.arm = ArmIs::kAnywhere;
+      mission.is_next_planned = false;
       ++memory.picks_begun;
       memory.ledger.pickBegun(mission.candidate->id);
       memory.pick_running = mission.candidate->id;
@@ -68,11 +73,17 @@ Command::Body bodyOf(State action, Mission& mission) {
 
 }  // namespace
 
+void takeUpPick(Mission& mission) {
+  mission.running = std::exchange(mission.carrying, std::nullopt);
+}
+
 Command begin(Mission& mission) {
   Command command;
   command.id = ++mission.memory.last_id;
   command.body = bodyOf(mission.state, mission);
+  command.is_beside_pick = mission.carrying.has_value();
   mission.running = Mission::Running{command.id, mission.state};
+  if (mission.state == State::kPlanPick || mission.state == State::kPick) mission.running->brick = mission.candidate;
   return command;
 }
 

@@ -2,6 +2,7 @@
 #include "mission.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "wording.h"
 
@@ -106,6 +107,17 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
       const std::size_t back = static_cast<std::size_t>(memory.vantage_drives++) % numSurveyPoses(mission);
       return goTo(surveyPose(mission, numSurveyPoses(mission) - 1 - back), DriveFor::kVantage);
     }
+    case Effect::kLookAhead:
+      mission.carrying = std::exchange(mission.running, std::nullopt);
+      mission.carrying->is_looked_past = true;
+      mission.is_place_chosen = false;
+      ++memory.scene;
+      return;
+    case Effect::kAwaitPickWithPlan:
+      mission.is_next_planned = true;
+      [[fallthrough]];
+    case Effect::kAwaitPick:
+      return takeUpPick(mission);
     case Effect::kAllowTriedBricks:
       mission.approaches_tried_bricks = true;
       return;

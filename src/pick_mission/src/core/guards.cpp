@@ -14,13 +14,26 @@ bool needsClearView(State action) {
          action == State::kSelect;
 }
 
+/// Looks for the next brick, or tells of the last one.
+bool mayGoBesidePick(State action) {
+  return action != State::kPick && (needsClearView(action) || action == State::kReport);
+}
+
 bool isArmReady(State action, const Mission& mission) {
+  if (mission.carrying) return true;  // on its way out of the view
   if (needsClearView(action)) return mission.hand == Hand::kEmpty && mission.arm != ArmIs::kAnywhere;
   if (action == State::kDrive) return mission.hand == Hand::kEmpty && mission.arm == ArmIs::kFolded;
   if (action == State::kPlanClear || action == State::kClear) return mission.hand == Hand::kEmpty;
   if (action == State::kPlanStow || action == State::kStow) return mission.hand == Hand::kHolding;
   if (action == State::kLetGo) return mission.hand != Hand::kEmpty;
   return true;
+}
+
+/// With the one that is being picked, all are.
+bool isLastBrick(const Mission& mission) {
+  const BrickLedger& ledger = mission.memory.ledger;
+  return mission.config.bricks_total >= 0 &&
+         numPicked(mission.memory) + ledger.numExhausted() + 1 >= mission.config.bricks_total;
 }
 
 }  // namespace
@@ -52,9 +65,20 @@ bool holds(Guard guard, const Mission& mission) {
     case Guard::kEnding:
       return memory.is_ending;
     case Guard::kTimeUp:
-      return memory.used_s >= config.time.limit_s;
+      // A brick that is carried away is stowed before.
+      return memory.used_s >= config.time.limit_s && !mission.carrying;
     case Guard::kPauseWanted:
       return mission.is_pause_wanted;
+    case Guard::kLooksAhead:
+      return config.look.while_carrying && !mission.running->is_looked_past && !mission.is_pause_wanted &&
+             !memory.is_ending && memory.places_used + 1 < capacityOf(config) && !isOnEnd(*mission.running->brick) &&
+             memory.used_s < config.time.limit_s && !isLastBrick(mission);
+    case Guard::kCarries:
+      return mission.carrying.has_value();
+    case Guard::kPickDue:
+      return mission.carrying && (mission.is_pause_wanted || !mayGoBesidePick(mission.state));
+    case Guard::kNextPlanned:
+      return mission.is_next_planned && memory.used_s < config.time.limit_s;
     case Guard::kArmNotReady:
       return !isArmReady(mission.state, mission);
     case Guard::kViewClear:
@@ -81,7 +105,7 @@ bool holds(Guard guard, const Mission& mission) {
              mission.plan_failures_here < config.attempts.max_plan_failures_per_view &&
              memory.ledger.best(memory.scene, memory.base.position()).has_value();
     case Guard::kViewsSpent:
-      return memory.fruitless_views >= config.views.max_fruitless;
+      return !mission.carrying && memory.fruitless_views >= config.views.max_fruitless;
     case Guard::kMayRecover:
       return mission.recoveries < config.attempts.max_recoveries_in_a_row &&
              (!mission.is_protective_stop || config.unlocks_protective_stop);

@@ -32,10 +32,13 @@ struct Mission {
   struct Running {
     std::uint64_t id;
     State action;
+    std::optional<SeenBrick> brick{};  // of a pick and its plan
+    bool is_looked_past{false};        // a pick: the next brick was looked for before it ended
   };
   std::optional<Running> running{};
-  HaltFor halt_for{HaltFor::kStop};  // in the state halting, and of the one before
-  bool is_pause_wanted{false};       // when the running action has ended
+  std::optional<Running> carrying{};  // a pick beside it, which carries its brick away
+  HaltFor halt_for{HaltFor::kStop};   // in the state halting, and of the one before
+  bool is_pause_wanted{false};        // when the running action has ended
 
   Hand hand{Hand::kUnknown};
   int unknown_hand_waits{0};
@@ -46,7 +49,8 @@ struct Mission {
   command::Wait wait{};            // the next one
 
   double map_stamp_s{0.0};
-  std::optional<SeenBrick> candidate{};
+  std::optional<SeenBrick> candidate{};     // of the last plan of a pick
+  bool is_next_planned{false};              // its pick, while the one before went on
   SelectionResult selection{};              // the last one
   std::optional<double> least_unseen_m2{};  // ground of the workspace, of all selections
   struct Goal {
@@ -91,9 +95,13 @@ void apply(Effect effect, const Cause& cause, Mission& mission);
 
 // --- results.cpp ----------------------------------------------------------------------------------------------------
 
-/// Records what the result of `action` says about robot, hand, bricks and views. `is_broken_off`: the mission itself
+/// Records what the result of an action says about robot, hand, bricks and views. `is_broken_off`: the mission itself
 /// cancelled it, and a failure does not count.
-void record(State action, const event::Reply& reply, const Reaction& reaction, bool is_broken_off, Mission& mission);
+void record(const Mission::Running& ended, const event::Reply& reply, const Reaction& reaction, bool is_broken_off,
+            Mission& mission);
+
+/// Its longest edge upright: it rises over the container's rim, and nothing may be carried over it.
+bool isOnEnd(const SeenBrick& brick);
 
 /// What the arm's bridge says. With an empty hand an open let go has succeeded, whatever else was answered.
 void setHand(Hand hand, Mission& mission);
@@ -102,6 +110,9 @@ void setHand(Hand hand, Mission& mission);
 int tooManyInARow(State action, const Reaction& reaction, const Mission& mission);
 
 // --- actions.cpp ----------------------------------------------------------------------------------------------------
+
+/// A pick that goes on beside what looks for the next brick is the running action again.
+void takeUpPick(Mission& mission);
 
 /// Begins the action of the mission's state: what changes with it, and its command.
 Command begin(Mission& mission);

@@ -48,6 +48,7 @@ class MissionMachine::Impl {
   void on(const event::Start& start);
   void on(const event::Reply& reply);
   void on(const event::HandReport& report);
+  void on(const event::PileLeft& left);
   void on(const event::Tick& tick);
   void on(const event::Pause& pause);
   void on(const event::Resume& resume);
@@ -56,6 +57,7 @@ class MissionMachine::Impl {
   void on(const event::Unloaded& unloaded);
   void on(const event::ClockJump& jump);
   void onEndAfterCancel(const event::Reply& reply, bool is_broken_off);
+  void onEndBeside(const event::Reply& reply);
   bool mayPause() const;
 
   bool fire(Trigger trigger, const Cause& cause);
@@ -65,7 +67,7 @@ class MissionMachine::Impl {
   void log(const std::string& event, const std::string& reason, State decision);
   void control(std::uint64_t id, Command::Body body) { output_.commands.push_back({id, std::move(body)}); }
   void release();
-  State takeRunning();
+  Mission::Running takeRunning();
 
   Mission mission_;
   std::optional<double> last_step_s_;
@@ -88,6 +90,7 @@ MissionOutput MissionMachine::Impl::step(const Event& event, double now_s) {
 }
 
 void MissionMachine::Impl::requireFits(const event::Reply& reply) const {
+  if (mission_.carrying && reply.id == mission_.carrying->id) reactTo(State::kPick, reply.result);
   if (!mission_.running || reply.id != mission_.running->id) return;
   reactTo(mission_.running->action, reply.result);  // throws if it cannot be
   const auto* selection = std::get_if<SelectionResult>(&reply.result);
@@ -128,21 +131,44 @@ void MissionMachine::Impl::on(const event::Start& start) {
 }
 
 void MissionMachine::Impl::on(const event::Reply& reply) {
+  if (mission_.carrying && reply.id == mission_.carrying->id) return onEndBeside(reply);
   if (!mission_.running || reply.id != mission_.running->id) {
     return note("reply " + std::to_string(reply.id), "ignored: not of what goes on");
   }
   if (mission_.state == State::kHalting) return onEndAfterCancel(reply, mission_.halt_for != HaltFor::kTimeout);
-  const State action = takeRunning();
-  const Reaction reaction = reactTo(action, reply.result);
-  record(action, reply, reaction, false, mission_);
-  fireFor(reaction, {toString(reply.result), withMessage(reaction.why, reply.message), action, reaction.end});
+  const Mission::Running ended = takeRunning();
+  const Reaction reaction = reactTo(ended.action, reply.result);
+  record(ended, reply, reaction, false, mission_);
+  fireFor(reaction, {toString(reply.result), withMessage(reaction.why, reply.message), ended.action, reaction.end});
+}
+
+/// Of the pick that carries its brick away. Stowed: what looks for the next one goes on. Else that is worth nothing, for the
+/// pile or the arm is another than was thought.
+void MissionMachine::Impl::onEndBeside(const event::Reply& reply) {
+  const Reaction reaction = reactTo(State::kPick, reply.result);
+  std::optional<Mission::Running> looking = mission_.running;
+  takeUpPick(mission_);
+  record(takeRunning(), reply, reaction, false, mission_);
+  if (isSuccess(reply.result) && mission_.hand == Hand::kEmpty) {
+    mission_.running = looking;
+    return note("pick", "has ended beside: " + std::to_string(numPicked(mission_.memory)) + " picked");
+  }
+  log("pick", "has failed: what was looked for beside it is dropped", State::kPick);
+  mission_.state = State::kPick;
+  fireFor(reaction, {toString(reply.result), withMessage(reaction.why, reply.message), State::kPick, reaction.end});
+}
+
+void MissionMachine::Impl::on(const event::PileLeft& left) {
+  const bool is_of_pick = mission_.running && mission_.running->id == left.id && mission_.state == State::kPick;
+  if (is_of_pick) fire(Trigger::kPileLeft, {"pile left", ""});
 }
 
 void MissionMachine::Impl::on(const event::HandReport& report) {
   if (report.brick_in_hand) mission_.memory.brick_in_hand = report.brick_in_hand;
   // The reply of an action says what it did to the hand, or that of the wait for the arm after it: a bridge that has
   // just come back has not heard of its magnet yet.
-  if (mission_.memory.is_let_go_open || (mission_.running && handlesBrick(mission_.running->action))) return;
+  const bool is_handled = mission_.carrying || (mission_.running && handlesBrick(mission_.running->action));
+  if (mission_.memory.is_let_go_open || is_handled) return;
   if (report.hand == mission_.hand) return;
   const Hand before = mission_.hand;
   setHand(report.hand, mission_);
@@ -234,11 +260,11 @@ void MissionMachine::Impl::on(const event::ClockJump& jump) {
 /// A cancelled action has ended. `is_broken_off`: its failure counts for nothing. One that was cancelled for taking too
 /// long counts as unanswered.
 void MissionMachine::Impl::onEndAfterCancel(const event::Reply& reply, bool is_broken_off) {
-  const State action = takeRunning();
+  const Mission::Running ended = takeRunning();
   const std::string status = toString(reply.result);
   const bool is_timeout = mission_.halt_for == HaltFor::kTimeout;
   if (isSuccess(reply.result)) {
-    record(action, reply, reactTo(action, reply.result), true, mission_);
+    record(ended, reply, reactTo(ended.action, reply.result), true, mission_);
     if (is_timeout) {
       fire(Trigger::kRetryHere, {status, "it had just ended; look again"});
     } else {
@@ -248,10 +274,10 @@ void MissionMachine::Impl::onEndAfterCancel(const event::Reply& reply, bool is_b
   }
   event::Reply counted = reply;
   if (is_timeout) counted.result = NoAnswer{};
-  const Reaction reaction = reactTo(action, counted.result);
-  record(action, counted, reaction, is_broken_off, mission_);
+  const Reaction reaction = reactTo(ended.action, counted.result);
+  record(ended, counted, reaction, is_broken_off, mission_);
   if (is_timeout) {
-    fireFor(reaction, {"no answer", withMessage(reaction.why, "took too long"), action, reaction.end});
+    fireFor(reaction, {"no answer", withMessage(reaction.why, "took too long"), ended.action, reaction.end});
   } else {
     fire(Trigger::kHalted, {status, withMessage("has ended", reply.message)});
   }
@@ -282,15 +308,19 @@ void MissionMachine::Impl::fireFor(const Reaction& reaction, Cause cause) {
 void MissionMachine::Impl::enter() {
   switch (mission_.state) {
     case State::kChoose:
-      excludeFruitlessView(mission_);
+      if (!mission_.carrying) excludeFruitlessView(mission_);
       [[fallthrough]];
     case State::kBegin:
       fire(Trigger::kAtOnce, {});
       return;
     case State::kHalting:
+      if (mission_.carrying) takeUpPick(mission_);  // what looks for the next one is not waited for
       return control(mission_.running->id, command::Cancel{});
     case State::kUnload:
       return;
+    case State::kPick:
+      if (mission_.running) return;  // that goes on
+      break;
     case State::kEnded:
       mission_.memory.is_let_go_open = false;  // nothing counts any more
       [[fallthrough]];
@@ -299,8 +329,9 @@ void MissionMachine::Impl::enter() {
       mission_.is_pause_wanted = false;
       return;
     default:
-      if (!fire(Trigger::kEntering, {})) output_.commands.push_back(begin(mission_));
+      break;
   }
+  if (!fire(Trigger::kEntering, {})) output_.commands.push_back(begin(mission_));
 }
 
 void MissionMachine::Impl::log(const std::string& event, const std::string& reason, State decision) {
@@ -320,11 +351,11 @@ void MissionMachine::Impl::release() {
   control(0, command::Release{});
 }
 
-State MissionMachine::Impl::takeRunning() {
-  const State action = mission_.running->action;
+Mission::Running MissionMachine::Impl::takeRunning() {
+  const Mission::Running ended = *mission_.running;
   mission_.running.reset();
-  mission_.memory.pick_running.reset();
-  return action;
+  if (ended.action == State::kPick) mission_.memory.pick_running.reset();
+  return ended;
 }
 
 // --------------------------------------------------------------------------------------------------------------------

@@ -21,18 +21,8 @@ std::string kindOf(State action, const Result& result) {
   return std::string(toString(action)) + ": " + toString(result);
 }
 
-/// Its longest edge upright: it rises over the rim, and nothing may be carried over it.
-bool isOnEnd(const SeenBrick& brick) {
-  int upright = 0;
-  brick.T_map_brick.linear().row(2).cwiseAbs().maxCoeff(&upright);
-  constexpr double kLonger_m = 0.01;  // than the next edge: more than types of bricks are measured wrong by
-  const Eigen::Vector2d others(brick.size_m[(upright + 1) % 3], brick.size_m[(upright + 2) % 3]);
-  return brick.size_m[upright] > others.maxCoeff() + kLonger_m;
-}
-
 void brickStowed(Mission& mission) {
   Memory& memory = mission.memory;
-  ++memory.scene;
   ++memory.places_used;
   if (memory.brick_in_hand && memory.ledger.isKnown(*memory.brick_in_hand)) {
     if (isOnEnd(memory.ledger.bricks().at(*memory.brick_in_hand).seen)) memory.places_used = capacityOf(mission.config);
@@ -67,8 +57,9 @@ std::optional<Hand> handAfter(State action, const event::Reply& reply) {
   }
 }
 
-void recordArm(State action, const event::Reply& reply, Mission& mission) {
+void recordArm(const Mission::Running& ended, const event::Reply& reply, Mission& mission) {
   Memory& memory = mission.memory;
+  const State action = ended.action;
   const std::optional<int> held_before = memory.brick_in_hand;
   const auto* arm = std::get_if<ArmResult>(&reply.result);
   mission.is_protective_stop = arm != nullptr && arm->status == ArmStatus::kProtectiveStop;
@@ -80,7 +71,7 @@ void recordArm(State action, const event::Reply& reply, Mission& mission) {
   const bool is_lost =
       arm != nullptr && (arm->status == ArmStatus::kLostOnTheWay || arm->status == ArmStatus::kNothingHeld);
   if (is_lost) memory.is_let_go_open = false;  // it fell before that
-  if (action == State::kPick) memory.brick_in_hand = mission.candidate->id;
+  if (action == State::kPick) memory.brick_in_hand = ended.brick->id;
   if (const std::optional<Hand> hand = handAfter(action, reply)) setHand(*hand, mission);
   if (!is_lost || !held_before || action == State::kPick) return;
   // A pick after all that failed: it lies somewhere else now.
@@ -114,8 +105,9 @@ void recordArrival(Mission& mission) {
   if (why == DriveFor::kView) ++mission.memory.views;
 }
 
-void recordSuccess(State action, const event::Reply& reply, Mission& mission) {
+void recordSuccess(const Mission::Running& ended, const event::Reply& reply, Mission& mission) {
   Memory& memory = mission.memory;
+  const State action = ended.action;
   streakOf(action, memory) = 0;
   switch (action) {
     case State::kPlanClear:
@@ -130,7 +122,8 @@ void recordSuccess(State action, const event::Reply& reply, Mission& mission) {
       mission.recoveries = 0;
       // Still holding, against what the result says: it is stowed, and counts then.
       if (action != State::kPick || mission.hand == Hand::kHolding) break;
-      memory.brick_in_hand = mission.candidate->id;
+      memory.brick_in_hand = ended.brick->id;
+      if (!ended.is_looked_past) ++memory.scene;  // else it was another when the brick had left it
       brickStowed(mission);
       memory.brick_in_hand.reset();
       break;
@@ -151,31 +144,33 @@ void recordSuccess(State action, const event::Reply& reply, Mission& mission) {
   }
 }
 
-void recordFailure(State action, const event::Reply& reply, const Reaction& reaction, Mission& mission) {
+void recordFailure(const Mission::Running& ended, const event::Reply& reply, const Reaction& reaction,
+                   Mission& mission) {
   Memory& memory = mission.memory;
+  const State action = ended.action;
   const std::string kind = kindOf(action, reply.result);
   const std::string reason = withMessage(kind, reply.message);
   ++memory.failures[kind];
-  mission.is_drive_due = false;
+  mission.is_drive_due = mission.is_next_planned = false;
   if (countsInARow(action, reaction, mission)) ++streakOf(action, memory);
   // The brick may lie in its place.
   if (action == State::kPick && std::holds_alternative<NoAnswer>(reply.result)) ++memory.places_used;
   if (const auto* selection = std::get_if<SelectionResult>(&reply.result)) mission.selection = *selection;
   if (action == State::kPlanPick && reaction.blames_brick) {
-    memory.ledger.planFailed(mission.candidate->id, kind);
-    memory.ledger.triedInVain(mission.candidate->id, memory.scene);
+    memory.ledger.planFailed(ended.brick->id, kind);
+    memory.ledger.triedInVain(ended.brick->id, memory.scene);
     ++mission.plan_failures_here;
   }
   // A brick that hangs on the magnet nevertheless is stowed, and picked then.
   if (action == State::kPick && reaction.blames_brick && mission.hand != Hand::kHolding) {
-    memory.ledger.pickFailed(mission.candidate->id, kind);
-    if (reaction.next == Trigger::kNextBrick) memory.ledger.triedInVain(mission.candidate->id, memory.scene);
+    memory.ledger.pickFailed(ended.brick->id, kind);
+    if (reaction.next == Trigger::kNextBrick) memory.ledger.triedInVain(ended.brick->id, memory.scene);
     ++mission.pick_failures_here;
   }
   if (!reaction.is_reported) return;
   const Pose2d& goal = mission.goal.T_map_base;
   if (action != State::kDrive) {
-    memory.reports.push_back({nearSideOf(*mission.candidate, memory.base), mission.now_s, reason});
+    memory.reports.push_back({nearSideOf(*ended.brick, memory.base), mission.now_s, reason});
   } else if (mission.goal.why == DriveFor::kSurvey) {
     ++memory.survey_index;
   } else if (mission.goal.why == DriveFor::kView) {
@@ -186,16 +181,26 @@ void recordFailure(State action, const event::Reply& reply, const Reaction& reac
 
 }  // namespace
 
-void record(State action, const event::Reply& reply, const Reaction& reaction, bool is_broken_off, Mission& mission) {
+bool isOnEnd(const SeenBrick& brick) {
+  int upright = 0;
+  brick.T_map_brick.linear().row(2).cwiseAbs().maxCoeff(&upright);
+  constexpr double kLonger_m = 0.01;  // than the next edge: more than types of bricks are measured wrong by
+  const Eigen::Vector2d others(brick.size_m[(upright + 1) % 3], brick.size_m[(upright + 2) % 3]);
+  return brick.size_m[upright] > others.maxCoeff() + kLonger_m;
+}
+
+void record(const Mission::Running& ended, const event::Reply& reply, const Reaction& reaction, bool is_broken_off,
+            Mission& mission) {
   Memory& memory = mission.memory;
-  recordArm(action, reply, mission);
-  const bool was_a_pick = action == State::kPick || action == State::kLetGo;
+  const State action = ended.action;
+  recordArm(ended, reply, mission);
+  const bool was_a_pick = (action == State::kPick && !ended.is_looked_past) || action == State::kLetGo;
   if (was_a_pick || !isSuccess(reply.result)) mission.is_place_chosen = false;
   if (action == State::kReport) memory.reports.pop_front();
   if (isSuccess(reply.result)) {
-    recordSuccess(action, reply, mission);
+    recordSuccess(ended, reply, mission);
   } else if (action == State::kReport || !is_broken_off) {
-    recordFailure(action, reply, reaction, mission);
+    recordFailure(ended, reply, reaction, mission);
   }
   if (action != State::kDrive) return;
   // Also after a failure it stands somewhere else.
@@ -208,7 +213,10 @@ void setHand(Hand hand, Mission& mission) {
   Memory& memory = mission.memory;
   mission.hand = hand;
   if (hand == Hand::kUnknown) return;
-  if (hand == Hand::kEmpty && memory.is_let_go_open) brickStowed(mission);
+  if (hand == Hand::kEmpty && memory.is_let_go_open) {
+    ++memory.scene;
+    brickStowed(mission);
+  }
   memory.is_let_go_open = false;
   mission.unknown_hand_waits = 0;
   if (hand == Hand::kEmpty) memory.brick_in_hand.reset();

@@ -30,6 +30,8 @@ constexpr char kLog[] = "pick_mission";
 
 /// What a result is followed by comes on another topic; wall time until it is done without.
 constexpr double kFollowUp_s = 2.0;
+/// Share of the way to the container after which arm and brick hide little of the pile: they began above it.
+constexpr double kAway = 0.4;
 constexpr double kMagnetLag_s = 0.5;  // ROS time; a driver tells of its outputs at 10 Hz or more
 /// That clocks of two computers, or of two nodes that hear a simulated one, may differ.
 constexpr double kClocksApart_s = 0.5;
@@ -197,14 +199,21 @@ void MissionActions::tellHand() {
 
 // --- Answers ----------------------------------------------------------------------------------------------------------
 
-void MissionActions::reply(const pick_mission::Result& result, const std::string& message, std::optional<Hand> hand) {
-  if (!running_) return;
+void MissionActions::reply(std::uint64_t id, const pick_mission::Result& result, const std::string& message,
+                           std::optional<Hand> hand) {
+  if (carrying_ == id) {
+    carrying_.reset();
+    pending_arm_.reset();
+  } else if (running_ == id) {
+    forgetWork();
+  } else {
+    return;
+  }
   pick_mission::event::Reply reply;
-  reply.id = *running_;
+  reply.id = id;
   reply.result = result;
   reply.message = message;
   reply.hand = hand;
-  forgetWork();
   post_(reply);
 }
 
@@ -231,12 +240,16 @@ void MissionActions::cancel() {
   }
 }
 
-/// One action at a time: whatever an earlier one still does, it ends, and does not answer for the next one.
-void MissionActions::abandon() {
+/// Whatever an earlier action still does, it ends, and does not answer for the next one.
+void MissionActions::abandon(bool keeps_pick) {
+  if (keeps_pick && !carrying_) carrying_ = running_;
+  if (!keeps_pick) {
+    carrying_.reset();
+    pick_.abandon();
+  }
   plan_arm_.abandon();
   plan_pick_.abandon();
   move_arm_.abandon();
-  pick_.abandon();
   let_go_.abandon();
   recover_.abandon();
   select_.abandon();
@@ -248,7 +261,7 @@ void MissionActions::abandon() {
 
 void MissionActions::forgetWork() {
   running_.reset();
-  pending_arm_.reset();
+  if (!carrying_) pending_arm_.reset();
   pending_detection_.reset();
   pending_drive_.reset();
   look_.reset();
@@ -308,7 +321,7 @@ void MissionActions::watch() {
     // The bridge has fallen silent: what hangs on the magnet is not known.
     const PendingArm arm = *pending_arm_;
     told_hand_ = Hand::kUnknown;
-    reply(ArmResult{arm.status, arm.is_lost_over_robot}, arm.message, Hand::kUnknown);
+    reply(arm.id, ArmResult{arm.status, arm.is_lost_over_robot}, arm.message, Hand::kUnknown);
   }
   if (pending_detection_ && (wall - pending_detection_->since).toSec() > kFollowUp_s) {
     noAnswer("the detection has looked, but its list of bricks does not come");
@@ -332,7 +345,7 @@ void MissionActions::shiftTimes(ros::Duration by) {
 
 void MissionActions::carryOut(const pick_mission::Command& next) {
   if (!pick_mission::isControl(next)) {
-    abandon();
+    abandon(next.is_beside_pick);
     running_ = next.id;
   }
   std::visit([this](const auto& body) { begin(body); }, next.body);
@@ -341,7 +354,9 @@ void MissionActions::carryOut(const pick_mission::Command& next) {
 template <typename Action, typename OnResult>
 void MissionActions::sendPlan(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal,
                               OnResult on_result) {
-  caller->send(goal, [this, on_result](const typename ActionCaller<Action>::End& end) {
+  const std::uint64_t id = *running_;
+  caller->send(goal, [this, id, on_result](const typename ActionCaller<Action>::End& end) {
+    const auto noAnswer = [&](const std::string& why) { reply(id, pick_mission::NoAnswer{}, why); };
     if (!end.result) return noAnswer(end.why);
     // Results that nobody filled in, as of a goal that was dropped for another, have the value of success.
     if (end.result->outcome.status == 0 && !end.is_succeeded) return noAnswer(contradiction(end.is_cancelled, end.why));
@@ -369,22 +384,28 @@ void MissionActions::begin(const command::PlanArm& plan) {
 
 void MissionActions::begin(const command::PlanPick& plan) {
   const std::uint64_t id = *running_;
-  sendPlan(
-      &plan_pick_, toGoal(plan, params_.map_frame), [this, id](const interactive_mapping_msgs::PlanPickResult& result) {
-        pick_plan_ = result;
-        pick_plan_id_ = id;
-        const auto status =
-            statusFrom<PlanStatus>(result.outcome.status, interactive_mapping::kNumPlanStatus, "outcome of plan_pick");
-        reply(PlanResult{status}, result.outcome.message);
-      });
+  interactive_mapping_msgs::PlanPickGoal goal = toGoal(plan, params_.map_frame);
+  if (plan.is_after_pick) {
+    goal.start = pick_end_rad_;
+    goal.after_let_go = 1;
+  }
+  sendPlan(&plan_pick_, goal, [this, id](const interactive_mapping_msgs::PlanPickResult& result) {
+    pick_plan_ = result;
+    pick_plan_id_ = id;
+    const auto status =
+        statusFrom<PlanStatus>(result.outcome.status, interactive_mapping::kNumPlanStatus, "outcome of plan_pick");
+    reply(PlanResult{status}, result.outcome.message);
+  });
 }
 
 template <typename Action>
 void MissionActions::sendArm(ActionCaller<Action>* caller, const typename ActionCaller<Action>::Goal& goal,
                              bool lets_go) {
-  sendPlan(caller, goal, [this, lets_go](const auto& result) {
+  const std::uint64_t id = *running_;
+  sendPlan(caller, goal, [this, id, lets_go](const auto& result) {
     const ArmOutcome& outcome = result.outcome;
     PendingArm arm;
+    arm.id = id;
     arm.status = statusFrom<ArmStatus>(outcome.status, interactive_mapping::kNumArmStatus, "outcome of the arm");
     arm.message = outcome.message;
     const bool is_at_pile =
@@ -409,7 +430,7 @@ void MissionActions::finishArm() {
   if (has_let_go && hand() == Hand::kHolding && after_s < kMagnetLag_s) return;
   const Hand now = hand();
   told_hand_ = now;
-  reply(ArmResult{arm.status, arm.is_lost_over_robot}, arm.message, now);
+  reply(arm.id, ArmResult{arm.status, arm.is_lost_over_robot}, arm.message, now);
 }
 
 void MissionActions::begin(const command::MoveArm& move) {
@@ -425,6 +446,8 @@ void MissionActions::begin(const command::Pick& pick) {
   if (pick.plan != pick_plan_id_) {
     return reply(ArmResult{ArmStatus::kBadRequest}, "plan " + std::to_string(pick.plan) + " is not kept");
   }
+  const auto& stow = pick_plan_.stow.points;
+  pick_end_rad_ = stow.empty() ? std::vector<double>() : stow.back().positions;
   sendArm(&pick_, toGoal(pick.brick, params_.map_frame, pick_plan_), true);
 }
 
@@ -638,6 +661,7 @@ void MissionActions::callRelease() {
 void MissionActions::onBridgeState(const interactive_mapping_msgs::ArmBridgeStateConstPtr& message) {
   bridge_ = message;
   finishArm();
+  tellPileLeft();
   using pick_mission::WaitUntil;
   const bool is_idle = bridge_->phase == interactive_mapping_msgs::ArmBridgeState::IDLE;
   const bool is_for_arm = wait_ && (wait_->until == WaitUntil::kArmReady || wait_->until == WaitUntil::kArmIdle);
@@ -648,6 +672,13 @@ void MissionActions::onBridgeState(const interactive_mapping_msgs::ArmBridgeStat
     reply(pick_mission::WaitResult{pick_mission::WaitStatus::kSuccess}, "", now);
   }
   tellHand();
+}
+
+void MissionActions::tellPileLeft() {
+  const bool is_away = bridge_->stage == "stow" && bridge_->progress >= kAway && bridge_->is_holding;
+  if (!is_away || !pick_.isActive() || !running_ || carrying_ || pile_left_by_ == *running_) return;
+  pile_left_by_ = *running_;
+  post_(pick_mission::event::PileLeft{*running_});
 }
 
 void MissionActions::onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message) {

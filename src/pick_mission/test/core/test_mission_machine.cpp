@@ -135,7 +135,7 @@ TEST(MissionMachine, UnloadsAfterABrickWasLostWhereItMayHaveFallenIntoTheContain
 }
 
 TEST(MissionMachine, APickWithoutAnAnswerMayHaveUsedItsPlace) {
-  ToyMission run({}, ToyWorld::ofStacks({2}));
+  ToyMission run(surveying(), ToyWorld::ofStacks({2}));
   run.inject = endAs(State::kPick, NoAnswer{}, 1);
   EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
   std::vector<std::string> places;
@@ -1005,6 +1005,133 @@ TEST(MissionMachine, BadConfigurationIsRefusedWithEveryProblem) {
     EXPECT_THAT(error.what(), HasSubstr("look/images = 0, must be in [1, 1000]"));
     EXPECT_THAT(error.what(), HasSubstr("time/limit_s = -1 s"));
   }
+}
+
+MissionConfig lookingAhead() {
+  MissionConfig config = surveying();
+  config.look.while_carrying = true;
+  return config;
+}
+
+/// To the first look while a brick is carried away.
+bool toLookAhead(ToyMission& run) {
+  run.start();
+  while (!run.world.carrying) {
+    if (!run.advance()) return false;
+  }
+  return run.machine.state() == State::kLook;
+}
+
+TEST(LookingAhead, PlansTheNextPickWhileABrickIsCarriedAway) {
+  double used_s[2];
+  for (const bool is_ahead : {false, true}) {
+    MissionConfig config = lookingAhead();
+    config.look.while_carrying = is_ahead;
+    config.stow = {"a", "b", "c", "d"};
+    ToyMission run(config, ToyWorld::ofStacks({3}));
+    EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+    EXPECT_EQ(run.world.stowed, 3);
+    std::vector<bool> ahead;
+    for (const command::PlanPick& plan : run.sent<command::PlanPick>()) ahead.push_back(plan.is_after_pick);
+    EXPECT_EQ(ahead, (std::vector<bool>{false, is_ahead, is_ahead})) << tail(run);
+    used_s[is_ahead ? 1 : 0] = run.machine.usedTime();
+  }
+  // Of two bricks: a look, a detection, a plan. Of the last one: look, detection and a selection that finds nothing, in vain.
+  EXPECT_DOUBLE_EQ(used_s[0] - used_s[1], 2 * 3.0);
+}
+
+TEST(LookingAhead, IsNotDoneWithTheBrickThatFillsTheContainerNorWithTheLastOne) {
+  MissionConfig full = lookingAhead();
+  full.stow = {"a", "b"};
+  ToyMission run(full, ToyWorld::ofStacks({3}));
+  ASSERT_TRUE(toLookAhead(run)) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  std::vector<bool> ahead;
+  for (const command::PlanPick& plan : run.sent<command::PlanPick>()) ahead.push_back(plan.is_after_pick);
+  EXPECT_EQ(ahead, (std::vector<bool>{false, true, false})) << tail(run);
+
+  MissionConfig last = lookingAhead();
+  last.bricks_total = 1;
+  ToyMission one(last, ToyWorld::ofStacks({1}));
+  EXPECT_TRUE(one.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_FALSE(one.commands.empty());
+  for (const Command& command : one.commands) EXPECT_FALSE(command.is_beside_pick) << tail(one);
+}
+
+TEST(LookingAhead, DrivesToAViewThatWasChosenMeanwhileWhenTheArmIsFree) {
+  MissionConfig config = lookingAhead();
+  config.stow = {"a", "b", "c", "d"};
+  ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_EQ(run.world.stowed, 2);
+  // For the first view, beside the first pick, beside the second, which finds no pile, and once more when that is stowed.
+  EXPECT_EQ(run.world.commands_of[State::kSelect], 4) << tail(run);
+  EXPECT_EQ(run.machine.counts().views, 2);
+}
+
+TEST(LookingAhead, APickThatFailsThenMakesItWorthless) {
+  for (const ArmStatus status : {ArmStatus::kLostOnTheWay, ArmStatus::kPathBlocked, ArmStatus::kNotLetGo,
+                                 ArmStatus::kProtectiveStop, ArmStatus::kStaleState}) {
+    for (int steps = 0; steps <= 4; ++steps) {  // look, detect, plan; then only the pick goes on
+      SCOPED_TRACE(std::string(toString(status)) + " after " + std::to_string(steps) + " steps");
+      MissionConfig config = lookingAhead();
+      config.unlocks_protective_stop = true;
+      ToyMission run(config, ToyWorld::ofStacks({2}));
+      ASSERT_TRUE(toLookAhead(run));
+      run.world.carried_until_s = run.now_s + steps;
+      while (run.world.carrying && run.world.carried_until_s > run.now_s + 1.0) ASSERT_TRUE(run.advance());
+      run.inject = endAs(State::kPick, ArmResult{status}, 1);
+      const int plans = run.world.commands_of[State::kPlanPick];
+      while (run.world.carrying) ASSERT_TRUE(run.advance());
+      EXPECT_NE(run.machine.state(), State::kPick) << "picks by a plan of another pile\n" << tail(run);
+      EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+      EXPECT_EQ(run.world.stowed, 2) << tail(run);
+      EXPECT_GE(run.world.commands_of[State::kPlanPick], plans + 1);
+    }
+  }
+}
+
+TEST(LookingAhead, WithoutAViewItIsDecidedWhenTheBrickIsStowed) {
+  ToyMission run(lookingAhead(), ToyWorld::ofStacks({1}));
+  run.inject = endAs(State::kSelect, SelectionResult{SelectionStatus::kLowUtility, viewPose(0), false}, 2);
+  ASSERT_TRUE(toLookAhead(run));
+  while (run.world.carrying) ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.state(), State::kLook) << tail(run);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 1);
+}
+
+TEST(LookingAhead, AnActionBesideThatTakesTooLongIsDroppedAndThePickAwaited) {
+  ToyMission run(lookingAhead(), ToyWorld::ofStacks({2}));
+  ASSERT_TRUE(toLookAhead(run));
+  run.now_s += run.config.time.action_timeout_s;
+  run.tell(event::Tick{});
+  EXPECT_EQ(run.machine.state(), State::kPick);
+  run.world.running.reset();
+  run.world.carried_until_s = run.now_s;
+  ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.machine.counts().bricks_picked, 1) << tail(run);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_EQ(run.world.stowed, 2);
+}
+
+TEST(LookingAhead, APauseComesWhenTheBrickIsStowed) {
+  ToyMission run(lookingAhead(), ToyWorld::ofStacks({2}));
+  ASSERT_TRUE(toLookAhead(run));
+  run.tell(event::Pause{});
+  while (run.machine.state() != State::kPaused) ASSERT_TRUE(run.advance()) << tail(run);
+  EXPECT_EQ(run.machine.counts().bricks_picked, 1);
+  EXPECT_FALSE(run.world.carrying);
+  run.tell(event::Resume{});
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_EQ(run.world.stowed, 2);
+}
+
+TEST(LookingAhead, AfterACrashThePickCountsAsFailed) {
+  ToyMission run(lookingAhead(), ToyWorld::ofStacks({2}));
+  ASSERT_TRUE(toLookAhead(run));
+  ASSERT_TRUE(run.advance());  // another action has been answered since
+  run.machine = MissionMachine::fromJson(run.config, {}, run.machine.toJson());
+  EXPECT_EQ(run.machine.bricks().bricks().at(1).picks_failed, 1);
 }
 
 }  // namespace

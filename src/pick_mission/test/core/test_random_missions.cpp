@@ -48,6 +48,7 @@ TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
     MissionConfig config = surveying();
     config.unlocks_protective_stop = seed % 2 == 0;
     config.views.choose_after_each_pick = seed % 4 < 2;
+    config.look.while_carrying = seed % 8 < 4;
     config.time.limit_s = seed % 5 == 0 ? 600.0 : 20000.0;
     ToyWorld world = randomWorld(seed);
     const int total = static_cast<int>(world.bricks.size());

@@ -202,6 +202,7 @@ class MissionWorld {
     bricks_frame = "map";
     is_held = false;
     arm_phase = msgs::ArmBridgeState::IDLE;
+    arm_stage.clear();
     times_cancelled.clear();
   }
 
@@ -260,6 +261,8 @@ class MissionWorld {
   std::set<std::string> vanish;  // servers that go when the next goal comes
   bool has_images{true}, has_bridge{true}, has_tf{true}, is_held{false};
   std::uint8_t arm_phase{msgs::ArmBridgeState::IDLE};  // as its bridge tells
+  std::string arm_stage;                               // a pick's; at its end
+  msgs::PlanPickGoal pick_plan;                        // the last that was asked for
   std::string bricks_frame;
 
  private:
@@ -332,8 +335,11 @@ class MissionWorld {
     make<msgs::PlanPickAction>(
         "plan_pick", "/motion_planning/plan_pick",
         [](const auto& goal) { return "plan_pick " + std::to_string(goal.brick_id); },
-        [](const auto&, bool is_cancelled, auto* result, bool*) {
+        [this](const auto& goal, bool is_cancelled, auto* result, bool*) {
           fill(is_cancelled, msgs::PlanOutcome::CANCELLED, result);
+          pick_plan = goal;
+          result->stow.points.resize(1);
+          result->stow.points[0].positions.assign(6, 0.1 * (goal.brick_id + 1));
         });
     make<msgs::MoveArmAction>(
         "move", "/ur_driver_bridge/move",
@@ -345,6 +351,8 @@ class MissionWorld {
           fillArm(is_cancelled, result);
           if (!is_cancelled) pile.erase(std::remove(pile.begin(), pile.end(), goal.brick_id), pile.end());
           magnet_lag_left_ = magnet_lag;
+          arm_stage.clear();
+          if (!is_cancelled) hand.reset();
         });
     make<msgs::LetGoBrickAction>(
         "let_go", "/ur_driver_bridge/let_go", [](const auto&) { return "let_go"; },
@@ -427,6 +435,7 @@ class MissionWorld {
     array.header.frame_id = bricks_frame;
     array.header.stamp = ros::Time::now();
     for (const int id : pile) {
+      if (hand == id) continue;
       msgs::Brick brick;
       brick.id = id;
       brick.type = "small";
@@ -503,6 +512,8 @@ class MissionWorld {
       state.header.stamp = now;
       state.may_move = !is_held;
       state.phase = arm_phase;
+      state.stage = arm_stage;
+      state.progress = 1.0F;
       state.is_holding = hand.has_value();
       state.is_magnet_on = hand.has_value() || magnet_lag_left_ > 0;
       magnet_lag_left_ = std::max(0, magnet_lag_left_ - 1);

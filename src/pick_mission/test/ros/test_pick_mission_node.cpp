@@ -248,6 +248,51 @@ TEST_F(PickMissionNode, ClearsThePileAndTellsOfIt) {
   EXPECT_EQ(state_.run_folder, folder_.file("run/mission_2")) << "the last one";
 }
 
+TEST_F(PickMissionNode, LooksForTheNextBrickWhileTheArmCarriesOneAway) {
+  setMode("pick", Mode::kHang);
+  startAll();
+  ASSERT_TRUE(untilCalled("pick 0"));
+  const auto carry = [this](int id, const std::string& stage) {
+    world_->with([&] {
+      world_->hand = id;
+      world_->arm_stage = stage;
+    });
+  };
+  carry(0, "lift");
+  const int looks = world_->numOf("detect");
+  carry(0, "stow");
+  ASSERT_TRUE(untilCalled("plan_pick 1"));
+  EXPECT_EQ(world_->numOf("detect"), looks + 1);
+  ASSERT_TRUE(untilState(MissionState::PICK)) << "it waits for the brick to be stowed";
+  EXPECT_EQ(world_->numOf("pick 1"), 0);
+  EXPECT_EQ(state_.bricks_picked, 0u);
+  world_->with([] {
+    EXPECT_EQ(world_->pick_plan.after_let_go, 1);
+    EXPECT_EQ(world_->pick_plan.start, std::vector<double>(6, 0.1)) << "the end of the first";
+  });
+  world_->finish("pick");
+  ASSERT_TRUE(untilCalled("pick 1"));
+  EXPECT_EQ(world_->numOf("detect"), looks + 1) << "the plan is there";
+  EXPECT_TRUE(until([this] { return state_.bricks_picked == 1; }));
+
+  // What goes on beside and what it was begun beside are both ended by a hold.
+  setMode("plan_pick", Mode::kHang);
+  carry(1, "stow");
+  ASSERT_TRUE(untilCalled("plan_pick 2"));
+  EXPECT_TRUE(tell("hold").success);
+  ASSERT_TRUE(untilState(MissionState::HELD));
+  world_->with([] {
+    EXPECT_EQ(world_->times_cancelled["pick"], 1);
+    EXPECT_EQ(world_->times_cancelled["plan_pick"], 1);
+  });
+
+  setMode("plan_pick", Mode::kAnswer);
+  setMode("pick", Mode::kAnswer);
+  EXPECT_TRUE(tell("resume").success);
+  expectEnd(MissionState::NO_BRICK_LEFT, "no pile");
+  EXPECT_EQ(state_.bricks_picked, 4u);
+}
+
 TEST_F(PickMissionNode, DoesNotStartUntilAllIsThereAndSaysWhatIsNot) {
   for (const char* name : {"plan_arm", "drive", "detect"}) world_->stop(name);
   world_->with([] { world_->has_bridge = false; });

@@ -30,11 +30,13 @@ inline Pose2d viewPose(int view) {
   return {kViewRadius_m * std::cos(angle), kViewRadius_m * std::sin(angle), angle + M_PI};
 }
 
-/// With a survey, and a selection only when no brick can be tried here. Most tests are of neither.
+/// With a survey, a selection only when no brick can be tried here, and one action at a time. Most tests are of none of
+/// these.
 inline MissionConfig surveying() {
   MissionConfig config;
   config.survey.x_m = {0.6, 1.2};
   config.survey.y_m = config.survey.yaw_rad = {0.0, 0.0};
+  config.look.while_carrying = false;
   config.views.choose_after_each_pick = false;
   return config;
 }
@@ -71,6 +73,10 @@ class ToyWorld {
     int actions = 0;
     for (const Command& command : commands) {
       if (std::holds_alternative<command::Cancel>(command.body)) {
+        if (carrying && carrying->id == command.id) {
+          running = std::exchange(carrying, std::nullopt);
+          action = State::kPick;
+        }
         EXPECT_TRUE(running && running->id == command.id) << "cancels what does not run";
         is_cancelled = true;
       } else if (std::holds_alternative<command::Hold>(command.body)) {
@@ -79,6 +85,11 @@ class ToyWorld {
         is_held = false;
       } else {
         ++actions;
+        if (command.is_beside_pick && !carrying && action == State::kPick) std::swap(carrying, running);
+        EXPECT_EQ(command.is_beside_pick, carrying.has_value()) << toString(state);
+        // What it looked for beside a pick is dropped when that fails.
+        if (has_carrying_failed) running.reset();
+        has_carrying_failed = false;
         EXPECT_FALSE(running) << toString(state) << " begun while " << toString(action) << " goes on";
         EXPECT_TRUE(ids.insert(command.id).second) << "id " << command.id << " twice";
         running = command;
@@ -96,21 +107,26 @@ class ToyWorld {
     if (std::holds_alternative<command::Drive>(command.body)) {
       EXPECT_FALSE(hand) << "drives with a brick in the hand";
       EXPECT_TRUE(is_arm_folded) << "drives with the arm not folded";
+      EXPECT_FALSE(carrying) << "drives while the arm carries a brick";
     } else if (std::holds_alternative<command::Look>(command.body)) {
-      EXPECT_TRUE(is_arm_clear) << "looks with the arm in the view";
+      EXPECT_TRUE(is_arm_clear || carrying) << "looks with the arm in the view";
       plans.clear();
       looked = true;
     } else if (const auto* arm = std::get_if<command::PlanArm>(&command.body)) {
       if (!arm->place.empty()) stow_place = arm->place;
     } else if (const auto* plan = std::get_if<command::PlanPick>(&command.body)) {
       EXPECT_EQ(used.count(plan->place), 0u) << "plans to lay a brick on another";
-      stow_place = plan->place;
+      EXPECT_FALSE(carrying && plan->place == stow_place) << "plans to lay a brick on the one in the hand";
+      EXPECT_EQ(plan->is_after_pick, carrying.has_value());
+      place_of[command.id] = plan->place;
     } else if (const auto* pick = std::get_if<command::Pick>(&command.body)) {
       EXPECT_EQ(plans.count(pick->plan), 1u) << "picks without a plan made since the last look";
       if (plans.count(pick->plan) > 0) {
         EXPECT_EQ(plans[pick->plan], pick->brick.id) << "picks by another brick's plan";
       }
       EXPECT_FALSE(hand) << "picks with a brick in the hand";
+      EXPECT_FALSE(carrying) << "picks while the arm carries a brick";
+      stow_place = place_of[pick->plan];
       EXPECT_FALSE(brick(pick->brick.id).is_gone && !lost.count(pick->brick.id)) << "picks what it has picked";
       ++picks[pick->brick.id];
     } else if (const auto* move = std::get_if<command::MoveArm>(&command.body)) {
@@ -121,13 +137,20 @@ class ToyWorld {
   ToyBrick& brick(int id) {
     return *std::find_if(bricks.begin(), bricks.end(), [id](const ToyBrick& b) { return b.id == id; });
   }
+  /// From the pile, if only in the hand.
+  bool isAway(const ToyBrick& brick) const {
+    return brick.is_gone || (carrying && std::get<command::Pick>(carrying->body).brick.id == brick.id);
+  }
   bool isCovered(const ToyBrick& brick) const {
     return std::any_of(bricks.begin(), bricks.end(), [&](const ToyBrick& other) {
-      return !other.is_gone && other.view == brick.view && other.layer > brick.layer && other.id != hand;
+      return !isAway(other) && other.view == brick.view && other.layer > brick.layer && other.id != hand;
     });
   }
   int numLeft() const {
     return static_cast<int>(std::count_if(bricks.begin(), bricks.end(), [](const ToyBrick& b) { return !b.is_gone; }));
+  }
+  bool isCleared() const {
+    return std::all_of(bricks.begin(), bricks.end(), [this](const ToyBrick& b) { return isAway(b); });
   }
   Hand handState() const { return hand ? Hand::kHolding : Hand::kEmpty; }
 
@@ -164,8 +187,20 @@ class ToyWorld {
     return reply;
   }
 
+  /// Ends the pick that carries a brick away, beside what runs.
+  event::Reply finishPick(double now_s, const std::optional<Result>& forced) {
+    std::optional<Command> beside = std::exchange(running, std::exchange(carrying, std::nullopt));
+    const State action_beside = std::exchange(action, State::kPick);
+    const event::Reply reply = finish(now_s, forced);
+    has_carrying_failed = !isSuccess(reply.result) && beside;
+    running = std::move(beside);
+    action = action_beside;
+    return reply;
+  }
+
   /// The mission's process dies: what it had begun is cancelled by whoever did it.
   void abandon() {
+    if (carrying) running = std::exchange(carrying, std::nullopt);
     if (!running) return;
     fail(cancelledResult());
     running.reset();
@@ -175,6 +210,9 @@ class ToyWorld {
   std::vector<ToyBrick> bricks;
   std::mt19937 random;
   std::optional<Command> running;
+  std::optional<Command> carrying;  // a pick beside it
+  double carried_until_s{0.0};
+  bool has_carrying_failed{false};
   State action{State::kIdle};
   bool is_cancelled{false};
   bool is_held{false};
@@ -184,6 +222,7 @@ class ToyWorld {
   std::optional<int> hand;
   std::optional<int> view;  // where it stands; nothing: elsewhere
   std::map<std::uint64_t, int> plans;
+  std::map<std::uint64_t, std::string> place_of;  // by plan of a pick
   std::uint64_t arm_plan{0};
   bool looked{false};
   std::set<std::uint64_t> ids;
@@ -195,7 +234,7 @@ class ToyWorld {
   std::map<State, int> commands_of;
   int stowed{0};
   int unloaded{0};             // times
-  std::string stow_place;      // of the last plan that stows
+  std::string stow_place;      // of what was picked last, or planned to be stowed
   std::set<std::string> used;  // places in the container
   bool is_upright{false};      // each brick stands on its end
   std::vector<std::string> reports;
@@ -257,7 +296,7 @@ class ToyWorld {
 
   Result select() const {
     const auto& wanted = std::get<command::SelectView>(running->body);
-    if (numLeft() == 0) return SelectionResult{SelectionStatus::kNoPile, std::nullopt, false};
+    if (isCleared()) return SelectionResult{SelectionStatus::kNoPile, std::nullopt, false};
     std::optional<int> best;
     int most = 0;
     for (int v = 0; v < kNumViews; ++v) {
@@ -267,7 +306,7 @@ class ToyWorld {
                       [&](const command::Zone& zone) { return (zone.center - place).norm() <= zone.radius_m; });
       if (is_excluded) continue;
       const int count = static_cast<int>(
-          std::count_if(bricks.begin(), bricks.end(), [v](const ToyBrick& b) { return !b.is_gone && b.view == v; }));
+          std::count_if(bricks.begin(), bricks.end(), [=](const ToyBrick& b) { return !isAway(b) && b.view == v; }));
       // Staying costs no travel.
       const bool stays = wanted.may_stay && view == v;
       if (count > most || (count > 0 && stays)) {
@@ -356,7 +395,7 @@ class ToyWorld {
   std::vector<SeenBrick> detect() {
     std::vector<SeenBrick> seen;
     for (const ToyBrick& b : bricks) {
-      if (b.is_gone || unseen.count(b.id) > 0) {
+      if (isAway(b) || unseen.count(b.id) > 0) {
         known.erase(b.id);
         continue;
       }
@@ -405,14 +444,21 @@ class ToyMission {
 
   /// Lets what runs end. False: nothing runs.
   bool advance() {
-    if (!world.running) return false;
-    const double end_s = now_s + world.duration();
+    const bool ends_pick = world.carrying && (!world.running || world.carried_until_s <= now_s + world.duration());
+    if (!world.running && !ends_pick) return false;
+    const double end_s = ends_pick ? std::max(now_s, world.carried_until_s) : now_s + world.duration();
     now_s = 0.5 * (now_s + end_s);
     tell(event::Tick{});
+    if (!ends_pick && world.action == State::kPick && !world.is_held && !world.is_cancelled) {
+      tell(event::PileLeft{world.running->id});
+      world.carried_until_s = end_s;
+      if (world.carrying) return true;
+    }
     now_s = end_s;
+    const State ended = ends_pick ? State::kPick : world.action;
     const std::optional<Result> forced =
-        inject && !world.is_cancelled ? inject(world.action, world.commands_of[world.action]) : std::nullopt;
-    tell(world.finish(now_s, forced));
+        inject && !world.is_cancelled ? inject(ended, world.commands_of[ended]) : std::nullopt;
+    tell(ends_pick ? world.finishPick(now_s, forced) : world.finish(now_s, forced));
     if (machine.state() == State::kUnload && unloads) unload();
     return true;
   }
