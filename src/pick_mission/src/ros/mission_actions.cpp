@@ -31,7 +31,7 @@ constexpr char kLog[] = "pick_mission";
 /// What a result is followed by comes on another topic; wall time until it is done without.
 constexpr double kFollowUp_s = 2.0;
 /// Share of the way to the container after which arm and brick hide little of the pile: they began above it.
-constexpr double kAway = 0.4;
+constexpr double kAway = 0.25;
 constexpr double kMagnetLag_s = 0.5;  // ROS time; a driver tells of its outputs at 10 Hz or more
 /// That clocks of two computers, or of two nodes that hear a simulated one, may differ.
 constexpr double kClocksApart_s = 0.5;
