@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -46,6 +47,18 @@ struct BasePlannerConfig {
     f("yaw_tolerance_rad", c.yaw_tolerance_rad, 0.0, 1.0, "rad", "the same of the heading");
   }
 };
+
+/// The straight way to a goal, by its length [m].
+struct ApproachRoom {
+  double free_m{0.0};               // as far back from the goal nothing is met
+  FootprintVerdict blocked;         // what is met beyond
+  std::optional<double> longest_m;  // of at least min_approach_m, from where the path's padding has room; none: no way
+  std::optional<double> turning_m;  // the same, from where the robot can turn on the spot
+};
+
+/// `tight`: the footprint with the padding at the goal; `roomy`: with that of the path.
+ApproachRoom roomToApproach(const FootprintChecker& tight, const FootprintChecker& roomy, const Pose2d& goal_map,
+                            const BasePlannerConfig& config);
 
 enum class BasePlanStatus {
   kSolved,

@@ -33,6 +33,9 @@ class FootprintChecker {
   /// farther than half a cell in between.
   FootprintVerdict check(const BasePath& path, double from_m = 0.0) const;
 
+  /// Whether the circle that the padded footprint sweeps touches free cells only.
+  bool canTurnAt(const Pose2d& T_map_base) const;
+
   /// Distance [m] from a point to the nearest cell that is not free, at least so much; 0 in such a cell.
   double clearance(const Eigen::Vector2d& p_map) const;
 

@@ -167,4 +167,23 @@ double FootprintChecker::circumscribedRadius() const {
   return state_->circumscribed_m;
 }
 
+bool FootprintChecker::canTurnAt(const Pose2d& pose_map) const {
+  const NavigationGrid& cells = grid();
+  const double radius_m = circumscribedRadius();
+  const Eigen::Vector2d p_map = pose_map.position();
+  if (clearance(p_map) > radius_m) return true;
+  // The clearance is a lower bound: the last word have the cells.
+  const Eigen::Vector2i low = cells.cellOf(p_map - Eigen::Vector2d::Constant(radius_m));
+  const Eigen::Vector2i high = cells.cellOf(p_map + Eigen::Vector2d::Constant(radius_m));
+  for (int row = low.y(); row <= high.y(); ++row) {
+    for (int column = low.x(); column <= high.x(); ++column) {
+      if (cells.at(column, row) == SpaceState::kFree) continue;
+      const Eigen::Vector2d beside = (p_map - cells.centerOf(column, row)).cwiseAbs();
+      const Eigen::Vector2d gap = (beside.array() - 0.5 * cells.cell_size_m).max(0.0).matrix();
+      if (gap.norm() <= radius_m) return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace base_navigation

@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <base_navigation/base_planner.h>
 #include <base_navigation/distance_field.h>
 #include <base_navigation/footprint_checker.h>
 #include <interactive_mapping_common/geometry/polygon.h>
@@ -161,7 +162,7 @@ std::vector<Eigen::Vector2d> placesOf(const Segment& segment) {
 
 /// Of a segment whose attributes and utility are known.
 SegmentVerdict verdictOf(const ScoredSegment& scored, const std::vector<ExcludedZone>& excluded,
-                         base_navigation::SpaceState below, const PileOutline& outline) {
+                         base_navigation::SpaceState below, bool has_approach, const PileOutline& outline) {
   const Eigen::Vector2d standing_map = scored.segment.standing_map.position();
   const Eigen::Vector2d midpoint_map = scored.segment.midpoint_map.head<2>();
   const bool is_excluded = std::any_of(excluded.begin(), excluded.end(), [&](const ExcludedZone& zone) {
@@ -170,7 +171,7 @@ SegmentVerdict verdictOf(const ScoredSegment& scored, const std::vector<Excluded
   if (is_excluded) return SegmentVerdict::kExcluded;
   if (below == base_navigation::SpaceState::kOccupied) return SegmentVerdict::kOccupied;
   if (below == base_navigation::SpaceState::kUnknown) return SegmentVerdict::kUnknownGround;
-  if (std::isinf(scored.attributes.distance_m)) return SegmentVerdict::kUnreachable;
+  if (std::isinf(scored.attributes.distance_m) || !has_approach) return SegmentVerdict::kUnreachable;
   // The middle of unseen ground may be elsewhere than what is seen of it.
   const bool faces_middle = scored.kind != SegmentKind::kGround;
   if (faces_middle && outline.isWallBetween(standing_map, midpoint_map)) return SegmentVerdict::kBehindWall;
@@ -189,6 +190,7 @@ struct Scoring {
   const std::optional<ManipulabilityScore>& manipulability;
   const base_navigation::DistanceField& distances;
   const base_navigation::FootprintChecker& standing;
+  const base_navigation::FootprintChecker& driving;
   const PileOutline& outline;
 
   ScoredSegment score(const Segment& segment, SegmentKind kind, const SegmentUncertainty& uncertainty) const {
@@ -203,7 +205,8 @@ struct Scoring {
     }
     if (manipulability) scored.attributes.manipulability = manipulability->at(segment.standing_map);
     setAlong(segment, uncertainty, &scored.attributes);
-    weigh(standing.check(segment.standing_map).state, &scored);
+    const base_navigation::SpaceState below = standing.check(segment.standing_map).state;
+    weigh(below, below == base_navigation::SpaceState::kFree && hasApproach(segment.standing_map), &scored);
     return scored;
   }
 
@@ -219,7 +222,7 @@ struct Scoring {
     if (manipulability) scored.attributes.manipulability = manipulability->at(request.T_map_base);
     if (!(scored.attributes.manipulability > 0.0)) return std::nullopt;
     if (kind != SegmentKind::kImaginary) setAlong(segment, uncertainty, &scored.attributes);
-    weigh(base_navigation::SpaceState::kFree, &scored);
+    weigh(base_navigation::SpaceState::kFree, true, &scored);
     return scored;
   }
 
@@ -269,17 +272,17 @@ struct Scoring {
     scored.segment.standing_map = T_map_base;
     scored.attributes.distance_m = start_m + distances.distance(T_map_base.position());
     scored.attributes.frontier = frontierOfArea(area_m2, config.full_area_m2, utility.of(Factor::kFrontier).logistic);
-    std::optional<base_navigation::SpaceState> below;  // asked for the few that are better
+    std::optional<bool> may_stand;  // asked for the few that are better
     for (std::size_t i = 0; i < areas_m2.size(); ++i) {
       if (areas_m2[i] < least_m2) continue;
       ScoredSegment& other = (*best)[i];
       scored.segment.midpoint_map = other.segment.midpoint_map;
-      weigh(base_navigation::SpaceState::kFree, &scored);
+      weigh(base_navigation::SpaceState::kFree, true, &scored);
       const bool is_first = other.verdict != SegmentVerdict::kCandidate;
       if (scored.verdict != SegmentVerdict::kCandidate) continue;
       if (!is_first && scored.utility.utility <= other.utility.utility) continue;
-      if (!below) below = standing.check(T_map_base).state;
-      if (*below != base_navigation::SpaceState::kFree) return;
+      if (!may_stand) may_stand = standing.isFree(T_map_base) && hasApproach(T_map_base);
+      if (!*may_stand) return;
       other = scored;
     }
   }
@@ -290,11 +293,16 @@ struct Scoring {
     attributes->frontier = uncertainty.frontier;
   }
 
+  /// By the parameters that the base's planner has by default.
+  bool hasApproach(const base_navigation::Pose2d& T_map_base) const {
+    return base_navigation::roomToApproach(standing, driving, T_map_base, {}).longest_m.has_value();
+  }
+
   /// Utility and verdict of what has its attributes.
-  void weigh(base_navigation::SpaceState below, ScoredSegment* scored) const {
+  void weigh(base_navigation::SpaceState below, bool has_approach, ScoredSegment* scored) const {
     const double since_failure_s = request.now_s - failures.lastFailure(placesOf(scored->segment));
     scored->utility = computeUtility(scored->attributes, since_failure_s, utility);
-    scored->verdict = verdictOf(*scored, request.excluded, below, outline);
+    scored->verdict = verdictOf(*scored, request.excluded, below, has_approach, outline);
     if (scored->verdict != SegmentVerdict::kCandidate) scored->utility.utility = 0.0;
   }
 };
@@ -471,11 +479,14 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   const base_navigation::DistanceField distances(*request.ground, request.T_map_base.position(),
                                                  base_navigation::inscribedRadius(robot_.footprint));
   const base_navigation::FootprintChecker standing(request.ground, robot_.footprint, config_.standing_padding_m);
+  const base_navigation::FootprintChecker driving(request.ground, robot_.footprint,
+                                                  base_navigation::BasePlannerConfig().padding_m);
 
-  const Scoring scoring{config_.utility, request.may_stay ? config_.start_m : 0.0,
-                        request,         failures,
-                        manipulability,  distances,
-                        standing,        selection.outline};
+  const Scoring scoring{config_.utility,  request.may_stay ? config_.start_m : 0.0,
+                        request,          failures,
+                        manipulability,   distances,
+                        standing,         driving,
+                        selection.outline};
   std::vector<ScoredSegment> scored_segments;
   const std::optional<std::size_t> ahead = nearestTo(request.T_map_base, segments);
   if (request.may_stay && ahead) {  // first: of equal ones it is preferred

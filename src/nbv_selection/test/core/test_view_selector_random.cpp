@@ -400,10 +400,27 @@ class World {
     // From where something is touched the oracle only knows what cannot be reached.
     const double way = ways.is_start_clear ? wayTo(scored, ways) : scored.attributes.distance_m;
     if (std::isinf(wayTo(scored, ways)) || std::isinf(way)) return SegmentVerdict::kUnreachable;
+    if (!hasApproach(scored.segment.standing_map)) return SegmentVerdict::kUnreachable;
     const bool is_wild =
         scene_.is_wild && std::any_of(scored.segment.samples_map.begin(), scored.segment.samples_map.end(),
                                       [](const Eigen::Vector3d& p) { return p.x() > 0.0; });
     return is_wild ? SegmentVerdict::kBadAttribute : SegmentVerdict::kCandidate;
+  }
+
+  /// Straight to the pose, at least 0.1 m and at most 0.4 m, from where 0.06 m are free about the footprint.
+  bool hasApproach(const Pose2d& standing_map) const {
+    const auto worstBehind = [&](double back_m, double pad_m) {
+      const Eigen::AlignedBox2d padded(Eigen::Vector2d(-0.527 - pad_m, -0.296 - pad_m),
+                                       Eigen::Vector2d(0.296 + pad_m, 0.296 + pad_m));
+      return worstBelow(*request_.ground, padded, base_navigation::moveAlongArc(standing_map, -back_m, 0.0));
+    };
+    for (int i = 1; i <= 8; ++i) {
+      for (int k = 0; k <= 4; ++k) {
+        if (worstBehind(0.05 * (i - 0.25 * k), config_.standing_padding_m) != SpaceState::kFree) return false;
+      }
+      if (i >= 2 && worstBehind(0.05 * i, 0.06) == SpaceState::kFree) return true;
+    }
+    return false;
   }
 
   std::mt19937 engine_;

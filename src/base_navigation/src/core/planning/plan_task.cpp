@@ -33,24 +33,6 @@ bool PlanTask::isFree(const Pose2d& from_map, const Motions& motions) const {
   return !isCancelled() && roomy.check(BasePath{from_map, motions}).isFree();
 }
 
-bool PlanTask::canTurnAt(const Pose2d& pose_map) const {
-  const double radius_m = roomy.circumscribedRadius();
-  const Eigen::Vector2d p_map = pose_map.position();
-  if (roomy.clearance(p_map) > radius_m) return true;
-  // The clearance is a lower bound: the last word have the cells.
-  const Eigen::Vector2i low = grid.cellOf(p_map - Eigen::Vector2d::Constant(radius_m));
-  const Eigen::Vector2i high = grid.cellOf(p_map + Eigen::Vector2d::Constant(radius_m));
-  for (int row = low.y(); row <= high.y(); ++row) {
-    for (int column = low.x(); column <= high.x(); ++column) {
-      if (grid.at(column, row) == SpaceState::kFree) continue;
-      const Eigen::Vector2d beside = (p_map - grid.centerOf(column, row)).cwiseAbs();
-      const Eigen::Vector2d gap = (beside.array() - 0.5 * grid.cell_size_m).max(0.0).matrix();
-      if (gap.norm() <= radius_m) return false;
-    }
-  }
-  return true;
-}
-
 std::string text(const FootprintVerdict& verdict) {
   return std::string(verdict.state == SpaceState::kOccupied ? "occupied" : "unknown") + " ground at " +
          text(verdict.where_map);

@@ -46,8 +46,6 @@ struct PlanTask {
   /// With the padding of the way between the ends.
   bool isFree(const Pose2d& pose_map) const;
   bool isFree(const Pose2d& from_map, const Motions& motions) const;
-  /// Whether the circle that the padded footprint sweeps touches free cells only.
-  bool canTurnAt(const Pose2d& pose_map) const;
 
   const BasePlannerConfig& config;
   const MotionLimits& limits;

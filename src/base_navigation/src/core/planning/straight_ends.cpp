@@ -36,35 +36,36 @@ std::optional<double> tightLength(const PlanTask& task, int direction) {
   return std::nullopt;
 }
 
+ApproachRoom roomToApproach(const FootprintChecker& tight, const FootprintChecker& roomy, const Pose2d& goal_map,
+                            const BasePlannerConfig& config) {
+  ApproachRoom room;
+  for (int i = 1; room.free_m < config.approach_m; ++i) {
+    const double length_m = std::min(i * kStep_m, config.approach_m);
+    const Pose2d begin = moveAlongArc(goal_map, -length_m, 0.0);
+    room.blocked = tight.check(BasePath{begin, {{length_m, 0.0}}});
+    if (!room.blocked.isFree()) break;
+    room.free_m = length_m;
+    if (length_m < config.min_approach_m - kNothing || !roomy.isFree(begin)) continue;
+    room.longest_m = length_m;
+    if (roomy.canTurnAt(begin)) room.turning_m = length_m;
+  }
+  return room;
+}
+
 Result<Approach> findApproach(const PlanTask& task) {
   const BasePlannerConfig& config = task.config;
-  FootprintVerdict blocked;
-  std::optional<double> standing_m;
-  std::optional<double> turning_m;
-  double free_m = 0.0;
-  for (int i = 1;; ++i) {
-    const double length_m = std::min(i * kStep_m, config.approach_m);
-    const Pose2d begin = moveAlongArc(task.goal_map, -length_m, 0.0);
-    blocked = task.tight.check(BasePath{begin, {{length_m, 0.0}}});
-    if (!blocked.isFree()) break;
-    free_m = length_m;
-    if (length_m >= config.min_approach_m - kNothing && task.roomy.isFree(begin)) {
-      standing_m = length_m;
-      if (task.canTurnAt(begin)) turning_m = length_m;
-    }
-    if (length_m >= config.approach_m) break;
-  }
-  if (standing_m) {
-    const double length_m = turning_m.value_or(*standing_m);
+  const ApproachRoom room = roomToApproach(task.tight, task.roomy, task.goal_map, config);
+  if (room.longest_m) {
+    const double length_m = room.turning_m.value_or(*room.longest_m);
     return Approach{length_m, moveAlongArc(task.goal_map, -length_m, 0.0)};
   }
   std::string message = "no straight approach to the goal " + text(task.goal_map.position()) + ": ";
-  if (free_m < config.min_approach_m - kNothing) {
-    message += "its last " + text(config.min_approach_m) + " m meet " + text(blocked);
+  if (room.free_m < config.min_approach_m - kNothing) {
+    message += "its last " + text(config.min_approach_m) + " m meet " + text(room.blocked);
   } else {
-    const Pose2d begin = moveAlongArc(task.goal_map, -free_m, 0.0);
-    message += text(free_m) + " m before it the footprint with its padding of " + text(config.padding_m) + " m meets " +
-               text(task.roomy.check(begin));
+    const Pose2d begin = moveAlongArc(task.goal_map, -room.free_m, 0.0);
+    message += text(room.free_m) + " m before it the footprint with its padding of " + text(config.padding_m) +
+               " m meets " + text(task.roomy.check(begin));
   }
   return PlanFailure{BasePlanStatus::kNoApproach, std::move(message)};
 }
@@ -82,7 +83,7 @@ Result<std::vector<Launch>> findLaunches(const PlanTask& task) {
       const Pose2d before = moveAlongArc(task.start_map, direction * std::max(*tight_m, length_m - kStep_m), 0.0);
       if (!task.isFree(before, {{direction * away_m(before, pose), 0.0}})) break;
       if (length_m == *tight_m) standing.push_back({direction * length_m, *tight_m, pose});
-      if (!task.canTurnAt(pose)) continue;
+      if (!task.roomy.canTurnAt(pose)) continue;
       launches.push_back({direction * length_m, *tight_m, pose});
       break;
     }
