@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
 #include <thread>
 
 #include <geometry_msgs/Twist.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
@@ -30,6 +30,7 @@ using base_navigation::NavigationPhase;
 using base_navigation::NavigationStatus;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::DrivingDistances;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
@@ -47,13 +48,6 @@ constexpr double kMaxOrigin_m =
 constexpr double kMaxSilence_s = 3.0;  // wall time without a step, after which the diagnostics complain
 constexpr std::size_t kMaxDistancePoses = 100000;
 constexpr std::chrono::microseconds kPollPeriod(500);
-
-template <typename... Values>
-std::string formatted(const char* format, Values... values) {
-  char text[512];
-  std::snprintf(text, sizeof(text), format, values...);
-  return text;
-}
 
 double toSec(const ros::Time& stamp) {
   return stamp.isZero() ? -1.0 : stamp.toSec();

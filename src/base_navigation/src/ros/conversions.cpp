@@ -2,8 +2,8 @@
 #include "base_navigation_ros/conversions.h"
 
 #include <cmath>
-#include <cstdio>
 
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 
 namespace base_navigation_ros {
@@ -13,18 +13,12 @@ using base_navigation::NavigationGrid;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
 using base_navigation::SpaceState;
+using interactive_mapping::formatted;
 
 constexpr std::size_t kMaxBeams = 10000;
 constexpr double kMaxScannerTilt_rad = 0.087;
 constexpr double kMinTellingShare = 0.25;  // drivers mask beams that look at the robot: a third at most
 constexpr double kMaxCells = 1.6e7;
-
-template <typename... Values>
-std::string formatted(const char* format, Values... values) {
-  char text[256];
-  std::snprintf(text, sizeof(text), format, values...);
-  return text;
-}
 
 }  // namespace
 

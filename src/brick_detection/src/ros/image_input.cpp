@@ -3,28 +3,23 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <exception>
 #include <limits>
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common/formatted.h>
 #include <tf2/exceptions.h>
 
 namespace brick_detection_ros {
 namespace {
 
 using depth_camera_ros::CameraPoseSource;
+using interactive_mapping::formatted;
 using interactive_mapping_ros::withoutSlash;
 
 /// More than a camera sends while a colour image waits for tf.
 constexpr std::size_t kNumDepths = 30;
-
-std::string seconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.3f s", value);
-  return text;
-}
 
 std::chrono::steady_clock::duration toSteady(double duration_s) {
   return std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(duration_s));
@@ -305,8 +300,8 @@ ImageInput::Depth ImageInput::waitForDepth(const ros::Time& stamp, SteadyTime de
   changed_.wait_until(lock, deadline, isDecided);
   if (nearest && offset_s <= params_.max_depth_offset_s) return {nearest, ""};
   if (!nearest) return {nullptr, "no depth image on " + depth_subscriber_.getTopic()};
-  return {nullptr, "no depth image within " + seconds(params_.max_depth_offset_s) +
-                       " (max_depth_offset_s), the nearest is off by " + seconds(offset_s)};
+  return {nullptr, "no depth image within " + formatted("%.3f s", params_.max_depth_offset_s) +
+                       " (max_depth_offset_s), the nearest is off by " + formatted("%.3f s", offset_s)};
 }
 
 /// Drivers name the frame of a registered depth image as they like; the camera's centre is then the colour camera's.

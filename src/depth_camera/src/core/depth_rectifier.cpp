@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
 
+#include <interactive_mapping_common/formatted.h>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 
@@ -125,12 +125,10 @@ double oneToOneBearing(const CameraModel& raw, const Projection& project) {
   }
   const auto inside = std::find_if(last.begin(), last.end(), [&](const auto& pixel) { return isInside(raw, pixel); });
   if (radius == kMaxBearing || inside == last.end()) return radius;
-  char text[200];
-  std::snprintf(text, sizeof(text),
-                "D is not one to one inside the image: it turns back %.1f deg from the axis, at pixel (%.0f, %.0f); "
-                "calibrate again",
-                std::atan(radius) * 180.0 / CV_PI, inside->x, inside->y);
-  throw std::invalid_argument(text);
+  throw std::invalid_argument(interactive_mapping::formatted(
+      "D is not one to one inside the image: it turns back %.1f deg from the axis, at pixel (%.0f, %.0f); "
+      "calibrate again",
+      std::atan(radius) * 180.0 / CV_PI, inside->x, inside->y));
 }
 
 }  // namespace

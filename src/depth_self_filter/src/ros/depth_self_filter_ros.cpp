@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth_self_filter_ros/depth_self_filter_ros.h"
 
-#include <cstdio>
 #include <exception>
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
@@ -16,6 +16,7 @@ using depth_camera_ros::CameraPoseSource;
 using depth_camera_ros::Refusal;
 using depth_self_filter::JointHistory;
 using diagnostic_msgs::DiagnosticStatus;
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::SelfFilterUpdate;
 using interactive_mapping_ros::withoutSlash;
 using mp700_ur5e_description::RobotModel;
@@ -27,12 +28,6 @@ constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no
 
 std::string sizeText(int width, int height) {
   return std::to_string(width) + " x " + std::to_string(height) + " px";
-}
-
-std::string seconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.3f s", value);
-  return text;
 }
 
 std::shared_ptr<const RobotModel> loadRobot(const ros::NodeHandle& nh) {
@@ -241,7 +236,7 @@ JointHistory::Answer DepthSelfFilterRos::waitForJoints(double stamp_s, SteadyTim
     return is_stopping_ || !may_come;
   });
   if (answer.verdict == JointHistory::Verdict::kNotYet) {
-    answer.message += "; waited " + seconds(params_.input.wait_s) + " (wait_s)";
+    answer.message += "; waited " + formatted("%.3f s", params_.input.wait_s) + " (wait_s)";
   }
   if (answer.verdict != JointHistory::Verdict::kKnown && !counters_.last_bad_joint_states.empty()) {
     answer.message += "; " + std::to_string(counters_.bad_joint_states) +
@@ -329,7 +324,7 @@ void DepthSelfFilterRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapp
     status.summary(DiagnosticStatus::WARN, "no image on " + image_subscriber_.getTopic() + " yet");
   } else if ((now - *counters.last_image).toSec() > kSilence_s) {
     status.summary(DiagnosticStatus::WARN, "no image on " + image_subscriber_.getTopic() + " for " +
-                                               seconds((now - *counters.last_image).toSec()));
+                                               formatted("%.3f s", (now - *counters.last_image).toSec()));
   } else if (!counters.last_accepted || (now - *counters.last_accepted).toSec() > kSilence_s) {
     status.summary(DiagnosticStatus::ERROR, "every image is dropped: " + counters.last_drop);
   } else {

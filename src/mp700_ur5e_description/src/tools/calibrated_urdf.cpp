@@ -9,6 +9,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include <interactive_mapping_common/formatted.h>
+
 #include "mp700_ur5e_description/arm_calibration.h"
 #include "mp700_ur5e_description/camera_calibration.h"
 
@@ -31,10 +33,8 @@ std::string outputFor(const std::string& urdf, const std::string& what, const st
   if (what == "--arm") return calibratedUrdf(urdf, loadArmCalibration(path));
   if (what != "--compare") return calibratedUrdf(urdf, loadCameraCalibration(path));
   const ArmDifference difference = differenceOf(urdf, loadArmCalibration(path));
-  char text[120];
-  std::snprintf(text, sizeof(text), "mean_mm: %.3f\nworst_mm: %.3f\nworst_deg: %.4f\n", 1e3 * difference.mean_m,
-                1e3 * difference.worst_m, difference.worst_rad * 180.0 / M_PI);
-  return text;
+  return interactive_mapping::formatted("mean_mm: %.3f\nworst_mm: %.3f\nworst_deg: %.4f\n", 1e3 * difference.mean_m,
+                                        1e3 * difference.worst_m, difference.worst_rad * 180.0 / M_PI);
 }
 
 }  // namespace

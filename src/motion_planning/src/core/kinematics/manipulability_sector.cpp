@@ -12,6 +12,7 @@
 
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/formatted.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <yaml-cpp/yaml.h>
 
@@ -178,9 +179,7 @@ CellBox largestBox(const ReachGrid& grid, double min_fill, double max_half_angle
 }
 
 std::string text(double value) {
-  std::ostringstream out;
-  out << std::setprecision(3) << value;
-  return out.str();
+  return interactive_mapping::formatted("%.3g", value);
 }
 
 std::string between(const std::string& what, double value, double low, double high, const std::string& unit) {
