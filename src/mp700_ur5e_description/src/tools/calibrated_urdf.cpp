@@ -5,10 +5,8 @@
 #include <cstdio>
 #include <cstring>
 #include <exception>
-#include <fstream>
-#include <sstream>
-#include <stdexcept>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <interactive_mapping_common/formatted.h>
 
 #include "mp700_ur5e_description/arm_calibration.h"
@@ -20,13 +18,6 @@ constexpr char kUsage[] =
     "usage: calibrated_urdf <robot.urdf> <camera_calibration.yaml>       the camera's measured mount\n"
     "       calibrated_urdf <robot.urdf> --arm <ur_calibration.yaml>     the arm's own kinematics\n"
     "       calibrated_urdf <robot.urdf> --compare <ur_calibration.yaml> how far the tip is off without them\n";
-
-std::string textOf(const std::string& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  if (!(text << file.rdbuf())) throw std::invalid_argument("cannot read " + path);
-  return text.str();
-}
 
 std::string outputFor(const std::string& urdf, const std::string& what, const std::string& path) {
   using namespace mp700_ur5e_description;
@@ -46,7 +37,8 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const std::string output = outputFor(textOf(argv[1]), is_arm ? argv[2] : "", argv[argc - 1]);
+    const std::string output =
+        outputFor(interactive_mapping::readTextFile(argv[1]), is_arm ? argv[2] : "", argv[argc - 1]);
     return std::fputs(output.c_str(), stdout) < 0 || std::fflush(stdout) != 0 ? 1 : 0;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "calibrated_urdf: %s\n", error.what());
