@@ -202,7 +202,7 @@ void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, b
   Update& update = record.update;
   update.header.stamp = stamp;
   update.header.frame_id = params_.input.map_frame;
-  update.status = static_cast<std::uint8_t>(toUpdateStatus(refusal.status));
+  update.status = static_cast<std::uint8_t>(depth_camera_ros::statusOf<DetectionUpdateStatus>(refusal.status));
   update.message = refusal.message;
   {
     const std::lock_guard<std::mutex> lock(detector_mutex_);

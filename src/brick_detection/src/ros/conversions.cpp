@@ -31,41 +31,6 @@ std::size_t bytesPerPixel(const std::string& encoding) {
 
 }  // namespace
 
-DetectionUpdateStatus toUpdateStatus(FrameStatus status) {
-  switch (status) {
-    case FrameStatus::kAccepted:
-      return DetectionUpdateStatus::kAccepted;
-    case FrameStatus::kWrongEncoding:
-      return DetectionUpdateStatus::kWrongEncoding;
-    case FrameStatus::kMalformedImage:
-      return DetectionUpdateStatus::kMalformedImage;
-    case FrameStatus::kSizeMismatch:
-      return DetectionUpdateStatus::kSizeMismatch;
-    case FrameStatus::kBadCameraInfo:
-      return DetectionUpdateStatus::kBadCameraInfo;
-    case FrameStatus::kNoCameraInfo:
-      return DetectionUpdateStatus::kNoCameraInfo;
-    case FrameStatus::kNoTransform:
-      return DetectionUpdateStatus::kNoTransform;
-    case FrameStatus::kBadTransform:
-      return DetectionUpdateStatus::kBadTransform;
-    case FrameStatus::kPoseJump:
-      return DetectionUpdateStatus::kPoseJump;
-    case FrameStatus::kTimeRanBack:
-      return DetectionUpdateStatus::kTimeRanBack;
-    case FrameStatus::kStampInFuture:
-      return DetectionUpdateStatus::kStampInFuture;
-    case FrameStatus::kNothingMeasured:
-    case FrameStatus::kRefusedByMap:
-      break;
-  }
-  return DetectionUpdateStatus::kFailed;
-}
-
-std::string sizeText(std::uint64_t width_px, std::uint64_t height_px) {
-  return std::to_string(width_px) + " x " + std::to_string(height_px) + " px";
-}
-
 std::optional<cv::Mat> toColorImage(const sensor_msgs::Image& message, Refusal* refusal) {
   const std::size_t pixel_bytes = bytesPerPixel(message.encoding);
   if (pixel_bytes == 0) {
