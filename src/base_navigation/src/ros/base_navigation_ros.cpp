@@ -271,10 +271,10 @@ void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goa
   outcome.goal_id = goal.getGoalID().id;
   outcome.status = static_cast<std::uint8_t>(status);
   outcome.message = message;
-  outcome.goal = toPoseMessage(goal_map);
+  outcome.goal = toPose(goal_map);
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
-    outcome.base = toPoseMessage(T_map_base_.value_or(kNoPose));
+    outcome.base = toPose(T_map_base_.value_or(kNoPose));
     ++outcomes_[toString(status)];
     if (status != NavigationStatus::kSuccess) {
       last_failure_ = std::string(toString(status)) + ": " + message;
@@ -621,7 +621,7 @@ void BaseNavigationRos::publish(const NavigationOutput& output, const ros::Time&
   if (T_map_base && current_ && isDue(&feedback_published_, kShowPeriod_s)) {
     move_base_msgs::MoveBaseFeedback feedback;
     feedback.base_position.header = header;
-    feedback.base_position.pose = toPoseMessage(*T_map_base);
+    feedback.base_position.pose = toPose(*T_map_base);
     current_->publishFeedback(feedback);
   }
 
@@ -764,7 +764,7 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
     if (response.plan.poses.empty()) {  // there already; no poses would say that there is no way
       geometry_msgs::PoseStamped pose;
       pose.header = header;
-      pose.pose = toPoseMessage(plan.path.start);
+      pose.pose = toPose(plan.path.start);
       response.plan.poses.push_back(pose);
     }
   } else {
