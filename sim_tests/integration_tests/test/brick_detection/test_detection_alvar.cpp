@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Markers of ar_track_alvar instead of images.
 #include <ar_track_alvar_msgs/AlvarMarkers.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <std_srvs/Trigger.h>
 
 #include "brick_camera.h"
@@ -38,18 +39,8 @@ class DetectionAlvar : public testing::Test {
     const Eigen::Isometry3d T = T_map_camera_.inverse() * T_map_brick * mp700_ur5e_description::tagPose(type, face);
     AlvarMarker marker;
     marker.id = static_cast<std::uint32_t>(catalogue_.tagId(brick_id, face));
-    marker.pose.pose = toPoseMessage(T);
+    marker.pose.pose = interactive_mapping_ros::toPose(T);
     return marker;
-  }
-
-  static geometry_msgs::Pose toPoseMessage(const Eigen::Isometry3d& T) {
-    const geometry_msgs::TransformStamped transform = toTransformMessage(T);
-    geometry_msgs::Pose pose;
-    pose.position.x = transform.transform.translation.x;
-    pose.position.y = transform.transform.translation.y;
-    pose.position.z = transform.transform.translation.z;
-    pose.orientation = transform.transform.rotation;
-    return pose;
   }
 
   /// The header is in each marker; that of the message stays empty, as ar_track_alvar has it.

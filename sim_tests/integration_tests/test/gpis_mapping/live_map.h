@@ -19,6 +19,7 @@
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 #include <std_srvs/Trigger.h>
+#include <synthetic_depth_ros/camera_info.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "support/await_update.h"
@@ -48,18 +49,6 @@ inline sensor_msgs::Image toImage(const cv::Mat& depth_m, const std::string& enc
   return image;
 }
 
-inline sensor_msgs::CameraInfo toInfo(const synthetic_depth::CameraModel& camera) {
-  sensor_msgs::CameraInfo info;
-  info.width = static_cast<std::uint32_t>(camera.width_px);
-  info.height = static_cast<std::uint32_t>(camera.height_px);
-  info.distortion_model = "plumb_bob";
-  info.D.assign(5, 0.0);
-  info.K = {camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0};
-  info.R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-  info.P = {camera.fx_px, 0.0, camera.cx_px, 0.0, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0};
-  return info;
-}
-
 inline geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_map_camera) {
   const Eigen::Quaterniond q(T_map_camera.linear());
   geometry_msgs::TransformStamped transform;
@@ -87,8 +76,8 @@ struct LiveFrame {
 };
 
 inline LiveFrame toLiveFrame(const Scene& scene, int frame, const std::string& encoding = "32FC1") {
-  LiveFrame live{toImage(synthetic_depth::measureDepth(scene, frame), encoding), toInfo(scene.camera),
-                 toTransform(scene.cameraInMap(frame))};
+  LiveFrame live{toImage(synthetic_depth::measureDepth(scene, frame), encoding),
+                 synthetic_depth_ros::cameraInfo(scene.camera, ""), toTransform(scene.cameraInMap(frame))};
   live.setCameraFrame("camera_depth_optical_frame");
   return live;
 }

@@ -4,14 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 #include <tuple>
 
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/formatted.h>
 
 #include "simulated_world/field_section.h"
 #include "simulated_world/world_observation.h"
@@ -118,9 +117,8 @@ struct Load {
   const char* unit;
 
   std::string describe() const {
-    char text[128];
-    std::snprintf(text, sizeof text, "%s of %.2f %s, held are %.2f %s", name, value, unit, std::max(0.0, held), unit);
-    return text;
+    return interactive_mapping::formatted("%s of %.2f %s, held are %.2f %s", name, value, unit, std::max(0.0, held),
+                                          unit);
   }
 };
 

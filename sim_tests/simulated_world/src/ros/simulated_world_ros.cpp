@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
 #include <utility>
@@ -12,6 +11,7 @@
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/TwistStamped.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/PickBrickActionGoal.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
@@ -250,9 +250,7 @@ ros::Time SimulatedWorldRos::stamp() const {
 }
 
 std::string SimulatedWorldRos::digestText() const {
-  char text[17];
-  std::snprintf(text, sizeof text, "%016lx", static_cast<unsigned long>(simulation_.digest()));
-  return text;
+  return interactive_mapping::formatted("%016lx", static_cast<unsigned long>(simulation_.digest()));
 }
 
 void SimulatedWorldRos::run() {
@@ -596,9 +594,7 @@ void SimulatedWorldRos::publishDiagnostics() {
   const auto add = [&status](const char* key, double value) {
     diagnostic_msgs::KeyValue entry;
     entry.key = key;
-    char text[32];
-    std::snprintf(text, sizeof text, "%.3f", value);
-    entry.value = text;
+    entry.value = interactive_mapping::formatted("%.3f", value);
     status.values.push_back(entry);
   };
   add("simulated time [s]", simulation_.now());

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <fstream>
 #include <iomanip>
 #include <limits>
@@ -13,6 +12,7 @@
 #include <stdexcept>
 
 #include <boost/filesystem.hpp>
+#include <interactive_mapping_common/formatted.h>
 #include <opencv2/imgcodecs.hpp>
 #include <yaml-cpp/yaml.h>
 
@@ -40,9 +40,7 @@ void closeChecked(std::ofstream& file, const boost::filesystem::path& path) {
 }
 
 std::string frameName(int frame) {
-  char name[32];
-  std::snprintf(name, sizeof(name), "depth/%06d.png", frame);
-  return name;
+  return interactive_mapping::formatted("depth/%06d.png", frame);
 }
 
 void writeStamp(std::ostream& out, double stamp_s) {

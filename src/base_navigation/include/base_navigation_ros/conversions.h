@@ -7,6 +7,7 @@
 
 #include <Eigen/Geometry>
 #include <geometry_msgs/Pose.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Path.h>
 #include <sensor_msgs/LaserScan.h>
@@ -17,10 +18,9 @@
 
 namespace base_navigation_ros {
 
-geometry_msgs::Pose toPoseMessage(const base_navigation::Pose2d& pose);
+using interactive_mapping_ros::toPlane;
+using interactive_mapping_ros::toPose;
 
-/// Seen from above; the tilt is lost.
-base_navigation::Pose2d toPlane(const Eigen::Isometry3d& T);
 /// Angle between the z axis of `T` and upright.
 double tilt(const Eigen::Isometry3d& T);
 

@@ -1,19 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <iomanip>
-#include <sstream>
 #include <string>
 
 #include <Eigen/Core>
+#include <interactive_mapping_common/formatted.h>
 
 /// Numbers as messages show them.
 namespace base_navigation {
 
 inline std::string text(double value, int digits = 2) {
-  std::ostringstream out;
-  out << std::fixed << std::setprecision(digits) << value;
-  return out.str();
+  return interactive_mapping::formatted("%.*f", digits, value);
 }
 
 inline std::string text(const Eigen::Vector2d& p_map) {

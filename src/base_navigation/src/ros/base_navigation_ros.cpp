@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
 #include <thread>
 
 #include <geometry_msgs/Twist.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
@@ -30,6 +30,7 @@ using base_navigation::NavigationPhase;
 using base_navigation::NavigationStatus;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::DrivingDistances;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
@@ -47,13 +48,6 @@ constexpr double kMaxOrigin_m =
 constexpr double kMaxSilence_s = 3.0;  // wall time without a step, after which the diagnostics complain
 constexpr std::size_t kMaxDistancePoses = 100000;
 constexpr std::chrono::microseconds kPollPeriod(500);
-
-template <typename... Values>
-std::string formatted(const char* format, Values... values) {
-  char text[512];
-  std::snprintf(text, sizeof(text), format, values...);
-  return text;
-}
 
 double toSec(const ros::Time& stamp) {
   return stamp.isZero() ? -1.0 : stamp.toSec();
@@ -277,10 +271,10 @@ void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goa
   outcome.goal_id = goal.getGoalID().id;
   outcome.status = static_cast<std::uint8_t>(status);
   outcome.message = message;
-  outcome.goal = toPoseMessage(goal_map);
+  outcome.goal = toPose(goal_map);
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
-    outcome.base = toPoseMessage(T_map_base_.value_or(kNoPose));
+    outcome.base = toPose(T_map_base_.value_or(kNoPose));
     ++outcomes_[toString(status)];
     if (status != NavigationStatus::kSuccess) {
       last_failure_ = std::string(toString(status)) + ": " + message;
@@ -627,7 +621,7 @@ void BaseNavigationRos::publish(const NavigationOutput& output, const ros::Time&
   if (T_map_base && current_ && isDue(&feedback_published_, kShowPeriod_s)) {
     move_base_msgs::MoveBaseFeedback feedback;
     feedback.base_position.header = header;
-    feedback.base_position.pose = toPoseMessage(*T_map_base);
+    feedback.base_position.pose = toPose(*T_map_base);
     current_->publishFeedback(feedback);
   }
 
@@ -770,7 +764,7 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
     if (response.plan.poses.empty()) {  // there already; no poses would say that there is no way
       geometry_msgs::PoseStamped pose;
       pose.header = header;
-      pose.pose = toPoseMessage(plan.path.start);
+      pose.pose = toPose(plan.path.start);
       response.plan.poses.push_back(pose);
     }
   } else {

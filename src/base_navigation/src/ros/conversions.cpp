@@ -2,9 +2,8 @@
 #include "base_navigation_ros/conversions.h"
 
 #include <cmath>
-#include <cstdio>
 
-#include <interactive_mapping_common_ros/poses.h>
+#include <interactive_mapping_common/formatted.h>
 
 namespace base_navigation_ros {
 namespace {
@@ -13,33 +12,14 @@ using base_navigation::NavigationGrid;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
 using base_navigation::SpaceState;
+using interactive_mapping::formatted;
 
 constexpr std::size_t kMaxBeams = 10000;
 constexpr double kMaxScannerTilt_rad = 0.087;
 constexpr double kMinTellingShare = 0.25;  // drivers mask beams that look at the robot: a third at most
 constexpr double kMaxCells = 1.6e7;
 
-template <typename... Values>
-std::string formatted(const char* format, Values... values) {
-  char text[256];
-  std::snprintf(text, sizeof(text), format, values...);
-  return text;
-}
-
 }  // namespace
-
-geometry_msgs::Pose toPoseMessage(const Pose2d& pose) {
-  geometry_msgs::Pose message;
-  message.position.x = pose.x_m;
-  message.position.y = pose.y_m;
-  message.orientation.z = std::sin(0.5 * pose.yaw_rad);
-  message.orientation.w = std::cos(0.5 * pose.yaw_rad);
-  return message;
-}
-
-Pose2d toPlane(const Eigen::Isometry3d& T) {
-  return {T.translation().x(), T.translation().y(), std::atan2(T.linear()(1, 0), T.linear()(0, 0))};
-}
 
 double tilt(const Eigen::Isometry3d& T) {
   return std::atan2(T.linear().col(2).head<2>().norm(), T.linear()(2, 2));
@@ -86,7 +66,7 @@ nav_msgs::OccupancyGrid toMessage(const NavigationGrid& grid, const std_msgs::He
   message.info.resolution = static_cast<float>(grid.cell_size_m);
   message.info.width = static_cast<std::uint32_t>(grid.width);
   message.info.height = static_cast<std::uint32_t>(grid.height);
-  message.info.origin = toPoseMessage({grid.origin_m.x(), grid.origin_m.y(), 0.0});
+  message.info.origin = toPose(Pose2d{grid.origin_m.x(), grid.origin_m.y(), 0.0});
   message.data.reserve(grid.state.size());
   for (const SpaceState state : grid.state) {
     message.data.push_back(state == SpaceState::kOccupied ? 100 : state == SpaceState::kFree ? 0 : -1);
@@ -142,7 +122,7 @@ nav_msgs::Path toMessage(const base_navigation::BasePath& path, double step_m, c
   for (const auto& sample : path.sample(step_m, 0.3)) {
     geometry_msgs::PoseStamped pose;
     pose.header = header;
-    pose.pose = toPoseMessage(sample.pose);
+    pose.pose = toPose(sample.pose);
     message.poses.push_back(pose);
   }
   return message;

@@ -25,7 +25,7 @@ nav_msgs::OccupancyGrid twoByThree() {
   message.info.resolution = 0.05F;
   message.info.width = 3;
   message.info.height = 2;
-  message.info.origin = toPoseMessage({1.0, -2.0, 0.0});
+  message.info.origin = toPose(Pose2d{1.0, -2.0, 0.0});
   message.data = {0, 100, -1, 64, 65, 101};
   return message;
 }
@@ -60,7 +60,7 @@ TEST(NavigationConversions, GridsThatDoNotFitTogetherAreRefused) {
   message.info.resolution = kNan;
   EXPECT_THAT(refusal(message), HasSubstr("resolution"));
   message = twoByThree();
-  message.info.origin = toPoseMessage({1.0, -2.0, 0.3});
+  message.info.origin = toPose(Pose2d{1.0, -2.0, 0.3});
   EXPECT_THAT(refusal(message), HasSubstr("turned against its frame"));
   message = twoByThree();
   message.info.width = message.info.height = 100000;
@@ -169,7 +169,7 @@ TEST(NavigationConversions, ScansThatCannotBeAreRefused) {
 
 TEST(NavigationConversions, PosesKeepTheirHeading) {
   for (const double yaw_rad : {0.0, 1.0, -3.0}) {
-    const auto T = interactive_mapping_ros::toIsometry(toPoseMessage({1.0, 2.0, yaw_rad}));
+    const auto T = interactive_mapping_ros::toIsometry(toPose(Pose2d{1.0, 2.0, yaw_rad}));
     ASSERT_TRUE(T);
     EXPECT_NEAR(toPlane(*T).yaw_rad, yaw_rad, 1e-12);
     EXPECT_NEAR(tilt(*T), 0.0, 1e-12);

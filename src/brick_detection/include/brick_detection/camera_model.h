@@ -5,16 +5,11 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <depth_camera/distortion.h>
 
 namespace brick_detection {
 
-/// Lens distortion by OpenCV's formulas, under the names of sensor_msgs/CameraInfo.
-enum class Distortion {
-  kNone,
-  kPlumbBob,            ///< k1 k2 p1 p2 [k3]
-  kRationalPolynomial,  ///< k1 k2 p1 p2 k3 k4 k5 k6 [s1 s2 s3 s4 [tx ty]]
-  kEquidistant          ///< fisheye: k1 k2 k3 k4
-};
+using depth_camera::Distortion;
 
 /// Camera with the optical frame of REP-103 (z forward, x right, y down). Pixel centres are at integers.
 struct CameraModel {

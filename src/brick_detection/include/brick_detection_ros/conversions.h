@@ -24,13 +24,8 @@ namespace brick_detection_ros {
 
 using depth_camera_ros::FrameStatus;
 using depth_camera_ros::Refusal;
+using depth_camera_ros::sizeText;
 using interactive_mapping::DetectionUpdateStatus;
-
-/// What a depth image alone can be refused for, and errors within, are kFailed.
-DetectionUpdateStatus toUpdateStatus(FrameStatus status);
-
-/// "800 x 600 px".
-std::string sizeText(std::uint64_t width_px, std::uint64_t height_px);
 
 /// CV_8UC3 (blue, green, red) from rgb8, bgr8, rgba8, bgra8 and Bayer patterns, CV_8UC1 from mono8. A copy. Nothing, and
 /// the reason, for another encoding and when step, size and data do not fit together.

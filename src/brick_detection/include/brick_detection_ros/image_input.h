@@ -3,24 +3,20 @@
 
 #include <array>
 #include <chrono>
-#include <condition_variable>
 #include <cstdint>
 #include <deque>
 #include <functional>
-#include <mutex>
 #include <optional>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include <Eigen/Geometry>
 #include <ar_track_alvar_msgs/AlvarMarkers.h>
-#include <depth_camera_ros/camera_pose_source.h>
+#include <depth_camera_ros/image_worker.h>
 #include <image_transport/image_transport.h>
 #include <interactive_mapping_common/config/schema.h>
 #include <opencv2/core.hpp>
 #include <ros/node_handle.h>
-#include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
 #include "brick_detection/camera_model.h"
@@ -84,12 +80,19 @@ struct ImageInputCounters {
   depth_camera_ros::CameraPoseCounters pose;
 };
 
+/// An image, or else markers, as they came.
+struct WaitingImage {
+  sensor_msgs::ImageConstPtr image;
+  ar_track_alvar_msgs::AlvarMarkersConstPtr markers;
+  ros::Time stamp;
+  std::chrono::steady_clock::time_point arrival;
+};
+
 /// Colour images with camera info, depth and tf, checked, one at a time; or markers of ar_track_alvar. Subscribes
-/// `color/image_raw`, `color/camera_info` and `depth/image_rect`, or else `alvar_markers`, relative to `nh`. A worker thread
-/// takes the newest, waits for what belongs to it, checks it and hands it to `consume`; one that comes meanwhile
-/// replaces the one that waits. Callbacks of subscriptions only store what they get; they may run in any callback queue.
-/// None of the functions given is called after the destructor has begun to return.
-class ImageInput {
+/// `color/image_raw`, `color/camera_info` and `depth/image_rect`, or else `alvar_markers`, relative to `nh`. The worker
+/// thread waits for what belongs to an image, checks it and hands it to `consume`. None of the functions given is called
+/// after the destructor has begun to return.
+class ImageInput final : public depth_camera_ros::ImageWorker<WaitingImage> {
  public:
   enum class Source { kImages, kAlvarMarkers };
 
@@ -108,46 +111,30 @@ class ImageInput {
   ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const ImageInputParams& params,
              Source source, Callbacks callbacks);
   ~ImageInput();
-  ImageInput(const ImageInput&) = delete;
-  ImageInput& operator=(const ImageInput&) = delete;
 
   /// Begins to work on what has come and comes.
-  void start();
+  using ImageWorker::start;
 
   ImageInputCounters counters() const;
-  /// Believes the next pose, whatever it is.
-  void resetPoseGuard() { pose_source_.resetGuard(); }
-  const tf2_ros::Buffer& tfBuffer() const { return pose_source_.buffer(); }
   /// Of images or markers.
   std::string topic() const;
-  std::string infoTopic() const { return info_subscriber_.getTopic(); }
   std::string depthTopic() const { return depth_subscriber_.getTopic(); }
 
  private:
-  using SteadyTime = std::chrono::steady_clock::time_point;
-
-  struct Waiting {
-    sensor_msgs::ImageConstPtr image;  // or else
-    ar_track_alvar_msgs::AlvarMarkersConstPtr markers;
-    ros::Time stamp;
-    SteadyTime arrival;
-  };
   struct Depth {
     sensor_msgs::ImageConstPtr image;  // the one that belongs to a colour image, or none
     std::string why_not;
   };
 
   void onImage(const sensor_msgs::ImageConstPtr& image);
-  void onInfo(const sensor_msgs::CameraInfoConstPtr& info);
   void onDepth(const sensor_msgs::ImageConstPtr& depth);
   void onMarkers(const ar_track_alvar_msgs::AlvarMarkersConstPtr& markers);
-  void store(const Waiting& waiting);
-  void work();
+  void store(const WaitingImage& waiting);
+  void process(const WaitingImage& job) override;
   /// Everything between arrival and `consume`. Nothing, and the reason, when it is left out.
-  std::optional<InputFrame> prepare(const Waiting& waiting, Refusal* refusal, bool* is_restart);
-  std::optional<InputFrame> prepareImage(const Waiting& waiting, Refusal* refusal);
-  std::optional<InputFrame> prepareMarkers(const Waiting& waiting, Refusal* refusal);
-  sensor_msgs::CameraInfoConstPtr waitForInfo(SteadyTime deadline);
+  std::optional<InputFrame> prepare(const WaitingImage& waiting, Refusal* refusal, bool* is_restart);
+  std::optional<InputFrame> prepareImage(const WaitingImage& waiting, Refusal* refusal);
+  std::optional<InputFrame> prepareMarkers(const WaitingImage& waiting, Refusal* refusal);
   Depth waitForDepth(const ros::Time& stamp, SteadyTime deadline);
   bool isOneCamera(const std::string& frame, const std::string& other_frame) const;
   /// False, and the reason, when the depth image says that something is set up wrongly.
@@ -158,19 +145,13 @@ class ImageInput {
   const Callbacks callbacks_;
   bool is_rectified_{false};
 
-  mutable std::mutex mutex_;  // guards what follows, up to the blank line
-  std::condition_variable changed_;
-  bool is_stopping_{false};
-  std::optional<Waiting> waiting_;
-  sensor_msgs::CameraInfoConstPtr info_;
+  // mutex_ guards these two.
   std::deque<sensor_msgs::ImageConstPtr> depths_;  // the last few, as they came
   ImageInputCounters counters_;
 
-  depth_camera_ros::CameraPoseSource pose_source_;
   image_transport::ImageTransport transport_;
   image_transport::Subscriber image_subscriber_, depth_subscriber_;
-  ros::Subscriber info_subscriber_, marker_subscriber_;
-  std::thread worker_;  // last: everything it uses exists before it
+  ros::Subscriber marker_subscriber_;
 };
 
 }  // namespace brick_detection_ros

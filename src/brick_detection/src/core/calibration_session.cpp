@@ -3,16 +3,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <stdexcept>
 
 #include <opencv2/imgproc.hpp>
 
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/formatted.h>
 
 namespace brick_detection {
 namespace {
 
+using interactive_mapping::formatted;
 using mp700_ur5e_description::BrickCatalogue;
 using mp700_ur5e_description::BrickFace;
 using mp700_ur5e_description::BrickTag;
@@ -26,9 +27,7 @@ constexpr double kStill_m = 0.0005;
 constexpr double kStill_rad = 0.001;
 
 std::string apart(double distance_m, double angle_rad) {
-  char text[80];
-  std::snprintf(text, sizeof(text), "%.1f mm and %.2f deg", 1e3 * distance_m, kToDeg * angle_rad);
-  return text;
+  return formatted("%.1f mm and %.2f deg", 1e3 * distance_m, kToDeg * angle_rad);
 }
 
 double distanceBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
@@ -102,10 +101,8 @@ std::optional<BrickSighting> TargetFinder::find(const cv::Mat& image, const cv::
   *why_not = "the target is not in view";
   for (const TagSighting& tag : found.tags) {
     if (tag.brick_id != brick_id_) continue;
-    char text[200];
-    std::snprintf(text, sizeof(text), "the target is in view, but tag %d is of no use: %s (shortest side %.0f px)",
-                  tag.tag.id, toString(tag.status), tag.tag.shortestSide());
-    *why_not = text;
+    *why_not = formatted("the target is in view, but tag %d is of no use: %s (shortest side %.0f px)", tag.tag.id,
+                         toString(tag.status), tag.tag.shortestSide());
   }
   return std::nullopt;
 }
@@ -147,24 +144,19 @@ bool CalibrationSession::discardLast() {
 
 std::string residualTable(const HandEyeResult& result) {
   std::string text = "sample   place [mm]   turn [deg]\n";
-  char line[160];
   for (std::size_t i = 0; i < result.residuals.size(); ++i) {
     const HandEyeResult::Residual& residual = result.residuals[i];
-    std::snprintf(line, sizeof(line), "%6zu %12.2f %12.3f%s\n", i, 1e3 * residual.translation_m,
-                  kToDeg * residual.rotation_rad, residual.is_outlier ? "   left out" : "");
-    text += line;
+    text += formatted("%6zu %12.2f %12.3f%s\n", i, 1e3 * residual.translation_m, kToDeg * residual.rotation_rad,
+                      residual.is_outlier ? "   left out" : "");
   }
   if (!result.isGood()) return text + result.reason;
-  std::snprintf(line, sizeof(line), "   rms %12.2f %12.3f   of %d samples, %.1f times what was expected\n",
-                1e3 * result.rms_m, kToDeg * result.rms_rad, result.num_used, result.noise_factor);
-  text += line;
-  std::snprintf(line, sizeof(line), "others %12.2f %12.3f   each predicted by all others\n",
-                1e3 * result.leave_one_out_rms_m, kToDeg * result.leave_one_out_rms_rad);
-  text += line;
+  text += formatted("   rms %12.2f %12.3f   of %d samples, %.1f times what was expected\n", 1e3 * result.rms_m,
+                    kToDeg * result.rms_rad, result.num_used, result.noise_factor);
+  text += formatted("others %12.2f %12.3f   each predicted by all others\n", 1e3 * result.leave_one_out_rms_m,
+                    kToDeg * result.leave_one_out_rms_rad);
   const Eigen::Matrix<double, 6, 1> std = result.covariance.diagonal().cwiseSqrt();
-  std::snprintf(line, sizeof(line), "camera in the base: +-(%.2f, %.2f, %.2f) mm, +-(%.3f, %.3f, %.3f) deg",
-                1e3 * std[0], 1e3 * std[1], 1e3 * std[2], kToDeg * std[3], kToDeg * std[4], kToDeg * std[5]);
-  return text + line;
+  return text + formatted("camera in the base: +-(%.2f, %.2f, %.2f) mm, +-(%.3f, %.3f, %.3f) deg", 1e3 * std[0],
+                          1e3 * std[1], 1e3 * std[2], kToDeg * std[3], kToDeg * std[4], kToDeg * std[5]);
 }
 
 }  // namespace brick_detection

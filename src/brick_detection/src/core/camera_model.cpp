@@ -15,20 +15,6 @@ namespace {
 constexpr int kMaxImagePx = 16384;  // larger is a slip
 const Eigen::Vector2d kNowhere = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
 
-std::vector<std::size_t> allowedCounts(Distortion distortion) {
-  switch (distortion) {
-    case Distortion::kNone:
-      return {0};
-    case Distortion::kPlumbBob:
-      return {4, 5};
-    case Distortion::kRationalPolynomial:
-      return {8, 12, 14};
-    case Distortion::kEquidistant:
-      return {4};
-  }
-  return {};
-}
-
 /// Drivers of rectified images send zeros for the coefficients. Equidistant with zeros still is a fisheye.
 bool isPinhole(const CameraModel& camera) {
   return camera.distortion == Distortion::kNone ||
@@ -61,11 +47,9 @@ std::vector<std::string> CameraModel::validate() const {
   // A cropped image may leave its principal point outside, but not by more than what it was cropped from.
   requireRange("cx_px", cx_px, "px", -width_px, 2.0 * width_px, false, &problems);
   requireRange("cy_px", cy_px, "px", -height_px, 2.0 * height_px, false, &problems);
-  const std::vector<std::size_t> allowed = allowedCounts(distortion);
-  if (std::find(allowed.begin(), allowed.end(), coefficients.size()) == allowed.end()) {
-    std::string list;
-    for (const std::size_t count : allowed) list += (list.empty() ? "" : " or ") + std::to_string(count);
-    problems.push_back("coefficients: number = " + std::to_string(coefficients.size()) + ", must be " + list +
+  const std::string counts = depth_camera::countsOtherThan(coefficients.size(), distortion);
+  if (!counts.empty()) {
+    problems.push_back("coefficients: number = " + std::to_string(coefficients.size()) + ", must be " + counts +
                        " for this distortion model");
   }
   for (std::size_t i = 0; i < coefficients.size(); ++i) {

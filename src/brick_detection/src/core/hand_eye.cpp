@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <interactive_mapping_common/formatted.h>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/eigen.hpp>
 
@@ -17,6 +17,8 @@
 
 namespace brick_detection {
 namespace {
+
+using interactive_mapping::formatted;
 
 using Matrix12d = Eigen::Matrix<double, 12, 12>;
 using Vector12d = Eigen::Matrix<double, 12, 1>;
@@ -32,13 +34,6 @@ struct Poses {
   Eigen::Isometry3d T_base_camera{Eigen::Isometry3d::Identity()};
   Eigen::Isometry3d T_tool_target{Eigen::Isometry3d::Identity()};
 };
-
-template <typename... Args>
-std::string format(const char* pattern, Args... args) {
-  char text[512];
-  std::snprintf(text, sizeof(text), pattern, args...);
-  return text;
-}
 
 /// d Log(exp(d) exp(r)) / dd at d = 0: inverse of the left Jacobian of SO(3) (Barfoot, State Estimation for Robotics, eq.
 /// 7.77).
@@ -104,7 +99,7 @@ bool isMotionEnough(const std::vector<HandEyeSample>& samples, const std::vector
   const TurnSpread spread = turnSpread(samples, is_used);
   if (spread.largest_rad < config.min_rotation_rad) {
     result->failure = HandEyeFailure::kTooLittleRotation;
-    result->reason = format(
+    result->reason = formatted(
         "too little rotation: the tool turned by at most %.1f deg between two samples, at least %.1f deg are needed, "
         "about two axes: tilt and turn the wrist between samples",
         kToDeg * spread.largest_rad, kToDeg * config.min_rotation_rad);
@@ -112,7 +107,7 @@ bool isMotionEnough(const std::vector<HandEyeSample>& samples, const std::vector
   }
   if (spread.across_rad < config.min_rotation_rad) {
     result->failure = HandEyeFailure::kOneAxisOnly;
-    result->reason = format(
+    result->reason = formatted(
         "rotation about one axis only: the tool turned by up to %.1f deg, but across that axis by at most %.1f deg, at "
         "least %.1f deg are needed: tilt the target about a second axis",
         kToDeg * spread.largest_rad, kToDeg * spread.across_rad, kToDeg * config.min_rotation_rad);
@@ -410,7 +405,7 @@ bool isAgreementEnough(const std::vector<HandEyeSample>& samples, const Agreemen
                        const HandEyeConfig& config, HandEyeResult* result) {
   if (result->num_used < config.min_samples) {
     result->failure = HandEyeFailure::kSamplesDisagree;
-    result->reason = format(
+    result->reason = formatted(
         "the samples disagree: only %d of %zu agree with each other, at least %d are needed: is the target loose on "
         "the tool, was the base moved, is the tag's size right?",
         result->num_used, samples.size(), config.min_samples);
@@ -419,12 +414,12 @@ bool isAgreementEnough(const std::vector<HandEyeSample>& samples, const Agreemen
   setRms(result->residuals, &result->rms_m, &result->rms_rad);
   if (!isMotionEnough(samples, agreement.is_used, config, result)) {
     result->reason +=
-        format(" (%zu outliers were left out)", samples.size() - static_cast<std::size_t>(result->num_used));
+        formatted(" (%zu outliers were left out)", samples.size() - static_cast<std::size_t>(result->num_used));
     return false;
   }
   if (result->rms_m <= config.max_residual_m && result->rms_rad <= config.max_residual_rad) return true;
   result->failure = HandEyeFailure::kResidualTooBig;
-  result->reason = format(
+  result->reason = formatted(
       "the residuals are too big: %.1f mm and %.2f deg, at most %.1f mm and %.2f deg are allowed: is the target loose "
       "on the tool, does the arm stand still, are the camera's intrinsics and the tag's size right?",
       1e3 * result->rms_m, kToDeg * result->rms_rad, 1e3 * config.max_residual_m, kToDeg * config.max_residual_rad);
@@ -476,7 +471,7 @@ HandEyeResult solveHandEye(const std::vector<HandEyeSample>& samples, const Hand
   const auto min_samples = static_cast<std::size_t>(config.min_samples);
   if (samples.size() < min_samples) {
     result.failure = HandEyeFailure::kTooFewSamples;
-    result.reason = format("too few samples: %zu, at least %zu are needed: take more", samples.size(), min_samples);
+    result.reason = formatted("too few samples: %zu, at least %zu are needed: take more", samples.size(), min_samples);
     return result;
   }
   if (!isMotionEnough(samples, std::vector<char>(samples.size(), 1), config, &result)) return result;

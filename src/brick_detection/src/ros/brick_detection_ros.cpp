@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
 #include <utility>
 
 #include <cv_bridge/cv_bridge.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 #include <sensor_msgs/image_encodings.h>
@@ -24,6 +24,7 @@ namespace {
 using brick_detection::TagStatus;
 using brick_detection::TrackedBrick;
 using diagnostic_msgs::DiagnosticStatus;
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::DetectBricks;
 using Update = interactive_mapping_msgs::BrickDetectionUpdate;
 
@@ -33,12 +34,6 @@ constexpr double kSilence_s = 2.0;                     // without an image: a wa
 constexpr double kWarnPeriod_s = 5.0;                  // a message in a callback is repeated no more often
 constexpr int kDetectThreads = 4;                      // calls of ~detect that can wait at once; others queue up
 constexpr std::chrono::milliseconds kClockPeriod(20);  // a waiting call looks at the clock that often
-
-std::string formatted(const char* format, double value) {
-  char text[64];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
 
 std::string join(const std::vector<int>& ids) {
   std::string text;
@@ -207,7 +202,7 @@ void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, b
   Update& update = record.update;
   update.header.stamp = stamp;
   update.header.frame_id = params_.input.map_frame;
-  update.status = static_cast<std::uint8_t>(toUpdateStatus(refusal.status));
+  update.status = static_cast<std::uint8_t>(depth_camera_ros::statusOf<DetectionUpdateStatus>(refusal.status));
   update.message = refusal.message;
   {
     const std::lock_guard<std::mutex> lock(detector_mutex_);

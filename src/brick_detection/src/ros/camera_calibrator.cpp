@@ -10,6 +10,7 @@
 
 #include <geometry_msgs/PoseArray.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <mp700_ur5e_description/brick_types.h>
 #include <tf2/exceptions.h>
@@ -21,6 +22,7 @@ namespace {
 
 using brick_detection::CameraModel;
 using brick_detection::HandEyeResult;
+using interactive_mapping::formatted;
 using interactive_mapping_ros::withoutSlash;
 
 constexpr std::size_t kMaxDepths = 10;  // images of a third of a second at 30 Hz
@@ -43,12 +45,6 @@ std::string nowAsText() {
   gmtime_r(&now, &utc);
   char text[32];
   std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%SZ", &utc);
-  return text;
-}
-
-std::string fixed(double value, int digits) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.*f", digits, value);
   return text;
 }
 
@@ -244,8 +240,8 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
   const ros::Time stamp = image.header.stamp;
   const double age_s = (ros::Time::now() - stamp).toSec();
   if (age_s > params_.max_image_age_s) {
-    *message = "the newest image is " + fixed(age_s, 1) + " s old, at most " + fixed(params_.max_image_age_s, 1) +
-               " s are allowed: is the camera running?";
+    *message = "the newest image is " + formatted("%.1f", age_s) + " s old, at most " +
+               formatted("%.1f", params_.max_image_age_s) + " s are allowed: is the camera running?";
     return false;
   }
   if (inputs.info->width != image.width || inputs.info->height != image.height) {
@@ -302,11 +298,11 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
   result_.reset();
   publishSamples();
   *message = "sample " + std::to_string(session_.samples().size() - 1) + " taken: target at " +
-             fixed(sample.T_camera_target.translation().norm(), 2) + " m, " + std::to_string(target->faces.size()) +
-             (target->faces.size() == 1 ? " tag face, " : " tag faces, ") +
+             formatted("%.2f", sample.T_camera_target.translation().norm()) + " m, " +
+             std::to_string(target->faces.size()) + (target->faces.size() == 1 ? " tag face, " : " tag faces, ") +
              (target->has_depth ? "with depth" : "without depth") + ", known to " +
-             fixed(1e3 * std::sqrt(sample.covariance.topLeftCorner<3, 3>().trace()), 1) + " mm and " +
-             fixed(kToDeg * std::sqrt(sample.covariance.bottomRightCorner<3, 3>().trace()), 2) + " deg";
+             formatted("%.1f", 1e3 * std::sqrt(sample.covariance.topLeftCorner<3, 3>().trace())) + " mm and " +
+             formatted("%.2f", kToDeg * std::sqrt(sample.covariance.bottomRightCorner<3, 3>().trace())) + " deg";
   return true;
 }
 
@@ -338,8 +334,8 @@ bool CameraCalibrator::solve(std::string* message) {
   std::string why_not;
   if (const auto now = lookUp(params_.base_frame, camera_frame_, ros::Time(0), &why_not)) {
     const Eigen::Isometry3d change = now->inverse() * result_->T_base_camera;
-    *message += "\nfrom where tf has the camera now: " + fixed(1e3 * change.translation().norm(), 1) + " mm and " +
-                fixed(kToDeg * Eigen::AngleAxisd(change.linear()).angle(), 2) + " deg";
+    *message += "\nfrom where tf has the camera now: " + formatted("%.1f", 1e3 * change.translation().norm()) +
+                " mm and " + formatted("%.2f", kToDeg * Eigen::AngleAxisd(change.linear()).angle()) + " deg";
   }
   ROS_INFO("%s", message->c_str());
   publishCamera();

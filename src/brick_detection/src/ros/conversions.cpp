@@ -5,10 +5,8 @@
 #include <cmath>
 #include <exception>
 #include <limits>
-#include <map>
 
 #include <cv_bridge/cv_bridge.h>
-#include <sensor_msgs/distortion_models.h>
 #include <sensor_msgs/image_encodings.h>
 
 namespace brick_detection_ros {
@@ -16,19 +14,10 @@ namespace {
 
 using brick_detection::CameraModel;
 using brick_detection::Distortion;
+using depth_camera_ros::shownName;
 namespace enc = sensor_msgs::image_encodings;
 
 constexpr char kAllowedEncodings[] = "rgb8, bgr8, rgba8, bgra8, mono8, bayer_*8";
-constexpr std::size_t kMaxShownName = 40;
-
-/// Messages name foreign strings; those may be long, or hold anything.
-std::string shown(const std::string& name) {
-  std::string text = name.substr(0, kMaxShownName);
-  std::replace_if(
-      text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c > 0x7e; }, '?');
-  return "'" + text + (name.size() > kMaxShownName ? "..." : "") + "'";
-}
-
 /// Bytes of a pixel; 0: not for colour images.
 std::size_t bytesPerPixel(const std::string& encoding) {
   if (encoding == enc::RGB8 || encoding == enc::BGR8) return 3;
@@ -40,61 +29,13 @@ std::size_t bytesPerPixel(const std::string& encoding) {
   return 0;
 }
 
-std::optional<Distortion> distortionOf(const std::string& model) {
-  static const std::map<std::string, Distortion> kModels = {
-      {"", Distortion::kNone},
-      {sensor_msgs::distortion_models::PLUMB_BOB, Distortion::kPlumbBob},
-      {sensor_msgs::distortion_models::RATIONAL_POLYNOMIAL, Distortion::kRationalPolynomial},
-      {"equidistant", Distortion::kEquidistant},  // a constant of later versions only
-      {"fisheye", Distortion::kEquidistant},      // OpenCV's word for the same
-  };
-  const auto found = kModels.find(model);
-  if (found == kModels.end()) return std::nullopt;
-  return found->second;
-}
-
 }  // namespace
-
-DetectionUpdateStatus toUpdateStatus(FrameStatus status) {
-  switch (status) {
-    case FrameStatus::kAccepted:
-      return DetectionUpdateStatus::kAccepted;
-    case FrameStatus::kWrongEncoding:
-      return DetectionUpdateStatus::kWrongEncoding;
-    case FrameStatus::kMalformedImage:
-      return DetectionUpdateStatus::kMalformedImage;
-    case FrameStatus::kSizeMismatch:
-      return DetectionUpdateStatus::kSizeMismatch;
-    case FrameStatus::kBadCameraInfo:
-      return DetectionUpdateStatus::kBadCameraInfo;
-    case FrameStatus::kNoCameraInfo:
-      return DetectionUpdateStatus::kNoCameraInfo;
-    case FrameStatus::kNoTransform:
-      return DetectionUpdateStatus::kNoTransform;
-    case FrameStatus::kBadTransform:
-      return DetectionUpdateStatus::kBadTransform;
-    case FrameStatus::kPoseJump:
-      return DetectionUpdateStatus::kPoseJump;
-    case FrameStatus::kTimeRanBack:
-      return DetectionUpdateStatus::kTimeRanBack;
-    case FrameStatus::kStampInFuture:
-      return DetectionUpdateStatus::kStampInFuture;
-    case FrameStatus::kNothingMeasured:
-    case FrameStatus::kRefusedByMap:
-      break;
-  }
-  return DetectionUpdateStatus::kFailed;
-}
-
-std::string sizeText(std::uint64_t width_px, std::uint64_t height_px) {
-  return std::to_string(width_px) + " x " + std::to_string(height_px) + " px";
-}
 
 std::optional<cv::Mat> toColorImage(const sensor_msgs::Image& message, Refusal* refusal) {
   const std::size_t pixel_bytes = bytesPerPixel(message.encoding);
   if (pixel_bytes == 0) {
     *refusal = {FrameStatus::kWrongEncoding,
-                "encoding is " + shown(message.encoding) + ", must be one of " + kAllowedEncodings};
+                "encoding is " + shownName(message.encoding) + ", must be one of " + kAllowedEncodings};
     return std::nullopt;
   }
   // cv_bridge multiplies sizes before it compares: what it is given has been checked.
@@ -149,9 +90,9 @@ std::optional<CameraModel> cameraModelOf(const sensor_msgs::CameraInfo& info, bo
   camera.cx_px = pinhole->cx;
   camera.cy_px = pinhole->cy;
   if (!is_rectified) {
-    const std::optional<Distortion> distortion = distortionOf(info.distortion_model);
+    const std::optional<Distortion> distortion = depth_camera::distortionNamed(info.distortion_model);
     if (!distortion) {
-      return refuse("distortion_model is " + shown(info.distortion_model) +
+      return refuse("distortion_model is " + shownName(info.distortion_model) +
                     ", must be plumb_bob, rational_polynomial, equidistant (or fisheye), or empty");
     }
     if (*distortion == Distortion::kNone && !info.D.empty()) {

@@ -3,28 +3,23 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <exception>
 #include <limits>
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common/formatted.h>
 #include <tf2/exceptions.h>
 
 namespace brick_detection_ros {
 namespace {
 
 using depth_camera_ros::CameraPoseSource;
+using interactive_mapping::formatted;
 using interactive_mapping_ros::withoutSlash;
 
 /// More than a camera sends while a colour image waits for tf.
 constexpr std::size_t kNumDepths = 30;
-
-std::string seconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.3f s", value);
-  return text;
-}
 
 std::chrono::steady_clock::duration toSteady(double duration_s) {
   return std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(duration_s));
@@ -45,17 +40,17 @@ std_msgs::Header headerOf(const ar_track_alvar_msgs::AlvarMarkers& message) {
 
 ImageInput::ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const ImageInputParams& params,
                        Source source, Callbacks callbacks)
-    : params_(interactive_mapping::requireValid("impossible input parameters:", params)),
+    : ImageWorker(nh, interactive_mapping::requireValid("impossible input parameters:", params)),
+      params_(params),
       source_(source),
       callbacks_(std::move(callbacks)),
-      pose_source_(nh, params),
       transport_(nh) {
   const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
   ros::NodeHandle public_nh(nh);
   if (source_ == Source::kAlvarMarkers) {
     marker_subscriber_ = public_nh.subscribe("alvar_markers", 1, &ImageInput::onMarkers, this, no_delay);
   } else {
-    info_subscriber_ = public_nh.subscribe("color/camera_info", 2, &ImageInput::onInfo, this, no_delay);
+    subscribeInfo(nh, "color/camera_info");
     // First colour, then depth: who takes the latter for a sign of interest does not send the former to nobody.
     image_subscriber_ =
         transport_.subscribe("color/image_raw", 1, &ImageInput::onImage, this,
@@ -70,21 +65,10 @@ ImageInput::ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private
   }
 }
 
-void ImageInput::start() {
-  worker_ = std::thread(&ImageInput::work, this);
-}
-
 ImageInput::~ImageInput() {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    is_stopping_ = true;
-  }
-  changed_.notify_all();
-  pose_source_.stop();
-  if (worker_.joinable()) worker_.join();
+  stop();
   image_subscriber_.shutdown();
   depth_subscriber_.shutdown();
-  info_subscriber_.shutdown();
   marker_subscriber_.shutdown();
 }
 
@@ -113,82 +97,51 @@ void ImageInput::onMarkers(const ar_track_alvar_msgs::AlvarMarkersConstPtr& mark
   store({nullptr, markers, stamp, std::chrono::steady_clock::now()});
 }
 
-void ImageInput::store(const Waiting& waiting) {
-  const bool is_wanted = callbacks_.wants(waiting.stamp);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    ++counters_.received;
-    if (!is_wanted) {
-      ++counters_.unwanted;
-      return;
-    }
-    if (waiting_) ++counters_.replaced;
-    waiting_ = waiting;
-  }
-  changed_.notify_all();
-}
-
-void ImageInput::onInfo(const sensor_msgs::CameraInfoConstPtr& info) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    info_ = info;
-  }
-  changed_.notify_all();
+void ImageInput::store(const WaitingImage& waiting) {
+  if (callbacks_.wants(waiting.stamp)) return put(waiting, &counters_);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ++counters_.received;
+  ++counters_.unwanted;
 }
 
 void ImageInput::onDepth(const sensor_msgs::ImageConstPtr& depth) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
+  change([&] {
     depths_.push_back(depth);
     if (depths_.size() > kNumDepths) depths_.pop_front();
-  }
-  changed_.notify_all();
+  });
 }
 
-void ImageInput::work() {
-  while (true) {
-    Waiting job;
-    {
-      std::unique_lock<std::mutex> lock(mutex_);
-      changed_.wait(lock, [this] { return is_stopping_ || waiting_; });
-      if (is_stopping_) return;
-      job = std::move(*waiting_);
-      waiting_.reset();
+void ImageInput::process(const WaitingImage& job) {
+  Refusal refusal;
+  bool is_restart = false;
+  std::optional<InputFrame> frame;
+  try {
+    frame = prepare(job, &refusal, &is_restart);
+    if (isStopping()) return;
+    if (frame) {
+      frame->wait_ms =
+          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - job.arrival).count();
+      callbacks_.consume(*frame);
     }
-    Refusal refusal;
-    bool is_restart = false;
-    std::optional<InputFrame> frame;
-    try {
-      frame = prepare(job, &refusal, &is_restart);
-      {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        if (is_stopping_) return;
-      }
-      if (frame) {
-        frame->wait_ms =
-            std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - job.arrival).count();
-        callbacks_.consume(*frame);
-      }
-    } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
-      frame.reset();
-      refusal = {FrameStatus::kRefusedByMap, error.what()};
-    }
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      const DetectionUpdateStatus status = toUpdateStatus(refusal.status);
-      ++counters_.by_status[static_cast<std::size_t>(status)];
-      if (!frame) {
-        counters_.last_refusal = std::string(toString(status)) + ": " + refusal.message;
-      } else if (frame->has_image && params_.use_depth && frame->depth_m.empty()) {
-        ++counters_.without_depth;
-        counters_.last_remark = frame->remark;
-      }
-    }
-    if (!frame) callbacks_.refuse(job.stamp, refusal, is_restart);
+  } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
+    frame.reset();
+    refusal = {FrameStatus::kRefusedByMap, error.what()};
   }
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto status = depth_camera_ros::statusOf<DetectionUpdateStatus>(refusal.status);
+    ++counters_.by_status[static_cast<std::size_t>(status)];
+    if (!frame) {
+      counters_.last_refusal = std::string(toString(status)) + ": " + refusal.message;
+    } else if (frame->has_image && params_.use_depth && frame->depth_m.empty()) {
+      ++counters_.without_depth;
+      counters_.last_remark = frame->remark;
+    }
+  }
+  if (!frame) callbacks_.refuse(job.stamp, refusal, is_restart);
 }
 
-std::optional<InputFrame> ImageInput::prepare(const Waiting& waiting, Refusal* refusal, bool* is_restart) {
+std::optional<InputFrame> ImageInput::prepare(const WaitingImage& waiting, Refusal* refusal, bool* is_restart) {
   if (waiting.markers && waiting.markers->markers.empty()) {
     InputFrame frame;
     frame.stamp = waiting.stamp;
@@ -215,7 +168,7 @@ std::optional<InputFrame> ImageInput::prepare(const Waiting& waiting, Refusal* r
   return frame;
 }
 
-std::optional<InputFrame> ImageInput::prepareMarkers(const Waiting& waiting, Refusal* refusal) {
+std::optional<InputFrame> ImageInput::prepareMarkers(const WaitingImage& waiting, Refusal* refusal) {
   InputFrame frame;
   frame.camera_frame = withoutSlash(headerOf(*waiting.markers).frame_id);
   for (const ar_track_alvar_msgs::AlvarMarker& marker : waiting.markers->markers) {
@@ -235,7 +188,7 @@ std::optional<InputFrame> ImageInput::prepareMarkers(const Waiting& waiting, Ref
   return frame;
 }
 
-std::optional<InputFrame> ImageInput::prepareImage(const Waiting& waiting, Refusal* refusal) {
+std::optional<InputFrame> ImageInput::prepareImage(const WaitingImage& waiting, Refusal* refusal) {
   const sensor_msgs::Image& message = *waiting.image;
   InputFrame frame;
   frame.has_image = true;
@@ -245,41 +198,22 @@ std::optional<InputFrame> ImageInput::prepareImage(const Waiting& waiting, Refus
   std::optional<cv::Mat> image = toColorImage(message, refusal);
   if (!image) return std::nullopt;
   frame.image = *image;
-  const sensor_msgs::CameraInfoConstPtr info = waitForInfo(pose_source_.deadline(waiting.arrival));
-  if (!info) {
-    *refusal = {FrameStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
-    return std::nullopt;
-  }
+  const sensor_msgs::CameraInfoConstPtr info = waitForInfo(pose_source_.deadline(waiting.arrival), refusal);
+  if (!info) return std::nullopt;
   const std::optional<brick_detection::CameraModel> camera = cameraModelOf(*info, is_rectified_, refusal);
   if (!camera) return std::nullopt;
   frame.camera = *camera;
   if (static_cast<int>(message.width) != camera->width_px || static_cast<int>(message.height) != camera->height_px) {
     const bool is_cut = info->width != static_cast<std::uint32_t>(camera->width_px) ||
                         info->height != static_cast<std::uint32_t>(camera->height_px);
-    *refusal = {
-        FrameStatus::kSizeMismatch,
-        "image is " + sizeText(message.width, message.height) + ", camera info on " + info_subscriber_.getTopic() +
-            " says " +
-            sizeText(static_cast<std::uint64_t>(camera->width_px), static_cast<std::uint64_t>(camera->height_px)) +
-            (is_cut ? ", by its ROI and binning of " + sizeText(info->width, info->height) : "")};
+    *refusal = sizeMismatch(message.width, message.height, static_cast<std::uint64_t>(camera->width_px),
+                            static_cast<std::uint64_t>(camera->height_px));
+    if (is_cut) refusal->message += ", by its ROI and binning of " + sizeText(info->width, info->height);
     return std::nullopt;
   }
-  const std::string info_frame = withoutSlash(info->header.frame_id);
-  const std::string image_frame = withoutSlash(message.header.frame_id);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    counters_.warning = info_frame == image_frame ? ""
-                                                  : "camera info is of frame '" + info_frame + "', the image of '" +
-                                                        image_frame + "': is it the right topic?";
-  }
+  change([&] { counters_.warning = depth_camera_ros::frameWarning(info->header, message.header); });
   if (params_.use_depth && !addDepth(message, waiting.arrival, &frame, refusal)) return std::nullopt;
   return frame;
-}
-
-sensor_msgs::CameraInfoConstPtr ImageInput::waitForInfo(SteadyTime deadline) {
-  std::unique_lock<std::mutex> lock(mutex_);
-  changed_.wait_until(lock, deadline, [this] { return is_stopping_ || info_; });
-  return info_;
 }
 
 ImageInput::Depth ImageInput::waitForDepth(const ros::Time& stamp, SteadyTime deadline) {
@@ -299,14 +233,14 @@ ImageInput::Depth ImageInput::waitForDepth(const ros::Time& stamp, SteadyTime de
       // One from before a restart of time is later by far.
       has_later |= depth->header.stamp >= stamp && difference_s < 1.0;
     }
-    return is_stopping_ || has_later;
+    return has_later;
   };
   std::unique_lock<std::mutex> lock(mutex_);
-  changed_.wait_until(lock, deadline, isDecided);
+  waitUntil(deadline, &lock, isDecided);
   if (nearest && offset_s <= params_.max_depth_offset_s) return {nearest, ""};
   if (!nearest) return {nullptr, "no depth image on " + depth_subscriber_.getTopic()};
-  return {nullptr, "no depth image within " + seconds(params_.max_depth_offset_s) +
-                       " (max_depth_offset_s), the nearest is off by " + seconds(offset_s)};
+  return {nullptr, "no depth image within " + formatted("%.3f s", params_.max_depth_offset_s) +
+                       " (max_depth_offset_s), the nearest is off by " + formatted("%.3f s", offset_s)};
 }
 
 /// Drivers name the frame of a registered depth image as they like; the camera's centre is then the colour camera's.

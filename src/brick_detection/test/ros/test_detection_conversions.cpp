@@ -258,9 +258,12 @@ TEST(UpdateStatus, HasANameForEachAndAConstantForEachRefusal) {
   }
   EXPECT_EQ(names.size(), static_cast<std::size_t>(BrickDetectionUpdate::NUM_STATUS));
   EXPECT_STREQ(toString(static_cast<DetectionUpdateStatus>(BrickDetectionUpdate::POSE_JUMP)), "pose jump");
-  EXPECT_STREQ(toString(toUpdateStatus(FrameStatus::kWrongEncoding)), "wrong encoding");
-  EXPECT_STREQ(toString(toUpdateStatus(FrameStatus::kStampInFuture)), "stamp in the future");
-  EXPECT_EQ(toUpdateStatus(FrameStatus::kRefusedByMap), DetectionUpdateStatus::kFailed);
+  EXPECT_STREQ(toString(depth_camera_ros::statusOf<DetectionUpdateStatus>(FrameStatus::kWrongEncoding)),
+               "wrong encoding");
+  EXPECT_STREQ(toString(depth_camera_ros::statusOf<DetectionUpdateStatus>(FrameStatus::kStampInFuture)),
+               "stamp in the future");
+  EXPECT_EQ(depth_camera_ros::statusOf<DetectionUpdateStatus>(FrameStatus::kRefusedByMap),
+            DetectionUpdateStatus::kFailed);
 }
 
 }  // namespace

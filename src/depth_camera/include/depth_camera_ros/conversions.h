@@ -29,6 +29,42 @@ struct Refusal {
   std::string message;
 };
 
+/// The status of the same name in another node's messages; kFailed for those that only the map's have.
+template <typename Status>
+Status statusOf(FrameStatus status) {
+  switch (status) {
+    case FrameStatus::kAccepted:
+      return Status::kAccepted;
+    case FrameStatus::kWrongEncoding:
+      return Status::kWrongEncoding;
+    case FrameStatus::kMalformedImage:
+      return Status::kMalformedImage;
+    case FrameStatus::kSizeMismatch:
+      return Status::kSizeMismatch;
+    case FrameStatus::kBadCameraInfo:
+      return Status::kBadCameraInfo;
+    case FrameStatus::kNoCameraInfo:
+      return Status::kNoCameraInfo;
+    case FrameStatus::kNoTransform:
+      return Status::kNoTransform;
+    case FrameStatus::kBadTransform:
+      return Status::kBadTransform;
+    case FrameStatus::kPoseJump:
+      return Status::kPoseJump;
+    case FrameStatus::kTimeRanBack:
+      return Status::kTimeRanBack;
+    case FrameStatus::kStampInFuture:
+      return Status::kStampInFuture;
+    case FrameStatus::kNothingMeasured:
+    case FrameStatus::kRefusedByMap:
+      break;
+  }
+  return Status::kFailed;
+}
+
+/// "800 x 600 px".
+std::string sizeText(std::uint64_t width_px, std::uint64_t height_px);
+
 /// A name from outside in quotes, fit to print: at most 40 characters, '?' for what is not printable.
 std::string shownName(const std::string& name);
 

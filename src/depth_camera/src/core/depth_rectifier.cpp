@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 
+#include <interactive_mapping_common/formatted.h>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
+
+#include "depth_camera/distortion.h"
 
 namespace depth_camera {
 namespace {
@@ -23,33 +26,22 @@ constexpr float kNoise_m = 0.004f;
 constexpr int kDirections = 180;
 constexpr int kSteps = 500;
 
-enum class Lens { kPolynomial, kEquidistant };
-
-std::string countsText(const std::vector<std::size_t>& counts) {
-  std::string text;
-  for (const std::size_t count : counts) text += (text.empty() ? "" : " or ") + std::to_string(count);
-  return text;
-}
-
-Lens requireLens(const LensDistortion& distortion) {
-  std::vector<std::size_t> counts;
-  if (distortion.model == "plumb_bob") counts = {4, 5};
-  if (distortion.model == "rational_polynomial") counts = {8, 12, 14};
-  const bool is_equidistant = distortion.model == "equidistant" || distortion.model == "fisheye";
-  if (is_equidistant) counts = {4};
-  if (counts.empty()) {
-    throw std::invalid_argument("distortion_model is '" + distortion.model.substr(0, 40) +
+Distortion requireLens(const LensDistortion& lens) {
+  const std::vector<double>& d = lens.coefficients;
+  const std::optional<Distortion> distortion = distortionNamed(lens.model);
+  if (!distortion || *distortion == Distortion::kNone) {
+    throw std::invalid_argument("distortion_model is '" + lens.model.substr(0, 40) +
                                 "' with D other than 0, must be plumb_bob, rational_polynomial or equidistant");
   }
-  const std::vector<double>& d = distortion.coefficients;
-  if (std::find(counts.begin(), counts.end(), d.size()) == counts.end()) {
-    throw std::invalid_argument("D has " + std::to_string(d.size()) + " coefficients, must have " + countsText(counts) +
-                                " for " + distortion.model);
+  const std::string counts = countsOtherThan(d.size(), *distortion);
+  if (!counts.empty()) {
+    throw std::invalid_argument("D has " + std::to_string(d.size()) + " coefficients, must have " + counts + " for " +
+                                lens.model);
   }
   if (!std::all_of(d.begin(), d.end(), [](double value) { return std::isfinite(value); })) {
     throw std::invalid_argument("D is not finite");
   }
-  return is_equidistant ? Lens::kEquidistant : Lens::kPolynomial;
+  return *distortion;
 }
 
 /// The lens as OpenCV has it.
@@ -62,7 +54,7 @@ class Projection {
   std::vector<cv::Point2d> operator()(const std::vector<cv::Point3d>& bearings) const {
     std::vector<cv::Point2d> pixels;
     const cv::Vec3d zero(0.0, 0.0, 0.0);
-    if (lens_ == Lens::kEquidistant) {
+    if (lens_ == Distortion::kEquidistant) {
       cv::fisheye::projectPoints(bearings, pixels, zero, zero, K_, D_);
     } else {
       cv::projectPoints(bearings, zero, zero, K_, D_, pixels);
@@ -73,7 +65,7 @@ class Projection {
   /// Where the raw image shows the pixels of a pinhole.
   void tables(const CameraModel& pinhole, cv::Mat_<float>* u_px, cv::Mat_<float>* v_px) const {
     const cv::Size size(pinhole.width, pinhole.height);
-    if (lens_ == Lens::kEquidistant) {
+    if (lens_ == Distortion::kEquidistant) {
       cv::fisheye::initUndistortRectifyMap(K_, D_, cv::Matx33d::eye(), cameraMatrix(pinhole), size, CV_32FC1, *u_px,
                                            *v_px);
     } else {
@@ -86,7 +78,7 @@ class Projection {
     return {camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0};
   }
 
-  Lens lens_;
+  Distortion lens_;
   cv::Matx33d K_;
   cv::Mat D_;
 };
@@ -125,12 +117,10 @@ double oneToOneBearing(const CameraModel& raw, const Projection& project) {
   }
   const auto inside = std::find_if(last.begin(), last.end(), [&](const auto& pixel) { return isInside(raw, pixel); });
   if (radius == kMaxBearing || inside == last.end()) return radius;
-  char text[200];
-  std::snprintf(text, sizeof(text),
-                "D is not one to one inside the image: it turns back %.1f deg from the axis, at pixel (%.0f, %.0f); "
-                "calibrate again",
-                std::atan(radius) * 180.0 / CV_PI, inside->x, inside->y);
-  throw std::invalid_argument(text);
+  throw std::invalid_argument(interactive_mapping::formatted(
+      "D is not one to one inside the image: it turns back %.1f deg from the axis, at pixel (%.0f, %.0f); "
+      "calibrate again",
+      std::atan(radius) * 180.0 / CV_PI, inside->x, inside->y));
 }
 
 }  // namespace

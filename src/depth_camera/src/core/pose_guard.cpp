@@ -3,7 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include <interactive_mapping_common/formatted.h>
 
 namespace depth_camera {
 namespace {
@@ -35,12 +36,10 @@ PoseGuard::Verdict PoseGuard::check(const Eigen::Isometry3d& T_map_camera, doubl
 
   const double dt = std::abs(stamp_s - believed_->stamp_s);
   const double moved = (T_map_camera.translation() - believed_->T_map_camera.translation()).norm();
-  char text[240];
-  std::snprintf(text, sizeof(text),
-                "camera moved by %.3f m and %.3f rad in %.3f s, must be at most %.3f m and %.3f rad (pose_limits)",
-                moved, angleBetween(believed_->T_map_camera, T_map_camera), dt,
-                limits_.max_step_m + limits_.max_speed_mps * dt, limits_.max_step_rad + limits_.max_turn_radps * dt);
-  message_ = text;
+  message_ = interactive_mapping::formatted(
+      "camera moved by %.3f m and %.3f rad in %.3f s, must be at most %.3f m and %.3f rad (pose_limits)", moved,
+      angleBetween(believed_->T_map_camera, T_map_camera), dt, limits_.max_step_m + limits_.max_speed_mps * dt,
+      limits_.max_step_rad + limits_.max_turn_radps * dt);
   if (limits_.settle_frames == 0 || num_agreeing_ < limits_.settle_frames) return Verdict::kJump;
   believed_ = pose;
   candidate_.reset();

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth_camera/stamp_guard.h"
 
-#include <cstdio>
+#include <interactive_mapping_common/formatted.h>
 
 namespace depth_camera {
 namespace {
+
+using interactive_mapping::formatted;
 
 /// Stamps that step back by less are images out of order, not time that runs anew.
 constexpr double kOutOfOrder_s = 1.0;
@@ -21,14 +23,11 @@ StampGuard::Verdict StampGuard::check(double stamp_s) {
     last_stamp_s_ = stamp_s;
     return Verdict::kGood;
   }
-  char text[80];
   if (back_s < kOutOfOrder_s) {
-    std::snprintf(text, sizeof(text), "stamp is %.3f s before the last one, must be after it", back_s);
-    message_ = text;
+    message_ = formatted("stamp is %.3f s before the last one, must be after it", back_s);
     return Verdict::kOutOfOrder;
   }
-  std::snprintf(text, sizeof(text), "time ran back by %.3f s (a looped bag?)", back_s);
-  message_ = text;
+  message_ = formatted("time ran back by %.3f s (a looped bag?)", back_s);
   last_stamp_s_ = stamp_s;
   return Verdict::kRestarted;
 }

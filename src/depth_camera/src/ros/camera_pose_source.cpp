@@ -2,9 +2,9 @@
 #include "depth_camera_ros/camera_pose_source.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <stdexcept>
 
+#include <interactive_mapping_common/formatted.h>
 #include <tf2/exceptions.h>
 
 namespace depth_camera_ros {
@@ -12,12 +12,7 @@ namespace {
 
 using depth_camera::PoseGuard;
 using depth_camera::StampGuard;
-
-std::string seconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.3f s", value);
-  return text;
-}
+using interactive_mapping::formatted;
 
 }  // namespace
 
@@ -70,9 +65,9 @@ CameraPoseSource::StampVerdict CameraPoseSource::checkStamp(const ros::Time& sta
   const ros::Time now = ros::Time::now();
   const double ahead = stamp.toSec() - now.toSec();  // a ros::Duration ends at 68 years
   if (!stamp.isZero() && !now.isZero() && ahead > params_.max_future_s) {
-    *refusal = {FrameStatus::kStampInFuture, "stamp is " + seconds(ahead) + " ahead of ROS time, must be at most " +
-                                                 seconds(params_.max_future_s) +
-                                                 " (max_future_s); are the clocks in step?"};
+    *refusal = {FrameStatus::kStampInFuture,
+                "stamp is " + formatted("%.3f s", ahead) + " ahead of ROS time, must be at most " +
+                    formatted("%.3f s", params_.max_future_s) + " (max_future_s); are the clocks in step?"};
     return StampVerdict::kRefused;
   }
   switch (stamps_.check(stamp.toSec())) {
@@ -151,7 +146,7 @@ std::optional<Eigen::Isometry3d> CameraPoseSource::lookUp(const std::string& cam
     if (has_restarted_) buffer_.clear();
     *refusal = {FrameStatus::kNoTransform, "no transform from '" + camera_frame + "' to '" + params_.map_frame +
                                                "' at " + std::to_string(stamp.toSec()) + " s after waiting " +
-                                               seconds(params_.tf_timeout_s) + " (tf_timeout_s): " + why};
+                                               formatted("%.3f s", params_.tf_timeout_s) + " (tf_timeout_s): " + why};
     return std::nullopt;
   }
 }

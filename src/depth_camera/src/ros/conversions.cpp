@@ -36,10 +36,6 @@ T pixelAt(const std::uint8_t* data, bool swap) {
   return value;
 }
 
-std::string sizeText(std::uint64_t width, std::uint64_t height) {
-  return std::to_string(width) + " x " + std::to_string(height) + " px";
-}
-
 /// As interactive_mapping_ros::toIsometry, with the reason as a refusal.
 template <typename Message>
 std::optional<Eigen::Isometry3d> makeIsometry(const Message& message, Refusal* refusal) {
@@ -50,6 +46,10 @@ std::optional<Eigen::Isometry3d> makeIsometry(const Message& message, Refusal* r
 }
 
 }  // namespace
+
+std::string sizeText(std::uint64_t width_px, std::uint64_t height_px) {
+  return std::to_string(width_px) + " x " + std::to_string(height_px) + " px";
+}
 
 std::string shownName(const std::string& name) {
   std::string text = name.substr(0, kMaxShownName);

@@ -3,15 +3,12 @@
 
 #include <array>
 #include <chrono>
-#include <condition_variable>
 #include <cstdint>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
-#include <thread>
 
-#include <depth_camera_ros/camera_pose_source.h>
+#include <depth_camera_ros/image_worker.h>
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <image_transport/image_transport.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
@@ -30,26 +27,27 @@
 
 namespace depth_self_filter_ros {
 
+/// An image as it came.
+struct WaitingImage {
+  sensor_msgs::ImageConstPtr image;
+  std::chrono::steady_clock::time_point arrival;
+};
+
 /// The self filter as a ROS node: depth images, camera info, joint states and the brick in the hand in; depth images
-/// without the robot, statistics and diagnostics out. The README lists them. Callbacks only store what they get and may run
-/// concurrently; a worker thread takes the newest image, waits for what belongs to it, and filters it. An image that comes
-/// meanwhile replaces the one that waits.
-class DepthSelfFilterRos {
+/// without the robot, statistics and diagnostics out. The README lists them. The worker thread waits for what belongs to an
+/// image, and filters it.
+class DepthSelfFilterRos final : public depth_camera_ros::ImageWorker<WaitingImage> {
  public:
   /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with the robot's description.
   DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh);
   ~DepthSelfFilterRos();
-  DepthSelfFilterRos(const DepthSelfFilterRos&) = delete;
-  DepthSelfFilterRos& operator=(const DepthSelfFilterRos&) = delete;
 
  private:
   using Update = interactive_mapping_msgs::SelfFilterUpdate;
-  using SteadyTime = std::chrono::steady_clock::time_point;
 
-  struct Waiting {
-    sensor_msgs::ImageConstPtr image;
-    SteadyTime arrival;
-  };
+  DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const DepthSelfFilterParams& params,
+                     std::shared_ptr<const mp700_ur5e_description::RobotModel> robot);
+
   /// All that belongs to an image.
   struct Frame {
     depth_camera::DepthImage image;    // rectified
@@ -71,18 +69,15 @@ class DepthSelfFilterRos {
   };
 
   void onImage(const sensor_msgs::ImageConstPtr& image);
-  void onInfo(const sensor_msgs::CameraInfoConstPtr& info);
   void onJointStates(const sensor_msgs::JointStateConstPtr& states);
   void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
 
-  void work();
+  void process(const WaitingImage& job) override;
   /// Nothing, and the reason, when the image is dropped.
   std::optional<Frame> prepare(const sensor_msgs::Image& message, SteadyTime arrival, Drop* drop);
   std::optional<Eigen::Isometry3d> cameraPose(const std::string& camera_frame, const ros::Time& stamp,
                                               const Eigen::VectorXd& positions_rad, SteadyTime deadline, Drop* drop);
   depth_self_filter::JointHistory::Answer waitForJoints(double stamp_s, SteadyTime deadline);
-  sensor_msgs::CameraInfoConstPtr waitForInfo(SteadyTime deadline);
-  bool isStopping() const;
 
   void diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseJoints(diagnostic_updater::DiagnosticStatusWrapper& status);
@@ -93,25 +88,19 @@ class DepthSelfFilterRos {
   bool is_rectified_{false};
   depth_camera::DepthRectifier rectifier_;  // the worker's
 
-  mutable std::mutex mutex_;  // guards what follows, up to the blank line
-  std::condition_variable changed_;
-  bool is_stopping_{false};
-  std::optional<Waiting> waiting_;
-  sensor_msgs::CameraInfoConstPtr info_;
+  // mutex_ guards what follows, up to the blank line.
   depth_self_filter::JointHistory joints_;
   depth_self_filter::HandHistory hand_;
   std::string hand_problem_;  // of the last message about the hand; empty: none
   Counters counters_;
 
-  depth_camera_ros::CameraPoseSource pose_source_;  // of cameras that the URDF does not have; checks the stamps of all
   image_transport::ImageTransport input_transport_, output_transport_;
   image_transport::Publisher image_publisher_;
   ros::Publisher info_publisher_, update_publisher_;
   image_transport::Subscriber image_subscriber_;
-  ros::Subscriber info_subscriber_, joint_subscriber_, attached_subscriber_;
+  ros::Subscriber joint_subscriber_, attached_subscriber_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
-  std::thread worker_;  // last: everything it uses exists before it
 };
 
 }  // namespace depth_self_filter_ros

@@ -3,30 +3,25 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <stdexcept>
+
+#include <interactive_mapping_common/formatted.h>
 
 #include "depth_self_filter/robot_mask.h"
 
 namespace depth_self_filter {
 namespace {
 
+using interactive_mapping::formatted;
+
 /// Stamps that step back by less are messages out of order, not time that runs anew.
 constexpr double kOutOfOrder_s = 1.0;
 /// Of seconds since 1970 as doubles, 2.4e-7 s apart, and of their differences.
 constexpr double kStampRounding_s = 1e-6;
 
-std::string seconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.3f s", value);
-  return text;
-}
-
 /// With as many digits as it is compared by.
 std::string microseconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.6f s", value);
-  return text;
+  return formatted("%.6f s", value);
 }
 
 }  // namespace
@@ -42,7 +37,9 @@ JointHistory::JointHistory(std::shared_ptr<const mp700_ur5e_description::RobotMo
 
 std::string JointHistory::add(double stamp_s, const std::vector<std::string>& names,
                               const std::vector<double>& positions_rad) {
-  if (!std::isfinite(stamp_s) || stamp_s <= 0.0) return "joint states of stamp " + seconds(stamp_s) + ", must be > 0 s";
+  if (!std::isfinite(stamp_s) || stamp_s <= 0.0) {
+    return formatted("joint states of stamp %.3f s, must be > 0 s", stamp_s);
+  }
   if (names.size() != positions_rad.size()) {
     return "joint states have " + std::to_string(names.size()) + " names and " + std::to_string(positions_rad.size()) +
            " positions, must be as many";
@@ -113,14 +110,15 @@ JointHistory::Answer JointHistory::at(double stamp_s) const {
                                         [](const Sample& sample, double stamp) { return sample.stamp_s < stamp; });
     if (after == samples.end()) {
       say(Verdict::kNotYet, "the newest position of " + joint.name + " is " +
-                                seconds(stamp_s - samples.back().stamp_s) +
+                                formatted("%.3f s", stamp_s - samples.back().stamp_s) +
                                 " before the image, must be at or after it");
       continue;
     }
     double position_rad = after->position_rad;
     if (after->stamp_s > stamp_s) {
       if (after == samples.begin()) {
-        say(Verdict::kForgotten, "the oldest position of " + joint.name + " is " + seconds(after->stamp_s - stamp_s) +
+        say(Verdict::kForgotten, "the oldest position of " + joint.name + " is " +
+                                     formatted("%.3f s", after->stamp_s - stamp_s) +
                                      " after the image, must be at or before it");
         continue;
       }

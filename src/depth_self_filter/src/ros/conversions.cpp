@@ -11,37 +11,8 @@
 
 namespace depth_self_filter_ros {
 
-using depth_camera_ros::FrameStatus;
-
 Drop toDrop(const depth_camera_ros::Refusal& refusal) {
-  switch (refusal.status) {
-    case FrameStatus::kAccepted:
-      return {SelfFilterStatus::kAccepted, refusal.message};
-    case FrameStatus::kWrongEncoding:
-      return {SelfFilterStatus::kWrongEncoding, refusal.message};
-    case FrameStatus::kMalformedImage:
-      return {SelfFilterStatus::kMalformedImage, refusal.message};
-    case FrameStatus::kSizeMismatch:
-      return {SelfFilterStatus::kSizeMismatch, refusal.message};
-    case FrameStatus::kBadCameraInfo:
-      return {SelfFilterStatus::kBadCameraInfo, refusal.message};
-    case FrameStatus::kNoCameraInfo:
-      return {SelfFilterStatus::kNoCameraInfo, refusal.message};
-    case FrameStatus::kNoTransform:
-      return {SelfFilterStatus::kNoTransform, refusal.message};
-    case FrameStatus::kBadTransform:
-      return {SelfFilterStatus::kBadTransform, refusal.message};
-    case FrameStatus::kPoseJump:
-      return {SelfFilterStatus::kPoseJump, refusal.message};
-    case FrameStatus::kTimeRanBack:
-      return {SelfFilterStatus::kTimeRanBack, refusal.message};
-    case FrameStatus::kStampInFuture:
-      return {SelfFilterStatus::kStampInFuture, refusal.message};
-    case FrameStatus::kNothingMeasured:
-    case FrameStatus::kRefusedByMap:
-      break;
-  }
-  return {SelfFilterStatus::kFailed, refusal.message};
+  return {depth_camera_ros::statusOf<SelfFilterStatus>(refusal.status), refusal.message};
 }
 
 Drop toDrop(const depth_self_filter::JointHistory::Answer& answer) {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth_self_filter_ros/depth_self_filter_ros.h"
 
-#include <cstdio>
 #include <exception>
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
@@ -16,6 +16,7 @@ using depth_camera_ros::CameraPoseSource;
 using depth_camera_ros::Refusal;
 using depth_self_filter::JointHistory;
 using diagnostic_msgs::DiagnosticStatus;
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::SelfFilterUpdate;
 using interactive_mapping_ros::withoutSlash;
 using mp700_ur5e_description::RobotModel;
@@ -24,16 +25,6 @@ constexpr char kLog[] = "depth_self_filter";
 constexpr char kDescription[] = "robot_description";
 constexpr double kSilence_s = 2.0;     // without an image: a warning
 constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
-
-std::string sizeText(int width, int height) {
-  return std::to_string(width) + " x " + std::to_string(height) + " px";
-}
-
-std::string seconds(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.3f s", value);
-  return text;
-}
 
 std::shared_ptr<const RobotModel> loadRobot(const ros::NodeHandle& nh) {
   // In the node's namespace, or in one around it. A search from a nodelet's handle in the root finds nothing.
@@ -63,11 +54,17 @@ double millisecondsBetween(std::chrono::steady_clock::time_point from, std::chro
 }  // namespace
 
 DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
-    : params_(loadDepthSelfFilterParams(private_nh)),
-      robot_(loadRobot(nh)),
+    // In braces, which keep the order: first the parameters are refused.
+    : DepthSelfFilterRos{nh, private_nh, loadDepthSelfFilterParams(private_nh), loadRobot(nh)} {}
+
+DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
+                                       const DepthSelfFilterParams& params, std::shared_ptr<const RobotModel> robot)
+    // The source is of cameras that the URDF does not have; it checks the stamps of all.
+    : ImageWorker(nh, poseParams(params, *robot)),
+      params_(params),
+      robot_(std::move(robot)),
       mask_(robot_, params_.mask),
       joints_(robot_, params_.joints),
-      pose_source_(nh, poseParams(params_, *robot_)),
       input_transport_(nh),
       output_transport_(private_nh),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
@@ -81,7 +78,7 @@ DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::Nod
   attached_subscriber_ = public_nh.subscribe("attached_brick", 5, &DepthSelfFilterRos::onAttached, this);
   // Half a second of an arm that tells 500 times a second.
   joint_subscriber_ = public_nh.subscribe("joint_states", 250, &DepthSelfFilterRos::onJointStates, this, no_delay);
-  info_subscriber_ = public_nh.subscribe("depth/camera_info", 2, &DepthSelfFilterRos::onInfo, this, no_delay);
+  subscribeInfo(nh, "depth/camera_info");
   image_subscriber_ =
       input_transport_.subscribe("depth/image_rect", 1, &DepthSelfFilterRos::onImage, this,
                                  image_transport::TransportHints(params_.input.image_transport, no_delay, private_nh));
@@ -89,7 +86,7 @@ DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::Nod
   is_rectified_ = depth_camera_ros::isRectifiedTopic(image_subscriber_.getTopic());
   // A simulation that waits for an update after each image may begin when it sees this: the images are subscribed to.
   update_publisher_ = pnh.advertise<Update>("update", 50);
-  worker_ = std::thread(&DepthSelfFilterRos::work, this);
+  start();
 
   diagnostics_.setHardwareID("none");
   diagnostics_.add("input", this, &DepthSelfFilterRos::diagnoseInput);
@@ -103,42 +100,19 @@ DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::Nod
 
 DepthSelfFilterRos::~DepthSelfFilterRos() {
   diagnostics_timer_.stop();
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    is_stopping_ = true;
-  }
-  changed_.notify_all();
-  pose_source_.stop();
-  worker_.join();
+  stop();
   // Each of these waits for its callback in progress.
   image_subscriber_.shutdown();
-  info_subscriber_.shutdown();
   joint_subscriber_.shutdown();
   attached_subscriber_.shutdown();
-}
-
-bool DepthSelfFilterRos::isStopping() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return is_stopping_;
 }
 
 void DepthSelfFilterRos::onImage(const sensor_msgs::ImageConstPtr& image) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    ++counters_.received;
     counters_.last_image = ros::WallTime::now();
-    if (waiting_) ++counters_.replaced;
-    waiting_ = Waiting{image, std::chrono::steady_clock::now()};
   }
-  changed_.notify_all();
-}
-
-void DepthSelfFilterRos::onInfo(const sensor_msgs::CameraInfoConstPtr& info) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    info_ = info;
-  }
-  changed_.notify_all();
+  put({image, std::chrono::steady_clock::now()}, &counters_);
 }
 
 void DepthSelfFilterRos::onJointStates(const sensor_msgs::JointStateConstPtr& states) {
@@ -167,81 +141,63 @@ void DepthSelfFilterRos::onAttached(const interactive_mapping_msgs::AttachedBric
   hand_problem_ = problem;
 }
 
-void DepthSelfFilterRos::work() {
-  while (true) {
-    Waiting job;
-    {
-      std::unique_lock<std::mutex> lock(mutex_);
-      changed_.wait(lock, [this] { return is_stopping_ || waiting_; });
-      if (is_stopping_) return;
-      job = std::move(*waiting_);
-      waiting_.reset();
+void DepthSelfFilterRos::process(const WaitingImage& job) {
+  Update update;
+  update.header = job.image->header;
+  Drop drop;
+  try {
+    std::optional<Frame> frame = prepare(*job.image, job.arrival, &drop);
+    if (isStopping()) return;
+    if (frame) {
+      const SteadyTime begin = std::chrono::steady_clock::now();
+      const depth_self_filter::MaskStatistics statistics =
+          mask_.apply(frame->camera, frame->T_root_camera, frame->positions_rad, frame->brick, &frame->image);
+      const sensor_msgs::ImagePtr filtered = toMessage(frame->image);
+      filtered->header = job.image->header;
+      const SteadyTime end = std::chrono::steady_clock::now();
+      // First the info: who gets the image finds it there.
+      sensor_msgs::CameraInfo info = toOutputInfo(frame->info, frame->camera);
+      info.header = job.image->header;
+      info_publisher_.publish(info);
+      image_publisher_.publish(sensor_msgs::ImageConstPtr(filtered));
+      update.has_brick = frame->brick ? 1 : 0;
+      update.masked = static_cast<std::uint32_t>(statistics.masked_px);
+      update.shadow = static_cast<std::uint32_t>(statistics.shadow_px);
+      update.in_front = static_cast<std::uint32_t>(statistics.in_front_px);
+      update.filter_ms = static_cast<float>(millisecondsBetween(begin, end));
+      update.wait_ms = static_cast<float>(millisecondsBetween(job.arrival, begin));
     }
-    Update update;
-    update.header = job.image->header;
-    Drop drop;
-    try {
-      std::optional<Frame> frame = prepare(*job.image, job.arrival, &drop);
-      if (isStopping()) return;
-      if (frame) {
-        const SteadyTime begin = std::chrono::steady_clock::now();
-        const depth_self_filter::MaskStatistics statistics =
-            mask_.apply(frame->camera, frame->T_root_camera, frame->positions_rad, frame->brick, &frame->image);
-        const sensor_msgs::ImagePtr filtered = toMessage(frame->image);
-        filtered->header = job.image->header;
-        const SteadyTime end = std::chrono::steady_clock::now();
-        // First the info: who gets the image finds it there.
-        sensor_msgs::CameraInfo info = toOutputInfo(frame->info, frame->camera);
-        info.header = job.image->header;
-        info_publisher_.publish(info);
-        image_publisher_.publish(sensor_msgs::ImageConstPtr(filtered));
-        update.has_brick = frame->brick ? 1 : 0;
-        update.masked = static_cast<std::uint32_t>(statistics.masked_px);
-        update.shadow = static_cast<std::uint32_t>(statistics.shadow_px);
-        update.in_front = static_cast<std::uint32_t>(statistics.in_front_px);
-        update.filter_ms = static_cast<float>(millisecondsBetween(begin, end));
-        update.wait_ms = static_cast<float>(millisecondsBetween(job.arrival, begin));
-      }
-    } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
-      drop = {SelfFilterStatus::kFailed, error.what()};
-    }
-    update.status = static_cast<std::uint8_t>(drop.status);
-    update.message = drop.message;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      ++counters_.by_status.at(static_cast<std::size_t>(drop.status));
-      if (drop.status == SelfFilterStatus::kAccepted) {
-        counters_.last_filter_ms = update.filter_ms;
-        counters_.last_accepted = ros::WallTime::now();
-      } else {
-        counters_.last_drop = std::string(toString(drop.status)) + ": " + drop.message;
-      }
-    }
-    if (drop.status != SelfFilterStatus::kAccepted) {
-      ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
-                                     "image dropped, " << toString(drop.status) << ": " << drop.message);
-    }
-    update_publisher_.publish(update);
+  } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
+    drop = {SelfFilterStatus::kFailed, error.what()};
   }
-}
-
-sensor_msgs::CameraInfoConstPtr DepthSelfFilterRos::waitForInfo(SteadyTime deadline) {
-  std::unique_lock<std::mutex> lock(mutex_);
-  changed_.wait_until(lock, deadline, [this] { return is_stopping_ || info_; });
-  return info_;
+  update.status = static_cast<std::uint8_t>(drop.status);
+  update.message = drop.message;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ++counters_.by_status.at(static_cast<std::size_t>(drop.status));
+    if (drop.status == SelfFilterStatus::kAccepted) {
+      counters_.last_filter_ms = update.filter_ms;
+      counters_.last_accepted = ros::WallTime::now();
+    } else {
+      counters_.last_drop = std::string(toString(drop.status)) + ": " + drop.message;
+    }
+  }
+  if (drop.status != SelfFilterStatus::kAccepted) {
+    ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
+                                   "image dropped, " << toString(drop.status) << ": " << drop.message);
+  }
+  update_publisher_.publish(update);
 }
 
 JointHistory::Answer DepthSelfFilterRos::waitForJoints(double stamp_s, SteadyTime deadline) {
   std::unique_lock<std::mutex> lock(mutex_);
   JointHistory::Answer answer;
-  changed_.wait_until(lock, deadline, [&] {
+  waitUntil(deadline, &lock, [&] {
     answer = joints_.at(stamp_s);
-    const bool may_come =
-        answer.verdict == JointHistory::Verdict::kNotYet || answer.verdict == JointHistory::Verdict::kNeverHeard;
-    return is_stopping_ || !may_come;
+    return answer.verdict != JointHistory::Verdict::kNotYet && answer.verdict != JointHistory::Verdict::kNeverHeard;
   });
   if (answer.verdict == JointHistory::Verdict::kNotYet) {
-    answer.message += "; waited " + seconds(params_.input.wait_s) + " (wait_s)";
+    answer.message += "; waited " + formatted("%.3f s", params_.input.wait_s) + " (wait_s)";
   }
   if (answer.verdict != JointHistory::Verdict::kKnown && !counters_.last_bad_joint_states.empty()) {
     answer.message += "; " + std::to_string(counters_.bad_joint_states) +
@@ -281,19 +237,14 @@ std::optional<DepthSelfFilterRos::Frame> DepthSelfFilterRos::prepare(const senso
       depth_camera_ros::toDepthImage(message, params_.input.depth_units_per_metre, &refusal);
   if (!image) return refused();
   frame.image = std::move(*image);
-  const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline);
-  if (!info) {
-    *drop = {SelfFilterStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
-    return std::nullopt;
-  }
+  const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline, &refusal);
+  if (!info) return refused();
   frame.info = *info;
   if (!depth_camera_ros::toDepthRectifier(*info, is_rectified_, &rectifier_, &refusal)) return refused();
   const depth_camera::CameraModel& raw = rectifier_.rawCamera();
   if (frame.image.width != raw.width || frame.image.height != raw.height) {
-    *drop = {SelfFilterStatus::kSizeMismatch, "image is " + sizeText(frame.image.width, frame.image.height) +
-                                                  ", camera info on " + info_subscriber_.getTopic() + " says " +
-                                                  sizeText(raw.width, raw.height)};
-    return std::nullopt;
+    refusal = sizeMismatch(frame.image.width, frame.image.height, raw.width, raw.height);
+    return refused();
   }
   frame.camera = rectifier_.camera();
   const double stamp_s = message.header.stamp.toSec() + params_.input.time_offset_s;  // by the robot's clock
@@ -329,7 +280,7 @@ void DepthSelfFilterRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapp
     status.summary(DiagnosticStatus::WARN, "no image on " + image_subscriber_.getTopic() + " yet");
   } else if ((now - *counters.last_image).toSec() > kSilence_s) {
     status.summary(DiagnosticStatus::WARN, "no image on " + image_subscriber_.getTopic() + " for " +
-                                               seconds((now - *counters.last_image).toSec()));
+                                               formatted("%.3f s", (now - *counters.last_image).toSec()));
   } else if (!counters.last_accepted || (now - *counters.last_accepted).toSec() > kSilence_s) {
     status.summary(DiagnosticStatus::ERROR, "every image is dropped: " + counters.last_drop);
   } else {

@@ -4,24 +4,18 @@
 
 #include <array>
 #include <chrono>
-#include <condition_variable>
 #include <cstdint>
 #include <functional>
-#include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
-#include <thread>
-#include <vector>
 
 #include <Eigen/Geometry>
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
-#include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
-#include <depth_camera_ros/camera_pose_source.h>
+#include <depth_camera_ros/image_worker.h>
 #include "gpis_mapping/types.h"
 
 namespace gpis_mapping_ros {
@@ -63,11 +57,20 @@ struct DepthInputCounters {
   std::string warning;  // of the kind that does not stop anything
 };
 
+/// A depth image as it came.
+struct WaitingDepth {
+  sensor_msgs::ImageConstPtr image;
+  sensor_msgs::CompressedImageConstPtr compressed;  // one of the two
+  std::chrono::steady_clock::time_point arrival;
+
+  const std_msgs::Header& header() const { return image ? image->header : compressed->header; }
+};
+
 /// Depth images with camera info and tf, checked, one at a time. Subscribes `depth/image_rect` and `depth/camera_info`
-/// relative to `nh`; with image_transport compressedDepth `depth/image_rect/compressedDepth`. A worker thread takes the newest image, waits for its pose, checks it and hands it to `consume`; an
-/// image that comes meanwhile replaces the one that waits. Callbacks of subscriptions only store what they get; they
-/// may run in any callback queue. Neither `consume` nor `refuse` is called after the destructor has begun to return.
-class DepthInput {
+/// relative to `nh`; with image_transport compressedDepth `depth/image_rect/compressedDepth`. The worker thread waits for an
+/// image's pose, checks it and hands it to `consume`. Neither `consume` nor `refuse` is called after the destructor has
+/// begun to return.
+class DepthInput final : public depth_camera_ros::ImageWorker<WaitingDepth> {
  public:
   /// Called on the worker thread. Returns why the consumer did not want the frame, or a status of kAccepted.
   using Consume = std::function<Refusal(const DepthInputFrame&)>;
@@ -78,38 +81,19 @@ class DepthInput {
   DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const DepthInputParams& params,
              Consume consume, Refuse refuse);
   ~DepthInput();
-  DepthInput(const DepthInput&) = delete;
-  DepthInput& operator=(const DepthInput&) = delete;
 
   DepthInputCounters counters() const;
-  void setPoseLimits(const depth_camera::PoseLimits& limits);
-  /// Believes the next pose, whatever it is: for a map that was cleared or loaded.
-  void resetPoseGuard();
+  void setPoseLimits(const depth_camera::PoseLimits& limits) { pose_source_.setLimits(limits); }
 
   const DepthInputParams& params() const { return params_; }
-  const tf2_ros::Buffer& tfBuffer() const { return pose_source_.buffer(); }
   std::string imageTopic() const;
-  std::string infoTopic() const { return info_subscriber_.getTopic(); }
 
  private:
-  using SteadyTime = std::chrono::steady_clock::time_point;
-
-  struct Waiting {
-    sensor_msgs::ImageConstPtr image;
-    sensor_msgs::CompressedImageConstPtr compressed;  // one of the two
-    SteadyTime arrival;
-
-    const std_msgs::Header& header() const { return image ? image->header : compressed->header; }
-  };
-
   void onImage(const sensor_msgs::ImageConstPtr& image);
   void onCompressedImage(const sensor_msgs::CompressedImageConstPtr& image);
-  void take(Waiting waiting);
-  void onInfo(const sensor_msgs::CameraInfoConstPtr& info);
-  void work();
+  void process(const WaitingDepth& job) override;
   /// Everything between arrival and `consume`. Nothing, and the reason, when the image is left out.
-  std::optional<DepthInputFrame> prepare(const Waiting& waiting, Refusal* refusal);
-  sensor_msgs::CameraInfoConstPtr waitForInfo(SteadyTime deadline);
+  std::optional<DepthInputFrame> prepare(const WaitingDepth& waiting, Refusal* refusal);
   void count(const Refusal& refusal);
 
   const DepthInputParams params_;
@@ -118,19 +102,11 @@ class DepthInput {
   bool is_rectified_{false};
   depth_camera::DepthRectifier rectifier_;  // the worker's
 
-  mutable std::mutex mutex_;  // guards what follows, up to the blank line
-  std::condition_variable changed_;
-  bool is_stopping_{false};
-  std::optional<Waiting> waiting_;
-  sensor_msgs::CameraInfoConstPtr info_;
-  DepthInputCounters counters_;
+  DepthInputCounters counters_;  // mutex_ guards it
 
-  CameraPoseSource pose_source_;
   image_transport::ImageTransport transport_;
   image_transport::Subscriber image_subscriber_;
   ros::Subscriber compressed_subscriber_;  // in its place for image_transport: compressedDepth
-  ros::Subscriber info_subscriber_;
-  std::thread worker_;  // last: everything it uses exists before it
 };
 
 }  // namespace gpis_mapping_ros

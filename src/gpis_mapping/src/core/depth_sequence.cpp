@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -12,6 +11,7 @@
 #include <sstream>
 
 #include <Eigen/SVD>
+#include <interactive_mapping_common/formatted.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <yaml-cpp/yaml.h>
@@ -44,17 +44,12 @@ std::string at(const std::string& path, std::size_t line) {
 }
 
 std::string format(double value) {
-  std::ostringstream text;
-  text.precision(10);
-  text << value;
-  return text.str();
+  return interactive_mapping::formatted("%.10g", value);
 }
 
 /// A moment [s], to the microsecond.
 std::string formatStamp(double stamp_s) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.6f", stamp_s);
-  return text;
+  return interactive_mapping::formatted("%.6f", stamp_s);
 }
 
 struct TextLine {

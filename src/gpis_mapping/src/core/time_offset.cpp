@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <map>
 #include <optional>
@@ -13,11 +12,13 @@
 #include <vector>
 
 #include <Eigen/Dense>
+#include <interactive_mapping_common/formatted.h>
 
 namespace gpis_mapping {
 namespace {
 
 using depth_camera::StampedPose;
+using interactive_mapping::formatted;
 
 constexpr double kStep_s = 0.005;
 constexpr int kHalfSteps = 40;  // kMaxEstimatedOffset_s
@@ -212,12 +213,6 @@ std::optional<double> minimum(const Curve& curve) {
   return offsetOf(least) + kStep_s * std::clamp(-c(1) / (2.0 * c(2)), -1.0 * kFitSteps, 1.0 * kFitSteps);
 }
 
-std::string number(const char* format, double value) {
-  char text[60];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
-
 }  // namespace
 
 TimeOffsetEstimate estimateTimeOffset(DepthSequence* sequence, std::size_t first, std::size_t last) {
@@ -243,15 +238,16 @@ TimeOffsetEstimate estimateTimeOffset(DepthSequence* sequence, std::size_t first
   }
   estimate.num_pairs = static_cast<std::size_t>(all.count);
   if (estimate.num_parts < kMinParts) {
-    throw DepthSequenceError("the camera moves too little or too steadily: " + std::to_string(estimate.num_parts) +
-                             " of " + std::to_string(kNumParts) + " parts of the recording have " +
-                             std::to_string(kMinPairsPerPart) +
-                             " pairs of images between which its velocity changes by " +
-                             number("%g m/s", kMinLeverage_mps) + ", at least " + std::to_string(kMinParts) + " must");
+    throw DepthSequenceError(
+        "the camera moves too little or too steadily: " + std::to_string(estimate.num_parts) + " of " +
+        std::to_string(kNumParts) + " parts of the recording have " + std::to_string(kMinPairsPerPart) +
+        " pairs of images between which its velocity changes by " + formatted("%g m/s", kMinLeverage_mps) +
+        ", at least " + std::to_string(kMinParts) + " must");
   }
   const std::optional<double> offset_s = minimum(all);
   if (!offset_s || offsets_s.size() < kMinParts) {
-    throw DepthSequenceError("the images fit best at no time offset within " + number("%g s", kMaxEstimatedOffset_s) +
+    throw DepthSequenceError("the images fit best at no time offset within " +
+                             formatted("%g s", kMaxEstimatedOffset_s) +
                              ": is the scene at rest, is the camera's frame right?");
   }
   estimate.offset_s = *offset_s;
@@ -259,9 +255,10 @@ TimeOffsetEstimate estimateTimeOffset(DepthSequence* sequence, std::size_t first
   for (const double part_s : offsets_s) squares += (part_s - *offset_s) * (part_s - *offset_s);
   estimate.spread_s = std::sqrt(squares / static_cast<double>(offsets_s.size()));
   if (estimate.spread_s > kMaxSpread_s) {
-    throw DepthSequenceError("the parts of the recording contradict each other: " + number("%.1f ms", 1e3 * *offset_s) +
-                             " with a standard deviation of " + number("%.1f ms", 1e3 * estimate.spread_s) +
-                             ", must be at most " + number("%g ms", 1e3 * kMaxSpread_s));
+    throw DepthSequenceError(
+        "the parts of the recording contradict each other: " + formatted("%.1f ms", 1e3 * *offset_s) +
+        " with a standard deviation of " + formatted("%.1f ms", 1e3 * estimate.spread_s) + ", must be at most " +
+        formatted("%g ms", 1e3 * kMaxSpread_s));
   }
   const auto step = static_cast<std::size_t>(std::lround(*offset_s / kStep_s) + kHalfSteps);
   estimate.residual_at_zero_m = all.sum_m[kHalfSteps] / all.count;

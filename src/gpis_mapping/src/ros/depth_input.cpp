@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping_ros/depth_input.h"
 
-#include <cstdio>
 #include <exception>
 #include <stdexcept>
 
@@ -15,21 +14,16 @@ using depth_camera_ros::toDepthImage;
 using depth_camera_ros::toDepthRectifier;
 using gpis_mapping::CameraModel;
 
-std::string sizeText(int width, int height) {
-  return std::to_string(width) + " x " + std::to_string(height) + " px";
-}
-
 }  // namespace
 
 DepthInput::DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const DepthInputParams& params,
                        Consume consume, Refuse refuse)
-    : params_(interactive_mapping::requireValid("impossible input parameters:", params)),
+    : ImageWorker(nh, interactive_mapping::requireValid("impossible input parameters:", params)),
+      params_(params),
       consume_(std::move(consume)),
       refuse_(std::move(refuse)),
-      pose_source_(nh, params),
       transport_(nh) {
-  info_subscriber_ = ros::NodeHandle(nh).subscribe("depth/camera_info", 2, &DepthInput::onInfo, this,
-                                                   ros::TransportHints().tcpNoDelay());
+  subscribeInfo(nh, "depth/camera_info");
   // Remappings decide what the topic is called.
   const std::string topic = nh.resolveName("depth/image_rect");
   is_rectified_ = isRectifiedTopic(topic);
@@ -41,20 +35,13 @@ DepthInput::DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private
         "depth/image_rect", 1, &DepthInput::onImage, this,
         image_transport::TransportHints(params_.image_transport, ros::TransportHints().tcpNoDelay(), private_nh));
   }
-  worker_ = std::thread(&DepthInput::work, this);
+  start();
 }
 
 DepthInput::~DepthInput() {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    is_stopping_ = true;
-  }
-  changed_.notify_all();
-  pose_source_.stop();
-  worker_.join();
+  stop();
   image_subscriber_.shutdown();
   compressed_subscriber_.shutdown();
-  info_subscriber_.shutdown();
 }
 
 DepthInputCounters DepthInput::counters() const {
@@ -67,74 +54,35 @@ DepthInputCounters DepthInput::counters() const {
   return counters;
 }
 
-void DepthInput::setPoseLimits(const depth_camera::PoseLimits& limits) {
-  pose_source_.setLimits(limits);
-}
-
-void DepthInput::resetPoseGuard() {
-  pose_source_.resetGuard();
-}
-
 std::string DepthInput::imageTopic() const {
   return compressed_subscriber_ ? compressed_subscriber_.getTopic() : image_subscriber_.getTopic();
 }
 
 void DepthInput::onImage(const sensor_msgs::ImageConstPtr& image) {
-  take({image, nullptr, std::chrono::steady_clock::now()});
+  put({image, nullptr, std::chrono::steady_clock::now()}, &counters_);
 }
 
 void DepthInput::onCompressedImage(const sensor_msgs::CompressedImageConstPtr& image) {
-  take({nullptr, image, std::chrono::steady_clock::now()});
+  put({nullptr, image, std::chrono::steady_clock::now()}, &counters_);
 }
 
-void DepthInput::take(Waiting waiting) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    ++counters_.received;
-    if (waiting_) ++counters_.replaced;
-    waiting_ = std::move(waiting);
-  }
-  changed_.notify_all();
-}
-
-void DepthInput::onInfo(const sensor_msgs::CameraInfoConstPtr& info) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    info_ = info;
-  }
-  changed_.notify_all();
-}
-
-void DepthInput::work() {
-  while (true) {
-    Waiting job;
-    {
-      std::unique_lock<std::mutex> lock(mutex_);
-      changed_.wait(lock, [this] { return is_stopping_ || waiting_; });
-      if (is_stopping_) return;
-      job = std::move(*waiting_);
-      waiting_.reset();
+void DepthInput::process(const WaitingDepth& job) {
+  Refusal refusal;
+  bool was_consumed = false;
+  try {
+    std::optional<DepthInputFrame> frame = prepare(job, &refusal);
+    if (isStopping()) return;
+    if (frame) {
+      frame->wait_ms =
+          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - job.arrival).count();
+      refusal = consume_(*frame);
+      was_consumed = refusal.status == FrameStatus::kAccepted;
     }
-    Refusal refusal;
-    bool was_consumed = false;
-    try {
-      std::optional<DepthInputFrame> frame = prepare(job, &refusal);
-      {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        if (is_stopping_) return;
-      }
-      if (frame) {
-        frame->wait_ms =
-            std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - job.arrival).count();
-        refusal = consume_(*frame);
-        was_consumed = refusal.status == FrameStatus::kAccepted;
-      }
-    } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
-      refusal = {FrameStatus::kRefusedByMap, error.what()};
-    }
-    count(refusal);
-    if (!was_consumed) refuse_(job.header().stamp, refusal);
+  } catch (const std::exception& error) {  // out of memory, say: this image is lost, the next may do
+    refusal = {FrameStatus::kRefusedByMap, error.what()};
   }
+  count(refusal);
+  if (!was_consumed) refuse_(job.header().stamp, refusal);
 }
 
 void DepthInput::count(const Refusal& refusal) {
@@ -145,13 +93,7 @@ void DepthInput::count(const Refusal& refusal) {
   }
 }
 
-sensor_msgs::CameraInfoConstPtr DepthInput::waitForInfo(SteadyTime deadline) {
-  std::unique_lock<std::mutex> lock(mutex_);
-  changed_.wait_until(lock, deadline, [this] { return is_stopping_ || info_; });
-  return info_;
-}
-
-std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refusal* refusal) {
+std::optional<DepthInputFrame> DepthInput::prepare(const WaitingDepth& waiting, Refusal* refusal) {
   const std_msgs::Header& header = waiting.header();
   const SteadyTime deadline = pose_source_.deadline(waiting.arrival);
   const CameraPoseSource::StampVerdict verdict = pose_source_.checkStamp(header.stamp, refusal);
@@ -168,27 +110,15 @@ std::optional<DepthInputFrame> DepthInput::prepare(const Waiting& waiting, Refus
   std::optional<gpis_mapping::DepthImage> image =
       toDepthImage(decoded ? *decoded : *waiting.image, params_.depth_units_per_metre, refusal);
   if (!image) return std::nullopt;
-  const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline);
-  if (!info) {
-    *refusal = {FrameStatus::kNoCameraInfo, "no camera info on " + info_subscriber_.getTopic()};
-    return std::nullopt;
-  }
+  const sensor_msgs::CameraInfoConstPtr info = waitForInfo(deadline, refusal);
+  if (!info) return std::nullopt;
   if (!toDepthRectifier(*info, is_rectified_, &rectifier_, refusal)) return std::nullopt;
   const CameraModel& raw = rectifier_.rawCamera();
   if (image->width != raw.width || image->height != raw.height) {
-    *refusal = {FrameStatus::kSizeMismatch, "image is " + sizeText(image->width, image->height) + ", camera info on " +
-                                                info_subscriber_.getTopic() + " says " +
-                                                sizeText(raw.width, raw.height)};
+    *refusal = sizeMismatch(image->width, image->height, raw.width, raw.height);
     return std::nullopt;
   }
-  const std::string info_frame = interactive_mapping_ros::withoutSlash(info->header.frame_id);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    counters_.warning = info_frame == interactive_mapping_ros::withoutSlash(header.frame_id)
-                            ? ""
-                            : "camera info is of frame '" + info_frame + "', the image of '" +
-                                  interactive_mapping_ros::withoutSlash(header.frame_id) + "': is it the right topic?";
-  }
+  change([&] { counters_.warning = depth_camera_ros::frameWarning(info->header, header); });
   if (!holdsMeasurement(*image)) {
     *refusal = {FrameStatus::kNothingMeasured, depth_camera::nothingMeasured(*image)};
     return std::nullopt;

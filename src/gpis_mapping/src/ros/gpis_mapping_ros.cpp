@@ -3,12 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <interactive_mapping_common/files/atomic_file.h>
+#include <interactive_mapping_common/formatted.h>
 
 #include <ros/console.h>
 #include <tf2/exceptions.h>
@@ -26,17 +25,12 @@ using diagnostic_msgs::DiagnosticStatus;
 using gpis_mapping::GpisConfig;
 using gpis_mapping::GpisMap;
 using gpis_mapping::MapContents;
+using interactive_mapping::formatted;
 
 constexpr char kLog[] = "gpis_mapping";
 constexpr double kWindow_s = 5.0;      // over which diagnostics count
 constexpr double kSilence_s = 2.0;     // without an image: a warning
 constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
-
-std::string formatted(const char* format, double value) {
-  char text[64];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
 
 /// The map's settings that belong to a file's points, beside those that belong to this node's camera and use.
 GpisConfig mergedConfig(const GpisConfig& of_node, const GpisConfig& of_file) {

@@ -22,6 +22,7 @@
 #include <nlohmann/json.hpp>
 
 #include <interactive_mapping_common/files/atomic_file.h>
+#include <interactive_mapping_common/formatted.h>
 #include "gpis_mapping/depth_sequence.h"
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/map_io.h"
@@ -35,6 +36,7 @@ namespace gpis_mapping {
 namespace {
 
 using interactive_mapping::FileError;
+using interactive_mapping::formatted;
 
 namespace fs = std::filesystem;
 namespace po = boost::program_options;
@@ -54,9 +56,7 @@ double millisecondsSince(Clock::time_point begin) {
 }
 
 std::string onePrinted(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%.4g", value);
-  return text;
+  return formatted("%.4g", value);
 }
 
 struct Options {
@@ -194,9 +194,7 @@ double peakMemoryMb() {
 }
 
 std::string meshName(std::size_t frame) {
-  char name[40];
-  std::snprintf(name, sizeof(name), "mesh_%06zu.ply", frame);
-  return name;
+  return formatted("mesh_%06zu.ply", frame);
 }
 
 /// Which depths were measured, for a map that stays empty.

@@ -6,6 +6,8 @@
 #include <iostream>
 #include <system_error>
 
+#include <interactive_mapping_common/formatted.h>
+
 #include "tool_support.h"
 
 namespace gpis_mapping {
@@ -45,9 +47,7 @@ bool SequenceInput::parse(int argc, char** argv, const po::options_description& 
   if (values->count("depth-units") > 0) {
     const double units = (*values)["depth-units"].as<double>();
     if (!(units >= 1.0 && units <= 1e6)) {  // NaN, too
-      char text[100];
-      std::snprintf(text, sizeof(text), "--depth-units = %.4g 1/m, must be in [1, 1e+06] 1/m", units);
-      throw UsageError(text);
+      throw UsageError(interactive_mapping::formatted("--depth-units = %.4g 1/m, must be in [1, 1e+06] 1/m", units));
     }
     units_per_metre_ = units;
     bag_.units_per_metre = units;

@@ -201,7 +201,10 @@ TEST(MapMessages, OccupancyGridKeepsStatesInRowsFromTheOrigin) {
   EXPECT_EQ(message.info.width, 2u);
   EXPECT_EQ(message.info.height, 3u);
   EXPECT_EQ(message.info.origin.position.x, -1.0);
+  EXPECT_EQ(message.info.origin.position.y, 2.0);
   EXPECT_EQ(message.info.origin.position.z, 0.4);
+  EXPECT_EQ(message.info.origin.orientation.w, 1.0);
+  EXPECT_FLOAT_EQ(message.info.resolution, 0.1f);
 }
 
 TEST(MapMessages, AnswersTurnDirectionsIntoTheFrameAskedFor) {

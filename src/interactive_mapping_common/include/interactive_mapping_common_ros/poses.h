@@ -8,6 +8,8 @@
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
 
+#include "interactive_mapping_common/geometry/pose2d.h"
+
 /// Poses of messages, checked: tf2_eigen takes what is no rotation, too.
 namespace interactive_mapping_ros {
 
@@ -20,5 +22,9 @@ std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& tran
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, std::string* reason = nullptr);
 
 geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);
+geometry_msgs::Pose toPose(const interactive_mapping::Pose2d& pose);
+
+/// Seen from above; the tilt is lost.
+interactive_mapping::Pose2d toPlane(const Eigen::Isometry3d& T);
 
 }  // namespace interactive_mapping_ros

@@ -51,4 +51,17 @@ geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
   return pose;
 }
 
+geometry_msgs::Pose toPose(const interactive_mapping::Pose2d& pose) {
+  geometry_msgs::Pose message;
+  message.position.x = pose.x_m;
+  message.position.y = pose.y_m;
+  message.orientation.z = std::sin(0.5 * pose.yaw_rad);
+  message.orientation.w = std::cos(0.5 * pose.yaw_rad);
+  return message;
+}
+
+interactive_mapping::Pose2d toPlane(const Eigen::Isometry3d& T) {
+  return {T.translation().x(), T.translation().y(), std::atan2(T.linear()(1, 0), T.linear()(0, 0))};
+}
+
 }  // namespace interactive_mapping_ros

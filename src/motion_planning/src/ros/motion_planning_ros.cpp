@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <limits>
 #include <stdexcept>
 #include <thread>
 
 #include <geometry_msgs/PoseStamped.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/BrickFace.h>
 #include <mp700_ur5e_description/arm_pose.h>
@@ -23,6 +23,7 @@
 namespace motion_planning_ros {
 namespace {
 
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::PathMonitorState;
 using interactive_mapping_msgs::PlanOutcome;
 using interactive_mapping_msgs::WatchTrajectory;
@@ -63,12 +64,6 @@ std::function<void(const std::string&)> tellStage(const std::function<void(const
 
 double msSince(const ros::WallTime& start) {
   return 1000.0 * (ros::WallTime::now() - start).toSec();
-}
-
-std::string formatted(const char* format, double value) {
-  char text[64];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
 }
 
 /// What `load` gives; its complaint names the parameter that the file is from.

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <thread>
 
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <mp700_ur5e_description/robot_names.h>
 #include <ros/console.h>
@@ -16,6 +16,7 @@
 namespace motion_planning_ros {
 namespace {
 
+using interactive_mapping::formatted;
 using motion_planning::ArmVector;
 using mp700_ur5e_description::kArmJoints;
 using mp700_ur5e_description::kMagnetTipFrame;
@@ -24,18 +25,6 @@ constexpr char kLog[] = "motion_planning";
 constexpr double kLongestHeld_m = 1.0;              // nothing longer can be carried between mast and pile
 constexpr double kTfWait_s = 0.5;                   // wall time: some periods of the slowest publisher, 10 Hz
 constexpr std::chrono::milliseconds kTfPeriod(10);  // how soon a waiting request notices that it was cancelled
-
-std::string seconds(double s) {
-  char text[32];
-  std::snprintf(text, sizeof(text), "%.3f s", s);
-  return text;
-}
-
-std::string metres(double m) {
-  char text[32];
-  std::snprintf(text, sizeof(text), "%.3f m", m);
-  return text;
-}
 
 }  // namespace
 
@@ -84,8 +73,8 @@ std::optional<ArmVector> RobotState::arm(std::string* why_not) const {
     }
     const double age_s = (now - found->second.second).toSec();
     if (std::abs(age_s) > params_.state.max_joint_age_s) {
-      *why_not = std::string("the joint state of ") + kArmJoints[i] + " is " + seconds(age_s) + " old, allowed are " +
-                 seconds(params_.state.max_joint_age_s);
+      *why_not = std::string("the joint state of ") + kArmJoints[i] + " is " + formatted("%.3f s", age_s) +
+                 " old, allowed are " + formatted("%.3f s", params_.state.max_joint_age_s);
       return std::nullopt;
     }
     result[static_cast<Eigen::Index>(i)] = found->second.first;
@@ -100,8 +89,8 @@ std::optional<Eigen::Isometry3d> RobotState::base(std::string* why_not) const {
     const double age_s = (ros::Time::now() - transform.header.stamp).toSec();
     // Stamp zero: all static.
     if (!transform.header.stamp.isZero() && std::abs(age_s) > params_.state.max_tf_age_s) {
-      *why_not = "tf's pose of " + base_frame + " in " + params_.map_frame + " is " + seconds(age_s) +
-                 " old, allowed are " + seconds(params_.state.max_tf_age_s);
+      *why_not = "tf's pose of " + base_frame + " in " + params_.map_frame + " is " + formatted("%.3f s", age_s) +
+                 " old, allowed are " + formatted("%.3f s", params_.state.max_tf_age_s);
       return std::nullopt;
     }
     const std::optional<Eigen::Isometry3d> T = toIsometry(transform.transform);
@@ -134,10 +123,10 @@ std::optional<Eigen::Isometry3d> RobotState::frameInMap(const std::string& name,
     return T;
   } catch (const tf2::TransformException& error) {
     *why_not = "no pose of frame '" + frame + "' in " + params_.map_frame;
-    if (!stamp.isZero()) *why_not += " at its stamp, " + seconds(stamp.toSec());
+    if (!stamp.isZero()) *why_not += " at its stamp, " + formatted("%.3f s", stamp.toSec());
     if (tf_.canTransform(params_.map_frame, frame, ros::Time(0))) {
       const ros::Time newest = tf_.lookupTransform(params_.map_frame, frame, ros::Time(0)).header.stamp;
-      *why_not += ", tf has it up to " + seconds(newest.toSec());
+      *why_not += ", tf has it up to " + formatted("%.3f s", newest.toSec());
     }
     *why_not += std::string(": ") + error.what();
     return std::nullopt;
@@ -155,8 +144,9 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
     if (!T_frame_brick || !size.allFinite() || size.minCoeff() <= 0.0) {
       problem = "its pose is not finite or no rotation, or an edge of it is not above 0 m";
     } else if (size.maxCoeff() > max_held_edge_m_) {
-      problem = "its longest edge is " + metres(size.maxCoeff()) + ", must be at most " + metres(max_held_edge_m_) +
-                ": twice that of the bricks in bricks_file, and no more than " + metres(kLongestHeld_m);
+      problem = "its longest edge is " + formatted("%.3f m", size.maxCoeff()) + ", must be at most " +
+                formatted("%.3f m", max_held_edge_m_) + ": twice that of the bricks in bricks_file, and no more than " +
+                formatted("%.3f m", kLongestHeld_m);
     } else if (!robot.hasFrame(frame) || robot.bodyOf(frame) != robot.bodyOf(kMagnetTipFrame)) {
       problem = "its frame '" + frame + "' is not fixed to " + kMagnetTipFrame;
     } else {

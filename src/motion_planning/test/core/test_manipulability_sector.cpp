@@ -413,19 +413,19 @@ TEST(SectorsFile, EveryKeyIsChecked) {
     // The key itself, not the end of a longer one.
     const std::string lead = key == "urdf_checksum" ? "\n" : "  ";
     const std::string missing = replaced(good, lead + key + ":", lead + key + "_:");
-    EXPECT_THAT(refusalOf(missing), AllOf(HasSubstr(key + " is missing"), HasSubstr(key + "_ is unknown")));
+    EXPECT_THAT(refusalOf(missing), AllOf(HasSubstr(key + " = (missing)"), HasSubstr(key + "_ is unknown")));
     if (key == "urdf_checksum") continue;
     EXPECT_THAT(refusalOf(replaced(good, lead + key + ":", lead + key + ": word #")), HasSubstr("must be a number"));
     EXPECT_THAT(refusalOf(replaced(good, lead + key + ":", lead + key + ": 1e6 #")), HasSubstr(key)) << key;
     EXPECT_THAT(refusalOf(replaced(good, lead + key + ":", lead + key + ": .nan #")), HasSubstr(key)) << key;
   }
   EXPECT_THAT(refusalOf(replaced(good, "\nside:", "\nsides:")),
-              AllOf(HasSubstr("side is missing"), HasSubstr("sides is unknown")));
+              AllOf(HasSubstr("side = (missing)"), HasSubstr("sides is unknown")));
   EXPECT_THAT(refusalOf(good + "more: 1\n"), HasSubstr("more is unknown"));
   EXPECT_NE(refusalOf(replaced(good, "  cone_rad:", "  cell_m: 0.05\n  cone_rad:")), "") << "given twice";
   EXPECT_THAT(refusalOf("{"), HasSubstr("not valid YAML"));
-  EXPECT_THAT(refusalOf("[1]"), HasSubstr("no map"));
-  EXPECT_THAT(refusalOf(""), HasSubstr("no map"));
+  EXPECT_THAT(refusalOf("[1]"), HasSubstr("must be a map"));
+  EXPECT_THAT(refusalOf(""), HasSubstr("config = (missing)"));
   EXPECT_THROW(ManipulabilitySectors::load("/nowhere/sectors.yaml", *shippedRobot()), std::invalid_argument);
 }
 

@@ -2,13 +2,13 @@
 #include "mp700_ur5e_description/robot_model.h"
 
 #include <cstdint>
-#include <fstream>
 #include <functional>
 #include <iomanip>
 #include <limits>
 #include <sstream>
 #include <stdexcept>
 
+#include <interactive_mapping_common/config/schema.h>
 #include <kdl_parser/kdl_parser.hpp>
 #include <urdf_parser/urdf_parser.h>
 
@@ -64,10 +64,7 @@ std::string describe(const Shape& shape) {
 }  // namespace
 
 std::shared_ptr<const RobotModel> RobotModel::load(const std::string& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  if (!file || !(text << file.rdbuf())) throw std::invalid_argument(path + ": cannot be read");
-  return parse(text.str(), path);
+  return parse(interactive_mapping::readTextFile(path), path);
 }
 
 std::shared_ptr<const RobotModel> RobotModel::parse(const std::string& urdf_xml, const std::string& name) {

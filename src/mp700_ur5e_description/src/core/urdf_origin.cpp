@@ -2,18 +2,18 @@
 #include "urdf_origin.h"
 
 #include <cmath>
-#include <cstdio>
 #include <stdexcept>
+
+#include <interactive_mapping_common/formatted.h>
 
 namespace mp700_ur5e_description {
 
 std::string toDigits(const Eigen::VectorXd& values, const char* separator) {
   std::string text;
   for (Eigen::Index i = 0; i < values.size(); ++i) {
-    char number[40];
     // Adding zero turns -0 into 0.
-    std::snprintf(number, sizeof(number), "%.10f", std::round(values[i] * 1e10) * 1e-10 + 0.0);
-    text += (i == 0 ? "" : separator) + std::string(number);
+    text +=
+        (i == 0 ? "" : separator) + interactive_mapping::formatted("%.10f", std::round(values[i] * 1e10) * 1e-10 + 0.0);
   }
   return text;
 }

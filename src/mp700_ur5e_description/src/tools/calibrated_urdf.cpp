@@ -5,9 +5,9 @@
 #include <cstdio>
 #include <cstring>
 #include <exception>
-#include <fstream>
-#include <sstream>
-#include <stdexcept>
+
+#include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/formatted.h>
 
 #include "mp700_ur5e_description/arm_calibration.h"
 #include "mp700_ur5e_description/camera_calibration.h"
@@ -19,22 +19,13 @@ constexpr char kUsage[] =
     "       calibrated_urdf <robot.urdf> --arm <ur_calibration.yaml>     the arm's own kinematics\n"
     "       calibrated_urdf <robot.urdf> --compare <ur_calibration.yaml> how far the tip is off without them\n";
 
-std::string textOf(const std::string& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  if (!(text << file.rdbuf())) throw std::invalid_argument("cannot read " + path);
-  return text.str();
-}
-
 std::string outputFor(const std::string& urdf, const std::string& what, const std::string& path) {
   using namespace mp700_ur5e_description;
   if (what == "--arm") return calibratedUrdf(urdf, loadArmCalibration(path));
   if (what != "--compare") return calibratedUrdf(urdf, loadCameraCalibration(path));
   const ArmDifference difference = differenceOf(urdf, loadArmCalibration(path));
-  char text[120];
-  std::snprintf(text, sizeof(text), "mean_mm: %.3f\nworst_mm: %.3f\nworst_deg: %.4f\n", 1e3 * difference.mean_m,
-                1e3 * difference.worst_m, difference.worst_rad * 180.0 / M_PI);
-  return text;
+  return interactive_mapping::formatted("mean_mm: %.3f\nworst_mm: %.3f\nworst_deg: %.4f\n", 1e3 * difference.mean_m,
+                                        1e3 * difference.worst_m, difference.worst_rad * 180.0 / M_PI);
 }
 
 }  // namespace
@@ -46,7 +37,8 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const std::string output = outputFor(textOf(argv[1]), is_arm ? argv[2] : "", argv[argc - 1]);
+    const std::string output =
+        outputFor(interactive_mapping::readTextFile(argv[1]), is_arm ? argv[2] : "", argv[argc - 1]);
     return std::fputs(output.c_str(), stdout) < 0 || std::fflush(stdout) != 0 ? 1 : 0;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "calibrated_urdf: %s\n", error.what());

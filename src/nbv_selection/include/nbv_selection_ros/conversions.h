@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include <geometry_msgs/Pose.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/NbvSelection.h>
 #include <interactive_mapping_msgs/SelectionOutcome.h>
 #include <std_msgs/Header.h>
@@ -12,7 +12,7 @@
 
 namespace nbv_selection_ros {
 
-geometry_msgs::Pose toPose(const Eigen::Isometry3d& T);
+using interactive_mapping_ros::toPose;
 
 /// SelectionOutcome's constant.
 std::uint8_t toStatus(nbv_selection::SelectionStatus status);

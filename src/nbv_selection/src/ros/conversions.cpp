@@ -76,17 +76,6 @@ std::uint8_t toStatus(SelectionStatus status) {
   return SelectionOutcome::NUM_STATUS;
 }
 
-geometry_msgs::Pose toPose(const Eigen::Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  geometry_msgs::Pose pose;
-  pose.position = toPoint(T.translation());
-  pose.orientation.x = q.x();
-  pose.orientation.y = q.y();
-  pose.orientation.z = q.z();
-  pose.orientation.w = q.w();
-  return pose;
-}
-
 interactive_mapping_msgs::NbvSelection toMessage(const nbv_selection::Selection& selection, const std::string& strategy,
                                                  const std_msgs::Header& header) {
   interactive_mapping_msgs::NbvSelection message;

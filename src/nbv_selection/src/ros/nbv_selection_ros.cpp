@@ -3,11 +3,11 @@
 
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 
 #include <base_navigation_ros/conversions.h>
 #include <depth_camera_ros/conversions.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common/geometry/polygon.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_enums/selection_outcome.h>
@@ -22,6 +22,7 @@
 namespace nbv_selection_ros {
 namespace {
 
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::ReportFailure;
 using interactive_mapping_msgs::SelectionOutcome;
 using nbv_selection::SelectionStatus;
@@ -63,12 +64,6 @@ geometry_msgs::Pose poseOfNan() {
   pose.position.x = pose.position.y = pose.position.z = std::numeric_limits<double>::quiet_NaN();
   pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = pose.position.x;
   return pose;
-}
-
-std::string formatted(const char* format, double value) {
-  char text[64];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
 }
 
 }  // namespace

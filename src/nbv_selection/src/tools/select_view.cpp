@@ -120,28 +120,25 @@ struct Loaded {
   std::shared_ptr<base_navigation::NavigationGrid> ground{std::make_shared<base_navigation::NavigationGrid>()};
 };
 
+void setGround(const gpis_mapping::GroundGrid& grid, Loaded* loaded) {
+  base_navigation::NavigationGrid& ground = *loaded->ground;
+  ground.cell_size_m = grid.cell_size_m;
+  ground.origin_m = {grid.origin_x_m, grid.origin_y_m};
+  ground.width = grid.width;
+  ground.height = grid.height;
+  ground.state = grid.state;
+}
+
 Loaded fromGpis(const gpis_mapping::GpisMap& map) {
   Loaded loaded;
   loaded.scene = makeGpisScene(map.snapshot(), {});
-  if (const auto grid = gpis_mapping::projectToGround(*map.snapshot(), {})) {
-    loaded.ground->cell_size_m = grid->cell_size_m;
-    loaded.ground->origin_m = {grid->origin_x_m, grid->origin_y_m};
-    loaded.ground->width = grid->width;
-    loaded.ground->height = grid->height;
-    loaded.ground->state = grid->state;
-  }
+  if (const auto grid = gpis_mapping::projectToGround(*map.snapshot(), {})) setGround(*grid, &loaded);
   return loaded;
 }
 
 Loaded fromOctomap(const octomap_baseline::DynamicOctomap& map) {
   Loaded loaded;
-  const octomap_baseline::TreeProjection projection =
-      octomap_baseline::projectDown(map.tree(), kObstacleLow_m, kObstacleHigh_m, true);
-  loaded.ground->cell_size_m = projection.cell_size_m;
-  loaded.ground->origin_m = {projection.origin_x_m, projection.origin_y_m};
-  loaded.ground->width = projection.width;
-  loaded.ground->height = projection.height;
-  loaded.ground->state = projection.state;
+  setGround(octomap_baseline::projectDown(map.tree(), kObstacleLow_m, kObstacleHigh_m, true), &loaded);
   loaded.scene = std::make_unique<OctomapScene>(std::make_shared<const octomap::OcTree>(map.tree()), map.numUpdates(),
                                                 map.stamp(), OctomapScene::Config());
   return loaded;

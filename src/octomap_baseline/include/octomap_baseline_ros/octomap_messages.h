@@ -8,7 +8,6 @@
 #include <string>
 
 #include <interactive_mapping_msgs/MapUpdate.h>
-#include <nav_msgs/OccupancyGrid.h>
 #include <octomap/OcTree.h>
 #include <octomap_msgs/Octomap.h>
 #include <sensor_msgs/PointCloud2.h>
@@ -16,7 +15,6 @@
 #include <visualization_msgs/MarkerArray.h>
 
 #include "octomap_baseline/dynamic_octomap.h"
-#include "octomap_baseline/tree_projection.h"
 
 namespace octomap_baseline_ros {
 
@@ -35,10 +33,6 @@ visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occu
 
 /// Centres of the occupied leaves: x y z.
 sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msgs::Header& header);
-
-/// Free 0, occupied 100, unknown -1.
-nav_msgs::OccupancyGrid toOccupancyGrid(const octomap_baseline::TreeProjection& projection,
-                                        const std_msgs::Header& header);
 
 /// Voxels stand for points; casting rays is observe_ms, changing the octree insert_ms.
 interactive_mapping_msgs::MapUpdate toMapUpdate(const octomap_baseline::OctomapUpdateStatistics& statistics,

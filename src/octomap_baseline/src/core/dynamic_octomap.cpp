@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common/geometry/rigid_motion.h>
 #include <interactive_mapping_common/stopwatch.h>
 #include <interactive_mapping_common/threads/parallel_for.h>
@@ -28,9 +29,7 @@ octomap::point3d toOctomap(const Eigen::Vector3d& p) {
 }
 
 std::string text(const Eigen::Vector3d& p) {
-  std::ostringstream out;
-  out << '[' << p.x() << ", " << p.y() << ", " << p.z() << ']';
-  return out.str();
+  return interactive_mapping::formatted("[%g, %g, %g]", p.x(), p.y(), p.z());
 }
 
 std::unique_ptr<octomap::OcTree> makeTree(const OctomapConfig& config) {

@@ -26,7 +26,7 @@ bool isSpeck(const octomap::OcTree& tree, const octomap::OcTreeKey& key) {
   return true;
 }
 
-TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m, bool without_specks) {
+gpis_mapping::GroundGrid projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m, bool without_specks) {
   struct Leaf {
     long x;
     long y;
@@ -54,7 +54,7 @@ TreeProjection projectDown(const octomap::OcTree& tree, double min_z_m, double m
     max_y = std::max(max_y, leaf.y + leaf.across);
     leaves.push_back(leaf);
   }
-  TreeProjection grid;
+  gpis_mapping::GroundGrid grid;
   grid.cell_size_m = resolution;
   if (leaves.empty()) return grid;
   grid.origin_x_m = static_cast<double>(min_x) * resolution;

@@ -14,6 +14,7 @@
 #include "gpis_mapping_ros/gpis_mapping_params.h"
 #include "gpis_mapping_ros/map_messages.h"
 #include "gpis_mapping_ros/query_service.h"
+#include "octomap_baseline/tree_projection.h"
 #include "octomap_baseline_ros/octomap_messages.h"
 
 namespace octomap_baseline_ros {
@@ -58,9 +59,10 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
   addOutput<sensor_msgs::PointCloud2>(&public_nh, "octomap_point_cloud_centers", toPointCloud);
   addOutput<nav_msgs::OccupancyGrid>(
       &public_nh, "projected_map", [output = params_.output](const auto& tree, const auto& header) {
-        return toOccupancyGrid(octomap_baseline::projectDown(tree, output.projected_min_z_m, output.projected_max_z_m,
-                                                             output.filter_speckles),
-                               header);
+        return gpis_mapping_ros::toOccupancyGrid(
+            octomap_baseline::projectDown(tree, output.projected_min_z_m, output.projected_max_z_m,
+                                          output.filter_speckles),
+            header);
       });
   const auto publish_mesh = [this](ros::Publisher* publisher, const octomap::OcTree&, const std_msgs::Header&) {
     publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(toMessage(surface())));

@@ -14,8 +14,6 @@
 namespace octomap_baseline_ros {
 namespace {
 
-using gpis_mapping::SpaceState;
-
 octomap_msgs::Octomap toMessage(const octomap::OcTree& tree, const std_msgs::Header& header, bool binary) {
   octomap_msgs::Octomap message;
   message.header = header;
@@ -151,24 +149,6 @@ sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msg
     if (tree.isNodeOccupied(*leaf)) centers.emplace_back(leaf.getX(), leaf.getY(), leaf.getZ());
   }
   return gpis_mapping_ros::toPointCloud(centers, header);
-}
-
-nav_msgs::OccupancyGrid toOccupancyGrid(const octomap_baseline::TreeProjection& projection,
-                                        const std_msgs::Header& header) {
-  nav_msgs::OccupancyGrid message;
-  message.header = header;
-  message.info.map_load_time = header.stamp;
-  message.info.resolution = static_cast<float>(projection.cell_size_m);
-  message.info.width = static_cast<std::uint32_t>(projection.width);
-  message.info.height = static_cast<std::uint32_t>(projection.height);
-  message.info.origin.position.x = projection.origin_x_m;
-  message.info.origin.position.y = projection.origin_y_m;
-  message.info.origin.orientation.w = 1.0;
-  message.data.reserve(projection.state.size());
-  for (const SpaceState state : projection.state) {
-    message.data.push_back(state == SpaceState::kOccupied ? 100 : state == SpaceState::kFree ? 0 : -1);
-  }
-  return message;
 }
 
 interactive_mapping_msgs::MapUpdate toMapUpdate(const octomap_baseline::OctomapUpdateStatistics& statistics,

@@ -10,7 +10,7 @@ namespace {
 
 using gpis_mapping::SpaceState;
 
-SpaceState stateAt(const TreeProjection& grid, double x, double y) {
+SpaceState stateAt(const gpis_mapping::GroundGrid& grid, double x, double y) {
   const int column = static_cast<int>(std::floor((x - grid.origin_x_m) / grid.cell_size_m));
   const int row = static_cast<int>(std::floor((y - grid.origin_y_m) / grid.cell_size_m));
   if (column < 0 || row < 0 || column >= grid.width || row >= grid.height) return SpaceState::kUnknown;
@@ -19,7 +19,7 @@ SpaceState stateAt(const TreeProjection& grid, double x, double y) {
 
 TEST(TreeProjection, EmptyTreeGivesAnEmptyGrid) {
   const octomap::OcTree tree(0.1);
-  const TreeProjection grid = projectDown(tree, -1.0, 1.0);
+  const gpis_mapping::GroundGrid grid = projectDown(tree, -1.0, 1.0);
   EXPECT_EQ(grid.width, 0);
   EXPECT_EQ(grid.height, 0);
   EXPECT_TRUE(grid.state.empty());
@@ -31,7 +31,7 @@ TEST(TreeProjection, OccupiedBeatsFreeBeatsUnknownWithinTheHeights) {
   tree.updateNode(octomap::point3d(0.05f, 0.05f, 0.25f), true);  // above a free one
   tree.updateNode(octomap::point3d(-0.35f, 0.25f, 0.05f), false);
   tree.updateNode(octomap::point3d(0.25f, -0.15f, 0.95f), true);  // too high
-  const TreeProjection grid = projectDown(tree, 0.0, 0.5);
+  const gpis_mapping::GroundGrid grid = projectDown(tree, 0.0, 0.5);
   EXPECT_EQ(grid.cell_size_m, 0.1);
   EXPECT_NEAR(grid.origin_x_m, -0.4, 1e-9);
   EXPECT_NEAR(grid.origin_y_m, 0.0, 1e-9);
@@ -56,7 +56,7 @@ TEST(TreeProjection, PrunedLeafCoversAllItsColumns) {
   }
   tree.prune();
   ASSERT_EQ(tree.getNumLeafNodes(), 1u);
-  const TreeProjection grid = projectDown(tree, -1.0, 1.0);
+  const gpis_mapping::GroundGrid grid = projectDown(tree, -1.0, 1.0);
   EXPECT_EQ(grid.width, 4);
   EXPECT_EQ(grid.height, 4);
   EXPECT_EQ(grid.state, std::vector<SpaceState>(16, SpaceState::kOccupied));
@@ -68,7 +68,7 @@ TEST(TreeProjection, SpecksCanBeLeftOut) {
   tree.updateNode(octomap::point3d(0.45f, 0.05f, 0.05f), true);  // two that touch at a corner
   tree.updateNode(octomap::point3d(0.55f, 0.15f, 0.15f), true);
   EXPECT_EQ(stateAt(projectDown(tree, 0.0, 0.5), 0.05, 0.05), SpaceState::kOccupied);
-  const TreeProjection grid = projectDown(tree, 0.0, 0.5, true);
+  const gpis_mapping::GroundGrid grid = projectDown(tree, 0.0, 0.5, true);
   EXPECT_EQ(stateAt(grid, 0.05, 0.05), SpaceState::kFree);
   EXPECT_EQ(stateAt(grid, 0.45, 0.05), SpaceState::kOccupied);
   EXPECT_EQ(stateAt(grid, 0.55, 0.15), SpaceState::kOccupied);

@@ -252,25 +252,6 @@ TEST(OctomapMessages, MarkersAndPointsAreTheLeaves) {
   for (; x != x.end(); ++x, ++y, ++z) EXPECT_TRUE(tree.isNodeOccupied(tree.search(*x, *y, *z)));
 }
 
-TEST(OctomapMessages, OccupancyGridKeepsPlaceAndStates) {
-  octomap_baseline::TreeProjection projection;
-  projection.cell_size_m = 0.5;
-  projection.origin_x_m = -1.5;
-  projection.origin_y_m = 2.0;
-  projection.width = 3;
-  projection.height = 1;
-  projection.state = {gpis_mapping::SpaceState::kOccupied, gpis_mapping::SpaceState::kUnknown,
-                      gpis_mapping::SpaceState::kFree};
-  const nav_msgs::OccupancyGrid grid = toOccupancyGrid(projection, exampleHeader());
-  EXPECT_EQ(grid.data, (std::vector<std::int8_t>{100, -1, 0}));
-  EXPECT_EQ(grid.info.width, 3u);
-  EXPECT_EQ(grid.info.height, 1u);
-  EXPECT_FLOAT_EQ(grid.info.resolution, 0.5f);
-  EXPECT_EQ(grid.info.origin.position.x, -1.5);
-  EXPECT_EQ(grid.info.origin.position.y, 2.0);
-  EXPECT_EQ(grid.info.origin.orientation.w, 1.0);
-}
-
 TEST(OctomapMessages, UpdateTellsVoxelsAndTimes) {
   octomap_baseline::OctomapUpdateStatistics statistics;
   statistics.points_in = 11;

@@ -54,7 +54,6 @@ interactive_mapping_msgs::PlanPickGoal toGoal(const pick_mission::command::PlanP
 interactive_mapping_msgs::PickBrickGoal toGoal(const pick_mission::SeenBrick& brick, const std::string& map_frame,
                                                const interactive_mapping_msgs::PlanPickResult& plan);
 
-geometry_msgs::Pose toPose(const pick_mission::Pose2d& pose);
 /// Nothing if a number is not finite.
 std::optional<pick_mission::Pose2d> toPose2d(const geometry_msgs::Pose& pose);
 

@@ -105,20 +105,10 @@ interactive_mapping_msgs::PickBrickGoal toGoal(const SeenBrick& brick, const std
   return goal;
 }
 
-geometry_msgs::Pose toPose(const pick_mission::Pose2d& pose) {
-  geometry_msgs::Pose message;
-  message.position.x = pose.x_m;
-  message.position.y = pose.y_m;
-  message.orientation.z = std::sin(0.5 * pose.yaw_rad);
-  message.orientation.w = std::cos(0.5 * pose.yaw_rad);
-  return message;
-}
-
 std::optional<pick_mission::Pose2d> toPose2d(const geometry_msgs::Pose& pose) {
   const auto T = interactive_mapping_ros::toIsometry(pose);
   if (!T) return std::nullopt;
-  return pick_mission::Pose2d{T->translation().x(), T->translation().y(),
-                              std::atan2(T->linear()(1, 0), T->linear()(0, 0))};
+  return interactive_mapping_ros::toPlane(*T);
 }
 
 nlohmann::json toJson(const interactive_mapping_msgs::NbvSelection& selection, double time_s) {

@@ -48,10 +48,6 @@ std::string contradiction(bool is_cancelled, const std::string& why) {
          ", and its outcome does not tell why" + (why.empty() ? "" : ": " + why);
 }
 
-pick_mission::Pose2d toPlane(const Eigen::Isometry3d& T) {
-  return {T.translation().x(), T.translation().y(), std::atan2(T.linear()(1, 0), T.linear()(0, 0))};
-}
-
 ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) {
   ros::NodeHandle handle(nh);
   handle.setCallbackQueue(queue);
@@ -142,7 +138,7 @@ Hand MissionActions::hand() const {
 
 pick_mission::event::Start MissionActions::start() const {
   pick_mission::event::Start start;
-  start.T_map_base = toPlane(baseInMap());
+  start.T_map_base = interactive_mapping_ros::toPlane(baseInMap());
   start.hand = hand();
   if (attached_ && attached_->is_attached) start.brick_in_hand = attached_->id;
   return start;
@@ -150,7 +146,7 @@ pick_mission::event::Start MissionActions::start() const {
 
 std::optional<pick_mission::Pose2d> MissionActions::place() const {
   try {
-    return toPlane(baseInMap());
+    return interactive_mapping_ros::toPlane(baseInMap());
   } catch (const std::runtime_error&) {
     return std::nullopt;
   }
@@ -582,7 +578,7 @@ void MissionActions::begin(const command::Drive& drive) {
   move_base_msgs::MoveBaseGoal goal;
   goal.target_pose.header.frame_id = params_.map_frame;
   goal.target_pose.header.stamp = ros::Time::now();
-  goal.target_pose.pose = toPose(drive.T_map_base);
+  goal.target_pose.pose = interactive_mapping_ros::toPose(drive.T_map_base);
   drive_.send(goal, [this](const ActionCaller<move_base_msgs::MoveBaseAction>::End& end) {
     if (!end.result) return noAnswer(end.why);
     pending_drive_ = PendingDrive{end.is_succeeded, end.is_cancelled, end.why, ros::WallTime::now()};

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <map>
 
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_msgs/MissionBrick.h>
 #include <interactive_mapping_msgs/MissionFailure.h>
 #include <interactive_mapping_msgs/NbvSegment.h>
@@ -14,6 +14,7 @@
 namespace pick_mission_rviz {
 namespace {
 
+using interactive_mapping::formatted;
 using interactive_mapping_msgs::MissionBrick;
 using interactive_mapping_msgs::MissionFailure;
 using interactive_mapping_msgs::MissionState;
@@ -57,10 +58,7 @@ double clampedShare(double value) {
 }
 
 std::string number(double value, int decimals) {
-  if (!std::isfinite(value)) return "-";
-  std::array<char, 64> text{};
-  std::snprintf(text.data(), text.size(), "%.*f", decimals, value);
-  return text.data();
+  return std::isfinite(value) ? formatted("%.*f", decimals, value) : "-";
 }
 
 std::string capitalised(std::string text) {
@@ -237,17 +235,12 @@ void addButtons(const MissionState& state, MissionView* view) {
 std::string durationInWords(double duration_s) {
   if (!std::isfinite(duration_s)) return "-";
   const double whole_s = std::floor(std::max(0.0, duration_s));
-  std::array<char, 64> text{};
-  if (whole_s < kPerMinute) {
-    std::snprintf(text.data(), text.size(), "%.0f s", whole_s);
-  } else if (whole_s < kPerHour) {
-    std::snprintf(text.data(), text.size(), "%.0f min %02.0f s", std::floor(whole_s / kPerMinute),
-                  std::fmod(whole_s, kPerMinute));
-  } else {
-    std::snprintf(text.data(), text.size(), "%.0f h %02.0f min", std::floor(whole_s / kPerHour),
-                  std::floor(std::fmod(whole_s, kPerHour) / kPerMinute));
+  if (whole_s < kPerMinute) return formatted("%.0f s", whole_s);
+  if (whole_s < kPerHour) {
+    return formatted("%.0f min %02.0f s", std::floor(whole_s / kPerMinute), std::fmod(whole_s, kPerMinute));
   }
-  return text.data();
+  return formatted("%.0f h %02.0f min", std::floor(whole_s / kPerHour),
+                   std::floor(std::fmod(whole_s, kPerHour) / kPerMinute));
 }
 
 MissionView makeView(const MissionState* state, double age_s, const std::string& node) {

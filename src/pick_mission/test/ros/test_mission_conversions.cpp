@@ -177,13 +177,13 @@ TEST_F(MissionConversions, GoalsOfPlanAndPickAreOfTheSameBrick) {
 
 TEST(MissionPoses, ComeBackFromTheMessage) {
   for (const double yaw_rad : {-3.1, -1.0, 0.0, 0.5, 3.1}) {
-    const auto pose = toPose2d(pick_mission_ros::toPose(pick_mission::Pose2d{1.0, -2.0, yaw_rad}));
+    const auto pose = toPose2d(toPose(pick_mission::Pose2d{1.0, -2.0, yaw_rad}));
     ASSERT_TRUE(pose);
     EXPECT_EQ(pose->x_m, 1.0);
     EXPECT_EQ(pose->y_m, -2.0);
     EXPECT_NEAR(pose->yaw_rad, yaw_rad, 1e-12);  // rounding of a quaternion
   }
-  geometry_msgs::Pose none = pick_mission_ros::toPose(pick_mission::Pose2d{1.0, kNan, 0.0});
+  geometry_msgs::Pose none = toPose(pick_mission::Pose2d{1.0, kNan, 0.0});
   EXPECT_FALSE(toPose2d(none));
 }
 

@@ -3,22 +3,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <utility>
+
+#include <interactive_mapping_common/formatted.h>
 
 namespace system_diagnostics {
 namespace {
 
+using interactive_mapping::formatted;
+
 // Before this much time has been seen, a rate is chance.
 constexpr double kLeastForRate_s = 1.0;
-
-std::string text(double value, int digits) {
-  std::ostringstream stream;
-  stream.setf(std::ios::fixed);
-  stream.precision(digits);
-  stream << value;
-  return stream.str();
-}
 
 }  // namespace
 
@@ -99,25 +94,25 @@ TransformReport TransformWatch::report(double now_s) const {
 
   Verdict& verdict = report.verdict;
   if (report.age_s > config_.max_age_s) {
-    verdict.worsen(Level::kError, name_ + " is " + text(report.age_s, 2) + " s old, must be at most " +
-                                      text(config_.max_age_s, 2) + " s");
+    verdict.worsen(Level::kError, name_ + " is " + formatted("%.2f", report.age_s) + " s old, must be at most " +
+                                      formatted("%.2f", config_.max_age_s) + " s");
   }
   if (-report.age_s > config_.max_ahead_s) {
-    verdict.worsen(Level::kWarning, name_ + " is stamped " + text(-report.age_s, 3) +
-                                        " s ahead of the clock, must be at most " + text(config_.max_ahead_s, 3) +
-                                        " s");
+    verdict.worsen(Level::kWarning, name_ + " is stamped " + formatted("%.3f", -report.age_s) +
+                                        " s ahead of the clock, must be at most " +
+                                        formatted("%.3f", config_.max_ahead_s) + " s");
   }
   if (seen_s >= kLeastForRate_s && report.rate_hz < config_.min_rate_hz) {
-    verdict.worsen(Level::kWarning, name_ + " comes at " + text(report.rate_hz, 1) + " Hz, must be at least " +
-                                        text(config_.min_rate_hz, 1) + " Hz");
+    verdict.worsen(Level::kWarning, name_ + " comes at " + formatted("%.1f", report.rate_hz) +
+                                        " Hz, must be at least " + formatted("%.1f", config_.min_rate_hz) + " Hz");
   }
   if (report.longest_gap_s > config_.max_gap_s) {
-    verdict.worsen(Level::kWarning, name_ + " was not there for " + text(report.longest_gap_s, 2) + " s");
+    verdict.worsen(Level::kWarning, name_ + " was not there for " + formatted("%.2f", report.longest_gap_s) + " s");
   }
   if (report.jumps > 0) {
     verdict.worsen(Level::kWarning, name_ + " jumped " + std::to_string(report.jumps) + " time(s), by up to " +
-                                        text(report.largest_jump_m, 3) + " m, " + text(report.largest_jump_rad, 3) +
-                                        " rad");
+                                        formatted("%.3f", report.largest_jump_m) + " m, " +
+                                        formatted("%.3f", report.largest_jump_rad) + " rad");
   }
   verdict.worsen(Level::kOk, "comes steadily");
   return report;

@@ -2,11 +2,11 @@
 #include "system_diagnostics_ros/system_diagnostics_ros.h"
 
 #include <cmath>
-#include <cstdio>
 #include <tuple>
 
 #include <cv_bridge/cv_bridge.h>
 #include <geometry_msgs/TransformStamped.h>
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/poses.h>
 
 namespace system_diagnostics_ros {
@@ -14,6 +14,7 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
+using interactive_mapping::formatted;
 using interactive_mapping_ros::withoutSlash;
 using system_diagnostics::Level;
 using system_diagnostics::TimeOffsetEstimate;
@@ -40,44 +41,39 @@ double yawOf(const geometry_msgs::Quaternion& q) {
 
 system_diagnostics::Verdict judge(const TimeOffsetEstimate& estimate, const SystemDiagnosticsParams::Motion& params) {
   system_diagnostics::Verdict verdict;
-  char text[200];
   switch (estimate.status) {
     case TimeOffsetStatus::kEstimated: {
       const double late_s = std::abs(estimate.offset_s);
-      std::snprintf(text, sizeof(text), "the camera's stamps are %.0f ms %s (standard deviation %.1f ms)", 1e3 * late_s,
-                    estimate.offset_s >= 0.0 ? "late" : "early", 1e3 * estimate.std_s);
       verdict.worsen(late_s > params.error_offset_s  ? Level::kError
                      : late_s > params.warn_offset_s ? Level::kWarning
                                                      : Level::kOk,
-                     text);
+                     formatted("the camera's stamps are %.0f ms %s (standard deviation %.1f ms)", 1e3 * late_s,
+                               estimate.offset_s >= 0.0 ? "late" : "early", 1e3 * estimate.std_s));
       break;
     }
     case TimeOffsetStatus::kTooLittleTurning:
-      std::snprintf(text, sizeof(text), "no estimate: the base turned %.2f rad in %.0f s, must be at least %.2f rad",
-                    estimate.turned_rad, params.estimator.window_s, system_diagnostics::kMinTurn_rad);
-      verdict.worsen(Level::kOk, text);
+      verdict.worsen(Level::kOk,
+                     formatted("no estimate: the base turned %.2f rad in %.0f s, must be at least %.2f rad",
+                               estimate.turned_rad, params.estimator.window_s, system_diagnostics::kMinTurn_rad));
       break;
     case TimeOffsetStatus::kTooFewImages:
-      std::snprintf(text, sizeof(text), "no estimate: %d pairs of images with odometry, must be at least %d",
-                    estimate.images, params.estimator.min_images);
-      verdict.worsen(Level::kOk, text);
+      verdict.worsen(Level::kOk, formatted("no estimate: %d pairs of images with odometry, must be at least %d",
+                                           estimate.images, params.estimator.min_images));
       break;
     case TimeOffsetStatus::kTooUncertain:
-      std::snprintf(text, sizeof(text), "no estimate: standard deviation %.0f ms, must be at most %.0f ms",
-                    1e3 * estimate.std_s, 1e3 * system_diagnostics::kMaxOffsetStd_s);
-      verdict.worsen(Level::kOk, text);
+      verdict.worsen(Level::kOk, formatted("no estimate: standard deviation %.0f ms, must be at most %.0f ms",
+                                           1e3 * estimate.std_s, 1e3 * system_diagnostics::kMaxOffsetStd_s));
       break;
     case TimeOffsetStatus::kNoCorrelation:
-      std::snprintf(text, sizeof(text),
-                    "images do not follow the turning base: correlation %.2f, must be at least %.2f. Another camera, "
+      verdict.worsen(
+          Level::kWarning,
+          formatted("images do not follow the turning base: correlation %.2f, must be at least %.2f. Another camera, "
                     "upside down, or things that move",
-                    estimate.correlation, params.estimator.min_correlation);
-      verdict.worsen(Level::kWarning, text);
+                    estimate.correlation, params.estimator.min_correlation));
       break;
     case TimeOffsetStatus::kBeyondRange:
-      std::snprintf(text, sizeof(text), "the camera's stamps are off by more than %.0f ms",
-                    1e3 * system_diagnostics::kMaxOffset_s);
-      verdict.worsen(Level::kError, text);
+      verdict.worsen(Level::kError, formatted("the camera's stamps are off by more than %.0f ms",
+                                              1e3 * system_diagnostics::kMaxOffset_s));
       break;
   }
   return verdict;

@@ -3,13 +3,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <stdexcept>
+
+#include <interactive_mapping_common/formatted.h>
 
 #include "ur_driver_bridge/safety_gate.h"
 
 namespace ur_driver_bridge {
 namespace {
+
+using interactive_mapping::formatted;
 
 constexpr char kUnlock[] = "dashboard/unlock_protective_stop";
 constexpr char kRestartSafety[] = "dashboard/restart_safety";
@@ -17,12 +20,6 @@ constexpr char kPowerOn[] = "dashboard/power_on";
 constexpr char kBrakeRelease[] = "dashboard/brake_release";
 constexpr char kPlay[] = "dashboard/play";
 constexpr char kResend[] = "resend_robot_program";
-
-std::string seconds(double value_s) {
-  std::ostringstream out;
-  out << value_s << " s";
-  return out.str();
-}
 
 std::string whatRobotSays(const ArmState& arm) {
   return "safety mode " + (arm.safety_mode ? safetyModeName(*arm.safety_mode) : "never heard") + ", robot mode " +
@@ -139,8 +136,8 @@ Recovery::Step Recovery::wait(const Need& need, double now_s) {
   if (waited_s < config_.step_timeout_s) {
     return {Action::kWait, "", {need.status, need.state + "; waiting for " + need.wait_for}};
   }
-  return impossible(need.status, need.state + ": waited " + seconds(waited_s) + ", allowed " +
-                                     seconds(config_.step_timeout_s) + ", for " + need.wait_for +
+  return impossible(need.status, need.state + ": waited " + formatted("%g s", waited_s) + ", allowed " +
+                                     formatted("%g s", config_.step_timeout_s) + ", for " + need.wait_for +
                                      (done_.empty() ? "" : "; last command: " + done_.back()));
 }
 
@@ -152,8 +149,8 @@ Recovery::Step Recovery::next(const ArmState& arm, double now_s) {
   if (given_ && !given_->success) {
     const double silent_s = now_s - given_->since_s;
     if (silent_s >= config_.step_timeout_s) {
-      return impossible(ArmStatus::kDriverGone, given_->command + ": no answer for " + seconds(silent_s) +
-                                                    ", allowed " + seconds(config_.step_timeout_s) + "; " +
+      return impossible(ArmStatus::kDriverGone, given_->command + ": no answer for " + formatted("%g s", silent_s) +
+                                                    ", allowed " + formatted("%g s", config_.step_timeout_s) + "; " +
                                                     whatRobotSays(arm));
     }
     return {Action::kWait, "", {ArmStatus::kNotReady, "waiting for the answer to " + given_->command}};
@@ -181,15 +178,16 @@ Recovery::Step Recovery::next(const ArmState& arm, double now_s) {
     const double passed_s = now_s - given_->since_s;
     if (passed_s >= config_.step_timeout_s) {
       return impossible(now.status, given_->command + " was accepted, but the robot has not followed for " +
-                                        seconds(passed_s) + ", allowed " + seconds(config_.step_timeout_s) + "; " +
-                                        whatRobotSays(arm));
+                                        formatted("%g s", passed_s) + ", allowed " +
+                                        formatted("%g s", config_.step_timeout_s) + "; " + whatRobotSays(arm));
     }
     return {Action::kWait, "", {now.status, now.state + "; waiting for the robot to follow " + given_->command}};
   }
   if (now.command == kUnlock && now_s - *protective_since_s_ < config_.unlock_wait_s) {
     return {Action::kWait,
             "",
-            {now.status, now.state + "; waiting " + seconds(config_.unlock_wait_s) + " before it can be unlocked"}};
+            {now.status,
+             now.state + "; waiting " + formatted("%g s", config_.unlock_wait_s) + " before it can be unlocked"}};
   }
   if (static_cast<int>(done_.size()) >= config_.max_commands) {
     return impossible(now.status, std::to_string(done_.size()) + " commands given, allowed " +

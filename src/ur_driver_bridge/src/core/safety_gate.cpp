@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
-#include <sstream>
+
+#include <interactive_mapping_common/formatted.h>
 
 namespace ur_driver_bridge {
 namespace {
@@ -12,10 +12,8 @@ namespace {
 constexpr double kGone_s = 1.0;  // joint states this old are not late: nobody sends them any more
 
 std::string seconds(double value_s) {
-  std::ostringstream out;
   // Ages as they are compared: 0.1004 s must not read as the 0.1 s that are allowed.
-  out << std::setprecision(4) << value_s << " s";
-  return out.str();
+  return interactive_mapping::formatted("%.4g s", value_s);
 }
 
 /// What is wrong with a stamp, or nothing. Nothing that is not a number passes.

@@ -7,9 +7,13 @@
 #include <utility>
 #include <vector>
 
+#include <interactive_mapping_common/formatted.h>
+
 #include "ur_driver_bridge/executor.h"
 
 namespace ur_driver_bridge {
+
+using interactive_mapping::formatted;
 
 /// What the steps of a request see and share.
 struct StepContext {
@@ -73,8 +77,5 @@ class Step {
 
 /// LOST_ON_THE_WAY when the weight of what is held is gone. Nothing: it is not, or no weight was known before.
 std::optional<Verdict> lossOf(const StepContext& context);
-
-/// "what = 0.123 unit" and the like.
-std::string formatted(const char* format, ...) __attribute__((format(printf, 1, 2)));
 
 }  // namespace ur_driver_bridge

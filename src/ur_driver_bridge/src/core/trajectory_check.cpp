@@ -10,12 +10,14 @@
 
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/formatted.h>
 
 #include "motion_planning/cubic_segment.h"
 
 namespace ur_driver_bridge {
 namespace {
 
+using interactive_mapping::formatted;
 using motion_planning::CubicSegment;
 
 constexpr double kRest_rad_s = 1e-6;          // slower is at rest: five hours for a degree
@@ -56,12 +58,6 @@ double roundingOf(const TrajectoryPoint& a, const TrajectoryPoint& b, int joint)
   return std::min(6.0 * mean_rad_s * kTimeRounding_s / h, kRoundingStep_rad_s) / h;
 }
 
-std::string number(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
-}
-
 std::string pointName(const JointTrajectory& trajectory, std::size_t i) {
   std::ostringstream out;
   out << "point " << i << " of " << trajectory.points.size() << " (at " << trajectory.points[i].time_s << " s)";
@@ -87,7 +83,7 @@ Verdict beyond(const JointTrajectory& trajectory, std::size_t i, double after_s,
 }
 
 std::string interval(double lower, double upper, const std::string& unit) {
-  return "[" + number(lower) + ", " + number(upper) + "] " + unit;
+  return "[" + formatted("%g", lower) + ", " + formatted("%g", upper) + "] " + unit;
 }
 
 Verdict checkForm(const JointTrajectory& trajectory, const std::vector<std::string>& joints, StartSpeed start) {
@@ -105,19 +101,19 @@ Verdict checkForm(const JointTrajectory& trajectory, const std::vector<std::stri
     }
   }
   if (points.front().time_s < 0.0) {
-    return badRequest("the trajectory begins at " + number(points.front().time_s) + " s, must be >= 0 s");
+    return badRequest("the trajectory begins at " + formatted("%g", points.front().time_s) + " s, must be >= 0 s");
   }
   for (std::size_t i = 1; i < points.size(); ++i) {
     if (points[i].time_s > points[i - 1].time_s) continue;
     return badRequest(pointName(trajectory, i) + " is not later than the one before, at " +
-                      number(points[i - 1].time_s) + " s");
+                      formatted("%g", points[i - 1].time_s) + " s");
   }
   const auto moves = [&](std::size_t i, const char* where) -> Verdict {
     int joint = 0;
     const double speed = points[i].velocity_rad_s.cwiseAbs().maxCoeff(&joint);
     if (speed <= kRest_rad_s) return {};
-    return badRequest(joints[joint] + ": velocity " + number(points[i].velocity_rad_s[joint]) + " rad/s at the " +
-                      where + ", must be at rest there");
+    return badRequest(joints[joint] + ": velocity " + formatted("%g", points[i].velocity_rad_s[joint]) +
+                      " rad/s at the " + where + ", must be at rest there");
   };
   if (start == StartSpeed::kAtRest) {
     const Verdict verdict = moves(0, "start");
@@ -238,7 +234,8 @@ Verdict checkStart(const JointTrajectory& trajectory, const ArmVector& arm_rad, 
     throw std::invalid_argument("joints = " + std::to_string(joints.size()) + " names, must be 6");
   }
   if (!(tolerance_rad >= 0.0) || !std::isfinite(tolerance_rad)) {
-    throw std::invalid_argument("tolerance_rad = " + number(tolerance_rad) + " rad, must be >= 0 rad and finite");
+    throw std::invalid_argument("tolerance_rad = " + formatted("%g", tolerance_rad) +
+                                " rad, must be >= 0 rad and finite");
   }
   if (trajectory.empty()) return badRequest("the trajectory has 0 points, must have at least 1");
   const ArmVector& begin_rad = trajectory.points.front().position_rad;
@@ -247,8 +244,9 @@ Verdict checkStart(const JointTrajectory& trajectory, const ArmVector& arm_rad, 
   for (int joint = 0; joint < 6; ++joint) {
     const double gap_rad = std::abs(arm_rad[joint] - begin_rad[joint]);
     if (!std::isfinite(gap_rad)) {
-      return {ArmStatus::kStartMismatch, joints[joint] + ": the arm is at " + number(arm_rad[joint]) +
-                                             " rad, the trajectory begins at " + number(begin_rad[joint]) + " rad"};
+      return {ArmStatus::kStartMismatch, joints[joint] + ": the arm is at " + formatted("%g", arm_rad[joint]) +
+                                             " rad, the trajectory begins at " + formatted("%g", begin_rad[joint]) +
+                                             " rad"};
     }
     if (gap_rad > worst_rad) {
       worst = joint;
@@ -256,9 +254,10 @@ Verdict checkStart(const JointTrajectory& trajectory, const ArmVector& arm_rad, 
     }
   }
   if (worst_rad <= tolerance_rad) return {};
-  return {ArmStatus::kStartMismatch, joints[worst] + ": the arm is at " + number(arm_rad[worst]) +
-                                         " rad, the trajectory begins at " + number(begin_rad[worst]) + " rad: " +
-                                         number(worst_rad) + " rad apart, allowed " + number(tolerance_rad) + " rad"};
+  return {ArmStatus::kStartMismatch, joints[worst] + ": the arm is at " + formatted("%g", arm_rad[worst]) +
+                                         " rad, the trajectory begins at " + formatted("%g", begin_rad[worst]) +
+                                         " rad: " + formatted("%g", worst_rad) + " rad apart, allowed " +
+                                         formatted("%g", tolerance_rad) + " rad"};
 }
 
 }  // namespace ur_driver_bridge

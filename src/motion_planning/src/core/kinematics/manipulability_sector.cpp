@@ -3,20 +3,22 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <iomanip>
 #include <optional>
-#include <set>
 #include <sstream>
 #include <stdexcept>
 
 #include <interactive_mapping_common/config/range_check.h>
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/files/yaml_map.h>
+#include <interactive_mapping_common/formatted.h>
 #include <mp700_ur5e_description/robot_names.h>
-#include <yaml-cpp/yaml.h>
 
 namespace motion_planning {
 namespace {
+
+using interactive_mapping::Interval;
+using interactive_mapping::YamlMap;
 
 constexpr double kDegree = M_PI / 180.0;
 
@@ -178,89 +180,51 @@ CellBox largestBox(const ReachGrid& grid, double min_fill, double max_half_angle
 }
 
 std::string text(double value) {
-  std::ostringstream out;
-  out << std::setprecision(3) << value;
-  return out.str();
+  return interactive_mapping::formatted("%.3g", value);
 }
 
 std::string between(const std::string& what, double value, double low, double high, const std::string& unit) {
   return what + " = " + text(value) + " " + unit + ", must be in [" + text(low) + ", " + text(high) + "] " + unit;
 }
 
-/// A key of the YAML file and where its number goes.
+/// A key of the YAML file, where its number goes, and what it may be.
 struct Field {
   const char* key;
   double* value;
+  Interval allowed;
 };
 
 std::vector<Field> fieldsOf(AnnulusSector* sector) {
-  return {{"min_radius_m", &sector->min_radius_m},
-          {"max_radius_m", &sector->max_radius_m},
-          {"min_height_m", &sector->min_height_m},
-          {"max_height_m", &sector->max_height_m},
-          {"half_angle_rad", &sector->half_angle_rad}};
+  constexpr double kFar_m = 2.0;  // an arm of two metres reaches nothing beyond
+  return {{"min_radius_m", &sector->min_radius_m, {0.0, kFar_m, "m"}},
+          {"max_radius_m", &sector->max_radius_m, {sector->min_radius_m, kFar_m, "m"}},
+          {"min_height_m", &sector->min_height_m, {-kFar_m, kFar_m, "m"}},
+          {"max_height_m", &sector->max_height_m, {sector->min_height_m, kFar_m, "m"}},
+          {"half_angle_rad", &sector->half_angle_rad, {0.0, M_PI + 1e-9, "rad"}}};
 }
 
 std::vector<Field> fieldsOf(ManipulabilityConfig* config) {
-  return {{"joint_step_rad", &config->joint_step_rad},
-          {"min_manipulability_m3", &config->min_manipulability_m3},
-          {"cone_rad", &config->cone_rad},
-          {"facing_rad", &config->facing_rad},
-          {"max_half_angle_rad", &config->max_half_angle_rad},
-          {"cell_m", &config->cell_m},
-          {"min_density", &config->min_density},
-          {"min_fill", &config->min_fill}};
+  return {
+      {"joint_step_rad", &config->joint_step_rad, {0.05, M_PI_4, "rad"}},  // finer takes hours, coarser leaves holes
+      {"min_manipulability_m3", &config->min_manipulability_m3, {0.0, 1.0, "m^3"}},
+      {"cone_rad", &config->cone_rad, {0.0, M_PI_4, "rad"}},  // wider, and a posture comes to tops and sides alike
+      {"facing_rad", &config->facing_rad, {0.0, M_PI, "rad"}},
+      // below: no bin of the coarsest step
+      {"max_half_angle_rad", &config->max_half_angle_rad, {M_PI_4, M_PI + 1e-9, "rad"}},
+      {"cell_m", &config->cell_m, {0.01, 0.5, "m"}},
+      {"min_density", &config->min_density, {0.0, 1.0}},
+      {"min_fill", &config->min_fill, {0.05, 0.95}}};
 }
 
-std::vector<std::string> problemsOf(const AnnulusSector& sector, const std::string& prefix) {
-  // An arm of two metres reaches nothing beyond.
-  constexpr double kFar_m = 2.0;
-  interactive_mapping::RangeCheck check(prefix);
-  check("min_radius_m", sector.min_radius_m, 0.0, kFar_m, "m");
-  check("max_radius_m", sector.max_radius_m, sector.min_radius_m, kFar_m, "m");
-  check("min_height_m", sector.min_height_m, -kFar_m, kFar_m, "m");
-  check("max_height_m", sector.max_height_m, sector.min_height_m, kFar_m, "m");
-  check("half_angle_rad", sector.half_angle_rad, 0.0, M_PI + 1e-9, "rad");
-  return check.problems();
+template <typename Target>
+void read(YamlMap map, Target* target) {
+  // What a field may be depends on those before it.
+  for (std::size_t i = 0; i < fieldsOf(target).size(); ++i) {
+    const Field field = fieldsOf(target)[i];
+    *field.value = map.number(field.key, field.allowed);
+  }
+  map.finish();
 }
-
-class Reader {
- public:
-  explicit Reader(std::vector<std::string>* problems) : problems_(problems) {}
-
-  void numbers(const YAML::Node& root, const std::string& key, const std::vector<Field>& fields) {
-    const YAML::Node map = root[key];
-    if (!map.IsDefined() || !map.IsMap()) {
-      note(key + " is missing or no map");
-      return;
-    }
-    std::set<std::string> known;
-    for (const Field& field : fields) {
-      known.insert(field.key);
-      const YAML::Node node = map[field.key];
-      if (!node.IsDefined()) {
-        note(key + "/" + field.key + " is missing");
-      } else if (!node.IsScalar() || node.Tag() == "!" || !YAML::convert<double>::decode(node, *field.value)) {
-        note(key + "/" + field.key + " = " + YAML::Dump(node) + ", must be a number");
-      }
-    }
-    keys(map, key + "/", known);
-  }
-
-  void keys(const YAML::Node& map, const std::string& prefix, const std::set<std::string>& known) {
-    std::set<std::string> seen;
-    for (const auto& entry : map) {
-      const std::string key = YAML::Dump(entry.first);
-      if (known.count(key) == 0) note(prefix + key + " is unknown");
-      if (!seen.insert(key).second) note(prefix + key + " is given twice");
-    }
-  }
-
-  void note(const std::string& problem) { problems_->push_back(problem); }
-
- private:
-  std::vector<std::string>* problems_;
-};
 
 }  // namespace
 
@@ -275,15 +239,11 @@ double AnnulusSector::volume() const {
 }
 
 std::vector<std::string> ManipulabilityConfig::validate() const {
+  ManipulabilityConfig copy = *this;  // the fields are also read into
   interactive_mapping::RangeCheck check;
-  check("joint_step_rad", joint_step_rad, 0.05, M_PI_4, "rad");  // finer takes hours, coarser leaves holes
-  check("min_manipulability_m3", min_manipulability_m3, 0.0, 1.0, "m^3");
-  check("cone_rad", cone_rad, 0.0, M_PI_4, "rad");  // wider, and a posture comes to tops and sides alike
-  check("facing_rad", facing_rad, 0.0, M_PI, "rad");
-  check("max_half_angle_rad", max_half_angle_rad, M_PI_4, M_PI + 1e-9, "rad");  // below: no bin of the coarsest step
-  check("cell_m", cell_m, 0.01, 0.5, "m");
-  check("min_density", min_density, 0.0, 1.0, "");
-  check("min_fill", min_fill, 0.05, 0.95, "");
+  for (const auto& [key, value, allowed] : fieldsOf(&copy)) {
+    check(key, *value, allowed.low, allowed.high, allowed.unit.c_str());
+  }
   return check.problems();
 }
 
@@ -429,49 +389,25 @@ std::string ManipulabilitySectors::toYaml() const {
 ManipulabilitySectors ManipulabilitySectors::parse(const std::string& yaml, const std::string& name,
                                                    const mp700_ur5e_description::RobotModel& robot) {
   ManipulabilitySectors result;
-  std::vector<std::string> problems;
-  Reader reader(&problems);
-  try {
-    const YAML::Node root = YAML::Load(yaml);
-    if (!root.IsMap()) throw std::invalid_argument(name + ": is no map");
-    reader.keys(root, "", {"urdf_checksum", "config", "top", "side"});
-    const YAML::Node checksum = root["urdf_checksum"];
-    if (!checksum.IsDefined() || !checksum.IsScalar()) {
-      reader.note("urdf_checksum is missing or no word");
-    } else {
-      result.urdf_checksum = checksum.Scalar();
-    }
-    reader.numbers(root, "config", fieldsOf(&result.config));
-    reader.numbers(root, "top", fieldsOf(&result.top));
-    reader.numbers(root, "side", fieldsOf(&result.side));
-  } catch (const YAML::Exception& error) {
-    throw std::invalid_argument(name + ": line " + std::to_string(error.mark.line + 1) +
-                                ": not valid YAML: " + error.msg);
-  }
-  if (problems.empty()) {
-    for (const std::string& problem : result.config.validate()) problems.push_back("config/" + problem);
-    for (const ApproachKind kind : {ApproachKind::kTop, ApproachKind::kSide}) {
-      for (const std::string& problem : problemsOf(result.of(kind), toString(kind) + std::string("/"))) {
-        problems.push_back(problem);
-      }
-    }
-    if (result.urdf_checksum != robot.checksum()) {
+  interactive_mapping::readYaml(yaml, name, [&](YamlMap& file, std::vector<std::string>& problems) {
+    result.urdf_checksum = file.word("urdf_checksum");
+    read(file.map("config"), &result.config);
+    read(file.map("top"), &result.top);
+    read(file.map("side"), &result.side);
+    file.finish();
+    if (!result.urdf_checksum.empty() && result.urdf_checksum != robot.checksum()) {
       problems.push_back("urdf_checksum = " + result.urdf_checksum + ", must be " + robot.checksum() +
                          ": the robot has changed since; run: rosparam get -p robot_description > robot.urdf && "
                          "rosrun motion_planning fit_manipulability --urdf robot.urdf --out " +
                          name);
     }
-  }
-  interactive_mapping::refuseIfAny(name + ":", problems);
+  });
   return result;
 }
 
 ManipulabilitySectors ManipulabilitySectors::load(const std::string& path,
                                                   const mp700_ur5e_description::RobotModel& robot) {
-  std::ifstream file(path);
-  std::ostringstream content;
-  if (!file || !(content << file.rdbuf())) throw std::invalid_argument(path + ": cannot be read");
-  return parse(content.str(), path, robot);
+  return parse(interactive_mapping::readTextFile(path), path, robot);
 }
 
 }  // namespace motion_planning

@@ -4,14 +4,16 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 
+#include <interactive_mapping_common/formatted.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 namespace motion_planning {
 namespace {
+
+using interactive_mapping::formatted;
 
 // A factory calibration changes angles by tenths of a degree and offsets by a few millimetres; another make of arm misses
 // the structure by ninety degrees or by centimetres.
@@ -28,12 +30,6 @@ constexpr double kAligned_rad = 0.5 * ArmKinematics::kIkRotationTolerance_rad;
                               ": not the structure of a UR, which the closed form needs");
 }
 
-std::string text(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
-}
-
 /// Point of `a` nearest to `b`; the two are not parallel.
 Eigen::Vector3d nearestPoint(const AxisLine& a, const AxisLine& b) {
   const double cosine = a.direction.dot(b.direction);
@@ -45,7 +41,7 @@ Eigen::Vector3d nearestPoint(const AxisLine& a, const AxisLine& b) {
 void requireParallel(const std::array<AxisLine, 6>& axes, int first, int second) {
   const double angle_rad = std::acos(std::clamp(axes[first].direction.dot(axes[second].direction), -1.0, 1.0));
   if (!(angle_rad <= kMaxTilt_rad)) {
-    refuse(first, second, "are " + text(angle_rad) + " rad from parallel, must be within " + text(kMaxTilt_rad));
+    refuse(first, second, formatted("are %g rad from parallel, must be within %g", angle_rad, kMaxTilt_rad));
   }
 }
 
@@ -53,10 +49,10 @@ void requireCrossing(const std::array<AxisLine, 6>& axes, int first, int second)
   const double tilt_rad = std::asin(std::clamp(axes[first].direction.dot(axes[second].direction), -1.0, 1.0));
   if (!(std::abs(tilt_rad) <= kMaxTilt_rad)) {
     refuse(first, second,
-           "are " + text(std::abs(tilt_rad)) + " rad from a right angle, must be within " + text(kMaxTilt_rad));
+           formatted("are %g rad from a right angle, must be within %g", std::abs(tilt_rad), kMaxTilt_rad));
   }
   const double gap_m = (nearestPoint(axes[first], axes[second]) - nearestPoint(axes[second], axes[first])).norm();
-  if (!(gap_m <= kMaxGap_m)) refuse(first, second, "pass each other at " + text(gap_m) + " m, must be within 0.01");
+  if (!(gap_m <= kMaxGap_m)) refuse(first, second, formatted("pass each other at %g m, must be within 0.01", gap_m));
 }
 
 /// Angle from z towards x.
@@ -102,9 +98,10 @@ UrGeometry::UrGeometry(const std::array<AxisLine, 6>& axes, const Eigen::Isometr
   const Eigen::Vector3d forearm(wrist_.x() - elbow_.x(), 0.0, wrist_.z() - elbow_.z());
   upper_length_m_ = upper.norm();
   forearm_length_m_ = forearm.norm();
-  if (!(upper_length_m_ >= kMinLink_m)) refuse(1, 2, "are " + text(upper_length_m_) + " m apart, must be 0.05 or more");
+  if (!(upper_length_m_ >= kMinLink_m))
+    refuse(1, 2, formatted("are %g m apart, must be 0.05 or more", upper_length_m_));
   if (!(forearm_length_m_ >= kMinLink_m)) {
-    refuse(2, 3, "are " + text(forearm_length_m_) + " m apart, must be 0.05 or more");
+    refuse(2, 3, formatted("are %g m apart, must be 0.05 or more", forearm_length_m_));
   }
   upper_angle_rad_ = planeAngle(upper);
   forearm_angle_rad_ = planeAngle(forearm);

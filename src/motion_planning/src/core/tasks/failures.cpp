@@ -4,19 +4,12 @@
 #include <cmath>
 #include <sstream>
 
+#include <interactive_mapping_common/formatted.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 namespace motion_planning {
-namespace {
 
-std::ostringstream fixedText(int decimals) {
-  std::ostringstream out;
-  out.precision(decimals);
-  out << std::fixed;
-  return out;
-}
-
-}  // namespace
+using interactive_mapping::formatted;
 
 PlanFailure cancelled() {
   return {PlanStatus::kCancelled, "planning was cancelled"};
@@ -31,30 +24,27 @@ PlanFailure startInCollision(const Contact& contact) {
 }
 
 PlanFailure outsideLimits(const std::string& what, const ArmVector& joints_rad, const ArmLimits& limits) {
-  std::ostringstream out = fixedText(3);
+  std::string text = what;
   const char* separator = ": ";
   for (Eigen::Index j = 0; j < joints_rad.size(); ++j) {
     if (joints_rad[j] >= limits.lower_rad[j] - kLimitTolerance_rad &&
         joints_rad[j] <= limits.upper_rad[j] + kLimitTolerance_rad) {
       continue;
     }
-    out << separator << mp700_ur5e_description::kArmJoints[static_cast<std::size_t>(j)] << " = " << joints_rad[j]
-        << " rad, must be in [" << limits.lower_rad[j] << ", " << limits.upper_rad[j] << "] rad";
+    text += formatted("%s%s = %.3f rad, must be in [%.3f, %.3f] rad", separator,
+                      mp700_ur5e_description::kArmJoints[static_cast<std::size_t>(j)], joints_rad[j],
+                      limits.lower_rad[j], limits.upper_rad[j]);
     separator = "; ";
   }
-  return {PlanStatus::kOutsideLimits, what + out.str()};
+  return {PlanStatus::kOutsideLimits, text};
 }
 
 std::string inMetres(const Eigen::Vector3d& p) {
-  std::ostringstream out = fixedText(3);
-  out << "(" << p.x() << ", " << p.y() << ", " << p.z() << ") m";
-  return out.str();
+  return formatted("(%.3f, %.3f, %.3f) m", p.x(), p.y(), p.z());
 }
 
 std::string inDegrees(double angle_rad) {
-  std::ostringstream out = fixedText(1);
-  out << angle_rad * 180.0 / M_PI << " deg";
-  return out.str();
+  return formatted("%.1f deg", angle_rad * 180.0 / M_PI);
 }
 
 void Rejections::add(const Contact& contact) {

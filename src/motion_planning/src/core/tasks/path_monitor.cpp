@@ -9,10 +9,14 @@
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common/formatted.h>
+
 #include "kinematics/arm_reach.h"
 
 namespace motion_planning {
 namespace {
+
+using interactive_mapping::formatted;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kCoarse_s = 0.4;  // between the first looks at clearance
@@ -24,13 +28,6 @@ struct Look {
   ArmVector joints_rad;
   double clearance_m;
 };
-
-std::string seconds(double time_s) {
-  std::ostringstream out;
-  out.precision(2);
-  out << std::fixed << time_s << " s";
-  return out.str();
-}
 
 /// Looks from begin to end, more densely where the smallest clearance may be, by bisection. No point moves farther than
 /// reach * |dq| between two postures, so between two looks the clearance is at least the mean of theirs minus half of that.
@@ -150,7 +147,7 @@ PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker
   if (verdict.contact) {
     verdict.must_stop = true;
     verdict.time_to_contact_s = time_s - begin_s;
-    verdict.reason = "in " + seconds(verdict.time_to_contact_s) + ": " + verdict.contact.describe();
+    verdict.reason = "in " + formatted("%.2f s", verdict.time_to_contact_s) + ": " + verdict.contact.describe();
     verdict.clearance_m = checker.clearance(last, kMaxClearance_m);
     stopped_ = verdict;
     return verdict;
@@ -171,8 +168,8 @@ PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker
   verdict.must_stop = true;
   verdict.time_to_contact_s = first->time_s - begin_s;
   std::ostringstream reason;
-  reason << "in " << seconds(verdict.time_to_contact_s) << ": clearance of " << first->clearance_m << " m, allowed are "
-         << config_.stop_clearance_m << " m";
+  reason << "in " << formatted("%.2f s", verdict.time_to_contact_s) << ": clearance of " << first->clearance_m
+         << " m, allowed are " << config_.stop_clearance_m << " m";
   verdict.reason = reason.str();
   stopped_ = verdict;
   return verdict;
