@@ -233,9 +233,9 @@ def inside(options):
         if here == DEVICES:
             for topic in ("odom", "tf"):
                 start(ROBOT, "rosrun", "topic_tools", "relay", f"/base_driver/{topic}", f"/{topic}", f"__name:=base_driver_{topic}")
-        bridge = {ROBOT: "true", LAPTOP: "false"} if options.arm_at == "robot" else {ROBOT: "false", LAPTOP: "true"}
-        launch(ROBOT, "mp700_ur5e_bringup", "common.launch", "arm:=false", "bridge:=" + bridge[ROBOT], "base:=true", f"params:={PARAMS}")
-        launch(LAPTOP, "mp700_ur5e_bringup", "common.launch", "arm:=true", "bridge:=" + bridge[LAPTOP], "base:=false", "autostart:=true",
+        machine = {ROBOT: "robot", LAPTOP: "laptop"} if options.arm_at == "robot" else {ROBOT: "base", LAPTOP: "arm"}
+        launch(ROBOT, "mp700_ur5e_bringup", "common.launch", "machine:=" + machine[ROBOT], f"params:={PARAMS}")
+        launch(LAPTOP, "mp700_ur5e_bringup", "common.launch", "machine:=" + machine[LAPTOP], "autostart:=true",
                f"params:={PARAMS}", f"run_folder:={run_folder}", f"scene:={options.scene}")
         if not watcher.until(lambda: watcher.mission is not None, START_S):
             return ["the mission does not come up"], rows

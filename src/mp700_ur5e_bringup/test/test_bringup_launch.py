@@ -126,7 +126,7 @@ class BringupLaunch(unittest.TestCase):
 
     def robot_args(self, *more):
         given = ["robot_ip:=192.168.56.101", f"kinematics_config:={self.folder}/ur5e.yaml", "base_package:=neo_mp_500",
-                 f"localisation_launch:={self.folder}/localisation.launch"]
+                 f"localisation:={self.folder}/localisation.launch"]
         names = {word.split(":=")[0] for word in more}
         return [word for word in given if word.split(":=")[0] not in names] + list(more)
 
@@ -154,7 +154,7 @@ class BringupLaunch(unittest.TestCase):
         self.assertNotEqual(result.returncode, 0)
         for part in ("package ur_robot_driver: apt-get install ros-noetic-ur-robot-driver", "package realsense2_camera:",
                      "package neo_relayboard_v2:", "base_package: must be given", "robot_ip:=''", "kinematics_config:=''",
-                     "localisation_launch:=''"):
+                     "localisation:=''"):
             self.assertIn(part, result.stdout)
         self.assertNotIn("/gpis_mapping", result.stdout)
 
@@ -265,6 +265,9 @@ class BringupLaunch(unittest.TestCase):
             self.assertEqual(there, PARTS[other])
             self.assertEqual(here | there, everything)
             self.assertFalse(here & there)
+        common = f"{self.package}/launch/common.launch"
+        for machine in ("arm", "base", "laptop", "robot"):
+            self.assertEqual(set(Loaded(common, f"machine:={machine}").nodes), PARTS[machine] & set(Loaded(common).nodes))
 
     def test_two_machines_hear_of_the_same_mission(self):
         os.environ["ROS_IP"] = "192.168.57.1"  # two computers: not the loopback
@@ -435,7 +438,7 @@ class BringupLaunch(unittest.TestCase):
                 (simulation, "sceen", "scene", "/pick_mission"), (("-p", "11399", *simulation), "sceen", "scene", "/pick_mission"),
                 (("simulated_world", "simulated_world.launch"), "sceen", "scene", "/relay_wheels"), ((world,), "sceen", "scene", "/relay_wheels"),
                 (simulation, "realtime_facter", "realtime_factor", "/pick_mission"), (simulation, "color_topics", "color_topic", "/pick_mission"),
-                (simulation, "deployment", "", "/pick_mission"), (common, "brigde", "bridge", "/pick_mission"),
+                (simulation, "deployment", "", "/pick_mission"), (common, "machin", "machine", "/pick_mission"),
                 (("mp700_ur5e_bringup", "replay.launch", "bag:=/a.bag"), "rates", "rate", "/play_mission"),
                 (("gpis_mapping", "mapping.launch"), "autosave_fil", "autosave_file", "/gpis_mapping"),
                 (("brick_detection", "brick_detection.launch"), "colour_topic", "color_topic", "/brick_detection")):
@@ -445,6 +448,9 @@ class BringupLaunch(unittest.TestCase):
             self.assertIn(f"{file} has no argument {wrong}" + (f", but {right}: roslaunch --ros-args " if right else ""), output)
             self.assertNotIn("no argument rviz", output)
             self.assertNotIn(node, output.split())
+        code, output = self.nodes_of(*common, "machine:=robto")
+        self.assertNotEqual(code, 0, output)
+        self.assertIn("machine:=robto, must be all, robot, laptop, base or arm", output)
         code, output = self.nodes_of(*simulation, "scene:=two_rows", "seed:=3", "realtime_factor:=0.5", "joint_states:=/j")
         self.assertEqual(code, 0, output)
         self.assertIn("/pick_mission", output)
@@ -528,6 +534,10 @@ class BringupLaunch(unittest.TestCase):
         chosen = self.robot().nodes
         self.assertIn("/localisation", chosen)
         self.assertNotIn("/nothing_corrects_odometry", chosen)
+        for wrong in ("launch", "/no/such.launch"):
+            result = self.run_robot(["arm_driver:=none", "camera_driver:=none", "base_driver:=none", f"localisation:={wrong}"])
+            self.assertNotEqual(result.returncode, 0)
+            self.assertIn(f"localisation:='{wrong}': must be the absolute path of a launch file", result.stdout)
 
     def test_the_map_sees_what_the_self_filter_leaves(self):
         for camera, depth in (("realsense", "/camera/aligned_depth_to_color/image_raw"), ("azure_kinect", "/depth_to_rgb/image_raw")):
