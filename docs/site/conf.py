@@ -17,6 +17,7 @@ exclude_patterns = ["root", "images"]
 breathe_projects = {"api": "../doxygen/xml"}
 breathe_default_project = "api"
 breathe_default_members = ("members",)
+breathe_show_include = False
 primary_domain = "cpp"
 highlight_language = "none"
 

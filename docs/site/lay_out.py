@@ -12,6 +12,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 PAGES = ("*.md", "docker/*.md", "docs/*.md", "docs/results/*.md", "src/**/*.md", "sim_tests/**/*.md")
 PARAMETERS = ("src/*/config/*.yaml", "sim_tests/simulated_world/config/*.yaml")
 MESSAGES = ("src/interactive_mapping_msgs/action/*.action", "src/interactive_mapping_msgs/srv/*.srv", "src/interactive_mapping_msgs/msg/*.msg")
+NAMESPACES = {"interactive_mapping_common": "interactive_mapping"}  # where it is not the package's name
 PICTURES = {".png", ".jpg", ".gif", ".svg"}
 LINK = re.compile(r"(\]\()([^)\s#:]+)(\))")
 LEXERS = {".yaml": "yaml", ".py": "python", ".h": "cpp", ".cpp": "cpp", ".launch": "xml", ".xml": "xml"}
@@ -30,7 +31,7 @@ def file_page(folder, name):
     """The page NAME.md of a file that is no page: its text, highlighted."""
     text = (ROOT / name).read_text(encoding="utf-8")
     where = f"`{name.parent}`\n\n" if name.parent.parts else ""
-    write(folder / f"{name}.md", f"---\norphan: true\n---\n# {name.name}\n\n{where}````{LEXERS.get(name.suffix, 'none')}\n{text.rstrip()}\n````\n")
+    write(folder / f"{name}.md", f"---\norphan: true\nhide-toc: true\n---\n# {name.name}\n\n{where}````{LEXERS.get(name.suffix, 'none')}\n{text.rstrip()}\n````\n")
 
 
 def contents(names):
@@ -71,15 +72,12 @@ def lay_out(folder):
         text += f"## {title}\n\n" + contents(f"/{name}" for name in listed([pattern])) + "\n"
     write(folder / "messages.md", text)
 
-    packages = sorted(path for path in ROOT.glob("s*/*/include/*") if path.name == path.parts[-3])
+    packages = sorted(path for path in ROOT.glob("src/*/include/*") if path.name == path.parts[-3])
     for package in packages:
-        page = [package.name, "=" * len(package.name), "", f"What it does: :doc:`/{package.parents[1].relative_to(ROOT)}/README`.", ""]
-        for header in sorted(package.rglob("*.h")):
-            if "testing" in header.parts:
-                continue
-            name = str(header.relative_to(package))
-            page += [name, "-" * len(name), "", f".. doxygenfile:: {package.name}/{name}", "   :sections: briefdescription detaileddescription innerclass enum typedef func var public-*", ""]
-        write(folder / f"api/{package.name}.rst", "\n".join(page))
+        name = package.name
+        namespace = NAMESPACES.get(name, name)
+        write(folder / f"api/{name}.rst", f"{name}\n{'=' * len(name)}\n\nWhat it does: :doc:`/src/{name}/README`.\n\n"
+              f".. doxygennamespace:: {namespace}\n   :content-only:\n   :members:\n   :undoc-members:\n")
     write(folder / "api/index.md", "# C++ API\n\nThe public headers of each package; none of them needs ROS.\n\n" + contents(path.name for path in packages))
 
 

@@ -30,7 +30,7 @@ struct RobotMjcfOptions {
   std::vector<std::string> validate() const;
 };
 
-/// The robot as an MJCF `<body>`, to stand in the `<worldbody>` of a document with `<compiler angle="radian"/>`.
+/// The robot as an MJCF <body>, to stand in the <worldbody> of a document with <compiler angle="radian"/>.
 ///
 /// Every link of the URDF is a body of its name, with the URDF's mass and inertia; fixed joints nest without a joint.
 /// The root link gets the joints base_x, base_y (slides) and base_yaw (hinge); the others keep the URDF's names and

@@ -9,7 +9,7 @@
 
 namespace simulated_world {
 
-/// Keeps pictures of a run in its folder: `pictures/world_<seconds>_<stowed>.png` at the start, after each brick that was
+/// Keeps pictures of a run in its folder: pictures/world_<seconds>_<stowed>.png at the start, after each brick that was
 /// stowed, and at the end. All members throw std::runtime_error with the path and the reason.
 class RunPictures {
  public:
