@@ -10,9 +10,7 @@ version = release = re.search(r"<version>(.*)</version>", pathlib.Path("root/src
 
 extensions = ["myst_parser", "breathe"]
 myst_heading_anchors = 4          # links to headings, as the git host has them
-myst_enable_extensions = ["dollarmath"]
-suppress_warnings = ["myst.header"]
-exclude_patterns = ["root", "images"]
+exclude_patterns = ["root"]
 
 breathe_projects = {"api": "../doxygen/xml"}
 breathe_default_project = "api"
