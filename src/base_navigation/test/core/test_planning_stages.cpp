@@ -66,7 +66,7 @@ TEST(FindLaunches, BacksOffFromAWall) {
   const Launch& launch = launches->front();
   EXPECT_LT(launch.length_m, 0.0);
   EXPECT_GT(launch.tight_m, 0.0);
-  EXPECT_TRUE(task.canTurnAt(launch.pose_map));
+  EXPECT_TRUE(task.roomy.canTurnAt(launch.pose_map));
 }
 
 TEST(FindLaunches, FailsBetweenWalls) {
