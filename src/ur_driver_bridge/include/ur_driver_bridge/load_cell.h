@@ -69,6 +69,8 @@ class LoadCell {
   /// The median over the last 2 lost_s tells that the held load has gone: that is, it has gone for lost_s. False within
   /// lost_s of hold() or reset(), and without samples: see to the age of the force.
   bool isLost() const;
+  /// By the same median, how much more than what is held pulls at the magnet [kg]; nothing where isLost() knows nothing.
+  std::optional<double> excess() const;
   /// Median over the last lost_s of the load beside the declared payload [kg]; nothing before there are samples.
   std::optional<double> load() const;
 

@@ -100,11 +100,17 @@ void LoadCell::release() {
   held_.reset();
 }
 
-bool LoadCell::isLost() const {
-  if (!held_ || !held_->since_s || samples_.empty()) return false;
-  if (samples_.back().stamp_s - *held_->since_s < config_.lost_s - kRounding_s) return false;
+std::optional<double> LoadCell::excess() const {
+  if (!held_ || !held_->since_s || samples_.empty()) return std::nullopt;
+  if (samples_.back().stamp_s - *held_->since_s < config_.lost_s - kRounding_s) return std::nullopt;
   const std::optional<double> load_kg = medianLoad(lossWindow(), kMinForLoss);
-  return load_kg && held_->reference_kg - *load_kg >= config_.lost_share * held_->mass_kg;
+  if (!load_kg) return std::nullopt;
+  return *load_kg - held_->reference_kg;
+}
+
+bool LoadCell::isLost() const {
+  const std::optional<double> excess_kg = excess();
+  return excess_kg && -*excess_kg >= config_.lost_share * held_->mass_kg;
 }
 
 std::optional<double> LoadCell::load() const {

@@ -437,4 +437,21 @@ Verdict TouchStep::atEnd(StepContext& context) {
   return {};
 }
 
+LiftStep::LiftStep(Make make, double brick_mass_kg, std::shared_ptr<Lifted> lifted)
+    : MotionStep("lift", WatchPhase::kLift, std::move(make)),
+      brick_mass_kg_(brick_mass_kg),
+      lifted_(std::move(lifted)) {}
+
+std::optional<MotionStep::Ending> LiftStep::look(StepContext& context) {
+  const double most_kg = (context.config.load.max_share - 1.0) * brick_mass_kg_;
+  const double excess_kg = context.load.excess().value_or(0.0);
+  if (excess_kg <= most_kg) return std::nullopt;
+  context.load.release();  // it is put back, where its weight goes
+  return Ending{
+      {ArmStatus::kNotAttached,
+       formatted("%.2f kg beside the brick pull at the magnet, must be at most %.2f kg: it takes something along",
+                 excess_kg, most_kg)},
+      context.config.pick.contact_stop_s};
+}
+
 }  // namespace ur_driver_bridge

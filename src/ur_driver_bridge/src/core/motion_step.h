@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 
 #include "step.h"
 
@@ -112,6 +113,26 @@ class TouchStep : public MotionStep {
   double expected_travel_m_;
   Touched* touched_;
   std::optional<ContactDetector> detector_;
+};
+
+/// With a brick, until it takes another along.
+class LiftStep : public MotionStep {
+ public:
+  /// As it was carried out, and where on it the arm stands.
+  struct Lifted {
+    JointTrajectory trajectory;
+    double at_s{0.0};
+  };
+
+  LiftStep(Make make, double brick_mass_kg, std::shared_ptr<Lifted> lifted);
+
+ protected:
+  std::optional<Ending> look(StepContext& context) override;
+  void atRest(StepContext&) override { *lifted_ = {trajectory(), place()}; }
+
+ private:
+  double brick_mass_kg_;
+  std::shared_ptr<Lifted> lifted_;
 };
 
 }  // namespace ur_driver_bridge

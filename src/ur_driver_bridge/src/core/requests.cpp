@@ -186,6 +186,14 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
     append(offAndRetreat(), &items);
     return items;
   };
+  const auto lifted = std::make_shared<LiftStep::Lifted>();
+  const auto lowerAndPutBack = [=] {
+    Items items;
+    items.push_back(item<MotionStep>("put_back", WatchPhase::kLift,
+                                     [=] { return gentle(reversed(upTo(lifted->trajectory, lifted->at_s, ramp_s))); }));
+    append(putBack(), &items);
+    return items;
+  };
   const auto undoIf = [](auto undo, std::initializer_list<ArmStatus> statuses) {
     return [undo, of = std::vector<ArmStatus>(statuses)](const Verdict& verdict) {
       return std::count(of.begin(), of.end(), verdict.status) > 0 ? undo() : Items{};
@@ -211,7 +219,9 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   add(item<PayloadStep>("payload", payload, Duty::kUnlessStopped));
   add(item<HoldStep>("payload", request.brick_mass_kg));
   if (weigh_s < request.lift.duration()) {
-    addMotion("lift", WatchPhase::kLift, [=] { return gentle(resume(shared->lift, weigh_s, ramp_s)); });
+    const auto lift = [=] { return gentle(resume(shared->lift, weigh_s, ramp_s)); };
+    add({std::make_unique<LiftStep>(lift, request.brick_mass_kg, lifted),
+         undoIf(lowerAndPutBack, {ArmStatus::kNotAttached})});
   }
   if (!request.stow.empty()) addMotion("stow", WatchPhase::kFree, [shared] { return shared->stow; });
   if (request.lets_go) append(letGoItems(model, request.brick_mass_kg, Duty::kIfGateIsOpen), &items);

@@ -876,6 +876,31 @@ TEST(ExecutorPick, WhatWeighsTooLittleOrTooMuchIsPutBack) {
   }
 }
 
+TEST(ExecutorPick, ABrickThatTakesAnotherAlongIsPutBack) {
+  for (const double at_s : {0.02, 0.2}) {
+    Picker arm;
+    arm.runTo("lift", at_s);
+    const double height_m = arm.tipHeight();
+    arm.mass_kg += 0.9;
+    double highest_m = height_m;
+    const auto finished = arm.run(30.0, [&] { highest_m = std::max(highest_m, arm.tipHeight()); });
+    ASSERT_TRUE(finished);
+    EXPECT_EQ(finished->verdict.status, ArmStatus::kNotAttached) << finished->verdict.message;
+    EXPECT_EQ(finished->stage, "lift");
+    EXPECT_THAT(finished->verdict.message, HasSubstr("takes something along"));
+    EXPECT_LT(highest_m, height_m + 0.05) << "it went on";
+    EXPECT_FALSE(arm.is_magnet_on);
+    EXPECT_EQ(arm.dropped, 0);
+    EXPECT_FALSE(arm.executor.isHolding());
+    EXPECT_LT((arm.position_rad - scene().over_rad).cwiseAbs().maxCoeff(), 1e-3);
+    expectOrderly(arm);
+  }
+  Picker little;
+  little.runTo("lift", 0.1);
+  little.mass_kg += 0.7;
+  expectEnds(little, ArmStatus::kSuccess, 30.0);
+}
+
 TEST(ExecutorPick, AForceThatDoesNotComeToRestIsNoWeight) {
   Picker arm;
   arm.runTo("weigh");
