@@ -545,18 +545,18 @@ void Simulation::followMagnet(double now_s, Tick* tick) {
     if (brick.status == BrickStatus::kHeld && motion) {
       // Whoever lets go over the container means it, and the brick's fall decides whether it gets there.
       const std::vector<World::StowedBrick> inside = world_->bricksInContainer();
+      const std::string why = release->load.empty() ? "" : ": " + release->load;
       const bool is_over_container =
           std::any_of(inside.begin(), inside.end(), [&](const World::StowedBrick& one) { return one.id == brick.id; });
       if (release->reason == ReleaseReason::kSwitchedOff && is_over_container) {
         brick.status = BrickStatus::kReleased;
       } else if (isCarried(brick)) {
         drop(&brick);
-        const std::string why = release->load.empty() ? "" : ": " + release->load;
         tick->incidents.push_back(sentence(now_s, "the magnet lost " + name + why));
       } else {
         brick.status = BrickStatus::kInPile;
         if (release->reason != ReleaseReason::kSwitchedOff) {
-          tick->incidents.push_back(sentence(now_s, "the magnet came off " + name + " before lifting it"));
+          tick->incidents.push_back(sentence(now_s, "the magnet came off " + name + " before lifting it" + why));
         }
       }
       brick.status_since_s = now_s;

@@ -34,15 +34,14 @@ struct SpeedConfig {
   double velocity_scale{0.35};
   double acceleration_rad_s2{1.5};
   double contact_speed_m_s{0.05};
-  double lift_speed_m_s{0.15};
+  double lift_speed_m_s{0.10};
 
   static void fields(SpeedConfig& c, interactive_mapping::Fields& f) {
     f.live()("velocity_scale", c.velocity_scale, 0.01, 1.0, "", "share of the URDF's velocity limits");
     f("acceleration_rad_s2", c.acceleration_rad_s2, 0.05, 40.0, "rad/s^2", "limit of every joint");
     f("contact_speed_m_s", c.contact_speed_m_s, 0.001, 0.25, "m/s",
-      "speed of the tip on the last 4 cm to the plate and beyond");
-    f("lift_speed_m_s", c.lift_speed_m_s, 0.001, 1.0, "m/s",
-      "speed of the tip on the straight approach before that, and on the retreat with the brick");
+      "speed of the tip on its last approach to the plate");
+    f("lift_speed_m_s", c.lift_speed_m_s, 0.001, 1.0, "m/s", "speed of the tip on the straight retreat with the brick");
   }
 };
 

@@ -97,7 +97,7 @@ bool holds(Guard guard, const Mission& mission) {
     case Guard::kAllDealtWith:
       return config.bricks_total >= 0 && numPicked(memory) + memory.ledger.numExhausted() >= config.bricks_total;
     case Guard::kChoiceDue:
-      return config.views.choose_after_each_pick && !mission.is_place_chosen && !memory.is_ending;
+      return config.views.choose_after_each_pick && !mission.is_place_chosen;
     case Guard::kStays:
       return mission.selection.stays;
     case Guard::kBrickHere:

@@ -151,9 +151,10 @@ void MissionMachine::Impl::onEndBeside(const event::Reply& reply) {
   record(takeRunning(), reply, reaction, false, mission_);
   if (isSuccess(reply.result) && mission_.hand == Hand::kEmpty) {
     mission_.running = looking;
-    return note("pick", "has ended beside: " + std::to_string(numPicked(mission_.memory)) + " picked");
+    return note(toString(reply.result),
+                "of the pick beside: " + std::to_string(numPicked(mission_.memory)) + " picked");
   }
-  log("pick", "has failed: what was looked for beside it is dropped", State::kPick);
+  log(toString(reply.result), "of the pick beside: what was looked for is dropped", State::kPick);
   mission_.state = State::kPick;
   fireFor(reaction, {toString(reply.result), withMessage(reaction.why, reply.message), State::kPick, reaction.end});
 }

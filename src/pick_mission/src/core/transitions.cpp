@@ -21,7 +21,6 @@ std::vector<Transition> makeTransitions() {
       {S::kPaused, T::kStop, G::kAlways, S::kEnded, E::kEndStopped},
       {S::kHeld, T::kResume, G::kAlways, S::kBegin, E::kForgetTries},
       {S::kHeld, T::kStop, G::kAlways, S::kEnded, E::kEndStopped},
-      {S::kUnload, T::kUnloaded, G::kChoiceDue, S::kSelect, E::kForgetTries},
       {S::kUnload, T::kUnloaded, G::kAlways, S::kBegin, E::kForgetTries},
       {S::kUnload, T::kHold, G::kAlways, S::kHeld},
       {S::kUnload, T::kStop, G::kAlways, S::kEnded, E::kEndStopped},

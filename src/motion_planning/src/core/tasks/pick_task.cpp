@@ -19,9 +19,6 @@ namespace {
 namespace description = mp700_ur5e_description;
 using description::BrickFace;
 
-/// Before the believed plate, in which the tip is slow: the bridge takes contact in the last 2 cm for the plate, and brick and
-/// robot are known to some millimetres and to 1 cm.
-constexpr double kGuarded_m = 0.04;
 constexpr int kStowAttempts = 3;  // contact postures tried if the brick cannot be carried away from one
 
 /// How far a face got: the failure of the one that got farthest is reported.
@@ -179,21 +176,10 @@ class FacePick {
     plan.T_map_contact = task_.request.T_map_base * grip.T_base_contact;
     plan.held = grip.held;
     plan.approach = approach;
-    plan.contact = touchAlong(pick.contact);
+    plan.contact = timedLine(task_, pick.contact, task_.config.speed.contact_speed_m_s);
     plan.lift = timedLine(task_, pick.lift, task_.config.speed.lift_speed_m_s);
     plan.stow = stow;
     return plan;
-  }
-
-  /// Slowly from where the plate may be.
-  JointTrajectory touchAlong(const JointPath& line) const {
-    const auto before =
-        static_cast<std::ptrdiff_t>(numSteps(task_.config, std::max(0.0, task_.config.pick.approach_m - kGuarded_m)));
-    const JointPath fast(line.begin(), line.begin() + before + 1);
-    const JointPath slow(line.begin() + before, line.end());
-    JointTrajectory touch = timedLine(task_, fast, task_.config.speed.lift_speed_m_s);
-    append(timedLine(task_, slow, task_.config.speed.contact_speed_m_s), &touch);
-    return touch;
   }
 
   const TaskContext& task_;
