@@ -29,7 +29,8 @@ struct Box {
   bool isPresent(int frame) const { return frame >= appears_at_frame && frame < vanishes_at_frame; }
 };
 
-/// Pinhole camera without distortion; not the one of the packages under test, which the simulator knows nothing of. Pixel (u, v) is the ray through (u, v): pixel centres are at integers.
+/// Pinhole camera without distortion, on purpose not that of the packages under test: it is their oracle. Pixel (u, v) is
+/// the ray through (u, v): pixel centres are at integers.
 struct CameraModel {
   int width_px{640};
   int height_px{480};

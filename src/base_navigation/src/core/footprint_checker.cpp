@@ -167,10 +167,10 @@ double FootprintChecker::circumscribedRadius() const {
   return state_->circumscribed_m;
 }
 
-bool FootprintChecker::canTurnAt(const Pose2d& pose_map) const {
+bool FootprintChecker::canTurnAt(const Pose2d& T_map_base) const {
   const NavigationGrid& cells = grid();
   const double radius_m = circumscribedRadius();
-  const Eigen::Vector2d p_map = pose_map.position();
+  const Eigen::Vector2d p_map = T_map_base.position();
   if (clearance(p_map) > radius_m) return true;
   // The clearance is a lower bound: the last word have the cells.
   const Eigen::Vector2i low = cells.cellOf(p_map - Eigen::Vector2d::Constant(radius_m));

@@ -403,7 +403,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
       throw PlanFailure{PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
                                                      ": it has to be let go before another is picked"};
     }
-    context.held.reset();
+    context.held.reset();  // by then it is let go, and the map has seen past its old place
     context.vacated.reset();
     tell("planning");
     plan = planner->planPick(context, target, stow);

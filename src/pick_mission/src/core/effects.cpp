@@ -109,7 +109,7 @@ void apply(Effect effect, const Cause& cause, Mission& mission) {
     }
     case Effect::kLookAhead:
       mission.carrying = std::exchange(mission.running, std::nullopt);
-      mission.carrying->is_looked_past = true;
+      mission.carrying->is_looked_ahead = true;
       mission.is_place_chosen = false;
       ++memory.scene;
       return;

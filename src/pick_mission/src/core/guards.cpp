@@ -70,7 +70,7 @@ bool holds(Guard guard, const Mission& mission) {
     case Guard::kPauseWanted:
       return mission.is_pause_wanted;
     case Guard::kLooksAhead:
-      return config.look.while_carrying && !mission.running->is_looked_past && !mission.is_pause_wanted &&
+      return config.look.while_carrying && !mission.running->is_looked_ahead && !mission.is_pause_wanted &&
              !memory.is_ending && memory.places_used + 1 < capacityOf(config) && !isOnEnd(*mission.running->brick) &&
              memory.used_s < config.time.limit_s && !isLastBrick(mission);
     case Guard::kCarries:

@@ -33,7 +33,7 @@ struct Mission {
     std::uint64_t id;
     State action;
     std::optional<SeenBrick> brick{};  // of a pick and its plan
-    bool is_looked_past{false};        // a pick: the next brick was looked for before it ended
+    bool is_looked_ahead{false};       // a pick: the next brick was looked for before it ended
   };
   std::optional<Running> running{};
   std::optional<Running> carrying{};  // a pick beside it, which carries its brick away

@@ -123,7 +123,7 @@ void recordSuccess(const Mission::Running& ended, const event::Reply& reply, Mis
       // Still holding, against what the result says: it is stowed, and counts then.
       if (action != State::kPick || mission.hand == Hand::kHolding) break;
       memory.brick_in_hand = ended.brick->id;
-      if (!ended.is_looked_past) ++memory.scene;  // else it was another when the brick had left it
+      if (!ended.is_looked_ahead) ++memory.scene;  // else it was another when the brick had left it
       brickStowed(mission);
       memory.brick_in_hand.reset();
       break;
@@ -194,7 +194,7 @@ void record(const Mission::Running& ended, const event::Reply& reply, const Reac
   Memory& memory = mission.memory;
   const State action = ended.action;
   recordArm(ended, reply, mission);
-  const bool was_a_pick = (action == State::kPick && !ended.is_looked_past) || action == State::kLetGo;
+  const bool was_a_pick = (action == State::kPick && !ended.is_looked_ahead) || action == State::kLetGo;
   if (was_a_pick || !isSuccess(reply.result)) mission.is_place_chosen = false;
   if (action == State::kReport) memory.reports.pop_front();
   if (isSuccess(reply.result)) {
