@@ -20,6 +20,7 @@
 #include <ros/service_server.h>
 #include <ros/timer.h>
 #include <ros/wall_timer.h>
+#include <std_srvs/Trigger.h>
 
 #include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
@@ -71,6 +72,7 @@ class MotionPlanningRos {
 
   bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
                interactive_mapping_msgs::WatchTrajectory::Response& response);
+  bool onContainerEmptied(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   /// Logs once that all inputs have come, and now and then what is missing until they have. By diagnostics_timer_ alone.
   void reportReadiness();
   /// Judges the running trajectory and tells.
@@ -114,7 +116,7 @@ class MotionPlanningRos {
 
   PlanningMarkers markers_;
   std::unique_ptr<SceneKeeper> scenes_;
-  ros::ServiceServer watch_server_;
+  ros::ServiceServer watch_server_, emptied_server_;
   ros::Timer monitor_timer_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;

@@ -132,9 +132,11 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
   });
   scenes_->start();
   watch_server_ = handle.advertiseService("watch", &MotionPlanningRos::onWatch, this);
+  emptied_server_ = handle.advertiseService("container_emptied", &MotionPlanningRos::onContainerEmptied, this);
   monitor_timer_ = handle.createTimer(ros::Duration(1.0 / params_.monitor.rate_hz), [this](const ros::TimerEvent&) {
     monitor();
     markers_.clearOldPlan(robot_);
+    markers_.showLoad(robot_.load());
   });
   monitor();
 
@@ -214,6 +216,7 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
     context.held = held->brick;
     context.vacated = held->vacated;
   }
+  context.load = robot_.load();
 
   const std::shared_ptr<const MapScene> scene = scenes_->current(*T_map_base, is_cancelled, &why_not);
   if (!scene) refuseMap();
@@ -403,6 +406,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
       throw PlanFailure{PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
                                                      ": it has to be let go before another is picked"};
     }
+    if (held) addToLoad(*kinematics_, context.start_rad, held->brick, &context.load);
     context.held.reset();  // by then it is let go, and the map has seen past its old place
     context.vacated.reset();
     tell("planning");
@@ -498,6 +502,13 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
   note(goal.inspect ? "inspect" : "arm", plan, wall_ms);
   charge(params_.cost.arm_s, started, is_cancelled);
   return result;
+}
+
+bool MotionPlanningRos::onContainerEmptied(std_srvs::Trigger::Request& /*request*/,
+                                           std_srvs::Trigger::Response& response) {
+  robot_.emptied();
+  response.success = 1;
+  return true;
 }
 
 bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajectory::Response& response) {
