@@ -62,6 +62,7 @@ class MotionPlanningRos {
   motion_planning::ArmGoal toArmGoal(const interactive_mapping_msgs::ArmGoal& message,
                                      const IsCancelled& is_cancelled) const;
   motion_planning::ArmGoal placeGoal(const std::string& frame) const;
+  motion_planning::ArmGoal defaultStowGoal() const;
   Eigen::Isometry3d poseInMap(const geometry_msgs::PoseStamped& message, const std::string& what,
                               const IsCancelled& is_cancelled) const;
   /// Simulated time that a plan is charged: its result is held back until then.

@@ -363,6 +363,15 @@ void MotionPlanningRos::note(const std::string& what, const PlanFailure& failure
   }
 }
 
+/// That of the parameter `stow`.
+motion_planning::ArmGoal MotionPlanningRos::defaultStowGoal() const {
+  const auto posture = postures_.find(params_.stow);
+  if (posture == postures_.end()) return placeGoal(params_.stow);
+  motion_planning::ArmGoal goal;
+  goal.joints_rad = posture->second;
+  return goal;
+}
+
 MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServer::Goal& goal,
                                                                   const ros::Time& started,
                                                                   const IsCancelled& is_cancelled,
@@ -389,14 +398,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
     target.T_map_brick = poseInMap(goal.brick, "brick", is_cancelled);
     std::vector<motion_planning::ArmGoal> stow;
     for (const ArmGoalMessage& message : goal.stow) stow.push_back(toArmGoal(message, is_cancelled));
-    if (stow.empty()) {
-      if (const auto posture = postures_.find(params_.stow); posture != postures_.end()) {
-        stow.emplace_back();
-        stow.back().joints_rad = posture->second;
-      } else {
-        stow.push_back(placeGoal(params_.stow));
-      }
-    }
+    if (stow.empty()) stow.push_back(defaultStowGoal());
     tell("waiting for the newest map");
     motion_planning::PlanningContext context =
         makeContext(goal.start, goal.min_map_stamp, is_cancelled, &result.map_update);

@@ -46,6 +46,7 @@ bool isOverOfItself(const Memory& memory) {
   return memory.is_ending && memory.end_reason <= EndReason::kNoProgress;
 }
 
+// One case for each guard, in one place.
 bool holds(Guard guard, const Mission& mission) {
   const MissionConfig& config = mission.config;
   const Memory& memory = mission.memory;
