@@ -784,6 +784,29 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
   }
 }
 
+// An image showed the brick in the hand: the map has it beside where it is taken to be, and too high to get out straight.
+TEST(MotionPlanner, WhatTheMapHasOfTheHeldBrickItselfIsNotInItsWay) {
+  PickWorld pick = emptyPickWorld();
+  pick.add({0.775, 0.0, 0.8});
+  pick.world.boxes[0].size_m = {0.2, 0.2, 0.3};
+  pick.makeScene();
+  PlanningContext context = pick.context();
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.15)), {0.2, 0.2, 0.3}};
+  Eigen::Isometry3d T_base_tip(Eigen::Translation3d(0.75, 0.0, 0.95));
+  T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
+  context.start_rad = shippedArm()->inverse(T_base_tip, pick.start_rad).at(0);
+  const ArmPlan plan = makePlanner().planArm(context, pick.container(*shippedArm()).front());
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  expectTheWatchLetsPass(pick, context, plan.trajectory);
+  // What reaches farther is another thing.
+  pick.add({0.775, 0.0, 0.8});
+  pick.world.boxes[1].size_m = {0.5, 0.5, 0.5};
+  pick.makeScene();
+  context.scene = pick.scene;
+  EXPECT_EQ(makePlanner().planArm(context, pick.container(*shippedArm()).front()).status,
+            PlanStatus::kStartInCollision);
+}
+
 /// Nearest that a held brick's surface comes to the container on a way [m]; negative: it is in it.
 double distanceToContainer(const HeldBrick& held, const JointTrajectory& way) {
   const ArmKinematics& arm = *shippedArm();
