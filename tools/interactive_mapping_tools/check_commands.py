@@ -45,6 +45,8 @@ class Packages:
         folder = self.folders[package]
         text = re.sub(r"#.*", "", "\n".join(path.read_text(encoding="utf-8") for path in folder.rglob("CMakeLists.txt")))
         names = set(re.findall(r"add_executable\(\s*([\w.-]+)", text))
+        renamed = re.findall(r"set_target_properties\(\s*(\S+)\s+PROPERTIES\s+OUTPUT_NAME\s+([\w.-]+)", text)
+        names = names - {target for target, _ in renamed} | {name for target, name in renamed if target in names}
         for programs in re.findall(r"catkin_install_python\(\s*PROGRAMS([^)]*)DESTINATION", text):
             names |= {pathlib.PurePath(program).name for program in programs.split()}
         sources = [*folder.glob("benchmark/*.cpp"), *folder.glob("test/**/test_*.cpp")]

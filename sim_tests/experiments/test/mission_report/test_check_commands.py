@@ -27,6 +27,7 @@ FILES = {
     "src/maps/launch/outer.launch": LAUNCH,
     "src/maps/launch/inner.launch": INNER,
     "src/maps/CMakeLists.txt": "add_library(maps_core a.cpp)\nadd_executable(map_it map_it.cpp)\n# add_executable(gone)\n"
+                               "add_executable(maps_node n.cpp)\nset_target_properties(maps_node PROPERTIES OUTPUT_NAME maps)\n"
                                "catkin_install_python(PROGRAMS scripts/plot DESTINATION bin)\n",
     "src/maps/src/map_it.cpp": 'options.add_options()("out,o", "")("stride", "");',
     "src/maps/scripts/plot": "#!/usr/bin/python3\n",
@@ -62,7 +63,8 @@ class CheckCommands(unittest.TestCase):
     def test_right_commands_pass(self):
         self.assert_clean("```bash skip long\nroslaunch maps outer.launch rate_hz:=3 \\\n  file:=$(rospack find maps)/scene.yaml inner:=2   # as fast\n"
                           "rosrun maps map_it src/maps/scene.yaml -o out --stride 2 && rosrun maps plot; rosrun maps test_maps\n"
-                          "scripts/do_it --fast\nroslaunch src/maps/launch/inner.launch\n```\n", 6)
+                          "rosrun maps maps\n"
+                          "scripts/do_it --fast\nroslaunch src/maps/launch/inner.launch\n```\n", 7)
 
     def test_what_is_no_command_of_ours_passes(self):
         self.assert_clean("`roslaunch`, `roslaunch PACKAGE FILE.launch x:=1`, `scripts/NAME`, `robot.launch ...`, `it's`\n"
@@ -83,7 +85,7 @@ class CheckCommands(unittest.TestCase):
         self.assert_found("roslaunch maps outer.launch rate_hz:=3", "outer.launch needs file")
 
     def test_program_is_missing(self):
-        for name in ("gone", "maps_core"):
+        for name in ("gone", "maps_core", "maps_node"):
             self.assert_found(f"rosrun maps {name}", f"rosrun maps {name}: the package makes no such program")
         self.assert_found("rosrun maps map_it --strides 2", "no option --strides")
 
