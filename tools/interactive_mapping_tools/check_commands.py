@@ -195,8 +195,8 @@ class Checker:
         if PLACEHOLDER.search(pathlib.PurePath(word).name):
             return
         self.count += 1
-        candidates = [self.root / word, (self.root / page).parent / word]
-        path = next((path for path in candidates if path.is_file()), None)
+        folders = [self.root / folder for folder in pathlib.PurePath(page).parents]  # a package's pages name its own scripts
+        path = next((folder / word for folder in folders if (folder / word).is_file()), None)
         if path is None:
             yield f"{word}: no such script"
             return

@@ -45,9 +45,9 @@ class CheckCommands(unittest.TestCase):
             (self.root / name).parent.mkdir(parents=True, exist_ok=True)
             (self.root / name).write_text(text)
 
-    def check(self, page):
-        (self.root / "page.md").write_text(page)
-        return check_commands.check(self.root, ["page.md"])
+    def check(self, page, name="page.md"):
+        (self.root / name).write_text(page)
+        return check_commands.check(self.root, [name])
 
     def assert_clean(self, page, count):
         self.assertEqual(self.check(page), (count, []))
@@ -96,6 +96,10 @@ class CheckCommands(unittest.TestCase):
     def test_script_is_missing(self):
         self.assert_found("scripts/gone --fast", "scripts/gone: no such script")
         self.assert_found("FAST=1 scripts/do_it --slow", "scripts/do_it: no option --slow")
+
+    def test_package_names_its_own_scripts(self):
+        self.assertEqual(self.check("`scripts/plot` and `scripts/do_it`", "src/maps/scene.md"), (2, []))
+        self.assertEqual(len(self.check("`scripts/plot`")[1]), 1)
 
     def test_file_is_missing(self):
         self.assert_found("rosrun maps map_it $(rospack find maps)/gone.yaml", "src/maps/gone.yaml: no such file")
