@@ -131,7 +131,7 @@ static_assert(same(toString(static_cast<Kind>(2)), "?") && kNumKind == 2 && kKin
     def test_every_marked_message_is_made(self):
         marked = {str(path.relative_to(PACKAGE)) for folder in ("msg", "srv", "action") for path in (PACKAGE / folder).iterdir()
                   if re.search(r"^# enum ", path.read_text(encoding="utf-8"), re.MULTILINE)}
-        listed = re.search(r"set\(enum_files(.*?)\)", (PACKAGE / "CMakeLists.txt").read_text(encoding="utf-8"), re.DOTALL).group(1).split()
+        listed = re.search(r"set\(enum_files(.*?)\)", (PACKAGE / "enums/CMakeLists.txt").read_text(encoding="utf-8"), re.DOTALL).group(1).split()
         self.assertEqual(sorted(marked), listed)
 
 
