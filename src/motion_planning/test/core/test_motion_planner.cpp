@@ -214,6 +214,17 @@ TEST(MotionPlanner, LaysDownABrickThatStands) {
       exact.setTarget(0, true);
       EXPECT_EQ(exact.complaint(plan.stow, MotionPlannerConfig().collision.held_shrink_m), "");
     }
+    const PickPlan begun = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
+    ASSERT_EQ(begun.status, PlanStatus::kSuccess) << begun.message;
+    // Stopped anywhere on the way, it can still be stowed.
+    for (double t = 0.0; t < begun.stow.duration(); t += 0.5) {
+      PlanningContext context = pick.context();
+      context.held = begun.held;
+      context.start_rad = begun.stow.sample(t).position_rad;
+      context.vacated = pick.world.boxes[0];
+      const ArmPlan rest = makePlanner().planArm(context, pick.container(*shippedArm()).front());
+      EXPECT_EQ(rest.status, PlanStatus::kSuccess) << "after " << t << " s: " << rest.message;
+    }
     if (turned_rad == 1.15) continue;
     pick.type.mass_kg = 1.5;  // 2.2 Nm about a magnet on its end
     const PickPlan plan = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));

@@ -78,7 +78,12 @@ std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const StartS
 
 }  // namespace
 
-Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& goal) {
+Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& wanted) {
+  ArmGoal goal = wanted;
+  if (goal.place && !tiltOfHeld(task, goal.keep_level)) {  // it was stopped on its way to be laid down
+    goal.place->lay_down = true;
+    goal.keep_level = false;
+  }
   Result<JointTrajectory> plan = startInCollision(start.wedged);
   if (!start.is_among_others) {
     plan = searchFrom(task, {start.joints_rad}, start.checker, goal);
