@@ -4,6 +4,7 @@
 Looks at blocks of shell commands and at `code` in the text. It knows
   roslaunch PACKAGE FILE.launch NAME:=VALUE...   the file exists, and takes each argument
   rosrun PACKAGE PROGRAM --OPTION...             the package makes the program, whose source has each option
+  rosservice, rostopic VERB /NODE/NAME...        the package of one of our nodes has that name in its source
   scripts/NAME --OPTION...                       the script exists, and its source has each option
 and that files of this repository which a command names are there. CHANGELOG.md names what was, and is left out.
 """
@@ -51,6 +52,20 @@ class Packages:
             names |= {pathlib.PurePath(program).name for program in programs.split()}
         sources = [*folder.glob("benchmark/*.cpp"), *folder.glob("test/**/test_*.cpp")]
         return names | {source.stem for source in sources}
+
+    def nodes(self):
+        """{name of a node in a launch file: its package}, those of this tree."""
+        tags = [tag for path in self.root.rglob("*.launch") if path.parent.name == "launch" for tag in ElementTree.parse(path).getroot().iter("node")]
+        # A node that may also be a nodelet has its package in an argument, and its name.
+        named = {tag.get("name"): tag.get("name") if "$(" in tag.get("pkg") else tag.get("pkg") for tag in tags}
+        return {name: package for name, package in named.items() if package in self.folders}
+
+    def has_name(self, package, name):
+        """As a topic, service or action: the beginning of a string in the sources of the package."""
+        pattern = re.compile(rf"\"[~/]*{re.escape(name)}[\"/]")
+        folder = self.folders[package]
+        return any(pattern.search(path.read_text(encoding="utf-8", errors="replace")) for part in ("src", "include", "launch")
+                   for path in (folder / part).rglob("*.*"))
 
     def has_option(self, package, option):
         """In the sources of any of its programs: --NAME, or NAME as boost::program_options has it."""
@@ -123,6 +138,7 @@ class Checker:
         self.root = root
         self.packages = Packages(root)
         self.count = 0
+        self.nodes = self.packages.nodes()
         self.arguments_of = runpy.run_path(str(CHECK_LAUNCH_ARGUMENTS))["arguments_of"]
 
     def page(self, name):
@@ -137,6 +153,9 @@ class Checker:
             rest = words[index + 1:]
             if word in ("roslaunch", "rosrun"):
                 yield from self.launch(rest) if word == "roslaunch" else self.run(rest)
+                return
+            if word in ("rosservice", "rostopic"):
+                yield from self.graph(word, rest)
                 return
             if re.fullmatch(r"(\./)?scripts/[\w.]+", word):
                 yield from self.script(word, rest, page)
@@ -190,6 +209,14 @@ class Checker:
             if not self.packages.has_option(package, option):
                 yield f"rosrun {package} {program}: no option --{option}"
         yield from self.files(rest)
+
+    def graph(self, tool, words):
+        parts = next((word[1:].split("/") for word in words if re.match(r"/\w+/\w", word)), [""])
+        if parts[0] not in self.nodes:
+            return
+        self.count += 1
+        if not self.packages.has_name(self.nodes[parts[0]], parts[1]):
+            yield f"{tool} /{'/'.join(parts)}: {self.nodes[parts[0]]} has no {parts[1]}"
 
     def script(self, word, rest, page):
         if PLACEHOLDER.search(pathlib.PurePath(word).name):

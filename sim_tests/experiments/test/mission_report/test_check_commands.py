@@ -19,6 +19,7 @@ LAUNCH = """<launch>
   <arg name="rate_hz" default="1"/>
   <arg name="derived" value="2"/>
   <arg name="file"/>
+  <node pkg="maps" type="maps" name="mapper"/>
   <include file="$(find maps)/launch/inner.launch" pass_all_args="true"><arg name="fixed" value="1"/></include>
 </launch>"""
 INNER = '<launch><arg name="inner" default="1"/><arg name="fixed" default="1"/></launch>'
@@ -29,7 +30,7 @@ FILES = {
     "src/maps/CMakeLists.txt": "add_library(maps_core a.cpp)\nadd_executable(map_it map_it.cpp)\n# add_executable(gone)\n"
                                "add_executable(maps_node n.cpp)\nset_target_properties(maps_node PROPERTIES OUTPUT_NAME maps)\n"
                                "catkin_install_python(PROGRAMS scripts/plot DESTINATION bin)\n",
-    "src/maps/src/map_it.cpp": 'options.add_options()("out,o", "")("stride", "");',
+    "src/maps/src/map_it.cpp": 'options.add_options()("out,o", "")("stride", ""); nh.advertiseService("query", f); nh.advertise("~grid/raw");',
     "src/maps/scripts/plot": "#!/usr/bin/python3\n",
     "src/maps/test/test_maps.cpp": "",
     "src/maps/scene.yaml": "",
@@ -92,6 +93,11 @@ class CheckCommands(unittest.TestCase):
     def test_package_is_unknown(self):
         self.assert_found("roslaunch mapps outer.launch", "mapps: no package")
         self.assert_found("rosrun mapps map_it", "mapps: no package")
+
+    def test_topic_or_service_is_missing(self):
+        self.assert_clean("`rosservice call /mapper/query '{}'`, `rostopic echo -n 1 /mapper/grid/raw`, `rostopic hz /other/thing`, `rostopic list`", 2)
+        self.assert_found("rosservice call /mapper/querry", "rosservice /mapper/querry: maps has no querry")
+        self.assert_found("timeout 4 rostopic echo /mapper/stride_x/field", "maps has no stride_x")
 
     def test_script_is_missing(self):
         self.assert_found("scripts/gone --fast", "scripts/gone: no such script")
