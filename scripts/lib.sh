@@ -37,6 +37,14 @@ report_progress() {
   done
 }
 
+# What has been done and how long it took, "SECONDS LABEL" each: note_duration adds a line, say_durations prints all.
+durations=()
+note_duration() { durations+=("$((SECONDS - $1)) $2"); }
+say_durations() {
+  local entry
+  for entry in "${durations[@]}" "$SECONDS in all"; do printf '%6d s  %s\n' "${entry%% *}" "${entry#* }"; done
+}
+
 # run_logged LABEL LOG COMMAND...: output goes to LOG; on failure its end is shown and the path named.
 run_logged() {
   local label=$1 log=$2 start=$SECONDS rc=0 watcher
@@ -61,6 +69,7 @@ run_logged() {
     return "$rc"
   fi
   say "    done in $((SECONDS - start)) s"
+  note_duration "$start" "$label"
 }
 
 # list_packages GROUP...: names of those groups in apt-packages.txt; no argument: all groups but lint, display, campaign and docs.

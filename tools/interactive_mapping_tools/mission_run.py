@@ -6,7 +6,7 @@ import math
 import pathlib
 import re
 
-# What the mission does, in words, by the states of mission.jsonl (pick_mission's README).
+# What the mission does, in words, by the states of mission.jsonl (pick_mission's docs).
 ACTIVITIES = (
     ("drives", ("drive",)),
     ("picks and stows", ("pick", "stow", "let_go")),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs the commands of README.md, the packages' READMEs and docs/*.md as they are written.
+"""Runs the commands of README.md, the packages' READMEs and the pages in docs as they are written.
 
 Each ```bash and ```python block says behind the language what becomes of it:
   run                  ends by itself, with exit code 0
@@ -248,7 +248,8 @@ def documents():
     packages = [*ROOT.glob("src/**/package.xml"), *ROOT.glob("sim_tests/*/package.xml")]
     readmes = {package.parent / "README.md" for package in packages} | {ROOT / name for name in (
         "README.md", "CONTRIBUTING.md", "docker/README.md")}
-    return sorted(path for path in readmes | set(ROOT.glob("docs/**/*.md")) if path.exists())
+    pages = set(ROOT.glob("docs/**/*.md")) | set(ROOT.glob("src/*/docs/*.md"))
+    return sorted(path for path in readmes | pages if path.exists())
 
 
 def main():

@@ -434,7 +434,7 @@ class BlurSweep {
   cv::Mat grey_;
 };
 
-// Prints the table of the README: ctest -R test_tag_detector -V.
+// Prints the table of docs/poses.md: ctest -R test_tag_detector -V.
 TEST(TagDetector, NoBlurFindsMoreThanTheDefault) {
   constexpr std::size_t kDefault = 1;
   const std::array<double, 5> blurs = {0.0, TagDetectorConfig().blur_sigma_px, 0.45, 0.6, 0.8};
@@ -455,7 +455,7 @@ TEST(TagDetector, NoBlurFindsMoreThanTheDefault) {
           std::cout << " " << count;
         }
         std::cout << "\n";
-        // The reach that the README names.
+        // The reach that docs/poses.md names.
         if (side_px >= 25.0 || (side_px >= 18.0 && noise_std <= 4.0) || (side_px >= 15.0 && lens_px <= 0.8)) {
           EXPECT_EQ(of_default, BlurSweep::kNumTags) << side_px << " px, " << lens_px << " px, " << noise_std;
         }

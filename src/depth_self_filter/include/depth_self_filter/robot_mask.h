@@ -23,7 +23,7 @@ constexpr double kNear_m = 0.001;
 struct RobotMaskConfig {
   double padding_m{0.01};
   double padding_rad{0.004};
-  double brick_padding_m{0.015};
+  double brick_padding_m{0.03};
   int edge_px{2};
   double baseline_m{0.075};
   double noise_sigmas{5.0};  // of a million pixels of the robot, 5 leave less than one

@@ -47,6 +47,9 @@ struct FieldSample {
 /// Immutable state of the map after one update; safe for any number of concurrent readers.
 class MapSnapshot {
  public:
+  /// Space this near before a seen surface counts as free, seen free or not [blocks of the observed layer].
+  static constexpr double kFreeReach_blocks = 1.5;
+
   MapSnapshot(const GpisConfig& config, CellPages cells, ObservedLayer observed, double epoch_s,
               std::uint64_t num_updates);
   ~MapSnapshot();

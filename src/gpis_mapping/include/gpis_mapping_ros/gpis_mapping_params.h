@@ -31,13 +31,13 @@ struct GpisMappingParams {
     double color_max_std_m{0.01};
 
     static void fields(Output& c, interactive_mapping::Fields& f) {
-      f.live()("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of mesh, points, ground and slice, at most; by the wall clock");
+      f.live()("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of every output but ~update, at most; by the wall clock");
       f("every_image", c.every_image,
         "instead of a rate: after each image, before its ~update; the next image waits for it. For "
         "simulation in lock step");
       f("mesh_period_s", c.mesh_period_s, 0.0, 3600.0, "s",
-        "between two of ~mesh and ~mesh_marker, at least, by the stamps of the images; ~get_mesh has each image at "
-        "once");
+        "between two of ~mesh, ~mesh_marker and ~surface_cloud, at least, by the stamps of the images; ~get_mesh has "
+        "each image at once");
       f.live()("removed_display_s", c.removed_display_s, 0.0, 3600.0, "s",
                "how long removed points are shown, ROS time");
       f.live()("mesh_color", c.mesh_color, kMeshColorNames, "of ~mesh_marker");
@@ -58,6 +58,14 @@ struct GpisMappingParams {
   } slice;
 
   gpis_mapping::GroundOptions ground;
+
+  struct Octomap {
+    double resolution_m{0.05};
+
+    static void fields(Octomap& c, interactive_mapping::Fields& f) {
+      f("resolution_m", c.resolution_m, 0.005, 1.0, "m", "side of the voxels of ~octomap_full and ~octomap_binary");
+    }
+  } octomap;
 
   struct Attached {
     bool clear{false};
@@ -91,6 +99,7 @@ struct GpisMappingParams {
     f.section("output", c.output);
     f.section("slice", c.slice, "the plane of distances");
     f.section("ground", c.ground, "the projection from above");
+    f.section("octomap", c.octomap, "the map as voxels");
     f.section("attached", c.attached, "what the magnet takes; for comparison");
     f.section("storage", c.storage);
   }

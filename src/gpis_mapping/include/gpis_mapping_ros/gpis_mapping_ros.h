@@ -15,6 +15,7 @@
 #include <interactive_mapping_msgs/LoadMap.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SaveMap.h>
+#include <octomap_msgs/GetOctomap.h>
 #include <ros/node_handle.h>
 #include <ros/service_server.h>
 #include <ros/subscriber.h>
@@ -58,6 +59,7 @@ class GpisMappingRos {
                interactive_mapping_msgs::QueryMap::Response& response);
   bool onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
                  interactive_mapping_msgs::GetMesh::Response& response);
+  bool onGetOctomap(bool binary, octomap_msgs::GetOctomap::Response* response);
   bool onSave(interactive_mapping_msgs::SaveMap::Request& request,
               interactive_mapping_msgs::SaveMap::Response& response);
   bool onLoad(interactive_mapping_msgs::LoadMap::Request& request,
@@ -112,7 +114,8 @@ class GpisMappingRos {
 
   ros::Publisher update_publisher_;
   MapPublisher publisher_;
-  ros::ServiceServer query_server_, mesh_server_, save_server_, load_server_, clear_server_, clear_box_server_;
+  ros::ServiceServer query_server_, mesh_server_, full_server_, binary_server_, save_server_, load_server_,
+      clear_server_, clear_box_server_;
   ros::Subscriber attached_subscriber_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_, autosave_timer_;

@@ -38,6 +38,9 @@ visualization_msgs::Marker toMarker(const gpis_mapping::TriangleMesh& mesh, cons
 /// Training points: x y z, normal_x normal_y normal_z, std [m].
 sensor_msgs::PointCloud2 toPointCloud(const gpis_mapping::MapSnapshot& snapshot, const std_msgs::Header& header);
 
+/// Vertices: x y z, normal_x normal_y normal_z as in pcl::PointNormal, variance of the field [m^2].
+sensor_msgs::PointCloud2 toPointCloud(const gpis_mapping::TriangleMesh& mesh, const std_msgs::Header& header);
+
 /// x y z only.
 sensor_msgs::PointCloud2 toPointCloud(const std::vector<Eigen::Vector3d>& points_map, const std_msgs::Header& header);
 
@@ -58,6 +61,9 @@ SliceCells makeSlice(const gpis_mapping::MapSnapshot& snapshot, const GpisMappin
 
 /// x y z, distance [m], std of the field [m].
 sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::Header& header);
+
+/// As voxblox publishes a slice: x y z, intensity = signed distance [m].
+sensor_msgs::PointCloud2 toIntensityCloud(const SliceCells& slice, const std_msgs::Header& header);
 
 /// A square per cell: blue outside, white on the surface, red inside; full at kSliceColorRange_m.
 visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Header& header);

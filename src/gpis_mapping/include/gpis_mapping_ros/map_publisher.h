@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -17,6 +18,7 @@
 #include <geometry_msgs/Pose.h>
 #include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_markers/interactive_marker_server.h>
+#include <octomap_msgs/Octomap.h>
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
 
@@ -37,10 +39,10 @@ struct MapState {
   std::uint64_t revision{0};    // rises with every change
 };
 
-/// Publishes what rviz and planners look at, from a thread of its own, at a bounded rate and only for subscribers:
-/// `~mesh`, `~mesh_marker`, `~points`, `~removed_points`, `~frame_map`, `~ground`, `~slice`, `~slice_marker`. A new
-/// subscriber gets the current state at once. With `every_image` nothing is left out: setState() returns when its state
-/// has been published; `~mesh` and `~mesh_marker` may keep a period. All methods may be called from any thread.
+/// Publishes what rviz, planners and other maps look at, from a thread of its own, at a bounded rate and only for
+/// subscribers; the README lists the topics. A new subscriber gets the current state at once. With `every_image` nothing
+/// is left out: setState() returns when its state has been published; outputs made of the mesh may keep a period. All
+/// methods may be called from any thread.
 class MapPublisher {
  public:
   MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params);
@@ -61,21 +63,39 @@ class MapPublisher {
   void getMesh(const interactive_mapping_msgs::GetMesh::Request& request,
                interactive_mapping_msgs::GetMesh::Response* response);
 
-  /// Why the last try to publish failed; empty when it did not.
+  /// The map as voxels of `octomap/resolution_m`, made at the call; throws if that fails.
+  octomap_msgs::Octomap getOctomap(bool binary) const;
+
+  /// Why the last try to publish failed, with the topic; empty when it did not.
   std::string lastError() const;
+  /// How many messages were made of each output so far, those of which there are any; by topic.
+  std::map<std::string, std::uint64_t> numMade() const;
 
  private:
   using SteadyTime = std::chrono::steady_clock::time_point;
 
+  /// What a round of publishing shows, and what several outputs are made of, computed when the first one needs it.
+  struct Shown;
+
   struct Output {
+    std::string topic;
+    std::function<void(const ros::Publisher&, Shown*)> publish;
+    bool is_of_mesh{false};  // keeps output/mesh_period_s
     ros::Publisher publisher;
     bool is_stale{true};  // its subscribers have not seen the state yet
+    std::uint64_t num_made{0};
   };
 
+  /// `make` turns what is shown into a Message. Call before the worker runs.
+  template <typename Message, typename Make>
+  void addOutput(ros::NodeHandle* nh, const std::string& topic, bool is_of_mesh, Make make);
   void work();
-  void publish();
-  /// Whether to publish the output now; then it counts as published. Call with mutex_ held.
-  bool takeWanted(Output* output);
+  /// Returns why an output could not be made; empty: all were.
+  std::string publish();
+  /// Outputs to publish now; then they count as published. Call with mutex_ held.
+  std::vector<Output*> takeWanted();
+  /// Call with mutex_ held.
+  void markStale(const std::vector<std::string>& topics);
   /// Call with mutex_ held.
   bool removedHaveExpired(const ros::Time& now);
   void placeSliceHandle(const MapState& state, double height_m);
@@ -85,6 +105,7 @@ class MapPublisher {
 
   std::string map_frame_;
   gpis_mapping::GroundOptions ground_options_;
+  double octomap_resolution_m_;
   const std::uint64_t first_revision_{ros::WallTime::now().toNSec()};  // no two runs of a node have the same
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
@@ -100,7 +121,7 @@ class MapPublisher {
   std::deque<std::pair<ros::Time, std::vector<Eigen::Vector3d>>> removed_;  // with the time they were removed
   std::function<void(double)> on_slice_dragged_;
   std::string last_error_;
-  Output mesh_, marker_, points_, removed_points_, frame_map_, ground_, slice_cloud_, slice_marker_;
+  std::deque<Output> outputs_;
 
   std::mutex mesh_mutex_;  // guards what follows, up to the blank line
   std::unique_ptr<gpis_mapping::MeshExtractor> extractor_;

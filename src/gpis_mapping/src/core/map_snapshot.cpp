@@ -262,8 +262,7 @@ SpaceState MapSnapshot::state(const Eigen::Vector3d& p_map, double distance_m) c
   // Near a surface, on the side it was seen from: the ray that saw it went through here. A block is told to be free when a
   // ball of 0.6 blocks about its centre is before what was seen; at 1.1 blocks from a face, or more with noise, it may not
   // be. Less than that would leave sheets of unknown space before every face.
-  constexpr double kNear_blocks = 1.5;
-  return distance_m < kNear_blocks * observed_.blockSize() ? SpaceState::kFree : SpaceState::kUnknown;
+  return distance_m < kFreeReach_blocks * observed_.blockSize() ? SpaceState::kFree : SpaceState::kUnknown;
 }
 
 /// Answers at points that lie in one cell: each cell around is asked once for all of them.

@@ -85,6 +85,11 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   }
   query_server_ = pnh.advertiseService("query", &GpisMappingRos::onQuery, this);
   mesh_server_ = pnh.advertiseService("get_mesh", &GpisMappingRos::onGetMesh, this);
+  using GetOctomap = octomap_msgs::GetOctomap;
+  full_server_ = pnh.advertiseService<GetOctomap::Request, GetOctomap::Response>(
+      "octomap_full", [this](auto&, auto& response) { return onGetOctomap(false, &response); });
+  binary_server_ = pnh.advertiseService<GetOctomap::Request, GetOctomap::Response>(
+      "octomap_binary", [this](auto&, auto& response) { return onGetOctomap(true, &response); });
   save_server_ = pnh.advertiseService("save_map", &GpisMappingRos::onSave, this);
   load_server_ = pnh.advertiseService("load_map", &GpisMappingRos::onLoad, this);
   clear_server_ = pnh.advertiseService("clear_map", &GpisMappingRos::onClear, this);
@@ -110,8 +115,8 @@ GpisMappingRos::~GpisMappingRos() {
   // Each of these waits for its callback in progress; then nobody uses the input any more.
   autosave_timer_.stop();
   diagnostics_timer_.stop();
-  for (ros::ServiceServer* server :
-       {&query_server_, &mesh_server_, &save_server_, &load_server_, &clear_server_, &clear_box_server_}) {
+  for (ros::ServiceServer* server : {&query_server_, &mesh_server_, &full_server_, &binary_server_, &save_server_,
+                                     &load_server_, &clear_server_, &clear_box_server_}) {
     server->shutdown();
   }
   attached_subscriber_.shutdown();
@@ -213,6 +218,16 @@ bool GpisMappingRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& reque
     return true;
   } catch (const std::exception& error) {
     ROS_ERROR_NAMED(kLog, "no mesh could be made: %s", error.what());
+    return false;
+  }
+}
+
+bool GpisMappingRos::onGetOctomap(bool binary, octomap_msgs::GetOctomap::Response* response) {
+  try {
+    response->map = publisher_.getOctomap(binary);
+    return true;
+  } catch (const std::exception& error) {
+    ROS_ERROR_NAMED(kLog, "no octomap could be made: %s", error.what());
     return false;
   }
 }
@@ -511,6 +526,9 @@ void GpisMappingRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& st
   } else {
     status.summary(DiagnosticStatus::ERROR, "cannot publish: " + display_error);
   }
+  std::string made;
+  for (const auto& [topic, number] : publisher_.numMade()) made += "~" + topic + " " + std::to_string(number) + " ";
+  status.add("messages made for subscribers", made);
   status.add("images in the map", now.snapshot->numUpdates());
   status.add("points", now.snapshot->numPoints());
   status.add("memory [MB]", formatted("%.1f", static_cast<double>(now.snapshot->memoryBytes()) / 1e6));

@@ -182,6 +182,16 @@ sensor_msgs::PointCloud2 toPointCloud(const MapSnapshot& snapshot, const std_msg
   return cloud.take();
 }
 
+sensor_msgs::PointCloud2 toPointCloud(const TriangleMesh& mesh, const std_msgs::Header& header) {
+  CloudWriter cloud(header, {"x", "y", "z", "normal_x", "normal_y", "normal_z", "variance"}, mesh.vertices_map.size());
+  for (std::size_t i = 0; i < mesh.vertices_map.size(); ++i) {
+    const Eigen::Vector3d& p = mesh.vertices_map[i];
+    const Eigen::Vector3f& n = mesh.normals_map[i];
+    cloud.add({p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), mesh.variance_m2[i]});
+  }
+  return cloud.take();
+}
+
 sensor_msgs::PointCloud2 toPointCloud(const std::vector<Eigen::Vector3d>& points_map, const std_msgs::Header& header) {
   CloudWriter cloud(header, {"x", "y", "z"}, points_map.size());
   for (const Eigen::Vector3d& p : points_map) cloud.add({p.x(), p.y(), p.z()});
@@ -254,6 +264,15 @@ sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::H
   for (Eigen::Index i = 0; i < slice.distance.size(); ++i) {
     const Eigen::Vector3d p = slice.centres_map.col(i);
     cloud.add({p.x(), p.y(), p.z(), slice.distance[i], slice.std[i]});
+  }
+  return cloud.take();
+}
+
+sensor_msgs::PointCloud2 toIntensityCloud(const SliceCells& slice, const std_msgs::Header& header) {
+  CloudWriter cloud(header, {"x", "y", "z", "intensity"}, static_cast<std::size_t>(slice.distance.size()));
+  for (Eigen::Index i = 0; i < slice.distance.size(); ++i) {
+    const Eigen::Vector3d p = slice.centres_map.col(i);
+    cloud.add({p.x(), p.y(), p.z(), slice.distance[i]});
   }
   return cloud.take();
 }

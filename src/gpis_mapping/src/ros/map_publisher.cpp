@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping_ros/map_publisher.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
@@ -11,14 +13,29 @@
 #include <visualization_msgs/MarkerArray.h>
 
 #include "gpis_mapping/ground_projection.h"
+#include "gpis_mapping/voxel_states.h"
 #include "gpis_mapping_ros/map_messages.h"
+#include "gpis_mapping_ros/octomap_messages.h"
 
 namespace gpis_mapping_ros {
 namespace {
 
 constexpr std::size_t kMaxSliceCells = 20000;      // about 0.1 s of queries
 constexpr std::size_t kMaxRemovedPoints = 200000;  // shown at once
+constexpr std::size_t kMaxVoxels = 4'000'000;      // some 10 s and 200 MB
 constexpr char kSliceHandle[] = "slice";
+
+// Topics that more than their maker knows by name.
+constexpr char kMeshMarker[] = "mesh_marker";
+constexpr char kRemovedPoints[] = "removed_points";
+constexpr char kFrameMap[] = "frame_map";
+constexpr char kSlice[] = "slice";
+constexpr char kEsdfSlice[] = "esdf_slice";
+constexpr char kSliceMarker[] = "slice_marker";
+
+std::unique_ptr<octomap::OcTree> makeOctree(const MapState& state, double resolution_m) {
+  return toOctree(gpis_mapping::classifyVoxels(*state.snapshot, resolution_m, kMaxVoxels));
+}
 
 std::chrono::steady_clock::duration toSteady(double duration_s) {
   return std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(duration_s));
@@ -26,33 +43,103 @@ std::chrono::steady_clock::duration toSteady(double duration_s) {
 
 }  // namespace
 
+struct MapPublisher::Shown {
+  MapState state;
+  std_msgs::Header header;
+  GpisMappingParams::Output output;
+  GpisMappingParams::Slice slice;
+  std::vector<Eigen::Vector3d> removed;
+  std::optional<SliceCells> slice_cells;
+  std::unique_ptr<octomap::OcTree> octree;
+
+  const SliceCells& sliceCells() {
+    if (!slice_cells) slice_cells = makeSlice(*state.snapshot, slice, kMaxSliceCells);
+    return *slice_cells;
+  }
+  const octomap::OcTree& octreeOf(double resolution_m) {
+    if (!octree) octree = makeOctree(state, resolution_m);
+    return *octree;
+  }
+};
+
+template <typename Message, typename Make>
+void MapPublisher::addOutput(ros::NodeHandle* nh, const std::string& topic, bool is_of_mesh, Make make) {
+  Output* output = nullptr;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    outputs_.emplace_back();
+    output = &outputs_.back();
+    output->topic = topic;
+    output->is_of_mesh = is_of_mesh;
+    output->publish = [make](const ros::Publisher& publisher, Shown* shown) {
+      publisher.publish(boost::make_shared<const Message>(make(shown)));
+    };
+  }
+  const ros::SubscriberStatusCallback connected = [this, output](const ros::SingleSubscriberPublisher&) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    output->is_stale = true;
+    has_news_ = true;
+    changed_.notify_all();
+  };
+  ros::Publisher publisher = nh->advertise<Message>(topic, 1, connected);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  output->publisher = publisher;
+}
+
 MapPublisher::MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params)
     : map_frame_(params.input.map_frame),
       ground_options_(params.ground),
+      octomap_resolution_m_(params.octomap.resolution_m),
       output_(params.output),
       slice_(params.slice),
       slice_handle_(private_nh.resolveName("slice_handle"), "", true) {
+  using sensor_msgs::PointCloud2;
+  using visualization_msgs::Marker;
   ros::NodeHandle nh(private_nh);
-  const auto advertise = [this, &nh](Output* output, auto type, const char* topic) {
-    using Message = decltype(type);
-    const ros::SubscriberStatusCallback connected = [this, output](const ros::SingleSubscriberPublisher&) {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      output->is_stale = true;
-      has_news_ = true;
-      changed_.notify_all();
-    };
-    ros::Publisher publisher = nh.advertise<Message>(topic, 1, connected);
-    const std::lock_guard<std::mutex> lock(mutex_);
-    output->publisher = publisher;
+  const auto withMesh = [this](Shown* shown, const auto& convert) {
+    const std::lock_guard<std::mutex> lock(mesh_mutex_);
+    return convert(surfaceOf(shown->state));
   };
-  advertise(&mesh_, interactive_mapping_msgs::SurfaceMesh(), "mesh");
-  advertise(&marker_, visualization_msgs::Marker(), "mesh_marker");
-  advertise(&points_, sensor_msgs::PointCloud2(), "points");
-  advertise(&removed_points_, sensor_msgs::PointCloud2(), "removed_points");
-  advertise(&frame_map_, visualization_msgs::MarkerArray(), "frame_map");
-  advertise(&ground_, nav_msgs::OccupancyGrid(), "ground");
-  advertise(&slice_cloud_, sensor_msgs::PointCloud2(), "slice");
-  advertise(&slice_marker_, visualization_msgs::Marker(), "slice_marker");
+  addOutput<interactive_mapping_msgs::SurfaceMesh>(&nh, "mesh", true, [withMesh](Shown* shown) {
+    return withMesh(shown, [shown](const gpis_mapping::TriangleMesh& mesh) {
+      return toSurfaceMesh(mesh, shown->header, shown->state.snapshot->numUpdates());
+    });
+  });
+  addOutput<Marker>(&nh, kMeshMarker, true, [withMesh](Shown* shown) {
+    return withMesh(shown, [shown](const gpis_mapping::TriangleMesh& mesh) {
+      return toMarker(mesh, shown->header, shown->output.mesh_color, shown->output.color_max_std_m);
+    });
+  });
+  addOutput<PointCloud2>(&nh, "surface_cloud", true, [withMesh](Shown* shown) {
+    return withMesh(shown,
+                    [shown](const gpis_mapping::TriangleMesh& mesh) { return toPointCloud(mesh, shown->header); });
+  });
+  addOutput<PointCloud2>(&nh, "points", false,
+                         [](Shown* shown) { return toPointCloud(*shown->state.snapshot, shown->header); });
+  addOutput<PointCloud2>(&nh, kRemovedPoints, false,
+                         [](Shown* shown) { return toPointCloud(shown->removed, shown->header); });
+  addOutput<visualization_msgs::MarkerArray>(
+      &nh, kFrameMap, false, [](Shown* shown) { return toMarkers(*shown->state.blanket, shown->header); });
+  addOutput<nav_msgs::OccupancyGrid>(&nh, "ground", false, [this](Shown* shown) {
+    const auto grid = gpis_mapping::projectToGround(*shown->state.snapshot, ground_options_);
+    gpis_mapping::GroundGrid none;  // one unknown cell: rviz takes a grid without cells for an error
+    none.cell_size_m = ground_options_.cell_size_m;
+    none.width = none.height = 1;
+    none.state = {gpis_mapping::SpaceState::kUnknown};
+    return toOccupancyGrid(grid ? *grid : none, shown->header);
+  });
+  addOutput<PointCloud2>(&nh, kSlice, false,
+                         [](Shown* shown) { return toPointCloud(shown->sliceCells(), shown->header); });
+  addOutput<PointCloud2>(&nh, kEsdfSlice, false,
+                         [](Shown* shown) { return toIntensityCloud(shown->sliceCells(), shown->header); });
+  addOutput<Marker>(&nh, kSliceMarker, false,
+                    [](Shown* shown) { return toMarker(shown->sliceCells(), shown->header); });
+  addOutput<octomap_msgs::Octomap>(&nh, "octomap_full", false, [this](Shown* shown) {
+    return toFullMessage(shown->octreeOf(octomap_resolution_m_), shown->header);
+  });
+  addOutput<octomap_msgs::Octomap>(&nh, "octomap_binary", false, [this](Shown* shown) {
+    return toBinaryMessage(shown->octreeOf(octomap_resolution_m_), shown->header);
+  });
   worker_ = std::thread(&MapPublisher::work, this);
 }
 
@@ -63,10 +150,7 @@ MapPublisher::~MapPublisher() {
   }
   changed_.notify_all();
   worker_.join();
-  for (Output* output :
-       {&mesh_, &marker_, &points_, &removed_points_, &frame_map_, &ground_, &slice_cloud_, &slice_marker_}) {
-    output->publisher.shutdown();  // no callback of theirs may find this object gone
-  }
+  for (Output& output : outputs_) output.publisher.shutdown();  // no callback of theirs may find this object gone
 }
 
 void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vector3d>& removed_points_map) {
@@ -78,10 +162,7 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
     const double mesh_age_s = (state.stamp - mesh_stamp_).toSec();  // negative: time ran back
     const bool is_mesh_due =
         state.generation != state_.generation || mesh_age_s < 0.0 || mesh_age_s >= output_.mesh_period_s;
-    if (is_mesh_due) {
-      mesh_stamp_ = state.stamp;
-      mesh_.is_stale = marker_.is_stale = true;
-    }
+    if (is_mesh_due) mesh_stamp_ = state.stamp;
     if (state.generation != state_.generation) removed_.clear();
     state_ = state;
     if (!removed_points_map.empty()) removed_.emplace_back(now, removed_points_map);
@@ -91,9 +172,7 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
       total -= removed_.front().second.size();
       removed_.pop_front();
     }
-    for (Output* output : {&points_, &removed_points_, &frame_map_, &ground_, &slice_cloud_, &slice_marker_}) {
-      output->is_stale = true;
-    }
+    for (Output& output : outputs_) output.is_stale = output.is_stale || !output.is_of_mesh || is_mesh_due;
     has_news_ = true;
     number = ++num_states_;
     waits = output_.every_image;
@@ -106,15 +185,16 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
 
 bool MapPublisher::wantsBlanket() const {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return frame_map_.publisher.getNumSubscribers() > 0;
+  return std::any_of(outputs_.begin(), outputs_.end(), [](const Output& output) {
+    return output.topic == kFrameMap && output.publisher.getNumSubscribers() > 0;
+  });
 }
 
 void MapPublisher::setOutput(const GpisMappingParams::Output& output) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     output_ = output;
-    marker_.is_stale = true;
-    removed_points_.is_stale = true;
+    markStale({kMeshMarker, kRemovedPoints});
     has_news_ = true;
   }
   changed_.notify_all();
@@ -125,7 +205,7 @@ void MapPublisher::setSliceHeight(double height_m) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (slice_.height_m == height_m) return;
     slice_.height_m = height_m;
-    slice_cloud_.is_stale = slice_marker_.is_stale = true;
+    markStale({kSlice, kEsdfSlice, kSliceMarker});
     has_news_ = true;
   }
   changed_.notify_all();
@@ -173,9 +253,28 @@ void MapPublisher::getMesh(const interactive_mapping_msgs::GetMesh::Request& req
   response->mesh = toSurfaceMesh(surfaceOf(state), headerOf(state), state.snapshot->numUpdates());
 }
 
+octomap_msgs::Octomap MapPublisher::getOctomap(bool binary) const {
+  MapState state;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    state = state_;
+  }
+  const auto tree = makeOctree(state, octomap_resolution_m_);
+  return binary ? toBinaryMessage(*tree, headerOf(state)) : toFullMessage(*tree, headerOf(state));
+}
+
 std::string MapPublisher::lastError() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return last_error_;
+}
+
+std::map<std::string, std::uint64_t> MapPublisher::numMade() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::map<std::string, std::uint64_t> made;
+  for (const Output& output : outputs_) {
+    if (output.num_made > 0) made[output.topic] = output.num_made;
+  }
+  return made;
 }
 
 void MapPublisher::work() {
@@ -200,7 +299,7 @@ void MapPublisher::work() {
     }
     std::string error;
     try {
-      publish();
+      error = publish();
     } catch (const std::exception& e) {  // out of memory, say: the map itself is not touched
       error = e.what();
     }
@@ -213,10 +312,22 @@ void MapPublisher::work() {
   }
 }
 
-bool MapPublisher::takeWanted(Output* output) {
-  if (!output->is_stale || output->publisher.getNumSubscribers() == 0) return false;
-  output->is_stale = false;
-  return true;
+std::vector<MapPublisher::Output*> MapPublisher::takeWanted() {
+  std::vector<Output*> wanted;
+  for (Output& output : outputs_) {
+    if (!output.is_stale || output.publisher.getNumSubscribers() == 0) continue;
+    if (output.topic == kFrameMap && !state_.blanket) continue;  // subscribed after the image: with the next one
+    output.is_stale = false;
+    ++output.num_made;
+    wanted.push_back(&output);
+  }
+  return wanted;
+}
+
+void MapPublisher::markStale(const std::vector<std::string>& topics) {
+  for (Output& output : outputs_) {
+    if (std::find(topics.begin(), topics.end(), output.topic) != topics.end()) output.is_stale = true;
+  }
 }
 
 bool MapPublisher::removedHaveExpired(const ros::Time& now) {
@@ -230,82 +341,34 @@ bool MapPublisher::removedHaveExpired(const ros::Time& now) {
   return has_changed;
 }
 
-void MapPublisher::publish() {
-  MapState state;
-  GpisMappingParams::Output output;
-  GpisMappingParams::Slice slice;
-  std::vector<Eigen::Vector3d> removed;
+std::string MapPublisher::publish() {
+  Shown shown;
   // Together with the state that they are to be shown: a state that comes meanwhile makes its outputs stale again.
-  bool wants_mesh = false;
-  bool wants_marker = false;
-  bool wants_points = false;
-  bool wants_removed_points = false;
-  bool wants_frame_map = false;
-  bool wants_ground = false;
-  bool wants_slice_cloud = false;
-  bool wants_slice_marker = false;
+  std::vector<Output*> wanted;
   {
     const ros::Time now = ros::Time::now();
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!state_.snapshot) return;
-    if (removedHaveExpired(now)) removed_points_.is_stale = true;
-    state = state_;
-    output = output_;
-    slice = slice_;
-    for (const auto& entry : removed_) removed.insert(removed.end(), entry.second.begin(), entry.second.end());
-    wants_mesh = takeWanted(&mesh_);
-    wants_marker = takeWanted(&marker_);
-    wants_points = takeWanted(&points_);
-    wants_removed_points = takeWanted(&removed_points_);
-    wants_frame_map = state.blanket && takeWanted(&frame_map_);
-    wants_ground = takeWanted(&ground_);
-    wants_slice_cloud = takeWanted(&slice_cloud_);
-    wants_slice_marker = takeWanted(&slice_marker_);
-  }
-  const std_msgs::Header header = headerOf(state);
-  if (wants_mesh || wants_marker) {
-    const std::lock_guard<std::mutex> lock(mesh_mutex_);
-    const gpis_mapping::TriangleMesh& mesh = surfaceOf(state);
-    if (wants_mesh) {
-      mesh_.publisher.publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(
-          toSurfaceMesh(mesh, header, state.snapshot->numUpdates())));
+    if (!state_.snapshot) return "";
+    if (removedHaveExpired(now)) markStale({kRemovedPoints});
+    shown.state = state_;
+    shown.output = output_;
+    shown.slice = slice_;
+    for (const auto& entry : removed_) {
+      shown.removed.insert(shown.removed.end(), entry.second.begin(), entry.second.end());
     }
-    if (wants_marker) {
-      marker_.publisher.publish(boost::make_shared<const visualization_msgs::Marker>(
-          toMarker(mesh, header, output.mesh_color, output.color_max_std_m)));
+    wanted = takeWanted();
+  }
+  shown.header = headerOf(shown.state);
+  std::string error;
+  for (Output* output : wanted) {
+    try {
+      output->publish(output->publisher, &shown);
+    } catch (const std::exception& e) {  // out of memory, say, or too many voxels: the others are published
+      error = "~" + output->topic + ": " + e.what();
     }
   }
-  if (wants_points) {
-    points_.publisher.publish(
-        boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(*state.snapshot, header)));
-  }
-  if (wants_removed_points) {
-    removed_points_.publisher.publish(
-        boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(removed, header)));
-  }
-  if (wants_frame_map) {
-    frame_map_.publisher.publish(
-        boost::make_shared<const visualization_msgs::MarkerArray>(toMarkers(*state.blanket, header)));
-  }
-  if (wants_ground) {
-    const auto grid = gpis_mapping::projectToGround(*state.snapshot, ground_options_);
-    gpis_mapping::GroundGrid none;  // one unknown cell: rviz takes a grid without cells for an error
-    none.cell_size_m = ground_options_.cell_size_m;
-    none.width = none.height = 1;
-    none.state = {gpis_mapping::SpaceState::kUnknown};
-    const nav_msgs::OccupancyGrid message = toOccupancyGrid(grid ? *grid : none, header);
-    ground_.publisher.publish(boost::make_shared<const nav_msgs::OccupancyGrid>(message));
-  }
-  if (wants_slice_cloud || wants_slice_marker) {
-    const SliceCells cells = makeSlice(*state.snapshot, slice, kMaxSliceCells);
-    if (wants_slice_cloud) {
-      slice_cloud_.publisher.publish(boost::make_shared<const sensor_msgs::PointCloud2>(toPointCloud(cells, header)));
-    }
-    if (wants_slice_marker) {
-      slice_marker_.publisher.publish(boost::make_shared<const visualization_msgs::Marker>(toMarker(cells, header)));
-    }
-  }
-  placeSliceHandle(state, slice.height_m);
+  placeSliceHandle(shown.state, shown.slice.height_m);
+  return error;
 }
 
 void MapPublisher::placeSliceHandle(const MapState& state, double height_m) {

@@ -137,6 +137,47 @@ TEST(MapMessages, PointCloudHoldsPointsNormalsAndStandardDeviations) {
   }
 }
 
+TEST(MapMessages, SurfaceCloudHoldsTheMeshsVerticesNormalsAndVariances) {
+  const TriangleMesh mesh = triangle();
+  const sensor_msgs::PointCloud2 cloud = toPointCloud(mesh, header());
+  EXPECT_EQ(cloud.header.frame_id, "map");
+  ASSERT_EQ(cloud.width, 4u);
+  const std::vector<std::string> names{"x", "y", "z", "normal_x", "normal_y", "normal_z", "variance"};
+  ASSERT_EQ(cloud.fields.size(), names.size());
+  for (std::size_t field = 0; field < names.size(); ++field) {
+    EXPECT_EQ(cloud.fields[field].name, names[field]);
+    sensor_msgs::PointCloud2ConstIterator<float> value(cloud, names[field]);
+    for (std::size_t i = 0; i < 4; ++i, ++value) {
+      const double expected = field < 3   ? mesh.vertices_map[i][static_cast<Eigen::Index>(field)]
+                              : field < 6 ? mesh.normals_map[i][static_cast<Eigen::Index>(field - 3)]
+                                          : mesh.variance_m2[i];
+      EXPECT_EQ(*value, static_cast<float>(expected)) << names[field] << ' ' << i;
+    }
+  }
+  EXPECT_EQ(toPointCloud(TriangleMesh(), header()).width, 0u);
+}
+
+TEST(MapMessages, EsdfSliceHasTheAnswersOfQueriesAsIntensity) {
+  const auto snapshot = floorMap();
+  GpisMappingParams::Slice slice;
+  for (const double height_m : {0.3, 0.12}) {  // outside, inside
+    slice.height_m = height_m;
+    const sensor_msgs::PointCloud2 cloud = toIntensityCloud(makeSlice(*snapshot, slice, 1000), header());
+    ASSERT_GT(cloud.width, 100u);
+    ASSERT_EQ(cloud.fields.size(), 4u);
+    sensor_msgs::PointCloud2ConstIterator<float> x(cloud, "x");
+    sensor_msgs::PointCloud2ConstIterator<float> y(cloud, "y");
+    sensor_msgs::PointCloud2ConstIterator<float> z(cloud, "z");
+    sensor_msgs::PointCloud2ConstIterator<float> intensity(cloud, "intensity");
+    for (; x != x.end(); ++x, ++y, ++z, ++intensity) {
+      EXPECT_EQ(*z, static_cast<float>(height_m));
+      const double distance_m = snapshot->query(gpis_mapping::Points3d(Eigen::Vector3d(*x, *y, height_m))).distance[0];
+      EXPECT_NEAR(*intensity, distance_m, 1e-6);  // float32, of the place too
+      EXPECT_EQ(*intensity < 0.0f, height_m < 0.2);
+    }
+  }
+}
+
 TEST(MapMessages, SliceHoldsTheDistanceToTheFloorAndNoMoreCellsThanAllowed) {
   const auto snapshot = floorMap();
   GpisMappingParams::Slice slice;

@@ -54,6 +54,16 @@ struct HeldBrick {
   Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
 };
 
+/// A brick in the robot's container.
+struct LoadedBrick {
+  Eigen::Isometry3d T_base_brick{Eigen::Isometry3d::Identity()};
+  Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
+};
+
+/// How a brick lies in the container after it was let go at `released`: straight below, as it hung, on the highest of the
+/// container's shapes under its middle. Nothing: its middle is not over the container.
+std::optional<LoadedBrick> settledInContainer(const ArmKinematics& arm, const LoadedBrick& released);
+
 constexpr double kMaxSelfPadding_m = 0.05;  // that can be asked for
 
 struct CollisionCheckerConfig {
@@ -116,6 +126,10 @@ class CollisionChecker {
   /// too; nothing changes then. Throws std::invalid_argument for angles that are not finite.
   bool yieldToMagnetAt(const ArmVector& joints_rad);
   const std::optional<HeldBrick>& held() const;
+
+  /// What lies in the container: all links keep held_padding_m from it, what is held need not. Bricks that the arm would
+  /// touch in this posture, its start, are left out: they cannot lie there. Throws std::invalid_argument for a bad brick.
+  void setLoad(const std::vector<LoadedBrick>& load, const ArmVector& start_rad);
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
   /// other links still avoid it; unknown is opened a block farther to all sides, for the magnet may come closer to the

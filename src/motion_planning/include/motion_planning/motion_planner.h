@@ -57,6 +57,8 @@ struct PickMotionConfig {
   double cartesian_step_m{0.005};
   double plate_margin_m{0.01};
   double magnet_radius_m{0.03};
+  double max_twist_Nm{0.4};
+  double max_bend_Nm{2.0};
   int yaw_samples{12};
   int max_goals{24};
   double max_tilt_rad{0.5235987755982988};
@@ -71,6 +73,10 @@ struct PickMotionConfig {
     f("cartesian_step_m", c.cartesian_step_m, 5e-4, 0.02, "m", "distance of the joint states on a straight line");
     f("plate_margin_m", c.plate_margin_m, 0.0, 0.2, "m", "distance of the magnet's face from the plate's edges");
     f("magnet_radius_m", c.magnet_radius_m, 0.001, 0.2, "m", "radius of the magnet's face");
+    f("max_twist_Nm", c.max_twist_Nm, 0.01, 100.0, "Nm",
+      "moment about the magnet's axis that the weight of a held brick may have");
+    f("max_bend_Nm", c.max_bend_Nm, 0.01, 1000.0, "Nm",
+      "moment across the magnet's axis that the weight of a held brick may have");
     f("yaw_samples", c.yaw_samples, 1, 360, "", "angles of the tool about the face's normal that are tried");
     f("max_goals", c.max_goals, 1, 1000, "", "contact configurations passed to the planner, best first");
     f("max_tilt_rad", c.max_tilt_rad, 0.05, 3.2, "rad", "greatest tilt of a carried brick against how it was taken");
@@ -148,6 +154,7 @@ struct PlanningContext {
   ArmVector start_rad{ArmVector::Zero()};
   std::optional<HeldBrick> held;
   std::optional<OrientedBox> vacated;  // where the held brick was taken from: the map may not know yet that it is gone
+  std::vector<LoadedBrick> load;       // what lies in the robot's container
   std::uint64_t seed{0};               // another: the same question is searched along other random paths
   std::function<bool()> is_cancelled;
 };
@@ -157,6 +164,7 @@ struct PlanningContext {
 struct PlaceGoal {
   Eigen::Isometry3d T_base_place{Eigen::Isometry3d::Identity()};  // its middle, z up
   double above_m{0.03};                                           // the brick's lowest point over it
+  bool lay_down{false};  // its longest edge level, any shorter one upright; false: as upright as it was taken
 };
 
 /// Where the arm is to go: exactly one of the three.

@@ -20,6 +20,7 @@
 #include <ros/service_server.h>
 #include <ros/timer.h>
 #include <ros/wall_timer.h>
+#include <std_srvs/Trigger.h>
 
 #include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
@@ -61,6 +62,7 @@ class MotionPlanningRos {
   motion_planning::ArmGoal toArmGoal(const interactive_mapping_msgs::ArmGoal& message,
                                      const IsCancelled& is_cancelled) const;
   motion_planning::ArmGoal placeGoal(const std::string& frame) const;
+  motion_planning::ArmGoal defaultStowGoal() const;
   Eigen::Isometry3d poseInMap(const geometry_msgs::PoseStamped& message, const std::string& what,
                               const IsCancelled& is_cancelled) const;
   /// Simulated time that a plan is charged: its result is held back until then.
@@ -71,6 +73,7 @@ class MotionPlanningRos {
 
   bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
                interactive_mapping_msgs::WatchTrajectory::Response& response);
+  bool onContainerEmptied(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   /// Logs once that all inputs have come, and now and then what is missing until they have. By diagnostics_timer_ alone.
   void reportReadiness();
   /// Judges the running trajectory and tells.
@@ -114,7 +117,7 @@ class MotionPlanningRos {
 
   PlanningMarkers markers_;
   std::unique_ptr<SceneKeeper> scenes_;
-  ros::ServiceServer watch_server_;
+  ros::ServiceServer watch_server_, emptied_server_;
   ros::Timer monitor_timer_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;

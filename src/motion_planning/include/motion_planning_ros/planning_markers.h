@@ -48,6 +48,8 @@ class PlanningMarkers {
   void showFailure(const std::string& reason, const Eigen::Isometry3d& T_map_base);
   /// Clears `~plan` once it is out of date. To be called a few times a second.
   void clearOldPlan(const RobotState& robot);
+  /// What the planner takes to lie in the container, if that is not what `~load` shows already.
+  void showLoad(const std::vector<motion_planning::LoadedBrick>& load);
 
  private:
   using MarkerArray = visualization_msgs::MarkerArray;
@@ -63,10 +65,11 @@ class PlanningMarkers {
   const std::string map_frame_;
   const std::shared_ptr<const motion_planning::ArmKinematics> arm_;
   const int num_arms_;
-  ros::Publisher scene_publisher_, plan_publisher_;
+  ros::Publisher scene_publisher_, plan_publisher_, load_publisher_;
 
   std::mutex mutex_;  // guards what follows, and the order of what is published of plans
   std::optional<ShownPlan> shown_;
+  std::size_t num_shown_{0};  // bricks of the load
 };
 
 }  // namespace motion_planning_ros

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <Eigen/Geometry>
 #include <interactive_mapping_msgs/AttachedBrick.h>
@@ -23,6 +24,10 @@ namespace motion_planning_ros {
 
 /// The longest edge that something on the magnet may have and be taken for a brick [m].
 double maxHeldEdge(const mp700_ur5e_description::BrickCatalogue& catalogue);
+
+/// Adds what is let go with the arm in this posture, if it falls into the container; it takes the place of what lay there.
+void addToLoad(const motion_planning::ArmKinematics& arm, const motion_planning::ArmVector& joints_rad,
+               const motion_planning::HeldBrick& held, std::vector<motion_planning::LoadedBrick>* load);
 
 /// What the robot is known to be doing: joint_states, tf and attached_brick. Every method may be called from any thread.
 class RobotState {
@@ -49,6 +54,9 @@ class RobotState {
   };
   /// What the magnet holds, if anything.
   std::optional<Held> held();
+  /// What lies in the container: every brick that was let go over it since emptied().
+  std::vector<motion_planning::LoadedBrick> load() const;
+  void emptied();
   /// Why the last message of attached_brick was refused; empty: it was not. Planning must not go on then.
   std::string heldProblem() const;
 
@@ -68,6 +76,7 @@ class RobotState {
   std::optional<Held> held_;
   std::optional<ros::Time> taken_at_;  // what is held, and its place is still to be found
   std::string held_problem_;
+  std::vector<motion_planning::LoadedBrick> load_;
 
   ros::Subscriber joint_subscriber_, attached_subscriber_;
 };

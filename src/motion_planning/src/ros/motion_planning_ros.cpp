@@ -132,9 +132,11 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
   });
   scenes_->start();
   watch_server_ = handle.advertiseService("watch", &MotionPlanningRos::onWatch, this);
+  emptied_server_ = handle.advertiseService("container_emptied", &MotionPlanningRos::onContainerEmptied, this);
   monitor_timer_ = handle.createTimer(ros::Duration(1.0 / params_.monitor.rate_hz), [this](const ros::TimerEvent&) {
     monitor();
     markers_.clearOldPlan(robot_);
+    markers_.showLoad(robot_.load());
   });
   monitor();
 
@@ -214,6 +216,7 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
     context.held = held->brick;
     context.vacated = held->vacated;
   }
+  context.load = robot_.load();
 
   const std::shared_ptr<const MapScene> scene = scenes_->current(*T_map_base, is_cancelled, &why_not);
   if (!scene) refuseMap();
@@ -360,6 +363,15 @@ void MotionPlanningRos::note(const std::string& what, const PlanFailure& failure
   }
 }
 
+/// That of the parameter `stow`.
+motion_planning::ArmGoal MotionPlanningRos::defaultStowGoal() const {
+  const auto posture = postures_.find(params_.stow);
+  if (posture == postures_.end()) return placeGoal(params_.stow);
+  motion_planning::ArmGoal goal;
+  goal.joints_rad = posture->second;
+  return goal;
+}
+
 MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServer::Goal& goal,
                                                                   const ros::Time& started,
                                                                   const IsCancelled& is_cancelled,
@@ -386,14 +398,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
     target.T_map_brick = poseInMap(goal.brick, "brick", is_cancelled);
     std::vector<motion_planning::ArmGoal> stow;
     for (const ArmGoalMessage& message : goal.stow) stow.push_back(toArmGoal(message, is_cancelled));
-    if (stow.empty()) {
-      if (const auto posture = postures_.find(params_.stow); posture != postures_.end()) {
-        stow.emplace_back();
-        stow.back().joints_rad = posture->second;
-      } else {
-        stow.push_back(placeGoal(params_.stow));
-      }
-    }
+    if (stow.empty()) stow.push_back(defaultStowGoal());
     tell("waiting for the newest map");
     motion_planning::PlanningContext context =
         makeContext(goal.start, goal.min_map_stamp, is_cancelled, &result.map_update);
@@ -403,6 +408,7 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
       throw PlanFailure{PlanStatus::kBadRequest, "the magnet holds brick " + std::to_string(held->id) +
                                                      ": it has to be let go before another is picked"};
     }
+    if (held) addToLoad(*kinematics_, context.start_rad, held->brick, &context.load);
     context.held.reset();  // by then it is let go, and the map has seen past its old place
     context.vacated.reset();
     tell("planning");
@@ -498,6 +504,13 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
   note(goal.inspect ? "inspect" : "arm", plan, wall_ms);
   charge(params_.cost.arm_s, started, is_cancelled);
   return result;
+}
+
+bool MotionPlanningRos::onContainerEmptied(std_srvs::Trigger::Request& /*request*/,
+                                           std_srvs::Trigger::Response& response) {
+  robot_.emptied();
+  response.success = 1;
+  return true;
 }
 
 bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajectory::Response& response) {

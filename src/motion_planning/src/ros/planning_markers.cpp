@@ -57,6 +57,7 @@ PlanningMarkers::PlanningMarkers(ros::NodeHandle& private_nh, std::string map_fr
     : map_frame_(std::move(map_frame)), arm_(std::move(arm)), num_arms_(num_arms) {
   scene_publisher_ = private_nh.advertise<MarkerArray>("scene", 1, true);
   plan_publisher_ = private_nh.advertise<MarkerArray>("plan", 1, true);
+  load_publisher_ = private_nh.advertise<MarkerArray>("load", 1, true);
 }
 
 Marker PlanningMarkers::marker(const std::string& ns, int id, int type) const {
@@ -184,6 +185,25 @@ void PlanningMarkers::showFailure(const std::string& reason, const Eigen::Isomet
   text.color = color(1.0, 0.4, 0.3, 1.0);
   array.markers.push_back(std::move(text));
   publishPlan(array, ShownPlan(ArmVector::Zero(), std::nullopt, T_map_base));
+}
+
+void PlanningMarkers::showLoad(const std::vector<motion_planning::LoadedBrick>& load) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (load.size() == num_shown_) return;
+  num_shown_ = load.size();
+  MarkerArray array = cleared();
+  for (std::size_t i = 0; i < load.size(); ++i) {
+    Marker brick = marker("load", static_cast<int>(i), Marker::CUBE);
+    brick.header.frame_id = arm_->robot().rootFrame();
+    brick.frame_locked = 1;  // it drives along
+    brick.pose = toPose(load[i].T_base_brick);
+    brick.scale.x = load[i].size_m.x();
+    brick.scale.y = load[i].size_m.y();
+    brick.scale.z = load[i].size_m.z();
+    brick.color = color(0.9, 0.6, 0.2, 0.5);
+    array.markers.push_back(std::move(brick));
+  }
+  load_publisher_.publish(array);
 }
 
 void PlanningMarkers::publishPlan(const MarkerArray& array, std::optional<ShownPlan> shown) {

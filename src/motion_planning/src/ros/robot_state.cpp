@@ -18,6 +18,7 @@ namespace {
 
 using interactive_mapping::formatted;
 using motion_planning::ArmVector;
+using motion_planning::LoadedBrick;
 using mp700_ur5e_description::kArmJoints;
 using mp700_ur5e_description::kMagnetTipFrame;
 
@@ -34,6 +35,19 @@ double maxHeldEdge(const mp700_ur5e_description::BrickCatalogue& catalogue) {
     longest_m = std::max(longest_m, type.size_m.maxCoeff());
   }
   return std::min(2.0 * longest_m, kLongestHeld_m);
+}
+
+void addToLoad(const motion_planning::ArmKinematics& arm, const ArmVector& joints_rad,
+               const motion_planning::HeldBrick& held, std::vector<LoadedBrick>* load) {
+  const std::optional<LoadedBrick> brick =
+      motion_planning::settledInContainer(arm, {arm.tipPose(joints_rad) * held.T_tip_brick, held.size_m});
+  if (!brick) return;
+  // Two bricks do not lie in one place: the older one was taken out by hand.
+  const auto is_there = [&](const LoadedBrick& other) {
+    return (other.T_base_brick.translation() - brick->T_base_brick.translation()).norm() < 0.5 * held.size_m.minCoeff();
+  };
+  load->erase(std::remove_if(load->begin(), load->end(), is_there), load->end());
+  load->push_back(*brick);
 }
 
 RobotState::RobotState(const ros::NodeHandle& nh, std::shared_ptr<const motion_planning::ArmKinematics> arm,
@@ -157,7 +171,10 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
     }
   }
   if (!problem.empty()) ROS_ERROR_NAMED(kLog, "attached brick %d: %s", message->id, problem.c_str());
+  std::string why_not;
+  const std::optional<ArmVector> joints_rad = arm(&why_not);
   const std::lock_guard<std::mutex> lock(mutex_);
+  if (held_ && message->is_attached == 0 && joints_rad) addToLoad(*kinematics_, *joints_rad, held_->brick, &load_);
   held_ = std::move(held);
   taken_at_.reset();
   if (held_) taken_at_ = message->header.stamp;
@@ -197,6 +214,16 @@ void RobotState::findVacated() {
     ROS_WARN_NAMED(kLog, "where brick %d was taken from is not known: %s", held_->id, why_not.c_str());
   }
   taken_at_.reset();
+}
+
+std::vector<LoadedBrick> RobotState::load() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return load_;
+}
+
+void RobotState::emptied() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  load_.clear();
 }
 
 std::string RobotState::heldProblem() const {

@@ -179,6 +179,60 @@ TEST(MotionPlanner, StowsAtEachPlace) {
   }
 }
 
+/// The brick where it is let go, in the frame of its place.
+Eigen::Isometry3d letGoAt(const PickPlan& plan, std::size_t place) {
+  const ArmKinematics& arm = *shippedArm();
+  const Eigen::Isometry3d T_base_place =
+      arm.robot().framePose(mp700_ur5e_description::kContainerPlaces.at(place), arm.robotPositions(ArmVector::Zero()));
+  return T_base_place.inverse() * arm.tipPose(plan.stow.points.back().position_rad) * plan.held.T_tip_brick;
+}
+
+// One that stands, or leans, is laid down in each place, beside what stands in the others; not where its weight would turn it
+// on the magnet.
+TEST(MotionPlanner, LaysDownABrickThatStands) {
+  for (const double turned_rad : {M_PI_2, -M_PI_2, 1.15}) {
+    PickWorld pick = emptyPickWorld();
+    pick.add({0.85, 0.1, 0.19});
+    pick.world.boxes[0].T_map_box.rotate(Eigen::AngleAxisd(turned_rad, Eigen::Vector3d::UnitY()));
+    pick.makeScene();
+    for (std::size_t place = 0; place < mp700_ur5e_description::kContainerPlaces.size(); ++place) {
+      SCOPED_TRACE("turned by " + std::to_string(turned_rad) + " to place " + std::to_string(place + 1));
+      PlanningContext context = pick.context();
+      for (std::size_t other = 0; other < place; ++other) {
+        LoadedBrick standing{pick.container(*shippedArm(), other).front().place->T_base_place, {0.2, 0.2, 0.3}};
+        standing.T_base_brick.translation().z() -= 0.06;
+        context.load.push_back(standing);
+      }
+      const PickPlan plan = makePlanner().planPick(context, pick.target(0), pick.container(*shippedArm(), place));
+      ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+      const Eigen::Isometry3d T_place_brick = letGoAt(plan, place);
+      EXPECT_LT(T_place_brick.translation().head<2>().norm(), 1e-5);
+      EXPECT_NEAR(T_place_brick.translation().z(), PlaceGoal().above_m + 0.1, 1e-5);
+      EXPECT_LT((T_place_brick.linear().cwiseAbs() * pick.type.size_m - pick.type.size_m).norm(), 1e-4);
+      ExactMotion exact(*shippedArm(), pick);
+      exact.setHeld(plan.held);
+      exact.setTarget(0, true);
+      EXPECT_EQ(exact.complaint(plan.stow, MotionPlannerConfig().collision.held_shrink_m), "");
+    }
+    const PickPlan begun = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
+    ASSERT_EQ(begun.status, PlanStatus::kSuccess) << begun.message;
+    // Stopped anywhere on the way, it can still be stowed.
+    for (double t = 0.0; t < begun.stow.duration(); t += 0.5) {
+      PlanningContext context = pick.context();
+      context.held = begun.held;
+      context.start_rad = begun.stow.sample(t).position_rad;
+      context.vacated = pick.world.boxes[0];
+      const ArmPlan rest = makePlanner().planArm(context, pick.container(*shippedArm()).front());
+      EXPECT_EQ(rest.status, PlanStatus::kSuccess) << "after " << t << " s: " << rest.message;
+    }
+    if (turned_rad == 1.15) continue;
+    pick.type.mass_kg = 1.5;  // 2.2 Nm about a magnet on its end
+    const PickPlan plan = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
+    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    EXPECT_NEAR(letGoAt(plan, 0).translation().z(), PlaceGoal().above_m + 0.15, 1e-5);
+  }
+}
+
 TEST(MotionPlanner, AGuardedTouchGoesOnBeyondThePlate) {
   MotionPlannerConfig guarded;
   guarded.pick.overtravel_m = 0.01;
@@ -739,6 +793,29 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
     EXPECT_GT(over_m, pick.type.size_m.z());
     expectTheWatchLetsPass(pick, context, plan.trajectory);
   }
+}
+
+// An image showed the brick in the hand: the map has it beside where it is taken to be, and too high to get out straight.
+TEST(MotionPlanner, WhatTheMapHasOfTheHeldBrickItselfIsNotInItsWay) {
+  PickWorld pick = emptyPickWorld();
+  pick.add({0.775, 0.0, 0.8});
+  pick.world.boxes[0].size_m = {0.2, 0.2, 0.3};
+  pick.makeScene();
+  PlanningContext context = pick.context();
+  context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.15)), {0.2, 0.2, 0.3}};
+  Eigen::Isometry3d T_base_tip(Eigen::Translation3d(0.75, 0.0, 0.95));
+  T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
+  context.start_rad = shippedArm()->inverse(T_base_tip, pick.start_rad).at(0);
+  const ArmPlan plan = makePlanner().planArm(context, pick.container(*shippedArm()).front());
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  expectTheWatchLetsPass(pick, context, plan.trajectory);
+  // What reaches farther is another thing.
+  pick.add({0.775, 0.0, 0.8});
+  pick.world.boxes[1].size_m = {0.5, 0.5, 0.5};
+  pick.makeScene();
+  context.scene = pick.scene;
+  EXPECT_EQ(makePlanner().planArm(context, pick.container(*shippedArm()).front()).status,
+            PlanStatus::kStartInCollision);
 }
 
 /// Nearest that a held brick's surface comes to the container on a way [m]; negative: it is in it.

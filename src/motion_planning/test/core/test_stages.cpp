@@ -237,6 +237,67 @@ TEST_F(Stages, GripsHoldTheBrickAtItsPlate) {
   EXPECT_EQ(contactPoints(task, target, BrickFace::kPlusZ).failure().status, PlanStatus::kBadRequest);
 }
 
+// By a side face the weight turns a brick about the magnet; by its top only across it.
+TEST_F(Stages, GripsKeepTheWeightsMomentsWithinTheMagnets) {
+  const PickTarget target = pick.target(0);
+  const auto numPoints = [&](BrickFace face) {
+    const auto points = contactPoints(task, target, face);
+    EXPECT_TRUE(points) << points.failure().message;
+    return points ? points->size() : 0u;
+  };
+  const BrickFace end = BrickFace::kMinusX;
+  EXPECT_EQ(numPoints(end), 9u);  // 0.39 Nm at 4 cm aside
+  config.pick.max_twist_Nm = 0.3;
+  const auto points = contactPoints(task, target, end);
+  ASSERT_TRUE(points) << points.failure().message;
+  ASSERT_THAT(*points, SizeIs(3));
+  for (const Eigen::Vector3d& p_face : *points) {
+    const Eigen::Vector3d p_map = pick.T_map_base * facePose(task, target, end) * p_face;
+    const Eigen::Vector3d lever = p_map - target.T_map_brick.translation();
+    EXPECT_NEAR(lever.dot(target.T_map_brick.linear().col(1)), 0.0, 1e-9) << "beside the middle";
+  }
+  EXPECT_EQ(numPoints(BrickFace::kPlusZ), 9u);
+  config.pick.max_bend_Nm = 1.4;  // 1.47 Nm are 1 kg at 15 cm
+  const PlanFailure failure = contactPoints(task, target, end).failure();
+  EXPECT_EQ(failure.status, PlanStatus::kOutsideSector);
+  EXPECT_THAT(failure.message, HasSubstr("1.47 Nm across it, allowed are 1.40 Nm (pick/max_bend_Nm)"));
+  EXPECT_EQ(numPoints(BrickFace::kPlusZ), 9u);
+}
+
+// A brick of the container, on end, is met by the arm where one that lies flat is not.
+TEST_F(Stages, ThePlanAvoidsWhatLiesInTheContainer) {
+  const Eigen::Isometry3d T_base_place = pick.container(*arm).front().place->T_base_place;
+  const double rim_m = T_base_place.translation().z();
+  LoadedBrick released{T_base_place, {0.2, 0.2, 0.3}};
+  released.T_base_brick.translation().z() = rim_m + 0.15;
+  const auto on_end = settledInContainer(*arm, released);
+  ASSERT_TRUE(on_end);
+  EXPECT_NEAR(on_end->T_base_brick.translation().z() + 0.15, rim_m + 0.09, 1e-3);  // the container is 0.21 m deep
+  released.T_base_brick.translation().x() += 1.5;
+  EXPECT_FALSE(settledInContainer(*arm, released)) << "it falls beside the robot";
+
+  ArmGoal goal;
+  goal.T_map_tip = pick.T_map_base * downAt(T_base_place.translation() + Eigen::Vector3d(0.0, 0.0, 0.06));
+  const MotionPlanner planner(arm, sectors, config);
+  request.load = {{T_base_place, {0.3, 0.2, 0.2}}};
+  request.load.front().T_base_brick.translation().z() = rim_m - 0.11;
+  const ArmPlan over_flat = planner.planArm(request, goal);
+  ASSERT_EQ(over_flat.status, PlanStatus::kSuccess) << over_flat.message;
+  request.load = {*on_end};
+  EXPECT_EQ(planner.planArm(request, goal).status, PlanStatus::kGoalInCollision);
+  const ArmVector over_rad = over_flat.trajectory.points.back().position_rad;
+  CollisionChecker with_load = checker();
+  with_load.setLoad(request.load, pick.start_rad);
+  EXPECT_THAT(with_load.check(over_rad).describe(), HasSubstr("touches a brick in the container"));
+  // Where the arm is nothing can lie: it gets away.
+  request.start_rad = over_rad;
+  goal.T_map_tip.reset();
+  goal.joints_rad = pick.start_rad;
+  EXPECT_EQ(planner.planArm(request, goal).status, PlanStatus::kSuccess);
+  request.load.front().size_m.x() = -1.0;
+  EXPECT_EQ(planner.planArm(request, goal).status, PlanStatus::kBadRequest);
+}
+
 TEST_F(Stages, ContactLineEndsOnThePlateOrBeyond) {
   const auto [grip, contact_rad] = onTop();
   const auto heights = [&](const JointPath& line) {

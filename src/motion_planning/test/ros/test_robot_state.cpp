@@ -16,15 +16,16 @@ namespace motion_planning_ros {
 namespace {
 
 using interactive_mapping_msgs::AttachedBrick;
+using motion_planning::ArmVector;
 using mp700_ur5e_description::kMagnetTipFrame;
 using node_tests::waitUntil;
 
 class RobotStateTest : public testing::Test {
  protected:
   RobotStateTest() : attached_(nh_.advertise<AttachedBrick>("attached_brick", 5, true)) {
-    const auto arm = std::make_shared<motion_planning::ArmKinematics>(
+    arm_ = std::make_shared<motion_planning::ArmKinematics>(
         mp700_ur5e_description::RobotModel::parse(motion_planning::readFile(motion_planning::kUrdfFile), "test"));
-    robot_ = std::make_unique<RobotState>(nh_, arm, params_, 0.6);
+    robot_ = std::make_unique<RobotState>(nh_, arm_, params_, 0.6);
   }
 
   /// The tip at (0.5, 0, z_m) in the map.
@@ -37,6 +38,15 @@ class RobotStateTest : public testing::Test {
     transform.transform.translation.z = z_m;
     transform.transform.rotation.w = 1.0;
     broadcaster_.sendTransform(transform);
+  }
+  void tellJoints(const ArmVector& joints_rad) {
+    sensor_msgs::JointState state;
+    state.header.stamp = ros::Time::now();
+    for (std::size_t i = 0; i < mp700_ur5e_description::kArmJoints.size(); ++i) {
+      state.name.emplace_back(mp700_ur5e_description::kArmJoints[i]);
+      state.position.push_back(joints_rad[static_cast<Eigen::Index>(i)]);
+    }
+    joints_.publish(state);
   }
   void attach(const ros::Time& stamp) {
     AttachedBrick brick;
@@ -66,6 +76,8 @@ class RobotStateTest : public testing::Test {
   MotionPlanningParams params_;
   tf2_ros::TransformBroadcaster broadcaster_;
   ros::Publisher attached_;
+  ros::Publisher joints_ = nh_.advertise<sensor_msgs::JointState>("joint_states", 5);
+  std::shared_ptr<const motion_planning::ArmKinematics> arm_;
   std::unique_ptr<RobotState> robot_;
   const ros::Time taken_at_ = ros::Time::now();
   const double place_m_ = 0.3 - 0.1;
@@ -119,6 +131,35 @@ TEST_F(RobotStateTest, LatchedMessageFromBeforeTfSaysNothingOfThePlace) {
   EXPECT_FALSE(robot_->held()->vacated);
   attached_.publish(AttachedBrick());
   EXPECT_TRUE(waitUntil([this] { return !robot_->held(); }));
+}
+
+TEST_F(RobotStateTest, WhatIsLetGoOverTheContainerLiesInIt) {
+  const Eigen::Isometry3d T_base_place =
+      arm_->robot().framePose(mp700_ur5e_description::kContainerPlaces[0], arm_->robotPositions(ArmVector::Zero()));
+  Eigen::Isometry3d T_base_tip = T_base_place;  // it looks down, the brick's middle 0.1 m above it
+  T_base_tip.translation().z() += 0.25;
+  T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
+  const ArmVector over_place = arm_->inverse(T_base_tip, ArmVector::Zero()).at(0);
+  const auto letGo = [&](const ArmVector& joints_rad) {
+    ASSERT_TRUE(waitUntil([&] {
+      tellJoints(joints_rad);
+      std::string why_not;
+      const auto known = robot_->arm(&why_not);
+      return known && known->isApprox(joints_rad);
+    }));
+    attach(ros::Time::now());
+    attached_.publish(AttachedBrick());
+    ASSERT_TRUE(waitUntil([this] { return !robot_->held(); }));
+  };
+  letGo(ArmVector::Zero());
+  EXPECT_TRUE(robot_->load().empty()) << "it fell beside the robot";
+  for (int i = 0; i < 2; ++i) {  // the second stands for the first, which somebody took out
+    letGo(over_place);
+    ASSERT_EQ(robot_->load().size(), 1u);
+    EXPECT_LT((robot_->load()[0].T_base_brick.translation() - T_base_place.translation()).head<2>().norm(), 1e-5);
+  }
+  robot_->emptied();
+  EXPECT_TRUE(robot_->load().empty());
 }
 
 }  // namespace

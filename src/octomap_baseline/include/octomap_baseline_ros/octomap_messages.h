@@ -14,15 +14,13 @@
 #include <std_msgs/Header.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include "gpis_mapping_ros/octomap_messages.h"
 #include "octomap_baseline/dynamic_octomap.h"
 
 namespace octomap_baseline_ros {
 
-/// As octomap_msgs::binaryMapToMsg: free and occupied only. An empty tree has no data.
-octomap_msgs::Octomap toBinaryMessage(const octomap::OcTree& tree, const std_msgs::Header& header);
-
-/// As octomap_msgs::fullMapToMsg: with log odds. An empty tree has no data.
-octomap_msgs::Octomap toFullMessage(const octomap::OcTree& tree, const std_msgs::Header& header);
+using gpis_mapping_ros::toBinaryMessage;
+using gpis_mapping_ros::toFullMessage;
 
 /// The tree of such a message, binary or full; one without data is empty. Nothing, and why, for another type of tree, an
 /// impossible resolution, or data that are not one whole tree with finite log odds.

@@ -14,24 +14,6 @@
 namespace octomap_baseline_ros {
 namespace {
 
-octomap_msgs::Octomap toMessage(const octomap::OcTree& tree, const std_msgs::Header& header, bool binary) {
-  octomap_msgs::Octomap message;
-  message.header = header;
-  message.binary = binary;
-  message.id = tree.getTreeType();
-  message.resolution = tree.getResolution();
-  if (tree.size() == 0) return message;
-  std::ostringstream stream;
-  if (binary) {
-    tree.writeBinaryData(stream);
-  } else {
-    tree.writeData(stream);
-  }
-  const std::string data = stream.str();
-  message.data.assign(data.begin(), data.end());
-  return message;
-}
-
 /// Why the data are not one whole tree; empty: they are. octomap believes what it reads: from data that end too soon it
 /// reads nodes below nodes until the stack ends.
 std::string problemOf(const octomap_msgs::Octomap& message) {
@@ -70,14 +52,6 @@ std::string problemOf(const octomap_msgs::Octomap& message) {
 }
 
 }  // namespace
-
-octomap_msgs::Octomap toBinaryMessage(const octomap::OcTree& tree, const std_msgs::Header& header) {
-  return toMessage(tree, header, true);
-}
-
-octomap_msgs::Octomap toFullMessage(const octomap::OcTree& tree, const std_msgs::Header& header) {
-  return toMessage(tree, header, false);
-}
 
 std::unique_ptr<octomap::OcTree> toTree(const octomap_msgs::Octomap& message, std::string* why_not) {
   if (message.id != "OcTree") {

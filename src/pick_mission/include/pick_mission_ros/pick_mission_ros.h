@@ -51,6 +51,7 @@ class PickMissionRos {
   void publishState();
   void tick();
   void unload();
+  void tellPlannerOfEmptyContainer();
   void letHeartBeat();
   double followClock();
   void beat();
@@ -74,7 +75,8 @@ class PickMissionRos {
   std::unique_ptr<pick_mission::MissionMachine> machine_;
   std::unique_ptr<MissionActions> actions_;
   std::unique_ptr<ServiceCaller<std_srvs::Trigger>> unload_;  // null: a person unloads
-  int num_missions_{1};                                       // of this run, the present one included
+  std::unique_ptr<ServiceCaller<std_srvs::Trigger>> container_emptied_;
+  int num_missions_{1};  // of this run, the present one included
 
   std::deque<pick_mission::Event> events_;  // to be stepped through
   bool is_draining_{false};

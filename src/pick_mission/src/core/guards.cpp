@@ -46,6 +46,7 @@ bool isOverOfItself(const Memory& memory) {
   return memory.is_ending && memory.end_reason <= EndReason::kNoProgress;
 }
 
+// One case for each guard, in one place.
 bool holds(Guard guard, const Mission& mission) {
   const MissionConfig& config = mission.config;
   const Memory& memory = mission.memory;
@@ -71,8 +72,8 @@ bool holds(Guard guard, const Mission& mission) {
       return mission.is_pause_wanted;
     case Guard::kLooksAhead:
       return config.look.while_carrying && !mission.running->is_looked_ahead && !mission.is_pause_wanted &&
-             !memory.is_ending && memory.places_used + 1 < capacityOf(config) && !isOnEnd(*mission.running->brick) &&
-             memory.used_s < config.time.limit_s && !isLastBrick(mission);
+             !memory.is_ending && memory.places_used + 1 < capacityOf(config) && memory.used_s < config.time.limit_s &&
+             !isLastBrick(mission);
     case Guard::kCarries:
       return mission.carrying.has_value();
     case Guard::kPickDue:

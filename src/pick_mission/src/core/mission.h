@@ -100,9 +100,6 @@ void apply(Effect effect, const Cause& cause, Mission& mission);
 void record(const Mission::Running& ended, const event::Reply& reply, const Reaction& reaction, bool is_broken_off,
             Mission& mission);
 
-/// Its longest edge upright: it rises over the container's rim, and nothing may be carried over it.
-bool isOnEnd(const SeenBrick& brick);
-
 /// What the arm's bridge says. With an empty hand an open let go has succeeded, whatever else was answered.
 void setHand(Hand hand, Mission& mission);
 

@@ -25,7 +25,6 @@ void brickStowed(Mission& mission) {
   Memory& memory = mission.memory;
   ++memory.places_used;
   if (memory.brick_in_hand && memory.ledger.isKnown(*memory.brick_in_hand)) {
-    if (isOnEnd(memory.ledger.bricks().at(*memory.brick_in_hand).seen)) memory.places_used = capacityOf(mission.config);
     memory.ledger.picked(*memory.brick_in_hand);
   } else {
     ++memory.picked_without_id;
@@ -180,14 +179,6 @@ void recordFailure(const Mission::Running& ended, const event::Reply& reply, con
 }
 
 }  // namespace
-
-bool isOnEnd(const SeenBrick& brick) {
-  int upright = 0;
-  brick.T_map_brick.linear().row(2).cwiseAbs().maxCoeff(&upright);
-  constexpr double kLonger_m = 0.01;  // than the next edge: more than types of bricks are measured wrong by
-  const Eigen::Vector2d others(brick.size_m[(upright + 1) % 3], brick.size_m[(upright + 2) % 3]);
-  return brick.size_m[upright] > others.maxCoeff() + kLonger_m;
-}
 
 void record(const Mission::Running& ended, const event::Reply& reply, const Reaction& reaction, bool is_broken_off,
             Mission& mission) {

@@ -63,6 +63,8 @@ PickMissionRos::PickMissionRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   if (!params_.nodes.unload.empty()) {
     unload_ = std::make_unique<ServiceCaller<std_srvs::Trigger>>(nh, params_.nodes.unload, inbox_);
   }
+  container_emptied_ =
+      std::make_unique<ServiceCaller<std_srvs::Trigger>>(nh, params_.nodes.planner + "/container_emptied", inbox_);
   ros::NodeHandle handle(private_nh);
   handle.setCallbackQueue(&queue_);
   state_publisher_ = handle.advertise<MissionState>("state", 10, true);
@@ -175,6 +177,7 @@ void PickMissionRos::tick() {
     ticked_ = now;
     if (started_) step(event::Tick{});
     unload();
+    container_emptied_->watch();
   }
   if (params_.autostart && !is_stopping_ && (wall - asked_).toSec() >= kAskPeriod_s) {
     asked_ = wall;
@@ -190,11 +193,24 @@ void PickMissionRos::unload() {
   if (machine_->state() != State::kUnload || unload_->isActive()) return;
   unload_->call({}, ros::WallDuration(params_.servers.service_timeout_s),
                 [this](const std_srvs::Trigger* service, const std::string& why) {
-                  if (service != nullptr && service->response.success != 0) return step(event::Unloaded{});
+                  if (service != nullptr && service->response.success != 0) {
+                    step(event::Unloaded{});
+                    return tellPlannerOfEmptyContainer();
+                  }
                   ROS_INFO_STREAM_THROTTLE_NAMED(
                       10.0, kLog,
                       "the container is not unloaded yet: " << (service == nullptr ? why : service->response.message));
                 });
+}
+
+/// A planner that does not learn of it avoids bricks that are gone.
+void PickMissionRos::tellPlannerOfEmptyContainer() {
+  if (machine_->placesUsed() != 0) return;
+  container_emptied_->call({}, ros::WallDuration(params_.servers.service_timeout_s),
+                           [](const std_srvs::Trigger* service, const std::string& why) {
+                             if (service != nullptr) return;
+                             ROS_WARN_STREAM_NAMED(kLog, "the planner still takes the container for full: " << why);
+                           });
 }
 
 void PickMissionRos::autostart() {
@@ -433,6 +449,7 @@ bool PickMissionRos::onStop(std_srvs::Trigger::Request& /*request*/, std_srvs::T
 
 bool PickMissionRos::onUnloaded(std_srvs::Trigger::Request& /*request*/, std_srvs::Trigger::Response& response) {
   take(event::Unloaded{}, &response);
+  tellPlannerOfEmptyContainer();
   return true;
 }
 

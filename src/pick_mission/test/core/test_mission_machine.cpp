@@ -102,14 +102,6 @@ TEST(MissionMachine, ADepotThatCannotBeReachedEndsTheMission) {
   EXPECT_EQ(run.machine.counts().bricks_picked, 1);
 }
 
-TEST(MissionMachine, ABrickStowedOnEndIsTheLastOfItsLoad) {
-  ToyWorld world = ToyWorld::ofStacks({2});
-  world.is_upright = true;
-  ToyMission run({}, world);
-  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
-  EXPECT_EQ(run.world.unloaded, 2) << tail(run);
-}
-
 TEST(MissionMachine, UnloadsAfterAProtectiveStopIfSomethingIsInTheContainer) {
   for (const int pick : {1, 2}) {
     MissionConfig config = surveying();

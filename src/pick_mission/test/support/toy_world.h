@@ -236,7 +236,6 @@ class ToyWorld {
   int unloaded{0};             // times
   std::string stow_place;      // of what was picked last, or planned to be stowed
   std::set<std::string> used;  // places in the container
-  bool is_upright{false};      // each brick stands on its end
   std::vector<std::string> reports;
 
  private:
@@ -409,7 +408,6 @@ class ToyWorld {
       const Pose2d place = viewPose(b.view);
       brick_seen.T_map_brick.translation() = Eigen::Vector3d(0.5 * place.x_m, 0.5 * place.y_m, 0.1 * b.layer + 0.05);
       brick_seen.graspable_faces = {4};
-      if (is_upright) brick_seen.size_m = {0.2, 0.2, 0.3};
       brick_seen.is_in_sector = view == b.view;
       brick_seen.is_seen_now = is_visible;
       seen.push_back(brick_seen);

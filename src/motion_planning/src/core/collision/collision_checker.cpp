@@ -23,6 +23,7 @@ using mp700_ur5e_description::Shape;
 constexpr double kReleaseStep_m = 0.005;
 constexpr double kFacePlace_m = 0.12;  // about the magnet's face: with the padding what its margin reaches
 constexpr const char* kBrick = "brick";
+constexpr const char* kLoad = "a brick in the container";
 
 /// A shape of the robot, or the brick, with what the tests need of it.
 struct Part {
@@ -165,6 +166,28 @@ std::string Contact::describe() const {
   return "?";
 }
 
+std::optional<LoadedBrick> settledInContainer(const ArmKinematics& arm, const LoadedBrick& released) {
+  const RobotModel& robot = arm.robot();
+  std::vector<Eigen::Isometry3d> T_base_body;
+  robot.bodyPoses(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot.joints().size())), &T_base_body);
+  const Eigen::Vector3d middle = released.T_base_brick.translation();
+  std::optional<double> floor_m;
+  for (const auto& shape : robot.shapes()) {
+    if (shape.link != mp700_ur5e_description::kContainerLink) continue;
+    const Eigen::Isometry3d T_base_shape = T_base_body[shape.body] * shape.T_body_shape;
+    const Eigen::Vector3d half = halfExtents(shape.shape, T_base_shape.linear());
+    const Eigen::Vector3d offset = (middle - T_base_shape.translation()).cwiseAbs();
+    const double top_m = T_base_shape.translation().z() + half.z();
+    if (offset.x() > half.x() || offset.y() > half.y() || top_m > middle.z()) continue;
+    floor_m = std::max(floor_m.value_or(top_m), top_m);
+  }
+  if (!floor_m) return std::nullopt;
+  LoadedBrick settled = released;
+  const double half_height_m = 0.5 * settled.T_base_brick.linear().row(2).cwiseAbs().dot(settled.size_m);
+  settled.T_base_brick.translation().z() = *floor_m + half_height_m;
+  return settled;
+}
+
 struct CollisionChecker::State {
   std::shared_ptr<const ArmKinematics> arm;
   std::shared_ptr<const CollisionScene> scene;
@@ -177,6 +200,7 @@ struct CollisionChecker::State {
   double held_padding_m{0.0};        // against the robot; negative: smaller
   double held_made_for_m{0.0};       // held_padding_m when `held` was made
   std::shared_ptr<const Part> held;  // the same as a part
+  std::vector<Part> load;            // T_body_shape is T_map_shape
 
   // The world without the target.
   std::optional<OrientedBox> target;  // padded
@@ -405,6 +429,13 @@ struct CollisionChecker::State {
       const Part& a = parts->moving[i];
       if (touch(a, T_map_moving[i], parts->fixed[j], T_map_fixed[j])) return selfContact(a, i, parts->fixed[j]);
     }
+    for (std::size_t i = 0; i < parts->moving.size(); ++i) {
+      for (const Part& brick : load) {
+        if (touch(parts->moving[i], T_map_moving[i], brick, brick.T_body_shape)) {
+          return selfContact(parts->moving[i], i, brick);
+        }
+      }
+    }
     return checkHeldWithRobot();
   }
 
@@ -553,6 +584,26 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
 
 const std::optional<HeldBrick>& CollisionChecker::held() const {
   return state_->held_brick;
+}
+
+void CollisionChecker::setLoad(const std::vector<LoadedBrick>& load, const ArmVector& start_rad) {
+  if (!start_rad.allFinite()) throw std::invalid_argument("setLoad: an angle that is not finite");
+  State& state = *state_;
+  state.load.clear();
+  state.place(start_rad);
+  for (const LoadedBrick& brick : load) {
+    if (!isRigid(brick.T_base_brick) || !isBoxSize(brick.size_m)) {
+      throw std::invalid_argument("a brick in the container: its pose is not a rigid transform, or its size " +
+                                  describeSize(brick.size_m));
+    }
+    const Shape shape = inflate(mp700_ur5e_description::Box{brick.size_m}, state.config.held_padding_m);
+    Part part = makePart(kLoad, 0, state.T_map_base * brick.T_base_brick, shape, shape, 0.0);
+    bool is_free = true;
+    for (std::size_t i = 0; i < state.parts->moving.size(); ++i) {
+      is_free = is_free && !state.touch(state.parts->moving[i], state.T_map_moving[i], part, part.T_body_shape);
+    }
+    if (is_free) state.load.push_back(std::move(part));
+  }
 }
 
 void CollisionChecker::setTarget(const std::optional<OrientedBox>& target, bool for_all) {

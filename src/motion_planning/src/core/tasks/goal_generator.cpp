@@ -20,6 +20,17 @@ struct TipGoal {
   std::vector<Eigen::Isometry3d> T_base_tips;  // any of them
 };
 
+/// Directions, in the tip's frame, that are up when the brick lies: its shorter edges, both ways.
+std::vector<Eigen::Vector3d> lyingUps(const HeldBrick& held) {
+  int longest = 0;
+  held.size_m.maxCoeff(&longest);
+  std::vector<Eigen::Vector3d> ups;
+  for (const int edge : {(longest + 1) % 3, (longest + 2) % 3}) {
+    for (const double sign : {1.0, -1.0}) ups.push_back(sign * held.T_tip_brick.linear().col(edge));
+  }
+  return ups;
+}
+
 /// Poses of the tip that hold the brick over its place, its longer level edge along the place's x.
 std::vector<Eigen::Isometry3d> placePoses(const PlaceGoal& place, const HeldBrick& held,
                                           const Eigen::Vector3d& up_tip) {
@@ -59,9 +70,14 @@ Result<TipGoal> tipGoal(const TaskContext& task, const ArmGoal& goal, const std:
   if (!isRigid(place.T_base_place) || !std::isfinite(place.above_m)) {
     return badRequest("place: its pose is not rigid, or above_m is not finite");
   }
-  const Eigen::Vector3d up_tip = tilt ? tilt->up_tip : uprightEdge(*held, task.arm.tipPose(task.request.start_rad));
-  return TipGoal{"the brick over its place at " + inMetres(place.T_base_place.translation()) + " in base_link",
-                 placePoses(place, *held, up_tip)};
+  std::vector<Eigen::Vector3d> ups = lyingUps(*held);
+  if (!place.lay_down) ups = {tilt ? tilt->up_tip : uprightEdge(*held, task.arm.tipPose(task.request.start_rad))};
+  TipGoal tip{"the brick over its place at " + inMetres(place.T_base_place.translation()) + " in base_link", {}};
+  for (const Eigen::Vector3d& up_tip : ups) {
+    const std::vector<Eigen::Isometry3d> poses = placePoses(place, *held, up_tip);
+    tip.T_base_tips.insert(tip.T_base_tips.end(), poses.begin(), poses.end());
+  }
+  return tip;
 }
 
 /// All postures with the tip there, nearest to `near` first.

@@ -22,6 +22,16 @@ CollisionChecker clearOfStart(const TaskContext& task, const StartState& start) 
   return checker;
 }
 
+/// What the map has where the held brick hangs is that brick itself, which an image showed.
+CollisionChecker withOwnPlaceEmpty(const TaskContext& task, const StartState& start) {
+  const HeldBrick& held = *task.request.held;
+  CollisionChecker checker(start.checker);
+  checker.setTarget(
+      OrientedBox{task.request.T_map_base * task.arm.tipPose(start.joints_rad) * held.T_tip_brick, held.size_m}, true);
+  checker.setHeld(held, false);
+  return checker;
+}
+
 /// Straight from the start, by at most pick/lift_m, until what is held is clear of its surroundings, with room to all sides
 /// if it gets that far. Empty: it does not get clear.
 JointPath lineOut(const TaskContext& task, const StartState& start, const Eigen::Vector3d& direction_base) {
@@ -68,7 +78,12 @@ std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const StartS
 
 }  // namespace
 
-Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& goal) {
+Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& wanted) {
+  ArmGoal goal = wanted;
+  if (goal.place && !tiltOfHeld(task, goal.keep_level)) {  // it was stopped on its way to be laid down
+    goal.place->lay_down = true;
+    goal.keep_level = false;
+  }
   Result<JointTrajectory> plan = startInCollision(start.wedged);
   if (!start.is_among_others) {
     plan = searchFrom(task, {start.joints_rad}, start.checker, goal);
@@ -87,6 +102,10 @@ Result<JointTrajectory> planMove(const TaskContext& task, const StartState& star
   }
   if (start.is_among_others && !has_line && !start.wedged) {
     return searchFrom(task, {start.joints_rad}, start.checker, goal);
+  }
+  if (start.wedged && !has_line) {
+    const CollisionChecker own_place = withOwnPlaceEmpty(task, start);
+    if (own_place.isFree(start.joints_rad)) return searchFrom(task, {start.joints_rad}, own_place, goal);
   }
   if (task.isCancelled()) return cancelled();
   return plan;

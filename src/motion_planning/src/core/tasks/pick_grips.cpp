@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <interactive_mapping_common/formatted.h>
 #include <mp700_ur5e_description/robot_names.h>
 
 #include "tasks/failures.h"
@@ -10,6 +11,27 @@
 namespace motion_planning {
 
 namespace description = mp700_ur5e_description;
+using interactive_mapping::formatted;
+
+namespace {
+
+constexpr double kGravity_m_s2 = 9.81;
+
+/// Of the weight of a brick at rest that hangs from `p_face`, about the face's normal (z) and across it [Nm].
+struct WeightMoments {
+  double twist_Nm;
+  double bend_Nm;
+};
+WeightMoments weightMoments(const description::BrickType& type, const Eigen::Isometry3d& T_base_face,
+                            const Eigen::Isometry3d& T_base_brick, const Eigen::Vector3d& p_face) {
+  const Eigen::Vector3d lever = T_base_brick.translation() - T_base_face * p_face;
+  const Eigen::Vector3d moment = lever.cross(Eigen::Vector3d(0.0, 0.0, -type.mass_kg * kGravity_m_s2));
+  const Eigen::Vector3d normal = T_base_face.linear().col(2);
+  const double twist_Nm = moment.dot(normal);
+  return {std::abs(twist_Nm), (moment - twist_Nm * normal).norm()};
+}
+
+}  // namespace
 
 std::string nameOf(const PickTarget& target, description::BrickFace face) {
   return std::string("face ") + toString(face) + " of brick " + std::to_string(target.brick_id);
@@ -45,11 +67,17 @@ Result<std::vector<Eigen::Vector3d>> contactPoints(const TaskContext& task, cons
   std::vector<Eigen::Vector3d> points;
   for (const Eigen::Vector3d& p_face : grid) {
     std::string why;
-    if (task.sectors.admits(T_base_face * p_face, T_base_face.linear().col(2), T_base_armbase, &why)) {
+    const WeightMoments moments =
+        weightMoments(*target.type, T_base_face, task.T_base_map * target.T_map_brick, p_face);
+    if (moments.twist_Nm > config.pick.max_twist_Nm || moments.bend_Nm > config.pick.max_bend_Nm) {
+      why = formatted(
+          "the weight turns the brick on the magnet: %.2f Nm about its axis, allowed are %.2f Nm "
+          "(pick/max_twist_Nm), and %.2f Nm across it, allowed are %.2f Nm (pick/max_bend_Nm)",
+          moments.twist_Nm, config.pick.max_twist_Nm, moments.bend_Nm, config.pick.max_bend_Nm);
+    } else if (task.sectors.admits(T_base_face * p_face, T_base_face.linear().col(2), T_base_armbase, &why)) {
       points.push_back(p_face);
-    } else if (why_not.empty()) {
-      why_not = why;
     }
+    if (why_not.empty()) why_not = why;
   }
   if (points.empty()) return PlanFailure{PlanStatus::kOutsideSector, name + ": " + why_not};
   return points;
@@ -73,6 +101,23 @@ std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, con
     }
   }
   return grips;
+}
+
+std::vector<ArmGoal> waysToStow(const TaskContext& task, const PickTarget& target, const Grip& grip,
+                                const ArmGoal& goal) {
+  constexpr double kLies = 0.26;  // sine of the longest edge's angle with level: 15 degrees
+  int longest = 0;
+  grip.held.size_m.maxCoeff(&longest);
+  const bool lies = std::abs(grip.held.T_tip_brick.linear().col(longest).dot(grip.tilt.up_tip)) < kLies;
+  const Eigen::Vector3d lever = grip.held.T_tip_brick.translation();
+  const double weight_N = target.type->mass_kg * kGravity_m_s2;
+  const bool holds_at_any_tilt = weight_N * lever.head<2>().norm() <= task.config.pick.max_twist_Nm &&
+                                 weight_N * lever.norm() <= task.config.pick.max_bend_Nm;
+  if (!goal.place || !goal.keep_level || lies || !holds_at_any_tilt) return {goal};
+  ArmGoal laid_down = goal;
+  laid_down.place->lay_down = true;
+  laid_down.keep_level = false;
+  return {laid_down, goal};
 }
 
 std::vector<ContactPosture> contactPostures(const TaskContext& task, const std::vector<Grip>& grips,

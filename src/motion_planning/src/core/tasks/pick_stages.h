@@ -39,6 +39,11 @@ Result<std::vector<Eigen::Vector3d>> contactPoints(const TaskContext& task, cons
 std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, const Eigen::Isometry3d& T_base_face,
                           const std::vector<Eigen::Vector3d>& points_face);
 
+/// What to try for `goal`, in this order: over its place a brick that does not lie is laid down, if the magnet holds it at
+/// any tilt; else it stays as upright as it was taken.
+std::vector<ArmGoal> waysToStow(const TaskContext& task, const PickTarget& target, const Grip& grip,
+                                const ArmGoal& goal);
+
 /// Postures of the arm for each grip from `first_grip` on, best first.
 std::vector<ContactPosture> contactPostures(const TaskContext& task, const std::vector<Grip>& grips,
                                             std::size_t first_grip);

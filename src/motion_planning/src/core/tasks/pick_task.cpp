@@ -34,6 +34,7 @@ struct Stow {
   std::vector<ArmVector> goals;
   Tilt tilt;
 };
+using Stows = std::vector<Stow>;  // best first
 
 /// The pick by one face.
 class FacePick {
@@ -100,9 +101,9 @@ class FacePick {
     scene_.hold(grip.held);
     Result<JointPath> lift = liftLine(task_, scene_, grip, posture.joints_rad, lift_offsets_);
     if (!lift) return note({Stage::kLine, lift.failure()});
-    const Result<Stow>& stow = stowFrom(posture.grip, lift->back());
-    if (!stow) {
-      const PlanFailure& why = stow.failure();
+    const Result<Stows>& stows = stowsFrom(posture.grip, lift->back());
+    if (!stows) {
+      const PlanFailure& why = stows.failure();
       return note({Stage::kStowGoal, {why.status, "carrying the brick away: " + why.message}});
     }
     return Pick{posture.grip, std::move(*contact), std::move(*lift)};
@@ -113,18 +114,22 @@ class FacePick {
     return std::nullopt;
   }
 
-  /// Found when a grip first asks for it.
-  const Result<Stow>& stowFrom(std::size_t grip, const ArmVector& near) {
-    const auto known = stow_.find(grip);
-    if (known != stow_.end()) return known->second;
-    Result<Stow> stow = PlanFailure();
+  /// Found when a grip first asks for them: all ways to the first of the goals that has one.
+  const Result<Stows>& stowsFrom(std::size_t grip, const ArmVector& near) {
+    const auto known = stows_.find(grip);
+    if (known != stows_.end()) return known->second;
+    Stows stows;
+    PlanFailure why;
     for (const ArmGoal& goal : stow_goals_) {
-      const Tilt tilt = goal.keep_level ? Tilt(grips_[grip].tilt) : std::nullopt;
-      const auto goals = findGoals(task_, goal, near, scene_.carrying(), tilt);
-      stow = goals ? Result<Stow>(Stow{*goals, tilt}) : goals.failure();
-      if (stow || stow.failure().status == PlanStatus::kCancelled) break;
+      for (const ArmGoal& way : waysToStow(task_, target_, grips_[grip], goal)) {
+        const Tilt tilt = way.keep_level ? Tilt(grips_[grip].tilt) : std::nullopt;
+        const auto goals = findGoals(task_, way, near, scene_.carrying(), tilt);
+        if (goals) stows.push_back({*goals, tilt});
+        if (!goals) why = goals.failure();
+      }
+      if (!stows.empty() || why.status == PlanStatus::kCancelled) break;
     }
-    return stow_.emplace(grip, std::move(stow)).first->second;
+    return stows_.emplace(grip, stows.empty() ? Result<Stows>(why) : Result<Stows>(std::move(stows))).first->second;
   }
 
   FaceFailure whyNoPick() const {
@@ -154,13 +159,14 @@ class FacePick {
       if (!approach) return attempt == 0 ? FaceFailure{Stage::kApproach, approach.failure()} : failure;
       const Pick pick = picks_[approach->goal];
       const Grip& grip = grips_[pick.grip];
-      const Stow& stow = *stow_.at(pick.grip);
       scene_.hold(grip.held);
-      const auto carry = moveTo(task_, pick.lift.back(), stow.goals, scene_.carrying(), stow.tilt,
-                                name_ + ", carrying the brick away");
-      if (carry) return planOf(pick, approach->trajectory, carry->trajectory);
-      failure = {Stage::kStow, carry.failure()};
-      if (failure.why.status == PlanStatus::kCancelled) return failure;
+      for (const Stow& stow : *stows_.at(pick.grip)) {
+        const auto carry = moveTo(task_, pick.lift.back(), stow.goals, scene_.carrying(), stow.tilt,
+                                  name_ + ", carrying the brick away");
+        if (carry) return planOf(pick, approach->trajectory, carry->trajectory);
+        failure = {Stage::kStow, carry.failure()};
+        if (failure.why.status == PlanStatus::kCancelled) return failure;
+      }
       // Another grip: what blocks this one blocks its other postures too.
       picks_.erase(
           std::remove_if(picks_.begin(), picks_.end(), [&](const Pick& other) { return other.grip == pick.grip; }),
@@ -193,7 +199,7 @@ class FacePick {
   const std::vector<Eigen::Vector3d> lift_offsets_;
 
   std::vector<Grip> grips_;
-  std::map<std::size_t, Result<Stow>> stow_;  // by grip
+  std::map<std::size_t, Result<Stows>> stows_;  // by grip
   std::size_t num_postures_{0};
   std::vector<Pick> picks_;
   Rejections contacts_;  // of contact postures

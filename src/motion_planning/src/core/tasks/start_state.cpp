@@ -25,6 +25,11 @@ std::optional<PlanFailure> refusal(const TaskContext& task) {
   if (request.vacated && !(isRigid(request.vacated->T_map_box) && isBoxSize(request.vacated->size_m))) {
     return badRequest("vacated place: pose not a rigid transform, or size not positive");
   }
+  for (const LoadedBrick& brick : request.load) {
+    if (!isRigid(brick.T_base_brick) || !isBoxSize(brick.size_m)) {
+      return badRequest("brick in the container: pose not a rigid transform, or size not positive");
+    }
+  }
   return std::nullopt;
 }
 
@@ -60,6 +65,7 @@ Result<StartState> findStart(const TaskContext& task) {
       request.start_rad, {}, {task.shared_arm, request.scene, request.T_map_base, task.config.collision}, false, {}};
   CollisionChecker& checker = start.checker;
   checker.setHeld(request.held, false);
+  checker.setLoad(request.load, request.start_rad);
   if (request.vacated) checker.setTarget(request.vacated, true);
   checker.freeUnknownAt(request.start_rad);
   checker.yieldToRobotAt(request.start_rad);

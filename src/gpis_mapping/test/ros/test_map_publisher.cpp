@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What is made for whom: outputs without a subscriber cost nothing, one that fails leaves the others alone.
+#include "gpis_mapping_ros/map_publisher.h"
+
+#include <string>
+
+#include <gmock/gmock.h>
+#include <interactive_mapping_common_ros/testing/waiting.h>
+#include <interactive_mapping_msgs/SurfaceMesh.h>
+#include <nav_msgs/OccupancyGrid.h>
+#include <ros/ros.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <visualization_msgs/Marker.h>
+#include <visualization_msgs/MarkerArray.h>
+
+#include "analytic_surfaces.h"
+#include "gpis_mapping/gpis_map.h"
+
+namespace gpis_mapping_ros {
+namespace {
+
+using node_tests::Latest;
+using node_tests::waitUntil;
+using sensor_msgs::PointCloud2;
+using testing::HasSubstr;
+
+/// A level floor, 1 m a side.
+MapState floorState(std::uint64_t revision) {
+  gpis_mapping::MapContents contents;
+  gpis_mapping_test::sampleRectangle({-0.5, -0.5, 0.0}, {1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, 0.02, 0.002,
+                                     &contents.points);
+  MapState state;
+  state.snapshot = gpis_mapping::GpisMap(std::move(contents)).snapshot();
+  state.stamp = ros::Time(100.0 + static_cast<double>(revision));
+  state.generation = 1;
+  state.revision = revision;
+  return state;
+}
+
+/// Each state is published before setState() returns.
+GpisMappingParams everyState() {
+  GpisMappingParams params;
+  params.output.every_image = true;
+  return params;
+}
+
+TEST(MapPublisher, MakesNothingWithoutASubscriber) {
+  GpisMappingParams params = everyState();
+  params.octomap.resolution_m = 0.005;  // would fail: more voxels than are allowed
+  MapPublisher publisher(ros::NodeHandle("nobody"), params);
+  const MapState state = floorState(1);
+  for (int i = 0; i < 3; ++i) publisher.setState(state, {});
+  EXPECT_TRUE(publisher.numMade().empty());
+  EXPECT_EQ(publisher.lastError(), "");
+}
+
+TEST(MapPublisher, MakesOnlyWhatIsSubscribedTo) {
+  MapPublisher publisher(ros::NodeHandle("few"), everyState());
+  Latest<octomap_msgs::Octomap> full("few/octomap_full");
+  Latest<PointCloud2> esdf("few/esdf_slice");
+  publisher.setState(floorState(1), {});
+  EXPECT_EQ(full.awaitStamp(ros::Time(101.0)).header.frame_id, "map");
+  EXPECT_GT(full.awaitStamp(ros::Time(101.0)).data.size(), 100u);
+  EXPECT_GT(esdf.awaitStamp(ros::Time(101.0)).width, 100u);
+  std::string topics;
+  for (const auto& [topic, count] : publisher.numMade()) topics += topic + " ";
+  EXPECT_EQ(topics, "esdf_slice octomap_full ");
+}
+
+TEST(MapPublisher, GivesALateSubscriberThePresentState) {
+  MapPublisher publisher(ros::NodeHandle("late"), everyState());
+  publisher.setState(floorState(5), {});
+  Latest<PointCloud2> surface("late/surface_cloud");
+  Latest<octomap_msgs::Octomap> binary("late/octomap_binary");
+  EXPECT_GT(surface.awaitStamp(ros::Time(105.0)).width, 1000u);
+  const octomap_msgs::Octomap& message = binary.awaitStamp(ros::Time(105.0));
+  EXPECT_TRUE(message.binary);
+  EXPECT_EQ(message.data, publisher.getOctomap(true).data) << "the service answers the same";
+  EXPECT_NE(message.data, publisher.getOctomap(false).data);
+}
+
+TEST(MapPublisher, AnOutputThatCannotBeMadeIsNamedAndLeavesTheOthers) {
+  GpisMappingParams params = everyState();
+  params.octomap.resolution_m = 0.005;
+  MapPublisher publisher(ros::NodeHandle("fails"), params);
+  Latest<octomap_msgs::Octomap> full("fails/octomap_full");
+  Latest<PointCloud2> esdf("fails/esdf_slice");  // made before the octree
+  Latest<octomap_msgs::Octomap> binary("fails/octomap_binary");
+  publisher.setState(floorState(1), {});
+  EXPECT_GT(esdf.awaitStamp(ros::Time(101.0)).width, 100u);
+  ASSERT_TRUE(waitUntil([&] { return publisher.numMade().size() == 3; }));
+  publisher.setState(floorState(2), {});
+  EXPECT_THAT(publisher.lastError(), HasSubstr("~octomap_binary: voxels of 0.005 m would be about"));
+  EXPECT_THAT(publisher.lastError(), HasSubstr("must be at most 4000000"));
+  EXPECT_GT(esdf.awaitStamp(ros::Time(102.0)).width, 100u);
+  EXPECT_FALSE(full.hasCome());
+  EXPECT_THROW(publisher.getOctomap(false), std::invalid_argument);
+}
+
+TEST(MapPublisher, MakesEveryOutputForItsSubscriber) {
+  MapPublisher publisher(ros::NodeHandle("all"), everyState());
+  Latest<interactive_mapping_msgs::SurfaceMesh> mesh("all/mesh");
+  Latest<visualization_msgs::Marker> mesh_marker("all/mesh_marker");
+  Latest<visualization_msgs::Marker> slice_marker("all/slice_marker");
+  Latest<PointCloud2> surface("all/surface_cloud");
+  Latest<PointCloud2> points("all/points");
+  Latest<PointCloud2> removed("all/removed_points");
+  Latest<PointCloud2> slice("all/slice");
+  Latest<nav_msgs::OccupancyGrid> ground("all/ground");
+  publisher.setState(floorState(1), {Eigen::Vector3d::UnitX()});
+  EXPECT_EQ(surface.awaitStamp(ros::Time(101.0)).width, mesh.awaitStamp(ros::Time(101.0)).mesh.vertices.size());
+  EXPECT_GT(mesh_marker.awaitStamp(ros::Time(101.0)).points.size(), 1000u);
+  EXPECT_GT(slice_marker.awaitStamp(ros::Time(101.0)).points.size(), 100u);
+  EXPECT_EQ(points.awaitStamp(ros::Time(101.0)).width, 2500u);
+  EXPECT_EQ(removed.awaitStamp(ros::Time(101.0)).width, 1u);
+  EXPECT_GT(slice.awaitStamp(ros::Time(101.0)).width, 100u);
+  EXPECT_GT(ground.awaitStamp(ros::Time(101.0)).data.size(), 100u);
+}
+
+}  // namespace
+}  // namespace gpis_mapping_ros
+
+int main(int argc, char** argv) {
+  testing::InitGoogleMock(&argc, argv);
+  ros::init(argc, argv, "test_map_publisher");
+  ros::NodeHandle keeps_ros_alive;
+  return RUN_ALL_TESTS();
+}
