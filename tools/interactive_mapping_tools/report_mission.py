@@ -155,6 +155,22 @@ def embedded(path, width_px, run, lossless=False):
     return f"data:image/{'png' if lossless else 'jpeg'};base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
+def animation(run, out):
+    """The pictures of the world as a GIF, written to `out`; its address on the page, None if there are too few."""
+    frames = []
+    for _, _, path in run.world_pictures[:60]:
+        try:
+            with Image.open(path) as opened:
+                frames.append(opened.convert("RGB").resize((480, round(480 * opened.height / opened.width)), Image.LANCZOS).quantize(96))
+        except (OSError, ValueError):  # named where it is shown by itself
+            continue
+    if len(frames) < MAX_STAGES:
+        return None
+    out.parent.mkdir(exist_ok=True)
+    frames[0].save(out, save_all=True, append_images=frames[1:], duration=[500] * (len(frames) - 1) + [2500], loop=0, optimize=True)
+    return f"data:image/gif;base64,{base64.b64encode(out.read_bytes()).decode()}"
+
+
 def figure(path, caption, run, width_px, lossless=False):
     """{"address", "caption"}, or None."""
     address = embedded(path, width_px, run, lossless)
@@ -237,6 +253,7 @@ def write_page(run, summary, plots, maps, colour_range, out):
                 "exposed is in the map, and how much of what the map holds of the pile is true.", **CAPTIONS}
     thumbs = run.world_pictures[:60] if len(run.world_pictures) > MAX_STAGES else []
     bricks = brick_rows(run)
+    moving = animation(run, run.folder / "report" / "mission.gif")
     page = {
         "name": run.folder.resolve().name, "sentences": sentences(run, summary), "origin": origin_of(run), "command": run.origin.get("command"),
         "about": ", ".join(f"{words} {summary[key]}" for words, key in known if summary.get(key) not in (None, "", "none")),
@@ -246,6 +263,7 @@ def write_page(run, summary, plots, maps, colour_range, out):
                   (told("collisions"), "collisions", bool(summary.get("collisions"))), (duration(summary.get("sim_seconds")), f"of {run.clock()}", False),
                   (told("views"), "views", False)],
         "stages": stages_of(run, pick_stages(run.world_pictures, "world"), maps),
+        "moving": moving and {"address": moving, "caption": f"The mission in {len(run.world_pictures[:60])} pictures"},
         "scale": colour_scale(colour_range if maps else None), "num_pictures": len(run.world_pictures),
         "thumbs": list(filter(None, (figure(path, f"{duration(seconds - run.start_s())}, {count} stowed", run, 400) for seconds, count, path in thumbs))),
         "plots": list(filter(None, (figure(path, captions[path.name], run, 1400, lossless=True) for path in plots))),

@@ -21,6 +21,7 @@ import matplotlib.colors
 import matplotlib.image
 import numpy as np
 import rosunit
+from PIL import Image
 
 HERE = pathlib.Path(__file__).resolve().parent
 SCRIPTS = HERE.parents[3] / "scripts"
@@ -122,8 +123,10 @@ class ReportMission(unittest.TestCase):
         self.assertNotIn("Missing", done.stdout)
         page = self.page()
         self.assertIn("4 of 4", page.text)
-        # 4 stages of world and of map, 5 plots, and all 5 pictures of the world once more.
-        self.assertEqual(len(page.addresses), 4 + 4 + 5 + 5)
+        # 4 stages of world and of map, 5 plots, and all 5 pictures of the world once more, and as a GIF.
+        self.assertEqual(len(page.addresses), 4 + 4 + 5 + 5 + 1)
+        with Image.open(self.folder / "report" / "mission.gif") as moving:
+            self.assertEqual((moving.n_frames, moving.width), (5, 480))
         first = (self.folder / "summary.json").read_text()
         self.report("--summary-only")
         self.assertEqual((self.folder / "summary.json").read_text(), first, "a second report changes nothing")
