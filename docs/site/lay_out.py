@@ -13,7 +13,7 @@ PAGES = ("*.md", "docker/*.md", "docs/*.md", "docs/results/*.md", "docs/tutorial
 PARAMETERS = ("src/*/config/*.yaml", "sim_tests/simulated_world/config/*.yaml")
 MESSAGES = ("src/interactive_mapping_msgs/action/*.action", "src/interactive_mapping_msgs/srv/*.srv", "src/interactive_mapping_msgs/msg/*.msg")
 NAMESPACES = {"interactive_mapping_common": "interactive_mapping"}  # where it is not the package's name
-PICTURES = {".png", ".jpg", ".gif", ".svg"}
+COPIED = {".png", ".jpg", ".gif", ".svg", ".ply"}
 LINK = re.compile(r"(\]\()([^)\s#:]+)(\))")
 LEXERS = {".yaml": "yaml", ".py": "python", ".h": "cpp", ".cpp": "cpp", ".launch": "xml", ".xml": "xml"}
 
@@ -53,7 +53,7 @@ def lay_out(folder):
             target = pathlib.Path(os.path.normpath(base / link[2]))
             if target.suffix == ".md" or not (ROOT / target).is_file():
                 return link[0]
-            if target.suffix in PICTURES:
+            if target.suffix in COPIED:
                 write(folder / target, "")
                 (folder / target).write_bytes((ROOT / target).read_bytes())
                 return link[0]
