@@ -23,8 +23,11 @@ inline void tune(const std::string& server, const std::string& values) {
   const test_support::TemporaryFolder folder;
   Process dynparam({"rosrun", "dynamic_reconfigure", "dynparam", "set", server, values}, folder.file("dynparam.log"));
   EXPECT_TRUE(waitUntil([&] { return dynparam.hasEnded(); })) << dynparam.output();
+  std::string said = dynparam.output();
+  // By rospkg, where rosdep is installed and was never set up.
+  if (said.rfind("the rosdep view is empty", 0) == 0) said.erase(0, said.find('\n') + 1);
   // It ends with 0 for a name that it does not know, too.
-  EXPECT_EQ(dynparam.output(), "") << server << " " << values;
+  EXPECT_EQ(said, "") << server << " " << values;
 }
 
 /// Name and range of each live field; texts and flags: 0 and 1.
