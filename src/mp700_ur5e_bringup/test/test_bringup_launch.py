@@ -581,6 +581,10 @@ class BringupLaunch(unittest.TestCase):
         # Who publishes what the clock waits for has to be started: it would not begin otherwise.
         for topic in waited_for(self.simulation("clock:=lockstep", "map:=octomap")):
             self.assertIn(topic.rsplit("/", 1)[0], self.simulation("clock:=lockstep", "map:=octomap").nodes)
+        surfaces = self.simulation("clock:=lockstep", "detector:=surfaces")
+        self.assertEqual(waited_for(surfaces), waited_for(simulated))
+        hears = {rule["topic"]: rule.get("subscriber") for rule in surfaces.params["/simulated_world/clock/wait_for"]}
+        self.assertEqual(hears["/brick_detection/update"], "/depth_self_filter")  # the detection itself hears no image
         self.assertEqual(simulated.params["/simulated_world/camera/rate_hz"], 1.0)
         self.assertEqual(simulated.params["/gpis_mapping/output/every_image"], True)
         watched = self.simulation()
@@ -593,6 +597,18 @@ class BringupLaunch(unittest.TestCase):
         for loaded in (Loaded(f"{self.package}/launch/simulation.launch"), self.robot()):
             for name, program in above.items():
                 self.assertEqual((loaded.nodes[name].package, loaded.nodes[name].type), program)
+
+    def test_another_detector_takes_the_place_of_the_first(self):
+        tags, surfaces = self.simulation(), self.simulation("detector:=surfaces")
+        self.assertEqual(set(tags.nodes), set(surfaces.nodes))
+        changed = {name for name in tags.nodes if tags.nodes[name].package != surfaces.nodes[name].package}
+        self.assertEqual(changed, {"/brick_detection"})
+        self.assertEqual(surfaces.nodes["/brick_detection"].package, "surface_picking")
+        self.assertEqual(surfaces.remaps("/brick_detection")["map/get_mesh"], "/gpis_mapping/get_mesh")
+        self.assertTrue(surfaces.params["/brick_detection/bricks_file"].endswith("/bricks.yaml"))
+        for args in (("detector:=magic",), ("detector:=surfaces", "map:=octomap")):
+            with self.assertRaises(Exception, msg=args):
+                self.simulation(*args)
 
     def test_our_nodes_come_back_after_a_crash_or_end_everything(self):
         for load in (self.simulation, self.robot):

@@ -122,6 +122,7 @@ struct PileSceneConfig {
   double min_robot_distance_m{2.5};  ///< from the middle of its base to the nearest part of any brick, on the ground
   double time_per_brick_s{120.0};    ///< simulated
   double max_shift_m{0.15};          ///< a brick that settles farther than this from its place has rolled away
+  bool has_tags{true};  ///< false: plain bricks, with their plates; what can be picked is judged as with tags
 
   int numBricks() const;
   std::vector<std::string> validate() const;
@@ -137,6 +138,7 @@ struct PileScene {
   bool has_tipped{false};
   std::vector<Wall> walls;
   double max_shift_m{0.15};
+  bool has_tags{true};
   RobotStart robot_start;
   double time_limit_s{0.0};  ///< simulated
 };

@@ -135,6 +135,9 @@ class Simulation {
   std::optional<int> unload();
   /// The brick that the tool is about to touch; contact of tool and brick is a collision otherwise.
   void setTarget(std::optional<int> brick_id) { target_ = brick_id; }
+  /// The same, where it is said to be [m, map frame]: a detection without tags does not know the ids. It is the brick of
+  /// this id unless that is elsewhere and another one is there.
+  void setTarget(int brick_id, const Eigen::Vector3d& p_map);
   /// In the map frame. Throws std::invalid_argument for a broken surface.
   void judgeSurface(const StrategySurface& surface) { judge_->judgeSurface(surface); }
   Judge& judge() { return *judge_; }

@@ -424,6 +424,7 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   scene.walls = config.walls;
   scene.has_tipped = !config.tipped.empty();
   scene.max_shift_m = config.max_shift_m;
+  scene.has_tags = config.has_tags;
   scene.robot_start = config.robot_start;
   SeededRandom random(seed);
   // And beyond the heaps: the tipped ones, the stacks.

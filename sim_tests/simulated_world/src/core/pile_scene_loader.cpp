@@ -137,6 +137,7 @@ PileSceneConfig readScene(YamlMap section, const std::vector<BrickType>& types, 
   config.position_jitter_m = section.number("position_jitter_m", config.position_jitter_m, {0.0, 0.1, "m"});
   config.yaw_jitter_rad = section.number("yaw_jitter_rad", config.yaw_jitter_rad, {0.0, 0.7854, "rad"});
   config.drop_gap_m = section.number("drop_gap_m", config.drop_gap_m, {0.0, 0.1, "m", true});
+  config.has_tags = section.flag("has_tags", config.has_tags);
   config.max_shift_m = section.number("max_shift_m", config.max_shift_m, kLength);
   config.time_per_brick_s = section.number("time_per_brick_s", config.time_per_brick_s, {0.0, 1e4, "s", true});
   YamlMap start = section.optionalMap("robot_start");

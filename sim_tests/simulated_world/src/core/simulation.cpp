@@ -293,6 +293,7 @@ void Simulation::layPile() {
     blueprint_.assets_mjcf += brickTextureXml(brick.material, kBrickFace_px);
     blueprint_.bricks.push_back(brick);
     blueprint_.looks.push_back(appearanceOf(placement, catalogue));
+    if (!scene_.has_tags) blueprint_.looks.back().has_tags = false;
     bricks_.push_back({placement.id, placement.type.size_m, BrickStatus::kInPile, placement.T_map_brick, 0.0, -1.0,
                        reasons.count(placement.id) == 0});
   }
@@ -613,6 +614,20 @@ void Simulation::stowBricks(Tick* tick) {
 void Simulation::drop(BrickRecord* brick) {
   brick->status = BrickStatus::kDropped;
   brick->status_since_s = now();
+}
+
+void Simulation::setTarget(int brick_id, const Eigen::Vector3d& p_map) {
+  constexpr double kNear_m = 0.15;  // between the middles of two bricks there is more
+  const std::optional<BrickMotion> named = world_->brick(brick_id);
+  target_ = brick_id;
+  if (named && (named->T_map_brick.translation() - p_map).norm() <= kNear_m) return;
+  double nearest_m = kNear_m;
+  for (const BrickMotion& brick : world_->bricks()) {
+    const double distance_m = (brick.T_map_brick.translation() - p_map).norm();
+    if (distance_m > nearest_m) continue;
+    nearest_m = distance_m;
+    target_ = brick.id;
+  }
 }
 
 std::optional<int> Simulation::unload() {

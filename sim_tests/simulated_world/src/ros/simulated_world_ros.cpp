@@ -235,7 +235,8 @@ void SimulatedWorldRos::advertiseExperiment() {
     subscribers_.push_back(nh_.subscribe<interactive_mapping_msgs::PickBrickActionGoal>(
         params_.pick_action + "/goal", kQueueSize,
         [this](const interactive_mapping_msgs::PickBrickActionGoal::ConstPtr& message) {
-          simulation_.setTarget(message->goal.brick_id);
+          const geometry_msgs::Point& p = message->goal.brick.pose.position;
+          simulation_.setTarget(message->goal.brick_id, {p.x, p.y, p.z});
         },
         ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay()));
   }

@@ -200,6 +200,7 @@ TEST(PileSceneLoader, ReadsWhatIsWritten) {
       "robot_start: {xy_m: [-5.0, 1.0], yaw_rad: 0.4}\n"
       "time_per_brick_s: 20\n"
       "max_shift_m: 0.3\n"
+      "has_tags: false\n"
       "bricks:\n"
       "  - {id: 4, xyz_m: [0.1, 0.2, 0.1], yaw_rad: 0.3}\n"
       "  - {id: 7, xyz_m: [1.0, 0.2, 0.15], rpy_rad: [0.0, 1.5707963267948966, 0.0], type: brick}\n");
@@ -207,6 +208,8 @@ TEST(PileSceneLoader, ReadsWhatIsWritten) {
   EXPECT_EQ(config.robot_start.xy_m, Eigen::Vector2d(-5.0, 1.0));
   EXPECT_EQ(config.robot_start.yaw_rad, 0.4);
   EXPECT_EQ(config.max_shift_m, 0.3);
+  EXPECT_FALSE(config.has_tags);
+  EXPECT_FALSE(generateScene(config, 0).has_tags);
   ASSERT_EQ(config.bricks.size(), 2U);
   EXPECT_EQ(config.bricks[1].id, 7);
   EXPECT_EQ(config.bricks[1].type.mass_kg, 1.0);

@@ -339,6 +339,20 @@ TEST(Simulation, ABrickThatLeavesTheContainerIsADrop) {
   EXPECT_EQ(robot.judged().drops, 1);
 }
 
+// Without tags nobody knows the ids: the place says which brick is meant.
+TEST(Simulation, TheTargetIsTheBrickAtItsPlace) {
+  for (const bool is_there : {true, false}) {
+    Robot robot(configFor("single_brick"));
+    robot.moveBrick(0, at(robot.underTool(Robot::kReach_m, 0.1), 0.3));
+    const Eigen::Vector3d p_map = robot.sim.world().brick(0)->T_map_brick.translation();
+    robot.sim.setTarget(17, p_map + Eigen::Vector3d(is_there ? 0.1 : 0.5, 0.0, 0.0));
+    robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.3), 2.5);
+    robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.1995), 2.0);
+    robot.run(0.5);
+    EXPECT_EQ(robot.judged().collisions, is_there ? 0 : 1);
+  }
+}
+
 TEST(Simulation, TouchingAnythingButTheTargetIsACollision) {
   Robot robot(configFor("single_brick"));
   robot.grasp(0);

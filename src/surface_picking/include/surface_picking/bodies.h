@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <interactive_mapping_common/config/schema.h>
+
+#include "surface_picking/cuboids.h"
+
+namespace surface_picking {
+
+struct BodyConfig {
+  double gate_m{0.08};
+  double gate_rad{0.5};
+  double overlap_m{0.03};
+  int max_missed{3};
+  double free_share{0.5};
+  double put_back_m{0.08};
+
+  static void fields(BodyConfig& c, interactive_mapping::Fields& f) {
+    f("gate_m", c.gate_m, 0.005, 1.0, "m", "a cuboid nearer than this to a known body of its type can be this body");
+    f("gate_rad", c.gate_rad, 0.01, 3.2, "rad", "the same of its rotation");
+    f("overlap_m", c.overlap_m, 0.001, 1.0, "m",
+      "a known body that shares more with a cuboid, along every axis, contradicts it: the cuboid counts");
+    f("max_missed", c.max_missed, 0, 1000, "updates", "a body is kept for so many updates that do not show it");
+    f("free_share", c.free_share, 0.01, 1.0, "",
+      "a body that an update does not show is forgotten if so much of its inside was seen free");
+    f("put_back_m", c.put_back_m, 0.0, 10.0, "m",
+      "what appears this near to where a body was taken from, soon after it was let go, is this body");
+  }
+};
+
+/// A body as known from all updates of the map.
+struct Body {
+  int id{0};
+  Cuboid cuboid;
+  int num_looks{0};   ///< updates that showed it
+  int num_missed{0};  ///< updates since
+  double first_seen_s{0.0};
+  double last_seen_s{0.0};
+};
+
+/// Which cuboid is which body, over updates of the map. An id is never given to another body. The map fuses what images
+/// show, so the newest cuboid of a body replaces the one before; its axes are named as before. Not thread-safe.
+class BodyTracker {
+ public:
+  /// Throws std::invalid_argument listing what is wrong with the config.
+  explicit BodyTracker(const BodyConfig& config);
+
+  struct Update {
+    std::vector<std::size_t> seen;  ///< indices into bodies()
+    std::vector<int> dropped;       ///< ids
+  };
+
+  /// Takes in the cuboids of an update. Nearest pairs of a type within the gate first, then pairs whose places agree though
+  /// type or rotation do not: those were mistaken before. A body without a cuboid goes when a cuboid contradicts it, when
+  /// `space` (may be empty) calls its inside free, or after max_missed updates. Cuboids at the place of the body in the hand
+  /// are left out. Throws std::invalid_argument, and changes nothing, for a stamp that is not finite or before the last one,
+  /// or a pose or covariance that is not finite.
+  Update update(double stamp_s, const std::vector<Cuboid>& cuboids, const SpaceQuery& space);
+
+  /// The body is in the hand. Returns whether it was known.
+  bool attach(int id);
+
+  /// What was in the hand was let go at `stamp_s`: from then on it is the body that appears near its old place.
+  void detach(double stamp_s);
+
+  /// Forgets all bodies and the time. Ids go on counting.
+  void clear();
+
+  /// In order of their ids.
+  const std::vector<Body>& bodies() const { return bodies_; }
+
+ private:
+  struct Taken {
+    Body body;
+    std::optional<double> released_s;
+    int num_missed{0};  // updates since
+  };
+
+  BodyConfig config_;
+  std::vector<Body> bodies_;
+  std::vector<Taken> taken_;
+  int next_id_{0};
+  double last_stamp_s_{-std::numeric_limits<double>::infinity()};
+};
+
+}  // namespace surface_picking

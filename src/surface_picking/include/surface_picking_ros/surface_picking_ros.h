@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <brick_detection_ros/brick_markers.h>
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <interactive_mapping_msgs/AttachedBrick.h>
+#include <interactive_mapping_msgs/BrickArray.h>
+#include <interactive_mapping_msgs/BrickDetectionUpdate.h>
+#include <interactive_mapping_msgs/DetectBricks.h>
+#include <interactive_mapping_msgs/MapUpdate.h>
+#include <mp700_ur5e_description/brick_types.h>
+#include <ros/callback_queue.h>
+#include <ros/node_handle.h>
+#include <ros/service_server.h>
+#include <ros/spinner.h>
+#include <ros/wall_timer.h>
+#include <std_srvs/Trigger.h>
+
+#include "surface_picking/bodies.h"
+#include "surface_picking/patches.h"
+#include "surface_picking_ros/map_surface.h"
+#include "surface_picking_ros/patch_markers.h"
+#include "surface_picking_ros/surface_picking_params.h"
+
+namespace surface_picking_ros {
+
+/// Bodies on the map's surface as a ROS node, with the topics and services of brick_detection. The README lists them.
+/// Callbacks may run concurrently. After each update of the map a thread asks for the mesh, finds bodies in it and
+/// publishes them; calls of ~detect wait in threads of their own: nobody else waits for them.
+class SurfacePickingRos {
+ public:
+  /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with the bricks' file.
+  SurfacePickingRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh);
+  ~SurfacePickingRos();
+  SurfacePickingRos(const SurfacePickingRos&) = delete;
+  SurfacePickingRos& operator=(const SurfacePickingRos&) = delete;
+
+ private:
+  using Update = interactive_mapping_msgs::BrickDetectionUpdate;
+  using BrickArray = interactive_mapping_msgs::BrickArray;
+  using MapUpdate = interactive_mapping_msgs::MapUpdate;
+
+  /// What became of an update of the map, for those who wait for it.
+  struct Look {
+    std::uint64_t number{0};
+    Update update;
+    BrickArray bricks;  // those seen in it
+  };
+  struct Counters {
+    std::uint64_t updates{0};  // of the map
+    std::uint64_t looks{0};
+    std::uint64_t failures{0};
+    ros::WallTime last_update;  // zero: none yet
+    std::string last_failure;   // empty since the last look without one
+    double last_ms{0.0};
+    surface_picking::PatchStatistics patches;
+    surface_picking::CuboidStatistics cuboids;
+  };
+
+  void onMapUpdate(const MapUpdate::ConstPtr& update);
+  void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
+  bool onDetect(interactive_mapping_msgs::DetectBricks::Request& request,
+                interactive_mapping_msgs::DetectBricks::Response& response);
+  bool onClear(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
+
+  void work();
+  void look(const MapUpdate& update, Look* done);
+  /// Of all bodies, or of those at `indices`; the worker's.
+  std::vector<interactive_mapping_msgs::Brick> toBricks(const std::vector<surface_picking::Body>& bodies,
+                                                        const std::vector<std::size_t>& indices);
+  /// With bodies_mutex_ held.
+  void publishBricks();
+  void diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseBodies(diagnostic_updater::DiagnosticStatusWrapper& status);
+
+  const SurfacePickingParams params_;
+  const mp700_ur5e_description::BrickCatalogue catalogue_;
+  MapSurface map_;
+
+  mutable std::mutex bodies_mutex_;  // guards what follows, up to the blank line
+  surface_picking::BodyTracker tracker_;
+  BrickArray bricks_;         // as last published
+  std::vector<int> dropped_;  // since the last update
+  brick_detection_ros::BrickMarkers markers_;
+  std::optional<int> attached_id_;
+  ros::Publisher bricks_publisher_, marker_publisher_;
+
+  mutable std::mutex look_mutex_;  // guards what follows, up to the blank line
+  std::condition_variable work_come_, look_done_;
+  bool is_stopping_{false};
+  std::optional<MapUpdate> news_;
+  std::multiset<ros::Time> waiting_since_;  // one for each call of ~detect that waits
+  std::shared_ptr<const Look> last_good_, last_failed_;
+  Counters counters_;
+
+  PatchMarkers patch_markers_;  // the worker's
+  ros::Publisher update_publisher_, patch_publisher_;
+  ros::Subscriber map_subscriber_, attached_subscriber_;
+  ros::CallbackQueue detect_queue_;
+  ros::AsyncSpinner detect_spinner_;
+  ros::ServiceServer detect_server_, clear_server_;
+  diagnostic_updater::Updater diagnostics_;
+  ros::WallTimer diagnostics_timer_;
+  std::thread worker_;
+};
+
+}  // namespace surface_picking_ros
