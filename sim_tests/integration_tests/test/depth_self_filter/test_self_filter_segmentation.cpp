@@ -116,8 +116,8 @@ class SelfFilterSegmentation : public testing::Test {
       EXPECT_EQ(counts.missed, 0) << what;
       EXPECT_EQ(counts.ghosts, 0) << what;
       EXPECT_EQ(counts.lost_far, 0) << what;
-      // The ring about the robot is wider than that only where the arm fills the view.
-      EXPECT_LT(counts.lost, std::max(0.05 * counts.pixels, 0.35 * counts.robot)) << what;
+      // The ring about the robot is wider than that only where the arm fills the view; about a brick it is 3 cm, not 1.
+      EXPECT_LT(counts.lost, std::max(0.05 * counts.pixels, (brick ? 0.40 : 0.35) * counts.robot)) << what;
       in_view += counts.robot > 0.05 * counts.pixels ? 1 : 0;
       ++looks;
     }
