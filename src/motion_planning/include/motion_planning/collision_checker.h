@@ -133,8 +133,8 @@ class CollisionChecker {
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
   /// other links still avoid it; unknown is opened a block farther to all sides, for the magnet may come closer to the
-  /// faces than a block reaches. `for_all`: for every link (the brick is in the hand, its place is empty), the box alone:
-  /// what is carried away passes where an unseen neighbour may stand. Nothing: no target.
+  /// faces than a block reaches. `for_all`: for every link (the brick is in the hand, its place is empty), and only what is
+  /// the brick's own: surface that faces the box stays, and what is inside beside it. Nothing: no target.
   void setTarget(const std::optional<OrientedBox>& target, bool for_all = false);
 
   /// Where the arm is now cannot be an unseen obstacle: lattice blocks that its shapes, and what it holds, reach there are not
@@ -155,6 +155,7 @@ class CollisionChecker {
   const Eigen::Isometry3d& baseInMap() const;  // T_map_base
 
  private:
+  void setTarget(const std::optional<OrientedBox>& target, bool for_all, bool only_own);
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch, double less_m);
   Contact releaseHeld(const HeldBrick& held, const std::vector<ArmVector>& postures);
 

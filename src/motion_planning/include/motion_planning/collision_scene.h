@@ -33,7 +33,8 @@ struct CollisionSceneConfig {
       "edge of the cubes in which triangles are kept; a cube is rebuilt when its triangles change");
     f("block_m", c.block_m, 0.01, 0.2, "m", "edge of the lattice of free, occupied and unknown space");
     f("unknown_near_pile_m", c.unknown_near_pile_m, 0.0, 1.0, "m",
-      "unknown space this near to the pile is an obstacle, except one or two blocks alone in free space");
+      "unknown space this near to the pile, or above a wall, is an obstacle, except one or two blocks alone in free "
+      "space");
     f("pile_min_height_m", c.pile_min_height_m, 0.0, 1.0, "m",
       "surface higher than this above the ground belongs to the pile");
     f("region_radius_m", c.region_radius_m, 0.5, 5.0, "m",

@@ -347,6 +347,26 @@ TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
   EXPECT_EQ(flagsAt(0.0, -0.7, 0.02), 0);                              // ground is no pile
 }
 
+// A camera that looks down sees no more of a wall than its foot.
+TEST(CollisionSceneBuilder, AWallGoesOnAboveWhatWasSeenOfIt) {
+  BoxWorld world;
+  world.ground_z_m = 0.0;
+  world.ground_half_edge_m = 1.2;
+  world.boxes = {uprightBox({0.8, 0.8, 0.35}, {1.0, 0.2, 0.7}), uprightBox({0.8, 0.0, 0.1}, {0.3, 0.2, 0.2})};
+  const auto isObstacle = [&](double y, double z) {
+    CollisionSceneBuilder builder{sceneConfig()};
+    builder.update(world.surface(0.02), world, kBaseAtOrigin);
+    const CollisionScene& scene = *builder.scene();
+    return (scene.flags[scene.lattice.index(scene.lattice.clamped({0.8, y, z}))] & kBlockUnknown) != 0;
+  };
+  world.is_unknown = [](const Eigen::Vector3d& p) { return p.z() > 0.7; };
+  for (const double z : {0.72, 1.1, 1.4, 1.68}) EXPECT_TRUE(isObstacle(0.71, z)) << z;
+  for (const double z : {0.72, 0.77, 1.1}) EXPECT_FALSE(isObstacle(0.58, z)) << "before the wall, " << z;
+  EXPECT_FALSE(isObstacle(0.0, 1.1)) << "over a brick";
+  world.is_unknown = [](const Eigen::Vector3d& p) { return p.z() > 0.7 && p.z() < 1.0; };
+  EXPECT_FALSE(isObstacle(0.71, 1.2)) << "seen free";
+}
+
 TEST(CollisionSceneBuilder, UnknownSpaceIsAskedForFromTheGroundUpAndAsFarAsItSays) {
   BoxWorld world;
   world.boxes = {uprightBox({0.8, 0.0, 0.2}, {0.4, 0.4, 0.4})};

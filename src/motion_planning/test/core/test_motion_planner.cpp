@@ -190,13 +190,17 @@ Eigen::Isometry3d letGoAt(const PickPlan& plan, std::size_t place) {
 // One that stands, or leans, is laid down in each place, beside what stands in the others; not where its weight would turn it
 // on the magnet.
 TEST(MotionPlanner, LaysDownABrickThatStands) {
-  for (const double turned_rad : {M_PI_2, -M_PI_2, 1.15}) {
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX();
+  const Eigen::Vector3d y = Eigen::Vector3d::UnitY();
+  for (const Eigen::AngleAxisd& turn :
+       {Eigen::AngleAxisd(M_PI_2, y), Eigen::AngleAxisd(-M_PI_2, y), Eigen::AngleAxisd(1.15, y),
+        Eigen::AngleAxisd(0.3, x), Eigen::AngleAxisd(0.7, x)}) {
     PickWorld pick = emptyPickWorld();
     pick.add({0.85, 0.1, 0.19});
-    pick.world.boxes[0].T_map_box.rotate(Eigen::AngleAxisd(turned_rad, Eigen::Vector3d::UnitY()));
+    pick.world.boxes[0].T_map_box.rotate(turn);
     pick.makeScene();
     for (std::size_t place = 0; place < mp700_ur5e_description::kContainerPlaces.size(); ++place) {
-      SCOPED_TRACE("turned by " + std::to_string(turned_rad) + " to place " + std::to_string(place + 1));
+      SCOPED_TRACE("turned by " + std::to_string(turn.angle()) + " to place " + std::to_string(place + 1));
       PlanningContext context = pick.context();
       for (std::size_t other = 0; other < place; ++other) {
         LoadedBrick standing{pick.container(*shippedArm(), other).front().place->T_base_place, {0.2, 0.2, 0.3}};
@@ -225,7 +229,7 @@ TEST(MotionPlanner, LaysDownABrickThatStands) {
       const ArmPlan rest = makePlanner().planArm(context, pick.container(*shippedArm()).front());
       EXPECT_EQ(rest.status, PlanStatus::kSuccess) << "after " << t << " s: " << rest.message;
     }
-    if (turned_rad == 1.15) continue;
+    if (std::abs(turn.angle()) < 1.5) continue;
     pick.type.mass_kg = 1.5;  // 2.2 Nm about a magnet on its end
     const PickPlan plan = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
     ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
@@ -272,6 +276,26 @@ TEST(MotionPlanner, PlansInPilesHoldAgainstTheExactBoxes) {
     }
   }
   EXPECT_GE(2 * solved, asked);  // bricks at the border of the arm's reach are among them
+}
+
+// Of a wall of two metres the map has the lowest 0.7 m. Against it, or in a corner, a brick goes up and away.
+TEST(MotionPlanner, PlansBesideWallsHoldAgainstTheExactBoxes) {
+  for (const double gap_m : {0.003, 0.05}) {
+    for (const bool is_corner : {false, true}) {
+      SCOPED_TRACE(std::to_string(gap_m) + (is_corner ? " m in a corner" : " m from a wall"));
+      PickWorld pick = emptyPickWorld();
+      pick.add({0.95, 0.1, 0.1});
+      const auto addWall = [&](const Eigen::Vector3d& middle_base, const Eigen::Vector3d& size_m) {
+        pick.world.boxes.push_back({pick.T_map_base * Eigen::Translation3d(middle_base), size_m});
+      };
+      addWall({1.5, 0.1 + 0.1 + gap_m + 0.1, 1.0}, {2.0, 0.2, 2.0});
+      if (is_corner) addWall({0.95 + 0.15 + gap_m + 0.1, -0.2, 1.0}, {0.2, 2.0, 2.0});
+      pick.world.is_unknown = [](const Eigen::Vector3d& p_map) { return p_map.z() > 0.73; };
+      pick.makeScene();
+      const PickPlan plan = pickFrom(pick, 0);
+      expectGoodPick(pick, 0, plan);
+    }
+  }
 }
 
 TEST(MotionPlanner, SameRequestSamePlan) {

@@ -21,6 +21,7 @@ using mp700_ur5e_description::RobotModel;
 using mp700_ur5e_description::Shape;
 
 constexpr double kReleaseStep_m = 0.005;
+constexpr double kPoseError_m = 0.01;  // of a brick in the map
 constexpr double kFacePlace_m = 0.12;  // about the magnet's face: with the padding what its margin reaches
 constexpr const char* kBrick = "brick";
 constexpr const char* kLoad = "a brick in the container";
@@ -206,6 +207,7 @@ struct CollisionChecker::State {
   std::optional<OrientedBox> target;  // padded
   Eigen::Isometry3d T_target_map;
   bool target_for_all{false};
+  bool target_only_own{false};  // what stands beside the target stays
   // As the scene's, made when first asked for; a null pointer: nothing is left.
   std::vector<std::optional<std::shared_ptr<const SurfaceChunk>>> target_chunks;
 
@@ -234,6 +236,11 @@ struct CollisionChecker::State {
 
   bool isInTarget(const Eigen::Vector3d& p_map, double more_m = 0.0) const {
     return ((T_target_map * p_map).array().abs() <= 0.5 * target->size_m.array() + more_m).all();
+  }
+
+  /// Whether what is under a surface there is the target itself: beside its place stand others once it is gone.
+  bool isTargetsInside(const Eigen::Vector3d& p_map) const {
+    return isInTarget(p_map, target_only_own ? kPoseError_m - config.target_padding_m : 0.0);
   }
 
   Contact contact(CollisionKind kind, std::size_t i) const {
@@ -295,7 +302,10 @@ struct CollisionChecker::State {
           // map, so does that knowledge; nothing has come there. Not when its place is empty: what is carried moves to
           // the side, where an unseen neighbour may stand.
           const bool is_unknown = (scene->flags[index] & kBlockInside) == 0;
-          if (is_exempt && isInTarget(center_map, is_unknown && !target_for_all ? lattice.block() : 0.0)) continue;
+          if (is_exempt && (is_unknown ? isInTarget(center_map, target_for_all ? 0.0 : lattice.block())
+                                       : isTargetsInside(center_map))) {
+            continue;
+          }
           if (visit(index, distance_m)) return true;
         }
       }
@@ -316,7 +326,7 @@ struct CollisionChecker::State {
       const Eigen::Vector3i at = (lo + step).cwiseMin(lattice.size() - Eigen::Vector3i::Ones());
       const float distance_m = scene->distance_m[lattice.index(at)];
       if (std::isnan(distance_m)) continue;
-      if (is_exempt && isInTarget(lattice.center(at))) continue;
+      if (is_exempt && isTargetsInside(lattice.center(at))) continue;
       double weight = 1.0;
       for (int axis = 0; axis < 3; ++axis) weight *= step[axis] == 1 ? share[axis] : 1.0 - share[axis];
       sum += weight * static_cast<double>(distance_m);
@@ -349,7 +359,7 @@ struct CollisionChecker::State {
     const bool is_exempt = isExempt(moving(i));
     for (const Eigen::Vector3d& p_shape : moving(i).core) {
       const Eigen::Vector3d p_map = T_map_moving[i] * p_shape;
-      if (!scene->lattice.contains(p_map) || (is_exempt && isInTarget(p_map))) continue;
+      if (!scene->lattice.contains(p_map) || (is_exempt && isTargetsInside(p_map))) continue;
       if (!(interpolatedDistance(p_map, is_exempt) < 0.0)) continue;  // NaN: not known
       *where_map = p_map;
       return CollisionKind::kInside;
@@ -369,7 +379,7 @@ struct CollisionChecker::State {
     const bool is_exempt = isExempt(moving(i));
     for (const Eigen::Vector3d& p_shape : moving(i).core) {
       const Eigen::Vector3d p_map = T_map_moving[i] * p_shape;
-      if (!scene->lattice.contains(p_map) || (is_exempt && isInTarget(p_map))) continue;
+      if (!scene->lattice.contains(p_map) || (is_exempt && isTargetsInside(p_map))) continue;
       const double here_m = interpolatedDistance(p_map, is_exempt);
       if (here_m < depth_m) depth_m = here_m;
     }
@@ -379,7 +389,7 @@ struct CollisionChecker::State {
   const SurfaceChunk* chunkFor(std::size_t chunk, bool is_exempt) {
     if (!is_exempt) return scene->chunks[chunk].get();
     auto& reduced = target_chunks[chunk];
-    if (!reduced) reduced = SurfaceChunk::without(scene->chunks[chunk], *target);
+    if (!reduced) reduced = SurfaceChunk::without(scene->chunks[chunk], *target, target_only_own);
     return reduced->get();
   }
 
@@ -495,8 +505,9 @@ void CollisionChecker::setHeld(const std::optional<HeldBrick>& held, bool may_to
 Contact CollisionChecker::setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures) {
   if (!releaseHeld(held, postures)) return {};
   const CollisionChecker before(*this);
+  // Whatever the map has there: what is held is there, and nothing else can be.
   setTarget(OrientedBox{state_->T_map_base * state_->arm->tipPose(postures.front()) * held.T_tip_brick, held.size_m},
-            true);
+            true, false);
   const Contact contact = releaseHeld(held, postures);
   if (contact) *state_ = *before.state_;
   return contact;
@@ -607,6 +618,10 @@ void CollisionChecker::setLoad(const std::vector<LoadedBrick>& load, const ArmVe
 }
 
 void CollisionChecker::setTarget(const std::optional<OrientedBox>& target, bool for_all) {
+  setTarget(target, for_all, for_all);
+}
+
+void CollisionChecker::setTarget(const std::optional<OrientedBox>& target, bool for_all, bool only_own) {
   State& state = *state_;
   if (!target) {
     state.target.reset();
@@ -615,13 +630,14 @@ void CollisionChecker::setTarget(const std::optional<OrientedBox>& target, bool 
   }
   if (!isRigid(target->T_map_box)) throw std::invalid_argument("pose of the target is not a rigid transform");
   if (!isBoxSize(target->size_m)) throw std::invalid_argument("size of the target " + describeSize(target->size_m));
-  state.target_for_all = for_all;
   OrientedBox padded = *target;
   padded.size_m.array() += 2.0 * state.config.target_padding_m;
   if (state.target && state.target->T_map_box.matrix() == padded.T_map_box.matrix() &&
-      state.target->size_m == padded.size_m) {
+      state.target->size_m == padded.size_m && state.target_for_all == for_all && state.target_only_own == only_own) {
     return;
   }
+  state.target_for_all = for_all;
+  state.target_only_own = only_own;
   state.target = padded;
   state.T_target_map = padded.T_map_box.inverse();
   state.target_chunks.assign(state.scene->chunks.size(), std::nullopt);

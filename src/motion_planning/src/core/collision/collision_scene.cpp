@@ -41,6 +41,8 @@ constexpr double kRegionBottom_m = -0.2;
 /// How far from a surface the map's answer may change when that surface does: its depth of occupied space, see
 /// GpisConfig::Query::occupied_depth_m.
 constexpr double kReachOfChange_m = 0.20;
+// Surface this high above the base's ground may be a wall that goes on above the camera's view.
+constexpr double kWall_m = 0.5;
 
 std::uint64_t mix(std::uint64_t h) {  // finaliser of splitmix64
   h = (h ^ (h >> 30)) * 0xbf58476d1ce4e5b9ULL;
@@ -171,19 +173,32 @@ const SurfaceChunk::MappedBvh& SurfaceChunk::mappedBvh() const {
 }
 
 std::shared_ptr<const SurfaceChunk> SurfaceChunk::without(const std::shared_ptr<const SurfaceChunk>& self,
-                                                          const OrientedBox& box) {
+                                                          const OrientedBox& box, bool only_own) {
+  constexpr double kFaces = -0.5;  // cosine between the way into free space and the nearest face's normal
   const Eigen::Isometry3d T_box_map = box.T_map_box.inverse();
   const auto isInBox = [&](const Eigen::Vector3d& p_map) {
     return ((T_box_map * p_map).array().abs() <= 0.5 * box.size_m.array()).all();
+  };
+  const auto facesBox = [&](const std::array<std::uint32_t, 3>& triangle) {
+    Eigen::Vector3d p_map = Eigen::Vector3d::Zero();
+    Eigen::Vector3d free_map = Eigen::Vector3d::Zero();
+    for (const std::uint32_t v : triangle) {
+      p_map += self->mapped_[v] / 3.0;
+      free_map += self->displaced_[v] - self->mapped_[v];
+    }
+    const Eigen::Vector3d p_box = T_box_map * p_map;
+    int axis = 0;
+    (p_box.cwiseAbs() - 0.5 * box.size_m).maxCoeff(&axis);
+    return std::copysign(1.0, p_box[axis]) * (T_box_map.linear() * free_map)[axis] < kFaces * free_map.norm();
   };
   std::vector<std::uint32_t> new_index(self->mapped_.size(), PointIndex::kNone);
   std::vector<Eigen::Vector3d> mapped;
   std::vector<Eigen::Vector3d> displaced;
   Triangles triangles;
   for (const auto& triangle : self->triangles_) {
-    if (std::all_of(triangle.begin(), triangle.end(), [&](std::uint32_t v) { return isInBox(self->mapped_[v]); })) {
-      continue;
-    }
+    const bool is_in =
+        std::all_of(triangle.begin(), triangle.end(), [&](std::uint32_t v) { return isInBox(self->mapped_[v]); });
+    if (is_in && !(only_own && facesBox(triangle))) continue;
     triangles.emplace_back();
     for (std::size_t i = 0; i < 3; ++i) {
       std::uint32_t& index = new_index[triangle[i]];
@@ -400,21 +415,30 @@ CleanSurface clean(const Surface& surface, const Eigen::Isometry3d& T_map_base, 
 
 /// Blocks below which, and near which, unseen space is an obstacle.
 struct PileBlocks {
-  std::vector<std::uint8_t> is_near;
+  std::vector<std::uint8_t> is_near;  // or above a wall
   std::vector<std::uint8_t> is_beneath;
 };
 
-PileBlocks findPile(const BlockLattice& lattice, const std::vector<Eigen::Vector3d>& vertices_map,
-                    const Eigen::Isometry3d& T_base_map, const CollisionSceneConfig& config) {
+PileBlocks findPile(const BlockLattice& lattice, const CleanSurface& surface, const Eigen::Isometry3d& T_base_map,
+                    const CollisionSceneConfig& config) {
   PileBlocks result;
   std::vector<std::uint8_t> is_pile(lattice.count(), 0);
-  for (const Eigen::Vector3d& p_map : vertices_map) {
-    if (T_base_map.linear().row(2) * p_map + T_base_map.translation().z() <= config.pile_min_height_m) continue;
-    is_pile[lattice.index(lattice.clamped(p_map))] = 1;
+  std::vector<std::uint8_t> is_wall(lattice.count(), 0);
+  std::vector<std::uint8_t> hides(lattice.count(), 0);
+  for (std::size_t v = 0; v < surface.directions.size(); ++v) {
+    Eigen::Vector3d p_map = surface.vertices.points()[v];
+    const double height_m = T_base_map.linear().row(2) * p_map + T_base_map.translation().z();
+    if (height_m <= config.pile_min_height_m) continue;
+    const std::size_t at = lattice.index(lattice.clamped(p_map));
+    is_pile[at] = 1;
+    is_wall[at] |= height_m > kWall_m ? 1 : 0;
+    // Before the upper end of what was seen of a wall nothing is hidden.
+    if (is_wall[at] != 0) p_map -= config.unknown_near_pile_m * surface.directions[v].normalized();
+    hides[lattice.index(lattice.clamped(p_map))] = 1;
   }
   // From any point of a block to any of one that holds surface.
   const double reach_blocks = config.unknown_near_pile_m / lattice.block() + 1.0;
-  const std::vector<std::int32_t> squared = squaredDistances(lattice, is_pile);
+  const std::vector<std::int32_t> squared = squaredDistances(lattice, hides);
   result.is_near.resize(lattice.count());
   for (std::size_t i = 0; i < squared.size(); ++i) result.is_near[i] = squared[i] <= reach_blocks * reach_blocks;
   result.is_beneath.assign(lattice.count(), 0);
@@ -422,6 +446,12 @@ PileBlocks findPile(const BlockLattice& lattice, const std::vector<Eigen::Vector
   for (int y = 0; y < size.y(); ++y) {
     for (int x = 0; x < size.x(); ++x) {
       bool is_beneath = false;
+      bool is_above = false;
+      for (int z = 0; z < size.z(); ++z) {
+        const std::size_t at = lattice.index({x, y, z});
+        if (is_above) result.is_near[at] = 1;
+        is_above = is_above || is_wall[at] != 0;
+      }
       for (int z = size.z() - 1; z >= 0; --z) {
         const std::size_t at = lattice.index({x, y, z});
         result.is_beneath[at] = is_beneath;
@@ -477,9 +507,12 @@ BlockLattice latticeOf(const std::vector<Eigen::Vector3d>& vertices_map, const E
       top = std::max(top, z);
     }
   }
-  for (const Eigen::Vector3d& p : vertices_map) top = std::max(top, p.z());
-  top += config.unknown_near_pile_m + 2.0 * config.block_m;
   const Eigen::Vector3d origin = T_map_base.translation();
+  for (const Eigen::Vector3d& p : vertices_map) {
+    const bool is_wall = p.z() - origin.z() > kWall_m;
+    top = std::max(top, is_wall ? std::max(p.z(), origin.z() + config.region_radius_m) : p.z());
+  }
+  top += config.unknown_near_pile_m + 2.0 * config.block_m;
   const LatticeKey first = LatticeKey::of({origin.x() - reach, origin.y() - reach, bottom}, config.block_m);
   LatticeKey last = LatticeKey::of({origin.x() + reach, origin.y() + reach, top}, config.block_m);
   // In steps of eight blocks, so that a pile that grows a little keeps its lattice.
@@ -585,12 +618,12 @@ std::vector<LatticeKey> goneChunks(const GatheredChunks& gathered, const Chunks&
 
 /// Blocks to ask the map about: those near or beneath the pile that are new, unknown or near a chunk in `touched`. The
 /// others are entered in the scene as the last scene has them.
-std::vector<std::uint32_t> blocksToAsk(const std::vector<Eigen::Vector3d>& vertices,
-                                       const std::vector<LatticeKey>& touched, const CollisionSceneConfig& config,
-                                       const CollisionScene& last_scene, CollisionScene* scene) {
+std::vector<std::uint32_t> blocksToAsk(const CleanSurface& surface, const std::vector<LatticeKey>& touched,
+                                       const CollisionSceneConfig& config, const CollisionScene& last_scene,
+                                       CollisionScene* scene) {
   const BlockLattice& lattice = scene->lattice;
   const Eigen::Isometry3d T_base_map = scene->T_map_base.inverse();
-  const PileBlocks pile = findPile(lattice, vertices, T_base_map, config);
+  const PileBlocks pile = findPile(lattice, surface, T_base_map, config);
   scene->flags.assign(lattice.count(), 0);
   scene->distance_m.assign(lattice.count(), kNoDistance);
   const bool is_same_lattice = lattice == last_scene.lattice;
@@ -771,7 +804,7 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
   std::vector<std::uint32_t> asked_blocks;
   if (!vertices.empty()) {
     scene->lattice = latticeOf(vertices, T_map_base, config);
-    asked_blocks = blocksToAsk(vertices, touched, config, *state_->scene, scene.get());
+    asked_blocks = blocksToAsk(cleaned, touched, config, *state_->scene, scene.get());
   }
   update.lattice_ms += lap_ms();
 

@@ -39,10 +39,10 @@ class SurfaceChunk {
   const Bvh& bvh() const;              // of what is displaced
   const MappedBvh& mappedBvh() const;  // of what is mapped
 
-  /// Without the triangles whose mapped vertices all lie in the box. This chunk itself if that changes nothing
-  /// (`self`), null if nothing is left.
+  /// Without the triangles whose mapped vertices all lie in the box. With `only_own`, those that face its middle stay:
+  /// they belong to what is beside the box. This chunk itself if that changes nothing (`self`), null if nothing is left.
   static std::shared_ptr<const SurfaceChunk> without(const std::shared_ptr<const SurfaceChunk>& self,
-                                                     const OrientedBox& box);
+                                                     const OrientedBox& box, bool only_own);
 
  private:
   std::vector<Eigen::Vector3d> mapped_;

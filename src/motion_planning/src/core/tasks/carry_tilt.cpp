@@ -23,19 +23,18 @@ double tiltOf(const ArmKinematics& arm, const TiltConstraint& tilt, const ArmVec
   return std::acos(std::clamp(up_base.z(), -1.0, 1.0));
 }
 
-Eigen::Vector3d uprightEdge(const HeldBrick& held, const Eigen::Isometry3d& T_base_tip) {
-  const Eigen::Matrix3d R_base_brick = T_base_tip.linear() * held.T_tip_brick.linear();
+Eigen::Vector3d uprightEdge(const HeldBrick& held, const Eigen::Vector3d& up_tip) {
+  const Eigen::Vector3d along = held.T_tip_brick.linear().transpose() * up_tip;
   int edge = 0;
-  R_base_brick.row(2).cwiseAbs().maxCoeff(&edge);
-  const double sign = R_base_brick(2, edge) < 0.0 ? -1.0 : 1.0;
-  return sign * held.T_tip_brick.linear().col(edge);
+  along.cwiseAbs().maxCoeff(&edge);
+  return std::copysign(1.0, along[edge]) * held.T_tip_brick.linear().col(edge);
 }
 
 Result<Tilt> tiltOfHeld(const TaskContext& task, bool keep_level) {
   const PlanningContext& request = task.request;
   if (!request.held || !keep_level) return Tilt();
-  const TiltConstraint tilt{uprightEdge(*request.held, task.arm.tipPose(request.start_rad)),
-                            task.config.pick.max_tilt_rad};
+  const Eigen::Vector3d up_tip = task.arm.tipPose(request.start_rad).linear().transpose() * Eigen::Vector3d::UnitZ();
+  const TiltConstraint tilt{uprightEdge(*request.held, up_tip), task.config.pick.max_tilt_rad};
   const double tilt_rad = tiltOf(task.arm, tilt, request.start_rad);
   if (tilt_rad <= tilt.max_tilt_rad) return Tilt(tilt);
   return PlanFailure{PlanStatus::kConstraint, "what is held is tilted by " + inDegrees(tilt_rad) +

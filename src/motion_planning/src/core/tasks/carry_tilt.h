@@ -21,8 +21,8 @@ using Tilt = std::optional<TiltConstraint>;  // none: any tilt is allowed
 
 double tiltOf(const ArmKinematics& arm, const TiltConstraint& tilt, const ArmVector& joints_rad);
 
-/// Direction of the brick's edge that is nearest to upright, unit, in the tip's frame.
-Eigen::Vector3d uprightEdge(const HeldBrick& held, const Eigen::Isometry3d& T_base_tip);
+/// Direction of the brick's edge that is nearest to `up_tip`; all unit, in the tip's frame.
+Eigen::Vector3d uprightEdge(const HeldBrick& held, const Eigen::Vector3d& up_tip);
 
 /// The constraint on carrying the held brick. Fails if it is tilted by more at the start.
 Result<Tilt> tiltOfHeld(const TaskContext& task, bool keep_level);

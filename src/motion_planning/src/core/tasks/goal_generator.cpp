@@ -71,7 +71,10 @@ Result<TipGoal> tipGoal(const TaskContext& task, const ArmGoal& goal, const std:
     return badRequest("place: its pose is not rigid, or above_m is not finite");
   }
   std::vector<Eigen::Vector3d> ups = lyingUps(*held);
-  if (!place.lay_down) ups = {tilt ? tilt->up_tip : uprightEdge(*held, task.arm.tipPose(task.request.start_rad))};
+  if (!place.lay_down) {
+    const Eigen::Matrix3d R_base_tip = task.arm.tipPose(task.request.start_rad).linear();
+    ups = {uprightEdge(*held, tilt ? tilt->up_tip : R_base_tip.transpose() * Eigen::Vector3d::UnitZ())};
+  }
   TipGoal tip{"the brick over its place at " + inMetres(place.T_base_place.translation()) + " in base_link", {}};
   for (const Eigen::Vector3d& up_tip : ups) {
     const std::vector<Eigen::Isometry3d> poses = placePoses(place, *held, up_tip);

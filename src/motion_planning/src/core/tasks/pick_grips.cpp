@@ -105,14 +105,16 @@ std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, con
 
 std::vector<ArmGoal> waysToStow(const TaskContext& task, const PickTarget& target, const Grip& grip,
                                 const ArmGoal& goal) {
-  constexpr double kLies = 0.26;  // sine of the longest edge's angle with level: 15 degrees
   int longest = 0;
   grip.held.size_m.maxCoeff(&longest);
-  const bool lies = std::abs(grip.held.T_tip_brick.linear().col(longest).dot(grip.tilt.up_tip)) < kLies;
+  const Eigen::Vector3d upright_tip = uprightEdge(grip.held, grip.tilt.up_tip);
+  const bool stands = std::abs(upright_tip.dot(grip.held.T_tip_brick.linear().col(longest))) > 0.5;
+  const double lean_rad = std::acos(std::min(1.0, upright_tip.dot(grip.tilt.up_tip)));
   const Eigen::Vector3d lever = grip.held.T_tip_brick.translation();
   const double weight_N = target.type->mass_kg * kGravity_m_s2;
   const bool holds_at_any_tilt = weight_N * lever.head<2>().norm() <= task.config.pick.max_twist_Nm &&
                                  weight_N * lever.norm() <= task.config.pick.max_bend_Nm;
+  const bool lies = !stands && lean_rad <= task.config.pick.max_tilt_rad;
   if (!goal.place || !goal.keep_level || lies || !holds_at_any_tilt) return {goal};
   ArmGoal laid_down = goal;
   laid_down.place->lay_down = true;

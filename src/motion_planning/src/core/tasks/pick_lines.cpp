@@ -10,6 +10,9 @@
 namespace motion_planning {
 namespace {
 
+constexpr int kSideways = 8;       // directions up and to the side, out of corners
+constexpr std::size_t kLooks = 4;  // along a lift
+
 PlanFailure blocked(const std::string& message) {
   return {PlanStatus::kApproachBlocked, message};
 }
@@ -21,20 +24,26 @@ Result<JointPath> liftAlong(const TaskContext& task, const BrickInScene& scene, 
   if (line.size() <= shortest) return blocked("the arm cannot follow the straight lift in one posture");
   // The lift ends where the brick has room to all sides, for the search that carries it away. Where it never has, the
   // lift ends as high as the brick is at least clear.
-  std::size_t end = shortest;
-  while (end < line.size() && !scene.withRoom().isFree(line[end])) ++end;
-  if (end == line.size()) {
-    Contact contact;
-    Contact highest;  // the reason reported: below it is the pile
-    do {
-      contact = scene.carrying().check(line[--end]);
-      if (end + 1 == line.size()) highest = contact;
-    } while (contact && end > shortest);
-    if (contact) {
-      const double length_mm = 1000.0 * task.config.pick.cartesian_step_m * static_cast<double>(line.size() - 1);
-      return blocked("at the end of the lift, " + std::to_string(std::lround(length_mm)) +
-                     " mm on: " + highest.describe());
+  const Contact highest = scene.carrying().check(line.back());
+  const auto isHopeless = [&] {  // nowhere clear, as far as a few looks can tell
+    for (std::size_t k = 1; k < kLooks; ++k) {
+      if (scene.carrying().isFree(line[shortest + (line.size() - 1 - shortest) * k / kLooks])) return false;
     }
+    return true;
+  };
+  std::size_t end = line.size();
+  if (!highest || !isHopeless()) {
+    end = shortest;
+    while (end < line.size() && !scene.withRoom().isFree(line[end])) ++end;
+    if (end == line.size()) {
+      do --end;
+      while (end > shortest && !scene.carrying().isFree(line[end]));
+    }
+  }
+  if (end == line.size() || !scene.carrying().isFree(line[end])) {
+    const double length_mm = 1000.0 * task.config.pick.cartesian_step_m * static_cast<double>(line.size() - 1);
+    return blocked("at the end of the lift, " + std::to_string(std::lround(length_mm)) +
+                   " mm on: " + highest.describe());  // below it is the pile
   }
   line.resize(end + 1);
   Contact contact = scene.whileLifting().check(line.front());
@@ -71,21 +80,30 @@ Result<JointPath> contactLine(const TaskContext& task, const BrickInScene& scene
 }
 
 std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, double lift_m) {
-  if (normal_base.z() >= 0.99) return {lift_m * normal_base};  // within 8 degrees both are one line
-  if (normal_base.z() >= std::cos(0.25 * M_PI)) return {lift_m * normal_base, lift_m * Eigen::Vector3d::UnitZ()};
-  const Eigen::Vector3d up_and_back = (normal_base + Eigen::Vector3d::UnitZ()).normalized();
-  return {lift_m * up_and_back, lift_m * Eigen::Vector3d::UnitZ(), lift_m * normal_base};
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  std::vector<Eigen::Vector3d> directions = {normal_base};
+  if (normal_base.z() < std::cos(0.25 * M_PI)) {
+    directions = {(normal_base + up).normalized(), up, normal_base};
+  } else if (normal_base.z() < 0.99) {  // within 8 degrees both are one line
+    directions.push_back(up);
+  }
+  for (int k = 0; k < kSideways; ++k) {
+    const double to_rad = 2.0 * M_PI * k / kSideways;
+    directions.push_back((up + Eigen::Vector3d(std::cos(to_rad), std::sin(to_rad), 0.0)).normalized());
+  }
+  for (Eigen::Vector3d& direction : directions) direction *= lift_m;
+  return directions;
 }
 
 Result<JointPath> liftLine(const TaskContext& task, const BrickInScene& scene, const Grip& grip,
                            const ArmVector& contact_rad, const std::vector<Eigen::Vector3d>& offsets_base) {
-  PlanFailure why;
+  std::optional<PlanFailure> why;  // of the best direction
   for (const Eigen::Vector3d& offset_base : offsets_base) {
     Result<JointPath> line = liftAlong(task, scene, grip, contact_rad, offset_base);
     if (line) return line;
-    why = line.failure();
+    if (!why) why = line.failure();
   }
-  return why;
+  return *why;
 }
 
 }  // namespace motion_planning

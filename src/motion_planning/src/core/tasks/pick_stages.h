@@ -39,8 +39,8 @@ Result<std::vector<Eigen::Vector3d>> contactPoints(const TaskContext& task, cons
 std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, const Eigen::Isometry3d& T_base_face,
                           const std::vector<Eigen::Vector3d>& points_face);
 
-/// What to try for `goal`, in this order: over its place a brick that does not lie is laid down, if the magnet holds it at
-/// any tilt; else it stays as upright as it was taken.
+/// What to try for `goal`, in this order: over its place a brick that stands, or leans by more than it may tilt, is laid
+/// down, if the magnet holds it at any tilt; else the edge that was nearest to upright is.
 std::vector<ArmGoal> waysToStow(const TaskContext& task, const PickTarget& target, const Grip& grip,
                                 const ArmGoal& goal);
 
@@ -53,7 +53,7 @@ Result<JointPath> contactLine(const TaskContext& task, const BrickInScene& scene
                               const ArmVector& contact_rad);
 
 /// Lines to lift along [m, base_link], best first: a brick taken by its side is lifted off what it lies on, not dragged; one
-/// whose top leans to a wall goes straight up where its normal does not.
+/// whose top leans to a wall goes straight up where its normal does not; one at a wall or in a corner up and away.
 std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, double lift_m);
 
 /// From the contact posture straight away with the brick, until it is clear of its neighbours. `scene` holds the brick.
