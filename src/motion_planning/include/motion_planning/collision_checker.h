@@ -127,8 +127,8 @@ class CollisionChecker {
   bool yieldToMagnetAt(const ArmVector& joints_rad);
   const std::optional<HeldBrick>& held() const;
 
-  /// What lies in the container: all links keep held_padding_m from it, what is held need not. Bricks that the arm would
-  /// touch in this posture, its start, are left out: they cannot lie there. Throws std::invalid_argument for a bad brick.
+  /// What lies in the container: all links keep held_padding_m from it, and what is held 1 cm. Bricks that arm or held brick
+  /// would touch in this posture, its start, are left out: they cannot lie there. Call it after setHeld(). Throws std::invalid_argument for a bad brick.
   void setLoad(const std::vector<LoadedBrick>& load, const ArmVector& start_rad);
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all

@@ -202,10 +202,12 @@ TEST(MotionPlanner, LaysDownABrickThatStands) {
     for (std::size_t place = 0; place < mp700_ur5e_description::kContainerPlaces.size(); ++place) {
       SCOPED_TRACE("turned by " + std::to_string(turn.angle()) + " to place " + std::to_string(place + 1));
       PlanningContext context = pick.context();
+      PickWorld loaded = pick;
       for (std::size_t other = 0; other < place; ++other) {
         LoadedBrick standing{pick.container(*shippedArm(), other).front().place->T_base_place, {0.2, 0.2, 0.3}};
         standing.T_base_brick.translation().z() -= 0.06;
         context.load.push_back(standing);
+        loaded.world.boxes.push_back({pick.T_map_base * standing.T_base_brick, standing.size_m});
       }
       const PickPlan plan = makePlanner().planPick(context, pick.target(0), pick.container(*shippedArm(), place));
       ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
@@ -213,7 +215,7 @@ TEST(MotionPlanner, LaysDownABrickThatStands) {
       EXPECT_LT(T_place_brick.translation().head<2>().norm(), 1e-5);
       EXPECT_NEAR(T_place_brick.translation().z(), PlaceGoal().above_m + 0.1, 1e-5);
       EXPECT_LT((T_place_brick.linear().cwiseAbs() * pick.type.size_m - pick.type.size_m).norm(), 1e-4);
-      ExactMotion exact(*shippedArm(), pick);
+      ExactMotion exact(*shippedArm(), loaded);
       exact.setHeld(plan.held);
       exact.setTarget(0, true);
       EXPECT_EQ(exact.complaint(plan.stow, MotionPlannerConfig().collision.held_shrink_m), "");

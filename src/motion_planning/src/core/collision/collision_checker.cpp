@@ -201,7 +201,7 @@ struct CollisionChecker::State {
   double held_padding_m{0.0};        // against the robot; negative: smaller
   double held_made_for_m{0.0};       // held_padding_m when `held` was made
   std::shared_ptr<const Part> held;  // the same as a part
-  std::vector<Part> load;            // T_body_shape is T_map_shape
+  std::vector<Part> load;            // T_body_shape is T_map_shape; world_shape is what the held brick must not touch
 
   // The world without the target.
   std::optional<OrientedBox> target;  // padded
@@ -446,7 +446,16 @@ struct CollisionChecker::State {
         }
       }
     }
+    if (held) {
+      for (const Part& brick : load) {
+        if (heldTouchesLoad(brick)) return selfContact(*held, parts->moving.size(), brick);
+      }
+    }
     return checkHeldWithRobot();
+  }
+
+  bool heldTouchesLoad(const Part& brick) const {
+    return overlap(*held->self_fcl, T_map_moving.back(), *brick.world_fcl, brick.T_body_shape);
   }
 
   bool heldTouchesRobot(const ArmVector& joints_rad) {
@@ -607,9 +616,10 @@ void CollisionChecker::setLoad(const std::vector<LoadedBrick>& load, const ArmVe
       throw std::invalid_argument("a brick in the container: its pose is not a rigid transform, or its size " +
                                   describeSize(brick.size_m));
     }
-    const Shape shape = inflate(mp700_ur5e_description::Box{brick.size_m}, state.config.held_padding_m);
-    Part part = makePart(kLoad, 0, state.T_map_base * brick.T_base_brick, shape, shape, 0.0);
-    bool is_free = true;
+    const Shape box = mp700_ur5e_description::Box{brick.size_m};
+    Part part = makePart(kLoad, 0, state.T_map_base * brick.T_base_brick, inflate(box, kPoseError_m),
+                         inflate(box, state.config.held_padding_m), 0.0);
+    bool is_free = !state.held || !state.heldTouchesLoad(part);
     for (std::size_t i = 0; i < state.parts->moving.size(); ++i) {
       is_free = is_free && !state.touch(state.parts->moving[i], state.T_map_moving[i], part, part.T_body_shape);
     }

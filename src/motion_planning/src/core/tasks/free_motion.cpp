@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <optional>
+#include <random>
+#include <string>
 #include <utility>
 
 #include "kinematics/arm_reach.h"
@@ -45,6 +47,22 @@ std::optional<JointTrajectory> timed(const TaskContext& task, const JointPath& p
   return std::nullopt;
 }
 
+/// What is in the way about a posture.
+std::string surroundings(const ArmVector& posture, const CollisionChecker& checker) {
+  constexpr int kNear = 200;
+  constexpr double kNear_rad = 0.3;
+  std::mt19937 rng(1);
+  std::uniform_real_distribution<double> offset_rad(-kNear_rad, kNear_rad);
+  Rejections rejections;
+  for (int k = 0; k < kNear; ++k) {
+    ArmVector q = posture;
+    for (double& angle_rad : q) angle_rad += offset_rad(rng);
+    if (const Contact contact = checker.check(q)) rejections.add(contact);
+  }
+  return "of " + std::to_string(kNear) + " postures " +
+         (rejections.empty() ? "none is in collision" : rejections.describe());
+}
+
 PlanFailure noPath(const JointPlanResult& result, const ArmVector& start, const std::vector<ArmVector>& goals,
                    const CollisionChecker& checker, const std::string& what) {
   switch (result.status) {
@@ -58,7 +76,9 @@ PlanFailure noPath(const JointPlanResult& result, const ArmVector& start, const 
       return cancelled();
     default:
       return {PlanStatus::kIterations, what + ": no path to any of " + std::to_string(goals.size()) + " goals in " +
-                                           std::to_string(result.iterations) + " iterations"};
+                                           std::to_string(result.iterations) + " iterations; about its start " +
+                                           surroundings(start, checker) + "; about the first goal " +
+                                           surroundings(goals.front(), checker)};
   }
 }
 
