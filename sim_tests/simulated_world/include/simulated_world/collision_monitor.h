@@ -53,6 +53,7 @@ class CollisionMonitor {
     double last_s;
     double max_force_N;
     bool is_of_load;
+    Eigen::Vector3d p_map;  // of its first contact
   };
   using Pair = std::pair<std::string, std::string>;
 

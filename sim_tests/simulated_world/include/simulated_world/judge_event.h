@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include <Eigen/Core>
 #include <interactive_mapping_common/enums/enum_names.h>
 
 namespace simulated_world {
@@ -31,6 +32,7 @@ struct JudgeEvent {
   std::string robot_body;   ///< of a collision; of a load's contact the brick in the hand
   std::string other_body;   ///< of a collision or a load's contact
   double max_force_N{0.0};  ///< likewise, so far
+  Eigen::Vector3d p_map{Eigen::Vector3d::Zero()};  ///< likewise, where the bodies touched first
   double duration_s{0.0};   ///< likewise, or of a fall, so far
 };
 

@@ -84,6 +84,7 @@ struct RobotTouch {
   int brick_id{-1};        ///< of other_body, or -1
   int load_id{-1};         ///< of robot_body, if that is the brick on the magnet, or -1
   double force_N{0.0};
+  Eigen::Vector3d p_map{Eigen::Vector3d::Zero()};  ///< where it is greatest
 };
 
 /// Force and moment that the surroundings exert on the tool, in the frame ur5e_tool0, weight of tool and declared

@@ -38,6 +38,7 @@ struct RobotContact {
   double force_N{0.0};
   bool is_of_load{
       false};  ///< robot_body is a brick in the hand, off the place where it was taken; other_body is not the robot's
+  Eigen::Vector3d p_map{Eigen::Vector3d::Zero()};  ///< where they touch
 };
 
 /// Ground truth at one moment: all that the judge sees of the world, and nothing that the mission may see.

@@ -52,6 +52,7 @@ JudgeEvent CollisionMonitor::eventOf(const std::pair<const Pair, Episode>& entry
   event.robot_body = bodies.first;
   event.other_body = bodies.second;
   event.max_force_N = episode.max_force_N;
+  event.p_map = episode.p_map;
   if (has_ended) event.duration_s = episode.last_s - episode.begin_s;
   return event;
 }
@@ -70,9 +71,9 @@ std::vector<JudgeEvent> CollisionMonitor::observe(const WorldObservation& observ
     if (!contact.is_of_load && isPermitted(contact, observation)) {
       continue;
     }
-    const auto [it, is_new] =
-        open_.emplace(Pair(contact.robot_body, contact.other_body),
-                      Episode{observation.time_s, observation.time_s, contact.force_N, contact.is_of_load});
+    const auto [it, is_new] = open_.emplace(
+        Pair(contact.robot_body, contact.other_body),
+        Episode{observation.time_s, observation.time_s, contact.force_N, contact.is_of_load, contact.p_map});
     it->second.last_s = observation.time_s;
     it->second.max_force_N = std::max(it->second.max_force_N, contact.force_N);
     if (!contact.is_of_load) max_force_N_ = std::max(max_force_N_, contact.force_N);

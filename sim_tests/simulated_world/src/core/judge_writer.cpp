@@ -77,6 +77,7 @@ Json jsonOf(const JudgeEvent& event) {
       json["robot_body"] = event.robot_body;
       json["other_body"] = event.other_body;
       json["max_force_N"] = event.max_force_N;
+      json["at_m"] = {event.p_map.x(), event.p_map.y(), event.p_map.z()};
       break;
   }
   if (event.kind == JudgeEventKind::kFallEnd || event.kind == JudgeEventKind::kCollisionEnd ||

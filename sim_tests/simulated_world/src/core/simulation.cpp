@@ -708,7 +708,7 @@ void Simulation::observe(Tick* tick) {
   for (const RobotTouch& touch : world_->takeTouches()) {
     const bool is_of_load = touch.load_id >= 0;
     if (is_of_load && !isCarried(record(touch.load_id))) continue;  // it may lean on others until it has left them
-    seen.contacts.push_back({touch.robot_body, touch.other_body, touch.force_N, is_of_load});
+    seen.contacts.push_back({touch.robot_body, touch.other_body, touch.force_N, is_of_load, touch.p_map});
   }
   seen.obstacles = world_->obstacles();
   const Pose2d base = world_->basePose();
@@ -722,7 +722,8 @@ void Simulation::observe(Tick* tick) {
     } else if (event.kind == JudgeEventKind::kCollision || event.kind == JudgeEventKind::kLoadContact) {
       std::ostringstream text;
       text << (event.kind == JudgeEventKind::kCollision ? "collision of " : "contact of the carried ")
-           << event.robot_body << " with " << event.other_body << ", " << event.max_force_N << " N";
+           << event.robot_body << " with " << event.other_body << ", " << event.max_force_N << " N, at ("
+           << event.p_map.x() << ", " << event.p_map.y() << ", " << event.p_map.z() << ") m";
       tick->incidents.push_back(sentence(event.time_s, text.str()));
     }
   }

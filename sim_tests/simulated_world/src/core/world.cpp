@@ -673,13 +673,14 @@ void World::collectTouches() {
                            ? nameOf(*model_, mjOBJ_GEOM, other_geom)
                            : nameOf(*model_, mjOBJ_BODY, model_->geom_bodyid[other_geom]);
     touch.force_N = Eigen::Map<const Eigen::Vector3d>(force).norm();
+    touch.p_map = Eigen::Map<const Eigen::Vector3d>(contact.pos);
     const auto known = std::find_if(touches_.begin(), touches_.end(), [&touch](const RobotTouch& other) {
       return other.robot_body == touch.robot_body && other.other_body == touch.other_body;
     });
     if (known == touches_.end()) {
       touches_.push_back(touch);
-    } else {
-      known->force_N = std::max(known->force_N, touch.force_N);
+    } else if (touch.force_N > known->force_N) {
+      *known = touch;
     }
   }
   tool_push_N_ = on_tool.norm();

@@ -34,7 +34,7 @@ struct ObservedWorld {
   }
 
   void touch(const std::string& robot_body, const std::string& other_body, double force_N = 10.0) {
-    now.contacts = {{robot_body, other_body, force_N}};
+    now.contacts = {{robot_body, other_body, force_N, false, {0.3, 0.2, 0.1}}};
   }
 
   /// Observes with `watch` now and then every `period_s` for `duration_s`, the world standing still.

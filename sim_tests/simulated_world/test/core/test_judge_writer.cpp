@@ -73,6 +73,7 @@ TEST_F(JudgeWriterTest, LinesAreOnDiskBeforeTheRunEnds) {
   EXPECT_EQ(collision.at("event"), "collision");
   EXPECT_EQ(collision.at("robot_body"), "forearm");
   EXPECT_EQ(collision.at("max_force_N"), 12.5);
+  EXPECT_EQ(collision.at("at_m"), nlohmann::json({0.3, 0.2, 0.1}));
   writer.write(judge);
   EXPECT_EQ(linesOf("judge.csv").size(), rows.size());  // nothing twice
 }

@@ -380,6 +380,11 @@ TEST(Simulation, LoadThatTouchesAnotherBrickIsALoadContact) {
   EXPECT_EQ(robot.judged().load_contacts, 1);
   EXPECT_EQ(robot.judged().collisions, 0);
   EXPECT_TRUE(says(robot.incidents, "contact of the carried brick_0 with brick_1"));
+  const auto& events = robot.sim.judge().events();
+  const auto touch = std::find_if(events.begin(), events.end(),
+                                  [](const JudgeEvent& e) { return e.kind == JudgeEventKind::kLoadContact; });
+  ASSERT_NE(touch, events.end());
+  EXPECT_NEAR(touch->p_map.z(), 0.2, 0.01) << "the upper side of brick 1";
 }
 
 TEST(Simulation, PressingHardStopsTheArm) {
