@@ -41,21 +41,30 @@ GPIS_INLINE Vector larger(Vector a, Vector b) {
 GPIS_INLINE Vector smaller(Vector a, Vector b) {
   return a < b ? a : b;
 }
-GPIS_INLINE bool any(Integers mask) {
+/// Bit i: lane i of a comparison holds.
+GPIS_INLINE unsigned bitsOf(Integers mask) {
 #if defined(__AVX2__)
-  return _mm256_movemask_ps(reinterpret_cast<__m256>(mask)) != 0;
+  return static_cast<unsigned>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
 #elif defined(__SSE2__)
-  return _mm_movemask_ps(reinterpret_cast<__m128>(mask)) != 0;
+  return static_cast<unsigned>(_mm_movemask_ps(reinterpret_cast<__m128>(mask)));
 #else
-  int bits = 0;
-  for (int i = 0; i < kLanes; ++i) bits |= mask[i];
-  return bits != 0;
+  unsigned bits = 0;
+  for (int i = 0; i < kLanes; ++i) bits |= (mask[i] & 1u) << i;
+  return bits;
 #endif
+}
+GPIS_INLINE bool any(Integers mask) {
+  return bitsOf(mask) != 0;
 }
 GPIS_INLINE float total(Vector x) {
   float sum = x[0];
   for (int i = 1; i < kLanes; ++i) sum += x[i];
   return sum;
+}
+GPIS_INLINE float largest(Vector x) {
+  float most = x[0];
+  for (int i = 1; i < kLanes; ++i) most = x[i] > most ? x[i] : most;
+  return most;
 }
 GPIS_INLINE Vector squareRoot(Vector x) {
 #if defined(__AVX2__)
@@ -67,6 +76,8 @@ GPIS_INLINE Vector squareRoot(Vector x) {
   return x;
 #endif
 }
+
+constexpr float kMoreThanRounding = 1.0001f;
 
 /// exp(-x), x >= 0: 2^i 2^f with |f| <= 1/2, Taylor's series of 2^f to f^7. What it leaves out is below 1e-8.
 GPIS_INLINE Vector expOfMinus(Vector x) {
@@ -81,6 +92,27 @@ GPIS_INLINE Vector expOfMinus(Vector x) {
   p = p * f + 6.93147181e-1f;
   p = p * f + 1.0f;
   return p * reinterpret_cast<Vector>((i + 127) << 23);
+}
+
+/// A ball about the places of a vector.
+struct Ball {
+  float x, y, z, radius;
+};
+GPIS_INLINE Ball ballAround(Vector qx, Vector qy, Vector qz) {
+  const auto middle = [](Vector a) { return 0.5f * (largest(a) - largest(-a)); };
+  Ball ball = {middle(qx), middle(qy), middle(qz), 0.0f};
+  const Vector dx = qx - ball.x, dy = qy - ball.y, dz = qz - ball.z;
+  ball.radius = kMoreThanRounding * __builtin_sqrtf(largest(dx * dx + dy * dy + dz * dz));
+  return ball;
+}
+
+/// Of the points from `first` on, one per bit, those less than `reach` from the ball. Arrays are padded.
+GPIS_INLINE unsigned pointsNear(const float* x, const float* y, const float* z, int first, int count, const Ball& ball,
+                                float reach) {
+  const Vector dx = load(x + first) - ball.x, dy = load(y + first) - ball.y, dz = load(z + first) - ball.z;
+  const float sum = reach + ball.radius;
+  const unsigned bits = bitsOf(dx * dx + dy * dy + dz * dz < splat(sum * sum));
+  return count - first < kLanes ? bits & ((1u << (count - first)) - 1u) : bits;
 }
 
 /// exp(-a d) and a d of points `i` against one place, or of one point against several places.
@@ -152,15 +184,15 @@ void meansWithGradient(const CellArrays& cell, const float* x, const float* y, c
                        float* gx, float* gy, float* gz) {
   const CellArrays c = cell;  // a copy: else what is stored might change it
   const float of_weights = -6.0f * c.inverse_radius2;
+  const float blend_radius = kMoreThanRounding / __builtin_sqrtf(c.inverse_radius2);
   for (int q = 0; q < count; q += kLanes) {
     const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
     // Quotient rule; dw/dx = -(6 / h^2) (1 - d^2/h^2)^2 (x - p), whose factor -6 / h^2 comes last.
     Vector weight{}, weighted{};
     Vector normal_x{}, normal_y{}, normal_z{}, along_x{}, along_y{}, along_z{}, slope_x{}, slope_y{}, slope_z{};
-    for (int i = 0; i < c.num_points; ++i) {
+    const auto add = [&](int i) {
       const Vector dx = qx - c.x[i], dy = qy - c.y[i], dz = qz - c.z[i];
       const Vector base = larger(1.0f - c.inverse_radius2 * (dx * dx + dy * dy + dz * dz), Vector{});
-      if (!any(base > 0.0f)) continue;
       const Vector w2 = c.quality[i] * base * base;
       const Vector w = w2 * base;
       const Vector along = c.nx[i] * dx + c.ny[i] * dy + c.nz[i] * dz;
@@ -176,6 +208,11 @@ void meansWithGradient(const CellArrays& cell, const float* x, const float* y, c
       slope_x += w2 * dx;
       slope_y += w2 * dy;
       slope_z += w2 * dz;
+    };
+    const Ball ball = ballAround(qx, qy, qz);
+    for (int first = 0; first < c.num_points; first += kLanes) {
+      unsigned bits = pointsNear(c.x, c.y, c.z, first, c.num_points, ball, blend_radius);
+      for (; bits != 0; bits &= bits - 1) add(first + __builtin_ctz(bits));
     }
     const Vector inverse = 1.0f / weight;
     const Vector prior = weighted * inverse;
@@ -243,8 +280,6 @@ GPIS_INLINE NearestLists findNearest(NearbyPoints* nearby_points, Vector qx, Vec
   }
   return lists;
 }
-
-constexpr float kMoreThanRounding = 1.0001f;
 
 /// A point's normal, and where the place lies from it; one per lane.
 struct Disc {
