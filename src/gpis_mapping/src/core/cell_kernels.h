@@ -63,8 +63,8 @@ struct NearestReadings {
   int is_complete[kMaxPlaces];  // 0: points outside of the 27 cells may be nearer than some; the rest is undefined
   float distance[kMaxPlaces];   // to the nearest disc, with the sign of the side that the near discs vote for [m]
   float gx[kMaxPlaces], gy[kMaxPlaces], gz[kMaxPlaces];
-  float nearest[kMaxPlaces];              // to the nearest point [m]
-  float aside[kMaxPlaces];                // of the nearest point's normal line [m]
+  float nearest[kMaxPlaces];                // to the nearest point [m]
+  float aside[kMaxPlaces];                  // of the nearest point's normal line [m]
   int cell[kMaxPlaces], point[kMaxPlaces];  // the nearest: index in NearbyPoints::cells, and in that cell
 };
 

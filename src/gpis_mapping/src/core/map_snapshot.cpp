@@ -294,6 +294,19 @@ class MapSnapshot::CellQuery {
     }
   }
 
+  /// Brings into the cache what answer() is going to read of the first points and to write; both lie anywhere.
+  void fetch(const std::uint32_t* points, int count) const {
+    for (int i = 0; i < std::min(kMaxTogether, count); ++i) {
+      const Eigen::Index point = points[i];
+      __builtin_prefetch(points_map_.data() + 3 * point);
+      __builtin_prefetch(result_.distance.data() + point, 1);
+      __builtin_prefetch(result_.gradient.data() + 3 * point, 1);
+      __builtin_prefetch(result_.euclidean_distance.data() + point, 1);
+      __builtin_prefetch(result_.euclidean_gradient.data() + 3 * point, 1);
+      __builtin_prefetch(result_.surface_std.data() + point, 1);
+    }
+  }
+
   /// At a place that has no answer but perhaps a state.
   static void answerNone(Eigen::Index i, SpaceState state, QueryResult* result) {
     result->distance[i] = kNaN;
@@ -353,7 +366,6 @@ class MapSnapshot::CellQuery {
   }
 
   void answerSome(const std::uint32_t* points) {
-    fetch(points);
     sortByPlace(points);
     read();
     int num_field = 0;
@@ -369,19 +381,6 @@ class MapSnapshot::CellQuery {
     if (!with_variance_ && !with_variance_gradient_) return;
     if (num_field == 0 || !std::equal(has_answer_, has_answer_ + count_, needs_field_)) share(has_answer_);
     blendVariance();
-  }
-
-  /// Brings into the cache what is read of the points and what finish() writes; both lie anywhere.
-  void fetch(const std::uint32_t* points) const {
-    for (int i = 0; i < count_; ++i) {
-      const Eigen::Index point = points[i];
-      __builtin_prefetch(points_map_.data() + 3 * point);
-      __builtin_prefetch(result_.distance.data() + point, 1);
-      __builtin_prefetch(result_.gradient.data() + 3 * point, 1);
-      __builtin_prefetch(result_.euclidean_distance.data() + point, 1);
-      __builtin_prefetch(result_.euclidean_gradient.data() + 3 * point, 1);
-      __builtin_prefetch(result_.surface_std.data() + point, 1);
-    }
   }
 
   /// Neighbours together, so that eight at a time have about the same nearest points.
@@ -533,8 +532,9 @@ class MapSnapshot::CellQuery {
     }
     const Blend& f = blends_[i];
     if (needs_field_[i] && f.weight > 1e-9) {
-      const double value = f.value / f.weight;
-      const Eigen::Vector3d f_gradient = (f.gradient - value * f.weight_gradient) / f.weight;
+      const double scale = 1.0 / f.weight;
+      const double value = scale * f.value;
+      const Eigen::Vector3d f_gradient = scale * (f.gradient - value * f.weight_gradient);
       // f is exact near its points and no distance far from them: hand over to the discs between these two.
       const double band_begin = config_.surface.spacing_m;
       const double band_end = 0.9 * config_.surface.blend_radius_m;
@@ -646,7 +646,10 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
   for (const std::uint32_t i : groups.withoutCell()) CellQuery::answerNone(i, SpaceState::kUnknown, &result);
   parallelFor(groups.size(), resolveThreadCount(options.threads), 8, [&](std::size_t begin, std::size_t end) {
     CellQuery query(*this, points_map, options, &result);
-    for (std::size_t g = begin; g < end; ++g) query.answer(groups.key(g), groups.points(g), groups.count(g));
+    for (std::size_t g = begin; g < end; ++g) {
+      if (g + 1 < end) query.fetch(groups.points(g + 1), groups.count(g + 1));
+      query.answer(groups.key(g), groups.points(g), groups.count(g));
+    }
   });
   return result;
 }
