@@ -106,13 +106,12 @@ GPIS_INLINE Ball ballAround(Vector qx, Vector qy, Vector qz) {
   return ball;
 }
 
-/// Of the points from `first` on, one per bit, those less than `reach` from the ball. Arrays are padded.
-GPIS_INLINE unsigned pointsNear(const float* x, const float* y, const float* z, int first, int count, const Ball& ball,
-                                float reach) {
-  const Vector dx = load(x + first) - ball.x, dy = load(y + first) - ball.y, dz = load(z + first) - ball.z;
+/// Of the points from `first` on, one per bit, those less than `reach` from the ball. What arrays are padded with may be
+/// among them.
+GPIS_INLINE unsigned pointsNear(const CellArrays& c, int first, const Ball& ball, float reach) {
+  const Vector dx = load(c.x + first) - ball.x, dy = load(c.y + first) - ball.y, dz = load(c.z + first) - ball.z;
   const float sum = reach + ball.radius;
-  const unsigned bits = bitsOf(dx * dx + dy * dy + dz * dz < splat(sum * sum));
-  return count - first < kLanes ? bits & ((1u << (count - first)) - 1u) : bits;
+  return bitsOf(dx * dx + dy * dy + dz * dz < splat(sum * sum));
 }
 
 /// exp(-a d) and a d of points `i` against one place, or of one point against several places.
@@ -211,7 +210,7 @@ void meansWithGradient(const CellArrays& cell, const float* x, const float* y, c
     };
     const Ball ball = ballAround(qx, qy, qz);
     for (int first = 0; first < c.num_points; first += kLanes) {
-      unsigned bits = pointsNear(c.x, c.y, c.z, first, c.num_points, ball, blend_radius);
+      unsigned bits = pointsNear(c, first, ball, blend_radius);
       for (; bits != 0; bits &= bits - 1) add(first + __builtin_ctz(bits));
     }
     const Vector inverse = 1.0f / weight;
