@@ -56,14 +56,16 @@ struct NearbyPoints {
 
 constexpr int kNearestPoints = 8;
 
-/// What the nearest of them, as discs, say of 8 places.
+constexpr int kMaxPlaces = 128;  // that are read together
+
+/// What the nearest of them, as discs, say of places.
 struct NearestReadings {
-  int is_complete[kCellPad];  // 0: points outside of the 27 cells may be nearer than some; the rest is undefined
-  float distance[kCellPad];   // to the nearest disc, with the sign of the side that the near discs vote for [m]
-  float gx[kCellPad], gy[kCellPad], gz[kCellPad];
-  float nearest[kCellPad];              // to the nearest point [m]
-  float aside[kCellPad];                // of the nearest point's normal line [m]
-  int cell[kCellPad], point[kCellPad];  // the nearest: index in NearbyPoints::cells, and in that cell
+  int is_complete[kMaxPlaces];  // 0: points outside of the 27 cells may be nearer than some; the rest is undefined
+  float distance[kMaxPlaces];   // to the nearest disc, with the sign of the side that the near discs vote for [m]
+  float gx[kMaxPlaces], gy[kMaxPlaces], gz[kMaxPlaces];
+  float nearest[kMaxPlaces];                // to the nearest point [m]
+  float aside[kMaxPlaces];                  // of the nearest point's normal line [m]
+  int cell[kMaxPlaces], point[kMaxPlaces];  // the nearest: index in NearbyPoints::cells, and in that cell
 };
 
 struct CellKernels {
@@ -73,8 +75,8 @@ struct CellKernels {
   /// The same with the gradient of f.
   void (*meansWithGradient)(const CellArrays& cell, const float* x, const float* y, const float* z, int count,
                             float* values, float* gx, float* gy, float* gz);
-  /// The nearest points of `count` <= 8 places [m from the middle cell's centre], of those equally far the first in the
-  /// order of the search.
+  /// The nearest points of `count` <= kMaxPlaces places [m from the middle cell's centre], of those equally far the first in
+  /// the order of the search. Fastest if places that follow one another are near one another.
   void (*readNearest)(NearbyPoints* nearby, const float* x, const float* y, const float* z, int count,
                       NearestReadings* readings);
   /// Cholesky factor of the training points' covariance with `noise` added to its diagonal; false if that is not positive

@@ -41,21 +41,30 @@ GPIS_INLINE Vector larger(Vector a, Vector b) {
 GPIS_INLINE Vector smaller(Vector a, Vector b) {
   return a < b ? a : b;
 }
-GPIS_INLINE bool any(Integers mask) {
+/// Bit i: lane i of a comparison holds.
+GPIS_INLINE unsigned bitsOf(Integers mask) {
 #if defined(__AVX2__)
-  return _mm256_movemask_ps(reinterpret_cast<__m256>(mask)) != 0;
+  return static_cast<unsigned>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
 #elif defined(__SSE2__)
-  return _mm_movemask_ps(reinterpret_cast<__m128>(mask)) != 0;
+  return static_cast<unsigned>(_mm_movemask_ps(reinterpret_cast<__m128>(mask)));
 #else
-  int bits = 0;
-  for (int i = 0; i < kLanes; ++i) bits |= mask[i];
-  return bits != 0;
+  unsigned bits = 0;
+  for (int i = 0; i < kLanes; ++i) bits |= (mask[i] & 1u) << i;
+  return bits;
 #endif
+}
+GPIS_INLINE bool any(Integers mask) {
+  return bitsOf(mask) != 0;
 }
 GPIS_INLINE float total(Vector x) {
   float sum = x[0];
   for (int i = 1; i < kLanes; ++i) sum += x[i];
   return sum;
+}
+GPIS_INLINE float largest(Vector x) {
+  float most = x[0];
+  for (int i = 1; i < kLanes; ++i) most = x[i] > most ? x[i] : most;
+  return most;
 }
 GPIS_INLINE Vector squareRoot(Vector x) {
 #if defined(__AVX2__)
@@ -67,6 +76,8 @@ GPIS_INLINE Vector squareRoot(Vector x) {
   return x;
 #endif
 }
+
+constexpr float kMoreThanRounding = 1.0001f;
 
 /// exp(-x), x >= 0: 2^i 2^f with |f| <= 1/2, Taylor's series of 2^f to f^7. What it leaves out is below 1e-8.
 GPIS_INLINE Vector expOfMinus(Vector x) {
@@ -81,6 +92,26 @@ GPIS_INLINE Vector expOfMinus(Vector x) {
   p = p * f + 6.93147181e-1f;
   p = p * f + 1.0f;
   return p * reinterpret_cast<Vector>((i + 127) << 23);
+}
+
+/// A ball about the places of a vector.
+struct Ball {
+  float x, y, z, radius;
+};
+GPIS_INLINE Ball ballAround(Vector qx, Vector qy, Vector qz) {
+  const auto middle = [](Vector a) { return 0.5f * (largest(a) - largest(-a)); };
+  Ball ball = {middle(qx), middle(qy), middle(qz), 0.0f};
+  const Vector dx = qx - ball.x, dy = qy - ball.y, dz = qz - ball.z;
+  ball.radius = kMoreThanRounding * __builtin_sqrtf(largest(dx * dx + dy * dy + dz * dz));
+  return ball;
+}
+
+/// Of the points from `first` on, one per bit, those less than `reach` from the ball. What arrays are padded with may be
+/// among them.
+GPIS_INLINE unsigned pointsNear(const CellArrays& c, int first, const Ball& ball, float reach) {
+  const Vector dx = load(c.x + first) - ball.x, dy = load(c.y + first) - ball.y, dz = load(c.z + first) - ball.z;
+  const float sum = reach + ball.radius;
+  return bitsOf(dx * dx + dy * dy + dz * dz < splat(sum * sum));
 }
 
 /// exp(-a d) and a d of points `i` against one place, or of one point against several places.
@@ -129,56 +160,71 @@ void means(const CellArrays& c, bool with_residual, const float* x, const float*
   }
 }
 
-void meansWithGradient(const CellArrays& c, const float* x, const float* y, const float* z, int count, float* values,
+/// The residual's part of f, and of its gradient; a loop of its own, or the sums of both would not fit the registers.
+struct Residual {
+  Vector value{}, x{}, y{}, z{};
+};
+GPIS_INLINE Residual residualWithGradient(const CellArrays& c, Vector qx, Vector qy, Vector qz) {
+  Residual sum;
+  for (int i = 0; i < c.num_training; ++i) {
+    const Vector dx = qx - c.x[i], dy = qy - c.y[i], dz = qz - c.z[i];
+    const Correlation k = correlation(c.decay, dx * dx + dy * dy + dz * dz);
+    const Vector share = c.alpha[i] * k.decay;
+    sum.value += share * (1.0f + k.scaled);
+    sum.x += share * dx;
+    sum.y += share * dy;
+    sum.z += share * dz;
+  }
+  const float scale = -c.signal_variance_m2 * c.decay * c.decay;
+  return {c.signal_variance_m2 * sum.value, scale * sum.x, scale * sum.y, scale * sum.z};
+}
+
+void meansWithGradient(const CellArrays& cell, const float* x, const float* y, const float* z, int count, float* values,
                        float* gx, float* gy, float* gz) {
+  const CellArrays c = cell;  // a copy: else what is stored might change it
   const float of_weights = -6.0f * c.inverse_radius2;
-  const float of_residual = c.signal_variance_m2 * c.decay * c.decay;
+  const float blend_radius = kMoreThanRounding / __builtin_sqrtf(c.inverse_radius2);
   for (int q = 0; q < count; q += kLanes) {
     const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
     // Quotient rule; dw/dx = -(6 / h^2) (1 - d^2/h^2)^2 (x - p), whose factor -6 / h^2 comes last.
-    Vector weight{}, weighted{}, residual{};
+    Vector weight{}, weighted{};
     Vector normal_x{}, normal_y{}, normal_z{}, along_x{}, along_y{}, along_z{}, slope_x{}, slope_y{}, slope_z{};
-    Vector residual_x{}, residual_y{}, residual_z{};
-    for (int i = 0; i < c.num_points; ++i) {
+    const auto add = [&](int i) {
       const Vector dx = qx - c.x[i], dy = qy - c.y[i], dz = qz - c.z[i];
-      const Vector square = dx * dx + dy * dy + dz * dz;
-      const Vector base = larger(1.0f - c.inverse_radius2 * square, Vector{});
-      if (any(base > 0.0f)) {
-        const Vector w2 = c.quality[i] * base * base;
-        const Vector w = w2 * base;
-        const Vector along = c.nx[i] * dx + c.ny[i] * dy + c.nz[i] * dz;
-        weight += w;
-        weighted += w * along;
-        normal_x += w * c.nx[i];
-        normal_y += w * c.ny[i];
-        normal_z += w * c.nz[i];
-        const Vector w2_along = w2 * along;
-        along_x += w2_along * dx;
-        along_y += w2_along * dy;
-        along_z += w2_along * dz;
-        slope_x += w2 * dx;
-        slope_y += w2 * dy;
-        slope_z += w2 * dz;
-      }
-      if (i >= c.num_training) continue;
-      const Correlation k = correlation(c.decay, square);
-      const Vector share = c.alpha[i] * k.decay;
-      residual += share * (1.0f + k.scaled);
-      residual_x += share * dx;
-      residual_y += share * dy;
-      residual_z += share * dz;
+      const Vector base = larger(1.0f - c.inverse_radius2 * (dx * dx + dy * dy + dz * dz), Vector{});
+      const Vector w2 = c.quality[i] * base * base;
+      const Vector w = w2 * base;
+      const Vector along = c.nx[i] * dx + c.ny[i] * dy + c.nz[i] * dz;
+      weight += w;
+      weighted += w * along;
+      normal_x += w * c.nx[i];
+      normal_y += w * c.ny[i];
+      normal_z += w * c.nz[i];
+      const Vector w2_along = w2 * along;
+      along_x += w2_along * dx;
+      along_y += w2_along * dy;
+      along_z += w2_along * dz;
+      slope_x += w2 * dx;
+      slope_y += w2 * dy;
+      slope_z += w2 * dz;
+    };
+    const Ball ball = ballAround(qx, qy, qz);
+    for (int first = 0; first < c.num_points; first += kLanes) {
+      unsigned bits = pointsNear(c, first, ball, blend_radius);
+      for (; bits != 0; bits &= bits - 1) add(first + __builtin_ctz(bits));
     }
     const Vector inverse = 1.0f / weight;
     const Vector prior = weighted * inverse;
     const Integers is_valid = weight > kLeastWeight;
     const Vector nan = splat(__builtin_nanf(""));
-    const auto gradient = [&](Vector normal, Vector along, Vector slope, Vector of_rest) {
-      return (normal + of_weights * (along - prior * slope)) * inverse - of_residual * of_rest;
+    const Residual residual = residualWithGradient(c, qx, qy, qz);
+    const auto gradient = [&](Vector normal, Vector along, Vector slope, Vector of_residual) {
+      return (normal + of_weights * (along - prior * slope)) * inverse + of_residual;
     };
-    store(values + q, is_valid ? prior + c.signal_variance_m2 * residual : nan);
-    store(gx + q, is_valid ? gradient(normal_x, along_x, slope_x, residual_x) : nan);
-    store(gy + q, is_valid ? gradient(normal_y, along_y, slope_y, residual_y) : nan);
-    store(gz + q, is_valid ? gradient(normal_z, along_z, slope_z, residual_z) : nan);
+    store(values + q, is_valid ? prior + residual.value : nan);
+    store(gx + q, is_valid ? gradient(normal_x, along_x, slope_x, residual.x) : nan);
+    store(gy + q, is_valid ? gradient(normal_y, along_y, slope_y, residual.y) : nan);
+    store(gz + q, is_valid ? gradient(normal_z, along_z, slope_z, residual.z) : nan);
   }
 }
 
@@ -202,12 +248,12 @@ GPIS_INLINE void insert(Vector square, int point, NearestLists* lists) {
   lists->squares[0] = smaller(lists->squares[0], square);
 }
 
-/// The nearest points of one vector of places.
-GPIS_INLINE NearestLists findNearest(NearbyPoints* nearby_points, Vector qx, Vector qy, Vector qz) {
+/// The nearest points of one vector of places, if all are within `limit2` [m^2].
+GPIS_INLINE NearestLists findNearest(NearbyPoints* nearby_points, Vector qx, Vector qy, Vector qz, Vector limit2) {
   const NearbyPoints& nearby = *nearby_points;
   NearestLists lists;
   for (int r = 0; r < kNearestPoints; ++r) {
-    lists.squares[r] = splat(__builtin_inff());
+    lists.squares[r] = limit2;
     lists.points[r] = Integers{};
   }
   for (int n = 0; n < nearby.count; ++n) {
@@ -242,9 +288,17 @@ struct Disc {
 void readNearest(NearbyPoints* nearby_points, const float* x, const float* y, const float* z, int count,
                  NearestReadings* readings) {
   const NearbyPoints& nearby = *nearby_points;
+  // The places before have found eight points: seen from here these are farther by the way between at most.
+  Vector last_x{}, last_y{}, last_z{}, last_reach = splat(__builtin_inff());
   for (int q = 0; q < count; q += kLanes) {
     const Vector qx = load(x + q), qy = load(y + q), qz = load(z + q);
-    const NearestLists lists = findNearest(nearby_points, qx, qy, qz);
+    const Vector step_x = qx - last_x, step_y = qy - last_y, step_z = qz - last_z;
+    const Vector limit = last_reach + squareRoot(step_x * step_x + step_y * step_y + step_z * step_z);
+    const NearestLists lists = findNearest(nearby_points, qx, qy, qz, kMoreThanRounding * limit * limit);
+    last_x = qx;
+    last_y = qy;
+    last_z = qz;
+    last_reach = squareRoot(lists.squares[kNearestPoints - 1]);
     const auto magnitude = [](Vector a) { return larger(a, -a); };
     const Vector reach = nearby.outer_reach - larger(magnitude(qx), larger(magnitude(qy), magnitude(qz)));
     const Integers is_complete = lists.squares[kNearestPoints - 1] < reach * reach;

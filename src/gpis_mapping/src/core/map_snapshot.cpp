@@ -22,7 +22,7 @@ using interactive_mapping::resolveThreadCount;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr std::size_t kNeighbours = kNearestPoints;
-constexpr int kMaxTogether = 128;  // points of one cell that are answered together
+constexpr int kMaxTogether = kMaxPlaces;  // points of one cell that are answered together
 
 /// The 27 cells about a cell, itself first, then those with which it shares a face, an edge, a corner.
 struct Offset {
@@ -258,11 +258,11 @@ SpaceState MapSnapshot::state(const Eigen::Vector3d& p_map, double distance_m) c
   if (distance_m < 0.0) {
     return -distance_m <= config_.query.occupied_depth_m ? SpaceState::kOccupied : SpaceState::kUnknown;
   }
-  if (observed_.isFree(p_map)) return SpaceState::kFree;
   // Near a surface, on the side it was seen from: the ray that saw it went through here. A block is told to be free when a
   // ball of 0.6 blocks about its centre is before what was seen; at 1.1 blocks from a face, or more with noise, it may not
   // be. Less than that would leave sheets of unknown space before every face.
-  return distance_m < kFreeReach_blocks * observed_.blockSize() ? SpaceState::kFree : SpaceState::kUnknown;
+  const bool is_near = distance_m < kFreeReach_blocks * observed_.blockSize();
+  return is_near || observed_.isFree(p_map) ? SpaceState::kFree : SpaceState::kUnknown;
 }
 
 /// Answers at points that lie in one cell: each cell around is asked once for all of them.
@@ -275,6 +275,7 @@ class MapSnapshot::CellQuery {
         with_variance_(options.variance),
         with_variance_gradient_(options.variance_gradient),
         prior_(static_cast<float>(std::pow(map.config_.signalStd(), 2))),
+        inner_reach_(0.5 * map.config_.cells.size_m - map.config_.cells.blend_margin_m),
         result_(*result) {
     // Points stray out of their cell by a quarter of the spacing at most; the rest is for rounding.
     const double stray = 0.25 * config_.surface.spacing_m + 1e-6;
@@ -293,17 +294,27 @@ class MapSnapshot::CellQuery {
     }
   }
 
-  /// At a place that has no answer.
-  void answerNone(Eigen::Index i) {
-    result_.distance[i] = kNaN;
-    result_.gradient.col(i).setConstant(kNaN);
-    result_.euclidean_distance[i] = kNaN;
-    result_.euclidean_gradient.col(i).setConstant(kNaN);
-    result_.surface_std[i] = kNaN;
-    result_.variance[i] = kNaN;
-    result_.occupancy[i] = kNaN;
-    if (with_variance_gradient_) result_.variance_gradient.col(i).setConstant(kNaN);
-    result_.state[static_cast<std::size_t>(i)] = SpaceState::kUnknown;
+  /// Brings into the cache what answer() is going to read of the first points and to write; both lie anywhere.
+  void fetch(const std::uint32_t* points, int count) const {
+    for (int i = 0; i < std::min(kMaxTogether, count); ++i) {
+      const Eigen::Index point = points[i];
+      __builtin_prefetch(points_map_.data() + 3 * point);
+      __builtin_prefetch(result_.distance.data() + point, 1);
+      __builtin_prefetch(result_.gradient.data() + 3 * point, 1);
+      __builtin_prefetch(result_.euclidean_distance.data() + point, 1);
+      __builtin_prefetch(result_.euclidean_gradient.data() + 3 * point, 1);
+      __builtin_prefetch(result_.surface_std.data() + point, 1);
+    }
+  }
+
+  /// At a place that has no answer but perhaps a state.
+  static void answerNone(Eigen::Index i, SpaceState state, QueryResult* result) {
+    result->distance[i] = kNaN;
+    result->gradient.col(i).setConstant(kNaN);
+    result->euclidean_distance[i] = kNaN;
+    result->euclidean_gradient.col(i).setConstant(kNaN);
+    result->surface_std[i] = kNaN;
+    result->state[static_cast<std::size_t>(i)] = state;
   }
 
  private:
@@ -330,6 +341,7 @@ class MapSnapshot::CellQuery {
     }
   };
 
+  static constexpr int kMiddle = 13;
   static int indexOf(int dx, int dy, int dz) { return (dx + 1) * 9 + (dy + 1) * 3 + dz + 1; }
 
   void findCells(const LatticeKey& key) {
@@ -411,30 +423,23 @@ class MapSnapshot::CellQuery {
   }
 
   void read() {
-    bool is_complete[kMaxTogether] = {};
     if (nearby_.count > 0) {
-      const CellKernels& kernels = nearby_.owners[0]->kernels();
       place(count_, center_, [this](int i) { return at(i); });
-      NearestReadings eight;
-      for (int first = 0; first < count_; first += kCellPad) {
-        const int count = std::min(kCellPad, count_ - first);
-        kernels.readNearest(&nearby_, x_ + first, y_ + first, z_ + first, count, &eight);
-        for (int lane = 0; lane < count; ++lane) {
-          if (eight.is_complete[lane] == 0) continue;
-          is_complete[first + lane] = true;
-          Reading& reading = readings_[first + lane];
-          reading.found = true;
-          reading.distance = eight.distance[lane];
-          reading.nearest = eight.nearest[lane];
-          reading.aside = eight.aside[lane];
-          reading.gradient = {eight.gx[lane], eight.gy[lane], eight.gz[lane]};
-          const CellGp& owner = *nearby_.owners[static_cast<std::size_t>(eight.cell[lane])];
-          reading.surface_std = std::sqrt(owner.noiseVariance(static_cast<std::size_t>(eight.point[lane])));
-        }
-      }
+      nearby_.owners[0]->kernels().readNearest(&nearby_, x_, y_, z_, count_, &nearest_);
     }
     for (int i = 0; i < count_; ++i) {
-      if (!is_complete[i]) readings_[i] = map_.nearestIndex().read(at(i));
+      Reading& reading = readings_[i];
+      if (nearby_.count == 0 || nearest_.is_complete[i] == 0) {
+        reading = map_.nearestIndex().read(at(i));
+        continue;
+      }
+      reading.found = true;
+      reading.distance = nearest_.distance[i];
+      reading.nearest = nearest_.nearest[i];
+      reading.aside = nearest_.aside[i];
+      reading.gradient = {nearest_.gx[i], nearest_.gy[i], nearest_.gz[i]};
+      const CellGp& owner = *nearby_.owners[static_cast<std::size_t>(nearest_.cell[i])];
+      reading.surface_std = std::sqrt(owner.noiseVariance(static_cast<std::size_t>(nearest_.point[i])));
     }
   }
 
@@ -446,8 +451,15 @@ class MapSnapshot::CellQuery {
     begins_.fill(0);
     for (int i = 0; i < count_; ++i) {
       if (!wanted[i]) continue;
+      const Eigen::Vector3d x = at(i);
+      if ((x - center_).cwiseAbs().maxCoeff() < inner_reach_) {  // weight 1 for the cell itself
+        ++begins_[kMiddle + 1];
+        cells[count] = kMiddle;
+        all[count++] = {i, 1.0, Eigen::Vector3d::Zero()};
+        continue;
+      }
       BlendWeight weights[8];
-      const int num_weights = blendWeights(at(i), config_.cells, weights);
+      const int num_weights = blendWeights(x, config_.cells, weights);
       for (int w = 0; w < num_weights; ++w) {
         const LatticeKey& key = weights[w].key;
         cells[count] = indexOf(key.x - key_.x, key.y - key_.y, key.z - key_.z);
@@ -504,10 +516,10 @@ class MapSnapshot::CellQuery {
     const Eigen::Index point = order_[i];
     const Eigen::Vector3d x = at(i);
     const Reading& reading = readings_[i];
-    answerNone(point);
-    SpaceState& state = result_.state[static_cast<std::size_t>(point)];
+    SpaceState state;
     if (!reading.found || reading.nearest > config_.query.max_distance_m) {
       state = map_.observed_.isFree(x) ? SpaceState::kFree : SpaceState::kUnknown;
+      answerNone(point, state, &result_);
       return state != SpaceState::kUnknown && (reading.found || map_.nearestIndex().size() > 0);
     }
     double distance = reading.distance;
@@ -520,8 +532,9 @@ class MapSnapshot::CellQuery {
     }
     const Blend& f = blends_[i];
     if (needs_field_[i] && f.weight > 1e-9) {
-      const double value = f.value / f.weight;
-      const Eigen::Vector3d f_gradient = (f.gradient - value * f.weight_gradient) / f.weight;
+      const double scale = 1.0 / f.weight;
+      const double value = scale * f.value;
+      const Eigen::Vector3d f_gradient = scale * (f.gradient - value * f.weight_gradient);
       // f is exact near its points and no distance far from them: hand over to the discs between these two.
       const double band_begin = config_.surface.spacing_m;
       const double band_end = 0.9 * config_.surface.blend_radius_m;
@@ -538,16 +551,16 @@ class MapSnapshot::CellQuery {
     if (state == SpaceState::kFree && reading.aside > 1.5 * config_.surface.spacing_m && !map_.observed_.isFree(x)) {
       state = SpaceState::kUnknown;
     }
-    result_.euclidean_distance[point] = std::abs(distance);
-    result_.euclidean_gradient.col(point) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
     // Deep behind a seen surface nobody knows how thick the object is.
     const bool has_answer =
         state != SpaceState::kUnknown || (distance >= 0.0 && reading.nearest <= config_.query.unknown_reach_m);
-    if (!has_answer) return false;
-    result_.distance[point] = distance;
-    result_.gradient.col(point) = gradient;
-    result_.surface_std[point] = reading.surface_std;
-    return true;
+    result_.state[static_cast<std::size_t>(point)] = state;
+    result_.euclidean_distance[point] = std::abs(distance);
+    result_.euclidean_gradient.col(point) = distance < 0.0 ? Eigen::Vector3d(-gradient) : gradient;
+    result_.distance[point] = has_answer ? distance : kNaN;
+    result_.gradient.col(point) = has_answer ? gradient : Eigen::Vector3d::Constant(kNaN);
+    result_.surface_std[point] = has_answer ? reading.surface_std : kNaN;
+    return has_answer;
   }
 
   void blendVariance() {
@@ -592,11 +605,13 @@ class MapSnapshot::CellQuery {
   const Points3d& points_map_;
   bool with_variance_, with_variance_gradient_;
   float prior_;
+  double inner_reach_;  // from the cell's centre [m]: within, no neighbour has a say
   QueryResult& result_;
   LatticeKey key_;
   Eigen::Vector3d center_;
   std::array<const CellGp*, 27> around_;
   Nearby nearby_;
+  NearestReadings nearest_;
   int count_{0};
   std::uint32_t order_[kMaxTogether];  // columns of points_map_
   Reading readings_[kMaxTogether];
@@ -618,26 +633,23 @@ QueryResult MapSnapshot::query(const Points3d& points_map, const QueryOptions& o
   result.euclidean_distance.resize(count);
   result.euclidean_gradient.resize(3, count);
   result.surface_std.resize(count);
-  result.variance.resize(count);
-  result.occupancy.resize(count);
-  result.variance_gradient.resize(3, options.variance_gradient ? count : 0);
+  result.variance.setConstant(count, kNaN);
+  result.occupancy.setConstant(count, kNaN);
+  result.variance_gradient.setConstant(3, options.variance_gradient ? count : 0, kNaN);
   result.state.resize(static_cast<std::size_t>(count));
-  if (count == 1) {  // without what it takes to sort many
-    const Eigen::Vector3d p = points_map.col(0);
-    CellQuery query(*this, points_map, options, &result);
+  if (count == 1 && points_map.allFinite()) {  // without what it takes to sort many
     const std::uint32_t only = 0;
-    if (p.allFinite()) {
-      query.answer(config_.cells.at(p), &only, 1);
-    } else {
-      query.answerNone(only);
-    }
+    CellQuery(*this, points_map, options, &result).answer(config_.cells.at(points_map.col(0)), &only, 1);
     return result;
   }
   const CellGroups groups(points_map, config_.cells);
-  for (const std::uint32_t i : groups.withoutCell()) CellQuery(*this, points_map, options, &result).answerNone(i);
+  for (const std::uint32_t i : groups.withoutCell()) CellQuery::answerNone(i, SpaceState::kUnknown, &result);
   parallelFor(groups.size(), resolveThreadCount(options.threads), 8, [&](std::size_t begin, std::size_t end) {
     CellQuery query(*this, points_map, options, &result);
-    for (std::size_t g = begin; g < end; ++g) query.answer(groups.key(g), groups.points(g), groups.count(g));
+    for (std::size_t g = begin; g < end; ++g) {
+      if (g + 1 < end) query.fetch(groups.points(g + 1), groups.count(g + 1));
+      query.answer(groups.key(g), groups.points(g), groups.count(g));
+    }
   });
   return result;
 }
