@@ -592,10 +592,6 @@ void CollisionChecker::setLoad(const std::vector<LoadedBrick>& load, const ArmVe
   state.load.clear();
   state.place(start_rad);
   for (const LoadedBrick& brick : load) {
-    if (!isRigid(brick.T_base_brick) || !isBoxSize(brick.size_m)) {
-      throw std::invalid_argument("a brick in the container: its pose is not a rigid transform, or its size " +
-                                  describeSize(brick.size_m));
-    }
     const Shape shape = inflate(mp700_ur5e_description::Box{brick.size_m}, state.config.held_padding_m);
     Part part = makePart(kLoad, 0, state.T_map_base * brick.T_base_brick, shape, shape, 0.0);
     bool is_free = true;
