@@ -45,7 +45,7 @@ def parse(words):
     parser.add_argument("--scene", default="one_heap", metavar="NAME", help="of sim_tests/simulated_world/worlds, or the absolute path of a file (default %(default)s)")
     parser.add_argument("--seed", default="1", metavar="N", help="of pile and noise, 0 to 2147483647 (default %(default)s)")
     parser.add_argument("--strategy", default="gpis", metavar="NAME", help="for the next best view: gpis (default), octomap_gradient_frontier, octomap_random, or your "
-                        "own, with a section in the file of -- selection_config:=FILE and a package that exports its plugin")
+                        "own, with a section below nbv_selection in the file of -- params:=FILE and a package that exports its plugin")
     parser.add_argument("--removed-factor", metavar="F", help=f"of the utility, for the ablation: {', '.join(workspace.REMOVED_FACTORS)}")
     parser.add_argument("--time-limit", metavar="S", help="of the mission, simulated, 1 to 86400 (default: as configured)")
     parser.add_argument("--wall-limit", default="0", metavar="S", help="of the wall clock: then it is given up (default, and 0: none)")
@@ -94,7 +94,7 @@ def parse(words):
         raise UsageError(f"--clock {options.clock}, must be lockstep or realtime")
     os.chdir(ROOT)
     given = dict(argument.split(":=", 1) for argument in launch_arguments)
-    options.map, = strategies.maps_of([options.strategy], given.get("selection_config"), given.get("params"))
+    options.map, = strategies.maps_of([options.strategy], given.get("params"))
     if options.scene.startswith("/"):
         if not os.path.isfile(options.scene):
             raise UsageError(f"--scene {options.scene}: no such file")

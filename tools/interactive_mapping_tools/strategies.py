@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Strategies for the next best view, checked before a mission starts.
 
-A strategy is a section with a `plugin` in nbv_selection's configuration or in the user's own. A package on
+A strategy is a section with a `plugin` in nbv_selection's configuration or below nbv_selection in the user's parameters. A package on
 ROS_PACKAGE_PATH must export that plugin.
 """
 
@@ -17,12 +17,12 @@ from . import ROOT
 from .cli import UsageError
 
 CONFIGS = ROOT / "src/nbv_selection/config"
-SHIPPED = ("octomap_strategies.yaml", "nbv_selection.yaml")  # nbv_selection.launch loads them in this order, then the user's
+SHIPPED = ("octomap_strategies.yaml", "nbv_selection.yaml")  # nbv_selection.launch loads them in this order
 BASE_CLASS = "nbv_selection_ros::Strategy"
 
 
 def read_plugins(files, params=None):
-    """{strategy: its plugin}; a later file counts above an earlier one, and the section of params above all. Raises OSError, ValueError,
+    """{strategy: its plugin}; a later file counts above an earlier one, and section nbv_selection of params above all. Raises OSError, ValueError,
     yaml.YAMLError."""
     plugins = {}
     for path in files + ([params] if params else []):
@@ -54,11 +54,10 @@ def exported_plugins():
     return found
 
 
-def maps_of(strategies, selection_config=None, params=None):
+def maps_of(strategies, params=None):
     """The maps, gpis or octomap, that they choose by. Raises UsageError with those that there are."""
     try:
-        plugins = read_plugins([CONFIGS / name for name in SHIPPED] + ([pathlib.Path(selection_config)] if selection_config else []),
-                               pathlib.Path(params) if params else None)
+        plugins = read_plugins([CONFIGS / name for name in SHIPPED], pathlib.Path(params) if params else None)
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise UsageError(f"strategies cannot be read: {' '.join(str(error).split())}") from error
     exported = exported_plugins()

@@ -29,16 +29,27 @@ macro(interactive_mapping_tests)
   add_compile_options($<$<CONFIG:Release>:-O1>)
 endmacro()
 
+# interactive_mapping_ros_test_main()
+# The library of that name: main() of a test that is a node, for tests without one of their own.
+function(interactive_mapping_ros_test_main)
+  if(NOT TARGET interactive_mapping_ros_test_main)
+    add_library(interactive_mapping_ros_test_main STATIC EXCLUDE_FROM_ALL ${interactive_mapping_cmake_FOLDER}/ros_test_main.cpp)
+    target_include_directories(interactive_mapping_ros_test_main SYSTEM PRIVATE ${roscpp_INCLUDE_DIRS} ${GMOCK_INCLUDE_DIRS})
+    target_link_libraries(interactive_mapping_ros_test_main ${roscpp_LIBRARIES})
+  endif()
+endfunction()
+
 # interactive_mapping_add_tests(FOLDER UNIT... [ROSTEST] [INCLUDES FOLDER...] [SYSTEM_INCLUDES FOLDER...]
 #   [LIBRARIES LIBRARY...] [DEFINITIONS NAME=VALUE...] [PROGRAMS TARGET...])
-# For each unit a test test_UNIT from FOLDER/test_UNIT.cpp. ROSTEST: it has a main() and runs in FOLDER/UNIT.test.
+# For each unit a test test_UNIT from FOLDER/test_UNIT.cpp. ROSTEST: it is a node and runs in FOLDER/UNIT.test.
 # PROGRAMS: built before it.
 function(interactive_mapping_add_tests folder)
   cmake_parse_arguments(tests "ROSTEST" "" "INCLUDES;SYSTEM_INCLUDES;LIBRARIES;DEFINITIONS;PROGRAMS" ${ARGN})
   foreach(unit ${tests_UNPARSED_ARGUMENTS})
     if(tests_ROSTEST)
       add_rostest_gmock(test_${unit} ${folder}/${unit}.test ${folder}/test_${unit}.cpp)
-      set(gmock ${GMOCK_LIBRARIES} ${GTEST_LIBRARIES})
+      interactive_mapping_ros_test_main()
+      set(gmock interactive_mapping_ros_test_main ${GMOCK_LIBRARIES} ${GTEST_LIBRARIES})
     else()
       catkin_add_gmock(test_${unit} ${folder}/test_${unit}.cpp)
       set(gmock ${GMOCK_MAIN_LIBRARIES})

@@ -286,22 +286,17 @@ class BringupLaunch(unittest.TestCase):
         write(path, text)
         return f"params:={path}"
 
-    def test_a_robots_own_files_and_topics_reach_all_who_use_them(self):
+    def test_a_robots_own_files_and_scan_reach_all_who_use_them(self):
         own = {name: f"{self.folder}/{name}" for name in ("sectors", "bricks", "base_profile")}
-        topics = {"joint_states": "/arm/joints", "odom": "/base/odom", "cmd_vel": "/base/cmd_vel", "color_topic": "/eye/color/image", "depth_topic": "/eye/depth/image"}
         users = {"sectors": ("motion_planning", "nbv_selection", "pick_mission"), "bricks": ("brick_detection", "motion_planning", "ur_driver_bridge", "pick_mission"),
                  "base_profile": ("base_navigation", "nbv_selection")}
-        given = [f"{name}:={value}" for name, value in {**own, **topics, "camera_frame": "eye"}.items()]
+        given = [f"{name}:={value}" for name, value in {**own, "scan": "/base/scan"}.items()]
         for loaded in (self.robot(*given), self.simulation(*given)):
             for name, nodes in users.items():
                 for node in nodes:
                     self.assertEqual(loaded.params[f"/{node}/{name}_file"], own[name])
-            for node, name, topic in (("depth_self_filter", "joint_states", "joint_states"), ("motion_planning", "joint_states", "joint_states"),
-                                      ("ur_driver_bridge", "joint_states", "joint_states"), ("base_navigation", "odom", "odom"), ("base_navigation", "cmd_vel", "cmd_vel"),
-                                      ("brick_detection", "color/image_raw", "color_topic"), ("depth_self_filter", "depth/image_rect", "depth_topic")):
-                self.assertEqual(loaded.remaps(f"/{node}")[name], topics[topic], node)
-            for node in ("depth_self_filter", "gpis_mapping", "brick_detection"):
-                self.assertEqual(loaded.params[f"/{node}/input/camera_frame"], "eye")
+            self.assertEqual(loaded.remaps("/base_navigation")["scan"], "/base/scan")
+        self.assertEqual([load().remaps("/base_navigation")["scan"] for load in (self.robot, self.simulation)], ["/lidar_1/scan_filtered", "/lidar_1/scan"])
 
     def test_a_users_params_count_above_all_else(self):
         # One key that the camera's file sets, one of each of our files, and of each node one that its launch file or an argument sets.
@@ -310,10 +305,12 @@ class BringupLaunch(unittest.TestCase):
                   "brick_detection/input/map_frame": "odom", "depth_self_filter/mask/baseline_m": 0.09, "motion_planning/pick/overtravel_m": 0.004,
                   "motion_planning/map_frame": "odom", "ur_driver_bridge/gate/max_heartbeat_silence_s": 0.7, "ur_driver_bridge/lockstep_wait_s": 3.0,
                   "base_navigation/drive/max_heartbeat_age_s": 0.9, "base_navigation/pose/wait_s": 2.0, "nbv_selection/strategies": ["mine"],
+                  "nbv_selection/mine/plugin": "my/View", "gpis_mapping/input/camera_frame": "eye",
                   "nbv_selection/seed": 99, "pick_mission/time/limit_s": 7.0, "pick_mission/unlocks_protective_stop": False, "pick_mission/strategy": "mine",
                   "system_diagnostics/arrival/warn_ahead_s": 1.5}
         simulated = {"simulated_world/camera/rate_hz": 3.0, "simulated_world/clock/wait_for": [], "simulated_world/clock/computing": [],
                      "simulated_world/clock/wait_timeout_wall_s": 6.0, "simulated_world/judge/pick_action": "/mine", "simulated_world/seed": 98,
+                     "simulated_world/description/arm_pose": "/my.yaml",
                      "octomap_baseline/map/sensor/max_range_m": 2.0, "octomap_baseline/output/projected_min_z_m": 0.2}
 
         def file_of(params):
@@ -414,13 +411,13 @@ class BringupLaunch(unittest.TestCase):
     def test_an_argument_that_there_is_not_ends_the_launch(self):
         none = ["arm_driver:=none", "camera_driver:=none", "base_driver:=none", "localisation:=odom"]
         # Arguments of common.launch and of the drivers' files count as its own, apart from those that robot.launch decides.
-        result = self.run_robot(none + ["headless:=true", "base_hartbeat:=none", "autostart:=true", "bridge:=false", "heartbeat:=/h", "reverse_ip:=::1"])
+        result = self.run_robot(none + ["headless:=true", "base_hartbeat:=none", "autostart:=true", "bridge:=false", "nodelets:=true", "reverse_ip:=::1"])
         self.assertNotEqual(result.returncode, 0)
         self.assertIn("robot.launch has no argument headless any more: the argument is headless_mode", result.stdout)
         self.assertIn("robot.launch has no argument base_hartbeat, but base_heartbeat:", result.stdout)
         self.assertIn("robot.launch has no argument autostart", result.stdout)
         self.assertIn("robot.launch has no argument bridge", result.stdout)
-        self.assertNotIn("no argument heartbeat", result.stdout)
+        self.assertNotIn("no argument nodelets", result.stdout)
         self.assertNotIn("no argument reverse_ip", result.stdout)
         # Somebody's own file, of the same name even, has arguments of its own.
         own = self.folder / "own/robot.launch"
@@ -437,7 +434,7 @@ class BringupLaunch(unittest.TestCase):
         for start, wrong, right, node in (
                 (simulation, "sceen", "scene", "/pick_mission"), (("-p", "11399", *simulation), "sceen", "scene", "/pick_mission"),
                 (("simulated_world", "simulated_world.launch"), "sceen", "scene", "/relay_wheels"), ((world,), "sceen", "scene", "/relay_wheels"),
-                (simulation, "realtime_facter", "realtime_factor", "/pick_mission"), (simulation, "color_topics", "color_topic", "/pick_mission"),
+                (simulation, "realtime_facter", "realtime_factor", "/pick_mission"), (simulation, "strategie", "strategy", "/pick_mission"),
                 (simulation, "deployment", "", "/pick_mission"), (common, "machin", "machine", "/pick_mission"),
                 (("mp700_ur5e_bringup", "replay.launch", "bag:=/a.bag"), "rates", "rate", "/play_mission"),
                 (("gpis_mapping", "mapping.launch"), "autosave_fil", "autosave_file", "/gpis_mapping"),
@@ -451,7 +448,7 @@ class BringupLaunch(unittest.TestCase):
         code, output = self.nodes_of(*common, "machine:=robto")
         self.assertNotEqual(code, 0, output)
         self.assertIn("machine:=robto, must be all, robot, laptop, base or arm", output)
-        code, output = self.nodes_of(*simulation, "scene:=two_rows", "seed:=3", "realtime_factor:=0.5", "joint_states:=/j")
+        code, output = self.nodes_of(*simulation, "scene:=two_rows", "seed:=3", "realtime_factor:=0.5", "mission_config:=paper")
         self.assertEqual(code, 0, output)
         self.assertIn("/pick_mission", output)
         # A file of the user's includes ours, and two files share a command line: their arguments are not ours to judge.

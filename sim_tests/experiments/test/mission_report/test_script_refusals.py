@@ -76,7 +76,7 @@ class ScriptRefusals(unittest.TestCase):
         for argument in ("a.*:=1", "sc:=x y", "x", ":=1", "Scene:=1"):
             self.refused(2, f"{argument} after --, must be ARGUMENT:=VALUE" if argument != "sc:=x y" else "no argument sc", *mission("--", argument))
         for argument, words in (("map_config:=/x", "simulation.launch has no argument map_config any more: write its keys below gpis_mapping/map"),
-                                ("color_topics:=/x", "simulation.launch has no argument color_topics, but color_topic: "),
+                                ("strategie:=x", "simulation.launch has no argument strategie, but strategy: "),
                                 ("deployment:=robot", "simulation.launch has no argument deployment")):
             self.refused(2, words, *mission("--", argument))
         for name in ("run_folder", "scene", "seed", "strategy", "clock"):
@@ -114,9 +114,7 @@ class ScriptRefusals(unittest.TestCase):
         (package / "plugins.xml").write_text("<library path='lib/libmy_views'><class name='my_views/Nearest' type='my_views::Nearest' "
                                              "base_class_type='nbv_selection_ros::Strategy'/></library>")
         config = self.folder / "views.yaml"
-        config.write_text("nearest: {plugin: my_views/Nearest}\nfarthest: {plugin: my_views/Farthest}\n")
-        params = self.folder / "params.yaml"
-        params.write_text("nbv_selection: {nearest: {plugin: my_views/Nearest}}\n")
+        config.write_text("nbv_selection: {nearest: {plugin: my_views/Nearest}, farthest: {plugin: my_views/Farthest}}\n")
         run = self.folder / "run"
         run.mkdir()
         kept = ("run_mission", "--run", run, "--overwrite", "--scene", "two_rows", "--strategy")
@@ -124,12 +122,11 @@ class ScriptRefusals(unittest.TestCase):
         refusals = ((), f"strategy nearest: must be one of {shipped}"), ((config,), "strategy nearest: its plugin my_views/Nearest is exported by no package on "
                                                                                   f"ROS_PACKAGE_PATH; must be one of {shipped}")
         for given, words in refusals:
-            self.refused(2, words, *kept, "nearest", *(("--", f"selection_config:={config}") if given else ()))
+            self.refused(2, words, *kept, "nearest", *(("--", f"params:={config}") if given else ()))
         with unittest.mock.patch.dict(os.environ, ROS_PACKAGE_PATH=f"{package.parent}:{os.environ['ROS_PACKAGE_PATH']}"):
-            self.refused(1, "not deleted", *kept, "nearest", "--", f"selection_config:={config}")
-            self.refused(1, "not deleted", *kept, "nearest", "--", f"params:={params}")
+            self.refused(1, "not deleted", *kept, "nearest", "--", f"params:={config}")
             self.refused(2, "my_views/Farthest is exported by no package on ROS_PACKAGE_PATH; must be one of gpis, nearest, ", *kept, "farthest", "--",
-                         f"selection_config:={config}")
+                         f"params:={config}")
         # Of the same environment the nodes are started: sourcing this workspace once more would hide the user's.
         environment = {**os.environ, "ROS_PACKAGE_PATH": f"{package.parent}:/x", "CMAKE_PREFIX_PATH": f"{package.parent}/devel:{ROOT}/devel:/usr"}
         told = subprocess.run(["bash", "-c", '. "$0"; use_workspace; echo "$ROS_PACKAGE_PATH"', str(SCRIPTS / "lib.sh")], env=environment,
@@ -137,7 +134,7 @@ class ScriptRefusals(unittest.TestCase):
         self.assertEqual(told.strip(), environment["ROS_PACKAGE_PATH"])
         for name in shipped.split(", "):
             self.refused(1, "not deleted", *kept, name)
-        self.refused(2, "strategies cannot be read", *kept, "gpis", "--", f"selection_config:={self.folder / 'nope.yaml'}")
+        self.refused(2, "strategies cannot be read", *kept, "gpis", "--", f"params:={self.folder / 'nope.yaml'}")
 
     def test_endurance_refuses_seeds_that_no_world_takes(self):
         kept = self.folder / "endurance/kept"

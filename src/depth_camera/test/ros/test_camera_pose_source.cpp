@@ -66,10 +66,3 @@ TEST(CameraPoseSource, RefusesAnImpossibleTimeOffset) {
 
 }  // namespace
 }  // namespace depth_camera_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_camera_pose_source");
-  const ros::NodeHandle keeps_the_node_alive;
-  return RUN_ALL_TESTS();
-}

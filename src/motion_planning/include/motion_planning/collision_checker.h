@@ -128,7 +128,8 @@ class CollisionChecker {
   const std::optional<HeldBrick>& held() const;
 
   /// What lies in the container: all links keep held_padding_m from it, and what is held 1 cm. Bricks that arm or held brick
-  /// would touch in this posture, its start, are left out: they cannot lie there. Call it after setHeld(). Throws std::invalid_argument for a bad brick.
+  /// would touch in this posture, its start, are left out: they cannot lie there. Call it after setHeld(). findStart()
+  /// rejects bad poses and sizes. Throws std::invalid_argument for angles that are not finite.
   void setLoad(const std::vector<LoadedBrick>& load, const ArmVector& start_rad);
 
   /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all

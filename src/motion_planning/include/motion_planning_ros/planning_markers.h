@@ -5,6 +5,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
@@ -69,7 +70,7 @@ class PlanningMarkers {
 
   std::mutex mutex_;  // guards what follows, and the order of what is published of plans
   std::optional<ShownPlan> shown_;
-  std::size_t num_shown_{0};  // bricks of the load
+  std::vector<motion_planning::LoadedBrick> shown_load_;
 };
 
 }  // namespace motion_planning_ros

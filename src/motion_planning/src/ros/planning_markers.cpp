@@ -15,6 +15,7 @@ using interactive_mapping_ros::color;
 using interactive_mapping_ros::toPoint;
 using motion_planning::ArmVector;
 using motion_planning::JointTrajectory;
+using motion_planning::LoadedBrick;
 using visualization_msgs::Marker;
 using visualization_msgs::MarkerArray;
 
@@ -187,10 +188,13 @@ void PlanningMarkers::showFailure(const std::string& reason, const Eigen::Isomet
   publishPlan(array, ShownPlan(ArmVector::Zero(), std::nullopt, T_map_base));
 }
 
-void PlanningMarkers::showLoad(const std::vector<motion_planning::LoadedBrick>& load) {
+void PlanningMarkers::showLoad(const std::vector<LoadedBrick>& load) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (load.size() == num_shown_) return;
-  num_shown_ = load.size();
+  const auto is_same = [](const LoadedBrick& a, const LoadedBrick& b) {
+    return a.T_base_brick.matrix() == b.T_base_brick.matrix() && a.size_m == b.size_m;
+  };
+  if (std::equal(load.begin(), load.end(), shown_load_.begin(), shown_load_.end(), is_same)) return;
+  shown_load_ = load;
   MarkerArray array = cleared();
   for (std::size_t i = 0; i < load.size(); ++i) {
     Marker brick = marker("load", static_cast<int>(i), Marker::CUBE);

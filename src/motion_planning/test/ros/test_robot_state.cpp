@@ -10,6 +10,7 @@
 #include <tf2_ros/transform_broadcaster.h>
 
 #include <interactive_mapping_common_ros/testing/waiting.h>
+#include "motion_planning_ros/planning_markers.h"
 #include "support/urdf_text.h"
 
 namespace motion_planning_ros {
@@ -162,12 +163,20 @@ TEST_F(RobotStateTest, WhatIsLetGoOverTheContainerLiesInIt) {
   EXPECT_TRUE(robot_->load().empty());
 }
 
+TEST_F(RobotStateTest, AnotherLoadOfAsManyBricksIsShown) {
+  ros::NodeHandle private_nh("~");
+  PlanningMarkers markers(private_nh, params_.map_frame, arm_, 1);
+  double shown_z_m = 0.0;
+  const ros::Subscriber load = private_nh.subscribe<visualization_msgs::MarkerArray>(
+      "load", 5,
+      [&](const visualization_msgs::MarkerArrayConstPtr& shown) { shown_z_m = shown->markers.back().pose.position.z; });
+  motion_planning::LoadedBrick brick{Eigen::Isometry3d::Identity(), {0.2, 0.1, 0.05}};
+  for (const double z_m : {0.3, 0.5}) {
+    brick.T_base_brick.translation().z() = z_m;
+    markers.showLoad({brick});
+    EXPECT_TRUE(waitUntil([&] { return shown_z_m == z_m; })) << shown_z_m;
+  }
+}
+
 }  // namespace
 }  // namespace motion_planning_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_robot_state");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

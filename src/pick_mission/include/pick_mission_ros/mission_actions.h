@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include <actionlib_msgs/GoalStatusArray.h>
@@ -166,6 +167,16 @@ class MissionActions {
   void onBricks(const interactive_mapping_msgs::BrickArrayConstPtr& message);
   void onNavigationOutcome(const interactive_mapping_msgs::NavigationOutcomeConstPtr& message);
   void onDriveStatus(const actionlib_msgs::GoalStatusArrayConstPtr& message);
+
+  template <typename Call>
+  void forActions(const Call& call) {
+    std::apply([&call](auto&... action) { (call(action), ...); },
+               std::tie(plan_arm_, plan_pick_, move_arm_, pick_, let_go_, recover_, select_, drive_));
+  }
+  template <typename Call>
+  void forServices(const Call& call) {
+    std::apply([&call](auto&... service) { (call(service), ...); }, std::tie(detect_, report_, hold_, release_));
+  }
 
   const PickMissionParams params_;
   const std::shared_ptr<const motion_planning::ArmKinematics> arm_;

@@ -168,18 +168,8 @@ std::vector<std::string> MissionActions::missing() {
   const auto need = [&missing](auto& server, bool is_there) {
     if (!is_there) missing.push_back("the server " + server.name());
   };
-  need(plan_arm_, plan_arm_.isConnected());
-  need(plan_pick_, plan_pick_.isConnected());
-  need(move_arm_, move_arm_.isConnected());
-  need(pick_, pick_.isConnected());
-  need(let_go_, let_go_.isConnected());
-  need(recover_, recover_.isConnected());
-  need(select_, select_.isConnected());
-  need(drive_, drive_.isConnected());
-  need(detect_, detect_.exists());
-  need(report_, report_.exists());
-  need(hold_, hold_.exists());
-  need(release_, release_.exists());
+  forActions([&](auto& action) { need(action, action.isConnected()); });
+  forServices([&](auto& service) { need(service, service.exists()); });
   return missing;
 }
 
@@ -214,14 +204,7 @@ void MissionActions::reply(std::uint64_t id, const pick_mission::Result& result,
 }
 
 void MissionActions::cancel() {
-  plan_arm_.cancel();
-  plan_pick_.cancel();
-  move_arm_.cancel();
-  pick_.cancel();
-  let_go_.cancel();
-  recover_.cancel();
-  select_.cancel();
-  drive_.cancel();
+  forActions([](auto& action) { action.cancel(); });
   // These have nothing to cancel; what they would answer is not wanted.
   if (look_) {
     reply(pick_mission::LookResult{pick_mission::LookStatus::kCancelled, look_->map_stamp_s}, "cancelled");
@@ -239,17 +222,10 @@ void MissionActions::cancel() {
 /// Whatever an earlier action still does, it ends, and does not answer for the next one.
 void MissionActions::abandon(bool keeps_pick) {
   if (keeps_pick && !carrying_) carrying_ = running_;
-  if (!keeps_pick) {
-    carrying_.reset();
-    pick_.abandon();
-  }
-  plan_arm_.abandon();
-  plan_pick_.abandon();
-  move_arm_.abandon();
-  let_go_.abandon();
-  recover_.abandon();
-  select_.abandon();
-  drive_.abandon();
+  if (!keeps_pick) carrying_.reset();
+  forActions([&](auto& action) {
+    if (!keeps_pick || static_cast<const void*>(&action) != &pick_) action.abandon();
+  });
   detect_.forget();
   report_.forget();
   forgetWork();
@@ -267,19 +243,8 @@ void MissionActions::forgetWork() {
 }
 
 void MissionActions::watch() {
-  const ros::WallDuration timeout(params_.servers.timeout_s);
-  plan_arm_.watch(timeout);
-  plan_pick_.watch(timeout);
-  move_arm_.watch(timeout);
-  pick_.watch(timeout);
-  let_go_.watch(timeout);
-  recover_.watch(timeout);
-  select_.watch(timeout);
-  drive_.watch(timeout);
-  detect_.watch();
-  report_.watch();
-  hold_.watch();
-  release_.watch();
+  forActions([&](auto& action) { action.watch(ros::WallDuration(params_.servers.timeout_s)); });
+  forServices([](auto& service) { service.watch(); });
 
   const ros::Time now = ros::Time::now();
   // A clock that was set back: from now on, once more.

@@ -15,7 +15,6 @@
 #include <ur_dashboard_msgs/Load.h>
 #include <ur_dashboard_msgs/Popup.h>
 #include <ur_dashboard_msgs/ProgramState.h>
-#include <ur_dashboard_msgs/RawRequest.h>
 #include <ur_dashboard_msgs/RobotMode.h>
 #include <ur_dashboard_msgs/SafetyMode.h>
 #include <ur_dashboard_msgs/SetModeAction.h>
@@ -51,7 +50,6 @@ TEST(UrDashboardMsgs, ServicesAreTheOriginalsOnTheWire) {
   EXPECT_STREQ(ros::service_traits::md5sum<ur_dashboard_msgs::IsProgramSaved>(), "e922e4e4f5e4157c23417860c8b2336a");
   EXPECT_STREQ(ros::service_traits::md5sum<ur_dashboard_msgs::Load>(), "abbee7d5c683c0b3af261ba331da1fbb");
   EXPECT_STREQ(ros::service_traits::md5sum<ur_dashboard_msgs::Popup>(), "2054bf354d51f4d6a4dce330cf7bb805");
-  EXPECT_STREQ(ros::service_traits::md5sum<ur_dashboard_msgs::RawRequest>(), "3f9d6cecb9ae062492929b790df89058");
 }
 
 }  // namespace

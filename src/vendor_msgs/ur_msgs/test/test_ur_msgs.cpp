@@ -7,13 +7,9 @@
 #include <ur_msgs/Analog.h>
 #include <ur_msgs/Digital.h>
 #include <ur_msgs/IOStates.h>
-#include <ur_msgs/MasterboardDataMsg.h>
-#include <ur_msgs/RobotModeDataMsg.h>
-#include <ur_msgs/RobotStateRTMsg.h>
 #include <ur_msgs/SetIO.h>
 #include <ur_msgs/SetPayload.h>
 #include <ur_msgs/SetSpeedSliderFraction.h>
-#include <ur_msgs/ToolDataMsg.h>
 
 namespace {
 
@@ -23,10 +19,6 @@ TEST(UrMsgs, MessagesAreTheOriginalsOnTheWire) {
   EXPECT_STREQ(md5sum<ur_msgs::Analog>(), "6be678008703fe11fbea12281a3d6d23");
   EXPECT_STREQ(md5sum<ur_msgs::Digital>(), "83707be3fa18d2ffe57381ea034aa262");
   EXPECT_STREQ(md5sum<ur_msgs::IOStates>(), "b341cc0bc3ea976e9cacf81c26adeb88");
-  EXPECT_STREQ(md5sum<ur_msgs::MasterboardDataMsg>(), "807af5dc427082b111fa23d1fd2cd585");
-  EXPECT_STREQ(md5sum<ur_msgs::RobotModeDataMsg>(), "867308ca39e2cc0644b50db27deb661f");
-  EXPECT_STREQ(md5sum<ur_msgs::RobotStateRTMsg>(), "ce6feddd3ccb4ca7dbcd0ff105b603c7");
-  EXPECT_STREQ(md5sum<ur_msgs::ToolDataMsg>(), "404fc266f37d89f75b372d12fa94a122");
 }
 
 TEST(UrMsgs, ServicesAreTheOriginalsOnTheWire) {

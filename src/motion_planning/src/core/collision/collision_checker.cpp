@@ -612,10 +612,6 @@ void CollisionChecker::setLoad(const std::vector<LoadedBrick>& load, const ArmVe
   state.load.clear();
   state.place(start_rad);
   for (const LoadedBrick& brick : load) {
-    if (!isRigid(brick.T_base_brick) || !isBoxSize(brick.size_m)) {
-      throw std::invalid_argument("a brick in the container: its pose is not a rigid transform, or its size " +
-                                  describeSize(brick.size_m));
-    }
     const Shape box = mp700_ur5e_description::Box{brick.size_m};
     Part part = makePart(kLoad, 0, state.T_map_base * brick.T_base_brick, inflate(box, kPoseError_m),
                          inflate(box, state.config.held_padding_m), 0.0);
