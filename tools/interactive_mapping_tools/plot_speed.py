@@ -18,6 +18,7 @@ from .results import markdown, number, read_rows
 from .style import INK, SEQUENCE, plt, save, tidy
 
 SHOWN_STATES = 7
+MIN_LABEL = 0.04  # share of the cycle that a state takes whose name has room
 
 
 class Run:
@@ -105,10 +106,11 @@ def draw(run, out):
     for time_s, state in run.ends:
         if begin_s < time_s <= end_s:
             axes.axvline(time_s, color=INK, linewidth=0.8)
-            axes.text(0.5 * (since_s + time_s), 1.01, state, transform=axes.get_xaxis_transform(), ha="center", fontsize=9)
+            if time_s - since_s > MIN_LABEL * (end_s - begin_s):
+                axes.text(0.5 * (since_s + time_s), 1.01, state, transform=axes.get_xaxis_transform(), ha="center", fontsize=9)
             since_s = time_s
     axes.set_xlim(begin_s, end_s)
-    axes.legend(title="the clock waits for")
+    axes.legend(title="the clock waits for", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     tidy(axes, None, "simulated time [s]", f"wall time of {width_s:.1f} s [ms]")
     save(figure, out)
 
