@@ -102,7 +102,7 @@ class MissionRecorder(unittest.TestCase):
     def test_keeps_maps_when_they_show_something_new_and_tells_what_goes_on(self):
         states = MissionState
         terminal = io.StringIO()
-        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(terminal), MissionState)
+        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(terminal), MissionState, mission_recorder.Processes(self.folder, ""))
 
         def show(size):
             recorder.on_mesh(AnyMsg().deserialize(serialised(mesh_of(size))))
@@ -144,7 +144,7 @@ class MissionRecorder(unittest.TestCase):
         self.assertNotIn("\r", output, "no terminal, no line that is written anew")
 
     def test_keeps_no_more_maps_than_allowed_but_the_last(self):
-        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(io.StringIO()), MissionState)
+        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(io.StringIO()), MissionState, mission_recorder.Processes(self.folder, ""))
         for picked in range(mission_recorder.MAX_MAPS + 5):
             recorder.on_mesh(AnyMsg().deserialize(serialised(mesh_of(1.0))))
             recorder.on_state(self.message(MissionState.LOOK, picked=picked, begun=picked))
