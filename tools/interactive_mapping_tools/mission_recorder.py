@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Follows a running mission: says in the terminal what it does, keeps the map in RUN_FOLDER/pictures, and in
-RUN_FOLDER/memory.csv what each node occupies.
+"""Follows a running mission: says in the terminal what it does, keeps the map in RUN_FOLDER/pictures, in
+RUN_FOLDER/memory.csv what each node occupies, and in RUN_FOLDER/processor.csv what each process has computed.
 
 Maps are kept as map_<seconds>_<picked>.ply: after the first look, before the first pick, after the look that follows a
 pick, and at the end. Exit code: 0 the mission has ended, 1 it is gone, 2 bad usage, 3 the time is up.
 """
 
+import contextlib
 import http.client
 import os
 import pathlib
@@ -24,7 +25,7 @@ from .mission_run import END_WORDS
 
 MAX_MAPS = 60  # in a folder; those of a mission with more picks are left out, but for the last
 POLL_S = 0.2
-MEMORY_PERIOD_S = 10.0  # wall time
+LOOK_PERIOD_S = 10.0  # wall time: for processes that have come or gone
 SILENCE_S = 5.0  # of the mission, wall time: then its process is asked whether it is there
 PING_TIMEOUT_S = 3.0
 MAX_LINE = 200  # characters; the whole is in mission.jsonl
@@ -125,10 +126,11 @@ class Screen:
 class Recorder:
     """Callbacks come in rospy's threads; lock guards all."""
 
-    def __init__(self, folder, screen, messages):
+    def __init__(self, folder, screen, messages, processes):
         self.lock = threading.Lock()
         self.screen = screen
         self.messages = messages
+        self.processes = processes
         self.states = {value: name.lower().replace("_", " ") for name, value in vars(messages).items()
                        if name in ("IDLE", "PAUSED", "HELD", "HALTING", "ENDED", "BEGIN", "CHOOSE", "PLAN_CLEAR", "CLEAR", "LOOK", "DETECT", "REPORT",
                                    "PLAN_PICK", "PICK", "PLAN_STOW", "STOW", "LET_GO", "SELECT", "DRIVE", "RECOVER", "WAIT", "UNLOAD")}
@@ -158,8 +160,22 @@ class Recorder:
             self.heard_s = time.monotonic()
             self._tell(before, message)
             self._keep(before, message)
+            if before is not None and before.state != message.state:
+                self._on_disk(self.processes.left, message.header.stamp.to_sec(), self.states.get(before.state, "?"))
             if message.state == self.messages.ENDED:
                 self.ended.set()
+
+    def look_at_processes(self):
+        with self.lock:
+            if self.state is not None:
+                self._on_disk(self.processes.update, self.state.header.stamp.to_sec())
+
+    def _on_disk(self, write, *arguments):
+        try:
+            write(*arguments)
+        except OSError as error:  # a full disk ends no mission
+            self.screen.line(f"{error.filename} cannot be written: {error.strerror}")
+            self.processes.mark = ""
 
     def _head(self, state):
         total = state.bricks_total if state.bricks_total >= 0 else self.judged.bricks_total if self.judged is not None else -1
@@ -246,37 +262,64 @@ def rss_mb(process):
     return int(process.joinpath("status").read_text(encoding="utf-8", errors="replace").split("VmRSS:", 1)[-1].split()[0]) / 1024.0
 
 
-def resident_mb(mark, processes=pathlib.Path("/proc")):
-    """{node: MB} of the run's nodes: processes with run_mission's mark that roslaunch has given a name."""
+def processor_s(process):
+    """Of all threads, user and system, since it began. Raises OSError or ValueError."""
+    cells = process.joinpath("stat").read_text(encoding="utf-8", errors="replace").rsplit(")", 1)[-1].split()
+    if len(cells) < 13:
+        raise ValueError("cut off")
+    return (int(cells[11]) + int(cells[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def processes_of(mark, folder=pathlib.Path("/proc")):
+    """{name: folder of /proc} of the run's processes, those with run_mission's mark. Nodes have the name that roslaunch gave them, the others their script's or program's."""
     found = {}
-    for process in processes.glob("[0-9]*"):
+    for process in folder.glob("[0-9]*"):
         try:
-            names = [word[len(b"__name:="):].decode() for word in (process / "cmdline").read_bytes().split(b"\0") if word.startswith(b"__name:=")]
-            if not names or not is_of_run(process, mark):
-                continue
-            found[names[-1]] = rss_mb(process)
-        except (OSError, ValueError):
+            words = [word.decode(errors="replace") for word in (process / "cmdline").read_bytes().split(b"\0") if word]
+            if words and is_of_run(process, mark):
+                named = [word[len("__name:="):] for word in words if word.startswith("__name:=")]
+                is_script = pathlib.Path(words[0]).name.startswith("python") and len(words) > 1
+                found[named[-1] if named else "(" + pathlib.Path(words[1 if is_script else 0]).stem + ")"] = process
+        except OSError:
             pass  # it has just ended, or is somebody else's
     return found
 
 
-class MemoryTable:
-    """memory.csv: a line for each node, every MEMORY_PERIOD_S."""
+class ProcessTable:
+    """A file with a line for each process."""
 
-    def __init__(self, path, mark):
-        self.path, self.mark, self.due_s = path, mark, 0.0
+    def __init__(self, path, head, value_of):
+        self.path, self.head, self.value_of = path, head, value_of
+
+    def write(self, before, processes):
+        is_new = not self.path.exists()
+        with open(self.path, "a", encoding="utf-8") as stream:
+            if is_new:
+                stream.write(self.head + "\n")
+            for name, process in sorted(processes.items()):
+                with contextlib.suppress(OSError, ValueError):  # it has just ended
+                    stream.write(f"{before},{name},{self.value_of(process)}\n")
+
+
+class Processes:
+    """memory.csv: each node every LOOK_PERIOD_S; processor.csv: each process when the mission leaves a state."""
+
+    def __init__(self, folder, mark, processes=pathlib.Path("/proc")):
+        self.mark, self.processes, self.due_s, self.found = mark, processes, 0.0, {}
+        self.memory = ProcessTable(folder / "memory.csv", "time_s,node,resident_mb", lambda process: f"{rss_mb(process):.1f}")
+        self.processor = ProcessTable(folder / "processor.csv", "time_s,state,process,processor_s", lambda process: f"{processor_s(process):.2f}")
 
     def update(self, time_s):
         now = time.monotonic()
         if not self.mark or now < self.due_s:
             return
-        self.due_s = now + MEMORY_PERIOD_S
-        is_new = not self.path.exists()
-        with open(self.path, "a", encoding="utf-8") as stream:
-            if is_new:
-                stream.write("time_s,node,resident_mb\n")
-            for node, size in sorted(resident_mb(self.mark).items()):
-                stream.write(f"{time_s:.3f},{node},{size:.1f}\n")
+        self.due_s = now + LOOK_PERIOD_S
+        self.found = processes_of(self.mark, self.processes)
+        self.memory.write(f"{time_s:.3f}", {name: process for name, process in self.found.items() if not name.startswith("(")})
+
+    def left(self, time_s, state):
+        if self.mark:
+            self.processor.write(f"{time_s:.3f},{state}", self.found)
 
 
 class TimedTransport(xmlrpc.client.Transport):
@@ -327,8 +370,8 @@ def main():
         signal.signal(number, lambda *_: is_told_to_end.set())
     if not rosgraph.is_master_online():
         parser.error(f"no ROS master answers at {os.environ.get('ROS_MASTER_URI')}")
-    rospy.init_node("mission_recorder", anonymous=True, disable_signals=True, disable_rosout=True)
-    recorder = Recorder(arguments.folder, screen, MissionState)
+    rospy.init_node("mission_recorder", anonymous=True, disable_signals=True, disable_rosout=True, disable_rostime=True)  # the wall clock alone
+    recorder = Recorder(arguments.folder, screen, MissionState, Processes(arguments.folder, os.environ.get("RUN_MISSION_MARK", "")))
     rospy.Subscriber(arguments.mission + "/state", MissionState, recorder.on_state, queue_size=100)
     if arguments.mesh:
         # Unparsed and only the newest: a mesh comes with each image and may be several MB.
@@ -337,19 +380,13 @@ def main():
         from simulated_world.msg import JudgeState
         rospy.Subscriber(arguments.judge, JudgeState, recorder.on_judge, queue_size=1)
 
-    memory = MemoryTable(arguments.folder / "memory.csv", os.environ.get("RUN_MISSION_MARK", ""))
     begun = last_there = time.monotonic()
     code = None
     while code is None:
         recorder.ended.wait(POLL_S)
         now = time.monotonic()
         heard_s = recorder.heard_s
-        if recorder.state is not None:
-            try:
-                memory.update(recorder.state.header.stamp.to_sec())
-            except OSError as error:  # a full disk ends no mission
-                screen.line(f"memory.csv cannot be written: {error}")
-                memory.mark = ""
+        recorder.look_at_processes()
         if heard_s is not None:
             last_there = max(last_there, heard_s)
             # A clock that stands still makes a mission silent, too: that is no reason to give it up.

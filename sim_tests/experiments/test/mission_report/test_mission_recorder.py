@@ -3,6 +3,7 @@
 """mission_recorder.py beside a mission that this test acts."""
 
 import io
+import os
 import pathlib
 import shutil
 import subprocess
@@ -101,7 +102,7 @@ class MissionRecorder(unittest.TestCase):
     def test_keeps_maps_when_they_show_something_new_and_tells_what_goes_on(self):
         states = MissionState
         terminal = io.StringIO()
-        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(terminal), MissionState)
+        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(terminal), MissionState, mission_recorder.Processes(self.folder, ""))
 
         def show(size):
             recorder.on_mesh(AnyMsg().deserialize(serialised(mesh_of(size))))
@@ -143,7 +144,7 @@ class MissionRecorder(unittest.TestCase):
         self.assertNotIn("\r", output, "no terminal, no line that is written anew")
 
     def test_keeps_no_more_maps_than_allowed_but_the_last(self):
-        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(io.StringIO()), MissionState)
+        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(io.StringIO()), MissionState, mission_recorder.Processes(self.folder, ""))
         for picked in range(mission_recorder.MAX_MAPS + 5):
             recorder.on_mesh(AnyMsg().deserialize(serialised(mesh_of(1.0))))
             recorder.on_state(self.message(MissionState.LOOK, picked=picked, begun=picked))
@@ -212,24 +213,35 @@ class MissionRecorder(unittest.TestCase):
         self.assertEqual(code, 1)
         self.assertIn("told to end", output)
 
-    def test_memory_of_the_runs_own_nodes_and_of_nobody_else(self):
-        processes = self.folder / "proc"
+    def test_processes_of_the_run_and_of_nobody_else(self):
+        folder = self.folder / "proc"
 
         def process(number, mark, *words):
-            folder = processes / str(number)
-            folder.mkdir(parents=True)
-            (folder / "environ").write_bytes(f"HOME=/root\0RUN_MISSION_MARK={mark}\0".encode())
-            (folder / "cmdline").write_bytes(b"\0".join(word.encode() for word in words) + b"\0")
-            (folder / "status").write_text("Name:\tnode\nVmRSS:\t  2048 kB\n")
+            of_one = folder / str(number)
+            of_one.mkdir(parents=True)
+            (of_one / "environ").write_bytes(f"HOME=/root\0RUN_MISSION_MARK={mark}\0".encode())
+            (of_one / "cmdline").write_bytes(b"\0".join(word.encode() for word in words) + b"\0")
+            (of_one / "status").write_text("Name:\tnode\nVmRSS:\t  2048 kB\n")
+            # Name with a bracket and blanks; then the state, 10 numbers, ticks of user and system.
+            (of_one / "stat").write_text(f"{number} (a b) c) S " + "1 " * 10 + f"{2 * os.sysconf('SC_CLK_TCK')} {os.sysconf('SC_CLK_TCK')} 0\n")
 
         process(1, "7-1", "gpis_mapping", "__name:=gpis_mapping", "__log:=log")
-        process(2, "7-1", "roslaunch")
+        process(2, "7-1", "/usr/bin/python3", "/usr/bin/rosmaster", "--core")
         process(3, "7-12", "gpis_mapping", "__name:=of_another_run")
-        (processes / "4").mkdir()  # has just ended
-        self.assertEqual(mission_recorder.resident_mb("7-1", processes), {"gpis_mapping": 2.0})
-        path = self.folder / "memory.csv"
-        mission_recorder.MemoryTable(path, "").update(1.0)
-        self.assertFalse(path.exists(), "no run, no table")
+        (folder / "4").mkdir()  # has just ended
+        self.assertEqual(mission_recorder.processes_of("7-1", folder), {"gpis_mapping": folder / "1", "(rosmaster)": folder / "2"})
+        processes = mission_recorder.Processes(self.folder, "7-1", folder)
+        processes.update(1.0)
+        processes.left(2.5, "plan pick")
+        self.assertEqual((self.folder / "memory.csv").read_text(), "time_s,node,resident_mb\n1.000,gpis_mapping,2.0\n")
+        self.assertEqual((self.folder / "processor.csv").read_text().splitlines(),
+                         ["time_s,state,process,processor_s", "2.500,plan pick,(rosmaster),3.00", "2.500,plan pick,gpis_mapping,3.00"])
+
+    def test_no_table_of_processes_without_a_run(self):
+        processes = mission_recorder.Processes(self.folder, "")
+        processes.update(1.0)
+        processes.left(1.0, "look")
+        self.assertEqual(list(self.folder.glob("*.csv")), [])
 
     def test_damaged_mesh_is_refused(self):
         data = serialised(mesh_of(1.0))

@@ -139,6 +139,32 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(self.report("--summary-only").returncode, 0)
         self.assertEqual(self.summary()["memory"], {"map": {"most_mb": 160.0, "early_mb": 122.5, "late_mb": 152.5, "hours": 0.5}})
 
+    def plot_speed(self, processor, clock, *options):
+        self.folder.mkdir()
+        (self.folder / "processor.csv").write_text("time_s,state,process,processor_s\n" + "".join(processor))
+        (self.folder / "clock.csv").write_text("time_s,waited_for,wall_s\n" + "".join(clock))
+        environment = {**os.environ, "MPLCONFIGDIR": str(self.folder.parent / "matplotlib")}
+        return subprocess.run(["/usr/bin/python3", str(SCRIPTS / "plot_speed.py"), str(self.folder), *options], env=environment, stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+
+    def test_speed_by_process_and_state(self):
+        # Two cycles of drive (4 s) and pick (6 s); the map computes 1 s in a drive and 3 s in a pick, and is started anew in the last pick.
+        ends = ((10, "begin", 5, 1), (14, "drive", 6, 1), (20, "pick", 9, 4), (24, "drive", 10, 4), (30, "pick", 3, 7))
+        processor = [f"{time_s:.3f},{state},{process},{used_s}\n" for time_s, state, map_s, arm_s in ends for process, used_s in (("map", map_s), ("arm", arm_s))]
+        clock = [f"{10 + 0.2 * step:.3f},{what},{wall_s}\n" for step in range(100) for what, wall_s in (("world", 0.02), ("/map/update", 0.06))]
+        done = self.plot_speed(processor, clock, "--picture", str(self.folder / "speed.png"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for row in (f"| processor s per simulated s | all, {self.folder.name} | pick | drive |", "| map | 0.400 | 0.500 | 0.250 |", "| arm | 0.300 | 0.500 | 0.000 |",
+                    "| **together** | 0.700 | 1.000 | 0.250 |", "| share of the time |  | 60 % | 40 % |", "| /map/update | 0.300 |", "| world | 0.100 |"):
+            self.assertIn(row, done.stdout.splitlines())
+        with Image.open(self.folder / "speed.png") as picture:
+            self.assertGreater(picture.width, 1000)
+
+    def test_speed_of_a_mission_that_has_hardly_begun_is_refused(self):
+        done = self.plot_speed(["10.000,begin,map,5.0\n"], ["10.000,world,0.02\n"])
+        self.assertEqual((done.returncode, done.stdout), (1, ""))
+        self.assertIn("has to leave two states at least", done.stderr)
+
     def test_counts_that_differ_are_told(self):
         self.make()
         judge = json.loads((self.folder / "judge.json").read_text())

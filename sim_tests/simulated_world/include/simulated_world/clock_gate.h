@@ -62,6 +62,9 @@ class ClockGate {
   /// The latest time the clock may show now.
   std::int64_t limit() const;
 
+  /// Topic or action that holds the clock at limit(); the first of the rules if there are several, empty if none.
+  std::string awaited() const;
+
   /// One line for each thing that holds the clock at limit(): what is due, from where, since when.
   std::vector<std::string> waitingFor() const;
 

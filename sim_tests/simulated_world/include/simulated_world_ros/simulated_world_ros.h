@@ -19,6 +19,7 @@
 
 #include "simulated_world/Advance.h"
 #include "simulated_world/InjectFault.h"
+#include "simulated_world/clock_trace.h"
 #include "simulated_world/judge_writer.h"
 #include "simulated_world/run_pictures.h"
 #include "simulated_world/simulation.h"
@@ -47,6 +48,7 @@ class SimulatedWorldRos {
   bool isHeld();   // by what is due
   void tick();
   void takePictures(bool is_last);
+  void traceClock();
   void publishClock();
   void publishState(const simulated_world::Simulation::Tick& tick);
   void publishArm();
@@ -77,6 +79,7 @@ class SimulatedWorldRos {
   simulated_world::Simulation simulation_;
   std::unique_ptr<simulated_world::JudgeWriter> writer_;
   std::unique_ptr<simulated_world::RunPictures> pictures_;
+  std::unique_ptr<simulated_world::ClockTrace> clock_trace_;
   std::mutex arm_mutex_;  // asked for by UrDriverRos, which does not know that all is one thread
   std::unique_ptr<UrDriverRos> arm_;
   std::unique_ptr<Lockstep> lockstep_;
@@ -108,6 +111,7 @@ class SimulatedWorldRos {
   double diagnostics_s_{0.0};
   double last_truth_s_{0.0};
   double last_judge_s_{0.0};
+  double last_wheels_s_{0.0};
 };
 
 }  // namespace simulated_world_ros

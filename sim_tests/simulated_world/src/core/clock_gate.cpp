@@ -100,6 +100,23 @@ std::int64_t ClockGate::limit() const {
   return limit_ns;
 }
 
+std::string ClockGate::awaited() const {
+  const std::int64_t limit_ns = limit();
+  std::size_t first = wait_rules_.size();
+  for (const Due& due : due_) {
+    if (limitOf(due) == limit_ns) first = std::min(first, due.rule);
+  }
+  if (first < wait_rules_.size()) return wait_rules_[first].topic;
+  for (const auto& [action, cost_s] : cost_of_action_s_) {
+    const auto goals = open_.find(action);
+    if (goals == open_.end()) continue;
+    for (const auto& [id, stamp_ns] : goals->second) {
+      if (stamp_ns + nanoseconds(cost_s) == limit_ns) return action;
+    }
+  }
+  return "";
+}
+
 std::vector<std::string> ClockGate::waitingFor() const {
   std::vector<std::string> lines;
   const std::int64_t limit_ns = limit();

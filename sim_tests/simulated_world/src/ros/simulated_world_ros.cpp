@@ -44,6 +44,7 @@ using simulated_world::Simulation;
 constexpr double kTruthPeriod_s = 0.1;  // of the bricks' true poses, for rviz
 constexpr double kObstacleMarker_s = 0.5;
 constexpr double kJudgePeriod_s = 0.5;
+constexpr double kWheelsPeriod_s = 0.2;  // each state makes a tf message, and only pictures show how a wheel has turned
 constexpr double kDiagnosticsPeriod_s = 1.0;  // wall time: the clock may stand still
 constexpr double kPollPeriod_s = 0.002;       // how long a clock that is held waits for callbacks at a time
 // The driver's "effort" is a current. Not published for the UR5e; of the right order for its geared motors.
@@ -122,6 +123,9 @@ SimulatedWorldRos::SimulatedWorldRos(const ros::NodeHandle& nh, const ros::NodeH
   }
   if (params.has_pictures) {
     pictures_ = std::make_unique<simulated_world::RunPictures>(params.run_folder);
+  }
+  if (writer_ && params.clock == ClockMode::kLockstep) {
+    clock_trace_ = std::make_unique<simulated_world::ClockTrace>(params.run_folder);
   }
   arm_ = std::make_unique<UrDriverRos>(nh_, simulation_.armDriver(), arm_mutex_, "ur5e_");
   if (!params_.surface_topic.empty()) {
@@ -284,6 +288,7 @@ bool SimulatedWorldRos::isHeld() {
   if (held_since_wall_.isZero()) {
     held_since_wall_ = now;
   }
+  if (clock_trace_) clock_trace_->enter(now.toSec(), lockstep_->gate().awaited());
   if ((now - held_since_wall_).toSec() > params_.wait_timeout_wall_s) {
     for (const std::string& due : lockstep_->gate().giveUp()) {
       ++given_up_;
@@ -375,7 +380,20 @@ bool SimulatedWorldRos::mayTick() {
   return true;
 }
 
+void SimulatedWorldRos::traceClock() {
+  if (!clock_trace_) {
+    return;
+  }
+  try {
+    clock_trace_->reach(simulation_.now(), ros::WallTime::now().toSec());
+  } catch (const std::exception& error) {
+    ROS_ERROR("no more of the clock's waiting is kept: %s", error.what());
+    clock_trace_.reset();  // a run is worth more than it is
+  }
+}
+
 void SimulatedWorldRos::tick() {
+  if (clock_trace_) clock_trace_->enter(ros::WallTime::now().toSec(), "world");
   // Without anybody to look, nothing is drawn.
   simulation_.setCameraUsed(color_publisher_.getNumSubscribers() + depth_publisher_.getNumSubscribers() > 0);
   const Simulation::Tick result = simulation_.tick();
@@ -397,6 +415,7 @@ void SimulatedWorldRos::tick() {
   if (simulation_.now() - last_judge_s_ >= kJudgePeriod_s - 1e-9) {
     publishJudge();
   }
+  traceClock();
 }
 
 void SimulatedWorldRos::publishClock() {
@@ -407,8 +426,16 @@ void SimulatedWorldRos::publishClock() {
 
 void SimulatedWorldRos::publishState(const Simulation::Tick& tick) {
   const std::int64_t now_ns = tick.stamp_ns;
+  std::vector<geometry_msgs::TransformStamped> transforms;  // in one message: each wakes all that listen to tf
   if (tick.has_localisation) {
-    tf_.sendTransform(transform(stamp(), params_.map_frame, params_.odom_frame, simulation_.mapToOdom()));
+    transforms.push_back(transform(stamp(), params_.map_frame, params_.odom_frame, simulation_.mapToOdom()));
+  }
+  if (tick.has_odometry) {
+    transforms.push_back(
+        transform(stamp(), params_.odom_frame, mp700_ur5e_description::kBaseFrame, simulation_.drive().odometry()));
+  }
+  if (!transforms.empty()) {
+    tf_.sendTransform(transforms);
   }
   if (tick.has_odometry) {
     publishBase();
@@ -459,7 +486,6 @@ void SimulatedWorldRos::publishBase() {
   relay.emergency_state = static_cast<std::int16_t>(board.state);
   relay_publisher_.publish(relay);
 
-  tf_.sendTransform(transform(now, params_.odom_frame, names::kBaseFrame, drive.odometry()));
   nav_msgs::Odometry odometry;
   odometry.header.stamp = now;
   odometry.header.frame_id = params_.odom_frame;
@@ -471,6 +497,10 @@ void SimulatedWorldRos::publishBase() {
   odometry.twist.twist.angular.z = drive.wheelTwist().angular_rad_s;
   odometry_publisher_.publish(odometry);
 
+  if (simulation_.now() - last_wheels_s_ < kWheelsPeriod_s - 1e-9) {
+    return;
+  }
+  last_wheels_s_ = simulation_.now();
   sensor_msgs::JointState wheels;
   wheels.header.stamp = now;
   wheels.name = {names::kLeftWheelJoint, names::kRightWheelJoint};

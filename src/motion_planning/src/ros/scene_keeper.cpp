@@ -197,9 +197,9 @@ void SceneKeeper::work() {
           made = std::make_shared<MapScene>();
           const ServiceView service(nh_, params_.map_frame);
           const motion_planning::AskedOnceView view(service);  // the two builders are in step
-          const motion_planning::Surface surface = toSurface(mesh);
-          watched_builder.update(surface, view, *T_map_base);
-          made->statistics = builder.update(surface, view, *T_map_base);
+          const auto surface = motion_planning::prepareSurface(toSurface(mesh), *T_map_base, builder.config());
+          watched_builder.update(surface, view);
+          made->statistics = builder.update(surface, view);
           made->watched = watched_builder.scene();
           made->scene = builder.scene();
           made->T_map_base = *T_map_base;

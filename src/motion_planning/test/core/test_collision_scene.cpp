@@ -607,12 +607,20 @@ TEST(CollisionSceneBuilder, TwoInStepAskTheMapOnce) {
   for (int mesh = 1; mesh <= 2; ++mesh) {
     const Surface surface = world.surface(0.02);
     const AskedOnceView view(map);
-    builder.update(surface, view, kBaseAtOrigin);
-    wide_builder.update(surface, view, kBaseAtOrigin);
+    const auto prepared = prepareSurface(surface, kBaseAtOrigin, builder.config());
+    builder.update(prepared, view);
+    wide_builder.update(prepared, view);
     EXPECT_EQ(map.numQueries(), mesh);
     scratch.update(surface, world, kBaseAtOrigin);
     expectSameScene(*wide_builder.scene(), *scratch.scene());
     world.boxes.pop_back();
+  }
+  for (double CollisionSceneConfig::*const other :
+       {&CollisionSceneConfig::chunk_m, &CollisionSceneConfig::region_radius_m}) {
+    CollisionSceneConfig config = sceneConfig();
+    config.*other *= 0.9;
+    const auto prepared = prepareSurface(world.surface(0.02), kBaseAtOrigin, config);
+    EXPECT_THROW(builder.update(prepared, world), std::invalid_argument);
   }
 }
 

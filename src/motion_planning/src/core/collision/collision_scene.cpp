@@ -123,6 +123,19 @@ struct ChunkRecord {
 
 using Chunks = std::unordered_map<LatticeKey, ChunkRecord, LatticeKeyHash>;
 
+/// A surface cleaned up: vertices at the same place are one, triangles out of reach or without area are gone.
+struct CleanSurface {
+  PointIndex vertices;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::vector<Eigen::Vector3d> directions;  // into free space, as long as a margin of 1 has to be
+};
+
+struct Gathered {
+  Contents contents;
+  std::vector<std::uint32_t> triangles;
+};
+using GatheredChunks = std::unordered_map<LatticeKey, Gathered, LatticeKeyHash>;
+
 std::vector<LatticeKey> touchedBlocks(const SurfaceChunk& chunk, double block_m) {
   std::vector<LatticeKey> keys;
   for (const auto& triangle : chunk.triangles()) {
@@ -221,22 +234,25 @@ double CollisionScene::freeDistance(const Eigen::Vector3d& p_map) const {
   return static_cast<double>(free_distance_m[lattice.index(lattice.clamped(p_map))]);
 }
 
+struct PreparedSurface {
+  Eigen::Isometry3d T_map_base{Eigen::Isometry3d::Identity()};
+  double region_radius_m{0.0};
+  double chunk_m{0.0};
+  CleanSurface clean;
+  GatheredChunks chunks;
+  std::size_t degenerate{0};
+  double prepare_ms{0.0};
+};
+
 struct CollisionSceneBuilder::State {
   CollisionSceneConfig config;
-  PointIndex vertices;              // of the last surface, where the map has them
-  std::vector<double> surface_std;  // what was answered for each; NaN: no answer
+  std::shared_ptr<const PreparedSurface> surface{std::make_shared<PreparedSurface>()};  // the last one
+  std::vector<double> surface_std;  // what was answered for each of its vertices; NaN: no answer
   Chunks chunks;
   std::shared_ptr<const CollisionScene> scene{std::make_shared<CollisionScene>()};
 };
 
 namespace {
-
-/// A surface cleaned up: vertices at the same place are one, triangles out of reach or without area are gone.
-struct CleanSurface {
-  PointIndex vertices;
-  std::vector<std::array<std::uint32_t, 3>> triangles;
-  std::vector<Eigen::Vector3d> directions;  // into free space, as long as a margin of 1 has to be
-};
 
 struct Corner {
   Eigen::Vector3d p_map;
@@ -568,12 +584,6 @@ ChunkRecord makeChunk(const std::vector<std::uint32_t>& chosen,
 }
 
 /// The triangles of one chunk of a new surface.
-struct Gathered {
-  Contents contents;
-  std::vector<std::uint32_t> triangles;
-};
-using GatheredChunks = std::unordered_map<LatticeKey, Gathered, LatticeKeyHash>;
-
 /// Chunks by their contents. Margins are left out: they follow from position, direction and the sigma kept for a vertex.
 GatheredChunks gatherChunks(const CleanSurface& surface, double chunk_m) {
   const std::vector<Eigen::Vector3d>& vertices = surface.vertices.points();
@@ -750,6 +760,24 @@ std::vector<float> freeDistances(const CollisionScene& scene, const Chunks& chun
 
 }  // namespace
 
+std::shared_ptr<const PreparedSurface> prepareSurface(const Surface& surface, const Eigen::Isometry3d& T_map_base,
+                                                      const CollisionSceneConfig& config) {
+  if (!isRigid(T_map_base)) throw std::invalid_argument("T_map_base is not a rigid transform");
+  if (surface.normals_map.size() != surface.vertices_map.size()) {
+    throw std::invalid_argument(std::to_string(surface.normals_map.size()) + " normals, must be one for each of " +
+                                std::to_string(surface.vertices_map.size()) + " vertices");
+  }
+  const auto begin = std::chrono::steady_clock::now();
+  auto prepared = std::make_shared<PreparedSurface>();
+  prepared->T_map_base = T_map_base;
+  prepared->region_radius_m = config.region_radius_m;
+  prepared->chunk_m = config.chunk_m;
+  prepared->clean = clean(surface, T_map_base, config, &prepared->degenerate);
+  prepared->chunks = gatherChunks(prepared->clean, config.chunk_m);
+  prepared->prepare_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+  return prepared;
+}
+
 CollisionSceneBuilder::CollisionSceneBuilder(const CollisionSceneConfig& config) : state_(std::make_unique<State>()) {
   interactive_mapping::requireValid("impossible collision scene:", config);
   state_->config = config;
@@ -767,23 +795,28 @@ const CollisionSceneConfig& CollisionSceneBuilder::config() const {
 
 SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView& map,
                                           const Eigen::Isometry3d& T_map_base) {
-  if (!isRigid(T_map_base)) throw std::invalid_argument("T_map_base is not a rigid transform");
-  if (surface.normals_map.size() != surface.vertices_map.size()) {
-    throw std::invalid_argument(std::to_string(surface.normals_map.size()) + " normals, must be one for each of " +
-                                std::to_string(surface.vertices_map.size()) + " vertices");
-  }
+  return update(prepareSurface(surface, T_map_base, state_->config), map);
+}
+
+SceneUpdate CollisionSceneBuilder::update(const std::shared_ptr<const PreparedSurface>& surface, const MapView& map) {
   auto since = std::chrono::steady_clock::now();
   const auto lap_ms = [&since] {
     const auto begin = std::exchange(since, std::chrono::steady_clock::now());
     return std::chrono::duration<double, std::milli>(since - begin).count();
   };
   const CollisionSceneConfig& config = state_->config;
+  if (surface->region_radius_m != config.region_radius_m || surface->chunk_m != config.chunk_m) {
+    throw std::invalid_argument("the surface is prepared for another region_radius_m or chunk_m than this builder's");
+  }
+  const Eigen::Isometry3d& T_map_base = surface->T_map_base;
+  const CleanSurface& cleaned = surface->clean;
+  const GatheredChunks& gathered = surface->chunks;
   SceneUpdate update;
-  CleanSurface cleaned = clean(surface, T_map_base, config, &update.degenerate);
+  update.degenerate = surface->degenerate;
+  update.mesh_ms = surface->prepare_ms;
   const std::vector<Eigen::Vector3d>& vertices = cleaned.vertices.points();
   auto scene = std::make_shared<CollisionScene>();
   scene->T_map_base = T_map_base;
-  const GatheredChunks gathered = gatherChunks(cleaned, config.chunk_m);
   const std::vector<LatticeKey> changed = changedChunks(gathered, state_->chunks);
   std::vector<LatticeKey> touched = goneChunks(gathered, state_->chunks);
   touched.insert(touched.end(), changed.begin(), changed.end());
@@ -792,7 +825,7 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
   std::vector<double> surface_std(vertices.size());
   std::vector<std::uint32_t> asked_vertices;
   for (std::size_t v = 0; v < vertices.size(); ++v) {
-    const std::uint32_t before = state_->vertices.find(vertices[v]);
+    const std::uint32_t before = state_->surface->clean.vertices.find(vertices[v]);
     if (before == PointIndex::kNone) {
       asked_vertices.push_back(static_cast<std::uint32_t>(v));
     } else {
@@ -832,7 +865,7 @@ SceneUpdate CollisionSceneBuilder::update(const Surface& surface, const MapView&
   update.blocks_asked = asked_blocks.size();
   update.blocks_unknown = static_cast<std::size_t>(
       std::count_if(scene->flags.begin(), scene->flags.end(), [](std::uint8_t f) { return (f & kBlockUnknown) != 0; }));
-  state_->vertices = std::move(cleaned.vertices);
+  state_->surface = surface;
   state_->surface_std = std::move(surface_std);
   state_->chunks = std::move(chunks);
   state_->scene = std::move(scene);
