@@ -26,7 +26,7 @@ SHELL = {"bash", "sh", "shell", "console", ""}
 CHECK_LAUNCH_ARGUMENTS = ROOT / "src/interactive_mapping_common/scripts/check_launch_arguments"  # which roslaunch asks
 ARGUMENT = re.compile(r"([A-Za-z]\w*):=(.*)", re.S)
 PLACEHOLDER = re.compile(r"^[A-Z][A-Z_]*(\.\w+)?$|\.\.\.|[<$*…]")
-FOLDERS = ("src", "sim_tests", "tools", "docs", "scripts")
+FOLDERS = ("src", "sim_tests", "examples", "tools", "docs", "scripts")
 
 
 class Packages:
@@ -34,7 +34,8 @@ class Packages:
 
     def __init__(self, root):
         self.root = root
-        self.folders = {path.parent.name: path.parent for path in [*root.glob("src/**/package.xml"), *root.glob("sim_tests/*/package.xml")]}
+        self.folders = {path.parent.name: path.parent for part in ("src/**", "sim_tests/*", "examples/*")
+                        for path in root.glob(f"{part}/package.xml")}
 
     def get_path(self, name):
         return str(self.folders[name])
@@ -278,7 +279,7 @@ def main():
     parser.add_argument("--root", type=pathlib.Path, default=ROOT, help="of the repository")
     args = parser.parse_args()
     root = args.root.resolve()
-    parts = ("*.md", "docker/*.md", "docs/**/*.md", "src/**/*.md", "sim_tests/**/*.md", "tools/**/*.md")
+    parts = ("*.md", "docker/*.md", "docs/**/*.md", "src/**/*.md", "sim_tests/**/*.md", "examples/**/*.md", "tools/**/*.md")
     pages = args.pages or sorted({str(path.relative_to(root)) for part in parts for path in root.glob(part)} - {"CHANGELOG.md"})
     count, found = check(root, pages)
     print("\n".join([*found, f"{count} commands, {len(found)} problems"]))

@@ -245,7 +245,7 @@ def twins(files):
 
 
 def documents():
-    packages = [*ROOT.glob("src/**/package.xml"), *ROOT.glob("sim_tests/*/package.xml")]
+    packages = [*ROOT.glob("src/**/package.xml"), *ROOT.glob("sim_tests/*/package.xml"), *ROOT.glob("examples/*/package.xml")]
     readmes = {package.parent / "README.md" for package in packages} | {ROOT / name for name in (
         "README.md", "CONTRIBUTING.md", "docker/README.md")}
     pages = set(ROOT.glob("docs/**/*.md")) | set(ROOT.glob("src/*/docs/*.md"))

@@ -38,7 +38,7 @@ def read_plugins(files, params=None):
 @functools.lru_cache(None)
 def rospack():
     """The packages of this repository, built or not, and those on ROS_PACKAGE_PATH."""
-    return rospkg.RosPack(ros_paths=[str(ROOT / "src"), str(ROOT / "sim_tests"), *rospkg.get_ros_paths()])
+    return rospkg.RosPack(ros_paths=[str(ROOT / "src"), str(ROOT / "sim_tests"), str(ROOT / "examples"), *rospkg.get_ros_paths()])
 
 
 @functools.lru_cache(None)

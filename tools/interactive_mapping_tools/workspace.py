@@ -32,8 +32,8 @@ def use():
 
 
 def software():
-    """The state of what a mission runs: src and sim_tests as they are, committed or not. "unknown" without git."""
-    script = "git rev-parse -q HEAD:src HEAD:sim_tests && git diff HEAD -- src sim_tests && git ls-files -z --others --exclude-standard src sim_tests | xargs -0 -r sha1sum"
+    """The state of what a mission runs: src, sim_tests and examples as they are, committed or not. "unknown" without git."""
+    script = "git rev-parse -q HEAD:src HEAD:sim_tests HEAD:examples && git diff HEAD -- src sim_tests examples && git ls-files -z --others --exclude-standard src sim_tests examples | xargs -0 -r sha1sum"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", script], cwd=ROOT, capture_output=True, check=False)
     return hashlib.sha1(done.stdout).hexdigest()[:12] if done.returncode == 0 else "unknown"
 

@@ -23,7 +23,8 @@ struct RobotMjcfOptions {
 
   double camera_fovy_rad{0.744};  ///< vertical opening angle: 480 rows at a focal length of 615 px
   double friction{0.8};           ///< sliding, of what the robot touches things with
-  /// The base glides in the plane, and its drive plays the tyres' part: these touch nothing.
+  /// The base glides in the plane, and its drive plays the tyres' part: these touch nothing, nor do links that continuous
+  /// joints turn. A robot need not have them.
   std::vector<std::string> links_without_contact{"wheel_front_left_link", "wheel_front_right_link", "caster_rear_link"};
 
   /// One line per impossible value: key, value, rule. Empty: fine.
@@ -38,7 +39,7 @@ struct RobotMjcfOptions {
 /// camera_depth_optical_frame. Sites at the frames magnet_tip, ur5e_tool0 (named "wrist_ft"), lidar_1_link.
 ///
 /// Throws std::invalid_argument for impossible options, for joints that are not fixed, revolute, continuous or prismatic,
-/// for meshes, and if a link that is named here or in the options is missing.
+/// for meshes, and if a link that is named here is missing.
 std::string robotMjcf(const urdf::ModelInterface& model, const RobotMjcfOptions& options = {});
 
 /// The same from a URDF file. Throws std::invalid_argument, too, if it cannot be read.

@@ -155,7 +155,8 @@ class RobotWriter {
 
   void writeShapes(const urdf::Link& link, int depth) {
     const std::vector<std::string>& ghosts = options_.links_without_contact;
-    const bool collides = std::find(ghosts.begin(), ghosts.end(), link.name) == ghosts.end();
+    const bool is_wheel = link.parent_joint && link.parent_joint->type == urdf::Joint::CONTINUOUS;
+    const bool collides = !is_wheel && std::find(ghosts.begin(), ghosts.end(), link.name) == ghosts.end();
     for (std::size_t i = 0; i < link.collision_array.size(); ++i) {
       Element geom(out_, depth, "geom");
       geom.text("name", link.name + "/c" + std::to_string(i));
@@ -248,8 +249,7 @@ std::vector<std::string> RobotMjcfOptions::validate() const {
 
 std::string robotMjcf(const urdf::ModelInterface& model, const RobotMjcfOptions& options) {
   std::vector<std::string> problems = options.validate();
-  std::vector<std::string> needed = options.links_without_contact;
-  needed.emplace_back(kCameraFrame);
+  std::vector<std::string> needed{kCameraFrame};
   for (const Site& site : kSites) needed.emplace_back(site.frame);
   for (const std::string& link : needed) {
     if (!model.getLink(link)) problems.push_back("URDF: link " + link + " is missing");

@@ -281,22 +281,40 @@ TEST_F(RobotMjcf, RefusesImpossibleOptionsAllAtOnce) {
   RobotMjcfOptions options;
   options.arm.damping = -1.0;
   options.camera_fovy_rad = 4.0;
-  options.links_without_contact.push_back("fifth_wheel");
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { robotMjcf(*urdf_, options); }),
+              AllOf(HasSubstr("arm.damping = -1, must be finite and at least 0"),
+                    HasSubstr("camera_fovy_rad = 4, must be in (0, pi) rad")));
+}
+
+/// The shipped URDF with the text `from` replaced wherever it stands.
+std::string urdfWith(const std::string& from, const std::string& to) {
+  std::ifstream file(kUrdfFile);
+  std::ostringstream text;
+  text << file.rdbuf();
+  std::string urdf = text.str();
+  std::size_t at = urdf.find(from);
+  if (at == std::string::npos) throw std::runtime_error("the URDF has no " + from);
+  for (; at != std::string::npos; at = urdf.find(from, at + to.size())) urdf.replace(at, from.size(), to);
+  return urdf;
+}
+
+TEST(RobotMjcfOfUrdf, AnotherRobotHasOtherWheels) {
+  const std::string urdf = urdfWith("\"wheel_front_left_link\"", "\"left_tyre\"");
+  const std::string mjcf = robotMjcf(*urdf::parseURDF(urdf));
+  const std::size_t tyre = mjcf.find("name=\"left_tyre/c0\"");
+  ASSERT_NE(tyre, std::string::npos);
+  EXPECT_LT(mjcf.find("contype=\"0\"", tyre), mjcf.find("/>", tyre)) << "it would drag on the ground";
+}
+
+TEST(RobotMjcfOfUrdf, MissingFramesAreNamed) {
   EXPECT_THAT(
-      messageOf<std::invalid_argument>([&] { robotMjcf(*urdf_, options); }),
-      AllOf(HasSubstr("arm.damping = -1, must be finite and at least 0"),
-            HasSubstr("camera_fovy_rad = 4, must be in (0, pi) rad"), HasSubstr("link fifth_wheel is missing")));
+      messageOf<std::invalid_argument>([] { robotMjcf(*urdf::parseURDF(urdfWith("\"magnet_tip\"", "\"cup_tip\""))); }),
+      HasSubstr("URDF: link magnet_tip is missing"));
 }
 
 TEST(RobotMjcfOfUrdf, RefusesMeshesAndOddJoints) {
   const auto refusal = [](const std::string& from, const std::string& to) -> std::string {
-    std::ifstream file(kUrdfFile);
-    std::ostringstream text;
-    text << file.rdbuf();
-    std::string urdf = text.str();
-    const std::size_t at = urdf.find(from);
-    if (at == std::string::npos) return "the URDF has no " + from;
-    urdf.replace(at, from.size(), to);
+    const std::string urdf = urdfWith(from, to);
     try {
       robotMjcf(*urdf::parseURDF(urdf));
       return "accepted";

@@ -30,8 +30,7 @@ class ArmKinematics {
  public:
   static constexpr int kMaxBranches = 8;  // shoulder left/right, elbow up/down, wrist flipped or not
 
-  /// Throws std::invalid_argument unless the chain has the arm's six joints and the UR's structure (axes 2, 3 and 4
-  /// parallel, axes 1, 5 and 6 at right angles to their neighbours) to within what a factory calibration changes.
+  /// Throws std::invalid_argument unless the chain has the arm's six joints.
   explicit ArmKinematics(std::shared_ptr<const mp700_ur5e_description::RobotModel> robot);
 
   /// T_base_tip.
@@ -51,10 +50,18 @@ class ArmKinematics {
   /// from `near_rad`, or is the nearest to it that the arm is long enough for. Solutions nearer to each other than 1e-3 rad
   /// (an arm all but stretched) count as one. No branch is missed, but on a calibrated arm where J has a singular value
   /// below 0.02: there some are. Throws std::invalid_argument if `near_rad` is not finite.
+  /// An arm without the UR's structure has no closed form here: the polish starts from `near_rad` and from
+  /// kNumericalStarts fixed postures. This is slower and may miss branches (docs/how_it_works.md has the numbers).
   std::vector<ArmVector> inverse(const Eigen::Isometry3d& T_base_tip, const ArmVector& near_rad) const;
 
   static constexpr double kIkPositionTolerance_m = 1e-6;
   static constexpr double kIkRotationTolerance_rad = 1e-6;
+
+  static constexpr int kNumericalStarts = 64;
+
+  /// Whether the arm has the UR's structure (axes 2, 3 and 4 parallel, axes 1, 5 and 6 at right angles to their
+  /// neighbours) to within what a factory calibration changes.
+  bool isClosedForm() const { return geometry_ != nullptr; }
 
   const ArmLimits& limits() const { return limits_; }
   bool isWithinLimits(const ArmVector& joints_rad, double tolerance_rad = kLimitTolerance_rad) const;
@@ -81,9 +88,9 @@ class ArmKinematics {
   std::shared_ptr<const mp700_ur5e_description::RobotModel> robot_;
   ArmLimits limits_;
   std::array<std::size_t, 6> joint_indices_;
-  std::array<Pose, 7> fixed_;  // before, between and after the joints; each joint turns about its z
-  std::shared_ptr<const UrGeometry> geometry_;
-  double model_gap_m_{0.0};  // largest difference of the closed form's tip from the URDF's
+  std::array<Pose, 7> fixed_;                   // before, between and after the joints; each joint turns about its z
+  std::shared_ptr<const UrGeometry> geometry_;  // null: the arm has another structure
+  double model_gap_m_{0.0};                     // largest difference of the closed form's tip from the URDF's
   double model_gap_rad_{0.0};
 };
 

@@ -116,9 +116,13 @@ void PlanningMarkers::addArm(const ArmVector& joints_rad, const Eigen::Isometry3
   const mp700_ur5e_description::RobotModel& robot = arm_->robot();
   std::vector<Eigen::Isometry3d> T_base_body;
   robot.bodyPoses(arm_->robotPositions(joints_rad), &T_base_body);
+  const auto isOfArm = [&](std::size_t body) {  // with what is on its flange
+    while (body != 0 && body != arm_->jointIndices()[0] + 1) body = robot.parentBody(body);
+    return body != 0;
+  };
   int id = 1000 * number;
   for (const mp700_ur5e_description::BodyShape& shape : robot.shapes()) {
-    if (robot.bodyName(shape.body).rfind("ur5e_", 0) != 0) continue;  // the arm with what is on its flange
+    if (!isOfArm(shape.body)) continue;
     Marker part = marker("arms", id++, Marker::CYLINDER);
     part.pose = toPose(T_map_base * T_base_body[shape.body] * shape.T_body_shape);
     if (const auto* box = std::get_if<mp700_ur5e_description::Box>(&shape.shape)) {

@@ -5,6 +5,7 @@
 #include <string>
 
 #include <mp700_ur5e_description/robot_model.h>
+#include <ros/console.h>
 
 namespace motion_planning_ros {
 
@@ -17,7 +18,13 @@ std::shared_ptr<const ArmKinematics> kinematicsFromServer(const ros::NodeHandle&
     throw std::invalid_argument("parameter " + name +
                                 " is not set: start description.launch of mp700_ur5e_description");
   }
-  return std::make_shared<ArmKinematics>(mp700_ur5e_description::RobotModel::parse(urdf, name));
+  const auto arm = std::make_shared<const ArmKinematics>(mp700_ur5e_description::RobotModel::parse(urdf, name));
+  if (!arm->isClosedForm()) {
+    ROS_WARN(
+        "%s: the arm has not the structure of a UR. Its inverse kinematics is numerical, and planning takes longer",
+        name.c_str());
+  }
+  return arm;
 }
 
 }  // namespace motion_planning_ros

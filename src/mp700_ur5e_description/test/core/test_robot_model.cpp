@@ -247,7 +247,7 @@ TEST(RobotModel, WhatIsNoRobotIsRefused) {
 
 TEST(RobotModel, MeshesAndSlidersAreRefused) {
   EXPECT_EQ(refusalOf(tinyUrdf(kTinyJoint, "<collision><geometry><mesh filename='a.stl'/></geometry></collision>")),
-            "link a: a collision shape is a mesh; must be a box, a cylinder or a sphere");
+            "link a: a collision shape is a mesh; must be a box, a cylinder or a sphere (adapt_urdf makes them)");
   EXPECT_EQ(refusalOf(replaced(tinyUrdf(kTinyJoint), "revolute", "prismatic")),
             "test.urdf: joint j neither is fixed nor turns");
   EXPECT_EQ(refusalOf(replaced(tinyUrdf(kTinyJoint), "revolute", "floating")),

@@ -154,15 +154,31 @@ struct Selection {
   double map_stamp_s{0.0};
 };
 
+/// One more factor in the sum of eq 9.
+struct ExtraFactor {
+  std::string name;                                   // for messages
+  double weight{0.0};                                 // in [0, 1]; the five of UtilityConfig share the rest
+  std::function<double(const ScoredSegment&)> value;  // of a segment with attributes, in [0, 1]
+};
+
+/// What a strategy adds to a ViewSelector or replaces in it.
+struct Extension {
+  std::vector<ExtraFactor> factors;
+  /// Called if there is a candidate, with the status and the best that Choice and min_utility give. Returns the index of
+  /// the best or of another candidate; nothing: none is worth a drive (kLowUtility). Null: the best stays.
+  std::function<std::optional<std::size_t>(const Selection&)> choose;
+};
+
 /// The next best view (eq 8) among the segments of the pile, whatever map shows them.
 class ViewSelector {
  public:
   /// Throws std::invalid_argument listing every impossible value.
-  ViewSelector(const ViewSelectorConfig& config, RobotBody robot);
+  ViewSelector(const ViewSelectorConfig& config, RobotBody robot, Extension extension = {});
 
   /// `tell`, if any, is told each stage with the number of segments so far; `is_cancelled`, if any, is asked between
   /// stages and map queries. The same arguments give the same selection. Throws std::invalid_argument for a request
-  /// that is not finite or has no ground, std::runtime_error if the map does not answer.
+  /// that is not finite or has no ground, std::runtime_error if the map does not answer or a result of the extension is
+  /// impossible.
   Selection select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
                    const std::function<void(const std::string& stage, std::size_t segments)>& tell = {},
                    const std::function<bool()>& is_cancelled = {}) const;
@@ -173,6 +189,7 @@ class ViewSelector {
  private:
   ViewSelectorConfig config_;
   RobotBody robot_;
+  Extension extension_;
   double num_reach_samples_{0.0};  // N of eq 14, the same in every selection
 };
 

@@ -17,8 +17,9 @@ template <typename Params>
 class LiveSelector {
  public:
   /// Throws std::invalid_argument for parameters that the robot does not allow.
-  LiveSelector(const StrategyContext& context, const Params& params)
+  LiveSelector(const StrategyContext& context, const Params& params, nbv_selection::Extension extension = {})
       : robot_(context.robot),
+        extension_(std::move(extension)),
         selector_(makeSelector(params)),
         live_(context.private_nh, params, [this](const Params& changed) {
           auto next = makeSelector(changed);
@@ -34,10 +35,11 @@ class LiveSelector {
 
  private:
   std::shared_ptr<const nbv_selection::ViewSelector> makeSelector(const Params& params) const {
-    return std::make_shared<const nbv_selection::ViewSelector>(params.effective(), robot_);
+    return std::make_shared<const nbv_selection::ViewSelector>(params.effective(), robot_, extension_);
   }
 
   const nbv_selection::RobotBody robot_;
+  const nbv_selection::Extension extension_;
   mutable std::mutex mutex_;  // guards selector_
   std::shared_ptr<const nbv_selection::ViewSelector> selector_;
   interactive_mapping_ros::LiveParams<Params> live_;  // last: its callback uses the rest

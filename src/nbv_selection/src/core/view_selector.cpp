@@ -184,6 +184,7 @@ SegmentVerdict verdictOf(const ScoredSegment& scored, const std::vector<Excluded
 /// What segments are scored by.
 struct Scoring {
   const UtilityConfig& utility;
+  const std::vector<ExtraFactor>& extra;
   double start_m;  // of each drive
   const SelectionRequest& request;
   const FailureMemory& failures;
@@ -303,7 +304,26 @@ struct Scoring {
     const double since_failure_s = request.now_s - failures.lastFailure(placesOf(scored->segment));
     scored->utility = computeUtility(scored->attributes, since_failure_s, utility);
     scored->verdict = verdictOf(*scored, request.excluded, below, has_approach, outline);
-    if (scored->verdict != SegmentVerdict::kCandidate) scored->utility.utility = 0.0;
+    if (scored->verdict != SegmentVerdict::kCandidate) {
+      scored->utility.utility = 0.0;
+    } else if (!extra.empty()) {
+      addExtra(scored);
+    }
+  }
+
+  /// Eq 9 with the strategy's own factors, then eq 8 again.
+  void addExtra(ScoredSegment* scored) const {
+    double information = 0.0, rest = 1.0;
+    for (const ExtraFactor& factor : extra) {
+      const double value = factor.value(*scored);
+      if (!(value >= 0.0 && value <= 1.0)) {
+        throw std::runtime_error("factor " + factor.name + " = " + std::to_string(value) + ", must be in [0, 1]");
+      }
+      information += factor.weight * value;
+      rest -= factor.weight;
+    }
+    scored->utility.information = information + std::max(rest, 0.0) * scored->utility.information;
+    scored->utility.utility = (1.0 - scored->utility.failure_penalty) * scored->utility.information;
   }
 };
 
@@ -359,6 +379,40 @@ const ScoredSegment& mostManipulable(const std::vector<ScoredSegment>& segments)
   return *most;
 }
 
+void requirePossible(const std::vector<ExtraFactor>& factors) {
+  double sum = 0.0;
+  for (const ExtraFactor& factor : factors) {
+    if (!factor.value) throw std::invalid_argument("factor " + factor.name + " has no value, must be a function");
+    if (!(factor.weight >= 0.0 && factor.weight <= 1.0)) {
+      throw std::invalid_argument("weight of factor " + factor.name + " = " + std::to_string(factor.weight) +
+                                  ", must be in [0, 1]");
+    }
+    sum += factor.weight;
+  }
+  if (sum <= 1.0 + 1e-6) return;  // thirds with seven decimals, as UtilityConfig
+  throw std::invalid_argument("weights of the extra factors: their sum = " + std::to_string(sum) +
+                              ", must be at most 1");
+}
+
+/// With the strategy's own choice. Throws std::runtime_error if that is no candidate.
+void rechoose(const Extension& extension, Selection* selection) {
+  const std::optional<std::size_t> chosen = extension.choose(*selection);
+  if (!chosen) {
+    if (selection->status == SelectionStatus::kSelected) selection->message = "the strategy chose no candidate";
+    selection->status = SelectionStatus::kLowUtility;
+    return;
+  }
+  const std::vector<ScoredSegment>& segments = selection->segments;
+  const bool is_candidate = *chosen < segments.size() && segments[*chosen].verdict == SegmentVerdict::kCandidate;
+  if (!is_candidate && chosen != selection->best) {
+    throw std::runtime_error("the strategy chose segment " + std::to_string(*chosen) + " of " +
+                             std::to_string(segments.size()) + ", must be a candidate");
+  }
+  selection->best = chosen;
+  selection->status = SelectionStatus::kSelected;
+  selection->message.clear();
+}
+
 std::string describeNoPile(const ViewSelectorConfig& config) {
   std::ostringstream text;
   text << "nothing stands more than " << config.outline.min_height_m << " m above the ground";
@@ -394,8 +448,9 @@ ViewSelectorConfig octomapSelectorConfig() {
   return config;
 }
 
-ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot)
-    : config_(config), robot_(std::move(robot)) {
+ViewSelector::ViewSelector(const ViewSelectorConfig& config, RobotBody robot, Extension extension)
+    : config_(config), robot_(std::move(robot)), extension_(std::move(extension)) {
+  requirePossible(extension_.factors);
   interactive_mapping::requireValid("impossible selection:", config_);
   cutSegments({}, robot_.footprint,
               config_.segments);  // throws for a bad footprint, and for one the segments do not fit
@@ -482,10 +537,9 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
   const base_navigation::FootprintChecker driving(request.ground, robot_.footprint,
                                                   base_navigation::BasePlannerConfig().padding_m);
 
-  const Scoring scoring{config_.utility,  request.may_stay ? config_.start_m : 0.0,
-                        request,          failures,
-                        manipulability,   distances,
-                        standing,         driving,
+  const Scoring scoring{config_.utility,  extension_.factors, request.may_stay ? config_.start_m : 0.0,
+                        request,          failures,           manipulability,
+                        distances,        standing,           driving,
                         selection.outline};
   std::vector<ScoredSegment> scored_segments;
   const std::optional<std::size_t> ahead = nearestTo(request.T_map_base, segments);
@@ -521,10 +575,12 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
     manipulability->at(reaching.standing_map, &selection.reach_samples);
   }
   const ScoredSegment& best = selection.segments[*selection.best];
+  end(SelectionStatus::kSelected, "");
   if (config_.choice == Choice::kUtility && best.utility.utility < config_.utility.min_utility) {
-    return end(SelectionStatus::kLowUtility, describeLowUtility(best, config_) + hidden);
+    end(SelectionStatus::kLowUtility, describeLowUtility(best, config_) + hidden);
   }
-  return end(SelectionStatus::kSelected, "");
+  if (extension_.choose) rechoose(extension_, &selection);
+  return selection;
 }
 
 }  // namespace nbv_selection

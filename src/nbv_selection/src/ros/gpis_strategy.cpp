@@ -1,18 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The dynamic GPIS map of another node: its mesh, and its answers to queries.
-#include <algorithm>
-#include <memory>
-#include <mutex>
+#include "nbv_selection_ros/gpis_strategy.h"
 
 #include <interactive_mapping_common_ros/params.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
 #include <interactive_mapping_msgs/GetMesh.h>
-#include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/QueryMap.h>
-#include <pluginlib/class_list_macros.hpp>
 
-#include "nbv_selection_ros/live_selector.h"
 #include "nbv_selection_ros/service_call.h"
 
 namespace nbv_selection_ros {
@@ -153,89 +148,92 @@ class QueryClient {
   std::function<bool()> is_cancelled_;
 };
 
-class GpisStrategy : public Strategy {
- public:
-  void initialize(const StrategyContext& context) override {
-    context_ = context;
-    params_ = interactive_mapping_ros::loadParams<GpisStrategyParams>(context.private_nh);
-    selector_ = std::make_unique<LiveSelector<GpisStrategyParams>>(context, params_);
-    update_subscriber_ = context_.nh.subscribe<MapUpdate>("map/update", 10, [this](const MapUpdate::ConstPtr& update) {
-      if (update->status != MapUpdate::ACCEPTED) return;
-      const std::lock_guard<std::mutex> lock(mutex_);
-      image_stamp_ = update->header.stamp;
-    });
-  }
-
-  nbv_selection::Selection select(const nbv_selection::SelectionRequest& request,
-                                  const nbv_selection::FailureMemory& failures, const ros::Time& min_map_stamp,
-                                  const Tell& tell, const IsCancelled& is_cancelled) override {
-    const auto selector = selector_->get();
-    const SurfaceMesh mesh = awaitMesh(min_map_stamp, is_cancelled);
-    if (interactive_mapping_ros::withoutSlash(mesh.header.frame_id) != context_.map_frame) {
-      throw MapUnusable("the mesh's frame is '" + mesh.header.frame_id + "', must be '" + context_.map_frame +
-                        "' (map_frame)");
-    }
-    auto query =
-        std::make_shared<QueryClient>(context_.nh, context_.map_frame, context_.answer_timeout_s, is_cancelled);
-    const double prior_std_m = std::sqrt(query->priorVariance());
-    const nbv_selection::GpisScene scene(
-        toSurface(mesh), prior_std_m,
-        [query](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
-          return (*query)(points, options);
-        },
-        params_.scene);
-    return selector->select(scene, failures, request, tell, is_cancelled);
-  }
-
-  void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) const override {
-    const ros::Time newest = imageStamp();
-    if (newest.isZero()) {
-      status.summary(diagnostic_msgs::DiagnosticStatus::WARN, noImage());
-      return;
-    }
-    status.summary(diagnostic_msgs::DiagnosticStatus::OK, "ready");
-    status.add("age of the map's newest image [s]", (ros::Time::now() - newest).toSec());
-  }
-
-  std::string configuration() const override { return interactive_mapping::toYaml(params_); }
-
- private:
-  ros::Time imageStamp() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    return image_stamp_;
-  }
-
-  std::string noImage() const { return "the map has taken in no image (" + update_subscriber_.getTopic() + ")"; }
-
-  /// The map's surface, with an image of `min_stamp` or later in it.
-  SurfaceMesh awaitMesh(const ros::Time& min_stamp, const IsCancelled& is_cancelled) const {
-    // May be asked once only: a goal that another replaces goes on if that is withdrawn.
-    bool has_been_cancelled = false;
-    interactive_mapping_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, [&] {
-      has_been_cancelled = is_cancelled && is_cancelled();
-      return has_been_cancelled || imageStamp() >= min_stamp;
-    });
-    if (has_been_cancelled) throw SelectionCancelled("cancelled while waiting for the map");
-    GetMesh map;
-    ros::NodeHandle nh = context_.nh;  // a client is made by one that may change
-    call(nh.serviceClient<GetMesh>("map/get_mesh", true), &map, context_.answer_timeout_s, is_cancelled);
-    const ros::Time& stamp = map.response.mesh.header.stamp;
-    if (stamp >= min_stamp) return std::move(map.response.mesh);
-    if (stamp.isZero()) throw MapUnavailable(noImage());
-    throw MapUnavailable("the map's newest image is of " + std::to_string(stamp.toSec()) + " s, asked for is one of " +
-                         std::to_string(min_stamp.toSec()) + " s or later (waited " +
-                         std::to_string(context_.map_wait_s) + " s, input/map_wait_s)");
-  }
-
-  StrategyContext context_;
-  GpisStrategyParams params_;
-  std::unique_ptr<LiveSelector<GpisStrategyParams>> selector_;
-  mutable std::mutex mutex_;           // guards image_stamp_
-  ros::Time image_stamp_;              // of the newest image in the map
-  ros::Subscriber update_subscriber_;  // last: its callback uses the rest
-};
-
 }  // namespace
-}  // namespace nbv_selection_ros
 
-PLUGINLIB_EXPORT_CLASS(nbv_selection_ros::GpisStrategy, nbv_selection_ros::Strategy)
+void GpisStrategy::initialize(const StrategyContext& context) {
+  context_ = context;
+  params_ = interactive_mapping_ros::loadParams<GpisStrategyParams>(context.private_nh, {"own"});
+  selector_ = std::make_unique<LiveSelector<GpisStrategyParams>>(
+      context, params_, nbv_selection::Extension{extraFactors(), [this](const nbv_selection::Selection& selection) {
+                                                   return choose(selection);
+                                                 }});
+  update_subscriber_ = context_.nh.subscribe<MapUpdate>("map/update", 10, [this](const MapUpdate::ConstPtr& update) {
+    if (update->status != MapUpdate::ACCEPTED) return;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    image_stamp_ = update->header.stamp;
+  });
+}
+
+nbv_selection::Selection GpisStrategy::select(const nbv_selection::SelectionRequest& request,
+                                              const nbv_selection::FailureMemory& failures,
+                                              const ros::Time& min_map_stamp, const Tell& tell,
+                                              const IsCancelled& is_cancelled) {
+  const auto selector = selector_->get();
+  const SurfaceMesh mesh = awaitMesh(min_map_stamp, is_cancelled);
+  if (interactive_mapping_ros::withoutSlash(mesh.header.frame_id) != context_.map_frame) {
+    throw MapUnusable("the mesh's frame is '" + mesh.header.frame_id + "', must be '" + context_.map_frame +
+                      "' (map_frame)");
+  }
+  auto query = std::make_shared<QueryClient>(context_.nh, context_.map_frame, context_.answer_timeout_s, is_cancelled);
+  const double prior_std_m = std::sqrt(query->priorVariance());
+  const nbv_selection::GpisScene scene(
+      toSurface(mesh), prior_std_m,
+      [query](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
+        return (*query)(points, options);
+      },
+      params_.scene);
+  return selector->select(scene, failures, request, tell, is_cancelled);
+}
+
+void GpisStrategy::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) const {
+  const ros::Time newest = imageStamp();
+  if (newest.isZero()) {
+    status.summary(diagnostic_msgs::DiagnosticStatus::WARN, noImage());
+    return;
+  }
+  status.summary(diagnostic_msgs::DiagnosticStatus::OK, "ready");
+  status.add("age of the map's newest image [s]", (ros::Time::now() - newest).toSec());
+}
+
+std::string GpisStrategy::configuration() const {
+  return interactive_mapping::toYaml(params_);
+}
+
+std::vector<nbv_selection::ExtraFactor> GpisStrategy::extraFactors() {
+  return {};
+}
+
+std::optional<std::size_t> GpisStrategy::choose(const nbv_selection::Selection& selection) {
+  if (selection.status != nbv_selection::SelectionStatus::kSelected) return std::nullopt;
+  return selection.best;
+}
+
+ros::Time GpisStrategy::imageStamp() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return image_stamp_;
+}
+
+std::string GpisStrategy::noImage() const {
+  return "the map has taken in no image (" + update_subscriber_.getTopic() + ")";
+}
+
+SurfaceMesh GpisStrategy::awaitMesh(const ros::Time& min_stamp, const IsCancelled& is_cancelled) const {
+  // May be asked once only: a goal that another replaces goes on if that is withdrawn.
+  bool has_been_cancelled = false;
+  interactive_mapping_ros::waitUntil(ros::Time::now() + ros::Duration(context_.map_wait_s), context_.stall_s, [&] {
+    has_been_cancelled = is_cancelled && is_cancelled();
+    return has_been_cancelled || imageStamp() >= min_stamp;
+  });
+  if (has_been_cancelled) throw SelectionCancelled("cancelled while waiting for the map");
+  GetMesh map;
+  ros::NodeHandle nh = context_.nh;  // a client is made by one that may change
+  call(nh.serviceClient<GetMesh>("map/get_mesh", true), &map, context_.answer_timeout_s, is_cancelled);
+  const ros::Time& stamp = map.response.mesh.header.stamp;
+  if (stamp >= min_stamp) return std::move(map.response.mesh);
+  if (stamp.isZero()) throw MapUnavailable(noImage());
+  throw MapUnavailable("the map's newest image is of " + std::to_string(stamp.toSec()) + " s, asked for is one of " +
+                       std::to_string(min_stamp.toSec()) + " s or later (waited " +
+                       std::to_string(context_.map_wait_s) + " s, input/map_wait_s)");
+}
+
+}  // namespace nbv_selection_ros

@@ -1293,5 +1293,68 @@ TEST(ViewSelectorRandomChoice, WhenAllFailedThisVeryMomentItIsAnyOfThem) {
   EXPECT_THAT(drawn, SizeIs(Gt(2U)));
 }
 
+// ---- What a strategy adds
+
+Selection selectWith(const Extension& extension, const ViewSelectorConfig& config = {}) {
+  const HeapSetup setup;
+  return ViewSelector(config, pickingRobot(), extension).select(setup.scene, kNoFailures, setup.request);
+}
+
+TEST(ViewSelector, ExtraFactorSharesTheWeights) {
+  Extension extension;
+  extension.factors = {
+      {"north", 0.3, [](const ScoredSegment& s) { return s.segment.midpoint_map.y() > 0.0 ? 1.0 : 0.0; }}};
+  const ViewSelectorConfig config;
+  const Selection selection = selectWith(extension);
+  ASSERT_THAT(candidatesOf(selection), SizeIs(Gt(4U)));
+  for (const ScoredSegment* scored : candidatesOf(selection)) {
+    const double north = scored->segment.midpoint_map.y() > 0.0 ? 1.0 : 0.0;
+    const double expected = 0.3 * north + 0.7 * utilityByHand(scored->attributes, kInf, config.utility);
+    EXPECT_NEAR(scored->utility.utility, expected, 1e-12);  // rounding
+    EXPECT_LE(scored->utility.utility, bestOf(selection).utility.utility);
+  }
+}
+
+TEST(ViewSelector, StrategyReplacesTheChoice) {
+  std::size_t chosen = 0;
+  Extension extension;
+  extension.choose = [&](const Selection& selection) -> std::optional<std::size_t> {
+    EXPECT_EQ(selection.status, SelectionStatus::kLowUtility);
+    for (std::size_t i = 0; i < selection.segments.size(); ++i) {
+      if (selection.segments[i].verdict == SegmentVerdict::kCandidate && i != *selection.best) chosen = i;
+    }
+    return chosen;
+  };
+  ViewSelectorConfig config;
+  config.utility.min_utility = 1.0;
+  const Selection selection = selectWith(extension, config);
+  EXPECT_EQ(selection.status, SelectionStatus::kSelected);
+  EXPECT_EQ(selection.message, "");
+  EXPECT_EQ(selection.best, chosen);
+}
+
+TEST(ViewSelector, StrategyMayChooseNothing) {
+  Extension extension;
+  extension.choose = [](const Selection&) { return std::nullopt; };
+  const Selection selection = selectWith(extension);
+  EXPECT_EQ(selection.status, SelectionStatus::kLowUtility);
+  EXPECT_EQ(selection.message, "the strategy chose no candidate");
+}
+
+TEST(ViewSelector, ImpossibleExtensionsAreRejected) {
+  const auto one = [](const ScoredSegment&) { return 1.0; };
+  const auto refusal = [](const Extension& extension) {
+    return messageOf<std::exception>([&] { selectWith(extension); });
+  };
+  EXPECT_EQ(refusal({{{"a", -0.1, one}}, nullptr}), "weight of factor a = -0.100000, must be in [0, 1]");
+  EXPECT_EQ(refusal({{{"a", 0.6, one}, {"b", 0.6, one}}, nullptr}),
+            "weights of the extra factors: their sum = 1.200000, must be at most 1");
+  EXPECT_EQ(refusal({{{"a", 0.6, nullptr}}, nullptr}), "factor a has no value, must be a function");
+  EXPECT_EQ(refusal({{{"a", 0.6, [](const ScoredSegment&) { return kNaN; }}}, nullptr}),
+            "factor a = nan, must be in [0, 1]");
+  EXPECT_THAT(refusal({{}, [](const Selection&) { return std::size_t{999}; }}),
+              AllOf(HasSubstr("the strategy chose segment 999 of "), HasSubstr(", must be a candidate")));
+}
+
 }  // namespace
 }  // namespace nbv_selection

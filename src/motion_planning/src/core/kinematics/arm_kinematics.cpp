@@ -23,6 +23,7 @@ using mp700_ur5e_description::kArmJoints;
 // Further than the tolerance, as far as doubles go on a lever of a metre with a margin: costs a step where one is taken.
 constexpr double kPolished = 1e-9;
 constexpr int kMaxPolishSteps = 20;
+constexpr int kMaxSearchSteps = 60;         // from any posture: half a turn of every joint, and some to converge
 constexpr double kMaxPolishStep_rad = 0.2;  // more leads to other branches
 constexpr double kSameSolution_rad = 1e-3;  // two solutions of a stretched arm meet at sqrt(tolerance)
 constexpr double kOnLimit_rad = 1e-7;       // beyond a limit by less: on it; moves the tip by a tenth of the tolerance
@@ -54,6 +55,15 @@ bool isSame(const ArmVector& a, const ArmVector& b) {
     if (std::abs(std::remainder(a[i] - b[i], 2.0 * M_PI)) > kSameSolution_rad) return false;
   }
   return true;
+}
+
+/// Always the same.
+std::vector<ArmVector> drawPostures(std::size_t count) {
+  std::mt19937_64 rng(1);
+  std::uniform_real_distribution<double> angle_rad(-M_PI, M_PI);
+  std::vector<ArmVector> postures(count);
+  for (ArmVector& posture : postures) posture = ArmVector::NullaryExpr([&](Eigen::Index) { return angle_rad(rng); });
+  return postures;
 }
 
 }  // namespace
@@ -113,13 +123,14 @@ ArmKinematics::ArmKinematics(std::shared_ptr<const mp700_ur5e_description::Robot
   walk(ArmVector::Zero(), &directions, &points);
   std::array<AxisLine, 6> axes;
   for (int i = 0; i < 6; ++i) axes[static_cast<std::size_t>(i)] = {points.col(i), directions.col(i)};
-  geometry_ = std::make_shared<UrGeometry>(axes, tipPose(ArmVector::Zero()));
+  try {
+    geometry_ = std::make_shared<UrGeometry>(axes, tipPose(ArmVector::Zero()));
+  } catch (const std::invalid_argument&) {
+    return;
+  }
 
   // How well the closed form knows this arm. Half as much again is for postures that these few do not show.
-  std::mt19937_64 rng(1);
-  std::uniform_real_distribution<double> angle_rad(-M_PI, M_PI);
-  for (int i = 0; i < 100; ++i) {
-    const ArmVector joints_rad = ArmVector::NullaryExpr([&](Eigen::Index) { return angle_rad(rng); });
+  for (const ArmVector& joints_rad : drawPostures(100)) {
     const Pose exact = walk(joints_rad, nullptr, nullptr);
     const Eigen::Isometry3d closed = geometry_->tipPose(joints_rad);
     model_gap_m_ = std::max(model_gap_m_, 1.5 * (closed.translation() - exact.p).norm());
@@ -192,7 +203,8 @@ bool ArmKinematics::polish(const Pose& goal, ArmVector* joints_rad) const {
   bool is_good = false;
   double last = 0.0;
   ArmVector best = *joints_rad;
-  for (int step = 0; step < kMaxPolishSteps; ++step) {
+  const int max_steps = geometry_ ? kMaxPolishSteps : kMaxSearchSteps;
+  for (int step = 0; step < max_steps; ++step) {
     const Pose tip = walk(*joints_rad, &directions, &points);
     ArmVector error;
     error << goal.p - tip.p, rotationBetween(tip.R, goal.R);
@@ -274,8 +286,6 @@ std::vector<ArmVector> ArmKinematics::inverse(const Eigen::Isometry3d& T_base_ti
   T_goal.linear() = goal.R;
   T_goal.translation() = goal.p;
 
-  UrGeometry::Branches branches;
-  geometry_->solve(T_goal, near_rad[5], {model_gap_m_, model_gap_rad_}, &branches);
   std::vector<ArmVector> solutions;
   solutions.reserve(kMaxBranches);
   const auto add = [&](ArmVector joints_rad) {
@@ -285,12 +295,20 @@ std::vector<ArmVector> ArmKinematics::inverse(const Eigen::Isometry3d& T_base_ti
     if (!is_known) solutions.push_back(joints_rad);
     return !is_known;
   };
-  std::array<bool, kMaxBranches> is_found;
-  for (std::size_t i = 0; i < branches.size(); ++i) is_found[i] = add(branches[i]);
-  if (std::max(model_gap_m_, model_gap_rad_) > kCalibrated) {
-    for (std::size_t i = 0; i < branches.size(); ++i) {
-      if (!is_found[i] && branches[i].allFinite()) add(followBranch(T_goal, i, branches[i]));
+  if (geometry_) {
+    UrGeometry::Branches branches;
+    geometry_->solve(T_goal, near_rad[5], {model_gap_m_, model_gap_rad_}, &branches);
+    std::array<bool, kMaxBranches> is_found;
+    for (std::size_t i = 0; i < branches.size(); ++i) is_found[i] = add(branches[i]);
+    if (std::max(model_gap_m_, model_gap_rad_) > kCalibrated) {
+      for (std::size_t i = 0; i < branches.size(); ++i) {
+        if (!is_found[i] && branches[i].allFinite()) add(followBranch(T_goal, i, branches[i]));
+      }
     }
+  } else {
+    static const std::vector<ArmVector> starts_rad = drawPostures(kNumericalStarts);
+    add(near_rad);
+    for (const ArmVector& start_rad : starts_rad) add(start_rad);
   }
   solutions.erase(std::remove_if(solutions.begin(), solutions.end(),
                                  [&](ArmVector& solution) { return !wind(near_rad, &solution); }),
