@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <map>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -440,7 +441,8 @@ class CuboidFinder {
                  double half, const Eigen::Vector3d& across, double half_across, Evidence* evidence) const {
     constexpr double kInner_m = 0.03;
     std::vector<std::pair<double, Eigen::Vector3d>> on_edge;  // place along the edge, point
-    std::vector<double> along, inner_along;
+    std::vector<double> along;
+    std::map<long, std::vector<double>> inner_along;  // an edge is a line: holes here and there are none
     double beyond = 0.0;
     for (const std::size_t i : supports) {
       for (std::size_t k = 0; k < patches_[i].border.size(); ++k) {
@@ -453,7 +455,7 @@ class CuboidFinder {
           on_edge.emplace_back(place_across, point.p_map);
           along.push_back(place_across);
         } else if (place < half - config_.edge_inset_m - kInner_m && std::abs(place_across) < half_across - kInner_m) {
-          inner_along.push_back(place_across);
+          inner_along[std::lround(place / (2.0 * kBin_m))].push_back(place_across);
         }
       }
       for (const std::uint32_t vertex : patches_[i].vertices) {
@@ -465,7 +467,9 @@ class CuboidFinder {
     }
     const bool is_denied = beyond > 0.4 * (0.04 * 2.0 * half_across);
     const double length = 2.0 * half_across;
-    if (coveredLength(inner_along) > 0.4 * length) evidence->has_inner_edge = true;
+    for (const auto& [line, inner] : inner_along) {
+      if (coveredLength(inner) > 0.4 * length) evidence->has_inner_edge = true;
+    }
     if (is_denied) {
       --evidence->num_edges;
     } else if (coveredLength(along) >= std::max(config_.min_edge_m, 0.3 * length)) {
