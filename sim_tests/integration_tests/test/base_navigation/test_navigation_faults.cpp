@@ -276,10 +276,3 @@ TEST_F(NavigationFaults, ArrivesAfterTheLocalisationJumped) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_navigation_faults");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -90,10 +90,3 @@ TEST_F(NavigationPile, RightSideIsReachedSquare) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_navigation_pile");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

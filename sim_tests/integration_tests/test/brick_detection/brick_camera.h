@@ -19,6 +19,7 @@
 #include <opencv2/imgproc.hpp>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "support/await_update.h"
@@ -120,17 +121,9 @@ inline sensor_msgs::Image toColorMessage(const cv::Mat& bgr, const std::string& 
 }
 
 inline geometry_msgs::TransformStamped toTransformMessage(const Eigen::Isometry3d& T_map_camera) {
-  const Eigen::Quaterniond q(T_map_camera.linear());
-  geometry_msgs::TransformStamped transform;
+  geometry_msgs::TransformStamped transform = tf2::eigenToTransform(T_map_camera);
   transform.header.frame_id = "map";
   transform.child_frame_id = kCameraFrame;
-  transform.transform.translation.x = T_map_camera.translation().x();
-  transform.transform.translation.y = T_map_camera.translation().y();
-  transform.transform.translation.z = T_map_camera.translation().z();
-  transform.transform.rotation.w = q.w();
-  transform.transform.rotation.x = q.x();
-  transform.transform.rotation.y = q.y();
-  transform.transform.rotation.z = q.z();
   return transform;
 }
 

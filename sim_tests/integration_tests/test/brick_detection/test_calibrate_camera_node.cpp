@@ -207,9 +207,3 @@ TEST_F(CalibrateCameraNode, FindsAndSavesWhereTheCameraIs) {
 
 }  // namespace
 }  // namespace simulated_world_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_calibrate_camera_node");
-  return RUN_ALL_TESTS();
-}

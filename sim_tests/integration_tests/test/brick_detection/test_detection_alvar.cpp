@@ -146,10 +146,3 @@ TEST_F(DetectionAlvar, NoMarkerInViewIsALookAsWell) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_detection_alvar");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

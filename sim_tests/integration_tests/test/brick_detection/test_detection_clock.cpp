@@ -172,10 +172,3 @@ TEST_F(DetectionClock, LooksOfBeforeItRanBackAreNoAnswer) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_detection_clock");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

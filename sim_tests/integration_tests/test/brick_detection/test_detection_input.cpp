@@ -562,10 +562,3 @@ TEST(DetectionService, ImagesAreLookedAtOnCallOnly) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_detection_input");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -210,10 +210,3 @@ TEST_F(DetectionProcess, MapThatHangsStopsNeitherLooksNorTheEnd) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_detection_process");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

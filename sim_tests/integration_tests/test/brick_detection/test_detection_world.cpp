@@ -317,10 +317,3 @@ TEST_F(DetectionWorld, ABrickThatIsTakenAwayVanishes) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_detection_world");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

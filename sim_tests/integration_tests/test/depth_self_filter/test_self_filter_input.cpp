@@ -8,6 +8,7 @@
 
 #include <depth_self_filter/robot_mask.h>
 #include <interactive_mapping_common/testing/process.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include "filter_camera.h"
 
@@ -292,21 +293,13 @@ TEST_F(SelfFilterInput, ACameraThatTheUrdfDoesNotHaveIsAskedOfTf) {
   // Where the mast's camera is: the same is masked.
   const Eigen::VectorXd q = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(robot_->joints().size()));
   const Eigen::Isometry3d T = robot_->framePose(description::kDepthFrame, q);
-  const Eigen::Quaterniond turn(T.linear());
   const auto published = [&](const ros::Time& stamp) {
     tf2_msgs::TFMessage message;
-    message.transforms.emplace_back();
+    message.transforms.push_back(tf2::eigenToTransform(T));
     geometry_msgs::TransformStamped& transform = message.transforms.back();
     transform.header.stamp = stamp;
     transform.header.frame_id = description::kBaseFrame;
     transform.child_frame_id = "tripod";
-    transform.transform.translation.x = T.translation().x();
-    transform.transform.translation.y = T.translation().y();
-    transform.transform.translation.z = T.translation().z();
-    transform.transform.rotation.w = turn.w();
-    transform.transform.rotation.x = turn.x();
-    transform.transform.rotation.y = turn.y();
-    transform.transform.rotation.z = turn.z();
     return message;
   };
   image.header.stamp = patient_->nextStamp();
@@ -362,10 +355,3 @@ TEST(SelfFilterProcess, ImpossibleParametersEndTheNodeWithAllOfThem) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_self_filter_input");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

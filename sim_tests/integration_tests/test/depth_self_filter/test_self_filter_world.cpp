@@ -148,10 +148,3 @@ TEST_F(SelfFilterWorld, TheArmIsNeverSeenAndNoImageIsGuessed) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_self_filter_world");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

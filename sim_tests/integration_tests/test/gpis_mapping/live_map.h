@@ -20,6 +20,7 @@
 #include <sensor_msgs/Image.h>
 #include <std_srvs/Trigger.h>
 #include <synthetic_depth_ros/camera_info.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "support/await_update.h"
@@ -50,16 +51,8 @@ inline sensor_msgs::Image toImage(const cv::Mat& depth_m, const std::string& enc
 }
 
 inline geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_map_camera) {
-  const Eigen::Quaterniond q(T_map_camera.linear());
-  geometry_msgs::TransformStamped transform;
+  geometry_msgs::TransformStamped transform = tf2::eigenToTransform(T_map_camera);
   transform.header.frame_id = "map";
-  transform.transform.translation.x = T_map_camera.translation().x();
-  transform.transform.translation.y = T_map_camera.translation().y();
-  transform.transform.translation.z = T_map_camera.translation().z();
-  transform.transform.rotation.w = q.w();
-  transform.transform.rotation.x = q.x();
-  transform.transform.rotation.y = q.y();
-  transform.transform.rotation.z = q.z();
   return transform;
 }
 

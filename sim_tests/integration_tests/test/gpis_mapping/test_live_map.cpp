@@ -332,10 +332,3 @@ TEST(LiveMapWithGenerator, MapsWhatTheSyntheticCameraPublishes) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_live_map");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -106,10 +106,3 @@ TEST(MappingLaunch, MapsABagOfAnAzureKinectByArgumentsAlone) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_live_map_bag");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -366,10 +366,3 @@ TEST_F(LiveMapInput, OnlyTheNewestImageWaitsWhileTheNodeIsBusy) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_live_map_input");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

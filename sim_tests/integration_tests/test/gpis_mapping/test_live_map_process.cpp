@@ -247,10 +247,3 @@ TEST_F(LiveMapProcess, AsANodeletRefusesThemAndTheManagerSurvives) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_live_map_process");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -504,10 +504,3 @@ TEST_F(LiveMapServices, TheSliceMovesWhenTuned) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_live_map_services");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -78,9 +78,3 @@ TEST(MapInTheLoop, EveryImageIsMappedAndTheBrickIsWhereItIs) {
 
 }  // namespace
 }  // namespace simulated_world_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_map_in_the_loop");
-  return RUN_ALL_TESTS();
-}

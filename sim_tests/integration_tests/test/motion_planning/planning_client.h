@@ -25,6 +25,7 @@
 #include <ros/callback_queue.h>
 #include <ros/spinner.h>
 #include <sensor_msgs/JointState.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "support/box_world.h"
@@ -150,18 +151,10 @@ class TopicRobot {
       joints.position.push_back(arm_rad_[i]);
     }
     joints_.publish(joints);
-    geometry_msgs::TransformStamped transform;
+    geometry_msgs::TransformStamped transform = tf2::eigenToTransform(T_map_base_);
     transform.header.stamp = now;
     transform.header.frame_id = "map";
     transform.child_frame_id = "base_link";
-    const Eigen::Quaterniond q(T_map_base_.linear());
-    transform.transform.translation.x = T_map_base_.translation().x();
-    transform.transform.translation.y = T_map_base_.translation().y();
-    transform.transform.translation.z = T_map_base_.translation().z();
-    transform.transform.rotation.w = q.w();
-    transform.transform.rotation.x = q.x();
-    transform.transform.rotation.y = q.y();
-    transform.transform.rotation.z = q.z();
     tf2_msgs::TFMessage message;
     message.transforms.push_back(transform);
     tf_.publish(message);

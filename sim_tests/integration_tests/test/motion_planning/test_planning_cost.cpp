@@ -70,10 +70,3 @@ TEST_F(PlanningCost, AResultWaitsForItsTimeAndForAClockNoLongerThanStated) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_planning_cost");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -10,6 +10,7 @@
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <interactive_mapping_common/testing/process.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_common_ros/testing/tuning.h>
 #include <interactive_mapping_msgs/BrickFace.h>
 #include <motion_planning/arm_kinematics.h>
@@ -48,14 +49,7 @@ BoxWorld worldOf(const std::vector<OrientedBox>& boxes) {
 geometry_msgs::PoseStamped toPose(const Eigen::Isometry3d& T, const std::string& frame = "map") {
   geometry_msgs::PoseStamped pose;
   pose.header.frame_id = frame;
-  const Eigen::Quaterniond q(T.linear());
-  pose.pose.position.x = T.translation().x();
-  pose.pose.position.y = T.translation().y();
-  pose.pose.position.z = T.translation().z();
-  pose.pose.orientation.w = q.w();
-  pose.pose.orientation.x = q.x();
-  pose.pose.orientation.y = q.y();
-  pose.pose.orientation.z = q.z();
+  pose.pose = interactive_mapping_ros::toPose(T);
   return pose;
 }
 
@@ -778,10 +772,3 @@ TEST_F(PlanningNode, TheLogTellsWhatIsMissingAndOnceThatAllIsThere) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_planning_node");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -205,10 +205,3 @@ TEST_F(PlanningWorld, ABrickIsPickedAndStowedWithoutTouchingAnythingElse) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_planning_world");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

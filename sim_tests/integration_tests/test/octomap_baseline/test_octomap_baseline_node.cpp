@@ -220,10 +220,3 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_octomap_baseline_node");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

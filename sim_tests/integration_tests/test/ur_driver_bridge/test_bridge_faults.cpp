@@ -516,10 +516,3 @@ TEST_F(BridgeFaults, ProtectiveStopInTheTouch) {
 
 }  // namespace
 }  // namespace integration_tests
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_bridge_faults");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

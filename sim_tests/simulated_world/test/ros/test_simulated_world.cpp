@@ -768,10 +768,3 @@ TEST_F(LockstepTest, RunsOfOneSeedAreEqualWhateverTheLoad) {
 
 }  // namespace
 }  // namespace simulated_world_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_simulated_world");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -305,10 +305,3 @@ TEST_F(UrDriverRosTest, RefusesMeasurementsOfAnotherArm) {
 
 }  // namespace
 }  // namespace simulated_world_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_ur_driver_ros");
-  const ros::NodeHandle keeps_node_alive;
-  return RUN_ALL_TESTS();
-}

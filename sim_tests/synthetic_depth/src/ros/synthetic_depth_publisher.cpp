@@ -10,6 +10,7 @@
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/fill_image.h>
 #include <sensor_msgs/image_encodings.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include "synthetic_depth/scene_loader.h"
 #include "synthetic_depth/sensor.h"
@@ -110,18 +111,10 @@ void SyntheticDepthPublisher::publishNext() {
   }
 
   const Eigen::Isometry3d T_map_camera = scene_.cameraInMap(frame);
-  const Eigen::Quaterniond q = Eigen::Quaterniond(T_map_camera.linear()).normalized();
-  geometry_msgs::TransformStamped transform;
+  geometry_msgs::TransformStamped transform = tf2::eigenToTransform(T_map_camera);
   transform.header.stamp = stamp;
   transform.header.frame_id = params_.map_frame;
   transform.child_frame_id = params_.camera_frame;
-  transform.transform.translation.x = T_map_camera.translation().x();
-  transform.transform.translation.y = T_map_camera.translation().y();
-  transform.transform.translation.z = T_map_camera.translation().z();
-  transform.transform.rotation.x = q.x();
-  transform.transform.rotation.y = q.y();
-  transform.transform.rotation.z = q.z();
-  transform.transform.rotation.w = q.w();
   tf_broadcaster_.sendTransform(transform);
 
   std_msgs::Header header;

@@ -231,10 +231,3 @@ TEST(PublisherParams, RefuseUnknownKeysWrongTypesAndBadValuesByName) {
 
 }  // namespace
 }  // namespace synthetic_depth_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_synthetic_depth_node");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -444,10 +444,3 @@ TEST_F(BaseNavigationNode, ForgetsWhatItSawWithAPoseThatWasWrong) {
 
 }  // namespace
 }  // namespace base_navigation_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_base_navigation_node");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

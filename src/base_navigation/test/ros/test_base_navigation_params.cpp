@@ -122,10 +122,3 @@ TEST(BaseNavigationParams, AnImpossibleBoundIsTheOnlyProblemOfItself) {
 
 }  // namespace
 }  // namespace base_navigation_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_base_navigation_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -74,10 +74,3 @@ TEST(BrickDetectionParams, SettingsOfLibrariesAreNotUnknown) {
 
 }  // namespace
 }  // namespace brick_detection_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_brick_detection_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -66,10 +66,3 @@ TEST(CalibrateCameraParams, NodeRefusesTargetsThatAreNotThere) {
 
 }  // namespace
 }  // namespace brick_detection_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_calibrate_camera_params");
-  const ros::NodeHandle nh;
-  return RUN_ALL_TESTS();
-}

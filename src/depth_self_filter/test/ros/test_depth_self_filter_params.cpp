@@ -76,10 +76,3 @@ TEST(DepthSelfFilterParams, SettingsOfLibrariesAreNotUnknown) {
 
 }  // namespace
 }  // namespace depth_self_filter_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_depth_self_filter_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

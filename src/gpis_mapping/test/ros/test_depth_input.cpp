@@ -77,10 +77,3 @@ TEST(DepthInput, ReadsCompressedDepthWithoutThePlugin) {
 
 }  // namespace
 }  // namespace gpis_mapping_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_depth_input");
-  ros::NodeHandle keeps_ros_alive;
-  return RUN_ALL_TESTS();
-}

@@ -50,10 +50,3 @@ TEST(GpisMappingParams, OneMessageNamesEveryProblemWithValueAndRange) {
 
 }  // namespace
 }  // namespace gpis_mapping_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_gpis_mapping_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

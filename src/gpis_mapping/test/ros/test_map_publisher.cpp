@@ -119,10 +119,3 @@ TEST(MapPublisher, MakesEveryOutputForItsSubscriber) {
 
 }  // namespace
 }  // namespace gpis_mapping_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_map_publisher");
-  ros::NodeHandle keeps_ros_alive;
-  return RUN_ALL_TESTS();
-}

@@ -83,10 +83,3 @@ TEST(Params, OneMessageNamesAllThatIsWrongByItsFullName) {
 
 }  // namespace
 }  // namespace interactive_mapping_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -83,10 +83,3 @@ TEST(MotionPlanningParams, AnImpossibleMarginIsOneProblemNotTwo) {
 
 }  // namespace
 }  // namespace motion_planning_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_motion_planning_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -28,6 +28,7 @@
 #include <octomap_msgs/GetOctomap.h>
 #include <ros/callback_queue.h>
 #include <ros/spinner.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include <interactive_mapping_common_ros/testing/waiting.h>
@@ -143,18 +144,10 @@ inline base_navigation::NavigationGrid groundAroundThePile() {
 
 inline geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T, const std::string& parent,
                                                    const std::string& child, const ros::Time& stamp) {
-  geometry_msgs::TransformStamped transform;
+  geometry_msgs::TransformStamped transform = tf2::eigenToTransform(T);
   transform.header.stamp = stamp;
   transform.header.frame_id = parent;
   transform.child_frame_id = child;
-  const Eigen::Quaterniond q(T.linear());
-  transform.transform.translation.x = T.translation().x();
-  transform.transform.translation.y = T.translation().y();
-  transform.transform.translation.z = T.translation().z();
-  transform.transform.rotation.w = q.w();
-  transform.transform.rotation.x = q.x();
-  transform.transform.rotation.y = q.y();
-  transform.transform.rotation.z = q.z();
   return transform;
 }
 

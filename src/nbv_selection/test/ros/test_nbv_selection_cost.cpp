@@ -75,10 +75,3 @@ TEST_F(NbvSelectionCost, AResultWaitsForItsTimeAndForAClockNoLongerThanStated) {
 
 }  // namespace
 }  // namespace nbv_selection_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_nbv_selection_cost");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

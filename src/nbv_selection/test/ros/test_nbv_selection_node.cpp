@@ -1177,10 +1177,3 @@ TEST_F(NbvSelectionProcess, EndsWithZeroWhenItIsToldTo) {
 
 }  // namespace
 }  // namespace nbv_selection_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_nbv_selection_node");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

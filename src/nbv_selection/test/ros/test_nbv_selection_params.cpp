@@ -263,10 +263,3 @@ TEST(StrategyParams, ForeignStrategyAddsItsOwnKeys) {
 
 }  // namespace
 }  // namespace nbv_selection_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_nbv_selection_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -932,10 +932,3 @@ TEST_F(PickMissionNode, GoesThoughAServiceHangs) {
 
 }  // namespace
 }  // namespace mission_world
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_pick_mission_node");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

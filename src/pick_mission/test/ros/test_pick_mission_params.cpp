@@ -106,10 +106,3 @@ TEST(PickMissionParams, FilesOfSectorsAndBricksMustBeGiven) {
 
 }  // namespace
 }  // namespace pick_mission_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_pick_mission_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

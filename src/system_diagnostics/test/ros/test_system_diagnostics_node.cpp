@@ -254,10 +254,3 @@ TEST_F(SystemDiagnosticsNode, AnImageThatIsNoPictureIsToldAndLeftOut) {
 }
 
 }  // namespace
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_system_diagnostics_node");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

@@ -73,10 +73,3 @@ TEST(SystemDiagnosticsParams, OneMessageNamesEveryProblemWithValueAndRange) {
 
 }  // namespace
 }  // namespace system_diagnostics_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_system_diagnostics_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

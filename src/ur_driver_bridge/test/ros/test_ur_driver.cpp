@@ -160,10 +160,3 @@ TEST(UrDriverAfterACrash, CancelsWhatItFindsAndNotWhatItSends) {
 
 }  // namespace
 }  // namespace ur_driver_bridge_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_ur_driver");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

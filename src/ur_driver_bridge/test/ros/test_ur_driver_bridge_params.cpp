@@ -140,10 +140,3 @@ TEST(UrDriverBridgeParams, OneMessageNamesEveryProblemWithValueAndRange) {
 
 }  // namespace
 }  // namespace ur_driver_bridge_ros
-
-int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  ros::init(argc, argv, "test_ur_driver_bridge_params");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}
