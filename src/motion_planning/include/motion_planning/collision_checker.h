@@ -52,6 +52,7 @@ struct OrientedBox {
 struct HeldBrick {
   Eigen::Isometry3d T_tip_brick{Eigen::Isometry3d::Identity()};
   Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
+  double mass_kg{0.0};  // 0: not known; it is then held at any tilt
 };
 
 /// A brick in the robot's container.

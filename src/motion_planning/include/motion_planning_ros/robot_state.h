@@ -49,6 +49,7 @@ class RobotState {
 
   struct Held {
     int id{-1};
+    std::string type;
     motion_planning::HeldBrick brick;
     std::optional<motion_planning::OrientedBox> vacated;  // its place at the message's stamp; nothing: not known (yet)
   };

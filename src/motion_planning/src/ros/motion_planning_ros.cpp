@@ -214,6 +214,9 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
   }
   if (const std::optional<RobotState::Held> held = robot_.held()) {
     context.held = held->brick;
+    for (const auto& type : catalogue_.types) {
+      if (type.name == held->type) context.held->mass_kg = type.mass_kg;
+    }
     context.vacated = held->vacated;
   }
   context.load = robot_.load();

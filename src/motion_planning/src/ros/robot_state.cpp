@@ -166,6 +166,7 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
     } else {
       held.emplace();
       held->id = message->id;
+      held->type = message->type;
       held->brick.size_m = size;
       held->brick.T_tip_brick = robot.poseInBody(kMagnetTipFrame).inverse() * robot.poseInBody(frame) * *T_frame_brick;
     }

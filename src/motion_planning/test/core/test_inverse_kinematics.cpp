@@ -603,7 +603,8 @@ TEST(ArmKinematics, NumericalInverseSolvesReachablePoses) {
     ASSERT_FALSE(solutions.empty()) << q.transpose();
     for (std::size_t k = 0; k < solutions.size(); ++k) {
       expectSolves(arm, goal, solutions[k]);
-      if (k > 0) EXPECT_GE(solutions[k].norm(), solutions[k - 1].norm()) << "nearest first";
+      if (k == 0) continue;
+      EXPECT_GE(solutions[k].norm(), solutions[k - 1].norm()) << "nearest first";
     }
     // Away from singularities a branch is a point.
     if (distanceToNearest(solutions, q) < 1e-3) ++num_found;

@@ -229,7 +229,10 @@ TEST(MotionPlanner, LaysDownABrickThatStands) {
       context.start_rad = begun.stow.sample(t).position_rad;
       context.vacated = pick.world.boxes[0];
       const ArmPlan rest = makePlanner().planArm(context, pick.container(*shippedArm()).front());
-      EXPECT_EQ(rest.status, PlanStatus::kSuccess) << "after " << t << " s: " << rest.message;
+      ASSERT_EQ(rest.status, PlanStatus::kSuccess) << "after " << t << " s: " << rest.message;
+      const Eigen::Isometry3d T_base_held =
+          shippedArm()->tipPose(rest.trajectory.points.back().position_rad) * begun.held.T_tip_brick;
+      EXPECT_NEAR(T_base_held.linear().row(2).cwiseAbs().dot(pick.type.size_m), 0.2, 1e-4) << "it lies";
     }
     if (std::abs(turn.angle()) < 1.5) continue;
     pick.type.mass_kg = 1.5;  // 2.2 Nm about a magnet on its end

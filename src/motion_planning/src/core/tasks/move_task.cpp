@@ -6,6 +6,7 @@
 #include "tasks/failures.h"
 #include "tasks/free_motion.h"
 #include "tasks/goal_generator.h"
+#include "tasks/pick_stages.h"
 #include "tasks/straight_line.h"
 #include "tasks/tasks.h"
 
@@ -76,14 +77,7 @@ std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const StartS
   return {up_base, (up_base + back_base).normalized(), back_base};
 }
 
-}  // namespace
-
-Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& wanted) {
-  ArmGoal goal = wanted;
-  if (goal.place && !tiltOfHeld(task, goal.keep_level)) {  // it was stopped on its way to be laid down
-    goal.place->lay_down = true;
-    goal.keep_level = false;
-  }
+Result<JointTrajectory> moveOneWay(const TaskContext& task, const StartState& start, const ArmGoal& goal) {
   Result<JointTrajectory> plan = startInCollision(start.wedged);
   if (!start.is_among_others) {
     plan = searchFrom(task, {start.joints_rad}, start.checker, goal);
@@ -108,6 +102,19 @@ Result<JointTrajectory> planMove(const TaskContext& task, const StartState& star
     if (own_place.isFree(start.joints_rad)) return searchFrom(task, {start.joints_rad}, own_place, goal);
   }
   if (task.isCancelled()) return cancelled();
+  return plan;
+}
+
+}  // namespace
+
+Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& goal) {
+  if (!task.request.held) return moveOneWay(task, start, goal);
+  const Eigen::Vector3d up_tip = task.arm.tipPose(start.joints_rad).linear().transpose() * Eigen::Vector3d::UnitZ();
+  Result<JointTrajectory> plan = cancelled();
+  for (const ArmGoal& way : waysToStow(task, *task.request.held, up_tip, goal)) {
+    plan = moveOneWay(task, start, way);
+    if (plan || task.isCancelled()) break;
+  }
   return plan;
 }
 

@@ -95,6 +95,7 @@ std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, con
           aboutZ(2.0 * M_PI * k / turns) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()).toRotationMatrix();
       grip.held.T_tip_brick = grip.T_base_contact.inverse() * task.T_base_map * target.T_map_brick;
       grip.held.size_m = target.type->size_m;
+      grip.held.mass_kg = target.type->mass_kg;
       grip.tilt.up_tip = grip.T_base_contact.linear().transpose() * Eigen::Vector3d::UnitZ();
       grip.tilt.max_tilt_rad = task.config.pick.max_tilt_rad;
       grips.push_back(grip);
@@ -103,15 +104,15 @@ std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, con
   return grips;
 }
 
-std::vector<ArmGoal> waysToStow(const TaskContext& task, const PickTarget& target, const Grip& grip,
+std::vector<ArmGoal> waysToStow(const TaskContext& task, const HeldBrick& held, const Eigen::Vector3d& up_tip,
                                 const ArmGoal& goal) {
   int longest = 0;
-  grip.held.size_m.maxCoeff(&longest);
-  const Eigen::Vector3d upright_tip = uprightEdge(grip.held, grip.tilt.up_tip);
-  const bool stands = std::abs(upright_tip.dot(grip.held.T_tip_brick.linear().col(longest))) > 0.5;
-  const double lean_rad = std::acos(std::min(1.0, upright_tip.dot(grip.tilt.up_tip)));
-  const Eigen::Vector3d lever = grip.held.T_tip_brick.translation();
-  const double weight_N = target.type->mass_kg * kGravity_m_s2;
+  held.size_m.maxCoeff(&longest);
+  const Eigen::Vector3d upright_tip = uprightEdge(held, up_tip);
+  const bool stands = std::abs(upright_tip.dot(held.T_tip_brick.linear().col(longest))) > 0.5;
+  const double lean_rad = std::acos(std::min(1.0, upright_tip.dot(up_tip)));
+  const Eigen::Vector3d lever = held.T_tip_brick.translation();
+  const double weight_N = held.mass_kg * kGravity_m_s2;
   const bool holds_at_any_tilt = weight_N * lever.head<2>().norm() <= task.config.pick.max_twist_Nm &&
                                  weight_N * lever.norm() <= task.config.pick.max_bend_Nm;
   const bool lies = !stands && lean_rad <= task.config.pick.max_tilt_rad;

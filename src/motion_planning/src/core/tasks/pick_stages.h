@@ -41,7 +41,8 @@ std::vector<Grip> gripsAt(const TaskContext& task, const PickTarget& target, con
 
 /// What to try for `goal`, in this order: over its place a brick that stands, or leans by more than it may tilt, is laid
 /// down, if the magnet holds it at any tilt; else the edge that was nearest to upright is.
-std::vector<ArmGoal> waysToStow(const TaskContext& task, const PickTarget& target, const Grip& grip,
+/// `up_tip`: up, in the tip's frame.
+std::vector<ArmGoal> waysToStow(const TaskContext& task, const HeldBrick& held, const Eigen::Vector3d& up_tip,
                                 const ArmGoal& goal);
 
 /// Postures of the arm for each grip from `first_grip` on, best first.

@@ -121,7 +121,7 @@ class FacePick {
     Stows stows;
     PlanFailure why;
     for (const ArmGoal& goal : stow_goals_) {
-      for (const ArmGoal& way : waysToStow(task_, target_, grips_[grip], goal)) {
+      for (const ArmGoal& way : waysToStow(task_, grips_[grip].held, grips_[grip].tilt.up_tip, goal)) {
         const Tilt tilt = way.keep_level ? Tilt(grips_[grip].tilt) : std::nullopt;
         const auto goals = findGoals(task_, way, near, scene_.carrying(), tilt);
         if (goals) stows.push_back({*goals, tilt});
