@@ -20,7 +20,9 @@ namespace brick_detection {
 struct BrickTrackerConfig {
   double camera_std_m{0.003};
   double camera_std_rad{0.003};
-  int looks_per_standpoint{5};
+  double localisation_std_m{0.01};
+  double localisation_std_rad{0.005};
+  int looks_per_standpoint{2};
   double floor_std_m{0.001};
   double floor_std_rad{0.002};
   double gate_chi2{22.5};  // 99.9 %
@@ -34,8 +36,11 @@ struct BrickTrackerConfig {
     f("camera_std_m", c.camera_std_m, 0.0, 1.0, "m",
       "standard deviation of the camera's position in tf, shared by all looks from one standpoint");
     f("camera_std_rad", c.camera_std_rad, 0.0, 1.0, "rad", "the same of its rotation");
+    f("localisation_std_m", c.localisation_std_m, 0.0, 1.0, "m",
+      "standard deviation of the robot's position in the map, drifting: what was seen from elsewhere is off by it");
+    f("localisation_std_rad", c.localisation_std_rad, 0.0, 1.0, "rad", "the same of its heading");
     f("looks_per_standpoint", c.looks_per_standpoint, 1, 1000, "looks",
-      "more looks from one standpoint improve the mean and add no certainty: they share light, lens and depth camera");
+      "latest looks from one standpoint whose mean counts; they share light, lens and depth camera");
     f("floor_std_m", c.floor_std_m, 0.0, 1.0, "m",
       "standard deviation that no number of standpoints removes: calibration of camera and mast");
     f("floor_std_rad", c.floor_std_rad, 0.0, 1.0, "rad", "the same of the rotation");
@@ -114,15 +119,17 @@ class BrickTracker {
     Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
     Matrix6d covariance{Matrix6d::Identity()};
     Matrix6d camera_covariance{Matrix6d::Identity()};
+    Matrix6d drift_covariance{
+        Matrix6d::Identity()};  ///< what localisation may have drifted until a look from elsewhere
   };
   struct Standpoint {
     Look mean;                               ///< the camera's pose is the first look's
-    Matrix6d information{Matrix6d::Zero()};  ///< of all looks, without the camera's pose
-    int num_looks{0};
+    Matrix6d information{Matrix6d::Zero()};  ///< of the latest looks, without the camera's pose
+    int num_looks{0};                        ///< of these
   };
-  /// Where a brick is, by all looks that agree.
+  /// Where a brick is against the robot's pose in the map as it is now, by all looks that agree.
   struct Place {
-    std::vector<Standpoint> standpoints;
+    std::vector<Standpoint> standpoints;  ///< that of the latest look is the last
     Eigen::Isometry3d T_map_brick{Eigen::Isometry3d::Identity()};
     Matrix6d covariance{Matrix6d::Identity()};
     int num_looks{0};

@@ -58,6 +58,8 @@ BrickTracker::Look BrickTracker::makeLook(const Eigen::Isometry3d& T_map_camera,
   Matrix6d by_camera = Matrix6d::Identity();
   by_camera.topRightCorner<3, 3>() = -skew(arm);
   look.camera_covariance = by_camera * diagonal(config_.camera_std_m, config_.camera_std_rad) * by_camera.transpose();
+  look.drift_covariance =
+      by_camera * diagonal(config_.localisation_std_m, config_.localisation_std_rad) * by_camera.transpose();
   return look;
 }
 
@@ -79,12 +81,13 @@ void BrickTracker::add(const Look& look, Place* place) const {
     place->standpoints.push_back({look, information, 1});
   } else {
     // The information filter's step: the mean moves by the look's share of the information.
-    nearest->information += information;
-    ++nearest->num_looks;
+    const int looks = std::min(nearest->num_looks + 1, config_.looks_per_standpoint);
+    nearest->information = (looks - 1.0) / nearest->num_looks * nearest->information + information;
+    nearest->num_looks = looks;
     const Vector6d off = stepBetween(nearest->mean.T_map_brick, look.T_map_brick);
     nearest->mean.T_map_brick = moved(nearest->mean.T_map_brick, nearest->information.ldlt().solve(information * off));
-    const double share = std::min(1.0, static_cast<double>(config_.looks_per_standpoint) / nearest->num_looks);
-    nearest->mean.covariance = inverseOf(share * nearest->information);
+    nearest->mean.covariance = inverseOf(nearest->information);
+    std::rotate(nearest, nearest + 1, place->standpoints.data() + place->standpoints.size());
   }
   fuse(place);
 }
@@ -96,7 +99,9 @@ void BrickTracker::fuse(Place* place) const {
     information.setZero();
     Vector6d sum = Vector6d::Zero();
     for (const Standpoint& standpoint : place->standpoints) {
-      const Matrix6d own = inverseOf(standpoint.mean.covariance + standpoint.mean.camera_covariance);
+      Matrix6d covariance = standpoint.mean.covariance + standpoint.mean.camera_covariance;
+      if (&standpoint != &place->standpoints.back()) covariance += standpoint.mean.drift_covariance;
+      const Matrix6d own = inverseOf(covariance);
       information += own;
       sum += own * stepBetween(place->T_map_brick, standpoint.mean.T_map_brick);
     }
@@ -106,14 +111,14 @@ void BrickTracker::fuse(Place* place) const {
   place->covariance = (0.5 * (place->covariance + place->covariance.transpose())).eval();
 }
 
-/// Of a look against a place, six degrees of freedom. Against all other looks the camera's error counts in full; against
-/// those from nearly the same standpoint it is nearly the same error, and a brick that was moved by little is told.
+/// Of a look against a place, six degrees of freedom. Against all other looks the errors of camera and localisation count in
+/// full; against those from nearly the same standpoint it is nearly the same error, and a brick that was moved by little is told.
 double BrickTracker::chi2(const Look& look, const Place& place) const {
   const auto of = [&look](const Eigen::Isometry3d& T_map_brick, const Matrix6d& covariance) {
     const Vector6d off = stepBetween(T_map_brick, look.T_map_brick);
     return off.dot((covariance + look.covariance).ldlt().solve(off));
   };
-  double largest = of(place.T_map_brick, place.covariance + look.camera_covariance);
+  double largest = of(place.T_map_brick, place.covariance + look.camera_covariance + look.drift_covariance);
   for (const Standpoint& standpoint : place.standpoints) {
     const double apart = separation(look, standpoint);
     if (apart >= 1.0) continue;

@@ -10,15 +10,16 @@
 namespace motion_planning {
 namespace {
 
-constexpr int kSideways = 8;       // directions up and to the side, out of corners
-constexpr std::size_t kLooks = 4;  // along a lift
+constexpr std::size_t kSideways = 8;  // directions up and to the side, out of corners
+constexpr std::size_t kLooks = 4;     // along a lift
 
 PlanFailure blocked(const std::string& message) {
   return {PlanStatus::kApproachBlocked, message};
 }
 
 Result<JointPath> liftAlong(const TaskContext& task, const BrickInScene& scene, const Grip& grip,
-                            const ArmVector& contact_rad, const Eigen::Vector3d& offset_base) {
+                            const ArmVector& contact_rad, const Eigen::Vector3d& offset_base,
+                            const CollisionChecker& lifting) {
   JointPath line = followLine(task, contact_rad, grip.T_base_contact, offset_base);
   const std::size_t shortest = numSteps(task.config, kMinLift_m);
   if (line.size() <= shortest) return blocked("the arm cannot follow the straight lift in one posture");
@@ -46,8 +47,8 @@ Result<JointPath> liftAlong(const TaskContext& task, const BrickInScene& scene, 
                    " mm on: " + highest.describe());  // below it is the pile
   }
   line.resize(end + 1);
-  Contact contact = scene.whileLifting().check(line.front());
-  if (!contact) contact = firstContact(scene.whileLifting(), line);
+  Contact contact = lifting.check(line.front());
+  if (!contact) contact = firstContact(lifting, line);
   if (contact) return blocked("on the straight lift: " + contact.describe());
   return line;
 }
@@ -87,8 +88,8 @@ std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, dou
   } else if (normal_base.z() < 0.99) {  // within 8 degrees both are one line
     directions.push_back(up);
   }
-  for (int k = 0; k < kSideways; ++k) {
-    const double to_rad = 2.0 * M_PI * k / kSideways;
+  for (std::size_t k = 0; k < kSideways; ++k) {
+    const double to_rad = 2.0 * M_PI * static_cast<double>(k) / kSideways;
     directions.push_back((up + Eigen::Vector3d(std::cos(to_rad), std::sin(to_rad), 0.0)).normalized());
   }
   for (Eigen::Vector3d& direction : directions) direction *= lift_m;
@@ -98,8 +99,10 @@ std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, dou
 Result<JointPath> liftLine(const TaskContext& task, const BrickInScene& scene, const Grip& grip,
                            const ArmVector& contact_rad, const std::vector<Eigen::Vector3d>& offsets_base) {
   std::optional<PlanFailure> why;  // of the best direction
-  for (const Eigen::Vector3d& offset_base : offsets_base) {
-    Result<JointPath> line = liftAlong(task, scene, grip, contact_rad, offset_base);
+  for (std::size_t i = 0; i < offsets_base.size(); ++i) {
+    const bool is_aside = i + kSideways >= offsets_base.size() && offsets_base.size() > kSideways;
+    const CollisionChecker& lifting = is_aside ? scene.whileLiftingAside() : scene.whileLifting();
+    Result<JointPath> line = liftAlong(task, scene, grip, contact_rad, offsets_base[i], lifting);
     if (line) return line;
     if (!why) why = line.failure();
   }
