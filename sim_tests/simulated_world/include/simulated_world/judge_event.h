@@ -33,7 +33,7 @@ struct JudgeEvent {
   std::string other_body;   ///< of a collision or a load's contact
   double max_force_N{0.0};  ///< likewise, so far
   Eigen::Vector3d p_map{Eigen::Vector3d::Zero()};  ///< likewise, where the bodies touched first
-  double duration_s{0.0};   ///< likewise, or of a fall, so far
+  double duration_s{0.0};                          ///< likewise, or of a fall, so far
 };
 
 }  // namespace simulated_world

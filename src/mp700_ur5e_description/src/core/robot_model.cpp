@@ -39,8 +39,9 @@ Shape toShape(const urdf::Geometry& geometry, const std::string& link) {
     case urdf::Geometry::SPHERE:
       return Sphere{static_cast<const urdf::Sphere&>(geometry).radius};
     default:
-      throw std::invalid_argument("link " + link +
-                                  ": a collision shape is a mesh; must be a box, a cylinder or a sphere (adapt_urdf makes them)");
+      throw std::invalid_argument(
+          "link " + link +
+          ": a collision shape is a mesh; must be a box, a cylinder or a sphere (adapt_urdf makes them)");
   }
 }
 
