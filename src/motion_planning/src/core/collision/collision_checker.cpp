@@ -238,7 +238,7 @@ struct CollisionChecker::State {
     return ((T_target_map * p_map).array().abs() <= 0.5 * target->size_m.array() + more_m).all();
   }
 
-  /// Whether what is under a surface, or unseen, there is the target itself: beside its place others stand once it is gone.
+  /// Whether what is under a surface there is the target itself: beside its place stand others once it is gone.
   bool isTargetsInside(const Eigen::Vector3d& p_map) const {
     return isInTarget(p_map, target_only_own ? kPoseError_m - config.target_padding_m : 0.0);
   }
@@ -302,9 +302,8 @@ struct CollisionChecker::State {
           // map, so does that knowledge; nothing has come there. Not when its place is empty: what is carried moves to
           // the side, where an unseen neighbour may stand.
           const bool is_unknown = (scene->flags[index] & kBlockInside) == 0;
-          if (is_exempt &&
-              (is_unknown && !target_only_own ? isInTarget(center_map, target_for_all ? 0.0 : lattice.block())
-                                              : isTargetsInside(center_map))) {
+          if (is_exempt && (is_unknown ? isInTarget(center_map, target_for_all ? 0.0 : lattice.block())
+                                       : isTargetsInside(center_map))) {
             continue;
           }
           if (visit(index, distance_m)) return true;

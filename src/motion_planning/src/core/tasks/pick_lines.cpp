@@ -11,6 +11,7 @@ namespace motion_planning {
 namespace {
 
 constexpr std::size_t kSideways = 8;  // directions up and to the side, out of corners
+constexpr double kRub_m = 0.08;       // of a lift to the side, on the wall that the brick stands against
 constexpr std::size_t kLooks = 4;     // along a lift
 
 PlanFailure blocked(const std::string& message) {
@@ -18,8 +19,7 @@ PlanFailure blocked(const std::string& message) {
 }
 
 Result<JointPath> liftAlong(const TaskContext& task, const BrickInScene& scene, const Grip& grip,
-                            const ArmVector& contact_rad, const Eigen::Vector3d& offset_base,
-                            const CollisionChecker& lifting) {
+                            const ArmVector& contact_rad, const Eigen::Vector3d& offset_base, bool is_aside) {
   JointPath line = followLine(task, contact_rad, grip.T_base_contact, offset_base);
   const std::size_t shortest = numSteps(task.config, kMinLift_m);
   if (line.size() <= shortest) return blocked("the arm cannot follow the straight lift in one posture");
@@ -47,8 +47,17 @@ Result<JointPath> liftAlong(const TaskContext& task, const BrickInScene& scene, 
                    " mm on: " + highest.describe());  // below it is the pile
   }
   line.resize(end + 1);
+  JointPath among_others = line;
+  if (is_aside) {
+    std::size_t clear = end;
+    while (clear > 0 && scene.carrying().isFree(line[clear - 1])) --clear;
+    if (clear > numSteps(task.config, kRub_m))
+      return blocked("a lift to the side does not get clear of its neighbours");
+    among_others.resize(clear + 1);
+  }
+  const CollisionChecker& lifting = is_aside ? scene.whileLiftingAside() : scene.whileLifting();
   Contact contact = lifting.check(line.front());
-  if (!contact) contact = firstContact(lifting, line);
+  if (!contact) contact = firstContact(lifting, among_others);
   if (contact) return blocked("on the straight lift: " + contact.describe());
   return line;
 }
@@ -101,8 +110,7 @@ Result<JointPath> liftLine(const TaskContext& task, const BrickInScene& scene, c
   std::optional<PlanFailure> why;  // of the best direction
   for (std::size_t i = 0; i < offsets_base.size(); ++i) {
     const bool is_aside = i + kSideways >= offsets_base.size() && offsets_base.size() > kSideways;
-    const CollisionChecker& lifting = is_aside ? scene.whileLiftingAside() : scene.whileLifting();
-    Result<JointPath> line = liftAlong(task, scene, grip, contact_rad, offsets_base[i], lifting);
+    Result<JointPath> line = liftAlong(task, scene, grip, contact_rad, offsets_base[i], is_aside);
     if (line) return line;
     if (!why) why = line.failure();
   }
