@@ -12,6 +12,7 @@ namespace {
 
 constexpr std::size_t kSideways = 8;  // directions up and to the side, out of corners
 constexpr double kRub_m = 0.08;       // of a lift to the side, on the wall that the brick stands against
+constexpr double kMinAside_m = 0.12;  // so far beside its place an unseen neighbour is in the way
 constexpr std::size_t kLooks = 4;     // along a lift
 
 PlanFailure blocked(const std::string& message) {
@@ -21,7 +22,7 @@ PlanFailure blocked(const std::string& message) {
 Result<JointPath> liftAlong(const TaskContext& task, const BrickInScene& scene, const Grip& grip,
                             const ArmVector& contact_rad, const Eigen::Vector3d& offset_base, bool is_aside) {
   JointPath line = followLine(task, contact_rad, grip.T_base_contact, offset_base);
-  const std::size_t shortest = numSteps(task.config, kMinLift_m);
+  const std::size_t shortest = numSteps(task.config, is_aside ? kMinAside_m : kMinLift_m);
   if (line.size() <= shortest) return blocked("the arm cannot follow the straight lift in one posture");
   // The lift ends where the brick has room to all sides, for the search that carries it away. Where it never has, the
   // lift ends as high as the brick is at least clear.
