@@ -9,7 +9,8 @@ import re
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-PAGES = ("*.md", "docker/*.md", "docs/*.md", "docs/results/*.md", "docs/tutorials/*.md", "docs/example_map/*.md", "src/**/*.md", "sim_tests/**/*.md")
+PAGES = ("*.md", "docker/*.md", "docs/*.md", "docs/results/*.md", "docs/tutorials/*.md", "docs/example_map/*.md", "src/**/*.md", "sim_tests/**/*.md",
+         "examples/**/*.md")
 PARAMETERS = ("src/*/config/*.yaml", "sim_tests/simulated_world/config/*.yaml")
 MESSAGES = ("src/interactive_mapping_msgs/action/*.action", "src/interactive_mapping_msgs/srv/*.srv", "src/interactive_mapping_msgs/msg/*.msg")
 NAMESPACES = {"interactive_mapping_common": "interactive_mapping"}  # where it is not the package's name
