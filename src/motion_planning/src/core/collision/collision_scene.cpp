@@ -447,9 +447,11 @@ PileBlocks findPile(const BlockLattice& lattice, const CleanSurface& surface, co
     if (height_m <= config.pile_min_height_m) continue;
     const std::size_t at = lattice.index(lattice.clamped(p_map));
     is_pile[at] = 1;
-    is_wall[at] |= height_m > kWall_m ? 1 : 0;
-    // Before the upper end of what was seen of a wall nothing is hidden.
-    if (is_wall[at] != 0) p_map -= config.unknown_near_pile_m * surface.directions[v].normalized();
+    if (height_m > kWall_m) {
+      is_wall[at] = 1;
+      // Before the upper end of what was seen of a wall nothing is hidden.
+      p_map -= config.unknown_near_pile_m * surface.directions[v].normalized();
+    }
     hides[lattice.index(lattice.clamped(p_map))] = 1;
   }
   // From any point of a block to any of one that holds surface.

@@ -19,11 +19,9 @@ class BrickInScene {
   const CollisionChecker& beforeTouch() const { return before_touch_; }  // the brick is an obstacle
   const CollisionChecker& touching() const { return touching_; }         // the magnet may touch it
   const CollisionChecker& whileLifting() const { return lifting_; }      // held, it may touch its neighbours
-  const CollisionChecker& whileLiftingAside() const {
-    return aside_;
-  }                                                                // as it, what stands beside its place in the way
-  const CollisionChecker& carrying() const { return carrying_; }   // held at full size, its place is empty
-  const CollisionChecker& withRoom() const { return with_room_; }  // as carrying, larger by the room on each side
+  const CollisionChecker& whileLiftingAside() const { return aside_; }   // and what stands beside it is in the way
+  const CollisionChecker& carrying() const { return carrying_; }         // held at full size, its place is empty
+  const CollisionChecker& withRoom() const { return with_room_; }        // as carrying, larger by the room on each side
 
  private:
   double lift_room_m_;
