@@ -193,7 +193,7 @@ class Recorder:
                 self.screen.line(f"{head}  ! and {failed - PRINTED_FAILURES} more failures")
         self.shown_failures = max(self.shown_failures, state.failures)
         if before is not None and state.bricks_picked > before.bricks_picked:
-            self.screen.line(f"{head}  brick {before.brick} is stowed" if before.brick >= 0 else f"{head}  a brick is stowed")
+            self.screen.line(f"{head}  a brick is stowed")
         if entered:
             text = self._what(state)
             if text:

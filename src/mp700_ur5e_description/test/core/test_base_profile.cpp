@@ -34,7 +34,7 @@ TEST(BaseProfile, ReadsShippedFile) {
   EXPECT_DOUBLE_EQ(profile.rating.linear_m_per_s, 1.5);
   EXPECT_DOUBLE_EQ(profile.rating.linear_m_per_s2, 2.4);
   EXPECT_DOUBLE_EQ(profile.body.mass_kg, 156.0);
-  EXPECT_EQ(profile.body.footprint_m.size(), 4U);
+  EXPECT_EQ(profile.body.footprint_m.size(), 6U);
   EXPECT_EQ(profile.scanner.frame, "lidar_1_link");
   EXPECT_DOUBLE_EQ(profile.scanner.range_max_m, 29.0);
 }
@@ -64,7 +64,7 @@ TEST(BaseProfile, RefusesWrongTypes) {
   EXPECT_NE(refusal(changed("0.507", ".nan")).find("drive/track_m"), std::string::npos);
   EXPECT_NE(refusal(changed("120000", "0.5")).find("encoder_ticks_per_wheel_turn = 0.5, must be an integer"),
             std::string::npos);
-  EXPECT_NE(refusal(changed("[-0.527, 0.296]", "[-0.527]")).find("body/footprint_m"), std::string::npos);
+  EXPECT_NE(refusal(changed("[-0.585, 0.325]", "[-0.585]")).find("body/footprint_m"), std::string::npos);
   EXPECT_NE(refusal("[1, 2]").find("the file"), std::string::npos);
   EXPECT_NE(refusal("a: [").find("not valid YAML"), std::string::npos);
 }
@@ -90,12 +90,12 @@ TEST(BaseProfile, RefusesImpossibleValues) {
 
 TEST(BaseProfile, RefusesFootprintThatIsNotConvexAndCounterClockwise) {
   EXPECT_NE(
-      refusal(changed("[[0.296, 0.296], [-0.527, 0.296]", "[[-0.527, 0.296], [0.296, 0.296]")).find("footprint_m"),
+      refusal(changed("[[0.296, 0.296], [-0.045, 0.325]", "[[-0.045, 0.325], [0.296, 0.296]")).find("footprint_m"),
       std::string::npos)
       << "crossed";
-  EXPECT_NE(refusal(changed("[-0.527, -0.296]", "[0.2, 0.2]")).find("convex"), std::string::npos) << "dented";
-  EXPECT_NE(refusal(changed("[[0.296, 0.296], [-0.527, 0.296], [-0.527, -0.296], [0.296, -0.296]]",
-                            "[[0.296, -0.296], [-0.527, -0.296], [-0.527, 0.296], [0.296, 0.296]]"))
+  EXPECT_NE(refusal(changed("[-0.585, -0.325]", "[0.2, 0.2]")).find("convex"), std::string::npos) << "dented";
+  EXPECT_NE(refusal(changed("[[0.296, 0.296], [-0.045, 0.325], [-0.585, 0.325], [-0.585, -0.325], [-0.045, -0.325], [0.296, -0.296]]",
+                            "[[0.296, -0.296], [-0.585, -0.325], [-0.585, 0.325], [0.296, 0.296]]"))
                 .find("counter-clockwise"),
             std::string::npos);
 }
