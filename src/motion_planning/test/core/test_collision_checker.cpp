@@ -490,7 +490,7 @@ TEST(CollisionChecker, WhatIsHeldKeepsAwayFromTheRobotAndYieldsWhereItIsNearer) 
   CollisionChecker holding = empty;
   holding.setHeld(heldFromAbove(), false);
   // The brick's lower half beside the container, so far from its outer face; the same way round each time.
-  const auto tipBeside = [](double gap_m) { return toolDown({-0.30, -0.395 - gap_m, 0.62}); };
+  const auto tipBeside = [](double gap_m) { return toolDown({-0.30, -0.415 - gap_m, 0.62}); };
   const ArmVector first = jointsAt(tipBeside(0.04), [&](const ArmVector& q) { return holding.isFree(q); });
   const auto beside = [&](double gap_m) { return arm()->inverse(tipBeside(gap_m), first).at(0); };
   const auto isMet = [&](const CollisionChecker& checker, double gap_m) {

@@ -884,8 +884,8 @@ TEST(MotionPlanner, WhatIsCarriedKeepsItsDistanceFromTheContainer) {
   const MotionPlannerConfig config;
   PlanningContext context = pick.context();
   context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), {0.3, 0.2, 0.2}};
-  const auto beside = [&](double gap_m) {  // the container ends at y = -0.295, its rim is at z = 0.578
-    Eigen::Isometry3d T_base_tip(Eigen::Translation3d(-0.30, -0.395 - gap_m, 0.73));
+  const auto beside = [&](double gap_m) {  // the container ends at y = -0.315, its rim is at z = 0.578
+    Eigen::Isometry3d T_base_tip(Eigen::Translation3d(-0.30, -0.415 - gap_m, 0.73));
     T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
     return T_base_tip;
   };

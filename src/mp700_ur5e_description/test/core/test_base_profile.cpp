@@ -64,7 +64,7 @@ TEST(BaseProfile, RefusesWrongTypes) {
   EXPECT_NE(refusal(changed("0.507", ".nan")).find("drive/track_m"), std::string::npos);
   EXPECT_NE(refusal(changed("120000", "0.5")).find("encoder_ticks_per_wheel_turn = 0.5, must be an integer"),
             std::string::npos);
-  EXPECT_NE(refusal(changed("[-0.585, 0.325]", "[-0.585]")).find("body/footprint_m"), std::string::npos);
+  EXPECT_NE(refusal(changed("[-0.555, 0.305]", "[-0.555]")).find("body/footprint_m"), std::string::npos);
   EXPECT_NE(refusal("[1, 2]").find("the file"), std::string::npos);
   EXPECT_NE(refusal("a: [").find("not valid YAML"), std::string::npos);
 }
@@ -90,14 +90,17 @@ TEST(BaseProfile, RefusesImpossibleValues) {
 
 TEST(BaseProfile, RefusesFootprintThatIsNotConvexAndCounterClockwise) {
   EXPECT_NE(
-      refusal(changed("[[0.296, 0.296], [-0.045, 0.325]", "[[-0.045, 0.325], [0.296, 0.296]")).find("footprint_m"),
+      refusal(changed("[[0.296, 0.296], [-0.045, 0.305]", "[[-0.045, 0.305], [0.296, 0.296]")).find("footprint_m"),
       std::string::npos)
       << "crossed";
-  EXPECT_NE(refusal(changed("[-0.585, -0.325]", "[0.2, 0.2]")).find("convex"), std::string::npos) << "dented";
-  EXPECT_NE(refusal(changed("[[0.296, 0.296], [-0.045, 0.325], [-0.585, 0.325], [-0.585, -0.325], [-0.045, -0.325], [0.296, -0.296]]",
-                            "[[0.296, -0.296], [-0.585, -0.325], [-0.585, 0.325], [0.296, 0.296]]"))
-                .find("counter-clockwise"),
-            std::string::npos);
+  EXPECT_NE(refusal(changed("[-0.555, -0.315]", "[0.2, 0.2]")).find("convex"), std::string::npos) << "dented";
+  EXPECT_NE(
+      refusal(
+          changed(
+              "[[0.296, 0.296], [-0.045, 0.305], [-0.555, 0.305], [-0.555, -0.315], [-0.045, -0.315], [0.296, -0.296]]",
+              "[[0.296, -0.296], [-0.555, -0.315], [-0.555, 0.305], [0.296, 0.296]]"))
+          .find("counter-clockwise"),
+      std::string::npos);
 }
 
 TEST(BaseProfile, ListsEveryProblemWithTheFilesName) {

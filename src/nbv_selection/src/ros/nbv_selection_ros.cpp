@@ -33,6 +33,7 @@ constexpr double kDiagnosticsPeriod_s = 1.0;  // wall time
 const ros::Duration kStampStep(1e-3);
 /// tf of this moment comes a little later than what is reported of it.
 const ros::Duration kTfWait(0.2);
+const ros::Duration kClockSkew(0.1);  // between the clocks of two nodes
 
 /// What `load` gives; its complaint names the parameter that the file is from.
 template <typename Load>
@@ -334,7 +335,10 @@ bool NbvSelectionRos::isTooOld(double grid_age_s) const {
 
 bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::Response& response) {
   const ros::Time now = ros::Time::now();
-  const ros::Time stamp = request.pose.header.stamp.isZero() ? now : request.pose.header.stamp;
+  const ros::Duration ahead = request.pose.header.stamp - now;
+  const ros::Time stamp = request.pose.header.stamp.isZero() || (ahead > ros::Duration(0.0) && ahead < kClockSkew)
+                              ? now
+                              : request.pose.header.stamp;
   const std::string frame = interactive_mapping_ros::withoutSlash(request.pose.header.frame_id);
   Eigen::Vector3d p(request.pose.pose.position.x, request.pose.pose.position.y, request.pose.pose.position.z);
   try {

@@ -22,7 +22,6 @@ using mp700_ur5e_description::Shape;
 
 constexpr double kReleaseStep_m = 0.005;
 constexpr double kPoseError_m = 0.01;  // of a brick in the map
-constexpr double kLoadError_m = 0.02;  // of a brick in the container, to the sides: half of the air beside it
 constexpr double kFacePlace_m = 0.12;  // about the magnet's face: with the padding what its margin reaches
 constexpr const char* kBrick = "brick";
 constexpr const char* kLoad = "a brick in the container";
@@ -613,11 +612,9 @@ void CollisionChecker::setLoad(const std::vector<LoadedBrick>& load, const ArmVe
   state.load.clear();
   state.place(start_rad);
   for (const LoadedBrick& brick : load) {
-    const Eigen::Isometry3d T_map_brick = state.T_map_base * brick.T_base_brick;
-    const Eigen::Vector3d upright = T_map_brick.linear().row(2).cwiseAbs();
-    const Eigen::Vector3d error_m = kLoadError_m * Eigen::Vector3d::Ones() - (kLoadError_m - kPoseError_m) * upright;
-    Part part = makePart(kLoad, 0, T_map_brick, mp700_ur5e_description::Box{brick.size_m + 2.0 * error_m},
-                         inflate(mp700_ur5e_description::Box{brick.size_m}, state.config.held_padding_m), 0.0);
+    const Shape box = mp700_ur5e_description::Box{brick.size_m};
+    Part part = makePart(kLoad, 0, state.T_map_base * brick.T_base_brick, inflate(box, kPoseError_m),
+                         inflate(box, state.config.held_padding_m), 0.0);
     bool is_free = !state.held || !state.heldTouchesLoad(part);
     for (std::size_t i = 0; i < state.parts->moving.size(); ++i) {
       is_free = is_free && !state.touch(state.parts->moving[i], state.T_map_moving[i], part, part.T_body_shape);
