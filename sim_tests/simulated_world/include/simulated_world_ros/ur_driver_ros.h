@@ -11,8 +11,8 @@
 
 #include <actionlib/server/action_server.h>
 #include <control_msgs/FollowJointTrajectoryAction.h>
+#include <geometry_msgs/TransformStamped.h>
 #include <ros/ros.h>
-#include <tf2_ros/transform_broadcaster.h>
 #include <ur_dashboard_msgs/SetModeAction.h>
 
 #include "simulated_world/ur_controller.h"
@@ -37,6 +37,9 @@ class UrDriverRos {
   /// caller must not hold the mutex.
   /// Throws std::invalid_argument if an array of `measured` has not got one entry per joint.
   std::size_t publish(const ros::Time& now, const ArmMeasurement& measured);
+
+  /// What the driver sends to tf: the tool in the controller's base. For the caller to send along with other transforms.
+  geometry_msgs::TransformStamped toolTransform(const ros::Time& now, const Eigen::Isometry3d& T_base_tool) const;
 
   /// Nodes that hear the joint states, once for each connection.
   const std::multiset<std::string>& jointStateSubscribers() const { return joint_state_subscribers_; }
@@ -76,7 +79,6 @@ class UrDriverRos {
   std::multiset<std::string> joint_state_subscribers_;
   ros::Publisher joint_states_pub_, wrench_pub_, speed_scaling_pub_, state_pub_, io_states_pub_;
   ros::Publisher robot_mode_pub_, safety_mode_pub_, program_running_pub_;
-  tf2_ros::TransformBroadcaster tf_broadcaster_;
   FollowServer follow_server_;
   SetModeServer set_mode_server_;
   std::map<std::string, FollowServer::GoalHandle> follow_goals_;

@@ -22,7 +22,6 @@ struct ArmMeasurement {
   Eigen::VectorXd current_A;  ///< the driver's effort is the motors' current
   Eigen::Vector3d force_tool_N = Eigen::Vector3d::Zero();
   Eigen::Vector3d torque_tool_Nm = Eigen::Vector3d::Zero();
-  Eigen::Isometry3d T_base_tool = Eigen::Isometry3d::Identity();  ///< of the tool in the controller's frame `base`
 };
 
 simulated_world::TrajectoryGoal fromMessage(const std::string& id, const control_msgs::FollowJointTrajectoryGoal& goal);

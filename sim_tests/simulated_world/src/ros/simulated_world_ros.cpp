@@ -433,6 +433,12 @@ void SimulatedWorldRos::publishState(const Simulation::Tick& tick) {
   if (tick.has_odometry) {
     transforms.push_back(
         transform(stamp(), params_.odom_frame, mp700_ur5e_description::kBaseFrame, simulation_.drive().odometry()));
+    if (simulation_.armDriver().driverConnected()) {
+      const simulated_world::World& world = simulation_.world();
+      transforms.push_back(
+          arm_->toolTransform(stamp(), world.linkPose(mp700_ur5e_description::kArmControllerFrame).inverse() *
+                                           world.linkPose(mp700_ur5e_description::kToolFrame)));
+    }
   }
   if (!transforms.empty()) {
     tf_.sendTransform(transforms);
@@ -468,7 +474,6 @@ void SimulatedWorldRos::publishArm() {
   measured.current_A = world.armTorque() / kTorquePerCurrent_Nm_A;
   measured.force_tool_N = wrench.force_N;
   measured.torque_tool_Nm = wrench.torque_Nm;
-  measured.T_base_tool = world.linkPose(names::kArmControllerFrame).inverse() * world.linkPose(names::kToolFrame);
   if (arm_->publish(stamp(), measured) > 0) {
     lockstep_->gate().published(ClockEvent::kActionResult, simulation_.nowNs());
   }

@@ -3,7 +3,6 @@
 
 #include <stdexcept>
 
-#include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/WrenchStamped.h>
 #include <std_msgs/Bool.h>
 #include <std_msgs/Float64.h>
@@ -140,18 +139,22 @@ std::size_t UrDriverRos::publish(const ros::Time& now, const ArmMeasurement& mea
   wrench.wrench.force = toMessage(measured.force_tool_N);
   wrench.wrench.torque = toMessage(measured.torque_tool_Nm);
   wrench_pub_.publish(wrench);
+  return results.size();
+}
+
+geometry_msgs::TransformStamped UrDriverRos::toolTransform(const ros::Time& now,
+                                                           const Eigen::Isometry3d& T_base_tool) const {
   geometry_msgs::TransformStamped tool;
   tool.header.stamp = now;
   tool.header.frame_id = tf_prefix_ + "base";
   tool.child_frame_id = tf_prefix_ + "tool0_controller";
-  tool.transform.translation = toMessage(Eigen::Vector3d(measured.T_base_tool.translation()));
-  const Eigen::Quaterniond rotation(measured.T_base_tool.linear());
+  tool.transform.translation = toMessage(Eigen::Vector3d(T_base_tool.translation()));
+  const Eigen::Quaterniond rotation(T_base_tool.linear());
   tool.transform.rotation.x = rotation.x();
   tool.transform.rotation.y = rotation.y();
   tool.transform.rotation.z = rotation.z();
   tool.transform.rotation.w = rotation.w();
-  tf_broadcaster_.sendTransform(tool);
-  return results.size();
+  return tool;
 }
 
 void UrDriverRos::offerTopics() {

@@ -245,7 +245,8 @@ TEST_F(SimulatedWorldTest, StandsWhereTheDriversStand) {
   const ros::Time now = advance(0.5).now;
   ASSERT_TRUE(waitFor([&] {
     return joints && wheels && odometry && scan && color && depth && info && wrench && running && robot_mode &&
-           safety_mode && tf.canTransform("map", "base_link", ros::Time(0));
+           safety_mode && tf.canTransform("map", "base_link", ros::Time(0)) &&
+           tf.canTransform("ur5e_base", "ur5e_tool0_controller", ros::Time(0));
   }));
   EXPECT_EQ(joints->name, (std::vector<std::string>{"elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint",
                                                     "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"}));

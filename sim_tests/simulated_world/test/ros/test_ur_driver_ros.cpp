@@ -12,7 +12,6 @@
 #include <std_msgs/Bool.h>
 #include <std_msgs/Float64.h>
 #include <std_srvs/Trigger.h>
-#include <tf2_msgs/TFMessage.h>
 #include <ur_dashboard_msgs/GetProgramState.h>
 #include <ur_dashboard_msgs/GetSafetyMode.h>
 #include <ur_dashboard_msgs/Load.h>
@@ -250,17 +249,16 @@ TEST_F(UrDriverRosTest, SetsOutputsSpeedAndPayload) {
 
 TEST_F(UrDriverRosTest, SendsWrenchAndToolPoseInTheControllersFrames) {
   Latest<geometry_msgs::WrenchStamped> wrench(nh, "wrench");
-  Latest<tf2_msgs::TFMessage> tf(nh, "/tf");
   measured.force_tool_N = Eigen::Vector3d(1.0, 2.0, 3.0);
-  measured.T_base_tool.translation() = Eigen::Vector3d(0.4, 0.5, 0.6);
-  ASSERT_TRUE(stepUntil([&] { return wrench && tf; }));
+  ASSERT_TRUE(stepUntil([&] { return static_cast<bool>(wrench); }));
   EXPECT_EQ(wrench->header.frame_id, "ur5e_tool0_controller");
   EXPECT_EQ(wrench->wrench.force.z, 3.0);
-  ASSERT_EQ(tf->transforms.size(), 1u);
-  EXPECT_EQ(tf->transforms[0].header.frame_id, "ur5e_base");
-  EXPECT_EQ(tf->transforms[0].child_frame_id, "ur5e_tool0_controller");
-  EXPECT_EQ(tf->transforms[0].transform.translation.y, 0.5);
-  EXPECT_EQ(tf->transforms[0].transform.rotation.w, 1.0);
+  const auto tool = driver.toolTransform(ros::Time(3.0), Eigen::Isometry3d(Eigen::Translation3d(0.4, 0.5, 0.6)));
+  EXPECT_EQ(tool.header.stamp, ros::Time(3.0));
+  EXPECT_EQ(tool.header.frame_id, "ur5e_base");
+  EXPECT_EQ(tool.child_frame_id, "ur5e_tool0_controller");
+  EXPECT_EQ(tool.transform.translation.y, 0.5);
+  EXPECT_EQ(tool.transform.rotation.w, 1.0);
 }
 
 TEST_F(UrDriverRosTest, ADriverThatIsGoneRefusesAndFallsSilent) {

@@ -132,8 +132,10 @@ double depthBetweenPixels(const cv::Mat& depth_m, double u, double v, double edg
   const int bottom = std::min(top + 1, depth_m.rows - 1);
   const std::array<double, 4> corners{depth_m.at<float>(top, left), depth_m.at<float>(top, right),
                                       depth_m.at<float>(bottom, left), depth_m.at<float>(bottom, right)};
-  const auto [low, high] = std::minmax_element(corners.begin(), corners.end());
-  if (!(*low > 0.0) || !(*high - *low <= edge_threshold_m)) {
+  // Without branches: which corner is the nearest is as good as random.
+  const double low = std::min(std::min(corners[0], corners[1]), std::min(corners[2], corners[3]));
+  const double high = std::max(std::max(corners[0], corners[1]), std::max(corners[2], corners[3]));
+  if (!(low > 0.0) || !(high - low <= edge_threshold_m)) {
     return depth_m.at<float>(static_cast<int>(std::lround(inside_v)), static_cast<int>(std::lround(inside_u)));
   }
   const double across = inside_u - left;

@@ -81,6 +81,30 @@ void requireFinite(const char* what, const Pose2d& pose) {
   throw std::invalid_argument(out.str());
 }
 
+/// The part of the grid within `reach_m` of the path from `from_m` on: a checker looks at all cells of its grid beforehand.
+std::shared_ptr<const NavigationGrid> around(const BasePath& path, double from_m, double reach_m,
+                                             const NavigationGrid& grid) {
+  Eigen::AlignedBox2d box(path.end().position());
+  for (const BasePath::Sample& sample : path.sample(grid.cell_size_m, reach_m)) {
+    if (sample.at_m >= from_m) box.extend(sample.pose.position());
+  }
+  // A cell more for the step between samples, and one for rounding.
+  const Eigen::Vector2d room = Eigen::Vector2d::Constant(reach_m + 2.0 * grid.cell_size_m);
+  const Eigen::Vector2i low = grid.cellOf(box.min() - room).cwiseMax(0);
+  const Eigen::Vector2i high = grid.cellOf(box.max() + room).cwiseMin(Eigen::Vector2i(grid.width - 1, grid.height - 1));
+  NavigationGrid part;
+  part.cell_size_m = grid.cell_size_m;
+  part.origin_m = grid.origin_m + grid.cell_size_m * low.cast<double>();
+  part.width = std::max(0, high.x() - low.x() + 1);
+  part.height = std::max(0, high.y() - low.y() + 1);
+  part.state.reserve(static_cast<std::size_t>(part.width) * part.height);
+  for (int row = low.y(); part.width > 0 && row <= high.y(); ++row) {
+    const auto begin = grid.state.begin() + static_cast<std::ptrdiff_t>(grid.index(low.x(), row));
+    part.state.insert(part.state.end(), begin, begin + part.width);
+  }
+  return std::make_shared<const NavigationGrid>(std::move(part));
+}
+
 }  // namespace
 
 BasePlanner::BasePlanner(const BasePlannerConfig& config, const MotionLimits& limits, Polygon footprint)
@@ -116,6 +140,8 @@ FootprintVerdict BasePlanner::recheck(const BasePlan& plan, double from_m,
     throw std::invalid_argument("from = " + std::to_string(from_m) + " m along the path, must be finite");
   }
   if (plan.path.motions.empty()) return {};
+  const double padding_m = std::max(config_.padding_m, config_.goal_padding_m);
+  grid = around(plan.path, from_m, circumscribedRadius(padPolygon(footprint_, padding_m)), *grid);
   const FootprintChecker tight(grid, footprint_, config_.goal_padding_m);
   const FootprintChecker roomy(std::move(grid), footprint_, config_.padding_m);
   const std::optional<Blocked> blocked =

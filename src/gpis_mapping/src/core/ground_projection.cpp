@@ -81,20 +81,30 @@ std::optional<GroundPlane> lowestPlane(const std::vector<Eigen::Vector3d>& point
   return ground;
 }
 
-}  // namespace
+struct Points {
+  std::vector<Eigen::Vector3d> all;
+  std::vector<Eigen::Vector3d> level;  // of these, the ones that look up
+};
 
-std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const GroundOptions& options) {
+Points pointsOf(const MapSnapshot& snapshot, const GroundOptions& options) {
   // In the order of their keys: the hash map's order depends on its history, the ground must not.
   std::vector<const CellGp*> cells;
   for (const auto& entry : snapshot.cells()) cells.push_back(entry.second.get());
   std::sort(cells.begin(), cells.end(), [](const CellGp* a, const CellGp* b) { return a->key() < b->key(); });
-  std::vector<Eigen::Vector3d> points;
+  Points points;
   for (const CellGp* cell : cells) {
     for (std::size_t i = 0; i < cell->numOwn(); ++i) {
-      if (looksUp(cell->normal(i), options)) points.push_back(cell->position(i));
+      points.all.push_back(cell->position(i));
+      if (looksUp(cell->normal(i), options)) points.level.push_back(points.all.back());
     }
   }
-  return lowestPlane(points, options);
+  return points;
+}
+
+}  // namespace
+
+std::optional<GroundPlane> estimateGround(const MapSnapshot& snapshot, const GroundOptions& options) {
+  return lowestPlane(pointsOf(snapshot, options).level, options);
 }
 
 std::optional<GroundPlane> estimateGround(const std::vector<Eigen::Vector3d>& points_map,
@@ -112,16 +122,14 @@ std::optional<GroundPlane> estimateGround(const std::vector<Eigen::Vector3d>& po
 }
 
 std::optional<GroundGrid> projectToGround(const MapSnapshot& snapshot, const GroundOptions& options) {
-  const std::optional<GroundPlane> plane = estimateGround(snapshot, options);
+  const Points points = pointsOf(snapshot, options);
+  const std::optional<GroundPlane> plane = lowestPlane(points.level, options);
   if (!plane) return std::nullopt;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
-  for (const auto& entry : snapshot.cells()) {
-    for (std::size_t i = 0; i < entry.second->numOwn(); ++i) {
-      const Eigen::Vector2d p = entry.second->position(i).head<2>();
-      low = low.cwiseMin(p);
-      high = high.cwiseMax(p);
-    }
+  for (const Eigen::Vector3d& p : points.all) {
+    low = low.cwiseMin(p.head<2>());
+    high = high.cwiseMax(p.head<2>());
   }
   const double cell = options.cell_size_m;
   const Eigen::Vector2d first = (low / cell).array().floor();
@@ -139,19 +147,16 @@ std::optional<GroundGrid> projectToGround(const MapSnapshot& snapshot, const Gro
   grid.max_height_m.assign(num_cells, std::numeric_limits<float>::quiet_NaN());
   enum Seen : std::uint8_t { kGround = 1, kObstacle = 2, kBelow = 4 };
   std::vector<std::uint8_t> seen(num_cells, 0);
-  for (const auto& entry : snapshot.cells()) {
-    for (std::size_t i = 0; i < entry.second->numOwn(); ++i) {
-      const Eigen::Vector3d p = entry.second->position(i);
-      const double height = plane->heightOf(p);
-      if (height > options.max_obstacle_height_m) continue;
-      const int column = std::min(grid.width - 1, static_cast<int>(std::floor(p.x() / cell) - first.x()));
-      const int row = std::min(grid.height - 1, static_cast<int>(std::floor(p.y() / cell) - first.y()));
-      const std::size_t at = grid.index(column, row);
-      seen[at] |= height > options.min_obstacle_height_m    ? kObstacle
-                  : height < -options.min_obstacle_height_m ? kBelow
-                                                            : kGround;
-      grid.max_height_m[at] = std::fmax(grid.max_height_m[at], static_cast<float>(height));  // the other if one is NaN
-    }
+  for (const Eigen::Vector3d& p : points.all) {
+    const double height = plane->heightOf(p);
+    if (height > options.max_obstacle_height_m) continue;
+    const int column = std::min(grid.width - 1, static_cast<int>(std::floor(p.x() / cell) - first.x()));
+    const int row = std::min(grid.height - 1, static_cast<int>(std::floor(p.y() / cell) - first.y()));
+    const std::size_t at = grid.index(column, row);
+    seen[at] |= height > options.min_obstacle_height_m    ? kObstacle
+                : height < -options.min_obstacle_height_m ? kBelow
+                                                          : kGround;
+    grid.max_height_m[at] = std::fmax(grid.max_height_m[at], static_cast<float>(height));  // the other if one is NaN
   }
   const double just_above = snapshot.config().observed.block_size_m;
   for (int row = 0; row < grid.height; ++row) {
