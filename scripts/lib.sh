@@ -138,7 +138,7 @@ build_workspace() {
   if command -v ccache >/dev/null; then
     options+=(-DCMAKE_C_COMPILER_LAUNCHER=ccache -DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
   fi
-  # A first build takes half the time with several sources at once. A tree that has been configured stays as it is.
+  # A first build reads the headers fewer times with several sources at once. A tree that has been configured stays as it is.
   [ -f "$dir/CMakeCache.txt" ] || options+=(-DCMAKE_UNITY_BUILD=ON)
   [ -z "${cmake_options+x}" ] || options+=("${cmake_options[@]}")
   [ $# -gt 0 ] || set -- all
