@@ -138,6 +138,8 @@ build_workspace() {
   if command -v ccache >/dev/null; then
     options+=(-DCMAKE_C_COMPILER_LAUNCHER=ccache -DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
   fi
+  # A first build reads the headers fewer times with several sources at once. A tree that has been configured stays as it is.
+  [ -f "$dir/CMakeCache.txt" ] || options+=(-DCMAKE_UNITY_BUILD=ON)
   [ -z "${cmake_options+x}" ] || options+=("${cmake_options[@]}")
   [ $# -gt 0 ] || set -- all
   run_logged "Configuring $dir/" "$log_dir/$dir-configure.log" cmake -S . -B "$dir" "${options[@]}" || return

@@ -13,6 +13,9 @@ macro(interactive_mapping_package)
   set(CMAKE_CXX_STANDARD_REQUIRED ON)
   set(CMAKE_CXX_EXTENSIONS OFF)
   add_compile_options(-Wall -Wextra -Wpedantic -Wshadow)
+  if(CMAKE_UNITY_BUILD)  # unnamed namespaces look like those of headers, and names in them are seen by later sources
+    add_compile_options(-Wno-subobject-linkage -Wno-shadow)
+  endif()
   if(NOT CMAKE_BUILD_TYPE)  # without optimisation an image takes 40 times longer; other packages keep their own choice
     set(CMAKE_BUILD_TYPE Release)
   endif()
@@ -67,7 +70,7 @@ function(interactive_mapping_add_tests folder)
 endfunction()
 
 # interactive_mapping_collect(TARGET PROGRAM...)
-# Adds the programs to what `benchmarks` or `soak_programs` builds.
+# Adds the programs to what `mission` (all that simulation.launch can start, and map_sequence for its bag), `benchmarks` or `soak_programs` builds.
 function(interactive_mapping_collect target)
   if(NOT TARGET ${target})
     add_custom_target(${target})

@@ -149,6 +149,26 @@ class BringupLaunch(unittest.TestCase):
                               stderr=subprocess.STDOUT, universal_newlines=True, check=False)
         return done.returncode, done.stdout
 
+    def test_the_target_mission_builds_all_that_the_simulation_starts(self):
+        import rospkg
+        spaces = [pathlib.Path(space) for space in os.environ["CMAKE_PREFIX_PATH"].split(":")]
+        written = [path for path in (space / "share/mp700_ur5e_bringup/mission_targets.txt" for space in spaces) if path.is_file()]
+        targets = written and written[0].read_text(encoding="utf-8")
+        if not targets:
+            self.skipTest("no simulation, or a workspace of single packages")
+        packages, workspace = rospkg.RosPack(), pathlib.Path(self.package).parents[1]
+        started = set()
+        for args in ((), ("map:=octomap",), ("detector:=surfaces",)):
+            for nodelets in ("false", "true"):
+                for node in self.simulation(f"nodelets:={nodelets}", *args).nodes.values():
+                    words = node.args.split()
+                    is_nodelet = node.package == "nodelet" and words[0] == "load"
+                    package = words[1].split("/")[0] if is_nodelet else node.package
+                    if workspace in pathlib.Path(packages.get_path(package)).parents and package != "mp700_ur5e_bringup":
+                        started.add(package + ("_nodelet" if is_nodelet else "_node"))
+        self.assertLess({"simulated_world_node", "gpis_mapping_nodelet"}, started)
+        self.assertEqual(started - set(targets.split(";")), set())
+
     def test_missing_parts_end_the_launch_in_one_list_with_where_to_get_them(self):
         result = self.run_robot([])
         self.assertNotEqual(result.returncode, 0)

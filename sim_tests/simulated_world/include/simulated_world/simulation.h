@@ -89,6 +89,7 @@ struct RelayBoard {
 /// The whole simulated robot in its world, one clock tick at a time: drivers' behaviour on one side, physics on the
 /// other, and the judge who sees both. No ROS; threads only within a call, where each fills a place of its own: the same calls
 /// give the same bits. Must stay in the thread that made it, as its renderer does.
+/// Long: a tick has one order of all parts, and the faults reach into each of them.
 class Simulation {
  public:
   /// Reads the files, settles the pile, builds the world. Takes some seconds for large piles. Throws

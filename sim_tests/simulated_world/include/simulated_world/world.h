@@ -105,6 +105,7 @@ enum class ReleaseReason { kSwitchedOff, kPulledOff, kFault };
 
 /// The physics: robot, bricks and ground in MuJoCo, stepped by the caller. No ROS, no threads, no clock of its own;
 /// the same calls give the same bits.
+/// Long: every part reads and writes the one state that MuJoCo steps.
 class World {
  public:
   /// `robot_mjcf`: body tree of the robot as made by robotMjcf(): a body `base_link` with the joints base_x, base_y and

@@ -31,6 +31,7 @@ namespace simulated_world_ros {
 
 /// The simulated world as a ROS node: stands where the drivers of arm, base, scanner and camera stand, and makes the
 /// clock. One thread: callbacks run between ticks, so what has arrived by a tick takes effect in it.
+/// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
 class SimulatedWorldRos {
  public:
   /// Builds the world; throws what Simulation and JudgeWriter throw.

@@ -33,7 +33,7 @@ constexpr interactive_mapping::Names<FaultKind> kNames = {
     {"io_refused", FaultKind::kIoRefused},
 };
 
-constexpr double kFarthest_m = 100.0;
+constexpr double kMaxObject_m = 100.0;
 constexpr double kLoudest_N = 100.0;
 // What a client may be off by rounding, or by a ground that it has estimated.
 constexpr double kOnGround_m = 0.01;
@@ -98,7 +98,7 @@ std::vector<std::string> Fault::validate() const {
     report("value", value, "in [0, 100] N");
   }
   if (kind == FaultKind::kLocalisationJump) {
-    if (!(std::abs(value) <= kFarthest_m)) {
+    if (!(std::abs(value) <= kMaxObject_m)) {
       report("value", value, "in [-100, 100] m");
     }
     if (!(std::abs(value2) <= M_PI)) {
@@ -113,7 +113,7 @@ std::vector<std::string> Fault::validate() const {
     if (!T_map_object.matrix().allFinite() || !(R * R.transpose()).isIdentity(1e-3)) {
       problems.emplace_back("pose must be finite, its quaternion of length 1");
     } else if (kind == FaultKind::kObstacle) {
-      if (!(T_map_object.translation().head<2>().cwiseAbs().maxCoeff() <= kFarthest_m)) {
+      if (!(T_map_object.translation().head<2>().cwiseAbs().maxCoeff() <= kMaxObject_m)) {
         report("pose.position (farther of x and y)", T_map_object.translation().head<2>().cwiseAbs().maxCoeff(),
                "within +-100 m");
       }

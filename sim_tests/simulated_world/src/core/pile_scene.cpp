@@ -24,7 +24,7 @@ using synthetic_depth::SeededRandom;
 /// A heap that spans less than this share of its rectangle, on either side, is not the heap that was asked for.
 constexpr double kLeastSpan = 0.7;
 /// Bricks that touch do not overlap; a file has few decimals.
-constexpr double kTouch_m = 1e-6;
+constexpr double kOverlap_m = 1e-6;
 
 /// Place of a brick in its heap's frame.
 struct Cell {
@@ -175,14 +175,14 @@ std::vector<std::string> faultsOf(const PileScene& scene) {
   std::vector<std::string> faults;
   for (std::size_t i = 0; i < scene.bricks.size(); ++i) {
     const BrickPlacement& brick = scene.bricks[i];
-    if (brick.T_map_brick.translation().z() - depthOf(brick) < -kTouch_m) {
+    if (brick.T_map_brick.translation().z() - depthOf(brick) < -kOverlap_m) {
       faults.push_back(nameOf(brick) + " reaches into the ground, must be above it");
     }
     for (std::size_t j = 0; j < i; ++j) {
       const BrickPlacement& other = scene.bricks[j];
       const double separation_m =
           boxSeparation(brick.T_map_brick, brick.type.size_m, other.T_map_brick, other.type.size_m);
-      if (separation_m < -kTouch_m) {
+      if (separation_m < -kOverlap_m) {
         std::ostringstream line;
         line << nameOf(brick) << " and " << nameOf(other) << " overlap by " << -separation_m << " m, must not overlap";
         faults.push_back(line.str());
@@ -193,7 +193,7 @@ std::vector<std::string> faultsOf(const PileScene& scene) {
     for (const BrickPlacement& brick : scene.bricks) {
       const double separation_m =
           boxSeparation(brick.T_map_brick, brick.type.size_m, scene.walls[w].pose(), scene.walls[w].size_m);
-      if (separation_m < -kTouch_m) {
+      if (separation_m < -kOverlap_m) {
         std::ostringstream line;
         line << nameOf(brick) << " and walls[" << w << "] overlap by " << -separation_m << " m, must not overlap";
         faults.push_back(line.str());
@@ -204,7 +204,7 @@ std::vector<std::string> faultsOf(const PileScene& scene) {
 }
 
 /// Of a scene [m], rad: generous, to catch what is not finite.
-constexpr double kFarthest_m = 1000.0;
+constexpr double kMaxCenter_m = 1000.0;
 constexpr double kMostTurn_rad = 100.0;
 
 std::vector<std::string> typeProblems(const std::string& key, const BrickType& type) {
@@ -279,9 +279,9 @@ std::vector<std::string> faultsOfStart(const PileScene& scene, double min_robot_
 
 std::vector<std::string> HeapConfig::validate() const {
   interactive_mapping::RangeCheck check;
-  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kMaxCenter_m, "m");
   check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
-  check("extent_m", extent_m.allFinite() ? extent_m.minCoeff() : extent_m.sum(), 0.001, kFarthest_m, "m");
+  check("extent_m", extent_m.allFinite() ? extent_m.minCoeff() : extent_m.sum(), 0.001, kMaxCenter_m, "m");
   check("bricks", bricks, 1, 10000, "");
   check("layers", layers, 1, bricks, "");
   return check.problems();
@@ -289,9 +289,9 @@ std::vector<std::string> HeapConfig::validate() const {
 
 std::vector<std::string> TippedConfig::validate() const {
   interactive_mapping::RangeCheck check;
-  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kMaxCenter_m, "m");
   check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
-  check("extent_m", extent_m.allFinite() ? extent_m.minCoeff() : extent_m.sum(), 0.001, kFarthest_m, "m");
+  check("extent_m", extent_m.allFinite() ? extent_m.minCoeff() : extent_m.sum(), 0.001, kMaxCenter_m, "m");
   check("bricks", bricks, 1, 10000, "");
   check("drop_height_m", drop_height_m, 0.01, 5.0, "m");
   return check.problems();
@@ -299,7 +299,7 @@ std::vector<std::string> TippedConfig::validate() const {
 
 std::vector<std::string> StackConfig::validate() const {
   interactive_mapping::RangeCheck check;
-  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kMaxCenter_m, "m");
   check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
   check("bricks", bricks, 2, 10, "");
   std::vector<std::string> problems = check.problems();
@@ -315,7 +315,7 @@ Eigen::Isometry3d Wall::pose() const {
 
 std::vector<std::string> Wall::validate() const {
   interactive_mapping::RangeCheck check;
-  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kFarthest_m, "m");
+  check("center_m", center_m.allFinite() ? center_m.cwiseAbs().maxCoeff() : center_m.sum(), 0.0, kMaxCenter_m, "m");
   check("yaw_rad", yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
   check("size_m (least)", size_m.allFinite() ? size_m.minCoeff() : size_m.sum(), 0.01, 100.0, "m");
   check("size_m (most)", size_m.allFinite() ? size_m.maxCoeff() : size_m.sum(), 0.01, 100.0, "m");
@@ -405,9 +405,9 @@ std::vector<std::string> PileSceneConfig::validate() const {
   check("yaw_jitter_rad", yaw_jitter_rad, 0.0, M_PI / 4.0, "rad");
   check("drop_gap_m", drop_gap_m, 1e-6, 0.1, "m");
   const Eigen::Vector2d& xy_m = robot_start.xy_m;
-  check("robot_start/xy_m", xy_m.allFinite() ? xy_m.cwiseAbs().maxCoeff() : xy_m.sum(), 0.0, kFarthest_m, "m");
+  check("robot_start/xy_m", xy_m.allFinite() ? xy_m.cwiseAbs().maxCoeff() : xy_m.sum(), 0.0, kMaxCenter_m, "m");
   check("robot_start/yaw_rad", robot_start.yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
-  check("min_robot_distance_m", min_robot_distance_m, 2.5, kFarthest_m, "m");
+  check("min_robot_distance_m", min_robot_distance_m, 2.5, kMaxCenter_m, "m");
   check("time_per_brick_s", time_per_brick_s, 0.001, 10000.0, "s");
   check("max_shift_m", max_shift_m, 1e-6, 100.0, "m");
   add("", check.problems());

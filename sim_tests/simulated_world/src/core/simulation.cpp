@@ -27,7 +27,7 @@ namespace description = mp700_ur5e_description;
 
 constexpr double kBaseConfirmed_s = 1.0;  // the relay board says so for so long after a stop
 constexpr double kHandTime_s = 2.0;       // a brick put somewhere by hand is left alone so long after
-constexpr double kRestSpeed_m_s = 0.01;
+constexpr double kStandsSpeed_m_s = 0.01;
 constexpr double kLifted_m = 0.05;  // a held brick is carried once it has been moved so far
 constexpr int kCollisionSteps = 3;  // a shorter spike is the solver's, not a force
 // The arm's safety system stops it when the surroundings push harder on the tool, or on a joint as a share of what its
@@ -693,7 +693,7 @@ void Simulation::observe(Tick* tick) {
     // What was lost or missed the container belongs to the pile again where it lies.
     const bool was_let_go = brick.status == BrickStatus::kDropped || brick.status == BrickStatus::kReleased;
     if (was_let_go && brick.rests_since_s < 0.0 && now() - brick.status_since_s > kHandTime_s &&
-        motion != motions.end() && motion->velocity_m_s.norm() < kRestSpeed_m_s) {
+        motion != motions.end() && motion->velocity_m_s.norm() < kStandsSpeed_m_s) {
       brick.status = BrickStatus::kInPile;
     }
     BrickObservation observation;

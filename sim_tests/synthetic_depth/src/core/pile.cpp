@@ -6,6 +6,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "polygon.h"
 #include "synthetic_depth/seeded_random.h"
 
 namespace synthetic_depth {
@@ -16,12 +17,6 @@ constexpr double kSameHeight_m = 1e-6;
 constexpr double kBalanceMargin = 0.1;
 constexpr double kLeastContactShare = 0.5;
 constexpr int kTriesPerBrick = 400;
-
-using Polygon = std::vector<Eigen::Vector2d>;
-
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
 
 struct Brick {
   Eigen::Vector2d center;
@@ -57,14 +52,6 @@ Polygon intersection(Polygon subject, const Polygon& window) {
     subject = inside;
   }
   return subject;
-}
-
-double area(const Polygon& polygon) {
-  double twice = 0.0;
-  for (std::size_t i = 0; i < polygon.size(); ++i) {
-    twice += cross(polygon[i], polygon[(i + 1) % polygon.size()]);
-  }
-  return 0.5 * twice;
 }
 
 /// Counter-clockwise hull (Andrew's monotone chain).

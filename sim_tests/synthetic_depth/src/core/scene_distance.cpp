@@ -7,17 +7,17 @@
 #include <limits>
 #include <stdexcept>
 
+#include "polygon.h"
 #include "synthetic_depth/depth_renderer.h"
 
 namespace synthetic_depth {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kUnbounded_m = std::numeric_limits<double>::infinity();
 // How far beside a piece of border is looked for exposed surface.
 constexpr double kSideStep_m = 1e-6;
 constexpr double kParallel = 1e-12;
 
-using Polygon = std::vector<Eigen::Vector2d>;
 using Segment = std::pair<Eigen::Vector2d, Eigen::Vector2d>;
 
 /// Points x of a plane with normal . x <= offset.
@@ -57,16 +57,6 @@ Polygon clip(const Polygon& polygon, const HalfPlane& half_plane) {
     }
   }
   return clipped;
-}
-
-double area(const Polygon& polygon) {
-  double twice = 0.0;
-  for (std::size_t i = 0; i < polygon.size(); ++i) {
-    const Eigen::Vector2d& a = polygon[i];
-    const Eigen::Vector2d& b = polygon[(i + 1) % polygon.size()];
-    twice += a.x() * b.y() - a.y() * b.x();
-  }
-  return 0.5 * twice;
 }
 
 Polygon rectangle(const Eigen::Vector2d& center, double half_u, double half_v) {
@@ -241,8 +231,8 @@ std::vector<ExposedFace> findExposedFaces(const std::vector<Box>& boxes, bool ha
   if (has_ground) {
     ExposedFace face;
     face.id = kGroundId;
-    face.half_u_m = kInfinity;
-    face.half_v_m = kInfinity;
+    face.half_u_m = kUnbounded_m;
+    face.half_v_m = kUnbounded_m;
     std::vector<Segment> lines;
     for (std::size_t j = 0; j < boxes.size(); ++j) {
       const double radius = 1.01 * boxes[j].half_extents_m.norm();
@@ -296,7 +286,7 @@ SceneDistance::SceneDistance(const Scene& scene, int frame)
 }
 
 double SceneDistance::minimumOverSolids(const Eigen::Vector3d& p_scene) const {
-  double distance = has_ground_ ? p_scene.z() : kInfinity;
+  double distance = has_ground_ ? p_scene.z() : kUnbounded_m;
   for (std::size_t i = 0; i < boxes_.size(); ++i) {
     const Box& box = boxes_[i];
     const Eigen::Vector3d offset = p_scene - box.T_scene_box.translation();
@@ -311,7 +301,7 @@ double SceneDistance::minimumOverSolids(const Eigen::Vector3d& p_scene) const {
 }
 
 double SceneDistance::exposedSurfaceDistance(const Eigen::Vector3d& p_scene) const {
-  double best_squared = kInfinity;
+  double best_squared = kUnbounded_m;
   for (const ExposedFace& face : faces_) {
     const Eigen::Vector3d offset = p_scene - face.origin_scene;
     const double height = offset.dot(face.normal);

@@ -21,7 +21,6 @@ namespace {
 using interactive_mapping::parallelFor;
 using interactive_mapping::resolveThreadCount;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// Which of the normal values an image needs.
@@ -192,12 +191,12 @@ cv::Mat measure(const CameraModel& camera, const SensorModel& sensor, std::uint6
         if (sensor.disparity_step_px > 0.0 && z > 0.0) {
           const double fx_baseline = camera.fx_px * sensor.baseline_m;
           const double disparity_px = std::round(fx_baseline / z / sensor.disparity_step_px) * sensor.disparity_step_px;
-          z = disparity_px > 0.0 ? fx_baseline / disparity_px : kInfinity;
+          z = disparity_px > 0.0 ? fx_baseline / disparity_px : std::numeric_limits<double>::infinity();
         }
         if (z < sensor.min_range_m || z <= 0.0) {
-          z = -kInfinity;
+          z = -std::numeric_limits<double>::infinity();
         } else if (z > sensor.max_range_m) {
-          z = kInfinity;
+          z = std::numeric_limits<double>::infinity();
         }
         if (is_shadowed || dropout_chance < sensor.dropout_probability) {
           z = kNaN;

@@ -49,6 +49,7 @@ struct FollowCommand {
 
 /// Drives along a path: a reference moves over it with trapezoidal speed and waits for a base that lags; the command is the
 /// reference's speed plus the correction. Stands still between stretches.
+/// Long: one law of control; its parts change the same reference.
 class PathFollower {
  public:
   /// Throws std::invalid_argument listing every impossible value.

@@ -20,6 +20,10 @@ inline double wrapAngle(double angle_rad) {
   return std::remainder(angle_rad, 2.0 * M_PI);
 }
 
+inline bool isFinite(const Pose2d& pose) {
+  return std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
+}
+
 /// Pose of `b`, given in the frame of `a`, in the frame that `a` is given in.
 Pose2d compose(const Pose2d& a, const Pose2d& b);
 Pose2d inverse(const Pose2d& pose);

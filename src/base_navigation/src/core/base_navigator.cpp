@@ -74,6 +74,7 @@ std::string groundAhead(const FootprintVerdict& verdict, double at_m) {
 }  // namespace
 
 /// A step of the mode that it is in, or is changed to before.
+/// Long: each mode uses planner, guard, follower and data; those are classes of their own.
 struct BaseNavigator::State {
   State(const BaseNavigatorConfig& config_, const BasePlannerConfig& planner_, const PathFollowerConfig& follower_,
         const ObstacleGuardConfig& guard_, const MotionLimits& limits_, const Polygon& footprint_)

@@ -13,7 +13,7 @@
 namespace base_navigation {
 namespace {
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kUnreached_m = std::numeric_limits<float>::infinity();
 
 // Of the way out of a place where the disc touches something: at least so much clearance is gained per length driven.
 // It leads away from what is touched, within 60 degrees, and not along it.
@@ -127,7 +127,7 @@ DistanceField::DistanceField(const NavigationGrid& grid, const Eigen::Vector2d& 
   lattice_.origin_m = grid.origin_m;
   lattice_.width = grid.width;
   lattice_.height = grid.height;
-  distance_m_.assign(grid.state.size(), kInfinity);
+  distance_m_.assign(grid.state.size(), kUnreached_m);
   from_.assign(grid.state.size(), -1);
   const Eigen::Vector2i start = grid.cellOf(from_map);
   if (!grid.contains(start.x(), start.y())) return;
@@ -143,7 +143,7 @@ DistanceField::DistanceField(const NavigationGrid& grid, const Eigen::Vector2d& 
   struct Queue {
     std::vector<Entry> entries;
     std::size_t head{0};
-    float next() const { return head < entries.size() ? entries[head].distance : kInfinity; }
+    float next() const { return head < entries.size() ? entries[head].distance : kUnreached_m; }
   };
   Queue straight, diagonal;
   straight.entries.reserve(grid.state.size());
@@ -184,7 +184,7 @@ DistanceField::DistanceField(const NavigationGrid& grid, const Eigen::Vector2d& 
 
 double DistanceField::distance(const Eigen::Vector2d& p_map) const {
   const Eigen::Vector2i cell = lattice_.cellOf(p_map);
-  return lattice_.contains(cell.x(), cell.y()) ? distance_m_[lattice_.index(cell.x(), cell.y())] : kInfinity;
+  return lattice_.contains(cell.x(), cell.y()) ? distance_m_[lattice_.index(cell.x(), cell.y())] : kUnreached_m;
 }
 
 std::vector<Eigen::Vector2d> DistanceField::pathTo(const Eigen::Vector2d& p_map) const {

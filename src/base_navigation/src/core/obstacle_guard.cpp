@@ -22,10 +22,6 @@ bool isFinite(const Twist2d& twist) {
   return std::isfinite(twist.linear_m_s) && std::isfinite(twist.angular_rad_s);
 }
 
-bool isFinite(const Pose2d& pose) {
-  return std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
-}
-
 bool isStraight(const BaseMotion& motion) {
   return !motion.isTurn() && std::abs(motion.turn_rad) < kStraight_rad;
 }

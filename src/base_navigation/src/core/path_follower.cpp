@@ -26,7 +26,6 @@ constexpr double kSteepest_rad = 0.25;  // a base beside its path heads for it s
 constexpr double kSwing = 0.5;          // share of the turning acceleration that such a correction counts on
 // Driving a step of curvature as a ramp leaves the path by so much at most, or it is driven more slowly.
 constexpr double kRampAcross_m = 0.005;
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 void requireStep(double dt_s) {
   if (dt_s > 0.0 && dt_s <= 0.5) return;
@@ -373,7 +372,7 @@ bool PathFollower::resume(const Pose2d& pose_map) {
   if (is_over_) return true;
   const double before = progress_;
   const Stretch& stretch = stretches_[stretch_];
-  double best = kInfinity;
+  double best = std::numeric_limits<double>::infinity();
   double best_progress = progress_;
   const double length = stretch.is_turn ? std::abs(stretch.turn_rad) : stretch.length_m;
   // Steps of a millimetre or milliradian: below what the localisation tells apart.

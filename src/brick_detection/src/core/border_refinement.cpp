@@ -8,6 +8,8 @@
 
 #include <Eigen/Dense>
 
+#include "rotation.h"
+
 namespace brick_detection {
 namespace {
 
@@ -19,7 +21,7 @@ constexpr double kMinContrast = 8.0;  // [grey levels] below it noise decides
 constexpr double kBlurPx = 1.5;       // reach of the blur round a corner
 constexpr double kMinUsablePx = 3.0;  // of an edge
 constexpr int kMinProfiles = 6;
-constexpr int kIterations = 3;  // the window follows the line
+constexpr int kLineIterations = 3;  // the window follows the line
 constexpr double kMaxShiftPx = 2.0;
 
 /// n . p = c, n unit.
@@ -27,10 +29,6 @@ struct Line {
   Eigen::Vector2d n;
   double c{0.0};
 };
-
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
 
 bool isInside(const cv::Mat& grey, const Eigen::Vector2d& p) {
   return p.x() >= 0.0 && p.y() >= 0.0 && p.x() < grey.cols - 1 && p.y() < grey.rows - 1;
@@ -164,7 +162,7 @@ std::optional<Line> fitEdge(const cv::Mat& grey, const Eigen::Vector2d& a, const
 std::array<Eigen::Vector2d, 4> refineBorder(const cv::Mat& grey, const std::array<Eigen::Vector2d, 4>& corners_px,
                                             int border_cells) {
   std::array<Eigen::Vector2d, 4> corners = corners_px;
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
+  for (int iteration = 0; iteration < kLineIterations; ++iteration) {
     std::array<Line, 4> lines;
     for (std::size_t i = 0; i < 4; ++i) {
       const Eigen::Vector2d& a = corners[i];

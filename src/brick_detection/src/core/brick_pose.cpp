@@ -12,6 +12,7 @@
 #include <interactive_mapping_common/config/schema.h>
 #include "cell_fit.h"
 #include "image_check.h"
+#include "rotation.h"
 
 namespace brick_detection {
 namespace {
@@ -22,7 +23,6 @@ using mp700_ur5e_description::BrickTag;
 // Poses with their own uncertainty are compared at so many standard deviations.
 constexpr double kSigmas = 3.0;
 // Minima of one problem nearer to each other than that are one: refinePose() stops at steps far below.
-constexpr double kSameTurn_rad = 1e-4;
 constexpr double kMaxReprojection_px = 1.5;  // root mean square of a tag's corners
 // Of the two poses that fit a flat square, the second may stand unless its corners fit worse than the first's by this
 // chi-square (one degree of freedom): below it, depth or another tag must decide.

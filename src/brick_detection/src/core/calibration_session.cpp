@@ -10,6 +10,8 @@
 #include <interactive_mapping_common/config/schema.h>
 #include <interactive_mapping_common/formatted.h>
 
+#include "rotation.h"
+
 namespace brick_detection {
 namespace {
 
@@ -18,7 +20,6 @@ using mp700_ur5e_description::BrickCatalogue;
 using mp700_ur5e_description::BrickFace;
 using mp700_ur5e_description::BrickTag;
 
-constexpr double kToDeg = 180.0 / M_PI;
 // A sample must be that far from each earlier one, or turned by that much: equal ones add confidence, not knowledge.
 constexpr double kMinStep_m = 0.05;
 constexpr double kMinStep_rad = 0.17;

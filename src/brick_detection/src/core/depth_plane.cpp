@@ -9,6 +9,7 @@
 
 #include "bearing_grid.h"
 #include "image_check.h"
+#include "rotation.h"
 
 namespace brick_detection {
 namespace {
@@ -29,10 +30,6 @@ struct Sample {
 };
 
 using Quad = std::array<Eigen::Vector2d, 4>;
-
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
 
 /// Where the diagonals meet: where a square's middle is seen. Nothing unless the quadrangle is convex.
 std::optional<Eigen::Vector2d> middleOf(const Quad& quad) {

@@ -28,7 +28,6 @@ constexpr int kPoseFreedom = 6;
 constexpr int kUnknowns = 12;
 // Starts of three samples. With two thirds of the samples good, so are 3 in 10 of the triples: 100 have them to spare.
 constexpr int kMaxTriples = 100;
-constexpr double kToDeg = 180.0 / M_PI;
 
 struct Poses {
   Eigen::Isometry3d T_base_camera{Eigen::Isometry3d::Identity()};

@@ -22,7 +22,7 @@ struct Member {
   int tag_id{0};
   description::BrickFace face{description::BrickFace::kPlusX};
 };
-using Group = std::vector<Member>;  // of one brick
+using Members = std::vector<Member>;  // of one brick
 
 bool isPose(const Eigen::Isometry3d& T) {
   return T.matrix().allFinite() &&
@@ -42,7 +42,7 @@ Matrix6d brickCovariance(const Eigen::Isometry3d& T_camera_tag, const Eigen::Iso
 }
 
 /// Mean weighted by information, in the tangent space at the first member.
-BrickSighting fuse(int brick_id, const Group& group) {
+BrickSighting fuse(int brick_id, const Members& group) {
   BrickSighting brick;
   brick.brick_id = brick_id;
   const Eigen::Isometry3d& T_first = group.front().T_camera_brick;
@@ -67,7 +67,7 @@ BrickPoseEstimator::Result sightingsOfMarkers(const std::vector<MarkerObservatio
   interactive_mapping::requireValid("impossible markers:", config);
 
   BrickPoseEstimator::Result result;
-  std::map<int, std::vector<Group>> groups;  // by the brick's id
+  std::map<int, std::vector<Members>> groups;  // by the brick's id
   for (const MarkerObservation& marker : markers) {
     TagSighting sighting;
     sighting.tag.id = marker.id;
@@ -88,9 +88,9 @@ BrickPoseEstimator::Result sightingsOfMarkers(const std::vector<MarkerObservatio
     member.information = brickCovariance(marker.T_camera_tag, member.T_camera_brick, config).inverse();
     member.tag_id = marker.id;
     member.face = tag->face;
-    Group* nearest = nullptr;
+    Members* nearest = nullptr;
     double nearest_m = std::numeric_limits<double>::infinity();
-    for (Group& group : groups[tag->brick_id]) {
+    for (Members& group : groups[tag->brick_id]) {
       const bool has_this_tag =
           std::any_of(group.begin(), group.end(), [&](const Member& other) { return other.tag_id == marker.id; });
       const Eigen::Isometry3d T = group.front().T_camera_brick.inverse() * member.T_camera_brick;
@@ -109,7 +109,7 @@ BrickPoseEstimator::Result sightingsOfMarkers(const std::vector<MarkerObservatio
     }
   }
   for (const auto& [brick_id, of_brick] : groups) {
-    for (const Group& group : of_brick) {
+    for (const Members& group : of_brick) {
       BrickSighting brick = fuse(brick_id, group);
       brick.has_duplicate = of_brick.size() > 1;
       result.bricks.push_back(brick);

@@ -7,6 +7,15 @@
 
 namespace brick_detection {
 
+constexpr double kToDeg = 180.0 / M_PI;
+// Turns of a body that differ by less are the same solution.
+constexpr double kSameTurn_rad = 1e-4;
+
+/// Of the vectors in space the third component.
+inline double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
 /// skew(a) b = a x b.
 inline Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
   return (Eigen::Matrix3d() << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0).finished();

@@ -5,12 +5,12 @@
 #include <opencv2/calib3d.hpp>
 
 #include "brick_detection/brick_pose.h"
+#include "rotation.h"
 
 namespace brick_detection {
 namespace {
 
 // Two starts that end this close together have found the same minimum: refinePose() stops at steps far below.
-constexpr double kSameTurn_rad = 1e-4;
 constexpr double kPlain_px = 1.0;  // residuals far below it: plain least squares
 
 /// The square as a tag's printed side is seen: convex and going round clockwise (y down).
@@ -19,7 +19,7 @@ bool isClockwise(const PoseProblem& problem) {
     const Eigen::Vector2d a = problem.points[(i + 1) % 4].bearing - problem.points[i].bearing;
     const Eigen::Vector2d b = problem.points[(i + 2) % 4].bearing - problem.points[(i + 1) % 4].bearing;
     // A sine below 1e-3 is no corner; IPPE divides by it.
-    if (!(a.x() * b.y() - a.y() * b.x() > 1e-3 * a.norm() * b.norm())) return false;
+    if (!(cross(a, b) > 1e-3 * a.norm() * b.norm())) return false;
   }
   return true;
 }

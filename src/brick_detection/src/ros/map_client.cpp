@@ -14,8 +14,7 @@ using brick_detection::SpaceState;
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::QueryMap;
 
-constexpr char kLog[] = "brick_detection";
-constexpr double kWarnPeriod_s = 30.0;
+constexpr double kRepeat_s = 30.0;
 constexpr double kRetry_s = 1.0;  // wall time after which a service that was not there is looked for again
 /// At the end an answer on its way is waited for so long; then its connection is closed, which ends the call.
 constexpr std::chrono::seconds kLastAnswer(1);
@@ -101,7 +100,7 @@ void MapClient::fail(const std::string& why) {
   // Somebody may well work without a map.
   if (counters_.updates == 0 && counters_.answers == 0) return;
   if (counters_.asked_since.isZero()) counters_.asked_since = ros::WallTime::now();
-  ROS_WARN_THROTTLE_NAMED(kWarnPeriod_s, kLog, "the map was not asked about the bricks: %s", why.c_str());
+  ROS_WARN_THROTTLE_NAMED(kRepeat_s, "brick_detection", "the map was not asked about the bricks: %s", why.c_str());
 }
 
 void MapClient::ask() {

@@ -73,6 +73,7 @@ struct MapContents {
 
 /// The dynamic Gaussian-process implicit surface (Algorithm 1).
 /// One thread updates; snapshots are taken and queried from any thread meanwhile.
+/// Long: the stages of an update change the same cells, in one order.
 class GpisMap {
  public:
   /// Throws std::invalid_argument listing every impossible value.

@@ -32,6 +32,7 @@ namespace gpis_mapping_ros {
 /// The map as a ROS node: depth images in; mesh, points, ground, slice, statistics, services and diagnostics out. The
 /// README lists them. Callbacks may run concurrently: give it node handles whose queue has several threads, so that a
 /// query does not wait for a save. Updates run on DepthInput's thread, displays on MapPublisher's.
+/// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
 class GpisMappingRos {
  public:
   /// Throws std::invalid_argument listing every impossible parameter.

@@ -285,6 +285,7 @@ struct Disc {
   float nx[kLanes], ny[kLanes], nz[kLanes], dx[kLanes], dy[kLanes], dz[kLanes];
 };
 
+// One pass: its parts would have to hand on most of the vectors, and the compiler keeps them in registers.
 void readNearest(NearbyPoints* nearby_points, const float* x, const float* y, const float* z, int count,
                  NearestReadings* readings) {
   const NearbyPoints& nearby = *nearby_points;

@@ -10,7 +10,7 @@ namespace gpis_mapping {
 namespace {
 
 constexpr double kMaxNoiseReach_m = 0.06;  // no noise makes one surface of two that are farther apart
-constexpr float kMinDepth_m = 0.05f;
+constexpr float kMinInserted_m = 0.05f;
 
 }  // namespace
 
@@ -58,7 +58,7 @@ InsertionGrid::InsertionGrid(const Frame& frame, const GpisConfig& config, const
 void InsertionGrid::strikeOut(const SurfacePoint& point) {
   const CameraModel& camera = frame_.camera();
   const Eigen::Vector3f p = (frame_.T_camera_map() * point.position_map).cast<float>();
-  if (p.z() < kMinDepth_m) return;
+  if (p.z() < kMinInserted_m) return;
   const float u = static_cast<float>(camera.fx) * p.x() / p.z() + static_cast<float>(camera.cx);
   const float v = static_cast<float>(camera.fy) * p.y() / p.z() + static_cast<float>(camera.cy);
   // Across the ray no farther than the spacing: what is missed farther along a slanted normal, a search finds.

@@ -10,7 +10,7 @@
 namespace gpis_mapping {
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr float kNoValue = std::numeric_limits<float>::quiet_NaN();
 
 // Beyond its last points a surface is a guess: planes go on where the object ends. There the points lie all to one side.
 constexpr double kTrimReach = 2.0;        // [spacings] points that count
@@ -152,7 +152,7 @@ CellField MeshLattice::evaluate(const CellGp& gp) const {
   if (needed.empty()) return field;
   Eigen::VectorXf values;
   gp.meanValues(places.leftCols(static_cast<Eigen::Index>(needed.size())), &values);
-  field.values.assign(static_cast<std::size_t>(side_) * side_ * side_, kNaN);
+  field.values.assign(static_cast<std::size_t>(side_) * side_ * side_, kNoValue);
   for (std::size_t i = 0; i < needed.size(); ++i) field.values[needed[i]] = values[static_cast<Eigen::Index>(i)];
   bool has_support = false;
   for (int z = 0; z < voxels_; ++z) {
@@ -230,7 +230,7 @@ std::vector<float> MeshLattice::blend(const std::array<const CellField*, 27>& ar
             }
           }
         }
-        blended.push_back(weights > 0.0f ? sum / weights : kNaN);
+        blended.push_back(weights > 0.0f ? sum / weights : kNoValue);
       }
     }
   }

@@ -42,10 +42,10 @@ constexpr std::size_t kMinParts = 3;
 constexpr int kUsesPerFrame = 2;  // in pairs of a part: different moments tell more
 constexpr double kMaxSpread_s = 0.02;
 
-constexpr double kMinDepth_m = 0.3;
-constexpr double kMaxDepth_m = 4.0;
-constexpr double kCut = 0.03;   // of the depth: farther off are occlusions and what moved
-constexpr double kEdge = 0.03;  // of the depth, over 3 x 3 pixels
+constexpr double kMinUsed_m = 0.3;
+constexpr double kMaxUsed_m = 4.0;
+constexpr double kCut = 0.03;        // of the depth: farther off are occlusions and what moved
+constexpr double kEdgeShare = 0.03;  // of the depth, over 3 x 3 pixels
 constexpr double kPointsPerImage = 1500;
 constexpr double kMinShare = 0.25;  // of the points, that must be seen by both
 
@@ -133,10 +133,10 @@ std::vector<Eigen::Vector3d> surfacePoints(const DepthImage& image, const Camera
   for (int v = 1; v < image.height - 1; v += stride) {
     for (int u = 1; u < image.width - 1; u += stride) {
       const double z = image.at(u, v);
-      if (!(z >= kMinDepth_m && z <= kMaxDepth_m)) continue;
+      if (!(z >= kMinUsed_m && z <= kMaxUsed_m)) continue;
       bool is_surface = true;
       for (int y = v - 1; y <= v + 1; ++y) {
-        for (int x = u - 1; x <= u + 1; ++x) is_surface = is_surface && std::abs(image.at(x, y) - z) <= kEdge * z;
+        for (int x = u - 1; x <= u + 1; ++x) is_surface = is_surface && std::abs(image.at(x, y) - z) <= kEdgeShare * z;
       }
       if (is_surface) points.emplace_back(z * (u - camera.cx) / camera.fx, z * (v - camera.cy) / camera.fy, z);
     }
@@ -151,11 +151,11 @@ double depthAt(const DepthImage& image, double u, double v) {
   const int u0 = static_cast<int>(u);
   const int v0 = static_cast<int>(v);
   for (const float z : {image.at(u0, v0), image.at(u0 + 1, v0), image.at(u0, v0 + 1), image.at(u0 + 1, v0 + 1)}) {
-    if (!(z >= kMinDepth_m && z <= 2.0 * kMaxDepth_m)) return kNan;
+    if (!(z >= kMinUsed_m && z <= 2.0 * kMaxUsed_m)) return kNan;
   }
   const auto [least, most] =
       std::minmax({image.at(u0, v0), image.at(u0 + 1, v0), image.at(u0, v0 + 1), image.at(u0 + 1, v0 + 1)});
-  if (most - least > kEdge * least) return kNan;
+  if (most - least > kEdgeShare * least) return kNan;
   const double a = u - u0;
   const double b = v - v0;
   return (1.0 - b) * ((1.0 - a) * image.at(u0, v0) + a * image.at(u0 + 1, v0)) +
@@ -183,7 +183,7 @@ std::optional<Curve> differences(DepthSequence* sequence, const Pair& pair) {
     std::size_t count = 0;
     for (const Eigen::Vector3d& p : points) {
       const Eigen::Vector3d q = T_second_first[k] * p;
-      if (q.z() < kMinDepth_m) continue;
+      if (q.z() < kMinUsed_m) continue;
       const double z =
           depthAt(second->image, q.x() / q.z() * camera.fx + camera.cx, q.y() / q.z() * camera.fy + camera.cy);
       if (std::isnan(z)) continue;

@@ -36,6 +36,7 @@ namespace motion_planning_ros {
 /// The planner as a ROS node: the map's mesh, joint states and tf in; plans, the path monitor's word, markers and
 /// diagnostics out. The README lists them. Callbacks may run concurrently; each action plans on a thread of its own, the
 /// scene is made on SceneKeeper's.
+/// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
 class MotionPlanningRos {
  public:
   /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with a file or the URDF.

@@ -22,6 +22,8 @@
 
 namespace motion_planning_ros {
 
+constexpr char kLog[] = "motion_planning";  // the logger's name
+
 /// The longest edge that something on the magnet may have and be taken for a brick [m].
 double maxHeldEdge(const mp700_ur5e_description::BrickCatalogue& catalogue);
 

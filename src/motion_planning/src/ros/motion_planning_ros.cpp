@@ -35,7 +35,6 @@ using mp700_ur5e_description::BrickFace;
 using mp700_ur5e_description::RobotModel;
 using ArmGoalMessage = interactive_mapping_msgs::ArmGoal;
 
-constexpr char kLog[] = "motion_planning";
 constexpr double kQuietMap_s = 10.0;          // wall time without a mesh, after which the diagnostics warn
 constexpr double kDiagnosticsPeriod_s = 1.0;  // wall time
 constexpr int kLooksPerWarning = 5;           // at that period, while something is missing

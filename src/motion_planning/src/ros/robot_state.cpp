@@ -22,7 +22,6 @@ using motion_planning::LoadedBrick;
 using mp700_ur5e_description::kArmJoints;
 using mp700_ur5e_description::kMagnetTipFrame;
 
-constexpr char kLog[] = "motion_planning";
 constexpr double kLongestHeld_m = 1.0;              // nothing longer can be carried between mast and pile
 constexpr double kTfWait_s = 0.5;                   // wall time: some periods of the slowest publisher, 10 Hz
 constexpr std::chrono::milliseconds kTfPeriod(10);  // how soon a waiting request notices that it was cancelled

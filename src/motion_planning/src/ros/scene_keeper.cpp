@@ -23,7 +23,6 @@ using interactive_mapping_msgs::GetMesh;
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::QueryMap;
 
-constexpr char kLog[] = "motion_planning";
 constexpr std::chrono::milliseconds kCancelPeriod(10);  // how soon a waiting request notices that it was cancelled
 
 SpaceState toSpaceState(std::uint8_t state) {
@@ -213,7 +212,8 @@ void SceneKeeper::work() {
       made.reset();
       revision = 0;  // the builders may be half way
     }
-    if (!failure.empty()) ROS_WARN_THROTTLE_NAMED(10.0, kLog, "no scene of the newest map: %s", failure.c_str());
+    if (!failure.empty())
+      ROS_WARN_THROTTLE_NAMED(10.0, "motion_planning", "no scene of the newest map: %s", failure.c_str());
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       // A map that failed is not tried again by itself: the next image's is, or the next request.

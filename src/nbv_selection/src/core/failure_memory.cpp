@@ -16,7 +16,7 @@ namespace {
 constexpr double kNever_s = -std::numeric_limits<double>::infinity();
 constexpr double kMinCell_m = 0.01;
 constexpr double kMaxCell_m = 1.0;
-constexpr double kMaxCoordinate_m = 1e5;
+constexpr double kMaxReported_m = 1e5;
 constexpr double kMaxRadius_m = 10.0;
 
 void require(const char* key, double value, double low, double high, const char* unit) {
@@ -211,8 +211,8 @@ FailureMemory::FailureMemory(const FailureMemory& other) : tree_(std::make_uniqu
 FailureMemory::~FailureMemory() = default;
 
 void FailureMemory::add(const Eigen::Vector2d& center_map, double radius_m, double stamp_s) {
-  require("center_map.x", center_map.x(), -kMaxCoordinate_m, kMaxCoordinate_m, "m");
-  require("center_map.y", center_map.y(), -kMaxCoordinate_m, kMaxCoordinate_m, "m");
+  require("center_map.x", center_map.x(), -kMaxReported_m, kMaxReported_m, "m");
+  require("center_map.y", center_map.y(), -kMaxReported_m, kMaxReported_m, "m");
   require("radius_m", radius_m, 0.0, kMaxRadius_m, "m");
   if (!std::isfinite(stamp_s)) {
     throw std::invalid_argument("stamp_s = " + std::to_string(stamp_s) + " s, must be finite");
@@ -228,7 +228,7 @@ void FailureMemory::add(const Eigen::Vector2d& center_map, double radius_m, doub
 double FailureMemory::lastFailure(const Eigen::Vector2d& p_map) const {
   const Tree& tree = *tree_;
   // Far outside of what add() takes the index might not fit into an integer.
-  if (tree.root == nullptr || !(p_map.cwiseAbs().maxCoeff() <= 2.0 * kMaxCoordinate_m) || !p_map.allFinite()) {
+  if (tree.root == nullptr || !(p_map.cwiseAbs().maxCoeff() <= 2.0 * kMaxReported_m) || !p_map.allFinite()) {
     return kNever_s;
   }
   const std::int64_t column = tree.indexOf(p_map.x()), row = tree.indexOf(p_map.y());

@@ -39,8 +39,11 @@
 
 namespace pick_mission_ros {
 
+constexpr char kLog[] = "pick_mission";  // the logger's name
+
 /// Carries the mission's commands out: each is answered by one Reply, through `post`. All in the thread of `queue`, but for
 /// tf.
+/// Long: a few lines for each command, which share callers, tf and the newest of each topic.
 class MissionActions {
  public:
   using Post = std::function<void(const pick_mission::Event& event)>;

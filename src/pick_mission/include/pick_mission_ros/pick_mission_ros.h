@@ -25,6 +25,7 @@ namespace pick_mission_ros {
 
 /// The node: the machine decides, MissionActions carries out, RunRecorder keeps. All in the thread that calls spinOnce(),
 /// but for the heartbeat, which stops when that thread hangs.
+/// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
 class PickMissionRos {
  public:
   /// Throws std::invalid_argument for impossible parameters, files that cannot be used, or a saved state that is none.

@@ -26,8 +26,6 @@ namespace command = pick_mission::command;
 
 namespace {
 
-constexpr char kLog[] = "pick_mission";
-
 /// What a result is followed by comes on another topic; wall time until it is done without.
 constexpr double kFollowUp_s = 2.0;
 /// Share of the way to the container after which arm and brick hide little of the pile: they began above it.

@@ -20,7 +20,6 @@ namespace event = pick_mission::event;
 
 namespace {
 
-constexpr char kLog[] = "pick_mission";
 constexpr std::size_t kShownFailures = 10;
 constexpr double kIdle_s = 0.005;       // that spinOnce() waits for something to come
 constexpr double kWatchPeriod_s = 0.1;  // wall time

@@ -14,7 +14,6 @@ namespace {
 using interactive_mapping_msgs::MissionBrick;
 
 constexpr int kGap_px = 3;
-constexpr double kGreyed = 0.35;  // opacity of what is not up to date
 
 QColor toColor(const Rgb& rgb) {
   return {rgb.r, rgb.g, rgb.b};

@@ -10,7 +10,6 @@ namespace {
 
 constexpr int kSpace_px = 6;
 constexpr int kLeastBar_px = 60;
-constexpr double kGreyed = 0.35;  // opacity of what is not up to date
 
 }  // namespace
 

@@ -15,6 +15,8 @@ namespace pick_mission_rviz {
 
 using pick_mission_ros::Rgb;
 
+constexpr double kGreyed = 0.35;  // opacity of what is not up to date
+
 /// What the panel shows, without a widget: strings, colours, what may be pressed.
 struct MissionView {
   struct Brick {

@@ -81,6 +81,17 @@ class BodyTracker {
     int num_missed{0};  // updates since
   };
 
+  // Parts of update(), at last_stamp_s_.
+  bool hasLeftHand(const Taken& taken) const;
+  /// Which cuboids are at the place of a body in the hand.
+  std::vector<bool> atTaken(const std::vector<Cuboid>& cuboids) const;
+  /// The cuboid is the body.
+  void show(const Cuboid& cuboid, Body* body) const;
+  /// Returns the ids.
+  std::vector<int> dropContradicted(const std::vector<Cuboid>& cuboids, const SpaceQuery& space);
+  /// Of a cuboid that is no known body.
+  void addSeen(const Cuboid& cuboid);
+
   BodyConfig config_;
   std::vector<Body> bodies_;
   std::vector<Taken> taken_;

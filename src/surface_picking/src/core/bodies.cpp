@@ -30,6 +30,37 @@ bool isSamePose(const Cuboid& a, const Cuboid& b, const BodyConfig& config) {
          angleBetweenBodies(a.T_map_body, b.T_map_body, a.size_m) <= config.gate_rad;
 }
 
+bool areOverlapping(const Cuboid& a, const Cuboid& b, const BodyConfig& config) {
+  return overlap(a.T_map_body, a.size_m, b.T_map_body, b.size_m, config.overlap_m);
+}
+
+/// Known bodies and cuboids that may be them, in the order in which they are taken.
+std::vector<Pair> pairsOf(const std::vector<Body>& bodies, const std::vector<Cuboid>& cuboids,
+                          const BodyConfig& config) {
+  std::vector<Pair> pairs;
+  for (std::size_t i = 0; i < bodies.size(); ++i) {
+    const Cuboid& known = bodies[i].cuboid;
+    for (std::size_t j = 0; j < cuboids.size(); ++j) {
+      const double distance_m = distanceBetween(known, cuboids[j]);
+      if (isSamePose(known, cuboids[j], config)) {
+        pairs.push_back({0, distance_m, i, j});
+      } else if (distance_m <= 0.5 * std::min(known.size_m.minCoeff(), cuboids[j].size_m.minCoeff())) {
+        pairs.push_back({1, distance_m, i, j});
+      }
+    }
+  }
+  std::sort(pairs.begin(), pairs.end());
+  return pairs;
+}
+
+bool isFree(const Cuboid& cuboid, const SpaceQuery& space, const BodyConfig& config) {
+  if (!space) return false;
+  constexpr double kMargin_m = 0.02;  // nearer points may belong to the surface of a neighbour
+  const std::vector<SpaceState> states = space(insidePoints(cuboid.T_map_body, cuboid.size_m, kMargin_m, 4));
+  const auto num_free = std::count(states.begin(), states.end(), SpaceState::kFree);
+  return !states.empty() && static_cast<double>(num_free) >= config.free_share * static_cast<double>(states.size());
+}
+
 }  // namespace
 
 BodyTracker::BodyTracker(const BodyConfig& config)
@@ -47,98 +78,87 @@ BodyTracker::Update BodyTracker::update(double stamp_s, const std::vector<Cuboid
   }
   last_stamp_s_ = stamp_s;
 
-  std::vector<bool> is_used(cuboids.size(), false);
-  for (std::size_t j = 0; j < cuboids.size(); ++j) {
-    is_used[j] = std::any_of(taken_.begin(), taken_.end(), [&](const Taken& taken) {
-      return (!taken.released_s || stamp_s <= *taken.released_s) &&
-             overlap(taken.body.cuboid.T_map_body, taken.body.cuboid.size_m, cuboids[j].T_map_body, cuboids[j].size_m,
-                     config_.overlap_m);
-    });
+  for (Body& body : bodies_) ++body.num_missed;
+  std::vector<bool> is_used = atTaken(cuboids);
+  for (const Pair& pair : pairsOf(bodies_, cuboids, config_)) {
+    if (bodies_[pair.body].num_missed == 0 || is_used[pair.cuboid]) continue;
+    is_used[pair.cuboid] = true;
+    show(cuboids[pair.cuboid], &bodies_[pair.body]);
   }
-  std::vector<Pair> pairs;
-  for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    const Cuboid& known = bodies_[i].cuboid;
-    for (std::size_t j = 0; j < cuboids.size(); ++j) {
-      if (is_used[j]) continue;
-      const double distance_m = distanceBetween(known, cuboids[j]);
-      if (isSamePose(known, cuboids[j], config_)) {
-        pairs.push_back({0, distance_m, i, j});
-      } else if (distance_m <= 0.5 * std::min(known.size_m.minCoeff(), cuboids[j].size_m.minCoeff())) {
-        pairs.push_back({1, distance_m, i, j});
-      }
-    }
-  }
-  std::sort(pairs.begin(), pairs.end());
-  std::vector<bool> is_seen(bodies_.size(), false);
-  const auto show = [&](Body* body, const Cuboid& cuboid) {
-    Eigen::Matrix3d like = Eigen::Matrix3d::Identity();  // another type keeps no names of axes
-    if (body->num_looks > 0 && body->cuboid.type == cuboid.type) like = body->cuboid.T_map_body.linear();
-    body->cuboid = alignedLike(cuboid, like);
-    ++body->num_looks;
-    body->num_missed = 0;
-    body->last_seen_s = stamp_s;
-  };
-  for (const Pair& pair : pairs) {
-    if (is_seen[pair.body] || is_used[pair.cuboid]) continue;
-    is_seen[pair.body] = is_used[pair.cuboid] = true;
-    show(&bodies_[pair.body], cuboids[pair.cuboid]);
-  }
-
   Update result;
-  std::vector<Body> kept;
-  for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    Body& body = bodies_[i];
-    if (!is_seen[i]) {
-      ++body.num_missed;
-      const Cuboid& old = body.cuboid;
-      bool is_gone = body.num_missed > config_.max_missed ||
-                     std::any_of(cuboids.begin(), cuboids.end(), [&](const Cuboid& cuboid) {
-                       return overlap(old.T_map_body, old.size_m, cuboid.T_map_body, cuboid.size_m, config_.overlap_m);
-                     });
-      if (!is_gone && space) {
-        constexpr double kMargin_m = 0.02;  // nearer points may belong to the surface of a neighbour
-        const std::vector<SpaceState> states = space(insidePoints(old.T_map_body, old.size_m, kMargin_m, 4));
-        const auto num_free = std::count(states.begin(), states.end(), SpaceState::kFree);
-        is_gone =
-            !states.empty() && static_cast<double>(num_free) >= config_.free_share * static_cast<double>(states.size());
-      }
-      if (is_gone) {
-        result.dropped.push_back(body.id);
-        continue;
-      }
-    }
-    kept.push_back(std::move(body));
-  }
-  bodies_ = std::move(kept);
-
+  result.dropped = dropContradicted(cuboids, space);
   for (std::size_t j = 0; j < cuboids.size(); ++j) {
-    if (is_used[j]) continue;
-    Body body;
-    const auto back = std::find_if(taken_.begin(), taken_.end(), [&](const Taken& taken) {
-      return taken.released_s && stamp_s > *taken.released_s && taken.body.cuboid.type == cuboids[j].type &&
-             distanceBetween(taken.body.cuboid, cuboids[j]) <= config_.put_back_m;
-    });
-    if (back != taken_.end()) {
-      body = back->body;
-      taken_.erase(back);
-    } else {
-      body.id = next_id_++;
-      body.first_seen_s = stamp_s;
-    }
-    show(&body, cuboids[j]);
-    bodies_.push_back(std::move(body));
+    if (!is_used[j]) addSeen(cuboids[j]);
   }
-  taken_.erase(std::remove_if(taken_.begin(), taken_.end(),
-                              [&](Taken& taken) {
-                                return taken.released_s && stamp_s > *taken.released_s &&
-                                       ++taken.num_missed > config_.max_missed;
-                              }),
-               taken_.end());
+  taken_.erase(
+      std::remove_if(taken_.begin(), taken_.end(),
+                     [&](Taken& taken) { return hasLeftHand(taken) && ++taken.num_missed > config_.max_missed; }),
+      taken_.end());
   std::sort(bodies_.begin(), bodies_.end(), [](const Body& a, const Body& b) { return a.id < b.id; });
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
     if (bodies_[i].num_missed == 0) result.seen.push_back(i);
   }
   return result;
+}
+
+bool BodyTracker::hasLeftHand(const Taken& taken) const {
+  return taken.released_s && last_stamp_s_ > *taken.released_s;
+}
+
+std::vector<bool> BodyTracker::atTaken(const std::vector<Cuboid>& cuboids) const {
+  std::vector<bool> is_at_taken(cuboids.size());
+  std::transform(cuboids.begin(), cuboids.end(), is_at_taken.begin(), [&](const Cuboid& cuboid) {
+    return std::any_of(taken_.begin(), taken_.end(), [&](const Taken& taken) {
+      return !hasLeftHand(taken) && areOverlapping(taken.body.cuboid, cuboid, config_);
+    });
+  });
+  return is_at_taken;
+}
+
+void BodyTracker::show(const Cuboid& cuboid, Body* body) const {
+  Eigen::Matrix3d like = Eigen::Matrix3d::Identity();  // another type keeps no names of axes
+  if (body->num_looks > 0 && body->cuboid.type == cuboid.type) like = body->cuboid.T_map_body.linear();
+  body->cuboid = alignedLike(cuboid, like);
+  ++body->num_looks;
+  body->num_missed = 0;
+  body->last_seen_s = last_stamp_s_;
+}
+
+std::vector<int> BodyTracker::dropContradicted(const std::vector<Cuboid>& cuboids, const SpaceQuery& space) {
+  std::vector<int> dropped;
+  std::vector<Body> kept;
+  for (Body& body : bodies_) {
+    const bool is_gone =
+        body.num_missed > config_.max_missed ||
+        (body.num_missed > 0 &&
+         (std::any_of(cuboids.begin(), cuboids.end(),
+                      [&](const Cuboid& cuboid) { return areOverlapping(body.cuboid, cuboid, config_); }) ||
+          isFree(body.cuboid, space, config_)));
+    if (is_gone) {
+      dropped.push_back(body.id);
+    } else {
+      kept.push_back(std::move(body));
+    }
+  }
+  bodies_ = std::move(kept);
+  return dropped;
+}
+
+void BodyTracker::addSeen(const Cuboid& cuboid) {
+  Body body;
+  const auto back = std::find_if(taken_.begin(), taken_.end(), [&](const Taken& taken) {
+    return hasLeftHand(taken) && taken.body.cuboid.type == cuboid.type &&
+           distanceBetween(taken.body.cuboid, cuboid) <= config_.put_back_m;
+  });
+  if (back != taken_.end()) {
+    body = back->body;
+    taken_.erase(back);
+  } else {
+    body.id = next_id_++;
+    body.first_seen_s = last_stamp_s_;
+  }
+  show(cuboid, &body);
+  bodies_.push_back(std::move(body));
 }
 
 bool BodyTracker::attach(int id) {

@@ -115,6 +115,7 @@ struct Place {
   std::optional<double> std;  // unless edges fix it
 };
 
+/// Long: all steps from patches to cuboids read the same mesh, patches and shapes.
 class CuboidFinder {
  public:
   CuboidFinder(const TriangleMesh& mesh, const std::vector<Patch>& patches, const std::vector<BrickType>& types,

@@ -12,6 +12,9 @@ namespace ur_driver_bridge {
 
 using motion_planning::ArmVector;  // joint angles [rad], base to tool
 
+constexpr double kGone_s = 1.0;       // joint states this old are not late: nobody sends them any more
+constexpr double kRounding_s = 1e-6;  // of differences of ROS times, which have 2e-7 s as doubles
+
 /// Of ur_dashboard_msgs/RobotMode and SafetyMode; controllers may report values that are not named here.
 namespace robot_mode {
 constexpr int kNoController = -1, kDisconnected = 0, kConfirmSafety = 1, kBooting = 2, kPowerOff = 3, kPowerOn = 4,

@@ -4,12 +4,6 @@
 #include <cmath>
 
 namespace ur_driver_bridge {
-namespace {
-
-constexpr double kRounding_s = 1e-6;  // of differences of ROS times, which have 2e-7 s as doubles
-
-}  // namespace
-
 ContactDetector::ContactDetector(const ContactDetectorConfig& config)
     : config_(interactive_mapping::requireValid("impossible contact detector:", config)) {}
 

@@ -10,7 +10,6 @@
 namespace ur_driver_bridge {
 namespace {
 
-constexpr double kRounding_s = 1e-6;    // of differences of ROS times, which have 2e-7 s as doubles
 constexpr std::size_t kMinForLoss = 3;  // samples: one alone is no median
 
 double median(std::vector<double>* values) {

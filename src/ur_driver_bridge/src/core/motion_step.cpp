@@ -17,7 +17,6 @@ constexpr double kRest_s = 0.05;        // an arm that swings stands for a momen
 constexpr double kSearch_s = 0.25;      // of trajectory time, about where the arm is believed to be
 constexpr double kCause_s = 0.2;        // the robot may tell so much later why the controller gave up
 constexpr double kClocks_s = 0.1;       // so far two computers' ROS times may be apart, and joint states be late
-constexpr double kGone_s = 1.0;         // joint states so old: nobody sends them any more; as in the gate
 
 /// What the robot makes of the speed. A number that makes no sense closes the gate, and slows nothing.
 double scalingOf(const StepContext& context) {

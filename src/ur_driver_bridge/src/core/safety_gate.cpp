@@ -9,8 +9,6 @@
 namespace ur_driver_bridge {
 namespace {
 
-constexpr double kGone_s = 1.0;  // joint states this old are not late: nobody sends them any more
-
 std::string seconds(double value_s) {
   // Ages as they are compared: 0.1004 s must not read as the 0.1 s that are allowed.
   return interactive_mapping::formatted("%.4g s", value_s);

@@ -16,10 +16,6 @@ constexpr double kStands_rad_s = 0.02;
 constexpr double kMaxPoseStep_m = 0.25;
 constexpr double kMaxPoseStep_rad = 0.2;
 
-bool isFinite(const Pose2d& pose) {
-  return std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
-}
-
 /// From one pose to another.
 struct Shift {
   Shift(const Pose2d& from, const Pose2d& to)
