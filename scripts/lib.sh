@@ -72,13 +72,13 @@ run_logged() {
   note_duration "$start" "$label"
 }
 
-# list_packages GROUP...: names of those groups in apt-packages.txt; no argument: all groups but lint, display, campaign and docs.
+# list_packages GROUP...: names of those groups in apt-packages.txt; no argument: all groups but lint, display, package, campaign and docs.
 list_packages() {
   awk -v wanted=" $* " '
     /^# group: / { group = $3; next }
     { sub(/#.*/, "") }
     NF == 0 { next }
-    wanted ~ /^ *$/ ? group !~ /^(lint|display|campaign|docs)$/ : index(wanted, " " group " ") { print $1 }
+    wanted ~ /^ *$/ ? group !~ /^(lint|display|package|campaign|docs)$/ : index(wanted, " " group " ") { print $1 }
   ' "$root/scripts/apt-packages.txt"
 }
 
