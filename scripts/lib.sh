@@ -72,13 +72,13 @@ run_logged() {
   note_duration "$start" "$label"
 }
 
-# list_packages GROUP...: names of those groups in apt-packages.txt; no argument: all groups but lint, display, campaign and docs.
+# list_packages GROUP...: names of those groups in apt-packages.txt; no argument: all groups but lint, display, package, campaign and docs.
 list_packages() {
   awk -v wanted=" $* " '
     /^# group: / { group = $3; next }
     { sub(/#.*/, "") }
     NF == 0 { next }
-    wanted ~ /^ *$/ ? group !~ /^(lint|display|campaign|docs)$/ : index(wanted, " " group " ") { print $1 }
+    wanted ~ /^ *$/ ? group !~ /^(lint|display|package|campaign|docs)$/ : index(wanted, " " group " ") { print $1 }
   ' "$root/scripts/apt-packages.txt"
 }
 
@@ -138,8 +138,6 @@ build_workspace() {
   if command -v ccache >/dev/null; then
     options+=(-DCMAKE_C_COMPILER_LAUNCHER=ccache -DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
   fi
-  # A first build reads the headers fewer times with several sources at once. A tree that has been configured stays as it is.
-  [ -f "$dir/CMakeCache.txt" ] || options+=(-DCMAKE_UNITY_BUILD=ON)
   [ -z "${cmake_options+x}" ] || options+=("${cmake_options[@]}")
   [ $# -gt 0 ] || set -- all
   run_logged "Configuring $dir/" "$log_dir/$dir-configure.log" cmake -S . -B "$dir" "${options[@]}" || return

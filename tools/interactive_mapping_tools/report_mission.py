@@ -214,6 +214,21 @@ def failure_rows(run):
         yield kind, times, duration(last_s - start_s) if math.isfinite(last_s) else "", why, did
 
 
+def decisions_of(run):
+    """(the log's rows as [(id, at, decision, reason)], [{"id", "x", "width", "colour", "words"}]: what followed each, in thousandths of the mission's time)."""
+    rows = [(f"d{index}", number(row["time_s"]), str(row.get("decision", "?")), str(row.get("reason", ""))) for index, row in enumerate(run.log)]
+    begun_s = run.mission_begun_s()
+    lasted_s = max((time_s for _, time_s, _, _ in rows), default=begun_s) - begun_s
+    activity_of = {state: index for index, (_, states) in enumerate(mission_run.ACTIVITIES) for state in states}
+    strip = []
+    for (name, from_s, decision, reason), (_, to_s, _, _), after in zip(rows, rows[1:], run.log[1:]):
+        index = activity_of.get(str(after.get("state")))
+        if index is not None and begun_s <= from_s < to_s:
+            strip.append({"id": name, "x": round(1000.0 * (from_s - begun_s) / lasted_s, 2), "width": round(1000.0 * (to_s - from_s) / lasted_s, 2),
+                          "colour": plot_mission.ACTIVITY_COLOURS[index], "words": f"{duration(from_s - run.start_s())}, {decision}: {reason}"})
+    return [(name, duration(time_s - run.start_s()), decision, reason) for name, time_s, decision, reason in rows], strip
+
+
 def origin_of(run):
     """Where the figures are from, in words."""
     origin = run.origin
@@ -254,6 +269,7 @@ def write_page(run, summary, plots, maps, colour_range, out):
     thumbs = run.world_pictures[:60] if len(run.world_pictures) > MAX_STAGES else []
     bricks = brick_rows(run)
     moving = animation(run, run.folder / "report" / "mission.gif")
+    decisions, strip = decisions_of(run)
     page = {
         "name": run.folder.resolve().name, "sentences": sentences(run, summary), "origin": origin_of(run), "command": run.origin.get("command"),
         "about": ", ".join(f"{words} {summary[key]}" for words, key in known if summary.get(key) not in (None, "", "none")),
@@ -268,7 +284,7 @@ def write_page(run, summary, plots, maps, colour_range, out):
         "thumbs": list(filter(None, (figure(path, f"{duration(seconds - run.start_s())}, {count} stowed", run, 400) for seconds, count, path in thumbs))),
         "plots": list(filter(None, (figure(path, captions[path.name], run, 1400, lossless=True) for path in plots))),
         "exceptions": [cells for cells, is_exception in bricks if is_exception], "others": [cells for cells, is_exception in bricks if not is_exception],
-        "failures": list(failure_rows(run)), "files": {name: words for name, words in FILES.items() if (run.folder / name).exists()}}
+        "failures": list(failure_rows(run)), "decisions": decisions, "strip": strip, "files": {name: words for name, words in FILES.items() if (run.folder / name).exists()}}
     out.write_text(TEMPLATES.get_template("mission.html").render(page, notes=run.notes) + "\n", encoding="utf-8")
 
 

@@ -13,9 +13,6 @@ macro(interactive_mapping_package)
   set(CMAKE_CXX_STANDARD_REQUIRED ON)
   set(CMAKE_CXX_EXTENSIONS OFF)
   add_compile_options(-Wall -Wextra -Wpedantic -Wshadow)
-  if(CMAKE_UNITY_BUILD)  # unnamed namespaces look like those of headers, and names in them are seen by later sources
-    add_compile_options(-Wno-subobject-linkage -Wno-shadow)
-  endif()
   if(NOT CMAKE_BUILD_TYPE)  # without optimisation an image takes 40 times longer; other packages keep their own choice
     set(CMAKE_BUILD_TYPE Release)
   endif()

@@ -39,11 +39,13 @@ class Page(html.parser.HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.addresses, self.links, self.open, self.text = [], [], [], ""
+        self.addresses, self.links, self.ids, self.open, self.text = [], [], [], [], ""
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         attributes = dict(attributes)
+        if "id" in attributes:
+            self.ids.append(attributes["id"])
         if tag == "img":
             self.addresses.append(attributes["src"])
         elif tag == "a":
@@ -90,7 +92,7 @@ class ReportMission(unittest.TestCase):
         for address in page.addresses:
             self.assertTrue(address.startswith("data:image/"), address[:60])
         for link in page.links:
-            self.assertTrue((self.folder / link).exists(), link)
+            self.assertTrue(link[1:] in page.ids if link[0] == "#" else (self.folder / link).exists(), link)
         return page
 
     def test_crumbs_in_an_empty_place_are_not_the_maps_precision(self):
@@ -127,6 +129,11 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(len(page.addresses), 4 + 4 + 5 + 5 + 1)
         with Image.open(self.folder / "report" / "mission.gif") as moving:
             self.assertEqual((moving.n_frames, moving.width), (5, 480))
+        # Each decision of the log is in the table; the bar leads to those that something followed.
+        decisions = (self.folder / "mission.jsonl").read_text().splitlines()
+        self.assertEqual([name for name in page.ids if name.startswith("d")], [f"d{index}" for index in range(len(decisions))])
+        jumps = [link for link in page.links if link.startswith("#")]
+        self.assertGreater(len(jumps), 0.5 * len(decisions))
         first = (self.folder / "summary.json").read_text()
         self.report("--summary-only")
         self.assertEqual((self.folder / "summary.json").read_text(), first, "a second report changes nothing")

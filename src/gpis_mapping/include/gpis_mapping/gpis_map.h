@@ -61,7 +61,7 @@ struct CameraView {
   std::size_t num_surface{0};  // pixels with a depth in the last image that had any
 };
 
-/// Everything that is kept of a map: what save writes and load restores, but for the view. GPs are trained from it.
+/// Everything that is kept of a map: what save writes and load restores, but for the view, which is camera 0's. GPs are trained from it.
 struct MapContents {
   GpisConfig config;
   double epoch_s{0.0};
@@ -85,8 +85,10 @@ class GpisMap {
   /// Takes in one depth image seen from `T_map_camera` (optical frame to map) at `stamp_s` [s].
   /// Throws std::invalid_argument, and leaves the map as it was, if the image does not fit the camera, the camera is
   /// impossible, or pose or stamp are not finite or the pose is no rigid motion. `blanket`: filled, unless null.
+  /// `camera_index` tells several cameras apart: speed and field of view are those of each. Images of different cameras
+  /// may have equal stamps, or come a little out of order.
   UpdateStatistics update(const DepthImage& image, const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
-                          double stamp_s, FrameBlanket* blanket = nullptr);
+                          double stamp_s, FrameBlanket* blanket = nullptr, std::size_t camera_index = 0);
 
   /// Forgets what lies inside the box: points, and that space was seen free there. `T_map_box` is the pose of its centre,
   /// `size_m` its edge lengths. Returns the points removed [m, map frame]. Throws std::invalid_argument, and leaves the map
@@ -196,6 +198,8 @@ class GpisMap {
 
   /// Without publishing. `isInside`: in the map frame.
   std::vector<Eigen::Vector3d> removePoints(const std::function<bool(const Eigen::Vector3d&)>& isInside);
+  /// Makes this camera's eye the present one.
+  void selectCamera(std::size_t index);
   void prepareCamera(const CameraModel& camera);
   /// How fast the camera has moved to this pose since the last image; at rest if that was long ago.
   CameraMotion motionTo(const Eigen::Isometry3d& T_map_camera, double stamp_s) const;
@@ -233,12 +237,19 @@ class GpisMap {
   ObservedLayer observed_;
   double epoch_s_{0.0};
   std::uint64_t num_updates_{0};
-  CameraView view_;
   std::unordered_map<LatticeKey, std::vector<RemovedPoint>, LatticeKeyHash> recently_removed_;
+  float last_stamp_s_{std::numeric_limits<float>::lowest()};  // of the last image [s since the epoch]
 
-  CameraModel camera_;
-  std::unique_ptr<DepthClassifier> classifier_;
-  std::shared_ptr<const FrameRegressor> regressor_;
+  /// What is remembered of a camera, and tables of its size.
+  struct Eye {
+    CameraView view;
+    CameraModel camera;
+    std::unique_ptr<DepthClassifier> classifier;
+    std::shared_ptr<const FrameRegressor> regressor;
+  };
+  std::size_t camera_index_{0};
+  Eye eye_;  // of the selected camera; those of the others are kept aside
+  std::unordered_map<std::size_t, Eye> other_eyes_;
 
   mutable std::mutex snapshot_mutex_;  // guards snapshot_
   std::shared_ptr<const MapSnapshot> snapshot_;

@@ -66,8 +66,17 @@ struct WaitingDepth {
   const std_msgs::Header& header() const { return image ? image->header : compressed->header; }
 };
 
-/// Depth images with camera info and tf, checked, one at a time. Subscribes `depth/image_rect` and `depth/camera_info`
-/// relative to `nh`; with image_transport compressedDepth `depth/image_rect/compressedDepth`. The worker thread waits for an
+/// The topics of a camera, by default those that launch files remap.
+struct DepthTopics {
+  std::string image{"depth/image_rect"};
+  std::string info{"depth/camera_info"};
+};
+
+/// An image topic, and the camera info beside it, as drivers have them.
+DepthTopics topicsBeside(const std::string& image_topic);
+
+/// Depth images with camera info and tf, checked, one at a time. Subscribes an image and an info topic relative to `nh`;
+/// with image_transport compressedDepth the image topic with `/compressedDepth`. The worker thread waits for an
 /// image's pose, checks it and hands it to `consume`. Neither `consume` nor `refuse` is called after the destructor has
 /// begun to return.
 class DepthInput final : public depth_camera_ros::ImageWorker<WaitingDepth> {
@@ -79,7 +88,7 @@ class DepthInput final : public depth_camera_ros::ImageWorker<WaitingDepth> {
 
   /// `private_nh` names the transport hints' namespace. Throws std::invalid_argument for impossible parameters.
   DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const DepthInputParams& params,
-             Consume consume, Refuse refuse);
+             Consume consume, Refuse refuse, const DepthTopics& topics = {});
   ~DepthInput();
 
   DepthInputCounters counters() const;

@@ -20,6 +20,7 @@ inline constexpr interactive_mapping::Names<MeshColor> kMeshColorNames = {{"unce
 /// All parameters of the node. SI units.
 struct GpisMappingParams {
   DepthInputParams input;
+  std::vector<std::string> more_depth_topics;
   gpis_mapping::GpisConfig map;
 
   struct Output {
@@ -96,6 +97,10 @@ struct GpisMappingParams {
   /// But for those of the map, which have a file of their own.
   static void fields(GpisMappingParams& c, interactive_mapping::Fields& f) {
     f.section("input", c.input);
+    f("more_depth_topics", c.more_depth_topics,
+      "depth images of further cameras of the same kind, each with its camera_info beside it; their frames are those "
+      "of "
+      "the images");
     f.section("output", c.output);
     f.section("slice", c.slice, "the plane of distances");
     f.section("ground", c.ground, "the projection from above");

@@ -29,9 +29,10 @@
 
 namespace gpis_mapping_ros {
 
-/// The map as a ROS node: depth images in; mesh, points, ground, slice, statistics, services and diagnostics out. The
-/// README lists them. Callbacks may run concurrently: give it node handles whose queue has several threads, so that a
-/// query does not wait for a save. Updates run on DepthInput's thread, displays on MapPublisher's.
+/// The map as a ROS node: depth images of one or several cameras in; mesh, points, ground, slice, statistics, services and
+/// diagnostics out. The README lists them. Callbacks may run concurrently: give it node handles whose queue has several
+/// threads, so that a query does not wait for a save. Updates run on the thread of each camera's DepthInput, one at a
+/// time, displays on MapPublisher's.
 /// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
 class GpisMappingRos {
  public:
@@ -46,15 +47,16 @@ class GpisMappingRos {
   using MapUpdate = interactive_mapping_msgs::MapUpdate;
 
   struct FrameTimes {
+    std::size_t camera;
     ros::WallTime done;
     bool is_accepted;
     double update_ms;
     double latency_s;  // from the image's stamp to the end of its update, ROS time
   };
 
-  Refusal consume(const DepthInputFrame& frame);
-  void refuse(const ros::Time& stamp, const Refusal& refusal);
-  void noteFrame(bool is_accepted, double update_ms, double latency_s);
+  Refusal consume(std::size_t camera, const DepthInputFrame& frame);
+  void refuse(std::size_t camera, const ros::Time& stamp, const Refusal& refusal);
+  void noteFrame(std::size_t camera, bool is_accepted, double update_ms, double latency_s);
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                interactive_mapping_msgs::QueryMap::Response& response);
@@ -89,9 +91,11 @@ class GpisMappingRos {
   /// std::invalid_argument; the map is as it was then.
   std::string load(const std::string& path, std::size_t* num_points);
   void restore();
+  const tf2_ros::Buffer& tfBuffer() const { return inputs_.front()->tfBuffer(); }
+  void resetPoseGuards();
 
-  void diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& status);
-  void diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseInput(std::size_t camera, diagnostic_updater::DiagnosticStatusWrapper& status);
+  void diagnoseTransforms(std::size_t camera, diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseStorage(diagnostic_updater::DiagnosticStatusWrapper& status);
 
@@ -120,7 +124,7 @@ class GpisMappingRos {
   ros::Subscriber attached_subscriber_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_, autosave_timer_;
-  std::unique_ptr<DepthInput> input_;  // its thread uses what is above
+  std::vector<std::unique_ptr<DepthInput>> inputs_;  // of each camera; their threads use what is above
   std::unique_ptr<interactive_mapping_ros::LiveParams<GpisMappingParamsWithMap>> live_;
 };
 

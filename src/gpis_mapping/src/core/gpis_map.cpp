@@ -110,9 +110,9 @@ GpisMap::GpisMap(MapContents contents)
     : config_(contents.config),
       observed_(std::move(contents.observed)),
       epoch_s_(contents.epoch_s),
-      num_updates_(contents.num_updates),
-      view_(std::move(contents.view)) {
+      num_updates_(contents.num_updates) {
   requireValid(config_);
+  eye_.view = std::move(contents.view);
   for (const SurfacePoint& point : contents.points) {
     const LatticeKey key = config_.cells.at(point.position_map);
     cells_[key].entries.push_back({point, point.position_map, std::sqrt(point.variance_m2)});
@@ -141,7 +141,11 @@ MapContents GpisMap::contents() const {
   contents.config = config_;
   contents.epoch_s = epoch_s_;
   contents.num_updates = num_updates_;
-  contents.view = view_;
+  if (camera_index_ == 0) {
+    contents.view = eye_.view;
+  } else if (const auto first = other_eyes_.find(0); first != other_eyes_.end()) {
+    contents.view = first->second.view;
+  }
   contents.observed = snapshot()->observed();
   for (const auto& [key, cell] : cells_) {
     for (const Cell::Entry& entry : cell.entries) contents.points.push_back(entry.point);
@@ -154,23 +158,32 @@ MapContents GpisMap::contents() const {
   return contents;
 }
 
+void GpisMap::selectCamera(std::size_t index) {
+  if (index == camera_index_) return;
+  other_eyes_[camera_index_] = std::move(eye_);
+  eye_ = std::move(other_eyes_[index]);  // a new one, if it has not looked yet
+  other_eyes_.erase(index);
+  camera_index_ = index;
+}
+
 void GpisMap::prepareCamera(const CameraModel& camera) {
-  if (classifier_ && camera == camera_) return;
+  if (eye_.classifier && camera == eye_.camera) return;
   // Inverse range noise at the middle of the working range; FrameMap scales it tile by tile.
   const double z = 0.5 * (config_.sensor.min_range_m + config_.sensor.max_range_m);
   auto regressor = std::make_shared<FrameRegressor>(camera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
-  classifier_ = std::make_unique<DepthClassifier>(camera, config_);
-  regressor_ = std::move(regressor);
-  if (!(camera == view_.camera)) {
-    view_.camera = camera;
-    view_.can_measure.assign(static_cast<std::size_t>(camera.width) * camera.height, 0);
-    view_.num_surface = 0;
+  eye_.classifier = std::make_unique<DepthClassifier>(camera, config_);
+  eye_.regressor = std::move(regressor);
+  if (!(camera == eye_.view.camera)) {
+    eye_.view.camera = camera;
+    eye_.view.can_measure.assign(static_cast<std::size_t>(camera.width) * camera.height, 0);
+    eye_.view.num_surface = 0;
   }
-  camera_ = camera;
+  eye_.camera = camera;
 }
 
 UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& camera,
-                                 const Eigen::Isometry3d& T_map_camera, double stamp_s, FrameBlanket* blanket) {
+                                 const Eigen::Isometry3d& T_map_camera, double stamp_s, FrameBlanket* blanket,
+                                 std::size_t camera_index) {
   requireRigid(T_map_camera, "camera pose");
   if (!(std::abs(stamp_s) <= kMaxStamp_s)) {  // true for NaN
     std::ostringstream text;
@@ -184,16 +197,24 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   UpdateStatistics statistics;
   Stopwatch total;
   Stopwatch stage;
+  const bool is_other_camera = camera_index != camera_index_;
+  selectCamera(camera_index);
   prepareCamera(camera);
-  auto classified = std::make_shared<ClassifiedFrame>(classifier_->classify(image, threads));
+  auto classified = std::make_shared<ClassifiedFrame>(eye_.classifier->classify(image, threads));
   statistics.points_in = classified->num_surface;
   statistics.classify_ms = stage.lapMs();
 
   if (num_updates_ == 0) epoch_s_ = stamp_s;
-  Frame frame(config_, classified, regressor_, view_.can_measure, T_map_camera, motionTo(T_map_camera, stamp_s),
-              static_cast<float>(stamp_s - epoch_s_), threads);
-  view_.T_map_camera = T_map_camera;
-  view_.stamp_s = stamp_s;
+  auto frame_stamp_s = static_cast<float>(stamp_s - epoch_s_);
+  // A point is this image's if it has its stamp: that of another camera's image before must differ.
+  if (is_other_camera && frame_stamp_s <= last_stamp_s_) {
+    frame_stamp_s = std::nextafter(last_stamp_s_, std::numeric_limits<float>::max());
+  }
+  last_stamp_s_ = frame_stamp_s;
+  Frame frame(config_, classified, eye_.regressor, eye_.view.can_measure, T_map_camera, motionTo(T_map_camera, stamp_s),
+              frame_stamp_s, threads);
+  eye_.view.T_map_camera = T_map_camera;
+  eye_.view.stamp_s = stamp_s;
   statistics.regress_ms = stage.lapMs();
 
   allowForMisalignment(&frame);
@@ -201,7 +222,7 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   fuseAndDelete(frame, classified.get(), &statistics);
   learnView(*classified);
   statistics.fuse_ms = stage.lapMs();
-  observed_.observe(*classified, camera_, T_map_camera, config_.sensor.max_range_m, frame.stamp(), threads);
+  observed_.observe(*classified, eye_.camera, T_map_camera, config_.sensor.max_range_m, frame.stamp(), threads);
   statistics.observe_ms = stage.lapMs();
   insertNew(frame, &statistics);
   statistics.insert_ms = stage.lapMs();
@@ -294,7 +315,9 @@ void GpisMap::retune(const GpisConfig::Sensor& sensor, const GpisConfig::Dynamic
   config.dynamic = dynamic;
   requireValid(config);
   config_ = config;
-  classifier_.reset();  // made anew for the next image
+  // Made again for the next image.
+  eye_.classifier.reset();
+  for (auto& [index, eye] : other_eyes_) eye.classifier.reset();
 }
 
 std::uint32_t GpisMap::neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const {
@@ -331,9 +354,9 @@ void GpisMap::markTouched(const LatticeKey& key, std::uint32_t neighbour_mask) {
 }
 
 CameraMotion GpisMap::motionTo(const Eigen::Isometry3d& T_map_camera, double stamp_s) const {
-  const double dt = stamp_s - view_.stamp_s;
+  const double dt = stamp_s - eye_.view.stamp_s;
   if (!(dt > 0.0 && dt < kMaxMotionGap_s)) return {};
-  const Eigen::Isometry3d moved = view_.T_map_camera.inverse() * T_map_camera;
+  const Eigen::Isometry3d moved = eye_.view.T_map_camera.inverse() * T_map_camera;
   return {moved.translation().norm() / dt, Eigen::AngleAxisd(moved.linear()).angle() / dt};
 }
 
@@ -355,29 +378,29 @@ void GpisMap::allowForMisalignment(Frame* frame) {
                                         b->position_map.data() + 3);
   });
   const Frame::Misalignment misalignment = frame->measureMisalignment(points);
-  view_.num_displaced = misalignment.rms_m > kDisplaced_m ? view_.num_displaced + 1 : 0;
-  frame->allowFor(view_.num_displaced <= kMaxDisplaced ? misalignment : Frame::Misalignment());
+  eye_.view.num_displaced = misalignment.rms_m > kDisplaced_m ? eye_.view.num_displaced + 1 : 0;
+  frame->allowFor(eye_.view.num_displaced <= kMaxDisplaced ? misalignment : Frame::Misalignment());
 }
 
 void GpisMap::learnView(const ClassifiedFrame& pixels) {
-  if (pixels.num_surface > 0) view_.num_surface = pixels.num_surface;
+  if (pixels.num_surface > 0) eye_.view.num_surface = pixels.num_surface;
   const double half_width = config_.sensor.fov_width_rad > 0.0 ? 0.5 * config_.sensor.fov_width_rad : M_PI_2;
   const double half_height = config_.sensor.fov_height_rad > 0.0 ? 0.5 * config_.sensor.fov_height_rad : M_PI_2;
-  const double reach_u = std::tan(half_width) * camera_.fx;
-  const double reach_v = std::tan(half_height) * camera_.fy;
+  const double reach_u = std::tan(half_width) * eye_.camera.fx;
+  const double reach_v = std::tan(half_height) * eye_.camera.fy;
   for (int v = 0; v < pixels.height; ++v) {
-    if (std::abs(v - camera_.cy) > reach_v) continue;
+    if (std::abs(v - eye_.camera.cy) > reach_v) continue;
     for (int u = 0; u < pixels.width; ++u) {
       const std::size_t i = pixels.index(u, v);
-      view_.can_measure[i] |= pixels.kind[i] == PixelKind::kSurface && std::abs(u - camera_.cx) <= reach_u;
+      eye_.view.can_measure[i] |= pixels.kind[i] == PixelKind::kSurface && std::abs(u - eye_.camera.cx) <= reach_u;
     }
   }
 }
 
 std::vector<GpisMap::CellMap::value_type*> GpisMap::cellsInView(const Frame& frame) {
   const double size = config_.cells.size_m;
-  const double slope_u = std::max(camera_.cx, camera_.width - camera_.cx) / camera_.fx;
-  const double slope_v = std::max(camera_.cy, camera_.height - camera_.cy) / camera_.fy;
+  const double slope_u = std::max(eye_.camera.cx, eye_.camera.width - eye_.camera.cx) / eye_.camera.fx;
+  const double slope_v = std::max(eye_.camera.cy, eye_.camera.height - eye_.camera.cy) / eye_.camera.fy;
   const double widening_u = std::sqrt(1.0 + slope_u * slope_u);
   const double widening_v = std::sqrt(1.0 + slope_v * slope_v);
   const auto mayShow = [&](const Eigen::Vector3d& center_map, double radius) {
@@ -517,7 +540,7 @@ void GpisMap::rememberRemoved(const std::vector<CellUpdate>& jobs) {
 
 void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vector<CellUpdate>* jobs) {
   // Objects leave; a whole view does not. The sensor has failed.
-  if (pixels->num_surface == 0 && 2 * view_.num_surface > pixels->kind.size()) return;
+  if (pixels->num_surface == 0 && 2 * eye_.view.num_surface > pixels->kind.size()) return;
   const double reach = kFateSpacings * config_.surface.spacing_m;
   std::vector<HiddenPoint> hidden;
   std::vector<std::pair<CellUpdate*, std::size_t>> owners;
@@ -571,9 +594,9 @@ void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vecto
     remove(i);
     const Eigen::Vector3d p = frame.T_camera_map() * point.position_map;
     const Eigen::Vector2i center = *frame.pixelOf(point.position_map);
-    const int radius = static_cast<int>(std::ceil(config_.surface.spacing_m * camera_.fx / p.z()));
-    for (int v = std::max(0, center.y() - radius); v <= std::min(camera_.height - 1, center.y() + radius); ++v) {
-      for (int u = std::max(0, center.x() - radius); u <= std::min(camera_.width - 1, center.x() + radius); ++u) {
+    const int radius = static_cast<int>(std::ceil(config_.surface.spacing_m * eye_.camera.fx / p.z()));
+    for (int v = std::max(0, center.y() - radius); v <= std::min(eye_.camera.height - 1, center.y() + radius); ++v) {
+      for (int u = std::max(0, center.x() - radius); u <= std::min(eye_.camera.width - 1, center.x() + radius); ++u) {
         const std::size_t pixel = pixels->index(u, v);
         if (pixels->kind[pixel] != PixelKind::kHole) continue;
         pixels->kind[pixel] = PixelKind::kWall;

@@ -16,23 +16,28 @@ using gpis_mapping::CameraModel;
 
 }  // namespace
 
+DepthTopics topicsBeside(const std::string& image_topic) {
+  const std::size_t slash = image_topic.rfind('/');
+  return {image_topic, (slash == std::string::npos ? "" : image_topic.substr(0, slash + 1)) + "camera_info"};
+}
+
 DepthInput::DepthInput(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const DepthInputParams& params,
-                       Consume consume, Refuse refuse)
+                       Consume consume, Refuse refuse, const DepthTopics& topics)
     : ImageWorker(nh, interactive_mapping::requireValid("impossible input parameters:", params)),
       params_(params),
       consume_(std::move(consume)),
       refuse_(std::move(refuse)),
       transport_(nh) {
-  subscribeInfo(nh, "depth/camera_info");
+  subscribeInfo(nh, topics.info);
   // Remappings decide what the topic is called.
-  const std::string topic = nh.resolveName("depth/image_rect");
+  const std::string topic = nh.resolveName(topics.image);
   is_rectified_ = isRectifiedTopic(topic);
   if (params_.image_transport == kCompressedDepthSuffix + 1) {  // not every distribution has its plugin
     compressed_subscriber_ = ros::NodeHandle(nh).subscribe(
         topic + kCompressedDepthSuffix, 1, &DepthInput::onCompressedImage, this, ros::TransportHints().tcpNoDelay());
   } else {
     image_subscriber_ = transport_.subscribe(
-        "depth/image_rect", 1, &DepthInput::onImage, this,
+        topics.image, 1, &DepthInput::onImage, this,
         image_transport::TransportHints(params_.image_transport, ros::TransportHints().tcpNoDelay(), private_nh));
   }
   start();

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "gpis_mapping_ros/gpis_mapping_params.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <stdexcept>
 #include <interactive_mapping_common/files/atomic_file.h>
+#include <ros/names.h>
 
 #include <interactive_mapping_common_ros/params.h>
 
@@ -11,6 +13,14 @@ namespace gpis_mapping_ros {
 
 std::vector<std::string> GpisMappingParams::validate() const {
   std::vector<std::string> problems = interactive_mapping::problemsOf(GpisMappingParamsWithMap{*this});
+  for (std::size_t i = 0; i < more_depth_topics.size(); ++i) {
+    const std::string& topic = more_depth_topics[i];
+    std::string why_not;
+    const bool is_twice = std::count(more_depth_topics.begin(), more_depth_topics.end(), topic) > 1;
+    if (!topic.empty() && topic[0] != '~' && ros::names::validate(topic, why_not) && !is_twice) continue;
+    problems.push_back("more_depth_topics[" + std::to_string(i) + "] = '" + topic + "', must be " +
+                       (is_twice ? "there once" : "the name of a topic"));
+  }
   if (!storage.autosave_file.empty()) {
     try {
       // The folder of a run may be new: who comes first makes it.

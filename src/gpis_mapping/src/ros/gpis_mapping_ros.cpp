@@ -70,9 +70,18 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
 
   ros::NodeHandle pnh(private_nh);
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
-  input_ = std::make_unique<DepthInput>(
-      nh, private_nh, params_.input, [this](const DepthInputFrame& frame) { return consume(frame); },
-      [this](const ros::Time& stamp, const Refusal& refusal) { refuse(stamp, refusal); });
+  const auto addInput = [&](const DepthInputParams& input, const DepthTopics& topics) {
+    const std::size_t camera = inputs_.size();
+    inputs_.push_back(std::make_unique<DepthInput>(
+        nh, private_nh, input, [this, camera](const DepthInputFrame& frame) { return consume(camera, frame); },
+        [this, camera](const ros::Time& stamp, const Refusal& refusal) { refuse(camera, stamp, refusal); }, topics));
+  };
+  addInput(params_.input, {});
+  for (const std::string& topic : params_.more_depth_topics) {
+    DepthInputParams input = params_.input;
+    input.camera_frame.clear();
+    addInput(input, topicsBeside(topic));
+  }
   live_ = std::make_unique<interactive_mapping_ros::LiveParams<GpisMappingParamsWithMap>>(
       private_nh, GpisMappingParamsWithMap{params_},
       [this](const GpisMappingParamsWithMap& params) { onTune(params); });
@@ -96,8 +105,11 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   clear_box_server_ = pnh.advertiseService("clear_box", &GpisMappingRos::onClearBox, this);
 
   diagnostics_.setHardwareID("none");
-  diagnostics_.add("input", this, &GpisMappingRos::diagnoseInput);
-  diagnostics_.add("transforms", this, &GpisMappingRos::diagnoseTransforms);
+  for (std::size_t camera = 0; camera < inputs_.size(); ++camera) {
+    const std::string number = camera == 0 ? "" : " " + std::to_string(camera + 1);
+    diagnostics_.add("input" + number, [this, camera](auto& status) { diagnoseInput(camera, status); });
+    diagnostics_.add("transforms" + number, [this, camera](auto& status) { diagnoseTransforms(camera, status); });
+  }
   diagnostics_.add("map", this, &GpisMappingRos::diagnoseMap);
   diagnostics_.add("storage", this, &GpisMappingRos::diagnoseStorage);
   // By the wall clock, which the updater's own timing is not: a stopped simulation must be diagnosed as well.
@@ -107,8 +119,10 @@ GpisMappingRos::GpisMappingRos(const ros::NodeHandle& nh, const ros::NodeHandle&
     autosave_timer_ = pnh.createWallTimer(ros::WallDuration(params_.storage.autosave_period_s),
                                           [this](const ros::WallTimerEvent&) { onAutosave(); });
   }
-  ROS_INFO_NAMED(kLog, "mapping %s with %s in frame '%s'", input_->imageTopic().c_str(), input_->infoTopic().c_str(),
-                 params_.input.map_frame.c_str());
+  for (const auto& input : inputs_) {
+    ROS_INFO_NAMED(kLog, "mapping %s with %s in frame '%s'", input->imageTopic().c_str(), input->infoTopic().c_str(),
+                   params_.input.map_frame.c_str());
+  }
 }
 
 GpisMappingRos::~GpisMappingRos() {
@@ -122,11 +136,11 @@ GpisMappingRos::~GpisMappingRos() {
   attached_subscriber_.shutdown();
   publisher_.onSliceDragged(nullptr);
   live_.reset();
-  input_.reset();
+  inputs_.clear();
   if (!params_.storage.autosave_file.empty()) onAutosave();
 }
 
-Refusal GpisMappingRos::consume(const DepthInputFrame& frame) {
+Refusal GpisMappingRos::consume(std::size_t camera, const DepthInputFrame& frame) {
   MapUpdate message;
   {
     const std::lock_guard<std::mutex> lock(map_mutex_);
@@ -135,18 +149,22 @@ Refusal GpisMappingRos::consume(const DepthInputFrame& frame) {
     std::shared_ptr<gpis_mapping::FrameBlanket> blanket;
     if (publisher_.wantsBlanket()) blanket = std::make_shared<gpis_mapping::FrameBlanket>();
     try {
-      statistics = map_->update(frame.image, frame.camera, frame.T_map_camera, frame.stamp.toSec(), blanket.get());
+      statistics =
+          map_->update(frame.image, frame.camera, frame.T_map_camera, frame.stamp.toSec(), blanket.get(), camera);
     } catch (const std::exception& error) {
       // What the update had done before it failed is part of the map; readers see a consistent snapshot either way.
       return {FrameStatus::kRefusedByMap, error.what()};
     }
-    takeState(frame.stamp, false, statistics.removed_points_map, std::move(blanket));
+    // Images of several cameras come a little out of order; a clock that ran back is another matter.
+    const ros::Time newest = state().stamp;
+    const bool is_overtaken = inputs_.size() > 1 && newest > frame.stamp && newest < frame.stamp + ros::Duration(1.0);
+    takeState(is_overtaken ? newest : frame.stamp, false, statistics.removed_points_map, std::move(blanket));
     std_msgs::Header header;
     header.stamp = frame.stamp;
     header.frame_id = params_.input.map_frame;
     message = toMapUpdate(statistics, header, map_->snapshot()->numUpdates(), frame.wait_ms);
   }
-  noteFrame(true, message.total_ms, ros::Time::now().toSec() - frame.stamp.toSec());
+  noteFrame(camera, true, message.total_ms, ros::Time::now().toSec() - frame.stamp.toSec());
   ROS_DEBUG_NAMED(kLog, "update %lu: %.1f ms, %u points, +%u -%u", static_cast<unsigned long>(message.update),
                   message.total_ms, message.map_points, message.inserted, message.deleted);
   // Last: whoever waits for it finds the map's answers up to date.
@@ -154,10 +172,10 @@ Refusal GpisMappingRos::consume(const DepthInputFrame& frame) {
   return {};
 }
 
-void GpisMappingRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
+void GpisMappingRos::refuse(std::size_t camera, const ros::Time& stamp, const Refusal& refusal) {
   ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
                                  "image left out, " << toString(refusal.status) << ": " << refusal.message);
-  noteFrame(false, 0.0, 0.0);
+  noteFrame(camera, false, 0.0, 0.0);
   MapUpdate message;
   message.header.stamp = stamp;
   message.header.frame_id = params_.input.map_frame;
@@ -169,10 +187,10 @@ void GpisMappingRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
   update_publisher_.publish(message);
 }
 
-void GpisMappingRos::noteFrame(bool is_accepted, double update_ms, double latency_s) {
+void GpisMappingRos::noteFrame(std::size_t camera, bool is_accepted, double update_ms, double latency_s) {
   const ros::WallTime now = ros::WallTime::now();
   const std::lock_guard<std::mutex> lock(report_mutex_);
-  recent_.push_back({now, is_accepted, update_ms, latency_s});
+  recent_.push_back({camera, now, is_accepted, update_ms, latency_s});
   while (!recent_.empty() && (now - recent_.front().done).toSec() > kWindow_s) recent_.pop_front();
 }
 
@@ -207,7 +225,7 @@ bool GpisMappingRos::onQuery(interactive_mapping_msgs::QueryMap::Request& reques
           return snapshot->query(points, options);
         }};
   };
-  answerQuery(request, params_.input.map_frame, input_->tfBuffer(), map, &response);
+  answerQuery(request, params_.input.map_frame, tfBuffer(), map, &response);
   return true;
 }
 
@@ -274,9 +292,13 @@ std::string GpisMappingRos::load(const std::string& path, std::size_t* num_point
     tuned_ = map_->config();
     takeState(stamp, true, {});
   }
-  if (input_) input_->resetPoseGuard();
+  resetPoseGuards();
   return differs ? "the sections surface, cells and observed of the file differ from the node's parameters and are used"
                  : "";
+}
+
+void GpisMappingRos::resetPoseGuards() {
+  for (const auto& input : inputs_) input->resetPoseGuard();
 }
 
 void GpisMappingRos::restore() {
@@ -354,7 +376,7 @@ bool GpisMappingRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Res
   } catch (const std::exception& error) {
     response.message = error.what();
   }
-  input_->resetPoseGuard();
+  resetPoseGuards();
   return true;
 }
 
@@ -366,7 +388,7 @@ Eigen::Isometry3d GpisMappingRos::boxInMap(const std_msgs::Header& header, const
   if (!T_frame_box) throw std::invalid_argument("of the box, the " + refusal.message);
   if (frame == params_.input.map_frame) return *T_frame_box;
   const auto T_map_frame =
-      toIsometry(input_->tfBuffer().lookupTransform(params_.input.map_frame, frame, header.stamp).transform, &refusal);
+      toIsometry(tfBuffer().lookupTransform(params_.input.map_frame, frame, header.stamp).transform, &refusal);
   if (!T_map_frame) throw std::invalid_argument("frame_id '" + frame + "': " + refusal.message);
   return *T_map_frame * *T_frame_box;
 }
@@ -434,7 +456,7 @@ void GpisMappingRos::onTune(const GpisMappingParamsWithMap& params) {
       tuned_ = next;
     }
   }
-  input_->setPoseLimits(params.input.pose_limits);
+  for (const auto& input : inputs_) input->setPoseLimits(params.input.pose_limits);
   publisher_.setOutput(params.output);
   publisher_.setSliceHeight(params.slice.height_m);
 }
@@ -456,8 +478,9 @@ void GpisMappingRos::onAutosave() {
   }
 }
 
-void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& status) {
-  const DepthInputCounters counters = input_->counters();
+void GpisMappingRos::diagnoseInput(std::size_t camera, diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const DepthInput& input = *inputs_[camera];
+  const DepthInputCounters counters = input.counters();
   const ros::WallTime now = ros::WallTime::now();
   std::size_t accepted = 0;
   std::size_t refused = 0;
@@ -465,13 +488,13 @@ void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& 
   {
     const std::lock_guard<std::mutex> lock(report_mutex_);
     for (const FrameTimes& frame : recent_) {
-      if ((now - frame.done).toSec() > kWindow_s) continue;
+      if (frame.camera != camera || (now - frame.done).toSec() > kWindow_s) continue;
       ++(frame.is_accepted ? accepted : refused);
       silence_s = std::min(silence_s, (now - frame.done).toSec());
     }
   }
   if (counters.received == 0) {
-    status.summary(DiagnosticStatus::WARN, "no image received on " + input_->imageTopic());
+    status.summary(DiagnosticStatus::WARN, "no image received on " + input.imageTopic());
   } else if (silence_s > kSilence_s) {
     status.summary(DiagnosticStatus::WARN, "no image in the last " + formatted("%.0f s", kSilence_s));
   } else if (accepted == 0) {
@@ -484,8 +507,8 @@ void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& 
   } else {
     status.summary(DiagnosticStatus::OK, "images are taken in");
   }
-  status.add("image topic", input_->imageTopic());
-  status.add("camera info topic", input_->infoTopic());
+  status.add("image topic", input.imageTopic());
+  status.add("camera info topic", input.infoTopic());
   status.add("rate [Hz]", formatted("%.2f", static_cast<double>(accepted) / kWindow_s));
   status.add("received", counters.received);
   status.add("replaced by a newer one", counters.replaced);
@@ -496,8 +519,8 @@ void GpisMappingRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrapper& 
   if (!counters.last_refusal.empty()) status.add("last left out", counters.last_refusal);
 }
 
-void GpisMappingRos::diagnoseTransforms(diagnostic_updater::DiagnosticStatusWrapper& status) {
-  const DepthInputCounters counters = input_->counters();
+void GpisMappingRos::diagnoseTransforms(std::size_t camera, diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const DepthInputCounters counters = inputs_[camera]->counters();
   const auto count = [&](FrameStatus refusal) { return counters.by_status[static_cast<std::size_t>(refusal)]; };
   depth_camera_ros::diagnosePoses(params_.input, counters.pose, count(FrameStatus::kPoseJump),
                                   count(FrameStatus::kTimeRanBack),

@@ -38,6 +38,7 @@ TEST(GpisMappingParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("input/pose_limits/settle_frames", 2.5);
   nh.setParam("storage/autosave_file", "map.gpis");
   nh.setParam("map/sensor/max_range_m", -1.0);
+  nh.setParam("more_depth_topics", std::vector<std::string>{"/a/image", "", "not a topic", "/a/image", "~b"});
   const std::string message = messageOf<std::invalid_argument>([&] { loadGpisMappingParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/output/rate_hz = 100 Hz, must be in [0.05, 30] Hz"));
   EXPECT_THAT(message, HasSubstr("/wrong/output/mesh_colour is unknown"));
@@ -45,6 +46,10 @@ TEST(GpisMappingParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/input/tf_timeout_s"));
   EXPECT_THAT(message, HasSubstr("/wrong/input/pose_limits/settle_frames"));
   EXPECT_THAT(message, HasSubstr("storage/autosave_file = 'map.gpis', must be an absolute path"));
+  EXPECT_THAT(message, HasSubstr("more_depth_topics[0] = '/a/image', must be there once"));
+  EXPECT_THAT(message, HasSubstr("more_depth_topics[1] = '', must be the name of a topic"));
+  EXPECT_THAT(message, HasSubstr("more_depth_topics[2] = 'not a topic', must be the name of a topic"));
+  EXPECT_THAT(message, HasSubstr("more_depth_topics[4] = '~b', must be the name of a topic"));
   EXPECT_THAT(message, HasSubstr("sensor/max_range_m = -1 m, must be in [0.1, 50] m"));
 }
 

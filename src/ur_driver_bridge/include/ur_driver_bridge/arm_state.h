@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <bitset>
 #include <optional>
 
 #include <Eigen/Core>
@@ -44,16 +43,19 @@ struct ToolForce {
   Eigen::Vector3d torque_Nm{Eigen::Vector3d::Zero()};
 };
 
+struct GripperState {
+  bool is_on{false};               // told to hold
+  std::optional<bool> is_holding;  // nothing: no sensor tells
+};
+
 /// What the arm's driver has told last. Nothing: never heard. Modes and program_running come on change only, so they have
 /// no age: joint states tell whether the driver lives.
 struct ArmState {
-  static constexpr std::size_t kDigitalPins = 18;
-
   std::optional<Stamped<JointState>> joints;
   std::optional<Stamped<ArmVector>> commanded_rad;  // where the controller wants the arm to be; not all drivers tell
   std::optional<Stamped<ToolForce>> force;
   std::optional<Stamped<double>> speed_scaling;  // [0, 1]: slider times the robot's own; 0 while paused
-  std::optional<Stamped<std::bitset<kDigitalPins>>> digital_out;
+  std::optional<Stamped<GripperState>> gripper;
   std::optional<int> robot_mode;
   std::optional<int> safety_mode;
   std::optional<bool> is_program_running;  // takes commands

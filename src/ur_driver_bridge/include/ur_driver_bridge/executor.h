@@ -72,14 +72,15 @@ struct PickConfig {
   }
 };
 
-struct MagnetConfig {
-  int digital_output{0};
+struct GripperConfig {
+  std::string type{"ur_driver_bridge/Magnet"};
   double io_timeout_s{1.0};
 
-  static void fields(MagnetConfig& c, interactive_mapping::Fields& f) {
-    f("digital_output", c.digital_output, 0, static_cast<int>(ArmState::kDigitalPins) - 1, "",
-      "output of the arm's controller: 0-7 standard, 8-15 configurable, 16 and 17 at the tool");
-    f("io_timeout_s", c.io_timeout_s, 0.1, 10.0, "s", "time for the driver to report that the output has changed");
+  static void fields(GripperConfig& c, interactive_mapping::Fields& f) {
+    f("type", c.type,
+      "plugin: ur_driver_bridge/Magnet, ur_driver_bridge/Vacuum or yours; its own parameters are in the section own");
+    f("io_timeout_s", c.io_timeout_s, 0.1, 10.0, "s",
+      "time for the gripper to report that it is switched, and holds if it can tell");
   }
 };
 
@@ -89,7 +90,7 @@ struct ExecutorConfig {
   ContactDetectorConfig contact;
   PickConfig pick;
   LoadCellConfig load;
-  MagnetConfig magnet;
+  GripperConfig gripper;
   RecoveryConfig recovery;
 
   static void fields(ExecutorConfig& c, interactive_mapping::Fields& f) {
@@ -98,7 +99,7 @@ struct ExecutorConfig {
     f.section("contact", c.contact);
     f.section("pick", c.pick);
     f.section("load", c.load);
-    f.section("magnet", c.magnet);
+    f.section("gripper", c.gripper, "own/digital_output, ...: config/vacuum.yaml");
     f.section("recovery", c.recovery);
   }
 };

@@ -19,6 +19,7 @@
 #include <ros/spinner.h>
 
 #include "ur_driver_bridge/arm_call.h"
+#include "ur_driver_bridge_ros/gripper.h"
 
 namespace ur_driver_bridge_ros {
 
@@ -50,7 +51,8 @@ class UrDriver {
   using OnReply = std::function<void(const ur_driver_bridge::CallReply&)>;
   using OnEvent = std::function<void(const ur_driver_bridge::TrajectoryEvent&)>;
 
-  UrDriver(const ros::NodeHandle& nh, int magnet_pin, OnReply on_reply, OnEvent on_event);
+  /// `gripper` has been started, and outlives the driver.
+  UrDriver(const ros::NodeHandle& nh, Gripper& gripper, OnReply on_reply, OnEvent on_event);
   ~UrDriver();
 
   bool isControllerThere() const { return is_controller_there_; }
@@ -68,12 +70,10 @@ class UrDriver {
 
   void onTransition(std::uint64_t id, Client::GoalHandle handle);
   void trigger(std::uint64_t id, const std::string& service);
-  template <typename Service>
-  void post(std::uint64_t id, const std::string& name, const std::string& md5sum,
-            const typename Service::Request& request, std::string (*message)(const typename Service::Response&));
+  void post(std::uint64_t id, std::function<ur_driver_bridge::CallReply()> call);
 
   ros::NodeHandle nh_;
-  int magnet_pin_;
+  Gripper& gripper_;
   OnReply on_reply_;
   OnEvent on_event_;
 

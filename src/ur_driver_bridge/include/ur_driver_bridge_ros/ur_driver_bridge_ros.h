@@ -23,6 +23,7 @@
 #include <interactive_mapping_msgs/PickBrickAction.h>
 #include <interactive_mapping_msgs/RecoverArmAction.h>
 #include <mp700_ur5e_description/brick_types.h>
+#include <pluginlib/class_loader.hpp>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <sensor_msgs/JointState.h>
@@ -34,9 +35,9 @@
 #include <tf2_ros/transform_listener.h>
 #include <ur_dashboard_msgs/RobotMode.h>
 #include <ur_dashboard_msgs/SafetyMode.h>
-#include <ur_msgs/IOStates.h>
 
 #include "ur_driver_bridge_ros/attached_memory.h"
+#include "ur_driver_bridge_ros/gripper.h"
 #include "ur_driver_bridge_ros/ur_driver.h"
 #include "ur_driver_bridge_ros/ur_driver_bridge_params.h"
 
@@ -68,6 +69,7 @@ class UrDriverBridgeRos {
     geometry_msgs::Vector3 target_size;
   };
 
+  void startGripper(const ros::NodeHandle& own_nh);
   void startCalls();
   void subscribeAll();
   void startActions(ros::NodeHandle handle);
@@ -86,7 +88,7 @@ class UrDriverBridgeRos {
   void onJointStates(const sensor_msgs::JointStateConstPtr& message);
   void onControllerState(const control_msgs::JointTrajectoryControllerStateConstPtr& message);
   void onWrench(const geometry_msgs::WrenchStampedConstPtr& message);
-  void onIoStates(const ur_msgs::IOStatesConstPtr& message);
+  void onGripper(const ur_driver_bridge::GripperState& state);
   void onMapUpdate(const interactive_mapping_msgs::MapUpdateConstPtr& message);
   void onMonitor(const interactive_mapping_msgs::PathMonitorStateConstPtr& message);
   void onHeartbeat(const std_msgs::HeaderConstPtr& message);
@@ -165,6 +167,8 @@ class UrDriverBridgeRos {
   std::vector<ros::Subscriber> subscribers_;
   ros::Timer watchdog_;
   std::unique_ptr<CallThread> planner_calls_;
+  pluginlib::ClassLoader<Gripper> gripper_loader_{"ur_driver_bridge", "ur_driver_bridge_ros::Gripper"};
+  pluginlib::UniquePtr<Gripper> gripper_;
   std::unique_ptr<UrDriver> driver_;
   std::unique_ptr<ros::AsyncSpinner> control_spinner_, mission_spinner_;
 };

@@ -122,8 +122,8 @@ Items letGoItems(const ArmModel& model, double brick_mass_kg, Duty duty) {
 Items letGoUnknownItems(const ArmModel& model) {
   // Nobody knows what hung there when the node began.
   const auto check = [](const StepContext& context) {
-    const auto& output = context.arm().digital_out;
-    const bool is_off = output && !output->value[static_cast<std::size_t>(context.config.magnet.digital_output)];
+    const auto& gripper = context.arm().gripper;
+    const bool is_off = gripper && !gripper->value.is_on;
     return is_off ? Verdict{ArmStatus::kNothingHeld, "the magnet is off, and holds nothing"} : Verdict{};
   };
   Items items = letGoItems(model, 0.0, Duty::kUnlessStopped);
@@ -211,7 +211,7 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
        undoIf(retreat, {ArmStatus::kContactTooEarly})});
   // It may be on, but it has been called for in vain.
   add({std::make_unique<MagnetStep>("magnet", true, Duty::kIfGateIsOpen),
-       undoIf(offAndRetreat, {ArmStatus::kIoRefused, ArmStatus::kDriverGone})});
+       undoIf(offAndRetreat, {ArmStatus::kIoRefused, ArmStatus::kDriverGone, ArmStatus::kNotAttached})});
   add(item<AttachStep>("magnet", true));
   addMotion("lift_a_little", WatchPhase::kLift, littleLift);
   add({std::make_unique<WeighStep>("weigh", request.brick_mass_kg, &touched->no_contact),

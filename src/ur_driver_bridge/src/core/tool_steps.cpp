@@ -46,17 +46,20 @@ std::optional<Verdict> CallStep::advance(StepContext& context) {
 std::optional<Verdict> MagnetStep::awaitEffect(StepContext& context) {
   if (!answered_) answered_ = Answered{context.now_s, context.time_s};
   if (!changed_s_) {
-    const auto& output = context.arm().digital_out;
-    const auto pin = static_cast<std::size_t>(context.config.magnet.digital_output);
+    const auto& gripper = context.arm().gripper;
+    const double limit_s = context.config.gripper.io_timeout_s;
     // A message from before the switch says nothing.
-    if (output && output->stamp_s >= answered_->stamp_s && output->value[pin] == is_on_) {
+    const bool is_switched = gripper && gripper->stamp_s >= answered_->stamp_s && gripper->value.is_on == is_on_;
+    const bool grips_nothing = is_switched && is_on_ && !gripper->value.is_holding.value_or(true);
+    if (is_switched && !grips_nothing) {
       changed_s_ = context.time_s;
-    } else if (context.time_s - answered_->since_s > context.config.magnet.io_timeout_s) {
-      return Verdict{ArmStatus::kIoRefused, formatted("digital output %d is not %s %.2f s after the driver has set it",
-                                                      context.config.magnet.digital_output, is_on_ ? "on" : "off",
-                                                      context.config.magnet.io_timeout_s)};
-    } else {
+    } else if (context.time_s - answered_->since_s <= limit_s) {
       return std::nullopt;
+    } else if (grips_nothing) {
+      return Verdict{ArmStatus::kNotAttached, formatted("the gripper is on, and holds nothing after %.2f s", limit_s)};
+    } else {
+      return Verdict{ArmStatus::kIoRefused, formatted("the gripper is not %s %.2f s after the driver has switched it",
+                                                      is_on_ ? "on" : "off", limit_s)};
     }
   }
   if (context.time_s - *changed_s_ < context.config.pick.magnet_settle_s) return std::nullopt;

@@ -3,8 +3,9 @@
 
 #include <motion_planning_ros/conversions.h>
 #include <std_srvs/Trigger.h>
-#include <ur_msgs/SetIO.h>
 #include <ur_msgs/SetPayload.h>
+
+#include "ur_driver_bridge_ros/driver_call.h"
 
 namespace ur_driver_bridge_ros {
 namespace {
@@ -13,12 +14,9 @@ using ur_driver_bridge::CallReply;
 using ur_driver_bridge::TrajectoryEvent;
 
 constexpr const char* kController = "scaled_pos_joint_traj_controller/follow_joint_trajectory";
-constexpr const char* kHardware = "ur_hardware_interface/";
 constexpr double kPresencePeriod_s = 0.1;
 // A goal and the stop that takes its place are all that can be on their way at a time.
 constexpr std::size_t kMaxGoals = 8;
-// ur_msgs changed SetIO's constants, and with them its MD5 sum, after 1.3.4; what is on the wire is the same.
-constexpr const char* kAnyMd5 = "*";
 
 }  // namespace
 
@@ -52,8 +50,8 @@ void CallThread::work() {
   }
 }
 
-UrDriver::UrDriver(const ros::NodeHandle& nh, int magnet_pin, OnReply on_reply, OnEvent on_event)
-    : nh_(nh), magnet_pin_(magnet_pin), on_reply_(std::move(on_reply)), on_event_(std::move(on_event)) {
+UrDriver::UrDriver(const ros::NodeHandle& nh, Gripper& gripper, OnReply on_reply, OnEvent on_event)
+    : nh_(nh), gripper_(gripper), on_reply_(std::move(on_reply)), on_event_(std::move(on_event)) {
   ros::NodeHandle own(nh_);
   own.setCallbackQueue(&queue_);
   client_ = std::make_unique<Client>(own, kController, &queue_);
@@ -126,43 +124,24 @@ void UrDriver::onTransition(std::uint64_t id, Client::GoalHandle handle) {
   }
 }
 
-template <typename Service>
-void UrDriver::post(std::uint64_t id, const std::string& name, const std::string& md5sum,
-                    const typename Service::Request& request,
-                    std::string (*message)(const typename Service::Response&)) {
-  services_.post([this, id, name, md5sum, request, message] {
-    ros::ServiceClientOptions options;
-    options.service = name;
-    options.md5sum = md5sum;
-    options.persistent = true;  // a connection that closes right after its answer looks like a failed call
-    ros::ServiceClient client = ros::NodeHandle(nh_).serviceClient(options);
-    typename Service::Response response;
-    CallReply reply;
+void UrDriver::post(std::uint64_t id, std::function<CallReply()> call) {
+  services_.post([this, id, call = std::move(call)] {
+    CallReply reply = call();
     reply.id = id;
-    if (client.isValid() && client.call(request, response, md5sum)) {
-      reply.success = response.success != 0;
-      reply.message = message(response);
-    } else {
-      reply.is_gone = true;
-      reply.message = "service " + nh_.resolveName(name) + " does not answer";
-    }
     on_reply_(reply);
   });
 }
 
 void UrDriver::trigger(std::uint64_t id, const std::string& service) {
-  post<std_srvs::Trigger>(id, kHardware + service, ros::service_traits::md5sum<std_srvs::Trigger>(),
-                          std_srvs::Trigger::Request(),
-                          [](const std_srvs::Trigger::Response& response) { return response.message; });
+  post(id, [this, service] {
+    return callDriver<std_srvs::Trigger>(nh_, kHardware + service, ros::service_traits::md5sum<std_srvs::Trigger>(),
+                                         std_srvs::Trigger::Request(),
+                                         [](const std_srvs::Trigger::Response& response) { return response.message; });
+  });
 }
 
 void UrDriver::setMagnet(std::uint64_t id, bool is_on) {
-  ur_msgs::SetIO::Request request;
-  request.fun = ur_msgs::SetIO::Request::FUN_SET_DIGITAL_OUT;
-  request.pin = static_cast<std::int8_t>(magnet_pin_);
-  request.state = is_on ? 1.0F : 0.0F;
-  post<ur_msgs::SetIO>(id, std::string(kHardware) + "set_io", kAnyMd5, request,
-                       [](const ur_msgs::SetIO::Response&) { return std::string(); });
+  post(id, [this, is_on] { return gripper_.set(is_on); });
 }
 
 void UrDriver::zeroForce(std::uint64_t id) {
@@ -175,9 +154,11 @@ void UrDriver::setPayload(std::uint64_t id, const ur_driver_bridge::Payload& pay
   request.center_of_gravity.x = payload.centre_m.x();
   request.center_of_gravity.y = payload.centre_m.y();
   request.center_of_gravity.z = payload.centre_m.z();
-  post<ur_msgs::SetPayload>(id, std::string(kHardware) + "set_payload",
-                            ros::service_traits::md5sum<ur_msgs::SetPayload>(), request,
-                            [](const ur_msgs::SetPayload::Response&) { return std::string(); });
+  post(id, [this, request] {
+    return callDriver<ur_msgs::SetPayload>(nh_, std::string(kHardware) + "set_payload",
+                                           ros::service_traits::md5sum<ur_msgs::SetPayload>(), request,
+                                           [](const ur_msgs::SetPayload::Response&) { return std::string(); });
+  });
 }
 
 void UrDriver::dashboard(std::uint64_t id, const std::string& command) {

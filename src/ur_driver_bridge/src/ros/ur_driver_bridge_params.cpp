@@ -8,7 +8,7 @@
 namespace ur_driver_bridge_ros {
 
 UrDriverBridgeParams loadUrDriverBridgeParams(const ros::NodeHandle& private_nh) {
-  return interactive_mapping_ros::loadParams<UrDriverBridgeParams>(private_nh, {AttachedMemory::kParam});
+  return interactive_mapping_ros::loadParams<UrDriverBridgeParams>(private_nh, {AttachedMemory::kParam, "gripper/own"});
 }
 
 }  // namespace ur_driver_bridge_ros

@@ -117,6 +117,7 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   marker_publisher_ = handle.advertise<visualization_msgs::MarkerArray>("markers", 1, true);
   outcome_publisher_ = handle.advertise<ArmOutcome>("outcome", 10, true);
   attached_publisher_ = nh_.advertise<AttachedBrick>("attached_brick", 1, true);
+  startGripper(ros::NodeHandle(private_nh, "gripper/own"));
   startCalls();
   subscribeAll();
   hold_server_ = handle.advertiseService("hold", &UrDriverBridgeRos::onHold, this);
@@ -131,10 +132,26 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
                                               [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
 }
 
+void UrDriverBridgeRos::startGripper(const ros::NodeHandle& own_nh) {
+  const std::string& type = params_.executor.gripper.type;
+  try {
+    gripper_ = gripper_loader_.createUniqueInstance(type);
+  } catch (const pluginlib::PluginlibException& error) {
+    std::string known;
+    for (const std::string& declared : gripper_loader_.getDeclaredClasses()) {
+      known += (known.empty() ? "" : ", ") + declared;
+    }
+    throw std::invalid_argument("gripper/type = '" + type + "', must be one of " + known + ": " + error.what());
+  }
+  ros::NodeHandle control(nh_);
+  control.setCallbackQueue(&control_queue_);
+  gripper_->start(control, own_nh, [this](const ur_driver_bridge::GripperState& state) { onGripper(state); });
+}
+
 void UrDriverBridgeRos::startCalls() {
   planner_calls_ = std::make_unique<CallThread>();
   driver_ = std::make_unique<UrDriver>(
-      nh_, params_.executor.magnet.digital_output,
+      nh_, *gripper_,
       [this](const ur_driver_bridge::CallReply& reply) {
         const std::lock_guard<std::mutex> lock(answers_mutex_);
         replies_.push_back(reply);
@@ -157,7 +174,6 @@ void UrDriverBridgeRos::subscribeAll() {
   };
   subscribe("scaled_pos_joint_traj_controller/state", 10, &UrDriverBridgeRos::onControllerState);
   subscribe("wrench", 10, &UrDriverBridgeRos::onWrench);
-  subscribe("ur_hardware_interface/io_states", 5, &UrDriverBridgeRos::onIoStates);
   subscribe("map/update", 10, &UrDriverBridgeRos::onMapUpdate);
   subscribers_.push_back(control.subscribe<std_msgs::Float64>(
       "speed_scaling_factor", 10,
@@ -513,14 +529,10 @@ void UrDriverBridgeRos::onWrench(const geometry_msgs::WrenchStampedConstPtr& mes
   inputs_.arm.force = {message->header.stamp.toSec(), {vector(message->wrench.force), vector(message->wrench.torque)}};
 }
 
-void UrDriverBridgeRos::onIoStates(const ur_msgs::IOStatesConstPtr& message) {
-  std::bitset<ArmState::kDigitalPins> outputs;
-  for (const ur_msgs::Digital& digital : message->digital_out_states) {
-    if (digital.pin < outputs.size()) outputs[digital.pin] = digital.state != 0;
-  }
+void UrDriverBridgeRos::onGripper(const ur_driver_bridge::GripperState& state) {
   // Without a stamp of its own: as old as its arrival.
-  inputs_.arm.digital_out = {timeOfArrival().toSec(), outputs};
-  is_magnet_on_ = outputs[static_cast<std::size_t>(params_.executor.magnet.digital_output)];
+  inputs_.arm.gripper = {timeOfArrival().toSec(), state};
+  is_magnet_on_ = state.is_on;
   if (is_attached_known_) return;
   is_attached_known_ = true;
   if (is_magnet_on_ && attached_before_) {

@@ -1006,7 +1006,7 @@ TEST(ExecutorPick, AMagnetThatDoesNotObeyIsSwitchedOffAndLeft) {
   Picker stuck;
   stuck.is_pin_stuck = true;
   expectEnds(stuck, ArmStatus::kIoRefused, 30.0);
-  EXPECT_THAT(stuck.finished->verdict.message, HasSubstr("digital output 0 is not on"));
+  EXPECT_THAT(stuck.finished->verdict.message, HasSubstr("the gripper is not on"));
   EXPECT_FALSE(stuck.is_magnet_on);
   EXPECT_EQ(stuck.count("attach"), 0);
 
@@ -1017,6 +1017,26 @@ TEST(ExecutorPick, AMagnetThatDoesNotObeyIsSwitchedOffAndLeft) {
   stopped.executor.stop({ArmStatus::kCancelled, "test"});
   expectEnds(stopped, ArmStatus::kIoRefused);
   EXPECT_EQ(stopped.count("magnet_off"), 1);
+}
+
+TEST(ExecutorPick, AVacuumThatHoldsNothingIsSwitchedOffAndLeft) {
+  Picker arm;
+  arm.is_held_by_pressure = false;
+  expectEnds(arm, ArmStatus::kNotAttached, 30.0);
+  EXPECT_THAT(arm.finished->verdict.message, HasSubstr("the gripper is on, and holds nothing"));
+  EXPECT_EQ(arm.count("magnet_off"), 1);
+  EXPECT_EQ(arm.count("attach"), 0);
+  EXPECT_LT((arm.position_rad - scene().over_rad).cwiseAbs().maxCoeff(), 1e-3);
+}
+
+TEST(ExecutorPick, PressureTellsOfALossBeforeTheWeightDoes) {
+  Picker arm;
+  arm.is_held_by_pressure = true;
+  arm.runTo("stow", 0.1);
+  arm.is_held_by_pressure = false;
+  expectEnds(arm, ArmStatus::kLostOnTheWay, 10.0);
+  EXPECT_THAT(arm.finished->verdict.message, HasSubstr("the gripper reports that it holds nothing"));
+  EXPECT_FALSE(arm.executor.isHolding());
 }
 
 TEST(ExecutorPick, WhatTheDriverRefusesEndsThePick) {
@@ -1226,10 +1246,10 @@ TEST(ExecutorConfig, EveryProblemIsNamed) {
   ExecutorConfig config;
   config.motion.stop_s = 0.0;
   config.pick.ramp_s = -1.0;
-  config.magnet.digital_output = 18;
+  config.gripper.io_timeout_s = 0.0;
   EXPECT_THAT(interactive_mapping::problemsOf(config),
               ElementsAre(HasSubstr("motion/stop_s = 0 s"), HasSubstr("pick/ramp_s = -1 s"),
-                          HasSubstr("magnet/digital_output = 18")));
+                          HasSubstr("gripper/io_timeout_s = 0 s")));
   EXPECT_THROW(Executor(config, fakeModel()), std::invalid_argument);
   EXPECT_THROW(Executor(ExecutorConfig(), ArmModel()), std::invalid_argument);
 }

@@ -12,7 +12,6 @@
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
-#include <ur_msgs/SetIO.h>
 
 #include "ur_driver_bridge_ros/ur_driver.h"
 
@@ -22,15 +21,21 @@ namespace {
 using ur_driver_bridge::CallReply;
 using ur_driver_bridge::TrajectoryEvent;
 
-// Of ur_msgs up to 1.3.4, and of 1.4.0 with its constants for pins. Source: ros-industrial/ur_msgs, generated with genmsg.
-constexpr const char* kOld = "e1b580ccf43a938f2efbbb98bbe3e277";
-constexpr const char* kNew = "f539fc0b1a42859fb186a5aaba22d4b0";
+/// Answers what it is told to.
+struct FakeGripper : Gripper {
+  void start(const ros::NodeHandle& /*nh*/, const ros::NodeHandle& /*own_nh*/, OnState /*on_state*/) override {}
+  CallReply set(bool is_on) override {
+    CallReply reply;
+    reply.success = is_on;
+    return reply;
+  }
+};
 
 class UrDriverTest : public testing::Test {
  protected:
   UrDriverTest()
       : driver_(
-            ros::NodeHandle(testing::UnitTest::GetInstance()->current_test_info()->name()), 3,
+            ros::NodeHandle(testing::UnitTest::GetInstance()->current_test_info()->name()), gripper_,
             [this](const CallReply& reply) {
               const std::lock_guard<std::mutex> lock(mutex_);
               replies_.push_back(reply);
@@ -55,49 +60,25 @@ class UrDriverTest : public testing::Test {
     return {};
   }
 
-  /// A server whose messages have another checksum: same bytes.
-  ros::ServiceServer serveSetIo(const std::string& md5sum, bool success) {
-    ros::AdvertiseServiceOptions options;
-    options.init<ur_msgs::SetIO::Request, ur_msgs::SetIO::Response>(
-        nameOf("set_io"), [this, success](ur_msgs::SetIO::Request& request, ur_msgs::SetIO::Response& response) {
-          asked_ = request;
-          response.success = success ? 1 : 0;
-          return true;
-        });
-    options.md5sum = md5sum;
-    return ros::NodeHandle().advertiseService(options);
-  }
-
   std::mutex mutex_;
   std::vector<CallReply> replies_;
-  ur_msgs::SetIO::Request asked_;
+  FakeGripper gripper_;
   UrDriver driver_;
 };
 
-TEST_F(UrDriverTest, SetsOutputsOfDriversOldAndNew) {
-  for (const char* md5sum : {kOld, kNew}) {
-    const ros::ServiceServer server = serveSetIo(md5sum, true);
-    driver_.setMagnet(7, true);
-    const CallReply told = reply(replies_.size());
-    EXPECT_TRUE(told.success) << md5sum << ": " << told.message;
-    EXPECT_EQ(told.id, 7U);
-    EXPECT_EQ(asked_.fun, ur_msgs::SetIO::Request::FUN_SET_DIGITAL_OUT);
-    EXPECT_EQ(asked_.pin, 3);
-    EXPECT_EQ(asked_.state, 1.0F);
+TEST_F(UrDriverTest, ReportsWhatTheGripperAnswers) {
+  for (const bool is_on : {true, false}) {
+    const std::uint64_t id = is_on ? 7 : 8;
+    driver_.setMagnet(id, is_on);
+    const CallReply told = reply(id - 7);
+    EXPECT_EQ(told.id, id);
+    EXPECT_EQ(told.success, is_on);
   }
 }
 
-// The call itself succeeds: the answer says no.
-TEST_F(UrDriverTest, TellsARefusalFromSilence) {
-  {
-    const ros::ServiceServer server = serveSetIo(kNew, false);
-    driver_.setMagnet(1, false);
-    const CallReply told = reply(0);
-    EXPECT_FALSE(told.success);
-    EXPECT_FALSE(told.is_gone);
-  }
+TEST_F(UrDriverTest, TellsOfSilence) {
   driver_.zeroForce(2);
-  const CallReply told = reply(1);
+  const CallReply told = reply(0);
   EXPECT_FALSE(told.success);
   EXPECT_TRUE(told.is_gone);
   EXPECT_NE(told.message.find(nameOf("zero_ftsensor")), std::string::npos) << told.message;
@@ -150,8 +131,9 @@ TEST(UrDriverAfterACrash, CancelsWhatItFindsAndNotWhatItSends) {
   ASSERT_TRUE(comesTrue([&] { return controller.numGoals() == 1; }));
   ASSERT_TRUE(controller.isFollowed(0));
 
+  FakeGripper gripper;
   UrDriver driver(
-      ros::NodeHandle(ns), 0, [](const CallReply&) {}, [](const TrajectoryEvent&) {});
+      ros::NodeHandle(ns), gripper, [](const CallReply&) {}, [](const TrajectoryEvent&) {});
   ASSERT_TRUE(comesTrue([&] { return driver.isControllerThere(); }));
   driver.send(1, {});  // at once: the two are on their way together
   ASSERT_TRUE(comesTrue([&] { return controller.numGoals() == 2 && !controller.isFollowed(0); }));

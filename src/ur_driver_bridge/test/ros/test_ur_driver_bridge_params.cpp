@@ -116,8 +116,8 @@ TEST(UrDriverBridgeParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("pick/settle_s", -0.1);
   nh.setParam("load/min_samples", 1.5);
   nh.setParam("load/max_share", 0.5);
-  nh.setParam("magnet/digital_output", 18);
-  nh.setParam("magnet/io_timeout_s", 0.0);
+  nh.setParam("gripper/io_timeout_s", 0.0);
+  nh.setParam("gripper/own/digital_output", 18);  // the plugin's
   nh.setParam("recovery/max_commands", 0);
   const std::string message = messageOf<std::invalid_argument>([&] { loadUrDriverBridgeParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/bricks_file = 'bricks.yaml', must be the absolute path"));
@@ -133,8 +133,8 @@ TEST(UrDriverBridgeParams, OneMessageNamesEveryProblemWithValueAndRange) {
   EXPECT_THAT(message, HasSubstr("/wrong/pick/settle_s = -0.1 s, must be in [0, 5] s"));
   EXPECT_THAT(message, HasSubstr("/wrong/load/min_samples"));
   EXPECT_THAT(message, HasSubstr("/wrong/load/max_share = 0.5, must be in [1, 10]"));
-  EXPECT_THAT(message, HasSubstr("/wrong/magnet/digital_output = 18, must be in [0, 17]"));
-  EXPECT_THAT(message, HasSubstr("/wrong/magnet/io_timeout_s = 0 s, must be in [0.1, 10] s"));
+  EXPECT_THAT(message, HasSubstr("/wrong/gripper/io_timeout_s = 0 s, must be in [0.1, 10] s"));
+  EXPECT_THAT(message, testing::Not(HasSubstr("digital_output")));
   EXPECT_THAT(message, HasSubstr("/wrong/recovery/max_commands = 0, must be in [1, 100]"));
 }
 

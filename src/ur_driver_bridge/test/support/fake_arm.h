@@ -103,12 +103,13 @@ class FakeArm {
   ArmVector position_rad;
   ArmVector velocity_rad_s{ArmVector::Zero()};
   double scaling{1.0};
-  double plate_z_m{-10.0};  // in the arm's base; the magnet touches below
-  bool gives_way{false};    // the plate is pushed along without a force
-  double sideways_N{0.0};   // from now on
-  double mass_kg{1.0};      // of what lies there
-  double noise_N{0.0};      // alternating
-  bool holds_plate{true};   // it sticks to a magnet that is on
+  double plate_z_m{-10.0};                  // in the arm's base; the magnet touches below
+  bool gives_way{false};                    // the plate is pushed along without a force
+  double sideways_N{0.0};                   // from now on
+  double mass_kg{1.0};                      // of what lies there
+  double noise_N{0.0};                      // alternating
+  bool holds_plate{true};                   // it sticks to a magnet that is on
+  std::optional<bool> is_held_by_pressure;  // as a vacuum tells
   bool is_pin_stuck{false};
   bool has_brick{false};  // at the magnet
   std::map<std::string, Manner> manners;
@@ -196,9 +197,8 @@ class FakeArm {
     if (!is_joints_silent) gate.arm.joints = Stamped<JointState>{now_s, {position_rad, velocity_rad_s + shaking_rad_s}};
     if (!is_force_silent) gate.arm.force = Stamped<ToolForce>{now_s, {force(), Eigen::Vector3d::Zero()}};
     if (!is_joints_silent) gate.arm.speed_scaling = Stamped<double>{now_s, scaling};
-    std::bitset<ArmState::kDigitalPins> output;
-    output[static_cast<std::size_t>(config_.magnet.digital_output)] = is_magnet_on && !is_pin_stuck;
-    gate.arm.digital_out = Stamped<std::bitset<ArmState::kDigitalPins>>{now_s, output};
+    const bool is_on = is_magnet_on && !is_pin_stuck;
+    gate.arm.gripper = Stamped<GripperState>{now_s, {is_on, is_held_by_pressure}};
     if (!is_map_silent) gate.map_stamp_s = now_s;
     if (!is_mission_silent) gate.heartbeat_s = now_s;
     if (!is_monitor_silent) {
