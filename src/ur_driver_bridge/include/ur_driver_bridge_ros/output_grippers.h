@@ -32,8 +32,7 @@ struct VacuumParams : MagnetParams {
     MagnetParams::fields(c, f);
     f("analog_input", c.analog_input, -1, 3, "",
       "input with the pressure sensor: 0 and 1 at the controller, 2 and 3 at the tool; -1: none, the weight alone "
-      "tells "
-      "what is held");
+      "tells what is held");
     f("kPa_at_zero", c.kPa_at_zero, -200.0, 200.0, "kPa", "pressure against the air's at 0 V or 0 A");
     f("kPa_per_unit", c.kPa_per_unit, -1e5, 1e5, "kPa", "more pressure per V or A");
     f("hold_kPa", c.hold_kPa, -100.0, -1.0, "kPa", "a brick is held at this pressure and below");
