@@ -92,7 +92,8 @@ TEST_F(LiveMapCameras, FaultsOfOneAreCountedAsItsOwnAndLeaveTheOther) {
     EXPECT_EQ(static_cast<int>(lookRear(bad).status), MapUpdate::SIZE_MISMATCH);
   }
   EXPECT_EQ(static_cast<int>(live_.look(frameAt(0, live_.nextStamp(kStep_s), false)).status), MapUpdate::ACCEPTED);
-  EXPECT_TRUE(waitUntil([&] { return live_.diagnosticValue("input 2", "left out: size differs from camera info") == "3"; }));
+  EXPECT_TRUE(
+      waitUntil([&] { return live_.diagnosticValue("input 2", "left out: size differs from camera info") == "3"; }));
   EXPECT_EQ(live_.diagnosticValue("input", "left out: size differs from camera info"), "0");
   EXPECT_EQ(live_.diagnosticValue("input 2", "image topic"), "/pair_in/rear/image_rect");
   EXPECT_EQ(live_.diagnosticValue("input 2", "camera info topic"), "/pair_in/rear/camera_info");
