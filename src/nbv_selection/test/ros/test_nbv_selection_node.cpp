@@ -925,7 +925,7 @@ TEST_F(NbvSelectionNode, EachViewShowsOutlineBarsAndTheBestInRed) {
     EXPECT_NEAR(arrow[0].points[1].x, red->pose.position.x, 3e-3) << "points at the red bar";
     EXPECT_NEAR(arrow[0].points[1].y, red->pose.position.y, 3e-3);
     ASSERT_EQ(ofNamespace(array, "standing").size(), 1U);
-    EXPECT_EQ(ofNamespace(array, "standing")[0].points.size(), 5U) << "the footprint's four corners, closed";
+    EXPECT_EQ(ofNamespace(array, "standing")[0].points.size(), 7U) << "the footprint's six corners, closed";
     EXPECT_EQ(ofNamespace(array, "samples").size(), view == "manipulability" ? 1U : 0U);
     if (view == "manipulability") {
       EXPECT_GT(ofNamespace(array, "samples")[0].points.size(), 10U);
