@@ -138,7 +138,7 @@ class MissionRecorder(unittest.TestCase):
         self.assertEqual(sizes, [1.0, 2.0, 4.0, 5.0])
         self.assertEqual([name[-7:] for name in self.maps()], ["000.ply", "000.ply", "001.ply", "001.ply"])
         output = terminal.getvalue()
-        for words in ("picks brick 2", "brick 2 is stowed", "! drive: obstacle; another view", "has ended: time up, after 60 s", "1 of 3 bricks"):
+        for words in ("picks brick 2", "a brick is stowed", "! drive: obstacle; another view", "has ended: time up, after 60 s", "1 of 3 bricks"):
             self.assertIn(words, output)
         self.assertEqual(output.count("obstacle"), 1, "a failure is told once")
         self.assertNotIn("\r", output, "no terminal, no line that is written anew")

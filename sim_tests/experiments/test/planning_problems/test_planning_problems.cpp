@@ -70,7 +70,7 @@ TEST_F(PlanningProblems, RobotStandsFreeAtItsStandoff) {
     // What lies before the front edge of config/base_profile.yaml, 5 cm wider than the robot to each side, is free up to
     // the stand-off and no farther.
     const auto bricksWithin = [&](double ahead_m) {
-      Solid lane{mp700_ur5e_description::Box{Eigen::Vector3d(ahead_m, 0.692, 4.0)}, Eigen::Isometry3d::Identity()};
+      Solid lane{mp700_ur5e_description::Box{Eigen::Vector3d(ahead_m, 0.73, 4.0)}, Eigen::Isometry3d::Identity()};
       lane.T_world_shape = stand.T_map_base * Eigen::Translation3d(0.296 + 0.5 * ahead_m, 0.0, 0.0);
       return std::count_if(stand.bricks.begin(), stand.bricks.end(), [&](const BrickPlacement& brick) {
         const Solid solid{mp700_ur5e_description::Box{brick.type.size_m}, brick.T_map_brick};

@@ -97,14 +97,14 @@ TEST(ArmReach, ABrickUnderARoofIsOutOfReachFromAbove) {
 TEST(ArmReach, StandsBeforeThePile) {
   const std::vector<BrickPlacement> bricks = settlePile(world("two_ridges"), 1).scene.bricks;
   const ArmReach arm(bricks);
-  // Footprint of config/base_profile.yaml as a box, as high as the world.
-  const Eigen::Vector3d size_m(0.823, 0.592, 4.0);
+  // Footprint of config/base_profile.yaml in a box, as high as the world.
+  const Eigen::Vector3d size_m(0.851, 0.62, 4.0);
   int num_poses = 0;
   for (const Pose2d& pose : arm.standingPoses(bricks.front())) {
     Eigen::Isometry3d T_map_box = Eigen::Isometry3d::Identity();
     T_map_box.translation() << pose.x_m, pose.y_m, 0.0;
     T_map_box.rotate(Eigen::AngleAxisd(pose.yaw_rad, Eigen::Vector3d::UnitZ()));
-    T_map_box.translate(Eigen::Vector3d(0.5 * (0.296 - 0.527), 0.0, 0.0));
+    T_map_box.translate(Eigen::Vector3d(0.5 * (0.296 - 0.555), 0.5 * (0.305 - 0.315), 0.0));
     double gap_m = 1e9;
     for (const BrickPlacement& brick : bricks) {
       gap_m = std::min(gap_m, boxSeparation(T_map_box, size_m, brick.T_map_brick, brick.type.size_m));
