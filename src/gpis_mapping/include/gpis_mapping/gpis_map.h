@@ -61,7 +61,8 @@ struct CameraView {
   std::size_t num_surface{0};  // pixels with a depth in the last image that had any
 };
 
-/// Everything that is kept of a map: what save writes and load restores, but for the view, which is camera 0's. GPs are trained from it.
+/// Everything that is kept of a map: what save writes and load restores, but for the view, which is camera 0's. GPs are
+/// trained from it.
 struct MapContents {
   GpisConfig config;
   double epoch_s{0.0};

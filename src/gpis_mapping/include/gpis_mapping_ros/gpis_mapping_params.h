@@ -99,8 +99,7 @@ struct GpisMappingParams {
     f.section("input", c.input);
     f("more_depth_topics", c.more_depth_topics,
       "depth images of further cameras of the same kind, each with its camera_info beside it; their frames are those "
-      "of "
-      "the images");
+      "of the images");
     f.section("output", c.output);
     f.section("slice", c.slice, "the plane of distances");
     f.section("ground", c.ground, "the projection from above");
