@@ -335,10 +335,8 @@ bool NbvSelectionRos::isTooOld(double grid_age_s) const {
 
 bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::Response& response) {
   const ros::Time now = ros::Time::now();
-  const ros::Duration ahead = request.pose.header.stamp - now;
-  const ros::Time stamp = request.pose.header.stamp.isZero() || (ahead > ros::Duration(0.0) && ahead < kClockSkew)
-                              ? now
-                              : request.pose.header.stamp;
+  ros::Time stamp = request.pose.header.stamp;
+  if (stamp.isZero() || (stamp > now && stamp - now < kClockSkew)) stamp = now;
   const std::string frame = interactive_mapping_ros::withoutSlash(request.pose.header.frame_id);
   Eigen::Vector3d p(request.pose.pose.position.x, request.pose.pose.position.y, request.pose.pose.position.z);
   try {
