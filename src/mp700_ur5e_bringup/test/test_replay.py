@@ -23,6 +23,7 @@ from geometry_msgs.msg import Twist
 from interactive_mapping_msgs.msg import MapUpdate, MissionState
 from rosgraph_msgs.msg import Clock
 from roslaunch.xmlloader import XmlLoader
+from std_srvs.srv import SetBool
 from visualization_msgs.msg import Marker
 
 IMAGES = 4  # of 1 Hz: the map's marker, one in 4 s, comes at least once
@@ -59,13 +60,19 @@ class Seen:
                 self.changed.notify_all()
 
     def wait(self, count, processes):
+        self.wait_until(lambda: self.count >= count, f"{count} messages", 1.0, processes)
+
+    def wait_connected(self, processes):
+        self.wait_until(lambda: self.subscriber.get_num_connections() > 0, "a connection", 0.05, processes)
+
+    def wait_until(self, is_reached, aim, poll_s, processes):
         """Raises AssertionError at the deadline, or when a process has ended before."""
         end = time.monotonic() + DEADLINE_S
         with self.changed:
-            while not self.changed.wait_for(lambda: self.count >= count, timeout=1.0):
+            while not self.changed.wait_for(is_reached, timeout=poll_s):
                 dead = [process.args for process in processes if process.poll() is not None]
-                assert not dead, f"ended while {self.topic} was waited for: {dead}"
-                assert time.monotonic() < end, f"{self.count} of {count} messages on {self.topic}"
+                assert not dead, f"{self.topic}: ended before {aim}: {dead}"
+                assert time.monotonic() < end, f"{self.topic}: {aim} missing after {self.count} messages"
 
 
 def start(*args):
@@ -151,11 +158,15 @@ class Replay(unittest.TestCase):
         clock = Seen("/clock", Clock)
         played = {topic: Seen(topic.replace("/record_mission/", "/gpis_mapping/"), rospy.AnyMsg)
                   for topic in self.counts}
-        replay = start("replay.launch", f"bag:={self.bag}", "rviz:=false", "rate:=2")
+        replay = start("replay.launch", f"bag:={self.bag}", "rviz:=false", "rate:=2", "bag_args:=--pause")
         try:
             clock.wait(1, [replay])
             self.assertEqual(rospy.get_param("/robot_description"), self.robot)
             self.assertTrue(rospy.get_param("/use_sim_time"))
+            # A few seconds played at once would be over before all topics are connected.
+            for topic in ALWAYS:
+                played[topic].wait_connected([replay])
+            rospy.ServiceProxy("/play_mission/pause_playback", SetBool)(False)
             for topic in sorted(ALWAYS):
                 played[topic].wait(1, [replay])
         finally:
