@@ -687,7 +687,7 @@ class BringupLaunch(unittest.TestCase):
         with open(f"{self.folder}/mission.yaml", "w", encoding="utf-8") as own:
             own.write("bricks: {order: nearest}\n")
         own = self.simulation(f"mission_config:={self.folder}/mission.yaml").params
-        self.assertEqual((own["/pick_mission/bricks/order"], own["/pick_mission/bricks/spare_carriers"]), ("nearest", True))
+        self.assertEqual((own["/pick_mission/bricks/order"], own["/pick_mission/bricks/carriers_wait_views"]), ("nearest", 8))
         # A robot does not begin by itself, nor go on after a protective stop that nobody has looked at.
         robot = self.robot().params
         self.assertFalse(robot["/pick_mission/autostart"])

@@ -85,9 +85,10 @@ class ManipulabilitySectors {
 
   const AnnulusSector& of(ApproachKind kind) const { return kind == ApproachKind::kTop ? top : side; }
 
-  /// Whether a face can be touched: `point` its contact point, `normal` its outward unit normal, both in base_link.
-  /// Normals up make it a top face, level ones towards the arm a side face, others none that the tool comes to.
-  /// `T_base_armbase` is fixed by the URDF. `why_not`, if not null, gets a sentence when false.
+  /// Whether a face can be touched: `point` its contact point, `normal` its outward unit normal, both in base_link. A
+  /// normal within the cone of up must be in the top sector, one within the cone of level in the side sector and look
+  /// towards the arm. One between is in both, and looks towards the arm within twice `facing_rad`. `T_base_armbase` is
+  /// fixed by the URDF. `why_not`, if not null, gets a sentence when false.
   bool admits(const Eigen::Vector3d& point_base, const Eigen::Vector3d& normal_base,
               const Eigen::Isometry3d& T_base_armbase, std::string* why_not = nullptr) const;
 

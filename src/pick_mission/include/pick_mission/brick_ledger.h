@@ -54,11 +54,13 @@ class BrickLedger {
 
   /// The first, by the rules, of the bricks that are there, graspable, in the arm's sector, alone with their id, with attempts
   /// left and not tried in vain in this scene: the highest, or the nearest to the base at `base_map`. Of two that are equal to
-  /// a millimetre it is that of smaller id. Bricks that were given up before come last.
-  std::optional<SeenBrick> best(int scene, const Eigen::Vector2d& base_map = Eigen::Vector2d::Zero()) const;
+  /// a millimetre it is that of smaller id. Bricks that were given up before come last. After `carriers_wait_views`
+  /// `fruitless_views` a brick on which another rests is taken, too.
+  std::optional<SeenBrick> best(int scene, const Eigen::Vector2d& base_map = Eigen::Vector2d::Zero(),
+                                int fruitless_views = 0) const;
   /// Why best() does not take a brick, as what is said of it ("is out of the arm's sector"); empty where it may. Throws
   /// std::out_of_range for an id that was never known.
-  std::string obstacleTo(int id, int scene) const;
+  std::string obstacleTo(int id, int scene, int fruitless_views = 0) const;
 
   // Throw std::out_of_range for an id that was never known.
   void pickBegun(int id);

@@ -12,11 +12,12 @@ inline constexpr interactive_mapping::Names<BrickOrder> kBrickOrderNames = {{"hi
 
 struct BrickRules {
   BrickOrder order{BrickOrder::kHighest};
-  bool spare_carriers{true};
+  int carriers_wait_views{8};
 
   static void fields(BrickRules& c, interactive_mapping::Fields& f) {
     f("order", c.order, kBrickOrderNames, "which brick comes first: the highest, or the nearest to the base");
-    f("spare_carriers", c.spare_carriers, "true: a brick waits while another rests on it");
+    f("carriers_wait_views", c.carriers_wait_views, 0, 1000, "",
+      "views in a row without a pick for which a brick waits while another rests on it; 0: it does not wait");
   }
 };
 

@@ -108,7 +108,7 @@ struct AttemptLimits {
 
 struct ViewLimits {
   bool choose_after_each_pick{true};
-  int max_fruitless{8};
+  int max_fruitless{16};
   int leave_after{3};
   double leave_radius_m{1.5};
   int max_low_utility{4};

@@ -43,7 +43,7 @@ Command::Body bodyOf(State action, Mission& mission) {
     case State::kReport:
       return memory.reports.front();
     case State::kPlanPick:
-      mission.candidate = memory.ledger.best(memory.scene, memory.base.position());
+      mission.candidate = memory.nextBrick();
       return command::PlanPick{*mission.candidate, mission.map_stamp_s, freePlace(mission),
                                mission.carrying.has_value()};
     case State::kPick:

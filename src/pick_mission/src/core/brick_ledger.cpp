@@ -53,14 +53,14 @@ BrickLedger::Update BrickLedger::update(const std::vector<SeenBrick>& bricks) {
   return update;
 }
 
-std::optional<SeenBrick> BrickLedger::best(int scene, const Eigen::Vector2d& base_map) const {
+std::optional<SeenBrick> BrickLedger::best(int scene, const Eigen::Vector2d& base_map, int fruitless_views) const {
   const auto rankOf = [&](const BrickRecord& record) {
     const Eigen::Vector3d& p_map = record.seen.T_map_brick.translation();
     return rules_.order == BrickOrder::kHighest ? p_map.z() : -(p_map.head<2>() - base_map).norm();
   };
   const BrickRecord* best = nullptr;
   for (const auto& [id, record] : bricks_) {
-    if (!obstacleTo(id, scene).empty()) continue;
+    if (!obstacleTo(id, scene, fruitless_views).empty()) continue;
     const bool is_last = record.attempts_back > 0;
     const bool is_best_last = best != nullptr && best->attempts_back > 0;
     if (best == nullptr || (is_best_last && !is_last) ||
@@ -72,7 +72,7 @@ std::optional<SeenBrick> BrickLedger::best(int scene, const Eigen::Vector2d& bas
   return best->seen;
 }
 
-std::string BrickLedger::obstacleTo(int id, int scene) const {
+std::string BrickLedger::obstacleTo(int id, int scene, int fruitless_views) const {
   const BrickRecord& record = bricks_.at(id);
   if (record.is_picked) return "is picked";
   if (!record.is_there) return "is not seen any more";
@@ -81,7 +81,7 @@ std::string BrickLedger::obstacleTo(int id, int scene) const {
   if (record.seen.has_duplicate) return "is not the only one with its id";
   if (!record.seen.is_in_sector) return "is out of the arm's sector";
   if (record.seen.graspable_faces.empty()) return "has no face that the magnet can come to";
-  if (rules_.spare_carriers && carriesAnother(record)) return "carries another";
+  if (fruitless_views < rules_.carriers_wait_views && carriesAnother(record)) return "carries another";
   return "";
 }
 

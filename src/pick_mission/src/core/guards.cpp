@@ -103,8 +103,7 @@ bool holds(Guard guard, const Mission& mission) {
       return mission.selection.stays;
     case Guard::kBrickHere:
       return mission.pick_failures_here < config.attempts.max_pick_failures_per_view &&
-             mission.plan_failures_here < config.attempts.max_plan_failures_per_view &&
-             memory.ledger.best(memory.scene, memory.base.position()).has_value();
+             mission.plan_failures_here < config.attempts.max_plan_failures_per_view && memory.nextBrick().has_value();
     case Guard::kViewsSpent:
       return !mission.carrying && memory.fruitless_views >= config.views.max_fruitless;
     case Guard::kMayRecover:

@@ -34,6 +34,8 @@ struct Memory {
   Pose2d base;
   std::size_t survey_index{0};
 
+  std::optional<SeenBrick> nextBrick() const { return ledger.best(scene, base.position(), fruitless_views); }
+
   BrickLedger ledger;
   std::optional<int> brick_in_hand;
   std::optional<int> pick_running;  // the brick of a pick that has not been answered

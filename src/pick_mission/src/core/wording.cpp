@@ -11,7 +11,7 @@ namespace {
 std::string obstaclesInWords(const Memory& memory) {
   std::string text;
   for (const auto& [id, record] : memory.ledger.bricks()) {
-    const std::string obstacle = memory.ledger.obstacleTo(id, memory.scene);
+    const std::string obstacle = memory.ledger.obstacleTo(id, memory.scene, memory.fruitless_views);
     if (record.is_picked || !record.is_there || obstacle.empty()) continue;
     text += (text.empty() ? ": brick " : ", ") + std::to_string(id) + " " + obstacle;
   }
@@ -58,9 +58,10 @@ std::string nextInWords(State next, const Mission& mission) {
     case State::kReport:
       return "that nothing could be done there";
     case State::kPlanPick:
-      return brickInWords(memory.ledger.best(memory.scene, memory.base.position())) + ", the " +
+      return brickInWords(memory.nextBrick()) + ", the " +
              (mission.config.bricks.order == BrickOrder::kHighest ? "highest" : "nearest") + " that is graspable" +
-             (mission.config.bricks.spare_carriers ? ", carries none" : "") + " and is in the arm's sector";
+             (memory.fruitless_views < mission.config.bricks.carriers_wait_views ? ", carries none" : "") +
+             " and is in the arm's sector";
     case State::kPick:
       return brickInWords(mission.candidate) + ": its pick is planned";
     case State::kStow:
@@ -102,7 +103,7 @@ std::string leftInWords(const Mission& mission) {
   const auto add = [&text](const std::string& one) { text += (text.empty() ? "; " : ", ") + one; };
   for (const auto& [id, record] : ledger.bricks()) {
     if (record.is_picked || ledger.isExhausted(record)) continue;
-    const std::string obstacle = ledger.obstacleTo(id, mission.memory.scene);
+    const std::string obstacle = ledger.obstacleTo(id, mission.memory.scene, mission.memory.fruitless_views);
     const std::string stands = record.is_there || obstacle.empty() ? "stands there" : "";
     const std::string both = stands.empty() || obstacle.empty() ? "" : " and ";
     add("brick " + std::to_string(id) + " " + stands + both + obstacle);

@@ -78,7 +78,7 @@ TEST(BrickLedger, WhatCarriesAnotherWaits) {
 }
 
 TEST(BrickLedger, NearestBrickFirstByTheRules) {
-  BrickLedger ledger(3, 3, {BrickOrder::kNearest, true});
+  BrickLedger ledger(3, 3, {BrickOrder::kNearest, 8});
   std::vector<SeenBrick> bricks{seen(1, 0.05), seen(2, 0.25), seen(3, 0.05)};
   for (std::size_t i = 0; i < bricks.size(); ++i) bricks[i].T_map_brick.translation().x() = static_cast<double>(i);
   ledger.update(bricks);
@@ -88,13 +88,15 @@ TEST(BrickLedger, NearestBrickFirstByTheRules) {
 }
 
 TEST(BrickLedger, CarrierIsTakenWhereTheRulesDoNotSpareIt) {
-  for (const bool spares : {true, false}) {
-    BrickLedger ledger(3, 3, {BrickOrder::kNearest, spares});
+  for (const int wait_views : {2, 0}) {
+    BrickLedger ledger(3, 3, {BrickOrder::kNearest, wait_views});
     SeenBrick lower = seen(1, 0.1), upper = seen(2, 0.3);
     lower.size_m = upper.size_m = {0.3, 0.2, 0.2};
     upper.T_map_brick.translation().x() = 0.05;
     ledger.update({lower, upper});
-    EXPECT_EQ(ledger.best(0, {-1.0, 0.0})->id, spares ? 2 : 1);
+    EXPECT_EQ(ledger.best(0, {-1.0, 0.0})->id, wait_views > 0 ? 2 : 1);
+    EXPECT_EQ(ledger.best(0, {-1.0, 0.0}, 1)->id, wait_views > 0 ? 2 : 1);
+    EXPECT_EQ(ledger.best(0, {-1.0, 0.0}, 2)->id, 1) << "it has waited";
   }
 }
 

@@ -33,7 +33,7 @@ TEST(PickMissionParams, PaperLeavesTheChoiceToTheUtility) {
   EXPECT_THAT(paper.survey.x_m, testing::ElementsAre(1.2));
   EXPECT_TRUE(paper.workspace.x_m.empty());
   EXPECT_EQ(paper.bricks.order, pick_mission::BrickOrder::kNearest);
-  EXPECT_FALSE(paper.bricks.spare_carriers);
+  EXPECT_EQ(paper.bricks.carriers_wait_views, 0);
   EXPECT_TRUE(paper.views.choose_after_each_pick);
   EXPECT_EQ(paper.views.exclusion_radius_m, 0.0);
   EXPECT_EQ(paper.views.leave_radius_m, 0.0);

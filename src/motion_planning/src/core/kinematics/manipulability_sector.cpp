@@ -338,30 +338,37 @@ bool ManipulabilitySectors::admits(const Eigen::Vector3d& point_base, const Eige
   }
   const Eigen::Vector3d point = T_base_armbase.inverse(Eigen::Isometry) * point_base;
   const Eigen::Vector3d normal = T_base_armbase.linear().transpose() * normal_base;
-  const std::optional<ApproachKind> kind = kindOf(point, normal, config);
-  if (!kind) {
-    const double tilt_deg = tiltFromUp(normal) / kDegree, cone_deg = config.cone_rad / kDegree;
-    if (std::abs(tilt_deg - 90.0) > cone_deg) {
-      return reject("the face looks " + text(tilt_deg) + " deg away from up, must be within " + text(cone_deg) +
-                    " deg of up or of the horizontal");
+  const double tilt_rad = tiltFromUp(normal);
+  const bool is_top = tilt_rad <= config.cone_rad;
+  const bool is_between = !is_top && tilt_rad < M_PI_2 - config.cone_rad;
+  if (tilt_rad > M_PI_2 + config.cone_rad) {
+    return reject("the face looks " + text(tilt_rad / kDegree) + " deg away from up, must be at most " +
+                  text(90.0 + config.cone_rad / kDegree) + " deg");
+  }
+  const double facing_rad = is_between ? 2.0 * config.facing_rad : config.facing_rad;
+  if (const double aside_rad = headingBetween(-normal, point); !is_top && aside_rad > facing_rad) {
+    return reject("the side face looks " + text(aside_rad / kDegree) + " deg away from the arm, must be within " +
+                  text(facing_rad / kDegree) + " deg");
+  }
+  const auto isWithin = [&](ApproachKind kind) {
+    const AnnulusSector& sector = of(kind);
+    if (sector.contains(point)) return true;
+    const std::string face = std::string(toString(kind)) + " face: ";
+    const double radius_m = point.head<2>().norm();
+    if (!(radius_m >= sector.min_radius_m && radius_m <= sector.max_radius_m)) {
+      return reject(face +
+                    between("radius from the arm's axis", radius_m, sector.min_radius_m, sector.max_radius_m, "m"));
     }
-    return reject("the side face looks " + text(headingBetween(-normal, point) / kDegree) +
-                  " deg away from the arm, must be within " + text(config.facing_rad / kDegree) + " deg");
-  }
-  const AnnulusSector& sector = of(*kind);
-  if (sector.contains(point)) return true;
-  const std::string face = std::string(toString(*kind)) + " face: ";
-  const double radius_m = point.head<2>().norm();
-  if (!(radius_m >= sector.min_radius_m && radius_m <= sector.max_radius_m)) {
-    return reject(face +
-                  between("radius from the arm's axis", radius_m, sector.min_radius_m, sector.max_radius_m, "m"));
-  }
-  if (!(point.z() >= sector.min_height_m && point.z() <= sector.max_height_m)) {
-    return reject(face +
-                  between("height above the arm's foot", point.z(), sector.min_height_m, sector.max_height_m, "m"));
-  }
-  const double limit_deg = sector.half_angle_rad / kDegree;
-  return reject(face + between("bearing", std::atan2(point.y(), point.x()) / kDegree, -limit_deg, limit_deg, "deg"));
+    if (!(point.z() >= sector.min_height_m && point.z() <= sector.max_height_m)) {
+      return reject(face +
+                    between("height above the arm's foot", point.z(), sector.min_height_m, sector.max_height_m, "m"));
+    }
+    const double limit_deg = sector.half_angle_rad / kDegree;
+    return reject(face + between("bearing", std::atan2(point.y(), point.x()) / kDegree, -limit_deg, limit_deg, "deg"));
+  };
+  // Between the cones the arm's posture is between those of the two kinds.
+  if ((is_top || is_between) && !isWithin(ApproachKind::kTop)) return false;
+  return is_top || isWithin(ApproachKind::kSide);
 }
 
 std::string ManipulabilitySectors::toYaml() const {
