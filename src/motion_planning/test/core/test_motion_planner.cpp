@@ -163,6 +163,29 @@ TEST(MotionPlanner, PicksABrickByItsSide) {
   EXPECT_NE(plan.face, BrickFace::kPlusZ);
 }
 
+// Its faces are neither top nor side faces: 30 to 60 degrees from up.
+TEST(MotionPlanner, PicksATiltedBrickByAFaceBetween) {
+  for (const double turn_rad : {-0.6, -M_PI_4, -1.0}) {
+    SCOPED_TRACE(turn_rad);
+    PickWorld pick = emptyPickWorld();
+    pick.add({0.85, 0.1, 0.19});
+    pick.world.boxes[0].T_map_box.rotate(Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitY()));
+    pick.makeScene();
+    PickTarget target = pick.target(0);
+    target.faces = {BrickFace::kPlusZ};
+    const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
+    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    ExactMotion exact(*shippedArm(), pick);
+    EXPECT_EQ(exact.complaint(plan.approach, 0.0), "");
+    exact.setTarget(0);
+    EXPECT_EQ(exact.complaint(plan.contact, 0.0), "");
+    exact.setHeld(plan.held);
+    EXPECT_EQ(exact.complaint(plan.lift, MotionPlannerConfig().collision.held_shrink_m), "");
+    exact.setTarget(0, true);
+    EXPECT_EQ(exact.complaint(plan.stow, MotionPlannerConfig().collision.held_shrink_m), "");
+  }
+}
+
 // By its top, an end and a long side.
 TEST(MotionPlanner, StowsAtEachPlace) {
   for (const BrickFace face : {BrickFace::kPlusZ, BrickFace::kMinusX, BrickFace::kMinusY}) {
