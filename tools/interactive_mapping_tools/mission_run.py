@@ -396,7 +396,7 @@ def merged_summary(run):
     for key, (name, column) in {"bricks_stowed": ("stowed", None), "falls": ("falls", None), "drops": ("dropped", None),
                                 "collisions": ("collisions", None), "load_contacts": ("load_contacts", None)}.items():
         summary[key] = count_of(judged(name, column))
-    for key, name in {"map_coverage": "coverage", "map_precision": "precision", "distance_m": "distance_m"}.items():
+    for key, name in {"map_coverage": "coverage", "map_precision": "precision", "distance_m": "distance_m", "disturbance_m": "disturbance_m"}.items():
         summary[key] = measure_of(judged(name))
     # What an ideal camera on the mast, everywhere at once, would have seen of what was exposed.
     exposed_m2, coverable_m2 = number(run.judge.get("exposed_area_m2"), 0.0), number(run.judge.get("coverable_area_m2"), -1.0)

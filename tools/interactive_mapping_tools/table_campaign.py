@@ -11,40 +11,21 @@ import pathlib
 import statistics
 
 import numpy as np
-import yaml
 
 from .cli import Refusal, one_line_errors, parser_of
 
 CELL = ("scene", "cycle", "variant", "seed")
-MEASURES = ("bricks_stowed", "bricks_total", "map_coverage", "map_precision", "falls", "drops", "collisions", "load_contacts", "sim_seconds", "views", "distance_m",
-            "wall_seconds")
+MEASURES = ("bricks_stowed", "bricks_total", "map_coverage", "map_precision", "falls", "drops", "collisions", "load_contacts", "sim_seconds", "views", "distance_m", "disturbance_m",
+            "picks_begun", "wall_seconds")
 ORIGIN = ("date", "commit", "software", "configuration", "host", "machine")
 COLUMNS = (*CELL, *MEASURES, "end_reason", *ORIGIN)
 BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 NUM_RESAMPLES = 10000
 
 
-def time_limit(world):
-    """Simulated seconds that a world allows: time_per_brick_s for each brick."""
-    scene = yaml.safe_load(world.read_text())
-    stacks = sum(stack.get("bricks", 3) for stack in scene.get("stacks", []))
-    heaps = sum(heap["bricks"] for kind in ("heaps", "tipped") for heap in scene.get(kind, []))
-    limit_s = scene.get("time_per_brick_s", 120) * (heaps + stacks + len(scene.get("bricks", [])))
-    if not limit_s > 0.0:
-        raise ValueError("no bricks")
-    return limit_s
-
-
 def words_of(error):
     """In one line: YAML's errors have several."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
-
-
-def time_limit_of(world):
-    try:
-        return time_limit(world)
-    except (OSError, yaml.YAMLError, *BROKEN) as error:
-        raise Refusal(f"{world}: no scene, {words_of(error)}") from error
 
 
 def checked(summary):
@@ -95,8 +76,8 @@ def print_tables(path):
     rows = read_rows(path)
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows):
         of_scene = [row for row in rows if (row["scene"], row["cycle"]) == (scene, cycle)]
-        print(f"\n{scene}, cycle {cycle}\n\n| | n | bricks % | difference | map % | precision % | falls | collisions | load contacts | simulated s | views | ended by |\n"
-              "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|")
+        print(f"\n{scene}, cycle {cycle}\n\n| | n | bricks % | difference | map % | precision % | falls | collisions | load contacts | disturbance m | picks begun | views | ended by |\n"
+              "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|")
         first = None
         for variant in dict.fromkeys(row["variant"] for row in of_scene):
             runs = {row["seed"]: row for row in of_scene if row["variant"] == variant}
@@ -107,7 +88,7 @@ def print_tables(path):
                 return with_interval([scale * row[key] for row in runs.values()])
 
             print(f"| {variant} | {len(runs)} | {column('bricks')} | {with_interval(pairs, '+.1f')} | {column('map_coverage', 100)} | {column('map_precision', 100)} | "
-                  f"{column('falls')} | {column('collisions')} | {column('load_contacts')} | {column('sim_seconds')} | {column('views')} | "
+                  f"{column('falls')} | {column('collisions')} | {column('load_contacts')} | {column('disturbance_m')} | {column('picks_begun')} | {column('views')} | "
                   f"{', '.join(sorted({row['end_reason'] for row in runs.values()}))} |")
 
 

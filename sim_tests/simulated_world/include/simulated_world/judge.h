@@ -54,6 +54,7 @@ struct JudgeRow {
   std::optional<double> coverage;   ///< in [0, 1]; nothing before a face was coverable
   std::optional<double> precision;  ///< in [0, 1], of the latest surface; nothing before one had a part to be judged
   double distance_m{0.0};           ///< driven by the base
+  double disturbance_m{0.0};  ///< sum over bricks: how far from its place at the start each was before the tool had it
 };
 
 struct JudgeReport {
@@ -130,6 +131,7 @@ class Judge {
   std::vector<Eigen::Vector3d> lookouts(const PileTruth& truth) const;
   void renewObstacles(const WorldObservation& observation);
   void drive(const Eigen::Vector2d& base_xy_m);
+  void noteMoved(const WorldObservation& observation);
 
   JudgeConfig config_;
   FallMonitor falls_;
@@ -141,6 +143,11 @@ class Judge {
   double truth_checked_s_{0.0};
   std::map<int, Ledger> ledgers_;
   std::set<int> stowed_ids_;
+  struct Moved {
+    Eigen::Vector3d start_map;
+    double distance_m{0.0};
+  };
+  std::map<int, Moved> moved_;  ///< by others than tool and person
   bool has_started_{false};
   double time_s_{0.0};
   Eigen::Vector2d counted_base_xy_m_{0.0, 0.0};

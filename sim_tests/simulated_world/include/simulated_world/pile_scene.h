@@ -120,7 +120,6 @@ struct PileSceneConfig {
   double drop_gap_m{0.01};        ///< heaps: so far apart are the layers before they drop
   RobotStart robot_start;
   double min_robot_distance_m{2.5};  ///< from the middle of its base to the nearest part of any brick, on the ground
-  double time_per_brick_s{120.0};    ///< simulated
   double max_shift_m{0.15};          ///< a brick that settles farther than this from its place has rolled away
   bool has_tags{true};  ///< false: plain bricks, with their plates; what can be picked is judged as with tags
 
@@ -140,7 +139,6 @@ struct PileScene {
   double max_shift_m{0.15};
   bool has_tags{true};
   RobotStart robot_start;
-  double time_limit_s{0.0};  ///< simulated
 };
 
 /// The scene of a config, always the same for a seed. No two bricks overlap, none is in the ground. Throws

@@ -181,6 +181,16 @@ void Judge::renewObstacles(const WorldObservation& observation) {
   }
 }
 
+void Judge::noteMoved(const WorldObservation& observation) {
+  for (const BrickObservation& brick : observation.bricks) {
+    const Eigen::Vector3d& p_map = brick.T_map_brick.translation();
+    Moved& moved = moved_.try_emplace(brick.id, Moved{p_map}).first->second;
+    if (brick.status == BrickStatus::kMovedByHand) moved.start_map = p_map;
+    if (brick.status != BrickStatus::kInPile || observation.target_id == brick.id) continue;
+    moved.distance_m = (p_map - moved.start_map).norm();
+  }
+}
+
 void Judge::drive(const Eigen::Vector2d& base_xy_m) {
   const double step_m = (base_xy_m - counted_base_xy_m_).norm();
   if (step_m >= config_.min_step_m) {
@@ -210,6 +220,7 @@ void Judge::observe(const WorldObservation& observation) {
   count(falls_.observe(observation));
   count(collisions_.observe(observation));
   drive(observation.base_xy_m);
+  noteMoved(observation);
   renewTruth(observation);
   renewObstacles(observation);
   if (history_.empty() || events_.size() > num_events_before ||
@@ -273,6 +284,7 @@ JudgeRow Judge::totals() const {
   row.drops = falls_.drops();
   row.collisions = collisions_.collisions();
   row.load_contacts = collisions_.loadContacts();
+  for (const auto& [id, moved] : moved_) row.disturbance_m += moved.distance_m;
   if (report_.coverable_area_m2 > 0.0) {
     row.coverage = report_.covered_area_m2 / report_.coverable_area_m2;
   }

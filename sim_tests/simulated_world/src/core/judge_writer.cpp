@@ -105,7 +105,8 @@ Json jsonOf(const JudgeReport& report) {
           {"covered_area_m2", report.covered_area_m2},
           {"surfaces_judged", report.surfaces_judged},
           {"surfaces_refused", report.surfaces_refused},
-          {"distance_m", report.totals.distance_m}};
+          {"distance_m", report.totals.distance_m},
+          {"disturbance_m", report.totals.disturbance_m}};
 }
 
 }  // namespace

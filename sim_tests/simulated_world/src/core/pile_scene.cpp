@@ -408,7 +408,6 @@ std::vector<std::string> PileSceneConfig::validate() const {
   check("robot_start/xy_m", xy_m.allFinite() ? xy_m.cwiseAbs().maxCoeff() : xy_m.sum(), 0.0, kMaxCenter_m, "m");
   check("robot_start/yaw_rad", robot_start.yaw_rad, -kMostTurn_rad, kMostTurn_rad, "rad");
   check("min_robot_distance_m", min_robot_distance_m, 2.5, kMaxCenter_m, "m");
-  check("time_per_brick_s", time_per_brick_s, 0.001, 10000.0, "s");
   check("max_shift_m", max_shift_m, 1e-6, 100.0, "m");
   add("", check.problems());
   return problems;
@@ -461,7 +460,6 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   }
   std::sort(scene.bricks.begin(), scene.bricks.end(),
             [](const BrickPlacement& a, const BrickPlacement& b) { return a.id < b.id; });
-  scene.time_limit_s = config.time_per_brick_s * static_cast<double>(scene.bricks.size());
   drawDecoys(config.decoys, &scene.bricks, random);
   std::vector<std::string> impossible = faultsOf(scene);
   for (const std::string& fault : faultsOfStart(scene, config.min_robot_distance_m)) impossible.push_back(fault);

@@ -139,7 +139,6 @@ PileSceneConfig readScene(YamlMap section, const std::vector<BrickType>& types, 
   config.drop_gap_m = section.number("drop_gap_m", config.drop_gap_m, {0.0, 0.1, "m", true});
   config.has_tags = section.flag("has_tags", config.has_tags);
   config.max_shift_m = section.number("max_shift_m", config.max_shift_m, kLength);
-  config.time_per_brick_s = section.number("time_per_brick_s", config.time_per_brick_s, {0.0, 1e4, "s", true});
   YamlMap start = section.optionalMap("robot_start");
   config.robot_start.xy_m = start.numbers("xy_m", config.robot_start.xy_m, kPosition);
   config.robot_start.yaw_rad = start.number("yaw_rad", config.robot_start.yaw_rad, kAngle);

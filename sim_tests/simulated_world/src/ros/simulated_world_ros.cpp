@@ -139,10 +139,9 @@ SimulatedWorldRos::SimulatedWorldRos(const ros::NodeHandle& nh, const ros::NodeH
   advertiseExperiment();
   diagnostics_wall_ = ros::WallTime::now();
   diagnostics_s_ = simulation_.now();
-  ROS_INFO("%s, seed %lu: %zu bricks, robot at (%.2f, %.2f), time limit %.0f s", simulation_.scene().name.c_str(),
+  ROS_INFO("%s, seed %lu: %zu bricks, robot at (%.2f, %.2f)", simulation_.scene().name.c_str(),
            static_cast<unsigned long>(params.simulation.seed), simulation_.scene().bricks.size(),
-           simulation_.scene().robot_start.xy_m.x(), simulation_.scene().robot_start.xy_m.y(),
-           simulation_.scene().time_limit_s);
+           simulation_.scene().robot_start.xy_m.x(), simulation_.scene().robot_start.xy_m.y());
 }
 
 SimulatedWorldRos::~SimulatedWorldRos() {

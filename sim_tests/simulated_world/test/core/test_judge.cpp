@@ -86,6 +86,30 @@ TEST_F(JudgeTest, BrickThatWasBroughtBackIsNotStowed) {
   EXPECT_EQ(report().totals.falls, 0);
 }
 
+TEST_F(JudgeTest, AddsUpHowFarBricksWereMovedThatTheToolDidNotTouch) {
+  hold(1.0);
+  world.now.target_id = 2;
+  world.brick(2).T_map_brick.translation().x() += 0.02;  // by the touch
+  world.brick(1).T_map_brick.translation().y() += 0.03;
+  hold(1.0);
+  EXPECT_NEAR(report().totals.disturbance_m, 0.03, 1e-12);
+  world.now.target_id.reset();
+  take(2);
+  world.brick(3).T_map_brick.translation().x() -= 0.04;
+  hold(1.0);
+  EXPECT_NEAR(report().totals.disturbance_m, 0.07, 1e-12);
+  world.brick(1).T_map_brick.translation().y() -= 0.01;  // back by a part
+  hold(1.0);
+  take(1);
+  EXPECT_NEAR(report().totals.disturbance_m, 0.06, 1e-12) << "what was moved before it was picked still counts";
+  world.brick(3).status = BrickStatus::kMovedByHand;
+  world.brick(3).T_map_brick.translation().x() += 1.0;
+  hold(1.0);
+  world.brick(3).status = BrickStatus::kInPile;
+  hold(1.0);
+  EXPECT_NEAR(report().totals.disturbance_m, 0.02, 1e-12) << "by a person";
+}
+
 TEST_F(JudgeTest, AddsUpTheBasesWayAndNotItsTremor) {
   hold(0.5);
   for (int i = 0; i < 200; ++i) {

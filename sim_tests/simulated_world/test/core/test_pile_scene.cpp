@@ -80,7 +80,6 @@ TEST(ShippedWorlds, StartWithoutOverlapsOnTheGroundAndFarFromTheRobotWithEverySe
     const PileSceneConfig config = world(name);
     for (std::uint64_t seed = 0; seed < 30; ++seed) {
       const PileScene scene = generateScene(config, seed);
-      EXPECT_EQ(scene.time_limit_s, 120.0 * static_cast<double>(scene.bricks.size()));
       for (std::size_t i = 0; i < scene.bricks.size(); ++i) {
         const BrickPlacement& brick = scene.bricks[i];
         EXPECT_EQ(brick.id, static_cast<int>(i));
@@ -198,7 +197,6 @@ TEST(PileSceneLoader, ReadsWhatIsWritten) {
   const PileSceneConfig config = parse(
       "brick_type: brick\n"
       "robot_start: {xy_m: [-5.0, 1.0], yaw_rad: 0.4}\n"
-      "time_per_brick_s: 20\n"
       "max_shift_m: 0.3\n"
       "has_tags: false\n"
       "bricks:\n"
@@ -214,7 +212,6 @@ TEST(PileSceneLoader, ReadsWhatIsWritten) {
   EXPECT_EQ(config.bricks[1].id, 7);
   EXPECT_EQ(config.bricks[1].type.mass_kg, 1.0);
   EXPECT_TRUE(config.bricks[1].T_map_brick.linear().col(0).isApprox(-Eigen::Vector3d::UnitZ(), 1e-12));
-  EXPECT_EQ(generateScene(config, 0).time_limit_s, 40.0);
 }
 
 TEST(PileSceneLoader, RefusesWhatCannotBe) {
