@@ -444,7 +444,8 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
   const double wall_ms = msSince(wall_start);
   result.wall_ms = static_cast<float>(wall_ms);
   result.cost = ros::Time::isSystemTime() ? 0.0 : params_.cost.pick_s;
-  note("pick of brick " + std::to_string(goal.brick_id), plan, wall_ms);
+  const std::string face = plan.status == PlanStatus::kSuccess ? std::string(" by face ") + toString(plan.face) : "";
+  note("pick of brick " + std::to_string(goal.brick_id) + face, plan, wall_ms);
   charge(params_.cost.pick_s, started, is_cancelled);
   return result;
 }

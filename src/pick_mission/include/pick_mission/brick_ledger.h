@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -25,6 +27,7 @@ struct BrickRecord {
   std::optional<int> scene_tried;  // in vain; again when another
   std::map<std::string, int> failures;
   std::string last_failure;
+  std::set<std::uint8_t> failed_faces;  // picked by in vain: they come last
 
   /// visit(key, member) for what is saved: what was tried. What was seen has to be seen anew.
   template <typename Self, typename Visitor>
@@ -64,7 +67,7 @@ class BrickLedger {
 
   // Throw std::out_of_range for an id that was never known.
   void pickBegun(int id);
-  void pickFailed(int id, const std::string& reason);
+  void pickFailed(int id, const std::string& reason, std::optional<std::uint8_t> face = {});
   void planFailed(int id, const std::string& reason);
   void triedInVain(int id, int scene);
   void picked(int id);  // also pileChanged()

@@ -153,6 +153,7 @@ bool isControl(const Command& command);  // Cancel, Hold, Release
 /// How an action ended; which belongs to which command is in Reply.
 struct PlanResult {
   PlanStatus status{PlanStatus::kSuccess};
+  std::uint8_t face{0};  // of the brick, to pick by: of a PlanPick
 };
 struct ArmResult {
   ArmStatus status{ArmStatus::kSuccess};

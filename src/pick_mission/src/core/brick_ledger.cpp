@@ -47,6 +47,8 @@ BrickLedger::Update BrickLedger::update(const std::vector<SeenBrick>& bricks) {
     }
     const bool has_duplicate = brick.has_duplicate || record.is_there;
     record.seen = brick;
+    std::stable_partition(record.seen.graspable_faces.begin(), record.seen.graspable_faces.end(),
+                          [&](std::uint8_t face) { return record.failed_faces.count(face) == 0; });
     record.seen.has_duplicate = has_duplicate;
     record.is_there = true;
   }
@@ -96,8 +98,9 @@ void BrickLedger::pickBegun(int id) {
   ++bricks_.at(id).picks_begun;
 }
 
-void BrickLedger::pickFailed(int id, const std::string& reason) {
+void BrickLedger::pickFailed(int id, const std::string& reason, std::optional<std::uint8_t> face) {
   BrickRecord& record = bricks_.at(id);
+  if (face) record.failed_faces.insert(*face);
   ++record.picks_failed;
   ++record.failures[reason];
   record.last_failure = reason;

@@ -49,7 +49,7 @@ struct Mission {
   command::Wait wait{};            // the next one
 
   double map_stamp_s{0.0};
-  std::optional<SeenBrick> candidate{};     // of the last plan of a pick
+  std::optional<SeenBrick> candidate{};     // of the last plan of a pick; its first face is the planned one
   bool is_next_planned{false};              // its pick, while the one before went on
   SelectionResult selection{};              // the last one
   std::optional<double> least_unseen_m2{};  // ground of the workspace, of all selections

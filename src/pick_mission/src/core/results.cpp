@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mission.h"
 
+#include <algorithm>
+
 #include "wording.h"
 
 namespace pick_mission {
@@ -109,9 +111,14 @@ void recordSuccess(const Mission::Running& ended, const event::Reply& reply, Mis
   const State action = ended.action;
   streakOf(action, memory) = 0;
   switch (action) {
+    case State::kPlanPick: {
+      auto& faces = mission.candidate->graspable_faces;
+      const std::uint8_t planned = std::get<PlanResult>(reply.result).face;
+      std::stable_partition(faces.begin(), faces.end(), [&](std::uint8_t face) { return face == planned; });
+    }
+      [[fallthrough]];
     case State::kPlanClear:
     case State::kPlanStow:
-    case State::kPlanPick:
       mission.plan_id = reply.id;
       break;
     case State::kClear:
@@ -162,7 +169,8 @@ void recordFailure(const Mission::Running& ended, const event::Reply& reply, con
   }
   // A brick that hangs on the magnet nevertheless is stowed, and picked then.
   if (action == State::kPick && reaction.blames_brick && mission.hand != Hand::kHolding) {
-    memory.ledger.pickFailed(ended.brick->id, kind);
+    const auto& faces = ended.brick->graspable_faces;
+    memory.ledger.pickFailed(ended.brick->id, kind, faces.empty() ? std::nullopt : std::make_optional(faces.front()));
     if (reaction.next == Trigger::kNextBrick) memory.ledger.triedInVain(ended.brick->id, memory.scene);
     ++mission.pick_failures_here;
   }

@@ -353,7 +353,7 @@ void MissionActions::begin(const command::PlanPick& plan) {
     pick_plan_id_ = id;
     const auto status =
         statusFrom<PlanStatus>(result.outcome.status, interactive_mapping::kNumPlanStatus, "outcome of plan_pick");
-    reply(PlanResult{status}, result.outcome.message);
+    reply(PlanResult{status, result.face}, result.outcome.message);
   });
 }
 

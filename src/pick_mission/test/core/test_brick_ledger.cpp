@@ -29,6 +29,21 @@ TEST(BrickLedger, BestIsTheHighestAndOfEqualOnesThatOfSmallestId) {
   EXPECT_EQ(ledger.best(0)->id, 7);
 }
 
+TEST(BrickLedger, AFaceByWhichAPickFailedComesLast) {
+  BrickLedger ledger(3, 3);
+  SeenBrick brick = seen(1, 0.1);
+  brick.graspable_faces = {4, 0, 2};
+  ledger.update({brick});
+  ledger.pickFailed(1, "it did not hold", 4);
+  ledger.update({brick});
+  EXPECT_THAT(ledger.best(0)->graspable_faces, testing::ElementsAre(0, 2, 4));
+  ledger.pickFailed(1, "it did not hold", 0);
+  ledger.update({brick});
+  EXPECT_THAT(ledger.best(0)->graspable_faces, testing::ElementsAre(2, 4, 0)) << "the easiest first among them";
+  ledger.pickFailed(1, "no contact");
+  EXPECT_EQ(ledger.bricks().at(1).failed_faces.size(), 2U);
+}
+
 TEST(BrickLedger, LeavesWhatCannotBeTried) {
   BrickLedger ledger(3, 3);
   SeenBrick duplicate = seen(1, 0.9);

@@ -184,6 +184,15 @@ TEST(MissionMachine, ChoosesAgainAfterAFailedPlan) {
   EXPECT_EQ(run.machine.state(), State::kSelect) << tail(run);
 }
 
+TEST(MissionMachine, TriesAnotherFaceWhereOneDidNotHold) {
+  ToyMission run(choosing(), ToyWorld::ofStacks({1}));
+  run.inject = endAs(State::kPick, ArmResult{ArmStatus::kNotAttached}, 1);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  std::vector<int> faces;
+  for (const command::Pick& pick : run.sent<command::Pick>()) faces.push_back(pick.brick.graspable_faces.front());
+  EXPECT_EQ(faces, (std::vector<int>{4, 0})) << tail(run);
+}
+
 TEST(MissionMachine, PicksFromHereWhenTheSelectionHasNoAnswer) {
   for (const SelectionStatus status : {SelectionStatus::kLowUtility, SelectionStatus::kNoCandidate,
                                        SelectionStatus::kNoPile, SelectionStatus::kNoGround}) {

@@ -274,7 +274,7 @@ class ToyWorld {
       if (wanted.is_gone) return PlanResult{PlanStatus::kGoalInCollision};
       if (wanted.is_out_of_reach || view != wanted.view) return PlanResult{PlanStatus::kNoIk};
       if (isCovered(wanted)) return PlanResult{PlanStatus::kApproachBlocked};
-      return PlanResult{};
+      return PlanResult{PlanStatus::kSuccess, plan->brick.graspable_faces.front()};
     }
     if (const auto* pick = std::get_if<command::Pick>(&running->body)) {
       if (is_held) return ArmResult{ArmStatus::kHeld};
@@ -407,7 +407,7 @@ class ToyWorld {
       brick_seen.type = "brick";
       const Pose2d place = viewPose(b.view);
       brick_seen.T_map_brick.translation() = Eigen::Vector3d(0.5 * place.x_m, 0.5 * place.y_m, 0.1 * b.layer + 0.05);
-      brick_seen.graspable_faces = {4};
+      brick_seen.graspable_faces = {4, 0};
       brick_seen.is_in_sector = view == b.view;
       brick_seen.is_seen_now = is_visible;
       seen.push_back(brick_seen);
