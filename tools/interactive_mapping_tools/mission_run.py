@@ -408,6 +408,7 @@ def merged_summary(run):
         summary["bricks_total"] = count_of(run.judge["bricks_total"])
     summary.setdefault("bricks_total", None)
     summary["bricks_pickable"] = count_of(run.judge.get("bricks_pickable"))
+    summary["deciding_factors"] = deciding_factors(run.selections)
     summary["memory"] = memory_of(run.folder)
     summary["origin"] = run.origin
     return summary
@@ -437,6 +438,27 @@ def weights_of(selections):
     if rank < len(FACTORS) or np.abs(matrix @ weights - sums).max() > 1e-3 or weights.min() < -1e-3:
         return None
     return dict(zip(FACTORS, (float(weight) for weight in weights)))
+
+
+def deciding_factors(selections):
+    """{factor: share of the choices in which another view would have been chosen without it}; {} if the log does not tell the weights."""
+    import numpy as np
+    weights = weights_of(selections)
+    if weights is None:
+        return {}
+    moved, count = dict.fromkeys((*FACTORS, "failure_penalty"), 0), 0
+    for selection in selections:
+        segments = [segment for segment in selection["segments"] if isinstance(segment, dict) and segment.get("verdict") == 0]
+        if selection.get("outcome") != 0 or len(segments) < 2:
+            continue
+        count += 1
+        information, penalty = (np.array([number(segment.get(key)) for segment in segments]) for key in ("information", "failure_penalty"))
+        chosen = np.argmax((1 - penalty) * information)
+        for name, weight in weights.items():
+            without = information - weight * np.array([number(segment.get(name + "_factor")) for segment in segments])
+            moved[name] += int(np.argmax((1 - penalty) * without) != chosen)
+        moved["failure_penalty"] += int(np.argmax(information) != chosen)
+    return {name: round(times / count, 3) for name, times in moved.items()} if count else {}
 
 
 def duration(seconds):

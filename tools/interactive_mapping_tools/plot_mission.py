@@ -99,7 +99,7 @@ def plot_utilities(run, out):
         return False
     start_s = run.start_s()
     count = len(run.selections)
-    weights = mission_run.weights_of(run.selections)
+    weights, deciding = mission_run.weights_of(run.selections), mission_run.deciding_factors(run.selections)
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(12.5, 7.4), sharex=True, constrained_layout=True)
     chosen, refused, none = [], [], []
     parts = {name: np.zeros(count) for name in FACTORS}
@@ -135,7 +135,7 @@ def plot_utilities(run, out):
 
     base = np.zeros(count)
     for name, colour in zip(FACTORS, FACTOR_COLOURS):
-        label = FACTOR_WORDS[name] + (f" (weight {weights[name]:.2g})" if weights else "")
+        label = FACTOR_WORDS[name] + (f" (weight {weights[name]:.2g}, decides {deciding.get(name, 0.0):.0%})" if weights else "")
         lower.bar(np.arange(count) + 1, parts[name], width=0.66, bottom=base, color=colour, label=label, linewidth=0)
         base = base + parts[name]
     if weights and chosen + refused:

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import pathlib
+import random
 import re
 import shutil
 import subprocess
@@ -299,6 +300,25 @@ class ReportMission(unittest.TestCase):
         broken = mission_run.Run(self.folder).selections
         broken[0]["segments"][0]["information"] += 0.1
         self.assertIsNone(mission_run.weights_of(broken), "a sum that they do not make")
+
+    def test_a_factor_decides_where_another_view_is_the_best_without_it(self):
+        rng = random.Random(3)
+
+        def segment(travel, order, penalty=0.0):
+            factors = {**dict.fromkeys(mission_run.FACTORS, 0.5), "travel": travel, "pick_order": order}
+            return {"verdict": 0, "failure_penalty": penalty, "information": 0.4 * travel + 0.1 * order + 0.5 * 0.5, **{f"{name}_factor": value for name, value in factors.items()}}
+
+        # The first is the best by travel alone, the second where it has not failed.
+        choices = [{"outcome": 0, "segments": [segment(0.9, 0.1), segment(0.1, 0.9)]}, {"outcome": 0, "segments": [segment(0.5, 0.5, 0.9), segment(0.4, 0.5)]}]
+        # Tell the weights apart; a single candidate is no choice.
+        for _ in range(20):
+            one = segment(0.0, 0.0)
+            values = {name: rng.random() for name in mission_run.FACTORS}
+            one.update({f"{name}_factor": value for name, value in values.items()},
+                       information=0.4 * values["travel"] + 0.1 * values["pick_order"] + 0.5 / 3 * sum(values[name] for name in ("manipulability", "uncertainty", "frontier")))
+            choices.append({"outcome": 0, "segments": [one]})
+        self.assertEqual(mission_run.deciding_factors(choices), {"manipulability": 0, "pick_order": 0, "travel": 0.5, "uncertainty": 0, "frontier": 0, "failure_penalty": 0.5})
+        self.assertEqual(mission_run.deciding_factors(choices[:1]), {}, "weights unknown")
 
     def test_crashed_run_is_reported_from_what_there_is(self):
         self.make(2)
