@@ -110,7 +110,7 @@ def cells_of(path):
 
 
 def read_table(path, notes):
-    """{column: [finite number or nan]} of judge.csv, time_s always a number; a last line that is cut off is left out."""
+    """{column: [finite number or nan]} of judge.csv without the digest, time_s always a number; a last line that is cut off is left out."""
     try:
         header, *lines = cells_of(path)
     except OSError:
@@ -124,14 +124,14 @@ def read_table(path, notes):
     rows = []
     for cells in lines:
         try:
-            row = {name: number(float(cell or "nan")) for name, cell in zip(header, cells)}
+            row = {name: number(float(cell or "nan")) for name, cell in zip(header, cells) if name != "digest"}
         except ValueError:
             continue
         if len(cells) == len(header) and math.isfinite(row.get("time_s", 0.0)):
             rows.append(row)
     if len(rows) < len(lines):
         notes.append(f"{path.name}: {len(lines) - len(rows)} of {len(lines)} rows cannot be read")
-    return {name: [row[name] for row in rows] for name in header}
+    return {name: [row[name] for row in rows] for name in header if name != "digest"}
 
 
 def number(value, default=math.nan):

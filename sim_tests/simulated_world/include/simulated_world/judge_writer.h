@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <fstream>
 #include <string>
 
@@ -16,11 +17,11 @@ class JudgeWriter {
   /// Makes the folder if need be. An earlier run's files there are refused rather than overwritten.
   explicit JudgeWriter(const std::string& folder);
 
-  /// Appends what the judge has come to know since the last call; always the same judge.
-  void write(const Judge& judge);
+  /// Appends what the judge has come to know since the last call; always the same judge. `digest`: the world's, now.
+  void write(const Judge& judge, std::uint64_t digest);
 
   /// Appends the rest and writes judge.json, whole or not at all.
-  void finish(const Judge& judge);
+  void finish(const Judge& judge, std::uint64_t digest);
 
  private:
   std::string folder_;

@@ -42,14 +42,15 @@ std::ofstream openNew(const std::string& path) {
   return file;
 }
 
-std::string textOf(const JudgeRow& row) {
+std::string textOf(const JudgeRow& row, std::uint64_t digest) {
   std::ostringstream text;
   text << std::fixed << std::setprecision(3) << row.time_s << ',' << row.stowed << ',' << row.falls << ',' << row.drops
        << ',' << row.collisions << ',' << row.load_contacts << ',' << std::setprecision(5);
   if (row.coverage) text << *row.coverage;
   text << ',';
   if (row.precision) text << *row.precision;
-  text << ',' << std::setprecision(3) << row.distance_m;
+  text << ',' << std::setprecision(3) << row.distance_m << ',' << std::hex << std::setw(16) << std::setfill('0')
+       << digest;
   return text.str();
 }
 
@@ -120,20 +121,20 @@ JudgeWriter::JudgeWriter(const std::string& folder) : folder_(folder) {
   rows_ = openNew(folder_ + "/judge.csv");
   events_ = openNew(folder_ + "/events.jsonl");
   append(rows_, folder_ + "/judge.csv",
-         "time_s,stowed,falls,dropped,collisions,load_contacts,coverage,precision,distance_m");
+         "time_s,stowed,falls,dropped,collisions,load_contacts,coverage,precision,distance_m,digest");
 }
 
-void JudgeWriter::write(const Judge& judge) {
+void JudgeWriter::write(const Judge& judge, std::uint64_t digest) {
   for (; num_events_ < judge.events().size(); ++num_events_) {
     append(events_, folder_ + "/events.jsonl", jsonOf(judge.events()[num_events_]).dump());
   }
   for (; num_rows_ < judge.history().size(); ++num_rows_) {
-    append(rows_, folder_ + "/judge.csv", textOf(judge.history()[num_rows_]));
+    append(rows_, folder_ + "/judge.csv", textOf(judge.history()[num_rows_], digest));
   }
 }
 
-void JudgeWriter::finish(const Judge& judge) {
-  write(judge);
+void JudgeWriter::finish(const Judge& judge, std::uint64_t digest) {
+  write(judge, digest);
   const std::string path = folder_ + "/judge.json";
   const std::string unfinished = path + ".part";
   {

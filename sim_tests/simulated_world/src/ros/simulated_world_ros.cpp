@@ -150,7 +150,7 @@ SimulatedWorldRos::~SimulatedWorldRos() {
   }
   try {
     simulation_.judge().finish();
-    writer_->finish(simulation_.judge());
+    writer_->finish(simulation_.judge(), simulation_.digest());
   } catch (const std::exception& error) {
     ROS_ERROR("the judge's report is not complete: %s", error.what());
   }
@@ -405,7 +405,7 @@ void SimulatedWorldRos::tick() {
     incident_publisher_.publish(message);
   }
   if (writer_) {
-    writer_->write(simulation_.judge());
+    writer_->write(simulation_.judge(), simulation_.digest());
   }
   takePictures(false);
   if (simulation_.now() - last_truth_s_ >= kTruthPeriod_s - 1e-9) {

@@ -21,6 +21,8 @@ using test_support::messageOf;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
+constexpr std::uint64_t kDigest = 0xFE;
+
 class JudgeWriterTest : public testing::Test {
  protected:
   JudgeWriterTest() : judge(JudgeConfig()) {
@@ -52,17 +54,17 @@ class JudgeWriterTest : public testing::Test {
 
 TEST_F(JudgeWriterTest, LinesAreOnDiskBeforeTheRunEnds) {
   JudgeWriter writer(folder);
-  EXPECT_EQ(
-      linesOf("judge.csv"),
-      std::vector<std::string>{"time_s,stowed,falls,dropped,collisions,load_contacts,coverage,precision,distance_m"});
+  EXPECT_EQ(linesOf("judge.csv"),
+            std::vector<std::string>{
+                "time_s,stowed,falls,dropped,collisions,load_contacts,coverage,precision,distance_m,digest"});
   hold(3.0);
   world.touch("forearm", "brick_1", 12.5);
   world.brick(2).T_map_brick.translation().x() = 1.1;
   hold(0.1);
-  writer.write(judge);
+  writer.write(judge, kDigest);
   const std::vector<std::string> rows = linesOf("judge.csv");
   ASSERT_EQ(rows.size(), 1 + judge.history().size());
-  EXPECT_EQ(rows.back(), "3.100,0,1,0,1,0,0.00000,,0.000");
+  EXPECT_EQ(rows.back(), "3.100,0,1,0,1,0,0.00000,,0.000,00000000000000fe");
   const std::vector<std::string> events = linesOf("events.jsonl");
   ASSERT_EQ(events.size(), 2U);
   const nlohmann::json fall = nlohmann::json::parse(events[0]);
@@ -74,7 +76,7 @@ TEST_F(JudgeWriterTest, LinesAreOnDiskBeforeTheRunEnds) {
   EXPECT_EQ(collision.at("robot_body"), "forearm");
   EXPECT_EQ(collision.at("max_force_N"), 12.5);
   EXPECT_EQ(collision.at("at_m"), nlohmann::json({0.3, 0.2, 0.1}));
-  writer.write(judge);
+  writer.write(judge, kDigest);
   EXPECT_EQ(linesOf("judge.csv").size(), rows.size());  // nothing twice
 }
 
@@ -86,7 +88,7 @@ TEST_F(JudgeWriterTest, FinishWritesTheTotals) {
   world.now.base_xy_m.x() = 2.0;
   hold(1.0);
   judge.finish();
-  writer.finish(judge);
+  writer.finish(judge, kDigest);
   const nlohmann::json totals = nlohmann::json::parse(std::ifstream(folder + "/judge.json"));
   EXPECT_EQ(totals.at("bricks_total"), 2);
   EXPECT_EQ(totals.at("stowed"), 1);
@@ -112,7 +114,7 @@ TEST_F(JudgeWriterTest, AFullDiskIsReported) {
   JudgeWriter writer(folder);
   hold(2.0);
   std::filesystem::create_symlink("/dev/full", folder + "/judge.json.part");
-  EXPECT_THAT(messageOf<std::runtime_error>([&] { writer.finish(judge); }),
+  EXPECT_THAT(messageOf<std::runtime_error>([&] { writer.finish(judge, kDigest); }),
               AllOf(HasSubstr("judge.json.part"), HasSubstr("No space left")));
   EXPECT_FALSE(std::filesystem::exists(folder + "/judge.json"));
 }
