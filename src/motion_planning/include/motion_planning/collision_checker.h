@@ -126,6 +126,10 @@ class CollisionChecker {
   /// the target. False: it is not in contact, holds something, there is a target already, or other links are in contact,
   /// too; nothing changes then. Throws std::invalid_argument for angles that are not finite.
   bool yieldToMagnetAt(const ArmVector& joints_rad);
+  /// Links that are within the margin of surface there keep no margin from now on, only the surface as mapped: the arm has got
+  /// there. False: there are none. Nothing: all links keep their margin again. Throws std::invalid_argument for angles that
+  /// are not finite.
+  bool yieldToSurfaceAt(const std::optional<ArmVector>& joints_rad);
   const std::optional<HeldBrick>& held() const;
 
   /// What lies in the container: all links keep held_padding_m from it, and what is held 1 cm. Bricks that arm or held brick

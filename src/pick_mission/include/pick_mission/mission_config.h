@@ -119,7 +119,7 @@ struct ViewLimits {
 
   static void fields(ViewLimits& c, interactive_mapping::Fields& f) {
     f("choose_after_each_pick", c.choose_after_each_pick,
-      "true: a view is selected after every pick and every failure, and staying is one of the candidates; false: only "
+      "true: a view is selected after every pick, failed or not, and staying is one of the candidates; false: only "
       "when no brick can be tried from here");
     f("max_fruitless", c.max_fruitless, 1, kMost, "", "views in a row without a pick and without a new brick");
     f("leave_after", c.leave_after, 1, kMost, "",

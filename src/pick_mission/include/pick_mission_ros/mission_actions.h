@@ -141,7 +141,8 @@ class MissionActions {
   void begin(const pick_mission::command::Hold& hold);
   void begin(const pick_mission::command::Release& release);
 
-  void reply(std::uint64_t id, const pick_mission::Result& result, const std::string& message,
+  /// Copies: what is replied may be a part of the work that it ends.
+  void reply(std::uint64_t id, pick_mission::Result result, std::string message,
              std::optional<pick_mission::Hand> hand = std::nullopt);
   void reply(const pick_mission::Result& result, const std::string& message,
              std::optional<pick_mission::Hand> hand = std::nullopt) {

@@ -61,7 +61,7 @@ struct Mission {
   bool approaches_tried_bricks{false};  // nothing else was worth it since a brick was last stowed
 
   // From where the robot stands.
-  bool is_place_chosen{false};  // by a selection, with no pick and no failure since
+  bool is_place_chosen{false};  // by a selection; no pick since, and where plans failed others may be tried
   bool is_view_untried{false};  // a selected view from which nothing has been picked and that is not excluded yet
   int pick_failures_here{0};
   int plan_failures_here{0};

@@ -194,13 +194,16 @@ void record(const Mission::Running& ended, const event::Reply& reply, const Reac
   const State action = ended.action;
   recordArm(ended, reply, mission);
   const bool was_a_pick = (action == State::kPick && !ended.is_looked_ahead) || action == State::kLetGo;
-  if (was_a_pick || !isSuccess(reply.result)) mission.is_place_chosen = false;
+  if (was_a_pick) mission.is_place_chosen = false;
   if (action == State::kReport) memory.reports.pop_front();
   if (isSuccess(reply.result)) {
     recordSuccess(ended, reply, mission);
   } else if (action == State::kReport || !is_broken_off) {
     recordFailure(ended, reply, reaction, mission);
   }
+  // A failed plan takes no time and a drive does: the other bricks in reach come first.
+  const bool is_next_brick = action == State::kPlanPick && reaction.blames_brick && holds(Guard::kBrickHere, mission);
+  if (!isSuccess(reply.result) && !is_next_brick) mission.is_place_chosen = false;
   if (action != State::kDrive) return;
   // Also after a failure it stands somewhere else.
   ++memory.scene;

@@ -183,7 +183,7 @@ void MissionActions::tellHand() {
 
 // --- Answers ----------------------------------------------------------------------------------------------------------
 
-void MissionActions::reply(std::uint64_t id, const pick_mission::Result& result, const std::string& message,
+void MissionActions::reply(std::uint64_t id, pick_mission::Result result, std::string message,
                            std::optional<Hand> hand) {
   if (carrying_ == id) {
     carrying_.reset();
@@ -195,8 +195,8 @@ void MissionActions::reply(std::uint64_t id, const pick_mission::Result& result,
   }
   pick_mission::event::Reply reply;
   reply.id = id;
-  reply.result = result;
-  reply.message = message;
+  reply.result = std::move(result);
+  reply.message = std::move(message);
   reply.hand = hand;
   post_(reply);
 }

@@ -13,8 +13,6 @@
 namespace motion_planning {
 namespace {
 
-constexpr double kBesideUp = 0.9;  // cosine: nearer to up, away from the face is up
-
 /// The held brick clear of where it hangs now: the allowed collision there has ended.
 CollisionChecker clearOfStart(const TaskContext& task, const StartState& start) {
   CollisionChecker checker(start.checker);
@@ -69,14 +67,6 @@ Result<JointTrajectory> searchFrom(const TaskContext& task, const JointPath& lin
   return trajectory;
 }
 
-/// Directions of straight lines out: up, away from the held face, or both.
-std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const StartState& start) {
-  const Eigen::Vector3d up_base = task.T_base_map.linear() * Eigen::Vector3d::UnitZ();
-  const Eigen::Vector3d back_base = -task.arm.tipPose(start.joints_rad).linear().col(2);
-  if (back_base.dot(up_base) >= kBesideUp) return {up_base};
-  return {up_base, (up_base + back_base).normalized(), back_base};
-}
-
 Result<JointTrajectory> moveOneWay(const TaskContext& task, const StartState& start, const ArmGoal& goal) {
   Result<JointTrajectory> plan = startInCollision(start.wedged);
   if (!start.is_among_others) {
@@ -85,7 +75,7 @@ Result<JointTrajectory> moveOneWay(const TaskContext& task, const StartState& st
   }
   // Among its neighbours a search finds no path out where a straight line may.
   bool has_line = false;
-  for (const Eigen::Vector3d& direction_base : directionsOut(task, start)) {
+  for (const Eigen::Vector3d& direction_base : directionsOut(task, start.joints_rad)) {
     if (task.isCancelled()) break;
     const JointPath line = lineOut(task, start, direction_base);
     if (line.empty()) continue;

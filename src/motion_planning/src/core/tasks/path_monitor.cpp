@@ -84,12 +84,13 @@ WatchCheckers watchCheckers(std::shared_ptr<const ArmKinematics> arm, std::share
   }
   hanging.freeUnknownAt(start_rad);
   hanging.yieldToRobotAt(start_rad);
+  if (watched.held) hanging.yieldToSurfaceAt(start_rad);
   WatchCheckers checkers{hanging, std::nullopt};
   if (watched.held) {
     checkers.from_start.setHeldAt(*watched.held, watched.first_rad);
     if (!watched.target) checkers.beyond.emplace(hanging);
-  } else {
-    checkers.from_start.yieldToMagnetAt(start_rad);
+  } else if (!checkers.from_start.yieldToMagnetAt(start_rad)) {
+    checkers.from_start.yieldToSurfaceAt(start_rad);
   }
   return checkers;
 }

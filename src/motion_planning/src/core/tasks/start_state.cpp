@@ -49,6 +49,26 @@ JointPath backOff(const TaskContext& task, const CollisionChecker& checker) {
   return line;
 }
 
+/// The way straight out where links are within the margin of surface that a newer image has brought nearer. Empty: there is
+/// none, or they are in the surface itself.
+JointPath outOfMargin(const TaskContext& task, const CollisionChecker& checker) {
+  const ArmVector& start = task.request.start_rad;
+  CollisionChecker near(checker);
+  if (!near.yieldToSurfaceAt(start)) return {};
+  if (task.request.held) near.setHeldAt(*task.request.held, {start});
+  CollisionChecker clear(near);
+  clear.yieldToSurfaceAt(std::nullopt);
+  for (const Eigen::Vector3d& direction_base : directionsOut(task, start)) {
+    JointPath line = followLine(task, start, task.arm.tipPose(start), task.config.pick.lift_m * direction_base);
+    for (std::size_t k = 0; k < line.size() && near.isFree(line[k]); ++k) {
+      if (!clear.isFree(line[k])) continue;
+      line.resize(k + 1);
+      return line;
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 JointTrajectory StartState::withBackOff(const TaskContext& task, const JointTrajectory& trajectory) const {
@@ -69,21 +89,22 @@ Result<StartState> findStart(const TaskContext& task) {
   if (request.vacated) checker.setTarget(request.vacated, true);
   checker.freeUnknownAt(request.start_rad);
   checker.yieldToRobotAt(request.start_rad);
-  if (request.held && checker.check(request.start_rad)) {
+  if (checker.check(start.joints_rad)) {
+    start.back_off = backOff(task, checker);
+    if (start.back_off.empty()) start.back_off = outOfMargin(task, checker);
+    if (!start.back_off.empty()) start.joints_rad = start.back_off.back();
+  }
+  if (request.held && checker.check(start.joints_rad)) {
     start.is_among_others = true;
     checker.setHeld(request.held);
-    start.wedged = checker.check(request.start_rad);
+    start.wedged = checker.check(start.joints_rad);
     if (start.wedged) {
-      if (const Contact contact = checker.setHeldAt(*request.held, {request.start_rad}))
+      if (const Contact contact = checker.setHeldAt(*request.held, {start.joints_rad}))
         return startInCollision(contact);
     }
   }
   if (task.isCancelled()) return cancelled();
-  if (const Contact contact = checker.check(request.start_rad)) {
-    start.back_off = backOff(task, checker);
-    if (start.back_off.empty()) return startInCollision(contact);
-    start.joints_rad = start.back_off.back();
-  }
+  if (const Contact contact = checker.check(start.joints_rad)) return startInCollision(contact);
   return start;
 }
 

@@ -9,7 +9,7 @@ namespace motion_planning {
 /// Where a task begins.
 struct StartState {
   ArmVector joints_rad;      // the request's start, or the end of `back_off`
-  JointPath back_off;        // straight back from the face that the empty magnet touches; empty: it touches none
+  JointPath back_off;        // straight from where surface is too near: a face the empty magnet touches, or a margin
   CollisionChecker checker;  // knows what is held and the vacated place; the start is not in unknown space
   bool is_among_others;      // what is held touches its neighbours there, as in a lift
   Contact wedged;            // ... and overlaps them by more than a lift allows: the arm may only go straight out

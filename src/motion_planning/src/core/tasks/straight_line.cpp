@@ -25,6 +25,14 @@ JointPath followLine(const TaskContext& task, const ArmVector& from, const Eigen
   return line;
 }
 
+std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const ArmVector& joints_rad) {
+  constexpr double kBesideUp = 0.9;  // cosine: nearer to up, away from the face is up
+  const Eigen::Vector3d up_base = task.T_base_map.linear() * Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d back_base = -task.arm.tipPose(joints_rad).linear().col(2);
+  if (back_base.dot(up_base) >= kBesideUp) return {up_base};
+  return {up_base, (up_base + back_base).normalized(), back_base};
+}
+
 Contact firstContact(const CollisionChecker& checker, const JointPath& line) {
   std::size_t stride = 1;
   while (stride < line.size()) stride *= 2;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <vector>
 
 #include "tasks/task_context.h"
 
@@ -16,6 +17,9 @@ std::size_t numSteps(const MotionPlannerConfig& config, double length_m);
 /// `offset_base`: from there to the line's end [m]. numSteps() + 1 postures, or fewer: as far as the arm can follow.
 JointPath followLine(const TaskContext& task, const ArmVector& from, const Eigen::Isometry3d& T_base_from,
                      const Eigen::Vector3d& offset_base);
+
+/// Directions of straight lines away from where the arm is: up, away from the face that the tool is at, or both.
+std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const ArmVector& joints_rad);
 
 /// A contact on the line, or none. Neighbours share what blocks them, so the far end and the middle come first.
 Contact firstContact(const CollisionChecker& checker, const JointPath& line);
