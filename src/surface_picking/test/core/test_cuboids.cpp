@@ -233,6 +233,28 @@ TEST(Cuboids, DecoysAreRefused) {
   expectNothing("larger box", wedge);
 }
 
+TEST(Cuboids, BricksOfThreeSizesAreToldApart) {
+  const std::vector<Eigen::Vector3d> sizes_m = {kBrick_m, {0.24, 0.12, 0.12}, {0.4, 0.2, 0.1}};
+  std::vector<BrickType> types(sizes_m.size());
+  SceneOfSolids solids;
+  for (std::size_t i = 0; i < sizes_m.size(); ++i) {
+    types[i].name = std::to_string(i);
+    types[i].size_m = sizes_m[i];
+    solids.addBox(sizes_m[i], pose(0.45 * static_cast<double>(i) - 0.45, 0.0, 0.5 * sizes_m[i].z(), 0.4));
+  }
+  solids.lookAround(6);
+  const Found found = findIn(solids, true, types);
+  std::set<std::string> seen;
+  for (const Cuboid& cuboid : found.cuboids) {
+    SCOPED_TRACE("type " + cuboid.type);
+    EXPECT_TRUE(seen.insert(cuboid.type).second) << "twice";
+    const Eigen::Isometry3d T = found.mapped.T_map_scene * solids.boxes[std::stoul(cuboid.type)].T_scene_box;
+    EXPECT_LT((cuboid.T_map_body.translation() - T.translation()).norm(), kPosition_m);
+    EXPECT_LT(angleBetweenBodies(cuboid.T_map_body, T, cuboid.size_m), kRotation_rad);
+  }
+  EXPECT_EQ(seen.size(), sizes_m.size());
+}
+
 // Loose piles, seen from all around and from one side: whatever is reported is a brick, where it is reported. A brick of
 // which too little is seen may be left out.
 TEST(Cuboids, OfRandomPilesNothingWrongIsReported) {
