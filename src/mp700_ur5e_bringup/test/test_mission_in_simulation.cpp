@@ -22,6 +22,7 @@ namespace {
 using interactive_mapping_msgs::MissionState;
 
 constexpr int kBricks = 5;                // of tipped_stack.yaml
+constexpr int kPlainBricks = 4;           // of four_plain.yaml
 constexpr double kLeastCoverage = 0.7;    // 0.80 to 0.93 were measured
 constexpr double kLeastPrecision = 0.75;  // 0.84 to 0.93 were measured; 0.48 without deletion
 constexpr int kMostMishaps = 1;           // one of about fifty bricks falls, or jams in the container
@@ -159,6 +160,24 @@ TEST_F(MissionInSimulation, LeavesFilesThatTellTheSame) {
   std::multiset<std::string> kinds;
   for (const nlohmann::json& event : lines("events.jsonl")) kinds.insert(event.value("event", "?"));
   EXPECT_EQ(kinds.count("stow"), static_cast<std::size_t>(kBricks));
+}
+
+/// Bricks without tags, found on the map's surface.
+class UntaggedMission : public MissionInSimulation {};
+
+// Ends with the last brick: that nothing is left is told by the mission above.
+TEST_F(UntaggedMission, StowsAllBricksWithoutCollisions) {
+  ASSERT_TRUE(waitUntil([this] { return !mission_.header.stamp.isZero() && !judge_.header.stamp.isZero(); }, kStart_s));
+  ASSERT_EQ(judge_.bricks_total, kPlainBricks);
+  const auto isOver = [this] {
+    return mission_.bricks_picked == kPlainBricks || mission_.state == MissionState::ENDED;
+  };
+  ASSERT_TRUE(waitUntil(isOver, wall_limit_s_)) << "not within " << wall_limit_s_ << " s of wall time; " << story();
+  ASSERT_TRUE(waitUntil([this] { return judge_.header.stamp >= mission_.header.stamp; }, kJudge_s));
+  RecordProperty("mission_ros_seconds", static_cast<int>(mission_.used_s));
+  EXPECT_EQ(judge_.stowed, kPlainBricks) << story();
+  EXPECT_EQ(judge_.collisions, 0) << incidents_;
+  EXPECT_EQ(judge_.falls + judge_.drops, 0) << incidents_;
 }
 
 }  // namespace

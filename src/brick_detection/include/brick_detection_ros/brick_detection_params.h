@@ -7,6 +7,7 @@
 #include <ros/node_handle.h>
 
 #include "brick_detection/brick_detection_config.h"
+#include "brick_detection_ros/detect_server.h"
 #include "brick_detection_ros/image_input.h"
 
 namespace brick_detection_ros {
@@ -18,16 +19,7 @@ struct BrickDetectionParams {
   ImageInputParams input;
   brick_detection::BrickDetectionConfig detection;
 
-  struct Detect {
-    double timeout_s{5.0};
-    double clock_stall_s{3.0};
-
-    static void fields(Detect& c, interactive_mapping::Fields& f) {
-      f("timeout_s", c.timeout_s, 0.01, 600.0, "s", "time limit of a call of ~detect that names none, ROS time");
-      f("clock_stall_s", c.clock_stall_s, 0.1, 600.0, "s",
-        "a clock that stands still for longer ends a call, wall time");
-    }
-  } detect;
+  DetectParams detect;
 
   struct Map {
     bool use{true};

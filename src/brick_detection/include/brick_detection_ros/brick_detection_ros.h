@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <condition_variable>
 #include <cstdint>
 #include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -16,17 +14,15 @@
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/BrickArray.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
-#include <interactive_mapping_msgs/DetectBricks.h>
-#include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <ros/service_server.h>
-#include <ros/spinner.h>
 #include <ros/wall_timer.h>
 #include <std_srvs/Trigger.h>
 
 #include "brick_detection/brick_detector.h"
 #include "brick_detection_ros/brick_detection_params.h"
 #include "brick_detection_ros/brick_markers.h"
+#include "brick_detection_ros/detect_server.h"
 #include "brick_detection_ros/image_input.h"
 #include "brick_detection_ros/map_client.h"
 
@@ -48,12 +44,6 @@ class BrickDetectionRos {
   using Update = interactive_mapping_msgs::BrickDetectionUpdate;
   using BrickArray = interactive_mapping_msgs::BrickArray;
 
-  /// What became of an image, for those who wait for it.
-  struct LookRecord {
-    std::uint64_t number{0};
-    Update update;
-    BrickArray bricks;  // those seen in it
-  };
   struct LookTimes {
     ros::WallTime done;
     bool is_accepted;
@@ -65,14 +55,12 @@ class BrickDetectionRos {
   void consume(const InputFrame& frame);
   void refuse(const ros::Time& stamp, const Refusal& refusal, bool is_restart);
   /// Last of an image's work: publishes the update and wakes those who wait.
-  void conclude(LookRecord record);
+  void conclude(DetectLook record);
   void publishPicture(const InputFrame& frame, const brick_detection::BrickPoseEstimator::Result& found);
 
   void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
   /// Where the tool's brick was in the map when it was taken; nothing if tf does not know.
   std::optional<Eigen::Vector3d> placeOf(const interactive_mapping_msgs::AttachedBrick& message) const;
-  bool onDetect(interactive_mapping_msgs::DetectBricks::Request& request,
-                interactive_mapping_msgs::DetectBricks::Response& response);
   bool onClear(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   void onMapAnswer(const MapClient::MapQuestion& question, const std::vector<brick_detection::SpaceState>& states,
                    const ros::Time& map_stamp);
@@ -101,12 +89,6 @@ class BrickDetectionRos {
   std::optional<int> attached_id_;
   ros::Publisher bricks_publisher_, marker_publisher_;
 
-  mutable std::mutex look_mutex_;  // guards what follows, up to the blank line
-  std::condition_variable look_done_;
-  bool is_stopping_{false};
-  std::multiset<ros::Time> waiting_since_;  // one for each call of ~detect that waits
-  std::shared_ptr<const LookRecord> last_accepted_, last_refused_;
-
   mutable std::mutex report_mutex_;  // guards recent_
   std::deque<LookTimes> recent_;
 
@@ -114,12 +96,11 @@ class BrickDetectionRos {
   image_transport::ImageTransport transport_;
   image_transport::Publisher picture_publisher_;
   ros::Subscriber attached_subscriber_;
-  ros::CallbackQueue detect_queue_;
-  ros::AsyncSpinner detect_spinner_;
-  ros::ServiceServer detect_server_, clear_server_;
+  ros::ServiceServer clear_server_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   std::unique_ptr<MapClient> map_;
+  std::unique_ptr<DetectServer> detect_;
   std::unique_ptr<ImageInput> input_;  // last: its thread uses the rest
 };
 

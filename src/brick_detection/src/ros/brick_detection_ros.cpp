@@ -2,9 +2,9 @@
 #include "brick_detection_ros/brick_detection_ros.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <stdexcept>
 #include <utility>
 
@@ -25,26 +25,17 @@ using brick_detection::TagStatus;
 using brick_detection::TrackedBrick;
 using diagnostic_msgs::DiagnosticStatus;
 using interactive_mapping::formatted;
-using interactive_mapping_msgs::DetectBricks;
 using Update = interactive_mapping_msgs::BrickDetectionUpdate;
 
 constexpr char kLog[] = "brick_detection";
-constexpr double kWindow_s = 5.0;                      // over which diagnostics count
-constexpr double kSilence_s = 2.0;                     // without an image: a warning
-constexpr double kWarnPeriod_s = 5.0;                  // a message in a callback is repeated no more often
-constexpr int kDetectThreads = 4;                      // calls of ~detect that can wait at once; others queue up
-constexpr std::chrono::milliseconds kClockPeriod(20);  // a waiting call looks at the clock that often
+constexpr double kWindow_s = 5.0;      // over which diagnostics count
+constexpr double kSilence_s = 2.0;     // without an image: a warning
+constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
 
 std::string join(const std::vector<int>& ids) {
   std::string text;
   for (const int id : ids) text += (text.empty() ? "" : ", ") + std::to_string(id);
   return text;
-}
-
-ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) {
-  ros::NodeHandle other(nh);
-  other.setCallbackQueue(queue);
-  return other;
 }
 
 /// What to say when the depth image denies everything that the colour image shows; empty: it does not.
@@ -68,7 +59,6 @@ BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeH
       detector_(mp700_ur5e_description::loadBrickTypes(params_.bricks_file), params_.detection),
       markers_(detector_.catalogue()),
       transport_(private_nh),
-      detect_spinner_(kDetectThreads, &detect_queue_),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
   ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << interactive_mapping::toYaml(params_));
   ros::NodeHandle public_nh(nh);
@@ -104,14 +94,15 @@ BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeH
   };
   const auto source = detector_.decodesImages() ? ImageInput::Source::kImages : ImageInput::Source::kAlvarMarkers;
   input_ = std::make_unique<ImageInput>(nh, private_nh, params_.input, source, callbacks);
+  detect_ = std::make_unique<DetectServer>(
+      private_nh, params_.detect,
+      DetectServer::Input{params_.input.map_frame, "image", input_->topic(), params_.input.max_future_s});
   // A simulation that waits for an update after each image may begin when it sees this: the images are subscribed to.
   update_publisher_ = pnh.advertise<Update>("update", 50);
   input_->start();
 
   attached_subscriber_ = public_nh.subscribe("attached_brick", 5, &BrickDetectionRos::onAttached, this);
   clear_server_ = pnh.advertiseService("clear", &BrickDetectionRos::onClear, this);
-  detect_server_ = withQueue(pnh, &detect_queue_).advertiseService("detect", &BrickDetectionRos::onDetect, this);
-  detect_spinner_.start();
 
   diagnostics_.setHardwareID("none");
   diagnostics_.add("input", this, &BrickDetectionRos::diagnoseInput);
@@ -126,29 +117,21 @@ BrickDetectionRos::BrickDetectionRos(const ros::NodeHandle& nh, const ros::NodeH
 }
 
 BrickDetectionRos::~BrickDetectionRos() {
-  {
-    const std::lock_guard<std::mutex> lock(look_mutex_);
-    is_stopping_ = true;
-  }
-  look_done_.notify_all();
   // Each of these waits for its callback in progress; then nobody but the input's thread uses the map.
+  detect_->stop();
   diagnostics_timer_.stop();
-  detect_server_.shutdown();
   clear_server_.shutdown();
   attached_subscriber_.shutdown();
-  detect_spinner_.stop();
   input_.reset();
   map_.reset();
 }
 
 bool BrickDetectionRos::wants(const ros::Time& stamp) {
-  if (params_.continuous) return true;
-  const std::lock_guard<std::mutex> lock(look_mutex_);
-  return !waiting_since_.empty() && (stamp.isZero() || *waiting_since_.begin() < stamp);
+  return params_.continuous || detect_->wants(stamp);
 }
 
 void BrickDetectionRos::consume(const InputFrame& frame) {
-  LookRecord record;
+  DetectLook record;
   Update& update = record.update;
   update.header.stamp = frame.stamp;
   update.header.frame_id = params_.input.map_frame;
@@ -158,14 +141,13 @@ void BrickDetectionRos::consume(const InputFrame& frame) {
   brick_detection::BrickDetector::Look look;
   {
     const std::lock_guard<std::mutex> lock(detector_mutex_);
-    record.number = ++num_looks_;  // one that fails, too
+    update.look = ++num_looks_;  // one that fails, too
     if (frame.T_map_camera) {
       look = frame.has_image
                  ? detector_.look(frame.image, frame.depth_m, frame.camera, *frame.T_map_camera, frame.stamp.toSec())
                  : detector_.addMarkers(frame.markers, *frame.T_map_camera, frame.stamp.toSec());
     }
     stamp_ = frame.stamp;
-    update.look = num_looks_;
     update.has_depth = look.has_depth ? 1 : 0;
     for (const brick_detection::TagSighting& tag : look.found.tags) update.tags.push_back(toMessage(tag));
     std::set<std::size_t> seen;
@@ -191,14 +173,14 @@ void BrickDetectionRos::consume(const InputFrame& frame) {
     recent_.push_back({now, true, update.total_ms, ros::Time::now().toSec() - frame.stamp.toSec()});
     while ((now - recent_.front().done).toSec() > kWindow_s) recent_.pop_front();
   }
-  ROS_DEBUG_NAMED(kLog, "look %lu: %zu tags, %zu bricks, %.1f ms", static_cast<unsigned long>(record.number),
+  ROS_DEBUG_NAMED(kLog, "look %lu: %zu tags, %zu bricks, %.1f ms", static_cast<unsigned long>(update.look),
                   update.tags.size(), update.bricks_seen.size(), update.total_ms);
   publishPicture(frame, look.found);
   conclude(std::move(record));
 }
 
 void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, bool is_restart) {
-  LookRecord record;
+  DetectLook record;
   Update& update = record.update;
   update.header.stamp = stamp;
   update.header.frame_id = params_.input.map_frame;
@@ -210,7 +192,7 @@ void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, b
       forget(stamp);
       update.message += ", and so are all bricks";
     }
-    record.number = update.look = ++num_looks_;
+    update.look = ++num_looks_;
     update.bricks_dropped = std::move(dropped_);
     dropped_.clear();
   }
@@ -226,15 +208,10 @@ void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, b
   conclude(std::move(record));
 }
 
-void BrickDetectionRos::conclude(LookRecord record) {
+void BrickDetectionRos::conclude(DetectLook record) {
   // Whoever waits for it finds ~bricks and the services up to date.
   update_publisher_.publish(record.update);
-  {
-    const std::lock_guard<std::mutex> lock(look_mutex_);
-    const bool is_accepted = record.update.status == Update::ACCEPTED;
-    (is_accepted ? last_accepted_ : last_refused_) = std::make_shared<const LookRecord>(std::move(record));
-  }
-  look_done_.notify_all();
+  detect_->conclude(std::move(record));
 }
 
 interactive_mapping_msgs::Brick BrickDetectionRos::toBrick(std::size_t index) const {
@@ -331,75 +308,6 @@ void BrickDetectionRos::onAttached(const interactive_mapping_msgs::AttachedBrick
   }
 }
 
-bool BrickDetectionRos::onDetect(DetectBricks::Request& request, DetectBricks::Response& response) {
-  using Response = DetectBricks::Response;
-  const double timeout_s = request.timeout.isZero() ? params_.detect.timeout_s : request.timeout.toSec();
-  const ros::Time called = ros::Time::now();
-  response.bricks.header.frame_id = params_.input.map_frame;
-  const auto answer = [&response](std::uint8_t status, const std::string& message) {
-    response.status = status;
-    response.success = status == Response::OK ? 1 : 0;
-    response.message = message;
-  };
-
-  if (timeout_s < 0.0) {
-    answer(Response::NO_IMAGE,
-           "timeout = " + formatted("%g s", timeout_s) + ", must be at least 0 s (0: the node's own)");
-    return true;
-  }
-  std::unique_lock<std::mutex> lock(look_mutex_);
-  const auto place = waiting_since_.insert(called);
-  const std::shared_ptr<const LookRecord> refused_before = last_refused_;
-  // A stamp alone does not tell: after time has run back, looks of before carry later ones, and one may be under way.
-  const std::uint64_t number_before = last_accepted_ ? last_accepted_->number : 0;
-  ros::Time clock = called;
-  ros::WallTime clock_moved = ros::WallTime::now();
-  while (true) {
-    if (is_stopping_) {
-      answer(Response::SHUTTING_DOWN, "the node is ending");
-      break;
-    }
-    // Exposed after the call, not at its very moment: that one may show the world before.
-    const auto isAnswer = [&](const LookRecord& look) {
-      const double ahead_s = look.update.header.stamp.toSec() - ros::Time::now().toSec();
-      return look.number > number_before && look.update.header.stamp > called && ahead_s <= params_.input.max_future_s;
-    };
-    if (last_accepted_ && isAnswer(*last_accepted_)) {
-      response.update = last_accepted_->update;
-      response.bricks = last_accepted_->bricks;
-      answer(Response::OK, last_accepted_->update.message);
-      break;
-    }
-    const ros::Time now = ros::Time::now();
-    if (now != clock) {
-      clock = now;
-      clock_moved = ros::WallTime::now();
-    }
-    const double stood_s = (ros::WallTime::now() - clock_moved).toSec();
-    if (now < called) {
-      answer(Response::NO_IMAGE, "ROS time ran back during the call");
-      break;
-    }
-    const bool is_over = now.toSec() - called.toSec() >= timeout_s;
-    if (is_over || stood_s >= params_.detect.clock_stall_s) {
-      const std::string why = is_over ? "within " + formatted("%.3f s", timeout_s)
-                                      : "the clock has stood still for " + formatted("%.1f s", stood_s);
-      if (last_refused_ != refused_before) {
-        response.update = last_refused_->update;
-        answer(Response::REFUSED, "no image could be used, " + why + "; the last: " +
-                                      toString(static_cast<DetectionUpdateStatus>(last_refused_->update.status)) +
-                                      ", " + last_refused_->update.message);
-      } else {
-        answer(Response::NO_IMAGE, "no image on " + input_->topic() + ", " + why);
-      }
-      break;
-    }
-    look_done_.wait_for(lock, kClockPeriod);
-  }
-  waiting_since_.erase(place);
-  return true;
-}
-
 bool BrickDetectionRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
   {
     const std::lock_guard<std::mutex> lock(detector_mutex_);
@@ -467,10 +375,7 @@ void BrickDetectionRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrappe
     status.add(i == 0 ? name : "left out: " + name, counters.by_status[i]);
   }
   status.add("without depth", counters.without_depth);
-  {
-    const std::lock_guard<std::mutex> lock(look_mutex_);
-    status.add("calls of ~detect that wait", waiting_since_.size());
-  }
+  status.add("calls of ~detect that wait", detect_->numWaiting());
   if (!counters.last_remark.empty()) status.add("last without depth", counters.last_remark);
   if (!counters.last_refusal.empty()) status.add("last left out", counters.last_refusal);
 }

@@ -88,7 +88,7 @@ struct CuboidStatistics {
   int num_penetrating{0};  ///< surface inside, or reaching into another surface
   int num_free{0};         ///< space inside was seen free
   int num_unsure{0};       ///< position or rotation not determined
-  int num_ambiguous{0};    ///< another body explains the same patches as well
+  int num_ambiguous{0};    ///< another size or another body explains the same patches as well
 };
 
 /// Free, occupied or unknown at points [m, map frame]; as many answers as points.
@@ -97,8 +97,9 @@ using SpaceQuery = std::function<std::vector<SpaceState>(const Eigen::Matrix3Xd&
 /// Bodies of the known types that the patches of `mesh` show, most edges first. Each patch that is not large gives
 /// hypotheses by its convex edges: faces of the types that fit between two of them, or from one of them on, and rows of equal
 /// faces where the patch is a multiple of one. A hypothesis stays that shows enough edges and area, has no surface and no
-/// free space inside, reaches into no other surface, has a position that its planes and edges determine, and of which no
-/// other explains the same surface as well. `space` may be empty: then open borders are no edges, and free space inside is
+/// free space inside, reaches into no other surface, has a position that its planes and edges determine, whose size is
+/// seen, and of which no other explains the same surface as well. A size is seen if it differs from each other one, turned
+/// in any way, along an axis of which both ends are seen, or of which more is seen than the other one is long. `space` may be empty: then open borders are no edges, and free space inside is
 /// not noticed. Bodies that touch are two if an edge or the sizes of the types tell; a row that can be split in
 /// several ways is left out. Throws std::invalid_argument for an impossible config, no types, a size that is not positive,
 /// or an answer of `space` of another length.

@@ -4,6 +4,7 @@
 #include <string>
 
 #include <brick_detection/face_access.h>
+#include <brick_detection_ros/detect_server.h>
 #include <interactive_mapping_common/config/schema.h>
 #include <ros/node_handle.h>
 
@@ -35,16 +36,7 @@ struct SurfacePickingParams {
   surface_picking::BodyConfig bodies;
   brick_detection::FaceAccessConfig access;
 
-  struct Detect {
-    double timeout_s{5.0};
-    double clock_stall_s{3.0};
-
-    static void fields(Detect& c, interactive_mapping::Fields& f) {
-      f("timeout_s", c.timeout_s, 0.01, 600.0, "s", "time limit of a call of ~detect that names none, ROS time");
-      f("clock_stall_s", c.clock_stall_s, 0.1, 600.0, "s",
-        "a clock that stands still for longer ends a call, wall time");
-    }
-  } detect;
+  brick_detection_ros::DetectParams detect;
 
   static void fields(SurfacePickingParams& c, interactive_mapping::Fields& f) {
     f("bricks_file", c.bricks_file, "absolute path of a bricks.yaml; the launch file gives it");

@@ -3,26 +3,22 @@
 
 #include <condition_variable>
 #include <cstdint>
-#include <memory>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include <brick_detection_ros/brick_markers.h>
+#include <brick_detection_ros/detect_server.h>
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/BrickArray.h>
 #include <interactive_mapping_msgs/BrickDetectionUpdate.h>
-#include <interactive_mapping_msgs/DetectBricks.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <mp700_ur5e_description/brick_types.h>
-#include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <ros/service_server.h>
-#include <ros/spinner.h>
 #include <ros/wall_timer.h>
 #include <std_srvs/Trigger.h>
 
@@ -50,12 +46,6 @@ class SurfacePickingRos {
   using BrickArray = interactive_mapping_msgs::BrickArray;
   using MapUpdate = interactive_mapping_msgs::MapUpdate;
 
-  /// What became of an update of the map, for those who wait for it.
-  struct Look {
-    std::uint64_t number{0};
-    Update update;
-    BrickArray bricks;  // those seen in it
-  };
   struct Counters {
     std::uint64_t updates{0};  // of the map
     std::uint64_t looks{0};
@@ -69,12 +59,10 @@ class SurfacePickingRos {
 
   void onMapUpdate(const MapUpdate::ConstPtr& update);
   void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
-  bool onDetect(interactive_mapping_msgs::DetectBricks::Request& request,
-                interactive_mapping_msgs::DetectBricks::Response& response);
   bool onClear(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
 
   void work();
-  void look(const MapUpdate& update, Look* done);
+  void look(const MapUpdate& update, brick_detection_ros::DetectLook* done);
   /// Of all bodies, or of those at `indices`; the worker's.
   std::vector<interactive_mapping_msgs::Brick> toBricks(const std::vector<surface_picking::Body>& bodies,
                                                         const std::vector<std::size_t>& indices);
@@ -96,19 +84,16 @@ class SurfacePickingRos {
   ros::Publisher bricks_publisher_, marker_publisher_;
 
   mutable std::mutex look_mutex_;  // guards what follows, up to the blank line
-  std::condition_variable work_come_, look_done_;
+  std::condition_variable work_come_;
   bool is_stopping_{false};
   std::optional<MapUpdate> news_;
-  std::multiset<ros::Time> waiting_since_;  // one for each call of ~detect that waits
-  std::shared_ptr<const Look> last_good_, last_failed_;
   Counters counters_;
 
   PatchMarkers patch_markers_;  // the worker's
   ros::Publisher update_publisher_, patch_publisher_;
   ros::Subscriber map_subscriber_, attached_subscriber_;
-  ros::CallbackQueue detect_queue_;
-  ros::AsyncSpinner detect_spinner_;
-  ros::ServiceServer detect_server_, clear_server_;
+  brick_detection_ros::DetectServer detect_;
+  ros::ServiceServer clear_server_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   std::thread worker_;

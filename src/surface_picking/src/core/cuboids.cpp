@@ -366,6 +366,12 @@ class CuboidFinder {
     return hypotheses;
   }
 
+  /// What faces and edges say of an end of a body.
+  struct End {
+    bool is_shown{false};
+    bool is_denied{false};  // the surface goes on beyond
+  };
+
   /// What patches say of a body at a pose.
   struct Evidence {
     std::array<SeenFace, kNumBrickFaces> faces{};
@@ -374,6 +380,9 @@ class CuboidFinder {
     int num_edges{0};
     bool has_inner_edge{false};  // a seen face ends in its midst
     double seen_area_m2{0.0};
+    // Along each axis of the body: what is seen of its ends, and of the surface between them [m from the middle].
+    std::array<std::array<End, 2>, 3> ends{};
+    std::array<double, 3> lowest{INFINITY, INFINITY, INFINITY}, highest{-INFINITY, -INFINITY, -INFINITY};
   };
 
   Evidence weigh(const BrickType& type, const Eigen::Isometry3d& T) const {
@@ -398,6 +407,7 @@ class CuboidFinder {
         if (patch.is_large || patch.normal_map.dot(normal) < std::cos(config_.face_tolerance_rad)) continue;
         double area = 0.0;
         double moment = 0.0;
+        std::vector<std::uint32_t> seen;
         for (const std::uint32_t vertex : patch.vertices) {
           const Eigen::Vector3d d = mesh_.vertices_map[vertex] - c;
           if (std::abs(u.dot(d)) > half[axis_u] + kCoverSlack_m || std::abs(v.dot(d)) > half[axis_v] + kCoverSlack_m) {
@@ -405,10 +415,19 @@ class CuboidFinder {
           }
           area += area_[vertex];
           moment += area_[vertex] * (normal.dot(d) - half[axis]);
+          seen.push_back(vertex);
         }
         if (area < 0.02 * face_area || std::abs(moment / area) > config_.face_tolerance_m) continue;
         supports.push_back(i);
         evidence.is_support[i] = true;
+        for (const std::uint32_t vertex : seen) {
+          const Eigen::Vector3d d_body = T.linear().transpose() * (mesh_.vertices_map[vertex] - c);
+          for (const int k : {axis_u, axis_v}) {
+            const auto along = static_cast<std::size_t>(k);
+            evidence.lowest[along] = std::min(evidence.lowest[along], d_body[k]);
+            evidence.highest[along] = std::max(evidence.highest[along], d_body[k]);
+          }
+        }
         evidence.faces[f].share += area / face_area;
         evidence.seen_area_m2 += area;
         if (area > largest) {
@@ -423,9 +442,13 @@ class CuboidFinder {
         }
       }
       if (supports.empty()) continue;
-      for (const double sign : {-1.0, 1.0}) {
-        weighEdge(supports, c, sign * u, half[axis_u], v, half[axis_v], &evidence);
-        weighEdge(supports, c, sign * v, half[axis_v], u, half[axis_u], &evidence);
+      evidence.ends[static_cast<std::size_t>(axis)][normal_body[axis] > 0.0 ? 1 : 0].is_shown = true;
+      for (const std::size_t end : {0, 1}) {
+        const double sign = end == 0 ? -1.0 : 1.0;
+        weighEdge(supports, c, sign * u, half[axis_u], v, half[axis_v], &evidence,
+                  &evidence.ends[static_cast<std::size_t>(axis_u)][end]);
+        weighEdge(supports, c, sign * v, half[axis_v], u, half[axis_u], &evidence,
+                  &evidence.ends[static_cast<std::size_t>(axis_v)][end]);
       }
     }
     return evidence;
@@ -437,9 +460,9 @@ class CuboidFinder {
     return J;
   }
 
-  /// One edge of a seen face: `axis` points from the face's middle to it.
+  /// One edge of a seen face: `axis` points from the face's middle to it, and `end` is that end of the body.
   void weighEdge(const std::vector<std::size_t>& supports, const Eigen::Vector3d& c, const Eigen::Vector3d& axis,
-                 double half, const Eigen::Vector3d& across, double half_across, Evidence* evidence) const {
+                 double half, const Eigen::Vector3d& across, double half_across, Evidence* evidence, End* end) const {
     constexpr double kInner_m = 0.03;
     std::vector<std::pair<double, Eigen::Vector3d>> on_edge;  // place along the edge, point
     std::vector<double> along;
@@ -476,6 +499,9 @@ class CuboidFinder {
     } else if (coveredLength(along) >= std::max(config_.min_edge_m, 0.3 * length)) {
       ++evidence->num_edges;
     }
+    end->is_denied = end->is_denied || is_denied;
+    // Pieces of half the length and less were seen where something stood before the face.
+    end->is_shown = end->is_shown || coveredLength(along) > 0.5 * length;
     if (is_denied || coveredLength(along) < config_.min_edge_m) return;
     // Two halves of the edge: their places also tell its direction.
     std::sort(on_edge.begin(), on_edge.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
@@ -489,6 +515,27 @@ class CuboidFinder {
       evidence->conditions.push_back({row(-axis, axis.cross(lever)), half - config_.edge_inset_m - axis.dot(lever),
                                       std::sqrt(2.0) * config_.edge_std_m});
     }
+  }
+
+  /// Whether what is seen rules out every other size: along some axis both ends are seen, or surface beyond its end.
+  bool isSizeSeen(const Eigen::Vector3d& size_m, const Evidence& evidence) const {
+    const auto isRuledOut = [&](const Eigen::Vector3d& other_m) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        const double longer_m = size_m[static_cast<int>(i)] - other_m[static_cast<int>(i)];
+        if (std::abs(longer_m) <= config_.size_tolerance_m) continue;
+        const auto isSeen = [](const End& end) { return end.is_shown && !end.is_denied; };
+        if (std::all_of(evidence.ends[i].begin(), evidence.ends[i].end(), isSeen)) return true;
+        const double seen_m = evidence.highest[i] - evidence.lowest[i];
+        if (longer_m > 0.0 && seen_m > other_m[static_cast<int>(i)] + config_.size_tolerance_m) return true;
+      }
+      return (size_m - other_m).cwiseAbs().maxCoeff() <= config_.size_tolerance_m;
+    };
+    static const std::vector<Eigen::Matrix3d> rotations = rotationsOfTheCube();
+    return std::all_of(types_.begin(), types_.end(), [&](const BrickType& type) {
+      return std::all_of(rotations.begin(), rotations.end(), [&](const Eigen::Matrix3d& rotation) {
+        return isRuledOut((rotation * type.size_m).cwiseAbs());
+      });
+    });
   }
 
   /// Least squares of all conditions: moves the body and gives its covariance. Nothing, if they do not determine it.
@@ -548,6 +595,10 @@ class CuboidFinder {
     };
     if (worst(0) > config_.max_std_m || worst(3) > config_.max_std_rad) {
       ++statistics->num_unsure;
+      return std::nullopt;
+    }
+    if (!isSizeSeen(type.size_m, evidence)) {
+      ++statistics->num_ambiguous;
       return std::nullopt;
     }
     if (isPenetrated(type, T, evidence)) {

@@ -2,7 +2,6 @@
 #include "surface_picking_ros/surface_picking_ros.h"
 
 #include <algorithm>
-#include <chrono>
 #include <exception>
 #include <utility>
 
@@ -19,21 +18,12 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 using interactive_mapping::formatted;
-using interactive_mapping_msgs::DetectBricks;
 using interactive_mapping_msgs::MapUpdate;
 using surface_picking::Body;
 
 constexpr char kLog[] = "surface_picking";
-constexpr double kSilence_s = 5.0;                     // without an update of the map: a warning
-constexpr double kWarnPeriod_s = 5.0;                  // a message in a callback is repeated no more often
-constexpr int kDetectThreads = 4;                      // calls of ~detect that can wait at once; others queue up
-constexpr std::chrono::milliseconds kClockPeriod(20);  // a waiting call looks at the clock that often
-
-ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) {
-  ros::NodeHandle other(nh);
-  other.setCallbackQueue(queue);
-  return other;
-}
+constexpr double kSilence_s = 5.0;     // without an update of the map: a warning
+constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
 
 }  // namespace
 
@@ -43,7 +33,7 @@ SurfacePickingRos::SurfacePickingRos(const ros::NodeHandle& nh, const ros::NodeH
       map_(nh, params_.map_frame),
       tracker_(params_.bodies),
       markers_(catalogue_),
-      detect_spinner_(kDetectThreads, &detect_queue_),
+      detect_(private_nh, params_.detect, {params_.map_frame, "update of the map", nh.resolveName("map_update")}),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
   ROS_INFO_STREAM_NAMED(kLog, "configuration:\n" << interactive_mapping::toYaml(params_));
   ros::NodeHandle public_nh(nh);
@@ -61,8 +51,6 @@ SurfacePickingRos::SurfacePickingRos(const ros::NodeHandle& nh, const ros::NodeH
   update_publisher_ = pnh.advertise<Update>("update", 50);
   attached_subscriber_ = public_nh.subscribe("attached_brick", 5, &SurfacePickingRos::onAttached, this);
   clear_server_ = pnh.advertiseService("clear", &SurfacePickingRos::onClear, this);
-  detect_server_ = withQueue(pnh, &detect_queue_).advertiseService("detect", &SurfacePickingRos::onDetect, this);
-  detect_spinner_.start();
   worker_ = std::thread(&SurfacePickingRos::work, this);
 
   diagnostics_.setHardwareID("none");
@@ -81,15 +69,13 @@ SurfacePickingRos::~SurfacePickingRos() {
     is_stopping_ = true;
   }
   work_come_.notify_all();
-  look_done_.notify_all();
+  detect_.stop();
   map_.stop();  // first: a call that hangs holds up the worker, and with it callbacks
   // Each of these waits for its callback in progress.
   diagnostics_timer_.stop();
-  detect_server_.shutdown();
   clear_server_.shutdown();
   attached_subscriber_.shutdown();
   map_subscriber_.shutdown();
-  detect_spinner_.stop();
   worker_.join();
 }
 
@@ -98,7 +84,7 @@ void SurfacePickingRos::onMapUpdate(const MapUpdate::ConstPtr& update) {
     const std::lock_guard<std::mutex> lock(look_mutex_);
     ++counters_.updates;
     counters_.last_update = ros::WallTime::now();
-    if (!params_.continuous && (waiting_since_.empty() || update->header.stamp <= *waiting_since_.begin())) return;
+    if (!params_.continuous && !detect_.wants(update->header.stamp)) return;
     news_ = *update;
   }
   work_come_.notify_all();
@@ -107,18 +93,17 @@ void SurfacePickingRos::onMapUpdate(const MapUpdate::ConstPtr& update) {
 void SurfacePickingRos::work() {
   while (true) {
     MapUpdate update;
-    Look done;
+    brick_detection_ros::DetectLook done;
     {
       std::unique_lock<std::mutex> lock(look_mutex_);
       work_come_.wait(lock, [this] { return is_stopping_ || news_; });
       if (is_stopping_) return;
       update = std::move(*news_);
       news_.reset();
-      done.number = ++counters_.looks;
+      done.update.look = ++counters_.looks;
     }
     done.update.header = update.header;
     done.update.header.frame_id = params_.map_frame;
-    done.update.look = done.number;
     const ros::WallTime begun = ros::WallTime::now();
     try {
       if (update.status != MapUpdate::ACCEPTED) {
@@ -142,13 +127,12 @@ void SurfacePickingRos::work() {
       const bool is_good = done.update.status == Update::ACCEPTED;
       counters_.failures += is_good ? 0 : 1;
       counters_.last_failure = is_good ? "" : done.update.message;
-      (is_good ? last_good_ : last_failed_) = std::make_shared<const Look>(std::move(done));
     }
-    look_done_.notify_all();
+    detect_.conclude(std::move(done));
   }
 }
 
-void SurfacePickingRos::look(const MapUpdate& update, Look* done) {
+void SurfacePickingRos::look(const MapUpdate& update, brick_detection_ros::DetectLook* done) {
   const ros::WallTime begun = ros::WallTime::now();
   const interactive_mapping_msgs::SurfaceMesh message = map_.mesh();
   const surface_picking::TriangleMesh mesh =
@@ -246,69 +230,6 @@ void SurfacePickingRos::onAttached(const interactive_mapping_msgs::AttachedBrick
                      [&](const interactive_mapping_msgs::Brick& brick) { return brick.id == message->id; }),
       bricks_.bricks.end());
   publishBricks();
-}
-
-bool SurfacePickingRos::onDetect(DetectBricks::Request& request, DetectBricks::Response& response) {
-  using Response = DetectBricks::Response;
-  const double timeout_s = request.timeout.isZero() ? params_.detect.timeout_s : request.timeout.toSec();
-  const ros::Time called = ros::Time::now();
-  response.bricks.header.frame_id = params_.map_frame;
-  const auto answer = [&response](std::uint8_t status, const std::string& message) {
-    response.status = status;
-    response.success = status == Response::OK ? 1 : 0;
-    response.message = message;
-  };
-  if (timeout_s < 0.0) {
-    answer(Response::NO_IMAGE,
-           "timeout = " + formatted("%g s", timeout_s) + ", must be at least 0 s (0: the node's own)");
-    return true;
-  }
-  std::unique_lock<std::mutex> lock(look_mutex_);
-  const auto place = waiting_since_.insert(called);
-  // A stamp alone does not tell: after time has run back, looks of before carry later ones.
-  const std::uint64_t number_before = last_good_ ? last_good_->number : 0;
-  const std::shared_ptr<const Look> failed_before = last_failed_;
-  ros::Time clock = called;
-  ros::WallTime clock_moved = ros::WallTime::now();
-  while (true) {
-    if (is_stopping_) {
-      answer(Response::SHUTTING_DOWN, "the node is ending");
-      break;
-    }
-    // Of an image exposed after the call, not at its very moment: that one may show the world before.
-    if (last_good_ && last_good_->number > number_before && last_good_->update.header.stamp > called) {
-      response.update = last_good_->update;
-      response.bricks = last_good_->bricks;
-      answer(Response::OK, last_good_->update.message);
-      break;
-    }
-    const ros::Time now = ros::Time::now();
-    if (now != clock) {
-      clock = now;
-      clock_moved = ros::WallTime::now();
-    }
-    if (now < called) {
-      answer(Response::NO_IMAGE, "ROS time ran back during the call");
-      break;
-    }
-    const double stood_s = (ros::WallTime::now() - clock_moved).toSec();
-    const bool is_over = (now - called).toSec() >= timeout_s;
-    if (is_over || stood_s >= params_.detect.clock_stall_s) {
-      const std::string why = is_over ? "within " + formatted("%.3f s", timeout_s)
-                                      : "the clock has stood still for " + formatted("%.1f s", stood_s);
-      if (last_failed_ != failed_before) {
-        response.update = last_failed_->update;
-        answer(Response::REFUSED,
-               "no update of the map could be used, " + why + "; the last: " + last_failed_->update.message);
-      } else {
-        answer(Response::NO_IMAGE, "no update of the map on " + map_subscriber_.getTopic() + ", " + why);
-      }
-      break;
-    }
-    look_done_.wait_for(lock, kClockPeriod);
-  }
-  waiting_since_.erase(place);
-  return true;
 }
 
 bool SurfacePickingRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {

@@ -206,6 +206,68 @@ TEST(Patches, OfAFlatSquareIsExact) {
   }
 }
 
+/// One point of a profile in x and z, with the angle by which its normal leans from z towards x.
+struct Point {
+  double x_m, z_m, lean_rad;
+};
+
+/// The surface that the profile makes along y, 0.2 m wide, without noise.
+TriangleMesh extruded(const std::vector<Point>& profile) {
+  TriangleMesh mesh = grid(21, 0.01);
+  mesh.vertices_map.clear();
+  mesh.normals_map.clear();
+  mesh.triangles.clear();
+  for (std::size_t i = 0; i < profile.size(); ++i) {
+    const Point& point = profile[i];
+    for (std::uint32_t j = 0; j < 21; ++j) {
+      mesh.vertices_map.emplace_back(point.x_m, 0.01 * j, point.z_m);
+      mesh.normals_map.emplace_back(std::sin(point.lean_rad), 0.0, std::cos(point.lean_rad));
+      if (i == 0 || j == 0) continue;
+      const auto at = static_cast<std::uint32_t>(21 * i) + j;
+      mesh.triangles.push_back({at - 22, at - 1, at});
+      mesh.triangles.push_back({at - 22, at, at - 21});
+    }
+  }
+  mesh.variance_m2.assign(mesh.vertices_map.size(), 1e-6F);
+  return mesh;
+}
+
+/// Kinds of the border of the one level patch about this height towards +x or -x.
+std::set<BorderKind> borderOf(const TriangleMesh& mesh, double z_m, double sign) {
+  std::set<BorderKind> kinds;
+  for (const Patch& patch : findPatches(mesh, PatchConfig())) {
+    if (patch.normal_map.z() < 0.99 || std::abs(patch.center_map.z() - z_m) > 0.005) continue;
+    for (const BorderPoint& point : patch.border) {
+      if (sign * point.out_map.x() > 0.9) kinds.insert(point.kind);
+    }
+  }
+  return kinds;
+}
+
+// Down round a corner of 2 cm: the body ends. Up: another one stands there.
+TEST(Patches, BorderIsConvexWhereTheSurfaceTurnsAway) {
+  for (const double turn : {1.0, -1.0}) {
+    std::vector<Point> profile;
+    for (int i = -20; i < 0; ++i) profile.push_back({0.01 * i, 0.0, 0.0});
+    for (int i = 0; i <= 6; ++i) {
+      const double angle = M_PI / 12.0 * i;
+      profile.push_back({0.02 * std::sin(angle), turn * 0.02 * (std::cos(angle) - 1.0), turn * angle});
+    }
+    for (int i = 1; i < 20; ++i) profile.push_back({0.02, turn * (-0.02 - 0.01 * i), turn * M_PI / 2.0});
+    EXPECT_EQ(borderOf(extruded(profile), 0.0, 1.0),
+              std::set<BorderKind>{turn > 0.0 ? BorderKind::kConvex : BorderKind::kConcave});
+  }
+}
+
+// A step whose normals all point up: the height alone tells that the upper face ends, and the lower may go on behind.
+TEST(Patches, BorderOfAStepIsConvexAboveAndConcaveBelow) {
+  std::vector<Point> profile;
+  for (int i = -20; i < 20; ++i) profile.push_back({0.01 * i, i < 0 ? 0.0 : -0.03, 0.0});
+  const TriangleMesh mesh = extruded(profile);
+  EXPECT_EQ(borderOf(mesh, 0.0, 1.0), std::set<BorderKind>{BorderKind::kConvex});
+  EXPECT_EQ(borderOf(mesh, -0.03, -1.0), std::set<BorderKind>{BorderKind::kConcave});
+}
+
 TEST(Patches, RefuseWhatIsNoMesh) {
   const auto messageOf = [](const TriangleMesh& mesh) {
     return test_support::messageOf<std::invalid_argument>([&] { findPatches(mesh, PatchConfig()); });
