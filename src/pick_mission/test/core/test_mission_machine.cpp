@@ -173,15 +173,23 @@ TEST(MissionMachine, LeavesAPlaceWithBricksWhenTheSelectionSaysSo) {
   EXPECT_EQ(run.machine.counts().views, 3);
 }
 
-TEST(MissionMachine, ChoosesAgainAfterAFailedPlan) {
-  ToyMission run(choosing(), ToyWorld::ofStacks({2}));
-  run.inject = endAs(State::kPlanPick, PlanResult{PlanStatus::kGoalUnknown}, 1);
-  run.start();
-  while (!run.isOver() && run.world.commands_of[State::kPlanPick] == 0) ASSERT_TRUE(run.advance());
-  ASSERT_TRUE(run.advance());  // the plan fails
-  EXPECT_EQ(run.machine.state(), State::kReport) << "the selection is told first";
-  ASSERT_TRUE(run.advance());
-  EXPECT_EQ(run.machine.state(), State::kSelect) << tail(run);
+TEST(MissionMachine, TriesTheOthersInReachAfterAFailedPlanAndThenChoosesAgain) {
+  for (const int max_failures : {2, 1}) {
+    MissionConfig config = choosing();
+    config.attempts.max_plan_failures_per_view = max_failures;
+    ToyMission run(config, ToyWorld::ofStacks({2}));
+    run.inject = endAs(State::kPlanPick, PlanResult{PlanStatus::kGoalUnknown}, 2);
+    run.start();
+    for (int failures = 1; failures <= max_failures; ++failures) {
+      while (!run.isOver() && run.world.commands_of[State::kPlanPick] < failures) ASSERT_TRUE(run.advance());
+      ASSERT_TRUE(run.advance());  // the plan fails
+      EXPECT_EQ(run.machine.state(), State::kReport) << "the selection is told first";
+      while (run.machine.state() == State::kReport) ASSERT_TRUE(run.advance());
+      EXPECT_EQ(run.machine.state(), failures < max_failures ? State::kPlanPick : State::kSelect) << tail(run);
+    }
+    const auto plans = run.sent<command::PlanPick>();
+    EXPECT_NE(plans.front().brick.id, max_failures == 2 ? plans.back().brick.id : -1);
+  }
 }
 
 TEST(MissionMachine, TriesAnotherFaceWhereOneDidNotHold) {
