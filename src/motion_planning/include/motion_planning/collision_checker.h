@@ -126,8 +126,8 @@ class CollisionChecker {
   /// the target. False: it is not in contact, holds something, there is a target already, or other links are in contact,
   /// too; nothing changes then. Throws std::invalid_argument for angles that are not finite.
   bool yieldToMagnetAt(const ArmVector& joints_rad);
-  /// Links that are within the margin of surface there keep no margin from now on, only the surface as mapped: the arm has got
-  /// there. False: there are none. Nothing: all links keep their margin again. Throws std::invalid_argument for angles that
+  /// If a link is within the margin of surface there, where the arm has got, links need only be free of surface as mapped from
+  /// now on. False: none is, or nothing is given; links keep their margin then. Throws std::invalid_argument for angles that
   /// are not finite.
   bool yieldToSurfaceAt(const std::optional<ArmVector>& joints_rad);
   const std::optional<HeldBrick>& held() const;

@@ -521,6 +521,61 @@ TEST(MotionPlanner, EmptyMagnetAtAFaceGoesStraightBackFirst) {
   }
 }
 
+// A newer image has brought surface to within the margin of the wrist, where a pick was stopped with a brick in the hand.
+TEST(MotionPlanner, OutOfAMarginThatSurfaceHasReachedTheArmGoesStraight) {
+  const PickWorld pick = oneBrick();
+  const PickPlan broken_off = pickFrom(pick, 0);
+  ASSERT_EQ(broken_off.status, PlanStatus::kSuccess) << broken_off.message;
+  const MotionPlanner planner = makePlanner();
+  const ArmVector start = broken_off.lift.points.front().position_rad;
+  PickWorld beside;
+  const auto contactAt = [&](double gap_m) {
+    beside = pick;
+    beside.add(shippedArm()->tipPose(start).translation() + Eigen::Vector3d(0.15 + gap_m, 0.0, 0.25));
+    beside.makeScene();
+    CollisionChecker checker(shippedArm(), beside.context().scene, beside.T_map_base, planner.config().collision);
+    checker.setTarget(pick.world.boxes[0]);
+    return checker.check(start);
+  };
+  double free_m = 0.3, touching_m = 0.0;
+  while (free_m - touching_m > 0.001) {
+    const double gap_m = 0.5 * (free_m + touching_m);
+    (contactAt(gap_m) ? touching_m : free_m) = gap_m;
+  }
+  const Contact contact = contactAt(touching_m);
+  ASSERT_EQ(contact.kind, CollisionKind::kSurface) << contact.describe();
+  ASSERT_NE(contact.first, "brick");
+  PlanningContext context = beside.context();
+  context.start_rad = start;
+  context.held = broken_off.held;
+  context.vacated = pick.world.boxes[0];
+  const ArmPlan plan = planner.planArm(context, pick.container(*shippedArm()).front());
+  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  EXPECT_EQ(plan.trajectory.points.front().position_rad, start);
+  ExactMotion exact(*shippedArm(), beside);
+  exact.setHeld(broken_off.held);
+  exact.setTarget(0, true);
+  EXPECT_EQ(exact.complaint(plan.trajectory, planner.config().collision.held_shrink_m), "");
+  // Who watches it lets it go, and would stop it in the surface itself.
+  Watched watched;
+  watched.first_rad = firstPostures(*shippedArm(), plan.trajectory);
+  watched.held = context.held;
+  watched.vacated = context.vacated;
+  const WatchCheckers checkers =
+      watchCheckers(shippedArm(), context.scene, context.T_map_base, planner.config().collision, watched);
+  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.02) {
+    const ArmVector q = plan.trajectory.sample(t).position_rad;
+    EXPECT_TRUE(checkers.from_start.isFree(q) || (checkers.beyond && checkers.beyond->isFree(q))) << t;
+  }
+  CollisionChecker margin(shippedArm(), context.scene, context.T_map_base, planner.config().collision);
+  margin.setTarget(pick.world.boxes[0], true);
+  EXPECT_TRUE(margin.yieldToSurfaceAt(start));
+  EXPECT_TRUE(margin.isFree(start));
+  EXPECT_FALSE(margin.yieldToSurfaceAt(std::nullopt));
+  EXPECT_FALSE(margin.isFree(start));
+  EXPECT_THROW(margin.yieldToSurfaceAt(ArmVector::Constant(std::nan(""))), std::invalid_argument);
+}
+
 TEST(MotionPlanner, OtherLinksInCollisionAreNoMagnetAtAFace) {
   const PickWorld pick = oneBrick();
   const PickPlan broken_off = pickFrom(pick, 0);

@@ -211,8 +211,8 @@ struct CollisionChecker::State {
   // As the scene's, made when first asked for; a null pointer: nothing is left.
   std::vector<std::optional<std::shared_ptr<const SurfaceChunk>>> target_chunks;
 
-  std::vector<char> is_freed;      // blocks of the lattice; empty: none
-  std::vector<char> is_at_margin;  // parts of the robot that keep no margin; empty: none
+  std::vector<char> is_freed;  // blocks of the lattice; empty: none
+  bool keeps_margin{true};     // the robot's parts, from surface
 
   // Scratch of a single check.
   std::vector<Eigen::Isometry3d> T_base_body;
@@ -405,7 +405,7 @@ struct CollisionChecker::State {
       const SurfaceChunk* chunk = chunkFor(c, is_exempt);
       if (!chunk) continue;
       // A neighbour is doubted by more than the gap to it, and yet cannot be where the brick lies.
-      const bool is_mapped = &part == held.get() ? held_may_touch : i < is_at_margin.size() && is_at_margin[i] != 0;
+      const bool is_mapped = &part == held.get() ? held_may_touch : !keeps_margin;
       const fcl::CollisionGeometryd& surface =
           is_mapped ? static_cast<const fcl::CollisionGeometryd&>(chunk->mappedBvh()) : chunk->bvh();
       if (overlap(surface, Eigen::Isometry3d::Identity(), *part.world_fcl, T)) return true;
@@ -554,13 +554,13 @@ bool CollisionChecker::yieldToRobotAt(const ArmVector& joints_rad) {
 bool CollisionChecker::yieldToSurfaceAt(const std::optional<ArmVector>& joints_rad) {
   if (joints_rad && !joints_rad->allFinite()) throw std::invalid_argument("yieldToSurfaceAt: an angle is not finite");
   State& state = *state_;
-  state.is_at_margin.clear();
+  state.keeps_margin = true;
   if (!joints_rad) return false;
   state.place(*joints_rad);
-  std::vector<char> is_at_margin(state.parts->moving.size(), 0);
-  for (std::size_t i = 0; i < is_at_margin.size(); ++i) is_at_margin[i] = state.touchesSurface(i) ? 1 : 0;
-  state.is_at_margin = std::move(is_at_margin);
-  return std::count(state.is_at_margin.begin(), state.is_at_margin.end(), 1) > 0;
+  for (std::size_t i = 0; i < state.parts->moving.size() && state.keeps_margin; ++i) {
+    state.keeps_margin = !state.touchesSurface(i);
+  }
+  return !state.keeps_margin;
 }
 
 /// None: smaller by at most held_release_m it is free in all of them. Else it is as in a lift, and this is what the smallest

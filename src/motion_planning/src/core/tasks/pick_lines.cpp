@@ -10,7 +10,6 @@
 namespace motion_planning {
 namespace {
 
-constexpr std::size_t kSideways = 8;  // directions up and to the side, out of corners
 constexpr double kRub_m = 0.08;       // of a lift to the side, on the wall that the brick stands against
 constexpr double kMinAside_m = 0.12;  // so far beside its place an unseen neighbour is in the way
 constexpr std::size_t kLooks = 4;     // along a lift
@@ -98,10 +97,8 @@ std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, dou
   } else if (normal_base.z() < 0.99) {  // within 8 degrees both are one line
     directions.push_back(up);
   }
-  for (std::size_t k = 0; k < kSideways; ++k) {
-    const double to_rad = 2.0 * M_PI * static_cast<double>(k) / kSideways;
-    directions.push_back((up + Eigen::Vector3d(std::cos(to_rad), std::sin(to_rad), 0.0)).normalized());
-  }
+  const std::vector<Eigen::Vector3d> aside = upAndAside();  // out of corners
+  directions.insert(directions.end(), aside.begin(), aside.end());
   for (Eigen::Vector3d& direction : directions) direction *= lift_m;
   return directions;
 }

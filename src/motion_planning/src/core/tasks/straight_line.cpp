@@ -33,6 +33,15 @@ std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const ArmVec
   return {up_base, (up_base + back_base).normalized(), back_base};
 }
 
+std::vector<Eigen::Vector3d> upAndAside() {
+  std::vector<Eigen::Vector3d> directions;
+  for (std::size_t k = 0; k < kSideways; ++k) {
+    const double to_rad = 2.0 * M_PI * static_cast<double>(k) / kSideways;
+    directions.push_back(Eigen::Vector3d(std::cos(to_rad), std::sin(to_rad), 1.0).normalized());
+  }
+  return directions;
+}
+
 Contact firstContact(const CollisionChecker& checker, const JointPath& line) {
   std::size_t stride = 1;
   while (stride < line.size()) stride *= 2;
