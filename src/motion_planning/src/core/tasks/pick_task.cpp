@@ -209,8 +209,7 @@ class FacePick {
 std::optional<PlanFailure> refusal(const PlanningContext& request, const StartState& start, const PickTarget& target,
                                    const std::vector<ArmGoal>& stow_goals) {
   if (!start.back_off.empty()) {
-    return PlanFailure{PlanStatus::kStartInCollision,
-                       "the arm's start is in collision: the magnet is at a face; plan a way out of there first"};
+    return PlanFailure{PlanStatus::kStartInCollision, "the arm's start is in collision; plan a way out of there first"};
   }
   if (request.held) return badRequest("the magnet holds a brick already");
   if (target.type == nullptr) return badRequest("the brick's type is not known");

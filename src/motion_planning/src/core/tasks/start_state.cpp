@@ -64,7 +64,7 @@ JointPath outOfMargin(const TaskContext& task, const CollisionChecker& checker) 
   for (const Eigen::Vector3d& direction_base : directions_base) {
     JointPath line = followLine(task, start, task.arm.tipPose(start), task.config.pick.lift_m * direction_base);
     for (std::size_t k = 0; k < line.size() && near.isFree(line[k]); ++k) {
-      if (!clear.isFree(line[k])) continue;
+      if (k == 0 || !clear.isFree(line[k])) continue;
       line.resize(k + 1);
       return line;
     }
