@@ -46,6 +46,7 @@ class DetectServer {
     double max_future_s{std::numeric_limits<double>::infinity()};  ///< a look whose stamp is farther ahead is no answer
   };
 
+  /// Offers the service at once.
   DetectServer(const ros::NodeHandle& private_nh, const DetectParams& params, const Input& input);
   ~DetectServer();
   DetectServer(const DetectServer&) = delete;

@@ -55,7 +55,8 @@ struct Watched {
 };
 
 /// With what a trajectory is checked: it may be what either allows, as the planner lets a held brick out of the place where
-/// it hangs by leave, and on from there without.
+/// it hangs by leave, and on from there without. An arm that begins within the margin of surface is stopped by the surface as
+/// mapped alone.
 struct WatchCheckers {
   CollisionChecker from_start;
   std::optional<CollisionChecker> beyond;

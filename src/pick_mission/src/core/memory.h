@@ -34,6 +34,7 @@ struct Memory {
   Pose2d base;
   std::size_t survey_index{0};
 
+  /// To be tried from here; none: no brick may be.
   std::optional<SeenBrick> nextBrick() const { return ledger.best(scene, base.position(), fruitless_views); }
 
   BrickLedger ledger;

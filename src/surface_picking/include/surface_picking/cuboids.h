@@ -99,9 +99,9 @@ using SpaceQuery = std::function<std::vector<SpaceState>(const Eigen::Matrix3Xd&
 /// faces where the patch is a multiple of one. A hypothesis stays that shows enough edges and area, has no surface and no
 /// free space inside, reaches into no other surface, has a position that its planes and edges determine, whose size is
 /// seen, and of which no other explains the same surface as well. A size is seen if it differs from each other one, turned
-/// in any way, along an axis of which both ends are seen, or of which more is seen than the other one is long. `space` may be empty: then open borders are no edges, and free space inside is
-/// not noticed. Bodies that touch are two if an edge or the sizes of the types tell; a row that can be split in
-/// several ways is left out. Throws std::invalid_argument for an impossible config, no types, a size that is not positive,
+/// in any way, along an axis of which both ends are seen, or of which more is seen than the other one is long. `space` may
+/// be empty: then open borders are no edges, and free space inside is not noticed. Bodies that touch are two if an edge or
+/// the sizes of the types tell; a row that can be split in several ways is left out. Throws std::invalid_argument for an impossible config, no types, a size that is not positive,
 /// or an answer of `space` of another length.
 std::vector<Cuboid> findCuboids(const TriangleMesh& mesh, const std::vector<Patch>& patches,
                                 const std::vector<mp700_ur5e_description::BrickType>& types, const SpaceQuery& space,
