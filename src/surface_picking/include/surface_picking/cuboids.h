@@ -23,7 +23,7 @@ struct CuboidConfig {
   double edge_std_m{0.005};
   double open_reach_m{0.05};
   double size_tolerance_m{0.02};
-  double face_tolerance_m{0.012};
+  double face_tolerance_m{0.02};
   double face_tolerance_rad{0.12};
   double min_edge_m{0.05};
   int min_edges{3};

@@ -114,7 +114,9 @@ MappedScene mapScene(const SceneOfSolids& solids) {
           }
         }
       }
-      map.update(image, camera, scene.cameraInMap(frame), stamp_s);
+      Eigen::Isometry3d T_map_camera = scene.cameraInMap(frame);
+      if (2 * frame >= scene.numFrames()) T_map_camera.pretranslate(scene.T_map_scene.linear() * solids.drift_m);
+      map.update(image, camera, T_map_camera, stamp_s);
       stamp_s += 10.0;  // the camera has moved a metre meanwhile
     }
   }

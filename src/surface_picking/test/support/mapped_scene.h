@@ -34,6 +34,7 @@ struct SceneOfSolids {
   Eigen::Vector3d target_m{0.0, 0.0, 0.1};
   bool has_noise{true};  ///< of a stereo camera: 0.0038 1/m in inverse depth, alike over 2 x 2 pixels
   std::uint64_t seed{1};
+  Eigen::Vector3d drift_m{0.0, 0.0, 0.0};  ///< the latter half of the eyes are taken to be so far from where they are
 
   /// Adds a box of `size_m`.
   void addBox(const Eigen::Vector3d& size_m, const Eigen::Isometry3d& T_scene_box);
