@@ -58,15 +58,16 @@ class BodyTracker {
   /// Takes in the cuboids of an update. Nearest pairs of a type within the gate first, then pairs whose places agree though
   /// type or rotation do not: those were mistaken before. A body without a cuboid goes when a cuboid contradicts it, when
   /// `space` (may be empty) calls its inside free, or after max_missed updates. Cuboids at the place of the body in the hand
-  /// are left out. Throws std::invalid_argument, and changes nothing, for a stamp that is not finite or before the last one,
+  /// are left out, also after it was let go elsewhere, until the map has seen that place empty. Throws std::invalid_argument, and changes nothing, for a stamp that is not finite or before the last one,
   /// or a pose or covariance that is not finite.
   Update update(double stamp_s, const std::vector<Cuboid>& cuboids, const SpaceQuery& space);
 
   /// The body is in the hand. Returns whether it was known.
   bool attach(int id);
 
-  /// What was in the hand was let go at `stamp_s`: from then on it is the body that appears near its old place.
-  void detach(double stamp_s);
+  /// What was in the hand was let go at `stamp_s`. Near its old place, or at a place that is not known, it is the body that
+  /// appears near the old one from then on.
+  void detach(double stamp_s, const std::optional<Eigen::Vector3d>& place_map = std::nullopt);
 
   /// Forgets all bodies and the time. Ids go on counting.
   void clear();
@@ -78,13 +79,14 @@ class BodyTracker {
   struct Taken {
     Body body;
     std::optional<double> released_s;
-    int num_missed{0};  // updates since
+    bool is_elsewhere{false};  // let go there
+    int num_missed{0};         // updates since; if it is elsewhere, those in a row that show nothing here
   };
 
   // Parts of update(), at last_stamp_s_.
   bool hasLeftHand(const Taken& taken) const;
-  /// Which cuboids are at the place of a body in the hand.
-  std::vector<bool> atTaken(const std::vector<Cuboid>& cuboids) const;
+  /// Which cuboids are what the map still has of bodies that were taken.
+  std::vector<bool> atTaken(const std::vector<Cuboid>& cuboids);
   /// The cuboid is the body.
   void show(const Cuboid& cuboid, Body* body) const;
   /// Returns the ids.

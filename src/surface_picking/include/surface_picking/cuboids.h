@@ -111,6 +111,9 @@ std::vector<Cuboid> findCuboids(const TriangleMesh& mesh, const std::vector<Patc
 bool overlap(const Eigen::Isometry3d& T_map_a, const Eigen::Vector3d& size_a_m, const Eigen::Isometry3d& T_map_b,
              const Eigen::Vector3d& size_b_m, double slack_m);
 
+/// The 24 rotations that bring a cube to itself.
+const std::vector<Eigen::Matrix3d>& rotationsOfTheCube();
+
 /// Of all rotations that leave a cuboid of this size as it is, the one that brings `T_map_body` nearest to `like`. Edges
 /// within 1 mm are equal.
 Eigen::Isometry3d nearestSymmetric(const Eigen::Isometry3d& T_map_body, const Eigen::Vector3d& size_m,

@@ -21,6 +21,8 @@
 #include <ros/service_server.h>
 #include <ros/wall_timer.h>
 #include <std_srvs/Trigger.h>
+#include <tf2_ros/buffer.h>
+#include <tf2_ros/transform_listener.h>
 
 #include "surface_picking/bodies.h"
 #include "surface_picking/patches.h"
@@ -61,6 +63,9 @@ class SurfacePickingRos {
   void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
   bool onClear(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
 
+  /// Where the brick in the hand is now, if tf tells.
+  std::optional<Eigen::Vector3d> placeOf(const interactive_mapping_msgs::AttachedBrick& attached) const;
+
   void work();
   void look(const MapUpdate& update, brick_detection_ros::DetectLook* done);
   /// Of all bodies, or of those at `indices`; the worker's.
@@ -74,13 +79,15 @@ class SurfacePickingRos {
   const SurfacePickingParams params_;
   const mp700_ur5e_description::BrickCatalogue catalogue_;
   MapSurface map_;
+  tf2_ros::Buffer tf_buffer_;
+  const tf2_ros::TransformListener tf_listener_{tf_buffer_};
 
   mutable std::mutex bodies_mutex_;  // guards what follows, up to the blank line
   surface_picking::BodyTracker tracker_;
   BrickArray bricks_;         // as last published
   std::vector<int> dropped_;  // since the last update
   brick_detection_ros::BrickMarkers markers_;
-  std::optional<int> attached_id_;
+  std::optional<interactive_mapping_msgs::AttachedBrick> attached_;
   ros::Publisher bricks_publisher_, marker_publisher_;
 
   mutable std::mutex look_mutex_;  // guards what follows, up to the blank line

@@ -105,13 +105,16 @@ bool BodyTracker::hasLeftHand(const Taken& taken) const {
   return taken.released_s && last_stamp_s_ > *taken.released_s;
 }
 
-std::vector<bool> BodyTracker::atTaken(const std::vector<Cuboid>& cuboids) const {
+std::vector<bool> BodyTracker::atTaken(const std::vector<Cuboid>& cuboids) {
   std::vector<bool> is_at_taken(cuboids.size());
-  std::transform(cuboids.begin(), cuboids.end(), is_at_taken.begin(), [&](const Cuboid& cuboid) {
-    return std::any_of(taken_.begin(), taken_.end(), [&](const Taken& taken) {
-      return !hasLeftHand(taken) && areOverlapping(taken.body.cuboid, cuboid, config_);
-    });
-  });
+  for (Taken& taken : taken_) {
+    if (hasLeftHand(taken) && !taken.is_elsewhere) continue;
+    for (std::size_t j = 0; j < cuboids.size(); ++j) {
+      if (!areOverlapping(taken.body.cuboid, cuboids[j], config_)) continue;
+      is_at_taken[j] = true;
+      taken.num_missed = -1;  // update() counts this one
+    }
+  }
   return is_at_taken;
 }
 
@@ -147,7 +150,7 @@ std::vector<int> BodyTracker::dropContradicted(const std::vector<Cuboid>& cuboid
 void BodyTracker::addSeen(const Cuboid& cuboid) {
   Body body;
   const auto back = std::find_if(taken_.begin(), taken_.end(), [&](const Taken& taken) {
-    return hasLeftHand(taken) && taken.body.cuboid.type == cuboid.type &&
+    return hasLeftHand(taken) && !taken.is_elsewhere && taken.body.cuboid.type == cuboid.type &&
            distanceBetween(taken.body.cuboid, cuboid) <= config_.put_back_m;
   });
   if (back != taken_.end()) {
@@ -169,9 +172,12 @@ bool BodyTracker::attach(int id) {
   return true;
 }
 
-void BodyTracker::detach(double stamp_s) {
+void BodyTracker::detach(double stamp_s, const std::optional<Eigen::Vector3d>& place_map) {
   for (Taken& taken : taken_) {
-    if (!taken.released_s) taken.released_s = stamp_s;
+    if (taken.released_s) continue;
+    taken.released_s = stamp_s;
+    taken.is_elsewhere =
+        place_map && (*place_map - taken.body.cuboid.T_map_body.translation()).norm() > config_.put_back_m;
   }
 }
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <interactive_mapping_common/formatted.h>
+#include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_enums/map_update.h>
 #include <ros/console.h>
 #include <visualization_msgs/MarkerArray.h>
@@ -218,11 +219,11 @@ void SurfacePickingRos::publishBricks() {
 void SurfacePickingRos::onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message) {
   const std::lock_guard<std::mutex> lock(bodies_mutex_);
   if (message->is_attached == 0) {
-    tracker_.detach(message->header.stamp.toSec());
-    attached_id_.reset();
+    tracker_.detach(message->header.stamp.toSec(), attached_ ? placeOf(*attached_) : std::nullopt);
+    attached_.reset();
     return;
   }
-  attached_id_ = message->id;
+  attached_ = *message;
   if (!tracker_.attach(message->id)) return;
   dropped_.push_back(message->id);
   bricks_.bricks.erase(
@@ -230,6 +231,22 @@ void SurfacePickingRos::onAttached(const interactive_mapping_msgs::AttachedBrick
                      [&](const interactive_mapping_msgs::Brick& brick) { return brick.id == message->id; }),
       bricks_.bricks.end());
   publishBricks();
+}
+
+std::optional<Eigen::Vector3d> SurfacePickingRos::placeOf(
+    const interactive_mapping_msgs::AttachedBrick& attached) const {
+  try {
+    const geometry_msgs::TransformStamped transform = tf_buffer_.lookupTransform(
+        params_.map_frame, interactive_mapping_ros::withoutSlash(attached.header.frame_id), ros::Time(0));
+    std::string reason;
+    const auto T_map_tool = interactive_mapping_ros::toIsometry(transform.transform, &reason);
+    const auto T_tool_brick = interactive_mapping_ros::toIsometry(attached.pose, &reason);
+    if (!T_map_tool || !T_tool_brick) throw std::invalid_argument(reason);
+    return Eigen::Vector3d((*T_map_tool * *T_tool_brick).translation());
+  } catch (const std::exception& error) {
+    ROS_WARN_NAMED(kLog, "where brick %d was let go is not known: %s", attached.id, error.what());
+    return std::nullopt;
+  }
 }
 
 bool SurfacePickingRos::onClear(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
@@ -266,11 +283,11 @@ void SurfacePickingRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper&
 
 void SurfacePickingRos::diagnoseBodies(diagnostic_updater::DiagnosticStatusWrapper& status) {
   std::size_t known = 0;
-  std::optional<int> attached_id;
+  std::optional<interactive_mapping_msgs::AttachedBrick> attached;
   {
     const std::lock_guard<std::mutex> lock(bodies_mutex_);
     known = bricks_.bricks.size();
-    attached_id = attached_id_;
+    attached = attached_;
   }
   Counters counters;
   {
@@ -278,7 +295,7 @@ void SurfacePickingRos::diagnoseBodies(diagnostic_updater::DiagnosticStatusWrapp
     counters = counters_;
   }
   status.summary(DiagnosticStatus::OK, std::to_string(known) + " bodies known");
-  status.add("in the hand", attached_id ? std::to_string(*attached_id) : "none");
+  status.add("in the hand", attached ? std::to_string(attached->id) : "none");
   status.add("pieces too small", counters.patches.num_small);
   status.add("pieces curved", counters.patches.num_curved);
   status.add("hypotheses", counters.cuboids.num_hypotheses);

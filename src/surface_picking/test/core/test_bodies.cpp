@@ -139,6 +139,26 @@ TEST_F(Bodies, WhatIsInTheHandIsNotSeenAtItsOldPlace) {
   EXPECT_EQ(tracker_.bodies()[0].num_looks, 2);
 }
 
+// The arm hides the place from the camera, and the map keeps what it had there.
+TEST_F(Bodies, WhatTheMapStillHasOfABodyThatWasPutElsewhereIsNone) {
+  const Cuboid a = cuboidAt(pose(0.0, 0.0, 0.1));
+  see({a});
+  tracker_.attach(0);
+  tracker_.detach(stamp_s_, Eigen::Vector3d(0.0, 1.0, 0.6));
+  for (int i = 0; i < 2 * BodyConfig().max_missed; ++i) {
+    see({a});
+    EXPECT_THAT(idsOf(tracker_), IsEmpty());
+  }
+  for (int i = 0; i <= BodyConfig().max_missed; ++i) see({});
+  see({a});
+  EXPECT_THAT(idsOf(tracker_), ElementsAre(1));
+
+  tracker_.attach(1);
+  tracker_.detach(stamp_s_, Eigen::Vector3d(0.0, 0.05, 0.1));  // put back
+  see({a});
+  EXPECT_THAT(idsOf(tracker_), ElementsAre(1));
+}
+
 TEST_F(Bodies, WhatAppearsElsewhereOrLaterIsAnother) {
   const Cuboid a = cuboidAt(pose(0.0, 0.0, 0.1));
   see({a});
