@@ -48,8 +48,8 @@ class SceneDistance {
   /// One point in the scene frame.
   double signedDistanceScene(const Eigen::Vector3d& p_scene) const;
 
-  /// Distance to the exposed surface from a point on any side of it, scene frame [m].
-  double exposedSurfaceDistance(const Eigen::Vector3d& p_scene) const;
+  /// Point of the exposed surface that is nearest to a point on any side of it, scene frame; infinite in an empty scene.
+  Eigen::Vector3d exposedSurfacePoint(const Eigen::Vector3d& p_scene) const;
 
   const std::vector<ExposedFace>& exposedFaces() const { return faces_; }
 
