@@ -23,6 +23,8 @@ constexpr double kGhostClearance_m = 0.05;  // a ghost point is this far from ev
 constexpr double kGhostReach_m = 0.02;      // a ghost point with surface this near is a ghost
 constexpr double kFreeMargin_m = 0.01;      // a point is seen as free when the frame sees this far past it
 constexpr double kSampleSpacing_m = 0.005;  // of the claimed surface
+constexpr double kVisibleSpacing_m = 0.02;
+constexpr double kMinCosine = 0.1;  // flatter than 84 degrees no sensor measures
 
 /// Is there a point within a fixed reach?
 class NeighbourGrid {
@@ -152,6 +154,7 @@ void GroundTruth::freePoints(double low_m, double high_m, Eigen::Index count, st
                              Eigen::Matrix3Xd* points, Eigen::VectorXd* exact) const {
   const synthetic_depth::SceneDistance distance(scene_, last_before_);
   const Eigen::Isometry3d T_scene_map = scene_.T_map_scene.inverse();
+  const NeighbourGrid visible(visible_before_, kVisibleSpacing_m);
   synthetic_depth::SeededRandom random(seed);
   points->resize(3, count);
   exact->resize(count);
@@ -164,7 +167,7 @@ void GroundTruth::freePoints(double low_m, double high_m, Eigen::Index count, st
     if (d <= low_m || d > high_m || !inRoi(p)) continue;
     bool is_free = false;
     for (int k = 0; k <= last_before_ && !is_free; ++k) is_free = seenFree(p, k);
-    if (!is_free) continue;
+    if (!is_free || !visible.hasNear(scene_.T_map_scene * distance.exposedSurfacePoint(T_scene_map * p))) continue;
     points->col(found) = p;
     (*exact)[found++] = d;
   }
@@ -191,7 +194,8 @@ bool GroundTruth::seenFree(const Eigen::Vector3d& p_map, int frame) const {
 }
 
 std::vector<Eigen::Vector3d> GroundTruth::visibleInRoi(int frame) const {
-  const synthetic_depth::SurfaceSamples samples = synthetic_depth::visibleSurfaceSamples(scene_, 0, frame, 0.02);
+  const synthetic_depth::SurfaceSamples samples =
+      synthetic_depth::visibleSurfaceSamples(scene_, 0, frame, kVisibleSpacing_m, kMinCosine);
   std::vector<Eigen::Vector3d> points;
   for (Eigen::Index i = 0; i < samples.points_map.cols(); ++i) {
     if (inRoi(samples.points_map.col(i))) points.emplace_back(samples.points_map.col(i));

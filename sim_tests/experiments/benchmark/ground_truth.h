@@ -41,8 +41,8 @@ class GroundTruth {
   /// Error and completeness in the scene's region of interest; before the removal also the error by place.
   nlohmann::json quality(const ClaimedSurface& surface, bool after) const;
 
-  /// Random points [m, map frame] with exact distance [m] in (low, high], in space that some frame up to lastBefore() saw
-  /// as free.
+  /// Random points [m, map frame] with exact distance [m] in (low, high] from surface that was visible, in space that some
+  /// frame up to lastBefore() saw as free.
   void freePoints(double low_m, double high_m, Eigen::Index count, std::uint64_t seed, Eigen::Matrix3Xd* points,
                   Eigen::VectorXd* exact) const;
 

@@ -79,7 +79,9 @@ SurfaceSamples exposedSurfaceSamples(const Scene& scene, int frame, double spaci
 
 /// Of the surface as it is at `last_frame`, the samples that at least one frame of [first_frame, last_frame] can see:
 /// inside the image, facing the camera, within the sensor's range and hidden by nothing that is there in that frame.
-/// Sensor noise, shadows and dropout play no part. Throws std::out_of_range for frames the scene has not.
-SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m);
+/// Sensor noise, shadows and dropout play no part. `min_cosine`: of the angle between normal and line of sight, in [0, 1).
+/// Throws std::out_of_range for frames the scene has not.
+SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m,
+                                     double min_cosine = 0.0);
 
 }  // namespace synthetic_depth

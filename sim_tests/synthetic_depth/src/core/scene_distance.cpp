@@ -399,7 +399,8 @@ SurfaceSamples exposedSurfaceSamples(const Scene& scene, int frame, double spaci
   return samples;
 }
 
-SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m) {
+SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m,
+                                     double min_cosine) {
   if (first_frame < 0 || first_frame > last_frame || last_frame >= scene.numFrames()) {
     throw std::out_of_range("frames [" + std::to_string(first_frame) + ", " + std::to_string(last_frame) +
                             "], must be ordered and in [0, " + std::to_string(scene.numFrames()) + ")");
@@ -418,7 +419,7 @@ SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int la
       const Eigen::Vector3d p_camera = T_camera_map * samples.points_map.col(column);
       const Eigen::Vector3d n_camera = T_camera_map.linear() * samples.normals_map.col(column);
       if (p_camera.z() <= 0.0 || p_camera.z() < scene.sensor.min_range_m || p_camera.z() > scene.sensor.max_range_m ||
-          n_camera.dot(p_camera) >= 0.0) {
+          n_camera.dot(p_camera) >= -min_cosine * p_camera.norm()) {
         continue;
       }
       const double u = camera.fx_px * p_camera.x() / p_camera.z() + camera.cx_px;
