@@ -112,6 +112,7 @@ class Contender {
     if (!total_.has(k)) rss_growth_mb_ += residentMb() - resident_before;
     total_.add(k, ms);
     afterFrame(k);
+    experiments::settleHeap();
   }
 
   void judge(const GroundTruth& truth, int frame) {

@@ -95,7 +95,7 @@ GroundTruth::GroundTruth(const Scene& scene)
       last_before_(std::min(scene.firstRemovalFrame(), scene.numFrames()) - 1),
       places_(scene, last_before_) {
   for (int k = 0; k < scene.numFrames(); ++k) views_.emplace_back(scene, k, scene.T_scene_camera[k]);
-  visible_before_ = visibleInRoi(last_before_);
+  visible_before_ = visibleInRoi(last_before_, &normals_before_);
   if (!hasRemoval()) return;
   visible_after_ = visibleInRoi(last_before_ + 1);
   const synthetic_depth::SurfaceSamples seen = synthetic_depth::visibleSurfaceSamples(scene, 0, last_before_, 0.01);
@@ -159,10 +159,12 @@ void GroundTruth::freePoints(double low_m, double high_m, Eigen::Index count, st
   points->resize(3, count);
   exact->resize(count);
   for (Eigen::Index found = 0; found < count;) {
-    const auto pick = static_cast<std::size_t>(random.uniform() * static_cast<double>(visible_before_.size()));
-    Eigen::Vector3d direction(random.normal(), random.normal(), random.normal());
-    const Eigen::Vector3d p = visible_before_[std::min(pick, visible_before_.size() - 1)] +
-                              direction.normalized() * random.uniform(low_m, high_m);
+    const auto pick =
+        std::min(visible_before_.size() - 1,
+                 static_cast<std::size_t>(random.uniform() * static_cast<double>(visible_before_.size())));
+    const Eigen::Vector3d any(random.normal(), random.normal(), random.normal());
+    const Eigen::Vector3d direction = 0.7 * any.normalized() + normals_before_[pick];  // away from the surface
+    const Eigen::Vector3d p = visible_before_[pick] + direction.normalized() * random.uniform(low_m, high_m);
     const double d = distance.signedDistanceScene(T_scene_map * p);
     if (d <= low_m || d > high_m || !inRoi(p)) continue;
     bool is_free = false;
@@ -193,12 +195,14 @@ bool GroundTruth::seenFree(const Eigen::Vector3d& p_map, int frame) const {
   return true;
 }
 
-std::vector<Eigen::Vector3d> GroundTruth::visibleInRoi(int frame) const {
+std::vector<Eigen::Vector3d> GroundTruth::visibleInRoi(int frame, std::vector<Eigen::Vector3d>* normals) const {
   const synthetic_depth::SurfaceSamples samples =
       synthetic_depth::visibleSurfaceSamples(scene_, 0, frame, kVisibleSpacing_m, kMinCosine);
   std::vector<Eigen::Vector3d> points;
   for (Eigen::Index i = 0; i < samples.points_map.cols(); ++i) {
-    if (inRoi(samples.points_map.col(i))) points.emplace_back(samples.points_map.col(i));
+    if (!inRoi(samples.points_map.col(i))) continue;
+    points.emplace_back(samples.points_map.col(i));
+    if (normals != nullptr) normals->emplace_back(samples.normals_map.col(i));
   }
   return points;
 }

@@ -49,7 +49,7 @@ class GroundTruth {
  private:
   bool inRoi(const Eigen::Vector3d& p_map) const;
   bool seenFree(const Eigen::Vector3d& p_map, int frame) const;
-  std::vector<Eigen::Vector3d> visibleInRoi(int frame) const;
+  std::vector<Eigen::Vector3d> visibleInRoi(int frame, std::vector<Eigen::Vector3d>* normals = nullptr) const;
   /// Statistics of `errors_m` at `points`, by what the exact surface is like there.
   nlohmann::json byPlace(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& errors_m) const;
 
@@ -58,6 +58,7 @@ class GroundTruth {
   SurfacePlaces places_;
   std::vector<synthetic_depth::ViewCaster> views_;
   std::vector<Eigen::Vector3d> visible_before_;
+  std::vector<Eigen::Vector3d> normals_before_;
   std::vector<Eigen::Vector3d> visible_after_;
   std::vector<Eigen::Vector3d> ghosts_;
 };
