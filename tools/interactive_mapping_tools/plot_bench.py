@@ -86,7 +86,7 @@ def draw_places(bars, maps):
         bars.bar(at, rmse, width=width, color=colour, linewidth=0, label=label)
         bars.scatter(at, p95, marker="_", s=500, linewidth=2.0, color=INK)
         for x, error, high in zip(at, rmse, p95):
-            bars.annotate(f"{error:.1f} / {high:.1f}", (x, high), ha="center", va="bottom", fontsize=11, xytext=(0, 3), textcoords="offset points")
+            bars.annotate(f"{error:.1f} / {high:.1f}", (x, high), ha="center", va="bottom", fontsize=9.5, xytext=(0, 3), textcoords="offset points")
     ours = maps["gpis"]["before_removal"]["places"]
     bars.set_xticks(range(len(PLACES)))
     bars.set_xticklabels([f"{label}\n{100.0 * ours[place]['area_share']:.0f} % of our area" for place, label in PLACES.items()], fontsize=10.5)
@@ -135,8 +135,8 @@ def bar_rows(result):
     ours, octomap_ms = result["maps"]["gpis"], result["maps"]["octomap_2cm"]["total_ms"]["median"]
     before, after, bands = ours["before_removal"], ours.get("after_removal"), result["queries"]["bands"]
     threads = ours["threads"]
-    rows = [("update, median, of OctoMap 2 cm", "<=", 0.08, ours["total_ms"]["median"] / octomap_ms, ".2f"),
-            ("update, 95th percentile, of OctoMap's median", "<=", 0.12, ours["total_ms"]["p95"] / octomap_ms, ".2f"),
+    rows = [("update, median, of OctoMap 2 cm", "<=", 0.08, ours["total_ms"]["median"] / octomap_ms, ".3f"),
+            ("update, 95th percentile, of OctoMap's median", "<=", 0.12, ours["total_ms"]["p95"] / octomap_ms, ".3f"),
             ("RMSE before the removal [mm]", "<=", 1.7, before["rmse_mm"], ".2f")]
     if after:
         rows.append(("RMSE after the removal [mm]", "<=", 1.7, after["rmse_mm"], ".2f"))
@@ -229,7 +229,7 @@ def conditions(facts, machine, what):
 def map_table(result, machine):
     scene, ours = result["scene"], result["maps"]["gpis"]
     parts = [
-        conditions(result["machine"], machine, f"{scene['frames']} frames, {scene['width_px']} x {scene['height_px']}, {scene['boxes']} bricks; medians of {result['repeat']} runs."),
+        conditions(result["machine"], machine, f"{scene['frames']} frames, {scene['width_px']} x {scene['height_px']}, {scene['boxes']} bricks; medians of {result['repeat']} run{'s' if result['repeat'] > 1 else ''}."),
         "**Bars** that were set, and what was reached; times and rates count only on a machine at rest:\n\n" + markdown(bar_rows(result)),
         "**Update**, frame 0 apart:\n\n" + markdown(map_rows(result)),
         f"**Quality of these maps** before frame {scene['removal_frame']}, and after it:\n\n" + markdown(quality_rows(result)),
@@ -238,7 +238,7 @@ def map_table(result, machine):
         f"{ours['training_points_per_cell']:.0f} training points per cell (at most {ours['largest_cell']:.0f}), "
         f"{ours['cells_retrained']['median']:.0f} cells trained per frame:\n\n" + markdown(stage_rows(result)),
         f"**Mesh** of the whole map from nothing: {result['mesh']['full_ms']:.0f} ms, {result['mesh']['triangles']} triangles.",
-        f"**Queries.** The first one after an update builds an index: {result['queries']['first_query_ms']:.1f} ms. "
+        f"**Queries.** The first one far from the surface after an update builds an index: {result['queries']['first_query_ms']:.1f} ms. "
         f"For context, OctoMap answers {rate_text(result['octomap_lookups_per_s'])} occupancy look-ups per second with one thread.\n\n" + markdown(query_rows(result)),
         "**Cost against the map's size**: the same view 20 times in floors with bricks, medians:\n\n" + markdown(growth_rows(result)),
     ]

@@ -235,7 +235,7 @@ class ScriptRefusals(unittest.TestCase):
         text = page.read_text()
         self.assertNotIn("old bench", text)
         self.assertEqual(text[text.index("<!-- core"):], before[before.index("<!-- core"):])
-        self.assertIn("| update, median, of OctoMap 2 cm | <= 0.08 | 0.05 | 0.62 | yes |", text)
+        self.assertIn("| update, median, of OctoMap 2 cm | <= 0.08 | 0.050 | 0.62 | yes |", text)
         self.assertIn("| distance and gradient, 2 threads [M/s] | >= 4 | 2.00 | 0.50 | **no** |", text)
         self.assertIn("| update in 1000 m2, of that in 10 m2 (processor time) | <= 1.1 | 1.50 | 1.36 | **no** |", text)
 
