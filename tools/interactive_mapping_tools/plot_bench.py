@@ -91,7 +91,7 @@ def draw_places(bars, maps):
     bars.set_xticks(range(len(PLACES)))
     bars.set_xticklabels([f"{label}\n{100.0 * ours[place]['area_share']:.0f} % of our area" for place, label in PLACES.items()], fontsize=10.5)
     bars.set_ylim(0.0, 1.3 * bars.get_ylim()[1])
-    bars.legend(fontsize=10.5, loc="upper left", ncols=2, title="bar: RMSE, line: 95th percentile", title_fontsize=10.5, alignment="left")
+    bars.legend(fontsize=10.5, loc="upper left", ncol=2, title="bar: RMSE, line: 95th percentile", title_fontsize=10.5)
     tidy(bars, "Error by place, before the removal", y_label="distance to the true surface [mm]")
 
 
@@ -103,10 +103,11 @@ def draw_growth(curve, growth):
         curve.plot(areas, values, color=colour, linewidth=2.2, marker="o", label=label)
         curve.annotate(f"x {growth['ratio'][what]:.2f}", (areas[-1], values[-1]), ha="right", va="bottom", fontsize=11, color=colour, xytext=(0, 7), textcoords="offset points")
     curve.set_xscale("log")
-    curve.set_xticks(areas, [f"{area:.0f}" for area in areas])
+    curve.set_xticks(areas)
+    curve.set_xticklabels([f"{area:.0f}" for area in areas])
     curve.minorticks_off()
     curve.set_ylim(0.0, 1.35 * max(size["octomap_processor_ms"] for size in sizes))
-    curve.legend(fontsize=10.5, loc="upper left", ncols=2)
+    curve.legend(fontsize=10.5, loc="upper left", ncol=2)
     tidy(curve, "The same view in maps of several sizes", "mapped floor [m$^2$]", "processor time per update [ms]")
 
 
