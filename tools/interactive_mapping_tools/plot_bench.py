@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plot and table of what scripts/bench measured; can also put the table into a document.
+"""Plot and tables of what scripts/bench measured; can also put the tables into a document.
 
-The document keeps its text; what stands between `<!-- bench: begin -->` and `<!-- bench: end -->` is replaced, and the
-table of the simulated world between `<!-- world: begin -->` and `<!-- world: end -->`.
+The document keeps its text; what was measured replaces what stands between `<!-- NAME: begin -->` and `<!-- NAME: end -->`: bench is the map,
+core its building blocks, world the simulated world.
 """
 
-from .results import main_of, markdown, read_json, read_machine
-from .style import BLUE, GREY, RED, REST, SEQUENCE, plt, save, tidy
+from .cli import Refusal
+from .results import holds, main_of, markdown, read_json, read_machine
+from .style import BLUE, GREY, INK, RED, REST, SEQUENCE, plt, save, tidy
 
 STAGES = ("classify", "regress", "fuse", "observe", "insert", "train", "publish")
 STAGE_COLOURS = (*SEQUENCE[:3], REST, *SEQUENCE[3:6])
 BUSY_LOAD = 0.5
+PLACES = {"face": "faces", "convex": "convex edges", "concave": "concave edges"}
 WORLD_PARTS = ("physics", "camera", "scanner", "judge")
 CORE_LABELS = (
     ("BM_CellGpTrain/100", "train a cell, 100 points"),
@@ -30,11 +32,7 @@ CORE_LABELS = (
 )
 
 
-def plot(read, out):
-    result = read[0]
-    maps = result["maps"]
-    figure, (bars, curve) = plt.subplots(1, 2, figsize=(13.0, 5.2), constrained_layout=True, gridspec_kw={"width_ratios": [5, 6]})
-
+def draw_stages(bars, maps):
     shown = [key for key in ("gpis", "gpis_1_thread", "octomap_2cm_region", "octomap_2cm") if key in maps]
     labels = {"gpis": f"gpis_mapping\n{maps['gpis']['threads']} threads", "gpis_1_thread": "gpis_mapping\n1 thread",
               "octomap_2cm": "OctoMap\n2 cm", "octomap_2cm_region": "OctoMap 2 cm\nour region"}
@@ -58,25 +56,67 @@ def plot(read, out):
     tidy(bars, "Time per frame by stage", y_label="median time per frame [ms]")
     bars.set_ylim(0.0, 1.08 * max(maps[key]["total_ms"]["median"] for key in shown))
 
-    curves = (("octomap_2cm", "OctoMap 2 cm", GREY, "-"), ("octomap_2cm_region", "OctoMap 2 cm, our region", "#a0a0a0", "-"),
-              ("gpis_1_thread", "gpis_mapping, 1 thread", "#7fa3bd", "-"),
-              ("gpis", f"gpis_mapping, {maps['gpis']['threads']} threads", BLUE, "-"))
+
+def draw_frames(curve, maps, scene):
+    curves = (("octomap_2cm", "OctoMap 2 cm", GREY), ("octomap_2cm_region", "OctoMap 2 cm, our region", "#a0a0a0"), ("gpis_1_thread", "gpis_mapping, 1 thread", "#7fa3bd"),
+              ("gpis", f"gpis_mapping, {maps['gpis']['threads']} threads", BLUE))
     highest = 0.0
-    for key, label, colour, style in curves:
+    for key, label, colour in curves:
         if key not in maps:
             continue
         values = maps[key]["total_ms"]["per_frame"]
         highest = max(highest, max(values))
-        curve.plot(range(len(values)), values, color=colour, linestyle=style, linewidth=2.2 if key in ("gpis", "octomap_2cm") else 1.4, label=label)
-    removal = result["scene"]["removal_frame"]
-    curve.set_ylim(0.0, 1.3 * highest)
-    if removal > 0:
-        curve.axvline(removal, color=RED, linewidth=1.2, linestyle="--")
-        curve.annotate(f"{result['scene']['removed_boxes']} bricks are taken away", (removal, 1.0), xycoords=("data", "axes fraction"),
+        curve.plot(range(len(values)), values, color=colour, linewidth=2.2 if key in ("gpis", "octomap_2cm") else 1.4, label=label)
+    curve.set_ylim(0.0, 1.6 * highest)
+    if scene["removal_frame"] > 0:
+        curve.axvline(scene["removal_frame"], color=RED, linewidth=1.2, linestyle="--")
+        curve.annotate(f"{scene['removed_boxes']} bricks are taken away", (scene["removal_frame"], 1.0), xycoords=("data", "axes fraction"),
                        xytext=(6, -4), textcoords="offset points", fontsize=10.5, color=RED, va="top")
     curve.set_xlim(0, len(maps["gpis"]["total_ms"]["per_frame"]) - 1)
     curve.legend(fontsize=10.5, loc="upper left")
     tidy(curve, "Frame by frame", "frame", "time per frame [ms]")
+
+
+def draw_places(bars, maps):
+    width = 0.36
+    for shift, key, label, colour in ((-0.5, "gpis", "gpis_mapping", BLUE), (0.5, "octomap_2cm", "OctoMap 2 cm", GREY)):
+        places = maps[key]["before_removal"]["places"]
+        at = [index + shift * width for index in range(len(PLACES))]
+        rmse, p95 = ([places[place][name] for place in PLACES] for name in ("rmse_mm", "p95_mm"))
+        bars.bar(at, rmse, width=width, color=colour, linewidth=0, label=label)
+        bars.scatter(at, p95, marker="_", s=500, linewidth=2.0, color=INK)
+        for x, error, high in zip(at, rmse, p95):
+            bars.annotate(f"{error:.1f} / {high:.1f}", (x, high), ha="center", va="bottom", fontsize=9.5, xytext=(0, 3), textcoords="offset points")
+    ours = maps["gpis"]["before_removal"]["places"]
+    bars.set_xticks(range(len(PLACES)))
+    bars.set_xticklabels([f"{label}\n{100.0 * ours[place]['area_share']:.0f} % of our area" for place, label in PLACES.items()], fontsize=10.5)
+    bars.set_ylim(0.0, 1.3 * bars.get_ylim()[1])
+    bars.legend(fontsize=10.5, loc="upper left", ncols=2, title="bar: RMSE, line: 95th percentile", title_fontsize=10.5, alignment="left")
+    tidy(bars, "Error by place, before the removal", y_label="distance to the true surface [mm]")
+
+
+def draw_growth(curve, growth):
+    sizes = growth["maps"]
+    areas = [size["area_m2"] for size in sizes]
+    for what, label, colour in (("octomap_processor_ms", "OctoMap 2 cm", GREY), ("processor_ms", "gpis_mapping", BLUE)):
+        values = [size[what] for size in sizes]
+        curve.plot(areas, values, color=colour, linewidth=2.2, marker="o", label=label)
+        curve.annotate(f"x {growth['ratio'][what]:.2f}", (areas[-1], values[-1]), ha="right", va="bottom", fontsize=11, color=colour, xytext=(0, 7), textcoords="offset points")
+    curve.set_xscale("log")
+    curve.set_xticks(areas, [f"{area:.0f}" for area in areas])
+    curve.minorticks_off()
+    curve.set_ylim(0.0, 1.35 * max(size["octomap_processor_ms"] for size in sizes))
+    curve.legend(fontsize=10.5, loc="upper left", ncols=2)
+    tidy(curve, "The same view in maps of several sizes", "mapped floor [m$^2$]", "processor time per update [ms]")
+
+
+def plot(read, out):
+    result = read["map"]
+    figure, ((stages, frames), (places, growth)) = plt.subplots(2, 2, figsize=(13.0, 10.4), constrained_layout=True, gridspec_kw={"width_ratios": [5, 6]})
+    draw_stages(stages, result["maps"])
+    draw_frames(frames, result["maps"], result["scene"])
+    draw_places(places, result["maps"])
+    draw_growth(growth, result["growth"])
     save(figure, out)
 
 
@@ -89,6 +129,45 @@ def time_text(ms):
 
 def rate_text(rate):
     return f"{rate / 1e6:.2f} M" if rate >= 1e6 else f"{rate / 1e3:.0f} k"
+
+
+def bar_rows(result):
+    ours, octomap_ms = result["maps"]["gpis"], result["maps"]["octomap_2cm"]["total_ms"]["median"]
+    before, after, bands = ours["before_removal"], ours.get("after_removal"), result["queries"]["bands"]
+    threads = ours["threads"]
+    rows = [("update, median, of OctoMap 2 cm", "<=", 0.08, ours["total_ms"]["median"] / octomap_ms, ".3f"),
+            ("update, 95th percentile, of OctoMap's median", "<=", 0.12, ours["total_ms"]["p95"] / octomap_ms, ".3f"),
+            ("RMSE before the removal [mm]", "<=", 1.7, before["rmse_mm"], ".2f")]
+    if after:
+        rows.append(("RMSE after the removal [mm]", "<=", 1.7, after["rmse_mm"], ".2f"))
+    rows += [("complete within 1 cm", ">=", 0.988, before["complete_1cm"], ".3f"), ("complete within 2 cm", ">=", 0.998, before["complete_2cm"], ".3f"),
+             ("mean error of distances of 0 to 5 cm [mm]", "<=", 1.0, bands["0 to 5 cm"]["mean_abs_error_mm"], ".2f"),
+             ("mean error of distances of 5 to 30 cm [mm]", "<=", 1.5, bands["5 to 30 cm"]["mean_abs_error_mm"], ".2f")]
+    if after:
+        rows.append(("ghosts one frame after", "<=", 0.002, after["ghost_share"], ".4f"))
+    rows += [("mesh of what changed, median [ms]", "<=", 40, ours["mesh_incremental_ms"]["median"], ".0f"), ("mesh of the whole map [ms]", "<=", 120, result["mesh"]["full_ms"], ".0f"),
+             (f"distance and gradient, {threads} threads [M/s]", ">=", 4.0, bands["0 to 5 cm"][f"distance_per_s_{threads}_threads"] / 1e6, ".2f"),
+             (f"with variance, {threads} threads [M/s]", ">=", 1.0, bands["0 to 5 cm"][f"variance_per_s_{threads}_threads"] / 1e6, ".2f"),
+             ("memory of the map [MB]", "<=", 16.0, ours["map_mb"], ".1f"),
+             ("update in 1000 m2, of that in 10 m2 (processor time)", "<=", 1.1, result["growth"]["ratio"]["processor_ms"], ".2f")]
+    yield ("", "bar", "reached", "reached / bar", "kept")
+    for what, relation, bar, reached, form in rows:
+        yield (what, f"{relation} {bar:g}", format(reached, form), f"{reached / bar:.2f}", holds(reached <= bar if relation == "<=" else reached >= bar))
+
+
+def place_rows(result):
+    yield ("", "nearest to", "RMSE mm", "median mm", "95th percentile mm", "mean, outwards, mm", "share of the area")
+    for entry in result["maps"].values():
+        for place, label in PLACES.items():
+            error = entry["before_removal"]["places"][place]
+            yield (entry["title"] if place == "face" else "", label, *(f"{error[name]:.1f}" for name in ("rmse_mm", "median_mm", "p95_mm", "mean_mm")), f"{error['area_share']:.2f}")
+
+
+def growth_rows(result):
+    yield ("mapped floor m2", "points", "map MB", "update ms", "processor ms", "OctoMap 2 cm processor ms")
+    for size in result["growth"]["maps"]:
+        yield (f"{size['area_m2']:.0f}", size["points"], f"{size['map_mb']:.0f}", *(f"{size[name]:.1f}" for name in ("update_ms", "processor_ms", "octomap_processor_ms")))
+    yield ("**1000 over 10**", "", "", *(f"{result['growth']['ratio'][name]:.2f}" for name in ("update_ms", "processor_ms", "octomap_processor_ms")))
 
 
 def map_rows(result):
@@ -139,26 +218,38 @@ def core_rows(core):
             yield (label, time_text(times[name]), time_text(wall[name]))
 
 
-def table(result, core, machine):
+def conditions(facts, machine, what):
+    """How a part was measured, and a warning where other programs ran."""
+    text = (f"Measured {machine.get('date', 'at an unknown date')} on {facts['processor']}, {facts['cores']} cores; {machine.get('compiler', facts.get('compiler', 'unknown compiler'))}, "
+            f"{facts['build_type']}; load {facts['load_at_start']:.2f} at the start; commit {machine.get('commit', 'unknown')}. {what}")
+    busy = "\n\nThe machine was **not at rest**: times on the wall are too long, processor times are the ones to compare."
+    return text + (busy if facts["load_at_start"] >= BUSY_LOAD else "")
+
+
+def map_table(result, machine):
     scene, ours = result["scene"], result["maps"]["gpis"]
-    facts = result["machine"]
     parts = [
-        f"Measured {machine.get('date', 'at an unknown date')} on {facts['processor']}, {facts['cores']} cores; {machine.get('compiler', facts['compiler'])}, "
-        f"{facts['build_type']}; load {facts['load_at_start']:.2f} at the start; commit {machine.get('commit', 'unknown')}. "
-        f"{scene['frames']} frames, {scene['width_px']} x {scene['height_px']}, {scene['boxes']} bricks; medians of {result['repeat']} runs.",
-        "The machine was **not at rest**: times on the wall are too long, processor times are the ones to compare." if facts["load_at_start"] >= BUSY_LOAD else "",
+        conditions(result["machine"], machine, f"{scene['frames']} frames, {scene['width_px']} x {scene['height_px']}, {scene['boxes']} bricks; medians of {result['repeat']} run{'s' if result['repeat'] > 1 else ''}."),
+        "**Bars** that were set, and what was reached; times and rates count only on a machine at rest:\n\n" + markdown(bar_rows(result)),
         "**Update**, frame 0 apart:\n\n" + markdown(map_rows(result)),
         f"**Quality of these maps** before frame {scene['removal_frame']}, and after it:\n\n" + markdown(quality_rows(result)),
+        f"**Error by place**, before frame {scene['removal_frame']}:\n\n" + markdown(place_rows(result)),
         f"**Where our update spends its time**, {ours['threads']} threads; {ours['points']} points in {ours['cells']} cells, "
         f"{ours['training_points_per_cell']:.0f} training points per cell (at most {ours['largest_cell']:.0f}), "
         f"{ours['cells_retrained']['median']:.0f} cells trained per frame:\n\n" + markdown(stage_rows(result)),
         f"**Mesh** of the whole map from nothing: {result['mesh']['full_ms']:.0f} ms, {result['mesh']['triangles']} triangles.",
-        f"**Queries.** The first one after an update builds an index: {result['queries']['first_query_ms']:.1f} ms. "
+        f"**Queries.** The first one far from the surface after an update builds an index: {result['queries']['first_query_ms']:.1f} ms. "
         f"For context, OctoMap answers {rate_text(result['octomap_lookups_per_s'])} occupancy look-ups per second with one thread.\n\n" + markdown(query_rows(result)),
+        "**Cost against the map's size**: the same view 20 times in floors with bricks, medians:\n\n" + markdown(growth_rows(result)),
     ]
-    if core is not None:
-        parts.append("**Building blocks**, one thread:\n\n" + markdown(core_rows(core)))
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(parts) + "\n"
+
+
+def core_table(core, machine):
+    """Google Benchmark's context says less than the other programs."""
+    facts = {"processor": machine.get("processor", "an unknown machine").split(",")[0], "cores": core["context"]["num_cpus"], "build_type": machine.get("build", "unknown build"),
+             "load_at_start": core["context"]["load_avg"][0]}
+    return conditions(facts, machine, "One thread.") + "\n\n" + markdown(core_rows(core)) + "\n"
 
 
 def wall_and_processor(cost):
@@ -177,10 +268,7 @@ def world_table(result, machine):
     built = [case["construction"] for case in result["cases"].values()]
     bricks = max(case["bricks"] for case in result["cases"].values())
     parts = [
-        f"Measured {machine.get('date', 'at an unknown date')} on {facts['processor']}, {facts['cores']} cores; {facts['build_type']}; "
-        f"load {facts['load_at_start']:.2f} at the start; commit {machine.get('commit', 'unknown')}. {bricks} bricks, camera at {result['camera_rate_hz']:g} Hz; "
-        f"medians of {result['repeat']} runs of {result['simulated_s']:g} simulated seconds.",
-        "The machine was **not at rest**: times on the wall are too long, processor times are the ones to compare." if facts["load_at_start"] >= BUSY_LOAD else "",
+        conditions(facts, machine, f"{bricks} bricks, camera at {result['camera_rate_hz']:g} Hz; medians of {result['repeat']} runs of {result['simulated_s']:g} simulated seconds."),
         markdown(world_rows(result)),
         f"Before the first tick the pile is dropped and textures are drawn: {min(cost['wall_s'] for cost in built):.1f} s ({min(cost['processor_s'] for cost in built):.1f} s of the processors). "
         f"The judge takes {wall_and_processor(judge['first'])} ms for the first surface of {judge['triangles']} triangles, {wall_and_processor(judge['later'])} ms for later ones.",
@@ -188,15 +276,28 @@ def world_table(result, machine):
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
+def read_map(path):
+    result = read_json(path)
+    result = result if isinstance(result, dict) else {}
+    missing = [key for key in ("machine", "scene", "maps", "mesh", "queries", "growth") if key not in result]
+    missing += [f"maps/{name}/before_removal/places" for name, entry in result.get("maps", {}).items() if "places" not in entry.get("before_removal", {})]
+    if missing:
+        raise Refusal(f"{path}: has no {', '.join(missing)}: it comes from another version of bench_map_vs_octomap, run scripts/bench map again")
+    return result
+
+
 def read(folder):
-    """(map's result, building blocks or None, world's result or None, machine)"""
-    others = (folder / name for name in ("bench_core.json", "bench_world.json"))
-    return (read_json(folder / "bench_map_vs_octomap.json"), *(read_json(path) if path.is_file() else None for path in others), read_machine(folder / "machine.txt"))
+    """{part: what was measured}, and "machine"."""
+    files = {"map": ("bench_map_vs_octomap.json", read_map), "core": ("bench_core.json", read_json), "world": ("bench_world.json", read_json)}
+    parts = {part: read_one(folder / name) for part, (name, read_one) in files.items() if (folder / name).is_file()}
+    if not parts:
+        raise Refusal(f"{folder}: holds none of {', '.join(name for name, _ in files.values())}")
+    return {**parts, "machine": read_machine(folder / "machine.txt")}
 
 
 def texts(read):
-    result, core, world, machine = read
-    return {"bench": table(result, core, machine), **({"world": world_table(world, machine)} if world else {})}
+    tables = {"bench": ("map", map_table), "core": ("core", core_table), "world": ("world", world_table)}
+    return {mark: table(read[part], read["machine"]) for mark, (part, table) in tables.items() if part in read}
 
 
 def main():

@@ -79,7 +79,7 @@ def main_of(doc, plots, read, texts_of):
                 if out:
                     draw(result, out)
                     print(out)
-        except (KeyError, StopIteration, ValueError) as error:
+        except (AttributeError, KeyError, StopIteration, TypeError, ValueError) as error:
             raise Refusal(f"a result is missing or not a number: {error!r}") from error
         if arguments["table"]:
             arguments["table"].write_text(next(iter(texts.values())), encoding="utf-8")

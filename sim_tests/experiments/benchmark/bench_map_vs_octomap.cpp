@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <ctime>
 #include <fstream>
 #include <functional>
 #include <iostream>
@@ -16,7 +15,6 @@
 #include <optional>
 #include <string>
 #include <thread>
-#include <unordered_map>
 #include <vector>
 
 #include <boost/program_options.hpp>
@@ -29,34 +27,28 @@
 #include "gpis_mapping/gpis_config.h"
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/mesh_extractor.h"
+#include "ground_truth.h"
+#include "map_growth.h"
+#include "measuring.h"
 #include "octomap_baseline/dynamic_octomap.h"
-#include "synthetic_depth/depth_renderer.h"
-#include "synthetic_depth/scene_distance.h"
+#include "recorded_frame.h"
 #include "synthetic_depth/scene_loader.h"
-#include "synthetic_depth/seeded_random.h"
-#include "synthetic_depth/sensor.h"
 
 namespace {
 
 namespace po = boost::program_options;
 
-using gpis_mapping::LatticeKey;
-using gpis_mapping::LatticeKeyHash;
+using experiments::ClaimedSurface;
+using experiments::GroundTruth;
+using experiments::median;
+using experiments::processorMs;
+using experiments::quantile;
+using experiments::RecordedFrame;
+using experiments::surfaceOf;
+using experiments::toOctomap;
 using interactive_mapping::Stopwatch;
 using nlohmann::json;
 using synthetic_depth::Scene;
-
-constexpr double kMaxRange_m = 3.5;
-constexpr double kGhostClearance_m = 0.05;  // a ghost point is this far from everything that is still there
-constexpr double kGhostReach_m = 0.02;      // a ghost point with surface this near is a ghost
-constexpr double kFreeMargin_m = 0.01;      // a point is seen as free when the frame sees this far past it
-
-/// Processor time of all threads, which other programs on the machine disturb less than they do the wall's.
-double processorMs() {
-  timespec time{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-  return 1e3 * static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_nsec);
-}
 
 double residentMb() {
   std::ifstream statm("/proc/self/statm");
@@ -64,19 +56,6 @@ double residentMb() {
   long resident = 0;
   statm >> total >> resident;
   return static_cast<double>(resident) * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
-}
-
-double quantile(std::vector<double> values, double q) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  const double at = q * static_cast<double>(values.size() - 1);
-  const std::size_t low = static_cast<std::size_t>(at);
-  const std::size_t high = std::min(low + 1, values.size() - 1);
-  return values[low] + (at - static_cast<double>(low)) * (values[high] - values[low]);
-}
-
-double median(const std::vector<double>& values) {
-  return quantile(values, 0.5);
 }
 
 /// One quantity per frame, measured in each repetition.
@@ -109,234 +88,6 @@ class FrameSeries {
   std::vector<std::vector<double>> samples_;
 };
 
-struct RecordedFrame {
-  gpis_mapping::DepthImage image;
-  octomap::Pointcloud cloud;  // map frame
-  Eigen::Isometry3d T_map_camera;
-  double stamp_s;
-};
-
-std::vector<RecordedFrame> record(const Scene& scene) {
-  std::vector<RecordedFrame> frames;
-  for (int k = 0; k < scene.numFrames(); ++k) {
-    const cv::Mat depth = synthetic_depth::measureDepth(scene, k);
-    RecordedFrame frame;
-    frame.image.width = depth.cols;
-    frame.image.height = depth.rows;
-    frame.image.depth_m.assign(depth.ptr<float>(), depth.ptr<float>() + depth.total());
-    frame.T_map_camera = scene.cameraInMap(k);
-    frame.stamp_s = scene.stampSeconds(k);
-    frame.cloud.reserve(depth.total());
-    for (int v = 0; v < depth.rows; ++v) {
-      for (int u = 0; u < depth.cols; ++u) {
-        const double z = depth.at<float>(v, u);
-        if (!std::isfinite(z)) continue;
-        const Eigen::Vector3d p =
-            frame.T_map_camera * (z * Eigen::Vector3d((u - scene.camera.cx_px) / scene.camera.fx_px,
-                                                      (v - scene.camera.cy_px) / scene.camera.fy_px, 1.0));
-        frame.cloud.push_back(static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()));
-      }
-    }
-    frames.push_back(std::move(frame));
-  }
-  return frames;
-}
-
-/// Is there a point within a fixed reach?
-class NeighbourGrid {
- public:
-  NeighbourGrid(const std::vector<Eigen::Vector3d>& points, double reach_m) : reach_m_(reach_m) {
-    for (const Eigen::Vector3d& p : points) cells_[LatticeKey::of(p, reach_m)].push_back(p);
-  }
-  bool hasNear(const Eigen::Vector3d& p) const {
-    const LatticeKey key = LatticeKey::of(p, reach_m_);
-    for (int dx = -1; dx <= 1; ++dx) {
-      for (int dy = -1; dy <= 1; ++dy) {
-        for (int dz = -1; dz <= 1; ++dz) {
-          const auto cell = cells_.find(key.offset(dx, dy, dz));
-          if (cell == cells_.end()) continue;
-          for (const Eigen::Vector3d& other : cell->second) {
-            if ((other - p).squaredNorm() <= reach_m_ * reach_m_) return true;
-          }
-        }
-      }
-    }
-    return false;
-  }
-  double coveredShare(const std::vector<Eigen::Vector3d>& targets) const {
-    if (targets.empty()) return 0.0;
-    std::size_t covered = 0;
-    for (const Eigen::Vector3d& p : targets) covered += hasNear(p);
-    return static_cast<double>(covered) / static_cast<double>(targets.size());
-  }
-
- private:
-  double reach_m_;
-  std::unordered_map<LatticeKey, std::vector<Eigen::Vector3d>, LatticeKeyHash> cells_;
-};
-
-/// The surface a map claims: points on it, and points with their share of the area for the error.
-struct ClaimedSurface {
-  std::vector<Eigen::Vector3d> cover;
-  std::vector<Eigen::Vector3d> samples;
-  std::vector<double> weights;
-};
-
-ClaimedSurface surfaceOf(const gpis_mapping::TriangleMesh& mesh) {
-  ClaimedSurface surface;
-  surface.cover = mesh.vertices_map;
-  for (const auto& triangle : mesh.triangles) {
-    const Eigen::Vector3d& a = mesh.vertices_map[triangle[0]];
-    const Eigen::Vector3d& b = mesh.vertices_map[triangle[1]];
-    const Eigen::Vector3d& c = mesh.vertices_map[triangle[2]];
-    const Eigen::Vector3d center = (a + b + c) / 3.0;
-    for (const Eigen::Vector3d& p :
-         {center, Eigen::Vector3d((a + b) / 2.0), Eigen::Vector3d((b + c) / 2.0), Eigen::Vector3d((c + a) / 2.0)}) {
-      surface.cover.push_back(p);
-    }
-    surface.samples.push_back(center);
-    surface.weights.push_back(0.5 * (b - a).cross(c - a).norm());
-  }
-  return surface;
-}
-
-ClaimedSurface surfaceOf(const octomap::OcTree& tree) {
-  ClaimedSurface surface;
-  const double resolution = tree.getResolution();
-  for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
-    if (!tree.isNodeOccupied(*leaf)) continue;
-    // A pruned leaf stands for many voxels.
-    const int across = static_cast<int>(std::lround(leaf.getSize() / resolution));
-    const double first = 0.5 * (resolution - leaf.getSize());
-    for (int x = 0; x < across; ++x) {
-      for (int y = 0; y < across; ++y) {
-        for (int z = 0; z < across; ++z) {
-          surface.cover.emplace_back(leaf.getX() + first + x * resolution, leaf.getY() + first + y * resolution,
-                                     leaf.getZ() + first + z * resolution);
-        }
-      }
-    }
-  }
-  surface.samples = surface.cover;
-  surface.weights.assign(surface.samples.size(), 1.0);
-  return surface;
-}
-
-/// What the exact scene says, for the frame before the removal and the first one after it.
-class GroundTruth {
- public:
-  explicit GroundTruth(const Scene& scene)
-      : scene_(scene), last_before_(std::min(scene.firstRemovalFrame(), scene.numFrames()) - 1) {
-    for (int k = 0; k < scene.numFrames(); ++k) views_.emplace_back(scene, k, scene.T_scene_camera[k]);
-    visible_before_ = visibleInRoi(last_before_);
-    if (!hasRemoval()) return;
-    visible_after_ = visibleInRoi(last_before_ + 1);
-    const synthetic_depth::SurfaceSamples seen = synthetic_depth::visibleSurfaceSamples(scene, 0, last_before_, 0.01);
-    const std::vector<int> removed = scene.removedIds();
-    const Eigen::VectorXd left = synthetic_depth::signedDistance(scene, last_before_ + 1, seen.points_map);
-    for (Eigen::Index i = 0; i < seen.points_map.cols(); ++i) {
-      const bool is_removed = std::binary_search(removed.begin(), removed.end(), seen.ids[static_cast<std::size_t>(i)]);
-      const Eigen::Vector3d p = seen.points_map.col(i);
-      if (is_removed && left[i] > kGhostClearance_m && seenFree(p, last_before_ + 1)) ghosts_.push_back(p);
-    }
-  }
-
-  bool hasRemoval() const { return last_before_ + 1 < scene_.numFrames(); }
-  int lastBefore() const { return last_before_; }
-  std::size_t numGhosts() const { return ghosts_.size(); }
-
-  double ghostShare(const ClaimedSurface& surface) const {
-    return NeighbourGrid(surface.cover, kGhostReach_m).coveredShare(ghosts_);
-  }
-
-  json quality(const ClaimedSurface& surface, bool after) const {
-    const int frame = last_before_ + (after ? 1 : 0);
-    Eigen::Matrix3Xd points(3, static_cast<Eigen::Index>(surface.samples.size()));
-    std::vector<double> weights;
-    for (std::size_t i = 0; i < surface.samples.size(); ++i) {
-      if (!inRoi(surface.samples[i])) continue;
-      points.col(static_cast<Eigen::Index>(weights.size())) = surface.samples[i];
-      weights.push_back(surface.weights[i]);
-    }
-    points.conservativeResize(3, static_cast<Eigen::Index>(weights.size()));
-    const Eigen::VectorXd exact = synthetic_depth::signedDistance(scene_, frame, points);
-    double sum = 0.0;
-    double squares = 0.0;
-    double beyond = 0.0;
-    for (std::size_t i = 0; i < weights.size(); ++i) {
-      const double error = exact[static_cast<Eigen::Index>(i)];
-      sum += weights[i];
-      squares += weights[i] * error * error;
-      if (std::abs(error) > 0.02) beyond += weights[i];
-    }
-    const std::vector<Eigen::Vector3d>& targets = after ? visible_after_ : visible_before_;
-    return {{"rmse_mm", sum > 0.0 ? 1e3 * std::sqrt(squares / sum) : 0.0},
-            {"share_off_by_2cm", sum > 0.0 ? beyond / sum : 0.0},
-            {"complete_1cm", NeighbourGrid(surface.cover, 0.01).coveredShare(targets)},
-            {"complete_2cm", NeighbourGrid(surface.cover, 0.02).coveredShare(targets)}};
-  }
-
-  /// Random points with exact distance in (low, high], in space that some frame up to lastBefore() saw as free.
-  void freePoints(double low_m, double high_m, Eigen::Index count, std::uint64_t seed, Eigen::Matrix3Xd* points,
-                  Eigen::VectorXd* exact) const {
-    const synthetic_depth::SceneDistance distance(scene_, last_before_);
-    const Eigen::Isometry3d T_scene_map = scene_.T_map_scene.inverse();
-    synthetic_depth::SeededRandom random(seed);
-    points->resize(3, count);
-    exact->resize(count);
-    for (Eigen::Index found = 0; found < count;) {
-      const auto pick = static_cast<std::size_t>(random.uniform() * static_cast<double>(visible_before_.size()));
-      Eigen::Vector3d direction(random.normal(), random.normal(), random.normal());
-      const Eigen::Vector3d p = visible_before_[std::min(pick, visible_before_.size() - 1)] +
-                                direction.normalized() * random.uniform(low_m, high_m);
-      const double d = distance.signedDistanceScene(T_scene_map * p);
-      if (d <= low_m || d > high_m || !inRoi(p)) continue;
-      bool is_free = false;
-      for (int k = 0; k <= last_before_ && !is_free; ++k) is_free = seenFree(p, k);
-      if (!is_free) continue;
-      points->col(found) = p;
-      (*exact)[found++] = d;
-    }
-  }
-
- private:
-  bool inRoi(const Eigen::Vector3d& p_map) const {
-    const Eigen::Vector3d p = scene_.T_map_scene.inverse() * p_map;
-    return (p.array() >= scene_.roi.min_m.array()).all() && (p.array() <= scene_.roi.max_m.array()).all();
-  }
-
-  bool seenFree(const Eigen::Vector3d& p_map, int frame) const {
-    const Eigen::Vector3d p = scene_.cameraInMap(frame).inverse() * p_map;
-    if (p.z() < scene_.sensor.min_range_m) return false;
-    const double u = scene_.camera.fx_px * p.x() / p.z() + scene_.camera.cx_px;
-    const double v = scene_.camera.fy_px * p.y() / p.z() + scene_.camera.cy_px;
-    if (u < 0.0 || v < 0.0 || u > scene_.camera.width_px - 1.0 || v > scene_.camera.height_px - 1.0) return false;
-    // The pixels around it, all of them: one that mixes in another surface is no proof.
-    for (const double pu : {std::floor(u), std::ceil(u)}) {
-      for (const double pv : {std::floor(v), std::ceil(v)}) {
-        if (views_[static_cast<std::size_t>(frame)].cast(pu, pv).z_m < p.z() + kFreeMargin_m) return false;
-      }
-    }
-    return true;
-  }
-
-  std::vector<Eigen::Vector3d> visibleInRoi(int frame) const {
-    const synthetic_depth::SurfaceSamples samples = synthetic_depth::visibleSurfaceSamples(scene_, 0, frame, 0.02);
-    std::vector<Eigen::Vector3d> points;
-    for (Eigen::Index i = 0; i < samples.points_map.cols(); ++i) {
-      if (inRoi(samples.points_map.col(i))) points.emplace_back(samples.points_map.col(i));
-    }
-    return points;
-  }
-
-  Scene scene_;
-  int last_before_;
-  std::vector<synthetic_depth::ViewCaster> views_;
-  std::vector<Eigen::Vector3d> visible_before_;
-  std::vector<Eigen::Vector3d> visible_after_;
-  std::vector<Eigen::Vector3d> ghosts_;
-};
-
 /// A map under test. One object lives through all repetitions and starts a new map in each.
 class Contender {
  public:
@@ -361,6 +112,7 @@ class Contender {
     if (!total_.has(k)) rss_growth_mb_ += residentMb() - resident_before;
     total_.add(k, ms);
     afterFrame(k);
+    experiments::settleHeap();
   }
 
   void judge(const GroundTruth& truth, int frame) {
@@ -508,14 +260,10 @@ class OctomapContender : public Contender {
   }
 
  protected:
-  static octomap::point3d toOctomap(const Eigen::Vector3d& p) {
-    return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
-  }
-
   double take(std::size_t, const RecordedFrame& frame, const gpis_mapping::CameraModel&) override {
     const octomap::point3d origin = toOctomap(frame.T_map_camera.translation());
     Stopwatch watch;
-    tree_->insertPointCloud(frame.cloud, origin, kMaxRange_m, false, !options_.every_ray);
+    tree_->insertPointCloud(frame.cloud, origin, experiments::kMaxRange_m, false, !options_.every_ray);
     return watch.lapMs();
   }
 
@@ -582,8 +330,8 @@ json measureQueries(const gpis_mapping::MapSnapshot& snapshot, const std::vector
   gpis_mapping::QueryOptions distance_only;
   distance_only.variance = false;
   Stopwatch watch;
-  snapshot.query(bands.front().points.leftCols(1), distance_only);
-  result["first_query_ms"] = watch.lapMs();  // builds the nearest-point index
+  snapshot.query(bands.back().points.leftCols(1), distance_only);
+  result["first_query_ms"] = watch.lapMs();  // far from the surface: builds an index of nearest points
   for (const Band& band : bands) {
     json entry = {{"points", band.points.cols()}};
     for (const int threads : {1, max_threads}) {
@@ -638,56 +386,6 @@ json machine() {
   return result;
 }
 
-void printRow(const char* name, const json& summary) {
-  std::printf("  %-26s %8.2f %8.2f %8.2f %8.2f\n", name, summary["median"].get<double>(), summary["p95"].get<double>(),
-              summary["max"].get<double>(), summary["first"].get<double>());
-}
-
-void printReport(const json& report) {
-  const json& maps = report["maps"];
-  std::printf("\nms per frame                   median      p95      max    first\n");
-  for (const auto& [key, map] : maps.items()) {
-    printRow(map["title"].get<std::string>().c_str(), map["total_ms"]);
-    printRow("  processor time", map["processor_ms"]);
-    if (!map.contains("stages_ms")) continue;
-    for (const char* stage : {"classify", "regress", "fuse", "observe", "insert", "train", "publish"}) {
-      printRow((std::string("  ") + stage).c_str(), map["stages_ms"][stage]);
-    }
-    if (map.contains("mesh_incremental_ms")) printRow("  (mesh, changed cells)", map["mesh_incremental_ms"]);
-  }
-  std::printf(
-      "\n                                 map MB  RSS MB  rmse mm  complete 1cm  2cm    after removal: 2cm  ghosts\n");
-  for (const auto& [key, map] : maps.items()) {
-    std::printf("  %-28s %8.1f %7.0f", map["title"].get<std::string>().c_str(), map["map_mb"].get<double>(),
-                map["rss_growth_mb"].get<double>());
-    if (map.contains("before_removal")) {
-      const json& q = map["before_removal"];
-      std::printf(" %8.1f %13.3f %.3f", q["rmse_mm"].get<double>(), q["complete_1cm"].get<double>(),
-                  q["complete_2cm"].get<double>());
-    }
-    if (map.contains("after_removal")) {
-      const json& q = map["after_removal"];
-      std::printf(" %20.3f %7.3f", q["complete_2cm"].get<double>(), q["ghost_share"].get<double>());
-    }
-    std::printf("\n");
-  }
-  std::printf("\nour time over that of OctoMap 2 cm: %.2f; processor time: %.2f\n",
-              report["ratios"]["gpis_to_octomap_2cm"].get<double>(),
-              report["ratios"]["processor_gpis_to_octomap_2cm"].get<double>());
-  std::printf("whole mesh, from nothing: %.0f ms, %zu triangles\n", report["mesh"]["full_ms"].get<double>(),
-              report["mesh"]["triangles"].get<std::size_t>());
-  std::printf("\nqueries per s; the first one builds an index: %.1f ms\n",
-              report["queries"]["first_query_ms"].get<double>());
-  for (const auto& [name, band] : report["queries"]["bands"].items()) {
-    std::printf("  %s: mean error %.1f mm, %.3f answered\n", name.c_str(), band["mean_abs_error_mm"].get<double>(),
-                band["answered_share"].get<double>());
-    for (const auto& [key, value] : band.items()) {
-      if (key.find("_per_s") != std::string::npos) std::printf("    %-38s %10.0f\n", key.c_str(), value.get<double>());
-    }
-  }
-  std::printf("  OctoMap occupancy look-ups, one thread %12.0f\n", report["octomap_lookups_per_s"].get<double>());
-}
-
 struct Options {
   std::string scene_path;
   std::string config_path;
@@ -710,7 +408,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
     ("help,h", "show this text")
     ("scene", po::value(&wanted.scene_path)->default_value(BENCH_SCENES "/bench_pile.yaml", "bench_pile.yaml"), "scene file")
     ("config", po::value(&wanted.config_path)->default_value(BENCH_MAP_CONFIG, "bench.yaml"), "settings of the map")
-    ("out,o", po::value(&wanted.out_path), "JSON file to write")
+    ("out,o", po::value(&wanted.out_path), "JSON file to write; without it the JSON goes to the terminal")
     ("repeat,n", po::value(&wanted.repeat)->default_value(1), "run the sequence so often and take medians")
     ("frames", po::value(&wanted.num_frames)->default_value(0), "only the first so many; 0: all")
     ("queries", po::value(&wanted.num_queries)->default_value(100000), "points per band")
@@ -788,32 +486,13 @@ json measureMesh(const gpis_mapping::GpisConfig& config, const gpis_mapping::Map
   return {{"full_ms", median(mesh_ms)}, {"triangles", mesh.triangles.size()}, {"vertices", mesh.vertices_map.size()}};
 }
 
-int run(int argc, char** argv) {
-  const std::optional<Options> options = parseCommandLine(argc, argv);
-  if (!options) return 0;
-  Scene scene = synthetic_depth::loadScene(options->scene_path);
-  if (options->num_frames > 0 && options->num_frames < scene.numFrames()) {
-    scene.T_scene_camera.resize(static_cast<std::size_t>(options->num_frames));
-  }
-  const gpis_mapping::GpisConfig config = gpis_mapping::loadGpisConfig(options->config_path);
-  json report = {{"benchmark", "bench_map_vs_octomap"}, {"machine", machine()}, {"repeat", options->repeat}};
-  std::fprintf(stderr, "rendering %d frames of %zu boxes ...\n", scene.numFrames(), scene.boxes.size());
-  const std::vector<RecordedFrame> frames = record(scene);
-  const GroundTruth truth(scene);
-  const auto& c = scene.camera;
-  report["scene"] = {{"boxes", scene.boxes.size()},
-                     {"frames", scene.numFrames()},
-                     {"removal_frame", truth.hasRemoval() ? truth.lastBefore() + 1 : -1},
-                     {"removed_boxes", scene.removedIds().size()},
-                     {"ghost_points", truth.numGhosts()},
-                     {"width_px", c.width_px},
-                     {"height_px", c.height_px}};
-  const gpis_mapping::CameraModel camera{c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px};
-
-  const int threads = interactive_mapping::resolveThreadCount(config.threads);
-  const Contenders contenders = makeContenders(*options, config, threads);
-  std::shared_ptr<const gpis_mapping::MapSnapshot> before;  // what the exact distances belong to
-  for (int repetition = 0; repetition < options->repeat; ++repetition) {
+/// All frames to all maps, `repeat` times. Returns ours as it was before the removal, which the exact distances belong to.
+std::shared_ptr<const gpis_mapping::MapSnapshot> feed(const Contenders& contenders,
+                                                      const std::vector<RecordedFrame>& frames,
+                                                      const gpis_mapping::CameraModel& camera, const GroundTruth& truth,
+                                                      int repeat) {
+  std::shared_ptr<const gpis_mapping::MapSnapshot> before;
+  for (int repetition = 0; repetition < repeat; ++repetition) {
     for (const auto& contender : contenders.all) contender->restart();
     for (std::size_t k = 0; k < frames.size(); ++k) {
       // Whoever comes first finds the caches as the last one left them: take turns.
@@ -825,9 +504,33 @@ int run(int argc, char** argv) {
         for (const auto& contender : contenders.all) contender->judge(truth, static_cast<int>(k));
       }
     }
-    std::fprintf(stderr, "run %d of %d done\n", repetition + 1, options->repeat);
+    std::fprintf(stderr, "run %d of %d done\n", repetition + 1, repeat);
   }
+  return before;
+}
 
+int run(int argc, char** argv) {
+  const std::optional<Options> options = parseCommandLine(argc, argv);
+  if (!options) return 0;
+  Scene scene = synthetic_depth::loadScene(options->scene_path);
+  if (options->num_frames > 0 && options->num_frames < scene.numFrames()) {
+    scene.T_scene_camera.resize(static_cast<std::size_t>(options->num_frames));
+  }
+  const gpis_mapping::GpisConfig config = gpis_mapping::loadGpisConfig(options->config_path);
+  json report = {{"benchmark", "bench_map_vs_octomap"}, {"machine", machine()}, {"repeat", options->repeat}};
+  std::fprintf(stderr, "rendering %d frames of %zu boxes ...\n", scene.numFrames(), scene.boxes.size());
+  const std::vector<RecordedFrame> frames = experiments::record(scene);
+  const GroundTruth truth(scene);
+  report["scene"] = {{"boxes", scene.boxes.size()},
+                     {"frames", scene.numFrames()},
+                     {"removal_frame", truth.hasRemoval() ? truth.lastBefore() + 1 : -1},
+                     {"removed_boxes", scene.removedIds().size()},
+                     {"ghost_points", truth.numGhosts()},
+                     {"width_px", scene.camera.width_px},
+                     {"height_px", scene.camera.height_px}};
+  const int threads = interactive_mapping::resolveThreadCount(config.threads);
+  const Contenders contenders = makeContenders(*options, config, threads);
+  const auto before = feed(contenders, frames, experiments::cameraOf(scene), truth, options->repeat);
   const double octomap_ms = contenders.octomap_2cm->medianMs();
   for (const auto& contender : contenders.all) {
     report["maps"][contender->key()] = contender->report();
@@ -837,6 +540,8 @@ int run(int argc, char** argv) {
       contenders.ours->medianProcessorMs() / contenders.octomap_2cm->medianProcessorMs();
   report["ratios"]["gpis_to_octomap_2cm"] = contenders.ours->medianMs() / octomap_ms;
   report["mesh"] = measureMesh(config, *contenders.ours->snapshot());
+  std::fprintf(stderr, "maps of 10 to 1000 m2 ...\n");
+  report["growth"] = experiments::measureGrowth(config);
 
   std::vector<Band> bands(2);
   bands[0].name = "0 to 5 cm";
@@ -858,12 +563,13 @@ int run(int argc, char** argv) {
   getrusage(RUSAGE_SELF, &usage);
   report["peak_rss_mb"] = static_cast<double>(usage.ru_maxrss) / 1e3;
 
-  printReport(report);
-  if (!options->out_path.empty()) {
-    std::ofstream out(options->out_path);
-    out << report.dump(1) << "\n";
-    if (!out.flush()) throw std::runtime_error(options->out_path + ": cannot be written");
+  if (options->out_path.empty()) {
+    std::cout << report.dump(1) << "\n";
+    return 0;
   }
+  std::ofstream out(options->out_path);
+  out << report.dump(1) << "\n";
+  if (!out.flush()) throw std::runtime_error(options->out_path + ": cannot be written");
   return 0;
 }
 

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <ctime>
 #include <functional>
 #include <iostream>
 #include <string>
@@ -14,6 +13,7 @@
 #include <boost/program_options.hpp>
 
 #include "gpis_mapping/types.h"
+#include "measuring.h"
 #include "octomap_baseline/dynamic_octomap.h"
 #include "synthetic_depth/depth_renderer.h"
 #include "synthetic_depth/scene_distance.h"
@@ -221,18 +221,6 @@ class GroundTruth {
   std::vector<Ghost> ghosts_;
 };
 
-double quantile(std::vector<double> values, double q) {
-  std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
-}
-
-/// Processor time of all threads, which other programs on the machine disturb less than they do the wall's.
-double processorMs() {
-  timespec time{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-  return 1e3 * static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_nsec);
-}
-
 std::string percent(double share) {
   char text[32];
   std::snprintf(text, sizeof(text), "%.2f", 100.0 * share);
@@ -253,9 +241,9 @@ void runVariant(const Variant& variant, const OctomapConfig& base, const Scene& 
   std::string ghosts;
   for (int k = 0; k < scene.numFrames(); ++k) {
     const RecordedFrame& frame = frames[static_cast<std::size_t>(k)];
-    const double processor_before = processorMs();
+    const double processor_before = experiments::processorMs();
     wall_ms.push_back(map.update(frame.image, camera, frame.T_map_camera, scene.stampSeconds(k)).total_ms);
-    processor_ms.push_back(processorMs() - processor_before);
+    processor_ms.push_back(experiments::processorMs() - processor_before);
     const int since = k - truth->removalFrame() + 1;  // images after the removal
     if (since == 0) {
       const auto centers = occupiedCenters(map.tree());
@@ -269,7 +257,7 @@ void runVariant(const Variant& variant, const OctomapConfig& base, const Scene& 
     if (since == 10) after = percent(truth->wrongShare(occupiedCenters(map.tree()), k));
   }
   std::printf("| %s | %s | %s%s | %.0f | %.0f |\n", variant.name.c_str(), before.c_str(), after.c_str(), ghosts.c_str(),
-              quantile(wall_ms, 0.5), quantile(processor_ms, 0.5));
+              experiments::median(wall_ms), experiments::median(processor_ms));
   std::fflush(stdout);
 }
 

@@ -17,6 +17,7 @@
 #include <nlohmann/json.hpp>
 #include <yaml-cpp/yaml.h>
 
+#include "measuring.h"
 #include "simulated_world/simulation.h"
 #include "synthetic_depth/seeded_random.h"
 
@@ -36,12 +37,6 @@ constexpr int kSurfaces = 5;  // that the judge is shown
 constexpr double kApproach_m_s = 0.5;
 constexpr double kApproach_s = 3.0;  // to where the first heap fills the picture
 constexpr double kSwing_s = 2.0;     // the robot goes to and fro with twice this period
-
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const std::size_t half = values.size() / 2;
-  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
-}
 
 /// The camera and its sensor of config/simulation.yaml, under the names of the node's parameters.
 void readCamera(const YAML::Node& yaml, SimulationConfig* config) {
@@ -131,7 +126,7 @@ json toJson(const std::vector<Cost>& runs, double simulated_s) {
     wall_s.push_back(cost.wall_s / simulated_s);
     processor_s.push_back(cost.processor_s / simulated_s);
   }
-  return {{"wall_s", median(wall_s)}, {"processor_s", median(processor_s)}};
+  return {{"wall_s", experiments::median(wall_s)}, {"processor_s", experiments::median(processor_s)}};
 }
 
 json measure(const Case& what, SimulationConfig config, double simulated_s, int repeat) {

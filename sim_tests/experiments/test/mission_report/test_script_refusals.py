@@ -26,6 +26,30 @@ FIG8_SUMMARY = {"systems": {"gpis": {"title": "Dynamic GPIS", "ghost_area_m2": 0
                                                            "count": 1000}}}}
 
 
+def map_result():
+    """What bench_map_vs_octomap leaves, with made-up numbers."""
+    def series(value):
+        return {"median": value, "p95": value, "max": value, "first": value, "per_frame": [value, value]}
+
+    def entry(title, ms):
+        errors = {"rmse_mm": 1.0, "mean_mm": 0.1, "median_mm": 0.5, "p95_mm": 2.0, "area_share": 0.3}
+        quality = {"rmse_mm": 1.0, "share_off_by_2cm": 0.0, "complete_1cm": 1.0, "complete_2cm": 1.0}
+        return {"title": title, "total_ms": series(ms), "processor_ms": series(ms), "map_mb": 10.0, "rss_growth_mb": 10.0,
+                "before_removal": {**quality, "places": {place: errors for place in ("face", "convex", "concave")}}, "after_removal": {**quality, "ghost_share": 0.0}}
+
+    stages = ("classify", "regress", "fuse", "observe", "insert", "train", "publish")
+    ours = {**entry("ours", 10.0), "threads": 2, "points": 100, "cells": 10, "training_points_per_cell": 30.0, "largest_cell": 40.0, "cells_retrained": series(5.0),
+            "stages_ms": {stage: series(1.0) for stage in stages}, "mesh_incremental_ms": series(20.0), "mesh_incremental_cells": series(5.0)}
+    rates = {f"{kind}_per_s_{threads}_threads": 2e6 for kind in ("distance", "variance", "variance_gradient") for threads in (1, 2)}
+    band = {**rates, "mean_abs_error_mm": 1.0, "answered_share": 1.0}
+    times = ("update_ms", "processor_ms", "octomap_processor_ms")
+    growth = {"maps": [{"area_m2": area, "points": 100, "map_mb": 1.0, **dict.fromkeys(times, 1.0)} for area in (10.0, 1000.0)], "ratio": dict.fromkeys(times, 1.5)}
+    return {"machine": {"processor": "P", "cores": 2, "compiler": "c", "build_type": "Release", "load_at_start": 0.0}, "repeat": 1,
+            "scene": {"frames": 2, "width_px": 640, "height_px": 480, "boxes": 5, "removal_frame": 1, "removed_boxes": 1},
+            "maps": {"gpis": ours, "octomap_2cm": entry("OctoMap 2 cm", 200.0)}, "mesh": {"full_ms": 100.0, "triangles": 10},
+            "queries": {"first_query_ms": 1.0, "bands": {"0 to 5 cm": band, "5 to 30 cm": band}}, "octomap_lookups_per_s": 1e6, "growth": growth}
+
+
 class ScriptRefusals(unittest.TestCase):
     def setUp(self):
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="script_refusals_"))
@@ -183,6 +207,37 @@ class ScriptRefusals(unittest.TestCase):
         (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY))
         self.refused(1, "gpis_before.ply", "plot_fig8.py", self.folder, "--out", out)
         self.assertFalse(out.exists())
+
+    def test_plot_bench_renews_what_was_measured_and_says_what_is_missing(self):
+        page, path = self.folder / "page.md", self.folder / "bench_map_vs_octomap.json"
+        before = "".join(f"<!-- {name}: begin -->\nold {name}\n<!-- {name}: end -->\n" for name in ("bench", "core", "world"))
+        page.write_text(before)
+        command = ("plot_bench.py", self.folder, "--plot", self.folder / "bench.png", "--document", page)
+        self.refused(1, f"{self.folder}: holds none of bench_map_vs_octomap.json", *command)
+        for text in ("[]", '{"maps": {}}', json.dumps({key: value for key, value in map_result().items() if key != "growth"})):
+            path.write_text(text)
+            self.refused(1, f"{path}: has no ", *command)
+            self.refused(1, "growth: it comes from another version of bench_map_vs_octomap", *command)
+        result = map_result()
+        del result["maps"]["octomap_2cm"]["before_removal"]["places"]
+        path.write_text(json.dumps(result))
+        self.refused(1, f"{path}: has no maps/octomap_2cm/before_removal/places", *command)
+        path.write_text(json.dumps({**map_result(), "maps": []}))
+        self.refused(1, "plot_bench: ", *command)
+        path.write_text(json.dumps(map_result())[:100])
+        self.refused(1, str(path), *command)
+        self.assertEqual(page.read_text(), before)
+
+        path.write_text(json.dumps(map_result()))
+        done = self.run_it(SCRIPTS / command[0], *command[1:])
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertGreater((self.folder / "bench.png").stat().st_size, 10000)
+        text = page.read_text()
+        self.assertNotIn("old bench", text)
+        self.assertEqual(text[text.index("<!-- core"):], before[before.index("<!-- core"):])
+        self.assertIn("| update, median, of OctoMap 2 cm | <= 0.08 | 0.050 | 0.62 | yes |", text)
+        self.assertIn("| distance and gradient, 2 threads [M/s] | >= 4 | 2.00 | 0.50 | **no** |", text)
+        self.assertIn("| update in 1000 m2, of that in 10 m2 (processor time) | <= 1.1 | 1.50 | 1.36 | **no** |", text)
 
     def test_report_soak_leaves_the_page_where_there_is_nothing(self):
         page = self.folder / "soak.md"

@@ -48,8 +48,8 @@ class SceneDistance {
   /// One point in the scene frame.
   double signedDistanceScene(const Eigen::Vector3d& p_scene) const;
 
-  /// Distance to the exposed surface from a point on any side of it, scene frame [m].
-  double exposedSurfaceDistance(const Eigen::Vector3d& p_scene) const;
+  /// Point of the exposed surface that is nearest to a point on any side of it, scene frame; infinite in an empty scene.
+  Eigen::Vector3d exposedSurfacePoint(const Eigen::Vector3d& p_scene) const;
 
   const std::vector<ExposedFace>& exposedFaces() const { return faces_; }
 
@@ -79,7 +79,9 @@ SurfaceSamples exposedSurfaceSamples(const Scene& scene, int frame, double spaci
 
 /// Of the surface as it is at `last_frame`, the samples that at least one frame of [first_frame, last_frame] can see:
 /// inside the image, facing the camera, within the sensor's range and hidden by nothing that is there in that frame.
-/// Sensor noise, shadows and dropout play no part. Throws std::out_of_range for frames the scene has not.
-SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m);
+/// Sensor noise, shadows and dropout play no part. `min_cosine`: of the angle between normal and line of sight, in [0, 1).
+/// Throws std::out_of_range for frames the scene has not.
+SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m,
+                                     double min_cosine = 0.0);
 
 }  // namespace synthetic_depth

@@ -176,10 +176,10 @@ void addEdges(const Polygon& polygon, std::vector<Segment>& segments) {
   }
 }
 
-double squaredDistance(const Segment& segment, const Eigen::Vector2d& p) {
+Eigen::Vector2d nearestOn(const Segment& segment, const Eigen::Vector2d& p) {
   const Eigen::Vector2d direction = segment.second - segment.first;
   const double t = std::clamp((p - segment.first).dot(direction) / direction.squaredNorm(), 0.0, 1.0);
-  return (segment.first + t * direction - p).squaredNorm();
+  return segment.first + t * direction;
 }
 
 std::vector<ExposedFace> findExposedFaces(const std::vector<Box>& boxes, bool has_ground) {
@@ -300,7 +300,8 @@ double SceneDistance::minimumOverSolids(const Eigen::Vector3d& p_scene) const {
   return distance;
 }
 
-double SceneDistance::exposedSurfaceDistance(const Eigen::Vector3d& p_scene) const {
+Eigen::Vector3d SceneDistance::exposedSurfacePoint(const Eigen::Vector3d& p_scene) const {
+  Eigen::Vector3d best = Eigen::Vector3d::Constant(kUnbounded_m);
   double best_squared = kUnbounded_m;
   for (const ExposedFace& face : faces_) {
     const Eigen::Vector3d offset = p_scene - face.origin_scene;
@@ -315,15 +316,23 @@ double SceneDistance::exposedSurfaceDistance(const Eigen::Vector3d& p_scene) con
     if (height_squared + beyond_u * beyond_u + beyond_v * beyond_v >= best_squared) {
       continue;
     }
+    const auto consider = [&](const Eigen::Vector2d& at) {
+      const double squared = height_squared + (at - uv).squaredNorm();
+      if (squared >= best_squared) {
+        return;
+      }
+      best_squared = squared;
+      best = face.origin_scene + at.x() * face.axis_u + at.y() * face.axis_v;
+    };
     if (face.isExposed(uv)) {
-      best_squared = height_squared;
+      consider(uv);
       continue;
     }
     for (const Segment& rim : face.rims) {
-      best_squared = std::min(best_squared, height_squared + squaredDistance(rim, uv));
+      consider(nearestOn(rim, uv));
     }
   }
-  return std::sqrt(best_squared);
+  return best;
 }
 
 double SceneDistance::signedDistanceScene(const Eigen::Vector3d& p_scene) const {
@@ -334,7 +343,7 @@ double SceneDistance::signedDistanceScene(const Eigen::Vector3d& p_scene) const 
   if (outside >= kContactTolerance_m) {
     return outside;
   }
-  const double to_surface = exposedSurfaceDistance(p_scene);
+  const double to_surface = (exposedSurfacePoint(p_scene) - p_scene).norm();
   if (outside >= 0.0 && to_surface <= 2.0 * kContactTolerance_m) {
     return outside;  // on the surface, not in the contact of two solids
   }
@@ -390,7 +399,8 @@ SurfaceSamples exposedSurfaceSamples(const Scene& scene, int frame, double spaci
   return samples;
 }
 
-SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m) {
+SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int last_frame, double spacing_m,
+                                     double min_cosine) {
   if (first_frame < 0 || first_frame > last_frame || last_frame >= scene.numFrames()) {
     throw std::out_of_range("frames [" + std::to_string(first_frame) + ", " + std::to_string(last_frame) +
                             "], must be ordered and in [0, " + std::to_string(scene.numFrames()) + ")");
@@ -409,7 +419,7 @@ SurfaceSamples visibleSurfaceSamples(const Scene& scene, int first_frame, int la
       const Eigen::Vector3d p_camera = T_camera_map * samples.points_map.col(column);
       const Eigen::Vector3d n_camera = T_camera_map.linear() * samples.normals_map.col(column);
       if (p_camera.z() <= 0.0 || p_camera.z() < scene.sensor.min_range_m || p_camera.z() > scene.sensor.max_range_m ||
-          n_camera.dot(p_camera) >= 0.0) {
+          n_camera.dot(p_camera) >= -min_cosine * p_camera.norm()) {
         continue;
       }
       const double u = camera.fx_px * p_camera.x() / p_camera.z() + camera.cx_px;
