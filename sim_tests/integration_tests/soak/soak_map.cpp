@@ -192,7 +192,7 @@ soak::Reading readingOf(const MapSnapshot& snapshot, const gpis_mapping::MeshExt
   reading.heap_free_mb = static_cast<double>(heap.fordblks) / 1e6;
   reading.points = snapshot.numPoints();
   reading.cells = snapshot.cells().size();
-  reading.chunks = snapshot.observed().chunks().size();
+  reading.chunks = snapshot.observed().numChunks();
   reading.mesh_pieces = extractor.numPieces();
   reading.triangles = mesh.triangles.size();
   return reading;

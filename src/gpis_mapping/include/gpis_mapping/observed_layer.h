@@ -9,6 +9,7 @@
 #include <memory>
 #include <unordered_map>
 #include <unordered_set>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
@@ -20,13 +21,13 @@
 namespace gpis_mapping {
 
 /// Coarse record of where space was seen free, and when. A copy made by share() shares its blocks until one side writes,
-/// so that a snapshot costs little.
+/// so that a snapshot costs what has changed and not what there is.
 class ObservedLayer {
  public:
   static constexpr int kChunkBlocks = 16;  // blocks along a chunk's side
   static constexpr float kNever = std::numeric_limits<float>::lowest();
   using Chunk = std::array<float, kChunkBlocks * kChunkBlocks * kChunkBlocks>;  // last seen free [s since epoch]
-  using Chunks = std::unordered_map<LatticeKey, std::shared_ptr<Chunk>, LatticeKeyHash>;
+  using Chunks = std::vector<std::pair<LatticeKey, std::shared_ptr<const Chunk>>>;
 
   explicit ObservedLayer(double block_size_m) : block_size_m_(block_size_m) {}
   /// A plain copy takes the chunks that the other side may still write to along; share() avoids that.
@@ -58,8 +59,12 @@ class ObservedLayer {
   bool isFree(const Eigen::Vector3d& p_map) const { return lastFree(p_map) != kNever; }
 
   double blockSize() const { return block_size_m_; }
-  const Chunks& chunks() const { return chunks_; }
-  void setChunk(const LatticeKey& key, const Chunk& chunk) { chunks_[key] = std::make_shared<Chunk>(chunk); }
+  /// In the order of their keys.
+  Chunks chunks() const;
+  std::size_t numChunks() const { return num_chunks_; }
+  /// Null if none of its blocks was ever seen free.
+  const Chunk* chunk(const LatticeKey& key) const;
+  void setChunk(const LatticeKey& key, const Chunk& chunk) { writable(key) = chunk; }
 
  private:
   static int indexIn(int x, int y, int z) { return (z * kChunkBlocks + y) * kChunkBlocks + x; }
@@ -67,10 +72,24 @@ class ObservedLayer {
   LatticeKey locate(const Eigen::Vector3d& p_map, int* index) const;
   Chunk& writable(const LatticeKey& key);
 
+  // 4 x 4 x 4 chunks.
+  static constexpr int kPageShift = 2;
+  using Page = std::array<std::shared_ptr<Chunk>, 1 << (3 * kPageShift)>;
+  using Keys = std::unordered_set<LatticeKey, LatticeKeyHash>;
+  static LatticeKey pageOf(const LatticeKey& chunk) {
+    return {chunk.x >> kPageShift, chunk.y >> kPageShift, chunk.z >> kPageShift};
+  }
+  static std::size_t placeIn(const LatticeKey& chunk) {
+    constexpr int kMask = (1 << kPageShift) - 1;
+    return static_cast<std::size_t>(((chunk.x & kMask) << kPageShift | (chunk.y & kMask)) << kPageShift |
+                                    (chunk.z & kMask));
+  }
+
   double block_size_m_;
-  Chunks chunks_;
-  // Chunks made since the last share(). Asking the pointer's use count instead would race with a reader letting go.
-  std::unordered_set<LatticeKey, LatticeKeyHash> private_chunks_;
+  std::unordered_map<LatticeKey, std::shared_ptr<Page>, LatticeKeyHash> pages_;
+  std::size_t num_chunks_{0};
+  // Made since the last share(). Asking a pointer's use count instead would race with a reader letting go.
+  Keys private_pages_, private_chunks_;
 };
 
 }  // namespace gpis_mapping

@@ -161,27 +161,21 @@ void putPoints(const MapContents& contents, Writer* out) {
 void putObserved(const ObservedLayer& observed, Writer* out) {
   out->put<double>(observed.blockSize());
   out->put<std::uint32_t>(ObservedLayer::kChunkBlocks);
-  std::vector<LatticeKey> keys;
-  for (const auto& entry : observed.chunks()) {
-    if (entry.second) keys.push_back(entry.first);
-  }
-  std::sort(keys.begin(), keys.end());  // the same map gives the same file
-  out->put<std::uint64_t>(keys.size());
-  for (const LatticeKey& key : keys) {
-    const ObservedLayer::Chunk& chunk = *observed.chunks().at(key);
-    requireUsable(chunk);
+  const ObservedLayer::Chunks chunks = observed.chunks();  // in order: the same map gives the same file
+  out->put<std::uint64_t>(chunks.size());
+  for (const auto& [key, chunk] : chunks) {
+    requireUsable(*chunk);
     out->put<std::int32_t>(key.x);
     out->put<std::int32_t>(key.y);
     out->put<std::int32_t>(key.z);
-    out->putBytes(chunk.data(), sizeof(ObservedLayer::Chunk));
+    out->putBytes(chunk->data(), sizeof(ObservedLayer::Chunk));
   }
 }
 
 std::vector<char> serialise(const MapContents& contents) {
   requireUsableEpoch(contents.epoch_s);
   Writer sections;
-  sections.bytes().reserve(4096 + contents.points.size() * kPointBytes +
-                           contents.observed.chunks().size() * kChunkBytes);
+  sections.bytes().reserve(4096 + contents.points.size() * kPointBytes + contents.observed.numChunks() * kChunkBytes);
   Writer payload;
   const std::string yaml = toYaml(contents.config);
   payload.putBytes(yaml.data(), yaml.size());
@@ -250,7 +244,7 @@ ObservedLayer getObserved(Reader* in, double block_size_m) {
     ObservedLayer::Chunk chunk;
     in->getBytes(chunk.data(), sizeof(chunk));
     requireUsable(chunk);
-    if (observed.chunks().count(key) > 0) throw MapFileError("observed layer: a chunk is there twice");
+    if (observed.chunk(key) != nullptr) throw MapFileError("observed layer: a chunk is there twice");
     observed.setChunk(key, chunk);
   }
   return observed;

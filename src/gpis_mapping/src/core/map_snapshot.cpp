@@ -228,7 +228,7 @@ const MapSnapshot::NearestIndex& MapSnapshot::nearestIndex() const {
 std::size_t MapSnapshot::memoryBytes() const {
   std::size_t bytes = 0;
   for (const auto& [key, cell] : cells_) bytes += cell->memoryBytes() + sizeof(key) + 4 * sizeof(void*);
-  return bytes + observed_.chunks().size() * sizeof(ObservedLayer::Chunk) + numPoints() * sizeof(SurfacePoint);
+  return bytes + observed_.numChunks() * sizeof(ObservedLayer::Chunk) + numPoints() * sizeof(SurfacePoint);
 }
 
 FieldSample MapSnapshot::field(const Eigen::Vector3d& p_map) const {

@@ -224,9 +224,14 @@ std::vector<LatticeKey> chunksInView(const CameraModel& camera, const Eigen::Iso
 }  // namespace
 
 ObservedLayer::ObservedLayer(const ObservedLayer& other)
-    : block_size_m_(other.block_size_m_), chunks_(other.chunks_), private_chunks_(other.private_chunks_) {
+    : block_size_m_(other.block_size_m_),
+      pages_(other.pages_),
+      num_chunks_(other.num_chunks_),
+      private_pages_(other.private_pages_),
+      private_chunks_(other.private_chunks_) {
+  for (const LatticeKey& key : private_pages_) pages_.at(key) = std::make_shared<Page>(*pages_.at(key));
   for (const LatticeKey& key : private_chunks_) {
-    std::shared_ptr<Chunk>& chunk = chunks_.at(key);
+    std::shared_ptr<Chunk>& chunk = (*pages_.at(pageOf(key)))[placeIn(key)];
     chunk = std::make_shared<Chunk>(*chunk);
   }
 }
@@ -236,20 +241,45 @@ ObservedLayer& ObservedLayer::operator=(const ObservedLayer& other) {
 }
 
 ObservedLayer ObservedLayer::share() {
+  private_pages_.clear();
   private_chunks_.clear();
-  ObservedLayer copy(block_size_m_);
-  copy.chunks_ = chunks_;
-  return copy;
+  return *this;
+}
+
+ObservedLayer::Chunks ObservedLayer::chunks() const {
+  Chunks result;
+  result.reserve(num_chunks_);
+  constexpr int kSide = 1 << kPageShift;
+  for (const auto& [page_key, page] : pages_) {
+    for (int x = 0; x < kSide; ++x) {
+      for (int y = 0; y < kSide; ++y) {
+        for (int z = 0; z < kSide; ++z) {
+          const LatticeKey key{page_key.x * kSide + x, page_key.y * kSide + y, page_key.z * kSide + z};
+          if ((*page)[placeIn(key)]) result.emplace_back(key, (*page)[placeIn(key)]);
+        }
+      }
+    }
+  }
+  std::sort(result.begin(), result.end());
+  return result;
+}
+
+const ObservedLayer::Chunk* ObservedLayer::chunk(const LatticeKey& key) const {
+  const auto page = pages_.find(pageOf(key));
+  return page == pages_.end() ? nullptr : (*page->second)[placeIn(key)].get();
 }
 
 ObservedLayer::Chunk& ObservedLayer::writable(const LatticeKey& key) {
-  std::shared_ptr<Chunk>& chunk = chunks_[key];
+  std::shared_ptr<Page>& page = pages_[pageOf(key)];
+  if (private_pages_.insert(pageOf(key)).second) page = page ? std::make_shared<Page>(*page) : std::make_shared<Page>();
+  std::shared_ptr<Chunk>& chunk = (*page)[placeIn(key)];
   if (private_chunks_.insert(key).second) {
     if (chunk) {
       chunk = std::make_shared<Chunk>(*chunk);
     } else {
       chunk = std::make_shared<Chunk>();
       chunk->fill(kNever);
+      ++num_chunks_;
     }
   }
   return *chunk;
@@ -320,8 +350,8 @@ LatticeKey ObservedLayer::locate(const Eigen::Vector3d& p_map, int* index) const
 void ObservedLayer::occupy(const Eigen::Vector3d& p_map) {
   int index = 0;
   const LatticeKey key = locate(p_map, &index);
-  const auto found = chunks_.find(key);
-  if (found != chunks_.end() && (*found->second)[index] != kNever) writable(key)[index] = kNever;
+  const Chunk* const found = chunk(key);
+  if (found != nullptr && (*found)[index] != kNever) writable(key)[index] = kNever;
 }
 
 void ObservedLayer::setFree(const Eigen::Vector3d& p_map, float stamp_s) {
@@ -333,16 +363,13 @@ void ObservedLayer::setFree(const Eigen::Vector3d& p_map, float stamp_s) {
 
 void ObservedLayer::forgetIf(const std::function<bool(const Eigen::Vector3d&)>& isInside) {
   const double chunk_size = kChunkBlocks * block_size_m_;
-  std::vector<LatticeKey> keys;  // writable() changes chunks_
-  keys.reserve(chunks_.size());
-  for (const auto& entry : chunks_) keys.push_back(entry.first);
-  for (const LatticeKey& key : keys) {
+  for (const auto& [key, chunk] : chunks()) {
     const Eigen::Vector3d corner = key.corner(chunk_size);
     for (int z = 0; z < kChunkBlocks; ++z) {
       for (int y = 0; y < kChunkBlocks; ++y) {
         for (int x = 0; x < kChunkBlocks; ++x) {
           const auto index = static_cast<std::size_t>(indexIn(x, y, z));
-          if ((*chunks_.at(key))[index] == kNever) continue;
+          if ((*chunk)[index] == kNever) continue;
           const Eigen::Vector3d center = corner + (Eigen::Array3d(x, y, z) + 0.5).matrix() * block_size_m_;
           if (isInside(center)) writable(key)[index] = kNever;
         }
@@ -353,8 +380,8 @@ void ObservedLayer::forgetIf(const std::function<bool(const Eigen::Vector3d&)>& 
 
 float ObservedLayer::lastFree(const Eigen::Vector3d& p_map) const {
   int index = 0;
-  const auto found = chunks_.find(locate(p_map, &index));
-  return found == chunks_.end() ? kNever : (*found->second)[index];
+  const Chunk* const found = chunk(locate(p_map, &index));
+  return found == nullptr ? kNever : (*found)[index];
 }
 
 }  // namespace gpis_mapping

@@ -403,9 +403,8 @@ ObservedLayer seenFree(const std::vector<Eigen::Vector3d>& points_map, double bl
   for (const Eigen::Vector3d& p : points_map) {
     const LatticeKey key = LatticeKey::of(p, chunk_size);
     ObservedLayer::Chunk chunk;
-    const auto old = layer.chunks().find(key);
-    if (old != layer.chunks().end()) {
-      chunk = *old->second;
+    if (const ObservedLayer::Chunk* const old = layer.chunk(key)) {
+      chunk = *old;
     } else {
       chunk.fill(ObservedLayer::kNever);
     }

@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <iterator>
 #include <limits>
+#include <map>
 #include <memory>
+#include <random>
 #include <set>
 #include <string>
 #include <vector>
@@ -215,8 +218,8 @@ TEST(ObservedLayer, DoesNotDependOnTheNumberOfThreads) {
   ObservedLayer three(kBlock);
   one.observe(*render(camera, sceneDepth), camera, somePose(), kMaxRange, 1.0f, 1);
   three.observe(*render(camera, sceneDepth), camera, somePose(), kMaxRange, 1.0f, 3);
-  ASSERT_EQ(one.chunks().size(), three.chunks().size());
-  for (const auto& [key, chunk] : one.chunks()) EXPECT_EQ(*chunk, *three.chunks().at(key));
+  ASSERT_EQ(one.numChunks(), three.numChunks());
+  for (const auto& [key, chunk] : one.chunks()) EXPECT_EQ(*chunk, *three.chunk(key));
 }
 
 TEST(ObservedLayer, OccupyForgetsOneBlock) {
@@ -247,7 +250,7 @@ TEST(ObservedLayer, UnseenSpaceIsNeverFreeAndOccupyingItDoesNothing) {
   EXPECT_FALSE(layer.isFree({0.1, -0.2, 0.3}));
   EXPECT_EQ(layer.lastFree({0.1, -0.2, 0.3}), ObservedLayer::kNever);
   layer.occupy({0.1, -0.2, 0.3});
-  EXPECT_TRUE(layer.chunks().empty());
+  EXPECT_EQ(layer.numChunks(), 0U);
 }
 
 TEST(ObservedLayer, SharedCopyDoesNotSeeLaterWrites) {
@@ -260,7 +263,7 @@ TEST(ObservedLayer, SharedCopyDoesNotSeeLaterWrites) {
   const Eigen::Vector3d q = pose * Eigen::Vector3d(0.1, 0.1, 1.2);
   ASSERT_TRUE(layer.isFree(p));
   const ObservedLayer first = layer.share();
-  for (const auto& [key, chunk] : first.chunks()) EXPECT_EQ(chunk, layer.chunks().at(key)) << "copied at once";
+  for (const auto& [key, chunk] : first.chunks()) EXPECT_EQ(chunk.get(), layer.chunk(key)) << "copied at once";
 
   layer.occupy(p);
   EXPECT_FALSE(layer.isFree(p));
@@ -284,6 +287,48 @@ TEST(ObservedLayer, WritesToASharedCopyDoNotReachTheOriginal) {
   copy.occupy({0.1, 0.1, 0.1});
   EXPECT_FALSE(copy.isFree({0.1, 0.1, 0.1}));
   EXPECT_TRUE(layer.isFree({0.1, 0.1, 0.1}));
+}
+
+TEST(ObservedLayer, HoldsWhatATableOfBlocksWould) {
+  std::mt19937 random(1);
+  std::uniform_int_distribution<int> coordinate(-70, 70);  // blocks: several chunks and pages, on both sides of zero
+  std::map<LatticeKey, float> oracle;
+  ObservedLayer layer(kBlock);
+  struct Copy {
+    ObservedLayer layer;
+    std::map<LatticeKey, float> oracle;
+  };
+  std::vector<Copy> copies;
+  for (int i = 0; i < 4000; ++i) {
+    const LatticeKey block{coordinate(random), coordinate(random), coordinate(random)};
+    if (i % 3 != 2) {
+      layer.setFree(block.center(kBlock), static_cast<float>(i));
+      oracle[block] = static_cast<float>(i);
+    } else if (!oracle.empty()) {
+      const auto forgotten = std::next(oracle.begin(), static_cast<long>(random() % oracle.size()));
+      layer.occupy(forgotten->first.center(kBlock));
+      oracle.erase(forgotten);
+    }
+    if (i % 500 == 0) copies.push_back({layer.share(), oracle});
+  }
+  copies.push_back({layer, oracle});
+  for (const Copy& copy : copies) {
+    std::map<LatticeKey, float> found;
+    std::size_t chunks = 0;
+    for (const auto& [key, chunk] : copy.layer.chunks()) {
+      ++chunks;
+      for (std::size_t k = 0; k < chunk->size(); ++k) {
+        constexpr int kSide = ObservedLayer::kChunkBlocks;
+        const int in_chunk = static_cast<int>(k);
+        const LatticeKey block{key.x * kSide + in_chunk % kSide, key.y * kSide + in_chunk / kSide % kSide,
+                               key.z * kSide + in_chunk / (kSide * kSide)};
+        EXPECT_EQ(copy.layer.lastFree(block.center(kBlock)), (*chunk)[k]);
+        if ((*chunk)[k] != ObservedLayer::kNever) found[block] = (*chunk)[k];
+      }
+    }
+    EXPECT_EQ(found, copy.oracle);
+    EXPECT_EQ(chunks, copy.layer.numChunks());
+  }
 }
 
 TEST(ObservedLayer, APlainCopyIsIndependentToo) {
