@@ -319,6 +319,7 @@ class Stuck : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Long: what a soak does to the bridge, and what has to hold meanwhile.
 class Soak {
  public:
   explicit Soak(std::uint64_t seed) : seed_(seed) {

@@ -129,6 +129,7 @@ class RecordingTarget : public Target {
 
 }  // namespace
 
+/// Long: one list.
 const std::vector<std::string>& yamlDictionary() {
   static const std::vector<std::string> kWords = {"0",
                                                   "-1",

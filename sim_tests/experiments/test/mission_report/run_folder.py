@@ -72,6 +72,7 @@ def pile_mesh(middles, edge=0.2):
 
 
 def make_run_folder(folder, bricks=20, seed=1):
+    """A run as a mission leaves it. Long: one file after the other."""
     folder = pathlib.Path(folder)
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)

@@ -103,6 +103,7 @@ class CalibrateCameraNode : public testing::Test {
   ros::Subscriber samples_;
 };
 
+// Long: one calibration from the first sample to the file.
 TEST_F(CalibrateCameraNode, FindsAndSavesWhereTheCameraIs) {
   ASSERT_TRUE(waitFor([this] {
     return client_.isServerConnected() && target_.getNumSubscribers() > 0 && num_samples_ == 0 &&

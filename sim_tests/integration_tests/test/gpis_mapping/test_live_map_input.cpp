@@ -70,6 +70,7 @@ struct BadFrame {
   Parts message;
 };
 
+/// Long: a table, one entry for each kind of bad frame.
 std::vector<BadFrame> badFrames() {
   const auto fill = [](LiveFrame* frame, float value) {
     for (std::size_t i = 0; i < frame->image.data.size(); i += sizeof(value)) {

@@ -92,6 +92,7 @@ octomap_msgs::Octomap getMap(const std::string& service) {
   return call.response.map;
 }
 
+// Long: each step builds on the map of the one before.
 TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
   PublisherParams params;
   params.scene_file = ros::NodeHandle("~").param<std::string>("scene_file", "");

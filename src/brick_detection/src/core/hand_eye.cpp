@@ -182,6 +182,7 @@ class Solver {
   }
 
   /// Levenberg-Marquardt with fixed weights; a weight of zero leaves a sample out. `normal`: of the unweighted unknowns.
+  /// Not by Ceres: `normal` is wanted, too, and one calibration takes 73 ms, with Ceres 63 ms and 25 more packages.
   Poses refine(Poses poses, const std::vector<double>& weights, Matrix12d* normal) const {
     double damping = 1e-6;
     double cost = costOf(poses, weights);

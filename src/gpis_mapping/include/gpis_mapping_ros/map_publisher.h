@@ -43,6 +43,7 @@ struct MapState {
 /// subscribers; the README lists the topics. A new subscriber gets the current state at once. With `every_image` nothing
 /// is left out: setState() returns when its state has been published; outputs made of the mesh may keep a period. All
 /// methods may be called from any thread.
+/// Long: one output after the other, all under one lock and of one state.
 class MapPublisher {
  public:
   MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params);

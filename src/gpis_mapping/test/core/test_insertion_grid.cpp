@@ -21,6 +21,7 @@ using gpis_mapping_test::surfacePoint;
 
 const CameraModel kCamera{160, 120, 131.0, 128.0, 79.0, 61.0};
 
+// Long: the search that it is compared with is part of it.
 TEST(InsertionGrid, StrikesOutWhatASearchOfAllPointsFinds) {
   GpisConfig config;
   std::mt19937 rng(1);

@@ -99,6 +99,7 @@ constexpr double kAmongOthers_m = 0.05;
 /// Robot shapes are the URDF's, exact against triangles and each other (FCL) and against the lattice's blocks, which count as
 /// the balls within them. Spheres that cover the shapes only tell what need not be looked at. Bodies that share a joint are
 /// not checked against each other; nor is what is held against the body that holds it.
+/// Long: the questions of planner, monitor and mission to the same shapes.
 class CollisionChecker {
  public:
   /// Throws std::invalid_argument for a bad config or a base pose that is not rigid.

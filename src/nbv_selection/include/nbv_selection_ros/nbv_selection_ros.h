@@ -31,6 +31,7 @@ namespace nbv_selection_ros {
 
 /// Where to go next, as a ROS node: the README lists topics, services and parameters. Selections run one at a time on a
 /// thread of their own; services and topics come on the caller's.
+/// Long: the node's inputs, services and action use the same scene and its lock.
 class NbvSelectionRos {
  public:
   /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with a file, the URDF or a plugin.

@@ -854,6 +854,7 @@ std::vector<Marker> ofNamespace(const MarkerArray& array, const std::string& ns)
   return found;
 }
 
+// Long: the same checks of each view in one selection.
 TEST_F(NbvSelectionNode, EachViewShowsOutlineBarsAndTheBestInRed) {
   const std::vector<std::pair<std::string, std::function<double(const NbvSegment&)>>> views{
       {"utility", [](const NbvSegment& s) { return s.utility; }},

@@ -154,7 +154,7 @@ constexpr const char* toString(Guard guard) {
   return interactive_mapping::nameOf(guard, kGuardNames);
 }
 
-/// What a transition does besides leading to its state. What a result says is recorded before (results.h).
+/// What a transition does besides leading to its state. What a result says is recorded before (results.cpp).
 enum class Effect {
   kNone,
   kForgetTries,  // made from this pose: robot and pile may have been moved by people

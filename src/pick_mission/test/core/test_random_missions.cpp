@@ -40,6 +40,7 @@ ToyWorld randomWorld(unsigned seed) {
 
 class RandomMissions : public testing::TestWithParam<double> {};
 
+// Long: what has to hold after each step of a mission.
 TEST_P(RandomMissions, EndWithEveryBrickPickedOrTheReasonWhyNot) {
   const double failure_share = GetParam();
   std::map<EndReason, int> ends;

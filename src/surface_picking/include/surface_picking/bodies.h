@@ -13,21 +13,20 @@
 namespace surface_picking {
 
 struct BodyConfig {
+  /// A known body that shares more with a cuboid, along every axis, contradicts it: the cuboid counts.
+  static constexpr double kOverlap_m = 0.03;
+  /// A body that an update does not show is forgotten if so much of its inside was seen free.
+  static constexpr double kFreeShare = 0.5;
+
   double gate_m{0.08};
   double gate_rad{0.5};
-  double overlap_m{0.03};
   int max_missed{3};
-  double free_share{0.5};
   double put_back_m{0.08};
 
   static void fields(BodyConfig& c, interactive_mapping::Fields& f) {
     f("gate_m", c.gate_m, 0.005, 1.0, "m", "a cuboid nearer than this to a known body of its type can be this body");
     f("gate_rad", c.gate_rad, 0.01, 3.2, "rad", "the same of its rotation");
-    f("overlap_m", c.overlap_m, 0.001, 1.0, "m",
-      "a known body that shares more with a cuboid, along every axis, contradicts it: the cuboid counts");
     f("max_missed", c.max_missed, 0, 1000, "updates", "a body is kept for so many updates that do not show it");
-    f("free_share", c.free_share, 0.01, 1.0, "",
-      "a body that an update does not show is forgotten if so much of its inside was seen free");
     f("put_back_m", c.put_back_m, 0.0, 10.0, "m",
       "what appears this near to where a body was taken from, soon after it was let go, is this body");
   }

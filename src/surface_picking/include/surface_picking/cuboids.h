@@ -19,46 +19,43 @@ using interactive_mapping::SpaceState;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 struct CuboidConfig {
+  /// Standard deviation of an edge.
+  static constexpr double kEdgeStd_m = 0.005;
+  /// Where the surface ends unseen, the face ends too if space is free so far beyond.
+  static constexpr double kOpenReach_m = 0.05;
+  /// Shorter pieces of an edge say nothing.
+  static constexpr double kMinEdge_m = 0.05;
+  /// A body with a larger share of surface inside, or that reaches into another surface by more, is refused.
+  static constexpr double kMaxInsideShare = 0.02;
+  /// A body with a larger share of space inside that was seen free is refused.
+  static constexpr double kMaxFreeShare = 0.3;
+  /// Share of its best seen face that a body must show.
+  static constexpr double kMinFaceShare = 0.4;
+  /// Standard deviation of the position that no number of faces removes: the map's pose.
+  static constexpr double kFloorStd_m = 0.002;
+  /// The same of the rotation.
+  static constexpr double kFloorStd_rad = 0.004;
+  /// A patch whose normal differs by less from that of a face can be part of it.
+  static constexpr double kFaceTolerance_rad = 0.12;
+
   double edge_inset_m{0.011};
-  double edge_std_m{0.005};
-  double open_reach_m{0.05};
   double size_tolerance_m{0.02};
   double face_tolerance_m{0.02};
-  double face_tolerance_rad{0.12};
-  double min_edge_m{0.05};
   int min_edges{3};
   double inside_m{0.02};
-  double max_inside_share{0.02};
-  double max_free_share{0.3};
-  double min_face_share{0.4};
   double max_std_m{0.015};
   double max_std_rad{0.06};
-  double floor_std_m{0.002};
-  double floor_std_rad{0.004};
 
   static void fields(CuboidConfig& c, interactive_mapping::Fields& f) {
     f("edge_inset_m", c.edge_inset_m, 0.0, 0.1, "m",
       "the border of a patch lies by so much before the edge of the body: the mapped surface rounds edges");
-    f("edge_std_m", c.edge_std_m, 1e-4, 0.1, "m", "standard deviation of an edge");
-    f("open_reach_m", c.open_reach_m, 0.01, 0.5, "m",
-      "where the surface ends unseen, the face ends too if space is free so far beyond");
     f("size_tolerance_m", c.size_tolerance_m, 0.001, 0.2, "m",
       "a face between two edges may differ by so much from that of a type");
     f("face_tolerance_m", c.face_tolerance_m, 0.001, 0.1, "m", "a patch this near to the face of a body is part of it");
-    f("face_tolerance_rad", c.face_tolerance_rad, 0.01, 0.7, "rad", "the same of its normal");
-    f("min_edge_m", c.min_edge_m, 0.005, 1.0, "m", "shorter pieces of an edge say nothing");
     f("min_edges", c.min_edges, 2, 24, "edges", "edges of its faces that a body must show");
     f("inside_m", c.inside_m, 0.001, 0.2, "m", "surface deeper inside a body contradicts it");
-    f("max_inside_share", c.max_inside_share, 0.0, 1.0, "",
-      "a body with a larger share of surface inside, or that reaches into another surface by more, is refused");
-    f("max_free_share", c.max_free_share, 0.0, 1.0, "",
-      "a body with a larger share of space inside that was seen free is refused");
-    f("min_face_share", c.min_face_share, 0.0, 1.0, "", "share of its best seen face that a body must show");
     f("max_std_m", c.max_std_m, 0.001, 0.5, "m", "a body whose position is less sure, along any axis, is left out");
     f("max_std_rad", c.max_std_rad, 0.001, 1.0, "rad", "the same of its rotation");
-    f("floor_std_m", c.floor_std_m, 0.0, 0.1, "m",
-      "standard deviation of the position that no number of faces removes: the map's pose");
-    f("floor_std_rad", c.floor_std_rad, 0.0, 0.5, "rad", "the same of the rotation");
   }
 };
 

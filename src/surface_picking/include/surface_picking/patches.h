@@ -15,24 +15,27 @@ namespace surface_picking {
 using gpis_mapping::TriangleMesh;
 
 struct PatchConfig {
+  /// Height over a patch in which it is looked for what lies on it.
+  static constexpr double kAbove_m = 0.15;
+  /// Standard deviation of a plane that no number of vertices removes.
+  static constexpr double kSurfaceStd_m = 0.002;
+  /// The same of its normal.
+  static constexpr double kSurfaceStd_rad = 0.004;
+  /// The standard deviation of a normal is that of the surface over this length.
+  static constexpr double kNormalBaseline_m = 0.04;
+
   double min_angle_rad{0.12};
   double max_angle_rad{0.3};
-  double normal_baseline_m{0.04};
   double sigmas{3.0};
   double distance_m{0.006};
   double min_area_m2{0.003};
   double max_curvature_per_m{2.5};
   double body_area_m2{0.5};
-  double above_m{0.15};
-  double surface_std_m{0.002};
-  double surface_std_rad{0.004};
 
   static void fields(PatchConfig& c, interactive_mapping::Fields& f) {
     f("min_angle_rad", c.min_angle_rad, 0.01, 0.7, "rad",
       "a vertex whose normal differs from that of the plane by less belongs to it, however well it is known");
     f("max_angle_rad", c.max_angle_rad, 0.01, 0.7, "rad", "a vertex with a larger angle never belongs to it");
-    f("normal_baseline_m", c.normal_baseline_m, 0.005, 0.5, "m",
-      "the standard deviation of a normal is that of the surface over this length");
     f("sigmas", c.sigmas, 0.5, 10.0, "", "standard deviations by which normal and distance of a vertex may be off");
     f("distance_m", c.distance_m, 0.001, 0.05, "m",
       "a vertex nearer to the plane belongs to it, however well it is known");
@@ -41,10 +44,6 @@ struct PatchConfig {
       "a patch that bends more, along any direction, is not planar");
     f("body_area_m2", c.body_area_m2, 0.01, 100.0, "m^2",
       "a larger patch is ground or wall: bodies stand on it, none has it as a face");
-    f("above_m", c.above_m, 0.01, 2.0, "m", "height over a patch in which it is looked for what lies on it");
-    f("surface_std_m", c.surface_std_m, 0.0, 0.1, "m",
-      "standard deviation of a plane that no number of vertices removes");
-    f("surface_std_rad", c.surface_std_rad, 0.0, 0.5, "rad", "the same of its normal");
     f.require(c.min_angle_rad <= c.max_angle_rad, "min_angle_rad must be at most max_angle_rad");
   }
 };
@@ -75,7 +74,7 @@ struct Patch {
   std::vector<BorderPoint> border;
   Eigen::Vector3d circle_center_map{Eigen::Vector3d::Zero()};  ///< of the largest circle inside the border
   double circle_radius_m{0.0};
-  /// Lowest height over the circle at which something of the surface lies [m]; infinite: nothing within above_m.
+  /// Lowest height over the circle at which something of the surface lies [m]; infinite: nothing within kAbove_m.
   double clearance_m{std::numeric_limits<double>::infinity()};
 
   /// Height over the plane [m].

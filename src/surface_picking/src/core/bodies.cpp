@@ -31,7 +31,7 @@ bool isSamePose(const Cuboid& a, const Cuboid& b, const BodyConfig& config) {
 }
 
 bool areOverlapping(const Cuboid& a, const Cuboid& b, const BodyConfig& config) {
-  return overlap(a.T_map_body, a.size_m, b.T_map_body, b.size_m, config.overlap_m);
+  return overlap(a.T_map_body, a.size_m, b.T_map_body, b.size_m, BodyConfig::kOverlap_m);
 }
 
 /// Known bodies and cuboids that may be them, in the order in which they are taken.
@@ -58,7 +58,8 @@ bool isFree(const Cuboid& cuboid, const SpaceQuery& space, const BodyConfig& con
   constexpr double kMargin_m = 0.02;  // nearer points may belong to the surface of a neighbour
   const std::vector<SpaceState> states = space(insidePoints(cuboid.T_map_body, cuboid.size_m, kMargin_m, 4));
   const auto num_free = std::count(states.begin(), states.end(), SpaceState::kFree);
-  return !states.empty() && static_cast<double>(num_free) >= config.free_share * static_cast<double>(states.size());
+  return !states.empty() &&
+         static_cast<double>(num_free) >= BodyConfig::kFreeShare * static_cast<double>(states.size());
 }
 
 }  // namespace

@@ -47,7 +47,7 @@ Evidence BodyEvidence::weigh(const BrickType& type, const Eigen::Isometry3d& T) 
     double largest = 0.0;
     for (std::size_t i = 0; i < patches_.size(); ++i) {
       const Patch& patch = patches_[i];
-      if (patch.is_large || patch.normal_map.dot(normal) < std::cos(config_.face_tolerance_rad)) continue;
+      if (patch.is_large || patch.normal_map.dot(normal) < std::cos(CuboidConfig::kFaceTolerance_rad)) continue;
       double area = 0.0;
       double moment = 0.0;
       std::vector<std::uint32_t> seen;
@@ -141,13 +141,13 @@ void BodyEvidence::weighEdge(const std::vector<std::size_t>& supports, const Eig
   }
   if (is_denied) {
     --evidence->num_edges;
-  } else if (coveredLength(along) >= std::max(config_.min_edge_m, 0.3 * length)) {
+  } else if (coveredLength(along) >= std::max(CuboidConfig::kMinEdge_m, 0.3 * length)) {
     ++evidence->num_edges;
   }
   end->is_denied = end->is_denied || is_denied;
   // Pieces of half the length and less were seen where something stood before the face.
   end->is_shown = end->is_shown || coveredLength(along) > 0.5 * length;
-  if (is_denied || coveredLength(along) < config_.min_edge_m) return;
+  if (is_denied || coveredLength(along) < CuboidConfig::kMinEdge_m) return;
   // Two halves of the edge: their places also tell its direction.
   std::sort(on_edge.begin(), on_edge.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   const std::size_t middle = on_edge.size() / 2;
@@ -158,7 +158,7 @@ void BodyEvidence::weighEdge(const std::vector<std::size_t>& supports, const Eig
     mean /= static_cast<double>(to - from);
     const Eigen::Vector3d lever = mean - c;
     evidence->conditions.push_back({row(-axis, axis.cross(lever)), half - config_.edge_inset_m - axis.dot(lever),
-                                    std::sqrt(2.0) * config_.edge_std_m});
+                                    std::sqrt(2.0) * CuboidConfig::kEdgeStd_m});
   }
 }
 
@@ -170,7 +170,7 @@ bool BodyEvidence::isPenetrated(const BrickType& type, const Eigen::Isometry3d& 
     const Eigen::Vector3d p_body = T_body_map * mesh_.vertices_map[i];
     if ((p_body.array().abs() < room).all()) inside += area_[i];
   }
-  if (inside > config_.max_inside_share * evidence.seen_area_m2) return true;
+  if (inside > CuboidConfig::kMaxInsideShare * evidence.seen_area_m2) return true;
   const Eigen::Matrix3Xd points = insidePoints(T, type.size_m, config_.inside_m, 7);
   for (std::size_t i = 0; i < patches_.size(); ++i) {
     if (evidence.is_support[i]) continue;
@@ -180,7 +180,7 @@ bool BodyEvidence::isPenetrated(const BrickType& type, const Eigen::Isometry3d& 
       if (height > 0.0 || height < -kSlab_m) continue;
       num_below += shapes_.isWellInside(i, points.col(k)) ? 1 : 0;
     }
-    if (num_below > config_.max_inside_share * static_cast<double>(points.cols())) return true;
+    if (num_below > CuboidConfig::kMaxInsideShare * static_cast<double>(points.cols())) return true;
   }
   return false;
 }

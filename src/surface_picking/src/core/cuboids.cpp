@@ -218,7 +218,7 @@ class CuboidFinder {
     evidence = evidence_.weigh(type, T);
     double best_share = 0.0;
     for (const SeenFace& face : evidence.faces) best_share = std::max(best_share, face.share);
-    if (evidence.num_edges < config_.min_edges || evidence.has_inner_edge || best_share < config_.min_face_share) {
+    if (evidence.num_edges < config_.min_edges || evidence.has_inner_edge || best_share < CuboidConfig::kMinFaceShare) {
       ++statistics->num_few_edges;
       return std::nullopt;
     }
@@ -241,7 +241,7 @@ class CuboidFinder {
     if (space_) {
       const std::vector<SpaceState> states = askSpace(space_, insidePoints(T, type.size_m, config_.inside_m, 5));
       const auto num_free = std::count(states.begin(), states.end(), SpaceState::kFree);
-      if (static_cast<double>(num_free) > config_.max_free_share * static_cast<double>(states.size())) {
+      if (static_cast<double>(num_free) > CuboidConfig::kMaxFreeShare * static_cast<double>(states.size())) {
         ++statistics->num_free;
         return std::nullopt;
       }
@@ -251,8 +251,9 @@ class CuboidFinder {
     cuboid.size_m = type.size_m;
     cuboid.T_map_body = T;
     cuboid.covariance = covariance;
-    cuboid.covariance.topLeftCorner<3, 3>().diagonal().array() += config_.floor_std_m * config_.floor_std_m;
-    cuboid.covariance.bottomRightCorner<3, 3>().diagonal().array() += config_.floor_std_rad * config_.floor_std_rad;
+    cuboid.covariance.topLeftCorner<3, 3>().diagonal().array() += CuboidConfig::kFloorStd_m * CuboidConfig::kFloorStd_m;
+    cuboid.covariance.bottomRightCorner<3, 3>().diagonal().array() +=
+        CuboidConfig::kFloorStd_rad * CuboidConfig::kFloorStd_rad;
     cuboid.faces = evidence.faces;
     for (std::size_t f = 0; f < kBrickFaces.size(); ++f) {
       SeenFace& face = cuboid.faces[f];

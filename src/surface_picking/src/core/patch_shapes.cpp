@@ -64,7 +64,7 @@ void PatchShapes::findEdges(const SpaceQuery& space) {
       const BorderPoint& point = patch.border[open[j].second];
       // Just below the plane: above it free space says nothing of the surface.
       beyond.col(static_cast<Eigen::Index>(j)) =
-          point.p_map + config_.open_reach_m * point.out_map - 0.01 * patch.normal_map;
+          point.p_map + CuboidConfig::kOpenReach_m * point.out_map - 0.01 * patch.normal_map;
     }
     const std::vector<SpaceState> states = askSpace(space, beyond);
     for (std::size_t j = 0; j < open.size(); ++j) {
@@ -94,7 +94,8 @@ std::vector<Frame> PatchShapes::orientationsOf(std::size_t i) const {
   };
   for (std::size_t j = 0; j < patches_.size(); ++j) {
     if (j == i || patches_[j].is_large) continue;
-    if (std::abs(patches_[i].normal_map.dot(patches_[j].normal_map)) > std::sin(config_.face_tolerance_rad)) continue;
+    if (std::abs(patches_[i].normal_map.dot(patches_[j].normal_map)) > std::sin(CuboidConfig::kFaceTolerance_rad))
+      continue;
     int num_near = 0;
     for (std::size_t k = 0; k < patches_[i].border.size() && num_near < kLeastNear; ++k) {
       if (!shapes_[i].is_edge[k]) continue;
@@ -166,7 +167,7 @@ Side PatchShapes::sideOf(std::size_t i, const Eigen::Vector3d& axis, const Eigen
     places.push_back(place);
     along.push_back(across.dot(point.p_map));
   }
-  if (coveredLength(along) >= config_.min_edge_m) {
+  if (coveredLength(along) >= CuboidConfig::kMinEdge_m) {
     std::nth_element(places.begin(), places.begin() + static_cast<long>(places.size() / 2), places.end());
     side.edge = places[places.size() / 2] + config_.edge_inset_m;
   }

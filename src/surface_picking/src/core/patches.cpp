@@ -195,7 +195,8 @@ class PatchFinder {
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
     Eigen::Vector3d side = Eigen::Vector3d::Zero();
     const auto weight = [this](std::uint32_t vertex) {
-      return graph_.area(vertex) / (mesh_.variance_m2[vertex] + config_.surface_std_m * config_.surface_std_m + 1e-12);
+      return graph_.area(vertex) /
+             (mesh_.variance_m2[vertex] + PatchConfig::kSurfaceStd_m * PatchConfig::kSurfaceStd_m + 1e-12);
     };
     for (const std::uint32_t member : members) {
       sum += weight(member);
@@ -218,9 +219,9 @@ class PatchFinder {
     for (const std::uint32_t member : members) variance += mesh_.variance_m2[member];
     variance = std::max(variance / static_cast<double>(members.size()), axes.eigenvalues()[0]);
     const double extent = std::sqrt(std::max(axes.eigenvalues()[1], 1e-8));
-    const double pieces = std::max(1.0, std::pow(4.0 * extent / config_.normal_baseline_m, 2));
-    plane.std_m = std::sqrt(variance / pieces + config_.surface_std_m * config_.surface_std_m);
-    plane.tilt_std_rad = std::hypot(std::sqrt(variance / pieces) / extent, config_.surface_std_rad);
+    const double pieces = std::max(1.0, std::pow(4.0 * extent / PatchConfig::kNormalBaseline_m, 2));
+    plane.std_m = std::sqrt(variance / pieces + PatchConfig::kSurfaceStd_m * PatchConfig::kSurfaceStd_m);
+    plane.tilt_std_rad = std::hypot(std::sqrt(variance / pieces) / extent, PatchConfig::kSurfaceStd_rad);
     return plane;
   }
 
@@ -308,7 +309,7 @@ class PatchFinder {
     }
     for (const Eigen::Vector3d& p : mesh_.vertices_map) {
       const double height = patch->height(p);
-      if (height <= 2.0 * config_.distance_m || height > config_.above_m) continue;
+      if (height <= 2.0 * config_.distance_m || height > PatchConfig::kAbove_m) continue;
       const Eigen::Vector3d flat = p - height * patch->normal_map - patch->circle_center_map;
       if (flat.squaredNorm() <= patch->circle_radius_m * patch->circle_radius_m) {
         patch->clearance_m = std::min(patch->clearance_m, height);
@@ -353,7 +354,7 @@ TriangleMesh cropMesh(const TriangleMesh& mesh, const Eigen::Vector3d& min_map_m
 }
 
 double allowedAngle(double variance_m2, const PatchConfig& config) {
-  const double std_rad = std::sqrt(2.0 * variance_m2) / config.normal_baseline_m;
+  const double std_rad = std::sqrt(2.0 * variance_m2) / PatchConfig::kNormalBaseline_m;
   return std::clamp(config.sigmas * std_rad, config.min_angle_rad, config.max_angle_rad);
 }
 

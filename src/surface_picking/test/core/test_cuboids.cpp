@@ -363,8 +363,8 @@ TEST(Cuboids, RefuseWhatMakesNoSense) {
   const SpaceQuery mute = [](const Eigen::Matrix3Xd&) { return std::vector<SpaceState>(); };
   EXPECT_THAT(messageOf(mapped.mesh, brickTypes(), mute, CuboidConfig()), HasSubstr("space() gave 0 answers"));
   CuboidConfig config;
-  config.edge_std_m = 0.0;
-  EXPECT_THAT(messageOf(mapped.mesh, brickTypes(), {}, config), HasSubstr("edge_std_m = 0 m"));
+  config.size_tolerance_m = 0.0;
+  EXPECT_THAT(messageOf(mapped.mesh, brickTypes(), {}, config), HasSubstr("size_tolerance_m = 0 m"));
 }
 
 }  // namespace

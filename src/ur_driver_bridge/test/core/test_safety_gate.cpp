@@ -58,6 +58,7 @@ struct Breakage {
   int gravity;  // lower is graver; equal: about the same input, not to be combined
 };
 
+/// Long: a table, one entry for each way to break the gate.
 std::vector<Breakage> breakages() {
   std::vector<Breakage> all;
   int gravity = 0;
