@@ -329,4 +329,25 @@ TEST(VisibleSurfaceSamples, NeedTheSensorsRange) {
 }
 
 }  // namespace
+
+TEST(VisibleSurfaceSamples, LeavesOutWhatIsSeenTooFlat) {
+  Scene scene;
+  scene.roi.min_m = Eigen::Vector3d(-1.0, -1.0, -0.05);
+  scene.roi.max_m = Eigen::Vector3d(1.0, 1.0, 0.5);
+  scene.T_scene_camera = {lookAt({-1.5, 0.0, 0.5}, Eigen::Vector3d::Zero())};
+  const auto leastCosine = [&scene](const SurfaceSamples& samples) {
+    double least = 1.0;
+    for (Eigen::Index i = 0; i < samples.points_map.cols(); ++i) {
+      const Eigen::Vector3d ray = scene.cameraInMap(0).translation() - samples.points_map.col(i);
+      least = std::min(least, ray.normalized().dot(samples.normals_map.col(i)));
+    }
+    return least;
+  };
+  const SurfaceSamples all = visibleSurfaceSamples(scene, 0, 0, 0.05);
+  const SurfaceSamples steep = visibleSurfaceSamples(scene, 0, 0, 0.05, 0.3);
+  EXPECT_LT(leastCosine(all), 0.25);
+  EXPECT_GE(leastCosine(steep), 0.3);
+  EXPECT_GT(steep.points_map.cols(), all.points_map.cols() / 4);
+}
+
 }  // namespace synthetic_depth
