@@ -34,7 +34,7 @@ constexpr double kLift_m = 0.25;
 constexpr double kReady_m = 0.55;  // height of the tip in the ready posture
 
 constexpr double kRest_rad_s = 0.01;     // as the bridge has it: slower than this the arm stands
-constexpr double kStop_s = 0.3;          // issue 8: after the reason of a stop the arm stands
+constexpr double kStop_s = 0.3;          // from the reason of a stop to an arm at rest, as docs/robot.md asks
 constexpr double kMonitorAge_s = 0.5;    // gate/max_monitor_age_s: silence for so long is allowed
 constexpr double kRobotStop_s = 0.5;     // the robot's own stops
 constexpr double kSettle_s = 0.2;        // of joints whose servos have 80 rad/s, after a stop that ends in a corner

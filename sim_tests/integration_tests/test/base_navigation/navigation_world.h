@@ -286,7 +286,7 @@ class NavigationTest : public testing::Test {
   }
 
   static void expectAt(const Pose2d& expected) {
-    // Issue 7: within 3 cm and 3 degrees.
+    // Within 3 cm and 3 degrees: the bound of docs/results/base_navigation.md.
     EXPECT_LT(std::hypot(world->pose.x_m - expected.x_m, world->pose.y_m - expected.y_m), 0.03)
         << "at (" << world->pose.x_m << ", " << world->pose.y_m << ") m";
     EXPECT_LT(std::abs(std::remainder(world->pose.yaw_rad - expected.yaw_rad, 2.0 * M_PI)), 3.0 * kDegree)

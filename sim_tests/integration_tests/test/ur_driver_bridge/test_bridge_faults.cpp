@@ -272,7 +272,7 @@ TEST_F(BridgeFaults, StopsOnItsOwnPath) {
   EXPECT_LT(off_rad, 0.005);
 }
 
-// Issue 8: within 300 ms of simulated time after the mission was killed.
+// As docs/robot.md asks: within 300 ms of simulated time after the mission was killed.
 TEST_F(BridgeFaults, StopsWhenTheMissionDies) {
   ASSERT_NO_FATAL_FAILURE(beginToMove());
   world->is_mission_alive = false;

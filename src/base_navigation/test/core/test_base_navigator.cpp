@@ -1022,7 +1022,7 @@ TEST(BaseNavigator, BearsNoiseOfLocalizationAndDriftOfOdometry) {
     bench.navigator_.setGoal({2.0, 1.5, 0.7});
     ASSERT_TRUE(bench.run(120.0));
     EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
-    expectAt(bench, {2.0, 1.5, 0.7}, 0.03, 3.0 * M_PI / 180.0);  // issue 7
+    expectAt(bench, {2.0, 1.5, 0.7}, 0.03, 3.0 * M_PI / 180.0);  // as of drives in the simulated world
   }
 }
 

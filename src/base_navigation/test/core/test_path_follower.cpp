@@ -139,7 +139,7 @@ TEST(PathFollower, ComesOntoAShortApproach) {
 }
 
 TEST(PathFollower, BearsTheNoiseOfTheLocalization) {
-  // Issue 7: square to each segment within 3 cm and 3 degrees, with 1 cm and 0.5 degrees of noise.
+  // Square to each segment within 3 cm and 3 degrees, with 1 cm and 0.5 degrees of noise.
   PlantConfig noisy;
   noisy.localization_noise_m = 0.01;
   noisy.localization_noise_rad = 0.5 * M_PI / 180.0;
