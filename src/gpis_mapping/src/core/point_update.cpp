@@ -27,6 +27,7 @@ constexpr double kSameViewRange = 1.15;
 // Nearer than this share of the least range, and farther than that of the greatest, a sensor fails anywhere.
 constexpr double kTooNear = 1.2;
 constexpr double kTooFar = 0.8;
+constexpr double kReachSigmas = 3.0;       // nearer to the greatest range, noise may carry a depth beyond it
 constexpr double kDoubleTolerances = 2.5;  // so near behind a surface of its direction, a point is a double of it
 constexpr int kMaxMisses = 3;              // consecutive looks that see past a point within the reach of a depth edge
 // Of the least tolerance: so far before a face of another direction, look after look, a point belongs to nothing.
@@ -244,6 +245,11 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   if (kind == PixelKind::kHole && clear_to == 0.0f) return inHole();
 
   const double range = p.norm();
+  // That nothing is within reach says nothing of what lies beyond it.
+  if (kind == PixelKind::kWall &&
+      range + kReachSigmas * config_.sensor.noise.sigma(p.z()) > config_.sensor.max_range_m) {
+    return PointOutcome::kNothing;
+  }
   const double inverse_range = 1.0 / range;
   const Eigen::Vector3f n = (T_camera_map_.linear() * point->normal_map.cast<double>()).cast<float>();
   const double cosine = -n.cast<double>().dot(p) / range;

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -224,6 +225,22 @@ TEST_F(PointUpdate, WhatAnExplainedGapIsSeenPastGoesAfterSomeLooks) {
     EXPECT_EQ(looksUntilGone(kind, 2.0f, 2.0), 0) << "the nearer side itself";
     EXPECT_EQ(looksUntilGone(kind, 2.0f, 2.2), 0) << "behind it";
     EXPECT_EQ(looksUntilGone(kind, 0.0f, 1.5), 0) << "no gap that an edge explains";
+  }
+}
+
+TEST_F(PointUpdate, NothingWithinReachSaysNothingOfWhatLiesBeyond) {
+  pixels_ = makeFrame(kCamera, [this](int, int) { return config_.frame_map.wall_range_m; });
+  std::fill(pixels_->kind.begin(), pixels_->kind.end(), PixelKind::kWall);
+  const Frame frame = frameOf(Eigen::Isometry3d::Identity());
+  const double reach_m = config_.sensor.max_range_m;
+  const double noise_m = 3.0 * config_.sensor.noise.sigma(reach_m);
+  for (const auto& [z_m, outcome] :
+       std::vector<std::pair<double, PointOutcome>>{{0.5 * reach_m, PointOutcome::kDeleted},
+                                                    {reach_m - 1.1 * noise_m, PointOutcome::kDeleted},
+                                                    {reach_m - 0.9 * noise_m, PointOutcome::kNothing},
+                                                    {1.2 * reach_m, PointOutcome::kNothing}}) {
+    SurfacePoint point = surfacePoint({0.0, 0.0, z_m}, -Eigen::Vector3d::UnitZ());
+    EXPECT_EQ(frame.apply(&point), outcome) << z_m << " m";
   }
 }
 
