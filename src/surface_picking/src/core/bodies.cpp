@@ -30,7 +30,7 @@ bool isSamePose(const Cuboid& a, const Cuboid& b, const BodyConfig& config) {
          angleBetweenBodies(a.T_map_body, b.T_map_body, a.size_m) <= config.gate_rad;
 }
 
-bool areOverlapping(const Cuboid& a, const Cuboid& b, const BodyConfig& config) {
+bool areOverlapping(const Cuboid& a, const Cuboid& b) {
   return overlap(a.T_map_body, a.size_m, b.T_map_body, b.size_m, BodyConfig::kOverlap_m);
 }
 
@@ -53,7 +53,7 @@ std::vector<Pair> pairsOf(const std::vector<Body>& bodies, const std::vector<Cub
   return pairs;
 }
 
-bool isFree(const Cuboid& cuboid, const SpaceQuery& space, const BodyConfig& config) {
+bool isFree(const Cuboid& cuboid, const SpaceQuery& space) {
   if (!space) return false;
   constexpr double kMargin_m = 0.02;  // nearer points may belong to the surface of a neighbour
   const std::vector<SpaceState> states = space(insidePoints(cuboid.T_map_body, cuboid.size_m, kMargin_m, 4));
@@ -111,7 +111,7 @@ std::vector<bool> BodyTracker::atTaken(const std::vector<Cuboid>& cuboids) {
   for (Taken& taken : taken_) {
     if (hasLeftHand(taken) && !taken.is_elsewhere) continue;
     for (std::size_t j = 0; j < cuboids.size(); ++j) {
-      if (!areOverlapping(taken.body.cuboid, cuboids[j], config_)) continue;
+      if (!areOverlapping(taken.body.cuboid, cuboids[j])) continue;
       is_at_taken[j] = true;
       taken.num_missed = -1;  // update() counts this one
     }
@@ -132,12 +132,11 @@ std::vector<int> BodyTracker::dropContradicted(const std::vector<Cuboid>& cuboid
   std::vector<int> dropped;
   std::vector<Body> kept;
   for (Body& body : bodies_) {
-    const bool is_gone =
-        body.num_missed > config_.max_missed ||
-        (body.num_missed > 0 &&
-         (std::any_of(cuboids.begin(), cuboids.end(),
-                      [&](const Cuboid& cuboid) { return areOverlapping(body.cuboid, cuboid, config_); }) ||
-          isFree(body.cuboid, space, config_)));
+    const bool is_gone = body.num_missed > config_.max_missed ||
+                         (body.num_missed > 0 &&
+                          (std::any_of(cuboids.begin(), cuboids.end(),
+                                       [&](const Cuboid& cuboid) { return areOverlapping(body.cuboid, cuboid); }) ||
+                           isFree(body.cuboid, space)));
     if (is_gone) {
       dropped.push_back(body.id);
     } else {
