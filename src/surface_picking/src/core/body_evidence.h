@@ -17,6 +17,7 @@ struct Condition {
   double residual, std;
 };
 
+/// Of a condition: J, for what it says of translation [1] and rotation [m/rad].
 Eigen::Matrix<double, 1, 6> row(const Eigen::Vector3d& translation, const Eigen::Vector3d& rotation);
 
 /// What faces and edges say of an end of a body.
@@ -44,9 +45,10 @@ class BodyEvidence {
   BodyEvidence(const TriangleMesh& mesh, const std::vector<Patch>& patches, const PatchShapes& shapes,
                const CuboidConfig& config);
 
+  /// All that the surface says, at the pose as it is: the pose is not improved.
   Evidence weigh(const mp700_ur5e_description::BrickType& type, const Eigen::Isometry3d& T_map_body) const;
 
-  /// Surface inside the body, or the body reaching below a surface that is none of its faces.
+  /// Whether surface is inside the body, or the body reaches below a surface that is none of its faces.
   bool isPenetrated(const mp700_ur5e_description::BrickType& type, const Eigen::Isometry3d& T_map_body,
                     const Evidence& evidence) const;
 
