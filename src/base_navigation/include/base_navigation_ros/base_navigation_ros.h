@@ -13,6 +13,7 @@
 
 #include <actionlib/server/action_server.h>
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <interactive_mapping_common_ros/clock_timer.h>
 #include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_msgs/DrivingDistances.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
@@ -27,7 +28,6 @@
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
-#include <ros/timer.h>
 #include <ros/wall_timer.h>
 #include <sensor_msgs/LaserScan.h>
 #include <std_msgs/Bool.h>
@@ -174,7 +174,7 @@ class BaseNavigationRos {
   ros::CallbackQueue control_queue_;
   ros::Subscriber odometry_subscriber_, scan_subscriber_, ground_subscriber_, heartbeat_subscriber_,
       ground_update_subscriber_, emergency_stop_subscriber_, stop_subscriber_;
-  ros::Timer watchdog_;
+  std::unique_ptr<interactive_mapping_ros::ClockTimer> watchdog_;
   std::unique_ptr<ros::AsyncSpinner> control_spinner_;  // last: its thread uses the rest
 };
 

@@ -119,8 +119,8 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
   if (params_.navigator.max_heartbeat_age_s > 0.0) {
     heartbeat_subscriber_ = control.subscribe("heartbeat", 10, &BaseNavigationRos::onHeartbeat, this, no_delay);
   }
-  watchdog_ = control.createTimer(ros::Duration(1.0 / params_.output.watchdog_rate_hz),
-                                  [this](const ros::TimerEvent&) { onWatchdog(); });
+  watchdog_ = std::make_unique<interactive_mapping_ros::ClockTimer>(
+      control, ros::Duration(1.0 / params_.output.watchdog_rate_hz), [this] { onWatchdog(); });
   control_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &control_queue_);
   control_spinner_->start();
   server_->start();

@@ -18,10 +18,10 @@
 #include <mp700_ur5e_description/brick_types.h>
 #include <ros/node_handle.h>
 #include <ros/service_server.h>
-#include <ros/timer.h>
 #include <ros/wall_timer.h>
 #include <std_srvs/Trigger.h>
 
+#include <interactive_mapping_common_ros/clock_timer.h>
 #include <interactive_mapping_common_ros/live_params.h>
 #include <interactive_mapping_common_ros/worker_action_server.h>
 #include "motion_planning/motion_planner.h"
@@ -119,7 +119,7 @@ class MotionPlanningRos {
   PlanningMarkers markers_;
   std::unique_ptr<SceneKeeper> scenes_;
   ros::ServiceServer watch_server_, emptied_server_;
-  ros::Timer monitor_timer_;
+  std::unique_ptr<interactive_mapping_ros::ClockTimer> monitor_timer_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   std::unique_ptr<interactive_mapping_ros::LiveParams<MotionPlanningParams>> live_;

@@ -132,11 +132,12 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
   scenes_->start();
   watch_server_ = handle.advertiseService("watch", &MotionPlanningRos::onWatch, this);
   emptied_server_ = handle.advertiseService("container_emptied", &MotionPlanningRos::onContainerEmptied, this);
-  monitor_timer_ = handle.createTimer(ros::Duration(1.0 / params_.monitor.rate_hz), [this](const ros::TimerEvent&) {
-    monitor();
-    markers_.clearOldPlan(robot_);
-    markers_.showLoad(robot_.load());
-  });
+  monitor_timer_ = std::make_unique<interactive_mapping_ros::ClockTimer>(
+      handle, ros::Duration(1.0 / params_.monitor.rate_hz), [this] {
+        monitor();
+        markers_.clearOldPlan(robot_);
+        markers_.showLoad(robot_.load());
+      });
   monitor();
 
   diagnostics_.setHardwareID("none");
@@ -169,7 +170,7 @@ MotionPlanningRos::MotionPlanningRos(const ros::NodeHandle& nh, const ros::NodeH
 MotionPlanningRos::~MotionPlanningRos() {
   pick_server_.reset();
   arm_server_.reset();
-  monitor_timer_.stop();
+  monitor_timer_.reset();
   watch_server_.shutdown();
   scenes_->stop();  // before it goes: its thread calls monitor(), which asks it
 }

@@ -8,6 +8,7 @@
 #include <string>
 
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <interactive_mapping_common_ros/clock_timer.h>
 #include <interactive_mapping_msgs/MissionFailure.h>
 #include <interactive_mapping_msgs/MissionState.h>
 #include <mp700_ur5e_description/brick_types.h>
@@ -109,7 +110,7 @@ class PickMissionRos {
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   ros::CallbackQueue heart_queue_;
-  ros::Timer heart_timer_;
+  std::unique_ptr<interactive_mapping_ros::ClockTimer> heart_timer_;
   std::unique_ptr<ros::AsyncSpinner> heart_;  // last: it uses the rest
 };
 

@@ -82,8 +82,8 @@ PickMissionRos::PickMissionRos(const ros::NodeHandle& nh, const ros::NodeHandle&
   ros::NodeHandle heart(private_nh);
   heart.setCallbackQueue(&heart_queue_);
   heartbeat_publisher_ = heart.advertise<std_msgs::Header>("heartbeat", 10);
-  heart_timer_ =
-      heart.createTimer(ros::Duration(1.0 / params_.heartbeat.rate_hz), [this](const ros::TimerEvent&) { beat(); });
+  heart_timer_ = std::make_unique<interactive_mapping_ros::ClockTimer>(
+      heart, ros::Duration(1.0 / params_.heartbeat.rate_hz), [this] { beat(); });
   heart_ = std::make_unique<ros::AsyncSpinner>(1, &heart_queue_);
   heart_->start();
   publishState();

@@ -14,6 +14,7 @@
 #include <control_msgs/JointTrajectoryControllerState.h>
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <geometry_msgs/WrenchStamped.h>
+#include <interactive_mapping_common_ros/clock_timer.h>
 #include <interactive_mapping_msgs/ArmBridgeState.h>
 #include <interactive_mapping_msgs/ArmOutcome.h>
 #include <interactive_mapping_msgs/LetGoBrickAction.h>
@@ -165,7 +166,7 @@ class UrDriverBridgeRos {
 
   ros::CallbackQueue control_queue_, mission_queue_;
   std::vector<ros::Subscriber> subscribers_;
-  ros::Timer watchdog_;
+  std::unique_ptr<interactive_mapping_ros::ClockTimer> watchdog_;
   std::unique_ptr<CallThread> planner_calls_;
   pluginlib::ClassLoader<Gripper> gripper_loader_{"ur_driver_bridge", "ur_driver_bridge_ros::Gripper"};
   pluginlib::UniquePtr<Gripper> gripper_;

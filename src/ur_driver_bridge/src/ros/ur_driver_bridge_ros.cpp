@@ -192,8 +192,8 @@ void UrDriverBridgeRos::subscribeAll() {
       "ur_hardware_interface/safety_mode", 5,
       [this](const ur_dashboard_msgs::SafetyModeConstPtr& message) { inputs_.arm.safety_mode = message->mode; }));
   subscribe("joint_states", 20, &UrDriverBridgeRos::onJointStates);
-  watchdog_ = control.createTimer(ros::Duration(1.0 / params_.watchdog_rate_hz),
-                                  [this](const ros::TimerEvent&) { onWatchdog(); });
+  watchdog_ = std::make_unique<interactive_mapping_ros::ClockTimer>(
+      control, ros::Duration(1.0 / params_.watchdog_rate_hz), [this] { onWatchdog(); });
   control_spinner_ = std::make_unique<ros::AsyncSpinner>(1, &control_queue_);
   control_spinner_->start();
   // A thread of its own: in lock step, control waits for what is on its way.
