@@ -116,6 +116,9 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
         last_on_box = countOnBox(toTree(*message).get(), scene);
         if (message->header.stamp < removal) most_before = std::max(most_before, last_on_box);
       });
+  int num_meshes = 0;
+  const ros::Subscriber mesh_subscriber = ros::NodeHandle().subscribe<interactive_mapping_msgs::SurfaceMesh>(
+      "octomap_baseline/mesh", 10, [&](const interactive_mapping_msgs::SurfaceMeshConstPtr&) { ++num_meshes; });
   ros::Time last_taken_in;
   MapUpdate last_accepted;
   const ros::Subscriber update_subscriber = ros::NodeHandle().subscribe<MapUpdate>(
@@ -152,6 +155,8 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
   EXPECT_EQ(occupied.message->markers.size(), 17u);
   EXPECT_FALSE(free.message->markers.back().points.empty());
   EXPECT_GT(std::count(grid.message->data.begin(), grid.message->data.end(), 100), 100);
+
+  EXPECT_EQ(num_meshes, 1);  // mesh_period_s is longer than the scene
 
   // The mesh, for who does not have it.
   GetMesh mesh;

@@ -15,8 +15,8 @@ namespace octomap_baseline {
 /// map is asked, so that planner and detection can use either. Of one moment; threads may ask at the same time.
 class VoxelSurface {
  public:
-  /// `without_specks`: isSpeck() voxels have no sides.
-  explicit VoxelSurface(const octomap::OcTree& tree, bool without_specks = false);
+  /// `without_specks`: isSpeck() voxels have no sides. `tree` must not be null or change.
+  explicit VoxelSurface(std::shared_ptr<const octomap::OcTree> tree, bool without_specks = false);
   ~VoxelSurface();
   VoxelSurface(const VoxelSurface&) = delete;
   VoxelSurface& operator=(const VoxelSurface&) = delete;

@@ -20,6 +20,7 @@ struct OctomapBaselineParams {
   struct Output {
     double rate_hz{2.0};
     bool every_image{false};
+    double mesh_period_s{0.0};
     double projected_min_z_m{-1e4};
     double projected_max_z_m{1e4};
     bool filter_speckles{false};
@@ -27,6 +28,8 @@ struct OctomapBaselineParams {
     static void fields(Output& c, interactive_mapping::Fields& f) {
       f("rate_hz", c.rate_hz, 0.05, 30.0, "Hz", "of every topic but ~update, at most; by the wall clock");
       f("every_image", c.every_image, "besides, after each image that changed the map, before its ~update");
+      f("mesh_period_s", c.mesh_period_s, 0.0, 3600.0, "s",
+        "between two of ~mesh, at least, by the stamps of the images");
       f("projected_min_z_m", c.projected_min_z_m, -1e4, 1e4, "m", "voxels between these heights ...");
       f("projected_max_z_m", c.projected_max_z_m, -1e4, 1e4, "m", "... make the projected map");
       f("filter_speckles", c.filter_speckles, "voxels without an occupied neighbour are left out of it and of ~mesh");

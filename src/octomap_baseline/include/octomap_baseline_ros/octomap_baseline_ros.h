@@ -42,7 +42,9 @@ class OctomapBaselineRos {
   struct Output {
     ros::Publisher publisher;
     std::function<void(ros::Publisher*, const octomap::OcTree&, const std_msgs::Header&)> publish;
-    std::uint64_t published_revision;
+    double period_s{0.0};  // between two messages, at least, by the stamps of the images
+    std::uint64_t published_revision{0};
+    ros::Time published{};
   };
 
   template <typename Message, typename Convert>
@@ -53,11 +55,16 @@ class OctomapBaselineRos {
   void publishOutputs();
   std_msgs::Header headerAt(const ros::Time& stamp) const;
 
-  /// The map's surface at one moment; made when somebody asks and the map has changed.
-  struct Surface {
+  /// The map at one moment; copied when somebody asks and the map has changed.
+  struct Copy {
     std::uint64_t revision{0};
     ros::Time stamp;
     std::uint64_t num_updates{0};
+    std::shared_ptr<const octomap::OcTree> tree;
+  };
+  Copy copy();
+  /// Its surface; made likewise.
+  struct Surface : Copy {
     std::shared_ptr<const octomap_baseline::VoxelSurface> voxels;
   };
   Surface surface();
@@ -81,6 +88,7 @@ class OctomapBaselineRos {
   octomap_baseline::DynamicOctomap map_;
   ros::Time stamp_;            // of the last image
   std::uint64_t revision_{1};  // rises with every change
+  Copy copy_;
 
   std::mutex surface_mutex_;  // guards surface_
   Surface surface_;

@@ -36,7 +36,8 @@ SpaceState stateOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node)
 }  // namespace
 
 struct VoxelSurface::Impl {
-  Impl(const octomap::OcTree& the_tree, bool without_specks) : tree(the_tree), half_m(0.5 * the_tree.getResolution()) {
+  Impl(std::shared_ptr<const octomap::OcTree> shared_tree, bool without_specks)
+      : owner(std::move(shared_tree)), tree(*owner), half_m(0.5 * tree.getResolution()) {
     for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
       if (!tree.isNodeOccupied(*leaf)) continue;
       const bool is_smallest = leaf.getDepth() == tree.getTreeDepth();
@@ -130,7 +131,8 @@ struct VoxelSurface::Impl {
     return best;
   }
 
-  octomap::OcTree tree;
+  std::shared_ptr<const octomap::OcTree> owner;
+  const octomap::OcTree& tree;
   double half_m;
   gpis_mapping::TriangleMesh mesh;
   std::vector<Side> sides;
@@ -138,8 +140,8 @@ struct VoxelSurface::Impl {
   std::optional<flann::KDTreeSingleIndex<flann::L2_3D<double>>> index;
 };
 
-VoxelSurface::VoxelSurface(const octomap::OcTree& tree, bool without_specks)
-    : impl_(std::make_unique<Impl>(tree, without_specks)) {}
+VoxelSurface::VoxelSurface(std::shared_ptr<const octomap::OcTree> tree, bool without_specks)
+    : impl_(std::make_unique<Impl>(std::move(tree), without_specks)) {}
 
 VoxelSurface::~VoxelSurface() = default;
 

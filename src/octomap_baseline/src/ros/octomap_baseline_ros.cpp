@@ -41,7 +41,7 @@ void OctomapBaselineRos::addOutput(ros::NodeHandle* nh, const std::string& topic
                                  const std_msgs::Header& header) {
     publisher->publish(boost::make_shared<const Message>(convert(tree, header)));
   };
-  outputs_.push_back({nh->advertise<Message>(topic, 1, true), publish, 0});
+  outputs_.push_back({nh->advertise<Message>(topic, 1, true), publish});
 }
 
 OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
@@ -67,7 +67,8 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
   const auto publish_mesh = [this](ros::Publisher* publisher, const octomap::OcTree&, const std_msgs::Header&) {
     publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(toMessage(surface())));
   };
-  outputs_.push_back({pnh.advertise<interactive_mapping_msgs::SurfaceMesh>("mesh", 1, true), publish_mesh, 0});
+  outputs_.push_back({pnh.advertise<interactive_mapping_msgs::SurfaceMesh>("mesh", 1, true), publish_mesh,
+                      params_.output.mesh_period_s});
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
 
   input_ = std::make_unique<DepthInput>(
@@ -142,43 +143,43 @@ void OctomapBaselineRos::refuse(const ros::Time& stamp, const Refusal& refusal) 
 
 void OctomapBaselineRos::publishOutputs() {
   const std::lock_guard<std::mutex> output_lock(output_mutex_);
-  const bool has_listener = std::any_of(outputs_.begin(), outputs_.end(),
-                                        [](const Output& output) { return output.publisher.getNumSubscribers() > 0; });
-  if (!has_listener) return;
-  std::unique_ptr<octomap::OcTree> tree;
-  std::uint64_t revision = 0;
-  std_msgs::Header header;
+  const auto wants = [](const Output& output, std::uint64_t revision, const ros::Time& stamp) {
+    if (output.published_revision == revision || output.publisher.getNumSubscribers() == 0) return false;
+    const double age_s = (stamp - output.published).toSec();
+    return age_s < 0.0 || age_s >= output.period_s;
+  };
   {
     const std::lock_guard<std::mutex> lock(map_mutex_);
-    revision = revision_;
-    const bool is_stale = std::any_of(outputs_.begin(), outputs_.end(), [&](const Output& output) {
-      return output.published_revision != revision && output.publisher.getNumSubscribers() > 0;
-    });
-    if (!is_stale) return;
-    // Copying takes a fraction of what converting takes, and updates wait for it only.
-    tree = std::make_unique<octomap::OcTree>(map_.tree());
-    header = headerAt(stamp_);
+    if (std::none_of(outputs_.begin(), outputs_.end(),
+                     [&](const Output& output) { return wants(output, revision_, stamp_); })) {
+      return;
+    }
   }
+  const Copy map = copy();
   for (Output& output : outputs_) {
-    if (output.published_revision == revision || output.publisher.getNumSubscribers() == 0) continue;
-    output.publish(&output.publisher, *tree, header);
-    output.published_revision = revision;
+    if (!wants(output, map.revision, map.stamp)) continue;
+    output.publish(&output.publisher, *map.tree, headerAt(map.stamp));
+    output.published_revision = map.revision;
+    output.published = map.stamp;
   }
+}
+
+OctomapBaselineRos::Copy OctomapBaselineRos::copy() {
+  const std::lock_guard<std::mutex> lock(map_mutex_);
+  // Copying takes a fraction of what converting takes, and updates wait for it only.
+  if (copy_.revision != revision_) {
+    copy_ = {revision_, stamp_, map_.numUpdates(), std::make_shared<const octomap::OcTree>(map_.tree())};
+  }
+  return copy_;
 }
 
 OctomapBaselineRos::Surface OctomapBaselineRos::surface() {
   const std::lock_guard<std::mutex> surface_lock(surface_mutex_);
-  std::unique_ptr<octomap::OcTree> tree;
-  Surface now;
-  {
-    const std::lock_guard<std::mutex> lock(map_mutex_);
-    if (surface_.revision == revision_) return surface_;
-    tree = std::make_unique<octomap::OcTree>(map_.tree());
-    now = {revision_, stamp_, map_.numUpdates(), nullptr};
+  const Copy now = copy();
+  if (surface_.revision != now.revision) {
+    surface_ = {now, std::make_shared<const octomap_baseline::VoxelSurface>(now.tree, params_.output.filter_speckles)};
   }
-  now.voxels = std::make_shared<const octomap_baseline::VoxelSurface>(*tree, params_.output.filter_speckles);
-  surface_ = now;
-  return now;
+  return surface_;
 }
 
 interactive_mapping_msgs::SurfaceMesh OctomapBaselineRos::toMessage(const Surface& surface) const {

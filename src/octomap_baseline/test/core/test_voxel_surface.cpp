@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -67,10 +68,14 @@ double distanceBySearch(const octomap::OcTree& tree, const Eigen::Vector3d& x) {
   return least_m;
 }
 
+std::shared_ptr<const octomap::OcTree> copyOf(const octomap::OcTree& tree) {
+  return std::make_shared<octomap::OcTree>(tree);
+}
+
 TEST(VoxelSurface, DistancesAreThoseToTheNearestSideWithTheSignOfTheState) {
   for (unsigned seed = 0; seed < 4; ++seed) {
     const octomap::OcTree tree = randomTree(seed);
-    const VoxelSurface surface(tree);
+    const VoxelSurface surface(copyOf(tree));
     std::mt19937 random(seed + 100);
     std::uniform_real_distribution<double> spread(-0.4, 0.5);
     Points3d points(3, 300);
@@ -104,7 +109,7 @@ TEST(VoxelSurface, DistancesAreThoseToTheNearestSideWithTheSignOfTheState) {
 
 TEST(VoxelSurface, TrianglesLieBetweenOccupiedAndFreeAndTurnToTheFree) {
   const octomap::OcTree tree = randomTree(7);
-  const VoxelSurface surface(tree);
+  const VoxelSurface surface(copyOf(tree));
   const gpis_mapping::TriangleMesh& mesh = surface.mesh();
   ASSERT_FALSE(mesh.triangles.empty());
   ASSERT_EQ(mesh.normals_map.size(), mesh.vertices_map.size());
@@ -145,7 +150,7 @@ TEST(VoxelSurface, WithoutASideThereIsNoDistance) {
   points.col(2).setConstant(std::numeric_limits<double>::quiet_NaN());
   gpis_mapping::QueryOptions options;
   options.variance_gradient = true;
-  const QueryResult result = VoxelSurface(tree).query(points, options);
+  const QueryResult result = VoxelSurface(copyOf(tree)).query(points, options);
   EXPECT_EQ(result.state, (std::vector<SpaceState>{SpaceState::kOccupied, SpaceState::kUnknown, SpaceState::kUnknown}));
   EXPECT_TRUE(result.distance.array().isNaN().all());
   EXPECT_TRUE(result.variance.array().isNaN().all());
@@ -157,10 +162,10 @@ TEST(VoxelSurface, SpecksHaveNoSidesIfTheyAreLeftOut) {
   octomap::OcTree tree(kVoxel_m);
   for (int x = -3; x <= 3; ++x)
     tree.updateNode(octomap::point3d(static_cast<float>(x) * 0.05F + 0.01F, 0.01F, 0.01F), x == 0);
-  EXPECT_EQ(VoxelSurface(tree).mesh().triangles.size(), 4U);
-  EXPECT_TRUE(VoxelSurface(tree, true).mesh().triangles.empty());
+  EXPECT_EQ(VoxelSurface(copyOf(tree)).mesh().triangles.size(), 4U);
+  EXPECT_TRUE(VoxelSurface(copyOf(tree), true).mesh().triangles.empty());
   tree.updateNode(octomap::point3d(0.06F, 0.06F, 0.06F), true);  // they touch at a corner
-  EXPECT_EQ(VoxelSurface(tree, true).mesh().triangles.size(), 4U);
+  EXPECT_EQ(VoxelSurface(copyOf(tree), true).mesh().triangles.size(), 4U);
 }
 
 }  // namespace
