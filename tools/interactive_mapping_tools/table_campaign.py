@@ -25,7 +25,7 @@ ORIGIN = ("date", "commit", "software", "configuration", "host", "machine")
 COLUMNS = (*CELL, *MEASURES, *TIMES, "end_reason", *ORIGIN)
 SHOWN = {  # column: title, factor
     "bricks": ("bricks %", 1), "map_coverage": ("map %", 100), "map_precision": ("precision %", 100), "falls": ("falls", 1), "drops": ("drops", 1), "collisions": ("collisions", 1),
-    "load_contacts": ("load contacts", 1), "disturbance_m": ("disturbance [m]", 1), "picks_begun": ("picks begun", 1), "views": ("views", 1), "distance_m": ("driven [m]", 1),
+    "load_contacts": ("load contacts", 1), "disturbance_m": ("disturbance [cm]", 100), "picks_begun": ("picks begun", 1), "views": ("views", 1), "distance_m": ("driven [m]", 1),
     "sim_seconds": ("simulated [s]", 1), **{key: (f"{percent} % of the bricks after [s]", 1) for key, percent in TIMES.items()}}
 # What the paper reports. Table I: bricks, map %, falls, collision. Table II: bricks %, map % of its scenes 1 to 3.
 PAPER_FACTORS = {"complete": (17, 100, 1, "N"), "no_manipulability": (14.5, 100, 2, "N"), "no_pick_order": (13, 100, 6, "N"), "no_travel": (11, 80, 3, "Y"),
@@ -34,6 +34,7 @@ PAPER_SYSTEMS = {"complete": (("95 \u00b1 5", "100 \u00b1 10"), ("100 \u00b1 6",
                  "octomap_gradient_frontier": (("63 \u00b1 17", "100 \u00b1 5"), ("72 \u00b1 8", "85 \u00b1 9"), ("66 \u00b1 13", "70 \u00b1 16")),
                  "octomap_random": (("45 \u00b1 12", "90 \u00b1 10"), ("61 \u00b1 12", "71 \u00b1 19"), ("57 \u00b1 6.8", "57 \u00b1 12"))}
 OUR_SCENES = ("one_heap", "tipped_20", "decoys")  # in place of the paper's 1 to 3
+BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drops": -1, "collisions": -1, "load_contacts": -1, "disturbance_m": -1}  # which sign is
 BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 NUM_RESAMPLES = 10000
 
@@ -159,6 +160,23 @@ def measures_text(rows):
             changes += [(variant, by_cell[variant, "bricks"]["pairs"], *(difference_cell(by_cell[variant, key]) for key in SHOWN)) for variant in variants[1:]]
             texts.append(markdown(changes) + "\n")
     return "\n".join(texts)
+
+
+def findings_text(rows):
+    """Markdown: of each variant where it is better and worse than the first; the interval of the difference does not hold 0."""
+    lines = {}
+    for entry in summaries_of(rows):
+        found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {"pairs": 0, 1: [], -1: []})
+        if entry["measure"] in BETTER and entry["pairs"] > 1:
+            found["pairs"] = entry["pairs"]
+            if not entry["difference_low"] <= 0.0 <= entry["difference_high"]:
+                found[int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)}")
+    text = ""
+    for (scene, cycle, variant), found in lines.items():
+        parts = [f"{word} in {', '.join(found[sign])}" for sign, word in ((1, "better"), (-1, "worse")) if found[sign]]
+        if found["pairs"]:
+            text += f"- `{scene}`, cycle `{cycle}`, `{variant}`, {found['pairs']} pairs: {'; '.join(parts) or 'no difference shows'}.\n"
+    return text
 
 
 def factors_text(rows):

@@ -193,6 +193,13 @@ class Campaign(unittest.TestCase):
         self.assertEqual({key: cells["no_travel", "bricks"][key] for key in ("missions", "n", "pairs")}, {"missions": "3", "n": "3", "pairs": "2"})
         self.assertEqual([float(cells["no_travel", "bricks"][key]) for key in ("mean_low", "mean_high", "difference")], [25.0, 100.0, -25.0])
 
+    def test_findings_tell_what_is_better_and_worse(self):
+        self.table(*(self.row("complete", seed, 3, falls=2, map_coverage=0.5) for seed in (1, 2)), *(self.row("no_travel", seed, seed, falls=1) for seed in (1, 2)),
+                   *(self.row("no_frontier", seed, 3, falls=2 * seed, map_coverage=0.5) for seed in (1, 2)))
+        self.assertEqual(table_campaign.findings_text(table_campaign.read_rows(self.folder / "missions.csv")),
+                         "- `one_heap`, cycle `paper`, `no_travel`, 2 pairs: better in map % **+50.0 [+50.0, +50.0]**, falls **-1.0 [-1.0, -1.0]**; "
+                         "worse in bricks % **-37.5 [-50.0, -25.0]**.\n- `one_heap`, cycle `paper`, `no_frontier`, 2 pairs: no difference shows.\n")
+
     def test_every_measure_of_the_design_is_in_the_tables(self):
         text, cells = self.table(self.row("complete", 1, 4))
         for title, _ in table_campaign.SHOWN.values():
