@@ -5,6 +5,7 @@ import concurrent.futures
 import csv
 import itertools
 import os
+import shutil
 import subprocess
 
 import matplotlib.colors
@@ -42,7 +43,8 @@ def run_experiment(scene, sensor, seed, out):
 def run_all(out):
     """Every scene, sensor and seed, as many at a time as there are cores. Only the first seed keeps its meshes."""
     workspace.library("install_packages; build_workspace fig8_experiment")
-    out.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
     folder = ROOT / "sim_tests/synthetic_depth/scenes"
     scene = yaml.safe_load((folder / "fig8.yaml").read_text(encoding="utf-8"))
     scene["changes"] = [{"frame": frame, "remove": [brick]} for frame, brick in enumerate(SEVERAL, 1)]
@@ -57,9 +59,14 @@ def run_all(out):
 
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         jobs = [pool.submit(run, name, sensor, seed) for name, (sensor, seeds) in itertools.product(SCENES, SEEDS.items()) for seed in seeds]
-        for count, job in enumerate(concurrent.futures.as_completed(jobs), 1):
-            job.result()
-            print(f"{count} of {len(jobs)} runs", flush=True)
+        try:
+            for count, job in enumerate(concurrent.futures.as_completed(jobs), 1):
+                job.result()
+                print(f"{count} of {len(jobs)} runs", flush=True)
+        except BaseException:
+            for job in jobs:
+                job.cancel()
+            raise
 
 
 def read_runs(folder):
@@ -184,7 +191,7 @@ def blanket(source, out):
     removed = np.array([[row["x"], row["y"], row["z"]] for row in read_rows(source / "removed.csv")])
     before = render_mesh.read_ply(source / "gpis_before.ply")
     eye = np.array(read_json(source / "summary.json")["T_map_camera_last"])[:3, 3]
-    figure, (view, section) = plt.subplots(1, 2, figsize=(15.0, 4.6), gridspec_kw={"width_ratios": [0.6, 1.0]}, constrained_layout=True)
+    figure, (view, section) = plt.subplots(1, 2, figsize=(16.0, 4.4), gridspec_kw={"width_ratios": [0.6, 1.0]}, constrained_layout=True)
 
     after = crop(render_mesh.read_ply(source / "gpis_after.ply"), 0.42)
     camera = render_mesh.fit_camera(crop(before, 0.42).points[np.unique(before.triangles)], -25.0, 32.0, None, TARGET, (2 * PANEL[0], 2 * PANEL[1]))
@@ -213,13 +220,15 @@ def blanket(source, out):
         return points[np.abs((points - eye) @ normal) < 0.01]
 
     section.plot(*in_plane(near_plane(before.points)), linestyle="none", marker=".", markersize=3, color="#b8b8b8", label="map before, within 1 cm of the plane")
+    wall = chosen["is_wall"] == 1
+    section.plot(*in_plane(knots("seen", chosen[wall])), color="#b58a00", linewidth=4.0, alpha=0.5, label="nothing within range: the wall at infinity, drawn at the range's end")
     for name, colour, words in (("nearer", BLUE, "nearer: deleted"), ("seen", "#b58a00", "what the look measures, a function of the ray"), ("farther", "#8c6bb1", "farther: hidden, kept")):
-        section.plot(*in_plane(knots(name, chosen)), color=colour, linewidth=1.6, label=words)
+        section.plot(*in_plane(knots(name, chosen[~wall])), color=colour, linewidth=1.6, label=words)
     section.plot(*in_plane(near_plane(removed)), linestyle="none", marker="o", markersize=6, color=GREEN, label="deleted points")
     ray = removed[np.argmin(np.abs((removed - eye) @ normal))]
     section.plot(*np.transpose([(0.0, eye[2]), tuple(float(value[0]) for value in in_plane(ray[None]))]), color=ORANGE, linewidth=1.0, linestyle="--", label="a ray of the camera")
     section.set_aspect("equal")
-    section.set_xlim(0.5, 2.0)
+    section.set_xlim(0.5, 2.5)
     section.set_ylim(-0.05, 0.45)
     tidy(section, "Section through one column of the image", "distance from the camera, along the ground [m]", "height [m]")
     section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncol=2)

@@ -33,6 +33,7 @@ PLACES = {"fig5.png": ROOT / "docs/images/manipulability_sectors.png"}  # of oth
 MAX_BYTES = 250_000
 STEP_S = 5.0
 SYSTEMS = {"complete": ("ours", BLUE), "octomap_gradient_frontier": ("OctoMap, gradient frontier", ORANGE), "octomap_random": ("OctoMap, random", GREY)}
+NOTHING = "No counted missions yet.\n"
 
 
 def sectors(source, out):
@@ -122,12 +123,11 @@ NEED_INPUT = ("1", "4", "9")
 PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text, "findings": table_campaign.findings_text, "measures": table_campaign.measures_text}
 
 
-def page_parts(missions):
-    """{mark in docs/results/index.md: Markdown} of the counted missions; of none, the sentence that says so."""
-    if not missions.exists():
-        return dict.fromkeys(PARTS, "No counted missions yet.\n")
-    rows = table_campaign.read_rows(missions)
-    return {mark: text_of(rows) for mark, text_of in PARTS.items()}
+def page_parts(folder):
+    """{mark in docs/results/index.md: Markdown} of the folder's missions.csv and fig7.png; without them, the sentence that says so."""
+    rows = table_campaign.read_rows(folder / "missions.csv") if (folder / "missions.csv").exists() else None
+    parts = {mark: text_of(rows) if rows else NOTHING for mark, text_of in PARTS.items()}
+    return {**parts, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n" if (folder / "fig7.png").exists() else NOTHING}
 
 
 def update_docs(name, made):
@@ -136,8 +136,8 @@ def update_docs(name, made):
         shutil.copy(path, PLACES.get(path.name, DOCS / "figures" / path.name))
     if name == "8":
         replace_between_marks(DOCS / "fig8.md", "table", (ROOT / "results/figures/fig8.md").read_text(encoding="utf-8"))
-    if name == "tables":
-        for mark, text in page_parts(DOCS / "figures/missions.csv").items():
+    if name in ("7", "tables"):
+        for mark, text in page_parts(DOCS / "figures").items():
             replace_between_marks(DOCS / "index.md", mark, text)
 
 

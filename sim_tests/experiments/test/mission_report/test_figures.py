@@ -77,15 +77,17 @@ class Figures(unittest.TestCase):
 
     def test_pages_hold_what_their_files_do(self):
         page = (figures.DOCS / "index.md").read_text()
-        for mark, text in figures.page_parts(figures.DOCS / "figures/missions.csv").items():
+        for mark, text in figures.page_parts(figures.DOCS / "figures").items():
             self.assertIn(f"<!-- {mark}: begin -->\n{text}<!-- {mark}: end -->", page)
         text = figure_accuracy.table_of(results.read_rows(figures.DOCS / "figures/fig8.csv", ("scene", "sensor", "system")))
         self.assertIn(f"<!-- table: begin -->\n{text}<!-- table: end -->", (figures.DOCS / "fig8.md").read_text())
 
     def test_pages_tell_that_nothing_was_counted_only_then(self):
-        self.assertEqual(set(figures.page_parts(self.folder / "missions.csv").values()), {"No counted missions yet.\n"})
+        self.assertEqual(set(figures.page_parts(self.folder).values()), {"No counted missions yet.\n"})
         self.campaign(("complete", 101, ((0, 0, 0.2), (5, 3, 0.2))), ("octomap_random", 101, ((0, 0, 0.2),)))
-        parts = figures.page_parts(self.folder / "missions.csv")
+        (self.folder / "fig7.png").touch()
+        parts = figures.page_parts(self.folder)
+        self.assertNotIn("No counted missions yet.\n", parts.values())
         self.assertEqual(parts["factors"], "")  # its scene is another
         self.assertIn("| decoys | #3 | octomap_random | 1 | 25.0 | 57 \u00b1 6.8 | 100.0 | 57 \u00b1 12 | reached by 0 of 1 |", parts["systems"])
         self.assertIn("| less `complete` | pairs |", parts["measures"])
