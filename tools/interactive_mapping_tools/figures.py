@@ -72,10 +72,10 @@ def curves_of(folder):
     rows = table_campaign.read_rows(folder / "missions.csv")
     found = {}
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows if row["variant"] != "complete" and row["variant"] in SYSTEMS):
-        of_system = {system: [row for row in rows if (row["scene"], row["cycle"], row["variant"]) == (scene, cycle, system)] for system in SYSTEMS}
-        seeds = set.intersection(*({row["seed"] for row in runs} for runs in of_system.values() if runs))  # paired
-        read = {system: [table_campaign.curve_of(folder / "-".join(row[key] for key in table_campaign.CELL), row["bricks_total"]) for row in runs if row["seed"] in seeds]
-                for system, runs in of_system.items() if runs}
+        read = {system: [table_campaign.curve_of(folder / "-".join(row[key] for key in table_campaign.CELL), row["bricks_total"]) for row in runs]
+                for system, runs in table_campaign.paired(rows, scene, cycle, SYSTEMS).items() if runs}
+        if not read:
+            raise Refusal(f"{folder / 'missions.csv'}: {scene}: no seed of all systems")
         last_s = max(seconds[-1] for runs in read.values() for seconds, *_ in runs)
         grid = np.arange(0.0, last_s + STEP_S, STEP_S)
         found[scene, cycle] = {}
@@ -126,7 +126,7 @@ PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.syste
 def page_parts(folder):
     """{mark in docs/results/index.md: Markdown} of the folder's missions.csv and fig7.png; without them, the sentence that says so."""
     rows = table_campaign.read_rows(folder / "missions.csv") if (folder / "missions.csv").exists() else None
-    parts = {mark: text_of(rows) if rows else NOTHING for mark, text_of in PARTS.items()}
+    parts = {mark: (text_of(rows) if rows else "") or NOTHING for mark, text_of in PARTS.items()}
     return {**parts, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n" if (folder / "fig7.png").exists() else NOTHING}
 
 

@@ -179,26 +179,33 @@ def findings_text(rows):
     return text
 
 
+def paired(rows, scene, cycle, variants):
+    """{variant: its rows}: of the variants that there are, the seeds that all of them have."""
+    found = {variant: {row["seed"]: row for row in rows if (row["scene"], row["cycle"], row["variant"]) == (scene, cycle, variant)} for variant in variants}
+    found = {variant: runs for variant, runs in found.items() if runs}
+    return {variant: [row for seed, row in runs.items() if all(seed in others for others in found.values())] for variant, runs in found.items()}
+
+
 def factors_text(rows):
     """Markdown: Table I beside the paper's; empty without its scene."""
     table = [("", "n", "bricks", "paper", "map %", "paper", "falls", "paper", "missions with a collision", "paper")]
-    for variant, (bricks, coverage, falls, collision) in PAPER_FACTORS.items():
-        runs = [row for row in rows if (row["scene"], row["cycle"], row["variant"]) == (OUR_SCENES[0], "paper", variant)]
-        if runs:
-            ours = [with_interval([factor * row[key] for row in runs]) for key, factor in (("bricks_stowed", 1), ("map_coverage", 100), ("falls", 1))]
-            table.append((variant, len(runs), ours[0], bricks, ours[1], coverage, ours[2], falls, f"{sum(row['collisions'] > 0 for row in runs)} of {len(runs)}", collision))
+    for variant, runs in paired(rows, OUR_SCENES[0], "paper", PAPER_FACTORS).items():
+        bricks, coverage, falls, collision = PAPER_FACTORS[variant]
+        ours = [with_interval([factor * row[key] for row in runs]) for key, factor in (("bricks_stowed", 1), ("map_coverage", 100), ("falls", 1))]
+        table.append((variant, len(runs), ours[0], bricks, ours[1], coverage, ours[2], falls, f"{sum(row['collisions'] > 0 for row in runs)} of {len(runs)}", collision))
     return markdown(table) + "\n" if len(table) > 1 else ""
 
 
 def systems_text(rows):
     """Markdown: Table II beside the paper's; empty without its scenes."""
     table = [("ours", "paper's", "system", "n", "bricks %", "paper", "map %", "paper", *(SHOWN[key][0] for key in TIMES))]
-    by_cell = {(entry["scene"], entry["variant"], entry["measure"]): entry for entry in summaries_of(rows) if entry["cycle"] == "paper"}
-    for (index, scene), variant in itertools.product(enumerate(OUR_SCENES), PAPER_SYSTEMS):
-        if (scene, variant, "bricks") in by_cell:
-            bricks, coverage, *times = (by_cell[scene, variant, key] for key in ("bricks", "map_coverage", *TIMES))
-            paper = PAPER_SYSTEMS[variant][index]
-            table.append((scene, f"#{index + 1}", variant, bricks["missions"], value_cell(bricks), paper[0], value_cell(coverage), paper[1], *map(value_cell, times)))
+    for index, scene in enumerate(OUR_SCENES):
+        systems = paired(rows, scene, "paper", PAPER_SYSTEMS)
+        by_cell = {(entry["variant"], entry["measure"]): entry for entry in summaries_of([row for runs in systems.values() for row in runs])}
+        for variant, runs in systems.items():
+            if runs:
+                (bricks, coverage, *times), paper = (value_cell(by_cell[variant, key]) for key in ("bricks", "map_coverage", *TIMES)), PAPER_SYSTEMS[variant][index]
+                table.append((scene, f"#{index + 1}", variant, len(runs), bricks, paper[0], coverage, paper[1], *times))
     return markdown(table) + "\n" if len(table) > 1 else ""
 
 
