@@ -101,7 +101,8 @@ def state_of(mission):
             return f"stale: of commit {origin.get('commit')}", summary
         if origin["configuration"] != mission["configuration"]:
             return "stale: of another configuration", summary
-        log, launch = text_of("mission.jsonl"), text_of("log/roslaunch.log")
+        log, launch, _ = text_of("mission.jsonl"), text_of("log/roslaunch.log"), text_of("judge.csv")
+        table_campaign.curve_of(folder, summary["bricks_total"])
     except FileNotFoundError as error:
         return "missing" if error.filename.endswith("summary.json") else f"broken: no {pathlib.Path(error.filename).name}", None
     except (OSError, *table_campaign.BROKEN) as error:
@@ -152,7 +153,7 @@ def run_all(options, missions):
 
 
 def report(options, missions):
-    """Writes missions.csv, prints the tables; the exit code."""
+    """Writes missions.csv and its tables, prints these; the exit code."""
     rows = []
     for name, mission in missions.items():
         problem, summary = state_of(mission)

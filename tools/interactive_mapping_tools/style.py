@@ -28,3 +28,8 @@ def save(figure, out, dpi=110, **options):
     out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(out, dpi=dpi, facecolor="white", **options)
     plt.close(figure)
+
+
+def legend_below(figure, axes, columns, **options):
+    """One legend for all panels; save(..., bbox_inches="tight") shows it."""
+    figure.legend(*axes.get_legend_handles_labels(), loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=columns, **options)

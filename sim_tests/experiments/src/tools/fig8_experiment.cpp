@@ -10,6 +10,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,6 +22,7 @@
 #include <interactive_mapping_common/files/atomic_file.h>
 #include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/mesh_extractor.h"
+#include "gpis_mapping/point_update.h"
 #include "octomap_baseline/dynamic_octomap.h"
 #include "surface_comparison/mesh_distance.h"
 #include "surface_comparison/surface_ply.h"
@@ -329,6 +331,32 @@ void writeHistogram(const std::vector<std::pair<std::string, const std::vector<d
   file.commit();
 }
 
+/// The paper's Fig. 3: `blanket.csv`, a row per ray of the last frame, and `removed.csv`, the points that it deleted; metres, map frame.
+void writeBlanket(const std::vector<Recorded>& frames, const gpis_mapping::GpisConfig& config,
+                  const gpis_mapping::CameraModel& camera, const std::string& out) {
+  gpis_mapping::GpisMap map(config);
+  gpis_mapping::FrameBlanket blanket;
+  std::vector<Vector3d> removed;
+  for (const Recorded& frame : frames) {
+    removed = map.update(frame.image, camera, frame.T_map_camera, frame.stamp_s, &blanket).removed_points_map;
+  }
+  const Eigen::IOFormat row(6, Eigen::DontAlignCols, ",", ",");
+  std::ostringstream rays, points;
+  rays << "column,row,is_wall,nearer_x,nearer_y,nearer_z,seen_x,seen_y,seen_z,farther_x,farther_y,farther_z\n";
+  for (int i = 0; i < static_cast<int>(blanket.knots.size()); ++i) {
+    const auto& knot = blanket.knots[static_cast<std::size_t>(i)];
+    rays << i % blanket.columns << "," << i / blanket.columns << "," << knot.is_wall << "," << knot.nearer.format(row)
+         << "," << knot.seen.format(row) << "," << knot.farther.format(row) << "\n";
+  }
+  points << "x,y,z\n";
+  for (const Vector3d& p : removed) points << p.format(row) << "\n";
+  for (const auto& [name, text] : {std::pair("/blanket.csv", rays.str()), std::pair("/removed.csv", points.str())}) {
+    interactive_mapping::AtomicFile file(out + name);
+    file.write(text);
+    file.commit();
+  }
+}
+
 struct Options {
   std::string out;
   double spacing_m;
@@ -566,7 +594,9 @@ void runExperiment(const po::variables_map& arguments, Scene scene, const gpis_m
   }
   const GroundTruth truth(scene);
   const synthetic_depth::CameraModel& c = scene.camera;
-  for (const System& system : systemsToCompare(config, {c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px})) {
+  const gpis_mapping::CameraModel camera{c.width_px, c.height_px, c.fx_px, c.fy_px, c.cx_px, c.cy_px};
+  writeBlanket(frames, config, camera, options.out);
+  for (const System& system : systemsToCompare(config, camera)) {
     std::cerr << system.title << " ...\n";
     const Maps maps = runSystem(system, frames, scene.firstRemovalFrame(), other_scan);
     summary["systems"][system.key] = judge(system, maps, truth, frames.back(), options);

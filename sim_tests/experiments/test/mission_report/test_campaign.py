@@ -24,9 +24,10 @@ sys.path.insert(0, str(ROOT / "tools"))
 from interactive_mapping_tools import campaign, table_campaign, workspace  # noqa: E402
 from interactive_mapping_tools.cli import Refusal, UsageError  # noqa: E402
 
-ENDED = '{"event":"start","decision":"begin"}\n{"event":"success","decision":"ended"}\n'
+ENDED = '{"event":"start","decision":"begin","time_s":12.0}\n{"event":"success","decision":"ended"}\n'
 SUMMARY = {**dict.fromkeys(table_campaign.MEASURES, 1), "bricks_stowed": 3, "bricks_total": 4, "end_reason": "no_brick_left",
            "origin": {"software": "now", "configuration": "this", "commit": "c0ffee"}}
+JUDGE = "time_s,stowed,coverage\n10.0,0,0.0\n12.0,0,0.5\n40.0,2,0.5\n52.0,3,1.0\n"
 DEFINITION = """
 wall_limit_s: 60
 time_limit_s: {two_rows: 600, wall: 90.5}
@@ -51,13 +52,14 @@ class Campaign(unittest.TestCase):
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="campaign_"))
         self.addCleanup(shutil.rmtree, self.folder)
 
-    def make(self, name="run", summary=SUMMARY, log=ENDED, launch=""):
+    def make(self, name="run", summary=SUMMARY, log=ENDED, launch="", judge=JUDGE):
         """A result's folder, and the mission that it should be of."""
         folder = self.folder / name
         (folder / "log").mkdir(parents=True)
         (folder / "summary.json").write_text(summary if isinstance(summary, str) else json.dumps(summary))
         (folder / "mission.jsonl").write_text(log)
         (folder / "log/roslaunch.log").write_text(launch)
+        (folder / "judge.csv").write_text(judge)
         return {"scene": "one_heap", "cycle": "paper", "variant": "complete", "seed": "1", "folder": str(folder), "software": "now", "configuration": "this"}
 
     def test_a_whole_result_counts(self):
@@ -72,6 +74,7 @@ class Campaign(unittest.TestCase):
                  ({"summary": "[" * 100000}, "broken: "), ({"summary": {**SUMMARY, "falls": 10**400}}, "broken: OverflowError"),
                  ({"summary": {**SUMMARY, "bricks_stowed": None}}, "broken: ValueError"), ({"summary": {**SUMMARY, "falls": []}}, "broken: TypeError"),
                  ({"summary": {key: SUMMARY[key] for key in SUMMARY if key != "origin"}}, "broken: KeyError"),
+                 ({"judge": "time_s,stowed\n10.0,0\n"}, "broken: KeyError: 'coverage'"), ({"judge": ""}, "broken: KeyError: 'time_s'"),
                  ({"log": ENDED.splitlines()[0]}, "the mission did not end by itself"),
                  ({"log": '{"event":"STALE_MAP"}\n' + ENDED}, "stale input: STALE_MAP"), ({"log": '{"event": "stale scan"}\n' + ENDED}, "stale input: stale scan"),
                  ({"launch": "[gpis_mapping-3] process has died [pid 1, exit code -9]"}, "a node ended: gpis_mapping-3"),
@@ -80,7 +83,7 @@ class Campaign(unittest.TestCase):
             problem, _ = campaign.state_of(self.make(str(number), **changes))
             self.assertTrue(problem and problem.startswith(words), (words, problem))
         whole = self.make()
-        for name in ("log/roslaunch.log", "mission.jsonl"):
+        for name in ("judge.csv", "log/roslaunch.log", "mission.jsonl"):
             (self.folder / "run" / name).unlink()
             self.assertEqual(campaign.state_of(whole)[0], f"broken: no {pathlib.Path(name).name}")
         (self.folder / "run/summary.json").unlink()
@@ -156,28 +159,65 @@ class Campaign(unittest.TestCase):
         self.assertEqual(left_after_a_call(), ([6, 0, 0], 1))
 
     def table(self, *rows):
-        path = self.folder / "missions.csv"
+        """The tables as printed, and {(variant, measure): row} of tables.csv."""
+        path, mission = self.folder / "missions.csv", self.folder / "mission"
+        mission.mkdir(exist_ok=True)
         with path.open("w", newline="") as stream:
             writer = csv.DictWriter(stream, table_campaign.COLUMNS)
             writer.writeheader()
-            writer.writerows(table_campaign.row_of(cell, {**SUMMARY, **summary}) for cell, summary in rows)
+            for cell, changes in rows:
+                summary = {**SUMMARY, **changes}
+                # A brick every ten seconds.
+                (mission / "judge.csv").write_text("time_s,stowed,coverage\n" + "".join(f"{10.0 * (1 + count)},{count},0.9\n" for count in range(summary["bricks_stowed"] + 1)))
+                writer.writerow(table_campaign.row_of({**cell, "folder": mission}, summary))
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             table_campaign.print_tables(path)
-        return printed.getvalue()
+        self.assertEqual(printed.getvalue(), "\n" + (self.folder / "tables.md").read_text())
+        with (self.folder / "tables.csv").open(newline="") as stream:
+            return printed.getvalue(), {(row["variant"], row["measure"]): row for row in csv.DictReader(stream)}
+
+    @staticmethod
+    def row(variant, seed, stowed, scene="one_heap", **summary):
+        return {"scene": scene, "cycle": "paper", "variant": variant, "seed": seed}, {"bricks_stowed": stowed, "bricks_total": 4, **summary}
 
     def test_table_has_means_and_paired_differences(self):
-        def row(variant, seed, stowed, **summary):
-            return {"scene": "one_heap", "cycle": "paper", "variant": variant, "seed": seed}, {"bricks_stowed": stowed, "bricks_total": 4, **summary}
-
         # Bricks vary from seed to seed, the difference does not: seed 3 has no partner.
-        rows = [row("complete", 1, 4, falls=0), row("no_travel", 1, 3), row("complete", 2, 2, falls=2, map_coverage=None), row("no_travel", 2, 1), row("no_travel", 3, 4)]
-        lines = self.table(*rows).splitlines()
-        self.assertEqual(lines[1], "one_heap, cycle paper")
-        self.assertEqual(lines[5], "| complete | 2 | 75.0 [50.0, 100.0] | - | 100.0 | 100.0 [100.0, 100.0] | 1.0 [0.0, 2.0] | 1.0 [1.0, 1.0] | 1.0 [1.0, 1.0] | 1.0 [1.0, 1.0] | "
-                         "1.0 [1.0, 1.0] | 1.0 [1.0, 1.0] | no_brick_left |")
-        header, separators = lines[3].count("|"), lines[4].count("|")
-        self.assertEqual((header, separators), (lines[5].count("|"), header))
-        self.assertTrue(lines[6].startswith("| no_travel | 3 | 66.7 [25.0, 100.0] | -25.0 [-25.0, -25.0] |"), lines[6])
+        text, cells = self.table(self.row("complete", 1, 4, falls=0), self.row("no_travel", 1, 3), self.row("complete", 2, 2, falls=2, map_coverage=None),
+                                 self.row("no_travel", 2, 1, collisions=0), self.row("no_travel", 3, 4))
+        lines = text.splitlines()
+        for begin in ("| complete | 2 | 3.0 [2.0, 4.0] | 17 | 100.0 | 100 | 1.0 [0.0, 2.0] | 1 | 2 of 2 | N |",  # beside the paper's
+                      "| no_travel | 2 | 2.0 [1.0, 3.0] | 11 | 100.0 [100.0, 100.0] | 80 | 1.0 [1.0, 1.0] | 3 | 1 of 2 | Y |",  # seeds of all
+                      "| complete | 2 | 75.0 [50.0, 100.0] | 100.0 (of 1) | 100.0 [100.0, 100.0] | 1.0 [0.0, 2.0] |",
+                      "| no_travel | 3 | 66.7 [25.0, 100.0] |", "| no_travel | 2 | **-25.0 [-25.0, -25.0]** | +0.0 | +0.0 [+0.0, +0.0] | +0.0 [-1.0, +1.0] |"):
+            self.assertTrue(any(line.startswith(begin) for line in lines), (begin, text))
+        self.assertEqual({key: cells["no_travel", "bricks"][key] for key in ("missions", "n", "pairs")}, {"missions": "3", "n": "3", "pairs": "2"})
+        self.assertEqual([float(cells["no_travel", "bricks"][key]) for key in ("mean_low", "mean_high", "difference")], [25.0, 100.0, -25.0])
+
+    def test_findings_tell_what_is_better_and_worse(self):
+        self.table(*(self.row("complete", seed, 3, falls=2, map_coverage=0.5) for seed in (1, 2)), *(self.row("no_travel", seed, seed, falls=1) for seed in (1, 2)),
+                   *(self.row("no_frontier", seed, 3, falls=2 * seed, map_coverage=0.5) for seed in (1, 2)))
+        self.assertEqual(table_campaign.findings_text(table_campaign.read_rows(self.folder / "missions.csv")),
+                         "- `one_heap`, cycle `paper`, `no_travel`, 2 pairs: better in map % **+50.0 [+50.0, +50.0]**, falls **-1.0 [-1.0, -1.0]**; "
+                         "worse in bricks % **-37.5 [-50.0, -25.0]**.\n- `one_heap`, cycle `paper`, `no_frontier`, 2 pairs: no difference shows.\n")
+
+    def test_every_measure_of_the_design_is_in_the_tables(self):
+        text, cells = self.table(self.row("complete", 1, 4))
+        for title, _ in table_campaign.SHOWN.values():
+            self.assertIn(f"| {title} |", text)
+        self.assertEqual({measure for _, measure in cells}, {"bricks", *table_campaign.MEASURES, *table_campaign.TIMES} - {"bricks_stowed", "bricks_total", "wall_seconds"})
+
+    def test_a_time_that_one_mission_did_not_reach_is_no_mean(self):
+        # After 2 of 4 bricks: 20 s. After 4: 40 s, in two missions of three.
+        text, cells = self.table(*(self.row("complete", seed, 4, scene="tipped_20") for seed in (1, 2)), self.row("complete", 3, 3, scene="tipped_20"),
+                                 *(self.row("octomap_random", seed, stowed, scene="tipped_20") for seed, stowed in ((1, 2), (2, 1), (3, 1))))
+        self.assertIn("| tipped_20 | #2 | complete | 3 | 91.7 [75.0, 100.0] | 100 \u00b1 6 | 100.0 [100.0, 100.0] | 82 \u00b1 8.5 | 20.0 [20.0, 20.0] | reached by 2 of 3 | reached by 2 of 3 |", text)
+        self.assertIn("| reached by 1 of 3 | reached by 0 of 3 | reached by 0 of 3 |", text)
+        self.assertEqual([cells["octomap_random", "seconds_to_50"][key] for key in ("n", "mean", "difference", "pairs")], ["1", "", "", "0"])
+        self.assertEqual([cells["complete", "seconds_to_100"][key] for key in ("n", "mean")], ["2", ""])
+
+    def test_time_counts_from_the_start_of_the_mission(self):
+        row = table_campaign.row_of(self.make(), {**SUMMARY, "bricks_total": 3})
+        self.assertEqual([row[key] for key in table_campaign.TIMES], [28.0, 40.0, 40.0])
 
     def test_states_of_the_software_are_not_mixed(self):
         cell = {"scene": "one_heap", "cycle": "paper", "variant": "complete", "seed": 1}

@@ -21,11 +21,6 @@ sys.path.insert(0, str(HERE))
 
 import run_folder  # noqa: E402
 
-FIG8_SUMMARY = {"systems": {"gpis": {"title": "Dynamic GPIS", "ghost_area_m2": 0.0001, "outside_share": 0.01, "against_truth": {"rms_m": 0.001},
-                                     "against_last_scan": {"mean_m": 1e-5, "std_dev_m": 1e-4, "rms_m": 1e-4, "median_abs_m": 1e-4, "p95_abs_m": 2e-4,
-                                                           "count": 1000}}}}
-
-
 def map_result():
     """What bench_map_vs_octomap leaves, with made-up numbers."""
     def series(value):
@@ -187,26 +182,14 @@ class ScriptRefusals(unittest.TestCase):
         for option in ("--frames", "--plans", "--picks", "--hours"):
             self.refused(2, f"{option} needs a number", "soak", option)
 
-    def test_report_fig8_says_what_it_cannot_read(self):
-        self.refused(1, f"{self.folder / 'nope'}: no folders with a summary.json", "report_fig8.py", self.folder / "nope")
-        path = self.folder / "fig8_full/summary.json"
-        path.parent.mkdir()
-        for text in (json.dumps(FIG8_SUMMARY)[:100], "[]", '{"systems": []}', '{"systems": {"gpis": {}}}'):
-            path.write_text(text)
-            self.refused(1, str(path), "report_fig8.py", self.folder)
-        path.write_text(json.dumps(FIG8_SUMMARY))
-        done = self.run_it(SCRIPTS / "report_fig8.py", self.folder)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("fig8_full, Dynamic GPIS", done.stdout)
-
-    def test_plot_fig8_says_what_it_cannot_read(self):
-        out = self.folder / "fig8.png"
-        self.refused(1, "nope", "plot_fig8.py", self.folder / "nope", "--out", out)
-        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY)[:100])
-        self.refused(1, f"{self.folder}: cannot be drawn", "plot_fig8.py", self.folder, "--out", out)
-        (self.folder / "summary.json").write_text(json.dumps(FIG8_SUMMARY))
-        self.refused(1, "gpis_before.ply", "plot_fig8.py", self.folder, "--out", out)
-        self.assertFalse(out.exists())
+    def test_figures_says_what_it_needs(self):
+        self.refused(2, "figure 4 needs a mission's run folder", "figures", "4")
+        self.refused(2, "invalid choice: '2'", "figures", "2")
+        self.refused(1, "nope/missions.csv: No such file", "figures", "7", self.folder / "nope")
+        (self.folder / "blanket.csv").write_text("column,row\n1,2\n")
+        for text, words in (("x,y,z\n", "removed.csv: holds no row"), ("x,y\n1,2\n", "cannot be drawn: KeyError: 'z'"), ("x,y,z\n1,2,3\n", "gpis_before.ply: No such file")):
+            (self.folder / "removed.csv").write_text(text)
+            self.refused(1, words, "figures", "3", self.folder)
 
     def test_plot_bench_renews_what_was_measured_and_says_what_is_missing(self):
         page, path = self.folder / "page.md", self.folder / "bench_map_vs_octomap.json"

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Makes one of the paper's figures anew, or its tables: NAME.png with NAME.csv beside it in results/figures.
+
+  1       four panels of one cycle           INPUT: a mission's run folder
+  3       tolerance of one look, deletions   INPUT: a run of fig8_experiment (default: made)
+  4       one choice of a view, by factors   INPUT: a mission's run folder
+  5       the arm's sectors                  INPUT: samples of fit_manipulability (default: made)
+  6       the scenes                         of the pictures of scripts/pictures
+  7       bricks and map over time           INPUT: a campaign's folder (default: results/campaign)
+  8       accuracy after a removal           INPUT: results/fig8 of an earlier call (default: made, some minutes)
+  9       order of the picks                 INPUT: a mission's run folder
+  tables  Tables I and II                    INPUT: a campaign's folder (default: results/campaign)
+"""
+
+import itertools
+import pathlib
+import shutil
+import subprocess
+
+import matplotlib.image
+import numpy as np
+import yaml
+from PIL import Image
+
+from . import ROOT, figure_accuracy, figure_mission, table_campaign, workspace
+from .cli import Parser, Refusal, UsageError, one_line_errors
+from .figure_accuracy import write_rows
+from .results import replace_between_marks
+from .style import BLUE, GREY, ORANGE, legend_below, plt, save, tidy
+
+DOCS = ROOT / "docs/results"
+PLACES = {"fig5.png": ROOT / "docs/images/manipulability_sectors.png"}  # of other pages, too; all others are in docs/results/figures
+MAX_BYTES = 250_000
+STEP_S = 5.0
+SYSTEMS = {"complete": ("ours", BLUE), "octomap_gradient_frontier": ("OctoMap, gradient frontier", ORANGE), "octomap_random": ("OctoMap, random", GREY)}
+NOTHING = "No counted missions yet.\n"
+
+
+def sectors(source, out):
+    """Fig. 5. What is drawn is what the node uses: the samples have to be of the same robot."""
+    urdf, shipped = ROOT / "src/mp700_ur5e_description/urdf/mp700_ur5e.urdf", ROOT / "src/motion_planning/config/manipulability_sectors.yaml"
+    if source is None:
+        workspace.library("install_packages; build_workspace fit_manipulability")
+        folder = ROOT / "results/fit_manipulability"
+        folder.mkdir(parents=True, exist_ok=True)
+        source, fitted = folder / "samples.csv", folder / "sectors.yaml"
+        subprocess.run([ROOT / "devel/lib/motion_planning/fit_manipulability", "--urdf", urdf, "--out", fitted, "--samples", source], check=True)
+        if yaml.safe_load(fitted.read_text(encoding="utf-8")) != yaml.safe_load(shipped.read_text(encoding="utf-8")):
+            raise Refusal(f"{fitted} is not {shipped}: the shipped sectors are of another robot")
+    subprocess.run([ROOT / "src/motion_planning/scripts/plot_manipulability", "--samples", source, "--sectors", shipped, "--urdf", urdf, "--out", out / "fig5.png"], check=True)
+    found = yaml.safe_load(shipped.read_text(encoding="utf-8"))
+    write_rows(out / "fig5.csv", ("faces", *found["top"]), ((kind, *found[kind].values()) for kind in ("top", "side")))
+
+
+def scenes(_, out):
+    """Fig. 6."""
+    figure, panels = plt.subplots(1, len(table_campaign.OUR_SCENES), figsize=(15.0, 2.7), constrained_layout=True)
+    rows = []
+    for axes, letter, scene in zip(panels, "abc", table_campaign.OUR_SCENES):
+        world = yaml.safe_load((ROOT / f"sim_tests/simulated_world/worlds/{scene}.yaml").read_text(encoding="utf-8"))
+        piles = world.get("heaps", []) + world.get("tipped", [])
+        rows.append((scene, sum(pile["bricks"] for pile in piles), sum(world.get("decoys", {}).values()), sum(np.prod(pile["extent_m"]) for pile in piles)))
+        axes.imshow(matplotlib.image.imread(ROOT / f"docs/images/worlds/{scene}.png"))
+        axes.set_title(f"({letter}) {scene}: {rows[-1][1]} bricks" + (f", {rows[-1][2]} of them decoys" if rows[-1][2] else ""), fontsize=13, loc="left")
+        axes.set_axis_off()
+    save(figure, out / "fig6.png")
+    write_rows(out / "fig6.csv", ("scene", "bricks", "decoys", "extent_m2"), rows)
+
+
+def curves_of(folder):
+    """{(scene, cycle): {system: (seconds, {"bricks", "map": missions x seconds [%]})}} of those that count. A mission that has ended keeps what it had."""
+    rows = table_campaign.read_rows(folder / "missions.csv")
+    found = {}
+    for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows if row["variant"] != "complete" and row["variant"] in SYSTEMS):
+        read = {system: [table_campaign.curve_of(folder / "-".join(row[key] for key in table_campaign.CELL), row["bricks_total"]) for row in runs]
+                for system, runs in table_campaign.paired(rows, scene, cycle, SYSTEMS).items() if runs}
+        if not read:
+            raise Refusal(f"{folder / 'missions.csv'}: {scene}: no seed of all systems")
+        last_s = max(seconds[-1] for runs in read.values() for seconds, *_ in runs)
+        grid = np.arange(0.0, last_s + STEP_S, STEP_S)
+        found[scene, cycle] = {}
+        for system, runs in read.items():
+            at = [np.maximum(np.searchsorted(seconds, grid, side="right") - 1, 0) for seconds, *_ in runs]
+            found[scene, cycle][system] = grid, {name: np.array([run[column][index] for run, index in zip(runs, at)]) for column, name in ((1, "bricks"), (2, "map"))}
+    if not found:
+        raise Refusal(f"{folder / 'missions.csv'}: no missions of {', '.join(SYSTEMS)}")
+    return found
+
+
+def curves(source, out):
+    """Fig. 7."""
+    found = curves_of(source or ROOT / "results/campaign")
+    figure, panels = plt.subplots(len(found), 2, figsize=(13.0, 3.6 * len(found) + 0.6), constrained_layout=True, squeeze=False)
+    rows = []
+    for (bricks_axes, map_axes), ((scene, cycle), systems) in zip(panels, found.items()):
+        for axes, name, title in ((bricks_axes, "bricks", "bricks stowed [%]"), (map_axes, "map", "pile in the map [%]")):
+            for system, (grid, values) in systems.items():
+                label, colour = SYSTEMS[system]
+                low, high = np.percentile(values[name], (25, 75), axis=0)
+                axes.plot(grid / 60.0, values[name].T, color=colour, linewidth=0.6, alpha=0.5)
+                axes.fill_between(grid / 60.0, low, high, color=colour, alpha=0.18, linewidth=0)
+                axes.plot(grid / 60.0, values[name].mean(axis=0), color=colour, linewidth=2.4, label=label)
+            axes.set_ylim(0, 105)
+            axes.set_xlim(0, grid[-1] / 60.0)
+            tidy(axes, f"{scene}: {title}, n = {len(values[name])}", "simulated time [min]" if axes in panels[-1] else None)
+        for system, (grid, values) in systems.items():
+            quartiles = [np.percentile(values[name], share, axis=0) for name in ("bricks", "map") for share in (25, 75)]
+            rows += zip(itertools.repeat(scene), itertools.repeat(cycle), itertools.repeat(system), itertools.repeat(len(values["bricks"])), grid, values["bricks"].mean(axis=0), *quartiles[:2],
+                        values["map"].mean(axis=0), *quartiles[2:])
+    legend_below(figure, panels[0, 0], 3)
+    save(figure, out / "fig7.png", bbox_inches="tight")
+    write_rows(out / "fig7.csv", ("scene", "cycle", "system", "n", "time_s", "bricks_mean", "bricks_q25", "bricks_q75", "map_mean", "map_q25", "map_q75"), rows)
+
+
+def tables(source, out):
+    shutil.copy((source or ROOT / "results/campaign") / "missions.csv", out / "missions.csv")
+    table_campaign.print_tables(out / "missions.csv")
+
+
+FIGURES = {"1": figure_mission.cycle, "3": figure_accuracy.blanket, "4": figure_mission.utility, "5": sectors, "6": scenes, "7": curves, "8": figure_accuracy.accuracy,
+           "9": figure_mission.order, "tables": tables}
+NEED_INPUT = ("1", "4", "9")
+PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text, "findings": table_campaign.findings_text, "measures": table_campaign.measures_text}
+
+
+def page_parts(folder):
+    """{mark in docs/results/index.md: Markdown} of the folder's missions.csv and fig7.png; without them, the sentence that says so."""
+    rows = table_campaign.read_rows(folder / "missions.csv") if (folder / "missions.csv").exists() else None
+    parts = {mark: (text_of(rows) if rows else "") or NOTHING for mark, text_of in PARTS.items()}
+    return {**parts, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n" if (folder / "fig7.png").exists() else NOTHING}
+
+
+def update_docs(name, made):
+    (DOCS / "figures").mkdir(exist_ok=True)
+    for path in made:
+        shutil.copy(path, PLACES.get(path.name, DOCS / "figures" / path.name))
+    if name == "8":
+        replace_between_marks(DOCS / "fig8.md", "table", (ROOT / "results/figures/fig8.md").read_text(encoding="utf-8"))
+    if name in ("7", "tables"):
+        for mark, text in page_parts(DOCS / "figures").items():
+            replace_between_marks(DOCS / "index.md", mark, text)
+
+
+@one_line_errors
+def main():
+    parser = Parser(__doc__)
+    parser.add_argument("name", metavar="NAME", choices=FIGURES, help="one of the above")
+    parser.add_argument("input", metavar="INPUT", type=pathlib.Path, nargs="?")
+    parser.add_argument("--update-docs", action="store_true", help="copy figure and numbers into docs/results")
+    arguments = parser.parse_args()
+    if arguments.input is None and arguments.name in NEED_INPUT:
+        raise UsageError(f"figure {arguments.name} needs a mission's run folder")
+    out, stem = ROOT / "results/figures", "" if arguments.name == "tables" else f"fig{arguments.name}"
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        FIGURES[arguments.name](arguments.input, out)
+    except (*table_campaign.BROKEN, IndexError) as error:
+        raise Refusal(f"{arguments.input or 'results'}: cannot be drawn: {table_campaign.words_of(error)}") from error
+    made = [out / "missions.csv", out / "tables.csv"] if arguments.name == "tables" else sorted(path for suffix in ("png", "csv") for path in out.glob(f"{stem}[._]*{suffix}"))
+    for path in made:
+        if path.suffix == ".png" and path.stat().st_size > MAX_BYTES:
+            Image.open(path).convert("RGB").quantize(255, dither=0).save(path, optimize=True)
+            if path.stat().st_size > MAX_BYTES:
+                raise Refusal(f"{path} has {path.stat().st_size} bytes, must be {MAX_BYTES} at most")
+    if arguments.update_docs:
+        update_docs(arguments.name, made)
+    print(*made, sep="\n")
