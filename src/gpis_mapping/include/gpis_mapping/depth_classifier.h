@@ -10,6 +10,13 @@
 
 namespace gpis_mapping {
 
+/// What a pixel of this camera has done so far.
+enum class PixelHistory : std::uint8_t {
+  kUnknown,
+  kMeasures,
+  kNeverMeasures,  // not in many images that had a depth nearly everywhere: a margin of the sensor
+};
+
 enum class PixelKind : std::uint8_t {
   kSurface,        // a depth was measured
   kWall,           // nothing within reach: the virtual wall stands there

@@ -52,9 +52,10 @@ struct UpdateStatistics {
 /// What is remembered of the camera from image to image.
 struct CameraView {
   CameraModel camera;
-  // Row major; not 0 for pixels in the stated field of view that have measured a depth. Depth that is registered to a
-  // colour image has margins that never do.
-  std::vector<std::uint8_t> can_measure;
+  // Row major; pixels outside of the stated field of view do not measure. Depth that is registered to a colour image has
+  // margins that never do.
+  std::vector<PixelHistory> pixel_history;
+  int num_full{0};  // images so far with a depth at more than half of the pixels
   Eigen::Isometry3d T_map_camera{Eigen::Isometry3d::Identity()};  // of the last image
   double stamp_s{-std::numeric_limits<double>::infinity()};
   int num_displaced{0};        // images running that lay off the map as a whole

@@ -28,13 +28,14 @@ struct SurfaceMeasurement {
 
 /// What a frame says about a stored point (Algorithm 1).
 enum class PointOutcome {
-  kNothing,   // out of view, without information, or seen from behind
-  kDoubtful,  // beside a depth edge, where one image cannot decide
-  kOccluded,  // something stands before it: left as it is
-  kFused,     // the same surface
-  kDeleted,   // seen past
-  kUnseen,    // its pixel is a hole, as it may well be from here
-  kMissing,   // its pixel is a hole, although the sensor measured the point from about here
+  kNothing,    // out of view, without information, or seen from behind
+  kDoubtful,   // beside a depth edge, where one image cannot decide
+  kOccluded,   // something stands before it: left as it is
+  kFused,      // the same surface
+  kConfirmed,  // its pixel is as deep, but beside a hole or an edge, where a plane cannot be fitted
+  kDeleted,    // seen past
+  kUnseen,     // its pixel is a hole, as it may well be from here
+  kMissing,    // its pixel is a hole, although the sensor measured the point from about here
 };
 
 /// A frame's 2.5D^-1 map with eq 7's tolerance about it, for display. A row-major grid over the image.
@@ -59,10 +60,9 @@ struct CameraMotion {
 /// One depth image with everything derived from it, ready to be held against the map.
 class Frame {
  public:
-  /// `config` and `can_measure` must outlive the frame. `can_measure`: not 0 for pixels at which this camera can measure
-  /// a depth, row major.
+  /// `config` and `pixel_history` must outlive the frame; the latter is row major.
   Frame(const GpisConfig& config, std::shared_ptr<const ClassifiedFrame> pixels,
-        std::shared_ptr<const FrameRegressor> regressor, const std::vector<std::uint8_t>& can_measure,
+        std::shared_ptr<const FrameRegressor> regressor, const std::vector<PixelHistory>& pixel_history,
         const Eigen::Isometry3d& T_map_camera, const CameraMotion& motion, float stamp_s, int num_threads);
 
   /// How the frame lies off the map as a whole: a point p of the map is seen at p + shift + turn x p, camera frame [m, rad].
@@ -112,7 +112,7 @@ class Frame {
   double tolerance(const Eigen::Vector3d& p_camera, const Eigen::Vector3d& facing, double across, double variance_m2,
                    double seen_sigma) const;
   /// Would the sensor measure the point from here, as it did when it saw the point last?
-  bool isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera, std::size_t pixel) const;
+  bool isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera) const;
   /// A look that speaks against the point without deciding: several running do.
   PointOutcome miss(SurfacePoint* point) const;
   bool isStray(const SurfaceMeasurement& seen, const Eigen::Vector3d& p_camera,
@@ -122,7 +122,7 @@ class Frame {
   std::shared_ptr<const ClassifiedFrame> pixels_;
   Eigen::Isometry3d T_map_camera_;
   Eigen::Isometry3d T_camera_map_;
-  const std::vector<std::uint8_t>& can_measure_;
+  const std::vector<PixelHistory>& pixel_history_;
   double motion_variance_;  // [m^2] of the camera's position by its speed and the error of stamps
   double angle_variance_;   // [rad^2] of its rotation, by its turning as well
   Misalignment misalignment_;

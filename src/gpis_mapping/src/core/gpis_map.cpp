@@ -27,6 +27,7 @@ using interactive_mapping::Stopwatch;
 
 constexpr double kMinInsertCosine = 0.075;  // what is seen at a flatter angle than 86 degrees is not inserted
 constexpr double kKnownSpacings = 0.8;      // a pixel this near to a point of the map need not be measured
+constexpr int kFullImages = 10;             // after as many, a pixel that has not measured is a margin of the sensor
 constexpr double kFateSpacings = 2.5;       // neighbourhood in which the fate of doubtful points is decided
 constexpr std::uint64_t kFateUpdates = 10;  // how long a removed face speaks for what is left of it
 // Points of one face nearer than this are too many, of two faces at half of it: a little less than insertion keeps, so
@@ -93,8 +94,9 @@ struct GpisMap::CellUpdate {
   std::vector<SurfacePoint> removed;
   // Indices of entries.
   std::vector<std::size_t> doubtful;
-  std::vector<std::size_t> unseen;   // in holes of the image
-  std::vector<std::size_t> missing;  // of these: due
+  std::vector<std::size_t> confirmed;  // without being fused
+  std::vector<std::size_t> unseen;     // in holes of the image
+  std::vector<std::size_t> missing;    // of these: due
   std::vector<std::size_t> gone;
   std::vector<Cell::Entry> moved_out;
 
@@ -175,8 +177,9 @@ void GpisMap::prepareCamera(const CameraModel& camera) {
   eye_.regressor = std::move(regressor);
   if (!(camera == eye_.view.camera)) {
     eye_.view.camera = camera;
-    eye_.view.can_measure.assign(static_cast<std::size_t>(camera.width) * camera.height, 0);
+    eye_.view.pixel_history.assign(static_cast<std::size_t>(camera.width) * camera.height, PixelHistory::kUnknown);
     eye_.view.num_surface = 0;
+    eye_.view.num_full = 0;
   }
   eye_.camera = camera;
 }
@@ -211,8 +214,8 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
     frame_stamp_s = std::nextafter(last_stamp_s_, std::numeric_limits<float>::max());
   }
   last_stamp_s_ = frame_stamp_s;
-  Frame frame(config_, classified, eye_.regressor, eye_.view.can_measure, T_map_camera, motionTo(T_map_camera, stamp_s),
-              frame_stamp_s, threads);
+  Frame frame(config_, classified, eye_.regressor, eye_.view.pixel_history, T_map_camera,
+              motionTo(T_map_camera, stamp_s), frame_stamp_s, threads);
   eye_.view.T_map_camera = T_map_camera;
   eye_.view.stamp_s = stamp_s;
   statistics.regress_ms = stage.lapMs();
@@ -384,15 +387,22 @@ void GpisMap::allowForMisalignment(Frame* frame) {
 
 void GpisMap::learnView(const ClassifiedFrame& pixels) {
   if (pixels.num_surface > 0) eye_.view.num_surface = pixels.num_surface;
+  const bool is_full = 2 * pixels.num_surface > pixels.kind.size();
+  eye_.view.num_full = std::min(eye_.view.num_full + is_full, kFullImages);
   const double half_width = config_.sensor.fov_width_rad > 0.0 ? 0.5 * config_.sensor.fov_width_rad : M_PI_2;
   const double half_height = config_.sensor.fov_height_rad > 0.0 ? 0.5 * config_.sensor.fov_height_rad : M_PI_2;
   const double reach_u = std::tan(half_width) * eye_.camera.fx;
   const double reach_v = std::tan(half_height) * eye_.camera.fy;
   for (int v = 0; v < pixels.height; ++v) {
-    if (std::abs(v - eye_.camera.cy) > reach_v) continue;
+    const bool is_row_in_view = std::abs(v - eye_.camera.cy) <= reach_v;
     for (int u = 0; u < pixels.width; ++u) {
       const std::size_t i = pixels.index(u, v);
-      eye_.view.can_measure[i] |= pixels.kind[i] == PixelKind::kSurface && std::abs(u - eye_.camera.cx) <= reach_u;
+      PixelHistory& history = eye_.view.pixel_history[i];
+      if (pixels.kind[i] == PixelKind::kSurface && is_row_in_view && std::abs(u - eye_.camera.cx) <= reach_u) {
+        history = PixelHistory::kMeasures;
+      } else if (history == PixelHistory::kUnknown && eye_.view.num_full == kFullImages) {
+        history = PixelHistory::kNeverMeasures;
+      }
     }
   }
 }
@@ -446,6 +456,8 @@ void GpisMap::CellUpdate::fuse(const GpisMap& map, const Frame& frame) {
     } else if (outcome == PointOutcome::kUnseen || outcome == PointOutcome::kMissing) {
       unseen.push_back(kept);
       if (outcome == PointOutcome::kMissing) missing.push_back(kept);
+    } else if (outcome == PointOutcome::kConfirmed) {
+      confirmed.push_back(kept);
     } else if (outcome == PointOutcome::kOccluded) {
       ++occluded;
     } else if (outcome == PointOutcome::kFused) {
@@ -572,6 +584,13 @@ void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vecto
       if (entry.point.last_seen_s == frame.stamp()) {
         witnesses.push_back({entry.point.position_map, entry.point.normal_map, false});
       }
+    }
+  }
+  for (const CellUpdate& job : *jobs) {
+    if (job.confirmed.empty() || around.count(job.key) == 0) continue;
+    for (const std::size_t index : job.confirmed) {
+      const SurfacePoint& point = job.cell->entries[index].point;
+      witnesses.push_back({point.position_map, point.normal_map, false});
     }
   }
   const std::vector<HiddenFate> fates = judgeHidden(hidden, witnesses, reach);

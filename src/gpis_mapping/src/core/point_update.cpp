@@ -40,13 +40,13 @@ constexpr double kCorrelatedShare = 0.15;
 }  // namespace
 
 Frame::Frame(const GpisConfig& config, std::shared_ptr<const ClassifiedFrame> pixels,
-             std::shared_ptr<const FrameRegressor> regressor, const std::vector<std::uint8_t>& can_measure,
+             std::shared_ptr<const FrameRegressor> regressor, const std::vector<PixelHistory>& pixel_history,
              const Eigen::Isometry3d& T_map_camera, const CameraMotion& motion, float stamp_s, int num_threads)
     : config_(config),
       pixels_(std::move(pixels)),
       T_map_camera_(T_map_camera),
       T_camera_map_(T_map_camera.inverse()),
-      can_measure_(can_measure),
+      pixel_history_(pixel_history),
       motion_variance_(std::pow(motion.speed_mps * config.sensor.stamp_std_s, 2)),
       angle_variance_(std::pow(config.sensor.pose_std_rad, 2) +
                       std::pow(motion.turn_radps * config.sensor.stamp_std_s, 2)),
@@ -129,8 +129,8 @@ std::optional<Eigen::Vector2i> Frame::pixelOf(const Eigen::Vector3d& p_map) cons
   return Eigen::Vector2i(static_cast<int>(u + 0.5), static_cast<int>(v + 0.5));
 }
 
-bool Frame::isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera, std::size_t pixel) const {
-  if (!config_.dynamic.enabled || !can_measure_[pixel]) return false;
+bool Frame::isDue(const SurfacePoint& point, const Eigen::Vector3d& p_camera) const {
+  if (!config_.dynamic.enabled) return false;
   const double range = p_camera.norm();
   if (range < kTooNear * config_.sensor.min_range_m || range > kTooFar * config_.sensor.max_range_m) return false;
   const Eigen::Vector3d then = point.seen_from_map.cast<double>() - point.position_map;  // NaN: false below
@@ -241,7 +241,11 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const Block block = pixels_->blocked[pixel];
   if (block == Block::kNoInformation) return PointOutcome::kNothing;
   const float clear_to = pixels_->clear_to[pixel];
-  const auto inHole = [&] { return isDue(*point, p, pixel) ? PointOutcome::kMissing : PointOutcome::kUnseen; };
+  const auto inHole = [&] {
+    if (pixel_history_[pixel] == PixelHistory::kNeverMeasures) return PointOutcome::kNothing;
+    const bool is_due = pixel_history_[pixel] == PixelHistory::kMeasures && isDue(*point, p);
+    return is_due ? PointOutcome::kMissing : PointOutcome::kUnseen;
+  };
   if (kind == PixelKind::kHole && clear_to == 0.0f) return inHole();
 
   const double range = p.norm();
@@ -260,6 +264,9 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const Eigen::Vector3d facing = (seen_n.dot(p.cast<float>()) < n.dot(p.cast<float>()) ? seen_n : n).cast<double>();
   const double tolerance = this->tolerance(p, facing, across, point->variance_m2, seen.sigma);
 
+  const double past_pixel = inverse_range - pixels_->inverse_range[pixel];
+  const PointOutcome beside_pixel =
+      std::abs(past_pixel) < tolerance && cosine > kMinCosine ? PointOutcome::kConfirmed : PointOutcome::kNothing;
   if (block == Block::kNarrow) {
     // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look
     // from here, and it would keep a piece of a removed object: what all pixels round a dropout see past shares the
@@ -270,7 +277,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
       if (kind == PixelKind::kHole) return inHole();
       return is_past && config_.dynamic.enabled ? PointOutcome::kDoubtful : PointOutcome::kNothing;
     }
-    return inverse_range - pixels_->inverse_range[pixel] >= tolerance ? miss(point) : PointOutcome::kNothing;
+    return past_pixel >= tolerance ? miss(point) : beside_pixel;
   }
   // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
   const double delta = inverse_range - seen.inverse_range;
@@ -281,7 +288,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   }
   // Seen past by its own pixel, spared by a nearer one beside it: it shares the fate of its neighbours, and goes when
   // look after look finds it there without ever confirming it.
-  if (inverse_range - pixels_->inverse_range[pixel] >= tolerance) return miss(point);
+  if (past_pixel >= tolerance) return miss(point);
   if (delta <= -tolerance && seen.smooth) {
     // Just behind a surface that faces the same way, it is that surface, placed too far: as one too near, it goes.
     const bool is_double = delta > -kDoubleTolerances * tolerance && seen_n.dot(n) > kSameFaceCosine;
@@ -295,6 +302,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of an
   // object that is gone: the rest of the face knows.
   if (cosine < kMinCosine) return cosine < -kMinCosine ? PointOutcome::kDoubtful : PointOutcome::kNothing;
+  if (!measurement) return beside_pixel;
   return is_near ? fuse(*measurement, p, point) : PointOutcome::kNothing;
 }
 

@@ -39,8 +39,8 @@ TEST(InsertionGrid, StrikesOutWhatASearchOfAllPointsFinds) {
   const double z = 0.5 * (config.sensor.min_range_m + config.sensor.max_range_m);
   const auto regressor =
       std::make_shared<FrameRegressor>(kCamera, config.frame_map, config.sensor.noise.sigma(z) / (z * z));
-  const std::vector<std::uint8_t> can_measure(160 * 120, 1);
-  const Frame frame(config, pixels, regressor, can_measure, T_map_camera, {}, 1.0f, 1);
+  const std::vector<PixelHistory> history(160 * 120, PixelHistory::kMeasures);
+  const Frame frame(config, pixels, regressor, history, T_map_camera, {}, 1.0f, 1);
   InsertionGrid grid(frame, config, crowding, 2);
   ASSERT_EQ(grid.rows(), 40);
   ASSERT_EQ(grid.columns(), 54);

@@ -52,12 +52,12 @@ class PointUpdate : public ::testing::Test {
     const double z = 0.5 * (config_.sensor.min_range_m + config_.sensor.max_range_m);
     const auto regressor =
         std::make_shared<FrameRegressor>(kCamera, config_.frame_map, config_.sensor.noise.sigma(z) / (z * z));
-    return Frame(config_, pixels_, regressor, can_measure_, T_map_camera, motion, 1.0f, 1);
+    return Frame(config_, pixels_, regressor, pixel_history_, T_map_camera, motion, 1.0f, 1);
   }
 
   GpisConfig config_;
   std::shared_ptr<ClassifiedFrame> pixels_;
-  std::vector<std::uint8_t> can_measure_ = std::vector<std::uint8_t>(160 * 120, 1);
+  std::vector<PixelHistory> pixel_history_ = std::vector<PixelHistory>(160 * 120, PixelHistory::kMeasures);
 };
 
 const std::vector<Plane> kCorner = {
@@ -199,9 +199,11 @@ TEST_F(PointUpdate, HoleIsEvidenceOnlyWhereTheSensorMeasuredBefore) {
   SurfacePoint restored = seen;
   restored.seen_from_map.setConstant(std::numeric_limits<float>::quiet_NaN());
   EXPECT_EQ(outcomeAt(restored, {0.0, 0.0, 0.0}), PointOutcome::kUnseen);
-  std::fill(can_measure_.begin(), can_measure_.end(), 0);
-  EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 0.0}), PointOutcome::kUnseen) << "a pixel that never measured";
-  std::fill(can_measure_.begin(), can_measure_.end(), 1);
+  std::fill(pixel_history_.begin(), pixel_history_.end(), PixelHistory::kUnknown);
+  EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 0.0}), PointOutcome::kUnseen) << "a pixel that has not measured yet";
+  std::fill(pixel_history_.begin(), pixel_history_.end(), PixelHistory::kNeverMeasures);
+  EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 0.0}), PointOutcome::kNothing) << "a margin of the sensor";
+  std::fill(pixel_history_.begin(), pixel_history_.end(), PixelHistory::kMeasures);
   config_.dynamic.enabled = false;
   EXPECT_EQ(outcomeAt(seen, {0.0, 0.0, 0.0}), PointOutcome::kUnseen) << "a static map";
 }

@@ -126,8 +126,9 @@ TEST(SeveralCameras, MayDifferInSizeAndKeepTheFieldOfViewOfTheFirst) {
   }
   const MapContents contents = map.contents();
   EXPECT_EQ(contents.view.camera.width, 80);
-  EXPECT_EQ(contents.view.can_measure.size(), 80u * 60u);
-  EXPECT_EQ(std::count(contents.view.can_measure.begin(), contents.view.can_measure.end(), 0), 0);
+  EXPECT_EQ(contents.view.pixel_history.size(), 80u * 60u);
+  EXPECT_EQ(std::count(contents.view.pixel_history.begin(), contents.view.pixel_history.end(), PixelHistory::kMeasures),
+            80 * 60);
   EXPECT_EQ(contents.view.T_map_camera.translation().x(), -0.3);
 }
 
