@@ -253,8 +253,7 @@ const std::vector<Transition>& transitions();
 /// Null: none fits.
 const Transition* nextTransition(State from, Trigger trigger, const std::function<bool(Guard)>& holds);
 
-/// The table in Markdown, and as a graph for dot.
+/// The table in Markdown.
 std::string transitionsAsMarkdown();
-std::string transitionsAsDot();
 
 }  // namespace pick_mission
