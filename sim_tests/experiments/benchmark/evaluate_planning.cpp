@@ -24,7 +24,6 @@
 namespace experiments {
 namespace {
 
-using motion_planning::PlanStatus;
 using nlohmann::json;
 
 /// How a surface's uncertainty becomes distance.
@@ -346,11 +345,11 @@ class Evaluation {
     row.problem = problem.name;
     row.is_touchable = is_touchable;
     const ProblemPlanner::Answer answer = planner->plan(problem);
-    row.status = answer.plan.status == PlanStatus::kSuccess ? "success" : toString(answer.plan.status);
+    row.status = answer.status();
     row.plan_ms = answer.plan_ms;
     row.wall_ms = answer.plan_wall_ms;
     row.scene_ms = answer.scene.mesh_ms + answer.scene.lattice_ms;
-    if (row.isSolved()) row.verdict = judgePick(maker, problem, answer.plan, planner->planner().config());
+    if (row.isSolved()) row.verdict = judgePick(maker, problem, *answer.plan, planner->planner().config());
     write(row, *csv_);
     return row;
   }

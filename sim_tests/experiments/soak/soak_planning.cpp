@@ -78,17 +78,18 @@ json plansOfPile(std::uint64_t seed, const Options& options) {
                {"worst", ""},  {"lift_overlap_mm", 0.0}};
   for (const PlanningProblem& problem : maker.problemsOfPile(seed, kStands, kTargets)) {
     const ProblemPlanner::Answer answer = planner.plan(problem);
-    const std::string status = toString(answer.plan.status);
+    const std::string status = answer.status();
     line["statuses"][status] = line["statuses"].value(status, 0) + 1;
     if (answer.plan_ms > line["worst_ms"].get<double>()) {
       line["worst_ms"] = answer.plan_ms;
       line["worst"] = problem.name + ": " + status;
     }
-    if (answer.plan.status != motion_planning::PlanStatus::kSuccess) {
-      if (answer.plan.message.empty()) line["bad"].push_back({{"problem", problem.name}, {"why", "no reason given"}});
+    if (!answer.plan) {
+      if (answer.plan.failure().message.empty())
+        line["bad"].push_back({{"problem", problem.name}, {"why", "no reason given"}});
       continue;
     }
-    const PlanVerdict verdict = judgePick(maker, problem, answer.plan, planner.planner().config());
+    const PlanVerdict verdict = judgePick(maker, problem, *answer.plan, planner.planner().config());
     line["lift_overlap_mm"] = std::max(line["lift_overlap_mm"].get<double>(), 1e3 * verdict.lift_overlap_m);
     if (!verdict.isGood()) line["bad"].push_back({{"problem", problem.name}, {"why", verdict.describe()}});
   }

@@ -62,7 +62,6 @@ TEST(ExactChecker, MeasuresDepthAndDistanceOfTheMagnet) {
     if (gap_m > 0.0) {
       EXPECT_THAT(overlaps, IsEmpty());
       EXPECT_NEAR(checker.clearance(reachingDown(), 0.2), gap_m, 2e-4);
-      EXPECT_NEAR(checker.magnetDistance(reachingDown(), 7), gap_m, 2e-4);
       EXPECT_EQ(checker.clearance(reachingDown(), 0.2, 7), 0.2);
     } else {
       ASSERT_EQ(overlaps.size(), 1U);

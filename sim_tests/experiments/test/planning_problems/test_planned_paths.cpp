@@ -15,8 +15,6 @@
 namespace experiments {
 namespace {
 
-using motion_planning::PlanStatus;
-
 constexpr std::uint64_t kPiles = 17;
 const std::string kSectors = std::string(MOTION_PLANNING_DIR) + "/config/manipulability_sectors.yaml";
 
@@ -39,14 +37,14 @@ TEST(PlannedPaths, KeepClearOfTheExactScene) {
       const bool is_touchable = isTouchable(maker, *planner.arm(), problem);
       touchable += is_touchable;
       const ProblemPlanner::Answer answer = planner.plan(problem);
-      if (answer.plan.status != PlanStatus::kSuccess) {
-        ++failures[toString(answer.plan.status)];
-        EXPECT_FALSE(answer.plan.message.empty());
+      if (!answer.plan) {
+        ++failures[answer.status()];
+        EXPECT_FALSE(answer.plan.failure().message.empty());
         continue;
       }
       ++solved;
       solved_of_touchable += is_touchable;
-      const PlanVerdict verdict = judgePick(maker, problem, answer.plan, planner.planner().config());
+      const PlanVerdict verdict = judgePick(maker, problem, *answer.plan, planner.planner().config());
       EXPECT_TRUE(verdict.isGood()) << verdict.describe();
       EXPECT_GT(verdict.looks, 100U);
       looks += verdict.looks;

@@ -546,7 +546,7 @@ TEST_F(PlanningNode, TheMonitorCallsForAStopWhenSomethingComesIntoTheWay) {
   EXPECT_FALSE(late.response.success);
   EXPECT_PRED2(has, late.response.message, "start is 600.0");
   char lasts[512];
-  std::snprintf(lasts, sizeof(lasts), "ago, the trajectory lasts %.3f s: it has ended; watch %u goes on",
+  std::snprintf(lasts, sizeof(lasts), "ago, the trajectory lasts %.3f s: it has ended; watch %u continues",
                 plan.approach.points.back().time_from_start.toSec(), next);
   EXPECT_PRED2(has, late.response.message, lasts);
   EXPECT_EQ(late.response.watch_id, next);
@@ -598,7 +598,7 @@ TEST_F(PlanningNode, TheMonitorLetsTheMagnetTouchItsTargetAlone) {
   ASSERT_TRUE(call("/motion_planning/watch", bad));
   EXPECT_FALSE(bad.response.success);
   EXPECT_PRED2(has, bad.response.message, "target_size");
-  EXPECT_PRED2(has, bad.response.message, "; watch " + std::to_string(id) + " goes on");
+  EXPECT_PRED2(has, bad.response.message, "; watch " + std::to_string(id) + " continues");
   EXPECT_EQ(bad.response.watch_id, id);
   bad = watch;
   bad.request.phase = 9;

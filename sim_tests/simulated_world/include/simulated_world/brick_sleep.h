@@ -45,10 +45,8 @@ class BrickSleep {
 
   /// Wakes a brick's group; for whoever is about to move a brick and does not want the one step's delay.
   void wake(mjModel& model, mjData& data, int brick_id);
-  void wakeAll(mjModel& model, mjData& data);
 
   bool isAsleep(int brick_id) const;
-  int numAsleep() const;
 
  private:
   static constexpr int kAwake = -1;

@@ -45,8 +45,9 @@ struct ComputingRule {
 class ClockGate {
  public:
   static constexpr std::int64_t kNoLimit = std::numeric_limits<std::int64_t>::max();
+  static constexpr double kLongestCost_s = 60.0;
 
-  /// Throws std::invalid_argument for an empty name or a cost outside [0, 60] s.
+  /// Throws std::invalid_argument for an empty name or a cost outside [0, kLongestCost_s].
   ClockGate(const std::vector<WaitRule>& wait_rules, const std::vector<ComputingRule>& computing_rules);
 
   /// The drivers have published something with this stamp.

@@ -112,7 +112,6 @@ class UrController {
   bool driverConnected() const { return connected_; }
   bool isInRemoteControl() const { return config_.remote_control; }
   const std::string& loadedProgram() const { return loaded_program_; }
-  double speedSlider() const { return speed_slider_; }
   /// Slider times internal factor, with ramps; 0 while paused or stopped.
   double speedScaling() const { return speed_scaling_; }
   const UrIo& io() const { return io_; }

@@ -162,7 +162,6 @@ class World {
   std::vector<BrickMotion> bricks() const;                    ///< those that have not been taken away, in order of id
   std::optional<BrickMotion> brick(int id) const;
   std::optional<int> heldBrick() const;
-  bool isMagnetOn() const { return is_magnet_on_; }
   /// Why and what the magnet last let go, once.
   struct Release {
     int brick_id;

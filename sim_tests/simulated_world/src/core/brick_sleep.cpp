@@ -111,19 +111,8 @@ void BrickSleep::wake(mjModel& model, mjData& data, int brick_id) {
   if (group != kAwake) wakeGroup(model, data, group);
 }
 
-void BrickSleep::wakeAll(mjModel& model, mjData& data) {
-  for (Brick& brick : bricks_) {
-    if (brick.group != kAwake) wake(model, data, brick);
-  }
-}
-
 bool BrickSleep::isAsleep(int brick_id) const {
   return bricks_[index_of_id_.at(brick_id)].group != kAwake;
-}
-
-int BrickSleep::numAsleep() const {
-  return static_cast<int>(
-      std::count_if(bricks_.begin(), bricks_.end(), [](const Brick& brick) { return brick.group != kAwake; }));
 }
 
 bool BrickSleep::hasMoved(const mjData& data, const Brick& brick) const {

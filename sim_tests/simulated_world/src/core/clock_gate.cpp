@@ -9,15 +9,14 @@
 namespace simulated_world {
 namespace {
 
-constexpr double kLongestCost_s = 60.0;
-
 void requireRule(const std::string& name, double cost_s) {
   if (name.empty()) {
     throw std::invalid_argument("clock gate: a rule without a topic or action");
   }
-  if (!(cost_s >= 0.0 && cost_s <= kLongestCost_s)) {
+  if (!(cost_s >= 0.0 && cost_s <= ClockGate::kLongestCost_s)) {
     std::ostringstream message;
-    message << "clock gate: cost of " << name << " = " << cost_s << " s, must be in [0, " << kLongestCost_s << "] s";
+    message << "clock gate: cost of " << name << " = " << cost_s << " s, must be in [0, " << ClockGate::kLongestCost_s
+            << "] s";
     throw std::invalid_argument(message.str());
   }
 }

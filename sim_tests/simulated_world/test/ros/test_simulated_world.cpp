@@ -651,13 +651,33 @@ TEST_F(SimulatedWorldTest, ImpossibleParametersStopTheNode) {
   set("base/traction_N", -5.0);
   set("judge/surface_topic", std::string("no topic"));
   set("judge/pick_action", std::string("no action"));
+  XmlRpc::XmlRpcValue rules;
+  rules[0]["topic"] = "no topic";
+  rules[0]["after"] = "dawn";
+  rules[0]["cost_s"] = 61.0;
+  rules[0]["colour"] = "red";
+  rules[1]["topic"] = "/answer";
+  rules[1]["after"] = "action_result";
+  rules[1]["subscriber"] = "/hearer";
+  rules[2] = "/answer";
+  ros::param::set(node_ + "/clock/wait_for", rules);
+  XmlRpc::XmlRpcValue computing;
+  computing[0]["cost_s"] = "1";
+  ros::param::set(node_ + "/clock/computing", computing);
   launch();
   ASSERT_TRUE(waitFor([this] { return world_->hasEnded(); }));
   EXPECT_EQ(world_->exitCode(), 1);
   const std::string output = world_->output();
-  for (const char* words : {"clock/mode = 'fast', must be one of lockstep, realtime, stepped", "camera/rate_hz = -1",
-                            "magnet/radius_m", "physics/timestep_s = 0.5", "gravity", "base/traction_N = -5",
-                            "judge/surface_topic = 'no topic'", "judge/pick_action = 'no action'"}) {
+  for (const char* words :
+       {"clock/mode = 'fast', must be one of lockstep, realtime, stepped", "camera/rate_hz = -1", "magnet/radius_m",
+        "physics/timestep_s = 0.5", "gravity", "base/traction_N = -5", "judge/surface_topic = 'no topic'",
+        "judge/pick_action = 'no action'", "clock/wait_for[0]/topic = 'no topic', must be a name",
+        "clock/wait_for[0]/after = 'dawn', must be one of image, odometry, joint_states, scan",
+        "clock/wait_for[0]/cost_s = 61 s, must be in [0, 60] s",
+        "clock/wait_for[0]/colour is unknown; known here: after, cost_s, subscriber, topic, while",
+        "clock/wait_for[1]/subscriber = '/hearer' after action_result, must be after image",
+        "clock/wait_for[2] = '/answer', must be a section with keys",
+        "clock/computing[0]/action is empty, must be given", "clock/computing[0]/cost_s = '1', must be a number"}) {
     EXPECT_NE(output.find(words), std::string::npos) << words << " is not in:\n" << output;
   }
 }

@@ -6,6 +6,7 @@
 #include <set>
 
 #include <gtest/gtest.h>
+#include <interactive_mapping_common/testing/shipped_file.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <rosgraph_msgs/Clock.h>
@@ -188,17 +189,19 @@ std::string refusal(const std::function<void(ros::NodeHandle&)>& set_params) {
   return "accepted";
 }
 
-TEST(PublisherParams, AreReadWithTheirDefaults) {
+TEST(PublisherParams, ShippedFileIsWhatTheFieldsSay) {
+  test_support::expectShippedFile<PublisherParams>(SYNTHETIC_DEPTH_DIR "/config/synthetic_depth.yaml");
+}
+
+TEST(PublisherParams, WhatIsNotGivenKeepsItsDefault) {
   ros::NodeHandle nh("~candidate");
   nh.deleteParam(nh.getNamespace());
+  PublisherParams expected;
+  expected.scene_file = "scene.yaml";
+  expected.rate_hz = 5.0;
   nh.setParam("scene_file", "scene.yaml");
   nh.setParam("rate_hz", 5);  // an integer will do
-  const PublisherParams params = loadPublisherParams(nh);
-  EXPECT_EQ(params.scene_file, "scene.yaml");
-  EXPECT_EQ(params.rate_hz, 5.0);
-  EXPECT_EQ(params.map_frame, "map");
-  EXPECT_EQ(params.encoding, "32FC1");
-  EXPECT_TRUE(params.loop);
+  EXPECT_EQ(interactive_mapping::toYaml(loadPublisherParams(nh)), interactive_mapping::toYaml(expected));
 }
 
 TEST(PublisherParams, RefuseUnknownKeysWrongTypesAndBadValuesByName) {

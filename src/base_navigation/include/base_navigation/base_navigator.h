@@ -50,8 +50,8 @@ struct BaseNavigatorConfig {
     f("stuck_s", c.stuck_s, pose_age_s + 0.5, 60.0, "s",
       "the base is stuck when it was commanded to move for this long and did not; at least max_pose_age_s + 0.5 s");
     f("max_plans", c.max_plans, 1, 1000, "",
-      "plans for one goal, the first included: the robot sees what is in its way bit by bit");
-    f("plan_cost_s", c.plan_cost_s, 0.0, 10.0, "s", "simulated time that the base stands for each plan");
+      "plans for one goal, the first included: obstacles come into view one by one");
+    f("plan_cost_s", c.plan_cost_s, 0.0, 10.0, "s", "simulated time that the base is stationary for each plan");
   }
 };
 
@@ -62,12 +62,12 @@ using interactive_mapping::NavigationStatus;
 enum class BaseStop : std::uint8_t {
   kNone,
   kScanner,  // its safety scanner's field is not free: ends by itself
-  kSignal,   // a stop input that does not tell who presses
+  kSignal,   // a stop input of unknown origin
   kButton,   // an emergency button
 };
 inline constexpr interactive_mapping::Names<BaseStop> kBaseStopNames = {
     {"nothing stops it", BaseStop::kNone},
-    {"something stands in its safety scanner's field", BaseStop::kScanner},
+    {"an obstacle is in its safety scanner's field", BaseStop::kScanner},
     {"its stop input is active", BaseStop::kSignal},
     {"its emergency button is pressed", BaseStop::kButton}};
 constexpr const char* toString(BaseStop stop) {
@@ -89,7 +89,7 @@ struct NavigationInput {
   double heartbeat_stamp_s{-1.0};
   // What was wrong with the newest of each; empty: nothing.
   std::string odometry_problem, pose_problem, scan_problem, grid_problem;
-  std::optional<BaseStop> stop;  // nothing: nobody tells of stops
+  std::optional<BaseStop> stop;  // nothing: stops are not reported
 };
 
 struct NavigationOutput {
@@ -104,7 +104,7 @@ struct NavigationOutput {
   bool has_jumped{false};  // localisation or odometry, in this step: what was entered in the map's frame before is void
 };
 
-/// Drives to one goal after another, a step at a time: plan, follow, stop for what the scanner sees, stop and plan anew
+/// Drives to one goal after another, a step at a time: plan, follow, stop for what the scanner sees, stop and replan
 /// when the grid changes under the way, give up with a reason. Stops brake within the limits, those after a cancel or a
 /// lost heartbeat with stop_m_s2; a base that stops by itself is commanded zero at once. After its button or stop input
 /// nothing moves without a new goal; one pressed between two goals refuses the next one, once, for who sends it may not

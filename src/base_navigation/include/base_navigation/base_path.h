@@ -23,7 +23,7 @@ struct MotionLimits {
   double turn_rad_s{0.0};
   double linear_m_s2{0.0};
   double turn_rad_s2{0.0};
-  double stop_m_s2{0.0};  // of a stop that somebody asks for; turns brake harder by the same factor
+  double stop_m_s2{0.0};  // of a stop on request; turns brake harder by the same factor
 
   std::vector<std::string> validate() const;
 };

@@ -62,7 +62,7 @@ ApproachRoom roomToApproach(const FootprintChecker& tight, const FootprintChecke
 
 enum class BasePlanStatus {
   kSolved,
-  kStartOccupied,  // under the footprint; or nearer than the padding, with no straight way out
+  kStartOccupied,  // under the footprint; or nearer than the padding, and no straight retreat is free
   kStartUnknown,
   kGoalOccupied,
   kGoalUnknown,

@@ -47,7 +47,7 @@ struct GridFusionConfig {
       "how long an echo stays that no later beam passes through");
     f("max_range_m", c.max_range_m, 1.0, 50.0, "m", "reach of the grid from the robot");
     f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m",
-      "unknown ground this near to where the robot stands or stood is free, or it could neither leave nor come back");
+      "unknown ground this near to the present and past poses is free: else it could neither leave nor come back");
   }
 };
 

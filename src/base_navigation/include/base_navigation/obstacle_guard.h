@@ -24,7 +24,7 @@ struct ObstacleGuardConfig {
   static void fields(ObstacleGuardConfig& c, interactive_mapping::Fields& f) {
     f.live("guard_margin_m")(
         "margin_m", c.margin_m, 0.001, 1.0, "m",
-        "distance from echoes to the footprint that is kept; less than the distance at which the robot stands from a "
+        "distance from echoes to the footprint that is kept; less than the distance of a standing pose from a "
         "pile");
     f("latency_s", c.latency_s, 0.01, 2.0, "s",
       "from an echo to the first effect of a command: scan period, transport, drives");
@@ -43,11 +43,11 @@ struct ObstacleGuardConfig {
 };
 
 struct GuardVerdict {
-  double speed_factor{1.0};  // of the twist asked about, so that the base can stop in front of what the scanner sees
-  double free_m{0.0};        // along the way until the footprint with its margin meets an echo, at most look_ahead
-  double free_rad{0.0};      // turned until then
+  double speed_factor{
+      1.0};            // of the twist asked about, so that the base can stop in front of what the scanner sees; 0: stop
+  double free_m{0.0};  // along the way until the footprint with its margin meets an echo, at most look_ahead
+  double free_rad{0.0};                          // turned until then
   std::optional<Eigen::Vector2d> obstacle_base;  // the first echo met
-  bool mustStop() const { return speed_factor <= 0.0; }
 };
 
 /// Slows down and stops in front of what the safety scanner sees now, whatever map and plan say. The scanner does not
@@ -61,7 +61,7 @@ class ObstacleGuard {
   /// Throws std::invalid_argument listing every impossible value.
   ObstacleGuard(const ObstacleGuardConfig& config, const MotionLimits& limits, const Polygon& footprint);
 
-  /// How much of `wanted` is safe if it goes on for ever. Echoes inside the footprint itself are the robot's own and left
+  /// How much of `wanted` is safe if it continues without end. Echoes inside the footprint itself are the robot's own and left
   /// out; those already in the margin stop what brings them nearer, and nothing that takes them away. `T_scan_base` is
   /// the base now, in base_link when the scan was taken. Throws std::invalid_argument for a twist or pose that is not
   /// finite.

@@ -70,7 +70,7 @@ class PathFollower {
   std::vector<BaseMotion> ahead() const;
 
   /// `dt_s` since the last call (0 < dt <= 0.5, else std::invalid_argument); `speed_factor` in [0, 1]: share of wanted()
-  /// that the obstacle guard leaves. The base is where `pose_map` says. kReached: the base has been told to stand, at
+  /// that the obstacle guard leaves. The base is where `pose_map` says. kReached: the base has been commanded to stop, at
   /// the end of the path; kLost: it is too far off. Both end the following. Throws std::logic_error unless active.
   FollowCommand update(const Pose2d& pose_map, double dt_s, double speed_factor = 1.0);
 
@@ -78,7 +78,7 @@ class PathFollower {
   Twist2d brake(double dt_s);
   /// Brakes likewise, and resume() may follow.
   Twist2d pause(double dt_s);
-  /// As pause(), as hard as somebody who asks for a stop may want it: with stop_m_s2.
+  /// As pause(), as hard as a stop on request: with stop_m_s2.
   Twist2d stop(double dt_s);
   /// The base stands (motors off, or a stop that was not ours): the next command starts from zero.
   void halt();

@@ -127,7 +127,7 @@ class BaseNavigationRos {
   GroundInput ground_;
   std::deque<std::pair<ros::Time, GroundInput::Grid>> new_ground_;
   bool has_static_ground_{false};
-  std::optional<base_navigation::BaseStop> relay_stop_, signal_stop_, told_stop_;  // nothing: nobody tells
+  std::optional<base_navigation::BaseStop> relay_stop_, signal_stop_, told_stop_;  // nothing: not reported
   ros::Time last_step_, ground_stamp_, heartbeat_stamp_, grid_built_, grid_published_, markers_published_,
       feedback_published_;
   bool is_grid_old_{true};

@@ -280,8 +280,8 @@ struct BaseNavigator::State {
     // Zeros until the base stands, or nobody can tell.
     if (!since.ended || drive.stands(data) || now_s - *since.ended >= kStandPatience_s) return since.ended.reset();
     report(NavigationPhase::kBraking, data.isOdometryFresh(now_s)
-                                          ? "told to stand, and moves by odometry"
-                                          : "told to stand, and without odometry nobody knows whether it does");
+                                          ? "commanded to stop, and moves by odometry"
+                                          : "commanded to stop; without odometry it is not known whether it has");
   }
 
   void stepPlanning(const std::function<bool()>& is_cancelled) {
@@ -293,7 +293,7 @@ struct BaseNavigator::State {
       const Twist2d& twist = data.odometry_twist;
       return endWith(NavigationStatus::kStuck, "the base moves at " + text(twist.linear_m_s) + " m/s and " +
                                                    text(twist.angular_rad_s) + " rad/s by odometry, " +
-                                                   text(kStandPatience_s, 1) + " s after it was told to stand");
+                                                   text(kStandPatience_s, 1) + " s after the command to stop");
     }
     if (const auto reason = attempts.waiting(now_s)) return report(NavigationPhase::kBlocked, *reason);
     output.phase = NavigationPhase::kPlanning;
@@ -348,7 +348,7 @@ struct BaseNavigator::State {
         output.reason = "stops where data was missing";
         return;
       }
-      if (!drive.resume(data.T_map_base)) return planAnew("the base came off its way while data was missing");
+      if (!drive.resume(data.T_map_base)) return planAnew("the base left its path while data was missing");
     }
     if (const auto reason = blockedWay()) return brakeToPlanAnew(*reason);
     if (!drive.isActive()) return arrive();  // came to the end while it braked
@@ -376,7 +376,7 @@ struct BaseNavigator::State {
     if (!slips.empty()) return endWith(NavigationStatus::kStuck, slips);
     const FollowCommand& follow = output.follow;
     planAnew("the base is " + text(std::hypot(follow.error_across_m, follow.error_along_m)) + " m and " +
-             text(std::abs(follow.error_yaw_rad)) + " rad off its way");
+             text(std::abs(follow.error_yaw_rad)) + " rad off its path");
     report(NavigationPhase::kBraking, attempts.reason());
   }
 
@@ -408,7 +408,7 @@ struct BaseNavigator::State {
     if (off_m <= wanted.position_tolerance_m && off_rad <= wanted.yaw_tolerance_rad) {
       return endWith(NavigationStatus::kSuccess, "stands " + where);
     }
-    const std::string missed = "came to the end of the way " + where;
+    const std::string missed = "reached the end of the path " + where;
     if (goal.misses >= kMaxMisses) {
       return endWith(NavigationStatus::kGoalMissed, missed + ", " + std::to_string(goal.misses + 1) + " times");
     }

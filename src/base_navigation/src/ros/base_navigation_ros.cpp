@@ -342,7 +342,7 @@ void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
     if (current_) driven_m_ += step_m.norm();
   }
   if (!odometry_.add(stamp, T_odom_base)) {
-    ROS_WARN_NAMED(kLog, "time ran back to %.3f s: scans and the way driven are forgotten", stamp.toSec());
+    ROS_WARN_NAMED(kLog, "time ran back to %.3f s: scans and the driven path are forgotten", stamp.toSec());
     forgetScans();
     new_scans_.clear();
     new_ground_.clear();
@@ -575,7 +575,7 @@ void BaseNavigationRos::step(const ros::Time& now) {
     return is_stopping_ || !cancelled_ids_.empty();
   });
   if (output.has_jumped) {
-    ROS_WARN_THROTTLE_NAMED(1.0, kLog, "localisation or odometry has jumped: scans and the way driven are forgotten");
+    ROS_WARN_THROTTLE_NAMED(1.0, kLog, "localisation or odometry has jumped: scans and the driven path are forgotten");
     jumped_ = now;
     forgetScans();
   }
@@ -742,7 +742,7 @@ bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs
     if (goal && !request.start.header.frame_id.empty()) {  // as with move_base: empty is where the robot stands
       start = poseInMap(request.start, "start", &why_not);
     } else if (goal && !start) {
-      why_not = "where the robot stands is not known: odometry or localisation are missing";
+      why_not = "the robot's pose is not known: odometry or localisation are missing";
     }
   }
   if (!goal || !start) {

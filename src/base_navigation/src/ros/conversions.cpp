@@ -106,7 +106,7 @@ std::optional<Scan> toScan(const sensor_msgs::LaserScan& message, const Eigen::I
     std::size_t telling = 0;
     for (std::size_t beam = 0; beam < scan.ranges_m.size(); ++beam) telling += scan.isEcho(beam) || scan.isEmpty(beam);
     if (static_cast<double>(telling) < kMinTellingShare * static_cast<double>(scan.ranges_m.size())) {
-      *why_not = formatted("only %zu of %zu beams tell a range, must be at least %.0f %%: the scanner is blind",
+      *why_not = formatted("only %zu of %zu beams report a range, must be at least %.0f %%: the scanner is blind",
                            telling, scan.ranges_m.size(), 100.0 * kMinTellingShare);
       return std::nullopt;
     }

@@ -383,7 +383,7 @@ TEST(BaseNavigator, SaysWhatIsWrongWithInputThatComes) {
   }
   // A single bad message among good ones is no reason.
   Bench bench;
-  bench.input_.scan_problem = "only 3 of 191 beams tell a range";
+  bench.input_.scan_problem = "only 3 of 191 beams report a range";
   bench.navigator_.setGoal({1.0, 0.0, 0.0});
   ASSERT_TRUE(bench.run(60.0));
   EXPECT_EQ(*bench.status_, NavigationStatus::kSuccess) << bench.message_;
@@ -614,7 +614,7 @@ TEST(BaseNavigator, NoticesSlippingWithALocalisationThatIsSeldomAndLate) {
     bench.plant_.config().slip = 1.0;
     ASSERT_TRUE(bench.run(30.0)) << bench.output_.reason;
     EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
-    EXPECT_THAT(bench.message_, HasSubstr("the localisation tells of"));
+    EXPECT_THAT(bench.message_, HasSubstr("the localisation reports"));
   }
 }
 
@@ -904,7 +904,7 @@ TEST(BaseNavigator, NoticesThatTheBaseDoesNotMove) {
     ASSERT_TRUE(bench.run(30.0)) << bench.output_.reason;
     EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
     EXPECT_THAT(bench.message_, HasSubstr("the wheels slip"));
-    EXPECT_THAT(bench.message_, HasSubstr("the localisation tells of"));
+    EXPECT_THAT(bench.message_, HasSubstr("the localisation reports"));
   }
   Bench bench;
   bench.navigator_.setGoal({3.0, 0.0, 0.0});
@@ -912,7 +912,7 @@ TEST(BaseNavigator, NoticesThatTheBaseDoesNotMove) {
   bench.plant_.config().max_turn_rad_s2 = 0.0;
   ASSERT_TRUE(bench.run(30.0)) << bench.output_.reason;
   EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
-  EXPECT_THAT(bench.message_, HasSubstr("odometry tells of"));
+  EXPECT_THAT(bench.message_, HasSubstr("odometry reports"));
 }
 
 TEST(BaseNavigator, WaitsForABaseThatDoesNotStandWhenTold) {
@@ -923,7 +923,7 @@ TEST(BaseNavigator, WaitsForABaseThatDoesNotStandWhenTold) {
   bench.navigator_.setGoal({3.0, 0.0, 0.0});
   ASSERT_TRUE(bench.run(30.0));
   EXPECT_EQ(*bench.status_, NavigationStatus::kStuck) << bench.message_;
-  EXPECT_THAT(bench.message_, HasSubstr("told to stand"));
+  EXPECT_THAT(bench.message_, HasSubstr("after the command to stop"));
 }
 
 TEST(BaseNavigator, TriesAMissedGoalOnceMore) {

@@ -108,7 +108,7 @@ TEST(StuckDetector, FindsWheelsThatSlip) {
     data.T_map_base_at_pose.x_m = 0.1 * data.T_odom_base.x_m;
     detector.add(10.0 + 0.02 * i, 0.02, {0.2, 0.0}, data);
   }
-  EXPECT_THAT(detector.find(14.0, config.stuck_s), HasSubstr("the wheels slip: told to move"));
+  EXPECT_THAT(detector.find(14.0, config.stuck_s), HasSubstr("the wheels slip: commanded to move"));
   detector.reset();
   EXPECT_EQ(detector.find(14.0, 0.0), "");
 }
@@ -175,7 +175,7 @@ TEST(PlanAttempts, WaitsOnceBeforeAReplanEndsTheGoal) {
   ASSERT_FALSE(attempts.fail(failedPlan(), 10.0));
   const auto reason = attempts.waiting(10.0 + 0.9 * config.blocked_patience_s);
   ASSERT_TRUE(reason);
-  EXPECT_EQ(*reason, "an obstacle; planning anew: the goal is occupied");
+  EXPECT_EQ(*reason, "an obstacle; replanning: the goal is occupied");
   EXPECT_FALSE(attempts.waiting(10.0 + config.blocked_patience_s));
   ASSERT_FALSE(attempts.begin());
   const auto end = attempts.fail(failedPlan(), 14.0);

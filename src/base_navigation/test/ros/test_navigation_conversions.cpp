@@ -160,7 +160,7 @@ TEST(NavigationConversions, ScansThatCannotBeAreRefused) {
     message = threeBeams();
     message.ranges.assign(400, masked);
     message.angle_increment = 0.005F;
-    EXPECT_THAT(refusal(message, upsideDown()), HasSubstr("only 0 of 400 beams tell a range"));
+    EXPECT_THAT(refusal(message, upsideDown()), HasSubstr("only 0 of 400 beams report a range"));
   }
   Eigen::Isometry3d tilted = Eigen::Isometry3d::Identity();
   tilted.linear() = Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitY()).toRotationMatrix();

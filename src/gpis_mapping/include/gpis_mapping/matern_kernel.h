@@ -14,7 +14,6 @@ template <typename Scalar>
 class MaternKernel {
  public:
   using Vector = Eigen::Matrix<Scalar, 3, 1>;
-  using Matrix = Eigen::Matrix<Scalar, 3, 3>;
 
   MaternKernel(Scalar length_scale_m, Scalar signal_std_m)
       : a_(std::sqrt(Scalar(3)) / length_scale_m), variance_(signal_std_m * signal_std_m) {}
@@ -24,19 +23,8 @@ class MaternKernel {
 
   Scalar value(Scalar d) const { return variance_ * (Scalar(1) + a_ * d) * std::exp(-a_ * d); }
 
-  /// dk/dd (eq 11) [m].
-  Scalar radialDerivative(Scalar d) const { return -variance_ * a_ * a_ * d * std::exp(-a_ * d); }
-
-  /// dk/dx for r = x - x'.
+  /// dk/dx for r = x - x': eq 11 in the direction of r.
   Vector gradient(const Vector& r) const { return -variance_ * a_ * a_ * std::exp(-a_ * r.norm()) * r; }
-
-  /// d2k/(dx dx'^T): the covariance of two gradient observations.
-  Matrix crossHessian(const Vector& r) const {
-    const Scalar d = r.norm();
-    Matrix h = Matrix::Identity();
-    if (d > Scalar(0)) h -= (a_ / d) * r * r.transpose();
-    return variance_ * a_ * a_ * std::exp(-a_ * d) * h;
-  }
 
  private:
   Scalar a_;

@@ -17,7 +17,7 @@
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <ros/console.h>
 
-#include "xmlrpc_yaml.h"
+#include "interactive_mapping_common_ros/xmlrpc_yaml.h"
 
 namespace interactive_mapping_ros {
 namespace {

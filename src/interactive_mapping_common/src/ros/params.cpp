@@ -5,7 +5,7 @@
 
 #include <ros/param.h>
 
-#include "xmlrpc_yaml.h"
+#include "interactive_mapping_common_ros/xmlrpc_yaml.h"
 
 namespace interactive_mapping_ros {
 namespace {

@@ -21,7 +21,7 @@ enum class CollisionKind {
   kSelf,     // robot with itself, or with what it holds
   kSurface,  // the mapped surface with its margin
   kInside,   // within a mapped object, where no triangle is near
-  kUnknown,  // space near the pile that nobody has seen
+  kUnknown,  // unseen space near the pile
   kFloor,
 };
 inline constexpr interactive_mapping::Names<CollisionKind> kCollisionKindNames = {
@@ -97,7 +97,7 @@ constexpr double kAmongOthers_m = 0.05;
 
 /// The robot in a scene. The arm moves, the base stands at T_map_base. Cheap to copy for another thread; not thread-safe.
 /// Robot shapes are the URDF's, exact against triangles and each other (FCL) and against the lattice's blocks, which count as
-/// the balls within them. Spheres that cover the shapes only tell what need not be looked at. Bodies that share a joint are
+/// the balls within them. Spheres that cover the shapes only exclude what need not be checked. Bodies that share a joint are
 /// not checked against each other; nor is what is held against the body that holds it.
 /// Long: the questions of planner, monitor and mission to the same shapes.
 class CollisionChecker {

@@ -57,7 +57,7 @@ struct ReachSample {
 };
 
 /// What configurations reach: steps through joint space (eq 12), keeps those whose tool can touch a face from above or
-/// from the arm's side with enough manipulability. `is_free` rejects self and base collision. `progress`, if any, is told
+/// from the arm's side with enough manipulability. `is_free` rejects self and base collision. `progress`, if any, gets
 /// the share done. Throws std::invalid_argument for a bad config.
 std::vector<ReachSample> sampleReach(const ArmKinematics& arm, const ManipulabilityConfig& config,
                                      const std::function<bool(const ArmVector&)>& is_free,

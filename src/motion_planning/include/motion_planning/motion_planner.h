@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <interactive_mapping_common/config/schema.h>
+#include <interactive_mapping_common/result.h>
 #include <interactive_mapping_enums/plan_outcome.h>
 #include <mp700_ur5e_description/brick_types.h>
 
@@ -121,22 +122,14 @@ struct PickTarget {
 };
 
 struct PlanFailure {
-  PlanStatus status{PlanStatus::kSuccess};
+  PlanStatus status;    // not kSuccess
   std::string message;  // a sentence: what, where, seen, allowed
 };
 
-struct ArmPlan : PlanFailure {
-  ArmPlan() = default;
-  ArmPlan(const PlanFailure& why) : PlanFailure(why) {}
+template <class T, class Failure = PlanFailure>
+using Result = interactive_mapping::Result<T, Failure>;
 
-  JointTrajectory trajectory;
-};
-
-/// All four trajectories, or the reason of the face that got farthest.
-struct PickPlan : PlanFailure {
-  PickPlan() = default;
-  PickPlan(const PlanFailure& why) : PlanFailure(why) {}
-
+struct PickPlan {
   mp700_ur5e_description::BrickFace face{mp700_ur5e_description::BrickFace::kPlusZ};
   Eigen::Isometry3d T_map_contact{
       Eigen::Isometry3d::Identity()};  // of the tip on the plate, z against the face's normal
@@ -145,7 +138,11 @@ struct PickPlan : PlanFailure {
   JointTrajectory contact;             // straight to the plate, and on by overtravel_m
   JointTrajectory lift;                // straight away with the brick
   JointTrajectory stow;                // with the brick to the place asked for
-  std::vector<std::pair<mp700_ur5e_description::BrickFace, PlanFailure>> tried;  // faces that failed
+};
+
+struct PickResult {
+  Result<PickPlan> plan;  // or why the face that got farthest failed
+  std::vector<std::pair<mp700_ur5e_description::BrickFace, PlanFailure>> tried{};  // faces that failed
 };
 
 struct PlanningContext {
@@ -153,7 +150,7 @@ struct PlanningContext {
   Eigen::Isometry3d T_map_base{Eigen::Isometry3d::Identity()};
   ArmVector start_rad{ArmVector::Zero()};
   std::optional<HeldBrick> held;
-  std::optional<OrientedBox> vacated;  // where the held brick was taken from: the map may not know yet that it is gone
+  std::optional<OrientedBox> vacated;  // where the held brick was picked: the map may still have it there
   std::vector<LoadedBrick> load;       // what lies in the robot's container
   std::uint64_t seed{0};               // another: the same question is searched along other random paths
   std::function<bool()> is_cancelled;
@@ -192,15 +189,15 @@ class MotionPlanner {
                 const MotionPlannerConfig& config);
 
   /// Approach, contact, lift, stow. `stow_goals`: arm postures where the brick may be carried to, best first.
-  PickPlan planPick(const PlanningContext& context, const PickTarget& target,
-                    const std::vector<ArmGoal>& stow_goals) const;
+  PickResult planPick(const PlanningContext& context, const PickTarget& target,
+                      const std::vector<ArmGoal>& stow_goals) const;
 
-  ArmPlan planArm(const PlanningContext& context, const ArmGoal& goal) const;
+  Result<JointTrajectory> planArm(const PlanningContext& context, const ArmGoal& goal) const;
 
   /// To a posture with no part of the arm in the camera's view: the first of `postures` that qualifies, else one found by
   /// sampling.
-  ArmPlan planInspect(const PlanningContext& context, const ViewFrustum& view,
-                      const std::vector<ArmVector>& postures) const;
+  Result<JointTrajectory> planInspect(const PlanningContext& context, const ViewFrustum& view,
+                                      const std::vector<ArmVector>& postures) const;
 
   const MotionPlannerConfig& config() const { return config_; }
   const ArmKinematics& arm() const { return *arm_; }

@@ -77,8 +77,8 @@ class PathMonitor {
   bool isActive() const;
 
   /// `elapsed_s` since the start of the trajectory; `checker` knows what is held and what may be touched in this phase,
-  /// and the scene as it is now; where it objects, `beyond` is asked, if there is one. Once told to stop, always told to
-  /// stop, until start(). Throws std::logic_error unless active.
+  /// and the scene as it is now; where it objects, `beyond` is asked, if there is one. Once it says stop, it does so
+  /// until start(). Throws std::logic_error unless active.
   PathVerdict check(double elapsed_s, const CollisionChecker& checker, const CollisionChecker* beyond = nullptr);
 
  private:

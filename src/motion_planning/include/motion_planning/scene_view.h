@@ -12,7 +12,7 @@ namespace motion_planning {
 /// once for each; no normals.
 Surface obstacleSurface(const CollisionScene& scene);
 
-/// Centres of the blocks that nobody has seen and that are in the way.
+/// Centres of the unseen blocks that are in the way.
 std::vector<Eigen::Vector3d> unknownBlocks(const CollisionScene& scene);
 double blockSize(const CollisionScene& scene);  // edge [m]
 

@@ -54,12 +54,12 @@ class MotionPlanningRos {
                               const std::function<void(const std::string&)>& tell);
   ArmServer::Result planArm(const ArmServer::Goal& goal, const ros::Time& started, const IsCancelled& is_cancelled,
                             const std::function<void(const std::string&)>& tell);
-  /// What all requests begin with. Throws PlanFailure.
+  /// What all requests begin with. Throws PlanFailure, or std::invalid_argument for a bad start.
   motion_planning::PlanningContext makeContext(const std::vector<double>& start_rad, const ros::Time& min_map_stamp,
                                                const IsCancelled& is_cancelled, std::uint64_t* map_update);
   /// Waits, up to state/map_wait_s, until a mesh as new as `min_stamp` has come. False, and why: it has not.
   bool awaitMap(const ros::Time& min_stamp, const IsCancelled& is_cancelled, std::string* why_not);
-  /// The next three throw PlanFailure. Frames are looked up at the message's stamp.
+  /// The next four throw PlanFailure, toArmGoal() also std::invalid_argument. Frames are looked up at the message's stamp.
   motion_planning::ArmGoal toArmGoal(const interactive_mapping_msgs::ArmGoal& message,
                                      const IsCancelled& is_cancelled) const;
   motion_planning::ArmGoal placeGoal(const std::string& frame) const;
@@ -70,14 +70,18 @@ class MotionPlanningRos {
   void charge(double cost_s, const ros::Time& started, const IsCancelled& is_cancelled);
   /// With the live values. A request asks once, so a change waits for the next one.
   std::shared_ptr<const motion_planning::MotionPlanner> plannerInUse() const;
-  void note(const std::string& what, const motion_planning::PlanFailure& failure, double wall_ms);
+  /// Fills in what the results of both actions have, shows plan or failure at `T_map_base` if that is known, and notes it.
+  template <class Plan, class Result>
+  void finish(const std::string& what, const Plan& plan, const std::optional<Eigen::Isometry3d>& T_map_base,
+              const ros::WallTime& wall_start, double cost_s, Result* result);
+  void note(const std::string& what, const interactive_mapping_msgs::PlanOutcome& outcome, double wall_ms);
 
   bool onWatch(interactive_mapping_msgs::WatchTrajectory::Request& request,
                interactive_mapping_msgs::WatchTrajectory::Response& response);
   bool onContainerEmptied(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   /// Logs once that all inputs have come, and now and then what is missing until they have. By diagnostics_timer_ alone.
   void reportReadiness();
-  /// Judges the running trajectory and tells.
+  /// Judges the running trajectory and publishes the verdict.
   void monitor();
 
   void diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status);
@@ -111,7 +115,7 @@ class MotionPlanningRos {
   std::map<std::string, std::uint64_t> outcomes_;  // how often each
   std::string last_failure_;
   double slowest_ms_{0.0};
-  std::atomic<std::uint64_t> searches_in_vain_{0};  // since the last plan
+  std::atomic<std::uint64_t> failed_searches_{0};  // since the last plan
 
   bool is_ready_{false};
   int looks_not_ready_{0};

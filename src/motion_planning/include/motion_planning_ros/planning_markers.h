@@ -35,7 +35,7 @@ class ShownPlan {
 };
 
 /// What rviz shows of planning: `~scene` (the surface with its margins, unknown space) and `~plan` (the tip's way by
-/// phases, arms along it, the contact). Nothing is made while nobody looks. Any thread.
+/// phases, arms along it, the contact). Nothing is made without a subscriber. Any thread.
 class PlanningMarkers {
  public:
   PlanningMarkers(ros::NodeHandle& private_nh, std::string map_frame,
@@ -44,7 +44,7 @@ class PlanningMarkers {
   void show(const MapScene& scene);
   bool isSceneShown() const { return scene_publisher_.getNumSubscribers() > 0; }
   void show(const motion_planning::PickPlan& plan, const Eigen::Isometry3d& T_map_base);
-  void show(const motion_planning::ArmPlan& plan, const Eigen::Isometry3d& T_map_base);
+  void show(const motion_planning::JointTrajectory& plan, const Eigen::Isometry3d& T_map_base);
   /// A plan that failed: the last one's markers go, the reason stands over the robot.
   void showFailure(const std::string& reason, const Eigen::Isometry3d& T_map_base);
   /// Clears `~plan` once it is out of date. To be called a few times a second.

@@ -60,7 +60,7 @@ class RobotState {
   /// What lies in the container: every brick that was let go over it since emptied().
   std::vector<motion_planning::LoadedBrick> load() const;
   void emptied();
-  /// Why the last message of attached_brick was refused; empty: it was not. Planning must not go on then.
+  /// Why the last message of attached_brick was rejected; empty: it was not. No plan is made then.
   std::string heldProblem() const;
 
  private:

@@ -29,6 +29,7 @@ using interactive_mapping_msgs::PlanOutcome;
 using interactive_mapping_msgs::WatchTrajectory;
 using motion_planning::ArmKinematics;
 using motion_planning::ArmVector;
+using motion_planning::JointTrajectory;
 using motion_planning::PlanFailure;
 using motion_planning::PlanStatus;
 using mp700_ur5e_description::BrickFace;
@@ -63,6 +64,18 @@ std::function<void(const std::string&)> tellStage(const std::function<void(const
 
 double msSince(const ros::WallTime& start) {
   return 1000.0 * (ros::WallTime::now() - start).toSec();
+}
+
+/// What `plan` returns, or the failure that it throws. Other exceptions are of the request: what it asks for cannot be.
+template <typename Plan>
+auto orFailure(Plan&& plan) -> decltype(plan()) {
+  try {
+    return plan();
+  } catch (const PlanFailure& why) {
+    return {why};
+  } catch (const std::exception& error) {
+    return {PlanFailure{PlanStatus::kBadRequest, error.what()}};
+  }
 }
 
 /// What `load` gives; its complaint names the parameter that the file is from.
@@ -186,7 +199,7 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
                                                                 std::uint64_t* map_update) {
   motion_planning::PlanningContext context;
   context.is_cancelled = is_cancelled;
-  context.seed = searches_in_vain_;
+  context.seed = failed_searches_;
   std::string why_not;
   const auto refuseMap = [&] {
     throw PlanFailure{is_cancelled() ? PlanStatus::kCancelled : PlanStatus::kNoMap, why_not};
@@ -198,11 +211,7 @@ motion_planning::PlanningContext MotionPlanningRos::makeContext(const std::vecto
     if (!joints) throw PlanFailure{PlanStatus::kNoRobotState, why_not};
     context.start_rad = *joints;
   } else {
-    try {
-      context.start_rad = toArmVector(start_rad, "start");
-    } catch (const std::invalid_argument& error) {
-      throw PlanFailure{PlanStatus::kBadRequest, error.what()};
-    }
+    context.start_rad = toArmVector(start_rad, "start");
   }
   const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
   if (!T_map_base) throw PlanFailure{PlanStatus::kNoRobotState, why_not};
@@ -319,11 +328,7 @@ motion_planning::ArmGoal MotionPlanningRos::toArmGoal(const ArmGoalMessage& mess
       break;
     }
     case ArmGoalMessage::JOINTS:
-      try {
-        goal.joints_rad = toArmVector(message.joints, "a goal");
-      } catch (const std::invalid_argument& error) {
-        throw PlanFailure{PlanStatus::kBadRequest, error.what()};
-      }
+      goal.joints_rad = toArmVector(message.joints, "a goal");
       break;
     case ArmGoalMessage::TIP:
       goal.T_map_tip = poseInMap(message.tip, "tip", is_cancelled);
@@ -348,22 +353,36 @@ void MotionPlanningRos::charge(double cost_s, const ros::Time& started, const Is
   }
 }
 
-void MotionPlanningRos::note(const std::string& what, const PlanFailure& failure, double wall_ms) {
+void MotionPlanningRos::note(const std::string& what, const PlanOutcome& outcome, double wall_ms) {
+  const bool is_success = outcome.status == PlanOutcome::SUCCESS;
   // Asked again, the same search would fail again.
-  if (failure.status == PlanStatus::kIterations) ++searches_in_vain_;
-  if (failure.status == PlanStatus::kSuccess) searches_in_vain_ = 0;
-  const std::string status = toString(failure.status);
+  if (outcome.status == PlanOutcome::ITERATIONS) ++failed_searches_;
+  if (is_success) failed_searches_ = 0;
+  const std::string status = toString(static_cast<PlanStatus>(outcome.status));
   {
     const std::lock_guard<std::mutex> lock(report_mutex_);
     ++outcomes_[status];
     slowest_ms_ = std::max(slowest_ms_, wall_ms);
-    if (failure.status != PlanStatus::kSuccess) last_failure_ = what + ": " + status + ", " + failure.message;
+    if (!is_success) last_failure_ = what + ": " + status + ", " + outcome.message;
   }
-  if (failure.status == PlanStatus::kSuccess) {
+  if (is_success) {
     ROS_INFO_NAMED(kLog, "%s: planned in %.0f ms", what.c_str(), wall_ms);
   } else {
-    ROS_INFO_NAMED(kLog, "%s: %s, %s (%.0f ms)", what.c_str(), status.c_str(), failure.message.c_str(), wall_ms);
+    ROS_INFO_NAMED(kLog, "%s: %s, %s (%.0f ms)", what.c_str(), status.c_str(), outcome.message.c_str(), wall_ms);
   }
+}
+
+template <class Plan, class Result>
+void MotionPlanningRos::finish(const std::string& what, const Plan& plan,
+                               const std::optional<Eigen::Isometry3d>& T_map_base, const ros::WallTime& wall_start,
+                               double cost_s, Result* result) {
+  if (!plan) result->outcome = toMessage(plan.failure());
+  if (T_map_base && plan) markers_.show(*plan, *T_map_base);
+  if (T_map_base && !plan) markers_.showFailure(plan.failure().message, *T_map_base);
+  const double wall_ms = msSince(wall_start);
+  result->wall_ms = static_cast<float>(wall_ms);
+  result->cost = ros::Time::isSystemTime() ? 0.0 : cost_s;
+  note(what, result->outcome, wall_ms);
 }
 
 /// That of the parameter `stow`.
@@ -381,17 +400,11 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
                                                                   const std::function<void(const std::string&)>& tell) {
   const ros::WallTime wall_start = ros::WallTime::now();
   PickServer::Result result;
-  const auto planner = plannerInUse();
-  motion_planning::PickPlan plan;
   std::optional<Eigen::Isometry3d> T_map_base;
-  try {
+  const auto [plan, tried] = orFailure([&, planner = plannerInUse()] {
     motion_planning::PickTarget target;
     target.brick_id = goal.brick_id;
-    try {
-      target.type = &catalogue_.type(goal.type);
-    } catch (const std::invalid_argument& error) {
-      throw PlanFailure{PlanStatus::kBadRequest, error.what()};
-    }
+    target.type = &catalogue_.type(goal.type);
     for (const std::uint8_t face : goal.faces) {
       if (face >= mp700_ur5e_description::kNumBrickFaces) {
         throw PlanFailure{PlanStatus::kBadRequest, "face " + std::to_string(face) + ", must be in [0, 5]"};
@@ -415,38 +428,28 @@ MotionPlanningRos::PickServer::Result MotionPlanningRos::planPick(const PickServ
     context.held.reset();  // by then it is let go, and the map has seen past its old place
     context.vacated.reset();
     tell("planning");
-    plan = planner->planPick(context, target, stow);
-  } catch (const PlanFailure& why) {
-    plan = why;
-  } catch (const std::exception& error) {  // the planner's own checks
-    plan = PlanFailure{PlanStatus::kBadRequest, error.what()};
-  }
-  result.outcome = toMessage(plan);
-  for (const auto& [face, failure] : plan.tried) {
+    return planner->planPick(context, target, stow);
+  });
+  for (const auto& [face, failure] : tried) {
     interactive_mapping_msgs::FaceOutcome outcome;
     outcome.face = static_cast<std::uint8_t>(face);
     outcome.outcome = toMessage(failure);
     result.tried.push_back(outcome);
   }
-  if (plan.status == PlanStatus::kSuccess) {
-    result.face = static_cast<std::uint8_t>(plan.face);
+  if (plan) {
+    result.face = static_cast<std::uint8_t>(plan->face);
     result.contact.header.frame_id = params_.map_frame;
     result.contact.header.stamp = started.isZero() ? ros::Time::now() : started;
-    result.contact.pose = toPose(plan.T_map_contact);
-    result.held = toPose(plan.held.T_tip_brick);
-    result.approach = toMessage(plan.approach);
-    result.touch = toMessage(plan.contact);
-    result.lift = toMessage(plan.lift);
-    result.stow = toMessage(plan.stow);
-    if (T_map_base) markers_.show(plan, *T_map_base);
-  } else if (T_map_base) {
-    markers_.showFailure(plan.message, *T_map_base);
+    result.contact.pose = toPose(plan->T_map_contact);
+    result.held = toPose(plan->held.T_tip_brick);
+    result.approach = toMessage(plan->approach);
+    result.touch = toMessage(plan->contact);
+    result.lift = toMessage(plan->lift);
+    result.stow = toMessage(plan->stow);
   }
-  const double wall_ms = msSince(wall_start);
-  result.wall_ms = static_cast<float>(wall_ms);
-  result.cost = ros::Time::isSystemTime() ? 0.0 : params_.cost.pick_s;
-  const std::string face = plan.status == PlanStatus::kSuccess ? std::string(" by face ") + toString(plan.face) : "";
-  note("pick of brick " + std::to_string(goal.brick_id) + face, plan, wall_ms);
+  const std::string face = plan ? std::string(" by face ") + toString(plan->face) : "";
+  finish("pick of brick " + std::to_string(goal.brick_id) + face, plan, T_map_base, wall_start, params_.cost.pick_s,
+         &result);
   charge(params_.cost.pick_s, started, is_cancelled);
   return result;
 }
@@ -457,10 +460,8 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
   const ros::WallTime wall_start = ros::WallTime::now();
   ArmServer::Result result;
   result.goal = -1;
-  const auto planner = plannerInUse();
-  motion_planning::ArmPlan plan;
   std::optional<Eigen::Isometry3d> T_map_base;
-  try {
+  const auto plan = orFailure([&, planner = plannerInUse()]() -> motion_planning::Result<JointTrajectory> {
     if (!goal.inspect && goal.goals.empty()) {
       throw PlanFailure{PlanStatus::kBadRequest, "no goals, must be at least one unless inspect is set"};
     }
@@ -478,34 +479,21 @@ MotionPlanningRos::ArmServer::Result MotionPlanningRos::planArm(const ArmServer:
       view.half_width_rad = params_.view.half_width_rad;
       view.half_height_rad = params_.view.half_height_rad;
       view.max_range_m = params_.view.range_m;
-      plan = planner->planInspect(context, view, {postures_.at(params_.inspect_posture)});
+      return planner->planInspect(context, view, {postures_.at(params_.inspect_posture)});
     }
-    for (std::size_t i = 0; i < goals.size() && !goal.inspect; ++i) {
+    for (std::size_t i = 0;; ++i) {
       tell("planning to goal " + std::to_string(i + 1) + " of " + std::to_string(goals.size()));
-      plan = planner->planArm(context, goals[i]);
-      if (plan.status == PlanStatus::kSuccess) result.goal = static_cast<std::int32_t>(i);
+      auto found = planner->planArm(context, goals[i]);
+      if (found) result.goal = static_cast<std::int32_t>(i);
       // What is wrong with the start is wrong with all goals.
-      if (plan.status == PlanStatus::kSuccess || plan.status == PlanStatus::kCancelled ||
-          plan.status == PlanStatus::kStartInCollision) {
-        break;
+      if (found || i + 1 == goals.size() || found.failure().status == PlanStatus::kCancelled ||
+          found.failure().status == PlanStatus::kStartInCollision) {
+        return found;
       }
     }
-  } catch (const PlanFailure& why) {
-    plan = why;
-  } catch (const std::exception& error) {  // the planner's own checks
-    plan = PlanFailure{PlanStatus::kBadRequest, error.what()};
-  }
-  result.outcome = toMessage(plan);
-  if (plan.status == PlanStatus::kSuccess) {
-    result.trajectory = toMessage(plan.trajectory);
-    if (T_map_base) markers_.show(plan, *T_map_base);
-  } else if (T_map_base) {
-    markers_.showFailure(plan.message, *T_map_base);
-  }
-  const double wall_ms = msSince(wall_start);
-  result.wall_ms = static_cast<float>(wall_ms);
-  result.cost = ros::Time::isSystemTime() ? 0.0 : params_.cost.arm_s;
-  note(goal.inspect ? "inspect" : "arm", plan, wall_ms);
+  });
+  if (plan) result.trajectory = toMessage(*plan);
+  finish(goal.inspect ? "inspect" : "arm", plan, T_map_base, wall_start, params_.cost.arm_s, &result);
   charge(params_.cost.arm_s, started, is_cancelled);
   return result;
 }
@@ -570,7 +558,7 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
     // What runs while its successor is refused is still in need of a watch.
     const std::lock_guard<std::mutex> lock(monitor_mutex_);
     response.watch_id = watch_ ? watch_->id : 0;
-    response.message += watch_ ? "; watch " + std::to_string(watch_->id) + " goes on" : "; nothing is watched";
+    response.message += watch_ ? "; watch " + std::to_string(watch_->id) + " continues" : "; nothing is watched";
   }
   return true;
 }

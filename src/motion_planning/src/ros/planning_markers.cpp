@@ -168,15 +168,15 @@ void PlanningMarkers::show(const motion_planning::PickPlan& plan, const Eigen::I
   publishPlan(array, ShownPlan(plan.approach.points.front().position_rad, endOf(last), T_map_base));
 }
 
-void PlanningMarkers::show(const motion_planning::ArmPlan& plan, const Eigen::Isometry3d& T_map_base) {
+void PlanningMarkers::show(const JointTrajectory& plan, const Eigen::Isometry3d& T_map_base) {
   if (plan_publisher_.getNumSubscribers() == 0) return publishPlan(cleared(), std::nullopt);
   MarkerArray array = cleared();
-  addWay(plan.trajectory, T_map_base, 0, color(0.2, 0.8, 1.0, 1.0), &array);
+  addWay(plan, T_map_base, 0, color(0.2, 0.8, 1.0, 1.0), &array);
   for (int i = 0; i < num_arms_; ++i) {
-    const double t = plan.trajectory.duration() * i / std::max(1, num_arms_ - 1);
-    addArm(plan.trajectory.sample(t).position_rad, T_map_base, i, i + 1 == num_arms_ ? 0.8F : 0.12F, &array);
+    const double t = plan.duration() * i / std::max(1, num_arms_ - 1);
+    addArm(plan.sample(t).position_rad, T_map_base, i, i + 1 == num_arms_ ? 0.8F : 0.12F, &array);
   }
-  publishPlan(array, ShownPlan(plan.trajectory.points.front().position_rad, endOf(plan.trajectory), T_map_base));
+  publishPlan(array, ShownPlan(plan.points.front().position_rad, endOf(plan), T_map_base));
 }
 
 void PlanningMarkers::showFailure(const std::string& reason, const Eigen::Isometry3d& T_map_base) {

@@ -38,8 +38,8 @@ PickWorld oneBrick(double yaw_rad = 0.3) {
   return pick;
 }
 
-PickPlan pickFrom(const PickWorld& pick, std::size_t brick, const MotionPlannerConfig& config = {}) {
-  return makePlanner(config).planPick(pick.context(), pick.target(brick), pick.container(*shippedArm()));
+Result<PickPlan> pickFrom(const PickWorld& pick, std::size_t brick, const MotionPlannerConfig& config = {}) {
+  return makePlanner(config).planPick(pick.context(), pick.target(brick), pick.container(*shippedArm())).plan;
 }
 
 double tiltOf(const Eigen::Vector3d& up_tip, const ArmVector& q) {
@@ -74,9 +74,10 @@ std::pair<double, double> straightness(const JointTrajectory& trajectory) {
 }
 
 /// All that a pick promises, against the exact boxes.
-void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& plan,
+void expectGoodPick(const PickWorld& pick, std::size_t brick, const Result<PickPlan>& planned,
                     const MotionPlannerConfig& config = {}, std::size_t place = 0) {
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  ASSERT_TRUE(planned) << planned.failure().message;
+  const PickPlan& plan = *planned;
   const ArmKinematics& arm = *shippedArm();
   for (const JointTrajectory* trajectory : {&plan.approach, &plan.contact, &plan.lift, &plan.stow}) {
     expectWithinLimits(*trajectory, config);
@@ -147,10 +148,10 @@ void expectGoodPick(const PickWorld& pick, std::size_t brick, const PickPlan& pl
 
 TEST(MotionPlanner, PicksABrickByItsTopAndCarriesItToTheContainer) {
   const PickWorld pick = oneBrick();
-  const PickPlan plan = pickFrom(pick, 0);
-  expectGoodPick(pick, 0, plan);
-  EXPECT_EQ(plan.face, BrickFace::kPlusZ);
-  EXPECT_THAT(plan.tried, IsEmpty());
+  const PickResult result = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
+  expectGoodPick(pick, 0, result.plan);
+  EXPECT_EQ(result.plan->face, BrickFace::kPlusZ);
+  EXPECT_THAT(result.tried, IsEmpty());
 }
 
 TEST(MotionPlanner, PicksABrickByItsSide) {
@@ -158,9 +159,10 @@ TEST(MotionPlanner, PicksABrickByItsSide) {
   PickTarget target = pick.target(0);
   target.faces.erase(target.faces.begin());
   MotionPlannerConfig config;
-  const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.container(*shippedArm()));
+  const Result<PickPlan> plan =
+      makePlanner(config).planPick(pick.context(), target, pick.container(*shippedArm())).plan;
   expectGoodPick(pick, 0, plan, config);
-  EXPECT_NE(plan.face, BrickFace::kPlusZ);
+  EXPECT_NE(plan->face, BrickFace::kPlusZ);
 }
 
 // Its faces are neither top nor side faces: 30 to 60 degrees from up.
@@ -173,16 +175,16 @@ TEST(MotionPlanner, PicksATiltedBrickByAFaceBetween) {
     pick.makeScene();
     PickTarget target = pick.target(0);
     target.faces = {BrickFace::kPlusZ};
-    const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
-    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    const Result<PickPlan> plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm())).plan;
+    ASSERT_TRUE(plan) << plan.failure().message;
     ExactMotion exact(*shippedArm(), pick);
-    EXPECT_EQ(exact.complaint(plan.approach, 0.0), "");
+    EXPECT_EQ(exact.complaint(plan->approach, 0.0), "");
     exact.setTarget(0);
-    EXPECT_EQ(exact.complaint(plan.contact, 0.0), "");
-    exact.setHeld(plan.held);
-    EXPECT_EQ(exact.complaint(plan.lift, MotionPlannerConfig().collision.held_shrink_m), "");
+    EXPECT_EQ(exact.complaint(plan->contact, 0.0), "");
+    exact.setHeld(plan->held);
+    EXPECT_EQ(exact.complaint(plan->lift, MotionPlannerConfig().collision.held_shrink_m), "");
     exact.setTarget(0, true);
-    EXPECT_EQ(exact.complaint(plan.stow, MotionPlannerConfig().collision.held_shrink_m), "");
+    EXPECT_EQ(exact.complaint(plan->stow, MotionPlannerConfig().collision.held_shrink_m), "");
   }
 }
 
@@ -196,7 +198,8 @@ TEST(MotionPlanner, StowsAtEachPlace) {
     target.faces = {face};
     for (std::size_t place = 0; place < mp700_ur5e_description::kContainerPlaces.size(); ++place) {
       SCOPED_TRACE(std::string(toString(face)) + " at place " + std::to_string(place + 1));
-      const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm(), place));
+      const Result<PickPlan> plan =
+          makePlanner().planPick(pick.context(), target, pick.container(*shippedArm(), place)).plan;
       expectGoodPick(pick, 0, plan, {}, place);
     }
   }
@@ -232,36 +235,39 @@ TEST(MotionPlanner, LaysDownABrickThatStands) {
         context.load.push_back(standing);
         loaded.world.boxes.push_back({pick.T_map_base * standing.T_base_brick, standing.size_m});
       }
-      const PickPlan plan = makePlanner().planPick(context, pick.target(0), pick.container(*shippedArm(), place));
-      ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-      const Eigen::Isometry3d T_place_brick = letGoAt(plan, place);
+      const Result<PickPlan> plan =
+          makePlanner().planPick(context, pick.target(0), pick.container(*shippedArm(), place)).plan;
+      ASSERT_TRUE(plan) << plan.failure().message;
+      const Eigen::Isometry3d T_place_brick = letGoAt(*plan, place);
       EXPECT_LT(T_place_brick.translation().head<2>().norm(), 1e-5);
       EXPECT_NEAR(T_place_brick.translation().z(), PlaceGoal().above_m + 0.1, 1e-5);
       EXPECT_LT((T_place_brick.linear().cwiseAbs() * pick.type.size_m - pick.type.size_m).norm(), 1e-4);
       ExactMotion exact(*shippedArm(), loaded);
-      exact.setHeld(plan.held);
+      exact.setHeld(plan->held);
       exact.setTarget(0, true);
-      EXPECT_EQ(exact.complaint(plan.stow, MotionPlannerConfig().collision.held_shrink_m), "");
+      EXPECT_EQ(exact.complaint(plan->stow, MotionPlannerConfig().collision.held_shrink_m), "");
     }
-    const PickPlan begun = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
-    ASSERT_EQ(begun.status, PlanStatus::kSuccess) << begun.message;
+    const Result<PickPlan> begun =
+        makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm())).plan;
+    ASSERT_TRUE(begun) << begun.failure().message;
     // Stopped anywhere on the way, it can still be stowed.
-    for (double t = 0.0; t < begun.stow.duration(); t += 0.5) {
+    for (double t = 0.0; t < begun->stow.duration(); t += 0.5) {
       PlanningContext context = pick.context();
-      context.held = begun.held;
-      context.start_rad = begun.stow.sample(t).position_rad;
+      context.held = begun->held;
+      context.start_rad = begun->stow.sample(t).position_rad;
       context.vacated = pick.world.boxes[0];
-      const ArmPlan rest = makePlanner().planArm(context, pick.container(*shippedArm()).front());
-      ASSERT_EQ(rest.status, PlanStatus::kSuccess) << "after " << t << " s: " << rest.message;
+      const Result<JointTrajectory> rest = makePlanner().planArm(context, pick.container(*shippedArm()).front());
+      ASSERT_TRUE(rest) << "after " << t << " s: " << rest.failure().message;
       const Eigen::Isometry3d T_base_held =
-          shippedArm()->tipPose(rest.trajectory.points.back().position_rad) * begun.held.T_tip_brick;
+          shippedArm()->tipPose(rest->points.back().position_rad) * begun->held.T_tip_brick;
       EXPECT_NEAR(T_base_held.linear().row(2).cwiseAbs().dot(pick.type.size_m), 0.2, 1e-4) << "it lies";
     }
     if (std::abs(turn.angle()) < 1.5) continue;
     pick.type.mass_kg = 1.5;  // 2.2 Nm about a magnet on its end
-    const PickPlan plan = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
-    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-    EXPECT_NEAR(letGoAt(plan, 0).translation().z(), PlaceGoal().above_m + 0.15, 1e-5);
+    const Result<PickPlan> plan =
+        makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm())).plan;
+    ASSERT_TRUE(plan) << plan.failure().message;
+    EXPECT_NEAR(letGoAt(*plan, 0).translation().z(), PlaceGoal().above_m + 0.15, 1e-5);
   }
 }
 
@@ -275,11 +281,12 @@ TEST(MotionPlanner, AGuardedTouchGoesOnBeyondThePlate) {
     pick.makeScene();
     PickTarget target = pick.target(0);
     target.faces = {BrickFace::kPlusZ};
-    const PickPlan plan = makePlanner(guarded).planPick(pick.context(), target, pick.container(*shippedArm()));
-    if (plan.status != PlanStatus::kSuccess) continue;
+    const Result<PickPlan> plan =
+        makePlanner(guarded).planPick(pick.context(), target, pick.container(*shippedArm())).plan;
+    if (!plan) continue;
     ++solved;
-    const Eigen::Isometry3d T_contact_end =
-        plan.T_map_contact.inverse() * pick.T_map_base * shippedArm()->tipPose(plan.contact.points.back().position_rad);
+    const Eigen::Isometry3d T_contact_end = plan->T_map_contact.inverse() * pick.T_map_base *
+                                            shippedArm()->tipPose(plan->contact.points.back().position_rad);
     EXPECT_LT((T_contact_end.translation() - Eigen::Vector3d(0.0, 0.0, 0.01)).norm(), 1e-5) << x_m;
   }
   EXPECT_GE(solved, 4);
@@ -292,14 +299,15 @@ TEST(MotionPlanner, PlansInPilesHoldAgainstTheExactBoxes) {
     const PickWorld pick = randomPile(seed, 8);
     for (const std::size_t brick : pick.open) {
       SCOPED_TRACE("pile " + std::to_string(seed) + ", brick " + std::to_string(brick));
-      const PickPlan plan = pickFrom(pick, brick);
+      const auto [plan, tried] =
+          makePlanner().planPick(pick.context(), pick.target(brick), pick.container(*shippedArm()));
       ++asked;
-      if (plan.status == PlanStatus::kSuccess) {
+      if (plan) {
         expectGoodPick(pick, brick, plan);
         ++solved;
       } else {
-        EXPECT_THAT(plan.message, ::testing::Not(IsEmpty()));
-        EXPECT_THAT(plan.tried, SizeIs(pick.target(brick).faces.size()));
+        EXPECT_THAT(plan.failure().message, ::testing::Not(IsEmpty()));
+        EXPECT_THAT(tried, SizeIs(pick.target(brick).faces.size()));
       }
     }
   }
@@ -320,7 +328,7 @@ TEST(MotionPlanner, PlansBesideWallsHoldAgainstTheExactBoxes) {
       if (is_corner) addWall({0.95 + 0.15 + gap_m + 0.1, -0.2, 1.0}, {0.2, 2.0, 2.0});
       pick.world.is_unknown = [](const Eigen::Vector3d& p_map) { return p_map.z() > 0.73; };
       pick.makeScene();
-      const PickPlan plan = pickFrom(pick, 0);
+      const Result<PickPlan> plan = pickFrom(pick, 0);
       expectGoodPick(pick, 0, plan);
     }
   }
@@ -328,10 +336,10 @@ TEST(MotionPlanner, PlansBesideWallsHoldAgainstTheExactBoxes) {
 
 TEST(MotionPlanner, SameRequestSamePlan) {
   const PickWorld pick = randomPile(3, 8);
-  const PickPlan first = pickFrom(pick, pick.open.front());
-  const PickPlan second = pickFrom(pick, pick.open.front());
-  EXPECT_EQ(first.status, second.status);
-  EXPECT_EQ(first.message, second.message);
+  const Result<PickPlan> first = pickFrom(pick, pick.open.front());
+  const Result<PickPlan> second = pickFrom(pick, pick.open.front());
+  ASSERT_TRUE(first) << first.failure().message;
+  ASSERT_TRUE(second) << second.failure().message;
   const auto expectSame = [](const JointTrajectory& a, const JointTrajectory& b) {
     ASSERT_EQ(a.points.size(), b.points.size());
     for (std::size_t i = 0; i < a.points.size(); ++i) {
@@ -339,8 +347,8 @@ TEST(MotionPlanner, SameRequestSamePlan) {
       EXPECT_EQ(a.points[i].position_rad, b.points[i].position_rad);
     }
   };
-  expectSame(first.approach, second.approach);
-  expectSame(first.stow, second.stow);
+  expectSame(first->approach, second->approach);
+  expectSame(first->stow, second->stow);
 }
 
 TEST(MotionPlanner, ABrickUnderAnotherIsNotTakenByItsTop) {
@@ -350,12 +358,13 @@ TEST(MotionPlanner, ABrickUnderAnotherIsNotTakenByItsTop) {
   pick.makeScene();
   PickTarget target = pick.target(0);
   target.faces = {BrickFace::kPlusZ};
-  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
-  EXPECT_THAT(plan.status, AnyOf(PlanStatus::kGoalInCollision, PlanStatus::kApproachBlocked)) << plan.message;
-  ASSERT_THAT(plan.tried, SizeIs(1));
-  EXPECT_EQ(plan.tried[0].first, BrickFace::kPlusZ);
-  EXPECT_EQ(plan.tried[0].second.message, plan.message);
-  EXPECT_THAT(plan.message, HasSubstr("face +z of brick 0"));
+  const auto [plan, tried] = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
+  EXPECT_THAT(plan.failure().status, AnyOf(PlanStatus::kGoalInCollision, PlanStatus::kApproachBlocked))
+      << plan.failure().message;
+  ASSERT_THAT(tried, SizeIs(1));
+  EXPECT_EQ(tried[0].first, BrickFace::kPlusZ);
+  EXPECT_EQ(tried[0].second.message, plan.failure().message);
+  EXPECT_THAT(plan.failure().message, HasSubstr("face +z of brick 0"));
 }
 
 TEST(MotionPlanner, ReportsTheFaceThatGotFarthest) {
@@ -366,66 +375,66 @@ TEST(MotionPlanner, ReportsTheFaceThatGotFarthest) {
   PickTarget target = pick.target(0);
   // +x looks away from the robot, -z into the ground.
   target.faces = {BrickFace::kPlusX, BrickFace::kPlusZ, BrickFace::kMinusZ};
-  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
-  ASSERT_THAT(plan.tried, SizeIs(3));
-  EXPECT_EQ(plan.tried[0].second.status, PlanStatus::kOutsideSector);
-  EXPECT_EQ(plan.face, BrickFace::kPlusZ);
-  EXPECT_EQ(plan.status, plan.tried[1].second.status);
-  EXPECT_NE(plan.status, PlanStatus::kOutsideSector);
+  const auto [plan, tried] = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
+  ASSERT_THAT(tried, SizeIs(3));
+  EXPECT_EQ(tried[0].second.status, PlanStatus::kOutsideSector);
+  EXPECT_EQ(plan.failure().status, tried[1].second.status);
+  EXPECT_THAT(plan.failure().message, HasSubstr("face +z of brick 0"));
+  EXPECT_NE(plan.failure().status, PlanStatus::kOutsideSector);
 }
 
 TEST(MotionPlanner, BadRequestsAreNamed) {
   const PickWorld pick = oneBrick();
   const MotionPlanner planner = makePlanner();
   const auto stow = pick.container(*shippedArm());
-  const auto expectBad = [](const PlanFailure& plan, const std::string& part) {
-    EXPECT_EQ(plan.status, PlanStatus::kBadRequest);
-    EXPECT_THAT(plan.message, HasSubstr(part));
+  const auto expectBad = [](const PlanFailure& why, const std::string& part) {
+    EXPECT_EQ(why.status, PlanStatus::kBadRequest);
+    EXPECT_THAT(why.message, HasSubstr(part));
   };
   PickTarget target = pick.target(0);
   target.T_map_brick.translation().x() = kNaN;
-  expectBad(planner.planPick(pick.context(), target, stow), "pose of the brick");
+  expectBad(planner.planPick(pick.context(), target, stow).plan.failure(), "pose of the brick");
   target = pick.target(0);
   target.type = nullptr;
-  expectBad(planner.planPick(pick.context(), target, stow), "type");
+  expectBad(planner.planPick(pick.context(), target, stow).plan.failure(), "type");
   target = pick.target(0);
   target.faces.clear();
-  expectBad(planner.planPick(pick.context(), target, stow), "no face");
+  expectBad(planner.planPick(pick.context(), target, stow).plan.failure(), "no face");
   target.faces = {BrickFace::kPlusZ, BrickFace::kMinusX, BrickFace::kPlusZ};
-  expectBad(planner.planPick(pick.context(), target, stow), "face +z is given twice");
+  expectBad(planner.planPick(pick.context(), target, stow).plan.failure(), "face +z is given twice");
   target.faces.assign(7, BrickFace::kPlusX);
-  expectBad(planner.planPick(pick.context(), target, stow), "7 faces to try, must be at most 6");
-  expectBad(planner.planPick(pick.context(), pick.target(0), {}), "no goal");
+  expectBad(planner.planPick(pick.context(), target, stow).plan.failure(), "7 faces to try, must be at most 6");
+  expectBad(planner.planPick(pick.context(), pick.target(0), {}).plan.failure(), "no goal");
   PlanningContext context = pick.context();
   context.start_rad[3] = kNaN;
-  expectBad(planner.planPick(context, pick.target(0), stow), "start has an angle");
+  expectBad(planner.planPick(context, pick.target(0), stow).plan.failure(), "start has an angle");
   context = pick.context();
   context.T_map_base.linear() *= 1.1;
-  expectBad(planner.planPick(context, pick.target(0), stow), "pose of the base");
+  expectBad(planner.planPick(context, pick.target(0), stow).plan.failure(), "pose of the base");
   context = pick.context();
   context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0, 0, 0.1)), pick.type.size_m};
-  expectBad(planner.planPick(context, pick.target(0), stow), "holds a brick already");
+  expectBad(planner.planPick(context, pick.target(0), stow).plan.failure(), "holds a brick already");
   PickWorld few_plates = oneBrick();
   few_plates.type.plate_faces = {BrickFace::kMinusZ};
-  expectBad(pickFrom(few_plates, 0), "has no steel plate");
+  expectBad(pickFrom(few_plates, 0).failure(), "has no steel plate");
 
   ArmGoal goal;
-  expectBad(planner.planArm(pick.context(), goal), "0 of joints, tip and place");
+  expectBad(planner.planArm(pick.context(), goal).failure(), "0 of joints, tip and place");
   goal.joints_rad = pick.start_rad;
   goal.T_map_tip = Eigen::Isometry3d::Identity();
-  expectBad(planner.planArm(pick.context(), goal), "2 of joints, tip and place");
+  expectBad(planner.planArm(pick.context(), goal).failure(), "2 of joints, tip and place");
   goal.T_map_tip.reset();
   (*goal.joints_rad)[0] = kNaN;
-  expectBad(planner.planArm(pick.context(), goal), "not finite");
-  expectBad(planner.planArm(pick.context(), stow.front()), "nothing is held");
+  expectBad(planner.planArm(pick.context(), goal).failure(), "not finite");
+  expectBad(planner.planArm(pick.context(), stow.front()).failure(), "nothing is held");
   ViewFrustum view;
-  expectBad(planner.planInspect(pick.context(), view, {}), "view");
+  expectBad(planner.planInspect(pick.context(), view, {}).failure(), "view");
 }
 
 TEST(MotionPlanner, NoMap) {
   PickWorld pick = oneBrick();
   pick.scene.reset();
-  EXPECT_EQ(pickFrom(pick, 0).status, PlanStatus::kNoMap);
+  EXPECT_EQ(pickFrom(pick, 0).failure().status, PlanStatus::kNoMap);
 }
 
 TEST(MotionPlanner, EmptySceneIsFreeButForRobotAndFloor) {
@@ -435,18 +444,18 @@ TEST(MotionPlanner, EmptySceneIsFreeButForRobotAndFloor) {
   ArmGoal goal;
   goal.joints_rad = pick.start_rad;
   (*goal.joints_rad)[0] += 1.0;
-  const ArmPlan plan = makePlanner().planArm(pick.context(), goal);
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-  EXPECT_EQ(plan.trajectory.points.back().position_rad, *goal.joints_rad);
+  const Result<JointTrajectory> plan = makePlanner().planArm(pick.context(), goal);
+  ASSERT_TRUE(plan) << plan.failure().message;
+  EXPECT_EQ(plan->points.back().position_rad, *goal.joints_rad);
 }
 
 TEST(MotionPlanner, FarBrickIsOutsideTheSector) {
   PickWorld pick = emptyPickWorld();
   pick.add({2.5, 0.0, 0.1});
   pick.makeScene();
-  const PickPlan plan = pickFrom(pick, 0);
-  EXPECT_EQ(plan.status, PlanStatus::kOutsideSector);
-  EXPECT_THAT(plan.tried, SizeIs(5));
+  const auto [plan, tried] = makePlanner().planPick(pick.context(), pick.target(0), pick.container(*shippedArm()));
+  EXPECT_EQ(plan.failure().status, PlanStatus::kOutsideSector);
+  EXPECT_THAT(tried, SizeIs(5));
 }
 
 TEST(MotionPlanner, UnreachableFaceAndTipHaveNoIk) {
@@ -458,11 +467,11 @@ TEST(MotionPlanner, UnreachableFaceAndTipHaveNoIk) {
   const MotionPlanner planner(shippedArm(), wide, {});
   PickTarget target = pick.target(0);
   target.faces = {BrickFace::kPlusZ};
-  const PickPlan plan = planner.planPick(pick.context(), target, pick.container(*shippedArm()));
-  EXPECT_EQ(plan.status, PlanStatus::kNoIk) << plan.message;
+  const Result<PickPlan> plan = planner.planPick(pick.context(), target, pick.container(*shippedArm())).plan;
+  EXPECT_EQ(plan.failure().status, PlanStatus::kNoIk) << plan.failure().message;
   ArmGoal goal;
   goal.T_map_tip = pick.T_map_base * Eigen::Translation3d(3.0, 0.0, 1.0);
-  EXPECT_EQ(planner.planArm(pick.context(), goal).status, PlanStatus::kNoIk);
+  EXPECT_EQ(planner.planArm(pick.context(), goal).failure().status, PlanStatus::kNoIk);
 }
 
 TEST(MotionPlanner, StartInCollisionSaysWithWhat) {
@@ -470,34 +479,34 @@ TEST(MotionPlanner, StartInCollisionSaysWithWhat) {
   const Eigen::Vector3d tip = shippedArm()->tipPose(pick.start_rad).translation();
   pick.add(tip);
   pick.makeScene();
-  const PickPlan plan = pickFrom(pick, 0);
-  EXPECT_EQ(plan.status, PlanStatus::kStartInCollision);
-  EXPECT_THAT(plan.message, HasSubstr("start is in collision"));
+  const Result<PickPlan> plan = pickFrom(pick, 0);
+  EXPECT_EQ(plan.failure().status, PlanStatus::kStartInCollision);
+  EXPECT_THAT(plan.failure().message, HasSubstr("start is in collision"));
 }
 
 // A pick that was broken off on its last centimetres, by a protective stop for one: nothing is held.
 TEST(MotionPlanner, EmptyMagnetAtAFaceGoesStraightBackFirst) {
   const PickWorld pick = oneBrick();
-  const PickPlan broken_off = pickFrom(pick, 0);
-  ASSERT_EQ(broken_off.status, PlanStatus::kSuccess) << broken_off.message;
+  const Result<PickPlan> broken_off = pickFrom(pick, 0);
+  ASSERT_TRUE(broken_off) << broken_off.failure().message;
   const MotionPlanner planner = makePlanner();
   const ArmKinematics& arm = *shippedArm();
   PlanningContext context = pick.context();
   CollisionChecker checker(shippedArm(), context.scene, context.T_map_base, planner.config().collision);
-  context.start_rad = broken_off.contact.points.back().position_rad;
+  context.start_rad = broken_off->contact.points.back().position_rad;
   ASSERT_TRUE(checker.check(context.start_rad)) << "that is the case";
   ArmGoal goal;
   goal.joints_rad = pick.start_rad;
-  const ArmPlan plan = planner.planArm(context, goal);
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-  EXPECT_EQ(plan.trajectory.points.front().position_rad, context.start_rad);
-  EXPECT_EQ(plan.trajectory.points.back().position_rad, pick.start_rad);
+  const Result<JointTrajectory> plan = planner.planArm(context, goal);
+  ASSERT_TRUE(plan) << plan.failure().message;
+  EXPECT_EQ(plan->points.front().position_rad, context.start_rad);
+  EXPECT_EQ(plan->points.back().position_rad, pick.start_rad);
 
   const Eigen::Isometry3d T_face = arm.tipPose(context.start_rad);
   double back_m = 0.0;
   bool is_out = false;
-  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.005) {
-    const ArmVector q = plan.trajectory.sample(t).position_rad;
+  for (double t = 0.0; t < plan->duration(); t += 0.005) {
+    const ArmVector q = plan->sample(t).position_rad;
     is_out = is_out || checker.isFree(q);
     if (is_out) {
       EXPECT_TRUE(checker.isFree(q)) << "back into something at " << t << " s";
@@ -513,21 +522,22 @@ TEST(MotionPlanner, EmptyMagnetAtAFaceGoesStraightBackFirst) {
 
   // The next pick begins with a way out of there.
   PickTarget target = pick.target(0);
-  EXPECT_EQ(planner.planPick(context, target, pick.container(arm)).status, PlanStatus::kStartInCollision);
+  EXPECT_EQ(planner.planPick(context, target, pick.container(arm)).plan.failure().status,
+            PlanStatus::kStartInCollision);
   // And who watches it sees the same.
   EXPECT_TRUE(checker.yieldToMagnetAt(context.start_rad));
-  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.02) {
-    EXPECT_TRUE(checker.isFree(plan.trajectory.sample(t).position_rad)) << t;
+  for (double t = 0.0; t < plan->duration(); t += 0.02) {
+    EXPECT_TRUE(checker.isFree(plan->sample(t).position_rad)) << t;
   }
 }
 
 // A newer image has brought surface to within the margin of the wrist, where a pick was stopped with a brick in the hand.
 TEST(MotionPlanner, OutOfAMarginThatSurfaceHasReachedTheArmGoesStraight) {
   const PickWorld pick = oneBrick();
-  const PickPlan broken_off = pickFrom(pick, 0);
-  ASSERT_EQ(broken_off.status, PlanStatus::kSuccess) << broken_off.message;
+  const Result<PickPlan> broken_off = pickFrom(pick, 0);
+  ASSERT_TRUE(broken_off) << broken_off.failure().message;
   const MotionPlanner planner = makePlanner();
-  const ArmVector start = broken_off.lift.points.front().position_rad;
+  const ArmVector start = broken_off->lift.points.front().position_rad;
   PickWorld beside;
   const auto contactAt = [&](double gap_m) {
     beside = pick;
@@ -547,24 +557,24 @@ TEST(MotionPlanner, OutOfAMarginThatSurfaceHasReachedTheArmGoesStraight) {
   ASSERT_NE(contact.first, "brick");
   PlanningContext context = beside.context();
   context.start_rad = start;
-  context.held = broken_off.held;
+  context.held = broken_off->held;
   context.vacated = pick.world.boxes[0];
-  const ArmPlan plan = planner.planArm(context, pick.container(*shippedArm()).front());
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-  EXPECT_EQ(plan.trajectory.points.front().position_rad, start);
+  const Result<JointTrajectory> plan = planner.planArm(context, pick.container(*shippedArm()).front());
+  ASSERT_TRUE(plan) << plan.failure().message;
+  EXPECT_EQ(plan->points.front().position_rad, start);
   ExactMotion exact(*shippedArm(), beside);
-  exact.setHeld(broken_off.held);
+  exact.setHeld(broken_off->held);
   exact.setTarget(0, true);
-  EXPECT_EQ(exact.complaint(plan.trajectory, planner.config().collision.held_shrink_m), "");
+  EXPECT_EQ(exact.complaint(*plan, planner.config().collision.held_shrink_m), "");
   // Who watches it lets it go, and would stop it in the surface itself.
   Watched watched;
-  watched.first_rad = firstPostures(*shippedArm(), plan.trajectory);
+  watched.first_rad = firstPostures(*shippedArm(), *plan);
   watched.held = context.held;
   watched.vacated = context.vacated;
   const WatchCheckers checkers =
       watchCheckers(shippedArm(), context.scene, context.T_map_base, planner.config().collision, watched);
-  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.02) {
-    const ArmVector q = plan.trajectory.sample(t).position_rad;
+  for (double t = 0.0; t < plan->duration(); t += 0.02) {
+    const ArmVector q = plan->sample(t).position_rad;
     EXPECT_TRUE(checkers.from_start.isFree(q) || (checkers.beyond && checkers.beyond->isFree(q))) << t;
   }
   CollisionChecker margin(shippedArm(), context.scene, context.T_map_base, planner.config().collision);
@@ -578,9 +588,9 @@ TEST(MotionPlanner, OutOfAMarginThatSurfaceHasReachedTheArmGoesStraight) {
 
 TEST(MotionPlanner, OtherLinksInCollisionAreNoMagnetAtAFace) {
   const PickWorld pick = oneBrick();
-  const PickPlan broken_off = pickFrom(pick, 0);
-  ASSERT_EQ(broken_off.status, PlanStatus::kSuccess) << broken_off.message;
-  const ArmVector at_face = broken_off.contact.points.back().position_rad;
+  const Result<PickPlan> broken_off = pickFrom(pick, 0);
+  ASSERT_TRUE(broken_off) << broken_off.failure().message;
+  const ArmVector at_face = broken_off->contact.points.back().position_rad;
   // The side of something goes through the wrist.
   PickWorld beside = pick;
   beside.add(shippedArm()->tipPose(at_face).translation() + Eigen::Vector3d(0.15, 0.0, 0.25));
@@ -594,14 +604,14 @@ TEST(MotionPlanner, OtherLinksInCollisionAreNoMagnetAtAFace) {
   context.start_rad = at_face;
   ArmGoal goal;
   goal.joints_rad = pick.start_rad;
-  EXPECT_EQ(planner.planArm(context, goal).status, PlanStatus::kStartInCollision);
+  EXPECT_EQ(planner.planArm(context, goal).failure().status, PlanStatus::kStartInCollision);
 }
 
 TEST(MotionPlanner, BeyondTheJointsLimitsIsAReasonOfItsOwn) {
   const PickWorld pick = oneBrick();
-  const auto expectBeyond = [](const PlanFailure& plan, const std::string& where, const std::string& joint) {
-    EXPECT_EQ(plan.status, PlanStatus::kOutsideLimits) << plan.message;
-    EXPECT_THAT(plan.message, AllOf(HasSubstr(where), HasSubstr(joint)));
+  const auto expectBeyond = [](const PlanFailure& why, const std::string& where, const std::string& joint) {
+    EXPECT_EQ(why.status, PlanStatus::kOutsideLimits) << why.message;
+    EXPECT_THAT(why.message, AllOf(HasSubstr(where), HasSubstr(joint)));
   };
   PlanningContext context = pick.context();
   context.start_rad[0] = 20.0;
@@ -611,25 +621,27 @@ TEST(MotionPlanner, BeyondTheJointsLimitsIsAReasonOfItsOwn) {
   const std::string joints =
       "shoulder_pan_joint = 20.000 rad, must be in [-6.283, 6.283] rad; elbow_joint = -3.500 rad, must be in "
       "[-3.142, 3.142] rad";
-  expectBeyond(makePlanner().planArm(context, goal), "start: ", joints);
-  expectBeyond(makePlanner().planPick(context, pick.target(0), pick.container(*shippedArm())), "start: ", joints);
+  expectBeyond(makePlanner().planArm(context, goal).failure(), "start: ", joints);
+  expectBeyond(makePlanner().planPick(context, pick.target(0), pick.container(*shippedArm())).plan.failure(),
+               "start: ", joints);
   // At a limit is within it.
   context = pick.context();
   context.start_rad[5] = shippedArm()->limits().upper_rad[5];
-  EXPECT_NE(makePlanner().planArm(context, goal).status, PlanStatus::kOutsideLimits);
+  EXPECT_TRUE(makePlanner().planArm(context, goal));
 
   goal.joints_rad = pick.start_rad;
   (*goal.joints_rad)[5] = -7.0;
   const std::string wrist = "wrist_3_joint = -7.000 rad, must be in [-6.283, 6.283] rad";
-  expectBeyond(makePlanner().planArm(pick.context(), goal), "the goal posture: ", wrist);
+  expectBeyond(makePlanner().planArm(pick.context(), goal).failure(), "the goal posture: ", wrist);
   PickTarget target = pick.target(0);
   target.faces = {BrickFace::kPlusZ};
-  expectBeyond(makePlanner().planPick(pick.context(), target, {goal}), "carrying the brick away: ", wrist);
+  expectBeyond(makePlanner().planPick(pick.context(), target, {goal}).plan.failure(),
+               "carrying the brick away: ", wrist);
 }
 
 TEST(MotionPlanner, ASurfaceWithoutAreaIsNoneAtAll) {
   PickWorld pick = oneBrick();
-  const PickPlan floor_alone = [&] {
+  const Result<PickPlan> floor_alone = [&] {
     PickWorld empty = oneBrick();
     CollisionSceneBuilder builder{CollisionSceneConfig()};
     builder.update(Surface(), empty.world, empty.T_map_base);
@@ -637,7 +649,7 @@ TEST(MotionPlanner, ASurfaceWithoutAreaIsNoneAtAll) {
     return pickFrom(empty, 0);
   }();
   // The container's way is free, the magnet may stand on a brick that no map has seen.
-  ASSERT_EQ(floor_alone.status, PlanStatus::kSuccess) << floor_alone.message;
+  ASSERT_TRUE(floor_alone) << floor_alone.failure().message;
 
   const Surface good = pick.world.surface();
   const auto spoiled = [&](const std::function<void(Surface*)>& spoil) {
@@ -650,10 +662,10 @@ TEST(MotionPlanner, ASurfaceWithoutAreaIsNoneAtAll) {
     pick.scene = builder.scene();
     return pickFrom(pick, 0);
   };
-  const auto expectAsEmpty = [&](const PickPlan& plan) {
-    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-    EXPECT_EQ(plan.approach.points.back().position_rad, floor_alone.approach.points.back().position_rad);
-    EXPECT_EQ(plan.stow.points.back().position_rad, floor_alone.stow.points.back().position_rad);
+  const auto expectAsEmpty = [&](const Result<PickPlan>& plan) {
+    ASSERT_TRUE(plan) << plan.failure().message;
+    EXPECT_EQ(plan->approach.points.back().position_rad, floor_alone->approach.points.back().position_rad);
+    EXPECT_EQ(plan->stow.points.back().position_rad, floor_alone->stow.points.back().position_rad);
   };
   {
     SCOPED_TRACE("vertices, but no triangle");
@@ -705,7 +717,7 @@ TEST(MotionPlanner, BadVerticesLeaveTheRestOfTheSurface) {
   EXPECT_EQ(update.degenerate, 3u);
   PlanningContext context = pick.context();
   context.scene = builder.scene();
-  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kGoalInCollision);
+  EXPECT_EQ(makePlanner().planArm(context, goal).failure().status, PlanStatus::kGoalInCollision);
 }
 
 TEST(MotionPlanner, ASingleTriangleIsInTheWayAndNothingElseIs) {
@@ -728,11 +740,11 @@ TEST(MotionPlanner, ASingleTriangleIsInTheWayAndNothingElseIs) {
     context.scene = builder.scene();
     return makePlanner().planArm(context, goal);
   };
-  const ArmPlan touching = planOver(0.31);
-  EXPECT_EQ(touching.status, PlanStatus::kGoalInCollision) << touching.message;
-  EXPECT_THAT(touching.message, HasSubstr("surface"));
-  const ArmPlan over = planOver(0.10);
-  EXPECT_EQ(over.status, PlanStatus::kSuccess) << over.message;
+  const Result<JointTrajectory> touching = planOver(0.31);
+  EXPECT_EQ(touching.failure().status, PlanStatus::kGoalInCollision) << touching.failure().message;
+  EXPECT_THAT(touching.failure().message, HasSubstr("surface"));
+  const Result<JointTrajectory> over = planOver(0.10);
+  EXPECT_TRUE(over) << over.failure().message;
 }
 
 TEST(MotionPlanner, GoalInCollisionAndGoalUnknownAreToldApart) {
@@ -742,19 +754,19 @@ TEST(MotionPlanner, GoalInCollisionAndGoalUnknownAreToldApart) {
   Eigen::Isometry3d T_base_tip =
       Eigen::Translation3d(0.85, 0.1, 0.15) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
   goal.T_map_tip = pick.T_map_base * T_base_tip;
-  ArmPlan plan = makePlanner().planArm(pick.context(), goal);
-  EXPECT_EQ(plan.status, PlanStatus::kGoalInCollision) << plan.message;
-  EXPECT_THAT(plan.message, HasSubstr("in collision"));
+  Result<JointTrajectory> plan = makePlanner().planArm(pick.context(), goal);
+  EXPECT_EQ(plan.failure().status, PlanStatus::kGoalInCollision) << plan.failure().message;
+  EXPECT_THAT(plan.failure().message, HasSubstr("in collision"));
 
   T_base_tip.translation() += Eigen::Vector3d(0.0, 0.0, 0.15);
   goal.T_map_tip = pick.T_map_base * T_base_tip;
   plan = makePlanner().planArm(pick.context(), goal);
-  EXPECT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  EXPECT_TRUE(plan) << plan.failure().message;
 
   pick.world.is_unknown = [&](const Eigen::Vector3d& p_map) { return (pick.T_map_base.inverse() * p_map).x() > 0.8; };
   pick.makeScene();
   plan = makePlanner().planArm(pick.context(), goal);
-  EXPECT_EQ(plan.status, PlanStatus::kGoalUnknown) << plan.message;
+  EXPECT_EQ(plan.failure().status, PlanStatus::kGoalUnknown) << plan.failure().message;
 }
 
 TEST(MotionPlanner, WhereTheArmIsCannotBeUnseen) {
@@ -772,10 +784,10 @@ TEST(MotionPlanner, WhereTheArmIsCannotBeUnseen) {
   context.start_rad = branches.front();
   ArmGoal goal;
   goal.joints_rad = context.start_rad;
-  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  EXPECT_TRUE(makePlanner().planArm(context, goal));
   goal.joints_rad.reset();
   goal.T_map_tip = pick.T_map_base * over(0.92, 0.2);
-  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kGoalUnknown);
+  EXPECT_EQ(makePlanner().planArm(context, goal).failure().status, PlanStatus::kGoalUnknown);
 }
 
 /// What was planned in a map must not be stopped in the same map, by margins that are smaller.
@@ -799,25 +811,25 @@ void expectTheWatchLetsPass(const PickWorld& planned_in, const PlanningContext& 
 TEST(MotionPlanner, PlaceOfTheHeldBrickIsEmpty) {
   // Just taken: the map still has the brick where the hand holds it now.
   const PickWorld pick = oneBrick();
-  const PickPlan plan = pickFrom(pick, 0);
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess);
+  const Result<PickPlan> plan = pickFrom(pick, 0);
+  ASSERT_TRUE(plan);
   PlanningContext context = pick.context();
-  context.start_rad = plan.lift.points.front().position_rad;
-  context.held = plan.held;
+  context.start_rad = plan->lift.points.front().position_rad;
+  context.held = plan->held;
   ArmGoal goal;
-  goal.joints_rad = plan.lift.points.back().position_rad;
+  goal.joints_rad = plan->lift.points.back().position_rad;
   // Where it hangs there is nothing else: out of there it comes. But next to it the map is believed...
-  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kGoalInCollision);
+  EXPECT_EQ(makePlanner().planArm(context, goal).failure().status, PlanStatus::kGoalInCollision);
   ArmGoal away;
-  away.joints_rad = plan.stow.points.back().position_rad;
-  const ArmPlan out = makePlanner().planArm(context, away);
-  EXPECT_EQ(out.status, PlanStatus::kSuccess) << out.message;
-  expectTheWatchLetsPass(pick, context, out.trajectory);
+  away.joints_rad = plan->stow.points.back().position_rad;
+  const Result<JointTrajectory> out = makePlanner().planArm(context, away);
+  EXPECT_TRUE(out) << out.failure().message;
+  expectTheWatchLetsPass(pick, context, *out);
   // ... unless that is known to be its place.
   context.vacated = pick.world.boxes[0];
-  const ArmPlan lifted = makePlanner().planArm(context, goal);
-  EXPECT_EQ(lifted.status, PlanStatus::kSuccess) << lifted.message;
-  expectTheWatchLetsPass(pick, context, lifted.trajectory);
+  const Result<JointTrajectory> lifted = makePlanner().planArm(context, goal);
+  EXPECT_TRUE(lifted) << lifted.failure().message;
+  expectTheWatchLetsPass(pick, context, *lifted);
 }
 
 TEST(MotionPlanner, WhatIsLiftedPastASheetThatLeansOverItIsNotStoppedThere) {
@@ -825,11 +837,11 @@ TEST(MotionPlanner, WhatIsLiftedPastASheetThatLeansOverItIsNotStoppedThere) {
   PickWorld alone = emptyPickWorld();
   alone.add(middle);
   alone.makeScene();
-  const PickPlan taken = pickFrom(alone, 0);
-  ASSERT_EQ(taken.status, PlanStatus::kSuccess) << taken.message;
-  ASSERT_EQ(taken.face, BrickFace::kPlusZ);
+  const Result<PickPlan> taken = pickFrom(alone, 0);
+  ASSERT_TRUE(taken) << taken.failure().message;
+  ASSERT_EQ(taken->face, BrickFace::kPlusZ);
   ArmGoal goal;
-  goal.joints_rad = taken.stow.points.back().position_rad;
+  goal.joints_rad = taken->stow.points.back().position_rad;
   // From its top upwards by 6 cm, ever deeper over it: what leave it needs for the first 5 cm is just enough beyond, or not.
   int num_planned = 0;
   for (double lean_rad = 0.10; lean_rad < 0.42; lean_rad += 0.01) {
@@ -845,12 +857,12 @@ TEST(MotionPlanner, WhatIsLiftedPastASheetThatLeansOverItIsNotStoppedThere) {
     pick.world.boxes.push_back(sheet);
     pick.makeScene();
     PlanningContext context = pick.context();
-    context.held = taken.held;
-    context.start_rad = taken.lift.points.front().position_rad;
-    const ArmPlan plan = makePlanner().planArm(context, goal);
-    if (plan.status != PlanStatus::kSuccess) continue;
+    context.held = taken->held;
+    context.start_rad = taken->lift.points.front().position_rad;
+    const Result<JointTrajectory> plan = makePlanner().planArm(context, goal);
+    if (!plan) continue;
     ++num_planned;
-    expectTheWatchLetsPass(pick, context, plan.trajectory);
+    expectTheWatchLetsPass(pick, context, *plan);
   }
   EXPECT_GE(num_planned, 10);
 }
@@ -860,9 +872,9 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
   PickWorld alone = emptyPickWorld();
   alone.add(middle);
   alone.makeScene();
-  const PickPlan taken = pickFrom(alone, 0);
-  ASSERT_EQ(taken.status, PlanStatus::kSuccess) << taken.message;
-  ASSERT_EQ(taken.face, BrickFace::kPlusZ);
+  const Result<PickPlan> taken = pickFrom(alone, 0);
+  ASSERT_TRUE(taken) << taken.failure().message;
+  ASSERT_EQ(taken->face, BrickFace::kPlusZ);
   const ArmKinematics& arm = *shippedArm();
   const MotionPlannerConfig config;
   // So far within the brick the map has its neighbours to both sides: at last both are in its middle.
@@ -874,21 +886,21 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
     pick.add(middle - beside);
     pick.makeScene();
     PlanningContext context = pick.context();
-    context.held = taken.held;
-    context.start_rad = taken.lift.points.front().position_rad;
+    context.held = taken->held;
+    context.start_rad = taken->lift.points.front().position_rad;
     ArmGoal goal;
-    goal.joints_rad = taken.stow.points.back().position_rad;
-    const ArmPlan plan = makePlanner(config).planArm(context, goal);
-    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-    expectWithinLimits(plan.trajectory, config);
-    EXPECT_EQ(plan.trajectory.points.front().position_rad, context.start_rad);
-    EXPECT_EQ(plan.trajectory.points.back().position_rad, *goal.joints_rad);
+    goal.joints_rad = taken->stow.points.back().position_rad;
+    const Result<JointTrajectory> plan = makePlanner(config).planArm(context, goal);
+    ASSERT_TRUE(plan) << plan.failure().message;
+    expectWithinLimits(*plan, config);
+    EXPECT_EQ(plan->points.front().position_rad, context.start_rad);
+    EXPECT_EQ(plan->points.back().position_rad, *goal.joints_rad);
     const Eigen::Vector3d from = arm.tipPose(context.start_rad).translation();
     ExactMotion exact(arm, pick);
-    exact.setHeld(taken.held);
+    exact.setHeld(taken->held);
     double over_m = 0.0;
-    for (double t = 0.0; t < plan.trajectory.duration(); t += 0.01) {
-      const ArmVector q = plan.trajectory.sample(t).position_rad;
+    for (double t = 0.0; t < plan->duration(); t += 0.01) {
+      const ArmVector q = plan->sample(t).position_rad;
       const Eigen::Vector3d way = arm.tipPose(q).translation() - from;
       over_m = std::max(over_m, way.z());
       if (over_m < pick.type.size_m.z()) {
@@ -898,7 +910,7 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
       }
     }
     EXPECT_GT(over_m, pick.type.size_m.z());
-    expectTheWatchLetsPass(pick, context, plan.trajectory);
+    expectTheWatchLetsPass(pick, context, *plan);
   }
 }
 
@@ -913,15 +925,15 @@ TEST(MotionPlanner, WhatTheMapHasOfTheHeldBrickItselfIsNotInItsWay) {
   Eigen::Isometry3d T_base_tip(Eigen::Translation3d(0.75, 0.0, 0.95));
   T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
   context.start_rad = shippedArm()->inverse(T_base_tip, pick.start_rad).at(0);
-  const ArmPlan plan = makePlanner().planArm(context, pick.container(*shippedArm()).front());
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-  expectTheWatchLetsPass(pick, context, plan.trajectory);
+  const Result<JointTrajectory> plan = makePlanner().planArm(context, pick.container(*shippedArm()).front());
+  ASSERT_TRUE(plan) << plan.failure().message;
+  expectTheWatchLetsPass(pick, context, *plan);
   // What reaches farther is another thing.
   pick.add({0.775, 0.0, 0.8});
   pick.world.boxes[1].size_m = {0.5, 0.5, 0.5};
   pick.makeScene();
   context.scene = pick.scene;
-  EXPECT_EQ(makePlanner().planArm(context, pick.container(*shippedArm()).front()).status,
+  EXPECT_EQ(makePlanner().planArm(context, pick.container(*shippedArm()).front()).failure().status,
             PlanStatus::kStartInCollision);
 }
 
@@ -975,11 +987,11 @@ TEST(MotionPlanner, WhatIsCarriedKeepsItsDistanceFromTheContainer) {
       context.start_rad = start;
       CollisionChecker empty(shippedArm(), context.scene, context.T_map_base, config.collision);
       if (!empty.isFree(start)) continue;
-      const ArmPlan plan = makePlanner(config).planArm(context, goal);
-      ASSERT_EQ(plan.status, PlanStatus::kSuccess) << gap_m << ": " << plan.message;
+      const Result<JointTrajectory> plan = makePlanner(config).planArm(context, goal);
+      ASSERT_TRUE(plan) << gap_m << ": " << plan.failure().message;
       // Between the last checks of a path it may be nearer by half a step; and at its start it is yielded to in steps.
       const double slack_m = 0.5 * config.check.verify_step_m;
-      EXPECT_GT(distanceToContainer(*context.held, plan.trajectory),
+      EXPECT_GT(distanceToContainer(*context.held, *plan),
                 std::min(gap_m - 0.005, config.collision.held_padding_m) - slack_m)
           << gap_m;
       ++num_ways;
@@ -994,9 +1006,9 @@ TEST(MotionPlanner, WhereNoSearchFindsAWayOutAStraightOneIsTaken) {
   PickWorld alone = emptyPickWorld();
   alone.add(middle);
   alone.makeScene();
-  const PickPlan taken = pickFrom(alone, 0);
-  ASSERT_EQ(taken.status, PlanStatus::kSuccess) << taken.message;
-  ASSERT_EQ(taken.face, BrickFace::kPlusZ);
+  const Result<PickPlan> taken = pickFrom(alone, 0);
+  ASSERT_TRUE(taken) << taken.failure().message;
+  ASSERT_EQ(taken->face, BrickFace::kPlusZ);
   // A shaft, open above, with half a centimetre more than the margin on all sides; the brick hangs in it, off the ground.
   PickWorld pick = emptyPickWorld();
   const Eigen::Vector3d size_m = pick.type.size_m;
@@ -1008,8 +1020,8 @@ TEST(MotionPlanner, WhereNoSearchFindsAWayOutAStraightOneIsTaken) {
   MotionPlannerConfig config;
   config.planner.max_iterations = 20;
   PlanningContext context = pick.context();
-  context.held = taken.held;
-  const std::vector<TrajectoryPoint>& lift = taken.lift.points;
+  context.held = taken->held;
+  const std::vector<TrajectoryPoint>& lift = taken->lift.points;
   const auto start = std::find_if(lift.begin(), lift.end(), [&](const TrajectoryPoint& point) {
     const double rise_m = (shippedArm()->tipPose(point.position_rad).translation() -
                            shippedArm()->tipPose(lift.front().position_rad).translation())
@@ -1019,15 +1031,15 @@ TEST(MotionPlanner, WhereNoSearchFindsAWayOutAStraightOneIsTaken) {
   ASSERT_NE(start, lift.end());
   context.start_rad = start->position_rad;
   ArmGoal goal;
-  goal.joints_rad = taken.stow.points.back().position_rad;
-  const ArmPlan plan = makePlanner(config).planArm(context, goal);
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  goal.joints_rad = taken->stow.points.back().position_rad;
+  const Result<JointTrajectory> plan = makePlanner(config).planArm(context, goal);
+  ASSERT_TRUE(plan) << plan.failure().message;
   ExactMotion exact(*shippedArm(), pick);
-  exact.setHeld(taken.held);
+  exact.setHeld(taken->held);
   const Eigen::Vector3d from = shippedArm()->tipPose(context.start_rad).translation();
   double over_m = 0.0;
-  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.01) {
-    const ArmVector q = plan.trajectory.sample(t).position_rad;
+  for (double t = 0.0; t < plan->duration(); t += 0.01) {
+    const ArmVector q = plan->sample(t).position_rad;
     EXPECT_GT(exact.clearance(q, 0.0), 0.0) << "after " << t << " s";
     const Eigen::Vector3d way = shippedArm()->tipPose(q).translation() - from;
     over_m = std::max(over_m, way.z());
@@ -1035,7 +1047,7 @@ TEST(MotionPlanner, WhereNoSearchFindsAWayOutAStraightOneIsTaken) {
       EXPECT_LT(way.head<2>().norm(), 1e-3) << "after " << t << " s";
     }
   }
-  EXPECT_EQ(plan.trajectory.points.back().position_rad, *goal.joints_rad);
+  EXPECT_EQ(plan->points.back().position_rad, *goal.joints_rad);
 }
 
 TEST(MotionPlanner, AnotherSeedSearchesOtherPaths) {
@@ -1049,10 +1061,10 @@ TEST(MotionPlanner, AnotherSeedSearchesOtherPaths) {
   PlanningContext context = pick.context();
   const auto pathOf = [&](std::uint64_t seed) {
     context.seed = seed;
-    const PickPlan plan = makePlanner().planPick(context, pick.target(2), pick.container(*shippedArm()));
-    EXPECT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+    const Result<PickPlan> plan = makePlanner().planPick(context, pick.target(2), pick.container(*shippedArm())).plan;
+    EXPECT_TRUE(plan) << plan.failure().message;
     std::vector<double> all;
-    for (const JointTrajectory* part : {&plan.approach, &plan.stow}) {
+    for (const JointTrajectory* part : {&plan->approach, &plan->stow}) {
       for (const auto& point : part->points) {
         all.insert(all.end(), point.position_rad.data(), point.position_rad.data() + 6);
       }
@@ -1071,11 +1083,11 @@ TEST(MotionPlanner, NothingIsLiftedThroughWhatReachesOverIt) {
   PickWorld pick = emptyPickWorld();
   pick.add(middle);
   pick.makeScene();
-  const PickPlan taken = pickFrom(pick, 0);
-  ASSERT_EQ(taken.status, PlanStatus::kSuccess) << taken.message;
+  const Result<PickPlan> taken = pickFrom(pick, 0);
+  ASSERT_TRUE(taken) << taken.failure().message;
   PlanningContext context = pick.context();
-  context.held = taken.held;
-  context.start_rad = taken.lift.points.front().position_rad;
+  context.held = taken->held;
+  context.start_rad = taken->lift.points.front().position_rad;
   // Two lie on it, far in over its top on both sides of the magnet; held too deep within them, too.
   for (const double drop_m : {0.0, 0.09}) {
     PickWorld under = emptyPickWorld();
@@ -1087,9 +1099,9 @@ TEST(MotionPlanner, NothingIsLiftedThroughWhatReachesOverIt) {
     below.held = context.held;
     below.start_rad = context.start_rad;
     ArmGoal goal;
-    goal.joints_rad = taken.stow.points.back().position_rad;
-    const ArmPlan plan = makePlanner().planArm(below, goal);
-    EXPECT_EQ(plan.status, PlanStatus::kStartInCollision) << drop_m << ": " << plan.message;
+    goal.joints_rad = taken->stow.points.back().position_rad;
+    const Result<JointTrajectory> plan = makePlanner().planArm(below, goal);
+    EXPECT_EQ(plan.failure().status, PlanStatus::kStartInCollision) << drop_m << ": " << plan.failure().message;
   }
 }
 
@@ -1106,10 +1118,11 @@ TEST(MotionPlanner, TheLiftEndsWhereTheBrickAsItHangsHasRoomToAllSides) {
     PickTarget target = pick.target(0);
     target.faces = {BrickFace::kPlusZ};
     const MotionPlannerConfig config;
-    const PickPlan plan = makePlanner(config).planPick(pick.context(), target, pick.container(*shippedArm()));
-    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << yaw_rad << ": " << plan.message;
-    const double rise_m = (shippedArm()->tipPose(plan.lift.points.back().position_rad).translation() -
-                           shippedArm()->tipPose(plan.lift.points.front().position_rad).translation())
+    const Result<PickPlan> plan =
+        makePlanner(config).planPick(pick.context(), target, pick.container(*shippedArm())).plan;
+    ASSERT_TRUE(plan) << yaw_rad << ": " << plan.failure().message;
+    const double rise_m = (shippedArm()->tipPose(plan->lift.points.back().position_rad).translation() -
+                           shippedArm()->tipPose(plan->lift.points.front().position_rad).translation())
                               .z();
     // Its underside over their tops: the room, the map's margin (2 sigma of 2 mm and 10 mm), less than a step of the line
     // and, where triangles turn about an edge, the mitre.
@@ -1136,9 +1149,9 @@ TEST(MotionPlanner, LiftThatIsBlockedIsAnApproachBlocked) {
   pick.makeScene();
   PickTarget target = pick.target(0);
   target.faces = {BrickFace::kPlusZ};
-  const PickPlan plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm()));
-  EXPECT_EQ(plan.status, PlanStatus::kApproachBlocked) << plan.message;
-  EXPECT_THAT(plan.message, HasSubstr("lift: "));
+  const Result<PickPlan> plan = makePlanner().planPick(pick.context(), target, pick.container(*shippedArm())).plan;
+  EXPECT_EQ(plan.failure().status, PlanStatus::kApproachBlocked) << plan.failure().message;
+  EXPECT_THAT(plan.failure().message, HasSubstr("lift: "));
 }
 
 TEST(MotionPlanner, StraightWaysAreFreeAllAlongNotOnlyAtTheirEnds) {
@@ -1146,15 +1159,15 @@ TEST(MotionPlanner, StraightWaysAreFreeAllAlongNotOnlyAtTheirEnds) {
   PickWorld pick = oneBrick();
   MotionPlannerConfig config;
   config.pick.approach_m = 0.3;
-  const PickPlan before = pickFrom(pick, 0, config);
-  ASSERT_EQ(before.status, PlanStatus::kSuccess) << before.message;
+  const Result<PickPlan> before = pickFrom(pick, 0, config);
+  ASSERT_TRUE(before) << before.failure().message;
   const ExactMotion free(*shippedArm(), pick);
-  std::vector<Eigen::Vector3d> ends = free.points(before.contact.points.front().position_rad);
-  const auto at_face = free.points(before.contact.points.back().position_rad);
+  std::vector<Eigen::Vector3d> ends = free.points(before->contact.points.front().position_rad);
+  const auto at_face = free.points(before->contact.points.back().position_rad);
   ends.insert(ends.end(), at_face.begin(), at_face.end());
   Eigen::Vector3d farthest_base = Eigen::Vector3d::Zero();
   double farthest_m = 0.0;
-  for (const Eigen::Vector3d& p : free.points(before.contact.sample(0.5 * before.contact.duration()).position_rad)) {
+  for (const Eigen::Vector3d& p : free.points(before->contact.sample(0.5 * before->contact.duration()).position_rad)) {
     double nearest_m = 1.0;
     for (const Eigen::Vector3d& end : ends) nearest_m = std::min(nearest_m, (p - end).norm());
     if (nearest_m <= farthest_m) continue;
@@ -1166,10 +1179,10 @@ TEST(MotionPlanner, StraightWaysAreFreeAllAlongNotOnlyAtTheirEnds) {
   pick.makeScene();
   ExactMotion blocked(*shippedArm(), pick, 0.01);
   blocked.setTarget(0);
-  ASSERT_NE(blocked.complaint(before.contact, 0.0), "");
-  const PickPlan after = pickFrom(pick, 0, config);
-  ASSERT_EQ(after.status, PlanStatus::kSuccess) << after.message;
-  EXPECT_EQ(blocked.complaint(after.contact, 0.0), "");
+  ASSERT_NE(blocked.complaint(before->contact, 0.0), "");
+  const Result<PickPlan> after = pickFrom(pick, 0, config);
+  ASSERT_TRUE(after) << after.failure().message;
+  EXPECT_EQ(blocked.complaint(after->contact, 0.0), "");
 }
 
 TEST(MotionPlanner, WhatIsHeldMustNotTouchEither) {
@@ -1179,11 +1192,11 @@ TEST(MotionPlanner, WhatIsHeldMustNotTouchEither) {
   ArmGoal goal;  // 15 cm over the brick
   goal.T_map_tip =
       pick.T_map_base * Eigen::Translation3d(0.85, 0.1, 0.35) * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
-  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  EXPECT_TRUE(makePlanner().planArm(context, goal));
   context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
-  const ArmPlan plan = makePlanner().planArm(context, goal);
-  EXPECT_EQ(plan.status, PlanStatus::kGoalInCollision) << plan.message;
-  EXPECT_THAT(plan.message, HasSubstr("brick"));
+  const Result<JointTrajectory> plan = makePlanner().planArm(context, goal);
+  EXPECT_EQ(plan.failure().status, PlanStatus::kGoalInCollision) << plan.failure().message;
+  EXPECT_THAT(plan.failure().message, HasSubstr("brick"));
 }
 
 TEST(MotionPlanner, GivesUpAfterTheIterationsAllowed) {
@@ -1203,11 +1216,11 @@ TEST(MotionPlanner, GivesUpAfterTheIterationsAllowed) {
   pick.makeScene();
   context.scene = pick.scene;
   MotionPlannerConfig config;
-  EXPECT_EQ(makePlanner(config).planArm(context, goal).status, PlanStatus::kSuccess);
+  EXPECT_TRUE(makePlanner(config).planArm(context, goal));
   config.planner.max_iterations = 1;
-  const ArmPlan few = makePlanner(config).planArm(context, goal);
-  EXPECT_EQ(few.status, PlanStatus::kIterations) << few.message;
-  EXPECT_THAT(few.message, HasSubstr("1 iterations"));
+  const Result<JointTrajectory> few = makePlanner(config).planArm(context, goal);
+  EXPECT_EQ(few.failure().status, PlanStatus::kIterations) << few.failure().message;
+  EXPECT_THAT(few.failure().message, HasSubstr("1 iterations"));
 }
 
 TEST(MotionPlanner, HeldBrickStaysLevelUnlessToldOtherwise) {
@@ -1218,17 +1231,17 @@ TEST(MotionPlanner, HeldBrickStaysLevelUnlessToldOtherwise) {
   ArmGoal goal;
   goal.joints_rad = context.start_rad;
   (*goal.joints_rad)[3] += 0.8;
-  const ArmPlan tilted = makePlanner().planArm(context, goal);
-  EXPECT_EQ(tilted.status, PlanStatus::kConstraint) << tilted.message;
-  EXPECT_THAT(tilted.message, HasSubstr("tilts what is carried by 45"));
+  const Result<JointTrajectory> tilted = makePlanner().planArm(context, goal);
+  EXPECT_EQ(tilted.failure().status, PlanStatus::kConstraint) << tilted.failure().message;
+  EXPECT_THAT(tilted.failure().message, HasSubstr("tilts what is carried by 45"));
   goal.keep_level = false;
-  EXPECT_EQ(makePlanner().planArm(context, goal).status, PlanStatus::kSuccess);
+  EXPECT_TRUE(makePlanner().planArm(context, goal));
   // A start that is tilted already.
   goal.keep_level = true;
   context.start_rad = *goal.joints_rad;
-  const ArmPlan start = makePlanner().planArm(context, goal);
-  EXPECT_EQ(start.status, PlanStatus::kConstraint) << start.message;
-  EXPECT_THAT(start.message, HasSubstr("at the start"));
+  const Result<JointTrajectory> start = makePlanner().planArm(context, goal);
+  EXPECT_EQ(start.failure().status, PlanStatus::kConstraint) << start.failure().message;
+  EXPECT_THAT(start.failure().message, HasSubstr("at the start"));
 }
 
 TEST(MotionPlanner, PlacesWhatItHoldsOverTheContainer) {
@@ -1237,14 +1250,14 @@ TEST(MotionPlanner, PlacesWhatItHoldsOverTheContainer) {
   PlanningContext context = pick.context();
   context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
   context.held = HeldBrick{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), pick.type.size_m};
-  const ArmPlan plan = makePlanner().planArm(context, pick.container(*shippedArm()).front());
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
+  const Result<JointTrajectory> plan = makePlanner().planArm(context, pick.container(*shippedArm()).front());
+  ASSERT_TRUE(plan) << plan.failure().message;
   ExactMotion exact(*shippedArm(), pick);
   exact.setHeld(context.held);
-  EXPECT_EQ(exact.complaint(plan.trajectory, 0.0), "");
+  EXPECT_EQ(exact.complaint(*plan, 0.0), "");
   const Eigen::Vector3d up_tip(0.0, 0.0, -1.0);  // the tool looks down
-  for (double t = 0.0; t < plan.trajectory.duration(); t += 0.01) {
-    EXPECT_LE(tiltOf(up_tip, plan.trajectory.sample(t).position_rad), MotionPlannerConfig().pick.max_tilt_rad);
+  for (double t = 0.0; t < plan->duration(); t += 0.01) {
+    EXPECT_LE(tiltOf(up_tip, plan->sample(t).position_rad), MotionPlannerConfig().pick.max_tilt_rad);
   }
 }
 
@@ -1281,10 +1294,10 @@ TEST(MotionPlanner, InspectTakesTheFirstPostureOutOfView) {
   ASSERT_FALSE(isSeen(view, exact.points(folded)));
   PlanningContext context = pick.context();
   context.start_rad << 0.0, -1.5, 1.6, -1.67, -0.5 * M_PI, 0.0;
-  const ArmPlan plan = makePlanner().planInspect(context, view, {reaching, folded, context.start_rad});
-  ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-  EXPECT_EQ(plan.trajectory.points.back().position_rad, folded);
-  EXPECT_EQ(exact.complaint(plan.trajectory, 0.0), "");
+  const Result<JointTrajectory> plan = makePlanner().planInspect(context, view, {reaching, folded, context.start_rad});
+  ASSERT_TRUE(plan) << plan.failure().message;
+  EXPECT_EQ(plan->points.back().position_rad, folded);
+  EXPECT_EQ(exact.complaint(*plan, 0.0), "");
 }
 
 TEST(MotionPlanner, InspectFindsAPostureByItself) {
@@ -1300,10 +1313,10 @@ TEST(MotionPlanner, InspectFindsAPostureByItself) {
     ExactMotion holding(*shippedArm(), pick);
     holding.setHeld(context.held);
     ASSERT_TRUE(isSeen(view, holding.points(context.start_rad)));
-    const ArmPlan plan = makePlanner().planInspect(context, view, {});
-    ASSERT_EQ(plan.status, PlanStatus::kSuccess) << plan.message;
-    EXPECT_FALSE(isSeen(view, holding.points(plan.trajectory.points.back().position_rad)));
-    EXPECT_EQ(holding.complaint(plan.trajectory, 0.0), "");
+    const Result<JointTrajectory> plan = makePlanner().planInspect(context, view, {});
+    ASSERT_TRUE(plan) << plan.failure().message;
+    EXPECT_FALSE(isSeen(view, holding.points(plan->points.back().position_rad)));
+    EXPECT_EQ(holding.complaint(*plan, 0.0), "");
   }
 }
 
@@ -1314,9 +1327,9 @@ TEST(MotionPlanner, InspectSaysWhyThereIsNone) {
   view.max_range_m = 6.0;  // from above it sees all of the robot
   MotionPlannerConfig config;
   config.view.samples = 50;
-  const ArmPlan plan = makePlanner(config).planInspect(pick.context(), view, {pick.start_rad});
-  EXPECT_EQ(plan.status, PlanStatus::kConstraint);
-  EXPECT_THAT(plan.message, HasSubstr("1 postures given and 50 drawn: 51 in the camera's view"));
+  const Result<JointTrajectory> plan = makePlanner(config).planInspect(pick.context(), view, {pick.start_rad});
+  EXPECT_EQ(plan.failure().status, PlanStatus::kConstraint);
+  EXPECT_THAT(plan.failure().message, HasSubstr("1 postures given and 50 drawn: 51 in the camera's view"));
 }
 
 TEST(MotionPlanner, CancelledInAnyStageAtOnce) {
@@ -1328,7 +1341,7 @@ TEST(MotionPlanner, CancelledInAnyStageAtOnce) {
     return false;
   };
   const auto plan = [&] {
-    return makePlanner().planPick(context, pick.target(pick.open.back()), pick.container(*shippedArm()));
+    return makePlanner().planPick(context, pick.target(pick.open.back()), pick.container(*shippedArm())).plan;
   };
   plan();
   const std::size_t all = asked;
@@ -1340,9 +1353,8 @@ TEST(MotionPlanner, CancelledInAnyStageAtOnce) {
       since += asked >= after ? 1 : 0;
       return asked++ >= after;
     };
-    const PickPlan cancelled = plan();
-    EXPECT_EQ(cancelled.status, PlanStatus::kCancelled) << after << " of " << all;
-    EXPECT_TRUE(cancelled.stow.empty());
+    const Result<PickPlan> cancelled = plan();
+    EXPECT_EQ(cancelled.failure().status, PlanStatus::kCancelled) << after << " of " << all;
     EXPECT_LE(since, 200u);  // asked again only on the way out
   }
 }

@@ -283,11 +283,11 @@ TEST_F(Stages, ThePlanAvoidsWhatLiesInTheContainer) {
   const MotionPlanner planner(arm, sectors, config);
   request.load = {{T_base_place, {0.3, 0.2, 0.2}}};
   request.load.front().T_base_brick.translation().z() = rim_m - 0.11;
-  const ArmPlan over_flat = planner.planArm(request, goal);
-  ASSERT_EQ(over_flat.status, PlanStatus::kSuccess) << over_flat.message;
+  const Result<JointTrajectory> over_flat = planner.planArm(request, goal);
+  ASSERT_TRUE(over_flat) << over_flat.failure().message;
   request.load = {*on_end};
-  EXPECT_EQ(planner.planArm(request, goal).status, PlanStatus::kGoalInCollision);
-  const ArmVector over_rad = over_flat.trajectory.points.back().position_rad;
+  EXPECT_EQ(planner.planArm(request, goal).failure().status, PlanStatus::kGoalInCollision);
+  const ArmVector over_rad = over_flat->points.back().position_rad;
   CollisionChecker with_load = checker();
   with_load.setLoad(request.load, pick.start_rad);
   EXPECT_THAT(with_load.check(over_rad).describe(), HasSubstr("touches a brick in the container"));
@@ -295,9 +295,9 @@ TEST_F(Stages, ThePlanAvoidsWhatLiesInTheContainer) {
   request.start_rad = over_rad;
   goal.T_map_tip.reset();
   goal.joints_rad = pick.start_rad;
-  EXPECT_EQ(planner.planArm(request, goal).status, PlanStatus::kSuccess);
+  EXPECT_TRUE(planner.planArm(request, goal));
   request.load.front().size_m.x() = -1.0;
-  EXPECT_EQ(planner.planArm(request, goal).status, PlanStatus::kBadRequest);
+  EXPECT_EQ(planner.planArm(request, goal).failure().status, PlanStatus::kBadRequest);
 }
 
 TEST_F(Stages, ContactLineEndsOnThePlateOrBeyond) {

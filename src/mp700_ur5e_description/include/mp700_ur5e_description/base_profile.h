@@ -40,8 +40,6 @@ struct BaseProfile {
     double range_min_m{0.0};
     double range_max_m{0.0};
     double rate_hz{0.0};
-
-    int numBeams() const;  ///< both ends included
   };
 
   Drive drive;

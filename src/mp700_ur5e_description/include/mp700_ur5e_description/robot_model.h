@@ -35,7 +35,7 @@ struct BodyShape {
 };
 
 /// The robot as its URDF says: kinematic tree, limits and collision shapes, read once. Links that fixed joints hold
-/// together are one *body*, named after its first link; body 0 is the root's. Immutable and safe for any number of threads.
+/// together are one *body*; body 0 is the root's. Immutable and safe for any number of threads.
 class RobotModel {
  public:
   struct Joint {
@@ -58,7 +58,6 @@ class RobotModel {
   const std::vector<BodyShape>& shapes() const { return shapes_; }
 
   std::size_t numBodies() const { return bodies_.size(); }
-  const std::string& bodyName(std::size_t body) const { return bodies_[body].name; }
   std::size_t parentBody(std::size_t body) const { return bodies_[body].parent; }  // of the root's: itself
 
   bool hasFrame(const std::string& frame) const { return frames_.count(frame) != 0; }
@@ -82,7 +81,6 @@ class RobotModel {
 
  private:
   struct Body {
-    std::string name;
     std::size_t parent;
     Eigen::Isometry3d T_parent_joint;  // where the joint's frame is at angle zero
     Eigen::Vector3d axis;              // in the joint's frame

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mp700_ur5e_description/base_profile.h"
 
-#include <cmath>
 #include <utility>
 
 #include <interactive_mapping_common/config/schema.h>
@@ -33,10 +32,6 @@ double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
 }
 
 }  // namespace
-
-int BaseProfile::Scanner::numBeams() const {
-  return static_cast<int>(std::floor((max_angle_rad - min_angle_rad) / increment_rad + 1e-6)) + 1;
-}
 
 std::vector<std::string> BaseProfile::validate() const {
   std::vector<std::string> problems;

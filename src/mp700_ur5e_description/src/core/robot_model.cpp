@@ -75,7 +75,7 @@ std::shared_ptr<const RobotModel> RobotModel::parse(const std::string& urdf_xml,
   if (!kdl_parser::treeFromUrdfModel(*urdf, model->tree_))
     throw std::invalid_argument(name + ": has no kinematic tree");
   model->root_ = urdf->getRoot()->name;
-  model->bodies_.push_back({model->root_, 0, Eigen::Isometry3d::Identity(), Eigen::Vector3d::UnitZ()});
+  model->bodies_.push_back({0, Eigen::Isometry3d::Identity(), Eigen::Vector3d::UnitZ()});
   std::ostringstream canonical;
   canonical << std::setprecision(9);
 
@@ -115,7 +115,7 @@ std::shared_ptr<const RobotModel> RobotModel::parse(const std::string& urdf_xml,
             canonical << axis.transpose() << ' ' << model->joints_.back().lower_rad << ' '
                       << model->joints_.back().upper_rad << '\n';
           }
-          model->bodies_.push_back({child->name, body, T_body_link * T_link_joint, axis.normalized()});
+          model->bodies_.push_back({body, T_body_link * T_link_joint, axis.normalized()});
           add(*child, model->bodies_.size() - 1, Eigen::Isometry3d::Identity(), counts);
         }
       };

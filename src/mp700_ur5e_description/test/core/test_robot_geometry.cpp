@@ -156,12 +156,13 @@ TEST_F(RobotGeometry, NothingReachesBelowTheGround) {
 // Every beam of the profile, from its origin outwards in the plane of the frame.
 TEST_F(RobotGeometry, ScannerSeesOutOfTheBase) {
   const BaseProfile::Scanner scanner = profile().scanner;
-  EXPECT_EQ(scanner.numBeams(), 381);  // 190 degrees by half degrees
+  const long last_beam = std::lround((scanner.max_angle_rad - scanner.min_angle_rad) / scanner.increment_rad);
+  EXPECT_EQ(last_beam, 380);  // 190 degrees by half degrees
   const Eigen::Isometry3d T_base_scanner = pose(scanner.frame);
   EXPECT_LT((T_base_scanner.translation() - Eigen::Vector3d(0.244, 0.0, 0.141)).norm(), kExact);
   const std::vector<Solid> solids = solidsOf(robot_, ArmPose::Zero());
-  for (int beam = 0; beam < scanner.numBeams(); ++beam) {
-    const double angle_rad = scanner.min_angle_rad + beam * scanner.increment_rad;
+  for (long beam = 0; beam <= last_beam; ++beam) {
+    const double angle_rad = scanner.min_angle_rad + static_cast<double>(beam) * scanner.increment_rad;
     const Eigen::Vector3d direction =
         T_base_scanner.linear() * Eigen::Vector3d(std::cos(angle_rad), std::sin(angle_rad), 0);
     for (double range_m = 0.0; range_m < 1.0; range_m += 0.002) {

@@ -11,7 +11,7 @@ namespace nbv_selection {
 
 /// When picking, detecting or planning last failed, per cell of the ground (method section 6: t_f), in a quad-tree: cells
 /// that failed at one time are one node however many they are, and the tree grows to wherever failures come. Segments may
-/// be cut anew at will. Not thread-safe.
+/// be cut again at will. Not thread-safe.
 class FailureMemory {
  public:
   /// Throws std::invalid_argument unless cell_size_m is in [0.01, 1].

@@ -26,7 +26,7 @@ struct GroundFrontierConfig {
     f("max_range_m", c.max_range_m, 0.5, 20.0, "m", "range within which the map takes in what the camera sees");
     f("horizontal_fov_rad", c.horizontal_fov_rad, 0.1, 3.0, "rad", "of the camera, less a margin");
     f("vertical_fov_rad", c.vertical_fov_rad, 0.1, 3.0, "rad", "the same");
-    f("min_area_m2", c.min_area_m2, 0.01, 100.0, "m^2", "a smaller patch of unseen ground is not gone to");
+    f("min_area_m2", c.min_area_m2, 0.01, 100.0, "m^2", "a smaller patch of unseen ground is not driven to");
     f("full_area_m2", c.full_area_m2, 0.01, 100.0, "m^2",
       "newly seen ground that is worth as much as a frontier whose factor is 0.9");
   }

@@ -59,7 +59,7 @@ class ManipulabilityScore {
  public:
   /// Asks `scene` about all lattice points near `surface` that are above the ground by at least `min_height_m`.
   /// `T_base_armbase`: foot of the arm in base_link, from the URDF. Throws std::invalid_argument for an impossible config,
-  /// std::runtime_error if the map does not answer. `num_samples`: what countSamples() gives, for whoever has counted before,
+  /// std::runtime_error if the map does not answer. `num_samples`: what countSamples() gives, for callers that have counted before,
   /// which takes as long as asking a small map.
   ManipulabilityScore(const SceneModel& scene, const MappedSurface& surface, const gpis_mapping::GroundPlane& ground,
                       double min_height_m, const motion_planning::ManipulabilitySectors& sectors,
@@ -70,19 +70,14 @@ class ManipulabilityScore {
   /// `samples`, if not null, gets all of the sectors' samples with a share above 0. 0 for a pose that is not finite.
   double at(const base_navigation::Pose2d& T_map_base, std::vector<ManipulabilitySample>* samples = nullptr) const;
 
+  /// Lattice points that the map was asked about.
   std::size_t numAsked() const { return num_asked_; }
-  /// Share of the asked points, each of them near the surface that was given, which the map has no data for: large when
-  /// the map has changed since. 0 if none was asked.
-  double shareWithoutData() const { return share_without_data_; }
-  /// N of eq 14: the lattice points in the sectors of a base at the map's origin.
-  double numSamples() const { return num_samples_; }
 
  private:
   std::vector<Eigen::Vector3d> points_map_;  // with a probability above 0
   std::vector<Eigen::Vector3d> normals_map_;
   std::vector<double> probability_;
   std::size_t num_asked_{0};
-  double share_without_data_{0.0};
   double num_samples_{0.0};
   gpis_mapping::GroundPlane ground_;
   motion_planning::ManipulabilitySectors sectors_;

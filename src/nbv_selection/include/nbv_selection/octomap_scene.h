@@ -16,7 +16,7 @@ namespace nbv_selection {
 ///
 /// At a point, u is the mean over the cell of `gradient_step_m` about it: a single voxel would say 1 bit a centimetre
 /// below the ground's. Unknown voxels are left out if the first known one above them, within 3 m, is occupied: the
-/// inside of things and what is under the ground stay unknown for ever and are no reason to look again. With OctoMap's
+/// inside of things and what is under the ground always stay unknown and are no reason to look again. With OctoMap's
 /// clamping at 0.12 and 0.97 a well-seen place has 0.3 to 0.5 bit, what was never seen 1, and so has the inside itself.
 /// Its gradient is discrete: differences of the same means over the neighbouring cells on either side; 0 if one of
 /// them is all inside. (On 48 half-seen piles the weakest true frontier of eq 11 was 23 times the strongest false one,

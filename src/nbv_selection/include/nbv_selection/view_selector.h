@@ -62,12 +62,13 @@ struct ViewSelectorConfig {
   static void fields(ViewSelectorConfig& c, interactive_mapping::Fields& f) {
     f("choice", c.choice, kChoiceNames,
       "the largest utility; or, to compare with, drawn: any candidate, those of late failures less often, or any "
-      "segment of an outline or place that shows unseen ground, also one that cannot be gone to");
+      "segment of an outline or place that shows unseen ground, also one that cannot be driven to");
     f("imaginary_share", c.imaginary_share, 0.01, 1.0, "",
       "a segment above this share of the prior's uncertainty was never seen");
     f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m", "padding of the footprint at a standing pose");
     f("max_lost_share", c.max_lost_share, 0.01, 1.0, "",
-      "the map has changed meanwhile when more than this share of the pile's surface has no data at the end");
+      "the map has changed during the selection when more than this share of the pile's surface has no data at the "
+      "end");
     f("start_m", c.start_m, 0.0, 100.0, "m",
       "that a drive counts beside its length, where the robot may stay: it has to turn, to stop and to look again");
     UtilityConfig::fields(c.utility, f);
@@ -175,7 +176,7 @@ class ViewSelector {
   /// Throws std::invalid_argument listing every impossible value.
   ViewSelector(const ViewSelectorConfig& config, RobotBody robot, Extension extension = {});
 
-  /// `tell`, if any, is told each stage with the number of segments so far; `is_cancelled`, if any, is asked between
+  /// `tell`, if any, gets each stage with the number of segments so far; `is_cancelled`, if any, is asked between
   /// stages and map queries. The same arguments give the same selection. Throws std::invalid_argument for a request
   /// that is not finite or has no ground, std::runtime_error if the map does not answer or a result of the extension is
   /// impossible.

@@ -56,7 +56,8 @@ struct NbvSelectionParams {
     static void fields(Cost& c, interactive_mapping::Fields& f) {
       f("select_s", c.select_s, 0.0, 60.0, "s",
         "simulated time that a selection costs; the rule of the clock must allow as much");
-      f("stall_s", c.stall_s, 0.1, 600.0, "s", "how long a simulated clock may stand still meanwhile, wall time");
+      f("stall_s", c.stall_s, 0.1, 600.0, "s",
+        "how long a simulated clock may stand still during a selection, wall time");
     }
   } cost;
 
@@ -71,7 +72,7 @@ struct NbvSelectionParams {
     f("strategies", c.strategies, "each has a section with its plugin; the first is the default of goals");
     f("seed", c.seed, std::numeric_limits<int>::min(), std::numeric_limits<int>::max(), "",
       "of strategies that draw random numbers");
-    f("max_attempts", c.max_attempts, 1, 20, "", "selections for one goal while the map changes meanwhile");
+    f("max_attempts", c.max_attempts, 1, 20, "", "selections for one goal while the map keeps changing");
     f.section("input", c.input);
     f.section("failures", c.failures);
     f.section("cost", c.cost);

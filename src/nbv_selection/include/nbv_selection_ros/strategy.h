@@ -22,7 +22,7 @@ struct StrategyContext {
   std::string map_frame;
   nbv_selection::RobotBody robot;
   double map_wait_s{0.0};        // ROS time that a request waits for a map as new as it wants, ...
-  double stall_s{0.0};           // ... and wall time that the clock may stand still meanwhile
+  double stall_s{0.0};           // ... and wall time that the clock may stand still during it
   double answer_timeout_s{0.0};  // wall time that a service of the map may take
 };
 

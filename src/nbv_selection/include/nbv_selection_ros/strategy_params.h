@@ -39,7 +39,7 @@ struct StrategyParams {
  private:
   std::string removalProblem() const {
     try {
-      // An impossible utility is reported by itself; whether there is such a factor can be told all the same.
+      // An impossible utility is reported by itself; whether there is such a factor is checked all the same.
       const bool is_possible = interactive_mapping::problemsOf(selector.utility).empty();
       (is_possible ? selector.utility : nbv_selection::UtilityConfig()).without(removed_factor);
     } catch (const std::invalid_argument& error) {

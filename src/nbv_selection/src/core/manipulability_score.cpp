@@ -138,19 +138,14 @@ ManipulabilityScore::ManipulabilityScore(const SceneModel& scene, const MappedSu
     throw std::runtime_error("the map answered for " + std::to_string(field.is_supported.size()) + " of " +
                              std::to_string(keys.size()) + " points");
   }
-  std::size_t without_data = 0;
   for (std::size_t i = 0; i < keys.size(); ++i) {
     const auto column = static_cast<Eigen::Index>(i);
-    if (!field.is_supported[i]) {
-      ++without_data;
-      continue;
-    }
+    if (!field.is_supported[i]) continue;
     if (!(field.probability[column] > 0.0) || std::isinf(field.probability[column])) continue;
     points_map_.emplace_back(asked_map.col(column));
     normals_map_.emplace_back(field.normal.col(column));
     probability_.push_back(field.probability[column]);
   }
-  share_without_data_ = static_cast<double>(without_data) / static_cast<double>(keys.size());
 }
 
 double ManipulabilityScore::at(const base_navigation::Pose2d& T_map_base,

@@ -104,7 +104,7 @@ std::string describeVerdicts(const std::vector<ScoredSegment>& segments) {
   std::array<std::size_t, interactive_mapping::kNumSegmentVerdict> counts{};
   for (const ScoredSegment& scored : segments) ++counts[static_cast<std::size_t>(scored.verdict)];
   std::ostringstream text;
-  text << "none of " << segments.size() << " segments can be gone to:";
+  text << "none of " << segments.size() << " segments can be driven to:";
   const char* separator = " ";
   for (std::size_t i = 0; i < counts.size(); ++i) {
     if (counts[i] == 0) continue;
@@ -421,7 +421,7 @@ std::string describeNoPile(const ViewSelectorConfig& config) {
 
 std::string describeLoss(double lost, const ViewSelectorConfig& config) {
   std::ostringstream text;
-  text << "the map changed meanwhile: " << std::lround(100.0 * lost)
+  text << "the map changed during the selection: " << std::lround(100.0 * lost)
        << " % of what was the pile's surface has no data now, allowed are "
        << std::lround(100.0 * config.max_lost_share) << " %";
   return text.str();

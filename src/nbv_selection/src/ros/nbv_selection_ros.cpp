@@ -370,7 +370,7 @@ bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::
     response.message = error.what();
   }
   if (!response.success) {
-    ROS_WARN_NAMED(kLog, "failure not taken in: %s", response.message.c_str());
+    ROS_WARN_NAMED(kLog, "failure report rejected: %s", response.message.c_str());
   }
   return true;
 }

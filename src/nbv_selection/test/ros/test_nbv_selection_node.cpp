@@ -596,7 +596,7 @@ TEST_F(NbvSelectionNode, AMapThatChangesAgainAndAgainIsGivenUp) {
     world_->answerFrom(empty);
   });
   const SelectNextBestViewResult result = main_->select(goalHere(kGpis));
-  EXPECT_OUTCOME(result.outcome, MAP_CHANGED, HasSubstr("the map changed meanwhile: 100 %"));
+  EXPECT_OUTCOME(result.outcome, MAP_CHANGED, HasSubstr("the map changed during the selection: 100 %"));
   EXPECT_EQ(num_attempts, 3) << "max_attempts";
   EXPECT_EQ(result.selection.best, -1);
   // It changes and no mesh says how: what is missing is a newer one.

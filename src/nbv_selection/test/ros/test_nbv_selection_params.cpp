@@ -105,7 +105,7 @@ TEST(NbvSelectionParams, OneMessageNamesEveryProblemWithValueAndRange) {
   nh.setParam("left_over/spacing_m", 0.1);  // no plugin: no strategy's section
   const std::string message = messageOf([&] { loadNbvSelectionParams(nh); });
   EXPECT_THAT(message, HasSubstr("/wrong/base_profile_file = 'profile.yaml', must be the absolute path"));
-  EXPECT_THAT(message, Not(HasSubstr("sectors_file")));
+  EXPECT_THAT(message, Not(HasSubstr("sectors_file =")));
   EXPECT_THAT(message, HasSubstr("/wrong/map_frame = '/map', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/base_frame = '', must be a tf2 frame"));
   EXPECT_THAT(message, HasSubstr("/wrong/strategies holds 'a/b', must be letters, digits and underscores"));

@@ -98,7 +98,6 @@ void requireValid(const OctomapConfig& config);
 
 /// Reads YAML: missing keys keep their default; unknown keys, wrong types and impossible values are refused with one
 /// std::invalid_argument that lists them all (origin, key, value, allowed range).
-OctomapConfig loadOctomapConfig(const std::string& yaml_path);
 OctomapConfig parseOctomapConfig(const std::string& yaml_text, const std::string& origin);
 
 /// Every key with its value. parseOctomapConfig(toYaml(c)) == c.

@@ -15,10 +15,6 @@ OctomapConfig parseOctomapConfig(const std::string& yaml_text, const std::string
   return interactive_mapping::parse<OctomapConfig>(yaml_text, origin);
 }
 
-OctomapConfig loadOctomapConfig(const std::string& yaml_path) {
-  return parseOctomapConfig(interactive_mapping::readTextFile(yaml_path), yaml_path);
-}
-
 std::string toYaml(const OctomapConfig& config) {
   return interactive_mapping::toYaml(config);
 }

@@ -24,12 +24,12 @@ struct BrickRecord {
   int picks_failed{0};
   int attempts_back{0};            // that it was given when it had none left and another brick was taken away
   int plans_failed{0};             // since a brick was last taken away: then it may be reached
-  std::optional<int> scene_tried;  // in vain; again when another
+  std::optional<int> scene_tried;  // without success; tried again in another
   std::map<std::string, int> failures;
   std::string last_failure;
-  std::set<std::uint8_t> failed_faces;  // picked by in vain: they come last
+  std::set<std::uint8_t> failed_faces;  // tried without success: they come last
 
-  /// visit(key, member) for what is saved: what was tried. What was seen has to be seen anew.
+  /// visit(key, member) for what is saved: what was tried. Observations are not saved.
   template <typename Self, typename Visitor>
   static void visitFields(Self& self, Visitor&& visit) {
     visit("is_picked", self.is_picked);
@@ -56,7 +56,7 @@ class BrickLedger {
   Update update(const std::vector<SeenBrick>& bricks);
 
   /// The first, by the rules, of the bricks that are there, graspable, in the arm's sector, alone with their id, with attempts
-  /// left and not tried in vain in this scene: the highest, or the nearest to the base at `base_map`. Of two that are equal to
+  /// left and not tried without success in this scene: the highest, or the nearest to the base at `base_map`. Of two that are equal to
   /// a millimetre it is that of smaller id. Bricks that were given up before come last. After `carriers_wait_views`
   /// `fruitless_views` a brick on which another rests is taken, too.
   std::optional<SeenBrick> best(int scene, const Eigen::Vector2d& base_map = Eigen::Vector2d::Zero(),

@@ -41,7 +41,7 @@ struct LogEntry {
 /// One line, without its end.
 std::string toJsonLine(const LogEntry& entry);
 
-/// What a mission can tell of itself; what the simulator judges is not in it.
+/// What a mission knows of itself; what the simulator judges is not in it.
 struct MissionSummary {
   MissionInfo info;
   int bricks_total{-1};  // -1: not known

@@ -21,7 +21,7 @@ struct MissionOutput {
 };
 
 /// The whole cycle (method section 9): survey, inspect, choose, pick, next view, until the pile is gone. No threads and no
-/// clock: step() is told what happened and says what to do. One action at a time; transitions() says what leads where,
+/// clock: step() takes an event and returns commands. One action at a time; transitions() says what leads where,
 /// reactTo() what a result means.
 ///
 /// - The arm is out of the camera's view and the hand empty before the robot looks, selects or drives.
@@ -32,8 +32,8 @@ class MissionMachine {
  public:
   /// Throws std::invalid_argument listing every impossible value.
   MissionMachine(const MissionConfig& config, MissionInfo info);
-  /// Of a mission that was interrupted, as toJson() told it. It waits for Start as a new one does, and begins with a fresh
-  /// inspection; one that its operator had paused, held or told to stop waits for them, paused or held; one that had ended
+  /// Of a mission that was interrupted, as toJson() saved it. It waits for Start as a new one does, and begins with a fresh
+  /// inspection; one that its operator had paused, held or stopped waits for them, paused or held; one that had ended
   /// has. Throws std::invalid_argument if `saved` is not such a state.
   static MissionMachine fromJson(const MissionConfig& config, MissionInfo info, const nlohmann::json& saved);
   ~MissionMachine();
@@ -51,7 +51,7 @@ class MissionMachine {
   const BrickLedger& bricks() const;
   MissionCounts counts() const;
   int placesUsed() const;      // in the container
-  bool isPauseWanted() const;  // it pauses when what goes on has ended
+  bool isPauseWanted() const;  // it pauses when the running action has ended
   double usedTime() const;     // [s], without pauses
   MissionSummary summary(double wall_s) const;
 

@@ -16,7 +16,7 @@
 #include <interactive_mapping_enums/plan_outcome.h>
 #include <interactive_mapping_enums/selection_outcome.h>
 
-/// What a mission is told and what it says. Poses in the map unless the name tells another frame; times are ROS time.
+/// Events and commands of a mission. Poses in the map unless the name has another frame; times are ROS time.
 namespace pick_mission {
 
 using base_navigation::Pose2d;
@@ -73,7 +73,7 @@ struct SeenBrick {
 enum class WaitUntil {
   kLimit,
   kArmReady,    // idle, and it may move; fails if that is not so by the limit
-  kArmIdle,     // it has ended what it was told before, or the limit
+  kArmIdle,     // its earlier commands have ended, or the limit
   kPlaceKnown,  // where the robot stands, or the limit
 };
 
@@ -99,7 +99,7 @@ struct PlanPick {
   SeenBrick brick;
   double min_map_stamp_s{0.0};
   std::string place;          // frame over which it is let go
-  bool is_after_pick{false};  // from where the pick that goes on will end, with an empty hand
+  bool is_after_pick{false};  // from where the running pick will end, with an empty hand
 };
 /// With letting go at the end.
 struct Pick {
@@ -146,7 +146,7 @@ struct Command {
                             command::Recover, command::Wait, command::Cancel, command::Hold, command::Release>;
   std::uint64_t id{0};  // of a Cancel: that of the action; 0: Hold and Release
   Body body;
-  bool is_beside_pick{false};  // a pick goes on, and is answered for itself
+  bool is_beside_pick{false};  // while a pick runs, which has its own reply
 };
 bool isControl(const Command& command);  // Cancel, Hold, Release
 
@@ -193,7 +193,7 @@ using Result = std::variant<PlanResult, ArmResult, LookResult, DetectionResult, 
 std::string toString(const Result& result);
 bool isSuccess(const Result& result);
 
-/// What a mission is told.
+/// The events of a mission.
 namespace event {
 struct Start {
   Pose2d T_map_base;
@@ -218,14 +218,14 @@ struct PileLeft {
   std::uint64_t id{0};  // of the command
 };
 struct Tick {};   // now and then, for limits of time
-struct Pause {};  // after what goes on now
+struct Pause {};  // after the running action
 /// From pause or hold, with a fresh inspection: robot and pile may have been moved.
 struct Resume {
   std::optional<Pose2d> T_map_base;  // where it stands now; nothing: that is not known
 };
 struct Hold {};      // at once: nothing moves until Resume
 struct Stop {};      // at once, and ends the mission
-struct Unloaded {};  // somebody has emptied the container
+struct Unloaded {};  // the container was emptied
 /// The clock was set: what it jumped by is no time that has passed. A jump back is seen without.
 struct ClockJump {
   double by_s{0.0};

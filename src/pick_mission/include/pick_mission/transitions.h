@@ -76,7 +76,7 @@ constexpr const char* toString(Trigger trigger) {
 enum class Guard {
   kAlways,
   kHandFull,
-  kStowBeforeEnd,  // the same, and nothing has been given up before: then it would be tried for ever
+  kStowBeforeEnd,  // the same, and nothing has been given up before: else it would be tried without end
   kHandUnknown,
   kHandUnknownTooLong,
   kBegunBefore,  // by a process that is no more
@@ -84,13 +84,13 @@ enum class Guard {
   kTimeUp,
   kPauseWanted,
   kLooksAhead,   // the next brick may be looked for while this one is carried away
-  kCarries,      // that goes on
+  kCarries,      // while it runs
   kPickDue,      // the same, and the action needs the arm, or a pause is wanted
   kNextPlanned,  // the pick of the next brick
   kArmNotReady,  // the action needs an empty hand, or the arm out of view or folded, and it is not so
   kViewClear,    // the arm is out of the camera's view
   kDriveDue,     // somewhere was chosen to drive to
-  kReportLeft,   // a failure that the selection has not been told yet
+  kReportLeft,   // a failure not yet reported to the selection
   kUnloadDue,    // no place in the container is left, or the mission is over and some are used; nothing was given up
   kAtDepot,
   kSurveyLeft,
@@ -100,14 +100,14 @@ enum class Guard {
   kStays,         // the selected view is where the robot stands
   kViewsSpent,    // too many views in a row without a pick or a new brick
   kMayRecover,    // not too often in a row; no protective stop, or the configuration lets the program unlock it
-  kKeepsAway,     // the selection passes over the surroundings of bricks that were tried in vain
+  kKeepsAway,     // the selection excludes poses near bricks tried without success
   kSomeExcluded,  // places are excluded from the selection
   kUnseenWorth,   // something unseen is left, and going there has not been tried too often
   kWorthWaiting,  // bricks have attempts left, and failures may fade
   kVantageLeft,   // not been back to a place of the survey too often
   kBricksLeft,    // the same, and bricks are known, there or not, that are neither picked nor given up
   kMayBreakOff,   // nothing moves or hangs on the arm
-  kForHold,       // why what goes on was halted
+  kForHold,       // why the running action was halted
   kForResume,
   kForEnd,
 };
@@ -117,7 +117,7 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"brick in the hand, nothing given up before", Guard::kStowBeforeEnd},
     {"hand unknown", Guard::kHandUnknown},
     {"hand unknown too long", Guard::kHandUnknownTooLong},
-    {"begun by an earlier process", Guard::kBegunBefore},
+    {"started by an earlier process", Guard::kBegunBefore},
     {"mission over", Guard::kEnding},
     {"time is up", Guard::kTimeUp},
     {"pause wanted", Guard::kPauseWanted},
@@ -138,12 +138,12 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"best where the robot stands", Guard::kStays},
     {"too many fruitless views", Guard::kViewsSpent},
     {"not recovered too often, no protective stop or may unlock it", Guard::kMayRecover},
-    {"bricks tried in vain are kept away from", Guard::kKeepsAway},
+    {"keeps away from bricks tried without success", Guard::kKeepsAway},
     {"places are excluded", Guard::kSomeExcluded},
-    {"something unseen, not gone there too often", Guard::kUnseenWorth},
+    {"unseen ground, not driven to too often", Guard::kUnseenWorth},
     {"bricks with attempts left, not waited too often", Guard::kWorthWaiting},
-    {"survey place, not gone back too often", Guard::kVantageLeft},
-    {"bricks neither picked nor given up, survey place not gone back to too often", Guard::kBricksLeft},
+    {"survey pose, not returned to too often", Guard::kVantageLeft},
+    {"bricks neither picked nor given up, survey pose not returned to too often", Guard::kBricksLeft},
     {"hand empty, arm at rest", Guard::kMayBreakOff},
     {"for hold", Guard::kForHold},
     {"for hold, resumed since", Guard::kForResume},
@@ -210,10 +210,10 @@ inline constexpr interactive_mapping::Names<Effect> kEffectNames = {
     {"goal: best view, count it", Effect::kGoToUnseen},
     {"goal: survey place, count it", Effect::kGoToVantage},
     {"pick from here", Effect::kStayHere},
-    {"the pick goes on beside", Effect::kLookAhead},
-    {"await the pick that goes on", Effect::kAwaitPick},
-    {"await the pick that goes on, keep the plan", Effect::kAwaitPickWithPlan},
-    {"allow places near bricks tried in vain", Effect::kAllowTriedBricks},
+    {"the pick runs beside", Effect::kLookAhead},
+    {"await the running pick", Effect::kAwaitPick},
+    {"await the running pick, keep the plan", Effect::kAwaitPickWithPlan},
+    {"allow poses near bricks tried without success", Effect::kAllowTriedBricks},
     {"clear excluded places", Effect::kClearExcluded},
     {"count recovery", Effect::kCountRecovery},
     {"count, until arm is ready", Effect::kWaitForHand},
@@ -253,8 +253,7 @@ const std::vector<Transition>& transitions();
 /// Null: none fits.
 const Transition* nextTransition(State from, Trigger trigger, const std::function<bool(Guard)>& holds);
 
-/// The table in Markdown, and as a graph for dot.
+/// The table in Markdown.
 std::string transitionsAsMarkdown();
-std::string transitionsAsDot();
 
 }  // namespace pick_mission

@@ -12,7 +12,7 @@
 
 namespace pick_mission_ros {
 
-/// An action server as its client sees it: one goal at a time, whose end is told once, also when the server goes away.
+/// An action server as its client sees it: one goal at a time, whose end is reported once, also when the server is lost.
 /// All in the thread of `queue`.
 template <typename Action>
 class ActionCaller {
@@ -38,7 +38,7 @@ class ActionCaller {
   bool isConnected() { return client_.isServerConnected(); }
   bool isActive() const { return static_cast<bool>(on_end_); }
 
-  /// The goal waits for its server, at most as long as watch() allows. One that still goes on is abandoned.
+  /// The goal waits for its server, at most as long as watch() allows. One that still runs is abandoned.
   void send(const Goal& goal, OnEnd on_end) {
     abandon();
     on_end_ = std::move(on_end);
@@ -53,7 +53,7 @@ class ActionCaller {
     if (is_sent_) handle_.cancel();
   }
 
-  /// Cancels every goal that the server has, whoever sent it: now, or as soon as it is there.
+  /// Cancels every goal that the server has, of any client: now, or as soon as it is there.
   void cancelAll() {
     cancel();
     is_cancel_all_wanted_ = true;
@@ -62,10 +62,10 @@ class ActionCaller {
   /// It has not reached the server yet.
   bool isCancelAllWanted() const { return is_cancel_all_wanted_; }
 
-  /// Cancels the goal, whose end is not told any more.
+  /// Cancels the goal, whose end is not reported any more.
   void abandon() {
     if (isActive() && is_sent_) abandoned_ = handle_;
-    ++number_;  // what still comes is of nobody's goal
+    ++number_;  // what still comes is of no goal
     on_end_ = nullptr;
     is_sent_ = is_cancel_wanted_ = false;
     cancelAbandoned();
@@ -86,12 +86,11 @@ class ActionCaller {
     const ros::WallTime now = ros::WallTime::now();
     const bool is_connected = isConnected();
     if (!is_sent_ && maySend()) reallySend();
-    // A server that was started anew is there, and may not know the goal: actionlib tells that of running goals only.
+    // A server that was restarted may not know the goal: actionlib reports that of running goals only.
     if (is_connected && (!is_sent_ || !isUnheard())) seen_ = now;
     if (now - seen_ < timeout) return;
     End end;
-    end.why =
-        "the action server " + name_ + (is_connected ? " does not tell what became of the goal" : " is not there");
+    end.why = "the action server " + name_ + (is_connected ? " does not report the goal's result" : " is not there");
     const OnEnd on_end = on_end_;
     abandon();
     on_end(end);
@@ -137,7 +136,7 @@ class ActionCaller {
       const actionlib::TerminalState state = handle.getTerminalState();
       end.why = state.getText();
       if (state == actionlib::TerminalState::LOST) {
-        end.why = "the action server " + name_ + " has lost the goal: it was started anew";
+        end.why = "the action server " + name_ + " has lost the goal: it was restarted";
       } else {
         end.result = handle.getResult();
         end.is_succeeded = state == actionlib::TerminalState::SUCCEEDED;

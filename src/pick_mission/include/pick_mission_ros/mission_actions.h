@@ -55,7 +55,7 @@ class MissionActions {
 
   void carryOut(const pick_mission::Command& command);
 
-  /// Limits of time, servers that have gone, what the bridge does not tell any more. To be called some ten times per
+  /// Limits of time, lost servers, a bridge that no longer reports. To be called some ten times per
   /// second of wall time.
   void watch();
 
@@ -65,13 +65,13 @@ class MissionActions {
   /// What a mission cannot begin without and is not there, a phrase each.
   std::vector<std::string> missing();
 
-  /// Where it begins. Throws std::runtime_error if tf does not tell.
+  /// Where it begins. Throws std::runtime_error if tf has no pose.
   pick_mission::event::Start start() const;
 
-  /// Where the robot stands in the map; nothing if tf does not tell.
+  /// The robot's pose in the map; nothing if tf has none.
   std::optional<pick_mission::Pose2d> place() const;
 
-  /// Ends what goes on, which is then answered as it ended.
+  /// Ends the running action, which is then answered as it ended.
   void cancel();
   bool isIdle() const { return !running_ && !carrying_; }
 
@@ -82,16 +82,16 @@ class MissionActions {
   /// construction, as soon as each server is there; false for as long as one is not.
   bool areOldGoalsCancelled() const;
 
-  /// A hold that nobody has taken: then the mission's heart must not beat.
+  /// A hold that no server has received: then the mission sends no heartbeat.
   bool isHoldLost() const { return is_hold_lost_; }
 
-  /// As the bridge tells; unknown if it has not told for too long.
+  /// As the bridge reports; unknown if its report is stale.
   pick_mission::Hand hand() const;
 
  private:
   using ArmOutcome = interactive_mapping_msgs::ArmOutcome;
 
-  struct PendingArm {  // until the bridge has told about the magnet after it
+  struct PendingArm {  // until the bridge has reported the magnet's state after it
     std::uint64_t id;  // of the command
     pick_mission::ArmStatus status;
     std::string message;
@@ -104,7 +104,7 @@ class MissionActions {
     interactive_mapping_msgs::DetectBricks::Response response;
     ros::WallTime since;
   };
-  struct PendingDrive {  // until the navigation has told its outcome
+  struct PendingDrive {  // until the navigation has reported its outcome
     bool is_succeeded;
     bool is_cancelled;
     std::string why;
@@ -191,7 +191,7 @@ class MissionActions {
 
   std::optional<std::uint64_t> running_;   // id of the command that has not been answered
   std::optional<std::uint64_t> carrying_;  // of a pick beside it
-  std::uint64_t pile_left_by_{0};          // the pick of which that was told
+  std::uint64_t pile_left_by_{0};          // the pick of which that was reported
   std::optional<PendingArm> pending_arm_;
   std::optional<PendingDetection> pending_detection_;
   std::optional<PendingDrive> pending_drive_;
@@ -200,8 +200,7 @@ class MissionActions {
   std::optional<pick_mission::Pose2d> drive_goal_;
   std::optional<interactive_mapping_msgs::NavigationOutcome> drive_outcome_;  // heard before the action's result
   ros::Time drive_since_;
-  bool may_base_drive_{
-      true};  // by the last word of its server a goal goes on that nobody has cancelled; or none has come
+  bool may_base_drive_{true};  // by its server's last status a goal runs that is not cancelled; or no status has come
   bool is_hold_wanted_{false};
   bool is_hold_lost_{false};
 
@@ -217,7 +216,7 @@ class MissionActions {
   ros::Time map_stamp_;
   pick_mission::Hand told_hand_{pick_mission::Hand::kUnknown};
 
-  mutable tf2_ros::Buffer tf_;  // forgets what a jump of the clock has left in it when somebody asks
+  mutable tf2_ros::Buffer tf_;  // drops what a jump of the clock has left in it at the next look-up
   tf2_ros::TransformListener tf_listener_;
   ActionCaller<interactive_mapping_msgs::PlanArmAction> plan_arm_;
   ActionCaller<interactive_mapping_msgs::PlanPickAction> plan_pick_;

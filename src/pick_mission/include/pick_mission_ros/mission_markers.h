@@ -7,7 +7,7 @@
 
 namespace pick_mission_ros {
 
-/// The mission for rviz, all of it anew (the first marker deletes what was there): `bricks` (translucent boxes in the
+/// The mission for rviz, the whole of it each time (the first marker deletes the old ones): `bricks` (translucent boxes in the
 /// colour of their status), `old_places` (outlines where bricks were picked or went away), `ids`, `current` (a frame
 /// about the brick in work), `view` (a flat arrow where the robot is to stand, its tail at base_link) and `decision`
 /// (state and decision as text, above the view; without one above the bricks).

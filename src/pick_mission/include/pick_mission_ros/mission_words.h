@@ -9,7 +9,7 @@
 namespace pick_mission_ros {
 
 /// What people read of a mission, on its panel and in rviz: the same words and colours in both. A value that the message
-/// does not know, of a newer node, is told with its number.
+/// does not know, of a newer node, is given by its number.
 std::string stateInWords(std::uint8_t state);
 std::string endReasonInWords(std::uint8_t reason);
 std::string statusInWords(std::uint8_t status);  // of a MissionBrick

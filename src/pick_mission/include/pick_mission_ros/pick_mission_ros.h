@@ -36,7 +36,7 @@ class PickMissionRos {
   /// What has come, or nothing for a moment.
   void spinOnce();
 
-  /// Ends what goes on and waits for that, at most `timeout`. The mission can go on with the next node.
+  /// Ends the running action and waits for that, at most `timeout`. The mission can resume in the next node.
   void stop(ros::WallDuration timeout);
 
  private:

@@ -15,7 +15,7 @@ namespace pick_mission_ros {
 
 /// The files of a run. mission.jsonl, selections.jsonl and path.jsonl grow by a line at a time. mission_state.json and
 /// summary.json are replaced as a whole, so that each is complete whatever happens. What cannot be written is reported
-/// once, and again when it changes; the mission goes on.
+/// once, and again when it changes; the mission continues.
 class RunRecorder {
  public:
   /// `folder` is made if it is missing; empty: nothing is ever written. Throws std::invalid_argument if it cannot be, or

@@ -60,7 +60,7 @@ class Inbox {
 };
 
 /// Calls a service without waiting for it: roscpp's own call cannot be given up, so it is made in a thread that outlives
-/// the caller if it must. A newer call replaces the one before, whose answer is not told.
+/// the caller if it must. A newer call replaces the one before, whose answer is dropped.
 template <typename Service>
 class ServiceCaller {
  public:
@@ -100,7 +100,7 @@ class ServiceCaller {
     }).detach();
   }
 
-  /// What is still to come is not told.
+  /// Answers still to come are dropped.
   void forget() {
     ++*number_;
     on_end_ = nullptr;

@@ -79,7 +79,7 @@ std::string BrickLedger::obstacleTo(int id, int scene, int fruitless_views) cons
   if (record.is_picked) return "is picked";
   if (!record.is_there) return "is not seen any more";
   if (isExhausted(record)) return "has no attempts left";
-  if (record.scene_tried == scene) return "was tried in vain from here";
+  if (record.scene_tried == scene) return "was tried without success from here";
   if (record.seen.has_duplicate) return "is not the only one with its id";
   if (!record.seen.is_in_sector) return "is out of the arm's sector";
   if (record.seen.graspable_faces.empty()) return "has no face that the magnet can come to";

@@ -42,7 +42,7 @@ void applyEnd(Effect effect, const Cause& cause, Mission& mission) {
       return setEnd(memory, EndReason::kTimeUp, "after " + std::to_string(memory.used_s) + " s");
     case Effect::kEndHandUnknown:
       return setEnd(memory, EndReason::kBrickInHand,
-                    "the arm's bridge does not tell whether the magnet holds something");
+                    "the arm's bridge does not report whether the magnet holds something");
     case Effect::kEndAllDealtWith:
       return setEnd(memory, has_exhausted ? EndReason::kBricksExhausted : EndReason::kNoBrickLeft,
                     "all " + std::to_string(mission.config.bricks_total) + " bricks");

@@ -136,7 +136,7 @@ void excludeFruitlessView(Mission& mission);
 /// Beside the brick, towards the robot: for a report of a failure, so that it may be tried from its other sides.
 Eigen::Vector3d nearSideOf(const SeenBrick& brick, const Pose2d& T_map_base);
 
-/// What was tried in vain from here may be tried again.
+/// What was tried without success from here may be tried again.
 void tryAgainFromHere(Mission& mission);
 
 /// People may have moved robot and pile: what was tried from here may be tried again. Counts against the bricks stay,

@@ -133,7 +133,7 @@ void MissionMachine::Impl::on(const event::Start& start) {
 void MissionMachine::Impl::on(const event::Reply& reply) {
   if (mission_.carrying && reply.id == mission_.carrying->id) return onEndBeside(reply);
   if (!mission_.running || reply.id != mission_.running->id) {
-    return note("reply " + std::to_string(reply.id), "ignored: not of what goes on");
+    return note("reply " + std::to_string(reply.id), "ignored: not of a running action");
   }
   if (mission_.state == State::kHalting) return onEndAfterCancel(reply, mission_.halt_for != HaltFor::kTimeout);
   const Mission::Running ended = takeRunning();
@@ -201,21 +201,21 @@ bool MissionMachine::Impl::mayPause() const {
 }
 
 void MissionMachine::Impl::on(const event::Pause& /*pause*/) {
-  if (!mayPause()) return note("pause", "ignored: nothing goes on");
+  if (!mayPause()) return note("pause", "ignored: nothing is running");
   mission_.is_pause_wanted = true;
-  note("pause", "when what goes on has ended");
+  note("pause", "when the running action has ended");
 }
 
 void MissionMachine::Impl::on(const event::Resume& resume) {
   if (mission_.is_pause_wanted && mayPause()) {
     mission_.is_pause_wanted = false;
-    return note("resume", "goes on without a pause");
+    return note("resume", "continues without a pause");
   }
   if (mission_.state == State::kHalting && mission_.halt_for == HaltFor::kHold) {
     mission_.halt_for = HaltFor::kResume;
     release();
     forgetTries(mission_, resume.T_map_base);
-    return note("resume", "when what goes on has ended");
+    return note("resume", "when the running action has ended");
   }
   if (mission_.state == State::kHeld) release();
   Cause cause{"resume", "after a fresh inspection"};
@@ -234,16 +234,16 @@ void MissionMachine::Impl::on(const event::Hold& /*hold*/) {
     if (!holds(Guard::kForEnd, mission_)) mission_.halt_for = HaltFor::kHold;
     return note("hold", "already halting");
   }
-  if (!fire(Trigger::kHold, {"hold", "of the operator"})) note("hold", "passed on: nothing goes on");
+  if (!fire(Trigger::kHold, {"hold", "of the operator"})) note("hold", "passed on: nothing is running");
 }
 
 void MissionMachine::Impl::on(const event::Stop& /*stop*/) {
   mission_.is_pause_wanted = false;
   if (mission_.state == State::kHalting) {
     mission_.halt_for = HaltFor::kStop;
-    return note("stop", "when what goes on has ended");
+    return note("stop", "when the running action has ended");
   }
-  if (!fire(Trigger::kStop, {"stop", "of the operator"})) note("stop", "ignored: nothing goes on");
+  if (!fire(Trigger::kStop, {"stop", "of the operator"})) note("stop", "ignored: nothing is running");
 }
 
 void MissionMachine::Impl::on(const event::Unloaded& /*unloaded*/) {

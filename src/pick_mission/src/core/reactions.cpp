@@ -103,7 +103,7 @@ Reaction toPickPlan(PlanStatus status) {
     case PlanStatus::kConstraint:
       return ofBrick(Trigger::kNextBrick, true, "cannot be carried as it was taken");
     case PlanStatus::kCancelled:
-      return inARow(action, Trigger::kRetryHere, "somebody ended it");
+      return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case PlanStatus::kNoRobotState:
       return inARow(action, Trigger::kWaitFirst, "where the robot is has to be known");
     case PlanStatus::kOutsideLimits:
@@ -119,7 +119,7 @@ Reaction toArmPlan(State action, PlanStatus status) {
     case PlanStatus::kBadRequest:
       return giveUp(endReasonOf(action), "posture or place is none: a mistake in the configuration");
     case PlanStatus::kCancelled:
-      return inARow(action, Trigger::kRetryHere, "somebody ended it");
+      return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case PlanStatus::kNoMap:
       return inARow(action, Trigger::kWaitFirst, "the map has to come");
     case PlanStatus::kNoRobotState:
@@ -149,14 +149,14 @@ Reaction react(State action, ArmStatus status) {
     case ArmStatus::kSuccess:
       return done();
     case ArmStatus::kCancelled:
-      return inARow(action, Trigger::kRetryHere, "somebody ended it: from where the arm stands now");
+      return inARow(action, Trigger::kRetryHere, "another client cancelled it: replan from the arm's present posture");
     case ArmStatus::kBadRequest:
     case ArmStatus::kBeyondLimits:
       if (is_pick) return ofBrick(Trigger::kNextBrick, false, "a mistake in the plan: not to be repeated");
       if (is_recovery) return inARow(action, Trigger::kRetryHere, "not an answer of a recovery");
       return giveUp(endReasonOf(action), "a mistake in the plan: not to be repeated");
     case ArmStatus::kStartMismatch:
-      return inARow(action, Trigger::kRetryHere, "plan anew from where the arm stands");
+      return inARow(action, Trigger::kRetryHere, "replan from the arm's present posture");
     case ArmStatus::kNotReady:
     case ArmStatus::kProgramStopped:
       if (is_recovery) return inARow(action, Trigger::kWaitFirst, "it may come with time, or with the next attempt");
@@ -167,8 +167,8 @@ Reaction react(State action, ArmStatus status) {
     case ArmStatus::kHeartbeatLost:
       return inARow(action, Trigger::kWaitFirst, "the arm does not move until what is late has come");
     case ArmStatus::kPathBlocked:
-      if (is_pick) return ofBrick(Trigger::kRetryHere, true, "plan anew in the map as it is now");
-      return inARow(action, Trigger::kRetryHere, "plan anew in the map as it is now");
+      if (is_pick) return ofBrick(Trigger::kRetryHere, true, "replan in the present map");
+      return inARow(action, Trigger::kRetryHere, "replan in the present map");
     case ArmStatus::kHeld:
       return notCounted(Trigger::kHeldByOperator, "the operator holds: wait for resume");
     case ArmStatus::kProtectiveStop:
@@ -181,7 +181,7 @@ Reaction react(State action, ArmStatus status) {
       return inARow(action, Trigger::kRecover, "when the driver is back, its program has to be");
     case ArmStatus::kTrajectoryRefused:
     case ArmStatus::kTrajectoryAborted:
-      return inARow(action, Trigger::kRetryHere, "plan anew; again and again: a person has to look");
+      return inARow(action, Trigger::kRetryHere, "replan; if that repeats, the operator has to look");
     case ArmStatus::kStalled:
       return inARow(action, Trigger::kWaitFirst, "the speed slider is near zero");
     case ArmStatus::kIoRefused:
@@ -205,7 +205,7 @@ Reaction react(State action, ArmStatus status) {
     case ArmStatus::kFault:
       return giveUp(EndReason::kArmFailed, "the arm's bridge contradicts itself: it must not move on");
     case ArmStatus::kBusy:
-      return inARow(action, Trigger::kArmBusy, "the arm still does what it was told before");
+      return inARow(action, Trigger::kArmBusy, "the arm still executes an earlier command");
   }
   throw std::invalid_argument("arm status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 27]");
 }
@@ -220,7 +220,7 @@ Reaction react(State action, NavigationStatus status) {
     case NavigationStatus::kSuccess:
       return done();
     case NavigationStatus::kCancelled:
-      return inARow(action, Trigger::kRetryHere, "somebody ended it");
+      return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case NavigationStatus::kBadGoal:
       return other("the place makes no sense");
     case NavigationStatus::kStartBlocked:
@@ -236,7 +236,7 @@ Reaction react(State action, NavigationStatus status) {
     case NavigationStatus::kTooManyPlans:
       return other("something is in the way and stays");
     case NavigationStatus::kStuck:
-      return other("the base does not move as told: another way may do");
+      return other("the base does not follow its commands: another path may work");
     case NavigationStatus::kStaleOdometry:
     case NavigationStatus::kStalePose:
     case NavigationStatus::kStaleScan:
@@ -258,7 +258,7 @@ Reaction react(State action, SelectionStatus status) {
     case SelectionStatus::kSuccess:
       return done();
     case SelectionStatus::kCancelled:
-      return inARow(action, Trigger::kRetryHere, "somebody ended it");
+      return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case SelectionStatus::kBadGoal:
       return giveUp(EndReason::kSelectionFailed, "strategy or zones make no sense and will not when asked again");
     case SelectionStatus::kStaleMap:
@@ -301,7 +301,7 @@ Reaction react(State action, LookStatus status) {
     case LookStatus::kSuccess:
       return done();
     case LookStatus::kCancelled:
-      return inARow(action, Trigger::kRetryHere, "somebody ended it");
+      return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case LookStatus::kNoImage:
       return inARow(action, Trigger::kWaitFirst, "the map gets no images");
   }
@@ -313,7 +313,7 @@ Reaction react(State action, WaitStatus status) {
     case WaitStatus::kSuccess:
       return done();
     case WaitStatus::kCancelled:
-      return inARow(action, Trigger::kRetryHere, "somebody ended it");
+      return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case WaitStatus::kNotReady:
       return inARow(action, Trigger::kRecover, "it does not come by itself");
   }
@@ -325,7 +325,7 @@ Reaction react(State /*action*/, ReportStatus status) {
     case ReportStatus::kSuccess:
       return done();
     case ReportStatus::kRefused:
-      return notCounted(Trigger::kRetryHere, "goes on without the penalty; the place is excluded anyway");
+      return notCounted(Trigger::kRetryHere, "continues without the penalty; the pose is excluded anyway");
   }
   throw std::invalid_argument("report status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 1]");
 }
@@ -337,7 +337,7 @@ Reaction toNoAnswer(State action) {
     case State::kWait:
       return inARow(action, Trigger::kRetryHere, "try without");
     default:
-      return inARow(action, Trigger::kWaitFirst, "whoever should have answered has to come back");
+      return inARow(action, Trigger::kWaitFirst, "wait for the server that did not answer");
   }
 }
 

@@ -154,16 +154,4 @@ std::string transitionsAsMarkdown() {
   return text;
 }
 
-std::string transitionsAsDot() {
-  std::string text = "digraph pick_mission {\n";
-  for (const Transition& row : transitions()) {
-    if (row.trigger == Trigger::kEntering) continue;
-    const std::string guard = toString(row.guard), effect = toString(row.effect);
-    text += std::string("  \"") + (row.from ? toString(*row.from) : "any action") + "\" -> \"" + toString(row.to) +
-            "\" [label=\"" + toString(row.trigger) + (guard.empty() ? "" : " [" + guard + "]") +
-            (effect.empty() ? "" : " / " + effect) + "\"];\n";
-  }
-  return text + "}\n";
-}
-
 }  // namespace pick_mission

@@ -70,7 +70,9 @@ std::string nextInWords(State next, const Mission& mission) {
       return "over the place where it may fall";
     case State::kSelect:
       return "no brick is to be tried from here" + obstaclesInWords(memory) +
-             (holds(Guard::kKeepsAway, mission) ? "; away from those tried in vain, others were tried less often" : "");
+             (holds(Guard::kKeepsAway, mission)
+                  ? "; away from bricks tried without success, others were tried less often"
+                  : "");
     case State::kDrive:
       return driveInWords(mission);
     case State::kUnload:

@@ -43,7 +43,7 @@ std::shared_ptr<const motion_planning::ArmKinematics> kinematicsOf(const ros::No
 /// Of a goal that has not succeeded, with an outcome that has.
 std::string contradiction(bool is_cancelled, const std::string& why) {
   return "the goal has " + std::string(is_cancelled ? "been cancelled" : "failed") +
-         ", and its outcome does not tell why" + (why.empty() ? "" : ": " + why);
+         ", and its outcome gives no reason" + (why.empty() ? "" : ": " + why);
 }
 
 ros::NodeHandle withQueue(const ros::NodeHandle& nh, ros::CallbackQueue* queue) {
@@ -105,7 +105,7 @@ Eigen::Isometry3d MissionActions::baseInMap() const {
   try {
     transform = tf_.lookupTransform(params_.map_frame, params_.base_frame, ros::Time(0));
   } catch (const tf2::TransformException& error) {
-    throw std::runtime_error(std::string("tf does not tell where the robot is: ") + error.what());
+    throw std::runtime_error(std::string("tf has no pose of the robot: ") + error.what());
   }
   const double age_s = (ros::Time::now() - transform.header.stamp).toSec();
   if (age_s < -params_.input.max_tf_age_s) {
@@ -268,7 +268,7 @@ void MissionActions::watch() {
   if (wait_ && now >= wait_->deadline) {
     if (wait_->until == WaitUntil::kArmReady) {
       reply(pick_mission::WaitResult{pick_mission::WaitStatus::kNotReady},
-            bridge_ ? "the arm may not move: " + bridge_->reason : "the arm's bridge does not tell", hand());
+            bridge_ ? "the arm may not move: " + bridge_->reason : "the arm's bridge reports nothing", hand());
     } else {
       const bool is_lost = wait_->until == WaitUntil::kPlaceKnown;
       reply(pick_mission::WaitResult{pick_mission::WaitStatus::kSuccess},

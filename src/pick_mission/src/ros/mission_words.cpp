@@ -24,7 +24,7 @@ std::string stateInWords(std::uint8_t state) {
     case State::kEnded:
       return "ended";
     case State::kBegin:
-      return "beginning anew";
+      return "beginning from scratch";
     case State::kChoose:
       return "choosing what is next";
     case State::kPlanClear:
@@ -99,7 +99,7 @@ std::string endReasonInWords(std::uint8_t reason) {
     case EndReason::kNeedsPerson:
       return "a person has to look at the robot";
     case EndReason::kBrickInHand:
-      return "a brick in the hand cannot be stowed, or nobody knows whether one is held";
+      return "a held brick cannot be stowed, or it is not known whether one is held";
     case EndReason::kPlanningFailed:
       return "planning failed again and again";
     case EndReason::kArmFailed:

@@ -116,21 +116,21 @@ void PickMissionRos::makeMachine() {
     wall_before_s_ = saved->at("wall_s").get<double>();
   } catch (const std::exception& error) {
     throw std::invalid_argument(path + " is no mission's state: " + error.what() +
-                                "; take it away, or another run_folder, to begin anew");
+                                "; move it away, or set another run_folder, to start a new mission");
   }
   num_failures_ = machine_->counts().failures;
   if (machine_->state() == State::kEnded) {
     decision_ = "this mission has ended";
     ended_wall_s_ = wall_before_s_;
-    ROS_WARN_STREAM_NAMED(kLog, "the mission of " << path << " has ended; start begins another in a new folder");
+    ROS_WARN_STREAM_NAMED(kLog, "the mission of " << path << " has ended; start runs a new one in a new folder");
   } else {
     const bool waits_for_start = machine_->state() == State::kIdle;
     if (!waits_for_start) started_ = ros::SteadyTime::now();
     const std::string goes_on = waits_for_start ? "when it is started" : "at resume";
-    decision_ = "interrupted; goes on " + goes_on;
+    decision_ = "interrupted; resumes " + goes_on;
     ROS_WARN_STREAM_NAMED(kLog, "the mission of " << path << " was interrupted after " << machine_->usedTime()
                                                   << " s with " << machine_->counts().bricks_picked
-                                                  << " bricks picked: it goes on with a fresh inspection " << goes_on);
+                                                  << " bricks picked: it resumes with a fresh inspection " << goes_on);
   }
 }
 
@@ -469,7 +469,7 @@ void PickMissionRos::diagnose(diagnostic_updater::DiagnosticStatusWrapper& statu
     status.summary(Status::OK,
                    std::string("ended: ") + toString(machine_->endReason()) + ", " + machine_->endMessage());
   }
-  if (actions_->isHoldLost()) status.summary(Status::ERROR, "a hold has reached nobody: the heartbeat is stopped");
+  if (actions_->isHoldLost()) status.summary(Status::ERROR, "no server has received a hold: the heartbeat is stopped");
   if (!recorder_->problem().empty()) status.summary(Status::ERROR, recorder_->problem());
   status.add("bricks picked", counts.bricks_picked);
   status.add("bricks open", counts.bricks_open);

@@ -99,7 +99,7 @@ std::string noteOf(const MissionState& state) {
     if (!state.end_message.empty()) note += "\n" + capitalised(state.end_message);
     return note;
   }
-  if (state.is_pause_wanted) return "Pauses when what goes on has ended.";
+  if (state.is_pause_wanted) return "Pauses when the running action has ended.";
   if (state.state == MissionState::HELD) return "The arm does not move until resume.";
   return "";
 }
@@ -113,10 +113,10 @@ std::string handOf(const MissionState& state) {
         return brick.status == MissionBrick::CURRENT;
       });
       if (current != state.bricks.end()) return "brick " + std::to_string(current->id);
-      return "something: the magnet is on, and nobody knows on what";
+      return "something unknown: the magnet is on";
     }
     case MissionState::UNKNOWN:
-      return "unknown: the arm's bridge does not tell";
+      return "unknown: the arm's bridge reports nothing";
     default:
       return "unknown value " + std::to_string(state.hand);
   }
@@ -185,7 +185,7 @@ std::string viewTextOf(const MissionState& state) {
   if (segment.kind == NbvSegment::FRONTIER) text += ", beside what is unseen";
   if (segment.kind == NbvSegment::HERE) text += ", where the robot stood";
   if (segment.kind == NbvSegment::GROUND) text += ", to see unseen ground";
-  if (segment.kind == NbvSegment::IMAGINARY) text += ", where nobody has looked";
+  if (segment.kind == NbvSegment::IMAGINARY) text += ", where no image has looked";
   return text;
 }
 
@@ -251,8 +251,8 @@ MissionView makeView(const MissionState* state, double age_s, const std::string&
     view.ink = inkOn(view.fill);
     view.bricks_text = view.decision = view.hand = view.view_text = view.failures_text = "-";
     view.title = "No mission";
-    view.note = age_s < kStateTimeout_s ? "Waiting for the first word of " + node + " ..."
-                                        : "No word of " + node + " yet: is it running, and is this its name?";
+    view.note = age_s < kStateTimeout_s ? "Waiting for the first message of " + node + " ..."
+                                        : "No message of " + node + " yet: is it running, and is this its name?";
     return view;
   }
   view.is_live = age_s < kStateTimeout_s;
@@ -274,8 +274,8 @@ MissionView makeView(const MissionState* state, double age_s, const std::string&
   } else {
     view.fill = kStopped;
     view.since = "";
-    view.title = "No word for " + durationInWords(age_s);
-    view.note = node + " is gone, or the clock stands. Its last state: " + stateInWords(*state) + ".";
+    view.title = "No message for " + durationInWords(age_s);
+    view.note = node + " has ended, or the clock is stopped. Its last state: " + stateInWords(*state) + ".";
   }
   view.ink = inkOn(view.fill);
   return view;
@@ -330,7 +330,7 @@ std::string answerInWords(Request request, const Answer& answer, const std::stri
       return nameOf(request) + " failed: there is no service " + fullNameOf(request, node) + "; is the node running?" +
              warningOf(request);
     case Answer::Kind::kBroken:
-      return nameOf(request) + " failed: " + fullNameOf(request, node) + " went away before it answered." +
+      return nameOf(request) + " failed: " + fullNameOf(request, node) + " ended before it answered." +
              warningOf(request);
   }
   return "";

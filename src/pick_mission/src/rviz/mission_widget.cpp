@@ -156,7 +156,7 @@ QWidget* MissionWidget::makeButtons() {
   start_ = make("start", tr("Start"), tr("Begins the mission."));
   pause_ = make("pause", tr("Pause"), QString());
   stop_ = make("stop", tr("Stop ..."), tr("Ends the mission for good; asks first."));
-  hold_ = make("hold", tr("HOLD"), tr("Stops arm and base at once, whatever goes on; resume lets go."));
+  hold_ = make("hold", tr("HOLD"), tr("Stops arm and base at once, in every state; resume releases the hold."));
   hold_->setStyleSheet(kHoldStyle);
   enlarge(hold_, 1.6, true);
   hold_->setMinimumHeight(56);
@@ -184,7 +184,7 @@ QWidget* MissionWidget::makeStopQuestion() {
   layout->addWidget(words, 0, 0, 1, 2);
   auto* yes = new QPushButton(tr("End it"));
   yes->setObjectName("stop_yes");
-  auto* no = new QPushButton(tr("Go on"));
+  auto* no = new QPushButton(tr("Continue"));
   no->setObjectName("stop_no");
   for (QPushButton* button : {yes, no}) button->setAutoDefault(false);
   layout->addWidget(yes, 1, 0);
@@ -330,8 +330,8 @@ void MissionWidget::display(const MissionView& view) {
   is_pause_for_resume_ = view.can_resume && !view.can_pause;
   pause_->setText(is_pause_for_resume_ ? tr("Resume") : tr("Pause"));
   pause_->setToolTip(is_pause_for_resume_
-                         ? tr("Goes on, after a fresh inspection; without a mission it releases a hold.")
-                         : tr("Pauses when what goes on has ended."));
+                         ? tr("Resumes after a fresh inspection; without a mission it releases a hold.")
+                         : tr("Pauses when the running action has ended."));
   stop_->setEnabled(view.can_stop);
   hold_->setEnabled(view.can_hold);
   if (!view.can_stop) stop_question_->hide();

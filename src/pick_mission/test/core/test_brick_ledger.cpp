@@ -59,7 +59,7 @@ TEST(BrickLedger, LeavesWhatCannotBeTried) {
   EXPECT_EQ(ledger.obstacleTo(3, 0), "has no face that the magnet can come to");
   EXPECT_EQ(ledger.obstacleTo(4, 0), "");
   ledger.triedInVain(4, 0);
-  EXPECT_EQ(ledger.obstacleTo(4, 0), "was tried in vain from here");
+  EXPECT_EQ(ledger.obstacleTo(4, 0), "was tried without success from here");
   EXPECT_EQ(ledger.best(0)->id, 5);
   EXPECT_EQ(ledger.best(1)->id, 4) << "another scene";
   ledger.update({seen(5, 0.05)});
@@ -80,7 +80,7 @@ TEST(BrickLedger, WhatCarriesAnotherWaits) {
   EXPECT_EQ(ledger.best(0)->id, 3) << "2 is higher, and 1 lies on it";
   EXPECT_EQ(ledger.obstacleTo(2, 0), "carries another");
   EXPECT_EQ(ledger.best(1)->id, 1);
-  ledger.pickFailed(1, "in vain");
+  ledger.pickFailed(1, "without success");
   EXPECT_EQ(ledger.best(1)->id, 3) << "given up, but still there";
   EXPECT_TRUE(ledger.carriesAnother(ledger.bricks().at(2)));
   // Not there any more, whoever took it; or taken by the robot, though an old look still has it.

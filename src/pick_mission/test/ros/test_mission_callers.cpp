@@ -262,7 +262,7 @@ TEST_F(MissionCallers, ServerStartedAnewThatNeverHeardOfTheGoalIsNotWaitedForFor
   send("die");
   ASSERT_TRUE(until([this] { return server_->hasEnded(); }));
   startServer();
-  EXPECT_THAT(awaitEnd().why, HasSubstr("does not tell what became of the goal"));
+  EXPECT_THAT(awaitEnd().why, HasSubstr("does not report the goal's result"));
 }
 
 TEST_F(MissionCallers, FailuresComeWithTheirResults) {
@@ -340,7 +340,7 @@ TEST_F(MissionCallers, ServerThatStandsStillDoesNotGoOnLaterWithWhatWasGivenUp) 
   timeout_s_ = kShort_s;
   server_->signal(SIGSTOP);
   send("wait");
-  EXPECT_THAT(awaitEnd().why, HasSubstr("does not tell what became of the goal"));
+  EXPECT_THAT(awaitEnd().why, HasSubstr("does not report the goal's result"));
   // Its socket is there all the time; what it was sent waits in it.
   std::vector<std::uint8_t> states;
   const ros::Subscriber results = nh_.subscribe<interactive_mapping_msgs::PlanArmActionResult>(

@@ -211,7 +211,7 @@ TEST(MissionMarkers, TheViewIsAnArrowWhereTheRobotIsToStand) {
 TEST(MissionMarkers, TextTellsStateAndDecisionInShortLines) {
   MissionState state = stateWith({});
   state.brick = 7;
-  state.decision = "the highest brick in the sector that has attempts left and was not tried in vain from here";
+  state.decision = "the highest brick in the sector that has attempts left and was not tried without success from here";
   const Marker text = select(toMarkers(state, catalogue()), "decision").at(0);
   EXPECT_THAT(text.text, StartsWith("picking brick 7\n"));
   std::string words = text.text.substr(text.text.find('\n') + 1);

@@ -696,7 +696,7 @@ TEST_F(PickMissionNode, RefusesToStartWithWhatCannotBe) {
   };
   EXPECT_THAT(refusal(), HasSubstr("run/mission_state.json is no mission's state"));
   test_support::writeText(folder_.file("run/mission_state.json"), "{\"mission\": {}, \"wall_s\": 1.0}");
-  EXPECT_THAT(refusal(), HasSubstr("take it away, or another run_folder, to begin anew"));
+  EXPECT_THAT(refusal(), HasSubstr("move it away, or set another run_folder, to start a new mission"));
   set("run_folder", "/proc/self");
   EXPECT_THAT(refusal(), HasSubstr("run_folder = '/proc/self', must be a folder that can be written to"));
   set("look/images", -1);
@@ -761,7 +761,7 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
       {"move", [](void* r, bool*) { static_cast<msgs::MoveArmResult*>(r)->outcome.status = 28; },
        MissionState::ARM_FAILED, "outcome of the arm = 28, must be less than 28"},
       // A result that nobody has filled in looks like success.
-      {"move", [](void*, bool* is_success) { *is_success = false; }, MissionState::ARM_FAILED, "does not tell why"},
+      {"move", [](void*, bool* is_success) { *is_success = false; }, MissionState::ARM_FAILED, "gives no reason"},
       {"select", [](void* r, bool*) { static_cast<msgs::SelectNextBestViewResult*>(r)->outcome.status = 200; },
        MissionState::SELECTION_FAILED, "outcome of the selection = 200"},
       {"select", [](void* r, bool*) { static_cast<msgs::SelectNextBestViewResult*>(r)->selection = {}; },
@@ -775,8 +775,7 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
       {"outcome", [](void* r, bool*) { static_cast<msgs::NavigationOutcome*>(r)->status = 20; },
        MissionState::DRIVES_FAILED, "outcome of the drive = 20"},
       // It tells success, and its action has failed.
-      {"outcome", [](void*, bool* is_success) { *is_success = false; }, MissionState::DRIVES_FAILED,
-       "does not tell why"},
+      {"outcome", [](void*, bool* is_success) { *is_success = false; }, MissionState::DRIVES_FAILED, "gives no reason"},
       {"detect", [](void* r, bool*) { static_cast<msgs::DetectBricks::Response*>(r)->status = 4; },
        MissionState::DETECTION_FAILED, "status of the detection = 4"},
       {"bricks", [](void* r, bool*) { static_cast<msgs::BrickArray*>(r)->header.frame_id = "odom"; },

@@ -140,8 +140,8 @@ TEST(MissionView, WithoutWordForThreeSecondsItSaysSoAndOnlyHoldIsLeft) {
   const MissionView view = makeView(&state, 3.0, kNode);
   EXPECT_FALSE(view.is_live);
   EXPECT_EQ(buttonsOf(view), "hold");
-  EXPECT_EQ(view.title, "No word for 3 s");
-  EXPECT_THAT(view.note, HasSubstr("/pick_mission is gone, or the clock stands"));
+  EXPECT_EQ(view.title, "No message for 3 s");
+  EXPECT_THAT(view.note, HasSubstr("/pick_mission has ended, or the clock is stopped"));
   EXPECT_THAT(view.note, HasSubstr("driving to the next view")) << "what it did last";
   EXPECT_EQ(view.since, "") << "nobody knows";
   EXPECT_THAT(view.bars, SizeIs(7)) << "what was known stays, greyed out";
@@ -151,7 +151,7 @@ TEST(MissionView, BeforeTheFirstStateItWaitsAndThenAsks) {
   const MissionView view = makeView(nullptr, 0.0, kNode);
   EXPECT_FALSE(view.is_live);
   EXPECT_EQ(buttonsOf(view), "hold");
-  EXPECT_THAT(view.note, HasSubstr("Waiting for the first word of /pick_mission"));
+  EXPECT_THAT(view.note, HasSubstr("Waiting for the first message of /pick_mission"));
   EXPECT_THAT(makeView(nullptr, 3.0, kNode).note, HasSubstr("is it running"));
   EXPECT_THAT(view.bars, SizeIs(7));
 }
@@ -219,11 +219,11 @@ TEST(MissionView, TheHandIsNotGuessed) {
   state.hand = MissionState::EMPTY;
   EXPECT_EQ(fresh(state).hand, "empty");
   state.hand = MissionState::HOLDING;
-  EXPECT_THAT(fresh(state).hand, HasSubstr("nobody knows"));
+  EXPECT_THAT(fresh(state).hand, HasSubstr("something unknown"));
   state.bricks = {brick(3, MissionBrick::OPEN), brick(5, MissionBrick::CURRENT)};
   EXPECT_EQ(fresh(state).hand, "brick 5");
   state.hand = MissionState::UNKNOWN;
-  EXPECT_THAT(fresh(state).hand, HasSubstr("does not tell"));
+  EXPECT_THAT(fresh(state).hand, HasSubstr("reports nothing"));
 }
 
 TEST(MissionView, EachBarHasItsOwnFieldOfTheView) {
@@ -358,7 +358,8 @@ TEST(AnswerInWords, TellsWhatCameOfIt) {
             "Resume was refused: nothing is interrupted.");
   EXPECT_EQ(answerInWords(Request::kStop, {Answer::Kind::kNoService, false, ""}, kNode),
             "Stop failed: there is no service /pick_mission/stop; is the node running?");
-  EXPECT_THAT(answerInWords(Request::kStop, {Answer::Kind::kBroken, false, ""}, kNode), HasSubstr("went away"));
+  EXPECT_THAT(answerInWords(Request::kStop, {Answer::Kind::kBroken, false, ""}, kNode),
+              HasSubstr("ended before it answered"));
 }
 
 // Whoever pressed it believes that the robot stands.

@@ -42,7 +42,6 @@ struct TimeOffsetEstimate {
   double correlation{0.0};                                    // at the best offset
   double turned_rad{0.0};
   int images{0};  // pairs that were used
-  bool isEstimated() const { return status == TimeOffsetStatus::kEstimated; }
 };
 
 /// By how much the camera's stamps are late against the odometry's, from a base that turns: a camera on the base sees

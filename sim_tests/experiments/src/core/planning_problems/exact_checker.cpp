@@ -2,7 +2,6 @@
 #include "planning_problems/exact_checker.h"
 
 #include <algorithm>
-#include <limits>
 #include <stdexcept>
 
 #include <mp700_ur5e_description/robot_names.h>
@@ -144,20 +143,6 @@ double ExactChecker::clearance(const motion_planning::ArmVector& joints_rad, dou
       if ((nearestPoint(brick.solid, middle) - middle).norm() > part.radius_m + smallest_m) continue;
       const ConvexDistance distance = convexDistance(part.solid, brick.solid, 1e-4, smallest_m, kTouching_m);
       if (distance.lower_m < smallest_m) smallest_m = std::max(0.0, distance.lower_m);
-    }
-  }
-  return smallest_m;
-}
-
-double ExactChecker::magnetDistance(const motion_planning::ArmVector& joints_rad, int brick_id) {
-  bend(joints_rad);
-  double smallest_m = std::numeric_limits<double>::infinity();
-  for (const Part& part : parts_) {
-    if (part.link != description::kMagnetLink) continue;
-    for (const Brick& brick : bricks_) {
-      if (brick.id == brick_id) {
-        smallest_m = std::min(smallest_m, convexDistance(part.solid, brick.solid, 1e-5, 1e9, kTouching_m).upper_m);
-      }
     }
   }
   return smallest_m;

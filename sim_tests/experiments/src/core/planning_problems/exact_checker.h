@@ -47,9 +47,6 @@ class ExactChecker {
   /// Distance of moving links and of what is held to the nearest brick but `except_id`, at most `limit_m`; 0: they overlap.
   double clearance(const motion_planning::ArmVector& joints_rad, double limit_m, int except_id = -1);
 
-  /// Distance of the magnet alone to a brick.
-  double magnetDistance(const motion_planning::ArmVector& joints_rad, int brick_id);
-
   Eigen::Isometry3d tipInBase(const motion_planning::ArmVector& joints_rad);
 
  private:

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <utility>
 
 #include <mp700_ur5e_description/robot_names.h>
 
@@ -47,14 +48,12 @@ ProblemPlanner::Answer ProblemPlanner::plan(const PlanningProblem& problem, cons
   context.T_map_base = problem.stand->T_map_base;
   context.start_rad = maker_.stowed();
   context.is_cancelled = is_cancelled;
-  Answer answer;
-  answer.scene = update_;
   const auto begin = std::chrono::steady_clock::now();
   const double begin_ms = threadTime_ms();
-  answer.plan = planner_->planPick(context, problem.target, {maker_.containerGoal()});
-  answer.plan_ms = threadTime_ms() - begin_ms;
-  answer.plan_wall_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
-  return answer;
+  auto plan = planner_->planPick(context, problem.target, {maker_.containerGoal()}).plan;
+  const double plan_ms = threadTime_ms() - begin_ms;
+  const std::chrono::duration<double, std::milli> wall_ms = std::chrono::steady_clock::now() - begin;
+  return {std::move(plan), plan_ms, wall_ms.count(), update_};
 }
 
 Eigen::Isometry3d contactPose(const PlanningProblem& problem, mp700_ur5e_description::BrickFace face, double yaw_rad) {

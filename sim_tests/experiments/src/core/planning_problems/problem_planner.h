@@ -16,10 +16,14 @@ namespace experiments {
 class ProblemPlanner {
  public:
   struct Answer {
-    motion_planning::PickPlan plan;
-    double plan_ms{0.0};                 // processor time of this thread
-    double plan_wall_ms{0.0};            // and by the clock
+    motion_planning::Result<motion_planning::PickPlan> plan;
+    double plan_ms;                      // processor time of this thread
+    double plan_wall_ms;                 // and by the clock
     motion_planning::SceneUpdate scene;  // of the stand; made once for all problems there
+
+    std::string status() const {
+      return toString(plan ? motion_planning::PlanStatus::kSuccess : plan.failure().status);
+    }
   };
 
   /// `sectors`: path of the manipulability sectors. Throws std::invalid_argument for bad configs or a bad file.

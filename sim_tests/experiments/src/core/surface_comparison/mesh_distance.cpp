@@ -225,12 +225,6 @@ std::vector<Vector3d> sampleEvenly(const Surface& surface, double spacing_m, std
   return samples;
 }
 
-double areaOf(const Surface& surface) {
-  double area = 0.0;
-  for (const Triangle& t : surface.triangles) area += areaVector(surface, t).norm();
-  return area;
-}
-
 Statistics statisticsOf(const std::vector<double>& values) {
   Statistics s;
   s.count = values.size();

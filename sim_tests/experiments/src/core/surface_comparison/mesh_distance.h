@@ -53,8 +53,6 @@ class MeshDistance {
 /// std::invalid_argument for a spacing that is not positive.
 std::vector<Eigen::Vector3d> sampleEvenly(const Surface& surface, double spacing_m, std::uint64_t seed);
 
-double areaOf(const Surface& surface);
-
 /// Of signed values [m]; all zero when there are none.
 struct Statistics {
   std::size_t count{0};

@@ -22,7 +22,7 @@ class BaseStopInput {
   void goalHasEnded() { pressed_between_.clear(); }
   std::string words() const {
     if (isPressed(now_) || pressed_between_.empty()) return std::string("the base is stopped: ") + toString(*now_);
-    return "the base was stopped before this goal (" + pressed_between_ + "): look, and send the goal again";
+    return "the base was stopped before this goal (" + pressed_between_ + "): check the base, and send the goal again";
   }
 
  private:

@@ -61,7 +61,7 @@ std::optional<Ending> PlanAttempts::begin() {
 
 std::optional<Ending> PlanAttempts::fail(const BasePlan& plan, double now_s) {
   const bool is_cancel = plan.status == BasePlanStatus::kCancelled;
-  std::string message = reason_.empty() ? plan.message : reason_ + "; planning anew: " + plan.message;
+  std::string message = reason_.empty() ? plan.message : reason_ + "; replanning: " + plan.message;
   if (reason_.empty() || is_cancel || has_waited_) {
     return Ending{is_obstacle_ && !is_cancel ? NavigationStatus::kObstacle : statusOf(plan.status), message};
   }

@@ -32,7 +32,7 @@ std::string StuckDetector::find(double now_s, double least_s) const {
     if (one.now_s <= now_s - config_.max_pose_age_s) last = &one;
   }
   const std::string within = " within " + text(now_s - motions_.front().now_s, 1) + " s, ";
-  std::string found = judge("the wheels do not turn as told", within + "odometry", &Motion::T_odom_base, *last);
+  std::string found = judge("the wheels do not turn as commanded", within + "odometry", &Motion::T_odom_base, *last);
   if (!found.empty()) return found;
   return judge("the wheels slip", within + "the localisation", &Motion::T_map_base, *last);
 }
@@ -42,7 +42,7 @@ std::string StuckDetector::judge(const char* what, const std::string& by, Pose2d
   const Motion& first = motions_.front();
   const double told_m = (last.commanded.position() - first.commanded.position()).norm();
   const double told_rad = std::abs(last.commanded_rad - first.commanded_rad);
-  // The farthest that it came: who was told to turn and then back has done so.
+  // The farthest that it came: a base commanded to turn and then back has done so.
   double seen_m = 0.0;
   double seen_rad = 0.0;
   for (const Motion& one : motions_) {
@@ -50,8 +50,8 @@ std::string StuckDetector::judge(const char* what, const std::string& by, Pose2d
     seen_rad = std::max(seen_rad, std::abs(wrapAngle((one.*measured).yaw_rad - (first.*measured).yaw_rad)));
   }
   const auto words = [&](const char* move, double told, double seen, const char* unit) {
-    return std::string(what) + ": told to " + move + " " + text(told, 3) + unit + by + " tells of " + text(seen, 3) +
-           unit + ", must be at least " + text(kStuckShare * told, 3) + unit;
+    return std::string(what) + ": commanded to " + move + " " + text(told, 3) + unit + by + " reports " +
+           text(seen, 3) + unit + ", must be at least " + text(kStuckShare * told, 3) + unit;
   };
   if (told_m >= kStuckMin_m && seen_m < kStuckShare * told_m) return words("move", told_m, seen_m, " m");
   // Half a turn and more cannot be told from what remains of a whole one.

@@ -72,7 +72,7 @@ class MiddleSearch {
     }
     const Ground ground = reachableGround(task_, launch.pose_map.position(), approach_.pose_map.position());
     if (ground.guide.way_map.empty() || ground.guide.places_map.empty()) {
-      return failure(BasePlanStatus::kNoPath, "no way over free ground", launch,
+      return failure(BasePlanStatus::kNoPath, "no path over free ground", launch,
                      ": it ends at " + text(ground.nearest_map));
     }
     if (task_.isCancelled()) return std::nullopt;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -32,8 +31,6 @@ class AtomicFile {
   /// Flush, fsync, rename, fsync of the directory. Throws FileError; then the old file is still there.
   void commit();
 
-  std::uint64_t bytesWritten() const { return bytes_written_; }
-
  private:
   void flush();
   [[noreturn]] void fail(const std::string& what, int error_number);
@@ -42,7 +39,6 @@ class AtomicFile {
   std::string directory_;
   std::string temporary_path_;
   int descriptor_{-1};
-  std::uint64_t bytes_written_{0};
   std::vector<char> buffer_;
 };
 

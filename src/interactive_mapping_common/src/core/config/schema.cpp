@@ -204,6 +204,15 @@ struct FieldReader::State {
   std::vector<std::string> problems;
   std::set<std::string> known;
 
+  /// The keys and sections directly below.
+  std::string knownBelow(const std::string& prefix) const {
+    std::set<std::string> names;
+    for (auto path = known.lower_bound(prefix); path != known.end() && path->rfind(prefix, 0) == 0; ++path) {
+      names.insert(path->substr(prefix.size(), path->find('/', prefix.size()) - prefix.size()));
+    }
+    return join({names.begin(), names.end()}, ", ");
+  }
+
   void checkKeys(const YAML::Node& map, const std::string& prefix) {
     std::set<std::string> seen;
     for (const auto& entry : map) {
@@ -213,7 +222,7 @@ struct FieldReader::State {
       if (known.count(path) > 0) continue;
       const auto below = known.lower_bound(path + "/");
       if (below == known.end() || below->compare(0, path.size() + 1, path + "/") != 0) {
-        problems.push_back(path + " is unknown");
+        problems.push_back(path + " is unknown; known here: " + knownBelow(prefix));
       } else if (entry.second.IsMap()) {
         checkKeys(entry.second, path + "/");
       } else if (!entry.second.IsNull()) {

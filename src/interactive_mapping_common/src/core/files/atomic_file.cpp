@@ -73,7 +73,6 @@ void AtomicFile::flush() {
 
 void AtomicFile::write(const void* data, std::size_t num_bytes) {
   const char* bytes = static_cast<const char*>(data);
-  bytes_written_ += num_bytes;
   while (num_bytes > 0) {
     const std::size_t count = std::min(num_bytes, kBufferBytes - buffer_.size());
     buffer_.insert(buffer_.end(), bytes, bytes + count);

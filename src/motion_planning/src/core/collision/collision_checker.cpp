@@ -160,7 +160,7 @@ std::string Contact::describe() const {
     case CollisionKind::kInside:
       return first + " is inside a mapped object" + at.str();
     case CollisionKind::kUnknown:
-      return first + " is in space near the pile that nobody has seen" + at.str();
+      return first + " is in unseen space near the pile" + at.str();
     case CollisionKind::kFloor:
       return part + " is too near to the floor";
   }

@@ -5,7 +5,6 @@
 #include <optional>
 #include <vector>
 
-#include "tasks/result.h"
 #include "tasks/task_context.h"
 
 namespace motion_planning {

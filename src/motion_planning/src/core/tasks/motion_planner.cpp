@@ -11,11 +11,10 @@ namespace motion_planning {
 namespace {
 
 /// The whole trajectory from the request's start, or why there is none.
-ArmPlan armPlan(const TaskContext& task, const StartState& start, const Result<JointTrajectory>& trajectory) {
-  if (!trajectory) return trajectory.failure();
-  ArmPlan plan;
-  plan.trajectory = start.withBackOff(task, *trajectory);
-  return plan;
+Result<JointTrajectory> fromRequestedStart(const TaskContext& task, const StartState& start,
+                                           const Result<JointTrajectory>& trajectory) {
+  if (!trajectory) return trajectory;
+  return start.withBackOff(task, *trajectory);
 }
 
 }  // namespace
@@ -27,27 +26,27 @@ MotionPlanner::MotionPlanner(std::shared_ptr<const ArmKinematics> arm, Manipulab
   interactive_mapping::requireValid("impossible motion planner:", config);
 }
 
-PickPlan MotionPlanner::planPick(const PlanningContext& context, const PickTarget& target,
-                                 const std::vector<ArmGoal>& stow_goals) const {
+PickResult MotionPlanner::planPick(const PlanningContext& context, const PickTarget& target,
+                                   const std::vector<ArmGoal>& stow_goals) const {
   const TaskContext task{arm_, sectors_, config_, context};
   const Result<StartState> start = findStart(task);
-  if (!start) return start.failure();
+  if (!start) return {start.failure(), {}};
   return motion_planning::planPick(task, *start, target, stow_goals);
 }
 
-ArmPlan MotionPlanner::planArm(const PlanningContext& context, const ArmGoal& goal) const {
+Result<JointTrajectory> MotionPlanner::planArm(const PlanningContext& context, const ArmGoal& goal) const {
   const TaskContext task{arm_, sectors_, config_, context};
   const Result<StartState> start = findStart(task);
   if (!start) return start.failure();
-  return armPlan(task, *start, planMove(task, *start, goal));
+  return fromRequestedStart(task, *start, planMove(task, *start, goal));
 }
 
-ArmPlan MotionPlanner::planInspect(const PlanningContext& context, const ViewFrustum& view,
-                                   const std::vector<ArmVector>& postures) const {
+Result<JointTrajectory> MotionPlanner::planInspect(const PlanningContext& context, const ViewFrustum& view,
+                                                   const std::vector<ArmVector>& postures) const {
   const TaskContext task{arm_, sectors_, config_, context};
   const Result<StartState> start = findStart(task);
   if (!start) return start.failure();
-  return armPlan(task, *start, planClearView(task, *start, view, postures));
+  return fromRequestedStart(task, *start, planClearView(task, *start, view, postures));
 }
 
 }  // namespace motion_planning

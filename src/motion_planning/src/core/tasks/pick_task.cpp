@@ -25,7 +25,7 @@ constexpr int kStowAttempts = 3;  // contact postures tried if the brick cannot 
 enum class Stage { kFace, kSector, kIk, kContact, kLine, kStowGoal, kApproach, kStow };
 
 struct FaceFailure {
-  Stage stage{Stage::kFace};
+  Stage stage;
   PlanFailure why;
 };
 
@@ -110,7 +110,7 @@ class FacePick {
   }
 
   std::nullopt_t note(FaceFailure failure) {
-    if (failure.stage >= worst_.stage) worst_ = std::move(failure);
+    if (!worst_ || failure.stage >= worst_->stage) worst_ = std::move(failure);
     return std::nullopt;
   }
 
@@ -119,7 +119,7 @@ class FacePick {
     const auto known = stows_.find(grip);
     if (known != stows_.end()) return known->second;
     Stows stows;
-    PlanFailure why;
+    std::optional<PlanFailure> why;
     for (const ArmGoal& goal : stow_goals_) {
       for (const ArmGoal& way : waysToStow(task_, grips_[grip].held, grips_[grip].tilt.up_tip, goal)) {
         const Tilt tilt = way.keep_level ? Tilt(grips_[grip].tilt) : std::nullopt;
@@ -127,9 +127,9 @@ class FacePick {
         if (goals) stows.push_back({*goals, tilt});
         if (!goals) why = goals.failure();
       }
-      if (!stows.empty() || why.status == PlanStatus::kCancelled) break;
+      if (!stows.empty() || why->status == PlanStatus::kCancelled) break;
     }
-    return stows_.emplace(grip, stows.empty() ? Result<Stows>(why) : Result<Stows>(std::move(stows))).first->second;
+    return stows_.emplace(grip, stows.empty() ? Result<Stows>(*why) : Result<Stows>(std::move(stows))).first->second;
   }
 
   FaceFailure whyNoPick() const {
@@ -139,24 +139,24 @@ class FacePick {
               {PlanStatus::kNoIk, name_ + ": no joint angles reach it at " + inMetres(p_map) + " (" +
                                       std::to_string(grips_.size()) + " poses tried)"}};
     }
-    if (worst_.stage == Stage::kFace) {
+    if (!worst_) {
       return {Stage::kContact,
               {contacts_.status(),
                name_ + ": of " + std::to_string(num_postures_) + " postures that touch it " + contacts_.describe()}};
     }
     const std::string at_face = contacts_.empty() ? "" : "; at the face " + contacts_.describe();
-    return {worst_.stage, {worst_.why.status, name_ + ": " + worst_.why.message + at_face}};
+    return {worst_->stage, {worst_->why.status, name_ + ": " + worst_->why.message + at_face}};
   }
 
   /// Searches the motions to before the face and from the lift's end.
   Result<PickPlan, FaceFailure> connect() {
-    FaceFailure failure;
+    std::optional<FaceFailure> failure;
     for (int attempt = 0; attempt < kStowAttempts && !picks_.empty(); ++attempt) {
       std::vector<ArmVector> before_face;
       for (const Pick& pick : picks_) before_face.push_back(pick.contact.front());
       const auto approach =
           moveTo(task_, start_.joints_rad, before_face, scene_.beforeTouch(), std::nullopt, name_ + ", approach");
-      if (!approach) return attempt == 0 ? FaceFailure{Stage::kApproach, approach.failure()} : failure;
+      if (!approach) return failure.value_or(FaceFailure{Stage::kApproach, approach.failure()});
       const Pick pick = picks_[approach->goal];
       const Grip& grip = grips_[pick.grip];
       scene_.hold(grip.held);
@@ -164,15 +164,15 @@ class FacePick {
         const auto carry = moveTo(task_, pick.lift.back(), stow.goals, scene_.carrying(), stow.tilt,
                                   name_ + ", carrying the brick away");
         if (carry) return planOf(pick, approach->trajectory, carry->trajectory);
-        failure = {Stage::kStow, carry.failure()};
-        if (failure.why.status == PlanStatus::kCancelled) return failure;
+        failure = FaceFailure{Stage::kStow, carry.failure()};
+        if (failure->why.status == PlanStatus::kCancelled) return *failure;
       }
       // Another grip: what blocks this one blocks its other postures too.
       picks_.erase(
           std::remove_if(picks_.begin(), picks_.end(), [&](const Pick& other) { return other.grip == pick.grip; }),
           picks_.end());
     }
-    return failure;
+    return *failure;
   }
 
   PickPlan planOf(const Pick& pick, const JointTrajectory& approach, const JointTrajectory& stow) const {
@@ -202,14 +202,14 @@ class FacePick {
   std::map<std::size_t, Result<Stows>> stows_;  // by grip
   std::size_t num_postures_{0};
   std::vector<Pick> picks_;
-  Rejections contacts_;  // of contact postures
-  FaceFailure worst_;    // of the postures that got farther
+  Rejections contacts_;               // of contact postures
+  std::optional<FaceFailure> worst_;  // of the postures that got farther
 };
 
 std::optional<PlanFailure> refusal(const PlanningContext& request, const StartState& start, const PickTarget& target,
                                    const std::vector<ArmGoal>& stow_goals) {
   if (!start.back_off.empty()) {
-    return PlanFailure{PlanStatus::kStartInCollision, "the arm's start is in collision; plan a way out of there first"};
+    return PlanFailure{PlanStatus::kStartInCollision, "the arm's start is in collision; plan a motion out of it first"};
   }
   if (request.held) return badRequest("the magnet holds a brick already");
   if (target.type == nullptr) return badRequest("the brick's type is not known");
@@ -230,29 +230,22 @@ std::optional<PlanFailure> refusal(const PlanningContext& request, const StartSt
 
 }  // namespace
 
-PickPlan planPick(const TaskContext& task, const StartState& start, const PickTarget& target,
-                  const std::vector<ArmGoal>& stow_goals) {
-  if (const auto why = refusal(task.request, start, target, stow_goals)) return *why;
+PickResult planPick(const TaskContext& task, const StartState& start, const PickTarget& target,
+                    const std::vector<ArmGoal>& stow_goals) {
+  if (const auto why = refusal(task.request, start, target, stow_goals)) return {*why, {}};
   BrickInScene scene(start.checker, {target.T_map_brick, target.type->size_m}, task.config.pick.lift_room_m);
   std::optional<FaceFailure> farthest;
-  PickPlan failed;
+  std::vector<std::pair<BrickFace, PlanFailure>> tried;
   for (const BrickFace face : target.faces) {
     Result<PickPlan, FaceFailure> pick = FacePick(task, start, target, face, stow_goals, &scene).plan();
-    if (pick) {
-      pick->tried = std::move(failed.tried);
-      return std::move(*pick);
-    }
+    if (pick) return {std::move(*pick), std::move(tried)};
     const FaceFailure& failure = pick.failure();
-    failed.tried.emplace_back(face, failure.why);
+    tried.emplace_back(face, failure.why);
     const bool is_cancelled = failure.why.status == PlanStatus::kCancelled;
-    if (!is_cancelled && farthest && failure.stage <= farthest->stage) continue;
-    farthest = failure;
+    if (is_cancelled || !farthest || failure.stage > farthest->stage) farthest = failure;
     if (is_cancelled) break;
-    failed.face = face;
   }
-  failed.status = farthest->why.status;
-  failed.message = farthest->why.message;
-  return failed;
+  return {farthest->why, std::move(tried)};
 }
 
 }  // namespace motion_planning

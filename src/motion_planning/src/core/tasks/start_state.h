@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "tasks/result.h"
 #include "tasks/task_context.h"
 
 namespace motion_planning {

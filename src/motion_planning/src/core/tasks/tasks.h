@@ -3,15 +3,14 @@
 
 #include <vector>
 
-#include "tasks/result.h"
 #include "tasks/start_state.h"
 #include "tasks/task_context.h"
 
 /// What MotionPlanner's methods do once the start is known. A trajectory begins at the start state.
 namespace motion_planning {
 
-PickPlan planPick(const TaskContext& task, const StartState& start, const PickTarget& target,
-                  const std::vector<ArmGoal>& stow_goals);
+PickResult planPick(const TaskContext& task, const StartState& start, const PickTarget& target,
+                    const std::vector<ArmGoal>& stow_goals);
 
 /// By search; where that fails for what is held, straight out of its surroundings first.
 Result<JointTrajectory> planMove(const TaskContext& task, const StartState& start, const ArmGoal& goal);
