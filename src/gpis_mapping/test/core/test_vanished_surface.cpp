@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "gpis_mapping/gpis_map.h"
 #include "gpis_mapping/point_update.h"
 
 namespace gpis_mapping {
@@ -139,6 +140,71 @@ TEST(VanishedSurface, MatchesTheSlowVersion) {
     for (const HiddenFate fate : fates) ++seen[static_cast<std::size_t>(fate)];
   }
   for (const int count : seen) EXPECT_GT(count, 50) << "each fate must come about";
+}
+
+constexpr int kMargin_px = 60;  // columns from here on never have a depth
+
+CameraModel cameraWithMargin() {
+  CameraModel camera;
+  camera.width = 80;
+  camera.height = 60;
+  camera.fx = camera.fy = 65.0;
+  camera.cx = 39.5;
+  camera.cy = 29.5;
+  return camera;
+}
+
+/// 1 m above the floor z = 0, looking down, so that the middle of the plate of 0.2 x 0.2 m at 0.3 m is in column `u`.
+Eigen::Isometry3d plateAt(double u) {
+  Eigen::Isometry3d T_map_camera = Eigen::Isometry3d::Identity();
+  T_map_camera.linear() = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  T_map_camera.translation() << 0.7 * (cameraWithMargin().cx - u) / cameraWithMargin().fx, 0.0, 1.0;
+  return T_map_camera;
+}
+
+/// Columns from `hole_px` on are zero.
+DepthImage look(const Eigen::Isometry3d& T_map_camera, bool has_plate, int hole_px) {
+  const CameraModel camera = cameraWithMargin();
+  DepthImage image{camera.width, camera.height, {}};
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      const Eigen::Vector3d p = T_map_camera * (0.7 * camera.ray(u, v));
+      const bool is_plate = has_plate && std::abs(p.x()) < 0.1 && std::abs(p.y()) < 0.1;
+      image.depth_m.push_back(u >= hole_px ? 0.0f : is_plate ? 0.7f : 1.0f);
+    }
+  }
+  return image;
+}
+
+/// Points of the plate in columns from `first` to `last` - 1.
+std::size_t pointsInColumns(const GpisMap& map, const Eigen::Isometry3d& T_map_camera, double first, double last) {
+  const CameraModel camera = cameraWithMargin();
+  std::size_t count = 0;
+  for (const SurfacePoint& point : map.contents().points) {
+    const Eigen::Vector3d p = T_map_camera.inverse() * point.position_map;
+    const double u = camera.fx * p.x() / p.z() + camera.cx + 0.5;
+    count += point.position_map.z() > 0.2 && u >= first && u < last;
+  }
+  return count;
+}
+
+TEST(VanishedSurface, MarginOfTheSensorTellsNothing) {
+  GpisMap map{GpisConfig()};
+  double stamp_s = 100.0;
+  Eigen::Isometry3d T_map_camera;
+  for (const double u : {38.0, 45.0, 52.0, 60.0}) {  // the plate goes into the margin
+    T_map_camera = plateAt(u);
+    for (int i = 0; i < 4; ++i) {
+      map.update(look(T_map_camera, true, kMargin_px), cameraWithMargin(), T_map_camera, stamp_s += 1.0);
+    }
+  }
+  const std::size_t in_margin = pointsInColumns(map, T_map_camera, kMargin_px, 80);
+  ASSERT_GT(in_margin, 10u);
+  ASSERT_GT(pointsInColumns(map, T_map_camera, 55, kMargin_px), 4u);
+  // The plate is gone: past part of it the floor is seen, part lies in a hole, the rest in the margin.
+  map.update(look(T_map_camera, false, 55), cameraWithMargin(), T_map_camera, stamp_s + 1.0);
+  EXPECT_EQ(pointsInColumns(map, T_map_camera, 0, kMargin_px), 0u);
+  EXPECT_EQ(pointsInColumns(map, T_map_camera, kMargin_px, 80), in_margin);
 }
 
 }  // namespace
