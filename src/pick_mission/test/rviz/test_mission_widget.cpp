@@ -313,7 +313,7 @@ TEST_F(MissionWidgetTest, GreysOutWhenTheNodeIsSilent) {
   ASSERT_TRUE(waitForTitle("Driving to the next view"));
   QElapsedTimer timer;
   timer.start();
-  ASSERT_TRUE(waitUntil([&] { return text("title").rfind("No word for", 0) == 0; })) << text("title");
+  ASSERT_TRUE(waitUntil([&] { return text("title").rfind("No message for", 0) == 0; })) << text("title");
   EXPECT_GT(timer.elapsed(), 2000) << "it came a moment before the timer started";
   EXPECT_THAT(text("note"), HasSubstr("the clock stands"));
   EXPECT_FALSE(widget_->findChild<QWidget*>("details")->isEnabled());
