@@ -315,7 +315,7 @@ TEST_F(MissionWidgetTest, GreysOutWhenTheNodeIsSilent) {
   timer.start();
   ASSERT_TRUE(waitUntil([&] { return text("title").rfind("No message for", 0) == 0; })) << text("title");
   EXPECT_GT(timer.elapsed(), 2000) << "it came a moment before the timer started";
-  EXPECT_THAT(text("note"), HasSubstr("the clock stands"));
+  EXPECT_THAT(text("note"), HasSubstr("the clock is stopped"));
   EXPECT_FALSE(widget_->findChild<QWidget*>("details")->isEnabled());
   EXPECT_EQ(enabled(), "hold ");
   node.publish(stateOf(MissionState::LOOK));
