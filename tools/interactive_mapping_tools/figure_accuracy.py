@@ -36,7 +36,7 @@ def run_experiment(scene, sensor, seed, out):
     command = [ROOT / "devel/lib/experiments/fig8_experiment", scene, "--out", out, "--sensor", sensor, "--seed", str(seed)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise Refusal(f"{out.name}: {(done.stderr.splitlines() or ['no word'])[-1]}")
+        raise Refusal(f"{out.name}: {(done.stderr.splitlines() or ['no message'])[-1]}")
     return out
 
 
@@ -169,7 +169,7 @@ def write_rows(path, columns, rows):
 
 
 def accuracy(source, out):
-    """Fig. 8. INPUT: results/fig8 of an earlier call; without it everything is run anew."""
+    """Fig. 8. INPUT: results/fig8 of an earlier call; without it, runs everything."""
     if source is None:
         source = ROOT / "results/fig8"
         run_all(source)

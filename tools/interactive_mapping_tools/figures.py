@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes one of the paper's figures anew, or its tables: NAME.png with NAME.csv beside it in results/figures.
+"""Makes one of the paper's figures, or its tables: NAME.png with NAME.csv beside it in results/figures.
 
   1       four panels of one cycle           INPUT: a mission's run folder
   3       tolerance of one look, deletions   INPUT: a run of fig8_experiment (default: made)

@@ -222,6 +222,7 @@ TEST(OctomapBaselineNode, MapsForgetsPublishesAndServes) {
   ASSERT_TRUE(ros::service::call("octomap_baseline/reset", reset));
   EXPECT_TRUE(getMap("octomap_full").data.empty());
   EXPECT_TRUE(waitUntil([&] { return binary->data.empty(); }));
+  EXPECT_TRUE(waitUntil([&] { return num_meshes == 2; })) << "an empty map does not wait for mesh_period_s";
 }
 
 }  // namespace

@@ -14,7 +14,7 @@ namespace gpis_mapping {
 enum class PixelHistory : std::uint8_t {
   kUnknown,
   kMeasures,
-  kNeverMeasures,  // not in many images that had a depth nearly everywhere: a margin of the sensor
+  kNeverMeasures,  // not in ten images with a depth at more than half of their pixels: a margin of the sensor
 };
 
 enum class PixelKind : std::uint8_t {

@@ -265,7 +265,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   const double tolerance = this->tolerance(p, facing, across, point->variance_m2, seen.sigma);
 
   const double past_pixel = inverse_range - pixels_->inverse_range[pixel];
-  const PointOutcome beside_pixel =
+  const PointOutcome unfused =
       std::abs(past_pixel) < tolerance && cosine > kMinCosine ? PointOutcome::kConfirmed : PointOutcome::kNothing;
   if (block == Block::kNarrow) {
     // The frame's GP does not count beside pixels without information. But a shadow is at the same place in every look
@@ -277,7 +277,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
       if (kind == PixelKind::kHole) return inHole();
       return is_past && config_.dynamic.enabled ? PointOutcome::kDoubtful : PointOutcome::kNothing;
     }
-    return past_pixel >= tolerance ? miss(point) : beside_pixel;
+    return past_pixel >= tolerance ? miss(point) : unfused;
   }
   // Eq 7. Near a depth edge the mean lies between the surfaces: seen past is only what is past the raw depths too.
   const double delta = inverse_range - seen.inverse_range;
@@ -302,7 +302,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   // A face turned away is hidden by its own object. Within the tolerance of what is seen it is a rim, or the foot of an
   // object that is gone: the rest of the face knows.
   if (cosine < kMinCosine) return cosine < -kMinCosine ? PointOutcome::kDoubtful : PointOutcome::kNothing;
-  if (!measurement) return beside_pixel;
+  if (!measurement) return unfused;
   return is_near ? fuse(*measurement, p, point) : PointOutcome::kNothing;
 }
 

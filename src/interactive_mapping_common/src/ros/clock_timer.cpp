@@ -7,10 +7,12 @@
 #include <thread>
 #include <utility>
 
-#include <ros/init.h>
+#include <ros/time.h>
 
 namespace interactive_mapping_ros {
 namespace {
+
+constexpr double kLongestWait_s = 0.1;  // far more than a busy machine keeps a thread waiting
 
 std::uint64_t checked(ros::Duration period) {
   if (period > ros::Duration(0)) return static_cast<std::uint64_t>(period.toNSec());
@@ -32,8 +34,12 @@ void ClockTimer::onClock(const rosgraph_msgs::Clock& clock) {
   const std::uint64_t periods = clock.clock.toNSec() / period_ns_;
   if (periods == periods_) return;
   periods_ = periods;
-  // roscpp's own thread sets ros::Time::now() by the same message, and may be behind.
-  while (ros::Time::now() < clock.clock && ros::ok()) std::this_thread::sleep_for(std::chrono::microseconds(50));
+  // roscpp's own thread sets ros::Time::now() by the same message, and may be behind. Not for long: if the clock has been
+  // set back since, it does not come.
+  const ros::SteadyTime end = ros::SteadyTime::now() + ros::WallDuration(kLongestWait_s);
+  while (ros::Time::now() < clock.clock && ros::SteadyTime::now() < end) {
+    std::this_thread::sleep_for(std::chrono::microseconds(50));
+  }
   callback_();
 }
 

@@ -245,6 +245,10 @@ bool OctomapBaselineRos::onReset(std_srvs::Empty::Request&, std_srvs::Empty::Res
     map_.clear();
     ++revision_;
   }
+  {
+    const std::lock_guard<std::mutex> lock(output_mutex_);
+    for (Output& output : outputs_) output.published = ros::Time();  // an empty map is due at once
+  }
   input_->resetPoseGuard();
   ROS_INFO_NAMED(kLog, "map cleared");
   return true;
