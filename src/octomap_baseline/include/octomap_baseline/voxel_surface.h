@@ -17,12 +17,10 @@ class VoxelSurface {
  public:
   /// `without_specks`: isSpeck() voxels have no sides. `tree` must not be null or change.
   explicit VoxelSurface(std::shared_ptr<const octomap::OcTree> tree, bool without_specks = false);
-  ~VoxelSurface();
-  VoxelSurface(const VoxelSurface&) = delete;
-  VoxelSurface& operator=(const VoxelSurface&) = delete;
 
   /// Two triangles per side, open where nothing was seen. Corners are shared, their normals the mean of the sides'.
-  const gpis_mapping::TriangleMesh& mesh() const;
+  /// Made from the whole tree each time.
+  gpis_mapping::TriangleMesh mesh() const;
 
   /// 3 x n points [m], map frame. State and occupancy are the voxel's (unknown: NaN). Distances are to the nearest side,
   /// with the sign of the state, in unknown space that of the side's front or back; NaN if there is no side or the point is
@@ -31,8 +29,8 @@ class VoxelSurface {
                                   const gpis_mapping::QueryOptions& options) const;
 
  private:
-  struct Impl;
-  std::unique_ptr<const Impl> impl_;
+  std::shared_ptr<const octomap::OcTree> tree_;
+  bool without_specks_;
 };
 
 }  // namespace octomap_baseline

@@ -63,12 +63,8 @@ class OctomapBaselineRos {
     std::shared_ptr<const octomap::OcTree> tree;
   };
   Copy copy();
-  /// Its surface; made likewise.
-  struct Surface : Copy {
-    std::shared_ptr<const octomap_baseline::VoxelSurface> voxels;
-  };
-  Surface surface();
-  interactive_mapping_msgs::SurfaceMesh toMessage(const Surface& surface) const;
+  octomap_baseline::VoxelSurface surfaceOf(const Copy& map) const;
+  interactive_mapping_msgs::SurfaceMesh meshOf(const Copy& map) const;
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                interactive_mapping_msgs::QueryMap::Response& response);
@@ -89,9 +85,6 @@ class OctomapBaselineRos {
   ros::Time stamp_;            // of the last image
   std::uint64_t revision_{1};  // rises with every change
   Copy copy_;
-
-  std::mutex surface_mutex_;  // guards surface_
-  Surface surface_;
 
   std::mutex output_mutex_;  // guards outputs_: a slow conversion may outlast the timer's period
   std::vector<Output> outputs_;

@@ -1,31 +1,41 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "octomap_baseline/voxel_surface.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <optional>
+#include <queue>
 #include <unordered_map>
+#include <utility>
 #include <vector>
-
-#include <flann/algorithms/dist.h>
-#include <flann/algorithms/kdtree_single_index.h>
 
 #include "octomap_baseline/tree_projection.h"
 
 namespace octomap_baseline {
 
 using gpis_mapping::SpaceState;
+using octomap::OcTreeKey;
 
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
+/// A side of an occupied voxel.
 struct Side {
-  Eigen::Vector3d middle;
+  OcTreeKey key;
   int axis;   // 0 x, 1 y, 2 z
-  int front;  // +1 or -1: where the free voxel is
+  int front;  // +1 or -1: the neighbour it is shared with
+};
+
+/// A node of the octree while the nearest side is searched.
+struct Candidate {
+  double squared_m2;  // from the point to its box
+  const octomap::OcTreeNode* node;
+  unsigned depth;
+  OcTreeKey first;  // of its lowest corner
+  bool operator<(const Candidate& other) const { return squared_m2 > other.squared_m2; }  // the top is the nearest
 };
 
 SpaceState stateOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node) {
@@ -33,120 +43,168 @@ SpaceState stateOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node)
   return tree.isNodeOccupied(node) ? SpaceState::kOccupied : SpaceState::kFree;
 }
 
-}  // namespace
-
-struct VoxelSurface::Impl {
-  Impl(std::shared_ptr<const octomap::OcTree> shared_tree, bool without_specks)
-      : owner(std::move(shared_tree)), tree(*owner), half_m(0.5 * tree.getResolution()) {
-    for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
-      if (!tree.isNodeOccupied(*leaf)) continue;
-      const bool is_smallest = leaf.getDepth() == tree.getTreeDepth();
-      if (without_specks && is_smallest && isSpeck(tree, leaf.getKey())) continue;
-      addSidesOf(leaf.getIndexKey(), 1U << (tree.getTreeDepth() - leaf.getDepth()));
-    }
-    for (Eigen::Vector3f& normal : mesh.normals_map) normal.normalize();
-    mesh.variance_m2.assign(mesh.vertices_map.size(), std::numeric_limits<float>::quiet_NaN());
-    if (sides.empty()) return;
-    index.emplace(flann::Matrix<double>(sides[0].middle.data(), sides.size(), 3, sizeof(Side)),
-                  flann::KDTreeSingleIndexParams(12));
-    index->buildIndex();
-  }
-
-  /// Of a leaf as wide as `width` voxels; `first`: that of its lowest corner.
-  void addSidesOf(const octomap::OcTreeKey& first, unsigned width) {
-    for (int axis = 0; axis < 3; ++axis) {
-      for (const int front : {-1, 1}) {
-        octomap::OcTreeKey key = first;
-        if (front > 0) key[axis] = static_cast<octomap::key_type>(first[axis] + width - 1);
-        const int u = (axis + 1) % 3, v = (axis + 2) % 3;
-        for (unsigned i = 0; i < width; ++i) {
-          for (unsigned j = 0; j < width; ++j) {
-            key[u] = static_cast<octomap::key_type>(first[u] + i);
-            key[v] = static_cast<octomap::key_type>(first[v] + j);
-            octomap::OcTreeKey before = key;
-            before[axis] = static_cast<octomap::key_type>(key[axis] + front);
-            if (stateOf(tree, tree.search(before)) == SpaceState::kFree) addSide(key, axis, front);
-          }
+/// Calls `visit` with each outer side of a leaf as wide as `width` voxels; `first`: that of its lowest corner.
+template <typename Visit>
+void forEachSide(const OcTreeKey& first, unsigned width, const Visit& visit) {
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const int front : {-1, 1}) {
+      OcTreeKey key = first;
+      if (front > 0) key[axis] = static_cast<octomap::key_type>(first[axis] + width - 1);
+      const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+      for (unsigned i = 0; i < width; ++i) {
+        for (unsigned j = 0; j < width; ++j) {
+          key[u] = static_cast<octomap::key_type>(first[u] + i);
+          key[v] = static_cast<octomap::key_type>(first[v] + j);
+          visit(Side{key, axis, front});
         }
       }
     }
   }
+}
 
-  void addSide(const octomap::OcTreeKey& key, int axis, int front) {
-    Side side{{}, axis, front};
-    for (int k = 0; k < 3; ++k) side.middle[k] = tree.keyToCoord(key[k]);
-    side.middle[axis] += front * half_m;
-    sides.push_back(side);
-    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+bool isFreeBefore(const octomap::OcTree& tree, const Side& side) {
+  OcTreeKey before = side.key;
+  before[side.axis] = static_cast<octomap::key_type>(before[side.axis] + side.front);
+  return stateOf(tree, tree.search(before)) == SpaceState::kFree;
+}
+
+Eigen::Vector3d middleOf(const octomap::OcTree& tree, const Side& side) {
+  Eigen::Vector3d middle;
+  for (int k = 0; k < 3; ++k) middle[k] = tree.keyToCoord(side.key[k]);
+  middle[side.axis] += 0.5 * side.front * tree.getResolution();
+  return middle;
+}
+
+class MeshOfSides {
+ public:
+  explicit MeshOfSides(const octomap::OcTree& tree) : tree_(tree) {}
+
+  void add(const Side& side) {
+    const Eigen::Vector3d middle = middleOf(tree_, side);
+    const int axis = side.axis, u = (axis + 1) % 3, v = (axis + 2) % 3;
     std::array<std::uint32_t, 4> corners{};
     constexpr std::array<std::array<int, 2>, 4> kTurn = {{{0, 0}, {1, 0}, {1, 1}, {0, 1}}};  // about +axis
     for (std::size_t k = 0; k < 4; ++k) {
       std::array<std::uint64_t, 3> lattice{};
-      lattice[axis] = key[axis] + (front > 0 ? 1U : 0U);
-      lattice[u] = key[u] + static_cast<unsigned>(kTurn[k][0]);
-      lattice[v] = key[v] + static_cast<unsigned>(kTurn[k][1]);
-      const auto [at, is_new] = vertex_of.emplace(lattice[0] | lattice[1] << 20U | lattice[2] << 40U,
-                                                  static_cast<std::uint32_t>(mesh.vertices_map.size()));
+      lattice[axis] = side.key[axis] + (side.front > 0 ? 1U : 0U);
+      lattice[u] = side.key[u] + static_cast<unsigned>(kTurn[k][0]);
+      lattice[v] = side.key[v] + static_cast<unsigned>(kTurn[k][1]);
+      const auto [at, is_new] = vertex_of_.emplace(lattice[0] | lattice[1] << 20U | lattice[2] << 40U,
+                                                   static_cast<std::uint32_t>(mesh_.vertices_map.size()));
       if (is_new) {
-        Eigen::Vector3d corner = side.middle;
-        corner[u] += (2 * kTurn[k][0] - 1) * half_m;
-        corner[v] += (2 * kTurn[k][1] - 1) * half_m;
-        mesh.vertices_map.push_back(corner);
-        mesh.normals_map.emplace_back(Eigen::Vector3f::Zero());
+        Eigen::Vector3d corner = middle;
+        corner[u] += (kTurn[k][0] - 0.5) * tree_.getResolution();
+        corner[v] += (kTurn[k][1] - 0.5) * tree_.getResolution();
+        mesh_.vertices_map.push_back(corner);
+        mesh_.normals_map.emplace_back(Eigen::Vector3f::Zero());
       }
-      mesh.normals_map[at->second][axis] += static_cast<float>(front);
+      mesh_.normals_map[at->second][axis] += static_cast<float>(side.front);
       corners[k] = at->second;
     }
-    if (front < 0) std::swap(corners[1], corners[3]);
-    mesh.triangles.push_back({corners[0], corners[1], corners[2]});
-    mesh.triangles.push_back({corners[0], corners[2], corners[3]});
+    if (side.front < 0) std::swap(corners[1], corners[3]);
+    mesh_.triangles.push_back({corners[0], corners[1], corners[2]});
+    mesh_.triangles.push_back({corners[0], corners[2], corners[3]});
   }
 
-  Eigen::Vector3d nearestOn(const Side& side, const Eigen::Vector3d& x) const {
-    Eigen::Vector3d at = x.cwiseMax(side.middle - Eigen::Vector3d::Constant(half_m))
-                             .cwiseMin(side.middle + Eigen::Vector3d::Constant(half_m));
-    at[side.axis] = side.middle[side.axis];
-    return at;
+  gpis_mapping::TriangleMesh take() {
+    for (Eigen::Vector3f& normal : mesh_.normals_map) normal.normalize();
+    mesh_.variance_m2.assign(mesh_.vertices_map.size(), std::numeric_limits<float>::quiet_NaN());
+    return std::move(mesh_);
   }
 
-  /// The nearest side and its nearest point.
-  std::pair<const Side*, Eigen::Vector3d> nearest(const Eigen::Vector3d& x) const {
-    flann::KNNSimpleResultSet<double> closest(1);
-    index->findNeighbors(closest, x.data(), flann::SearchParams(flann::FLANN_CHECKS_UNLIMITED));
-    std::size_t first = 0;
-    double squared = 0.0;
-    closest.copy(&first, &squared, 1);
-    // No corner of a side is farther from its middle than this: the nearest side's middle cannot lie beyond.
-    const double reach_m = std::sqrt(squared) + std::sqrt(2.0) * half_m;
-    flann::RadiusResultSet<double> within(reach_m * reach_m);
-    index->findNeighbors(within, x.data(), flann::SearchParams(flann::FLANN_CHECKS_UNLIMITED));
-    std::vector<std::size_t> candidates(within.size());
-    std::vector<double> distances(within.size());
-    within.copy(candidates.data(), distances.data(), within.size(), false);
-    std::pair<const Side*, Eigen::Vector3d> best{&sides[first], nearestOn(sides[first], x)};
-    for (const std::size_t i : candidates) {
-      const Eigen::Vector3d at = nearestOn(sides[i], x);
-      if ((at - x).squaredNorm() < (best.second - x).squaredNorm()) best = {&sides[i], at};
-    }
-    return best;
-  }
-
-  std::shared_ptr<const octomap::OcTree> owner;
-  const octomap::OcTree& tree;
-  double half_m;
-  gpis_mapping::TriangleMesh mesh;
-  std::vector<Side> sides;
-  std::unordered_map<std::uint64_t, std::uint32_t> vertex_of;  // corner of the lattice -> vertex
-  std::optional<flann::KDTreeSingleIndex<flann::L2_3D<double>>> index;
+ private:
+  const octomap::OcTree& tree_;
+  gpis_mapping::TriangleMesh mesh_;
+  std::unordered_map<std::uint64_t, std::uint32_t> vertex_of_;  // corner of the lattice -> vertex
 };
 
+/// Finds the side nearest to a point: nodes of the octree, the nearest first.
+class NearestSide {
+ public:
+  NearestSide(const octomap::OcTree& tree, bool without_specks) : tree_(tree), without_specks_(without_specks) {}
+
+  /// False: the map has no side.
+  bool find(const Eigen::Vector3d& x) {
+    squared_m2_ = std::numeric_limits<double>::infinity();
+    nodes_ = {};
+    consider(x, tree_.getRoot(), 0, OcTreeKey(0, 0, 0));
+    while (!nodes_.empty() && nodes_.top().squared_m2 < squared_m2_) {
+      const Candidate nearest = nodes_.top();
+      nodes_.pop();
+      if (tree_.nodeHasChildren(nearest.node)) {
+        considerChildren(x, nearest);
+      } else if (!without_specks_ || nearest.depth < tree_.getTreeDepth() || !isSpeck(tree_, nearest.first)) {
+        forEachSide(nearest.first, width(nearest.depth), [&](const Side& side) { consider(x, side); });
+      }
+    }
+    return std::isfinite(squared_m2_);
+  }
+
+  const Side& side() const { return side_; }
+  const Eigen::Vector3d& point() const { return point_; }  // of it, the nearest
+
+ private:
+  unsigned width(unsigned depth) const { return 1U << (tree_.getTreeDepth() - depth); }  // [voxels]
+
+  void considerChildren(const Eigen::Vector3d& x, const Candidate& parent) {
+    for (unsigned i = 0; i < 8; ++i) {
+      if (!tree_.nodeChildExists(parent.node, i)) continue;
+      OcTreeKey first = parent.first;
+      for (unsigned axis = 0; axis < 3; ++axis) {
+        if ((i >> axis & 1U) == 1U) first[axis] = static_cast<octomap::key_type>(first[axis] + width(parent.depth + 1));
+      }
+      consider(x, tree_.getNodeChild(parent.node, i), parent.depth + 1, first);
+    }
+  }
+
+  void consider(const Eigen::Vector3d& x, const octomap::OcTreeNode* node, unsigned depth, const OcTreeKey& first) {
+    // An inner node is as occupied as its most occupied child.
+    if (node == nullptr || !tree_.isNodeOccupied(node)) return;
+    Eigen::Vector3d beyond;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double low = tree_.keyToCoord(first[axis]) - 0.5 * tree_.getResolution();
+      beyond[axis] = std::max({0.0, low - x[axis], x[axis] - low - width(depth) * tree_.getResolution()});
+    }
+    const double squared_m2 = beyond.squaredNorm();
+    if (squared_m2 < squared_m2_) nodes_.push({squared_m2, node, depth, first});
+  }
+
+  void consider(const Eigen::Vector3d& x, const Side& side) {
+    const Eigen::Vector3d middle = middleOf(tree_, side);
+    const Eigen::Vector3d half = Eigen::Vector3d::Constant(0.5 * tree_.getResolution());
+    Eigen::Vector3d at = x.cwiseMax(middle - half).cwiseMin(middle + half);
+    at[side.axis] = middle[side.axis];
+    const double squared_m2 = (at - x).squaredNorm();
+    if (squared_m2 >= squared_m2_ || !isFreeBefore(tree_, side)) return;
+    squared_m2_ = squared_m2;
+    side_ = side;
+    point_ = at;
+  }
+
+  const octomap::OcTree& tree_;
+  bool without_specks_;
+  std::priority_queue<Candidate> nodes_;
+  double squared_m2_{0.0};
+  Side side_{};
+  Eigen::Vector3d point_;
+};
+
+}  // namespace
+
 VoxelSurface::VoxelSurface(std::shared_ptr<const octomap::OcTree> tree, bool without_specks)
-    : impl_(std::make_unique<Impl>(std::move(tree), without_specks)) {}
+    : tree_(std::move(tree)), without_specks_(without_specks) {}
 
-VoxelSurface::~VoxelSurface() = default;
-
-const gpis_mapping::TriangleMesh& VoxelSurface::mesh() const {
-  return impl_->mesh;
+gpis_mapping::TriangleMesh VoxelSurface::mesh() const {
+  MeshOfSides mesh(*tree_);
+  for (auto leaf = tree_->begin_leafs(); leaf != tree_->end_leafs(); ++leaf) {
+    if (!tree_->isNodeOccupied(*leaf)) continue;
+    const unsigned levels = tree_->getTreeDepth() - leaf.getDepth();
+    if (without_specks_ && levels == 0 && isSpeck(*tree_, leaf.getKey())) continue;
+    forEachSide(leaf.getIndexKey(), 1U << levels, [&](const Side& side) {
+      if (isFreeBefore(*tree_, side)) mesh.add(side);
+    });
+  }
+  return mesh.take();
 }
 
 gpis_mapping::QueryResult VoxelSurface::query(const gpis_mapping::Points3d& points_map,
@@ -158,18 +216,18 @@ gpis_mapping::QueryResult VoxelSurface::query(const gpis_mapping::Points3d& poin
   if (options.variance) result.variance = result.occupancy = Eigen::VectorXd::Constant(count, kNaN);
   if (options.variance_gradient) result.variance_gradient = gpis_mapping::Points3d::Constant(3, count, kNaN);
   result.state.assign(static_cast<std::size_t>(count), SpaceState::kUnknown);
+  NearestSide nearest(*tree_, without_specks_);
   for (Eigen::Index i = 0; i < count; ++i) {
     const Eigen::Vector3d x = points_map.col(i);
     if (!x.allFinite()) continue;
-    const octomap::OcTreeNode* node = impl_->tree.search(x.x(), x.y(), x.z());
-    const SpaceState state = stateOf(impl_->tree, node);
+    const octomap::OcTreeNode* node = tree_->search(x.x(), x.y(), x.z());
+    const SpaceState state = stateOf(*tree_, node);
     result.state[static_cast<std::size_t>(i)] = state;
     if (options.variance && node != nullptr) result.occupancy[i] = node->getOccupancy();
-    if (impl_->sides.empty()) continue;
-    const auto [side, at] = impl_->nearest(x);
+    if (!nearest.find(x)) continue;
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();
-    normal[side->axis] = side->front;
-    const Eigen::Vector3d way = x - at;
+    normal[nearest.side().axis] = nearest.side().front;
+    const Eigen::Vector3d way = x - nearest.point();
     const double distance_m = way.norm();
     const bool is_behind = state == SpaceState::kOccupied || (state == SpaceState::kUnknown && way.dot(normal) < 0.0);
     const double sign = is_behind ? -1.0 : 1.0;
@@ -178,7 +236,7 @@ gpis_mapping::QueryResult VoxelSurface::query(const gpis_mapping::Points3d& poin
     result.euclidean_gradient.col(i) = away;
     result.distance[i] = sign * distance_m;
     result.gradient.col(i) = sign * away;
-    result.surface_std[i] = 2.0 * impl_->half_m / std::sqrt(12.0);
+    result.surface_std[i] = tree_->getResolution() / std::sqrt(12.0);
   }
   return result;
 }

@@ -65,7 +65,7 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
             header);
       });
   const auto publish_mesh = [this](ros::Publisher* publisher, const octomap::OcTree&, const std_msgs::Header&) {
-    publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(toMessage(surface())));
+    publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(meshOf(copy())));
   };
   outputs_.push_back({pnh.advertise<interactive_mapping_msgs::SurfaceMesh>("mesh", 1, true), publish_mesh,
                       params_.output.mesh_period_s});
@@ -173,25 +173,20 @@ OctomapBaselineRos::Copy OctomapBaselineRos::copy() {
   return copy_;
 }
 
-OctomapBaselineRos::Surface OctomapBaselineRos::surface() {
-  const std::lock_guard<std::mutex> surface_lock(surface_mutex_);
-  const Copy now = copy();
-  if (surface_.revision != now.revision) {
-    surface_ = {now, std::make_shared<const octomap_baseline::VoxelSurface>(now.tree, params_.output.filter_speckles)};
-  }
-  return surface_;
+octomap_baseline::VoxelSurface OctomapBaselineRos::surfaceOf(const Copy& map) const {
+  return octomap_baseline::VoxelSurface(map.tree, params_.output.filter_speckles);
 }
 
-interactive_mapping_msgs::SurfaceMesh OctomapBaselineRos::toMessage(const Surface& surface) const {
-  return gpis_mapping_ros::toSurfaceMesh(surface.voxels->mesh(), headerAt(surface.stamp), surface.num_updates);
+interactive_mapping_msgs::SurfaceMesh OctomapBaselineRos::meshOf(const Copy& map) const {
+  return gpis_mapping_ros::toSurfaceMesh(surfaceOf(map).mesh(), headerAt(map.stamp), map.num_updates);
 }
 
 bool OctomapBaselineRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
                                    interactive_mapping_msgs::GetMesh::Response& response) {
-  const Surface now = surface();
+  const Copy now = copy();
   response.revision = first_revision_ + now.revision;
   if (request.revision != response.revision) {
-    response.mesh = toMessage(now);
+    response.mesh = meshOf(now);
   } else {
     response.mesh.header = headerAt(now.stamp);
     response.mesh.update = now.num_updates;
@@ -202,11 +197,11 @@ bool OctomapBaselineRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& r
 bool OctomapBaselineRos::onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                                  interactive_mapping_msgs::QueryMap::Response& response) {
   const auto map = [this] {
-    const Surface now = surface();
+    const Copy now = copy();
     return gpis_mapping_ros::QueriedMap{
-        now.stamp, now.num_updates, now.voxels->mesh().triangles.empty(), std::numeric_limits<double>::quiet_NaN(),
-        [voxels = now.voxels](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
-          return voxels->query(points, options);
+        now.stamp, now.num_updates, now.tree->size() == 0, std::numeric_limits<double>::quiet_NaN(),
+        [surface = surfaceOf(now)](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
+          return surface.query(points, options);
         }};
   };
   gpis_mapping_ros::answerQuery(request, params_.input.map_frame, input_->tfBuffer(), map, &response);

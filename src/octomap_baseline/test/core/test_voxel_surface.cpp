@@ -110,7 +110,7 @@ TEST(VoxelSurface, DistancesAreThoseToTheNearestSideWithTheSignOfTheState) {
 TEST(VoxelSurface, TrianglesLieBetweenOccupiedAndFreeAndTurnToTheFree) {
   const octomap::OcTree tree = randomTree(7);
   const VoxelSurface surface(copyOf(tree));
-  const gpis_mapping::TriangleMesh& mesh = surface.mesh();
+  const gpis_mapping::TriangleMesh mesh = surface.mesh();
   ASSERT_FALSE(mesh.triangles.empty());
   ASSERT_EQ(mesh.normals_map.size(), mesh.vertices_map.size());
   ASSERT_EQ(mesh.variance_m2.size(), mesh.vertices_map.size());
