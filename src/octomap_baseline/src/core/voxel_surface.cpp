@@ -186,7 +186,7 @@ class NearestSide {
   std::priority_queue<Candidate> nodes_;
   double squared_m2_{0.0};
   Side side_{};
-  Eigen::Vector3d point_;
+  Eigen::Vector3d point_ = Eigen::Vector3d::Zero();
 };
 
 }  // namespace
