@@ -2,8 +2,6 @@
 #ifndef OCTOMAP_BASELINE_VOXEL_SURFACE_H
 #define OCTOMAP_BASELINE_VOXEL_SURFACE_H
 
-#include <memory>
-
 #include <octomap/OcTree.h>
 
 #include "gpis_mapping/map_snapshot.h"
@@ -11,27 +9,18 @@
 
 namespace octomap_baseline {
 
-/// The surface that an OctoMap stands for: the sides that occupied voxels share with free ones. It answers what the GPIS
-/// map is asked, so that planner and detection can use either. Of one moment; threads may ask at the same time.
-class VoxelSurface {
- public:
-  /// `without_specks`: isSpeck() voxels have no sides. `tree` must not be null or change.
-  explicit VoxelSurface(std::shared_ptr<const octomap::OcTree> tree, bool without_specks = false);
+// The surface that an OctoMap stands for: the sides that occupied voxels share with free ones. It answers what the GPIS map
+// is asked, so that planner and detection can use either. With `without_specks` isSpeck() voxels have no sides.
 
-  /// Two triangles per side, open where nothing was seen. Corners are shared, their normals the mean of the sides'.
-  /// Made from the whole tree each time.
-  gpis_mapping::TriangleMesh mesh() const;
+/// Two triangles per side, open where nothing was seen. Corners are shared, their normals the mean of the sides'.
+gpis_mapping::TriangleMesh meshOfSides(const octomap::OcTree& tree, bool without_specks = false);
 
-  /// 3 x n points [m], map frame. State and occupancy are the voxel's (unknown: NaN). Distances are to the nearest side,
-  /// with the sign of the state, in unknown space that of the side's front or back; NaN if there is no side or the point is
-  /// not finite. `surface_std` is that of a uniform distribution over a voxel. Variances are NaN: an OctoMap has none.
-  gpis_mapping::QueryResult query(const gpis_mapping::Points3d& points_map,
-                                  const gpis_mapping::QueryOptions& options) const;
-
- private:
-  std::shared_ptr<const octomap::OcTree> tree_;
-  bool without_specks_;
-};
+/// 3 x n points [m], map frame. State and occupancy are the voxel's (unknown: NaN). Distances are to the nearest side,
+/// with the sign of the state, in unknown space that of the side's front or back; NaN if there is no side or the point is
+/// not finite. `surface_std` is that of a uniform distribution over a voxel. Variances are NaN: an OctoMap has none.
+gpis_mapping::QueryResult querySides(const octomap::OcTree& tree, bool without_specks,
+                                     const gpis_mapping::Points3d& points_map,
+                                     const gpis_mapping::QueryOptions& options);
 
 }  // namespace octomap_baseline
 

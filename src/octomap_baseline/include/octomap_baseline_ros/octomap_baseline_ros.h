@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <shared_mutex>
 #include <vector>
 
 #include <interactive_mapping_msgs/GetMesh.h>
@@ -22,7 +23,6 @@
 
 #include "gpis_mapping_ros/depth_input.h"
 #include "octomap_baseline/dynamic_octomap.h"
-#include "octomap_baseline/voxel_surface.h"
 #include "octomap_baseline_ros/octomap_baseline_params.h"
 
 namespace octomap_baseline_ros {
@@ -55,16 +55,7 @@ class OctomapBaselineRos {
   void publishOutputs();
   std_msgs::Header headerAt(const ros::Time& stamp) const;
 
-  /// The map at one moment; copied when somebody asks and the map has changed.
-  struct Copy {
-    std::uint64_t revision{0};
-    ros::Time stamp;
-    std::uint64_t num_updates{0};
-    std::shared_ptr<const octomap::OcTree> tree;
-  };
-  Copy copy();
-  octomap_baseline::VoxelSurface surfaceOf(const Copy& map) const;
-  interactive_mapping_msgs::SurfaceMesh meshOf(const Copy& map) const;
+  interactive_mapping_msgs::SurfaceMesh toMessage(const octomap::OcTree& tree, const std_msgs::Header& header) const;
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                interactive_mapping_msgs::QueryMap::Response& response);
@@ -80,11 +71,11 @@ class OctomapBaselineRos {
   const OctomapBaselineParams params_;
   const std::uint64_t first_revision_{ros::WallTime::now().toNSec()};  // no two runs of a node have the same
 
-  mutable std::mutex map_mutex_;  // guards what follows, up to the blank line; held while an image is taken in
+  // Guards what follows, up to the blank line. A copy of the tree per image would cost more than all else: readers wait.
+  mutable std::shared_mutex map_mutex_;
   octomap_baseline::DynamicOctomap map_;
   ros::Time stamp_;            // of the last image
   std::uint64_t revision_{1};  // rises with every change
-  Copy copy_;
 
   std::mutex output_mutex_;  // guards outputs_: a slow conversion may outlast the timer's period
   std::vector<Output> outputs_;

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "octomap_baseline/occupied_nodes.h"
 #include "octomap_baseline/tree_projection.h"
 
 namespace octomap_baseline {
@@ -32,9 +33,7 @@ struct Side {
 /// A node of the octree while the nearest side is searched.
 struct Candidate {
   double squared_m2;  // from the point to its box
-  const octomap::OcTreeNode* node;
-  unsigned depth;
-  OcTreeKey first;  // of its lowest corner
+  PlacedNode placed;
   bool operator<(const Candidate& other) const { return squared_m2 > other.squared_m2; }  // the top is the nearest
 };
 
@@ -43,23 +42,29 @@ SpaceState stateOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node)
   return tree.isNodeOccupied(node) ? SpaceState::kOccupied : SpaceState::kFree;
 }
 
-/// Calls `visit` with each outer side of a leaf as wide as `width` voxels; `first`: that of its lowest corner.
+/// Calls `visit` with each outer side of a leaf.
 template <typename Visit>
-void forEachSide(const OcTreeKey& first, unsigned width, const Visit& visit) {
+void forEachSide(const octomap::OcTree& tree, const PlacedNode& leaf, const Visit& visit) {
+  const unsigned width = leaf.width(tree);
   for (int axis = 0; axis < 3; ++axis) {
     for (const int front : {-1, 1}) {
-      OcTreeKey key = first;
-      if (front > 0) key[axis] = static_cast<octomap::key_type>(first[axis] + width - 1);
+      OcTreeKey key = leaf.first;
+      if (front > 0) key[axis] = static_cast<octomap::key_type>(key[axis] + width - 1);
       const int u = (axis + 1) % 3, v = (axis + 2) % 3;
       for (unsigned i = 0; i < width; ++i) {
         for (unsigned j = 0; j < width; ++j) {
-          key[u] = static_cast<octomap::key_type>(first[u] + i);
-          key[v] = static_cast<octomap::key_type>(first[v] + j);
+          key[u] = static_cast<octomap::key_type>(leaf.first[u] + i);
+          key[v] = static_cast<octomap::key_type>(leaf.first[v] + j);
           visit(Side{key, axis, front});
         }
       }
     }
   }
+}
+
+/// Whether a leaf is left out.
+bool isLeftOut(const octomap::OcTree& tree, const PlacedNode& leaf, bool without_specks) {
+  return without_specks && leaf.depth == tree.getTreeDepth() && isSpeck(tree, leaf.first);
 }
 
 bool isFreeBefore(const octomap::OcTree& tree, const Side& side) {
@@ -127,14 +132,15 @@ class NearestSide {
   bool find(const Eigen::Vector3d& x) {
     squared_m2_ = std::numeric_limits<double>::infinity();
     nodes_ = {};
-    consider(x, tree_.getRoot(), 0, OcTreeKey(0, 0, 0));
+    const PlacedNode root = occupiedRoot(tree_);
+    if (root.node != nullptr) consider(x, root);
     while (!nodes_.empty() && nodes_.top().squared_m2 < squared_m2_) {
-      const Candidate nearest = nodes_.top();
+      const PlacedNode nearest = nodes_.top().placed;
       nodes_.pop();
       if (tree_.nodeHasChildren(nearest.node)) {
-        considerChildren(x, nearest);
-      } else if (!without_specks_ || nearest.depth < tree_.getTreeDepth() || !isSpeck(tree_, nearest.first)) {
-        forEachSide(nearest.first, width(nearest.depth), [&](const Side& side) { consider(x, side); });
+        forEachOccupiedChild(tree_, nearest, [&](const PlacedNode& child) { consider(x, child); });
+      } else if (!isLeftOut(tree_, nearest, without_specks_)) {
+        forEachSide(tree_, nearest, [&](const Side& side) { consider(x, side); });
       }
     }
     return std::isfinite(squared_m2_);
@@ -144,29 +150,14 @@ class NearestSide {
   const Eigen::Vector3d& point() const { return point_; }  // of it, the nearest
 
  private:
-  unsigned width(unsigned depth) const { return 1U << (tree_.getTreeDepth() - depth); }  // [voxels]
-
-  void considerChildren(const Eigen::Vector3d& x, const Candidate& parent) {
-    for (unsigned i = 0; i < 8; ++i) {
-      if (!tree_.nodeChildExists(parent.node, i)) continue;
-      OcTreeKey first = parent.first;
-      for (unsigned axis = 0; axis < 3; ++axis) {
-        if ((i >> axis & 1U) == 1U) first[axis] = static_cast<octomap::key_type>(first[axis] + width(parent.depth + 1));
-      }
-      consider(x, tree_.getNodeChild(parent.node, i), parent.depth + 1, first);
-    }
-  }
-
-  void consider(const Eigen::Vector3d& x, const octomap::OcTreeNode* node, unsigned depth, const OcTreeKey& first) {
-    // An inner node is as occupied as its most occupied child.
-    if (node == nullptr || !tree_.isNodeOccupied(node)) return;
+  void consider(const Eigen::Vector3d& x, const PlacedNode& placed) {
     Eigen::Vector3d beyond;
     for (int axis = 0; axis < 3; ++axis) {
-      const double low = tree_.keyToCoord(first[axis]) - 0.5 * tree_.getResolution();
-      beyond[axis] = std::max({0.0, low - x[axis], x[axis] - low - width(depth) * tree_.getResolution()});
+      const double low = tree_.keyToCoord(placed.first[axis]) - 0.5 * tree_.getResolution();
+      beyond[axis] = std::max({0.0, low - x[axis], x[axis] - low - placed.width(tree_) * tree_.getResolution()});
     }
     const double squared_m2 = beyond.squaredNorm();
-    if (squared_m2 < squared_m2_) nodes_.push({squared_m2, node, depth, first});
+    if (squared_m2 < squared_m2_) nodes_.push({squared_m2, placed});
   }
 
   void consider(const Eigen::Vector3d& x, const Side& side) {
@@ -191,24 +182,20 @@ class NearestSide {
 
 }  // namespace
 
-VoxelSurface::VoxelSurface(std::shared_ptr<const octomap::OcTree> tree, bool without_specks)
-    : tree_(std::move(tree)), without_specks_(without_specks) {}
-
-gpis_mapping::TriangleMesh VoxelSurface::mesh() const {
-  MeshOfSides mesh(*tree_);
-  for (auto leaf = tree_->begin_leafs(); leaf != tree_->end_leafs(); ++leaf) {
-    if (!tree_->isNodeOccupied(*leaf)) continue;
-    const unsigned levels = tree_->getTreeDepth() - leaf.getDepth();
-    if (without_specks_ && levels == 0 && isSpeck(*tree_, leaf.getKey())) continue;
-    forEachSide(leaf.getIndexKey(), 1U << levels, [&](const Side& side) {
-      if (isFreeBefore(*tree_, side)) mesh.add(side);
+gpis_mapping::TriangleMesh meshOfSides(const octomap::OcTree& tree, bool without_specks) {
+  MeshOfSides mesh(tree);
+  forEachOccupiedLeaf(tree, occupiedRoot(tree), [&](const PlacedNode& leaf) {
+    if (isLeftOut(tree, leaf, without_specks)) return;
+    forEachSide(tree, leaf, [&](const Side& side) {
+      if (isFreeBefore(tree, side)) mesh.add(side);
     });
-  }
+  });
   return mesh.take();
 }
 
-gpis_mapping::QueryResult VoxelSurface::query(const gpis_mapping::Points3d& points_map,
-                                              const gpis_mapping::QueryOptions& options) const {
+gpis_mapping::QueryResult querySides(const octomap::OcTree& tree, bool without_specks,
+                                     const gpis_mapping::Points3d& points_map,
+                                     const gpis_mapping::QueryOptions& options) {
   const Eigen::Index count = points_map.cols();
   gpis_mapping::QueryResult result;
   result.distance = result.euclidean_distance = result.surface_std = Eigen::VectorXd::Constant(count, kNaN);
@@ -216,12 +203,12 @@ gpis_mapping::QueryResult VoxelSurface::query(const gpis_mapping::Points3d& poin
   if (options.variance) result.variance = result.occupancy = Eigen::VectorXd::Constant(count, kNaN);
   if (options.variance_gradient) result.variance_gradient = gpis_mapping::Points3d::Constant(3, count, kNaN);
   result.state.assign(static_cast<std::size_t>(count), SpaceState::kUnknown);
-  NearestSide nearest(*tree_, without_specks_);
+  NearestSide nearest(tree, without_specks);
   for (Eigen::Index i = 0; i < count; ++i) {
     const Eigen::Vector3d x = points_map.col(i);
     if (!x.allFinite()) continue;
-    const octomap::OcTreeNode* node = tree_->search(x.x(), x.y(), x.z());
-    const SpaceState state = stateOf(*tree_, node);
+    const octomap::OcTreeNode* node = tree.search(x.x(), x.y(), x.z());
+    const SpaceState state = stateOf(tree, node);
     result.state[static_cast<std::size_t>(i)] = state;
     if (options.variance && node != nullptr) result.occupancy[i] = node->getOccupancy();
     if (!nearest.find(x)) continue;
@@ -236,7 +223,7 @@ gpis_mapping::QueryResult VoxelSurface::query(const gpis_mapping::Points3d& poin
     result.euclidean_gradient.col(i) = away;
     result.distance[i] = sign * distance_m;
     result.gradient.col(i) = sign * away;
-    result.surface_std[i] = tree_->getResolution() / std::sqrt(12.0);
+    result.surface_std[i] = tree.getResolution() / std::sqrt(12.0);
   }
   return result;
 }

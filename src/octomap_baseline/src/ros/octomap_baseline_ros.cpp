@@ -15,6 +15,7 @@
 #include "gpis_mapping_ros/map_messages.h"
 #include "gpis_mapping_ros/query_service.h"
 #include "octomap_baseline/tree_projection.h"
+#include "octomap_baseline/voxel_surface.h"
 #include "octomap_baseline_ros/octomap_messages.h"
 
 namespace octomap_baseline_ros {
@@ -64,11 +65,9 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
                                           output.filter_speckles),
             header);
       });
-  const auto publish_mesh = [this](ros::Publisher* publisher, const octomap::OcTree&, const std_msgs::Header&) {
-    publisher->publish(boost::make_shared<const interactive_mapping_msgs::SurfaceMesh>(meshOf(copy())));
-  };
-  outputs_.push_back({pnh.advertise<interactive_mapping_msgs::SurfaceMesh>("mesh", 1, true), publish_mesh,
-                      params_.output.mesh_period_s});
+  addOutput<interactive_mapping_msgs::SurfaceMesh>(
+      &pnh, "mesh", [this](const auto& tree, const auto& header) { return toMessage(tree, header); });
+  outputs_.back().period_s = params_.output.mesh_period_s;
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
 
   input_ = std::make_unique<DepthInput>(
@@ -108,7 +107,7 @@ std_msgs::Header OctomapBaselineRos::headerAt(const ros::Time& stamp) const {
 Refusal OctomapBaselineRos::consume(const DepthInputFrame& frame) {
   MapUpdate message;
   {
-    const std::lock_guard<std::mutex> lock(map_mutex_);
+    const std::lock_guard<std::shared_mutex> lock(map_mutex_);
     try {
       const auto statistics = map_.update(frame.image, frame.camera, frame.T_map_camera, frame.stamp.toSec());
       message = toMapUpdate(statistics, headerAt(frame.stamp), map_.numUpdates(), frame.wait_ms);
@@ -134,7 +133,7 @@ void OctomapBaselineRos::refuse(const ros::Time& stamp, const Refusal& refusal) 
   message.status = static_cast<std::uint8_t>(refusal.status);
   message.message = refusal.message;
   {
-    const std::lock_guard<std::mutex> lock(map_mutex_);
+    const std::shared_lock<std::shared_mutex> lock(map_mutex_);
     message.update = map_.numUpdates();
     message.map_points = static_cast<std::uint32_t>(map_.numOccupied());
   }
@@ -143,65 +142,47 @@ void OctomapBaselineRos::refuse(const ros::Time& stamp, const Refusal& refusal) 
 
 void OctomapBaselineRos::publishOutputs() {
   const std::lock_guard<std::mutex> output_lock(output_mutex_);
-  const auto wants = [](const Output& output, std::uint64_t revision, const ros::Time& stamp) {
-    if (output.published_revision == revision || output.publisher.getNumSubscribers() == 0) return false;
-    const double age_s = (stamp - output.published).toSec();
+  const auto wants = [this](const Output& output) {
+    if (output.published_revision == revision_ || output.publisher.getNumSubscribers() == 0) return false;
+    const double age_s = (stamp_ - output.published).toSec();
     return age_s < 0.0 || age_s >= output.period_s;
   };
-  {
-    const std::lock_guard<std::mutex> lock(map_mutex_);
-    if (std::none_of(outputs_.begin(), outputs_.end(),
-                     [&](const Output& output) { return wants(output, revision_, stamp_); })) {
-      return;
-    }
-  }
-  const Copy map = copy();
+  const std::shared_lock<std::shared_mutex> lock(map_mutex_);
   for (Output& output : outputs_) {
-    if (!wants(output, map.revision, map.stamp)) continue;
-    output.publish(&output.publisher, *map.tree, headerAt(map.stamp));
-    output.published_revision = map.revision;
-    output.published = map.stamp;
+    if (!wants(output)) continue;
+    output.publish(&output.publisher, map_.tree(), headerAt(stamp_));
+    output.published_revision = revision_;
+    output.published = stamp_;
   }
 }
 
-OctomapBaselineRos::Copy OctomapBaselineRos::copy() {
-  const std::lock_guard<std::mutex> lock(map_mutex_);
-  // Copying takes a fraction of what converting takes, and updates wait for it only.
-  if (copy_.revision != revision_) {
-    copy_ = {revision_, stamp_, map_.numUpdates(), std::make_shared<const octomap::OcTree>(map_.tree())};
-  }
-  return copy_;
-}
-
-octomap_baseline::VoxelSurface OctomapBaselineRos::surfaceOf(const Copy& map) const {
-  return octomap_baseline::VoxelSurface(map.tree, params_.output.filter_speckles);
-}
-
-interactive_mapping_msgs::SurfaceMesh OctomapBaselineRos::meshOf(const Copy& map) const {
-  return gpis_mapping_ros::toSurfaceMesh(surfaceOf(map).mesh(), headerAt(map.stamp), map.num_updates);
+interactive_mapping_msgs::SurfaceMesh OctomapBaselineRos::toMessage(const octomap::OcTree& tree,
+                                                                    const std_msgs::Header& header) const {
+  return gpis_mapping_ros::toSurfaceMesh(octomap_baseline::meshOfSides(tree, params_.output.filter_speckles), header,
+                                         map_.numUpdates());
 }
 
 bool OctomapBaselineRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
                                    interactive_mapping_msgs::GetMesh::Response& response) {
-  const Copy now = copy();
-  response.revision = first_revision_ + now.revision;
+  const std::shared_lock<std::shared_mutex> lock(map_mutex_);
+  response.revision = first_revision_ + revision_;
   if (request.revision != response.revision) {
-    response.mesh = meshOf(now);
+    response.mesh = toMessage(map_.tree(), headerAt(stamp_));
   } else {
-    response.mesh.header = headerAt(now.stamp);
-    response.mesh.update = now.num_updates;
+    response.mesh.header = headerAt(stamp_);
+    response.mesh.update = map_.numUpdates();
   }
   return true;
 }
 
 bool OctomapBaselineRos::onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                                  interactive_mapping_msgs::QueryMap::Response& response) {
+  const std::shared_lock<std::shared_mutex> lock(map_mutex_);
   const auto map = [this] {
-    const Copy now = copy();
     return gpis_mapping_ros::QueriedMap{
-        now.stamp, now.num_updates, now.tree->size() == 0, std::numeric_limits<double>::quiet_NaN(),
-        [surface = surfaceOf(now)](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
-          return surface.query(points, options);
+        stamp_, map_.numUpdates(), map_.numOccupied() == 0, std::numeric_limits<double>::quiet_NaN(),
+        [this](const gpis_mapping::Points3d& points, const gpis_mapping::QueryOptions& options) {
+          return octomap_baseline::querySides(map_.tree(), params_.output.filter_speckles, points, options);
         }};
   };
   gpis_mapping_ros::answerQuery(request, params_.input.map_frame, input_->tfBuffer(), map, &response);
@@ -209,13 +190,13 @@ bool OctomapBaselineRos::onQuery(interactive_mapping_msgs::QueryMap::Request& re
 }
 
 bool OctomapBaselineRos::onGetBinary(octomap_msgs::GetOctomap::Request&, octomap_msgs::GetOctomap::Response& response) {
-  const std::lock_guard<std::mutex> lock(map_mutex_);
+  const std::shared_lock<std::shared_mutex> lock(map_mutex_);
   response.map = toBinaryMessage(map_.tree(), headerAt(stamp_));
   return true;
 }
 
 bool OctomapBaselineRos::onGetFull(octomap_msgs::GetOctomap::Request&, octomap_msgs::GetOctomap::Response& response) {
-  const std::lock_guard<std::mutex> lock(map_mutex_);
+  const std::shared_lock<std::shared_mutex> lock(map_mutex_);
   response.map = toFullMessage(map_.tree(), headerAt(stamp_));
   return true;
 }
@@ -223,7 +204,7 @@ bool OctomapBaselineRos::onGetFull(octomap_msgs::GetOctomap::Request&, octomap_m
 bool OctomapBaselineRos::onClearBox(octomap_msgs::BoundingBoxQuery::Request& request,
                                     octomap_msgs::BoundingBoxQuery::Response&) {
   try {
-    const std::lock_guard<std::mutex> lock(map_mutex_);
+    const std::lock_guard<std::shared_mutex> lock(map_mutex_);
     const std::size_t freed = map_.clearBox(toVector(request.min), toVector(request.max));
     ++revision_;
     ROS_INFO_NAMED(kLog, "cleared a box: %zu occupied voxels are free now", freed);
@@ -236,7 +217,7 @@ bool OctomapBaselineRos::onClearBox(octomap_msgs::BoundingBoxQuery::Request& req
 
 bool OctomapBaselineRos::onReset(std_srvs::Empty::Request&, std_srvs::Empty::Response&) {
   {
-    const std::lock_guard<std::mutex> lock(map_mutex_);
+    const std::lock_guard<std::shared_mutex> lock(map_mutex_);
     map_.clear();
     ++revision_;
   }
@@ -260,7 +241,7 @@ bool OctomapBaselineRos::onSave(interactive_mapping_msgs::SaveMap::Request& requ
     }
     std::ostringstream stream;
     {
-      const std::lock_guard<std::mutex> lock(map_mutex_);
+      const std::shared_lock<std::shared_mutex> lock(map_mutex_);
       const bool is_good = extension == ".bt" ? map_.tree().writeBinaryConst(stream) : map_.tree().write(stream);
       if (!is_good) throw std::runtime_error("the octree could not be written");
       response.num_points = map_.numOccupied();

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "gpis_mapping_ros/map_messages.h"
+#include "octomap_baseline/occupied_nodes.h"
 
 namespace octomap_baseline_ros {
 namespace {
@@ -119,9 +120,12 @@ visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occu
 
 sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msgs::Header& header) {
   std::vector<Eigen::Vector3d> centers;
-  for (auto leaf = tree.begin_leafs(); leaf != tree.end_leafs(); ++leaf) {
-    if (tree.isNodeOccupied(*leaf)) centers.emplace_back(leaf.getX(), leaf.getY(), leaf.getZ());
-  }
+  const auto addCenter = [&](const octomap_baseline::PlacedNode& leaf) {
+    const double to_center_m = 0.5 * (leaf.width(tree) - 1.0) * tree.getResolution();
+    centers.emplace_back(tree.keyToCoord(leaf.first[0]), tree.keyToCoord(leaf.first[1]), tree.keyToCoord(leaf.first[2]));
+    centers.back().array() += to_center_m;
+  };
+  octomap_baseline::forEachOccupiedLeaf(tree, octomap_baseline::occupiedRoot(tree), addCenter);
   return gpis_mapping_ros::toPointCloud(centers, header);
 }
 

@@ -3,7 +3,6 @@
 
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -68,19 +67,14 @@ double distanceBySearch(const octomap::OcTree& tree, const Eigen::Vector3d& x) {
   return least_m;
 }
 
-std::shared_ptr<const octomap::OcTree> copyOf(const octomap::OcTree& tree) {
-  return std::make_shared<octomap::OcTree>(tree);
-}
-
 TEST(VoxelSurface, DistancesAreThoseToTheNearestSideWithTheSignOfTheState) {
   for (unsigned seed = 0; seed < 4; ++seed) {
     const octomap::OcTree tree = randomTree(seed);
-    const VoxelSurface surface(copyOf(tree));
     std::mt19937 random(seed + 100);
     std::uniform_real_distribution<double> spread(-0.4, 0.5);
     Points3d points(3, 300);
     for (Eigen::Index i = 0; i < points.size(); ++i) points.data()[i] = spread(random);
-    const QueryResult result = surface.query(points, {});
+    const QueryResult result = querySides(tree, false, points, {});
     for (Eigen::Index i = 0; i < points.cols(); ++i) {
       const Eigen::Vector3d x = points.col(i);
       const SpaceState state = stateAt(tree, x);
@@ -98,7 +92,7 @@ TEST(VoxelSurface, DistancesAreThoseToTheNearestSideWithTheSignOfTheState) {
       for (int axis = 0; axis < 3; ++axis) {
         Points3d pair(3, 2);
         pair << x + kStep_m * Eigen::Vector3d::Unit(axis), x - kStep_m * Eigen::Vector3d::Unit(axis);
-        const QueryResult near = surface.query(pair, {});
+        const QueryResult near = querySides(tree, false, pair, {});
         slope[axis] = (near.euclidean_distance[0] - near.euclidean_distance[1]) / (2.0 * kStep_m);
       }
       if (std::abs(slope.norm() - 1.0) > 1e-4) continue;  // between two sides
@@ -109,8 +103,7 @@ TEST(VoxelSurface, DistancesAreThoseToTheNearestSideWithTheSignOfTheState) {
 
 TEST(VoxelSurface, TrianglesLieBetweenOccupiedAndFreeAndTurnToTheFree) {
   const octomap::OcTree tree = randomTree(7);
-  const VoxelSurface surface(copyOf(tree));
-  const gpis_mapping::TriangleMesh mesh = surface.mesh();
+  const gpis_mapping::TriangleMesh mesh = meshOfSides(tree);
   ASSERT_FALSE(mesh.triangles.empty());
   ASSERT_EQ(mesh.normals_map.size(), mesh.vertices_map.size());
   ASSERT_EQ(mesh.variance_m2.size(), mesh.vertices_map.size());
@@ -150,7 +143,7 @@ TEST(VoxelSurface, WithoutASideThereIsNoDistance) {
   points.col(2).setConstant(std::numeric_limits<double>::quiet_NaN());
   gpis_mapping::QueryOptions options;
   options.variance_gradient = true;
-  const QueryResult result = VoxelSurface(copyOf(tree)).query(points, options);
+  const QueryResult result = querySides(tree, false, points, options);
   EXPECT_EQ(result.state, (std::vector<SpaceState>{SpaceState::kOccupied, SpaceState::kUnknown, SpaceState::kUnknown}));
   EXPECT_TRUE(result.distance.array().isNaN().all());
   EXPECT_TRUE(result.variance.array().isNaN().all());
@@ -162,10 +155,10 @@ TEST(VoxelSurface, SpecksHaveNoSidesIfTheyAreLeftOut) {
   octomap::OcTree tree(kVoxel_m);
   for (int x = -3; x <= 3; ++x)
     tree.updateNode(octomap::point3d(static_cast<float>(x) * 0.05F + 0.01F, 0.01F, 0.01F), x == 0);
-  EXPECT_EQ(VoxelSurface(copyOf(tree)).mesh().triangles.size(), 4U);
-  EXPECT_TRUE(VoxelSurface(copyOf(tree), true).mesh().triangles.empty());
+  EXPECT_EQ(meshOfSides(tree).triangles.size(), 4U);
+  EXPECT_TRUE(meshOfSides(tree, true).triangles.empty());
   tree.updateNode(octomap::point3d(0.06F, 0.06F, 0.06F), true);  // they touch at a corner
-  EXPECT_EQ(VoxelSurface(copyOf(tree), true).mesh().triangles.size(), 4U);
+  EXPECT_EQ(meshOfSides(tree, true).triangles.size(), 4U);
 }
 
 }  // namespace
