@@ -19,6 +19,7 @@
 #include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_markers/interactive_marker_server.h>
 #include <octomap_msgs/Octomap.h>
+#include <octomap_msgs/OctomapWithPose.h>
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
 

@@ -140,6 +140,13 @@ MapPublisher::MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingP
   addOutput<octomap_msgs::Octomap>(&nh, "octomap_binary", false, [this](Shown* shown) {
     return toBinaryMessage(shown->octreeOf(octomap_resolution_m_), shown->header);
   });
+  addOutput<octomap_msgs::OctomapWithPose>(&nh, "octomap_with_pose", false, [this](Shown* shown) {
+    octomap_msgs::OctomapWithPose placed;
+    placed.header = shown->header;
+    placed.origin.orientation.w = 1.0;
+    placed.octomap = toBinaryMessage(shown->octreeOf(octomap_resolution_m_), shown->header);
+    return placed;
+  });
   worker_ = std::thread(&MapPublisher::work, this);
 }
 

@@ -77,6 +77,9 @@ TEST(MapPublisher, GivesALateSubscriberThePresentState) {
   EXPECT_TRUE(message.binary);
   EXPECT_EQ(message.data, publisher.getOctomap(true).data) << "the service answers the same";
   EXPECT_NE(message.data, publisher.getOctomap(false).data);
+  Latest<octomap_msgs::OctomapWithPose> placed("late/octomap_with_pose");
+  EXPECT_EQ(placed.awaitStamp(ros::Time(105.0)).octomap, message);
+  EXPECT_EQ(placed.awaitStamp(ros::Time(105.0)).origin.orientation.w, 1.0);
 }
 
 TEST(MapPublisher, AnOutputThatCannotBeMadeIsNamedAndLeavesTheOthers) {
