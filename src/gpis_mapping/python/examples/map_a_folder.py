@@ -8,13 +8,10 @@
 import argparse
 import sys
 
-import matplotlib
 import numpy as np
+from matplotlib import pyplot
 
 import gpis_mapping
-
-matplotlib.use("Agg")
-from matplotlib import pyplot  # noqa: E402  after the choice of the backend
 
 CELLS = 400       # along the slice's longer side
 BAND_M = 0.25     # distances farther from the surface have one colour
@@ -37,7 +34,7 @@ def arguments():
     return options
 
 
-def map_folder(folder, config, stride):
+def map_folder(folder, config=None, stride=1):
     sequence = gpis_mapping.DepthSequence(folder)
     for note in sequence.notes:
         print(f"note: {note}", file=sys.stderr)
@@ -67,7 +64,8 @@ def slice_plane(mesh, axis, at):
     return low, high
 
 
-def draw(world, mesh, axis, at, path):
+def draw(world, mesh, axis, at=None):
+    """A figure: signed distance and standard deviation of the field in a plane at right angles to `axis` (0 x, 1 y, 2 z)."""
     low, high = slice_plane(mesh, axis, at)
     across, up = [i for i in range(3) if i != axis]
     step = max(high[across] - low[across], high[up] - low[up]) / CELLS
@@ -98,17 +96,18 @@ def draw(world, mesh, axis, at, path):
         plot.label_outer()
         figure.colorbar(image, ax=plot, extend="both" if plot is axes[0] else "neither")
     figure.suptitle(f"{world.num_images} images, slice at {'xyz'[axis]} = {low[axis]:.2f} m. Lines: the surface. Grey: no answer.")
-    figure.savefig(path, dpi=110, bbox_inches="tight")
+    return figure
 
 
 def main():
     options = arguments()
+    pyplot.switch_backend("Agg")
     try:
         world = map_folder(options.folder, options.config, options.stride)
         mesh = world.mesh()
         if options.mesh:
             mesh.save_ply(options.mesh)
-        draw(world, mesh, "xyz".index(options.axis), options.at, options.out)
+        draw(world, mesh, "xyz".index(options.axis), options.at).savefig(options.out, dpi=110, bbox_inches="tight")
     except (ValueError, OSError) as error:
         sys.exit(f"map_a_folder: {error}")
     print(options.out)

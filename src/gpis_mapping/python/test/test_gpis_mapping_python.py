@@ -6,7 +6,11 @@ Needs no ROS: python3 -m unittest, with the module on PYTHONPATH.
 """
 
 import ast
+import importlib.util
+import json
 import pathlib
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -21,6 +25,7 @@ CENTER = np.array([0.4, -0.2, 0.5])
 SIZE = (120, 160)
 INTRINSICS = (140.0, 140.0, 79.5, 59.5)
 NUM_IMAGES = 8
+EXAMPLES = pathlib.Path(__file__).resolve().parent.parent / "examples"
 
 
 def look_at(eye, target=CENTER):
@@ -269,15 +274,18 @@ class Files(unittest.TestCase):
         with self.assertRaisesRegex(gpis_mapping.MapFileError, "missing"):
             gpis_mapping.Map().save(self.folder / "missing" / "map.gpis")
 
-    def test_sequence(self):
+    def write_sequence(self, num_images, without_pose=()):
         from PIL import Image
         fx, fy, cx, cy = INTRINSICS
         np.savetxt(self.folder / "camera-intrinsics.txt", [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        for i in range(3):
+        for i in range(num_images):
             depth = render(orbit_pose(i))
             raw = np.where(np.isfinite(depth), np.round(1000.0 * depth), 0).astype(np.uint16)
             Image.fromarray(raw).save(self.folder / f"frame-{i:06d}.depth.png")
-            np.savetxt(self.folder / f"frame-{i:06d}.pose.txt", orbit_pose(i) if i != 1 else np.full((4, 4), np.nan))
+            np.savetxt(self.folder / f"frame-{i:06d}.pose.txt", np.full((4, 4), np.nan) if i in without_pose else orbit_pose(i))
+
+    def test_sequence(self):
+        self.write_sequence(3, without_pose=[1])
         sequence = gpis_mapping.DepthSequence(self.folder)
         self.assertEqual((len(sequence), sequence.intrinsics), (3, INTRINSICS))
         frame = sequence.frame(2)
@@ -292,6 +300,20 @@ class Files(unittest.TestCase):
                 sequence.frame(index)
         with self.assertRaisesRegex(gpis_mapping.DepthSequenceError, "nowhere"):
             gpis_mapping.DepthSequence(self.folder / "nowhere")
+
+    @unittest.skipUnless(importlib.util.find_spec("matplotlib"), "matplotlib is not installed")
+    def test_notebook(self):
+        """Each cell runs, as it would in Jupyter, and the slice shows the sphere."""
+        self.write_sequence(NUM_IMAGES)
+        cells = json.loads((EXAMPLES / "map_a_folder.ipynb").read_text(encoding="utf-8"))["cells"]
+        source = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+        self.assertIn('"FOLDER"', source)
+        script = f"import matplotlib\nmatplotlib.use('Agg')\n{source}\nfigure.savefig({str(self.folder / 'slice.png')!r})\n"
+        run = subprocess.run([sys.executable, "-c", script.replace('"FOLDER"', repr(str(self.folder)))], cwd=EXAMPLES, capture_output=True, text=True, check=False)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertRegex(run.stdout, rf"{NUM_IMAGES} images, \d+ ms each")
+        self.assertRegex(run.stdout, r"-0\.02\d m, .*OCCUPIED\n.*\n\+0\.0[12]\d m, .*FREE")
+        self.assertGreater((self.folder / "slice.png").stat().st_size, 20000)
 
 
 class Threads(unittest.TestCase):
