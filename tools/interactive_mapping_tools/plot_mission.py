@@ -131,7 +131,7 @@ def plot_utilities(run, out):
     if none:
         upper.plot(none, np.zeros(len(none)), linestyle="none", marker="x", markersize=8, color=INK, label="nothing to choose", clip_on=False)
     upper.set_ylabel("utility")
-    upper.set_title("Utility of the places to stand at", loc="left", fontsize=14)
+    upper.set_title("Utility of the standing poses", loc="left", fontsize=14)
 
     base = np.zeros(count)
     for name, colour in zip(FACTORS, FACTOR_COLOURS):
@@ -142,7 +142,7 @@ def plot_utilities(run, out):
         lower.plot(*np.transpose(sorted(chosen + refused)), linestyle="none", marker="D", markersize=6, color=RED, markeredgecolor="white",
                    label="utility: less the failures nearby")
     lower.set_ylabel("information" if weights else "factors, without weights")
-    lower.set_title("What spoke for the best one", loc="left", fontsize=14)
+    lower.set_title("Factors of the best one", loc="left", fontsize=14)
     # Each choice with its time; of many, a few.
     step = max(1, int(np.ceil(count / 16)))
     ticks = np.arange(1, count + 1, step)

@@ -27,7 +27,7 @@ TEMPLATES = jinja2.Environment(loader=jinja2.FileSystemLoader(str(pathlib.Path(_
 CAPTIONS = {
     "path.png": "Where the robot drove and stood, and the pile, from above. An arrow points to where the robot looked.",
     "time.png": "Where the time went.",
-    "utilities.png": "Each choice of a place to stand at: what it was chosen from, and what spoke for the chosen one.",
+    "utilities.png": "Each choice of a standing pose: the candidates, and the factors of the chosen one.",
     "places.png": "The pile's outline from above as up to three choices saw it; the colour is the utility of standing there."}
 FILES = {
     "summary.json": "the figures", "mission.jsonl": "each decision with its reason", "selections.jsonl": "each choice of a view with all candidates",
