@@ -65,7 +65,10 @@ def slice_plane(mesh, axis, at):
 
 
 def draw(world, mesh, axis, at=None):
-    """A figure: signed distance and standard deviation of the field in a plane at right angles to `axis` (0 x, 1 y, 2 z)."""
+    """A figure: signed distance and standard deviation of the field in a plane at right angles to `axis` (0 x, 1 y, 2 z).
+
+    `at`: where along the axis [m], map frame; None: the middle of the surface.
+    """
     low, high = slice_plane(mesh, axis, at)
     across, up = [i for i in range(3) if i != axis]
     step = max(high[across] - low[across], high[up] - low[up]) / CELLS

@@ -6,7 +6,6 @@ Needs no ROS: python3 -m unittest, with the module on PYTHONPATH.
 """
 
 import ast
-import importlib.util
 import json
 import pathlib
 import subprocess
@@ -301,7 +300,6 @@ class Files(unittest.TestCase):
         with self.assertRaisesRegex(gpis_mapping.DepthSequenceError, "nowhere"):
             gpis_mapping.DepthSequence(self.folder / "nowhere")
 
-    @unittest.skipUnless(importlib.util.find_spec("matplotlib"), "matplotlib is not installed")
     def test_notebook(self):
         """Each cell runs, as it would in Jupyter, and the slice shows the sphere."""
         self.write_sequence(NUM_IMAGES)

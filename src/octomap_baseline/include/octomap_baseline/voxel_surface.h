@@ -12,7 +12,8 @@ namespace octomap_baseline {
 // The surface that an OctoMap stands for: the sides that occupied voxels share with free ones. It answers what the GPIS map
 // is asked, so that planner and detection can use either. With `without_specks` isSpeck() voxels have no sides.
 
-/// Two triangles per side, open where nothing was seen. Corners are shared, their normals the mean of the sides'.
+/// Two triangles per side, open where nothing was seen. Corners [m], map frame, are shared, their normals the mean of the
+/// sides'.
 gpis_mapping::TriangleMesh meshOfSides(const octomap::OcTree& tree, bool without_specks = false);
 
 /// 3 x n points [m], map frame. State and occupancy are the voxel's (unknown: NaN). Distances are to the nearest side,

@@ -55,6 +55,7 @@ class OctomapBaselineRos {
   void publishOutputs();
   std_msgs::Header headerAt(const ros::Time& stamp) const;
 
+  /// The caller holds map_mutex_.
   interactive_mapping_msgs::SurfaceMesh toMessage(const octomap::OcTree& tree, const std_msgs::Header& header) const;
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,

@@ -122,7 +122,8 @@ sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msg
   std::vector<Eigen::Vector3d> centers;
   const auto addCenter = [&](const octomap_baseline::PlacedNode& leaf) {
     const double to_center_m = 0.5 * (leaf.width(tree) - 1.0) * tree.getResolution();
-    centers.emplace_back(tree.keyToCoord(leaf.first[0]), tree.keyToCoord(leaf.first[1]), tree.keyToCoord(leaf.first[2]));
+    centers.emplace_back(tree.keyToCoord(leaf.first[0]), tree.keyToCoord(leaf.first[1]),
+                         tree.keyToCoord(leaf.first[2]));
     centers.back().array() += to_center_m;
   };
   octomap_baseline::forEachOccupiedLeaf(tree, octomap_baseline::occupiedRoot(tree), addCenter);
