@@ -12,7 +12,7 @@
 namespace interactive_mapping_ros {
 namespace {
 
-constexpr double kLongestWait_s = 0.1;  // far more than a busy machine keeps a thread waiting
+constexpr double kLongestWait_s = 1.0;  // far more than a busy machine keeps a thread waiting
 
 std::uint64_t checked(ros::Duration period) {
   if (period > ros::Duration(0)) return static_cast<std::uint64_t>(period.toNSec());
@@ -33,13 +33,15 @@ ClockTimer::ClockTimer(ros::NodeHandle handle, ros::Duration period, std::functi
 void ClockTimer::onClock(const rosgraph_msgs::Clock& clock) {
   const std::uint64_t periods = clock.clock.toNSec() / period_ns_;
   if (periods == periods_) return;
-  periods_ = periods;
+  const std::uint64_t last = std::exchange(periods_, periods);
   // roscpp's own thread sets ros::Time::now() by the same message, and may be behind. Not for long: if the clock has been
-  // set back since, it does not come.
+  // set once more since, the time waited for does not come.
+  const auto isBehind = [&] {
+    const ros::Time now = ros::Time::now();
+    return periods > last ? now < clock.clock : now.toNSec() / period_ns_ >= last;
+  };
   const ros::SteadyTime end = ros::SteadyTime::now() + ros::WallDuration(kLongestWait_s);
-  while (ros::Time::now() < clock.clock && ros::SteadyTime::now() < end) {
-    std::this_thread::sleep_for(std::chrono::microseconds(50));
-  }
+  while (isBehind() && ros::SteadyTime::now() < end) std::this_thread::sleep_for(std::chrono::microseconds(50));
   callback_();
 }
 

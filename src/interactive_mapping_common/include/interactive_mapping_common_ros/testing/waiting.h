@@ -54,14 +54,14 @@ class Latest {
     subscriber_ = ros::NodeHandle().subscribe<Message>(
         topic, 10, [this](const boost::shared_ptr<const Message>& message) { last_ = message; });
   }
-  /// The first message for which the predicate holds, waiting for it.
-  const Message& await(const std::function<bool(const Message&)>& predicate) {
+  /// The first message for which the predicate holds, waiting for it. A copy: the next message may come at any wait.
+  Message await(const std::function<bool(const Message&)>& predicate) {
     EXPECT_TRUE(waitUntil([&] { return last_ && predicate(*last_); })) << topic_;
     if (!last_) last_.reset(new Message());
     return *last_;
   }
   bool hasCome() const { return last_ != nullptr; }
-  const Message& awaitStamp(const ros::Time& stamp) {
+  Message awaitStamp(const ros::Time& stamp) {
     return await([stamp](const Message& message) { return message.header.stamp == stamp; });
   }
 
