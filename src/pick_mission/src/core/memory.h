@@ -55,7 +55,7 @@ struct Memory {
 
   std::array<int, kNumStates> streaks{};       // failures in a row, by action
   std::map<std::string, int> failures;         // "action: status"
-  std::deque<command::ReportFailure> reports;  // that the selection has not been told yet
+  std::deque<command::ReportFailure> reports;  // not yet sent to the selection
   std::uint64_t last_id{0};                    // of a command
 
   /// visit(key, member) for each: the one list for saving and restoring.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <optional>
 #include <string>
 #include <vector>
@@ -65,6 +66,7 @@ struct Mission {
   bool is_view_untried{false};  // a selected view from which nothing has been picked and that is not excluded yet
   int pick_failures_here{0};
   int plan_failures_here{0};
+  std::deque<command::ReportFailure> plan_reports{};  // of plans that failed since the last pick and selection
 };
 
 MissionCounts countsOf(const Mission& mission);
@@ -132,6 +134,9 @@ void exclude(const Eigen::Vector2d& p_map, Mission& mission);
 
 /// A view with no brick to be tried from it is excluded and reported to the selection, once.
 void excludeFruitlessView(Mission& mission);
+
+/// The failed plans go to the selection, unless another brick is tried first: its pick would make them no failures.
+void reportFailedPlans(Mission& mission);
 
 /// Beside the brick, towards the robot: for a report of a failure, so that it may be tried from its other sides.
 Eigen::Vector3d nearSideOf(const SeenBrick& brick, const Pose2d& T_map_base);

@@ -309,6 +309,7 @@ void MissionMachine::Impl::fireFor(const Reaction& reaction, Cause cause) {
 void MissionMachine::Impl::enter() {
   switch (mission_.state) {
     case State::kChoose:
+      reportFailedPlans(mission_);
       if (!mission_.carrying) excludeFruitlessView(mission_);
       [[fallthrough]];
     case State::kBegin:

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 namespace pick_mission {
@@ -69,6 +70,13 @@ void excludeFruitlessView(Mission& mission) {
   exclude(memory.base.position(), mission);
   memory.reports.push_back(
       {{memory.base.x_m, memory.base.y_m, 0.0}, mission.now_s, "nothing could be picked from here"});
+}
+
+void reportFailedPlans(Mission& mission) {
+  if (holds(Guard::kBrickHere, mission) && !holds(Guard::kChoiceDue, mission)) return;
+  auto& plans = mission.plan_reports;
+  std::move(plans.begin(), plans.end(), std::back_inserter(mission.memory.reports));
+  plans.clear();
 }
 
 Eigen::Vector3d nearSideOf(const SeenBrick& brick, const Pose2d& T_map_base) {

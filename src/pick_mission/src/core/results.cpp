@@ -36,6 +36,7 @@ void brickStowed(Mission& mission) {
   streakOf(State::kPick, memory) = streakOf(State::kLetGo, memory) = 0;
   memory.fruitless_views = memory.low_utility_views = memory.vantage_drives = memory.fade_waits = 0;
   memory.excluded.clear();
+  mission.plan_reports.clear();
   mission.is_view_untried = false;
   mission.approaches_tried_bricks = false;
 }
@@ -177,7 +178,8 @@ void recordFailure(const Mission::Running& ended, const event::Reply& reply, con
   if (!reaction.is_reported) return;
   const Pose2d& goal = mission.goal.T_map_base;
   if (action != State::kDrive) {
-    memory.reports.push_back({nearSideOf(*ended.brick, memory.base), mission.now_s, reason});
+    auto& reports = action == State::kPlanPick ? mission.plan_reports : memory.reports;
+    reports.push_back({nearSideOf(*ended.brick, memory.base), mission.now_s, reason});
   } else if (mission.goal.why == DriveFor::kSurvey) {
     ++memory.survey_index;
   } else if (mission.goal.why == DriveFor::kView) {

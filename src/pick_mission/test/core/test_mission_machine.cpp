@@ -183,13 +183,24 @@ TEST(MissionMachine, TriesTheOthersInReachAfterAFailedPlanAndThenChoosesAgain) {
     for (int failures = 1; failures <= max_failures; ++failures) {
       while (!run.isOver() && run.world.commands_of[State::kPlanPick] < failures) ASSERT_TRUE(run.advance());
       ASSERT_TRUE(run.advance());  // the plan fails
-      EXPECT_EQ(run.machine.state(), State::kReport) << "the selection is told first";
-      while (run.machine.state() == State::kReport) ASSERT_TRUE(run.advance());
-      EXPECT_EQ(run.machine.state(), failures < max_failures ? State::kPlanPick : State::kSelect) << tail(run);
+      EXPECT_EQ(run.machine.state(), failures < max_failures ? State::kPlanPick : State::kReport) << tail(run);
     }
+    while (run.machine.state() == State::kReport) ASSERT_TRUE(run.advance());
+    EXPECT_EQ(run.machine.state(), State::kSelect) << tail(run);
+    EXPECT_THAT(run.world.reports, testing::Contains(HasSubstr("plan_pick: ")).Times(max_failures));
     const auto plans = run.sent<command::PlanPick>();
     EXPECT_NE(plans.front().brick.id, max_failures == 2 ? plans.back().brick.id : -1);
   }
+}
+
+TEST(MissionMachine, PlanThatFailsBeforeAPickFromTheSamePlaceIsNoFailureOfThePlace) {
+  ToyWorld world = ToyWorld::ofStacks({1, 1});
+  world.bricks[1].view = world.bricks[0].view;
+  ToyMission run(choosing(), world);
+  run.inject = endAs(State::kPlanPick, PlanResult{PlanStatus::kApproachBlocked}, 1);
+  EXPECT_TRUE(run.endsAs(EndReason::kNoBrickLeft));
+  EXPECT_EQ(run.world.stowed, 2);
+  EXPECT_TRUE(run.world.reports.empty()) << testing::PrintToString(run.world.reports);
 }
 
 TEST(MissionMachine, TriesAnotherFaceWhereOneDidNotHold) {
