@@ -221,7 +221,7 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   if (weigh_s < request.lift.duration()) {
     const auto lift = [=] { return gentle(resume(shared->lift, weigh_s, ramp_s)); };
     add({std::make_unique<LiftStep>(lift, request.brick_mass_kg, lifted),
-         undoIf(lowerAndPutBack, {ArmStatus::kNotAttached})});
+         undoIf(lowerAndPutBack, {ArmStatus::kNotAttached, ArmStatus::kPathBlocked})});
   }
   if (!request.stow.empty()) addMotion("stow", WatchPhase::kFree, [shared] { return shared->stow; });
   if (request.lets_go) append(letGoItems(model, request.brick_mass_kg, Duty::kIfGateIsOpen), &items);

@@ -901,6 +901,30 @@ TEST(ExecutorPick, ABrickThatTakesAnotherAlongIsPutBack) {
   expectEnds(little, ArmStatus::kSuccess, 30.0);
 }
 
+TEST(ExecutorPick, ABrickIsPutBackWhereItsLiftIsBlocked) {
+  for (const double at_s : {0.02, 0.2}) {
+    Picker arm;
+    arm.runTo("lift", at_s);
+    arm.must_stop = "unseen space";
+    while (arm.executor.phase() != ExecutorPhase::kStopping) arm.step();
+    arm.must_stop.clear();  // of the way up, not of the way back
+    expectEnds(arm, ArmStatus::kPathBlocked, 30.0);
+    EXPECT_EQ(arm.finished->stage, "lift");
+    EXPECT_FALSE(arm.is_magnet_on);
+    EXPECT_EQ(arm.dropped, 0);
+    EXPECT_FALSE(arm.executor.isHolding());
+    EXPECT_LT((arm.position_rad - scene().over_rad).cwiseAbs().maxCoeff(), 1e-3);
+    expectOrderly(arm);
+  }
+  Picker enclosed;
+  enclosed.runTo("lift", 0.2);
+  enclosed.must_stop = "a person";
+  expectEnds(enclosed, ArmStatus::kPathBlocked, 30.0);
+  EXPECT_THAT(enclosed.finished->verdict.message, HasSubstr("the way back failed, too"));
+  EXPECT_TRUE(enclosed.executor.isHolding());
+  EXPECT_EQ(enclosed.dropped, 0);
+}
+
 TEST(ExecutorPick, AForceThatDoesNotComeToRestIsNoWeight) {
   Picker arm;
   arm.runTo("weigh");
