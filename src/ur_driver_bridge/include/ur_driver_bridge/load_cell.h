@@ -59,11 +59,13 @@ class LoadCell {
   /// or the spread is too large (`why` says so).
   std::optional<Weight> weigh(double from_s, std::string* why = nullptr) const;
 
-  /// From now on the load is as it is: a sample is lost weight when it tells of lost_share * mass_kg less. Call after the
-  /// payload was declared and the force has settled; `reference` from weigh(). Once the robot compensates the brick's
-  /// weight the reference is about 0, and a lost brick reads as -mass_kg. Throws std::invalid_argument unless the mass is
-  /// > 0 and both are finite.
-  void hold(double mass_kg, const Weight& reference);
+  /// By how much the load falls when a brick of this mass has gone [kg]. What it weighed more when it was lifted may rest on
+  /// it: when that slides off, the brick is still there.
+  double loss(double mass_kg, double weighed_kg) const;
+  /// From now on the load is as it is: a sample that tells of loss() less is lost weight. Call after the payload was declared
+  /// and the force has settled; `reference` from weigh(). Once the robot compensates the brick's weight the reference is
+  /// about 0, and a lost brick reads as -mass_kg. Throws std::invalid_argument unless the mass is > 0 and all are finite.
+  void hold(double mass_kg, double weighed_kg, const Weight& reference);
   void release();
   bool isHolding() const { return held_.has_value(); }
   /// The median over the last 2 lost_s tells that the held load has gone: that is, it has gone for lost_s. False within
@@ -82,7 +84,7 @@ class LoadCell {
     double vertical_N;  // upward force on the tool
   };
   struct Held {
-    double mass_kg;
+    double loss_kg;
     double reference_kg;
     std::optional<double> since_s;  // nothing: from the next sample on
   };

@@ -86,12 +86,17 @@ std::optional<LoadCell::Weight> LoadCell::weigh(double from_s, std::string* why)
   return weight;
 }
 
-void LoadCell::hold(double mass_kg, const Weight& reference) {
+double LoadCell::loss(double mass_kg, double weighed_kg) const {
+  return std::max(0.0, weighed_kg - mass_kg) + config_.lost_share * mass_kg;
+}
+
+void LoadCell::hold(double mass_kg, double weighed_kg, const Weight& reference) {
   if (!(mass_kg > 0.0) || !std::isfinite(mass_kg)) {
     throw std::invalid_argument("mass_kg = " + std::to_string(mass_kg) + " kg, must be > 0 kg and finite");
   }
   if (!std::isfinite(reference.mass_kg)) throw std::invalid_argument("reference.mass_kg is not finite");
-  held_ = Held{mass_kg, reference.mass_kg, std::nullopt};
+  if (!std::isfinite(weighed_kg)) throw std::invalid_argument("weighed_kg is not finite");
+  held_ = Held{loss(mass_kg, weighed_kg), reference.mass_kg, std::nullopt};
   if (!samples_.empty()) held_->since_s = samples_.back().stamp_s;
 }
 
@@ -109,7 +114,7 @@ std::optional<double> LoadCell::excess() const {
 
 bool LoadCell::isLost() const {
   const std::optional<double> excess_kg = excess();
-  return excess_kg && -*excess_kg >= config_.lost_share * held_->mass_kg;
+  return excess_kg && -*excess_kg >= held_->loss_kg;
 }
 
 std::optional<double> LoadCell::load() const {

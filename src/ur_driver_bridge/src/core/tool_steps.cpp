@@ -128,13 +128,14 @@ Verdict HoldStep::judge(StepContext& context, const LoadCell::Weight& weight) {
   // it has fallen since it was weighed.
   const double expected_kg = context.figures.load_kg - brick_mass_kg_;
   const double missing_kg = expected_kg - weight.mass_kg;
-  if (missing_kg >= context.config.load.lost_share * brick_mass_kg_) {
+  if (missing_kg >= context.load.loss(brick_mass_kg_, context.figures.load_kg)) {
     return {ArmStatus::kLostOnTheWay,
             formatted("the brick's weight is gone since it was weighed: %.2f kg beside the declared payload, expected "
                       "were %.2f kg",
                       weight.mass_kg, expected_kg)};
   }
-  context.load.hold(brick_mass_kg_, weight);
+  const double hangs_kg = std::min(context.figures.load_kg, brick_mass_kg_ + weight.mass_kg);
+  context.load.hold(brick_mass_kg_, hangs_kg, weight);
   return {};
 }
 

@@ -901,6 +901,18 @@ TEST(ExecutorPick, ABrickThatTakesAnotherAlongIsPutBack) {
   expectEnds(little, ArmStatus::kSuccess, 30.0);
 }
 
+TEST(ExecutorPick, ABrickIsNotDroppedWhenWhatRestsOnItSlidesOff) {
+  for (const char* stage : {"payload", "lift"}) {
+    SCOPED_TRACE(stage);
+    Picker arm;
+    arm.mass_kg += 0.6;
+    arm.runTo(stage);
+    arm.mass_kg -= 0.6;
+    expectEnds(arm, ArmStatus::kSuccess, 30.0);
+    EXPECT_EQ(arm.dropped_in, "let_go");
+  }
+}
+
 TEST(ExecutorPick, ABrickIsPutBackWhereItsLiftIsBlocked) {
   for (const double at_s : {0.02, 0.2}) {
     Picker arm;

@@ -172,7 +172,7 @@ TEST_F(LoadCellTest, LoadIsTheMedianOfTheLastWhile) {
 
 TEST_F(LoadCellTest, BrickThatStaysIsNotLostInAMinuteOfNoise) {
   addFor(0.5, 0.0, kNoise_N);
-  cell_.hold(kBrick_kg, *cell_.weigh(kStart_s));
+  cell_.hold(kBrick_kg, kBrick_kg, *cell_.weigh(kStart_s));
   for (int k = 0; k < 6000; ++k) {
     add(0.0, Eigen::Matrix3d::Identity(), kNoise_N);
     ASSERT_FALSE(cell_.isLost()) << k;
@@ -192,7 +192,7 @@ TEST_F(LoadCellTest, LostBrickIsKnownWhenItHasBeenGoneForSoLong) {
         std::string why;
         const auto reference = cell_.weigh(from_s, &why);
         ASSERT_TRUE(reference.has_value()) << why;
-        cell_.hold(kBrick_kg, *reference);
+        cell_.hold(kBrick_kg, kBrick_kg, *reference);
         addFor(0.5, before_kg, noise_N);
         ASSERT_FALSE(cell_.isLost());
         const double known_s = timeToLoss(before_kg - kBrick_kg, noise_N);
@@ -210,7 +210,7 @@ TEST_F(LoadCellTest, ShakeOf50MillisecondsIsNoLoss) {
     cell_.release();
     const double from_s = now_s_;
     addFor(0.5, 0.0, kNoise_N);
-    cell_.hold(kBrick_kg, *cell_.weigh(from_s));
+    cell_.hold(kBrick_kg, kBrick_kg, *cell_.weigh(from_s));
     addFor(0.3, 0.0, kNoise_N);
     for (int k = 0; k < 5; ++k) {  // 40 N up, then as much down: the arm has been knocked
       add(0.0, Eigen::Matrix3d::Identity(), kNoise_N, {0.0, 0.0, 40.0});
@@ -225,7 +225,7 @@ TEST_F(LoadCellTest, ShakeOf50MillisecondsIsNoLoss) {
 
 TEST_F(LoadCellTest, ShakeRightAfterHoldIsNoLoss) {
   addFor(0.5, 0.0);
-  cell_.hold(kBrick_kg, *cell_.weigh(kStart_s));
+  cell_.hold(kBrick_kg, kBrick_kg, *cell_.weigh(kStart_s));
   for (int k = 0; k < 30; ++k) {
     add(k < 7 ? -kBrick_kg : 0.0);
     ASSERT_FALSE(cell_.isLost());
@@ -234,7 +234,7 @@ TEST_F(LoadCellTest, ShakeRightAfterHoldIsNoLoss) {
 
 TEST_F(LoadCellTest, LossRightAfterHoldIsKnownToo) {
   addFor(0.5, 0.0);
-  cell_.hold(kBrick_kg, *cell_.weigh(kStart_s));
+  cell_.hold(kBrick_kg, kBrick_kg, *cell_.weigh(kStart_s));
   addFor(0.09, -kBrick_kg);
   EXPECT_FALSE(cell_.isLost()) << "no samples for so long";
   addFor(0.02, -kBrick_kg);
@@ -243,7 +243,7 @@ TEST_F(LoadCellTest, LossRightAfterHoldIsKnownToo) {
 
 TEST_F(LoadCellTest, LostIsAShareOfTheBricksWeight) {
   addFor(0.5, 0.3);
-  cell_.hold(2.0, *cell_.weigh(kStart_s));
+  cell_.hold(2.0, 2.0, *cell_.weigh(kStart_s));
   addFor(0.5, 0.3 - 0.98);
   EXPECT_FALSE(cell_.isLost());
   addFor(0.5, 0.3 - 1.02);
@@ -252,9 +252,20 @@ TEST_F(LoadCellTest, LostIsAShareOfTheBricksWeight) {
   EXPECT_FALSE(cell_.isLost()) << "more is not lost";
 }
 
+TEST_F(LoadCellTest, WhatSlidesOffTheBrickIsNoLossOfTheBrick) {
+  addFor(0.5, 1.5);
+  cell_.hold(2.0, 3.5, *cell_.weigh(kStart_s));
+  addFor(0.5, 0.0);
+  EXPECT_FALSE(cell_.isLost());
+  addFor(0.5, -0.98);
+  EXPECT_FALSE(cell_.isLost());
+  addFor(0.5, -1.02);
+  EXPECT_TRUE(cell_.isLost());
+}
+
 TEST_F(LoadCellTest, ResetForgetsSamplesNotTheBrick) {
   addFor(0.5, 0.0);
-  cell_.hold(kBrick_kg, *cell_.weigh(kStart_s));
+  cell_.hold(kBrick_kg, kBrick_kg, *cell_.weigh(kStart_s));
   addFor(0.5, -kBrick_kg);
   ASSERT_TRUE(cell_.isLost());
   cell_.reset();
@@ -272,7 +283,7 @@ TEST_F(LoadCellTest, ResetForgetsSamplesNotTheBrick) {
 }
 
 TEST_F(LoadCellTest, HoldBeforeTheFirstSampleBeginsWithIt) {
-  cell_.hold(kBrick_kg, LoadCell::Weight{});
+  cell_.hold(kBrick_kg, kBrick_kg, LoadCell::Weight{});
   EXPECT_TRUE(cell_.isHolding());
   EXPECT_FALSE(cell_.isLost());
   addFor(0.3, -kBrick_kg);
@@ -281,7 +292,7 @@ TEST_F(LoadCellTest, HoldBeforeTheFirstSampleBeginsWithIt) {
 
 TEST_F(LoadCellTest, OneSampleAfterAGapIsNoLoss) {
   addFor(0.5, 0.0);
-  cell_.hold(kBrick_kg, *cell_.weigh(kStart_s));
+  cell_.hold(kBrick_kg, kBrick_kg, *cell_.weigh(kStart_s));
   now_s_ += 5.0;
   add(-kBrick_kg);
   EXPECT_FALSE(cell_.isLost());
@@ -290,12 +301,13 @@ TEST_F(LoadCellTest, OneSampleAfterAGapIsNoLoss) {
 }
 
 TEST_F(LoadCellTest, RefusesToHoldWhatMakesNoSense) {
-  EXPECT_THROW(cell_.hold(0.0, {}), std::invalid_argument);
-  EXPECT_THROW(cell_.hold(-1.0, {}), std::invalid_argument);
-  EXPECT_THROW(cell_.hold(kNaN, {}), std::invalid_argument);
+  EXPECT_THROW(cell_.hold(0.0, 1.0, {}), std::invalid_argument);
+  EXPECT_THROW(cell_.hold(-1.0, 1.0, {}), std::invalid_argument);
+  EXPECT_THROW(cell_.hold(kNaN, 1.0, {}), std::invalid_argument);
   LoadCell::Weight weight;
   weight.mass_kg = kNaN;
-  EXPECT_THROW(cell_.hold(1.0, weight), std::invalid_argument);
+  EXPECT_THROW(cell_.hold(1.0, 1.0, weight), std::invalid_argument);
+  EXPECT_THROW(cell_.hold(1.0, kNaN, {}), std::invalid_argument);
   EXPECT_FALSE(cell_.isHolding());
 }
 
