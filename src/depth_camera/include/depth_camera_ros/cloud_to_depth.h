@@ -40,7 +40,7 @@ struct CloudToDepthParams {
 };
 
 /// Points in `cloud` [m], in its frame. Nothing, and the reason in `problem`, if x, y, z are not 32-bit floats in this
-/// machine's byte order. So if the data are shorter than the layout says.
+/// machine's byte order. Also if the data are shorter than the layout says.
 std::optional<Eigen::Matrix3Xf> pointsOf(const sensor_msgs::PointCloud2& cloud, std::string* problem);
 
 /// Makes depth images of point clouds, for nodes that read depth images. Subscribes `cloud`; publishes
