@@ -249,7 +249,7 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(re.findall("<th.*?>(.*?)</th>", part), ["what", "times", "last at", "why", "then"])
         told = {row[0]: row[3:] for row in rows if row}
         self.assertEqual(told["plan_pick: approach blocked"], ["its neighbour is in the way", "went on with the next brick or view"])
-        self.assertEqual(told["drive: obstacle"], ["something is in the way and stays", "told the choice of views"])
+        self.assertEqual(told["drive: obstacle"], ["an obstacle on the path stays", "told the choice of views"])
 
     def test_page_tells_date_host_commit_and_command(self):
         self.make_without_maps()
