@@ -36,7 +36,7 @@ END_WORDS = {
     "no_progress": "view after view brought neither a pick nor a new brick",
     "time_up": "the time was up",
     "stopped": "the operator stopped it",
-    "needs_person": "a person has to look",
+    "needs_person": "a person must check the robot",
     "brick_in_hand": "a brick in the hand could not be stowed",
     "planning_failed": "planning the arm failed again and again",
     "arm_failed": "the arm failed again and again",

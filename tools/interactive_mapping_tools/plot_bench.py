@@ -235,8 +235,8 @@ def map_table(result, machine):
         "**Update**, frame 0 apart:\n\n" + markdown(map_rows(result)),
         f"**Quality of these maps** before frame {scene['removal_frame']}, and after it:\n\n" + markdown(quality_rows(result)),
         f"**Error by place**, before frame {scene['removal_frame']}:\n\n" + markdown(place_rows(result)),
-        f"**Where our update spends its time**, {ours['threads']} threads; {ours['points']} points in {ours['cells']} cells, "
-        f"{ours['training_points_per_cell']:.0f} training points per cell (at most {ours['largest_cell']:.0f}), "
+        f"**Where our update spends its time**, {ours['threads']} threads. {ours['points']} points in {ours['cells']} cells, "
+        f"{ours['training_points_per_cell']:.0f} training points per cell (at most {ours['largest_cell']:.0f}). "
         f"{ours['cells_retrained']['median']:.0f} cells trained per frame:\n\n" + markdown(stage_rows(result)),
         f"**Mesh** of the whole map from nothing: {result['mesh']['full_ms']:.0f} ms, {result['mesh']['triangles']} triangles.",
         f"**Queries.** The first one far from the surface after an update builds an index: {result['queries']['first_query_ms']:.1f} ms. "

@@ -44,10 +44,10 @@ def loop_part(folder, rows, image):
     last = rows[-1]
     body = "\n".join(verdict)
     return (f"## Endurance: {last['frame']:.0f} frames\n\n`scripts/soak loop`. {origin(read_machine(folder / 'loop-machine.txt'))}\n\n"
-            f"One map, 160 x 120 px, a camera that circles a pile whose bricks go and come back every 250 frames, fresh noise in every "
-            f"image and pose; {last['inserted']:.0f} points inserted, {last['deleted']:.0f} deleted. Queries, mesh, saving and loading beside it. "
-            "Memory and contents are compared at the same phase of the scene: median of the first half to median of the last, and "
-            f"Theil-Sen slope over the run, after 10 % of warm-up.\n\n```\n{body}\n```\n\n![Memory, points and time over the run]({image})\n")
+            "One map, 160 x 120 px. A camera circles a pile whose bricks leave and return every 250 frames, with fresh noise in every "
+            f"image and pose. {last['inserted']:.0f} points were inserted, {last['deleted']:.0f} deleted. Queries, mesh, saving and loading "
+            "run beside it. Memory and contents are compared at the same phase of the scene, after 10 % of warm-up. The median of the "
+            f"first half is compared with that of the last. The Theil-Sen slope is over the run.\n\n```\n{body}\n```\n\n![Memory, points and time over the run]({image})\n")
 
 
 def fuzz_part(folder):

@@ -110,7 +110,7 @@ class Endurance(soak_mission.WatchedMission):
                     pid = self.pid_of(node)
                     size = soak_mission.rss_mb(pid or 0)
                     if pid and self.pids.setdefault(node, pid) != pid:
-                        self.problems.append(f"{self.now_s():.0f} s: {node} was started anew")
+                        self.problems.append(f"{self.now_s():.0f} s: {node} was restarted")
                         self.pids[node] = pid
                     if size is not None:
                         self.memory.append((self.now_s(), node, size))

@@ -171,7 +171,7 @@ def make_run_folder(folder, bricks=20, seed=1):
         step("choose", "entered", "select", 0.0, "no brick in reach")
         goal = select()
         if rng.random() < 0.2:
-            drive(goal, "obstacle", "report", 6.0, "something is in the way and stays")
+            drive(goal, "obstacle", "report", 6.0, "an obstacle on the path stays")
             step("report", "success", "select", 0.1)
             goal = select()
         counts["views"] += 1

@@ -78,7 +78,7 @@ class Campaign(unittest.TestCase):
                  ({"log": ENDED.splitlines()[0]}, "the mission did not end by itself"),
                  ({"log": '{"event":"STALE_MAP"}\n' + ENDED}, "stale input: STALE_MAP"), ({"log": '{"event": "stale scan"}\n' + ENDED}, "stale input: stale scan"),
                  ({"launch": "[gpis_mapping-3] process has died [pid 1, exit code -9]"}, "a node ended: gpis_mapping-3"),
-                 ({"launch": "clock: waited 60 s for x in vain and go on without; this run cannot be repeated exactly"}, "an answer was given up"))
+                 ({"launch": "clock: waited 60 s for x, now continues without it; this run cannot be repeated exactly"}, "an answer was given up"))
         for number, (changes, words) in enumerate(cases):
             problem, _ = campaign.state_of(self.make(str(number), **changes))
             self.assertTrue(problem and problem.startswith(words), (words, problem))

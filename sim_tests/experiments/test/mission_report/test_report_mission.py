@@ -96,6 +96,33 @@ class ReportMission(unittest.TestCase):
             self.assertTrue(link[1:] in page.ids if link[0] == "#" else (self.folder / link).exists(), link)
         return page
 
+    def test_the_commands_of_the_tutorial(self):
+        root = self.folder.parent
+        self.folder = root / "results/demo"
+        self.folder.parent.mkdir()
+        self.make(8)
+        for path in (self.folder / "pictures").glob("*.ply"):
+            path.unlink()
+        (root / "scripts").symlink_to(SCRIPTS)
+        tutorial = (SCRIPTS.parent / "docs/tutorials/report.md").read_text(encoding="utf-8")
+        make_page, ask_for_brick = re.findall(r"```bash.*?\n(.*?)```", tutorial, re.DOTALL)
+
+        def run(commands):
+            done = subprocess.run(["bash", "-e", "-o", "pipefail", "-c", commands], cwd=root, env={**os.environ, "MPLCONFIGDIR": str(root / "matplotlib")},
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120, check=False)
+            self.assertEqual(done.returncode, 0, done.stdout)
+            return done.stdout.splitlines()
+
+        run(make_page)
+        self.page()
+        steps = (self.folder / "mission.jsonl").read_text(encoding="utf-8").splitlines()
+        of_brick = [line for line in steps if "brick 7," in line]
+        self.assertGreater(len(of_brick), 0)
+        lines = run(ask_for_brick)
+        self.assertEqual(lines[:len(of_brick)], of_brick)
+        self.assertEqual(len(lines), len(of_brick) + len(steps))
+        self.assertIn("plan_pick success -> pick |", " ".join(lines))
+
     def test_crumbs_in_an_empty_place_are_not_the_maps_precision(self):
         self.make_without_maps()
         path = self.folder / "judge.csv"
@@ -249,7 +276,7 @@ class ReportMission(unittest.TestCase):
         self.assertEqual(re.findall("<th.*?>(.*?)</th>", part), ["what", "times", "last at", "why", "then"])
         told = {row[0]: row[3:] for row in rows if row}
         self.assertEqual(told["plan_pick: approach blocked"], ["its neighbour is in the way", "went on with the next brick or view"])
-        self.assertEqual(told["drive: obstacle"], ["something is in the way and stays", "told the choice of views"])
+        self.assertEqual(told["drive: obstacle"], ["an obstacle on the path stays", "told the choice of views"])
 
     def test_page_tells_date_host_commit_and_command(self):
         self.make_without_maps()

@@ -372,7 +372,7 @@ class Endurance(unittest.TestCase):
         endurance.map = unittest.mock.Mock(map_points=123)
         endurance.pid_of = lambda node: pids.pop(0) if node == "gpis_mapping" else None
         endurance.watch_memory(stop)
-        self.assertEqual(endurance.problems, ["5 s: gpis_mapping was started anew"])
+        self.assertEqual(endurance.problems, ["5 s: gpis_mapping was restarted"])
         self.assertEqual(len(endurance.memory), 4)
         self.assertEqual(len((endurance.folder / "memory.csv").read_text().splitlines()), 5)
         self.assertEqual((endurance.folder / "map.csv").read_text().split(), ["time_s,map_points", *["5.00,123"] * 5])

@@ -1,15 +1,24 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""scripts/run_examples: what it refuses and what it finds failed, on made pages; then the pages of the repository."""
+"""scripts/run_examples: what it refuses and what it finds failed, on made pages; then the pages of the repository.
+
+The detector of the tutorial, which no page can start without a robot: as a node, on made images.
+"""
 
 import pathlib
+import re
 import subprocess
 import tempfile
 import unittest
 
+import rospy
 import rosunit
+from interactive_mapping_msgs.msg import BrickArray, BrickFace
+from interactive_mapping_msgs.srv import DetectBricks, DetectBricksRequest
+from sensor_msgs.msg import Image
 
-RUN_EXAMPLES = pathlib.Path(__file__).resolve().parents[4] / "scripts/run_examples"
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+RUN_EXAMPLES = ROOT / "scripts/run_examples"
 
 
 def run_it(*arguments):
@@ -70,6 +79,43 @@ class RunExamples(unittest.TestCase):
             "# B\n```bash run\nsource devel/setup.bash\n! rostopic list\n```\n"))
         self.assertEqual(code, 0, output)
         self.assertIn("3 blocks to run, 0 failed, 0 skipped", output)
+
+    def test_the_detector_of_the_tutorial(self):
+        page = (ROOT / "docs/tutorials/detector.md").read_text(encoding="utf-8")
+        node = pathlib.Path(self.folder.name) / "my_detection.py"
+        node.write_text(re.search(r"```python.*?\n(.*?)```", page, re.DOTALL).group(1), encoding="utf-8")
+        rospy.init_node("test_run_examples")
+        process = subprocess.Popen(["/usr/bin/python3", str(node), "image:=/made_image"], stdin=subprocess.DEVNULL)
+        self.addCleanup(process.wait)
+        self.addCleanup(process.terminate)
+        rospy.wait_for_service("/my_detection/detect", timeout=30.0)
+        detect = rospy.ServiceProxy("/my_detection/detect", DetectBricks)
+        # No image: it says so and reports nothing.
+        none = detect(DetectBricksRequest(timeout=rospy.Duration(0.5)))
+        self.assertEqual((none.success, none.status, none.bricks.bricks), (False, none.NO_IMAGE, []))
+        # Images of before the call, then those of after it: only these count.
+        publisher = rospy.Publisher("/made_image", Image, queue_size=1)
+        begin = rospy.Time.now()
+        late_s = 1.0
+
+        def publish(_):
+            image = Image(encoding="rgb8", width=4, height=3, step=12, data=bytes(36))
+            image.header.stamp = rospy.Time.now() - rospy.Duration(late_s)
+            publisher.publish(image)
+
+        timer = rospy.Timer(rospy.Duration(0.05), publish)
+        self.addCleanup(timer.shutdown)
+        found = detect(DetectBricksRequest(timeout=rospy.Duration(20.0)))
+        self.assertEqual((found.success, found.status, list(found.update.bricks_seen)), (True, found.OK, [7]))
+        self.assertGreaterEqual(found.update.header.stamp, begin)
+        self.assertGreaterEqual(rospy.Time.now() - begin, rospy.Duration(late_s))
+        # What the mission reads: the latched topic, a face whose z leads out of the box, at its surface.
+        bricks = rospy.wait_for_message("/my_detection/bricks", BrickArray, timeout=10.0)
+        self.assertEqual((bricks.header.frame_id, bricks.header.stamp), ("map", found.update.header.stamp))
+        brick, = bricks.bricks
+        face, = brick.graspable_faces
+        self.assertEqual((brick.id, face.face), (7, BrickFace.PLUS_Z))
+        self.assertAlmostEqual(face.pose.position.z - brick.pose.pose.position.z, 0.5 * brick.size.z)
 
     def test_the_repository(self):
         code, output = run_it()

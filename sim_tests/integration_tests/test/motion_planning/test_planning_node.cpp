@@ -627,7 +627,7 @@ TEST_F(PlanningNode, RvizGetsSceneAndPlan) {
   }));
   scene.await([&](const auto& array) { return hasNamespace(array, "surface with margin"); });
   plan.await([&](const auto& array) {
-    return hasNamespace(array, "way of the tip") && hasNamespace(array, "arms") && hasNamespace(array, "contact");
+    return hasNamespace(array, "path of the tip") && hasNamespace(array, "arms") && hasNamespace(array, "contact");
   });
   client_->plan(pickOf(brickBefore(3.0)));
   plan.await([&](const auto& array) { return hasNamespace(array, "failure"); });

@@ -291,7 +291,7 @@ bool SimulatedWorldRos::isHeld() {
   if ((now - held_since_wall_).toSec() > params_.wait_timeout_wall_s) {
     for (const std::string& due : lockstep_->gate().giveUp()) {
       ++given_up_;
-      ROS_ERROR("clock: waited %.0f s for %s in vain and go on without; this run cannot be repeated exactly",
+      ROS_ERROR("clock: waited %.0f s for %s, now continues without it; this run cannot be repeated exactly",
                 params_.wait_timeout_wall_s, due.c_str());
     }
     held_since_wall_ = ros::WallTime();
@@ -349,13 +349,13 @@ bool SimulatedWorldRos::mayTick() {
   if (!has_begun_) {
     const std::vector<std::string> missing = lockstep_->missing();
     if (!missing.empty()) {
-      ROS_INFO_THROTTLE(10.0, "clock: not begun, nobody publishes %s yet", missing.front().c_str());
+      ROS_INFO_THROTTLE(10.0, "clock: not started, %s has no publisher yet", missing.front().c_str());
       return wait(kPollPeriod_s);
     }
     const std::string absent = missingSubscriber();
     if (!absent.empty()) {
       // Who answers messages and does not hear them yet would miss the first, some runs more of them than others.
-      ROS_INFO_THROTTLE(10.0, "clock: not begun, waiting for %s", absent.c_str());
+      ROS_INFO_THROTTLE(10.0, "clock: not started, waiting for %s", absent.c_str());
       return wait(kPollPeriod_s);
     }
     has_begun_ = true;

@@ -104,11 +104,11 @@ struct NavigationOutput {
   bool has_jumped{false};  // localisation or odometry, in this step: what was entered in the map's frame before is void
 };
 
-/// Drives to one goal after another, a step at a time: plan, follow, stop for what the scanner sees, stop and replan
-/// when the grid changes under the way, give up with a reason. Stops brake within the limits, those after a cancel or a
-/// lost heartbeat with stop_m_s2; a base that stops by itself is commanded zero at once. After its button or stop input
-/// nothing moves without a new goal; one pressed between two goals refuses the next one, once, for who sends it may not
-/// know. Planning happens inside step(), while the base stands.
+/// Drives to one goal after another, a step at a time. It plans, follows, and stops for what the scanner sees. It stops
+/// and replans when the grid changes under the path, and gives up with a reason. Stops brake within the limits, those
+/// after a cancel or a lost heartbeat with stop_m_s2. A base that stops by itself is commanded zero at once. After its
+/// button or stop input nothing moves without a new goal. One pressed between two goals rejects the next goal, once,
+/// for its sender may not know. Planning happens inside step(), while the base stands.
 class BaseNavigator {
  public:
   /// Throws std::invalid_argument listing every impossible value.
@@ -125,8 +125,8 @@ class BaseNavigator {
   void cancel();
   bool isActive() const;
 
-  /// The guard keeps another margin from the next step on; other limits hold from the next plan on, while a path in
-  /// progress keeps its own. Throws std::invalid_argument listing every impossible value, and changes nothing then.
+  /// A new margin of the guard holds from the next step on. New limits hold from the next plan on; a path in progress
+  /// keeps its own. Throws std::invalid_argument listing every impossible value, and changes nothing then.
   void retune(const ObstacleGuardConfig& guard, const MotionLimits& limits);
 
   /// To be called with each odometry, and when none comes. `is_cancelled` ends a plan that is being made.

@@ -68,8 +68,8 @@ struct Stretch {
 std::vector<Stretch> stretches(const BasePath& path);
 
 /// Shortest time [s] that the path takes within the (valid) limits, standing at both ends, at direction changes and
-/// about turns on the spot. Curves are driven at the speed at which they turn at most at turn_rad_s, accelerating so that
-/// turn_rad_s2 holds; changes of curvature between them cost nothing.
+/// about turns on the spot. Curves are driven at the speed at which they turn at most at turn_rad_s, accelerating so
+/// that turn_rad_s2 holds. Changes of curvature between them cost nothing.
 double duration(const BasePath& path, const MotionLimits& limits);
 
 }  // namespace base_navigation

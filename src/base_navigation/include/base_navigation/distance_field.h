@@ -8,10 +8,10 @@
 
 namespace base_navigation {
 
-/// Driving distances (method.md section 6: d) from one place to all others over known-free ground: Dijkstra over the
-/// grid's cells and their eight neighbours, a diagonal step costing sqrt 2 and not cutting corners. The way's disc of
-/// `radius_m` touches no cell that is occupied or unknown. The result is at most 8.3 % longer than the shortest way of the
-/// plane, plus what the cells round.
+/// Driving distances (method.md section 6: d) from one place to all others over known-free ground. Dijkstra over the
+/// grid's cells and their eight neighbours; a diagonal step costs sqrt 2 and cuts no corner. The way's disc of
+/// `radius_m` touches no cell that is occupied or unknown. The result is at most 8.3 % longer than the shortest way of
+/// the plane, plus what the cells round.
 class DistanceField {
  public:
   /// From `from_map`, whose disc need not be free: the robot stands there. It leaves through cells that are themselves

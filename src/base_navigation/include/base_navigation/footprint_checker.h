@@ -29,8 +29,8 @@ class FootprintChecker {
   FootprintVerdict check(const Pose2d& T_map_base) const;
   bool isFree(const Pose2d& T_map_base) const;
 
-  /// The first bad pose along the path from `from_m` on, looked at so densely that no corner of the footprint moves
-  /// farther than half a cell in between.
+  /// The first bad pose along the path from `from_m` on. Between checked poses no corner of the footprint moves farther
+  /// than half a cell.
   FootprintVerdict check(const BasePath& path, double from_m = 0.0) const;
 
   /// Whether the circle that the padded footprint sweeps touches free cells only.

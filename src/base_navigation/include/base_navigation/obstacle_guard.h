@@ -53,18 +53,17 @@ struct GuardVerdict {
 /// Slows down and stops in front of what the safety scanner sees now, whatever map and plan say. The scanner does not
 /// see behind: what is driven backwards relies on the grid alone.
 ///
-/// An echo is met when it is within margin_m of an edge of the footprint (corners sharp, see padPolygon). min_echoes beams
-/// side by side meet the base when the last of them does: a lone speck before a wall counts as the wall, and no
-/// threshold for a step in range is needed, which walls seen at a grazing angle would defeat.
+/// An echo is met when it is within margin_m of an edge of the footprint (corners sharp, see padPolygon). min_echoes
+/// beams side by side meet the base when the last of them does. So a lone speck before a wall counts as the wall. No
+/// threshold for a step in range is needed; walls seen at a grazing angle would defeat it.
 class ObstacleGuard {
  public:
   /// Throws std::invalid_argument listing every impossible value.
   ObstacleGuard(const ObstacleGuardConfig& config, const MotionLimits& limits, const Polygon& footprint);
 
-  /// How much of `wanted` is safe if it continues without end. Echoes inside the footprint itself are the robot's own and left
-  /// out; those already in the margin stop what brings them nearer, and nothing that takes them away. `T_scan_base` is
-  /// the base now, in base_link when the scan was taken. Throws std::invalid_argument for a twist or pose that is not
-  /// finite.
+  /// How much of `wanted` is safe if it continues without end. Echoes inside the footprint itself are the robot's own
+  /// and left out. Echoes already in the margin stop only motion that brings them nearer. `T_scan_base` is the base
+  /// now, in base_link when the scan was taken. Throws std::invalid_argument for a twist or pose that is not finite.
   GuardVerdict check(const Twist2d& wanted, const Scan& scan, const Pose2d& T_scan_base = {}) const;
 
   /// Likewise if the base goes along `ahead` from where it is, beginning with `wanted`, and stands at the end. `ahead`

@@ -47,9 +47,9 @@ struct FollowCommand {
   double error_yaw_rad{0.0};   // turned left of the reference positive
 };
 
-/// Drives along a path: a reference moves over it with trapezoidal speed and waits for a base that lags; the command is the
-/// reference's speed plus the correction. Stands still between stretches.
-/// Long: one law of control; its parts change the same reference.
+/// Drives along a path. A reference moves over it with trapezoidal speed and waits for a base that lags. The command is
+/// the reference's speed plus the correction. Stands still between stretches. Long: one law of control; its parts
+/// change the same reference.
 class PathFollower {
  public:
   /// Throws std::invalid_argument listing every impossible value.
@@ -93,8 +93,8 @@ class PathFollower {
     double curvature_1_m;  // turn per metre driven, whatever the direction
     double max_speed_m_s;  // with the reserve
   };
-  /// Where two motions of different curvature meet. A base cannot change its curvature at once: the step is driven as a
-  /// ramp, half of it before the joint and half behind, so that what is turned too early is made up for.
+  /// Where two motions of different curvature meet. A base cannot change its curvature at once. The step is driven as a
+  /// ramp, half of it before the joint and half behind. So the second half makes up for the turn that came too early.
   struct Joint {
     double at_m;  // along the stretch
     double step_1_m;

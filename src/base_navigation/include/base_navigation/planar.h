@@ -29,8 +29,8 @@ Pose2d compose(const Pose2d& a, const Pose2d& b);
 Pose2d inverse(const Pose2d& pose);
 Eigen::Vector2d transform(const Pose2d& pose, const Eigen::Vector2d& point);
 
-/// Where a base comes that goes `length_m` (negative: backwards) and turns by `turn_rad` on the way, both evenly: an arc,
-/// a straight line or, with length 0, a turn on the spot.
+/// Where a base comes that drives `length_m` (negative: backwards) and turns by `turn_rad`, both evenly. This is an
+/// arc, a straight line or, with length 0, a turn on the spot.
 Pose2d moveAlongArc(const Pose2d& pose, double length_m, double turn_rad);
 
 /// The polygon with its edges moved outwards by `padding_m`, corners sharp. Throws std::invalid_argument unless it is

@@ -46,9 +46,9 @@
 namespace base_navigation_ros {
 
 /// The base's navigation as a ROS node: a move_base server over odometry, tf, scan and the map's ground. The README lists
-/// topics and services. All control runs on one thread of its own, stepped by odometry, so that what it does depends on
-/// stamps and not on the machine; goals, services and diagnostics come on the caller's threads.
-/// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
+/// topics and services. All control runs on one thread of its own, stepped by odometry. So it depends on stamps and not
+/// on the machine. Goals, services and diagnostics come on the caller's threads. Long: each topic, service and
+/// diagnostic is a few lines, and the work is in the core.
 class BaseNavigationRos {
  public:
   /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with the base profile.

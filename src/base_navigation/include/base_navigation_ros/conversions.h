@@ -31,8 +31,9 @@ std::optional<base_navigation::NavigationGrid> toGrid(const nav_msgs::OccupancyG
                                                       std::string* why_not);
 nav_msgs::OccupancyGrid toMessage(const base_navigation::NavigationGrid& grid, const std_msgs::Header& header);
 
-/// `T_base_scanner` from tf; the scanner may hang upside down. Nothing, and why, for impossible numbers, more than 10000
-/// beams, a scan of which less than a quarter is a measurement, or a scanner that does not lie flat (5 degrees).
+/// `T_base_scanner` from tf; the scanner may hang upside down. Nothing, and why, for impossible numbers, more than
+/// 10000 beams, or a scan of which less than a quarter is a measurement. Also for a scanner that does not lie flat (5
+/// degrees).
 std::optional<base_navigation::Scan> toScan(const sensor_msgs::LaserScan& message,
                                             const Eigen::Isometry3d& T_base_scanner, std::string* why_not);
 

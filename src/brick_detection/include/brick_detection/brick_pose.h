@@ -75,10 +75,10 @@ struct BrickPoseConfig {
 /// Corners of a tag's black border in its frame, in the order of TagObservation.
 std::array<Eigen::Vector3d, 4> tagCorners(double edge_m);
 
-/// Both poses T_camera_tag of a square seen in an image (IPPE, Collins and Bartoli 2014), each moved to its minimum of the
-/// reprojection error, best first. The second is missing where it is not in front of the camera or has the same minimum;
-/// both are where the corners are not those of a square's printed side. `edge_m`: of the black border; throws
-/// std::invalid_argument unless positive.
+/// Both poses T_camera_tag of a square seen in an image (IPPE, Collins and Bartoli 2014). Each is moved to its minimum
+/// of the reprojection error; the best comes first. The second is missing where it is not in front of the camera or has
+/// the same minimum. Both are missing where the corners are not those of a square's printed side. `edge_m`: of the
+/// black border; throws std::invalid_argument unless positive.
 struct TagPose {
   Eigen::Isometry3d T_camera_tag{Eigen::Isometry3d::Identity()};
   double reprojection_rms_px{0.0};

@@ -27,8 +27,8 @@ struct BrickTrackerConfig {
   double floor_std_rad{0.002};
   double gate_chi2{22.5};  // 99.9 %
   int moved_looks{2};
-  // In the simulated pile at most a tenth of a brick that is there was called free, and two thirds of one that had been
-  // taken away: what else stands there hides the rest from any one standpoint.
+  // In the simulated pile at most a tenth of a present brick was called free, and two thirds of a removed one. Other
+  // objects hide the rest from any one standpoint.
   double free_share{0.5};
   int inside_samples{4};
 
@@ -67,10 +67,10 @@ struct TrackedBrick {
   std::array<bool, mp700_ur5e_description::kNumBrickFaces> faces_seen{};
 };
 
-/// Bricks over time, in the map. Static between looks; one that was moved is at its new place once enough looks agree, and
-/// nowhere twice; one whose place the map has seen free since is gone. A brick in view that is not decoded says nothing.
-/// A bad look beside a good one makes no second brick: instances of an id within each other are one, that with most looks.
-/// Not thread-safe.
+/// Bricks over time, in the map. Static between observations. A moved brick is at its new place once enough
+/// observations agree, and nowhere twice. A brick whose place the map has seen free since is gone. A brick in view that
+/// is not decoded says nothing. A bad look beside a good one makes no second brick: instances of an id within each
+/// other are one, that with most looks. Not thread-safe.
 ///
 /// Of each brick the mean of the looks from each standpoint is kept, with the looks' own information. A standpoint's mean
 /// has the covariance of that plus that of the camera's pose there; the standpoints are independent, and fused with it.
@@ -80,16 +80,16 @@ class BrickTracker {
   /// Throws std::invalid_argument listing what is wrong with the config.
   BrickTracker(const mp700_ur5e_description::BrickCatalogue& catalogue, const BrickTrackerConfig& config);
 
-  /// Takes in one image's bricks. Returns the indices into bricks() of those seen, in the order of `sightings`; a
-  /// sighting that is held back (moved, not yet believed) or ignored (in the hand) has none. Several of one id in an image
-  /// are as many instances. Throws std::invalid_argument, and changes nothing, if the stamp is before the last look's or
-  /// not finite, a pose or covariance is none, or an id is unknown.
+  /// Takes in one image's bricks. Returns the indices into bricks() of those seen, in the order of `sightings`. A
+  /// sighting that is held back (moved, not yet accepted) or ignored (in the hand) has none. Several of one id in an
+  /// image are as many instances. Throws std::invalid_argument, and changes nothing, if the stamp is before the last
+  /// observation's or not finite. So it does if a pose or covariance is invalid, or an id is unknown.
   std::vector<std::optional<std::size_t>> addLook(double stamp_s, const Eigen::Isometry3d& T_map_camera,
                                                   const std::vector<BrickSighting>& sightings);
 
   /// Points inside each brick [m, map frame], in the order of bricks(): what to ask the map about. A regular grid, its
-  /// outermost points 2 cm below the faces, since nearer ones may belong to the surface of the brick or of a neighbour;
-  /// or a quarter of the edge where a brick is thinner than 8 cm.
+  /// outermost points 2 cm below the faces, or a quarter of the edge where a brick is thinner than 8 cm. Nearer points
+  /// may belong to the surface of the brick or of a neighbour.
   std::vector<Eigen::Matrix3Xd> insidePoints() const;
 
   /// Drops the bricks whose inside was seen free. `free_share`: for each of bricks() the share of its insidePoints() that
@@ -97,8 +97,8 @@ class BrickTracker {
   /// dropped ids. Throws std::invalid_argument if the sizes differ, or a number is none or no share.
   std::vector<int> dropFree(const std::vector<double>& free_share, double map_stamp_s);
 
-  /// The brick is in the hand: it is taken out, and looks of it are ignored until it is let go; other instances stay in
-  /// sight. An instance is not asked for: of several with this id the one nearest to `p_map` goes. Returns whether one
+  /// The brick is in the hand. It is taken out, and observations of it are ignored until it is let go. Other instances
+  /// stay. An instance is not asked for: of several with this id the one nearest to `p_map` goes. Returns whether one
   /// was known. Throws std::invalid_argument for an unknown id or a point that is not finite.
   bool attach(int id, const Eigen::Vector3d& p_map);
 

@@ -19,9 +19,9 @@ struct CalibratedEdge {
   Eigen::Isometry3d T_child_camera{Eigen::Isometry3d::Identity()};
 };
 
-/// The result as a calibration of the edge, covariance carried over: the child's origin is not the camera's, so that
-/// it takes a share of the camera's rotation. `date`: as it shall stand in the file. Throws std::invalid_argument for a
-/// result without an answer.
+/// The result as a calibration of the edge, with its covariance. The child's origin is not the camera's, so it takes a
+/// share of the camera's rotation. `date`: as it shall stand in the file. Throws std::invalid_argument for a result
+/// without an answer.
 mp700_ur5e_description::CameraCalibration toCameraCalibration(const HandEyeResult& result, const CalibratedEdge& edge,
                                                               const std::string& date);
 

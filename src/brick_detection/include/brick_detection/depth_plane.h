@@ -58,8 +58,8 @@ struct DepthPlane {
 enum class DepthPlaneFailure { kNone, kNoDepth, kTooFewPixels, kNotFlat };
 
 /// Robust plane through the depth pixels inside a quadrangle. A plane's inverse depth is affine in the bearing, and a
-/// stereo camera's noise is even in inverse depth: a linear, evenly weighted problem, with outliers (mixed pixels, what
-/// stands before the tag) left out. `depth_m`: CV_32FC1 of the camera's size, along the optical axis; NaN,
+/// stereo camera's noise is even in inverse depth. So the problem is linear and evenly weighted. Outliers (mixed
+/// pixels, objects before the tag) are left out. `depth_m`: CV_32FC1 of the camera's size, along the optical axis; NaN,
 /// +-Inf and <= 0 hold nothing. Nothing, and the reason, if the depth does not show one plane. Throws
 /// std::invalid_argument for a depth image of another type or size.
 std::optional<DepthPlane> fitDepthPlane(const cv::Mat& depth_m, const CameraModel& camera,

@@ -93,9 +93,10 @@ using Matrix6x12d = Eigen::Matrix<double, 6, 12>;
 Vector6d handEyeResidual(const HandEyeSample& sample, const Eigen::Isometry3d& T_base_camera,
                          const Eigen::Isometry3d& T_tool_target, Matrix6x12d* jacobian);
 
-/// Closed forms (cv::calibrateHandEye) of all samples and of triples, the one that most samples agree with; then least
-/// squares over both unknown poses, weighted by the covariances, without outliers. Throws std::invalid_argument for a
-/// bad config, or a sample that is not finite, not rigid or whose covariance is not positive definite.
+/// Closed forms (cv::calibrateHandEye) of all samples and of triples; the one that most samples agree with is the
+/// start. Then least squares over both unknown poses, weighted by the covariances, without outliers. Throws
+/// std::invalid_argument for a bad config, or a sample that is not finite, not rigid or whose covariance is not
+/// positive definite.
 HandEyeResult solveHandEye(const std::vector<HandEyeSample>& samples, const HandEyeConfig& config);
 
 }  // namespace brick_detection

@@ -34,9 +34,9 @@ struct MarkerObservation {
   Eigen::Isometry3d T_camera_tag{Eigen::Isometry3d::Identity()};
 };
 
-/// From markers to bricks: those of one brick that agree are averaged by their information, those that do not are bricks
-/// with one id; a marker that occurs twice belongs to two bricks. Neither the two poses that fit a flat marker nor the
-/// depth are looked at: that was for the program that found them. A pose that is not finite, or no rotation, is
+/// From markers to bricks. Markers of one brick that agree are averaged by their information; those that do not are
+/// bricks with one id. A marker that occurs twice belongs to two bricks. Neither the two poses that fit a flat marker
+/// nor the depth are looked at: that was for the program that found them. A pose that is not finite, or no rotation, is
 /// TagStatus::kInconsistent. The tags of the result have no corners.
 BrickPoseEstimator::Result sightingsOfMarkers(const std::vector<MarkerObservation>& markers,
                                               const mp700_ur5e_description::BrickCatalogue& catalogue,

@@ -42,8 +42,8 @@ struct PlaneMeasurement {
   DepthPlane plane;
 };
 
-/// The plane of the body against the measured one: tilt about axis_u and axis_v [rad] and offset of the middle along the
-/// normal [m], as DepthPlane's covariance has them. `jacobian`: by a step of the pose, may be null.
+/// The plane of the body against the measured one, in the order of DepthPlane's covariance. Tilt about axis_u and
+/// axis_v [rad] and offset of the middle along the normal [m]. `jacobian`: by a step of the pose, may be null.
 Eigen::Vector3d planeResidual(const PlaneMeasurement& measurement, const Eigen::Isometry3d& T_camera_body,
                               Eigen::Matrix<double, 3, 6>* jacobian = nullptr);
 

@@ -29,9 +29,9 @@
 namespace brick_detection_ros {
 
 /// Bricks as a ROS node: images in; bricks, markers, pictures, services and diagnostics out. The README lists them.
-/// Callbacks may run concurrently. Images are worked on by ImageInput's thread, the map is asked by MapClient's, and
-/// calls of ~detect wait in threads of their own: nobody else waits for them.
-/// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
+/// Callbacks may run concurrently. ImageInput's thread works on images, MapClient's asks the map. Calls of ~detect wait
+/// in threads of their own, so nothing else waits for them. Long: each topic, service and diagnostic is a few lines,
+/// and the work is in the core.
 class BrickDetectionRos {
  public:
   /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with the bricks' file.

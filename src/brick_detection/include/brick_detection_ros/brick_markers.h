@@ -12,8 +12,9 @@
 
 namespace brick_detection_ros {
 
-/// Bricks for rviz: `bricks` (cubes in the type's colour), `ids` (text; duplicates with their instance), `uncertainty`
-/// (ellipsoids of the position) and `faces` (arrows as a magnet would come, red: hardly, green: easily accessible).
+/// Bricks for rviz: `bricks` (cubes in the type's colour), `ids` (text; duplicates with their instance) and
+/// `uncertainty` (ellipsoids of the position). `faces` are arrows in the magnet's direction of approach, red: hardly,
+/// green: easily accessible.
 class BrickMarkers {
  public:
   explicit BrickMarkers(const mp700_ur5e_description::BrickCatalogue& catalogue) : catalogue_(catalogue) {}

@@ -25,8 +25,8 @@ namespace brick_detection_ros {
 
 /// Where the mast's camera is, from a target on the arm's tool. Somebody, or a program, moves the arm; this watches image
 /// and tf and takes samples at standstills, by service or by itself. Subscribes `color/image_raw`, `color/camera_info`
-/// and `depth/image_rect`; serves ~take_sample, ~discard_last, ~solve and ~save (std_srvs/Trigger, whose message says
-/// what was done, or why not); publishes ~samples (the tool's poses) and ~camera (the answer), latched.
+/// and `depth/image_rect`. Serves ~take_sample, ~discard_last, ~solve and ~save (std_srvs/Trigger, whose message says
+/// what was done, or why not). Publishes ~samples (the tool's poses) and ~camera (the answer), latched.
 class CameraCalibrator {
  public:
   /// Throws std::invalid_argument for impossible parameters and a target that does not exist.

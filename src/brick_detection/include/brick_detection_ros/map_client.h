@@ -20,8 +20,8 @@
 namespace brick_detection_ros {
 
 /// Asks the map about the bricks: after each of its updates (`map_update`), and when woken, by the service
-/// `map/query`. On a thread of its own, one question at a time: a map that hangs keeps this thread waiting and no other;
-/// one that is gone is looked for again at the next occasion.
+/// `map/query`. On a thread of its own, one question at a time: a map that hangs keeps only this thread waiting. The
+/// next question connects again to a map that was lost.
 class MapClient {
  public:
   using MapQuestion = brick_detection::BrickDetector::MapQuestion;

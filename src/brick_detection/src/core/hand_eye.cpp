@@ -100,15 +100,15 @@ bool isMotionEnough(const std::vector<HandEyeSample>& samples, const std::vector
     result->failure = HandEyeFailure::kTooLittleRotation;
     result->reason = formatted(
         "too little rotation: the tool turned by at most %.1f deg between two samples, at least %.1f deg are needed, "
-        "about two axes: tilt and turn the wrist between samples",
+        "about two axes. Tilt and turn the wrist between samples",
         kToDeg * spread.largest_rad, kToDeg * config.min_rotation_rad);
     return false;
   }
   if (spread.across_rad < config.min_rotation_rad) {
     result->failure = HandEyeFailure::kOneAxisOnly;
     result->reason = formatted(
-        "rotation about one axis only: the tool turned by up to %.1f deg, but across that axis by at most %.1f deg, at "
-        "least %.1f deg are needed: tilt the target about a second axis",
+        "rotation about one axis only: the tool turned by up to %.1f deg. Across that axis it turned by at most %.1f "
+        "deg, at least %.1f deg are needed. Tilt the target about a second axis",
         kToDeg * spread.largest_rad, kToDeg * spread.across_rad, kToDeg * config.min_rotation_rad);
     return false;
   }
@@ -406,7 +406,7 @@ bool isAgreementEnough(const std::vector<HandEyeSample>& samples, const Agreemen
   if (result->num_used < config.min_samples) {
     result->failure = HandEyeFailure::kSamplesDisagree;
     result->reason = formatted(
-        "the samples disagree: only %d of %zu agree with each other, at least %d are needed: is the target loose on "
+        "the samples disagree: only %d of %zu agree with each other, at least %d are needed. Is the target loose on "
         "the tool, was the base moved, is the tag's size right?",
         result->num_used, samples.size(), config.min_samples);
     return false;
@@ -420,8 +420,8 @@ bool isAgreementEnough(const std::vector<HandEyeSample>& samples, const Agreemen
   if (result->rms_m <= config.max_residual_m && result->rms_rad <= config.max_residual_rad) return true;
   result->failure = HandEyeFailure::kResidualTooBig;
   result->reason = formatted(
-      "the residuals are too big: %.1f mm and %.2f deg, at most %.1f mm and %.2f deg are allowed: is the target loose "
-      "on the tool, does the arm stand still, are the camera's intrinsics and the tag's size right?",
+      "the residuals are too big: %.1f mm and %.2f deg, at most %.1f mm and %.2f deg are allowed. Is the target loose "
+      "on the tool, is the arm at rest, are the camera's intrinsics and the tag's size right?",
       1e3 * result->rms_m, kToDeg * result->rms_rad, 1e3 * config.max_residual_m, kToDeg * config.max_residual_rad);
   return false;
 }

@@ -18,8 +18,8 @@ namespace {
 /// Empty: tags of this family can be decoded.
 std::string familyProblem(const std::string& family) {
   if (family == "ALVAR_5X5") {
-    return "family = ALVAR_5X5, must be one that is decoded here: the tags of ar_track_alvar are decoded by its own "
-           "node, whose messages come in by the alvar input";
+    return "family = ALVAR_5X5, must be one that is decoded here. The tags of ar_track_alvar are decoded by its own "
+           "node. Its messages come in by the alvar input";
   }
   if (isAprilTagFamily(family) || isArucoFamily(family)) return "";
   std::string names;

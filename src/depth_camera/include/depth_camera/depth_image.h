@@ -43,7 +43,7 @@ struct DepthImage {
 DepthImage depthImageFromU16(const std::uint16_t* raw, int width, int height, double units_per_metre);
 
 /// Whether any pixel says something: a depth, or "nothing within reach" (+Inf). Zeros, NaN, -Inf and depths below zero
-/// say nothing: an image of these alone comes from a covered lens as well as from an empty scene.
+/// are no evidence. An image of these alone comes from a covered lens as well as from an empty scene.
 bool holdsMeasurement(const DepthImage& image);
 
 /// The sentence for an image that holds none.

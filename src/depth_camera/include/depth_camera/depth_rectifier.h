@@ -21,9 +21,9 @@ struct LensDistortion {
 };
 
 /// Resamples depth images of one camera with lens distortion to those of an ideal pinhole in the same place. Its focal
-/// length is that of the raw image. Its size and centre are such that it covers all that the raw image sees, up to 68
-/// degrees from the optical axis, and half the raw image's size beyond each of its borders. Without distortion it hands
-/// through what it gets. All functions are const and safe from several threads.
+/// length is that of the raw image. Its size and centre are such that it covers all that the raw image sees, within two
+/// bounds. These are 68 degrees from the optical axis, and half the raw image's size beyond each of its borders.
+/// Without distortion it hands through what it gets. All functions are const and safe from several threads.
 class DepthRectifier {
  public:
   /// A camera that sees nothing yet.

@@ -39,8 +39,8 @@ struct CloudToDepthParams {
   depth_camera::CameraModel camera() const;
 };
 
-/// Points in `cloud` [m], in its frame. Nothing, and the reason in `problem`, if x, y, z are not there as 32-bit floats in
-/// this machine's byte order, or the data are shorter than the layout says.
+/// Points in `cloud` [m], in its frame. Nothing, and the reason in `problem`, if x, y, z are not 32-bit floats in this
+/// machine's byte order. Also if the data are shorter than the layout says.
 std::optional<Eigen::Matrix3Xf> pointsOf(const sensor_msgs::PointCloud2& cloud, std::string* problem);
 
 /// Makes depth images of point clouds, for nodes that read depth images. Subscribes `cloud`; publishes

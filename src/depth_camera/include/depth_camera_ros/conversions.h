@@ -83,8 +83,8 @@ bool isDepthEncoding(const std::string& encoding);
 std::optional<depth_camera::DepthImage> toDepthImage(const sensor_msgs::Image& message, double units_per_metre,
                                                      Refusal* refusal);
 
-/// Pinhole model of the image that `info` accompanies, its lens distortion left out: P of a rectified image, K of another,
-/// and the part of the full image that ROI and binning leave. Nothing, and the reason, when it cannot be one.
+/// Pinhole model of the image that `info` accompanies, its lens distortion left out. It is P of a rectified image, K of
+/// another, for the part of the full image that ROI and binning leave. Nothing, and the reason, when it cannot be one.
 std::optional<depth_camera::CameraModel> toCameraModel(const sensor_msgs::CameraInfo& info, bool is_rectified,
                                                        Refusal* refusal);
 

@@ -17,10 +17,10 @@
 
 namespace depth_camera_ros {
 
-/// What the inputs of images share: a thread that works on the newest image, and the camera info and the camera's pose
-/// that it waits for. An image that comes meanwhile replaces the one that waits. Callbacks of subscriptions only store
-/// what they get; they may run in any callback queue. A derived class calls start() when all that process() uses exists,
-/// and stop() first in its destructor.
+/// The shared part of inputs of images: a thread that works on the newest image. It waits for the camera info and the
+/// camera's pose. An image that comes meanwhile replaces the one that waits. Callbacks of subscriptions only store what
+/// they get; they may run in any callback queue. A derived class calls start() when all that process() uses exists, and
+/// stop() first in its destructor.
 template <typename Job>
 class ImageWorker {
  public:

@@ -8,7 +8,7 @@
 
 namespace depth_self_filter {
 
-/// What the hand held when: an image shows it as it was at its own stamp, not as it is when the image is worked on.
+/// What the hand held when. An image shows the hand as it was at its stamp, not as it is when the image is worked on.
 class HandHistory {
  public:
   struct Change {

@@ -15,8 +15,8 @@
 namespace depth_self_filter {
 
 struct JointHistoryConfig {
-  // What a joint that accelerates at 10 rad/s^2 leaves the straight line by in that time, a (t/2)^2 / 2, is 13 mrad: about
-  // the padding at the end of the arm.
+  // A joint that accelerates at 10 rad/s^2 leaves the straight line by a (t/2)^2 / 2 = 13 mrad in that time. That is
+  // about the padding at the end of the arm.
   double max_gap_s{0.1};
   double memory_s{5.0};
 
@@ -46,8 +46,8 @@ class JointHistory {
   /// Throws std::invalid_argument listing every impossible value.
   JointHistory(std::shared_ptr<const mp700_ur5e_description::RobotModel> robot, const JointHistoryConfig& config);
 
-  /// One message, as it came. Returns why it is left out, as a whole; empty: taken. A stamp before the last one of a joint
-  /// is left out for that joint, or, if it is 1 s before or more, begins that joint's history anew: a looped bag, a
+  /// One message, as it came. Returns why it is left out, as a whole; empty: taken. A stamp before the last one of a
+  /// joint is left out for that joint. If it is 1 s before or more, that joint's history starts again: a looped bag, a
   /// restarted simulation.
   std::string add(double stamp_s, const std::vector<std::string>& names, const std::vector<double>& positions_rad);
 

@@ -82,13 +82,14 @@ struct MaskStatistics {
 
 /// Takes the robot out of depth images: its pixels become NaN, "no information" (REP-117).
 ///
-/// A pixel belongs to the robot if its ray, or that of a pixel up to edge_px to the sides of it, enters a padded shape, and
-/// if it is not measured clearly before the nearest such entry: what the robot hides is unknown, what hides the robot
-/// is not. Holes, "no return" and "too close" within the silhouette become NaN, too. 0, the unexplained hole of 16-bit images,
-/// becomes NaN within the width of a shadow beside the silhouette, since nothing in the image explains it any more.
+/// A pixel belongs to the robot if its ray, or that of a pixel up to edge_px beside it, enters a padded shape. It must
+/// also not be measured clearly before the nearest such entry. Space that the robot hides is unknown; an object that
+/// hides the robot is not. Holes, "no return" and "too close" within the silhouette become NaN, too. 0, the unexplained
+/// hole of 16-bit images, becomes NaN within the width of a shadow beside the silhouette. Nothing in the image explains
+/// it any more.
 ///
-/// What carries the camera does not blind it: a shape that holds the optical centre is left out, being the camera's housing,
-/// and no padding is thicker than half the gap between shape and optical centre.
+/// The camera's carrier does not blind it. A shape that holds the optical centre is the camera's housing and left out.
+/// No padding is thicker than half the gap between shape and optical centre.
 ///
 /// One thread at a time: keeps its buffers.
 class RobotMask {
@@ -102,7 +103,7 @@ class RobotMask {
                                  const std::optional<HeldBrick>& brick) const;
 
   /// Changes `image` in place. Throws std::invalid_argument as place() does, for an impossible camera, and if the image
-  /// is not of the camera's size; it leaves the image as it was then. Some 3 ms for 640 x 480 px.
+  /// is not of the camera's size. The image then stays as it was. Some 3 ms for 640 x 480 px.
   MaskStatistics apply(const depth_camera::CameraModel& camera, const Eigen::Isometry3d& T_root_camera,
                        const Eigen::VectorXd& positions_rad, const std::optional<HeldBrick>& brick,
                        depth_camera::DepthImage* image);

@@ -36,8 +36,8 @@ depth_self_filter::HandHistory::Change toChange(const interactive_mapping_msgs::
 /// 32FC1, metres, in the machine's byte order; the header is the caller's.
 sensor_msgs::ImagePtr toMessage(const depth_camera::DepthImage& image);
 
-/// Camera info for a rectified image of `camera`, made of one that `info` accompanied: K and P say the same, D is 0, and
-/// there is neither ROI nor binning, nor an offset to another camera in P.
+/// Camera info for a rectified image of `camera`, made of one that `info` accompanied. K and P are the same, and D is
+/// 0. There is neither ROI nor binning, nor an offset to another camera in P.
 sensor_msgs::CameraInfo toOutputInfo(const sensor_msgs::CameraInfo& info, const depth_camera::CameraModel& camera);
 
 }  // namespace depth_self_filter_ros

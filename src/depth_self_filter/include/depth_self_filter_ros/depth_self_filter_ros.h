@@ -33,9 +33,9 @@ struct WaitingImage {
   std::chrono::steady_clock::time_point arrival;
 };
 
-/// The self filter as a ROS node: depth images, camera info, joint states and the brick in the hand in; depth images
-/// without the robot, statistics and diagnostics out. The README lists them. The worker thread waits for what belongs to an
-/// image, and filters it.
+/// The self filter as a ROS node. In: depth images, camera info, joint states and the brick in the hand. Out: depth
+/// images without the robot, statistics and diagnostics. The README lists them. The worker thread waits for what
+/// belongs to an image, and filters it.
 class DepthSelfFilterRos final : public depth_camera_ros::ImageWorker<WaitingImage> {
  public:
   /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with the robot's description.

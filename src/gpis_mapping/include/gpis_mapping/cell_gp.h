@@ -36,8 +36,8 @@ const CellKernels& cellKernels();
 /// The GP of one cell (eq 3): observations f(p_i) = 0 with noise, prior mean from the local normals
 ///   m(x) = sum_i w_i(x) n_i . (x - p_i) / sum_i w_i(x),   w_i = q_i (1 - |x - p_i|^2 / h^2)^3 inside h,
 /// and Matern 3/2 covariance: f(x) = m(x) - k*^T (K + K_x)^-1 m(X). The mean carries what derivative observations of
-/// the surface normal would (n rows instead of 4 n) and is linear across a plane, so that f does not sink back to a
-/// constant a few centimetres inside an object. Immutable once built.
+/// the surface normal would (n rows instead of 4 n). It is linear across a plane. So f does not return to a constant a
+/// few centimetres inside an object. Immutable once built.
 class CellGp {
  public:
   struct Mean {
@@ -46,8 +46,8 @@ class CellGp {
     bool valid;                // false: no training point within the blend radius
   };
 
-  /// `points`: first the `num_own` points of the cell, then the rest of the `num_training` that train the GP, then
-  /// those that only shape the prior mean. Throws std::runtime_error naming the cell if a point is not finite or
+  /// `points` has first the `num_own` points of the cell, then the rest of the `num_training` that train the GP. Then
+  /// come those that only shape the prior mean. Throws std::runtime_error naming the cell if a point is not finite or
   /// the covariance is not positive definite.
   CellGp(const LatticeKey& key, const GpisConfig& config, const std::vector<const SurfacePoint*>& points,
          std::size_t num_own, std::size_t num_training, const CellKernels& kernels = cellKernels());

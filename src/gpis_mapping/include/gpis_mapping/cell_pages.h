@@ -16,8 +16,8 @@
 namespace gpis_mapping {
 
 /// The trained cells of a map by their place. A copy shares everything with the original; replace() then copies only
-/// the pages that it changes, so that a new state of the map costs what has changed and not what there is. Iteration is
-/// in the same order whatever the history.
+/// the pages that it changes. So the cost of a new state of the map depends on its changes and not on its size.
+/// Iteration is in the same order whatever the history.
 class CellPages {
  public:
   using value_type = std::pair<LatticeKey, std::shared_ptr<const CellGp>>;

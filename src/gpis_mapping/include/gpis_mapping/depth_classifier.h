@@ -74,7 +74,7 @@ class DepthClassifier {
   /// Widest strip, along the image row, that the near side of a depth edge can hide from the second viewpoint [px].
   double widestShadowPx(double near_m, double far_m) const;
   /// Sets `is_shadow` where a run of unmeasured pixels in a row is no wider than the shadow of the depth edge it lies
-  /// at, and the frame's `clear_to` there and where a gap between the two sides of a depth edge is narrow.
+  /// at. Sets the frame's `clear_to` there, and where a gap between the two sides of a depth edge is narrow.
   void markGaps(const DepthImage& image, int num_threads, ClassifiedFrame* frame,
                 std::vector<std::uint8_t>* is_shadow) const;
   /// What an unmeasured pixel blocks around it: nothing if it is one of a few with one surface, or wall, all round.

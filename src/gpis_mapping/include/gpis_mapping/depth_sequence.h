@@ -83,12 +83,11 @@ class DepthSequence {
 /// Opens a TUM RGB-D folder (depth.txt, groundtruth.txt, camera_info.yaml with optional distortion_model,
 /// distortion_coefficients and depth_units_per_metre, default 5000) or a 7-Scenes folder (frame-*.depth.png, default
 /// 1000, frame-*.pose.txt, camera-intrinsics.txt).
-/// TUM poses are interpolated (linear, slerp) to the image's stamp when the poses around it are at most 0.1 s apart or
-/// one is within 0.02 s; before the first and after the last pose only the latter counts.
-/// A TUM pose that is not finite or all 0 is a lost one, and left out. A camera with fy < 0 (y up, as in ICL-NUIM) has
-/// its images turned upside down; its poses stay. It must have no distortion.
-/// `units_per_metre` [1/m], if given, counts instead of the layout's and the file's.
-/// Throws DepthSequenceError for everything else and for any malformed line.
+/// TUM poses are interpolated (linear, slerp) to the image's stamp. The poses around it must be at most 0.1 s apart, or
+/// one must be within 0.02 s. Before the first and after the last pose only the latter counts. A TUM pose that is not
+/// finite or all 0 is a lost one, and left out. A camera with fy < 0 (y up, as in ICL-NUIM) has its images turned
+/// upside down; its poses stay. It must have no distortion. `units_per_metre` [1/m], if given, counts instead of the
+/// layout's and the file's. Throws DepthSequenceError for everything else and for any malformed line.
 std::unique_ptr<DepthSequence> openDepthSequence(const std::string& path,
                                                  std::optional<double> units_per_metre = std::nullopt);
 

@@ -14,12 +14,12 @@
 
 namespace gpis_mapping {
 
-/// The part of the 2.5D^-1 map that depends on the camera only: one covariance matrix shared by all image tiles,
-/// factorised once (the bearings are a regular grid and the kernel is stationary).
+/// The part of the 2.5D^-1 map that depends on the camera only. All image tiles share one covariance matrix, factorised
+/// once: the bearings are a regular grid and the kernel is stationary.
 ///
-/// Kernel: Ornstein-Uhlenbeck k(d) = s^2 exp(-alpha d), d in bearing units; eq 6 has s^2 = 1/(2 alpha), here s is a
-/// parameter so that the noise filter can be set. Prior mean: the least-squares linear function of the tile (a plane
-/// in space has linear inverse depth), so that slopes are not flattened.
+/// Kernel: Ornstein-Uhlenbeck k(d) = s^2 exp(-alpha d), d in bearing units. Eq 6 has s^2 = 1/(2 alpha); here s is a
+/// parameter so that the noise filter can be set. Prior mean: the least-squares linear function of the tile (a plane in
+/// space has linear inverse depth), so that slopes are not flattened.
 class FrameRegressor {
  public:
   /// `noise_std_per_m`: standard deviation of an inverse range measurement [1/m], i.i.d. over pixels.

@@ -119,8 +119,8 @@ struct GpisConfig {
     double training_margin_m{0.03};
     double blend_margin_m{0.014};
 
-    /// Cell k is the cube about k * size_m: the floor, usually z = 0 of the map, runs through the middle of one layer of
-    /// cells (and of voxels, whose number per cell is odd), not along the border of two.
+    /// Cell k is the cube about k * size_m. The floor, usually z = 0 of the map, runs through the middle of one layer
+    /// of cells, not along the border of two. The same holds for voxels, whose number per cell is odd.
     LatticeKey at(const Eigen::Vector3d& p_map) const {
       return LatticeKey::of((p_map.array() + 0.5 * size_m).matrix(), size_m);
     }
@@ -232,7 +232,7 @@ struct GpisConfig {
 /// Throws std::invalid_argument listing all problems of `config`.
 void requireValid(const GpisConfig& config);
 
-/// Reads YAML: missing keys keep their default; unknown keys, wrong types and impossible values are refused with one
+/// Reads YAML. Missing keys keep their default. Unknown keys, wrong types and impossible values are rejected with one
 /// std::invalid_argument that lists them all (file, key, value, allowed range).
 GpisConfig loadGpisConfig(const std::string& yaml_path);
 GpisConfig parseGpisConfig(const std::string& yaml_text, const std::string& origin);

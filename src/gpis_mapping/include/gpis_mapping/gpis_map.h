@@ -85,10 +85,10 @@ class GpisMap {
   ~GpisMap();
 
   /// Takes in one depth image seen from `T_map_camera` (optical frame to map) at `stamp_s` [s].
-  /// Throws std::invalid_argument, and leaves the map as it was, if the image does not fit the camera, the camera is
-  /// impossible, or pose or stamp are not finite or the pose is no rigid motion. `blanket`: filled, unless null.
-  /// `camera_index` tells several cameras apart: speed and field of view are those of each. Images of different cameras
-  /// may have equal stamps, or come a little out of order.
+  /// Throws std::invalid_argument, and leaves the map as it was, if the image does not fit the camera or the camera is
+  /// impossible. So it does if pose or stamp are not finite or the pose is no rigid motion. `blanket`: filled, unless
+  /// null. `camera_index` tells several cameras apart: speed and field of view are those of each. Images of different
+  /// cameras may have equal stamps, or come a little out of order.
   UpdateStatistics update(const DepthImage& image, const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
                           double stamp_s, FrameBlanket* blanket = nullptr, std::size_t camera_index = 0);
 
@@ -97,11 +97,11 @@ class GpisMap {
   /// as it was, unless the pose is rigid and all edges are finite and positive. Call from the updating thread.
   std::vector<Eigen::Vector3d> clearBox(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m);
 
-  /// A solid that filled the box was taken away at `stamp_s` [s]: forgets the points in it and within `padding_m` of it, also
-  /// where it may have stood before it came to the box, moved by up to `moved_m` [m, map frame]. The box is free from now on,
-  /// as whoever took it knows, and what beside it was free before stays so: there the surface told it that is gone now.
-  /// Returns the points removed [m, map frame]. Throws as clearBox(), also for a negative padding, or a stamp or a move that
-  /// is not finite. Call from the updating thread.
+  /// A solid that filled the box was taken away at `stamp_s` [s]. Forgets the points in it and within `padding_m` of
+  /// it. Also forgets them where it may have been before it came to the box, moved by up to `moved_m` [m, map frame].
+  /// The box is free from now on: the caller took the solid. Space beside it that was free before stays free, although
+  /// the surface that showed this is gone. Returns the points removed [m, map frame]. Throws as clearBox(), also for a
+  /// negative padding, or a stamp or a move that is not finite. Call from the updating thread.
   std::vector<Eigen::Vector3d> takeOut(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m,
                                        double padding_m, double stamp_s,
                                        const Eigen::Vector3d& moved_m = Eigen::Vector3d::Zero());
@@ -194,8 +194,8 @@ class GpisMap {
     std::size_t num_looked_at_{0};
   };
 
-  /// How far a point may drift out of its cell before it changes hands [m]; without it points on a border would have
-  /// their cells trained again in every update.
+  /// How far a point may drift out of its cell before it changes to another [m]. Without it points on a border would
+  /// have their cells trained again in every update.
   double strayTolerance() const { return 0.25 * config_.surface.spacing_m; }
 
   /// Without publishing. `isInside`: in the map frame.
@@ -219,14 +219,14 @@ class GpisMap {
   /// Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
   /// can: a point goes when more of its face was removed lately than is confirmed by this frame.
   void decideDoubtful(const Frame& frame, std::vector<CellUpdate>* jobs);
-  /// Of points that lie nearer than insertion would have let them, the less known one goes. Such points come about where
-  /// things come and go: what was measured at the foot of an object is fused with the ground it stood on.
+  /// Of points that lie nearer than insertion would have let them, the less known one goes. Such points come from
+  /// objects that come and go. A point measured at the foot of an object is fused with the ground below it.
   void thinOut(const std::vector<CellUpdate>& jobs);
   void insertNew(const Frame& frame, UpdateStatistics* statistics);
   void train(UpdateStatistics* statistics);
   void publish();
-  /// Is there a point of the same face within `spacings` times the spacing (along the normal: within the noise of both,
-  /// if that is more), or of any face within half of that?
+  /// Is there a point of the same face within `spacings` times the spacing, or of any face within half of that? Along
+  /// the normal the noise of both counts, if that is more.
   bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
                     double spacings) const;
   void markTouched(const LatticeKey& key, std::uint32_t neighbour_mask);

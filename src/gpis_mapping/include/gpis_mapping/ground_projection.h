@@ -70,10 +70,10 @@ std::optional<GroundPlane> estimateGround(const std::vector<Eigen::Vector3d>& po
                                           const std::vector<Eigen::Vector3f>& normals_map,
                                           const GroundOptions& options);
 
-/// Projects the map along z onto the ground. A cell is occupied when a surface point stands between the obstacle heights
-/// above the plane, or only points as far below it were seen (a step down); else free when ground points lie in it or
-/// the space just above was seen free; else unknown.
-/// Nothing when there is no ground, or the map spans more than 4000 cells along a side.
+/// Projects the map along z onto the ground. A cell is occupied when a surface point lies between the obstacle heights
+/// above the plane. It is also occupied when only points as far below the plane were seen (a step down). Otherwise it
+/// is free when ground points lie in it or the space just above was seen free. Otherwise it is unknown. Nothing when
+/// there is no ground, or the map spans more than 4000 cells along a side.
 std::optional<GroundGrid> projectToGround(const MapSnapshot& snapshot, const GroundOptions& options);
 
 }  // namespace gpis_mapping

@@ -8,8 +8,8 @@
 
 namespace gpis_mapping {
 
-/// Matern 3/2 covariance (eq 4) and its derivatives. With r = x - x', d = |r|, a = sqrt(3)/l:
-/// k = s^2 (1 + a d) exp(-a d); s is the signal standard deviation [m], l the length scale [m].
+/// Matern 3/2 covariance (eq 4) and its derivatives. With r = x - x', d = |r|, a = sqrt(3)/l: k = s^2 (1 + a d) exp(-a
+/// d). s is the signal standard deviation [m], l the length scale [m].
 template <typename Scalar>
 class MaternKernel {
  public:

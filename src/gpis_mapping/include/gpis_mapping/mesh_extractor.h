@@ -22,9 +22,9 @@ struct TriangleMesh {
 
 class MeshLattice;
 
-/// Marching cubes on f in voxels that training points support; open borders where nothing was seen. Keeps the pieces
-/// of every cell and what each cell alone says at the corners of its voxels; extracts again only those pieces whose field
-/// or variance changed since the last call. Normals are differences of f along the lattice. Not thread-safe.
+/// Marching cubes on f in voxels that training points support; open borders where nothing was seen. Keeps the pieces of
+/// every cell and each cell's own values at the corners of its voxels. Extracts again only those pieces whose field or
+/// variance changed since the last call. Normals are differences of f along the lattice. Not thread-safe.
 class MeshExtractor {
  public:
   explicit MeshExtractor(const GpisConfig& config);

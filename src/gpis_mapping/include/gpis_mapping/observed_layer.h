@@ -39,9 +39,9 @@ class ObservedLayer {
   /// A read-only copy for a snapshot; from here on this layer copies a chunk before it writes to it.
   ObservedLayer share();
 
-  /// Marks every block that the frame sees through: a ball of 0.6 block sizes about its centre is nearer than every
-  /// measurement in its footprint, and no patch of pixels there is without information (single dropouts are ignored,
-  /// gaps at a depth edge are clear up to its nearer side). Blocks beyond `max_range_m` are left alone.
+  /// Marks every block that the frame sees through. A ball of 0.6 block sizes about its centre is nearer than every
+  /// measurement in its footprint. No patch of pixels there is without information. Single dropouts are ignored; gaps
+  /// at a depth edge are clear up to its nearer side. Blocks beyond `max_range_m` are left alone.
   void observe(const ClassifiedFrame& frame, const CameraModel& camera, const Eigen::Isometry3d& T_map_camera,
                double max_range_m, float stamp_s, int num_threads);
 

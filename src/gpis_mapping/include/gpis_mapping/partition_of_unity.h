@@ -16,8 +16,8 @@ struct BlendWeight {
   Eigen::Vector3d gradient;  // d weight / dx [1/m]; all gradients of a point sum to 0
 };
 
-/// Smooth (C2) partition of unity over the lattice of cells: inside a cell its own weight is 1, across a band of
-/// half width `blend_margin_m` round each face the neighbours' weights rise. Writes up to 8 entries, returns how many.
+/// Smooth (C2) partition of unity over the lattice of cells. Inside a cell its own weight is 1. Across a band of half
+/// width `blend_margin_m` round each face the neighbours' weights rise. Writes up to 8 entries, returns how many.
 int blendWeights(const Eigen::Vector3d& x_map, const GpisConfig::Cells& cells, BlendWeight result[8]);
 
 }  // namespace gpis_mapping

@@ -65,9 +65,9 @@ class Frame {
         std::shared_ptr<const FrameRegressor> regressor, const std::vector<PixelHistory>& pixel_history,
         const Eigen::Isometry3d& T_map_camera, const CameraMotion& motion, float stamp_s, int num_threads);
 
-  /// How the frame lies off the map as a whole: a point p of the map is seen at p + shift + turn x p, camera frame [m, rad].
-  /// One robust point-to-plane step over `points`; zero where they tell too little. What most surfaces say is an error of
-  /// the camera's pose. It is allowed for, not corrected: the pose is given.
+  /// How the frame as a whole is off the map. A point p of the map is seen at p + shift + turn x p, camera frame [m,
+  /// rad]. One robust point-to-plane step over `points`; zero where they tell too little. What most surfaces say is an
+  /// error of the camera's pose. It is allowed for, not corrected: the pose is given.
   struct Misalignment {
     Eigen::Vector3d shift_m{Eigen::Vector3d::Zero()};
     Eigen::Vector3d turn_rad{Eigen::Vector3d::Zero()};
@@ -80,8 +80,8 @@ class Frame {
   /// Tolerances allow for it from here on.
   void allowFor(const Misalignment& misalignment) { misalignment_ = misalignment; }
 
-  /// The surface at pixel coordinates (u, v): from the 2.5D^-1 map where that is smooth, else from the raw pixels on
-  /// the near pixel's side of the depth edge. None where no single surface shows.
+  /// The surface at pixel coordinates (u, v), from the 2.5D^-1 map where that is smooth. Otherwise from the raw pixels
+  /// on the near pixel's side of the depth edge. None where no single surface shows.
   std::optional<SurfaceMeasurement> measure(double u, double v) const { return measure(u, v, map_.infer(u, v)); }
 
   /// Every `stride_px`-th pixel.

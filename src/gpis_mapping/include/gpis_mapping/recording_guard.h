@@ -12,10 +12,10 @@
 
 namespace gpis_mapping {
 
-/// Keeps those frames of a recording out of the map that the live node refuses: without a measurement, with a stamp that
-/// is not after the last one (bags only: lists may repeat and reorder images), with a pose the camera cannot have moved to.
-/// Folders may hold separate views, and frame numbers in place of stamps. So their limits grow with the pace of the
-/// recording: what is refused moved by more than the limits and by more than five times the median.
+/// Keeps those frames of a recording out of the map that the live node rejects. These have no measurement, or a pose
+/// the camera cannot have moved to. In bags also those whose stamp is not after the last one; lists may repeat and
+/// reorder images. Folders may hold separate views, and frame numbers in place of stamps. So their limits grow with the
+/// pace of the recording. A rejected frame moved by more than the limits and by more than five times the median.
 class RecordingGuard {
  public:
   /// `frames`: numbers of those that will be checked. Of a folder it reads their poses, with the time offset that is set

@@ -21,11 +21,12 @@ struct TimeOffsetEstimate {
   std::size_t num_parts{0};  // of the recording
 };
 
-/// The clock offset between images and poses, from pairs of images [first, last] alone: depths of one, moved into the
-/// other, fit best when the poses are those of the images' moments. Only a change of the camera's velocity between the two
-/// images tells: under a steady motion their relative pose does not depend on the offset. Takes about ten seconds.
-/// Throws DepthSequenceError with the reason when the poses have no stamps, the camera moves too little or too steadily,
-/// or the parts of the recording contradict each other; std::out_of_range for last >= sequence->size().
+/// The clock offset between images and poses, from pairs of images [first, last] alone. Depths of one, moved into the
+/// other, fit best when the poses are those of the images' moments. Only a change of the camera's velocity between the
+/// two images tells: under a steady motion their relative pose does not depend on the offset. Takes about ten seconds.
+/// Throws DepthSequenceError with the reason when the poses have no stamps, or the camera moves too little or too
+/// steadily. Also when the parts of the recording contradict each other. Throws std::out_of_range for last >=
+/// sequence->size().
 TimeOffsetEstimate estimateTimeOffset(DepthSequence* sequence, std::size_t first, std::size_t last);
 
 }  // namespace gpis_mapping

@@ -30,9 +30,9 @@ enum class HiddenFate : std::uint8_t {
 };
 
 /// Decides from evidence which hidden points belong to a surface that is gone. Points of one face, each within `reach_m`
-/// of the next, are one piece and share their fate. A piece is gone when at least half of it is due and no more of its
-/// face round it is confirmed than is seen past: a sensor loses parts of a surface, an object leaves as a whole. An eighth
-/// due is enough where the face is seen past and nothing of it confirmed. One fate per point.
+/// of the next, are one piece and share their fate. A piece is gone when at least half of it is due. No more of its
+/// face round it may be confirmed than is seen past. A sensor loses parts of a surface; an object leaves as a whole. An
+/// eighth due is enough where the face is seen past and nothing of it confirmed. One fate per point.
 std::vector<HiddenFate> judgeHidden(const std::vector<HiddenPoint>& hidden, const std::vector<Witness>& witnesses,
                                     double reach_m);
 

@@ -17,16 +17,15 @@ struct VoxelStates {
   std::vector<LatticeKey> free;
 };
 
-/// The map as voxels, each in at most one list. A voxel is occupied when MapSnapshot::query() says so at its centre, or
-/// when it holds the inside of a mapped surface: a place `shellDepth()` below a training point. Objects thinner than a
-/// voxel are kept that way. Otherwise a voxel has the state of its centre.
-/// Cost: one query for each voxel within some 0.2 m of a surface; the free space beyond costs a look-up.
-/// Throws std::invalid_argument for a size that is not in [0.005, 10] m, or when more than `max_voxels` voxels would have
-/// to be looked at.
+/// The map as voxels, each in at most one list. A voxel is occupied when MapSnapshot::query() says so at its centre. So
+/// is one that holds the inside of a mapped surface: a place `shellDepth()` below a training point. Objects thinner
+/// than a voxel are kept that way. Otherwise a voxel has the state of its centre. Cost: one query for each voxel within
+/// some 0.2 m of a surface; the free space beyond costs a look-up. Throws std::invalid_argument for a size that is not
+/// in [0.005, 10] m, or when more than `max_voxels` voxels would have to be looked at.
 VoxelStates classifyVoxels(const MapSnapshot& snapshot, double size_m, std::size_t max_voxels);
 
-/// How far below a training point classifyVoxels() marks a voxel [m]: more than the noise of surfaces, so that a floor on
-/// the border of two voxels does not mark the upper one; at most half a voxel.
+/// How far below a training point classifyVoxels() marks a voxel [m], at most half a voxel. It is more than the noise
+/// of surfaces, so that a floor on the border of two voxels does not mark the upper one.
 double shellDepth(const GpisConfig& config, double size_m);
 
 }  // namespace gpis_mapping

@@ -17,10 +17,11 @@ struct BagOptions {
   double units_per_metre{1000.0};  // [1/m] of images of 16 bits; REP 118
 };
 
-/// Opens a ROS bag (compressed or not) with depth images (16UC1, mono16 or 32FC1, raw or as compressedDepth), their
-/// sensor_msgs/CameraInfo (the first one; K and P of later ones may differ by 1e-3 px), and the camera's pose in /tf
-/// and /tf_static. Needs no roscore. Frames without a transform at their stamp, or without a stamp, are skipped.
-/// Throws gpis_mapping::DepthSequenceError; the message lists the topics, encodings or frames there are.
+/// Opens a ROS bag (compressed or not) with depth images, their sensor_msgs/CameraInfo, and the camera's pose in /tf
+/// and /tf_static. Images are 16UC1, mono16 or 32FC1, raw or as compressedDepth. The first CameraInfo counts; K and P
+/// of later ones may differ by 1e-3 px. Needs no roscore. Frames without a transform at their stamp, or without a
+/// stamp, are skipped. Throws gpis_mapping::DepthSequenceError; the message lists the topics, encodings or frames there
+/// are.
 std::unique_ptr<gpis_mapping::DepthSequence> openBagSequence(const std::string& path, const BagOptions& options = {});
 
 /// Whether `path` is a file that begins like a ROS bag.

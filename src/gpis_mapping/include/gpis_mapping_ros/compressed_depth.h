@@ -21,9 +21,9 @@ constexpr char kCompressedDepthSuffix[] = "/compressedDepth";
 /// The encoding of the image within, by the message's `format`.
 std::string compressedDepthEncoding(const std::string& format);
 
-/// The image in a message of compressed_depth_image_transport (PNG; RVL is refused): 16UC1 or mono16 in the publisher's
-/// units, or 32FC1 in metres, where the transport has stored inverse depth. Nothing, and the reason, for another format or
-/// broken data.
+/// The image in a message of compressed_depth_image_transport (PNG; RVL is rejected). It is 16UC1 or mono16 in the
+/// publisher's units, or 32FC1 in metres, where the transport has stored inverse depth. Nothing, and the reason, for
+/// another format or broken data.
 std::optional<sensor_msgs::Image> decodeCompressedDepth(const sensor_msgs::CompressedImage& message, Refusal* refusal);
 
 }  // namespace gpis_mapping_ros

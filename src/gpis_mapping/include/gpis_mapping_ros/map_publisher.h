@@ -40,11 +40,11 @@ struct MapState {
   std::uint64_t revision{0};    // rises with every change
 };
 
-/// Publishes what rviz, planners and other maps look at, from a thread of its own, at a bounded rate and only for
-/// subscribers; the README lists the topics. A new subscriber gets the current state at once. With `every_image` nothing
-/// is left out: setState() returns when its state has been published; outputs made of the mesh may keep a period. All
-/// methods may be called from any thread.
-/// Long: one output after the other, all under one lock and of one state.
+/// Publishes the map for rviz, planners and other maps. It does so from a thread of its own, at a bounded rate and only
+/// for subscribers. The README lists the topics. A new subscriber gets the current state at once. With `every_image`
+/// nothing is left out: setState() returns when its state has been published; outputs made of the mesh may keep a
+/// period. All methods may be called from any thread. Long: one output after the other, all under one lock and of one
+/// state.
 class MapPublisher {
  public:
   MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingParams& params);

@@ -159,7 +159,7 @@ class FolderSequence : public DepthSequence {
       if (!distortion.isZero()) {
         throw DepthSequenceError(path +
                                  ": fy < 0 (the camera's y axis points up) and distortion other than 0 cannot be read "
-                                 "together: rectify the images and set the distortion to 0");
+                                 "together. Rectify the images and set the distortion to 0");
       }
       camera.fy = -camera.fy;
       camera.cy = camera.height - 1 - camera.cy;
@@ -292,7 +292,7 @@ class TumSequence : public FolderSequence {
     if (!fs::exists(path)) {
       throw DepthSequenceError(path +
                                ": is missing; it must hold image_width, image_height and camera_matrix as written by "
-                               "camera_info_manager (or be what rostopic echo prints of a CameraInfo), and may hold "
+                               "camera_info_manager (or be what rostopic echo prints of a CameraInfo). It may hold "
                                "the distortion and depth_units_per_metre");
     }
     CameraModel camera;

@@ -346,7 +346,7 @@ TEST_F(TumFolder, RefusesDistortionOfACameraWithYUp) {
   writeText(file("camera_info.yaml"),
             distorted(cameraInfo("[30, 0, 15.5, 0, -31, 10.5, 0, 0, 1]"), "[0.1, 0, 0, 0, 0]"));
   EXPECT_THAT(refusalOf(folder_.path()),
-              testing::AllOf(HasSubstr("camera_info.yaml: fy < 0"), HasSubstr("rectify the images")));
+              testing::AllOf(HasSubstr("camera_info.yaml: fy < 0"), HasSubstr("Rectify the images")));
 }
 
 TEST_F(TumFolder, RefusesDistortionThatCannotBeInverted) {

@@ -29,9 +29,9 @@ class LiveServer {
 };
 
 /// The live fields of a configuration, offered by `~tune` to the clients of dynamic_reconfigure (rqt_reconfigure,
-/// dynparam): change them while the node runs. The schema describes them, no .cfg file is needed. What a client sets is
-/// used as a whole or, if a range or rule is broken, not at all; then the reason is logged, and the client gets the values
-/// in use. They begin as the parameters say and are forgotten at the end of the node.
+/// dynparam): change them while the node runs. The schema describes them, no .cfg file is needed. A client's request is
+/// used as a whole. If it breaks a range or rule it is not used at all: the reason is logged, and the client gets the
+/// values in use. They begin as the parameters say and are forgotten at the end of the node.
 template <typename Params>
 class LiveParams {
  public:

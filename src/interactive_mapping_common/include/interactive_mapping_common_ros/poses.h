@@ -16,8 +16,8 @@ namespace interactive_mapping_ros {
 /// Frame names of tf2 have no leading slash; those of old bags do.
 std::string withoutSlash(const std::string& frame);
 
-/// Nothing, and the reason to those who ask for it, when a number is not finite or the quaternion's length is not 1
-/// within 1 %, which float32 sources keep to.
+/// Nothing, with the reason on request, when a number is not finite or the quaternion's length is not 1 within 1 %.
+/// Float32 sources keep to this.
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Transform& transform, std::string* reason = nullptr);
 std::optional<Eigen::Isometry3d> toIsometry(const geometry_msgs::Pose& pose, std::string* reason = nullptr);
 

@@ -17,9 +17,9 @@ namespace interactive_mapping_ros {
 /// False: the clock stood still.
 bool waitUntil(const ros::Time& due, double stall_s, const std::function<bool()>& is_cancelled);
 
-/// Holds a result back for the simulated time that it is charged: until `cost_s` after `started`; not if that is zero, for a
-/// clock that waits for the result counts from another moment. Nothing by the wall clock.
-/// False: the clock stood still for `stall_s` of wall time.
+/// Holds a result back for its simulated cost, until `cost_s` after `started`. Not if `started` is zero: a clock that
+/// waits for the result counts from another moment. Nothing by the wall clock. False: the clock stood still for
+/// `stall_s` of wall time.
 bool charge(double cost_s, const ros::Time& started, double stall_s, const std::function<bool()>& is_cancelled);
 
 /// An action server that thinks about one goal at a time, on a thread of its own; a new goal cancels the one before. The

@@ -46,12 +46,12 @@ class ArmKinematics {
   /// All branches that reach `T_base_tip`, each once: every joint by the turn that is nearest to `near_rad` within the
   /// limits. Nearest first (Euclidean, rad). Closed form, polished with the exact kinematics of the URDF, which may be
   /// calibrated: residual <= kIkPositionTolerance_m and kIkRotationTolerance_rad. Empty: out of reach, beyond the limits,
-  /// or `T_base_tip` not finite / not rigid (to 1e-6). At a wrist singularity, where a whole line solves, wrist_3 is taken
-  /// from `near_rad`, or is the nearest to it that the arm is long enough for. Solutions nearer to each other than 1e-3 rad
-  /// (an arm all but stretched) count as one. No branch is missed, but on a calibrated arm where J has a singular value
-  /// below 0.02: there some are. Throws std::invalid_argument if `near_rad` is not finite.
-  /// An arm without the UR's structure has no closed form here: the polish starts from `near_rad` and from
-  /// kNumericalStarts fixed postures. This is slower and may miss branches (docs/how_it_works.md has the numbers).
+  /// or `T_base_tip` not finite / not rigid (to 1e-6). At a wrist singularity a whole line solves. wrist_3 is then
+  /// taken from `near_rad`, or is the nearest to it that the arm is long enough for. Solutions nearer to each other
+  /// than 1e-3 rad (an arm all but stretched) count as one. No branch is missed, but on a calibrated arm where J has a
+  /// singular value below 0.02: there some are. Throws std::invalid_argument if `near_rad` is not finite. An arm
+  /// without the UR's structure has no closed form here: the polish starts from `near_rad` and from kNumericalStarts
+  /// fixed postures. This is slower and may miss branches (docs/how_it_works.md has the numbers).
   std::vector<ArmVector> inverse(const Eigen::Isometry3d& T_base_tip, const ArmVector& near_rad) const;
 
   static constexpr double kIkPositionTolerance_m = 1e-6;
@@ -59,8 +59,8 @@ class ArmKinematics {
 
   static constexpr int kNumericalStarts = 64;
 
-  /// Whether the arm has the UR's structure (axes 2, 3 and 4 parallel, axes 1, 5 and 6 at right angles to their
-  /// neighbours) to within what a factory calibration changes.
+  /// Whether the arm has the UR's structure: axes 2, 3 and 4 parallel, axes 1, 5 and 6 at right angles to their
+  /// neighbours. The tolerance is what a factory calibration changes.
   bool isClosedForm() const { return geometry_ != nullptr; }
 
   const ArmLimits& limits() const { return limits_; }

@@ -61,8 +61,8 @@ struct LoadedBrick {
   Eigen::Vector3d size_m{Eigen::Vector3d::Zero()};
 };
 
-/// How a brick lies in the container after it was let go at `released`: straight below, as it hung, on the highest of the
-/// container's shapes under its middle. Nothing: its middle is not over the container.
+/// How a brick lies in the container after it was let go at `released`. It lies straight below, as it hung, on the
+/// highest of the container's shapes under its middle. Nothing: its middle is not over the container.
 std::optional<LoadedBrick> settledInContainer(const ArmKinematics& arm, const LoadedBrick& released);
 
 constexpr double kMaxSelfPadding_m = 0.05;  // that can be asked for
@@ -73,8 +73,8 @@ struct CollisionCheckerConfig {
   double floor_margin_m{0.02};
   double held_shrink_m{0.01};
   double held_release_m{0.06};
-  /// With the shrinking at least half a block of the scene, or a brick's unseen back would hold it in its place; and as
-  /// far as the doubtful surface reaches that the map grows before edges and half-seen faces, up to 3 cm.
+  /// With the shrinking it is at least half a block of the scene, or a brick's unseen back would hold it in its place.
+  /// It also covers the doubtful surface that the map grows before edges and half-seen faces, up to 3 cm.
   double target_padding_m{0.035};
   double unknown_tolerance_m{0.0};  // a part may reach so far into an unseen block: for watching
 
@@ -109,27 +109,27 @@ class CollisionChecker {
   CollisionChecker(const CollisionChecker& other);
   CollisionChecker& operator=(const CollisionChecker&) = delete;
 
-  /// Nothing: the magnet is empty. `may_touch`: as in a lift, what is held lies on or beside something: it is smaller by
-  /// held_shrink_m and may come as near to surface as that is mapped, whatever its margin; otherwise it hangs free and is
-  /// taken as large as it is.
+  /// Nothing: the magnet is empty. `may_touch`: as in a lift, the held brick lies on or beside something. It is smaller
+  /// by held_shrink_m and may come as near to surface as that is mapped, whatever its margin. Otherwise it hangs free
+  /// and is taken as large as it is.
   void setHeld(const std::optional<HeldBrick>& held, bool may_touch = true);
-  /// As in a lift, and made smaller still, up to held_release_m, until it is free in all these postures, the first of its
-  /// way: where it hangs can be nothing else, so that the map is wrong by as much. If that does not do, the place where it
-  /// hangs in the first of them becomes the target, for all links: what the map has there is not there, however deep. None:
-  /// it is free. Else what even then is touched; it is as in a lift, and the target is as before. Throws as setHeld();
-  /// std::invalid_argument too for angles that are not finite.
+  /// As in a lift, and made smaller still, up to held_release_m, until it is free in all these postures, the first of
+  /// its path. Nothing else can be where it hangs, so the map is wrong by as much. If that is not enough, its volume in
+  /// the first posture becomes the target, for all links. Surface that the map has there does not exist, however deep.
+  /// None: it is free. Else what even then is touched; it is as in a lift, and the target is as before. Throws as
+  /// setHeld(); std::invalid_argument too for angles that are not finite.
   Contact setHeldAt(const HeldBrick& held, const std::vector<ArmVector>& postures);
-  /// What is held may be as near to the robot as it is in this posture, the start of its way: from now on it keeps less than
-  /// held_padding_m from it, or is smaller, by held_release_m at most. False: not even then; as before. Throws
-  /// std::invalid_argument for angles that are not finite.
+  /// The held brick may be as near to the robot as it is in this posture, the start of its path. From now on it keeps
+  /// less than held_padding_m from it, or is smaller, by held_release_m at most. False: not even then; as before.
+  /// Throws std::invalid_argument for angles that are not finite.
   bool yieldToRobotAt(const ArmVector& joints_rad);
-  /// An empty magnet that is in contact with the map there has come to a face, as in a pick: the place about its own face becomes
-  /// the target. False: it is not in contact, holds something, there is a target already, or other links are in contact,
-  /// too; nothing changes then. Throws std::invalid_argument for angles that are not finite.
+  /// An empty magnet that is in contact with the map there has come to a face, as in a pick. The volume about its own
+  /// face becomes the target. False: it is not in contact, holds something, there is a target already, or other links
+  /// are in contact, too; nothing changes then. Throws std::invalid_argument for angles that are not finite.
   bool yieldToMagnetAt(const ArmVector& joints_rad);
-  /// If a link is within the margin of surface there, where the arm has got, links need only be free of surface as mapped from
-  /// now on. False: none is, or nothing is given; links keep their margin then. Throws std::invalid_argument for angles that
-  /// are not finite.
+  /// If a link is within the margin of surface there, links need only be free of surface as mapped from now on. False:
+  /// none is, or nothing is given; links keep their margin then. Throws std::invalid_argument for angles that are not
+  /// finite.
   bool yieldToSurfaceAt(const std::optional<ArmVector>& joints_rad);
   const std::optional<HeldBrick>& held() const;
 
@@ -138,24 +138,25 @@ class CollisionChecker {
   /// rejects bad poses and sizes. Throws std::invalid_argument for angles that are not finite.
   void setLoad(const std::vector<LoadedBrick>& load, const ArmVector& start_rad);
 
-  /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone, all
-  /// other links still avoid it; unknown is opened a block farther to all sides, for the magnet may come closer to the
-  /// faces than a block reaches. `for_all`: for every link (the brick is in the hand, its place is empty), and only what is
-  /// the brick's own: surface that faces the box stays, and what is inside beside it. Nothing: no target.
+  /// The padded box of the target leaves the world: surface, inside and unknown. For magnet and held brick alone; all
+  /// other links still avoid it. Unknown space is opened a block farther to all sides, for the magnet may come closer
+  /// to the faces than a block reaches. `for_all`: for every link (the brick is in the hand, its old volume is empty),
+  /// and only the brick's own surface. Surface that faces the box stays, and what is inside beside it. Nothing: no
+  /// target.
   void setTarget(const std::optional<OrientedBox>& target, bool for_all = false);
 
-  /// Where the arm is now cannot be an unseen obstacle: lattice blocks that its shapes, and what it holds, reach there are not
-  /// unknown any more.
+  /// The volume of the arm itself cannot hold an unseen obstacle. Lattice blocks that its shapes, and what it holds,
+  /// reach there are not unknown any more.
   void freeUnknownAt(const ArmVector& joints_rad);
 
   /// The first thing found in the way; cheap tests come first.
   Contact check(const ArmVector& joints_rad) const;
   bool isFree(const ArmVector& joints_rad) const { return !check(joints_rad); }
 
-  /// Smallest distance of arm, magnet and held brick to the surface as mapped (without margin) [m], at most `limit_m`
-  /// (which is also the answer when there is no surface within it). Zero: a part cuts the surface. Negative: a part is in an
-  /// object, by as much as the map says at the deepest place looked at (blocks' middles, the parts' own middles). The target
-  /// is left out where check() leaves it out. Costs about a millisecond near the pile.
+  /// Smallest distance of arm, magnet and held brick to the surface as mapped (without margin) [m], at most `limit_m`.
+  /// `limit_m` is also the answer when there is no surface within it. Zero: a part cuts the surface. Negative: a part
+  /// is in an object. The depth is the map's at the deepest place checked (blocks' middles, the parts' own middles).
+  /// The target is left out where check() leaves it out. Costs about a millisecond near the pile.
   double clearance(const ArmVector& joints_rad, double limit_m) const;
 
   const ArmKinematics& arm() const;

@@ -42,11 +42,11 @@ struct CollisionSceneConfig {
   }
 };
 
-/// What is in the way, in the map frame. Surface in chunks (an FCL BVH each), displaced into free space by its margin: each
-/// triangle by no less than the least of its vertices', at edges and corners too. A vertex keeps the sigma it was first given
-/// as long as it stays bitwise where it is; more looks only make it smaller. Lattice of the map's signed distance and of
-/// unknown space near the pile or under its surface; below base_link's ground it is empty. Immutable; shared by any number
-/// of checkers.
+/// What is in the way, in the map frame. Surface in chunks (an FCL BVH each), displaced into free space by its margin.
+/// Each triangle is displaced by no less than the least of its vertices', at edges and corners too. A vertex keeps the
+/// sigma it was first given as long as it stays bitwise where it is; more looks only make it smaller. Lattice of the
+/// map's signed distance and of unknown space near the pile or under its surface; below base_link's ground it is empty.
+/// Immutable; shared by any number of checkers.
 class CollisionScene;
 
 struct SceneUpdate {
@@ -75,11 +75,11 @@ class CollisionSceneBuilder {
   ~CollisionSceneBuilder();
 
   /// Takes in a surface; what has not changed since the last one is kept. `T_map_base`: where the robot stands (z of
-  /// base_link is up, its xy plane the ground). The map is asked once, for new vertices and for blocks that are new, unknown or
-  /// near a chunk that changed; space that was free stays free until surface near it changes. An empty surface gives a scene
-  /// where only floor and robot are in the way. Throws what `map` throws, std::runtime_error if it answers less than it was
-  /// asked, std::invalid_argument unless there is a normal for each vertex (zero or NaN: that of its triangles) and the pose
-  /// is rigid; the last scene stays then.
+  /// base_link is up, its xy plane the ground). The map is asked once, for new vertices and for blocks that are new,
+  /// unknown or near a chunk that changed. Space that was free stays free until surface near it changes. An empty
+  /// surface gives a scene where only floor and robot are in the way. Throws what `map` throws, and std::runtime_error
+  /// if it answers less than it was asked. Throws std::invalid_argument unless there is a normal for each vertex (zero
+  /// or NaN: that of its triangles) and the pose is rigid. The last scene then stays.
   SceneUpdate update(const Surface& surface, const MapView& map, const Eigen::Isometry3d& T_map_base);
   /// The same. Throws std::invalid_argument, too, if it was prepared for another region_radius_m or chunk_m.
   SceneUpdate update(const std::shared_ptr<const PreparedSurface>& surface, const MapView& map);

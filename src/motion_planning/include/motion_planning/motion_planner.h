@@ -156,8 +156,8 @@ struct PlanningContext {
   std::function<bool()> is_cancelled;
 };
 
-/// Where the held brick is to hang, ready to be let go: over its place on the robot, its longer level edge along the
-/// place's x, either way round; with level edges of one length at any quarter turn.
+/// Where the held brick must hang, ready to be let go. It is over its place on the robot, its longer level edge along
+/// the place's x, either way round. With level edges of one length any quarter turn is allowed.
 struct PlaceGoal {
   Eigen::Isometry3d T_base_place{Eigen::Isometry3d::Identity()};  // its middle, z up
   double above_m{0.03};                                           // the brick's lowest point over it

@@ -41,9 +41,9 @@ struct PathVerdict {
   Contact contact;
 };
 
-/// The start of a way, and more each 0.05 s until the tip has left it by kAmongOthers_m: the last one is farther than that,
-/// or the end. So they cover what the planner looked at there, whose steps lie elsewhere. Throws std::invalid_argument if the
-/// trajectory is empty.
+/// The start of a path, and more each 0.05 s until the tip is kAmongOthers_m from it. The last one is farther than
+/// that, or the end. So they cover what the planner looked at there, whose steps lie elsewhere. Throws
+/// std::invalid_argument if the trajectory is empty.
 std::vector<ArmVector> firstPostures(const ArmKinematics& arm, const JointTrajectory& trajectory);
 
 /// What is known of a running trajectory beside the scene.
@@ -54,9 +54,9 @@ struct Watched {
   std::vector<ArmVector> first_rad;    // firstPostures(), at least one
 };
 
-/// With what a trajectory is checked: it may be what either allows, as the planner lets a held brick out of the place where
-/// it hangs by leave, and on from there without. An arm that begins within the margin of surface is stopped by the surface as
-/// mapped alone.
+/// With what a trajectory is checked. Contact is allowed if either allows it. The planner lets a held brick out of its
+/// start volume with contact allowed, and continues from there without. An arm that begins within the margin of surface
+/// is stopped by the surface as mapped alone.
 struct WatchCheckers {
   CollisionChecker from_start;
   std::optional<CollisionChecker> beyond;
@@ -76,8 +76,8 @@ class PathMonitor {
   void stop();
   bool isActive() const;
 
-  /// `elapsed_s` since the start of the trajectory; `checker` knows what is held and what may be touched in this phase,
-  /// and the scene as it is now; where it objects, `beyond` is asked, if there is one. Once it says stop, it does so
+  /// `elapsed_s` since the start of the trajectory. `checker` knows what is held and what may be touched in this phase,
+  /// and the scene as it is now. Where it objects, `beyond` is asked, if there is one. Once it says stop, it does so
   /// until start(). Throws std::logic_error unless active.
   PathVerdict check(double elapsed_s, const CollisionChecker& checker, const CollisionChecker* beyond = nullptr);
 

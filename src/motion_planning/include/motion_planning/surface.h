@@ -32,8 +32,8 @@ class MapView {
   virtual MapAnswers query(const gpis_mapping::Points3d& points_map) const = 0;
 };
 
-/// The same map, which is not asked twice in a row for the same points: for builders in step with each other, whose
-/// questions are the same. For one state of the map, and one thread.
+/// The same map, which is not asked twice in a row for the same points. For builders in step with each other, whose
+/// queries are the same. For one state of the map, and one thread.
 class AskedOnceView : public MapView {
  public:
   explicit AskedOnceView(const MapView& map) : map_(map) {}

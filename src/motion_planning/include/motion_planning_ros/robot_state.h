@@ -44,8 +44,8 @@ class RobotState {
   /// T_map_base, the newest that tf has; nothing, and why, if there is none or it is older than allowed.
   std::optional<Eigen::Isometry3d> base(std::string* why_not) const;
 
-  /// T_map_frame at `stamp` (zero: tf's newest), for goals in other frames. What tf does not have yet is waited for, half a
-  /// second by the wall clock; nothing, and why, if it does not come or `is_cancelled`.
+  /// T_map_frame at `stamp` (zero: tf's newest), for goals in other frames. Waits half a second by the wall clock for
+  /// what tf does not have yet. Nothing, and why, if it does not come or `is_cancelled`.
   std::optional<Eigen::Isometry3d> frameInMap(const std::string& frame, const ros::Time& stamp,
                                               const std::function<bool()>& is_cancelled, std::string* why_not) const;
 

@@ -29,8 +29,9 @@ struct MapScene {
   motion_planning::SceneUpdate statistics;
 };
 
-/// Makes scenes of the map, on a thread of its own that gets its mesh (`map/get_mesh`) and asks it about uncertainty and
-/// unknown space (`map/query`): when a scene is asked for, and after each image (`map/update`) while it follows the map.
+/// Makes scenes of the map, on a thread of its own. The thread gets the mesh (`map/get_mesh`) and asks about
+/// uncertainty and unknown space (`map/query`). It does so when a scene is asked for, and after each image
+/// (`map/update`) while it follows the map.
 class SceneKeeper {
  public:
   struct Counters {

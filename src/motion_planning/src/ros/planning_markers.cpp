@@ -102,7 +102,7 @@ void PlanningMarkers::show(const MapScene& scene) {
 void PlanningMarkers::addWay(const JointTrajectory& trajectory, const Eigen::Isometry3d& T_map_base, int id,
                              const std_msgs::ColorRGBA& rgba, MarkerArray* array) const {
   if (trajectory.points.size() < 2) return;
-  Marker way = marker("way of the tip", id, Marker::LINE_STRIP);
+  Marker way = marker("path of the tip", id, Marker::LINE_STRIP);
   way.scale.x = 0.008;
   way.color = rgba;
   for (double t = 0.0; t < trajectory.duration() + kWayStep_s; t += kWayStep_s) {

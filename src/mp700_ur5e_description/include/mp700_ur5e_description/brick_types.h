@@ -40,8 +40,8 @@ struct TagLayout {
 
   double cellEdge() const;   ///< edge of one cell of the tag's grid [m]
   double paperEdge() const;  ///< edge of the printed square, margin included [m]
-  /// Edge of the square whose corners detectors report [m], the size that pose estimators ask for: the black border's outer
-  /// edge, or its inner edge in families with data outside the border.
+  /// Edge of the square whose corners detectors report [m], the size that pose estimators ask for. It is the black
+  /// border's outer edge, or its inner edge in families with data outside the border.
   double cornerEdge(double of_black_border_edge_m) const;
   /// Names: of libapriltag (tag36h11 ...), of OpenCV's ArUco dictionaries (DICT_5X5_1000 ...), and ALVAR_5X5, the tags of
   /// ar_track_alvar.
@@ -98,9 +98,9 @@ struct BrickCatalogue {
 /// Outward normal in the brick's frame.
 Eigen::Vector3d faceNormal(BrickFace face);
 
-/// Pose of a face's tag in the brick's frame. Tag frame: in the middle of the face; to one who looks at the face with the
-/// tag upright, x to the right and y up; z out of the face. Up is the brick's +z on the four side faces, and +y on both
-/// +z and -z. (The AprilTag library's own tag frame is turned by pi about x: y down, z into the tag.)
+/// Pose of a face's tag in the brick's frame. Tag frame: in the middle of the face. Seen with the tag upright, x is to
+/// the right and y up; z is out of the face. Up is the brick's +z on the four side faces, and +y on both +z and -z.
+/// (The AprilTag library's own tag frame is turned by pi about x: y down, z into the tag.)
 Eigen::Isometry3d tagPose(const BrickType& type, BrickFace face);
 
 /// Throws std::invalid_argument listing everything wrong with the file, a line each.

@@ -7,9 +7,9 @@
 
 namespace mp700_ur5e_description {
 
-/// Where a fixed part of this very robot is, as measured: one edge of the tree of frames. It takes the place of a fixed
-/// joint's origin in the URDF, so that tf, planners and self filters all get it from one source and no second publisher
-/// of the edge is needed.
+/// Where a fixed part of this very robot is, as measured: one edge of the tree of frames. It replaces a fixed joint's
+/// origin in the URDF. So tf, planners and self filters all get it from one source, and no second publisher of the edge
+/// is needed.
 struct CameraCalibration {
   std::string parent_frame{"camera_mast"};
   std::string child_frame{"camera_link"};
@@ -29,8 +29,8 @@ struct CameraCalibration {
 /// The file. parseCameraCalibration() of it gives the same to the 9th digit.
 std::string toYaml(const CameraCalibration& calibration);
 
-/// Throw std::invalid_argument listing everything wrong with the file, a line each: unknown, missing and impossible
-/// keys, a quaternion that is not of length one, angles that say another rotation than the quaternion.
+/// Throw std::invalid_argument listing everything wrong with the file, a line each. Wrong are unknown, missing and
+/// impossible keys, a quaternion that is not of length one, and angles of another rotation than the quaternion's.
 CameraCalibration parseCameraCalibration(const std::string& text, const std::string& name);
 CameraCalibration loadCameraCalibration(const std::string& path);
 

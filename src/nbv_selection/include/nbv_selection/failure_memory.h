@@ -9,9 +9,9 @@
 
 namespace nbv_selection {
 
-/// When picking, detecting or planning last failed, per cell of the ground (method section 6: t_f), in a quad-tree: cells
-/// that failed at one time are one node however many they are, and the tree grows to wherever failures come. Segments may
-/// be cut again at will. Not thread-safe.
+/// When picking, detecting or planning last failed, per cell of the ground (method section 6: t_f), in a quad-tree.
+/// Cells that failed at one time are one node, however many they are. The tree grows to wherever failures come.
+/// Segments may be cut again at will. Not thread-safe.
 class FailureMemory {
  public:
   /// Throws std::invalid_argument unless cell_size_m is in [0.01, 1].
@@ -20,9 +20,9 @@ class FailureMemory {
   FailureMemory(const FailureMemory& other);
   FailureMemory& operator=(const FailureMemory&) = delete;
 
-  /// Cells whose middle is within `radius_m` of `center_map`, and the one that holds it, failed at `stamp_s`; an earlier
-  /// time is overwritten, a later one stays. Throws std::invalid_argument if a number is not finite, the centre is
-  /// farther than 1e5 m from the origin, or the radius is not in [0, 10].
+  /// Cells whose middle is within `radius_m` of `center_map`, and the one that holds it, failed at `stamp_s`. An
+  /// earlier time is overwritten, a later one stays. Throws std::invalid_argument if a number is not finite, or the
+  /// centre is farther than 1e5 m from the origin. So it does for a radius that is not in [0, 10].
   void add(const Eigen::Vector2d& center_map, double radius_m, double stamp_s);
 
   /// t_f at a point; -infinity: never failed, or the point is not finite.

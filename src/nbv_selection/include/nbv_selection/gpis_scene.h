@@ -12,7 +12,7 @@
 
 namespace nbv_selection {
 
-/// The dynamic Gaussian-process implicit surface as a scene: u is the variance of the field [m^2], its gradient
+/// The dynamic Gaussian-process implicit surface as a scene. u is the variance of the field [m^2], its gradient
 /// analytic (eq 10), the occupancy eq 14's Phi. Each answer takes one question. In unknown space far from the surface
 /// the map gives a distance, but no variance: u is the prior's there, without slope. Where it does not even give a
 /// distance (no surface within its reach, or none at all), u is NaN.

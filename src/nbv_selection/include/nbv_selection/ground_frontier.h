@@ -51,8 +51,8 @@ class GroundFrontier {
 
   const std::vector<Patch>& patches() const { return patches_; }  // the largest first
 
-  /// The area [m^2] of each patch that the camera would see with the base at a pose: in its field of view and range, and with
-  /// no mapped surface before it.
+  /// The area [m^2] of each patch that the camera would see with the base at a pose. It is in field of view and range,
+  /// with no mapped surface before it.
   std::vector<double> areasSeenFrom(const base_navigation::Pose2d& T_map_base) const;
 
  private:
@@ -66,8 +66,8 @@ class GroundFrontier {
   std::vector<Patch> patches_;
 };
 
-/// The frontier attribute of a pose that shows so much new ground: f = f_0.9 area / full_area_m2, with f_0.9 the attribute at
-/// which the frontier factor is 0.9 l. So both kinds of frontier are weighed by one logistic function.
+/// The frontier attribute of a pose that shows so much new ground: f = f_0.9 area / full_area_m2. f_0.9 is the
+/// attribute at which the frontier factor is 0.9 l. So both kinds of frontier are weighed by one logistic function.
 double frontierOfArea(double area_m2, double full_area_m2, const Logistic& frontier);
 
 }  // namespace nbv_selection

@@ -53,8 +53,8 @@ double countSamples(const motion_planning::ManipulabilitySectors& sectors, const
                     double cell_m);
 
 /// The manipulability of standing places (eq 14): m = (1 / N) sum_j w_j p(o = 1 | p_j) over the samples of both annulus
-/// sectors, N their number. Samples are the middles of cells of one lattice of the map, so that neighbouring places share
-/// them and the map is asked once for each; only those near the surface are asked, the rest counts 0.
+/// sectors, N their number. Samples are the middles of cells of one lattice of the map. So neighbouring poses share
+/// them, and the map is asked once for each. Only those near the surface are asked; the rest counts 0.
 class ManipulabilityScore {
  public:
   /// Asks `scene` about all lattice points near `surface` that are above the ground by at least `min_height_m`.

@@ -14,14 +14,14 @@ namespace nbv_selection {
 
 /// An OctoMap as a scene, for the strategies this work is compared with. u is entropy [bit], 1 where nothing was seen.
 ///
-/// At a point, u is the mean over the cell of `gradient_step_m` about it: a single voxel would say 1 bit a centimetre
-/// below the ground's. Unknown voxels are left out if the first known one above them, within 3 m, is occupied: the
-/// inside of things and what is under the ground always stay unknown and are no reason to look again. With OctoMap's
-/// clamping at 0.12 and 0.97 a well-seen place has 0.3 to 0.5 bit, what was never seen 1, and so has the inside itself.
-/// Its gradient is discrete: differences of the same means over the neighbouring cells on either side; 0 if one of
-/// them is all inside. (On 48 half-seen piles the weakest true frontier of eq 11 was 23 times the strongest false one,
-/// in the median; with the inside counted 1.6 times, for corners of the pile look like frontiers then.)
-/// Occupancy is the voxel's. Thread-safe for concurrent readers.
+/// At a point, u is the mean over the cell of `gradient_step_m` about it. A single voxel would have 1 bit a centimetre
+/// below the ground's. Unknown voxels are left out if the first known one above them, within 3 m, is occupied. The
+/// inside of objects and space under the ground always stay unknown and need no other view. With OctoMap's clamping at
+/// 0.12 and 0.97 a well-seen place has 0.3 to 0.5 bit. A place never seen has 1, and so has the inside itself. Its
+/// gradient is discrete: differences of the same means over the neighbouring cells on either side; 0 if one of them is
+/// all inside. On 48 half-seen piles the weakest true frontier of eq 11 was 23 times the strongest false one, in the
+/// median. With the inside counted it was 1.6 times: corners of the pile then look like frontiers. Occupancy is the
+/// voxel's. Thread-safe for concurrent readers.
 class OctomapScene : public SceneModel {
  public:
   struct Config {
@@ -42,8 +42,9 @@ class OctomapScene : public SceneModel {
   OctomapScene(std::shared_ptr<const octomap::OcTree> tree, std::uint64_t update, double stamp_s, const Config& config);
   ~OctomapScene() override;
 
-  /// Middles of occupied voxels with a voxel seen free beside one of their six faces; normals towards the free voxels
-  /// within three; each one's own entropy. The same for the same voxels, however the tree was filled or pruned.
+  /// Middles of occupied voxels with a voxel seen free beside one of their six faces. Normals point towards the free
+  /// voxels within three; each has its own entropy. The same for the same voxels, however the tree was filled or
+  /// pruned.
   MappedSurface surface() const override;
   /// NaN at points that are not finite.
   UncertaintyField uncertainty(const gpis_mapping::Points3d& points_map) const override;

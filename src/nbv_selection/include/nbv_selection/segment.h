@@ -42,16 +42,16 @@ struct Segment {
   base_navigation::Pose2d standing_map;      // of base_link: faces the pile, square to the segment
 };
 
-/// Cuts outlines into segments: one every `spacing_m` of arc length (rounded so that they close evenly), at least
-/// four per outline, each the stretch of outline of the footprint's width about its middle, but at most half of the
-/// outline: what is beyond lies on the other side of the pile. Its direction is that of the chord of the stretch (of
-/// a shorter one where its ends all but meet); its midpoint lies beside the stretch's middle on the line along it
-/// that touches the stretch from outside, so that the robot's front stays clear of all of it. Round a concave corner
-/// that line spans the mouth, and the corner may be farther off than the arm reaches: that is for the manipulability
-/// to judge. Lengths are those on the ground plane. Neighbours stand next to each other in the result, outline by
-/// outline, counter-clockwise; the last and the first of an outline are neighbours, too. `footprint` is that of
-/// base_link, `x` forward. Throws std::invalid_argument for an impossible config, footprint (not convex, base_link
-/// not in it, narrower than the spacing) or outline.
+/// Cuts outlines into segments, one every `spacing_m` of arc length (rounded so that they close evenly), at least four
+/// per outline. Each is the stretch of outline of the footprint's width about its middle, but at most half of the
+/// outline. The rest lies on the other side of the pile. Its direction is that of the chord of the stretch (of a
+/// shorter one where its ends all but meet). Its midpoint lies beside the stretch's middle, on the line along it that
+/// touches the stretch from outside. So the robot's front stays clear of all of it. Round a concave corner that line
+/// spans the mouth. The corner may then be farther off than the arm reaches; the manipulability judges that. Lengths
+/// are those on the ground plane. Neighbours stand next to each other in the result, outline by outline,
+/// counter-clockwise; the last and the first of an outline are neighbours, too. `footprint` is that of base_link, `x`
+/// forward. Throws std::invalid_argument for an impossible config, footprint (not convex, base_link not in it, narrower
+/// than the spacing) or outline.
 std::vector<Segment> cutSegments(const PileOutline& outline, const base_navigation::Polygon& footprint,
                                  const SegmentConfig& config);
 

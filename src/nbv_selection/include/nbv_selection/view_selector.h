@@ -178,8 +178,8 @@ class ViewSelector {
 
   /// `tell`, if any, gets each stage with the number of segments so far; `is_cancelled`, if any, is asked between
   /// stages and map queries. The same arguments give the same selection. Throws std::invalid_argument for a request
-  /// that is not finite or has no ground, std::runtime_error if the map does not answer or a result of the extension is
-  /// impossible.
+  /// that is not finite or has no ground. Throws std::runtime_error if the map does not answer or a result of the
+  /// extension is impossible.
   Selection select(const SceneModel& scene, const FailureMemory& failures, const SelectionRequest& request,
                    const std::function<void(const std::string& stage, std::size_t segments)>& tell = {},
                    const std::function<bool()>& is_cancelled = {}) const;

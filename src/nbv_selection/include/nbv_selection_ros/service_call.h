@@ -16,8 +16,8 @@ namespace nbv_selection_ros {
 
 enum class CallEnd { kAnswered, kFailed, kTimedOut, kCancelled };
 
-/// Calls a service and waits at most `timeout_s`: roscpp's own call cannot be given up, so it is made in a thread that outlives
-/// this function if it must. Wall time.
+/// Calls a service and waits at most `timeout_s`. roscpp's own call cannot be given up, so it is made in a thread that
+/// outlives this function if it must. Wall time.
 template <typename Service>
 CallEnd callWithin(ros::ServiceClient client, Service* service, double timeout_s,
                    const std::function<bool()>& is_cancelled) {

@@ -33,17 +33,18 @@ struct OctomapUpdateStatistics {
   std::size_t nodes{0};          // of the octree, inner ones included
 };
 
-/// OctoMap that forgets: an image with nothing in reach along a ray clears it up to the sensor's range (the virtual
-/// wall), and every voxel takes part in an image's update at most once, hits before misses.
-/// Not thread-safe: one thread at a time, readers of tree() included.
+/// OctoMap that forgets. An image with nothing in reach along a ray clears it up to the sensor's range (the virtual
+/// wall). Every voxel takes part in an image's update at most once, hits before misses. Not thread-safe: one thread at
+/// a time, readers of tree() included.
 class DynamicOctomap {
  public:
   /// Throws std::invalid_argument listing every impossible value.
   explicit DynamicOctomap(const OctomapConfig& config);
 
   /// Takes in one depth image seen from `T_map_camera` (optical frame to map) at `stamp_s` [s].
-  /// Throws std::invalid_argument, and leaves the map as it was, if the image does not fit the camera, the camera is
-  /// impossible, pose or stamp are not finite, the pose is no rigid motion, or it is outside what an octree can hold.
+  /// Throws std::invalid_argument, and leaves the map as it was, if the image does not fit the camera or the camera is
+  /// impossible. So it does if pose or stamp are not finite, the pose is no rigid motion, or it is outside what an
+  /// octree can hold.
   OctomapUpdateStatistics update(const gpis_mapping::DepthImage& image, const gpis_mapping::CameraModel& camera,
                                  const Eigen::Isometry3d& T_map_camera, double stamp_s);
 

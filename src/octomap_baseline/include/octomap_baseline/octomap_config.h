@@ -96,7 +96,7 @@ struct OctomapConfig {
 /// Throws std::invalid_argument listing all problems of `config`.
 void requireValid(const OctomapConfig& config);
 
-/// Reads YAML: missing keys keep their default; unknown keys, wrong types and impossible values are refused with one
+/// Reads YAML. Missing keys keep their default. Unknown keys, wrong types and impossible values are rejected with one
 /// std::invalid_argument that lists them all (origin, key, value, allowed range).
 OctomapConfig parseOctomapConfig(const std::string& yaml_text, const std::string& origin);
 

@@ -10,7 +10,7 @@
 
 namespace octomap_baseline {
 
-/// A set of octree voxels, kept as blocks of 4 x 4 x 4 with a bit each: a ray stays in a block for several voxels, so
+/// A set of octree voxels, kept as blocks of 4 x 4 x 4 with a bit each. A ray stays in a block for several voxels, so
 /// inserting costs a fraction of octomap::KeySet's hash look-up per voxel.
 class VoxelSet {
  public:

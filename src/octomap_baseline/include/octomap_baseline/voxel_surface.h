@@ -17,8 +17,9 @@ namespace octomap_baseline {
 gpis_mapping::TriangleMesh meshOfSides(const octomap::OcTree& tree, bool without_specks = false);
 
 /// 3 x n points [m], map frame. State and occupancy are the voxel's (unknown: NaN). Distances are to the nearest side,
-/// with the sign of the state, in unknown space that of the side's front or back; NaN if there is no side or the point is
-/// not finite. `surface_std` is that of a uniform distribution over a voxel. Variances are NaN: an OctoMap has none.
+/// with the sign of the state, in unknown space that of the side's front or back. They are NaN if there is no side or
+/// the point is not finite. `surface_std` is that of a uniform distribution over a voxel. Variances are NaN: an OctoMap
+/// has none.
 gpis_mapping::QueryResult querySides(const octomap::OcTree& tree, bool without_specks,
                                      const gpis_mapping::Points3d& points_map,
                                      const gpis_mapping::QueryOptions& options);

@@ -55,10 +55,10 @@ class BrickLedger {
   /// `bricks`: all that are known now; those that are not in it are not there any more.
   Update update(const std::vector<SeenBrick>& bricks);
 
-  /// The first, by the rules, of the bricks that are there, graspable, in the arm's sector, alone with their id, with attempts
-  /// left and not tried without success in this scene: the highest, or the nearest to the base at `base_map`. Of two that are equal to
-  /// a millimetre it is that of smaller id. Bricks that were given up before come last. After `carriers_wait_views`
-  /// `fruitless_views` a brick on which another rests is taken, too.
+  /// The first, by the rules: the highest brick, or the nearest to the base at `base_map`. It must be there, graspable,
+  /// in the arm's sector and alone with its id. It must have attempts left and not be tried without success in this
+  /// scene. Of two that are equal to a millimetre it is that of smaller id. Bricks that were given up before come last.
+  /// After `carriers_wait_views` `fruitless_views` a brick on which another rests is taken, too.
   std::optional<SeenBrick> best(int scene, const Eigen::Vector2d& base_map = Eigen::Vector2d::Zero(),
                                 int fruitless_views = 0) const;
   /// Why best() does not take a brick, as what is said of it ("is out of the arm's sector"); empty where it may. Throws
@@ -71,8 +71,8 @@ class BrickLedger {
   void planFailed(int id, const std::string& reason);
   void triedInVain(int id, int scene);
   void picked(int id);  // also pileChanged()
-  /// A brick was taken away: what could not be planned or picked may be possible now, and what was given up may stand in the
-  /// way of all others.
+  /// A brick was taken away. Bricks that could not be planned or picked may be possible now. A brick that was given up
+  /// may block all others.
   void pileChanged();
   bool isKnown(int id) const { return bricks_.count(id) > 0; }
   bool isExhausted(const BrickRecord& brick) const;

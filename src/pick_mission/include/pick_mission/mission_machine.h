@@ -32,9 +32,9 @@ class MissionMachine {
  public:
   /// Throws std::invalid_argument listing every impossible value.
   MissionMachine(const MissionConfig& config, MissionInfo info);
-  /// Of a mission that was interrupted, as toJson() saved it. It waits for Start as a new one does, and begins with a fresh
-  /// inspection; one that its operator had paused, held or stopped waits for them, paused or held; one that had ended
-  /// has. Throws std::invalid_argument if `saved` is not such a state.
+  /// Of a mission that was interrupted, as toJson() saved it. It waits for Start as a new one does, and begins with a
+  /// fresh inspection. One that its operator had paused, held or stopped waits for the operator, paused or held. One
+  /// that had ended stays ended. Throws std::invalid_argument if `saved` is not such a state.
   static MissionMachine fromJson(const MissionConfig& config, MissionInfo info, const nlohmann::json& saved);
   ~MissionMachine();
   MissionMachine(MissionMachine&& other) noexcept;

@@ -71,8 +71,8 @@ class ActionCaller {
     cancelAbandoned();
   }
 
-  /// To be called now and then: gives up a goal whose server has been away for `timeout` of wall time, or does not say
-  /// for as long that it has heard of it, or says that it has ended and not how.
+  /// To be called now and then. Gives up a goal whose server has been away for `timeout` of wall time, or has not
+  /// acknowledged it for as long. Also gives up a goal that has ended without a result for as long.
   void watch(ros::WallDuration timeout) {
     reallyCancelAll();
     cancelAbandoned();

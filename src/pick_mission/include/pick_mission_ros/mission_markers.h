@@ -7,13 +7,13 @@
 
 namespace pick_mission_ros {
 
-/// The mission for rviz, the whole of it each time (the first marker deletes the old ones): `bricks` (translucent boxes in the
-/// colour of their status), `old_places` (outlines where bricks were picked or went away), `ids`, `current` (a frame
-/// about the brick in work), `view` (a flat arrow where the robot is to stand, its tail at base_link) and `decision`
-/// (state and decision as text, above the view; without one above the bricks).
+/// The mission for rviz, the whole of it each time: the first marker deletes the old ones. `bricks` are translucent
+/// boxes in the colour of their status. `old_places` are outlines where bricks were picked or went away. `ids` are
+/// texts, `current` is a frame about the brick in work. `view` is a flat arrow at the standing pose, its tail at
+/// base_link. `decision` is state and decision as text, above the view; without one above the bricks.
 ///
-/// A brick whose place is not known (no rotation in its pose, or not finite) is left out; one whose type the catalogue
-/// does not know is a ball with the type's name.
+/// A brick whose pose is not known (no rotation in it, or not finite) is left out. One whose type the catalogue does
+/// not know is a ball with the type's name.
 visualization_msgs::MarkerArray toMarkers(const interactive_mapping_msgs::MissionState& state,
                                           const mp700_ur5e_description::BrickCatalogue& catalogue);
 

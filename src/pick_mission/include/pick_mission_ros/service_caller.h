@@ -59,8 +59,8 @@ class Inbox {
   int num_open_{0};
 };
 
-/// Calls a service without waiting for it: roscpp's own call cannot be given up, so it is made in a thread that outlives
-/// the caller if it must. A newer call replaces the one before, whose answer is dropped.
+/// Calls a service without waiting for it. roscpp's own call cannot be given up, so it is made in a thread that
+/// outlives the caller if it must. A newer call replaces the one before, whose answer is dropped.
 template <typename Service>
 class ServiceCaller {
  public:
@@ -84,8 +84,8 @@ class ServiceCaller {
     std::thread([name = name_, inbox = inbox_, current = number_, number, request, this]() mutable {
       Service service;
       service.request = request;
-      // A connection of its own that the server does not close: where it does, right after its answer, roscpp at times
-      // finds it gone before it has read the answer, and reports a failed call.
+      // A connection of its own that the server does not close. A server may close it right after its answer. roscpp
+      // then at times finds it closed before it has read the answer, and reports a failed call.
       bool is_answered = false;
       {
         ros::ServiceClient client(name, true, {}, ros::service_traits::md5sum<Service>());

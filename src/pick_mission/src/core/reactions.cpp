@@ -83,29 +83,29 @@ Reaction toPickPlan(PlanStatus status) {
     case PlanStatus::kSuccess:
       return done();
     case PlanStatus::kBadRequest:
-      return ofBrick(Trigger::kNextBrick, false, "what was asked makes no sense and will not when asked again");
+      return ofBrick(Trigger::kNextBrick, false, "the request is invalid: asking again does not help");
     case PlanStatus::kNoMap:
-      return inARow(action, Trigger::kWaitFirst, "the map has to come");
+      return inARow(action, Trigger::kWaitFirst, "the map must arrive first");
     case PlanStatus::kOutsideSector:
       return ofBrick(Trigger::kNextBrick, false, "out of the arm's reach from here");
     case PlanStatus::kNoIk:
       return ofBrick(Trigger::kNextBrick, false, "no posture of the arm reaches it from here");
     case PlanStatus::kStartInCollision:
-      return inARow(action, Trigger::kRetryHere, "the map has changed about the arm: clear the view and look again");
+      return inARow(action, Trigger::kRetryHere, "the map has changed around the arm: clear the view and look again");
     case PlanStatus::kGoalInCollision:
-      return ofBrick(Trigger::kNextBrick, true, "something stands where the arm would have to be");
+      return ofBrick(Trigger::kNextBrick, true, "an obstacle is where the arm would be");
     case PlanStatus::kGoalUnknown:
       return ofBrick(Trigger::kNextBrick, true, "unseen space at the brick: another view may show it");
     case PlanStatus::kApproachBlocked:
-      return ofBrick(Trigger::kNextBrick, true, "the straight way to it is not free from here");
+      return ofBrick(Trigger::kNextBrick, true, "the straight approach to it is blocked from here");
     case PlanStatus::kIterations:
-      return ofBrick(Trigger::kNextBrick, true, "no way found from here");
+      return ofBrick(Trigger::kNextBrick, true, "no path found from here");
     case PlanStatus::kConstraint:
       return ofBrick(Trigger::kNextBrick, true, "cannot be carried as it was taken");
     case PlanStatus::kCancelled:
       return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case PlanStatus::kNoRobotState:
-      return inARow(action, Trigger::kWaitFirst, "where the robot is has to be known");
+      return inARow(action, Trigger::kWaitFirst, "the robot's state must be known first");
     case PlanStatus::kOutsideLimits:
       return ofBrick(Trigger::kNextBrick, false, "beyond the joints' limits from here");
   }
@@ -117,13 +117,13 @@ Reaction toArmPlan(State action, PlanStatus status) {
     case PlanStatus::kSuccess:
       return done();
     case PlanStatus::kBadRequest:
-      return giveUp(endReasonOf(action), "posture or place is none: a mistake in the configuration");
+      return giveUp(endReasonOf(action), "posture or pose is invalid: a mistake in the configuration");
     case PlanStatus::kCancelled:
       return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case PlanStatus::kNoMap:
-      return inARow(action, Trigger::kWaitFirst, "the map has to come");
+      return inARow(action, Trigger::kWaitFirst, "the map must arrive first");
     case PlanStatus::kNoRobotState:
-      return inARow(action, Trigger::kWaitFirst, "where the robot is has to be known");
+      return inARow(action, Trigger::kWaitFirst, "the robot's state must be known first");
     case PlanStatus::kOutsideSector:
     case PlanStatus::kNoIk:
     case PlanStatus::kStartInCollision:
@@ -133,7 +133,7 @@ Reaction toArmPlan(State action, PlanStatus status) {
     case PlanStatus::kIterations:
     case PlanStatus::kConstraint:
     case PlanStatus::kOutsideLimits:
-      return inARow(action, Trigger::kWaitFirst, "the arm has to get away from here: newer images may show a way");
+      return inARow(action, Trigger::kWaitFirst, "the arm must leave this posture: newer images may show a path");
   }
   throw std::invalid_argument("plan status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 13]");
 }
@@ -159,37 +159,37 @@ Reaction react(State action, ArmStatus status) {
       return inARow(action, Trigger::kRetryHere, "replan from the arm's present posture");
     case ArmStatus::kNotReady:
     case ArmStatus::kProgramStopped:
-      if (is_recovery) return inARow(action, Trigger::kWaitFirst, "it may come with time, or with the next attempt");
-      return inARow(action, Trigger::kRecover, "mode, brakes or program have to be brought back");
+      if (is_recovery) return inARow(action, Trigger::kWaitFirst, "it may become ready later or at the next attempt");
+      return inARow(action, Trigger::kRecover, "mode, brakes or program must be restored");
     case ArmStatus::kStaleState:
     case ArmStatus::kStaleMap:
     case ArmStatus::kMonitorGone:
     case ArmStatus::kHeartbeatLost:
-      return inARow(action, Trigger::kWaitFirst, "the arm does not move until what is late has come");
+      return inARow(action, Trigger::kWaitFirst, "the arm waits for late data");
     case ArmStatus::kPathBlocked:
       if (is_pick) return ofBrick(Trigger::kRetryHere, true, "replan in the present map");
       return inARow(action, Trigger::kRetryHere, "replan in the present map");
     case ArmStatus::kHeld:
       return notCounted(Trigger::kHeldByOperator, "the operator holds: wait for resume");
     case ArmStatus::kProtectiveStop:
-      if (is_recovery) return giveUp(EndReason::kNeedsPerson, "a person has to look why it stopped");
+      if (is_recovery) return giveUp(EndReason::kNeedsPerson, "a person must find out why it stopped");
       return inARow(action, Trigger::kRecover, "unlock, if that is allowed without a person");
     case ArmStatus::kEmergencyStop:
-      return giveUp(EndReason::kNeedsPerson, "a person has to look");
+      return giveUp(EndReason::kNeedsPerson, "a person must check the robot");
     case ArmStatus::kDriverGone:
-      if (is_recovery) return inARow(action, Trigger::kWaitFirst, "the driver has to come back");
-      return inARow(action, Trigger::kRecover, "when the driver is back, its program has to be");
+      if (is_recovery) return inARow(action, Trigger::kWaitFirst, "the driver must come back");
+      return inARow(action, Trigger::kRecover, "when the driver is back, its program must be restored");
     case ArmStatus::kTrajectoryRefused:
     case ArmStatus::kTrajectoryAborted:
-      return inARow(action, Trigger::kRetryHere, "replan; if that repeats, the operator has to look");
+      return inARow(action, Trigger::kRetryHere, "replan; if it repeats, the operator must check why");
     case ArmStatus::kStalled:
       return inARow(action, Trigger::kWaitFirst, "the speed slider is near zero");
     case ArmStatus::kIoRefused:
-      if (action == State::kLetGo) return inARow(action, Trigger::kLetGoAgain, "the magnet has to go off");
+      if (action == State::kLetGo) return inARow(action, Trigger::kLetGoAgain, "the magnet must be switched off");
       return inARow(action, Trigger::kRetryHere, "the driver refused magnet, payload or force sensor");
     case ArmStatus::kNoContact:
     case ArmStatus::kContactTooEarly:
-      if (is_pick) return ofBrick(Trigger::kRetryHere, true, "the brick is not where it was thought to be: look again");
+      if (is_pick) return ofBrick(Trigger::kRetryHere, true, "the brick is not at its expected pose: look again");
       return inARow(action, Trigger::kRetryHere, "not an answer of a motion");
     case ArmStatus::kNotAttached:
       if (is_pick) return ofBrick(Trigger::kNextBrick, true, "it does not hold: another brick first");
@@ -201,7 +201,7 @@ Reaction react(State action, ArmStatus status) {
       if (is_pick || action == State::kLetGo) return inARow(action, Trigger::kLetGoAgain, "the weight is still there");
       return inARow(action, Trigger::kRetryHere, "not an answer of a motion");
     case ArmStatus::kNothingHeld:
-      return inARow(action, Trigger::kRetryHere, "the magnet is off and nothing hangs there: look");
+      return inARow(action, Trigger::kRetryHere, "the magnet is off and holds nothing: look again");
     case ArmStatus::kFault:
       return giveUp(EndReason::kArmFailed, "the arm's bridge contradicts itself: it must not move on");
     case ArmStatus::kBusy:
@@ -222,19 +222,19 @@ Reaction react(State action, NavigationStatus status) {
     case NavigationStatus::kCancelled:
       return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case NavigationStatus::kBadGoal:
-      return other("the place makes no sense");
+      return other("the goal pose is invalid");
     case NavigationStatus::kStartBlocked:
-      return inARow(action, Trigger::kWaitFirst, "something stands in the robot's own place: it may go away");
+      return inARow(action, Trigger::kWaitFirst, "an obstacle is inside the robot's footprint: it may go away");
     case NavigationStatus::kGoalOccupied:
     case NavigationStatus::kGoalUnknown:
-      return other("the robot cannot stand there");
+      return other("the goal is on occupied or unknown ground");
     case NavigationStatus::kNoApproach:
     case NavigationStatus::kNoPath:
     case NavigationStatus::kIterations:
-      return other("no way there");
+      return other("no path to the goal");
     case NavigationStatus::kObstacle:
     case NavigationStatus::kTooManyPlans:
-      return other("something is in the way and stays");
+      return other("an obstacle on the path stays");
     case NavigationStatus::kStuck:
       return other("the base does not follow its commands: another path may work");
     case NavigationStatus::kStaleOdometry:
@@ -242,13 +242,13 @@ Reaction react(State action, NavigationStatus status) {
     case NavigationStatus::kStaleScan:
     case NavigationStatus::kStaleGrid:
     case NavigationStatus::kStaleHeartbeat:
-      return inARow(action, Trigger::kWaitFirst, "the base does not move until what is late has come");
+      return inARow(action, Trigger::kWaitFirst, "the base waits for late data");
     case NavigationStatus::kBadInput:
-      return inARow(action, Trigger::kWaitFirst, "the base does not move until its input has been put right");
+      return inARow(action, Trigger::kWaitFirst, "the base waits until its input is corrected");
     case NavigationStatus::kBaseStopped:
-      return giveUp(EndReason::kNeedsPerson, "the base was stopped by its button or scanner: a person has to look");
+      return giveUp(EndReason::kNeedsPerson, "the base was stopped by its button or scanner: a person must check it");
     case NavigationStatus::kGoalMissed:
-      return other("it cannot get there exactly enough");
+      return other("the base cannot reach the goal accurately enough");
   }
   throw std::invalid_argument("navigation status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 19]");
 }
@@ -260,24 +260,24 @@ Reaction react(State action, SelectionStatus status) {
     case SelectionStatus::kCancelled:
       return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case SelectionStatus::kBadGoal:
-      return giveUp(EndReason::kSelectionFailed, "strategy or zones make no sense and will not when asked again");
+      return giveUp(EndReason::kSelectionFailed, "strategy or zones are invalid: asking again does not help");
     case SelectionStatus::kStaleMap:
     case SelectionStatus::kStaleGround:
     case SelectionStatus::kNoPose:
-      return inARow(action, Trigger::kWaitFirst, "what it selects from has to come");
+      return inARow(action, Trigger::kWaitFirst, "the selection waits for its input");
     case SelectionStatus::kEmptyMap:
     case SelectionStatus::kNoGround:
-      return notCounted(Trigger::kVantage, "ground and pile have to be in view");
+      return notCounted(Trigger::kVantage, "ground and pile must be in view");
     case SelectionStatus::kNoPile:
       return notCounted(Trigger::kNoPile, "nothing left, or nothing seen");
     case SelectionStatus::kNoCandidate:
-      return notCounted(Trigger::kVantage, "no place that the robot may go to is known from here");
+      return notCounted(Trigger::kVantage, "no reachable pose is known from here");
     case SelectionStatus::kLowUtility:
-      return notCounted(Trigger::kLowUtility, "no place is worth going to");
+      return notCounted(Trigger::kLowUtility, "no pose has enough utility");
     case SelectionStatus::kMapChanged:
-      return inARow(action, Trigger::kRetryHere, "the map has to come to rest");
+      return inARow(action, Trigger::kRetryHere, "the map still changes");
     case SelectionStatus::kBadInput:
-      return inARow(action, Trigger::kWaitFirst, "map or grid has to be put right");
+      return inARow(action, Trigger::kWaitFirst, "map or grid must be corrected");
   }
   throw std::invalid_argument("selection status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 12]");
 }
@@ -287,11 +287,11 @@ Reaction react(State action, DetectionStatus status) {
     case DetectionStatus::kOk:
       return done();
     case DetectionStatus::kNoImage:
-      return inARow(action, Trigger::kWaitFirst, "the camera has to come back");
+      return inARow(action, Trigger::kWaitFirst, "the camera must come back");
     case DetectionStatus::kRefused:
-      return inARow(action, Trigger::kRetryHere, "the next image may do");
+      return inARow(action, Trigger::kRetryHere, "the next image may succeed");
     case DetectionStatus::kShuttingDown:
-      return inARow(action, Trigger::kWaitFirst, "the detection has to come back");
+      return inARow(action, Trigger::kWaitFirst, "the detection must come back");
   }
   throw std::invalid_argument("detection status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 3]");
 }
@@ -315,7 +315,7 @@ Reaction react(State action, WaitStatus status) {
     case WaitStatus::kCancelled:
       return inARow(action, Trigger::kRetryHere, "another client cancelled it");
     case WaitStatus::kNotReady:
-      return inARow(action, Trigger::kRecover, "it does not come by itself");
+      return inARow(action, Trigger::kRecover, "it does not become ready by itself");
   }
   throw std::invalid_argument("wait status " + std::to_string(static_cast<int>(status)) + ", must be in [0, 2]");
 }

@@ -43,11 +43,11 @@ std::string nextInWords(State next, const Mission& mission) {
   const bool has_picked = mission.state == State::kPick || mission.state == State::kLetGo;
   switch (next) {
     case State::kBegin:
-      return (has_picked ? picked + " so far: " : "") + "the arm out of the view, and a fresh look";
+      return (has_picked ? picked + " so far: " : "") + "the arm out of the view, then a fresh inspection";
     case State::kPlanClear:
       return mission.is_drive_due ? "the arm is folded before the drive" : "the arm has to be out of the camera's view";
     case State::kClear:
-      return "a way out of the camera's view is planned";
+      return "a path out of the camera's view is planned";
     case State::kLook:
       return "nothing is in the camera's view: " + std::to_string(mission.config.look.images) +
              " new images into the map";
@@ -56,7 +56,7 @@ std::string nextInWords(State next, const Mission& mission) {
     case State::kChoose:
       return std::to_string(memory.ledger.numOpen()) + " bricks to be picked are there, " + picked;
     case State::kReport:
-      return "that nothing could be done there";
+      return "nothing could be done there";
     case State::kPlanPick:
       return brickInWords(memory.nextBrick()) + ", the " +
              (mission.config.bricks.order == BrickOrder::kHighest ? "highest" : "nearest") + " that is graspable" +
@@ -65,9 +65,9 @@ std::string nextInWords(State next, const Mission& mission) {
     case State::kPick:
       return brickInWords(mission.candidate) + ": its pick is planned";
     case State::kStow:
-      return "a way to where it is let go is planned";
+      return "a path to its release pose is planned";
     case State::kLetGo:
-      return "over the place where it may fall";
+      return "the brick is over its release pose";
     case State::kSelect:
       return "no brick is to be tried from here" + obstaclesInWords(memory) +
              (holds(Guard::kKeepsAway, mission)
@@ -106,7 +106,7 @@ std::string leftInWords(const Mission& mission) {
   for (const auto& [id, record] : ledger.bricks()) {
     if (record.is_picked || ledger.isExhausted(record)) continue;
     const std::string obstacle = ledger.obstacleTo(id, mission.memory.scene, mission.memory.fruitless_views);
-    const std::string stands = record.is_there || obstacle.empty() ? "stands there" : "";
+    const std::string stands = record.is_there || obstacle.empty() ? "is still there" : "";
     const std::string both = stands.empty() || obstacle.empty() ? "" : " and ";
     add("brick " + std::to_string(id) + " " + stands + both + obstacle);
   }

@@ -14,7 +14,7 @@ std::string withMessage(const std::string& text, const std::string& message);
 /// Why `row` is taken from the mission's state: `reason`, its guard, and what comes next where neither tells that.
 std::string reasonFor(const Transition& row, const std::string& reason, const Mission& mission);
 
-/// Bricks that are neither picked nor given up, "; brick 3 stands there, ...". One that is not seen any more may lie
+/// Bricks that are neither picked nor given up, "; brick 3 is still there, ...". One that is not seen any more may lie
 /// anywhere, or have been stowed by a pick whose end nobody told.
 std::string leftInWords(const Mission& mission);
 

@@ -46,7 +46,7 @@ std::vector<SeenBrick> toSeenBricks(const interactive_mapping_msgs::BrickArray& 
   for (const auto& brick : bricks.bricks) {
     const auto T_map_brick = interactive_mapping_ros::toIsometry(brick.pose.pose);
     if (!T_map_brick) {
-      complaints->push_back("brick " + std::to_string(brick.id) + " has a pose that is none: left out");
+      complaints->push_back("brick " + std::to_string(brick.id) + " has an invalid pose: left out");
       continue;
     }
     const auto [known, is_new] = indices.emplace(brick.id, seen.size());

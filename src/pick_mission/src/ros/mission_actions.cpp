@@ -322,7 +322,7 @@ void MissionActions::sendPlan(ActionCaller<Action>* caller, const typename Actio
     try {
       on_result(*end.result);
     } catch (const std::invalid_argument& error) {
-      noAnswer(std::string("an answer that makes no sense: ") + error.what());
+      noAnswer(std::string("an invalid answer: ") + error.what());
     }
   });
 }

@@ -89,7 +89,7 @@ std::string endReasonInWords(std::uint8_t reason) {
     case EndReason::kBricksExhausted:
       return "what is left has used its attempts";
     case EndReason::kNothingWorthGoing:
-      return "no place is worth going to";
+      return "no pose has enough utility";
     case EndReason::kNoProgress:
       return "view after view without progress";
     case EndReason::kTimeUp:
@@ -97,7 +97,7 @@ std::string endReasonInWords(std::uint8_t reason) {
     case EndReason::kStopped:
       return "stopped by the operator";
     case EndReason::kNeedsPerson:
-      return "a person has to look at the robot";
+      return "a person must check the robot";
     case EndReason::kBrickInHand:
       return "a held brick cannot be stowed, or it is not known whether one is held";
     case EndReason::kPlanningFailed:

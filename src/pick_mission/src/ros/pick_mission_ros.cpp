@@ -278,7 +278,7 @@ void PickMissionRos::drain() {
     try {
       output = machine_->step(event, now_s);
     } catch (const std::invalid_argument& error) {
-      ROS_ERROR_STREAM_NAMED(kLog, "an answer that makes no sense: " << error.what());
+      ROS_ERROR_STREAM_NAMED(kLog, "an invalid answer: " << error.what());
       if (const auto* reply = std::get_if<event::Reply>(&event)) {
         events_.push_back(event::Reply{reply->id, pick_mission::NoAnswer{}, error.what(), std::nullopt});
       }

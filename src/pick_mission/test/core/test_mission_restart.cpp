@@ -169,7 +169,7 @@ TEST(MissionRestart, SavedStateIsTheSameAfterARoundTrip) {
 
 /// As version 4 of the form is on the disks of users: every field differs from that of a new mission.
 constexpr char kSavedState[] = R"json({"version": 4, "has_ended": false, "end_reason": 8, "is_ending": true,
-    "end_message": "plan_stow: no map; 5 times in a row; the map has to come", "waits_in": 1, "is_hold_given": true,
+    "end_message": "plan_stow: no map; 5 times in a row; the map must arrive first", "waits_in": 1, "is_hold_given": true,
     "is_let_go_open": true, "used_s": 1234.5, "start_pose": [-3.0, 0.25, 0.5], "base": [0.75, -0.5, 3.125],
     "survey_index": 2,
     "brick_in_hand": 7, "pick_running": null, "nameless_picked": 1, "scene": 13, "places_used": 2, "views": 2, "picks_begun": 5,

@@ -116,7 +116,8 @@ TEST_F(MissionConversions, BricksWhosePoseIsNoneAreLeftOutAndNamed) {
   const std::vector<SeenBrick> bricks = seen();
   ASSERT_THAT(bricks, SizeIs(1));
   EXPECT_EQ(bricks[0].id, 3);
-  EXPECT_THAT(complaints_, ElementsAre(HasSubstr("brick 1 has a pose"), HasSubstr("brick 2 has a pose")));
+  EXPECT_THAT(complaints_,
+              ElementsAre(HasSubstr("brick 1 has an invalid pose"), HasSubstr("brick 2 has an invalid pose")));
 }
 
 TEST_F(MissionConversions, TwoBricksOfOneIdAreOneThatHasADuplicate) {

@@ -304,7 +304,7 @@ TEST(MissionView, FailuresTellWhenWhatAndWhatFollowed) {
   failure.stamp = ros::Time(925.0);
   failure.state = MissionState::PLAN_PICK;
   failure.event = "no path found";
-  failure.reason = "no way found from here";
+  failure.reason = "no path found from here";
   state.last_failures = {failure, failure};
   state.last_failures[1].stamp = ros::Time(2000.0);  // of before a clock that was set back
   state.failures = 14;
@@ -313,7 +313,7 @@ TEST(MissionView, FailuresTellWhenWhatAndWhatFollowed) {
   ASSERT_THAT(view.failures, SizeIs(2));
   EXPECT_EQ(view.failures[0].when, "1 min 15 s ago");
   EXPECT_EQ(view.failures[0].what, "planning a pick: no path found");
-  EXPECT_EQ(view.failures[0].then, "no way found from here");
+  EXPECT_EQ(view.failures[0].then, "no path found from here");
   EXPECT_TRUE(view.failures[0].hint.empty());
   EXPECT_EQ(view.failures[1].when, "0 s ago");
 }

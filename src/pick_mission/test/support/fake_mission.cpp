@@ -87,8 +87,8 @@ MissionState makeState(const mp700_ur5e_description::BrickType& type) {
   state.last_failures = {
       makeFailure(45.0, MissionState::PLAN_PICK, "goal in unknown space",
                   "unseen space at the brick: another view may show it"),
-      makeFailure(95.0, MissionState::PICK, "NO_CONTACT", "the brick is not where it was thought to be: look again"),
-      makeFailure(182.0, MissionState::DRIVE, "obstacle", "something is in the way and stays")};
+      makeFailure(95.0, MissionState::PICK, "NO_CONTACT", "the brick is not at its expected pose: look again"),
+      makeFailure(182.0, MissionState::DRIVE, "obstacle", "an obstacle on the path stays")};
 
   NbvSegment view;
   view.kind = NbvSegment::FRONTIER;

@@ -56,9 +56,10 @@ class BodyTracker {
 
   /// Takes in the cuboids of an update. Nearest pairs of a type within the gate first, then pairs whose places agree though
   /// type or rotation do not: those were mistaken before. A body without a cuboid goes when a cuboid contradicts it, when
-  /// `space` (may be empty) calls its inside free, or after max_missed updates. Cuboids at the place of the body in the hand
-  /// are left out, also after it was let go elsewhere, until the map has seen that place empty. Throws std::invalid_argument, and changes nothing, for a stamp that is not finite or before the last one,
-  /// or a pose or covariance that is not finite.
+  /// `space` (may be empty) calls its inside free, or after max_missed updates. Cuboids at the old pose of the body in
+  /// the hand are left out until the map has seen it empty. So they are after the body was let go elsewhere. Throws
+  /// std::invalid_argument, and changes nothing, for a stamp that is before the last one. So it does for a stamp, pose
+  /// or covariance that is not finite.
   Update update(double stamp_s, const std::vector<Cuboid>& cuboids, const SpaceQuery& space);
 
   /// The body is in the hand. Returns whether it was known.

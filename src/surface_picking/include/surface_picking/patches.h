@@ -89,14 +89,16 @@ struct PatchStatistics {
   int num_curved{0};
 };
 
-/// Throws std::invalid_argument that says what is wrong with the mesh: numbers of vertices, normals and variances that
-/// differ, a vertex index out of range, a number that is not finite, a normal that is not of unit length, a variance below 0.
+/// Throws std::invalid_argument that says what is wrong with the mesh. Wrong are numbers of vertices, normals and
+/// variances that differ, a vertex index out of range, and a number that is not finite. So are a normal that is not of
+/// unit length and a variance below 0.
 void requireMesh(const TriangleMesh& mesh);
 
-/// The planar patches of a mesh, largest first. Regions grow from the flattest vertices over the mesh's edges and take
-/// vertices whose normal and place agree with the region's plane within their uncertainty; no vertex is in two. Curved
-/// and small ones are left out, counted in `statistics` unless null. Throws as requireMesh(), and for a config that is
-/// impossible. Cost: O(n log n) for n vertices, and O(vertices x border points) for each patch that is not large.
+/// The planar patches of a mesh, largest first. Regions grow from the flattest vertices over the mesh's edges. They
+/// take vertices whose normal and position agree with the region's plane within their uncertainty. No vertex is in two.
+/// Curved and small ones are left out, counted in `statistics` unless null. Throws as requireMesh(), and for a config
+/// that is impossible. Cost: O(n log n) for n vertices, and O(vertices x border points) for each patch that is not
+/// large.
 std::vector<Patch> findPatches(const TriangleMesh& mesh, const PatchConfig& config,
                                PatchStatistics* statistics = nullptr);
 

@@ -13,8 +13,9 @@
 
 namespace surface_picking_ros {
 
-/// Patches for rviz: `borders` (points: green where a face ends, red where something stands before it, grey where the
-/// surface was not seen on), `circles` (the largest circle in each) and `normals` (arrows). Large patches have borders alone.
+/// Patches for rviz: `borders` (points), `circles` (the largest circle in each) and `normals` (arrows). Borders are
+/// green where a face ends, red where something is before it, grey where the surface was not seen on. Large patches
+/// have borders alone.
 class PatchMarkers {
  public:
   /// All that is to be seen now, and what is to be removed of what the last call showed.

@@ -34,7 +34,7 @@ namespace surface_picking_ros {
 
 /// Bodies on the map's surface as a ROS node, with the topics and services of brick_detection. The README lists them.
 /// Callbacks may run concurrently. After each update of the map a thread asks for the mesh, finds bodies in it and
-/// publishes them; calls of ~detect wait in threads of their own: nobody else waits for them.
+/// publishes them. Calls of ~detect wait in threads of their own, so nothing else waits for them.
 class SurfacePickingRos {
  public:
   /// Throws std::invalid_argument listing every impossible parameter, or what is wrong with the bricks' file.

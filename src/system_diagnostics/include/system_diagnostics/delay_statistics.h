@@ -35,8 +35,9 @@ struct DelayReport {
   double p95_s{std::numeric_limits<double>::quiet_NaN()};
 };
 
-/// How long after their stamp images arrive. It holds the exposure, the transport and the difference of two clocks, so a
-/// late arrival proves nothing; an arrival before its stamp proves that the camera's clock is ahead by at least as much.
+/// How long after their stamp images arrive. It holds the exposure, the transport and the difference of two clocks, so
+/// a late arrival proves nothing. An arrival before its stamp proves that the camera's clock is ahead by at least as
+/// much.
 class DelayStatistics {
  public:
   /// Throws std::invalid_argument listing every impossible value.

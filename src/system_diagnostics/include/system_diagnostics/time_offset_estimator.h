@@ -44,10 +44,10 @@ struct TimeOffsetEstimate {
   int images{0};  // pairs that were used
 };
 
-/// By how much the camera's stamps are late against the odometry's, from a base that turns: a camera on the base sees
-/// things move to the right when it turns to the left. The shift of an image pair stamped t0, t1 is, up to a factor, what
-/// the base turned between t0 - offset and t1 - offset; the offset is where the two correlate best. Positive: the image
-/// was taken before the time it is stamped with. Only changes of the speed of turning tell: a steady turn fits any offset.
+/// By how much the camera's stamps are late against the odometry's, from a base that turns. When the base turns to the
+/// left, objects in its camera's image move to the right. Images stamped t0, t1 shift, up to a factor, by the turn of
+/// the base between t0 - offset and t1 - offset. The offset is where the two correlate best. Positive: the image was
+/// taken before the time it is stamped with. Only changes of the speed of turning tell: a steady turn fits any offset.
 ///
 /// The camera is upright (or pitched, not upside down) and fixed to the base. Times are seconds of one clock.
 class TimeOffsetEstimator {

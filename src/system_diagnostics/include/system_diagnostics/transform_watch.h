@@ -58,8 +58,8 @@ class TransformWatch {
   /// Throws std::invalid_argument listing every impossible value.
   TransformWatch(std::string name, const TransformWatchConfig& config);
 
-  /// A pose, T_target_source, that tf has newly had for `stamp_s`. Stamps that are not later than the newest one are not
-  /// new and are left out; poses that are not finite are kept as an error.
+  /// A pose, T_target_source, that tf has newly had for `stamp_s`. Stamps that are not later than the newest one are
+  /// not new and are left out. Poses that are not finite are kept as an error.
   void add(double stamp_s, const Eigen::Isometry3d& pose);
 
   /// tf has it without time.

@@ -10,8 +10,8 @@
 
 namespace system_diagnostics {
 
-/// Each frame has one parent and each edge one publisher; with two the tree flips between them from message to message,
-/// and nothing but the wrong poses tells of it.
+/// Each frame has one parent and each edge one publisher. With two, the tree flips between them from message to
+/// message, and only the wrong poses show it.
 class TreeWatch {
  public:
   /// `window_s`: a publisher that has been silent for so long is gone. Throws std::invalid_argument unless in (0, 3600].

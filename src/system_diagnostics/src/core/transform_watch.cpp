@@ -70,7 +70,7 @@ TransformReport TransformWatch::report(double now_s) const {
   }
   if (is_static_) {
     report.verdict.worsen(config_.may_be_static ? Level::kOk : Level::kWarning,
-                          config_.may_be_static ? "fixed" : name_ + " is fixed: nobody corrects it");
+                          config_.may_be_static ? "fixed" : name_ + " is fixed: nothing corrects it");
     return report;
   }
   report.age_s = now_s - samples_.back().stamp_s;

@@ -126,7 +126,7 @@ TEST(TransformWatch, WhatIsFixedIsAllRightOnlyWhereItMayBe) {
   TransformWatch corrected("map -> odom", config);
   corrected.addStatic(pose(0.0));
   EXPECT_EQ(corrected.report(kStart_s).verdict.level, Level::kWarning);
-  EXPECT_THAT(corrected.report(kStart_s).verdict.message, HasSubstr("nobody corrects it"));
+  EXPECT_THAT(corrected.report(kStart_s).verdict.message, HasSubstr("nothing corrects it"));
   config.may_be_static = true;
   TransformWatch mounted("base_link -> camera", config);
   mounted.addStatic(pose(0.0));

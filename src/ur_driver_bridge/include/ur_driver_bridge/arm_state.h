@@ -36,8 +36,8 @@ struct JointState {
   ArmVector velocity_rad_s{ArmVector::Zero()};
 };
 
-/// What the surroundings exert on the tool, as the robot tells it: without the weight of tool and declared payload, and
-/// against what it was when the sensor was zeroed. Axes of the tool flange (z out of the tool).
+/// What the surroundings exert on the tool, as the robot reports it. It is without the weight of tool and declared
+/// payload, relative to its value when the sensor was zeroed. Axes of the tool flange (z out of the tool).
 struct ToolForce {
   Eigen::Vector3d force_N{Eigen::Vector3d::Zero()};
   Eigen::Vector3d torque_Nm{Eigen::Vector3d::Zero()};

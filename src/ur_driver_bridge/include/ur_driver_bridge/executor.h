@@ -149,10 +149,10 @@ struct ExecutorOutput {
   std::optional<Finished> finished;
 };
 
-/// Carries out one request at a time on the arm: a motion, a pick, letting go, a recovery. A state machine without threads
-/// or clock: step() is called with each joint state, or at once when a reply has come, and says what to do. Every motion is
-/// checked, watched by the path monitor and ends in a controlled stop on its own path when the gate closes; the magnet
-/// stays on through all of that while a brick is held.
+/// Carries out one request at a time on the arm: a motion, a pick, letting go, a recovery. A state machine without
+/// threads or clock. step() is called with each joint state, or at once when a reply has come, and says what to do.
+/// Every motion is checked and watched by the path monitor. It ends in a controlled stop on its own path when the gate
+/// closes. The magnet stays on through all of that while a brick is held.
 class Executor {
  public:
   /// Throws std::invalid_argument listing every impossible value.

@@ -66,10 +66,11 @@ struct GateDemand {
   double watch_since_s{0.0};              // when it was begun: words from before do not count against the monitor's age
 };
 
-/// May the arm move? The first condition that does not hold, in the order of gravity: what stops the robot itself (safety
-/// mode, robot mode, program, driver), the operator's hold, the path monitor's word to stop, then what is not known: force,
-/// speed scaling, map, monitor, heartbeat. A stamp that is not finite or too far ahead of the clock counts as too old.
-/// Joint states that are late are kStaleState; never heard or later than a second: kDriverGone.
+/// May the arm move? The first condition that does not hold, in the order of gravity. First comes what stops the robot
+/// itself (safety mode, robot mode, program, driver), then the operator's hold and the path monitor's stop. Then comes
+/// what is not known: force, speed scaling, map, monitor, heartbeat. A stamp that is not finite or too far ahead of the
+/// clock counts as too old. Joint states that are late are kStaleState; never heard or later than a second:
+/// kDriverGone.
 class SafetyGate {
  public:
   /// Throws std::invalid_argument listing every impossible value.

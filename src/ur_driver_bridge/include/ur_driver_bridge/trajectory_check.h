@@ -26,12 +26,13 @@ struct TrajectoryLimits {
 /// What is asked of the first point: a stop begins in motion.
 enum class StartSpeed { kAtRest, kMoving };
 
-/// Whether a controller can follow it: at least one point, finite, first time >= 0, times strictly rising, at rest at both
-/// ends, joints within their limits, velocity and acceleration within theirs everywhere, also between the points as the
-/// cubics go (JointTrajectory::sample). `tolerance` is a share of velocity and acceleration limits that is allowed beyond
-/// (the planner's own sampling). Times may be rounded to nanoseconds, as in messages; what that may seem to be between
-/// near points it may not be over many. kBadRequest or kBeyondLimits, naming point, joint, value and limit. Throws
-/// std::invalid_argument for impossible limits or tolerance.
+/// Whether a controller can follow it. It must have at least one point, be finite, with first time >= 0 and times
+/// strictly rising, and be at rest at both ends. Joints must be within their limits. Velocity and acceleration must be
+/// within theirs everywhere, also between the points as the cubics go (JointTrajectory::sample). `tolerance` is a share
+/// of velocity and acceleration limits that is allowed beyond (the planner's own sampling). Times may be rounded to
+/// nanoseconds, as in messages; what that may seem to be between near points it may not be over many. kBadRequest or
+/// kBeyondLimits, naming point, joint, value and limit. Throws std::invalid_argument for impossible limits or
+/// tolerance.
 Verdict checkTrajectory(const JointTrajectory& trajectory, const TrajectoryLimits& limits, double tolerance = 0.01,
                         StartSpeed start = StartSpeed::kAtRest);
 

@@ -46,7 +46,7 @@ namespace ur_driver_bridge_ros {
 
 /// The node: actions in, the arm's driver out, the executor in between. One thread (control) has the executor and all
 /// topics; it acts with each joint state, and by a timer when none come. Actions and services have the global queue and
-/// hand their requests over; calls to driver and planner have threads of their own, so that nothing holds up the gate.
+/// hand their requests over. Calls to driver and planner have threads of their own, so that nothing holds up the gate.
 /// Long: each topic, service and diagnostic is a few lines, and the work is in the core.
 class UrDriverBridgeRos {
  public:

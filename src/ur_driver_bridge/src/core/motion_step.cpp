@@ -162,8 +162,9 @@ std::optional<Verdict> MotionStep::onWatchReply(StepContext& context) {
   if (reply == nullptr) return std::nullopt;
   watch_call_ = 0;
   if (!reply->success) {
-    return Verdict{ArmStatus::kMonitorGone,
-                   (reply->is_gone ? "nobody watches the way: " : "the path monitor refuses: ") + reply->message};
+    return Verdict{
+        ArmStatus::kMonitorGone,
+        (reply->is_gone ? "no path monitor watches the path: " : "the path monitor refuses: ") + reply->message};
   }
   watch_id_ = reply->watch_id;
   watch_since_s_ = context.now_s;
@@ -198,10 +199,10 @@ std::optional<Verdict> MotionStep::followEvents(const StepContext& context) {
       case Kind::kRejected:
         return Verdict{ArmStatus::kTrajectoryRefused, "the controller refuses the trajectory: " + event.message};
       case Kind::kAborted:
-        return Verdict{ArmStatus::kTrajectoryAborted, "the controller gave the trajectory up: " + event.message};
+        return Verdict{ArmStatus::kTrajectoryAborted, "the controller aborted the trajectory: " + event.message};
       case Kind::kCancelled:
         return Verdict{ArmStatus::kTrajectoryAborted,
-                       "somebody else cancelled or replaced the trajectory: " + event.message};
+                       "another client cancelled or replaced the trajectory: " + event.message};
       case Kind::kLost:
         return Verdict{ArmStatus::kDriverGone, "the controller has forgotten the trajectory: " + event.message};
     }

@@ -120,7 +120,7 @@ Recovery::Need Recovery::need(const ArmState& arm) const {
     return {ArmStatus::kProgramStopped, "the robot's program does not run", config_.is_headless ? kResend : kPlay};
   }
   if (!arm.is_controller_there) {
-    return {ArmStatus::kDriverGone, "nobody serves the trajectory controller's action", "", "the controller"};
+    return {ArmStatus::kDriverGone, "no server for the trajectory controller's action", "", "the controller"};
   }
   return {};
 }

@@ -79,7 +79,7 @@ Verdict SafetyGate::checkRobot(const ArmState& arm, double now_s) const {
   if (!arm.is_program_running) return {ArmStatus::kNotReady, "whether the robot's program runs: never heard"};
   if (!*arm.is_program_running) return {ArmStatus::kProgramStopped, "the robot's program does not run"};
   if (!arm.is_controller_there) {
-    return {ArmStatus::kDriverGone, "nobody serves the trajectory controller's action"};
+    return {ArmStatus::kDriverGone, "no server for the trajectory controller's action"};
   }
   if (!arm.joints) return {ArmStatus::kDriverGone, "joint states: never heard"};
   const std::string problem =

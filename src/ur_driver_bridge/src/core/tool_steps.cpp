@@ -173,8 +173,9 @@ std::optional<Verdict> GoneStep::advance(StepContext& context) {
   const std::optional<double> load_kg = context.load.load();
   return Verdict{
       ArmStatus::kNotLetGo,
-      load_kg ? formatted("the magnet is off, and %.2f kg beside the declared payload tell of no change", *load_kg)
-              : "the magnet is off, and the force sensor is silent"};
+      load_kg
+          ? formatted("the magnet is off, but the load has not changed: %.2f kg beside the declared payload", *load_kg)
+          : "the magnet is off, and the force sensor is silent"};
 }
 
 std::optional<Verdict> StillThereStep::advance(StepContext& context) {

@@ -537,8 +537,7 @@ void UrDriverBridgeRos::onGripper(const ur_driver_bridge::GripperState& state) {
   is_attached_known_ = true;
   if (is_magnet_on_ && attached_before_) {
     // Its stamp of then: nobody is to take where it is now for the place that it was taken from.
-    ROS_WARN_NAMED(kLog, "the magnet is on: brick %d hung there before this node was started anew",
-                   attached_before_->id);
+    ROS_WARN_NAMED(kLog, "the magnet is on: brick %d hung there before this node was restarted", attached_before_->id);
     tellAttached(*attached_before_);
   } else if (is_magnet_on_) {
     // What others were told of it before still holds.

@@ -14,7 +14,7 @@ class FileError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// A file that appears complete or not at all: bytes go to a temporary file in the same directory, commit() flushes it
+/// A file that appears complete or not at all. Bytes go to a temporary file in the same directory; commit() flushes it
 /// to disk and renames it. Destruction without commit() removes the temporary file and leaves what was at `path`.
 class AtomicFile {
  public:

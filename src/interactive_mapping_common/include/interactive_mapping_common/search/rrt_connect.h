@@ -18,7 +18,7 @@
 #include <ompl/geometric/planners/rrt/RRTConnect.h>
 #include <ompl/util/Console.h>
 
-/// OMPL's RRTConnect, made deterministic: iterations end it, never a clock, and the caller draws every sample, for the
+/// OMPL's RRTConnect, made deterministic: iterations end it, never a clock. The caller draws every sample, for the
 /// whole process shares the seed of OMPL's generators. Who includes this links OMPL.
 namespace interactive_mapping {
 

@@ -26,8 +26,8 @@ inline bool waitUntil(const std::function<bool()>& condition, double deadline_s 
   return condition();
 }
 
-/// Calls a service by a connection that the server does not close: where it does, right after its answer, roscpp at times
-/// finds the connection gone before it has read the answer, and reports a failed call.
+/// Calls a service by a connection that the server does not close. A server may close it right after its answer. roscpp
+/// then at times finds it closed before it has read the answer, and reports a failed call.
 template <typename Service>
 bool call(const std::string& name, Service& service) {
   return ros::NodeHandle().serviceClient<Service>(name, true).call(service);
