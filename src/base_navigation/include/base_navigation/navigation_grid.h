@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -31,5 +32,10 @@ struct NavigationGrid {
     return origin_m + cell_size_m * Eigen::Vector2d(column + 0.5, row + 0.5);
   }
 };
+
+/// `grid`, whose axes are turned by `yaw_rad` about its origin, as a grid of the same cells along the axes of the frame. A
+/// cell has the state that `grid` has at its centre; a cell that holds the centre of an occupied one is occupied, so that
+/// none is lost. Nothing: more than `max_cells` would be needed.
+std::optional<NavigationGrid> alongAxes(const NavigationGrid& grid, double yaw_rad, double max_cells);
 
 }  // namespace base_navigation

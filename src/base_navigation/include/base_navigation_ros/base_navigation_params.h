@@ -49,7 +49,7 @@ struct BaseNavigationParams {
 
     static void fields(Output& c, interactive_mapping::Fields& f) {
       f("grid_rate_hz", c.grid_rate_hz, 0.1, 50.0, "Hz",
-        "highest rate of ~grid, ROS time; also of the grid that services use while there is no goal");
+        "highest rate of ~grid, ROS time; also of the grid that ~make_plan uses while there is no goal");
       f("watchdog_rate_hz", c.watchdog_rate_hz, 5.0, 200.0, "Hz",
         "how often the node checks that odometry still comes");
     }

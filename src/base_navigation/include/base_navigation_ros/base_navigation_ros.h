@@ -15,7 +15,6 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <interactive_mapping_common_ros/clock_timer.h>
 #include <interactive_mapping_common_ros/live_params.h>
-#include <interactive_mapping_msgs/DrivingDistances.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
 #include <map_msgs/OccupancyGridUpdate.h>
@@ -70,8 +69,6 @@ class BaseNavigationRos {
   void onGoal(GoalHandle goal);
   void onCancel(GoalHandle goal);
   void onSimpleGoal(const geometry_msgs::PoseStampedConstPtr& message);
-  bool onDistances(interactive_mapping_msgs::DrivingDistances::Request& request,
-                   interactive_mapping_msgs::DrivingDistances::Response& response);
   bool onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs::GetPlan::Response& response);
   bool onForget(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   void diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status);
@@ -150,7 +147,6 @@ class BaseNavigationRos {
 
   mutable std::mutex shared_mutex_;  // guards what follows, up to the blank line
   std::shared_ptr<const base_navigation::NavigationGrid> grid_;
-  ros::Time grid_stamp_;  // of the step in which grid_ was built: older scans are in it
   std::optional<base_navigation::Pose2d> T_map_base_;
   ros::WallTime stepped_{ros::WallTime::now()};
   ros::Time odometry_seen_, localisation_seen_, scan_seen_, ground_seen_, heartbeat_seen_;
@@ -169,7 +165,7 @@ class BaseNavigationRos {
   ros::WallTimer diagnostics_timer_;
   std::unique_ptr<Server> server_;
   std::unique_ptr<interactive_mapping_ros::LiveParams<BaseNavigationParams>> live_;
-  ros::ServiceServer distances_server_, plan_server_, forget_server_;
+  ros::ServiceServer plan_server_, forget_server_;
 
   ros::CallbackQueue control_queue_;
   ros::Subscriber odometry_subscriber_, scan_subscriber_, ground_subscriber_, heartbeat_subscriber_,

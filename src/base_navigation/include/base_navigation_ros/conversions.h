@@ -26,7 +26,8 @@ double tilt(const Eigen::Isometry3d& T);
 
 /// Of a cell of an occupancy grid: 0 .. `occupied_from` - 1 is free, from there to 100 occupied, everything else unknown.
 base_navigation::SpaceState stateOf(std::int8_t value, int occupied_from);
-/// Nothing, and why, for a message whose numbers do not fit together, or that is turned against its frame.
+/// Along the axes of the message's frame, see alongAxes(): its origin may have a yaw. Nothing, and why, for a message whose
+/// numbers do not fit together, or that is tilted against its frame.
 std::optional<base_navigation::NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int occupied_from,
                                                       std::string* why_not);
 nav_msgs::OccupancyGrid toMessage(const base_navigation::NavigationGrid& grid, const std_msgs::Header& header);

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <map_msgs/OccupancyGridUpdate.h>
@@ -29,7 +30,7 @@ class GroundInput {
 
   const std::string map_frame_;
   const int occupied_from_;
-  Grid newest_;
+  std::optional<nav_msgs::OccupancyGrid> newest_;  // updates name its cells, also where it is turned
 };
 
 }  // namespace base_navigation_ros

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Geometry>
+
 namespace base_navigation {
 
 Eigen::Vector2i NavigationGrid::cellOf(const Eigen::Vector2d& p_map) const {
@@ -13,6 +15,41 @@ Eigen::Vector2i NavigationGrid::cellOf(const Eigen::Vector2d& p_map) const {
     return std::isfinite(cell) ? static_cast<int>(std::clamp(cell, -1e9, 1e9)) : -1;
   };
   return {index(p_map.x(), origin_m.x()), index(p_map.y(), origin_m.y())};
+}
+
+std::optional<NavigationGrid> alongAxes(const NavigationGrid& grid, double yaw_rad, double max_cells) {
+  const Eigen::Isometry2d T_frame_grid =
+      Eigen::Translation2d(grid.origin_m) * Eigen::Rotation2Dd(yaw_rad) * Eigen::Translation2d(-grid.origin_m);
+  Eigen::AlignedBox2d box;
+  for (const int column : {0, grid.width}) {
+    for (const int row : {0, grid.height}) {
+      box.extend(T_frame_grid * (grid.origin_m + grid.cell_size_m * Eigen::Vector2d(column, row)));
+    }
+  }
+  // Rounded: a cell of which the box covers less than half has its centre outside.
+  const Eigen::Vector2d size = (box.sizes() / grid.cell_size_m).array().round();
+  if (size.prod() > max_cells) return std::nullopt;
+  NavigationGrid result;
+  result.cell_size_m = grid.cell_size_m;
+  result.origin_m = box.min();
+  result.width = static_cast<int>(size.x());
+  result.height = static_cast<int>(size.y());
+  result.state.reserve(static_cast<std::size_t>(size.prod()));
+  const Eigen::Isometry2d T_grid_frame = T_frame_grid.inverse();
+  for (int row = 0; row < result.height; ++row) {
+    for (int column = 0; column < result.width; ++column) {
+      const Eigen::Vector2i cell = grid.cellOf(T_grid_frame * result.centerOf(column, row));
+      result.state.push_back(grid.at(cell.x(), cell.y()));
+    }
+  }
+  for (int row = 0; row < grid.height; ++row) {
+    for (int column = 0; column < grid.width; ++column) {
+      if (grid.at(column, row) != SpaceState::kOccupied) continue;
+      const Eigen::Vector2i cell = result.cellOf(T_frame_grid * grid.centerOf(column, row));
+      result.state[result.index(cell.x(), cell.y())] = SpaceState::kOccupied;
+    }
+  }
+  return result;
 }
 
 }  // namespace base_navigation

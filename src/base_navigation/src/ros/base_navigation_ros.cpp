@@ -13,7 +13,6 @@
 #include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
-#include "base_navigation/distance_field.h"
 #include "base_navigation_ros/conversions.h"
 
 namespace base_navigation_ros {
@@ -31,7 +30,6 @@ using base_navigation::NavigationStatus;
 using base_navigation::Pose2d;
 using base_navigation::Scan;
 using interactive_mapping::formatted;
-using interactive_mapping_msgs::DrivingDistances;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
 using interactive_mapping_ros::toIsometry;
@@ -46,7 +44,6 @@ constexpr double kGoalTfWait_s = 0.5;  // how far a goal's stamp may be ahead of
 constexpr double kMaxOrigin_m =
     4e4;  // of odometry and localisation from their origins: the grid's indices end at 100 km
 constexpr double kMaxSilence_s = 3.0;  // wall time without a step, after which the diagnostics complain
-constexpr std::size_t kMaxDistancePoses = 100000;
 constexpr std::chrono::microseconds kPollPeriod(500);
 
 double toSec(const ros::Time& stamp) {
@@ -55,10 +52,6 @@ double toSec(const ros::Time& stamp) {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr Pose2d kNoPose{kNan, kNan, kNan};
-
-bool isFinite(const Pose2d& pose) {
-  return std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
-}
 
 }  // namespace
 
@@ -92,7 +85,6 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
         const std::lock_guard<std::mutex> lock(goal_mutex_);
         tuned_ = params;
       });
-  distances_server_ = handle.advertiseService("driving_distances", &BaseNavigationRos::onDistances, this);
   plan_server_ = handle.advertiseService("make_plan", &BaseNavigationRos::onMakePlan, this);
   forget_server_ = handle.advertiseService("forget_scans", &BaseNavigationRos::onForget, this);
 
@@ -133,7 +125,6 @@ BaseNavigationRos::~BaseNavigationRos() {
   }
   control_spinner_->stop();
   diagnostics_timer_.stop();
-  distances_server_.shutdown();
   plan_server_.shutdown();
   forget_server_.shutdown();
 }
@@ -505,7 +496,7 @@ void BaseNavigationRos::enterScans(const ros::Time& before) {
 void BaseNavigationRos::forgetScans() {
   fusion_.forget();
   is_grid_old_ = true;
-  grid_built_ = ros::Time();  // at once, idle too: the services tell of it
+  grid_built_ = ros::Time();  // at once, idle too: ~make_plan uses it
 }
 
 // ------------------------------------------------------------------------------------------------------------ steps
@@ -540,7 +531,6 @@ void BaseNavigationRos::step(const ros::Time& now) {
       grid_built_ = now;
       const std::lock_guard<std::mutex> lock(shared_mutex_);
       grid_ = std::move(grid);
-      grid_stamp_ = now;
     }
   }
 
@@ -687,42 +677,6 @@ std::optional<Pose2d> BaseNavigationRos::poseInMap(const geometry_msgs::PoseStam
     return std::nullopt;
   }
   return toPlane(T_map_goal);
-}
-
-bool BaseNavigationRos::onDistances(DrivingDistances::Request& request, DrivingDistances::Response& response) {
-  std::shared_ptr<const NavigationGrid> grid;
-  std::optional<Pose2d> T_map_base;
-  {
-    const std::lock_guard<std::mutex> lock(shared_mutex_);
-    grid = grid_;
-    T_map_base = T_map_base_;
-    response.header.stamp = grid_stamp_;
-  }
-  response.header.frame_id = params_.map_frame;
-  std::string why_not;
-  const auto T_map_frame = request.frame_id.empty() ? std::optional<Eigen::Isometry3d>(Eigen::Isometry3d::Identity())
-                                                    : transformToMap(request.frame_id, ros::Time(0), &why_not);
-  if (!grid || !T_map_base) {
-    why_not = "no ground is known yet: odometry, localisation, scan or map are missing";
-  } else if (request.poses.size() > kMaxDistancePoses) {
-    why_not = formatted("%zu poses, must be at most %zu", request.poses.size(), kMaxDistancePoses);
-  }
-  response.message = why_not;
-  response.success = why_not.empty() ? 1 : 0;
-  if (!why_not.empty()) return true;
-
-  const base_navigation::DistanceField field(*grid, T_map_base->position(),
-                                             base_navigation::inscribedRadius(profile_.body.footprint_m));
-  const base_navigation::FootprintChecker checker(grid, profile_.body.footprint_m, params_.planner.goal_padding_m);
-  const Pose2d T_map_frame_plane = toPlane(*T_map_frame);
-  for (const geometry_msgs::Pose2D& message : request.poses) {
-    const Pose2d pose = compose(T_map_frame_plane, {message.x, message.y, message.theta});
-    const bool is_finite = isFinite(pose);
-    response.distance.push_back(is_finite ? field.distance(pose.position()) : std::numeric_limits<double>::infinity());
-    const auto state = is_finite ? checker.check(pose).state : base_navigation::SpaceState::kUnknown;
-    response.state.push_back(static_cast<std::uint8_t>(state));
-  }
-  return true;
 }
 
 bool BaseNavigationRos::onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs::GetPlan::Response& response) {

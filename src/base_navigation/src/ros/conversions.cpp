@@ -18,6 +18,7 @@ constexpr std::size_t kMaxBeams = 10000;
 constexpr double kMaxScannerTilt_rad = 0.087;
 constexpr double kMinTellingShare = 0.25;  // drivers mask beams that look at the robot: a third at most
 constexpr double kMaxCells = 1.6e7;
+constexpr double kMaxGridTilt_rad = 1e-3;
 
 }  // namespace
 
@@ -40,9 +41,14 @@ std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int
   } else if (static_cast<double>(message.data.size()) != cells) {
     *why_not = formatted("%zu values for %u x %u cells", message.data.size(), info.width, info.height);
   } else {
-    const std::optional<Eigen::Isometry3d> T_frame_origin = interactive_mapping_ros::toIsometry(info.origin);
-    if (!T_frame_origin || T_frame_origin->linear().isApprox(Eigen::Matrix3d::Identity(), 1e-3) == false) {
-      *why_not = "its origin is not finite, or turned against its frame";
+    std::string no_pose;
+    const auto T_frame_origin = interactive_mapping_ros::toIsometry(info.origin, &no_pose);
+    if (!T_frame_origin) {
+      *why_not = "its origin: " + no_pose;
+    } else if (tilt(*T_frame_origin) > kMaxGridTilt_rad) {
+      *why_not =
+          formatted("its origin is tilted by %.3f rad against its frame, must be at most %.3f rad; a yaw is allowed",
+                    tilt(*T_frame_origin), kMaxGridTilt_rad);
     } else {
       NavigationGrid grid;
       grid.cell_size_m = info.resolution;
@@ -53,7 +59,14 @@ std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int
       grid.height = static_cast<int>(info.height);
       grid.state.reserve(message.data.size());
       for (const std::int8_t value : message.data) grid.state.push_back(stateOf(value, occupied_from));
-      return grid;
+      const double yaw_rad = toPlane(*T_frame_origin).yaw_rad;
+      if (yaw_rad == 0.0) return grid;
+      std::optional<NavigationGrid> along = alongAxes(grid, yaw_rad, kMaxCells);
+      if (!along) {
+        *why_not = formatted("%u x %u cells turned by %.3f rad need more than %.0f along the axes of its frame",
+                             info.width, info.height, yaw_rad, kMaxCells);
+      }
+      return along;
     }
   }
   return std::nullopt;

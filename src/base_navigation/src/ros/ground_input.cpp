@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base_navigation_ros/ground_input.h"
 
+#include <algorithm>
 #include <utility>
 
 #include <interactive_mapping_common_ros/poses.h>
@@ -9,7 +10,15 @@
 
 namespace base_navigation_ros {
 
+namespace {
+
 using base_navigation::NavigationGrid;
+
+GroundInput::Grid shared(std::optional<NavigationGrid> grid) {
+  return grid ? std::make_shared<const NavigationGrid>(std::move(*grid)) : nullptr;
+}
+
+}  // namespace
 
 GroundInput::GroundInput(std::string map_frame, int occupied_from)
     : map_frame_(std::move(map_frame)), occupied_from_(occupied_from) {}
@@ -22,10 +31,9 @@ bool GroundInput::isInMap(const std::string& frame, std::string* why_not) const 
 
 GroundInput::Grid GroundInput::take(const nav_msgs::OccupancyGrid& message, std::string* why_not) {
   if (!isInMap(message.header.frame_id, why_not)) return nullptr;
-  auto grid = toGrid(message, occupied_from_, why_not);
-  if (!grid) return nullptr;
-  newest_ = std::make_shared<const NavigationGrid>(std::move(*grid));
-  return newest_;
+  Grid grid = shared(toGrid(message, occupied_from_, why_not));
+  if (grid) newest_ = message;
+  return grid;
 }
 
 GroundInput::Grid GroundInput::take(const map_msgs::OccupancyGridUpdate& message, std::string* why_not) {
@@ -37,22 +45,20 @@ GroundInput::Grid GroundInput::take(const map_msgs::OccupancyGridUpdate& message
   }
   const auto width = static_cast<std::int64_t>(message.width);
   const auto height = static_cast<std::int64_t>(message.height);
-  if (message.x < 0 || message.y < 0 || message.x + width > newest_->width || message.y + height > newest_->height ||
+  const auto columns = static_cast<std::int64_t>(newest_->info.width);
+  const auto rows = static_cast<std::int64_t>(newest_->info.height);
+  if (message.x < 0 || message.y < 0 || message.x + width > columns || message.y + height > rows ||
       static_cast<std::int64_t>(message.data.size()) != width * height) {
     *why_not = "an update of " + text(width) + " x " + text(height) + " cells at (" + text(message.x) + ", " +
                text(message.y) + ") with " + text(message.data.size()) + " values, must lie within the grid's " +
-               text(newest_->width) + " x " + text(newest_->height);
+               text(columns) + " x " + text(rows);
     return nullptr;
   }
-  auto grid = std::make_shared<NavigationGrid>(*newest_);
-  auto value = message.data.begin();
-  for (int row = message.y; row < message.y + height; ++row) {
-    for (int column = message.x; column < message.x + width; ++column) {
-      grid->state[grid->index(column, row)] = stateOf(*value++, occupied_from_);
-    }
+  for (std::int64_t row = 0; row < height; ++row) {
+    std::copy_n(message.data.begin() + row * width, width,
+                newest_->data.begin() + (message.y + row) * columns + message.x);
   }
-  newest_ = std::move(grid);
-  return newest_;
+  return shared(toGrid(*newest_, occupied_from_, why_not));
 }
 
 }  // namespace base_navigation_ros

@@ -13,7 +13,6 @@
 #include <geometry_msgs/Twist.h>
 #include <gmock/gmock.h>
 #include <interactive_mapping_common_ros/testing/tuning.h>
-#include <interactive_mapping_msgs/DrivingDistances.h>
 #include <interactive_mapping_msgs/NavigationOutcome.h>
 #include <interactive_mapping_msgs/NavigationState.h>
 #include <map_msgs/OccupancyGridUpdate.h>
@@ -31,7 +30,6 @@
 namespace base_navigation_ros {
 namespace {
 
-using interactive_mapping_msgs::DrivingDistances;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
 
@@ -52,6 +50,8 @@ class BaseNavigationNode : public testing::Test {
         nh_.subscribe<NavigationOutcome>(
             "base_navigation/outcome", 10,
             [this](const NavigationOutcome::ConstPtr& message) { outcomes_.push_back(*message); }),
+        nh_.subscribe<nav_msgs::OccupancyGrid>(
+            "base_navigation/grid", 10, [this](const nav_msgs::OccupancyGrid::ConstPtr& message) { grid_ = *message; }),
         nh_.subscribe<NavigationState>("base_navigation/state", 10, [this](const NavigationState::ConstPtr& message) {
           states_.insert(message->header.stamp);
           state_ = *message;
@@ -139,11 +139,20 @@ class BaseNavigationNode : public testing::Test {
     return found;
   }
 
-  /// Once the node has ground to tell of.
-  bool waitForGround(DrivingDistances* distances) {
-    return waitUntil([distances] {
-      return ros::service::call("base_navigation/driving_distances", *distances) && distances->response.success != 0;
-    });
+  bool waitForGrid() {
+    return waitUntil([this] { return !grid_.data.empty(); });
+  }
+
+  /// Of the cell of ~grid on the x axis; -1, unknown, outside.
+  int valueAt(double x_m) const {
+    const auto cell = [this](double p_m, double origin_m) {
+      return static_cast<int>(std::floor((p_m - origin_m) / grid_.info.resolution));
+    };
+    const int column = cell(x_m, grid_.info.origin.position.x);
+    const int row = cell(0.025, grid_.info.origin.position.y);
+    const int width = static_cast<int>(grid_.info.width);
+    const bool is_inside = column >= 0 && row >= 0 && column < width && row < static_cast<int>(grid_.info.height);
+    return is_inside ? grid_.data[static_cast<std::size_t>(row * width + column)] : -1;
   }
 
   static nav_msgs::GetPlan planTo(double x_m, double tolerance_m) {
@@ -164,6 +173,7 @@ class BaseNavigationNode : public testing::Test {
   std::set<ros::Time> states_;
   std::set<ros::Time> odometry_stamps_;
   NavigationState state_;
+  nav_msgs::OccupancyGrid grid_;
   std::string slash_, odom_frame_{"odom"}, scan_frame_{"scanner"}, map_frame_{"map"};
   bool has_data_{true};
   bool has_ground_{true};
@@ -187,33 +197,22 @@ TEST_F(BaseNavigationNode, TellsNoPlaceWhileItKnowsNone) {
 }
 
 TEST_F(BaseNavigationNode, TellsWhereItStandsOnceItKnows) {
-  DrivingDistances distances;
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   const NavigationOutcome outcome = outcomeOf("map", kX_m);
   EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
   EXPECT_NEAR(outcome.base.position.x, kX_m, 1e-9);
   EXPECT_NEAR(outcome.base.orientation.w, 1.0, 1e-9);
 }
 
-TEST_F(BaseNavigationNode, DistancesCarryTheStampOfTheirGrid) {
-  DrivingDistances distances;
-  geometry_msgs::Pose2D ahead;
-  ahead.x = kX_m + 1.0;
-  distances.request.poses = {ahead};
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
-  // Built with an odometry: its stamp. A step of the watchdog, where odometry is late on a busy machine, has another.
-  EXPECT_TRUE(waitUntil([&] {
-    return ros::service::call("base_navigation/driving_distances", distances) &&
-           odometry_stamps_.count(distances.response.header.stamp) > 0;
-  })) << distances.response.header.stamp;
-  ASSERT_EQ(distances.response.distance.size(), 1U);
-  EXPECT_NEAR(distances.response.distance[0], 1.0, 0.06);  // cells of 5 cm
-  EXPECT_EQ(static_cast<int>(distances.response.state[0]), static_cast<int>(DrivingDistances::Response::FREE));
+TEST_F(BaseNavigationNode, GridHasTheStampOfAnOdometry) {
+  // A step of the watchdog, where odometry is late on a busy machine, has another.
+  EXPECT_TRUE(waitUntil([this] { return odometry_stamps_.count(grid_.header.stamp) > 0; })) << grid_.header.stamp;
+  EXPECT_EQ(grid_.header.frame_id, "map");
+  EXPECT_EQ(valueAt(kX_m + 1.0), 0);
 }
 
 TEST_F(BaseNavigationNode, PlansTellApartNoWayAndNothingToDrive) {
-  DrivingDistances distances;
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   nav_msgs::GetPlan there = planTo(kX_m, 0.0);
   ASSERT_TRUE(ros::service::call("base_navigation/make_plan", there));
   ASSERT_EQ(there.response.plan.poses.size(), 1U);
@@ -233,8 +232,7 @@ TEST_F(BaseNavigationNode, PlansTellApartNoWayAndNothingToDrive) {
 }
 
 TEST_F(BaseNavigationNode, StandsWithoutTheHeartbeatOfItsMaster) {
-  DrivingDistances distances;
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   has_heartbeat_ = false;
   const NavigationOutcome outcome = outcomeOf("map", kX_m + 1.0);
   EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::STALE_HEARTBEAT)) << outcome.message;
@@ -248,9 +246,7 @@ TEST_F(BaseNavigationNode, TakesFramesWithALeadingSlash) {
   // As long as anything said before may be used, and longer than that.
   const ros::Time begun = ros::Time::now();
   ASSERT_TRUE(waitUntil([&] { return state_.header.stamp > begun + ros::Duration(1.0); }));
-  DrivingDistances distances;
-  distances.request.frame_id = "/odom";
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   NavigationOutcome outcome = outcomeOf("/map", kX_m);
   EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
   outcome = outcomeOf("/odom", kX_m);
@@ -262,8 +258,7 @@ TEST_F(BaseNavigationNode, TakesFramesWithALeadingSlash) {
 }
 
 TEST_F(BaseNavigationNode, NamesAWrongFrameAndNotItsAge) {
-  DrivingDistances distances;
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   for (std::string* frame : {&odom_frame_, &scan_frame_}) {
     const std::string before = *frame;
     *frame = "nowhere";
@@ -291,8 +286,7 @@ TEST_F(BaseNavigationNode, OffersSpeedAndMarginToChangeWhileItRuns) {
 }
 
 TEST_F(BaseNavigationNode, ASmallerShareOfSpeedHoldsForTheNextGoal) {
-  DrivingDistances distances;
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   double most_m_s = 0.0;
   const ros::Subscriber commands = nh_.subscribe<geometry_msgs::Twist>(
       "cmd_vel", 100,
@@ -308,8 +302,7 @@ TEST_F(BaseNavigationNode, ASmallerShareOfSpeedHoldsForTheNextGoal) {
 }
 
 TEST_F(BaseNavigationNode, HearsTheBasesOwnStops) {
-  DrivingDistances distances;
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   ASSERT_TRUE(waitUntil(
       [this] { return relay_publisher_.getNumSubscribers() > 0 && stop_publisher_.getNumSubscribers() > 0; }));
   neo_msgs::EmergencyStopState relay;
@@ -374,18 +367,11 @@ TEST_F(BaseNavigationNode, StaticDrivesOnALatchedGrid) {
   ground.data.assign(160 * 160, 40);  // a costmap's inflation
   ros::Publisher latched = nh_.advertise<nav_msgs::OccupancyGrid>("map/ground", 1, true);
   latched.publish(ground);
-  DrivingDistances distances;
-  ASSERT_TRUE(waitForGround(&distances)) << distances.response.message;
+  ASSERT_TRUE(waitForGrid());
   const NavigationOutcome outcome = outcomeOf("map", kX_m);
   EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
-  geometry_msgs::Pose2D behind;  // which no scanner sees
-  behind.x = -2.0;
-  distances.request.poses = {behind};
-  const auto isBehind = [&](std::uint8_t state) {
-    return ros::service::call("base_navigation/driving_distances", distances) && distances.response.success != 0 &&
-           distances.response.state.at(0) == state;
-  };
-  EXPECT_TRUE(waitUntil([&] { return isBehind(DrivingDistances::Response::FREE); }));
+  constexpr double kBehind_m = -1.975;  // which no scanner sees
+  EXPECT_TRUE(waitUntil([this] { return valueAt(kBehind_m) == 0; }));
   ros::Publisher updates = nh_.advertise<map_msgs::OccupancyGridUpdate>("map/ground_updates", 1, true);
   map_msgs::OccupancyGridUpdate update;
   update.header.frame_id = "map";
@@ -394,7 +380,7 @@ TEST_F(BaseNavigationNode, StaticDrivesOnALatchedGrid) {
   update.width = update.height = 1;
   update.data = {100};
   updates.publish(update);
-  EXPECT_TRUE(waitUntil([&] { return isBehind(DrivingDistances::Response::OCCUPIED); }));
+  EXPECT_TRUE(waitUntil([this] { return valueAt(kBehind_m) == 100; }));
 
   // One that cannot be used was meant to replace it.
   nav_msgs::OccupancyGrid elsewhere = ground;
@@ -413,24 +399,18 @@ TEST_F(BaseNavigationNode, StaticDrivesOnALatchedGrid) {
 
 // Beyond the map's ground, free as far as the scanner has looked across it. The last test: it puts the pose right again.
 TEST_F(BaseNavigationNode, ForgetsWhatItSawWithAPoseThatWasWrong) {
-  using Response = DrivingDistances::Response;
-  DrivingDistances distances;
-  geometry_msgs::Pose2D ahead;
-  ahead.x = 4.25;  // the footprint's front at 4.55: the map ends at 4, the scanner frees up to 4.74
-  distances.request.poses = {ahead};
-  const auto isAhead = [&distances](std::uint8_t state) {
-    return ros::service::call("base_navigation/driving_distances", distances) && distances.response.success != 0 &&
-           distances.response.state.at(0) == state;
-  };
-  ASSERT_TRUE(waitUntil([&] { return isAhead(Response::FREE); }));
+  constexpr double kAhead_m = 4.6;  // the map ends at 4, the scanner frees up to 4.74
+  ASSERT_TRUE(waitUntil([this] { return valueAt(kAhead_m) == 0; }));
   localise(-0.2);  // less than a jump
   nav_msgs::GetPlan there = planTo(kX_m - 0.2, 0.0);
   ASSERT_TRUE(waitUntil([&] {  // where it stands: a plan of one pose
     return ros::service::call("base_navigation/make_plan", there) && there.response.plan.poses.size() == 1;
   }));
-  EXPECT_TRUE(isAhead(Response::FREE));
+  const ros::Time moved = ros::Time::now();
+  ASSERT_TRUE(waitUntil([&] { return grid_.header.stamp > moved + ros::Duration(1.0); }));  // grids of 2 Hz
+  EXPECT_EQ(valueAt(kAhead_m), 0) << "seen before, and no longer in the scanner's range";
   localise(-1.0);
-  EXPECT_TRUE(waitUntil([&] { return isAhead(Response::UNKNOWN); }));
+  EXPECT_TRUE(waitUntil([this] { return valueAt(kAhead_m) == -1; }));
   // And it knows enough to go on.
   const NavigationOutcome outcome = outcomeOf("map", kX_m - 1.0);
   EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::SUCCESS)) << outcome.message;
@@ -439,7 +419,7 @@ TEST_F(BaseNavigationNode, ForgetsWhatItSawWithAPoseThatWasWrong) {
   ASSERT_TRUE(ros::service::call("base_navigation/make_plan", plan));
   EXPECT_GT(plan.response.plan.poses.size(), 10U);
   localise(0.0);
-  EXPECT_TRUE(waitUntil([&] { return isAhead(Response::FREE); }));
+  EXPECT_TRUE(waitUntil([this] { return valueAt(kAhead_m) == 0; }));
 }
 
 }  // namespace

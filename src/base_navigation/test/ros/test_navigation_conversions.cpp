@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base_navigation_ros/conversions.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include <gmock/gmock.h>
 #include <interactive_mapping_common_ros/poses.h>
@@ -19,6 +21,10 @@ using base_navigation::SpaceState;
 using testing::HasSubstr;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+Eigen::Isometry3d tilted(double angle_rad) {
+  return Eigen::Isometry3d(Eigen::AngleAxisd(angle_rad, Eigen::Vector3d::UnitY()));
+}
 
 nav_msgs::OccupancyGrid twoByThree() {
   nav_msgs::OccupancyGrid message;
@@ -60,11 +66,102 @@ TEST(NavigationConversions, GridsThatDoNotFitTogetherAreRefused) {
   message.info.resolution = kNan;
   EXPECT_THAT(refusal(message), HasSubstr("resolution"));
   message = twoByThree();
-  message.info.origin = toPose(Pose2d{1.0, -2.0, 0.3});
-  EXPECT_THAT(refusal(message), HasSubstr("turned against its frame"));
+  message.info.origin.orientation = toPose(tilted(0.2)).orientation;
+  EXPECT_THAT(refusal(message), HasSubstr("tilted by 0.200 rad against its frame, must be at most 0.001 rad"));
+  message.info.origin.orientation.w = 5.0;
+  EXPECT_THAT(refusal(message), HasSubstr("its origin: pose is not finite or no rotation: |q| = "));
+  message = twoByThree();
+  message.info.width = 100000;  // within the limit as it is
+  message.info.height = 1;
+  message.data.assign(100000, 0);
+  message.info.origin = toPose(Pose2d{1.0, -2.0, 0.7});
+  EXPECT_THAT(refusal(message), HasSubstr("100000 x 1 cells turned by 0.700 rad need more than 16000000"));
   message = twoByThree();
   message.info.width = message.info.height = 100000;
   EXPECT_THAT(refusal(message), HasSubstr("must be at most"));
+}
+
+constexpr SpaceState F = SpaceState::kFree;
+constexpr SpaceState O = SpaceState::kOccupied;
+constexpr SpaceState U = SpaceState::kUnknown;
+
+TEST(NavigationConversions, QuarterTurnMovesEachCell) {
+  nav_msgs::OccupancyGrid message = twoByThree();
+  message.data = {0, 100, -1, 100, 0, 0};
+  message.info.origin = toPose(Pose2d{1.0, -2.0, M_PI_2});
+  std::string why_not;
+  auto grid = toGrid(message, 65, &why_not);
+  ASSERT_TRUE(grid) << why_not;
+  EXPECT_EQ(grid->width, 2);
+  EXPECT_EQ(grid->height, 3);
+  EXPECT_LT((grid->origin_m - Eigen::Vector2d(0.9, -2.0)).norm(), 1e-9);
+  EXPECT_EQ(grid->state, (std::vector<SpaceState>{O, F, F, O, F, U}));
+  message.info.origin = toPose(Pose2d{1.0, -2.0, 1e-7});  // what a float rounds: not turned
+  grid = toGrid(message, 65, &why_not);
+  ASSERT_TRUE(grid) << why_not;
+  EXPECT_EQ(grid->state, (std::vector<SpaceState>{F, O, U, O, F, F}));
+}
+
+TEST(NavigationConversions, TurnedGridsAgreeWithEachCellSought) {
+  nav_msgs::OccupancyGrid message;
+  message.info.resolution = 0.1F;
+  message.info.width = 23;
+  message.info.height = 9;
+  for (int i = 0; i < 23 * 9; ++i) message.data.push_back(i % 7 == 3 ? 100 : i % 5 == 1 ? -1 : 0);
+  constexpr double kCell_m = 0.1;
+  for (const double yaw_rad : {M_PI / 6.0, -2.5}) {
+    message.info.origin = toPose(Pose2d{1.0, -2.0, yaw_rad});
+    std::string why_not;
+    const auto grid = toGrid(message, 65, &why_not);
+    ASSERT_TRUE(grid) << why_not;
+    const Eigen::Vector2d along(std::cos(yaw_rad), std::sin(yaw_rad)), across(-along.y(), along.x());
+    std::map<SpaceState, int> found;
+    int num_kept = 0;  // occupied cells without the centre of one of the result
+    for (int row = 0; row < grid->height; ++row) {
+      for (int column = 0; column < grid->width; ++column) {
+        const Eigen::Vector2d p = grid->centerOf(column, row);
+        SpaceState expected = U;
+        bool is_kept = false;
+        for (int j = 0; j < 9; ++j) {
+          for (int i = 0; i < 23; ++i) {
+            const Eigen::Vector2d centre =
+                Eigen::Vector2d(1.0, -2.0) + kCell_m * ((i + 0.5) * along + (j + 0.5) * across);
+            const Eigen::Vector2d to = p - centre;
+            const SpaceState state = stateOf(message.data[static_cast<std::size_t>(23 * j + i)], 65);
+            if (std::max(std::abs(to.dot(along)), std::abs(to.dot(across))) < 0.5 * kCell_m) expected = state;
+            if (state == O && to.cwiseAbs().maxCoeff() < 0.5 * kCell_m) is_kept = true;
+          }
+        }
+        num_kept += is_kept && expected != O ? 1 : 0;
+        if (is_kept) expected = O;
+        EXPECT_EQ(grid->at(column, row), expected) << column << ", " << row << " at " << yaw_rad;
+        ++found[grid->at(column, row)];
+      }
+    }
+    EXPECT_GT(found[F], 100);
+    EXPECT_GT(found[O], 23 * 9 / 7 - 1);
+    EXPECT_GT(found[U], 20);
+    EXPECT_GT(num_kept, 0);
+  }
+}
+
+TEST(GroundInput, UpdatesOfATurnedGridTurnWithIt) {
+  GroundInput ground("map", 65);
+  nav_msgs::OccupancyGrid whole = twoByThree();
+  whole.header.frame_id = "map";
+  whole.data = {0, 0, 0, 0, 0, 0};
+  whole.info.origin = toPose(Pose2d{1.0, -2.0, M_PI_2});
+  std::string why_not;
+  ASSERT_TRUE(ground.take(whole, &why_not)) << why_not;
+  map_msgs::OccupancyGridUpdate update;
+  update.header.frame_id = "map";
+  update.x = 2;  // not in the turned grid's two columns
+  update.width = 1;
+  update.height = 2;
+  update.data = {100, -1};
+  const GroundInput::Grid after = ground.take(update, &why_not);
+  ASSERT_TRUE(after) << why_not;
+  EXPECT_EQ(after->state, (std::vector<SpaceState>{F, F, F, F, U, O}));
 }
 
 TEST(GroundInput, UpdatesReplaceAPartOfTheGrid) {
@@ -84,9 +181,6 @@ TEST(GroundInput, UpdatesReplaceAPartOfTheGrid) {
   ASSERT_TRUE(before) << why_not;
   const GroundInput::Grid after = ground.take(update, &why_not);
   ASSERT_TRUE(after) << why_not;
-  const auto F = SpaceState::kFree;
-  const auto O = SpaceState::kOccupied;
-  const auto U = SpaceState::kUnknown;
   EXPECT_EQ(after->state, (std::vector<SpaceState>{F, F, F, F, O, U}));
   EXPECT_EQ(after->origin_m, before->origin_m);
   EXPECT_EQ(before->state, (std::vector<SpaceState>{F, O, U, F, O, U})) << "who has the old one keeps it";
@@ -162,9 +256,7 @@ TEST(NavigationConversions, ScansThatCannotBeAreRefused) {
     message.angle_increment = 0.005F;
     EXPECT_THAT(refusal(message, upsideDown()), HasSubstr("only 0 of 400 beams report a range"));
   }
-  Eigen::Isometry3d tilted = Eigen::Isometry3d::Identity();
-  tilted.linear() = Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitY()).toRotationMatrix();
-  EXPECT_THAT(refusal(threeBeams(), tilted), HasSubstr("tilted by 0.200 rad"));
+  EXPECT_THAT(refusal(threeBeams(), tilted(0.2)), HasSubstr("tilted by 0.200 rad"));
 }
 
 TEST(NavigationConversions, PosesKeepTheirHeading) {

@@ -15,6 +15,7 @@
 #include <gmock/gmock.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/ReportFailure.h>
+#include <map_msgs/OccupancyGridUpdate.h>
 #include <motion_planning_ros/robot_description.h>
 #include <mp700_ur5e_description/base_profile.h>
 #include <mp700_ur5e_description/robot_names.h>
@@ -1048,10 +1049,18 @@ TEST_F(NbvSelectionNode, WithoutPoseOrGroundItSaysWhatIsMissing) {
           "the grid on /lost/grid: its frame is 'odom', must be 'map' (map_frame)");
   becomes([&] { publishGrid(0.0, [](auto* grid) { grid->data.pop_back(); }); }, SelectionOutcome::BAD_INPUT,
           "the grid on /lost/grid: 14399 values for 120 x 120 cells");
+  becomes(
+      [&] {
+        publishGrid(0.0, [](auto* grid) {
+          grid->info.origin.orientation.x = std::sin(0.1);
+          grid->info.origin.orientation.w = std::cos(0.1);
+        });
+      },
+      SelectionOutcome::BAD_INPUT, "the grid on /lost/grid: its origin is tilted by 0.200 rad");
   becomes([&] { publishGrid(0.0, [](auto* grid) { grid->info.origin.position.x = kNan; }); },
-          SelectionOutcome::BAD_INPUT, "the grid on /lost/grid: its origin is not finite");
+          SelectionOutcome::BAD_INPUT, "the grid on /lost/grid: its origin: pose is not finite");
   diagnostics.await([](const auto& array) {
-    return tellsOf(array, "lost: inputs", 2, {"the grid on /lost/grid: its origin is not finite"});
+    return tellsOf(array, "lost: inputs", 2, {"the grid on /lost/grid: its origin: pose is not finite"});
   });
   becomes([&] { publishGrid(10.0, nullptr); }, SelectionOutcome::STALE_GROUND,
           "must be within 5.00 s (input/max_grid_age_s)");
@@ -1070,6 +1079,27 @@ TEST_F(NbvSelectionNode, WithoutPoseOrGroundItSaysWhatIsMissing) {
           SelectionOutcome::NO_CANDIDATE, "on unknown ground");
   // A grid that is none does not take the place of the last good one, which grows old.
   becomes([&] { publishGrid(0.0, nullptr); }, SelectionOutcome::SUCCESS, "");
+  // As costmap_2d publishes a part.
+  ros::Publisher updates = nh.advertise<map_msgs::OccupancyGridUpdate>("/lost/grid_updates", 1);
+  becomes(
+      [&] {
+        publishPose(0.0);
+        map_msgs::OccupancyGridUpdate update;
+        update.header.frame_id = "map";
+        update.header.stamp = ros::Time::now();
+        update.width = update.height = 120;
+        update.data.assign(120 * 120, -1);
+        updates.publish(update);
+      },
+      SelectionOutcome::NO_CANDIDATE, "on unknown ground");
+  // As map_server publishes a map with a yaw: the same square, turned by a quarter.
+  becomes(
+      [&] {
+        publishGrid(0.0, [](auto* grid) {
+          grid->info.origin = base_navigation_ros::toPose(base_navigation::Pose2d{3.0, -3.0, M_PI_2});
+        });
+      },
+      SelectionOutcome::SUCCESS, "");
 }
 
 TEST_F(NbvSelectionNode, StillChoosesAfterAllOfThis) {
