@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Follows a running mission: says in the terminal what it does, keeps the map in RUN_FOLDER/pictures, in
-RUN_FOLDER/memory.csv what each node occupies, and in RUN_FOLDER/processor.csv what each process has computed.
+RUN_FOLDER/parameters.yaml the nodes' parameters, in RUN_FOLDER/memory.csv what each node occupies, and in
+RUN_FOLDER/processor.csv what each process has computed.
 
 Maps are kept as map_<seconds>_<picked>.ply: after the first look, before the first pick, after the look that follows a
 pick, and at the end. Exit code: 0 the mission has ended, 1 it is gone, 2 bad usage, 3 the time is up.
@@ -19,6 +20,7 @@ import time
 import xmlrpc.client
 
 import numpy as np
+import yaml
 
 from .cli import parser_of
 from .mission_run import END_WORDS
@@ -341,6 +343,12 @@ def is_there(node):
         return False
 
 
+def keep_parameters(folder, parameters):
+    """Those of the nodes as they are on the parameter server: what a node was not given is its default."""
+    own = {name: values for name, values in parameters.items() if isinstance(values, dict) and name not in ("roslaunch", "run_id")}
+    (folder / "parameters.yaml").write_text(yaml.safe_dump(own), encoding="utf-8")
+
+
 def main():
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=pathlib.Path, metavar="RUN_FOLDER")
@@ -382,11 +390,15 @@ def main():
 
     begun = last_there = time.monotonic()
     code = None
+    has_parameters = False
     while code is None:
         recorder.ended.wait(POLL_S)
         now = time.monotonic()
         heard_s = recorder.heard_s
         recorder.look_at_processes()
+        if heard_s is not None and not has_parameters:
+            has_parameters = True
+            keep_parameters(arguments.folder, rospy.get_param("/"))
         if heard_s is not None:
             last_there = max(last_there, heard_s)
             # A clock that stands still makes a mission silent, too: that is no reason to give it up.

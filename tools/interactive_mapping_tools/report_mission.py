@@ -16,6 +16,7 @@ import pathlib
 import jinja2
 import matplotlib.colors
 import numpy as np
+import yaml
 from PIL import Image
 
 from . import mission_run, plot_mission, render_mesh
@@ -24,6 +25,7 @@ from .mission_run import count_of, duration, number
 
 TEMPLATES = jinja2.Environment(loader=jinja2.FileSystemLoader(str(pathlib.Path(__file__).parent / "templates")), autoescape=True, trim_blocks=True,
                                lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 CAPTIONS = {
     "path.png": "Where the robot drove and stood, and the pile, from above. An arrow points to where the robot looked.",
     "time.png": "Where the time went.",
@@ -32,7 +34,7 @@ CAPTIONS = {
 FILES = {
     "summary.json": "the figures", "mission.jsonl": "each decision with its reason", "selections.jsonl": "each choice of a view with all candidates",
     "path.jsonl": "the driven path", "judge.csv": "what the judge saw, per second", "events.jsonl": "stowed, fallen, dropped, hit",
-    "judge.json": "the judge's totals", "pictures": "of the world; maps as meshes (PLY)", "log": "of the nodes"}
+    "parameters.yaml": "the nodes' parameters", "judge.json": "the judge's totals", "pictures": "of the world; maps as meshes (PLY)", "log": "of the nodes"}
 MAP_VIEW = (-146.0, 31.0)  # azimuth, elevation [deg]: that of the simulator's pictures when the robot starts on the -x side
 MAX_STAGES = 4  # pictures before, during, after
 
@@ -239,6 +241,40 @@ def origin_of(run):
     return ", ".join(filter(None, known))
 
 
+def flat(parameters, above=""):
+    """{"section/name": value} of nested sections."""
+    values = {}
+    for name, value in parameters.items():
+        values.update(flat(value, f"{above}{name}/") if isinstance(value, dict) else {above + str(name): value})
+    return values
+
+
+def parameter_rows(run):
+    """[(node, parameter, value, shipped value)] where they differ, by the node's shipped file of parameters."""
+    try:
+        nodes = yaml.safe_load((run.folder / "parameters.yaml").read_text(encoding="utf-8"))
+        rows = []
+        for node, given in sorted(nodes.items()):
+            shipped = {path.stem: path for path in ROOT.glob(f"*/*/config/{node}.yaml")}
+            if node not in shipped:
+                continue
+            default = flat(yaml.safe_load(shipped[node].read_text(encoding="utf-8")))
+            rows += [(node, name, value, default[name]) for name, value in sorted(flat(given).items()) if name in default and value != default[name]]
+        return rows
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
+        run.notes.append(f"parameters.yaml cannot be read: {' '.join(str(error).split())}")
+        return []
+
+
+def run_before(folder):
+    """The folder beside it whose page is the newest of those older than its mission; None if there is none."""
+    own_s = (folder / "mission.jsonl").stat().st_mtime if (folder / "mission.jsonl").exists() else math.inf
+    pages = [(page.stat().st_mtime, page) for page in folder.resolve().parent.glob("*/index.html") if page.parent != folder.resolve()]
+    return max((entry for entry in pages if entry[0] < own_s), default=(None, None))[1]
+
+
 def stages_of(run, worlds, maps):
     """[figure or None], a row per stage, the world on the left, the map as it was then on the right; of one kind alone two beside each other."""
     kinds = [(entries, what, verb) for entries, what, verb in ((worlds, "The world", "stowed"), (maps, "The map", "picked")) if entries]
@@ -270,7 +306,9 @@ def write_page(run, summary, plots, maps, colour_range, out):
     bricks = brick_rows(run)
     moving = animation(run, run.folder / "report" / "mission.gif")
     decisions, strip = decisions_of(run)
+    before = run_before(run.folder)
     page = {
+        "parameters": parameter_rows(run), "before": before and {"name": before.parent.name, "address": f"../{before.parent.name}/index.html"},
         "name": run.folder.resolve().name, "sentences": sentences(run, summary), "origin": origin_of(run), "command": run.origin.get("command"),
         "about": ", ".join(f"{words} {summary[key]}" for words, key in known if summary.get(key) not in (None, "", "none")),
         "cards": [("?" if done is None else done if total is None else f"{done} of {total}", "bricks stowed" if stowed is not None else "bricks picked",

@@ -87,6 +87,10 @@ class ReportMission(unittest.TestCase):
     def summary(self):
         return json.loads((self.folder / "summary.json").read_text(), parse_constant=lambda name: self.fail(f"{name} is no JSON"))
 
+    def new_page(self):
+        self.assertEqual(self.report().returncode, 0)
+        return self.page()
+
     def page(self):
         page = Page((self.folder / "index.html").read_text())
         self.assertEqual(page.open, [])
@@ -287,6 +291,34 @@ class ReportMission(unittest.TestCase):
             (self.folder / ".run_mission").write_text(text)
             self.assertEqual(mission_run.Run(self.folder).origin, wanted)
             self.assertEqual(self.report().returncode, 0)
+
+    def test_page_tells_the_parameters_that_are_not_the_shipped_ones(self):
+        self.make_without_maps()
+        parameters = self.folder / "parameters.yaml"
+        parameters.write_text("pick_mission: {bricks: {order: nearest}, map_frame: map, of_another_version: 1}\nnobody_ships_this: {a: 1}\n", encoding="utf-8")
+        page = self.new_page()
+        self.assertIn("pick_missionbricks/ordernearesthighest", page.text)
+        for same in ("map_frame", "of_another_version", "nobody_ships_this"):
+            self.assertNotIn(same, page.text)
+        for broken in ("{", "- 1", "pick_mission: 3"):
+            parameters.write_text(broken, encoding="utf-8")
+            self.assertIn("parameters.yaml cannot be read", self.new_page().text)
+        parameters.unlink()
+        self.assertNotIn("differ from the shipped", self.new_page().text)
+
+    def test_page_leads_to_the_run_before(self):
+        self.make_without_maps()
+        self.assertNotIn("The run before", self.new_page().text)
+        for name, age_s in (("older", 200.0), ("just before", 100.0), ("later", -100.0)):
+            page = self.folder.parent / name / "index.html"
+            page.parent.mkdir()
+            page.write_text("", encoding="utf-8")
+            time_s = (self.folder / "mission.jsonl").stat().st_mtime - age_s
+            os.utime(page, (time_s, time_s))
+        page = self.new_page()
+        self.assertIn("The run before: just before", page.text)
+        address = next(link for link in page.links if "just before" in link)
+        self.assertTrue((self.folder / address).is_file())
 
     def test_standing_poses_are_those_driven_to(self):
         made = self.make_without_maps()
