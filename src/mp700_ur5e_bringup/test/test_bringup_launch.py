@@ -726,6 +726,20 @@ class BringupLaunch(unittest.TestCase):
         self.assertEqual(ours.remaps("/base_navigation")["map/ground"], "/gpis_mapping/ground")
         self.assertEqual(ours.params["/simulated_world/judge/surface_topic"], "/gpis_mapping/mesh")
 
+    def test_a_grid_of_ones_own_takes_the_place_of_the_ground(self):
+        def grids(loaded):
+            return tuple(loaded.remaps(node)[topic] for node, topic in (("/base_navigation", "map/ground"), ("/nbv_selection", "grid"))
+                         if node in loaded.nodes)
+        for args in ((), ("map:=octomap",)):
+            self.assertEqual(grids(self.simulation("grid:=/room", *args)), ("/room", "/base_navigation/grid"))
+        self.assertEqual(grids(self.robot("grid:=/room")), ("/room", "/base_navigation/grid"))
+        self.assertEqual(grids(self.robot()), ("/gpis_mapping/ground", "/base_navigation/grid"))
+        for machine, own, none in (("base", "/room", "/gpis_mapping/ground"), ("laptop", "/base_navigation/grid", "/base_navigation/grid"),
+                                   ("arm", "/room", "/base_navigation/grid")):
+            common = f"{self.package}/launch/common.launch", f"machine:={machine}"
+            self.assertEqual(grids(Loaded(*common, "grid:=/room")), (own,))
+            self.assertEqual(grids(Loaded(*common)), (none,))
+
     def source_network(self, *args):
         script = 'set -eu; file=$1; shift; . "$file" "$@"; echo "$ROS_IP $ROS_MASTER_URI ${ROS_HOSTNAME:-none}"'
         return subprocess.run(["/bin/bash", "-c", script, "bash", f"{self.package}/config/network.env", *args],

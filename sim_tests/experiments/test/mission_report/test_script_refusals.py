@@ -153,6 +153,7 @@ class ScriptRefusals(unittest.TestCase):
         self.assertEqual(told.strip(), environment["ROS_PACKAGE_PATH"])
         for name in shipped.split(", "):
             self.refused(1, "not deleted", *kept, name)
+        self.refused(1, "not deleted", *kept, "nearest", "--", f"params:={ROOT}/examples/nearest_strategy/mission.yaml")
         self.refused(2, "strategies cannot be read", *kept, "gpis", "--", f"params:={self.folder / 'nope.yaml'}")
 
     def test_endurance_refuses_seeds_that_no_world_takes(self):

@@ -81,9 +81,9 @@ TEST(NavigationConversions, GridsThatDoNotFitTogetherAreRefused) {
   EXPECT_THAT(refusal(message), HasSubstr("must be at most"));
 }
 
-constexpr SpaceState F = SpaceState::kFree;
-constexpr SpaceState O = SpaceState::kOccupied;
-constexpr SpaceState U = SpaceState::kUnknown;
+constexpr SpaceState kF = SpaceState::kFree;
+constexpr SpaceState kO = SpaceState::kOccupied;
+constexpr SpaceState kU = SpaceState::kUnknown;
 
 TEST(NavigationConversions, QuarterTurnMovesEachCell) {
   nav_msgs::OccupancyGrid message = twoByThree();
@@ -95,11 +95,11 @@ TEST(NavigationConversions, QuarterTurnMovesEachCell) {
   EXPECT_EQ(grid->width, 2);
   EXPECT_EQ(grid->height, 3);
   EXPECT_LT((grid->origin_m - Eigen::Vector2d(0.9, -2.0)).norm(), 1e-9);
-  EXPECT_EQ(grid->state, (std::vector<SpaceState>{O, F, F, O, F, U}));
+  EXPECT_EQ(grid->state, (std::vector<SpaceState>{kO, kF, kF, kO, kF, kU}));
   message.info.origin = toPose(Pose2d{1.0, -2.0, 1e-7});  // what a float rounds: not turned
   grid = toGrid(message, 65, &why_not);
   ASSERT_TRUE(grid) << why_not;
-  EXPECT_EQ(grid->state, (std::vector<SpaceState>{F, O, U, O, F, F}));
+  EXPECT_EQ(grid->state, (std::vector<SpaceState>{kF, kO, kU, kO, kF, kF}));
 }
 
 TEST(NavigationConversions, TurnedGridsAgreeWithEachCellSought) {
@@ -120,7 +120,7 @@ TEST(NavigationConversions, TurnedGridsAgreeWithEachCellSought) {
     for (int row = 0; row < grid->height; ++row) {
       for (int column = 0; column < grid->width; ++column) {
         const Eigen::Vector2d p = grid->centerOf(column, row);
-        SpaceState expected = U;
+        SpaceState expected = kU;
         bool is_kept = false;
         for (int j = 0; j < 9; ++j) {
           for (int i = 0; i < 23; ++i) {
@@ -129,18 +129,18 @@ TEST(NavigationConversions, TurnedGridsAgreeWithEachCellSought) {
             const Eigen::Vector2d to = p - centre;
             const SpaceState state = stateOf(message.data[static_cast<std::size_t>(23 * j + i)], 65);
             if (std::max(std::abs(to.dot(along)), std::abs(to.dot(across))) < 0.5 * kCell_m) expected = state;
-            if (state == O && to.cwiseAbs().maxCoeff() < 0.5 * kCell_m) is_kept = true;
+            if (state == kO && to.cwiseAbs().maxCoeff() < 0.5 * kCell_m) is_kept = true;
           }
         }
-        num_kept += is_kept && expected != O ? 1 : 0;
-        if (is_kept) expected = O;
+        num_kept += is_kept && expected != kO ? 1 : 0;
+        if (is_kept) expected = kO;
         EXPECT_EQ(grid->at(column, row), expected) << column << ", " << row << " at " << yaw_rad;
         ++found[grid->at(column, row)];
       }
     }
-    EXPECT_GT(found[F], 100);
-    EXPECT_GT(found[O], 23 * 9 / 7 - 1);
-    EXPECT_GT(found[U], 20);
+    EXPECT_GT(found[kF], 100);
+    EXPECT_GT(found[kO], 23 * 9 / 7 - 1);
+    EXPECT_GT(found[kU], 20);
     EXPECT_GT(num_kept, 0);
   }
 }
@@ -161,7 +161,7 @@ TEST(GroundInput, UpdatesOfATurnedGridTurnWithIt) {
   update.data = {100, -1};
   const GroundInput::Grid after = ground.take(update, &why_not);
   ASSERT_TRUE(after) << why_not;
-  EXPECT_EQ(after->state, (std::vector<SpaceState>{F, F, F, F, U, O}));
+  EXPECT_EQ(after->state, (std::vector<SpaceState>{kF, kF, kF, kF, kU, kO}));
 }
 
 TEST(GroundInput, UpdatesReplaceAPartOfTheGrid) {
@@ -181,9 +181,9 @@ TEST(GroundInput, UpdatesReplaceAPartOfTheGrid) {
   ASSERT_TRUE(before) << why_not;
   const GroundInput::Grid after = ground.take(update, &why_not);
   ASSERT_TRUE(after) << why_not;
-  EXPECT_EQ(after->state, (std::vector<SpaceState>{F, F, F, F, O, U}));
+  EXPECT_EQ(after->state, (std::vector<SpaceState>{kF, kF, kF, kF, kO, kU}));
   EXPECT_EQ(after->origin_m, before->origin_m);
-  EXPECT_EQ(before->state, (std::vector<SpaceState>{F, O, U, F, O, U})) << "who has the old one keeps it";
+  EXPECT_EQ(before->state, (std::vector<SpaceState>{kF, kO, kU, kF, kO, kU})) << "who has the old one keeps it";
   update.x = 2;
   EXPECT_FALSE(ground.take(update, &why_not));
   EXPECT_THAT(why_not, HasSubstr("2 x 2 cells at (2, 0) with 4 values, must lie within the grid's 3 x 2"));

@@ -64,7 +64,7 @@ struct GpisMappingParams {
     double resolution_m{0.05};
 
     static void fields(Octomap& c, interactive_mapping::Fields& f) {
-      f("resolution_m", c.resolution_m, 0.005, 1.0, "m", "side of the voxels of ~octomap_full and ~octomap_binary");
+      f("resolution_m", c.resolution_m, 0.005, 1.0, "m", "side of the voxels of ~octomap_... and ~esdf_pointcloud");
     }
   } octomap;
 

@@ -21,6 +21,7 @@
 #include "gpis_mapping/map_snapshot.h"
 #include "gpis_mapping/mesh_extractor.h"
 #include "gpis_mapping/point_update.h"
+#include "gpis_mapping/voxel_states.h"
 #include "gpis_mapping_ros/gpis_mapping_params.h"
 
 namespace gpis_mapping_ros {
@@ -64,6 +65,10 @@ sensor_msgs::PointCloud2 toPointCloud(const SliceCells& slice, const std_msgs::H
 
 /// As voxblox publishes a slice: x y z, intensity = signed distance [m].
 sensor_msgs::PointCloud2 toIntensityCloud(const SliceCells& slice, const std_msgs::Header& header);
+
+/// The same at the centres of the known voxels, as far as the distance reaches (query/max_distance_m).
+sensor_msgs::PointCloud2 toIntensityCloud(const gpis_mapping::MapSnapshot& snapshot,
+                                          const gpis_mapping::VoxelStates& voxels, const std_msgs::Header& header);
 
 /// A square per cell: blue outside, white on the surface, red inside; full at kSliceColorRange_m.
 visualization_msgs::Marker toMarker(const SliceCells& slice, const std_msgs::Header& header);

@@ -20,8 +20,11 @@ using gpis_mapping::MapSnapshot;
 using gpis_mapping::Points3d;
 using gpis_mapping::SpaceState;
 using gpis_mapping::TriangleMesh;
+using gpis_mapping::VoxelStates;
 using interactive_mapping_msgs::QueryMap;
 using interactive_mapping_ros::toPoint;
+
+constexpr std::size_t kBatch = 1 << 16;  // points asked at once: their answers take some 10 MB
 
 /// Two triangles, counter-clockwise seen from above.
 constexpr std::array<std::pair<int, int>, 6> kSquare = {{{-1, -1}, {1, -1}, {1, 1}, {-1, -1}, {1, 1}, {-1, 1}}};
@@ -53,13 +56,11 @@ std::vector<double> toNumbers(const Eigen::VectorXd& values) {
 /// Cloud of float32 fields, one after the other.
 class CloudWriter {
  public:
-  CloudWriter(const std_msgs::Header& header, const std::vector<std::string>& fields, std::size_t count) {
+  CloudWriter(const std_msgs::Header& header, const std::vector<std::string>& fields, std::size_t max_count) {
     cloud_.header = header;
     cloud_.height = 1;
-    cloud_.width = static_cast<std::uint32_t>(count);
     cloud_.is_dense = true;
     cloud_.point_step = static_cast<std::uint32_t>(fields.size() * sizeof(float));
-    cloud_.row_step = cloud_.point_step * cloud_.width;
     for (std::size_t i = 0; i < fields.size(); ++i) {
       sensor_msgs::PointField field;
       field.name = fields[i];
@@ -68,7 +69,7 @@ class CloudWriter {
       field.count = 1;
       cloud_.fields.push_back(field);
     }
-    cloud_.data.resize(cloud_.row_step);
+    cloud_.data.resize(cloud_.point_step * max_count);
   }
 
   void add(std::initializer_list<double> values) {
@@ -79,7 +80,13 @@ class CloudWriter {
     }
   }
 
-  sensor_msgs::PointCloud2 take() { return std::move(cloud_); }
+  /// Of the points that were added.
+  sensor_msgs::PointCloud2 take() {
+    cloud_.row_step = static_cast<std::uint32_t>(written_);
+    cloud_.width = cloud_.row_step / cloud_.point_step;
+    cloud_.data.resize(cloud_.row_step);
+    return std::move(cloud_);
+  }
 
  private:
   sensor_msgs::PointCloud2 cloud_;
@@ -273,6 +280,28 @@ sensor_msgs::PointCloud2 toIntensityCloud(const SliceCells& slice, const std_msg
   for (Eigen::Index i = 0; i < slice.distance.size(); ++i) {
     const Eigen::Vector3d p = slice.centres_map.col(i);
     cloud.add({p.x(), p.y(), p.z(), slice.distance[i]});
+  }
+  return cloud.take();
+}
+
+sensor_msgs::PointCloud2 toIntensityCloud(const MapSnapshot& snapshot, const VoxelStates& voxels,
+                                          const std_msgs::Header& header) {
+  CloudWriter cloud(header, {"x", "y", "z", "intensity"}, voxels.occupied.size() + voxels.free.size());
+  gpis_mapping::QueryOptions options;
+  options.variance = false;
+  for (const auto* keys : {&voxels.occupied, &voxels.free}) {
+    for (std::size_t begin = 0; begin < keys->size(); begin += kBatch) {
+      const std::size_t count = std::min(kBatch, keys->size() - begin);
+      Points3d centres(3, static_cast<Eigen::Index>(count));
+      for (std::size_t i = 0; i < count; ++i) {
+        centres.col(static_cast<Eigen::Index>(i)) = (*keys)[begin + i].center(voxels.size_m);
+      }
+      const gpis_mapping::QueryResult answers = snapshot.query(centres, options);
+      for (Eigen::Index i = 0; i < centres.cols(); ++i) {
+        const Eigen::Vector3d p = centres.col(i);
+        if (std::isfinite(answers.distance[i])) cloud.add({p.x(), p.y(), p.z(), answers.distance[i]});
+      }
+    }
   }
   return cloud.take();
 }

@@ -33,8 +33,8 @@ constexpr char kSlice[] = "slice";
 constexpr char kEsdfSlice[] = "esdf_slice";
 constexpr char kSliceMarker[] = "slice_marker";
 
-std::unique_ptr<octomap::OcTree> makeOctree(const MapState& state, double resolution_m) {
-  return toOctree(gpis_mapping::classifyVoxels(*state.snapshot, resolution_m, kMaxVoxels));
+gpis_mapping::VoxelStates makeVoxels(const MapState& state, double resolution_m) {
+  return gpis_mapping::classifyVoxels(*state.snapshot, resolution_m, kMaxVoxels);
 }
 
 std::chrono::steady_clock::duration toSteady(double duration_s) {
@@ -50,14 +50,19 @@ struct MapPublisher::Shown {
   GpisMappingParams::Slice slice;
   std::vector<Eigen::Vector3d> removed;
   std::optional<SliceCells> slice_cells;
+  std::optional<gpis_mapping::VoxelStates> voxels;
   std::unique_ptr<octomap::OcTree> octree;
 
   const SliceCells& sliceCells() {
     if (!slice_cells) slice_cells = makeSlice(*state.snapshot, slice, kMaxSliceCells);
     return *slice_cells;
   }
+  const gpis_mapping::VoxelStates& voxelsOf(double resolution_m) {
+    if (!voxels) voxels = makeVoxels(state, resolution_m);
+    return *voxels;
+  }
   const octomap::OcTree& octreeOf(double resolution_m) {
-    if (!octree) octree = makeOctree(state, resolution_m);
+    if (!octree) octree = toOctree(voxelsOf(resolution_m));
     return *octree;
   }
 };
@@ -146,6 +151,9 @@ MapPublisher::MapPublisher(const ros::NodeHandle& private_nh, const GpisMappingP
     placed.origin.orientation.w = 1.0;
     placed.octomap = toBinaryMessage(shown->octreeOf(octomap_resolution_m_), shown->header);
     return placed;
+  });
+  addOutput<PointCloud2>(&nh, "esdf_pointcloud", false, [this](Shown* shown) {
+    return toIntensityCloud(*shown->state.snapshot, shown->voxelsOf(octomap_resolution_m_), shown->header);
   });
   worker_ = std::thread(&MapPublisher::work, this);
 }
@@ -266,7 +274,7 @@ octomap_msgs::Octomap MapPublisher::getOctomap(bool binary) const {
     const std::lock_guard<std::mutex> lock(mutex_);
     state = state_;
   }
-  const auto tree = makeOctree(state, octomap_resolution_m_);
+  const auto tree = toOctree(makeVoxels(state, octomap_resolution_m_));
   return binary ? toBinaryMessage(*tree, headerOf(state)) : toFullMessage(*tree, headerOf(state));
 }
 

@@ -2,6 +2,9 @@
 // What is made for whom: outputs without a subscriber cost nothing, one that fails leaves the others alone.
 #include "gpis_mapping_ros/map_publisher.h"
 
+#include <array>
+#include <cmath>
+#include <set>
 #include <string>
 
 #include <gmock/gmock.h>
@@ -10,11 +13,13 @@
 #include <nav_msgs/OccupancyGrid.h>
 #include <ros/ros.h>
 #include <sensor_msgs/PointCloud2.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
 #include <visualization_msgs/Marker.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include "analytic_surfaces.h"
 #include "gpis_mapping/gpis_map.h"
+#include "gpis_mapping/voxel_states.h"
 
 namespace gpis_mapping_ros {
 namespace {
@@ -100,6 +105,64 @@ TEST(MapPublisher, AnOutputThatCannotBeMadeIsNamedAndLeavesTheOthers) {
   EXPECT_GT(esdf.awaitStamp(ros::Time(102.0)).width, 100u);
   EXPECT_FALSE(full.hasCome());
   EXPECT_THROW(publisher.getOctomap(false), std::invalid_argument);
+}
+
+TEST(MapPublisher, DistanceCloudHasTheMapsDistances) {
+  MapPublisher publisher(ros::NodeHandle("cloud"), everyState());
+  Latest<PointCloud2> latest("cloud/esdf_pointcloud");
+  const MapState state = floorState(1);
+  publisher.setState(state, {});
+  const PointCloud2 cloud = latest.awaitStamp(ros::Time(101.0));
+  EXPECT_EQ(cloud.header.frame_id, "map");
+  ASSERT_EQ(cloud.fields.size(), 4u);
+  EXPECT_EQ(cloud.fields[3].name, "intensity");
+  ASSERT_EQ(cloud.data.size(), cloud.width * cloud.point_step);
+
+  constexpr double kVoxel_m = 0.05;  // octomap/resolution_m
+  std::size_t num_known = 0;
+  const gpis_mapping::VoxelStates voxels = gpis_mapping::classifyVoxels(*state.snapshot, kVoxel_m, 1'000'000);
+  for (const auto* keys : {&voxels.occupied, &voxels.free}) {
+    for (const gpis_mapping::LatticeKey& key : *keys) {
+      num_known += std::isfinite(state.snapshot->query(key.center(kVoxel_m)).distance[0]) ? 1 : 0;
+    }
+  }
+  EXPECT_GT(num_known, 1000u);
+  EXPECT_EQ(cloud.width, num_known);
+  std::size_t num_inside = 0;
+  std::set<std::array<float, 3>> places;
+  sensor_msgs::PointCloud2ConstIterator<float> x(cloud, "x"), intensity(cloud, "intensity");
+  for (; x != x.end(); ++x, ++intensity) {
+    places.insert({x[0], x[1], x[2]});
+    const Eigen::Vector3d p(x[0], x[1], x[2]);
+    for (int axis = 0; axis < 3; ++axis) {
+      const double in_voxel = p[axis] / kVoxel_m - std::floor(p[axis] / kVoxel_m);
+      EXPECT_NEAR(in_voxel, 0.5, 1e-4) << "the centre, in floats";
+    }
+    // The floats' rounding moves the point by less than a micrometre.
+    EXPECT_NEAR(*intensity, state.snapshot->query(p).distance[0], 1e-6);
+    if (std::abs(p.x()) < 0.4 && std::abs(p.y()) < 0.4) {
+      EXPECT_NEAR(*intensity, p.z(), 0.002) << "of the floor, sampled with 2 mm of noise";
+    }
+    EXPECT_GT(*intensity, -0.15f - 1e-6f) << "deeper nobody knows: query/occupied_depth_m";
+    EXPECT_LT(*intensity, 0.075f + 1e-6f) << "higher nobody looked: 1.5 blocks of the observed layer";
+    num_inside += *intensity < 0.0f ? 1 : 0;
+  }
+  EXPECT_EQ(places.size(), num_known) << "no voxel twice";
+  EXPECT_GT(num_inside, 300u);
+}
+
+TEST(MapPublisher, TooManyDistancesAreRefused) {
+  GpisMappingParams params = everyState();
+  params.octomap.resolution_m = 0.005;
+  MapPublisher publisher(ros::NodeHandle("too_many"), params);
+  Latest<PointCloud2> latest("too_many/esdf_pointcloud");
+  ASSERT_TRUE(waitUntil([&] {
+    publisher.setState(floorState(1), {});
+    return !publisher.lastError().empty();
+  }));
+  EXPECT_THAT(publisher.lastError(), HasSubstr("~esdf_pointcloud: voxels of 0.005 m would be about"));
+  EXPECT_THAT(publisher.lastError(), HasSubstr("must be at most 4000000"));
+  EXPECT_FALSE(latest.hasCome());
 }
 
 TEST(MapPublisher, MakesEveryOutputForItsSubscriber) {
