@@ -166,6 +166,8 @@ TEST(MissionView, WhyItEndedIsToldAndWhetherThatIsGood) {
   const MissionView bad = fresh(state);
   EXPECT_EQ(bad.note, "Planning failed again and again.\nPlan_pick: no map; 5 times in a row");
   EXPECT_FALSE(good.fill == bad.fill);
+  state.end_message = "pick: STALE_STATE; 5 times in a row";
+  EXPECT_THAT(fresh(state).note, HasSubstr("clock:=lockstep"));
 }
 
 TEST(MissionView, LettersCanBeReadOnEveryColour) {
