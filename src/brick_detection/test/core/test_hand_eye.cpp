@@ -359,7 +359,7 @@ TEST(HandEye, TooLittleRotationIsRefused) {
   const Rig rig = exactRig(15, &random, 0.05);
   const HandEyeResult result = solveHandEye(rig.samples, HandEyeConfig());
   EXPECT_EQ(result.failure, HandEyeFailure::kTooLittleRotation);
-  EXPECT_THAT(result.reason, HasSubstr("tilt"));
+  EXPECT_THAT(result.reason, HasSubstr("Tilt"));
 }
 
 // Turns the shoulder alone, as one who has not read the manual would: the camera's height is then unknown.

@@ -189,8 +189,11 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   const auto lifted = std::make_shared<LiftStep::Lifted>();
   const auto lowerAndPutBack = [=] {
     Items items;
-    items.push_back(item<MotionStep>("put_back", WatchPhase::kLift,
-                                     [=] { return gentle(reversed(upTo(lifted->trajectory, lifted->at_s, ramp_s))); }));
+    if (!lifted->trajectory.empty()) {  // else it was stopped before it moved
+      items.push_back(item<MotionStep>("put_back", WatchPhase::kLift, [=] {
+        return gentle(reversed(upTo(lifted->trajectory, lifted->at_s, ramp_s)));
+      }));
+    }
     append(putBack(), &items);
     return items;
   };
