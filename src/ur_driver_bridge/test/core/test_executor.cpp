@@ -914,11 +914,11 @@ TEST(ExecutorPick, ABrickIsNotDroppedWhenWhatRestsOnItSlidesOff) {
 }
 
 TEST(ExecutorPick, ABrickIsPutBackWhereItsLiftIsBlocked) {
-  for (const double at_s : {0.02, 0.2}) {
+  for (const double at_s : {0.0, 0.02, 0.2}) {  // 0: before it moves
     Picker arm;
     arm.runTo("lift", at_s);
     arm.must_stop = "unseen space";
-    while (arm.executor.phase() != ExecutorPhase::kStopping) arm.step();
+    while (arm.executor.stage() == "lift") arm.step();
     arm.must_stop.clear();  // of the way up, not of the way back
     expectEnds(arm, ArmStatus::kPathBlocked, 30.0);
     EXPECT_EQ(arm.finished->stage, "lift");
