@@ -446,12 +446,16 @@ std::optional<MotionStep::Ending> LiftStep::look(StepContext& context) {
   const double most_kg = (context.config.load.max_share - 1.0) * brick_mass_kg_;
   const double excess_kg = context.load.excess().value_or(0.0);
   if (excess_kg <= most_kg) return std::nullopt;
-  context.load.release();  // or its weight on the ground would count as a loss when it is put back
   return Ending{
       {ArmStatus::kNotAttached,
        formatted("%.2f kg beside the brick pull at the magnet, must be at most %.2f kg: it takes something along",
                  excess_kg, most_kg)},
       context.config.pick.contact_stop_s};
+}
+
+std::optional<MotionStep::Ending> PutBackStep::look(StepContext& context) {
+  context.load.release();  // or its weight on the ground would count as a loss
+  return std::nullopt;
 }
 
 }  // namespace ur_driver_bridge

@@ -135,4 +135,13 @@ class LiftStep : public MotionStep {
   std::shared_ptr<Lifted> lifted_;
 };
 
+/// Down again with what hangs on the magnet, to where it came from.
+class PutBackStep : public MotionStep {
+ public:
+  explicit PutBackStep(Make make) : MotionStep("put_back", WatchPhase::kLift, std::move(make)) {}
+
+ protected:
+  std::optional<Ending> look(StepContext& context) override;
+};
+
 }  // namespace ur_driver_bridge

@@ -182,7 +182,7 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   // What hangs there is put back where it was, whatever it is; then away from it.
   const auto putBack = [=] {
     Items items;
-    items.push_back(item<MotionStep>("put_back", WatchPhase::kLift, [=] { return reversed(littleLift()); }));
+    items.push_back(item<PutBackStep>([=] { return reversed(littleLift()); }));
     append(offAndRetreat(), &items);
     return items;
   };
@@ -190,9 +190,8 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   const auto lowerAndPutBack = [=] {
     Items items;
     if (!lifted->trajectory.empty()) {  // else it was stopped before it moved
-      items.push_back(item<MotionStep>("put_back", WatchPhase::kLift, [=] {
-        return gentle(reversed(upTo(lifted->trajectory, lifted->at_s, ramp_s)));
-      }));
+      items.push_back(
+          item<PutBackStep>([=] { return gentle(reversed(upTo(lifted->trajectory, lifted->at_s, ramp_s))); }));
     }
     append(putBack(), &items);
     return items;
