@@ -106,6 +106,7 @@ class FakeArm {
   double plate_z_m{-10.0};                  // in the arm's base; the magnet touches below
   bool gives_way{false};                    // the plate is pushed along without a force
   double sideways_N{0.0};                   // from now on
+  double brick_z_m{0.0};                    // of the tip, where it was when the brick stuck to it
   double mass_kg{1.0};                      // of what lies there
   double noise_N{0.0};                      // alternating
   bool holds_plate{true};                   // it sticks to a magnet that is on
@@ -373,7 +374,6 @@ class FakeArm {
   std::optional<double> stop_since_s_;
   bool has_stood_{false};
   double last_watch_s_{0.0};
-  double brick_z_m{0.0};  // of the tip, where it was when the brick stuck to it
   std::uint32_t watch_id_{0}, watches_{0};
   double watch_end_s_{0.0};
 };
