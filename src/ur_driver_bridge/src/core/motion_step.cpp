@@ -437,8 +437,8 @@ Verdict TouchStep::atEnd(StepContext& context) {
   return {};
 }
 
-LiftStep::LiftStep(Make make, double brick_mass_kg, std::shared_ptr<Lifted> lifted)
-    : MotionStep("lift", WatchPhase::kLift, std::move(make)),
+LiftStep::LiftStep(const char* stage, Make make, double brick_mass_kg, std::shared_ptr<Lifted> lifted)
+    : MotionStep(stage, WatchPhase::kLift, std::move(make)),
       brick_mass_kg_(brick_mass_kg),
       lifted_(std::move(lifted)) {}
 

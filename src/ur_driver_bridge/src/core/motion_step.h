@@ -124,7 +124,7 @@ class LiftStep : public MotionStep {
     double at_s{0.0};
   };
 
-  LiftStep(Make make, double brick_mass_kg, std::shared_ptr<Lifted> lifted);
+  LiftStep(const char* stage, Make make, double brick_mass_kg, std::shared_ptr<Lifted> lifted);
 
  protected:
   std::optional<Ending> look(StepContext& context) override;

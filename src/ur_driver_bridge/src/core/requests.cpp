@@ -179,21 +179,17 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
     append(retreat(), &items);
     return items;
   };
+  const auto lifted_a_little = std::make_shared<LiftStep::Lifted>();
+  const auto lifted = std::make_shared<LiftStep::Lifted>();
   // What hangs there is put back where it was, whatever it is; then away from it.
   const auto putBack = [=] {
     Items items;
-    items.push_back(item<PutBackStep>([=] { return reversed(littleLift()); }));
-    append(offAndRetreat(), &items);
-    return items;
-  };
-  const auto lifted = std::make_shared<LiftStep::Lifted>();
-  const auto lowerAndPutBack = [=] {
-    Items items;
-    if (!lifted->trajectory.empty()) {  // else it was stopped before it moved
+    for (const auto& part : {lifted, lifted_a_little}) {
+      if (part->trajectory.empty()) continue;  // it was stopped before it moved
       items.push_back(
-          item<PutBackStep>([=] { return gentle(reversed(upTo(lifted->trajectory, lifted->at_s, ramp_s))); }));
+          item<PutBackStep>([=] { return gentle(reversed(upTo(part->trajectory, part->at_s, ramp_s))); }));
     }
-    append(putBack(), &items);
+    append(offAndRetreat(), &items);
     return items;
   };
   const auto undoIf = [](auto undo, std::initializer_list<ArmStatus> statuses) {
@@ -215,15 +211,16 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   add({std::make_unique<MagnetStep>("magnet", true, Duty::kIfGateIsOpen),
        undoIf(offAndRetreat, {ArmStatus::kIoRefused, ArmStatus::kDriverGone, ArmStatus::kNotAttached})});
   add(item<AttachStep>("magnet", true));
-  addMotion("lift_a_little", WatchPhase::kLift, littleLift);
+  add({std::make_unique<LiftStep>("lift_a_little", littleLift, request.brick_mass_kg, lifted_a_little),
+       undoIf(putBack, {ArmStatus::kPathBlocked})});
   add({std::make_unique<WeighStep>("weigh", request.brick_mass_kg, &touched->no_contact),
        undoIf(putBack, {ArmStatus::kNotAttached, ArmStatus::kNoContact})});
   add(item<PayloadStep>("payload", payload, Duty::kUnlessStopped));
   add(item<HoldStep>("payload", request.brick_mass_kg));
   if (weigh_s < request.lift.duration()) {
     const auto lift = [=] { return gentle(resume(shared->lift, weigh_s, ramp_s)); };
-    add({std::make_unique<LiftStep>(lift, request.brick_mass_kg, lifted),
-         undoIf(lowerAndPutBack, {ArmStatus::kNotAttached, ArmStatus::kPathBlocked})});
+    add({std::make_unique<LiftStep>("lift", lift, request.brick_mass_kg, lifted),
+         undoIf(putBack, {ArmStatus::kNotAttached, ArmStatus::kPathBlocked})});
   }
   if (!request.stow.empty()) addMotion("stow", WatchPhase::kFree, [shared] { return shared->stow; });
   if (request.lets_go) append(letGoItems(model, request.brick_mass_kg, Duty::kIfGateIsOpen), &items);

@@ -914,20 +914,22 @@ TEST(ExecutorPick, ABrickIsNotDroppedWhenWhatRestsOnItSlidesOff) {
 }
 
 TEST(ExecutorPick, ABrickIsPutBackWhereItsLiftIsBlocked) {
-  for (const double at_s : {0.0, 0.02, 0.2}) {  // 0: before it moves
-    Picker arm;
-    arm.runTo("lift", at_s);
-    arm.must_stop = "unseen space";
-    while (arm.executor.stage() == "lift") arm.step();
-    arm.must_stop.clear();   // of the way up, not of the way back
-    arm.brick_z_m += 0.015;  // something has slid below: it rests before it is where it was
-    expectEnds(arm, ArmStatus::kPathBlocked, 30.0);
-    EXPECT_EQ(arm.finished->stage, "lift");
-    EXPECT_FALSE(arm.is_magnet_on);
-    EXPECT_EQ(arm.dropped, 0);
-    EXPECT_FALSE(arm.executor.isHolding());
-    EXPECT_LT((arm.position_rad - scene().over_rad).cwiseAbs().maxCoeff(), 1e-3);
-    expectOrderly(arm);
+  for (const char* stage : {"lift_a_little", "lift"}) {
+    for (const double at_s : {0.0, 0.02, 0.2}) {  // 0: before it moves
+      Picker arm;
+      arm.runTo(stage, at_s);
+      arm.must_stop = "unseen space";
+      while (arm.executor.stage() == stage) arm.step();
+      arm.must_stop.clear();   // of the way up, not of the way back
+      arm.brick_z_m += 0.015;  // something has slid below: it rests before it is where it was
+      expectEnds(arm, ArmStatus::kPathBlocked, 30.0);
+      EXPECT_EQ(arm.finished->stage, stage);
+      EXPECT_FALSE(arm.is_magnet_on);
+      EXPECT_EQ(arm.dropped, 0);
+      EXPECT_FALSE(arm.executor.isHolding());
+      EXPECT_LT((arm.position_rad - scene().over_rad).cwiseAbs().maxCoeff(), 1e-3);
+      expectOrderly(arm);
+    }
   }
   Picker enclosed;
   enclosed.runTo("lift", 0.2);
