@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <exception>
 
+#include <interactive_mapping_common_ros/spinner.h>
 #include <ros/ros.h>
 
 #include "brick_detection_ros/camera_calibrator.h"
@@ -13,8 +14,8 @@ int main(int argc, char** argv) {
   try {
     brick_detection_ros::CameraCalibrator calibrator(nh, private_nh,
                                                      brick_detection_ros::loadCameraCalibratorParams(private_nh));
-    ros::AsyncSpinner spinner(3);  // images, a service that works, one that asks meanwhile
-    spinner.start();
+    // Images, a service that works, one that asks meanwhile.
+    const interactive_mapping_ros::Spinner spinner(3, ros::getGlobalCallbackQueue());
     ros::waitForShutdown();
     return 0;
   } catch (const std::exception& error) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <cstdint>
 #include <exception>
 #include <functional>
 #include <string>
@@ -9,7 +8,8 @@
 #include <ros/console.h>
 #include <ros/init.h>
 #include <ros/node_handle.h>
-#include <ros/spinner.h>
+
+#include "interactive_mapping_common_ros/spinner.h"
 
 namespace interactive_mapping_ros {
 
@@ -32,8 +32,7 @@ int runNode(int argc, char** argv, const std::string& name, int num_threads,
   const ros::NodeHandle private_nh("~");
   try {
     Node node(nh, private_nh);
-    ros::AsyncSpinner spinner(static_cast<std::uint32_t>(num_threads));
-    spinner.start();
+    Spinner spinner(num_threads, ros::getGlobalCallbackQueue());
     while (ros::ok() && !waitForSignal(0.1)) {  // so soon is a shutdown by the master noticed
     }
     if (stop) {
