@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -20,6 +21,10 @@ struct TriangleMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;  // counter-clockwise seen from free space
 };
 
+/// A box that meets all others.
+inline const Eigen::AlignedBox3d kEverywhere{Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity()),
+                                             Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity())};
+
 class MeshLattice;
 
 /// Marching cubes on f in voxels that training points support; open borders where nothing was seen. Keeps the pieces of
@@ -33,8 +38,8 @@ class MeshExtractor {
   /// Brings the pieces up to date with `snapshot`. Returns how many were extracted again.
   std::size_t update(const MapSnapshot& snapshot);
 
-  /// All pieces as one mesh; vertices on the pieces' borders are shared.
-  TriangleMesh mesh() const;
+  /// The pieces of all cells that meet `box_map`, as one mesh; vertices on the pieces' borders are shared.
+  TriangleMesh mesh(const Eigen::AlignedBox3d& box_map = kEverywhere) const;
 
   /// Cells with a piece, also an empty one.
   std::size_t numPieces() const;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
 #include <interactive_mapping_msgs/QueryMap.h>
 #include <interactive_mapping_msgs/SurfaceMesh.h>
@@ -28,6 +29,9 @@ namespace gpis_mapping_ros {
 
 /// Colour scale of what rviz shows: 0 dark blue to 1 yellow (viridis: even to the eye, and to the colour-blind).
 std_msgs::ColorRGBA colorOf(double share);
+
+/// What a request asks for; everything unless its corners differ. Throws std::invalid_argument if they are no box.
+Eigen::AlignedBox3d boxOf(const interactive_mapping_msgs::GetMesh::Request& request);
 
 interactive_mapping_msgs::SurfaceMesh toSurfaceMesh(const gpis_mapping::TriangleMesh& mesh,
                                                     const std_msgs::Header& header, std::uint64_t update);

@@ -61,7 +61,8 @@ class MapPublisher {
   /// Called, from a callback thread, when somebody drags the slice in rviz.
   void onSliceDragged(std::function<void(double height_m)> callback);
 
-  /// The surface of the newest state. Extracts what changed since it was last looked at; throws if that fails.
+  /// The surface of the newest state within the request's box. Extracts what changed since the last call; throws if that
+  /// fails.
   void getMesh(const interactive_mapping_msgs::GetMesh::Request& request,
                interactive_mapping_msgs::GetMesh::Response* response);
 
@@ -103,6 +104,7 @@ class MapPublisher {
   void placeSliceHandle(const MapState& state, double height_m);
   std_msgs::Header headerOf(const MapState& state) const;
   /// Call with mesh_mutex_ held; valid as long.
+  gpis_mapping::MeshExtractor& extractorOf(const MapState& state);
   const gpis_mapping::TriangleMesh& surfaceOf(const MapState& state);
 
   std::string map_frame_;

@@ -158,12 +158,12 @@ void MeshExtractor::extract(const LatticeKey& key, Piece* piece) const {
   }
 }
 
-TriangleMesh MeshExtractor::mesh() const {
+TriangleMesh MeshExtractor::mesh(const Eigen::AlignedBox3d& box_map) const {
   std::vector<LatticeKey> keys;
   std::size_t num_vertices = 0;
   std::size_t num_triangles = 0;
   for (const auto& [key, piece] : *pieces_) {
-    if (piece.contour.triangles.empty()) continue;
+    if (piece.contour.triangles.empty() || !config_.cells.box(key).intersects(box_map)) continue;
     keys.push_back(key);
     num_vertices += piece.vertices_map.size();
     num_triangles += piece.contour.triangles.size();

@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <sstream>
+#include <stdexcept>
 #include <utility>
 
 #include <interactive_mapping_common_ros/markers.h>
@@ -122,6 +124,16 @@ std_msgs::ColorRGBA colorOf(double share) {
   color.b = kStops[i][2] + t * (kStops[i + 1][2] - kStops[i][2]);
   color.a = 1.0f;
   return color;
+}
+
+Eigen::AlignedBox3d boxOf(const interactive_mapping_msgs::GetMesh::Request& request) {
+  const Eigen::Vector3d min{request.min.x, request.min.y, request.min.z};
+  const Eigen::Vector3d max{request.max.x, request.max.y, request.max.z};
+  if (min == max) return gpis_mapping::kEverywhere;
+  if ((min.array() <= max.array()).all()) return {min, max};
+  std::ostringstream text;
+  text << "the mesh's box = (" << min.transpose() << ") to (" << max.transpose() << ") m, min must not be above max";
+  throw std::invalid_argument(text.str());
 }
 
 interactive_mapping_msgs::SurfaceMesh toSurfaceMesh(const TriangleMesh& mesh, const std_msgs::Header& header,

@@ -238,15 +238,19 @@ std_msgs::Header MapPublisher::headerOf(const MapState& state) const {
   return header;
 }
 
-const gpis_mapping::TriangleMesh& MapPublisher::surfaceOf(const MapState& state) {
-  if (surface_revision_ == state.revision) return surface_;
+gpis_mapping::MeshExtractor& MapPublisher::extractorOf(const MapState& state) {
   if (!extractor_ || extractor_generation_ != state.generation) {
     extractor_ = std::make_unique<gpis_mapping::MeshExtractor>(state.snapshot->config());
     extractor_generation_ = state.generation;
   }
-  surface_revision_ = 0;
   extractor_->update(*state.snapshot);
-  surface_ = extractor_->mesh();
+  return *extractor_;
+}
+
+const gpis_mapping::TriangleMesh& MapPublisher::surfaceOf(const MapState& state) {
+  if (surface_revision_ == state.revision) return surface_;
+  surface_revision_ = 0;
+  surface_ = extractorOf(state).mesh();
   surface_revision_ = state.revision;
   return surface_;
 }
@@ -264,8 +268,9 @@ void MapPublisher::getMesh(const interactive_mapping_msgs::GetMesh::Request& req
     response->mesh.update = state.snapshot->numUpdates();
     return;
   }
+  const Eigen::AlignedBox3d box_map = boxOf(request);
   const std::lock_guard<std::mutex> lock(mesh_mutex_);
-  response->mesh = toSurfaceMesh(surfaceOf(state), headerOf(state), state.snapshot->numUpdates());
+  response->mesh = toSurfaceMesh(extractorOf(state).mesh(box_map), headerOf(state), state.snapshot->numUpdates());
 }
 
 octomap_msgs::Octomap MapPublisher::getOctomap(bool binary) const {

@@ -63,6 +63,9 @@ struct SceneUpdate {
 /// A surface cleaned up and cut into chunks, about a robot: the same for builders that differ in their margins alone.
 struct PreparedSurface;
 
+/// The box of the map that obstacles are taken from while the robot is at `T_map_base`.
+Eigen::AlignedBox3d regionBox(const Eigen::Isometry3d& T_map_base, const CollisionSceneConfig& config);
+
 /// For builders of `config`'s region_radius_m and chunk_m. Throws std::invalid_argument as CollisionSceneBuilder::update().
 std::shared_ptr<const PreparedSurface> prepareSurface(const Surface& surface, const Eigen::Isometry3d& T_map_base,
                                                       const CollisionSceneConfig& config);

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common_ros/markers.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_mapping_msgs/MapUpdate.h>
@@ -185,6 +186,9 @@ void SceneKeeper::work() {
       if (T_map_base) {
         GetMesh map;
         map.request.revision = last && isNear(*T_map_base, last->T_map_base) ? revision : 0;
+        const Eigen::AlignedBox3d box_map = motion_planning::regionBox(*T_map_base, builder.config());
+        map.request.min = interactive_mapping_ros::toPoint(box_map.min());
+        map.request.max = interactive_mapping_ros::toPoint(box_map.max());
         auto client = nh_.serviceClient<GetMesh>("map/get_mesh", true);
         call(client, &map);
         const interactive_mapping_msgs::SurfaceMesh& mesh = map.response.mesh;

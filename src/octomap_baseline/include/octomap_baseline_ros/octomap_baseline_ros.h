@@ -56,7 +56,8 @@ class OctomapBaselineRos {
   std_msgs::Header headerAt(const ros::Time& stamp) const;
 
   /// The caller holds map_mutex_.
-  interactive_mapping_msgs::SurfaceMesh toMessage(const octomap::OcTree& tree, const std_msgs::Header& header) const;
+  interactive_mapping_msgs::SurfaceMesh toMessage(const octomap::OcTree& tree, const Eigen::AlignedBox3d& box_map,
+                                                  const std_msgs::Header& header) const;
 
   bool onQuery(interactive_mapping_msgs::QueryMap::Request& request,
                interactive_mapping_msgs::QueryMap::Response& response);

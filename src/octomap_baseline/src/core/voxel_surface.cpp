@@ -42,6 +42,13 @@ SpaceState stateOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node)
   return tree.isNodeOccupied(node) ? SpaceState::kOccupied : SpaceState::kFree;
 }
 
+/// [m], map frame.
+Eigen::AlignedBox3d boxOf(const octomap::OcTree& tree, const PlacedNode& placed) {
+  Eigen::Array3d low;
+  for (int k = 0; k < 3; ++k) low[k] = tree.keyToCoord(placed.first[k]) - 0.5 * tree.getResolution();
+  return {low.matrix(), (low + placed.width(tree) * tree.getResolution()).matrix()};
+}
+
 /// Calls `visit` with each outer side of a leaf.
 template <typename Visit>
 void forEachSide(const octomap::OcTree& tree, const PlacedNode& leaf, const Visit& visit) {
@@ -151,12 +158,7 @@ class NearestSide {
 
  private:
   void consider(const Eigen::Vector3d& x, const PlacedNode& placed) {
-    Eigen::Vector3d beyond;
-    for (int axis = 0; axis < 3; ++axis) {
-      const double low = tree_.keyToCoord(placed.first[axis]) - 0.5 * tree_.getResolution();
-      beyond[axis] = std::max({0.0, low - x[axis], x[axis] - low - placed.width(tree_) * tree_.getResolution()});
-    }
-    const double squared_m2 = beyond.squaredNorm();
+    const double squared_m2 = boxOf(tree_, placed).squaredExteriorDistance(x);
     if (squared_m2 < squared_m2_) nodes_.push({squared_m2, placed});
   }
 
@@ -182,10 +184,11 @@ class NearestSide {
 
 }  // namespace
 
-gpis_mapping::TriangleMesh meshOfSides(const octomap::OcTree& tree, bool without_specks) {
+gpis_mapping::TriangleMesh meshOfSides(const octomap::OcTree& tree, bool without_specks,
+                                       const Eigen::AlignedBox3d& box_map) {
   MeshOfSides mesh(tree);
   forEachOccupiedLeaf(tree, occupiedRoot(tree), [&](const PlacedNode& leaf) {
-    if (isLeftOut(tree, leaf, without_specks)) return;
+    if (!boxOf(tree, leaf).intersects(box_map) || isLeftOut(tree, leaf, without_specks)) return;
     forEachSide(tree, leaf, [&](const Side& side) {
       if (isFreeBefore(tree, side)) mesh.add(side);
     });

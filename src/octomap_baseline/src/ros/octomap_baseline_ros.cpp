@@ -65,8 +65,9 @@ OctomapBaselineRos::OctomapBaselineRos(const ros::NodeHandle& nh, const ros::Nod
                                           output.filter_speckles),
             header);
       });
-  addOutput<interactive_mapping_msgs::SurfaceMesh>(
-      &pnh, "mesh", [this](const auto& tree, const auto& header) { return toMessage(tree, header); });
+  addOutput<interactive_mapping_msgs::SurfaceMesh>(&pnh, "mesh", [this](const auto& tree, const auto& header) {
+    return toMessage(tree, gpis_mapping::kEverywhere, header);
+  });
   outputs_.back().period_s = params_.output.mesh_period_s;
   update_publisher_ = pnh.advertise<MapUpdate>("update", 50);
 
@@ -157,9 +158,10 @@ void OctomapBaselineRos::publishOutputs() {
 }
 
 interactive_mapping_msgs::SurfaceMesh OctomapBaselineRos::toMessage(const octomap::OcTree& tree,
+                                                                    const Eigen::AlignedBox3d& box_map,
                                                                     const std_msgs::Header& header) const {
-  return gpis_mapping_ros::toSurfaceMesh(octomap_baseline::meshOfSides(tree, params_.output.filter_speckles), header,
-                                         map_.numUpdates());
+  return gpis_mapping_ros::toSurfaceMesh(octomap_baseline::meshOfSides(tree, params_.output.filter_speckles, box_map),
+                                         header, map_.numUpdates());
 }
 
 bool OctomapBaselineRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& request,
@@ -167,7 +169,7 @@ bool OctomapBaselineRos::onGetMesh(interactive_mapping_msgs::GetMesh::Request& r
   const std::shared_lock<std::shared_mutex> lock(map_mutex_);
   response.revision = first_revision_ + revision_;
   if (request.revision != response.revision) {
-    response.mesh = toMessage(map_.tree(), headerAt(stamp_));
+    response.mesh = toMessage(map_.tree(), gpis_mapping_ros::boxOf(request), headerAt(stamp_));
   } else {
     response.mesh.header = headerAt(stamp_);
     response.mesh.update = map_.numUpdates();

@@ -762,6 +762,14 @@ std::vector<float> freeDistances(const CollisionScene& scene, const Chunks& chun
 
 }  // namespace
 
+Eigen::AlignedBox3d regionBox(const Eigen::Isometry3d& T_map_base, const CollisionSceneConfig& config) {
+  const Eigen::Vector3d axis = T_map_base.linear().col(2);
+  const Eigen::Vector3d across = config.region_radius_m * T_map_base.linear().leftCols<2>().rowwise().norm();
+  const Eigen::Vector3d bottom = T_map_base.translation() + kRegionBottom_m * axis;
+  const Eigen::Vector3d top = T_map_base.translation() + kRegionTop_m * axis;
+  return {bottom.cwiseMin(top) - across, bottom.cwiseMax(top) + across};
+}
+
 std::shared_ptr<const PreparedSurface> prepareSurface(const Surface& surface, const Eigen::Isometry3d& T_map_base,
                                                       const CollisionSceneConfig& config) {
   if (!isRigid(T_map_base)) throw std::invalid_argument("T_map_base is not a rigid transform");
