@@ -343,10 +343,13 @@ def is_there(node):
         return False
 
 
-def keep_parameters(folder, parameters):
-    """Those of the nodes as they are on the parameter server: what a node was not given is its default."""
-    own = {name: values for name, values in parameters.items() if isinstance(values, dict) and name not in ("roslaunch", "run_id")}
-    (folder / "parameters.yaml").write_text(yaml.safe_dump(own), encoding="utf-8")
+def keep_parameters(folder, screen, get_param):
+    """Those of the nodes as they are on the parameter server: what a node was not given is its default. Without them the recording goes on."""
+    try:
+        own = {name: values for name, values in get_param("/").items() if isinstance(values, dict) and name not in ("roslaunch", "run_id")}
+        (folder / "parameters.yaml").write_text(yaml.safe_dump(own), encoding="utf-8")
+    except (OSError, KeyError, xmlrpc.client.Error, http.client.HTTPException, yaml.YAMLError) as error:
+        screen.line(f"the parameters cannot be kept: {error}")
 
 
 def main():
@@ -398,7 +401,7 @@ def main():
         recorder.look_at_processes()
         if heard_s is not None and not has_parameters:
             has_parameters = True
-            keep_parameters(arguments.folder, rospy.get_param("/"))
+            keep_parameters(arguments.folder, screen, rospy.get_param)
         if heard_s is not None:
             last_there = max(last_there, heard_s)
             # A clock that stands still makes a mission silent, too: that is no reason to give it up.

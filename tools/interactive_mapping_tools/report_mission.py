@@ -35,6 +35,9 @@ FILES = {
     "summary.json": "the figures", "mission.jsonl": "each decision with its reason", "selections.jsonl": "each choice of a view with all candidates",
     "path.jsonl": "the driven path", "judge.csv": "what the judge saw, per second", "events.jsonl": "stowed, fallen, dropped, hit",
     "parameters.yaml": "the nodes' parameters", "judge.json": "the judge's totals", "pictures": "of the world; maps as meshes (PLY)", "log": "of the nodes"}
+PARAMETER_FILES = {  # {name: section of the parameters} where it is not the package's name alone
+    "gpis_mapping": {"gpis_mapping_node": "", "gpis_mapping": "map/"}, "octomap_baseline": {"octomap_baseline_node": "", "octomap_baseline": "map/"},
+    "nbv_selection": {"nbv_selection": "", "octomap_strategies": ""}, "simulated_world": {"simulation": ""}}
 MAP_VIEW = (-146.0, 31.0)  # azimuth, elevation [deg]: that of the simulator's pictures when the robot starts on the -x side
 MAX_STAGES = 4  # pictures before, during, after
 
@@ -249,21 +252,28 @@ def flat(parameters, above=""):
     return values
 
 
+def shipped_parameters(package):
+    """Of the node of the package's name; none for a package that is not ours."""
+    values = {}
+    for name, section in PARAMETER_FILES.get(package, {package: ""}).items():
+        for path in ROOT.glob(f"*/{package}/config/{name}.yaml"):
+            values.update(flat(yaml.safe_load(path.read_text(encoding="utf-8")), section))
+    return values
+
+
 def parameter_rows(run):
-    """[(node, parameter, value, shipped value)] where they differ, by the node's shipped file of parameters."""
+    """[(node, parameter, value, shipped value)] where they differ, by the shipped files of the node's package."""
     try:
         nodes = yaml.safe_load((run.folder / "parameters.yaml").read_text(encoding="utf-8"))
+        packages = {"brick_detection": "surface_picking"} if "surfaces" in nodes.get("bringup", {}).get("detector", "") else {}
         rows = []
         for node, given in sorted(nodes.items()):
-            shipped = {path.stem: path for path in ROOT.glob(f"*/*/config/{node}.yaml")}
-            if node not in shipped:
-                continue
-            default = flat(yaml.safe_load(shipped[node].read_text(encoding="utf-8")))
+            default = shipped_parameters(packages.get(node, node))
             rows += [(node, name, value, default[name]) for name, value in sorted(flat(given).items()) if name in default and value != default[name]]
         return rows
     except FileNotFoundError:
         return []
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, TypeError) as error:
         run.notes.append(f"parameters.yaml cannot be read: {' '.join(str(error).split())}")
         return []
 

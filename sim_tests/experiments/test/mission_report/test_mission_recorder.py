@@ -11,6 +11,8 @@ import sys
 import tempfile
 import time
 import unittest
+import unittest.mock
+import xmlrpc.client
 
 import numpy as np
 import rospy
@@ -242,6 +244,14 @@ class MissionRecorder(unittest.TestCase):
         processes.update(1.0)
         processes.left(1.0, "look")
         self.assertEqual(list(self.folder.glob("*.csv")), [])
+
+    def test_missing_parameters_do_not_end_the_recording(self):
+        terminal = io.StringIO()
+        for error in (ConnectionRefusedError("no master"), KeyError("/"), xmlrpc.client.Fault(1, "no answer")):
+            mission_recorder.keep_parameters(self.folder, mission_recorder.Screen(terminal), unittest.mock.Mock(side_effect=error))
+        self.assertEqual(terminal.getvalue().count("the parameters cannot be kept: "), 3)
+        mission_recorder.keep_parameters(self.folder, mission_recorder.Screen(terminal), {"/": {"run_id": {}, "map": {"a": 1}, "rosdistro": "x"}}.get)
+        self.assertEqual((self.folder / "parameters.yaml").read_text(), "map:\n  a: 1\n")
 
     def test_damaged_mesh_is_refused(self):
         data = serialised(mesh_of(1.0))

@@ -300,6 +300,16 @@ class ReportMission(unittest.TestCase):
         self.assertIn("pick_missionbricks/ordernearesthighest", page.text)
         for same in ("map_frame", "of_another_version", "nobody_ships_this"):
             self.assertNotIn(same, page.text)
+        for given, row in (
+                ("{gpis_mapping: {output: {rate_hz: 3}}}", ("gpis_mapping", "output/rate_hz", 3, 2)),
+                ("{gpis_mapping: {map: {surface: {spacing_m: 0.03}}}}", ("gpis_mapping", "map/surface/spacing_m", 0.03, 0.02)),
+                ("{octomap_baseline: {map: {resolution_m: 0.05}}}", ("octomap_baseline", "map/resolution_m", 0.05, 0.02)),
+                ("{nbv_selection: {octomap_random: {choice: utility}}}", ("nbv_selection", "octomap_random/choice", "utility", "random_candidate")),
+                ("{simulated_world: {clock: {mode: realtime}}}", ("simulated_world", "clock/mode", "realtime", "lockstep")),
+                ("{brick_detection: {input: {use_depth: false}}}", ("brick_detection", "input/use_depth", False, True)),
+                ('{brick_detection: {cuboids: {min_edges: 4}}, bringup: {detector: "surfaces\\n"}}', ("brick_detection", "cuboids/min_edges", 4, 3))):
+            parameters.write_text(given, encoding="utf-8")
+            self.assertEqual(report_mission.parameter_rows(mission_run.Run(self.folder)), [row])
         for broken in ("{", "- 1", "pick_mission: 3"):
             parameters.write_text(broken, encoding="utf-8")
             self.assertIn("parameters.yaml cannot be read", self.new_page().text)
