@@ -96,12 +96,12 @@ struct BasePlan {
   int iterations{0};
 };
 
-/// Paths of a differential drive over known-free ground. A path first goes straight out of what is too near to turn:
-/// back, or ahead where that is faster. RRTConnect (OMPL) then searches over Reeds-Shepp curves, with samples drawn
-/// about Dijkstra's path. Where there is clearance, the base turns and drives along that path. The best of Reeds-Shepp
-/// curve, Dubins curves and turn-drive-turn shortens it. The approach is straight and square to the goal. The best is
-/// the fastest, with 2 s more for each time it drives backwards after the first back-off. The same arguments give the
-/// same path.
+/// Paths of a differential drive over known-free ground. A path begins with a straight back-off from what is too near to
+/// turn, or straight ahead where that is faster. It ends with a straight approach along the goal's heading. For the part
+/// between it tries one connection: a Reeds-Shepp curve, Dubins curves or turn-drive-turn. Then it turns and drives along
+/// Dijkstra's path, where there is clearance. Then RRTConnect (OMPL) searches over Reeds-Shepp curves, with samples about
+/// that path. Connections shorten the result. The fastest path is returned; each time it drives backwards after the
+/// back-off counts as 2 s. The same arguments give the same path.
 class BasePlanner {
  public:
   /// Throws std::invalid_argument listing every impossible value.
@@ -113,8 +113,8 @@ class BasePlanner {
   BasePlan plan(std::shared_ptr<const NavigationGrid> grid, const Pose2d& start_map, const Pose2d& goal_map,
                 const std::function<bool()>& is_cancelled = {}) const;
 
-  /// The first pose of a plan of this planner, from `from_m` along its path on, that a newer grid does not leave free.
-  /// The padding is that of the plan. In the grid of the plan all are free. Without a path: free. Throws
+  /// The first pose of a plan of this planner, from `from_m` along its path on, that is not free in a newer grid, with
+  /// the padding of the plan. In the grid of the plan all are free. Without a path: free. Throws
   /// std::invalid_argument like plan().
   FootprintVerdict recheck(const BasePlan& plan, double from_m, std::shared_ptr<const NavigationGrid> grid) const;
 

@@ -11,8 +11,8 @@
 
 namespace base_navigation {
 
-/// One turn of the safety scanner. A beam without an echo, shorter than the scanner's minimum or not finite, is no
-/// measurement; the driver masks beams with 0. A beam beyond range_max_m is one: it is clear up to range_max_m.
+/// One turn of the safety scanner. A beam longer than range_max_m, +Inf included, is clear up to range_max_m. A beam
+/// shorter than range_min_m (the driver masks beams with 0) or NaN is no measurement.
 struct Scan {
   Pose2d T_base_scanner;    // of a scanner that may hang upside down: see is_mirrored
   bool is_mirrored{false};  // its z axis points down: bearings run clockwise

@@ -47,7 +47,7 @@ std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int
       *why_not = "its origin: " + no_pose;
     } else if (tilt(*T_frame_origin) > kMaxGridTilt_rad) {
       *why_not =
-          formatted("its origin is tilted by %.3f rad against its frame, must be at most %.3f rad; a yaw is allowed",
+          formatted("its origin is tilted by %.3g rad against its frame, must be at most %.3g rad; a yaw is allowed",
                     tilt(*T_frame_origin), kMaxGridTilt_rad);
     } else {
       NavigationGrid grid;

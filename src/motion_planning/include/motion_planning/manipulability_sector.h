@@ -19,8 +19,8 @@ constexpr const char* toString(ApproachKind kind) {
   return interactive_mapping::nameOf(kind, kApproachKindNames);
 }
 
-/// The part of a hollow cylinder about the arm's vertical axis that is good for picking with one approach (method
-/// section 8, eqs 12-13). Frame: ur5e_base_link, x as base_link's.
+/// The part of a hollow cylinder about the arm's vertical axis that is good for picking from the top or from a
+/// side, one sector each (method section 8, eqs 12-13). Frame: ur5e_base_link, x as base_link's.
 struct AnnulusSector {
   double min_radius_m{0.0};    // r
   double max_radius_m{0.0};    // R

@@ -51,8 +51,8 @@ class GroundFrontier {
 
   const std::vector<Patch>& patches() const { return patches_; }  // the largest first
 
-  /// The area [m^2] of each patch that the camera would see with the base at a pose. It is in field of view and range,
-  /// with no mapped surface before it.
+  /// The area [m^2] of each patch that the camera would see with the base at a pose. A cell counts if it is in field of
+  /// view and range, with no mapped surface before it.
   std::vector<double> areasSeenFrom(const base_navigation::Pose2d& T_map_base) const;
 
  private:

@@ -73,8 +73,8 @@ struct PileOutline {
 /// Projects the surface above the ground along z (method section 5): occupancy and uncertainty grids, closing, outer
 /// contours, polygons. A polygon holds the middles of all its cells; a tolerance above 1.5 cells may cut some off, by
 /// less than itself. Cells that reach above the largest height are walls. So are those that reach above half of it and
-/// whose highest samples and those of their neighbours all face sidewards. The top of a pile is visible. Walls, and
-/// cells that touch them, hold no pile. Samples whose position is not finite are left out; one without an uncertainty
+/// whose highest samples and those of their neighbours all face sidewards: the mast's camera sees the top of a
+/// pile. Walls, and cells that touch them, hold no pile. Samples whose position is not finite are left out; one without an uncertainty
 /// counts for all but the mean. The grid covers the pile and has an empty border wide enough for the closing. So a pile
 /// at the border of the map has a whole outline. Without a pile the grid has no cells. Throws std::invalid_argument for
 /// an impossible config or ground, or a surface whose arrays differ in length. Throws std::runtime_error if the pile

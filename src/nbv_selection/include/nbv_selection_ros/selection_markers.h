@@ -14,10 +14,10 @@
 namespace nbv_selection_ros {
 
 /// A selection for rviz, as in the paper's Figs 1 and 4, a topic for each view, latched: ~markers/utility and
-/// ~markers/<factor>. All have the outline in red and green bars on the segments, as high as the value. The largest bar
-/// of those that can be reached is red, with an arrow at the standing pose. Imaginary segments have grey bars, as high
-/// as their uncertainty. manipulability also has the samples that count, blue, of the best place; pick_order's bars are
-/// orange and as high as the pile.
+/// ~markers/<factor>. All have the outline in red, and green bars on the segments, as high as the value. Bars of
+/// segments that cannot be reached are faint. The best of the others is red, with an arrow from its standing pose.
+/// Imaginary segments have grey bars, as high as their uncertainty. manipulability also has, in blue, the samples that
+/// count for the candidate with the largest one. pick_order's bars are orange and as high as the pile.
 class SelectionMarkers {
  public:
   explicit SelectionMarkers(const ros::NodeHandle& private_nh);

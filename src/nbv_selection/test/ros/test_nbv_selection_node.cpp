@@ -1056,7 +1056,7 @@ TEST_F(NbvSelectionNode, WithoutPoseOrGroundItSaysWhatIsMissing) {
           grid->info.origin.orientation.w = std::cos(0.1);
         });
       },
-      SelectionOutcome::BAD_INPUT, "the grid on /lost/grid: its origin is tilted by 0.200 rad");
+      SelectionOutcome::BAD_INPUT, "the grid on /lost/grid: its origin is tilted by 0.2 rad");
   becomes([&] { publishGrid(0.0, [](auto* grid) { grid->info.origin.position.x = kNan; }); },
           SelectionOutcome::BAD_INPUT, "the grid on /lost/grid: its origin: pose is not finite");
   diagnostics.await([](const auto& array) {

@@ -5,9 +5,9 @@
 
 namespace pick_mission {
 
-/// Whether `upper` lies on `lower`, upright or leaning: lowered by 3 cm it would cut it. The test takes 5 mm off each
-/// of its sides, the error of poses. A corner that only just reaches over carries nothing. False for a brick without a
-/// size.
+/// Whether `upper` lies on `lower`, upright or leaning: its middle is higher, and lowered by 3 cm it would cut `lower`.
+/// The test takes 5 mm, the error of poses, off each side of `upper`: a corner that only just reaches over carries
+/// nothing. False for a brick without a size.
 bool restsOn(const SeenBrick& upper, const SeenBrick& lower);
 
 }  // namespace pick_mission

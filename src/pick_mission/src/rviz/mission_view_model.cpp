@@ -98,8 +98,7 @@ std::string noteOf(const MissionState& state) {
     std::string note = capitalised(pick_mission_ros::endReasonInWords(state.end_reason)) + ".";
     if (!state.end_message.empty()) note += "\n" + capitalised(state.end_message);
     if (state.end_message.find("STALE_STATE") != std::string::npos) {
-      note +=
-          "\nIn simulation the machine is too slow for real time: start with realtime_factor:=0.4 or clock:=lockstep.";
+      note += "\nIn simulation: the machine may be too slow; start with realtime_factor:=0.4 or clock:=lockstep.";
     }
     return note;
   }

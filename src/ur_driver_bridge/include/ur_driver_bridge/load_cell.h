@@ -59,8 +59,8 @@ class LoadCell {
   /// or the spread is too large (`why` says so).
   std::optional<Weight> weigh(double from_s, std::string* why = nullptr) const;
 
-  /// By how much the load falls when a brick of this mass has gone [kg]. What it weighed more when it was lifted may rest on
-  /// it: when that slides off, the brick is still there.
+  /// By how much the load falls at least when a brick of this mass has gone [kg]: lost_share of the mass, and what the lift
+  /// weighed beyond it. That excess may be something that rests on the brick and can slide off alone.
   double loss(double mass_kg, double weighed_kg) const;
   /// From now on the load is as it is: a sample that tells of loss() less is lost weight. Call after the payload was declared
   /// and the force has settled; `reference` from weigh(). Once the robot compensates the brick's weight the reference is

@@ -71,8 +71,8 @@ Result<std::vector<Eigen::Vector3d>> contactPoints(const TaskContext& task, cons
         weightMoments(*target.type, T_base_face, task.T_base_map * target.T_map_brick, p_face);
     if (moments.twist_Nm > config.pick.max_twist_Nm || moments.bend_Nm > config.pick.max_bend_Nm) {
       why = formatted(
-          "the weight turns the brick on the magnet: %.2f Nm about its axis, allowed are %.2f Nm "
-          "(pick/max_twist_Nm). The moment is %.2f Nm across it, allowed are %.2f Nm (pick/max_bend_Nm)",
+          "the brick's weight turns it on the magnet: %.2f Nm about the magnet's axis, allowed are %.2f Nm "
+          "(pick/max_twist_Nm); %.2f Nm across it, allowed are %.2f Nm (pick/max_bend_Nm)",
           moments.twist_Nm, config.pick.max_twist_Nm, moments.bend_Nm, config.pick.max_bend_Nm);
     } else if (task.sectors.admits(T_base_face * p_face, T_base_face.linear().col(2), T_base_armbase, &why)) {
       points.push_back(p_face);
