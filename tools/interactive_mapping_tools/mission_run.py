@@ -203,7 +203,7 @@ class Run:
             self._cut_to_mission()
 
     def _cut_to_mission(self):
-        """Leaves of what is told of a whole run what is of this mission: counts begin with it, areas of the whole are left out."""
+        """Cuts the data of a run down to this mission: counts begin with it, areas of the whole run are left out."""
         begin_s, end_s = (number(self.log[index]["time_s"]) for index in (0, -1)) if self.log else (math.inf, -math.inf)
         times = self.table.get("time_s", [])
         # From the last row before it: what happens makes a row at once, the first within may have counted already.
@@ -282,8 +282,8 @@ class Run:
             brick = int(named.group(1)) if named else brick
 
     def failures(self):
-        """[(kind, times, seconds of the last, why, {what it did then: times})] in the order of how often; from the log where it tells. All that
-        the mission counts: also that it found no pile when the last brick was picked."""
+        """[(kind, times, seconds of the last, why, {what it did then: times})] the most frequent first; from the log if it has them. All that
+        the mission counts, also that it found no pile when the last brick was picked."""
         found = {}
         for row, count, _ in self.failed_rows():
             kind = f"{row.get('state', '?')}: {row.get('event', '?')}"
@@ -304,7 +304,7 @@ class Run:
         return [entry for entry in rest if entry[1] > 0]
 
     def plans_failed(self):
-        """{brick: plans to pick it that failed in the whole mission}. The mission's own count begins anew with each pick."""
+        """{brick: plans to pick it that failed in the whole mission}. The mission's own count restarts with each pick."""
         found = {}
         for row, count, brick in self.failed_rows():
             if row.get("state") == "plan_pick" and brick is not None:

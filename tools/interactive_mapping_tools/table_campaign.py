@@ -108,7 +108,8 @@ def differences(runs, first, key):
 
 
 def summaries_of(rows):
-    """[one per scene, cycle, variant and measure]. A time is told only if all missions came so far: the mean of some of them would be that of the fast ones."""
+    """[one per scene, cycle, variant and measure]. A time is given only if all missions
+    reached it: the mean of some of them would be that of the fast ones."""
     found = []
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows):
         of_scene = [row for row in rows if (row["scene"], row["cycle"]) == (scene, cycle)]

@@ -41,7 +41,7 @@ struct DifferentialDriveConfig {
 };
 
 /// From velocity commands to wheel speeds, to the motion of the base on the ground, to odometry. No dynamics: the
-/// motion is what the wheels would do; whoever moves the body decides whether it can follow.
+/// motion is that of the wheels; the caller, who moves the body, decides whether it can follow.
 class DifferentialDrive {
  public:
   /// Throws std::invalid_argument with everything validate() names.

@@ -135,7 +135,7 @@ struct BaseNavigator::State {
   }
 
   void setGoal(const Pose2d& goal_map) {
-    // A source that was refused may have begun anew since.
+    // A source that was rejected may have restarted since.
     if (mode == Mode::kIdle) data.forget();
     goal = {goal_map};
     since = {};

@@ -15,8 +15,8 @@ namespace {
 
 constexpr float kUnreached_m = std::numeric_limits<float>::infinity();
 
-// Of the way out of a place where the disc touches something: at least so much clearance is gained per length driven.
-// It leads away from what is touched, within 60 degrees, and not along it.
+// Of a back-off from a pose where the disc touches something: at least so much clearance is gained per length driven. It
+// leads away from the obstacle, within 60 degrees, and not along it.
 constexpr double kLeaveGain = 0.5;
 
 // From the middle of a cell to the square `cells` columns (or rows) away, along that axis [cells].

@@ -440,7 +440,7 @@ void BaseNavigationRos::onHeartbeat(const std_msgs::HeaderConstPtr& message) {
 }
 
 void BaseNavigationRos::lookUpLocalisation(const ros::Time& stamp) {
-  // Once waited for in vain: not again until it comes by itself.
+  // After a wait that failed it does not wait again until a localisation has come in time.
   const double wait_s = is_localisation_late_ ? 0.0 : params_.pose.wait_s;
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(wait_s);
   while (wait_s > 0.0 && !tf_.canTransform(params_.map_frame, params_.odom_frame, stamp) &&

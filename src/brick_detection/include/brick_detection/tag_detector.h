@@ -60,8 +60,8 @@ class TagDetector {
  public:
   virtual ~TagDetector() = default;
 
-  /// All tags, in order of their ids; an id occurs as often as it is seen. Small, weak and doubtful ones too: whoever asks
-  /// decides by their margin and size. `grey`: CV_8UC1, any stride. Throws std::invalid_argument for another type or
+  /// All tags, in order of their ids; an id occurs as often as it is seen. Small, weak and doubtful ones too: the
+  /// caller decides by their margin and size. `grey`: CV_8UC1, any stride. Throws std::invalid_argument for another type or
   /// an empty image.
   virtual std::vector<TagObservation> detect(const cv::Mat& grey) = 0;
 };

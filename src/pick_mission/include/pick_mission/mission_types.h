@@ -213,7 +213,7 @@ struct HandReport {
   Hand hand{Hand::kUnknown};
   std::optional<int> brick_in_hand;
 };
-/// The running pick has its brick away from the pile, and the arm is on its way out of the camera's view.
+/// The running pick has its brick away from the pile, and the arm is leaving the camera's view.
 struct PileLeft {
   std::uint64_t id{0};  // of the command
 };

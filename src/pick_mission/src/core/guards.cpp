@@ -20,7 +20,7 @@ bool mayGoBesidePick(State action) {
 }
 
 bool isArmReady(State action, const Mission& mission) {
-  if (mission.carrying) return true;  // on its way out of the view
+  if (mission.carrying) return true;  // it is leaving the view
   if (needsClearView(action)) return mission.hand == Hand::kEmpty && mission.arm != ArmIs::kAnywhere;
   if (action == State::kDrive) return mission.hand == Hand::kEmpty && mission.arm == ArmIs::kFolded;
   if (action == State::kPlanClear || action == State::kClear) return mission.hand == Hand::kEmpty;

@@ -246,8 +246,8 @@ void PickMissionRos::beat() {
   heartbeat_publisher_.publish(header);
 }
 
-/// Now; before that, tells whoever counts times of a clock that was set forward (NTP): an hour that has not passed ends no
-/// mission. A simulated clock may go as it likes; one that is set back, each of them sees by itself.
+/// Now. Before that, moves the timers on by the jump of a clock that was set forward (NTP): an hour that has not passed
+/// ends no mission. A simulated clock may jump. A clock that was set back is noticed where times are compared.
 double PickMissionRos::followClock() {
   const double now_s = ros::Time::now().toSec();
   const double jump_s = clock_steps_.advance(now_s, ros::SteadyTime::now().toSec());
@@ -441,7 +441,7 @@ bool PickMissionRos::onHold(std_srvs::Trigger::Request& /*request*/, std_srvs::T
 }
 
 bool PickMissionRos::onStop(std_srvs::Trigger::Request& /*request*/, std_srvs::Trigger::Response& response) {
-  actions_->cancelDrives();  // whoever asked for them: the machine knows of its own alone
+  actions_->cancelDrives();  // also those of other clients, which the state machine does not know
   take(event::Stop{}, &response);
   return true;
 }

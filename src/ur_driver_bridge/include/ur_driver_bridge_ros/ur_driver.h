@@ -58,7 +58,7 @@ class UrDriver {
   bool isControllerThere() const { return is_controller_there_; }
 
   void send(std::uint64_t id, const ur_driver_bridge::JointTrajectory& trajectory);
-  /// Whatever the controller follows, whoever has sent it.
+  /// Cancels any trajectory of the controller, also those of other clients.
   void cancel();
   void setMagnet(std::uint64_t id, bool is_on);
   void zeroForce(std::uint64_t id);

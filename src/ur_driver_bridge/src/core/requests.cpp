@@ -134,7 +134,7 @@ Items letGoUnknownItems(const ArmModel& model) {
 Items recoverItems(const RecoveryConfig& config, const RecoveryPermit& permit) {
   Items items;
   items.push_back(item<RecoverStep>(config, permit));
-  // What stopped the robot may have cost it the brick; who believes in it plans no way out of where it is said to be.
+  // The stop may have cost the brick. A planner that still counts it as held may find no path.
   items.push_back(item<StillThereStep>("recover"));
   return items;
 }
@@ -207,7 +207,7 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   add(item<ZeroForceStep>("zero"));
   add({std::make_unique<TouchStep>([shared] { return shared->touch; }, request.contact_travel_m, touched),
        undoIf(retreat, {ArmStatus::kContactTooEarly})});
-  // It may be on, but it has been called for in vain.
+  // The call has failed, and the magnet may still be on.
   add({std::make_unique<MagnetStep>("magnet", true, Duty::kIfGateIsOpen),
        undoIf(offAndRetreat, {ArmStatus::kIoRefused, ArmStatus::kDriverGone, ArmStatus::kNotAttached})});
   add(item<AttachStep>("magnet", true));

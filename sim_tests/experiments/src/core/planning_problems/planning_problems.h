@@ -92,7 +92,7 @@ class ProblemMaker {
     double standoff_m;
   };
   bool isInReach(const simulated_world::BrickPlacement& brick, const Eigen::Isometry3d& T_base_world) const;
-  /// Before the pile, with `aim` in reach. Nothing: 30 draws were in vain.
+  /// Before the pile, with `aim` in reach. Nothing: 30 draws have failed.
   std::optional<Standing> drawStanding(const std::vector<simulated_world::BrickPlacement>& bricks,
                                        const simulated_world::BrickPlacement& aim, double from_rad,
                                        synthetic_depth::SeededRandom* random) const;

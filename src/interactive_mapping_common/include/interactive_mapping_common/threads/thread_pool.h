@@ -30,7 +30,7 @@ class ThreadPool {
 
   /// Calls `work` on this thread and on up to `helpers` others at the same time; returns when all have come back. How many
   /// helpers come is not promised: none where no thread can be started. `work` must do all that is left to do,
-  /// whoever else takes part, and must not throw.
+  /// however many threads take part, and must not throw.
   void run(std::size_t helpers, const std::function<void()>& work);
 
   std::size_t numThreads() const;
