@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The paper's Figs. 3 and 8 from fig8_experiment: one look's tolerance, and the map after a removal against a map of the last look alone."""
+"""The paper's Figs. 3 and 8 from fig8_experiment: one look's tolerance, and the map after a removal against a map of
+the last look alone."""
 
 import concurrent.futures
 import csv
@@ -20,10 +21,12 @@ from .table_campaign import with_interval
 
 PAPER = {"gpis": (0.005, 0.012), "octomap": (0.033, 0.015)}  # mean and standard deviation [cm]
 SYSTEMS = {"gpis": "Dynamic GPIS", "gpis_static": "GPIS, dynamic: false", "octomap": "Dynamic OctoMap, 2 cm"}
-SCENES = {"fig8": "one brick, one place", "fig8_several": "three bricks, one place", "fig8_survey": "one brick, eight places"}
+SCENES = {"fig8": "one brick, one place", "fig8_several": "three bricks, one place",
+          "fig8_survey": "one brick, eight places"}
 SEVERAL = (6, 3, 4)  # of fig8.yaml, from the top: one after another, a scan after each
 SEEDS = {"exact": range(1, 2), "full": range(1, 21)}  # without noise they are all the same
-COLUMNS = ("scene", "sensor", "seed", "system", "points", "mean_cm", "sigma_cm", "rms_cm", "median_abs_cm", "p95_abs_cm", "faces_sigma_cm", "edges_sigma_cm", "truth_rms_cm",
+COLUMNS = ("scene", "sensor", "seed", "system", "points", "mean_cm", "sigma_cm", "rms_cm", "median_abs_cm",
+           "p95_abs_cm", "faces_sigma_cm", "edges_sigma_cm", "truth_rms_cm",
            "ghost_cm2", "outside_share")
 RANGE_CM = 1.0
 TARGET = np.array([0.02, -0.02, 0.12])
@@ -33,7 +36,8 @@ BRICK = np.array([0.80, 0.66, 0.55])
 
 def run_experiment(scene, sensor, seed, out):
     """One run of fig8_experiment into the folder. Raises Refusal with its last line."""
-    command = [ROOT / "devel/lib/experiments/fig8_experiment", scene, "--out", out, "--sensor", sensor, "--seed", str(seed)]
+    command = [ROOT / "devel/lib/experiments/fig8_experiment", scene, "--out", out, "--sensor", sensor, "--seed",
+               str(seed)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise Refusal(f"{out.name}: {(done.stderr.splitlines() or ['no message'])[-1]}")
@@ -58,7 +62,8 @@ def run_all(out):
             mesh.unlink()
 
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        jobs = [pool.submit(run, name, sensor, seed) for name, (sensor, seeds) in itertools.product(SCENES, SEEDS.items()) for seed in seeds]
+        jobs = [pool.submit(run, name, sensor, seed)
+                for name, (sensor, seeds) in itertools.product(SCENES, SEEDS.items()) for seed in seeds]
         try:
             for count, job in enumerate(concurrent.futures.as_completed(jobs), 1):
                 job.result()
@@ -79,8 +84,9 @@ def read_runs(folder):
                 against, zones = entry["against_last_scan"], entry["zones_against_last_scan"]
                 values = [against[name] for name in ("mean_m", "std_dev_m", "rms_m", "median_abs_m", "p95_abs_m")]
                 values += [zones["faces"]["std_dev_m"], zones["edges"]["std_dev_m"], entry["against_truth"]["rms_m"]]
-                rows.append(dict(zip(COLUMNS, (path.parent.name.split("-")[0], summary["sensor"], summary["seed"], system, against["count"],
-                                               *(100.0 * value for value in values), 1e4 * entry["ghost_area_m2"], entry["outside_share"]))))
+                rows.append(dict(zip(COLUMNS, (
+                    path.parent.name.split("-")[0], summary["sensor"], summary["seed"], system, against["count"],
+                    *(100.0 * value for value in values), 1e4 * entry["ghost_area_m2"], entry["outside_share"]))))
         except (KeyError, TypeError, AttributeError) as error:
             raise Refusal(f"{path}: no summary of fig8_experiment, {type(error).__name__}: {error}") from error
     if not rows:
@@ -90,13 +96,16 @@ def read_runs(folder):
 
 def table_of(rows):
     """Markdown; one line for each scene, sensor and system."""
-    table = [("removed, seen from", "sensor", "system", "n", "mean [cm]", "sigma [cm]", "sigma on faces [cm]", "truth rms [cm]", "ghost [cm2]", "outside", "paper: mean, sigma [cm]")]
+    table = [("removed, seen from", "sensor", "system", "n", "mean [cm]", "sigma [cm]", "sigma on faces [cm]",
+              "truth rms [cm]", "ghost [cm2]", "outside", "paper: mean, sigma [cm]")]
     for scene, sensor, system in itertools.product(SCENES, SEEDS, SYSTEMS):
         runs = [row for row in rows if (row["scene"], row["sensor"], row["system"]) == (scene, sensor, system)]
         if runs:
             paper = "{:.3f}, {:.3f}".format(*PAPER[system]) if system in PAPER else "-"
-            table.append((SCENES[scene], sensor, SYSTEMS[system], len(runs), *(with_interval([run[key] for run in runs], form) for key, form in (
-                ("mean_cm", ".3f"), ("sigma_cm", ".3f"), ("faces_sigma_cm", ".3f"), ("truth_rms_cm", ".3f"), ("ghost_cm2", ".0f"), ("outside_share", ".3f"))), paper))
+            forms = {"mean_cm": ".3f", "sigma_cm": ".3f", "faces_sigma_cm": ".3f", "truth_rms_cm": ".3f",
+                     "ghost_cm2": ".0f", "outside_share": ".3f"}
+            table.append((SCENES[scene], sensor, SYSTEMS[system], len(runs),
+                          *(with_interval([run[key] for run in runs], form) for key, form in forms.items()), paper))
     return markdown(table) + "\n"
 
 
@@ -109,11 +118,14 @@ def draw_distribution(rows, out):
         colour = BLUE if system == "gpis" else GREY
         for panel, key in zip(axes, ("mean_cm", "sigma_cm")):
             values = [row[key] for row in runs]
-            panel.plot(values, place + 0.16 * np.sin(2.4 * np.arange(len(values))), linestyle="none", marker="o", markersize=4, color=colour, alpha=0.5, markeredgewidth=0)
+            panel.plot(values, place + 0.16 * np.sin(2.4 * np.arange(len(values))), linestyle="none", marker="o",
+                       markersize=4, color=colour, alpha=0.5, markeredgewidth=0)
             panel.plot([np.mean(values)] * 2, [place - 0.32, place + 0.32], color=colour, linewidth=2.4)
-    for index, (panel, title) in enumerate(zip(axes, ("Mean of the signed distance [cm]", "Sigma of the signed distance [cm]"))):
+    for index, (panel, title) in enumerate(zip(axes, ("Mean of the signed distance [cm]",
+                                                      "Sigma of the signed distance [cm]"))):
         for system, colour in (("gpis", BLUE), ("octomap", GREY)):
-            panel.axvline(PAPER[system][index], color=colour, linestyle=":", linewidth=1.6, label=f"the paper's {SYSTEMS[system].replace(', 2 cm', '')}, a real scene")
+            panel.axvline(PAPER[system][index], color=colour, linestyle=":", linewidth=1.6,
+                          label=f"the paper's {SYSTEMS[system].replace(', 2 cm', '')}, a real scene")
         tidy(panel, title)
         panel.yaxis.grid(False)
         panel.xaxis.grid(True)
@@ -147,16 +159,21 @@ def draw_maps(folder, out):
     figure, axes = plt.subplots(2, len(SYSTEMS), figsize=(13.2, 7.0), constrained_layout=True)
     camera = None
     for column, (system, title) in enumerate(SYSTEMS.items()):
-        before, after = (crop(render_mesh.read_ply(folder / f"{system}_{when}.ply"), 0.42) for when in ("before", "after"))
-        camera = camera or render_mesh.fit_camera(before.points[np.unique(before.triangles)], -25.0, 32.0, None, TARGET, (2 * PANEL[0], 2 * PANEL[1]))
+        before, after = (crop(render_mesh.read_ply(folder / f"{system}_{when}.ply"), 0.42)
+                         for when in ("before", "after"))
+        camera = camera or render_mesh.fit_camera(before.points[np.unique(before.triangles)], -25.0, 32.0, None, TARGET,
+                                                  (2 * PANEL[0], 2 * PANEL[1]))
         axes[0, column].imshow(brick_coloured(before, camera))
-        axes[1, column].imshow(picture_of(after, camera, lambda mesh: np.nan_to_num(100.0 * mesh.distance), lambda d: colormap(scale(d))[:, :3]))
+        axes[1, column].imshow(picture_of(after, camera, lambda mesh: np.nan_to_num(100.0 * mesh.distance),
+                                          lambda d: colormap(scale(d))[:, :3]))
         found = systems[system]["against_last_scan"]
         axes[0, column].set_title(f"{title}: first scan", fontsize=13)
-        axes[1, column].set_title(f"brick taken away, second scan\nmean {100 * found['mean_m']:.3f} cm, sigma {100 * found['std_dev_m']:.3f} cm", fontsize=12)
+        axes[1, column].set_title(f"brick taken away, second scan\nmean {100 * found['mean_m']:.3f} cm, "
+                                  f"sigma {100 * found['std_dev_m']:.3f} cm", fontsize=12)
     for panel in axes.flat:
         panel.set_axis_off()
-    figure.colorbar(matplotlib.cm.ScalarMappable(scale, colormap), ax=axes[1], orientation="horizontal", extend="both", shrink=0.3, label="signed distance to the map of the last scan [cm]")
+    figure.colorbar(matplotlib.cm.ScalarMappable(scale, colormap), ax=axes[1], orientation="horizontal", extend="both",
+                    shrink=0.3, label="signed distance to the map of the last scan [cm]")
     save(figure, out, 80)
 
 
@@ -191,10 +208,12 @@ def blanket(source, out):
     removed = np.array([[row["x"], row["y"], row["z"]] for row in read_rows(source / "removed.csv")])
     before = render_mesh.read_ply(source / "gpis_before.ply")
     eye = np.array(read_json(source / "summary.json")["T_map_camera_last"])[:3, 3]
-    figure, (view, section) = plt.subplots(1, 2, figsize=(16.0, 4.4), gridspec_kw={"width_ratios": [0.6, 1.0]}, constrained_layout=True)
+    figure, (view, section) = plt.subplots(1, 2, figsize=(16.0, 4.4), gridspec_kw={"width_ratios": [0.6, 1.0]},
+                                           constrained_layout=True)
 
     after = crop(render_mesh.read_ply(source / "gpis_after.ply"), 0.42)
-    camera = render_mesh.fit_camera(crop(before, 0.42).points[np.unique(before.triangles)], -25.0, 32.0, None, TARGET, (2 * PANEL[0], 2 * PANEL[1]))
+    camera = render_mesh.fit_camera(crop(before, 0.42).points[np.unique(before.triangles)], -25.0, 32.0, None, TARGET,
+                                    (2 * PANEL[0], 2 * PANEL[1]))
     view.imshow(brick_coloured(after, camera))
     pixels, _ = camera.project(removed)
     view.plot(*(0.5 * pixels.T), linestyle="none", marker="o", markersize=3.5, color=GREEN, markeredgewidth=0)
@@ -219,18 +238,25 @@ def blanket(source, out):
     def near_plane(points):
         return points[np.abs((points - eye) @ normal) < 0.01]
 
-    section.plot(*in_plane(near_plane(before.points)), linestyle="none", marker=".", markersize=3, color="#b8b8b8", label="map before, within 1 cm of the plane")
+    section.plot(*in_plane(near_plane(before.points)), linestyle="none", marker=".", markersize=3, color="#b8b8b8",
+                 label="map before, within 1 cm of the plane")
     wall = chosen["is_wall"] == 1
-    section.plot(*in_plane(knots("seen", chosen[wall])), color="#b58a00", linewidth=4.0, alpha=0.5, label="nothing within range: the wall at infinity, drawn at the range's end")
-    for name, colour, words in (("nearer", BLUE, "nearer: deleted"), ("seen", "#b58a00", "what the look measures, a function of the ray"), ("farther", "#8c6bb1", "farther: hidden, kept")):
+    section.plot(*in_plane(knots("seen", chosen[wall])), color="#b58a00", linewidth=4.0, alpha=0.5,
+                 label="nothing within range: the wall at infinity, drawn at the range's end")
+    for name, colour, words in (("nearer", BLUE, "nearer: deleted"),
+                                ("seen", "#b58a00", "what the look measures, a function of the ray"),
+                                ("farther", "#8c6bb1", "farther: hidden, kept")):
         section.plot(*in_plane(knots(name, chosen[~wall])), color=colour, linewidth=1.6, label=words)
-    section.plot(*in_plane(near_plane(removed)), linestyle="none", marker="o", markersize=6, color=GREEN, label="deleted points")
+    section.plot(*in_plane(near_plane(removed)), linestyle="none", marker="o", markersize=6, color=GREEN,
+                 label="deleted points")
     ray = removed[np.argmin(np.abs((removed - eye) @ normal))]
-    section.plot(*np.transpose([(0.0, eye[2]), tuple(float(value[0]) for value in in_plane(ray[None]))]), color=ORANGE, linewidth=1.0, linestyle="--", label="a ray of the camera")
+    section.plot(*np.transpose([(0.0, eye[2]), tuple(float(value[0]) for value in in_plane(ray[None]))]), color=ORANGE,
+                 linewidth=1.0, linestyle="--", label="a ray of the camera")
     section.set_aspect("equal")
     section.set_xlim(0.5, 2.5)
     section.set_ylim(-0.05, 0.45)
-    tidy(section, "Section through one column of the image", "distance from the camera, along the ground [m]", "height [m]")
+    tidy(section, "Section through one column of the image", "distance from the camera, along the ground [m]",
+         "height [m]")
     section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncol=2)
     save(figure, out / "fig3.png", bbox_inches="tight")
     write_rows(out / "fig3.csv", rays.dtype.names, chosen.tolist())

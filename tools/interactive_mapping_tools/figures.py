@@ -29,25 +29,30 @@ from .results import replace_between_marks
 from .style import BLUE, GREY, ORANGE, legend_below, plt, save, tidy
 
 DOCS = ROOT / "docs/results"
-PLACES = {"fig5.png": ROOT / "docs/images/manipulability_sectors.png"}  # of other pages, too; all others are in docs/results/figures
+# Of other pages, too; all others are in docs/results/figures.
+PLACES = {"fig5.png": ROOT / "docs/images/manipulability_sectors.png"}
 MAX_BYTES = 250_000
 STEP_S = 5.0
-SYSTEMS = {"complete": ("ours", BLUE), "octomap_gradient_frontier": ("OctoMap, gradient frontier", ORANGE), "octomap_random": ("OctoMap, random", GREY)}
+SYSTEMS = {"complete": ("ours", BLUE), "octomap_gradient_frontier": ("OctoMap, gradient frontier", ORANGE),
+           "octomap_random": ("OctoMap, random", GREY)}
 NOTHING = "No counted missions yet.\n"
 
 
 def sectors(source, out):
     """Fig. 5. What is drawn is what the node uses: the samples have to be of the same robot."""
-    urdf, shipped = ROOT / "src/mp700_ur5e_description/urdf/mp700_ur5e.urdf", ROOT / "src/motion_planning/config/manipulability_sectors.yaml"
+    urdf = ROOT / "src/mp700_ur5e_description/urdf/mp700_ur5e.urdf"
+    shipped = ROOT / "src/motion_planning/config/manipulability_sectors.yaml"
     if source is None:
         workspace.library("install_packages; build_workspace fit_manipulability")
         folder = ROOT / "results/fit_manipulability"
         folder.mkdir(parents=True, exist_ok=True)
         source, fitted = folder / "samples.csv", folder / "sectors.yaml"
-        subprocess.run([ROOT / "devel/lib/motion_planning/fit_manipulability", "--urdf", urdf, "--out", fitted, "--samples", source], check=True)
+        subprocess.run([ROOT / "devel/lib/motion_planning/fit_manipulability", "--urdf", urdf, "--out", fitted,
+                        "--samples", source], check=True)
         if yaml.safe_load(fitted.read_text(encoding="utf-8")) != yaml.safe_load(shipped.read_text(encoding="utf-8")):
             raise Refusal(f"{fitted} is not {shipped}: the shipped sectors are of another robot")
-    subprocess.run([ROOT / "src/motion_planning/scripts/plot_manipulability", "--samples", source, "--sectors", shipped, "--urdf", urdf, "--out", out / "fig5.png"], check=True)
+    subprocess.run([ROOT / "src/motion_planning/scripts/plot_manipulability", "--samples", source, "--sectors", shipped,
+                    "--urdf", urdf, "--out", out / "fig5.png"], check=True)
     found = yaml.safe_load(shipped.read_text(encoding="utf-8"))
     write_rows(out / "fig5.csv", ("faces", *found["top"]), ((kind, *found[kind].values()) for kind in ("top", "side")))
 
@@ -59,20 +64,25 @@ def scenes(_, out):
     for axes, letter, scene in zip(panels, "abc", table_campaign.OUR_SCENES):
         world = yaml.safe_load((ROOT / f"sim_tests/simulated_world/worlds/{scene}.yaml").read_text(encoding="utf-8"))
         piles = world.get("heaps", []) + world.get("tipped", [])
-        rows.append((scene, sum(pile["bricks"] for pile in piles), sum(world.get("decoys", {}).values()), sum(np.prod(pile["extent_m"]) for pile in piles)))
+        rows.append((scene, sum(pile["bricks"] for pile in piles), sum(world.get("decoys", {}).values()),
+                     sum(np.prod(pile["extent_m"]) for pile in piles)))
         axes.imshow(matplotlib.image.imread(ROOT / f"docs/images/worlds/{scene}.png"))
-        axes.set_title(f"({letter}) {scene}: {rows[-1][1]} bricks" + (f", {rows[-1][2]} of them decoys" if rows[-1][2] else ""), fontsize=13, loc="left")
+        axes.set_title(f"({letter}) {scene}: {rows[-1][1]} bricks" +
+                       (f", {rows[-1][2]} of them decoys" if rows[-1][2] else ""), fontsize=13, loc="left")
         axes.set_axis_off()
     save(figure, out / "fig6.png")
     write_rows(out / "fig6.csv", ("scene", "bricks", "decoys", "extent_m2"), rows)
 
 
 def curves_of(folder):
-    """{(scene, cycle): {system: (seconds, {"bricks", "map": missions x seconds [%]})}} of those that count. A mission that has ended keeps what it had."""
+    """{(scene, cycle): {system: (seconds, {"bricks", "map": missions x seconds [%]})}} of those that count. A mission
+    that has ended keeps what it had."""
     rows = table_campaign.read_rows(folder / "missions.csv")
     found = {}
-    for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows if row["variant"] != "complete" and row["variant"] in SYSTEMS):
-        read = {system: [table_campaign.curve_of(folder / "-".join(row[key] for key in table_campaign.CELL), row["bricks_total"]) for row in runs]
+    for scene, cycle in dict.fromkeys((row["scene"], row["cycle"])
+                                      for row in rows if row["variant"] != "complete" and row["variant"] in SYSTEMS):
+        read = {system: [table_campaign.curve_of(folder / "-".join(row[key] for key in table_campaign.CELL),
+                                                 row["bricks_total"]) for row in runs]
                 for system, runs in table_campaign.paired(rows, scene, cycle, SYSTEMS).items() if runs}
         if not read:
             raise Refusal(f"{folder / 'missions.csv'}: {scene}: no seed of all systems")
@@ -81,7 +91,8 @@ def curves_of(folder):
         found[scene, cycle] = {}
         for system, runs in read.items():
             at = [np.maximum(np.searchsorted(seconds, grid, side="right") - 1, 0) for seconds, *_ in runs]
-            found[scene, cycle][system] = grid, {name: np.array([run[column][index] for run, index in zip(runs, at)]) for column, name in ((1, "bricks"), (2, "map"))}
+            found[scene, cycle][system] = grid, {name: np.array([run[column][index] for run, index in zip(runs, at)])
+                                                 for column, name in ((1, "bricks"), (2, "map"))}
     if not found:
         raise Refusal(f"{folder / 'missions.csv'}: no missions of {', '.join(SYSTEMS)}")
     return found
@@ -90,10 +101,12 @@ def curves_of(folder):
 def curves(source, out):
     """Fig. 7."""
     found = curves_of(source or ROOT / "results/campaign")
-    figure, panels = plt.subplots(len(found), 2, figsize=(13.0, 3.6 * len(found) + 0.6), constrained_layout=True, squeeze=False)
+    figure, panels = plt.subplots(len(found), 2, figsize=(13.0, 3.6 * len(found) + 0.6), constrained_layout=True,
+                                  squeeze=False)
     rows = []
     for (bricks_axes, map_axes), ((scene, cycle), systems) in zip(panels, found.items()):
-        for axes, name, title in ((bricks_axes, "bricks", "bricks stowed [%]"), (map_axes, "map", "pile in the map [%]")):
+        for axes, name, title in ((bricks_axes, "bricks", "bricks stowed [%]"),
+                                  (map_axes, "map", "pile in the map [%]")):
             for system, (grid, values) in systems.items():
                 label, colour = SYSTEMS[system]
                 low, high = np.percentile(values[name], (25, 75), axis=0)
@@ -102,14 +115,17 @@ def curves(source, out):
                 axes.plot(grid / 60.0, values[name].mean(axis=0), color=colour, linewidth=2.4, label=label)
             axes.set_ylim(0, 105)
             axes.set_xlim(0, grid[-1] / 60.0)
-            tidy(axes, f"{scene}: {title}, n = {len(values[name])}", "simulated time [min]" if axes in panels[-1] else None)
+            tidy(axes, f"{scene}: {title}, n = {len(values[name])}",
+                 "simulated time [min]" if axes in panels[-1] else None)
         for system, (grid, values) in systems.items():
             quartiles = [np.percentile(values[name], share, axis=0) for name in ("bricks", "map") for share in (25, 75)]
-            rows += zip(itertools.repeat(scene), itertools.repeat(cycle), itertools.repeat(system), itertools.repeat(len(values["bricks"])), grid, values["bricks"].mean(axis=0), *quartiles[:2],
+            rows += zip(itertools.repeat(scene), itertools.repeat(cycle), itertools.repeat(system),
+                        itertools.repeat(len(values["bricks"])), grid, values["bricks"].mean(axis=0), *quartiles[:2],
                         values["map"].mean(axis=0), *quartiles[2:])
     legend_below(figure, panels[0, 0], 3)
     save(figure, out / "fig7.png", bbox_inches="tight")
-    write_rows(out / "fig7.csv", ("scene", "cycle", "system", "n", "time_s", "bricks_mean", "bricks_q25", "bricks_q75", "map_mean", "map_q25", "map_q75"), rows)
+    write_rows(out / "fig7.csv", ("scene", "cycle", "system", "n", "time_s", "bricks_mean", "bricks_q25", "bricks_q75",
+                                  "map_mean", "map_q25", "map_q75"), rows)
 
 
 def tables(source, out):
@@ -117,17 +133,21 @@ def tables(source, out):
     table_campaign.print_tables(out / "missions.csv")
 
 
-FIGURES = {"1": figure_mission.cycle, "3": figure_accuracy.blanket, "4": figure_mission.utility, "5": sectors, "6": scenes, "7": curves, "8": figure_accuracy.accuracy,
+FIGURES = {"1": figure_mission.cycle, "3": figure_accuracy.blanket, "4": figure_mission.utility, "5": sectors,
+           "6": scenes, "7": curves, "8": figure_accuracy.accuracy,
            "9": figure_mission.order, "tables": tables}
 NEED_INPUT = ("1", "4", "9")
-PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text, "findings": table_campaign.findings_text, "measures": table_campaign.measures_text}
+PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text,
+         "findings": table_campaign.findings_text, "measures": table_campaign.measures_text}
 
 
 def page_parts(folder):
-    """{mark in docs/results/index.md: Markdown} of the folder's missions.csv and fig7.png; without them, the sentence that says so."""
+    """{mark in docs/results/index.md: Markdown} of the folder's missions.csv and fig7.png; without them, the sentence
+    that says so."""
     rows = table_campaign.read_rows(folder / "missions.csv") if (folder / "missions.csv").exists() else None
     parts = {mark: (text_of(rows) if rows else "") or NOTHING for mark, text_of in PARTS.items()}
-    return {**parts, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n" if (folder / "fig7.png").exists() else NOTHING}
+    return {**parts, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n"
+            if (folder / "fig7.png").exists() else NOTHING}
 
 
 def update_docs(name, made):
@@ -156,7 +176,9 @@ def main():
         FIGURES[arguments.name](arguments.input, out)
     except (*table_campaign.BROKEN, IndexError) as error:
         raise Refusal(f"{arguments.input or 'results'}: cannot be drawn: {table_campaign.words_of(error)}") from error
-    made = [out / "missions.csv", out / "tables.csv"] if arguments.name == "tables" else sorted(path for suffix in ("png", "csv") for path in out.glob(f"{stem}[._]*{suffix}"))
+    made = sorted(path for suffix in ("png", "csv") for path in out.glob(f"{stem}[._]*{suffix}"))
+    if arguments.name == "tables":
+        made = [out / "missions.csv", out / "tables.csv"]
     for path in made:
         if path.suffix == ".png" and path.stat().st_size > MAX_BYTES:
             Image.open(path).convert("RGB").quantize(255, dither=0).save(path, optimize=True)

@@ -19,7 +19,8 @@ def read_json(path):
 def read_rows(path, texts=()):
     """[{column: number}] of a CSV file, but for columns of texts."""
     with path.open(encoding="utf-8", newline="") as stream:
-        rows = [{key: value if key in texts else float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+        rows = [{key: value if key in texts else float(value) for key, value in row.items()}
+                for row in csv.DictReader(stream)]
     if not rows:
         raise Refusal(f"{path}: holds no row")
     return rows
@@ -32,8 +33,10 @@ def read_machine(path):
 
 
 def measured(machine):
-    return (f"Measured {machine.get('date', 'at an unknown date')} on {machine.get('processor', 'an unknown machine')}; {machine.get('compiler', 'unknown compiler')}, "
-            f"{machine.get('build', 'unknown build')}; load {machine.get('load', 'unknown')}; commit {machine.get('commit', 'unknown')}.")
+    return (f"Measured {machine.get('date', 'at an unknown date')} on "
+            f"{machine.get('processor', 'an unknown machine')}; "
+            f"{machine.get('compiler', 'unknown compiler')}, {machine.get('build', 'unknown build')}; "
+            f"load {machine.get('load', 'unknown')}; commit {machine.get('commit', 'unknown')}.")
 
 
 def number(value, form):
@@ -60,8 +63,9 @@ def replace_between_marks(path, name, text):
 
 
 def main_of(doc, plots, read, texts_of):
-    """main() of a command that draws and tabulates a folder of results. read(folder): what was measured; plots: {option: function of that and a path};
-    texts_of: {mark in the document: Markdown} of that, the first is the table."""
+    """main() of a command that draws and tabulates a folder of results. read(folder): what was measured; plots:
+    {option: function of that and a path}; texts_of: {mark in the document: Markdown} of that, the first is the
+    table."""
     @one_line_errors
     def main():
         parser = parser_of(doc)

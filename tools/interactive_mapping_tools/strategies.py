@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Strategies for the next best view, checked before a mission starts.
 
-A strategy is a section with a `plugin` in nbv_selection's configuration or below nbv_selection in the user's parameters. A package on
-ROS_PACKAGE_PATH must export that plugin.
+A strategy is a section with a `plugin` in nbv_selection's configuration or below nbv_selection in the user's
+parameters. A package on ROS_PACKAGE_PATH must export that plugin.
 """
 
 import contextlib
@@ -22,8 +22,8 @@ BASE_CLASS = "nbv_selection_ros::Strategy"
 
 
 def read_plugins(files, params=None):
-    """{strategy: its plugin}; a later file counts above an earlier one, and section nbv_selection of params above all. Raises OSError, ValueError,
-    yaml.YAMLError."""
+    """{strategy: its plugin}; a later file counts above an earlier one, and section nbv_selection of params above all.
+    Raises OSError, ValueError, yaml.YAMLError."""
     plugins = {}
     for path in files + ([params] if params else []):
         sections = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
@@ -31,14 +31,16 @@ def read_plugins(files, params=None):
             sections = sections.get("nbv_selection") or {}
         if not isinstance(sections, dict):
             raise ValueError("must hold sections of parameters")
-        plugins.update({str(name): str(section["plugin"]) for name, section in sections.items() if isinstance(section, dict) and "plugin" in section})
+        plugins.update({str(name): str(section["plugin"])
+                        for name, section in sections.items() if isinstance(section, dict) and "plugin" in section})
     return plugins
 
 
 @functools.lru_cache(None)
 def rospack():
     """The packages of this repository, built or not, and those on ROS_PACKAGE_PATH."""
-    return rospkg.RosPack(ros_paths=[str(ROOT / "src"), str(ROOT / "sim_tests"), str(ROOT / "examples"), *rospkg.get_ros_paths()])
+    return rospkg.RosPack(ros_paths=[str(ROOT / "src"), str(ROOT / "sim_tests"), str(ROOT / "examples"),
+                                     *rospkg.get_ros_paths()])
 
 
 @functools.lru_cache(None)
@@ -50,7 +52,8 @@ def exported_plugins():
         with contextlib.suppress(OSError, ElementTree.ParseError):
             for export in ElementTree.parse(f"{folder}/package.xml").getroot().iterfind("export/nbv_selection"):
                 plugins = ElementTree.parse(export.get("plugin", "").replace("${prefix}", folder)).getroot()
-                found |= {element.get("name", element.get("type")) for element in plugins.iter("class") if element.get("base_class_type") == BASE_CLASS}
+                found |= {element.get("name", element.get("type"))
+                          for element in plugins.iter("class") if element.get("base_class_type") == BASE_CLASS}
     return found
 
 
@@ -64,6 +67,8 @@ def maps_of(strategies, params=None):
     there = sorted(name for name, plugin in plugins.items() if plugin in exported)
     for strategy in strategies:
         if strategy not in there:
-            why = f"its plugin {plugins[strategy]} is exported by no package on ROS_PACKAGE_PATH; " if strategy in plugins else ""
+            why = ""
+            if strategy in plugins:
+                why = f"its plugin {plugins[strategy]} is exported by no package on ROS_PACKAGE_PATH; "
             raise UsageError(f"strategy {strategy}: {why}must be one of {', '.join(there)}")
     return ["octomap" if "Octomap" in plugins[strategy] else "gpis" for strategy in strategies]

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of a campaign's missions.csv: for each scene and cycle the mean of each variant and its difference to the first variant.
+"""Tables of a campaign's missions.csv: for each scene and cycle the mean of each variant and its difference to the
+first variant.
 
-Brackets hold 95 % bootstrap intervals of the mean. A difference is that of missions with the same seed. Where its interval holds 0 it
-shows nothing. The tables are left beside the CSV, too: tables.csv and tables.md.
+Brackets hold 95 % bootstrap intervals of the mean. A difference is that of missions with the same seed. Where its
+interval holds 0 it shows nothing. The tables are left beside the CSV, too: tables.csv and tables.md.
 """
 
 import csv
@@ -18,23 +19,34 @@ from .cli import Refusal, one_line_errors, parser_of
 from .results import markdown
 
 CELL = ("scene", "cycle", "variant", "seed")
-MEASURES = ("bricks_stowed", "bricks_total", "map_coverage", "map_precision", "falls", "drops", "collisions", "load_contacts", "sim_seconds", "views", "distance_m", "disturbance_m",
-            "picks_begun", "wall_seconds")
-TIMES = {f"seconds_to_{percent}": percent for percent in (50, 80, 100)}  # of the bricks, from the start of the mission; empty: not reached
+MEASURES = ("bricks_stowed", "bricks_total", "map_coverage", "map_precision", "falls", "drops", "collisions",
+            "load_contacts", "sim_seconds", "views", "distance_m", "disturbance_m", "picks_begun", "wall_seconds")
+# Of the bricks, from the start of the mission; empty: not reached.
+TIMES = {f"seconds_to_{percent}": percent for percent in (50, 80, 100)}
 ORIGIN = ("date", "commit", "software", "configuration", "host", "machine")
 COLUMNS = (*CELL, *MEASURES, *TIMES, "end_reason", *ORIGIN)
 SHOWN = {  # column: title, factor
-    "bricks": ("bricks %", 1), "map_coverage": ("map %", 100), "map_precision": ("precision %", 100), "falls": ("falls", 1), "drops": ("drops", 1), "collisions": ("collisions", 1),
-    "load_contacts": ("load contacts", 1), "disturbance_m": ("disturbance [cm]", 100), "picks_begun": ("attempts", 1), "views": ("views", 1), "distance_m": ("driven [m]", 1),
-    "sim_seconds": ("simulated [s]", 1), **{key: (f"{percent} % of the bricks after [s]", 1) for key, percent in TIMES.items()}}
+    "bricks": ("bricks %", 1), "map_coverage": ("map %", 100), "map_precision": ("precision %", 100),
+    "falls": ("falls", 1), "drops": ("drops", 1), "collisions": ("collisions", 1),
+    "load_contacts": ("load contacts", 1), "disturbance_m": ("disturbance [cm]", 100), "picks_begun": ("attempts", 1),
+    "views": ("views", 1), "distance_m": ("driven [m]", 1),
+    "sim_seconds": ("simulated [s]", 1),
+    **{key: (f"{percent} % of the bricks after [s]", 1) for key, percent in TIMES.items()}}
 # What the paper reports. Table I: bricks, map %, falls, collision. Table II: bricks %, map % of its scenes 1 to 3.
-PAPER_FACTORS = {"complete": (17, 100, 1, "N"), "no_manipulability": (14.5, 100, 2, "N"), "no_pick_order": (13, 100, 6, "N"), "no_travel": (11, 80, 3, "Y"),
-                 "no_uncertainty": (15, 100, 1, "N"), "no_frontier": (16, 90, 4, "Y"), "no_failure_penalty": (7, 60, 1, "N")}
-PAPER_SYSTEMS = {"complete": (("95 \u00b1 5", "100 \u00b1 10"), ("100 \u00b1 6", "82 \u00b1 8.5"), ("100 \u00b1 3", "61 \u00b1 3.5")),
-                 "octomap_gradient_frontier": (("63 \u00b1 17", "100 \u00b1 5"), ("72 \u00b1 8", "85 \u00b1 9"), ("66 \u00b1 13", "70 \u00b1 16")),
-                 "octomap_random": (("45 \u00b1 12", "90 \u00b1 10"), ("61 \u00b1 12", "71 \u00b1 19"), ("57 \u00b1 6.8", "57 \u00b1 12"))}
+PAPER_FACTORS = {"complete": (17, 100, 1, "N"), "no_manipulability": (14.5, 100, 2, "N"),
+                 "no_pick_order": (13, 100, 6, "N"), "no_travel": (11, 80, 3, "Y"),
+                 "no_uncertainty": (15, 100, 1, "N"), "no_frontier": (16, 90, 4, "Y"),
+                 "no_failure_penalty": (7, 60, 1, "N")}
+PAPER_SYSTEMS = {"complete": (("95 \u00b1 5", "100 \u00b1 10"), ("100 \u00b1 6", "82 \u00b1 8.5"),
+                              ("100 \u00b1 3", "61 \u00b1 3.5")),
+                 "octomap_gradient_frontier": (("63 \u00b1 17", "100 \u00b1 5"), ("72 \u00b1 8", "85 \u00b1 9"),
+                                               ("66 \u00b1 13", "70 \u00b1 16")),
+                 "octomap_random": (("45 \u00b1 12", "90 \u00b1 10"), ("61 \u00b1 12", "71 \u00b1 19"),
+                                    ("57 \u00b1 6.8", "57 \u00b1 12"))}
 OUR_SCENES = ("one_heap", "tipped_20", "decoys")  # in place of the paper's 1 to 3
-BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drops": -1, "collisions": -1, "load_contacts": -1, "disturbance_m": -1}  # which sign is
+# Which sign of a difference is better.
+BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drops": -1, "collisions": -1,
+          "load_contacts": -1, "disturbance_m": -1}
 BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 NUM_RESAMPLES = 10000
 
@@ -44,27 +56,36 @@ def words_of(error):
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
+def is_of(row, scene, cycle, variant):
+    return (row["scene"], row["cycle"], row["variant"]) == (scene, cycle, variant)
+
+
 def checked(summary):
     """The summary of a mission; raises one of BROKEN if the tables cannot be made of it."""
     numbers = [summary[key] for key in MEASURES if summary[key] is not None]
-    if not all(math.isfinite(float(number)) for number in numbers) or summary["bricks_stowed"] is None or not summary["bricks_total"] > 0:
+    is_finite = all(math.isfinite(float(number)) for number in numbers)
+    if not is_finite or summary["bricks_stowed"] is None or not summary["bricks_total"] > 0:
         raise ValueError("no judged mission")
     return summary
 
 
 def curve_of(folder, bricks_total):
-    """Seconds from the start of a mission, and of each the share of bricks stowed and of the pile mapped [%]. Raises one of BROKEN."""
+    """Seconds from the start of a mission, and of each the share of bricks stowed and of the pile mapped [%]. Raises
+    one of BROKEN."""
     folder = pathlib.Path(folder)
     table = mission_run.read_table(folder / "judge.csv", [])
     seconds, stowed, coverage = (np.array(table[name]) for name in ("time_s", "stowed", "coverage"))
-    begun_s = next((row["time_s"] for row in mission_run.read_lines(folder / "mission.jsonl", []) if row.get("event") == "start"), seconds[0])
+    begun_s = next((row["time_s"] for row in mission_run.read_lines(folder / "mission.jsonl", [])
+                    if row.get("event") == "start"), seconds[0])
     return seconds - begun_s, 100.0 * stowed / bricks_total, 100.0 * coverage
 
 
 def row_of(mission, summary):
     seconds, bricks, _ = curve_of(mission["folder"], summary["bricks_total"])
-    times = {key: next((round(second, 3) for second, share in zip(seconds, bricks) if share >= percent), None) for key, percent in TIMES.items()}
-    return {**{key: mission[key] for key in CELL}, **{key: summary[key] for key in (*MEASURES, "end_reason")}, **times, **{key: summary["origin"].get(key) for key in ORIGIN}}
+    times = {key: next((round(second, 3) for second, share in zip(seconds, bricks) if share >= percent), None)
+             for key, percent in TIMES.items()}
+    return {**{key: mission[key] for key in CELL}, **{key: summary[key] for key in (*MEASURES, "end_reason")}, **times,
+            **{key: summary["origin"].get(key) for key in ORIGIN}}
 
 
 def read_rows(path):
@@ -72,10 +93,12 @@ def read_rows(path):
         with path.open(encoding="utf-8", newline="") as stream:
             rows = list(csv.DictReader(stream))
         for row in rows:
-            row.update({key: float(row[key]) if row[key] != "" else math.nan for key in (*MEASURES, *TIMES)}, bricks=100.0 * float(row["bricks_stowed"]) / float(row["bricks_total"]))
+            row.update({key: float(row[key]) if row[key] != "" else math.nan for key in (*MEASURES, *TIMES)},
+                       bricks=100.0 * float(row["bricks_stowed"]) / float(row["bricks_total"]))
         states = sorted({row["software"] for row in rows})
         if len(states) != 1:
-            raise ValueError(f"missions of {len(states)} states of the software: {', '.join(states) or 'none'}; must be of one")
+            raise ValueError(
+                f"missions of {len(states)} states of the software: {', '.join(states) or 'none'}; must be of one")
         cells = [tuple(row[key] for key in CELL) for row in rows]
         if len(set(cells)) != len(cells):
             raise ValueError(f"{statistics.mode(cells)} is there twice")
@@ -113,7 +136,8 @@ def summaries_of(rows):
     found = []
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows):
         of_scene = [row for row in rows if (row["scene"], row["cycle"]) == (scene, cycle)]
-        variants = {variant: {row["seed"]: row for row in of_scene if row["variant"] == variant} for variant in dict.fromkeys(row["variant"] for row in of_scene)}
+        variants = {variant: {row["seed"]: row for row in of_scene if row["variant"] == variant}
+                    for variant in dict.fromkeys(row["variant"] for row in of_scene)}
         first = next(iter(variants.values()))
         for (variant, runs), (key, (_, factor)) in itertools.product(variants.items(), SHOWN.items()):
             values = [factor * row[key] for row in runs.values() if not math.isnan(row[key])]
@@ -121,10 +145,12 @@ def summaries_of(rows):
             pairs = [factor * value for value in differences(runs, first, key)] if runs is not first and is_told else []
             if key in TIMES and any(math.isnan(row[key]) for row in first.values()):
                 pairs = []
-            entry = {"scene": scene, "cycle": cycle, "variant": variant, "measure": key, "missions": len(runs), "n": len(values)}
+            entry = {"scene": scene, "cycle": cycle, "variant": variant, "measure": key, "missions": len(runs),
+                     "n": len(values)}
             for name, numbers in (("mean", values if is_told else []), ("difference", pairs)):
                 low, high = interval(numbers) if numbers else (math.nan, math.nan)
-                entry.update({name: statistics.fmean(numbers) if numbers else math.nan, f"{name}_low": low, f"{name}_high": high})
+                entry.update({name: statistics.fmean(numbers) if numbers else math.nan, f"{name}_low": low,
+                              f"{name}_high": high})
             found.append({**entry, "pairs": len(pairs)})
     return found
 
@@ -146,45 +172,53 @@ def difference_cell(entry):
 
 
 def measures_text(rows):
-    """Markdown: of each scene and cycle all measures, then the differences to the first variant; bold where the interval does not hold 0."""
+    """Markdown: of each scene and cycle all measures, then the differences to the first variant; bold where the
+    interval does not hold 0."""
     texts, summaries = [], summaries_of(rows)
     for scene, cycle in dict.fromkeys((entry["scene"], entry["cycle"]) for entry in summaries):
         of_scene = [entry for entry in summaries if (entry["scene"], entry["cycle"]) == (scene, cycle)]
         variants = list(dict.fromkeys(entry["variant"] for entry in of_scene))
         by_cell = {(entry["variant"], entry["measure"]): entry for entry in of_scene}
-        ended = {variant: ", ".join(sorted({row["end_reason"] for row in rows if (row["scene"], row["cycle"], row["variant"]) == (scene, cycle, variant)})) for variant in variants}
+        ended = {variant: ", ".join(sorted({row["end_reason"] for row in rows if is_of(row, scene, cycle, variant)}))
+                 for variant in variants}
         values = [("", "n", *(title for title, _ in SHOWN.values()), "ended by")]
-        values += [(variant, by_cell[variant, "bricks"]["missions"], *(value_cell(by_cell[variant, key]) for key in SHOWN), ended[variant]) for variant in variants]
+        values += [(variant, by_cell[variant, "bricks"]["missions"],
+                    *(value_cell(by_cell[variant, key]) for key in SHOWN), ended[variant]) for variant in variants]
         texts.append(f"**`{scene}`, cycle `{cycle}`**\n\n{markdown(values)}\n")
         if len(variants) > 1:
             changes = [(f"less `{variants[0]}`", "pairs", *(title for title, _ in SHOWN.values()))]
-            changes += [(variant, by_cell[variant, "bricks"]["pairs"], *(difference_cell(by_cell[variant, key]) for key in SHOWN)) for variant in variants[1:]]
+            changes += [(variant, by_cell[variant, "bricks"]["pairs"],
+                         *(difference_cell(by_cell[variant, key]) for key in SHOWN)) for variant in variants[1:]]
             texts.append(markdown(changes) + "\n")
     return "\n".join(texts)
 
 
 def findings_text(rows):
-    """Markdown: of each variant where it is better and worse than the first; the interval of the difference does not hold 0."""
+    """Markdown: of each variant where it is better and worse than the first; the interval of the difference does not
+    hold 0."""
     lines = {}
     for entry in summaries_of(rows):
         found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {"pairs": 0, 1: [], -1: []})
         if entry["measure"] in BETTER and entry["pairs"] > 1:
             found["pairs"] = entry["pairs"]
             if not entry["difference_low"] <= 0.0 <= entry["difference_high"]:
-                found[int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)}")
+                sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
+                found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)}")
     text = ""
     for (scene, cycle, variant), found in lines.items():
         parts = [f"{word} in {', '.join(found[sign])}" for sign, word in ((1, "better"), (-1, "worse")) if found[sign]]
         if found["pairs"]:
-            text += f"- `{scene}`, cycle `{cycle}`, `{variant}`, {found['pairs']} pairs: {'; '.join(parts) or 'no difference shows'}.\n"
+            text += (f"- `{scene}`, cycle `{cycle}`, `{variant}`, {found['pairs']} pairs: "
+                     f"{'; '.join(parts) or 'no difference shows'}.\n")
     return text
 
 
 def paired(rows, scene, cycle, variants):
     """{variant: its rows}: of the variants that there are, the seeds that all of them have."""
-    found = {variant: {row["seed"]: row for row in rows if (row["scene"], row["cycle"], row["variant"]) == (scene, cycle, variant)} for variant in variants}
+    found = {variant: {row["seed"]: row for row in rows if is_of(row, scene, cycle, variant)} for variant in variants}
     found = {variant: runs for variant, runs in found.items() if runs}
-    return {variant: [row for seed, row in runs.items() if all(seed in others for others in found.values())] for variant, runs in found.items()}
+    return {variant: [row for seed, row in runs.items() if all(seed in others for others in found.values())]
+            for variant, runs in found.items()}
 
 
 def factors_text(rows):
@@ -192,20 +226,26 @@ def factors_text(rows):
     table = [("", "n", "bricks", "paper", "map %", "paper", "falls", "paper", "missions with a collision", "paper")]
     for variant, runs in paired(rows, OUR_SCENES[0], "paper", PAPER_FACTORS).items():
         bricks, coverage, falls, collision = PAPER_FACTORS[variant]
-        ours = [with_interval([factor * row[key] for row in runs]) for key, factor in (("bricks_stowed", 1), ("map_coverage", 100), ("falls", 1))]
-        table.append((variant, len(runs), ours[0], bricks, ours[1], coverage, ours[2], falls, f"{sum(row['collisions'] > 0 for row in runs)} of {len(runs)}", collision))
+        ours = [with_interval([factor * row[key] for row in runs])
+                for key, factor in (("bricks_stowed", 1), ("map_coverage", 100), ("falls", 1))]
+        table.append((variant, len(runs), ours[0], bricks, ours[1], coverage, ours[2], falls,
+                      f"{sum(row['collisions'] > 0 for row in runs)} of {len(runs)}", collision))
     return markdown(table) + "\n" if len(table) > 1 else ""
 
 
 def systems_text(rows):
     """Markdown: Table II beside the paper's; empty without its scenes."""
-    table = [("ours", "paper's", "system", "n", "bricks %", "paper", "map %", "paper", *(SHOWN[key][0] for key in TIMES))]
+    table = [("ours", "paper's", "system", "n", "bricks %", "paper", "map %", "paper",
+              *(SHOWN[key][0] for key in TIMES))]
     for index, scene in enumerate(OUR_SCENES):
         systems = paired(rows, scene, "paper", PAPER_SYSTEMS)
-        by_cell = {(entry["variant"], entry["measure"]): entry for entry in summaries_of([row for runs in systems.values() for row in runs])}
+        by_cell = {(entry["variant"], entry["measure"]): entry
+                   for entry in summaries_of([row for runs in systems.values() for row in runs])}
         for variant, runs in systems.items():
             if runs:
-                (bricks, coverage, *times), paper = (value_cell(by_cell[variant, key]) for key in ("bricks", "map_coverage", *TIMES)), PAPER_SYSTEMS[variant][index]
+                paper = PAPER_SYSTEMS[variant][index]
+                bricks, coverage, *times = (value_cell(by_cell[variant, key])
+                                            for key in ("bricks", "map_coverage", *TIMES))
                 table.append((scene, f"#{index + 1}", variant, len(runs), bricks, paper[0], coverage, paper[1], *times))
     return markdown(table) + "\n" if len(table) > 1 else ""
 
@@ -216,7 +256,8 @@ def print_tables(path):
     with path.with_name("tables.csv").open("w", encoding="utf-8", newline="") as stream:
         writer = csv.DictWriter(stream, summaries[0], lineterminator="\n")
         writer.writeheader()
-        writer.writerows({key: "" if isinstance(value, float) and math.isnan(value) else value for key, value in entry.items()} for entry in summaries)
+        writer.writerows({key: "" if isinstance(value, float) and math.isnan(value) else value
+                          for key, value in entry.items()} for entry in summaries)
     text = "\n".join(filter(None, (factors_text(rows), systems_text(rows), measures_text(rows))))
     path.with_name("tables.md").write_text(text, encoding="utf-8")
     print(f"\n{text}", end="")
