@@ -186,8 +186,7 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
     Items items;
     for (const auto& part : {lifted, lifted_a_little}) {
       if (part->trajectory.empty()) continue;  // it was stopped before it moved
-      items.push_back(
-          item<PutBackStep>([=] { return gentle(reversed(upTo(part->trajectory, part->at_s, ramp_s))); }));
+      items.push_back(item<PutBackStep>([=] { return gentle(reversed(upTo(part->trajectory, part->at_s, ramp_s))); }));
     }
     append(offAndRetreat(), &items);
     return items;
