@@ -430,6 +430,32 @@ TEST(MeshLattice, CornersHoldTheBlendedField) {
   }
 }
 
+TEST(MeshExtractor, OfABoxItGivesWhatLiesThereAndLittleMore) {
+  const auto snapshot = mapOf(sampleSphere({0.1, -0.2, 0.3}, 0.4, 0.02));
+  MeshExtractor extractor(snapshot->config());
+  extractor.update(*snapshot);
+  const TriangleMesh all = extractor.mesh();
+  const Eigen::AlignedBox3d box{Eigen::Vector3d{-0.1, -0.7, 0.25}, Eigen::Vector3d{0.35, 0.0, 0.9}};
+  const TriangleMesh part = extractor.mesh(box);
+  const auto of_all = triangleSet(all), of_part = triangleSet(part);
+  EXPECT_TRUE(std::includes(of_all.begin(), of_all.end(), of_part.begin(), of_part.end()));
+  const double cell_m = snapshot->config().cells.size_m;
+  std::size_t inside = 0;
+  for (const auto& t : all.triangles) {
+    const Eigen::Vector3d middle = (all.vertices_map[t[0]] + all.vertices_map[t[1]] + all.vertices_map[t[2]]) / 3.0;
+    inside += box.contains(middle) ? 1 : 0;
+  }
+  std::size_t inside_part = 0;
+  for (const auto& t : part.triangles) {
+    const Eigen::Vector3d middle = (part.vertices_map[t[0]] + part.vertices_map[t[1]] + part.vertices_map[t[2]]) / 3.0;
+    inside_part += box.contains(middle) ? 1 : 0;
+    EXPECT_LT(box.exteriorDistance(middle), std::sqrt(3.0) * cell_m);
+  }
+  EXPECT_GT(inside, 100u);
+  EXPECT_EQ(inside_part, inside);
+  EXPECT_TRUE(extractor.mesh({Eigen::Vector3d::Constant(5.0), Eigen::Vector3d::Constant(6.0)}).triangles.empty());
+}
+
 TEST(MeshExtractor, RemovedCellsVanish) {
   const GpisConfig config;
   const std::vector<SurfacePoint> left = sampleSphere({0.0, 0.0, 0.0}, 0.1, 0.02);

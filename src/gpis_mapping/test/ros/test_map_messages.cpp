@@ -43,6 +43,19 @@ TriangleMesh triangle() {
   return mesh;
 }
 
+TEST(MapMessages, AMeshIsAskedForInABox) {
+  interactive_mapping_msgs::GetMesh::Request request;
+  EXPECT_TRUE(boxOf(request).contains(Eigen::Vector3d(1e9, -1e9, 0.0)));
+  request.min.x = -1.0;
+  request.max.z = 2.0;
+  EXPECT_EQ(boxOf(request).min(), Eigen::Vector3d(-1.0, 0.0, 0.0));
+  EXPECT_EQ(boxOf(request).max(), Eigen::Vector3d(0.0, 0.0, 2.0));
+  for (const double bad : {-0.1, std::numeric_limits<double>::quiet_NaN()}) {
+    request.max.y = bad;
+    EXPECT_THROW(boxOf(request), std::invalid_argument);
+  }
+}
+
 TEST(MapMessages, SurfaceMeshCarriesEverything) {
   const auto message = toSurfaceMesh(triangle(), header(), 7);
   EXPECT_EQ(message.header.frame_id, "map");

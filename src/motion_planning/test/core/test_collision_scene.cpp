@@ -598,6 +598,32 @@ class CountingMap : public MapView {
   mutable int num_queries_{0};
 };
 
+TEST(CollisionSceneBuilder, TheRegionsBoxHoldsAllThatCounts) {
+  CollisionSceneConfig config = sceneConfig();
+  config.region_radius_m = 0.7;  // the bricks reach beyond
+  BoxWorld world = bricksOnGround();
+  for (const double roll_rad : {0.0, 0.03, 0.8}) {
+    SCOPED_TRACE(roll_rad);
+    Eigen::Isometry3d T_map_base{Eigen::Translation3d{0.2, -0.1, 0.0}};
+    T_map_base.rotate(Eigen::AngleAxisd(0.7, Eigen::Vector3d::UnitZ()));
+    T_map_base.rotate(Eigen::AngleAxisd(roll_rad, Eigen::Vector3d::UnitX()));
+    const Surface all = world.surface(0.02);
+    const Eigen::AlignedBox3d box_map = regionBox(T_map_base, config);
+    Surface part = all;
+    part.triangles.clear();
+    for (const auto& triangle : all.triangles) {
+      Eigen::AlignedBox3d box;
+      for (const std::uint32_t v : triangle) box.extend(all.vertices_map[v]);
+      if (box.intersects(box_map)) part.triangles.push_back(triangle);
+    }
+    EXPECT_LT(part.triangles.size(), all.triangles.size() * 0.9);
+    CollisionSceneBuilder of_all(config), of_part(config);
+    of_all.update(all, world, T_map_base);
+    of_part.update(part, world, T_map_base);
+    expectSameScene(*of_part.scene(), *of_all.scene());
+  }
+}
+
 TEST(CollisionSceneBuilder, TwoInStepAskTheMapOnce) {
   BoxWorld world = bricksOnGround();
   CollisionSceneConfig wider = sceneConfig();

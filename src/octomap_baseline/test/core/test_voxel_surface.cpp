@@ -132,6 +132,18 @@ TEST(VoxelSurface, TrianglesLieBetweenOccupiedAndFreeAndTurnToTheFree) {
     }
   }
   EXPECT_NEAR(area_m2, sides * kVoxel_m * kVoxel_m, 1e-6);
+
+  const Eigen::AlignedBox3d box{Eigen::Vector3d::Constant(-0.07), Eigen::Vector3d{0.12, 0.12, 0.02}};
+  const auto countIn = [&box](const gpis_mapping::TriangleMesh& in) {
+    return std::count_if(in.triangles.begin(), in.triangles.end(), [&](const auto& t) {
+      return box.contains(
+          Eigen::Vector3d((in.vertices_map[t[0]] + in.vertices_map[t[1]] + in.vertices_map[t[2]]) / 3.0));
+    });
+  };
+  const gpis_mapping::TriangleMesh part = meshOfSides(tree, false, box);
+  EXPECT_LT(part.triangles.size(), mesh.triangles.size() / 2);
+  EXPECT_GT(countIn(part), 10);
+  EXPECT_EQ(countIn(part), countIn(mesh));
 }
 
 TEST(VoxelSurface, WithoutASideThereIsNoDistance) {
