@@ -115,7 +115,7 @@ class TouchStep : public MotionStep {
   std::optional<ContactDetector> detector_;
 };
 
-/// With a brick, until it takes another along.
+/// With a brick. Once that is weighed, until it takes another along.
 class LiftStep : public MotionStep {
  public:
   /// As it was carried out, and where on it the arm stands.

@@ -185,7 +185,7 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   const auto putBack = [=] {
     Items items;
     for (const auto& part : {lifted, lifted_a_little}) {
-      if (part->trajectory.empty()) continue;  // it was stopped before it moved
+      if (part->trajectory.empty()) continue;  // not begun, or stopped before it moved
       items.push_back(item<PutBackStep>([=] { return gentle(reversed(upTo(part->trajectory, part->at_s, ramp_s))); }));
     }
     append(offAndRetreat(), &items);
