@@ -416,8 +416,18 @@ class BringupLaunch(unittest.TestCase):
 
     def test_a_played_bag_waits_for_the_map(self):
         import rospkg
-        loaded = Loaded(f"{rospkg.RosPack().get_path('gpis_mapping')}/launch/mapping.launch", "bag:=/a.bag")
-        self.assertIn("--wait-for-subscribers", loaded.nodes["/bag"].args)
+        folder = f"{rospkg.RosPack().get_path('gpis_mapping')}/launch"
+
+        def played(launch, *args):
+            words = Loaded(f"{folder}/{launch}", "bag:=/a.bag", *args).nodes["/bag"].args.split()
+            self.assertIn("--wait-for-subscribers", words)
+            # It would wait forever for a subscriber to another topic of the bag.
+            return words[words.index("--topics") + 1:] if "--topics" in words else None
+        self.assertEqual(played("mapping.launch", "depth_topic:=/d/image"), ["/d/image", "/d/camera_info", "/tf", "/tf_static"])
+        self.assertEqual(played("mapping.launch", "depth_topic:=/d/image", "image_transport:=compressedDepth")[0], "/d/image/compressedDepth")
+        self.assertEqual(played("mapping.launch", "bag_topics:=/x /y"), ["/x", "/y"])
+        self.assertIsNone(played("mapping.launch", "self_filter:=true"))  # the filter's topics, too
+        self.assertEqual(played("mapping_cloud.launch", "cloud_topic:=/c"), ["/c", "/tf", "/tf_static"])
 
     def test_an_argument_with_an_empty_default_says_what_that_means(self):
         # roslaunch lists them as required.
