@@ -607,6 +607,9 @@ class BringupLaunch(unittest.TestCase):
         simulated = self.simulation("clock:=lockstep")
         self.assertEqual(waited_for(simulated), answers | {"/pick_mission/heartbeat"})
         self.assertEqual(waited_for(self.simulation("clock:=lockstep", "mission:=false")), answers)
+        self.assertEqual(waited_for(self.simulation("clock:=lockstep", "detector:=none")),
+                         answers - {"/brick_detection/update"} | {"/pick_mission/heartbeat"})
+        self.assertEqual(waited_for(self.simulation("clock:=lockstep", "detector:=none", "mission:=false")), answers - {"/brick_detection/update"})
         self.assertEqual(waited_for(self.simulation("clock:=lockstep", "map:=octomap", "mission:=false")),
                          answers - {"/gpis_mapping/update"} | {"/octomap_baseline/update"})
         # Who publishes what the clock waits for has to be started: it would not begin otherwise.
@@ -637,6 +640,7 @@ class BringupLaunch(unittest.TestCase):
         self.assertEqual(surfaces.nodes["/brick_detection"].package, "surface_picking")
         self.assertEqual(surfaces.remaps("/brick_detection")["map/get_mesh"], "/gpis_mapping/get_mesh")
         self.assertTrue(surfaces.params["/brick_detection/bricks_file"].endswith("/bricks.yaml"))
+        self.assertEqual(set(tags.nodes) - set(self.simulation("detector:=none").nodes), {"/brick_detection"})
         for args in (("detector:=magic",), ("detector:=surfaces", "map:=octomap")):
             with self.assertRaises(Exception, msg=args):
                 self.simulation(*args)
