@@ -360,7 +360,7 @@ def main():
     parser.add_argument("--judge", default="/simulated_world/judge", help="topic of the simulator's judge, for the terminal alone; empty: none")
     parser.add_argument("--wall-limit", type=float, default=0.0, metavar="S", help="give up after this time of the wall clock; 0: never")
     parser.add_argument("--begin-within", type=float, default=180.0, metavar="S", help="of the wall clock: the mission's node has to be there")
-    parser.add_argument("--gone-after", type=float, default=60.0, metavar="S", help="of the wall clock: so long the node may be away, as while it is started anew")
+    parser.add_argument("--gone-after", type=float, default=60.0, metavar="S", help="time of the wall clock for which the node may be away, as in a restart")
     arguments = parser.parse_args()
 
     for option in ("wall_limit", "begin_within", "gone_after"):
