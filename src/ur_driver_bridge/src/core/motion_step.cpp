@@ -124,10 +124,12 @@ Verdict MotionStep::begin(StepContext& context, bool may_wait) {
   const ArmVector& arm_rad = context.arm().joints->value.position_rad;
   if (!hasRested(context)) {
     if (may_wait) return {};
-    return {
-        ArmStatus::kNotReady,
-        formatted("the arm moves at %.3f rad/s before the motion begins, must be below %.3f rad/s",
-                  context.arm().joints->value.velocity_rad_s.cwiseAbs().maxCoeff(), context.config.motion.rest_rad_s)};
+    if (!endsUnrest()) {
+      return {ArmStatus::kNotReady,
+              formatted("the arm moves at %.3f rad/s before the motion begins, must be below %.3f rad/s",
+                        context.arm().joints->value.velocity_rad_s.cwiseAbs().maxCoeff(),
+                        context.config.motion.rest_rad_s)};
+    }
   }
   TrajectoryLimits limits = context.model.limits;
   limits.acceleration_rad_s2.setConstant(context.config.motion.acceleration_rad_s2);
@@ -365,12 +367,11 @@ std::optional<Verdict> MotionStep::finish(StepContext& context) {
   if (isWaitingForRest(context)) return std::nullopt;
   if (!context.isAtRest()) {
     context.call(CancelCall{});
-    const std::string text = "the arm has not come to rest";
     const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
     if (!verdict_.isFine()) {
-      verdict_.message += "; " + text;
+      verdict_.message += "; the arm has not come to rest";
     } else {
-      verdict_ = robot.isFine() ? Verdict{ArmStatus::kNotReady, text} : robot;
+      verdict_ = robot.isFine() ? atUnrest() : robot;
     }
   }
   if (watch_id_ || watch_call_ != 0) context.call(WatchCall{});

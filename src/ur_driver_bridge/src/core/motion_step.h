@@ -40,6 +40,10 @@ class MotionStep : public Step {
   virtual double lookOn(const StepContext&) const { return 0.0; }
   /// When the arm stands again, however the motion has ended.
   virtual void atRest(StepContext&) {}
+  /// What it means that the arm has not come to rest although the robot is fine.
+  virtual Verdict atUnrest() const { return {ArmStatus::kNotReady, "the arm has not come to rest"}; }
+  /// Also an arm that has not come to rest moves.
+  virtual bool endsUnrest() const { return false; }
 
   const JointTrajectory& trajectory() const { return trajectory_; }
   double place() const { return at_s_; }  // on the trajectory
@@ -106,6 +110,9 @@ class TouchStep : public MotionStep {
     touched_->trajectory = trajectory();
     touched_->at_s = place();
   }
+  Verdict atUnrest() const override {
+    return {ArmStatus::kNotAttached, "the arm has not come to rest: what the magnet touches moves under it"};
+  }
 
  private:
   double travel(const StepContext& context) const;
@@ -113,6 +120,15 @@ class TouchStep : public MotionStep {
   double expected_travel_m_;
   Touched* touched_;
   std::optional<ContactDetector> detector_;
+};
+
+/// Away from what the magnet touches. What rocks under the magnet would keep the arm from rest as long as it stays there.
+class RetreatStep : public MotionStep {
+ public:
+  explicit RetreatStep(Make make) : MotionStep("retreat", WatchPhase::kContact, std::move(make)) {}
+
+ protected:
+  bool endsUnrest() const override { return true; }
 };
 
 /// With a brick. Once that is weighed, until it takes another along.

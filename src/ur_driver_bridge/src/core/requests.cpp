@@ -169,9 +169,8 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   // Back the way the magnet came, from wherever the touch has ended.
   const auto retreat = [=] {
     Items items;
-    items.push_back(item<MotionStep>("retreat", WatchPhase::kContact, [=] {
-      return gentle(reversed(upTo(touched->trajectory, touched->at_s, ramp_s)));
-    }));
+    items.push_back(
+        item<RetreatStep>([=] { return gentle(reversed(upTo(touched->trajectory, touched->at_s, ramp_s))); }));
     return items;
   };
   const auto offAndRetreat = [=, &model] {
@@ -205,7 +204,7 @@ Items pickItems(const ExecutorConfig& config, const ArmModel& model, const PickR
   addMotion("approach", WatchPhase::kFree, [shared] { return shared->approach; });
   add(item<ZeroForceStep>("zero"));
   add({std::make_unique<TouchStep>([shared] { return shared->touch; }, request.contact_travel_m, touched),
-       undoIf(retreat, {ArmStatus::kContactTooEarly})});
+       undoIf(retreat, {ArmStatus::kContactTooEarly, ArmStatus::kNotAttached})});
   // The call has failed, and the magnet may still be on.
   add({std::make_unique<MagnetStep>("magnet", true, Duty::kIfGateIsOpen),
        undoIf(offAndRetreat, {ArmStatus::kIoRefused, ArmStatus::kDriverGone, ArmStatus::kNotAttached})});

@@ -802,6 +802,21 @@ TEST(ExecutorPick, ContactThatComesTooEarlyIsLeftAlone) {
   EXPECT_THAT(sideways.finished->verdict.message, HasSubstr("across the tool"));
 }
 
+TEST(ExecutorPick, ABrickThatRocksUnderTheMagnetIsLeft) {
+  Picker arm;
+  arm.runTo("touch");
+  const auto finished = arm.run(30.0, [&arm] {
+    // As long as the magnet touches it.
+    arm.shaking_rad_s.setConstant(arm.tipHeight() < kPlate_m ? 0.02 : 0.0);
+  });
+  ASSERT_TRUE(finished);
+  EXPECT_EQ(finished->verdict.status, ArmStatus::kNotAttached) << finished->verdict.message;
+  EXPECT_EQ(finished->stage, "touch");
+  EXPECT_LT((arm.position_rad - scene().over_rad).cwiseAbs().maxCoeff(), 1e-3);
+  EXPECT_EQ(arm.count("magnet_on"), 0);
+  expectOrderly(arm);
+}
+
 TEST(ExecutorPick, ContactAtTheVeryEndOfTheTouchIsContact) {
   // The plate is met in the last millimetre: 8 N at 20 N/mm are 0.4 mm, and the debounce ends when the arm stands.
   for (const double before_end_m : {0.00045, 0.0006, 0.001}) {
