@@ -72,7 +72,7 @@ def missions_of(options):
         raise UsageError(f"{options.definition} has no mission" + (f" in {options.scenes}" if options.scenes else ""))
     software, parsed, found = workspace.software(), {}, {}
     if software == "unknown":
-        raise UsageError("git does not tell the state of src and sim_tests: results could not be told apart")
+        raise UsageError("git does not report the state of src and sim_tests: results could not be distinguished")
     for cell, words in commands.items():
         folder = options.out / "-".join(cell)
         if not workspace.is_seed(cell[3]):

@@ -53,7 +53,7 @@ def pick_before(run, time_s):
     begun = [number(row["time_s"])
              for row in run.log if row.get("decision") == "pick" and number(row["time_s"]) < time_s]
     if not begun:
-        raise Refusal(f"{run.folder}: the log tells no pick before {time_s} s")
+        raise Refusal(f"{run.folder}: the log has no pick before {time_s} s")
     return begun[-1]
 
 

@@ -410,7 +410,7 @@ def main():
         if recorder.ended.is_set():
             code = 0
         elif is_told_to_end.is_set() or rospy.is_shutdown():
-            screen.line("told to end before the mission has ended")
+            screen.line("stopped before the mission has ended")
             code = 1
         elif heard_s is not None and now - last_there > arguments.gone_after:
             screen.line(f"the mission's node {arguments.mission} has been gone for {arguments.gone_after:.0f} s")

@@ -197,7 +197,7 @@ class Run:
         self.world_pictures = self._pictures(whole, "world", "png")
         self.maps = self._pictures(whole, "map", "ply")
         if self.is_simulated and not (whole / "judge.json").exists():
-            self.notes.append("judge.json is missing: " + ("nothing tells how many bricks there were" if self.is_one_of_several else
+            self.notes.append("judge.json is missing: " + ("the number of bricks is not known" if self.is_one_of_several else
                                                            "the simulator did not end by itself" + ("; its totals are from judge.csv" if self.table else "")))
         if self.is_one_of_several:
             self._cut_to_mission()

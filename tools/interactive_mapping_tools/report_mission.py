@@ -56,7 +56,7 @@ def sentences(run, summary):
     done = stowed if stowed is not None else picked
     words = []
     if done is None:
-        words.append("Nothing tells how many bricks were picked.")
+        words.append("The number of picked bricks is not known.")
     else:
         of_all = f" of {total}" if total is not None else ""
         pickable = count_of(summary.get("bricks_pickable"))
@@ -81,14 +81,14 @@ def sentences(run, summary):
     if coverage:
         coverable = share(summary.get("map_coverable"))
         words.append(f"The map covered {coverage} of the bricks' surface that could have been seen from the mast" +
-                     (f", {coverable} of what ever was exposed" if coverable else "") +
+                     (f", {coverable} of all that was ever exposed" if coverable else "") +
                      (f"; in the mean {precision} of what it held of the pile was true." if precision else "."))
     if run.is_one_of_several and run.table:
         words.append("It is one of several missions of a run: the counts are its own, the coverage is the run's up to its end.")
     reason = summary.get("end_reason")
     if reason == "crashed":
         has_ended = run.log and run.log[-1].get("decision") == "ended"
-        words.append("It ended, but nothing tells why." if has_ended else "The mission did not end by itself: its log breaks off.")
+        words.append("It ended, but the reason is not known." if has_ended else "The mission did not end by itself: its log breaks off.")
     elif reason not in (None, "none"):
         message = str(summary.get("end_message") or "").split(" (")[0]  # what is in brackets is in the log
         words.append(f"It ended because {mission_run.END_WORDS.get(reason, reason)}" + (f" ({message})." if message else "."))

@@ -213,7 +213,7 @@ class MissionRecorder(unittest.TestCase):
         self.recorder.terminate()
         code, output = self.finish()
         self.assertEqual(code, 1)
-        self.assertIn("told to end", output)
+        self.assertIn("stopped before the mission", output)
 
     def test_processes_of_the_run_and_of_nobody_else(self):
         folder = self.folder / "proc"

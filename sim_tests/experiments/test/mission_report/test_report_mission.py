@@ -149,7 +149,7 @@ class ReportMission(unittest.TestCase):
         self.assertEqual((summary["falls"], summary["collisions"], summary["drops"]), (made.falls, 0, 0))
         self.assertAlmostEqual(summary["map_coverage"], made.coverage)
         self.assertAlmostEqual(summary["map_coverable"], 0.98)  # of run_folder's areas
-        self.assertIn("98.0 % of what ever was exposed", done.stdout)
+        self.assertIn("98.0 % of all that was ever exposed", done.stdout)
         self.assertAlmostEqual(summary["map_precision"], made.precision, places=4)
         self.assertEqual(sum(summary["failures"].values()), made.failures)
         self.assertEqual(summary["end_reason"], "no_brick_left")
@@ -542,7 +542,7 @@ class ReportMission(unittest.TestCase):
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertIn("Missing: the mission's summary cannot be read, summary.json.unreadable is it", done.stdout)
                 self.assertNotIn("summary.json is missing", done.stdout)
-                self.assertIn("It ended, but nothing tells why.", done.stdout)
+                self.assertIn("It ended, but the reason is not known.", done.stdout)
                 self.assertEqual((self.folder / "summary.json.unreadable").read_text(), text)
                 self.assertEqual(self.summary()["bricks_stowed"], 4)
             shutil.rmtree(self.folder)
