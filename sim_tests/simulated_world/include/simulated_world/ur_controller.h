@@ -40,6 +40,7 @@ struct UrIo {
   static constexpr std::size_t kAnalogPins = 2;
   std::array<bool, kDigitalPins> digital_in{};
   std::array<bool, kDigitalPins> digital_out{};
+  std::array<double, kAnalogPins> analog_in_V{};
   std::array<double, kAnalogPins> analog_out{};  ///< share of full scale, [0, 1]
   int tool_voltage_V = 0;
 };
@@ -83,6 +84,9 @@ class UrController {
   CommandAnswer setSpeedSlider(double fraction);
   CommandAnswer setIo(int function, int pin, double state);  ///< values of ur_msgs/SetIO
   CommandAnswer setPayload(const UrPayload& payload);
+
+  /// As a sensor there measures. Throws std::out_of_range unless pin is 0 or 1.
+  void setAnalogIn(std::size_t pin, double voltage_V) { io_.analog_in_V.at(pin) = voltage_V; }
   CommandAnswer zeroFtSensor();
 
   // The controller's trajectories.

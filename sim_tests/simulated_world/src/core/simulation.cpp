@@ -478,6 +478,8 @@ void Simulation::stepPhysics(double now_s, Tick* tick) {
   world_->step();
   watchForCollision(now_s, tick);
   followMagnet(now_s, tick);
+  // As of a vacuum's pressure sensor with -20 kPa per volt.
+  arm_->setAnalogIn(0, world_->heldBrick() ? 3.0 : 0.0);
 }
 
 // A stopped arm first comes to rest by its motors. Then brakes hold it, and slip under what is left of the push, so that

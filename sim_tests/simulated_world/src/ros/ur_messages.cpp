@@ -86,8 +86,10 @@ ur_msgs::IOStates toMessage(const simulated_world::UrIo& io) {
   for (std::size_t pin = 0; pin < simulated_world::UrIo::kAnalogPins; ++pin) {
     ur_msgs::Analog analog;
     analog.pin = static_cast<std::uint8_t>(pin);
-    analog.domain = ur_msgs::Analog::CURRENT;
+    analog.domain = ur_msgs::Analog::VOLTAGE;
+    analog.state = static_cast<float>(io.analog_in_V[pin]);
     states.analog_in_states.push_back(analog);
+    analog.domain = ur_msgs::Analog::CURRENT;
     analog.state = static_cast<float>(io.analog_out[pin]);
     states.analog_out_states.push_back(analog);
   }

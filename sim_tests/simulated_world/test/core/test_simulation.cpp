@@ -176,8 +176,12 @@ class Robot {
 
 TEST(Simulation, PicksABrickAndStowsIt) {
   Robot robot(configFor("single_brick"));
+  robot.run(0.1);
+  const auto pressure_V = [&robot] { return robot.sim.armDriver().io().analog_in_V[0]; };
+  EXPECT_EQ(pressure_V(), 0.0);
   robot.grasp(0);
   ASSERT_EQ(robot.sim.world().heldBrick(), 0);
+  EXPECT_EQ(pressure_V(), 3.0);
   EXPECT_TRUE(robot.sim.armDriver().setPayload({1.5, {0.0, 0.0, 0.15}}).success);
   EXPECT_EQ(robot.moveArm(robot.tool.angles(Robot::kReach_m, 0.9), 3.0).outcome, GoalOutcome::kSucceeded);
   // Over the container: 0.511 m behind the arm's axis, clockwise so that the mast is not in the way.
@@ -992,6 +996,7 @@ TEST(Simulation, LostBrickIsADropAndNoFall) {
   robot.sim.addFault(fault(FaultKind::kDropBrick));
   robot.run(3.0);
   EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
+  EXPECT_EQ(robot.sim.armDriver().io().analog_in_V[0], 0.0);
   EXPECT_EQ(robot.judged().drops, 1);
   EXPECT_EQ(robot.judged().falls, 0);
   EXPECT_TRUE(says(robot.incidents, "the magnet lost brick 0"));
