@@ -929,7 +929,7 @@ int main(int argc, char** argv) {
   add("out", po::value(&options.out)->default_value(options.out), "folder for bridge.csv");
   add("label", po::value(&options.label)->default_value(options.label),
       "of the tree's state: what another one left is not gone on with");
-  add("judge", "only tells of the picks that were made; needs no world");
+  add("judge", "only reports the picks that were made; needs no world");
   po::variables_map values;
   try {
     po::store(po::command_line_parser(arguments).options(description).run(), values);

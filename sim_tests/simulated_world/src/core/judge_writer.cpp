@@ -32,7 +32,7 @@ void append(std::ofstream& file, const std::string& path, const std::string& lin
 std::ofstream openNew(const std::string& path) {
   if (std::filesystem::exists(path)) {
     errno = 0;
-    fail(path, "is there already, must be a new run's folder");
+    fail(path, "exists already, must be a new run's folder");
   }
   errno = 0;
   std::ofstream file(path);

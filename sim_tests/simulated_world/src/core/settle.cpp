@@ -191,7 +191,8 @@ std::vector<std::string> faultsOfSettled(const PileScene& scene, const std::vect
     const Eigen::Vector3d p_map = brickOf(settled, dropped.id).T_map_brick.translation();
     const double shift_m = (p_map - dropped.T_map_brick.translation()).head<2>().norm();
     if (shift_m > scene.max_shift_m) {
-      report("brick ", dropped.id, " rolled ", shift_m, " m, must stay within ", scene.max_shift_m, " m of its place");
+      report("brick ", dropped.id, " rolled ", shift_m, " m, must stay within ", scene.max_shift_m,
+             " m of its position");
     }
   }
   for (std::size_t h = 0; h < scene.heaps.size(); ++h) {
@@ -219,7 +220,7 @@ std::vector<std::string> faultsOfSettled(const PileScene& scene, const std::vect
     const double shift_m =
         (brickOf(settled, id).T_map_brick.translation() - brickOf(scene.bricks, id).T_map_brick.translation()).norm();
     if (shift_m > kStackShift_m) {
-      report("stacks: brick ", id, " is ", shift_m, " m from its place, must be within ", kStackShift_m, " m");
+      report("stacks: brick ", id, " is ", shift_m, " m from its position, must be within ", kStackShift_m, " m");
     }
   }
   for (const BrickPlacement& brick : settled) {

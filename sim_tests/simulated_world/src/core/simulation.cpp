@@ -46,7 +46,7 @@ std::string sentence(double now_s, const std::string& text) {
 urdf::ModelInterfaceSharedPtr readRobot(const std::string& file) {
   urdf::ModelInterfaceSharedPtr robot = urdf::parseURDFFile(file);
   if (!robot) {
-    throw std::invalid_argument("robot description " + file + ": not there, or no URDF");
+    throw std::invalid_argument("robot description " + file + ": does not exist, or is no URDF");
   }
   return robot;
 }
@@ -168,7 +168,7 @@ void SimulationConfig::fields(SimulationConfig& c, interactive_mapping::Fields& 
     const double steps = c.tick_s / c.world.physics.timestep_s;
     f("tick_s", c.tick_s, c.world.physics.timestep_s, 0.1, "s", "step of /clock: a whole number of physics steps");
     f.require(std::abs(steps - std::round(steps)) < 1e-6, "tick_s must be a whole number of physics/timestep_s");
-    f("start_time_s", c.start_time_s, 1e-3, 1e9, "s", "first time on /clock: at 0, ROS takes time for not begun");
+    f("start_time_s", c.start_time_s, 1e-3, 1e9, "s", "first time on /clock; not 0, which ROS takes for no time yet");
   });
   fieldSection(f, "physics", [&] { WorldConfig::physicsFields(c.world, f); });
   fieldSection(f, "arm", [&] {
@@ -186,7 +186,7 @@ void SimulationConfig::fields(SimulationConfig& c, interactive_mapping::Fields& 
   fieldSection(f, "container", [&] {
     f("rest_s", c.container_rest_s, 0.0, 60.0, "s",
       "a brick that lies flat on the container's floor, at rest for this time, is stowed");
-    f("unload_s", c.unload_s, 0.0, 3600.0, "s", "that somebody takes to empty it at the depot");
+    f("unload_s", c.unload_s, 0.0, 3600.0, "s", "time to empty the container at the depot");
   });
   fieldSection(f, "base", [&] {
     f("odometry_rate_hz", c.odometry_rate_hz, kLowestRate_hz, tick_rate_hz, "Hz",
@@ -205,7 +205,7 @@ void SimulationConfig::fields(SimulationConfig& c, interactive_mapping::Fields& 
   });
   fieldSection(f, "camera", [&] {
     f("rate_hz", c.camera_rate_hz, 0.0, 60.0, "Hz", "rate of the images; 0: only on the service camera/capture");
-    f("delay_s", c.camera_delay_s, 0.0, 5.0, "s", "time from capture, which the stamp tells, to delivery");
+    f("delay_s", c.camera_delay_s, 0.0, 5.0, "s", "time from capture (the image's stamp) to delivery");
     f("drop_probability", c.camera_drop_probability, 0.0, 1.0, "", "share of images that are lost");
     f("has_sun", c.world.has_sun, "true: light from one side, with shadows; false: even light from the camera");
     RgbdCameraConfig::fields(c.camera, f);

@@ -80,7 +80,7 @@ GoalAnswer TrajectoryFollower::acceptGoal(const TrajectoryGoal& goal, double now
     if (way_s > 0.0) {
       const std::string complaint = speedComplaint(desired_.position_rad, first.position_rad, way_s, joints_);
       if (!complaint.empty()) {
-        return {false, GoalError::kInvalidGoal, "way to point 0: " + complaint};
+        return {false, GoalError::kInvalidGoal, "path to point 0: " + complaint};
       }
     }
   }

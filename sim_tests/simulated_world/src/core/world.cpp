@@ -872,7 +872,7 @@ void World::moveBrick(int id, const Eigen::Isometry3d& T_map_brick) {
 
 std::string World::thingAt(const Eigen::Vector2d& xy_map) {
   if (!xy_map.allFinite() || xy_map.cwiseAbs().maxCoeff() > kFarthest_m) {
-    throw std::invalid_argument("obstacle: its place must be finite and within +-100 m");
+    throw std::invalid_argument("obstacle: its position must be finite and within +-100 m");
   }
   // Bodies that stand still have no contact with each other.
   for (const Obstacle& other : obstacles()) {
@@ -908,7 +908,7 @@ void World::placeObstacle(ObstacleSlot& slot, bool is_present, const Eigen::Vect
 
 int World::addObstacle(const Eigen::Vector2d& xy_map) {
   if (!xy_map.allFinite() || xy_map.cwiseAbs().maxCoeff() > kFarthest_m) {
-    throw std::invalid_argument("obstacle: its place must be finite and within +-100 m");
+    throw std::invalid_argument("obstacle: its position must be finite and within +-100 m");
   }
   for (std::size_t i = 0; i < obstacles_.size(); ++i) {
     if (!obstacles_[i].is_present) {

@@ -219,7 +219,7 @@ void SimulatedWorldRos::advertiseExperiment() {
       "clear_faults", [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
         simulation_.clearFaults();
         response.success = true;
-        response.message = "faults that have not begun are forgotten";
+        response.message = "faults that have not started are removed";
         return true;
       }));
   services_.push_back(private_nh_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
@@ -623,7 +623,7 @@ void SimulatedWorldRos::publishDiagnostics() {
   status.hardware_id = "simulation";
   const std::vector<std::string> waiting = lockstep_->gate().waitingFor();
   status.level = given_up_ > 0 ? diagnostic_msgs::DiagnosticStatus::WARN : diagnostic_msgs::DiagnosticStatus::OK;
-  status.message = given_up_ > 0      ? "went on without an answer: the run cannot be repeated exactly"
+  status.message = given_up_ > 0      ? "continued without an answer: the run cannot be repeated exactly"
                    : !waiting.empty() ? "waiting for " + waiting.front()
                                       : "running";
   const auto add = [&status](const char* key, double value) {

@@ -175,7 +175,7 @@ TEST(Stacks, AStackThatWasHitIsRefused) {
   settled[2].T_map_brick.translation().z() -= 0.2;
   const std::vector<std::string> faults = faultsOfSettled(scene, settled, 0.05);
   ASSERT_EQ(faults.size(), 1U);
-  EXPECT_TRUE(says(faults[0], "stacks: brick 2 is 0.2 m from its place, must be within 0.05 m"));
+  EXPECT_TRUE(says(faults[0], "stacks: brick 2 is 0.2 m from its position, must be within 0.05 m"));
 }
 
 TEST(Decoys, AreAsManyAsAskedForAndTheWedgedOneCannotBePicked) {

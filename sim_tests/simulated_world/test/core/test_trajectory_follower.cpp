@@ -298,7 +298,7 @@ TEST_F(TrajectoryFollowerTest, RefusesAWayToTheFirstPointThatIsTooFast) {
   const GoalAnswer answer = follower.acceptGoal(goTo("a", 0.0, 0.5, 0.25), now_s);
   EXPECT_FALSE(answer.accepted);
   EXPECT_EQ(answer.error, GoalError::kInvalidGoal);
-  EXPECT_NE(answer.text.find("way to point 0: joint lift: mean speed from 0 to 0.5 rad within 0.25 s = 2 rad/s"),
+  EXPECT_NE(answer.text.find("path to point 0: joint lift: mean speed from 0 to 0.5 rad within 0.25 s = 2 rad/s"),
             std::string::npos)
       << answer.text;
   EXPECT_FALSE(follower.activeGoal());
