@@ -34,20 +34,20 @@ struct BrickTrackerConfig {
 
   static void fields(BrickTrackerConfig& c, interactive_mapping::Fields& f) {
     f("camera_std_m", c.camera_std_m, 0.0, 1.0, "m",
-      "standard deviation of the camera's position in tf, shared by all looks from one standpoint");
+      "standard deviation of the camera's position in tf, shared by all views from one standpoint");
     f("camera_std_rad", c.camera_std_rad, 0.0, 1.0, "rad", "the same of its rotation");
     f("localisation_std_m", c.localisation_std_m, 0.0, 1.0, "m",
       "standard deviation of the robot's position in the map, drifting: what was seen from elsewhere is off by it");
     f("localisation_std_rad", c.localisation_std_rad, 0.0, 1.0, "rad", "the same of its heading");
     f("looks_per_standpoint", c.looks_per_standpoint, 1, 1000, "looks",
-      "latest looks from one standpoint whose mean counts; they share light, lens and depth camera");
+      "latest views from one standpoint whose mean counts; they share light, lens and depth camera");
     f("floor_std_m", c.floor_std_m, 0.0, 1.0, "m",
       "standard deviation that no number of standpoints removes: calibration of camera and mast");
     f("floor_std_rad", c.floor_std_rad, 0.0, 1.0, "rad", "the same of the rotation");
     f("gate_chi2", c.gate_chi2, 1.0, 1e4, "",
-      "a look with a larger chi-square, of six degrees of freedom, shows a brick that has moved");
+      "a view with a larger chi-square, of six degrees of freedom, shows a brick that has moved");
     f("moved_looks", c.moved_looks, 1, 100, "looks",
-      "looks that must agree on another pose before it is believed, and that a second brick with an id needs to stay");
+      "views that must agree on another pose before it is accepted, and that a second brick with an id needs to stay");
     f("free_share", c.free_share, 0.01, 1.0, "",
       "a brick is dropped when the map has seen this share of its inside free");
     f("inside_samples", c.inside_samples, 1, 50, "", "points per edge of the inside that the map is asked about");

@@ -67,8 +67,8 @@ struct CameraCalibratorParams {
     f("camera_frame", c.camera_frame, "optical frame; empty: the frame_id of the image");
     f("bricks_file", c.bricks_file, "path of a bricks.yaml; needed for a brick");
     f("output_file", c.output_file, "absolute path of the file that ~save writes");
-    f("auto", c.is_auto, "takes a sample wherever the arm stands still");
-    f("use_depth", c.use_depth, "tells apart the two poses that a flat tag can have; false: no depth image is used");
+    f("auto", c.is_auto, "takes a sample wherever the arm is stationary");
+    f("use_depth", c.use_depth, "distinguishes the two poses that a flat tag can have; false: no depth image is used");
     f("depth_units_per_metre", c.depth_units_per_metre, 1.0, 1e6, "1/m", "of depth images of 16 bits");
     f("max_depth_offset_s", c.max_depth_offset_s, 0.0, 1.0, "s",
       "between the stamps of a colour and a depth image that belong together");

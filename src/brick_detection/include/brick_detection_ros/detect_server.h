@@ -25,7 +25,8 @@ struct DetectParams {
 
   static void fields(DetectParams& c, interactive_mapping::Fields& f) {
     f("timeout_s", c.timeout_s, 0.01, 600.0, "s", "time limit of a call of ~detect that names none, ROS time");
-    f("clock_stall_s", c.clock_stall_s, 0.1, 600.0, "s", "a clock that stands still for longer ends a call, wall time");
+    f("clock_stall_s", c.clock_stall_s, 0.1, 600.0, "s",
+      "a clock that does not advance for longer ends a call, wall time");
   }
 };
 

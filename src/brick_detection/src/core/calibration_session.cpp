@@ -122,7 +122,7 @@ std::string CalibrationSession::whyNotStill(const std::vector<Eigen::Isometry3d>
   }
   if (step_m <= kStill_m && step_rad <= kStill_rad) return "";
   return "the arm moves: " + apart(step_m, step_rad) + ", at most " + apart(kStill_m, kStill_rad) +
-         " count as standing still";
+         " count as stationary";
 }
 
 std::string CalibrationSession::whyNotNew(const Eigen::Isometry3d& T_base_tool) const {

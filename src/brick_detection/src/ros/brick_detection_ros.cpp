@@ -198,7 +198,7 @@ void BrickDetectionRos::refuse(const ros::Time& stamp, const Refusal& refusal, b
   }
   ROS_WARN_STREAM_THROTTLE_NAMED(
       kWarnPeriod_s, kLog,
-      "image left out, " << toString(static_cast<DetectionUpdateStatus>(update.status)) << ": " << update.message);
+      "image rejected, " << toString(static_cast<DetectionUpdateStatus>(update.status)) << ": " << update.message);
   {
     const ros::WallTime now = ros::WallTime::now();
     const std::lock_guard<std::mutex> lock(report_mutex_);
@@ -255,7 +255,7 @@ void BrickDetectionRos::onMapAnswer(const MapClient::MapQuestion& question,
                                     const std::vector<brick_detection::SpaceState>& states,
                                     const ros::Time& map_stamp) {
   const std::lock_guard<std::mutex> lock(detector_mutex_);
-  noteDropped(detector_.takeMapAnswer(question, states, map_stamp.toSec()), "its place is free");
+  noteDropped(detector_.takeMapAnswer(question, states, map_stamp.toSec()), "its volume is free");
   publishBricks();
 }
 
@@ -345,16 +345,16 @@ void BrickDetectionRos::diagnoseInput(diagnostic_updater::DiagnosticStatusWrappe
   } else if (params_.continuous && silence_s > kSilence_s) {
     status.summary(DiagnosticStatus::WARN, "no image in the last " + formatted("%.0f s", kSilence_s));
   } else if (refused > 0 && accepted == 0) {
-    status.summary(DiagnosticStatus::ERROR, "every image is left out; " + counters.last_refusal);
+    status.summary(DiagnosticStatus::ERROR, "every image is rejected; " + counters.last_refusal);
   } else if (refused * 10 > accepted + refused) {
     status.summary(DiagnosticStatus::WARN, std::to_string(refused) + " of " + std::to_string(accepted + refused) +
-                                               " images left out lately; " + counters.last_refusal);
+                                               " images rejected recently; " + counters.last_refusal);
   } else if (!counters.warning.empty()) {
     status.summary(DiagnosticStatus::WARN, counters.warning);
   } else if (counters.without_depth * 2 > all_accepted) {
     status.summary(DiagnosticStatus::WARN, counters.last_remark);
   } else {
-    status.summary(DiagnosticStatus::OK, params_.continuous ? "images are looked at" : "images are looked at on call");
+    status.summary(DiagnosticStatus::OK, params_.continuous ? "images are processed" : "images are processed on call");
   }
   status.add("image topic", input_->topic());
   if (detector_.decodesImages()) {
@@ -411,13 +411,13 @@ void BrickDetectionRos::diagnoseBricks(diagnostic_updater::DiagnosticStatusWrapp
     status.summary(DiagnosticStatus::OK, "");
   } else {
     status.summary(DiagnosticStatus::WARN,
-                   "several bricks carry the id " + join(duplicates) + ": they cannot be told apart by it");
+                   "several bricks carry the id " + join(duplicates) + ": it does not distinguish them");
   }
   status.add("bricks known", known);
   status.add("ids carried by several", duplicates.empty() ? "none" : join(duplicates));
   status.add("in the hand", attached_id ? std::to_string(*attached_id) : "none");
   status.add("last forgotten", last_drop.empty() ? "none" : last_drop);
-  status.add("images looked at", looks);
+  status.add("images processed", looks);
 }
 
 void BrickDetectionRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status) {
@@ -428,7 +428,7 @@ void BrickDetectionRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper&
     status.summary(DiagnosticStatus::WARN,
                    "no answer for " + formatted("%.0f s", unanswered_s) +
                        (counters.last_failure.empty() ? ": it hangs" : "; " + counters.last_failure) +
-                       ": faces are ranked by neighbours alone, and bricks taken away are not noticed");
+                       ": faces are ranked by neighbours alone, and removed bricks are not noticed");
   } else {
     status.summary(DiagnosticStatus::OK, counters.answers > 0            ? "the map answers"
                                          : counters.last_failure.empty() ? "nothing to ask yet"

@@ -101,7 +101,7 @@ CameraCalibrator::CameraCalibrator(const ros::NodeHandle& nh, const ros::NodeHan
   }
   ROS_INFO("Calibrating the camera against %s in %s: images from %s%s", params_.tool_frame.c_str(),
            params_.base_frame.c_str(), image_subscriber_.getTopic().c_str(),
-           params_.is_auto ? ", samples wherever the arm stands still" : "");
+           params_.is_auto ? ", samples wherever the arm is stationary" : "");
 }
 
 CameraCalibrator::~CameraCalibrator() {

@@ -273,7 +273,7 @@ bool ImageInput::addDepth(const sensor_msgs::Image& color, SteadyTime arrival, I
   const std::string color_frame = withoutSlash(color.header.frame_id);
   if (depth_frame != color_frame && !isOneCamera(depth_frame, color_frame)) {
     frame->remark = "without depth: the depth image on " + depth_subscriber_.getTopic() + " is of frame '" +
-                    depth_frame + "', the colour image of '" + color_frame + "', and by tf these are not at one place" +
+                    depth_frame + "', the colour image of '" + color_frame + "', and tf has them at different poses" +
                     kAdvice;
     return true;
   }

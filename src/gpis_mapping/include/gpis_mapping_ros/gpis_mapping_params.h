@@ -74,8 +74,8 @@ struct GpisMappingParams {
     double pushed_m{0.05};
 
     static void fields(Attached& c, interactive_mapping::Fields& f) {
-      f("clear", c.clear, "true: clear the place of a brick when the magnet takes it; false: images alone do it");
-      f("padding_m", c.padding_m, 0.0, 0.1, "m", "on each side of the place of the brick, which is cleared");
+      f("clear", c.clear, "true: clear the volume of a brick when the magnet takes it; false: images alone do it");
+      f("padding_m", c.padding_m, 0.0, 0.1, "m", "padding of that volume on each side");
       f("pushed_m", c.pushed_m, 0.0, 0.2, "m", "beside, on the side of the tool: the touch may have pushed the brick");
     }
   } attached;

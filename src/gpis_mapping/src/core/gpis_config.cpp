@@ -12,7 +12,7 @@ void GpisConfig::fields(GpisConfig& c, Fields& f) {
   f.section("frame_map", c.frame_map, "Gaussian processes over one depth image");
   f.section("surface", c.surface, "training points and their field");
   f.section("cells", c.cells);
-  f.section("dynamic", c.dynamic, "what is taken away leaves the map");
+  f.section("dynamic", c.dynamic, "removed objects leave the map");
   f.section("retraining", c.retraining,
             "a cell is trained at once when a point came or went, else when enough have changed");
   f.section("observed", c.observed);

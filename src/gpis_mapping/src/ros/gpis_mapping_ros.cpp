@@ -174,7 +174,7 @@ Refusal GpisMappingRos::consume(std::size_t camera, const DepthInputFrame& frame
 
 void GpisMappingRos::refuse(std::size_t camera, const ros::Time& stamp, const Refusal& refusal) {
   ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
-                                 "image left out, " << toString(refusal.status) << ": " << refusal.message);
+                                 "image rejected, " << toString(refusal.status) << ": " << refusal.message);
   noteFrame(camera, false, 0.0, 0.0);
   MapUpdate message;
   message.header.stamp = stamp;
@@ -440,7 +440,7 @@ void GpisMappingRos::clearAttached() {
   } catch (const tf2::ExtrapolationException&) {
     return;  // the arm's pose of that time is on its way: tried again before the next image
   } catch (const std::exception& error) {
-    ROS_WARN_NAMED(kLog, "the place of attached brick %d was not cleared: %s", taken_->id, error.what());
+    ROS_WARN_NAMED(kLog, "the volume of attached brick %d was not cleared: %s", taken_->id, error.what());
   }
   taken_.reset();
 }
@@ -498,10 +498,10 @@ void GpisMappingRos::diagnoseInput(std::size_t camera, diagnostic_updater::Diagn
   } else if (silence_s > kSilence_s) {
     status.summary(DiagnosticStatus::WARN, "no image in the last " + formatted("%.0f s", kSilence_s));
   } else if (accepted == 0) {
-    status.summary(DiagnosticStatus::ERROR, "every image is left out; " + counters.last_refusal);
+    status.summary(DiagnosticStatus::ERROR, "every image is rejected; " + counters.last_refusal);
   } else if (refused * 10 > accepted + refused) {
     status.summary(DiagnosticStatus::WARN, std::to_string(refused) + " of " + std::to_string(accepted + refused) +
-                                               " images left out lately; " + counters.last_refusal);
+                                               " images rejected recently; " + counters.last_refusal);
   } else if (!counters.warning.empty()) {
     status.summary(DiagnosticStatus::WARN, counters.warning);
   } else {
@@ -523,8 +523,8 @@ void GpisMappingRos::diagnoseTransforms(std::size_t camera, diagnostic_updater::
   const DepthInputCounters counters = inputs_[camera]->counters();
   const auto count = [&](FrameStatus refusal) { return counters.by_status[static_cast<std::size_t>(refusal)]; };
   depth_camera_ros::diagnosePoses(params_.input, counters.pose, count(FrameStatus::kPoseJump),
-                                  count(FrameStatus::kTimeRanBack),
-                                  "what was mapped before may stand beside what is mapped now", &status);
+                                  count(FrameStatus::kTimeRanBack), "surface that was mapped before may be doubled",
+                                  &status);
 }
 
 void GpisMappingRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status) {

@@ -293,7 +293,7 @@ void reportTrouble(const Mapped& mapped, const std::string& input, const GpisCon
   if (mapped.skipped.total() > 0) say(nullptr, "note: skipped " + mapped.skipped.text());
   if (mapped.num_settled_jumps > 0) {
     say(nullptr, "note: " + std::to_string(mapped.num_settled_jumps) +
-                     " pose jump(s) stayed and were believed: what was mapped before may stand beside what came after");
+                     " pose jump(s) stayed and were accepted: surface that was mapped before may be doubled");
   }
   if (mapped.map.snapshot()->numPoints() == 0 && mapped.failure.empty() && interrupted == 0) {
     throw DepthSequenceError(input + ": " + mapped.depths.whyNothingIsMapped(mapped.update_ms.size(), config));

@@ -128,7 +128,7 @@ Refusal OctomapBaselineRos::consume(const DepthInputFrame& frame) {
 
 void OctomapBaselineRos::refuse(const ros::Time& stamp, const Refusal& refusal) {
   ROS_WARN_STREAM_THROTTLE_NAMED(kWarnPeriod_s, kLog,
-                                 "image left out, " << toString(refusal.status) << ": " << refusal.message);
+                                 "image rejected, " << toString(refusal.status) << ": " << refusal.message);
   MapUpdate message;
   message.header = headerAt(stamp);
   message.status = static_cast<std::uint8_t>(refusal.status);

@@ -48,9 +48,9 @@ struct CuboidConfig {
 
   static void fields(CuboidConfig& c, interactive_mapping::Fields& f) {
     f("edge_inset_m", c.edge_inset_m, 0.0, 0.1, "m",
-      "the border of a patch lies by so much before the edge of the body: the mapped surface rounds edges");
+      "distance from the border of a patch to the edge of the body: the mapped surface rounds edges");
     f("size_tolerance_m", c.size_tolerance_m, 0.001, 0.2, "m",
-      "a face between two edges may differ by so much from that of a type");
+      "tolerance of a face between two edges against that of a type");
     f("face_tolerance_m", c.face_tolerance_m, 0.001, 0.1, "m", "a patch this near to the face of a body is part of it");
     f("min_edges", c.min_edges, 2, 24, "edges", "edges of its faces that a body must show");
     f("inside_m", c.inside_m, 0.001, 0.2, "m", "surface deeper inside a body contradicts it");

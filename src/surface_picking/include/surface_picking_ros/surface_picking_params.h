@@ -41,7 +41,7 @@ struct SurfacePickingParams {
   static void fields(SurfacePickingParams& c, interactive_mapping::Fields& f) {
     f("bricks_file", c.bricks_file, "absolute path of a bricks.yaml; the launch file gives it");
     f("map_frame", c.map_frame, "frame of the map, z up");
-    f("continuous", c.continuous, "false: updates of the map are looked at only while a call of ~detect waits");
+    f("continuous", c.continuous, "false: updates of the map are processed only while a call of ~detect waits");
     f.section("region", c.region);
     f.section("patches", c.patches);
     f.section("cuboids", c.cuboids);

@@ -273,12 +273,12 @@ void SurfacePickingRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper&
     status.summary(DiagnosticStatus::ERROR, counters.last_failure);
   } else {
     status.summary(DiagnosticStatus::OK,
-                   params_.continuous ? "every update is looked at" : "updates are looked at on call");
+                   params_.continuous ? "every update is processed" : "updates are processed on call");
   }
   status.add("updates of the map", counters.updates);
-  status.add("looked at", counters.looks);
+  status.add("processed", counters.looks);
   status.add("failed", counters.failures);
-  status.add("last look [ms]", formatted("%.0f", counters.last_ms));
+  status.add("last detection [ms]", formatted("%.0f", counters.last_ms));
 }
 
 void SurfacePickingRos::diagnoseBodies(diagnostic_updater::DiagnosticStatusWrapper& status) {
