@@ -37,7 +37,7 @@ struct BasePlannerConfig {
       "padding at the goal and on the last approach, where the robot comes near on purpose; at most plan/padding_m");
     f("approach_m", c.approach_m, 0.05, 5.0, "m", "length of the straight stretch before the goal");
     f("min_approach_m", c.min_approach_m, 0.0, bound(c.approach_m, 0.05, 5.0), "m",
-      "least length of that stretch where obstacles leave no more; at most plan/approach_m");
+      "shortest such stretch, where obstacles permit no longer one; at most plan/approach_m");
     f("max_back_off_m", c.max_back_off_m, 0.0, 5.0, "m",
       "longest straight stretch backwards at the start, until the robot can turn on the spot");
     f("turn_radius_m", c.turn_radius_m, 0.05, 5.0, "m", "radius of the curves in a plan");

@@ -406,7 +406,7 @@ struct BaseNavigator::State {
     const BasePlannerConfig& wanted = planner.config();
     const std::string where = offGoal(off_m, off_rad, wanted);
     if (off_m <= wanted.position_tolerance_m && off_rad <= wanted.yaw_tolerance_rad) {
-      return endWith(NavigationStatus::kSuccess, "stands " + where);
+      return endWith(NavigationStatus::kSuccess, "is " + where);
     }
     const std::string missed = "reached the end of the path " + where;
     if (goal.misses >= kMaxMisses) {

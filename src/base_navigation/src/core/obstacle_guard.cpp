@@ -56,12 +56,12 @@ double stoppableSpeed(double free, double latency_s, double deceleration) {
 void requireOneDirection(const std::vector<BaseMotion>& ahead) {
   for (const BaseMotion& motion : ahead) {
     if (!std::isfinite(motion.length_m) || !std::isfinite(motion.turn_rad)) {
-      throw std::invalid_argument("a motion of the way ahead is not finite");
+      throw std::invalid_argument("a motion of the path ahead is not finite");
     }
     const BaseMotion& first = ahead.front();
     if ((first.isTurn() && ahead.size() > 1) || motion.isTurn() != first.isTurn() ||
         (motion.length_m > 0.0) != (first.length_m > 0.0)) {
-      throw std::invalid_argument("the way ahead must have one direction or be one turn on the spot");
+      throw std::invalid_argument("the path ahead must have one direction or be one turn on the spot");
     }
   }
 }

@@ -761,7 +761,8 @@ void BaseNavigationRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapp
   status.summary(DiagnosticStatus::OK, "all inputs come");
   const double silence_s = (ros::WallTime::now() - stepped_).toSec();
   if (silence_s > kMaxSilence_s) {
-    status.summary(DiagnosticStatus::ERROR, formatted("no odometry for %.0f s, and ROS time stands still", silence_s));
+    status.summary(DiagnosticStatus::ERROR,
+                   formatted("no odometry for %.0f s, and ROS time does not advance", silence_s));
   }
   for (const Input& input : inputs) {
     if (!input.is_needed && input.problem.empty()) continue;

@@ -238,7 +238,7 @@ TEST(BasePlanner, SaysWhyThereIsNoPath) {
   fillRectangle(&grid, 4.0, 0.0, 8.0, 4.0, SpaceState::kFree);
   plan = planner().plan(share(grid), start, goal);
   EXPECT_EQ(plan.status, BasePlanStatus::kStartOccupied) << plan.message;
-  EXPECT_THAT(plan.message, HasSubstr("cannot leave"));
+  EXPECT_THAT(plan.message, HasSubstr("cannot drive straight back or ahead"));
 }
 
 TEST(BasePlanner, RechecksWithThePaddingsOfThePlan) {

@@ -369,7 +369,7 @@ TEST_F(Admits, SideFacesTowardsTheArm) {
   EXPECT_EQ(reason(pointAt(0.6, 0.0, 0.1), tilted(61.0, 140.0)), "") << "leaning back, 40 deg aside";
   EXPECT_EQ(reason(pointAt(0.6, 1.0, 0.1), tilted(90.0, 180.0 + 1.0 / kDegree)), "") << "on the left";
   EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(90.0, 130.0)),
-              HasSubstr("the side face looks 50 deg away from the arm, must be within 45 deg"));
+              HasSubstr("the side face points 50 deg away from the arm, must be within 45 deg"));
   EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(90.0, 0.0)), HasSubstr("looks 180 deg away from the arm"));
   EXPECT_THAT(reason(pointAt(0.4, 0.0, 0.1), tilted(90.0, 180.0)), HasSubstr("side face: radius"))
       << "the side's sector, not the top's";
@@ -386,7 +386,7 @@ TEST_F(Admits, FacesBetweenInBothSectors) {
 }
 
 TEST_F(Admits, NoOtherFaces) {
-  EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(180.0, 0.0)), HasSubstr("the face looks 180 deg away from up"));
+  EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(180.0, 0.0)), HasSubstr("the face points 180 deg away from up"));
   EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(130.0, 180.0)), HasSubstr("away from up"));
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(reason(pointAt(nan, 0.0, 0.1), tilted(0.0, 0.0)), HasSubstr("not finite"));

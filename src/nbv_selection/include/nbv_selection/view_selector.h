@@ -62,7 +62,7 @@ struct ViewSelectorConfig {
   static void fields(ViewSelectorConfig& c, interactive_mapping::Fields& f) {
     f("choice", c.choice, kChoiceNames,
       "the largest utility; or, to compare with, drawn: any candidate, those of late failures less often, or any "
-      "segment of an outline or place that shows unseen ground, also one that cannot be driven to");
+      "segment of an outline or pose that shows unseen ground, also one that cannot be driven to");
     f("imaginary_share", c.imaginary_share, 0.01, 1.0, "",
       "a segment above this share of the prior's uncertainty was never seen");
     f("standing_padding_m", c.standing_padding_m, 0.0, 0.5, "m", "padding of the footprint at a standing pose");

@@ -56,8 +56,7 @@ struct NbvSelectionParams {
     static void fields(Cost& c, interactive_mapping::Fields& f) {
       f("select_s", c.select_s, 0.0, 60.0, "s",
         "simulated time that a selection costs; the rule of the clock must allow as much");
-      f("stall_s", c.stall_s, 0.1, 600.0, "s",
-        "how long a simulated clock may stand still during a selection, wall time");
+      f("stall_s", c.stall_s, 0.1, 600.0, "s", "how long a simulated clock may stop during a selection, wall time");
     }
   } cost;
 

@@ -415,7 +415,7 @@ void rechoose(const Extension& extension, Selection* selection) {
 
 std::string describeNoPile(const ViewSelectorConfig& config) {
   std::ostringstream text;
-  text << "nothing stands more than " << config.outline.min_height_m << " m above the ground";
+  text << "no surface is more than " << config.outline.min_height_m << " m above the ground";
   return text.str();
 }
 

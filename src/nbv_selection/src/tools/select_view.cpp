@@ -83,7 +83,7 @@ std::optional<Options> parseCommandLine(int argc, char** argv) {
   po::store(po::command_line_parser(argc, argv).options(description).positional(positional).style(style).run(), values);
   if (values.count("help") > 0) {
     std::cout << "Usage: select_view MAP|SEQUENCE [--pose X Y YAW] [options]\n"
-                 "Where the robot would stand next: a line for each segment of the pile's outline; the last line is a\n"
+                 "The robot's next standing pose: a line for each segment of the pile's outline; the last line is a\n"
                  "summary in JSON.\n\n"
               << description;
     return std::nullopt;

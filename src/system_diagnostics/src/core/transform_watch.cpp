@@ -107,7 +107,7 @@ TransformReport TransformWatch::report(double now_s) const {
                                         " Hz, must be at least " + formatted("%.1f", config_.min_rate_hz) + " Hz");
   }
   if (report.longest_gap_s > config_.max_gap_s) {
-    verdict.worsen(Level::kWarning, name_ + " was not there for " + formatted("%.2f", report.longest_gap_s) + " s");
+    verdict.worsen(Level::kWarning, name_ + " was missing for " + formatted("%.2f", report.longest_gap_s) + " s");
   }
   if (report.jumps > 0) {
     verdict.worsen(Level::kWarning, name_ + " jumped " + std::to_string(report.jumps) + " time(s), by up to " +

@@ -17,12 +17,12 @@ std::optional<PlanFailure> blockedEnd(const PlanTask& task) {
   const FootprintVerdict at_start = task.tight.check(task.start_map);
   if (!at_start.isFree()) {
     return failureAt(at_start, BasePlanStatus::kStartOccupied, BasePlanStatus::kStartUnknown,
-                     "the robot stands at " + text(task.start_map.position()) + " on " + text(at_start));
+                     "the robot is at " + text(task.start_map.position()) + " on " + text(at_start));
   }
   const FootprintVerdict at_goal = task.tight.check(task.goal_map);
   if (at_goal.isFree()) return std::nullopt;
   return failureAt(at_goal, BasePlanStatus::kGoalOccupied, BasePlanStatus::kGoalUnknown,
-                   "the footprint at the goal " + text(task.goal_map.position()) + " stands on " + text(at_goal));
+                   "the footprint at the goal " + text(task.goal_map.position()) + " is on " + text(at_goal));
 }
 
 std::optional<double> tightLength(const PlanTask& task, int direction) {
@@ -94,9 +94,9 @@ Result<std::vector<Launch>> findLaunches(const PlanTask& task) {
   if (!launches.empty()) return launches;
   const FootprintVerdict verdict = task.roomy.check(task.start_map);
   return failureAt(verdict, BasePlanStatus::kStartOccupied, BasePlanStatus::kStartUnknown,
-                   "the robot stands at " + text(task.start_map.position()) + " nearer than " +
+                   "the robot is at " + text(task.start_map.position()) + " nearer than " +
                        text(task.config.padding_m) + " m to " + text(verdict) +
-                       ", and cannot leave it straight back or ahead within " + text(max_m) + " m");
+                       ", and cannot drive straight back or ahead within " + text(max_m) + " m");
 }
 
 }  // namespace base_navigation

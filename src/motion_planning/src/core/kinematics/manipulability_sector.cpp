@@ -342,12 +342,12 @@ bool ManipulabilitySectors::admits(const Eigen::Vector3d& point_base, const Eige
   const bool is_top = tilt_rad <= config.cone_rad;
   const bool is_between = !is_top && tilt_rad < M_PI_2 - config.cone_rad;
   if (tilt_rad > M_PI_2 + config.cone_rad) {
-    return reject("the face looks " + text(tilt_rad / kDegree) + " deg away from up, must be at most " +
+    return reject("the face points " + text(tilt_rad / kDegree) + " deg away from up, must be at most " +
                   text(90.0 + config.cone_rad / kDegree) + " deg");
   }
   const double facing_rad = is_between ? 2.0 * config.facing_rad : config.facing_rad;
   if (const double aside_rad = headingBetween(-normal, point); !is_top && aside_rad > facing_rad) {
-    return reject("the side face looks " + text(aside_rad / kDegree) + " deg away from the arm, must be within " +
+    return reject("the side face points " + text(aside_rad / kDegree) + " deg away from the arm, must be within " +
                   text(facing_rad / kDegree) + " deg");
   }
   const auto isWithin = [&](ApproachKind kind) {

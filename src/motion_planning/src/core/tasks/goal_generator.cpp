@@ -75,7 +75,7 @@ Result<TipGoal> tipGoal(const TaskContext& task, const ArmGoal& goal, const std:
     const Eigen::Matrix3d R_base_tip = task.arm.tipPose(task.request.start_rad).linear();
     ups = {uprightEdge(*held, tilt ? tilt->up_tip : R_base_tip.transpose() * Eigen::Vector3d::UnitZ())};
   }
-  TipGoal tip{"the brick over its place at " + inMetres(place.T_base_place.translation()) + " in base_link", {}};
+  TipGoal tip{"the brick over its release pose at " + inMetres(place.T_base_place.translation()) + " in base_link", {}};
   for (const Eigen::Vector3d& up_tip : ups) {
     const std::vector<Eigen::Isometry3d> poses = placePoses(place, *held, up_tip);
     tip.T_base_tips.insert(tip.T_base_tips.end(), poses.begin(), poses.end());

@@ -23,7 +23,7 @@ std::optional<PlanFailure> refusal(const TaskContext& task) {
     return badRequest("held brick: pose not a rigid transform, or size not positive");
   }
   if (request.vacated && !(isRigid(request.vacated->T_map_box) && isBoxSize(request.vacated->size_m))) {
-    return badRequest("vacated place: pose not a rigid transform, or size not positive");
+    return badRequest("vacated box: pose not a rigid transform, or size not positive");
   }
   for (const LoadedBrick& brick : request.load) {
     if (!isRigid(brick.T_base_brick) || !isBoxSize(brick.size_m)) {
