@@ -160,11 +160,11 @@ def make_run_folder(folder, bricks=20, seed=1):
     step("idle", "hand", "idle", 3.0, "unknown, now empty")
     step("idle", "start", "begin", 0.5, "hand empty")
     survey = ((-2.4, 0.0, 0.0), (-1.8, 0.0, 0.0))
-    step("begin", "entered", "drive", 0.0, f"survey not finished; place 1 of 2 of the survey {told(survey[0])}")
+    step("begin", "entered", "drive", 0.0, f"survey not finished; survey pose 1 of 2 {told(survey[0])}")
     for place in range(2):
         drive(survey[place], "success", "look", 9.0)
         step("look", "success", "detect", 6.0)
-        step("detect", "success", "drive" if place == 0 else "choose", 1.0, f"place 2 of 2 of the survey {told(survey[1])}" if place == 0 else "")
+        step("detect", "success", "drive" if place == 0 else "choose", 1.0, f"survey pose 2 of 2 {told(survey[1])}" if place == 0 else "")
     map_mesh()
     brick = 0
     while brick < bricks:

@@ -28,7 +28,7 @@ struct SurveyConfig {
   static void fields(SurveyConfig& c, interactive_mapping::Fields& f) {
     f("x_m", c.x_m, -kFarthest_m, kFarthest_m, "m",
       "x of the poses of base_link before the first selection, in the frame of its pose at the start");
-    f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y, as many; none: one look from the start");
+    f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y, as many; none: one view from the start");
     f("yaw_rad", c.yaw_rad, -M_PI, M_PI, "rad", "yaw, as many");
     const auto size = [](const std::vector<double>& list) { return std::to_string(list.size()); };
     f.require(c.x_m.size() == c.y_m.size() && c.x_m.size() == c.yaw_rad.size(),
@@ -43,10 +43,10 @@ struct LookConfig {
   bool while_carrying{true};
 
   static void fields(LookConfig& c, interactive_mapping::Fields& f) {
-    f("images", c.images, 1, kMost, "", "new images in the map before it shows what is there");
+    f("images", c.images, 1, kMost, "", "new images in the map before it is up to date");
     f("timeout_s", c.timeout_s, 0.1, kLongest_s, "s", "time for them; less than time/action_timeout_s");
     f("while_carrying", c.while_carrying,
-      "true: while the arm carries a brick away, the next one is looked for, chosen and planned; false: after it");
+      "true: while the arm carries a brick away, the next one is detected, chosen and planned; false: after it");
   }
 };
 
@@ -92,7 +92,7 @@ struct AttemptLimits {
 
   static void fields(AttemptLimits& c, interactive_mapping::Fields& f) {
     f("max_picks_per_brick", c.max_picks_per_brick, 1, kMost, "",
-      "failed picks after which a brick is left; it gets one more, after all others, for each brick taken away");
+      "failed picks after which a brick is given up; it gets one more, after all others, for each brick removed");
     f("max_plans_per_brick", c.max_plans_per_brick, 1, kMost, "",
       "failed plans for a brick since a brick was last taken away");
     f("max_pick_failures_per_view", c.max_pick_failures_per_view, 1, kMost, "",
@@ -123,9 +123,9 @@ struct ViewLimits {
       "when no brick can be tried from here");
     f("max_fruitless", c.max_fruitless, 1, kMost, "", "views in a row without a pick and without a new brick");
     f("leave_after", c.leave_after, 1, kMost, "",
-      "fruitless views after which bricks tried without success are left, if others were tried less often");
+      "fruitless views after which bricks tried without success are passed over, if others were tried less often");
     f("leave_radius_m", c.leave_radius_m, 0.0, kFarthest_m, "m",
-      "radius about such a brick within which the arm reaches it: no view is selected there; 0: none is left");
+      "radius about such a brick within which the arm reaches it: no view is selected there; 0: none is passed over");
     f("max_low_utility", c.max_low_utility, 0, kMost, "", "views without a pick, to uncover unseen space");
     f("max_vantage_drives", c.max_vantage_drives, 0, kMost, "", "drives without a pick, back to a pose of the survey");
     f("max_fade_waits", c.max_fade_waits, 0, kMost, "", "waits without a pick, for reported failures to fade");

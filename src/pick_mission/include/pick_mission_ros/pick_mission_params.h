@@ -49,7 +49,8 @@ struct PickMissionParams {
 
     static void fields(Servers& c, interactive_mapping::Fields& f) {
       f("timeout_s", c.timeout_s, 0.5, 600.0, "s",
-        "wall time that an action server may be away, or not acknowledge a goal, before it counts as unanswered");
+        "wall time that an action server may be unavailable, or not acknowledge a goal, before it counts as "
+        "unanswered");
       f("service_timeout_s", c.service_timeout_s, 0.5, 600.0, "s",
         "wall time for the answer of a service that does not wait for images");
       f("detect_stall_s", c.detect_stall_s, 1.0, 3600.0, "s",

@@ -195,8 +195,8 @@ Reaction react(State action, ArmStatus status) {
       if (is_pick) return ofBrick(Trigger::kNextBrick, true, "it does not hold: another brick first");
       return inARow(action, Trigger::kRetryHere, "not an answer of a motion");
     case ArmStatus::kLostOnTheWay:
-      if (is_pick) return ofBrick(Trigger::kRetryHere, true, "the brick lies somewhere else now: look for it");
-      return inARow(action, Trigger::kRetryHere, "the brick lies somewhere else now: look for it");
+      if (is_pick) return ofBrick(Trigger::kRetryHere, true, "the brick has another pose now: look again");
+      return inARow(action, Trigger::kRetryHere, "the brick has another pose now: look again");
     case ArmStatus::kNotLetGo:
       if (is_pick || action == State::kLetGo) return inARow(action, Trigger::kLetGoAgain, "the weight is still there");
       return inARow(action, Trigger::kRetryHere, "not an answer of a motion");

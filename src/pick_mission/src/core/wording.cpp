@@ -26,10 +26,10 @@ std::string driveInWords(const Mission& mission) {
   std::ostringstream text;
   text << std::fixed << std::setprecision(2);
   if (mission.goal.why == DriveFor::kSurvey) {
-    text << "place " << mission.memory.survey_index + 1 << " of " << numSurveyPoses(mission) << " of the survey";
+    text << "survey pose " << mission.memory.survey_index + 1 << " of " << numSurveyPoses(mission);
   } else {
     text << (mission.goal.why == DriveFor::kDepot     ? "the depot"
-             : mission.goal.why == DriveFor::kVantage ? "back to a place of the survey"
+             : mission.goal.why == DriveFor::kVantage ? "back to a survey pose"
                                                       : "the best view");
   }
   const Pose2d& goal = mission.goal.T_map_base;
@@ -52,11 +52,11 @@ std::string nextInWords(State next, const Mission& mission) {
       return "nothing is in the camera's view: " + std::to_string(mission.config.look.images) +
              " new images into the map";
     case State::kDetect:
-      return "the map has them: which bricks are there";
+      return "the map has them: the bricks are detected";
     case State::kChoose:
-      return std::to_string(memory.ledger.numOpen()) + " bricks to be picked are there, " + picked;
+      return std::to_string(memory.ledger.numOpen()) + " bricks to pick, " + picked;
     case State::kReport:
-      return "nothing could be done there";
+      return "no brick could be picked there";
     case State::kPlanPick:
       return brickInWords(memory.nextBrick()) + ", the " +
              (mission.config.bricks.order == BrickOrder::kHighest ? "highest" : "nearest") + " that is graspable" +

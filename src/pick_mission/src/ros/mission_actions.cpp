@@ -515,8 +515,8 @@ void MissionActions::begin(const command::SelectView& select) {
         result.outcome.status, interactive_mapping::kNumSelectionStatus, "outcome of the selection");
     if (result.selection.best >= 0) {
       if (withoutSlash(result.standing.header.frame_id) != params_.map_frame) {
-        throw std::invalid_argument("a place to stand in frame '" + result.standing.header.frame_id +
-                                    "', must be in '" + params_.map_frame + "'");
+        throw std::invalid_argument("a standing pose in frame '" + result.standing.header.frame_id + "', must be in '" +
+                                    params_.map_frame + "'");
       }
       selection.T_map_base = toPose2d(result.standing.pose);
       const auto best = static_cast<std::size_t>(result.selection.best);
@@ -528,7 +528,7 @@ void MissionActions::begin(const command::SelectView& select) {
       if (segment.kind != NbvSegment::REAL && segment.kind != NbvSegment::HERE) selection.has_unseen = true;
     }
     if (selection.status == pick_mission::SelectionStatus::kSuccess && !selection.T_map_base) {
-      throw std::invalid_argument("a selection that succeeded, without a place to stand");
+      throw std::invalid_argument("a selection that succeeded, without a standing pose");
     }
     on_selection_(result.selection);
     reply(selection, result.outcome.message);

@@ -87,7 +87,7 @@ std::string endReasonInWords(std::uint8_t reason) {
     case EndReason::kNoBrickLeft:
       return "no brick is left";
     case EndReason::kBricksExhausted:
-      return "what is left has used its attempts";
+      return "the remaining bricks have used their attempts";
     case EndReason::kNothingWorthGoing:
       return "no pose has enough utility";
     case EndReason::kNoProgress:

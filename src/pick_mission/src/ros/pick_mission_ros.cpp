@@ -229,7 +229,7 @@ void PickMissionRos::letHeartBeat() {
   if (!is_cancelled) {
     ROS_WARN_STREAM_NAMED(kLog,
                           "navigation or bridge have not cancelled what an earlier process may have asked for within "
-                              << kOldGoals_s << " s of wall time: it is cancelled when they are there");
+                              << kOldGoals_s << " s of wall time: it is cancelled when they answer");
   }
   may_heart_beat_ = true;
   if (!ros::Time::now().isZero()) beat();  // at once: the clock may wait for it
@@ -380,7 +380,9 @@ void PickMissionRos::stop(ros::WallDuration timeout) {
   actions_->cancel();
   const ros::WallTime deadline = ros::WallTime::now() + timeout;
   while (!actions_->isIdle() && ros::WallTime::now() < deadline) spinOnce();
-  if (!actions_->isIdle()) ROS_WARN_NAMED(kLog, "what went on did not end in time: without a heartbeat the arm stops");
+  if (!actions_->isIdle()) {
+    ROS_WARN_NAMED(kLog, "the running action did not end in time: without a heartbeat the arm stops");
+  }
 }
 
 // --- Services ---------------------------------------------------------------------------------------------------------
@@ -412,7 +414,7 @@ bool PickMissionRos::onStart(std_srvs::Trigger::Request& /*request*/, std_srvs::
   }
   const std::string why_not = start();
   response.success = why_not.empty() ? 1 : 0;
-  response.message = why_not.empty() ? decision_ : "not there: " + why_not;
+  response.message = why_not.empty() ? decision_ : "missing: " + why_not;
   return true;
 }
 

@@ -302,7 +302,7 @@ TEST_F(PickMissionNode, DoesNotStartUntilAllIsThereAndSaysWhatIsNot) {
   ASSERT_TRUE(until([&] {
     response = tell("start");
     return response.message ==
-           "not there: the state of the arm's bridge, the server /motion_planning/plan_arm, the server /move_base, "
+           "missing: the state of the arm's bridge, the server /motion_planning/plan_arm, the server /move_base, "
            "the server /brick_detection/detect";
   })) << response.message;
   EXPECT_FALSE(response.success);
@@ -768,7 +768,7 @@ TEST_F(PickMissionNode, AnswersThatMakeNoSenseAreNoAnswers) {
        MissionState::SELECTION_FAILED, ""},
       {"select",
        [](void* r, bool*) { static_cast<msgs::SelectNextBestViewResult*>(r)->standing.pose.position.x = kNan; },
-       MissionState::SELECTION_FAILED, "without a place to stand"},
+       MissionState::SELECTION_FAILED, "without a standing pose"},
       {"select",
        [](void* r, bool*) { static_cast<msgs::SelectNextBestViewResult*>(r)->standing.header.frame_id = "odom"; },
        MissionState::SELECTION_FAILED, "in frame 'odom', must be in 'map'"},

@@ -24,7 +24,7 @@ class Executor::Impl {
     namespace names = mp700_ur5e_description;
     R_tip_tool_ = (robot.poseInBody(names::kMagnetTipFrame).inverse() * robot.poseInBody(names::kToolFrame)).linear();
     payload_kg_ = model_.tool.mass_kg;
-    gate_verdict_ = {ArmStatus::kStaleState, "nothing has been heard of the arm yet"};
+    gate_verdict_ = {ArmStatus::kStaleState, "no message of the arm has come yet"};
   }
 
   void begin(Items items) {
@@ -133,7 +133,7 @@ std::optional<Finished> Executor::Impl::conclude(const Verdict& verdict, const s
     return finish(failure_.value_or(ended));
   }
   if (failure_) {
-    failure_->verdict.message += "; the way back failed, too: " + verdict.message;
+    failure_->verdict.message += "; the retreat failed, too: " + verdict.message;
     items_.clear();
     return finish(*failure_);
   }

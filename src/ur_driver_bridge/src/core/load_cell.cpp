@@ -80,7 +80,7 @@ std::optional<LoadCell::Weight> LoadCell::weigh(double from_s, std::string* why)
   weight.mass_kg = -mean_N / kGravity_m_s2;
   if (weight.spread_N > config_.max_spread_N) {
     text << "the vertical force scatters by " << weight.spread_N << " N, allowed " << config_.max_spread_N
-         << " N: the arm does not stand still";
+         << " N: the arm is not stationary";
     return refuse(text.str());
   }
   return weight;

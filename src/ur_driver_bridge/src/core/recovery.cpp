@@ -56,7 +56,7 @@ void Recovery::begin(const RecoveryPermit& permit, double now_s) {
 
 Recovery::Need Recovery::need(const ArmState& arm) const {
   if (!arm.safety_mode || !arm.robot_mode || !arm.is_program_running) {
-    return {ArmStatus::kDriverGone, whatRobotSays(arm), "", "the arm's driver to tell all of these"};
+    return {ArmStatus::kDriverGone, whatRobotSays(arm), "", "the arm's driver to report all of these"};
   }
   const std::string safety = "safety mode " + safetyModeName(*arm.safety_mode);
   switch (*arm.safety_mode) {
@@ -71,12 +71,12 @@ Recovery::Need Recovery::need(const ArmState& arm) const {
       }
       if (!permit_.unlock_protective_stop) {
         return {ArmStatus::kProtectiveStop, safety, "",
-                "the operator has to look what the arm ran into, clear it, and ask again with unlock_protective_stop",
+                "the operator has to check what the arm ran into, clear it, and ask again with unlock_protective_stop",
                 true};
       }
       if (is_followed) {
         return {ArmStatus::kProtectiveStop, safety + " again, after it was unlocked", "",
-                "the operator has to look what the arm ran into, and ask again with unlock_protective_stop", true};
+                "the operator has to check what the arm ran into, and ask again with unlock_protective_stop", true};
       }
       return {ArmStatus::kProtectiveStop, safety, kUnlock};
     }

@@ -68,7 +68,7 @@ SafetyGate::SafetyGate(const SafetyGateConfig& config)
 
 Verdict SafetyGate::checkRobot(const ArmState& arm, double now_s) const {
   if (!arm.joints && !arm.safety_mode && !arm.robot_mode && !arm.is_program_running) {
-    return {ArmStatus::kDriverGone, "nothing has been heard of the arm's driver"};
+    return {ArmStatus::kDriverGone, "no message of the arm's driver has come"};
   }
   const Verdict safety = checkSafetyMode(arm);
   if (!safety.isFine()) return safety;
@@ -152,7 +152,7 @@ std::string SafetyGate::monitorProblem(const GateInputs& inputs, const GateDeman
   const bool is_mine = inputs.monitor && inputs.monitor->is_watching && inputs.monitor->watch_id == *demand.watch_id;
   // A word that is no number must not be hidden by the grace that a new watch has.
   if (is_mine && !(inputs.monitor->stamp_s < demand.watch_since_s)) return age(what, inputs.monitor->stamp_s);
-  std::string problem = age(what + ", begun and not yet heard of", demand.watch_since_s);
+  std::string problem = age(what + ", started and not reported yet", demand.watch_since_s);
   if (problem.empty() || !inputs.monitor || is_mine) return problem;
   if (!inputs.monitor->is_watching) return problem + "; the monitor watches nothing";
   return problem + "; the monitor watches " + std::to_string(inputs.monitor->watch_id);

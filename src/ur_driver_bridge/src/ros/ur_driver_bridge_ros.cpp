@@ -450,7 +450,7 @@ bool UrDriverBridgeRos::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::R
   } else {
     // At once: it must not fall upon a request that comes after it.
     driver_->cancel();
-    response.message = "nothing moves by this bridge; whatever the controller follows is cancelled";
+    response.message = "no request runs here; any goal of the controller is cancelled";
   }
   return true;
 }
@@ -779,7 +779,7 @@ void UrDriverBridgeRos::diagnoseArm(diagnostic_updater::DiagnosticStatusWrapper&
   const std::lock_guard<std::mutex> lock(shared_mutex_);
   const double silence_s = (ros::WallTime::now() - stepped_).toSec();
   if (stepped_.isZero() || silence_s > kMaxSilence_s) {
-    status.summary(DiagnosticStatus::ERROR, "no joint states, and ROS time stands still");
+    status.summary(DiagnosticStatus::ERROR, "no joint states, and ROS time does not advance");
   } else if (shown_.may_move == 0) {
     status.summary(DiagnosticStatus::WARN, std::string("does not move: ") +
                                                toString(static_cast<ArmStatus>(shown_.gate)) + ": " + shown_.reason);

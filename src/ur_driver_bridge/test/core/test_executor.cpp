@@ -950,7 +950,7 @@ TEST(ExecutorPick, ABrickIsPutBackWhereItsLiftIsBlocked) {
   enclosed.runTo("lift", 0.2);
   enclosed.must_stop = "a person";
   expectEnds(enclosed, ArmStatus::kPathBlocked, 30.0);
-  EXPECT_THAT(enclosed.finished->verdict.message, HasSubstr("the way back failed, too"));
+  EXPECT_THAT(enclosed.finished->verdict.message, HasSubstr("the retreat failed, too"));
   EXPECT_TRUE(enclosed.executor.isHolding());
   EXPECT_EQ(enclosed.dropped, 0);
 }
@@ -975,7 +975,7 @@ TEST(ExecutorPick, APutBackThatIsStoppedKeepsTheBrick) {
   arm.runTo("put_back", 0.2);
   arm.executor.stop({ArmStatus::kCancelled, "test"});
   expectEnds(arm, ArmStatus::kNotAttached);
-  EXPECT_THAT(arm.finished->verdict.message, HasSubstr("the way back failed, too"));
+  EXPECT_THAT(arm.finished->verdict.message, HasSubstr("the retreat failed, too"));
   EXPECT_TRUE(arm.is_magnet_on);
   EXPECT_EQ(arm.dropped, 0);
   expectOrderly(arm);
