@@ -94,6 +94,8 @@ def parse(words):
         raise UsageError(f"--clock {options.clock}, must be lockstep or realtime")
     os.chdir(ROOT)
     given = dict(argument.split(":=", 1) for argument in launch_arguments)
+    if given.get("params") and not os.path.isabs(given["params"]):
+        raise UsageError(f"params:={given['params']} after --, must be an absolute path")
     options.map, = strategies.maps_of([options.strategy], given.get("params"))
     if options.scene.startswith("/"):
         if not os.path.isfile(options.scene):

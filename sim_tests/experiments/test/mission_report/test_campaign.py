@@ -116,6 +116,17 @@ class Campaign(unittest.TestCase):
             with self.assertRaisesRegex(UsageError, words):
                 campaign.missions_of(self.options())
 
+    def test_a_strategy_of_an_example_package_is_taken(self):
+        own = ROOT / "examples/nearest_strategy/mission.yaml"
+        (self.folder / "definition.yaml").write_text(DEFINITION.replace("octomap_random", f"nearest, params: {own}"))
+        command = campaign.missions_of(self.options())["two_rows-paper-random-101"]["command"]
+        self.assertEqual(command[command.index("--strategy"):], ["--strategy", "nearest", "--", "mission_config:=paper", f"params:={own}"])
+        # Without its file, and by a path that no mission would take.
+        for variant, words in (("nearest", "strategy nearest: must be one of"), (f"nearest, params: {own.relative_to(ROOT)}", "must be an absolute path")):
+            (self.folder / "definition.yaml").write_text(DEFINITION.replace("octomap_random", variant))
+            with self.assertRaisesRegex(UsageError, words):
+                campaign.missions_of(self.options())
+
     def test_the_shipped_definition_is_taken(self):
         missions = campaign.missions_of(campaign.parse([]))
         self.assertEqual(len(missions), 101)
