@@ -524,6 +524,10 @@ class BringupLaunch(unittest.TestCase):
         left = [f"{name} = {value}" for name, value in simulated.params.items() for file in shipped.values() if str(value).endswith(file)]
         self.assertEqual(left, [])
 
+    def test_tags_can_be_off_in_any_scene(self):
+        self.assertIs(self.simulation().params["/simulated_world/has_tags"], True)
+        self.assertIs(self.simulation("tags:=false", "scene:=tipped_20").params["/simulated_world/has_tags"], False)
+
     def test_rviz_fits_a_small_screen(self):
         import rospkg
         rospack = rospkg.RosPack()

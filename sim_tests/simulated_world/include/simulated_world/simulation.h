@@ -35,7 +35,8 @@ struct DescriptionFiles {
 
 struct SimulationConfig {
   DescriptionFiles description;
-  std::string scene;  ///< file of a pile scene
+  std::string scene;    ///< file of a pile scene
+  bool has_tags{true};  ///< false: no brick has tags, whatever the scene says
   std::uint64_t seed{1};
 
   WorldConfig world;

@@ -277,6 +277,7 @@ void Simulation::layPile() {
   SettleConfig settle_config;
   settle_config.physics = config_.world.physics;
   scene_ = settlePile(scene_config, config_.seed, settle_config).scene;
+  scene_.has_tags = scene_.has_tags && config_.has_tags;
   const std::map<int, std::string> reasons = unpickable(scene_.bricks, config_.world.magnet.holding_force_N);
   for (const BrickPlacement& placement : scene_.bricks) {
     const description::BrickType& type = catalogue.typeOf(placement.id);

@@ -91,6 +91,7 @@ void SimulationParams::fields(SimulationParams& c, Fields& f) {
     requireGiven(f, key, value);
   };
   given("scene", simulation.scene, "file of the pile; set by the launch file");
+  f("has_tags", simulation.has_tags, "false: no brick has tags, whatever the scene says");
   auto seed = static_cast<int>(simulation.seed);
   f("seed", seed, 0, std::numeric_limits<int>::max(), "", "seed of pile, noise and drift");
   simulation.seed = static_cast<std::uint64_t>(seed);

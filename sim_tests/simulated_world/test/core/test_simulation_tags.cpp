@@ -57,14 +57,17 @@ TagCentres arucoIn(const cv::Mat& grey) {
   return centres;
 }
 
-// Two bricks on the ground before the camera, one turned; what the detector finds against the true poses.
-void expectTagsWhereTheyAre(const std::string& bricks_file, TagCentres (*detect)(const cv::Mat&), std::size_t least) {
+SimulationConfig configWith(const std::string& bricks_file) {
   SimulationConfig config;
   config.description = descriptionFiles();
   config.description.bricks = bricks_file;
   config.scene = std::string(SIMULATED_WORLDS) + "/two_stacked.yaml";
   config.camera_rate_hz = 0.0;
-  Simulation sim(config);
+  return config;
+}
+
+/// Two bricks on the ground before the camera, one turned.
+cv::Mat imageOfTwo(Simulation& sim) {
   const Pose2d base = sim.world().basePose();
   for (const int id : {0, 1}) {
     Fault by_hand;
@@ -78,12 +81,17 @@ void expectTagsWhereTheyAre(const std::string& bricks_file, TagCentres (*detect)
   for (int i = 0; i < 100; ++i) {
     sim.tick();
   }
-  ASSERT_TRUE(sim.requestImage());
-  const Simulation::Tick tick = sim.tick();
-  ASSERT_EQ(tick.images.size(), 1U);
   cv::Mat grey;
-  cv::cvtColor(tick.images[0].frame.rgb, grey, cv::COLOR_RGB2GRAY);
-  const TagCentres centres = detect(grey);
+  sim.requestImage();
+  cv::cvtColor(sim.tick().images.at(0).frame.rgb, grey, cv::COLOR_RGB2GRAY);
+  return grey;
+}
+
+/// What the detector finds against the true poses.
+void expectTagsWhereTheyAre(const std::string& bricks_file, TagCentres (*detect)(const cv::Mat&), std::size_t least) {
+  const SimulationConfig config = configWith(bricks_file);
+  Simulation sim(config);
+  const TagCentres centres = detect(imageOfTwo(sim));
   EXPECT_GE(centres.size(), least);
 
   const description::BrickCatalogue catalogue = description::loadBrickTypes(bricks_file);
@@ -110,6 +118,16 @@ void expectTagsWhereTheyAre(const std::string& bricks_file, TagCentres (*detect)
 
 TEST(SimulationTags, AprilTagsAreThoseOfTheCatalogueWhereTheTruthHasThem) {
   expectTagsWhereTheyAre(descriptionFiles().bricks, apriltagsIn, 4);  // two tops and a side of each
+}
+
+TEST(SimulationTags, AreOffWithTheSamePile) {
+  SimulationConfig config = configWith(descriptionFiles().bricks);
+  Simulation tagged(config);
+  EXPECT_FALSE(apriltagsIn(imageOfTwo(tagged)).empty());
+  config.has_tags = false;
+  Simulation plain(config);
+  EXPECT_TRUE(apriltagsIn(imageOfTwo(plain)).empty());
+  EXPECT_EQ(plain.digest(), tagged.digest());
 }
 
 TEST(SimulationTags, ArucoIsAnOption) {
