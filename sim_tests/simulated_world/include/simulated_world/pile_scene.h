@@ -21,12 +21,15 @@ enum class Decoy {
   kHeavy,      ///< more than the magnet lifts
   kTwoPlates,  ///< plates on two faces only, tags on all
   kWedged,     ///< lies under a heavy one
+  kCardboard,  ///< a box of a size of its own; it and the next two have no tags and no plates
+  kSphere,
+  kCylinder,
 };
-inline constexpr interactive_mapping::Names<Decoy> kDecoyNames = {{"none", Decoy::kNone},
-                                                                  {"untagged", Decoy::kUntagged},
-                                                                  {"heavy", Decoy::kHeavy},
-                                                                  {"two_plates", Decoy::kTwoPlates},
-                                                                  {"wedged", Decoy::kWedged}};
+inline constexpr interactive_mapping::Names<Decoy> kDecoyNames = {
+    {"none", Decoy::kNone},     {"untagged", Decoy::kUntagged},
+    {"heavy", Decoy::kHeavy},   {"two_plates", Decoy::kTwoPlates},
+    {"wedged", Decoy::kWedged}, {"cardboard", Decoy::kCardboard},
+    {"sphere", Decoy::kSphere}, {"cylinder", Decoy::kCylinder}};
 constexpr const char* toString(Decoy decoy) {
   return interactive_mapping::nameOf(decoy, kDecoyNames);
 }
@@ -76,7 +79,8 @@ struct TippedConfig {
   double yaw_rad{0.0};
   Eigen::Vector2d extent_m{1.2, 1.2};  ///< along the rectangle's axes; a brick in any orientation fits into it
   int bricks{20};
-  double drop_height_m{0.1};  ///< of the lowest ones over the ground, at least
+  double drop_height_m{0.1};     ///< of the lowest ones over the ground, at least
+  std::vector<BrickType> types;  ///< of the bricks, in turn; empty: the scene's type
 
   std::vector<std::string> validate() const;
 };
@@ -98,9 +102,12 @@ struct DecoyConfig {
   int two_plates{0};
   int wedged{0};               ///< each under a heavy one of its own, in the first of the tipped heaps
   double heavy_mass_kg{12.0};  ///< of each heavy one
+  int cardboard{0};
+  int sphere{0};
+  int cylinder{0};
 
-  int total() const { return untagged + heavy + two_plates + wedged; }
-  /// As many as a share of `bricks` is, kind by kind in turn.
+  int total() const { return untagged + heavy + two_plates + wedged + cardboard + sphere + cylinder; }
+  /// As many as a share of `bricks` is: untagged, heavy, with two plates and wedged in turn.
   static DecoyConfig fromShare(double share, int bricks);
   std::vector<std::string> validate() const;
 };
@@ -124,6 +131,8 @@ struct PileSceneConfig {
   bool has_tags{true};  ///< false: plain bricks, with their plates; what can be picked is judged as with tags
 
   int numBricks() const;
+  /// Of the bricks of one of `tipped`, in turn.
+  std::vector<BrickType> typesOf(const TippedConfig& heap) const;
   std::vector<std::string> validate() const;
 };
 

@@ -164,7 +164,7 @@ std::vector<std::string> BrickAppearance::validate() const {
     for (const int id : tag_ids) {
       const int num_cells = tagCells(family, id).cols;
       const double paper_m = tag_edge_m * (num_cells + 2) / num_cells;
-      if (!(tag_edge_m > 0.0 && paper_m <= plate_edge_m + 1e-9)) {
+      if (has_tags && !(tag_edge_m > 0.0 && paper_m <= plate_edge_m + 1e-9)) {
         require(false, "tag_edge_m", tag_edge_m,
                 " m, must be > 0 m and with its margin, " + std::to_string(paper_m) + " m, fit onto the plate");
         break;

@@ -21,10 +21,26 @@ std::ostringstream exactText() {
   return text;
 }
 
-std::string contactAttributes(const PhysicsOptions& options, double sliding_friction) {
+std::string contactAttributes(const PhysicsOptions& options, double sliding_friction, bool is_round = false) {
   // Flat faces touch in several points at once, which is all the resistance to turning that a brick needs (condim 3).
+  // A round body would roll for ever: it has torsional and rolling friction [m].
   std::ostringstream text = exactText();
-  text << "condim=\"3\" friction=\"" << sliding_friction << "\" solref=\"" << options.contact_time_constant_s << " 1\"";
+  text << "condim=\"" << (is_round ? 6 : 3) << "\" friction=\"" << sliding_friction << (is_round ? " 0.005 0.01" : "")
+       << "\" solref=\"" << options.contact_time_constant_s << " 1\"";
+  return text.str();
+}
+
+/// Shape of a brick's geom.
+std::string shapeOf(const BrickPlacement& brick) {
+  const Eigen::Vector3d half_m = 0.5 * brick.type.size_m;
+  std::ostringstream text = exactText();
+  if (brick.decoy == Decoy::kSphere) {
+    text << "type=\"sphere\" size=\"" << half_m.x() << '"';
+  } else if (brick.decoy == Decoy::kCylinder) {
+    text << "type=\"cylinder\" size=\"" << half_m.x() << ' ' << half_m.z() << '"';
+  } else {
+    text << "type=\"box\" size=\"" << half_m.x() << ' ' << half_m.y() << ' ' << half_m.z() << '"';
+  }
   return text.str();
 }
 
@@ -88,15 +104,14 @@ std::string wallXml(std::size_t index, const Wall& wall, const PhysicsOptions& o
 std::string brickXml(const BrickPlacement& brick, const PhysicsOptions& options, const std::string& geom_attributes) {
   const Eigen::Vector3d p = brick.T_map_brick.translation();
   const Eigen::Quaterniond q(brick.T_map_brick.linear());
-  const Eigen::Vector3d half_m = 0.5 * brick.type.size_m;
   const std::string name = brickBodyName(brick.id);
+  const bool is_round = brick.decoy == Decoy::kSphere || brick.decoy == Decoy::kCylinder;
   std::ostringstream text = exactText();
   text << "<body name=\"" << name << "\" pos=\"" << p.x() << ' ' << p.y() << ' ' << p.z() << "\" quat=\"" << q.w()
        << ' ' << q.x() << ' ' << q.y() << ' ' << q.z() << "\">\n"
        << "  <freejoint name=\"" << name << "_joint\"/>\n"
-       << "  <geom name=\"" << name << "\" type=\"box\" size=\"" << half_m.x() << ' ' << half_m.y() << ' ' << half_m.z()
-       << "\" mass=\"" << brick.type.mass_kg << "\" " << contactAttributes(options, brick.type.friction) << ' '
-       << geom_attributes << "/>\n"
+       << "  <geom name=\"" << name << "\" " << shapeOf(brick) << " mass=\"" << brick.type.mass_kg << "\" "
+       << contactAttributes(options, brick.type.friction, is_round) << ' ' << geom_attributes << "/>\n"
        << "</body>\n";
   return text.str();
 }

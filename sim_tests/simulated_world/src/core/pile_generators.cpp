@@ -26,7 +26,22 @@ void makeHeavy(BrickPlacement* brick, double mass_kg) {
   brick->decoy = Decoy::kHeavy;
 }
 
+/// Makes another body of a brick, without plates. It keeps the mass.
+void makeForeign(BrickPlacement* brick, Decoy kind, const Eigen::Vector3d& size_m, const Eigen::Vector3d& color_rgb) {
+  brick->decoy = kind;
+  brick->type.size_m = size_m;
+  brick->type.color_rgb = color_rgb;
+  brick->type.plate_faces.clear();
+  brick->type.plate_edge_m = size_m.minCoeff();
+}
+
 }  // namespace
+
+double longestDiagonal(const std::vector<BrickType>& types) {
+  double longest_m = 0.0;
+  for (const BrickType& type : types) longest_m = std::max(longest_m, type.size_m.norm());
+  return longest_m;
+}
 
 // Shoemake, "Uniform random rotations", Graphics Gems III, 1992.
 Eigen::Matrix3d anyOrientation(SeededRandom& random) {
@@ -40,10 +55,10 @@ Eigen::Matrix3d anyOrientation(SeededRandom& random) {
       .toRotationMatrix();
 }
 
-std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const BrickType& type, int wedged,
+std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const std::vector<BrickType>& types, int wedged,
                                          double heavy_mass_kg, double gap_m, SeededRandom& random) {
   // Each brick has a cell that holds it whichever way it is turned, and somewhere in it its place.
-  const double turned_m = type.size_m.norm();
+  const double turned_m = longestDiagonal(types);
   const Eigen::Array2i counts = (config.extent_m.array() / turned_m + 1e-9).floor().cast<int>();
   const Eigen::Vector2d cell_m = config.extent_m.array() / counts.cast<double>();
   const Eigen::Isometry3d T_map_heap =
@@ -75,10 +90,10 @@ std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const Brick
       throw std::invalid_argument("tipped/extent_m has no room for " + std::to_string(wedged) + " wedged bricks");
     }
     const double yaw_rad = random.uniform(-M_PI, M_PI);
-    const double half_m = 0.5 * type.size_m.z();
-    BrickPlacement below{0, type, {}, Decoy::kWedged};
+    const double half_m = 0.5 * types.front().size_m.z();
+    BrickPlacement below{0, types.front(), {}, Decoy::kWedged};
     below.T_map_brick = T_map_heap * synthetic_depth::poseFromXyzRpy({xy_m.x(), xy_m.y(), half_m}, {0.0, 0.0, yaw_rad});
-    BrickPlacement lid{0, type, {}};
+    BrickPlacement lid{0, types.front(), {}};
     makeHeavy(&lid, heavy_mass_kg);
     lid.T_map_brick = T_map_heap * synthetic_depth::poseFromXyzRpy({xy_m.x(), xy_m.y(), 3.0 * half_m + gap_m},
                                                                    {0.0, 0.0, yaw_rad + 0.5 * M_PI});
@@ -91,7 +106,7 @@ std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const Brick
   while (static_cast<int>(bricks.size()) < config.bricks) {
     const Eigen::Vector2d xy_m = next(&is_new_layer);
     layer += is_new_layer ? 1 : 0;
-    BrickPlacement brick{0, type, {}};
+    BrickPlacement brick{0, types[bricks.size() % types.size()], {}};
     Eigen::Isometry3d T_heap_brick = Eigen::Isometry3d::Identity();
     T_heap_brick.translation() << xy_m.x(), xy_m.y(), base_m + (layer + 0.5) * turned_m;
     T_heap_brick.linear() = anyOrientation(random);
@@ -138,6 +153,14 @@ void drawDecoys(const DecoyConfig& config, std::vector<BrickPlacement>* bricks, 
     brick->decoy = Decoy::kTwoPlates;
     shuffle(brick->type.plate_faces, random);
     if (brick->type.plate_faces.size() > 2) brick->type.plate_faces.resize(2);
+  }
+  // The cell of a shipped brick holds each of these in any orientation. Their sizes differ from those of all types.
+  for (int i = 0; i < config.cardboard; ++i) {
+    makeForeign(take(), Decoy::kCardboard, {0.24, 0.24, 0.2}, {0.71, 0.55, 0.36});
+  }
+  for (int i = 0; i < config.sphere; ++i) makeForeign(take(), Decoy::kSphere, {0.2, 0.2, 0.2}, {0.55, 0.55, 0.52});
+  for (int i = 0; i < config.cylinder; ++i) {
+    makeForeign(take(), Decoy::kCylinder, {0.16, 0.16, 0.26}, {0.3, 0.42, 0.35});
   }
 }
 

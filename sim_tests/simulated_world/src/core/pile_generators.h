@@ -8,8 +8,12 @@
 
 namespace simulated_world {
 
-/// Bricks of a tipped heap before they drop, `wedged` of them flat on the ground with a heavy one across; ids are not set.
-std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const BrickType& type, int wedged,
+/// Of the largest of these types [m].
+double longestDiagonal(const std::vector<BrickType>& types);
+
+/// Bricks of a tipped heap before they drop, of the types in turn. `wedged` of them, of the first type, are flat on the
+/// ground with a heavy one across. Ids are not set.
+std::vector<BrickPlacement> tippedBricks(const TippedConfig& config, const std::vector<BrickType>& types, int wedged,
                                          double heavy_mass_kg, double gap_m, synthetic_depth::SeededRandom& random);
 
 /// Any orientation, all equally likely.

@@ -339,12 +339,19 @@ std::vector<std::string> DecoyConfig::validate() const {
   check("two_plates", two_plates, 0, 10000, "");
   check("wedged", wedged, 0, 10000, "");
   check("heavy_mass_kg", heavy_mass_kg, 0.001, 1000.0, "kg");
+  check("cardboard", cardboard, 0, 10000, "");
+  check("sphere", sphere, 0, 10000, "");
+  check("cylinder", cylinder, 0, 10000, "");
   std::vector<std::string> problems = check.problems();
   if (wedged > heavy) {
     problems.push_back("wedged = " + std::to_string(wedged) + ", must be at most heavy = " + std::to_string(heavy) +
                        ": each lies under a heavy one of its own");
   }
   return problems;
+}
+
+std::vector<BrickType> PileSceneConfig::typesOf(const TippedConfig& heap) const {
+  return heap.types.empty() ? std::vector<BrickType>{brick} : heap.types;
 }
 
 int PileSceneConfig::numBricks() const {
@@ -368,10 +375,12 @@ std::vector<std::string> PileSceneConfig::validate() const {
   for (std::size_t i = 0; i < tipped.size(); ++i) {
     const std::string key = "tipped[" + std::to_string(i) + "]/";
     add(key, tipped[i].validate());
-    const double turned_m = brick.size_m.norm();
+    const std::vector<BrickType> types = typesOf(tipped[i]);
+    for (const BrickType& type : types) add(key, typeProblems("brick_types, " + type.name, type));
+    const double turned_m = longestDiagonal(types);
     if (!(tipped[i].extent_m.minCoeff() >= turned_m)) {
       problems.push_back(key + "extent_m, must be at least " + std::to_string(turned_m) +
-                         " m, a brick's diagonal, on each side");
+                         " m, a brick's longest diagonal, on each side");
     }
   }
   for (std::size_t i = 0; i < stacks.size(); ++i) {
@@ -435,8 +444,8 @@ PileScene generateScene(const PileSceneConfig& config, std::uint64_t seed) {
   const std::size_t tipped_group = config.heaps.size();
   const std::size_t stack_group = tipped_group + 1;
   for (std::size_t t = 0; t < config.tipped.size(); ++t) {
-    append(tippedBricks(config.tipped[t], config.brick, t == 0 ? config.decoys.wedged : 0, config.decoys.heavy_mass_kg,
-                        config.drop_gap_m, random),
+    append(tippedBricks(config.tipped[t], config.typesOf(config.tipped[t]), t == 0 ? config.decoys.wedged : 0,
+                        config.decoys.heavy_mass_kg, config.drop_gap_m, random),
            tipped_group);
   }
   for (const StackConfig& stack : config.stacks) {

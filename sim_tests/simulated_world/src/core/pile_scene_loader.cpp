@@ -36,6 +36,27 @@ BrickType readType(YamlMap& section, const std::string& key, const std::vector<B
   return type == nullptr ? fallback : *type;
 }
 
+std::string namesOf(const std::vector<BrickType>& types) {
+  std::string names;
+  for (const BrickType& type : types) names += (names.empty() ? "" : ", ") + type.name;
+  return names;
+}
+
+/// The types that `section` lists at `key`; empty if it has no such key.
+std::vector<BrickType> readTypes(YamlMap& section, const std::string& key, const std::vector<BrickType>& types) {
+  std::vector<BrickType> listed;
+  if (!section.has(key)) return listed;
+  for (const std::string& name : section.words(key)) {
+    const BrickType* type = findType(types, name);
+    if (type == nullptr) {
+      section.note(key, name, "a list of: " + namesOf(types));
+    } else {
+      listed.push_back(*type);
+    }
+  }
+  return listed;
+}
+
 HeapConfig readHeap(YamlMap section) {
   HeapConfig heap;
   for (const char* key : {"center_m", "extent_m", "bricks", "layers"}) {
@@ -50,7 +71,7 @@ HeapConfig readHeap(YamlMap section) {
   return heap;
 }
 
-TippedConfig readTipped(YamlMap section) {
+TippedConfig readTipped(YamlMap section, const std::vector<BrickType>& types) {
   TippedConfig heap;
   for (const char* key : {"center_m", "extent_m", "bricks"}) {
     section.require(key, "given for each of tipped");
@@ -60,6 +81,7 @@ TippedConfig readTipped(YamlMap section) {
   heap.extent_m = section.numbers("extent_m", heap.extent_m, kLength);
   heap.bricks = section.integer("bricks", heap.bricks, kCount);
   heap.drop_height_m = section.number("drop_height_m", heap.drop_height_m, {0.01, 5.0, "m"});
+  heap.types = readTypes(section, "brick_types", types);
   section.finish();
   return heap;
 }
@@ -91,7 +113,7 @@ DecoyConfig readDecoys(YamlMap section, int num_bricks) {
   const Interval count{0, 10000};
   if (section.has("share")) {
     decoys = DecoyConfig::fromShare(section.number("share", 0.0, {0.0, 1.0}), num_bricks);
-    for (const char* key : {"untagged", "heavy", "two_plates", "wedged"}) {
+    for (const char* key : {"untagged", "heavy", "two_plates", "wedged", "cardboard", "sphere", "cylinder"}) {
       if (section.has(key)) section.note(key, "a number beside share", "given, or share, but not both");
     }
   }
@@ -99,6 +121,9 @@ DecoyConfig readDecoys(YamlMap section, int num_bricks) {
   decoys.heavy = section.integer("heavy", decoys.heavy, count);
   decoys.two_plates = section.integer("two_plates", decoys.two_plates, count);
   decoys.wedged = section.integer("wedged", decoys.wedged, count);
+  decoys.cardboard = section.integer("cardboard", decoys.cardboard, count);
+  decoys.sphere = section.integer("sphere", decoys.sphere, count);
+  decoys.cylinder = section.integer("cylinder", decoys.cylinder, count);
   decoys.heavy_mass_kg = section.number("heavy_mass_kg", decoys.heavy_mass_kg, {0.001, 1000.0, "kg"});
   section.finish();
   return decoys;
@@ -128,7 +153,7 @@ PileSceneConfig readScene(YamlMap section, const std::vector<BrickType>& types, 
   section.require("robot_start", "{xy_m, yaw_rad}");
   config.brick = readType(section, "brick_type", types, BrickType());
   for (const YamlMap& heap : section.optionalMaps("heaps")) config.heaps.push_back(readHeap(heap));
-  for (const YamlMap& heap : section.optionalMaps("tipped")) config.tipped.push_back(readTipped(heap));
+  for (const YamlMap& heap : section.optionalMaps("tipped")) config.tipped.push_back(readTipped(heap, types));
   for (const YamlMap& stack : section.optionalMaps("stacks")) config.stacks.push_back(readStack(stack));
   for (const YamlMap& wall : section.optionalMaps("walls")) config.walls.push_back(readWall(wall));
   for (const YamlMap& brick : section.optionalMaps("bricks")) {

@@ -70,13 +70,18 @@ std::array<bool, 6> platesOf(const description::BrickType& type) {
   return has_plate;
 }
 
+bool canHaveTags(Decoy decoy) {
+  return decoy != Decoy::kUntagged && decoy != Decoy::kCardboard && decoy != Decoy::kSphere &&
+         decoy != Decoy::kCylinder;
+}
+
 BrickAppearance appearanceOf(const BrickPlacement& placement, const description::BrickCatalogue& catalogue) {
-  const description::BrickType& type = catalogue.typeOf(placement.id);
+  const description::BrickType& type = placement.type;
   BrickAppearance look;
   look.size_m = type.size_m;
   look.plate_edge_m = type.plate_edge_m;
-  look.has_plate = platesOf(placement.type);
-  look.has_tags = placement.decoy != Decoy::kUntagged;
+  look.has_plate = platesOf(type);
+  look.has_tags = canHaveTags(placement.decoy);
   look.tag_edge_m = catalogue.tags.black_border_edge_m;
   look.colour_rgb = type.color_rgb;
   look.family = catalogue.tags.family;
@@ -280,15 +285,15 @@ void Simulation::layPile() {
   scene_.has_tags = scene_.has_tags && config_.has_tags;
   const std::map<int, std::string> reasons = unpickable(scene_.bricks, config_.world.magnet.holding_force_N);
   for (const BrickPlacement& placement : scene_.bricks) {
-    const description::BrickType& type = catalogue.typeOf(placement.id);
-    if (placement.type.name != type.name) {
-      throw std::invalid_argument(config_.scene + ": brick " + std::to_string(placement.id) + " is of type " +
-                                  placement.type.name + ", must be " + type.name + ", as " +
-                                  config_.description.bricks + " labels it");
+    const std::string& type = placement.type.name;
+    if (const std::string& label = catalogue.typeOf(placement.id).name; scene_.has_tags && type != label) {
+      throw std::invalid_argument(config_.scene + ": brick " + std::to_string(placement.id) + " is of type " + type +
+                                  ", must be " + label + ", as " + config_.description.bricks +
+                                  " labels it, or have no tags");
     }
     WorldBrick brick;
     brick.placement = placement;
-    brick.plate_edge_m = type.plate_edge_m;
+    brick.plate_edge_m = placement.type.plate_edge_m;
     brick.has_plate = platesOf(placement.type);
     brick.material = brickBodyName(placement.id);
     blueprint_.assets_mjcf += brickTextureXml(brick.material, kBrickFace_px);

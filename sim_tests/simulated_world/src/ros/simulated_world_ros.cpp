@@ -556,7 +556,9 @@ void SimulatedWorldRos::publishTruth() {
     marker.id = placement.id;
     const std::optional<simulated_world::BrickMotion> brick = simulation_.world().brick(placement.id);
     if (brick) {
-      marker.type = visualization_msgs::Marker::CUBE;
+      marker.type = placement.decoy == simulated_world::Decoy::kSphere     ? visualization_msgs::Marker::SPHERE
+                    : placement.decoy == simulated_world::Decoy::kCylinder ? visualization_msgs::Marker::CYLINDER
+                                                                           : visualization_msgs::Marker::CUBE;
       marker.pose = interactive_mapping_ros::toPose(brick->T_map_brick);
       marker.scale.x = placement.type.size_m.x();
       marker.scale.y = placement.type.size_m.y();

@@ -131,6 +131,7 @@ std::optional<po::variables_map> parse(int argc, char** argv) {
     ("target", po::value<std::vector<double>>()->multitoken(), "what the eye looks at: x y z in the map [m]")
     ("fovy", po::value<double>()->default_value(32.0), "of an overview: vertical field of view [deg]")
     ("config", po::value<std::string>(), "the node's parameters; their camera is used (default: one without noise)")
+    ("bricks", po::value<std::string>(), "types of bricks (default: config/bricks.yaml of --description)")
     ("description", po::value<std::string>()->default_value(MP700_UR5E_DESCRIPTION_DIR),
      "folder of the package mp700_ur5e_description");
   // clang-format on
@@ -170,8 +171,10 @@ int main(int argc, char** argv) {
     const auto description = arguments["description"].as<std::string>();
 
     simulated_world::SimulationConfig config;
-    config.description = {description + "/urdf/mp700_ur5e.urdf", description + "/config/base_profile.yaml",
-                          description + "/config/bricks.yaml", description + "/config/arm_poses/stowed.yaml"};
+    config.description = {
+        description + "/urdf/mp700_ur5e.urdf", description + "/config/base_profile.yaml",
+        arguments.count("bricks") != 0 ? arguments["bricks"].as<std::string>() : description + "/config/bricks.yaml",
+        description + "/config/arm_poses/stowed.yaml"};
     config.scene = arguments["scene"].as<std::string>();
     config.seed = static_cast<std::uint64_t>(arguments["seed"].as<std::int64_t>());
     config.world.has_surroundings = view == "overview";

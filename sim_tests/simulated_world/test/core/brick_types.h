@@ -3,6 +3,8 @@
 
 #include <vector>
 
+#include <mp700_ur5e_description/brick_types.h>
+
 #include "simulated_world/pile_scene.h"
 
 namespace simulated_world {
@@ -12,9 +14,12 @@ inline BrickType plainBrick() {
   return {"brick", Eigen::Vector3d(0.3, 0.2, 0.2), 1.0, 0.6};
 }
 constexpr int kMaxBricks = 97;
+constexpr char kThreeSizes[] = MP700_UR5E_DESCRIPTION_DIR "/config/bricks_three_sizes.yaml";
 
+/// A shipped one.
 inline PileSceneConfig world(const std::string& name) {
-  return loadPileScene(SIMULATED_WORLDS "/" + name + ".yaml", {plainBrick()}, kMaxBricks);
+  static const auto kTypes = mp700_ur5e_description::loadBrickTypes(kThreeSizes).types;
+  return loadPileScene(SIMULATED_WORLDS "/" + name + ".yaml", kTypes, kMaxBricks);
 }
 
 inline BrickPlacement brickAt(int id, const Eigen::Vector3d& xyz_m, double yaw_rad = 0.0) {

@@ -893,14 +893,28 @@ TEST(Simulation, AHeavyBrickStaysAndIsNotPickable) {
   EXPECT_EQ(robot.judged().drops, 0) << "it never left the ground";
 }
 
-TEST(Simulation, AnUntaggedBoxHasNoPlateToHoldItBy) {
-  const SceneFile untagged(
-      "brick_type: brick\nrobot_start: {xy_m: [-3, 0]}\nbricks: [{id: 0, xyz_m: [0, 0, 0.1]}]\ndecoys: {untagged: "
-      "1}\n");
-  Robot robot(untagged.config());
-  EXPECT_EQ(robot.sim.judge().report().bricks_pickable, 0);
-  robot.grasp(0);
-  EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
+TEST(Simulation, OtherBodiesHaveNoPlateToHoldThemBy) {
+  for (const std::string kind : {"untagged", "cardboard", "sphere"}) {
+    SCOPED_TRACE(kind);
+    const SceneFile scene(
+        "brick_type: brick\nrobot_start: {xy_m: [-3, 0]}\nbricks: [{id: 0, xyz_m: [0, 0, 0.1]}]\ndecoys: {" + kind +
+        ": 1}\n");
+    Robot robot(scene.config());
+    EXPECT_EQ(robot.sim.judge().report().bricks_pickable, 0);
+    robot.grasp(0);
+    EXPECT_FALSE(robot.sim.world().heldBrick().has_value());
+  }
+}
+
+TEST(Simulation, BricksOfOtherTypesHaveNoTags) {
+  const SceneFile scene("brick_type: half\nrobot_start: {xy_m: [-3, 0]}\nbricks: [{id: 0, xyz_m: [0, 0, 0.06]}]\n");
+  SimulationConfig config = scene.config();
+  config.description.bricks = MP700_UR5E_DESCRIPTION_DIR "/config/bricks_three_sizes.yaml";
+  EXPECT_THAT(messageOf<std::invalid_argument>([&] { const Simulation refused(config); }),
+              HasSubstr("brick 0 is of type half, must be brick, as " + config.description.bricks + " labels it"));
+  config.has_tags = false;
+  const Simulation plain(config);
+  EXPECT_EQ(plain.scene().bricks.at(0).type.name, "half");
 }
 
 const char* const kWallAhead =

@@ -133,7 +133,7 @@ TEST_P(TippedWorlds, SettleAsAJumbleThatStaysPut) {
 
 INSTANTIATE_TEST_SUITE_P(Shipped, TippedWorlds,
                          testing::Values("tipped_20", "tipped_40", "tipped_80", "tipped_stack", "against_wall",
-                                         "in_corner", "decoys"));
+                                         "in_corner", "decoys", "plain_mixed"));
 
 TEST(Stacks, FallWhenTheLowerBrickIsTakenFirstAndNotFromTheTop) {
   const PileSceneConfig config =
@@ -210,6 +210,46 @@ TEST(Decoys, AreAsManyAsAskedForAndTheWedgedOneCannotBePicked) {
   EXPECT_GT(heavy_ones.size(), 2U) << "the seed does not draw them";
 }
 
+TEST(Decoys, OtherBodiesAreAmongBricksOfThreeSizes) {
+  const std::vector<BrickType> types = mp700_ur5e_description::loadBrickTypes(kThreeSizes).types;
+  const PileScene scene = settlePile(world("plain_mixed"), 1).scene;
+  std::map<Decoy, std::vector<BrickPlacement>> kinds;
+  std::map<std::string, int> names;
+  for (const BrickPlacement& brick : scene.bricks) {
+    kinds[brick.decoy].push_back(brick);
+    ++names[brick.type.name];
+  }
+  EXPECT_EQ(names, (std::map<std::string, int>{{"brick", 6}, {"half", 5}, {"slab", 5}}));
+  EXPECT_EQ(kinds[Decoy::kNone].size(), 12U);
+  EXPECT_EQ(kinds[Decoy::kSphere].size(), 1U);
+  EXPECT_EQ(kinds[Decoy::kCylinder].size(), 1U);
+  ASSERT_EQ(kinds[Decoy::kCardboard].size(), 2U);
+  for (const BrickType& type : types) {  // by more than a detector's tolerance
+    EXPECT_GT((kinds[Decoy::kCardboard][0].type.size_m - type.size_m).cwiseAbs().maxCoeff(), 0.03) << type.name;
+  }
+  const std::map<int, std::string> reasons = unpickable(scene.bricks, kHoldingForce_N);
+  for (const Decoy kind : {Decoy::kCardboard, Decoy::kSphere, Decoy::kCylinder}) {
+    for (const BrickPlacement& body : kinds[kind]) EXPECT_EQ(reasons.count(body.id), 1U) << toString(kind);
+  }
+}
+
+TEST(Decoys, RoundOnesLieAtAnyTurn) {
+  BrickPlacement sphere = brickAt(0, {0.0, 0.0, 0.1});
+  sphere.decoy = Decoy::kSphere;
+  sphere.type.size_m.setConstant(0.2);
+  sphere.T_map_brick.rotate(Eigen::AngleAxisd(0.5, Eigen::Vector3d(1.0, 1.0, 0.0).normalized()));
+  BrickPlacement cylinder = brickAt(1, {1.0, 0.0, 0.08});
+  cylinder.decoy = Decoy::kCylinder;
+  cylinder.type.size_m = {0.16, 0.16, 0.26};
+  cylinder.T_map_brick.rotate(Eigen::AngleAxisd(0.5 * M_PI, Eigen::Vector3d::UnitX()));
+  cylinder.T_map_brick.rotate(Eigen::AngleAxisd(0.6, Eigen::Vector3d::UnitZ()));
+  BrickPhysics physics({sphere, cylinder}, PhysicsOptions());
+  physics.run(2.0);
+  const std::vector<BrickPlacement> now = physics.bricks();
+  EXPECT_TRUE(now[0].T_map_brick.isApprox(sphere.T_map_brick, 0.005));  // boxes of the same sizes fall flat
+  EXPECT_TRUE(now[1].T_map_brick.isApprox(cylinder.T_map_brick, 0.005));
+}
+
 TEST(Decoys, AShareIsSplitByKind) {
   const DecoyConfig six = DecoyConfig::fromShare(0.15, 40);
   EXPECT_EQ(six.total(), 6);
@@ -271,6 +311,16 @@ TEST(SceneLoader, RefusesWithKeyValueAndRange) {
   EXPECT_TRUE(says(with("decoys: {untagged: 17}\n"), "decoys = 17, must be at most 16"));
   EXPECT_TRUE(says(with("decoys: {heavy: 9, wedged: 9}\n"), "decoys/wedged = 9, must be at most half"));
   EXPECT_TRUE(says(with("decoys: {ghost: 1}\n"), "decoys/ghost is unknown"));
+  EXPECT_TRUE(says(with("decoys: {sphere: -1}\n"), "decoys/sphere = -1, must be an integer in [0, 10000]"));
+  EXPECT_TRUE(says(with("decoys: {share: 0.1, cardboard: 1}\n"), "decoys/cardboard = a number beside share"));
+  EXPECT_TRUE(says(with("decoys: {cardboard: 9, cylinder: 8}\n"), "decoys = 17, must be at most 16"));
+  const auto withTypes = [](const std::string& types) {
+    return refusalOf(kHead + "tipped:\n  - {center_m: [0, 0], extent_m: [1, 1], bricks: 3, brick_types: " + types +
+                     "}\n");
+  };
+  EXPECT_EQ(withTypes("[brick, brick]"), "(accepted)");
+  EXPECT_TRUE(says(withTypes("[brick, cube]"), "tipped[0]/brick_types = cube, must be a list of: brick"));
+  EXPECT_TRUE(says(withTypes("brick"), "tipped[0]/brick_types = brick, must be a list of words"));
   EXPECT_TRUE(says(with("bricks:\n  - {id: 0, xyz_m: [3, 0, 0.1]}\n"), "not both"));
   EXPECT_TRUE(says(refusalOf(kHead + "walls:\n  - {center_m: [0.7, 0], size_m: [0.2, 3, 2]}\n"), "must be given"));
 }

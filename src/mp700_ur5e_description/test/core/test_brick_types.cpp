@@ -36,6 +36,24 @@ TEST(BrickTypes, ReadsShippedFile) {
   EXPECT_THROW(catalogue.type("stone"), std::invalid_argument);
 }
 
+TEST(BrickTypes, ThreeSizesAreToldApartByAnyFace) {
+  const std::vector<BrickType> types = loadBrickTypes(DESCRIPTION_DIR "/config/bricks_three_sizes.yaml").types;
+  ASSERT_EQ(types.size(), 3U);
+  EXPECT_EQ(types.front().size_m, loadBrickTypes(kFile).types.front().size_m);
+  const auto face = [](const BrickType& type, int normal) {
+    const double a = type.size_m[(normal + 1) % 3];
+    const double b = type.size_m[(normal + 2) % 3];
+    return Eigen::Vector2d(std::max(a, b), std::min(a, b));
+  };
+  for (std::size_t i = 0; i < types.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      for (int k = 0; k < 9; ++k) {  // twice what surface_picking allows
+        EXPECT_GT((face(types[i], k / 3) - face(types[j], k % 3)).cwiseAbs().maxCoeff(), 0.039) << i << j << k;
+      }
+    }
+  }
+}
+
 TEST(BrickTypes, TagIdsAreUniqueAndGoThereAndBack) {
   const BrickCatalogue catalogue = loadBrickTypes(kFile);
   std::set<int> ids;
