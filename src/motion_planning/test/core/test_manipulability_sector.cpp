@@ -370,7 +370,7 @@ TEST_F(Admits, SideFacesTowardsTheArm) {
   EXPECT_EQ(reason(pointAt(0.6, 1.0, 0.1), tilted(90.0, 180.0 + 1.0 / kDegree)), "") << "on the left";
   EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(90.0, 130.0)),
               HasSubstr("the side face points 50 deg away from the arm, must be within 45 deg"));
-  EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(90.0, 0.0)), HasSubstr("looks 180 deg away from the arm"));
+  EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(90.0, 0.0)), HasSubstr("points 180 deg away from the arm"));
   EXPECT_THAT(reason(pointAt(0.4, 0.0, 0.1), tilted(90.0, 180.0)), HasSubstr("side face: radius"))
       << "the side's sector, not the top's";
 }
@@ -379,7 +379,7 @@ TEST_F(Admits, FacesBetweenInBothSectors) {
   EXPECT_EQ(reason(pointAt(0.6, 0.0, 0.1), tilted(45.0, 180.0)), "");
   EXPECT_EQ(reason(pointAt(0.6, 0.0, 0.1), tilted(45.0, 91.0)), "") << "nearly across";
   EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(45.0, 89.0)),
-              HasSubstr("looks 91 deg away from the arm, must be within 90 deg"));
+              HasSubstr("points 91 deg away from the arm, must be within 90 deg"));
   EXPECT_THAT(reason(pointAt(0.4, 0.0, 0.1), tilted(45.0, 180.0)), HasSubstr("side face: radius"));
   sectors_.top.max_radius_m = 0.55;
   EXPECT_THAT(reason(pointAt(0.6, 0.0, 0.1), tilted(45.0, 180.0)), HasSubstr("top face: radius"));
