@@ -7,7 +7,6 @@
 #include <numeric>
 #include <stdexcept>
 #include <string>
-#include <unordered_map>
 
 #include <Eigen/Eigenvalues>
 
@@ -25,45 +24,63 @@ class MeshGraph {
   };
 
   explicit MeshGraph(const TriangleMesh& mesh)
-      : neighbours_(mesh.vertices_map.size()), areas_(neighbours_.size(), 0.0) {
-    std::unordered_map<std::uint64_t, std::pair<int, std::uint32_t>>
-        edges;  // triangles, and the last one's third vertex
-    edges.reserve(3 * mesh.triangles.size());
+      : begins_(mesh.vertices_map.size() + 1, 0), areas_(mesh.vertices_map.size(), 0.0) {
+    const auto forEdges = [&mesh](auto use) {
+      for (const auto& triangle : mesh.triangles) {
+        for (std::size_t i = 0; i < 3; ++i) use(triangle[i], triangle[(i + 1) % 3], triangle[(i + 2) % 3]);
+      }
+    };
     for (const auto& triangle : mesh.triangles) {
       const Eigen::Vector3d& a = mesh.vertices_map[triangle[0]];
       const double area = 0.5 * (mesh.vertices_map[triangle[1]] - a).cross(mesh.vertices_map[triangle[2]] - a).norm();
-      for (int i = 0; i < 3; ++i) {
-        const std::uint32_t from = triangle[static_cast<std::size_t>(i)];
-        const std::uint32_t to = triangle[static_cast<std::size_t>((i + 1) % 3)];
-        areas_[from] += area / 3.0;
-        auto& edge = edges[keyOf(from, to)];
-        if (edge.first++ == 0) {
-          neighbours_[from].push_back(to);
-          neighbours_[to].push_back(from);
-        }
-        edge.second = triangle[static_cast<std::size_t>((i + 2) % 3)];
+      for (const std::uint32_t vertex : triangle) areas_[vertex] += area / 3.0;
+    }
+    // The edges of each vertex side by side: one for each triangle that has it.
+    struct Side {
+      std::uint32_t to, opposite;
+    };
+    std::vector<std::size_t> ends(begins_.size(), 0);
+    forEdges([&](std::uint32_t from, std::uint32_t to, std::uint32_t) {
+      ++ends[from + 1];
+      ++ends[to + 1];
+    });
+    std::partial_sum(ends.begin(), ends.end(), ends.begin());
+    std::vector<Side> sides(ends.back());
+    forEdges([&, at = ends](std::uint32_t from, std::uint32_t to, std::uint32_t opposite) mutable {
+      sides[at[from]++] = {to, opposite};
+      sides[at[to]++] = {from, opposite};
+    });
+    neighbours_.reserve(sides.size() / 2 + 1);
+    for (std::uint32_t vertex = 0; vertex + 1 < begins_.size(); ++vertex) {
+      const auto begin = sides.begin() + static_cast<std::ptrdiff_t>(ends[vertex]);
+      const auto end = sides.begin() + static_cast<std::ptrdiff_t>(ends[vertex + 1]);
+      std::sort(begin, end, [](const Side& a, const Side& b) { return a.to < b.to; });
+      for (auto side = begin; side != end;) {
+        const auto next = std::find_if(side, end, [&](const Side& other) { return other.to != side->to; });
+        neighbours_.push_back(side->to);
+        if (next - side == 1 && vertex < side->to) open_.push_back({vertex, side->to, side->opposite});
+        side = next;
       }
+      begins_[vertex + 1] = neighbours_.size();
     }
-    for (const auto& [key, edge] : edges) {
-      if (edge.first != 1) continue;
-      open_.push_back({static_cast<std::uint32_t>(key >> 32U), static_cast<std::uint32_t>(key), edge.second});
-    }
-    // The hash map's order is not the mesh's.
-    std::sort(open_.begin(), open_.end(),
-              [](const OpenEdge& a, const OpenEdge& b) { return a.from != b.from ? a.from < b.from : a.to < b.to; });
-    for (auto& list : neighbours_) std::sort(list.begin(), list.end());
   }
 
-  const std::vector<std::uint32_t>& neighbours(std::uint32_t vertex) const { return neighbours_[vertex]; }
+  /// In their order, to iterate over.
+  struct Neighbours {
+    const std::uint32_t *first, *last;
+    const std::uint32_t* begin() const { return first; }
+    const std::uint32_t* end() const { return last; }
+    std::ptrdiff_t size() const { return last - first; }
+  };
+  Neighbours neighbours(std::uint32_t vertex) const {
+    return {neighbours_.data() + begins_[vertex], neighbours_.data() + begins_[vertex + 1]};
+  }
   double area(std::uint32_t vertex) const { return areas_[vertex]; }  // a third of its triangles' [m^2]
   const std::vector<OpenEdge>& openEdges() const { return open_; }
 
  private:
-  static std::uint64_t keyOf(std::uint32_t a, std::uint32_t b) {
-    return (static_cast<std::uint64_t>(std::min(a, b)) << 32U) | std::max(a, b);
-  }
-
-  std::vector<std::vector<std::uint32_t>> neighbours_;
+  std::vector<std::uint32_t> neighbours_;  // of all vertices, one after the other
+  std::vector<std::size_t> begins_;
   std::vector<double> areas_;
   std::vector<OpenEdge> open_;
 };
