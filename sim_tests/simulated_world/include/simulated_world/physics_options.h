@@ -35,8 +35,8 @@ std::string groundXml(const PhysicsOptions& options, const std::string& geom_att
 std::string wallXml(std::size_t index, const Wall& wall, const PhysicsOptions& options,
                     const std::string& geom_attributes = "");
 
-/// Free `<body>` with a box for a brick, or what its decoy is; body and geom are named brickBodyName(id), the joint with "_joint" after it.
-/// `geom_attributes` go into the geom, e.g. a material.
+/// Free `<body>` with a box for a brick, or with the shape of its decoy; body and geom are named brickBodyName(id), the
+/// joint with "_joint" after it. `geom_attributes` go into the geom, e.g. a material.
 std::string brickXml(const BrickPlacement& brick, const PhysicsOptions& options,
                      const std::string& geom_attributes = "");
 

@@ -84,10 +84,10 @@ class UrController {
   CommandAnswer setSpeedSlider(double fraction);
   CommandAnswer setIo(int function, int pin, double state);  ///< values of ur_msgs/SetIO
   CommandAnswer setPayload(const UrPayload& payload);
-
-  /// As a sensor there measures. Throws std::out_of_range unless pin is 0 or 1.
-  void setAnalogIn(std::size_t pin, double voltage_V) { io_.analog_in_V.at(pin) = voltage_V; }
   CommandAnswer zeroFtSensor();
+
+  /// Voltage of a sensor at an analog input. Throws std::out_of_range unless pin is 0 or 1.
+  void setAnalogIn(std::size_t pin, double voltage_V) { io_.analog_in_V.at(pin) = voltage_V; }
 
   // The controller's trajectories.
   GoalAnswer acceptGoal(const TrajectoryGoal& goal);

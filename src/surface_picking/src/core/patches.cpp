@@ -39,21 +39,21 @@ class MeshGraph {
     struct Side {
       std::uint32_t to, opposite;
     };
-    std::vector<std::size_t> ends(begins_.size(), 0);
+    std::vector<std::size_t> starts(begins_.size(), 0);
     forEdges([&](std::uint32_t from, std::uint32_t to, std::uint32_t) {
-      ++ends[from + 1];
-      ++ends[to + 1];
+      ++starts[from + 1];
+      ++starts[to + 1];
     });
-    std::partial_sum(ends.begin(), ends.end(), ends.begin());
-    std::vector<Side> sides(ends.back());
-    forEdges([&, at = ends](std::uint32_t from, std::uint32_t to, std::uint32_t opposite) mutable {
+    std::partial_sum(starts.begin(), starts.end(), starts.begin());
+    std::vector<Side> sides(starts.back());
+    forEdges([&, at = starts](std::uint32_t from, std::uint32_t to, std::uint32_t opposite) mutable {
       sides[at[from]++] = {to, opposite};
       sides[at[to]++] = {from, opposite};
     });
     neighbours_.reserve(sides.size() / 2 + 1);
     for (std::uint32_t vertex = 0; vertex + 1 < begins_.size(); ++vertex) {
-      const auto begin = sides.begin() + static_cast<std::ptrdiff_t>(ends[vertex]);
-      const auto end = sides.begin() + static_cast<std::ptrdiff_t>(ends[vertex + 1]);
+      const auto begin = sides.begin() + static_cast<std::ptrdiff_t>(starts[vertex]);
+      const auto end = sides.begin() + static_cast<std::ptrdiff_t>(starts[vertex + 1]);
       std::sort(begin, end, [](const Side& a, const Side& b) { return a.to < b.to; });
       for (auto side = begin; side != end;) {
         const auto next = std::find_if(side, end, [&](const Side& other) { return other.to != side->to; });
