@@ -63,6 +63,10 @@ class DepthClassifier {
   /// Image size must equal the camera's; throws std::invalid_argument otherwise.
   ClassifiedFrame classify(const DepthImage& image, int num_threads) const;
 
+  /// Upright box around the camera and everything that the image says anything about, up to the sensor's range [m, map
+  /// frame]; to within a few pixels.
+  Eigen::AlignedBox3d viewBox(const ClassifiedFrame& frame, const Eigen::Isometry3d& T_map_camera) const;
+
   /// Length of (theta, 1) for a pixel: range = depth * rayLength.
   float rayLength(int u, int v) const { return ray_length_[static_cast<std::size_t>(v) * camera_.width + u]; }
 

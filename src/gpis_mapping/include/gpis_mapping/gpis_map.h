@@ -47,6 +47,7 @@ struct UpdateStatistics {
   std::size_t cells_looked_at{0};                   // to find those in view; with each search counted
   std::size_t cells_copied{0};                      // into pages of the snapshot
   std::vector<Eigen::Vector3d> removed_points_map;  // where points were deleted
+  Eigen::AlignedBox3d view_box_map;                 // see DepthClassifier::viewBox()
 };
 
 /// What is remembered of the camera from image to image.

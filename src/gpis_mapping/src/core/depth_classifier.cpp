@@ -299,4 +299,19 @@ ClassifiedFrame DepthClassifier::classify(const DepthImage& image, int num_threa
   return frame;
 }
 
+Eigen::AlignedBox3d DepthClassifier::viewBox(const ClassifiedFrame& frame,
+                                             const Eigen::Isometry3d& T_map_camera) const {
+  constexpr int kStride_px = 4;
+  Eigen::AlignedBox3d box(Eigen::Vector3d(T_map_camera.translation()));
+  for (int v = 0; v < frame.height; v += kStride_px) {
+    for (int u = 0; u < frame.width; u += kStride_px) {
+      const std::size_t i = frame.index(u, v);
+      if (frame.kind[i] == PixelKind::kNoInformation) continue;
+      const double range_m = std::min(1.0 / frame.inverse_range[i], config_.sensor.max_range_m);
+      box.extend(T_map_camera * (camera_.ray(u, v) * (range_m / rayLength(u, v))));
+    }
+  }
+  return box;
+}
+
 }  // namespace gpis_mapping

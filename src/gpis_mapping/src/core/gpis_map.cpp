@@ -205,6 +205,7 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   prepareCamera(camera);
   auto classified = std::make_shared<ClassifiedFrame>(eye_.classifier->classify(image, threads));
   statistics.points_in = classified->num_surface;
+  statistics.view_box_map = eye_.classifier->viewBox(*classified, T_map_camera);
   statistics.classify_ms = stage.lapMs();
 
   if (num_updates_ == 0) epoch_s_ = stamp_s;

@@ -394,6 +394,8 @@ interactive_mapping_msgs::MapUpdate toMapUpdate(const gpis_mapping::UpdateStatis
   message.header = header;
   message.status = interactive_mapping_msgs::MapUpdate::ACCEPTED;
   message.update = update;
+  message.view_min = interactive_mapping_ros::toPoint(statistics.view_box_map.min());
+  message.view_max = interactive_mapping_ros::toPoint(statistics.view_box_map.max());
   message.points_in = static_cast<std::uint32_t>(statistics.points_in);
   message.inserted = static_cast<std::uint32_t>(statistics.inserted);
   message.fused = static_cast<std::uint32_t>(statistics.fused);

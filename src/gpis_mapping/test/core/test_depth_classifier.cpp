@@ -439,5 +439,33 @@ TEST(DepthClassifier, DoesNotDependOnTheNumberOfThreads) {
   EXPECT_EQ(one.blocked, three.blocked);
 }
 
+// A camera at (1, 2, 3) m that looks along the map's x axis.
+TEST(DepthClassifier, ViewBoxHoldsTheCameraAndAllThatTheImageTells) {
+  const GpisConfig config;
+  const CameraModel camera = wideCamera();
+  Eigen::Isometry3d T_map_camera = Eigen::Isometry3d::Identity();
+  T_map_camera.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  T_map_camera.translation() << 1.0, 2.0, 3.0;
+  const DepthClassifier classifier(camera, config);
+  const auto boxOf = [&](const DepthImage& image) {
+    return classifier.viewBox(classifier.classify(image, 1), T_map_camera);
+  };
+  constexpr double kFewPixels_m = 4.0 * 2.0 / 525.0;  // every fourth row and column, at 2 m
+  DepthImage image = flatImage(camera, 2.0f);
+  const Eigen::AlignedBox3d box = boxOf(image);
+  EXPECT_EQ(box.min().x(), 1.0);
+  EXPECT_NEAR(box.max().x(), 3.0, 1e-5);  // single precision
+  EXPECT_NEAR(box.max().y(), 2.0 + 2.0 * 159.5 / 525.0, kFewPixels_m);
+  EXPECT_NEAR(box.min().y(), 2.0 - 2.0 * 159.5 / 525.0, kFewPixels_m);
+  EXPECT_NEAR(box.max().z(), 3.0 + 2.0 * 7.5 / 525.0, kFewPixels_m);
+  setColumns(&image, 0, 160, kInf);  // nothing in reach: the image tells that it is free up to there
+  EXPECT_NEAR(boxOf(image).max().x(), 1.0 + config.sensor.max_range_m, 1e-3);
+  setColumns(&image, 0, 160, kNaN);  // masked
+  EXPECT_NEAR(boxOf(image).max().x(), 3.0, 1e-5);
+  EXPECT_EQ(boxOf(image).max().y(), 2.0) << "nothing is known left of the camera";
+  const Eigen::AlignedBox3d none = boxOf(flatImage(camera, kNaN));
+  EXPECT_EQ(none.min(), none.max()) << "the camera alone";
+}
+
 }  // namespace
 }  // namespace gpis_mapping

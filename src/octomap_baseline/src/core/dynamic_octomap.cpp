@@ -108,6 +108,7 @@ OctomapUpdateStatistics DynamicOctomap::update(const gpis_mapping::DepthImage& i
   prepareCamera(camera);
   const View view{classifier_->classify(image, threads_), T_map_camera, T_map_camera.inverse()};
   statistics.points_in = view.frame.num_surface;
+  statistics.view_box_map = classifier_->viewBox(view.frame, T_map_camera);
   statistics.classify_ms = timer.lapMs();
 
   VoxelSet& hits = hits_.front();

@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include <interactive_mapping_common_ros/markers.h>
+
 #include "gpis_mapping_ros/map_messages.h"
 #include "octomap_baseline/occupied_nodes.h"
 
@@ -136,6 +138,8 @@ interactive_mapping_msgs::MapUpdate toMapUpdate(const octomap_baseline::OctomapU
   message.header = header;
   message.status = interactive_mapping_msgs::MapUpdate::ACCEPTED;
   message.update = update;
+  message.view_min = interactive_mapping_ros::toPoint(statistics.view_box_map.min());
+  message.view_max = interactive_mapping_ros::toPoint(statistics.view_box_map.max());
   message.points_in = static_cast<std::uint32_t>(statistics.points_in);
   message.inserted = static_cast<std::uint32_t>(statistics.inserted);
   message.fused = static_cast<std::uint32_t>(statistics.hit_voxels - statistics.inserted);

@@ -263,6 +263,7 @@ TEST(OctomapMessages, UpdateTellsVoxelsAndTimes) {
   statistics.classify_ms = 1.0;
   statistics.cast_ms = 2.0;
   statistics.update_ms = 3.0;
+  statistics.view_box_map = {Eigen::Vector3d(1.0, 2.0, 3.0), Eigen::Vector3d(4.0, 5.0, 6.0)};
   const auto message = toMapUpdate(statistics, exampleHeader(), 5, 0.25);
   EXPECT_EQ(message.status, interactive_mapping_msgs::MapUpdate::ACCEPTED);
   EXPECT_EQ(message.update, 5u);
@@ -273,6 +274,8 @@ TEST(OctomapMessages, UpdateTellsVoxelsAndTimes) {
   EXPECT_EQ(message.map_points, 99u);
   EXPECT_FLOAT_EQ(message.total_ms, message.classify_ms + message.observe_ms + message.insert_ms);
   EXPECT_FLOAT_EQ(message.wait_ms, 0.25f);
+  EXPECT_EQ(message.view_min.y, 2.0);
+  EXPECT_EQ(message.view_max.z, 6.0);
 }
 
 }  // namespace

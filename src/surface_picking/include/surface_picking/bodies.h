@@ -3,6 +3,7 @@
 
 #include <limits>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -26,7 +27,8 @@ struct BodyConfig {
   static void fields(BodyConfig& c, interactive_mapping::Fields& f) {
     f("gate_m", c.gate_m, 0.005, 1.0, "m", "a cuboid nearer than this to a known body of its type can be this body");
     f("gate_rad", c.gate_rad, 0.01, 3.2, "rad", "the same of its rotation");
-    f("max_missed", c.max_missed, 0, 1000, "updates", "a body is kept for so many updates that do not show it");
+    f("max_missed", c.max_missed, 0, 1000, "updates",
+      "a body is kept for so many updates that look at its place and do not show it");
     f("put_back_m", c.put_back_m, 0.0, 10.0, "m",
       "what appears this near to where a body was taken from, soon after it was let go, is this body");
   }
@@ -37,7 +39,7 @@ struct Body {
   int id{0};
   Cuboid cuboid;
   int num_looks{0};   ///< updates that showed it
-  int num_missed{0};  ///< updates since
+  int num_missed{0};  ///< updates since that looked for it
   double first_seen_s{0.0};
   double last_seen_s{0.0};
 };
@@ -57,10 +59,12 @@ class BodyTracker {
   /// Takes in the cuboids of an update. Nearest pairs of a type within the gate first, then pairs whose places agree though
   /// type or rotation do not: those were mistaken before. A body without a cuboid goes when a cuboid contradicts it, when
   /// `space` (may be empty) calls its inside free, or after max_missed updates. Cuboids at the old pose of the body in
-  /// the hand are left out until the map has seen it empty. So they are after the body was let go elsewhere. Throws
+  /// the hand are left out until the map has seen it empty. So they are after the body was let go elsewhere. Only what is
+  /// wholly in `looked_at_map` was looked for: cuboids that are not are left out, and such bodies are not missed. Throws
   /// std::invalid_argument, and changes nothing, for a stamp that is before the last one. So it does for a stamp, pose
   /// or covariance that is not finite.
-  Update update(double stamp_s, const std::vector<Cuboid>& cuboids, const SpaceQuery& space);
+  Update update(double stamp_s, const std::vector<Cuboid>& cuboids, const SpaceQuery& space,
+                const Eigen::AlignedBox3d& looked_at_map = gpis_mapping::kEverywhere);
 
   /// The body is in the hand. Returns whether it was known.
   bool attach(int id);
@@ -83,12 +87,13 @@ class BodyTracker {
     int num_missed{0};         // updates since; if it is elsewhere, those in a row that show nothing here
   };
 
-  // Parts of update(), at last_stamp_s_.
+  // Parts of update(), at last_stamp_s_ and of looked_at_.
+  bool isLookedFor(const Cuboid& cuboid) const;
   bool hasLeftHand(const Taken& taken) const;
   /// Which cuboids are what the map still has of bodies that were taken.
   std::vector<bool> atTaken(const std::vector<Cuboid>& cuboids);
   /// The cuboid is the body.
-  void show(const Cuboid& cuboid, Body* body) const;
+  void show(const Cuboid& cuboid, Body* body);
   /// Returns the ids.
   std::vector<int> dropContradicted(const std::vector<Cuboid>& cuboids, const SpaceQuery& space);
   /// Of a cuboid that is no known body.
@@ -99,6 +104,8 @@ class BodyTracker {
   std::vector<Taken> taken_;
   int next_id_{0};
   double last_stamp_s_{-std::numeric_limits<double>::infinity()};
+  Eigen::AlignedBox3d looked_at_;
+  std::set<int> shown_;  // by the last update
 };
 
 }  // namespace surface_picking

@@ -19,8 +19,9 @@ class MapSurface {
  public:
   MapSurface(const ros::NodeHandle& nh, const std::string& map_frame);
 
-  /// The mapped surface. Throws std::runtime_error that says what failed: no service, no answer, another frame.
-  interactive_mapping_msgs::SurfaceMesh mesh();
+  /// The mapped surface, at least what lies in the box. Throws std::runtime_error that says what failed: no service, no
+  /// answer, another frame.
+  interactive_mapping_msgs::SurfaceMesh mesh(const Eigen::AlignedBox3d& box_map);
 
   /// Free, occupied or unknown at points [m, map frame]. Throws std::runtime_error as mesh().
   std::vector<surface_picking::SpaceState> states(const Eigen::Matrix3Xd& points_map);

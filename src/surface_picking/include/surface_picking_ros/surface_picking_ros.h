@@ -67,7 +67,8 @@ class SurfacePickingRos {
   std::optional<Eigen::Vector3d> placeOf(const interactive_mapping_msgs::AttachedBrick& attached) const;
 
   void work();
-  void look(const MapUpdate& update, brick_detection_ros::DetectLook* done);
+  /// Looks for what is in the view [map frame].
+  void look(const MapUpdate& update, const Eigen::AlignedBox3d& view_map, brick_detection_ros::DetectLook* done);
   /// Of all bodies, or of those at `indices`; the worker's.
   std::vector<interactive_mapping_msgs::Brick> toBricks(const std::vector<surface_picking::Body>& bodies,
                                                         const std::vector<std::size_t>& indices);
@@ -94,6 +95,7 @@ class SurfacePickingRos {
   std::condition_variable work_come_;
   bool is_stopping_{false};
   std::optional<MapUpdate> news_;
+  Eigen::AlignedBox3d view_;  // of the map's updates since the last look
   Counters counters_;
 
   PatchMarkers patch_markers_;  // the worker's

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <stdexcept>
 #include <tuple>
 #include <utility>
@@ -67,22 +68,28 @@ bool isFree(const Cuboid& cuboid, const SpaceQuery& space) {
 BodyTracker::BodyTracker(const BodyConfig& config)
     : config_(interactive_mapping::requireValid("impossible bodies:", config)) {}
 
-BodyTracker::Update BodyTracker::update(double stamp_s, const std::vector<Cuboid>& cuboids, const SpaceQuery& space) {
+BodyTracker::Update BodyTracker::update(double stamp_s, const std::vector<Cuboid>& all_cuboids, const SpaceQuery& space,
+                                        const Eigen::AlignedBox3d& looked_at_map) {
   if (!std::isfinite(stamp_s) || stamp_s < last_stamp_s_) {
     throw std::invalid_argument("stamp = " + std::to_string(stamp_s) + " s, must be finite and not before the last, " +
                                 std::to_string(last_stamp_s_) + " s");
   }
-  for (const Cuboid& cuboid : cuboids) {
+  for (const Cuboid& cuboid : all_cuboids) {
     if (!cuboid.T_map_body.matrix().allFinite() || !cuboid.covariance.allFinite()) {
       throw std::invalid_argument("pose and covariance of a cuboid of type '" + cuboid.type + "' must be finite");
     }
   }
   last_stamp_s_ = stamp_s;
+  looked_at_ = looked_at_map;
+  shown_.clear();
 
-  for (Body& body : bodies_) ++body.num_missed;
+  std::vector<Cuboid> cuboids;
+  std::copy_if(all_cuboids.begin(), all_cuboids.end(), std::back_inserter(cuboids),
+               [this](const Cuboid& cuboid) { return isLookedFor(cuboid); });
+  for (Body& body : bodies_) body.num_missed += isLookedFor(body.cuboid);
   std::vector<bool> is_used = atTaken(cuboids);
   for (const Pair& pair : pairsOf(bodies_, cuboids, config_)) {
-    if (bodies_[pair.body].num_missed == 0 || is_used[pair.cuboid]) continue;
+    if (shown_.count(bodies_[pair.body].id) > 0 || is_used[pair.cuboid]) continue;
     is_used[pair.cuboid] = true;
     show(cuboids[pair.cuboid], &bodies_[pair.body]);
   }
@@ -91,15 +98,21 @@ BodyTracker::Update BodyTracker::update(double stamp_s, const std::vector<Cuboid
   for (std::size_t j = 0; j < cuboids.size(); ++j) {
     if (!is_used[j]) addSeen(cuboids[j]);
   }
-  taken_.erase(
-      std::remove_if(taken_.begin(), taken_.end(),
-                     [&](Taken& taken) { return hasLeftHand(taken) && ++taken.num_missed > config_.max_missed; }),
-      taken_.end());
+  taken_.erase(std::remove_if(taken_.begin(), taken_.end(),
+                              [&](Taken& taken) {
+                                return hasLeftHand(taken) && isLookedFor(taken.body.cuboid) &&
+                                       ++taken.num_missed > config_.max_missed;
+                              }),
+               taken_.end());
   std::sort(bodies_.begin(), bodies_.end(), [](const Body& a, const Body& b) { return a.id < b.id; });
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    if (bodies_[i].num_missed == 0) result.seen.push_back(i);
+    if (shown_.count(bodies_[i].id) > 0) result.seen.push_back(i);
   }
   return result;
+}
+
+bool BodyTracker::isLookedFor(const Cuboid& cuboid) const {
+  return looked_at_.contains(boxAround(cuboid.T_map_body, cuboid.size_m));
 }
 
 bool BodyTracker::hasLeftHand(const Taken& taken) const {
@@ -113,30 +126,30 @@ std::vector<bool> BodyTracker::atTaken(const std::vector<Cuboid>& cuboids) {
     for (std::size_t j = 0; j < cuboids.size(); ++j) {
       if (!areOverlapping(taken.body.cuboid, cuboids[j])) continue;
       is_at_taken[j] = true;
-      taken.num_missed = -1;  // update() counts this one
+      taken.num_missed = -1;  // update() counts this one, if it looked for it
     }
   }
   return is_at_taken;
 }
 
-void BodyTracker::show(const Cuboid& cuboid, Body* body) const {
+void BodyTracker::show(const Cuboid& cuboid, Body* body) {
   Eigen::Matrix3d like = Eigen::Matrix3d::Identity();  // another type keeps no names of axes
   if (body->num_looks > 0 && body->cuboid.type == cuboid.type) like = body->cuboid.T_map_body.linear();
   body->cuboid = alignedLike(cuboid, like);
   ++body->num_looks;
   body->num_missed = 0;
   body->last_seen_s = last_stamp_s_;
+  shown_.insert(body->id);
 }
 
 std::vector<int> BodyTracker::dropContradicted(const std::vector<Cuboid>& cuboids, const SpaceQuery& space) {
   std::vector<int> dropped;
   std::vector<Body> kept;
   for (Body& body : bodies_) {
-    const bool is_gone = body.num_missed > config_.max_missed ||
-                         (body.num_missed > 0 &&
-                          (std::any_of(cuboids.begin(), cuboids.end(),
-                                       [&](const Cuboid& cuboid) { return areOverlapping(body.cuboid, cuboid); }) ||
-                           isFree(body.cuboid, space)));
+    const auto contradicts = [&](const Cuboid& cuboid) { return areOverlapping(body.cuboid, cuboid); };
+    const bool is_gone = shown_.count(body.id) == 0 && (body.num_missed > config_.max_missed ||
+                                                        std::any_of(cuboids.begin(), cuboids.end(), contradicts) ||
+                                                        (isLookedFor(body.cuboid) && isFree(body.cuboid, space)));
     if (is_gone) {
       dropped.push_back(body.id);
     } else {

@@ -46,6 +46,11 @@ bool overlap(const Eigen::Isometry3d& T_map_a, const Eigen::Vector3d& size_a_m, 
   });
 }
 
+Eigen::AlignedBox3d boxAround(const Eigen::Isometry3d& T_map_body, const Eigen::Vector3d& size_m) {
+  const Eigen::Vector3d reach = 0.5 * (T_map_body.linear().cwiseAbs() * size_m);
+  return {T_map_body.translation() - reach, T_map_body.translation() + reach};
+}
+
 Eigen::Isometry3d nearestSymmetric(const Eigen::Isometry3d& T_map_body, const Eigen::Vector3d& size_m,
                                    const Eigen::Matrix3d& like) {
   Eigen::Isometry3d nearest = T_map_body;

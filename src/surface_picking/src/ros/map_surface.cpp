@@ -4,6 +4,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common_ros/markers.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/GetMesh.h>
 #include <interactive_mapping_msgs/QueryMap.h>
@@ -32,8 +33,10 @@ void MapSurface::call(ros::ServiceClient* kept, const std::string& name, Service
   throw std::runtime_error((is_there ? "call failed of service " : "no service ") + nh_.resolveName(name));
 }
 
-interactive_mapping_msgs::SurfaceMesh MapSurface::mesh() {
+interactive_mapping_msgs::SurfaceMesh MapSurface::mesh(const Eigen::AlignedBox3d& box_map) {
   GetMesh service;
+  service.request.min = interactive_mapping_ros::toPoint(box_map.min());
+  service.request.max = interactive_mapping_ros::toPoint(box_map.max());
   call(&mesh_client_, "map/get_mesh", &service);
   interactive_mapping_msgs::SurfaceMesh& mesh = service.response.mesh;
   if (!mesh.mesh.vertices.empty() && interactive_mapping_ros::withoutSlash(mesh.header.frame_id) != map_frame_) {

@@ -26,6 +26,12 @@ constexpr char kLog[] = "surface_picking";
 constexpr double kSilence_s = 5.0;     // without an update of the map: a warning
 constexpr double kWarnPeriod_s = 5.0;  // a message in a callback is repeated no more often
 
+Eigen::AlignedBox3d viewOf(const MapUpdate& update) {
+  const Eigen::AlignedBox3d box(Eigen::Vector3d(update.view_min.x, update.view_min.y, update.view_min.z),
+                                Eigen::Vector3d(update.view_max.x, update.view_max.y, update.view_max.z));
+  return box.min() == box.max() ? gpis_mapping::kEverywhere : box;
+}
+
 }  // namespace
 
 SurfacePickingRos::SurfacePickingRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
@@ -85,6 +91,7 @@ void SurfacePickingRos::onMapUpdate(const MapUpdate::ConstPtr& update) {
     const std::lock_guard<std::mutex> lock(look_mutex_);
     ++counters_.updates;
     counters_.last_update = ros::WallTime::now();
+    if (update->status == MapUpdate::ACCEPTED) view_.extend(viewOf(*update));
     if (!params_.continuous && !detect_.wants(update->header.stamp)) return;
     news_ = *update;
   }
@@ -94,6 +101,7 @@ void SurfacePickingRos::onMapUpdate(const MapUpdate::ConstPtr& update) {
 void SurfacePickingRos::work() {
   while (true) {
     MapUpdate update;
+    Eigen::AlignedBox3d view;
     brick_detection_ros::DetectLook done;
     {
       std::unique_lock<std::mutex> lock(look_mutex_);
@@ -101,6 +109,7 @@ void SurfacePickingRos::work() {
       if (is_stopping_) return;
       update = std::move(*news_);
       news_.reset();
+      view = std::exchange(view_, {});
       done.update.look = ++counters_.looks;
     }
     done.update.header = update.header;
@@ -112,7 +121,7 @@ void SurfacePickingRos::work() {
                                  std::string(toString(static_cast<interactive_mapping::FrameStatus>(update.status))) +
                                  ": " + update.message);
       }
-      look(update, &done);
+      look(update, view, &done);
     } catch (const std::exception& error) {
       done.update.status = Update::FAILED;
       done.update.message = error.what();
@@ -128,16 +137,25 @@ void SurfacePickingRos::work() {
       const bool is_good = done.update.status == Update::ACCEPTED;
       counters_.failures += is_good ? 0 : 1;
       counters_.last_failure = is_good ? "" : done.update.message;
+      if (!is_good) view_.extend(view);  // not looked at yet
     }
     detect_.conclude(std::move(done));
   }
 }
 
-void SurfacePickingRos::look(const MapUpdate& update, brick_detection_ros::DetectLook* done) {
+void SurfacePickingRos::look(const MapUpdate& update, const Eigen::AlignedBox3d& view_map,
+                             brick_detection_ros::DetectLook* done) {
   const ros::WallTime begun = ros::WallTime::now();
-  const interactive_mapping_msgs::SurfaceMesh message = map_.mesh();
-  const surface_picking::TriangleMesh mesh =
-      surface_picking::cropMesh(toMesh(message), params_.region.min_m, params_.region.max_m);
+  const Eigen::AlignedBox3d region(params_.region.min_m, params_.region.max_m);
+  // What a body at the border of the view stands beside counts as well.
+  double beside_m = 0.0;
+  for (const auto& type : catalogue_.types) beside_m = std::max(beside_m, type.size_m.norm());
+  const Eigen::Vector3d beside = Eigen::Vector3d::Constant(beside_m);
+  const Eigen::AlignedBox3d box =
+      Eigen::AlignedBox3d(view_map.min() - beside, view_map.max() + beside).intersection(region);
+  interactive_mapping_msgs::SurfaceMesh message;
+  if (!box.isEmpty()) message = map_.mesh(box);
+  const surface_picking::TriangleMesh mesh = surface_picking::cropMesh(toMesh(message), box.min(), box.max());
   const ros::WallTime received = ros::WallTime::now();
   surface_picking::PatchStatistics patch_statistics;
   const std::vector<surface_picking::Patch> patches =
@@ -159,7 +177,7 @@ void SurfacePickingRos::look(const MapUpdate& update, brick_detection_ros::Detec
       for (const Body& body : tracker_.bodies()) dropped_.push_back(body.id);
       tracker_.clear();
     }
-    seen = tracker_.update(stamp.toSec(), cuboids, space);
+    seen = tracker_.update(stamp.toSec(), cuboids, space, view_map);
     bodies = tracker_.bodies();
     dropped_.insert(dropped_.end(), seen.dropped.begin(), seen.dropped.end());
   }

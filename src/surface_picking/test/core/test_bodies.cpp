@@ -41,8 +41,9 @@ std::vector<int> idsOf(const BodyTracker& tracker) {
 
 class Bodies : public testing::Test {
  protected:
-  BodyTracker::Update see(const std::vector<Cuboid>& cuboids, const SpaceQuery& space = {}) {
-    return tracker_.update(stamp_s_ += 1.0, cuboids, space);
+  BodyTracker::Update see(const std::vector<Cuboid>& cuboids, const SpaceQuery& space = {},
+                          const Eigen::AlignedBox3d& looked_at = gpis_mapping::kEverywhere) {
+    return tracker_.update(stamp_s_ += 1.0, cuboids, space, looked_at);
   }
 
   BodyTracker tracker_{BodyConfig()};
@@ -123,6 +124,30 @@ TEST_F(Bodies, AreForgottenWhenTheirPlaceIsFreeOrAfterAWhile) {
   see({a});
   EXPECT_THAT(idsOf(tracker_), ElementsAre(1)) << "an id is never given again";
   EXPECT_THAT(see({}, everywhere(SpaceState::kFree)).dropped, ElementsAre(1));
+}
+
+TEST_F(Bodies, OnlyThoseLookedForAreSeenOrMissed) {
+  const Cuboid a = cuboidAt(pose(0.0, 0.0, 0.1));
+  const Cuboid b = cuboidAt(pose(0.5, 0.0, 0.1));
+  see({a, b});
+  const Eigen::AlignedBox3d around_a(Eigen::Vector3d(-0.2, -0.2, -0.1), Eigen::Vector3d(0.45, 0.2, 0.3));  // cuts b
+  for (int i = 0; i <= BodyConfig().max_missed; ++i) {
+    const auto update = see({a}, everywhere(SpaceState::kFree), around_a);
+    EXPECT_THAT(update.seen, ElementsAre(0));
+    EXPECT_THAT(update.dropped, IsEmpty());
+  }
+  Cuboid cut = b;
+  cut.T_map_body.translation().x() -= 0.02;
+  see({a, cut}, {}, around_a);
+  EXPECT_DOUBLE_EQ(tracker_.bodies()[1].cuboid.T_map_body.translation().x(), 0.5);
+  see({a, cuboidAt(pose(0.28, 0.0, 0.1))}, {}, around_a);  // so b cannot be where it was
+  EXPECT_THAT(idsOf(tracker_), ElementsAre(0, 2));
+
+  tracker_.attach(0);
+  tracker_.detach(stamp_s_);
+  for (int i = 0; i <= BodyConfig().max_missed; ++i) see({}, {}, Eigen::AlignedBox3d());
+  see({a}, {}, around_a);
+  EXPECT_THAT(idsOf(tracker_), ElementsAre(0, 2)) << "the same that was put back: nobody looked before";
 }
 
 TEST_F(Bodies, WhatIsInTheHandIsNotSeenAtItsOldPlace) {

@@ -7,8 +7,10 @@
 #include <future>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include <gtest/gtest.h>
+#include <interactive_mapping_common_ros/markers.h>
 #include <interactive_mapping_common_ros/testing/waiting.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/BrickArray.h>
@@ -22,6 +24,7 @@
 #include <visualization_msgs/MarkerArray.h>
 
 #include "support/mapped_scene.h"
+#include "surface_picking/bodies.h"
 
 namespace surface_picking {
 namespace {
@@ -69,7 +72,8 @@ class SurfacePickingNode : public testing::Test {
 
   void serveMesh() { mesh_server_ = nh_.advertiseService("/test_map/get_mesh", &SurfacePickingNode::onMesh, this); }
 
-  bool onMesh(GetMesh::Request&, GetMesh::Response& response) {
+  bool onMesh(GetMesh::Request& request, GetMesh::Response& response) {
+    asked_ = request;
     response.mesh.header.frame_id = frame_;
     response.mesh.header.stamp = stamp_;
     for (const Eigen::Vector3d& p : scene_->mesh.vertices_map) {
@@ -112,6 +116,8 @@ class SurfacePickingNode : public testing::Test {
     MapUpdate update;
     update.header.stamp = stamp_;
     update.header.frame_id = "map";
+    update.view_min = interactive_mapping_ros::toPoint(view_.min());
+    update.view_max = interactive_mapping_ros::toPoint(view_.max());
     return update;
   }
 
@@ -139,6 +145,8 @@ class SurfacePickingNode : public testing::Test {
   ros::NodeHandle nh_;
   const test_support::MappedScene* scene_{two_};
   ros::Time stamp_;
+  Eigen::AlignedBox3d view_{Eigen::Vector3d(0.0, 0.0, 0.0)};  // not known
+  GetMesh::Request asked_;                                    // read after the answer to it
   std::string frame_{"map"};
   bool is_broken_{false};
   ros::Publisher update_publisher_, attached_publisher_;
@@ -235,6 +243,33 @@ TEST_F(SurfacePickingNode, WhatIsInTheHandIsNoBodyAndWhatIsGoneIsForgotten) {
   EXPECT_EQ(look().bricks[1].id, id);
   scene_ = one_;  // its place is seen free at once: the whole scene is
   EXPECT_TRUE(waitUntil([&] { return look().bricks.size() == 1; }));
+}
+
+TEST_F(SurfacePickingNode, LooksForWhatIsInViewAndKeepsTheRest) {
+  const double beside_m = Eigen::Vector3d(0.3, 0.2, 0.2).norm();
+  const auto viewOf = [](double y) {
+    const Eigen::Vector3d middle = two_->T_map_scene * Eigen::Vector3d(0.0, y, 0.1);
+    return Eigen::AlignedBox3d(middle.array() - 0.22, middle.array() + 0.22);
+  };
+  const BrickArray both = look();
+  ASSERT_EQ(both.bricks.size(), 2u);
+  EXPECT_EQ(asked_.min.x, -5.0) << "the region of the parameters, if the view is not known";
+  scene_ = one_;  // the brick at y = 0.25 is gone, but nobody looks there
+  view_ = viewOf(-0.25);
+  for (int i = 0; i < 2 + BodyConfig().max_missed; ++i) {
+    const BrickArray seen = look();
+    ASSERT_EQ(seen.bricks.size(), 2u) << i;
+    EXPECT_EQ(updates_.awaitStamp(seen.header.stamp).bricks_seen.size(), 1u);
+  }
+  EXPECT_DOUBLE_EQ(asked_.min.y, view_.min().y() - beside_m) << "what is beside a brick counts";
+  EXPECT_DOUBLE_EQ(asked_.max.y, view_.max().y() + beside_m);
+  const Eigen::AlignedBox3d kept = std::exchange(view_, viewOf(0.25));
+  is_broken_ = true;
+  update_publisher_.publish(nextUpdate());  // an observation that fails
+  updates_.awaitStamp(stamp_);
+  is_broken_ = false;
+  view_ = kept;
+  EXPECT_EQ(look().bricks.size(), 1u) << "its view is looked at in the next one";
 }
 
 TEST_F(SurfacePickingNode, AMapThatGivesNonsenseIsReportedAndForgiven) {
