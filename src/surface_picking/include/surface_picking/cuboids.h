@@ -95,12 +95,13 @@ using SpaceQuery = std::function<std::vector<SpaceState>(const Eigen::Matrix3Xd&
 /// hypotheses by its convex edges. These are faces of the types that fit between two of them, or from one of them on.
 /// Where the patch is a multiple of a face, they are rows of equal faces. A hypothesis stays if it shows enough edges
 /// and area, has no surface and no free space inside, and reaches into no other surface. Its planes and edges must
-/// determine its position, and its size must be seen. No other hypothesis may explain the same surface as well. A size
-/// is seen if it differs from each other one, turned in any way, along a seen axis. Both ends of the axis are seen, or
-/// more of it than the other size is long. `space` may be empty: then open borders are no edges, and free space inside
-/// is not noticed. Bodies that touch are two if an edge or the sizes of the types show it. A row that can be split in
-/// several ways is left out. Throws std::invalid_argument for an impossible config, no types, a size that is not
-/// positive, or an answer of `space` of another length.
+/// determine its position, and its size must be seen. No other hypothesis may explain the same surface as well. One
+/// that only an edge through its midst refutes must not show twice as many edges. A size is seen if it differs from
+/// each other one, turned in any way, along a seen axis. Both ends of the axis are seen, or more of it than the other
+/// size is long. `space` may be empty: then open borders are no edges, and free space inside is not noticed. Bodies
+/// that touch are two if an edge or the sizes of the types show it. A row that can be split in several ways is left
+/// out. Throws std::invalid_argument for an impossible config, no types, a size that is not positive, or an answer of
+/// `space` of another length.
 std::vector<Cuboid> findCuboids(const TriangleMesh& mesh, const std::vector<Patch>& patches,
                                 const std::vector<mp700_ur5e_description::BrickType>& types, const SpaceQuery& space,
                                 const CuboidConfig& config, CuboidStatistics* statistics = nullptr);

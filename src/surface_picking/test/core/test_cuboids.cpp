@@ -278,6 +278,29 @@ TEST(Cuboids, BricksOfThreeSizesAreToldApart) {
   EXPECT_EQ(seen.size(), sizes_m.size());
 }
 
+// The lower end of a leaning brick is rounded off on the ground: its face seems to end 4 cm too soon, where that of a slab
+// would. Two slabs side by side show three edges, the brick twelve.
+TEST(Cuboids, ALeaningBrickIsNotTwoSlabs) {
+  std::vector<BrickType> types(2);
+  types[0].name = "brick";
+  types[0].size_m = kBrick_m;
+  types[1].name = "slab";
+  types[1].size_m = {0.26, 0.16, 0.10};
+  SceneOfSolids solids;
+  solids.addBox(types[1].size_m, pose(-0.6, 0.0, 0.101345, 0.1923741, 0.4476649));
+  solids.addBox(kBrick_m, pose(0.0, 0.0, 0.1676649, -0.9916072, 0.6065119));
+  solids.addBox(kBrick_m, pose(0.6, 0.0, 0.1470988, -3.0739045, 0.3663807));
+  solids.seed = 182;
+  solids.lookAround(4, 1.3, 1.1, -2.0755967, 1.5);
+  const Found found = findIn(solids, true, types);
+  EXPECT_EQ(found.cuboids.size(), 2u);
+  for (const Cuboid& cuboid : found.cuboids) {
+    const Eigen::Vector3d p = found.mapped.T_map_scene.inverse() * cuboid.T_map_body.translation();
+    EXPECT_EQ(cuboid.type, p.x() < 0.0 ? "slab" : "brick") << p.transpose();
+    EXPECT_LT(std::abs(std::abs(p.x()) - 0.6), kPositionOneSide_m) << p.transpose();
+  }
+}
+
 // Loose piles, seen from all around and from one side: whatever is reported is a brick, where it is reported. A brick of
 // which too little is seen may be left out.
 TEST(Cuboids, OfRandomPilesNothingWrongIsReported) {
