@@ -18,10 +18,12 @@ struct BodyConfig {
   static constexpr double kOverlap_m = 0.03;
   /// A body that an update does not show is forgotten if so much of its inside was seen free.
   static constexpr double kFreeShare = 0.5;
+  /// The map no longer has a body at its old place after more updates that look there and show none.
+  static constexpr int kGoneUpdates = 3;
 
   double gate_m{0.08};
   double gate_rad{0.5};
-  int max_missed{3};
+  int max_missed{30};
   double put_back_m{0.08};
 
   static void fields(BodyConfig& c, interactive_mapping::Fields& f) {

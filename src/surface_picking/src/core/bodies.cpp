@@ -101,7 +101,7 @@ BodyTracker::Update BodyTracker::update(double stamp_s, const std::vector<Cuboid
   taken_.erase(std::remove_if(taken_.begin(), taken_.end(),
                               [&](Taken& taken) {
                                 return hasLeftHand(taken) && isLookedFor(taken.body.cuboid) &&
-                                       ++taken.num_missed > config_.max_missed;
+                                       ++taken.num_missed > BodyConfig::kGoneUpdates;
                               }),
                taken_.end());
   std::sort(bodies_.begin(), bodies_.end(), [](const Body& a, const Body& b) { return a.id < b.id; });

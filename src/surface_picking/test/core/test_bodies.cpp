@@ -145,7 +145,7 @@ TEST_F(Bodies, OnlyThoseLookedForAreSeenOrMissed) {
 
   tracker_.attach(0);
   tracker_.detach(stamp_s_);
-  for (int i = 0; i <= BodyConfig().max_missed; ++i) see({}, {}, Eigen::AlignedBox3d());
+  for (int i = 0; i <= BodyConfig::kGoneUpdates; ++i) see({}, {}, Eigen::AlignedBox3d());
   see({a}, {}, around_a);
   EXPECT_THAT(idsOf(tracker_), ElementsAre(0, 2)) << "the same that was put back: nobody looked before";
 }
@@ -170,11 +170,11 @@ TEST_F(Bodies, WhatTheMapStillHasOfABodyThatWasPutElsewhereIsNone) {
   see({a});
   tracker_.attach(0);
   tracker_.detach(stamp_s_, Eigen::Vector3d(0.0, 1.0, 0.6));
-  for (int i = 0; i < 2 * BodyConfig().max_missed; ++i) {
+  for (int i = 0; i < 2 * BodyConfig::kGoneUpdates; ++i) {
     see({a});
     EXPECT_THAT(idsOf(tracker_), IsEmpty());
   }
-  for (int i = 0; i <= BodyConfig().max_missed; ++i) see({});
+  for (int i = 0; i <= BodyConfig::kGoneUpdates; ++i) see({});
   see({a});
   EXPECT_THAT(idsOf(tracker_), ElementsAre(1));
 
@@ -191,7 +191,7 @@ TEST_F(Bodies, WhatAppearsElsewhereOrLaterIsAnother) {
   tracker_.detach(stamp_s_);
   see({cuboidAt(pose(0.0, 0.25, 0.1))});  // was hidden behind it
   EXPECT_THAT(idsOf(tracker_), ElementsAre(1));
-  for (int i = 0; i < BodyConfig().max_missed; ++i) see({});
+  for (int i = 0; i < BodyConfig::kGoneUpdates; ++i) see({});
   see({a});
   EXPECT_THAT(idsOf(tracker_), testing::Contains(2));
 }
