@@ -31,6 +31,9 @@ struct CuboidConfig {
   static constexpr double kMaxFreeShare = 0.3;
   /// Share of its best seen face that a body must show.
   static constexpr double kMinFaceShare = 0.4;
+  /// A seen face that ends in its midst, along a larger share of its edge, refutes the body. Two views that are 2 cm apart
+  /// leave steps in a face, but hardly along all of it.
+  static constexpr double kInnerEdgeShare = 0.6;
   /// Standard deviation of the position that no number of faces removes: the map's pose.
   static constexpr double kFloorStd_m = 0.002;
   /// The same of the rotation.
@@ -40,9 +43,9 @@ struct CuboidConfig {
 
   double edge_inset_m{0.011};
   double size_tolerance_m{0.02};
-  double face_tolerance_m{0.02};
+  double face_tolerance_m{0.03};
   int min_edges{3};
-  double inside_m{0.02};
+  double inside_m{0.03};
   double max_std_m{0.015};
   double max_std_rad{0.06};
 
@@ -95,13 +98,12 @@ using SpaceQuery = std::function<std::vector<SpaceState>(const Eigen::Matrix3Xd&
 /// hypotheses by its convex edges. These are faces of the types that fit between two of them, or from one of them on.
 /// Where the patch is a multiple of a face, they are rows of equal faces. A hypothesis stays if it shows enough edges
 /// and area, has no surface and no free space inside, and reaches into no other surface. Its planes and edges must
-/// determine its position, and its size must be seen. No other hypothesis may explain the same surface as well. One
-/// that only an edge through its midst refutes must not show twice as many edges. A size is seen if it differs from
-/// each other one, turned in any way, along a seen axis. Both ends of the axis are seen, or more of it than the other
-/// size is long. `space` may be empty: then open borders are no edges, and free space inside is not noticed. Bodies
-/// that touch are two if an edge or the sizes of the types show it. A row that can be split in several ways is left
-/// out. Throws std::invalid_argument for an impossible config, no types, a size that is not positive, or an answer of
-/// `space` of another length.
+/// determine its position, and its size must be seen. No other hypothesis may explain the same surface as well. A size
+/// is seen if it differs from each other one, turned in any way, along a seen axis. Both ends of the axis are seen, or
+/// more of it than the other size is long. `space` may be empty: then open borders are no edges, and free space inside
+/// is not noticed. Bodies that touch are two if an edge or the sizes of the types show it. A row that can be split in
+/// several ways is left out. Throws std::invalid_argument for an impossible config, no types, a size that is not
+/// positive, or an answer of `space` of another length.
 std::vector<Cuboid> findCuboids(const TriangleMesh& mesh, const std::vector<Patch>& patches,
                                 const std::vector<mp700_ur5e_description::BrickType>& types, const SpaceQuery& space,
                                 const CuboidConfig& config, CuboidStatistics* statistics = nullptr);

@@ -137,7 +137,7 @@ void BodyEvidence::weighEdge(const std::vector<std::size_t>& supports, const Eig
   const bool is_denied = beyond > 0.4 * (0.04 * 2.0 * half_across);
   const double length = 2.0 * half_across;
   for (const auto& [line, inner] : inner_along) {
-    if (coveredLength(inner) > 0.4 * length) evidence->has_inner_edge = true;
+    if (coveredLength(inner) > CuboidConfig::kInnerEdgeShare * length) evidence->has_inner_edge = true;
   }
   if (is_denied) {
     --evidence->num_edges;

@@ -40,12 +40,6 @@ struct Hypothesis {
   std::vector<Pin> pins;
 };
 
-/// A body that all speaks for, but for an edge through the midst of a seen face: then it only speaks against others.
-struct Candidate {
-  Cuboid cuboid;
-  bool has_inner_edge;
-};
-
 /// Where a face may lie along one axis of a patch.
 struct Place {
   double center;
@@ -65,21 +59,20 @@ class CuboidFinder {
         evidence_(mesh, patches, shapes_, config) {}
 
   std::vector<Cuboid> find(CuboidStatistics* statistics) {
-    std::vector<Candidate> candidates;
+    std::vector<Cuboid> candidates;
     for (std::size_t i = 0; i < patches_.size(); ++i) {
       if (patches_[i].is_large) continue;
       for (const Frame& frame : shapes_.orientations(i)) {
         for (const Hypothesis& hypothesis : hypothesesOf(i, frame)) {
           ++statistics->num_hypotheses;
-          const std::optional<Candidate> candidate = settle(hypothesis, statistics);
-          if (!candidate) continue;
-          const auto same = std::find_if(candidates.begin(), candidates.end(), [&](const Candidate& other) {
-            return isSame(candidate->cuboid, other.cuboid);
-          });
+          const std::optional<Cuboid> cuboid = settle(hypothesis, statistics);
+          if (!cuboid) continue;
+          const auto same = std::find_if(candidates.begin(), candidates.end(),
+                                         [&](const Cuboid& other) { return isSame(*cuboid, other); });
           if (same == candidates.end()) {
-            candidates.push_back(*candidate);
-          } else if (isBetter(*candidate, *same)) {
-            *same = *candidate;
+            candidates.push_back(*cuboid);
+          } else if (isBetter(*cuboid, *same)) {
+            *same = *cuboid;
           }
         }
       }
@@ -198,17 +191,15 @@ class CuboidFinder {
     return information.inverse();
   }
 
-  std::optional<Candidate> settle(const Hypothesis& hypothesis, CuboidStatistics* statistics) const {
+  std::optional<Cuboid> settle(const Hypothesis& hypothesis, CuboidStatistics* statistics) const {
     constexpr int kRounds = 3;
     const BrickType& type = *hypothesis.type;
     Eigen::Isometry3d T = hypothesis.T_map_body;
     Matrix6d covariance = Matrix6d::Identity();
     Evidence evidence;
-    bool has_inner_edge = false;
     for (int round = 0; round < kRounds; ++round) {
       evidence = evidence_.weigh(type, T);
-      has_inner_edge = has_inner_edge || evidence.has_inner_edge;
-      if (evidence.num_edges < config_.min_edges) {
+      if (evidence.num_edges < config_.min_edges || evidence.has_inner_edge) {
         ++statistics->num_few_edges;
         return std::nullopt;
       }
@@ -225,10 +216,9 @@ class CuboidFinder {
       covariance = *solved;
     }
     evidence = evidence_.weigh(type, T);
-    has_inner_edge = has_inner_edge || evidence.has_inner_edge;
     double best_share = 0.0;
     for (const SeenFace& face : evidence.faces) best_share = std::max(best_share, face.share);
-    if (evidence.num_edges < config_.min_edges || best_share < CuboidConfig::kMinFaceShare) {
+    if (evidence.num_edges < config_.min_edges || evidence.has_inner_edge || best_share < CuboidConfig::kMinFaceShare) {
       ++statistics->num_few_edges;
       return std::nullopt;
     }
@@ -273,8 +263,7 @@ class CuboidFinder {
     }
     cuboid.num_edges = evidence.num_edges;
     cuboid.seen_area_m2 = evidence.seen_area_m2;
-    statistics->num_few_edges += has_inner_edge ? 1 : 0;
-    return Candidate{alignedLike(cuboid, Eigen::Matrix3d::Identity()), has_inner_edge};
+    return alignedLike(cuboid, Eigen::Matrix3d::Identity());
   }
 
   /// Distance from a point to the border of a patch that covers it; 0 if it does not.
@@ -293,33 +282,27 @@ class CuboidFinder {
            angleBetweenBodies(a.T_map_body, b.T_map_body, a.size_m) < kSame_rad;
   }
 
-  static bool isBetter(const Candidate& a, const Candidate& b) {
-    if (a.has_inner_edge != b.has_inner_edge) return b.has_inner_edge;
-    return a.cuboid.num_edges != b.cuboid.num_edges ? a.cuboid.num_edges > b.cuboid.num_edges
-                                                    : a.cuboid.seen_area_m2 > b.cuboid.seen_area_m2;
+  static bool isBetter(const Cuboid& a, const Cuboid& b) {
+    return a.num_edges != b.num_edges ? a.num_edges > b.num_edges : a.seen_area_m2 > b.seen_area_m2;
   }
 
-  /// Whether a rival explains the surface as well, or, where an edge speaks against it, far better.
-  static bool isRival(const Candidate& rival, const Cuboid& body) {
-    constexpr double kAsWell = 0.9;  // share of the surface
-    constexpr int kFarBetter = 2;    // times the edges
-    if (rival.has_inner_edge) return rival.cuboid.num_edges >= kFarBetter * body.num_edges;
-    return rival.cuboid.num_edges == body.num_edges && rival.cuboid.seen_area_m2 >= kAsWell * body.seen_area_m2;
-  }
-
-  static std::vector<Cuboid> choose(std::vector<Candidate> candidates, CuboidStatistics* statistics) {
+  static std::vector<Cuboid> choose(std::vector<Cuboid> candidates, CuboidStatistics* statistics) {
+    constexpr double kAsWell = 0.9;  // share of the surface that a rival explains
     std::stable_sort(candidates.begin(), candidates.end(), isBetter);
     std::vector<bool> is_out(candidates.size(), false);
     std::vector<Cuboid> chosen;
-    for (std::size_t i = 0; i < candidates.size() && !candidates[i].has_inner_edge; ++i) {
+    for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (is_out[i]) continue;
-      const Cuboid& best = candidates[i].cuboid;
+      const Cuboid& best = candidates[i];
       bool is_ambiguous = false;
       for (std::size_t j = i + 1; j < candidates.size(); ++j) {
-        const Cuboid& other = candidates[j].cuboid;
-        if (is_out[j] || !overlap(best.T_map_body, best.size_m, other.T_map_body, other.size_m, kSame_m)) continue;
-        is_out[j] = !candidates[j].has_inner_edge;  // that one may speak against others, too
-        is_ambiguous = is_ambiguous || isRival(candidates[j], best);
+        if (is_out[j] ||
+            !overlap(best.T_map_body, best.size_m, candidates[j].T_map_body, candidates[j].size_m, kSame_m)) {
+          continue;
+        }
+        is_out[j] = true;
+        is_ambiguous = is_ambiguous || (candidates[j].num_edges == best.num_edges &&
+                                        candidates[j].seen_area_m2 >= kAsWell * best.seen_area_m2);
       }
       if (is_ambiguous) {
         ++statistics->num_ambiguous;
