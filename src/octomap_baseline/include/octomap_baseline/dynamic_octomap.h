@@ -26,11 +26,12 @@ struct OctomapUpdateStatistics {
   std::size_t points_in{0};  // measured pixels
   std::size_t rays{0};       // one per end voxel
   std::size_t hit_voxels{0};
-  std::size_t missed_voxels{0};      // passed through and not hit
-  std::size_t inserted{0};           // voxels that became occupied
-  std::size_t freed{0};              // voxels that were occupied and are free now
-  std::size_t occupied{0};           // voxels in the map
-  std::size_t nodes{0};              // of the octree, inner ones included
+  std::size_t missed_voxels{0};  // passed through and not hit
+  std::size_t inserted{0};       // voxels that became occupied
+  std::size_t freed{0};          // voxels that were occupied and are free now
+  std::size_t occupied{0};       // voxels in the map
+  std::size_t nodes{0};          // of the octree, inner ones included
+
   Eigen::AlignedBox3d view_box_map;  // see DepthClassifier::viewBox()
 };
 

@@ -65,7 +65,7 @@ class BodyTracker {
   /// wholly in `looked_at_map` was looked for: cuboids that are not are left out, and such bodies are not missed. Throws
   /// std::invalid_argument, and changes nothing, for a stamp that is before the last one. So it does for a stamp, pose
   /// or covariance that is not finite.
-  Update update(double stamp_s, const std::vector<Cuboid>& cuboids, const SpaceQuery& space,
+  Update update(double stamp_s, const std::vector<Cuboid>& all_cuboids, const SpaceQuery& space,
                 const Eigen::AlignedBox3d& looked_at_map = gpis_mapping::kEverywhere);
 
   /// The body is in the hand. Returns whether it was known.
