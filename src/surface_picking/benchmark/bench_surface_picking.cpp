@@ -48,9 +48,10 @@ std::vector<SpaceState> stateOf(const Eigen::Matrix3Xd& points_map) {
 }
 
 void patches(benchmark::State& state) {
+  const TriangleMesh& mesh = pile().mesh;
   std::size_t found = 0;
-  for (auto _ : state) found = findPatches(pile().mesh, PatchConfig()).size();
-  state.counters["vertices"] = static_cast<double>(pile().mesh.vertices_map.size());
+  for (auto _ : state) found = findPatches(mesh, PatchConfig()).size();
+  state.counters["vertices"] = static_cast<double>(mesh.vertices_map.size());
   state.counters["patches"] = static_cast<double>(found);
 }
 BENCHMARK(patches)->Unit(benchmark::kMillisecond);
