@@ -112,7 +112,7 @@ std::vector<Cuboid> findCuboids(const TriangleMesh& mesh, const std::vector<Patc
 bool overlap(const Eigen::Isometry3d& T_map_a, const Eigen::Vector3d& size_a_m, const Eigen::Isometry3d& T_map_b,
              const Eigen::Vector3d& size_b_m, double slack_m);
 
-/// Upright box around a cuboid.
+/// Upright box around a cuboid [m, map frame].
 Eigen::AlignedBox3d boxAround(const Eigen::Isometry3d& T_map_body, const Eigen::Vector3d& size_m);
 
 /// The 24 rotations that bring a cube to itself.
