@@ -32,10 +32,13 @@ def use():
 
 
 def software():
-    """The state of what a mission runs: src, sim_tests and examples as they are, committed or not. "unknown" without git."""
-    script = "git rev-parse -q HEAD:src HEAD:sim_tests HEAD:examples && git diff HEAD -- src sim_tests examples && git ls-files -z --others --exclude-standard src sim_tests examples | xargs -0 -r sha1sum"
+    """The state of what a mission runs: src, sim_tests and examples as they are, committed or not, but for tests and
+    documents. "unknown" without git."""
+    paths = "src sim_tests examples ':(exclude,glob)**/test/**' ':(exclude)*.md'"
+    script = (f"git ls-files -s -- {paths} && git diff -- {paths} && "
+              f"git ls-files -z --others --exclude-standard -- {paths} | xargs -0 -r sha1sum")
     done = subprocess.run(["bash", "-o", "pipefail", "-c", script], cwd=ROOT, capture_output=True, check=False)
-    return hashlib.sha1(done.stdout).hexdigest()[:12] if done.returncode == 0 else "unknown"
+    return hashlib.sha1(done.stdout).hexdigest()[:12] if done.returncode == 0 and done.stdout else "unknown"
 
 
 def configuration(arguments):

@@ -9,6 +9,7 @@ import io
 import json
 import pathlib
 import shutil
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -141,6 +142,30 @@ class Campaign(unittest.TestCase):
         self.assertNotEqual(workspace.configuration([f"params:={path}", "seed:=2"]), before)
         path.write_text("a: 2")
         self.assertNotEqual(workspace.configuration([f"params:={path}", "seed:=1"]), before)
+
+    def test_software_is_what_a_mission_runs(self):
+        def git(*words):
+            subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b", *words], cwd=self.folder, check=True, capture_output=True)
+
+        files = {"src/a/a.cpp": True, "sim_tests/b/world.yaml": True, "examples/c/c.py": True, "src/a/test/t.cpp": False, "src/a/docs/a.md": False, "tools/d.py": False}
+        with unittest.mock.patch.object(workspace, "ROOT", self.folder):
+            self.assertEqual(workspace.software(), "unknown")  # no git
+            for name in files:
+                (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (self.folder / name).write_text("1")
+            git("init")
+            git("add", ".")
+            git("commit", "-m", "first")
+            before = workspace.software()
+            for name, counts in files.items():
+                for path in (self.folder / name, self.folder / name.replace(".", "_new.")):
+                    path.write_text("2")
+                    self.assertEqual(workspace.software() != before, counts, path)
+                    git("clean", "-fd")
+                    git("checkout", ".")
+            (self.folder / "src/a/a.cpp").write_text("2")
+            git("commit", "-am", "second")
+            self.assertNotEqual(workspace.software(), before)
 
     def test_snakemake_runs_what_does_not_count_up_to_three_times(self):
         try:
