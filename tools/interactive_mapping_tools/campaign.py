@@ -3,12 +3,12 @@
 
   scripts/campaign [options] [-- OPTION OF SNAKEMAKE ...]
 
-It can be interrupted: the next call runs what is missing. A mission counts if it has ended by itself, on this state of the software,
+It can be interrupted: the next call runs what is missing. On another machine, --recorded takes what was counted before. A mission counts if it has ended by itself, on this state of the software,
 with these arguments, and no node restarted, no input was stale and no answer was given up. Others are run again, up to three times a call.
 Exit code: 0 all missions count; 1 some do not, each is named; 2 bad usage.
 """
 
-import csv
+import itertools
 import json
 import pathlib
 import re
@@ -35,6 +35,8 @@ def parse(words):
     parser.add_argument("--scenes", metavar='"A B"', help="only these of the definition's")
     parser.add_argument("--seeds", metavar='"1 2 3"', help="in place of the definition's, for pilots")
     parser.add_argument("--out", default="results/campaign", metavar="DIR", help="folder, absolute or relative to the repository (default %(default)s)")
+    parser.add_argument("--recorded", type=pathlib.Path, metavar="DIR",
+                        help="missions.csv and curves.csv of an earlier campaign, such as docs/results/figures: what counts there is not run again")
     parser.add_argument("--list", action="store_true", help="print each mission and its state, run nothing")
     parser.add_argument("--table", action="store_true", help="print the tables of what counts, run nothing")
     parser.add_argument("--no-build", action="store_true", help="install and build nothing: the workspace is built already")
@@ -84,11 +86,26 @@ def missions_of(options):
         command = [*shlex.split(options.prefix), str(ROOT / "scripts/run_mission"), "--run", str(folder), "--overwrite", *words]
         found[folder.name] = {**dict(zip(table_campaign.CELL, cell)), "folder": str(folder), "command": command, "software": software,
                               "configuration": workspace.configuration(run_mission.arguments_of(mission_options, arguments))}
+    if options.recorded:
+        add_recorded(options.recorded, found)
     return found
 
 
+def add_recorded(folder, missions):
+    """Gives the missions that count there their rows of missions.csv and curves.csv, as "row" and "curve"."""
+    rows = {table_campaign.cell_of(row): row for row in table_campaign.read_csv(folder / "missions.csv")}
+    curves = {cell: list(of_cell) for cell, of_cell in itertools.groupby(table_campaign.read_csv(folder / "curves.csv"), table_campaign.cell_of)}
+    for mission in missions.values():
+        cell = table_campaign.cell_of(mission)
+        row = rows.get(cell)
+        if row and cell in curves and all(row[key] == mission[key] for key in ("software", "configuration")):
+            mission.update(row=row, curve=curves[cell])
+
+
 def state_of(mission):
-    """(why the result does not count, None if it does; its summary)."""
+    """(why the result does not count, None if it does; its summary, None if it is recorded)."""
+    if "row" in mission:
+        return None, None
     folder = pathlib.Path(mission["folder"])
 
     def text_of(name):
@@ -153,19 +170,19 @@ def run_all(options, missions):
 
 
 def report(options, missions):
-    """Writes missions.csv and its tables, prints these; the exit code."""
-    rows = []
+    """Writes missions.csv, its tables and curves.csv, prints the tables; the exit code."""
+    rows, curves = [], []
     for name, mission in missions.items():
         problem, summary = state_of(mission)
         if problem:
             print(f"campaign: {name}: {problem}", file=sys.stderr)
         else:
-            rows.append(table_campaign.row_of(mission, summary))
+            rows.append(mission.get("row") or table_campaign.row_of(mission, summary))
+            curves += mission.get("curve") or table_campaign.curve_rows_of(mission, summary["bricks_total"])
     if rows:
-        with (options.out / "missions.csv").open("w", encoding="utf-8", newline="") as stream:
-            writer = csv.DictWriter(stream, table_campaign.COLUMNS)
-            writer.writeheader()
-            writer.writerows(rows)
+        options.out.mkdir(parents=True, exist_ok=True)
+        table_campaign.write_csv(options.out / "missions.csv", table_campaign.COLUMNS, rows)
+        table_campaign.write_csv(options.out / "curves.csv", table_campaign.CURVE_COLUMNS, curves)
         table_campaign.print_tables(options.out / "missions.csv")
     print(f"\n{len(rows)} of {len(missions)} missions count", flush=True)
     return 0 if len(rows) == len(missions) else 1

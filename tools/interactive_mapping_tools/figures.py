@@ -32,7 +32,6 @@ DOCS = ROOT / "docs/results"
 # Of other pages, too; all others are in docs/results/figures.
 PLACES = {"fig5.png": ROOT / "docs/images/manipulability_sectors.png"}
 MAX_BYTES = 250_000
-STEP_S = 5.0
 SYSTEMS = {"complete": ("ours", BLUE), "octomap_gradient_frontier": ("OctoMap, gradient frontier", ORANGE),
            "octomap_random": ("OctoMap, random", GREY)}
 NOTHING = "No counted missions yet.\n"
@@ -78,21 +77,21 @@ def curves_of(folder):
     """{(scene, cycle): {system: (seconds, {"bricks", "map": missions x seconds [%]})}} of those that count. A mission
     that has ended keeps what it had."""
     rows = table_campaign.read_rows(folder / "missions.csv")
+    runs = {cell: np.array([[float(row[key]) for key in ("time_s", "bricks", "map")] for row in of_cell])
+            for cell, of_cell in itertools.groupby(table_campaign.read_csv(folder / "curves.csv"), table_campaign.cell_of)}
     found = {}
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"])
                                       for row in rows if row["variant"] != "complete" and row["variant"] in SYSTEMS):
-        read = {system: [table_campaign.curve_of(folder / "-".join(row[key] for key in table_campaign.CELL),
-                                                 row["bricks_total"]) for row in runs]
-                for system, runs in table_campaign.paired(rows, scene, cycle, SYSTEMS).items() if runs}
+        read = {system: [runs[table_campaign.cell_of(row)] for row in of_system]
+                for system, of_system in table_campaign.paired(rows, scene, cycle, SYSTEMS).items() if of_system}
         if not read:
             raise Refusal(f"{folder / 'missions.csv'}: {scene}: no seed of all systems")
-        last_s = max(seconds[-1] for runs in read.values() for seconds, *_ in runs)
-        grid = np.arange(0.0, last_s + STEP_S, STEP_S)
+        length = max(len(run) for of_system in read.values() for run in of_system)
         found[scene, cycle] = {}
-        for system, runs in read.items():
-            at = [np.maximum(np.searchsorted(seconds, grid, side="right") - 1, 0) for seconds, *_ in runs]
-            found[scene, cycle][system] = grid, {name: np.array([run[column][index] for run, index in zip(runs, at)])
-                                                 for column, name in ((1, "bricks"), (2, "map"))}
+        for system, of_system in read.items():
+            padded = np.array([np.pad(run, ((0, length - len(run)), (0, 0)), "edge") for run in of_system])
+            found[scene, cycle][system] = (table_campaign.CURVE_STEP_S * np.arange(length),
+                                           {"bricks": padded[..., 1], "map": padded[..., 2]})
     if not found:
         raise Refusal(f"{folder / 'missions.csv'}: no missions of {', '.join(SYSTEMS)}")
     return found
@@ -129,7 +128,8 @@ def curves(source, out):
 
 
 def tables(source, out):
-    shutil.copy((source or ROOT / "results/campaign") / "missions.csv", out / "missions.csv")
+    for name in ("missions.csv", "curves.csv"):
+        shutil.copy((source or ROOT / "results/campaign") / name, out / name)
     table_campaign.print_tables(out / "missions.csv")
 
 
@@ -178,7 +178,7 @@ def main():
         raise Refusal(f"{arguments.input or 'results'}: cannot be drawn: {table_campaign.words_of(error)}") from error
     made = sorted(path for suffix in ("png", "csv") for path in out.glob(f"{stem}[._]*{suffix}"))
     if arguments.name == "tables":
-        made = [out / "missions.csv", out / "tables.csv"]
+        made = [out / "missions.csv", out / "curves.csv", out / "tables.csv"]
     for path in made:
         if path.suffix == ".png" and path.stat().st_size > MAX_BYTES:
             Image.open(path).convert("RGB").quantize(255, dither=0).save(path, optimize=True)

@@ -25,6 +25,8 @@ MEASURES = ("bricks_stowed", "bricks_total", "map_coverage", "map_precision", "f
 TIMES = {f"seconds_to_{percent}": percent for percent in (50, 80, 100)}
 ORIGIN = ("date", "commit", "software", "configuration", "host", "machine")
 COLUMNS = (*CELL, *MEASURES, *TIMES, "end_reason", *ORIGIN)
+CURVE_COLUMNS = (*CELL, "time_s", "bricks", "map")  # of curves.csv: [%], every CURVE_STEP_S to the mission's end
+CURVE_STEP_S = 10.0
 SHOWN = {  # column: title, factor
     "bricks": ("bricks %", 1), "map_coverage": ("map %", 100), "map_precision": ("precision %", 100),
     "falls": ("falls", 1), "drops": ("drops", 1), "collisions": ("collisions", 1),
@@ -88,10 +90,36 @@ def row_of(mission, summary):
             **{key: summary["origin"].get(key) for key in ORIGIN}}
 
 
-def read_rows(path):
+def curve_rows_of(mission, bricks_total):
+    seconds, bricks, coverage = curve_of(mission["folder"], bricks_total)
+    grid = np.arange(0.0, seconds[-1] + CURVE_STEP_S, CURVE_STEP_S)
+    at = np.maximum(np.searchsorted(seconds, grid, side="right") - 1, 0)
+    return [dict(zip(CURVE_COLUMNS, (*(mission[key] for key in CELL), time_s, round(bricks[index], 3),
+                                     round(coverage[index], 3)))) for time_s, index in zip(grid, at)]
+
+
+def write_csv(path, columns, rows):
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def read_csv(path):
     try:
         with path.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
+            return list(csv.DictReader(stream))
+    except BROKEN as error:
+        raise Refusal(f"{path}: {words_of(error)}") from error
+
+
+def cell_of(row):
+    return tuple(str(row[key]) for key in CELL)
+
+
+def read_rows(path):
+    rows = read_csv(path)
+    try:
         for row in rows:
             row.update({key: float(row[key]) if row[key] != "" else math.nan for key in (*MEASURES, *TIMES)},
                        bricks=100.0 * float(row["bricks_stowed"]) / float(row["bricks_total"]))
@@ -99,7 +127,7 @@ def read_rows(path):
         if len(states) != 1:
             raise ValueError(
                 f"missions of {len(states)} states of the software: {', '.join(states) or 'none'}; must be of one")
-        cells = [tuple(row[key] for key in CELL) for row in rows]
+        cells = [cell_of(row) for row in rows]
         if len(set(cells)) != len(cells):
             raise ValueError(f"{statistics.mode(cells)} is there twice")
     except BROKEN as error:
@@ -253,11 +281,9 @@ def systems_text(rows):
 def print_tables(path):
     rows = read_rows(path)
     summaries = summaries_of(rows)
-    with path.with_name("tables.csv").open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, summaries[0], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({key: "" if isinstance(value, float) and math.isnan(value) else value
-                          for key, value in entry.items()} for entry in summaries)
+    write_csv(path.with_name("tables.csv"), summaries[0],
+              [{key: "" if isinstance(value, float) and math.isnan(value) else value for key, value in entry.items()}
+               for entry in summaries])
     text = "\n".join(filter(None, (factors_text(rows), systems_text(rows), measures_text(rows))))
     path.with_name("tables.md").write_text(text, encoding="utf-8")
     print(f"\n{text}", end="")

@@ -167,6 +167,32 @@ class Campaign(unittest.TestCase):
             git("commit", "-am", "second")
             self.assertNotEqual(workspace.software(), before)
 
+    def test_what_is_recorded_is_not_run_again(self):
+        def printed(*words):
+            with contextlib.redirect_stdout(io.StringIO()) as text, contextlib.redirect_stderr(io.StringIO()):
+                options = self.options(*words)
+                return campaign.report(options, campaign.missions_of(options)), text.getvalue()
+
+        def files():
+            return [(self.folder / "out" / name).read_text() for name in ("missions.csv", "curves.csv", "tables.md")]
+
+        cells = ("two_rows-paper-complete-9", "two_rows-paper-no_travel-9")
+        found = campaign.missions_of(self.options())
+        for cell in cells:
+            self.make(f"out/{cell}", {**SUMMARY, "origin": {key: found[cell][key] for key in ("software", "configuration")}})
+        self.assertIn("2 of 11 missions count", printed()[1])
+        first = files()
+        # On another machine, where nothing has run yet.
+        (self.folder / "out").rename(self.folder / "recorded")
+        recorded = self.options("--recorded", str(self.folder / "recorded"))
+        self.assertEqual([name for name, mission in campaign.missions_of(recorded).items() if not campaign.state_of(mission)[0]], list(cells))
+        self.assertIn("2 of 11 missions count", printed("--recorded", str(self.folder / "recorded"))[1])
+        self.assertEqual(files(), first)
+        with unittest.mock.patch.object(workspace, "software", return_value="another state"):
+            self.assertIn("0 of 11 missions count", printed("--recorded", str(self.folder / "recorded"))[1])
+        (self.folder / "recorded/curves.csv").write_text(",".join(table_campaign.CURVE_COLUMNS) + "\n")  # Fig. 7 could not be drawn
+        self.assertIn("0 of 11 missions count", printed("--recorded", str(self.folder / "recorded"))[1])
+
     def test_snakemake_runs_what_does_not_count_up_to_three_times(self):
         try:
             campaign.check_snakemake()

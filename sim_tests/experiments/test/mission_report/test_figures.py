@@ -42,16 +42,18 @@ class Figures(unittest.TestCase):
 
     def campaign(self, *missions):
         """missions: (variant, seed, rows of judge.csv from 10 s on, each (seconds, stowed of 4, coverage))."""
-        with (self.folder / "missions.csv").open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, table_campaign.COLUMNS)
-            writer.writeheader()
-            for variant, seed, judged in missions:
-                mission = self.folder / f"decoys-paper-{variant}-{seed}"
-                mission.mkdir()
-                (mission / "mission.jsonl").write_text('{"event":"start","time_s":10.0}\n')
-                (mission / "judge.csv").write_text("time_s,stowed,coverage\n" + "".join(f"{10 + time_s},{stowed},{coverage}\n" for time_s, stowed, coverage in judged))
-                summary = {**dict.fromkeys(table_campaign.MEASURES, 1), "bricks_total": 4, "end_reason": "time_limit", "origin": {"software": "now"}}
-                writer.writerow(table_campaign.row_of({"scene": "decoys", "cycle": "paper", "variant": variant, "seed": seed, "folder": mission}, summary))
+        rows, curves = [], []
+        for variant, seed, judged in missions:
+            folder = self.folder / f"decoys-paper-{variant}-{seed}"
+            folder.mkdir()
+            (folder / "mission.jsonl").write_text('{"event":"start","time_s":10.0}\n')
+            (folder / "judge.csv").write_text("time_s,stowed,coverage\n" + "".join(f"{10 + time_s},{stowed},{coverage}\n" for time_s, stowed, coverage in judged))
+            summary = {**dict.fromkeys(table_campaign.MEASURES, 1), "bricks_total": 4, "end_reason": "time_limit", "origin": {"software": "now"}}
+            mission = {"scene": "decoys", "cycle": "paper", "variant": variant, "seed": seed, "folder": folder}
+            rows.append(table_campaign.row_of(mission, summary))
+            curves += table_campaign.curve_rows_of(mission, 4)
+        table_campaign.write_csv(self.folder / "missions.csv", table_campaign.COLUMNS, rows)
+        table_campaign.write_csv(self.folder / "curves.csv", table_campaign.CURVE_COLUMNS, curves)
 
     def test_curves_are_mean_and_quartiles_of_the_seeds_that_all_systems_have(self):
         slow, fast = ((0, 0, 0.2), (12, 1, 0.5), (20, 1, 0.5)), ((0, 0, 0.0), (5, 2, 0.5), (7, 4, 1.0))  # the second ended early
@@ -66,7 +68,7 @@ class Figures(unittest.TestCase):
             return [float(rows["complete", time_s][key]) for key in ("bricks_mean", "bricks_q25", "bricks_q75", "map_mean", "map_q25", "map_q75")]
 
         self.assertEqual(of(0.0), [0.0, 0.0, 0.0, 10.0, 5.0, 15.0])
-        self.assertEqual(of(5.0), [25.0, 12.5, 37.5, 35.0, 27.5, 42.5])
+        self.assertEqual(of(10.0), [50.0, 25.0, 75.0, 60.0, 40.0, 80.0])
         self.assertEqual(of(20.0), [62.5, 43.75, 81.25, 75.0, 62.5, 87.5])  # 25 and 100 %; 50 and 100 %
         self.is_drawn("fig7.png")
 
