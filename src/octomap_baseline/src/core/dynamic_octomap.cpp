@@ -13,6 +13,8 @@
 #include <interactive_mapping_common/stopwatch.h>
 #include <interactive_mapping_common/threads/parallel_for.h>
 
+#include "octomap_baseline/placed_nodes.h"
+
 namespace octomap_baseline {
 
 using gpis_mapping::PixelKind;
@@ -22,7 +24,6 @@ using octomap::OcTreeKey;
 namespace {
 
 constexpr unsigned kBlockDepth = 14;  // of the octree's 16 levels: nodes of 4 x 4 x 4 voxels
-constexpr int kKeyOrigin = 32768;     // key of the voxel that starts at coordinate 0
 
 octomap::point3d toOctomap(const Eigen::Vector3d& p) {
   return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
@@ -316,42 +317,24 @@ std::size_t DynamicOctomap::clearBox(const Eigen::Vector3d& min_map, const Eigen
     throw std::invalid_argument("box from " + text(min_map) + " m to " + text(max_map) +
                                 " m: corners must be finite, and min not above max on any axis");
   }
-  const auto isInside = [&](const octomap::point3d& p) {
-    for (unsigned axis = 0; axis < 3; ++axis) {
-      if (p(axis) < min_map[axis] || p(axis) > max_map[axis]) return false;
-    }
-    return true;
-  };
+  const Eigen::AlignedBox3d box(min_map, max_map);
+  const auto intersects = [&](const PlacedNode& node) { return node.box(*tree_).intersects(box); };
   std::vector<OcTreeKey> known;
   std::size_t freed = 0;
   // A pruned leaf may reach out of the box: its voxels are looked at one by one.
-  for (auto leaf = tree_->begin_leafs(); leaf != tree_->end_leafs(); ++leaf) {
-    if (leaf->getLogOdds() <= tree_->getClampingThresMinLog()) continue;
-    const double half = 0.5 * leaf.getSize();
-    const octomap::point3d center = leaf.getCoordinate();
-    bool is_apart = false;
-    for (unsigned axis = 0; axis < 3; ++axis) {
-      is_apart = is_apart || center(axis) + half < min_map[axis] || center(axis) - half > max_map[axis];
+  forEachLeaf(*tree_, placedRoot(*tree_), intersects, [&](const PlacedNode& leaf) {
+    if (leaf.node->getLogOdds() <= tree_->getClampingThresMinLog()) return;
+    const std::uint64_t across = leaf.width(*tree_);
+    for (std::uint64_t i = 0; i < across * across * across; ++i) {
+      OcTreeKey key = leaf.first;
+      key[0] = static_cast<octomap::key_type>(key[0] + i / across / across);
+      key[1] = static_cast<octomap::key_type>(key[1] + i / across % across);
+      key[2] = static_cast<octomap::key_type>(key[2] + i % across);
+      if (!box.contains(centerOf(*tree_, key))) continue;
+      known.push_back(key);
+      freed += isOccupied(*tree_, leaf);
     }
-    if (is_apart) continue;
-    const bool is_occupied = tree_->isNodeOccupied(*leaf);
-    const int across = 1 << (tree_->getTreeDepth() - leaf.getDepth());
-    const OcTreeKey first =
-        tree_->coordToKey(center - octomap::point3d(1, 1, 1) * static_cast<float>(half) +
-                          octomap::point3d(1, 1, 1) * static_cast<float>(0.5 * config_.resolution_m));
-    for (int x = 0; x < across; ++x) {
-      for (int y = 0; y < across; ++y) {
-        for (int z = 0; z < across; ++z) {
-          const OcTreeKey key(static_cast<octomap::key_type>(first[0] + x),
-                              static_cast<octomap::key_type>(first[1] + y),
-                              static_cast<octomap::key_type>(first[2] + z));
-          if (!isInside(tree_->keyToCoord(key))) continue;
-          known.push_back(key);
-          freed += is_occupied;
-        }
-      }
-    }
-  }
+  });
   for (const OcTreeKey& key : known) tree_->setNodeValue(key, tree_->getClampingThresMinLog());
   num_occupied_ -= freed;
   return freed;

@@ -2,28 +2,35 @@
 #include "octomap_baseline/tree_projection.h"
 
 #include <algorithm>
-#include <cmath>
+#include <array>
 #include <limits>
+#include <vector>
+
+#include "octomap_baseline/placed_nodes.h"
 
 namespace octomap_baseline {
 
 using gpis_mapping::SpaceState;
 
 bool isSpeck(const octomap::OcTree& tree, const octomap::OcTreeKey& key) {
-  octomap::OcTreeKey other;
-  for (int dz = -1; dz <= 1; ++dz) {
-    for (int dy = -1; dy <= 1; ++dy) {
-      for (int dx = -1; dx <= 1; ++dx) {
-        if (dx == 0 && dy == 0 && dz == 0) continue;
-        other[0] = static_cast<octomap::key_type>(key[0] + dx);
-        other[1] = static_cast<octomap::key_type>(key[1] + dy);
-        other[2] = static_cast<octomap::key_type>(key[2] + dz);
-        const octomap::OcTreeNode* node = tree.search(other);
-        if (node != nullptr && tree.isNodeOccupied(node)) return false;
-      }
+  // Those that share a side first: of a surface they answer.
+  static const std::vector<std::array<int, 3>> steps = [] {
+    std::vector<std::array<int, 3>> all;
+    for (int i = 0; i < 27; ++i) {
+      if (i != 13) all.push_back({i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1});
     }
-  }
-  return true;
+    const auto numAxes = [](const auto& step) {
+      return std::count_if(step.begin(), step.end(), [](int k) { return k; });
+    };
+    std::stable_sort(all.begin(), all.end(), [&](const auto& a, const auto& b) { return numAxes(a) < numAxes(b); });
+    return all;
+  }();
+  return std::none_of(steps.begin(), steps.end(), [&](const std::array<int, 3>& step) {
+    octomap::OcTreeKey other;
+    for (unsigned axis = 0; axis < 3; ++axis) other[axis] = static_cast<octomap::key_type>(key[axis] + step[axis]);
+    const octomap::OcTreeNode* node = tree.search(other);
+    return node != nullptr && tree.isNodeOccupied(node);
+  });
 }
 
 gpis_mapping::GroundGrid projectDown(const octomap::OcTree& tree, double min_z_m, double max_z_m, bool without_specks) {
@@ -39,26 +46,28 @@ gpis_mapping::GroundGrid projectDown(const octomap::OcTree& tree, double min_z_m
   long min_y = min_x;
   long max_x = std::numeric_limits<long>::min();
   long max_y = max_x;
-  for (auto it = tree.begin_leafs(); it != tree.end_leafs(); ++it) {
-    const double half = 0.5 * it.getSize();
-    // By the centres of its lowest and its highest voxel.
-    if (it.getZ() - half + 0.5 * resolution > max_z_m || it.getZ() + half - 0.5 * resolution < min_z_m) continue;
-    bool is_occupied = tree.isNodeOccupied(*it);
-    if (is_occupied && without_specks && it.getDepth() == tree.getTreeDepth())
-      is_occupied = !isSpeck(tree, it.getKey());
-    Leaf leaf{std::lround((it.getX() - half) / resolution), std::lround((it.getY() - half) / resolution),
-              std::lround(it.getSize() / resolution), is_occupied ? SpaceState::kOccupied : SpaceState::kFree};
+  const auto lowest_m = [&](const PlacedNode& node) {
+    return tree.keyToCoord(node.first[2]);
+  };  // of the voxels' centres
+  const auto isInRange = [&](const PlacedNode& node) {
+    return lowest_m(node) <= max_z_m && lowest_m(node) + (node.width(tree) - 1) * resolution >= min_z_m;
+  };
+  forEachLeaf(tree, placedRoot(tree), isInRange, [&](const PlacedNode& node) {
+    bool is_occupied = isOccupied(tree, node);
+    if (is_occupied && without_specks && node.depth == tree.getTreeDepth()) is_occupied = !isSpeck(tree, node.first);
+    const Leaf leaf{node.first[0], node.first[1], node.width(tree),
+                    is_occupied ? SpaceState::kOccupied : SpaceState::kFree};
     min_x = std::min(min_x, leaf.x);
     min_y = std::min(min_y, leaf.y);
     max_x = std::max(max_x, leaf.x + leaf.across);
     max_y = std::max(max_y, leaf.y + leaf.across);
     leaves.push_back(leaf);
-  }
+  });
   gpis_mapping::GroundGrid grid;
   grid.cell_size_m = resolution;
   if (leaves.empty()) return grid;
-  grid.origin_x_m = static_cast<double>(min_x) * resolution;
-  grid.origin_y_m = static_cast<double>(min_y) * resolution;
+  grid.origin_x_m = static_cast<double>(min_x - kKeyOrigin) * resolution;
+  grid.origin_y_m = static_cast<double>(min_y - kKeyOrigin) * resolution;
   grid.width = static_cast<int>(max_x - min_x);
   grid.height = static_cast<int>(max_y - min_y);
   grid.state.assign(static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height), SpaceState::kUnknown);

@@ -6,12 +6,11 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <queue>
 #include <unordered_map>
 #include <utility>
 #include <vector>
 
-#include "octomap_baseline/occupied_nodes.h"
+#include "octomap_baseline/placed_nodes.h"
 #include "octomap_baseline/tree_projection.h"
 
 namespace octomap_baseline {
@@ -40,13 +39,6 @@ struct Candidate {
 SpaceState stateOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node) {
   if (node == nullptr) return SpaceState::kUnknown;
   return tree.isNodeOccupied(node) ? SpaceState::kOccupied : SpaceState::kFree;
-}
-
-/// [m], map frame.
-Eigen::AlignedBox3d boxOf(const octomap::OcTree& tree, const PlacedNode& placed) {
-  Eigen::Array3d low;
-  for (int k = 0; k < 3; ++k) low[k] = tree.keyToCoord(placed.first[k]) - 0.5 * tree.getResolution();
-  return {low.matrix(), (low + placed.width(tree) * tree.getResolution()).matrix()};
 }
 
 /// Calls `visit` with each outer side of a leaf.
@@ -81,8 +73,7 @@ bool isFreeBefore(const octomap::OcTree& tree, const Side& side) {
 }
 
 Eigen::Vector3d middleOf(const octomap::OcTree& tree, const Side& side) {
-  Eigen::Vector3d middle;
-  for (int k = 0; k < 3; ++k) middle[k] = tree.keyToCoord(side.key[k]);
+  Eigen::Vector3d middle = centerOf(tree, side.key);
   middle[side.axis] += 0.5 * side.front * tree.getResolution();
   return middle;
 }
@@ -137,15 +128,18 @@ class NearestSide {
 
   /// False: the map has no side.
   bool find(const Eigen::Vector3d& x) {
+    const bool has_last = std::isfinite(squared_m2_);
     squared_m2_ = std::numeric_limits<double>::infinity();
-    nodes_ = {};
-    const PlacedNode root = occupiedRoot(tree_);
+    if (has_last) consider(x, side_);  // neighbours are asked for one after the other: hardly any is nearer
+    nodes_.clear();
+    const PlacedNode root = placedRoot(tree_);
     if (root.node != nullptr) consider(x, root);
-    while (!nodes_.empty() && nodes_.top().squared_m2 < squared_m2_) {
-      const PlacedNode nearest = nodes_.top().placed;
-      nodes_.pop();
+    while (!nodes_.empty() && nodes_.front().squared_m2 < squared_m2_) {
+      const PlacedNode nearest = nodes_.front().placed;
+      std::pop_heap(nodes_.begin(), nodes_.end());
+      nodes_.pop_back();
       if (tree_.nodeHasChildren(nearest.node)) {
-        forEachOccupiedChild(tree_, nearest, [&](const PlacedNode& child) { consider(x, child); });
+        forEachChild(tree_, nearest, [&](const PlacedNode& child) { consider(x, child); });
       } else if (!isLeftOut(tree_, nearest, without_specks_)) {
         forEachSide(tree_, nearest, [&](const Side& side) { consider(x, side); });
       }
@@ -158,8 +152,11 @@ class NearestSide {
 
  private:
   void consider(const Eigen::Vector3d& x, const PlacedNode& placed) {
-    const double squared_m2 = boxOf(tree_, placed).squaredExteriorDistance(x);
-    if (squared_m2 < squared_m2_) nodes_.push({squared_m2, placed});
+    if (!isOccupied(tree_, placed)) return;
+    const double squared_m2 = placed.box(tree_).squaredExteriorDistance(x);
+    if (squared_m2 >= squared_m2_) return;
+    nodes_.push_back({squared_m2, placed});
+    std::push_heap(nodes_.begin(), nodes_.end());
   }
 
   void consider(const Eigen::Vector3d& x, const Side& side) {
@@ -176,8 +173,8 @@ class NearestSide {
 
   const octomap::OcTree& tree_;
   bool without_specks_;
-  std::priority_queue<Candidate> nodes_;
-  double squared_m2_{0.0};
+  std::vector<Candidate> nodes_;                                // a heap
+  double squared_m2_{std::numeric_limits<double>::infinity()};  // to the side found
   Side side_{};
   Eigen::Vector3d point_ = Eigen::Vector3d::Zero();
 };
@@ -187,8 +184,11 @@ class NearestSide {
 gpis_mapping::TriangleMesh meshOfSides(const octomap::OcTree& tree, bool without_specks,
                                        const Eigen::AlignedBox3d& box_map) {
   MeshOfSides mesh(tree);
-  forEachOccupiedLeaf(tree, occupiedRoot(tree), [&](const PlacedNode& leaf) {
-    if (!boxOf(tree, leaf).intersects(box_map) || isLeftOut(tree, leaf, without_specks)) return;
+  const auto isOccupiedInBox = [&](const PlacedNode& placed) {
+    return isOccupied(tree, placed) && placed.box(tree).intersects(box_map);
+  };
+  forEachLeaf(tree, placedRoot(tree), isOccupiedInBox, [&](const PlacedNode& leaf) {
+    if (isLeftOut(tree, leaf, without_specks)) return;
     forEachSide(tree, leaf, [&](const Side& side) {
       if (isFreeBefore(tree, side)) mesh.add(side);
     });

@@ -12,7 +12,7 @@
 #include <interactive_mapping_common_ros/markers.h>
 
 #include "gpis_mapping_ros/map_messages.h"
-#include "octomap_baseline/occupied_nodes.h"
+#include "octomap_baseline/placed_nodes.h"
 
 namespace octomap_baseline_ros {
 namespace {
@@ -123,12 +123,10 @@ visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occu
 sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msgs::Header& header) {
   std::vector<Eigen::Vector3d> centers;
   const auto addCenter = [&](const octomap_baseline::PlacedNode& leaf) {
-    const double to_center_m = 0.5 * (leaf.width(tree) - 1.0) * tree.getResolution();
-    centers.emplace_back(tree.keyToCoord(leaf.first[0]), tree.keyToCoord(leaf.first[1]),
-                         tree.keyToCoord(leaf.first[2]));
-    centers.back().array() += to_center_m;
+    centers.push_back(leaf.box(tree).center());
   };
-  octomap_baseline::forEachOccupiedLeaf(tree, octomap_baseline::occupiedRoot(tree), addCenter);
+  const auto isOccupied = [&](const auto& placed) { return octomap_baseline::isOccupied(tree, placed); };
+  octomap_baseline::forEachLeaf(tree, octomap_baseline::placedRoot(tree), isOccupied, addCenter);
   return gpis_mapping_ros::toPointCloud(centers, header);
 }
 
