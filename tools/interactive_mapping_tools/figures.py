@@ -78,7 +78,8 @@ def curves_of(folder):
     that has ended keeps what it had."""
     rows = table_campaign.read_rows(folder / "missions.csv")
     runs = {cell: np.array([[float(row[key]) for key in ("time_s", "bricks", "map")] for row in of_cell])
-            for cell, of_cell in itertools.groupby(table_campaign.read_csv(folder / "curves.csv"), table_campaign.cell_of)}
+            for cell, of_cell in itertools.groupby(table_campaign.read_csv(folder / "curves.csv"),
+                                                   table_campaign.cell_of)}
     found = {}
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"])
                                       for row in rows if row["variant"] != "complete" and row["variant"] in SYSTEMS):
@@ -138,7 +139,8 @@ FIGURES = {"1": figure_mission.cycle, "3": figure_accuracy.blanket, "4": figure_
            "9": figure_mission.order, "tables": tables}
 NEED_INPUT = ("1", "4", "9")
 PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text,
-         "findings": table_campaign.findings_text, "measures": table_campaign.measures_text}
+         "findings": table_campaign.findings_text,
+         "choices": table_campaign.choices_text, "measures": table_campaign.measures_text}
 
 
 def page_parts(folder):

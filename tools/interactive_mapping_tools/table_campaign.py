@@ -23,15 +23,20 @@ MEASURES = ("bricks_stowed", "bricks_total", "map_coverage", "map_precision", "f
             "load_contacts", "sim_seconds", "views", "distance_m", "disturbance_m", "picks_begun", "wall_seconds")
 # Of the bricks, from the start of the mission; empty: not reached.
 TIMES = {f"seconds_to_{percent}": percent for percent in (50, 80, 100)}
+# From mission.jsonl: views from which no brick was picked; stops by the path monitor, an early contact, the controller
+# or the base's scanner; choices of a view, and how many of them were to stay.
+GRADED = ("fruitless_views", "guard_stops", "choices", "stays")
+GUARDS = {"PATH_BLOCKED", "CONTACT_TOO_EARLY", "PROTECTIVE_STOP", "EMERGENCY_STOP", "obstacle", "base stopped"}
 ORIGIN = ("date", "commit", "software", "configuration", "host", "machine")
-COLUMNS = (*CELL, *MEASURES, *TIMES, "end_reason", *ORIGIN)
+COLUMNS = (*CELL, *MEASURES, *GRADED, *TIMES, "end_reason", *ORIGIN)
 CURVE_COLUMNS = (*CELL, "time_s", "bricks", "map")  # of curves.csv: [%], every CURVE_STEP_S to the mission's end
 CURVE_STEP_S = 10.0
 SHOWN = {  # column: title, factor
     "bricks": ("bricks %", 1), "map_coverage": ("map %", 100), "map_precision": ("precision %", 100),
     "falls": ("falls", 1), "drops": ("drops", 1), "collisions": ("collisions", 1),
     "load_contacts": ("load contacts", 1), "disturbance_m": ("disturbance [cm]", 100), "picks_begun": ("attempts", 1),
-    "views": ("views", 1), "distance_m": ("driven [m]", 1),
+    "views": ("views", 1), "fruitless_views": ("fruitless views", 1), "guard_stops": ("guard stops", 1),
+    "distance_m": ("driven [m]", 1),
     "sim_seconds": ("simulated [s]", 1),
     **{key: (f"{percent} % of the bricks after [s]", 1) for key, percent in TIMES.items()}}
 # What the paper reports. Table I: bricks, map %, falls, collision. Table II: bricks %, map % of its scenes 1 to 3.
@@ -48,7 +53,7 @@ PAPER_SYSTEMS = {"complete": (("95 \u00b1 5", "100 \u00b1 10"), ("100 \u00b1 6",
 OUR_SCENES = ("one_heap", "tipped_20", "decoys")  # in place of the paper's 1 to 3
 # Which sign of a difference is better.
 BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drops": -1, "collisions": -1,
-          "load_contacts": -1, "disturbance_m": -1}
+          "load_contacts": -1, "disturbance_m": -1, "fruitless_views": -1, "guard_stops": -1}
 BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 NUM_RESAMPLES = 10000
 
@@ -82,12 +87,22 @@ def curve_of(folder, bricks_total):
     return seconds - begun_s, 100.0 * stowed / bricks_total, 100.0 * coverage
 
 
+def graded_of(folder):
+    """{one of GRADED: count}"""
+    log = mission_run.read_lines(pathlib.Path(folder) / "mission.jsonl", [])
+    chosen = [row for row in log if (row.get("state"), row.get("event")) == ("select", "success")]
+    fruitful = {row.get("views") for row in log if (row.get("state"), row.get("event")) == ("pick", "SUCCESS")}
+    return {"fruitless_views": len({row.get("views") for row in log} - fruitful - {None, 0}),
+            "guard_stops": sum(row.get("event") in GUARDS for row in log), "choices": len(chosen),
+            "stays": sum(row.get("decision") == "choose" for row in chosen)}
+
+
 def row_of(mission, summary):
     seconds, bricks, _ = curve_of(mission["folder"], summary["bricks_total"])
     times = {key: next((round(second, 3) for second, share in zip(seconds, bricks) if share >= percent), None)
              for key, percent in TIMES.items()}
     return {**{key: mission[key] for key in CELL}, **{key: summary[key] for key in (*MEASURES, "end_reason")}, **times,
-            **{key: summary["origin"].get(key) for key in ORIGIN}}
+            **graded_of(mission["folder"]), **{key: summary["origin"].get(key) for key in ORIGIN}}
 
 
 def curve_rows_of(mission, bricks_total):
@@ -121,7 +136,7 @@ def read_rows(path):
     rows = read_csv(path)
     try:
         for row in rows:
-            row.update({key: float(row[key]) if row[key] != "" else math.nan for key in (*MEASURES, *TIMES)},
+            row.update({key: float(row[key]) if row[key] != "" else math.nan for key in (*MEASURES, *GRADED, *TIMES)},
                        bricks=100.0 * float(row["bricks_stowed"]) / float(row["bricks_total"]))
         states = sorted({row["software"] for row in rows})
         if len(states) != 1:
@@ -275,6 +290,19 @@ def systems_text(rows):
                 bricks, coverage, *times = (value_cell(by_cell[variant, key])
                                             for key in ("bricks", "map_coverage", *TIMES))
                 table.append((scene, f"#{index + 1}", variant, len(runs), bricks, paper[0], coverage, paper[1], *times))
+    return markdown(table) + "\n" if len(table) > 1 else ""
+
+
+def choices_text(rows):
+    """Markdown: what each variant chose, of the seeds that Tables I and II show."""
+    table = [("scene", "variant", "n", "choices to stay", "views", "without a pick", "driven [m]", "bricks")]
+    for scene in OUR_SCENES:
+        for variant, runs in paired(rows, scene, "paper", {**PAPER_FACTORS, **PAPER_SYSTEMS}).items():
+            if runs:
+                stays, choices, *rest = (format(sum(row[key] for row in runs), ".0f")
+                                         for key in ("stays", "choices", "views", "fruitless_views", "distance_m",
+                                                     "bricks_stowed"))
+                table.append((scene, variant, len(runs), f"{stays} of {choices}", *rest))
     return markdown(table) + "\n" if len(table) > 1 else ""
 
 

@@ -266,7 +266,7 @@ class Campaign(unittest.TestCase):
         text, cells = self.table(self.row("complete", 1, 4))
         for title, _ in table_campaign.SHOWN.values():
             self.assertIn(f"| {title} |", text)
-        self.assertEqual({measure for _, measure in cells}, {"bricks", *table_campaign.MEASURES, *table_campaign.TIMES} - {"bricks_stowed", "bricks_total", "wall_seconds"})
+        self.assertEqual({measure for _, measure in cells}, {"bricks", *table_campaign.MEASURES, *table_campaign.GRADED, *table_campaign.TIMES} - {"bricks_stowed", "bricks_total", "wall_seconds", "choices", "stays"})
 
     def test_a_time_that_one_mission_did_not_reach_is_no_mean(self):
         # After 2 of 4 bricks: 20 s. After 4: 40 s, in two missions of three.
@@ -280,6 +280,17 @@ class Campaign(unittest.TestCase):
     def test_time_counts_from_the_start_of_the_mission(self):
         row = table_campaign.row_of(self.make(), {**SUMMARY, "bricks_total": 3})
         self.assertEqual([row[key] for key in table_campaign.TIMES], [28.0, 40.0, 40.0])
+
+    def test_views_stops_and_choices_are_counted_in_the_log(self):
+        # View 1: a pick, a stop, a choice to stay; 2: a pick that is stopped; 3: nothing, the mission ends; before the first view nothing counts.
+        rows = (("select", "success", "drive", 0), ("drive", "base stopped", "select", 0), ("drive", "success", "look", 1), ("pick", "SUCCESS", "begin", 1), ("clear", "PATH_BLOCKED", "clear", 1),
+                ("select", "success", "choose", 1), ("pick", "CONTACT_TOO_EARLY", "begin", 2), ("select", "no pile", "ended", 2), ("drive", "success", "look", 3))
+        log = "".join(json.dumps({"state": state, "event": event, "decision": decision, "views": views, "time_s": 12.0}) + "\n" for state, event, decision, views in rows)
+        mission = self.make(log=ENDED + log)
+        row = table_campaign.row_of(mission, SUMMARY)
+        self.assertEqual([row[key] for key in table_campaign.GRADED], [2, 3, 2, 1])
+        text, _ = self.table(self.row("complete", 1, 3), self.row("no_travel", 1, 2))
+        self.assertIn("| one_heap | complete | 1 | 0 of 0 | 1 | 0 | 1 | 3 |", table_campaign.choices_text(table_campaign.read_rows(self.folder / "missions.csv")), text)
 
     def test_states_of_the_software_are_not_mixed(self):
         cell = {"scene": "one_heap", "cycle": "paper", "variant": "complete", "seed": 1}
