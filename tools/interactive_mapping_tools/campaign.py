@@ -20,7 +20,7 @@ from importlib import metadata
 import yaml
 
 from . import ROOT, mission_run, run_mission, table_campaign, workspace
-from .cli import Parser, UsageError, one_line_errors
+from .cli import Parser, Refusal, UsageError, one_line_errors
 
 FILES = ROOT / "tools/campaign"
 STALE = re.compile(r'"event": *"(stale [a-z]+|STALE_[A-Z]+|MONITOR_GONE|HEARTBEAT_LOST)"')
@@ -36,7 +36,7 @@ def parse(words):
     parser.add_argument("--seeds", metavar='"1 2 3"', help="in place of the definition's, for pilots")
     parser.add_argument("--out", default="results/campaign", metavar="DIR", help="folder, absolute or relative to the repository (default %(default)s)")
     parser.add_argument("--recorded", type=pathlib.Path, metavar="DIR",
-                        help="missions.csv and curves.csv of an earlier campaign, such as docs/results/figures: what counts there is not run again")
+                        help="folder with missions.csv and curves.csv of an earlier campaign, such as docs/results/figures, absolute or relative to the repository: what counts there is not run again")
     parser.add_argument("--list", action="store_true", help="print each mission and its state, run nothing")
     parser.add_argument("--table", action="store_true", help="print the tables of what counts, run nothing")
     parser.add_argument("--no-build", action="store_true", help="install and build nothing: the workspace is built already")
@@ -44,6 +44,13 @@ def parse(words):
     parser.add_argument("--mission", metavar="NAME", help="run this one of DIR/campaign.json here: what Snakemake calls")
     options = parser.parse_args(words[:split])
     options.snakemake, options.out = words[split + 1:] or ["--profile", str(FILES / "local")], ROOT / options.out
+    if options.recorded is not None:
+        options.recorded = ROOT / options.recorded
+        if options.recorded.resolve() == options.out.resolve():  # its files are written anew, with what is asked for
+            raise UsageError(f"--recorded {options.recorded} is the folder of --out, must be another")
+        for name in ("missions.csv", "curves.csv"):
+            if not (options.recorded / name).is_file():
+                raise UsageError(f"--recorded {options.recorded} has no {name}, must hold missions.csv and curves.csv")
     return options
 
 
@@ -92,14 +99,22 @@ def missions_of(options):
 
 
 def add_recorded(folder, missions):
-    """Gives the missions that count there their rows of missions.csv and curves.csv, as "row" and "curve"."""
-    rows = {table_campaign.cell_of(row): row for row in table_campaign.read_csv(folder / "missions.csv")}
-    curves = {cell: list(of_cell) for cell, of_cell in itertools.groupby(table_campaign.read_csv(folder / "curves.csv"), table_campaign.cell_of)}
-    for mission in missions.values():
-        cell = table_campaign.cell_of(mission)
-        row = rows.get(cell)
-        if row and cell in curves and all(row[key] == mission[key] for key in ("software", "configuration")):
-            mission.update(row=row, curve=curves[cell])
+    """Gives the missions that count there their rows of missions.csv and curves.csv, as "row" and "curve". Raises Refusal if a file is not whole."""
+    table_campaign.read_rows(folder / "missions.csv")
+    try:
+        rows = {table_campaign.cell_of(row): row for row in table_campaign.read_csv(folder / "missions.csv")}
+        curves = {cell: list(of_cell) for cell, of_cell in itertools.groupby(table_campaign.read_csv(folder / "curves.csv"), table_campaign.cell_of)}
+        for name, mission in missions.items():
+            row = rows.get(table_campaign.cell_of(mission))
+            if row and any(row[key] != mission[key] for key in ("software", "configuration")):
+                print(f"campaign: {name}: recorded of commit {row['commit']}, another state or configuration", file=sys.stderr)
+            elif row:
+                curve = curves[table_campaign.cell_of(mission)]
+                if abs(float(curve[-1]["bricks"]) - 100.0 * float(row["bricks_stowed"]) / float(row["bricks_total"])) > 0.001:  # its last digit
+                    raise ValueError(f"{name} ends with {curve[-1]['bricks']} % of the bricks, in missions.csv with {row['bricks_stowed']}")
+                mission.update(row={key: row[key] for key in table_campaign.COLUMNS}, curve=curve)
+    except table_campaign.BROKEN as error:
+        raise Refusal(f"{folder / 'curves.csv'}: {table_campaign.words_of(error)}") from error
 
 
 def state_of(mission):
@@ -198,7 +213,7 @@ def main():
     missions = missions_of(options)
     if options.list:
         for name, mission in missions.items():
-            print(f"{name}: {state_of(mission)[0] or 'counts'}")
+            print(f"{name}: {state_of(mission)[0] or ('counts, recorded' if 'row' in mission else 'counts')}")
         return 0
     if not options.table:
         if not options.no_build:

@@ -54,7 +54,7 @@ OUR_SCENES = ("one_heap", "tipped_20", "decoys")  # in place of the paper's 1 to
 # Which sign of a difference is better.
 BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drops": -1, "collisions": -1,
           "load_contacts": -1, "disturbance_m": -1, "fruitless_views": -1, "guard_stops": -1}
-BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
+BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, csv.Error)
 NUM_RESAMPLES = 10000
 
 

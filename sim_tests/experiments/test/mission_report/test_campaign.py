@@ -190,8 +190,27 @@ class Campaign(unittest.TestCase):
         self.assertEqual(files(), first)
         with unittest.mock.patch.object(workspace, "software", return_value="another state"):
             self.assertIn("0 of 11 missions count", printed("--recorded", str(self.folder / "recorded"))[1])
-        (self.folder / "recorded/curves.csv").write_text(",".join(table_campaign.CURVE_COLUMNS) + "\n")  # Fig. 7 could not be drawn
-        self.assertIn("0 of 11 missions count", printed("--recorded", str(self.folder / "recorded"))[1])
+
+    def test_recorded_files_that_are_not_whole_are_refused(self):
+        cell, found = "two_rows-paper-complete-9", campaign.missions_of(self.options())
+        self.make(f"out/{cell}", {**SUMMARY, "origin": {key: found[cell][key] for key in ("software", "configuration")}})
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            campaign.report(self.options(), found)
+        recorded = self.folder / "recorded"
+        with self.assertRaisesRegex(UsageError, "is the folder of --out"):
+            self.options("--recorded", str(self.folder / "out"))
+        with self.assertRaisesRegex(UsageError, "recorded has no missions.csv, must hold missions.csv and curves.csv"):
+            self.options("--recorded", str(recorded))
+        for name, change, words in (("curves.csv", lambda text: text[:text.index("\n") + 1], "curves.csv: KeyError: .*two_rows"), ("curves.csv", lambda text: text[:-20], "curves.csv: ValueError"),
+                                    ("curves.csv", lambda text: text.replace(",75.0,", ",50.0,"), "ends with 50.0 % of the bricks, in missions.csv with 3"),
+                                    ("missions.csv", lambda text: "", "missions.csv: ValueError: missions of 0 states"), ("missions.csv", lambda text: text.replace(",", ";"), "missions.csv: KeyError"),
+                                    ("missions.csv", lambda text: text + text.splitlines()[1], "is there twice"), ("missions.csv", lambda text: text.replace("fruitless", "fewer"), "KeyError: 'fruitless_views'"),
+                                    ("curves.csv", lambda text: text + '"' + 200000 * "x", "curves.csv: Error: field larger")):
+            shutil.rmtree(recorded, ignore_errors=True)
+            shutil.copytree(self.folder / "out", recorded)
+            (recorded / name).write_text(change((recorded / name).read_text()))
+            with self.assertRaisesRegex(Refusal, words):
+                campaign.missions_of(self.options("--recorded", str(recorded), "--out", str(self.folder / "other")))
 
     def test_snakemake_runs_what_does_not_count_up_to_three_times(self):
         try:
