@@ -122,9 +122,7 @@ visualization_msgs::MarkerArray toMarkers(const octomap::OcTree& tree, bool occu
 
 sensor_msgs::PointCloud2 toPointCloud(const octomap::OcTree& tree, const std_msgs::Header& header) {
   std::vector<Eigen::Vector3d> centers;
-  const auto addCenter = [&](const octomap_baseline::PlacedNode& leaf) {
-    centers.push_back(leaf.box(tree).center());
-  };
+  const auto addCenter = [&](const octomap_baseline::PlacedNode& leaf) { centers.push_back(leaf.box(tree).center()); };
   const auto isOccupied = [&](const auto& placed) { return octomap_baseline::isOccupied(tree, placed); };
   octomap_baseline::forEachLeaf(tree, octomap_baseline::placedRoot(tree), isOccupied, addCenter);
   return gpis_mapping_ros::toPointCloud(centers, header);
