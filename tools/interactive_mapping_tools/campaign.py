@@ -54,9 +54,11 @@ def parse(words):
     return options
 
 
-def words_of(scene, seed, cycle, variant, limits):
-    """For run_mission."""
+def words_of(scene, seed, cycle, variant, limits, folder):
+    """For run_mission. A file of parameters is relative to the definition's folder."""
     arguments = {**cycle, **variant}
+    if "params" in arguments:
+        arguments["params"] = str(folder / arguments["params"])
     chosen = [word for key in ("strategy", "removed_factor") if key in arguments for word in ("--" + key.replace("_", "-"), arguments.pop(key))]
     return ["--scene", scene, "--seed", seed, "--time-limit", f"{limits['time_limit_s'][scene]:g}", "--wall-limit", str(limits["wall_limit_s"]), "--no-page", *chosen,
             *(["--", *(f"{key}:={value}" for key, value in arguments.items())] if arguments else [])]
@@ -73,7 +75,7 @@ def missions_of(options):
         cells = dict.fromkeys((scene, cycle, variant, str(seed)) for table in definition["tables"].values() for seed in lists["seeds"] or table["seeds"]
                               for scene in table["scenes"] for cycle in table["cycles"] for variant in table["variants"]
                               if lists["scenes"] is None or scene in lists["scenes"])
-        commands = {(scene, cycle, variant, seed): words_of(scene, seed, definition["cycles"][cycle], definition["variants"][variant], definition)
+        commands = {(scene, cycle, variant, seed): words_of(scene, seed, definition["cycles"][cycle], definition["variants"][variant], definition, options.definition.resolve().parent)
                     for scene, cycle, variant, seed in sorted(cells, key=lambda cell: cell[3].zfill(10))}  # the seeds one by one: a part of a campaign is balanced
     except (KeyError, TypeError, AttributeError, ValueError, yaml.YAMLError) as error:
         raise UsageError(f"{options.definition}: {table_campaign.words_of(error)}") from error

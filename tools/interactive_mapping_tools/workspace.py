@@ -42,10 +42,12 @@ def software():
 
 
 def configuration(arguments):
-    """Of a mission: the launch file's arguments, and the files that they name."""
-    values = (argument.split(":=", 1)[1] for argument in arguments)
-    files = [pathlib.Path(value).read_bytes() for value in values if value.startswith("/") and os.path.isfile(value)]
-    return hashlib.sha1(b"\0".join([*map(str.encode, sorted(arguments)), *files])).hexdigest()[:12]
+    """Of a mission: the launch file's arguments; of a file among them what it holds, not where it is."""
+    def known(argument):
+        name, value = argument.split(":=", 1)
+        is_file = value.startswith("/") and os.path.isfile(value)
+        return name.encode() + b":=" + (pathlib.Path(value).read_bytes() if is_file else value.encode())
+    return hashlib.sha1(b"\0".join(sorted(map(known, arguments)))).hexdigest()[:12]
 
 
 def machine():

@@ -122,22 +122,28 @@ class Campaign(unittest.TestCase):
         (self.folder / "definition.yaml").write_text(DEFINITION.replace("octomap_random", f"nearest, params: {own}"))
         command = campaign.missions_of(self.options())["two_rows-paper-random-101"]["command"]
         self.assertEqual(command[command.index("--strategy"):], ["--strategy", "nearest", "--", "mission_config:=paper", f"params:={own}"])
-        # Without its file, and by a path that no mission would take.
-        for variant, words in (("nearest", "strategy nearest: must be one of"), (f"nearest, params: {own.relative_to(ROOT)}", "must be an absolute path")):
+        (self.folder / "beside.yaml").write_text(own.read_text())
+        (self.folder / "definition.yaml").write_text(DEFINITION.replace("octomap_random", "nearest, params: beside.yaml"))
+        self.assertEqual(campaign.missions_of(self.options())["two_rows-paper-random-101"]["command"][-1], f"params:={self.folder.resolve() / 'beside.yaml'}")
+        # Without its file, and with one that is not beside the definition.
+        for variant, words in (("nearest", "strategy nearest: must be one of"), (f"nearest, params: {own.relative_to(ROOT)}", "No such file or directory")):
             (self.folder / "definition.yaml").write_text(DEFINITION.replace("octomap_random", variant))
             with self.assertRaisesRegex(UsageError, words):
                 campaign.missions_of(self.options())
 
     def test_the_shipped_definition_is_taken(self):
         missions = campaign.missions_of(campaign.parse([]))
-        self.assertEqual(len(missions), 101)
+        self.assertEqual(len(missions), 106)
         self.assertTrue(all(int(mission["seed"]) > 100 for mission in missions.values()))
         self.assertIn(f"```yaml\n{(ROOT / 'tools/campaign/paper.yaml').read_text()}```", (ROOT / "docs/results/design.md").read_text())
 
-    def test_configuration_holds_what_is_in_the_files(self):
-        path = self.folder / "params.yaml"
+    def test_configuration_holds_what_is_in_the_files_wherever_they_are(self):
+        path, elsewhere = self.folder / "params.yaml", self.folder / "others.yaml"
         path.write_text("a: 1")
+        elsewhere.write_text("a: 1")
         before = workspace.configuration([f"params:={path}", "seed:=1"])
+        self.assertEqual(workspace.configuration([f"params:={elsewhere}", "seed:=1"]), before)
+        self.assertNotEqual(workspace.configuration([f"params:={path}.no", "seed:=1"]), before)
         self.assertEqual(workspace.configuration(["seed:=1", f"params:={path}"]), before)
         self.assertNotEqual(workspace.configuration([f"params:={path}", "seed:=2"]), before)
         path.write_text("a: 2")
