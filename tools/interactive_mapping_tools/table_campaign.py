@@ -294,16 +294,18 @@ def systems_text(rows):
 
 
 def choices_text(rows):
-    """Markdown: what each variant chose, of the seeds that Tables I and II show."""
-    table = [("scene", "variant", "n", "choices to stay", "views", "without a pick", "driven [m]", "bricks")]
-    for scene in OUR_SCENES:
-        for variant, runs in paired(rows, scene, "paper", {**PAPER_FACTORS, **PAPER_SYSTEMS}).items():
-            if runs:
-                stays, choices, *rest = (format(sum(row[key] for row in runs), ".0f")
-                                         for key in ("stays", "choices", "views", "fruitless_views", "distance_m",
-                                                     "bricks_stowed"))
-                table.append((scene, variant, len(runs), f"{stays} of {choices}", *rest))
-    return markdown(table) + "\n" if len(table) > 1 else ""
+    """Markdown: what each variant chose, and the bricks of each of its missions."""
+    seeds = sorted({row["seed"] for row in rows}, key=int)
+    table = [("scene", "cycle", "variant", "choices to stay", "views", "without a pick", "driven [m]",
+              *(f"bricks, {seed}" for seed in seeds))]
+    for scene, cycle, variant in dict.fromkeys((row["scene"], row["cycle"], row["variant"]) for row in rows):
+        runs = {row["seed"]: row for row in rows if is_of(row, scene, cycle, variant)}
+        stays, choices = (sum(row[key] for row in runs.values()) for key in ("stays", "choices"))
+        means = (format(statistics.fmean(row[key] for row in runs.values()), ".1f")
+                 for key in ("views", "fruitless_views", "distance_m"))
+        table.append((scene, cycle, variant, f"{stays:.0f} of {choices:.0f}", *means,
+                      *(f"{runs[seed]['bricks_stowed']:.0f}" if seed in runs else "" for seed in seeds)))
+    return markdown(table) + "\n"
 
 
 def print_tables(path):

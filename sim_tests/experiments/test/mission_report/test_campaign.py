@@ -314,8 +314,10 @@ class Campaign(unittest.TestCase):
         mission = self.make(log=ENDED + log)
         row = table_campaign.row_of(mission, SUMMARY)
         self.assertEqual([row[key] for key in table_campaign.GRADED], [2, 3, 2, 1])
-        text, _ = self.table(self.row("complete", 1, 3), self.row("no_travel", 1, 2))
-        self.assertIn("| one_heap | complete | 1 | 0 of 0 | 1 | 0 | 1 | 3 |", table_campaign.choices_text(table_campaign.read_rows(self.folder / "missions.csv")), text)
+        self.table(self.row("complete", 9, 3), self.row("complete", 10, 1), self.row("no_travel", 10, 2))
+        text = table_campaign.choices_text(table_campaign.read_rows(self.folder / "missions.csv"))
+        for line in ("| driven [m] | bricks, 9 | bricks, 10 |", "| one_heap | paper | complete | 0 of 0 | 1.0 | 0.0 | 1.0 | 3 | 1 |", "| no_travel | 0 of 0 | 1.0 | 0.0 | 1.0 |  | 2 |"):
+            self.assertIn(line, text)
 
     def test_states_of_the_software_are_not_mixed(self):
         cell = {"scene": "one_heap", "cycle": "paper", "variant": "complete", "seed": 1}
