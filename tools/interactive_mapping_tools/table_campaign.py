@@ -298,7 +298,9 @@ def choices_text(rows):
     seeds = sorted({row["seed"] for row in rows}, key=int)
     table = [("scene", "cycle", "variant", "choices to stay", "views", "without a pick", "driven [m]",
               *(f"bricks, {seed}" for seed in seeds))]
-    for scene, cycle, variant in dict.fromkeys((row["scene"], row["cycle"], row["variant"]) for row in rows):
+    places = list(dict.fromkeys((row["scene"], row["cycle"]) for row in rows))
+    cells = dict.fromkeys((row["scene"], row["cycle"], row["variant"]) for row in rows)
+    for scene, cycle, variant in sorted(cells, key=lambda cell: places.index(cell[:2])):
         runs = {row["seed"]: row for row in rows if is_of(row, scene, cycle, variant)}
         stays, choices = (sum(row[key] for row in runs.values()) for key in ("stays", "choices"))
         means = (format(statistics.fmean(row[key] for row in runs.values()), ".1f")
