@@ -76,7 +76,8 @@ struct CollisionCheckerConfig {
   /// With the shrinking it is at least half a block of the scene, or a brick's unseen back would hold it in its place.
   /// It also covers the doubtful surface that the map grows before edges and half-seen faces, up to 3 cm.
   double target_padding_m{0.035};
-  double unknown_tolerance_m{0.0};  // a part may reach so far into an unseen block: for watching
+  /// For watching: a part may reach so far into an unseen block, and what the held brick has left empty is so much larger.
+  double unknown_tolerance_m{0.0};
 
   static void fields(CollisionCheckerConfig& c, interactive_mapping::Fields& f) {
     f("self_padding_m", c.self_padding_m, 0.0, kMaxSelfPadding_m, "m", "distance that links keep from each other");

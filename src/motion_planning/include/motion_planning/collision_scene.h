@@ -33,7 +33,7 @@ struct CollisionSceneConfig {
       "edge of the cubes in which triangles are kept; a cube is rebuilt when its triangles change");
     f("block_m", c.block_m, 0.01, 0.2, "m", "edge of the lattice of free, occupied and unknown space");
     f("unknown_near_pile_m", c.unknown_near_pile_m, 0.0, 1.0, "m",
-      "unknown space this near to the pile, or above a wall, is an obstacle, except one or two blocks alone in free "
+      "unknown space this near to the pile, or above a wall, is an obstacle, except up to eight blocks alone in free "
       "space");
     f("pile_min_height_m", c.pile_min_height_m, 0.0, 1.0, "m",
       "surface higher than this above the ground belongs to the pile");
@@ -79,10 +79,10 @@ class CollisionSceneBuilder {
 
   /// Takes in a surface; what has not changed since the last one is kept. `T_map_base`: where the robot stands (z of
   /// base_link is up, its xy plane the ground). The map is asked once, for new vertices and for blocks that are new,
-  /// unknown or near a chunk that changed. Space that was free stays free until surface near it changes. An empty
-  /// surface gives a scene where only floor and robot are in the way. Throws what `map` throws, and std::runtime_error
-  /// if it answers less than it was asked. Throws std::invalid_argument unless there is a normal for each vertex (zero
-  /// or NaN: that of its triangles) and the pose is rigid. The last scene then stays.
+  /// unknown or near a chunk that changed. Space that was free stays free until something stands there or the robot has
+  /// moved on. An empty surface gives a scene where only floor and robot are in the way. Throws what `map` throws, and
+  /// std::runtime_error if it answers less than it was asked. Throws std::invalid_argument unless there is a normal for
+  /// each vertex (zero or NaN: that of its triangles) and the pose is rigid. The last scene then stays.
   SceneUpdate update(const Surface& surface, const MapView& map, const Eigen::Isometry3d& T_map_base);
   /// The same. Throws std::invalid_argument, too, if it was prepared for another region_radius_m or chunk_m.
   SceneUpdate update(const std::shared_ptr<const PreparedSurface>& surface, const MapView& map);

@@ -384,6 +384,30 @@ TEST(CollisionChecker, UnknownSpaceNearThePileIsInTheWayUntilTheArmWasThere) {
   EXPECT_GT(num_unknown, 5);
 }
 
+TEST(CollisionChecker, AWatchedBrickMayHaveStoodATolerancesLengthFromWhereItWasPlanned) {
+  BoxWorld world;
+  world.boxes = {uprightBox({0.70, 0.0, 0.1}, {0.3, 0.4, 0.2})};
+  world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.85; };
+  const auto scene = sceneOf(world, Eigen::Isometry3d::Identity());
+  // The brick reaches deep into the blocks whose middles are at x = 0.875 m, and no farther.
+  const HeldBrick held{Eigen::Isometry3d(Eigen::Translation3d(0.0, 0.0, 0.1)), {0.19, 0.19, 0.2}};
+  const ArmVector hanging = jointsAt(toolDown({0.80, 0.0, 0.46}));
+  const auto kindBeside = [&](double unknown_tolerance_m, double end_x_m) {
+    CollisionCheckerConfig config;
+    config.unknown_tolerance_m = unknown_tolerance_m;
+    CollisionChecker checker(arm(), scene, Eigen::Isometry3d::Identity(), config);
+    const double size_x_m = 0.3;
+    checker.setTarget(uprightBox({end_x_m - config.target_padding_m - 0.5 * size_x_m, 0.0, 0.5}, {size_x_m, 0.6, 1.0}),
+                      true);
+    checker.setHeld(held, false);
+    return checker.check(hanging).kind;
+  };
+  EXPECT_EQ(kindBeside(0.0, 0.876), CollisionKind::kNone);
+  EXPECT_EQ(kindBeside(0.0, 0.865), CollisionKind::kUnknown);
+  EXPECT_EQ(kindBeside(0.015, 0.865), CollisionKind::kNone);
+  EXPECT_EQ(kindBeside(0.015, 0.859), CollisionKind::kUnknown);
+}
+
 TEST(CollisionChecker, UnknownSpaceFarFromAnyPileIsNot) {
   const Eigen::Isometry3d T_map_base = baseAskew();
   BoxWorld world;

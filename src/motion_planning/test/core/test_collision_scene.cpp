@@ -291,40 +291,70 @@ TEST(CollisionSceneBuilder, FreeDistanceIsNeverTooLarge) {
   EXPECT_GT(num_large, 500u);  // nor is it always zero
 }
 
-TEST(CollisionSceneBuilder, SpecksOfUnknownSpaceAreNoObstacle) {
+/// A box on the ground, and an unseen piece of space beside it: the first `count` blocks of an upright square of three by
+/// three, in rows along y from below, whose corner with the least coordinates is at `corner`.
+BoxWorld boxAndUnseenPiece(int count, const Eigen::Vector3d& corner) {
   BoxWorld world;
   world.ground_z_m = 0.0;
   world.ground_half_edge_m = 1.2;
   world.boxes = {uprightBox({0.8, 0.0, 0.1}, {0.2, 0.2, 0.2})};
-  // Beside the box, in free space: one block, two, a row of three, and two by two.
-  const auto isIn = [](const Eigen::Vector3d& p, double x, double y, int along_x, int along_y) {
-    return p.x() > x && p.x() < x + 0.05 * along_x && p.y() > y && p.y() < y + 0.05 * along_y && p.z() > 0.15 &&
-           p.z() < 0.20;
+  world.is_unknown = [=](const Eigen::Vector3d& p) {
+    const Eigen::Array3i at = ((p - corner) / 0.05).array().floor().cast<int>();
+    return at.x() == 0 && at.y() >= 0 && at.y() < 3 && at.z() >= 0 && 3 * at.z() + at.y() < count;
   };
-  world.is_unknown = [&](const Eigen::Vector3d& p) {
-    return isIn(p, 0.60, -0.10, 1, 1) || isIn(p, 0.60, 0.00, 1, 2) || isIn(p, 0.70, 0.15, 3, 1) ||
-           isIn(p, 0.70, -0.20, 2, 1) || isIn(p, 0.70, -0.25, 2, 1);
-  };
-  CollisionSceneBuilder builder{sceneConfig()};
-  const SceneUpdate update = builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  return world;
+}
+
+std::uint8_t flagsAt(const CollisionSceneBuilder& builder, const Eigen::Vector3d& p_map) {
   const CollisionScene& scene = *builder.scene();
-  const auto flagsAt = [&](double x, double y) {
-    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, 0.175}))];
-  };
-  EXPECT_EQ(flagsAt(0.625, -0.075), kBlockObserved | kBlockSpeck);
-  EXPECT_EQ(flagsAt(0.625, 0.025), kBlockObserved | kBlockSpeck);
-  EXPECT_EQ(flagsAt(0.625, 0.075), kBlockObserved | kBlockSpeck);
-  EXPECT_EQ(flagsAt(0.775, 0.175), kBlockObserved | kBlockUnknown) << "the middle of three";
-  for (const double x : {0.725, 0.775}) {
-    for (const double y : {-0.175, -0.225}) EXPECT_EQ(flagsAt(x, y), kBlockObserved | kBlockUnknown) << x << " " << y;
+  return scene.flags[scene.lattice.index(scene.lattice.clamped(p_map))];
+}
+
+TEST(CollisionSceneBuilder, SpecksOfUnknownSpaceAreNoObstacle) {
+  const Eigen::Vector3d first = Eigen::Vector3d(0.575, -0.075, 0.125);
+  const Eigen::Vector3d corner = first - Eigen::Vector3d::Constant(0.025);
+  for (const int count : {1, 2, 3, 5, 8}) {
+    const BoxWorld world = boxAndUnseenPiece(count, corner);
+    CollisionSceneBuilder builder{sceneConfig()};
+    EXPECT_EQ(builder.update(world.surface(0.02), world, kBaseAtOrigin).blocks_unknown, 0u) << count;
+    EXPECT_EQ(flagsAt(builder, first), kBlockObserved | kBlockSpeck) << count;
   }
-  EXPECT_GE(update.blocks_unknown, 5u);
-  // What grows is an obstacle again.
-  world.is_unknown = [&](const Eigen::Vector3d& p) { return isIn(p, 0.60, -0.10, 2, 4); };
+  const BoxWorld world = boxAndUnseenPiece(9, corner);
+  CollisionSceneBuilder builder{sceneConfig()};
+  EXPECT_EQ(builder.update(world.surface(0.02), world, kBaseAtOrigin).blocks_unknown, 9u);
+  // On the ground, or beside the box: one alone is none either.
+  for (const Eigen::Vector3d& touching : {Eigen::Vector3d(0.575, 0.025, 0.025), Eigen::Vector3d(0.675, 0.025, 0.125)}) {
+    for (const int count : {1, 2}) {
+      const BoxWorld beside = boxAndUnseenPiece(count, touching - Eigen::Vector3d::Constant(0.025));
+      CollisionSceneBuilder builder_beside{sceneConfig()};
+      builder_beside.update(beside.surface(0.02), beside, kBaseAtOrigin);
+      EXPECT_EQ(flagsAt(builder_beside, touching), kBlockObserved | (count == 1 ? kBlockSpeck : kBlockUnknown))
+          << touching.transpose() << " and " << count;
+    }
+  }
+}
+
+TEST(CollisionSceneBuilder, SpaceSeenFreeStaysFreeWhileTheRobotStands) {
+  const Eigen::Vector3d first = Eigen::Vector3d(0.575, -0.075, 0.125);
+  const Eigen::Vector3d corner = first - Eigen::Vector3d::Constant(0.025);
+  BoxWorld world = boxAndUnseenPiece(0, corner);
+  CollisionSceneBuilder builder{sceneConfig()};
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
-  EXPECT_EQ(
-      builder.scene()->flags[builder.scene()->lattice.index(builder.scene()->lattice.clamped({0.625, -0.075, 0.175}))],
-      kBlockObserved | kBlockUnknown);
+  ASSERT_EQ(flagsAt(builder, first), kBlockObserved);
+  // Noise: the surface moves by a little, and with it the space that its distance makes free.
+  world = boxAndUnseenPiece(9, corner);
+  world.boxes[0].T_map_box.translation().x() += 1e-3;
+  EXPECT_EQ(builder.update(world.surface(0.02), world, kBaseAtOrigin).blocks_unknown, 0u);
+  EXPECT_EQ(flagsAt(builder, first), kBlockObserved);
+  // From elsewhere it is as the map has it.
+  const Eigen::Isometry3d elsewhere(Eigen::Translation3d(0.0, -0.2, 0.0));
+  EXPECT_EQ(builder.update(world.surface(0.02), world, elsewhere).blocks_unknown, 9u);
+  // What was not seen at first is free once it is, and what comes is in the way.
+  world.is_unknown = nullptr;
+  EXPECT_EQ(builder.update(world.surface(0.02), world, elsewhere).blocks_unknown, 0u);
+  world.boxes.push_back(uprightBox({0.55, -0.05, 0.1}, {0.1, 0.1, 0.2}));
+  builder.update(world.surface(0.02), world, elsewhere);
+  EXPECT_EQ(flagsAt(builder, first), kBlockObserved | kBlockInside);
 }
 
 TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
@@ -335,16 +365,12 @@ TEST(CollisionSceneBuilder, UnknownSpaceCountsNearThePileAndUnderItOnly) {
   world.is_unknown = [](const Eigen::Vector3d& p) { return p.x() > 0.9; };  // behind, and all the ground there
   CollisionSceneBuilder builder{sceneConfig()};
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
-  const CollisionScene& scene = *builder.scene();
-  const auto flagsAt = [&](double x, double y, double z) {
-    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, z}))];
-  };
-  EXPECT_EQ(flagsAt(1.02, 0.0, 0.82) & kBlockUnknown, kBlockUnknown);  // behind, beside the seen top
-  EXPECT_EQ(flagsAt(1.4, 0.0, 0.5), 0);                                // far behind: nobody asks
-  EXPECT_EQ(flagsAt(0.8, 0.0, 0.72) & kBlockInside, kBlockInside);
-  EXPECT_EQ(flagsAt(0.77, 0.0, 0.42) & kBlockUnknown, kBlockUnknown);  // deep in the box, under its top
-  EXPECT_EQ(flagsAt(0.5, 0.0, 0.4), kBlockObserved);                   // seen, free
-  EXPECT_EQ(flagsAt(0.0, -0.7, 0.02), 0);                              // ground is no pile
+  EXPECT_EQ(flagsAt(builder, {1.02, 0.0, 0.82}) & kBlockUnknown, kBlockUnknown);  // behind, beside the seen top
+  EXPECT_EQ(flagsAt(builder, {1.4, 0.0, 0.5}), 0);                                // far behind: nobody asks
+  EXPECT_EQ(flagsAt(builder, {0.8, 0.0, 0.72}) & kBlockInside, kBlockInside);
+  EXPECT_EQ(flagsAt(builder, {0.77, 0.0, 0.42}) & kBlockUnknown, kBlockUnknown);  // deep in the box, under its top
+  EXPECT_EQ(flagsAt(builder, {0.5, 0.0, 0.4}), kBlockObserved);                   // seen, free
+  EXPECT_EQ(flagsAt(builder, {0.0, -0.7, 0.02}), 0);                              // ground is no pile
 }
 
 // A camera that looks down sees no more of a wall than its foot.
@@ -375,15 +401,11 @@ TEST(CollisionSceneBuilder, UnknownSpaceIsAskedForFromTheGroundUpAndAsFarAsItSay
   config.unknown_near_pile_m = 0.15;
   CollisionSceneBuilder builder{config};
   builder.update(world.surface(0.02), world, kBaseAtOrigin);
-  const auto flagsAt = [&](double x, double y, double z) {
-    const CollisionScene& scene = *builder.scene();
-    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, z}))];
-  };
-  EXPECT_EQ(flagsAt(1.07, 0.01, 0.02), kBlockObserved | kBlockUnknown);  // the lowest block above the ground
+  EXPECT_EQ(flagsAt(builder, {1.07, 0.01, 0.02}), kBlockObserved | kBlockUnknown);  // the lowest block above the ground
   // The far face is at x = 1.0, in the block from 1.00 to 1.05 or the one before: all points within 0.15 m of it are in
   // blocks that count, whichever it is.
-  EXPECT_EQ(flagsAt(1.14, 0.01, 0.22), kBlockObserved | kBlockUnknown);
-  EXPECT_EQ(flagsAt(1.27, 0.01, 0.22), 0);
+  EXPECT_EQ(flagsAt(builder, {1.14, 0.01, 0.22}), kBlockObserved | kBlockUnknown);
+  EXPECT_EQ(flagsAt(builder, {1.27, 0.01, 0.22}), 0);
 }
 
 TEST(CollisionSceneBuilder, WhatIsLowerThanAPileHasNoUnknownNearIt) {
@@ -421,12 +443,8 @@ TEST(CollisionSceneBuilder, ANegativeDistanceIsInsideWhateverTheState) {
   world.boxes = {uprightBox({0.8, 0.0, 0.2}, {0.4, 0.4, 0.4})};
   CollisionSceneBuilder builder{sceneConfig()};
   builder.update(world.surface(0.02), UnsureMap(world), kBaseAtOrigin);
-  const CollisionScene& scene = *builder.scene();
-  const auto flagsAt = [&](double x, double y, double z) {
-    return scene.flags[scene.lattice.index(scene.lattice.clamped({x, y, z}))];
-  };
-  EXPECT_EQ(flagsAt(0.81, 0.01, 0.32), kBlockObserved | kBlockInside);
-  EXPECT_EQ(flagsAt(0.81, 0.01, 0.47), kBlockObserved | kBlockUnknown);
+  EXPECT_EQ(flagsAt(builder, {0.81, 0.01, 0.32}), kBlockObserved | kBlockInside);
+  EXPECT_EQ(flagsAt(builder, {0.81, 0.01, 0.47}), kBlockObserved | kBlockUnknown);
 }
 
 TEST(CollisionSceneBuilder, AChunkThatIsGoneIsAskedAboutAnew) {

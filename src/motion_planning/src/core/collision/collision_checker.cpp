@@ -303,8 +303,9 @@ struct CollisionChecker::State {
           // map, so does that knowledge; nothing has come there. Not when its place is empty: what is carried moves to
           // the side, where an unseen neighbour may stand.
           const bool is_unknown = (scene->flags[index] & kBlockInside) == 0;
-          if (is_exempt && (is_unknown ? isInTarget(center_map, target_for_all ? 0.0 : lattice.block())
-                                       : isTargetsInside(center_map))) {
+          if (is_exempt &&
+              (is_unknown ? isInTarget(center_map, target_for_all ? config.unknown_tolerance_m : lattice.block())
+                          : isTargetsInside(center_map))) {
             continue;
           }
           if (visit(index, distance_m)) return true;

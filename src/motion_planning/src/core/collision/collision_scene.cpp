@@ -480,37 +480,49 @@ PileBlocks findPile(const BlockLattice& lattice, const CleanSurface& surface, co
   return result;
 }
 
-/// One or two unseen blocks with free space all around hide no solid: it would have a surface that was seen. They come from
-/// pixels that measured nothing, at the edges of things.
+/// A few unseen blocks with free space all around hide no solid: it would have a surface that was seen. They come from pixels
+/// that measured nothing, at the edges of things, and from gaps between views: rods of one to six blocks. One block alone
+/// may touch what is not free.
 void forgiveSpecks(const Eigen::Isometry3d& T_base_map, CollisionScene* scene) {
-  constexpr int kOpenFaces = 5;  // of six: one block alone, or each of two
+  constexpr std::size_t kMaxBlocks = 8;  // that share faces: a litre at 5 cm, a tenth of a brick
   const BlockLattice& lattice = scene->lattice;
   const Eigen::Vector3i size = lattice.size();
-  const auto isOpen = [&](const Eigen::Vector3i& block) {
-    if ((block.array() < 0).any() || (block.array() >= size.array()).any()) return false;
-    const std::uint8_t flags = scene->flags[lattice.index(block)];
-    if ((flags & kBlockObserved) != 0) return (flags & (kBlockInside | kBlockUnknown)) == 0;
-    return (T_base_map * lattice.center(block)).z() >= 0.0;  // not asked for: far from the pile, or under the floor
+  const auto isUnknown = [&](std::size_t at) { return (scene->flags[at] & kBlockUnknown) != 0; };
+  const auto isOpen = [&](std::size_t at) {
+    const std::uint8_t flags = scene->flags[at];
+    if ((flags & kBlockObserved) != 0) return (flags & kBlockInside) == 0;
+    // Not asked for: far from the pile, or under the floor.
+    return (T_base_map * lattice.center(lattice.position(at))).z() >= 0.0;
   };
-  std::vector<std::size_t> specks;  // told by the state before any is forgiven
-  std::size_t at = 0;
-  for (int z = 0; z < size.z(); ++z) {
-    for (int y = 0; y < size.y(); ++y) {
-      for (int x = 0; x < size.x(); ++x, ++at) {
-        if ((scene->flags[at] & kBlockUnknown) == 0) continue;
-        int open = 0;
-        for (int axis = 0; axis < 3; ++axis) {
-          for (const int step : {-1, 1}) {
-            Eigen::Vector3i beside(x, y, z);
-            beside[axis] += step;
-            open += isOpen(beside) ? 1 : 0;
+  std::vector<std::uint8_t> is_seen(lattice.count(), 0);
+  std::vector<std::size_t> piece;
+  for (std::size_t first = 0; first < lattice.count(); ++first) {
+    if (!isUnknown(first) || is_seen[first] != 0) continue;
+    piece = {first};
+    is_seen[first] = 1;
+    std::size_t num_closed_faces = 0;
+    for (std::size_t next = 0; next < piece.size(); ++next) {
+      for (int axis = 0; axis < 3; ++axis) {
+        for (const int step : {-1, 1}) {
+          Eigen::Vector3i beside = lattice.position(piece[next]);
+          beside[axis] += step;
+          if (beside[axis] < 0 || beside[axis] >= size[axis]) {
+            ++num_closed_faces;
+            continue;
+          }
+          const std::size_t at = lattice.index(beside);
+          if (!isUnknown(at)) {
+            num_closed_faces += isOpen(at) ? 0u : 1u;
+          } else if (std::exchange(is_seen[at], std::uint8_t{1}) == 0) {
+            piece.push_back(at);
           }
         }
-        if (open >= kOpenFaces) specks.push_back(at);
       }
     }
+    const bool is_speck = num_closed_faces == 0 ? piece.size() <= kMaxBlocks : num_closed_faces + piece.size() == 2;
+    if (!is_speck) continue;
+    for (const std::size_t at : piece) scene->flags[at] = kBlockObserved | kBlockSpeck;
   }
-  for (const std::size_t speck : specks) scene->flags[speck] = kBlockObserved | kBlockSpeck;
 }
 
 BlockLattice latticeOf(const std::vector<Eigen::Vector3d>& vertices_map, const Eigen::Isometry3d& T_map_base,
@@ -721,9 +733,11 @@ std::vector<std::shared_ptr<const SurfaceChunk>> inOrder(const Chunks& chunks) {
   return result;
 }
 
-/// Enters the answers for the blocks, which begin at `first_answer`.
+/// Enters the answers for the blocks, which begin at `first_answer`. What was free stays so while the robot stands there,
+/// until something comes: near a surface the map calls space free by its distance, and with noise that comes and goes.
 void enterAnswers(const MapAnswers& answers, std::size_t first_answer, const std::vector<std::uint32_t>& asked_blocks,
-                  CollisionScene* scene) {
+                  const CollisionScene& last_scene, CollisionScene* scene) {
+  const bool is_same_lattice = scene->lattice == last_scene.lattice;
   for (std::size_t i = 0; i < asked_blocks.size(); ++i) {
     const std::size_t at = asked_blocks[i];
     const double distance_m = answers.distance_m[static_cast<Eigen::Index>(first_answer + i)];
@@ -733,7 +747,13 @@ void enterAnswers(const MapAnswers& answers, std::size_t first_answer, const std
     if (state == SpaceState::kOccupied || distance_m < 0.0) {
       scene->flags[at] |= kBlockInside;
     } else if (state == SpaceState::kUnknown) {
-      scene->flags[at] |= kBlockUnknown;
+      const std::uint8_t before = is_same_lattice ? last_scene.flags[at] : 0;
+      const bool was_free = (before & kBlockObserved) != 0 && (before & (kBlockInside | kBlockUnknown)) == 0;
+      if (was_free) {
+        scene->flags[at] = before;
+      } else {
+        scene->flags[at] |= kBlockUnknown;
+      }
     }
   }
 }
@@ -862,7 +882,7 @@ SceneUpdate CollisionSceneBuilder::update(const std::shared_ptr<const PreparedSu
   scene->chunks = inOrder(chunks);
   update.mesh_ms += lap_ms();
 
-  enterAnswers(answers, asked_vertices.size(), asked_blocks, scene.get());
+  enterAnswers(answers, asked_vertices.size(), asked_blocks, *state_->scene, scene.get());
   if (!vertices.empty()) {
     forgiveSpecks(T_map_base.inverse(), scene.get());
     scene->free_distance_m = freeDistances(*scene, chunks);
