@@ -334,6 +334,34 @@ TEST(CollisionSceneBuilder, SpecksOfUnknownSpaceAreNoObstacle) {
   }
 }
 
+TEST(CollisionSceneBuilder, ASpeckThatProvesToBePartOfMoreIsAnObstacle) {
+  BoxWorld world = boxAndUnseenPiece(0, Eigen::Vector3d::Zero());
+  world.is_unknown = [](const Eigen::Vector3d& p) {
+    return p.x() > 0.3 && p.x() < 0.6 && std::abs(p.y()) < 0.1 && p.z() > 0.1 && p.z() < 0.15;
+  };
+  const Eigen::Vector3d end(0.575, 0.025, 0.125);
+  CollisionSceneBuilder builder{sceneConfig()};
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  ASSERT_EQ(flagsAt(builder, end), kBlockObserved | kBlockSpeck) << "only the end of it is near the box";
+  world.boxes.push_back(uprightBox({0.45, -0.35, 0.1}, {0.3, 0.2, 0.2}));
+  builder.update(world.surface(0.02), world, kBaseAtOrigin);
+  EXPECT_EQ(flagsAt(builder, end), kBlockObserved | kBlockUnknown);
+}
+
+TEST(CollisionSceneBuilder, OfLargeBlocksFewerMakeASpeck) {
+  CollisionSceneConfig config = sceneConfig();
+  config.block_m = 0.1;
+  for (const int count : {2, 3}) {
+    BoxWorld world = boxAndUnseenPiece(0, Eigen::Vector3d::Zero());
+    world.is_unknown = [=](const Eigen::Vector3d& p) {
+      return p.x() > 0.5 && p.x() < 0.6 && p.y() > -0.1 && p.y() < 0.1 * (count - 1) && p.z() > 0.1 && p.z() < 0.2;
+    };
+    CollisionSceneBuilder builder{config};
+    builder.update(world.surface(0.02), world, kBaseAtOrigin);
+    EXPECT_EQ(flagsAt(builder, {0.55, -0.05, 0.15}), kBlockObserved | (count == 2 ? kBlockSpeck : kBlockUnknown));
+  }
+}
+
 TEST(CollisionSceneBuilder, SpaceSeenFreeStaysFreeWhileTheRobotStands) {
   const Eigen::Vector3d first = Eigen::Vector3d(0.575, -0.075, 0.125);
   const Eigen::Vector3d corner = first - Eigen::Vector3d::Constant(0.025);

@@ -484,8 +484,9 @@ PileBlocks findPile(const BlockLattice& lattice, const CleanSurface& surface, co
 /// that measured nothing, at the edges of things, and from gaps between views: rods of one to six blocks. One block alone
 /// may touch what is not free.
 void forgiveSpecks(const Eigen::Isometry3d& T_base_map, CollisionScene* scene) {
-  constexpr std::size_t kMaxBlocks = 8;  // that share faces: a litre at 5 cm, a tenth of a brick
   const BlockLattice& lattice = scene->lattice;
+  // That share faces: a litre, a twelfth of a brick; never fewer than two.
+  const double max_blocks = std::clamp(std::round(1e-3 / std::pow(lattice.block(), 3)), 2.0, 8.0);
   const Eigen::Vector3i size = lattice.size();
   const auto isUnknown = [&](std::size_t at) { return (scene->flags[at] & kBlockUnknown) != 0; };
   const auto isOpen = [&](std::size_t at) {
@@ -494,12 +495,12 @@ void forgiveSpecks(const Eigen::Isometry3d& T_base_map, CollisionScene* scene) {
     // Not asked for: far from the pile, or under the floor.
     return (T_base_map * lattice.center(lattice.position(at))).z() >= 0.0;
   };
-  std::vector<std::uint8_t> is_seen(lattice.count(), 0);
+  std::vector<std::uint8_t> is_visited(lattice.count(), 0);
   std::vector<std::size_t> piece;
   for (std::size_t first = 0; first < lattice.count(); ++first) {
-    if (!isUnknown(first) || is_seen[first] != 0) continue;
+    if (!isUnknown(first) || is_visited[first] != 0) continue;
     piece = {first};
-    is_seen[first] = 1;
+    is_visited[first] = 1;
     std::size_t num_closed_faces = 0;
     for (std::size_t next = 0; next < piece.size(); ++next) {
       for (int axis = 0; axis < 3; ++axis) {
@@ -513,13 +514,14 @@ void forgiveSpecks(const Eigen::Isometry3d& T_base_map, CollisionScene* scene) {
           const std::size_t at = lattice.index(beside);
           if (!isUnknown(at)) {
             num_closed_faces += isOpen(at) ? 0u : 1u;
-          } else if (std::exchange(is_seen[at], std::uint8_t{1}) == 0) {
+          } else if (std::exchange(is_visited[at], std::uint8_t{1}) == 0) {
             piece.push_back(at);
           }
         }
       }
     }
-    const bool is_speck = num_closed_faces == 0 ? piece.size() <= kMaxBlocks : num_closed_faces + piece.size() == 2;
+    const bool is_speck =
+        num_closed_faces == 0 ? static_cast<double>(piece.size()) <= max_blocks : num_closed_faces + piece.size() == 2;
     if (!is_speck) continue;
     for (const std::size_t at : piece) scene->flags[at] = kBlockObserved | kBlockSpeck;
   }
@@ -747,13 +749,8 @@ void enterAnswers(const MapAnswers& answers, std::size_t first_answer, const std
     if (state == SpaceState::kOccupied || distance_m < 0.0) {
       scene->flags[at] |= kBlockInside;
     } else if (state == SpaceState::kUnknown) {
-      const std::uint8_t before = is_same_lattice ? last_scene.flags[at] : 0;
-      const bool was_free = (before & kBlockObserved) != 0 && (before & (kBlockInside | kBlockUnknown)) == 0;
-      if (was_free) {
-        scene->flags[at] = before;
-      } else {
-        scene->flags[at] |= kBlockUnknown;
-      }
+      const bool was_free = is_same_lattice && last_scene.flags[at] == kBlockObserved;
+      if (!was_free) scene->flags[at] |= kBlockUnknown;
     }
   }
 }
