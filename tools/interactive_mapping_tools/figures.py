@@ -139,8 +139,7 @@ FIGURES = {"1": figure_mission.cycle, "3": figure_accuracy.blanket, "4": figure_
            "9": figure_mission.order, "tables": tables}
 NEED_INPUT = ("1", "4", "9")
 PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text,
-         "findings": table_campaign.findings_text,
-         "choices": table_campaign.choices_text, "measures": table_campaign.measures_text}
+         "findings": table_campaign.findings_text, "measures": table_campaign.measures_text}
 
 
 def page_parts(folder):
@@ -148,7 +147,8 @@ def page_parts(folder):
     that says so."""
     rows = table_campaign.read_rows(folder / "missions.csv") if (folder / "missions.csv").exists() else None
     parts = {mark: (text_of(rows) if rows else "") or NOTHING for mark, text_of in PARTS.items()}
-    return {**parts, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n"
+    choices = table_campaign.choices_text(rows, table_campaign.read_csv(folder / "curves.csv")) if rows else NOTHING
+    return {**parts, "choices": choices, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n"
             if (folder / "fig7.png").exists() else NOTHING}
 
 

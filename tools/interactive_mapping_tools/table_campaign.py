@@ -31,6 +31,7 @@ ORIGIN = ("date", "commit", "software", "configuration", "host", "machine")
 COLUMNS = (*CELL, *MEASURES, *GRADED, *TIMES, "end_reason", *ORIGIN)
 CURVE_COLUMNS = (*CELL, "time_s", "bricks", "map")  # of curves.csv: [%], every CURVE_STEP_S to the mission's end
 CURVE_STEP_S = 10.0
+CONTAINER = 3  # bricks that it holds: pick_mission.yaml's stow
 SHOWN = {  # column: title, factor
     "bricks": ("bricks %", 1), "map_coverage": ("map %", 100), "map_precision": ("precision %", 100),
     "falls": ("falls", 1), "drops": ("drops", 1), "collisions": ("collisions", 1),
@@ -293,10 +294,18 @@ def systems_text(rows):
     return markdown(table) + "\n" if len(table) > 1 else ""
 
 
-def choices_text(rows):
-    """Markdown: what each variant chose, and the bricks of each of its missions."""
+def load_times(curve, bricks_total):
+    """Seconds between every third brick of a mission, after the first three: from one full container to the next."""
+    bricks = np.array([float(row["bricks"]) for row in curve]) * bricks_total / 100.0
+    full = np.arange(CONTAINER, bricks[-1] + 0.5, CONTAINER)
+    return np.diff(CURVE_STEP_S * np.searchsorted(bricks, full - 0.5))
+
+
+def choices_text(rows, curves):
+    """Markdown: what each variant chose, and the bricks of each of its missions. `curves`: rows of curves.csv."""
+    runs_of = {cell: list(of_cell) for cell, of_cell in itertools.groupby(curves, cell_of)}
     seeds = sorted({row["seed"] for row in rows}, key=int)
-    table = [("scene", "cycle", "variant", "choices to stay", "views", "without a pick", "driven [m]",
+    table = [("scene", "cycle", "variant", "choices to stay", "views", "without a pick", "driven [m]", "3 bricks [s]",
               *(f"bricks, {seed}" for seed in seeds))]
     places = list(dict.fromkeys((row["scene"], row["cycle"]) for row in rows))
     cells = dict.fromkeys((row["scene"], row["cycle"], row["variant"]) for row in rows)
@@ -305,7 +314,9 @@ def choices_text(rows):
         stays, choices = (sum(row[key] for row in runs.values()) for key in ("stays", "choices"))
         means = (format(statistics.fmean(row[key] for row in runs.values()), ".1f")
                  for key in ("views", "fruitless_views", "distance_m"))
+        loads = np.concatenate([load_times(runs_of[cell_of(row)], row["bricks_total"]) for row in runs.values()])
         table.append((scene, cycle, variant, f"{stays:.0f} of {choices:.0f}", *means,
+                      f"{np.median(loads):.0f}" if len(loads) else "-",
                       *(f"{runs[seed]['bricks_stowed']:.0f}" if seed in runs else "" for seed in seeds)))
     return markdown(table) + "\n"
 

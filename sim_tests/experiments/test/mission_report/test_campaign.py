@@ -315,9 +315,16 @@ class Campaign(unittest.TestCase):
         row = table_campaign.row_of(mission, SUMMARY)
         self.assertEqual([row[key] for key in table_campaign.GRADED], [2, 3, 2, 1])
         self.table(self.row("complete", 9, 3), self.row("complete", 10, 1), self.row("no_travel", 10, 2))
-        text = table_campaign.choices_text(table_campaign.read_rows(self.folder / "missions.csv"))
-        for line in ("| driven [m] | bricks, 9 | bricks, 10 |", "| one_heap | paper | complete | 0 of 0 | 1.0 | 0.0 | 1.0 | 3 | 1 |", "| no_travel | 0 of 0 | 1.0 | 0.0 | 1.0 |  | 2 |"):
+        curves = [dict(zip(table_campaign.CURVE_COLUMNS, ("one_heap", "paper", variant, seed, 10.0 * index, share))) for variant, seed, shares in
+                  (("complete", 9, (0, 75, 75, 150)), ("complete", 10, (75, 75, 75, 150)), ("no_travel", 10, (0, 100))) for index, share in enumerate(shares)]
+        text = table_campaign.choices_text(table_campaign.read_rows(self.folder / "missions.csv"), curves)
+        for line in ("| driven [m] | 3 bricks [s] | bricks, 9 | bricks, 10 |", "| one_heap | paper | complete | 0 of 0 | 1.0 | 0.0 | 1.0 | 25 | 3 | 1 |",
+                     "| no_travel | 0 of 0 | 1.0 | 0.0 | 1.0 | - |  | 2 |"):
             self.assertIn(line, text)
+
+    def test_loads_are_timed_from_one_full_container_to_the_next(self):
+        for total, shares, expected in ((10, (0, 30, 30, 60, 60, 60, 100), [20, 30]), (6, (0, 66.667, 100), [10]), (6, (0, 50, 50), []), (6, (0, 0), [])):
+            np.testing.assert_array_equal(table_campaign.load_times([{"bricks": share} for share in shares], total), expected)
 
     def test_states_of_the_software_are_not_mixed(self):
         cell = {"scene": "one_heap", "cycle": "paper", "variant": "complete", "seed": 1}
