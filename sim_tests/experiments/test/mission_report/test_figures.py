@@ -49,7 +49,7 @@ class Figures(unittest.TestCase):
             (folder / "mission.jsonl").write_text('{"event":"start","time_s":10.0}\n')
             (folder / "judge.csv").write_text("time_s,stowed,coverage\n" + "".join(f"{10 + time_s},{stowed},{coverage}\n" for time_s, stowed, coverage in judged))
             summary = {**dict.fromkeys(table_campaign.MEASURES, 1), "bricks_total": 4, "end_reason": "time_limit", "origin": {"software": "now"}}
-            mission = {"scene": "decoys", "cycle": "paper", "variant": variant, "seed": seed, "folder": folder}
+            mission = {"scene": "decoys", "cycle": "paper_near", "variant": variant, "seed": seed, "folder": folder}
             rows.append(table_campaign.row_of(mission, summary))
             curves += table_campaign.curve_rows_of(mission, 4)
         table_campaign.write_csv(self.folder / "missions.csv", table_campaign.COLUMNS, rows)
@@ -61,7 +61,7 @@ class Figures(unittest.TestCase):
                       ("octomap_random", 101, slow), ("octomap_random", 102, slow))
         figures.curves(self.folder, self.folder)
         rows = {(row["system"], float(row["time_s"])): row for row in rows_of(self.folder / "fig7.csv")}
-        self.assertEqual({(row["scene"], row["cycle"], row["n"]) for row in rows.values()}, {("decoys", "paper", "2")})
+        self.assertEqual({(row["scene"], row["cycle"], row["n"]) for row in rows.values()}, {("decoys", "paper_near", "2")})
         self.assertEqual({system for system, _ in rows}, {"complete", "octomap_random"})
 
         def of(time_s):
