@@ -244,7 +244,7 @@ def findings_text(rows):
     for entry in summaries_of(rows):
         found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {"pairs": 0, 1: [], -1: []})
         if entry["measure"] in BETTER and entry["pairs"] > 1:
-            found["pairs"] = entry["pairs"]
+            found["pairs"] = max(found["pairs"], entry["pairs"])
             if not entry["difference_low"] <= 0.0 <= entry["difference_high"]:
                 sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
                 found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)}")
