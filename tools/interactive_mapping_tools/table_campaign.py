@@ -295,8 +295,9 @@ def systems_text(rows):
 
 
 def load_times(curve, bricks_total):
-    """Seconds between every third brick of a mission, after the first three: from one full container to the next."""
-    bricks = np.array([float(row["bricks"]) for row in curve]) * bricks_total / 100.0
+    """Seconds between every third brick of a mission, after the first three: from one full container to the next.
+    `curve`: the mission's rows of curves.csv."""
+    bricks = np.maximum.accumulate([float(row["bricks"]) for row in curve]) * bricks_total / 100.0  # one can fall out
     full = np.arange(CONTAINER, bricks[-1] + 0.5, CONTAINER)
     return np.diff(CURVE_STEP_S * np.searchsorted(bricks, full - 0.5))
 

@@ -323,7 +323,7 @@ class Campaign(unittest.TestCase):
             self.assertIn(line, text)
 
     def test_loads_are_timed_from_one_full_container_to_the_next(self):
-        for total, shares, expected in ((10, (0, 20, 30, 50, 50, 60, 100), [30, 10]), (6, (0, 66.667, 100), [10]), (6, (0, 50, 50), []), (6, (0, 0), [])):
+        for total, shares, expected in ((10, (0, 20, 30, 50, 50, 60, 100), [30, 10]), (10, (0, 30, 20, 30, 60), [30]), (6, (0, 66.667, 100), [10]), (6, (0, 50, 50), []), (6, (0, 0), [])):
             np.testing.assert_array_equal(table_campaign.load_times([{"bricks": share} for share in shares], total), expected)
 
     def test_states_of_the_software_are_not_mixed(self):
