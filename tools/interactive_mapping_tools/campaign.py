@@ -54,13 +54,26 @@ def parse(words):
     return options
 
 
-def words_of(scene, seed, cycle, variant, limits, folder):
-    """For run_mission. A file of parameters is relative to the definition's folder."""
-    arguments = {**cycle, **variant}
-    if "params" in arguments:
-        arguments["params"] = str(folder / arguments["params"])
+def merged(first, second):
+    """Trees of parameters; where both have a value, that of the second."""
+    if not (isinstance(first, dict) and isinstance(second, dict)):
+        return second
+    return {**first, **{key: merged(first[key], value) if key in first else value for key, value in second.items()}}
+
+
+def words_of(scene, seed, cycle, variant, definition, options):
+    """For run_mission. A file of parameters is relative to the definition's folder; those of a cycle and a variant are made one, in --out."""
+    arguments = {**definition["cycles"][cycle], **definition["variants"][variant]}
+    files = [options.definition.resolve().parent / of["params"] for of in (definition["cycles"][cycle], definition["variants"][variant]) if "params" in of]
+    if len(files) == 2:
+        trees = [yaml.safe_load(file.read_text(encoding="utf-8")) for file in files]
+        files = [options.out / f"{cycle}-{variant}.yaml"]
+        options.out.mkdir(parents=True, exist_ok=True)
+        files[0].write_text(yaml.safe_dump(merged(*trees)), encoding="utf-8")
+    if files:
+        arguments["params"] = str(files[0])
     chosen = [word for key in ("strategy", "removed_factor") if key in arguments for word in ("--" + key.replace("_", "-"), arguments.pop(key))]
-    return ["--scene", scene, "--seed", seed, "--time-limit", f"{limits['time_limit_s'][scene]:g}", "--wall-limit", str(limits["wall_limit_s"]), "--no-page", *chosen,
+    return ["--scene", scene, "--seed", seed, "--time-limit", f"{definition['time_limit_s'][scene]:g}", "--wall-limit", str(definition["wall_limit_s"]), "--no-page", *chosen,
             *(["--", *(f"{key}:={value}" for key, value in arguments.items())] if arguments else [])]
 
 
@@ -75,9 +88,9 @@ def missions_of(options):
         cells = dict.fromkeys((scene, cycle, variant, str(seed)) for table in definition["tables"].values() for seed in lists["seeds"] or table["seeds"]
                               for scene in table["scenes"] for cycle in table["cycles"] for variant in table["variants"]
                               if lists["scenes"] is None or scene in lists["scenes"])
-        commands = {(scene, cycle, variant, seed): words_of(scene, seed, definition["cycles"][cycle], definition["variants"][variant], definition, options.definition.resolve().parent)
+        commands = {(scene, cycle, variant, seed): words_of(scene, seed, cycle, variant, definition, options)
                     for scene, cycle, variant, seed in sorted(cells, key=lambda cell: cell[3].zfill(10))}  # the seeds one by one: a part of a campaign is balanced
-    except (KeyError, TypeError, AttributeError, ValueError, yaml.YAMLError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OSError, yaml.YAMLError) as error:
         raise UsageError(f"{options.definition}: {table_campaign.words_of(error)}") from error
     if not commands:
         raise UsageError(f"{options.definition} has no mission" + (f" in {options.scenes}" if options.scenes else ""))

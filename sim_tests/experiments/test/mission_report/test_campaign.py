@@ -18,6 +18,7 @@ import unittest.mock
 import numpy as np
 import rosunit
 import scipy.stats
+import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 sys.path.insert(0, str(ROOT / "tools"))
@@ -131,9 +132,24 @@ class Campaign(unittest.TestCase):
             with self.assertRaisesRegex(UsageError, words):
                 campaign.missions_of(self.options())
 
+    def test_parameters_of_a_cycle_and_a_variant_are_made_one(self):
+        (self.folder / "cycle.yaml").write_text("a: {b: 1, c: [1, 2]}\nd: 1\n")
+        (self.folder / "variant.yaml").write_text("a: {c: [3], e: 2}\n")
+        text = DEFINITION.replace("mission_config: paper", "params: cycle.yaml").replace("strategy: octomap_random", "params: variant.yaml")
+        (self.folder / "definition.yaml").write_text(text)
+        options = self.options()
+        missions = campaign.missions_of(options)
+        of = {name: pathlib.Path(missions[f"two_rows-paper-{name}-101"]["command"][-1].removeprefix("params:=")) for name in ("complete", "random")}
+        self.assertEqual(of["complete"], self.folder.resolve() / "cycle.yaml")
+        self.assertEqual(yaml.safe_load(of["random"].read_text()), {"a": {"b": 1, "c": [3], "e": 2}, "d": 1})
+        self.assertTrue(of["random"].is_relative_to(options.out))
+        (self.folder / "definition.yaml").write_text(text.replace("params: variant", "params: other"))
+        with self.assertRaisesRegex(UsageError, "No such file or directory: .*other.yaml"):
+            campaign.missions_of(options)
+
     def test_the_shipped_definition_is_taken(self):
         missions = campaign.missions_of(campaign.parse([]))
-        self.assertEqual(len(missions), 210)
+        self.assertEqual(len(missions), 223)
         self.assertTrue(all(int(mission["seed"]) > 100 for mission in missions.values()))
         self.assertIn(f"```yaml\n{(ROOT / 'tools/campaign/paper.yaml').read_text()}```", (ROOT / "docs/results/design.md").read_text())
 
