@@ -7,6 +7,7 @@ import contextlib
 import csv
 import io
 import json
+import os
 import pathlib
 import shutil
 import subprocess
@@ -47,6 +48,15 @@ attempts.write_text(str(left - 1))
 if left <= 1:
     shutil.copytree(made, folder)
 """
+# The first job reaches its time limit at once, others run to their end.
+SLURM = {"sbatch": """#!/bin/bash
+[ -e $JOBS/job1 ] || { echo -n JobState=TIMEOUT > $JOBS/job1; echo 1; exit; }
+bash "${@: -1}" > /dev/null 2>&1 && state=COMPLETED || state=FAILED
+echo -n JobState=$state > $JOBS/job2
+echo 2
+""", "scontrol": """#!/bin/bash
+[ "$1 $2 $3" = "show job -o" ] && cat $JOBS/job$4
+"""}
 
 
 class Campaign(unittest.TestCase):
@@ -239,10 +249,11 @@ class Campaign(unittest.TestCase):
             campaign.check_snakemake()
         except UsageError as error:
             self.skipTest(str(error))
+        local = ["--profile", str(campaign.FILES / "local"), "--cores", "2"]
         script = self.folder / "mission.py"
         script.write_text(MISSION)
         good = self.make("made")["folder"]
-        options, missions = argparse.Namespace(out=self.folder / "out", snakemake=["--cores", "2"]), {}
+        options, missions = argparse.Namespace(out=self.folder / "out", snakemake=local), {}
         for name, attempts in (("first", 1), ("third", 3), ("fourth", 4)):
             (self.folder / name).write_text(str(attempts))
             missions[name] = {**self.make(f"unused_{name}"), "folder": str(self.folder / "out" / name), "variant": name,
@@ -253,10 +264,16 @@ class Campaign(unittest.TestCase):
             return [int((self.folder / name).read_text()) for name in missions], campaign.report(options, missions)
 
         self.assertEqual(left_after_a_call(), ([0, 0, 1], 1))
-        # Only the one that is missing; this time by a command that submits jobs, as on a cluster.
-        options.snakemake = ["--cluster-sync", "bash", "--jobs", "2"]
-        self.assertEqual(left_after_a_call(), ([0, 0, 0], 0))
-        options.snakemake = ["--cores", "2"]
+        # Only the one that is missing; this time on a cluster, which ends the first job.
+        options.snakemake = ["--profile", str(campaign.FILES / "slurm")]
+        for name, text in SLURM.items():
+            (self.folder / "bin" / name).parent.mkdir(exist_ok=True)
+            (self.folder / "bin" / name).write_text(text)
+            (self.folder / "bin" / name).chmod(0o755)
+        with unittest.mock.patch.dict(os.environ, PATH=f"{self.folder / 'bin'}:{os.environ['PATH']}", JOBS=str(self.folder / "bin")):
+            self.assertEqual(left_after_a_call(), ([0, 0, 0], 0))
+            self.assertEqual([path.read_text() for path in sorted((self.folder / "bin").glob("job*"))], ["JobState=TIMEOUT", "JobState=COMPLETED"])
+        options.snakemake = local
         missions["first"]["software"] = "later"
         (self.folder / "first").write_text("9")
         self.assertEqual(left_after_a_call(), ([6, 0, 0], 1))
