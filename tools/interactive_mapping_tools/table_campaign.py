@@ -13,6 +13,7 @@ import pathlib
 import statistics
 
 import numpy as np
+from scipy import stats
 
 from . import mission_run
 from .cli import Refusal, one_line_errors, parser_of
@@ -160,6 +161,14 @@ def interval(values):
     return np.percentile(means, (2.5, 97.5), method="inverted_cdf")
 
 
+def p_of(differences):
+    """Of the exact two-sided test that flips the differences' signs: how likely chance gives as large a mean. At least
+    2 / 2^n."""
+    if len(differences) < 2:
+        return math.nan
+    return stats.permutation_test((differences,), np.mean, permutation_type="samples", n_resamples=np.inf).pvalue
+
+
 def with_interval(values, form=".1f"):
     """Of those that are numbers."""
     values = [value for value in values if not math.isnan(value)]
@@ -197,7 +206,7 @@ def summaries_of(rows):
                 low, high = interval(numbers) if numbers else (math.nan, math.nan)
                 entry.update({name: statistics.fmean(numbers) if numbers else math.nan, f"{name}_low": low,
                               f"{name}_high": high})
-            found.append({**entry, "pairs": len(pairs)})
+            found.append({**entry, "pairs": len(pairs), "p": p_of(pairs)})
     return found
 
 
@@ -240,23 +249,46 @@ def measures_text(rows):
 
 
 def findings_text(rows):
-    """Markdown: of each variant where it is better and worse than the first; the interval of the difference does not
-    hold 0."""
+    """Markdown: of each variant where it is better and worse than the first, and how likely chance gives as much; the
+    interval of the difference does not hold 0."""
     lines = {}
     for entry in summaries_of(rows):
         found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {"pairs": 0, 1: [], -1: []})
-        if entry["measure"] in BETTER and entry["pairs"] > 1:
-            found["pairs"] = max(found["pairs"], entry["pairs"])
-            if not entry["difference_low"] <= 0.0 <= entry["difference_high"]:
-                sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
-                found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)}")
+        if entry["measure"] == "bricks":
+            found["pairs"] = entry["pairs"]
+        if (entry["measure"] in BETTER and entry["pairs"] > 1 and
+                not entry["difference_low"] <= 0.0 <= entry["difference_high"]):
+            sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
+            found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)} (p {entry['p']:.2g})")
     text = ""
     for (scene, cycle, variant), found in lines.items():
         parts = [f"{word} in {', '.join(found[sign])}" for sign, word in ((1, "better"), (-1, "worse")) if found[sign]]
-        if found["pairs"]:
+        if found["pairs"] > 1:
             text += (f"- `{scene}`, cycle `{cycle}`, `{variant}`, {found['pairs']} pairs: "
                      f"{'; '.join(parts) or 'no difference shows'}.\n")
     return text
+
+
+def variants_of(rows):
+    """[(scene, cycle, variant)], those of a scene and cycle together."""
+    places = list(dict.fromkeys((row["scene"], row["cycle"]) for row in rows))
+    cells = dict.fromkeys((row["scene"], row["cycle"], row["variant"]) for row in rows)
+    return sorted(cells, key=lambda cell: places.index(cell[:2]))
+
+
+def lasting_text(rows):
+    """Markdown: differences to `complete` in bricks and in the share mapped, of the seeds in which `complete` stows a
+    brick."""
+    table = [("scene", "cycle", "variant", "pairs", "bricks", "p", "map [points]", "p")]
+    for scene, cycle, variant in variants_of(rows):
+        first = {row["seed"]: row for row in rows if is_of(row, scene, cycle, "complete") and row["bricks_stowed"]}
+        runs = {row["seed"]: row for row in rows if is_of(row, scene, cycle, variant)}
+        bricks = differences(runs, first, "bricks_stowed")
+        if variant != "complete" and bricks:
+            coverage = [100 * value for value in differences(runs, first, "map_coverage")]
+            table.append((scene, cycle, variant, len(bricks), *itertools.chain.from_iterable(
+                (with_interval(values, "+.1f"), format(p_of(values), ".2g")) for values in (bricks, coverage))))
+    return markdown(table) + "\n" if len(table) > 1 else ""
 
 
 def paired(rows, scene, cycle, variants):
@@ -313,9 +345,7 @@ def choices_text(rows, curves):
     seeds = sorted({row["seed"] for row in rows}, key=int)
     table = [("scene", "cycle", "variant", "choices to stay", "views", "without a pick", "driven [m]", "3 bricks [s]",
               *(f"bricks, {seed}" for seed in seeds))]
-    places = list(dict.fromkeys((row["scene"], row["cycle"]) for row in rows))
-    cells = dict.fromkeys((row["scene"], row["cycle"], row["variant"]) for row in rows)
-    for scene, cycle, variant in sorted(cells, key=lambda cell: places.index(cell[:2])):
+    for scene, cycle, variant in variants_of(rows):
         runs = {row["seed"]: row for row in rows if is_of(row, scene, cycle, variant)}
         stays, choices = (sum(row[key] for row in runs.values()) for key in ("stays", "choices"))
         means = (format(statistics.fmean(row[key] for row in runs.values()), ".1f")

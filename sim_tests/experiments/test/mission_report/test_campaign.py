@@ -159,7 +159,7 @@ class Campaign(unittest.TestCase):
 
     def test_the_shipped_definition_is_taken(self):
         missions = campaign.missions_of(campaign.parse([]))
-        self.assertEqual(len(missions), 223)
+        self.assertEqual(len(missions), 233)
         self.assertTrue(all(int(mission["seed"]) > 100 for mission in missions.values()))
         self.assertIn(f"```yaml\n{(ROOT / 'tools/campaign/paper.yaml').read_text()}```", (ROOT / "docs/results/design.md").read_text())
 
@@ -323,8 +323,13 @@ class Campaign(unittest.TestCase):
         self.table(*(self.row("complete", seed, 3, falls=2, map_coverage=0.5) for seed in (1, 2)), *(self.row("no_travel", seed, seed, falls=1) for seed in (1, 2)),
                    *(self.row("no_frontier", seed, 3, falls=2 * seed, map_coverage=0.5) for seed in (1, 2)))
         self.assertEqual(table_campaign.findings_text(table_campaign.read_rows(self.folder / "missions.csv")),
-                         "- `one_heap`, cycle `paper`, `no_travel`, 2 pairs: better in map % **+50.0 [+50.0, +50.0]**, falls **-1.0 [-1.0, -1.0]**; "
-                         "worse in bricks % **-37.5 [-50.0, -25.0]**.\n- `one_heap`, cycle `paper`, `no_frontier`, 2 pairs: no difference shows.\n")
+                         "- `one_heap`, cycle `paper`, `no_travel`, 2 pairs: better in map % **+50.0 [+50.0, +50.0]** (p 0.5), falls **-1.0 [-1.0, -1.0]** (p 0.5); "
+                         "worse in bricks % **-37.5 [-50.0, -25.0]** (p 0.5).\n- `one_heap`, cycle `paper`, `no_frontier`, 2 pairs: no difference shows.\n")
+
+    def test_seeds_without_a_brick_of_complete_are_left_out(self):
+        self.table(*(self.row("complete", seed, stowed) for seed, stowed in ((1, 2), (2, 0), (3, 3))), *(self.row("no_travel", seed, 4 - seed, map_coverage=0.5) for seed in (1, 2, 3, 4)))
+        self.assertEqual(table_campaign.lasting_text(table_campaign.read_rows(self.folder / "missions.csv")).splitlines()[2:],
+                         ["| one_heap | paper | no_travel | 2 | -0.5 [-2.0, +1.0] | 1 | -50.0 [-50.0, -50.0] | 0.5 |"])
 
     def test_every_measure_of_the_design_is_in_the_tables(self):
         text, cells = self.table(self.row("complete", 1, 4))
@@ -374,6 +379,11 @@ class Campaign(unittest.TestCase):
             self.table((cell, {}), (cell, {}))
         with self.assertRaisesRegex(Refusal, "of 0 states"):
             self.table()
+
+    def test_p_counts_the_signs_that_give_as_much(self):
+        # The sums of 1, 2 and 4 with any signs: -7, -5, -3, -1, 1, 3, 5, 7.
+        for values, expected in (((1.0, 2.0, 4.0), 2 / 8), ((1.0, 2.0, -4.0), 1.0), ((1.0, -2.0, 4.0), 6 / 8), ((0.0, 0.0), 1.0), ((3.0,), np.nan), ((), np.nan)):
+            np.testing.assert_allclose(table_campaign.p_of(values), expected)
 
     def test_interval_of_yes_and_no_is_the_binomial(self):
         for successes, total in ((3, 8), (5, 10), (1, 5)):
