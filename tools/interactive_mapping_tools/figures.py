@@ -63,20 +63,20 @@ def scenes(_, out):
     for axes, letter, scene in zip(panels, "abc", table_campaign.OUR_SCENES):
         world = yaml.safe_load((ROOT / f"sim_tests/simulated_world/worlds/{scene}.yaml").read_text(encoding="utf-8"))
         piles = world.get("heaps", []) + world.get("tipped", [])
-        rows.append((scene, sum(pile["bricks"] for pile in piles), sum(world.get("decoys", {}).values()),
-                     sum(np.prod(pile["extent_m"]) for pile in piles)))
-        axes.imshow(matplotlib.image.imread(ROOT / f"docs/images/worlds/{scene}.png"))
+        rows.append((scene, sum(pile["bricks"] for pile in piles), sum(world.get("decoys", {}).values())))
+        view = matplotlib.image.imread(ROOT / f"docs/images/worlds/{scene}.png")
+        axes.imshow(view[view.shape[0] // 4:-view.shape[0] // 4, view.shape[1] // 2:])  # the pile
         axes.set_title(f"({letter}) {scene}: {rows[-1][1]} bricks" +
                        (f", {rows[-1][2]} of them decoys" if rows[-1][2] else ""), fontsize=13, loc="left")
         axes.set_axis_off()
     save(figure, out / "fig6.png")
-    write_rows(out / "fig6.csv", ("scene", "bricks", "decoys", "extent_m2"), rows)
+    write_rows(out / "fig6.csv", ("scene", "bricks", "decoys"), rows)
 
 
 def curves_of(folder):
-    """{(scene, cycle): {system: (seconds, {"bricks", "map": missions x seconds [%]})}} of those that count. A mission
-    that has ended keeps what it had."""
-    rows = table_campaign.read_rows(folder / "missions.csv")
+    """{(scene, cycle): {system: (seconds, {"bricks", "map": missions x seconds [%]})}} of those that count, of the
+    seeds in which `complete` stows a brick. A mission that has ended keeps what it had."""
+    rows = table_campaign.lasting(table_campaign.read_rows(folder / "missions.csv"))
     runs = {cell: np.array([[float(row[key]) for key in ("time_s", "bricks", "map")] for row in of_cell])
             for cell, of_cell in itertools.groupby(table_campaign.read_csv(folder / "curves.csv"),
                                                    table_campaign.cell_of)}
@@ -109,23 +109,22 @@ def curves(source, out):
                                   (map_axes, "map", "pile in the map [%]")):
             for system, (grid, values) in systems.items():
                 label, colour = SYSTEMS[system]
-                low, high = np.percentile(values[name], (25, 75), axis=0)
-                axes.plot(grid / 60.0, values[name].T, color=colour, linewidth=0.6, alpha=0.5)
-                axes.fill_between(grid / 60.0, low, high, color=colour, alpha=0.18, linewidth=0)
-                axes.plot(grid / 60.0, values[name].mean(axis=0), color=colour, linewidth=2.4, label=label)
+                axes.fill_between(grid, values[name].min(axis=0), values[name].max(axis=0), color=colour, alpha=0.2,
+                                  linewidth=0)
+                axes.plot(grid, values[name].mean(axis=0), color=colour, linewidth=2.4, label=f"{label}: mean and range")
             axes.set_ylim(0, 105)
-            axes.set_xlim(0, grid[-1] / 60.0)
+            axes.set_xlim(0, grid[-1])
             tidy(axes, f"{scene}: {title}, n = {len(values[name])}",
-                 "simulated time [min]" if axes in panels[-1] else None)
+                 "simulated time [s]" if axes in panels[-1] else None)
         for system, (grid, values) in systems.items():
-            quartiles = [np.percentile(values[name], share, axis=0) for name in ("bricks", "map") for share in (25, 75)]
+            ends = [share(values[name], axis=0) for name in ("bricks", "map") for share in (np.min, np.max)]
             rows += zip(itertools.repeat(scene), itertools.repeat(cycle), itertools.repeat(system),
-                        itertools.repeat(len(values["bricks"])), grid, values["bricks"].mean(axis=0), *quartiles[:2],
-                        values["map"].mean(axis=0), *quartiles[2:])
+                        itertools.repeat(len(values["bricks"])), grid, values["bricks"].mean(axis=0), *ends[:2],
+                        values["map"].mean(axis=0), *ends[2:])
     legend_below(figure, panels[0, 0], 3)
     save(figure, out / "fig7.png", bbox_inches="tight")
-    write_rows(out / "fig7.csv", ("scene", "cycle", "system", "n", "time_s", "bricks_mean", "bricks_q25", "bricks_q75",
-                                  "map_mean", "map_q25", "map_q75"), rows)
+    write_rows(out / "fig7.csv", ("scene", "cycle", "system", "n", "time_s", "bricks_mean", "bricks_min", "bricks_max",
+                                  "map_mean", "map_min", "map_max"), rows)
 
 
 def tables(source, out):

@@ -276,15 +276,21 @@ def variants_of(rows):
     return sorted(cells, key=lambda cell: places.index(cell[:2]))
 
 
+def lasting(rows):
+    """Those of the seeds in which `complete` stows a brick."""
+    seeds = {(row["scene"], row["cycle"], row["seed"]) for row in rows
+             if row["variant"] == "complete" and row["bricks_stowed"] > 0}
+    return [row for row in rows if (row["scene"], row["cycle"], row["seed"]) in seeds]
+
+
 def lasting_text(rows):
-    """Markdown: differences to `complete` in bricks and in the share mapped, of the seeds in which `complete` stows a
-    brick."""
+    """Markdown: of those seeds, the differences to `complete` in bricks and in the share mapped."""
     table = [("scene", "cycle", "variant", "pairs", "bricks", "p", "map [points]", "p")]
+    rows = lasting(rows)
     for scene, cycle, variant in variants_of(rows):
-        first = {row["seed"]: row for row in rows if is_of(row, scene, cycle, "complete") and row["bricks_stowed"]}
-        runs = {row["seed"]: row for row in rows if is_of(row, scene, cycle, variant)}
-        bricks = differences(runs, first, "bricks_stowed")
-        if variant != "complete" and bricks:
+        first, runs = ({row["seed"]: row for row in rows if is_of(row, scene, cycle, of)} for of in ("complete", variant))
+        if variant != "complete":
+            bricks = differences(runs, first, "bricks_stowed")
             coverage = [100 * value for value in differences(runs, first, "map_coverage")]
             table.append((scene, cycle, variant, len(bricks), *itertools.chain.from_iterable(
                 (with_interval(values, "+.1f"), format(p_of(values), ".2g")) for values in (bricks, coverage))))
