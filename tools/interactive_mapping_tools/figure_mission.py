@@ -22,6 +22,7 @@ CELL_M = 0.025  # of a map seen from above
 # Farther than this from the new map's surface, a point of the old one is gone: twice its spacing of points.
 GONE_M = 0.04
 GROUND_M = 0.04
+CANDIDATE, OTHER = "#2e8b3d", "#9a9a9a"  # segments in Fig. 1
 NUM_ORDER = 4
 
 
@@ -174,7 +175,7 @@ class Stage:
         for segment in segments_of(selection) if selection else ():
             is_best = segment is selection["segments"][selection["best"]]
             foot = np.array([*spot_of(segment), 0.0])
-            shade = RED if is_best else "#2e8b3d" if is_candidate(segment) else "#9a9a9a"
+            shade = RED if is_best else CANDIDATE if is_candidate(segment) else OTHER
             height_m = number(segment.get("utility"), 0.0) if is_candidate(segment) else 0.03
             self.line(axes, [foot, foot + [0.0, 0.0, height_m]], color=shade, linewidth=5, solid_capstyle="butt")
         if goal:
@@ -229,14 +230,18 @@ def cycle(source, out):
     stage.draw(panels[0, 0], before,
                f"(a) {duration(chosen[0]['time_s'] - start_s)}: the best view, drawn on the map of (b)", places[0],
                chosen[0], goals[0])
-    stage.draw(panels[0, 1], before, f"(b) {duration(begun_s - start_s)}: there, and a new look", places[1])
+    stage.draw(panels[0, 1], before, f"(b) {duration(begun_s - start_s)}: the robot there, after the next image", places[1])
     stage.draw(panels[1, 0], now, f"(c) {duration(after[0] - start_s)}: a brick is taken; green: surface that is gone",
                places[1])
     stage.line(panels[1, 0], gone(before, now), color="#0b6b1d", linestyle="none", marker="o", markersize=2.2,
                markeredgewidth=0)
     stage.draw(panels[1, 1], now, f"(d) {duration(following[0]['time_s'] - start_s)}: the next best view", places[2],
                following[0], goals[1])
-    save(figure, out / "fig1.png", 90)
+    named = ((RED, "best segment"), (CANDIDATE, "others (height: utility)"),
+             (OTHER, "unseen, or the robot cannot stand there"), (BLUE, "front of the robot"))
+    figure.legend(handles=[plt.Line2D([], [], color=colour, linewidth=4, label=label) for colour, label in named],
+                  loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=4, frameon=False)
+    save(figure, out / "fig1.png", 90, bbox_inches="tight")
     write_rows(out / "fig1.csv", ("panel", "x_m", "y_m", "verdict", "utility", "chosen"),
                ([panel, *spot_of(segment), segment["verdict"], segment["utility"],
                  int(segment is selection["segments"][selection["best"]])]
@@ -267,16 +272,16 @@ def order(source, out):
         before, after = (render_mesh.read_ply(maps[number_taken]) for number_taken in (count - 1, count))
         lost, pose = gone(before, after), base_at(run, begun_s)
         draw_above(above, before, window)
-        above.plot(*lost[:, :2].T, linestyle="none", marker=".", markersize=2, color=GREEN,
-                   label="surface that is gone")
+        above.plot(*lost[:, :2].T, linestyle="none", marker=".", markersize=2, color=GREEN)
+        above.plot([], [], linestyle="none", marker="s", markersize=8, color=GREEN, label="surface that is gone")
         above.plot(*np.transpose([spot_of(segment) for segment in segments_of(selection)]), linestyle="none",
-                   marker="o", markersize=3.5, color=MUTED, label="outline")
-        draw_goal(above, pose, label="where it stood")
+                   marker="o", markersize=3.5, color=MUTED, label="segment of the outline")
+        draw_goal(above, pose, label="robot")
         tidy(above, x_label="x in the map [m]", y_label="y [m]" if index == 0 else None)
         above.yaxis.grid(False)
         rows.append((count, time_s - start_s, *pose, *(np.median(lost, axis=0) if len(lost) else [np.nan] * 3),
                      number(selection["segments"][selection["best"]].get("utility"))))
-    legend_below(figure, panels[1, 0], 3, markerscale=3)
+    legend_below(figure, panels[1, 0], 3)
     save(figure, out / "fig9.png", 90, bbox_inches="tight")
     write_rows(out / "fig9.csv", ("brick", "time_s", "base_x_m", "base_y_m", "base_yaw_rad", "gone_x_m", "gone_y_m",
                                   "gone_z_m", "utility"), rows)
