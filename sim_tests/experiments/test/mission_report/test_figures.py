@@ -72,6 +72,11 @@ class Figures(unittest.TestCase):
         self.assertEqual(of(20.0), [62.5, 25.0, 100.0, 75.0, 50.0, 100.0])
         self.is_drawn("fig7.png")
 
+    def test_scenes_are_drawn_with_their_bricks(self):
+        figures.scenes(None, self.folder)
+        self.assertEqual([tuple(row.values()) for row in rows_of(self.folder / "fig6.csv")], [("one_heap", "20", "0"), ("tipped_20", "20", "0"), ("decoys", "30", "5")])
+        self.is_drawn("fig6.png")
+
     def test_curves_are_refused_without_their_missions(self):
         self.campaign(("no_travel", 101, ((0, 0, 0.2),)))
         with self.assertRaisesRegex(Refusal, "no missions of complete, octomap"):
