@@ -141,7 +141,10 @@ build_workspace() {
   [ -z "${cmake_options+x}" ] || options+=("${cmake_options[@]}")
   [ $# -gt 0 ] || set -- all
   run_logged "Configuring $dir/" "$log_dir/$dir-configure.log" cmake -S . -B "$dir" "${options[@]}" || return
-  run_logged "Building $dir/ ($*), $jobs jobs" "$log_dir/$dir-build.log" ninja -C "$dir" -j "$jobs" "$@"
+  run_logged "Building $dir/ ($*), $jobs jobs" "$log_dir/$dir-build.log" ninja -C "$dir" -j "$jobs" "$@" || return
+  case " $* " in *" all "* | *" mission "*)  # for scripts/campaign --no-build
+    PYTHONPATH=tools /usr/bin/python3 -c 'from interactive_mapping_tools import workspace; print(workspace.software())' > "$devel/.software" ;;
+  esac
 }
 
 # use_workspace: makes rosrun and rospack know the packages built here.

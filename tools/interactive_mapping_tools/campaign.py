@@ -172,6 +172,13 @@ def run(mission):
     return 1 if problem else 0
 
 
+def check_built(software):
+    """Raises UsageError if the workspace was built of another state; one that was built otherwise does not tell."""
+    built = ROOT / "devel/.software"
+    if built.exists() and built.read_text(encoding="utf-8").strip() != software:
+        raise UsageError(f"devel/ was built of state {built.read_text(encoding='utf-8').strip()}, src, sim_tests and examples are of {software}: leave out --no-build")
+
+
 def check_snakemake():
     try:
         version = metadata.version("snakemake")
@@ -231,7 +238,9 @@ def main():
             print(f"{name}: {state_of(mission)[0] or ('counts, recorded' if 'row' in mission else 'counts')}")
         return 0
     if not options.table:
-        if not options.no_build:
+        if options.no_build:
+            check_built(workspace.software())
+        else:
             workspace.library("install_packages; install_packages campaign; build_workspace all")
         check_snakemake()
         workspace.end_in_order()

@@ -9,6 +9,7 @@ import io
 import json
 import os
 import pathlib
+import runpy
 import shutil
 import subprocess
 import sys
@@ -277,6 +278,22 @@ class Campaign(unittest.TestCase):
         missions["first"]["software"] = "later"
         (self.folder / "first").write_text("9")
         self.assertEqual(left_after_a_call(), ([6, 0, 0], 1))
+
+    def test_a_workspace_that_was_built_of_another_state_is_refused(self):
+        (self.folder / "devel").mkdir()
+        with unittest.mock.patch.object(campaign, "ROOT", self.folder):
+            campaign.check_built("now")  # it does not tell
+            (self.folder / "devel/.software").write_text("before\n")
+            campaign.check_built("before")
+            with self.assertRaisesRegex(UsageError, "built of state before, src, sim_tests and examples are of now"):
+                campaign.check_built("now")
+
+    def test_progress_tells_the_time_to_go(self):
+        with unittest.mock.patch("time.monotonic", side_effect=[100.0, 100.0 + 3600.0]), contextlib.redirect_stdout(io.StringIO()) as printed:
+            handler = runpy.run_path(str(campaign.FILES / "progress.py"))["log_handler"]
+            for message in ({"level": "job_info"}, {"level": "progress", "done": 2, "total": 6}, {"level": "progress", "done": 6, "total": 6}):
+                handler(message)
+        self.assertEqual(printed.getvalue(), "Campaign: 2 missions done in this call, 3 left, about 1.5 h to go\n")  # the last step is no mission
 
     def table(self, *rows):
         """The tables as printed, and {(variant, measure): row} of tables.csv."""
