@@ -38,8 +38,14 @@ class MeshError(Exception):
     """Bytes that are no SurfaceMesh; the text says why."""
 
 
+def stamp_of(data):
+    """[s] of a serialised message with a header."""
+    _, seconds, nanoseconds = struct.unpack_from("<III", data)
+    return seconds + 1e-9 * nanoseconds
+
+
 def parse_surface_mesh(data):
-    """(points Nx3 [m], normals Nx3, variance N [m^2], triangles Mx3, stamp [s]) of a serialised
+    """(points Nx3 [m], normals Nx3, variance N [m^2], triangles Mx3) of a serialised
     interactive_mapping_msgs/SurfaceMesh. By hand: rospy would make an object of each vertex, 100 000 of them a second."""
     offset = 0
 
@@ -54,7 +60,8 @@ def parse_surface_mesh(data):
         count, = struct.unpack("<I", take(4))
         return np.frombuffer(take(count * width * np.dtype(kind).itemsize), kind).reshape(count, width)
 
-    _, seconds, nanoseconds, frame_length = struct.unpack("<IIII", take(16))
+    take(12)
+    frame_length, = struct.unpack("<I", take(4))
     take(frame_length)
     take(8)  # number of the update
     triangles = array("<u4", 3)
@@ -65,12 +72,12 @@ def parse_surface_mesh(data):
         raise MeshError(f"{len(points)} vertices, {len(normals)} numbers of normals, {len(variance)} variances")
     if len(triangles) and triangles.max() >= len(points):
         raise MeshError("a triangle names a vertex that does not exist")
-    return points, normals.reshape(-1, 3), variance.ravel(), triangles, seconds + 1e-9 * nanoseconds
+    return points, normals.reshape(-1, 3), variance.ravel(), triangles
 
 
 def write_ply(path, mesh):
     """Binary, in the form of the map's own tools. Under another name first: who reads sees whole files alone."""
-    points, normals, variance, triangles, _ = mesh
+    points, normals, variance, triangles = mesh
     vertices = np.zeros(len(points), [("xyz", "<f4", 3), ("normal", "<f4", 3), ("variance", "<f4")])
     vertices["xyz"], vertices["normal"], vertices["variance"] = points, normals, variance
     faces = np.zeros(len(triangles), [("count", "u1"), ("indices", "<i4", 3)])
@@ -142,6 +149,8 @@ class Recorder:
         self.num_maps = 0
         self.saved = None  # (picked, has a pick begun) of the newest map kept
         self.saved_number = None
+        self.look_began_s = 0.0  # the newest that has ended
+        self.due = None  # map to be kept: (file, what saved will be, whether the mission has ended)
         self.state = None  # newest MissionState
         self.judged = None  # newest JudgeState
         self.shown_failures = 0
@@ -151,6 +160,7 @@ class Recorder:
     def on_mesh(self, message):
         with self.lock:
             self.mesh, self.mesh_number = message._buff, self.mesh_number + 1  # pylint: disable=protected-access
+            self._write_due()
 
     def on_judge(self, message):
         with self.lock:
@@ -227,18 +237,27 @@ class Recorder:
 
     def _keep(self, before, state):
         """Keeps the map when it shows something new: a pick's effect is in it after the look that follows."""
-        if self.mesh is None:
-            return
-        stage = (state.bricks_picked, state.picks_begun > 0)
         has_looked = before is not None and before.state == self.messages.LOOK and state.state != self.messages.LOOK
+        if has_looked:
+            self.look_began_s = before.since.to_sec()
+        stage = (state.bricks_picked, state.picks_begun > 0)
         is_first_pick = state.picks_begun > 0 and self.saved == (0, False)
         is_end = state.state == self.messages.ENDED and (before is None or before.state != self.messages.ENDED)
         is_new = self.saved is None or (self.saved != stage and state.bricks_picked != self.saved[0])
-        if not (is_end or is_first_pick or (has_looked and is_new)):
+        if is_end or is_first_pick or (has_looked and is_new):
+            self.due = (f"map_{state.header.stamp.to_sec():09.3f}_{state.bricks_picked:03d}.ply", stage, is_end)
+            self._write_due()
+
+    def _write_due(self):
+        """A mesh comes after the look that it shows; at the end the newest is taken."""
+        if self.due is None or self.mesh is None:
             return
+        name, stage, is_end = self.due
+        if not is_end and stamp_of(self.mesh) < self.look_began_s:
+            return
+        self.due = None
         if self.saved_number == self.mesh_number:
-            if is_first_pick:
-                self.saved = (0, True)
+            self.saved = stage
             return
         if self.num_maps >= MAX_MAPS and not is_end:
             return
@@ -247,7 +266,7 @@ class Recorder:
             if len(mesh[3]) == 0:
                 return  # nothing seen yet
             self.pictures.mkdir(parents=True, exist_ok=True)
-            write_ply(self.pictures / f"map_{state.header.stamp.to_sec():09.3f}_{state.bricks_picked:03d}.ply", mesh)
+            write_ply(self.pictures / name, mesh)
         except (MeshError, OSError) as error:
             self.screen.line(f"the map cannot be kept: {error}")
             return

@@ -31,11 +31,11 @@ from interactive_mapping_tools import mission_recorder, render_mesh  # noqa: E40
 DEADLINE_S = 30.0  # wall time of every wait; a loaded machine is slow
 
 
-def mesh_of(size):
+def mesh_of(size, stamp_s=1000.5):
     """A tetrahedron whose size tells which it is."""
     message = SurfaceMesh()
     message.header.frame_id = "map"
-    message.header.stamp = rospy.Time(5, 500000000)
+    message.header.stamp = rospy.Time.from_sec(stamp_s)
     message.mesh.vertices = [Point(0, 0, 0), Point(size, 0, 0), Point(0, size, 0), Point(0, 0, size)]
     message.mesh.triangles = [MeshTriangle(vertex_indices=indices) for indices in ([0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3])]
     message.normals = [float(number) for number in range(12)]
@@ -144,6 +144,18 @@ class MissionRecorder(unittest.TestCase):
             self.assertIn(words, output)
         self.assertEqual(output.count("obstacle"), 1, "a failure is told once")
         self.assertNotIn("\r", output, "no terminal, no line that is written anew")
+
+    def test_a_map_is_kept_when_the_look_is_in_it(self):
+        recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(io.StringIO()), MissionState, mission_recorder.Processes(self.folder, ""))
+        for picked, begun in ((0, 1), (1, 2)):
+            recorder.on_mesh(AnyMsg().deserialize(serialised(mesh_of(1.0 + picked, self.time_s))))
+            recorder.on_state(self.message(MissionState.LOOK, picked=picked, begun=begun))
+            looked_s = self.time_s
+            recorder.on_state(self.message(MissionState.DETECT, picked=picked, begun=begun))
+            self.assertEqual(len(self.maps()), picked, "before the look")
+            recorder.on_mesh(AnyMsg().deserialize(serialised(mesh_of(3.0 + picked, looked_s + 0.5))))
+            self.assertEqual(self.maps()[-1], f"map_{self.time_s:09.3f}_{picked:03d}.ply")
+        self.assertEqual([render_mesh.read_ply(self.folder / "pictures" / name).points.max() for name in self.maps()], [3.0, 4.0])
 
     def test_keeps_no_more_maps_than_allowed_but_the_last(self):
         recorder = mission_recorder.Recorder(self.folder, mission_recorder.Screen(io.StringIO()), MissionState, mission_recorder.Processes(self.folder, ""))
@@ -255,9 +267,9 @@ class MissionRecorder(unittest.TestCase):
 
     def test_damaged_mesh_is_refused(self):
         data = serialised(mesh_of(1.0))
-        points, normals, variance, triangles, stamp_s = mission_recorder.parse_surface_mesh(data)
+        points, normals, variance, triangles = mission_recorder.parse_surface_mesh(data)
         self.assertEqual((points.shape, normals.shape, triangles.shape), ((4, 3), (4, 3), (4, 3)))
-        self.assertEqual((points[3, 2], normals[1, 0], triangles[3, 0], stamp_s), (1.0, 3.0, 1, 5.5))
+        self.assertEqual((points[3, 2], normals[1, 0], triangles[3, 0], mission_recorder.stamp_of(data)), (1.0, 3.0, 1, 1000.5))
         np.testing.assert_allclose(variance, [1e-6, 2e-6, 3e-6, 4e-6], rtol=1e-6)
         for length in range(len(data)):
             with self.assertRaises(mission_recorder.MeshError):
