@@ -176,7 +176,7 @@ def check_built(software):
     """Raises UsageError if the workspace was built of another state; one that was built otherwise does not tell."""
     built = ROOT / "devel/.software"
     if built.exists() and built.read_text(encoding="utf-8").strip() != software:
-        raise UsageError(f"devel/ was built of state {built.read_text(encoding='utf-8').strip()}, src, sim_tests and examples are of {software}: leave out --no-build")
+        raise UsageError(f"devel/ was built of state {built.read_text(encoding='utf-8').strip()}, src, sim_tests and examples are of {software}: build again, or leave out --no-build")
 
 
 def check_snakemake():

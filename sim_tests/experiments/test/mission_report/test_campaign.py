@@ -288,6 +288,16 @@ class Campaign(unittest.TestCase):
             with self.assertRaisesRegex(UsageError, "built of state before, src, sim_tests and examples are of now"):
                 campaign.check_built("now")
 
+    def test_slurm_tells_only_of_final_states_that_a_job_has_ended(self):
+        scontrol = self.folder / "scontrol"
+        for told, expected in (("JobId=7 JobState=COMPLETED Reason=None", "success"), ("JobState=TIMEOUT", "failed"), ("JobState=OUT_OF_MEMORY", "failed"),
+                               ("slurm_load_jobs error: Invalid job id specified", "failed"), ("JobState=SIGNALING", "running"), ("JobState=REQUEUE_HOLD", "running"),
+                               ("slurm_load_jobs error: Unable to contact slurm controller", "running")):
+            scontrol.write_text(f"#!/bin/bash\n[ $4 = 7 ] && echo '{told}' >&2\n")
+            scontrol.chmod(0o755)
+            found = subprocess.run([campaign.FILES / "slurm/status", "7;other"], env={"PATH": f"{self.folder}:/usr/bin:/bin"}, capture_output=True, text=True, check=True).stdout
+            self.assertEqual(found, f"{expected}\n", told)
+
     def test_progress_tells_the_time_to_go(self):
         with unittest.mock.patch("time.monotonic", side_effect=[100.0, 100.0 + 3600.0]), contextlib.redirect_stdout(io.StringIO()) as printed:
             handler = runpy.run_path(str(campaign.FILES / "progress.py"))["log_handler"]
