@@ -230,7 +230,8 @@ def cycle(source, out):
     stage.draw(panels[0, 0], before,
                f"(a) {duration(chosen[0]['time_s'] - start_s)}: the best view, drawn on the map of (b)", places[0],
                chosen[0], goals[0])
-    stage.draw(panels[0, 1], before, f"(b) {duration(begun_s - start_s)}: the robot there, after the next image", places[1])
+    stage.draw(panels[0, 1], before, f"(b) {duration(begun_s - start_s)}: the robot there, after the next image",
+               places[1])
     stage.draw(panels[1, 0], now, f"(c) {duration(after[0] - start_s)}: a brick is taken; green: surface that is gone",
                places[1])
     stage.line(panels[1, 0], gone(before, now), color="#0b6b1d", linestyle="none", marker="o", markersize=2.2,

@@ -138,7 +138,8 @@ FIGURES = {"1": figure_mission.cycle, "3": figure_accuracy.blanket, "4": figure_
            "9": figure_mission.order, "tables": tables}
 NEED_INPUT = ("1", "4", "9")
 PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text,
-         "lasting": table_campaign.lasting_text, "findings": table_campaign.findings_text, "measures": table_campaign.measures_text}
+         "lasting": table_campaign.lasting_text, "findings": table_campaign.findings_text,
+         "measures": table_campaign.measures_text}
 
 
 def page_parts(folder):
