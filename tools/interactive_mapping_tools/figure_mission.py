@@ -125,7 +125,7 @@ def utility(source, out):
                   markeredgecolor="#888888", label="cannot stand there, or unseen")
         points = axes.scatter(*spots.T, c=values, cmap="viridis", vmin=0.0, s=50, zorder=3, label="candidate")
         axes.plot(*spots[np.argmax(values)], marker="o", markersize=14, markerfacecolor="none", markeredgecolor=RED,
-                  markeredgewidth=2.2, linestyle="none", label="the best by this", zorder=4)
+                  markeredgewidth=2.2, linestyle="none", label="best in this panel", zorder=4)
         axes.plot(*footprint(here).T, color=BLUE, linewidth=1.6, label="robot")
         if key == "utility":
             draw_goal(axes, goal, label="chosen")

@@ -106,7 +106,7 @@ def curves(source, out):
     rows = []
     for (bricks_axes, map_axes), ((scene, cycle), systems) in zip(panels, found.items()):
         for axes, name, title in ((bricks_axes, "bricks", "bricks stowed [%]"),
-                                  (map_axes, "map", "pile in the map [%]")):
+                                  (map_axes, "map", "pile mapped so far [%]")):
             for system, (grid, values) in systems.items():
                 label, colour = SYSTEMS[system]
                 axes.fill_between(grid, values[name].min(axis=0), values[name].max(axis=0), color=colour, alpha=0.2,
@@ -121,6 +121,7 @@ def curves(source, out):
             rows += zip(itertools.repeat(scene), itertools.repeat(cycle), itertools.repeat(system),
                         itertools.repeat(len(values["bricks"])), grid, values["bricks"].mean(axis=0), *ends[:2],
                         values["map"].mean(axis=0), *ends[2:])
+    figure.get_layout_engine().set(hspace=0.05)
     legend_below(figure, panels[0, 0], 3)
     save(figure, out / "fig7.png", bbox_inches="tight")
     write_rows(out / "fig7.csv", ("scene", "cycle", "system", "n", "time_s", "bricks_mean", "bricks_min", "bricks_max",
