@@ -49,7 +49,7 @@ def parse(words):
     parser.add_argument("--removed-factor", metavar="F", help=f"of the utility, for the ablation: {', '.join(workspace.REMOVED_FACTORS)}")
     parser.add_argument("--time-limit", metavar="S", help="of the mission, simulated, 1 to 86400 (default: as configured)")
     parser.add_argument("--wall-limit", default="0", metavar="S", help="of the wall clock: then it is given up (default, and 0: none)")
-    parser.add_argument("--clock", default="lockstep", metavar="MODE", help="lockstep (default: as fast as the machine allows, repeatable) or realtime")
+    parser.add_argument("--clock", default="lockstep", metavar="MODE", help="lockstep (default: as fast as the machine allows) or realtime")
     parser.add_argument("--ideal", action="store_true", help="sensors, localisation and calibration without the faults that they have on the robot (default: with)")
     parser.add_argument("--port", metavar="N", help="of the master (default: a free one)")
     parser.add_argument("--rviz", action="store_true", help="show it")
