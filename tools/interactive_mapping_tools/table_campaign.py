@@ -293,7 +293,8 @@ def lasting_text(rows):
             bricks = differences(runs, first, "bricks_stowed")
             coverage = [100 * value for value in differences(runs, first, "map_coverage")]
             table.append((scene, cycle, variant, len(bricks), *itertools.chain.from_iterable(
-                (with_interval(values, "+.1f"), format(p_of(values), ".2g")) for values in (bricks, coverage))))
+                (with_interval(values, "+.1f"), format(p_of(values), ".2g") if len(values) > 1 else "-")
+                for values in (bricks, coverage))))
     return markdown(table) + "\n" if len(table) > 1 else ""
 
 
