@@ -150,10 +150,10 @@ class Campaign(unittest.TestCase):
         (self.folder / "definition.yaml").write_text(text)
         options = self.options()
         missions = campaign.missions_of(options)
-        of = {name: pathlib.Path(missions[f"two_rows-paper-{name}-101"]["command"][-1].removeprefix("params:=")) for name in ("complete", "random")}
+        of = {name: pathlib.Path(missions[f"two_rows-paper-{name}-101"]["command"][-1].split(":=")[1]) for name in ("complete", "random")}
         self.assertEqual(of["complete"], self.folder.resolve() / "cycle.yaml")
         self.assertEqual(yaml.safe_load(of["random"].read_text()), {"a": {"b": 1, "c": [3], "e": 2}, "d": 1})
-        self.assertTrue(of["random"].is_relative_to(options.out))
+        self.assertIn(options.out, of["random"].parents)
         (self.folder / "definition.yaml").write_text(text.replace("params: variant", "params: other"))
         with self.assertRaisesRegex(UsageError, "No such file or directory: .*other.yaml"):
             campaign.missions_of(options)
