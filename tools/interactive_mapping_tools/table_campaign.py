@@ -163,7 +163,7 @@ def interval(values):
 
 def p_of(differences):
     """Of the exact two-sided test that flips the differences' signs: how likely chance gives as large a mean. At least
-    2 / 2^n."""
+    2 / 2^n; nan of fewer than two."""
     if len(differences) < 2:
         return math.nan
     return stats.permutation_test((differences,), np.mean, permutation_type="samples", n_resamples=np.inf).pvalue
@@ -308,7 +308,7 @@ def paired(rows, scene, cycle, variants):
 
 def factors_text(rows):
     """Markdown: Table I, where it is the paper's beside its numbers; empty without missions that miss a factor."""
-    table = [("scene", "cycle", "", "n", "bricks", "paper", "map %", "paper", "falls", "paper",
+    table = [("scene", "cycle", "variant", "n", "bricks", "paper", "map %", "paper", "falls", "paper",
               "missions with a collision", "paper")]
     for scene, cycle in FACTOR_PLACES:
         variants = paired(rows, scene, cycle, PAPER_FACTORS)
