@@ -1003,6 +1003,25 @@ TEST(ExecutorPick, ALostBrickIsToldOfAtOnceAlsoWhenTheMagnetDoesNotObey) {
   }
 }
 
+TEST(ExecutorPick, ABrickThatSomethingPushesUpIsNotLost) {
+  for (const bool is_protective : {false, true}) {
+    SCOPED_TRACE(is_protective);
+    Picker arm;
+    arm.runTo("stow", 0.1);
+    arm.push_up_N = 7.0;  // of 9.8 N
+    while (arm.executor.phase() != ExecutorPhase::kStopping) arm.step();
+    if (is_protective) arm.gate.arm.safety_mode = safety_mode::kProtectiveStop;
+    arm.run(0.05);
+    if (!is_protective) arm.push_up_N = 0.0;  // until it stands
+    expectEnds(arm, is_protective ? ArmStatus::kProtectiveStop : ArmStatus::kPathBlocked);
+    EXPECT_TRUE(arm.executor.isHolding());
+    EXPECT_TRUE(arm.is_attached);
+    EXPECT_TRUE(arm.is_magnet_on);
+    EXPECT_EQ(arm.dropped, 0);
+    expectOrderly(arm);
+  }
+}
+
 TEST(ExecutorPick, ALossAndAStopTogetherLeaveNoBrickBehind) {
   Picker arm;
   arm.runTo("stow", 0.1);

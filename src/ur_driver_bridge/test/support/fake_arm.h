@@ -106,6 +106,7 @@ class FakeArm {
   double plate_z_m{-10.0};                  // in the arm's base; the magnet touches below
   bool gives_way{false};                    // the plate is pushed along without a force
   double sideways_N{0.0};                   // from now on
+  double push_up_N{0.0};                    // likewise, of something under what it carries
   double brick_z_m{0.0};                    // of the tip, where it was when the brick stuck to it
   double mass_kg{1.0};                      // of what lies there
   double noise_N{0.0};                      // alternating
@@ -213,7 +214,7 @@ class FakeArm {
     const Eigen::Matrix3d R_base_tool = fakeKinematics()->tipPose(position_rad).linear() * R_tip_tool_;
     if (gives_way) plate_z_m = std::min(plate_z_m, tipHeight());
     const double depth_m = plate_z_m - tipHeight();
-    Eigen::Vector3d up_N = Eigen::Vector3d::Zero();
+    Eigen::Vector3d up_N = push_up_N * Eigen::Vector3d::UnitZ();
     if (depth_m > 0.0 && !hangs()) up_N.z() += kStiffness_N_m * depth_m;
     const double declared_kg = payloads.empty() ? 0.0 : payloads.back().mass_kg - fakeModel().tool.mass_kg;
     up_N.z() -= kGravity_m_s2 * ((hangs() ? mass_kg : 0.0) - declared_kg);
