@@ -8,6 +8,7 @@ with these arguments, and no node restarted, no input was stale and no answer wa
 Exit code: 0 all missions count; 1 some do not, each is named; 2 bad usage.
 """
 
+import fcntl
 import itertools
 import json
 import pathlib
@@ -189,8 +190,13 @@ def check_snakemake():
 
 
 def run_all(options, missions):
-    """Snakemake's marks say what counts; it runs all missions without one."""
+    """Snakemake's marks say what counts; it runs all missions without one. Its own lock would outlive a killed process, ours does not."""
     (options.out / "complete").mkdir(parents=True, exist_ok=True)
+    lock = (options.out / "lock").open("w")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UsageError(f"another campaign runs in {options.out}, must be one at a time") from None
     for name, mission in missions.items():
         mark = options.out / "complete" / name
         if state_of(mission)[0]:
@@ -201,9 +207,10 @@ def run_all(options, missions):
     (options.out / "campaign.json").write_text(json.dumps({"command": command, "missions": missions}), encoding="utf-8")
     before = signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches Snakemake and the missions, too, which end in order
     workspace.run_child([sys.executable, "-m", "snakemake", "--snakefile", str(FILES / "Snakefile"), "--directory", str(options.out), "--configfile",
-                         str(options.out / "campaign.json"), "--rerun-triggers", "mtime", "--rerun-incomplete", "--retries", "2", "--keep-going", "--scheduler", "greedy",
+                         str(options.out / "campaign.json"), "--rerun-triggers", "mtime", "--rerun-incomplete", "--nolock", "--retries", "2", "--keep-going", "--scheduler", "greedy",
                          "--log-handler-script", str(FILES / "progress.py"), *options.snakemake])
     signal.signal(signal.SIGINT, before)
+    lock.close()
 
 
 def report(options, missions):

@@ -5,6 +5,7 @@
 import argparse
 import contextlib
 import csv
+import fcntl
 import io
 import json
 import os
@@ -277,6 +278,13 @@ class Campaign(unittest.TestCase):
         options.snakemake = local
         missions["first"]["software"] = "later"
         (self.folder / "first").write_text("9")
+        with (options.out / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            with self.assertRaisesRegex(UsageError, "another campaign runs in"):
+                campaign.run_all(options, missions)
+        locks = options.out / ".snakemake/locks"  # as a killed Snakemake leaves them
+        locks.mkdir(parents=True, exist_ok=True)
+        (locks / "0.output.lock").write_text("complete/first\n")
         self.assertEqual(left_after_a_call(), ([6, 0, 0], 1))
 
     def test_a_workspace_that_was_built_of_another_state_is_refused(self):
