@@ -350,7 +350,8 @@ bool MotionStep::isWaitingForRest(const StepContext& context) {
   // At rest only for the moment.
   if (state_ == State::kStopping) return !is_braking_ || !is_taken_ || passed_s < context.config.motion.stop_s;
   if (has_succeeded_) return passed_s < lookOn(context);
-  if (verdict_.status == ArmStatus::kLostOnTheWay && context.time_s - *rest_since_s_ < 2.0 * context.config.load.lost_s) {
+  if (verdict_.status == ArmStatus::kLostOnTheWay &&
+      context.time_s - *rest_since_s_ < 2.0 * context.config.load.lost_s) {
     return true;  // what isLost() then goes by was measured at rest
   }
   const bool is_effect =
@@ -387,9 +388,9 @@ std::optional<Verdict> MotionStep::finish(StepContext& context) {
     verdict_ = {ArmStatus::kPathBlocked, "the weight is back at rest: something pushed the brick; " + verdict_.message};
   }
   // What the controller and the weight say is the effect; the robot knows the cause. recover weighs again.
-  const bool is_effect =
-      verdict_.status == ArmStatus::kTrajectoryAborted || verdict_.status == ArmStatus::kTrajectoryRefused ||
-      verdict_.status == ArmStatus::kStalled || verdict_.status == ArmStatus::kLostOnTheWay;
+  const bool is_effect = verdict_.status == ArmStatus::kTrajectoryAborted ||
+                         verdict_.status == ArmStatus::kTrajectoryRefused || verdict_.status == ArmStatus::kStalled ||
+                         verdict_.status == ArmStatus::kLostOnTheWay;
   const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
   if (is_effect && !robot.isFine()) return Verdict{robot.status, robot.message + "; " + verdict_.message};
   return verdict_;
