@@ -71,6 +71,7 @@ class LoadCell {
   /// The median over the last 2 lost_s tells that the held load has gone: that is, it has gone for lost_s. False within
   /// lost_s of hold() or reset(), and without samples: see to the age of the force.
   bool isLost() const;
+  double lossWindow() const { return 2.0 * config_.lost_s; }  ///< [s] so far back isLost() and excess() look
   /// By the same median, how much more than what is held pulls at the magnet [kg]; nothing where isLost() knows nothing.
   std::optional<double> excess() const;
   /// Median over the last lost_s of the load beside the declared payload [kg]; nothing before there are samples.
@@ -89,7 +90,6 @@ class LoadCell {
     std::optional<double> since_s;  // nothing: from the next sample on
   };
 
-  double lossWindow() const { return 2.0 * config_.lost_s; }
   std::optional<double> medianLoad(double window_s, std::size_t min_samples) const;
 
   LoadCellConfig config_;

@@ -350,9 +350,9 @@ bool MotionStep::isWaitingForRest(const StepContext& context) {
   // At rest only for the moment.
   if (state_ == State::kStopping) return !is_braking_ || !is_taken_ || passed_s < context.config.motion.stop_s;
   if (has_succeeded_) return passed_s < lookOn(context);
-  if (verdict_.status == ArmStatus::kLostOnTheWay &&
-      context.time_s - *rest_since_s_ < 2.0 * context.config.load.lost_s) {
-    return true;  // what isLost() then goes by was measured at rest
+  // What isLost() goes by is to be measured at rest.
+  if (verdict_.status == ArmStatus::kLostOnTheWay && context.time_s - *rest_since_s_ < context.load.lossWindow()) {
+    return true;
   }
   const bool is_effect =
       verdict_.status == ArmStatus::kTrajectoryAborted || verdict_.status == ArmStatus::kTrajectoryRefused;
@@ -385,7 +385,7 @@ std::optional<Verdict> MotionStep::finish(StepContext& context) {
   atRest(context);
   if (verdict_.isFine()) return has_succeeded_ ? atEnd(context) : verdict_;
   if (verdict_.status == ArmStatus::kLostOnTheWay && !lossOf(context)) {
-    verdict_ = {ArmStatus::kPathBlocked, "the weight is back at rest: something pushed the brick; " + verdict_.message};
+    verdict_ = {ArmStatus::kPathBlocked, "the weight is back: something pushed the brick; " + verdict_.message};
   }
   // What the controller and the weight say is the effect; the robot knows the cause. recover weighs again.
   const bool is_effect = verdict_.status == ArmStatus::kTrajectoryAborted ||

@@ -1012,7 +1012,7 @@ TEST(ExecutorPick, ABrickThatSomethingPushesUpIsNotLost) {
     while (arm.executor.phase() != ExecutorPhase::kStopping) arm.step();
     if (is_protective) arm.gate.arm.safety_mode = safety_mode::kProtectiveStop;
     arm.run(0.05);
-    if (!is_protective) arm.push_up_N = 0.0;  // until it stands
+    if (!is_protective) arm.push_up_N = 0.0;  // over before the arm is at rest
     expectEnds(arm, is_protective ? ArmStatus::kProtectiveStop : ArmStatus::kPathBlocked);
     EXPECT_TRUE(arm.executor.isHolding());
     EXPECT_TRUE(arm.is_attached);
