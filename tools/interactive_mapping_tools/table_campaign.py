@@ -176,7 +176,9 @@ def with_interval(values, form=".1f"):
 
 
 def interval_text(mean, low, high, count, form=".1f"):
-    return format(mean, form) + (f" [{low:{form}}, {high:{form}}]" if count > 1 else "")
+    mean, low, high = (text if float(text) else format(0.0, form)  # no -0.0
+                       for text in (format(value, form) for value in (mean, low, high)))
+    return mean + (f" [{low}, {high}]" if count > 1 else "")
 
 
 def differences(runs, first, key):
@@ -219,11 +221,16 @@ def value_cell(entry):
     return interval_text(entry["mean"], entry["mean_low"], entry["mean_high"], entry["n"]) + of
 
 
+def shows(entry):
+    """Whether the difference's interval, as it is printed, does not hold 0."""
+    return entry["pairs"] > 1 and not round(entry["difference_low"], 1) <= 0.0 <= round(entry["difference_high"], 1)
+
+
 def difference_cell(entry):
     if entry["pairs"] == 0:
         return "-"
     text = interval_text(entry["difference"], entry["difference_low"], entry["difference_high"], entry["pairs"], "+.1f")
-    return text if entry["pairs"] == 1 or entry["difference_low"] <= 0.0 <= entry["difference_high"] else f"**{text}**"
+    return f"**{text}**" if shows(entry) else text
 
 
 def measures_text(rows):
@@ -256,8 +263,7 @@ def findings_text(rows):
         found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {"pairs": 0, 1: [], -1: []})
         if entry["measure"] == "bricks":
             found["pairs"] = entry["pairs"]
-        if (entry["measure"] in BETTER and entry["pairs"] > 1 and
-                not entry["difference_low"] <= 0.0 <= entry["difference_high"]):
+        if entry["measure"] in BETTER and shows(entry):
             sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
             found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)} (p {entry['p']:.2g})")
     text = ""
