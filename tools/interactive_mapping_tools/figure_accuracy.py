@@ -32,6 +32,7 @@ RANGE_CM = 1.0
 TARGET = np.array([0.02, -0.02, 0.12])
 PANEL = (520, 380)
 BRICK = np.array([0.80, 0.66, 0.55])
+NOT_COMPARED = (0.72, 0.84, 0.58)  # outside the common region
 
 
 def run_experiment(scene, sensor, seed, out):
@@ -164,8 +165,8 @@ def draw_maps(folder, out):
         camera = camera or render_mesh.fit_camera(before.points[np.unique(before.triangles)], -25.0, 32.0, None, TARGET,
                                                   (2 * PANEL[0], 2 * PANEL[1]))
         axes[0, column].imshow(brick_coloured(before, camera))
-        axes[1, column].imshow(picture_of(after, camera, lambda mesh: np.nan_to_num(100.0 * mesh.distance),
-                                          lambda d: colormap(scale(d))[:, :3]))
+        axes[1, column].imshow(picture_of(after, camera, lambda mesh: 100.0 * mesh.distance,
+                                          lambda d: np.where(np.isnan(d)[:, None], NOT_COMPARED, colormap(scale(d))[:, :3])))
         found = systems[system]["against_last_scan"]
         axes[0, column].set_title(f"{title}: first scan", fontsize=13)
         axes[1, column].set_title(f"brick taken away, second scan\nmean {100 * found['mean_m']:.3f} cm, "

@@ -2,8 +2,8 @@
 """Tables of a campaign's missions.csv: for each scene and cycle the mean of each variant and its difference to the
 first variant.
 
-Brackets hold 95 % bootstrap intervals of the mean. A difference is that of missions with the same seed. Where its
-interval holds 0 it shows nothing. The tables are left beside the CSV, too: tables.csv and tables.md.
+Brackets hold 95 % bootstrap intervals of the mean. A difference is that of missions with the same seed, bold where p of
+its exact test is below 0.1. The tables are left beside the CSV, too: tables.csv and tables.md.
 """
 
 import csv
@@ -60,6 +60,7 @@ BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drop
           "load_contacts": -1, "disturbance_m": -1, "fruitless_views": -1, "guard_stops": -1}
 BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, csv.Error)
 NUM_RESAMPLES = 10000
+SHOWN_BELOW = 0.1  # a difference with a smaller p is pointed out; five pairs cannot have one below 0.06
 
 
 def words_of(error):
@@ -221,21 +222,16 @@ def value_cell(entry):
     return interval_text(entry["mean"], entry["mean_low"], entry["mean_high"], entry["n"]) + of
 
 
-def shows(entry):
-    """Whether the difference's interval, as it is printed, does not hold 0."""
-    return entry["pairs"] > 1 and not round(entry["difference_low"], 1) <= 0.0 <= round(entry["difference_high"], 1)
-
-
 def difference_cell(entry):
     if entry["pairs"] == 0:
         return "-"
     text = interval_text(entry["difference"], entry["difference_low"], entry["difference_high"], entry["pairs"], "+.1f")
-    return f"**{text}**" if shows(entry) else text
+    return f"**{text}**" if entry["p"] < SHOWN_BELOW else text
 
 
 def measures_text(rows):
-    """Markdown: of each scene and cycle all measures, then the differences to the first variant; bold where the
-    interval does not hold 0."""
+    """Markdown: of each scene and cycle all measures, then the differences to the first variant; bold where p is
+    below SHOWN_BELOW."""
     texts, summaries = [], summaries_of(rows)
     for scene, cycle in dict.fromkeys((entry["scene"], entry["cycle"]) for entry in summaries):
         of_scene = [entry for entry in summaries if (entry["scene"], entry["cycle"]) == (scene, cycle)]
@@ -256,23 +252,17 @@ def measures_text(rows):
 
 
 def findings_text(rows):
-    """Markdown: of each variant where it is better and worse than the first, and how likely chance gives as much; the
-    interval of the difference does not hold 0."""
+    """Markdown: of each variant the measures in which it is better and worse than the first, with p below SHOWN_BELOW."""
     lines = {}
     for entry in summaries_of(rows):
-        found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {"pairs": 0, 1: [], -1: []})
-        if entry["measure"] == "bricks":
-            found["pairs"] = entry["pairs"]
-        if entry["measure"] in BETTER and shows(entry):
+        if entry["measure"] in BETTER and entry["p"] < SHOWN_BELOW:
+            found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {1: [], -1: []})
             sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
-            found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)} (p {entry['p']:.2g})")
-    text = ""
-    for (scene, cycle, variant), found in lines.items():
-        parts = [f"{word} in {', '.join(found[sign])}" for sign, word in ((1, "better"), (-1, "worse")) if found[sign]]
-        if found["pairs"] > 1:
-            text += (f"- `{scene}`, cycle `{cycle}`, `{variant}`, {found['pairs']} pairs: "
-                     f"{'; '.join(parts) or 'no difference shows'}.\n")
-    return text
+            found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)} (p {entry['p']:.2g}, "
+                               f"{entry['pairs']} pairs)")
+    return "".join(f"- `{scene}`, cycle `{cycle}`, `{variant}`: " + "; ".join(
+        f"{word} in {', '.join(found[sign])}" for sign, word in ((1, "better"), (-1, "worse")) if found[sign]) + ".\n"
+                   for (scene, cycle, variant), found in lines.items())
 
 
 def variants_of(rows):
