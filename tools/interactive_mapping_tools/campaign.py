@@ -14,6 +14,7 @@ import json
 import pathlib
 import re
 import shlex
+import shutil
 import signal
 import sys
 from importlib import metadata
@@ -203,11 +204,12 @@ def run_all(options, missions):
             mark.unlink(missing_ok=True)
         else:
             mark.touch()
+    shutil.rmtree(options.out / ".snakemake/incomplete", ignore_errors=True)  # of missions that ran when Snakemake was interrupted: one that ended counts
     command = shlex.join([sys.executable, str(ROOT / "tools/run"), "campaign", "--out", str(options.out)])
     (options.out / "campaign.json").write_text(json.dumps({"command": command, "missions": missions}), encoding="utf-8")
     before = signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches Snakemake and the missions, too, which end in order
     workspace.run_child([sys.executable, "-m", "snakemake", "--snakefile", str(FILES / "Snakefile"), "--directory", str(options.out), "--configfile",
-                         str(options.out / "campaign.json"), "--rerun-triggers", "mtime", "--rerun-incomplete", "--nolock", "--retries", "2", "--keep-going", "--scheduler", "greedy",
+                         str(options.out / "campaign.json"), "--rerun-triggers", "mtime", "--nolock", "--retries", "2", "--keep-going", "--scheduler", "greedy",
                          "--log-handler-script", str(FILES / "progress.py"), *options.snakemake])
     signal.signal(signal.SIGINT, before)
     lock.close()

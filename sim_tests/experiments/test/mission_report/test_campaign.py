@@ -3,6 +3,7 @@
 """scripts/campaign on made results: which of them count, which missions Snakemake runs, and the tables of a known CSV."""
 
 import argparse
+import base64
 import contextlib
 import csv
 import fcntl
@@ -285,6 +286,9 @@ class Campaign(unittest.TestCase):
         locks = options.out / ".snakemake/locks"  # as a killed Snakemake leaves them
         locks.mkdir(parents=True, exist_ok=True)
         (locks / "0.output.lock").write_text("complete/first\n")
+        running = options.out / ".snakemake/incomplete"  # a mission ended after Snakemake was interrupted
+        running.mkdir(exist_ok=True)
+        (running / base64.b64encode(b"complete/third").decode()).write_text("")
         self.assertEqual(left_after_a_call(), ([6, 0, 0], 1))
 
     def test_a_workspace_that_was_built_of_another_state_is_refused(self):
