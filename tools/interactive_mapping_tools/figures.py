@@ -138,19 +138,21 @@ FIGURES = {"1": figure_mission.cycle, "3": figure_accuracy.blanket, "4": figure_
            "6": scenes, "7": curves, "8": figure_accuracy.accuracy,
            "9": figure_mission.order, "tables": tables}
 NEED_INPUT = ("1", "4", "9")
+DETAILS = ("choices", "measures")  # parts of details.md; the others are in index.md
 PARTS = {"factors": table_campaign.factors_text, "systems": table_campaign.systems_text,
          "lasting": table_campaign.lasting_text, "findings": table_campaign.findings_text,
          "measures": table_campaign.measures_text}
 
 
 def page_parts(folder):
-    """{mark in docs/results/index.md: Markdown} of the folder's missions.csv and fig7.png; without them, the sentence
+    """{(page in docs/results, mark): Markdown} of the folder's missions.csv and fig7.png; without them, the sentence
     that says so."""
     rows = table_campaign.read_rows(folder / "missions.csv") if (folder / "missions.csv").exists() else None
     parts = {mark: (text_of(rows) if rows else "") or NOTHING for mark, text_of in PARTS.items()}
     choices = table_campaign.choices_text(rows, table_campaign.read_csv(folder / "curves.csv")) if rows else NOTHING
-    return {**parts, "choices": choices, "curves": "![Bricks and map over time, three systems](figures/fig7.png)\n"
-            if (folder / "fig7.png").exists() else NOTHING}
+    parts.update(choices=choices, curves="![Bricks and map over time, three systems](figures/fig7.png)\n"
+                 if (folder / "fig7.png").exists() else NOTHING)
+    return {("details.md" if mark in DETAILS else "index.md", mark): text for mark, text in parts.items()}
 
 
 def update_docs(name, made):
@@ -160,8 +162,8 @@ def update_docs(name, made):
     if name == "8":
         replace_between_marks(DOCS / "fig8.md", "table", (ROOT / "results/figures/fig8.md").read_text(encoding="utf-8"))
     if name in ("7", "tables"):
-        for mark, text in page_parts(DOCS / "figures").items():
-            replace_between_marks(DOCS / "index.md", mark, text)
+        for (page, mark), text in page_parts(DOCS / "figures").items():
+            replace_between_marks(DOCS / page, mark, text)
 
 
 @one_line_errors

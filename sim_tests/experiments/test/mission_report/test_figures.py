@@ -83,9 +83,8 @@ class Figures(unittest.TestCase):
             figures.curves(self.folder, self.folder)
 
     def test_pages_hold_what_their_files_do(self):
-        page = (figures.DOCS / "index.md").read_text()
-        for mark, text in figures.page_parts(figures.DOCS / "figures").items():
-            self.assertIn(f"<!-- {mark}: begin -->\n{text}<!-- {mark}: end -->", page)
+        for (page, mark), text in figures.page_parts(figures.DOCS / "figures").items():
+            self.assertIn(f"<!-- {mark}: begin -->\n{text}<!-- {mark}: end -->", (figures.DOCS / page).read_text())
         text = figure_accuracy.table_of(results.read_rows(figures.DOCS / "figures/fig8.csv", ("scene", "sensor", "system")))
         self.assertIn(f"<!-- table: begin -->\n{text}<!-- table: end -->", (figures.DOCS / "fig8.md").read_text())
 
@@ -93,7 +92,7 @@ class Figures(unittest.TestCase):
         self.assertEqual(set(figures.page_parts(self.folder).values()), {"No counted missions yet.\n"})
         self.campaign(("complete", 101, ((0, 0, 0.2), (5, 3, 0.2))), ("octomap_random", 101, ((0, 0, 0.2),)))
         (self.folder / "fig7.png").touch()
-        parts = figures.page_parts(self.folder)
+        parts = {mark: text for (_, mark), text in figures.page_parts(self.folder).items()}
         self.assertIn("(figures/fig7.png)", parts["curves"])
         self.assertEqual(parts["factors"], figures.NOTHING)  # its scene is another
         self.assertIn("| decoys | #3 | octomap_random | 1 | 25.0 | 57 \u00b1 6.8 | 100.0 | 57 \u00b1 12 | reached by 0 of 1 |", parts["systems"])
