@@ -262,7 +262,7 @@ def findings_text(rows):
                                f"{entry['pairs']} pairs)")
     return "".join(f"- `{scene}`, cycle `{cycle}`, `{variant}`: " + "; ".join(
         f"{word} in {', '.join(found[sign])}" for sign, word in ((1, "better"), (-1, "worse")) if found[sign]) + ".\n"
-                   for (scene, cycle, variant), found in lines.items())
+                   for (scene, cycle, variant), found in lines.items()) or f"No difference has a p below {SHOWN_BELOW}.\n"
 
 
 def variants_of(rows):

@@ -366,6 +366,11 @@ class Campaign(unittest.TestCase):
         self.assertEqual(table_campaign.findings_text(table_campaign.read_rows(self.folder / "missions.csv")),
                          "- `one_heap`, cycle `paper`, `no_travel`: better in map % **+50.0 [+50.0, +50.0]** (p 0.062, 5 pairs), falls **-1.0 [-1.0, -1.0]** (p 0.062, 5 pairs); "
                          "worse in bricks % **-35.0 [-45.0, -25.0]** (p 0.062, 5 pairs).\n")
+        self.table(self.row("complete", 1, 4), self.row("no_travel", 1, 3))
+        self.assertEqual(table_campaign.findings_text(table_campaign.read_rows(self.folder / "missions.csv")), "No difference has a p below 0.1.\n")
+
+    def test_nothing_is_minus_zero(self):
+        self.assertEqual(table_campaign.interval_text(-0.01, -0.06, 0.0, 2, "+.1f"), "+0.0 [-0.1, +0.0]")
 
     def test_seeds_without_a_brick_of_complete_are_left_out(self):
         self.table(*(self.row("complete", seed, stowed) for seed, stowed in ((1, 2), (2, 0), (3, 3))), *(self.row("no_travel", seed, 4 - seed, map_coverage=0.5) for seed in (1, 2, 3, 4)))
