@@ -131,6 +131,9 @@ def draw_distribution(rows, out):
         panel.yaxis.grid(False)
         panel.xaxis.grid(True)
     axes[1].set_xscale("log")
+    ticks_cm = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+    axes[1].set_xticks(ticks_cm)
+    axes[1].set_xticklabels(ticks_cm)
     axes[0].set_yticks(range(len(lines)))
     axes[0].set_yticklabels([f"{SYSTEMS[system].replace(', 2 cm', '')}\n{SCENES[scene]}" for scene, system in lines])
     axes[0].invert_yaxis()
@@ -166,7 +169,8 @@ def draw_maps(folder, out):
                                                   (2 * PANEL[0], 2 * PANEL[1]))
         axes[0, column].imshow(brick_coloured(before, camera))
         axes[1, column].imshow(picture_of(after, camera, lambda mesh: 100.0 * mesh.distance,
-                                          lambda d: np.where(np.isnan(d)[:, None], NOT_COMPARED, colormap(scale(d))[:, :3])))
+                                          lambda d: np.where(np.isnan(d)[:, None], NOT_COMPARED,
+                                                             colormap(scale(d))[:, :3])))
         found = systems[system]["against_last_scan"]
         axes[0, column].set_title(f"{title}: first scan", fontsize=13)
         axes[1, column].set_title(f"brick taken away, second scan\nmean {100 * found['mean_m']:.3f} cm, "
@@ -240,13 +244,13 @@ def blanket(source, out):
         return points[np.abs((points - eye) @ normal) < 0.01]
 
     section.plot(*in_plane(near_plane(before.points)), linestyle="none", marker=".", markersize=3, color="#b8b8b8",
-                 label="map before, within 1 cm of the plane")
+                 label="points of the map before, within 1 cm of the plane")
     wall = chosen["is_wall"] == 1
     section.plot(*in_plane(knots("seen", chosen[wall])), color="#b58a00", linewidth=4.0, alpha=0.5,
                  label="nothing within range: the wall at infinity, drawn at the range's end")
-    for name, colour, words in (("nearer", BLUE, "nearer: deleted"),
+    for name, colour, words in (("nearer", BLUE, "bound: what is nearer is deleted"),
                                 ("seen", "#b58a00", "what the look measures, a function of the ray"),
-                                ("farther", "#8c6bb1", "farther: hidden, kept")):
+                                ("farther", "#8c6bb1", "bound: what is farther is hidden, kept")):
         section.plot(*in_plane(knots(name, chosen[~wall])), color=colour, linewidth=1.6, label=words)
     section.plot(*in_plane(near_plane(removed)), linestyle="none", marker="o", markersize=6, color=GREEN,
                  label="deleted points")
