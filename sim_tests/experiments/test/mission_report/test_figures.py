@@ -97,7 +97,7 @@ class Figures(unittest.TestCase):
         self.assertEqual(parts["factors"], figures.NOTHING)  # its scene is another
         self.assertIn("| decoys | #3 | octomap_random | 1 | 25.0 | 57 \u00b1 6.8 | 100.0 | 57 \u00b1 12 | reached by 0 of 1 |", parts["systems"])
         self.assertIn("| less `complete` | pairs |", parts["measures"])
-        self.assertEqual(parts["findings"], figures.NOTHING)  # one pair shows nothing
+        self.assertEqual(parts["findings"], "No difference has a p below 0.1.\n")
 
     def test_figures_of_a_mission_show_its_first_picks(self):
         made = run_folder.make_run_folder(self.folder / "run", bricks=6)
