@@ -204,7 +204,7 @@ def run_all(options, missions):
             mark.unlink(missing_ok=True)
         else:
             mark.touch()
-    shutil.rmtree(options.out / ".snakemake/incomplete", ignore_errors=True)  # of missions that ran when Snakemake was interrupted: one that ended counts
+    shutil.rmtree(options.out / ".snakemake/incomplete", ignore_errors=True)  # an interrupted Snakemake would run them again; the marks tell
     command = shlex.join([sys.executable, str(ROOT / "tools/run"), "campaign", "--out", str(options.out)])
     (options.out / "campaign.json").write_text(json.dumps({"command": command, "missions": missions}), encoding="utf-8")
     before = signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches Snakemake and the missions, too, which end in order
