@@ -914,6 +914,38 @@ TEST(MotionPlanner, OutOfWhatTheMapHasWithinTheHeldBrickItGoesStraightUp) {
   }
 }
 
+TEST(MotionPlanner, OutOfWhatReachesIntoTheHeldBrickFromOneSideAndOverItItGoesAside) {
+  PickWorld alone = emptyPickWorld();
+  alone.add({0.75, 0.0, 0.1});
+  alone.makeScene();
+  const Result<PickPlan> taken = pickFrom(alone, 0);
+  ASSERT_TRUE(taken) << taken.failure().message;
+  PlanningContext context = alone.context();
+  context.held = taken->held;
+  context.start_rad = taken->lift.points.back().position_rad;
+  ArmGoal goal;
+  goal.joints_rad = taken->stow.points.back().position_rad;
+  const Eigen::Isometry3d T_base_brick = shippedArm()->tipPose(context.start_rad) * taken->held.T_tip_brick;
+  // The map has something there since the arm has stopped: the way up is barred, the way it came is not.
+  for (const double within_m : {0.02, 0.03, 0.05}) {
+    SCOPED_TRACE(within_m);
+    PickWorld pick = emptyPickWorld();
+    OrientedBox block;
+    block.size_m = {0.1, 0.3, 0.4};
+    const double beside_m = 0.5 * (alone.type.size_m.x() + block.size_m.x()) - within_m;
+    block.T_map_box =
+        pick.T_map_base * Eigen::Translation3d(T_base_brick.translation()) * Eigen::Translation3d(beside_m, 0.0, 0.1);
+    pick.world.boxes.push_back(block);
+    pick.makeScene();
+    PlanningContext beside = pick.context();
+    beside.held = context.held;
+    beside.start_rad = context.start_rad;
+    const Result<JointTrajectory> plan = makePlanner().planArm(beside, goal);
+    ASSERT_TRUE(plan) << plan.failure().message;
+    expectTheWatchLetsPass(pick, beside, *plan);
+  }
+}
+
 // An image showed the brick in the hand: the map has it beside where it is taken to be, and too high to get out straight.
 TEST(MotionPlanner, WhatTheMapHasOfTheHeldBrickItselfIsNotInItsWay) {
   PickWorld pick = emptyPickWorld();

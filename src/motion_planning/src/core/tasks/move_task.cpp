@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "tasks/brick_in_scene.h"
 #include "tasks/failures.h"
@@ -74,8 +76,10 @@ Result<JointTrajectory> moveOneWay(const TaskContext& task, const StartState& st
     if (plan || plan.failure().status != PlanStatus::kIterations || !task.request.held) return plan;
   }
   // Among its neighbours a search finds no path out where a straight line may.
+  std::vector<Eigen::Vector3d> directions_base = directionsOut(task, start.joints_rad);
+  if (start.wedged) directions_base = withAside(std::move(directions_base));
   bool has_line = false;
-  for (const Eigen::Vector3d& direction_base : directionsOut(task, start.joints_rad)) {
+  for (const Eigen::Vector3d& direction_base : directions_base) {
     if (task.isCancelled()) break;
     const JointPath line = lineOut(task, start, direction_base);
     if (line.empty()) continue;
