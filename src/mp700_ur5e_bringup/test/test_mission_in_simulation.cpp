@@ -25,12 +25,13 @@ constexpr int kBricks = 5;                // of tipped_stack.yaml
 constexpr int kPlainBricks = 4;           // of four_plain.yaml
 constexpr double kLeastCoverage = 0.7;    // 0.80 to 0.93 were measured
 constexpr double kLeastPrecision = 0.75;  // 0.84 to 0.93 were measured; 0.48 without deletion
-// Of one_heap in the paper's cycle: seven missions had as many after 324 to 365 s, those of a drawn view or without the travel
-// after 459 to 531 s.
-constexpr int kEarlyBricks = 8;
-constexpr double kEarly_s = 400.0;
-constexpr int kMostMishaps = 1;           // one of about fifty bricks falls, or jams in the container
-constexpr double kStart_s = 180.0;        // wall time until mission and judge are heard, on a busy machine
+// Of one_heap in the paper's cycle: one mission's bricks tell nothing, for one misfortune costs as many as a drawn view does. Its
+// choices do: over ten of them the chosen views were 0.53 to 0.69 times as far as their candidates are in the mean, without the
+// factor of travel 1.03 times.
+constexpr std::size_t kChoices = 6;
+constexpr double kMostTravel = 0.85;
+constexpr int kMostMishaps = 1;     // one of about fifty bricks falls, or jams in the container
+constexpr double kStart_s = 180.0;  // wall time until mission and judge are heard, on a busy machine
 constexpr double kJudge_s =
     60.0;  // wall time within which the judge, who tells every 0.5 simulated seconds, is up to date
 
@@ -72,11 +73,11 @@ class MissionInSimulation : public testing::Test {
     return text.str();
   }
 
-  /// Objects of a JSON Lines file; a line that is none fails the test.
+  /// Objects of a JSON Lines file, without a line that is being written; a line that is none fails the test.
   std::vector<nlohmann::json> lines(const std::string& name) const {
     std::ifstream stream(run_folder_ + "/" + name);
     std::vector<nlohmann::json> rows;
-    for (std::string line; std::getline(stream, line);) {
+    for (std::string line; std::getline(stream, line) && !stream.eof();) {
       rows.push_back(nlohmann::json::parse(line, nullptr, false));
       EXPECT_TRUE(rows.back().is_object()) << name << ", line " << rows.size() << ": " << line;
     }
@@ -169,15 +170,36 @@ TEST_F(MissionInSimulation, LeavesFilesThatTellTheSame) {
 /// The utility against the time: where to stand decides how many bricks an hour.
 class ChoiceOfViews : public MissionInSimulation {};
 
-TEST_F(ChoiceOfViews, StowsMoreThanADrawnViewDoes) {
+TEST_F(ChoiceOfViews, TakesTheLargestUtilityAndTravelsLessThanADrawnViewWould) {
   ASSERT_TRUE(waitUntil([this] { return !mission_.header.stamp.isZero() && !judge_.header.stamp.isZero(); }, kStart_s));
-  const auto isOver = [this] {
-    return judge_.stowed >= kEarlyBricks || mission_.used_s > kEarly_s || mission_.state == MissionState::ENDED;
+  std::vector<nlohmann::json> choices;
+  const auto haveChosen = [&] {
+    choices.clear();
+    for (const auto& line : lines("selections.jsonl")) {
+      if (line.at("best") >= 0) choices.push_back(line);
+    }
+    return choices.size() >= kChoices;
   };
-  ASSERT_TRUE(waitUntil(isOver, wall_limit_s_)) << "not within " << wall_limit_s_ << " s of wall time; " << story();
-  RecordProperty("mission_ros_seconds", static_cast<int>(mission_.used_s));
-  ROS_INFO("%d bricks after %.0f s of ROS time", judge_.stowed, mission_.used_s);
-  EXPECT_GE(judge_.stowed, kEarlyBricks) << "after " << mission_.used_s << " s; " << story();
+  ASSERT_TRUE(waitUntil([&] { return haveChosen() || mission_.state == MissionState::ENDED; }, wall_limit_s_) &&
+              haveChosen())
+      << choices.size() << " choices; " << story();
+  double chosen_m = 0.0, mean_m = 0.0;
+  for (const auto& choice : choices) {
+    std::vector<double> utilities;
+    double sum_m = 0.0;
+    for (const auto& segment : choice.at("segments")) {
+      if (segment.at("verdict") != 0) continue;  // the base cannot stand there
+      utilities.push_back(segment.at("utility"));
+      sum_m += segment.at("distance").get<double>();
+    }
+    ASSERT_GT(utilities.size(), 1U) << "no choice: " << choice.at("time_s");
+    const auto& best = choice.at("segments").at(choice.at("best").get<std::size_t>());
+    EXPECT_EQ(best.at("utility"), *std::max_element(utilities.begin(), utilities.end())) << choice.at("time_s");
+    chosen_m += best.at("distance").get<double>();
+    mean_m += sum_m / static_cast<double>(utilities.size());
+  }
+  RecordProperty("travel_percent_of_mean", static_cast<int>(100.0 * chosen_m / mean_m));
+  EXPECT_LT(chosen_m, kMostTravel * mean_m);
   EXPECT_EQ(judge_.collisions, 0) << incidents_;
 }
 
