@@ -81,8 +81,8 @@ def sentences(run, summary):
     if coverage:
         coverable = share(summary.get("map_coverable"))
         words.append(f"The map covered {coverage} of the bricks' surface that could have been seen from the mast" +
-                     (f" ({coverable} of all that was ever exposed)" if coverable else "") +
-                     (f"; in the mean {precision} of what it held of the pile was true." if precision else "."))
+                     (f"; this is {coverable} of all that was ever exposed" if coverable else "") + "." +
+                     (f" In the mean {precision} of what it held of the pile was true." if precision else ""))
     if run.is_one_of_several and run.table:
         words.append("It is one of several missions of a run: the counts are its own, the coverage is the run's up to its end.")
     reason = summary.get("end_reason")

@@ -11,6 +11,7 @@
 
 #include <gtest/gtest.h>
 #include <interactive_mapping_msgs/MissionState.h>
+#include <interactive_mapping_msgs/NbvSegment.h>
 #include <nlohmann/json.hpp>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
@@ -20,18 +21,15 @@
 namespace {
 
 using interactive_mapping_msgs::MissionState;
+using interactive_mapping_msgs::NbvSegment;
 
 constexpr int kBricks = 5;                // of tipped_stack.yaml
 constexpr int kPlainBricks = 4;           // of four_plain.yaml
 constexpr double kLeastCoverage = 0.7;    // 0.80 to 0.93 were measured
 constexpr double kLeastPrecision = 0.75;  // 0.84 to 0.93 were measured; 0.48 without deletion
-// Of one_heap in the paper's cycle: one mission's bricks tell nothing, for one misfortune costs as many as a drawn view does. Its
-// choices do: over ten of them the chosen views were 0.53 to 0.69 times as far as their candidates are in the mean, without the
-// factor of travel 1.03 times.
-constexpr std::size_t kChoices = 6;
-constexpr double kMostTravel = 0.85;
-constexpr int kMostMishaps = 1;     // one of about fifty bricks falls, or jams in the container
-constexpr double kStart_s = 180.0;  // wall time until mission and judge are heard, on a busy machine
+constexpr std::size_t kChoices = 3;       // of some 30 candidates each
+constexpr int kMostMishaps = 1;           // one of about fifty bricks falls, or jams in the container
+constexpr double kStart_s = 180.0;        // wall time until mission and judge are heard, on a busy machine
 constexpr double kJudge_s =
     60.0;  // wall time within which the judge, who tells every 0.5 simulated seconds, is up to date
 
@@ -167,10 +165,10 @@ TEST_F(MissionInSimulation, LeavesFilesThatTellTheSame) {
   EXPECT_EQ(kinds.count("stow"), static_cast<std::size_t>(kBricks));
 }
 
-/// The utility against the time: where to stand decides how many bricks an hour.
+/// Where the robot stands is what the utility says. Whether that is good a single mission cannot tell: docs/results does.
 class ChoiceOfViews : public MissionInSimulation {};
 
-TEST_F(ChoiceOfViews, TakesTheLargestUtilityAndTravelsLessThanADrawnViewWould) {
+TEST_F(ChoiceOfViews, HasTheLargestUtility) {
   ASSERT_TRUE(waitUntil([this] { return !mission_.header.stamp.isZero() && !judge_.header.stamp.isZero(); }, kStart_s));
   std::vector<nlohmann::json> choices;
   const auto haveChosen = [&] {
@@ -183,23 +181,16 @@ TEST_F(ChoiceOfViews, TakesTheLargestUtilityAndTravelsLessThanADrawnViewWould) {
   ASSERT_TRUE(waitUntil([&] { return haveChosen() || mission_.state == MissionState::ENDED; }, wall_limit_s_) &&
               haveChosen())
       << choices.size() << " choices; " << story();
-  double chosen_m = 0.0, mean_m = 0.0;
   for (const auto& choice : choices) {
+    SCOPED_TRACE(choice.at("time_s"));
     std::vector<double> utilities;
-    double sum_m = 0.0;
     for (const auto& segment : choice.at("segments")) {
-      if (segment.at("verdict") != 0) continue;  // the base cannot stand there
-      utilities.push_back(segment.at("utility"));
-      sum_m += segment.at("distance").get<double>();
+      if (segment.at("verdict") == NbvSegment::CANDIDATE) utilities.push_back(segment.at("utility"));
     }
-    ASSERT_GT(utilities.size(), 1U) << "no choice: " << choice.at("time_s");
+    ASSERT_GT(utilities.size(), 1U) << "there was nothing to choose from";
     const auto& best = choice.at("segments").at(choice.at("best").get<std::size_t>());
-    EXPECT_EQ(best.at("utility"), *std::max_element(utilities.begin(), utilities.end())) << choice.at("time_s");
-    chosen_m += best.at("distance").get<double>();
-    mean_m += sum_m / static_cast<double>(utilities.size());
+    EXPECT_EQ(best.at("utility"), *std::max_element(utilities.begin(), utilities.end()));
   }
-  RecordProperty("travel_percent_of_mean", static_cast<int>(100.0 * chosen_m / mean_m));
-  EXPECT_LT(chosen_m, kMostTravel * mean_m);
   EXPECT_EQ(judge_.collisions, 0) << incidents_;
 }
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <optional>
-#include <utility>
-#include <vector>
 
 #include "tasks/brick_in_scene.h"
 #include "tasks/failures.h"
@@ -76,10 +74,8 @@ Result<JointTrajectory> moveOneWay(const TaskContext& task, const StartState& st
     if (plan || plan.failure().status != PlanStatus::kIterations || !task.request.held) return plan;
   }
   // Among its neighbours a search finds no path out where a straight line may.
-  std::vector<Eigen::Vector3d> directions_base = directionsOut(task, start.joints_rad);
-  if (start.wedged) directions_base = withAside(std::move(directions_base));
   bool has_line = false;
-  for (const Eigen::Vector3d& direction_base : directions_base) {
+  for (const Eigen::Vector3d& direction_base : directionsOut(task, start.joints_rad)) {
     if (task.isCancelled()) break;
     const JointPath line = lineOut(task, start, direction_base);
     if (line.empty()) continue;
@@ -94,6 +90,12 @@ Result<JointTrajectory> moveOneWay(const TaskContext& task, const StartState& st
   if (start.wedged && !has_line) {
     const CollisionChecker own_place = withOwnPlaceEmpty(task, start);
     if (own_place.isFree(start.joints_rad)) return searchFrom(task, {start.joints_rad}, own_place, goal);
+    // Under what it is in, too.
+    for (const Eigen::Vector3d& direction_base : upAndAside()) {
+      if (task.isCancelled()) break;
+      const JointPath line = lineOut(task, start, direction_base);
+      if (!line.empty()) return searchFrom(task, line, clearOfStart(task, start), goal);
+    }
   }
   if (task.isCancelled()) return cancelled();
   return plan;

@@ -97,7 +97,8 @@ std::vector<Eigen::Vector3d> liftOffsets(const Eigen::Vector3d& normal_base, dou
   } else if (normal_base.z() < 0.99) {  // within 8 degrees both are one line
     directions.push_back(up);
   }
-  directions = withAside(std::move(directions));  // out of corners
+  const std::vector<Eigen::Vector3d> aside = upAndAside();  // out of corners
+  directions.insert(directions.end(), aside.begin(), aside.end());
   for (Eigen::Vector3d& direction : directions) direction *= lift_m;
   return directions;
 }

@@ -58,7 +58,10 @@ JointPath outOfMargin(const TaskContext& task, const CollisionChecker& checker) 
   if (task.request.held) near.setHeldAt(*task.request.held, {start});
   CollisionChecker clear(near);
   clear.yieldToSurfaceAt(std::nullopt);
-  for (const Eigen::Vector3d& direction_base : withAside(directionsOut(task, start))) {
+  std::vector<Eigen::Vector3d> directions_base = directionsOut(task, start);
+  const std::vector<Eigen::Vector3d> aside = upAndAside();
+  directions_base.insert(directions_base.end(), aside.begin(), aside.end());
+  for (const Eigen::Vector3d& direction_base : directions_base) {
     JointPath line = followLine(task, start, task.arm.tipPose(start), task.config.pick.lift_m * direction_base);
     for (std::size_t k = 0; k < line.size() && near.isFree(line[k]); ++k) {
       if (k == 0 || !clear.isFree(line[k])) continue;

@@ -33,7 +33,8 @@ std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const ArmVec
   return {up_base, (up_base + back_base).normalized(), back_base};
 }
 
-std::vector<Eigen::Vector3d> withAside(std::vector<Eigen::Vector3d> directions) {
+std::vector<Eigen::Vector3d> upAndAside() {
+  std::vector<Eigen::Vector3d> directions;
   for (std::size_t k = 0; k < kSideways; ++k) {
     const double to_rad = 2.0 * M_PI * static_cast<double>(k) / kSideways;
     directions.push_back(Eigen::Vector3d(std::cos(to_rad), std::sin(to_rad), 1.0).normalized());

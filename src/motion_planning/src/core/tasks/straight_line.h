@@ -21,9 +21,9 @@ JointPath followLine(const TaskContext& task, const ArmVector& from, const Eigen
 /// Directions of straight lines away from where the arm is: up, away from the face that the tool is at, or both.
 std::vector<Eigen::Vector3d> directionsOut(const TaskContext& task, const ArmVector& joints_rad);
 
-/// The same, and after them as many halfway between up and level, all round.
+/// As many directions halfway between up and level, all round.
 constexpr std::size_t kSideways = 8;
-std::vector<Eigen::Vector3d> withAside(std::vector<Eigen::Vector3d> directions);
+std::vector<Eigen::Vector3d> upAndAside();
 
 /// A contact on the line, or none. Neighbours share what blocks them, so the far end and the middle come first.
 Contact firstContact(const CollisionChecker& checker, const JointPath& line);
