@@ -223,7 +223,7 @@ def blanket(source, out):
     pixels, _ = camera.project(removed)
     view.plot(*(0.5 * pixels.T), linestyle="none", marker="o", markersize=3.5, color=GREEN, markeredgewidth=0)
     view.set_axis_off()
-    view.set_title("The new map, and the points that the look deleted", fontsize=13, loc="left")
+    view.set_title("The new map, and the training points that the image deleted", fontsize=13, loc="left")
 
     # The column of rays that passes most deleted points; all of it lies in one plane through the camera.
     def knots(name, of):
@@ -244,16 +244,16 @@ def blanket(source, out):
         return points[np.abs((points - eye) @ normal) < 0.01]
 
     section.plot(*in_plane(near_plane(before.points)), linestyle="none", marker=".", markersize=3, color="#b8b8b8",
-                 label="points of the map before, within 1 cm of the plane")
+                 label="vertices of the surface mapped before, within 1 cm of the plane")
     wall = chosen["is_wall"] == 1
     section.plot(*in_plane(knots("seen", chosen[wall])), color="#b58a00", linewidth=4.0, alpha=0.5,
                  label="nothing within range: the wall at infinity, drawn at the range's end")
     for name, colour, words in (("nearer", BLUE, "bound: what is nearer is deleted"),
-                                ("seen", "#b58a00", "what the look measures, a function of the ray"),
+                                ("seen", "#b58a00", "what the image measures, a function of the ray"),
                                 ("farther", "#8c6bb1", "bound: what is farther is hidden, kept")):
         section.plot(*in_plane(knots(name, chosen[~wall])), color=colour, linewidth=1.6, label=words)
     section.plot(*in_plane(near_plane(removed)), linestyle="none", marker="o", markersize=6, color=GREEN,
-                 label="deleted points")
+                 label="deleted training points")
     ray = removed[np.argmin(np.abs((removed - eye) @ normal))]
     section.plot(*np.transpose([(0.0, eye[2]), tuple(float(value[0]) for value in in_plane(ray[None]))]), color=ORANGE,
                  linewidth=1.0, linestyle="--", label="a ray of the camera")

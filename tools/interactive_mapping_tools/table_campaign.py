@@ -304,8 +304,8 @@ def paired(rows, scene, cycle, variants):
 
 def factors_text(rows):
     """Markdown: Table I, where it is the paper's beside its numbers; empty without missions that miss a factor."""
-    table = [("scene", "cycle", "variant", "n", "bricks", "paper", "map %", "paper", "falls", "paper",
-              "missions with a collision", "paper")]
+    table = [("scene", "cycle", "variant", "n", "bricks", "the paper's", "map %", "the paper's", "falls", "the paper's",
+              "missions with a collision", "the paper's")]
     for scene, cycle in FACTOR_PLACES:
         variants = paired(rows, scene, cycle, PAPER_FACTORS)
         for variant, runs in variants.items() if len(variants) > 1 else ():
@@ -319,7 +319,7 @@ def factors_text(rows):
 
 def systems_text(rows):
     """Markdown: Table II beside the paper's; empty without its scenes."""
-    table = [("ours", "paper's", "system", "n", "bricks %", "paper", "map %", "paper",
+    table = [("ours", "paper's", "system", "n", "bricks %", "the paper's", "map %", "the paper's",
               *(SHOWN[key][0] for key in TIMES))]
     for index, (scene, cycle) in enumerate(OUR_SCENES.items()):
         systems = paired(rows, scene, cycle, PAPER_SYSTEMS)
