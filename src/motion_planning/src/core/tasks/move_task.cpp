@@ -90,7 +90,7 @@ Result<JointTrajectory> moveOneWay(const TaskContext& task, const StartState& st
   if (start.wedged && !has_line) {
     const CollisionChecker own_place = withOwnPlaceEmpty(task, start);
     if (own_place.isFree(start.joints_rad)) return searchFrom(task, {start.joints_rad}, own_place, goal);
-    // Under what it is in, too.
+    // What it is in is over it, too: up and to a side.
     for (const Eigen::Vector3d& direction_base : upAndAside()) {
       if (task.isCancelled()) break;
       const JointPath line = lineOut(task, start, direction_base);
