@@ -80,8 +80,8 @@ def sentences(run, summary):
     coverage, precision = share(summary.get("map_coverage")), share(summary.get("map_precision"))
     if coverage:
         coverable = share(summary.get("map_coverable"))
-        words.append(f"The map covered {coverage} of the bricks' surface that could have been seen from the mast" +
-                     (f"; this is {coverable} of all that was ever exposed" if coverable else "") + "." +
+        words.append(f"The map covered {coverage} of the bricks' surface that could have been seen from the mast." +
+                     (f" This camera could have seen {coverable} of all that was ever exposed." if coverable else "") +
                      (f" In the mean {precision} of what it held of the pile was true." if precision else ""))
     if run.is_one_of_several and run.table:
         words.append("It is one of several missions of a run: the counts are its own, the coverage is the run's up to its end.")

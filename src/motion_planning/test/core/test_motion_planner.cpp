@@ -920,12 +920,11 @@ TEST(MotionPlanner, HeldBrickLeavesABlockAside) {
   alone.makeScene();
   const Result<PickPlan> taken = pickFrom(alone, 0);
   ASSERT_TRUE(taken) << taken.failure().message;
-  PlanningContext context = alone.context();
-  context.held = taken->held;
-  context.start_rad = taken->lift.points.back().position_rad;
+  const ArmVector start_rad = taken->lift.points.back().position_rad;
+  const Eigen::Isometry3d T_base_tip = shippedArm()->tipPose(start_rad);
+  const Eigen::Isometry3d T_base_brick = T_base_tip * taken->held.T_tip_brick;
   ArmGoal goal;
   goal.joints_rad = taken->stow.points.back().position_rad;
-  const Eigen::Isometry3d T_base_brick = shippedArm()->tipPose(context.start_rad) * taken->held.T_tip_brick;
   // The map has something there since the arm has stopped: beside the brick and over it.
   for (const double within_m : {0.02, 0.03, 0.05}) {
     SCOPED_TRACE(within_m);
@@ -937,18 +936,17 @@ TEST(MotionPlanner, HeldBrickLeavesABlockAside) {
         pick.T_map_base * Eigen::Translation3d(T_base_brick.translation()) * Eigen::Translation3d(beside_m, 0.0, 0.1);
     pick.world.boxes.push_back(block);
     pick.makeScene();
-    PlanningContext beside = pick.context();
-    beside.held = context.held;
-    beside.start_rad = context.start_rad;
-    const Result<JointTrajectory> plan = makePlanner().planArm(beside, goal);
+    PlanningContext context = pick.context();
+    context.held = taken->held;
+    context.start_rad = start_rad;
+    const Result<JointTrajectory> plan = makePlanner().planArm(context, goal);
     ASSERT_TRUE(plan) << plan.failure().message;
     Eigen::Vector3d way = Eigen::Vector3d::Zero();
     for (double t = 0.0; t < plan->duration() && way.norm() < within_m; t += 0.01) {
-      way = shippedArm()->tipPose(plan->sample(t).position_rad).translation() -
-            shippedArm()->tipPose(context.start_rad).translation();
+      way = shippedArm()->tipPose(plan->sample(t).position_rad).translation() - T_base_tip.translation();
     }
     EXPECT_LT(way.x(), -0.5 * within_m) << "away from the block";
-    expectTheWatchLetsPass(pick, beside, *plan);
+    expectTheWatchLetsPass(pick, context, *plan);
   }
 }
 
