@@ -58,18 +58,18 @@ def sectors(source, out):
 
 def scenes(_, out):
     """Fig. 6."""
-    figure, panels = plt.subplots(1, len(table_campaign.OUR_SCENES), figsize=(15.0, 2.7), constrained_layout=True)
+    figure, panels = plt.subplots(1, len(table_campaign.OUR_SCENES), figsize=(15.0, 3.4), constrained_layout=True)
     rows = []
     for axes, letter, scene in zip(panels, "abc", table_campaign.OUR_SCENES):
         world = yaml.safe_load((ROOT / f"sim_tests/simulated_world/worlds/{scene}.yaml").read_text(encoding="utf-8"))
         piles = world.get("heaps", []) + world.get("tipped", [])
         rows.append((scene, sum(pile["bricks"] for pile in piles), sum(world.get("decoys", {}).values())))
         view = matplotlib.image.imread(ROOT / f"docs/images/worlds/{scene}.png")
-        axes.imshow(view[view.shape[0] // 4:-view.shape[0] // 4, view.shape[1] // 2:])  # the pile
+        axes.imshow(view[view.shape[0] // 4:-view.shape[0] // 4, view.shape[1] // 2:-view.shape[1] // 8])  # the pile
         axes.set_title(f"({letter}) {scene}: {rows[-1][1]} bricks" +
                        (f", {rows[-1][2]} of them decoys" if rows[-1][2] else ""), fontsize=13, loc="left")
         axes.set_axis_off()
-    save(figure, out / "fig6.png")
+    save(figure, out / "fig6.png", bbox_inches="tight")
     write_rows(out / "fig6.csv", ("scene", "bricks", "decoys"), rows)
 
 
