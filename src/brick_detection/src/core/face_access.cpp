@@ -35,6 +35,13 @@ std::vector<FaceAccess> graspableFaces(const Eigen::Isometry3d& T_map_brick, con
                                        const FaceAccessConfig& config) {
   interactive_mapping::requireValid("impossible access:", config);
 
+  struct Box {
+    Eigen::Isometry3d T_box_map;
+    Eigen::Array3d half_size_m;
+  };
+  std::vector<Box> boxes;
+  for (const BrickBox& other : others) boxes.push_back({other.T_map_brick.inverse(), 0.5 * other.size_m.array()});
+
   std::vector<FaceAccess> faces;
   for (const description::BrickFace face : description::kBrickFaces) {
     if (std::count(type.plate_faces.begin(), type.plate_faces.end(), face) == 0) continue;
@@ -56,9 +63,8 @@ std::vector<FaceAccess> graspableFaces(const Eigen::Isometry3d& T_map_brick, con
     int num_free = 0;
     int num_unknown = 0;
     for (Eigen::Index i = 0; i < points.cols(); ++i) {
-      const bool is_in_brick = std::any_of(others.begin(), others.end(), [&](const BrickBox& other) {
-        const Eigen::Vector3d p_brick = other.T_map_brick.inverse() * points.col(i);
-        return (p_brick.cwiseAbs().array() <= 0.5 * other.size_m.array()).all();
+      const bool is_in_brick = std::any_of(boxes.begin(), boxes.end(), [&](const Box& box) {
+        return ((box.T_box_map * points.col(i)).cwiseAbs().array() <= box.half_size_m).all();
       });
       if (is_in_brick) continue;
       num_free += states[static_cast<std::size_t>(i)] == SpaceState::kFree ? 1 : 0;

@@ -21,7 +21,6 @@ namespace brick_detection_ros {
 namespace {
 
 using brick_detection::CameraModel;
-using brick_detection::HandEyeResult;
 using interactive_mapping::formatted;
 using interactive_mapping_ros::withoutSlash;
 
@@ -244,11 +243,6 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
                formatted("%.1f", params_.max_image_age_s) + " s are allowed: is the camera running?";
     return false;
   }
-  if (inputs.info->width != image.width || inputs.info->height != image.height) {
-    *message = "the image is of " + sizeText(image.width, image.height) + ", its camera info of " +
-               sizeText(inputs.info->width, inputs.info->height);
-    return false;
-  }
   const std::string camera_frame =
       params_.camera_frame.empty() ? withoutSlash(image.header.frame_id) : params_.camera_frame;
   if (!session_.samples().empty() && camera_frame != camera_frame_) {
@@ -260,6 +254,11 @@ bool CameraCalibrator::takeSample(const Inputs& inputs, std::string* message) {
   const std::optional<CameraModel> camera = brick_detection_ros::cameraModelOf(*inputs.info, is_rectified, &refusal);
   if (!camera) {
     *message = refusal.message;
+    return false;
+  }
+  if (camera->width_px != static_cast<int>(image.width) || camera->height_px != static_cast<int>(image.height)) {
+    *message = "the image is of " + sizeText(image.width, image.height) + ", its camera info of " +
+               sizeText(camera->width_px, camera->height_px);
     return false;
   }
   const std::vector<Eigen::Isometry3d> poses = toolPoses(stamp, message);

@@ -229,6 +229,11 @@ TEST(ToDepthRectifier, KeepsItsTablesThroughJitterAndTheLastGoodOneThroughABadIn
   info.K[0] += 1e-5;
   ASSERT_TRUE(toDepthRectifier(info, false, &rectifier, &refusal));
   EXPECT_EQ(rectifier.camera().fx, info.K[0]);
+  info.P[0] = 131.0;
+  ASSERT_TRUE(toDepthRectifier(info, true, &rectifier, &refusal));
+  info.P[0] += 1e-5;
+  ASSERT_TRUE(toDepthRectifier(info, true, &rectifier, &refusal));
+  EXPECT_EQ(rectifier.rawCamera().fx, 131.0);
 }
 
 TEST(ToIsometry, RefusesWhatIsNoRigidMotion) {

@@ -17,8 +17,6 @@ using depth_camera_ros::Refusal;
 using depth_self_filter::JointHistory;
 using diagnostic_msgs::DiagnosticStatus;
 using interactive_mapping::formatted;
-using interactive_mapping_msgs::SelfFilterUpdate;
-using interactive_mapping_ros::withoutSlash;
 using mp700_ur5e_description::RobotModel;
 
 constexpr char kLog[] = "depth_self_filter";

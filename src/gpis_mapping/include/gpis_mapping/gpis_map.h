@@ -101,8 +101,8 @@ class GpisMap {
   /// A solid that filled the box was taken away at `stamp_s` [s]. Forgets the points in it and within `padding_m` of
   /// it. Also forgets them where it may have been before it came to the box, moved by up to `moved_m` [m, map frame].
   /// The box is free from now on: the caller took the solid. Space beside it that was free before stays free, although
-  /// the surface that showed this is gone. Returns the points removed [m, map frame]. Throws as clearBox(), also for a
-  /// negative padding, or a stamp or a move that is not finite. Call from the updating thread.
+  /// the surface that showed this is gone. Returns the points removed [m, map frame]. Throws as clearBox(), also for an
+  /// edge above 2 m, a negative padding, or a stamp or a move that is not finite. Call from the updating thread.
   std::vector<Eigen::Vector3d> takeOut(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m,
                                        double padding_m, double stamp_s,
                                        const Eigen::Vector3d& moved_m = Eigen::Vector3d::Zero());
@@ -127,6 +127,8 @@ class GpisMap {
       SurfacePoint point;
       Eigen::Vector3d reported_position;
       float reported_std;
+      // Number of the update that fused it last, 0: none. Stamps of an old map are too coarse to tell images apart.
+      std::uint32_t fused_in{0};
     };
 
     std::vector<Entry> entries;
@@ -241,7 +243,6 @@ class GpisMap {
   double epoch_s_{0.0};
   std::uint64_t num_updates_{0};
   std::unordered_map<LatticeKey, std::vector<RemovedPoint>, LatticeKeyHash> recently_removed_;
-  float last_stamp_s_{std::numeric_limits<float>::lowest()};  // of the last image [s since the epoch]
 
   /// What is remembered of a camera, and tables of its size.
   struct Eye {

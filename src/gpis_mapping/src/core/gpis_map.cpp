@@ -200,7 +200,6 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   UpdateStatistics statistics;
   Stopwatch total;
   Stopwatch stage;
-  const bool is_other_camera = camera_index != camera_index_;
   selectCamera(camera_index);
   prepareCamera(camera);
   auto classified = std::make_shared<ClassifiedFrame>(eye_.classifier->classify(image, threads));
@@ -209,14 +208,8 @@ UpdateStatistics GpisMap::update(const DepthImage& image, const CameraModel& cam
   statistics.classify_ms = stage.lapMs();
 
   if (num_updates_ == 0) epoch_s_ = stamp_s;
-  auto frame_stamp_s = static_cast<float>(stamp_s - epoch_s_);
-  // A point is this image's if it has its stamp: that of another camera's image before must differ.
-  if (is_other_camera && frame_stamp_s <= last_stamp_s_) {
-    frame_stamp_s = std::nextafter(last_stamp_s_, std::numeric_limits<float>::max());
-  }
-  last_stamp_s_ = frame_stamp_s;
   Frame frame(config_, classified, eye_.regressor, eye_.view.pixel_history, T_map_camera,
-              motionTo(T_map_camera, stamp_s), frame_stamp_s, threads);
+              motionTo(T_map_camera, stamp_s), static_cast<float>(stamp_s - epoch_s_), threads);
   eye_.view.T_map_camera = T_map_camera;
   eye_.view.stamp_s = stamp_s;
   statistics.regress_ms = stage.lapMs();
@@ -255,6 +248,12 @@ std::vector<Eigen::Vector3d> GpisMap::clearBox(const Eigen::Isometry3d& T_map_bo
 std::vector<Eigen::Vector3d> GpisMap::takeOut(const Eigen::Isometry3d& T_map_box, const Eigen::Vector3d& size_m,
                                               double padding_m, double stamp_s, const Eigen::Vector3d& moved_m) {
   requireBox(T_map_box, size_m);
+  constexpr double kMaxEdge_m = 2.0;  // of what a gripper takes; each block in it is listed
+  if (size_m.maxCoeff() > kMaxEdge_m) {
+    std::ostringstream text;
+    text << "size of the box = " << size_m.transpose() << " m, must be at most " << kMaxEdge_m << " m along each axis";
+    throw std::invalid_argument(text.str());
+  }
   if (!std::isfinite(padding_m) || padding_m < 0.0 || !std::isfinite(stamp_s) || !moved_m.allFinite()) {
     throw std::invalid_argument("padding = " + std::to_string(padding_m) + " m, stamp = " + std::to_string(stamp_s) +
                                 " s, moved by " + std::to_string(moved_m.norm()) +
@@ -463,6 +462,7 @@ void GpisMap::CellUpdate::fuse(const GpisMap& map, const Frame& frame) {
       ++occluded;
     } else if (outcome == PointOutcome::kFused) {
       ++fused;
+      entry.fused_in = static_cast<std::uint32_t>(map.num_updates_ + 1);
       const double std_now = std::sqrt(entry.point.variance_m2);
       const double moved = (entry.point.position_map - entry.reported_position).norm();
       const Eigen::AlignedBox3d home = map.config_.cells.box(key);
@@ -582,7 +582,7 @@ void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vecto
     const auto cell = cells_.find(key);
     if (cell == cells_.end()) continue;
     for (const Cell::Entry& entry : cell->second.entries) {
-      if (entry.point.last_seen_s == frame.stamp()) {
+      if (entry.fused_in == num_updates_ + 1) {
         witnesses.push_back({entry.point.position_map, entry.point.normal_map, false});
       }
     }
@@ -655,7 +655,7 @@ void GpisMap::decideDoubtful(const Frame& frame, std::vector<CellUpdate>* jobs) 
             const auto cell = cells_.find(key);
             if (cell == cells_.end()) continue;
             for (const Cell::Entry& entry : cell->second.entries) {
-              num_confirmed += entry.point.last_seen_s == frame.stamp() && sameFace(entry.point);
+              num_confirmed += entry.fused_in == num_updates_ + 1 && sameFace(entry.point);
             }
           }
         }

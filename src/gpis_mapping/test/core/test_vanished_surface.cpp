@@ -207,5 +207,22 @@ TEST(VanishedSurface, MarginOfTheSensorTellsNothing) {
   EXPECT_EQ(pointsInColumns(map, T_map_camera, kMargin_px, 80), in_margin);
 }
 
+TEST(VanishedSurface, IsGoneAtOnceFromAMapOfLongAgo) {
+  const Eigen::Isometry3d T_map_camera = plateAt(38.0);
+  const auto show = [&](GpisMap* map, double from_s) {
+    for (int i = 0; i < 4; ++i) {
+      map->update(look(T_map_camera, true, kMargin_px), cameraWithMargin(), T_map_camera, from_s + 0.1 * i);
+    }
+  };
+  GpisMap recorded{GpisConfig()};
+  show(&recorded, 0.0);
+  GpisMap map(recorded.contents());
+  const double now_s = 1.76e9;  // since 1970: in single precision 128 s apart, so all images have one stamp
+  show(&map, now_s);
+  ASSERT_GT(pointsInColumns(map, T_map_camera, 0, kMargin_px), 20u);
+  map.update(look(T_map_camera, false, 20), cameraWithMargin(), T_map_camera, now_s + 0.4);
+  EXPECT_EQ(pointsInColumns(map, T_map_camera, 0, kMargin_px), 0u);
+}
+
 }  // namespace
 }  // namespace gpis_mapping

@@ -31,8 +31,6 @@ class FailureMemory {
   /// The latest t_f of the points.
   double lastFailure(const std::vector<Eigen::Vector2d>& points_map) const;
 
-  /// Forgets failures before `stamp_s`, and nodes that hold none any more. Throws std::invalid_argument for NaN.
-  void forgetBefore(double stamp_s);
   void clear();
 
   struct Cell {

@@ -141,14 +141,6 @@ struct FailureMemory::Node {
     (*quarters)[i].raiseCell(square.quarter(i), column, row, stamp);
     merge();
   }
-  void forgetBefore(double stamp) {
-    if (isLeaf()) {
-      if (stamp_s < stamp) stamp_s = kNever_s;
-      return;
-    }
-    for (Node& quarter : *quarters) quarter.forgetBefore(stamp);
-    merge();
-  }
   std::size_t count() const {
     std::size_t sum = 1;
     if (!isLeaf()) {
@@ -247,13 +239,6 @@ double FailureMemory::lastFailure(const std::vector<Eigen::Vector2d>& points_map
   double last_s = kNever_s;
   for (const Eigen::Vector2d& p_map : points_map) last_s = std::max(last_s, lastFailure(p_map));
   return last_s;
-}
-
-void FailureMemory::forgetBefore(double stamp_s) {
-  if (std::isnan(stamp_s)) throw std::invalid_argument("stamp_s = nan s, must be a time");
-  if (tree_->root == nullptr) return;
-  tree_->root->forgetBefore(stamp_s);
-  if (tree_->root->isLeaf() && tree_->root->stamp_s == kNever_s) clear();
 }
 
 void FailureMemory::clear() {

@@ -263,10 +263,10 @@ NbvSelectionRos::Server::Result NbvSelectionRos::select(const Server::Goal& goal
   } catch (const MapUnusable& error) {
     result.selection.outcome.status = SelectionOutcome::BAD_INPUT;
     result.selection.outcome.message = error.what();
-  } catch (const MapUnavailable& error) {
-    result.selection.outcome.status = SelectionOutcome::STALE_MAP;
+  } catch (const std::invalid_argument& error) {  // a parameter that does not go with the map
+    result.selection.outcome.status = SelectionOutcome::BAD_INPUT;
     result.selection.outcome.message = error.what();
-  } catch (const std::exception& error) {  // the map stopped answering; out of memory; a plugin's own
+  } catch (const std::exception& error) {  // MapUnavailable; the map stopped answering; out of memory; a plugin's own
     result.selection.outcome.status = SelectionOutcome::STALE_MAP;
     result.selection.outcome.message = error.what();
   }

@@ -18,7 +18,6 @@ namespace {
 
 using test_support::messageOf;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -36,11 +35,6 @@ class CellByCell {
         const Eigen::Vector2d offset = center(x, y) - center_map;
         if (offset.x() * offset.x() + offset.y() * offset.y() <= radius_m * radius_m) raise(x, y, stamp_s);
       }
-    }
-  }
-  void forgetBefore(double stamp_s) {
-    for (auto cell = cells_.begin(); cell != cells_.end();) {
-      cell = cell->second < stamp_s ? cells_.erase(cell) : std::next(cell);
     }
   }
   void clear() { cells_.clear(); }
@@ -105,7 +99,7 @@ TEST(FailureMemory, KnowsWhatATableOfCellsKnows) {
     const int num_steps = 1 + sequence % 20;
     for (int step = 0; step < num_steps; ++step) {
       const double what = uniform(0.0, 1.0);
-      if (what < 0.85) {
+      if (what < 0.97) {
         const Eigen::Vector2d p = somewhere();
         const double kind = uniform(0.0, 1.0);
         const double radius_m = kind < 0.2 ? 0.0 : kind < 0.4 ? 2.0 * cell_m : uniform(0.0, 12.0 * cell_m);
@@ -113,10 +107,6 @@ TEST(FailureMemory, KnowsWhatATableOfCellsKnows) {
         memory.add(p, std::min(radius_m, 10.0), stamp_s);
         oracle.add(p, std::min(radius_m, 10.0), stamp_s);
         ++num_failures;
-      } else if (what < 0.97) {
-        const double stamp_s = std::floor(uniform(-6.0, 6.0));
-        memory.forgetBefore(stamp_s);
-        oracle.forgetBefore(stamp_s);
       } else {
         memory.clear();
         oracle.clear();
@@ -191,9 +181,6 @@ TEST(FailureMemory, TreeDependsOnWhatFailedNotOnHow) {
     for (const auto& [index, stamp_s] : oracle.cells())
       cells.add(oracle.center(index.first, index.second), 0.0, stamp_s);
     EXPECT_EQ(discs.numNodes(), cells.numNodes());
-    discs.forgetBefore(1.5);
-    cells.forgetBefore(1.5);
-    EXPECT_EQ(discs.numNodes(), cells.numNodes());
   }
 }
 
@@ -229,25 +216,14 @@ TEST(FailureMemory, FarFailuresNeedFewNodes) {
   EXPECT_EQ(memory.lastFailure(Eigen::Vector2d(0.0, -1e300)), -kInfinity);
 }
 
-TEST(FailureMemory, GivesItsNodesBackAfterForgetting) {
+TEST(FailureMemory, WorksOnAfterClear) {
   FailureMemory memory(0.05);
   EXPECT_EQ(memory.numNodes(), 0u);
   memory.add({0.3, -0.2}, 0.2, 100.0);
-  FailureMemory early(0.05);
-  early.add({0.0, 0.0}, 5.0, 1.0);
-  const std::size_t big = early.numNodes();
-  early.add({0.3, -0.2}, 0.2, 100.0);
-  early.forgetBefore(100.0);  // what failed at that very time stays
-  EXPECT_LT(early.numNodes(), big / 4);
-  EXPECT_EQ(early.lastFailure(Eigen::Vector2d(0.3, -0.2)), 100.0);
-  EXPECT_EQ(early.lastFailure(Eigen::Vector2d(2.0, 2.0)), -kInfinity);
-  early.forgetBefore(100.5);
-  EXPECT_EQ(early.numNodes(), 0u);
-  EXPECT_THAT(early.cells(), IsEmpty());
   memory.clear();
   EXPECT_EQ(memory.numNodes(), 0u);
   EXPECT_EQ(memory.lastFailure(Eigen::Vector2d(0.3, -0.2)), -kInfinity);
-  memory.add({-7.0, 7.0}, 0.0, 1.0);  // and works on
+  memory.add({-7.0, 7.0}, 0.0, 1.0);
   EXPECT_THAT(memory.cells(), SizeIs(1));
 }
 
@@ -267,7 +243,6 @@ TEST(FailureMemory, RefusesWhatIsNoPlaceOrTime) {
         << where.first.transpose() << " " << where.second << " " << stamp_s;
   }
   EXPECT_EQ(memory.numNodes(), 0u);
-  EXPECT_THROW(memory.forgetBefore(kNaN), std::invalid_argument);
   EXPECT_THAT(messageOf<std::invalid_argument>([&] {
                 memory.add({0.0, 0.0}, 11.0, 1.0);
               }),

@@ -558,7 +558,7 @@ TEST_F(NbvSelectionNode, AnOctomapThatIsNoneIsNamed) {
   EXPECT_OUTCOME(spoiled([](auto* map) { map->id = "ColorOcTree"; }), STALE_MAP,
                  AllOf(HasSubstr("/octomap_full: "), HasSubstr("'ColorOcTree'")));
   EXPECT_OUTCOME(spoiled([](auto* map) { map->resolution = 0.0; }), STALE_MAP, HasSubstr("resolution is 0.0"));
-  EXPECT_OUTCOME(spoiled([](auto* map) { map->resolution = 0.5; }), STALE_MAP, HasSubstr("gradient_step_m"));
+  EXPECT_OUTCOME(spoiled([](auto* map) { map->resolution = 0.5; }), BAD_INPUT, HasSubstr("gradient_step_m"));
   EXPECT_OUTCOME(spoiled([](auto* map) { map->data.resize(map->data.size() / 2); }), STALE_MAP,
                  HasSubstr("/octomap_full: the octomap's data end within its nodes"));
   EXPECT_OUTCOME(spoiled([](auto*) {}), SUCCESS, "");

@@ -68,7 +68,7 @@ struct SystemDiagnosticsParams {
 
     static void fields(Motion& c, interactive_mapping::Fields& f) {
       f("enabled", c.enabled,
-        "estimates the offset of the camera's stamps while the base turns; false: no image is read");
+        "estimates the offset of the camera's stamps while the base turns; false: images are only timed");
       f("warn_offset_s", c.warn_offset_s, 0.0, 10.0, "s",
         "larger offset that gives a warning: at 0.6 rad/s a camera turns 12 mrad in 0.02 s, 2.4 cm at 2 m");
       f("error_offset_s", c.error_offset_s, c.warn_offset_s, 10.0, "s",
