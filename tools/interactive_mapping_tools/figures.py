@@ -121,7 +121,7 @@ def curves(source, out):
             rows += zip(itertools.repeat(scene), itertools.repeat(cycle), itertools.repeat(system),
                         itertools.repeat(len(values["bricks"])), grid, values["bricks"].mean(axis=0), *ends[:2],
                         values["map"].mean(axis=0), *ends[2:])
-    figure.get_layout_engine().set(hspace=0.05)
+    figure.set_constrained_layout_pads(hspace=0.05)
     legend_below(figure, panels[0, 0], 3)
     save(figure, out / "fig7.png", bbox_inches="tight")
     write_rows(out / "fig7.csv", ("scene", "cycle", "system", "n", "time_s", "bricks_mean", "bricks_min", "bricks_max",

@@ -5,6 +5,7 @@ import hashlib
 import os
 import pathlib
 import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -19,7 +20,7 @@ MAX_SEED = 2147483647  # what the nodes take, in decimal for roslaunch, too
 
 def library(command, **options):
     """Runs a command of lib.sh; ends this program if it fails. What it has said is on the terminal."""
-    done = subprocess.run(["bash", "-c", f". {ROOT}/scripts/lib.sh; {command}"], check=False, **options)
+    done = subprocess.run(["bash", "-c", f". {shlex.quote(str(ROOT))}/scripts/lib.sh; {command}"], check=False, **options)
     if done.returncode != 0:
         sys.exit(done.returncode)
     return done.stdout
